@@ -1,0 +1,20 @@
+//! The ground of diopter: what light is made of here, and nothing about cameras or scenes.
+//!
+//! Units: wavelengths in nm, lengths of rays in metres, spectral radiance in W·m⁻²·sr⁻¹·nm⁻¹, time in seconds.
+//! A path carries four wavelengths ([`Wavelengths`]); every spectral quantity on it is a [`Sampled`] of four values.
+//! Out of scope: polarisation, fluorescence, colour appearance models.
+
+pub mod cie;
+pub mod color;
+pub mod random;
+pub mod ray;
+pub mod sampling;
+pub mod spectrum;
+pub mod units;
+pub mod upsample;
+mod upsample_fit;
+pub mod wavelength;
+
+pub use ray::Ray;
+pub use spectrum::Spectrum;
+pub use wavelength::{Sampled, WavelengthSampler, Wavelengths};

@@ -1,0 +1,351 @@
+//! Random numbers as pure functions of (seed, pixel, sample, set): no state, so any thread can draw any sample.
+//!
+//! Numbers come in sets of four. A set is a name for one decision of a path ([`Set`]); its four numbers are well spread
+//! together, and different sets are independent. All samplers stand behind [`Sampler`]:
+//!
+//! * `Sobol`: Owen-scrambled, index-shuffled 4-D Sobol points, padded. Source: Burley 2020, "Practical Hash-based Owen
+//!   Scrambling", JCGT 9(4); direction numbers of Joe & Kuo 2008; the hash is Vegdahl's improvement of Laine & Karras.
+//! * `Jittered`: each pair of numbers stratified over a grid of about √n × √n cells, in random order. Source: Kensler
+//!   2013, "Correlated Multi-Jittered Sampling" (its permutation; without the correlation).
+//! * `Grid`: sub-pixel positions on a regular grid, everything else independent.
+//! * `Independent`: hashes.
+//!
+//! Even and odd samples are two independent replicates with scrambles of their own. Half the difference of their means is
+//! an honest error estimate even where the points within a replicate are not independent (see `FocalPlane`).
+
+/// How the samples of a pixel are spread.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
+pub enum SamplerKind {
+    /// Unrelated samples.
+    Independent,
+    /// Regular sub-pixel grid.
+    Grid,
+    /// Stratified pairs.
+    Jittered,
+    /// Owen-scrambled Sobol points.
+    #[default]
+    Sobol,
+}
+
+/// A decision of a path that needs up to four numbers.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Set {
+    /// Position in the pixel (2), position in the pupil (2).
+    Camera,
+    /// Wavelength, time.
+    Time,
+    /// Choice of a light and the point on it, at the given vertex.
+    Light(u32),
+    /// Choice of a lobe, direction and Russian roulette, at the given vertex.
+    Scatter(u32),
+}
+
+impl Set {
+    fn number(self) -> u32 {
+        match self {
+            Set::Camera => 0,
+            Set::Time => 1,
+            Set::Light(vertex) => 2 + 2 * vertex,
+            Set::Scatter(vertex) => 3 + 2 * vertex,
+        }
+    }
+}
+
+/// Integer hash with good avalanche. Source: Wellons, "lowbias32" (hash-prospector).
+#[inline]
+pub fn mix(mut x: u32) -> u32 {
+    x ^= x >> 16;
+    x = x.wrapping_mul(0x7feb_352d);
+    x ^= x >> 15;
+    x = x.wrapping_mul(0x846c_a68b);
+    x ^ (x >> 16)
+}
+
+/// The 24 upper bits as a number in [0, 1).
+#[inline]
+pub fn to_unit(x: u32) -> f32 {
+    (x >> 8) as f32 * (1.0 / 16_777_216.0)
+}
+
+/// Owen scrambling of a bit-reversed number. Source: Vegdahl 2021, "Building a Better LK Hash" (constants).
+#[inline]
+fn scramble_reversed(mut x: u32, seed: u32) -> u32 {
+    x ^= x.wrapping_mul(0x3d20_adea);
+    x = x.wrapping_add(seed);
+    x = x.wrapping_mul((seed >> 16) | 1);
+    x ^= x.wrapping_mul(0x0552_6c56);
+    x ^ x.wrapping_mul(0x53a2_2864)
+}
+
+/// Bit-reversed Sobol points for each value of the low and of the high byte of a 16-bit index; XOR of both is the point.
+static SOBOL_REVERSED: [[[u32; 4]; 256]; 2] = sobol_table();
+
+const fn sobol_table() -> [[[u32; 4]; 256]; 2] {
+    // Direction numbers m₁, m₂ ... of the first four dimensions (Joe & Kuo 2008, new-joe-kuo-6): degree, coefficients, m.
+    let mut directions = [[0u32; 16]; 4];
+    let degree = [0usize, 1, 2, 3];
+    let coefficients = [0u32, 0, 1, 1];
+    let initial = [[0u32; 3], [1, 0, 0], [1, 3, 0], [1, 3, 1]];
+    let mut d = 0;
+    while d < 4 {
+        let mut k = 0;
+        while k < 16 {
+            let m = if d == 0 {
+                1u32 << (31 - k)
+            } else if k < degree[d] {
+                initial[d][k] << (31 - k)
+            } else {
+                let s = degree[d];
+                let mut v = directions[d][k - s] ^ (directions[d][k - s] >> s);
+                let mut j = 1;
+                while j < s {
+                    if (coefficients[d] >> (s - 1 - j)) & 1 == 1 {
+                        v ^= directions[d][k - j];
+                    }
+                    j += 1;
+                }
+                v
+            };
+            directions[d][k] = m;
+            k += 1;
+        }
+        d += 1;
+    }
+    let mut table = [[[0u32; 4]; 256]; 2];
+    let mut byte = 0;
+    while byte < 2 {
+        let mut value = 0;
+        while value < 256 {
+            let mut d = 0;
+            while d < 4 {
+                let mut x = 0;
+                let mut bit = 0;
+                while bit < 8 {
+                    if (value >> bit) & 1 == 1 {
+                        x ^= directions[d][byte * 8 + bit];
+                    }
+                    bit += 1;
+                }
+                table[byte][value][d] = x.reverse_bits();
+                d += 1;
+            }
+            value += 1;
+        }
+        byte += 1;
+    }
+    table
+}
+
+/// A pseudo-random permutation of 0..n, evaluated at i. Source: Kensler 2013, listing 3.
+fn permute(mut i: u32, n: u32, seed: u32) -> u32 {
+    let mut w = n - 1;
+    w |= w >> 1;
+    w |= w >> 2;
+    w |= w >> 4;
+    w |= w >> 8;
+    w |= w >> 16;
+    loop {
+        i ^= seed;
+        i = i.wrapping_mul(0xe170_893d);
+        i ^= seed >> 16;
+        i ^= (i & w) >> 4;
+        i ^= seed >> 8;
+        i = i.wrapping_mul(0x0929_eb3f);
+        i ^= seed >> 23;
+        i ^= (i & w) >> 1;
+        i = i.wrapping_mul(1 | seed >> 27);
+        i = i.wrapping_mul(0x6935_fa69);
+        i ^= (i & w) >> 11;
+        i = i.wrapping_mul(0x74dc_b303);
+        i ^= (i & w) >> 2;
+        i = i.wrapping_mul(0x9e50_1cc3);
+        i ^= (i & w) >> 2;
+        i = i.wrapping_mul(0xc860_a3df);
+        i &= w;
+        i ^= i >> 5;
+        if i < n {
+            return (i.wrapping_add(seed)) % n;
+        }
+    }
+}
+
+/// The numbers of one sample of one pixel.
+#[derive(Clone, Copy, Debug)]
+pub struct Sampler {
+    kind: SamplerKind,
+    /// Hash of seed, pixel and replicate.
+    seed: u32,
+    /// Index within the replicate.
+    index: u32,
+    /// Samples in the replicate when all are rendered: the strata of `Jittered`.
+    count: u32,
+    /// Index and number of samples of both replicates: the grid of `Grid`.
+    whole: (u32, u32),
+}
+
+impl Sampler {
+    /// Numbers of sample `index` (of `count` in all) of `pixel` under `seed`.
+    pub fn new(kind: SamplerKind, seed: u64, pixel: (u32, u32), index: u32, count: u32) -> Self {
+        let replicate = index & 1;
+        let seed = mix(seed as u32 ^ mix((seed >> 32) as u32 ^ 0x68bc_21eb));
+        let seed = mix(seed ^ mix(pixel.0 ^ mix(pixel.1.wrapping_add(0x2545_f491).wrapping_add(replicate << 31))));
+        Sampler { kind, seed, index: index >> 1, count: count.div_ceil(2).max(1), whole: (index, count.max(1)) }
+    }
+
+    /// 0 or 1: which of the two independent halves of the samples this one belongs to.
+    pub fn replicate(&self) -> usize {
+        (self.whole.0 & 1) as usize
+    }
+
+    /// Four numbers in [0, 1).
+    #[inline]
+    pub fn get(&self, set: Set) -> [f32; 4] {
+        let seed = mix(self.seed.wrapping_add(set.number().wrapping_mul(0x9e37_79b9)));
+        match self.kind {
+            SamplerKind::Sobol => self.sobol(seed),
+            SamplerKind::Independent => self.independent(seed),
+            SamplerKind::Jittered => {
+                let (a, b) = (self.jittered(seed), self.jittered(mix(seed ^ 0x5bd1_e995)));
+                [a.0, a.1, b.0, b.1]
+            }
+            SamplerKind::Grid => {
+                let mut numbers = self.independent(seed);
+                if set == Set::Camera {
+                    // Cells of a grid as square as the count allows; the film position is the middle of a cell.
+                    let columns = (self.whole.1 as f32).sqrt().ceil() as u32;
+                    let rows = self.whole.1.div_ceil(columns);
+                    let cell = self.whole.0 % self.whole.1;
+                    numbers[0] = ((cell % columns) as f32 + 0.5) / columns as f32;
+                    numbers[1] = ((cell / columns) as f32 + 0.5) / rows as f32;
+                }
+                numbers
+            }
+        }
+    }
+
+    #[inline]
+    fn sobol(&self, seed: u32) -> [f32; 4] {
+        // Points repeat after 2¹⁶ of a replicate; later ones get other scrambles.
+        let seed = if self.index >> 16 == 0 { seed } else { mix(seed ^ (self.index >> 16)) };
+        // Shuffle the index: an Owen scramble of its 16 bits keeps every aligned block of 2ᵏ points together.
+        let reversed = (self.index & 0xffff).reverse_bits() >> 16;
+        let shuffled = (scramble_reversed(reversed, seed) & 0xffff).reverse_bits() >> 16;
+        let low = SOBOL_REVERSED[0][(shuffled & 255) as usize];
+        let high = SOBOL_REVERSED[1][(shuffled >> 8) as usize];
+        let mut numbers = [0.0; 4];
+        for d in 0..4 {
+            let dimension_seed = mix(seed ^ (d as u32 + 1).wrapping_mul(0x85eb_ca6b));
+            numbers[d] = to_unit(scramble_reversed(low[d] ^ high[d], dimension_seed).reverse_bits());
+        }
+        numbers
+    }
+
+    #[inline]
+    fn independent(&self, seed: u32) -> [f32; 4] {
+        let base = mix(seed ^ mix(self.index.wrapping_add(0xb529_7a4d)));
+        std::array::from_fn(|d| to_unit(mix(base.wrapping_add((d as u32 + 1).wrapping_mul(0x68e3_1da4)))))
+    }
+
+    fn jittered(&self, seed: u32) -> (f32, f32) {
+        let columns = (self.count as f32).sqrt() as u32;
+        let rows = self.count.div_ceil(columns);
+        let cell = permute(self.index % self.count, self.count, seed);
+        let jitter = |k: u32| to_unit(mix(seed ^ mix(self.index.wrapping_mul(2).wrapping_add(k) ^ 0x1b56_c4e9)));
+        // Cells are taken in order of a count that may not fill the last row: spread it over the whole height.
+        let (x, y) = (cell / rows, cell % rows);
+        if columns * rows == self.count {
+            ((x as f32 + jitter(0)) / columns as f32, (y as f32 + jitter(1)) / rows as f32)
+        } else {
+            // Not a product: stratify both numbers alone (Latin hypercube) instead of leaving cells empty.
+            let other = permute(self.index % self.count, self.count, mix(seed ^ 0xa511_e9b3));
+            ((cell as f32 + jitter(0)) / self.count as f32, (other as f32 + jitter(1)) / self.count as f32)
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const KINDS: [SamplerKind; 4] =
+        [SamplerKind::Independent, SamplerKind::Grid, SamplerKind::Jittered, SamplerKind::Sobol];
+
+    #[test]
+    fn every_pair_of_numbers_is_uniform_by_chi_square() {
+        // Pool many pixels: each sampler's points of a set, in 8 × 8 cells. Stratified points spread better than random
+        // ones, so χ² is bounded from above only; 150 is beyond the 99.9999 % quantile at 63 degrees of freedom.
+        for kind in KINDS {
+            for set in [Set::Camera, Set::Time, Set::Light(0), Set::Scatter(5)] {
+                for (a, b) in [(0, 1), (0, 2), (2, 3), (1, 3)] {
+                    if kind == SamplerKind::Grid && set == Set::Camera && a < 2 {
+                        continue;
+                    }
+                    let mut cells = [0.0f64; 64];
+                    for pixel in 0..400 {
+                        for index in 0..32 {
+                            let u = Sampler::new(kind, 7, (pixel % 20, pixel / 20), index, 32).get(set);
+                            assert!(u.iter().all(|x| (0.0..1.0).contains(x)));
+                            cells[(u[a] * 8.0) as usize * 8 + (u[b] * 8.0) as usize] += 1.0;
+                        }
+                    }
+                    let expected = 400.0 * 32.0 / 64.0;
+                    let chi2: f64 = cells.iter().map(|c| (c - expected).powi(2) / expected).sum();
+                    assert!(chi2 < 150.0, "{kind:?} {set:?} {a}{b}: χ² {chi2}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn sets_are_uncorrelated_with_one_another() {
+        for kind in KINDS {
+            let n = 20_000;
+            let mut sum = 0.0;
+            for i in 0..n {
+                let s = Sampler::new(kind, 3, (i % 97, i / 97), i % 16, 16);
+                sum += (s.get(Set::Light(0))[0] as f64 - 0.5) * (s.get(Set::Scatter(0))[0] as f64 - 0.5);
+            }
+            // Standard deviation of the mean of a product of two uniforms: 1/12/√n.
+            let limit = 4.5 / 12.0 / (n as f64).sqrt();
+            assert!((sum / n as f64).abs() < limit, "{kind:?} {}", sum / n as f64);
+        }
+    }
+
+    #[test]
+    fn sobol_points_are_a_net_in_the_first_two_dimensions() {
+        // 64 points: one in each elementary interval 1/2ᵃ × 1/2ᵇ, a + b = 6.
+        for pixel in 0..10 {
+            for a in 0..=6u32 {
+                let (w, h) = (1u32 << a, 1u32 << (6 - a));
+                let mut seen = vec![false; 64];
+                for index in 0..64 {
+                    let u = Sampler::new(SamplerKind::Sobol, 1, (pixel, 0), 2 * index, 128).get(Set::Light(2));
+                    let cell = (u[0] * w as f32) as u32 + w * (u[1] * h as f32) as u32;
+                    assert!(!std::mem::replace(&mut seen[cell as usize], true), "two points in cell {cell} of {w}×{h}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn grid_covers_the_pixel_regularly() {
+        let mut xs: Vec<f32> =
+            (0..16).map(|i| Sampler::new(SamplerKind::Grid, 1, (0, 0), i, 16).get(Set::Camera)[0]).collect();
+        xs.sort_by(f32::total_cmp);
+        assert_eq!(xs[0], 0.125);
+        assert_eq!(xs[15], 0.875);
+    }
+
+    #[test]
+    fn any_number_of_jittered_samples_is_stratified() {
+        for count in [2u32, 6, 14, 18, 100, 101] {
+            let n = count.div_ceil(2);
+            let mut seen = vec![0; n as usize];
+            for i in 0..n {
+                let u = Sampler::new(SamplerKind::Jittered, 5, (1, 1), 2 * i, count).get(Set::Light(0));
+                seen[(u[1] * n as f32) as usize % n as usize] += 1;
+            }
+            assert!(seen.iter().all(|c| *c <= 4), "{count}: {seen:?}");
+        }
+    }
+}

@@ -1,0 +1,191 @@
+//! From uniform numbers to shapes and distributions.
+//!
+//! Sources are named at each function; "PBR" is Pharr, Jakob & Humphreys, *Physically Based Rendering*, 4th ed.
+
+use glam::{Vec2, Vec3};
+use std::f32::consts::{PI, TAU};
+
+/// Uniform point of the unit disk, keeping neighbours together. Source: Shirley & Chiu 1997, as PBR A.5.1.
+#[inline]
+pub fn disk(u: [f32; 2]) -> Vec2 {
+    let (a, b) = (2.0 * u[0] - 1.0, 2.0 * u[1] - 1.0);
+    if a == 0.0 && b == 0.0 {
+        return Vec2::ZERO;
+    }
+    let (r, theta) =
+        if a.abs() > b.abs() { (a, PI / 4.0 * (b / a)) } else { (b, PI / 2.0 - PI / 4.0 * (a / b)) };
+    Vec2::new(r * theta.cos(), r * theta.sin())
+}
+
+/// Uniform point of the regular polygon inscribed in the unit circle, first corner at angle `rotation` (rad).
+pub fn regular_polygon(u: [f32; 2], corners: u32, rotation: f32) -> Vec2 {
+    let n = corners as f32;
+    let sector = (u[0] * n).min(n - 1e-3).floor();
+    let within = u[0] * n - sector;
+    let (a0, a1) = (rotation + TAU * sector / n, rotation + TAU * (sector + 1.0) / n);
+    // Uniform point of the triangle (centre, corner, next corner).
+    let s = within.sqrt();
+    let (p, q) = (Vec2::new(a0.cos(), a0.sin()), Vec2::new(a1.cos(), a1.sin()));
+    (p * (1.0 - u[1]) + q * u[1]) * s
+}
+
+/// Direction about +z with density cos θ / π.
+#[inline]
+pub fn cosine_hemisphere(u: [f32; 2]) -> Vec3 {
+    let d = disk(u);
+    d.extend((1.0 - d.length_squared()).max(0.0).sqrt())
+}
+
+/// Uniform direction of the whole sphere; density 1/4π.
+pub fn sphere(u: [f32; 2]) -> Vec3 {
+    let z = 1.0 - 2.0 * u[0];
+    let r = (1.0 - z * z).max(0.0).sqrt();
+    Vec3::new(r * (TAU * u[1]).cos(), r * (TAU * u[1]).sin(), z)
+}
+
+/// Two directions that make a right-handed frame with a unit vector. Source: Duff et al. 2017, JCGT 6(1).
+#[inline]
+pub fn frame(n: Vec3) -> (Vec3, Vec3) {
+    let sign = 1f32.copysign(n.z);
+    let a = -1.0 / (sign + n.z);
+    let b = n.x * n.y * a;
+    (Vec3::new(1.0 + sign * n.x * n.x * a, sign * b, -sign * n.x), Vec3::new(b, sign + n.y * n.y * a, -n.y))
+}
+
+/// A discrete distribution drawn by bisection of its cumulative sum (keeps strata of `u` together).
+#[derive(Clone, Debug)]
+pub struct Discrete {
+    /// Cumulative probability after each entry.
+    cdf: Vec<f32>,
+    total: f64,
+}
+
+impl Discrete {
+    /// Probabilities proportional to `weights`; uniform when they sum to nothing. Panics on an empty list.
+    pub fn new(weights: &[f32]) -> Self {
+        assert!(!weights.is_empty(), "a distribution over nothing");
+        let total: f64 = weights.iter().map(|w| *w as f64).sum();
+        let mut sum = 0.0;
+        let n = weights.len() as f64;
+        let mut cdf: Vec<f32> = weights
+            .iter()
+            .map(|w| {
+                sum += if total > 0.0 { *w as f64 / total } else { 1.0 / n };
+                sum as f32
+            })
+            .collect();
+        *cdf.last_mut().expect("not empty") = 1.0;
+        Discrete { cdf, total }
+    }
+
+    /// Sum of the weights.
+    pub fn total(&self) -> f64 {
+        self.total
+    }
+
+    /// Probability of an entry.
+    #[inline]
+    pub fn probability(&self, i: usize) -> f32 {
+        self.cdf[i] - if i == 0 { 0.0 } else { self.cdf[i - 1] }
+    }
+
+    /// Entry that belongs to `u`, and `u` stretched to [0, 1) within it.
+    #[inline]
+    pub fn sample(&self, u: f32) -> (usize, f32) {
+        let i = self.cdf.partition_point(|c| *c <= u).min(self.cdf.len() - 1);
+        let start = if i == 0 { 0.0 } else { self.cdf[i - 1] };
+        let width = self.cdf[i] - start;
+        (i, if width > 0.0 { ((u - start) / width).clamp(0.0, 0.999_999_9) } else { 0.5 })
+    }
+}
+
+/// A piecewise constant density over the unit square. Source: PBR A.5.6.
+#[derive(Clone, Debug)]
+pub struct Grid2 {
+    rows: Vec<Discrete>,
+    marginal: Discrete,
+    width: usize,
+}
+
+impl Grid2 {
+    /// Density proportional to `weights[row][column]`, `width` columns wide.
+    pub fn new(weights: &[f32], width: usize) -> Self {
+        let rows: Vec<Discrete> = weights.chunks_exact(width).map(Discrete::new).collect();
+        let marginal = Discrete::new(&rows.iter().map(|r| r.total() as f32).collect::<Vec<_>>());
+        Grid2 { rows, marginal, width }
+    }
+
+    /// Point (x, y) of the unit square and its density.
+    pub fn sample(&self, u: [f32; 2]) -> (Vec2, f32) {
+        let (row, v) = self.marginal.sample(u[1]);
+        let (column, w) = self.rows[row].sample(u[0]);
+        let p = Vec2::new((column as f32 + w) / self.width as f32, (row as f32 + v) / self.rows.len() as f32);
+        (p, self.density(row, column))
+    }
+
+    /// Density at a point of the unit square.
+    pub fn pdf(&self, p: Vec2) -> f32 {
+        let cell = |x: f32, n: usize| ((x * n as f32).max(0.0) as usize).min(n - 1);
+        self.density(cell(p.y, self.rows.len()), cell(p.x, self.width))
+    }
+
+    fn density(&self, row: usize, column: usize) -> f32 {
+        self.marginal.probability(row) * self.rows[row].probability(column) * (self.width * self.rows.len()) as f32
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn points(n: u32) -> impl Iterator<Item = [f32; 2]> {
+        (0..n).flat_map(move |i| (0..n).map(move |j| [(i as f32 + 0.5) / n as f32, (j as f32 + 0.5) / n as f32]))
+    }
+
+    #[test]
+    fn shapes_have_their_moments() {
+        // ⟨r²⟩ of the unit disk is 1/2; of a regular n-gon in the unit circle (2 + cos(2π/n)) / 6.
+        let mean = |f: &dyn Fn([f32; 2]) -> f32| points(240).map(f).map(f64::from).sum::<f64>() / 57_600.0;
+        assert!((mean(&|u| disk(u).length_squared()) - 0.5).abs() < 1e-3);
+        for n in [3u32, 5, 8] {
+            let exact = (2.0 + (TAU / n as f32).cos()) / 6.0;
+            let got = mean(&|u| regular_polygon(u, n, 0.3).length_squared());
+            assert!((got - exact as f64).abs() < 3e-3, "{n}: {got} {exact}");
+        }
+        assert!((mean(&|u| cosine_hemisphere(u).z) - 2.0 / 3.0).abs() < 1e-3);
+        assert!(mean(&|u| sphere(u).z).abs() < 1e-3);
+    }
+
+    #[test]
+    fn grid_density_integrates_to_one_and_matches_its_samples() {
+        let weights: Vec<f32> = (0..48).map(|i| ((i * 37) % 11) as f32).collect();
+        let grid = Grid2::new(&weights, 8);
+        let integral: f64 = points(240).map(|u| grid.pdf(Vec2::from(u)) as f64).sum::<f64>() / 240.0 / 240.0;
+        assert!((integral - 1.0).abs() < 1e-3, "{integral}");
+        let mut counts = vec![0.0f64; 48];
+        for u in points(400) {
+            let (p, pdf) = grid.sample(u);
+            assert!((pdf - grid.pdf(p)).abs() < 1e-3 * pdf.max(1.0), "{pdf} {}", grid.pdf(p));
+            counts[(p.y * 6.0) as usize * 8 + (p.x * 8.0) as usize] += 1.0;
+        }
+        let total: f32 = weights.iter().sum();
+        for (count, weight) in counts.iter().zip(&weights) {
+            assert!((count / 160_000.0 - (weight / total) as f64).abs() < 2e-3);
+        }
+    }
+
+    #[test]
+    fn frames_are_orthonormal() {
+        for u in points(20) {
+            let n = sphere(u);
+            let (t, b) = frame(n);
+            assert!(t.dot(b).abs() < 1e-5 && t.dot(n).abs() < 1e-5 && (t.cross(b) - n).length() < 1e-5);
+        }
+    }
+
+    #[test]
+    fn nothing_to_draw_from_is_drawn_uniformly() {
+        let d = Discrete::new(&[0.0, 0.0]);
+        assert_eq!((d.sample(0.2).0, d.sample(0.7).0), (0, 1));
+    }
+}

@@ -1,0 +1,141 @@
+//! Spectra as functions of wavelength, and the closed forms among them.
+
+use crate::units::{BOLTZMANN, PLANCK, SPEED_OF_LIGHT};
+use crate::upsample::Sigmoid;
+use crate::wavelength::{Sampled, Wavelengths};
+use std::sync::Arc;
+
+/// A spectrum sampled at equal steps of wavelength, linear between samples and constant beyond the ends.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Table {
+    first_nm: f32,
+    step_nm: f32,
+    values: Arc<[f32]>,
+}
+
+impl Table {
+    /// `values[i]` holds at `first_nm + i * step_nm`. Panics when there are no values or the step is not positive.
+    pub fn new(first_nm: f32, step_nm: f32, values: Vec<f32>) -> Self {
+        assert!(!values.is_empty() && step_nm > 0.0, "{} values in steps of {step_nm} nm", values.len());
+        Table { first_nm, step_nm, values: values.into() }
+    }
+
+    /// A table at 5 nm, 380–780 nm, through unevenly spaced `(nm, value)` points in rising order.
+    pub fn from_points(points: &[(f32, f32)]) -> Self {
+        let at = |nm: f32| match points.iter().position(|p| p.0 >= nm) {
+            Some(0) => points[0].1,
+            None => points[points.len() - 1].1,
+            Some(i) => {
+                let ((x0, y0), (x1, y1)) = (points[i - 1], points[i]);
+                y0 + (y1 - y0) * (nm - x0) / (x1 - x0)
+            }
+        };
+        Table::new(380.0, 5.0, (0..=80).map(|i| at(380.0 + 5.0 * i as f32)).collect())
+    }
+
+    /// Value at a wavelength in nm.
+    #[inline]
+    pub fn at(&self, nm: f32) -> f32 {
+        let x = ((nm - self.first_nm) / self.step_nm).max(0.0);
+        let i = x as usize;
+        if i + 1 >= self.values.len() {
+            return self.values[self.values.len() - 1];
+        }
+        let t = x - i as f32;
+        self.values[i] + (self.values[i + 1] - self.values[i]) * t
+    }
+
+    /// The same spectrum times a factor.
+    pub fn scaled(&self, factor: f32) -> Self {
+        Table { values: self.values.iter().map(|v| v * factor).collect(), ..self.clone() }
+    }
+
+    /// The largest value.
+    pub fn max(&self) -> f32 {
+        self.values.iter().copied().fold(f32::NEG_INFINITY, f32::max)
+    }
+}
+
+/// A quantity over wavelength: reflectance, radiance, index of refraction.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Spectrum {
+    /// The same at every wavelength.
+    Constant(f32),
+    /// Smooth and within 0..1: a reflectance fitted to a colour.
+    Sigmoid(Sigmoid),
+    /// `scale` (cd/m² for a radiance) × a fitted colour × D65 of 1 cd/m²: a light given as RGB.
+    RgbLight {
+        /// Largest RGB component.
+        scale: f32,
+        /// Colour divided by `scale`.
+        color: Sigmoid,
+    },
+    /// Measured values.
+    Table(Table),
+}
+
+impl Spectrum {
+    /// Value at one wavelength in nm.
+    pub fn at(&self, nm: f32) -> f32 {
+        match self {
+            Spectrum::Constant(value) => *value,
+            Spectrum::Sigmoid(sigmoid) => sigmoid.at(nm),
+            Spectrum::RgbLight { scale, color } => scale * color.at(nm) * crate::cie::d65_one_nit().at(nm),
+            Spectrum::Table(table) => table.at(nm),
+        }
+    }
+
+    /// Values at the wavelengths of a path.
+    #[inline]
+    pub fn sample(&self, wavelengths: &Wavelengths) -> Sampled {
+        match self {
+            Spectrum::Constant(value) => Sampled::splat(*value),
+            Spectrum::Sigmoid(sigmoid) => sigmoid.sample(wavelengths),
+            Spectrum::RgbLight { scale, color } => color.sample(wavelengths) * (wavelengths.d65_one_nit() * *scale),
+            Spectrum::Table(table) => Sampled::from_array(wavelengths.nm.to_array().map(|nm| table.at(nm))),
+        }
+    }
+}
+
+/// Spectral radiance of a black body, W·m⁻²·sr⁻¹·nm⁻¹, at `nm` and `kelvin`.
+///
+/// L = 2hc²/λ⁵ · 1/(exp(hc/λkT) − 1). Source: Planck's law.
+pub fn blackbody(nm: f32, kelvin: f32) -> f32 {
+    let lambda = nm as f64 * 1e-9;
+    let x = PLANCK * SPEED_OF_LIGHT / (lambda * BOLTZMANN * kelvin as f64);
+    (2.0 * PLANCK * SPEED_OF_LIGHT * SPEED_OF_LIGHT / lambda.powi(5) / x.exp_m1() * 1e-9) as f32
+}
+
+/// A black body's spectrum scaled to a luminance of `nits` (cd/m²), 380–780 nm at 5 nm.
+pub fn blackbody_with_luminance(kelvin: f32, nits: f32) -> Spectrum {
+    let table = Table::new(380.0, 5.0, (0..=80).map(|i| blackbody(380.0 + 5.0 * i as f32, kelvin)).collect());
+    let luminance = crate::color::luminance(|nm| table.at(nm)) as f32;
+    Spectrum::Table(table.scaled(nits / luminance))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn blackbody_agrees_with_published_values() {
+        // colour-science 0.4.7, W·sr⁻¹·m⁻³; it uses the constants of ITS-90 (c₂ = 0.014388 m·K), hence 2e-4.
+        assert!((blackbody(500.0, 5000.0) as f64 * 1e9 / 12_106_064_534_472.861 - 1.0).abs() < 2e-4);
+        assert!((blackbody(560.0, 2856.0) as f64 * 1e9 / 267_969_332_951.806_9 - 1.0).abs() < 2e-4);
+    }
+
+    #[test]
+    fn blackbody_obeys_wiens_displacement_law() {
+        for kelvin in [4000.0_f32, 5000.0, 6500.0] {
+            let peak_nm = 2.897_771_955e6 / kelvin;
+            let at_peak = blackbody(peak_nm, kelvin);
+            assert!(blackbody(peak_nm * 0.99, kelvin) < at_peak && blackbody(peak_nm * 1.01, kelvin) < at_peak);
+        }
+    }
+
+    #[test]
+    fn table_is_linear_inside_and_constant_outside() {
+        let table = Table::new(400.0, 100.0, vec![1.0, 3.0]);
+        assert_eq!([300.0, 400.0, 450.0, 500.0, 900.0].map(|nm| table.at(nm)), [1.0, 1.0, 2.0, 3.0, 3.0]);
+    }
+}
