@@ -1,0 +1,258 @@
+//! OpenEXR: pictures, and focal planes with every plane as a named channel.
+//!
+//! Channels of a focal plane: the bands (`R`, `G`, `B` ...), `variance.<band>` (for readers) and `half_difference.<band>`
+//! (what it is computed from, see [`FocalPlane`]), `Z` (depth, m), `normal.X/Y/Z`, `albedo.R/G/B`, `id` (unsigned). The
+//! bands and the facts of the exposure are JSON in the attribute `diopter`.
+
+use crate::focal_plane::{Band, Truth};
+use crate::{Encoding, ExposureFacts, FocalPlane, ImageError, Picture, Raster};
+use diopter_light::color::{RgbSpace, srgb_decode};
+use exr::prelude::*;
+use std::io::{Read, Seek, Write};
+
+const ATTRIBUTE: &str = "diopter";
+
+/// Bits of the floating-point numbers of a picture.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Precision {
+    /// 16 bits.
+    Half,
+    /// 32 bits.
+    Float,
+}
+
+#[derive(serde::Serialize, serde::Deserialize)]
+struct Description {
+    bands: Vec<Band>,
+    facts: ExposureFacts,
+}
+
+fn malformed(e: exr::error::Error) -> ImageError {
+    ImageError::Malformed { format: "EXR", reason: e.to_string() }
+}
+
+fn written(e: exr::error::Error) -> ImageError {
+    match e {
+        exr::error::Error::Io(e) => ImageError::Io(e),
+        other => ImageError::Io(std::io::Error::other(other.to_string())),
+    }
+}
+
+fn chromaticities(space: RgbSpace) -> attribute::Chromaticities {
+    let ([red, green, blue], white) = space.chromaticities();
+    let vec = |p: (f64, f64)| Vec2(p.0 as f32, p.1 as f32);
+    attribute::Chromaticities { red: vec(red), green: vec(green), blue: vec(blue), white: vec(white) }
+}
+
+fn write_channels(
+    size: (usize, usize),
+    channels: Vec<AnyChannel<FlatSamples>>,
+    set: impl FnOnce(&mut ImageAttributes, &mut LayerAttributes),
+    to: impl Write + Seek,
+) -> std::result::Result<(), ImageError> {
+    let layer = Layer::new(
+        size,
+        LayerAttributes::default(),
+        block_layout(),
+        AnyChannels::sort(channels.into_iter().collect()),
+    );
+    let mut image = Image::from_layer(layer);
+    set(&mut image.attributes, &mut image.layer_data.attributes);
+    image.write().to_buffered(to).map_err(written)
+}
+
+/// Compression and block layout of what we write.
+fn block_layout() -> exr::image::Encoding {
+    exr::image::Encoding {
+        compression: Compression::ZIP16,
+        blocks: exr::image::Blocks::ScanLines,
+        line_order: LineOrder::Increasing,
+    }
+}
+
+/// Writes a picture, linear whatever it is encoded in, with its primaries.
+pub fn write_picture(picture: &Picture, precision: Precision, to: impl Write + Seek) -> std::result::Result<(), ImageError> {
+    let linear = |c: usize| {
+        picture.pixels.channel(c).into_iter().map(|v| match picture.encoding {
+            Encoding::Linear => v,
+            Encoding::Srgb => srgb_decode(v),
+        })
+    };
+    let channels = ["R", "G", "B"]
+        .iter()
+        .enumerate()
+        .map(|(c, name)| {
+            let samples = match precision {
+                Precision::Half => FlatSamples::F16(linear(c).map(f16::from_f32).collect()),
+                Precision::Float => FlatSamples::F32(linear(c).collect()),
+            };
+            AnyChannel::new(*name, samples)
+        })
+        .collect();
+    let size = (picture.pixels.width, picture.pixels.height);
+    write_channels(size, channels, |image, _| image.chromaticities = Some(chromaticities(picture.space)), to)
+}
+
+/// Writes a focal plane with all its planes, 32-bit floats.
+pub fn write_focal_plane(plane: &FocalPlane, to: impl Write + Seek) -> std::result::Result<(), ImageError> {
+    let mut channels = Vec::new();
+    let mut float = |name: String, values: Vec<f32>| channels.push(AnyChannel::new(name.as_str(), FlatSamples::F32(values)));
+    let variance = plane.variance();
+    for (b, band) in plane.bands.iter().enumerate() {
+        float(band.name.clone(), plane.mean.channel(b));
+        float(format!("variance.{}", band.name), variance.channel(b));
+        float(format!("half_difference.{}", band.name), plane.half_difference.channel(b));
+    }
+    float("Z".into(), plane.truth.depth.data.clone());
+    for (c, axis) in ["X", "Y", "Z"].iter().enumerate() {
+        float(format!("normal.{axis}"), plane.truth.normal.channel(c));
+    }
+    for (c, name) in ["R", "G", "B"].iter().enumerate() {
+        float(format!("albedo.{name}"), plane.truth.albedo.channel(c));
+    }
+    channels.push(AnyChannel::new("id", FlatSamples::U32(plane.truth.id.data.clone())));
+    let description = Description { bands: plane.bands.clone(), facts: plane.facts.clone() };
+    let json = serde_json::to_string(&description).expect("plain data becomes JSON");
+    let set = |_: &mut ImageAttributes, layer: &mut LayerAttributes| {
+        layer.software_name = Some(Text::from(plane.facts.software.as_str()));
+        layer.other.insert(Text::from(ATTRIBUTE), AttributeValue::Text(Text::from(json.as_str())));
+    };
+    write_channels((plane.width(), plane.height()), channels, set, to)
+}
+
+/// Reads a focal plane that [`write_focal_plane`] wrote.
+pub fn read_focal_plane(from: impl Read + Seek) -> std::result::Result<FocalPlane, ImageError> {
+    let image = read()
+        .no_deep_data()
+        .largest_resolution_level()
+        .all_channels()
+        .first_valid_layer()
+        .all_attributes()
+        .from_buffered(std::io::BufReader::new(from))
+        .map_err(malformed)?;
+    let layer = image.layer_data;
+    let (width, height) = (layer.size.0, layer.size.1);
+    let Some(AttributeValue::Text(json)) = layer.attributes.other.get(&Text::from(ATTRIBUTE)) else {
+        return Err(ImageError::Missing {
+            what: "the attribute \"diopter\"".into(),
+            hint: "only a focal plane that `diopter expose` wrote can be read out or merged".into(),
+        });
+    };
+    let description: Description = serde_json::from_str(&json.to_string())
+        .map_err(|e| ImageError::Malformed { format: "focal plane", reason: e.to_string() })?;
+    let find = |name: &str| {
+        layer.channel_data.list.iter().find(|c| c.name == *name).ok_or_else(|| ImageError::Missing {
+            what: format!("the channel \"{name}\""),
+            hint: "the file was written or cut by another program".into(),
+        })
+    };
+    let gather = |names: Vec<String>| -> std::result::Result<Raster<f32>, ImageError> {
+        let mut raster = Raster::new(width, height, names.len());
+        for (c, name) in names.iter().enumerate() {
+            for (i, value) in find(name)?.sample_data.values_as_f32().enumerate() {
+                raster.data[i * names.len() + c] = value;
+            }
+        }
+        Ok(raster)
+    };
+    let bands = |prefix: &str| description.bands.iter().map(|b| format!("{prefix}{}", b.name)).collect::<Vec<_>>();
+    let triple = |prefix: &str, letters: [&str; 3]| letters.iter().map(|l| format!("{prefix}.{l}")).collect::<Vec<_>>();
+    let mut id = Raster::new(width, height, 1);
+    if let FlatSamples::U32(values) = &find("id")?.sample_data {
+        id.data.copy_from_slice(values);
+    }
+    Ok(FocalPlane {
+        mean: gather(bands(""))?,
+        half_difference: gather(bands("half_difference."))?,
+        truth: Truth {
+            depth: gather(vec!["Z".into()])?,
+            normal: gather(triple("normal", ["X", "Y", "Z"]))?,
+            albedo: gather(triple("albedo", ["R", "G", "B"]))?,
+            id,
+        },
+        bands: description.bands,
+        facts: description.facts,
+    })
+}
+
+/// Reads the `R`, `G`, `B` channels of any EXR (or one channel three times), as linear numbers: environment maps.
+pub fn read_rgb(from: impl Read + Seek) -> std::result::Result<Raster<f32>, ImageError> {
+    let image = read()
+        .no_deep_data()
+        .largest_resolution_level()
+        .all_channels()
+        .first_valid_layer()
+        .all_attributes()
+        .from_buffered(std::io::BufReader::new(from))
+        .map_err(malformed)?;
+    let list = &image.layer_data.channel_data.list;
+    let find = |name: &str| list.iter().find(|c| c.name.eq_case_insensitive(name));
+    let names = [["R", "Y"], ["G", "Y"], ["B", "Y"]];
+    let (width, height) = (image.layer_data.size.0, image.layer_data.size.1);
+    let mut raster = Raster::new(width, height, 3);
+    for (c, candidates) in names.iter().enumerate() {
+        let channel = candidates.iter().find_map(|n| find(n)).ok_or_else(|| ImageError::Missing {
+            what: format!("the channel \"{}\"", candidates[0]),
+            hint: "an environment map needs channels R, G and B (or Y)".into(),
+        })?;
+        for (i, value) in channel.sample_data.values_as_f32().enumerate() {
+            raster.data[i * 3 + c] = value;
+        }
+    }
+    Ok(raster)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::focal_plane::BandUnit;
+    use std::io::Cursor;
+
+    fn plane() -> FocalPlane {
+        let mut mean = Raster::new(5, 3, 3);
+        mean.data.iter_mut().enumerate().for_each(|(i, v)| *v = i as f32 * 0.37);
+        let mut half_difference = mean.clone();
+        half_difference.data.iter_mut().for_each(|v| *v = -0.1 * *v);
+        let mut truth = Truth::empty(5, 3);
+        truth.id.data[7] = 4_000_000_000;
+        let band = |n: &str| Band { name: n.into(), unit: BandUnit::Electrons };
+        FocalPlane {
+            bands: ["R", "G", "B"].map(band).to_vec(),
+            mean,
+            half_difference,
+            truth,
+            facts: ExposureFacts { body: "a body".into(), f_number: 2.8, ..Default::default() },
+        }
+    }
+
+    #[test]
+    fn a_focal_plane_survives_its_file() {
+        let mut file = Cursor::new(Vec::new());
+        write_focal_plane(&plane(), &mut file).unwrap();
+        file.set_position(0);
+        assert_eq!(read_focal_plane(file).unwrap(), plane());
+    }
+
+    #[test]
+    fn a_file_cut_short_is_an_error() {
+        let mut file = Cursor::new(Vec::new());
+        write_focal_plane(&plane(), &mut file).unwrap();
+        let bytes = file.into_inner();
+        for length in [0, 3, 40, bytes.len() / 2, bytes.len() - 9] {
+            assert!(read_focal_plane(Cursor::new(&bytes[..length])).is_err(), "{length}");
+        }
+    }
+
+    #[test]
+    fn a_picture_is_no_focal_plane() {
+        let mut pixels = Raster::new(2, 2, 3);
+        pixels.data.fill(0.5);
+        let picture = Picture { pixels, space: RgbSpace::Srgb, encoding: Encoding::Linear };
+        let mut file = Cursor::new(Vec::new());
+        write_picture(&picture, Precision::Half, &mut file).unwrap();
+        file.set_position(0);
+        assert!(read_focal_plane(&mut file).unwrap_err().to_string().contains("diopter expose"));
+        file.set_position(0);
+        assert_eq!(read_rgb(file).unwrap().data, vec![0.5; 12]);
+    }
+}

@@ -1,0 +1,20 @@
+//! JPEG, 8 bits, sRGB, full colour resolution.
+
+use crate::{ImageError, Picture};
+use jpeg_encoder::{ColorType, Encoder, SamplingFactor};
+use std::io::Write;
+
+/// Writes a picture as JPEG of the given quality (1..=100). A side can have 65 535 pixels at most.
+pub fn write(picture: &Picture, quality: u8, mut to: impl Write) -> Result<(), ImageError> {
+    let (width, height) = (picture.pixels.width, picture.pixels.height);
+    let limit = u16::MAX as usize;
+    if width > limit || height > limit || width == 0 || height == 0 {
+        return Err(ImageError::Size { format: "JPEG", width, height, limit });
+    }
+    let mut encoder = Encoder::new(&mut to, quality.clamp(1, 100));
+    encoder.set_sampling_factor(SamplingFactor::F_1_1);
+    encoder.set_optimized_huffman_tables(true);
+    encoder
+        .encode(&picture.to_8_bit(), width as u16, height as u16, ColorType::Rgb)
+        .map_err(|e| ImageError::Io(std::io::Error::other(e)))
+}
