@@ -12,6 +12,7 @@ pub mod sampling;
 pub mod spectrum;
 pub mod units;
 pub mod upsample;
+#[cfg_attr(not(test), expect(dead_code, reason = "the solver runs in the build script; here its tests do"))]
 mod upsample_fit;
 pub mod wavelength;
 

@@ -1,0 +1,119 @@
+//! Lenses: a film point and a place in the pupil become a ray towards the scene, or are blocked.
+//!
+//! Millimetres, f64. +z is the way light travels from the object to the film; z = 0 is the lens plane (later: the first
+//! vertex). What counts light is [`LensRay::weight_sr`]: the irradiance of a film point is the mean over pupil samples of
+//! radiance × weight. Limits: pinhole and thin lens only; prescriptions traced surface by surface will join [`Lens`] as a
+//! third kind and are what [`Blocked`] is for.
+
+mod iris;
+mod thin;
+
+pub use iris::Iris;
+pub use thin::{Pinhole, ThinLens};
+
+use diopter_light::units::Millimeters;
+use glam::{DVec2, DVec3};
+
+/// Where the lens is focused, measured from the lens plane.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Focus {
+    /// Parallel rays meet on the film.
+    Infinity,
+    /// The plane at this distance is sharp.
+    Distance(Millimeters),
+}
+
+/// A ray that leaves the lens on the object side, in lens space.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LensRay {
+    /// A point on it, mm.
+    pub origin_mm: DVec3,
+    /// Unit direction towards the scene (z < 0).
+    pub direction: DVec3,
+    /// Pupil area × cos θ cos θ' / d², sr: what its radiance contributes to the irradiance of the film point.
+    pub weight_sr: f64,
+}
+
+/// Light that is lost on its way: counted, never an error.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Blocked {
+    /// Number of the surface, from the object side, 0 the first.
+    pub surface: usize,
+    /// What happened there.
+    pub why: BlockedBy,
+}
+
+/// What keeps a ray from passing.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum BlockedBy {
+    /// It went outside the clear aperture or the stop.
+    Clipped,
+    /// It did not meet the surface.
+    Missed,
+    /// Total internal reflection.
+    TotalReflection,
+}
+
+/// A lens.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Lens {
+    /// Everything sharp; the f-number only measures light.
+    Pinhole(Pinhole),
+    /// Gauss's ideal lens with a pupil in its plane.
+    Thin(ThinLens),
+}
+
+impl Lens {
+    /// Focal length, mm.
+    pub fn focal_length(&self) -> Millimeters {
+        match self {
+            Lens::Pinhole(lens) => lens.film_distance,
+            Lens::Thin(lens) => lens.focal_length,
+        }
+    }
+
+    /// f-number: focal length over diameter of the entrance pupil.
+    pub fn f_number(&self) -> f64 {
+        match self {
+            Lens::Pinhole(lens) => lens.f_number,
+            Lens::Thin(lens) => lens.f_number,
+        }
+    }
+
+    /// The ray from a film point (mm, lens axes: the picture on the film is upside down) through the place of the pupil
+    /// that belongs to `u` in the unit square.
+    pub fn ray(&self, film_mm: DVec2, u: [f32; 2]) -> Result<LensRay, Blocked> {
+        match self {
+            Lens::Pinhole(lens) => Ok(lens.ray(film_mm)),
+            Lens::Thin(lens) => Ok(lens.ray(film_mm, lens.iris.sample(u))),
+        }
+    }
+
+    /// The ray through the middle of the pupil.
+    pub fn chief_ray(&self, film_mm: DVec2) -> Result<LensRay, Blocked> {
+        match self {
+            Lens::Pinhole(lens) => Ok(lens.ray(film_mm)),
+            Lens::Thin(lens) => Ok(lens.ray(film_mm, glam::Vec2::ZERO)),
+        }
+    }
+}
+
+/// What a lens cannot be.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum LensError {
+    /// A number outside its range.
+    #[error("{what} {found}: expected {expected}")]
+    Range {
+        /// Name of the quantity.
+        what: &'static str,
+        /// The value, as text.
+        found: String,
+        /// What is allowed.
+        expected: &'static str,
+    },
+}
+
+/// Fails with [`LensError::Range`] unless `ok`.
+pub(crate) fn require(ok: bool, what: &'static str, found: f64, unit: &str, expected: &'static str) -> Result<(), LensError> {
+    if ok { Ok(()) } else { Err(LensError::Range { what, found: format!("{found}{unit}"), expected }) }
+}

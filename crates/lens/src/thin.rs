@@ -1,0 +1,152 @@
+//! The ideal lenses: pinhole and thin lens.
+//!
+//! Source: Gauss's 1/f = 1/s + 1/s'; irradiance E = ∫ L cos⁴θ / s'² dA over the pupil.
+
+use crate::{Focus, Iris, LensError, LensRay, require};
+use diopter_light::units::Millimeters;
+use glam::{DVec2, DVec3, Vec2};
+use std::f64::consts::PI;
+
+/// A hole at the origin. It has no size for rays; for light it has the area of its f-number.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Pinhole {
+    /// Distance of the film, mm: what would be the focal length.
+    pub film_distance: Millimeters,
+    /// Film distance over diameter of the hole that would let in as much light.
+    pub f_number: f64,
+}
+
+impl Pinhole {
+    /// Fails unless both are positive.
+    pub fn new(film_distance: Millimeters, f_number: f64) -> Result<Self, LensError> {
+        check(film_distance, f_number)?;
+        Ok(Pinhole { film_distance, f_number })
+    }
+
+    pub(crate) fn ray(&self, film_mm: DVec2) -> LensRay {
+        let d = self.film_distance.0;
+        let to_film = film_mm.extend(d);
+        let area = PI * (0.5 * d / self.f_number).powi(2);
+        LensRay {
+            origin_mm: DVec3::ZERO,
+            direction: -to_film.normalize(),
+            weight_sr: area * d * d / to_film.length_squared().powi(2),
+        }
+    }
+}
+
+/// A thin lens with its pupil in its own plane.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ThinLens {
+    /// Focal length, mm.
+    pub focal_length: Millimeters,
+    /// Focal length over pupil diameter.
+    pub f_number: f64,
+    /// Shape of the pupil.
+    pub iris: Iris,
+    /// Sharp plane.
+    pub focus: Focus,
+}
+
+impl ThinLens {
+    /// Fails unless focal length and f-number are positive and the focus lies beyond the focal length.
+    pub fn new(focal_length: Millimeters, f_number: f64, iris: Iris, focus: Focus) -> Result<Self, LensError> {
+        check(focal_length, f_number)?;
+        if let Focus::Distance(Millimeters(s)) = focus {
+            require(s > focal_length.0 && s.is_finite(), "focus distance", s, " mm", "more than the focal length: nearer planes have no image")?;
+        }
+        if let Iris::Blades { count, .. } = iris {
+            require((3..=64).contains(&count), "number of iris blades", count as f64, "", "3 to 64 (or a round iris)")?;
+        }
+        Ok(ThinLens { focal_length, f_number, iris, focus })
+    }
+
+    /// Distance of the film, mm: 1 / (1/f − 1/s).
+    pub fn film_distance(&self) -> Millimeters {
+        let f = self.focal_length.0;
+        match self.focus {
+            Focus::Infinity => self.focal_length,
+            Focus::Distance(Millimeters(s)) => Millimeters(f * s / (s - f)),
+        }
+    }
+
+    /// `pupil`: place in units of the pupil radius.
+    pub(crate) fn ray(&self, film_mm: DVec2, pupil: Vec2) -> LensRay {
+        let v = self.film_distance().0;
+        let radius = 0.5 * self.focal_length.0 / self.f_number;
+        let origin = (pupil.as_dvec2() * radius).extend(0.0);
+        let film = film_mm.extend(v);
+        // All rays of a film point meet where its chief ray, which is not bent, meets the sharp plane.
+        let direction = match self.focus {
+            Focus::Infinity => -film.normalize(),
+            Focus::Distance(Millimeters(s)) => (-film * (s / v) - origin).normalize(),
+        };
+        let d2 = (film - origin).length_squared();
+        LensRay { origin_mm: origin, direction, weight_sr: PI * radius * radius * v * v / (d2 * d2) }
+    }
+}
+
+fn check(focal_length: Millimeters, f_number: f64) -> Result<(), LensError> {
+    require(focal_length.0 > 0.0 && focal_length.0.is_finite(), "focal length", focal_length.0, " mm", "a positive length")?;
+    require(f_number > 0.0 && f_number.is_finite(), "f-number", f_number, "", "a positive number such as f/2.8")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::Lens;
+
+    fn thin(f: f64, n: f64, s: f64) -> ThinLens {
+        ThinLens::new(Millimeters(f), n, Iris::Round, Focus::Distance(Millimeters(s))).unwrap()
+    }
+
+    #[test]
+    fn conjugates_have_their_textbook_values() {
+        for (f, s, image) in [(50.0, 1000.0, 52.6316), (50.0, 3000.0, 50.8475), (50.0, 500.0, 55.5556), (100.0, 1000.0, 111.1111)] {
+            assert!((thin(f, 2.0, s).film_distance().0 - image).abs() < 1e-4);
+        }
+    }
+
+    #[test]
+    fn all_rays_of_a_film_point_meet_in_the_sharp_plane() {
+        let lens = thin(50.0, 1.4, 2000.0);
+        let film = DVec2::new(7.0, -3.0);
+        let at_plane = |u| {
+            let r = Lens::Thin(lens).ray(film, u).unwrap();
+            r.origin_mm + r.direction * ((-2000.0 - r.origin_mm.z) / r.direction.z)
+        };
+        let expected = DVec3::new(-7.0, 3.0, 0.0) * (2000.0 / lens.film_distance().0) - DVec3::Z * 2000.0;
+        for u in [[0.1, 0.2], [0.9, 0.4], [0.5, 0.99]] {
+            assert!((at_plane(u) - expected).length() < 1e-9, "{} {expected}", at_plane(u));
+        }
+    }
+
+    #[test]
+    fn irradiance_is_pi_over_four_n_squared_with_cosine_to_the_fourth() {
+        // Mean weight over the pupil; on axis π/(4N²(1+m)²) up to the finite pupil (sin² instead of tan²).
+        let mean = |lens: &ThinLens, film: DVec2| {
+            let n = 64;
+            let each = |i: usize| [(i % n) as f32 + 0.5, (i / n) as f32 + 0.5].map(|x| x / n as f32);
+            (0..n * n).map(|i| lens.ray(film, lens.iris.sample(each(i))).weight_sr).sum::<f64>() / (n * n) as f64
+        };
+        let lens = thin(50.0, 8.0, 5000.0);
+        let m = lens.film_distance().0 / 5000.0;
+        let exact = PI / (4.0 * 64.0 * (1.0 + m).powi(2));
+        assert!((mean(&lens, DVec2::ZERO) / exact - 1.0).abs() < 0.01);
+        let angle: f64 = 0.4;
+        let film = DVec2::X * lens.film_distance().0 * angle.tan();
+        let ratio = mean(&lens, film) / mean(&lens, DVec2::ZERO);
+        assert!((ratio / angle.cos().powi(4) - 1.0).abs() < 0.01, "{ratio}");
+        // Equal f-numbers, other focal length: the same; half the area: half.
+        assert!((mean(&thin(200.0, 8.0, 2e7), DVec2::ZERO) / mean(&thin(50.0, 8.0, 2e7), DVec2::ZERO) - 1.0).abs() < 1e-3);
+        let half = mean(&thin(50.0, 8.0 * 2f64.sqrt(), 5000.0), DVec2::ZERO) / mean(&lens, DVec2::ZERO);
+        assert!((half - 0.5).abs() < 2e-3, "{half}");
+    }
+
+    #[test]
+    fn impossible_lenses_are_refused() {
+        let new = |f, n, s| ThinLens::new(Millimeters(f), n, Iris::Round, Focus::Distance(Millimeters(s)));
+        assert!(new(50.0, 0.0, 1000.0).unwrap_err().to_string().contains("f-number 0: expected a positive"));
+        assert!(new(0.0, 2.0, 1000.0).is_err() && new(50.0, 2.0, 50.0).is_err() && new(50.0, f64::NAN, 90.0).is_err());
+    }
+}

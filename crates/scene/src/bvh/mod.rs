@@ -1,0 +1,213 @@
+//! Bounding volume hierarchy: eight boxes a node, eight triangles a leaf block.
+//!
+//! [`build`] makes it with the builder of `obvhs`; [`traverse`] follows rays through it with our own SIMD code. A hierarchy
+//! holds triangles (copied into blocks, so that a hit touches no mesh memory) and *others*: things only their owner can
+//! intersect (instances, spheres, quads), reached through [`Filter`]. Nothing outside this folder knows the layout.
+//!
+//! Triangles are tested watertight: no ray passes between two that share an edge (Woop, Benthin & Wald 2013, "Watertight
+//! Ray/Triangle Intersection", JCGT 2(1)). Boxes are widened by the rounding error of their test (Ize 2013, JCGT 2(2)).
+
+mod build;
+mod traverse;
+
+use glam::Vec3;
+
+/// An axis-aligned box.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Bounds {
+    /// Least corner, m.
+    pub min: Vec3,
+    /// Greatest corner, m.
+    pub max: Vec3,
+}
+
+impl Bounds {
+    /// The box that holds nothing.
+    pub const EMPTY: Bounds = Bounds { min: Vec3::INFINITY, max: Vec3::NEG_INFINITY };
+
+    /// The box around points.
+    pub fn around(points: impl IntoIterator<Item = Vec3>) -> Self {
+        points.into_iter().fold(Bounds::EMPTY, |b, p| Bounds { min: b.min.min(p), max: b.max.max(p) })
+    }
+
+    /// The box around both.
+    pub fn union(self, other: Bounds) -> Self {
+        Bounds { min: self.min.min(other.min), max: self.max.max(other.max) }
+    }
+
+    /// Middle of the box.
+    pub fn center(&self) -> Vec3 {
+        (self.min + self.max) * 0.5
+    }
+
+    /// Edge lengths; negative for the empty box.
+    pub fn size(&self) -> Vec3 {
+        self.max - self.min
+    }
+
+    /// Half the surface area, m².
+    pub fn half_area(&self) -> f32 {
+        let d = self.size().max(Vec3::ZERO);
+        d.x * d.y + d.y * d.z + d.z * d.x
+    }
+
+    /// Whether nothing is inside.
+    pub fn is_empty(&self) -> bool {
+        self.min.cmpgt(self.max).any()
+    }
+}
+
+/// What goes into a hierarchy.
+pub enum Primitive {
+    /// A triangle by its corners and the number it is reported by; `filtered` asks [`Filter::accept`] about each hit.
+    Triangle {
+        /// Corners, m.
+        corners: [Vec3; 3],
+        /// Number in hits.
+        id: u32,
+        /// Whether hits are passed to [`Filter::accept`].
+        filtered: bool,
+    },
+    /// Something with a box, intersected by [`Filter::intersect_other`].
+    Other {
+        /// Box, m.
+        bounds: Bounds,
+        /// Number in hits.
+        id: u32,
+    },
+}
+
+/// A source of primitives that the builder may ask for in any order, from any thread.
+pub trait Primitives: Sync {
+    /// How many there are.
+    fn len(&self) -> usize;
+    /// The primitive at an index.
+    fn get(&self, index: usize) -> Primitive;
+    /// Whether there are none.
+    fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+}
+
+/// A triangle hit, or what [`Filter::intersect_other`] reports.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Hit {
+    /// Distance in units of the ray's direction.
+    pub t: f32,
+    /// Barycentric weight of the second corner (or a coordinate of the owner's).
+    pub u: f32,
+    /// Barycentric weight of the third corner (or a coordinate of the owner's).
+    pub v: f32,
+    /// Number of the triangle, or of the other.
+    pub id: u32,
+    /// Where its corners are kept ([`Bvh::corners`]); meaningless for others.
+    pub slot: u32,
+    /// Set by the owner when the hit is inside an instance: its number + 1.
+    pub instance: u32,
+}
+
+/// The owner's say in a traversal.
+pub trait Filter {
+    /// Whether a hit on a filtered triangle counts (alpha cut-outs).
+    fn accept(&self, id: u32, u: f32, v: f32) -> bool;
+    /// The nearest hit on an other within `t_max`; `any` when the first found will do.
+    fn intersect_other(&self, id: u32, t_max: f32, any: bool) -> Option<Hit>;
+}
+
+/// For hierarchies of plain triangles.
+pub struct Opaque;
+
+impl Filter for Opaque {
+    fn accept(&self, _: u32, _: f32, _: f32) -> bool {
+        true
+    }
+    fn intersect_other(&self, _: u32, _: f32, _: bool) -> Option<Hit> {
+        None
+    }
+}
+
+/// Eight child boxes, structure of arrays.
+#[derive(Clone, Debug)]
+#[repr(C, align(32))]
+struct Node {
+    /// min x, y, z, max x, y, z of each child; an absent child has an empty box.
+    bounds: [[f32; 8]; 6],
+    child: [Child; 8],
+}
+
+/// What a child is and where: two bits of kind, 30 of index.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Child(u32);
+
+enum ChildKind {
+    Node(usize),
+    Block(usize),
+    Other(u32),
+}
+
+impl Child {
+    const ABSENT: Child = Child(u32::MAX);
+    const LIMIT: usize = 1 << 30;
+
+    fn node(index: usize) -> Self {
+        assert!(index < Self::LIMIT, "{index} nodes");
+        Child(index as u32)
+    }
+    fn block(index: usize) -> Self {
+        assert!(index < Self::LIMIT, "{index} blocks");
+        Child(1 << 30 | index as u32)
+    }
+    fn other(id: u32) -> Self {
+        assert!((id as usize) < Self::LIMIT, "other number {id}");
+        Child(2 << 30 | id)
+    }
+    #[inline(always)]
+    fn kind(self) -> ChildKind {
+        let index = self.0 & (Self::LIMIT as u32 - 1);
+        match self.0 >> 30 {
+            0 => ChildKind::Node(index as usize),
+            1 => ChildKind::Block(index as usize),
+            _ => ChildKind::Other(index),
+        }
+    }
+}
+
+/// Up to eight triangles, structure of arrays.
+#[derive(Clone, Debug)]
+#[repr(C, align(32))]
+struct Block {
+    /// `[corner][axis][triangle]`; an absent triangle has all corners at 0.
+    corners: [[[f32; 8]; 3]; 3],
+    id: [u32; 8],
+    /// Bit i: triangle i is passed to the filter.
+    filtered: u32,
+}
+
+/// The hierarchy.
+#[derive(Clone, Debug, Default)]
+pub struct Bvh {
+    nodes: Vec<Node>,
+    blocks: Vec<Block>,
+}
+
+impl Bvh {
+    /// Corners of a hit triangle, in the space of the hierarchy.
+    #[inline]
+    pub fn corners(&self, slot: u32) -> [Vec3; 3] {
+        let block = &self.blocks[slot as usize / 8];
+        let lane = slot as usize % 8;
+        std::array::from_fn(|c| Vec3::from_array(std::array::from_fn(|a| block.corners[c][a][lane])))
+    }
+
+    /// The box around everything.
+    pub fn bounds(&self) -> Bounds {
+        let Some(root) = self.nodes.first() else { return Bounds::EMPTY };
+        let corner = |c: usize, i: usize| Vec3::new(root.bounds[c][i], root.bounds[c + 1][i], root.bounds[c + 2][i]);
+        (0..8).fold(Bounds::EMPTY, |b, i| b.union(Bounds { min: corner(0, i), max: corner(3, i) }))
+    }
+
+    /// Bytes of memory held.
+    pub fn memory(&self) -> usize {
+        self.nodes.capacity() * size_of::<Node>() + self.blocks.capacity() * size_of::<Block>()
+    }
+}

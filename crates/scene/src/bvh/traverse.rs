@@ -1,0 +1,351 @@
+//! Traversal: eight boxes or eight triangles at a step, the nearest child first.
+
+use super::{Block, Bvh, Child, ChildKind, Filter, Hit, Node};
+use fearless_simd::{Level, Simd, dispatch, f32x8, prelude::*};
+use glam::Vec3;
+use std::sync::OnceLock;
+
+/// Children waiting on the way down. An eight-wide tree of 2³⁰ leaves needs 7 for each of some 20 levels.
+const STACK: usize = 256;
+/// 1 + 2γ₃: what the box test may be off by (Ize 2013).
+const WIDEN: f32 = 1.000_000_8;
+
+fn level() -> Level {
+    static LEVEL: OnceLock<Level> = OnceLock::new();
+    *LEVEL.get_or_init(Level::new)
+}
+
+impl Bvh {
+    /// Nearest hit with 0 < t < `t_max` along `origin + t direction`.
+    #[inline]
+    pub fn closest(&self, origin: Vec3, direction: Vec3, t_max: f32, filter: &impl Filter) -> Option<Hit> {
+        dispatch!(level(), simd => traverse::<_, _, false>(simd, self, origin, direction, t_max, filter))
+    }
+
+    /// Any hit with 0 < t < `t_max`.
+    #[inline]
+    pub fn any(&self, origin: Vec3, direction: Vec3, t_max: f32, filter: &impl Filter) -> bool {
+        dispatch!(level(), simd => traverse::<_, _, true>(simd, self, origin, direction, t_max, filter)).is_some()
+    }
+
+    /// The same as [`Bvh::closest`] by plain loops over every triangle of every block that a plain box test reaches: the
+    /// reference the fast code is tested against.
+    pub fn closest_plain(&self, origin: Vec3, direction: Vec3, t_max: f32, filter: &impl Filter) -> Option<Hit> {
+        let mut best: Option<Hit> = None;
+        let mut stack = if self.nodes.is_empty() { vec![] } else { vec![0usize] };
+        let shear = Shear::new(direction);
+        while let Some(node) = stack.pop() {
+            for i in 0..8 {
+                let limit = best.map_or(t_max, |h| h.t);
+                if self.nodes[node].child[i] == Child::ABSENT {
+                    continue;
+                }
+                match self.nodes[node].child[i].kind() {
+                    ChildKind::Node(n) => stack.push(n),
+                    ChildKind::Block(b) => {
+                        for lane in 0..8 {
+                            let limit = best.map_or(t_max, |h| h.t);
+                            if let Some((t, u, v)) = self.blocks[b].intersect_plain(lane, origin, &shear, limit) {
+                                let id = self.blocks[b].id[lane];
+                                if self.blocks[b].filtered >> lane & 1 == 0 || filter.accept(id, u, v) {
+                                    best = Some(Hit { t, u, v, id, slot: (b * 8 + lane) as u32, instance: 0 });
+                                }
+                            }
+                        }
+                    }
+                    ChildKind::Other(id) => best = filter.intersect_other(id, limit, false).or(best),
+                }
+            }
+        }
+        best
+    }
+}
+
+/// The shear that takes a ray to the +z axis: which axes, and by how much (Woop et al. 2013, §3).
+struct Shear {
+    axes: [usize; 3],
+    s: [f32; 3],
+}
+
+impl Shear {
+    #[inline]
+    fn new(d: Vec3) -> Self {
+        let z = d.abs().max_position();
+        let (mut x, mut y) = ((z + 1) % 3, (z + 2) % 3);
+        if d[z] < 0.0 {
+            std::mem::swap(&mut x, &mut y);
+        }
+        Shear { axes: [x, y, z], s: [d[x] / d[z], d[y] / d[z], 1.0 / d[z]] }
+    }
+}
+
+impl Block {
+    fn intersect_plain(&self, lane: usize, origin: Vec3, shear: &Shear, t_max: f32) -> Option<(f32, f32, f32)> {
+        let [x, y, z] = shear.axes;
+        let [sx, sy, sz] = shear.s;
+        let corner = |c: usize| {
+            let at = |a: usize| self.corners[c][a][lane] - origin[a];
+            (at(x) - sx * at(z), at(y) - sy * at(z), sz * at(z))
+        };
+        let (a, b, c) = (corner(0), corner(1), corner(2));
+        let (u, v, w) = (c.0 * b.1 - c.1 * b.0, a.0 * c.1 - a.1 * c.0, b.0 * a.1 - b.1 * a.0);
+        let inside = (u >= 0.0 && v >= 0.0 && w >= 0.0) || (u <= 0.0 && v <= 0.0 && w <= 0.0);
+        let det = u + v + w;
+        if !inside || det == 0.0 {
+            return None;
+        }
+        let inverse = 1.0 / det;
+        let t = (u * a.2 + v * b.2 + w * c.2) * inverse;
+        (t > 0.0 && t < t_max).then_some((t, v * inverse, w * inverse))
+    }
+}
+
+/// A ray prepared for both tests.
+struct Prepared<S: Simd> {
+    origin: [f32x8<S>; 3],
+    inverse: [f32x8<S>; 3],
+    /// Row of `Node::bounds` with the near and the far plane of each axis.
+    near: [usize; 3],
+    far: [usize; 3],
+    axes: [usize; 3],
+    shear: [f32x8<S>; 3],
+}
+
+impl<S: Simd> Prepared<S> {
+    #[inline(always)]
+    fn new(simd: S, origin: Vec3, direction: Vec3) -> Self {
+        let splat = |x: f32| f32x8::splat(simd, x);
+        // A direction along a plane must not make 0 · ∞.
+        let safe = |d: f32| if d.abs() < 1e-20 { 1e-20f32.copysign(d) } else { d };
+        let shear = Shear::new(direction);
+        let negative = [0, 1, 2].map(|a| direction[a].is_sign_negative());
+        Prepared {
+            origin: [0, 1, 2].map(|a| splat(origin[a])),
+            inverse: [0, 1, 2].map(|a| splat(1.0 / safe(direction[a]))),
+            near: [0, 1, 2].map(|a| if negative[a] { a + 3 } else { a }),
+            far: [0, 1, 2].map(|a| if negative[a] { a } else { a + 3 }),
+            axes: shear.axes,
+            shear: shear.s.map(splat),
+        }
+    }
+
+    /// Children whose boxes the ray meets before `t_max`: a bit each, and the distance of entry.
+    #[inline(always)]
+    fn boxes(&self, simd: S, node: &Node, t_max: f32) -> (u32, [f32; 8]) {
+        let plane = |row: usize, a: usize| (f32x8::from_slice(simd, &node.bounds[row]) - self.origin[a]) * self.inverse[a];
+        let near = plane(self.near[0], 0).max(plane(self.near[1], 1)).max(plane(self.near[2], 2)).max(f32x8::splat(simd, 0.0));
+        let far = plane(self.far[0], 0).min(plane(self.far[1], 1)).min(plane(self.far[2], 2)) * f32x8::splat(simd, WIDEN);
+        let hit = near.simd_le(far.min(f32x8::splat(simd, t_max)));
+        (hit.to_bitmask() as u32, near.into())
+    }
+
+    /// Triangles of a block hit within `t_max`: a bit each, distances and barycentrics.
+    #[inline(always)]
+    fn triangles(&self, simd: S, block: &Block, t_max: f32) -> (u32, [f32; 8], [f32; 8], [f32; 8]) {
+        let [x, y, z] = self.axes;
+        let [sx, sy, sz] = self.shear;
+        let corner = |c: usize| {
+            let at = |a: usize| f32x8::from_slice(simd, &block.corners[c][a]) - self.origin[a];
+            let depth = at(z);
+            (at(x) - sx * depth, at(y) - sy * depth, sz * depth)
+        };
+        let (a, b, c) = (corner(0), corner(1), corner(2));
+        // Plain products and differences: fused ones would round shared edges differently on their two sides.
+        let (u, v, w) = (c.0 * b.1 - c.1 * b.0, a.0 * c.1 - a.1 * c.0, b.0 * a.1 - b.1 * a.0);
+        let zero = f32x8::splat(simd, 0.0);
+        let det = u + v + w;
+        let least = u.min(v).min(w);
+        let most = u.max(v).max(w);
+        let inside = least.simd_ge(zero) | most.simd_le(zero);
+        let candidates = inside.to_bitmask() as u32;
+        if candidates == 0 {
+            return (0, [0.0; 8], [0.0; 8], [0.0; 8]);
+        }
+        let inverse = f32x8::splat(simd, 1.0) / det;
+        let t = (u * a.2 + v * b.2 + w * c.2) * inverse;
+        // A flat triangle has det 0 and t NaN: both comparisons fail.
+        let hit = t.simd_gt(zero) & t.simd_lt(f32x8::splat(simd, t_max)) & inside;
+        (hit.to_bitmask() as u32, t.into(), (v * inverse).into(), (w * inverse).into())
+    }
+}
+
+#[inline(always)]
+fn traverse<S: Simd, F: Filter, const ANY: bool>(
+    simd: S,
+    bvh: &Bvh,
+    origin: Vec3,
+    direction: Vec3,
+    t_max: f32,
+    filter: &F,
+) -> Option<Hit> {
+    if bvh.nodes.is_empty() {
+        return None;
+    }
+    let ray = Prepared::new(simd, origin, direction);
+    let mut best: Option<Hit> = None;
+    let mut limit = t_max;
+    let mut stack = [(Child::ABSENT, 0.0f32); STACK];
+    let mut top = 1;
+    stack[0] = (Child::node(0), 0.0);
+    while top > 0 {
+        top -= 1;
+        let (child, entry) = stack[top];
+        if entry > limit {
+            continue;
+        }
+        match child.kind() {
+            ChildKind::Node(index) => {
+                let node = &bvh.nodes[index];
+                let (mut hits, near) = ray.boxes(simd, node, limit);
+                let first = top;
+                while hits != 0 {
+                    let i = hits.trailing_zeros() as usize & 7;
+                    hits &= hits - 1;
+                    // Keep what is pushed here sorted, the nearest on top.
+                    let mut at = top;
+                    if !ANY {
+                        while at > first && stack[at - 1].1 < near[i] {
+                            stack[at] = stack[at - 1];
+                            at -= 1;
+                        }
+                    }
+                    stack[at] = (node.child[i], near[i]);
+                    top += 1;
+                }
+            }
+            ChildKind::Block(index) => {
+                let block = &bvh.blocks[index];
+                let (mut hits, t, u, v) = ray.triangles(simd, block, limit);
+                while hits != 0 {
+                    let i = hits.trailing_zeros() as usize & 7;
+                    hits &= hits - 1;
+                    if t[i] < limit && (block.filtered >> i & 1 == 0 || filter.accept(block.id[i], u[i], v[i])) {
+                        limit = t[i];
+                        best = Some(Hit { t: t[i], u: u[i], v: v[i], id: block.id[i], slot: (index * 8 + i) as u32, instance: 0 });
+                        if ANY {
+                            return best;
+                        }
+                    }
+                }
+            }
+            ChildKind::Other(id) => {
+                if let Some(hit) = filter.intersect_other(id, limit, ANY) {
+                    limit = hit.t;
+                    best = Some(hit);
+                    if ANY {
+                        return best;
+                    }
+                }
+            }
+        }
+    }
+    best
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::{Bounds, Opaque, Primitive, Primitives};
+    use super::*;
+    use diopter_light::random::{mix, to_unit};
+
+    struct Triangles(Vec<[Vec3; 3]>);
+
+    impl Primitives for Triangles {
+        fn len(&self) -> usize {
+            self.0.len()
+        }
+        fn get(&self, index: usize) -> Primitive {
+            Primitive::Triangle { corners: self.0[index], id: index as u32, filtered: false }
+        }
+    }
+
+    fn random(seed: u32) -> Vec3 {
+        Vec3::from_array(std::array::from_fn(|k| to_unit(mix(seed.wrapping_mul(3).wrapping_add(k as u32)))))
+    }
+
+    fn soup(n: u32, size: f32) -> Triangles {
+        Triangles(
+            (0..n).map(|i| { let c = random(i); [0, 1, 2].map(|k| c + (random(n + i * 3 + k) - 0.5) * size) }).collect(),
+        )
+    }
+
+    fn rays(n: u32) -> impl Iterator<Item = (Vec3, Vec3)> {
+        (0..n).map(|i| (random(i ^ 0x5555) * 3.0 - 1.0, (random(i ^ 0xaaaa_0000) - 0.5).normalize()))
+    }
+
+    #[test]
+    fn fast_traversal_finds_what_the_plain_one_finds() {
+        for n in [1, 7, 8, 9, 100, 5000] {
+            let triangles = soup(n, 0.1);
+            let bvh = Bvh::build(&triangles);
+            let mut found = 0;
+            for (o, d) in rays(400) {
+                let plain = bvh.closest_plain(o, d, f32::INFINITY, &Opaque);
+                let fast = bvh.closest(o, d, f32::INFINITY, &Opaque);
+                assert_eq!(plain.map(|h| h.id), fast.map(|h| h.id), "{n} triangles, ray {o} {d}");
+                assert_eq!(fast.is_some(), bvh.any(o, d, f32::INFINITY, &Opaque));
+                if let (Some(p), Some(f)) = (plain, fast) {
+                    found += 1;
+                    assert!((p.t - f.t).abs() <= 1e-6 * p.t.max(1.0) && (p.u - f.u).abs() < 1e-4);
+                    assert_eq!(bvh.corners(f.slot), triangles.0[f.id as usize]);
+                }
+            }
+            assert!(n < 1000 || found > 30, "{found} hits of 400 rays on {n} triangles");
+        }
+    }
+
+    #[test]
+    fn chunks_are_joined_into_one_tree() {
+        // More than two chunks; compare with a small sample of plain intersections.
+        let n = (super::super::build::CHUNK * 5 / 2) as u32;
+        let triangles = soup(n, 0.01);
+        let bvh = Bvh::build(&triangles);
+        let all = Bounds::around(triangles.0.iter().flatten().copied());
+        assert_eq!(bvh.bounds(), all);
+        for (o, d) in rays(60) {
+            let plain = bvh.closest_plain(o, d, f32::INFINITY, &Opaque);
+            assert_eq!(plain.map(|h| h.id), bvh.closest(o, d, f32::INFINITY, &Opaque).map(|h| h.id));
+        }
+    }
+
+    #[test]
+    fn no_ray_slips_between_triangles_that_share_edges() {
+        // A closed, finely cut sphere far from the origin, seen from inside, with rays aimed at vertices and edges too.
+        let center = Vec3::new(731.3, -212.7, 1043.1);
+        let (rings, sectors) = (40, 60);
+        let point = |i: u32, j: u32| {
+            let (theta, phi) = (std::f32::consts::PI * i as f32 / rings as f32, std::f32::consts::TAU * (j % sectors) as f32 / sectors as f32);
+            center + Vec3::new(theta.sin() * phi.cos(), theta.cos(), theta.sin() * phi.sin()) * 0.37
+        };
+        let mut triangles = Vec::new();
+        let mut targets = Vec::new();
+        for i in 0..rings {
+            for j in 0..sectors {
+                let (a, b, c, d) = (point(i, j), point(i + 1, j), point(i + 1, j + 1), point(i, j + 1));
+                triangles.extend([[a, b, c], [a, c, d]]);
+                targets.extend([b, (a + b) * 0.5, (a + c) * 0.5, a * 0.3 + c * 0.7]);
+            }
+        }
+        let bvh = Bvh::build(&Triangles(triangles));
+        for k in 0..4 {
+            let origin = center + (random(k) - 0.5) * 0.2;
+            for target in &targets {
+                let d = (target - origin).normalize();
+                assert!(bvh.any(origin, d, f32::INFINITY, &Opaque), "a ray towards {target} escaped");
+            }
+        }
+    }
+
+    #[test]
+    fn flat_triangles_and_axis_parallel_rays_do_no_harm() {
+        let bvh = Bvh::build(&Triangles(vec![
+            [Vec3::ZERO, Vec3::X, Vec3::X * 2.0],
+            [Vec3::Y, Vec3::Y, Vec3::Y],
+            [Vec3::new(-1.0, -1.0, 2.0), Vec3::new(1.0, -1.0, 2.0), Vec3::new(0.0, 1.0, 2.0)],
+        ]));
+        let hit = bvh.closest(Vec3::ZERO, Vec3::Z, 10.0, &Opaque).unwrap();
+        assert_eq!((hit.id, hit.t), (2, 2.0));
+        assert!(!bvh.any(Vec3::ZERO, Vec3::Z, 1.9, &Opaque));
+        assert!(!bvh.any(Vec3::ZERO, Vec3::NEG_Z, 1e30, &Opaque));
+    }
+}

@@ -1,0 +1,51 @@
+//! Scenes: surfaces, materials and lights, and how much light arrives along a ray.
+//!
+//! A [`Description`] (from a file, [`load`], or made by code, [`builtin`]) becomes a [`Scene`], which is only read from then
+//! on. Its one answer is [`Scene::radiance`]. World space is right-handed, metres, +Y up; light is absolute:
+//! W·m⁻²·sr⁻¹·nm⁻¹. Nothing here knows of cameras, files on disk are opened only by the caller of [`load`].
+
+pub mod builtin;
+pub mod bvh;
+pub mod light;
+pub mod load;
+pub mod material;
+pub mod radiance;
+pub mod scene;
+pub mod shape;
+pub mod texture;
+
+pub use radiance::{FirstSurface, PathSettings};
+pub use scene::{Description, Object, Scene, Shape};
+
+/// Why a scene cannot be had.
+#[derive(Debug, thiserror::Error)]
+pub enum SceneError {
+    /// A number that refers to nothing.
+    #[error("object \"{of}\": {what} {found} is not there; the scene has {count}")]
+    Number {
+        /// Kind of thing.
+        what: &'static str,
+        /// Who refers to it.
+        of: String,
+        /// The number found.
+        found: usize,
+        /// How many there are.
+        count: usize,
+    },
+    /// More than the hierarchy can number.
+    #[error("a mesh of {0} triangles brings the scene above 1 073 741 823: split it, or use instances")]
+    TooLarge(usize),
+    /// Nothing to photograph.
+    #[error("the scene is empty: {0}")]
+    Empty(String),
+    /// A file that is not what its format says.
+    #[error("{place}: {found}; {expected}")]
+    File {
+        /// File, and where in it.
+        place: String,
+        /// What is wrong.
+        found: String,
+        /// What was expected, or a hint.
+        expected: String,
+    },
+}

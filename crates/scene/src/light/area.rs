@@ -1,0 +1,272 @@
+//! Emissive surfaces as lights: triangles, parallelograms, spheres.
+//!
+//! Sources: Ureña, Fajardo & King 2013, "An Area-Preserving Parametrization for Spherical Rectangles" (EGSR); PBR 6.2.4 and
+//! 12.4 (cone of a sphere). Other parallelograms and triangles are sampled by area.
+
+use super::{Aim, Spot, tree::LightBounds};
+use crate::bvh::Bounds;
+use crate::material::Material;
+use crate::shape::{Quad, Sphere};
+use diopter_light::{Sampled, Wavelengths, sampling};
+use glam::{Vec2, Vec3};
+use std::f32::consts::{PI, TAU};
+
+/// An emissive surface.
+#[derive(Clone, Debug)]
+pub struct AreaLight {
+    /// Where it is.
+    pub shape: AreaShape,
+    /// Material with the emission.
+    pub material: u32,
+    /// Texture coordinates at the corners of a triangle.
+    pub uv: [[Vec2; 3]; 2],
+    /// Whether the back shines too.
+    pub two_sided: bool,
+    /// Mean luminance, cd/m²; steers the choice among lights.
+    pub luminance: f32,
+}
+
+/// Shape of an emissive surface, world space.
+#[derive(Clone, Copy, Debug)]
+pub enum AreaShape {
+    /// Corner and edges (α, β with α + β ≤ 1).
+    Triangle(Quad),
+    /// Corner and edges.
+    Parallelogram(Quad),
+    /// Outside of a sphere.
+    Sphere(Sphere),
+}
+
+impl AreaLight {
+    /// Area, m².
+    pub fn area(&self) -> f32 {
+        match &self.shape {
+            AreaShape::Triangle(q) => 0.5 * q.area(),
+            AreaShape::Parallelogram(q) => q.area(),
+            AreaShape::Sphere(s) => 4.0 * PI * s.radius * s.radius,
+        }
+    }
+
+    /// What the light tree needs to know.
+    pub fn bounds(&self) -> LightBounds {
+        let power = self.area() * self.luminance * PI * if self.two_sided { 2.0 } else { 1.0 };
+        let (bounds, axis, spread) = match &self.shape {
+            AreaShape::Triangle(q) => {
+                (Bounds::around([q.corner, q.corner + q.edges[0], q.corner + q.edges[1]]), q.normal(), 0.0)
+            }
+            AreaShape::Parallelogram(q) => {
+                (Bounds::around([Vec2::ZERO, Vec2::X, Vec2::Y, Vec2::ONE].map(|p| q.point(p))), q.normal(), 0.0)
+            }
+            AreaShape::Sphere(s) => (Bounds { min: s.center - s.radius, max: s.center + s.radius }, Vec3::Z, PI),
+        };
+        LightBounds::new(bounds, axis, spread, PI / 2.0, self.two_sided, power)
+    }
+
+    /// Radiance at a place of the surface.
+    pub fn radiance(&self, place: Vec2, materials: &[Material], wavelengths: &Wavelengths) -> Sampled {
+        let uv = self.uv.map(|[a, b, c]| a * (1.0 - place.x - place.y) + b * place.x + c * place.y);
+        match &materials[self.material as usize].emission {
+            Some(emission) => emission.sample(&uv, wavelengths),
+            None => Sampled::ZERO,
+        }
+    }
+
+    /// Aims at the surface from a point.
+    pub(super) fn aim(&self, p: Vec3, u: [f32; 2], number: u32) -> Option<Aim> {
+        match &self.shape {
+            AreaShape::Sphere(sphere) => aim_at_sphere(sphere, p, u, number),
+            AreaShape::Triangle(quad) => {
+                // Uniform by area; keeps strata (Heitz 2019, "A Low-Distortion Map Between Triangle and Square").
+                let place = if u[1] > u[0] {
+                    Vec2::new(0.5 * u[0], u[1] - 0.5 * u[0])
+                } else {
+                    Vec2::new(u[0] - 0.5 * u[1], 0.5 * u[1])
+                };
+                self.aim_at_plane(quad, p, place, 0.5 * quad.area(), number)
+            }
+            AreaShape::Parallelogram(quad) => match SphericalRectangle::new(quad, p) {
+                Some(rectangle) => {
+                    let place = rectangle.sample(u);
+                    let mut aim = self.aim_at_plane(quad, p, place, quad.area(), number)?;
+                    aim.pdf = 1.0 / rectangle.solid_angle;
+                    Some(aim)
+                }
+                None => self.aim_at_plane(quad, p, Vec2::from(u), quad.area(), number),
+            },
+        }
+    }
+
+    fn aim_at_plane(&self, quad: &Quad, p: Vec3, place: Vec2, area: f32, number: u32) -> Option<Aim> {
+        let to = quad.point(place) - p;
+        let d2 = to.length_squared();
+        let distance = d2.sqrt();
+        let wi = to / distance;
+        let cos = -quad.normal().dot(wi);
+        if !(if self.two_sided { cos.abs() } else { cos } > 1e-6) {
+            return None;
+        }
+        let pdf = d2 / (cos.abs() * area);
+        Some(Aim { wi, distance, pdf, has_extent: true, spot: Spot::Area(number, place) })
+    }
+
+    /// Density with which [`AreaLight::aim`] would have aimed from `p` along `wi`, which meets the surface at `distance`.
+    pub fn pdf(&self, p: Vec3, wi: Vec3, distance: f32) -> f32 {
+        let by_area = |quad: &Quad, area: f32| distance * distance / (quad.normal().dot(wi).abs().max(1e-9) * area);
+        match &self.shape {
+            AreaShape::Triangle(quad) => by_area(quad, 0.5 * quad.area()),
+            AreaShape::Parallelogram(quad) => match SphericalRectangle::new(quad, p) {
+                Some(rectangle) => 1.0 / rectangle.solid_angle,
+                None => by_area(quad, quad.area()),
+            },
+            AreaShape::Sphere(s) => cone_of_sphere(s, p).map_or(1.0 / (4.0 * PI), |(_, one_minus_cos)| 1.0 / (TAU * one_minus_cos)),
+        }
+    }
+}
+
+/// sin² and 1 − cos of the half angle under which a sphere is seen; `None` from inside.
+fn cone_of_sphere(sphere: &Sphere, p: Vec3) -> Option<(f32, f32)> {
+    let sin2 = sphere.radius * sphere.radius / (sphere.center - p).length_squared();
+    if sin2 >= 1.0 {
+        return None;
+    }
+    // 1 − √(1 − s) without cancellation.
+    Some((sin2, sin2 / (1.0 + (1.0 - sin2).sqrt())))
+}
+
+fn aim_at_sphere(sphere: &Sphere, p: Vec3, u: [f32; 2], number: u32) -> Option<Aim> {
+    let (_, one_minus_cos_max) = cone_of_sphere(sphere, p)?;
+    let axis = (sphere.center - p).normalize();
+    let one_minus_cos = u[0] * one_minus_cos_max;
+    let cos = 1.0 - one_minus_cos;
+    let sin = (one_minus_cos * (2.0 - one_minus_cos)).max(0.0).sqrt();
+    let (x, y) = sampling::frame(axis);
+    let wi = (x * (sin * (TAU * u[1]).cos()) + y * (sin * (TAU * u[1]).sin()) + axis * cos).normalize();
+    // Rounding can make the ray just miss: then the nearest point stands for the hit.
+    let distance = sphere.intersect(p, wi, f32::INFINITY).unwrap_or_else(|| (sphere.center - p).dot(wi));
+    let pdf = 1.0 / (TAU * one_minus_cos_max);
+    Some(Aim { wi, distance, pdf, has_extent: true, spot: Spot::Area(number, Vec2::ZERO) })
+}
+
+/// A rectangle seen from a point, ready to be sampled uniformly in solid angle.
+struct SphericalRectangle {
+    x0: f32,
+    y0: f32,
+    y1: f32,
+    z0: f32,
+    b0: f32,
+    b1: f32,
+    k: f32,
+    solid_angle: f32,
+    lengths: Vec2,
+    x1: f32,
+}
+
+impl SphericalRectangle {
+    /// `None` for skewed parallelograms, points in the plane, and rectangles so small that area sampling is as good.
+    fn new(quad: &Quad, p: Vec3) -> Option<Self> {
+        let lengths = Vec2::new(quad.edges[0].length(), quad.edges[1].length());
+        let (ex, ey) = (quad.edges[0] / lengths.x, quad.edges[1] / lengths.y);
+        if ex.dot(ey).abs() > 1e-4 {
+            return None;
+        }
+        let d = quad.corner - p;
+        let z = d.dot(ex.cross(ey));
+        let z0 = -z.abs();
+        let (x0, y0) = (d.dot(ex), d.dot(ey));
+        let (x1, y1) = (x0 + lengths.x, y0 + lengths.y);
+        // Normals of the four planes through the point and an edge, as far as needed.
+        let nz = |a: f32, b: f32| a / (a * a + b * b).sqrt();
+        let (n0, n1, n2, n3) = (nz(-y0, z0), nz(x1, z0), nz(y1, z0), nz(-x0, z0));
+        let angle = |c: f32| (-c).clamp(-1.0, 1.0).acos();
+        let (g0, g1, g2, g3) = (angle(n0 * n1), angle(n1 * n2), angle(n2 * n3), angle(n3 * n0));
+        let solid_angle = g0 + g1 + g2 + g3 - TAU;
+        // Four angles near π/2 are summed: below this, rounding would show.
+        if !(solid_angle > 3e-3) {
+            return None;
+        }
+        Some(SphericalRectangle { x0, y0, y1, z0, b0: n0, b1: n2, k: TAU - g2 - g3, solid_angle, lengths, x1 })
+    }
+
+    /// (α, β) of the rectangle.
+    fn sample(&self, u: [f32; 2]) -> Vec2 {
+        let au = u[0] * self.solid_angle + self.k;
+        let fu = (au.cos() * self.b0 - self.b1) / au.sin();
+        let cu = ((1.0 / (fu * fu + self.b0 * self.b0).sqrt()).copysign(fu)).clamp(-1.0, 1.0);
+        let xu = (-(cu * self.z0) / (1.0 - cu * cu).max(1e-12).sqrt()).clamp(self.x0, self.x1);
+        let d2 = xu * xu + self.z0 * self.z0;
+        let h0 = self.y0 / (d2 + self.y0 * self.y0).sqrt();
+        let h1 = self.y1 / (d2 + self.y1 * self.y1).sqrt();
+        let hv = h0 + u[1] * (h1 - h0);
+        let yv = if hv * hv < 1.0 - 1e-6 { hv * d2.sqrt() / (1.0 - hv * hv).sqrt() } else { self.y1 };
+        Vec2::new((xu - self.x0) / self.lengths.x, (yv - self.y0) / self.lengths.y).clamp(Vec2::ZERO, Vec2::ONE)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use diopter_light::random::{mix, to_unit};
+
+    fn light(shape: AreaShape) -> AreaLight {
+        AreaLight { shape, material: 0, uv: Default::default(), two_sided: false, luminance: 1.0 }
+    }
+
+    /// Irradiance on a plane through the origin with normal +z, from a light of radiance 1: mean of cos θ / pdf.
+    fn irradiance(light: &AreaLight, n: u32) -> f64 {
+        let mut sum = 0.0;
+        for i in 0..n * n {
+            let u = [(i % n) as f32 + to_unit(mix(i)), (i / n) as f32 + to_unit(mix(i ^ 0xffff))].map(|x| x / n as f32);
+            if let Some(aim) = light.aim(Vec3::ZERO, u, 0) {
+                let check = light.pdf(Vec3::ZERO, aim.wi, aim.distance);
+                assert!((check / aim.pdf - 1.0).abs() < 2e-3, "{check} {}", aim.pdf);
+                sum += (aim.wi.z.max(0.0) / aim.pdf) as f64;
+            }
+        }
+        sum / (n * n) as f64
+    }
+
+    /// ∫ cos cos' / d² dA of a parallelogram facing down, by midpoints.
+    fn form_factor(q: &Quad, triangle: bool) -> f64 {
+        let n = 600;
+        let mut sum = 0.0;
+        for i in 0..n * n {
+            let place = Vec2::new(((i % n) as f32 + 0.5) / n as f32, ((i / n) as f32 + 0.5) / n as f32);
+            if triangle && place.x + place.y > 1.0 {
+                continue;
+            }
+            let p = q.point(place);
+            let d2 = p.length_squared();
+            let w = p / d2.sqrt();
+            sum += (w.z * -q.normal().dot(w) / d2) as f64;
+        }
+        sum * q.area() as f64 / (n * n) as f64
+    }
+
+    #[test]
+    fn every_shape_gives_its_form_factor() {
+        let rectangle = Quad { corner: Vec3::new(-0.3, -0.5, 1.0), edges: [Vec3::new(0.0, 1.2, 0.0), Vec3::new(1.0, 0.0, 0.0)] };
+        let skew = Quad { corner: Vec3::new(0.1, -0.2, 0.7), edges: [Vec3::new(0.3, 0.9, 0.1), Vec3::new(0.8, 0.1, 0.2)] };
+        for shape in [AreaShape::Parallelogram(rectangle), AreaShape::Parallelogram(skew), AreaShape::Triangle(rectangle)] {
+            let (quad, triangle) = match shape {
+                AreaShape::Triangle(q) => (q, true),
+                AreaShape::Parallelogram(q) => (q, false),
+                AreaShape::Sphere(_) => unreachable!(),
+            };
+            let exact = form_factor(&quad, triangle);
+            let got = irradiance(&light(shape), 200);
+            assert!((got / exact - 1.0).abs() < 5e-3, "{shape:?}: {got} {exact}");
+        }
+        // A sphere straight above: E = π L sin²θ.
+        let sphere = Sphere { center: Vec3::new(0.0, 0.0, 2.0), radius: 0.5 };
+        let got = irradiance(&light(AreaShape::Sphere(sphere)), 200);
+        assert!((got / (std::f64::consts::PI / 16.0) - 1.0).abs() < 2e-3, "{got}");
+    }
+
+    #[test]
+    fn the_back_of_a_lamp_is_not_aimed_at() {
+        let q = Quad { corner: Vec3::new(-1.0, -1.0, 1.0), edges: [Vec3::X * 2.0, Vec3::Y * 2.0] };
+        assert!(light(AreaShape::Parallelogram(q)).aim(Vec3::ZERO, [0.5, 0.5], 0).is_none());
+        let both = AreaLight { two_sided: true, ..light(AreaShape::Parallelogram(q)) };
+        assert!(both.aim(Vec3::ZERO, [0.5, 0.5], 0).is_some());
+    }
+}

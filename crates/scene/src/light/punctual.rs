@@ -1,0 +1,95 @@
+//! Lights without extent: glTF's KHR_lights_punctual.
+
+use super::{Aim, Spot, tree::LightBounds};
+use crate::bvh::Bounds;
+use diopter_light::{Sampled, Spectrum, Wavelengths};
+use glam::Vec3;
+use std::f32::consts::PI;
+
+/// A light in a point or at infinity.
+#[derive(Clone, Debug)]
+pub struct Punctual {
+    /// Spectral intensity (W·sr⁻¹·nm⁻¹) of a point or spot, spectral irradiance (W·m⁻²·nm⁻¹) of a directional light.
+    pub power: Spectrum,
+    /// Where and which way.
+    pub kind: PunctualKind,
+}
+
+/// Geometry of a punctual light, world space.
+#[derive(Clone, Copy, Debug)]
+pub enum PunctualKind {
+    /// The same in all directions.
+    Point {
+        /// Where, m.
+        position: Vec3,
+    },
+    /// A cone with a soft edge.
+    Spot {
+        /// Where, m.
+        position: Vec3,
+        /// Unit direction the light goes.
+        direction: Vec3,
+        /// Cosine of the half angle of full intensity.
+        cos_inner: f32,
+        /// Cosine of the half angle beyond which there is none.
+        cos_outer: f32,
+    },
+    /// Parallel light.
+    Directional {
+        /// Unit direction the light goes.
+        direction: Vec3,
+    },
+}
+
+impl Punctual {
+    /// Luminous intensity (cd) or illuminance (lx).
+    pub fn illuminance(&self) -> f32 {
+        diopter_light::color::luminance(|nm| self.power.at(nm)) as f32
+    }
+
+    pub(super) fn bounds(&self) -> Option<LightBounds> {
+        let candela = self.illuminance();
+        match self.kind {
+            PunctualKind::Point { position } => {
+                let here = Bounds { min: position, max: position };
+                Some(LightBounds::new(here, Vec3::Z, PI, PI / 2.0, false, 4.0 * PI * candela))
+            }
+            PunctualKind::Spot { position, direction, cos_outer, .. } => {
+                // 4π I, not the cone's own power: within the cone the light is as strong as a point's (PBR 12.6.3).
+                let here = Bounds { min: position, max: position };
+                Some(LightBounds::new(here, direction, 0.0, cos_outer.acos(), false, 4.0 * PI * candela))
+            }
+            PunctualKind::Directional { .. } => None,
+        }
+    }
+
+    pub(super) fn aim(&self, p: Vec3, number: u32) -> Option<Aim> {
+        let (wi, distance) = match self.kind {
+            PunctualKind::Directional { direction } => (-direction, f32::INFINITY),
+            PunctualKind::Point { position } | PunctualKind::Spot { position, .. } => {
+                let to = position - p;
+                let distance = to.length();
+                if !(distance > 0.0) {
+                    return None;
+                }
+                (to / distance, distance)
+            }
+        };
+        Some(Aim { wi, distance, pdf: 1.0, has_extent: false, spot: Spot::Punctual(number) })
+    }
+
+    /// Irradiance on a plane facing the light.
+    pub(super) fn arriving(&self, aim: &Aim, wavelengths: &Wavelengths) -> Sampled {
+        let power = self.power.sample(wavelengths);
+        match self.kind {
+            PunctualKind::Directional { .. } => power,
+            PunctualKind::Point { .. } => power / (aim.distance * aim.distance),
+            PunctualKind::Spot { direction, cos_inner, cos_outer, .. } => {
+                // KHR_lights_punctual, "Inner and Outer Cone Angles": squared linear ramp in the cosine.
+                let cos = -direction.dot(aim.wi);
+                let ramp = ((cos - cos_outer) / (cos_inner - cos_outer).max(1e-4)).clamp(0.0, 1.0);
+                power * (ramp * ramp / (aim.distance * aim.distance))
+            }
+        }
+    }
+}

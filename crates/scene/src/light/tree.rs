@@ -1,0 +1,271 @@
+//! A tree over lights: each step goes to the half that can contribute more to the point in question.
+//!
+//! Source: Conty Estevez & Kulla 2018, "Importance Sampling of Many Lights with Adaptive Tree Splitting" (without the
+//! splitting), in the form of PBR 12.6.3.
+
+use crate::bvh::Bounds;
+use glam::Vec3;
+use std::f32::consts::PI;
+
+/// What is known of a light or of many: where, which way, how strong.
+#[derive(Clone, Copy, Debug)]
+pub struct LightBounds {
+    bounds: Bounds,
+    /// Cone that holds all normals: axis and cosine of its half angle.
+    axis: Vec3,
+    cos_spread: f32,
+    /// Cosine of the angle to a normal beyond which nothing is emitted.
+    cos_emission: f32,
+    two_sided: bool,
+    power: f32,
+}
+
+impl LightBounds {
+    /// `spread` and `emission`: half angles (rad) of the cone of normals and of emission about a normal.
+    pub fn new(bounds: Bounds, axis: Vec3, spread: f32, emission: f32, two_sided: bool, power: f32) -> Self {
+        LightBounds { bounds, axis, cos_spread: spread.cos(), cos_emission: emission.cos(), two_sided, power }
+    }
+
+    fn union(self, other: LightBounds) -> LightBounds {
+        if self.power == 0.0 {
+            return other;
+        }
+        if other.power == 0.0 {
+            return self;
+        }
+        let (axis, cos_spread) = union_of_cones((self.axis, self.cos_spread), (other.axis, other.cos_spread));
+        LightBounds {
+            bounds: self.bounds.union(other.bounds),
+            axis,
+            cos_spread,
+            cos_emission: self.cos_emission.min(other.cos_emission),
+            two_sided: self.two_sided || other.two_sided,
+            power: self.power + other.power,
+        }
+    }
+
+    /// Upper estimate of what these lights can contribute at `p` with normal `n`, up to a constant factor.
+    fn importance(&self, p: Vec3, n: Vec3) -> f32 {
+        let center = self.bounds.center();
+        let to_point = p - center;
+        let radius2 = self.bounds.size().length_squared() * 0.25;
+        let d2_true = to_point.length_squared();
+        let d2 = d2_true.max(radius2).max(1e-12);
+        let w = if d2_true > 0.0 { to_point / d2_true.sqrt() } else { Vec3::Z };
+        // Angle under which the box is seen.
+        let (sin_b, cos_b) = if d2_true <= radius2 { (0.0, -1.0) } else { ((radius2 / d2_true).sqrt(), (1.0 - radius2 / d2_true).sqrt()) };
+        let sin_of = |c: f32| (1.0 - c * c).max(0.0).sqrt();
+        // cos(max(0, a − b)) and sin of it.
+        let cos_less = |sa: f32, ca: f32, sb: f32, cb: f32| if ca > cb { 1.0 } else { ca * cb + sa * sb };
+        let sin_less = |sa: f32, ca: f32, sb: f32, cb: f32| if ca > cb { 0.0 } else { sa * cb - ca * sb };
+        let cos_w = { let c = self.axis.dot(w); if self.two_sided { c.abs() } else { c } };
+        let sin_w = sin_of(cos_w);
+        let sin_o = sin_of(self.cos_spread);
+        let cos_x = cos_less(sin_w, cos_w, sin_o, self.cos_spread);
+        let sin_x = sin_less(sin_w, cos_w, sin_o, self.cos_spread);
+        let cos_out = cos_less(sin_x, cos_x, sin_b, cos_b);
+        if cos_out <= self.cos_emission {
+            return 0.0;
+        }
+        let mut importance = self.power * cos_out.max(0.0) / d2;
+        if n != Vec3::ZERO {
+            let cos_i = n.dot(-w).abs();
+            importance *= cos_less(sin_of(cos_i), cos_i, sin_b, cos_b).max(0.0);
+        }
+        importance
+    }
+}
+
+/// The smallest cone around two, as axis and cosine of the half angle.
+fn union_of_cones(a: (Vec3, f32), b: (Vec3, f32)) -> (Vec3, f32) {
+    let (ta, tb) = (a.1.clamp(-1.0, 1.0).acos(), b.1.clamp(-1.0, 1.0).acos());
+    let between = a.0.dot(b.0).clamp(-1.0, 1.0).acos();
+    if (between + tb).min(PI) <= ta {
+        return a;
+    }
+    if (between + ta).min(PI) <= tb {
+        return b;
+    }
+    let spread = (ta + between + tb) / 2.0;
+    let turn = a.0.cross(b.0);
+    if spread >= PI || turn.length_squared() < 1e-12 {
+        return (a.0, -1.0);
+    }
+    let axis = glam::Quat::from_axis_angle(turn.normalize(), spread - ta) * a.0;
+    (axis.normalize(), spread.cos())
+}
+
+#[derive(Clone, Debug)]
+struct Node {
+    lights: LightBounds,
+    /// Second child (the first follows its parent); 0 for a leaf.
+    second: u32,
+    /// Number of the light at a leaf.
+    light: u32,
+    parent: u32,
+}
+
+/// The tree.
+#[derive(Clone, Debug, Default)]
+pub struct Tree {
+    nodes: Vec<Node>,
+}
+
+impl Tree {
+    /// Builds the tree; also gives the leaf of each light (to ask for its probability later).
+    pub fn new(lights: &[LightBounds]) -> (Tree, Vec<u32>) {
+        let mut tree = Tree::default();
+        let mut leaves = vec![0; lights.len()];
+        let mut order: Vec<u32> = (0..lights.len() as u32).collect();
+        if !order.is_empty() {
+            tree.build(lights, &mut order, u32::MAX, &mut leaves);
+        }
+        (tree, leaves)
+    }
+
+    fn build(&mut self, lights: &[LightBounds], order: &mut [u32], parent: u32, leaves: &mut [u32]) -> u32 {
+        let at = self.nodes.len() as u32;
+        let all = order.iter().map(|i| lights[*i as usize]).reduce(LightBounds::union).expect("not empty");
+        self.nodes.push(Node { lights: all, second: 0, light: order[0], parent });
+        if order.len() == 1 {
+            leaves[order[0] as usize] = at;
+            return at;
+        }
+        let middle = split(lights, order, &all);
+        let (a, b) = order.split_at_mut(middle);
+        self.build(lights, a, at, leaves);
+        let second = self.build(lights, b, at, leaves);
+        self.nodes[at as usize].second = second;
+        at
+    }
+
+    /// Estimate for all lights together.
+    #[inline]
+    pub fn importance(&self, p: Vec3, n: Vec3) -> f32 {
+        self.nodes.first().map_or(0.0, |root| root.lights.importance(p, n))
+    }
+
+    /// Probability of the first child of an inner node.
+    #[inline]
+    fn first_share(&self, node: u32, p: Vec3, n: Vec3) -> Option<f32> {
+        let a = self.nodes[node as usize + 1].lights.importance(p, n);
+        let b = self.nodes[self.nodes[node as usize].second as usize].lights.importance(p, n);
+        (a + b > 0.0).then(|| a / (a + b))
+    }
+
+    /// A light for the point, its probability, and what is left of `u`. `None` where no light can contribute.
+    pub fn choose(&self, p: Vec3, n: Vec3, mut u: f32) -> Option<(usize, f32, f32)> {
+        let mut node = 0u32;
+        let mut probability = 1.0;
+        loop {
+            let here = &self.nodes[node as usize];
+            if here.second == 0 {
+                return Some((here.light as usize, probability, u.min(0.999_999)));
+            }
+            let share = self.first_share(node, p, n)?;
+            if u < share {
+                u /= share;
+                probability *= share;
+                node += 1;
+            } else {
+                u = (u - share) / (1.0 - share);
+                probability *= 1.0 - share;
+                node = here.second;
+            }
+        }
+    }
+
+    /// Probability with which [`Tree::choose`] ends at a leaf.
+    pub fn probability(&self, p: Vec3, n: Vec3, leaf: u32) -> f32 {
+        let mut probability = 1.0;
+        let mut node = leaf;
+        while self.nodes[node as usize].parent != u32::MAX {
+            let parent = self.nodes[node as usize].parent;
+            let Some(share) = self.first_share(parent, p, n) else { return 0.0 };
+            probability *= if node == parent + 1 { share } else { 1.0 - share };
+            node = parent;
+        }
+        probability
+    }
+}
+
+/// Orders lights for the split of least cost (area × solid angle × power of both sides) over 12 bins of each axis.
+fn split(lights: &[LightBounds], order: &mut [u32], all: &LightBounds) -> usize {
+    const BINS: usize = 12;
+    let centers = Bounds::around(order.iter().map(|i| lights[*i as usize].bounds.center()));
+    let cost = |b: &LightBounds| {
+        let (to, te) = (b.cos_spread.clamp(-1.0, 1.0).acos(), b.cos_emission.acos());
+        let tw = (to + te).min(PI);
+        let sin_o = to.sin();
+        // Conty & Kulla eq. 1.
+        let omega = 2.0 * PI * (1.0 - b.cos_spread)
+            + PI / 2.0 * (2.0 * tw * sin_o - (to - 2.0 * tw).cos() - 2.0 * to * sin_o + b.cos_spread);
+        b.power * omega * b.bounds.half_area().max(1e-12)
+    };
+    let mut best: Option<(f32, usize, usize)> = None;
+    for axis in 0..3 {
+        let extent = centers.size()[axis];
+        if !(extent > 0.0) {
+            continue;
+        }
+        let bin = |i: u32| (((lights[i as usize].bounds.center()[axis] - centers.min[axis]) / extent * BINS as f32) as usize).min(BINS - 1);
+        let mut bins: [Option<LightBounds>; BINS] = [None; BINS];
+        for i in order.iter() {
+            let slot = &mut bins[bin(*i)];
+            *slot = Some(slot.map_or(lights[*i as usize], |b| b.union(lights[*i as usize])));
+        }
+        let side = |range: std::ops::Range<usize>| bins[range].iter().flatten().copied().reduce(LightBounds::union);
+        // Long thin boxes are better cut across.
+        let regularity = all.bounds.size().max_element() / extent.max(1e-12);
+        for k in 1..BINS {
+            if let (Some(a), Some(b)) = (side(0..k), side(k..BINS)) {
+                let c = (cost(&a) + cost(&b)) * regularity;
+                if best.is_none_or(|(least, ..)| c < least) {
+                    best = Some((c, axis, k));
+                }
+            }
+        }
+    }
+    let Some((_, axis, k)) = best else { return order.len() / 2 };
+    let extent = centers.size()[axis];
+    let bin = |i: u32| (((lights[i as usize].bounds.center()[axis] - centers.min[axis]) / extent * BINS as f32) as usize).min(BINS - 1);
+    order.sort_by_key(|i| (bin(*i) >= k, *i));
+    order.partition_point(|i| bin(*i) < k)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use diopter_light::random::{mix, to_unit};
+
+    fn lamps(n: u32) -> Vec<LightBounds> {
+        (0..n)
+            .map(|i| {
+                let p = Vec3::from_array(std::array::from_fn(|k| to_unit(mix(i * 3 + k as u32)) * 10.0));
+                LightBounds::new(Bounds { min: p, max: p + 0.1 }, Vec3::NEG_Y, 0.0, PI / 2.0, i % 3 == 0, 1.0 + (i % 7) as f32)
+            })
+            .collect()
+    }
+
+    #[test]
+    fn probabilities_of_all_lights_add_up_and_match_the_choice() {
+        let (tree, leaves) = Tree::new(&lamps(100));
+        for (p, n) in [(Vec3::new(5.0, -1.0, 5.0), Vec3::Y), (Vec3::new(20.0, 5.0, 0.0), Vec3::ZERO)] {
+            let sum: f32 = leaves.iter().map(|l| tree.probability(p, n, *l)).sum();
+            assert!((sum - 1.0).abs() < 1e-3, "{sum}");
+            for i in 0..200 {
+                let (light, probability, rest) = tree.choose(p, n, (i as f32 + 0.5) / 200.0).unwrap();
+                assert!((tree.probability(p, n, leaves[light]) / probability - 1.0).abs() < 1e-3);
+                assert!((0.0..1.0).contains(&rest));
+            }
+        }
+    }
+
+    #[test]
+    fn near_lights_are_preferred() {
+        let at = |x: f32| LightBounds::new(Bounds { min: Vec3::X * x, max: Vec3::X * x }, Vec3::Z, PI, PI / 2.0, false, 1.0);
+        let (tree, leaves) = Tree::new(&[at(1.0), at(10.0)]);
+        let near = tree.probability(Vec3::ZERO, Vec3::ZERO, leaves[0]);
+        assert!((near - 100.0 / 101.0).abs() < 1e-3, "{near}");
+    }
+}

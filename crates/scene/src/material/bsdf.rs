@@ -1,0 +1,105 @@
+//! The scattering function at one point: evaluated, drawn from, with its density.
+
+use super::conductor::ConductorLobe;
+use super::diffuse;
+use super::principled::PrincipledLobes;
+use crate::shape::Surface;
+use diopter_light::{Sampled, sampling};
+use glam::Vec3;
+
+/// A direction light can have come from.
+#[derive(Clone, Copy, Debug)]
+pub struct Scatter {
+    /// Unit direction away from the surface, towards where the light comes from.
+    pub wi: Vec3,
+    /// f cos θ / density, at the four wavelengths.
+    pub weight: Sampled,
+    /// Density in solid angle, 1/sr; meaningless for a mirror direction.
+    pub pdf: f32,
+    /// Whether only this very direction counts (mirror, clear glass).
+    pub specular: bool,
+    /// Whether the direction is on the other side of the surface.
+    pub transmitted: bool,
+    /// Whether only the hero wavelength takes this direction.
+    pub disperses: bool,
+}
+
+/// What families give in the local frame (z on the side of `wo`).
+pub(super) struct LocalScatter {
+    pub wi: Vec3,
+    pub weight: Sampled,
+    pub pdf: f32,
+    pub specular: bool,
+    pub disperses: bool,
+}
+
+pub(super) enum Lobes<'a> {
+    Diffuse { albedo: Sampled },
+    Conductor(ConductorLobe),
+    Principled(PrincipledLobes<'a>),
+}
+
+/// The scattering function at a point seen from `wo`.
+pub struct Bsdf<'a> {
+    lobes: Lobes<'a>,
+    /// Local x, y, z in world space; z is the shading normal on the side of `wo`.
+    frame: [Vec3; 3],
+    /// Geometric normal on the side of `wo`.
+    ng: Vec3,
+    wo: Vec3,
+}
+
+impl<'a> Bsdf<'a> {
+    pub(super) fn new(lobes: Lobes<'a>, surface: &Surface, ns: Vec3, wo: Vec3) -> Self {
+        let side = if surface.ng.dot(wo) < 0.0 { -1.0 } else { 1.0 };
+        let mut z = ns * side;
+        // An interpolated normal can turn away from the viewer: tilt it back just enough to be seen.
+        const LEAST_COSINE: f32 = 0.01;
+        let cos = z.dot(wo);
+        if cos < LEAST_COSINE {
+            z = (z + wo * (LEAST_COSINE - cos)).normalize();
+        }
+        let (x, y) = sampling::frame(z);
+        Bsdf { lobes, frame: [x, y, z], ng: surface.ng * side, wo: Vec3::new(x.dot(wo), y.dot(wo), z.dot(wo)) }
+    }
+
+    /// The geometric normal on the side light is seen from.
+    pub fn side_normal(&self) -> Vec3 {
+        self.ng
+    }
+
+    fn local(&self, w: Vec3) -> Vec3 {
+        Vec3::from_array(self.frame.map(|axis| axis.dot(w)))
+    }
+
+    /// f cos θ at the four wavelengths, and the density [`Bsdf::sample`] has for this direction; 0 for mirrors.
+    #[inline]
+    pub fn eval(&self, wi: Vec3) -> (Sampled, f32) {
+        let local = self.local(wi);
+        // A direction that the true surface and the shaded one put on different sides carries no light.
+        if (self.ng.dot(wi) > 0.0) != (local.z > 0.0) {
+            return (Sampled::ZERO, 0.0);
+        }
+        match &self.lobes {
+            Lobes::Diffuse { albedo } => diffuse::eval(*albedo, local),
+            Lobes::Conductor(lobe) => lobe.eval(self.wo, local),
+            Lobes::Principled(lobes) => lobes.eval(self.wo, local),
+        }
+    }
+
+    /// Draws a direction; `u` = direction (2), choice of lobe, unused. `None` when light is absorbed.
+    #[inline]
+    pub fn sample(&self, u: [f32; 4]) -> Option<Scatter> {
+        let s = match &self.lobes {
+            Lobes::Diffuse { albedo } => Some(diffuse::sample(*albedo, u)),
+            Lobes::Conductor(lobe) => lobe.sample(self.wo, u),
+            Lobes::Principled(lobes) => lobes.sample(self.wo, u),
+        }?;
+        let wi = self.frame[0] * s.wi.x + self.frame[1] * s.wi.y + self.frame[2] * s.wi.z;
+        let transmitted = s.wi.z < 0.0;
+        if (self.ng.dot(wi) < 0.0) != transmitted || !(s.weight.max_element() > 0.0) {
+            return None;
+        }
+        Some(Scatter { wi, weight: s.weight, pdf: s.pdf, specular: s.specular, transmitted, disperses: s.disperses })
+    }
+}

@@ -1,0 +1,88 @@
+//! Metals by their complex index of refraction, smooth or rough (GGX).
+
+use super::bsdf::LocalScatter;
+use super::energy::mirror_albedo;
+use super::microfacet::{SMOOTH, fresnel_conductor, ggx_d, ggx_g1, ggx_g2, reflect, sample_visible_normal};
+use crate::shape::Surface;
+use diopter_light::{Sampled, Spectrum, Wavelengths};
+use glam::{Vec3, Vec4};
+
+/// A metal.
+#[derive(Clone, Debug)]
+pub struct Conductor {
+    /// Index of refraction n(λ).
+    pub n: Spectrum,
+    /// Extinction coefficient k(λ).
+    pub k: Spectrum,
+    /// Width of the GGX distribution (the square of glTF's roughness); below 0.001 a mirror.
+    pub alpha: f32,
+    /// What happens to light that meets several facets.
+    pub bounces: FacetBounces,
+}
+
+/// Light that bounces between the facets of a rough surface.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum FacetBounces {
+    /// Given back (Turquin 2019): a white metal reflects everything.
+    Compensated,
+    /// Lost, as in renderers with plain single scattering; to compare with them.
+    Lost,
+}
+
+impl Conductor {
+    pub(super) fn at(&self, _: &Surface, wavelengths: &Wavelengths) -> ConductorLobe {
+        let (n, k) = (self.n.sample(wavelengths), self.k.sample(wavelengths));
+        ConductorLobe { n, k, alpha: self.alpha, bounces: self.bounces }
+    }
+
+    /// Reflectance at normal incidence near the sRGB primaries (611, 549, 464 nm).
+    pub fn normal_reflectance(&self) -> Vec3 {
+        let at = |s: &Spectrum| Vec4::from_array([611.0, 549.0, 464.0, 549.0].map(|nm| s.at(nm)));
+        fresnel_conductor(1.0, at(&self.n), at(&self.k)).truncate()
+    }
+}
+
+pub(super) struct ConductorLobe {
+    n: Sampled,
+    k: Sampled,
+    alpha: f32,
+    bounces: FacetBounces,
+}
+
+impl ConductorLobe {
+    /// Fresnel reflectance, with what bounces between facets.
+    fn reflectance(&self, wo: Vec3, h: Vec3) -> Sampled {
+        let f = fresnel_conductor(wo.dot(h), self.n, self.k);
+        if self.bounces == FacetBounces::Lost || self.alpha < SMOOTH {
+            return f;
+        }
+        let e = mirror_albedo().at(wo.z, self.alpha.sqrt());
+        f * (Sampled::ONE + fresnel_conductor(1.0, self.n, self.k) * ((1.0 - e) / e))
+    }
+
+    pub(super) fn eval(&self, wo: Vec3, wi: Vec3) -> (Sampled, f32) {
+        if wi.z <= 0.0 || self.alpha < SMOOTH {
+            return (Sampled::ZERO, 0.0);
+        }
+        let h = (wo + wi).normalize();
+        let d = ggx_d(h, self.alpha) / (4.0 * wo.z);
+        (self.reflectance(wo, h) * (d * ggx_g2(wo, wi, self.alpha)), d * ggx_g1(wo, self.alpha))
+    }
+
+    pub(super) fn sample(&self, wo: Vec3, u: [f32; 4]) -> Option<LocalScatter> {
+        if self.alpha < SMOOTH {
+            let wi = Vec3::new(-wo.x, -wo.y, wo.z);
+            let weight = fresnel_conductor(wo.z, self.n, self.k);
+            return Some(LocalScatter { wi, weight, pdf: 1.0, specular: true, disperses: false });
+        }
+        let h = sample_visible_normal(wo, self.alpha, [u[0], u[1]]);
+        let wi = reflect(wo, h);
+        if wi.z <= 0.0 {
+            return None;
+        }
+        let g1 = ggx_g1(wo, self.alpha);
+        let weight = self.reflectance(wo, h) * (ggx_g2(wo, wi, self.alpha) / g1);
+        let pdf = g1 * ggx_d(h, self.alpha) / (4.0 * wo.z);
+        Some(LocalScatter { wi, weight, pdf, specular: false, disperses: false })
+    }
+}

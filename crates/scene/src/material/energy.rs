@@ -1,0 +1,165 @@
+//! How much light a rough interface hands on when each ray meets it only once, tabulated.
+//!
+//! Single-scattering microfacet models lose what would bounce between facets. We divide that loss out (Turquin 2019) and
+//! let what a layer does not reflect reach the layer below (Kulla & Conty 2017). Both need the directional albedo E(μ, r),
+//! μ the cosine of the angle of incidence, r = √α. Tables are integrated once with visible-normal sampling.
+
+use super::microfacet::{fresnel_dielectric, ggx_g1, ggx_g2, reflect, refract, sample_visible_normal};
+use glam::Vec3;
+use std::sync::{Arc, Mutex, OnceLock};
+
+/// Nodes of each axis of a table.
+const NODES: usize = 32;
+/// Square root of the number of integration points a node.
+const POINTS: usize = 12;
+/// Roughness below which a table is not integrated but a mirror.
+const FIRST_ROUGHNESS: f32 = 1e-2;
+
+/// A function of (√μ, roughness) on a regular grid, bilinear.
+#[derive(Clone, Debug)]
+pub struct Table(Vec<f32>);
+
+impl Table {
+    fn new(f: impl Fn(f32, f32) -> f32) -> Self {
+        let node = |i: usize| i as f32 / (NODES - 1) as f32;
+        Table((0..NODES * NODES).map(|n| f(node(n % NODES).powi(2).max(1e-4), node(n / NODES))).collect())
+    }
+
+    /// Value at a cosine and a roughness √α.
+    #[inline]
+    pub fn at(&self, mu: f32, roughness: f32) -> f32 {
+        let place = |x: f32| {
+            let x = x.clamp(0.0, 1.0) * (NODES - 1) as f32;
+            let i = (x as usize).min(NODES - 2);
+            (i, x - i as f32)
+        };
+        let ((i, fx), (j, fy)) = (place(mu.max(0.0).sqrt()), place(roughness));
+        let t = &self.0[j * NODES + i..];
+        let (low, high) = (t[0] + (t[1] - t[0]) * fx, t[NODES] + (t[NODES + 1] - t[NODES]) * fx);
+        low + (high - low) * fy
+    }
+
+    /// ∫ 2μ E dμ at a roughness: the albedo under light from everywhere.
+    fn average(&self) -> Vec<f32> {
+        let n = 64;
+        (0..NODES)
+            .map(|j| {
+                let r = j as f32 / (NODES - 1) as f32;
+                (0..n).map(|i| { let mu = (i as f32 + 0.5) / n as f32; 2.0 * mu * self.at(mu, r) / n as f32 }).sum()
+            })
+            .collect()
+    }
+}
+
+/// Mean of `weight(wo, h)` over visible normals h.
+fn integrate(mu: f32, alpha: f32, weight: impl Fn(Vec3, Vec3) -> f32) -> f32 {
+    let wo = Vec3::new((1.0 - mu * mu).max(0.0).sqrt(), 0.0, mu);
+    let mut sum = 0.0;
+    for i in 0..POINTS {
+        for j in 0..POINTS {
+            // A rank-1 lattice keeps both numbers stratified.
+            let k = i * POINTS + j;
+            let n = (POINTS * POINTS) as f32;
+            let u = [(k as f32 + 0.5) / n, (k as f32 * 0.618_034 + 0.5).fract()];
+            sum += weight(wo, sample_visible_normal(wo, alpha, u));
+        }
+    }
+    sum / (POINTS * POINTS) as f32
+}
+
+fn reflected(wo: Vec3, h: Vec3, alpha: f32) -> f32 {
+    let wi = reflect(wo, h);
+    if wi.z > 0.0 { ggx_g2(wo, wi, alpha) / ggx_g1(wo, alpha) } else { 0.0 }
+}
+
+fn transmitted(wo: Vec3, h: Vec3, eta: f32, alpha: f32) -> f32 {
+    match refract(wo, h, eta) {
+        Some(wi) if wi.z < 0.0 => ggx_g2(wo, Vec3::new(wi.x, wi.y, -wi.z), alpha) / ggx_g1(wo, alpha),
+        _ => 0.0,
+    }
+}
+
+/// E(μ, r) of a perfectly reflecting rough surface.
+pub fn mirror_albedo() -> &'static Table {
+    static TABLE: OnceLock<Table> = OnceLock::new();
+    TABLE.get_or_init(|| {
+        Table::new(|mu, r| {
+            let r = r.max(FIRST_ROUGHNESS);
+            integrate(mu, r * r, |wo, h| reflected(wo, h, r * r))
+        })
+    })
+}
+
+/// What a rough interface of relative index `eta` does with light.
+#[derive(Debug)]
+pub struct Interface {
+    /// Reflected share, seen from outside.
+    pub reflected: Table,
+    /// Mean of `reflected` under light from everywhere, by roughness.
+    average: Vec<f32>,
+    /// Reflected and transmitted share, seen from outside.
+    pub outside: Table,
+    /// Reflected and transmitted share, seen from inside.
+    pub inside: Table,
+}
+
+impl Interface {
+    fn new(eta: f32) -> Self {
+        let both = |eta: f32| {
+            Table::new(move |mu, r| {
+                let r = r.max(FIRST_ROUGHNESS);
+                let alpha = r * r;
+                integrate(mu, alpha, |wo, h| {
+                    let f = fresnel_dielectric(wo.dot(h), eta);
+                    f * reflected(wo, h, alpha) + (1.0 - f) * transmitted(wo, h, eta, alpha)
+                })
+            })
+        };
+        let reflected = Table::new(|mu, r| {
+            if r < FIRST_ROUGHNESS {
+                return fresnel_dielectric(mu, eta);
+            }
+            integrate(mu, r * r, |wo, h| fresnel_dielectric(wo.dot(h), eta) * reflected(wo, h, r * r))
+        });
+        let average = reflected.average();
+        Interface { reflected, average, outside: both(eta), inside: both(1.0 / eta) }
+    }
+
+    /// The tables of an index; made once for each index in the program.
+    pub fn of(eta: f32) -> Arc<Interface> {
+        static KNOWN: Mutex<Vec<(u32, Arc<Interface>)>> = Mutex::new(Vec::new());
+        let mut known = KNOWN.lock().unwrap_or_else(|e| e.into_inner());
+        if let Some((_, tables)) = known.iter().find(|(bits, _)| *bits == eta.to_bits()) {
+            return tables.clone();
+        }
+        let tables = Arc::new(Interface::new(eta));
+        known.push((eta.to_bits(), tables.clone()));
+        tables
+    }
+
+    /// Mean reflected share under light from everywhere.
+    #[inline]
+    pub fn average_reflected(&self, roughness: f32) -> f32 {
+        let x = roughness.clamp(0.0, 1.0) * (NODES - 1) as f32;
+        let i = (x as usize).min(NODES - 2);
+        self.average[i] + (self.average[i + 1] - self.average[i]) * (x - i as f32)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn smooth_surfaces_lose_nothing_and_rough_ones_much() {
+        assert!((mirror_albedo().at(0.7, 0.1) - 1.0).abs() < 0.01);
+        // α = 1 at normal incidence: D = 1/π and G2 = 2 − 1/cos²h give E = 1 − ln 2 in closed form.
+        let rough = mirror_albedo().at(1.0, 1.0);
+        assert!((rough - (1.0 - 2f32.ln())).abs() < 4e-3, "{rough}");
+        let glass = Interface::of(1.5);
+        assert!((glass.outside.at(0.8, 0.05) - 1.0).abs() < 0.01);
+        assert!((glass.reflected.at(1.0, 0.0) - 0.04).abs() < 1e-3);
+        // Mean Fresnel reflectance of n = 1.5 under diffuse light: 0.0918 (Judd 1942).
+        assert!((glass.average_reflected(0.0) - 0.0918).abs() < 2e-3, "{}", glass.average_reflected(0.0));
+    }
+}

@@ -1,0 +1,205 @@
+//! Fresnel equations and the GGX distribution of normals, in a frame whose +z is the macroscopic normal.
+//!
+//! Sources: Walter et al. 2007 (refraction), Heitz 2014 (height-correlated shadowing), Dupuy & Benyoub 2023, "Sampling
+//! Visible GGX Normals with Spherical Caps", Turquin 2019, "Practical multiple scattering compensation for microfacet
+//! models". `alpha` is the width of the distribution (the square of glTF's roughness).
+
+use diopter_light::Sampled;
+use glam::Vec3;
+use std::f32::consts::{PI, TAU};
+
+/// Below this width a surface is treated as a perfect mirror.
+pub const SMOOTH: f32 = 1e-3;
+
+/// Reflectance of a dielectric interface for unpolarised light; `eta` = n beyond / n on the side of `cos_i` > 0.
+#[inline]
+pub fn fresnel_dielectric(cos_i: f32, eta: f32) -> f32 {
+    let cos_i = cos_i.abs().min(1.0);
+    let sin2_t = (1.0 - cos_i * cos_i) / (eta * eta);
+    if sin2_t >= 1.0 {
+        return 1.0;
+    }
+    let cos_t = (1.0 - sin2_t).sqrt();
+    let parallel = (eta * cos_i - cos_t) / (eta * cos_i + cos_t);
+    let perpendicular = (cos_i - eta * cos_t) / (cos_i + eta * cos_t);
+    0.5 * (parallel * parallel + perpendicular * perpendicular)
+}
+
+/// Reflectance of a conductor n + ik against air for unpolarised light, at four wavelengths. Source: PBR 9.3.6.
+#[inline]
+pub fn fresnel_conductor(cos_i: f32, n: Sampled, k: Sampled) -> Sampled {
+    let c = cos_i.clamp(0.0, 1.0);
+    let (c2, s2) = (c * c, 1.0 - c * c);
+    let (n2, k2) = (n * n, k * k);
+    let t0 = n2 - k2 - s2;
+    let a2b2 = sqrt(t0 * t0 + n2 * k2 * 4.0);
+    let t1 = a2b2 + c2;
+    let a = sqrt(((a2b2 + t0) * 0.5).max(Sampled::ZERO));
+    let t2 = a * (2.0 * c);
+    let rs = (t1 - t2) / (t1 + t2);
+    let t3 = a2b2 * c2 + s2 * s2;
+    let t4 = t2 * s2;
+    let rp = rs * (t3 - t4) / (t3 + t4);
+    (rs + rp) * 0.5
+}
+
+fn sqrt(v: Sampled) -> Sampled {
+    Sampled::new(v.x.sqrt(), v.y.sqrt(), v.z.sqrt(), v.w.sqrt())
+}
+
+/// Schlick's reflectance with `f0` at normal incidence and 1 at grazing.
+#[inline]
+pub fn fresnel_schlick(cos_i: f32, f0: Sampled) -> Sampled {
+    let m = (1.0 - cos_i).clamp(0.0, 1.0);
+    let m5 = (m * m) * (m * m) * m;
+    f0 + (Sampled::ONE - f0) * m5
+}
+
+/// Density of normals D(h).
+#[inline]
+pub fn ggx_d(h: Vec3, alpha: f32) -> f32 {
+    let a2 = alpha * alpha;
+    let t = h.x * h.x + h.y * h.y + a2 * h.z * h.z;
+    a2 / (PI * t * t)
+}
+
+#[inline]
+fn lambda(w: Vec3, alpha: f32) -> f32 {
+    let z2 = w.z * w.z;
+    if z2 == 0.0 {
+        return f32::INFINITY;
+    }
+    0.5 * ((1.0 + alpha * alpha * (w.x * w.x + w.y * w.y) / z2).sqrt() - 1.0)
+}
+
+/// Share of microfacets with normal in the half space of `w` that are visible from it.
+#[inline]
+pub fn ggx_g1(w: Vec3, alpha: f32) -> f32 {
+    1.0 / (1.0 + lambda(w, alpha))
+}
+
+/// Share visible from both, height-correlated.
+#[inline]
+pub fn ggx_g2(wo: Vec3, wi: Vec3, alpha: f32) -> f32 {
+    1.0 / (1.0 + lambda(wo, alpha) + lambda(wi, alpha))
+}
+
+/// Normal drawn in proportion to its visibility from `wo` (z > 0); density `G1 D max(wo·h, 0) / wo.z`.
+#[inline]
+pub fn sample_visible_normal(wo: Vec3, alpha: f32, u: [f32; 2]) -> Vec3 {
+    let v = Vec3::new(wo.x * alpha, wo.y * alpha, wo.z).normalize();
+    let phi = TAU * u[0];
+    let z = (1.0 - u[1]) * (1.0 + v.z) - v.z;
+    let r = (1.0 - z * z).clamp(0.0, 1.0).sqrt();
+    let h = Vec3::new(r * phi.cos(), r * phi.sin(), z) + v;
+    Vec3::new(h.x * alpha, h.y * alpha, h.z.max(1e-7)).normalize()
+}
+
+/// Density of [`sample_visible_normal`].
+#[inline]
+pub fn visible_normal_pdf(wo: Vec3, h: Vec3, alpha: f32) -> f32 {
+    ggx_g1(wo, alpha) * ggx_d(h, alpha) * wo.dot(h).max(0.0) / wo.z.abs().max(1e-7)
+}
+
+/// Mirror direction of `w` about `h`.
+#[inline]
+pub fn reflect(w: Vec3, h: Vec3) -> Vec3 {
+    h * (2.0 * w.dot(h)) - w
+}
+
+/// Direction of `w` refracted about `h` (w·h > 0) into a medium of relative index `eta`; `None` under total reflection.
+#[inline]
+pub fn refract(w: Vec3, h: Vec3, eta: f32) -> Option<Vec3> {
+    let cos_i = w.dot(h);
+    let sin2_t = (1.0 - cos_i * cos_i).max(0.0) / (eta * eta);
+    if sin2_t >= 1.0 {
+        return None;
+    }
+    let cos_t = (1.0 - sin2_t).sqrt();
+    Some(h * (cos_i / eta - cos_t) - w / eta)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use diopter_light::sampling;
+
+    #[test]
+    fn fresnel_has_its_textbook_values() {
+        assert!((fresnel_dielectric(1.0, 1.5) - 0.04).abs() < 1e-6);
+        assert!(fresnel_dielectric(0.0, 1.5) > 0.999);
+        // Brewster's angle: p-polarised light vanishes, so R = Rs/2.
+        let brewster = 1.5f32.atan().cos();
+        let rs = ((1.0 - 2.25f32) / (1.0 + 2.25)).powi(2);
+        assert!((fresnel_dielectric(brewster, 1.5) - rs / 2.0).abs() < 1e-5);
+        // Inside glass beyond the critical angle.
+        assert_eq!(fresnel_dielectric(0.5, 1.0 / 1.5), 1.0);
+        // A conductor without absorption is a dielectric.
+        let f = fresnel_conductor(0.4, Sampled::splat(1.5), Sampled::ZERO);
+        assert!((f.x - fresnel_dielectric(0.4, 1.5)).abs() < 1e-5);
+    }
+
+    #[test]
+    fn projected_normals_integrate_to_one() {
+        // ∫ D(h) cos h dh = 1, in the projected hemisphere.
+        for alpha in [0.05, 0.3, 1.0] {
+            let n = 600;
+            let mut sum = 0.0;
+            for i in 0..n {
+                for j in 0..n {
+                    let h = sampling::cosine_hemisphere([(i as f32 + 0.5) / n as f32, (j as f32 + 0.5) / n as f32]);
+                    sum += (ggx_d(h, alpha) * PI) as f64;
+                }
+            }
+            let integral = sum / (n * n) as f64;
+            assert!((integral - 1.0).abs() < 0.02, "α {alpha}: {integral}");
+        }
+    }
+
+    #[test]
+    fn visible_normals_follow_their_density() {
+        // χ² over 12 × 24 bins of (cos θ, φ); the expected counts by midpoint integration within each bin.
+        for (cos_o, alpha) in [(0.9f32, 0.2f32), (0.4, 0.6), (0.1, 1.0)] {
+            let wo = Vec3::new((1.0 - cos_o * cos_o).sqrt(), 0.0, cos_o);
+            let (nz, nphi, draws) = (12, 24, 200);
+            let mut counts = vec![0.0f64; nz * nphi];
+            for i in 0..draws {
+                for j in 0..draws {
+                    let s = diopter_light::random::mix(i * draws + j);
+                    let u = [diopter_light::random::to_unit(s), diopter_light::random::to_unit(diopter_light::random::mix(s ^ 77))];
+                    let h = sample_visible_normal(wo, alpha, u);
+                    let phi = h.y.atan2(h.x).rem_euclid(TAU);
+                    counts[((h.z * nz as f32) as usize).min(nz - 1) * nphi + ((phi / TAU * nphi as f32) as usize).min(nphi - 1)] += 1.0;
+                }
+            }
+            let (mut chi2, mut bins) = (0.0, 0);
+            let sub = 40;
+            for (b, count) in counts.iter().enumerate() {
+                let mut p = 0.0;
+                for a in 0..sub {
+                    for c in 0..sub {
+                        let z = ((b / nphi) as f32 + (a as f32 + 0.5) / sub as f32) / nz as f32;
+                        let phi = ((b % nphi) as f32 + (c as f32 + 0.5) / sub as f32) / nphi as f32 * TAU;
+                        let r = (1.0 - z * z).sqrt();
+                        p += visible_normal_pdf(wo, Vec3::new(r * phi.cos(), r * phi.sin(), z), alpha) as f64;
+                    }
+                }
+                let expected = p / (sub * sub) as f64 * TAU as f64 / (nz * nphi) as f64 * (draws * draws) as f64;
+                if expected > 5.0 {
+                    chi2 += (count - expected).powi(2) / expected;
+                    bins += 1;
+                }
+            }
+            let nu = bins as f64;
+            assert!(chi2 < nu + 4.0 * (2.0 * nu).sqrt() + 8.0, "cos {cos_o} α {alpha}: χ² {chi2} of {nu} bins");
+        }
+    }
+
+    #[test]
+    fn refraction_obeys_snell() {
+        let w = Vec3::new(0.6, 0.0, 0.8);
+        let t = refract(w, Vec3::Z, 1.5).unwrap();
+        assert!((t.x + 0.4).abs() < 1e-6 && t.z < 0.0 && (t.length() - 1.0).abs() < 1e-6);
+        assert!(refract(Vec3::new(0.8, 0.0, 0.6), Vec3::Z, 1.0 / 1.5).is_none());
+    }
+}

@@ -1,0 +1,189 @@
+//! What surfaces are made of: descriptions ([`Material`]) that become scattering functions ([`Bsdf`]) at a point.
+//!
+//! One file a family: [`diffuse`], [`conductor`] (measured n and k), [`principled`] (glTF's metallic-roughness with
+//! transmission, volume and clear coat; also clear glass). Shared physics: [`microfacet`], [`energy`].
+
+pub mod bsdf;
+pub mod conductor;
+pub mod diffuse;
+pub mod energy;
+pub mod microfacet;
+pub mod principled;
+
+pub use bsdf::{Bsdf, Scatter};
+pub use conductor::Conductor;
+pub use principled::{Absorption, Principled, Transmission};
+
+use crate::shape::Surface;
+use crate::texture::{Color, Scalar, Texture};
+use diopter_light::{Sampled, Spectrum, Wavelengths};
+use glam::{Vec2, Vec3};
+
+/// A surface's appearance.
+#[derive(Clone, Debug)]
+pub struct Material {
+    /// For messages.
+    pub name: String,
+    /// How it scatters.
+    pub scattering: Scattering,
+    /// Light it sends out by itself.
+    pub emission: Option<Emission>,
+    /// Bumps: an image of tangent-space normals and its strength.
+    pub normal_map: Option<(Texture, f32)>,
+    /// Holes.
+    pub coverage: Coverage,
+}
+
+/// The families of scattering.
+#[derive(Clone, Debug)]
+pub enum Scattering {
+    /// Absorbs everything.
+    Black,
+    /// Lambertian reflection, both sides.
+    Diffuse(Color),
+    /// A metal by its optical constants.
+    Conductor(Conductor),
+    /// glTF's material model.
+    Principled(Box<Principled>),
+}
+
+/// Light sent out by a surface, the same in all directions.
+#[derive(Clone, Debug)]
+pub struct Emission {
+    /// How much and of which colour.
+    pub radiance: EmissionColor,
+    /// Whether the back shines too.
+    pub two_sided: bool,
+    /// Whether lamps of this kind are worth aiming at: an unlit surface only shows its colour.
+    pub is_light: bool,
+}
+
+/// Spectral radiance of an emitter.
+#[derive(Clone, Debug)]
+pub enum EmissionColor {
+    /// W·m⁻²·sr⁻¹·nm⁻¹.
+    Constant(Spectrum),
+    /// Linear sRGB in cd/m²: an image times a factor.
+    Textured {
+        /// Multiplies the image, cd/m².
+        factor: Vec3,
+        /// The image.
+        texture: Texture,
+    },
+}
+
+impl Emission {
+    /// A lamp of a spectrum (W·m⁻²·sr⁻¹·nm⁻¹), front side only.
+    pub fn one_sided(radiance: Spectrum) -> Self {
+        Emission { radiance: EmissionColor::Constant(radiance), two_sided: false, is_light: true }
+    }
+
+    /// Radiance at texture coordinates.
+    #[inline]
+    pub fn sample(&self, uv: &[Vec2; 2], wavelengths: &Wavelengths) -> Sampled {
+        match &self.radiance {
+            EmissionColor::Constant(spectrum) => spectrum.sample(wavelengths),
+            EmissionColor::Textured { factor, texture } => {
+                Spectrum::light_from_rgb(*factor * texture.at(uv).truncate()).sample(wavelengths)
+            }
+        }
+    }
+
+    /// Luminance at texture coordinates, cd/m².
+    pub fn luminance(&self, uv: &[Vec2; 2]) -> f32 {
+        match &self.radiance {
+            EmissionColor::Constant(spectrum) => diopter_light::color::luminance(|nm| spectrum.at(nm)) as f32,
+            EmissionColor::Textured { factor, texture } => {
+                (*factor * texture.at(uv).truncate()).dot(Vec3::new(0.2126, 0.7152, 0.0722))
+            }
+        }
+    }
+}
+
+/// Where a surface is there at all.
+#[derive(Clone, Debug)]
+pub enum Coverage {
+    /// Everywhere.
+    Full,
+    /// Where the number reaches the cut-off.
+    Mask {
+        /// Coverage.
+        alpha: Scalar,
+        /// Least coverage that counts.
+        cutoff: f32,
+    },
+    /// With this probability.
+    Blend(Scalar),
+}
+
+impl Coverage {
+    /// Whether a ray that drew the number `u` meets the surface at these texture coordinates; `vertex_alpha` multiplies.
+    pub fn accepts(&self, uv: &[Vec2; 2], vertex_alpha: f32, u: f32) -> bool {
+        match self {
+            Coverage::Full => true,
+            Coverage::Mask { alpha, cutoff } => alpha.at_uv(uv) * vertex_alpha >= *cutoff,
+            Coverage::Blend(alpha) => u < alpha.at_uv(uv) * vertex_alpha,
+        }
+    }
+}
+
+impl Material {
+    /// A plain material without emission, bumps or holes.
+    pub fn new(name: &str, scattering: Scattering) -> Self {
+        Material { name: name.into(), scattering, emission: None, normal_map: None, coverage: Coverage::Full }
+    }
+
+    /// A black lamp.
+    pub fn lamp(name: &str, radiance: Spectrum) -> Self {
+        Material { emission: Some(Emission::one_sided(radiance)), ..Material::new(name, Scattering::Black) }
+    }
+
+    /// Shading normal at a point, with the normal map applied; on the same side as `surface.ns`.
+    fn shading_normal(&self, surface: &Surface) -> Vec3 {
+        let Some((texture, scale)) = &self.normal_map else { return surface.ns };
+        let tangent = surface.tangent - surface.ns * surface.tangent.dot(surface.ns);
+        if tangent.length_squared() == 0.0 {
+            return surface.ns;
+        }
+        let tangent = tangent.normalize();
+        let bitangent = surface.ns.cross(tangent) * surface.handedness;
+        let n = texture.at(&surface.uv).truncate() * 2.0 - 1.0;
+        let n = tangent * (n.x * scale) + bitangent * (n.y * scale) + surface.ns * n.z;
+        n.try_normalize().unwrap_or(surface.ns)
+    }
+
+    /// The scattering function at a point seen from direction `wo` (unit, away from the surface). `None` where the surface
+    /// only absorbs. `hero_only`: the path has lost its secondary wavelengths to dispersion.
+    pub fn bsdf(&self, surface: &Surface, wo: Vec3, wavelengths: &Wavelengths, hero_only: bool) -> Option<Bsdf<'_>> {
+        let lobes = match &self.scattering {
+            Scattering::Black => return None,
+            Scattering::Diffuse(color) => bsdf::Lobes::Diffuse { albedo: color.sample(surface, wavelengths) },
+            Scattering::Conductor(conductor) => bsdf::Lobes::Conductor(conductor.at(surface, wavelengths)),
+            Scattering::Principled(principled) => {
+                bsdf::Lobes::Principled(principled.at(surface, wo, wavelengths, hero_only))
+            }
+        };
+        Some(Bsdf::new(lobes, surface, self.shading_normal(surface), wo))
+    }
+
+    /// Share of white light reflected or passed on, linear sRGB: for the albedo plane.
+    pub fn albedo(&self, surface: &Surface) -> Vec3 {
+        match &self.scattering {
+            Scattering::Black => Vec3::ZERO,
+            Scattering::Diffuse(color) => color.linear_srgb(surface),
+            Scattering::Conductor(conductor) => conductor.normal_reflectance(),
+            Scattering::Principled(principled) => principled.base_color.linear_srgb(surface),
+        }
+    }
+
+    /// Absorption within the body behind the surface, if it has one.
+    pub fn absorption(&self) -> Option<&Absorption> {
+        match &self.scattering {
+            Scattering::Principled(p) => match &p.kind {
+                Transmission::Solid(absorption) => absorption.as_ref(),
+                Transmission::Thin => None,
+            },
+            _ => None,
+        }
+    }
+}

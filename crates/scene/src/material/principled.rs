@@ -1,0 +1,336 @@
+//! glTF's material model: metal or dielectric, the dielectric over a diffuse base or transparent, a clear coat above all.
+//!
+//! Lobes: specular reflection (GGX; metal with Schlick's Fresnel, dielectric with the exact one), diffuse base, transmission
+//! (thin: straight through, blurred by roughness; solid: refraction), clear coat. What a layer reflects, the layers below
+//! do not get; what single scattering loses between facets is given back ([`super::energy`]). A white material therefore
+//! neither gains nor loses light. Source: Khronos glTF 2.0 §3.9 and appendix B; KHR_materials_ior, _transmission, _volume,
+//! _clearcoat. We depart from appendix B in the exact Fresnel term and in the energy compensation.
+
+use super::bsdf::LocalScatter;
+use super::energy::{Interface, mirror_albedo};
+use super::microfacet::{
+    SMOOTH, fresnel_dielectric, fresnel_schlick, ggx_d, ggx_g1, ggx_g2, reflect, refract, sample_visible_normal,
+    visible_normal_pdf,
+};
+use crate::shape::Surface;
+use crate::texture::{Color, Scalar};
+use diopter_light::upsample::Sigmoid;
+use diopter_light::{Sampled, Spectrum, Wavelengths, sampling};
+use glam::Vec3;
+use std::f32::consts::FRAC_1_PI;
+use std::sync::Arc;
+
+/// What is behind a transmitting surface.
+#[derive(Clone, Debug)]
+pub enum Transmission {
+    /// The surface is a thin sheet: light goes straight on.
+    Thin,
+    /// The surface bounds a body, which may absorb.
+    Solid(Option<Absorption>),
+}
+
+/// Absorption of a body: after `distance_m`, white light has the colour `color`.
+#[derive(Clone, Debug)]
+pub struct Absorption {
+    /// Colour at the distance.
+    pub color: Sigmoid,
+    /// Metres.
+    pub distance_m: f32,
+}
+
+impl Absorption {
+    /// Share of light left after `t` metres. Source: Beer-Lambert law; KHR_materials_volume.
+    pub fn transmittance(&self, t: f32, wavelengths: &Wavelengths) -> Sampled {
+        let c = self.color.sample(wavelengths).max(Sampled::splat(1e-6));
+        Sampled::from_array(c.to_array().map(|c| c.powf(t / self.distance_m)))
+    }
+}
+
+/// Parameters of the model.
+#[derive(Clone, Debug)]
+pub struct Principled {
+    /// Albedo of the base, reflectance of the metal, tint of transmission.
+    pub base_color: Color,
+    /// 0 dielectric, 1 metal.
+    pub metallic: Scalar,
+    /// √α of the GGX distribution.
+    pub roughness: Scalar,
+    /// Index of refraction of the dielectric.
+    pub ior: f32,
+    /// Index over wavelength, where transmitted light is to be dispersed; reflectances use `ior`.
+    pub dispersion: Option<Spectrum>,
+    /// Share of the base that transmits.
+    pub transmission: Scalar,
+    /// What is behind.
+    pub kind: Transmission,
+    /// Strength of the clear coat (index 1.5).
+    pub clearcoat: Scalar,
+    /// √α of the coat.
+    pub clearcoat_roughness: Scalar,
+    interface: Arc<Interface>,
+    coat: Arc<Interface>,
+}
+
+const COAT_IOR: f32 = 1.5;
+
+impl Principled {
+    /// A dielectric of an index with a diffuse base of a colour, fully rough; change what differs.
+    pub fn new(base_color: Color, ior: f32) -> Self {
+        let ior = ior.max(1.0001);
+        Principled {
+            base_color,
+            metallic: Scalar::Constant(0.0),
+            roughness: Scalar::Constant(1.0),
+            ior,
+            dispersion: None,
+            transmission: Scalar::Constant(0.0),
+            kind: Transmission::Thin,
+            clearcoat: Scalar::Constant(0.0),
+            clearcoat_roughness: Scalar::Constant(0.0),
+            interface: Interface::of(ior),
+            coat: Interface::of(COAT_IOR),
+        }
+    }
+
+    /// Clear, smooth glass of an index: a solid body.
+    pub fn glass(ior: f32, absorption: Option<Absorption>) -> Self {
+        Principled {
+            roughness: Scalar::Constant(0.0),
+            transmission: Scalar::Constant(1.0),
+            kind: Transmission::Solid(absorption),
+            ..Principled::new(Color::rgb(1.0, 1.0, 1.0), ior)
+        }
+    }
+
+    pub(super) fn at(&self, surface: &Surface, wo: Vec3, wavelengths: &Wavelengths, hero_only: bool) -> PrincipledLobes<'_> {
+        let solid = matches!(self.kind, Transmission::Solid(_));
+        let mut transmission = self.transmission.at(surface).clamp(0.0, 1.0);
+        let inside = solid && transmission > 0.0 && surface.ng.dot(wo) < 0.0;
+        let mut metallic = self.metallic.at(surface).clamp(0.0, 1.0);
+        if inside {
+            (transmission, metallic) = (1.0, 0.0);
+        }
+        let relative = |n: f32| if inside { 1.0 / n } else { n };
+        let (eta, dispersive) = match &self.dispersion {
+            Some(n) if solid && transmission > 0.0 => (relative(n.at(wavelengths.nm.x)), !hero_only),
+            _ => (relative(self.ior), false),
+        };
+        let roughness = self.roughness.at(surface).clamp(0.0, 1.0);
+        PrincipledLobes {
+            base: self.base_color.sample(surface, wavelengths),
+            metallic,
+            roughness,
+            alpha: roughness * roughness,
+            transmission,
+            solid,
+            inside,
+            bend: eta,
+            eta: relative(self.ior),
+            dispersive,
+            coat: if inside { 0.0 } else { self.clearcoat.at(surface).clamp(0.0, 1.0) },
+            coat_roughness: self.clearcoat_roughness.at(surface).clamp(0.04, 1.0),
+            interface: &self.interface,
+            coat_interface: &self.coat,
+        }
+    }
+}
+
+/// The model at a point.
+pub(super) struct PrincipledLobes<'a> {
+    base: Sampled,
+    metallic: f32,
+    roughness: f32,
+    alpha: f32,
+    transmission: f32,
+    solid: bool,
+    inside: bool,
+    /// Relative index by which the hero wavelength is bent.
+    bend: f32,
+    /// Relative index for reflectances.
+    eta: f32,
+    dispersive: bool,
+    coat: f32,
+    coat_roughness: f32,
+    interface: &'a Interface,
+    coat_interface: &'a Interface,
+}
+
+/// What depends on the direction of view only.
+struct View {
+    /// Share the dielectric layer reflects.
+    reflected: f32,
+    /// Factor that gives back what single scattering loses: metal, solid glass.
+    metal_gain: Sampled,
+    glass_gain: f32,
+    /// What the coat lets through, and reflects.
+    below_coat: f32,
+    /// Probabilities of the lobes: specular, diffuse, transmission, coat.
+    choice: [f32; 4],
+}
+
+impl PrincipledLobes<'_> {
+    fn smooth(&self) -> bool {
+        self.alpha < SMOOTH
+    }
+
+    fn view(&self, wo: Vec3) -> View {
+        let mirror = if self.smooth() { 1.0 } else { mirror_albedo().at(wo.z, self.roughness) };
+        let reflected = match self.smooth() {
+            true => fresnel_dielectric(wo.z, self.eta),
+            false => self.interface.reflected.at(wo.z, self.roughness),
+        };
+        let glass = if self.smooth() || self.transmission == 0.0 || !self.solid {
+            1.0
+        } else if self.inside {
+            self.interface.inside.at(wo.z, self.roughness)
+        } else {
+            self.interface.outside.at(wo.z, self.roughness)
+        };
+        let coat_reflected = if self.coat > 0.0 { self.coat * self.coat_interface.reflected.at(wo.z, self.coat_roughness) } else { 0.0 };
+        let below_coat = 1.0 - coat_reflected;
+
+        let base = self.base.element_sum() * 0.25;
+        let dielectric = 1.0 - self.metallic;
+        let fresnel = fresnel_dielectric(wo.z, self.eta);
+        let (first, second) = if self.solid {
+            (reflected * (1.0 - self.transmission) + fresnel * self.transmission, 1.0 - fresnel)
+        } else {
+            (reflected, 1.0 - reflected)
+        };
+        let weights = [
+            below_coat * (self.metallic * base.max(0.04) + dielectric * first),
+            below_coat * dielectric * (1.0 - self.transmission) * (1.0 - reflected) * base,
+            below_coat * dielectric * self.transmission * second * base,
+            coat_reflected,
+        ];
+        let total: f32 = weights.iter().sum();
+        let choice = if total > 0.0 { weights.map(|w| w / total) } else { [1.0, 0.0, 0.0, 0.0] };
+        View {
+            reflected,
+            metal_gain: Sampled::ONE + self.base * ((1.0 - mirror) / mirror),
+            glass_gain: 1.0 / glass.max(1e-3),
+            below_coat,
+            choice,
+        }
+    }
+
+    /// Reflectance of a facet, everything but the distribution of facets.
+    fn facet_reflectance(&self, view: &View, cos: f32) -> Sampled {
+        let solid = if self.solid { self.transmission } else { 0.0 };
+        let dielectric = fresnel_dielectric(cos, self.eta) * (1.0 - solid + solid * view.glass_gain);
+        (fresnel_schlick(cos, self.base) * view.metal_gain * self.metallic
+            + Sampled::splat((1.0 - self.metallic) * dielectric))
+            * view.below_coat
+    }
+
+    pub(super) fn eval(&self, wo: Vec3, wi: Vec3) -> (Sampled, f32) {
+        let view = self.view(wo);
+        self.eval_view(&view, wo, wi)
+    }
+
+    fn eval_view(&self, view: &View, wo: Vec3, wi: Vec3) -> (Sampled, f32) {
+        let [p_specular, p_diffuse, p_transmission, p_coat] = view.choice;
+        let (mut f, mut pdf) = (Sampled::ZERO, 0.0);
+        if wi.z > 0.0 {
+            let h = (wo + wi).normalize();
+            let cos = wo.dot(h);
+            if !self.smooth() {
+                let d = ggx_d(h, self.alpha) / (4.0 * wo.z);
+                f += self.facet_reflectance(view, cos) * (d * ggx_g2(wo, wi, self.alpha));
+                pdf += p_specular * d * ggx_g1(wo, self.alpha);
+            }
+            if p_diffuse > 0.0 {
+                let r = if self.smooth() { 0.0 } else { self.roughness };
+                let into = 1.0 - self.interface.reflected.at(wi.z, r);
+                let share = (1.0 - view.reflected) * into / (1.0 - self.interface.average_reflected(r));
+                let amount = view.below_coat * (1.0 - self.metallic) * (1.0 - self.transmission) * share;
+                f += self.base * (amount * wi.z * FRAC_1_PI);
+                pdf += p_diffuse * wi.z * FRAC_1_PI;
+            }
+            if p_coat > 0.0 {
+                let alpha = self.coat_roughness * self.coat_roughness;
+                let d = ggx_d(h, alpha) / (4.0 * wo.z);
+                f += Sampled::splat(self.coat * fresnel_dielectric(cos, COAT_IOR) * d * ggx_g2(wo, wi, alpha));
+                pdf += p_coat * d * ggx_g1(wo, alpha);
+            }
+        } else if p_transmission > 0.0 && !self.smooth() && wi.z < 0.0 {
+            let amount = view.below_coat * (1.0 - self.metallic) * self.transmission;
+            if self.solid {
+                let (value, density) = self.eval_refraction(wo, wi);
+                let only_hero = if self.dispersive { Sampled::new(4.0, 0.0, 0.0, 0.0) } else { Sampled::ONE };
+                f += self.base * only_hero * (amount * view.glass_gain * value);
+                pdf += p_transmission * density;
+            } else {
+                // A blurred view straight through: the mirror lobe folded to the other side.
+                let wi = Vec3::new(wi.x, wi.y, -wi.z);
+                let h = (wo + wi).normalize();
+                let d = ggx_d(h, self.alpha) / (4.0 * wo.z);
+                let gain = (1.0 - view.reflected) / mirror_albedo().at(wo.z, self.roughness);
+                f += self.base * (amount * gain * d * ggx_g2(wo, wi, self.alpha));
+                pdf += p_transmission * d * ggx_g1(wo, self.alpha);
+            }
+        }
+        (f, pdf)
+    }
+
+    /// (1 − F) D G … of rough refraction times cos θi, and its density. Source: Walter et al. 2007 eq. 21; PBR 9.7.
+    fn eval_refraction(&self, wo: Vec3, wi: Vec3) -> (f32, f32) {
+        let Some(h) = (wi * self.bend + wo).try_normalize() else { return (0.0, 0.0) };
+        let h = if h.z < 0.0 { -h } else { h };
+        let (cos_i, cos_o) = (wi.dot(h), wo.dot(h));
+        if cos_i * wi.z < 0.0 || cos_o * wo.z < 0.0 {
+            return (0.0, 0.0);
+        }
+        let denominator = (cos_i + cos_o / self.bend).powi(2);
+        let jacobian = cos_i.abs() / denominator;
+        let pdf = visible_normal_pdf(wo, h, self.alpha) * jacobian;
+        let g = ggx_g2(wo, Vec3::new(wi.x, wi.y, -wi.z), self.alpha);
+        let f = (1.0 - fresnel_dielectric(cos_o, self.eta)) * ggx_d(h, self.alpha) * g * (cos_i * cos_o / (wo.z * denominator)).abs();
+        // Radiance is squeezed into a smaller cone on the denser side: (n_i / n_t)² along the path from the camera.
+        (f / (self.bend * self.bend), pdf)
+    }
+
+    pub(super) fn sample(&self, wo: Vec3, u: [f32; 4]) -> Option<LocalScatter> {
+        let view = self.view(wo);
+        let [p_specular, p_diffuse, p_transmission, _] = view.choice;
+        let amount = view.below_coat * (1.0 - self.metallic) * self.transmission;
+        let direction = [u[0], u[1]];
+        let mut disperses = false;
+        let wi = if u[2] < p_specular {
+            if self.smooth() {
+                let wi = Vec3::new(-wo.x, -wo.y, wo.z);
+                let weight = self.facet_reflectance(&view, wo.z) / p_specular;
+                return Some(LocalScatter { wi, weight, pdf: p_specular, specular: true, disperses });
+            }
+            reflect(wo, sample_visible_normal(wo, self.alpha, direction))
+        } else if u[2] < p_specular + p_diffuse {
+            sampling::cosine_hemisphere(direction)
+        } else if u[2] < p_specular + p_diffuse + p_transmission {
+            disperses = self.dispersive && self.solid;
+            if self.smooth() {
+                let share = amount * (1.0 - fresnel_dielectric(wo.z, self.eta)) / p_transmission;
+                let (wi, scale) = match self.solid {
+                    true => (refract(wo, Vec3::Z, self.bend)?, 1.0 / (self.bend * self.bend)),
+                    false => (-wo, 1.0),
+                };
+                return Some(LocalScatter { wi, weight: self.base * (share * scale), pdf: p_transmission, specular: true, disperses });
+            }
+            let h = sample_visible_normal(wo, self.alpha, direction);
+            if self.solid {
+                refract(wo, h, self.bend)?
+            } else {
+                let wi = reflect(wo, h);
+                Vec3::new(wi.x, wi.y, -wi.z)
+            }
+        } else {
+            reflect(wo, sample_visible_normal(wo, self.coat_roughness * self.coat_roughness, direction))
+        };
+        let (f, pdf) = self.eval_view(&view, wo, wi);
+        if !(pdf > 0.0) {
+            return None;
+        }
+        // `eval` gives the dispersed lobe to the hero alone already; the path must not do so again.
+        let weight = if disperses { Sampled::splat(f.x * 0.25) } else { f } / pdf;
+        Some(LocalScatter { wi, weight, pdf, specular: false, disperses })
+    }
+}

@@ -1,0 +1,80 @@
+//! Triangle meshes, stored once in their own space.
+
+use glam::{Vec2, Vec3, Vec4};
+
+/// Triangles and what is known at their corners. All lists but `triangles` are empty or as long as `positions`.
+#[derive(Clone, Debug, Default)]
+pub struct Mesh {
+    /// Corners, m.
+    pub positions: Vec<Vec3>,
+    /// Unit normals; empty: flat faces.
+    pub normals: Vec<Vec3>,
+    /// Tangents, w the handedness; empty: derived from texture coordinates.
+    pub tangents: Vec<Vec4>,
+    /// Two sets of texture coordinates.
+    pub uvs: [Vec<Vec2>; 2],
+    /// Linear RGBA; empty: white.
+    pub colors: Vec<Vec4>,
+    /// Corner numbers, counter-clockwise seen from outside.
+    pub triangles: Vec<[u32; 3]>,
+}
+
+impl Mesh {
+    /// Corners of a triangle.
+    #[inline]
+    pub fn corners(&self, triangle: usize) -> [Vec3; 3] {
+        self.triangles[triangle].map(|i| self.positions[i as usize])
+    }
+
+    /// Values at the corners of a triangle mixed by barycentric weights; `None` for an empty list.
+    #[inline]
+    pub fn mix<T>(&self, list: &[T], triangle: usize, weights: [f32; 3]) -> Option<T>
+    where
+        T: Copy + std::ops::Mul<f32, Output = T> + std::ops::Add<Output = T>,
+    {
+        if list.is_empty() {
+            return None;
+        }
+        let [a, b, c] = self.triangles[triangle].map(|i| list[i as usize]);
+        Some(a * weights[0] + b * weights[1] + c * weights[2])
+    }
+
+    /// Bytes of memory held.
+    pub fn memory(&self) -> usize {
+        self.positions.len() * 12
+            + self.normals.len() * 12
+            + self.tangents.len() * 16
+            + (self.uvs[0].len() + self.uvs[1].len()) * 8
+            + self.colors.len() * 16
+            + self.triangles.len() * 12
+    }
+
+    /// Removes triangles that no ray can hit: corners out of range or not finite, or no area. Returns how many.
+    pub fn drop_unusable_triangles(&mut self) -> usize {
+        let before = self.triangles.len();
+        let positions = &self.positions;
+        self.triangles.retain(|t| {
+            t.iter().all(|i| positions.get(*i as usize).is_some_and(|p| p.is_finite())) && {
+                let [a, b, c] = t.map(|i| positions[i as usize].as_dvec3());
+                (b - a).cross(c - a).length_squared() > 0.0
+            }
+        });
+        before - self.triangles.len()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn unusable_triangles_are_dropped_and_counted() {
+        let mut mesh = Mesh {
+            positions: vec![Vec3::ZERO, Vec3::X, Vec3::Y, Vec3::NAN, Vec3::X * 2.0],
+            triangles: vec![[0, 1, 2], [0, 1, 4], [0, 1, 3], [0, 1, 9], [1, 1, 2]],
+            ..Default::default()
+        };
+        assert_eq!(mesh.drop_unusable_triangles(), 4);
+        assert_eq!(mesh.triangles, vec![[0, 1, 2]]);
+    }
+}

@@ -1,0 +1,56 @@
+//! Shapes and what a ray learns where it meets one.
+
+pub mod mesh;
+pub mod quad;
+pub mod sphere;
+
+pub use mesh::Mesh;
+pub use quad::Quad;
+pub use sphere::Sphere;
+
+use glam::{Vec2, Vec3, Vec4};
+
+/// A point of a surface, in world space.
+#[derive(Clone, Copy, Debug)]
+pub struct Surface {
+    /// Where, m.
+    pub point: Vec3,
+    /// Distance along the ray, m.
+    pub t: f32,
+    /// Geometric unit normal on the outside (the side from which corners run counter-clockwise).
+    pub ng: Vec3,
+    /// Shading unit normal on the same side.
+    pub ns: Vec3,
+    /// Direction in which the first texture coordinate grows; any length, may be 0.
+    pub tangent: Vec3,
+    /// +1 or −1: handedness of the tangent frame (glTF).
+    pub handedness: f32,
+    /// Two sets of texture coordinates.
+    pub uv: [Vec2; 2],
+    /// Colour of the vertices, 1 without.
+    pub color: Vec4,
+    /// Number of the object.
+    pub object: u32,
+    /// Number of the triangle within its mesh; 0 for other shapes.
+    pub triangle: u32,
+}
+
+/// A start for rays that leave a surface point on the side of `normal`, past what rounding can have moved the point.
+///
+/// Source: Wächter & Binder, "A Fast and Robust Method for Avoiding Self-Intersection", Ray Tracing Gems ch. 6 (2019); we
+/// take twice its step because points of instances are rounded twice.
+#[inline]
+pub fn offset_origin(point: Vec3, normal: Vec3) -> Vec3 {
+    const ORIGIN: f32 = 1.0 / 32.0;
+    const FLOAT_SCALE: f32 = 2.0 / 65536.0;
+    const INT_SCALE: f32 = 512.0;
+    let component = |p: f32, n: f32| {
+        if p.abs() < ORIGIN {
+            p + FLOAT_SCALE * n
+        } else {
+            let steps = (INT_SCALE * n) as i32;
+            f32::from_bits((p.to_bits() as i32 + if p < 0.0 { -steps } else { steps }) as u32)
+        }
+    };
+    Vec3::new(component(point.x, normal.x), component(point.y, normal.y), component(point.z, normal.z))
+}

@@ -1,0 +1,76 @@
+//! Sensors: from mean electrons to digital numbers, by the data sheet of a body.
+//!
+//! A [`Sensor`] is a data sheet (embedded, or a TOML file of the same form); [`Sensor::band_responses`] is what the exposure
+//! integrates with; [`read_out`] adds what a sensor adds. Symbols and order follow EMVA 1288. Units: e⁻, DN, µm, mm.
+//! Prepared for, not here yet: dark current, PRNU and DSNU, row noise, HDR pixels.
+
+mod calibration;
+mod data;
+pub mod format;
+mod noise;
+mod read_out;
+mod sensor;
+
+pub use calibration::{Calibration, calibrate};
+pub use read_out::read_out;
+pub use sensor::{IsoStep, Sensor};
+
+/// What can be wrong with a sensor or what is asked of it.
+#[derive(Debug, thiserror::Error)]
+pub enum SensorError {
+    /// A name nobody knows.
+    #[error("unknown {what} \"{found}\"{hint}")]
+    Unknown {
+        /// Kind of thing.
+        what: &'static str,
+        /// The name.
+        found: String,
+        /// "; did you mean ...?" or a list.
+        hint: String,
+    },
+    /// A data sheet that does not parse.
+    #[error("{place}: {reason}")]
+    Parse {
+        /// File.
+        place: String,
+        /// What the parser says, with line and hint.
+        reason: String,
+    },
+    /// A number outside its range.
+    #[error("{what} {found}: expected {expected}")]
+    Range {
+        /// Name of the quantity.
+        what: String,
+        /// The value.
+        found: String,
+        /// What is allowed.
+        expected: String,
+    },
+    /// An exposure this sensor cannot read out.
+    #[error("the focal plane has bands {found}; {expected}")]
+    Bands {
+        /// Names of its bands.
+        found: String,
+        /// What is needed.
+        expected: String,
+    },
+}
+
+/// The known name nearest to a misspelt one, if one is near: for hints.
+pub fn nearest<'a>(name: &str, known: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
+    let distance = |a: &str, b: &str| {
+        let (a, b): (Vec<char>, Vec<char>) = (a.to_lowercase().chars().collect(), b.to_lowercase().chars().collect());
+        let mut row: Vec<usize> = (0..=b.len()).collect();
+        for (i, ca) in a.iter().enumerate() {
+            let mut diagonal = row[0];
+            row[0] = i + 1;
+            for (j, cb) in b.iter().enumerate() {
+                let substituted = diagonal + usize::from(ca != cb);
+                diagonal = row[j + 1];
+                row[j + 1] = substituted.min(row[j] + 1).min(row[j + 1] + 1);
+            }
+        }
+        row[b.len()]
+    };
+    known.into_iter().map(|k| (distance(name, k), k)).filter(|(d, k)| *d <= 1 + k.len() / 3).min().map(|(_, k)| k)
+}
