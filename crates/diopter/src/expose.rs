@@ -1,0 +1,358 @@
+//! The exposure: pixels × samples of light through lens and shutter onto the film.
+//!
+//! Tiles are shared out over the threads of the current rayon pool. A pixel's numbers depend on nothing but seed, pixel and
+//! sample, and are summed in order of samples, so the result is the same for any number of threads.
+
+use crate::camera::Camera;
+use crate::mount::M2_PER_MM2;
+use crate::shutter::Shutter;
+use diopter_image::focal_plane::{Band, BandUnit, Truth};
+use diopter_image::{ExposureFacts, FocalPlane, Raster};
+use diopter_light::random::{Sampler, SamplerKind, Set};
+use diopter_light::spectrum::Table;
+use diopter_light::wavelength::{FIRST_NM, WavelengthSampler};
+use diopter_scene::{PathSettings, Scene};
+use rayon::prelude::*;
+use std::ops::Range;
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::time::Instant;
+
+/// Pixels a side of the squares that threads take.
+const TILE: usize = 16;
+
+/// What the film records.
+#[derive(Clone, Debug)]
+pub struct Response {
+    /// Names and unit of the bands.
+    pub bands: Vec<Band>,
+    /// For electrons: electrons per joule over nm. For radiance: dimensionless weight (or ȳ · 683 lm/W).
+    pub curves: Vec<Table>,
+}
+
+impl Response {
+    /// A sensor's channels, in electrons.
+    pub fn sensor(sensor: &diopter_sensor::Sensor) -> Self {
+        let band = |name: &&str| Band { name: (*name).into(), unit: BandUnit::Electrons };
+        Response { bands: sensor.channel_names().iter().map(band).collect(), curves: sensor.band_responses() }
+    }
+
+    /// Linear sRGB of the radiance, in cd/m² of D65: ∫ L (R, G, B matching functions) dλ × 683 lm/W. May be negative.
+    pub fn linear_srgb() -> Self {
+        let o = diopter_light::cie::observer();
+        let m = diopter_light::color::RgbSpace::Srgb.xyz_from_rgb().inverse() * diopter_light::units::LUMINOUS_EFFICACY;
+        let curve = |row: usize| {
+            let at = |nm: f32| {
+                let xyz = glam::DVec3::new(o.x.at(nm) as f64, o.y.at(nm) as f64, o.z.at(nm) as f64);
+                m.row(row).dot(xyz) as f32
+            };
+            Table::new(380.0, 1.0, (0..=400).map(|i| at(380.0 + i as f32)).collect())
+        };
+        let band = |name: &str| Band { name: name.into(), unit: BandUnit::Radiance };
+        Response { bands: ["R", "G", "B"].map(band).to_vec(), curves: (0..3).map(curve).collect() }
+    }
+
+    /// Luminance in cd/m².
+    pub fn luminance() -> Self {
+        let y = diopter_light::cie::observer().y.scaled(diopter_light::units::LUMINOUS_EFFICACY as f32);
+        Response { bands: vec![Band { name: "Y".into(), unit: BandUnit::Radiance }], curves: vec![y] }
+    }
+}
+
+/// How an exposure is computed.
+#[derive(Clone, Debug)]
+pub struct Settings {
+    /// Samples a pixel when all are rendered.
+    pub spp: u32,
+    /// Which of them to render; beyond `spp` nothing is.
+    pub samples: Range<u32>,
+    /// How they are spread.
+    pub sampler: SamplerKind,
+    /// Seed.
+    pub seed: u64,
+    /// How far paths go.
+    pub path: PathSettings,
+    /// Factor on all light of the scene.
+    pub light_scale: f64,
+    /// Stop after about so much time, s; the samples that are done then make the picture.
+    pub time_limit_s: Option<f64>,
+    /// Record depth, normals, albedo and ids.
+    pub truth: bool,
+}
+
+impl Settings {
+    /// `spp` Sobol samples, seed 1, no limits.
+    pub fn new(spp: u32) -> Self {
+        Settings {
+            spp,
+            samples: 0..spp,
+            sampler: SamplerKind::Sobol,
+            seed: 1,
+            path: PathSettings::default(),
+            light_scale: 1.0,
+            time_limit_s: None,
+            truth: true,
+        }
+    }
+}
+
+/// Told what goes on during an exposure; may be asked from any thread.
+pub struct Watch<'a> {
+    /// Set to stop.
+    pub cancel: &'a AtomicBool,
+    /// Called with the share that is done, 0 to 1.
+    pub progress: &'a (dyn Fn(f64) + Sync),
+}
+
+/// Why there is no focal plane.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum ExposeError {
+    /// [`Watch::cancel`] was set.
+    #[error("the exposure was stopped")]
+    Cancelled,
+    /// No pixel or no sample.
+    #[error("an exposure needs at least one pixel and one sample")]
+    Nothing,
+}
+
+/// Sums of the two halves of the samples.
+struct Accumulator {
+    /// `[row][column][band][half]`
+    sums: Raster<f32>,
+    counts: [u32; 2],
+}
+
+/// Response curves at 1 nm, bands side by side: one look-up a wavelength.
+struct Curves {
+    /// `[nm][band]`, padded to four bands.
+    rows: Vec<[f32; 4]>,
+}
+
+impl Curves {
+    fn new(curves: &[Table]) -> Self {
+        assert!((1..=4).contains(&curves.len()), "{} bands", curves.len());
+        let row = |nm: f32| std::array::from_fn(|b| curves.get(b).map_or(0.0, |c| c.at(nm)));
+        Curves { rows: (0..=401).map(|i| row(FIRST_NM + i as f32)).collect() }
+    }
+
+    #[inline]
+    fn at(&self, nm: f32) -> glam::Vec4 {
+        let x = nm - FIRST_NM;
+        let i = (x as usize).min(400);
+        let (a, b) = (glam::Vec4::from_array(self.rows[i]), glam::Vec4::from_array(self.rows[i + 1]));
+        a + (b - a) * (x - i as f32)
+    }
+}
+
+/// Exposes a film to a scene.
+///
+/// `facts` is passed on, with samples and seed filled in. The mean of a band in electrons is what one pixel of area
+/// [`crate::Film::pixel_area_mm2`] collects; of a band in radiance, the mean over the pixel and the pupil.
+pub fn expose(
+    scene: &Scene,
+    camera: &Camera,
+    shutter: &Shutter,
+    response: &Response,
+    settings: &Settings,
+    facts: &ExposureFacts,
+    watch: &Watch,
+) -> Result<FocalPlane, ExposeError> {
+    let film = &camera.film;
+    let (width, height, bands) = (film.columns, film.rows, response.curves.len());
+    let wanted = settings.samples.start..settings.samples.end.min(settings.spp);
+    if width == 0 || height == 0 || wanted.is_empty() {
+        return Err(ExposeError::Nothing);
+    }
+    let started = Instant::now();
+    let curves = Curves::new(&response.curves);
+    let wavelengths = WavelengthSampler::for_bands(&response.curves);
+    let mut sums = Accumulator { sums: Raster::new(width, height, bands * 2), counts: [0; 2] };
+    let tiles_done = AtomicUsize::new(0);
+    let tiles = width.div_ceil(TILE) * height.div_ceil(TILE);
+
+    let mut done = wanted.start;
+    while done < wanted.end {
+        // Without a limit one pass does it all; with one, passes grow as long as time is left.
+        let pass = match settings.time_limit_s {
+            None => done..wanted.end,
+            Some(limit) => {
+                let so_far = done - wanted.start;
+                let spent = started.elapsed().as_secs_f64();
+                let affordable = match so_far {
+                    0 => 2,
+                    n => ((limit - spent) / (spent / n as f64)) as i64,
+                };
+                if affordable < 1 {
+                    break;
+                }
+                done..(done + (affordable as u32).min(so_far.max(2))).min(wanted.end)
+            }
+        };
+        let share = |tile: usize| match settings.time_limit_s {
+            None => tile as f64 / tiles as f64,
+            Some(limit) => (started.elapsed().as_secs_f64() / limit).min(1.0),
+        };
+        let unit = Unit { scene, camera, shutter, curves: &curves, response, wavelengths: &wavelengths, settings };
+        tiles_done.store(0, Ordering::Relaxed);
+        let results: Vec<Option<Tile>> = (0..tiles)
+            .into_par_iter()
+            .map(|index| {
+                if watch.cancel.load(Ordering::Relaxed) {
+                    return None;
+                }
+                let tile = unit.tile(index, pass.clone());
+                (watch.progress)(share(tiles_done.fetch_add(1, Ordering::Relaxed) + 1));
+                Some(tile)
+            })
+            .collect();
+        for tile in results {
+            sums.add(tile.ok_or(ExposeError::Cancelled)?);
+        }
+        for i in pass.clone() {
+            sums.counts[(i & 1) as usize] += 1;
+        }
+        done = pass.end;
+    }
+
+    let truth = if settings.truth { truth(scene, camera, shutter) } else { Truth::empty(width, height) };
+    let (mean, half_difference) = sums.finish(bands);
+    let facts = ExposureFacts {
+        seed: settings.seed,
+        first_sample: wanted.start,
+        samples: done - wanted.start,
+        light_scale: settings.light_scale,
+        ..facts.clone()
+    };
+    Ok(FocalPlane { bands: response.bands.clone(), mean, half_difference, truth, facts })
+}
+
+/// A square of the film and its sums.
+struct Tile {
+    column: usize,
+    row: usize,
+    width: usize,
+    sums: Vec<f32>,
+}
+
+impl Accumulator {
+    fn add(&mut self, tile: Tile) {
+        let stride = tile.width * self.sums.channels;
+        for (i, line) in tile.sums.chunks_exact(stride).enumerate() {
+            let start = ((tile.row + i) * self.sums.width + tile.column) * self.sums.channels;
+            self.sums.data[start..start + stride].iter_mut().zip(line).for_each(|(a, b)| *a += b);
+        }
+    }
+
+    /// Mean and half difference of the halves.
+    fn finish(self, bands: usize) -> (Raster<f32>, Raster<f32>) {
+        let (width, height) = (self.sums.width, self.sums.height);
+        let (mut mean, mut half) = (Raster::new(width, height, bands), Raster::new(width, height, bands));
+        let [a, b] = self.counts.map(f64::from);
+        for (i, pair) in self.sums.data.chunks_exact(2).enumerate() {
+            let (sa, sb) = (pair[0] as f64, pair[1] as f64);
+            mean.data[i] = ((sa + sb) / (a + b)) as f32;
+            // One sample says nothing about its own error: call it 100 %.
+            half.data[i] = if a == 0.0 || b == 0.0 { mean.data[i] } else { (0.5 * (sa / a - sb / b)) as f32 };
+        }
+        (mean, half)
+    }
+}
+
+/// What all tiles share.
+struct Unit<'a> {
+    scene: &'a Scene,
+    camera: &'a Camera,
+    shutter: &'a Shutter,
+    curves: &'a Curves,
+    response: &'a Response,
+    wavelengths: &'a WavelengthSampler,
+    settings: &'a Settings,
+}
+
+impl Unit<'_> {
+    fn tile(&self, index: usize, samples: Range<u32>) -> Tile {
+        let film = &self.camera.film;
+        let across = film.columns.div_ceil(TILE);
+        let (column, row) = (index % across * TILE, index / across * TILE);
+        let (width, height) = (TILE.min(film.columns - column), TILE.min(film.rows - row));
+        let bands = self.curves_len();
+        let mut sums = Vec::with_capacity(width * height * bands * 2);
+        for y in row..row + height {
+            for x in column..column + width {
+                let mut pixel = [[0.0f64; 2]; 4];
+                for i in samples.clone() {
+                    let sampler =
+                        Sampler::new(self.settings.sampler, self.settings.seed, (x as u32, y as u32), i, self.settings.spp);
+                    let value = self.sample(x, y, &sampler).to_array();
+                    for b in 0..bands {
+                        pixel[b][sampler.replicate()] += value[b] as f64;
+                    }
+                }
+                sums.extend(pixel[..bands].iter().flatten().map(|v| *v as f32));
+            }
+        }
+        Tile { column, row, width, sums }
+    }
+
+    fn curves_len(&self) -> usize {
+        self.response.curves.len()
+    }
+
+    /// One sample of a pixel, in the units of each band.
+    #[inline]
+    fn sample(&self, column: usize, row: usize, sampler: &Sampler) -> glam::Vec4 {
+        let [x, y, pu, pv] = sampler.get(Set::Camera);
+        let [w, t, ..] = sampler.get(Set::Time);
+        let (open, close) = self.shutter.interval(row);
+        let film = self.camera.film_point(column as f64 + x as f64, row as f64 + y as f64);
+        let time = (open + (close - open) * t as f64) as f32;
+        let Ok((ray, weight)) = self.camera.world_ray(film, [pu, pv], time) else { return glam::Vec4::ZERO };
+        let wavelengths = self.wavelengths.sample(w);
+        let radiance = self.scene.radiance(ray, &wavelengths, sampler, &self.settings.path);
+        let weighted = (radiance * wavelengths.weight).to_array();
+        let nm = wavelengths.nm.to_array();
+        let mut value = glam::Vec4::ZERO;
+        for i in 0..4 {
+            value += self.curves.at(nm[i]) * weighted[i];
+        }
+        // One bad number must not poison a pixel.
+        if !value.is_finite() {
+            return glam::Vec4::ZERO;
+        }
+        let exposure = match self.response.bands[0].unit {
+            BandUnit::Radiance => 1.0,
+            BandUnit::Electrons => weight * self.camera.film.pixel_area_mm2 * M2_PER_MM2 * (close - open),
+        };
+        value * (exposure * self.settings.light_scale) as f32
+    }
+}
+
+/// Ground truth along chief rays.
+fn truth(scene: &Scene, camera: &Camera, shutter: &Shutter) -> Truth {
+    let (width, height) = (camera.film.columns, camera.film.rows);
+    let mut truth = Truth::empty(width, height);
+    let rows: Vec<Vec<_>> = (0..height)
+        .into_par_iter()
+        .map(|row| {
+            let (open, close) = shutter.interval(row);
+            let time = (0.5 * (open + close)) as f32;
+            (0..width)
+                .map(|column| {
+                    let film = camera.film_point(column as f64 + 0.5, row as f64 + 0.5);
+                    let ray = camera.chief_ray(film, time).ok()?;
+                    let s = scene.first_surface(&ray)?;
+                    Some((s.distance * camera.cosine_to_axis(ray.direction), s))
+                })
+                .collect()
+        })
+        .collect();
+    for (row, line) in rows.into_iter().enumerate() {
+        for (column, found) in line.into_iter().enumerate() {
+            let Some((depth, s)) = found else { continue };
+            truth.depth.pixel_mut(column, row)[0] = depth;
+            truth.normal.pixel_mut(column, row).copy_from_slice(&s.normal.to_array());
+            truth.albedo.pixel_mut(column, row).copy_from_slice(&s.albedo.to_array());
+            truth.id.pixel_mut(column, row)[0] = s.object + 1;
+        }
+    }
+    truth
+}

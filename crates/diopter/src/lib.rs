@@ -1,0 +1,23 @@
+//! The camera of diopter: joins the stages.
+//!
+//! [`Camera`] = lens + film + place; [`expose`] turns a scene into a focal plane; [`metering`] reads the light; [`shot`] is a
+//! photograph as a user asks for it. This is the only crate that knows all stages, and `mount` the only place where
+//! millimetres meet metres and lens space meets world space.
+
+pub mod camera;
+pub mod expose;
+pub mod metering;
+mod mount;
+pub mod shutter;
+
+pub use camera::{Camera, Film};
+pub use expose::{ExposeError, Response, Settings, expose};
+pub use shutter::Shutter;
+
+// The stages, under one roof for doors.
+pub use diopter_develop as develop;
+pub use diopter_image as image;
+pub use diopter_lens as lens;
+pub use diopter_light as light;
+pub use diopter_scene as scene;
+pub use diopter_sensor as sensor;
