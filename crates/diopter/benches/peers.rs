@@ -8,7 +8,7 @@ use diopter::image::{ExposureFacts, Raster};
 use diopter::lens::{Focus, Iris, Lens, Pinhole, ThinLens};
 use diopter::light::random::SamplerKind;
 use diopter::light::units::Millimeters;
-use diopter::light::{Spectrum, spectrum::Table};
+use diopter::light::Spectrum;
 use diopter::scene::light::Environment;
 use diopter::scene::material::conductor::FacetBounces;
 use diopter::scene::material::{Conductor, Material, Scattering};
@@ -129,21 +129,9 @@ fn describe(json: &Value, folder: &Path) -> Description {
     d
 }
 
-/// Gold without facet bounces, as in the peers. n, k: Johnson & Christy 1972.
+/// Gold without facet bounces, as in the peers.
 fn gold(alpha: f32) -> Conductor {
-    let points = [
-        (381.5, 1.66, 1.956), (397.4, 1.658, 1.956), (413.3, 1.636, 1.958), (430.5, 1.616, 1.94), (450.9, 1.562, 1.904),
-        (471.4, 1.426, 1.846), (495.9, 1.242, 1.796), (520.9, 0.916, 1.84), (548.6, 0.608, 2.12), (582.1, 0.402, 2.54),
-        (616.8, 0.306, 2.88), (659.5, 0.236, 3.16), (704.5, 0.194, 3.43), (756.0, 0.166, 3.7), (821.1, 0.164, 4.1),
-    ];
-    let n: Vec<(f32, f32)> = points.iter().map(|p| (p.0, p.1)).collect();
-    let k: Vec<(f32, f32)> = points.iter().map(|p| (p.0, p.2)).collect();
-    Conductor {
-        n: Spectrum::Table(Table::from_points(&n)),
-        k: Spectrum::Table(Table::from_points(&k)),
-        alpha,
-        bounces: FacetBounces::Lost,
-    }
+    Conductor { bounces: FacetBounces::Lost, ..Conductor::metal("gold", alpha).expect("gold is known") }
 }
 
 /// Binary little-endian PLY of float vertices and triangle faces, as the peers' generator writes it.

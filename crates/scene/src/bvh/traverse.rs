@@ -68,7 +68,7 @@ struct Shear {
 }
 
 impl Shear {
-    #[inline]
+    #[inline(always)]
     fn new(d: Vec3) -> Self {
         let z = d.abs().max_position();
         let (mut x, mut y) = ((z + 1) % 3, (z + 2) % 3);
@@ -111,62 +111,83 @@ struct Prepared<S: Simd> {
     shear: [f32x8<S>; 3],
 }
 
+// Closures (and `map` over arrays) would be compiled without the instruction set that `dispatch` has chosen and be called
+// for every operation: within these functions everything is spelt out.
 impl<S: Simd> Prepared<S> {
     #[inline(always)]
     fn new(simd: S, origin: Vec3, direction: Vec3) -> Self {
-        let splat = |x: f32| f32x8::splat(simd, x);
-        // A direction along a plane must not make 0 · ∞.
-        let safe = |d: f32| if d.abs() < 1e-20 { 1e-20f32.copysign(d) } else { d };
         let shear = Shear::new(direction);
-        let negative = [0, 1, 2].map(|a| direction[a].is_sign_negative());
+        let (x, y, z) = (direction.x, direction.y, direction.z);
+        let (nx, ny, nz) = (x.is_sign_negative() as usize, y.is_sign_negative() as usize, z.is_sign_negative() as usize);
         Prepared {
-            origin: [0, 1, 2].map(|a| splat(origin[a])),
-            inverse: [0, 1, 2].map(|a| splat(1.0 / safe(direction[a]))),
-            near: [0, 1, 2].map(|a| if negative[a] { a + 3 } else { a }),
-            far: [0, 1, 2].map(|a| if negative[a] { a } else { a + 3 }),
+            origin: [f32x8::splat(simd, origin.x), f32x8::splat(simd, origin.y), f32x8::splat(simd, origin.z)],
+            inverse: [
+                f32x8::splat(simd, 1.0 / not_zero(x)),
+                f32x8::splat(simd, 1.0 / not_zero(y)),
+                f32x8::splat(simd, 1.0 / not_zero(z)),
+            ],
+            near: [3 * nx, 1 + 3 * ny, 2 + 3 * nz],
+            far: [3 - 3 * nx, 4 - 3 * ny, 5 - 3 * nz],
             axes: shear.axes,
-            shear: shear.s.map(splat),
+            shear: [f32x8::splat(simd, shear.s[0]), f32x8::splat(simd, shear.s[1]), f32x8::splat(simd, shear.s[2])],
         }
+    }
+
+    /// Ray parameter at which the eight planes of a row are met.
+    #[inline(always)]
+    fn plane(&self, simd: S, node: &Node, row: usize, axis: usize) -> f32x8<S> {
+        (f32x8::from_slice(simd, &node.bounds[row]) - self.origin[axis]) * self.inverse[axis]
     }
 
     /// Children whose boxes the ray meets before `t_max`: a bit each, and the distance of entry.
     #[inline(always)]
     fn boxes(&self, simd: S, node: &Node, t_max: f32) -> (u32, [f32; 8]) {
-        let plane = |row: usize, a: usize| (f32x8::from_slice(simd, &node.bounds[row]) - self.origin[a]) * self.inverse[a];
-        let near = plane(self.near[0], 0).max(plane(self.near[1], 1)).max(plane(self.near[2], 2)).max(f32x8::splat(simd, 0.0));
-        let far = plane(self.far[0], 0).min(plane(self.far[1], 1)).min(plane(self.far[2], 2)) * f32x8::splat(simd, WIDEN);
+        let near = self.plane(simd, node, self.near[0], 0).max(self.plane(simd, node, self.near[1], 1));
+        let near = near.max(self.plane(simd, node, self.near[2], 2)).max(f32x8::splat(simd, 0.0));
+        let far = self.plane(simd, node, self.far[0], 0).min(self.plane(simd, node, self.far[1], 1));
+        let far = far.min(self.plane(simd, node, self.far[2], 2)) * f32x8::splat(simd, WIDEN);
         let hit = near.simd_le(far.min(f32x8::splat(simd, t_max)));
         (hit.to_bitmask() as u32, near.into())
+    }
+
+    /// Eight corners in the sheared frame of the ray.
+    #[inline(always)]
+    fn corner(&self, simd: S, corner: &[[f32; 8]; 3]) -> [f32x8<S>; 3] {
+        let [kx, ky, kz] = self.axes;
+        let [sx, sy, sz] = self.shear;
+        let z = f32x8::from_slice(simd, &corner[kz]) - self.origin[kz];
+        let x = f32x8::from_slice(simd, &corner[kx]) - self.origin[kx];
+        let y = f32x8::from_slice(simd, &corner[ky]) - self.origin[ky];
+        [x - sx * z, y - sy * z, sz * z]
     }
 
     /// Triangles of a block hit within `t_max`: a bit each, distances and barycentrics.
     #[inline(always)]
     fn triangles(&self, simd: S, block: &Block, t_max: f32) -> (u32, [f32; 8], [f32; 8], [f32; 8]) {
-        let [x, y, z] = self.axes;
-        let [sx, sy, sz] = self.shear;
-        let corner = |c: usize| {
-            let at = |a: usize| f32x8::from_slice(simd, &block.corners[c][a]) - self.origin[a];
-            let depth = at(z);
-            (at(x) - sx * depth, at(y) - sy * depth, sz * depth)
-        };
-        let (a, b, c) = (corner(0), corner(1), corner(2));
+        let [ax, ay, az] = self.corner(simd, &block.corners[0]);
+        let [bx, by, bz] = self.corner(simd, &block.corners[1]);
+        let [cx, cy, cz] = self.corner(simd, &block.corners[2]);
         // Plain products and differences: fused ones would round shared edges differently on their two sides.
-        let (u, v, w) = (c.0 * b.1 - c.1 * b.0, a.0 * c.1 - a.1 * c.0, b.0 * a.1 - b.1 * a.0);
+        let u = cx * by - cy * bx;
+        let v = ax * cy - ay * cx;
+        let w = bx * ay - by * ax;
         let zero = f32x8::splat(simd, 0.0);
-        let det = u + v + w;
-        let least = u.min(v).min(w);
-        let most = u.max(v).max(w);
-        let inside = least.simd_ge(zero) | most.simd_le(zero);
-        let candidates = inside.to_bitmask() as u32;
-        if candidates == 0 {
+        let inside = u.min(v).min(w).simd_ge(zero) | u.max(v).max(w).simd_le(zero);
+        if inside.to_bitmask() == 0 {
             return (0, [0.0; 8], [0.0; 8], [0.0; 8]);
         }
-        let inverse = f32x8::splat(simd, 1.0) / det;
-        let t = (u * a.2 + v * b.2 + w * c.2) * inverse;
-        // A flat triangle has det 0 and t NaN: both comparisons fail.
+        let inverse = f32x8::splat(simd, 1.0) / (u + v + w);
+        let t = (u * az + v * bz + w * cz) * inverse;
+        // A flat triangle has determinant 0 and t NaN: both comparisons fail.
         let hit = t.simd_gt(zero) & t.simd_lt(f32x8::splat(simd, t_max)) & inside;
         (hit.to_bitmask() as u32, t.into(), (v * inverse).into(), (w * inverse).into())
     }
+}
+
+/// A direction along a plane must not make 0 · ∞.
+#[inline(always)]
+fn not_zero(d: f32) -> f32 {
+    if d.abs() < 1e-20 { 1e-20f32.copysign(d) } else { d }
 }
 
 #[inline(always)]

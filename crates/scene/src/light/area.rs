@@ -147,6 +147,9 @@ fn aim_at_sphere(sphere: &Sphere, p: Vec3, u: [f32; 2], number: u32) -> Option<A
     Some(Aim { wi, distance, pdf, has_extent: true, spot: Spot::Area(number, Vec2::ZERO) })
 }
 
+/// Area over squared distance (sr) below which rectangles are sampled by area.
+const SMALL_SOLID_ANGLE: f32 = 0.05;
+
 /// A rectangle seen from a point, ready to be sampled uniformly in solid angle.
 struct SphericalRectangle {
     x0: f32,
@@ -164,6 +167,10 @@ struct SphericalRectangle {
 impl SphericalRectangle {
     /// `None` for skewed parallelograms, points in the plane, and rectangles so small that area sampling is as good.
     fn new(quad: &Quad, p: Vec3) -> Option<Self> {
+        // Small or far: the solid angle of all places is nearly the same (and rounding would show in the sum of angles).
+        if (quad.point(Vec2::splat(0.5)) - p).length_squared() * SMALL_SOLID_ANGLE > quad.area() {
+            return None;
+        }
         let lengths = Vec2::new(quad.edges[0].length(), quad.edges[1].length());
         let (ex, ey) = (quad.edges[0] / lengths.x, quad.edges[1] / lengths.y);
         if ex.dot(ey).abs() > 1e-4 {
@@ -180,7 +187,7 @@ impl SphericalRectangle {
         let angle = |c: f32| (-c).clamp(-1.0, 1.0).acos();
         let (g0, g1, g2, g3) = (angle(n0 * n1), angle(n1 * n2), angle(n2 * n3), angle(n3 * n0));
         let solid_angle = g0 + g1 + g2 + g3 - TAU;
-        // Four angles near π/2 are summed: below this, rounding would show.
+        // Seen nearly edge-on.
         if !(solid_angle > 3e-3) {
             return None;
         }

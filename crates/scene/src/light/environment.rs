@@ -69,7 +69,8 @@ impl Environment {
 
     fn place(&self, direction: Vec3) -> Vec2 {
         let d = self.world_from_map.transpose() * direction;
-        Vec2::new(d.x.atan2(-d.z) / TAU + 0.5, d.y.clamp(-1.0, 1.0).acos() / PI)
+        // atan2 keeps its digits near the poles, where acos would not.
+        Vec2::new(d.x.atan2(-d.z) / TAU + 0.5, d.x.hypot(d.z).atan2(d.y) / PI)
     }
 
     /// Linear sRGB in cd/m² from a direction, bilinear.

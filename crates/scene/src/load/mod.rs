@@ -1,5 +1,7 @@
 //! Scene and environment files.
 
+pub mod gltf;
+
 use crate::SceneError;
 use diopter_image::Raster;
 use std::io::Cursor;

@@ -4,6 +4,7 @@ use super::bsdf::LocalScatter;
 use super::energy::mirror_albedo;
 use super::microfacet::{SMOOTH, fresnel_conductor, ggx_d, ggx_g1, ggx_g2, reflect, sample_visible_normal};
 use crate::shape::Surface;
+use diopter_light::spectrum::Table;
 use diopter_light::{Sampled, Spectrum, Wavelengths};
 use glam::{Vec3, Vec4};
 
@@ -29,7 +30,22 @@ pub enum FacetBounces {
     Lost,
 }
 
+/// Optical constants of metals, `nm,<metal>_n,<metal>_k ...`, linear between the measured points of Johnson & Christy
+/// 1972/1974 (Ag, Au, Cu, Cr) and Rakić 1998 (Al), from refractiveindex.info @ ff11b58 (CC0).
+const METALS_CSV: &str = include_str!("metals.csv");
+
 impl Conductor {
+    /// Names of the metals whose optical constants are known.
+    pub const METALS: [&str; 5] = ["silver", "gold", "copper", "aluminium", "chromium"];
+
+    /// A measured metal with a GGX width, bounces compensated. `None` for a name not in [`Conductor::METALS`].
+    pub fn metal(name: &str, alpha: f32) -> Option<Conductor> {
+        let column = 1 + 2 * Self::METALS.iter().position(|m| *m == name)?;
+        let (_, rows) = diopter_light::cie::tables::read_csv(METALS_CSV);
+        let curve = |c: usize| Spectrum::Table(Table::new(380.0, 5.0, rows.iter().map(|r| r[c] as f32).collect()));
+        Some(Conductor { n: curve(column), k: curve(column + 1), alpha, bounces: FacetBounces::Compensated })
+    }
+
     pub(super) fn at(&self, _: &Surface, wavelengths: &Wavelengths) -> ConductorLobe {
         let (n, k) = (self.n.sample(wavelengths), self.k.sample(wavelengths));
         ConductorLobe { n, k, alpha: self.alpha, bounces: self.bounces }
@@ -85,4 +101,21 @@ impl ConductorLobe {
         let pdf = g1 * ggx_d(h, self.alpha) / (4.0 * wo.z);
         Some(LocalScatter { wi, weight, pdf, specular: false, disperses: false })
     }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn metals_are_the_ones_that_were_checked() {
+        let sum = METALS_CSV.bytes().fold(0xcbf2_9ce4_8422_2325u64, |h, b| (h ^ b as u64).wrapping_mul(0x100_0000_01b3));
+        assert_eq!(sum, CHECKED, "a table changed: compare it with its source, then update the checksum");
+        // Gold reflects red and not blue; silver reflects everything.
+        let gold = Conductor::metal("gold", 0.0).unwrap().normal_reflectance();
+        assert!(gold.x > 0.9 && gold.z < 0.5, "{gold}");
+        assert!(Conductor::metal("silver", 0.0).unwrap().normal_reflectance().min_element() > 0.9);
+        assert!(Conductor::metal("unobtainium", 0.0).is_none());
+    }
+    const CHECKED: u64 = 15970151187900570254;
 }

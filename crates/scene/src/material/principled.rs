@@ -67,8 +67,8 @@ pub struct Principled {
     pub clearcoat: Scalar,
     /// √α of the coat.
     pub clearcoat_roughness: Scalar,
-    interface: Arc<Interface>,
-    coat: Arc<Interface>,
+    pub(crate) interface: Arc<Interface>,
+    pub(crate) coat: Arc<Interface>,
 }
 
 const COAT_IOR: f32 = 1.5;

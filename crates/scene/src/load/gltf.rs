@@ -1,0 +1,689 @@
+//! glTF 2.0: `.gltf` and `.glb` into a [`Description`].
+//!
+//! Units are glTF's: metres, candela, lux, cd/m² for emission. Skinned meshes stand in their rest pose. Extensions:
+//! KHR_lights_punctual, KHR_materials_{emissive_strength, ior, transmission, clearcoat, unlit, volume},
+//! KHR_texture_transform; another one that a file requires is an error, one it only uses a warning. Files are opened by the
+//! caller: `fetch` gets the URIs of buffers and images.
+
+use crate::SceneError;
+use crate::light::{Punctual, PunctualKind};
+use crate::material::{Absorption, Coverage, Emission, EmissionColor, Material, Principled, Scattering, Transmission};
+use crate::scene::{AnimatedProperty, Animation, Channel, Description, KeyInterpolation, Object, Shape, Viewpoint};
+use crate::shape::Mesh;
+use crate::texture::{Codes, Color, Image, Interpolation, Scalar, Texture, Wrap};
+use diopter_light::Spectrum;
+use diopter_light::upsample::Sigmoid;
+use glam::{Affine2, Affine3A, Mat2, Mat4, Vec2, Vec3, Vec4};
+use rayon::prelude::*;
+use serde_json::Value;
+use std::collections::HashMap;
+use std::sync::Arc;
+
+/// Most pixels a side of a texture.
+const LARGEST_IMAGE: u32 = 32_768;
+const SUPPORTED: &[&str] = &[
+    "KHR_lights_punctual",
+    "KHR_materials_emissive_strength",
+    "KHR_materials_ior",
+    "KHR_materials_transmission",
+    "KHR_materials_clearcoat",
+    "KHR_materials_unlit",
+    "KHR_materials_volume",
+    "KHR_texture_transform",
+];
+
+/// Gives the bytes behind a relative URI of the file, or says why not.
+pub type Fetch<'a> = &'a (dyn Fn(&str) -> Result<Vec<u8>, String> + Sync);
+
+/// Reads a scene. `name` stands for the file in messages.
+pub fn load(bytes: &[u8], name: &str, fetch: Fetch) -> Result<Description, SceneError> {
+    Loader::new(bytes, name, fetch)?.run()
+}
+
+struct Loader<'a> {
+    name: &'a str,
+    document: gltf::Document,
+    buffers: Vec<Vec<u8>>,
+    images: Vec<Option<Arc<Image>>>,
+    description: Description,
+    /// Meshes of the description by (glTF mesh, primitive).
+    meshes: HashMap<(usize, usize), u32>,
+    default_material: Option<u32>,
+}
+
+fn error(name: &str, place: &str, found: impl Into<String>, expected: impl Into<String>) -> SceneError {
+    SceneError::File { place: format!("{name}: {place}"), found: found.into(), expected: expected.into() }
+}
+
+impl<'a> Loader<'a> {
+    fn new(bytes: &[u8], name: &'a str, fetch: Fetch) -> Result<Self, SceneError> {
+        check_container(bytes, name)?;
+        let gltf = gltf::Gltf::from_slice_without_validation(bytes)
+            .map_err(|e| error(name, "JSON", e.to_string(), "expected a glTF 2.0 file (.gltf or .glb)"))?;
+        check_extensions(&gltf.document, name)?;
+        let json = gltf.document.clone().into_json();
+        check_attributes(&json, name)?;
+        let document = gltf::Document::from_json(json)
+            .map_err(|e| error(name, "contents", e.to_string(), "expected what the glTF 2.0 specification allows; an index may be out of range"))?;
+        let mut blob = gltf.blob;
+        let mut buffers = Vec::new();
+        for buffer in document.buffers() {
+            let place = format!("buffer {}", buffer.index());
+            let data = match buffer.source() {
+                gltf::buffer::Source::Bin => blob
+                    .take()
+                    .ok_or_else(|| error(name, &place, "the binary chunk is missing", "expected a .glb with a BIN chunk"))?,
+                gltf::buffer::Source::Uri(uri) => fetch_uri(uri, name, &place, fetch)?,
+            };
+            if data.len() < buffer.length() {
+                let found = format!("{} bytes are there", data.len());
+                return Err(error(name, &place, found, format!("expected {}: the file is cut short", buffer.length())));
+            }
+            buffers.push(data);
+        }
+        check_accessors(&document, &buffers, name)?;
+        let sources: Vec<_> = document.images().collect();
+        let images = sources
+            .into_par_iter()
+            .map(|image| read_image(&image, &buffers, name, fetch))
+            .collect::<Result<Vec<_>, _>>()?;
+        let mut description = Description { name: name.to_owned(), ..Default::default() };
+        for extension in document.extensions_used().filter(|e| !SUPPORTED.contains(e)) {
+            description.warnings.push(format!("{name}: extension {extension} is not supported; the scene is shown without it"));
+        }
+        Ok(Loader { name, document, buffers, images, description, meshes: HashMap::new(), default_material: None })
+    }
+
+    fn run(mut self) -> Result<Description, SceneError> {
+        let document = self.document.clone();
+        for material in document.materials() {
+            let material = self.material(&material)?;
+            self.description.materials.push(material);
+        }
+        let scene = document.default_scene().or_else(|| document.scenes().next());
+        let Some(scene) = scene else {
+            return Err(error(self.name, "scenes", "there is none", "expected a scene with nodes"));
+        };
+        // Walk the trees with an own stack; a node met twice makes a loop or a lattice, which glTF forbids.
+        let mut world = vec![None; document.nodes().count()];
+        let mut stack: Vec<(gltf::Node, Mat4)> = scene.nodes().map(|n| (n, Mat4::IDENTITY)).collect();
+        let mut order = Vec::new();
+        while let Some((node, parent)) = stack.pop() {
+            let here = parent * Mat4::from_cols_array_2d(&node.transform().matrix());
+            if world[node.index()].replace(here).is_some() {
+                let place = format!("node {}{}", node.index(), label(node.name()));
+                return Err(error(self.name, &place, "it is reached twice", "expected a tree: a node has one parent and is not its own ancestor"));
+            }
+            stack.extend(node.children().map(|c| (c, here)));
+            order.push(node);
+        }
+        order.sort_by_key(|n| n.index());
+        for node in order {
+            self.node(&node, &world)?;
+        }
+        self.animations();
+        Ok(self.description)
+    }
+
+    fn node(&mut self, node: &gltf::Node, world: &[Option<Mat4>]) -> Result<(), SceneError> {
+        let name = node.name().map_or_else(|| format!("node {}", node.index()), str::to_owned);
+        let here = world[node.index()].unwrap_or(Mat4::IDENTITY);
+        let placed = Affine3A::from_mat4(here);
+        if let Some(camera) = node.camera() {
+            // Scale of a camera's node has no meaning.
+            let (_, rotation, translation) = placed.to_scale_rotation_translation();
+            let vertical_fov = match camera.projection() {
+                gltf::camera::Projection::Perspective(p) => Some(p.yfov()),
+                gltf::camera::Projection::Orthographic(_) => None,
+            };
+            self.description.cameras.push(Viewpoint {
+                name: camera.name().unwrap_or(&name).to_owned(),
+                world_from_camera: Affine3A::from_rotation_translation(rotation, translation),
+                vertical_fov,
+            });
+        }
+        if let Some(light) = node.light() {
+            self.description.punctual.push(punctual(&light, &placed));
+        }
+        let Some(mesh) = node.mesh() else { return Ok(()) };
+        if mesh.weights().is_some() || mesh.primitives().any(|p| p.morph_targets().next().is_some()) {
+            self.description.warnings.push(format!("mesh \"{}\": morph targets are left at rest", mesh.name().unwrap_or("")));
+        }
+        for primitive in mesh.primitives() {
+            if !matches!(primitive.mode(), gltf::mesh::Mode::Triangles | gltf::mesh::Mode::TriangleStrip | gltf::mesh::Mode::TriangleFan) {
+                self.description.warnings.push(format!("mesh \"{}\": points and lines are not drawn", mesh.name().unwrap_or("")));
+                continue;
+            }
+            let material = match primitive.material().index() {
+                Some(index) => index as u32,
+                None => self.default_material(),
+            };
+            let (number, placed) = match node.skin() {
+                Some(skin) => {
+                    // glTF: a skinned mesh stands where its joints are, not where its node is.
+                    let mut skinned = self.read_mesh(&mesh, &primitive)?;
+                    self.pose(&mut skinned, &primitive, &skin, world)?;
+                    self.description.meshes.push(skinned);
+                    (self.description.meshes.len() as u32 - 1, Affine3A::IDENTITY)
+                }
+                None => (self.mesh(&mesh, &primitive)?, placed),
+            };
+            let shape = Shape::Mesh { mesh: number, world_from_mesh: placed };
+            self.description.objects.push(Object { name: name.clone(), shape, material });
+        }
+        Ok(())
+    }
+
+    fn default_material(&mut self) -> u32 {
+        if let Some(number) = self.default_material {
+            return number;
+        }
+        let principled = Principled { metallic: Scalar::Constant(1.0), ..Principled::new(Color::rgb(1.0, 1.0, 1.0), 1.5) };
+        self.description.materials.push(Material::new("glTF default", Scattering::Principled(Box::new(principled))));
+        let number = self.description.materials.len() as u32 - 1;
+        self.default_material = Some(number);
+        number
+    }
+
+    fn mesh(&mut self, mesh: &gltf::Mesh, primitive: &gltf::Primitive) -> Result<u32, SceneError> {
+        let key = (mesh.index(), primitive.index());
+        if let Some(number) = self.meshes.get(&key) {
+            return Ok(*number);
+        }
+        let read = self.read_mesh(mesh, primitive)?;
+        self.description.meshes.push(read);
+        let number = self.description.meshes.len() as u32 - 1;
+        self.meshes.insert(key, number);
+        Ok(number)
+    }
+
+    fn read_mesh(&mut self, mesh: &gltf::Mesh, primitive: &gltf::Primitive) -> Result<Mesh, SceneError> {
+        let place = format!("mesh {}{} primitive {}", mesh.index(), label(mesh.name()), primitive.index());
+        let reader = primitive.reader(|b| self.buffers.get(b.index()).map(Vec::as_slice));
+        let positions: Vec<Vec3> = match reader.read_positions() {
+            Some(p) => p.map(Vec3::from_array).collect(),
+            None => return Err(error(self.name, &place, "it has no positions", "expected a POSITION attribute")),
+        };
+        let n = positions.len();
+        let fits = |what: &str, len: usize, warnings: &mut Vec<String>| {
+            if len != n {
+                warnings.push(format!("{place}: {len} {what} for {n} positions were left out"));
+            }
+            len == n
+        };
+        let mut warnings = Vec::new();
+        let mut normals: Vec<Vec3> =
+            reader.read_normals().map(|it| it.map(|v| Vec3::from_array(v).normalize_or_zero()).collect()).unwrap_or_default();
+        if !normals.is_empty() && !fits("normals", normals.len(), &mut warnings) {
+            normals.clear();
+        }
+        let mut tangents: Vec<Vec4> = reader.read_tangents().map(|it| it.map(Vec4::from_array).collect()).unwrap_or_default();
+        if !tangents.is_empty() && !fits("tangents", tangents.len(), &mut warnings) {
+            tangents.clear();
+        }
+        let mut colors: Vec<Vec4> =
+            reader.read_colors(0).map(|it| it.into_rgba_f32().map(Vec4::from_array).collect()).unwrap_or_default();
+        if !colors.is_empty() && !fits("colours", colors.len(), &mut warnings) {
+            colors.clear();
+        }
+        let uvs = [0, 1].map(|set| {
+            let uv: Vec<Vec2> = reader.read_tex_coords(set).map(|it| it.into_f32().map(Vec2::from_array).collect()).unwrap_or_default();
+            if uv.is_empty() || fits("texture coordinates", uv.len(), &mut warnings) { uv } else { Vec::new() }
+        });
+        let indices: Vec<u32> = match reader.read_indices() {
+            Some(indices) => indices.into_u32().collect(),
+            None => (0..n as u32).collect(),
+        };
+        if let Some(bad) = indices.iter().find(|i| **i as usize >= n) {
+            return Err(error(self.name, &place, format!("index {bad}"), format!("expected less than {n}, the number of positions")));
+        }
+        let triangles = match primitive.mode() {
+            gltf::mesh::Mode::TriangleStrip => {
+                indices.windows(3).enumerate().map(|(i, t)| if i % 2 == 0 { [t[0], t[1], t[2]] } else { [t[1], t[0], t[2]] }).collect()
+            }
+            gltf::mesh::Mode::TriangleFan => indices.windows(2).skip(1).map(|t| [indices[0], t[0], t[1]]).collect(),
+            _ => indices.chunks_exact(3).map(|t| [t[0], t[1], t[2]]).collect(),
+        };
+        self.description.warnings.extend(warnings);
+        Ok(Mesh { positions, normals, tangents, uvs, colors, triangles })
+    }
+
+    /// Moves a skinned mesh to where its joints hold it.
+    fn pose(&self, mesh: &mut Mesh, primitive: &gltf::Primitive, skin: &gltf::Skin, world: &[Option<Mat4>]) -> Result<(), SceneError> {
+        let place = format!("skin {}{}", skin.index(), label(skin.name()));
+        let get = |b: gltf::Buffer| self.buffers.get(b.index()).map(Vec::as_slice);
+        let inverse: Vec<Mat4> = skin
+            .reader(get)
+            .read_inverse_bind_matrices()
+            .map(|it| it.map(|m| Mat4::from_cols_array_2d(&m)).collect())
+            .unwrap_or_default();
+        let joints: Vec<Mat4> = skin
+            .joints()
+            .enumerate()
+            .map(|(i, joint)| {
+                let here = world[joint.index()]
+                    .ok_or_else(|| error(self.name, &place, format!("joint node {} is not in the scene", joint.index()), "expected all joints below the scene's roots"))?;
+                Ok(here * inverse.get(i).copied().unwrap_or(Mat4::IDENTITY))
+            })
+            .collect::<Result<_, SceneError>>()?;
+        let reader = primitive.reader(get);
+        let (Some(indices), Some(weights)) = (reader.read_joints(0), reader.read_weights(0)) else { return Ok(()) };
+        for (i, (j, w)) in indices.into_u16().zip(weights.into_f32()).enumerate().take(mesh.positions.len()) {
+            let mut blend = Mat4::ZERO;
+            let total: f32 = w.iter().sum();
+            for k in 0..4 {
+                let Some(joint) = joints.get(j[k] as usize) else {
+                    return Err(error(self.name, &place, format!("joint {} of vertex {i}", j[k]), format!("expected less than {}", joints.len())));
+                };
+                blend += *joint * (w[k] / total.max(1e-6));
+            }
+            mesh.positions[i] = blend.transform_point3(mesh.positions[i]);
+            if let Some(n) = mesh.normals.get_mut(i) {
+                *n = (blend.inverse().transpose() * n.extend(0.0)).truncate().normalize_or_zero();
+            }
+            if let Some(t) = mesh.tangents.get_mut(i) {
+                *t = blend.transform_vector3(t.truncate()).normalize_or_zero().extend(t.w);
+            }
+        }
+        Ok(())
+    }
+
+    fn texture(&self, texture: &gltf::Texture, codes: Codes, uv_set: u32, image_from_uv: Affine2) -> Option<Texture> {
+        let image = self.images.get(texture.source().index())?.clone()?;
+        let sampler = texture.sampler();
+        let wrap = |w: gltf::texture::WrappingMode| match w {
+            gltf::texture::WrappingMode::ClampToEdge => Wrap::Clamp,
+            gltf::texture::WrappingMode::MirroredRepeat => Wrap::Mirror,
+            gltf::texture::WrappingMode::Repeat => Wrap::Repeat,
+        };
+        let interpolation = match sampler.mag_filter() {
+            Some(gltf::texture::MagFilter::Nearest) => Interpolation::Nearest,
+            _ => Interpolation::Bilinear,
+        };
+        let wrap = [wrap(sampler.wrap_s()), wrap(sampler.wrap_t())];
+        Some(Texture { image, codes, wrap, interpolation, uv_set: uv_set as usize, image_from_uv })
+    }
+
+    fn info(&self, info: Option<gltf::texture::Info>, codes: Codes) -> Option<Texture> {
+        let info = info?;
+        let transform = info.texture_transform();
+        let set = transform.as_ref().and_then(|t| t.tex_coord()).unwrap_or_else(|| info.tex_coord());
+        let matrix = transform.map_or(Affine2::IDENTITY, |t| uv_transform(t.offset().into(), t.rotation(), t.scale().into()));
+        self.texture(&info.texture(), codes, set, matrix)
+    }
+
+    /// A texture reference in plain JSON, for extensions the reader does not know.
+    fn json_texture(&self, value: Option<&Value>, codes: Codes) -> Option<Texture> {
+        let value = value?;
+        let texture = self.document.textures().nth(value.get("index")?.as_u64()? as usize)?;
+        let set = value.get("texCoord").and_then(Value::as_u64).unwrap_or(0) as u32;
+        let (set, matrix) = json_transform(value.get("extensions"), set);
+        self.texture(&texture, codes, set, matrix)
+    }
+
+    fn material(&self, m: &gltf::Material) -> Result<Material, SceneError> {
+        let name = m.name().map_or_else(|| format!("material {}", m.index().unwrap_or(0)), str::to_owned);
+        let pbr = m.pbr_metallic_roughness();
+        let [r, g, b, alpha] = pbr.base_color_factor();
+        let factor = Vec3::new(r, g, b);
+        let base_texture = self.info(pbr.base_color_texture(), Codes::Srgb);
+        let color = |factor: Vec3, texture: Option<Texture>| match texture {
+            Some(texture) => Color::Textured { factor, texture },
+            None => Color::rgb(factor.x, factor.y, factor.z),
+        };
+        let scalar = |factor: f32, texture: Option<Texture>, channel: usize| match texture {
+            Some(texture) => Scalar::Textured { factor, texture, channel },
+            None => Scalar::Constant(factor),
+        };
+        let alpha = scalar(alpha, base_texture.clone(), 3);
+        let coverage = match m.alpha_mode() {
+            gltf::material::AlphaMode::Opaque => Coverage::Full,
+            gltf::material::AlphaMode::Mask => Coverage::Mask { alpha, cutoff: m.alpha_cutoff().unwrap_or(0.5) },
+            gltf::material::AlphaMode::Blend => Coverage::Blend(alpha),
+        };
+        if m.unlit() {
+            // The colour is what is seen: radiance in cd/m², not a lamp to light others by.
+            let radiance = match base_texture {
+                Some(texture) => EmissionColor::Textured { factor, texture },
+                None => EmissionColor::Constant(Spectrum::light_from_rgb(factor)),
+            };
+            let emission = Some(Emission { radiance, two_sided: true, is_light: false });
+            return Ok(Material { emission, coverage, ..Material::new(&name, Scattering::Black) });
+        }
+
+        let metal_rough = self.info(pbr.metallic_roughness_texture(), Codes::Linear);
+        let mut principled = Principled {
+            metallic: scalar(pbr.metallic_factor(), metal_rough.clone(), 2),
+            roughness: scalar(pbr.roughness_factor(), metal_rough, 1),
+            ..Principled::new(color(factor, base_texture), m.ior().unwrap_or(1.5))
+        };
+        if let Some(t) = m.transmission() {
+            principled.transmission = scalar(t.transmission_factor(), self.info(t.transmission_texture(), Codes::Linear), 0);
+        }
+        if let Some(v) = m.volume().filter(|v| v.thickness_factor() > 0.0) {
+            let distance = v.attenuation_distance();
+            let absorbs = distance.is_finite() && distance > 0.0;
+            let color = Sigmoid::from_rgb(Vec3::from_array(v.attenuation_color()));
+            principled.kind = Transmission::Solid(absorbs.then_some(Absorption { color, distance_m: distance }));
+        }
+        if let Some(coat) = m.extension_value("KHR_materials_clearcoat") {
+            let number = |key: &str| coat.get(key).and_then(Value::as_f64).unwrap_or(0.0) as f32;
+            let texture = |key: &str| self.json_texture(coat.get(key), Codes::Linear);
+            principled.clearcoat = scalar(number("clearcoatFactor"), texture("clearcoatTexture"), 0);
+            principled.clearcoat_roughness = scalar(number("clearcoatRoughnessFactor"), texture("clearcoatRoughnessTexture"), 1);
+        }
+
+        let strength = m.emissive_strength().unwrap_or(1.0);
+        let glow = Vec3::from_array(m.emissive_factor()) * strength;
+        let emission = (glow.max_element() > 0.0).then(|| Emission {
+            radiance: match self.info(m.emissive_texture(), Codes::Srgb) {
+                Some(texture) => EmissionColor::Textured { factor: glow, texture },
+                None => EmissionColor::Constant(Spectrum::light_from_rgb(glow)),
+            },
+            two_sided: m.double_sided(),
+            is_light: true,
+        });
+        let normal_map = m.normal_texture().and_then(|n| {
+            let (set, matrix) = match n.extension_value("KHR_texture_transform") {
+                Some(t) => json_transform(Some(&serde_json::json!({ "KHR_texture_transform": t })), n.tex_coord()),
+                None => (n.tex_coord(), Affine2::IDENTITY),
+            };
+            Some((self.texture(&n.texture(), Codes::Linear, set, matrix)?, n.scale()))
+        });
+        Ok(Material { name, scattering: Scattering::Principled(Box::new(principled)), emission, normal_map, coverage })
+    }
+
+    fn animations(&mut self) {
+        for animation in self.document.clone().animations() {
+            let channels = animation
+                .channels()
+                .filter_map(|channel| {
+                    use gltf::animation::util::ReadOutputs;
+                    let reader = channel.reader(|b| self.buffers.get(b.index()).map(Vec::as_slice));
+                    let values: Vec<f32> = match reader.read_outputs()? {
+                        ReadOutputs::Translations(it) => it.flatten().collect(),
+                        ReadOutputs::Rotations(it) => it.into_f32().flatten().collect(),
+                        ReadOutputs::Scales(it) => it.flatten().collect(),
+                        ReadOutputs::MorphTargetWeights(it) => it.into_f32().collect(),
+                    };
+                    Some(Channel {
+                        node: channel.target().node().index(),
+                        property: match channel.target().property() {
+                            gltf::animation::Property::Translation => AnimatedProperty::Translation,
+                            gltf::animation::Property::Rotation => AnimatedProperty::Rotation,
+                            gltf::animation::Property::Scale => AnimatedProperty::Scale,
+                            gltf::animation::Property::MorphTargetWeights => AnimatedProperty::MorphWeights,
+                        },
+                        interpolation: match channel.sampler().interpolation() {
+                            gltf::animation::Interpolation::Step => KeyInterpolation::Step,
+                            gltf::animation::Interpolation::Linear => KeyInterpolation::Linear,
+                            gltf::animation::Interpolation::CubicSpline => KeyInterpolation::Cubic,
+                        },
+                        times_s: reader.read_inputs()?.collect(),
+                        values,
+                    })
+                })
+                .collect();
+            self.description.animations.push(Animation { name: animation.name().unwrap_or("").to_owned(), channels });
+        }
+    }
+}
+
+fn label(name: Option<&str>) -> String {
+    name.map_or_else(String::new, |n| format!(" \"{n}\""))
+}
+
+/// A `.glb` whose header promises more than is there is cut short: say so before anything else does.
+fn check_container(bytes: &[u8], name: &str) -> Result<(), SceneError> {
+    if bytes.starts_with(b"glTF") {
+        let length = bytes.get(8..12).map(|b| u32::from_le_bytes([b[0], b[1], b[2], b[3]]) as usize);
+        if length.is_none_or(|l| l > bytes.len()) {
+            let expected = length.map_or("expected a header of 12 bytes".to_owned(), |l| format!("expected {l}"));
+            return Err(error(name, "header", format!("the file has {} bytes and is cut short", bytes.len()), expected));
+        }
+    }
+    Ok(())
+}
+
+/// Attributes must refer to accessors that exist: the reader's own validation trusts them.
+fn check_attributes(json: &gltf::json::Root, name: &str) -> Result<(), SceneError> {
+    let count = json.accessors.len();
+    for (m, mesh) in json.meshes.iter().enumerate() {
+        for (p, primitive) in mesh.primitives.iter().enumerate() {
+            if let Some(bad) = primitive.attributes.values().find(|i| i.value() >= count) {
+                let place = format!("mesh {m} primitive {p}");
+                return Err(error(name, &place, format!("accessor {} is out of range", bad.value()), format!("expected less than {count}")));
+            }
+        }
+    }
+    Ok(())
+}
+
+fn check_extensions(document: &gltf::Document, name: &str) -> Result<(), SceneError> {
+    match document.extensions_required().find(|e| !SUPPORTED.contains(e)) {
+        Some(extension) => {
+            let hint = format!("supported are {}; export the scene without it", SUPPORTED.join(", "));
+            Err(error(name, "extensionsRequired", format!("{extension} is not supported"), hint))
+        }
+        None => Ok(()),
+    }
+}
+
+/// Every accessor must lie within its buffer: the readers trust it.
+fn check_accessors(document: &gltf::Document, buffers: &[Vec<u8>], name: &str) -> Result<(), SceneError> {
+    let view_end = |view: &gltf::buffer::View, place: &str, end: usize| {
+        let length = buffers.get(view.buffer().index()).map_or(0, Vec::len);
+        let inside = end <= view.length() && view.offset().checked_add(view.length()).is_some_and(|e| e <= length);
+        if inside {
+            return Ok(());
+        }
+        let found = format!("it reaches byte {} of buffer {}", view.offset().saturating_add(end.max(view.length())), view.buffer().index());
+        Err(error(name, place, found, format!("expected at most {length}")))
+    };
+    for view in document.views() {
+        view_end(&view, &format!("bufferView {}", view.index()), 0)?;
+    }
+    for accessor in document.accessors() {
+        let place = format!("accessor {}", accessor.index());
+        let span = |stride: usize, count: usize, size: usize, offset: usize| {
+            count.checked_sub(1).and_then(|n| n.checked_mul(stride)).and_then(|s| s.checked_add(size)).and_then(|s| s.checked_add(offset))
+        };
+        if accessor.count() == 0 {
+            return Err(error(name, &place, "it has no elements", "expected a count of 1 or more"));
+        }
+        if let Some(view) = accessor.view() {
+            let stride = view.stride().unwrap_or(accessor.size());
+            match span(stride, accessor.count(), accessor.size(), accessor.offset()) {
+                Some(end) => view_end(&view, &place, end)?,
+                None => return Err(error(name, &place, format!("{} elements", accessor.count()), "expected a size that fits the buffer")),
+            }
+        }
+        if let Some(sparse) = accessor.sparse() {
+            let (indices, values) = (sparse.indices(), sparse.values());
+            let ends = [
+                (indices.view(), span(indices.index_type().size(), sparse.count(), indices.index_type().size(), indices.offset())),
+                (values.view(), span(accessor.size(), sparse.count(), accessor.size(), values.offset())),
+            ];
+            for (view, end) in ends {
+                let end = end.ok_or_else(|| error(name, &place, "its sparse part overflows", "expected a size that fits the buffer"))?;
+                view_end(&view, &format!("{place} (sparse)"), end)?;
+            }
+        }
+    }
+    Ok(())
+}
+
+fn fetch_uri(uri: &str, name: &str, place: &str, fetch: Fetch) -> Result<Vec<u8>, SceneError> {
+    use base64::Engine;
+    if let Some(rest) = uri.strip_prefix("data:") {
+        let data = rest.split_once(";base64,").map(|(_, d)| d);
+        let decoded = data.and_then(|d| base64::engine::general_purpose::STANDARD.decode(d).ok());
+        return decoded.ok_or_else(|| error(name, place, "its data URI cannot be decoded", "expected data:<type>;base64,<data>"));
+    }
+    let path = percent_decode(uri);
+    let leaves = path.split(['/', '\\']).any(|part| part == "..") || path.starts_with(['/', '\\']) || path.contains(':');
+    if leaves {
+        return Err(error(name, place, format!("\"{uri}\" leads out of the scene's folder"), "expected a path below the file, without \"..\""));
+    }
+    fetch(&path).map_err(|reason| error(name, place, format!("\"{path}\": {reason}"), "expected a readable file beside the scene"))
+}
+
+fn percent_decode(uri: &str) -> String {
+    let bytes = uri.as_bytes();
+    let mut out = Vec::with_capacity(bytes.len());
+    let mut i = 0;
+    while i < bytes.len() {
+        let hex = (bytes[i] == b'%').then(|| uri.get(i + 1..i + 3)).flatten().and_then(|h| u8::from_str_radix(h, 16).ok());
+        out.push(hex.unwrap_or(bytes[i]));
+        i += if hex.is_some() { 3 } else { 1 };
+    }
+    String::from_utf8_lossy(&out).into_owned()
+}
+
+fn read_image(image: &gltf::Image, buffers: &[Vec<u8>], name: &str, fetch: Fetch) -> Result<Option<Arc<Image>>, SceneError> {
+    let place = format!("image {}{}", image.index(), label(image.name()));
+    let bytes = match image.source() {
+        gltf::image::Source::View { view, .. } => {
+            let data = buffers.get(view.buffer().index()).and_then(|b| b.get(view.offset()..view.offset() + view.length()));
+            data.ok_or_else(|| error(name, &place, "its buffer view is out of range", "expected bytes within the buffer"))?.to_vec()
+        }
+        gltf::image::Source::Uri { uri, .. } => fetch_uri(uri, name, &place, fetch)?,
+    };
+    let mut reader = image::ImageReader::new(std::io::Cursor::new(&bytes))
+        .with_guessed_format()
+        .map_err(|e| error(name, &place, e.to_string(), "expected PNG or JPEG"))?;
+    let mut limits = image::Limits::default();
+    (limits.max_image_width, limits.max_image_height) = (Some(LARGEST_IMAGE), Some(LARGEST_IMAGE));
+    reader.limits(limits);
+    let decoded = reader.decode().map_err(|e| error(name, &place, e.to_string(), "expected a whole PNG or JPEG picture"))?.into_rgba8();
+    let (width, height) = (decoded.width() as usize, decoded.height() as usize);
+    if width == 0 || height == 0 {
+        return Err(error(name, &place, format!("it has {width} × {height} pixels"), "expected at least one"));
+    }
+    let pixels = decoded.into_raw().chunks_exact(4).map(|p| [p[0], p[1], p[2], p[3]]).collect();
+    Ok(Some(Arc::new(Image { width, height, pixels })))
+}
+
+/// Source: KHR_texture_transform: translation × rotation × scale, rotation counter-clockwise in UV space.
+fn uv_transform(offset: Vec2, rotation: f32, scale: Vec2) -> Affine2 {
+    let (s, c) = rotation.sin_cos();
+    let rotate = Mat2::from_cols(Vec2::new(c, -s), Vec2::new(s, c));
+    Affine2::from_mat2_translation(rotate * Mat2::from_diagonal(scale), offset)
+}
+
+fn json_transform(extensions: Option<&Value>, set: u32) -> (u32, Affine2) {
+    let Some(t) = extensions.and_then(|e| e.get("KHR_texture_transform")) else { return (set, Affine2::IDENTITY) };
+    let pair = |key: &str, default: f32| {
+        let at = |i: usize| t.get(key).and_then(|v| v.get(i)).and_then(Value::as_f64).map_or(default, |v| v as f32);
+        Vec2::new(at(0), at(1))
+    };
+    let rotation = t.get("rotation").and_then(Value::as_f64).unwrap_or(0.0) as f32;
+    let set = t.get("texCoord").and_then(Value::as_u64).map_or(set, |s| s as u32);
+    (set, uv_transform(pair("offset", 0.0), rotation, pair("scale", 1.0)))
+}
+
+fn punctual(light: &gltf::khr_lights_punctual::Light, placed: &Affine3A) -> Punctual {
+    use gltf::khr_lights_punctual::Kind;
+    let power = Spectrum::light_from_rgb(Vec3::from_array(light.color()) * light.intensity());
+    let position = Vec3::from(placed.translation);
+    let direction = placed.transform_vector3(Vec3::NEG_Z).try_normalize().unwrap_or(Vec3::NEG_Z);
+    let kind = match light.kind() {
+        Kind::Directional => PunctualKind::Directional { direction },
+        Kind::Point => PunctualKind::Point { position },
+        Kind::Spot { inner_cone_angle, outer_cone_angle } => PunctualKind::Spot {
+            position,
+            direction,
+            cos_inner: inner_cone_angle.cos(),
+            cos_outer: outer_cone_angle.cos(),
+        },
+    };
+    Punctual { power, kind }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn none(_: &str) -> Result<Vec<u8>, String> {
+        Err("no files here".into())
+    }
+
+    /// A triangle in a data URI, with parts of the JSON replaced.
+    fn triangle(replace: &[(&str, &str)]) -> String {
+        use base64::Engine;
+        let mut bytes: Vec<u8> = [0f32, 0., 0., 1., 0., 0., 0., 1., 0.].iter().flat_map(|v| v.to_le_bytes()).collect();
+        bytes.extend([0u16, 1, 2].iter().flat_map(|v| v.to_le_bytes()));
+        let data = base64::engine::general_purpose::STANDARD.encode(&bytes);
+        let json = r#"{"asset":{"version":"2.0"},"scene":0,"scenes":[{"nodes":[0]}],"nodes":[{"mesh":0}],
+            "meshes":[{"primitives":[{"attributes":{"POSITION":0},"indices":1}]}],
+            "buffers":[{"byteLength":42,"uri":"data:application/octet-stream;base64,DATA"}],
+            "bufferViews":[{"buffer":0,"byteOffset":0,"byteLength":36},{"buffer":0,"byteOffset":36,"byteLength":6}],
+            "accessors":[{"bufferView":0,"componentType":5126,"count":3,"type":"VEC3","min":[0,0,0],"max":[1,1,0]},
+                         {"bufferView":1,"componentType":5123,"count":3,"type":"SCALAR"}]}"#;
+        let mut json = json.replace("DATA", &data);
+        for (from, to) in replace {
+            assert!(json.contains(from), "{from}");
+            json = json.replacen(from, to, 1);
+        }
+        json
+    }
+
+    fn message(replace: &[(&str, &str)]) -> String {
+        load(triangle(replace).as_bytes(), "t.gltf", &none).map(|d| d.warnings.join("; ")).unwrap_err().to_string()
+    }
+
+    #[test]
+    fn a_triangle_is_read() {
+        let d = load(triangle(&[]).as_bytes(), "t.gltf", &none).unwrap();
+        assert_eq!(d.meshes[0].triangles, vec![[0, 1, 2]]);
+        assert_eq!(d.meshes[0].positions[1], Vec3::X);
+    }
+
+    #[test]
+    fn bad_files_are_told_where_and_what() {
+        let cases: &[(&[(&str, &str)], &str)] = &[
+            (&[("\"asset\"", "\"extensionsRequired\":[\"KHR_draco_mesh_compression\"],\"asset\"")], "KHR_draco_mesh_compression is not supported"),
+            (&[("\"nodes\":[{\"mesh\":0}]", "\"nodes\":[{\"mesh\":0,\"children\":[1]},{\"children\":[0]}]")], "reached twice"),
+            (&[("\"byteLength\":42", "\"byteLength\":4200")], "cut short"),
+            (&[("\"count\":3,\"type\":\"SCALAR\"", "\"count\":30,\"type\":\"SCALAR\"")], "accessor 1"),
+            (&[("\"mesh\":0", "\"mesh\":7")], "out of range"),
+            (&[("data:application/octet-stream;base64,", "../secret.bin?")], "leads out of the scene's folder"),
+            (&[("data:application/octet-stream;base64,", "there.bin?")], "no files here"),
+        ];
+        for (replace, expected) in cases {
+            let text = message(replace);
+            assert!(text.contains(expected) && text.starts_with("t.gltf: "), "{text}");
+        }
+        let index = triangle(&[]);
+        assert!(load(&index.as_bytes()[..index.len() / 2], "t.gltf", &none).is_err());
+        assert!(load(b"glTF\x02\0\0\0\xff\0\0\0", "t.glb", &none).unwrap_err().to_string().contains("cut short"));
+        assert!(load(b"", "t.glb", &none).is_err());
+    }
+
+    #[test]
+    fn an_unknown_optional_extension_is_a_warning() {
+        let text = triangle(&[("\"asset\"", "\"extensionsUsed\":[\"KHR_materials_sheen\"],\"asset\"")]);
+        let d = load(text.as_bytes(), "t.gltf", &none).unwrap();
+        assert!(d.warnings[0].contains("KHR_materials_sheen"));
+    }
+
+    #[test]
+    fn texture_transform_is_offset_rotation_scale() {
+        let m = uv_transform(Vec2::new(0.5, 0.0), std::f32::consts::FRAC_PI_2, Vec2::splat(2.0));
+        // Counter-clockwise seen with v up, that is (u, v) → (v, −u) with v down.
+        assert!((m.transform_point2(Vec2::new(0.0, 1.0)) - Vec2::new(2.5, 0.0)).length() < 1e-6);
+    }
+
+    #[test]
+    fn damaged_files_never_panic() {
+        // Every byte of a small binary file changed in a few ways, and every length.
+        let json = triangle(&[]);
+        for i in 0..json.len() {
+            for change in [b'9', b'"', b'-', 0xff] {
+                let mut bytes = json.clone().into_bytes();
+                bytes[i] = change;
+                let _ = load(&bytes, "t.gltf", &none).map(crate::Scene::build);
+            }
+        }
+    }
+}
