@@ -198,7 +198,7 @@ impl Sampler {
     }
 
     /// Four numbers in [0, 1).
-    #[inline]
+    #[inline(always)]
     pub fn get(&self, set: Set) -> [f32; 4] {
         let seed = mix(self.seed.wrapping_add(set.number().wrapping_mul(0x9e37_79b9)));
         match self.kind {

@@ -9,7 +9,7 @@ use std::sync::Arc;
 #[derive(Clone, Debug, PartialEq)]
 pub struct Table {
     first_nm: f32,
-    step_nm: f32,
+    per_nm: f32,
     values: Arc<[f32]>,
 }
 
@@ -17,7 +17,7 @@ impl Table {
     /// `values[i]` holds at `first_nm + i * step_nm`. Panics when there are no values or the step is not positive.
     pub fn new(first_nm: f32, step_nm: f32, values: Vec<f32>) -> Self {
         assert!(!values.is_empty() && step_nm > 0.0, "{} values in steps of {step_nm} nm", values.len());
-        Table { first_nm, step_nm, values: values.into() }
+        Table { first_nm, per_nm: 1.0 / step_nm, values: values.into() }
     }
 
     /// A table at 5 nm, 380–780 nm, through unevenly spaced `(nm, value)` points in rising order.
@@ -36,7 +36,7 @@ impl Table {
     /// Value at a wavelength in nm.
     #[inline]
     pub fn at(&self, nm: f32) -> f32 {
-        let x = ((nm - self.first_nm) / self.step_nm).max(0.0);
+        let x = ((nm - self.first_nm) * self.per_nm).max(0.0);
         let i = x as usize;
         if i + 1 >= self.values.len() {
             return self.values[self.values.len() - 1];
@@ -92,7 +92,10 @@ impl Spectrum {
             Spectrum::Constant(value) => Sampled::splat(*value),
             Spectrum::Sigmoid(sigmoid) => sigmoid.sample(wavelengths),
             Spectrum::RgbLight { scale, color } => color.sample(wavelengths) * (wavelengths.d65_one_nit() * *scale),
-            Spectrum::Table(table) => Sampled::from_array(wavelengths.nm.to_array().map(|nm| table.at(nm))),
+            Spectrum::Table(table) => {
+                let nm = wavelengths.nm;
+                Sampled::new(table.at(nm.x), table.at(nm.y), table.at(nm.z), table.at(nm.w))
+            }
         }
     }
 }

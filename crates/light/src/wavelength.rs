@@ -18,6 +18,7 @@ pub const FIRST_NM: f32 = 380.0;
 /// Longest wavelength carried, nm.
 pub const LAST_NM: f32 = 780.0;
 const BINS: usize = 400;
+const GUIDE: usize = 1024;
 
 /// The four wavelengths of one path.
 #[derive(Clone, Copy, Debug)]
@@ -37,7 +38,7 @@ impl Wavelengths {
 
     fn new(nm: Vec4, weight: Vec4) -> Self {
         let white = d65_one_nit();
-        Wavelengths { nm, weight, d65: Vec4::from_array(nm.to_array().map(|nm| white.at(nm))) }
+        Wavelengths { nm, weight, d65: Vec4::new(white.at(nm.x), white.at(nm.y), white.at(nm.z), white.at(nm.w)) }
     }
 
     /// D65 of 1 cd/m² at these wavelengths, W·m⁻²·sr⁻¹·nm⁻¹; looked up once a path because every RGB light needs it.
@@ -54,8 +55,10 @@ pub struct WavelengthSampler {
     pdf: Vec<f32>,
     /// Cumulative probability at the start of each bin; one more entry, 1.
     cdf: Vec<f32>,
-    /// First bin to look at for each 1/256 of probability.
+    /// First bin to look at for each 1/[`GUIDE`] of probability.
     guide: Vec<u16>,
+    /// Last bin that can be drawn.
+    last: u16,
 }
 
 impl WavelengthSampler {
@@ -88,10 +91,10 @@ impl WavelengthSampler {
             }))
             .collect();
         cdf[BINS] = 1.0;
-        let guide = (0..256)
-            .map(|g| cdf.partition_point(|c| *c <= g as f32 / 256.0).saturating_sub(1).min(BINS - 1) as u16)
-            .collect();
-        WavelengthSampler { pdf, cdf, guide }
+        let last = pdf.iter().rposition(|p| *p > 0.0).unwrap_or(BINS - 1);
+        let first_above = |v: f32| cdf.partition_point(|c| *c <= v).saturating_sub(1).min(last);
+        let guide = (0..GUIDE).map(|g| first_above(g as f32 / GUIDE as f32) as u16).collect();
+        WavelengthSampler { pdf, cdf, guide, last: last as u16 }
     }
 
     /// Equal density from 380 to 780 nm.
@@ -100,22 +103,20 @@ impl WavelengthSampler {
     }
 
     /// The four wavelengths that belong to the uniform number `u` in [0, 1).
+    #[inline]
     pub fn sample(&self, u: f32) -> Wavelengths {
-        let mut nm = [0.0; 4];
-        let mut weight = [0.0; 4];
+        let (mut nm, mut weight) = ([0.0; 4], [0.0; 4]);
         for i in 0..4 {
-            let v = (u + 0.25 * i as f32).fract();
-            let mut bin = self.guide[(v * 256.0) as usize & 255] as usize;
-            while bin + 1 < BINS && (self.cdf[bin + 1] <= v || self.pdf[bin] == 0.0) {
+            let v = u + 0.25 * i as f32;
+            let v = if v >= 1.0 { v - 1.0 } else { v };
+            let mut bin = self.guide[(v * GUIDE as f32) as usize & (GUIDE - 1)] as usize;
+            while bin < self.last as usize && self.cdf[bin + 1] <= v {
                 bin += 1;
             }
-            // In the last bins the density can be 0: step back to one that can be drawn.
-            while self.pdf[bin] == 0.0 {
-                bin -= 1;
-            }
-            let within = ((v - self.cdf[bin]) / self.pdf[bin]).clamp(0.0, 0.999_999);
+            let density = self.pdf[bin];
+            let within = ((v - self.cdf[bin]) / density).clamp(0.0, 0.999_999);
             nm[i] = FIRST_NM + bin as f32 + within;
-            weight[i] = 0.25 / self.pdf[bin];
+            weight[i] = 0.25 / density;
         }
         Wavelengths::new(Vec4::from_array(nm), Vec4::from_array(weight))
     }

@@ -569,7 +569,7 @@ fn area_lights(d: &Description) -> (Vec<AreaLight>, Vec<u32>, Vec<Option<u32>>) 
                 if luminance == 0.0 && constant[object.material as usize].is_some() {
                     return NO_LIGHT;
                 }
-                lights.push(AreaLight { shape, material: object.material, uv, two_sided: emission.two_sided, luminance: luminance.max(1e-6) });
+                lights.push(AreaLight::new(shape, object.material, uv, emission.two_sided, luminance.max(1e-6)));
                 lights.len() as u32 - 1
             };
             match object.shape {

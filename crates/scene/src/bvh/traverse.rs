@@ -5,8 +5,8 @@ use fearless_simd::{Level, Simd, dispatch, f32x8, prelude::*};
 use glam::Vec3;
 use std::sync::OnceLock;
 
-/// Children waiting on the way down. An eight-wide tree of 2³⁰ leaves needs 7 for each of some 20 levels.
-const STACK: usize = 256;
+/// Children waiting on the way down that fit the array; a power of two. More go to the heap.
+const STACK: usize = 64;
 /// 1 + 2γ₃: what the box test may be off by (Ize 2013).
 const WIDEN: f32 = 1.000_000_8;
 
@@ -205,33 +205,50 @@ fn traverse<S: Simd, F: Filter, const ANY: bool>(
     let ray = Prepared::new(simd, origin, direction);
     let mut best: Option<Hit> = None;
     let mut limit = t_max;
-    let mut stack = [(Child::ABSENT, 0.0f32); STACK];
+    // Entries hold the distance of entry above and the child below: distances are not negative, so their bits are ordered
+    // as they are. Few rays need more than the array; it is small because each ray has to clear it.
+    let mut stack = [0u64; STACK];
+    let mut spilled: Vec<u64> = Vec::new();
     let mut top = 1;
-    stack[0] = (Child::node(0), 0.0);
-    while top > 0 {
-        top -= 1;
-        let (child, entry) = stack[top];
-        if entry > limit {
+    stack[0] = Child::node(0).0 as u64;
+    while top > 0 || !spilled.is_empty() {
+        let entry = if let Some(entry) = spilled.pop() {
+            entry
+        } else {
+            top -= 1;
+            stack[top]
+        };
+        if f32::from_bits((entry >> 32) as u32) > limit {
             continue;
         }
-        match child.kind() {
+        match Child(entry as u32).kind() {
             ChildKind::Node(index) => {
                 let node = &bvh.nodes[index];
                 let (mut hits, near) = ray.boxes(simd, node, limit);
-                let first = top;
+                // The nearest child is to be on top: sort what is pushed, the farthest first.
+                let mut found = [0u64; 8];
+                let mut count = 0;
                 while hits != 0 {
                     let i = hits.trailing_zeros() as usize & 7;
                     hits &= hits - 1;
-                    // Keep what is pushed here sorted, the nearest on top.
-                    let mut at = top;
+                    let new = (near[i].to_bits() as u64) << 32 | node.child[i].0 as u64;
+                    let mut at = count;
                     if !ANY {
-                        while at > first && stack[at - 1].1 < near[i] {
-                            stack[at] = stack[at - 1];
+                        while at > 0 && found[at - 1] < new {
+                            found[at & 7] = found[at - 1];
                             at -= 1;
                         }
                     }
-                    stack[at] = (node.child[i], near[i]);
-                    top += 1;
+                    found[at & 7] = new;
+                    count += 1;
+                }
+                if top + count <= STACK && spilled.is_empty() {
+                    for entry in &found[..count.min(8)] {
+                        stack[top & (STACK - 1)] = *entry;
+                        top += 1;
+                    }
+                } else {
+                    spilled.extend_from_slice(&found[..count]);
                 }
             }
             ChildKind::Block(index) => {

@@ -24,6 +24,10 @@ pub struct AreaLight {
     pub two_sided: bool,
     /// Mean luminance, cd/m²; steers the choice among lights.
     pub luminance: f32,
+    /// Unit normal of a flat shape.
+    normal: Vec3,
+    /// m².
+    area: f32,
 }
 
 /// Shape of an emissive surface, world space.
@@ -38,18 +42,24 @@ pub enum AreaShape {
 }
 
 impl AreaLight {
+    /// A light of a shape, with the emission of a material.
+    pub fn new(shape: AreaShape, material: u32, uv: [[Vec2; 3]; 2], two_sided: bool, luminance: f32) -> Self {
+        let (normal, area) = match &shape {
+            AreaShape::Triangle(q) => (q.normal(), 0.5 * q.area()),
+            AreaShape::Parallelogram(q) => (q.normal(), q.area()),
+            AreaShape::Sphere(s) => (Vec3::ZERO, 4.0 * PI * s.radius * s.radius),
+        };
+        AreaLight { shape, material, uv, two_sided, luminance, normal, area }
+    }
+
     /// Area, m².
     pub fn area(&self) -> f32 {
-        match &self.shape {
-            AreaShape::Triangle(q) => 0.5 * q.area(),
-            AreaShape::Parallelogram(q) => q.area(),
-            AreaShape::Sphere(s) => 4.0 * PI * s.radius * s.radius,
-        }
+        self.area
     }
 
     /// What the light tree needs to know.
     pub fn bounds(&self) -> LightBounds {
-        let power = self.area() * self.luminance * PI * if self.two_sided { 2.0 } else { 1.0 };
+        let power = self.area * self.luminance * PI * if self.two_sided { 2.0 } else { 1.0 };
         let (bounds, axis, spread) = match &self.shape {
             AreaShape::Triangle(q) => {
                 (Bounds::around([q.corner, q.corner + q.edges[0], q.corner + q.edges[1]]), q.normal(), 0.0)
@@ -82,41 +92,41 @@ impl AreaLight {
                 } else {
                     Vec2::new(u[0] - 0.5 * u[1], 0.5 * u[1])
                 };
-                self.aim_at_plane(quad, p, place, 0.5 * quad.area(), number)
+                self.aim_at_plane(quad, p, place, number)
             }
-            AreaShape::Parallelogram(quad) => match SphericalRectangle::new(quad, p) {
+            AreaShape::Parallelogram(quad) => match SphericalRectangle::new(quad, self.area, p) {
                 Some(rectangle) => {
                     let place = rectangle.sample(u);
-                    let mut aim = self.aim_at_plane(quad, p, place, quad.area(), number)?;
+                    let mut aim = self.aim_at_plane(quad, p, place, number)?;
                     aim.pdf = 1.0 / rectangle.solid_angle;
                     Some(aim)
                 }
-                None => self.aim_at_plane(quad, p, Vec2::from(u), quad.area(), number),
+                None => self.aim_at_plane(quad, p, Vec2::from(u), number),
             },
         }
     }
 
-    fn aim_at_plane(&self, quad: &Quad, p: Vec3, place: Vec2, area: f32, number: u32) -> Option<Aim> {
+    fn aim_at_plane(&self, quad: &Quad, p: Vec3, place: Vec2, number: u32) -> Option<Aim> {
         let to = quad.point(place) - p;
         let d2 = to.length_squared();
         let distance = d2.sqrt();
         let wi = to / distance;
-        let cos = -quad.normal().dot(wi);
+        let cos = -self.normal.dot(wi);
         if !(if self.two_sided { cos.abs() } else { cos } > 1e-6) {
             return None;
         }
-        let pdf = d2 / (cos.abs() * area);
+        let pdf = d2 / (cos.abs() * self.area);
         Some(Aim { wi, distance, pdf, has_extent: true, spot: Spot::Area(number, place) })
     }
 
     /// Density with which [`AreaLight::aim`] would have aimed from `p` along `wi`, which meets the surface at `distance`.
     pub fn pdf(&self, p: Vec3, wi: Vec3, distance: f32) -> f32 {
-        let by_area = |quad: &Quad, area: f32| distance * distance / (quad.normal().dot(wi).abs().max(1e-9) * area);
+        let by_area = || distance * distance / (self.normal.dot(wi).abs().max(1e-9) * self.area);
         match &self.shape {
-            AreaShape::Triangle(quad) => by_area(quad, 0.5 * quad.area()),
-            AreaShape::Parallelogram(quad) => match SphericalRectangle::new(quad, p) {
+            AreaShape::Triangle(_) => by_area(),
+            AreaShape::Parallelogram(quad) => match SphericalRectangle::new(quad, self.area, p) {
                 Some(rectangle) => 1.0 / rectangle.solid_angle,
-                None => by_area(quad, quad.area()),
+                None => by_area(),
             },
             AreaShape::Sphere(s) => cone_of_sphere(s, p).map_or(1.0 / (4.0 * PI), |(_, one_minus_cos)| 1.0 / (TAU * one_minus_cos)),
         }
@@ -148,7 +158,7 @@ fn aim_at_sphere(sphere: &Sphere, p: Vec3, u: [f32; 2], number: u32) -> Option<A
 }
 
 /// Area over squared distance (sr) below which rectangles are sampled by area.
-const SMALL_SOLID_ANGLE: f32 = 0.05;
+const SMALL_SOLID_ANGLE: f32 = 0.25;
 
 /// A rectangle seen from a point, ready to be sampled uniformly in solid angle.
 struct SphericalRectangle {
@@ -166,9 +176,9 @@ struct SphericalRectangle {
 
 impl SphericalRectangle {
     /// `None` for skewed parallelograms, points in the plane, and rectangles so small that area sampling is as good.
-    fn new(quad: &Quad, p: Vec3) -> Option<Self> {
+    fn new(quad: &Quad, area: f32, p: Vec3) -> Option<Self> {
         // Small or far: the solid angle of all places is nearly the same (and rounding would show in the sum of angles).
-        if (quad.point(Vec2::splat(0.5)) - p).length_squared() * SMALL_SOLID_ANGLE > quad.area() {
+        if (quad.point(Vec2::splat(0.5)) - p).length_squared() * SMALL_SOLID_ANGLE > area {
             return None;
         }
         let lengths = Vec2::new(quad.edges[0].length(), quad.edges[1].length());
@@ -215,7 +225,7 @@ mod tests {
     use diopter_light::random::{mix, to_unit};
 
     fn light(shape: AreaShape) -> AreaLight {
-        AreaLight { shape, material: 0, uv: Default::default(), two_sided: false, luminance: 1.0 }
+        AreaLight::new(shape, 0, Default::default(), false, 1.0)
     }
 
     /// Irradiance on a plane through the origin with normal +z, from a light of radiance 1: mean of cos θ / pdf.
