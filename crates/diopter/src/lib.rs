@@ -8,6 +8,8 @@ pub mod camera;
 pub mod expose;
 pub mod metering;
 mod mount;
+pub mod quantity;
+pub mod shot;
 pub mod shutter;
 
 pub use camera::{Camera, Film};

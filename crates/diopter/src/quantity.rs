@@ -1,0 +1,226 @@
+//! Quantities as people write them: "50 mm", "f/2.8", "1/125 s", "ISO 400", "1920x1280", "2.5m", "inf".
+//!
+//! Each type reads from text or, in TOML, from a bare number in its base unit, and is written back as text.
+
+use serde::de::{self, Deserialize, Deserializer, Visitor};
+use serde::{Serialize, Serializer};
+use std::fmt;
+use std::str::FromStr;
+
+/// Text that is not the quantity it should be.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[error("\"{found}\" is not {expected}")]
+pub struct QuantityError {
+    /// What was written.
+    pub found: String,
+    /// What should have been, with an example.
+    pub expected: &'static str,
+}
+
+fn wrong(found: &str, expected: &'static str) -> QuantityError {
+    QuantityError { found: found.trim().to_owned(), expected }
+}
+
+/// A number with an optional fraction (`1/125`).
+fn number(text: &str) -> Option<f64> {
+    let text = text.trim();
+    let value = match text.split_once('/') {
+        Some((a, b)) => a.trim().parse::<f64>().ok()? / b.trim().parse::<f64>().ok()?,
+        None => text.parse().ok()?,
+    };
+    value.is_finite().then_some(value)
+}
+
+/// Splits off the first unit that the text ends with, longest first in `units`, and gives number × factor.
+fn with_unit(text: &str, units: &[(&str, f64)], bare: f64) -> Option<f64> {
+    let text = text.trim();
+    for (unit, factor) in units {
+        if let Some(rest) = text.strip_suffix(unit)
+            && let Some(value) = number(rest)
+        {
+            return Some(value * factor);
+        }
+    }
+    number(text).map(|v| v * bare)
+}
+
+macro_rules! quantity {
+    ($(#[$doc:meta])* $name:ident, $expected:literal, |$text:ident| $parse:expr, |$value:ident| $show:expr) => {
+        $(#[$doc])*
+        #[derive(Clone, Copy, Debug, PartialEq, PartialOrd)]
+        pub struct $name(
+            /// The value in its base unit.
+            pub f64,
+        );
+
+        impl FromStr for $name {
+            type Err = QuantityError;
+            fn from_str(text: &str) -> Result<Self, QuantityError> {
+                let $text = text;
+                let parsed: Option<f64> = $parse;
+                parsed.map($name).ok_or_else(|| wrong(text, $expected))
+            }
+        }
+
+        impl fmt::Display for $name {
+            fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+                let $value = self.0;
+                f.write_str(&$show)
+            }
+        }
+
+        impl<'de> Deserialize<'de> for $name {
+            fn deserialize<D: Deserializer<'de>>(d: D) -> Result<Self, D::Error> {
+                d.deserialize_any(TextOrNumber::<$name> { bare: $name, expected: $expected })
+            }
+        }
+
+        impl Serialize for $name {
+            fn serialize<S: Serializer>(&self, s: S) -> Result<S::Ok, S::Error> {
+                s.collect_str(self)
+            }
+        }
+    };
+}
+
+struct TextOrNumber<T> {
+    bare: fn(f64) -> T,
+    expected: &'static str,
+}
+
+impl<T: FromStr<Err = QuantityError>> Visitor<'_> for TextOrNumber<T> {
+    type Value = T;
+    fn expecting(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        f.write_str(self.expected)
+    }
+    fn visit_f64<E: de::Error>(self, v: f64) -> Result<T, E> {
+        Ok((self.bare)(v))
+    }
+    fn visit_i64<E: de::Error>(self, v: i64) -> Result<T, E> {
+        Ok((self.bare)(v as f64))
+    }
+    fn visit_u64<E: de::Error>(self, v: u64) -> Result<T, E> {
+        Ok((self.bare)(v as f64))
+    }
+    fn visit_str<E: de::Error>(self, v: &str) -> Result<T, E> {
+        v.parse().map_err(E::custom)
+    }
+}
+
+quantity!(
+    /// A length on the camera, mm.
+    LengthMm, "a length such as \"50 mm\"",
+    |text| with_unit(text, &[("mm", 1.0), ("cm", 10.0), ("m", 1000.0)], 1.0),
+    |v| format!("{v} mm")
+);
+quantity!(
+    /// A distance in the scene, m; infinite for "inf".
+    Distance, "a distance such as \"2.5 m\" or \"inf\"",
+    |text| match text.trim().to_lowercase().as_str() {
+        "inf" | "infinity" => Some(f64::INFINITY),
+        lower => with_unit(lower, &[("mm", 1e-3), ("cm", 1e-2), ("m", 1.0)], 1.0),
+    },
+    |v| if v.is_infinite() { "inf".to_owned() } else { format!("{v} m") }
+);
+quantity!(
+    /// An f-number.
+    FNumber, "an f-number such as \"f/2.8\"",
+    |text| {
+        let t = text.trim();
+        let t = ["f/", "F/", "f", "F"].iter().find_map(|p| t.strip_prefix(p)).unwrap_or(t);
+        number(t)
+    },
+    |v| format!("f/{v}")
+);
+quantity!(
+    /// A time, s.
+    Seconds, "a time such as \"1/125 s\" or \"8 ms\"",
+    |text| with_unit(text, &[("ms", 1e-3), ("µs", 1e-6), ("us", 1e-6), ("min", 60.0), ("s", 1.0)], 1.0),
+    |v| if v > 0.0 && v < 0.3 && (1.0 / v - (1.0 / v).round()).abs() < 1e-6 / v { format!("1/{} s", (1.0 / v).round()) } else { format!("{v} s") }
+);
+quantity!(
+    /// An ISO speed.
+    Iso, "an ISO speed such as \"ISO 400\"",
+    |text| {
+        let t = text.trim();
+        number(["ISO", "iso", "Iso"].iter().find_map(|p| t.strip_prefix(p)).unwrap_or(t))
+    },
+    |v| format!("ISO {v}")
+);
+
+/// Pixels across and down.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Size {
+    /// Columns.
+    pub width: usize,
+    /// Rows.
+    pub height: usize,
+}
+
+impl FromStr for Size {
+    type Err = QuantityError;
+    fn from_str(text: &str) -> Result<Self, QuantityError> {
+        let parts = text.trim().split_once(['x', 'X', '×']);
+        let side = |s: &str| s.trim().parse::<usize>().ok();
+        match parts.and_then(|(w, h)| Some((side(w)?, side(h)?))) {
+            Some((width, height)) => Ok(Size { width, height }),
+            None => Err(wrong(text, "a size such as \"1920x1280\"")),
+        }
+    }
+}
+
+impl fmt::Display for Size {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        write!(f, "{}x{}", self.width, self.height)
+    }
+}
+
+impl<'de> Deserialize<'de> for Size {
+    fn deserialize<D: Deserializer<'de>>(d: D) -> Result<Self, D::Error> {
+        String::deserialize(d)?.parse().map_err(de::Error::custom)
+    }
+}
+
+impl Serialize for Size {
+    fn serialize<S: Serializer>(&self, s: S) -> Result<S::Ok, S::Error> {
+        s.collect_str(self)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn quantities_read_as_people_write_them() {
+        assert_eq!("50 mm".parse::<LengthMm>().unwrap().0, 50.0);
+        assert_eq!("5cm".parse::<LengthMm>().unwrap().0, 50.0);
+        assert_eq!("f/2.8".parse::<FNumber>().unwrap().0, 2.8);
+        assert_eq!("2.8".parse::<FNumber>().unwrap().0, 2.8);
+        assert_eq!("1/125 s".parse::<Seconds>().unwrap().0, 0.008);
+        assert_eq!("8ms".parse::<Seconds>().unwrap().0, 0.008);
+        assert_eq!("ISO 400".parse::<Iso>().unwrap().0, 400.0);
+        assert_eq!("2.5m".parse::<Distance>().unwrap().0, 2.5);
+        assert_eq!("inf".parse::<Distance>().unwrap().0, f64::INFINITY);
+        assert_eq!("1920x1280".parse::<Size>().unwrap(), Size { width: 1920, height: 1280 });
+    }
+
+    #[test]
+    fn nonsense_says_what_was_expected() {
+        assert_eq!("fast".parse::<Seconds>().unwrap_err().to_string(), "\"fast\" is not a time such as \"1/125 s\" or \"8 ms\"");
+        for bad in ["", "f/", "nan", "1/0", "f/inf"] {
+            assert!(bad.parse::<FNumber>().is_err(), "{bad}");
+        }
+        for bad in ["10", "10x", "-1x5", "1.5x2"] {
+            assert!(bad.parse::<Size>().is_err(), "{bad}");
+        }
+    }
+
+    #[test]
+    fn quantities_survive_being_written() {
+        for t in [1.0 / 125.0, 0.5, 30.0, 1.0 / 8000.0, 0.0123] {
+            let back: Seconds = Seconds(t).to_string().parse().unwrap();
+            assert!((back.0 / t - 1.0).abs() < 1e-9, "{t} {}", Seconds(t));
+        }
+    }
+}

@@ -1,0 +1,624 @@
+//! A photograph as a user asks for it: a shot file (TOML) or flags → checked → taken.
+//!
+//! [`ShotFile`] is what was written; [`Shot::prepare`] reads the scene, checks every number and fills in what was left open;
+//! [`Shot::expose`], [`Shot::read_out`] and [`Shot::develop`] are the photograph.
+
+use crate::camera::{Camera, Film, PlacementError, look_at};
+use crate::expose::{ExposeError, Response, Settings, Watch, expose};
+use crate::metering;
+use crate::quantity::{Distance, FNumber, Iso, LengthMm, Seconds, Size};
+use crate::shutter::Shutter;
+use diopter_develop::{Recipe, develop};
+use diopter_image::{ExposureFacts, FocalPlane, Picture, RawImage};
+use diopter_lens::{Focus, Iris, Lens, LensError, Pinhole, ThinLens};
+use diopter_light::cie;
+use diopter_light::random::SamplerKind;
+use diopter_light::units::Millimeters;
+use diopter_scene::light::Environment;
+use diopter_scene::{Description, PathSettings, Scene, SceneError, builtin, load};
+use diopter_sensor::format::{self, Format};
+use diopter_sensor::{Sensor, SensorError, nearest, read_out};
+use glam::{Affine3A, Mat3, Vec3};
+use serde::{Deserialize, Serialize};
+use std::path::{Path, PathBuf};
+
+/// Most pixels a side of a picture.
+pub const LARGEST_SIDE: usize = 65_535;
+const DEFAULT_WIDTH: usize = 960;
+const DEFAULT_SPP: u32 = 64;
+const DEFAULT_ISO: f64 = 100.0;
+
+/// What a shot file says; everything may be left out.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct ShotFile {
+    /// What is photographed.
+    pub scene: SceneSection,
+    /// With what, from where.
+    pub camera: CameraSection,
+    /// How much light.
+    pub exposure: ExposureSection,
+    /// What is sharp.
+    pub focus: FocusSection,
+    /// How it is computed.
+    pub render: RenderSection,
+    /// How the raw image becomes a picture.
+    pub develop: Recipe,
+    /// Where it goes.
+    pub output: OutputSection,
+}
+
+/// `[scene]`
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct SceneSection {
+    /// An embedded scene's name, or a `.gltf` or `.glb` file (relative to the shot file).
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub file: Option<String>,
+    /// A lat-long `.hdr` or `.exr` around the scene.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub environment: Option<PathBuf>,
+    /// Turns the environment about the vertical, degrees.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub environment_rotation_deg: Option<f32>,
+    /// Factor on the environment; 1 takes its numbers as cd/m².
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub environment_scale: Option<f32>,
+    /// Scales all light so that the scene as framed meters at this EV (ISO 100): for scenes without a true scale.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub ambient_ev: Option<f64>,
+}
+
+/// `[camera]`
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct CameraSection {
+    /// An embedded body's name or a TOML file.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub body: Option<String>,
+    /// A film format by name or as "36x24" mm, instead of the body's.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub format: Option<String>,
+    /// `thin` or `pinhole`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub lens: Option<String>,
+    /// Focal length.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub focal_length: Option<LengthMm>,
+    /// Straight blades of the iris; round without.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub blades: Option<u32>,
+    /// Turns the iris, degrees.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub blade_rotation_deg: Option<f32>,
+    /// Where the camera stands, m.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub look_from: Option<[f32; 3]>,
+    /// What it is aimed at, m.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub look_at: Option<[f32; 3]>,
+    /// What is up in the picture.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub up: Option<[f32; 3]>,
+    /// A camera of the scene file by name or number (the first is 0).
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub viewpoint: Option<String>,
+}
+
+/// `[exposure]`
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct ExposureSection {
+    /// f-number.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub aperture: Option<FNumber>,
+    /// Exposure time; metered without.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub shutter: Option<Seconds>,
+    /// ISO speed.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub iso: Option<Iso>,
+    /// Illuminant the camera takes for white: D65, D50, A, FL2 ...
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub white: Option<String>,
+}
+
+/// `[focus]`
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct FocusSection {
+    /// Distance of the sharp plane from the lens; without, the point the camera is aimed at.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub distance: Option<Distance>,
+}
+
+/// `[render]`
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct RenderSection {
+    /// Pixels of the picture.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub size: Option<Size>,
+    /// Samples a pixel.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub spp: Option<u32>,
+    /// First and one after the last sample of this run, of `spp` in all.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub samples: Option<[u32; 2]>,
+    /// Seed of light transport and noise.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub seed: Option<u64>,
+    /// `sobol`, `jittered`, `grid` or `independent`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub sampler: Option<String>,
+    /// Most scattering events of a path.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub max_depth: Option<u32>,
+    /// Stop after about so long.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub time_limit: Option<Seconds>,
+}
+
+/// `[output]`
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct OutputSection {
+    /// Files to write; the ending says what.
+    pub files: Vec<PathBuf>,
+}
+
+/// Why a photograph cannot be taken.
+#[derive(Debug, thiserror::Error)]
+pub enum ShotError {
+    /// A file that cannot be read.
+    #[error("{path}: {reason}")]
+    Read {
+        /// The file.
+        path: String,
+        /// What the system or the parser says.
+        reason: String,
+    },
+    /// A value outside its range or a name nobody knows.
+    #[error("{what} {found}: expected {expected}")]
+    Value {
+        /// Setting.
+        what: &'static str,
+        /// Its value.
+        found: String,
+        /// What is allowed, or a hint.
+        expected: String,
+    },
+    /// The scene.
+    #[error(transparent)]
+    Scene(#[from] SceneError),
+    /// The body.
+    #[error(transparent)]
+    Sensor(#[from] SensorError),
+    /// The lens.
+    #[error(transparent)]
+    Lens(#[from] LensError),
+    /// The camera's place.
+    #[error(transparent)]
+    Placement(#[from] PlacementError),
+    /// The exposure was stopped.
+    #[error(transparent)]
+    Expose(#[from] ExposeError),
+}
+
+impl ShotError {
+    /// Whether the user asked for something impossible (rather than something failing on the way).
+    pub fn is_request(&self) -> bool {
+        !matches!(self, ShotError::Read { .. } | ShotError::Expose(_) | ShotError::Scene(_))
+    }
+}
+
+fn value(what: &'static str, found: impl ToString, expected: impl Into<String>) -> ShotError {
+    ShotError::Value { what, found: found.to_string(), expected: expected.into() }
+}
+
+/// A photograph ready to be taken.
+pub struct Shot {
+    /// The scene, built.
+    pub scene: Scene,
+    /// The camera, placed and focused.
+    pub camera: Camera,
+    /// The body's sensor.
+    pub sensor: Sensor,
+    /// Opening time; known after metering.
+    pub shutter: Option<f64>,
+    /// ISO speed.
+    pub iso: f64,
+    /// Illuminant taken for white.
+    pub white: String,
+    /// Sampling.
+    pub settings: Settings,
+    /// Development.
+    pub recipe: Recipe,
+    /// Requested metered EV of the scene.
+    ambient_ev: Option<f64>,
+    facts: ExposureFacts,
+}
+
+impl ShotFile {
+    /// Reads a shot file; paths in it are relative to it.
+    pub fn read(path: &Path) -> Result<ShotFile, ShotError> {
+        let place = path.display().to_string();
+        let text = std::fs::read_to_string(path).map_err(|e| ShotError::Read { path: place.clone(), reason: e.to_string() })?;
+        let mut shot: ShotFile =
+            toml::from_str(&text).map_err(|e| ShotError::Read { path: place, reason: e.to_string().trim_end().to_owned() })?;
+        let folder = path.parent().unwrap_or(Path::new(""));
+        let relative = |p: &Path| if p.is_absolute() { p.to_owned() } else { folder.join(p) };
+        if let Some(file) = &mut shot.scene.file
+            && !builtin::NAMES.iter().any(|(n, _)| n == file)
+        {
+            *file = relative(Path::new(file.as_str())).display().to_string();
+        }
+        if let Some(environment) = &mut shot.scene.environment {
+            *environment = relative(environment);
+        }
+        if let Some(body) = &mut shot.camera.body
+            && body.ends_with(".toml")
+        {
+            *body = relative(Path::new(body.as_str())).display().to_string();
+        }
+        Ok(shot)
+    }
+
+    /// The file's text.
+    pub fn to_toml(&self) -> String {
+        toml::to_string(self).expect("a shot file is plain data")
+    }
+}
+
+/// Reads a scene by the name of an embedded one or from a file.
+pub fn read_scene(name: &str) -> Result<Description, ShotError> {
+    if let Some(description) = builtin::named(name) {
+        return Ok(description);
+    }
+    let path = Path::new(name);
+    let known: Vec<&str> = builtin::NAMES.iter().map(|n| n.0).collect();
+    let ending = path.extension().map(|e| e.to_string_lossy().to_lowercase());
+    if !path.exists() && ending.is_none() {
+        let hint = match nearest(name, known.iter().copied()) {
+            Some(near) => format!("a scene (did you mean \"{near}\"?)"),
+            None => format!("an embedded scene ({}) or a .gltf or .glb file", known.join(", ")),
+        };
+        return Err(value("scene", format!("\"{name}\""), hint));
+    }
+    let bytes = read_file(path)?;
+    match ending.as_deref() {
+        Some("gltf" | "glb") => {
+            let folder = path.parent().unwrap_or(Path::new("")).to_owned();
+            let fetch = move |uri: &str| std::fs::read(folder.join(uri)).map_err(|e| e.to_string());
+            Ok(load::gltf::load(&bytes, name, &fetch)?)
+        }
+        _ => Err(value("scene", format!("\"{name}\""), "a .gltf or .glb file (or a .toml shot file)")),
+    }
+}
+
+/// Reads a body by name or from a TOML file.
+pub fn read_body(name: &str) -> Result<Sensor, ShotError> {
+    if !name.ends_with(".toml") {
+        return Ok(Sensor::named(name)?);
+    }
+    let text = String::from_utf8(read_file(Path::new(name))?)
+        .map_err(|_| ShotError::Read { path: name.into(), reason: "it is not text".into() })?;
+    Ok(Sensor::parse(&text, name)?)
+}
+
+/// Reads a `.hdr` or `.exr` as an environment.
+pub fn read_environment(path: &Path, rotation_deg: f32, scale: f32) -> Result<Environment, ShotError> {
+    let bytes = read_file(path)?;
+    let ending = path.extension().map(|e| e.to_string_lossy().to_lowercase());
+    let told = |reason: String| ShotError::Read { path: path.display().to_string(), reason };
+    let map = match ending.as_deref() {
+        Some("hdr") => load::read_hdr(&bytes).map_err(|e| told(e.to_string()))?,
+        Some("exr") => diopter_image::exr::read_rgb(std::io::Cursor::new(&bytes)).map_err(|e| told(e.to_string()))?,
+        _ => return Err(value("environment", path.display(), "a .hdr or .exr file")),
+    };
+    if map.width == 0 || map.height == 0 {
+        return Err(told("it has no pixels".into()));
+    }
+    Ok(Environment::new(map, Mat3::from_rotation_y(rotation_deg.to_radians()), scale))
+}
+
+fn read_file(path: &Path) -> Result<Vec<u8>, ShotError> {
+    std::fs::read(path).map_err(|e| {
+        let reason = match e.kind() {
+            std::io::ErrorKind::NotFound => "there is no such file".into(),
+            _ => e.to_string(),
+        };
+        ShotError::Read { path: path.display().to_string(), reason }
+    })
+}
+
+impl Shot {
+    /// Checks a request, reads its files and builds the scene. `warn` gets what was found odd.
+    pub fn prepare(file: &ShotFile, warn: &mut dyn FnMut(&str)) -> Result<Shot, ShotError> {
+        // Cheap checks before anything is read.
+        let settings = settings(&file.render)?;
+        let sensor = read_body(file.camera.body.as_deref().unwrap_or("canon-5d-mark-iv"))?;
+        let iso = file.exposure.iso.map_or(DEFAULT_ISO.max(sensor.iso[0].iso), |i| i.0);
+        sensor.at_iso(iso)?;
+        let white = file.exposure.white.clone().unwrap_or_else(|| "D65".into());
+        if cie::illuminant(&white).is_none() {
+            return Err(value("white", format!("\"{white}\""), format!("one of {}", cie::illuminant_names().join(", "))));
+        }
+        if let Some(Seconds(t)) = file.exposure.shutter
+            && !(t > 0.0 && t.is_finite())
+        {
+            return Err(value("shutter", Seconds(t), "a time above 0"));
+        }
+        if let Some(FNumber(n)) = file.exposure.aperture
+            && !(n > 0.0)
+        {
+            return Err(value("aperture", FNumber(n), "a number above 0, such as f/2.8"));
+        }
+        check_recipe(&file.develop)?;
+
+        let name = file.scene.file.as_deref().unwrap_or("still-life");
+        let mut description = read_scene(name)?;
+        if let Some(path) = &file.scene.environment {
+            let (rotation, scale) = (file.scene.environment_rotation_deg.unwrap_or(0.0), file.scene.environment_scale.unwrap_or(1.0));
+            if !(scale >= 0.0 && scale.is_finite() && rotation.is_finite()) {
+                return Err(value("environment_scale or environment_rotation_deg", format!("{scale}, {rotation}"), "finite numbers, the scale not negative"));
+            }
+            description.environment = Some(read_environment(path, rotation, scale)?);
+        }
+        let scene_name = description.name.clone();
+        let dark = description.environment.is_none()
+            && description.punctual.is_empty()
+            && !description.materials.iter().any(|m| m.emission.is_some());
+        if dark {
+            warn("the scene has no light: an even white sky of 2000 cd/m² is put around it (give --environment for another)");
+            description.environment = Some(Environment::uniform(Vec3::splat(2000.0)));
+        }
+        let framing = builtin::framing(name);
+        let scene = Scene::build(description)?;
+        scene.description().warnings.iter().for_each(|w| warn(w));
+        if scene.bounds().is_empty() && scene.description().environment.is_none() {
+            return Err(SceneError::Empty("it has no surface and no environment".into()).into());
+        }
+
+        let camera = camera(file, &scene, &sensor, framing.as_ref(), warn)?;
+        let (lens_name, focus_distance_m) = match &camera.lens {
+            Lens::Pinhole(_) => ("pinhole".to_owned(), None),
+            Lens::Thin(l) => {
+                let iris = match l.iris {
+                    Iris::Round => String::new(),
+                    Iris::Blades { count, .. } => format!(", {count} blades"),
+                };
+                let distance = match l.focus {
+                    Focus::Infinity => None,
+                    Focus::Distance(mm) => Some(mm.0 / 1000.0),
+                };
+                (format!("thin lens {:.4} mm{iris}", l.focal_length.0).replace(".0000", ""), distance)
+            }
+        };
+        let focal = camera.lens.focal_length().0;
+        let facts = ExposureFacts {
+            software: concat!("diopter ", env!("CARGO_PKG_VERSION")).into(),
+            scene: scene_name,
+            body: sensor.name.clone(),
+            lens: lens_name,
+            focal_length_mm: focal,
+            focal_length_35mm_mm: format::equivalent_35mm(focal, camera.film.width_mm.hypot(camera.film.height_mm)),
+            f_number: camera.lens.f_number(),
+            focus_distance_m,
+            light_scale: 1.0,
+            ..Default::default()
+        };
+        Ok(Shot {
+            scene,
+            camera,
+            sensor,
+            shutter: file.exposure.shutter.map(|s| s.0),
+            iso,
+            white,
+            settings,
+            recipe: file.develop.clone(),
+            ambient_ev: file.scene.ambient_ev,
+            facts,
+        })
+    }
+
+    /// Meters the scene and settles what was left open: light scale and exposure time.
+    pub fn meter(&mut self, watch: &Watch) -> Result<(), ShotError> {
+        let luminance = metering::mean_luminance(&self.scene, &self.camera, &self.settings, watch)?;
+        let metered = (luminance > 0.0 && luminance.is_finite()).then(|| metering::ev100_of_luminance(luminance));
+        if let (Some(wanted), Some(found)) = (self.ambient_ev, metered) {
+            self.settings.light_scale = (wanted - found).exp2();
+        }
+        self.facts.metered_ev100 = match (self.ambient_ev, metered) {
+            (Some(wanted), Some(_)) => Some(wanted),
+            _ => metered,
+        };
+        if self.shutter.is_none() {
+            // Without any light any time will do.
+            let ev = self.facts.metered_ev100.unwrap_or(0.0);
+            self.shutter = Some(metering::shutter_for(ev, self.facts.f_number, self.iso));
+        }
+        Ok(())
+    }
+
+    /// Facts as known so far.
+    pub fn facts(&self) -> ExposureFacts {
+        ExposureFacts { exposure_s: self.shutter.unwrap_or(0.0), iso: self.iso, ..self.facts.clone() }
+    }
+
+    /// Exposes the film. [`Shot::meter`] must have been called.
+    pub fn expose(&self, watch: &Watch) -> Result<FocalPlane, ShotError> {
+        let shutter = Shutter { open_s: 0.0, exposure_s: self.shutter.unwrap_or(1.0) };
+        let facts = ExposureFacts { iso: 0.0, ..self.facts() };
+        Ok(expose(&self.scene, &self.camera, &shutter, &Response::sensor(&self.sensor), &self.settings, &facts, watch)?)
+    }
+
+    /// Reads the film out.
+    pub fn read_out(&self, plane: &FocalPlane) -> Result<RawImage, ShotError> {
+        Ok(read_out(plane, &self.sensor, self.iso, self.settings.seed, &white_point(&self.white)?)?)
+    }
+
+    /// Develops a raw image by the shot's recipe.
+    pub fn develop(&self, raw: &RawImage) -> Picture {
+        develop(raw, &self.recipe)
+    }
+}
+
+/// An illuminant by name, as the camera's white.
+pub fn white_point(name: &str) -> Result<diopter_light::spectrum::Table, ShotError> {
+    cie::illuminant(name)
+        .ok_or_else(|| value("white", format!("\"{name}\""), format!("one of {}", cie::illuminant_names().join(", "))))
+}
+
+/// Checks the numbers of a recipe.
+pub fn check_recipe(recipe: &Recipe) -> Result<(), ShotError> {
+    match (-10.0..=10.0).contains(&recipe.exposure_ev) {
+        true => Ok(()),
+        false => Err(value("exposure_ev", recipe.exposure_ev, "-10 to 10")),
+    }
+}
+
+fn settings(r: &RenderSection) -> Result<Settings, ShotError> {
+    let spp = r.spp.unwrap_or(DEFAULT_SPP);
+    if spp == 0 || spp > 1 << 24 {
+        return Err(value("spp", spp, "1 to 16777216 samples a pixel"));
+    }
+    let samples = r.samples.map_or(0..spp, |[a, b]| a..b);
+    if samples.is_empty() || samples.end > spp {
+        return Err(value("samples", format!("{}..{}", samples.start, samples.end), format!("a range A..B with A < B <= spp ({spp})")));
+    }
+    let sampler = match r.sampler.as_deref() {
+        None | Some("sobol") => SamplerKind::Sobol,
+        Some("jittered") => SamplerKind::Jittered,
+        Some("grid") => SamplerKind::Grid,
+        Some("independent") => SamplerKind::Independent,
+        Some(other) => return Err(value("sampler", format!("\"{other}\""), "sobol, jittered, grid or independent")),
+    };
+    let limit = r.time_limit.map(|s| s.0);
+    if limit.is_some_and(|l| !(l > 0.0)) {
+        return Err(value("time-limit", r.time_limit.map_or(String::new(), |l| l.to_string()), "a time above 0"));
+    }
+    // A time limit alone means: as many samples as fit.
+    let spp = if limit.is_some() && r.spp.is_none() { 1 << 16 } else { spp };
+    let samples = if r.samples.is_some() { samples } else { 0..spp };
+    let default = PathSettings::default();
+    Ok(Settings {
+        samples,
+        sampler,
+        seed: r.seed.unwrap_or(1),
+        path: PathSettings { max_depth: r.max_depth.unwrap_or(default.max_depth), ..default },
+        time_limit_s: limit,
+        ..Settings::new(spp)
+    })
+}
+
+fn film(file: &ShotFile, sensor: &Sensor) -> Result<Film, ShotError> {
+    let [mut width_mm, mut height_mm] = sensor.format_mm;
+    if let Some(name) = &file.camera.format {
+        let named = Format::named(name).or_else(|| {
+            let (w, h) = name.trim_end_matches("mm").split_once('x')?;
+            let side = |s: &str| s.trim().parse::<f64>().ok().filter(|v| *v > 0.0 && *v <= 1000.0);
+            Some(Format { names: &[], width_mm: side(w)?, height_mm: side(h)? })
+        });
+        let Some(f) = named else {
+            let names: Vec<&str> = format::FORMATS.iter().map(|f| f.names[0]).collect();
+            let expected = match nearest(name, names.iter().copied()) {
+                Some(near) => format!("a format (did you mean \"{near}\"?)"),
+                None => format!("one of {}, or width x height in mm such as 36x24", names.join(", ")),
+            };
+            return Err(value("format", format!("\"{name}\""), expected));
+        };
+        (width_mm, height_mm) = (f.width_mm, f.height_mm);
+    }
+    let size = file.render.size.unwrap_or_else(|| {
+        Size { width: DEFAULT_WIDTH, height: (DEFAULT_WIDTH as f64 * height_mm / width_mm).round().max(1.0) as usize }
+    });
+    if size.width == 0 || size.height == 0 || size.width > LARGEST_SIDE || size.height > LARGEST_SIDE {
+        return Err(value("size", size, format!("1 to {LARGEST_SIDE} pixels a side")));
+    }
+    // The picture keeps the format's width or height, whichever its shape uses fully.
+    let shape = size.width as f64 / size.height as f64;
+    let (w, h) = if shape > width_mm / height_mm { (width_mm, width_mm / shape) } else { (height_mm * shape, height_mm) };
+    let [px, py] = sensor.pitch_mm();
+    Ok(Film { width_mm: w, height_mm: h, columns: size.width, rows: size.height, pixel_area_mm2: px * py })
+}
+
+fn camera(
+    file: &ShotFile,
+    scene: &Scene,
+    sensor: &Sensor,
+    framing: Option<&builtin::Framing>,
+    warn: &mut dyn FnMut(&str),
+) -> Result<Camera, ShotError> {
+    let film = film(file, sensor)?;
+    let c = &file.camera;
+    let views = &scene.description().cameras;
+    let view = match &c.viewpoint {
+        Some(wanted) => {
+            let found = views.iter().find(|v| v.name == *wanted).or_else(|| views.get(wanted.parse::<usize>().ok()?));
+            let names: Vec<&str> = views.iter().map(|v| v.name.as_str()).collect();
+            Some(found.ok_or_else(|| value("viewpoint", format!("\"{wanted}\""), match names.is_empty() {
+                true => "the scene file has no cameras: use look_from and look_at".to_owned(),
+                false => format!("one of {} or its number", names.join(", ")),
+            }))?)
+        }
+        None => views.first(),
+    };
+    if view.is_some_and(|v| v.vertical_fov.is_none()) {
+        warn("the scene's camera is orthographic; its place is used with a perspective lens");
+    }
+    let from_fov = |fov: f32| format::focal_length_for(film.height_mm, fov as f64);
+    let focal_mm = match (c.focal_length, view.and_then(|v| v.vertical_fov), framing) {
+        (Some(f), ..) => f.0,
+        (None, Some(fov), _) if c.look_from.is_none() => from_fov(fov),
+        (None, _, Some(framing)) => framing.focal_length_mm,
+        _ => 50.0,
+    };
+
+    // Where the camera stands, and how far along its axis the subject is.
+    let bounds = scene.bounds();
+    let (center, radius) = match bounds.is_empty() {
+        true => (Vec3::ZERO, 1.0),
+        false => (bounds.center(), (0.5 * bounds.size().length()).max(1e-3)),
+    };
+    let up = c.up.map_or(Vec3::Y, Vec3::from_array);
+    let (place, subject_m) = if c.look_from.is_some() || c.look_at.is_some() || (view.is_none() && framing.is_none()) {
+        let at = c.look_at.map_or(center, Vec3::from_array);
+        let from = c.look_from.map_or_else(
+            || {
+                // A three-quarter view from a little above, far enough for all of it.
+                let half = (0.5 * film.width_mm.min(film.height_mm) / focal_mm).atan() as f32;
+                at + Vec3::new(0.45, 0.25, 1.0).normalize() * (radius / half.sin() * 1.05)
+            },
+            Vec3::from_array,
+        );
+        (look_at(from, at, up)?, (at - from).length() as f64)
+    } else if let Some(framing) = framing {
+        (look_at(framing.look_from, framing.look_at, Vec3::Y)?, framing.focus_m)
+    } else {
+        let place = view.map_or(Affine3A::IDENTITY, |v| v.world_from_camera);
+        let ahead = (center - Vec3::from(place.translation)).dot(place.transform_vector3(Vec3::NEG_Z));
+        (place, ahead.max(0.1 * radius) as f64)
+    };
+    if !place.is_finite() {
+        return Err(value("viewpoint", "the scene's camera", "a place that is finite"));
+    }
+
+    let f_number = file.exposure.aperture.map_or(framing.map_or(5.6, |f| f.f_number), |a| a.0);
+    let lens = match c.lens.as_deref() {
+        Some("pinhole") => Lens::Pinhole(Pinhole::new(Millimeters(focal_mm), f_number)?),
+        None | Some("thin") => {
+            let focus = match file.focus.distance.map_or(subject_m, |d| d.0) {
+                d if d.is_infinite() => Focus::Infinity,
+                d => Focus::Distance(Millimeters(d * 1000.0)),
+            };
+            let iris = match c.blades {
+                None => Iris::Round,
+                Some(count) => Iris::Blades { count, rotation: c.blade_rotation_deg.unwrap_or(0.0).to_radians() },
+            };
+            Lens::Thin(ThinLens::new(Millimeters(focal_mm), f_number, iris, focus)?)
+        }
+        Some(other) => return Err(value("lens", format!("\"{other}\""), "thin or pinhole (compound lenses are not read yet)")),
+    };
+    Ok(Camera { lens, film, world_from_camera: place })
+}
