@@ -5,7 +5,7 @@
 //! bands and the facts of the exposure are JSON in the attribute `diopter`.
 
 use crate::focal_plane::{Band, Truth};
-use crate::{Encoding, ExposureFacts, FocalPlane, ImageError, Picture, Raster};
+use crate::{Cfa, Encoding, ExposureFacts, FocalPlane, ImageError, Picture, Raster, RawImage};
 use diopter_light::color::{RgbSpace, srgb_decode};
 use exr::prelude::*;
 use std::io::{Read, Seek, Write};
@@ -122,15 +122,7 @@ pub fn write_focal_plane(plane: &FocalPlane, to: impl Write + Seek) -> std::resu
 
 /// Reads a focal plane that [`write_focal_plane`] wrote.
 pub fn read_focal_plane(from: impl Read + Seek) -> std::result::Result<FocalPlane, ImageError> {
-    let image = read()
-        .no_deep_data()
-        .largest_resolution_level()
-        .all_channels()
-        .first_valid_layer()
-        .all_attributes()
-        .from_buffered(std::io::BufReader::new(from))
-        .map_err(malformed)?;
-    let layer = image.layer_data;
+    let layer = read_layer(from)?;
     let (width, height) = (layer.size.0, layer.size.1);
     let Some(AttributeValue::Text(json)) = layer.attributes.other.get(&Text::from(ATTRIBUTE)) else {
         return Err(ImageError::Missing {
@@ -175,8 +167,79 @@ pub fn read_focal_plane(from: impl Read + Seek) -> std::result::Result<FocalPlan
     })
 }
 
-/// Reads the `R`, `G`, `B` channels of any EXR (or one channel three times), as linear numbers: environment maps.
-pub fn read_rgb(from: impl Read + Seek) -> std::result::Result<Raster<f32>, ImageError> {
+/// What a raw image says beside its numbers.
+#[derive(serde::Serialize, serde::Deserialize)]
+struct RawDescription {
+    cfa_columns: usize,
+    cfa_channels: Vec<u8>,
+    black_level: f64,
+    white_level: f64,
+    as_shot_neutral: [f64; 3],
+    camera_from_xyz: [[f64; 3]; 3],
+    xyz_d50_from_balanced: [[f64; 3]; 3],
+    facts: ExposureFacts,
+}
+
+const RAW_ATTRIBUTE: &str = "diopter.raw";
+
+/// Writes a raw image: the digital numbers as an unsigned channel `raw`, the rest as JSON in an attribute.
+pub fn write_raw(raw: &RawImage, to: impl Write + Seek) -> std::result::Result<(), ImageError> {
+    let numbers = raw.mosaic.data.iter().map(|dn| *dn as u32).collect();
+    let description = RawDescription {
+        cfa_columns: raw.cfa.columns,
+        cfa_channels: raw.cfa.channels.clone(),
+        black_level: raw.black_level,
+        white_level: raw.white_level,
+        as_shot_neutral: raw.as_shot_neutral,
+        camera_from_xyz: raw.camera_from_xyz,
+        xyz_d50_from_balanced: raw.xyz_d50_from_balanced,
+        facts: raw.facts.clone(),
+    };
+    let json = serde_json::to_string(&description).expect("plain data becomes JSON");
+    let set = |_: &mut ImageAttributes, layer: &mut LayerAttributes| {
+        layer.other.insert(Text::from(RAW_ATTRIBUTE), AttributeValue::Text(Text::from(json.as_str())));
+    };
+    let size = (raw.mosaic.width, raw.mosaic.height);
+    write_channels(size, vec![AnyChannel::new("raw", FlatSamples::U32(numbers))], set, to)
+}
+
+/// Reads a raw image that [`write_raw`] wrote.
+pub fn read_raw(from: impl Read + Seek) -> std::result::Result<RawImage, ImageError> {
+    let layer = read_layer(from)?;
+    let missing = |what: &str| ImageError::Missing {
+        what: what.into(),
+        hint: "only a raw image that `diopter read-out` wrote can be developed".into(),
+    };
+    let Some(AttributeValue::Text(json)) = layer.attributes.other.get(&Text::from(RAW_ATTRIBUTE)) else {
+        return Err(missing("the attribute \"diopter.raw\""));
+    };
+    let d: RawDescription = serde_json::from_str(&json.to_string())
+        .map_err(|e| ImageError::Malformed { format: "raw image", reason: e.to_string() })?;
+    let numbers = match layer.channel_data.list.iter().find(|c| c.name == *"raw").map(|c| &c.sample_data) {
+        Some(FlatSamples::U32(numbers)) => numbers,
+        _ => return Err(missing("the unsigned channel \"raw\"")),
+    };
+    if d.cfa_columns == 0 || d.cfa_channels.is_empty() || d.cfa_channels.len() % d.cfa_columns != 0 || d.cfa_channels.iter().any(|c| *c > 2) {
+        return Err(ImageError::Malformed { format: "raw image", reason: "the colour filter array is not a rectangle of channels 0 to 2".into() });
+    }
+    Ok(RawImage {
+        mosaic: Raster {
+            width: layer.size.0,
+            height: layer.size.1,
+            channels: 1,
+            data: numbers.iter().map(|n| (*n).min(u16::MAX as u32) as u16).collect(),
+        },
+        cfa: Cfa { columns: d.cfa_columns, channels: d.cfa_channels },
+        black_level: d.black_level,
+        white_level: d.white_level,
+        as_shot_neutral: d.as_shot_neutral,
+        camera_from_xyz: d.camera_from_xyz,
+        xyz_d50_from_balanced: d.xyz_d50_from_balanced,
+        facts: d.facts,
+    })
+}
+
+fn read_layer(from: impl Read + Seek) -> std::result::Result<Layer<AnyChannels<FlatSamples>>, ImageError> {
     let image = read()
         .no_deep_data()
         .largest_resolution_level()
@@ -185,10 +248,16 @@ pub fn read_rgb(from: impl Read + Seek) -> std::result::Result<Raster<f32>, Imag
         .all_attributes()
         .from_buffered(std::io::BufReader::new(from))
         .map_err(malformed)?;
-    let list = &image.layer_data.channel_data.list;
+    Ok(image.layer_data)
+}
+
+/// Reads the `R`, `G`, `B` channels of any EXR (or one channel three times), as linear numbers: environment maps.
+pub fn read_rgb(from: impl Read + Seek) -> std::result::Result<Raster<f32>, ImageError> {
+    let layer = read_layer(from)?;
+    let list = &layer.channel_data.list;
     let find = |name: &str| list.iter().find(|c| c.name.eq_case_insensitive(name));
     let names = [["R", "Y"], ["G", "Y"], ["B", "Y"]];
-    let (width, height) = (image.layer_data.size.0, image.layer_data.size.1);
+    let (width, height) = (layer.size.0, layer.size.1);
     let mut raster = Raster::new(width, height, 3);
     for (c, candidates) in names.iter().enumerate() {
         let channel = candidates.iter().find_map(|n| find(n)).ok_or_else(|| ImageError::Missing {

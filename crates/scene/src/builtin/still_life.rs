@@ -81,9 +81,9 @@ pub fn description() -> Description {
 }
 
 fn table(b: &mut Builder) {
-    let wood = b.glossy("walnut", textured(pattern::wood(), Vec2::new(1.6, 1.6)), 0.32, 0.25);
+    let wood = b.glossy("walnut", textured(pattern::wood(), Vec2::new(1.6, 1.6)), 0.42, 0.0);
     b.quad("table", Vec3::new(-1.2, 0.0, 0.9), [Vec3::new(2.4, 0.0, 0.0), Vec3::new(0.0, 0.0, -1.9)], wood);
-    let wall = b.material(Material::new("wall", Scattering::Diffuse(Color::rgb(0.045, 0.06, 0.075))));
+    let wall = b.material(Material::new("wall", Scattering::Diffuse(Color::rgb(0.10, 0.16, 0.20))));
     b.quad("wall", Vec3::new(-4.0, -1.0, -3.6), [Vec3::new(8.0, 0.0, 0.0), Vec3::new(0.0, 4.0, 0.0)], wall);
     let linen = b.glossy("linen", textured(pattern::linen(), Vec2::ONE), 0.9, 0.0);
     // A folded cloth: three layers.
@@ -142,30 +142,30 @@ fn things(b: &mut Builder) {
 }
 
 fn lights(b: &mut Builder) {
-    let window = b.material(Material::lamp("window", blackbody_with_luminance(6000.0, 4000.0)));
+    let window = b.material(Material::lamp("window", blackbody_with_luminance(6000.0, 5000.0)));
     // To the left and in front, facing the table.
-    b.quad("window", Vec3::new(-0.95, 0.35, 0.55), [Vec3::new(0.45, 0.0, 0.45), Vec3::new(0.0, 0.7, 0.0)].map(|e| e * 0.9), window);
-    let rim = b.material(Material::lamp("lamp", blackbody_with_luminance(3000.0, 9000.0)));
-    b.quad("lamp", Vec3::new(0.75, 0.55, -0.55), [Vec3::new(0.0, 0.22, 0.0), Vec3::new(-0.16, 0.0, -0.18)], rim);
+    b.quad("window", Vec3::new(-1.05, 0.25, -0.15), [Vec3::new(0.0, 0.85, 0.0), Vec3::new(0.5, 0.1, 0.75)], window);
+    let rim = b.material(Material::lamp("lamp", blackbody_with_luminance(3200.0, 7000.0)));
+    b.quad("lamp", Vec3::new(0.75, 0.45, -0.55), [Vec3::new(0.0, 0.30, 0.0), Vec3::new(-0.20, 0.0, -0.22)], rim);
     // Strings of small lamps, far and farther.
-    let warm: Vec<u32> = [(2200.0, 40_000.0), (2700.0, 60_000.0), (3200.0, 30_000.0)]
+    let warm: Vec<u32> = [(2000.0, 9_000.0), (2500.0, 14_000.0), (3200.0, 8_000.0)]
         .into_iter()
         .map(|(kelvin, nits)| b.material(Material::lamp("small lamp", blackbody_with_luminance(kelvin, nits))))
         .collect();
-    let colored: Vec<u32> = [Vec3::new(1.0, 0.12, 0.05), Vec3::new(0.1, 0.35, 1.0), Vec3::new(0.15, 0.9, 0.35)]
+    let colored: Vec<u32> = [Vec3::new(1.0, 0.10, 0.05), Vec3::new(0.08, 0.30, 1.0), Vec3::new(0.10, 0.8, 0.30)]
         .into_iter()
-        .map(|c| b.material(Material::lamp("coloured lamp", diopter_light::Spectrum::light_from_rgb(c * 22_000.0))))
+        .map(|c| b.material(Material::lamp("coloured lamp", diopter_light::Spectrum::light_from_rgb(c * 9_000.0))))
         .collect();
-    for i in 0..46u32 {
+    for i in 0..40u32 {
         let u = |k: u32| to_unit(mix(i * 8 + k + 1000));
-        let depth = -0.9 - 2.4 * u(0);
+        let depth = -1.0 - 2.4 * u(0);
         let spread = 0.45 + 0.36 * (0.86 - depth);
         let x = (2.0 * u(1) - 1.0) * spread;
-        let y = 0.08 + (0.12 - depth * 0.20) * u(2) * 1.6;
+        let y = 0.10 + (0.10 - depth * 0.17) * u(2) * 1.5;
         let material = if u(3) < 0.78 { warm[(u(4) * 3.0) as usize] } else { colored[(u(4) * 3.0) as usize] };
-        b.sphere("small lamp", Vec3::new(x, y, depth), 0.0035 + 0.0035 * u(5), material);
+        b.sphere("small lamp", Vec3::new(x, y, depth), 0.005 + 0.004 * u(5), material);
     }
-    b.0.environment = Some(Environment::uniform(Vec3::new(14.0, 17.0, 22.0)));
+    b.0.environment = Some(Environment::uniform(Vec3::new(48.0, 60.0, 80.0)));
 }
 
 #[cfg(test)]

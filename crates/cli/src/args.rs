@@ -1,0 +1,323 @@
+//! What can be typed: the one source of help, man page and completions.
+
+use clap::{Parser, Subcommand};
+use diopter::quantity::{Distance, FNumber, Iso, LengthMm, Seconds, Size};
+use diopter::shot::ShotFile;
+use std::num::NonZeroUsize;
+use std::path::{Path, PathBuf};
+
+/// Photographs of 3D scenes the way a real camera takes them.
+#[derive(Parser, Debug)]
+#[command(name = "diopter", version, propagate_version = true)]
+pub struct Args {
+    /// Print machine-readable results on standard output.
+    #[arg(long, global = true)]
+    pub json: bool,
+    /// Threads to use; all without. The result does not depend on it.
+    #[arg(long, global = true, value_name = "N")]
+    pub threads: Option<NonZeroUsize>,
+    #[command(subcommand)]
+    pub verb: Verb,
+}
+
+#[derive(Subcommand, Debug)]
+pub enum Verb {
+    /// Take a photograph: expose, read out, develop. Without arguments: the embedded still life into photo.jpg.
+    Shoot(Shoot),
+    /// Expose only: a scene onto the focal plane (EXR with mean, variance, depth, normals, albedo, ids).
+    Expose(Expose),
+    /// Read a focal plane out into a raw image.
+    ReadOut(ReadOut),
+    /// Develop a raw image into a picture.
+    Develop(Develop),
+    /// Join focal planes that hold different samples of the same picture.
+    Merge(Merge),
+    /// Embedded scenes, and what is in a scene file.
+    Scene {
+        #[command(subcommand)]
+        verb: SceneVerb,
+    },
+    /// Camera bodies and their data sheets.
+    Body {
+        #[command(subcommand)]
+        verb: BodyVerb,
+    },
+    /// Print a completion script for a shell.
+    Completions {
+        /// bash, zsh, fish, elvish or powershell.
+        shell: clap_complete::Shell,
+    },
+    /// Print the manual page.
+    Man,
+}
+
+#[derive(Subcommand, Debug)]
+pub enum SceneVerb {
+    /// Names of the embedded scenes.
+    List,
+    /// What a scene holds: triangles, materials, lights, cameras, warnings.
+    Info {
+        /// Embedded scene, .gltf or .glb.
+        scene: String,
+    },
+}
+
+#[derive(Subcommand, Debug)]
+pub enum BodyVerb {
+    /// Names of the embedded bodies.
+    List,
+    /// The data sheet of a body, with the source of every number.
+    Info {
+        /// Embedded body or TOML file.
+        body: String,
+    },
+}
+
+/// What is photographed and how; shared by `shoot` and `expose`. Flags win over the shot file.
+#[derive(clap::Args, Debug)]
+pub struct Taking {
+    /// Embedded scene, .gltf, .glb, or a .toml shot file.
+    #[arg(value_name = "SCENE|SHOT.toml")]
+    pub subject: Option<String>,
+    /// Light from all around: a lat-long .hdr or .exr.
+    #[arg(long, value_name = "FILE")]
+    pub environment: Option<PathBuf>,
+    /// Turn the environment about the vertical, degrees.
+    #[arg(long, value_name = "DEG", allow_negative_numbers = true)]
+    pub environment_rotation: Option<f32>,
+    /// Scale all light so that the scene as framed meters at this EV (ISO 100).
+    #[arg(long, value_name = "EV", allow_negative_numbers = true)]
+    pub ambient_ev: Option<f64>,
+    /// Camera body: a name from `body list` or a TOML file.
+    #[arg(long, value_name = "NAME|FILE")]
+    pub body: Option<String>,
+    /// Film format instead of the body's: a name ("full frame", "APS-C", "4/3") or mm ("36x24").
+    #[arg(long, value_name = "NAME|MM")]
+    pub format: Option<String>,
+    /// thin or pinhole.
+    #[arg(long, value_name = "NAME")]
+    pub lens: Option<String>,
+    /// Focal length: "50 mm".
+    #[arg(long, value_name = "LENGTH")]
+    pub focal_length: Option<LengthMm>,
+    /// Straight blades of the iris; round without.
+    #[arg(long, value_name = "N")]
+    pub blades: Option<u32>,
+    /// Turn the iris, degrees.
+    #[arg(long, value_name = "DEG", allow_negative_numbers = true)]
+    pub blade_rotation: Option<f32>,
+    /// Where the camera stands: "x,y,z" in m.
+    #[arg(long, value_name = "X,Y,Z", value_parser = point, allow_hyphen_values = true)]
+    pub look_from: Option<[f32; 3]>,
+    /// What it is aimed at: "x,y,z" in m.
+    #[arg(long, value_name = "X,Y,Z", value_parser = point, allow_hyphen_values = true)]
+    pub look_at: Option<[f32; 3]>,
+    /// What is up in the picture: "0,1,0".
+    #[arg(long, value_name = "X,Y,Z", value_parser = point, allow_hyphen_values = true)]
+    pub up: Option<[f32; 3]>,
+    /// A camera of the scene file, by name or number.
+    #[arg(long, value_name = "NAME")]
+    pub viewpoint: Option<String>,
+    /// f-number: "f/2.8".
+    #[arg(long, value_name = "F")]
+    pub aperture: Option<FNumber>,
+    /// Exposure time: "1/125"; metered without.
+    #[arg(long, value_name = "TIME")]
+    pub shutter: Option<Seconds>,
+    /// ISO speed.
+    #[arg(long, value_name = "ISO", allow_hyphen_values = true)]
+    pub iso: Option<Iso>,
+    /// Illuminant the camera takes for white: D65, D50, A, FL2 ...
+    #[arg(long, value_name = "NAME")]
+    pub white: Option<String>,
+    /// Distance of the sharp plane: "2.5m" or "inf"; without, what the camera is aimed at.
+    #[arg(long, value_name = "DISTANCE")]
+    pub focus: Option<Distance>,
+    /// Pixels of the picture: "1920x1280".
+    #[arg(long, value_name = "WxH")]
+    pub size: Option<Size>,
+    /// Samples a pixel.
+    #[arg(long, value_name = "N")]
+    pub spp: Option<u32>,
+    /// Only samples A to B (B not included) of --spp: parts can be merged later.
+    #[arg(long, value_name = "A..B", value_parser = range)]
+    pub samples: Option<[u32; 2]>,
+    /// Seed of light transport and noise.
+    #[arg(long, value_name = "N")]
+    pub seed: Option<u64>,
+    /// sobol, jittered, grid or independent.
+    #[arg(long, value_name = "NAME")]
+    pub sampler: Option<String>,
+    /// Most scattering events of a path.
+    #[arg(long, value_name = "N")]
+    pub max_depth: Option<u32>,
+    /// Stop after about so long: "10s".
+    #[arg(long, value_name = "TIME")]
+    pub time_limit: Option<Seconds>,
+}
+
+#[derive(clap::Args, Debug)]
+pub struct Shoot {
+    #[command(flatten)]
+    pub taking: Taking,
+    #[command(flatten)]
+    pub developing: Developing,
+    /// Keep the focal plane too (EXR).
+    #[arg(long, value_name = "FILE")]
+    pub keep_plane: Option<PathBuf>,
+    /// Write what is being shot as a shot file.
+    #[arg(long, value_name = "FILE")]
+    pub save_shot: Option<PathBuf>,
+    /// Picture to write: .jpg, .png or .exr (linear); may be given several times.
+    #[arg(short, long, value_name = "FILE")]
+    pub output: Vec<PathBuf>,
+}
+
+#[derive(clap::Args, Debug)]
+pub struct Expose {
+    #[command(flatten)]
+    pub taking: Taking,
+    /// Focal plane to write (.exr).
+    #[arg(short, long, value_name = "FILE")]
+    pub output: PathBuf,
+}
+
+#[derive(clap::Args, Debug)]
+pub struct ReadOut {
+    /// Focal plane (.exr).
+    pub plane: PathBuf,
+    /// Camera body; the one it was exposed with, without.
+    #[arg(long, value_name = "NAME|FILE")]
+    pub body: Option<String>,
+    /// ISO speed.
+    #[arg(long, value_name = "ISO", default_value = "100", allow_hyphen_values = true)]
+    pub iso: Iso,
+    /// Illuminant the camera takes for white.
+    #[arg(long, value_name = "NAME", default_value = "D65")]
+    pub white: String,
+    /// Seed of the sensor's noise.
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    pub seed: u64,
+    /// Raw image to write (.exr holding the digital numbers).
+    #[arg(short, long, value_name = "FILE")]
+    pub output: PathBuf,
+}
+
+#[derive(clap::Args, Debug)]
+pub struct Develop {
+    /// Raw image (.exr of `read-out`).
+    pub raw: PathBuf,
+    #[command(flatten)]
+    pub developing: Developing,
+    /// Picture to write: .jpg, .png or .exr (linear); may be given several times.
+    #[arg(short, long, value_name = "FILE", required = true)]
+    pub output: Vec<PathBuf>,
+}
+
+#[derive(clap::Args, Debug)]
+pub struct Merge {
+    /// Focal planes (.exr).
+    #[arg(required = true)]
+    pub parts: Vec<PathBuf>,
+    /// Focal plane to write (.exr).
+    #[arg(short, long, value_name = "FILE")]
+    pub output: PathBuf,
+}
+
+/// Settings of the development.
+#[derive(clap::Args, Debug)]
+pub struct Developing {
+    /// Brighten by stops.
+    #[arg(long, value_name = "EV", allow_negative_numbers = true)]
+    pub exposure_ev: Option<f32>,
+    /// Tone curve: aces, reinhard or linear.
+    #[arg(long, value_name = "NAME")]
+    pub tone: Option<String>,
+    /// Demosaic: malvar-he-cutler or bilinear.
+    #[arg(long, value_name = "NAME")]
+    pub demosaic: Option<String>,
+}
+
+/// "x,y,z".
+fn point(text: &str) -> Result<[f32; 3], String> {
+    let numbers: Option<Vec<f32>> = text.split(',').map(|n| n.trim().parse().ok()).collect();
+    numbers.and_then(|n| n.try_into().ok()).ok_or_else(|| format!("\"{text}\" is not three numbers such as 0,1.5,-2"))
+}
+
+/// "A..B".
+fn range(text: &str) -> Result<[u32; 2], String> {
+    let ends = text.split_once("..").and_then(|(a, b)| Some([a.trim().parse().ok()?, b.trim().parse().ok()?]));
+    ends.ok_or_else(|| format!("\"{text}\" is not a range such as 0..64"))
+}
+
+impl Taking {
+    /// The shot file that is meant: the one given, with the flags on top.
+    pub fn shot_file(&self) -> Result<ShotFile, diopter::shot::ShotError> {
+        let mut shot = match &self.subject {
+            Some(path) if path.ends_with(".toml") => ShotFile::read(Path::new(path))?,
+            Some(scene) => {
+                let mut shot = ShotFile::default();
+                shot.scene.file = Some(scene.clone());
+                shot
+            }
+            None => ShotFile::default(),
+        };
+        fn over<T: Clone>(to: &mut Option<T>, from: &Option<T>) {
+            if from.is_some() {
+                to.clone_from(from);
+            }
+        }
+        let (scene, camera, exposure, render) = (&mut shot.scene, &mut shot.camera, &mut shot.exposure, &mut shot.render);
+        over(&mut scene.environment, &self.environment);
+        over(&mut scene.environment_rotation_deg, &self.environment_rotation);
+        over(&mut scene.ambient_ev, &self.ambient_ev);
+        over(&mut camera.body, &self.body);
+        over(&mut camera.format, &self.format);
+        over(&mut camera.lens, &self.lens);
+        over(&mut camera.focal_length, &self.focal_length);
+        over(&mut camera.blades, &self.blades);
+        over(&mut camera.blade_rotation_deg, &self.blade_rotation);
+        over(&mut camera.look_from, &self.look_from);
+        over(&mut camera.look_at, &self.look_at);
+        over(&mut camera.up, &self.up);
+        over(&mut camera.viewpoint, &self.viewpoint);
+        over(&mut exposure.aperture, &self.aperture);
+        over(&mut exposure.shutter, &self.shutter);
+        over(&mut exposure.iso, &self.iso);
+        over(&mut exposure.white, &self.white);
+        over(&mut shot.focus.distance, &self.focus);
+        over(&mut render.size, &self.size);
+        over(&mut render.spp, &self.spp);
+        over(&mut render.samples, &self.samples);
+        over(&mut render.seed, &self.seed);
+        over(&mut render.sampler, &self.sampler);
+        over(&mut render.max_depth, &self.max_depth);
+        over(&mut render.time_limit, &self.time_limit);
+        Ok(shot)
+    }
+}
+
+impl Developing {
+    /// Puts the flags on top of a recipe.
+    pub fn apply(&self, recipe: &mut diopter::develop::Recipe) -> anyhow::Result<()> {
+        use diopter::develop::{Demosaic, Tone};
+        if let Some(ev) = self.exposure_ev {
+            recipe.exposure_ev = ev;
+        }
+        let unknown = |what: &str, found: &str, expected: &str| crate::AskedWrongly(anyhow::anyhow!("{what} \"{found}\": expected {expected}"));
+        match self.tone.as_deref() {
+            None => {}
+            Some("aces") => recipe.tone = Tone::Aces,
+            Some("reinhard") => recipe.tone = Tone::Reinhard,
+            Some("linear") => recipe.tone = Tone::Linear,
+            Some(other) => return Err(unknown("tone", other, "aces, reinhard or linear").into()),
+        }
+        match self.demosaic.as_deref() {
+            None => {}
+            Some("malvar-he-cutler") => recipe.demosaic = Demosaic::MalvarHeCutler,
+            Some("bilinear") => recipe.demosaic = Demosaic::Bilinear,
+            Some(other) => return Err(unknown("demosaic", other, "malvar-he-cutler or bilinear").into()),
+        }
+        Ok(diopter::shot::check_recipe(recipe)?)
+    }
+}

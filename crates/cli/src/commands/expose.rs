@@ -1,0 +1,29 @@
+//! `expose`: a scene onto the focal plane.
+
+use super::print_json;
+use crate::args::Expose;
+use crate::commands::shoot::display;
+use crate::output;
+use crate::watch::{say, warn, watched};
+use diopter::shot::Shot;
+use std::time::Instant;
+
+pub fn run(args: &Expose, json: bool) -> anyhow::Result<()> {
+    let file = args.taking.shot_file()?;
+    let output = output::prepare_exr(&args.output)?;
+    let mut shot = Shot::prepare(&file, &mut warn)?;
+    watched("metering", |w| shot.meter(w))?;
+    let started = Instant::now();
+    let plane = watched("exposing", |w| shot.expose(w))?;
+    let seconds = started.elapsed().as_secs_f64();
+    let path = output::write_plane(output, &plane)?;
+    say(&display(&plane.facts, plane.width(), plane.height(), seconds));
+    say(&format!("wrote {}", path.display()));
+    if json {
+        let bands: Vec<&str> = plane.bands.iter().map(|b| b.name.as_str()).collect();
+        print_json(&serde_json::json!({
+            "files": [path], "facts": plane.facts, "size": [plane.width(), plane.height()], "bands": bands, "expose_s": seconds,
+        }))?;
+    }
+    Ok(())
+}

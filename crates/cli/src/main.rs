@@ -1,0 +1,58 @@
+//! diopter: photographs of 3D scenes the way a real camera takes them.
+//!
+//! Thin: reads arguments ([`args`]), runs one verb ([`commands`]), writes files beside and renames them ([`output`]).
+//! Results go to standard output, progress and messages to standard error. Exit codes: 0 done, 1 failed, 2 asked wrongly.
+
+mod args;
+mod commands;
+mod output;
+mod watch;
+
+use args::{Args, Verb};
+use clap::Parser;
+use std::process::ExitCode;
+
+/// A failure whose cause is the request itself: exit code 2.
+#[derive(Debug)]
+struct AskedWrongly(anyhow::Error);
+
+impl std::fmt::Display for AskedWrongly {
+    fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
+        self.0.fmt(f)
+    }
+}
+
+impl std::error::Error for AskedWrongly {}
+
+fn main() -> ExitCode {
+    let args = Args::parse();
+    watch::install();
+    match run(args) {
+        Ok(()) => ExitCode::SUCCESS,
+        // Whoever reads our output has gone: nothing to say, nobody to say it to.
+        Err(e) if e.downcast_ref::<std::io::Error>().is_some_and(|e| e.kind() == std::io::ErrorKind::BrokenPipe) => ExitCode::SUCCESS,
+        Err(e) => {
+            eprintln!("diopter: {e:#}");
+            let request = e.is::<AskedWrongly>() || e.downcast_ref::<diopter::shot::ShotError>().is_some_and(|e| e.is_request());
+            ExitCode::from(if request { 2 } else { 1 })
+        }
+    }
+}
+
+fn run(args: Args) -> anyhow::Result<()> {
+    if let Some(threads) = args.threads {
+        rayon::ThreadPoolBuilder::new().num_threads(threads.get()).build_global()?;
+    }
+    let json = args.json;
+    match args.verb {
+        Verb::Shoot(shoot) => commands::shoot::run(&shoot, json),
+        Verb::Expose(expose) => commands::expose::run(&expose, json),
+        Verb::ReadOut(read_out) => commands::read_out::run(&read_out, json),
+        Verb::Develop(develop) => commands::develop::run(&develop, json),
+        Verb::Merge(merge) => commands::merge::run(&merge, json),
+        Verb::Scene { verb } => commands::scene::run(&verb, json),
+        Verb::Body { verb } => commands::body::run(&verb, json),
+        Verb::Completions { shell } => commands::manual::completions(shell),
+        Verb::Man => commands::manual::man(),
+    }
+}

@@ -1,0 +1,111 @@
+//! Files to write: proved writable before the work, written beside, renamed when whole.
+
+use crate::AskedWrongly;
+use anyhow::{Context, anyhow};
+use diopter::develop::{Recipe, Tone, develop};
+use diopter::image::{FocalPlane, Picture, RawImage, exr, jpeg, png};
+use std::fs::File;
+use std::io::{BufWriter, Write};
+use std::path::{Path, PathBuf};
+
+/// JPEG quality: high, because the pictures are looked at.
+const JPEG_QUALITY: u8 = 92;
+
+/// A file that is going to be written. Dropped without [`Output::commit`], it leaves no trace.
+pub struct Output {
+    path: PathBuf,
+    part: PathBuf,
+    file: Option<File>,
+}
+
+/// What a file's ending says it is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Kind {
+    Jpeg,
+    Png,
+    Exr,
+}
+
+/// Kind of a picture file by its ending.
+pub fn kind(path: &Path) -> anyhow::Result<Kind> {
+    let ending = path.extension().map(|e| e.to_string_lossy().to_lowercase());
+    match ending.as_deref() {
+        Some("jpg" | "jpeg") => Ok(Kind::Jpeg),
+        Some("png") => Ok(Kind::Png),
+        Some("exr") => Ok(Kind::Exr),
+        _ => Err(AskedWrongly(anyhow!("{}: expected a name that ends in .jpg, .png or .exr", path.display())).into()),
+    }
+}
+
+impl Output {
+    /// Opens the file beside; fails now if it cannot be written.
+    pub fn prepare(path: &Path) -> anyhow::Result<Self> {
+        let name = path.file_name().ok_or_else(|| AskedWrongly(anyhow!("{}: expected the name of a file", path.display())))?;
+        if path.is_dir() {
+            return Err(AskedWrongly(anyhow!("{}: this is a folder; expected the name of a file", path.display())).into());
+        }
+        let part = path.with_file_name(format!(".{}.{}.part", name.to_string_lossy(), std::process::id()));
+        let file = File::create(&part).with_context(|| format!("{}: cannot be written", path.display()))?;
+        Ok(Output { path: path.to_owned(), part, file: Some(file) })
+    }
+
+    /// Writes the file by a function and gives it its name.
+    pub fn commit(mut self, write: impl FnOnce(&mut BufWriter<File>) -> anyhow::Result<()>) -> anyhow::Result<PathBuf> {
+        let file = self.file.take().expect("an output is committed once");
+        let mut writer = BufWriter::new(file);
+        let place = || format!("{}: cannot be written", self.path.display());
+        write(&mut writer).with_context(place)?;
+        writer.flush().with_context(place)?;
+        drop(writer);
+        std::fs::rename(&self.part, &self.path).with_context(place)?;
+        Ok(self.path.clone())
+    }
+}
+
+impl Drop for Output {
+    fn drop(&mut self) {
+        self.file = None;
+        // Renamed files are no longer there; nothing can be done about one that cannot be removed.
+        let _ = std::fs::remove_file(&self.part);
+    }
+}
+
+/// Prepares all pictures, refusing what cannot be written before any work is done.
+pub fn prepare_pictures(paths: &[PathBuf]) -> anyhow::Result<Vec<(Kind, Output)>> {
+    paths.iter().map(|p| Ok((kind(p)?, Output::prepare(p)?))).collect()
+}
+
+/// Refuses a name that does not end in `.exr`.
+pub fn prepare_exr(path: &Path) -> anyhow::Result<Output> {
+    match kind(path)? {
+        Kind::Exr => Output::prepare(path),
+        _ => Err(AskedWrongly(anyhow!("{}: expected a name that ends in .exr", path.display())).into()),
+    }
+}
+
+/// Develops and writes all pictures. An EXR gets the linear picture without tone curve.
+pub fn write_pictures(outputs: Vec<(Kind, Output)>, raw: &RawImage, recipe: &Recipe) -> anyhow::Result<Vec<PathBuf>> {
+    let mut shown: Option<Picture> = None;
+    outputs
+        .into_iter()
+        .map(|(kind, output)| {
+            if kind == Kind::Exr {
+                let linear = develop(raw, &Recipe { tone: Tone::Linear, ..recipe.clone() });
+                return output.commit(|to| Ok(exr::write_picture(&linear, exr::Precision::Half, to)?));
+            }
+            let picture = shown.get_or_insert_with(|| develop(raw, recipe));
+            output.commit(|to| {
+                match kind {
+                    Kind::Jpeg => jpeg::write(picture, JPEG_QUALITY, to)?,
+                    _ => png::write(picture, png::Depth::Eight, to)?,
+                }
+                Ok(())
+            })
+        })
+        .collect()
+}
+
+/// Writes a focal plane.
+pub fn write_plane(output: Output, plane: &FocalPlane) -> anyhow::Result<PathBuf> {
+    output.commit(|to| Ok(exr::write_focal_plane(plane, to)?))
+}
