@@ -85,6 +85,9 @@ pub struct Taking {
     /// Turn the environment about the vertical, degrees.
     #[arg(long, value_name = "DEG", allow_negative_numbers = true)]
     pub environment_rotation: Option<f32>,
+    /// Put a large matte floor of this albedo (0 to 1) under the scene.
+    #[arg(long, value_name = "ALBEDO")]
+    pub ground: Option<f32>,
     /// Scale all light so that the scene as framed meters at this EV (ISO 100).
     #[arg(long, value_name = "EV", allow_negative_numbers = true)]
     pub ambient_ev: Option<f64>,
@@ -270,6 +273,7 @@ impl Taking {
         let (scene, camera, exposure, render) = (&mut shot.scene, &mut shot.camera, &mut shot.exposure, &mut shot.render);
         over(&mut scene.environment, &self.environment);
         over(&mut scene.environment_rotation_deg, &self.environment_rotation);
+        over(&mut scene.ground, &self.ground);
         over(&mut scene.ambient_ev, &self.ambient_ev);
         over(&mut camera.body, &self.body);
         over(&mut camera.format, &self.format);

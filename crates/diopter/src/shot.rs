@@ -15,10 +15,14 @@ use diopter_light::cie;
 use diopter_light::random::SamplerKind;
 use diopter_light::units::Millimeters;
 use diopter_scene::light::Environment;
-use diopter_scene::{Description, PathSettings, Scene, SceneError, builtin, load};
+use diopter_scene::bvh::Bounds;
+use diopter_scene::material::{Material, Scattering};
+use diopter_scene::shape::Quad;
+use diopter_scene::texture::Color;
+use diopter_scene::{Description, Object, PathSettings, Scene, SceneError, Shape, builtin, load};
 use diopter_sensor::format::{self, Format};
 use diopter_sensor::{Sensor, SensorError, nearest, read_out};
-use glam::{Affine3A, Mat3, Vec3};
+use glam::{Affine3A, Mat3, Vec2, Vec3};
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 
@@ -64,6 +68,9 @@ pub struct SceneSection {
     /// Factor on the environment; 1 takes its numbers as cd/m².
     #[serde(skip_serializing_if = "Option::is_none")]
     pub environment_scale: Option<f32>,
+    /// Puts a large matte floor of this albedo (0 to 1, grey) under the scene.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub ground: Option<f32>,
     /// Scales all light so that the scene as framed meters at this EV (ISO 100): for scenes without a true scale.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub ambient_ev: Option<f64>,
@@ -365,6 +372,9 @@ impl Shot {
             }
             description.environment = Some(read_environment(path, rotation, scale)?);
         }
+        if let Some(albedo) = file.scene.ground {
+            put_ground(&mut description, albedo)?;
+        }
         let scene_name = description.name.clone();
         let dark = description.environment.is_none()
             && description.punctual.is_empty()
@@ -478,6 +488,36 @@ pub fn check_recipe(recipe: &Recipe) -> Result<(), ShotError> {
     }
 }
 
+/// The box around one object.
+fn object_bounds(d: &Description, object: &Object) -> Bounds {
+    match object.shape {
+        Shape::Mesh { mesh, world_from_mesh } => {
+            let positions = d.meshes.get(mesh as usize).map_or(&[][..], |m| &m.positions);
+            Bounds::around(positions.iter().map(|p| world_from_mesh.transform_point3(*p)).filter(|p| p.is_finite()))
+        }
+        Shape::Sphere(s) => Bounds { min: s.center - s.radius, max: s.center + s.radius },
+        Shape::Quad(q) => Bounds::around([Vec2::ZERO, Vec2::X, Vec2::Y, Vec2::ONE].map(|p| q.point(p))),
+    }
+}
+
+/// Adds a floor just below the lowest point of the meshes.
+fn put_ground(d: &mut Description, albedo: f32) -> Result<(), ShotError> {
+    if !(0.0..=1.0).contains(&albedo) {
+        return Err(value("ground", albedo, "an albedo from 0 to 1"));
+    }
+    let bounds = d.objects.iter().fold(Bounds::EMPTY, |b, o| b.union(object_bounds(d, o)));
+    if bounds.is_empty() {
+        return Err(value("ground", albedo, "a scene with something to stand on it"));
+    }
+    let size = bounds.size().max_element().max(1e-3);
+    let reach = 200.0 * size;
+    let corner = bounds.center().with_y(bounds.min.y - 1e-4 * size) + Vec3::new(-0.5, 0.0, 0.5) * reach;
+    d.materials.push(Material::new("ground", Scattering::Diffuse(Color::rgb(albedo, albedo, albedo))));
+    let shape = Shape::Quad(Quad { corner, edges: [Vec3::X * reach, Vec3::NEG_Z * reach] });
+    d.objects.push(Object { name: "ground".into(), shape, material: d.materials.len() as u32 - 1 });
+    Ok(())
+}
+
 fn settings(r: &RenderSection) -> Result<Settings, ShotError> {
     let spp = r.spp.unwrap_or(DEFAULT_SPP);
     if spp == 0 || spp > 1 << 24 {
@@ -510,6 +550,16 @@ fn settings(r: &RenderSection) -> Result<Settings, ShotError> {
         time_limit_s: limit,
         ..Settings::new(spp)
     })
+}
+
+/// The box around everything but a floor that was put under it.
+fn subject_bounds(scene: &Scene) -> Bounds {
+    let d = scene.description();
+    let last = d.objects.last().filter(|o| o.name == "ground" && matches!(o.shape, Shape::Quad(_)));
+    match last {
+        None => scene.bounds(),
+        Some(_) => d.objects[..d.objects.len() - 1].iter().fold(Bounds::EMPTY, |b, o| b.union(object_bounds(d, o))),
+    }
 }
 
 fn film(file: &ShotFile, sensor: &Sensor) -> Result<Film, ShotError> {
@@ -576,7 +626,7 @@ fn camera(
     };
 
     // Where the camera stands, and how far along its axis the subject is.
-    let bounds = scene.bounds();
+    let bounds = subject_bounds(scene);
     let (center, radius) = match bounds.is_empty() {
         true => (Vec3::ZERO, 1.0),
         false => (bounds.center(), (0.5 * bounds.size().length()).max(1e-3)),

@@ -1,7 +1,8 @@
 //! The first photograph: a still life on a table, with depth, glass, metal, china, fruit, and small lights behind that show
 //! what the lens does to points.
 //!
-//! Metres. Luminances are those of real things: a soft window 4000 cd/m², candle-like lamps 15 000–60 000 cd/m².
+//! Metres. Luminances are those of real things: a bright window 5000 cd/m², frosted
+//! lamps of 2 to 3 cm with 2500–7000 cd/m².
 
 use super::lathe::{ring, smooth, turn};
 use super::{Framing, pattern};
@@ -148,13 +149,13 @@ fn lights(b: &mut Builder) {
     let rim = b.material(Material::lamp("lamp", blackbody_with_luminance(3200.0, 7000.0)));
     b.quad("lamp", Vec3::new(0.75, 0.45, -0.55), [Vec3::new(0.0, 0.30, 0.0), Vec3::new(-0.20, 0.0, -0.22)], rim);
     // Strings of small lamps, far and farther.
-    let warm: Vec<u32> = [(2000.0, 9_000.0), (2500.0, 14_000.0), (3200.0, 8_000.0)]
+    let warm: Vec<u32> = [(2000.0, 3_000.0), (2500.0, 4_500.0), (3200.0, 2_500.0)]
         .into_iter()
         .map(|(kelvin, nits)| b.material(Material::lamp("small lamp", blackbody_with_luminance(kelvin, nits))))
         .collect();
     let colored: Vec<u32> = [Vec3::new(1.0, 0.10, 0.05), Vec3::new(0.08, 0.30, 1.0), Vec3::new(0.10, 0.8, 0.30)]
         .into_iter()
-        .map(|c| b.material(Material::lamp("coloured lamp", diopter_light::Spectrum::light_from_rgb(c * 9_000.0))))
+        .map(|c| b.material(Material::lamp("coloured lamp", diopter_light::Spectrum::light_from_rgb(c * 3_200.0))))
         .collect();
     for i in 0..40u32 {
         let u = |k: u32| to_unit(mix(i * 8 + k + 1000));
@@ -163,7 +164,7 @@ fn lights(b: &mut Builder) {
         let x = (2.0 * u(1) - 1.0) * spread;
         let y = 0.10 + (0.10 - depth * 0.17) * u(2) * 1.5;
         let material = if u(3) < 0.78 { warm[(u(4) * 3.0) as usize] } else { colored[(u(4) * 3.0) as usize] };
-        b.sphere("small lamp", Vec3::new(x, y, depth), 0.005 + 0.004 * u(5), material);
+        b.sphere("small lamp", Vec3::new(x, y, depth), 0.009 + 0.006 * u(5), material);
     }
     b.0.environment = Some(Environment::uniform(Vec3::new(48.0, 60.0, 80.0)));
 }
