@@ -128,7 +128,7 @@ impl AreaLight {
                 Some(rectangle) => 1.0 / rectangle.solid_angle,
                 None => by_area(),
             },
-            AreaShape::Sphere(s) => cone_of_sphere(s, p).map_or(1.0 / (4.0 * PI), |(_, one_minus_cos)| 1.0 / (TAU * one_minus_cos)),
+            AreaShape::Sphere(s) => cone_of_sphere(s, p).map_or(0.0, |(_, one_minus_cos)| 1.0 / (TAU * one_minus_cos)),
         }
     }
 }

@@ -6,12 +6,15 @@
 
 use super::microfacet::{fresnel_dielectric, ggx_g1, ggx_g2, reflect, refract, sample_visible_normal};
 use glam::Vec3;
+use rayon::prelude::*;
 use std::sync::{Arc, Mutex, OnceLock};
 
 /// Nodes of each axis of a table.
 const NODES: usize = 32;
-/// Square root of the number of integration points a node.
-const POINTS: usize = 12;
+/// Integration points a node and generator of their lattice (neighbouring Fibonacci numbers): where the integrand is
+/// smooth, and where total reflection cuts it.
+const SMOOTH_LATTICE: (usize, usize) = (377, 233);
+const CUT_LATTICE: (usize, usize) = (1597, 987);
 /// Roughness below which a table is not integrated but a mirror.
 const FIRST_ROUGHNESS: f32 = 1e-2;
 
@@ -20,9 +23,9 @@ const FIRST_ROUGHNESS: f32 = 1e-2;
 pub struct Table(Vec<f32>);
 
 impl Table {
-    fn new(f: impl Fn(f32, f32) -> f32) -> Self {
+    fn new(f: impl Fn(f32, f32) -> f32 + Sync) -> Self {
         let node = |i: usize| i as f32 / (NODES - 1) as f32;
-        Table((0..NODES * NODES).map(|n| f(node(n % NODES).powi(2).max(1e-4), node(n / NODES))).collect())
+        Table((0..NODES * NODES).into_par_iter().map(|n| f(node(n % NODES).powi(2).max(1e-4), node(n / NODES))).collect())
     }
 
     /// Value at a cosine and a roughness √α.
@@ -52,19 +55,10 @@ impl Table {
 }
 
 /// Mean of `weight(wo, h)` over visible normals h.
-fn integrate(mu: f32, alpha: f32, weight: impl Fn(Vec3, Vec3) -> f32) -> f32 {
+fn integrate(mu: f32, alpha: f32, (n, generator): (usize, usize), weight: impl Fn(Vec3, Vec3) -> f32) -> f32 {
     let wo = Vec3::new((1.0 - mu * mu).max(0.0).sqrt(), 0.0, mu);
-    let mut sum = 0.0;
-    for i in 0..POINTS {
-        for j in 0..POINTS {
-            // A rank-1 lattice keeps both numbers stratified.
-            let k = i * POINTS + j;
-            let n = (POINTS * POINTS) as f32;
-            let u = [(k as f32 + 0.5) / n, (k as f32 * 0.618_034 + 0.5).fract()];
-            sum += weight(wo, sample_visible_normal(wo, alpha, u));
-        }
-    }
-    sum / (POINTS * POINTS) as f32
+    let point = |k: usize| [(k as f32 + 0.5) / n as f32, ((k * generator % n) as f32 + 0.5) / n as f32];
+    (0..n).map(|k| weight(wo, sample_visible_normal(wo, alpha, point(k)))).sum::<f32>() / n as f32
 }
 
 fn reflected(wo: Vec3, h: Vec3, alpha: f32) -> f32 {
@@ -85,7 +79,7 @@ pub fn mirror_albedo() -> &'static Table {
     TABLE.get_or_init(|| {
         Table::new(|mu, r| {
             let r = r.max(FIRST_ROUGHNESS);
-            integrate(mu, r * r, |wo, h| reflected(wo, h, r * r))
+            integrate(mu, r * r, SMOOTH_LATTICE, |wo, h| reflected(wo, h, r * r))
         })
     })
 }
@@ -93,36 +87,48 @@ pub fn mirror_albedo() -> &'static Table {
 /// What a rough interface of relative index `eta` does with light.
 #[derive(Debug)]
 pub struct Interface {
+    eta: f32,
     /// Reflected share, seen from outside.
     pub reflected: Table,
     /// Mean of `reflected` under light from everywhere, by roughness.
     average: Vec<f32>,
-    /// Reflected and transmitted share, seen from outside.
-    pub outside: Table,
-    /// Reflected and transmitted share, seen from inside.
-    pub inside: Table,
+    /// Reflected and transmitted share, from outside and from inside; only bodies of rough glass ask for them.
+    whole: [OnceLock<Table>; 2],
+}
+
+/// Side of an interface that light comes from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Side {
+    /// The thinner medium.
+    Outside,
+    /// The denser one, where light can be totally reflected.
+    Inside,
 }
 
 impl Interface {
     fn new(eta: f32) -> Self {
-        let both = |eta: f32| {
-            Table::new(move |mu, r| {
-                let r = r.max(FIRST_ROUGHNESS);
-                let alpha = r * r;
-                integrate(mu, alpha, |wo, h| {
-                    let f = fresnel_dielectric(wo.dot(h), eta);
-                    f * reflected(wo, h, alpha) + (1.0 - f) * transmitted(wo, h, eta, alpha)
-                })
-            })
-        };
         let reflected = Table::new(|mu, r| {
             if r < FIRST_ROUGHNESS {
                 return fresnel_dielectric(mu, eta);
             }
-            integrate(mu, r * r, |wo, h| fresnel_dielectric(wo.dot(h), eta) * reflected(wo, h, r * r))
+            integrate(mu, r * r, SMOOTH_LATTICE, |wo, h| fresnel_dielectric(wo.dot(h), eta) * reflected(wo, h, r * r))
         });
-        let average = reflected.average();
-        Interface { reflected, average, outside: both(eta), inside: both(1.0 / eta) }
+        Interface { eta, average: reflected.average(), reflected, whole: Default::default() }
+    }
+
+    /// Share of light that is reflected or transmitted after one encounter, the rest being lost between facets.
+    #[inline]
+    pub fn whole(&self, side: Side) -> &Table {
+        self.whole[side as usize].get_or_init(|| {
+            let eta = if side == Side::Outside { self.eta } else { 1.0 / self.eta };
+            Table::new(move |mu, r| {
+                let alpha = r.max(FIRST_ROUGHNESS).powi(2);
+                integrate(mu, alpha, CUT_LATTICE, |wo, h| {
+                    let f = fresnel_dielectric(wo.dot(h), eta);
+                    f * reflected(wo, h, alpha) + (1.0 - f) * transmitted(wo, h, eta, alpha)
+                })
+            })
+        })
     }
 
     /// The tables of an index; made once for each index in the program.
@@ -157,7 +163,7 @@ mod tests {
         let rough = mirror_albedo().at(1.0, 1.0);
         assert!((rough - (1.0 - 2f32.ln())).abs() < 4e-3, "{rough}");
         let glass = Interface::of(1.5);
-        assert!((glass.outside.at(0.8, 0.05) - 1.0).abs() < 0.01);
+        assert!((glass.whole(Side::Outside).at(0.8, 0.05) - 1.0).abs() < 0.01);
         assert!((glass.reflected.at(1.0, 0.0) - 0.04).abs() < 1e-3);
         // Mean Fresnel reflectance of n = 1.5 under diffuse light: 0.0918 (Judd 1942).
         assert!((glass.average_reflected(0.0) - 0.0918).abs() < 2e-3, "{}", glass.average_reflected(0.0));

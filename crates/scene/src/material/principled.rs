@@ -7,7 +7,7 @@
 //! _clearcoat. We depart from appendix B in the exact Fresnel term and in the energy compensation.
 
 use super::bsdf::LocalScatter;
-use super::energy::{Interface, mirror_albedo};
+use super::energy::{Interface, Side, mirror_albedo};
 use super::microfacet::{
     SMOOTH, fresnel_dielectric, fresnel_schlick, ggx_d, ggx_g1, ggx_g2, reflect, refract, sample_visible_normal,
     visible_normal_pdf,
@@ -181,10 +181,9 @@ impl PrincipledLobes<'_> {
         };
         let glass = if self.smooth() || self.transmission == 0.0 || !self.solid {
             1.0
-        } else if self.inside {
-            self.interface.inside.at(wo.z, self.roughness)
         } else {
-            self.interface.outside.at(wo.z, self.roughness)
+            let side = if self.inside { Side::Inside } else { Side::Outside };
+            self.interface.whole(side).at(wo.z, self.roughness)
         };
         let coat_reflected = if self.coat > 0.0 { self.coat * self.coat_interface.reflected.at(wo.z, self.coat_roughness) } else { 0.0 };
         let below_coat = 1.0 - coat_reflected;
@@ -203,6 +202,11 @@ impl PrincipledLobes<'_> {
             below_coat * dielectric * self.transmission * second * base,
             coat_reflected,
         ];
+        let mut weights = weights;
+        if self.by_facet() {
+            weights[0] += weights[2];
+            weights[2] = 0.0;
+        }
         let total: f32 = weights.iter().sum();
         let choice = if total > 0.0 { weights.map(|w| w / total) } else { [1.0, 0.0, 0.0, 0.0] };
         View {
@@ -212,6 +216,24 @@ impl PrincipledLobes<'_> {
             below_coat,
             choice,
         }
+    }
+
+    /// Whether each facet decides between reflection and refraction: a mean plane would reflect all where single facets
+    /// still transmit. The specular lobe then stands for both.
+    fn by_facet(&self) -> bool {
+        self.solid && self.transmission > 0.0 && !self.smooth()
+    }
+
+    /// Share of what a facet met at a cosine sends on that it should be seen to reflect.
+    fn reflected_share(&self, view: &View, cos: f32) -> f32 {
+        if !self.by_facet() {
+            return 1.0;
+        }
+        let mean = |s: Sampled| s.element_sum() * 0.25;
+        let reflects = mean(self.facet_reflectance(view, cos));
+        let amount = view.below_coat * (1.0 - self.metallic) * self.transmission * view.glass_gain;
+        let transmits = amount * (1.0 - fresnel_dielectric(cos, self.eta)) * mean(self.base);
+        if transmits > 0.0 { reflects / (reflects + transmits) } else { 1.0 }
     }
 
     /// Reflectance of a facet, everything but the distribution of facets.
@@ -237,7 +259,7 @@ impl PrincipledLobes<'_> {
             if !self.smooth() {
                 let d = ggx_d(h, self.alpha) / (4.0 * wo.z);
                 f += self.facet_reflectance(view, cos) * (d * ggx_g2(wo, wi, self.alpha));
-                pdf += p_specular * d * ggx_g1(wo, self.alpha);
+                pdf += p_specular * self.reflected_share(view, cos) * d * ggx_g1(wo, self.alpha);
             }
             if p_diffuse > 0.0 {
                 let r = if self.smooth() { 0.0 } else { self.roughness };
@@ -253,13 +275,13 @@ impl PrincipledLobes<'_> {
                 f += Sampled::splat(self.coat * fresnel_dielectric(cos, COAT_IOR) * d * ggx_g2(wo, wi, alpha));
                 pdf += p_coat * d * ggx_g1(wo, alpha);
             }
-        } else if p_transmission > 0.0 && !self.smooth() && wi.z < 0.0 {
+        } else if (p_transmission > 0.0 || self.by_facet()) && !self.smooth() && wi.z < 0.0 {
             let amount = view.below_coat * (1.0 - self.metallic) * self.transmission;
             if self.solid {
-                let (value, density) = self.eval_refraction(wo, wi);
+                let (value, density, cos) = self.eval_refraction(wo, wi);
                 let only_hero = if self.dispersive { Sampled::new(4.0, 0.0, 0.0, 0.0) } else { Sampled::ONE };
                 f += self.base * only_hero * (amount * view.glass_gain * value);
-                pdf += p_transmission * density;
+                pdf += p_specular * (1.0 - self.reflected_share(view, cos)) * density;
             } else {
                 // A blurred view straight through: the mirror lobe folded to the other side.
                 let wi = Vec3::new(wi.x, wi.y, -wi.z);
@@ -273,13 +295,13 @@ impl PrincipledLobes<'_> {
         (f, pdf)
     }
 
-    /// (1 − F) D G … of rough refraction times cos θi, and its density. Source: Walter et al. 2007 eq. 21; PBR 9.7.
-    fn eval_refraction(&self, wo: Vec3, wi: Vec3) -> (f32, f32) {
-        let Some(h) = (wi * self.bend + wo).try_normalize() else { return (0.0, 0.0) };
+    /// (1 − F) D G … of rough refraction times cos θi, its density, and wo·h. Source: Walter et al. 2007 eq. 21; PBR 9.7.
+    fn eval_refraction(&self, wo: Vec3, wi: Vec3) -> (f32, f32, f32) {
+        let Some(h) = (wi * self.bend + wo).try_normalize() else { return (0.0, 0.0, 1.0) };
         let h = if h.z < 0.0 { -h } else { h };
         let (cos_i, cos_o) = (wi.dot(h), wo.dot(h));
         if cos_i * wi.z < 0.0 || cos_o * wo.z < 0.0 {
-            return (0.0, 0.0);
+            return (0.0, 0.0, 1.0);
         }
         let denominator = (cos_i + cos_o / self.bend).powi(2);
         let jacobian = cos_i.abs() / denominator;
@@ -287,7 +309,7 @@ impl PrincipledLobes<'_> {
         let g = ggx_g2(wo, Vec3::new(wi.x, wi.y, -wi.z), self.alpha);
         let f = (1.0 - fresnel_dielectric(cos_o, self.eta)) * ggx_d(h, self.alpha) * g * (cos_i * cos_o / (wo.z * denominator)).abs();
         // Radiance is squeezed into a smaller cone on the denser side: (n_i / n_t)² along the path from the camera.
-        (f / (self.bend * self.bend), pdf)
+        (f / (self.bend * self.bend), pdf, cos_o)
     }
 
     pub(super) fn sample(&self, wo: Vec3, u: [f32; 4]) -> Option<LocalScatter> {
@@ -302,12 +324,18 @@ impl PrincipledLobes<'_> {
                 let weight = self.facet_reflectance(&view, wo.z) / p_specular;
                 return Some(LocalScatter { wi, weight, pdf: p_specular, specular: true, disperses });
             }
-            reflect(wo, sample_visible_normal(wo, self.alpha, direction))
+            let h = sample_visible_normal(wo, self.alpha, direction);
+            if u[2] < p_specular * self.reflected_share(&view, wo.dot(h)) {
+                above(reflect(wo, h))?
+            } else {
+                disperses = self.dispersive;
+                below(refract(wo, h, self.bend)?)?
+            }
         } else if u[2] < p_specular + p_diffuse {
             sampling::cosine_hemisphere(direction)
         } else if u[2] < p_specular + p_diffuse + p_transmission {
-            disperses = self.dispersive && self.solid;
             if self.smooth() {
+                disperses = self.dispersive && self.solid;
                 let share = amount * (1.0 - fresnel_dielectric(wo.z, self.eta)) / p_transmission;
                 let (wi, scale) = match self.solid {
                     true => (refract(wo, Vec3::Z, self.bend)?, 1.0 / (self.bend * self.bend)),
@@ -315,15 +343,10 @@ impl PrincipledLobes<'_> {
                 };
                 return Some(LocalScatter { wi, weight: self.base * (share * scale), pdf: p_transmission, specular: true, disperses });
             }
-            let h = sample_visible_normal(wo, self.alpha, direction);
-            if self.solid {
-                refract(wo, h, self.bend)?
-            } else {
-                let wi = reflect(wo, h);
-                Vec3::new(wi.x, wi.y, -wi.z)
-            }
+            let wi = above(reflect(wo, sample_visible_normal(wo, self.alpha, direction)))?;
+            Vec3::new(wi.x, wi.y, -wi.z)
         } else {
-            reflect(wo, sample_visible_normal(wo, self.coat_roughness * self.coat_roughness, direction))
+            above(reflect(wo, sample_visible_normal(wo, self.coat_roughness * self.coat_roughness, direction)))?
         };
         let (f, pdf) = self.eval_view(&view, wo, wi);
         if !(pdf > 0.0) {
@@ -333,4 +356,13 @@ impl PrincipledLobes<'_> {
         let weight = if disperses { Sampled::splat(f.x * 0.25) } else { f } / pdf;
         Some(LocalScatter { wi, weight, pdf, specular: false, disperses })
     }
+}
+
+/// A facet can send light to the wrong side of the surface; single scattering loses it there (and the tables know).
+fn above(wi: Vec3) -> Option<Vec3> {
+    (wi.z > 0.0).then_some(wi)
+}
+
+fn below(wi: Vec3) -> Option<Vec3> {
+    (wi.z < 0.0).then_some(wi)
 }

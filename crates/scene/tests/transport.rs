@@ -1,0 +1,274 @@
+//! Light transport against answers that are known in closed form.
+
+use diopter_light::random::{Sampler, SamplerKind};
+use diopter_light::{Ray, Spectrum, Wavelengths};
+use diopter_scene::light::Environment;
+use diopter_scene::light::{Punctual, PunctualKind};
+use diopter_scene::material::conductor::FacetBounces;
+use diopter_scene::material::{Conductor, Emission, EmissionColor, Material, Principled, Scattering, Transmission};
+use diopter_scene::shape::{Mesh, Quad, Sphere};
+use diopter_scene::texture::{Color, Scalar};
+use diopter_scene::{Description, Object, PathSettings, Scene, Shape};
+use glam::{Affine3A, Vec3};
+
+const NM: [f32; 4] = [450.0, 520.0, 590.0, 660.0];
+
+/// Mean radiance over `n` samples along a ray, relative to what an RGB light of 1 has at each wavelength.
+fn mean(scene: &Scene, origin: Vec3, direction: Vec3, n: u32, settings: &PathSettings) -> [f64; 4] {
+    let wavelengths = Wavelengths::fixed(NM);
+    let white = wavelengths.d65_one_nit();
+    let ray = Ray { origin, direction: direction.normalize(), time_s: 0.0 };
+    let mut sum = [0.0f64; 4];
+    for i in 0..n {
+        let sampler = Sampler::new(SamplerKind::Sobol, 5, (3, 4), i, n);
+        let l = (scene.radiance(ray, &wavelengths, &sampler, settings) / white).to_array();
+        (0..4).for_each(|k| sum[k] += l[k] as f64);
+    }
+    sum.map(|s| s / n as f64)
+}
+
+fn sphere(material: Material) -> Description {
+    Description {
+        materials: vec![material],
+        objects: vec![Object { name: "sphere".into(), shape: Shape::Sphere(Sphere { center: Vec3::ZERO, radius: 1.0 }), material: 0 }],
+        ..Default::default()
+    }
+}
+
+fn principled(change: impl FnOnce(&mut Principled)) -> Material {
+    let mut p = Principled::new(Color::rgb(1.0, 1.0, 1.0), 1.5);
+    change(&mut p);
+    Material::new("white", Scattering::Principled(Box::new(p)))
+}
+
+/// A metal that reflects everything: k → ∞.
+fn mirror(alpha: f32) -> Material {
+    let constant = |v| Spectrum::Constant(v);
+    let c = Conductor { n: constant(0.0), k: constant(1000.0), alpha, bounces: FacetBounces::Compensated };
+    Material::new("mirror", Scattering::Conductor(c))
+}
+
+fn white_materials() -> Vec<(String, Material)> {
+    let mut all = vec![("diffuse".to_owned(), Material::new("d", Scattering::Diffuse(Color::rgb(1.0, 1.0, 1.0))))];
+    for r in [0.0f32, 0.15, 0.4, 0.7, 1.0] {
+        let s = |v| Scalar::Constant(v);
+        all.push((format!("conductor {r}"), mirror(r * r)));
+        all.push((format!("metal {r}"), principled(|p| { p.metallic = s(1.0); p.roughness = s(r); })));
+        all.push((format!("plastic {r}"), principled(|p| p.roughness = s(r))));
+        all.push((format!("half metal {r}"), principled(|p| { p.metallic = s(0.5); p.roughness = s(r); })));
+        all.push((format!("thin {r}"), principled(|p| { p.transmission = s(1.0); p.roughness = s(r); })));
+        all.push((format!("solid {r}"), principled(|p| { p.transmission = s(1.0); p.roughness = s(r); p.kind = Transmission::Solid(None); })));
+        all.push((format!("half solid {r}"), principled(|p| { p.transmission = s(0.5); p.roughness = s(r); p.kind = Transmission::Solid(None); })));
+        all.push((format!("coated {r}"), principled(|p| { p.clearcoat = s(1.0); p.clearcoat_roughness = s(r); p.roughness = s(0.5); })));
+    }
+    all
+}
+
+#[test]
+fn white_furnace_gives_back_what_it_got_with_every_material() {
+    // A sphere that absorbs nothing in an even environment cannot be seen. 1 %, at several angles of view.
+    let deep = PathSettings { max_depth: 1000, roulette_depth: 1000 };
+    let mut worst: Vec<String> = Vec::new();
+    for (name, material) in white_materials() {
+        let scene = Scene::build(Description { environment: Some(Environment::uniform(Vec3::ONE)), ..sphere(material) }).unwrap();
+        for offset in [0.0f32, 0.5, 0.85, 0.97] {
+            let l = mean(&scene, Vec3::new(offset, 0.0, 3.0), Vec3::NEG_Z, 65_536, &deep);
+            let off = l.iter().map(|l| (l - 1.0).abs()).fold(0.0, f64::max);
+            if off > 0.01 {
+                worst.push(format!("{name} at {offset}: {:.4}", l[1]));
+            }
+        }
+    }
+    assert!(worst.is_empty(), "{worst:#?}");
+}
+
+#[test]
+fn no_material_gains_light() {
+    // Energy ≤ 1 for coloured and mixed materials under an even environment (tolerance: the tables' 1 %).
+    let deep = PathSettings { max_depth: 200, roulette_depth: 200 };
+    for (metallic, transmission, coat) in [(0.3, 0.0, 1.0), (0.0, 0.6, 0.5), (0.5, 0.5, 0.0)] {
+        for roughness in [0.05, 0.5, 1.0] {
+            let material = principled(|p| {
+                p.base_color = Color::rgb(0.9, 0.5, 0.2);
+                p.metallic = Scalar::Constant(metallic);
+                p.transmission = Scalar::Constant(transmission);
+                p.clearcoat = Scalar::Constant(coat);
+                p.roughness = Scalar::Constant(roughness);
+            });
+            let scene = Scene::build(Description { environment: Some(Environment::uniform(Vec3::ONE)), ..sphere(material) }).unwrap();
+            for offset in [0.0, 0.9] {
+                let l = mean(&scene, Vec3::new(offset, 0.0, 3.0), Vec3::NEG_Z, 4096, &deep);
+                assert!(l.iter().all(|l| *l > 0.0 && *l < 1.01), "{metallic} {transmission} {coat} {roughness}: {l:?}");
+            }
+        }
+    }
+}
+
+#[test]
+fn inside_a_shining_grey_sphere_light_adds_up_to_a_geometric_series() {
+    // L = Le / (1 − ρ): emission 1 and albedo ½ everywhere give 2 (as pbrt's furnace scenes).
+    let emission = Emission { radiance: EmissionColor::Constant(Spectrum::light_from_rgb(Vec3::ONE)), two_sided: true, is_light: true };
+    let material = Material { emission: Some(emission), ..Material::new("shell", Scattering::Diffuse(Color::rgb(0.5, 0.5, 0.5))) };
+    let scene = Scene::build(sphere(material)).unwrap();
+    for settings in [PathSettings { max_depth: 300, roulette_depth: 300 }, PathSettings::default()] {
+        let l = mean(&scene, Vec3::new(0.2, 0.1, 0.0), Vec3::new(0.3, 0.5, 0.8), 20_000, &settings);
+        assert!(l.iter().all(|l| (l - 2.0).abs() < 0.02), "{l:?}");
+    }
+}
+
+fn floor_with(change: impl FnOnce(&mut Description)) -> Scene {
+    let mut d = Description {
+        materials: vec![Material::new("white", Scattering::Diffuse(Color::rgb(1.0, 1.0, 1.0)))],
+        objects: vec![Object {
+            name: "floor".into(),
+            shape: Shape::Quad(Quad { corner: Vec3::new(-50.0, 0.0, 50.0), edges: [Vec3::X * 100.0, Vec3::NEG_Z * 100.0] }),
+            material: 0,
+        }],
+        ..Default::default()
+    };
+    change(&mut d);
+    Scene::build(d).unwrap()
+}
+
+fn look_down(scene: &Scene, n: u32) -> [f64; 4] {
+    mean(scene, Vec3::new(0.0, 0.5, 0.0), Vec3::NEG_Y, n, &PathSettings { max_depth: 1, roulette_depth: 9 })
+}
+
+#[test]
+fn each_kind_of_light_gives_its_irradiance() {
+    let white = || Spectrum::light_from_rgb(Vec3::ONE);
+    // A white floor shows E/π. Point light of 1 cd at 2 m: E = 1/4.
+    let point = Punctual { power: white(), kind: PunctualKind::Point { position: Vec3::Y * 2.0 } };
+    let directional = Punctual { power: white(), kind: PunctualKind::Directional { direction: Vec3::new(0.0, -1.0, 1.0).normalize() } };
+    let spot = |angle: f32| Punctual {
+        power: white(),
+        kind: PunctualKind::Spot { position: Vec3::Y * 2.0, direction: Vec3::new(angle.sin(), -angle.cos(), 0.0), cos_inner: 0.99, cos_outer: 0.9 },
+    };
+    let lamp = |shape: Shape| {
+        move |d: &mut Description| {
+            d.materials.push(Material::lamp("lamp", Spectrum::light_from_rgb(Vec3::ONE)));
+            d.objects.push(Object { name: "lamp".into(), shape, material: 1 });
+        }
+    };
+    // Disk-like check by solid angle: sphere of radius r at height h: E = π r²/h² (L = 1).
+    let ball = Shape::Sphere(Sphere { center: Vec3::Y * 3.0, radius: 0.5 });
+    // Square of side 2a at height h, facing down, above its middle: E = 4 L a/√(a²+h²) · atan(a/√(a²+h²)).
+    let (a, h) = (0.7f64, 1.5f64);
+    let square = Shape::Quad(Quad { corner: Vec3::new(-0.7, 1.5, -0.7), edges: [Vec3::X * 1.4, Vec3::Z * 1.4] });
+    let r = (a * a + h * h).sqrt();
+    let cases: Vec<(&str, Scene, f64)> = vec![
+        ("point", floor_with(|d| d.punctual.push(point)), 0.25),
+        ("directional", floor_with(|d| d.punctual.push(directional)), 0.5f64.sqrt()),
+        ("spot inside", floor_with(|d| d.punctual.push(spot(0.05))), 0.25),
+        ("spot outside", floor_with(|d| d.punctual.push(spot(0.6))), 0.0),
+        ("sphere", floor_with(lamp(ball)), std::f64::consts::PI * 0.25 / 9.0),
+        ("square", floor_with(lamp(square)), 4.0 * a / r * (a / r).atan()),
+        ("environment", floor_with(|d| d.environment = Some(Environment::uniform(Vec3::ONE))), std::f64::consts::PI),
+    ];
+    for (name, scene, irradiance) in cases {
+        let expected = irradiance / std::f64::consts::PI;
+        let l = look_down(&scene, 8192);
+        assert!(l.iter().all(|l| (l - expected).abs() < 0.005 * expected.max(0.01)), "{name}: {l:?}, expected {expected}");
+    }
+}
+
+#[test]
+fn a_lamp_is_as_bright_as_mesh_quad_or_instances() {
+    // The same square lamp as a quad, as a mesh, and as two meshes of a shared mesh placed side by side.
+    let half = |x: f32| Mesh {
+        positions: [[0., 0.], [1., 0.], [1., 2.], [0., 2.]].map(|[a, b]| Vec3::new(a + x, 2.0, b - 1.0)).to_vec(),
+        triangles: vec![[0, 1, 2], [0, 2, 3]],
+        ..Default::default()
+    };
+    let lamp = || Material::lamp("lamp", Spectrum::light_from_rgb(Vec3::ONE));
+    let placed = |mesh, x| Shape::Mesh { mesh, world_from_mesh: Affine3A::from_translation(Vec3::X * x) };
+    let object = |shape| Object { name: "lamp".into(), shape, material: 1 };
+    let scenes = [
+        floor_with(|d| {
+            d.materials.push(lamp());
+            d.objects.push(object(Shape::Quad(Quad { corner: Vec3::new(-1.0, 2.0, -1.0), edges: [Vec3::X * 2.0, Vec3::Z * 2.0] })));
+        }),
+        floor_with(|d| {
+            d.materials.push(lamp());
+            d.meshes = vec![half(-1.0), half(0.0)];
+            d.objects.extend([object(placed(0, 0.0)), object(placed(1, 0.0))]);
+        }),
+        floor_with(|d| {
+            d.materials.push(lamp());
+            d.meshes = vec![half(0.0)];
+            d.objects.extend([object(placed(0, -1.0)), object(placed(0, 0.0))]);
+        }),
+    ];
+    let values = scenes.map(|s| look_down(&s, 8192)[1]);
+    assert!(values[0] > 0.1, "{values:?}");
+    for v in &values[1..] {
+        assert!((v / values[0] - 1.0).abs() < 0.01, "{values:?}");
+    }
+}
+
+#[test]
+fn many_lights_cost_no_accuracy() {
+    // 400 small lamps, 396 of them far away: the tree must find the near ones. Compared with independent sums of each.
+    let lamps: Vec<Punctual> = (0..400)
+        .map(|i| {
+            let far = if i < 4 { 0.5 } else { 40.0 + i as f32 };
+            let position = Vec3::new((i as f32 * 2.4).cos() * far, 1.0, (i as f32 * 2.4).sin() * far);
+            Punctual { power: Spectrum::light_from_rgb(Vec3::ONE), kind: PunctualKind::Point { position } }
+        })
+        .collect();
+    let exact: f64 = lamps
+        .iter()
+        .map(|l| match l.kind {
+            PunctualKind::Point { position } => {
+                let d2 = position.length_squared() as f64;
+                position.y as f64 / d2.sqrt() / d2
+            }
+            _ => 0.0,
+        })
+        .sum();
+    let scene = floor_with(|d| d.punctual = lamps);
+    let l = look_down(&scene, 512);
+    assert!((l[1] * std::f64::consts::PI / exact - 1.0).abs() < 0.02, "{} {exact}", l[1] * std::f64::consts::PI);
+}
+
+#[test]
+fn absorption_follows_beer_and_lambert() {
+    use diopter_light::upsample::Sigmoid;
+    use diopter_scene::material::Absorption;
+    // Straight through the middle of an index-1 ball of diameter 2 that leaves ½ after 1 m: ¼.
+    let absorption = Absorption { color: Sigmoid::from_rgb(Vec3::splat(0.5)), distance_m: 1.0 };
+    let mut glass = Principled::glass(1.0, Some(absorption));
+    glass.roughness = Scalar::Constant(0.0);
+    let material = Material::new("smoke", Scattering::Principled(Box::new(glass)));
+    let scene = Scene::build(Description { environment: Some(Environment::uniform(Vec3::ONE)), ..sphere(material) }).unwrap();
+    let l = mean(&scene, Vec3::Z * 3.0, Vec3::NEG_Z, 4096, &PathSettings::default());
+    assert!(l.iter().all(|l| (l - 0.25).abs() < 0.003), "{l:?}");
+}
+
+#[test]
+fn dispersion_keeps_the_mean_and_parts_the_colours() {
+    // A dispersive ball in an even environment is as invisible as any glass.
+    let mut glass = Principled::glass(1.5, None);
+    let slope = diopter_light::spectrum::Table::from_points(&[(380.0, 1.54), (780.0, 1.48)]);
+    glass.dispersion = Some(Spectrum::Table(slope));
+    let material = Material::new("flint", Scattering::Principled(Box::new(glass)));
+    let even = Scene::build(Description { environment: Some(Environment::uniform(Vec3::ONE)), ..sphere(material) }).unwrap();
+    // Each wavelength takes its turn as hero: the mean over the four rotations is what a path has on average.
+    let white = Wavelengths::fixed(NM).d65_one_nit()[0] as f64;
+    let n = 20_000;
+    let sum: f64 = (0..n)
+        .map(|i| {
+            let w = Wavelengths::fixed(NM);
+            let ray = Ray { origin: Vec3::new(0.4, 0.0, 3.0), direction: Vec3::NEG_Z, time_s: 0.0 };
+            let deep = PathSettings { max_depth: 300, roulette_depth: 300 };
+            (even.radiance(ray, &w, &Sampler::new(SamplerKind::Sobol, 1, (0, 0), i, n), &deep).x) as f64
+        })
+        .sum();
+    // The hero carries four times its light once the others are gone, and its own share where nothing dispersed.
+    let reflected = {
+        let cos = (1.0f64 - 0.16).sqrt();
+        diopter_scene::material::microfacet::fresnel_dielectric(cos as f32, 1.5) as f64
+    };
+    let expected = reflected + 4.0 * (1.0 - reflected);
+    assert!((sum / n as f64 / white / expected - 1.0).abs() < 0.02, "{} {expected}", sum / n as f64 / white);
+}
