@@ -308,7 +308,9 @@ impl Developing {
         if let Some(ev) = self.exposure_ev {
             recipe.exposure_ev = ev;
         }
-        let unknown = |what: &str, found: &str, expected: &str| crate::AskedWrongly(anyhow::anyhow!("{what} \"{found}\": expected {expected}"));
+        let unknown = |what: &str, found: &str, expected: &str| {
+            crate::AskedWrongly(anyhow::anyhow!("{what} \"{found}\": expected {expected}"))
+        };
         match self.tone.as_deref() {
             None => {}
             Some("aces") => recipe.tone = Tone::Aces,

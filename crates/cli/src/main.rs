@@ -30,7 +30,9 @@ fn main() -> ExitCode {
     match run(args) {
         Ok(()) => ExitCode::SUCCESS,
         // Whoever reads our output has gone: nothing to say, nobody to say it to.
-        Err(e) if e.downcast_ref::<std::io::Error>().is_some_and(|e| e.kind() == std::io::ErrorKind::BrokenPipe) => ExitCode::SUCCESS,
+        Err(e) if e.downcast_ref::<std::io::Error>().is_some_and(|e| e.kind() == std::io::ErrorKind::BrokenPipe) => {
+            ExitCode::SUCCESS
+        }
         Err(e) => {
             eprintln!("diopter: {e:#}");
             let request = e.is::<AskedWrongly>() || e.downcast_ref::<diopter::shot::ShotError>().is_some_and(|e| e.is_request());

@@ -21,7 +21,8 @@ pub fn install() {
 pub fn watched<T>(what: &'static str, run: impl FnOnce(&Watch) -> T) -> T {
     const STEPS: u64 = 1000;
     let bar = if std::io::stderr().is_terminal() { ProgressBar::new(STEPS) } else { ProgressBar::hidden() };
-    let style = ProgressStyle::with_template("{msg} {wide_bar} {percent}%  {eta} left").unwrap_or_else(|_| ProgressStyle::default_bar());
+    let style =
+        ProgressStyle::with_template("{msg} {wide_bar} {percent}%  {eta} left").unwrap_or_else(|_| ProgressStyle::default_bar());
     bar.set_style(style);
     bar.set_message(what);
     let result = run(&Watch { cancel: &STOP, progress: &|done| bar.set_position((done * STEPS as f64) as u64) });

@@ -201,8 +201,14 @@ fn real_scenes_are_photographed() {
     }
     let f = Folder::new("real");
     let hdr = shared.join("hdri_venice/venice.hdr").display().to_string();
-    for name in ["gltf_FlightHelmet/FlightHelmet.gltf", "gltf_CesiumMilkTruck/CesiumMilkTruck.glb", "gltf_Fox/Fox.glb",
-        "gltf_Box/Box.gltf", "gltf_bevy_CornellBox/CornellBox.glb", "gltf_bevy_TonemappingTest/TonemappingTest.gltf"] {
+    for name in [
+        "gltf_FlightHelmet/FlightHelmet.gltf",
+        "gltf_CesiumMilkTruck/CesiumMilkTruck.glb",
+        "gltf_Fox/Fox.glb",
+        "gltf_Box/Box.gltf",
+        "gltf_bevy_CornellBox/CornellBox.glb",
+        "gltf_bevy_TonemappingTest/TonemappingTest.gltf",
+    ] {
         let scene = shared.join(name).display().to_string();
         f.ok(&with(&["shoot", &scene, "--environment", &hdr, "--ambient-ev", "12"], &["-o", "a.png"]));
         f.ok(&["scene", "info", &scene]);

@@ -6,9 +6,9 @@
 
 use diopter::image::{ExposureFacts, Raster};
 use diopter::lens::{Focus, Iris, Lens, Pinhole, ThinLens};
+use diopter::light::Spectrum;
 use diopter::light::random::SamplerKind;
 use diopter::light::units::Millimeters;
-use diopter::light::Spectrum;
 use diopter::scene::light::Environment;
 use diopter::scene::material::conductor::FacetBounces;
 use diopter::scene::material::{Conductor, Material, Scattering};
@@ -147,7 +147,8 @@ fn read_ply(path: &Path) -> Mesh {
     let body = &bytes[end..];
     let positions = body[..vertices * 12].chunks_exact(12).map(|b| Vec3::new(float(b), float(&b[4..]), float(&b[8..]))).collect();
     let int = |b: &[u8]| u32::from_le_bytes([b[0], b[1], b[2], b[3]]);
-    let triangles = body[vertices * 12..][..faces * 13].chunks_exact(13).map(|b| [int(&b[1..]), int(&b[5..]), int(&b[9..])]).collect();
+    let triangles =
+        body[vertices * 12..][..faces * 13].chunks_exact(13).map(|b| [int(&b[1..]), int(&b[5..]), int(&b[9..])]).collect();
     Mesh { positions, triangles, ..Default::default() }
 }
 
@@ -197,5 +198,8 @@ fn processor_seconds() -> f64 {
     let stat = std::fs::read_to_string("/proc/self/stat").unwrap_or_default();
     let fields: Vec<&str> = stat.rsplit(')').next().unwrap_or("").split_whitespace().collect();
     // utime and stime, in ticks of 1/100 s.
-    fields.get(11).zip(fields.get(12)).map_or(0.0, |(u, s)| (u.parse::<f64>().unwrap_or(0.0) + s.parse::<f64>().unwrap_or(0.0)) / 100.0)
+    fields
+        .get(11)
+        .zip(fields.get(12))
+        .map_or(0.0, |(u, s)| (u.parse::<f64>().unwrap_or(0.0) + s.parse::<f64>().unwrap_or(0.0)) / 100.0)
 }

@@ -36,7 +36,8 @@ pub fn mean_luminance(scene: &Scene, camera: &Camera, settings: &Settings, watch
     let rows = (PROBE_COLUMNS * camera.film.rows).div_ceil(camera.film.columns).clamp(1, 4 * PROBE_COLUMNS);
     let film = Film { columns: PROBE_COLUMNS, rows, ..camera.film };
     let probe = Camera { film, ..camera.clone() };
-    let settings = Settings { spp: PROBE_SAMPLES, samples: 0..PROBE_SAMPLES, time_limit_s: None, truth: false, ..settings.clone() };
+    let settings =
+        Settings { spp: PROBE_SAMPLES, samples: 0..PROBE_SAMPLES, time_limit_s: None, truth: false, ..settings.clone() };
     let shutter = Shutter { open_s: 0.0, exposure_s: 1.0 };
     let quiet = Watch { cancel: watch.cancel, progress: &|_| () };
     let plane = expose(scene, &probe, &shutter, &Response::luminance(), &settings, &ExposureFacts::default(), &quiet)?;

@@ -18,10 +18,7 @@ impl Camera {
     /// Film point (mm, lens axes) of a place in the picture, in pixels from its upper left corner.
     pub(crate) fn film_point(&self, column: f64, row: f64) -> DVec2 {
         let film = &self.film;
-        DVec2::new(
-            (0.5 - column / film.columns as f64) * film.width_mm,
-            (row / film.rows as f64 - 0.5) * film.height_mm,
-        )
+        DVec2::new((0.5 - column / film.columns as f64) * film.width_mm, (row / film.rows as f64 - 0.5) * film.height_mm)
     }
 
     fn to_world(&self, ray: LensRay, time_s: f32) -> (Ray, f64) {

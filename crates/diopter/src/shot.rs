@@ -14,8 +14,8 @@ use diopter_lens::{Focus, Iris, Lens, LensError, Pinhole, ThinLens};
 use diopter_light::cie;
 use diopter_light::random::SamplerKind;
 use diopter_light::units::Millimeters;
-use diopter_scene::light::Environment;
 use diopter_scene::bvh::Bounds;
+use diopter_scene::light::Environment;
 use diopter_scene::material::{Material, Scattering};
 use diopter_scene::shape::Quad;
 use diopter_scene::texture::Color;
@@ -366,9 +366,14 @@ impl Shot {
         let name = file.scene.file.as_deref().unwrap_or("still-life");
         let mut description = read_scene(name)?;
         if let Some(path) = &file.scene.environment {
-            let (rotation, scale) = (file.scene.environment_rotation_deg.unwrap_or(0.0), file.scene.environment_scale.unwrap_or(1.0));
+            let (rotation, scale) =
+                (file.scene.environment_rotation_deg.unwrap_or(0.0), file.scene.environment_scale.unwrap_or(1.0));
             if !(scale >= 0.0 && scale.is_finite() && rotation.is_finite()) {
-                return Err(value("environment_scale or environment_rotation_deg", format!("{scale}, {rotation}"), "finite numbers, the scale not negative"));
+                return Err(value(
+                    "environment_scale or environment_rotation_deg",
+                    format!("{scale}, {rotation}"),
+                    "finite numbers, the scale not negative",
+                ));
             }
             description.environment = Some(read_environment(path, rotation, scale)?);
         }
@@ -525,7 +530,11 @@ fn settings(r: &RenderSection) -> Result<Settings, ShotError> {
     }
     let samples = r.samples.map_or(0..spp, |[a, b]| a..b);
     if samples.is_empty() || samples.end > spp {
-        return Err(value("samples", format!("{}..{}", samples.start, samples.end), format!("a range A..B with A < B <= spp ({spp})")));
+        return Err(value(
+            "samples",
+            format!("{}..{}", samples.start, samples.end),
+            format!("a range A..B with A < B <= spp ({spp})"),
+        ));
     }
     let sampler = match r.sampler.as_deref() {
         None | Some("sobol") => SamplerKind::Sobol,
@@ -580,8 +589,9 @@ fn film(file: &ShotFile, sensor: &Sensor) -> Result<Film, ShotError> {
         };
         (width_mm, height_mm) = (f.width_mm, f.height_mm);
     }
-    let size = file.render.size.unwrap_or_else(|| {
-        Size { width: DEFAULT_WIDTH, height: (DEFAULT_WIDTH as f64 * height_mm / width_mm).round().max(1.0) as usize }
+    let size = file.render.size.unwrap_or_else(|| Size {
+        width: DEFAULT_WIDTH,
+        height: (DEFAULT_WIDTH as f64 * height_mm / width_mm).round().max(1.0) as usize,
     });
     if size.width == 0 || size.height == 0 || size.width > LARGEST_SIDE || size.height > LARGEST_SIDE {
         return Err(value("size", size, format!("1 to {LARGEST_SIDE} pixels a side")));
@@ -607,10 +617,16 @@ fn camera(
         Some(wanted) => {
             let found = views.iter().find(|v| v.name == *wanted).or_else(|| views.get(wanted.parse::<usize>().ok()?));
             let names: Vec<&str> = views.iter().map(|v| v.name.as_str()).collect();
-            Some(found.ok_or_else(|| value("viewpoint", format!("\"{wanted}\""), match names.is_empty() {
-                true => "the scene file has no cameras: use look_from and look_at".to_owned(),
-                false => format!("one of {} or its number", names.join(", ")),
-            }))?)
+            Some(found.ok_or_else(|| {
+                value(
+                    "viewpoint",
+                    format!("\"{wanted}\""),
+                    match names.is_empty() {
+                        true => "the scene file has no cameras: use look_from and look_at".to_owned(),
+                        false => format!("one of {} or its number", names.join(", ")),
+                    },
+                )
+            })?)
         }
         None => views.first(),
     };

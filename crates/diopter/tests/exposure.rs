@@ -67,7 +67,9 @@ fn the_claimed_variance_is_the_one_seen_over_a_hundred_seeds() {
     let (scene, camera) = cornell(16, 16);
     for sampler in [SamplerKind::Sobol, SamplerKind::Independent, SamplerKind::Jittered] {
         let shots: Vec<FocalPlane> = (0..100)
-            .map(|seed| take(&scene, &camera, &Response::linear_srgb(), &Settings { seed, sampler, truth: false, ..Settings::new(16) }))
+            .map(|seed| {
+                take(&scene, &camera, &Response::linear_srgb(), &Settings { seed, sampler, truth: false, ..Settings::new(16) })
+            })
             .collect();
         let n = shots[0].mean.data.len();
         let (mut ratios, mut count) = (0.0f64, 0.0f64);
@@ -102,7 +104,8 @@ fn samplers_agree_on_the_mean() {
 #[test]
 fn electrons_of_an_even_field_are_the_product_of_the_parts() {
     // E = π L / (4 N² (1 + m)²) on the axis of a thin lens at infinity (m = 0), times pixel area, time and response.
-    let description = diopter::scene::Description { environment: Some(Environment::uniform(Vec3::splat(100.0))), ..Default::default() };
+    let description =
+        diopter::scene::Description { environment: Some(Environment::uniform(Vec3::splat(100.0))), ..Default::default() };
     let scene = Scene::build(description).unwrap();
     let sensor = Sensor::named("canon-5d-mark-iv").unwrap();
     let n = 8.0;
@@ -113,14 +116,18 @@ fn electrons_of_an_even_field_are_the_product_of_the_parts() {
     let plane = take(&scene, &camera, &Response::sensor(&sensor), &Settings::new(4096));
     let d65 = diopter::light::cie::d65_one_nit();
     for (band, response) in sensor.band_responses().iter().enumerate() {
-        let radiance: f64 = (3800..7800).map(|i| i as f32 / 10.0 + 0.05).map(|nm| (response.at(nm) * d65.at(nm)) as f64 * 0.1).sum::<f64>() * 100.0;
+        let radiance: f64 =
+            (3800..7800).map(|i| i as f32 / 10.0 + 0.05).map(|nm| (response.at(nm) * d65.at(nm)) as f64 * 0.1).sum::<f64>()
+                * 100.0;
         let expected = radiance * std::f64::consts::PI / (4.0 * n * n) * pitch * pitch * 1e-6;
         let got = plane.mean.pixel(0, 0)[band] as f64;
         // The finite pupil makes sin² of tan²: 0.4 % at f/8.
         assert!((got / expected - 1.0).abs() < 0.008, "band {band}: {got} {expected}");
     }
     // Halving the area of the aperture halves the electrons.
-    let smaller = Lens::Thin(ThinLens::new(Millimeters(200.0), n * 2f64.sqrt(), Iris::Blades { count: 6, rotation: 0.2 }, Focus::Infinity).unwrap());
+    let smaller = Lens::Thin(
+        ThinLens::new(Millimeters(200.0), n * 2f64.sqrt(), Iris::Blades { count: 6, rotation: 0.2 }, Focus::Infinity).unwrap(),
+    );
     let half = take(&scene, &Camera { lens: smaller, ..camera }, &Response::sensor(&sensor), &Settings::new(4096));
     let ratio = half.mean.pixel(0, 0)[1] / plane.mean.pixel(0, 0)[1];
     assert!((ratio - 0.5).abs() < 0.002, "{ratio}");
@@ -128,10 +135,14 @@ fn electrons_of_an_even_field_are_the_product_of_the_parts() {
 
 #[test]
 fn an_even_grey_field_has_its_luminance_and_colour() {
-    let description = diopter::scene::Description { environment: Some(Environment::uniform(Vec3::new(20.0, 50.0, 80.0))), ..Default::default() };
+    let description = diopter::scene::Description {
+        environment: Some(Environment::uniform(Vec3::new(20.0, 50.0, 80.0))),
+        ..Default::default()
+    };
     let scene = Scene::build(description).unwrap();
     let lens = Lens::Pinhole(Pinhole::new(Millimeters(50.0), 8.0).unwrap());
-    let camera = Camera { lens, film: Film::new(36.0, 24.0, 3, 2), world_from_camera: look_at(Vec3::ZERO, Vec3::NEG_Z, Vec3::Y).unwrap() };
+    let camera =
+        Camera { lens, film: Film::new(36.0, 24.0, 3, 2), world_from_camera: look_at(Vec3::ZERO, Vec3::NEG_Z, Vec3::Y).unwrap() };
     let plane = take(&scene, &camera, &Response::linear_srgb(), &Settings::new(1024));
     for (got, expected) in plane.mean.pixel(1, 1).iter().zip([20.0, 50.0, 80.0]) {
         assert!((got / expected - 1.0).abs() < 0.01, "{got} {expected}");
@@ -147,7 +158,11 @@ fn blur_of_a_point_is_as_wide_as_the_thin_lens_says() {
     // A small lamp at 4 m, focus at 2 m, 50 mm f/2: C = A |s' − s'_f| / s' with A = 25 mm.
     let d = Description {
         materials: vec![Material::lamp("lamp", Spectrum::light_from_rgb(Vec3::splat(1e6)))],
-        objects: vec![Object { name: "lamp".into(), shape: Shape::Sphere(Sphere { center: Vec3::NEG_Z * 4.0, radius: 1e-3 }), material: 0 }],
+        objects: vec![Object {
+            name: "lamp".into(),
+            shape: Shape::Sphere(Sphere { center: Vec3::NEG_Z * 4.0, radius: 1e-3 }),
+            material: 0,
+        }],
         ..Default::default()
     };
     let scene = Scene::build(d).unwrap();

@@ -50,12 +50,7 @@ fn write_channels(
     set: impl FnOnce(&mut ImageAttributes, &mut LayerAttributes),
     to: impl Write + Seek,
 ) -> std::result::Result<(), ImageError> {
-    let layer = Layer::new(
-        size,
-        LayerAttributes::default(),
-        block_layout(),
-        AnyChannels::sort(channels.into_iter().collect()),
-    );
+    let layer = Layer::new(size, LayerAttributes::default(), block_layout(), AnyChannels::sort(channels.into_iter().collect()));
     let mut image = Image::from_layer(layer);
     set(&mut image.attributes, &mut image.layer_data.attributes);
     image.write().to_buffered(to).map_err(written)
@@ -219,8 +214,15 @@ pub fn read_raw(from: impl Read + Seek) -> std::result::Result<RawImage, ImageEr
         Some(FlatSamples::U32(numbers)) => numbers,
         _ => return Err(missing("the unsigned channel \"raw\"")),
     };
-    if d.cfa_columns == 0 || d.cfa_channels.is_empty() || d.cfa_channels.len() % d.cfa_columns != 0 || d.cfa_channels.iter().any(|c| *c > 2) {
-        return Err(ImageError::Malformed { format: "raw image", reason: "the colour filter array is not a rectangle of channels 0 to 2".into() });
+    if d.cfa_columns == 0
+        || d.cfa_channels.is_empty()
+        || !d.cfa_channels.len().is_multiple_of(d.cfa_columns)
+        || d.cfa_channels.iter().any(|c| *c > 2)
+    {
+        return Err(ImageError::Malformed {
+            format: "raw image",
+            reason: "the colour filter array is not a rectangle of channels 0 to 2".into(),
+        });
     }
     Ok(RawImage {
         mosaic: Raster {
@@ -281,7 +283,7 @@ mod tests {
         let mut mean = Raster::new(5, 3, 3);
         mean.data.iter_mut().enumerate().for_each(|(i, v)| *v = i as f32 * 0.37);
         let mut half_difference = mean.clone();
-        half_difference.data.iter_mut().for_each(|v| *v = -0.1 * *v);
+        half_difference.data.iter_mut().for_each(|v| *v *= -0.1);
         let mut truth = Truth::empty(5, 3);
         truth.id.data[7] = 4_000_000_000;
         let band = |n: &str| Band { name: n.into(), unit: BandUnit::Electrons };

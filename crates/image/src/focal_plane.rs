@@ -103,7 +103,12 @@ impl FocalPlane {
             if same(a) != same(b) {
                 return mismatch(format!(
                     "one has {} × {} pixels in {} bands, another {} × {} in {}",
-                    a.width(), a.height(), a.bands.len(), b.width(), b.height(), b.bands.len()
+                    a.width(),
+                    a.height(),
+                    a.bands.len(),
+                    b.width(),
+                    b.height(),
+                    b.bands.len()
                 ));
             }
             if a.facts.seed != b.facts.seed {

@@ -21,8 +21,7 @@ impl Cfa {
     pub fn from_letters(pattern: &str) -> Option<Self> {
         let rows: Vec<&str> = pattern.split('/').collect();
         let columns = rows[0].len();
-        let channels: Option<Vec<u8>> =
-            pattern.chars().filter(|c| *c != '/').map(|c| "RGB".find(c).map(|i| i as u8)).collect();
+        let channels: Option<Vec<u8>> = pattern.chars().filter(|c| *c != '/').map(|c| "RGB".find(c).map(|i| i as u8)).collect();
         (columns > 0 && rows.iter().all(|r| r.len() == columns)).then_some(())?;
         Some(Cfa { columns, channels: channels? })
     }

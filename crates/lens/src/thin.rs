@@ -53,7 +53,13 @@ impl ThinLens {
     pub fn new(focal_length: Millimeters, f_number: f64, iris: Iris, focus: Focus) -> Result<Self, LensError> {
         check(focal_length, f_number)?;
         if let Focus::Distance(Millimeters(s)) = focus {
-            require(s > focal_length.0 && s.is_finite(), "focus distance", s, " mm", "more than the focal length: nearer planes have no image")?;
+            require(
+                s > focal_length.0 && s.is_finite(),
+                "focus distance",
+                s,
+                " mm",
+                "more than the focal length: nearer planes have no image",
+            )?;
         }
         if let Iris::Blades { count, .. } = iris {
             require((3..=64).contains(&count), "number of iris blades", count as f64, "", "3 to 64 (or a round iris)")?;
@@ -102,7 +108,8 @@ mod tests {
 
     #[test]
     fn conjugates_have_their_textbook_values() {
-        for (f, s, image) in [(50.0, 1000.0, 52.6316), (50.0, 3000.0, 50.8475), (50.0, 500.0, 55.5556), (100.0, 1000.0, 111.1111)] {
+        for (f, s, image) in [(50.0, 1000.0, 52.6316), (50.0, 3000.0, 50.8475), (50.0, 500.0, 55.5556), (100.0, 1000.0, 111.1111)]
+        {
             assert!((thin(f, 2.0, s).film_distance().0 - image).abs() < 1e-4);
         }
     }

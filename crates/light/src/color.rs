@@ -103,9 +103,9 @@ pub fn srgb_decode(code: f32) -> f32 {
 
 /// CIELAB (L*, a*, b*) of XYZ under a white. Source: CIE 015:2018 §8.2.1.
 pub fn lab(xyz: DVec3, white: DVec3) -> DVec3 {
-    let f = (xyz / white).to_array().map(|t| {
-        if t > (6.0f64 / 29.0).powi(3) { t.cbrt() } else { t / (3.0 * (6.0f64 / 29.0).powi(2)) + 4.0 / 29.0 }
-    });
+    let f = (xyz / white)
+        .to_array()
+        .map(|t| if t > (6.0f64 / 29.0).powi(3) { t.cbrt() } else { t / (3.0 * (6.0f64 / 29.0).powi(2)) + 4.0 / 29.0 });
     DVec3::new(116.0 * f[1] - 16.0, 500.0 * (f[0] - f[1]), 200.0 * (f[1] - f[2]))
 }
 

@@ -12,7 +12,7 @@ pub mod sampling;
 pub mod spectrum;
 pub mod units;
 pub mod upsample;
-#[cfg_attr(not(test), expect(dead_code, reason = "the solver runs in the build script; here its tests do"))]
+#[expect(dead_code, reason = "the table is made in the build script; here only its constants and tests are used")]
 mod upsample_fit;
 pub mod wavelength;
 

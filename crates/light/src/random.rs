@@ -267,8 +267,7 @@ impl Sampler {
 mod tests {
     use super::*;
 
-    const KINDS: [SamplerKind; 4] =
-        [SamplerKind::Independent, SamplerKind::Grid, SamplerKind::Jittered, SamplerKind::Sobol];
+    const KINDS: [SamplerKind; 4] = [SamplerKind::Independent, SamplerKind::Grid, SamplerKind::Jittered, SamplerKind::Sobol];
 
     #[test]
     fn every_pair_of_numbers_is_uniform_by_chi_square() {
@@ -317,7 +316,7 @@ mod tests {
         for pixel in 0..10 {
             for a in 0..=6u32 {
                 let (w, h) = (1u32 << a, 1u32 << (6 - a));
-                let mut seen = vec![false; 64];
+                let mut seen = [false; 64];
                 for index in 0..64 {
                     let u = Sampler::new(SamplerKind::Sobol, 1, (pixel, 0), 2 * index, 128).get(Set::Light(2));
                     let cell = (u[0] * w as f32) as u32 + w * (u[1] * h as f32) as u32;
@@ -329,8 +328,7 @@ mod tests {
 
     #[test]
     fn grid_covers_the_pixel_regularly() {
-        let mut xs: Vec<f32> =
-            (0..16).map(|i| Sampler::new(SamplerKind::Grid, 1, (0, 0), i, 16).get(Set::Camera)[0]).collect();
+        let mut xs: Vec<f32> = (0..16).map(|i| Sampler::new(SamplerKind::Grid, 1, (0, 0), i, 16).get(Set::Camera)[0]).collect();
         xs.sort_by(f32::total_cmp);
         assert_eq!(xs[0], 0.125);
         assert_eq!(xs[15], 0.875);

@@ -27,8 +27,7 @@ fn grey_coefficient(g: f32) -> f32 {
 fn coefficients() -> &'static Coefficients {
     static TABLE: OnceLock<Coefficients> = OnceLock::new();
     TABLE.get_or_init(|| {
-        let floats: Vec<f32> =
-            TABLE_BYTES.chunks_exact(4).map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]])).collect();
+        let floats: Vec<f32> = TABLE_BYTES.chunks_exact(4).map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]])).collect();
         Coefficients {
             nodes: floats.chunks_exact(3).map(|c| Vec4::new(c[0], c[1], c[2], 0.0)).collect(),
             brightness: std::array::from_fn(|k| brightness_of_node(k) as f32),
@@ -62,7 +61,13 @@ impl Sigmoid {
         if rgb.x == rgb.y && rgb.y == rgb.z {
             return Sigmoid { c: Vec3::new(0.0, 0.0, grey_coefficient(rgb.x)) };
         }
-        let largest = if rgb.x >= rgb.y && rgb.x >= rgb.z { 0 } else if rgb.y >= rgb.z { 1 } else { 2 };
+        let largest = if rgb.x >= rgb.y && rgb.x >= rgb.z {
+            0
+        } else if rgb.y >= rgb.z {
+            1
+        } else {
+            2
+        };
         let z = rgb[largest];
         let (second, third) = (rgb[(largest + 1) % 3] / z, rgb[(largest + 2) % 3] / z);
         let (i, fi) = chroma_cell(second);

@@ -88,10 +88,9 @@ impl Scene {
 
             // Aim at a light.
             let u = sampler.get(Set::Light(vertex));
-            if let Some((light, probability, rest)) = self.lights().choose(surface.point, ng, u[2])
+            if let Some((light, probability)) = self.lights().choose(surface.point, ng, u[2])
                 && let Some(aim) = self.lights().aim(light, surface.point, [u[0], u[1]])
             {
-                let _ = rest;
                 let (f, pdf) = bsdf.eval(aim.wi);
                 if f != Sampled::ZERO {
                     let density = probability * aim.pdf;

@@ -170,7 +170,7 @@ impl Scene {
             {
                 flat.push((next, i as u32));
                 let count = d.meshes[mesh as usize].triangles.len();
-                next = next.checked_add(count as u32).filter(|n| *n < 1 << 30).ok_or_else(|| SceneError::TooLarge(count))?;
+                next = next.checked_add(count as u32).filter(|n| *n < 1 << 30).ok_or(SceneError::TooLarge(count))?;
             }
         }
         let shared: Vec<Option<Bvh>> = d
@@ -200,7 +200,9 @@ impl Scene {
                         let pad = 1e-5 * b.size().max_element().max(b.max.abs().max(b.min.abs()).max_element());
                         Bounds { min: b.min - pad, max: b.max + pad }
                     }
-                    Shape::Mesh { mesh, .. } => instance_bounds(shared[mesh as usize].as_ref()?, &placements[i].world_from_object),
+                    Shape::Mesh { mesh, .. } => {
+                        instance_bounds(shared[mesh as usize].as_ref()?, &placements[i].world_from_object)
+                    }
                 };
                 Some((i as u32, bounds))
             })
@@ -308,7 +310,8 @@ impl Scene {
             ng = -ng;
         }
         let uv = [0, 1].map(|s| mesh.mix(&mesh.uvs[s], i, weights).unwrap_or(Vec2::ZERO));
-        let (tangent, handedness) = if mesh.uvs[0].is_empty() { (Vec3::ZERO, 1.0) } else { tangent(mesh, i, weights, corners, placement) };
+        let (tangent, handedness) =
+            if mesh.uvs[0].is_empty() { (Vec3::ZERO, 1.0) } else { tangent(mesh, i, weights, corners, placement) };
         Surface {
             point: a * weights[0] + b * weights[1] + c * weights[2],
             t: hit.t,
@@ -328,13 +331,25 @@ impl Scene {
             Shape::Sphere(s) => {
                 let n = (ray.at(hit.t) - s.center).normalize();
                 // Longitude and latitude, as the environment map's.
-                let uv = Vec2::new(n.x.atan2(-n.z) / std::f32::consts::TAU + 0.5, n.y.clamp(-1.0, 1.0).acos() / std::f32::consts::PI);
+                let uv =
+                    Vec2::new(n.x.atan2(-n.z) / std::f32::consts::TAU + 0.5, n.y.clamp(-1.0, 1.0).acos() / std::f32::consts::PI);
                 (s.center + n * s.radius, n, uv, Vec3::Y.cross(n))
             }
             Shape::Quad(q) => (q.point(Vec2::new(hit.u, hit.v)), q.normal(), Vec2::new(hit.u, hit.v), q.edges[0]),
             Shape::Mesh { .. } => unreachable!("meshes have triangles"),
         };
-        Surface { point, t: hit.t, ng, ns: ng, tangent, handedness: 1.0, uv: [uv; 2], color: Vec4::ONE, object: hit.id, triangle: 0 }
+        Surface {
+            point,
+            t: hit.t,
+            ng,
+            ns: ng,
+            tangent,
+            handedness: 1.0,
+            uv: [uv; 2],
+            color: Vec4::ONE,
+            object: hit.id,
+            triangle: 0,
+        }
     }
 }
 
@@ -375,24 +390,38 @@ fn tangent(mesh: &Mesh, triangle: usize, weights: [f32; 3], corners: [Vec3; 3], 
 fn check(d: &mut Description) -> Result<(), SceneError> {
     for object in &d.objects {
         if object.material as usize >= d.materials.len() {
-            return Err(SceneError::Number { what: "material", of: object.name.clone(), found: object.material as usize, count: d.materials.len() });
+            return Err(SceneError::Number {
+                what: "material",
+                of: object.name.clone(),
+                found: object.material as usize,
+                count: d.materials.len(),
+            });
         }
         if let Shape::Mesh { mesh, .. } = object.shape
             && mesh as usize >= d.meshes.len()
         {
-            return Err(SceneError::Number { what: "mesh", of: object.name.clone(), found: mesh as usize, count: d.meshes.len() });
+            return Err(SceneError::Number {
+                what: "mesh",
+                of: object.name.clone(),
+                found: mesh as usize,
+                count: d.meshes.len(),
+            });
         }
     }
     for (i, mesh) in d.meshes.iter_mut().enumerate() {
         let n = mesh.positions.len();
         let whole = |len: usize| len == 0 || len == n;
         assert!(
-            whole(mesh.normals.len()) && whole(mesh.tangents.len()) && whole(mesh.colors.len()) && mesh.uvs.iter().all(|u| whole(u.len())),
+            whole(mesh.normals.len())
+                && whole(mesh.tangents.len())
+                && whole(mesh.colors.len())
+                && mesh.uvs.iter().all(|u| whole(u.len())),
             "mesh {i}: attribute lists differ in length from its {n} positions"
         );
         let dropped = mesh.drop_unusable_triangles();
         if dropped > 0 {
-            d.warnings.push(format!("mesh {i}: {dropped} triangles without area or with corners that are not finite were left out"));
+            d.warnings
+                .push(format!("mesh {i}: {dropped} triangles without area or with corners that are not finite were left out"));
         }
     }
     // A placement that flattens (scale 0) or is not finite cannot be seen or inverted.
@@ -423,11 +452,13 @@ fn instance_bounds(bvh: &Bvh, place: &Affine3A) -> Bounds {
     if b.is_empty() {
         return b;
     }
-    let corner = |i: u32| Vec3::new(
-        if i & 1 == 0 { b.min.x } else { b.max.x },
-        if i & 2 == 0 { b.min.y } else { b.max.y },
-        if i & 4 == 0 { b.min.z } else { b.max.z },
-    );
+    let corner = |i: u32| {
+        Vec3::new(
+            if i & 1 == 0 { b.min.x } else { b.max.x },
+            if i & 2 == 0 { b.min.y } else { b.max.y },
+            if i & 4 == 0 { b.min.z } else { b.max.z },
+        )
+    };
     let around = Bounds::around((0..8).map(|i| place.transform_point3(corner(i))));
     // Rounding of the transform.
     let pad = 1e-6 * around.max.abs().max(around.min.abs()).max_element();
@@ -557,7 +588,15 @@ fn area_lights(d: &Description) -> (Vec<AreaLight>, Vec<u32>, Vec<Option<u32>>) 
             let luminance = |uv: &[[Vec2; 3]; 2]| {
                 constant[object.material as usize].unwrap_or_else(|| {
                     // Corners, edge middles and centre of the triangle.
-                    let places = [(1., 0., 0.), (0., 1., 0.), (0., 0., 1.), (0.5, 0.5, 0.), (0., 0.5, 0.5), (0.5, 0., 0.5), (1. / 3., 1. / 3., 1. / 3.)];
+                    let places = [
+                        (1., 0., 0.),
+                        (0., 1., 0.),
+                        (0., 0., 1.),
+                        (0.5, 0.5, 0.),
+                        (0., 0.5, 0.5),
+                        (0.5, 0., 0.5),
+                        (1. / 3., 1. / 3., 1. / 3.),
+                    ];
                     let at = |(a, b, c): (f32, f32, f32)| emission.luminance(&uv.map(|u| u[0] * a + u[1] * b + u[2] * c));
                     places.map(at).iter().sum::<f32>() / places.len() as f32
                 })

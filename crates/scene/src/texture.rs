@@ -174,9 +174,7 @@ impl Color {
         match self {
             Color::Constant { rgb, .. } => *rgb * surface.color.truncate(),
             Color::Spectrum(spectrum) => spectrum_rgb(spectrum),
-            Color::Textured { factor, texture } => {
-                *factor * texture.at(&surface.uv).truncate() * surface.color.truncate()
-            }
+            Color::Textured { factor, texture } => *factor * texture.at(&surface.uv).truncate() * surface.color.truncate(),
         }
     }
 }

@@ -30,7 +30,11 @@ fn mean(scene: &Scene, origin: Vec3, direction: Vec3, n: u32, settings: &PathSet
 fn sphere(material: Material) -> Description {
     Description {
         materials: vec![material],
-        objects: vec![Object { name: "sphere".into(), shape: Shape::Sphere(Sphere { center: Vec3::ZERO, radius: 1.0 }), material: 0 }],
+        objects: vec![Object {
+            name: "sphere".into(),
+            shape: Shape::Sphere(Sphere { center: Vec3::ZERO, radius: 1.0 }),
+            material: 0,
+        }],
         ..Default::default()
     }
 }
@@ -53,13 +57,52 @@ fn white_materials() -> Vec<(String, Material)> {
     for r in [0.0f32, 0.15, 0.4, 0.7, 1.0] {
         let s = |v| Scalar::Constant(v);
         all.push((format!("conductor {r}"), mirror(r * r)));
-        all.push((format!("metal {r}"), principled(|p| { p.metallic = s(1.0); p.roughness = s(r); })));
+        all.push((
+            format!("metal {r}"),
+            principled(|p| {
+                p.metallic = s(1.0);
+                p.roughness = s(r);
+            }),
+        ));
         all.push((format!("plastic {r}"), principled(|p| p.roughness = s(r))));
-        all.push((format!("half metal {r}"), principled(|p| { p.metallic = s(0.5); p.roughness = s(r); })));
-        all.push((format!("thin {r}"), principled(|p| { p.transmission = s(1.0); p.roughness = s(r); })));
-        all.push((format!("solid {r}"), principled(|p| { p.transmission = s(1.0); p.roughness = s(r); p.kind = Transmission::Solid(None); })));
-        all.push((format!("half solid {r}"), principled(|p| { p.transmission = s(0.5); p.roughness = s(r); p.kind = Transmission::Solid(None); })));
-        all.push((format!("coated {r}"), principled(|p| { p.clearcoat = s(1.0); p.clearcoat_roughness = s(r); p.roughness = s(0.5); })));
+        all.push((
+            format!("half metal {r}"),
+            principled(|p| {
+                p.metallic = s(0.5);
+                p.roughness = s(r);
+            }),
+        ));
+        all.push((
+            format!("thin {r}"),
+            principled(|p| {
+                p.transmission = s(1.0);
+                p.roughness = s(r);
+            }),
+        ));
+        all.push((
+            format!("solid {r}"),
+            principled(|p| {
+                p.transmission = s(1.0);
+                p.roughness = s(r);
+                p.kind = Transmission::Solid(None);
+            }),
+        ));
+        all.push((
+            format!("half solid {r}"),
+            principled(|p| {
+                p.transmission = s(0.5);
+                p.roughness = s(r);
+                p.kind = Transmission::Solid(None);
+            }),
+        ));
+        all.push((
+            format!("coated {r}"),
+            principled(|p| {
+                p.clearcoat = s(1.0);
+                p.clearcoat_roughness = s(r);
+                p.roughness = s(0.5);
+            }),
+        ));
     }
     all
 }
@@ -95,7 +138,8 @@ fn no_material_gains_light() {
                 p.clearcoat = Scalar::Constant(coat);
                 p.roughness = Scalar::Constant(roughness);
             });
-            let scene = Scene::build(Description { environment: Some(Environment::uniform(Vec3::ONE)), ..sphere(material) }).unwrap();
+            let scene =
+                Scene::build(Description { environment: Some(Environment::uniform(Vec3::ONE)), ..sphere(material) }).unwrap();
             for offset in [0.0, 0.9] {
                 let l = mean(&scene, Vec3::new(offset, 0.0, 3.0), Vec3::NEG_Z, 4096, &deep);
                 assert!(l.iter().all(|l| *l > 0.0 && *l < 1.01), "{metallic} {transmission} {coat} {roughness}: {l:?}");
@@ -107,8 +151,10 @@ fn no_material_gains_light() {
 #[test]
 fn inside_a_shining_grey_sphere_light_adds_up_to_a_geometric_series() {
     // L = Le / (1 − ρ): emission 1 and albedo ½ everywhere give 2 (as pbrt's furnace scenes).
-    let emission = Emission { radiance: EmissionColor::Constant(Spectrum::light_from_rgb(Vec3::ONE)), two_sided: true, is_light: true };
-    let material = Material { emission: Some(emission), ..Material::new("shell", Scattering::Diffuse(Color::rgb(0.5, 0.5, 0.5))) };
+    let emission =
+        Emission { radiance: EmissionColor::Constant(Spectrum::light_from_rgb(Vec3::ONE)), two_sided: true, is_light: true };
+    let material =
+        Material { emission: Some(emission), ..Material::new("shell", Scattering::Diffuse(Color::rgb(0.5, 0.5, 0.5))) };
     let scene = Scene::build(sphere(material)).unwrap();
     for settings in [PathSettings { max_depth: 300, roulette_depth: 300 }, PathSettings::default()] {
         let l = mean(&scene, Vec3::new(0.2, 0.1, 0.0), Vec3::new(0.3, 0.5, 0.8), 20_000, &settings);
@@ -139,10 +185,16 @@ fn each_kind_of_light_gives_its_irradiance() {
     let white = || Spectrum::light_from_rgb(Vec3::ONE);
     // A white floor shows E/π. Point light of 1 cd at 2 m: E = 1/4.
     let point = Punctual { power: white(), kind: PunctualKind::Point { position: Vec3::Y * 2.0 } };
-    let directional = Punctual { power: white(), kind: PunctualKind::Directional { direction: Vec3::new(0.0, -1.0, 1.0).normalize() } };
+    let directional =
+        Punctual { power: white(), kind: PunctualKind::Directional { direction: Vec3::new(0.0, -1.0, 1.0).normalize() } };
     let spot = |angle: f32| Punctual {
         power: white(),
-        kind: PunctualKind::Spot { position: Vec3::Y * 2.0, direction: Vec3::new(angle.sin(), -angle.cos(), 0.0), cos_inner: 0.99, cos_outer: 0.9 },
+        kind: PunctualKind::Spot {
+            position: Vec3::Y * 2.0,
+            direction: Vec3::new(angle.sin(), -angle.cos(), 0.0),
+            cos_inner: 0.99,
+            cos_outer: 0.9,
+        },
     };
     let lamp = |shape: Shape| {
         move |d: &mut Description| {
@@ -186,7 +238,8 @@ fn a_lamp_is_as_bright_as_mesh_quad_or_instances() {
     let scenes = [
         floor_with(|d| {
             d.materials.push(lamp());
-            d.objects.push(object(Shape::Quad(Quad { corner: Vec3::new(-1.0, 2.0, -1.0), edges: [Vec3::X * 2.0, Vec3::Z * 2.0] })));
+            d.objects
+                .push(object(Shape::Quad(Quad { corner: Vec3::new(-1.0, 2.0, -1.0), edges: [Vec3::X * 2.0, Vec3::Z * 2.0] })));
         }),
         floor_with(|d| {
             d.materials.push(lamp());

@@ -34,7 +34,11 @@ pub fn calibrate(sensor: &Sensor, illuminant: &Table) -> Calibration {
     let white = camera(&|_| 1.0);
     let white_xyz = xyz_of(in_range);
     if responses.len() == 1 {
-        return Calibration { neutral: DVec3::ONE, camera_from_xyz: DMat3::IDENTITY, xyz_d50_from_balanced: DMat3::from_diagonal(xyz_from_xy(D50_XY)) };
+        return Calibration {
+            neutral: DVec3::ONE,
+            camera_from_xyz: DMat3::IDENTITY,
+            xyz_d50_from_balanced: DMat3::from_diagonal(xyz_from_xy(D50_XY)),
+        };
     }
     let to_d50 = bradford(xy_from_xyz(white_xyz), D50_XY);
     let patches: Vec<(DVec3, DVec3)> = colorchecker()
@@ -90,9 +94,11 @@ mod tests {
                 let to_d50 = bradford(xy_from_xyz(white_xyz), D50_XY);
                 let mut sum = 0.0;
                 for patch in colorchecker() {
-                    let rgb = |f: &dyn Fn(f32) -> f32| DVec3::from_array(std::array::from_fn(|k| {
-                        (380..=780).map(|nm| nm as f32).map(|nm| (responses[k].at(nm) * in_range(nm) * f(nm)) as f64).sum()
-                    }));
+                    let rgb = |f: &dyn Fn(f32) -> f32| {
+                        DVec3::from_array(std::array::from_fn(|k| {
+                            (380..=780).map(|nm| nm as f32).map(|nm| (responses[k].at(nm) * in_range(nm) * f(nm)) as f64).sum()
+                        }))
+                    };
                     let balanced = rgb(&|nm| patch.reflectance.at(nm)) / rgb(&|_| 1.0);
                     let truth = to_d50 * (xyz_of(|nm| in_range(nm) * patch.reflectance.at(nm)) / white_xyz.y);
                     sum += delta_e_2000(lab(c.xyz_d50_from_balanced * balanced, d50), lab(truth, d50));

@@ -112,20 +112,43 @@ impl Sensor {
             false => Err(SensorError::Range { what: format!("{place}: {what}"), found, expected: expected.into() }),
         };
         let positive = |v: f64| v > 0.0 && v.is_finite();
-        range(sheet.format_mm.iter().all(|v| positive(*v)), "format_mm", format!("{:?}", sheet.format_mm), "two positive lengths")?;
-        range(sheet.pixels.iter().all(|v| (1..=65_535).contains(v)), "pixels", format!("{:?}", sheet.pixels), "1 to 65535 a side")?;
+        range(
+            sheet.format_mm.iter().all(|v| positive(*v)),
+            "format_mm",
+            format!("{:?}", sheet.format_mm),
+            "two positive lengths",
+        )?;
+        range(
+            sheet.pixels.iter().all(|v| (1..=65_535).contains(v)),
+            "pixels",
+            format!("{:?}", sheet.pixels),
+            "1 to 65535 a side",
+        )?;
         let q = sheet.peak_quantum_efficiency;
         range(positive(q) && q <= 1.0, "peak_quantum_efficiency", q.to_string(), "a number above 0, at most 1")?;
         range(positive(sheet.full_well_e), "full_well_e", sheet.full_well_e.to_string(), "a positive number of electrons")?;
         range((1..=16).contains(&sheet.adc_bits), "adc_bits", sheet.adc_bits.to_string(), "1 to 16")?;
         let top = (1u32 << sheet.adc_bits) as f64 - 1.0;
         let levels = sheet.black_level_dn >= 0.0 && sheet.black_level_dn < sheet.white_level_dn && sheet.white_level_dn <= top;
-        range(levels, "black_level_dn and white_level_dn", format!("{} and {}", sheet.black_level_dn, sheet.white_level_dn),
-            "0 <= black < white <= the converter's largest number")?;
-        let iso: Vec<IsoStep> =
-            sheet.iso.iter().map(|[iso, gain_e_per_dn, read_noise_e]| IsoStep { iso: *iso, gain_e_per_dn: *gain_e_per_dn, read_noise_e: *read_noise_e }).collect();
+        range(
+            levels,
+            "black_level_dn and white_level_dn",
+            format!("{} and {}", sheet.black_level_dn, sheet.white_level_dn),
+            "0 <= black < white <= the converter's largest number",
+        )?;
+        let iso: Vec<IsoStep> = sheet
+            .iso
+            .iter()
+            .map(|[iso, gain_e_per_dn, read_noise_e]| IsoStep {
+                iso: *iso,
+                gain_e_per_dn: *gain_e_per_dn,
+                read_noise_e: *read_noise_e,
+            })
+            .collect();
         let steps = !iso.is_empty()
-            && iso.iter().all(|s| positive(s.iso) && positive(s.gain_e_per_dn) && s.read_noise_e >= 0.0 && s.read_noise_e.is_finite())
+            && iso
+                .iter()
+                .all(|s| positive(s.iso) && positive(s.gain_e_per_dn) && s.read_noise_e >= 0.0 && s.read_noise_e.is_finite())
             && iso.windows(2).all(|w| w[0].iso < w[1].iso);
         range(steps, "iso", format!("{:?}", sheet.iso), "rows of rising ISO, positive gain (e-/DN) and read noise (e-)")?;
         let cfa = if sheet.cfa == "mono" { Some(Cfa::monochrome()) } else { Cfa::from_letters(&sheet.cfa) };
@@ -188,7 +211,11 @@ impl Sensor {
         let (a, b) = (self.iso[i], self.iso[(i + 1).min(self.iso.len() - 1)]);
         let t = if a.iso == b.iso { 0.0 } else { (iso / a.iso).ln() / (b.iso / a.iso).ln() };
         let mix = |x: f64, y: f64| if x > 0.0 && y > 0.0 { (x.ln() + (y.ln() - x.ln()) * t).exp() } else { x + (y - x) * t };
-        Ok(IsoStep { iso, gain_e_per_dn: mix(a.gain_e_per_dn, b.gain_e_per_dn), read_noise_e: mix(a.read_noise_e, b.read_noise_e) })
+        Ok(IsoStep {
+            iso,
+            gain_e_per_dn: mix(a.gain_e_per_dn, b.gain_e_per_dn),
+            read_noise_e: mix(a.read_noise_e, b.read_noise_e),
+        })
     }
 }
 
@@ -202,7 +229,11 @@ fn relative_responses(response: Response, channels: usize, place: &str) -> Resul
         Response::Named(name) => {
             let Some((_, csv)) = RESPONSES.iter().find(|r| r.0 == name) else {
                 let known: Vec<&str> = RESPONSES.iter().map(|r| r.0).collect();
-                return Err(SensorError::Unknown { what: "response", found: name, hint: format!("; known are {}", known.join(", ")) });
+                return Err(SensorError::Unknown {
+                    what: "response",
+                    found: name,
+                    hint: format!("; known are {}", known.join(", ")),
+                });
             };
             let (_, rows) = diopter_light::cie::tables::read_csv(csv);
             let column = |c: usize| Table::new(380.0, 5.0, rows.iter().map(|r| (r[c] as f32).max(0.0)).collect());

@@ -18,7 +18,12 @@ pub fn run(args: &ReadOut, json: bool) -> anyhow::Result<()> {
         None => {
             let body = &plane.facts.body;
             let named = Sensor::names().filter_map(|n| Sensor::named(n).ok()).find(|s| s.name == *body);
-            named.with_context(|| format!("{}: it was exposed with \"{body}\", which is not embedded; give its file with --body", args.plane.display()))?
+            named.with_context(|| {
+                format!(
+                    "{}: it was exposed with \"{body}\", which is not embedded; give its file with --body",
+                    args.plane.display()
+                )
+            })?
         }
     };
     let raw = read_out(&plane, &sensor, args.iso.0, args.seed, &white).map_err(|e| crate::AskedWrongly(e.into()))?;

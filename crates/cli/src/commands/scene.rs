@@ -38,9 +38,15 @@ fn info(name: &str, json: bool) -> anyhow::Result<()> {
     let environment = d.environment.as_ref().map(|e| e.mean_luminance());
     let (meshes, hierarchy) = scene.memory();
     if json {
-        let cameras: Vec<_> = d.cameras.iter().map(|c| serde_json::json!({
-            "name": c.name, "position_m": c.world_from_camera.translation.to_array(), "vertical_fov_rad": c.vertical_fov,
-        })).collect();
+        let cameras: Vec<_> = d
+            .cameras
+            .iter()
+            .map(|c| {
+                serde_json::json!({
+                    "name": c.name, "position_m": c.world_from_camera.translation.to_array(), "vertical_fov_rad": c.vertical_fov,
+                })
+            })
+            .collect();
         return print_json(&serde_json::json!({
             "name": d.name, "triangles": scene.triangle_count(), "meshes": d.meshes.len(), "objects": d.objects.len(),
             "materials": d.materials.iter().map(|m| &m.name).collect::<Vec<_>>(),
@@ -60,7 +66,13 @@ fn info(name: &str, json: bool) -> anyhow::Result<()> {
     }
     let names: Vec<&str> = d.materials.iter().map(|m| m.name.as_str()).collect();
     line("materials", format!("{}: {}", names.len(), names.join(", ")))?;
-    line("lights", format!("{} emissive surfaces ({power:.0} lm), {points} points, {spots} spots, {directional} directional", scene.lights().area.len()))?;
+    line(
+        "lights",
+        format!(
+            "{} emissive surfaces ({power:.0} lm), {points} points, {spots} spots, {directional} directional",
+            scene.lights().area.len()
+        ),
+    )?;
     line("environment", environment.map_or("none".into(), |l| format!("mean {l:.1} cd/m²")))?;
     for c in &d.cameras {
         let fov = c.vertical_fov.map_or("orthographic".into(), |f| format!("{:.1}° high", f.to_degrees()));

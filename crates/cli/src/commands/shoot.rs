@@ -77,6 +77,13 @@ pub fn display(f: &ExposureFacts, width: usize, height: usize, seconds: f64) -> 
     let scaled = if f.light_scale == 1.0 { String::new() } else { format!("   light × {:.3e}", f.light_scale) };
     format!(
         "{}   {}   {}\n{time}   {}   ISO {:.0}   {:.0} mm ({:.0} mm equiv.)   focus {focus}\n{meter}{scaled}   {width}×{height}, {} samples a pixel, {seconds:.1} s",
-        f.body, f.lens, f.scene, FNumber((f.f_number * 100.0).round() / 100.0), f.iso, f.focal_length_mm, f.focal_length_35mm_mm, f.samples
+        f.body,
+        f.lens,
+        f.scene,
+        FNumber((f.f_number * 100.0).round() / 100.0),
+        f.iso,
+        f.focal_length_mm,
+        f.focal_length_35mm_mm,
+        f.samples
     )
 }

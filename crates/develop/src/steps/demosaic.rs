@@ -25,8 +25,11 @@ pub fn demosaic(mosaic: &Raster<f32>, cfa: &Cfa, method: Demosaic) -> Raster<f32
 }
 
 fn is_bayer(cfa: &Cfa) -> bool {
-    cfa.columns == 2 && cfa.channels.len() == 4 && cfa.channels.iter().filter(|c| **c == 1).count() == 2
-        && cfa.channels[0] != cfa.channels[1] && cfa.channels[1] != cfa.channels[3]
+    cfa.columns == 2
+        && cfa.channels.len() == 4
+        && cfa.channels.iter().filter(|c| **c == 1).count() == 2
+        && cfa.channels[0] != cfa.channels[1]
+        && cfa.channels[1] != cfa.channels[3]
 }
 
 /// Index reflected at the edges, without repeating the edge pixel (keeps the phase of a Bayer pattern).

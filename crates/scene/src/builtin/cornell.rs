@@ -60,10 +60,8 @@ pub fn description() -> Description {
         shape: Shape::Mesh { mesh, world_from_mesh: Affine3A::IDENTITY },
         material,
     };
-    let lamp_quad = Quad {
-        corner: Vec3::new(0.213, 0.5483, 0.227),
-        edges: [Vec3::new(0.130, 0.0, 0.0), Vec3::new(0.0, 0.0, 0.105)],
-    };
+    let lamp_quad =
+        Quad { corner: Vec3::new(0.213, 0.5483, 0.227), edges: [Vec3::new(0.130, 0.0, 0.0), Vec3::new(0.0, 0.0, 0.105)] };
     Description {
         name: "cornell".into(),
         meshes: vec![faces(WHITE), faces(RED), faces(GREEN)],

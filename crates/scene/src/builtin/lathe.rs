@@ -18,7 +18,10 @@ pub fn turn(profile: &[Vec2], sectors: u32) -> Mesh {
             Some(d) if d.dot(here) > 0.766 => normal(d + here).normalize_or_zero(),
             _ => normal(here),
         };
-        let ends = [(profile[i], smooth(i.checked_sub(1)), along), (profile[i + 1], smooth(Some(i + 1)), along + profile[i].distance(profile[i + 1]))];
+        let ends = [
+            (profile[i], smooth(i.checked_sub(1)), along),
+            (profile[i + 1], smooth(Some(i + 1)), along + profile[i].distance(profile[i + 1])),
+        ];
         along = ends[1].2;
         let first = mesh.positions.len() as u32;
         for k in 0..=sectors {
@@ -52,7 +55,11 @@ pub fn smooth(points: &[Vec2], steps: usize) -> Vec<Vec2> {
         let [p0, p1, p2, p3] = [i - 1, i, i + 1, i + 2].map(at);
         for k in 0..steps {
             let t = k as f32 / steps as f32;
-            let p = (p1 * 2.0 + (p2 - p0) * t + (p0 * 2.0 - p1 * 5.0 + p2 * 4.0 - p3) * t * t + (p1 * 3.0 - p0 - p2 * 3.0 + p3) * t * t * t) * 0.5;
+            let p = (p1 * 2.0
+                + (p2 - p0) * t
+                + (p0 * 2.0 - p1 * 5.0 + p2 * 4.0 - p3) * t * t
+                + (p1 * 3.0 - p0 - p2 * 3.0 + p3) * t * t * t)
+                * 0.5;
             curve.push(p.max(Vec2::new(0.0, f32::NEG_INFINITY)));
         }
     }

@@ -88,7 +88,8 @@ fn table(b: &mut Builder) {
     b.quad("wall", Vec3::new(-4.0, -1.0, -3.6), [Vec3::new(8.0, 0.0, 0.0), Vec3::new(0.0, 4.0, 0.0)], wall);
     let linen = b.glossy("linen", textured(pattern::linen(), Vec2::ONE), 0.9, 0.0);
     // A folded cloth: three layers.
-    for (i, (x, z, w, d, turn)) in [(0.13, 0.07, 0.26, 0.20, 0.18f32), (0.135, 0.065, 0.24, 0.185, 0.14)].into_iter().enumerate() {
+    for (i, (x, z, w, d, turn)) in [(0.13, 0.07, 0.26, 0.20, 0.18f32), (0.135, 0.065, 0.24, 0.185, 0.14)].into_iter().enumerate()
+    {
         let y = 0.004 + 0.005 * i as f32;
         let (ex, ez) = (Vec3::new(turn.cos(), 0.0, -turn.sin()), Vec3::new(-turn.sin(), 0.0, -turn.cos()));
         let corner = Vec3::new(x, y, z) - ex * w / 2.0 - ez * d / 2.0;
@@ -103,20 +104,79 @@ fn things(b: &mut Builder) {
     let v = Vec2::new;
     // A wine glass: outside up, over the rim, inside down. Walls of 1 to 1.5 mm.
     let mut profile = vec![v(0.0, 0.0), v(0.033, 0.0)];
-    profile.extend(smooth(&[v(0.0335, 0.0012), v(0.030, 0.0026), v(0.012, 0.0055), v(0.0046, 0.013), v(0.0040, 0.040), v(0.0046, 0.068), v(0.013, 0.078), v(0.031, 0.098), v(0.0375, 0.122), v(0.0355, 0.148), v(0.031, 0.168)], 10));
-    profile.extend(smooth(&[v(0.0303, 0.1685), v(0.0296, 0.168), v(0.0341, 0.148), v(0.0361, 0.122), v(0.0297, 0.099), v(0.0117, 0.0805), v(0.0, 0.0775)], 10));
+    profile.extend(smooth(
+        &[
+            v(0.0335, 0.0012),
+            v(0.030, 0.0026),
+            v(0.012, 0.0055),
+            v(0.0046, 0.013),
+            v(0.0040, 0.040),
+            v(0.0046, 0.068),
+            v(0.013, 0.078),
+            v(0.031, 0.098),
+            v(0.0375, 0.122),
+            v(0.0355, 0.148),
+            v(0.031, 0.168),
+        ],
+        10,
+    ));
+    profile.extend(smooth(
+        &[
+            v(0.0303, 0.1685),
+            v(0.0296, 0.168),
+            v(0.0341, 0.148),
+            v(0.0361, 0.122),
+            v(0.0297, 0.099),
+            v(0.0117, 0.0805),
+            v(0.0, 0.0775),
+        ],
+        10,
+    ));
     let glass = b.mesh(turn(&profile, 128));
     let clear = b.material(Material::new("glass", Scattering::Principled(Box::new(Principled::glass(1.52, None)))));
     b.place("wine glass", glass, clear, Vec3::new(0.012, 0.0, 0.02), Quat::IDENTITY);
 
     // A vase of china.
-    let profile = smooth(&[v(0.0, 0.003), v(0.024, 0.0), v(0.028, 0.004), v(0.029, 0.012), v(0.045, 0.050), v(0.054, 0.092), v(0.044, 0.130), v(0.022, 0.155), v(0.017, 0.175), v(0.022, 0.196), v(0.0235, 0.199), v(0.021, 0.197), v(0.0145, 0.175), v(0.012, 0.14)], 12);
+    let profile = smooth(
+        &[
+            v(0.0, 0.003),
+            v(0.024, 0.0),
+            v(0.028, 0.004),
+            v(0.029, 0.012),
+            v(0.045, 0.050),
+            v(0.054, 0.092),
+            v(0.044, 0.130),
+            v(0.022, 0.155),
+            v(0.017, 0.175),
+            v(0.022, 0.196),
+            v(0.0235, 0.199),
+            v(0.021, 0.197),
+            v(0.0145, 0.175),
+            v(0.012, 0.14),
+        ],
+        12,
+    );
     let vase = b.mesh(turn(&profile, 128));
     let china = b.glossy("china", textured(pattern::china(), Vec2::ONE), 0.35, 1.0);
     b.place("vase", vase, china, Vec3::new(-0.135, 0.0, -0.085), Quat::from_rotation_y(0.6));
 
     // A copper cup with a rolled rim.
-    let profile = smooth(&[v(0.0, 0.001), v(0.026, 0.0), v(0.029, 0.003), v(0.031, 0.02), v(0.037, 0.062), v(0.0385, 0.066), v(0.037, 0.0675), v(0.0355, 0.066), v(0.030, 0.022), v(0.027, 0.006), v(0.0, 0.005)], 10);
+    let profile = smooth(
+        &[
+            v(0.0, 0.001),
+            v(0.026, 0.0),
+            v(0.029, 0.003),
+            v(0.031, 0.02),
+            v(0.037, 0.062),
+            v(0.0385, 0.066),
+            v(0.037, 0.0675),
+            v(0.0355, 0.066),
+            v(0.030, 0.022),
+            v(0.027, 0.006),
+            v(0.0, 0.005),
+        ],
+        10,
+    );
     let cup = b.mesh(turn(&profile, 96));
     let copper = b.metal("copper", 0.02);
     b.place("copper cup", cup, copper, Vec3::new(0.125, 0.0, -0.10), Quat::IDENTITY);

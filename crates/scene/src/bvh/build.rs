@@ -60,8 +60,10 @@ fn split(indices: &mut [u32], start: usize, bounds_of: &(impl Fn(u32) -> Bounds 
     if indices.len() <= CHUNK {
         return Split::Chunk(start, start + indices.len());
     }
-    let centers =
-        indices.par_chunks(1 << 14).map(|c| Bounds::around(c.iter().map(|i| bounds_of(*i).center()))).reduce(|| Bounds::EMPTY, Bounds::union);
+    let centers = indices
+        .par_chunks(1 << 14)
+        .map(|c| Bounds::around(c.iter().map(|i| bounds_of(*i).center())))
+        .reduce(|| Bounds::EMPTY, Bounds::union);
     let axis = centers.size().max_position();
     let scale = BINS as f32 / centers.size()[axis].max(f32::MIN_POSITIVE);
     let bin_of = |b: &Bounds| (((b.center()[axis] - centers.min[axis]) * scale).max(0.0) as usize).min(BINS - 1);
@@ -114,7 +116,8 @@ fn build_chunk(primitives: &impl Primitives, indices: &[u32]) -> (Bvh, Bounds) {
         })
         .collect();
     let order: Vec<u32> = (0..indices.len() as u32).collect();
-    let mut tree = PlocBuilder::with_capacity(boxes.len()).build(PlocSearchDistance::Medium, &boxes, order, SortPrecision::U64, 2);
+    let mut tree =
+        PlocBuilder::with_capacity(boxes.len()).build(PlocSearchDistance::Medium, &boxes, order, SortPrecision::U64, 2);
     drop(boxes);
     ReinsertionOptimizer::default().run(&mut tree, REINSERTION, None);
     Collapse::new(primitives, indices, &tree).run()
@@ -132,8 +135,7 @@ struct Collapse<'a, P> {
 
 impl<'a, P: Primitives> Collapse<'a, P> {
     fn new(primitives: &'a P, indices: &'a [u32], tree: &'a Bvh2) -> Self {
-        let mut collapse =
-            Collapse { primitives, indices, tree, weight: vec![0; tree.nodes.len()], bvh: Bvh::default() };
+        let mut collapse = Collapse { primitives, indices, tree, weight: vec![0; tree.nodes.len()], bvh: Bvh::default() };
         collapse.weigh();
         collapse
     }

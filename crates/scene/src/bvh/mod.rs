@@ -1,6 +1,6 @@
 //! Bounding volume hierarchy: eight boxes a node, eight triangles a leaf block.
 //!
-//! [`build`] makes it with the builder of `obvhs`; [`traverse`] follows rays through it with our own SIMD code. A hierarchy
+//! `build` makes it with the builder of `obvhs`; `traverse` follows rays through it with our own SIMD code. A hierarchy
 //! holds triangles (copied into blocks, so that a hit touches no mesh memory) and *others*: things only their owner can
 //! intersect (instances, spheres, quads), reached through [`Filter`]. Nothing outside this folder knows the layout.
 //!

@@ -259,7 +259,8 @@ fn traverse<S: Simd, F: Filter, const ANY: bool>(
                     hits &= hits - 1;
                     if t[i] < limit && (block.filtered >> i & 1 == 0 || filter.accept(block.id[i], u[i], v[i])) {
                         limit = t[i];
-                        best = Some(Hit { t: t[i], u: u[i], v: v[i], id: block.id[i], slot: (index * 8 + i) as u32, instance: 0 });
+                        best =
+                            Some(Hit { t: t[i], u: u[i], v: v[i], id: block.id[i], slot: (index * 8 + i) as u32, instance: 0 });
                         if ANY {
                             return best;
                         }
@@ -303,7 +304,12 @@ mod tests {
 
     fn soup(n: u32, size: f32) -> Triangles {
         Triangles(
-            (0..n).map(|i| { let c = random(i); [0, 1, 2].map(|k| c + (random(n + i * 3 + k) - 0.5) * size) }).collect(),
+            (0..n)
+                .map(|i| {
+                    let c = random(i);
+                    [0, 1, 2].map(|k| c + (random(n + i * 3 + k) - 0.5) * size)
+                })
+                .collect(),
         )
     }
 
@@ -352,7 +358,8 @@ mod tests {
         let center = Vec3::new(731.3, -212.7, 1043.1);
         let (rings, sectors) = (40, 60);
         let point = |i: u32, j: u32| {
-            let (theta, phi) = (std::f32::consts::PI * i as f32 / rings as f32, std::f32::consts::TAU * (j % sectors) as f32 / sectors as f32);
+            let (theta, phi) =
+                (std::f32::consts::PI * i as f32 / rings as f32, std::f32::consts::TAU * (j % sectors) as f32 / sectors as f32);
             center + Vec3::new(theta.sin() * phi.cos(), theta.cos(), theta.sin() * phi.sin()) * 0.37
         };
         let mut triangles = Vec::new();

@@ -61,9 +61,7 @@ impl AreaLight {
     pub fn bounds(&self) -> LightBounds {
         let power = self.area * self.luminance * PI * if self.two_sided { 2.0 } else { 1.0 };
         let (bounds, axis, spread) = match &self.shape {
-            AreaShape::Triangle(q) => {
-                (Bounds::around([q.corner, q.corner + q.edges[0], q.corner + q.edges[1]]), q.normal(), 0.0)
-            }
+            AreaShape::Triangle(q) => (Bounds::around([q.corner, q.corner + q.edges[0], q.corner + q.edges[1]]), q.normal(), 0.0),
             AreaShape::Parallelogram(q) => {
                 (Bounds::around([Vec2::ZERO, Vec2::X, Vec2::Y, Vec2::ONE].map(|p| q.point(p))), q.normal(), 0.0)
             }
@@ -87,11 +85,8 @@ impl AreaLight {
             AreaShape::Sphere(sphere) => aim_at_sphere(sphere, p, u, number),
             AreaShape::Triangle(quad) => {
                 // Uniform by area; keeps strata (Heitz 2019, "A Low-Distortion Map Between Triangle and Square").
-                let place = if u[1] > u[0] {
-                    Vec2::new(0.5 * u[0], u[1] - 0.5 * u[0])
-                } else {
-                    Vec2::new(u[0] - 0.5 * u[1], 0.5 * u[1])
-                };
+                let place =
+                    if u[1] > u[0] { Vec2::new(0.5 * u[0], u[1] - 0.5 * u[0]) } else { Vec2::new(u[0] - 0.5 * u[1], 0.5 * u[1]) };
                 self.aim_at_plane(quad, p, place, number)
             }
             AreaShape::Parallelogram(quad) => match SphericalRectangle::new(quad, self.area, p) {
@@ -119,7 +114,7 @@ impl AreaLight {
         Some(Aim { wi, distance, pdf, has_extent: true, spot: Spot::Area(number, place) })
     }
 
-    /// Density with which [`AreaLight::aim`] would have aimed from `p` along `wi`, which meets the surface at `distance`.
+    /// Density with which `aim` would have aimed from `p` along `wi`, which meets the surface at `distance`.
     pub fn pdf(&self, p: Vec3, wi: Vec3, distance: f32) -> f32 {
         let by_area = || distance * distance / (self.normal.dot(wi).abs().max(1e-9) * self.area);
         match &self.shape {

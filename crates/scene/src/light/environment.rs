@@ -35,8 +35,13 @@ impl Environment {
             for column in 0..width {
                 // Bilinear lookup reaches into the neighbours: so must the weight.
                 let p = |c: usize, r: usize| Vec3::from_slice(map.pixel(c, r)).dot(LUMINANCE);
-                let around = [(column, row), ((column + 1) % width, row), ((column + width - 1) % width, row),
-                    (column, (row + 1).min(height - 1)), (column, row.saturating_sub(1))];
+                let around = [
+                    (column, row),
+                    ((column + 1) % width, row),
+                    ((column + width - 1) % width, row),
+                    (column, (row + 1).min(height - 1)),
+                    (column, row.saturating_sub(1)),
+                ];
                 let here = p(column, row);
                 let reach = around.iter().map(|(c, r)| p(*c, *r)).fold(0.0, f32::max);
                 weights.push((0.75 * here + 0.25 * reach) * sin);
@@ -100,7 +105,13 @@ impl Environment {
         let d = Vec3::new(sin * phi.sin(), theta.cos(), -sin * phi.cos());
         let pdf = density / (2.0 * PI * PI * sin);
         let wi = self.world_from_map * d;
-        (pdf > 0.0 && pdf.is_finite()).then_some(Aim { wi, distance: f32::INFINITY, pdf, has_extent: true, spot: Spot::Environment })
+        (pdf > 0.0 && pdf.is_finite()).then_some(Aim {
+            wi,
+            distance: f32::INFINITY,
+            pdf,
+            has_extent: true,
+            spot: Spot::Environment,
+        })
     }
 
     /// Density in solid angle with which a direction is drawn.

@@ -121,14 +121,13 @@ impl Lights {
         if finite == 0.0 { 0.0 } else { (finite / (finite + self.infinite_total)).clamp(0.1, 0.9) }
     }
 
-    /// Chooses a light for the point `p` with normal `n` by the number `u`: the light, its probability, and `u` stretched to
-    /// what is left of it.
+    /// Chooses a light for the point `p` with normal `n` by the number `u`: the light and its probability.
     #[inline]
-    pub fn choose(&self, p: Vec3, n: Vec3, u: f32) -> Option<(LightRef, f32, f32)> {
+    pub fn choose(&self, p: Vec3, n: Vec3, u: f32) -> Option<(LightRef, f32)> {
         let share = self.finite_share(p, n);
         if u < share {
-            let (leaf, probability, rest) = self.tree.choose(p, n, u / share)?;
-            return Some((self.tree_lights[leaf], probability * share, rest));
+            let (leaf, probability) = self.tree.choose(p, n, u / share)?;
+            return Some((self.tree_lights[leaf], probability * share));
         }
         if self.infinite_total <= 0.0 {
             return None;
@@ -137,8 +136,7 @@ impl Lights {
         let last = self.infinite.len() - 1;
         for (i, (light, importance)) in self.infinite.iter().enumerate() {
             if u < *importance || i == last {
-                let rest = (u / importance).clamp(0.0, 0.999_999);
-                return Some((*light, (1.0 - share) * importance / self.infinite_total, rest));
+                return Some((*light, (1.0 - share) * importance / self.infinite_total));
             }
             u -= importance;
         }

@@ -53,12 +53,16 @@ impl LightBounds {
         let d2 = d2_true.max(radius2).max(1e-12);
         let w = if d2_true > 0.0 { to_point / d2_true.sqrt() } else { Vec3::Z };
         // Angle under which the box is seen.
-        let (sin_b, cos_b) = if d2_true <= radius2 { (0.0, -1.0) } else { ((radius2 / d2_true).sqrt(), (1.0 - radius2 / d2_true).sqrt()) };
+        let (sin_b, cos_b) =
+            if d2_true <= radius2 { (0.0, -1.0) } else { ((radius2 / d2_true).sqrt(), (1.0 - radius2 / d2_true).sqrt()) };
         let sin_of = |c: f32| (1.0 - c * c).max(0.0).sqrt();
         // cos(max(0, a − b)) and sin of it.
         let cos_less = |sa: f32, ca: f32, sb: f32, cb: f32| if ca > cb { 1.0 } else { ca * cb + sa * sb };
         let sin_less = |sa: f32, ca: f32, sb: f32, cb: f32| if ca > cb { 0.0 } else { sa * cb - ca * sb };
-        let cos_w = { let c = self.axis.dot(w); if self.two_sided { c.abs() } else { c } };
+        let cos_w = {
+            let c = self.axis.dot(w);
+            if self.two_sided { c.abs() } else { c }
+        };
         let sin_w = sin_of(cos_w);
         let sin_o = sin_of(self.cos_spread);
         let cos_x = cos_less(sin_w, cos_w, sin_o, self.cos_spread);
@@ -153,14 +157,14 @@ impl Tree {
         (a + b > 0.0).then(|| a / (a + b))
     }
 
-    /// A light for the point, its probability, and what is left of `u`. `None` where no light can contribute.
-    pub fn choose(&self, p: Vec3, n: Vec3, mut u: f32) -> Option<(usize, f32, f32)> {
+    /// A light for the point and its probability. `None` where no light can contribute.
+    pub fn choose(&self, p: Vec3, n: Vec3, mut u: f32) -> Option<(usize, f32)> {
         let mut node = 0u32;
         let mut probability = 1.0;
         loop {
             let here = &self.nodes[node as usize];
             if here.second == 0 {
-                return Some((here.light as usize, probability, u.min(0.999_999)));
+                return Some((here.light as usize, probability));
             }
             let share = self.first_share(node, p, n)?;
             if u < share {
@@ -208,7 +212,9 @@ fn split(lights: &[LightBounds], order: &mut [u32], all: &LightBounds) -> usize 
         if !(extent > 0.0) {
             continue;
         }
-        let bin = |i: u32| (((lights[i as usize].bounds.center()[axis] - centers.min[axis]) / extent * BINS as f32) as usize).min(BINS - 1);
+        let bin = |i: u32| {
+            (((lights[i as usize].bounds.center()[axis] - centers.min[axis]) / extent * BINS as f32) as usize).min(BINS - 1)
+        };
         let mut bins: [Option<LightBounds>; BINS] = [None; BINS];
         for i in order.iter() {
             let slot = &mut bins[bin(*i)];
@@ -228,7 +234,8 @@ fn split(lights: &[LightBounds], order: &mut [u32], all: &LightBounds) -> usize 
     }
     let Some((_, axis, k)) = best else { return order.len() / 2 };
     let extent = centers.size()[axis];
-    let bin = |i: u32| (((lights[i as usize].bounds.center()[axis] - centers.min[axis]) / extent * BINS as f32) as usize).min(BINS - 1);
+    let bin =
+        |i: u32| (((lights[i as usize].bounds.center()[axis] - centers.min[axis]) / extent * BINS as f32) as usize).min(BINS - 1);
     order.sort_by_key(|i| (bin(*i) >= k, *i));
     order.partition_point(|i| bin(*i) < k)
 }
@@ -254,9 +261,8 @@ mod tests {
             let sum: f32 = leaves.iter().map(|l| tree.probability(p, n, *l)).sum();
             assert!((sum - 1.0).abs() < 1e-3, "{sum}");
             for i in 0..200 {
-                let (light, probability, rest) = tree.choose(p, n, (i as f32 + 0.5) / 200.0).unwrap();
+                let (light, probability) = tree.choose(p, n, (i as f32 + 0.5) / 200.0).unwrap();
                 assert!((tree.probability(p, n, leaves[light]) / probability - 1.0).abs() < 1e-3);
-                assert!((0.0..1.0).contains(&rest));
             }
         }
     }

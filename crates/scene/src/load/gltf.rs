@@ -63,8 +63,14 @@ impl<'a> Loader<'a> {
         check_extensions(&gltf.document, name)?;
         let json = gltf.document.clone().into_json();
         check_attributes(&json, name)?;
-        let document = gltf::Document::from_json(json)
-            .map_err(|e| error(name, "contents", e.to_string(), "expected what the glTF 2.0 specification allows; an index may be out of range"))?;
+        let document = gltf::Document::from_json(json).map_err(|e| {
+            error(
+                name,
+                "contents",
+                e.to_string(),
+                "expected what the glTF 2.0 specification allows; an index may be out of range",
+            )
+        })?;
         let mut blob = gltf.blob;
         let mut buffers = Vec::new();
         for buffer in document.buffers() {
@@ -83,10 +89,8 @@ impl<'a> Loader<'a> {
         }
         check_accessors(&document, &buffers, name)?;
         let sources: Vec<_> = document.images().collect();
-        let images = sources
-            .into_par_iter()
-            .map(|image| read_image(&image, &buffers, name, fetch))
-            .collect::<Result<Vec<_>, _>>()?;
+        let images =
+            sources.into_par_iter().map(|image| read_image(&image, &buffers, name, fetch)).collect::<Result<Vec<_>, _>>()?;
         let mut description = Description { name: name.to_owned(), ..Default::default() };
         for extension in document.extensions_used().filter(|e| !SUPPORTED.contains(e)) {
             description.warnings.push(format!("{name}: extension {extension} is not supported; the scene is shown without it"));
@@ -112,7 +116,12 @@ impl<'a> Loader<'a> {
             let here = parent * Mat4::from_cols_array_2d(&node.transform().matrix());
             if world[node.index()].replace(here).is_some() {
                 let place = format!("node {}{}", node.index(), label(node.name()));
-                return Err(error(self.name, &place, "it is reached twice", "expected a tree: a node has one parent and is not its own ancestor"));
+                return Err(error(
+                    self.name,
+                    &place,
+                    "it is reached twice",
+                    "expected a tree: a node has one parent and is not its own ancestor",
+                ));
             }
             stack.extend(node.children().map(|c| (c, here)));
             order.push(node);
@@ -150,7 +159,10 @@ impl<'a> Loader<'a> {
             self.description.warnings.push(format!("mesh \"{}\": morph targets are left at rest", mesh.name().unwrap_or("")));
         }
         for primitive in mesh.primitives() {
-            if !matches!(primitive.mode(), gltf::mesh::Mode::Triangles | gltf::mesh::Mode::TriangleStrip | gltf::mesh::Mode::TriangleFan) {
+            if !matches!(
+                primitive.mode(),
+                gltf::mesh::Mode::Triangles | gltf::mesh::Mode::TriangleStrip | gltf::mesh::Mode::TriangleFan
+            ) {
                 self.description.warnings.push(format!("mesh \"{}\": points and lines are not drawn", mesh.name().unwrap_or("")));
                 continue;
             }
@@ -227,7 +239,8 @@ impl<'a> Loader<'a> {
             colors.clear();
         }
         let uvs = [0, 1].map(|set| {
-            let uv: Vec<Vec2> = reader.read_tex_coords(set).map(|it| it.into_f32().map(Vec2::from_array).collect()).unwrap_or_default();
+            let uv: Vec<Vec2> =
+                reader.read_tex_coords(set).map(|it| it.into_f32().map(Vec2::from_array).collect()).unwrap_or_default();
             if uv.is_empty() || fits("texture coordinates", uv.len(), &mut warnings) { uv } else { Vec::new() }
         });
         let indices: Vec<u32> = match reader.read_indices() {
@@ -235,12 +248,19 @@ impl<'a> Loader<'a> {
             None => (0..n as u32).collect(),
         };
         if let Some(bad) = indices.iter().find(|i| **i as usize >= n) {
-            return Err(error(self.name, &place, format!("index {bad}"), format!("expected less than {n}, the number of positions")));
+            return Err(error(
+                self.name,
+                &place,
+                format!("index {bad}"),
+                format!("expected less than {n}, the number of positions"),
+            ));
         }
         let triangles = match primitive.mode() {
-            gltf::mesh::Mode::TriangleStrip => {
-                indices.windows(3).enumerate().map(|(i, t)| if i % 2 == 0 { [t[0], t[1], t[2]] } else { [t[1], t[0], t[2]] }).collect()
-            }
+            gltf::mesh::Mode::TriangleStrip => indices
+                .windows(3)
+                .enumerate()
+                .map(|(i, t)| if i % 2 == 0 { [t[0], t[1], t[2]] } else { [t[1], t[0], t[2]] })
+                .collect(),
             gltf::mesh::Mode::TriangleFan => indices.windows(2).skip(1).map(|t| [indices[0], t[0], t[1]]).collect(),
             _ => indices.chunks_exact(3).map(|t| [t[0], t[1], t[2]]).collect(),
         };
@@ -249,7 +269,13 @@ impl<'a> Loader<'a> {
     }
 
     /// Moves a skinned mesh to where its joints hold it.
-    fn pose(&self, mesh: &mut Mesh, primitive: &gltf::Primitive, skin: &gltf::Skin, world: &[Option<Mat4>]) -> Result<(), SceneError> {
+    fn pose(
+        &self,
+        mesh: &mut Mesh,
+        primitive: &gltf::Primitive,
+        skin: &gltf::Skin,
+        world: &[Option<Mat4>],
+    ) -> Result<(), SceneError> {
         let place = format!("skin {}{}", skin.index(), label(skin.name()));
         let get = |b: gltf::Buffer| self.buffers.get(b.index()).map(Vec::as_slice);
         let inverse: Vec<Mat4> = skin
@@ -261,8 +287,14 @@ impl<'a> Loader<'a> {
             .joints()
             .enumerate()
             .map(|(i, joint)| {
-                let here = world[joint.index()]
-                    .ok_or_else(|| error(self.name, &place, format!("joint node {} is not in the scene", joint.index()), "expected all joints below the scene's roots"))?;
+                let here = world[joint.index()].ok_or_else(|| {
+                    error(
+                        self.name,
+                        &place,
+                        format!("joint node {} is not in the scene", joint.index()),
+                        "expected all joints below the scene's roots",
+                    )
+                })?;
                 Ok(here * inverse.get(i).copied().unwrap_or(Mat4::IDENTITY))
             })
             .collect::<Result<_, SceneError>>()?;
@@ -273,7 +305,12 @@ impl<'a> Loader<'a> {
             let total: f32 = w.iter().sum();
             for k in 0..4 {
                 let Some(joint) = joints.get(j[k] as usize) else {
-                    return Err(error(self.name, &place, format!("joint {} of vertex {i}", j[k]), format!("expected less than {}", joints.len())));
+                    return Err(error(
+                        self.name,
+                        &place,
+                        format!("joint {} of vertex {i}", j[k]),
+                        format!("expected less than {}", joints.len()),
+                    ));
                 };
                 blend += *joint * (w[k] / total.max(1e-6));
             }
@@ -452,7 +489,12 @@ fn check_attributes(json: &gltf::json::Root, name: &str) -> Result<(), SceneErro
         for (p, primitive) in mesh.primitives.iter().enumerate() {
             if let Some(bad) = primitive.attributes.values().find(|i| i.value() >= count) {
                 let place = format!("mesh {m} primitive {p}");
-                return Err(error(name, &place, format!("accessor {} is out of range", bad.value()), format!("expected less than {count}")));
+                return Err(error(
+                    name,
+                    &place,
+                    format!("accessor {} is out of range", bad.value()),
+                    format!("expected less than {count}"),
+                ));
             }
         }
     }
@@ -477,7 +519,11 @@ fn check_accessors(document: &gltf::Document, buffers: &[Vec<u8>], name: &str) -
         if inside {
             return Ok(());
         }
-        let found = format!("it reaches byte {} of buffer {}", view.offset().saturating_add(end.max(view.length())), view.buffer().index());
+        let found = format!(
+            "it reaches byte {} of buffer {}",
+            view.offset().saturating_add(end.max(view.length())),
+            view.buffer().index()
+        );
         Err(error(name, place, found, format!("expected at most {length}")))
     };
     for view in document.views() {
@@ -486,7 +532,11 @@ fn check_accessors(document: &gltf::Document, buffers: &[Vec<u8>], name: &str) -
     for accessor in document.accessors() {
         let place = format!("accessor {}", accessor.index());
         let span = |stride: usize, count: usize, size: usize, offset: usize| {
-            count.checked_sub(1).and_then(|n| n.checked_mul(stride)).and_then(|s| s.checked_add(size)).and_then(|s| s.checked_add(offset))
+            count
+                .checked_sub(1)
+                .and_then(|n| n.checked_mul(stride))
+                .and_then(|s| s.checked_add(size))
+                .and_then(|s| s.checked_add(offset))
         };
         if accessor.count() == 0 {
             return Err(error(name, &place, "it has no elements", "expected a count of 1 or more"));
@@ -495,17 +545,28 @@ fn check_accessors(document: &gltf::Document, buffers: &[Vec<u8>], name: &str) -
             let stride = view.stride().unwrap_or(accessor.size());
             match span(stride, accessor.count(), accessor.size(), accessor.offset()) {
                 Some(end) => view_end(&view, &place, end)?,
-                None => return Err(error(name, &place, format!("{} elements", accessor.count()), "expected a size that fits the buffer")),
+                None => {
+                    return Err(error(
+                        name,
+                        &place,
+                        format!("{} elements", accessor.count()),
+                        "expected a size that fits the buffer",
+                    ));
+                }
             }
         }
         if let Some(sparse) = accessor.sparse() {
             let (indices, values) = (sparse.indices(), sparse.values());
             let ends = [
-                (indices.view(), span(indices.index_type().size(), sparse.count(), indices.index_type().size(), indices.offset())),
+                (
+                    indices.view(),
+                    span(indices.index_type().size(), sparse.count(), indices.index_type().size(), indices.offset()),
+                ),
                 (values.view(), span(accessor.size(), sparse.count(), accessor.size(), values.offset())),
             ];
             for (view, end) in ends {
-                let end = end.ok_or_else(|| error(name, &place, "its sparse part overflows", "expected a size that fits the buffer"))?;
+                let end =
+                    end.ok_or_else(|| error(name, &place, "its sparse part overflows", "expected a size that fits the buffer"))?;
                 view_end(&view, &format!("{place} (sparse)"), end)?;
             }
         }
@@ -523,9 +584,15 @@ fn fetch_uri(uri: &str, name: &str, place: &str, fetch: Fetch) -> Result<Vec<u8>
     let path = percent_decode(uri);
     let leaves = path.split(['/', '\\']).any(|part| part == "..") || path.starts_with(['/', '\\']) || path.contains(':');
     if leaves {
-        return Err(error(name, place, format!("\"{uri}\" leads out of the scene's folder"), "expected a path below the file, without \"..\""));
+        return Err(error(
+            name,
+            place,
+            format!("\"{uri}\" leads out of the scene's folder"),
+            "expected a path below the file, without \"..\"",
+        ));
     }
-    fetch(&path).map_err(|reason| error(name, place, format!("\"{path}\": {reason}"), "expected a readable file beside the scene"))
+    fetch(&path)
+        .map_err(|reason| error(name, place, format!("\"{path}\": {reason}"), "expected a readable file beside the scene"))
 }
 
 fn percent_decode(uri: &str) -> String {
@@ -545,7 +612,8 @@ fn read_image(image: &gltf::Image, buffers: &[Vec<u8>], name: &str, fetch: Fetch
     let bytes = match image.source() {
         gltf::image::Source::View { view, .. } => {
             let data = buffers.get(view.buffer().index()).and_then(|b| b.get(view.offset()..view.offset() + view.length()));
-            data.ok_or_else(|| error(name, &place, "its buffer view is out of range", "expected bytes within the buffer"))?.to_vec()
+            data.ok_or_else(|| error(name, &place, "its buffer view is out of range", "expected bytes within the buffer"))?
+                .to_vec()
         }
         gltf::image::Source::Uri { uri, .. } => fetch_uri(uri, name, &place, fetch)?,
     };
@@ -555,7 +623,8 @@ fn read_image(image: &gltf::Image, buffers: &[Vec<u8>], name: &str, fetch: Fetch
     let mut limits = image::Limits::default();
     (limits.max_image_width, limits.max_image_height) = (Some(LARGEST_IMAGE), Some(LARGEST_IMAGE));
     reader.limits(limits);
-    let decoded = reader.decode().map_err(|e| error(name, &place, e.to_string(), "expected a whole PNG or JPEG picture"))?.into_rgba8();
+    let decoded =
+        reader.decode().map_err(|e| error(name, &place, e.to_string(), "expected a whole PNG or JPEG picture"))?.into_rgba8();
     let (width, height) = (decoded.width() as usize, decoded.height() as usize);
     if width == 0 || height == 0 {
         return Err(error(name, &place, format!("it has {width} × {height} pixels"), "expected at least one"));
@@ -590,12 +659,9 @@ fn punctual(light: &gltf::khr_lights_punctual::Light, placed: &Affine3A) -> Punc
     let kind = match light.kind() {
         Kind::Directional => PunctualKind::Directional { direction },
         Kind::Point => PunctualKind::Point { position },
-        Kind::Spot { inner_cone_angle, outer_cone_angle } => PunctualKind::Spot {
-            position,
-            direction,
-            cos_inner: inner_cone_angle.cos(),
-            cos_outer: outer_cone_angle.cos(),
-        },
+        Kind::Spot { inner_cone_angle, outer_cone_angle } => {
+            PunctualKind::Spot { position, direction, cos_inner: inner_cone_angle.cos(), cos_outer: outer_cone_angle.cos() }
+        }
     };
     Punctual { power, kind }
 }
@@ -642,7 +708,10 @@ mod tests {
     #[test]
     fn bad_files_are_told_where_and_what() {
         let cases: &[(&[(&str, &str)], &str)] = &[
-            (&[("\"asset\"", "\"extensionsRequired\":[\"KHR_draco_mesh_compression\"],\"asset\"")], "KHR_draco_mesh_compression is not supported"),
+            (
+                &[("\"asset\"", "\"extensionsRequired\":[\"KHR_draco_mesh_compression\"],\"asset\"")],
+                "KHR_draco_mesh_compression is not supported",
+            ),
             (&[("\"nodes\":[{\"mesh\":0}]", "\"nodes\":[{\"mesh\":0,\"children\":[1]},{\"children\":[0]}]")], "reached twice"),
             (&[("\"byteLength\":42", "\"byteLength\":4200")], "cut short"),
             (&[("\"count\":3,\"type\":\"SCALAR\"", "\"count\":30,\"type\":\"SCALAR\"")], "accessor 1"),

@@ -48,7 +48,12 @@ impl Table {
         (0..NODES)
             .map(|j| {
                 let r = j as f32 / (NODES - 1) as f32;
-                (0..n).map(|i| { let mu = (i as f32 + 0.5) / n as f32; 2.0 * mu * self.at(mu, r) / n as f32 }).sum()
+                (0..n)
+                    .map(|i| {
+                        let mu = (i as f32 + 0.5) / n as f32;
+                        2.0 * mu * self.at(mu, r) / n as f32
+                    })
+                    .sum()
             })
             .collect()
     }

@@ -166,10 +166,13 @@ mod tests {
             for i in 0..draws {
                 for j in 0..draws {
                     let s = diopter_light::random::mix(i * draws + j);
-                    let u = [diopter_light::random::to_unit(s), diopter_light::random::to_unit(diopter_light::random::mix(s ^ 77))];
+                    let u =
+                        [diopter_light::random::to_unit(s), diopter_light::random::to_unit(diopter_light::random::mix(s ^ 77))];
                     let h = sample_visible_normal(wo, alpha, u);
                     let phi = h.y.atan2(h.x).rem_euclid(TAU);
-                    counts[((h.z * nz as f32) as usize).min(nz - 1) * nphi + ((phi / TAU * nphi as f32) as usize).min(nphi - 1)] += 1.0;
+                    counts
+                        [((h.z * nz as f32) as usize).min(nz - 1) * nphi + ((phi / TAU * nphi as f32) as usize).min(nphi - 1)] +=
+                        1.0;
                 }
             }
             let (mut chi2, mut bins) = (0.0, 0);

@@ -159,9 +159,7 @@ impl Material {
             Scattering::Black => return None,
             Scattering::Diffuse(color) => bsdf::Lobes::Diffuse { albedo: color.sample(surface, wavelengths) },
             Scattering::Conductor(conductor) => bsdf::Lobes::Conductor(conductor.at(surface, wavelengths)),
-            Scattering::Principled(principled) => {
-                bsdf::Lobes::Principled(principled.at(surface, wo, wavelengths, hero_only))
-            }
+            Scattering::Principled(principled) => bsdf::Lobes::Principled(principled.at(surface, wo, wavelengths, hero_only)),
         };
         Some(Bsdf::new(lobes, surface, self.shading_normal(surface), wo))
     }

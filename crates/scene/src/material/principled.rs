@@ -185,7 +185,8 @@ impl PrincipledLobes<'_> {
             let side = if self.inside { Side::Inside } else { Side::Outside };
             self.interface.whole(side).at(wo.z, self.roughness)
         };
-        let coat_reflected = if self.coat > 0.0 { self.coat * self.coat_interface.reflected.at(wo.z, self.coat_roughness) } else { 0.0 };
+        let coat_reflected =
+            if self.coat > 0.0 { self.coat * self.coat_interface.reflected.at(wo.z, self.coat_roughness) } else { 0.0 };
         let below_coat = 1.0 - coat_reflected;
 
         let base = self.base.element_sum() * 0.25;
@@ -240,8 +241,7 @@ impl PrincipledLobes<'_> {
     fn facet_reflectance(&self, view: &View, cos: f32) -> Sampled {
         let solid = if self.solid { self.transmission } else { 0.0 };
         let dielectric = fresnel_dielectric(cos, self.eta) * (1.0 - solid + solid * view.glass_gain);
-        (fresnel_schlick(cos, self.base) * view.metal_gain * self.metallic
-            + Sampled::splat((1.0 - self.metallic) * dielectric))
+        (fresnel_schlick(cos, self.base) * view.metal_gain * self.metallic + Sampled::splat((1.0 - self.metallic) * dielectric))
             * view.below_coat
     }
 
@@ -307,7 +307,8 @@ impl PrincipledLobes<'_> {
         let jacobian = cos_i.abs() / denominator;
         let pdf = visible_normal_pdf(wo, h, self.alpha) * jacobian;
         let g = ggx_g2(wo, Vec3::new(wi.x, wi.y, -wi.z), self.alpha);
-        let f = (1.0 - fresnel_dielectric(cos_o, self.eta)) * ggx_d(h, self.alpha) * g * (cos_i * cos_o / (wo.z * denominator)).abs();
+        let f =
+            (1.0 - fresnel_dielectric(cos_o, self.eta)) * ggx_d(h, self.alpha) * g * (cos_i * cos_o / (wo.z * denominator)).abs();
         // Radiance is squeezed into a smaller cone on the denser side: (n_i / n_t)² along the path from the camera.
         (f / (self.bend * self.bend), pdf, cos_o)
     }
@@ -341,7 +342,13 @@ impl PrincipledLobes<'_> {
                     true => (refract(wo, Vec3::Z, self.bend)?, 1.0 / (self.bend * self.bend)),
                     false => (-wo, 1.0),
                 };
-                return Some(LocalScatter { wi, weight: self.base * (share * scale), pdf: p_transmission, specular: true, disperses });
+                return Some(LocalScatter {
+                    wi,
+                    weight: self.base * (share * scale),
+                    pdf: p_transmission,
+                    specular: true,
+                    disperses,
+                });
             }
             let wi = above(reflect(wo, sample_visible_normal(wo, self.alpha, direction)))?;
             Vec3::new(wi.x, wi.y, -wi.z)
