@@ -1,6 +1,6 @@
 //! The camera of diopter: joins the stages.
 //!
-//! [`Camera`] = lens + film + place; [`expose`] turns a scene into a focal plane; [`metering`] reads the light; [`shot`] is a
+//! [`Camera`] = lens + film + place; [`expose()`] turns a scene into a focal plane; [`metering`] reads the light; [`shot`] is a
 //! photograph as a user asks for it. This is the only crate that knows all stages, and `mount` the only place where
 //! millimetres meet metres and lens space meets world space.
 
