@@ -2,7 +2,7 @@
 //! what the lens does to points.
 //!
 //! Metres. Luminances are those of real things: a bright window 5000 cd/m², frosted
-//! lamps of 2 to 3 cm with 2500–7000 cd/m².
+//! globes of 2.5 to 4 cm with 1300–2200 cd/m².
 
 use super::lathe::{ring, smooth, turn};
 use super::{Framing, pattern};
@@ -134,7 +134,7 @@ fn things(b: &mut Builder) {
     ));
     let glass = b.mesh(turn(&profile, 128));
     let clear = b.material(Material::new("glass", Scattering::Principled(Box::new(Principled::glass(1.52, None)))));
-    b.place("wine glass", glass, clear, Vec3::new(0.012, 0.0, 0.02), Quat::IDENTITY);
+    b.place("wine glass", glass, clear, Vec3::new(-0.036, 0.0004, 0.005), Quat::IDENTITY);
 
     // A vase of china.
     let profile = smooth(
@@ -158,7 +158,7 @@ fn things(b: &mut Builder) {
     );
     let vase = b.mesh(turn(&profile, 128));
     let china = b.glossy("china", textured(pattern::china(), Vec2::ONE), 0.35, 1.0);
-    b.place("vase", vase, china, Vec3::new(-0.135, 0.0, -0.085), Quat::from_rotation_y(0.6));
+    b.place("vase", vase, china, Vec3::new(-0.150, 0.0004, -0.085), Quat::from_rotation_y(0.6));
 
     // A copper cup with a rolled rim.
     let profile = smooth(
@@ -179,7 +179,7 @@ fn things(b: &mut Builder) {
     );
     let cup = b.mesh(turn(&profile, 96));
     let copper = b.metal("copper", 0.02);
-    b.place("copper cup", cup, copper, Vec3::new(0.125, 0.0, -0.10), Quat::IDENTITY);
+    b.place("copper cup", cup, copper, Vec3::new(0.125, 0.0004, -0.10), Quat::IDENTITY);
 
     // Fruit on the cloth.
     let peel = b.glossy("orange", textured(pattern::peel(), Vec2::ONE), 0.38, 0.0);
@@ -209,13 +209,13 @@ fn lights(b: &mut Builder) {
     let rim = b.material(Material::lamp("lamp", blackbody_with_luminance(3200.0, 7000.0)));
     b.quad("lamp", Vec3::new(0.75, 0.45, -0.55), [Vec3::new(0.0, 0.30, 0.0), Vec3::new(-0.20, 0.0, -0.22)], rim);
     // Strings of small lamps, far and farther.
-    let warm: Vec<u32> = [(2000.0, 3_000.0), (2500.0, 4_500.0), (3200.0, 2_500.0)]
+    let warm: Vec<u32> = [(2000.0, 1_500.0), (2500.0, 2_200.0), (3200.0, 1_300.0)]
         .into_iter()
         .map(|(kelvin, nits)| b.material(Material::lamp("small lamp", blackbody_with_luminance(kelvin, nits))))
         .collect();
     let colored: Vec<u32> = [Vec3::new(1.0, 0.10, 0.05), Vec3::new(0.08, 0.30, 1.0), Vec3::new(0.10, 0.8, 0.30)]
         .into_iter()
-        .map(|c| b.material(Material::lamp("coloured lamp", diopter_light::Spectrum::light_from_rgb(c * 3_200.0))))
+        .map(|c| b.material(Material::lamp("coloured lamp", diopter_light::Spectrum::light_from_rgb(c * 1_600.0))))
         .collect();
     for i in 0..40u32 {
         let u = |k: u32| to_unit(mix(i * 8 + k + 1000));
@@ -224,7 +224,7 @@ fn lights(b: &mut Builder) {
         let x = (2.0 * u(1) - 1.0) * spread;
         let y = 0.10 + (0.10 - depth * 0.17) * u(2) * 1.5;
         let material = if u(3) < 0.78 { warm[(u(4) * 3.0) as usize] } else { colored[(u(4) * 3.0) as usize] };
-        b.sphere("small lamp", Vec3::new(x, y, depth), 0.009 + 0.006 * u(5), material);
+        b.sphere("small lamp", Vec3::new(x, y, depth), 0.0125 + 0.0085 * u(5), material);
     }
     b.0.environment = Some(Environment::uniform(Vec3::new(48.0, 60.0, 80.0)));
 }

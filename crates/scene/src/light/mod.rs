@@ -38,8 +38,8 @@ pub enum Spot {
     Area(u32, glam::Vec2),
     /// Punctual light number.
     Punctual(u32),
-    /// The environment.
-    Environment,
+    /// A place on the environment's map.
+    Environment(glam::Vec2),
 }
 
 /// A finite or infinite light by kind and number.
@@ -92,7 +92,7 @@ impl Lights {
         }
         if let Some(environment) = &environment {
             // A point that sees half of it gets π L; in the units of the tree (power / distance²) that is π² L.
-            let importance = environment.mean_luminance() * std::f32::consts::PI * std::f32::consts::PI;
+            let importance = environment.aimed_luminance() * std::f32::consts::PI * std::f32::consts::PI;
             if importance > 0.0 {
                 infinite.push((LightRef::Environment, importance));
             }
@@ -179,7 +179,9 @@ impl Lights {
         match aim.spot {
             Spot::Area(i, place) => self.area[i as usize].radiance(place, materials, wavelengths),
             Spot::Punctual(i) => self.punctual[i as usize].arriving(aim, wavelengths),
-            Spot::Environment => self.environment.as_ref().map_or(Sampled::ZERO, |e| e.radiance(aim.wi, wavelengths)),
+            Spot::Environment(place) => self.environment.as_ref().map_or(Sampled::ZERO, |e| {
+                diopter_light::Spectrum::light_from_rgb(e.rgb_at(place)).sample(wavelengths)
+            }),
         }
     }
 }
