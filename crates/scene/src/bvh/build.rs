@@ -3,6 +3,7 @@
 //! parallel; only a few are alive at a time, so the peak of memory stays near the size of the result.
 
 use super::{Block, Bounds, Bvh, Child, Node, Primitive, Primitives};
+use glam::Vec3;
 use obvhs::aabb::Aabb;
 use obvhs::bvh2::Bvh2;
 use obvhs::bvh2::reinsertion::ReinsertionOptimizer;
@@ -11,11 +12,11 @@ use rayon::prelude::*;
 
 /// Primitives a chunk. 2 M triangles make sixteen: enough to share out, large enough that the SAH of the joints between
 /// them does not matter (below 1 % of traversal steps on the 2 M triangles of the bumpy spheres).
-pub(super) const CHUNK: usize = 1 << 17;
+pub(super) const CHUNK: usize = 1 << 15;
 /// Bins of the split above the chunks.
 const BINS: usize = 32;
 /// Share of the nodes the reinsertion optimiser tries: doubles as the quality dial of the build.
-const REINSERTION: f32 = 0.03;
+const REINSERTION: f32 = 0.02;
 
 impl Bvh {
     /// Builds the hierarchy over primitives. Triangles with corners that are not finite must have been sorted out.
@@ -23,20 +24,29 @@ impl Bvh {
         if primitives.is_empty() {
             return Bvh::default();
         }
-        let bounds_of = |index: u32| match primitives.get(index as usize) {
-            Primitive::Triangle { corners, .. } => Bounds::around(corners),
-            Primitive::Other { bounds, .. } => bounds,
-        };
         let mut indices: Vec<u32> = (0..primitives.len() as u32).collect();
         let mut tree = Split::Chunk(0, indices.len());
         if indices.len() > CHUNK {
-            tree = split(&mut indices, 0, &bounds_of);
+            // Kept only while splitting asks for each box again and again.
+            let bounds: Vec<Bounds> = (0..primitives.len()).into_par_iter().map(|i| bounds_of(primitives, i)).collect();
+            tree = split(&mut indices, 0, &|i| bounds[i as usize]);
         }
+        // A few chunks at a time, each put away before the next are begun: the peak of memory stays near the result.
+        let mut joined = Joints::new(&tree, primitives.len());
         let chunks = tree.chunks();
-        let parts: Vec<(Bvh, Bounds)> =
-            chunks.into_par_iter().map(|(start, end)| build_chunk(primitives, &indices[start..end])).collect();
-        drop(indices);
-        join(&tree, parts)
+        for batch in chunks.chunks(rayon::current_num_threads().max(1)) {
+            let parts: Vec<_> =
+                batch.into_par_iter().map(|(start, end)| build_chunk(primitives, &indices[*start..*end])).collect();
+            parts.into_iter().for_each(|(part, part_bounds)| joined.hang(part, part_bounds));
+        }
+        joined.finish()
+    }
+}
+
+fn bounds_of(primitives: &impl Primitives, index: usize) -> Bounds {
+    match primitives.get(index) {
+        Primitive::Triangle { corners, .. } => Bounds::around(corners),
+        Primitive::Other { bounds, .. } => bounds,
     }
 }
 
@@ -108,13 +118,11 @@ fn partition(indices: &mut [u32], first: impl Fn(u32) -> bool) -> usize {
 
 /// One chunk: its hierarchy and its box.
 fn build_chunk(primitives: &impl Primitives, indices: &[u32]) -> (Bvh, Bounds) {
-    let boxes: Vec<Aabb> = indices
-        .iter()
-        .map(|i| match primitives.get(*i as usize) {
-            Primitive::Triangle { corners, .. } => Aabb::from_points(&corners.map(Into::into)),
-            Primitive::Other { bounds, .. } => Aabb::new(bounds.min.into(), bounds.max.into()),
-        })
-        .collect();
+    let aabb = |i: &u32| {
+        let b = bounds_of(primitives, *i as usize);
+        Aabb::new(b.min.into(), b.max.into())
+    };
+    let boxes: Vec<Aabb> = indices.iter().map(aabb).collect();
     let order: Vec<u32> = (0..indices.len() as u32).collect();
     let mut tree =
         PlocBuilder::with_capacity(boxes.len()).build(PlocSearchDistance::Medium, &boxes, order, SortPrecision::U64, 2);
@@ -251,6 +259,12 @@ impl Node {
         Node { bounds, child: [Child::ABSENT; 8] }
     }
 
+    /// The box around all children.
+    pub(super) fn all(&self) -> Bounds {
+        let corner = |c: usize, i: usize| Vec3::new(self.bounds[c][i], self.bounds[c + 1][i], self.bounds[c + 2][i]);
+        (0..8).fold(Bounds::EMPTY, |b, i| b.union(Bounds { min: corner(0, i), max: corner(3, i) }))
+    }
+
     fn set(&mut self, i: usize, b: Bounds, child: Child) {
         for a in 0..3 {
             self.bounds[a][i] = b.min[a];
@@ -260,22 +274,60 @@ impl Node {
     }
 }
 
-/// Hangs the chunks below nodes that follow the splits, in one pair of arrays.
-fn join(tree: &Split, parts: Vec<(Bvh, Bounds)>) -> Bvh {
-    if parts.len() == 1 {
-        return parts.into_iter().next().expect("one part").0;
+/// The whole tree while its chunks are being hung below nodes that follow the splits.
+struct Joints {
+    whole: Bvh,
+    /// Node and child where each chunk is to hang, the next one last.
+    pending: Vec<(usize, usize)>,
+    /// Parent node and child of each joint but the root.
+    parents: Vec<(usize, usize)>,
+    /// Whether there is a single chunk, which needs no joint.
+    alone: bool,
+}
+
+impl Joints {
+    fn new(tree: &Split, primitives: usize) -> Self {
+        // Address space, not memory: blocks hold five triangles or more on average, and growing would copy.
+        let whole = Bvh { nodes: Vec::with_capacity(primitives / 16), blocks: Vec::with_capacity(primitives / 4) };
+        let mut joints = Joints { whole, pending: Vec::new(), parents: Vec::new(), alone: matches!(tree, Split::Chunk(..)) };
+        if !joints.alone {
+            joints.lay_out(tree);
+            joints.pending.reverse();
+        }
+        joints
     }
-    // Reserved once and filled while the parts are given back: the peak of memory is the result and little more.
-    let count = |of: &dyn Fn(&Bvh) -> usize| parts.iter().map(|p| of(&p.0)).sum::<usize>();
-    let (nodes, blocks) = (count(&|b| b.nodes.len()), count(&|b| b.blocks.len()));
-    let mut whole = Bvh { nodes: Vec::with_capacity(nodes + parts.len()), blocks: Vec::with_capacity(blocks) };
-    // The root must be node 0: lay the joints out first.
-    let mut boxes: Vec<Bounds> = parts.iter().map(|p| p.1).collect();
-    boxes.reverse();
-    let mut pending: Vec<(usize, usize)> = Vec::new();
-    hang(tree, &mut boxes, &mut whole, &mut pending);
-    for ((part, _), (node, slot)) in parts.into_iter().zip(pending) {
-        let (nodes, blocks) = (whole.nodes.len(), whole.blocks.len());
+
+    /// Makes the nodes of a split of many parts, in the order of [`Split::chunks`], their boxes still empty.
+    fn lay_out(&mut self, tree: &Split) {
+        let at = self.whole.nodes.len();
+        self.whole.nodes.push(Node::absent());
+        // Open pairs while all children fit one node.
+        let mut children: Vec<&Split> = vec![tree];
+        while children.len() < 8 {
+            let Some(i) = children.iter().position(|c| matches!(c, Split::Pair(..))) else { break };
+            let Split::Pair(a, b) = children[i] else { break };
+            children.splice(i..=i, [a.as_ref(), b.as_ref()]);
+        }
+        for (slot, child) in children.into_iter().enumerate() {
+            match child {
+                Split::Chunk(..) => self.pending.push((at, slot)),
+                pair => {
+                    self.whole.nodes[at].child[slot] = Child::node(self.whole.nodes.len());
+                    self.parents.push((at, slot));
+                    self.lay_out(pair);
+                }
+            }
+        }
+    }
+
+    /// Hangs the next chunk.
+    fn hang(&mut self, part: Bvh, bounds: Bounds) {
+        if self.alone {
+            self.whole = part;
+            return;
+        }
+        let (node, slot) = self.pending.pop().expect("a place a chunk");
+        let (nodes, blocks) = (self.whole.nodes.len(), self.whole.blocks.len());
         let moved = |child: Child| match child {
             Child::ABSENT => child,
             child => match child.kind() {
@@ -284,43 +336,25 @@ fn join(tree: &Split, parts: Vec<(Bvh, Bounds)>) -> Bvh {
                 super::ChildKind::Other(_) => child,
             },
         };
-        whole.nodes[node].child[slot] = Child::node(nodes);
-        whole.blocks.extend(part.blocks);
-        whole.nodes.extend(part.nodes.into_iter().map(|mut n| {
+        self.whole.nodes[node].set(slot, bounds, Child::node(nodes));
+        self.whole.blocks.extend(part.blocks);
+        self.whole.nodes.extend(part.nodes.into_iter().map(|mut n| {
             n.child = n.child.map(moved);
             n
         }));
     }
-    whole
-}
 
-/// Makes the node of a split of up to eight parts; notes where each chunk is to hang. Returns its box.
-fn hang(tree: &Split, boxes: &mut Vec<Bounds>, whole: &mut Bvh, pending: &mut Vec<(usize, usize)>) -> Bounds {
-    let at = whole.nodes.len();
-    whole.nodes.push(Node::absent());
-    // Open pairs, breadth first, while all children fit one node; the order of chunks must stay that of `chunks()`.
-    let mut children: Vec<&Split> = vec![tree];
-    while let Some(i) = children.iter().position(|c| matches!(c, Split::Pair(..))) {
-        if children.len() >= 8 {
-            break;
+    /// Gives the joints the boxes of what hangs below them, the deepest first.
+    fn finish(mut self) -> Bvh {
+        for (node, slot) in self.parents.iter().rev() {
+            let super::ChildKind::Node(child) = self.whole.nodes[*node].child[*slot].kind() else {
+                unreachable!("joints are nodes")
+            };
+            let bounds = self.whole.nodes[child].all();
+            self.whole.nodes[*node].set(*slot, bounds, Child::node(child));
         }
-        let Split::Pair(a, b) = children[i] else { break };
-        children.splice(i..=i, [a.as_ref(), b.as_ref()]);
+        self.whole.nodes.shrink_to_fit();
+        self.whole.blocks.shrink_to_fit();
+        self.whole
     }
-    let mut all = Bounds::EMPTY;
-    for (slot, child) in children.into_iter().enumerate() {
-        let (b, to) = match child {
-            Split::Chunk(..) => {
-                pending.push((at, slot));
-                (boxes.pop().expect("a box a chunk"), Child::ABSENT)
-            }
-            pair => {
-                let index = whole.nodes.len();
-                (hang(pair, boxes, whole, pending), Child::node(index))
-            }
-        };
-        whole.nodes[at].set(slot, b, to);
-        all = all.union(b);
-    }
-    all
 }

@@ -201,9 +201,7 @@ impl Bvh {
 
     /// The box around everything.
     pub fn bounds(&self) -> Bounds {
-        let Some(root) = self.nodes.first() else { return Bounds::EMPTY };
-        let corner = |c: usize, i: usize| Vec3::new(root.bounds[c][i], root.bounds[c + 1][i], root.bounds[c + 2][i]);
-        (0..8).fold(Bounds::EMPTY, |b, i| b.union(Bounds { min: corner(0, i), max: corner(3, i) }))
+        self.nodes.first().map_or(Bounds::EMPTY, Node::all)
     }
 
     /// Bytes of memory held.

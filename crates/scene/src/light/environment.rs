@@ -34,7 +34,8 @@ impl Environment {
         let luminance = |c: usize, r: usize| Vec3::from_slice(map.pixel(c, r)).dot(LUMINANCE);
         let sine = |row: usize| (PI * (row as f32 + 0.5) / height as f32).sin();
         let total: f64 = (0..height).map(|r| sine(r) as f64 * width as f64).sum();
-        let sum: f64 = (0..height).flat_map(|r| (0..width).map(move |c| (r, c))).map(|(r, c)| (luminance(c, r) * sine(r)) as f64).sum();
+        let sum: f64 =
+            (0..height).flat_map(|r| (0..width).map(move |c| (r, c))).map(|(r, c)| (luminance(c, r) * sine(r)) as f64).sum();
         let mean = (sum / total.max(1e-30)) as f32;
         // Aim only at what is brighter than the mean: the even rest is found better by scattered rays, and multiple
         // importance sampling puts both together (Karlík et al. 2019, "MIS Compensation"). An even map keeps its weights.
@@ -158,7 +159,8 @@ mod tests {
     fn aims_have_the_density_they_claim() {
         let env = gradient();
         let n = 300u32;
-        let stratum = |i: u32| [(i % n) as f32 + to_unit(mix(i)), (i / n) as f32 + to_unit(mix(i ^ 0xffff))].map(|x| x / n as f32);
+        let stratum =
+            |i: u32| [(i % n) as f32 + to_unit(mix(i)), (i / n) as f32 + to_unit(mix(i ^ 0xffff))].map(|x| x / n as f32);
         let mut bright = 0;
         for i in 0..n * n {
             let aim = env.aim(stratum(i)).unwrap();

@@ -179,9 +179,10 @@ impl Lights {
         match aim.spot {
             Spot::Area(i, place) => self.area[i as usize].radiance(place, materials, wavelengths),
             Spot::Punctual(i) => self.punctual[i as usize].arriving(aim, wavelengths),
-            Spot::Environment(place) => self.environment.as_ref().map_or(Sampled::ZERO, |e| {
-                diopter_light::Spectrum::light_from_rgb(e.rgb_at(place)).sample(wavelengths)
-            }),
+            Spot::Environment(place) => self
+                .environment
+                .as_ref()
+                .map_or(Sampled::ZERO, |e| diopter_light::Spectrum::light_from_rgb(e.rgb_at(place)).sample(wavelengths)),
         }
     }
 }
