@@ -1,14 +1,14 @@
 //! Renders a scene of the peers' drivers (`scene.json` and PLY files) and prints one JSON line, as they do.
 //!
-//! `cargo bench -p diopter --bench peers -- FOLDER SCENE SPP [--out X.npy] [--seed N] [--sampler sobol] [--roulette N]`
+//! `cargo bench -p diopter --bench peers -- FOLDER SCENE SPP [--out X.npy] [--seed N] [--sampler sobol] [--roulette N] [--nk ETA K]`
 //! Radiance is written as linear sRGB, h × w × 3 float32. Without arguments (as under a plain `cargo bench`) it says how it
 //! is called and ends.
 
 use diopter::image::{ExposureFacts, Raster};
 use diopter::lens::{Focus, Iris, Lens, Pinhole, ThinLens};
-use diopter::light::Spectrum;
 use diopter::light::random::SamplerKind;
 use diopter::light::units::Millimeters;
+use diopter::light::{Spectrum, spectrum::Table};
 use diopter::scene::light::Environment;
 use diopter::scene::material::conductor::FacetBounces;
 use diopter::scene::material::{Conductor, Material, Scattering};
@@ -38,7 +38,10 @@ fn main() {
     let json: Value = serde_json::from_str(&text).expect("scene.json is JSON");
 
     let start = Instant::now();
-    let description = describe(&json, &folder);
+    let mut description = describe(&json, &folder);
+    if let Some(i) = args.iter().position(|a| a == "--nk") {
+        use_constants(&mut description, Path::new(&args[i + 1]), Path::new(&args[i + 2]));
+    }
     let loaded = start.elapsed().as_secs_f64();
     let before_build = peak_memory();
     let scene = Scene::build(description).expect("the scene builds");
@@ -127,6 +130,23 @@ fn describe(json: &Value, folder: &Path) -> Description {
         d.environment = Some(Environment::new(map, Mat3::from_rotation_x(std::f32::consts::FRAC_PI_2), 1.0));
     }
     d
+}
+
+/// Gives all metals the optical constants of two files of `nm value` lines: to compare with a peer on its own gold.
+fn use_constants(d: &mut Description, eta: &Path, k: &Path) {
+    let read = |path: &Path| {
+        let text = std::fs::read_to_string(path).expect("readable");
+        let pair = |l: &str| {
+            let mut cells = l.split_whitespace().map(|c| c.parse::<f32>().ok());
+            Some((cells.next()??, cells.next()??))
+        };
+        Spectrum::Table(Table::from_points(&text.lines().filter_map(pair).collect::<Vec<_>>()))
+    };
+    for material in &mut d.materials {
+        if let Scattering::Conductor(c) = &mut material.scattering {
+            (c.n, c.k) = (read(eta), read(k));
+        }
+    }
 }
 
 /// Gold without facet bounces, as in the peers.

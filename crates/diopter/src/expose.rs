@@ -250,8 +250,13 @@ impl Accumulator {
         for (i, pair) in self.sums.data.chunks_exact(2).enumerate() {
             let (sa, sb) = (pair[0] as f64, pair[1] as f64);
             mean.data[i] = ((sa + sb) / (a + b)) as f32;
-            // One sample says nothing about its own error: call it 100 %.
-            half.data[i] = if a == 0.0 || b == 0.0 { mean.data[i] } else { (0.5 * (sa / a - sb / b)) as f32 };
+            // A part of one half only says nothing about its own error: call it 100 %, with the sign that makes parts of
+            // both halves merge to their difference.
+            half.data[i] = match (a == 0.0, b == 0.0) {
+                (_, true) => mean.data[i],
+                (true, _) => -mean.data[i],
+                _ => (0.5 * (sa / a - sb / b)) as f32,
+            };
         }
         (mean, half)
     }

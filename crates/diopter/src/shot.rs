@@ -271,6 +271,21 @@ impl ShotFile {
         Ok(shot)
     }
 
+    /// Makes the paths of scene, environment and body independent of where the shot file lies.
+    pub fn make_paths_absolute(&mut self) {
+        let whole = |p: &Path| std::path::absolute(p).unwrap_or_else(|_| p.to_owned());
+        let text = |p: &str| whole(Path::new(p)).display().to_string();
+        if let Some(file) = self.scene.file.as_mut().filter(|f| !builtin::NAMES.iter().any(|(n, _)| n == f)) {
+            *file = text(file);
+        }
+        if let Some(environment) = &mut self.scene.environment {
+            *environment = whole(environment);
+        }
+        if let Some(body) = self.camera.body.as_mut().filter(|b| b.ends_with(".toml")) {
+            *body = text(body);
+        }
+    }
+
     /// The file's text.
     pub fn to_toml(&self) -> String {
         toml::to_string(self).expect("a shot file is plain data")
@@ -362,6 +377,11 @@ impl Shot {
             return Err(value("aperture", FNumber(n), "a number above 0, such as f/2.8"));
         }
         check_recipe(&file.develop)?;
+        if let Some(ev) = file.scene.ambient_ev
+            && !(-30.0..=40.0).contains(&ev)
+        {
+            return Err(value("ambient_ev", ev, "-30 to 40"));
+        }
 
         let name = file.scene.file.as_deref().unwrap_or("still-life");
         let mut description = read_scene(name)?;

@@ -44,6 +44,19 @@ fn chromaticities(space: RgbSpace) -> attribute::Chromaticities {
     attribute::Chromaticities { red: vec(red), green: vec(green), blue: vec(blue), white: vec(white) }
 }
 
+/// JSON with everything beyond ASCII escaped: EXR texts hold Latin-1 only.
+fn ascii(json: &str) -> String {
+    let mut text = String::with_capacity(json.len());
+    for c in json.chars() {
+        if c.is_ascii() {
+            text.push(c);
+        } else {
+            c.encode_utf16(&mut [0; 2]).iter().for_each(|unit| text.push_str(&format!("\\u{unit:04x}")));
+        }
+    }
+    text
+}
+
 fn write_channels(
     size: (usize, usize),
     channels: Vec<AnyChannel<FlatSamples>>,
@@ -109,8 +122,8 @@ pub fn write_focal_plane(plane: &FocalPlane, to: impl Write + Seek) -> std::resu
     let description = Description { bands: plane.bands.clone(), facts: plane.facts.clone() };
     let json = serde_json::to_string(&description).expect("plain data becomes JSON");
     let set = |_: &mut ImageAttributes, layer: &mut LayerAttributes| {
-        layer.software_name = Some(Text::from(plane.facts.software.as_str()));
-        layer.other.insert(Text::from(ATTRIBUTE), AttributeValue::Text(Text::from(json.as_str())));
+        layer.software_name = Text::new_or_none(&plane.facts.software);
+        layer.other.insert(Text::from(ATTRIBUTE), AttributeValue::Text(Text::from(ascii(&json).as_str())));
     };
     write_channels((plane.width(), plane.height()), channels, set, to)
 }
@@ -192,7 +205,7 @@ pub fn write_raw(raw: &RawImage, to: impl Write + Seek) -> std::result::Result<(
     };
     let json = serde_json::to_string(&description).expect("plain data becomes JSON");
     let set = |_: &mut ImageAttributes, layer: &mut LayerAttributes| {
-        layer.other.insert(Text::from(RAW_ATTRIBUTE), AttributeValue::Text(Text::from(json.as_str())));
+        layer.other.insert(Text::from(RAW_ATTRIBUTE), AttributeValue::Text(Text::from(ascii(&json).as_str())));
     };
     let size = (raw.mosaic.width, raw.mosaic.height);
     write_channels(size, vec![AnyChannel::new("raw", FlatSamples::U32(numbers))], set, to)
@@ -292,7 +305,7 @@ mod tests {
             mean,
             half_difference,
             truth,
-            facts: ExposureFacts { body: "a body".into(), f_number: 2.8, ..Default::default() },
+            facts: ExposureFacts { body: "a body – 写真 𝄞".into(), f_number: 2.8, ..Default::default() },
         }
     }
 

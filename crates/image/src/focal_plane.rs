@@ -114,7 +114,7 @@ impl FocalPlane {
             if a.facts.seed != b.facts.seed {
                 return mismatch(format!("seeds {} and {} differ", a.facts.seed, b.facts.seed));
             }
-            let shot = |p: &FocalPlane| ExposureFacts { first_sample: 0, samples: 0, render_cpu_s: 0.0, ..p.facts.clone() };
+            let shot = |p: &FocalPlane| ExposureFacts { first_sample: 0, samples: 0, ..p.facts.clone() };
             if shot(a) != shot(b) {
                 return mismatch("they were not taken with the same scene, camera and exposure".into());
             }
@@ -137,7 +137,6 @@ impl FocalPlane {
         }
         whole.facts.first_sample = parts[0].facts.first_sample;
         whole.facts.samples = total as u32;
-        whole.facts.render_cpu_s = parts.iter().map(|p| p.facts.render_cpu_s).sum();
         Ok(whole)
     }
 }

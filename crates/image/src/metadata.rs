@@ -36,6 +36,4 @@ pub struct ExposureFacts {
     pub first_sample: u32,
     /// Samples a pixel.
     pub samples: u32,
-    /// Processor time of the exposure, s.
-    pub render_cpu_s: f64,
 }

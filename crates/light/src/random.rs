@@ -214,7 +214,8 @@ impl Sampler {
                     // Cells of a grid as square as the count allows; the film position is the middle of a cell.
                     let columns = (self.whole.1 as f32).sqrt().ceil() as u32;
                     let rows = self.whole.1.div_ceil(columns);
-                    let cell = self.whole.0 % self.whole.1;
+                    // In mixed order, the same for both replicates, so that any part of the samples covers the pixel.
+                    let cell = permute(self.whole.0 % self.whole.1, self.whole.1, 0x51ab_3c17);
                     numbers[0] = ((cell % columns) as f32 + 0.5) / columns as f32;
                     numbers[1] = ((cell / columns) as f32 + 0.5) / rows as f32;
                 }

@@ -97,6 +97,17 @@ impl Scene {
                     let weight = if aim.has_extent { mis(density, pdf) } else { 1.0 };
                     let side = if aim.wi.dot(ng) > 0.0 { ng } else { -ng };
                     let light = self.lights().arriving(&aim, &self.description().materials, wavelengths);
+                    // A body on the way takes its share, as it does from scattered rays.
+                    let through = match aim.wi.dot(ng) > 0.0 {
+                        true => body,
+                        false => (surface.ng.dot(aim.wi) < 0.0).then_some(material),
+                    };
+                    let light = match through.and_then(Material::absorption) {
+                        Some(absorption) if aim.distance.is_finite() => {
+                            light * absorption.transmittance(aim.distance, wavelengths)
+                        }
+                        _ => light,
+                    };
                     let contribution = throughput * f * light * (weight / density);
                     if contribution != Sampled::ZERO && self.sees(&surface, side, &aim, ray.time_s) {
                         radiance += contribution;
@@ -158,9 +169,14 @@ impl Scene {
     }
 
     fn sees(&self, surface: &Surface, side: Vec3, aim: &Aim, time_s: f32) -> bool {
-        let ray = Ray { origin: offset_origin(surface.point, side), direction: aim.wi, time_s };
-        // Stop just short of the lamp itself.
-        !self.occluded(&ray, aim.distance * (1.0 - 1e-4))
+        let origin = offset_origin(surface.point, side);
+        if aim.distance.is_infinite() {
+            return !self.occluded(&Ray { origin, direction: aim.wi, time_s }, f32::INFINITY);
+        }
+        // The start was moved: aim anew at the same place, and stop just short of the lamp itself.
+        let to = surface.point + aim.wi * aim.distance - origin;
+        let distance = to.length();
+        distance == 0.0 || !self.occluded(&Ray { origin, direction: to / distance, time_s }, distance * (1.0 - 1e-4))
     }
 }
 

@@ -311,7 +311,7 @@ impl Scene {
         }
         let uv = [0, 1].map(|s| mesh.mix(&mesh.uvs[s], i, weights).unwrap_or(Vec2::ZERO));
         let (tangent, handedness) =
-            if mesh.uvs[0].is_empty() { (Vec3::ZERO, 1.0) } else { tangent(mesh, i, weights, corners, placement) };
+            if mesh.uvs[0].is_empty() { (Vec3::ZERO, 1.0) } else { tangent(mesh, i, weights, corners, placement, ng) };
         Surface {
             point: a * weights[0] + b * weights[1] + c * weights[2],
             t: hit.t,
@@ -371,9 +371,12 @@ impl Placement {
 }
 
 /// Tangent from the mesh or from how its texture coordinates run, in world space, and the frame's handedness.
-fn tangent(mesh: &Mesh, triangle: usize, weights: [f32; 3], corners: [Vec3; 3], placement: &Placement) -> (Vec3, f32) {
+fn tangent(mesh: &Mesh, triangle: usize, weights: [f32; 3], corners: [Vec3; 3], placement: &Placement, ng: Vec3) -> (Vec3, f32) {
     if let Some(t) = mesh.mix(&mesh.tangents, triangle, weights) {
-        return (placement.world_from_object.transform_vector3(t.truncate()), if t.w < 0.0 { -1.0 } else { 1.0 });
+        return (
+            placement.world_from_object.transform_vector3(t.truncate()),
+            if (t.w < 0.0) != placement.mirrored { -1.0 } else { 1.0 },
+        );
     }
     let [ua, ub, uc] = mesh.triangles[triangle].map(|i| mesh.uvs[0][i as usize]);
     let ((e1, e2), (d1, d2)) = ((corners[1] - corners[0], corners[2] - corners[0]), (ub - ua, uc - ua));
@@ -383,8 +386,7 @@ fn tangent(mesh: &Mesh, triangle: usize, weights: [f32; 3], corners: [Vec3; 3], 
     }
     let (tangent, bitangent) = ((e1 * d2.y - e2 * d1.y) / det, (e2 * d1.x - e1 * d2.x) / det);
     // glTF's v runs down the image: its bitangent points up it.
-    let normal = e1.cross(e2);
-    (tangent, if normal.cross(tangent).dot(-bitangent) < 0.0 { -1.0 } else { 1.0 })
+    (tangent, if ng.cross(tangent).dot(-bitangent) < 0.0 { -1.0 } else { 1.0 })
 }
 
 fn check(d: &mut Description) -> Result<(), SceneError> {
@@ -623,7 +625,8 @@ fn area_lights(d: &Description) -> (Vec<AreaLight>, Vec<u32>, Vec<Option<u32>>) 
                     let world = |t: usize| mesh.corners(t).map(|c| world_from_mesh.transform_point3(c));
                     let mut t = 0;
                     while t < mesh.triangles.len() {
-                        let merged = constant[object.material as usize].is_some() && t + 1 < mesh.triangles.len();
+                        let whole = constant[object.material as usize].is_some() && matches!(material.coverage, Coverage::Full);
+                        let merged = whole && t + 1 < mesh.triangles.len();
                         if let Some(quad) = merged.then(|| parallelogram(world(t), world(t + 1))).flatten() {
                             let quad = if outside_differs(mesh, t, mirrored) { flipped(quad) } else { quad };
                             let light = push(AreaShape::Parallelogram(quad), Default::default());

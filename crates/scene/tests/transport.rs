@@ -325,3 +325,29 @@ fn dispersion_keeps_the_mean_and_parts_the_colours() {
     let expected = reflected + 4.0 * (1.0 - reflected);
     assert!((sum / n as f64 / white / expected - 1.0).abs() < 0.02, "{} {expected}", sum / n as f64 / white);
 }
+
+#[test]
+fn light_does_not_depend_on_where_the_world_stands() {
+    // A lamp 0.7 m from a white floor, the whole shifted by up to 50 m: rounding must not make lamps shadow themselves.
+    let at = |shift: Vec3| {
+        let floor = Quad { corner: Vec3::new(-5.0, 0.0, 5.0) + shift, edges: [Vec3::X * 10.0, Vec3::NEG_Z * 10.0] };
+        let lamp = Quad { corner: Vec3::new(-0.5, 0.7, -0.5) + shift, edges: [Vec3::X, Vec3::Z] };
+        let d = Description {
+            materials: vec![
+                Material::new("white", Scattering::Diffuse(Color::rgb(1.0, 1.0, 1.0))),
+                Material::lamp("lamp", Spectrum::light_from_rgb(Vec3::ONE)),
+            ],
+            objects: vec![
+                Object { name: "floor".into(), shape: Shape::Quad(floor), material: 0 },
+                Object { name: "lamp".into(), shape: Shape::Quad(lamp), material: 1 },
+            ],
+            ..Default::default()
+        };
+        let scene = Scene::build(d).unwrap();
+        mean(&scene, Vec3::new(0.0, 0.3, 0.0) + shift, Vec3::NEG_Y, 4096, &PathSettings { max_depth: 1, roulette_depth: 9 })[1]
+    };
+    let here = at(Vec3::ZERO);
+    for shift in [Vec3::Y * 2.7, Vec3::Y * 50.0, Vec3::new(-30.0, 20.0, 45.0)] {
+        assert!((at(shift) / here - 1.0).abs() < 0.01, "{shift}: {} {here}", at(shift));
+    }
+}

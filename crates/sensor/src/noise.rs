@@ -24,6 +24,10 @@ impl PixelNoise {
 
     /// Electrons counted where `mean` are expected.
     pub fn shot(&mut self, mean: f64) -> f64 {
+        // Beyond this the noise is below 1e-7 of the signal, and any well is full.
+        if mean > 1e15 {
+            return mean;
+        }
         match Poisson::new(mean) {
             Ok(poisson) => poisson.sample(self),
             // Not positive: nothing arrives.

@@ -35,7 +35,8 @@ pub fn run(args: &Shoot, json: bool) -> anyhow::Result<()> {
 
     if let Some(output) = shot_file {
         use std::io::Write;
-        // What was run: also what had been left open.
+        // What was run: also what had been left open, and by paths that hold wherever the shot file lies.
+        file.make_paths_absolute();
         file.exposure.shutter = shot.shutter.map(Seconds);
         output.commit(|to| Ok(to.write_all(file.to_toml().as_bytes())?))?;
     }

@@ -4,12 +4,14 @@ use crate::texture::Image;
 use diopter_light::color::srgb_encode;
 use diopter_light::random::{mix, to_unit};
 use glam::{Vec2, Vec3};
+use rayon::prelude::*;
 use std::sync::Arc;
 
 /// Paints `width` × `height` pixels with a function of (0..1, 0..1) giving linear sRGB.
-pub fn paint(width: usize, height: usize, color: impl Fn(Vec2) -> Vec3) -> Arc<Image> {
+pub fn paint(width: usize, height: usize, color: impl Fn(Vec2) -> Vec3 + Sync) -> Arc<Image> {
     let code = |v: f32| (srgb_encode(v.clamp(0.0, 1.0)) * 255.0 + 0.5) as u8;
     let pixels = (0..width * height)
+        .into_par_iter()
         .map(|i| {
             let p = Vec2::new(((i % width) as f32 + 0.5) / width as f32, ((i / width) as f32 + 0.5) / height as f32);
             let c = color(p);
@@ -19,23 +21,29 @@ pub fn paint(width: usize, height: usize, color: impl Fn(Vec2) -> Vec3) -> Arc<I
     Arc::new(Image { width, height, pixels })
 }
 
-/// Smooth noise in −1..1 on an integer lattice, repeating after `period` cells.
-pub fn noise(p: Vec2, period: i32, seed: u32) -> f32 {
+/// Smooth noise in −1..1 on an integer lattice, repeating after 2^`period_bits` cells.
+#[inline]
+fn noise(p: Vec2, period_bits: u32, seed: u32) -> f32 {
     let cell = p.floor();
     let t = p - cell;
     let t = t * t * (Vec2::splat(3.0) - t * 2.0);
-    let at = |dx: i32, dy: i32| {
-        let (x, y) = ((cell.x as i32 + dx).rem_euclid(period), (cell.y as i32 + dy).rem_euclid(period));
-        to_unit(mix(seed ^ mix(x as u32 ^ mix(y as u32 ^ 0x9e37_79b9)))) * 2.0 - 1.0
-    };
-    let top = at(0, 0) + (at(1, 0) - at(0, 0)) * t.x;
-    let bottom = at(0, 1) + (at(1, 1) - at(0, 1)) * t.x;
+    let mask = (1 << period_bits) - 1;
+    let (x0, y0) = (cell.x as i32 & mask, cell.y as i32 & mask);
+    let (x1, y1) = ((x0 + 1) & mask, (y0 + 1) & mask);
+    let (top, bottom) = (lattice(x0, y0, x1, t.x, seed), lattice(x0, y1, x1, t.x, seed));
     top + (bottom - top) * t.y
 }
 
+#[inline]
+fn lattice(x0: i32, y: i32, x1: i32, t: f32, seed: u32) -> f32 {
+    let row = mix(y as u32 ^ seed.wrapping_mul(0x9e37_79b9));
+    let (a, b) = (to_unit(mix(x0 as u32 ^ row)), to_unit(mix(x1 as u32 ^ row)));
+    (a + (b - a) * t) * 2.0 - 1.0
+}
+
 /// Octaves of noise, each half as strong and twice as fine.
-pub fn fractal(p: Vec2, period: i32, octaves: u32, seed: u32) -> f32 {
-    (0..octaves).map(|o| noise(p * (1 << o) as f32, period << o, seed + o) / (1 << o) as f32).sum()
+fn fractal(p: Vec2, period_bits: u32, octaves: u32, seed: u32) -> f32 {
+    (0..octaves).map(|o| noise(p * (1 << o) as f32, period_bits + o, seed + o) / (1 << o) as f32).sum()
 }
 
 /// Walnut boards along x.
@@ -44,8 +52,8 @@ pub fn wood() -> Arc<Image> {
         let board = (p.y * 5.0).floor();
         let shift = to_unit(mix(board as u32 ^ 77)) * 7.0;
         let q = Vec2::new(p.x * 3.0 + shift, p.y * 40.0);
-        let grain = fractal(Vec2::new(q.x, q.y + fractal(q * Vec2::new(1.0, 0.1), 64, 2, 3) * 2.0), 256, 4, 11);
-        let pores = fractal(Vec2::new(p.x * 24.0 + shift, p.y * 400.0), 512, 2, 5).max(0.0);
+        let grain = fractal(Vec2::new(q.x, q.y + fractal(q * Vec2::new(1.0, 0.1), 6, 2, 3) * 2.0), 8, 4, 11);
+        let pores = fractal(Vec2::new(p.x * 24.0 + shift, p.y * 400.0), 9, 2, 5).max(0.0);
         let tone = 0.55 + 0.28 * grain - 0.25 * pores + 0.25 * (to_unit(mix(board as u32 ^ 3)) - 0.5);
         let joint = ((p.y * 5.0).fract() - 0.5).abs();
         let dark = if joint > 0.492 { 0.35 } else { 1.0 };
@@ -71,27 +79,26 @@ pub fn china() -> Arc<Image> {
             let leaf = Vec2::new(x * 0.075 - y * 0.35, y);
             blue |= (leaf.x / 0.011).powi(2) + (leaf.y / 0.036).powi(2) < 1.0;
         }
-        let shade = 0.75 + 0.25 * fractal(p * 24.0, 24, 3, 9);
-        if blue { cobalt * shade + white * 0.04 } else { white }
+        if blue { cobalt * (0.75 + 0.25 * fractal(p * 32.0, 5, 3, 9)) + white * 0.04 } else { white }
     })
 }
 
 /// Peel of an orange: colour with small dots.
 pub fn peel() -> Arc<Image> {
     paint(512, 256, |p| {
-        let dots = noise(p * Vec2::new(160.0, 80.0), 160, 21).max(0.0);
-        let patch = fractal(p * 8.0, 8, 3, 4);
+        let dots = noise(p * Vec2::new(128.0, 64.0), 7, 21).max(0.0);
+        let patch = fractal(p * 8.0, 3, 3, 4);
         Vec3::new(0.82, 0.28, 0.02) * (1.0 - 0.22 * dots + 0.10 * patch)
     })
 }
 
 /// Woven linen in a check of two colours.
 pub fn linen() -> Arc<Image> {
-    paint(1024, 1024, |p| {
+    paint(768, 768, |p| {
         let thread = (p.x * 180.0 * std::f32::consts::TAU).sin() * (p.y * 180.0 * std::f32::consts::TAU).sin();
         let wide = |x: f32| ((x * 6.0).fract() < 0.34) as u32 as f32;
         let check = 0.5 * (wide(p.x) + wide(p.y));
         let cloth = Vec3::new(0.72, 0.68, 0.60).lerp(Vec3::new(0.42, 0.05, 0.06), check);
-        cloth * (0.92 + 0.08 * thread + 0.05 * fractal(p * 40.0, 40, 2, 8))
+        cloth * (0.92 + 0.08 * thread + 0.05 * fractal(p * 32.0, 5, 2, 8))
     })
 }

@@ -73,10 +73,14 @@ impl AreaLight {
     /// Radiance at a place of the surface.
     pub fn radiance(&self, place: Vec2, materials: &[Material], wavelengths: &Wavelengths) -> Sampled {
         let uv = self.uv.map(|[a, b, c]| a * (1.0 - place.x - place.y) + b * place.x + c * place.y);
-        match &materials[self.material as usize].emission {
-            Some(emission) => emission.sample(&uv, wavelengths),
-            None => Sampled::ZERO,
-        }
+        let material = &materials[self.material as usize];
+        let Some(emission) = &material.emission else { return Sampled::ZERO };
+        // Where a triangle has holes it does not shine either; spheres and quads have none.
+        let share = match self.shape {
+            AreaShape::Triangle(_) => material.coverage.share(&uv),
+            _ => 1.0,
+        };
+        emission.sample(&uv, wavelengths) * share
     }
 
     /// Aims at the surface from a point.
@@ -131,7 +135,8 @@ impl AreaLight {
 /// sin² and 1 − cos of the half angle under which a sphere is seen; `None` from inside.
 fn cone_of_sphere(sphere: &Sphere, p: Vec3) -> Option<(f32, f32)> {
     let sin2 = sphere.radius * sphere.radius / (sphere.center - p).length_squared();
-    if sin2 >= 1.0 {
+    // From inside, or from the sphere's own surface, which rounding puts on either side.
+    if sin2 >= 0.9999 {
         return None;
     }
     // 1 − √(1 − s) without cancellation.

@@ -482,20 +482,90 @@ fn check_container(bytes: &[u8], name: &str) -> Result<(), SceneError> {
     Ok(())
 }
 
-/// Attributes must refer to accessors that exist: the reader's own validation trusts them.
+/// What the reader takes for granted and its own validation does not check: attributes are of the types glTF allows,
+/// images and cameras complete.
 fn check_attributes(json: &gltf::json::Root, name: &str) -> Result<(), SceneError> {
-    let count = json.accessors.len();
+    use gltf::Semantic;
+    use gltf::json::accessor::{ComponentType as C, Type as T};
+    use gltf::json::validation::Checked::Valid;
+    let check = |place: &str, index: usize, types: &[T], components: &[C]| {
+        let Some(a) = json.accessors.get(index) else {
+            let expected = format!("expected less than {}", json.accessors.len());
+            return Err(error(name, place, format!("accessor {index} is out of range"), expected));
+        };
+        let type_ok = matches!(a.type_, Valid(t) if types.contains(&t));
+        match type_ok && matches!(a.component_type, Valid(c) if components.contains(&c.0)) {
+            true => Ok(()),
+            false => Err(error(
+                name,
+                place,
+                format!("accessor {index} is of another type"),
+                format!("expected {types:?} of {components:?}"),
+            )),
+        }
+    };
     for (m, mesh) in json.meshes.iter().enumerate() {
         for (p, primitive) in mesh.primitives.iter().enumerate() {
-            if let Some(bad) = primitive.attributes.values().find(|i| i.value() >= count) {
-                let place = format!("mesh {m} primitive {p}");
-                return Err(error(
-                    name,
-                    &place,
-                    format!("accessor {} is out of range", bad.value()),
-                    format!("expected less than {count}"),
-                ));
+            let place = format!("mesh {m} primitive {p}");
+            for (semantic, index) in &primitive.attributes {
+                let Valid(semantic) = semantic else { continue };
+                let (types, components): (&[T], &[C]) = match semantic {
+                    Semantic::Positions | Semantic::Normals => (&[T::Vec3], &[C::F32]),
+                    Semantic::Tangents => (&[T::Vec4], &[C::F32]),
+                    Semantic::TexCoords(_) => (&[T::Vec2], &[C::U8, C::U16, C::F32]),
+                    Semantic::Colors(_) => (&[T::Vec3, T::Vec4], &[C::U8, C::U16, C::F32]),
+                    Semantic::Joints(_) => (&[T::Vec4], &[C::U8, C::U16]),
+                    Semantic::Weights(_) => (&[T::Vec4], &[C::U8, C::U16, C::F32]),
+                    _ => continue,
+                };
+                check(&format!("{place} {semantic:?}"), index.value(), types, components)?;
             }
+            if let Some(indices) = &primitive.indices {
+                check(&format!("{place} indices"), indices.value(), &[T::Scalar], &[C::U8, C::U16, C::U32])?;
+            }
+        }
+    }
+    for (s, skin) in json.skins.iter().enumerate() {
+        if let Some(inverse) = &skin.inverse_bind_matrices {
+            check(&format!("skin {s}"), inverse.value(), &[T::Mat4], &[C::F32])?;
+        }
+    }
+    for (a, animation) in json.animations.iter().enumerate() {
+        for sampler in &animation.samplers {
+            let place = format!("animation {a}");
+            check(&place, sampler.input.value(), &[T::Scalar], &[C::F32])?;
+            check(&place, sampler.output.value(), &[T::Scalar, T::Vec3, T::Vec4], &[C::I8, C::U8, C::I16, C::U16, C::F32])?;
+        }
+        for channel in &animation.channels {
+            let Some(sampler) = animation.samplers.get(channel.sampler.value()) else { continue };
+            let output = sampler.output.value();
+            use gltf::animation::Property as P;
+            let place = format!("animation {a}");
+            match channel.target.path {
+                Valid(P::Translation | P::Scale) => check(&place, output, &[T::Vec3], &[C::F32])?,
+                Valid(P::Rotation) => check(&place, output, &[T::Vec4], &[C::I8, C::U8, C::I16, C::U16, C::F32])?,
+                _ => check(&place, output, &[T::Scalar], &[C::I8, C::U8, C::I16, C::U16, C::F32])?,
+            }
+        }
+    }
+    for (i, image) in json.images.iter().enumerate() {
+        if !(image.buffer_view.is_some() && image.mime_type.is_some() || image.buffer_view.is_none() && image.uri.is_some()) {
+            return Err(error(
+                name,
+                &format!("image {i}"),
+                "it has no source",
+                "expected a uri, or a bufferView with a mimeType",
+            ));
+        }
+    }
+    for (i, camera) in json.cameras.iter().enumerate() {
+        let present = match camera.type_ {
+            Valid(gltf::json::camera::Type::Perspective) => camera.perspective.is_some(),
+            Valid(gltf::json::camera::Type::Orthographic) => camera.orthographic.is_some(),
+            _ => true,
+        };
+        if !present {
+            return Err(error(name, &format!("camera {i}"), "its parameters are missing", "expected those of its type"));
         }
     }
     Ok(())
@@ -543,6 +613,10 @@ fn check_accessors(document: &gltf::Document, buffers: &[Vec<u8>], name: &str) -
         }
         if let Some(view) = accessor.view() {
             let stride = view.stride().unwrap_or(accessor.size());
+            if stride < accessor.size() {
+                let found = format!("a byteStride of {stride} for elements of {} bytes", accessor.size());
+                return Err(error(name, &place, found, "expected a stride that holds an element"));
+            }
             match span(stride, accessor.count(), accessor.size(), accessor.offset()) {
                 Some(end) => view_end(&view, &place, end)?,
                 None => {
@@ -716,6 +790,10 @@ mod tests {
             (&[("\"byteLength\":42", "\"byteLength\":4200")], "cut short"),
             (&[("\"count\":3,\"type\":\"SCALAR\"", "\"count\":30,\"type\":\"SCALAR\"")], "accessor 1"),
             (&[("\"mesh\":0", "\"mesh\":7")], "out of range"),
+            (&[("\"componentType\":5123", "\"componentType\":5126")], "of another type"),
+            (&[("\"type\":\"VEC3\"", "\"type\":\"VEC2\"")], "of another type"),
+            (&[("\"asset\"", "\"images\":[{\"name\":\"x\"}],\"asset\"")], "image 0"),
+            (&[("\"asset\"", "\"cameras\":[{\"type\":\"perspective\"}],\"asset\"")], "camera"),
             (&[("data:application/octet-stream;base64,", "../secret.bin?")], "leads out of the scene's folder"),
             (&[("data:application/octet-stream;base64,", "there.bin?")], "no files here"),
         ];

@@ -117,6 +117,15 @@ pub enum Coverage {
 }
 
 impl Coverage {
+    /// Share of rays that meet the surface at these texture coordinates.
+    pub fn share(&self, uv: &[Vec2; 2]) -> f32 {
+        match self {
+            Coverage::Full => 1.0,
+            Coverage::Mask { alpha, cutoff } => (alpha.at_uv(uv) >= *cutoff) as u32 as f32,
+            Coverage::Blend(alpha) => alpha.at_uv(uv).clamp(0.0, 1.0),
+        }
+    }
+
     /// Whether a ray that drew the number `u` meets the surface at these texture coordinates; `vertex_alpha` multiplies.
     pub fn accepts(&self, uv: &[Vec2; 2], vertex_alpha: f32, u: f32) -> bool {
         match self {
