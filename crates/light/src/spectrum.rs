@@ -65,7 +65,7 @@ pub enum Spectrum {
     Sigmoid(Sigmoid),
     /// `scale` (cd/m² for a radiance) × a fitted colour × D65 of 1 cd/m²: a light given as RGB.
     RgbLight {
-        /// Largest RGB component.
+        /// Twice the largest RGB component.
         scale: f32,
         /// Colour divided by `scale`.
         color: Sigmoid,

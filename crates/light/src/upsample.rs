@@ -117,8 +117,11 @@ impl Spectrum {
     }
 
     /// A light of a linear sRGB colour whose luminance is `rgb`'s in cd/m² (1 = 1 cd/m² of D65); negative parts are 0.
+    ///
+    /// The largest component is fitted at one half, as pbrt-v4 and Mitsuba 3 do: lights are not bounded by 1, and spectra
+    /// that need not press against that bound are smoother.
     pub fn light_from_rgb(rgb: Vec3) -> Spectrum {
-        let scale = rgb.max_element().max(0.0);
+        let scale = 2.0 * rgb.max_element().max(0.0);
         if scale == 0.0 || !scale.is_finite() {
             return Spectrum::Constant(0.0);
         }
