@@ -5,10 +5,21 @@
 //! radiance × weight. Limits: pinhole and thin lens only; prescriptions traced surface by surface will join [`Lens`] as a
 //! third kind and are what [`Blocked`] is for.
 
+mod fan;
+pub mod glass;
+pub mod import;
 mod iris;
+pub mod paraxial;
+pub mod prescription;
+pub mod surface;
+pub mod system;
 mod thin;
+pub mod trace;
 
+pub use fan::Fan;
 pub use iris::Iris;
+pub use prescription::{Coating, Prescription, PrescriptionError};
+pub use system::{State, System};
 pub use thin::{Pinhole, ThinLens};
 
 use diopter_light::units::Millimeters;

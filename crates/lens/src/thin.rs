@@ -36,7 +36,7 @@ impl Pinhole {
 }
 
 /// A thin lens with its pupil in its own plane.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct ThinLens {
     /// Focal length, mm.
     pub focal_length: Millimeters,
@@ -60,9 +60,6 @@ impl ThinLens {
                 " mm",
                 "more than the focal length: nearer planes have no image",
             )?;
-        }
-        if let Iris::Blades { count, .. } = iris {
-            require((3..=64).contains(&count), "number of iris blades", count as f64, "", "3 to 64 (or a round iris)")?;
         }
         Ok(ThinLens { focal_length, f_number, iris, focus })
     }
@@ -88,7 +85,7 @@ impl ThinLens {
             Focus::Distance(Millimeters(s)) => (-film * (s / v) - origin).normalize(),
         };
         let d2 = (film - origin).length_squared();
-        LensRay { origin_mm: origin, direction, weight_sr: PI * radius * radius * v * v / (d2 * d2) }
+        LensRay { origin_mm: origin, direction, weight_sr: PI * radius * radius * self.iris.relative_area() * v * v / (d2 * d2) }
     }
 }
 
@@ -119,7 +116,7 @@ mod tests {
         let lens = thin(50.0, 1.4, 2000.0);
         let film = DVec2::new(7.0, -3.0);
         let at_plane = |u| {
-            let r = Lens::Thin(lens).ray(film, u).unwrap();
+            let r = Lens::Thin(lens.clone()).ray(film, u).unwrap();
             r.origin_mm + r.direction * ((-2000.0 - r.origin_mm.z) / r.direction.z)
         };
         let expected = DVec3::new(-7.0, 3.0, 0.0) * (2000.0 / lens.film_distance().0) - DVec3::Z * 2000.0;

@@ -1,0 +1,149 @@
+//! Lens files of other programs.
+//!
+//! Bytes in, checked [`Prescription`] out; every error names file, line and surface. Keywords that are known not to matter are
+//! skipped silently, others are named in [`Prescription::notes`]; what would make another lens of it is an error.
+
+mod codev;
+mod iset;
+mod pbrt;
+mod zemax;
+
+use crate::prescription::{Prescription, PrescriptionError, read_toml};
+
+/// Largest file that is read, bytes.
+pub const LARGEST_FILE: usize = 16 << 20;
+
+/// A format.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Format {
+    /// Our own.
+    Toml,
+    /// pbrt and ISET tables (.dat).
+    PbrtDat,
+    /// Zemax OpticStudio (.zmx).
+    Zemax,
+    /// CODE V sequence (.seq).
+    CodeV,
+    /// ISET (.json).
+    Iset,
+}
+
+impl Format {
+    /// By the ending of a file name.
+    pub fn of(name: &str) -> Option<Format> {
+        let ending = name.rsplit_once('.')?.1.to_ascii_lowercase();
+        Some(match ending.as_str() {
+            "toml" => Format::Toml,
+            "dat" => Format::PbrtDat,
+            "zmx" => Format::Zemax,
+            "seq" => Format::CodeV,
+            "json" => Format::Iset,
+            _ => return None,
+        })
+    }
+
+    /// Endings, for hints.
+    pub const ENDINGS: &str = ".toml, .dat (pbrt), .zmx (Zemax), .seq (CODE V) or .json (ISET)";
+}
+
+/// Reads a lens file. `file` is its name, for errors and as the lens's name where the file has none.
+pub fn read(bytes: &[u8], format: Format, file: &str) -> Result<Prescription, PrescriptionError> {
+    if bytes.len() > LARGEST_FILE {
+        let what = format!("{} bytes: a lens file has at most {LARGEST_FILE}", bytes.len());
+        return Err(PrescriptionError::at(file, 0, what));
+    }
+    let text = text(bytes, file)?;
+    match format {
+        Format::Toml => read_toml(&text, file),
+        Format::PbrtDat => pbrt::read(&text, file),
+        Format::Zemax => zemax::read(&text, file),
+        Format::CodeV => codev::read(&text, file),
+        Format::Iset => iset::read(&text, file),
+    }
+}
+
+/// UTF-8, UTF-16 with a byte-order mark (or without one, as Zemax sometimes writes), else Latin-1.
+fn text(bytes: &[u8], file: &str) -> Result<String, PrescriptionError> {
+    let utf16 = |bytes: &[u8], little: bool| {
+        let unit = |p: &[u8]| if little { u16::from_le_bytes([p[0], p[1]]) } else { u16::from_be_bytes([p[0], p[1]]) };
+        let units: Vec<u16> = bytes.chunks_exact(2).map(unit).collect();
+        String::from_utf16_lossy(&units)
+    };
+    let text = match bytes {
+        [0xFF, 0xFE, rest @ ..] => utf16(rest, true),
+        [0xFE, 0xFF, rest @ ..] => utf16(rest, false),
+        [a, 0, b, 0, ..] if *a != 0 && *b != 0 => utf16(bytes, true),
+        [0, a, 0, b, ..] if *a != 0 && *b != 0 => utf16(bytes, false),
+        [0xEF, 0xBB, 0xBF, rest @ ..] => String::from_utf8_lossy(rest).into_owned(),
+        _ => match std::str::from_utf8(bytes) {
+            Ok(text) => text.to_owned(),
+            Err(_) => bytes.iter().map(|b| *b as char).collect(),
+        },
+    };
+    let odd = text.chars().filter(|c| c.is_control() && !matches!(c, '\n' | '\r' | '\t' | '\u{c}' | '\u{1a}')).count();
+    if odd * 50 > text.len() {
+        return Err(PrescriptionError::at(file, 0, "this is not text: expected a lens file"));
+    }
+    Ok(text)
+}
+
+/// File name without folder and ending.
+fn stem(file: &str) -> String {
+    let name = file.rsplit(['/', '\\']).next().unwrap_or(file);
+    name.rsplit_once('.').map_or(name, |(stem, _)| stem).to_owned()
+}
+
+/// Joins what came as dummy surfaces: planes in air that are not the stop only move what follows, and their sizes in files are
+/// not rims.
+fn drop_dummies(p: &mut Prescription) {
+    let mut i = 0;
+    let mut dropped = 0;
+    let first_z = p.surfaces.iter().position(|s| s.glass != crate::glass::Glass::air() || s.stop || s.mirror);
+    let object = p.usage.object_distance;
+    let mut before_first = 0.0;
+    while i < p.surfaces.len() {
+        let s = &p.surfaces[i];
+        let air_before = i == 0 || p.surfaces[i - 1].glass == crate::glass::Glass::air();
+        let plain = s.profile == crate::surface::Profile::Plane && s.decenter == [0.0; 2] && s.tilt == [0.0; 3];
+        let dummy = plain && air_before && s.glass == crate::glass::Glass::air() && !s.stop && !s.mirror && s.obstruction == 0.0;
+        if !dummy || p.surfaces.len() == 1 {
+            i += 1;
+            continue;
+        }
+        let gap = s.gap.at(0.0, 0.0);
+        if i > 0 {
+            for row in &mut p.surfaces[i - 1].gap.values {
+                row.iter_mut().for_each(|g| *g += gap);
+            }
+        } else if first_z.is_some() {
+            before_first += gap;
+        }
+        p.surfaces.remove(i);
+        dropped += 1;
+    }
+    if let Some(d) = object {
+        p.usage.object_distance = Some(d + before_first);
+    }
+    if dropped > 0 {
+        p.notes.push(format!("{dropped} dummy plane(s) in air left out; surfaces are numbered without them"));
+    }
+}
+
+/// A list of names for a note, each once.
+#[derive(Default)]
+struct Skipped(Vec<String>);
+
+impl Skipped {
+    fn add(&mut self, name: &str) {
+        let name: String = name.chars().take(24).collect();
+        if self.0.len() < 40 && !self.0.contains(&name) {
+            self.0.push(name);
+        }
+    }
+
+    fn note(self, p: &mut Prescription) {
+        if !self.0.is_empty() {
+            p.notes.push(format!("keywords skipped, not known to change the lens: {}", self.0.join(", ")));
+        }
+    }
+}

@@ -1,0 +1,257 @@
+//! What every prescription must be, wherever it came from; and what may be inferred.
+
+use super::{ApertureKind, MOST_SURFACES, Prescription, PrescriptionError};
+use crate::paraxial;
+use crate::surface::Profile;
+use crate::system::{State, System};
+use crate::trace::{Apertures, TracedRay, Way};
+use glam::DVec3;
+
+/// Largest length that makes sense in a lens, mm.
+const LARGEST: f64 = 1e6;
+
+impl Prescription {
+    /// Checks every number, infers stop and semi-diameters that are missing (and notes that), and returns the lens.
+    pub fn checked(mut self, file: &str) -> Result<Self, PrescriptionError> {
+        let whole = |what: String| PrescriptionError::at(file, 0, what);
+        let count = self.surfaces.len();
+        if count == 0 {
+            return Err(whole("no surfaces: a lens needs at least one".into()));
+        }
+        if count > MOST_SURFACES {
+            return Err(whole(format!("{count} surfaces: expected at most {MOST_SURFACES}")));
+        }
+        for (i, s) in self.surfaces.iter().enumerate() {
+            let wrong = |what: String| PrescriptionError::at(file, s.line, what).surface(i + 1);
+            let (c, c_x) = (s.profile.curvature(), s.profile.curvature_x());
+            if !c.is_finite() || !c_x.is_finite() || c.abs() > 1e6 || c_x.abs() > 1e6 {
+                return Err(wrong("a radius that is 0 or not a number: write no radius (or inf) for a plane".into()));
+            }
+            if let Profile::Asphere(a) | Profile::Toroid { y: a, .. } = &s.profile
+                && (!a.k.is_finite() || a.a.iter().any(|v| !v.is_finite()))
+            {
+                return Err(wrong("an aspheric coefficient that is not a number".into()));
+            }
+            let columns = self.zoom.len().max(1);
+            for row in &s.gap.values {
+                if let Some(bad) = row.iter().find(|g| !g.is_finite() || g.abs() > LARGEST) {
+                    return Err(wrong(format!("gap {bad}: expected a length within {LARGEST} mm")));
+                }
+                if row.len() != 1 && row.len() != columns {
+                    let expected = if columns == 1 { "one" } else { "one, or one for each zoom position" };
+                    return Err(wrong(format!("{} gaps: expected {expected} ({columns})", row.len())));
+                }
+            }
+            if s.gap.focuses() && self.close_focus.is_none() {
+                return Err(wrong("a gap for close focus, but the lens has no close_focus distance".into()));
+            }
+            if let Some(sd) = s.semi_diameter {
+                if !(sd > 0.0 && sd < LARGEST) {
+                    return Err(wrong(format!("semi-diameter {sd}: expected a positive length in mm")));
+                }
+                if !(s.obstruction >= 0.0 && s.obstruction < sd) {
+                    return Err(wrong(format!("obstruction {}: expected 0 to the semi-diameter {sd}", s.obstruction)));
+                }
+                // Rounded figures of hemispheres get a millionth.
+                let edge = sd * (1.0 - 1e-6);
+                if s.profile.sag(0.0, edge).is_none() || s.profile.sag(edge, 0.0).is_none() {
+                    let reach = reach(&s.profile, sd);
+                    return Err(wrong(format!("semi-diameter {sd}: the surface ends at a height of {reach:.4} mm")));
+                }
+            }
+        }
+        if let Some(z) = self.zoom.iter().find(|z| !(**z > 0.0 && **z < LARGEST)) {
+            return Err(whole(format!("zoom position {z}: expected a focal length in mm")));
+        }
+        for (what, value) in [
+            ("focal_length", self.focal_length.map(f64::abs)),
+            ("f_number", self.f_number),
+            ("image_circle", self.image_circle),
+            ("close_focus", self.close_focus),
+        ] {
+            if value.is_some_and(|v| !(v > 0.0 && v < LARGEST)) {
+                return Err(whole(format!("{what} {}: expected a positive number", value.unwrap_or(0.0))));
+            }
+        }
+        for m in &self.misalignments {
+            if m.first > m.last || m.last >= count {
+                let what = format!("element of surfaces {} to {}: the lens has surfaces 1 to {count}", m.first + 1, m.last + 1);
+                return Err(whole(what));
+            }
+        }
+        let moves = self.misalignments.iter().flat_map(|m| m.decenter.iter().chain(&m.tilt));
+        let moves = moves.chain(self.surfaces.iter().flat_map(|s| s.decenter.iter().chain(&s.tilt)));
+        if let Some(bad) = moves.clone().find(|v| !v.is_finite() || v.abs() > 1000.0) {
+            return Err(whole(format!("decenter or tilt {bad}: expected mm or degrees within 1000")));
+        }
+
+        let stops: Vec<usize> = (0..count).filter(|i| self.surfaces[*i].stop).collect();
+        if let [first, second, ..] = stops[..] {
+            let s = &self.surfaces[second];
+            let what = format!("a second stop: surface {} is one already", first + 1);
+            return Err(PrescriptionError::at(file, s.line, what).surface(second + 1));
+        }
+        if stops.is_empty() {
+            let stop = self.infer_stop();
+            self.surfaces[stop].stop = true;
+            self.notes.push(format!("no stop given: surface {}, which limits the axial beam, is taken for it", stop + 1));
+        }
+        self.infer_semi_diameters(file)?;
+        self.check_gaps(file)?;
+        Ok(self)
+    }
+
+    /// The surface whose rim the axial beam touches first.
+    fn infer_stop(&self) -> usize {
+        let system = System::at(self, State::default());
+        let heights = paraxial::Trace::axial(&system, &system.indices(crate::glass::D_NM)).heights;
+        let ratio = |i: &usize| {
+            let sd = self.surfaces[*i].semi_diameter.unwrap_or(f64::INFINITY);
+            sd / heights[*i].abs().max(1e-12)
+        };
+        (0..self.surfaces.len()).min_by(|a, b| ratio(a).total_cmp(&ratio(b))).unwrap_or(0)
+    }
+
+    /// Gives surfaces without a semi-diameter one that lets the stated beams through.
+    fn infer_semi_diameters(&mut self, file: &str) -> Result<(), PrescriptionError> {
+        let missing: Vec<usize> = (0..self.surfaces.len()).filter(|i| self.surfaces[*i].semi_diameter.is_none()).collect();
+        if missing.is_empty() {
+            return Ok(());
+        }
+        let system = System::at(self, State::default());
+        let n = system.indices(crate::glass::D_NM);
+        let first = paraxial::FirstOrder::of(&system, &n);
+        let stop = self.stop();
+        let pupil = match self.usage.aperture {
+            Some(ApertureKind::EntrancePupil(d)) => 0.5 * d,
+            Some(ApertureKind::FNumber(f)) => 0.5 * first.efl.abs() / f,
+            Some(ApertureKind::ObjectNa(na)) => match self.usage.object_distance {
+                Some(d) => (d + first.entrance_pupil_z) * na.asin().tan(),
+                None => f64::NAN,
+            },
+            None => match (self.f_number, self.surfaces[stop].semi_diameter) {
+                (_, Some(sd)) => sd * first.entrance_pupil_magnification.abs(),
+                (Some(f), None) => 0.5 * first.efl.abs() / f,
+                (None, None) => f64::NAN,
+            },
+        };
+        if !(pupil > 0.0 && pupil < LARGEST) {
+            let what = "no semi-diameter, and neither an aperture nor an f-number to infer it from";
+            return Err(PrescriptionError::at(file, self.surfaces[missing[0]].line, what).surface(missing[0] + 1));
+        }
+        let fields = if self.usage.field_angles_deg.is_empty() { vec![0.0] } else { self.usage.field_angles_deg.clone() };
+        let mut height = vec![0.0f64; self.surfaces.len()];
+        for (f, angle) in fields.iter().enumerate() {
+            let [up, low] = self.usage.vignetting.get(f).copied().unwrap_or([0.0; 2]);
+            for y in [1.0 - up, 0.0, -(1.0 - low)] {
+                for x in [0.0, 1.0] {
+                    if x == 1.0 && y != 0.0 {
+                        continue;
+                    }
+                    let ray = entrance_ray(&first, self.usage.object_distance, *angle, [x * pupil, y * pupil]);
+                    let mut passed = vec![None; self.surfaces.len()];
+                    let traced = system.trace_with(ray, &n, Way::ToFilm, Apertures::Ignore, |e| {
+                        let s = &system.surfaces[e.surface];
+                        let p = s.to_local(e.point, DVec3::Z).0;
+                        passed[e.surface] = Some(p.x.hypot(p.y));
+                    });
+                    // A ray that fails says nothing but is no reason to give up: the others do.
+                    let _ = traced;
+                    for (h, p) in height.iter_mut().zip(&passed) {
+                        *h = h.max(p.unwrap_or(0.0));
+                    }
+                }
+            }
+        }
+        for i in missing {
+            // The stop is as large as the axial beam; rims get a hair more than the light needs.
+            let axial = || {
+                let axial = paraxial::Trace::axial(&system, &n).heights;
+                (axial[i] * pupil / axial[0].abs().max(1e-12)).abs()
+            };
+            let wanted = if i == stop && self.surfaces[i].profile == Profile::Plane { axial() } else { height[i] * 1.0001 };
+            let wanted = if wanted > 0.0 { wanted } else { axial() };
+            let sd = wanted.min(reach(&self.surfaces[i].profile, wanted));
+            if !(sd > 0.0 && sd.is_finite()) {
+                let what = "no semi-diameter, and no ray of the stated beams to infer it from reaches the surface";
+                return Err(PrescriptionError::at(file, self.surfaces[i].line, what).surface(i + 1));
+            }
+            self.surfaces[i].semi_diameter = Some(sd);
+        }
+        self.notes.push("semi-diameters that the file does not give are inferred from its aperture and fields".into());
+        Ok(())
+    }
+
+    /// Gaps must not be negative where light runs forward, and neighbours must not cross where light can pass.
+    fn check_gaps(&self, file: &str) -> Result<(), PrescriptionError> {
+        let zooms: Vec<f64> = (0..self.zoom.len().max(1)).map(|z| z as f64).collect();
+        for &zoom in &zooms {
+            for focus in [0.0, 1.0] {
+                let mut run = 1.0;
+                for (i, s) in self.surfaces.iter().enumerate() {
+                    if s.mirror {
+                        run = -run;
+                    }
+                    let gap = s.gap.at(zoom, focus) * run;
+                    let Some(next) = self.surfaces.get(i + 1) else { continue };
+                    let wrong = |what: String| PrescriptionError::at(file, s.line, what).surface(i + 1);
+                    if gap < -1e-9 && !s.stop && !next.stop {
+                        let sign = if run < 0.0 { "after a mirror gaps are negative" } else { "surfaces would cross" };
+                        return Err(wrong(format!("gap {}: {sign}", s.gap.at(zoom, focus))));
+                    }
+                    // At the height both rims reach. Published semi-diameters are often estimates: a tenth of a millimetre
+                    // of overlap at the rim is their inexactness, not a wrong lens.
+                    let h = s.semi_diameter.unwrap_or(0.0).min(next.semi_diameter.unwrap_or(0.0)) * (1.0 - 1e-6);
+                    if let (Some(a), Some(b)) = (s.profile.sag(0.0, h), next.profile.sag(0.0, h)) {
+                        let edge = gap + run * (b - a);
+                        if edge < -0.1 - 0.02 * h && !s.stop && !next.stop {
+                            return Err(wrong(format!(
+                                "it crosses surface {} at a height of {h:.3} mm (edge thickness {edge:.3} mm): \
+                                 a gap too small or semi-diameters too large",
+                                i + 2
+                            )));
+                        }
+                    }
+                }
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Largest height up to `wanted` at which a surface exists.
+fn reach(profile: &Profile, wanted: f64) -> f64 {
+    let exists = |h: f64| profile.sag(0.0, h).is_some() && profile.sag(h, 0.0).is_some();
+    if exists(wanted) {
+        return wanted;
+    }
+    let (mut low, mut high) = (0.0, wanted);
+    for _ in 0..60 {
+        let mid = 0.5 * (low + high);
+        if exists(mid) { low = mid } else { high = mid }
+    }
+    low
+}
+
+/// A ray of a field angle (degrees, in y) aimed at a place of the paraxial entrance pupil.
+pub(crate) fn entrance_ray(
+    first: &paraxial::FirstOrder,
+    object_distance: Option<f64>,
+    angle_deg: f64,
+    pupil: [f64; 2],
+) -> TracedRay {
+    let target = DVec3::new(pupil[0], pupil[1], first.entrance_pupil_z);
+    let slope = angle_deg.to_radians().tan();
+    match object_distance.filter(|d| d.is_finite() && *d < 1e9) {
+        Some(d) => {
+            // The angle is seen from the middle of the pupil.
+            let object = DVec3::new(0.0, -slope * (d + first.entrance_pupil_z), -d);
+            let direction = (target - object).normalize() * (target.z - object.z).signum();
+            TracedRay { position: object, direction }
+        }
+        None => {
+            let direction = DVec3::new(0.0, slope, 1.0).normalize();
+            TracedRay { position: target - direction * (target.z / direction.z), direction }
+        }
+    }
+}

@@ -1,0 +1,269 @@
+//! A lens as published: surfaces from object to film, parsed and checked.
+//!
+//! One TOML form ([`read_toml`], [`Prescription::to_toml`]); what other programs write comes through [`crate::import`].
+//! Lengths in mm, angles in degrees (as people write them); surfaces are numbered from 1 in everything a user sees.
+
+mod check;
+mod sheet;
+
+pub(crate) use check::entrance_ray;
+pub use sheet::read_toml;
+pub(crate) use sheet::profile;
+
+use crate::glass::Glass;
+use crate::iris::Iris;
+use crate::surface::Profile;
+
+/// Most surfaces of a lens. Real ones have fewer than 60.
+pub const MOST_SURFACES: usize = 400;
+
+/// A lens as published.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Prescription {
+    /// What people call it.
+    pub name: String,
+    /// Patent number, if there is one.
+    pub patent: Option<String>,
+    /// Where the figures are from.
+    pub source: String,
+    /// Focal length as stated, mm (of a zoom: of its positions, [`Prescription::zoom`]).
+    pub focal_length: Option<f64>,
+    /// f-number as stated.
+    pub f_number: Option<f64>,
+    /// Diameter of the picture it was made for, mm.
+    pub image_circle: Option<f64>,
+    /// Stated focal lengths of the zoom positions that gaps are given for, ascending or descending; empty for a prime.
+    pub zoom: Vec<f64>,
+    /// Distance from object to film at the near focus position that gaps are given for, mm; `None` where there is none.
+    pub close_focus: Option<f64>,
+    /// Shape of the aperture.
+    pub iris: Iris,
+    /// What is on the glass.
+    pub coating: Coating,
+    /// From the object to the film.
+    pub surfaces: Vec<Surface>,
+    /// Elements out of place.
+    pub misalignments: Vec<Misalignment>,
+    /// How the file says it is used: what analyses take when nothing else is asked.
+    pub usage: Usage,
+    /// What was inferred or skipped, for reports.
+    pub notes: Vec<String>,
+}
+
+/// One surface and what follows it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Surface {
+    /// Line of the file, 0 where there is none.
+    pub line: usize,
+    /// Its shape.
+    pub profile: Profile,
+    /// To the next surface (of the last one: to the film) along the axis.
+    pub gap: Gap,
+    /// What fills the gap.
+    pub glass: Glass,
+    /// Half the clear diameter, mm; `None` until inferred.
+    pub semi_diameter: Option<f64>,
+    /// Half the diameter of a hole that blocks light (an obstruction), mm; 0 for none.
+    pub obstruction: f64,
+    /// The aperture stop.
+    pub stop: bool,
+    /// Reflects.
+    pub mirror: bool,
+    /// Shift of this surface alone in x and y, mm.
+    pub decenter: [f64; 2],
+    /// Turn of this surface alone about x, y and z through its vertex, degrees.
+    pub tilt: [f64; 3],
+}
+
+/// A distance that may depend on focus and zoom.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Gap {
+    /// mm, `[focus][zoom]`: one row, or two (infinity, close); one column, or one for each zoom position.
+    pub values: Vec<Vec<f64>>,
+}
+
+impl Gap {
+    /// The same always.
+    pub fn fixed(mm: f64) -> Self {
+        Gap { values: vec![vec![mm]] }
+    }
+
+    /// Whether it changes with focus.
+    pub fn focuses(&self) -> bool {
+        self.values.len() > 1
+    }
+
+    /// At a zoom position (0 the first column, fractions between them) and focus (0 infinity, 1 close).
+    pub fn at(&self, zoom: f64, focus: f64) -> f64 {
+        let row = |r: &Vec<f64>| interpolate(r, zoom);
+        match &self.values[..] {
+            [far, near, ..] => {
+                let (far, near) = (row(far), row(near));
+                far + (near - far) * focus
+            }
+            [only] => row(only),
+            [] => 0.0,
+        }
+    }
+}
+
+/// Monotone cubic through equally spaced values (Fritsch & Butland 1984): cams move without overshoot between the positions a
+/// patent prints.
+fn interpolate(v: &[f64], at: f64) -> f64 {
+    if v.len() < 2 {
+        return v.first().copied().unwrap_or(0.0);
+    }
+    let last = v.len() - 2;
+    let i = (at.floor().max(0.0) as usize).min(last);
+    let t = at - i as f64;
+    let d = |k: usize| v[k + 1] - v[k];
+    let slope = |k: usize| {
+        if k == 0 {
+            return d(0);
+        }
+        if k > last {
+            return d(last);
+        }
+        let (a, b) = (d(k - 1), d(k));
+        if a * b <= 0.0 { 0.0 } else { 2.0 * a * b / (a + b) }
+    };
+    let (m0, m1) = (slope(i), slope(i + 1));
+    let (t2, t3) = (t * t, t * t * t);
+    v[i] * (2.0 * t3 - 3.0 * t2 + 1.0) + m0 * (t3 - 2.0 * t2 + t) + v[i + 1] * (3.0 * t2 - 2.0 * t3) + m1 * (t3 - t2)
+}
+
+/// Surfaces moved together, about the vertex of the first.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Misalignment {
+    /// First surface, 0 the first of the lens.
+    pub first: usize,
+    /// Last surface, included.
+    pub last: usize,
+    /// Shift in x, y and z, mm.
+    pub decenter: [f64; 3],
+    /// Turn about x, y and z, degrees.
+    pub tilt: [f64; 3],
+}
+
+/// What is on the surfaces between glass and air.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Coating {
+    /// Nothing: Fresnel's full reflection, as lenses were before about 1940.
+    #[default]
+    None,
+    /// A quarter wave of MgF₂ at 550 nm: the single coating of about 1940 to 1970.
+    MagnesiumFluoride,
+    /// No reflection at all: to see the glass alone.
+    Perfect,
+}
+
+/// How much light is let in.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum ApertureKind {
+    /// Diameter of the entrance pupil, mm.
+    EntrancePupil(f64),
+    /// Image-space f-number.
+    FNumber(f64),
+    /// Numerical aperture on the object's side.
+    ObjectNa(f64),
+}
+
+/// How a file says its lens is used.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Usage {
+    /// Stop opening.
+    pub aperture: Option<ApertureKind>,
+    /// Wavelengths, nm.
+    pub wavelengths_nm: Vec<f64>,
+    /// Which of them is the reference.
+    pub reference: usize,
+    /// Field angles in y, degrees (object at infinity).
+    pub field_angles_deg: Vec<f64>,
+    /// Vignetting factors of the fields: upper and lower, as CODE V's VUY and VLY.
+    pub vignetting: Vec<[f64; 2]>,
+    /// Distance from the object to the first surface, mm; infinite without.
+    pub object_distance: Option<f64>,
+    /// Gap between the paraxial image and the film that the file adds, mm (CODE V's image surface thickness).
+    pub defocus: f64,
+}
+
+/// What is wrong with a prescription.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[error("{place}{}: {what}", self.surface.map_or(String::new(), |s| format!(": surface {s}")))]
+pub struct PrescriptionError {
+    /// File, and line where known: "tessar.toml:14".
+    pub place: String,
+    /// Number of the surface from 1, where one is to blame.
+    pub surface: Option<usize>,
+    /// Found, expected, hint.
+    pub what: String,
+}
+
+impl PrescriptionError {
+    /// `line` 0: not known.
+    pub fn at(file: &str, line: usize, what: impl Into<String>) -> Self {
+        let place = if line > 0 { format!("{file}:{line}") } else { file.to_owned() };
+        PrescriptionError { place, surface: None, what: what.into() }
+    }
+
+    /// About one surface, numbered from 1.
+    pub fn surface(mut self, number: usize) -> Self {
+        self.surface = Some(number);
+        self
+    }
+}
+
+impl Prescription {
+    /// A lens of these surfaces and nothing else known.
+    pub fn new(name: impl Into<String>, surfaces: Vec<Surface>) -> Self {
+        Prescription {
+            name: name.into(),
+            patent: None,
+            source: String::new(),
+            focal_length: None,
+            f_number: None,
+            image_circle: None,
+            zoom: vec![],
+            close_focus: None,
+            iris: Iris::Round,
+            coating: Coating::None,
+            surfaces,
+            misalignments: vec![],
+            usage: Usage::default(),
+            notes: vec![],
+        }
+    }
+
+    /// Number of the stop.
+    pub fn stop(&self) -> usize {
+        self.surfaces.iter().position(|s| s.stop).unwrap_or(0)
+    }
+
+    /// Whether gaps are given for near focus.
+    pub fn has_focus_data(&self) -> bool {
+        self.surfaces.iter().any(|s| s.gap.focuses())
+    }
+
+    /// Largest zoom position: number of positions less one.
+    pub fn last_zoom(&self) -> f64 {
+        self.zoom.len().saturating_sub(1) as f64
+    }
+}
+
+impl Surface {
+    /// A surface of this shape before a gap of this glass, with nothing else about it.
+    pub fn new(profile: Profile, gap: f64, glass: Glass) -> Self {
+        Surface {
+            line: 0,
+            profile,
+            gap: Gap::fixed(gap),
+            glass,
+            semi_diameter: None,
+            obstruction: 0.0,
+            stop: false,
+            mirror: false,
+            decenter: [0.0; 2],
+            tilt: [0.0; 3],
+        }
+    }
+}

@@ -1,0 +1,326 @@
+//! Shapes of surfaces: sag, intersection, normal. Millimetres, f64, in the surface's own frame: vertex at the origin, +z along
+//! the axis.
+//!
+//! Conventions: curvature c = 1/R, positive when the centre lies at +z; conic constant k (−1 parabola); aspheres
+//! z = c r² / (1 + √(1 − (1+k) c² r²)) + Σ Aᵢ rⁱ for any powers i ≥ 1, even or odd; a toroid is a curve of that kind in the y–z
+//! plane turned about an axis parallel to y at x-radius R_x (ISO 10110-12, Zemax "toroidal").
+
+use glam::DVec3;
+
+/// Shape of a surface.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Profile {
+    /// z = 0.
+    Plane,
+    /// Curvature, 1/mm.
+    Sphere(f64),
+    /// Curvature and conic constant.
+    Conic {
+        /// 1/R, 1/mm.
+        c: f64,
+        /// Conic constant: 0 sphere, −1 parabola.
+        k: f64,
+    },
+    /// Conic and polynomial.
+    Asphere(Asphere),
+    /// Another curvature in x than in y.
+    Toroid {
+        /// Profile in the y–z plane.
+        y: Asphere,
+        /// Curvature in x at the vertex; 0 for a cylinder that is straight along x.
+        c_x: f64,
+    },
+}
+
+/// z(r) of a conic and a polynomial.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Asphere {
+    /// Curvature of the conic, 1/mm.
+    pub c: f64,
+    /// Conic constant.
+    pub k: f64,
+    /// Coefficient of rⁱ at index i, mm¹⁻ⁱ; index 0 is not used.
+    pub a: Vec<f64>,
+}
+
+impl Asphere {
+    /// z and dz/dr at a height; `None` beyond the conic.
+    #[inline]
+    pub fn sag(&self, r: f64) -> Option<(f64, f64)> {
+        let root2 = 1.0 - (1.0 + self.k) * self.c * self.c * r * r;
+        if root2 <= 0.0 {
+            return None;
+        }
+        let root = root2.sqrt();
+        let (mut z, mut slope) = (0.0, 0.0);
+        for a in self.a.iter().skip(1).rev() {
+            // Horner for Σ aᵢ rⁱ = r (a₁ + r (a₂ + …)) and its derivative.
+            slope = slope * r + z;
+            z = z * r + a;
+        }
+        let slope = slope * r + z;
+        let z = z * r;
+        Some((self.c * r * r / (1.0 + root) + z, self.c * r / root + slope))
+    }
+
+    /// Curvature at the vertex: the conic's and the r² term's.
+    pub fn vertex_curvature(&self) -> f64 {
+        self.c + 2.0 * self.a.get(2).copied().unwrap_or(0.0)
+    }
+
+    /// Coefficient of r⁴ that departs from a sphere of the vertex curvature: for third-order sums.
+    pub fn fourth_order(&self) -> f64 {
+        let c = self.vertex_curvature();
+        let conic = (1.0 + self.k) * self.c.powi(3) / 8.0 - c.powi(3) / 8.0;
+        conic + self.a.get(4).copied().unwrap_or(0.0)
+    }
+}
+
+/// Where a ray meets a surface.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Meeting {
+    /// Distance along the unit direction, mm; may be negative.
+    pub t: f64,
+    /// The point.
+    pub point: DVec3,
+    /// Unit normal, z > 0.
+    pub normal: DVec3,
+}
+
+/// Conics that are nearly planes and steep aspheres alike come to rest within this, mm.
+const TOLERANCE: f64 = 1e-13;
+
+impl Profile {
+    /// Curvature in the y–z plane at the vertex.
+    pub fn curvature(&self) -> f64 {
+        match self {
+            Profile::Plane => 0.0,
+            Profile::Sphere(c) | Profile::Conic { c, .. } => *c,
+            Profile::Asphere(a) | Profile::Toroid { y: a, .. } => a.vertex_curvature(),
+        }
+    }
+
+    /// Curvature in the x–z plane at the vertex.
+    pub fn curvature_x(&self) -> f64 {
+        match self {
+            Profile::Toroid { c_x, .. } => *c_x,
+            other => other.curvature(),
+        }
+    }
+
+    /// Whether the surface looks the same from all sides.
+    pub fn is_rotational(&self) -> bool {
+        !matches!(self, Profile::Toroid { .. })
+    }
+
+    /// z at a place; `None` where the surface does not reach.
+    pub fn sag(&self, x: f64, y: f64) -> Option<f64> {
+        let conic = |c: f64, k: f64| {
+            let r2 = x * x + y * y;
+            let root2 = 1.0 - (1.0 + k) * c * c * r2;
+            (root2 >= 0.0).then(|| c * r2 / (1.0 + root2.sqrt()))
+        };
+        match self {
+            Profile::Plane => Some(0.0),
+            Profile::Sphere(c) => conic(*c, 0.0),
+            Profile::Conic { c, k } => conic(*c, *k),
+            Profile::Asphere(a) => a.sag(x.hypot(y)).map(|s| s.0),
+            Profile::Toroid { y: a, c_x } => toroid(a, *c_x, x, y).map(|s| s.0),
+        }
+    }
+
+    /// Intersection of a ray with the branch through the vertex. `sense` is +1 for light that runs along +z in the local
+    /// frame, −1 for light that runs along −z: it, not the direction, chooses between the two roots, so that rays beyond 90°
+    /// from the axis meet the front of a fisheye and not its back.
+    #[inline]
+    pub fn meet(&self, o: DVec3, d: DVec3, sense: f64) -> Option<Meeting> {
+        match self {
+            Profile::Plane => {
+                let t = -o.z / d.z;
+                t.is_finite().then(|| Meeting { t, point: o + d * t, normal: DVec3::Z })
+            }
+            Profile::Sphere(c) => {
+                let (t, point) = meet_conic(o, d, *c, 0.0, sense)?;
+                Some(Meeting { t, point, normal: DVec3::new(-c * point.x, -c * point.y, 1.0 - c * point.z) })
+            }
+            Profile::Conic { c, k } => {
+                let (t, point) = meet_conic(o, d, *c, *k, sense)?;
+                let n = DVec3::new(-c * point.x, -c * point.y, 1.0 - c * (1.0 + k) * point.z);
+                Some(Meeting { t, point, normal: n.normalize() })
+            }
+            Profile::Asphere(a) => {
+                let start = meet_conic(o, d, a.c, a.k, sense).or_else(|| meet_conic(o, d, a.vertex_curvature(), 0.0, sense));
+                meet_graph(o, d, start.map(|s| s.0), |p| {
+                    let r = p.x.hypot(p.y);
+                    let (z, slope) = a.sag(r)?;
+                    let over_r = if r > 0.0 { slope / r } else { 0.0 };
+                    Some((z, slope_vector(p.x * over_r, p.y * over_r)))
+                })
+            }
+            Profile::Toroid { y: a, c_x } => {
+                meet_graph(o, d, None, |p| toroid(a, *c_x, p.x, p.y).map(|(z, zx, zy)| (z, slope_vector(zx, zy))))
+            }
+        }
+    }
+}
+
+/// (dz/dx, dz/dy, 0)
+fn slope_vector(x: f64, y: f64) -> DVec3 {
+    DVec3::new(x, y, 0.0)
+}
+
+/// Sag and slopes of a toroid.
+fn toroid(a: &Asphere, c_x: f64, x: f64, y: f64) -> Option<(f64, f64, f64)> {
+    let (f, slope) = a.sag(y.abs())?;
+    let slope = slope * y.signum();
+    if c_x == 0.0 {
+        return Some((f, 0.0, slope));
+    }
+    // Turned about the axis at z = R_x: (R_x − z)² = (R_x − f)² − x²; written so that a small curvature is no trouble.
+    let b = 1.0 - c_x * f;
+    let root2 = b * b - c_x * c_x * x * x;
+    if root2 <= 0.0 || b <= 0.0 {
+        return None;
+    }
+    let root = root2.sqrt();
+    // z = (1 − root)/c_x = f + (b − root)/c_x = f + c_x x² / (b + root)
+    let z = f + c_x * x * x / (b + root);
+    Some((z, c_x * x / root, slope * b / root))
+}
+
+/// Root of c (x² + y² + (1+k) z²) − 2z = 0 along the ray.
+#[inline]
+fn meet_conic(o: DVec3, d: DVec3, c: f64, k: f64, sense: f64) -> Option<(f64, DVec3)> {
+    let a = c * (1.0 + k * d.z * d.z);
+    let b = c * (o.dot(d) + k * o.z * d.z) - d.z;
+    let q = c * (o.length_squared() + k * o.z * o.z) - 2.0 * o.z;
+    let root2 = b * b - a * q;
+    if root2 < 0.0 {
+        return None;
+    }
+    // At the root wanted, direction · normal = −(b + a t) = sense · √…
+    let root = sense * root2.sqrt();
+    let t = if b * sense <= 0.0 { q / (root - b) } else { (-b - root) / a };
+    if !t.is_finite() {
+        return None;
+    }
+    let point = o + d * t;
+    // The half with the vertex.
+    (1.0 - c * (1.0 + k) * point.z > 0.0).then_some((t, point))
+}
+
+/// Intersection with z = f(x, y) by Newton from `start`, guarded: where Newton leaves the surface or does not come to rest, a
+/// change of sign is looked for along the ray and halved.
+fn meet_graph(o: DVec3, d: DVec3, start: Option<f64>, f: impl Fn(DVec3) -> Option<(f64, DVec3)>) -> Option<Meeting> {
+    let at = |t: f64| {
+        let p = o + d * t;
+        let (z, slope) = f(p)?;
+        Some((p.z - z, d.z - slope.dot(d), p, slope))
+    };
+    let found = |t: f64, p: DVec3, slope: DVec3| {
+        let normal = DVec3::new(-slope.x, -slope.y, 1.0).normalize();
+        Some(Meeting { t, point: p, normal })
+    };
+    let plane = -o.z / d.z;
+    for first in [start, Some(plane)].into_iter().flatten().filter(|t| t.is_finite()) {
+        let mut t = first;
+        for _ in 0..40 {
+            let Some((g, slope_t, p, slope)) = at(t) else { break };
+            let step = g / slope_t;
+            if !step.is_finite() {
+                break;
+            }
+            if step.abs() < TOLERANCE * (1.0 + t.abs()) {
+                return found(t, p, slope);
+            }
+            t -= step;
+        }
+    }
+    // The surface may end before the plane is met: look around the plane, in steps that grow.
+    let middle = if plane.is_finite() { plane } else { 0.0 };
+    let mut before: Option<(f64, f64)> = None;
+    const STEPS: i32 = 200;
+    for i in -STEPS..=STEPS {
+        let s = i as f64 / STEPS as f64;
+        let t = middle + 100.0 * s * s.abs();
+        let Some((g, ..)) = at(t) else {
+            before = None;
+            continue;
+        };
+        if let Some((t0, g0)) = before.filter(|b| (b.1 < 0.0) != (g < 0.0)) {
+            let (mut low, mut high) = (t0, t);
+            for _ in 0..200 {
+                let mid = 0.5 * (low + high);
+                let (gm, ..) = at(mid)?;
+                if (gm < 0.0) == (g0 < 0.0) { low = mid } else { high = mid }
+                if (high - low).abs() < TOLERANCE * (1.0 + high.abs()) {
+                    break;
+                }
+            }
+            let (_, _, p, slope) = at(0.5 * (low + high))?;
+            return found(0.5 * (low + high), p, slope);
+        }
+        before = Some((t, g));
+    }
+    None
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn ray(x: f64, y: f64, dx: f64, dy: f64) -> (DVec3, DVec3) {
+        (DVec3::new(x, y, -20.0), DVec3::new(dx, dy, 1.0).normalize())
+    }
+
+    #[test]
+    fn every_shape_is_met_where_its_sag_says() {
+        let a = |c: f64, k: f64, a: &[f64]| Asphere { c, k, a: a.to_vec() };
+        let shapes = [
+            Profile::Plane,
+            Profile::Sphere(0.02),
+            Profile::Sphere(-0.05),
+            Profile::Conic { c: 0.04, k: -1.0 },
+            Profile::Conic { c: -0.03, k: 2.0 },
+            Profile::Asphere(a(0.03, -0.5, &[0.0, 0.0, 0.0, 0.0, 1e-5, 0.0, -2e-7])),
+            Profile::Asphere(a(0.0, 0.0, &[0.0, 0.01, -0.003, 4e-4])),
+            // A conic that ends at 4 mm with a polynomial on it, as phones have them.
+            Profile::Asphere(a(0.2, 0.5, &[0.0, 0.0, 0.0, 0.0, -2e-3])),
+            Profile::Toroid { y: a(0.03, 0.0, &[]), c_x: 0.0 },
+            Profile::Toroid { y: a(0.03, -1.0, &[0.0, 0.0, 0.0, 0.0, 1e-6]), c_x: -0.02 },
+        ];
+        for shape in &shapes {
+            let mut met = 0;
+            for i in 0..200 {
+                let f = |k: usize| ((i * k % 199) as f64 / 99.0 - 1.0) * 3.0;
+                let (o, d) = ray(f(7), f(31), f(13) * 0.04, f(53) * 0.04);
+                for (o, d, sense) in [(o, d, 1.0), (o + d * 60.0, -d, -1.0)] {
+                    let Some(m) = shape.meet(o, d, sense) else { continue };
+                    met += 1;
+                    let z = shape.sag(m.point.x, m.point.y).unwrap();
+                    assert!((m.point.z - z).abs() < 1e-10, "{shape:?} {m:?} {z}");
+                    assert!((m.normal.length() - 1.0).abs() < 1e-12 && m.normal.z > 0.0, "{shape:?}");
+                    // The normal by differences.
+                    let h = 1e-5;
+                    let s = |x: f64, y: f64| shape.sag(m.point.x + x, m.point.y + y);
+                    if let (Some(a), Some(b), Some(c), Some(e)) = (s(h, 0.0), s(-h, 0.0), s(0.0, h), s(0.0, -h)) {
+                        let n = DVec3::new((b - a) / (2.0 * h), (e - c) / (2.0 * h), 1.0).normalize();
+                        assert!((n - m.normal).length() < 1e-6 || m.point.x.hypot(m.point.y) < 1e-3, "{shape:?} {n} {}", m.normal);
+                    }
+                }
+            }
+            assert!(met > 250, "{shape:?}: {met}");
+        }
+    }
+
+    #[test]
+    fn rays_from_behind_ninety_degrees_meet_the_front() {
+        // A dome of radius 10 with its vertex towards −z, seen from beside and a little behind.
+        let dome = Profile::Sphere(0.1);
+        let d = DVec3::new(-1.0, 0.0, -0.1).normalize();
+        let m = dome.meet(DVec3::new(40.0, 0.0, 8.0), d, 1.0).unwrap();
+        assert!(m.point.x > 0.0 && m.point.z < 10.0 && d.dot(m.normal) > 0.0, "{m:?}");
+        // The ray enters the ball: from outside to inside, which is what light along +z does at the vertex.
+        assert!(dome.meet(DVec3::new(0.0, 30.0, -20.0), DVec3::Z, 1.0).is_none());
+    }
+}
