@@ -9,7 +9,7 @@ use std::sync::Arc;
 
 /// Most blades of an iris.
 const MOST_BLADES: u32 = 64;
-/// Corners that stand for the arc of a curved blade.
+/// Corners that stand for the arc of a curved blade: the shape is this polygon, everywhere.
 const CORNERS_PER_BLADE: u32 = 12;
 
 /// The opening that limits the light. Shapes of the same f-number have the same area, so that the number measures light
@@ -36,6 +36,8 @@ pub struct Blades {
     pub curvature: f32,
     /// Distance of the corners from the middle, in units of the radius of the disk of equal area.
     corner: f32,
+    /// Half planes: outward normal and distance.
+    edges: Vec<[f64; 3]>,
     fan: Fan,
 }
 
@@ -54,8 +56,9 @@ impl Blades {
         x * a.cos() + (radius * radius - (x * a.sin()).powi(2)).sqrt()
     }
 
-    fn radius(&self, angle: f32) -> f32 {
-        self.corner * Self::edge(self.count, self.curvature, angle - self.rotation)
+    /// The sides as half planes x·n ≤ distance: n and distance, in units of the radius of the disk of equal area.
+    pub fn edges(&self) -> &[[f64; 3]] {
+        &self.edges
     }
 }
 
@@ -97,8 +100,15 @@ impl Iris {
         let outline: Vec<DVec2> = (0..corners).map(point).collect();
         let area: f64 = (0..outline.len()).map(|i| 0.5 * outline[i].perp_dot(outline[(i + 1) % outline.len()])).sum();
         let corner = (std::f64::consts::PI / area).sqrt();
-        let fan = Fan::new(DVec2::ZERO, outline.iter().map(|p| *p * corner).collect());
-        Ok(Iris::Blades(Arc::new(Blades { count, rotation, curvature, corner: corner as f32, fan })))
+        let outline: Vec<DVec2> = outline.iter().map(|p| *p * corner).collect();
+        let side = |i: usize| {
+            let (a, b) = (outline[i], outline[(i + 1) % outline.len()]);
+            let normal = -(b - a).perp().normalize();
+            [normal.x, normal.y, normal.dot(a)]
+        };
+        let edges = (0..outline.len()).map(side).collect();
+        let fan = Fan::new(DVec2::ZERO, outline);
+        Ok(Iris::Blades(Arc::new(Blades { count, rotation, curvature, corner: corner as f32, edges, fan })))
     }
 
     /// A picture as aperture: transmittances 0 to 1, rows from the top, at least one above 0.
@@ -124,10 +134,7 @@ impl Iris {
     pub fn transmittance(&self, x: f64, y: f64) -> f32 {
         match self {
             Iris::Round => (x * x + y * y <= 1.0) as u32 as f32,
-            Iris::Blades(b) => {
-                let p = Vec2::new(x as f32, y as f32);
-                (p.length() <= b.radius(p.y.atan2(p.x))) as u32 as f32
-            }
+            Iris::Blades(b) => b.edges.iter().all(|[nx, ny, distance]| nx * x + ny * y <= *distance) as u32 as f32,
             Iris::Image(image) => {
                 let (u, v) = (0.5 * (x + 1.0), 0.5 * (1.0 - y));
                 if !((0.0..1.0).contains(&u) && (0.0..1.0).contains(&v)) {
@@ -204,7 +211,6 @@ mod tests {
             }
             let area = inside as f32 / (n * n) as f32 * 4.0 * reach * reach;
             assert!((area / PI - 1.0).abs() < 4e-3, "{count} {curvature}: {area}");
-            // Samples lie inside (but for the thin slivers between arcs and their chords, which they may leave empty).
             for i in 0..400 {
                 let p = iris.sample([(i % 20) as f32 / 20.0 + 0.01, (i / 20) as f32 / 20.0 + 0.01]) * 0.999;
                 assert!(iris.transmittance(p.x as f64, p.y as f64) > 0.0, "{count} {p}");

@@ -1,23 +1,33 @@
 //! Lenses: a film point and a place in the pupil become a ray towards the scene, or are blocked.
 //!
-//! Millimetres, f64. +z is the way light travels from the object to the film; z = 0 is the lens plane (later: the first
-//! vertex). What counts light is [`LensRay::weight_sr`]: the irradiance of a film point is the mean over pupil samples of
-//! radiance × weight. Limits: pinhole and thin lens only; prescriptions traced surface by surface will join [`Lens`] as a
-//! third kind and are what [`Blocked`] is for.
+//! Millimetres, f64. +z is the way light travels from the object to the film; z = 0 is the first vertex of a prescription, the
+//! plane of a thin lens. What counts light is [`LensRay::weight_sr`]: the irradiance of a film point is the mean over pupil
+//! samples of radiance × weight.
+//!
+//! From a file to a picture: [`import`] or [`prescription`] → checked [`Prescription`] → [`System`] (a focus and zoom position,
+//! ready to trace) → [`CompoundLens`] (aperture and focus set, pupils known). [`trace`] is the plain trace and the reference;
+//! [`batch`] the fast one. Not here: diffraction in pictures, polarisation, ghosts, gradient-index and diffractive surfaces.
 
+pub mod batch;
+pub mod compound;
 mod fan;
+pub mod focusing;
 pub mod glass;
 pub mod import;
 mod iris;
+mod lenses;
 pub mod paraxial;
 pub mod prescription;
+pub mod pupil;
 pub mod surface;
 pub mod system;
 mod thin;
 pub mod trace;
 
+pub use compound::CompoundLens;
 pub use fan::Fan;
 pub use iris::Iris;
+pub use lenses::{embedded, embedded_names};
 pub use prescription::{Coating, Prescription, PrescriptionError};
 pub use system::{State, System};
 pub use thin::{Pinhole, ThinLens};
@@ -25,7 +35,7 @@ pub use thin::{Pinhole, ThinLens};
 use diopter_light::units::Millimeters;
 use glam::{DVec2, DVec3};
 
-/// Where the lens is focused, measured from the lens plane.
+/// Where the lens is focused, measured from the lens plane (of a real lens: from its entrance pupil).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Focus {
     /// Parallel rays meet on the film.
@@ -72,6 +82,8 @@ pub enum Lens {
     Pinhole(Pinhole),
     /// Gauss's ideal lens with a pupil in its plane.
     Thin(ThinLens),
+    /// A prescription, surface by surface.
+    Compound(Box<CompoundLens>),
 }
 
 impl Lens {
@@ -80,6 +92,7 @@ impl Lens {
         match self {
             Lens::Pinhole(lens) => lens.film_distance,
             Lens::Thin(lens) => lens.focal_length,
+            Lens::Compound(lens) => lens.focal_length(),
         }
     }
 
@@ -88,6 +101,15 @@ impl Lens {
         match self {
             Lens::Pinhole(lens) => lens.f_number,
             Lens::Thin(lens) => lens.f_number,
+            Lens::Compound(lens) => lens.f_number(),
+        }
+    }
+
+    /// f-number of a lossless lens as bright on the axis.
+    pub fn t_number(&self) -> f64 {
+        match self {
+            Lens::Compound(lens) => lens.t_number(),
+            other => other.f_number(),
         }
     }
 
@@ -97,6 +119,7 @@ impl Lens {
         match self {
             Lens::Pinhole(lens) => Ok(lens.ray(film_mm)),
             Lens::Thin(lens) => Ok(lens.ray(film_mm, lens.iris.sample(u))),
+            Lens::Compound(lens) => lens.ray(film_mm, u, compound::REFERENCE_NM),
         }
     }
 
@@ -105,6 +128,7 @@ impl Lens {
         match self {
             Lens::Pinhole(lens) => Ok(lens.ray(film_mm)),
             Lens::Thin(lens) => Ok(lens.ray(film_mm, glam::Vec2::ZERO)),
+            Lens::Compound(lens) => lens.chief_ray(film_mm),
         }
     }
 }
@@ -122,6 +146,19 @@ pub enum LensError {
         /// What is allowed.
         expected: &'static str,
     },
+    /// Something this lens cannot be set to.
+    #[error("{what} {found}: expected {expected}")]
+    Setting {
+        /// What is set.
+        what: &'static str,
+        /// As asked.
+        found: String,
+        /// What this lens allows.
+        expected: String,
+    },
+    /// A prescription that is wrong.
+    #[error(transparent)]
+    Prescription(#[from] PrescriptionError),
 }
 
 /// Fails with [`LensError::Range`] unless `ok`.

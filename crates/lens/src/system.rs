@@ -160,6 +160,7 @@ impl System {
         let glass_to_glass = n0 > 1.0 && n1 > 1.0;
         match self.coating {
             Coating::Perfect => 1.0,
+            Coating::Multilayer if !glass_to_glass => 1.0 - MULTILAYER_REFLECTANCE,
             Coating::MagnesiumFluoride if !glass_to_glass => quarter_wave(n0, n1, cosines, nm),
             // Cement does not need a coating.
             _ => fresnel(n0, n1, cosines),
@@ -186,9 +187,12 @@ pub fn fresnel(n0: f64, n1: f64, [c0, c1]: [f64; 2]) -> f64 {
 }
 
 /// Index of a film of magnesium fluoride.
-const MGF2: f64 = 1.38;
+pub(crate) const MGF2: f64 = 1.38;
 /// The wavelength whose quarter the film is thick, nm.
-const FILM_NM: f64 = 550.0;
+pub(crate) const FILM_NM: f64 = 550.0;
+
+/// What a modern broadband coating reflects: vendors state an average below 0.4 % over 425–675 nm (Edmund Optics, "VIS 0°").
+pub(crate) const MULTILAYER_REFLECTANCE: f64 = 0.004;
 
 /// One film of MgF₂, a quarter wave at [`FILM_NM`] and normal incidence (Airy's sum; Born & Wolf §1.6).
 fn quarter_wave(n0: f64, n1: f64, [c0, c1]: [f64; 2], nm: f64) -> f64 {
@@ -207,7 +211,7 @@ fn quarter_wave(n0: f64, n1: f64, [c0, c1]: [f64; 2], nm: f64) -> f64 {
 }
 
 /// Reflectance of evaporated aluminium at normal incidence, from n and k of Rakić 1995 (doi 10.1364/AO.34.004755).
-fn aluminium(nm: f64) -> f64 {
+pub(crate) fn aluminium(nm: f64) -> f64 {
     const R: [f64; 11] = [0.9243, 0.9233, 0.921, 0.9185, 0.916, 0.9129, 0.9096, 0.904, 0.8973, 0.8881, 0.8751];
     let x = ((nm - 380.0) / 40.0).clamp(0.0, 9.999_999);
     let i = x as usize;

@@ -96,6 +96,7 @@ impl Prescription {
             self.surfaces[stop].stop = true;
             self.notes.push(format!("no stop given: surface {}, which limits the axial beam, is taken for it", stop + 1));
         }
+        self.infer_film();
         self.infer_semi_diameters(file)?;
         self.check_gaps(file)?;
         Ok(self)
@@ -110,6 +111,20 @@ impl Prescription {
             sd / heights[*i].abs().max(1e-12)
         };
         (0..self.surfaces.len()).min_by(|a, b| ratio(a).total_cmp(&ratio(b))).unwrap_or(0)
+    }
+
+    /// Puts the film into the paraxial focus where the file gives it no place.
+    fn infer_film(&mut self) {
+        let last = self.surfaces.len() - 1;
+        if self.surfaces[last].gap.values.iter().flatten().any(|g| *g != 0.0) || !self.zoom.is_empty() {
+            return;
+        }
+        let system = System::at(self, State::default());
+        let bfl = paraxial::FirstOrder::of(&system, &system.indices(crate::glass::D_NM)).bfl;
+        if bfl > 0.0 && bfl < LARGEST {
+            self.surfaces[last].gap = super::Gap::fixed(bfl);
+            self.notes.push(format!("no gap behind the last surface: the film stands in the paraxial focus, {bfl:.4} mm"));
+        }
     }
 
     /// Gives surfaces without a semi-diameter one that lets the stated beams through.

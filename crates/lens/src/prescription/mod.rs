@@ -6,7 +6,6 @@
 mod check;
 mod sheet;
 
-pub(crate) use check::entrance_ray;
 pub use sheet::read_toml;
 pub(crate) use sheet::profile;
 
@@ -153,6 +152,8 @@ pub enum Coating {
     None,
     /// A quarter wave of MgF₂ at 550 nm: the single coating of about 1940 to 1970.
     MagnesiumFluoride,
+    /// A broadband coating of several layers, since about 1975: 0.4 % at every surface.
+    Multilayer,
     /// No reflection at all: to see the glass alone.
     Perfect,
 }

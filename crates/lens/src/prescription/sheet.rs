@@ -59,6 +59,8 @@ enum SheetCoating {
     None,
     #[serde(rename = "MgF2")]
     MagnesiumFluoride,
+    #[serde(rename = "multi")]
+    Multilayer,
     #[serde(rename = "perfect")]
     Perfect,
 }
@@ -196,6 +198,7 @@ pub fn read_toml(text: &str, file: &str) -> Result<Prescription, PrescriptionErr
     let coating = match sheet.coating {
         SheetCoating::None => Coating::None,
         SheetCoating::MagnesiumFluoride => Coating::MagnesiumFluoride,
+        SheetCoating::Multilayer => Coating::Multilayer,
         SheetCoating::Perfect => Coating::Perfect,
     };
     Prescription {
@@ -303,7 +306,8 @@ impl Prescription {
         match self.coating {
             Coating::None => {}
             Coating::MagnesiumFluoride => line(&mut t, "coating", text("MgF2")),
-            Coating::Perfect => line(&mut t, "coating", text("perfect")),
+            Coating::Multilayer => line(&mut t, "coating", text("multi")),
+        Coating::Perfect => line(&mut t, "coating", text("perfect")),
         }
         t.push_str("surfaces = [\n");
         for s in &self.surfaces {

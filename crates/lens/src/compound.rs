@@ -1,0 +1,621 @@
+//! A real lens in front of the film: prescription, aperture and focus as they are set, ready to answer film points with rays.
+//!
+//! The camera stands where the middle of the (paraxial) entrance pupil is: rays leave towards the scene as seen from there, so
+//! that a real lens, a thin lens and a pinhole at the same place have the same perspective; focus distances count from there
+//! too.
+//!
+//! # Dispersion without colour noise
+//!
+//! A path carries four wavelengths along one ray of the scene. The hero's film point and pupil sample decide that ray; every
+//! other wavelength is traced from the scene back through the lens along the same ray and lands on its own film point, where it
+//! is counted. Nothing is thrown away, so a path is as free of colour noise as through a thin lens. Each of the four could have
+//! been the hero, so the sample is weighted by the mean of the densities with which each of them would have drawn this ray
+//! (balance heuristic; densities per étendue dA cosθ dω, which a lens in air conserves):
+//! w = 1 / mean over the wavelengths that pass of 1/(Aⱼ cos⁴θⱼ). Alternatives: retracing every wavelength costs four paths;
+//! ending the secondary ones at the lens costs four times the samples for the same colour noise.
+
+use crate::batch::single::{Batch, Indices, LANES, Packet};
+use crate::focusing::best_film_z;
+use crate::glass::D_NM;
+use crate::iris::Iris;
+use crate::paraxial::FirstOrder;
+use crate::prescription::Prescription;
+use crate::pupil::{self, Geometry, PupilTable};
+use crate::system::{State, System};
+use crate::trace::{Apertures, TracedRay, Way};
+use crate::{Blocked, BlockedBy, Focus, LensError, LensRay};
+use diopter_light::units::Millimeters;
+use glam::{DVec2, DVec3};
+use std::sync::Arc;
+
+/// How much brighter than it really is a lens may be called: f/2 for f/2.07. Names are rounded to thirds of a stop.
+const NAME_TOLERANCE: f64 = 1.06;
+/// Wavelength at which rays without one are traced, nm.
+pub const REFERENCE_NM: f64 = D_NM;
+
+/// What is set on the lens.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Setting {
+    /// Focal length of a zoom, mm; the shortest without.
+    pub focal_length: Option<f64>,
+    /// f-number; fully open without.
+    pub f_number: Option<f64>,
+    /// What is sharp.
+    pub focus: Focus,
+    /// Instead of the lens's own iris.
+    pub iris: Option<Iris>,
+    /// Size of the film, mm: how far the pupil is looked for.
+    pub film_mm: [f64; 2],
+}
+
+/// A lens as it is set.
+#[derive(Clone, Debug)]
+pub struct CompoundLens {
+    prescription: Arc<Prescription>,
+    system: System,
+    state: State,
+    focus: Focus,
+    efl: f64,
+    f_number: f64,
+    widest: f64,
+    first: FirstOrder,
+    reference: Vec<f64>,
+    batch: Batch,
+    pupils: PupilTable,
+    transmittance: f64,
+    disperses: bool,
+}
+
+impl PartialEq for CompoundLens {
+    fn eq(&self, other: &Self) -> bool {
+        self.system == other.system
+    }
+}
+
+/// Sixteen camera samples.
+#[derive(Clone, Debug)]
+pub struct Samples {
+    /// Film points, mm.
+    pub film: [DVec2; LANES],
+    /// Places in the unit square that choose the place in the pupil.
+    pub pupil: [[f32; 2]; LANES],
+    /// Wavelengths, nm; the first is the hero.
+    pub nm: [[f32; 4]; LANES],
+}
+
+impl Default for Samples {
+    fn default() -> Self {
+        Samples { film: [DVec2::ZERO; LANES], pupil: [[0.5; 2]; LANES], nm: [[550.0; 4]; LANES] }
+    }
+}
+
+/// What becomes of them.
+#[derive(Clone, Debug)]
+pub struct Exits {
+    /// A bit for every sample that reaches the scene.
+    pub passed: u32,
+    /// Rays towards the scene, as [`LensRay`]: origins in mm from the entrance pupil, unit directions.
+    pub origin: [[f32; 3]; LANES],
+    /// Unit directions.
+    pub direction: [[f32; 3]; LANES],
+    /// Where each wavelength lands on the film, mm.
+    pub lands: [[[f32; 2]; 4]; LANES],
+    /// Weight of each wavelength, sr; 0 where it does not come through. The irradiance of the film is the sum over samples of
+    /// radiance × weight / (samples per area).
+    pub weight: [[f32; 4]; LANES],
+}
+
+impl Default for Exits {
+    fn default() -> Self {
+        Exits {
+            passed: 0,
+            origin: [[0.0; 3]; LANES],
+            direction: [[0.0; 3]; LANES],
+            lands: [[[0.0; 2]; 4]; LANES],
+            weight: [[0.0; 4]; LANES],
+        }
+    }
+}
+
+/// Buffers of [`CompoundLens::exits`], to be kept between calls.
+#[derive(Clone, Debug, Default)]
+pub struct Scratch {
+    packet: Packet,
+    forward: Packet,
+    n: Indices,
+    n_forward: Indices,
+}
+
+impl CompoundLens {
+    /// Sets a lens. Fails on what it cannot do, saying what it can.
+    pub fn new(prescription: Arc<Prescription>, setting: &Setting) -> Result<CompoundLens, LensError> {
+        let p = &*prescription;
+        let range = |what, found: String, expected: String| Err(LensError::Setting { what, found, expected });
+        let zoom = zoom_position(p, setting.focal_length)?;
+        let far = System::at(p, State { zoom, focus: 0.0 });
+        let n = far.indices(REFERENCE_NM);
+        let efl = FirstOrder::of(&far, &n).efl;
+        if !(efl.abs() > 1e-3 && efl.abs() < 1e6) {
+            return range("lens", format!("\"{}\"", p.name), "a lens with a focal length: it has no power".into());
+        }
+        if efl < 0.0 {
+            let expected = "a lens that makes a real image: its focal length is negative";
+            return range("lens", format!("\"{}\" ({efl:.2} mm)", p.name), expected.into());
+        }
+        let widest = widest_f_number(p, &far, efl)
+            .ok_or_else(|| LensError::Setting {
+                what: "lens",
+                found: format!("\"{}\"", p.name),
+                expected: "a lens that light on the axis can pass".into(),
+            })?;
+        let f_number = match setting.f_number {
+            None => widest,
+            Some(asked) if !(asked > 0.0 && asked.is_finite()) => {
+                return range("aperture", format!("f/{asked}"), "a positive number such as f/2.8".into());
+            }
+            Some(asked) if asked * NAME_TOLERANCE < widest => {
+                return range("aperture", format!("f/{asked}"), format!("f/{widest:.2} or a larger number: this lens opens no wider"));
+            }
+            Some(asked) => asked.max(widest),
+        };
+        let mut iris = far.iris.clone();
+        if let Some(shape) = &setting.iris {
+            iris.shape = shape.clone();
+        }
+        let radius = stop_radius(&far, efl, f_number).unwrap_or(iris.radius).min(iris.radius);
+        iris = opening(iris.shape, radius, far.surfaces[far.stop].semi_diameter);
+
+        let (system, state) = focused(p, zoom, &iris, setting.focus)?;
+        let n = system.indices(REFERENCE_NM);
+        let first = FirstOrder::of(&system, &n);
+        let batch = Batch::new(&system);
+        let distance = system.film_z - first.exit_pupil_z;
+        let curvature = if distance.is_finite() && distance.abs() > 1e-6 { 1.0 / distance } else { 0.0 };
+        let rim = system.surfaces.last().map_or(([1.0, 1.0], 1.0), |s| {
+            let sag = s.profile.sag(0.0, s.semi_diameter * (1.0 - 1e-9)).unwrap_or(0.0);
+            let shift = s.frame.as_ref().map_or(0.0, |f| f.0.translation.truncate().length() + 0.1 * s.semi_diameter);
+            let (vertex, edge) = (system.film_z - s.z, system.film_z - s.z - sag);
+            ([vertex.min(edge) - shift, vertex.max(edge) + shift], s.semi_diameter + shift)
+        });
+        if rim.0[0] <= 0.0 {
+            return range("focus", "the film".into(), "a film behind the last surface: it would touch the lens".into());
+        }
+        let pupils = PupilTable::new(&Geometry {
+            batch: &batch,
+            film_z: system.film_z,
+            curvature,
+            slope: (first.exit_pupil_radius() / distance).abs().clamp(1e-4, 2.0),
+            rim,
+            film_half: DVec2::new(0.5 * setting.film_mm[0], 0.5 * setting.film_mm[1]),
+            rotational: system.is_rotational(),
+            iris_period: system.iris.shape.period(),
+        });
+        let disperses = system.glasses.iter().any(|g| g.index(450.0) != g.index(650.0));
+        let reference = n;
+        let mut lens = CompoundLens {
+            prescription,
+            system,
+            state,
+            focus: setting.focus,
+            efl,
+            f_number,
+            widest,
+            first,
+            reference,
+            batch,
+            pupils,
+            transmittance: 1.0,
+            disperses,
+        };
+        lens.transmittance = lens.axial_transmittance();
+        Ok(lens)
+    }
+
+    /// As published.
+    pub fn prescription(&self) -> &Prescription {
+        &self.prescription
+    }
+
+    /// Surfaces as they stand.
+    pub fn system(&self) -> &System {
+        &self.system
+    }
+
+    /// Focus and zoom positions.
+    pub fn state(&self) -> State {
+        self.state
+    }
+
+    /// What is sharp.
+    pub fn focus(&self) -> Focus {
+        self.focus
+    }
+
+    /// Effective focal length at infinity focus, mm.
+    pub fn focal_length(&self) -> Millimeters {
+        Millimeters(self.efl)
+    }
+
+    /// f-number as set: focal length over the diameter of the beam that a distant axial point sends through.
+    pub fn f_number(&self) -> f64 {
+        self.f_number
+    }
+
+    /// f-number fully open.
+    pub fn widest_f_number(&self) -> f64 {
+        self.widest
+    }
+
+    /// f-number of a lossless, unobstructed lens as bright on the axis.
+    pub fn t_number(&self) -> f64 {
+        self.f_number / self.transmittance.sqrt()
+    }
+
+    /// First-order data as it stands.
+    pub fn first_order(&self) -> &FirstOrder {
+        &self.first
+    }
+
+    /// Pupil shapes.
+    pub fn pupils(&self) -> &PupilTable {
+        &self.pupils
+    }
+
+    /// Light on the axis over that of a full, lossless pupil of this f-number, photopically averaged.
+    fn axial_transmittance(&self) -> f64 {
+        let film = DVec2::ZERO;
+        let (region, turn) = self.pupils.region(film);
+        let area = region.fan.area();
+        let (mut sum, mut weights) = (0.0, 0.0);
+        const SIDE: usize = 16;
+        for (nm, weight) in [(480.0, 0.14), (546.1, 0.98), (587.6, 0.77), (650.0, 0.11)] {
+            let n = self.system.indices(nm);
+            for i in 0..SIDE * SIDE {
+                let u = [(i % SIDE) as f32 + 0.5, (i / SIDE) as f32 + 0.5].map(|v| v / SIDE as f32);
+                let slope = if area > 0.0 { self.pupils.slope(film, region.fan.sample(u), turn) } else { DVec2::ZERO };
+                let ray = self.film_ray(film, slope);
+                let share = self.system.transmittance(ray, &n, nm, Way::ToObject).unwrap_or(0.0);
+                sum += weight * share * area * ray.direction.z.powi(4) / (SIDE * SIDE) as f64;
+                weights += weight;
+            }
+        }
+        // The same without losses.
+        let mut mean = 0.0;
+        let n = &self.reference;
+        for i in 0..SIDE * SIDE {
+            let u = [(i % SIDE) as f32 + 0.5, (i / SIDE) as f32 + 0.5].map(|v| v / SIDE as f32);
+            let slope = if area > 0.0 { self.pupils.slope(film, region.fan.sample(u), turn) } else { DVec2::ZERO };
+            let ray = self.film_ray(film, slope);
+            // Obstructions count as loss, so they are looked through here.
+            let clear = |i: usize| self.system.surfaces[i].obstruction;
+            let passes = match self.system.trace(ray, n, Way::ToObject, Apertures::Clip) {
+                Ok(_) => true,
+                Err(b) => b.why == BlockedBy::Clipped && clear(b.surface) > 0.0,
+            };
+            mean += if passes { area * ray.direction.z.powi(4) / (SIDE * SIDE) as f64 } else { 0.0 };
+        }
+        if mean > 0.0 { sum / weights / mean } else { 1.0 }
+    }
+
+    fn film_ray(&self, film: DVec2, slope: DVec2) -> TracedRay {
+        TracedRay { position: film.extend(self.system.film_z), direction: slope.extend(-1.0).normalize() }
+    }
+
+    /// The plain answer: film point and pupil sample → ray and weight at one wavelength, losses in glass and at surfaces
+    /// included.
+    pub fn ray(&self, film: DVec2, u: [f32; 2], nm: f64) -> Result<LensRay, Blocked> {
+        let (region, turn) = self.pupils.region(film);
+        let area = region.fan.area();
+        if area <= 0.0 {
+            return Err(Blocked { surface: self.system.surfaces.len() - 1, why: BlockedBy::Clipped });
+        }
+        let ray = self.film_ray(film, self.pupils.slope(film, region.fan.sample(u), turn));
+        let n = self.system.indices(nm);
+        let share = self.system.transmittance(ray, &n, nm, Way::ToObject)?;
+        let stop = self.stop_transmittance(ray, &n)?;
+        let out = self.system.trace(ray, &n, Way::ToObject, Apertures::Clip)?;
+        let weight_sr = area * ray.direction.z.powi(4) * share * stop;
+        Ok(LensRay { origin_mm: self.from_pupil(out.position), direction: out.direction, weight_sr })
+    }
+
+    /// Transmittance of an aperture picture where a ray passes it.
+    fn stop_transmittance(&self, ray: TracedRay, n: &[f64]) -> Result<f64, Blocked> {
+        if !matches!(self.system.iris.shape, Iris::Image(_)) {
+            return Ok(1.0);
+        }
+        let mut share = 1.0;
+        self.system.trace_with(ray, n, Way::ToObject, Apertures::Clip, |e| {
+            if e.surface == self.system.stop {
+                let p = self.system.surfaces[e.surface].to_local(e.point, DVec3::Z).0;
+                share = self.system.iris.transmittance(p.x, p.y);
+            }
+        })?;
+        Ok(share)
+    }
+
+    fn from_pupil(&self, p: DVec3) -> DVec3 {
+        p - DVec3::Z * self.first.entrance_pupil_z
+    }
+
+    /// The ray through the middle of what passes.
+    pub fn chief_ray(&self, film: DVec2) -> Result<LensRay, Blocked> {
+        let (region, turn) = self.pupils.region(film);
+        let mut ray = self.film_ray(film, self.pupils.slope(film, region.fan.center(), turn));
+        let n = &self.reference;
+        let mut out = self.system.trace(ray, n, Way::ToObject, Apertures::Clip);
+        // An obstruction sits in the middle: any ray beside it looks the same way.
+        for i in 0..32 {
+            if out.is_ok() || region.fan.area() <= 0.0 {
+                break;
+            }
+            let u = [(i as f32 + 0.5) / 32.0, 0.75];
+            ray = self.film_ray(film, self.pupils.slope(film, region.fan.sample(u), turn));
+            out = self.system.trace(ray, n, Way::ToObject, Apertures::Clip);
+        }
+        let out = out?;
+        let weight_sr = region.fan.area() * ray.direction.z.powi(4);
+        Ok(LensRay { origin_mm: self.from_pupil(out.position), direction: out.direction, weight_sr })
+    }
+
+    /// Sixteen samples at once: what [`CompoundLens::ray`] answers, for four wavelengths each. `film_half`: beyond it no sample
+    /// starts, so no density is counted there.
+    pub fn exits(&self, samples: &Samples, film_half: DVec2, scratch: &mut Scratch, out: &mut Exits) {
+        let Scratch { packet, forward, n, n_forward } = scratch;
+        let film_z = self.system.film_z;
+        let mut density = [[0.0f32; 4]; LANES];
+        let mut hero_nm = [0.0; LANES];
+        for i in 0..LANES {
+            let film = samples.film[i];
+            let (region, turn) = self.pupils.region(film);
+            let area = region.fan.area();
+            let q = if area > 0.0 { region.fan.sample(samples.pupil[i]) } else { DVec2::ZERO };
+            pupil::start(packet, i, film, film_z, self.pupils.slope(film, q, turn));
+            let cos2 = packet.dz[i] * packet.dz[i];
+            density[i][0] = if area > 0.0 { 1.0 / (area as f32 * cos2 * cos2) } else { 0.0 };
+            hero_nm[i] = samples.nm[i][0];
+        }
+        self.batch.indices(&hero_nm, n);
+        out.passed = self.batch.trace_light(packet, n, &hero_nm, Way::ToObject);
+        let z = self.first.entrance_pupil_z as f32;
+        for i in 0..LANES {
+            if density[i][0] == 0.0 {
+                out.passed &= !(1 << i);
+            }
+            out.origin[i] = [packet.x[i], packet.y[i], packet.z[i] - z];
+            out.direction[i] = [packet.dx[i], packet.dy[i], packet.dz[i]];
+            let film = samples.film[i].as_vec2().to_array();
+            out.lands[i] = [film; 4];
+            out.weight[i] = [0.0; 4];
+        }
+        if out.passed == 0 {
+            return;
+        }
+        if !self.disperses {
+            // One path for all: only what glass and surfaces take may differ, and for such glasses it is the same.
+            for i in 0..LANES {
+                if out.passed >> i & 1 == 1 {
+                    out.weight[i] = [packet.share[i] / density[i][0]; 4];
+                }
+            }
+            return;
+        }
+        let mut shares = [[0.0f32; 4]; LANES];
+        for i in 0..LANES {
+            if out.passed >> i & 1 == 1 {
+                shares[i][0] = packet.share[i];
+            }
+        }
+        for k in 1..4 {
+            let mut nm = [0.0; LANES];
+            for i in 0..LANES {
+                nm[i] = samples.nm[i][k];
+                // From the front towards the film: the reverse of what left.
+                forward.set(
+                    i,
+                    [packet.x[i], packet.y[i], packet.z[i]],
+                    [-packet.dx[i], -packet.dy[i], -packet.dz[i]],
+                );
+            }
+            self.batch.indices(&nm, n_forward);
+            let through = self.batch.trace_light(forward, n_forward, &nm, Way::ToFilm) & out.passed;
+            for i in 0..LANES {
+                if through >> i & 1 == 0 {
+                    continue;
+                }
+                let t = (film_z as f32 - forward.z[i]) / forward.dz[i];
+                let land = [forward.x[i] + forward.dx[i] * t, forward.y[i] + forward.dy[i] * t];
+                out.lands[i][k] = land;
+                shares[i][k] = forward.share[i];
+                let at = DVec2::new(land[0] as f64, land[1] as f64);
+                if at.x.abs() <= film_half.x && at.y.abs() <= film_half.y {
+                    let area = self.pupils.region(at).0.fan.area() as f32;
+                    let cos2 = forward.dz[i] * forward.dz[i];
+                    density[i][k] = if area > 0.0 { 1.0 / (area * cos2 * cos2) } else { 0.0 };
+                }
+            }
+        }
+        for i in 0..LANES {
+            let mean = 0.25 * (density[i][0] + density[i][1] + density[i][2] + density[i][3]);
+            for k in 0..4 {
+                out.weight[i][k] = if shares[i][k] > 0.0 { shares[i][k] / mean } else { 0.0 };
+            }
+        }
+    }
+
+    /// Share of pupil samples of a film point that reach the scene, and the area of its region times cos⁴θ to its middle, sr.
+    pub fn passing(&self, film: DVec2) -> f64 {
+        self.pupils.region(film).0.passing
+    }
+}
+
+/// Position of a zoom at which it has a focal length.
+pub fn zoom_position(p: &Prescription, focal_length: Option<f64>) -> Result<f64, LensError> {
+    let efl = |zoom: f64| {
+        let s = System::at(p, State { zoom, focus: 0.0 });
+        FirstOrder::of(&s, &s.indices(REFERENCE_NM)).efl
+    };
+    let last = p.last_zoom();
+    let (a, b) = (efl(0.0), efl(last));
+    let Some(asked) = focal_length else { return Ok(if a <= b { 0.0 } else { last }) };
+    let range = |expected: String| LensError::Setting { what: "focal length", found: format!("{asked} mm"), expected };
+    if p.zoom.len() < 2 {
+        // People give the nominal length of a prime too.
+        return match (asked / a - 1.0).abs() < 0.1 {
+            true => Ok(0.0),
+            false => Err(range(format!("{a:.2} mm or nothing: \"{}\" is not a zoom", p.name))),
+        };
+    }
+    let (short, long) = (a.min(b), a.max(b));
+    if !(asked > short * 0.94 && asked < long * 1.06) {
+        return Err(range(format!("{short:.1} to {long:.1} mm")));
+    }
+    let asked = asked.clamp(short, long);
+    let (mut low, mut high) = if a <= b { (0.0, last) } else { (last, 0.0) };
+    for _ in 0..50 {
+        let mid = 0.5 * (low + high);
+        if efl(mid) < asked { low = mid } else { high = mid }
+    }
+    Ok(0.5 * (low + high))
+}
+
+/// Smallest f-number at which an axial beam from infinity passes every rim; not smaller than the prescription states.
+fn widest_f_number(p: &Prescription, system: &System, efl: f64) -> Option<f64> {
+    let n = system.indices(REFERENCE_NM);
+    let passes = |h: f64| {
+        let ray = TracedRay { position: DVec3::new(0.0, h, 0.0), direction: DVec3::Z };
+        system.trace(ray, &n, Way::ToFilm, Apertures::IgnoreIris).is_ok()
+    };
+    let most = system.surfaces.iter().map(|s| s.semi_diameter).filter(|s| *s < 1e8).fold(0.0, f64::max);
+    const STEPS: usize = 400;
+    let mut height = (1..=STEPS).rev().map(|i| most * i as f64 / STEPS as f64).find(|h| passes(*h))?;
+    let mut above = height + most / STEPS as f64;
+    for _ in 0..40 {
+        let mid = 0.5 * (height + above);
+        if passes(mid) { height = mid } else { above = mid }
+    }
+    let rims = efl.abs() / (2.0 * height);
+    // Zooms state the f-number of one end: the other is as its rims say.
+    let stated = p.f_number.filter(|_| p.zoom.len() < 2 || rims < p.f_number.unwrap_or(0.0));
+    Some(stated.map_or(rims, |stated| rims.max(stated)))
+}
+
+/// Radius at the stop of the real axial ray of an f-number.
+fn stop_radius(system: &System, efl: f64, f_number: f64) -> Option<f64> {
+    let n = system.indices(REFERENCE_NM);
+    let ray = TracedRay { position: DVec3::new(0.0, 0.5 * efl.abs() / f_number, 0.0), direction: DVec3::Z };
+    let mut radius = None;
+    let traced = system.trace_with(ray, &n, Way::ToFilm, Apertures::Ignore, |e| {
+        if e.surface == system.stop {
+            radius = Some(system.surfaces[e.surface].to_local(e.point, DVec3::Z).0.y.abs());
+        }
+    });
+    // A ray that fails behind the stop has told what was asked.
+    let _ = traced;
+    radius
+}
+
+/// The opening of a stop: blades that are drawn back behind its rim leave a round hole.
+fn opening(shape: Iris, radius: f64, rim: f64) -> crate::system::StopOpening {
+    let Iris::Blades(b) = &shape else { return crate::system::StopOpening { shape, radius } };
+    // Area of polygon ∩ rim for a polygon of equal-area radius r.
+    let area = |r: f64| {
+        const STEPS: usize = 2000;
+        let sum: f64 = (0..STEPS)
+            .map(|i| {
+                let d = DVec2::from_angle(std::f64::consts::TAU * i as f64 / STEPS as f64);
+                let side = |e: &[f64; 3]| {
+                    let along = d.x * e[0] + d.y * e[1];
+                    if along > 0.0 { e[2] * r / along } else { f64::INFINITY }
+                };
+                b.edges().iter().map(side).fold(rim, f64::min).powi(2)
+            })
+            .sum();
+        0.5 * sum * std::f64::consts::TAU / STEPS as f64
+    };
+    let wanted = std::f64::consts::PI * radius * radius;
+    if radius > rim * 0.9999 {
+        return crate::system::StopOpening { shape: Iris::Round, radius: rim };
+    }
+    let (mut low, mut high) = (radius, 2.5 * radius);
+    for _ in 0..40 {
+        let mid = 0.5 * (low + high);
+        if area(mid) < wanted { low = mid } else { high = mid }
+    }
+    crate::system::StopOpening { radius: 0.5 * (low + high), shape }
+}
+
+/// The system focused: gaps by the lens's focus data where it has any, the rest by moving the film.
+fn focused(
+    p: &Prescription,
+    zoom: f64,
+    iris: &crate::system::StopOpening,
+    focus: Focus,
+) -> Result<(System, State), LensError> {
+    let at = |t: f64| {
+        let mut s = System::at(p, State { zoom, focus: t });
+        s.iris = iris.clone();
+        s
+    };
+    let impossible = |expected: String| LensError::Setting {
+        what: "focus",
+        found: match focus {
+            Focus::Infinity => "infinity".into(),
+            Focus::Distance(d) => format!("{} mm", d.0),
+        },
+        expected,
+    };
+    // Best film place less the place the data gives it, and the former.
+    let offset = |s: &System| {
+        let object = match focus {
+            Focus::Infinity => None,
+            Focus::Distance(Millimeters(d)) => Some(FirstOrder::of(s, &s.indices(REFERENCE_NM)).entrance_pupil_z - d),
+        };
+        let (z, _) = best_film_z(s, object)?;
+        (z > s.last_z()).then_some((z - s.film_z, z))
+    };
+    if let Focus::Distance(Millimeters(d)) = focus
+        && !(d > 0.0 && d.is_finite())
+    {
+        return Err(impossible("a positive distance such as 2.5m, or inf".into()));
+    }
+    let no_image = || {
+        let s = at(0.0);
+        let f = FirstOrder::of(&s, &s.indices(REFERENCE_NM));
+        let nearest = f.entrance_pupil_z - f.ffl;
+        impossible(format!("more than about {nearest:.0} mm from the lens: nearer planes have no image"))
+    };
+    let mut t = 0.0;
+    if let (true, Focus::Distance(Millimeters(d))) = (p.has_focus_data(), focus) {
+        // The film stays; the groups move until it lies in the best plane.
+        let value = |t: f64| offset(&at(t)).map(|o| o.0);
+        let far = value(0.0).ok_or_else(no_image)?;
+        // The end of the scale is itself a best plane of a distance; a little beyond it is allowed.
+        const END: f64 = 1.02;
+        match value(END) {
+            Some(near) if far > 0.0 && near > 0.0 => {
+                let close = p.close_focus.unwrap_or(0.0);
+                return Err(impossible(format!("{close:.0} mm from the film or more: the lens focuses no nearer (asked {d:.0} mm from the pupil)")));
+            }
+            Some(near) if (far > 0.0) != (near > 0.0) => {
+                let (mut low, mut high) = (0.0, END);
+                for _ in 0..40 {
+                    let mid = 0.5 * (low + high);
+                    match value(mid) {
+                        Some(v) if (v > 0.0) == (far > 0.0) => low = mid,
+                        _ => high = mid,
+                    }
+                }
+                t = 0.5 * (low + high);
+            }
+            // Beyond infinity by the rounding of the figures.
+            _ => t = 0.0,
+        }
+    }
+    let mut system = at(t);
+    let (_, z) = offset(&system).ok_or_else(no_image)?;
+    if z - system.last_z() > 50.0 * (FirstOrder::of(&system, &system.indices(REFERENCE_NM)).efl.abs() + 1.0) {
+        return Err(no_image());
+    }
+    system.film_z = z;
+    Ok((system, State { zoom, focus: t }))
+}

@@ -1,0 +1,321 @@
+//! Where light passes, as a film point sees it: tables of exit-pupil shapes, from which only directions that (nearly all) reach
+//! the scene are drawn.
+//!
+//! A direction from film point x is s, its slope towards the lens; the table lives in q = s + κ x, with 1/κ the distance of the
+//! exit pupil: in q the pupil of a small stop stands still over the whole field, and a telecentric lens (κ = 0) is nothing
+//! special. An element dq carries dE = L cos⁴θ dq, so a direction drawn evenly from a region of area A weighs A cos⁴θ exactly.
+//!
+//! Shapes are found by tracing at 400, 550 and 700 nm, as polygons around what passes. For a convex set the arc between two
+//! boundary points lies inside the triangle that their neighbours' chords make with theirs; adding these corners makes a polygon
+//! that holds the set. A bin of the table holds the hull of the polygons at its ends. Nothing that passes is left out, so the
+//! picture is unbiased; what is drawn in vain is a few per cent.
+
+use crate::batch::single::{Batch, Indices, LANES, Packet};
+use crate::fan::{Fan, convex_hull};
+use crate::trace::Way;
+use glam::DVec2;
+
+/// Wavelengths at which shapes are looked for, nm.
+const COLORS_NM: [f32; 3] = [400.0, 550.0, 700.0];
+/// Directions in which an edge is looked for.
+const ANGLES: usize = 64;
+/// Rays a side of the grid that looks for light at all.
+const GRID: usize = 32;
+/// Bins over the film radius for a round iris in a round lens.
+const RADIAL_BINS: usize = 96;
+/// Bins over the film radius, and over the period of the iris, for another iris in a round lens.
+const POLAR_BINS: [usize; 2] = [44, 8];
+/// Cells over the film for a lens that is not round.
+const CELLS: [usize; 2] = [24, 16];
+/// Growth that covers shapes which are not quite convex and single precision.
+const MARGIN: f64 = 1.002;
+/// Samples a side that measure how much of a region passes.
+const MEASURE: usize = 16;
+
+/// Shape of the pupil for a part of the film.
+#[derive(Clone, Debug)]
+pub struct Region {
+    /// Polygon in q. For a round iris in a round lens in the frame whose x axis goes through the film point; for another iris in
+    /// the film's frame, turned by whole periods.
+    pub fan: Fan,
+    /// Share of it that light passes, at 550 nm in the middle of the bin.
+    pub passing: f64,
+}
+
+#[derive(Clone, Debug)]
+enum Layout {
+    /// By radius and by angle within a period (0: round).
+    Polar { radius: f64, bins: usize, period: f64, angles: usize, turns: Vec<DVec2> },
+    /// By place.
+    Cells { half: DVec2, counts: [usize; 2] },
+}
+
+/// All regions of a lens as it stands.
+#[derive(Clone, Debug)]
+pub struct PupilTable {
+    layout: Layout,
+    regions: Vec<Region>,
+    /// 1 / distance from the film to the exit pupil, 1/mm.
+    pub curvature: f64,
+}
+
+/// What finding shapes needs to know about the lens.
+pub struct Geometry<'a> {
+    /// The lens.
+    pub batch: &'a Batch,
+    /// Film plane, mm from the first vertex.
+    pub film_z: f64,
+    /// 1 / distance from the film to the exit pupil.
+    pub curvature: f64,
+    /// Radius of the exit pupil over its distance: 1/(2N) on the axis.
+    pub slope: f64,
+    /// Distances from the film between which the last surface lies within its rim, and the rim's radius, mm.
+    pub rim: ([f64; 2], f64),
+    /// Half size of the film, mm.
+    pub film_half: DVec2,
+    /// Lens without iris looks the same from all sides.
+    pub rotational: bool,
+    /// Period of the iris, rad; 0 round.
+    pub iris_period: f64,
+}
+
+impl PupilTable {
+    /// Looks for the shapes.
+    pub fn new(g: &Geometry) -> PupilTable {
+        let mut search = Search { g, n: COLORS_NM.map(|nm| lane_indices(g.batch, nm)), packet: Packet::default() };
+        let diagonal = g.film_half.length();
+        let (layout, regions) = if g.rotational {
+            let round = g.iris_period == 0.0;
+            let (bins, angles) = if round { (RADIAL_BINS, 1) } else { (POLAR_BINS[0], POLAR_BINS[1]) };
+            let corners = if round { 1 } else { angles + 1 };
+            let mut outlines: Vec<Vec<Vec<DVec2>>> = vec![vec![]; bins + 1];
+            for a in 0..corners {
+                let angle = g.iris_period * a as f64 / angles as f64;
+                let mut before = None;
+                for r in 0..=bins {
+                    let film = DVec2::from_angle(angle) * (diagonal * r as f64 / bins as f64);
+                    let outline = search.outline(film, before.as_ref());
+                    outlines[r].push(outline.clone());
+                    before = Some(outline);
+                }
+            }
+            let mut regions = Vec::with_capacity(bins * angles);
+            for r in 0..bins {
+                for a in 0..angles {
+                    let ends = if round { vec![0] } else { vec![a, a + 1] };
+                    let points = ends.iter().flat_map(|e| outlines[r][*e].iter().chain(&outlines[r + 1][*e])).copied().collect();
+                    let angle = g.iris_period * (a as f64 + 0.5) / angles as f64;
+                    let film = DVec2::from_angle(angle) * (diagonal * (r as f64 + 0.5) / bins as f64);
+                    regions.push(search.region(points, film));
+                }
+            }
+            let periods = if round { 0 } else { (std::f64::consts::TAU / g.iris_period).round() as usize };
+            let turns = (0..periods).map(|k| DVec2::from_angle(g.iris_period * k as f64)).collect();
+            (Layout::Polar { radius: diagonal, bins, period: g.iris_period, angles, turns }, regions)
+        } else {
+            let [nx, ny] = CELLS;
+            let film = |i: f64, j: f64| DVec2::new(2.0 * i / nx as f64 - 1.0, 2.0 * j / ny as f64 - 1.0) * g.film_half;
+            let mut outlines: Vec<Vec<DVec2>> = vec![];
+            for j in 0..=ny {
+                for i in 0..=nx {
+                    let before = if i > 0 { outlines.last().cloned() } else { None };
+                    outlines.push(search.outline(film(i as f64, j as f64), before.as_ref()));
+                }
+            }
+            let mut regions = Vec::with_capacity(nx * ny);
+            for j in 0..ny {
+                for i in 0..nx {
+                    let at = |i: usize, j: usize| &outlines[j * (nx + 1) + i];
+                    let all = [at(i, j), at(i + 1, j), at(i, j + 1), at(i + 1, j + 1)];
+                    let points = all.into_iter().flatten().copied().collect();
+                    regions.push(search.region(points, film(i as f64 + 0.5, j as f64 + 0.5)));
+                }
+            }
+            (Layout::Cells { half: g.film_half, counts: CELLS }, regions)
+        };
+        PupilTable { layout, regions, curvature: g.curvature }
+    }
+
+    /// Region of a film point and the rotation (cosine, sine) from its frame into the film's.
+    #[inline]
+    pub fn region(&self, film: DVec2) -> (&Region, DVec2) {
+        match &self.layout {
+            Layout::Polar { radius, bins, period, angles, turns } => {
+                let r = film.length();
+                let bin = ((r / radius * *bins as f64) as usize).min(bins - 1);
+                if turns.is_empty() {
+                    return (&self.regions[bin], if r > 0.0 { film / r } else { DVec2::X });
+                }
+                let phase = film.y.atan2(film.x).rem_euclid(std::f64::consts::TAU) / period;
+                let turn = (phase as usize).min(turns.len() - 1);
+                let sector = ((phase - turn as f64) * *angles as f64) as usize;
+                (&self.regions[bin * angles + sector.min(angles - 1)], turns[turn])
+            }
+            Layout::Cells { half, counts } => {
+                let at = (film / *half * 0.5 + 0.5).clamp(DVec2::ZERO, DVec2::splat(0.999_999_999));
+                let (i, j) = ((at.x * counts[0] as f64) as usize, (at.y * counts[1] as f64) as usize);
+                (&self.regions[j * counts[0] + i], DVec2::X)
+            }
+        }
+    }
+
+    /// Slope from a film point for a point of its region.
+    #[inline]
+    pub fn slope(&self, film: DVec2, q: DVec2, turn: DVec2) -> DVec2 {
+        turn.rotate(q) - film * self.curvature
+    }
+
+    /// Mean over the bins of the share that passes, by area of region: what [`PupilTable`] is judged by.
+    pub fn passing(&self) -> f64 {
+        let (sum, area) = self.regions.iter().fold((0.0, 0.0), |(s, a), r| (s + r.passing * r.fan.area(), a + r.fan.area()));
+        if area > 0.0 { sum / area } else { 0.0 }
+    }
+}
+
+fn lane_indices(batch: &Batch, nm: f32) -> Indices {
+    let mut n = vec![];
+    batch.indices(&[nm; LANES], &mut n);
+    n
+}
+
+struct Search<'a> {
+    g: &'a Geometry<'a>,
+    n: [Indices; 3],
+    packet: Packet,
+}
+
+impl Search<'_> {
+    /// Which of 16 points in q let light of any colour pass from a film point.
+    fn passes(&mut self, film: DVec2, q: &[DVec2; LANES], colors: &[usize]) -> u32 {
+        let mut mask = 0;
+        for &color in colors {
+            for (i, q) in q.iter().enumerate() {
+                let s = *q - film * self.g.curvature;
+                let d = s.extend(-1.0).normalize().as_vec3();
+                self.packet.set(i, [film.x as f32, film.y as f32, self.g.film_z as f32], d.to_array());
+            }
+            mask |= self.g.batch.trace(&mut self.packet, &self.n[color], Way::ToObject);
+        }
+        mask
+    }
+
+    /// Disk in q that holds every ray through the rim of the last surface: middle and radius.
+    fn bound(&self, film: DVec2) -> (DVec2, f64) {
+        let ([near, far], radius) = self.g.rim;
+        let at = |distance: f64| film * (self.g.curvature - 1.0 / distance);
+        (0.5 * (at(near) + at(far)), 0.5 * (at(near) - at(far)).length() + radius / near * 1.001)
+    }
+
+    /// Points of a grid over a square that pass.
+    fn grid(&mut self, film: DVec2, center: DVec2, half: f64, side: usize) -> Vec<DVec2> {
+        let mut found = vec![];
+        let points: Vec<DVec2> = (0..side * side)
+            .map(|i| {
+                let cell = DVec2::new((i % side) as f64 + 0.5, (i / side) as f64 + 0.5);
+                center + (cell * (2.0 / side as f64) - 1.0) * half
+            })
+            .collect();
+        for chunk in points.chunks(LANES) {
+            let q: [DVec2; LANES] = std::array::from_fn(|i| chunk[i.min(chunk.len() - 1)]);
+            let mask = self.passes(film, &q, &[0, 1, 2]);
+            found.extend((0..chunk.len()).filter(|i| mask >> i & 1 == 1).map(|i| q[i]));
+        }
+        found
+    }
+
+    /// Polygon around everything that passes; empty where nothing does.
+    fn outline(&mut self, film: DVec2, before: Option<&Vec<DVec2>>) -> Vec<DVec2> {
+        let (bound_center, bound_radius) = self.bound(film);
+        // The neighbour's place first, then the paraxial pupil's, then everywhere.
+        let mut tries = vec![];
+        if let Some(outline) = before.filter(|o| o.len() > 2) {
+            let (low, high) =
+                outline.iter().fold((DVec2::MAX, DVec2::MIN), |(l, h), p| (l.min(*p), h.max(*p)));
+            tries.push((0.5 * (low + high), 0.75 * (high - low).max_element(), GRID / 2));
+        } else {
+            tries.push((DVec2::ZERO, 1.5 * self.g.slope, GRID / 2));
+        }
+        tries.push((bound_center, bound_radius, GRID));
+        tries.push((bound_center, bound_radius, 4 * GRID));
+        let mut found = vec![];
+        for (center, half, side) in tries {
+            found = self.grid(film, center, half, side);
+            if found.len() >= 3 {
+                break;
+            }
+        }
+        if found.is_empty() {
+            return vec![];
+        }
+        let center = found.iter().sum::<DVec2>() / found.len() as f64;
+        // How far out there can be light: to the bound in every direction.
+        let mut edge = [0.0; ANGLES];
+        for (i, edge) in edge.iter_mut().enumerate() {
+            let direction = DVec2::from_angle(std::f64::consts::TAU * i as f64 / ANGLES as f64);
+            let from = center - bound_center;
+            let along = from.dot(direction);
+            let reach2 = along * along - from.length_squared() + bound_radius * bound_radius;
+            let mut high = (-along + reach2.max(0.0).sqrt()).max(1e-9);
+            // The last passing point outwards, sixteen steps at a time: roughly for green, then finely for all colours.
+            let (mut low, mut step) = (0.0f64, 0.0);
+            for (stage, colors) in [&[1][..], &[1], &[0, 1, 2], &[0, 1, 2]].into_iter().enumerate() {
+                if stage == 2 {
+                    (low, high) = ((low - step).max(0.0), high + 2.0 * step);
+                }
+                step = (high - low) / LANES as f64;
+                let q: [DVec2; LANES] = std::array::from_fn(|k| center + direction * (low + step * (k as f64 + 1.0)));
+                let mask = self.passes(film, &q, colors);
+                let last = 32 - mask.leading_zeros();
+                (low, high) = (low + step * last as f64, (low + step * (last as f64 + 1.0)).min(high));
+            }
+            *edge = high;
+        }
+        let point = |i: usize| {
+            let i = i % ANGLES;
+            center + DVec2::from_angle(std::f64::consts::TAU * i as f64 / ANGLES as f64) * edge[i]
+        };
+        let mut outer = Vec::with_capacity(2 * ANGLES);
+        for i in 0..ANGLES {
+            let (a, b, c, d) = (point(i + ANGLES - 1), point(i), point(i + 1), point(i + 2));
+            outer.push(b);
+            // Where the chords before and after this one meet.
+            let (u, v) = (b - a, c - d);
+            let cross = u.perp_dot(v);
+            let t = (c - b).perp_dot(v) / cross;
+            let corner = b + u * t;
+            // Nearly parallel chords say nothing; corners of a real shape are not farther than the chord is long.
+            if t > 0.0 && t.is_finite() && (corner - b).length() < 2.0 * (c - b).length() {
+                outer.push(corner);
+            }
+        }
+        let hull = convex_hull(outer);
+        hull.into_iter().map(|p| center + (p - center) * MARGIN).collect()
+    }
+
+    /// The region around points, measured at a film point of the same frame.
+    fn region(&mut self, points: Vec<DVec2>, film: DVec2) -> Region {
+        let hull = convex_hull(points);
+        let center = if hull.is_empty() { DVec2::ZERO } else { hull.iter().sum::<DVec2>() / hull.len() as f64 };
+        let fan = Fan::new(center, hull);
+        if fan.area() <= 0.0 {
+            return Region { fan, passing: 0.0 };
+        }
+        let mut passed = 0;
+        for row in 0..MEASURE {
+            let v = (row as f32 + 0.5) / MEASURE as f32;
+            let q: [DVec2; LANES] = std::array::from_fn(|i| {
+                let u = (i as f32 + 0.5) / LANES as f32;
+                fan.sample([u, v])
+            });
+            passed += self.passes(film, &q, &[1]).count_ones();
+        }
+        Region { passing: passed as f64 / (MEASURE * LANES) as f64, fan }
+    }
+}
+
+/// Packs film point, slope and wavelength of lanes: for [`Batch::trace_light`] from the film.
+#[inline]
+pub(crate) fn start(packet: &mut Packet, lane: usize, film: DVec2, film_z: f64, slope: DVec2) {
+    let d = slope.extend(-1.0).normalize();
+    packet.set(lane, [film.x as f32, film.y as f32, film_z as f32], [d.x as f32, d.y as f32, d.z as f32]);
+}
