@@ -97,15 +97,21 @@ pub struct Taking {
     /// Film format instead of the body's: a name ("full frame", "APS-C", "4/3") or mm ("36x24").
     #[arg(long, value_name = "NAME|MM")]
     pub format: Option<String>,
-    /// thin or pinhole.
-    #[arg(long, value_name = "NAME")]
+    /// Lens: thin, pinhole, a name from `lens list`, or a file (.toml, .dat, .zmx, .seq, .json).
+    #[arg(long, value_name = "NAME|FILE")]
     pub lens: Option<String>,
-    /// Focal length: "50 mm".
+    /// Focal length: "50 mm"; of a zoom, where it is set.
     #[arg(long, value_name = "LENGTH")]
     pub focal_length: Option<LengthMm>,
-    /// Straight blades of the iris; round without.
+    /// Blades of the iris; without, the lens's own, or round.
     #[arg(long, value_name = "N")]
     pub blades: Option<u32>,
+    /// How round the blades are: 0 straight to 1.
+    #[arg(long, value_name = "X")]
+    pub blade_curvature: Option<f32>,
+    /// A picture (PNG, JPEG) as aperture: white lets light through.
+    #[arg(long, value_name = "FILE")]
+    pub aperture_image: Option<PathBuf>,
     /// Turn the iris, degrees.
     #[arg(long, value_name = "DEG", allow_negative_numbers = true)]
     pub blade_rotation: Option<f32>,
@@ -281,6 +287,8 @@ impl Taking {
         over(&mut camera.focal_length, &self.focal_length);
         over(&mut camera.blades, &self.blades);
         over(&mut camera.blade_rotation_deg, &self.blade_rotation);
+        over(&mut camera.blade_curvature, &self.blade_curvature);
+        over(&mut camera.aperture_image, &self.aperture_image);
         over(&mut camera.look_from, &self.look_from);
         over(&mut camera.look_at, &self.look_at);
         over(&mut camera.up, &self.up);

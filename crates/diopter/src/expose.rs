@@ -8,17 +8,25 @@ use crate::mount::M2_PER_MM2;
 use crate::shutter::Shutter;
 use diopter_image::focal_plane::{Band, BandUnit, Truth};
 use diopter_image::{ExposureFacts, FocalPlane, Raster};
+use diopter_lens::batch::single::LANES;
+use diopter_lens::compound::{CompoundLens, Exits, Samples, Scratch};
+use diopter_lens::Lens;
 use diopter_light::random::{Sampler, SamplerKind, Set};
 use diopter_light::spectrum::Table;
 use diopter_light::wavelength::{FIRST_NM, WavelengthSampler};
 use diopter_scene::{PathSettings, Scene};
 use rayon::prelude::*;
+use std::collections::BTreeMap;
 use std::ops::Range;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::time::Instant;
 
 /// Pixels a side of the squares that threads take.
 const TILE: usize = 16;
+
+/// Pixels around a tile that its samples may land in: through a real lens each wavelength has its own film point. What lands
+/// farther away is kept pixel by pixel.
+const MARGIN: usize = 4;
 
 /// What the film records.
 #[derive(Clone, Debug)]
@@ -225,12 +233,14 @@ pub fn expose(
     Ok(FocalPlane { bands: response.bands.clone(), mean, half_difference, truth, facts })
 }
 
-/// A square of the film and its sums.
+/// A rectangle of the film and its sums.
 struct Tile {
     column: usize,
     row: usize,
     width: usize,
     sums: Vec<f32>,
+    /// What landed elsewhere: pixel number → sums `[band][half]`.
+    strays: BTreeMap<usize, [[f64; 2]; 4]>,
 }
 
 impl Accumulator {
@@ -239,6 +249,13 @@ impl Accumulator {
         for (i, line) in tile.sums.chunks_exact(stride).enumerate() {
             let start = ((tile.row + i) * self.sums.width + tile.column) * self.sums.channels;
             self.sums.data[start..start + stride].iter_mut().zip(line).for_each(|(a, b)| *a += b);
+        }
+        let bands = self.sums.channels / 2;
+        for (pixel, sums) in tile.strays {
+            let start = pixel * self.sums.channels;
+            for (a, b) in self.sums.data[start..start + 2 * bands].iter_mut().zip(sums.iter().flatten()) {
+                *a += *b as f32;
+            }
         }
     }
 
@@ -279,14 +296,25 @@ impl Unit<'_> {
         let across = film.columns.div_ceil(TILE);
         let (column, row) = (index % across * TILE, index / across * TILE);
         let (width, height) = (TILE.min(film.columns - column), TILE.min(film.rows - row));
+        match &self.camera.lens {
+            Lens::Compound(lens) => self.compound_tile(lens, [column, row, width, height], samples),
+            _ => self.plain_tile([column, row, width, height], samples),
+        }
+    }
+
+    fn sampler(&self, x: usize, y: usize, sample: u32) -> Sampler {
+        Sampler::new(self.settings.sampler, self.settings.seed, (x as u32, y as u32), sample, self.settings.spp)
+    }
+
+    /// Through an ideal lens: every sample counts in its own pixel.
+    fn plain_tile(&self, [column, row, width, height]: [usize; 4], samples: Range<u32>) -> Tile {
         let bands = self.curves_len();
         let mut sums = Vec::with_capacity(width * height * bands * 2);
         for y in row..row + height {
             for x in column..column + width {
                 let mut pixel = [[0.0f64; 2]; 4];
                 for i in samples.clone() {
-                    let sampler =
-                        Sampler::new(self.settings.sampler, self.settings.seed, (x as u32, y as u32), i, self.settings.spp);
+                    let sampler = self.sampler(x, y, i);
                     let value = self.sample(x, y, &sampler).to_array();
                     for b in 0..bands {
                         pixel[b][sampler.replicate()] += value[b] as f64;
@@ -295,7 +323,76 @@ impl Unit<'_> {
                 sums.extend(pixel[..bands].iter().flatten().map(|v| *v as f32));
             }
         }
-        Tile { column, row, width, sums }
+        Tile { column, row, width, sums, strays: BTreeMap::new() }
+    }
+
+    /// Through a real lens, sixteen samples at a time; each wavelength counts in the pixel where it lands
+    /// ([`diopter_lens::compound`]).
+    fn compound_tile(&self, lens: &CompoundLens, [column, row, width, height]: [usize; 4], samples: Range<u32>) -> Tile {
+        let film = &self.camera.film;
+        let bands = self.curves_len();
+        let (left, top) = (column.saturating_sub(MARGIN), row.saturating_sub(MARGIN));
+        let (right, bottom) = ((column + width + MARGIN).min(film.columns), (row + height + MARGIN).min(film.rows));
+        let mut sums = vec![[[0.0f64; 2]; 4]; (right - left) * (bottom - top)];
+        let mut strays: BTreeMap<usize, [[f64; 2]; 4]> = BTreeMap::new();
+        let film_half = glam::DVec2::new(0.5 * film.width_mm, 0.5 * film.height_mm);
+        let radiance_only = self.response.bands[0].unit == BandUnit::Radiance;
+        let (mut packet, mut exits, mut scratch) = (Samples::default(), Exits::default(), Scratch::default());
+        let spp = samples.len();
+        let total = width * height * spp;
+        let mut first = 0;
+        while first < total {
+            let count = LANES.min(total - first);
+            let place = |k: usize| {
+                let (pixel, sample) = ((first + k) / spp, (first + k) % spp);
+                (column + pixel % width, row + pixel / width, samples.start + sample as u32)
+            };
+            for k in 0..count {
+                let (x, y, i) = place(k);
+                let sampler = self.sampler(x, y, i);
+                let [u, v, pu, pv] = sampler.get(Set::Camera);
+                packet.film[k] = self.camera.film_point(x as f64 + u as f64, y as f64 + v as f64);
+                packet.pupil[k] = [pu, pv];
+                packet.nm[k] = self.wavelengths.sample(sampler.get(Set::Time)[0]).nm.to_array();
+            }
+            lens.exits(&packet, film_half, &mut scratch, &mut exits);
+            for k in (0..count).filter(|k| exits.passed >> k & 1 == 1) {
+                let (x, y, i) = place(k);
+                let sampler = self.sampler(x, y, i);
+                let [w, t, ..] = sampler.get(Set::Time);
+                let (open, close) = self.shutter.interval(y);
+                let time = (open + (close - open) * t as f64) as f32;
+                let ray = self.camera.world_ray_of(exits.origin[k], exits.direction[k], time);
+                let wavelengths = self.wavelengths.sample(w);
+                let radiance = self.scene.radiance(ray, &wavelengths, &sampler, &self.settings.path);
+                let weighted = (radiance * wavelengths.weight).to_array();
+                // One bad number must not poison a pixel.
+                if !weighted.iter().all(|v| v.is_finite()) {
+                    continue;
+                }
+                let half = sampler.replicate();
+                let electrons = film.pixel_area_mm2 * M2_PER_MM2 * (close - open);
+                for c in 0..4 {
+                    let (weight, land) = match radiance_only {
+                        // The mean over what passes, where it was asked for.
+                        true => (1.0 / lens.passing(packet.film[k]).max(1e-3), Some((x, y))),
+                        false => (exits.weight[k][c] as f64 * electrons, self.camera.pixel_of(exits.lands[k][c])),
+                    };
+                    let Some((px, py)) = land.filter(|_| weight > 0.0) else { continue };
+                    let value = self.curves.at(wavelengths.nm[c]) * (weighted[c] as f64 * weight * self.settings.light_scale) as f32;
+                    let pixel = match (left..right).contains(&px) && (top..bottom).contains(&py) {
+                        true => &mut sums[(py - top) * (right - left) + px - left],
+                        false => strays.entry(py * film.columns + px).or_default(),
+                    };
+                    for b in 0..bands {
+                        pixel[b][half] += value[b] as f64;
+                    }
+                }
+            }
+            first += count;
+        }
+        let sums = sums.iter().flat_map(|p| p[..bands].iter().flatten().map(|v| *v as f32)).collect();
+        Tile { column: left, row: top, width: right - left, sums, strays }
     }
 
     fn curves_len(&self) -> usize {

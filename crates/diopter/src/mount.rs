@@ -1,7 +1,7 @@
 //! The mount: the only place where lens (mm, f64, +z towards the film) and world (m, f32) meet.
 //!
-//! The lens stands in the camera's frame with its plane at the camera's origin and its +z along the camera's +Z: light goes
-//! that way. The picture on the film is upside down and mirrored, so a pixel right of the middle lies at −x.
+//! The lens stands in the camera's frame with its plane (a real lens: the middle of its entrance pupil) at the camera's origin
+//! and its +z along the camera's +Z: light goes that way. The picture on the film is upside down and mirrored, so a pixel right of the middle lies at −x.
 
 use crate::camera::Camera;
 use diopter_lens::{Blocked, LensRay};
@@ -19,6 +19,22 @@ impl Camera {
     pub(crate) fn film_point(&self, column: f64, row: f64) -> DVec2 {
         let film = &self.film;
         DVec2::new((0.5 - column / film.columns as f64) * film.width_mm, (row / film.rows as f64 - 0.5) * film.height_mm)
+    }
+
+    /// Pixel (column, row) that a film point (mm) lies in; `None` outside the film.
+    pub(crate) fn pixel_of(&self, film_mm: [f32; 2]) -> Option<(usize, usize)> {
+        let film = &self.film;
+        let column = (0.5 - film_mm[0] as f64 / film.width_mm) * film.columns as f64;
+        let row = (0.5 + film_mm[1] as f64 / film.height_mm) * film.rows as f64;
+        let inside = column >= 0.0 && row >= 0.0 && column < film.columns as f64 && row < film.rows as f64;
+        inside.then_some((column as usize, row as usize))
+    }
+
+    /// World ray of what leaves a lens in single precision: mm from its pupil, unit direction.
+    pub(crate) fn world_ray_of(&self, origin_mm: [f32; 3], direction: [f32; 3], time_s: f32) -> Ray {
+        let origin = self.world_from_camera.transform_point3(Vec3::from_array(origin_mm) * M_PER_MM as f32);
+        let direction = self.world_from_camera.transform_vector3(Vec3::from_array(direction)).normalize();
+        Ray { origin, direction, time_s }
     }
 
     fn to_world(&self, ray: LensRay, time_s: f32) -> (Ray, f64) {

@@ -10,7 +10,8 @@ use crate::quantity::{Distance, FNumber, Iso, LengthMm, Seconds, Size};
 use crate::shutter::Shutter;
 use diopter_develop::{Recipe, develop};
 use diopter_image::{ExposureFacts, FocalPlane, Picture, RawImage};
-use diopter_lens::{Focus, Iris, Lens, LensError, Pinhole, ThinLens};
+use diopter_lens::compound::{CompoundLens, Setting};
+use diopter_lens::{Focus, Iris, Lens, LensError, Pinhole, Prescription, ThinLens, import};
 use diopter_light::cie;
 use diopter_light::random::SamplerKind;
 use diopter_light::units::Millimeters;
@@ -86,15 +87,21 @@ pub struct CameraSection {
     /// A film format by name or as "36x24" mm, instead of the body's.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub format: Option<String>,
-    /// `thin` or `pinhole`.
+    /// `thin`, `pinhole`, an embedded lens's name or a lens file.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub lens: Option<String>,
-    /// Focal length.
+    /// Focal length; of a zoom, where it is set.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub focal_length: Option<LengthMm>,
-    /// Straight blades of the iris; round without.
+    /// Blades of the iris; without, the lens's own, or round.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub blades: Option<u32>,
+    /// How round the blades are: 0 straight to 1.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub blade_curvature: Option<f32>,
+    /// A picture (PNG or JPEG) as aperture: white lets light through.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub aperture_image: Option<PathBuf>,
     /// Turns the iris, degrees.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub blade_rotation_deg: Option<f32>,
@@ -268,6 +275,12 @@ impl ShotFile {
         {
             *body = relative(Path::new(body.as_str())).display().to_string();
         }
+        if let Some(lens) = shot.camera.lens.as_mut().filter(|l| is_lens_file(l)) {
+            *lens = relative(Path::new(lens.as_str())).display().to_string();
+        }
+        if let Some(picture) = &mut shot.camera.aperture_image {
+            *picture = relative(picture);
+        }
         Ok(shot)
     }
 
@@ -283,6 +296,12 @@ impl ShotFile {
         }
         if let Some(body) = self.camera.body.as_mut().filter(|b| b.ends_with(".toml")) {
             *body = text(body);
+        }
+        if let Some(lens) = self.camera.lens.as_mut().filter(|l| is_lens_file(l)) {
+            *lens = text(lens);
+        }
+        if let Some(picture) = &mut self.camera.aperture_image {
+            *picture = whole(picture);
         }
     }
 
@@ -316,6 +335,56 @@ pub fn read_scene(name: &str) -> Result<Description, ShotError> {
         }
         _ => Err(value("scene", format!("\"{name}\""), "a .gltf or .glb file (or a .toml shot file)")),
     }
+}
+
+/// ", text" or nothing.
+fn with_comma(text: String) -> String {
+    if text.is_empty() { text } else { format!(", {text}") }
+}
+
+fn distance_m(focus: Focus) -> Option<f64> {
+    match focus {
+        Focus::Infinity => None,
+        Focus::Distance(mm) => Some(mm.0 / 1000.0),
+    }
+}
+
+/// Whether a lens is given as a file and not by name.
+fn is_lens_file(name: &str) -> bool {
+    import::Format::of(name).is_some() && diopter_lens::embedded(name).is_none()
+}
+
+/// Reads a lens by the name of an embedded one or from a file.
+pub fn read_lens(name: &str) -> Result<Prescription, ShotError> {
+    if let Some(lens) = diopter_lens::embedded(name) {
+        return Ok(lens);
+    }
+    let path = Path::new(name);
+    match import::Format::of(name) {
+        Some(format) if path.exists() || name.contains(['/', '\\']) => {
+            Ok(import::read(&read_file(path)?, format, name).map_err(LensError::from)?)
+        }
+        _ => {
+            let expected = match nearest(name, diopter_lens::embedded_names().chain(["thin", "pinhole"])) {
+                Some(near) => format!("a lens (did you mean \"{near}\"?)"),
+                None if path.exists() => format!("a lens file: {}", import::Format::ENDINGS),
+                None => format!("thin, pinhole, a name of `lens list`, or a file: {}", import::Format::ENDINGS),
+            };
+            Err(value("lens", format!("\"{name}\""), expected))
+        }
+    }
+}
+
+/// The iris that a shot asks for instead of the lens's own.
+fn iris(c: &CameraSection) -> Result<Option<Iris>, ShotError> {
+    if let Some(path) = &c.aperture_image {
+        let told = |reason: String| ShotError::Read { path: path.display().to_string(), reason };
+        let picture = image::load_from_memory(&read_file(path)?).map_err(|e| told(e.to_string()))?.to_luma8();
+        let values = picture.pixels().map(|p| p.0[0] as f32 / 255.0).collect();
+        return Ok(Some(Iris::image(picture.width() as usize, picture.height() as usize, values)?));
+    }
+    let rotation = c.blade_rotation_deg.unwrap_or(0.0).to_radians();
+    c.blades.map(|count| Ok(Iris::blades(count, rotation, c.blade_curvature.unwrap_or(0.0))?)).transpose()
 }
 
 /// Reads a body by name or from a TOML file.
@@ -419,15 +488,12 @@ impl Shot {
         let (lens_name, focus_distance_m) = match &camera.lens {
             Lens::Pinhole(_) => ("pinhole".to_owned(), None),
             Lens::Thin(l) => {
-                let iris = match l.iris {
-                    Iris::Round => String::new(),
-                    Iris::Blades { count, .. } => format!(", {count} blades"),
-                };
-                let distance = match l.focus {
-                    Focus::Infinity => None,
-                    Focus::Distance(mm) => Some(mm.0 / 1000.0),
-                };
-                (format!("thin lens {:.4} mm{iris}", l.focal_length.0).replace(".0000", ""), distance)
+                let iris = with_comma(l.iris.describe());
+                (format!("thin lens {:.4} mm{iris}", l.focal_length.0).replace(".0000", ""), distance_m(l.focus))
+            }
+            Lens::Compound(l) => {
+                let name = format!("{}{}", l.prescription().name, with_comma(l.system().iris.shape.describe()));
+                (name, distance_m(l.focus()))
             }
         };
         let focal = camera.lens.focal_length().0;
@@ -439,6 +505,7 @@ impl Shot {
             focal_length_mm: focal,
             focal_length_35mm_mm: format::equivalent_35mm(focal, camera.film.width_mm.hypot(camera.film.height_mm)),
             f_number: camera.lens.f_number(),
+            t_number: camera.lens.t_number(),
             focus_distance_m,
             light_scale: 1.0,
             ..Default::default()
@@ -471,7 +538,7 @@ impl Shot {
         if self.shutter.is_none() {
             // Without any light any time will do.
             let ev = self.facts.metered_ev100.unwrap_or(0.0);
-            self.shutter = Some(metering::shutter_for(ev, self.facts.f_number, self.iso));
+            self.shutter = Some(metering::shutter_for(ev, self.facts.t_number, self.iso));
         }
         Ok(())
     }
@@ -691,20 +758,43 @@ fn camera(
     }
 
     let f_number = file.exposure.aperture.map_or(framing.map_or(5.6, |f| f.f_number), |a| a.0);
+    let focus = match file.focus.distance.map_or(subject_m, |d| d.0) {
+        d if d.is_infinite() => Focus::Infinity,
+        d => Focus::Distance(Millimeters(d * 1000.0)),
+    };
     let lens = match c.lens.as_deref() {
         Some("pinhole") => Lens::Pinhole(Pinhole::new(Millimeters(focal_mm), f_number)?),
         None | Some("thin") => {
-            let focus = match file.focus.distance.map_or(subject_m, |d| d.0) {
-                d if d.is_infinite() => Focus::Infinity,
-                d => Focus::Distance(Millimeters(d * 1000.0)),
-            };
-            let iris = match c.blades {
-                None => Iris::Round,
-                Some(count) => Iris::Blades { count, rotation: c.blade_rotation_deg.unwrap_or(0.0).to_radians() },
-            };
-            Lens::Thin(ThinLens::new(Millimeters(focal_mm), f_number, iris, focus)?)
+            Lens::Thin(ThinLens::new(Millimeters(focal_mm), f_number, iris(c)?.unwrap_or_default(), focus)?)
         }
-        Some(other) => return Err(value("lens", format!("\"{other}\""), "thin or pinhole (compound lenses are not read yet)")),
+        Some(name) => {
+            let prescription = read_lens(name)?;
+            prescription.notes.iter().for_each(|n| warn(&format!("{name}: {n}")));
+            let circle = prescription.image_circle;
+            let mut setting = Setting {
+                focal_length: c.focal_length.map(|f| f.0),
+                f_number: Some(f_number),
+                focus,
+                iris: iris(c)?,
+                film_mm: [film.width_mm, film.height_mm],
+            };
+            let prescription = std::sync::Arc::new(prescription);
+            let mut lens = CompoundLens::new(prescription.clone(), &setting);
+            if file.exposure.aperture.is_none() && lens.is_err() {
+                // Nobody asked for this aperture: as wide as the lens goes.
+                setting.f_number = None;
+                lens = CompoundLens::new(prescription, &setting);
+            }
+            let lens = lens?;
+            if let Some(asked) = file.exposure.aperture.filter(|a| lens.f_number() > a.0 * 1.005) {
+                warn(&format!("{name}: fully open it is f/{:.2}, which is what f/{} stands for", lens.f_number(), asked.0));
+            }
+            let diagonal = film.width_mm.hypot(film.height_mm);
+            if let Some(circle) = circle.filter(|c| diagonal > 1.05 * c) {
+                warn(&format!("{name} was made for pictures of {circle} mm across: the film ({diagonal:.1} mm) is larger"));
+            }
+            Lens::Compound(Box::new(lens))
+        }
     };
     Ok(Camera { lens, film, world_from_camera: place })
 }

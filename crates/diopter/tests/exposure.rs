@@ -126,7 +126,7 @@ fn electrons_of_an_even_field_are_the_product_of_the_parts() {
     }
     // Halving the area of the aperture halves the electrons.
     let smaller = Lens::Thin(
-        ThinLens::new(Millimeters(200.0), n * 2f64.sqrt(), Iris::Blades { count: 6, rotation: 0.2 }, Focus::Infinity).unwrap(),
+        ThinLens::new(Millimeters(200.0), n * 2f64.sqrt(), Iris::blades(6, 0.2, 0.0).unwrap(), Focus::Infinity).unwrap(),
     );
     let half = take(&scene, &Camera { lens: smaller, ..camera }, &Response::sensor(&sensor), &Settings::new(4096));
     let ratio = half.mean.pixel(0, 0)[1] / plane.mean.pixel(0, 0)[1];

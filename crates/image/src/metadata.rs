@@ -20,6 +20,8 @@ pub struct ExposureFacts {
     pub focal_length_35mm_mm: f64,
     /// f-number, true value.
     pub f_number: f64,
+    /// f-number of a lossless lens as bright; 0 when not known.
+    pub t_number: f64,
     /// Exposure time, s.
     pub exposure_s: f64,
     /// Distance of the plane in focus from the lens, m; `None` for infinity or a pinhole.

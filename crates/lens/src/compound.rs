@@ -276,8 +276,8 @@ impl CompoundLens {
                 let ray = self.film_ray(film, slope);
                 let share = self.system.transmittance(ray, &n, nm, Way::ToObject).unwrap_or(0.0);
                 sum += weight * share * area * ray.direction.z.powi(4) / (SIDE * SIDE) as f64;
-                weights += weight;
             }
+            weights += weight;
         }
         // The same without losses.
         let mut mean = 0.0;

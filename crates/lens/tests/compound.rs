@@ -62,7 +62,7 @@ fn brute_force(lens: &CompoundLens, film: DVec2, nm: f64, side: usize) -> f64 {
 
 #[test]
 fn film_irradiance_is_that_of_brute_force() {
-    for (name, film) in [CLASSIC[1], CLASSIC[3]] {
+    for (name, film) in [CLASSIC[2], CLASSIC[1], CLASSIC[3]] {
         for f_number in [None, Some(8.0)] {
             let lens = set(name, f_number, film, None);
             let half = 0.5 * film[0].hypot(film[1]);
@@ -135,7 +135,8 @@ fn packets_agree_with_the_plain_trace_and_rays_run_back() {
             let ray = |i: usize| {
                 let k = block * single::LANES + i;
                 let f = |p: usize| (k * p % 1021) as f64 / 510.5 - 1.0;
-                let scale = rim.semi_diameter;
+                // From wide beams down to thin ones around the axis: some lenses have small stops.
+                let scale = rim.semi_diameter * [1.0, 0.5, 0.25, 0.1][k % 4];
                 let film = DVec3::new(f(17) * scale * 0.5, f(59) * scale * 0.5, system.film_z);
                 let target = DVec3::new(f(131) * scale, f(263) * scale, rim.z);
                 TracedRay { position: film, direction: (target - film).normalize() }
@@ -172,11 +173,22 @@ fn packets_agree_with_the_plain_trace_and_rays_run_back() {
             }
         }
         println!("{name:<24} {compared} compared, {differ} differ at rims, f32 {far:.1e}, f64 {far64:.1e}, back {back:.1e} mm");
-        assert!(compared > 5, "{name}: only {compared} rays passed");
+        assert!(compared > 30, "{name}: only {compared} rays passed");
         // Rays within rounding of a rim may fall on either side.
         assert!(differ <= 3, "{name}: {differ} of 2048 rays pass in one trace only");
-        // 1e-7 is what index fit and single precision leave at each of up to 40 surfaces; steep ones magnify it.
-        assert!(far < 2e-4 && far64 < 2e-5, "{name}: {far} {far64}");
+        // What index fit and single precision leave after up to 43 surfaces.
+        assert!(far < 1e-5 && far64 < 1e-5, "{name}: {far} {far64}");
         assert!(back < 1e-9 * system.film_z.abs().max(1.0), "{name}: {back}");
     }
+}
+
+#[test]
+fn the_t_stop_is_what_glass_and_surfaces_leave() {
+    // Eleven surfaces: ten between glass and air or glass and glass, at nearly normal incidence near the axis.
+    let lens = set("double-gauss-50mm", Some(16.0), [36.0, 24.0], None);
+    let system = lens.system();
+    let n = system.indices(550.0);
+    let product: f64 = n.windows(2).map(|p| 1.0 - ((p[0] - p[1]) / (p[0] + p[1])).powi(2)).product();
+    let share = (lens.f_number() / lens.t_number()).powi(2);
+    assert!((share / product - 1.0).abs() < 2e-3, "{share} {product}");
 }
