@@ -8,6 +8,7 @@
 //! ready to trace) → [`CompoundLens`] (aperture and focus set, pupils known). [`trace`] is the plain trace and the reference;
 //! [`batch`] the fast one. Not here: diffraction in pictures, polarisation, ghosts, gradient-index and diffractive surfaces.
 
+pub mod analysis;
 pub mod batch;
 pub mod compound;
 mod fan;

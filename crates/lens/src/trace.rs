@@ -61,14 +61,26 @@ impl System {
         n: &[f64],
         way: Way,
         apertures: Apertures,
+        visit: impl FnMut(Event),
+    ) -> Result<TracedRay, Blocked> {
+        self.trace_part(ray, n, way, apertures, 0..self.surfaces.len(), visit)
+    }
+
+    /// [`System::trace_with`] through some neighbouring surfaces only.
+    pub fn trace_part(
+        &self,
+        ray: TracedRay,
+        n: &[f64],
+        way: Way,
+        apertures: Apertures,
+        surfaces: std::ops::Range<usize>,
         mut visit: impl FnMut(Event),
     ) -> Result<TracedRay, Blocked> {
-        let count = self.surfaces.len();
         let (mut o, mut d) = (ray.position, ray.direction);
-        for step in 0..count {
+        for step in 0..surfaces.len() {
             let (i, before, after) = match way {
-                Way::ToFilm => (step, step, step + 1),
-                Way::ToObject => (count - 1 - step, count - step, count - 1 - step),
+                Way::ToFilm => (surfaces.start + step, surfaces.start + step, surfaces.start + step + 1),
+                Way::ToObject => (surfaces.end - 1 - step, surfaces.end - step, surfaces.end - 1 - step),
             };
             let surface = &self.surfaces[i];
             let blocked = |why| Blocked { surface: i, why };

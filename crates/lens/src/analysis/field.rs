@@ -1,0 +1,177 @@
+//! Over the field: distortion, field curvature, lateral colour, illumination; and axial colour over wavelength.
+
+use super::Bench;
+use crate::trace::{Apertures, TracedRay, Way};
+use glam::DVec2;
+
+/// What happens at a field point.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FieldPoint {
+    /// Field angle, degrees.
+    pub field_deg: f64,
+    /// Chief ray on the film, mm.
+    pub height: f64,
+    /// Where an undistorted (rectilinear) image would put it, mm: f tan θ, moved along the chief ray by what the film is out
+    /// of the paraxial focus.
+    pub ideal_height: f64,
+    /// Tangential and sagittal focus, mm behind the film, from rays close to the chief ray.
+    pub focus: [f64; 2],
+}
+
+impl FieldPoint {
+    /// Distortion, per cent of the ideal height.
+    pub fn distortion_percent(&self) -> f64 {
+        if self.ideal_height == 0.0 { 0.0 } else { (self.height / self.ideal_height - 1.0) * 100.0 }
+    }
+}
+
+/// Light at a film height.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Illumination {
+    /// Distance from the axis on the film, mm.
+    pub height: f64,
+    /// Irradiance over radiance, sr: ∫ cosθ dω over what passes; no losses in glass.
+    pub geometric: f64,
+    /// The same with losses in glass and at surfaces.
+    pub with_losses: f64,
+}
+
+/// Colour over wavelength.
+#[derive(Clone, Debug)]
+pub struct ColorCurves {
+    /// nm.
+    pub wavelengths: Vec<f64>,
+    /// Paraxial focus behind that of the reference, mm.
+    pub axial: Vec<f64>,
+    /// For each field (degrees): chief ray height less that of the reference wavelength, mm.
+    pub lateral: Vec<(f64, Vec<f64>)>,
+}
+
+impl Bench<'_> {
+    /// A field point at a wavelength. `None` where no chief ray comes through.
+    pub fn field_point(&self, field_deg: f64, nm: f64) -> Option<FieldPoint> {
+        let n = self.system.indices(nm);
+        let beam = self.chief_beam(field_deg, nm)?;
+        let first = self.first_order(nm);
+        let image = beam.image;
+        let height = self.on_film(&image, 0.0).y;
+        let slope = image.direction.y / image.direction.z;
+        let tan = field_deg.to_radians().tan();
+        let ideal_height = match self.object_distance {
+            None => {
+                let out = self.system.film_z - self.system.last_z() - first.bfl;
+                first.efl * tan + slope * out
+            }
+            Some(d) => {
+                // By the magnification of the paraxial conjugate.
+                let m = first.efl / (d + first.ffl);
+                let image_z = self.system.last_z() + first.bfl + first.efl * m;
+                m * tan * (d + first.entrance_pupil_z) + slope * (self.system.film_z - image_z)
+            }
+        };
+        // Two rays beside the chief ray meet where their distance is nought.
+        let small = 1e-3 * first.entrance_pupil_radius().max(1e-3);
+        let meet = |offset: DVec2, along_y: bool| {
+            let trace = |at: DVec2| self.system.trace(beam.ray(at), &n, Way::ToFilm, Apertures::Ignore).ok();
+            let (a, b) = (trace(offset)?, trace(-offset)?);
+            let z = self.system.film_z;
+            let part = |r: &TracedRay| {
+                let p = crate::trace::at_plane(r, z);
+                if along_y { (p.y, r.direction.y / r.direction.z) } else { (p.x, r.direction.x / r.direction.z) }
+            };
+            let ((pa, sa), (pb, sb)) = (part(&a), part(&b));
+            Some(-(pa - pb) / (sa - sb))
+        };
+        let focus = [meet(DVec2::new(0.0, small), true)?, meet(DVec2::new(small, 0.0), false)?];
+        Some(FieldPoint { field_deg, height, ideal_height, focus })
+    }
+
+    /// A beam whose lit part is not looked for.
+    fn chief_beam(&self, field_deg: f64, nm: f64) -> Option<super::Beam> {
+        let near = self.chief(field_deg.to_radians(), nm)?;
+        let direction = near.direction;
+        let flat = direction.truncate();
+        let pupil = match flat.length_squared() > 1e-14 {
+            true => near.position - direction * (near.position.truncate().dot(flat) / flat.length_squared()),
+            false => glam::DVec3::new(0.0, 0.0, self.first_order(nm).entrance_pupil_z),
+        };
+        let position = match self.object_distance {
+            Some(d) => pupil + direction * ((-d - pupil.z) / direction.z),
+            None => near.position - direction * 100.0,
+        };
+        let chief = TracedRay { position, direction };
+        let image = self.system.trace(chief, &self.system.indices(nm), Way::ToFilm, Apertures::Ignore).ok()?;
+        let across = [glam::DVec3::X, direction.cross(glam::DVec3::X).normalize()];
+        Some(super::Beam { chief, image, across, extent: [DVec2::ZERO; 2], pupil, finite: self.object_distance.is_some() })
+    }
+
+    /// Light at a film point at a height above the axis, by tracing from the film.
+    pub fn illumination(&self, height: f64, nm: f64) -> Illumination {
+        let n = self.system.indices(nm);
+        let film = DVec2::new(0.0, height).extend(self.system.film_z);
+        let Some(rim) = self.system.surfaces.last() else {
+            return Illumination { height, geometric: 0.0, with_losses: 0.0 };
+        };
+        // Slopes towards the rim of the last surface, wherever on it light leaves.
+        let sag = rim.profile.sag(0.0, rim.semi_diameter * (1.0 - 1e-9)).unwrap_or(0.0);
+        let distances = [self.system.film_z - rim.z, self.system.film_z - rim.z - sag];
+        let (mut low, mut high) = (DVec2::MAX, DVec2::MIN);
+        for d in distances {
+            for corner in [DVec2::splat(-1.0), DVec2::splat(1.0)] {
+                let s = (corner * rim.semi_diameter - film.truncate()) / d;
+                (low, high) = (low.min(s), high.max(s));
+            }
+        }
+        let ray = |s: DVec2| TracedRay { position: film, direction: s.extend(-1.0).normalize() };
+        for side in [48usize, 64] {
+            let cell = (high - low) / side as f64;
+            let (mut lit_low, mut lit_high) = (DVec2::MAX, DVec2::MIN);
+            for i in 0..side * side {
+                let s = low + cell * DVec2::new((i % side) as f64 + 0.5, (i / side) as f64 + 0.5);
+                if self.system.trace(ray(s), &n, Way::ToObject, Apertures::Clip).is_ok() {
+                    (lit_low, lit_high) = (lit_low.min(s), lit_high.max(s));
+                }
+            }
+            if lit_low.x > lit_high.x {
+                return Illumination { height, geometric: 0.0, with_losses: 0.0 };
+            }
+            (low, high) = (lit_low - cell, lit_high + cell);
+        }
+        const SIDE: usize = 96;
+        let cell = (high - low) / SIDE as f64;
+        let (mut geometric, mut with_losses) = (0.0, 0.0);
+        for i in 0..SIDE * SIDE {
+            let s = low + cell * DVec2::new((i % SIDE) as f64 + 0.5, (i / SIDE) as f64 + 0.5);
+            let r = ray(s);
+            if let Ok(share) = self.system.transmittance(r, &n, nm, Way::ToObject) {
+                let part = cell.x * cell.y * r.direction.z.powi(4);
+                geometric += part;
+                with_losses += part * share;
+            }
+        }
+        Illumination { height, geometric, with_losses }
+    }
+
+    /// Share of the axial beam's area that a field's beam keeps: mechanical vignetting.
+    pub fn vignetting(&self, field_deg: f64, nm: f64) -> Option<f64> {
+        let (axis, beam) = (self.beam(0.0, nm)?, self.beam(field_deg, nm));
+        let full = self.lit_area(&axis, nm, 96);
+        Some(beam.map_or(0.0, |b| self.lit_area(&b, nm, 96)) / full)
+    }
+
+    /// Axial colour, and lateral colour at some fields (degrees).
+    pub fn color(&self, wavelengths: &[f64], reference_nm: f64, fields_deg: &[f64]) -> ColorCurves {
+        let focus = |nm: f64| self.first_order(nm).bfl;
+        let height = |field: f64, nm: f64| self.chief_beam(field, nm).map(|b| self.on_film(&b.image, 0.0).y);
+        let lateral = |field: f64| {
+            let reference = height(field, reference_nm);
+            let each = |nm: &f64| Some(height(field, *nm)? - reference?);
+            (field, wavelengths.iter().map(|nm| each(nm).unwrap_or(f64::NAN)).collect())
+        };
+        ColorCurves {
+            wavelengths: wavelengths.to_vec(),
+            axial: wavelengths.iter().map(|nm| focus(*nm) - focus(reference_nm)).collect(),
+            lateral: fields_deg.iter().map(|f| lateral(*f)).collect(),
+        }
+    }
+}

@@ -1,0 +1,276 @@
+//! What a lens does, measured by tracing: spots, fans, wavefronts, MTF, distortion, colour, vignetting.
+//!
+//! A [`Bench`] is a lens as it stands before an object at a distance; a [`Beam`] the light of one field point. Fields are angles
+//! of the chief ray in object space, in the y–z plane, positive upwards as the light comes from below: the image lies at +y.
+//! Chief rays are found from the middle of the stop outwards, so that fisheyes beyond 90° need no special case. Wavelengths in
+//! nm, lengths in mm.
+
+mod field;
+mod mtf;
+mod spot;
+mod thirdorder;
+mod wavefront;
+
+pub use field::{ColorCurves, FieldPoint, Illumination};
+pub use mtf::{Mtf, airy_mtf};
+pub use spot::{Fan, FanPoint, Spot};
+pub use thirdorder::{SurfaceSums, ThirdOrder};
+
+use crate::glass::{C_NM, D_NM, F_NM};
+use crate::paraxial::FirstOrder;
+use crate::system::System;
+use crate::trace::{Apertures, TracedRay, Way, at_plane};
+use glam::{DVec2, DVec3};
+
+/// Colours that analyses take when nothing else is asked: F, d, C.
+pub const VISUAL_NM: [f64; 3] = [F_NM, D_NM, C_NM];
+
+/// A lens on the optical bench.
+#[derive(Clone, Debug)]
+pub struct Bench<'a> {
+    /// The lens as it stands; its film is where images are looked at.
+    pub system: &'a System,
+    /// Distance from the object to the first vertex, mm; `None` for infinity.
+    pub object_distance: Option<f64>,
+}
+
+/// The light of one field point.
+#[derive(Clone, Debug)]
+pub struct Beam {
+    /// Chief ray where it starts: on the object, or before the lens.
+    pub chief: TracedRay,
+    /// Chief ray behind the last surface.
+    pub image: TracedRay,
+    /// Unit vectors across the chief ray: sagittal (x) and tangential.
+    pub across: [DVec3; 2],
+    /// Rectangle across the chief ray that holds all light that passes: lower and upper corner, mm (of the plane through
+    /// [`Beam::pupil`]).
+    pub extent: [DVec2; 2],
+    /// Where the chief ray crosses the entrance pupil (the point around which it is seen to turn).
+    pub pupil: DVec3,
+    finite: bool,
+}
+
+impl Beam {
+    /// The ray through a place of the pupil plane across the chief ray, mm from the chief ray.
+    pub fn ray(&self, at: DVec2) -> TracedRay {
+        let offset = self.across[0] * at.x + self.across[1] * at.y;
+        if self.finite {
+            let direction = (self.pupil + offset - self.chief.position).normalize();
+            return TracedRay { position: self.chief.position, direction };
+        }
+        TracedRay { position: self.chief.position + offset, direction: self.chief.direction }
+    }
+}
+
+impl<'a> Bench<'a> {
+    /// Before an object at infinity.
+    pub fn at_infinity(system: &'a System) -> Self {
+        Bench { system, object_distance: None }
+    }
+
+    /// First-order data at a wavelength.
+    pub fn first_order(&self, nm: f64) -> FirstOrder {
+        FirstOrder::of(self.system, &self.system.indices(nm))
+    }
+
+    /// Chief ray of a field angle (rad) in front of the lens, running towards it: from the middle of the stop outwards.
+    /// `None` where no ray leaves the lens at that angle.
+    fn chief(&self, angle: f64, nm: f64) -> Option<TracedRay> {
+        let system = self.system;
+        let n = system.indices(nm);
+        let stop = &system.surfaces[system.stop];
+        let (middle, axis) = stop.to_lens(DVec3::ZERO, DVec3::Z);
+        let _ = axis;
+        let run = system.runs[system.stop];
+        // A ray that crosses the stop upwards comes from below.
+        let leave = |t: f64| {
+            let direction = DVec3::new(0.0, -t.sin(), -t.cos() * run);
+            let start = TracedRay { position: middle, direction };
+            let out = system.trace_part(start, &n, Way::ToObject, Apertures::Ignore, 0..system.stop, |_| {}).ok()?;
+            // Angle of the light that comes in: of −direction.
+            Some((out, f64::atan2(-out.direction.y, -out.direction.z)))
+        };
+        // The angle grows with the angle at the stop; look for where it passes the one asked.
+        const STEPS: usize = 400;
+        let limit = 1.5;
+        let mut before = (0.0, leave(0.0)?);
+        let sign = if angle < 0.0 { -1.0 } else { 1.0 };
+        if angle == 0.0 && (before.1.1).abs() < 1e-12 {
+            let out = before.1.0;
+            return Some(TracedRay { position: out.position, direction: -out.direction });
+        }
+        // A pupil that turns rays about (a mirror in front of the stop) may start the other way.
+        let probe = leave(1e-4)?.1 - before.1.1;
+        let sign = if probe < 0.0 { -sign } else { sign };
+        for i in 1..=STEPS {
+            let t = sign * limit * i as f64 / STEPS as f64;
+            let Some(out) = leave(t) else { break };
+            if (before.1.1 - angle) * (out.1 - angle) <= 0.0 {
+                let (mut low, mut high) = (before.0, t);
+                let rising = out.1 > before.1.1;
+                let mut found = out.0;
+                for _ in 0..100 {
+                    let mid = 0.5 * (low + high);
+                    let (ray, a) = leave(mid)?;
+                    found = ray;
+                    if (a < angle) == rising { low = mid } else { high = mid }
+                }
+                return Some(TracedRay { position: found.position, direction: -found.direction });
+            }
+            before = (t, out);
+        }
+        None
+    }
+
+    /// The light of a field angle (degrees). `None` where none comes through.
+    pub fn beam(&self, field_deg: f64, nm: f64) -> Option<Beam> {
+        let system = self.system;
+        let n = system.indices(nm);
+        let near = self.chief(field_deg.to_radians(), nm)?;
+        let direction = near.direction;
+        // Where it crosses the axis, or comes nearest to it.
+        let flat = DVec2::new(direction.x, direction.y);
+        let pupil = match flat.length_squared() > 1e-14 {
+            true => near.position - direction * (near.position.truncate().dot(flat) / flat.length_squared()),
+            false => DVec3::new(0.0, 0.0, self.first_order(nm).entrance_pupil_z),
+        };
+        let finite = self.object_distance.is_some();
+        // Rays start before anything of the lens: beyond a sphere around it.
+        let size = system.surfaces.iter().map(|s| s.z.abs() + s.semi_diameter.min(1e4)).fold(pupil.length(), f64::max);
+        let position = match self.object_distance {
+            Some(d) => {
+                let t = (-d - pupil.z) / direction.z;
+                pupil + direction * t
+            }
+            None => pupil - direction * (2.0 * size),
+        };
+        let chief = TracedRay { position, direction };
+        let image = system.trace(chief, &n, Way::ToFilm, Apertures::Ignore).ok()?;
+        let sagittal = DVec3::X;
+        let tangential = direction.cross(sagittal).normalize();
+        let mut beam =
+            Beam { chief, image, across: [sagittal, tangential], extent: [DVec2::ZERO; 2], pupil, finite };
+        // The lit part of the pupil, in two steps.
+        let widest = system.surfaces[0].semi_diameter.min(1e4).max(self.first_order(nm).entrance_pupil_radius());
+        let mut extent = [DVec2::splat(-1.5 * widest), DVec2::splat(1.5 * widest)];
+        for side in [61usize, 61, 41] {
+            let cell = (extent[1] - extent[0]) / (side - 1) as f64;
+            let (mut low, mut high) = (DVec2::MAX, DVec2::MIN);
+            for i in 0..side * side {
+                let at = extent[0] + cell * DVec2::new((i % side) as f64, (i / side) as f64);
+                if system.trace(beam.ray(at), &n, Way::ToFilm, Apertures::Clip).is_ok() {
+                    (low, high) = (low.min(at), high.max(at));
+                }
+            }
+            if low.x > high.x {
+                return None;
+            }
+            extent = [low - cell, high + cell];
+        }
+        beam.extent = extent;
+        Some(beam)
+    }
+
+    /// Rays of a beam that pass, on a square grid of `across` rays a side, and where they meet the film plane, with the cosine
+    /// and optical path there: place in the pupil, ray behind the lens.
+    fn grid(&self, beam: &Beam, nm: f64, across: usize) -> Vec<(DVec2, TracedRay)> {
+        let n = self.system.indices(nm);
+        let [low, high] = beam.extent;
+        let cell = (high - low) / across as f64;
+        (0..across * across)
+            .filter_map(|i| {
+                let at = low + cell * DVec2::new((i % across) as f64 + 0.5, (i / across) as f64 + 0.5);
+                let ray = self.system.trace(beam.ray(at), &n, Way::ToFilm, Apertures::Clip).ok()?;
+                Some((at, ray))
+            })
+            .collect()
+    }
+
+    /// Film point of a ray behind the lens, mm, `defocus` behind the film.
+    fn on_film(&self, ray: &TracedRay, defocus: f64) -> DVec2 {
+        at_plane(ray, self.system.film_z + defocus).truncate()
+    }
+
+    /// Largest field angle (degrees) whose chief ray lands within a height on the film; searched in steps up to 130°.
+    pub fn field_of_height(&self, height: f64) -> f64 {
+        let lands = |deg: f64| {
+            let n = self.system.indices(D_NM);
+            let chief = self.chief(f64::to_radians(deg), D_NM)?;
+            let image = self.system.trace(chief, &n, Way::ToFilm, Apertures::Ignore).ok()?;
+            Some(self.on_film(&image, 0.0).y.abs())
+        };
+        let (mut low, mut high) = (0.0, 130.0);
+        for i in 1..=260 {
+            let deg = 0.5 * i as f64;
+            match lands(deg) {
+                Some(h) if h <= height => low = deg,
+                _ => {
+                    high = deg;
+                    break;
+                }
+            }
+        }
+        for _ in 0..40 {
+            let mid = 0.5 * (low + high);
+            match lands(mid) {
+                Some(h) if h <= height => low = mid,
+                _ => high = mid,
+            }
+        }
+        low
+    }
+
+    /// Focal length as a bench measures it: image height of a distant point a little off the axis over the tangent of its
+    /// angle, from the middle of its beam's light.
+    pub fn measured_focal_length(&self, nm: f64) -> Option<f64> {
+        let infinite = Bench::at_infinity(self.system);
+        let angle = 0.5f64;
+        let beam = infinite.beam(angle, nm)?;
+        let rays = infinite.grid(&beam, nm, 41);
+        let mean = rays.iter().map(|r| infinite.on_film(&r.1, 0.0)).sum::<DVec2>() / rays.len() as f64;
+        Some(mean.y / angle.to_radians().tan())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::embedded;
+    use crate::system::State;
+
+    #[test]
+    fn chief_rays_cross_the_middle_of_the_stop() {
+        for (name, fields) in [("double-gauss-50mm", vec![0.0, 5.0, 14.0, -10.0]), ("fisheye-10mm", vec![0.0, 30.0, 70.0])] {
+            let p = embedded(name).unwrap();
+            let system = System::at(&p, State::default());
+            let bench = Bench::at_infinity(&system);
+            for field in fields {
+                let beam = bench.beam(field, D_NM).unwrap_or_else(|| panic!("{name} {field}"));
+                let mut at_stop = None;
+                let n = system.indices(D_NM);
+                system
+                    .trace_with(beam.chief, &n, Way::ToFilm, Apertures::Ignore, |e| {
+                        if e.surface == system.stop {
+                            at_stop = Some(e.point);
+                        }
+                    })
+                    .unwrap();
+                let at = at_stop.unwrap();
+                assert!(at.x.hypot(at.y) < 1e-9, "{name} {field}: {at}");
+                let angle = f64::atan2(beam.chief.direction.y, beam.chief.direction.z).to_degrees();
+                assert!((angle - field).abs() < 1e-9, "{angle} {field}");
+                assert!(bench.on_film(&beam.image, 0.0).y * field >= 0.0);
+            }
+        }
+    }
+
+    #[test]
+    fn the_bench_measures_the_focal_length() {
+        let system = System::at(&embedded("double-gauss-50mm").unwrap(), State::default());
+        let bench = Bench::at_infinity(&system);
+        let f = bench.measured_focal_length(D_NM).unwrap();
+        // Coma moves the middle of the light a little.
+        assert!((f / bench.first_order(D_NM).efl - 1.0).abs() < 5e-3, "{f}");
+    }
+}

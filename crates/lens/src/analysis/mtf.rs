@@ -1,0 +1,256 @@
+//! Modulation transfer: geometric from the spot, diffraction from the pupil's autocorrelation.
+//!
+//! The diffraction MTF traces rays from the image point back through the lens on an even grid of image-space direction cosines
+//! (l, m): in them the optical transfer function at frequency ν is exactly the autocorrelation of the pupil function at a shift
+//! λν (Hopkins 1955), without mapping from the entrance pupil. The pupil's phase is the path to a plane across the field's
+//! direction (a near object: to the object point), so that colours of one image point keep their lateral shifts when they are
+//! added.
+
+use super::{Bench, Spot};
+use crate::batch::double::{Batch, LANES, Packet};
+use crate::trace::Way;
+use std::f64::consts::{PI, TAU};
+
+/// Rays across the pupil.
+const ACROSS: usize = 128;
+
+/// Contrast over frequency for a field point.
+#[derive(Clone, Debug)]
+pub struct Mtf {
+    /// Field angle, degrees.
+    pub field_deg: f64,
+    /// Cycles a mm on the film.
+    pub frequencies: Vec<f64>,
+    /// For lines across the field's direction (detail along y).
+    pub tangential: Vec<f64>,
+    /// For lines along it.
+    pub sagittal: Vec<f64>,
+}
+
+/// MTF of a perfect lens with a round pupil: 2/π (acos x − x √(1 − x²)), x = frequency over cut-off 1/(λN).
+pub fn airy_mtf(frequency: f64, nm: f64, f_number: f64) -> f64 {
+    let x = frequency * nm * 1e-6 * f_number;
+    if x >= 1.0 { 0.0 } else { 2.0 / PI * (x.acos() - x * (1.0 - x * x).sqrt()) }
+}
+
+impl Bench<'_> {
+    /// Geometric MTF of several colours (nm, weight) at frequencies in cycles/mm, `defocus` mm behind the film.
+    pub fn geometric_mtf(
+        &self,
+        field_deg: f64,
+        colors: &[(f64, f64)],
+        frequencies: &[f64],
+        defocus: f64,
+    ) -> Option<Mtf> {
+        let reference = colors.get(colors.len() / 2)?.0;
+        let spots: Vec<(Spot, f64)> =
+            colors.iter().filter_map(|(nm, w)| Some((self.spot(field_deg, *nm, reference, 64, defocus)?, *w))).collect();
+        let origin = spots.first()?.0.centroid;
+        let at = |frequency: f64, tangential: bool| {
+            let (mut re, mut im, mut total) = (0.0, 0.0, 0.0);
+            for (spot, weight) in &spots {
+                for p in &spot.points {
+                    let d = *p - origin;
+                    let phase = TAU * frequency * if tangential { d.y } else { d.x };
+                    re += weight * phase.cos();
+                    im += weight * phase.sin();
+                    total += weight;
+                }
+            }
+            f64::hypot(re, im) / total
+        };
+        Some(Mtf {
+            field_deg,
+            frequencies: frequencies.to_vec(),
+            tangential: frequencies.iter().map(|f| at(*f, true)).collect(),
+            sagittal: frequencies.iter().map(|f| at(*f, false)).collect(),
+        })
+    }
+
+    /// Diffraction MTF of several colours (nm, weight) at frequencies in cycles/mm, `defocus` mm behind the film.
+    pub fn diffraction_mtf(
+        &self,
+        field_deg: f64,
+        colors: &[(f64, f64)],
+        frequencies: &[f64],
+        defocus: f64,
+    ) -> Option<Mtf> {
+        let reference = colors.get(colors.len() / 2)?.0;
+        let beam = self.beam(field_deg, reference)?;
+        let film_z = self.system.film_z + defocus;
+        let image = crate::trace::at_plane(&beam.image, film_z);
+        // Direction cosines of all light, seen from the film.
+        let rays = self.grid(&beam, reference, 41);
+        let (mut low, mut high) = (glam::DVec2::MAX, glam::DVec2::MIN);
+        for (_, r) in &rays {
+            let d = (r.position - image).normalize().truncate();
+            (low, high) = (low.min(d), high.max(d));
+        }
+        if rays.len() < 3 {
+            return None;
+        }
+        let pad = (high - low) * 0.06;
+        (low, high) = (low - pad, high + pad);
+        let step = (high - low).max_element() / ACROSS as f64;
+        low = 0.5 * (low + high) - 0.5 * step * ACROSS as f64;
+        let batch = Batch::new(self.system);
+        let back = (self.system.last_z() - film_z).signum();
+        let mut sums = vec![[[0.0f64; 2]; 2]; frequencies.len()];
+        let mut total = 0.0;
+        for &(nm, weight) in colors {
+            let pupil = self.pupil_function(&batch, &beam, image, low, step, back, nm);
+            let energy: f64 = pupil.iter().flatten().count() as f64;
+            if energy == 0.0 {
+                continue;
+            }
+            total += weight;
+            for (f, sum) in frequencies.iter().zip(&mut sums) {
+                let shift = f * nm * 1e-6 / step;
+                for (axis, sum) in sum.iter_mut().enumerate() {
+                    let (re, im) = autocorrelation(&pupil, shift, axis == 0);
+                    sum[0] += weight * re / energy;
+                    sum[1] += weight * im / energy;
+                }
+            }
+        }
+        if total == 0.0 {
+            return None;
+        }
+        let contrast = |axis: usize| sums.iter().map(|s| f64::hypot(s[axis][0], s[axis][1]) / total).collect();
+        Some(Mtf { field_deg, frequencies: frequencies.to_vec(), tangential: contrast(0), sagittal: contrast(1) })
+    }
+
+    /// Phase in rad over the grid of direction cosines (rows along m), `None` where nothing passes.
+    fn pupil_function(
+        &self,
+        batch: &Batch,
+        beam: &super::Beam,
+        image: glam::DVec3,
+        low: glam::DVec2,
+        step: f64,
+        back: f64,
+        nm: f64,
+    ) -> Vec<Option<f64>> {
+        let mut n = vec![];
+        batch.indices(&[nm; LANES], &mut n);
+        let mut pupil = Vec::with_capacity(ACROSS * ACROSS);
+        let mut packet = Packet::default();
+        let object = beam.finite.then_some(beam.chief.position);
+        for start in (0..ACROSS * ACROSS).step_by(LANES) {
+            for lane in 0..LANES {
+                let i = start + lane;
+                let l = low.x + step * ((i % ACROSS) as f64 + 0.5);
+                let m = low.y + step * ((i / ACROSS) as f64 + 0.5);
+                let dz = (1.0 - l * l - m * m).max(0.0).sqrt() * back;
+                packet.set(lane, image.to_array(), [l, m, dz]);
+            }
+            let mask = batch.trace(&mut packet, &n, Way::ToObject);
+            for lane in 0..LANES {
+                let passed = mask >> lane & 1 == 1;
+                let p = glam::DVec3::new(packet.x[lane], packet.y[lane], packet.z[lane]);
+                let path = packet.path[lane]
+                    + match object {
+                        // Minus: from the object point on both sides the path is counted along the ray.
+                        Some(o) => (p - o).length(),
+                        None => (p - beam.chief.position).dot(beam.chief.direction),
+                    };
+                pupil.push(passed.then_some(TAU * path / (nm * 1e-6)));
+            }
+        }
+        // Large phases lose digits in their cosines: take the middle as zero.
+        let zero = pupil.iter().flatten().next().copied().unwrap_or(0.0);
+        pupil.iter_mut().flatten().for_each(|p| *p -= zero);
+        pupil
+    }
+}
+
+/// Autocorrelation at a shift (in cells, along m or l), between whole cells by interpolation.
+fn autocorrelation(pupil: &[Option<f64>], shift: f64, along_m: bool) -> (f64, f64) {
+    let whole = shift.floor();
+    let at = |cells: usize| {
+        let (mut re, mut im) = (0.0, 0.0);
+        if cells >= ACROSS {
+            return (0.0, 0.0);
+        }
+        for row in 0..ACROSS {
+            for column in 0..ACROSS {
+                let (r, c) = if along_m { (row + cells, column) } else { (row, column + cells) };
+                if r >= ACROSS || c >= ACROSS {
+                    continue;
+                }
+                if let (Some(a), Some(b)) = (pupil[row * ACROSS + column], pupil[r * ACROSS + c]) {
+                    re += (b - a).cos();
+                    im += (b - a).sin();
+                }
+            }
+        }
+        (re, im)
+    };
+    let (a, b, t) = (at(whole as usize), at(whole as usize + 1), shift - whole);
+    // Magnitude and phase are smooth where real and imaginary parts turn: interpolate those.
+    let (ma, mb) = (f64::hypot(a.0, a.1), f64::hypot(b.0, b.1));
+    let (pa, pb) = (f64::atan2(a.1, a.0), f64::atan2(b.1, b.0));
+    let turn = (pb - pa + PI).rem_euclid(TAU) - PI;
+    let (m, p) = (ma + (mb - ma) * t, pa + turn * t);
+    (m * p.cos(), m * p.sin())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::glass::Glass;
+    use crate::prescription::{Prescription, Surface};
+    use crate::surface::{Asphere, Profile};
+    use crate::system::{State, System};
+
+    /// A parabolic mirror on the axis makes a perfect image.
+    fn parabola(f: f64, diameter: f64) -> System {
+        let c = -1.0 / (2.0 * f);
+        let mut stop = Surface::new(Profile::Plane, 2.0 * f, Glass::air());
+        (stop.stop, stop.semi_diameter) = (true, Some(0.5 * diameter));
+        let mut mirror = Surface::new(Profile::Conic { c, k: -1.0 }, -f, Glass::air());
+        (mirror.mirror, mirror.semi_diameter) = (true, Some(diameter));
+        System::at(&Prescription::new("parabola", vec![stop, mirror]).checked("test").unwrap(), State::default())
+    }
+
+    #[test]
+    fn a_perfect_lens_has_the_airy_mtf() {
+        // f/8 at 550 nm: cut-off 227.27 cycles/mm, half contrast at 0.40397 of it (TRUTHS 4).
+        let system = parabola(200.0, 25.0);
+        let bench = Bench::at_infinity(&system);
+        let frequencies: Vec<f64> = vec![1e-6, 20.0, 50.0, 0.40397 * 227.27, 120.0, 180.0, 220.0, 240.0];
+        let mtf = bench.diffraction_mtf(0.0, &[(550.0, 1.0)], &frequencies, 0.0).unwrap();
+        for (i, f) in frequencies.iter().enumerate() {
+            // sin u of the parabola's edge is 1/(2N) to third order.
+            let exact = airy_mtf(*f, 550.0, 8.0);
+            assert!((mtf.tangential[i] - exact).abs() < 0.01 && (mtf.sagittal[i] - exact).abs() < 0.01, "{f}: {mtf:?} {exact}");
+        }
+        assert!((airy_mtf(0.40397 * 227.2727, 550.0, 8.0) - 0.5).abs() < 1e-4);
+        // A quarter wave of defocus (8 λ N² /... = ±2λN²) leaves 0.8 of the Strehl ratio and lowers the middle.
+        let blurred = bench.diffraction_mtf(0.0, &[(550.0, 1.0)], &[100.0], 2.0 * 550e-6 * 64.0).unwrap();
+        let sharp = airy_mtf(100.0, 550.0, 8.0);
+        assert!(blurred.tangential[0] < 0.85 * sharp && blurred.tangential[0] > 0.5 * sharp, "{blurred:?} {sharp}");
+        assert!(bench.wavefront_rms(0.0, 550.0, 41).unwrap() < 1e-4);
+    }
+
+    #[test]
+    fn defocused_geometric_mtf_is_that_of_a_disk() {
+        // A blur disk of diameter b: 2 J1(π b ν)/(π b ν).
+        let system = parabola(200.0, 25.0);
+        let bench = Bench::at_infinity(&system);
+        let defocus = 0.8;
+        let b = defocus / 8.0;
+        let mtf = bench.geometric_mtf(0.0, &[(550.0, 1.0)], &[2.0, 5.0, 9.0], defocus).unwrap();
+        let j1 = |x: f64| (0..20).map(|k| {
+            let mut t = 0.5 * x;
+            for i in 1..=k { t *= -(0.25 * x * x) / (i as f64 * (i as f64 + 1.0)); }
+            t
+        }).sum::<f64>();
+        for (i, f) in [2.0, 5.0, 9.0].iter().enumerate() {
+            let x = PI * b * f;
+            let exact = (2.0 * j1(x) / x).abs();
+            assert!((mtf.tangential[i] - exact).abs() < 0.01, "{f}: {} {exact}", mtf.tangential[i]);
+        }
+        let _ = Asphere { c: 0.0, k: 0.0, a: vec![] };
+    }
+}

@@ -1,0 +1,102 @@
+//! Spot diagrams and ray fans.
+
+use super::{Beam, Bench};
+use crate::trace::{Apertures, Way};
+use glam::DVec2;
+
+/// Where the rays of a field point land, one colour.
+#[derive(Clone, Debug)]
+pub struct Spot {
+    /// Field angle, degrees.
+    pub field_deg: f64,
+    /// Wavelength, nm.
+    pub nm: f64,
+    /// Film points, mm.
+    pub points: Vec<DVec2>,
+    /// Their mean, mm.
+    pub centroid: DVec2,
+    /// Root mean square distance from the mean, mm.
+    pub rms: f64,
+    /// Largest distance from the mean, mm.
+    pub geometric: f64,
+    /// Share of a full grid over the lit rectangle that passes.
+    pub passed: f64,
+}
+
+/// One ray of a fan.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FanPoint {
+    /// Place in the pupil, −1 to 1 between the outermost rays of the unvignetted axial beam.
+    pub pupil: f64,
+    /// Film point less the chief ray's, mm.
+    pub error: DVec2,
+    /// Optical path difference to the reference sphere, waves.
+    pub opd: f64,
+}
+
+/// Rays along a line through the pupil.
+#[derive(Clone, Debug)]
+pub struct Fan {
+    /// Field angle, degrees.
+    pub field_deg: f64,
+    /// Wavelength, nm.
+    pub nm: f64,
+    /// In the plane of the field.
+    pub tangential: Vec<FanPoint>,
+    /// Across it.
+    pub sagittal: Vec<FanPoint>,
+}
+
+impl Spot {
+    /// Of given film points.
+    pub fn of(points: Vec<DVec2>, field_deg: f64, nm: f64, passed: f64) -> Spot {
+        let count = points.len().max(1) as f64;
+        let centroid = points.iter().sum::<DVec2>() / count;
+        let rms = (points.iter().map(|p| p.distance_squared(centroid)).sum::<f64>() / count).sqrt();
+        let geometric = points.iter().map(|p| p.distance(centroid)).fold(0.0, f64::max);
+        Spot { field_deg, nm, points, centroid, rms, geometric, passed }
+    }
+}
+
+impl Bench<'_> {
+    /// Spot of a field angle (degrees) and wavelength on a grid of `across` rays a side, `defocus` mm behind the film. The beam
+    /// is that of `beam_nm`'s chief ray, so that spots of several colours lie in one frame. `None` where no light comes through.
+    pub fn spot(&self, field_deg: f64, nm: f64, beam_nm: f64, across: usize, defocus: f64) -> Option<Spot> {
+        let beam = self.beam(field_deg, beam_nm)?;
+        let rays = self.grid(&beam, nm, across);
+        if rays.is_empty() {
+            return None;
+        }
+        let passed = rays.len() as f64 / (across * across) as f64;
+        let points = rays.iter().map(|(_, r)| self.on_film(r, defocus)).collect();
+        Some(Spot::of(points, field_deg, nm, passed))
+    }
+
+    /// Fans of a field angle (degrees): `count` rays each way, errors from the chief ray of `beam_nm`.
+    pub fn fan(&self, field_deg: f64, nm: f64, beam_nm: f64, count: usize) -> Option<Fan> {
+        let beam = self.beam(field_deg, beam_nm)?;
+        let chief = self.on_film(&beam.image, 0.0);
+        let reach = self.beam(0.0, beam_nm).map_or(1.0, |b| b.extent[1].max_element()).max(1e-9);
+        let n = self.system.indices(nm);
+        let reference = self.reference_path(&beam, nm)?;
+        let line = |tangential: bool| {
+            (0..=2 * count)
+                .filter_map(|i| {
+                    let s = i as f64 / count as f64 - 1.0;
+                    let at = if tangential { DVec2::new(0.0, s * reach) } else { DVec2::new(s * reach, 0.0) };
+                    let out = self.system.trace(beam.ray(at), &n, Way::ToFilm, Apertures::Clip).ok()?;
+                    let opd = self.opd(&beam, at, nm, &reference)?;
+                    Some(FanPoint { pupil: s, error: self.on_film(&out, 0.0) - chief, opd })
+                })
+                .collect()
+        };
+        Some(Fan { field_deg, nm, tangential: line(true), sagittal: line(false) })
+    }
+
+    /// Area of the lit pupil across the chief ray, mm².
+    pub(super) fn lit_area(&self, beam: &Beam, nm: f64, across: usize) -> f64 {
+        let [low, high] = beam.extent;
+        let cell = (high - low) / across as f64;
+        self.grid(beam, nm, across).len() as f64 * cell.x * cell.y
+    }
+}
