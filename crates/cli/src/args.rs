@@ -37,6 +37,11 @@ pub enum Verb {
         #[command(subcommand)]
         verb: SceneVerb,
     },
+    /// Lenses: data, drawings, rays, aberrations.
+    Lens {
+        #[command(subcommand)]
+        verb: LensVerb,
+    },
     /// Camera bodies and their data sheets.
     Body {
         #[command(subcommand)]
@@ -61,6 +66,103 @@ pub enum SceneVerb {
         scene: String,
     },
 }
+
+#[derive(Subcommand, Debug)]
+pub enum LensVerb {
+    /// Names of the embedded lenses.
+    List,
+    /// First-order data, Seidel sums, glasses, sources.
+    Info(Bench),
+    /// The lens in section, with rays.
+    Draw(Bench),
+    /// One ray, surface by surface.
+    Trace {
+        #[command(flatten)]
+        bench: Bench,
+        /// Place in the pupil, -1 to 1 across it: "x,y".
+        #[arg(long, value_name = "X,Y", value_parser = pair, default_value = "0,0", allow_hyphen_values = true)]
+        pupil: [f64; 2],
+    },
+    /// Spot diagrams.
+    Spot {
+        #[command(flatten)]
+        bench: Bench,
+        /// Rays across the pupil.
+        #[arg(long, value_name = "N", default_value_t = 40)]
+        rays: usize,
+    },
+    /// Ray fans and wavefront.
+    Fan(Bench),
+    /// Contrast: over frequency, field or focus.
+    Mtf {
+        #[command(flatten)]
+        bench: Bench,
+        /// frequency, field or focus.
+        #[arg(long, value_name = "WHAT", default_value = "frequency")]
+        over: MtfOver,
+        /// Spatial frequencies, cycles/mm: "10,30"; for --over frequency the last is the highest.
+        #[arg(long, value_name = "LIST", value_parser = list)]
+        frequency: Option<List>,
+        /// From the spot alone, without diffraction.
+        #[arg(long)]
+        geometric: bool,
+    },
+    /// Distortion and field curvature.
+    Distortion(Bench),
+    /// Relative illumination and vignetting.
+    Vignetting(Bench),
+    /// Axial and lateral colour.
+    Color(Bench),
+    /// Any lens file as TOML.
+    Convert {
+        /// Lens file (.dat, .zmx, .seq, .json, .toml) or the name of an embedded lens.
+        lens: String,
+        /// File to write (.toml); standard output without.
+        #[arg(short, long, value_name = "FILE")]
+        output: Option<PathBuf>,
+    },
+}
+
+/// What MTF is plotted over.
+#[derive(clap::ValueEnum, Clone, Copy, Debug, PartialEq, Eq)]
+pub enum MtfOver {
+    /// Spatial frequency.
+    Frequency,
+    /// Field angle.
+    Field,
+    /// Defocus.
+    Focus,
+}
+
+/// A lens and how it is set on the bench.
+#[derive(clap::Args, Debug)]
+pub struct Bench {
+    /// A name from `lens list`, or a file (.toml, .dat, .zmx, .seq, .json).
+    pub lens: String,
+    /// Where a zoom is set: "35 mm".
+    #[arg(long, value_name = "LENGTH")]
+    pub focal_length: Option<LengthMm>,
+    /// f-number; as the file says, or fully open, without.
+    #[arg(long, value_name = "F")]
+    pub aperture: Option<FNumber>,
+    /// Focused at this distance from the entrance pupil ("2.5m", "inf"), the film in the plane of the smallest spot; without, the
+    /// film stands where the prescription puts it.
+    #[arg(long, value_name = "DISTANCE")]
+    pub focus: Option<Distance>,
+    /// Field angles, degrees: "0,10,14".
+    #[arg(long, value_name = "LIST", value_parser = list, allow_hyphen_values = true)]
+    pub field: Option<List>,
+    /// Wavelengths, nm: "486,588,656".
+    #[arg(long, value_name = "LIST", value_parser = list)]
+    pub wavelength: Option<List>,
+    /// Drawing or plot to write: .svg or .png; may be given several times.
+    #[arg(short, long, value_name = "FILE")]
+    pub output: Vec<PathBuf>,
+}
+
+/// Numbers separated by commas.
+#[derive(Clone, Debug, PartialEq)]
+pub struct List(pub Vec<f64>);
 
 #[derive(Subcommand, Debug)]
 pub enum BodyVerb {
@@ -251,6 +353,18 @@ pub struct Developing {
 fn point(text: &str) -> Result<[f32; 3], String> {
     let numbers: Option<Vec<f32>> = text.split(',').map(|n| n.trim().parse().ok()).collect();
     numbers.and_then(|n| n.try_into().ok()).ok_or_else(|| format!("\"{text}\" is not three numbers such as 0,1.5,-2"))
+}
+
+/// "x,y".
+fn pair(text: &str) -> Result<[f64; 2], String> {
+    list(text)?.0.try_into().map_err(|_| format!("\"{text}\" is not two numbers such as 0,0.7"))
+}
+
+/// "a,b,c".
+fn list(text: &str) -> Result<List, String> {
+    let numbers: Option<Vec<f64>> = text.split(',').map(|n| n.trim().parse().ok().filter(|v: &f64| v.is_finite())).collect();
+    let numbers = numbers.filter(|n| !n.is_empty() && n.len() <= 100);
+    numbers.map(List).ok_or_else(|| format!("\"{text}\" is not a list of numbers such as 0,10,14"))
 }
 
 /// "A..B".

@@ -6,6 +6,7 @@
 mod args;
 mod commands;
 mod output;
+mod paint;
 mod watch;
 
 use args::{Args, Verb};
@@ -53,6 +54,7 @@ fn run(args: Args) -> anyhow::Result<()> {
         Verb::Develop(develop) => commands::develop::run(&develop, json),
         Verb::Merge(merge) => commands::merge::run(&merge, json),
         Verb::Scene { verb } => commands::scene::run(&verb, json),
+        Verb::Lens { verb } => commands::lens::run(&verb, json),
         Verb::Body { verb } => commands::body::run(&verb, json),
         Verb::Completions { shell } => commands::manual::completions(shell),
         Verb::Man => commands::manual::man(),

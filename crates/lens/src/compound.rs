@@ -129,43 +129,14 @@ pub struct Scratch {
 impl CompoundLens {
     /// Sets a lens. Fails on what it cannot do, saying what it can.
     pub fn new(prescription: Arc<Prescription>, setting: &Setting) -> Result<CompoundLens, LensError> {
-        let p = &*prescription;
         let range = |what, found: String, expected: String| Err(LensError::Setting { what, found, expected });
-        let zoom = zoom_position(p, setting.focal_length)?;
-        let far = System::at(p, State { zoom, focus: 0.0 });
-        let n = far.indices(REFERENCE_NM);
-        let efl = FirstOrder::of(&far, &n).efl;
-        if !(efl.abs() > 1e-3 && efl.abs() < 1e6) {
-            return range("lens", format!("\"{}\"", p.name), "a lens with a focal length: it has no power".into());
-        }
-        if efl < 0.0 {
-            let expected = "a lens that makes a real image: its focal length is negative";
-            return range("lens", format!("\"{}\" ({efl:.2} mm)", p.name), expected.into());
-        }
-        let widest = widest_f_number(p, &far, efl)
-            .ok_or_else(|| LensError::Setting {
-                what: "lens",
-                found: format!("\"{}\"", p.name),
-                expected: "a lens that light on the axis can pass".into(),
-            })?;
-        let f_number = match setting.f_number {
-            None => widest,
-            Some(asked) if !(asked > 0.0 && asked.is_finite()) => {
-                return range("aperture", format!("f/{asked}"), "a positive number such as f/2.8".into());
-            }
-            Some(asked) if asked * NAME_TOLERANCE < widest => {
-                return range("aperture", format!("f/{asked}"), format!("f/{widest:.2} or a larger number: this lens opens no wider"));
-            }
-            Some(asked) => asked.max(widest),
-        };
-        let mut iris = far.iris.clone();
-        if let Some(shape) = &setting.iris {
-            iris.shape = shape.clone();
-        }
-        let radius = stop_radius(&far, efl, f_number).unwrap_or(iris.radius).min(iris.radius);
-        iris = opening(iris.shape, radius, far.surfaces[far.stop].semi_diameter);
-
-        let (system, state) = focused(p, zoom, &iris, setting.focus)?;
+        let Configured { system, state, efl, f_number, widest } = configure(
+            &prescription,
+            setting.focal_length,
+            setting.f_number,
+            setting.iris.as_ref(),
+            FilmPlace::Focused(setting.focus),
+        )?;
         let n = system.indices(REFERENCE_NM);
         let first = FirstOrder::of(&system, &n);
         let batch = Batch::new(&system);
@@ -446,6 +417,78 @@ impl CompoundLens {
     pub fn passing(&self, film: DVec2) -> f64 {
         self.pupils.region(film).0.passing
     }
+}
+
+/// Where the film stands.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum FilmPlace {
+    /// As the prescription says, at infinity focus.
+    AsPublished,
+    /// In the plane of the smallest axial spot of an object.
+    Focused(Focus),
+}
+
+/// A system with zoom, aperture and focus set.
+#[derive(Clone, Debug)]
+pub struct Configured {
+    /// The surfaces as they stand.
+    pub system: System,
+    /// Focus and zoom positions.
+    pub state: State,
+    /// Effective focal length at infinity focus, mm.
+    pub efl: f64,
+    /// f-number as set.
+    pub f_number: f64,
+    /// f-number fully open.
+    pub widest: f64,
+}
+
+/// Sets zoom (mm), aperture (f-number; fully open without), iris shape and film. Fails on what the lens cannot do, saying what it
+/// can.
+pub fn configure(
+    p: &Prescription,
+    focal_length: Option<f64>,
+    f_number: Option<f64>,
+    iris: Option<&Iris>,
+    film: FilmPlace,
+) -> Result<Configured, LensError> {
+    let range = |what, found: String, expected: String| Err(LensError::Setting { what, found, expected });
+    let zoom = zoom_position(p, focal_length)?;
+    let far = System::at(p, State { zoom, focus: 0.0 });
+    let efl = FirstOrder::of(&far, &far.indices(REFERENCE_NM)).efl;
+    if !(efl.abs() > 1e-3 && efl.abs() < 1e6) {
+        return range("lens", format!("\"{}\"", p.name), "a lens with a focal length: it has no power".into());
+    }
+    if efl < 0.0 {
+        let expected = "a lens that makes a real image: its focal length is negative";
+        return range("lens", format!("\"{}\" ({efl:.2} mm)", p.name), expected.into());
+    }
+    let widest = widest_f_number(p, &far, efl).ok_or_else(|| LensError::Setting {
+        what: "lens",
+        found: format!("\"{}\"", p.name),
+        expected: "a lens that light on the axis can pass".into(),
+    })?;
+    let f_number = match f_number {
+        None => widest,
+        Some(asked) if !(asked > 0.0 && asked.is_finite()) => {
+            return range("aperture", format!("f/{asked}"), "a positive number such as f/2.8".into());
+        }
+        Some(asked) if asked * NAME_TOLERANCE < widest => {
+            return range("aperture", format!("f/{asked}"), format!("f/{widest:.2} or a larger number: this lens opens no wider"));
+        }
+        Some(asked) => asked.max(widest),
+    };
+    let mut opening = far.iris.clone();
+    if let Some(shape) = iris {
+        opening.shape = shape.clone();
+    }
+    let radius = stop_radius(&far, efl, f_number).unwrap_or(opening.radius).min(opening.radius);
+    let opening = self::opening(opening.shape, radius, far.surfaces[far.stop].semi_diameter);
+    let (system, state) = match film {
+        FilmPlace::Focused(focus) => focused(p, zoom, &opening, focus)?,
+        FilmPlace::AsPublished => (System { iris: opening, ..far }, State { zoom, focus: 0.0 }),
+    };
+    Ok(Configured { system, state, efl, f_number, widest })
 }
 
 /// Position of a zoom at which it has a focal length.

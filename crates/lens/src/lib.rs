@@ -11,6 +11,7 @@
 pub mod analysis;
 pub mod batch;
 pub mod compound;
+pub mod draw;
 mod fan;
 pub mod focusing;
 pub mod glass;

@@ -3,6 +3,7 @@
 pub mod body;
 pub mod develop;
 pub mod expose;
+pub mod lens;
 pub mod manual;
 pub mod merge;
 pub mod read_out;

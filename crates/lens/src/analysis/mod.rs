@@ -22,6 +22,9 @@ use crate::system::System;
 use crate::trace::{Apertures, TracedRay, Way, at_plane};
 use glam::{DVec2, DVec3};
 
+/// A place across the chief ray, mm: sagittal, tangential.
+pub type PupilPoint = DVec2;
+
 /// Colours that analyses take when nothing else is asked: F, d, C.
 pub const VISUAL_NM: [f64; 3] = [F_NM, D_NM, C_NM];
 

@@ -1,0 +1,587 @@
+//! `lens`: what a lens is and what it does.
+
+use super::print_json;
+use crate::args::{Bench as Asked, LensVerb, MtfOver};
+use crate::output::Output;
+use crate::watch::say;
+use crate::{AskedWrongly, paint};
+use anyhow::anyhow;
+use diopter::lens::analysis::{Bench, Illumination, Mtf, ThirdOrder, VISUAL_NM, airy_mtf};
+use diopter::lens::compound::{Configured, FilmPlace, configure};
+use diopter::lens::draw::{self, Figure, LayoutOptions};
+use diopter::lens::glass::{D_NM, GlassKind};
+use diopter::lens::paraxial::FirstOrder;
+use diopter::lens::prescription::{ApertureKind, Coating};
+use diopter::lens::surface::Profile;
+use diopter::lens::trace::{Apertures, Way, at_plane};
+use diopter::lens::{Focus, Prescription, State, System, embedded, embedded_names};
+use diopter::light::units::Millimeters;
+use diopter::shot::{ShotError, read_lens};
+use serde_json::{Value, json};
+use std::fmt::Write as _;
+use std::io::Write;
+
+pub fn run(verb: &LensVerb, json: bool) -> anyhow::Result<()> {
+    match verb {
+        LensVerb::List => list(json),
+        LensVerb::Info(asked) => info(asked, json),
+        LensVerb::Draw(asked) => drawing(asked, json),
+        LensVerb::Trace { bench, pupil } => trace(bench, *pupil, json),
+        LensVerb::Spot { bench, rays } => spot(bench, *rays, json),
+        LensVerb::Fan(asked) => fan(asked, json),
+        LensVerb::Mtf { bench, over, frequency, geometric } => {
+            mtf(bench, *over, frequency.as_ref().map(|f| &f.0[..]), *geometric, json)
+        }
+        LensVerb::Distortion(asked) => distortion(asked, json),
+        LensVerb::Vignetting(asked) => vignetting(asked, json),
+        LensVerb::Color(asked) => color(asked, json),
+        LensVerb::Convert { lens, output } => {
+            let text = read_lens(lens)?.to_toml();
+            match output {
+                None => write!(std::io::stdout(), "{text}")?,
+                Some(path) => {
+                    if path.extension().is_none_or(|e| e != "toml") {
+                        let what = anyhow!("{}: expected a name that ends in .toml", path.display());
+                        return Err(AskedWrongly(what).into());
+                    }
+                    Output::prepare(path)?.commit(|w| Ok(w.write_all(text.as_bytes())?))?;
+                    say(&format!("wrote {}", path.display()));
+                }
+            }
+            Ok(())
+        }
+    }
+}
+
+/// A lens as the command asks for it.
+struct Table {
+    prescription: Prescription,
+    set: Configured,
+    object_distance: Option<f64>,
+    fields: Vec<f64>,
+    wavelengths: Vec<f64>,
+    reference: f64,
+}
+
+impl Table {
+    fn new(asked: &Asked) -> anyhow::Result<Table> {
+        let prescription = read_lens(&asked.lens)?;
+        for note in &prescription.notes {
+            say(&format!("note: {note}"));
+        }
+        let stated = match prescription.usage.aperture {
+            Some(ApertureKind::FNumber(n)) => Some(n),
+            Some(ApertureKind::EntrancePupil(d)) => {
+                let s = System::at(&prescription, State::default());
+                let efl = FirstOrder::of(&s, &s.indices(D_NM)).efl;
+                (efl / d > 0.1).then_some(efl / d)
+            }
+            _ => None,
+        };
+        let focus = asked.focus.map(|f| match f.0 {
+            d if d.is_infinite() => Focus::Infinity,
+            d => Focus::Distance(Millimeters(d * 1000.0)),
+        });
+        let film = focus.map_or(FilmPlace::AsPublished, FilmPlace::Focused);
+        let aperture = asked.aperture.map(|a| a.0);
+        let focal_length = asked.focal_length.map(|f| f.0);
+        let set = match configure(&prescription, focal_length, aperture.or(stated), None, film) {
+            // The file's own aperture may be more than its rims let through.
+            Err(_) if aperture.is_none() && stated.is_some() => configure(&prescription, focal_length, None, None, film),
+            other => other,
+        }
+        .map_err(ShotError::from)?;
+        let wavelengths = match &asked.wavelength {
+            Some(list) => list.0.clone(),
+            None if !prescription.usage.wavelengths_nm.is_empty() => prescription.usage.wavelengths_nm.clone(),
+            None => VISUAL_NM.to_vec(),
+        };
+        if let Some(bad) = wavelengths.iter().find(|w| !(300.0..=2500.0).contains(*w)) {
+            return Err(AskedWrongly(anyhow!("wavelength {bad} nm: expected 300 to 2500")).into());
+        }
+        let reference = match asked.wavelength {
+            None if !prescription.usage.wavelengths_nm.is_empty() => wavelengths[prescription.usage.reference],
+            _ => wavelengths[wavelengths.len() / 2],
+        };
+        let n = set.system.indices(reference);
+        if n.iter().any(|n| !n.is_finite()) {
+            return Err(AskedWrongly(anyhow!("wavelength {reference} nm: a glass of this lens has no index there")).into());
+        }
+        let object_distance = match focus {
+            Some(Focus::Distance(d)) => Some(d.0 - FirstOrder::of(&set.system, &n).entrance_pupil_z),
+            Some(Focus::Infinity) => None,
+            None => prescription.usage.object_distance,
+        };
+        let bench = Bench { system: &set.system, object_distance };
+        let fields = match &asked.field {
+            Some(list) => list.0.clone(),
+            None if prescription.usage.field_angles_deg.len() > 1 => prescription.usage.field_angles_deg.clone(),
+            None => {
+                let height = prescription.image_circle.map_or(0.36 * set.efl, |c| 0.5 * c);
+                let most = bench.field_of_height(height);
+                vec![0.0, 0.7 * most, 0.98 * most]
+            }
+        };
+        if let Some(bad) = fields.iter().find(|f| f.abs() > 120.0) {
+            return Err(AskedWrongly(anyhow!("field {bad}: expected an angle within 120 degrees")).into());
+        }
+        Ok(Table { prescription, set, object_distance, fields, wavelengths, reference })
+    }
+
+    fn bench(&self) -> Bench<'_> {
+        Bench { system: &self.set.system, object_distance: self.object_distance }
+    }
+
+    fn title(&self, what: &str) -> String {
+        let object = match self.object_distance {
+            None => String::new(),
+            Some(d) => format!(", object at {:.2} m", d / 1000.0),
+        };
+        format!("{}   {:.4} mm f/{:.2}{object}   {what}", self.prescription.name, self.set.efl, self.set.f_number)
+            .replacen(".0000 mm", " mm", 1)
+    }
+
+    fn largest_field(&self) -> f64 {
+        self.fields.iter().copied().fold(0.0, |a, b| f64::max(a, b.abs()))
+    }
+}
+
+/// Writes the plot, and says so.
+fn finish(asked: &Asked, figure: impl FnOnce() -> Figure, text: &str, value: &Value, json: bool) -> anyhow::Result<()> {
+    if !asked.output.is_empty() {
+        let outputs = paint::prepare(&asked.output)?;
+        for path in paint::write(outputs, &figure())? {
+            say(&format!("wrote {}", path.display()));
+        }
+    }
+    if json {
+        return print_json(value);
+    }
+    write!(std::io::stdout(), "{text}")?;
+    Ok(())
+}
+
+fn list(json: bool) -> anyhow::Result<()> {
+    let mut rows = vec![];
+    for name in embedded_names() {
+        let Some(p) = embedded(name) else { continue };
+        let ends = if p.zoom.is_empty() { vec![0.0] } else { vec![0.0, p.last_zoom()] };
+        let focal: Vec<f64> = ends
+            .iter()
+            .map(|z| {
+                let s = System::at(&p, State { zoom: *z, focus: 0.0 });
+                FirstOrder::of(&s, &s.indices(D_NM)).efl
+            })
+            .collect();
+        rows.push((name, p, focal));
+    }
+    if json {
+        let all: Vec<_> = rows
+            .iter()
+            .map(|(key, p, focal)| {
+                json!({ "name": key, "lens": p.name, "focal_length_mm": focal, "f_number": p.f_number,
+                    "image_circle_mm": p.image_circle, "patent": p.patent, "source": p.source })
+            })
+            .collect();
+        return print_json(&json!(all));
+    }
+    let mut t = String::new();
+    for (key, p, focal) in rows {
+        let focal: Vec<String> = focal.iter().map(|f| format!("{f:.1}")).collect();
+        let aperture = p.f_number.map_or(String::new(), |n| format!("f/{n}"));
+        let origin = p.patent.as_deref().unwrap_or(&p.source);
+        writeln!(t, "{key:<24} {:>11} mm {aperture:<8} {origin}", focal.join("-"))?;
+    }
+    write!(std::io::stdout(), "{t}")?;
+    Ok(())
+}
+
+fn info(asked: &Asked, json: bool) -> anyhow::Result<()> {
+    let table = Table::new(asked)?;
+    let (p, system) = (&table.prescription, &table.set.system);
+    let n = system.indices(table.reference);
+    let f = FirstOrder::of(system, &n);
+    let bench = table.bench();
+    let last = system.last_z();
+    let (short, long) = match &table.wavelengths[..] {
+        [only] => (*only, *only),
+        all => (all.iter().copied().fold(f64::MAX, f64::min), all.iter().copied().fold(0.0, f64::max)),
+    };
+    let dispersion: Vec<f64> = system.indices(short).iter().zip(system.indices(long)).map(|(a, b)| a - b).collect();
+    let height = 0.5 * table.set.efl / table.set.f_number;
+    let slope = table.largest_field().min(80.0).to_radians().tan();
+    let third = ThirdOrder::of(system, &n, &dispersion, height, slope);
+    let axis = bench.illumination(0.0, table.reference);
+    let transmittance = if axis.geometric > 0.0 { axis.with_losses / axis.geometric } else { 0.0 };
+    // The film's irradiance over that of a full pupil: T counts losses, obstructions are in it too.
+    let t_number = table.set.f_number / transmittance.max(1e-12).sqrt();
+    let magnification = table.object_distance.map_or(0.0, |d| -f.efl / (d + f.ffl));
+    let working = (std::f64::consts::PI / (4.0 * axis.geometric.max(1e-300))).sqrt();
+    let measured = bench.measured_focal_length(table.reference);
+    let glasses: Vec<String> = p
+        .surfaces
+        .iter()
+        .filter(|s| s.glass.kind != GlassKind::Air)
+        .map(|s| s.glass.describe())
+        .collect();
+    let sum = third.sum();
+    if json {
+        let by_surface: Vec<Value> = third
+            .surfaces
+            .iter()
+            .map(|s| json!({ "seidel_mm": s.seidel, "chromatic_mm": s.chromatic, "petzval_per_mm": s.petzval, "transverse_mm": third.transverse(s) }))
+            .collect();
+        return print_json(&json!({
+            "name": p.name, "patent": p.patent, "source": p.source, "notes": p.notes, "wavelength_nm": table.reference,
+            "surfaces": p.surfaces.len(), "stop": p.stop() + 1, "zoom": p.zoom, "close_focus_mm": p.close_focus,
+            "effective_focal_length_mm": f.efl, "measured_focal_length_mm": measured,
+            "back_focal_length_mm": f.bfl, "front_focal_length_mm": f.ffl,
+            "front_principal_z_mm": f.front_principal_z, "rear_principal_z_mm": f.rear_principal_z,
+            "entrance_pupil_z_mm": f.entrance_pupil_z, "entrance_pupil_diameter_mm": 2.0 * f.entrance_pupil_radius(),
+            "exit_pupil_z_mm": f.exit_pupil_z, "exit_pupil_from_last_mm": f.exit_pupil_z - last, "exit_pupil_diameter_mm": 2.0 * f.exit_pupil_radius(),
+            "f_number": table.set.f_number, "widest_f_number": table.set.widest, "paraxial_f_number": f.f_number(),
+            "working_f_number": working, "t_number": t_number, "transmittance": transmittance,
+            "magnification": magnification, "petzval_sum_per_mm": f.petzval_sum, "length_mm": last, "film_z_mm": system.film_z,
+            "third_order": { "field_deg": table.largest_field(), "by_surface": by_surface, "seidel_mm": sum.seidel, "chromatic_mm": sum.chromatic, "transverse_mm": third.transverse(&sum) },
+            "glasses": glasses,
+        }));
+    }
+    let mut t = String::new();
+    writeln!(t, "{}", p.name)?;
+    if let Some(patent) = &p.patent {
+        writeln!(t, "  patent            {patent}")?;
+    }
+    if !p.source.is_empty() {
+        writeln!(t, "  source            {}", p.source)?;
+    }
+    writeln!(t, "  at                {:.1} nm, z from the first vertex", table.reference)?;
+    writeln!(t, "  focal length      {:.4} mm{}", f.efl, measured.map_or(String::new(), |m| format!(", {m:.4} mm by parallel rays at 0.5°")))?;
+    writeln!(t, "  back, front       {:.4} mm, {:.4} mm", f.bfl, f.ffl)?;
+    writeln!(t, "  principal planes  z {:.4} and {:.4} mm", f.front_principal_z, f.rear_principal_z)?;
+    writeln!(t, "  entrance pupil    z {:.4} mm, diameter {:.4} mm", f.entrance_pupil_z, 2.0 * f.entrance_pupil_radius())?;
+    writeln!(t, "  exit pupil        z {:.4} mm ({:.4} from the last vertex), diameter {:.4} mm", f.exit_pupil_z, f.exit_pupil_z - last, 2.0 * f.exit_pupil_radius())?;
+    writeln!(t, "  f-number          {:.4} (opens to {:.4}), working {working:.4}, T-stop {t_number:.4} (transmittance {transmittance:.4})", table.set.f_number, table.set.widest)?;
+    if magnification != 0.0 {
+        writeln!(t, "  magnification     {magnification:.6}")?;
+    }
+    writeln!(t, "  length            {last:.4} mm, film at {:.4} mm", system.film_z)?;
+    writeln!(t, "  Petzval sum       {:.6} /mm (radius {:.2} mm)", f.petzval_sum, 1.0 / f.petzval_sum)?;
+    if p.coating != Coating::None {
+        let coating = match p.coating {
+            Coating::MagnesiumFluoride => "a quarter wave of MgF2",
+            Coating::Multilayer => "multilayer, 0.4 % a surface",
+            _ => "perfect",
+        };
+        writeln!(t, "  coating           {coating}")?;
+    }
+    if !p.zoom.is_empty() {
+        writeln!(t, "  zoom positions    {}", p.zoom.iter().map(|z| format!("{z:.2}")).collect::<Vec<_>>().join(", "))?;
+    }
+    writeln!(t, "\n  {:>3} {:>12} {:>10} {:>9}  glass", "", "radius", "gap", "semi-dia")?;
+    for (i, s) in p.surfaces.iter().enumerate() {
+        let radius = match &s.profile {
+            Profile::Plane => "plane".into(),
+            other if other.curvature() == 0.0 && other.is_rotational() => "asphere".into(),
+            Profile::Toroid { .. } => {
+                let r = |c: f64| if c == 0.0 { "inf".to_owned() } else { format!("{:.2}", 1.0 / c) };
+                format!("{}/{}", r(s.profile.curvature_x()), r(s.profile.curvature()))
+            }
+            other => format!("{:.4}", 1.0 / other.curvature()),
+        };
+        let kind = match (&s.profile, s.stop, s.mirror) {
+            (_, true, _) => " stop",
+            (_, _, true) => " mirror",
+            (Profile::Asphere(_) | Profile::Conic { .. }, ..) => " asphere",
+            _ => "",
+        };
+        let gap = s.gap.at(table.set.state.zoom, table.set.state.focus);
+        let glass = if s.glass.kind == GlassKind::Air { String::new() } else { s.glass.describe() };
+        writeln!(t, "  {:>3} {radius:>12} {gap:>10.4} {:>9.3}  {glass}{kind}", i + 1, s.semi_diameter.unwrap_or(0.0))?;
+    }
+    writeln!(t, "\n  third order at f/{:.2} and {:.2}°, transverse, mm", table.set.f_number, table.largest_field())?;
+    writeln!(t, "  {:>3} {:>10} {:>10} {:>10} {:>10} {:>10} {:>10} {:>10} {:>10}", "", "SA", "TCO", "TAS", "SAS", "PTB", "DST", "AX", "LAT")?;
+    let row = |t: &mut String, name: String, v: [f64; 8]| {
+        let cells: Vec<String> = v.iter().map(|v| format!("{v:>10.6}")).collect();
+        writeln!(t, "  {name:>3} {}", cells.join(" "))
+    };
+    for (i, s) in third.surfaces.iter().enumerate() {
+        row(&mut t, format!("{}", i + 1), third.transverse(s))?;
+    }
+    row(&mut t, "sum".into(), third.transverse(&sum))?;
+    writeln!(t, "  Seidel sums S_I..S_V {:?} mm", sum.seidel.map(|v| (v * 1e6).round() / 1e6))?;
+    if p.surfaces.iter().any(|s| matches!(s.glass.kind, GlassKind::Constant(_))) {
+        writeln!(t, "  constant indices: this source gives no dispersion, colour figures are 0")?;
+    }
+    finish(asked, || layout(&table), &t, &Value::Null, false)
+}
+
+fn layout(table: &Table) -> Figure {
+    let options = LayoutOptions {
+        title: table.title(""),
+        fields_deg: table.fields.clone(),
+        nm: table.reference,
+        rays: 7,
+        width: 800.0,
+    };
+    draw::layout(&table.bench(), &options)
+}
+
+fn drawing(asked: &Asked, json: bool) -> anyhow::Result<()> {
+    if asked.output.is_empty() {
+        return Err(AskedWrongly(anyhow!("lens draw: expected -o FILE.svg or FILE.png")).into());
+    }
+    let outputs = paint::prepare(&asked.output)?;
+    let table = Table::new(asked)?;
+    let written = paint::write(outputs, &layout(&table))?;
+    written.iter().for_each(|p| say(&format!("wrote {}", p.display())));
+    if json {
+        print_json(&json!({ "files": written, "fields_deg": table.fields, "wavelength_nm": table.reference }))?;
+    }
+    Ok(())
+}
+
+fn no_light(field: f64) -> anyhow::Error {
+    anyhow!("field {field}°: no light comes through the lens at this angle")
+}
+
+fn trace(asked: &Asked, pupil: [f64; 2], json: bool) -> anyhow::Result<()> {
+    let table = Table::new(asked)?;
+    let bench = table.bench();
+    let field = asked.field.as_ref().map_or(0.0, |f| f.0[0]);
+    let nm = table.reference;
+    let beam = bench.beam(field, nm).ok_or_else(|| no_light(field))?;
+    let reach = bench.beam(0.0, nm).map_or(1.0, |b| b.extent[1].max_element());
+    let at = glam_of(pupil, reach);
+    let n = table.set.system.indices(nm);
+    let mut rows = vec![];
+    let traced = table.set.system.trace_with(beam.ray(at), &n, Way::ToFilm, Apertures::Clip, |e| rows.push(e));
+    let opd = bench.opd_of(&beam, at, nm);
+    let mut t = String::new();
+    writeln!(t, "{}", table.title(&format!("field {field}°, pupil {}, {}, {nm:.1} nm", pupil[0], pupil[1])))?;
+    writeln!(t, "  {:>4} {:>14} {:>14} {:>14} {:>12} {:>12} {:>12} {:>9} {:>9}", "", "x mm", "y mm", "z mm", "L", "M", "N", "in °", "out °")?;
+    for e in &rows {
+        let angle = |c: f64| c.clamp(-1.0, 1.0).acos().to_degrees();
+        writeln!(
+            t,
+            "  {:>4} {:>14.9} {:>14.9} {:>14.9} {:>12.9} {:>12.9} {:>12.9} {:>9.4} {:>9.4}",
+            e.surface + 1, e.point.x, e.point.y, e.point.z, e.direction.x, e.direction.y, e.direction.z, angle(e.cosines[0]), angle(e.cosines[1])
+        )?;
+    }
+    let end = match &traced {
+        Ok(out) => {
+            let film = at_plane(out, table.set.system.film_z);
+            writeln!(t, "  film {:>14.9} {:>14.9} {:>14.9}   path difference {:.4} waves", film.x, film.y, film.z, opd.unwrap_or(f64::NAN))?;
+            json!({ "film_mm": film.to_array(), "direction": out.direction.to_array(), "opd_waves": opd })
+        }
+        Err(b) => {
+            writeln!(t, "  blocked at surface {}: {:?}", b.surface + 1, b.why)?;
+            json!({ "blocked_at": b.surface + 1, "why": format!("{:?}", b.why) })
+        }
+    };
+    if json {
+        let rows: Vec<Value> = rows
+            .iter()
+            .map(|e| json!({ "surface": e.surface + 1, "point_mm": e.point.to_array(), "direction": e.direction.to_array(), "path_mm": e.path }))
+            .collect();
+        return print_json(&json!({ "field_deg": field, "pupil": pupil, "wavelength_nm": nm, "surfaces": rows, "end": end }));
+    }
+    write!(std::io::stdout(), "{t}")?;
+    Ok(())
+}
+
+fn glam_of(pupil: [f64; 2], reach: f64) -> diopter::lens::analysis::PupilPoint {
+    diopter::lens::analysis::PupilPoint::new(pupil[0] * reach, pupil[1] * reach)
+}
+
+fn spot(asked: &Asked, rays: usize, json: bool) -> anyhow::Result<()> {
+    if !(2..=1000).contains(&rays) {
+        return Err(AskedWrongly(anyhow!("rays {rays}: expected 2 to 1000 across the pupil")).into());
+    }
+    let table = Table::new(asked)?;
+    let bench = table.bench();
+    let fields: Vec<Vec<_>> = table
+        .fields
+        .iter()
+        .map(|f| table.wavelengths.iter().filter_map(|nm| bench.spot(*f, *nm, table.reference, rays, 0.0)).collect::<Vec<_>>())
+        .collect();
+    let mut t = format!("{}\n", table.title("spots"));
+    let mut values = vec![];
+    writeln!(t, "  {:>7} {:>8} {:>12} {:>12} {:>14} {:>7}", "field °", "nm", "RMS µm", "largest µm", "centroid y mm", "rays")?;
+    for s in fields.iter().flatten() {
+        writeln!(t, "  {:>7.2} {:>8.1} {:>12.4} {:>12.4} {:>14.6} {:>7}", s.field_deg, s.nm, s.rms * 1e3, s.geometric * 1e3, s.centroid.y, s.points.len())?;
+        values.push(json!({ "field_deg": s.field_deg, "wavelength_nm": s.nm, "rms_mm": s.rms, "geometric_mm": s.geometric,
+            "centroid_mm": s.centroid.to_array(), "points_mm": s.points.iter().map(|p| p.to_array()).collect::<Vec<_>>() }));
+    }
+    if values.is_empty() {
+        return Err(no_light(table.fields[0]));
+    }
+    finish(asked, || draw::spot_plot(&table.title("spot diagrams"), &fields), &t, &json!(values), json)
+}
+
+fn fan(asked: &Asked, json: bool) -> anyhow::Result<()> {
+    let table = Table::new(asked)?;
+    let bench = table.bench();
+    let fields: Vec<Vec<_>> = table
+        .fields
+        .iter()
+        .map(|f| table.wavelengths.iter().filter_map(|nm| bench.fan(*f, *nm, table.reference, 32)).collect::<Vec<_>>())
+        .collect();
+    let mut t = format!("{}\n", table.title("ray fans"));
+    writeln!(t, "  {:>7} {:>8} {:>7} {:>12} {:>12} {:>12} {:>12}", "field °", "nm", "pupil", "tang. µm", "waves", "sagit. µm", "waves")?;
+    let mut values = vec![];
+    for f in fields.iter().flatten() {
+        for i in (0..=64).step_by(8) {
+            let s = i as f64 / 32.0 - 1.0;
+            let find = |v: &[diopter::lens::analysis::FanPoint]| v.iter().find(|p| (p.pupil - s).abs() < 1e-9).copied();
+            let (a, b) = (find(&f.tangential), find(&f.sagittal));
+            let cell = |v: Option<f64>| v.map_or("-".into(), |v| format!("{v:.4}"));
+            writeln!(
+                t,
+                "  {:>7.2} {:>8.1} {s:>7.2} {:>12} {:>12} {:>12} {:>12}",
+                f.field_deg,
+                f.nm,
+                cell(a.map(|p| p.error.y * 1e3)),
+                cell(a.map(|p| p.opd)),
+                cell(b.map(|p| p.error.x * 1e3)),
+                cell(b.map(|p| p.opd))
+            )?;
+        }
+        let line = |v: &[diopter::lens::analysis::FanPoint]| {
+            v.iter().map(|p| json!({ "pupil": p.pupil, "error_mm": p.error.to_array(), "opd_waves": p.opd })).collect::<Vec<_>>()
+        };
+        values.push(json!({ "field_deg": f.field_deg, "wavelength_nm": f.nm, "tangential": line(&f.tangential), "sagittal": line(&f.sagittal) }));
+    }
+    if values.is_empty() {
+        return Err(no_light(table.fields[0]));
+    }
+    finish(asked, || draw::fan_plot(&table.title("ray fans"), &fields), &t, &json!(values), json)
+}
+
+fn mtf(asked: &Asked, over: MtfOver, frequencies: Option<&[f64]>, geometric: bool, json: bool) -> anyhow::Result<()> {
+    if let Some(bad) = frequencies.and_then(|f| f.iter().find(|f| !(**f > 0.0 && **f <= 10_000.0))) {
+        return Err(AskedWrongly(anyhow!("frequency {bad}: expected 0 to 10000 cycles/mm")).into());
+    }
+    let table = Table::new(asked)?;
+    let bench = table.bench();
+    let colors: Vec<(f64, f64)> = table.wavelengths.iter().map(|nm| (*nm, 1.0)).collect();
+    let at = |field: f64, frequencies: &[f64], defocus: f64| match geometric {
+        true => bench.geometric_mtf(field, &colors, frequencies, defocus),
+        false => bench.diffraction_mtf(field, &colors, frequencies, defocus),
+    };
+    let kind = if geometric { "geometric MTF" } else { "diffraction MTF" };
+    let mut t = String::new();
+    let mut values = vec![];
+    let title = table.title(kind);
+    writeln!(t, "{title}")?;
+    let highest = frequencies.and_then(|f| f.last().copied()).unwrap_or(100.0);
+    let curves: Vec<Mtf>;
+    let figure = match over {
+        MtfOver::Frequency => {
+            let steps: Vec<f64> = (0..=40).map(|i| highest * i as f64 / 40.0).collect();
+            curves = table.fields.iter().filter_map(|f| at(*f, &steps, 0.0)).collect();
+            for m in &curves {
+                writeln!(t, "  field {:.2}°\n  {:>10} {:>11} {:>9}", m.field_deg, "cycles/mm", "tangential", "sagittal")?;
+                for i in (0..steps.len()).step_by(4) {
+                    writeln!(t, "  {:>10.2} {:>11.4} {:>9.4}", steps[i], m.tangential[i], m.sagittal[i])?;
+                }
+            }
+            let limit: Vec<f64> = steps.iter().map(|f| airy_mtf(*f, table.reference, table.set.f_number)).collect();
+            draw::mtf_plot(&title, &curves, Some(&limit))
+        }
+        MtfOver::Field | MtfOver::Focus => {
+            let wanted = frequencies.unwrap_or(&[10.0, 30.0]).to_vec();
+            let most = table.largest_field();
+            // Through focus: as far as the geometric blur at f/N covers a period of the lowest frequency.
+            let depth = 0.5 * table.set.f_number / wanted[0];
+            let steps: Vec<(f64, f64, f64)> = match over {
+                MtfOver::Field => (0..=14).map(|i| (most * i as f64 / 14.0, most * i as f64 / 14.0, 0.0)).collect(),
+                _ => (-12..=12).map(|i| (depth * i as f64 / 12.0, table.fields[0], depth * i as f64 / 12.0)).collect(),
+            };
+            let label = if over == MtfOver::Field { "field angle, degrees" } else { "defocus, mm" };
+            let each: Vec<(f64, Mtf)> = steps.iter().filter_map(|(x, f, d)| Some((*x, at(*f, &wanted, *d)?))).collect();
+            writeln!(t, "  {label:>20} {}", wanted.iter().map(|f| format!("{:>9} {:>9}", format!("T {f:.0}"), format!("S {f:.0}"))).collect::<String>())?;
+            for (x, m) in &each {
+                let cells: String = (0..wanted.len()).map(|i| format!("{:>9.4} {:>9.4}", m.tangential[i], m.sagittal[i])).collect();
+                writeln!(t, "  {x:>20.4} {cells}")?;
+            }
+            curves = each.iter().map(|e| e.1.clone()).collect();
+            draw::mtf_over_plot(&title, label, &wanted, &each)
+        }
+    };
+    for m in &curves {
+        values.push(json!({ "field_deg": m.field_deg, "frequency_per_mm": m.frequencies, "tangential": m.tangential, "sagittal": m.sagittal }));
+    }
+    if values.is_empty() {
+        return Err(no_light(table.fields[0]));
+    }
+    finish(asked, || figure, &t, &json!(values), json)
+}
+
+fn distortion(asked: &Asked, json: bool) -> anyhow::Result<()> {
+    let table = Table::new(asked)?;
+    let bench = table.bench();
+    let fields: Vec<f64> = match &asked.field {
+        Some(list) if list.0.len() > 1 => list.0.clone(),
+        _ => (0..=20).map(|i| table.largest_field() * i as f64 / 20.0).collect(),
+    };
+    let points: Vec<_> = fields.iter().filter_map(|f| bench.field_point(*f, table.reference)).collect();
+    if points.is_empty() {
+        return Err(no_light(fields[0]));
+    }
+    let mut t = format!("{}\n", table.title("distortion and field curvature"));
+    writeln!(t, "  {:>8} {:>12} {:>12} {:>12} {:>14} {:>14}", "field °", "height mm", "f tan θ mm", "distortion %", "tang. focus mm", "sag. focus mm")?;
+    for p in &points {
+        writeln!(t, "  {:>8.3} {:>12.5} {:>12.5} {:>12.4} {:>14.5} {:>14.5}", p.field_deg, p.height, p.ideal_height, p.distortion_percent(), p.focus[0], p.focus[1])?;
+    }
+    let values: Vec<Value> = points
+        .iter()
+        .map(|p| json!({ "field_deg": p.field_deg, "height_mm": p.height, "ideal_height_mm": p.ideal_height, "distortion_percent": p.distortion_percent(), "focus_mm": p.focus }))
+        .collect();
+    finish(asked, || draw::distortion_plot(&table.title(""), &points), &t, &json!(values), json)
+}
+
+fn vignetting(asked: &Asked, json: bool) -> anyhow::Result<()> {
+    let table = Table::new(asked)?;
+    let bench = table.bench();
+    let most = table.largest_field();
+    let height = bench.field_point(most, table.reference).map_or(0.36 * table.set.efl, |p| p.height.abs());
+    let light: Vec<Illumination> = (0..=20).map(|i| bench.illumination(height * i as f64 / 20.0, table.reference)).collect();
+    let beams: Vec<(f64, f64)> = (0..=14)
+        .map(|i| most * i as f64 / 14.0)
+        .filter_map(|f| Some((f, bench.vignetting(f, table.reference)?)))
+        .collect();
+    let axis = light[0];
+    let mut t = format!("{}\n", table.title("vignetting"));
+    writeln!(t, "  {:>10} {:>14} {:>10} {:>14} {:>12}", "height mm", "E/L sr", "relative", "with losses", "relative")?;
+    for l in &light {
+        writeln!(t, "  {:>10.3} {:>14.6e} {:>10.4} {:>14.6e} {:>12.4}", l.height, l.geometric, l.geometric / axis.geometric, l.with_losses, l.with_losses / axis.with_losses)?;
+    }
+    writeln!(t, "  {:>10} {:>22}", "field °", "beam area, of the axis")?;
+    for (f, v) in &beams {
+        writeln!(t, "  {f:>10.3} {v:>22.4}")?;
+    }
+    let value = json!({
+        "illumination": light.iter().map(|l| json!({ "height_mm": l.height, "geometric_sr": l.geometric, "with_losses_sr": l.with_losses })).collect::<Vec<_>>(),
+        "beam_area": beams.iter().map(|(f, v)| json!({ "field_deg": f, "relative": v })).collect::<Vec<_>>(),
+    });
+    finish(asked, || draw::vignetting_plot(&table.title(""), &light, &beams), &t, &value, json)
+}
+
+fn color(asked: &Asked, json: bool) -> anyhow::Result<()> {
+    let table = Table::new(asked)?;
+    let wavelengths: Vec<f64> = match &asked.wavelength {
+        Some(list) if list.0.len() > 1 => list.0.clone(),
+        _ => (0..=30).map(|i| 400.0 + 10.0 * i as f64).collect(),
+    };
+    let curves = table.bench().color(&wavelengths, table.reference, &table.fields);
+    let mut t = format!("{}\n", table.title(&format!("colour, against {:.1} nm", table.reference)));
+    let heads: String = table.fields.iter().map(|f| format!(" {:>12}", format!("{f:.2}° µm"))).collect();
+    writeln!(t, "  {:>8} {:>12}{heads}", "nm", "axial mm")?;
+    for (i, nm) in wavelengths.iter().enumerate() {
+        let cells: String = curves.lateral.iter().map(|(_, v)| format!(" {:>12.4}", v[i] * 1e3)).collect();
+        writeln!(t, "  {nm:>8.1} {:>12.6}{cells}", curves.axial[i])?;
+    }
+    let lateral: Vec<Value> = curves.lateral.iter().map(|(f, v)| json!({ "field_deg": f, "height_mm": v })).collect();
+    let value = json!({ "wavelength_nm": wavelengths, "reference_nm": table.reference, "axial_mm": curves.axial, "lateral": lateral });
+    finish(asked, || draw::color_plot(&table.title(""), &curves), &t, &value, json)
+}

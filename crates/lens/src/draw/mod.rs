@@ -1,0 +1,13 @@
+//! Drawings: the lens with its rays, and the plots of a report.
+//!
+//! A [`Figure`] is a list of lines and texts with a size in points; it writes itself as SVG, and doors may paint it as pixels.
+
+mod chart;
+mod figure;
+mod layout;
+mod plots;
+
+pub use chart::{Axis, Chart, Line, Style};
+pub use figure::{Anchor, Color, Figure, Item};
+pub use layout::{LayoutOptions, layout};
+pub use plots::{color_plot, distortion_plot, fan_plot, mtf_over_plot, mtf_plot, spot_plot, vignetting_plot, wavelength_color};
