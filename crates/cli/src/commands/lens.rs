@@ -200,9 +200,14 @@ fn info(asked: &Asked, json: bool) -> anyhow::Result<()> {
     let table = Table::new(asked)?;
     let (p, system) = (&table.prescription, &table.set.system);
     let n = system.indices(table.reference);
-    let f = FirstOrder::of(system, &n);
+    let mut f = FirstOrder::of(system, &n);
+    // The pupils of the real axial beam: aberrations of the pupil make the stop's paraxial image a little larger or smaller.
+    f.stop_radius = 0.5 * table.set.efl / table.set.f_number / f.entrance_pupil_magnification.abs();
+    let f = f;
     let bench = table.bench();
     let last = system.last_z();
+    let ends = system.surfaces.iter().fold((0.0f64, 0.0f64), |(a, b), s| (a.min(s.z), b.max(s.z)));
+    let length = ends.1 - ends.0;
     let (short, long) = match &table.wavelengths[..] {
         [only] => (*only, *only),
         all => (all.iter().copied().fold(f64::MAX, f64::min), all.iter().copied().fold(0.0, f64::max)),
@@ -241,7 +246,7 @@ fn info(asked: &Asked, json: bool) -> anyhow::Result<()> {
             "exit_pupil_z_mm": f.exit_pupil_z, "exit_pupil_from_last_mm": f.exit_pupil_z - last, "exit_pupil_diameter_mm": 2.0 * f.exit_pupil_radius(),
             "f_number": table.set.f_number, "widest_f_number": table.set.widest, "paraxial_f_number": f.f_number(),
             "working_f_number": working, "t_number": t_number, "transmittance": transmittance,
-            "magnification": magnification, "petzval_sum_per_mm": f.petzval_sum, "length_mm": last, "film_z_mm": system.film_z,
+            "magnification": magnification, "petzval_sum_per_mm": f.petzval_sum, "length_mm": length, "film_z_mm": system.film_z,
             "third_order": { "field_deg": table.largest_field(), "by_surface": by_surface, "seidel_mm": sum.seidel, "chromatic_mm": sum.chromatic, "transverse_mm": third.transverse(&sum) },
             "glasses": glasses,
         }));
@@ -255,7 +260,7 @@ fn info(asked: &Asked, json: bool) -> anyhow::Result<()> {
         writeln!(t, "  source            {}", p.source)?;
     }
     writeln!(t, "  at                {:.1} nm, z from the first vertex", table.reference)?;
-    writeln!(t, "  focal length      {:.4} mm{}", f.efl, measured.map_or(String::new(), |m| format!(", {m:.4} mm by parallel rays at 0.5°")))?;
+    writeln!(t, "  focal length      {:.4} mm{}", f.efl, measured.map_or(String::new(), |m| format!(", {m:.4} mm by parallel rays at 0.2°")))?;
     writeln!(t, "  back, front       {:.4} mm, {:.4} mm", f.bfl, f.ffl)?;
     writeln!(t, "  principal planes  z {:.4} and {:.4} mm", f.front_principal_z, f.rear_principal_z)?;
     writeln!(t, "  entrance pupil    z {:.4} mm, diameter {:.4} mm", f.entrance_pupil_z, 2.0 * f.entrance_pupil_radius())?;
@@ -264,7 +269,7 @@ fn info(asked: &Asked, json: bool) -> anyhow::Result<()> {
     if magnification != 0.0 {
         writeln!(t, "  magnification     {magnification:.6}")?;
     }
-    writeln!(t, "  length            {last:.4} mm, film at {:.4} mm", system.film_z)?;
+    writeln!(t, "  length            {length:.4} mm, film at {:.4} mm", system.film_z)?;
     writeln!(t, "  Petzval sum       {:.6} /mm (radius {:.2} mm)", f.petzval_sum, 1.0 / f.petzval_sum)?;
     if p.coating != Coating::None {
         let coating = match p.coating {
@@ -289,6 +294,7 @@ fn info(asked: &Asked, json: bool) -> anyhow::Result<()> {
             other => format!("{:.4}", 1.0 / other.curvature()),
         };
         let kind = match (&s.profile, s.stop, s.mirror) {
+            (_, true, true) => " stop, mirror",
             (_, true, _) => " stop",
             (_, _, true) => " mirror",
             (Profile::Asphere(_) | Profile::Conic { .. }, ..) => " asphere",
@@ -350,7 +356,7 @@ fn trace(asked: &Asked, pupil: [f64; 2], json: bool) -> anyhow::Result<()> {
     let field = asked.field.as_ref().map_or(0.0, |f| f.0[0]);
     let nm = table.reference;
     let beam = bench.beam(field, nm).ok_or_else(|| no_light(field))?;
-    let reach = bench.beam(0.0, nm).map_or(1.0, |b| b.extent[1].max_element());
+    let reach = bench.axial_reach(nm).ok_or_else(|| no_light(0.0))?;
     let at = glam_of(pupil, reach);
     let n = table.set.system.indices(nm);
     let mut rows = vec![];
@@ -477,11 +483,11 @@ fn mtf(asked: &Asked, over: MtfOver, frequencies: Option<&[f64]>, geometric: boo
     let curves: Vec<Mtf>;
     let figure = match over {
         MtfOver::Frequency => {
-            let steps: Vec<f64> = (0..=40).map(|i| highest * i as f64 / 40.0).collect();
+            let steps: Vec<f64> = (0..=80).map(|i| highest * i as f64 / 80.0).collect();
             curves = table.fields.iter().filter_map(|f| at(*f, &steps, 0.0)).collect();
             for m in &curves {
                 writeln!(t, "  field {:.2}°\n  {:>10} {:>11} {:>9}", m.field_deg, "cycles/mm", "tangential", "sagittal")?;
-                for i in (0..steps.len()).step_by(4) {
+                for i in (0..steps.len()).step_by(8) {
                     writeln!(t, "  {:>10.2} {:>11.4} {:>9.4}", steps[i], m.tangential[i], m.sagittal[i])?;
                 }
             }

@@ -224,14 +224,15 @@ impl<'a> Bench<'a> {
         low
     }
 
-    /// Focal length as a bench measures it: image height of a distant point a little off the axis over the tangent of its
-    /// angle, from the middle of its beam's light.
+    /// Focal length as a bench measures it: height of the image of a distant point a little off the axis, in the plane of the
+    /// smallest axial spot, over the tangent of its angle.
     pub fn measured_focal_length(&self, nm: f64) -> Option<f64> {
         let infinite = Bench::at_infinity(self.system);
-        let angle = 0.5f64;
+        let (z, _) = crate::focusing::best_film_z(self.system, None)?;
+        let angle = 0.2f64;
         let beam = infinite.beam(angle, nm)?;
         let rays = infinite.grid(&beam, nm, 41);
-        let mean = rays.iter().map(|r| infinite.on_film(&r.1, 0.0)).sum::<DVec2>() / rays.len() as f64;
+        let mean = rays.iter().map(|r| infinite.on_film(&r.1, z - self.system.film_z)).sum::<DVec2>() / rays.len() as f64;
         Some(mean.y / angle.to_radians().tan())
     }
 }

@@ -76,7 +76,7 @@ impl Bench<'_> {
     pub fn fan(&self, field_deg: f64, nm: f64, beam_nm: f64, count: usize) -> Option<Fan> {
         let beam = self.beam(field_deg, beam_nm)?;
         let chief = self.on_film(&beam.image, 0.0);
-        let reach = self.beam(0.0, beam_nm).map_or(1.0, |b| b.extent[1].max_element()).max(1e-9);
+        let reach = self.axial_reach(beam_nm)?;
         let n = self.system.indices(nm);
         let reference = self.reference_path(&beam, nm)?;
         let line = |tangential: bool| {
@@ -91,6 +91,21 @@ impl Bench<'_> {
                 .collect()
         };
         Some(Fan { field_deg, nm, tangential: line(true), sagittal: line(false) })
+    }
+
+    /// Radius of the axial beam across the chief ray, mm: what "relative pupil" counts in.
+    pub fn axial_reach(&self, nm: f64) -> Option<f64> {
+        let beam = self.beam(0.0, nm)?;
+        let n = self.system.indices(nm);
+        let passes = |r: f64| self.system.trace(beam.ray(DVec2::new(0.0, r)), &n, Way::ToFilm, Apertures::Clip).is_ok();
+        // The extent is a grid cell too large; an obstruction in the middle does not matter.
+        let mut high = beam.extent[1].y;
+        let mut low = (1..=60).map(|i| high * (1.0 - i as f64 / 60.0)).find(|r| passes(*r)).unwrap_or(0.0);
+        for _ in 0..50 {
+            let mid = 0.5 * (low + high);
+            if passes(mid) { low = mid } else { high = mid }
+        }
+        (low > 0.0).then_some(low * (1.0 - 1e-12))
     }
 
     /// Area of the lit pupil across the chief ray, mm².

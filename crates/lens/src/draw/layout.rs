@@ -89,7 +89,11 @@ pub fn layout(bench: &Bench, options: &LayoutOptions) -> Figure {
     }
     for (i, s) in system.surfaces.iter().enumerate() {
         let curve = outlines[i].1.iter().map(|p| map(*p));
-        if s.mirror {
+        if s.obstruction > 0.0 && system.glasses[i] == system.glasses[i + 1] && !s.mirror {
+            // A disk in the way.
+            let bar = [DVec2::new(s.z, -s.obstruction), DVec2::new(s.z, s.obstruction)];
+            figure.line(bar.map(map), INK, 2.6, 0.0);
+        } else if s.mirror {
             figure.line(curve, [110, 110, 110], 2.4, 0.0);
         } else if i != system.stop || system.glasses[i] != system.glasses[i + 1] {
             figure.line(curve, INK, 0.8, 0.0);

@@ -7,6 +7,8 @@ use crate::system::{State, System};
 use crate::trace::{Apertures, TracedRay, Way};
 use glam::DVec3;
 
+/// Most characters of a name or a source.
+const LONGEST_TEXT: usize = 500;
 /// Largest length that makes sense in a lens, mm.
 const LARGEST: f64 = 1e6;
 
@@ -14,6 +16,11 @@ impl Prescription {
     /// Checks every number, infers stop and semi-diameters that are missing (and notes that), and returns the lens.
     pub fn checked(mut self, file: &str) -> Result<Self, PrescriptionError> {
         let whole = |what: String| PrescriptionError::at(file, 0, what);
+        // What a file says about itself is shown on terminals and written into others.
+        let clean = |s: &str| s.chars().filter(|c| !c.is_control()).take(LONGEST_TEXT).collect::<String>();
+        self.name = clean(&self.name);
+        self.source = clean(&self.source);
+        self.patent = self.patent.as_deref().map(clean);
         let count = self.surfaces.len();
         if count == 0 {
             return Err(whole("no surfaces: a lens needs at least one".into()));
@@ -187,7 +194,7 @@ impl Prescription {
             let wanted = if i == stop && self.surfaces[i].profile == Profile::Plane { axial() } else { height[i] * 1.0001 };
             let wanted = if wanted > 0.0 { wanted } else { axial() };
             let sd = wanted.min(reach(&self.surfaces[i].profile, wanted));
-            if !(sd > 0.0 && sd.is_finite()) {
+            if !(sd > 0.0 && sd < LARGEST) {
                 let what = "no semi-diameter, and no ray of the stated beams to infer it from reaches the surface";
                 return Err(PrescriptionError::at(file, self.surfaces[i].line, what).surface(i + 1));
             }
