@@ -1,8 +1,9 @@
 //! The fast trace: packets of rays, structure of arrays, the same steps as [`crate::trace`] for all lanes at once.
 //!
-//! [`single`] traces 16 rays in f32 (pictures), [`double`] 8 rays in f64 (analysis). A lane that is lost goes on with whatever
-//! numbers it has and is cleared in the mask that comes back. Indices come from a Chebyshev fit of each glass in 1/λ², so that
-//! every lane may have its own wavelength.
+//! [`single`] traces 32 rays in f32 (pictures), [`double`] 16 rays in f64 (analysis): two vectors of 16 (8) side by side, because
+//! square roots and divisions of one hide the waiting of the other. A lane that is lost goes on with whatever numbers it has and
+//! is cleared in the mask that comes back. Indices come from a Chebyshev fit of each glass in 1/λ², so that every lane may have
+//! its own wavelength.
 
 use crate::glass::{Glass, GlassKind, VISIBLE_NM};
 use crate::iris::Iris;
@@ -37,13 +38,124 @@ fn fit(glass: &Glass) -> [f64; TERMS] {
     })
 }
 
+/// Two vectors side by side, with the operations that the kernel needs.
+macro_rules! pair {
+    ($pair:ident, $mask_pair:ident, $float:ident, $half:literal, $vector:ident, $mask:ident) => {
+        #[derive(Clone, Copy)]
+        struct $pair<S: Simd>(fearless_simd::$vector<S>, fearless_simd::$vector<S>);
+
+        #[derive(Clone, Copy)]
+        struct $mask_pair<S: Simd>(fearless_simd::$mask<S>, fearless_simd::$mask<S>);
+
+        impl<S: Simd> $pair<S> {
+            #[inline(always)]
+            fn splat(simd: S, v: $float) -> Self {
+                let v = fearless_simd::$vector::splat(simd, v);
+                $pair(v, v)
+            }
+            #[inline(always)]
+            fn from_slice(simd: S, v: &[$float; 2 * $half]) -> Self {
+                $pair(
+                    fearless_simd::$vector::from_slice(simd, &v[..$half]),
+                    fearless_simd::$vector::from_slice(simd, &v[$half..]),
+                )
+            }
+            #[inline(always)]
+            fn store_slice(self, out: &mut [$float; 2 * $half]) {
+                self.0.store_slice(&mut out[..$half]);
+                self.1.store_slice(&mut out[$half..]);
+            }
+            #[inline(always)]
+            fn to_array(self) -> [$float; 2 * $half] {
+                let mut out = [0.0; 2 * $half];
+                self.store_slice(&mut out);
+                out
+            }
+            #[inline(always)]
+            fn sqrt(self) -> Self {
+                $pair(self.0.sqrt(), self.1.sqrt())
+            }
+            #[inline(always)]
+            fn abs(self) -> Self {
+                $pair(self.0.abs(), self.1.abs())
+            }
+            #[inline(always)]
+            fn max(self, o: Self) -> Self {
+                $pair(self.0.max(o.0), self.1.max(o.1))
+            }
+            #[inline(always)]
+            fn simd_gt(self, o: Self) -> $mask_pair<S> {
+                $mask_pair(self.0.simd_gt(o.0), self.1.simd_gt(o.1))
+            }
+            #[inline(always)]
+            fn simd_ge(self, o: Self) -> $mask_pair<S> {
+                $mask_pair(self.0.simd_ge(o.0), self.1.simd_ge(o.1))
+            }
+            #[inline(always)]
+            fn simd_le(self, o: Self) -> $mask_pair<S> {
+                $mask_pair(self.0.simd_le(o.0), self.1.simd_le(o.1))
+            }
+            #[inline(always)]
+            fn simd_lt(self, o: Self) -> $mask_pair<S> {
+                $mask_pair(self.0.simd_lt(o.0), self.1.simd_lt(o.1))
+            }
+            #[inline(always)]
+            fn simd_eq(self, o: Self) -> $mask_pair<S> {
+                $mask_pair(self.0.simd_eq(o.0), self.1.simd_eq(o.1))
+            }
+        }
+
+        impl<S: Simd> $mask_pair<S> {
+            #[inline(always)]
+            fn to_bitmask(self) -> u64 {
+                self.0.to_bitmask() | self.1.to_bitmask() << $half
+            }
+            #[inline(always)]
+            fn select(self, a: $pair<S>, b: $pair<S>) -> $pair<S> {
+                $pair(self.0.select(a.0, b.0), self.1.select(a.1, b.1))
+            }
+        }
+
+        impl<S: Simd> std::ops::BitAnd for $mask_pair<S> {
+            type Output = Self;
+            #[inline(always)]
+            fn bitand(self, o: Self) -> Self {
+                $mask_pair(self.0 & o.0, self.1 & o.1)
+            }
+        }
+
+        impl<S: Simd> std::ops::Neg for $pair<S> {
+            type Output = Self;
+            #[inline(always)]
+            fn neg(self) -> Self {
+                $pair(-self.0, -self.1)
+            }
+        }
+
+        pair!(@operator $pair, Add, add, +);
+        pair!(@operator $pair, Sub, sub, -);
+        pair!(@operator $pair, Mul, mul, *);
+        pair!(@operator $pair, Div, div, /);
+    };
+    (@operator $pair:ident, $trait:ident, $method:ident, $operator:tt) => {
+        impl<S: Simd> std::ops::$trait for $pair<S> {
+            type Output = Self;
+            #[inline(always)]
+            fn $method(self, o: Self) -> Self {
+                $pair(self.0 $operator o.0, self.1 $operator o.1)
+            }
+        }
+    };
+}
+
+pair!(Single, SingleMask, f32, 16, f32x16, mask32x16);
+pair!(Double, DoubleMask, f64, 8, f64x8, mask64x8);
+
 macro_rules! batch {
     ($module:ident, $float:ident, $lanes:literal, $vector:ident, $mask:ident, $doc:literal) => {
         #[doc = $doc]
         pub mod $module {
             use super::*;
-            use fearless_simd::{$mask, $vector};
-
             /// Rays of a packet.
             pub const LANES: usize = $lanes;
             /// One number a ray.
@@ -88,8 +200,14 @@ macro_rules! batch {
                 }
             }
 
-            /// Index of every gap, lane by lane: `[gap][lane]`.
-            pub type Indices = Vec<Lanes>;
+            /// Index of every gap and its inverse, lane by lane.
+            #[derive(Clone, Debug, Default, PartialEq)]
+            pub struct Indices {
+                /// `[gap][lane]`
+                pub n: Vec<Lanes>,
+                /// 1 / n
+                inverse: Vec<Lanes>,
+            }
 
             #[derive(Clone, Debug)]
             enum Shape {
@@ -241,8 +359,9 @@ macro_rules! batch {
                 let nm = $vector::from_slice(simd, nm);
                 let x = scale / (nm * nm) - offset;
                 let twice = x + x;
-                out.resize(batch.glasses.len(), [1.0; LANES]);
-                for (fit, out) in batch.glasses.iter().zip(out.iter_mut()) {
+                out.n.resize(batch.glasses.len(), [1.0; LANES]);
+                out.inverse.resize(batch.glasses.len(), [1.0; LANES]);
+                for (fit, (n, inverse)) in batch.glasses.iter().zip(out.n.iter_mut().zip(out.inverse.iter_mut())) {
                     let mut value = one;
                     if let Some(fit) = fit {
                         // Clenshaw's recurrence.
@@ -256,7 +375,8 @@ macro_rules! batch {
                         }
                         value = x * b1 - b2 + $vector::splat(simd, fit[0]);
                     }
-                    value.store_slice(out);
+                    value.store_slice(n);
+                    (one / value).store_slice(inverse);
                 }
             }
 
@@ -441,7 +561,7 @@ macro_rules! batch {
                             alive = alive & along.simd_le($vector::splat(simd, *distance));
                         }
                         if let Some(image) = &batch.image {
-                            let (x, y): (Lanes, Lanes) = (hx.into(), hy.into());
+                            let (x, y) = (hx.to_array(), hy.to_array());
                             let mut passes = [0.0; LANES];
                             for lane in 0..LANES {
                                 let (u, v) = (x[lane] / batch.stop_radius, y[lane] / batch.stop_radius);
@@ -452,20 +572,21 @@ macro_rules! batch {
                             share = share * passes;
                         }
                     }
-                    let (n0, n1) = ($vector::from_slice(simd, &n[before]), $vector::from_slice(simd, &n[after]));
+                    let n0 = $vector::from_slice(simd, &n.n[before]);
                     path = path + n0 * t;
                     let facing = dx * nx + dy * ny + dz * nz;
                     if step.mirror {
                         let along = two * facing;
                         (dx, dy, dz) = (dx - nx * along, dy - ny * along, dz - nz * along);
                     } else {
-                        let mu = n0 / n1;
+                        let mu = n0 * $vector::from_slice(simd, &n.inverse[after]);
                         let cos2 = one - mu * mu * (one - facing * facing);
                         alive = alive & cos2.simd_ge(zero);
                         let cos1 = cos2.max(zero).sqrt();
                         let along = sense * cos1 - mu * facing;
                         (dx, dy, dz) = (dx * mu + nx * along, dy * mu + ny * along, dz * mu + nz * along);
                         if LIGHT {
+                            let n1 = $vector::from_slice(simd, &n.n[after]);
                             let cos0 = facing.abs();
                             match batch.coating {
                                 Coating::Perfect => {}
@@ -524,7 +645,7 @@ macro_rules! batch {
                 path.store_slice(&mut packet.path);
                 if LIGHT {
                     share.store_slice(&mut packet.share);
-                    let depth: Lanes = depth.into();
+                    let depth = depth.to_array();
                     if batch.absorption.iter().any(|a| !a.is_empty()) {
                         for lane in 0..LANES {
                             packet.share[lane] *= (-depth[lane]).exp();
@@ -664,5 +785,5 @@ macro_rules! batch {
     };
 }
 
-batch!(single, f32, 16, f32x16, mask32x16, "16 rays at once in f32.");
-batch!(double, f64, 8, f64x8, mask64x8, "8 rays at once in f64.");
+batch!(single, f32, 32, Single, SingleMask, "32 rays at once in f32.");
+batch!(double, f64, 16, Double, DoubleMask, "16 rays at once in f64.");

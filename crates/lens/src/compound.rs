@@ -72,7 +72,7 @@ impl PartialEq for CompoundLens {
     }
 }
 
-/// Sixteen camera samples.
+/// Camera samples, one a lane.
 #[derive(Clone, Debug)]
 pub struct Samples {
     /// Film points, mm.
@@ -159,6 +159,7 @@ impl CompoundLens {
             rim,
             film_half: DVec2::new(0.5 * setting.film_mm[0], 0.5 * setting.film_mm[1]),
             rotational: system.is_rotational(),
+            mirrored: system.surfaces.iter().all(|s| s.frame.is_none()),
             iris_period: system.iris.shape.period(),
         });
         let disperses = system.glasses.iter().any(|g| g.index(450.0) != g.index(650.0));
@@ -328,7 +329,7 @@ impl CompoundLens {
         Ok(LensRay { origin_mm: self.from_pupil(out.position), direction: out.direction, weight_sr })
     }
 
-    /// Sixteen samples at once: what [`CompoundLens::ray`] answers, for four wavelengths each. `film_half`: beyond it no sample
+    /// A packet of samples at once: what [`CompoundLens::ray`] answers, for four wavelengths each. `film_half`: beyond it no sample
     /// starts, so no density is counted there.
     pub fn exits(&self, samples: &Samples, film_half: DVec2, scratch: &mut Scratch, out: &mut Exits) {
         let Scratch { packet, forward, n, n_forward } = scratch;

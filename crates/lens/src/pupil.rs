@@ -26,7 +26,7 @@ const RADIAL_BINS: usize = 96;
 /// Bins over the film radius, and over the period of the iris, for another iris in a round lens.
 const POLAR_BINS: [usize; 2] = [44, 8];
 /// Cells over the film for a lens that is not round.
-const CELLS: [usize; 2] = [24, 16];
+const CELLS: [usize; 2] = [20, 14];
 /// Growth that covers shapes which are not quite convex and single precision.
 const MARGIN: f64 = 1.002;
 /// Samples a side that measure how much of a region passes.
@@ -46,8 +46,23 @@ pub struct Region {
 enum Layout {
     /// By radius and by angle within a period (0: round).
     Polar { radius: f64, bins: usize, period: f64, angles: usize, turns: Vec<DVec2> },
-    /// By place.
-    Cells { half: DVec2, counts: [usize; 2] },
+    /// By place; `mirrored`: by place in one quarter, for lenses that are the same left and right, above and below.
+    Cells { half: DVec2, counts: [usize; 2], mirrored: bool },
+}
+
+/// How a region's frame lies in the film's: turned, then mirrored.
+#[derive(Clone, Copy, Debug)]
+pub struct Turn {
+    rotation: DVec2,
+    mirror: DVec2,
+}
+
+impl Turn {
+    const NONE: Turn = Turn { rotation: DVec2::X, mirror: DVec2::ONE };
+
+    fn by(rotation: DVec2) -> Turn {
+        Turn { rotation, mirror: DVec2::ONE }
+    }
 }
 
 /// All regions of a lens as it stands.
@@ -75,6 +90,8 @@ pub struct Geometry<'a> {
     pub film_half: DVec2,
     /// Lens without iris looks the same from all sides.
     pub rotational: bool,
+    /// Lens is the same left and right, above and below.
+    pub mirrored: bool,
     /// Period of the iris, rad; 0 round.
     pub iris_period: f64,
 }
@@ -113,8 +130,12 @@ impl PupilTable {
             let turns = (0..periods).map(|k| DVec2::from_angle(g.iris_period * k as f64)).collect();
             (Layout::Polar { radius: diagonal, bins, period: g.iris_period, angles, turns }, regions)
         } else {
-            let [nx, ny] = CELLS;
-            let film = |i: f64, j: f64| DVec2::new(2.0 * i / nx as f64 - 1.0, 2.0 * j / ny as f64 - 1.0) * g.film_half;
+            let mirrored = g.mirrored && g.iris_period == 0.0;
+            let [nx, ny] = if mirrored { CELLS.map(|n| n / 2) } else { CELLS };
+            let film = |i: f64, j: f64| {
+                let at = DVec2::new(i / nx as f64, j / ny as f64);
+                (if mirrored { at } else { 2.0 * at - 1.0 }) * g.film_half
+            };
             let mut outlines: Vec<Vec<DVec2>> = vec![];
             for j in 0..=ny {
                 for i in 0..=nx {
@@ -131,38 +152,43 @@ impl PupilTable {
                     regions.push(search.region(points, film(i as f64 + 0.5, j as f64 + 0.5)));
                 }
             }
-            (Layout::Cells { half: g.film_half, counts: CELLS }, regions)
+            (Layout::Cells { half: g.film_half, counts: [nx, ny], mirrored }, regions)
         };
         PupilTable { layout, regions, curvature: g.curvature }
     }
 
-    /// Region of a film point and the rotation (cosine, sine) from its frame into the film's.
+    /// Region of a film point and how its frame lies in the film's.
     #[inline]
-    pub fn region(&self, film: DVec2) -> (&Region, DVec2) {
+    pub fn region(&self, film: DVec2) -> (&Region, Turn) {
         match &self.layout {
             Layout::Polar { radius, bins, period, angles, turns } => {
                 let r = film.length();
                 let bin = ((r / radius * *bins as f64) as usize).min(bins - 1);
                 if turns.is_empty() {
-                    return (&self.regions[bin], if r > 0.0 { film / r } else { DVec2::X });
+                    return (&self.regions[bin], Turn::by(if r > 0.0 { film / r } else { DVec2::X }));
                 }
                 let phase = film.y.atan2(film.x).rem_euclid(std::f64::consts::TAU) / period;
                 let turn = (phase as usize).min(turns.len() - 1);
                 let sector = ((phase - turn as f64) * *angles as f64) as usize;
-                (&self.regions[bin * angles + sector.min(angles - 1)], turns[turn])
+                (&self.regions[bin * angles + sector.min(angles - 1)], Turn::by(turns[turn]))
             }
-            Layout::Cells { half, counts } => {
-                let at = (film / *half * 0.5 + 0.5).clamp(DVec2::ZERO, DVec2::splat(0.999_999_999));
+            Layout::Cells { half, counts, mirrored } => {
+                let at = if *mirrored { film.abs() / *half } else { film / *half * 0.5 + 0.5 };
+                let at = at.clamp(DVec2::ZERO, DVec2::splat(0.999_999_999));
                 let (i, j) = ((at.x * counts[0] as f64) as usize, (at.y * counts[1] as f64) as usize);
-                (&self.regions[j * counts[0] + i], DVec2::X)
+                let turn = match mirrored {
+                    true => Turn { rotation: DVec2::X, mirror: film.signum() },
+                    false => Turn::NONE,
+                };
+                (&self.regions[j * counts[0] + i], turn)
             }
         }
     }
 
     /// Slope from a film point for a point of its region.
     #[inline]
-    pub fn slope(&self, film: DVec2, q: DVec2, turn: DVec2) -> DVec2 {
-        turn.rotate(q) - film * self.curvature
+    pub fn slope(&self, film: DVec2, q: DVec2, turn: Turn) -> DVec2 {
+        turn.rotation.rotate(q) * turn.mirror - film * self.curvature
     }
 
     /// Mean over the bins of the share that passes, by area of region: what [`PupilTable`] is judged by.
@@ -173,7 +199,7 @@ impl PupilTable {
 }
 
 fn lane_indices(batch: &Batch, nm: f32) -> Indices {
-    let mut n = vec![];
+    let mut n = Indices::default();
     batch.indices(&[nm; LANES], &mut n);
     n
 }
@@ -185,7 +211,7 @@ struct Search<'a> {
 }
 
 impl Search<'_> {
-    /// Which of 16 points in q let light of any colour pass from a film point.
+    /// Which of some points in q let light of any colour pass from a film point.
     fn passes(&mut self, film: DVec2, q: &[DVec2; LANES], colors: &[usize]) -> u32 {
         let mut mask = 0;
         for &color in colors {
@@ -256,10 +282,10 @@ impl Search<'_> {
             let along = from.dot(direction);
             let reach2 = along * along - from.length_squared() + bound_radius * bound_radius;
             let mut high = (-along + reach2.max(0.0).sqrt()).max(1e-9);
-            // The last passing point outwards, sixteen steps at a time: roughly for green, then finely for all colours.
+            // The last passing point outwards, 32 steps at a time: roughly for green, then finely for all colours.
             let (mut low, mut step) = (0.0f64, 0.0);
-            for (stage, colors) in [&[1][..], &[1], &[0, 1, 2], &[0, 1, 2]].into_iter().enumerate() {
-                if stage == 2 {
+            for (stage, colors) in [&[1][..], &[0, 1, 2], &[0, 1, 2]].into_iter().enumerate() {
+                if stage == 1 {
                     (low, high) = ((low - step).max(0.0), high + 2.0 * step);
                 }
                 step = (high - low) / LANES as f64;

@@ -123,15 +123,15 @@ fn packets_agree_with_the_plain_trace_and_rays_run_back() {
         let batch = single::Batch::new(&system);
         let fine = double::Batch::new(&system);
         let n = system.indices(520.0);
-        let (mut n32, mut n64) = (vec![], vec![]);
+        let (mut n32, mut n64) = (single::Indices::default(), double::Indices::default());
         batch.indices(&[520.0; single::LANES], &mut n32);
         fine.indices(&[520.0; double::LANES], &mut n64);
-        for (a, b) in n.iter().zip(&n64) {
+        for (a, b) in n.iter().zip(&n64.n) {
             assert!((a - b[0]).abs() < 1e-6, "{name}: index {a} {}", b[0]);
         }
         let rim = system.surfaces.last().unwrap();
         let (mut compared, mut differ, mut far, mut far64, mut back) = (0, 0, 0.0f64, 0.0f64, 0.0f64);
-        for block in 0..128 {
+        for block in 0..64 {
             let ray = |i: usize| {
                 let k = block * single::LANES + i;
                 let f = |p: usize| (k * p % 1021) as f64 / 510.5 - 1.0;
@@ -146,13 +146,13 @@ fn packets_agree_with_the_plain_trace_and_rays_run_back() {
             for i in 0..single::LANES {
                 let r = ray(i);
                 packet.set(i, r.position.as_vec3().to_array(), r.direction.as_vec3().to_array());
-                halves[i / 8].set(i % 8, r.position.to_array(), r.direction.to_array());
+                halves[i / double::LANES].set(i % double::LANES, r.position.to_array(), r.direction.to_array());
             }
             let mask = batch.trace(&mut packet, &n32, Way::ToObject);
             let masks = [fine.trace(&mut halves[0], &n64, Way::ToObject), fine.trace(&mut halves[1], &n64, Way::ToObject)];
             for i in 0..single::LANES {
                 let plain = system.trace(ray(i), &n, Way::ToObject, Apertures::Clip);
-                let fine_passed = masks[i / 8] >> (i % 8) & 1 == 1;
+                let fine_passed = masks[i / double::LANES] >> (i % double::LANES) & 1 == 1;
                 if (mask >> i & 1 == 1) != plain.is_ok() || fine_passed != plain.is_ok() {
                     differ += 1;
                     continue;
@@ -161,9 +161,9 @@ fn packets_agree_with_the_plain_trace_and_rays_run_back() {
                 compared += 1;
                 let d32 = DVec3::new(packet.dx[i] as f64, packet.dy[i] as f64, packet.dz[i] as f64);
                 far = far.max((d32 - out.direction).length());
-                let h = &halves[i / 8];
-                let d64 = DVec3::new(h.dx[i % 8], h.dy[i % 8], h.dz[i % 8]);
-                let p64 = DVec3::new(h.x[i % 8], h.y[i % 8], h.z[i % 8]);
+                let (h, l) = (&halves[i / double::LANES], i % double::LANES);
+                let d64 = DVec3::new(h.dx[l], h.dy[l], h.dz[l]);
+                let p64 = DVec3::new(h.x[l], h.y[l], h.z[l]);
                 far64 = far64.max((d64 - out.direction).length() + (p64 - out.position).length());
                 // And back to the film.
                 let start = TracedRay { position: out.position, direction: -out.direction };

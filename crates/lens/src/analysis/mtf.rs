@@ -7,7 +7,7 @@
 //! added.
 
 use super::{Bench, Spot};
-use crate::batch::double::{Batch, LANES, Packet};
+use crate::batch::double::{Batch, Indices, LANES, Packet};
 use crate::trace::Way;
 use std::f64::consts::{PI, TAU};
 
@@ -131,7 +131,7 @@ impl Bench<'_> {
         back: f64,
         nm: f64,
     ) -> Vec<Option<f64>> {
-        let mut n = vec![];
+        let mut n = Indices::default();
         batch.indices(&[nm; LANES], &mut n);
         let mut pupil = Vec::with_capacity(ACROSS * ACROSS);
         let mut packet = Packet::default();

@@ -1,0 +1,151 @@
+//! Speed of the traces on the double Gauss: `cargo bench -p diopter-lens --bench trace`.
+//!
+//! The eleven surfaces of US 2,673,491 (`double-gauss-50mm`), rays of a 14 mm wide beam at 14°, one core. Prints medians of
+//! several runs: nanoseconds a ray and surface (12 with the film, as peers count), rays a second, and the ratio to the plain
+//! trace of the same run; then how long lenses take to be ready, and what analyses take.
+
+use diopter_lens::analysis::Bench;
+use diopter_lens::batch::{double, single};
+use diopter_lens::compound::{Setting, CompoundLens};
+use diopter_lens::trace::{Apertures, TracedRay, Way};
+use diopter_lens::{Focus, State, System, embedded};
+use glam::DVec3;
+use std::hint::black_box;
+use std::sync::Arc;
+use std::time::Instant;
+
+const RAYS: usize = 1 << 20;
+const SURFACES: f64 = 12.0;
+
+fn median(mut run: impl FnMut() -> f64) -> f64 {
+    let mut times: Vec<f64> = (0..7).map(|_| run()).collect();
+    times.sort_by(f64::total_cmp);
+    times[times.len() / 2]
+}
+
+fn ray(i: usize) -> TracedRay {
+    let side = 1024;
+    let (u, v) = ((i % side) as f64 / side as f64 - 0.5, (i / side) as f64 / side as f64 - 0.5);
+    let direction = DVec3::new(0.0, 0.2419, 0.9703).normalize();
+    let at = DVec3::new(14.0 * u, 14.0 * v, 12.0);
+    TracedRay { position: at - direction * 40.0, direction }
+}
+
+fn main() {
+    let p = embedded("double-gauss-50mm").expect("embedded");
+    let system = System::at(&p, State::default());
+    let n = system.indices(587.6);
+    let show = |name: &str, rays: f64, seconds: f64, plain: f64| {
+        println!(
+            "{name:<28} {:>8.2} ns a ray-surface {:>8.2} Mrays/s {:>7.1} times the plain trace",
+            seconds / rays / SURFACES * 1e9,
+            rays / seconds * 1e-6,
+            plain / (seconds / rays)
+        );
+    };
+    let few = RAYS / 8;
+    let plain = median(|| {
+        let start = Instant::now();
+        for i in 0..few {
+            let _ = black_box(system.trace(ray(i * 8), &n, Way::ToFilm, Apertures::Clip));
+        }
+        start.elapsed().as_secs_f64()
+    });
+    let per_ray = plain / few as f64;
+    show("plain f64", few as f64, plain, per_ray);
+
+    let batch = single::Batch::new(&system);
+    let mut n32 = single::Indices::default();
+    batch.indices(&[587.6; single::LANES], &mut n32);
+    let fresh: Vec<single::Packet> = (0..RAYS / single::LANES)
+        .map(|k| {
+            let mut packet = single::Packet::default();
+            for i in 0..single::LANES {
+                let r = ray(k * single::LANES + i);
+                packet.set(i, r.position.as_vec3().to_array(), r.direction.as_vec3().to_array());
+            }
+            packet
+        })
+        .collect();
+    let mut work = fresh.clone();
+    let fast = median(|| {
+        work.clone_from(&fresh);
+        let start = Instant::now();
+        black_box(batch.trace_many(&mut work, &n32, Way::ToFilm));
+        start.elapsed().as_secs_f64()
+    });
+    show("packets, f32", RAYS as f64, fast, per_ray);
+    // Without the memory of a million rays: the same few packets again and again, as pictures trace them.
+    let short = fresh[..128].to_vec();
+    let mut few_packets = short.clone();
+    let cached = median(|| {
+        let mut spent = 0.0;
+        for _ in 0..256 {
+            few_packets.clone_from(&short);
+            let start = Instant::now();
+            black_box(batch.trace_many(&mut few_packets, &n32, Way::ToFilm));
+            spent += start.elapsed().as_secs_f64();
+        }
+        spent
+    });
+    show("the same, 4096 rays in cache", (256 * 128 * single::LANES) as f64, cached, per_ray);
+
+    let batch = double::Batch::new(&system);
+    let mut n64 = double::Indices::default();
+    batch.indices(&[587.6; double::LANES], &mut n64);
+    let fresh: Vec<double::Packet> = (0..RAYS / double::LANES)
+        .map(|k| {
+            let mut packet = double::Packet::default();
+            for i in 0..double::LANES {
+                let r = ray(k * double::LANES + i);
+                packet.set(i, r.position.to_array(), r.direction.to_array());
+            }
+            packet
+        })
+        .collect();
+    let mut work = fresh.clone();
+    let fast = median(|| {
+        work.clone_from(&fresh);
+        let start = Instant::now();
+        black_box(batch.trace_many(&mut work, &n64, Way::ToFilm));
+        start.elapsed().as_secs_f64()
+    });
+    show("packets, f64", RAYS as f64, fast, per_ray);
+
+    for (name, film_mm) in [
+        ("wide-22mm", [36.0, 24.0]),
+        ("double-gauss-50mm", [36.0, 24.0]),
+        ("telephoto-250mm", [36.0, 24.0]),
+        ("fisheye-10mm", [20.0, 14.0]),
+        ("zoom-70-200mm-f2.8", [36.0, 24.0]),
+        ("anamorphic-31mm", [24.0, 18.0]),
+    ] {
+        let seconds = median(|| {
+            let start = Instant::now();
+            let p = Arc::new(embedded(name).expect("embedded"));
+            let setting = Setting { focal_length: None, f_number: None, focus: Focus::Infinity, iris: None, film_mm };
+            black_box(CompoundLens::new(p, &setting).expect("a lens"));
+            start.elapsed().as_secs_f64()
+        });
+        println!("{name:<28} ready in {:>6.1} ms (read, focused, pupils found)", seconds * 1e3);
+    }
+    let bench = Bench::at_infinity(&system);
+    let timed = |name: &str, job: &dyn Fn()| {
+        let seconds = median(|| {
+            let start = Instant::now();
+            job();
+            start.elapsed().as_secs_f64()
+        });
+        println!("{name:<28} {:>6.1} ms", seconds * 1e3);
+    };
+    timed("spots, 3 fields, 60 across", &|| {
+        for f in [0.0, 10.0, 14.0] {
+            black_box(bench.spot(f, 587.6, 587.6, 60, 0.0));
+        }
+    });
+    timed("diffraction MTF, 3 fields", &|| {
+        for f in [0.0, 10.0, 14.0] {
+            black_box(bench.diffraction_mtf(f, &[(587.6, 1.0)], &[10.0, 20.0, 30.0, 40.0, 50.0], 0.0));
+        }
+    });
+}
