@@ -13,7 +13,7 @@ use diopter_lens::compound::{CompoundLens, Exits, Samples, Scratch};
 use diopter_lens::Lens;
 use diopter_light::random::{Sampler, SamplerKind, Set};
 use diopter_light::spectrum::Table;
-use diopter_light::wavelength::{FIRST_NM, WavelengthSampler};
+use diopter_light::wavelength::{FIRST_NM, WavelengthSampler, Wavelengths};
 use diopter_scene::{PathSettings, Scene};
 use rayon::prelude::*;
 use std::collections::BTreeMap;
@@ -326,7 +326,7 @@ impl Unit<'_> {
         Tile { column, row, width, sums, strays: BTreeMap::new() }
     }
 
-    /// Through a real lens, sixteen samples at a time; each wavelength counts in the pixel where it lands
+    /// Through a real lens, a packet of samples at a time; each wavelength counts in the pixel where it lands
     /// ([`diopter_lens::compound`]).
     fn compound_tile(&self, lens: &CompoundLens, [column, row, width, height]: [usize; 4], samples: Range<u32>) -> Tile {
         let film = &self.camera.film;
@@ -338,54 +338,68 @@ impl Unit<'_> {
         let film_half = glam::DVec2::new(0.5 * film.width_mm, 0.5 * film.height_mm);
         let radiance_only = self.response.bands[0].unit == BandUnit::Radiance;
         let (mut packet, mut exits, mut scratch) = (Samples::default(), Exits::default(), Scratch::default());
+        let mut drawn: Vec<(usize, usize, Sampler, Wavelengths, f32)> = Vec::with_capacity(LANES);
         let spp = samples.len();
         let total = width * height * spp;
         let mut first = 0;
         while first < total {
             let count = LANES.min(total - first);
-            let place = |k: usize| {
-                let (pixel, sample) = ((first + k) / spp, (first + k) % spp);
-                (column + pixel % width, row + pixel / width, samples.start + sample as u32)
-            };
+            drawn.clear();
             for k in 0..count {
-                let (x, y, i) = place(k);
-                let sampler = self.sampler(x, y, i);
+                let (pixel, sample) = ((first + k) / spp, (first + k) % spp);
+                let (x, y) = (column + pixel % width, row + pixel / width);
+                let sampler = self.sampler(x, y, samples.start + sample as u32);
                 let [u, v, pu, pv] = sampler.get(Set::Camera);
+                let [w, t, ..] = sampler.get(Set::Time);
+                let wavelengths = self.wavelengths.sample(w);
                 packet.film[k] = self.camera.film_point(x as f64 + u as f64, y as f64 + v as f64);
                 packet.pupil[k] = [pu, pv];
-                packet.nm[k] = self.wavelengths.sample(sampler.get(Set::Time)[0]).nm.to_array();
+                packet.nm[k] = wavelengths.nm.to_array();
+                drawn.push((x, y, sampler, wavelengths, t));
             }
             lens.exits(&packet, film_half, &mut scratch, &mut exits);
             for k in (0..count).filter(|k| exits.passed >> k & 1 == 1) {
-                let (x, y, i) = place(k);
-                let sampler = self.sampler(x, y, i);
-                let [w, t, ..] = sampler.get(Set::Time);
+                let (x, y, ref sampler, ref wavelengths, t) = drawn[k];
                 let (open, close) = self.shutter.interval(y);
                 let time = (open + (close - open) * t as f64) as f32;
                 let ray = self.camera.world_ray_of(exits.origin[k], exits.direction[k], time);
-                let wavelengths = self.wavelengths.sample(w);
-                let radiance = self.scene.radiance(ray, &wavelengths, &sampler, &self.settings.path);
+                let radiance = self.scene.radiance(ray, wavelengths, sampler, &self.settings.path);
                 let weighted = (radiance * wavelengths.weight).to_array();
                 // One bad number must not poison a pixel.
                 if !weighted.iter().all(|v| v.is_finite()) {
                     continue;
                 }
                 let half = sampler.replicate();
-                let electrons = film.pixel_area_mm2 * M2_PER_MM2 * (close - open);
-                for c in 0..4 {
-                    let (weight, land) = match radiance_only {
-                        // The mean over what passes, where it was asked for.
-                        true => (1.0 / lens.passing(packet.film[k]).max(1e-3), Some((x, y))),
-                        false => (exits.weight[k][c] as f64 * electrons, self.camera.pixel_of(exits.lands[k][c])),
-                    };
-                    let Some((px, py)) = land.filter(|_| weight > 0.0) else { continue };
-                    let value = self.curves.at(wavelengths.nm[c]) * (weighted[c] as f64 * weight * self.settings.light_scale) as f32;
+                let mut add = |(px, py): (usize, usize), value: glam::Vec4| {
                     let pixel = match (left..right).contains(&px) && (top..bottom).contains(&py) {
                         true => &mut sums[(py - top) * (right - left) + px - left],
                         false => strays.entry(py * film.columns + px).or_default(),
                     };
                     for b in 0..bands {
                         pixel[b][half] += value[b] as f64;
+                    }
+                };
+                let scale = match radiance_only {
+                    // The mean over what passes, where it was asked for.
+                    true => self.settings.light_scale / lens.passing(packet.film[k]).max(1e-3),
+                    false => film.pixel_area_mm2 * M2_PER_MM2 * (close - open) * self.settings.light_scale,
+                } as f32;
+                if radiance_only || !exits.spread {
+                    // All colours where the sample was asked for.
+                    let weight = if radiance_only { 1.0 } else { exits.weight[k][0] };
+                    let mut value = glam::Vec4::ZERO;
+                    for c in 0..4 {
+                        value += self.curves.at(wavelengths.nm[c]) * weighted[c];
+                    }
+                    add((x, y), value * (weight * scale));
+                    continue;
+                }
+                for c in 0..4 {
+                    let weight = exits.weight[k][c];
+                    if weight > 0.0
+                        && let Some(pixel) = self.camera.pixel_of(exits.lands[k][c])
+                    {
+                        add(pixel, self.curves.at(wavelengths.nm[c]) * (weighted[c] * weight * scale));
                     }
                 }
             }

@@ -94,6 +94,8 @@ impl Default for Samples {
 pub struct Exits {
     /// A bit for every sample that reaches the scene.
     pub passed: u32,
+    /// Whether wavelengths land on film points of their own; if not, all have the first one's weight.
+    pub spread: bool,
     /// Rays towards the scene, as [`LensRay`]: origins in mm from the entrance pupil, unit directions.
     pub origin: [[f32; 3]; LANES],
     /// Unit directions.
@@ -109,6 +111,7 @@ impl Default for Exits {
     fn default() -> Self {
         Exits {
             passed: 0,
+            spread: false,
             origin: [[0.0; 3]; LANES],
             direction: [[0.0; 3]; LANES],
             lands: [[[0.0; 2]; 4]; LANES],
@@ -348,6 +351,7 @@ impl CompoundLens {
         }
         self.batch.indices(&hero_nm, n);
         out.passed = self.batch.trace_light(packet, n, &hero_nm, Way::ToObject);
+        out.spread = self.disperses;
         let z = self.first.entrance_pupil_z as f32;
         for i in 0..LANES {
             if density[i][0] == 0.0 {
