@@ -71,7 +71,7 @@ pub enum SceneVerb {
 pub enum LensVerb {
     /// Names of the embedded lenses.
     List,
-    /// First-order data, Seidel sums, glasses, sources.
+    /// First-order data, Seidel sums, glasses, sources; -o draws the lens.
     Info(Bench),
     /// The lens in section, with rays.
     Draw(Bench),

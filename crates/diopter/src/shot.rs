@@ -361,7 +361,7 @@ pub fn read_lens(name: &str) -> Result<Prescription, ShotError> {
     }
     let path = Path::new(name);
     match import::Format::of(name) {
-        Some(format) if path.exists() || name.contains(['/', '\\']) => {
+        Some(format) => {
             Ok(import::read(&read_file(path)?, format, name).map_err(LensError::from)?)
         }
         _ => {

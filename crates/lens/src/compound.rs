@@ -11,7 +11,7 @@
 //! is counted. Nothing is thrown away, so a path is as free of colour noise as through a thin lens. Each of the four could have
 //! been the hero, so the sample is weighted by the mean of the densities with which each of them would have drawn this ray
 //! (balance heuristic; densities per étendue dA cosθ dω, which a lens in air conserves):
-//! w = 1 / mean over the wavelengths that pass of 1/(Aⱼ cos⁴θⱼ). Alternatives: retracing every wavelength costs four paths;
+//! w = 1 / mean over all four of 1/(Aⱼ cos⁴θⱼ), where one that would be blocked counts 0. Alternatives: retracing every wavelength costs four paths;
 //! ending the secondary ones at the lens costs four times the samples for the same colour noise.
 
 use crate::batch::single::{Batch, Indices, LANES, Packet};
@@ -592,6 +592,16 @@ fn opening(shape: Iris, radius: f64, rim: f64) -> crate::system::StopOpening {
     crate::system::StopOpening { radius: 0.5 * (low + high), shape }
 }
 
+/// Distance from the entrance pupil that a lens with focus data is focused to at their near end (paraxially), mm.
+pub fn nearest_focus(p: &Prescription, zoom: f64) -> Option<f64> {
+    let s = System::at(p, State { zoom, focus: 1.0 });
+    let f = FirstOrder::of(&s, &s.indices(REFERENCE_NM));
+    let behind = s.film_z - s.last_z() - f.bfl;
+    // Newton: x x' = f², counted from the focal points.
+    let distance = f.entrance_pupil_z - f.ffl + f.efl * f.efl / behind;
+    (p.has_focus_data() && behind > 0.0 && distance > 0.0).then_some(distance)
+}
+
 /// The system focused: gaps by the lens's focus data where it has any, the rest by moving the film.
 fn focused(
     p: &Prescription,
@@ -641,8 +651,11 @@ fn focused(
         const END: f64 = 1.02;
         match value(END) {
             Some(near) if far > 0.0 && near > 0.0 => {
-                let close = p.close_focus.unwrap_or(0.0);
-                return Err(impossible(format!("{close:.0} mm from the film or more: the lens focuses no nearer (asked {d:.0} mm from the pupil)")));
+                let _ = d;
+                return Err(impossible(match nearest_focus(p, zoom) {
+                    Some(nearest) => format!("{nearest:.0} mm from the entrance pupil or more: the lens focuses no nearer"),
+                    None => "a distance that the lens focuses to".into(),
+                }));
             }
             Some(near) if (far > 0.0) != (near > 0.0) => {
                 let (mut low, mut high) = (0.0, END);

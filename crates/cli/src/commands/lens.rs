@@ -7,7 +7,7 @@ use crate::watch::say;
 use crate::{AskedWrongly, paint};
 use anyhow::anyhow;
 use diopter::lens::analysis::{Bench, Illumination, Mtf, ThirdOrder, VISUAL_NM, airy_mtf};
-use diopter::lens::compound::{Configured, FilmPlace, configure};
+use diopter::lens::compound::{Configured, FilmPlace, configure, nearest_focus};
 use diopter::lens::draw::{self, Figure, LayoutOptions};
 use diopter::lens::glass::{D_NM, GlassKind};
 use diopter::lens::paraxial::FirstOrder;
@@ -36,7 +36,14 @@ pub fn run(verb: &LensVerb, json: bool) -> anyhow::Result<()> {
         LensVerb::Vignetting(asked) => vignetting(asked, json),
         LensVerb::Color(asked) => color(asked, json),
         LensVerb::Convert { lens, output } => {
-            let text = read_lens(lens)?.to_toml();
+            let prescription = read_lens(lens)?;
+            for note in &prescription.notes {
+                say(&format!("note: {note}"));
+            }
+            let text = prescription.to_toml();
+            if json && output.is_none() {
+                return print_json(&json!({ "name": prescription.name, "notes": prescription.notes, "toml": text }));
+            }
             match output {
                 None => write!(std::io::stdout(), "{text}")?,
                 Some(path) => {
@@ -217,11 +224,14 @@ fn info(asked: &Asked, json: bool) -> anyhow::Result<()> {
     let slope = table.largest_field().min(80.0).to_radians().tan();
     let third = ThirdOrder::of(system, &n, &dispersion, height, slope);
     let axis = bench.illumination(0.0, table.reference);
-    let transmittance = if axis.geometric > 0.0 { axis.with_losses / axis.geometric } else { 0.0 };
-    // The film's irradiance over that of a full pupil: T counts losses, obstructions are in it too.
-    let t_number = table.set.f_number / transmittance.max(1e-12).sqrt();
+    let transmittance = axis.with_losses / axis.geometric;
+    if axis.geometric <= 0.0 {
+        return Err(anyhow!("{}: no light reaches the middle of the film", p.name));
+    }
+    // As bright on the axis as a lossless, unobstructed lens of this f-number: everything that takes light counts.
+    let t_number = (std::f64::consts::PI / (4.0 * axis.with_losses)).sqrt();
     let magnification = table.object_distance.map_or(0.0, |d| -f.efl / (d + f.ffl));
-    let working = (std::f64::consts::PI / (4.0 * axis.geometric.max(1e-300))).sqrt();
+    let working = (std::f64::consts::PI / (4.0 * axis.geometric)).sqrt();
     let measured = bench.measured_focal_length(table.reference);
     let glasses: Vec<String> = p
         .surfaces
@@ -279,6 +289,9 @@ fn info(asked: &Asked, json: bool) -> anyhow::Result<()> {
         };
         writeln!(t, "  coating           {coating}")?;
     }
+    if let Some(nearest) = nearest_focus(p, table.set.state.zoom) {
+        writeln!(t, "  nearest focus     {nearest:.0} mm from the entrance pupil")?;
+    }
     if !p.zoom.is_empty() {
         writeln!(t, "  zoom positions    {}", p.zoom.iter().map(|z| format!("{z:.2}")).collect::<Vec<_>>().join(", "))?;
     }
@@ -303,6 +316,9 @@ fn info(asked: &Asked, json: bool) -> anyhow::Result<()> {
         let gap = s.gap.at(table.set.state.zoom, table.set.state.focus);
         let glass = if s.glass.kind == GlassKind::Air { String::new() } else { s.glass.describe() };
         writeln!(t, "  {:>3} {radius:>12} {gap:>10.4} {:>9.3}  {glass}{kind}", i + 1, s.semi_diameter.unwrap_or(0.0))?;
+    }
+    if !system.is_rotational() {
+        writeln!(t, "\n  the lens is not round: first and third order are of its y-z section, tilts left out")?;
     }
     writeln!(t, "\n  third order at f/{:.2} and {:.2}°, transverse, mm", table.set.f_number, table.largest_field())?;
     writeln!(t, "  {:>3} {:>10} {:>10} {:>10} {:>10} {:>10} {:>10} {:>10} {:>10}", "", "SA", "TCO", "TAS", "SAS", "PTB", "DST", "AX", "LAT")?;
@@ -557,6 +573,9 @@ fn vignetting(asked: &Asked, json: bool) -> anyhow::Result<()> {
         .filter_map(|f| Some((f, bench.vignetting(f, table.reference)?)))
         .collect();
     let axis = light[0];
+    if axis.geometric <= 0.0 {
+        return Err(no_light(0.0));
+    }
     let mut t = format!("{}\n", table.title("vignetting"));
     writeln!(t, "  {:>10} {:>14} {:>10} {:>14} {:>12}", "height mm", "E/L sr", "relative", "with losses", "relative")?;
     for l in &light {

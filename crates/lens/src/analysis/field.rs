@@ -112,18 +112,8 @@ impl Bench<'_> {
         let Some(rim) = self.system.surfaces.last() else {
             return Illumination { height, geometric: 0.0, with_losses: 0.0 };
         };
-        // Slopes towards the rim of the last surface, wherever on it light leaves.
-        let sag = rim.profile.sag(0.0, rim.semi_diameter * (1.0 - 1e-9)).unwrap_or(0.0);
-        let distances = [self.system.film_z - rim.z, self.system.film_z - rim.z - sag];
-        let (mut low, mut high) = (DVec2::MAX, DVec2::MIN);
-        for d in distances {
-            for corner in [DVec2::splat(-1.0), DVec2::splat(1.0)] {
-                let s = (corner * rim.semi_diameter - film.truncate()) / d;
-                (low, high) = (low.min(s), high.max(s));
-            }
-        }
         let ray = |s: DVec2| TracedRay { position: film, direction: s.extend(-1.0).normalize() };
-        for side in [48usize, 64] {
+        let lit = |low: DVec2, high: DVec2, side: usize| {
             let cell = (high - low) / side as f64;
             let (mut lit_low, mut lit_high) = (DVec2::MAX, DVec2::MIN);
             for i in 0..side * side {
@@ -132,12 +122,34 @@ impl Bench<'_> {
                     (lit_low, lit_high) = (lit_low.min(s), lit_high.max(s));
                 }
             }
-            if lit_low.x > lit_high.x {
-                return Illumination { height, geometric: 0.0, with_losses: 0.0 };
+            (lit_low.x <= lit_high.x).then(|| (lit_low - cell, lit_high + cell))
+        };
+        // Where the paraxial exit pupil is seen; else anywhere on the rim of the last surface, more and more finely.
+        let first = self.first_order(nm);
+        let away = self.system.film_z - first.exit_pupil_z;
+        let center = -film.truncate() / away;
+        let half = 2.0 * first.exit_pupil_radius() / away.abs();
+        let sag = rim.profile.sag(0.0, rim.semi_diameter * (1.0 - 1e-9)).unwrap_or(0.0);
+        let (mut low, mut high) = (DVec2::MAX, DVec2::MIN);
+        for d in [self.system.film_z - rim.z, self.system.film_z - rim.z - sag] {
+            for corner in [DVec2::splat(-1.0), DVec2::splat(1.0)] {
+                let s = (corner * rim.semi_diameter - film.truncate()) / d;
+                (low, high) = (low.min(s), high.max(s));
             }
-            (low, high) = (lit_low - cell, lit_high + cell);
         }
-        const SIDE: usize = 96;
+        let found = Some((center - half, center + half))
+            .filter(|(a, b)| a.is_finite() && b.is_finite())
+            .and_then(|(a, b)| {
+                let (a, b) = lit(a, b, 48)?;
+                // What reaches the edge of where it was looked for may go on beyond.
+                (a.min_element() > (center - half).min_element() && b.max_element() < (center + half).max_element()).then_some((a, b))
+            })
+            .or_else(|| [48, 192, 600].into_iter().find_map(|side| lit(low, high, side)));
+        let Some((a, b)) = found else {
+            return Illumination { height, geometric: 0.0, with_losses: 0.0 };
+        };
+        (low, high) = lit(a, b, 64).unwrap_or((a, b));
+        const SIDE: usize = 160;
         let cell = (high - low) / SIDE as f64;
         let (mut geometric, mut with_losses) = (0.0, 0.0);
         for i in 0..SIDE * SIDE {

@@ -230,10 +230,13 @@ impl<'a> Bench<'a> {
         let infinite = Bench::at_infinity(self.system);
         let (z, _) = crate::focusing::best_film_z(self.system, None)?;
         let angle = 0.2f64;
-        let beam = infinite.beam(angle, nm)?;
-        let rays = infinite.grid(&beam, nm, 41);
-        let mean = rays.iter().map(|r| infinite.on_film(&r.1, z - self.system.film_z)).sum::<DVec2>() / rays.len() as f64;
-        Some(mean.y / angle.to_radians().tan())
+        // Both sides, so that an image beside the axis does not count.
+        let height = |angle: f64| {
+            let beam = infinite.beam(angle, nm)?;
+            let rays = infinite.grid(&beam, nm, 41);
+            Some(rays.iter().map(|r| infinite.on_film(&r.1, z - self.system.film_z)).sum::<DVec2>().y / rays.len() as f64)
+        };
+        Some((height(angle)? - height(-angle)?) / (2.0 * angle.to_radians().tan()))
     }
 }
 

@@ -11,8 +11,34 @@ use crate::batch::double::{Batch, Indices, LANES, Packet};
 use crate::trace::Way;
 use std::f64::consts::{PI, TAU};
 
-/// Rays across the pupil.
-const ACROSS: usize = 128;
+/// Rays across the pupil: as many as the wavefront needs, from the first to the last.
+const ACROSS: [usize; 3] = [128, 256, 512];
+/// Largest step of phase from ray to ray, rad, that sampling still follows.
+const LARGEST_STEP: f64 = 2.0;
+
+/// Pupil function on a square grid: rows along m.
+struct Pupil {
+    phase: Vec<Option<f64>>,
+    across: usize,
+}
+
+impl Pupil {
+    /// Largest step of phase between neighbours.
+    fn largest_step(&self) -> f64 {
+        let at = |row: usize, column: usize| self.phase[row * self.across + column];
+        let mut largest = 0.0f64;
+        for row in 0..self.across {
+            for column in 1..self.across {
+                for (a, b) in [(at(row, column - 1), at(row, column)), (at(column - 1, row), at(column, row))] {
+                    if let (Some(a), Some(b)) = (a, b) {
+                        largest = largest.max((a - b).abs());
+                    }
+                }
+            }
+        }
+        largest
+    }
+}
 
 /// Contrast over frequency for a field point.
 #[derive(Clone, Debug)]
@@ -44,18 +70,20 @@ impl Bench<'_> {
     ) -> Option<Mtf> {
         let reference = colors.get(colors.len() / 2)?.0;
         let spots: Vec<(Spot, f64)> =
-            colors.iter().filter_map(|(nm, w)| Some((self.spot(field_deg, *nm, reference, 64, defocus)?, *w))).collect();
+            colors.iter().filter_map(|(nm, w)| Some((self.scattered_spot(field_deg, *nm, reference, 96, defocus)?, *w))).collect();
         let origin = spots.first()?.0.centroid;
         let at = |frequency: f64, tangential: bool| {
             let (mut re, mut im, mut total) = (0.0, 0.0, 0.0);
             for (spot, weight) in &spots {
+                // Each colour counts by its weight, however many of its rays pass.
+                let each = weight / spot.points.len() as f64;
                 for p in &spot.points {
                     let d = *p - origin;
                     let phase = TAU * frequency * if tangential { d.y } else { d.x };
-                    re += weight * phase.cos();
-                    im += weight * phase.sin();
-                    total += weight;
+                    re += each * phase.cos();
+                    im += each * phase.sin();
                 }
+                total += weight;
             }
             f64::hypot(re, im) / total
         };
@@ -91,15 +119,28 @@ impl Bench<'_> {
         }
         let pad = (high - low) * 0.06;
         (low, high) = (low - pad, high + pad);
-        let step = (high - low).max_element() / ACROSS as f64;
-        low = 0.5 * (low + high) - 0.5 * step * ACROSS as f64;
+        let (middle, size) = (0.5 * (low + high), (high - low).max_element());
         let batch = Batch::new(self.system);
         let back = (self.system.last_z() - film_z).signum();
         let mut sums = vec![[[0.0f64; 2]; 2]; frequencies.len()];
         let mut total = 0.0;
         for &(nm, weight) in colors {
-            let pupil = self.pupil_function(&batch, &beam, image, low, step, back, nm);
-            let energy: f64 = pupil.iter().flatten().count() as f64;
+            let mut sampled = None;
+            for across in ACROSS {
+                let step = size / across as f64;
+                let pupil = self.pupil_function(&batch, &beam, image, middle - 0.5 * size, step, across, back, nm);
+                let fine = pupil.largest_step() < LARGEST_STEP;
+                sampled = Some((pupil, step, fine));
+                if fine {
+                    break;
+                }
+            }
+            let (pupil, step, fine) = sampled?;
+            if !fine {
+                // Hundreds of waves: diffraction does nothing that geometry does not.
+                return self.geometric_mtf(field_deg, colors, frequencies, defocus);
+            }
+            let energy: f64 = pupil.phase.iter().flatten().count() as f64;
             if energy == 0.0 {
                 continue;
             }
@@ -128,19 +169,20 @@ impl Bench<'_> {
         image: glam::DVec3,
         low: glam::DVec2,
         step: f64,
+        across: usize,
         back: f64,
         nm: f64,
-    ) -> Vec<Option<f64>> {
+    ) -> Pupil {
         let mut n = Indices::default();
         batch.indices(&[nm; LANES], &mut n);
-        let mut pupil = Vec::with_capacity(ACROSS * ACROSS);
+        let mut pupil = Vec::with_capacity(across * across);
         let mut packet = Packet::default();
         let object = beam.finite.then_some(beam.chief.position);
-        for start in (0..ACROSS * ACROSS).step_by(LANES) {
+        for start in (0..across * across).step_by(LANES) {
             for lane in 0..LANES {
                 let i = start + lane;
-                let l = low.x + step * ((i % ACROSS) as f64 + 0.5);
-                let m = low.y + step * ((i / ACROSS) as f64 + 0.5);
+                let l = low.x + step * ((i % across) as f64 + 0.5);
+                let m = low.y + step * ((i / across) as f64 + 0.5);
                 let dz = (1.0 - l * l - m * m).max(0.0).sqrt() * back;
                 packet.set(lane, image.to_array(), [l, m, dz]);
             }
@@ -160,25 +202,26 @@ impl Bench<'_> {
         // Large phases lose digits in their cosines: take the middle as zero.
         let zero = pupil.iter().flatten().next().copied().unwrap_or(0.0);
         pupil.iter_mut().flatten().for_each(|p| *p -= zero);
-        pupil
+        Pupil { phase: pupil, across }
     }
 }
 
 /// Autocorrelation at a shift (in cells, along m or l), between whole cells by interpolation.
-fn autocorrelation(pupil: &[Option<f64>], shift: f64, along_m: bool) -> (f64, f64) {
+fn autocorrelation(pupil: &Pupil, shift: f64, along_m: bool) -> (f64, f64) {
+    let (across, phase) = (pupil.across, &pupil.phase);
     let whole = shift.floor();
     let at = |cells: usize| {
         let (mut re, mut im) = (0.0, 0.0);
-        if cells >= ACROSS {
+        if cells >= across {
             return (0.0, 0.0);
         }
-        for row in 0..ACROSS {
-            for column in 0..ACROSS {
+        for row in 0..across {
+            for column in 0..across {
                 let (r, c) = if along_m { (row + cells, column) } else { (row, column + cells) };
-                if r >= ACROSS || c >= ACROSS {
+                if r >= across || c >= across {
                     continue;
                 }
-                if let (Some(a), Some(b)) = (pupil[row * ACROSS + column], pupil[r * ACROSS + c]) {
+                if let (Some(a), Some(b)) = (phase[row * across + column], phase[r * across + c]) {
                     re += (b - a).cos();
                     im += (b - a).sin();
                 }
@@ -200,7 +243,7 @@ mod tests {
     use super::*;
     use crate::glass::Glass;
     use crate::prescription::{Prescription, Surface};
-    use crate::surface::{Asphere, Profile};
+    use crate::surface::Profile;
     use crate::system::{State, System};
 
     /// A parabolic mirror on the axis makes a perfect image.
@@ -251,6 +294,5 @@ mod tests {
             let exact = (2.0 * j1(x) / x).abs();
             assert!((mtf.tangential[i] - exact).abs() < 0.01, "{f}: {} {exact}", mtf.tangential[i]);
         }
-        let _ = Asphere { c: 0.0, k: 0.0, a: vec![] };
     }
 }

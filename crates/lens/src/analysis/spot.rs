@@ -72,6 +72,30 @@ impl Bench<'_> {
         Some(Spot::of(points, field_deg, nm, passed))
     }
 
+    /// The same with each ray somewhere in its cell of the pupil: a regular grid has contrast at frequencies of its own.
+    pub(super) fn scattered_spot(&self, field_deg: f64, nm: f64, beam_nm: f64, across: usize, defocus: f64) -> Option<Spot> {
+        let beam = self.beam(field_deg, beam_nm)?;
+        let n = self.system.indices(nm);
+        let [low, high] = beam.extent;
+        let cell = (high - low) / across as f64;
+        // SplitMix64 of the cell number.
+        let uniform = |i: usize| {
+            let mut z = (i as u64 + 1).wrapping_mul(0x9E37_79B9_7F4A_7C15);
+            z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+            z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+            ((z ^ (z >> 31)) >> 11) as f64 / (1u64 << 53) as f64
+        };
+        let points: Vec<DVec2> = (0..across * across)
+            .filter_map(|i| {
+                let place = DVec2::new((i % across) as f64 + uniform(2 * i), (i / across) as f64 + uniform(2 * i + 1));
+                let ray = self.system.trace(beam.ray(low + cell * place), &n, Way::ToFilm, Apertures::Clip).ok()?;
+                Some(self.on_film(&ray, defocus))
+            })
+            .collect();
+        let passed = points.len() as f64 / (across * across) as f64;
+        (!points.is_empty()).then(|| Spot::of(points, field_deg, nm, passed))
+    }
+
     /// Fans of a field angle (degrees): `count` rays each way, errors from the chief ray of `beam_nm`.
     pub fn fan(&self, field_deg: f64, nm: f64, beam_nm: f64, count: usize) -> Option<Fan> {
         let beam = self.beam(field_deg, beam_nm)?;

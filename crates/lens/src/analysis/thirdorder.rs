@@ -64,14 +64,11 @@ impl ThirdOrder {
                     crate::surface::Profile::Asphere(a) => a.fourth_order(),
                     _ => 0.0,
                 };
-                if g != 0.0 {
-                    let s = 8.0 * g * (n1 - n0) * y.powi(3);
-                    // y⁴, y³ȳ, y²ȳ², –, yȳ³
-                    seidel[0] += s * y;
-                    seidel[1] += s * y_bar;
-                    seidel[2] += s / y * y_bar * y_bar;
-                    seidel[4] += s / (y * y) * y_bar.powi(3);
-                }
+                let s = 8.0 * g * (n1 - n0);
+                seidel[0] += s * y.powi(4);
+                seidel[1] += s * y.powi(3) * y_bar;
+                seidel[2] += s * y * y * y_bar * y_bar;
+                seidel[4] += s * y * y_bar.powi(3);
                 let color = dispersion[i + 1] / n[i + 1] - dispersion[i] / n[i];
                 SurfaceSums { seidel, chromatic: [a * y * color, a_bar * y * color], petzval }
             })

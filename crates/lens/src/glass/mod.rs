@@ -142,8 +142,8 @@ impl Glass {
         Ok(Glass { name, kind: GlassKind::Model { nd, vd, cauchy }, absorption: vec![] })
     }
 
-    /// Through any published indices: pairs (nm, n). A Cauchy polynomial of as many terms as pairs, at most four (the first
-    /// four pairs that differ).
+    /// Through any published indices: pairs (nm, n). A Cauchy polynomial of as many terms as pairs, at most four: of more pairs
+    /// those nearest to g, F, d and C are taken.
     pub fn through(name: &str, pairs: &[(f64, f64)]) -> Result<Self, GlassError> {
         let wrong = |what: String| GlassError::Range { name: name.into(), what };
         for (nm, n) in pairs {
@@ -152,7 +152,15 @@ impl Glass {
                 return Err(wrong(format!("a wavelength of {nm} nm: expected 200 to 3000")));
             }
         }
-        let pairs = &pairs[..pairs.len().min(4)];
+        let mut pairs = pairs.to_vec();
+        if pairs.len() > 4 {
+            let all = std::mem::take(&mut pairs);
+            for line in [G_NM, F_NM, D_NM, C_NM] {
+                let left = all.iter().filter(|p| !pairs.contains(p));
+                pairs.extend(left.min_by(|a, b| (a.0 - line).abs().total_cmp(&(b.0 - line).abs())).copied());
+            }
+        }
+        let pairs = &pairs[..];
         if pairs.is_empty() || (0..pairs.len()).any(|i| pairs[..i].iter().any(|p| (p.0 - pairs[i].0).abs() < 1.0)) {
             return Err(wrong("indices at different wavelengths are needed".into()));
         }

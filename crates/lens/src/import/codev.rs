@@ -11,7 +11,7 @@ use std::collections::HashMap;
 
 /// Commands that do not change the lens: solves, variables, tolerances, drawing, weights.
 const HARMLESS: &[&str] = &[
-    "LEN", "INI", "WTW", "WTF", "VUX", "VLX", "CCY", "THC", "CUY", "CUM", "THM", "PIM", "SLB", "DER", "VAL", "GO", "XAN", "XIM",
+    "LEN", "INI", "WTW", "WTF", "VUX", "VLX", "CCY", "THC", "CUM", "THM", "PIM", "SLB", "DER", "VAL", "GO", "XAN", "XIM",
     "XOB", "TEM", "CLS", "PIK", "CA", "GLC", "CON", "KC", "AC", "BC", "CC", "DC", "EC", "FC", "GC", "HC", "JC", "XDC", "YDC",
     "ZDC", "ADC", "BDC", "CDC", "PRE", "POL", "PFR", "SET", "EDI", "UNI", "AFC", "CRT", "CVY", "IMG", "WID", "YRI", "XRI", "RAY",
     "LIN", "WTX", "WTY", "SAV", "LIS", "FTY", "XFN", "PTP", "MFL", "DSP", "CIN", "CIX", "GL1", "CTE", "COM", "TIT",
@@ -25,6 +25,8 @@ struct Current {
     c_x: Option<f64>,
     returns: bool,
     tilted: bool,
+    /// A curvature or (true) radius given by name.
+    written: Option<(f64, bool)>,
 }
 
 pub fn read(text: &str, file: &str) -> Result<Prescription, PrescriptionError> {
@@ -111,10 +113,19 @@ pub fn read(text: &str, file: &str) -> Result<Prescription, PrescriptionError> {
                     }
                 }
                 let surface = Surface { line: number, mirror, ..Surface::new(Profile::Plane, gap, glass) };
-                rows.push(Current { surface, c: shape, k: 0.0, a: vec![], c_x: None, returns: false, tilted: false });
+                rows.push(Current { surface, c: shape, k: 0.0, a: vec![], c_x: None, returns: false, tilted: false, written: None });
             }
             other => {
-                let Some(row) = rows.last_mut() else {
+                // "K S1 -1" means surface 1 whatever was read last.
+                let named = rest.iter().find_map(|w| surface_number(w));
+                let count = rows.len();
+                let target = match named {
+                    None => rows.last_mut(),
+                    Some(_) if HARMLESS.contains(&other) => rows.last_mut(),
+                    Some(i) if (1..=count).contains(&i) => rows.get_mut(i - 1),
+                    Some(i) => return Err(wrong(format!("{other} S{i}: the surfaces read so far are 1 to {count}"))),
+                };
+                let Some(row) = target else {
                     if !HARMLESS.contains(&other) {
                         skipped.add(other);
                     }
@@ -138,6 +149,15 @@ pub fn read(text: &str, file: &str) -> Result<Prescription, PrescriptionError> {
                     "G" => power(row, 16)?,
                     "H" => power(row, 18)?,
                     "J" => power(row, 20)?,
+                    "RDY" | "CUY" => {
+                        let v = value()?;
+                        row.written = Some((v, other == "RDY"));
+                    }
+                    "THI" => row.surface.gap = crate::prescription::Gap::fixed(value()?),
+                    "GLA" => {
+                        let name = rest.last().map_or(String::new(), |w| w.to_uppercase());
+                        row.surface.glass = self::glass(&name, &private, &private_nm).map_err(wrong)?;
+                    }
                     // A cylinder or toroid: curvature or radius in x.
                     "CYL" => row.c_x = Some(0.0),
                     "CUX" => row.c_x = Some(value()?),
@@ -159,7 +179,7 @@ pub fn read(text: &str, file: &str) -> Result<Prescription, PrescriptionError> {
                             row.surface.semi_diameter = Some(value()?);
                         }
                     }
-                    "GRI" | "DIF" | "HOE" | "SPS" | "XTO" | "ZRN" | "NSS" | "DEC" | "BEN" | "REV" | "GLB" | "RAD" | "DDM" => {
+                    "GRI" | "DIF" | "HOE" | "SPS" | "XTO" | "ZRN" | "NSS" | "DEC" | "BEN" | "REV" | "GLB" | "RAD" | "DDM" | "ZDE" | "REX" | "REY" | "ADX" | "ADY" | "ELX" | "ELY" => {
                         return Err(wrong(format!("{other}: this kind of surface is not read")));
                     }
                     _ if HARMLESS.contains(&other) => {}
@@ -186,7 +206,8 @@ pub fn read(text: &str, file: &str) -> Result<Prescription, PrescriptionError> {
         if moved && !r.returns {
             return Err(wrong("decentre or tilt without DAR: surfaces after it would follow, which is not read"));
         }
-        let c = if by_radius && r.c != 0.0 { 1.0 / r.c } else { r.c } / scale;
+        let (figure, is_radius) = r.written.unwrap_or((r.c, by_radius));
+        let c = if is_radius && figure != 0.0 { 1.0 / figure } else { figure } / scale;
         let a: Vec<f64> = r.a.iter().enumerate().map(|(i, v)| v * f64::powi(scale, 1 - i as i32)).collect();
         let mut s = r.surface;
         s.profile = crate::prescription::profile(c, r.k, a, r.c_x.map(|c| c / scale));
@@ -218,6 +239,12 @@ pub fn read(text: &str, file: &str) -> Result<Prescription, PrescriptionError> {
     skipped.note(&mut p);
     drop_dummies(&mut p);
     p.checked(file)
+}
+
+/// n of "Sn".
+fn surface_number(word: &str) -> Option<usize> {
+    let digits = word.strip_prefix(['S', 's'])?;
+    digits.parse().ok().filter(|_| digits.chars().all(|c| c.is_ascii_digit()))
 }
 
 /// Commands with their line numbers.
@@ -313,6 +340,9 @@ fn glass(name: &str, private: &HashMap<String, Vec<f64>>, private_nm: &[f64]) ->
         return match n[..] {
             [] => Err(format!("private glass {name} has no index")),
             [n] => Glass::constant(n).map_err(|e| e.to_string()),
+            _ if n.len() != private_nm.len() => {
+                Err(format!("private glass {name}: {} indices for {} wavelengths (PWL)", n.len(), private_nm.len()))
+            }
             _ => {
                 let pairs: Vec<(f64, f64)> = private_nm.iter().copied().zip(n.iter().copied()).collect();
                 Glass::through(name, &pairs).map_err(|e| e.to_string())
@@ -321,10 +351,11 @@ fn glass(name: &str, private: &HashMap<String, Vec<f64>>, private_nm: &[f64]) ->
     }
     let coded = |digits: &str| {
         let (n, v) = digits.split_once('.').or_else(|| digits.split_once(':'))?;
-        let number = |t: &str| t.chars().all(|c| c.is_ascii_digit()).then(|| t.parse::<f64>().ok()).flatten();
+        let number = |t: &str| (t.len() >= 3 && t.chars().all(|c| c.is_ascii_digit())).then(|| t.parse::<f64>().ok()).flatten();
         let (nd, vd) = (number(n)?, number(v)?);
         Some((1.0 + nd / 10f64.powi(n.len() as i32), vd / 10f64.powi(v.len() as i32 - 2)))
     };
+    // "1.5168" is an index, not nd 1.1 and Vd 51.68.
     if let Some((nd, vd)) = coded(name) {
         return Glass::model(nd, vd, 0.0).map_err(|e| e.to_string());
     }

@@ -11,7 +11,7 @@ use std::collections::BTreeMap;
 
 /// Keywords of surfaces that do not change its shape, place or medium.
 const HARMLESS: &[&str] = &[
-    "COMM", "HIDE", "MIRR", "SLAB", "POPS", "COAT", "PZUP", "MAZH", "FLAP", "CLAP", "BLNK", "SCBD", "MEMA", "PPAR", "VPAR", "PKUP",
+    "COMM", "HIDE", "MIRR", "SLAB", "POPS", "COAT", "PZUP", "MAZH", "FLAP", "BLNK", "SCBD", "MEMA", "PPAR", "VPAR", "PKUP",
     "PARP", "DIAP", "GLCZ", "OPDX", "USAP", "UDAP", "FIMP", "TOL", "TOLE", "NOTE", "SDRW", "HLGT", "CONF", "MOFF", "REAY", "EFLY",
     "EFFL", "WRSG", "CLRF", "SSAM", "ELDX", "PICB", "BORD", "FACE", "CONI",
 ];
@@ -36,6 +36,7 @@ struct Block {
     stop: bool,
     semi_diameter: Option<f64>,
     obstruction: f64,
+    clear: Option<f64>,
     parameters: BTreeMap<u32, f64>,
     extra: BTreeMap<u32, f64>,
 }
@@ -120,7 +121,18 @@ pub fn read(text: &str, file: &str) -> Result<Prescription, PrescriptionError> {
             "XDAT" => {
                 block.extra.insert(value(0)? as u32, value(1)?);
             }
-            "OBSC" => block.obstruction = value(1).or_else(|_| value(0))?,
+            "OBSC" => {
+                if value(0)? > 0.0 && rest.len() > 1 {
+                    return Err(wrong(format!("OBSC {}: a ring-shaped obstruction is not read, only a disk (from 0)", rest.join(" "))));
+                }
+                block.obstruction = value(1).or_else(|_| value(0))?;
+            }
+            "CLAP" => {
+                let (inner, outer) = (value(0)?, value(1)?);
+                if outer > 0.0 {
+                    (block.obstruction, block.clear) = (inner.max(0.0), Some(outer));
+                }
+            }
             "SQAP" | "ELAP" | "SQOB" | "ELOB" | "SPID" => {
                 notes.push(format!("surface {}: aperture {key} is not round; its circle is used", surface.unwrap_or(0)));
             }
@@ -133,7 +145,8 @@ pub fn read(text: &str, file: &str) -> Result<Prescription, PrescriptionError> {
                 let n = numbers_from(&rest, 1);
                 // "GLAS name solve pickup nd Vd ...": the file's own figures serve where the name is in no catalogue.
                 let (nd, vd) = (n.get(2).copied().unwrap_or(0.0), n.get(3).copied().unwrap_or(0.0));
-                let figures = || Glass::model(nd, vd, 0.0);
+                let off_line = n.get(4).copied().filter(|d| d.abs() < 0.2).unwrap_or(0.0);
+                let figures = || Glass::model(nd, vd, off_line);
                 let preferred: Vec<&str> = vendors.iter().map(String::as_str).collect();
                 let glass = if name.starts_with("___") || name == "BLANK" {
                     figures()
@@ -175,7 +188,7 @@ pub fn read(text: &str, file: &str) -> Result<Prescription, PrescriptionError> {
         };
         p.surfaces.push(Surface {
             line: b.line,
-            semi_diameter: b.semi_diameter.map(|d| d * scale),
+            semi_diameter: b.clear.or(b.semi_diameter).map(|d| d * scale),
             obstruction: b.obstruction * scale,
             stop: b.stop,
             mirror: b.mirror,
@@ -205,6 +218,8 @@ pub fn read(text: &str, file: &str) -> Result<Prescription, PrescriptionError> {
         }
         p.usage.vignetting = fields.iter().enumerate().map(|(i, _)| [vignetting.get(i).copied().unwrap_or(0.0); 2]).collect();
         p.usage.field_angles_deg = fields;
+    } else {
+        notes.push("fields are given as heights in the file; they are not taken over".into());
     }
     p.notes = notes;
     skipped.note(&mut p);
@@ -241,7 +256,10 @@ fn profile(b: &Block, scale: f64) -> Result<Profile, String> {
         // Extended asphere: number of terms, normalisation radius, then terms of (r/r₀)²ⁱ.
         "XASPHERE" => {
             let get = |i: u32| b.extra.get(&i).copied().unwrap_or(0.0);
-            let (count, norm) = (get(1).clamp(0.0, 20.0) as u32, get(2));
+            let (count, norm) = (get(1).max(0.0) as u32, get(2));
+            if count > 20 {
+                return Err(format!("XASPHERE: {count} terms: expected at most 20"));
+            }
             if count > 0 && norm <= 0.0 {
                 return Err(format!("XASPHERE: normalisation radius {norm}: expected a positive length"));
             }

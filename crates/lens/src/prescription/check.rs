@@ -34,6 +34,11 @@ impl Prescription {
             if !c.is_finite() || !c_x.is_finite() || c.abs() > 1e6 || c_x.abs() > 1e6 {
                 return Err(wrong("a radius that is 0 or not a number: write no radius (or inf) for a plane".into()));
             }
+            if let Profile::Conic { k, .. } = &s.profile
+                && !k.is_finite()
+            {
+                return Err(wrong("a conic constant that is not a number".into()));
+            }
             if let Profile::Asphere(a) | Profile::Toroid { y: a, .. } = &s.profile
                 && (!a.k.is_finite() || a.a.iter().any(|v| !v.is_finite()))
             {
@@ -52,11 +57,14 @@ impl Prescription {
             if s.gap.focuses() && self.close_focus.is_none() {
                 return Err(wrong("a gap for close focus, but the lens has no close_focus distance".into()));
             }
+            if !(s.obstruction >= 0.0 && s.obstruction < LARGEST) {
+                return Err(wrong(format!("obstruction {}: expected 0 or more, in mm", s.obstruction)));
+            }
             if let Some(sd) = s.semi_diameter {
                 if !(sd > 0.0 && sd < LARGEST) {
                     return Err(wrong(format!("semi-diameter {sd}: expected a positive length in mm")));
                 }
-                if !(s.obstruction >= 0.0 && s.obstruction < sd) {
+                if !(s.obstruction < sd) {
                     return Err(wrong(format!("obstruction {}: expected 0 to the semi-diameter {sd}", s.obstruction)));
                 }
                 // Rounded figures of hemispheres get a millionth.
@@ -66,6 +74,28 @@ impl Prescription {
                     return Err(wrong(format!("semi-diameter {sd}: the surface ends at a height of {reach:.4} mm")));
                 }
             }
+        }
+        let u = &self.usage;
+        let aperture = match u.aperture {
+            Some(ApertureKind::EntrancePupil(v) | ApertureKind::FNumber(v)) => v > 0.0 && v < LARGEST,
+            Some(ApertureKind::ObjectNa(v)) => v > 0.0 && v < 1.0,
+            None => true,
+        };
+        if !aperture {
+            return Err(whole(format!("aperture {:?}: expected a positive number", u.aperture)));
+        }
+        if let Some(bad) = u.field_angles_deg.iter().find(|f| !(f.abs() <= 120.0)) {
+            return Err(whole(format!("field {bad}: expected an angle within 120 degrees")));
+        }
+        if let Some(bad) = u.wavelengths_nm.iter().find(|w| !(100.0..=20_000.0).contains(*w)) {
+            return Err(whole(format!("wavelength {bad} nm: expected 100 to 20000")));
+        }
+        if u.vignetting.iter().flatten().any(|v| !(v.abs() <= 1.0)) {
+            return Err(whole("vignetting factors: expected -1 to 1".into()));
+        }
+        if u.object_distance.is_some_and(|d| !(d > 0.0)) || !(u.defocus.abs() < LARGEST) {
+            let what = format!("object_distance {:?}, defocus {}: expected a positive and a finite length", u.object_distance, u.defocus);
+            return Err(whole(what));
         }
         if let Some(z) = self.zoom.iter().find(|z| !(**z > 0.0 && **z < LARGEST)) {
             return Err(whole(format!("zoom position {z}: expected a focal length in mm")));
@@ -82,7 +112,11 @@ impl Prescription {
         }
         for m in &self.misalignments {
             if m.first > m.last || m.last >= count {
-                let what = format!("element of surfaces {} to {}: the lens has surfaces 1 to {count}", m.first + 1, m.last + 1);
+                let what = format!(
+                    "element of surfaces {} to {}: expected the first and the last of 1 to {count}",
+                    m.first + 1,
+                    m.last.wrapping_add(1)
+                );
                 return Err(whole(what));
             }
         }
@@ -101,7 +135,11 @@ impl Prescription {
         if stops.is_empty() {
             let stop = self.infer_stop();
             self.surfaces[stop].stop = true;
-            self.notes.push(format!("no stop given: surface {}, which limits the axial beam, is taken for it", stop + 1));
+            let reason = match self.surfaces.iter().any(|s| s.semi_diameter.is_some()) {
+                true => "which limits the axial beam,",
+                false => "the first,",
+            };
+            self.notes.push(format!("no stop given: surface {}, {reason} is taken for it", stop + 1));
         }
         self.infer_film();
         self.infer_semi_diameters(file)?;
@@ -193,9 +231,16 @@ impl Prescription {
             };
             let wanted = if i == stop && self.surfaces[i].profile == Profile::Plane { axial() } else { height[i] * 1.0001 };
             let wanted = if wanted > 0.0 { wanted } else { axial() };
+            // A millionth of a millimetre is more than anyone grinds.
+            let wanted = (wanted * 1e6).ceil() * 1e-6;
             let sd = wanted.min(reach(&self.surfaces[i].profile, wanted));
             if !(sd > 0.0 && sd < LARGEST) {
                 let what = "no semi-diameter, and no ray of the stated beams to infer it from reaches the surface";
+                return Err(PrescriptionError::at(file, self.surfaces[i].line, what).surface(i + 1));
+            }
+            let obstruction = self.surfaces[i].obstruction;
+            if obstruction >= sd {
+                let what = format!("obstruction {obstruction}: the beams of the file reach only {sd} mm here");
                 return Err(PrescriptionError::at(file, self.surfaces[i].line, what).surface(i + 1));
             }
             self.surfaces[i].semi_diameter = Some(sd);
@@ -215,10 +260,21 @@ impl Prescription {
                         run = -run;
                     }
                     let gap = s.gap.at(zoom, focus) * run;
-                    let Some(next) = self.surfaces.get(i + 1) else { continue };
                     let wrong = |what: String| PrescriptionError::at(file, s.line, what).surface(i + 1);
-                    if gap < -1e-9 && !s.stop && !next.stop {
-                        let sign = if run < 0.0 { "after a mirror gaps are negative" } else { "surfaces would cross" };
+                    let sign = if run < 0.0 { "after a mirror gaps are negative" } else { "surfaces would cross" };
+                    let Some(next) = self.surfaces.get(i + 1) else {
+                        if gap < -1e-9 {
+                            return Err(wrong(format!("gap {} to the film: the film would stand in the lens", s.gap.at(zoom, focus))));
+                        }
+                        continue;
+                    };
+                    // A plane stop in air has no thickness: tables may put it behind a vertex it stands beside.
+                    let air = |k: usize| self.surfaces[k].glass == crate::glass::Glass::air();
+                    let free = |k: usize| {
+                        let s = &self.surfaces[k];
+                        s.stop && s.profile == Profile::Plane && air(k) && (k == 0 || air(k - 1))
+                    };
+                    if gap < -1e-9 && !free(i) && !free(i + 1) {
                         return Err(wrong(format!("gap {}: {sign}", s.gap.at(zoom, focus))));
                     }
                     // At the height both rims reach. Published semi-diameters are often estimates: a tenth of a millimetre
@@ -226,7 +282,7 @@ impl Prescription {
                     let h = s.semi_diameter.unwrap_or(0.0).min(next.semi_diameter.unwrap_or(0.0)) * (1.0 - 1e-6);
                     if let (Some(a), Some(b)) = (s.profile.sag(0.0, h), next.profile.sag(0.0, h)) {
                         let edge = gap + run * (b - a);
-                        if edge < -0.1 - 0.02 * h && !s.stop && !next.stop {
+                        if edge < -0.1 - 0.02 * h && !free(i) && !free(i + 1) {
                             return Err(wrong(format!(
                                 "it crosses surface {} at a height of {h:.3} mm (edge thickness {edge:.3} mm): \
                                  a gap too small or semi-diameters too large",

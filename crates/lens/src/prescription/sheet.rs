@@ -170,6 +170,9 @@ pub fn read_toml(text: &str, file: &str) -> Result<Prescription, PrescriptionErr
     }
     let apertures =
         [u.entrance_pupil_diameter.map(ApertureKind::EntrancePupil), u.f_number.map(ApertureKind::FNumber), u.object_na.map(ApertureKind::ObjectNa)];
+    if apertures.iter().flatten().count() > 1 {
+        return Err(wrong("[usage]: expected one of entrance_pupil_diameter, f_number and object_na".into()));
+    }
     let usage = Usage {
         aperture: apertures.into_iter().flatten().next(),
         wavelengths_nm: u.wavelengths_nm,
@@ -180,6 +183,9 @@ pub fn read_toml(text: &str, file: &str) -> Result<Prescription, PrescriptionErr
         defocus: u.defocus,
     };
     let iris = match sheet.iris.blades {
+        None if sheet.iris.curvature != 0.0 || sheet.iris.rotation_deg != 0.0 => {
+            return Err(wrong("[iris]: curvature or rotation_deg without blades".into()));
+        }
         None => Iris::Round,
         Some(count) => Iris::blades(count, sheet.iris.rotation_deg.to_radians(), sheet.iris.curvature)
             .map_err(|e| wrong(e.to_string()))?,
@@ -228,6 +234,9 @@ fn surface(s: SheetSurface, line: usize) -> Result<Surface, String> {
         Some(r) => Ok(1.0 / r),
     };
     let c = curvature(s.radius, "radius")?;
+    if s.conic != 0.0 && c == 0.0 {
+        return Err(format!("conic {} without a radius: a plane has no conic constant", s.conic));
+    }
     let mut a = vec![];
     for (power, value) in &s.asphere {
         let power: u32 = power.parse().ok().filter(|p| (1..=HIGHEST_POWER).contains(p)).ok_or_else(|| {
@@ -279,6 +288,9 @@ impl Prescription {
     /// The lens in the TOML form; reading it back gives the same lens.
     pub fn to_toml(&self) -> String {
         let mut t = String::new();
+        for note in &self.notes {
+            let _ = writeln!(t, "# {note}");
+        }
         let text = |s: &str| toml::Value::from(s).to_string();
         let line = |t: &mut String, key: &str, value: String| {
             let _ = writeln!(t, "{key} = {value}");
@@ -364,7 +376,15 @@ fn list(v: &[f64]) -> String {
 
 fn surface_fields(s: &Surface) -> Vec<String> {
     let mut f = vec![];
-    let radius = |c: f64| number(1.0 / c);
+    // The shortest figure that gives the curvature back to the last bit or nearly so.
+    let radius = |c: f64| {
+        let short = (6..17).map(|digits| format!("{:.digits$e}", 1.0 / c)).find_map(|t| {
+            let r: f64 = t.parse().ok()?;
+            ((1.0 / r - c).abs() <= 2.0 * f64::EPSILON * c.abs()).then_some(r)
+        });
+        number(short.unwrap_or(1.0 / c))
+    };
+    let radius_x = radius;
     let mut shape = |c: f64, k: f64, a: &[f64]| {
         if c != 0.0 {
             f.push(format!("radius = {}", radius(c)));
@@ -385,7 +405,7 @@ fn surface_fields(s: &Surface) -> Vec<String> {
         Profile::Asphere(a) => shape(a.c, a.k, &a.a),
         Profile::Toroid { y, c_x } => {
             shape(y.c, y.k, &y.a);
-            f.push(format!("radius_x = {}", if *c_x == 0.0 { "inf".into() } else { radius(*c_x) }));
+            f.push(format!("radius_x = {}", if *c_x == 0.0 { "inf".into() } else { radius_x(*c_x) }));
         }
     }
     if s.stop {
