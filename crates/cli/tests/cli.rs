@@ -132,6 +132,16 @@ fn wrong_requests_exit_with_2_and_a_hint() {
         (&["shoot", "--lens", "sonar-50mm-f2"], "did you mean \"sonnar-50mm-f2\"?"),
         (&["shoot", "--lens", "double-gauss-50mm", "--aperture", "f/1.2"], "this lens opens no wider"),
         (&["shoot", "--lens", "double-gauss-50mm", "--focus", "1mm"], "no image"),
+        (&["lens", "info", "tesar-50mm-f2.8"], "did you mean \"tessar-50mm-f2.8\"?"),
+        (&["lens", "info", "tessar-50mm-f2.8", "--aperture", "f/1"], "this lens opens no wider"),
+        (&["lens", "info", "kit-zoom-18-55mm", "--focal-length", "80mm"], "18.7 to 53.3 mm"),
+        (&["lens", "info", "nokton-50mm-f1", "--focus", "0.55m"], "or more: the lens focuses no nearer"),
+        (&["lens", "draw", "tessar-50mm-f2.8"], "-o FILE.svg or FILE.png"),
+        (&["lens", "spot", "tessar-50mm-f2.8", "-o", "spot.pdf"], ".svg or .png"),
+        (&["lens", "spot", "tessar-50mm-f2.8", "--rays", "1"], "2 to 1000"),
+        (&["lens", "mtf", "tessar-50mm-f2.8", "--wavelength", "12"], "300 to 2500"),
+        (&["lens", "mtf", "tessar-50mm-f2.8", "--field", "a"], "list of numbers"),
+        (&["lens", "convert", "tessar-50mm-f2.8", "-o", "a.zmx"], ".toml"),
         (&["shoot", "--white", "D66"], "D65"),
         (&["shoot", "--tone", "filmy"], "aces, reinhard or linear"),
         (&["shoot", "--sampler", "halton"], "sobol, jittered"),
@@ -170,6 +180,7 @@ fn failures_exit_with_1_and_leave_nothing() {
         (&["shoot", "missing.toml"], "missing.toml"),
         (&["shoot", "--environment", "text.hdr"], "text.hdr"),
         (&["shoot", "-o", "no/such/folder/photo.jpg"], "cannot be written"),
+        (&["lens", "info", "missing.zmx"], "missing.zmx: there is no such file"),
         (&["read-out", "text.exr", "-o", "raw.exr"], "text.exr"),
         (&["read-out", "missing.exr", "-o", "raw.exr"], "missing.exr"),
         (&["develop", "text.exr", "-o", "a.png"], "text.exr"),
@@ -192,6 +203,46 @@ fn lists_and_sheets_are_printed() {
     assert_eq!(sheet["pixels"], serde_json::json!([5616, 3744]));
     assert!(text(&["completions", "bash"]).contains("diopter"));
     assert!(text(&["man"]).contains(".TH"));
+}
+
+#[test]
+fn lenses_are_shown_plotted_and_converted() {
+    let f = Folder::new("lenses");
+    let json = |args: &[&str]| -> serde_json::Value { serde_json::from_slice(&f.ok(args).stdout).unwrap_or_else(|e| panic!("{args:?}: {e}")) };
+    assert!(json(&["lens", "list", "--json"]).as_array().unwrap().len() >= 30);
+    let info = json(&["lens", "info", "tessar-50mm-f2.8", "--json"]);
+    assert!((info["effective_focal_length_mm"].as_f64().unwrap() - 49.9966).abs() < 1e-4, "{info}");
+    // Small stops and obstructions have light too, and less of it with glass than without.
+    for (name, aperture) in [("phone-5.6mm-f3.5", "f/3.5"), ("hologon-15mm-f8", "f/16"), ("reflex-500mm-f8", "f/6.7")] {
+        let info = json(&["lens", "info", name, "--aperture", aperture, "--json"]);
+        let (working, t) = (info["working_f_number"].as_f64().unwrap(), info["t_number"].as_f64().unwrap());
+        assert!(working > 3.0 && working < 20.0 && t > working && t < 1.4 * working, "{name}: {working} {t}");
+    }
+    for (verb, keys) in [
+        ("spot", vec!["rms_mm"]),
+        ("fan", vec!["tangential", "sagittal"]),
+        ("mtf", vec!["frequency_per_mm"]),
+        ("distortion", vec!["distortion_percent"]),
+    ] {
+        let value = json(&["lens", verb, "triplet-50mm-f4", "--json", "-o", "plot.svg", "-o", "plot.png"]);
+        assert!(keys.iter().all(|k| !value[0][k].is_null()), "{verb}: {value}");
+        let svg = std::fs::read_to_string(f.path("plot.svg")).unwrap();
+        assert!(svg.starts_with("<svg") && svg.trim_end().ends_with("</svg>"), "{verb}");
+        assert!(std::fs::read(f.path("plot.png")).unwrap().starts_with(b"\x89PNG"), "{verb}");
+    }
+    assert!(json(&["lens", "vignetting", "triplet-50mm-f4", "--json"])["illumination"][0]["geometric_sr"].as_f64().unwrap() > 0.0);
+    assert!(json(&["lens", "color", "triplet-50mm-f4", "--json"])["axial_mm"].as_array().unwrap().len() > 20);
+    let end = json(&["lens", "trace", "triplet-50mm-f4", "--field", "10", "--json"]);
+    assert_eq!(end["surfaces"].as_array().unwrap().len(), 6);
+    f.ok(&["lens", "draw", "triplet-50mm-f4", "-o", "lens.svg"]);
+    f.ok(&["lens", "convert", "triplet-50mm-f4", "-o", "mine.toml"]);
+    let again = json(&["lens", "info", "mine.toml", "--json"]);
+    assert_eq!(again["effective_focal_length_mm"], json(&["lens", "info", "triplet-50mm-f4", "--json"])["effective_focal_length_mm"]);
+    // And a photograph through the converted file, with a picture for an aperture.
+    let star = concat!(env!("CARGO_MANIFEST_DIR"), "/../../gallery/still-life.jpg");
+    f.ok(&with(&["shoot", "cornell", "--lens", "mine.toml", "--aperture-image", star], &["-o", "a.png", "--save-shot", "shot.toml"]));
+    f.ok(&["shoot", "shot.toml", "-o", "b.png"]);
+    assert_eq!(std::fs::read(f.path("a.png")).unwrap(), std::fs::read(f.path("b.png")).unwrap());
 }
 
 #[test]
