@@ -6,7 +6,8 @@ fn main() {
     for name in ["glasses", "materials", "absorption"] {
         let path = format!("src/glass/data/{name}.csv");
         let text = std::fs::read(&path).unwrap_or_else(|e| panic!("{path}: {e}"));
-        std::fs::write(out.join(format!("{name}.deflate")), miniz_oxide::deflate::compress_to_vec_zlib(&text, 10)).expect("writable");
+        std::fs::write(out.join(format!("{name}.deflate")), miniz_oxide::deflate::compress_to_vec_zlib(&text, 10))
+            .expect("writable");
     }
 
     println!("cargo::rerun-if-changed=src/lenses");

@@ -208,7 +208,9 @@ fn lists_and_sheets_are_printed() {
 #[test]
 fn lenses_are_shown_plotted_and_converted() {
     let f = Folder::new("lenses");
-    let json = |args: &[&str]| -> serde_json::Value { serde_json::from_slice(&f.ok(args).stdout).unwrap_or_else(|e| panic!("{args:?}: {e}")) };
+    let json = |args: &[&str]| -> serde_json::Value {
+        serde_json::from_slice(&f.ok(args).stdout).unwrap_or_else(|e| panic!("{args:?}: {e}"))
+    };
     assert!(json(&["lens", "list", "--json"]).as_array().unwrap().len() >= 30);
     let info = json(&["lens", "info", "tessar-50mm-f2.8", "--json"]);
     assert!((info["effective_focal_length_mm"].as_f64().unwrap() - 49.9966).abs() < 1e-4, "{info}");
@@ -230,17 +232,25 @@ fn lenses_are_shown_plotted_and_converted() {
         assert!(svg.starts_with("<svg") && svg.trim_end().ends_with("</svg>"), "{verb}");
         assert!(std::fs::read(f.path("plot.png")).unwrap().starts_with(b"\x89PNG"), "{verb}");
     }
-    assert!(json(&["lens", "vignetting", "triplet-50mm-f4", "--json"])["illumination"][0]["geometric_sr"].as_f64().unwrap() > 0.0);
+    assert!(
+        json(&["lens", "vignetting", "triplet-50mm-f4", "--json"])["illumination"][0]["geometric_sr"].as_f64().unwrap() > 0.0
+    );
     assert!(json(&["lens", "color", "triplet-50mm-f4", "--json"])["axial_mm"].as_array().unwrap().len() > 20);
     let end = json(&["lens", "trace", "triplet-50mm-f4", "--field", "10", "--json"]);
     assert_eq!(end["surfaces"].as_array().unwrap().len(), 6);
     f.ok(&["lens", "draw", "triplet-50mm-f4", "-o", "lens.svg"]);
     f.ok(&["lens", "convert", "triplet-50mm-f4", "-o", "mine.toml"]);
     let again = json(&["lens", "info", "mine.toml", "--json"]);
-    assert_eq!(again["effective_focal_length_mm"], json(&["lens", "info", "triplet-50mm-f4", "--json"])["effective_focal_length_mm"]);
+    assert_eq!(
+        again["effective_focal_length_mm"],
+        json(&["lens", "info", "triplet-50mm-f4", "--json"])["effective_focal_length_mm"]
+    );
     // And a photograph through the converted file, with a picture for an aperture.
     let star = concat!(env!("CARGO_MANIFEST_DIR"), "/../../gallery/still-life.jpg");
-    f.ok(&with(&["shoot", "cornell", "--lens", "mine.toml", "--aperture-image", star], &["-o", "a.png", "--save-shot", "shot.toml"]));
+    f.ok(&with(
+        &["shoot", "cornell", "--lens", "mine.toml", "--aperture-image", star],
+        &["-o", "a.png", "--save-shot", "shot.toml"],
+    ));
     f.ok(&["shoot", "shot.toml", "-o", "b.png"]);
     assert_eq!(std::fs::read(f.path("a.png")).unwrap(), std::fs::read(f.path("b.png")).unwrap());
 }

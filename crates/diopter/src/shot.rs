@@ -361,9 +361,7 @@ pub fn read_lens(name: &str) -> Result<Prescription, ShotError> {
     }
     let path = Path::new(name);
     match import::Format::of(name) {
-        Some(format) => {
-            Ok(import::read(&read_file(path)?, format, name).map_err(LensError::from)?)
-        }
+        Some(format) => Ok(import::read(&read_file(path)?, format, name).map_err(LensError::from)?),
         _ => {
             let expected = match nearest(name, diopter_lens::embedded_names().chain(["thin", "pinhole"])) {
                 Some(near) => format!("a lens (did you mean \"{near}\"?)"),
@@ -764,9 +762,7 @@ fn camera(
     };
     let lens = match c.lens.as_deref() {
         Some("pinhole") => Lens::Pinhole(Pinhole::new(Millimeters(focal_mm), f_number)?),
-        None | Some("thin") => {
-            Lens::Thin(ThinLens::new(Millimeters(focal_mm), f_number, iris(c)?.unwrap_or_default(), focus)?)
-        }
+        None | Some("thin") => Lens::Thin(ThinLens::new(Millimeters(focal_mm), f_number, iris(c)?.unwrap_or_default(), focus)?),
         Some(name) => {
             let prescription = read_lens(name)?;
             prescription.notes.iter().for_each(|n| warn(&format!("{name}: {n}")));

@@ -76,11 +76,19 @@ fn an_even_field_has_the_light_of_brute_force_in_every_colour_and_place() {
         for (column, row) in [(4, 3), (0, 0), (7, 1)] {
             // The mean over a pixel: nine points of it (Simpson), at wavelengths that carry each band.
             let at = |u: f64, v: f64| {
-                DVec2::new((0.5 - (column as f64 + u) / columns as f64) * size[0], ((row as f64 + v) / rows as f64 - 0.5) * size[1])
+                DVec2::new(
+                    (0.5 - (column as f64 + u) / columns as f64) * size[0],
+                    ((row as f64 + v) / rows as f64 - 0.5) * size[1],
+                )
             };
             let mean = |nm: f64| {
                 let weights = [(0.0, 1.0), (0.5, 4.0), (1.0, 1.0)];
-                weights.iter().flat_map(|(u, a)| weights.iter().map(move |(v, b)| (u, v, a * b))).map(|(u, v, w)| w * brute_force(&compound, at(*u, *v), nm)).sum::<f64>() / 36.0
+                weights
+                    .iter()
+                    .flat_map(|(u, a)| weights.iter().map(move |(v, b)| (u, v, a * b)))
+                    .map(|(u, v, w)| w * brute_force(&compound, at(*u, *v), nm))
+                    .sum::<f64>()
+                    / 36.0
             };
             let lines = [420.0, 500.0, 580.0, 680.0];
             let each = lines.map(mean);
@@ -141,7 +149,9 @@ fn threads_and_parts_do_not_matter_where_colours_part() {
 fn the_distance_asked_for_is_the_sharp_one() {
     // Rays of an axial film point meet on the axis at the distance from the entrance pupil that focus names.
     let film = Film::new(36.0, 24.0, 3, 2);
-    for (name, metres, within) in [("double-gauss-50mm", 2.0, 0.02), ("kit-zoom-18-55mm", 0.6, 0.03), ("macro-100mm-f2.8", 0.5, 0.01)] {
+    for (name, metres, within) in
+        [("double-gauss-50mm", 2.0, 0.02), ("kit-zoom-18-55mm", 0.6, 0.03), ("macro-100mm-f2.8", 0.5, 0.01)]
+    {
         let lens = lens(name, Some(8.0), Focus::Distance(Millimeters(metres * 1000.0)), None, &film);
         let Lens::Compound(lens) = &lens else { unreachable!() };
         let (mut sum, mut weight) = (0.0, 0.0);

@@ -9,7 +9,7 @@ use crate::glass::{Glass, GlassKind, VISIBLE_NM};
 use crate::iris::Iris;
 use crate::prescription::Coating;
 use crate::surface::{Asphere, Profile};
-use crate::system::{MGF2, FILM_NM, MULTILAYER_REFLECTANCE, System};
+use crate::system::{FILM_NM, MGF2, MULTILAYER_REFLECTANCE, System};
 use crate::trace::Way;
 use fearless_simd::{Level, Simd, dispatch, prelude::*};
 use std::sync::OnceLock;
@@ -31,9 +31,8 @@ fn fit(glass: &Glass) -> [f64; TERMS] {
     let node = |j: usize| (std::f64::consts::PI * (j as f64 + 0.5) / TERMS as f64).cos();
     let value = |x: f64| glass.index((0.5 * (low + high) + 0.5 * (high - low) * x).powf(-0.5));
     std::array::from_fn(|k| {
-        let sum: f64 = (0..TERMS)
-            .map(|j| value(node(j)) * (std::f64::consts::PI * k as f64 * (j as f64 + 0.5) / TERMS as f64).cos())
-            .sum();
+        let sum: f64 =
+            (0..TERMS).map(|j| value(node(j)) * (std::f64::consts::PI * k as f64 * (j as f64 + 0.5) / TERMS as f64).cos()).sum();
         sum * if k == 0 { 1.0 } else { 2.0 } / TERMS as f64
     })
 }

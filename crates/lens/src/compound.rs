@@ -290,7 +290,7 @@ impl CompoundLens {
         let stop = self.stop_transmittance(ray, &n)?;
         let out = self.system.trace(ray, &n, Way::ToObject, Apertures::Clip)?;
         let weight_sr = area * ray.direction.z.powi(4) * share * stop;
-        Ok(LensRay { origin_mm: self.from_pupil(out.position), direction: out.direction, weight_sr })
+        Ok(LensRay { origin_mm: self.relative_to_pupil(out.position), direction: out.direction, weight_sr })
     }
 
     /// Transmittance of an aperture picture where a ray passes it.
@@ -308,7 +308,7 @@ impl CompoundLens {
         Ok(share)
     }
 
-    fn from_pupil(&self, p: DVec3) -> DVec3 {
+    fn relative_to_pupil(&self, p: DVec3) -> DVec3 {
         p - DVec3::Z * self.first.entrance_pupil_z
     }
 
@@ -329,7 +329,7 @@ impl CompoundLens {
         }
         let out = out?;
         let weight_sr = region.fan.area() * ray.direction.z.powi(4);
-        Ok(LensRay { origin_mm: self.from_pupil(out.position), direction: out.direction, weight_sr })
+        Ok(LensRay { origin_mm: self.relative_to_pupil(out.position), direction: out.direction, weight_sr })
     }
 
     /// A packet of samples at once: what [`CompoundLens::ray`] answers, for four wavelengths each. `film_half`: beyond it no sample
@@ -386,11 +386,7 @@ impl CompoundLens {
             for i in 0..LANES {
                 nm[i] = samples.nm[i][k];
                 // From the front towards the film: the reverse of what left.
-                forward.set(
-                    i,
-                    [packet.x[i], packet.y[i], packet.z[i]],
-                    [-packet.dx[i], -packet.dy[i], -packet.dz[i]],
-                );
+                forward.set(i, [packet.x[i], packet.y[i], packet.z[i]], [-packet.dx[i], -packet.dy[i], -packet.dz[i]]);
             }
             self.batch.indices(&nm, n_forward);
             let through = self.batch.trace_light(forward, n_forward, &nm, Way::ToFilm) & out.passed;
@@ -479,7 +475,11 @@ pub fn configure(
             return range("aperture", format!("f/{asked}"), "a positive number such as f/2.8".into());
         }
         Some(asked) if asked * NAME_TOLERANCE < widest => {
-            return range("aperture", format!("f/{asked}"), format!("f/{widest:.2} or a larger number: this lens opens no wider"));
+            return range(
+                "aperture",
+                format!("f/{asked}"),
+                format!("f/{widest:.2} or a larger number: this lens opens no wider"),
+            );
         }
         Some(asked) => asked.max(widest),
     };
@@ -603,12 +603,7 @@ pub fn nearest_focus(p: &Prescription, zoom: f64) -> Option<f64> {
 }
 
 /// The system focused: gaps by the lens's focus data where it has any, the rest by moving the film.
-fn focused(
-    p: &Prescription,
-    zoom: f64,
-    iris: &crate::system::StopOpening,
-    focus: Focus,
-) -> Result<(System, State), LensError> {
+fn focused(p: &Prescription, zoom: f64, iris: &crate::system::StopOpening, focus: Focus) -> Result<(System, State), LensError> {
     let at = |t: f64| {
         let mut s = System::at(p, State { zoom, focus: t });
         s.iris = iris.clone();

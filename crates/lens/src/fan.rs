@@ -92,7 +92,8 @@ pub fn convex_hull(mut points: Vec<DVec2>) -> Vec<DVec2> {
     let mut hull: Vec<DVec2> = vec![];
     for pass in 0..2 {
         let start = hull.len();
-        let chain: Box<dyn Iterator<Item = &DVec2>> = if pass == 0 { Box::new(points.iter()) } else { Box::new(points.iter().rev()) };
+        let chain: Box<dyn Iterator<Item = &DVec2>> =
+            if pass == 0 { Box::new(points.iter()) } else { Box::new(points.iter().rev()) };
         for p in chain {
             while hull.len() >= start + 2 {
                 let (a, b) = (hull[hull.len() - 2], hull[hull.len() - 1]);

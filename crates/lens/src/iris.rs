@@ -83,14 +83,14 @@ impl PartialEq for ApertureImage {
 impl Iris {
     /// `count` blades, the first corner at `rotation` rad from +x; `curvature` 0 (straight) to 1 (round).
     pub fn blades(count: u32, rotation: f32, curvature: f32) -> Result<Self, LensError> {
+        require((3..=MOST_BLADES).contains(&count), "number of iris blades", count as f64, "", "3 to 64 (or a round iris)")?;
         require(
-            (3..=MOST_BLADES).contains(&count),
-            "number of iris blades",
-            count as f64,
+            (0.0..=1.0).contains(&curvature),
+            "curvature of the iris blades",
+            curvature as f64,
             "",
-            "3 to 64 (or a round iris)",
+            "0 (straight) to 1 (round)",
         )?;
-        require((0.0..=1.0).contains(&curvature), "curvature of the iris blades", curvature as f64, "", "0 (straight) to 1 (round)")?;
         require(rotation.is_finite(), "rotation of the iris", rotation as f64, " rad", "a finite angle")?;
         let corners = count * if curvature < 1e-4 { 1 } else { CORNERS_PER_BLADE };
         let point = |i: u32| {

@@ -40,7 +40,13 @@ mod tests {
             for (i, stated) in stated.iter().enumerate() {
                 let system = System::at(&p, State { zoom: i as f64, focus: 0.0 });
                 let f = FirstOrder::of(&system, &system.indices(D_NM));
-                println!("{name:<24} stated {stated:9.4} found {:9.4} ({:+.3} %) f/{:.2}, film {:+.3}", f.efl, (f.efl / stated - 1.0) * 100.0, f.f_number(), system.film_z - system.last_z() - f.bfl);
+                println!(
+                    "{name:<24} stated {stated:9.4} found {:9.4} ({:+.3} %) f/{:.2}, film {:+.3}",
+                    f.efl,
+                    (f.efl / stated - 1.0) * 100.0,
+                    f.f_number(),
+                    system.film_z - system.last_z() - f.bfl
+                );
                 let tolerance = match *name {
                     // Stated to three digits: 34.75 is 34.8.
                     "apo-summicron-35mm-f2" => 1.5e-3,

@@ -255,8 +255,7 @@ impl Search<'_> {
         // The neighbour's place first, then the paraxial pupil's, then everywhere.
         let mut tries = vec![];
         if let Some(outline) = before.filter(|o| o.len() > 2) {
-            let (low, high) =
-                outline.iter().fold((DVec2::MAX, DVec2::MIN), |(l, h), p| (l.min(*p), h.max(*p)));
+            let (low, high) = outline.iter().fold((DVec2::MAX, DVec2::MIN), |(l, h), p| (l.min(*p), h.max(*p)));
             tries.push((0.5 * (low + high), 0.75 * (high - low).max_element(), GRID / 2));
         } else {
             tries.push((DVec2::ZERO, 1.5 * self.g.slope, GRID / 2));

@@ -252,7 +252,11 @@ fn meet_graph(o: DVec3, d: DVec3, start: Option<f64>, f: impl Fn(DVec3) -> Optio
             for _ in 0..200 {
                 let mid = 0.5 * (low + high);
                 let (gm, ..) = at(mid)?;
-                if (gm < 0.0) == (g0 < 0.0) { low = mid } else { high = mid }
+                if (gm < 0.0) == (g0 < 0.0) {
+                    low = mid
+                } else {
+                    high = mid
+                }
                 if (high - low).abs() < TOLERANCE * (1.0 + high.abs()) {
                     break;
                 }
@@ -305,7 +309,11 @@ mod tests {
                     let s = |x: f64, y: f64| shape.sag(m.point.x + x, m.point.y + y);
                     if let (Some(a), Some(b), Some(c), Some(e)) = (s(h, 0.0), s(-h, 0.0), s(0.0, h), s(0.0, -h)) {
                         let n = DVec3::new((b - a) / (2.0 * h), (e - c) / (2.0 * h), 1.0).normalize();
-                        assert!((n - m.normal).length() < 1e-6 || m.point.x.hypot(m.point.y) < 1e-3, "{shape:?} {n} {}", m.normal);
+                        assert!(
+                            (n - m.normal).length() < 1e-6 || m.point.x.hypot(m.point.y) < 1e-3,
+                            "{shape:?} {n} {}",
+                            m.normal
+                        );
                     }
                 }
             }

@@ -76,7 +76,11 @@ fn film_irradiance_is_that_of_brute_force() {
                 if i == 0 {
                     on_axis = brute;
                 }
-                println!("{name} f/{:.2} {height:6.2} mm: {table:.6e} {brute:.6e} {:+.3} % passed {passed:.3}", lens.f_number(), (table / brute - 1.0) * 100.0);
+                println!(
+                    "{name} f/{:.2} {height:6.2} mm: {table:.6e} {brute:.6e} {:+.3} % passed {passed:.3}",
+                    lens.f_number(),
+                    (table / brute - 1.0) * 100.0
+                );
                 // Half a per cent of the place, where at least a thousandth of the axis is left.
                 assert!((table - brute).abs() < 5e-3 * brute.max(1e-3 * on_axis), "{name} {f_number:?} {height}");
             }
@@ -106,7 +110,11 @@ fn nearly_all_pupil_samples_reach_the_scene() {
                         (worst, sum, count) = (worst.min(passed), sum + passed, count + 1.0);
                     }
                 }
-                println!("{name} f/{f_number:.2} bladed {bladed}: mean {:.4} worst {worst:.4}, ready in {:.0} ms", sum / count, ready * 1e3);
+                println!(
+                    "{name} f/{f_number:.2} bladed {bladed}: mean {:.4} worst {worst:.4}, ready in {:.0} ms",
+                    sum / count,
+                    ready * 1e3
+                );
                 // Blades turn under the vignetting rims, which costs a little more.
                 assert!(sum / count > if bladed { 0.92 } else { 0.97 }, "{name} f/{f_number} {bladed}: {}", sum / count);
             }

@@ -48,7 +48,8 @@ fn every_lens_file_is_read_and_survives_our_own_form() {
             let p = read(&path);
             let f = first_order(&p, D_NM);
             println!("{:<60} {:9.4} {:9.4} {:?}", name.rsplit('/').next().unwrap(), f.efl, f.bfl, p.notes);
-            let again = import::read(p.to_toml().as_bytes(), Format::Toml, "again.toml").unwrap_or_else(|e| panic!("{name}: {e}\n{}", p.to_toml()));
+            let again = import::read(p.to_toml().as_bytes(), Format::Toml, "again.toml")
+                .unwrap_or_else(|e| panic!("{name}: {e}\n{}", p.to_toml()));
             let g = first_order(&again, D_NM);
             assert!((f.efl - g.efl).abs() < 1e-9 * f.efl.abs() && (f.bfl - g.bfl).abs() < 1e-8, "{name}: {f:?} {g:?}");
             count += 1;
@@ -76,24 +77,35 @@ fn the_classic_lenses_have_their_focal_lengths() {
 #[test]
 fn wrong_files_are_refused_with_place_and_reason() {
     let toml = |surfaces: &str| format!("name = \"x\"\nf_number = 4\nsurfaces = [\n{surfaces}\n]\n");
-    let lens = "{ radius = 50, gap = 5, glass = \"N-BK7\", semi_diameter = 10 },\n{ radius = -50, gap = 45, semi_diameter = 10 },";
+    let lens =
+        "{ radius = 50, gap = 5, glass = \"N-BK7\", semi_diameter = 10 },\n{ radius = -50, gap = 45, semi_diameter = 10 },";
     let many: String = (0..10_000).map(|_| "{ radius = 50, gap = 1, semi_diameter = 5 },\n").collect();
     let zemax = |surface: &str| {
-        format!("MODE SEQ\nUNIT MM\nENPD 5\nSURF 0\n TYPE STANDARD\n DISZ INFINITY\nSURF 1\n STOP\n{surface}\nSURF 2\n CURV -0.02\n DISZ 40\n DIAM 5\nSURF 3\n CURV 0\n DISZ 0\n")
+        format!(
+            "MODE SEQ\nUNIT MM\nENPD 5\nSURF 0\n TYPE STANDARD\n DISZ INFINITY\nSURF 1\n STOP\n{surface}\nSURF 2\n CURV -0.02\n DISZ 40\n DIAM 5\nSURF 3\n CURV 0\n DISZ 0\n"
+        )
     };
     for (format, text, expected) in [
         (Format::Toml, String::new(), "missing field"),
         (Format::Toml, "name = \"x\"\nsurfaces = []".into(), "no surfaces"),
         (Format::Toml, toml(&lens.replace("N-BK7", "N-BK77")), "x.toml:4: surface 1: unknown glass \"N-BK77\"; did you mean"),
         (Format::Toml, toml(&lens.replace("radius = 50", "radius = 0")), "x.toml:4: surface 1: radius 0: expected a length"),
-        (Format::Toml, toml(&lens.replace("radius = 50", "radius = 9")), "semi-diameter 10: the surface ends at a height of 9.0000 mm"),
+        (
+            Format::Toml,
+            toml(&lens.replace("radius = 50", "radius = 9")),
+            "semi-diameter 10: the surface ends at a height of 9.0000 mm",
+        ),
         (Format::Toml, toml(&lens.replace("gap = 5,", "gap = -5,")), "surface 1: gap -5: surfaces would cross"),
         (Format::Toml, toml(&lens.replace("gap = 5,", "gap = 0.2,")), "surface 1: it crosses surface 2"),
         (Format::Toml, toml(&lens.replace("gap = 45", "gap = -45")), "surface 2: gap -45 to the film"),
         (Format::Toml, toml(&lens.replace("gap = 5,", "gap = nan,")), "gap NaN"),
         (Format::Toml, toml(&lens.replace("gap = 5,", "gap = [1, 2],")), "surface 1: 2 gaps: expected one"),
         (Format::Toml, toml(&lens.replace("gap = 45", "gap = { infinity = 45, close = 50 }")), "no close_focus distance"),
-        (Format::Toml, toml(&lens.replace("gap = 5,", "stop = true, gap = 5,").replace("gap = 45", "stop = true, gap = 45")), "surface 2: a second stop: surface 1"),
+        (
+            Format::Toml,
+            toml(&lens.replace("gap = 5,", "stop = true, gap = 5,").replace("gap = 45", "stop = true, gap = 45")),
+            "surface 2: a second stop: surface 1",
+        ),
         (Format::Toml, toml(&lens.replace("gap = 5,", "asphere = { x = 1 }, gap = 5,")), "power \"x\""),
         (Format::Toml, toml(&lens.replace("gap = 5,", "conik = 1, gap = 5,")), "unknown field `conik`"),
         (Format::Toml, toml(&lens.replace("N-BK7", "0.5/60")), "an index of 0.5"),
@@ -109,7 +121,11 @@ fn wrong_files_are_refused_with_place_and_reason() {
         (Format::Zemax, zemax(" TYPE STANDARD\n CURV x\n DISZ 5"), "CURV x: expected a number"),
         (Format::CodeV, "EPD 5\nSO 0 1e11\nS 50 5 BK7_SCHOT\n".into(), "unknown glass"),
         (Format::CodeV, "RDM\nEPD 5\nS 50 5 NBK7_SCHOTT\nADE 3\nS -50 45\nSTO\nSI 0 0".into(), "without DAR"),
-        (Format::CodeV, "RDM\nEPD 5\nS 50 5 NBK7_SCHOTT\nK S7 -1\nS -50 45\n".into(), "K S7: the surfaces read so far are 1 to 1"),
+        (
+            Format::CodeV,
+            "RDM\nEPD 5\nS 50 5 NBK7_SCHOTT\nK S7 -1\nS -50 45\n".into(),
+            "K S7: the surfaces read so far are 1 to 1",
+        ),
         (Format::CodeV, "ZOO 3".into(), "zoomed CODE V lenses"),
         (Format::Iset, "{\"surfaces\": [{\"radius\": 1}]}".into(), "surface 1: no \"thickness\""),
         (Format::Iset, "[".repeat(100_000), "not JSON"),

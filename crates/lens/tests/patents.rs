@@ -107,7 +107,8 @@ fn distortions_are_those_traced_elsewhere() {
     for line in table.lines().skip(1) {
         let cells: Vec<&str> = line.split(',').collect();
         let (name, state) = (cells[0], cells[3].parse::<f64>().unwrap());
-        let (efl, height, listed) = (cells[5].parse::<f64>().unwrap(), cells[6].parse::<f64>().unwrap(), cells[7].parse::<f64>().unwrap());
+        let (efl, height, listed) =
+            (cells[5].parse::<f64>().unwrap(), cells[6].parse::<f64>().unwrap(), cells[7].parse::<f64>().unwrap());
         let p = lens(name, &all[name]);
         let zoom = p.zoom.iter().position(|f| (f / state - 1.0).abs() < 1e-3).unwrap_or(0);
         let mut system = System::at(&p, State { zoom: zoom as f64, focus: 0.0 });

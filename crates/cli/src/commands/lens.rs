@@ -233,12 +233,7 @@ fn info(asked: &Asked, json: bool) -> anyhow::Result<()> {
     let magnification = table.object_distance.map_or(0.0, |d| -f.efl / (d + f.ffl));
     let working = (std::f64::consts::PI / (4.0 * axis.geometric)).sqrt();
     let measured = bench.measured_focal_length(table.reference);
-    let glasses: Vec<String> = p
-        .surfaces
-        .iter()
-        .filter(|s| s.glass.kind != GlassKind::Air)
-        .map(|s| s.glass.describe())
-        .collect();
+    let glasses: Vec<String> = p.surfaces.iter().filter(|s| s.glass.kind != GlassKind::Air).map(|s| s.glass.describe()).collect();
     let sum = third.sum();
     if json {
         let by_surface: Vec<Value> = third
@@ -270,12 +265,27 @@ fn info(asked: &Asked, json: bool) -> anyhow::Result<()> {
         writeln!(t, "  source            {}", p.source)?;
     }
     writeln!(t, "  at                {:.1} nm, z from the first vertex", table.reference)?;
-    writeln!(t, "  focal length      {:.4} mm{}", f.efl, measured.map_or(String::new(), |m| format!(", {m:.4} mm by parallel rays at 0.2°")))?;
+    writeln!(
+        t,
+        "  focal length      {:.4} mm{}",
+        f.efl,
+        measured.map_or(String::new(), |m| format!(", {m:.4} mm by parallel rays at 0.2°"))
+    )?;
     writeln!(t, "  back, front       {:.4} mm, {:.4} mm", f.bfl, f.ffl)?;
     writeln!(t, "  principal planes  z {:.4} and {:.4} mm", f.front_principal_z, f.rear_principal_z)?;
     writeln!(t, "  entrance pupil    z {:.4} mm, diameter {:.4} mm", f.entrance_pupil_z, 2.0 * f.entrance_pupil_radius())?;
-    writeln!(t, "  exit pupil        z {:.4} mm ({:.4} from the last vertex), diameter {:.4} mm", f.exit_pupil_z, f.exit_pupil_z - last, 2.0 * f.exit_pupil_radius())?;
-    writeln!(t, "  f-number          {:.4} (opens to {:.4}), working {working:.4}, T-stop {t_number:.4} (transmittance {transmittance:.4})", table.set.f_number, table.set.widest)?;
+    writeln!(
+        t,
+        "  exit pupil        z {:.4} mm ({:.4} from the last vertex), diameter {:.4} mm",
+        f.exit_pupil_z,
+        f.exit_pupil_z - last,
+        2.0 * f.exit_pupil_radius()
+    )?;
+    writeln!(
+        t,
+        "  f-number          {:.4} (opens to {:.4}), working {working:.4}, T-stop {t_number:.4} (transmittance {transmittance:.4})",
+        table.set.f_number, table.set.widest
+    )?;
     if magnification != 0.0 {
         writeln!(t, "  magnification     {magnification:.6}")?;
     }
@@ -321,7 +331,11 @@ fn info(asked: &Asked, json: bool) -> anyhow::Result<()> {
         writeln!(t, "\n  the lens is not round: first and third order are of its y-z section, tilts left out")?;
     }
     writeln!(t, "\n  third order at f/{:.2} and {:.2}°, transverse, mm", table.set.f_number, table.largest_field())?;
-    writeln!(t, "  {:>3} {:>10} {:>10} {:>10} {:>10} {:>10} {:>10} {:>10} {:>10}", "", "SA", "TCO", "TAS", "SAS", "PTB", "DST", "AX", "LAT")?;
+    writeln!(
+        t,
+        "  {:>3} {:>10} {:>10} {:>10} {:>10} {:>10} {:>10} {:>10} {:>10}",
+        "", "SA", "TCO", "TAS", "SAS", "PTB", "DST", "AX", "LAT"
+    )?;
     let row = |t: &mut String, name: String, v: [f64; 8]| {
         let cells: Vec<String> = v.iter().map(|v| format!("{v:>10.6}")).collect();
         writeln!(t, "  {name:>3} {}", cells.join(" "))
@@ -338,13 +352,8 @@ fn info(asked: &Asked, json: bool) -> anyhow::Result<()> {
 }
 
 fn layout(table: &Table) -> Figure {
-    let options = LayoutOptions {
-        title: table.title(""),
-        fields_deg: table.fields.clone(),
-        nm: table.reference,
-        rays: 7,
-        width: 800.0,
-    };
+    let options =
+        LayoutOptions { title: table.title(""), fields_deg: table.fields.clone(), nm: table.reference, rays: 7, width: 800.0 };
     draw::layout(&table.bench(), &options)
 }
 
@@ -380,19 +389,38 @@ fn trace(asked: &Asked, pupil: [f64; 2], json: bool) -> anyhow::Result<()> {
     let opd = bench.opd_of(&beam, at, nm);
     let mut t = String::new();
     writeln!(t, "{}", table.title(&format!("field {field}°, pupil {}, {}, {nm:.1} nm", pupil[0], pupil[1])))?;
-    writeln!(t, "  {:>4} {:>14} {:>14} {:>14} {:>12} {:>12} {:>12} {:>9} {:>9}", "", "x mm", "y mm", "z mm", "L", "M", "N", "in °", "out °")?;
+    writeln!(
+        t,
+        "  {:>4} {:>14} {:>14} {:>14} {:>12} {:>12} {:>12} {:>9} {:>9}",
+        "", "x mm", "y mm", "z mm", "L", "M", "N", "in °", "out °"
+    )?;
     for e in &rows {
         let angle = |c: f64| c.clamp(-1.0, 1.0).acos().to_degrees();
         writeln!(
             t,
             "  {:>4} {:>14.9} {:>14.9} {:>14.9} {:>12.9} {:>12.9} {:>12.9} {:>9.4} {:>9.4}",
-            e.surface + 1, e.point.x, e.point.y, e.point.z, e.direction.x, e.direction.y, e.direction.z, angle(e.cosines[0]), angle(e.cosines[1])
+            e.surface + 1,
+            e.point.x,
+            e.point.y,
+            e.point.z,
+            e.direction.x,
+            e.direction.y,
+            e.direction.z,
+            angle(e.cosines[0]),
+            angle(e.cosines[1])
         )?;
     }
     let end = match &traced {
         Ok(out) => {
             let film = at_plane(out, table.set.system.film_z);
-            writeln!(t, "  film {:>14.9} {:>14.9} {:>14.9}   path difference {:.4} waves", film.x, film.y, film.z, opd.unwrap_or(f64::NAN))?;
+            writeln!(
+                t,
+                "  film {:>14.9} {:>14.9} {:>14.9}   path difference {:.4} waves",
+                film.x,
+                film.y,
+                film.z,
+                opd.unwrap_or(f64::NAN)
+            )?;
             json!({ "film_mm": film.to_array(), "direction": out.direction.to_array(), "opd_waves": opd })
         }
         Err(b) => {
@@ -430,7 +458,16 @@ fn spot(asked: &Asked, rays: usize, json: bool) -> anyhow::Result<()> {
     let mut values = vec![];
     writeln!(t, "  {:>7} {:>8} {:>12} {:>12} {:>14} {:>7}", "field °", "nm", "RMS µm", "largest µm", "centroid y mm", "rays")?;
     for s in fields.iter().flatten() {
-        writeln!(t, "  {:>7.2} {:>8.1} {:>12.4} {:>12.4} {:>14.6} {:>7}", s.field_deg, s.nm, s.rms * 1e3, s.geometric * 1e3, s.centroid.y, s.points.len())?;
+        writeln!(
+            t,
+            "  {:>7.2} {:>8.1} {:>12.4} {:>12.4} {:>14.6} {:>7}",
+            s.field_deg,
+            s.nm,
+            s.rms * 1e3,
+            s.geometric * 1e3,
+            s.centroid.y,
+            s.points.len()
+        )?;
         values.push(json!({ "field_deg": s.field_deg, "wavelength_nm": s.nm, "rms_mm": s.rms, "geometric_mm": s.geometric,
             "centroid_mm": s.centroid.to_array(), "points_mm": s.points.iter().map(|p| p.to_array()).collect::<Vec<_>>() }));
     }
@@ -449,7 +486,11 @@ fn fan(asked: &Asked, json: bool) -> anyhow::Result<()> {
         .map(|f| table.wavelengths.iter().filter_map(|nm| bench.fan(*f, *nm, table.reference, 32)).collect::<Vec<_>>())
         .collect();
     let mut t = format!("{}\n", table.title("ray fans"));
-    writeln!(t, "  {:>7} {:>8} {:>7} {:>12} {:>12} {:>12} {:>12}", "field °", "nm", "pupil", "tang. µm", "waves", "sagit. µm", "waves")?;
+    writeln!(
+        t,
+        "  {:>7} {:>8} {:>7} {:>12} {:>12} {:>12} {:>12}",
+        "field °", "nm", "pupil", "tang. µm", "waves", "sagit. µm", "waves"
+    )?;
     let mut values = vec![];
     for f in fields.iter().flatten() {
         for i in (0..=64).step_by(8) {
@@ -521,9 +562,14 @@ fn mtf(asked: &Asked, over: MtfOver, frequencies: Option<&[f64]>, geometric: boo
             };
             let label = if over == MtfOver::Field { "field angle, degrees" } else { "defocus, mm" };
             let each: Vec<(f64, Mtf)> = steps.iter().filter_map(|(x, f, d)| Some((*x, at(*f, &wanted, *d)?))).collect();
-            writeln!(t, "  {label:>20} {}", wanted.iter().map(|f| format!("{:>9} {:>9}", format!("T {f:.0}"), format!("S {f:.0}"))).collect::<String>())?;
+            writeln!(
+                t,
+                "  {label:>20} {}",
+                wanted.iter().map(|f| format!("{:>9} {:>9}", format!("T {f:.0}"), format!("S {f:.0}"))).collect::<String>()
+            )?;
             for (x, m) in &each {
-                let cells: String = (0..wanted.len()).map(|i| format!("{:>9.4} {:>9.4}", m.tangential[i], m.sagittal[i])).collect();
+                let cells: String =
+                    (0..wanted.len()).map(|i| format!("{:>9.4} {:>9.4}", m.tangential[i], m.sagittal[i])).collect();
                 writeln!(t, "  {x:>20.4} {cells}")?;
             }
             curves = each.iter().map(|e| e.1.clone()).collect();
@@ -551,9 +597,22 @@ fn distortion(asked: &Asked, json: bool) -> anyhow::Result<()> {
         return Err(no_light(fields[0]));
     }
     let mut t = format!("{}\n", table.title("distortion and field curvature"));
-    writeln!(t, "  {:>8} {:>12} {:>12} {:>12} {:>14} {:>14}", "field °", "height mm", "f tan θ mm", "distortion %", "tang. focus mm", "sag. focus mm")?;
+    writeln!(
+        t,
+        "  {:>8} {:>12} {:>12} {:>12} {:>14} {:>14}",
+        "field °", "height mm", "f tan θ mm", "distortion %", "tang. focus mm", "sag. focus mm"
+    )?;
     for p in &points {
-        writeln!(t, "  {:>8.3} {:>12.5} {:>12.5} {:>12.4} {:>14.5} {:>14.5}", p.field_deg, p.height, p.ideal_height, p.distortion_percent(), p.focus[0], p.focus[1])?;
+        writeln!(
+            t,
+            "  {:>8.3} {:>12.5} {:>12.5} {:>12.4} {:>14.5} {:>14.5}",
+            p.field_deg,
+            p.height,
+            p.ideal_height,
+            p.distortion_percent(),
+            p.focus[0],
+            p.focus[1]
+        )?;
     }
     let values: Vec<Value> = points
         .iter()
@@ -568,10 +627,8 @@ fn vignetting(asked: &Asked, json: bool) -> anyhow::Result<()> {
     let most = table.largest_field();
     let height = bench.field_point(most, table.reference).map_or(0.36 * table.set.efl, |p| p.height.abs());
     let light: Vec<Illumination> = (0..=20).map(|i| bench.illumination(height * i as f64 / 20.0, table.reference)).collect();
-    let beams: Vec<(f64, f64)> = (0..=14)
-        .map(|i| most * i as f64 / 14.0)
-        .filter_map(|f| Some((f, bench.vignetting(f, table.reference)?)))
-        .collect();
+    let beams: Vec<(f64, f64)> =
+        (0..=14).map(|i| most * i as f64 / 14.0).filter_map(|f| Some((f, bench.vignetting(f, table.reference)?))).collect();
     let axis = light[0];
     if axis.geometric <= 0.0 {
         return Err(no_light(0.0));
@@ -579,7 +636,15 @@ fn vignetting(asked: &Asked, json: bool) -> anyhow::Result<()> {
     let mut t = format!("{}\n", table.title("vignetting"));
     writeln!(t, "  {:>10} {:>14} {:>10} {:>14} {:>12}", "height mm", "E/L sr", "relative", "with losses", "relative")?;
     for l in &light {
-        writeln!(t, "  {:>10.3} {:>14.6e} {:>10.4} {:>14.6e} {:>12.4}", l.height, l.geometric, l.geometric / axis.geometric, l.with_losses, l.with_losses / axis.with_losses)?;
+        writeln!(
+            t,
+            "  {:>10.3} {:>14.6e} {:>10.4} {:>14.6e} {:>12.4}",
+            l.height,
+            l.geometric,
+            l.geometric / axis.geometric,
+            l.with_losses,
+            l.with_losses / axis.with_losses
+        )?;
     }
     writeln!(t, "  {:>10} {:>22}", "field °", "beam area, of the axis")?;
     for (f, v) in &beams {
@@ -607,6 +672,7 @@ fn color(asked: &Asked, json: bool) -> anyhow::Result<()> {
         writeln!(t, "  {nm:>8.1} {:>12.6}{cells}", curves.axial[i])?;
     }
     let lateral: Vec<Value> = curves.lateral.iter().map(|(f, v)| json!({ "field_deg": f, "height_mm": v })).collect();
-    let value = json!({ "wavelength_nm": wavelengths, "reference_nm": table.reference, "axial_mm": curves.axial, "lateral": lateral });
+    let value =
+        json!({ "wavelength_nm": wavelengths, "reference_nm": table.reference, "axial_mm": curves.axial, "lateral": lateral });
     finish(asked, || draw::color_plot(&table.title(""), &curves), &t, &value, json)
 }

@@ -152,8 +152,7 @@ impl<'a> Bench<'a> {
         let image = system.trace(chief, &n, Way::ToFilm, Apertures::Ignore).ok()?;
         let sagittal = DVec3::X;
         let tangential = direction.cross(sagittal).normalize();
-        let mut beam =
-            Beam { chief, image, across: [sagittal, tangential], extent: [DVec2::ZERO; 2], pupil, finite };
+        let mut beam = Beam { chief, image, across: [sagittal, tangential], extent: [DVec2::ZERO; 2], pupil, finite };
         // The lit part of the pupil, in two steps.
         let widest = system.surfaces[0].semi_diameter.min(1e4).max(self.first_order(nm).entrance_pupil_radius());
         let mut extent = [DVec2::splat(-1.5 * widest), DVec2::splat(1.5 * widest)];

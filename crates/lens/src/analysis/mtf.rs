@@ -61,16 +61,12 @@ pub fn airy_mtf(frequency: f64, nm: f64, f_number: f64) -> f64 {
 
 impl Bench<'_> {
     /// Geometric MTF of several colours (nm, weight) at frequencies in cycles/mm, `defocus` mm behind the film.
-    pub fn geometric_mtf(
-        &self,
-        field_deg: f64,
-        colors: &[(f64, f64)],
-        frequencies: &[f64],
-        defocus: f64,
-    ) -> Option<Mtf> {
+    pub fn geometric_mtf(&self, field_deg: f64, colors: &[(f64, f64)], frequencies: &[f64], defocus: f64) -> Option<Mtf> {
         let reference = colors.get(colors.len() / 2)?.0;
-        let spots: Vec<(Spot, f64)> =
-            colors.iter().filter_map(|(nm, w)| Some((self.scattered_spot(field_deg, *nm, reference, 96, defocus)?, *w))).collect();
+        let spots: Vec<(Spot, f64)> = colors
+            .iter()
+            .filter_map(|(nm, w)| Some((self.scattered_spot(field_deg, *nm, reference, 96, defocus)?, *w)))
+            .collect();
         let origin = spots.first()?.0.centroid;
         let at = |frequency: f64, tangential: bool| {
             let (mut re, mut im, mut total) = (0.0, 0.0, 0.0);
@@ -96,13 +92,7 @@ impl Bench<'_> {
     }
 
     /// Diffraction MTF of several colours (nm, weight) at frequencies in cycles/mm, `defocus` mm behind the film.
-    pub fn diffraction_mtf(
-        &self,
-        field_deg: f64,
-        colors: &[(f64, f64)],
-        frequencies: &[f64],
-        defocus: f64,
-    ) -> Option<Mtf> {
+    pub fn diffraction_mtf(&self, field_deg: f64, colors: &[(f64, f64)], frequencies: &[f64], defocus: f64) -> Option<Mtf> {
         let reference = colors.get(colors.len() / 2)?.0;
         let beam = self.beam(field_deg, reference)?;
         let film_z = self.system.film_z + defocus;
@@ -284,11 +274,17 @@ mod tests {
         let defocus = 0.8;
         let b = defocus / 8.0;
         let mtf = bench.geometric_mtf(0.0, &[(550.0, 1.0)], &[2.0, 5.0, 9.0], defocus).unwrap();
-        let j1 = |x: f64| (0..20).map(|k| {
-            let mut t = 0.5 * x;
-            for i in 1..=k { t *= -(0.25 * x * x) / (i as f64 * (i as f64 + 1.0)); }
-            t
-        }).sum::<f64>();
+        let j1 = |x: f64| {
+            (0..20)
+                .map(|k| {
+                    let mut t = 0.5 * x;
+                    for i in 1..=k {
+                        t *= -(0.25 * x * x) / (i as f64 * (i as f64 + 1.0));
+                    }
+                    t
+                })
+                .sum::<f64>()
+        };
         for (i, f) in [2.0, 5.0, 9.0].iter().enumerate() {
             let x = PI * b * f;
             let exact = (2.0 * j1(x) / x).abs();

@@ -70,13 +70,22 @@ pub(super) fn tick_step(span: f64) -> f64 {
     let rough = span / 6.0;
     let power = 10f64.powf(rough.log10().floor());
     let m = rough / power;
-    power * if m < 1.5 { 1.0 } else if m < 3.5 { 2.0 } else if m < 7.5 { 5.0 } else { 10.0 }
+    power
+        * if m < 1.5 {
+            1.0
+        } else if m < 3.5 {
+            2.0
+        } else if m < 7.5 {
+            5.0
+        } else {
+            10.0
+        }
 }
 
 fn number(v: f64, step: f64) -> String {
     let decimals = (-step.log10().floor()).clamp(0.0, 9.0) as usize;
     let v = if v.abs() < 1e-9 * step { 0.0 } else { v };
-    if step >= 1e5 || step < 1e-5 { format!("{v:.1e}") } else { format!("{v:.decimals$}") }
+    if !(1e-5..1e5).contains(&step) { format!("{v:.1e}") } else { format!("{v:.decimals$}") }
 }
 
 impl Chart {
@@ -105,7 +114,13 @@ impl Chart {
             figure.line([DVec2::new(left, y), DVec2::new(right, y)], GRID, if v.abs() < 1e-9 * step { 1.0 } else { 0.5 }, 0.0);
             figure.text(DVec2::new(left - 4.0, y + 3.0), number(v, step), 8.5, Anchor::End);
         }
-        let frame = [DVec2::new(left, top), DVec2::new(right, top), DVec2::new(right, bottom), DVec2::new(left, bottom), DVec2::new(left, top)];
+        let frame = [
+            DVec2::new(left, top),
+            DVec2::new(right, top),
+            DVec2::new(right, bottom),
+            DVec2::new(left, bottom),
+            DVec2::new(left, top),
+        ];
         figure.line(frame, INK, 0.8, 0.0);
         figure.text(DVec2::new(0.5 * (left + right), at.y + 15.0), self.title.clone(), 10.0, Anchor::Middle);
         figure.text(DVec2::new(0.5 * (left + right), bottom + 26.0), self.x.label.clone(), 9.0, Anchor::Middle);
@@ -119,7 +134,9 @@ impl Chart {
         });
         let inside = |p: &DVec2| {
             let (x, y) = (&self.x.range, &self.y.range);
-            let ok = |v: f64, r: &[f64; 2]| v >= r.iter().copied().fold(f64::MAX, f64::min) && v <= r.iter().copied().fold(f64::MIN, f64::max);
+            let ok = |v: f64, r: &[f64; 2]| {
+                v >= r.iter().copied().fold(f64::MAX, f64::min) && v <= r.iter().copied().fold(f64::MIN, f64::max)
+            };
             ok(p.x, x) && ok(p.y, y)
         };
         for line in &self.lines {

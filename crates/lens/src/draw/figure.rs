@@ -140,7 +140,8 @@ impl Figure {
                         Anchor::Middle => "middle",
                         Anchor::End => "end",
                     };
-                    let turn = if *upwards { format!(" transform=\"rotate(-90 {:.2} {:.2})\"", at.x, at.y) } else { String::new() };
+                    let turn =
+                        if *upwards { format!(" transform=\"rotate(-90 {:.2} {:.2})\"", at.x, at.y) } else { String::new() };
                     let escaped = text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;");
                     let _ = writeln!(
                         s,

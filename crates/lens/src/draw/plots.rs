@@ -32,12 +32,8 @@ fn line(name: String, color: Color, style: Style, points: Vec<DVec2>) -> Line {
 pub fn spot_plot(title: &str, fields: &[Vec<Spot>]) -> Figure {
     let cell = DVec2::new(230.0, 240.0);
     let mut figure = sheet(title, fields.len().max(1), 1, cell);
-    let reach = fields
-        .iter()
-        .flatten()
-        .flat_map(|s| s.points.iter().map(|p| p.distance(s.centroid)))
-        .fold(1e-4, f64::max)
-        * 1.1e3;
+    let reach =
+        fields.iter().flatten().flat_map(|s| s.points.iter().map(|p| p.distance(s.centroid))).fold(1e-4, f64::max) * 1.1e3;
     for (i, spots) in fields.iter().enumerate() {
         let Some(first) = spots.first() else { continue };
         let at = |p: &DVec2| (*p - first.centroid) * 1e3;
@@ -59,7 +55,8 @@ pub fn fan_plot(title: &str, fields: &[Vec<Fan>]) -> Figure {
     let cell = DVec2::new(270.0, 190.0);
     let mut figure = sheet(title, 3, fields.len().max(1), cell);
     let all = || fields.iter().flatten();
-    let errors = all().flat_map(|f| f.tangential.iter().map(|p| p.error.y * 1e3).chain(f.sagittal.iter().map(|p| p.error.x * 1e3)));
+    let errors =
+        all().flat_map(|f| f.tangential.iter().map(|p| p.error.y * 1e3).chain(f.sagittal.iter().map(|p| p.error.x * 1e3)));
     let waves = all().flat_map(|f| f.tangential.iter().chain(&f.sagittal).map(|p| p.opd));
     let error_axis = Axis::around("transverse error, µm", errors, true);
     let wave_axis = Axis::around("path difference, waves", waves, true);
@@ -177,9 +174,11 @@ pub fn vignetting_plot(title: &str, light: &[Illumination], vignetting: &[(f64, 
 pub fn color_plot(title: &str, curves: &ColorCurves) -> Figure {
     let cell = DVec2::new(330.0, 280.0);
     let mut figure = sheet(title, 2, 1, cell);
-    let (first, last) = (curves.wavelengths.first().copied().unwrap_or(400.0), curves.wavelengths.last().copied().unwrap_or(700.0));
+    let (first, last) =
+        (curves.wavelengths.first().copied().unwrap_or(400.0), curves.wavelengths.last().copied().unwrap_or(700.0));
     let x = Axis { label: "wavelength, nm".into(), range: [first, last] };
-    let over = |v: &[f64], scale: f64| curves.wavelengths.iter().zip(v).map(|(w, v)| DVec2::new(*w, *v * scale)).collect::<Vec<_>>();
+    let over =
+        |v: &[f64], scale: f64| curves.wavelengths.iter().zip(v).map(|(w, v)| DVec2::new(*w, *v * scale)).collect::<Vec<_>>();
     let axial = over(&curves.axial, 1.0);
     let y = Axis::around("paraxial focus, mm", axial.iter().map(|p| p.y), true);
     let lines = vec![line(String::new(), FIELD_COLORS[0], Style::Full, axial)];

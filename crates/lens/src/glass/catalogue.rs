@@ -77,10 +77,10 @@ pub fn find(name: &str, preferred: &[&str]) -> Result<Glass, GlassError> {
         if let Some(v) = vendor_of(&a) {
             (vendor, stem) = (Some(v), b);
         }
-    } else if let Some((a, b)) = split(name.rsplit_once(['_', '(', ' '])) {
-        if let Some(v) = vendor_of(b.trim_end_matches(')')) {
-            (vendor, stem) = (Some(v), a);
-        }
+    } else if let Some((a, b)) = split(name.rsplit_once(['_', '(', ' ']))
+        && let Some(v) = vendor_of(b.trim_end_matches(')'))
+    {
+        (vendor, stem) = (Some(v), a);
     }
     let unknown = || {
         let near = near_names(&stem);

@@ -131,7 +131,10 @@ impl Glass {
             check_index(&name, n)?;
         }
         if !(n_c <= nd && nd <= n_f && n_f <= n_g) {
-            return Err(GlassError::Range { name, what: "indices must rise towards short wavelengths: nC < nd < nF < ng".into() });
+            return Err(GlassError::Range {
+                name,
+                what: "indices must rise towards short wavelengths: nC < nd < nF < ng".into(),
+            });
         }
         let row = |nm: f64, n: f64| {
             let l2 = (nm * 1e-3).powi(2);
@@ -311,7 +314,9 @@ mod tests {
     #[test]
     fn catalogue_glasses_have_their_listed_indices() {
         // Schott's sheets: nd, Vd.
-        for (name, nd, vd) in [("N-BK7", 1.51680, 64.17), ("N-SF5", 1.67271, 32.25), ("SF6", 1.80518, 25.43), ("F2", 1.62004, 36.37)] {
+        for (name, nd, vd) in
+            [("N-BK7", 1.51680, 64.17), ("N-SF5", 1.67271, 32.25), ("SF6", 1.80518, 25.43), ("F2", 1.62004, 36.37)]
+        {
             let g = Glass::parse(name).unwrap();
             assert!((g.index(D_NM) - nd).abs() < 6e-6 && (g.abbe() - vd).abs() < 6e-3, "{name} {} {}", g.index(D_NM), g.abbe());
         }

@@ -11,10 +11,10 @@ use std::collections::HashMap;
 
 /// Commands that do not change the lens: solves, variables, tolerances, drawing, weights.
 const HARMLESS: &[&str] = &[
-    "LEN", "INI", "WTW", "WTF", "VUX", "VLX", "CCY", "THC", "CUM", "THM", "PIM", "SLB", "DER", "VAL", "GO", "XAN", "XIM",
-    "XOB", "TEM", "CLS", "PIK", "CA", "GLC", "CON", "KC", "AC", "BC", "CC", "DC", "EC", "FC", "GC", "HC", "JC", "XDC", "YDC",
-    "ZDC", "ADC", "BDC", "CDC", "PRE", "POL", "PFR", "SET", "EDI", "UNI", "AFC", "CRT", "CVY", "IMG", "WID", "YRI", "XRI", "RAY",
-    "LIN", "WTX", "WTY", "SAV", "LIS", "FTY", "XFN", "PTP", "MFL", "DSP", "CIN", "CIX", "GL1", "CTE", "COM", "TIT",
+    "LEN", "INI", "WTW", "WTF", "VUX", "VLX", "CCY", "THC", "CUM", "THM", "PIM", "SLB", "DER", "VAL", "GO", "XAN", "XIM", "XOB",
+    "TEM", "CLS", "PIK", "CA", "GLC", "CON", "KC", "AC", "BC", "CC", "DC", "EC", "FC", "GC", "HC", "JC", "XDC", "YDC", "ZDC",
+    "ADC", "BDC", "CDC", "PRE", "POL", "PFR", "SET", "EDI", "UNI", "AFC", "CRT", "CVY", "IMG", "WID", "YRI", "XRI", "RAY", "LIN",
+    "WTX", "WTY", "SAV", "LIS", "FTY", "XFN", "PTP", "MFL", "DSP", "CIN", "CIX", "GL1", "CTE", "COM", "TIT",
 ];
 
 struct Current {
@@ -113,7 +113,16 @@ pub fn read(text: &str, file: &str) -> Result<Prescription, PrescriptionError> {
                     }
                 }
                 let surface = Surface { line: number, mirror, ..Surface::new(Profile::Plane, gap, glass) };
-                rows.push(Current { surface, c: shape, k: 0.0, a: vec![], c_x: None, returns: false, tilted: false, written: None });
+                rows.push(Current {
+                    surface,
+                    c: shape,
+                    k: 0.0,
+                    a: vec![],
+                    c_x: None,
+                    returns: false,
+                    tilted: false,
+                    written: None,
+                });
             }
             other => {
                 // "K S1 -1" means surface 1 whatever was read last.
@@ -179,7 +188,8 @@ pub fn read(text: &str, file: &str) -> Result<Prescription, PrescriptionError> {
                             row.surface.semi_diameter = Some(value()?);
                         }
                     }
-                    "GRI" | "DIF" | "HOE" | "SPS" | "XTO" | "ZRN" | "NSS" | "DEC" | "BEN" | "REV" | "GLB" | "RAD" | "DDM" | "ZDE" | "REX" | "REY" | "ADX" | "ADY" | "ELX" | "ELY" => {
+                    "GRI" | "DIF" | "HOE" | "SPS" | "XTO" | "ZRN" | "NSS" | "DEC" | "BEN" | "REV" | "GLB" | "RAD" | "DDM"
+                    | "ZDE" | "REX" | "REY" | "ADX" | "ADY" | "ELX" | "ELY" => {
                         return Err(wrong(format!("{other}: this kind of surface is not read")));
                     }
                     _ if HARMLESS.contains(&other) => {}
@@ -224,9 +234,8 @@ pub fn read(text: &str, file: &str) -> Result<Prescription, PrescriptionError> {
         p.usage.field_angles_deg = vec![];
     }
     let fields = p.usage.field_angles_deg.len();
-    p.usage.vignetting = (0..fields)
-        .map(|i| [upper.get(i).copied().unwrap_or(0.0), lower.get(i).copied().unwrap_or(0.0)])
-        .collect();
+    p.usage.vignetting =
+        (0..fields).map(|i| [upper.get(i).copied().unwrap_or(0.0), lower.get(i).copied().unwrap_or(0.0)]).collect();
     p.usage.aperture = p.usage.aperture.map(|a| match a {
         ApertureKind::EntrancePupil(d) => ApertureKind::EntrancePupil(d * scale),
         other => other,

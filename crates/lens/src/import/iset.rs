@@ -9,8 +9,7 @@ use crate::surface::Profile;
 use serde_json::Value;
 
 pub fn read(text: &str, file: &str) -> Result<Prescription, PrescriptionError> {
-    let value: Value =
-        serde_json::from_str(text).map_err(|e| PrescriptionError::at(file, e.line(), format!("not JSON: {e}")))?;
+    let value: Value = serde_json::from_str(text).map_err(|e| PrescriptionError::at(file, e.line(), format!("not JSON: {e}")))?;
     let wrong = |what: &str| PrescriptionError::at(file, 0, what);
     let rows = value.get("surfaces").and_then(Value::as_array).ok_or_else(|| wrong("expected a list \"surfaces\""))?;
     let mut skipped = Skipped::default();

@@ -26,7 +26,9 @@ pub fn read(text: &str, file: &str) -> Result<Prescription, PrescriptionError> {
             continue;
         }
         let wrong = |what: String| PrescriptionError::at(file, number, what).surface(surfaces.len() + 1);
-        let parse = |w: &&str| w.parse::<f64>().ok().filter(|v| v.is_finite()).ok_or_else(|| wrong(format!("\"{w}\": expected a number")));
+        let parse = |w: &&str| {
+            w.parse::<f64>().ok().filter(|v| v.is_finite()).ok_or_else(|| wrong(format!("\"{w}\": expected a number")))
+        };
         let row = words.iter().map(parse).collect::<Result<Vec<f64>, _>>()?;
         match row[..] {
             [focal] if surfaces.is_empty() && focal_length.is_none() && focal > 0.0 => focal_length = Some(focal),
@@ -52,7 +54,8 @@ pub fn read(text: &str, file: &str) -> Result<Prescription, PrescriptionError> {
     let mut p = Prescription::new(stem(file), surfaces);
     p.focal_length = focal_length;
     // The header names the patent; the last comment names the columns.
-    let header: Vec<&str> = comments.into_iter().filter(|c| !c.is_empty() && !c.to_lowercase().starts_with("radius")).take(6).collect();
+    let header: Vec<&str> =
+        comments.into_iter().filter(|c| !c.is_empty() && !c.to_lowercase().starts_with("radius")).take(6).collect();
     p.source = header.join("; ");
     p.notes.push("indices are constants: the file gives no dispersion".into());
     drop_dummies(&mut p);

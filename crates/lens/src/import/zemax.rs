@@ -12,15 +12,16 @@ use std::collections::BTreeMap;
 /// Keywords of surfaces that do not change its shape, place or medium.
 const HARMLESS: &[&str] = &[
     "COMM", "HIDE", "MIRR", "SLAB", "POPS", "COAT", "PZUP", "MAZH", "FLAP", "BLNK", "SCBD", "MEMA", "PPAR", "VPAR", "PKUP",
-    "PARP", "DIAP", "GLCZ", "OPDX", "USAP", "UDAP", "FIMP", "TOL", "TOLE", "NOTE", "SDRW", "HLGT", "CONF", "MOFF", "REAY", "EFLY",
-    "EFFL", "WRSG", "CLRF", "SSAM", "ELDX", "PICB", "BORD", "FACE", "CONI",
+    "PARP", "DIAP", "GLCZ", "OPDX", "USAP", "UDAP", "FIMP", "TOL", "TOLE", "NOTE", "SDRW", "HLGT", "CONF", "MOFF", "REAY",
+    "EFLY", "EFFL", "WRSG", "CLRF", "SSAM", "ELDX", "PICB", "BORD", "FACE", "CONI",
 ];
 /// Keywords of the head that do not change the lens.
 const HARMLESS_HEAD: &[&str] = &[
-    "VERS", "NOTE", "PFIL", "LANG", "ENVD", "GFAC", "RAIM", "PUSH", "SDMA", "ROPD", "PICB", "XFLN", "FWGN", "VDXN", "VDYN", "VCXN",
-    "VANN", "POLS", "GLRS", "GSTD", "NSCD", "COFN", "COFP", "FCOM", "FTYP", "WWGT", "WWGN", "ZVDX", "ZVDY", "ZVCX", "ZVAN", "ZVCY",
-    "XFLD", "FWGT", "VCXN", "RSCE", "RWRE", "CMSG", "EFFL", "TOL", "MNUM", "MOFF", "WAVL", "WAVN", "SWCN", "PUPD", "PUPZ", "EYES",
-    "GRPH", "TCMM", "TCED", "MCED", "MEID", "BLNK", "AUTH", "PSEQ", "NSCS", "IMAG", "ZCUS", "REAY", "EFLY", "LOPT", "ISNA",
+    "VERS", "NOTE", "PFIL", "LANG", "ENVD", "GFAC", "RAIM", "PUSH", "SDMA", "ROPD", "PICB", "XFLN", "FWGN", "VDXN", "VDYN",
+    "VCXN", "VANN", "POLS", "GLRS", "GSTD", "NSCD", "COFN", "COFP", "FCOM", "FTYP", "WWGT", "WWGN", "ZVDX", "ZVDY", "ZVCX",
+    "ZVAN", "ZVCY", "XFLD", "FWGT", "VCXN", "RSCE", "RWRE", "CMSG", "EFFL", "TOL", "MNUM", "MOFF", "WAVL", "WAVN", "SWCN",
+    "PUPD", "PUPZ", "EYES", "GRPH", "TCMM", "TCED", "MCED", "MEID", "BLNK", "AUTH", "PSEQ", "NSCS", "IMAG", "ZCUS", "REAY",
+    "EFLY", "LOPT", "ISNA",
 ];
 
 #[derive(Default)]
@@ -123,7 +124,10 @@ pub fn read(text: &str, file: &str) -> Result<Prescription, PrescriptionError> {
             }
             "OBSC" => {
                 if value(0)? > 0.0 && rest.len() > 1 {
-                    return Err(wrong(format!("OBSC {}: a ring-shaped obstruction is not read, only a disk (from 0)", rest.join(" "))));
+                    return Err(wrong(format!(
+                        "OBSC {}: a ring-shaped obstruction is not read, only a disk (from 0)",
+                        rest.join(" ")
+                    )));
                 }
                 block.obstruction = value(1).or_else(|_| value(0))?;
             }
@@ -276,7 +280,11 @@ fn profile(b: &Block, scale: f64) -> Result<Profile, String> {
                 }
             }
             let c_x = if parameter(1) == 0.0 { 0.0 } else { 1.0 / (parameter(1) * scale) };
-            if c == 0.0 && c_x == 0.0 && a.is_empty() { Profile::Plane } else { Profile::Toroid { y: Asphere { c, k: b.conic, a }, c_x } }
+            if c == 0.0 && c_x == 0.0 && a.is_empty() {
+                Profile::Plane
+            } else {
+                Profile::Toroid { y: Asphere { c, k: b.conic, a }, c_x }
+            }
         }
         "BICONICX" if b.conic == 0.0 && parameter(2) == 0.0 => {
             let c_x = if parameter(1) == 0.0 { 0.0 } else { 1.0 / (parameter(1) * scale) };

@@ -94,7 +94,10 @@ impl Prescription {
             return Err(whole("vignetting factors: expected -1 to 1".into()));
         }
         if u.object_distance.is_some_and(|d| !(d > 0.0)) || !(u.defocus.abs() < LARGEST) {
-            let what = format!("object_distance {:?}, defocus {}: expected a positive and a finite length", u.object_distance, u.defocus);
+            let what = format!(
+                "object_distance {:?}, defocus {}: expected a positive and a finite length",
+                u.object_distance, u.defocus
+            );
             return Err(whole(what));
         }
         if let Some(z) = self.zoom.iter().find(|z| !(**z > 0.0 && **z < LARGEST)) {
@@ -264,7 +267,10 @@ impl Prescription {
                     let sign = if run < 0.0 { "after a mirror gaps are negative" } else { "surfaces would cross" };
                     let Some(next) = self.surfaces.get(i + 1) else {
                         if gap < -1e-9 {
-                            return Err(wrong(format!("gap {} to the film: the film would stand in the lens", s.gap.at(zoom, focus))));
+                            return Err(wrong(format!(
+                                "gap {} to the film: the film would stand in the lens",
+                                s.gap.at(zoom, focus)
+                            )));
                         }
                         continue;
                     };

@@ -168,8 +168,11 @@ pub fn read_toml(text: &str, file: &str) -> Result<Prescription, PrescriptionErr
     if !u.wavelengths_nm.is_empty() && !(1..=u.wavelengths_nm.len()).contains(&reference) {
         return Err(wrong(format!("reference_wavelength {reference}: expected 1 to {}", u.wavelengths_nm.len())));
     }
-    let apertures =
-        [u.entrance_pupil_diameter.map(ApertureKind::EntrancePupil), u.f_number.map(ApertureKind::FNumber), u.object_na.map(ApertureKind::ObjectNa)];
+    let apertures = [
+        u.entrance_pupil_diameter.map(ApertureKind::EntrancePupil),
+        u.f_number.map(ApertureKind::FNumber),
+        u.object_na.map(ApertureKind::ObjectNa),
+    ];
     if apertures.iter().flatten().count() > 1 {
         return Err(wrong("[usage]: expected one of entrance_pupil_diameter, f_number and object_na".into()));
     }
@@ -187,8 +190,9 @@ pub fn read_toml(text: &str, file: &str) -> Result<Prescription, PrescriptionErr
             return Err(wrong("[iris]: curvature or rotation_deg without blades".into()));
         }
         None => Iris::Round,
-        Some(count) => Iris::blades(count, sheet.iris.rotation_deg.to_radians(), sheet.iris.curvature)
-            .map_err(|e| wrong(e.to_string()))?,
+        Some(count) => {
+            Iris::blades(count, sheet.iris.rotation_deg.to_radians(), sheet.iris.curvature).map_err(|e| wrong(e.to_string()))?
+        }
     };
     let misalignments = sheet
         .element
@@ -319,7 +323,7 @@ impl Prescription {
             Coating::None => {}
             Coating::MagnesiumFluoride => line(&mut t, "coating", text("MgF2")),
             Coating::Multilayer => line(&mut t, "coating", text("multi")),
-        Coating::Perfect => line(&mut t, "coating", text("perfect")),
+            Coating::Perfect => line(&mut t, "coating", text("perfect")),
         }
         t.push_str("surfaces = [\n");
         for s in &self.surfaces {
