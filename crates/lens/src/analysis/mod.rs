@@ -153,23 +153,25 @@ impl<'a> Bench<'a> {
         let sagittal = DVec3::X;
         let tangential = direction.cross(sagittal).normalize();
         let mut beam = Beam { chief, image, across: [sagittal, tangential], extent: [DVec2::ZERO; 2], pupil, finite };
-        // The lit part of the pupil, in two steps.
-        let widest = system.surfaces[0].semi_diameter.min(1e4).max(self.first_order(nm).entrance_pupil_radius());
-        let mut extent = [DVec2::splat(-1.5 * widest), DVec2::splat(1.5 * widest)];
-        for side in [61usize, 61, 41] {
-            let cell = (extent[1] - extent[0]) / (side - 1) as f64;
-            let (mut low, mut high) = (DVec2::MAX, DVec2::MIN);
+        // The lit part of the pupil: around the paraxial one; where it is larger, or elsewhere, over all the front.
+        let lit = |half: f64, low: DVec2, high: DVec2, side: usize| {
+            let cell = (high - low) / (side - 1) as f64;
+            let (mut lit_low, mut lit_high) = (DVec2::MAX, DVec2::MIN);
             for i in 0..side * side {
-                let at = extent[0] + cell * DVec2::new((i % side) as f64, (i / side) as f64);
+                let at = low + cell * DVec2::new((i % side) as f64, (i / side) as f64);
                 if system.trace(beam.ray(at), &n, Way::ToFilm, Apertures::Clip).is_ok() {
-                    (low, high) = (low.min(at), high.max(at));
+                    (lit_low, lit_high) = (lit_low.min(at), lit_high.max(at));
                 }
             }
-            if low.x > high.x {
-                return None;
-            }
-            extent = [low - cell, high + cell];
-        }
+            let within = lit_low.min_element() > -half && lit_high.max_element() < half;
+            (lit_low.x <= lit_high.x && within).then_some((lit_low - cell, lit_high + cell))
+        };
+        let pupil_radius = self.first_order(nm).entrance_pupil_radius();
+        let widest = 1.5 * system.surfaces[0].semi_diameter.min(1e4).max(pupil_radius);
+        let square = |half: f64, side: usize| lit(half, DVec2::splat(-half), DVec2::splat(half), side);
+        let (low, high) = square(2.0 * pupil_radius, 61).or_else(|| square(widest, 61)).or_else(|| square(widest, 401))?;
+        let (low, high) = lit(f64::INFINITY, low, high, 61).unwrap_or((low, high));
+        let extent = lit(f64::INFINITY, low, high, 41).map_or([low, high], |(a, b)| [a, b]);
         beam.extent = extent;
         Some(beam)
     }

@@ -293,7 +293,8 @@ impl Prescription {
     pub fn to_toml(&self) -> String {
         let mut t = String::new();
         for note in &self.notes {
-            let _ = writeln!(t, "# {note}");
+            let printable: String = note.chars().filter(|c| !c.is_control()).collect();
+            let _ = writeln!(t, "# {printable}");
         }
         let text = |s: &str| toml::Value::from(s).to_string();
         let line = |t: &mut String, key: &str, value: String| {
