@@ -109,7 +109,7 @@ pub enum LensVerb {
     },
     /// Distortion and field curvature.
     Distortion(Bench),
-    /// Relative illumination and vignetting.
+    /// Relative illumination, vignetting, and the pupils as the field sees them.
     Vignetting(Bench),
     /// Axial and lateral colour.
     Color(Bench),

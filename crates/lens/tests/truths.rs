@@ -19,7 +19,10 @@ fn the_singlet_that_two_people_checked_in_optic_studio() {
     let near = |found: f64, listed: f64, within: f64| assert!((found - listed).abs() < within, "{found} {listed}");
     // Which colour is their primary one is not said: the one with their focal length.
     let at = |nm: f64| FirstOrder::of(&system, &system.indices(nm));
-    let primary = [F_NM, D_NM, C_NM].into_iter().min_by(|a, b| (at(*a).efl - 101.501826).abs().total_cmp(&(at(*b).efl - 101.501826).abs())).unwrap();
+    let primary = [F_NM, D_NM, C_NM]
+        .into_iter()
+        .min_by(|a, b| (at(*a).efl - 101.501826).abs().total_cmp(&(at(*b).efl - 101.501826).abs()))
+        .unwrap();
     let mut f = at(primary);
     f.stop_radius = 12.5 / f.entrance_pupil_magnification;
     near(f.efl, 101.501826, 1e-4);

@@ -650,11 +650,22 @@ fn vignetting(asked: &Asked, json: bool) -> anyhow::Result<()> {
     for (f, v) in &beams {
         writeln!(t, "  {f:>10.3} {v:>22.4}")?;
     }
+    let pupils: Vec<_> = table.fields.iter().filter_map(|f| bench.pupil_shape(*f, table.reference)).collect();
+    writeln!(t, "  {:>10} {:>18} {:>18}", "field °", "pupil width mm", "height mm")?;
+    for p in &pupils {
+        let size = |axis: usize| {
+            let values = p.entrance.iter().map(|p| p[axis]);
+            values.clone().fold(f64::MIN, f64::max) - values.fold(f64::MAX, f64::min)
+        };
+        writeln!(t, "  {:>10.3} {:>18.4} {:>18.4}", p.field_deg, size(0), size(1))?;
+    }
+    let outline = |v: &[diopter::lens::analysis::PupilPoint]| v.iter().map(|p| p.to_array()).collect::<Vec<_>>();
     let value = json!({
+        "pupils": pupils.iter().map(|p| json!({ "field_deg": p.field_deg, "entrance_mm": outline(&p.entrance), "exit_mm": outline(&p.exit) })).collect::<Vec<_>>(),
         "illumination": light.iter().map(|l| json!({ "height_mm": l.height, "geometric_sr": l.geometric, "with_losses_sr": l.with_losses })).collect::<Vec<_>>(),
         "beam_area": beams.iter().map(|(f, v)| json!({ "field_deg": f, "relative": v })).collect::<Vec<_>>(),
     });
-    finish(asked, || draw::vignetting_plot(&table.title(""), &light, &beams), &t, &value, json)
+    finish(asked, || draw::vignetting_plot(&table.title(""), &light, &beams, &pupils), &t, &value, json)
 }
 
 fn color(asked: &Asked, json: bool) -> anyhow::Result<()> {

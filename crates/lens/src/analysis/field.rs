@@ -36,6 +36,17 @@ pub struct Illumination {
     pub with_losses: f64,
 }
 
+/// Shape of the pupils as one field point sees them.
+#[derive(Clone, Debug)]
+pub struct PupilShape {
+    /// Field angle, degrees.
+    pub field_deg: f64,
+    /// Edge of the entrance pupil across the chief ray: sagittal, tangential, mm from the chief ray.
+    pub entrance: Vec<DVec2>,
+    /// The same rays in the plane of the paraxial exit pupil, mm from the axis.
+    pub exit: Vec<DVec2>,
+}
+
 /// Colour over wavelength.
 #[derive(Clone, Debug)]
 pub struct ColorCurves {
@@ -170,6 +181,38 @@ impl Bench<'_> {
         let (axis, beam) = (self.beam(0.0, nm)?, self.beam(field_deg, nm));
         let full = self.lit_area(&axis, nm, 96);
         Some(beam.map_or(0.0, |b| self.lit_area(&b, nm, 96)) / full)
+    }
+
+    /// Shape of both pupils for a field angle (degrees), by the rays that just pass. `None` where no light comes through.
+    pub fn pupil_shape(&self, field_deg: f64, nm: f64) -> Option<PupilShape> {
+        let beam = self.beam(field_deg, nm)?;
+        let n = self.system.indices(nm);
+        let exit_z = self.first_order(nm).exit_pupil_z;
+        let lit = self.grid(&beam, nm, 41);
+        let center = lit.iter().map(|r| r.0).sum::<DVec2>() / lit.len().max(1) as f64;
+        let reach = (beam.extent[1] - beam.extent[0]).length();
+        let trace = |at: DVec2| self.system.trace(beam.ray(at), &n, Way::ToFilm, Apertures::Clip).ok();
+        let (mut entrance, mut exit) = (vec![], vec![]);
+        for i in 0..72 {
+            let direction = DVec2::from_angle(std::f64::consts::TAU * i as f64 / 72.0);
+            // From outside inwards: an obstruction in the middle is not the edge.
+            let steps = 80;
+            let Some(last) = (0..=steps).rev().find(|k| trace(center + direction * (reach * *k as f64 / steps as f64)).is_some())
+            else {
+                continue;
+            };
+            let (mut low, mut high) = (reach * last as f64 / steps as f64, reach * (last + 1) as f64 / steps as f64);
+            for _ in 0..30 {
+                let mid = 0.5 * (low + high);
+                if trace(center + direction * mid).is_some() { low = mid } else { high = mid }
+            }
+            let at = center + direction * low;
+            entrance.push(at);
+            if let Some(ray) = trace(at) {
+                exit.push(crate::trace::at_plane(&ray, exit_z).truncate());
+            }
+        }
+        Some(PupilShape { field_deg, entrance, exit })
     }
 
     /// Axial colour, and lateral colour at some fields (degrees).

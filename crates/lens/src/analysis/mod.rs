@@ -11,7 +11,7 @@ mod spot;
 mod thirdorder;
 mod wavefront;
 
-pub use field::{ColorCurves, FieldPoint, Illumination};
+pub use field::{ColorCurves, FieldPoint, Illumination, PupilShape};
 pub use mtf::{Mtf, airy_mtf};
 pub use spot::{Fan, FanPoint, Spot};
 pub use thirdorder::{SurfaceSums, ThirdOrder};
@@ -271,6 +271,24 @@ mod tests {
                 assert!(bench.on_film(&beam.image, 0.0).y * field >= 0.0);
             }
         }
+    }
+
+    #[test]
+    fn pupils_have_the_shape_that_rims_leave() {
+        // On the axis a disk of the f-number's diameter; at 20° a cat's eye of the vignetted area.
+        let system = System::at(&embedded("double-gauss-50mm").unwrap(), State::default());
+        let bench = Bench::at_infinity(&system);
+        let reach = bench.axial_reach(D_NM).unwrap();
+        let area = |outline: &[DVec2]| {
+            (0..outline.len()).map(|i| 0.5 * outline[i].perp_dot(outline[(i + 1) % outline.len()])).sum::<f64>()
+        };
+        let axis = bench.pupil_shape(0.0, D_NM).unwrap();
+        assert!(axis.entrance.iter().all(|p| (p.length() - reach).abs() < 1e-6 * reach), "{reach}");
+        let tilted = bench.pupil_shape(20.0, D_NM).unwrap();
+        let expected = bench.vignetting(20.0, D_NM).unwrap();
+        let found = area(&tilted.entrance) / area(&axis.entrance);
+        assert!((found / expected - 1.0).abs() < 0.01 && expected < 0.6, "{found} {expected}");
+        assert!(axis.exit.len() == 72 && area(&tilted.exit) < area(&axis.exit));
     }
 
     #[test]

@@ -3,7 +3,7 @@
 use super::chart::{Axis, Chart, Line, Style};
 use super::figure::{Anchor, Color, Figure};
 use super::layout::FIELD_COLORS;
-use crate::analysis::{ColorCurves, Fan, FieldPoint, Illumination, Mtf, Spot};
+use crate::analysis::{ColorCurves, Fan, FieldPoint, Illumination, Mtf, PupilShape, Spot};
 use glam::DVec2;
 
 /// A colour that stands for a wavelength (nm): hue only, dark enough for paper.
@@ -150,10 +150,25 @@ pub fn distortion_plot(title: &str, points: &[FieldPoint]) -> Figure {
     figure
 }
 
-/// Relative illumination over the film, and mechanical vignetting over the field.
-pub fn vignetting_plot(title: &str, light: &[Illumination], vignetting: &[(f64, f64)]) -> Figure {
-    let cell = DVec2::new(330.0, 280.0);
-    let mut figure = sheet(title, 2, 1, cell);
+/// Relative illumination over the film, mechanical vignetting over the field, and the entrance pupil as fields see it.
+pub fn vignetting_plot(title: &str, light: &[Illumination], vignetting: &[(f64, f64)], pupils: &[PupilShape]) -> Figure {
+    let cell = DVec2::new(300.0, 300.0);
+    let mut figure = sheet(title, 3, 1, cell);
+    let reach = pupils.iter().flat_map(|p| p.entrance.iter().map(|p| p.abs().max_element())).fold(1e-9, f64::max) * 1.1;
+    let outlines = pupils
+        .iter()
+        .enumerate()
+        .map(|(i, p)| {
+            let closed = p.entrance.iter().chain(p.entrance.first()).copied().collect();
+            line(format!("{:.1}°", p.field_deg), FIELD_COLORS[i % FIELD_COLORS.len()], Style::Full, closed)
+        })
+        .collect();
+    let axis = |label: &str| Axis { label: label.into(), range: [-reach, reach] };
+    Chart { title: "entrance pupil".into(), x: axis("sagittal, mm"), y: axis("tangential, mm"), lines: outlines }.draw(
+        &mut figure,
+        DVec2::new(2.0 * cell.x, 24.0),
+        cell,
+    );
     let y = Axis { label: "share of the axis".into(), range: [0.0, 1.05] };
     let axis = light.first().copied().unwrap_or(Illumination { height: 0.0, geometric: 1.0, with_losses: 1.0 });
     let over = |value: &dyn Fn(&Illumination) -> f64| light.iter().map(|l| DVec2::new(l.height, value(l))).collect::<Vec<_>>();
