@@ -235,7 +235,7 @@ impl Prescription {
             let wanted = if i == stop && self.surfaces[i].profile == Profile::Plane { axial() } else { height[i] * 1.0001 };
             let wanted = if wanted > 0.0 { wanted } else { axial() };
             // A millionth of a millimetre is more than anyone grinds.
-            let wanted = (wanted * 1e6).ceil() * 1e-6;
+            let wanted = (wanted * 1e6).ceil() / 1e6;
             let sd = wanted.min(reach(&self.surfaces[i].profile, wanted));
             if !(sd > 0.0 && sd < LARGEST) {
                 let what = "no semi-diameter, and no ray of the stated beams to infer it from reaches the surface";

@@ -279,6 +279,8 @@ fn surface(s: SheetSurface, line: usize) -> Result<Surface, String> {
 /// The simplest profile that these figures describe.
 pub(crate) fn profile(c: f64, k: f64, a: Vec<f64>, c_x: Option<f64>) -> Profile {
     let flat = a.iter().all(|v| *v == 0.0);
+    // Files carry conic constants of planes, where they mean nothing.
+    let k = if c == 0.0 { 0.0 } else { k };
     match c_x {
         Some(c_x) if c_x != c || !flat || k != 0.0 => Profile::Toroid { y: Asphere { c, k, a }, c_x },
         _ if !flat => Profile::Asphere(Asphere { c, k, a }),
