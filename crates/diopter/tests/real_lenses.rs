@@ -168,3 +168,38 @@ fn the_distance_asked_for_is_the_sharp_one() {
         assert!((found / metres - 1.0).abs() < within, "{name}: {found}");
     }
 }
+
+#[test]
+fn dispersion_costs_no_colour_noise() {
+    // The same lens with its glasses and with one index for all colours: the error of the ratio of two bands must be the same.
+    // Ending the other wavelengths of a path at the lens would make its variance four times as large.
+    use diopter::lens::glass::{D_NM, Glass, GlassKind};
+    let description = builtin::named("cornell").unwrap();
+    let place = description.cameras[0].world_from_camera;
+    let scene = Scene::build(description).unwrap();
+    let film = Film::new(24.0, 24.0, 40, 40);
+    let real = embedded("planar-50mm-f1.4").unwrap();
+    let mut flat = real.clone();
+    for s in flat.surfaces.iter_mut().filter(|s| s.glass.kind != GlassKind::Air) {
+        s.glass = Glass::constant(s.glass.index(D_NM)).unwrap();
+    }
+    let noise = |p: diopter::lens::Prescription| {
+        let focus = Focus::Distance(Millimeters(1000.0));
+        let setting = Setting { focal_length: None, f_number: Some(2.8), focus, iris: None, film_mm: [24.0, 24.0] };
+        let lens = Lens::Compound(Box::new(CompoundLens::new(Arc::new(p), &setting).unwrap()));
+        let camera = Camera { lens, film, world_from_camera: place };
+        let plane = take(&scene, &camera, &Settings { truth: false, ..Settings::new(64) });
+        let (mut sum, mut count) = (0.0, 0.0);
+        for (mean, half) in plane.mean.data.chunks_exact(3).zip(plane.half_difference.data.chunks_exact(3)) {
+            if mean.iter().all(|m| *m > 0.0) {
+                let relative = |b: usize| (half[b] / mean[b]) as f64;
+                sum += (relative(0) - relative(1)).powi(2) + (relative(2) - relative(1)).powi(2);
+                count += 1.0;
+            }
+        }
+        sum / count
+    };
+    let (with, without) = (noise(real), noise(flat));
+    println!("variance of band ratios: {with:.3e} with dispersion, {without:.3e} without");
+    assert!(with < 1.3 * without, "{with} {without}");
+}

@@ -12,7 +12,8 @@
 //! been the hero, so the sample is weighted by the mean of the densities with which each of them would have drawn this ray
 //! (balance heuristic; densities per étendue dA cosθ dω, which a lens in air conserves):
 //! w = 1 / mean over all four of 1/(Aⱼ cos⁴θⱼ), where one that would be blocked counts 0. Alternatives: retracing every wavelength costs four paths;
-//! ending the secondary ones at the lens costs four times the samples for the same colour noise.
+//! ending the secondary ones at the lens costs four times the samples for the same colour noise. Measured on the Cornell box through a 13-surface Planar: the variance of
+//! the ratio of two bands is 1.18 times that of the same lens without dispersion (a test holds it below 1.3).
 
 use crate::batch::single::{Batch, Indices, LANES, Packet};
 use crate::focusing::best_film_z;
