@@ -270,7 +270,9 @@ impl CompoundLens {
             };
             mean += if passes { area * ray.direction.z.powi(4) / (SIDE * SIDE) as f64 } else { 0.0 };
         }
-        if mean > 0.0 { sum / weights / mean } else { 1.0 }
+        // An aperture picture lets through less (or, white to its corners, more) than the disk of the f-number.
+        let picture = self.system.iris.shape.relative_area();
+        if mean > 0.0 { picture * sum / weights / mean } else { 1.0 }
     }
 
     fn film_ray(&self, film: DVec2, slope: DVec2) -> TracedRay {
@@ -475,7 +477,8 @@ pub fn configure(
         Some(asked) if !(asked > 0.0 && asked.is_finite()) => {
             return range("aperture", format!("f/{asked}"), "a positive number such as f/2.8".into());
         }
-        Some(asked) if asked * NAME_TOLERANCE < widest => {
+        // The f-number it is sold under is always granted: fully open is what it stands for.
+        Some(asked) if asked * NAME_TOLERANCE < widest && p.f_number.is_none_or(|stated| asked < 0.99 * stated) => {
             return range(
                 "aperture",
                 format!("f/{asked}"),
