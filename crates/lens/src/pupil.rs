@@ -105,12 +105,14 @@ impl PupilTable {
             let round = g.iris_period == 0.0;
             let (bins, angles) = if round { (RADIAL_BINS, 1) } else { (POLAR_BINS[0], POLAR_BINS[1]) };
             let corners = if round { 1 } else { angles + 1 };
+            // Where the picture of the lens ends, if it does so on the film: bins are not spent on the dark beyond.
+            let radius = search.lit_radius(diagonal);
             let mut outlines: Vec<Vec<Vec<DVec2>>> = vec![vec![]; bins + 1];
             for a in 0..corners {
                 let angle = g.iris_period * a as f64 / angles as f64;
                 let mut before = None;
                 for r in 0..=bins {
-                    let film = DVec2::from_angle(angle) * (diagonal * r as f64 / bins as f64);
+                    let film = DVec2::from_angle(angle) * (radius * share(r as f64 / bins as f64));
                     let outline = search.outline(film, before.as_ref());
                     outlines[r].push(outline.clone());
                     before = Some(outline);
@@ -122,13 +124,14 @@ impl PupilTable {
                     let ends = if round { vec![0] } else { vec![a, a + 1] };
                     let points = ends.iter().flat_map(|e| outlines[r][*e].iter().chain(&outlines[r + 1][*e])).copied().collect();
                     let angle = g.iris_period * (a as f64 + 0.5) / angles as f64;
-                    let film = DVec2::from_angle(angle) * (diagonal * (r as f64 + 0.5) / bins as f64);
+                    let film = DVec2::from_angle(angle) * (radius * share((r as f64 + 0.5) / bins as f64));
                     regions.push(search.region(points, film));
                 }
             }
+            regions.push(Region { fan: Fan::new(DVec2::ZERO, vec![]), passing: 0.0 });
             let periods = if round { 0 } else { (std::f64::consts::TAU / g.iris_period).round() as usize };
             let turns = (0..periods).map(|k| DVec2::from_angle(g.iris_period * k as f64)).collect();
-            (Layout::Polar { radius: diagonal, bins, period: g.iris_period, angles, turns }, regions)
+            (Layout::Polar { radius, bins, period: g.iris_period, angles, turns }, regions)
         } else {
             let mirrored = g.mirrored && g.iris_period == 0.0;
             let [nx, ny] = if mirrored { CELLS.map(|n| n / 2) } else { CELLS };
@@ -163,7 +166,11 @@ impl PupilTable {
         match &self.layout {
             Layout::Polar { radius, bins, period, angles, turns } => {
                 let r = film.length();
-                let bin = ((r / radius * *bins as f64) as usize).min(bins - 1);
+                if r > *radius {
+                    // The last region is the empty one.
+                    return (&self.regions[bins * angles], Turn::NONE);
+                }
+                let bin = (((1.0 - (1.0 - r / radius).sqrt()) * *bins as f64) as usize).min(bins - 1);
                 if turns.is_empty() {
                     return (&self.regions[bin], Turn::by(if r > 0.0 { film / r } else { DVec2::X }));
                 }
@@ -196,6 +203,11 @@ impl PupilTable {
         let (sum, area) = self.regions.iter().fold((0.0, 0.0), |(s, a), r| (s + r.passing * r.fan.area(), a + r.fan.area()));
         if area > 0.0 { sum / area } else { 0.0 }
     }
+}
+
+/// Radius at a share of the bins: they are narrow where rims cut the pupil away, at the edge.
+fn share(t: f64) -> f64 {
+    1.0 - (1.0 - t) * (1.0 - t)
 }
 
 fn lane_indices(batch: &Batch, nm: f32) -> Indices {
@@ -247,6 +259,19 @@ impl Search<'_> {
             found.extend((0..chunk.len()).filter(|i| mask >> i & 1 == 1).map(|i| q[i]));
         }
         found
+    }
+
+    /// Radius beyond which no light falls on the film, at most `diagonal`.
+    fn lit_radius(&mut self, diagonal: f64) -> f64 {
+        if !self.outline(DVec2::X * diagonal, None).is_empty() {
+            return diagonal;
+        }
+        let (mut lit, mut dark) = (0.0, diagonal);
+        for _ in 0..9 {
+            let middle = 0.5 * (lit + dark);
+            if self.outline(DVec2::X * middle, None).is_empty() { dark = middle } else { lit = middle }
+        }
+        dark
     }
 
     /// Polygon around everything that passes; empty where nothing does.

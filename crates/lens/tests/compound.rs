@@ -11,7 +11,8 @@ const CLASSIC: [(&str, [f64; 2]); 4] = [
     ("wide-22mm", [36.0, 24.0]),
     ("double-gauss-50mm", [36.0, 24.0]),
     ("telephoto-250mm", [36.0, 24.0]),
-    ("fisheye-10mm", [20.0, 14.0]),
+    // Its picture is a disk on this film, dark around.
+    ("fisheye-10mm", [36.0, 24.0]),
 ];
 
 fn set(name: &str, f_number: Option<f64>, film_mm: [f64; 2], iris: Option<Iris>) -> CompoundLens {
