@@ -417,7 +417,7 @@ impl CompoundLens {
         }
     }
 
-    /// Share of pupil samples of a film point that reach the scene, and the area of its region times cos⁴θ to its middle, sr.
+    /// Share of pupil samples of a film point that reach the scene.
     pub fn passing(&self, film: DVec2) -> f64 {
         self.pupils.region(film).0.passing
     }
@@ -642,7 +642,7 @@ fn focused(p: &Prescription, zoom: f64, iris: &crate::system::StopOpening, focus
         impossible(format!("more than about {nearest:.0} mm from the lens: nearer planes have no image"))
     };
     let mut t = 0.0;
-    if let (true, Focus::Distance(Millimeters(d))) = (p.has_focus_data(), focus) {
+    if p.has_focus_data() && focus != Focus::Infinity {
         // The film stays; the groups move until it lies in the best plane.
         let value = |t: f64| offset(&at(t)).map(|o| o.0);
         let far = value(0.0).ok_or_else(no_image)?;
@@ -650,7 +650,6 @@ fn focused(p: &Prescription, zoom: f64, iris: &crate::system::StopOpening, focus
         const END: f64 = 1.02;
         match value(END) {
             Some(near) if far > 0.0 && near > 0.0 => {
-                let _ = d;
                 return Err(impossible(match nearest_focus(p, zoom) {
                     Some(nearest) => format!("{nearest:.0} mm from the entrance pupil or more: the lens focuses no nearer"),
                     None => "a distance that the lens focuses to".into(),

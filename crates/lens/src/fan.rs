@@ -72,7 +72,8 @@ impl Fan {
     }
 
     /// Whether a point lies inside.
-    pub fn contains(&self, p: DVec2) -> bool {
+    #[cfg(test)]
+    fn contains(&self, p: DVec2) -> bool {
         let n = self.outline.len();
         let from = p - self.center;
         (0..n).any(|i| {

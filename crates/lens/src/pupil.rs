@@ -197,12 +197,6 @@ impl PupilTable {
     pub fn slope(&self, film: DVec2, q: DVec2, turn: Turn) -> DVec2 {
         turn.rotation.rotate(q) * turn.mirror - film * self.curvature
     }
-
-    /// Mean over the bins of the share that passes, by area of region: what [`PupilTable`] is judged by.
-    pub fn passing(&self) -> f64 {
-        let (sum, area) = self.regions.iter().fold((0.0, 0.0), |(s, a), r| (s + r.passing * r.fan.area(), a + r.fan.area()));
-        if area > 0.0 { sum / area } else { 0.0 }
-    }
 }
 
 /// Radius at a share of the bins: they are narrow where rims cut the pupil away, at the edge.

@@ -7,21 +7,14 @@ use diopter_lens::paraxial::{FirstOrder, Trace};
 use diopter_lens::trace::{Apertures, TracedRay, Way, at_plane};
 use diopter_lens::{Prescription, State, System};
 use glam::{DVec2, DVec3};
-use std::path::PathBuf;
+
+mod shared;
+use shared::data;
 
 const NM: f64 = 587.6;
 
-fn data() -> Option<PathBuf> {
-    let folder = PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared/data/lenses"));
-    if !folder.is_dir() {
-        eprintln!("skipped: the reference data (shared/data) is not there");
-        return None;
-    }
-    Some(folder)
-}
-
 fn read(path: &str) -> Option<Prescription> {
-    let path = data()?.join(path);
+    let path = data()?.join("lenses").join(path);
     let name = path.display().to_string();
     Some(import::read(&std::fs::read(&path).unwrap(), Format::of(&name).unwrap(), &name).unwrap())
 }
@@ -196,7 +189,7 @@ fn rays_of_ray_optics_are_met_to_a_billionth() {
         let p = read(file).unwrap();
         let system = System::at(&p, State::default());
         let golden: serde_json::Value =
-            serde_json::from_str(&std::fs::read_to_string(folder.join("golden").join(golden)).unwrap()).unwrap();
+            serde_json::from_str(&std::fs::read_to_string(folder.join("lenses/golden").join(golden)).unwrap()).unwrap();
         let vector = |v: &serde_json::Value| DVec3::from_array(std::array::from_fn(|i| v[i].as_f64().unwrap()));
         let mut count = 0;
         for ray in golden["rays"].as_array().unwrap() {

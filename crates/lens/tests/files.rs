@@ -4,17 +4,9 @@ use diopter_lens::glass::D_NM;
 use diopter_lens::import::{self, Format};
 use diopter_lens::paraxial::FirstOrder;
 use diopter_lens::{Prescription, State, System};
-use std::path::PathBuf;
 
-/// The folder of reference data beside the project, if it is there.
-pub fn data() -> Option<PathBuf> {
-    let folder = PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared/data"));
-    if !folder.is_dir() {
-        eprintln!("skipped: the reference data (shared/data) is not there");
-        return None;
-    }
-    Some(folder)
-}
+mod shared;
+use shared::data;
 
 fn read(path: &std::path::Path) -> Prescription {
     let name = path.display().to_string();

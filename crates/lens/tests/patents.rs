@@ -10,16 +10,9 @@ use diopter_lens::prescription::{Gap, Surface};
 use diopter_lens::surface::{Asphere, Profile};
 use diopter_lens::{Prescription, State, System};
 use serde_json::Value;
-use std::path::PathBuf;
 
-fn data() -> Option<PathBuf> {
-    let folder = PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared/data"));
-    if !folder.is_dir() {
-        eprintln!("skipped: the reference data (shared/data) is not there");
-        return None;
-    }
-    Some(folder)
-}
+mod shared;
+use shared::data;
 
 /// A lens of the file; the mirror lens, whose surfaces are not in the order of the light, has no use here.
 fn lens(name: &str, v: &Value) -> Prescription {

@@ -16,18 +16,6 @@ pub fn disk(u: [f32; 2]) -> Vec2 {
     Vec2::new(r * theta.cos(), r * theta.sin())
 }
 
-/// Uniform point of the regular polygon inscribed in the unit circle, first corner at angle `rotation` (rad).
-pub fn regular_polygon(u: [f32; 2], corners: u32, rotation: f32) -> Vec2 {
-    let n = corners as f32;
-    let sector = (u[0] * n).min(n - 1e-3).floor();
-    let within = u[0] * n - sector;
-    let (a0, a1) = (rotation + TAU * sector / n, rotation + TAU * (sector + 1.0) / n);
-    // Uniform point of the triangle (centre, corner, next corner).
-    let s = within.sqrt();
-    let (p, q) = (Vec2::new(a0.cos(), a0.sin()), Vec2::new(a1.cos(), a1.sin()));
-    (p * (1.0 - u[1]) + q * u[1]) * s
-}
-
 /// Direction about +z with density cos θ / π.
 #[inline]
 pub fn cosine_hemisphere(u: [f32; 2]) -> Vec3 {
@@ -143,14 +131,9 @@ mod tests {
 
     #[test]
     fn shapes_have_their_moments() {
-        // ⟨r²⟩ of the unit disk is 1/2; of a regular n-gon in the unit circle (2 + cos(2π/n)) / 6.
+        // ⟨r²⟩ of the unit disk is 1/2.
         let mean = |f: &dyn Fn([f32; 2]) -> f32| points(240).map(f).map(f64::from).sum::<f64>() / 57_600.0;
         assert!((mean(&|u| disk(u).length_squared()) - 0.5).abs() < 1e-3);
-        for n in [3u32, 5, 8] {
-            let exact = (2.0 + (TAU / n as f32).cos()) / 6.0;
-            let got = mean(&|u| regular_polygon(u, n, 0.3).length_squared());
-            assert!((got - exact as f64).abs() < 3e-3, "{n}: {got} {exact}");
-        }
         assert!((mean(&|u| cosine_hemisphere(u).z) - 2.0 / 3.0).abs() < 1e-3);
         assert!(mean(&|u| sphere(u).z).abs() < 1e-3);
     }

@@ -97,25 +97,6 @@ impl Bench<'_> {
         Some(FieldPoint { field_deg, height, ideal_height, focus })
     }
 
-    /// A beam whose lit part is not looked for.
-    fn chief_beam(&self, field_deg: f64, nm: f64) -> Option<super::Beam> {
-        let near = self.chief(field_deg.to_radians(), nm)?;
-        let direction = near.direction;
-        let flat = direction.truncate();
-        let pupil = match flat.length_squared() > 1e-14 {
-            true => near.position - direction * (near.position.truncate().dot(flat) / flat.length_squared()),
-            false => glam::DVec3::new(0.0, 0.0, self.first_order(nm).entrance_pupil_z),
-        };
-        let position = match self.object_distance {
-            Some(d) => pupil + direction * ((-d - pupil.z) / direction.z),
-            None => near.position - direction * 100.0,
-        };
-        let chief = TracedRay { position, direction };
-        let image = self.system.trace(chief, &self.system.indices(nm), Way::ToFilm, Apertures::Ignore).ok()?;
-        let across = [glam::DVec3::X, direction.cross(glam::DVec3::X).normalize()];
-        Some(super::Beam { chief, image, across, extent: [DVec2::ZERO; 2], pupil, finite: self.object_distance.is_some() })
-    }
-
     /// Light at a film point at a height above the axis, by tracing from the film.
     pub fn illumination(&self, height: f64, nm: f64) -> Illumination {
         let n = self.system.indices(nm);

@@ -83,8 +83,7 @@ impl<'a> Bench<'a> {
         let system = self.system;
         let n = system.indices(nm);
         let stop = &system.surfaces[system.stop];
-        let (middle, axis) = stop.to_lens(DVec3::ZERO, DVec3::Z);
-        let _ = axis;
+        let (middle, _) = stop.to_lens(DVec3::ZERO, DVec3::Z);
         let run = system.runs[system.stop];
         // A ray that crosses the stop upwards comes from below.
         let leave = |t: f64| {
@@ -126,33 +125,36 @@ impl<'a> Bench<'a> {
         None
     }
 
-    /// The light of a field angle (degrees). `None` where none comes through.
-    pub fn beam(&self, field_deg: f64, nm: f64) -> Option<Beam> {
+    /// A beam whose lit part is not looked for.
+    fn chief_beam(&self, field_deg: f64, nm: f64) -> Option<Beam> {
         let system = self.system;
-        let n = system.indices(nm);
         let near = self.chief(field_deg.to_radians(), nm)?;
         let direction = near.direction;
         // Where it crosses the axis, or comes nearest to it.
-        let flat = DVec2::new(direction.x, direction.y);
+        let flat = direction.truncate();
         let pupil = match flat.length_squared() > 1e-14 {
             true => near.position - direction * (near.position.truncate().dot(flat) / flat.length_squared()),
             false => DVec3::new(0.0, 0.0, self.first_order(nm).entrance_pupil_z),
         };
-        let finite = self.object_distance.is_some();
-        // Rays start before anything of the lens: beyond a sphere around it.
-        let size = system.surfaces.iter().map(|s| s.z.abs() + s.semi_diameter.min(1e4)).fold(pupil.length(), f64::max);
         let position = match self.object_distance {
-            Some(d) => {
-                let t = (-d - pupil.z) / direction.z;
-                pupil + direction * t
+            Some(d) => pupil + direction * ((-d - pupil.z) / direction.z),
+            None => {
+                // Before anything of the lens: beyond a sphere around it.
+                let reach = |s: &crate::system::PlacedSurface| s.z.abs() + s.semi_diameter.min(1e4);
+                pupil - direction * (2.0 * system.surfaces.iter().map(reach).fold(pupil.length(), f64::max))
             }
-            None => pupil - direction * (2.0 * size),
         };
         let chief = TracedRay { position, direction };
-        let image = system.trace(chief, &n, Way::ToFilm, Apertures::Ignore).ok()?;
-        let sagittal = DVec3::X;
-        let tangential = direction.cross(sagittal).normalize();
-        let mut beam = Beam { chief, image, across: [sagittal, tangential], extent: [DVec2::ZERO; 2], pupil, finite };
+        let image = system.trace(chief, &system.indices(nm), Way::ToFilm, Apertures::Ignore).ok()?;
+        let across = [DVec3::X, direction.cross(DVec3::X).normalize()];
+        Some(Beam { chief, image, across, extent: [DVec2::ZERO; 2], pupil, finite: self.object_distance.is_some() })
+    }
+
+    /// The light of a field angle (degrees). `None` where none comes through.
+    pub fn beam(&self, field_deg: f64, nm: f64) -> Option<Beam> {
+        let mut beam = self.chief_beam(field_deg, nm)?;
+        let system = self.system;
+        let n = system.indices(nm);
         // The lit part of the pupil: around the paraxial one; where it is larger, or elsewhere, over all the front.
         let lit = |half: f64, low: DVec2, high: DVec2, side: usize| {
             let cell = (high - low) / (side - 1) as f64;

@@ -2,8 +2,7 @@
 //!
 //! Source: ISET/isetlens. `ior` 0 or 1 with radius 0 is the stop; another index with radius 0 is a plane surface.
 
-use super::{Skipped, stem};
-use crate::glass::Glass;
+use super::{Skipped, stem, table_row};
 use crate::prescription::{Prescription, PrescriptionError, Surface};
 use crate::surface::Profile;
 use serde_json::Value;
@@ -33,13 +32,7 @@ pub fn read(text: &str, file: &str) -> Result<Prescription, PrescriptionError> {
         }
         let (radius, gap, index) = (need("radius")?, need("thickness")?, need("ior")?);
         let k = number("conic")?.unwrap_or(0.0);
-        let medium = surfaces.last().map_or(Glass::air(), |s| s.glass.clone());
-        let glass = match index {
-            0.0 => medium.clone(),
-            1.0 => Glass::air(),
-            n => Glass::constant(n).map_err(|e| wrong(e.to_string()))?,
-        };
-        let stop = radius == 0.0 && (index == 0.0 || glass == medium);
+        let (glass, stop) = table_row(surfaces.last(), radius, index).map_err(|e| wrong(e.to_string()))?;
         let profile = match radius {
             0.0 => Profile::Plane,
             r if k == 0.0 => Profile::Sphere(1.0 / r),

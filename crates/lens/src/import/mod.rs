@@ -8,7 +8,8 @@ mod iset;
 mod pbrt;
 mod zemax;
 
-use crate::prescription::{Prescription, PrescriptionError, read_toml};
+use crate::glass::{Glass, GlassError};
+use crate::prescription::{Prescription, PrescriptionError, Surface, read_toml};
 
 /// Largest file that is read, bytes.
 pub const LARGEST_FILE: usize = 16 << 20;
@@ -93,19 +94,32 @@ fn stem(file: &str) -> String {
     name.rsplit_once('.').map_or(name, |(stem, _)| stem).to_owned()
 }
 
+/// What a row of the pbrt and ISET tables says by radius and index: the glass behind it, and whether it is the stop. Index 0
+/// stands for "as before"; radius 0 without a change of medium is the stop, with one a plane surface.
+fn table_row(before: Option<&Surface>, radius: f64, index: f64) -> Result<(Glass, bool), GlassError> {
+    let medium = before.map_or(Glass::air(), |s| s.glass.clone());
+    let glass = match index {
+        0.0 => medium.clone(),
+        1.0 => Glass::air(),
+        n => Glass::constant(n)?,
+    };
+    let stop = radius == 0.0 && glass == medium;
+    Ok((glass, stop))
+}
+
 /// Joins what came as dummy surfaces: planes in air that are not the stop only move what follows, and their sizes in files are
 /// not rims.
 fn drop_dummies(p: &mut Prescription) {
     let mut i = 0;
     let mut dropped = 0;
-    let first_z = p.surfaces.iter().position(|s| s.glass != crate::glass::Glass::air() || s.stop || s.mirror);
+    let first_z = p.surfaces.iter().position(|s| s.glass != Glass::air() || s.stop || s.mirror);
     let object = p.usage.object_distance;
     let mut before_first = 0.0;
     while i < p.surfaces.len() {
         let s = &p.surfaces[i];
-        let air_before = i == 0 || p.surfaces[i - 1].glass == crate::glass::Glass::air();
+        let air_before = i == 0 || p.surfaces[i - 1].glass == Glass::air();
         let plain = s.profile == crate::surface::Profile::Plane && s.decenter == [0.0; 2] && s.tilt == [0.0; 3];
-        let dummy = plain && air_before && s.glass == crate::glass::Glass::air() && !s.stop && !s.mirror && s.obstruction == 0.0;
+        let dummy = plain && air_before && s.glass == Glass::air() && !s.stop && !s.mirror && s.obstruction == 0.0;
         if !dummy || p.surfaces.len() == 1 {
             i += 1;
             continue;

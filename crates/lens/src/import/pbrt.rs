@@ -3,8 +3,7 @@
 //! Source: pbrt-v4 file format, "realistic" camera; comments start with #, an ISET file has one line with the focal length. A
 //! row of radius 0 is the stop; where its index is that of glass it is a plane surface of that glass. Indices are constants.
 
-use super::{drop_dummies, stem};
-use crate::glass::Glass;
+use super::{drop_dummies, stem, table_row};
 use crate::prescription::{Prescription, PrescriptionError, Surface};
 use crate::surface::Profile;
 
@@ -33,14 +32,7 @@ pub fn read(text: &str, file: &str) -> Result<Prescription, PrescriptionError> {
         match row[..] {
             [focal] if surfaces.is_empty() && focal_length.is_none() && focal > 0.0 => focal_length = Some(focal),
             [radius, gap, index, diameter] => {
-                let medium = surfaces.last().map_or(Glass::air(), |s| s.glass.clone());
-                // Index 0 says: as before.
-                let glass = match index {
-                    0.0 => medium.clone(),
-                    1.0 => Glass::air(),
-                    n => Glass::constant(n).map_err(|e| wrong(e.to_string()))?,
-                };
-                let stop = radius == 0.0 && (index == 0.0 || glass == medium);
+                let (glass, stop) = table_row(surfaces.last(), radius, index).map_err(|e| wrong(e.to_string()))?;
                 let profile = if radius == 0.0 { Profile::Plane } else { Profile::Sphere(1.0 / radius) };
                 let semi_diameter = Some(0.5 * diameter).filter(|d| *d != 0.0);
                 surfaces.push(Surface { line: number, stop, semi_diameter, ..Surface::new(profile, gap, glass) });
