@@ -165,6 +165,11 @@ pub fn read(text: &str, file: &str) -> Result<Prescription, PrescriptionError> {
                 };
                 block.glass = Some(glass.map_err(|e| wrong(e.to_string()))?);
             }
+            "MNUM" => {
+                if let Some(count) = numbers().first().filter(|n| **n > 1.0) {
+                    notes.push(format!("the file has {count} configurations: the one its surfaces stand in is read"));
+                }
+            }
             other if HARMLESS.contains(&other) => {}
             other => skipped.add(other),
         }
