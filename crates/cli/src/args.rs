@@ -26,9 +26,9 @@ pub enum Verb {
     Shoot(Shoot),
     /// Expose only: a scene onto the focal plane (EXR with mean, variance, depth, normals, albedo, ids).
     Expose(Expose),
-    /// Read a focal plane out into a raw image.
+    /// Read a focal plane out into raw files (DNG).
     ReadOut(ReadOut),
-    /// Develop a raw image into a picture.
+    /// Develop a raw file (DNG) into a picture.
     Develop(Develop),
     /// Join focal planes that hold different samples of the same picture.
     Merge(Merge),
@@ -173,6 +173,81 @@ pub enum BodyVerb {
         /// Embedded body or TOML file.
         body: String,
     },
+    /// Measure a body by EMVA 1288: flat fields and darks, beside what its data sheet says.
+    Emva(Emva),
+    /// Measure the ISO speeds of a body by ISO 12232: saturation, standard output, noise.
+    Iso {
+        /// Embedded body or TOML file.
+        body: String,
+        /// Settings: "100,200"; all of the sheet without.
+        #[arg(long, value_name = "LIST", value_parser = list)]
+        iso: Option<List>,
+    },
+}
+
+#[derive(clap::Args, Debug)]
+pub struct Emva {
+    /// Embedded body or TOML file.
+    pub body: String,
+    /// ISO speed; the lowest without.
+    #[arg(long, value_name = "ISO", allow_hyphen_values = true)]
+    pub iso: Option<Iso>,
+    /// Colour that is measured: R, G, B, W or Y; the one that sees most, without.
+    #[arg(long, value_name = "NAME")]
+    pub channel: Option<String>,
+    /// Wavelength of the light, nm; where the channel sees most, without.
+    #[arg(long, value_name = "NM")]
+    pub wavelength: Option<f64>,
+    /// Exposure time.
+    #[arg(long, value_name = "TIME", default_value = "10ms")]
+    pub shutter: Seconds,
+    /// Temperature of the sensor, °C.
+    #[arg(long, value_name = "C", allow_negative_numbers = true)]
+    pub temperature: Option<f64>,
+    /// Serial number: which fixed pattern.
+    #[arg(long, value_name = "TEXT")]
+    pub serial: Option<String>,
+    /// Pixels of the pictures.
+    #[arg(long, value_name = "WxH", default_value = "512x512")]
+    pub size: Size,
+    /// Pictures in the stacks for the fixed pattern.
+    #[arg(long, value_name = "N", default_value_t = 64)]
+    pub stack: usize,
+    /// Seed of the noise.
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    pub seed: u64,
+    /// Keep every picture as 16-bit PNG in a new folder, with the description that other EMVA 1288 programs read.
+    #[arg(long, value_name = "FOLDER")]
+    pub export: Option<PathBuf>,
+    /// Photon transfer and signal-to-noise plots: .svg or .png; may be given several times.
+    #[arg(short, long, value_name = "FILE")]
+    pub output: Vec<PathBuf>,
+}
+
+/// How the numbers of a DNG are stored.
+#[derive(clap::ValueEnum, Clone, Copy, Debug, PartialEq, Eq)]
+pub enum DngStorage {
+    /// 16 bits each: every program can read it.
+    #[value(name = "16")]
+    Sixteen,
+    /// As many bits as the converter has.
+    Packed,
+    /// Lossless JPEG.
+    Lossless,
+}
+
+/// What a raw file is made with.
+#[derive(clap::Args, Debug)]
+pub struct Raw {
+    /// Serial number of the body: its fixed pattern is drawn from it.
+    #[arg(long, value_name = "TEXT")]
+    pub serial: Option<String>,
+    /// Temperature of the sensor, °C.
+    #[arg(long, value_name = "C", allow_negative_numbers = true)]
+    pub temperature: Option<f64>,
+    /// How numbers are stored in a DNG.
+    #[arg(long, value_name = "HOW", default_value = "16")]
+    pub dng: DngStorage,
 }
 
 /// What is photographed and how; shared by `shoot` and `expose`. Flags win over the shot file.
@@ -241,6 +316,9 @@ pub struct Taking {
     /// Illuminant the camera takes for white: D65, D50, A, FL2 ...
     #[arg(long, value_name = "NAME")]
     pub white: Option<String>,
+    /// Leave the cap on the lens: a dark frame.
+    #[arg(long)]
+    pub lens_cap: bool,
     /// Distance of the sharp plane: "2.5m" or "inf"; without, what the camera is aimed at.
     #[arg(long, value_name = "DISTANCE")]
     pub focus: Option<Distance>,
@@ -273,13 +351,18 @@ pub struct Shoot {
     pub taking: Taking,
     #[command(flatten)]
     pub developing: Developing,
+    #[command(flatten)]
+    pub dng: Raw,
+    /// Write the truth of each pixel (EXR): noise-free electrons, variances, clipping, depth, ids.
+    #[arg(long, value_name = "FILE")]
+    pub truth: Option<PathBuf>,
     /// Keep the focal plane too (EXR).
     #[arg(long, value_name = "FILE")]
     pub keep_plane: Option<PathBuf>,
     /// Write what is being shot as a shot file.
     #[arg(long, value_name = "FILE")]
     pub save_shot: Option<PathBuf>,
-    /// Picture to write: .jpg, .png or .exr (linear); may be given several times.
+    /// File to write: .jpg, .png, .exr (linear) or .dng (raw); may be given several times.
     #[arg(short, long, value_name = "FILE")]
     pub output: Vec<PathBuf>,
 }
@@ -300,23 +383,31 @@ pub struct ReadOut {
     /// Camera body; the one it was exposed with, without.
     #[arg(long, value_name = "NAME|FILE")]
     pub body: Option<String>,
-    /// ISO speed.
-    #[arg(long, value_name = "ISO", default_value = "100", allow_hyphen_values = true)]
-    pub iso: Iso,
+    /// ISO speed; 100, or the body's nearest, without.
+    #[arg(long, value_name = "ISO", allow_hyphen_values = true)]
+    pub iso: Option<Iso>,
     /// Illuminant the camera takes for white.
     #[arg(long, value_name = "NAME", default_value = "D65")]
     pub white: String,
     /// Seed of the sensor's noise.
     #[arg(long, value_name = "N", default_value_t = 1)]
     pub seed: u64,
-    /// Raw image to write (.exr holding the digital numbers).
+    #[command(flatten)]
+    pub raw: Raw,
+    /// Read out so many times, each with a seed of its own: files are numbered.
+    #[arg(long, value_name = "N", default_value = "1")]
+    pub shots: NonZeroUsize,
+    /// Write the truth of each pixel (EXR): noise-free electrons, variances, clipping, depth, ids.
+    #[arg(long, value_name = "FILE")]
+    pub truth: Option<PathBuf>,
+    /// Raw file to write (.dng).
     #[arg(short, long, value_name = "FILE")]
     pub output: PathBuf,
 }
 
 #[derive(clap::Args, Debug)]
 pub struct Develop {
-    /// Raw image (.exr of `read-out`).
+    /// Raw file (.dng).
     pub raw: PathBuf,
     #[command(flatten)]
     pub developing: Developing,
@@ -411,6 +502,7 @@ impl Taking {
         over(&mut exposure.shutter, &self.shutter);
         over(&mut exposure.iso, &self.iso);
         over(&mut exposure.white, &self.white);
+        exposure.lens_cap |= self.lens_cap;
         over(&mut shot.focus.distance, &self.focus);
         over(&mut render.size, &self.size);
         over(&mut render.spp, &self.spp);

@@ -3,6 +3,7 @@
 use crate::AskedWrongly;
 use anyhow::{Context, anyhow};
 use diopter::develop::{Recipe, Tone, develop};
+use diopter::image::dng::Storage;
 use diopter::image::{FocalPlane, Picture, RawImage, exr, jpeg, png};
 use std::fs::File;
 use std::io::{BufWriter, Write};
@@ -24,6 +25,7 @@ pub enum Kind {
     Jpeg,
     Png,
     Exr,
+    Dng,
 }
 
 /// Kind of a picture file by its ending.
@@ -33,7 +35,8 @@ pub fn kind(path: &Path) -> anyhow::Result<Kind> {
         Some("jpg" | "jpeg") => Ok(Kind::Jpeg),
         Some("png") => Ok(Kind::Png),
         Some("exr") => Ok(Kind::Exr),
-        _ => Err(AskedWrongly(anyhow!("{}: expected a name that ends in .jpg, .png or .exr", path.display())).into()),
+        Some("dng") => Ok(Kind::Dng),
+        _ => Err(AskedWrongly(anyhow!("{}: expected a name that ends in .jpg, .png, .exr or .dng", path.display())).into()),
     }
 }
 
@@ -75,6 +78,14 @@ pub fn prepare_pictures(paths: &[PathBuf]) -> anyhow::Result<Vec<(Kind, Output)>
     paths.iter().map(|p| Ok((kind(p)?, Output::prepare(p)?))).collect()
 }
 
+/// Refuses a name that does not end in `.dng`.
+pub fn prepare_dng(path: &Path) -> anyhow::Result<Output> {
+    match kind(path)? {
+        Kind::Dng => Output::prepare(path),
+        _ => Err(AskedWrongly(anyhow!("{}: expected a name that ends in .dng", path.display())).into()),
+    }
+}
+
 /// Refuses a name that does not end in `.exr`.
 pub fn prepare_exr(path: &Path) -> anyhow::Result<Output> {
     match kind(path)? {
@@ -83,8 +94,8 @@ pub fn prepare_exr(path: &Path) -> anyhow::Result<Output> {
     }
 }
 
-/// Develops and writes all pictures. An EXR gets the linear picture without tone curve.
-pub fn write_pictures(outputs: Vec<(Kind, Output)>, raw: &RawImage, recipe: &Recipe) -> anyhow::Result<Vec<PathBuf>> {
+/// Develops and writes all pictures. An EXR gets the linear picture without tone curve, a DNG the raw image.
+pub fn write_pictures(outputs: Vec<(Kind, Output)>, raw: &RawImage, recipe: &Recipe, storage: Storage) -> anyhow::Result<Vec<PathBuf>> {
     let mut shown: Option<Picture> = None;
     outputs
         .into_iter()
@@ -92,6 +103,9 @@ pub fn write_pictures(outputs: Vec<(Kind, Output)>, raw: &RawImage, recipe: &Rec
             if kind == Kind::Exr {
                 let linear = develop(raw, &Recipe { tone: Tone::Linear, ..recipe.clone() });
                 return output.commit(|to| Ok(exr::write_picture(&linear, exr::Precision::Half, to)?));
+            }
+            if kind == Kind::Dng {
+                return crate::commands::read_out::write_raw(output, raw, storage);
             }
             let picture = shown.get_or_insert_with(|| develop(raw, recipe));
             output.commit(|to| {
@@ -108,4 +122,13 @@ pub fn write_pictures(outputs: Vec<(Kind, Output)>, raw: &RawImage, recipe: &Rec
 /// Writes a focal plane.
 pub fn write_plane(output: Output, plane: &FocalPlane) -> anyhow::Result<PathBuf> {
     output.commit(|to| Ok(exr::write_focal_plane(plane, to)?))
+}
+
+/// The time, as EXIF writes it (UTC); `SOURCE_DATE_EPOCH` (seconds) wins, for files that are the same each time.
+pub fn now() -> String {
+    let told = std::env::var("SOURCE_DATE_EPOCH").ok().and_then(|s| s.parse().ok()).map(std::time::Duration::from_secs);
+    let time = told.map_or_else(std::time::SystemTime::now, |d| std::time::UNIX_EPOCH + d);
+    // 2026-11-21T13:01:36Z
+    let text = humantime::format_rfc3339_seconds(time).to_string();
+    text.trim_end_matches('Z').replace('-', ":").replace('T', " ")
 }

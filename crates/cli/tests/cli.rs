@@ -14,7 +14,7 @@ impl Folder {
     }
 
     fn run(&self, args: &[&str]) -> Output {
-        Command::new(env!("CARGO_BIN_EXE_diopter")).args(args).current_dir(&self.0).output().unwrap()
+        Command::new(env!("CARGO_BIN_EXE_diopter")).args(args).current_dir(&self.0).env("SOURCE_DATE_EPOCH", "1790000000").output().unwrap()
     }
 
     fn ok(&self, args: &[&str]) -> Output {
@@ -73,12 +73,12 @@ fn the_steps_taken_apart_give_the_same_picture() {
     let f = Folder::new("steps");
     f.ok(&with(&["shoot", "cornell", "--shutter", "1/30", "--seed", "7"], &["-o", "whole.png", "-o", "linear.exr"]));
     f.ok(&with(&["expose", "cornell", "--shutter", "1/30", "--seed", "7"], &["-o", "plane.exr"]));
-    f.ok(&["read-out", "plane.exr", "--seed", "7", "-o", "raw.exr"]);
-    f.ok(&["develop", "raw.exr", "-o", "parts.png"]);
+    f.ok(&["read-out", "plane.exr", "--seed", "7", "-o", "raw.dng"]);
+    f.ok(&["develop", "raw.dng", "-o", "parts.png"]);
     assert_eq!(std::fs::read(f.path("whole.png")).unwrap(), std::fs::read(f.path("parts.png")).unwrap());
     // Another noise seed is another picture.
-    f.ok(&["read-out", "plane.exr", "--seed", "8", "-o", "raw.exr"]);
-    f.ok(&["develop", "raw.exr", "-o", "other.png", "--tone", "reinhard"]);
+    f.ok(&["read-out", "plane.exr", "--seed", "8", "-o", "raw.dng"]);
+    f.ok(&["develop", "raw.dng", "-o", "other.png", "--tone", "reinhard"]);
     assert_ne!(std::fs::read(f.path("whole.png")).unwrap(), std::fs::read(f.path("other.png")).unwrap());
 }
 
@@ -91,7 +91,7 @@ fn parts_of_an_exposure_are_merged() {
     expose("0..4", "a.exr");
     expose("4..8", "b.exr");
     f.ok(&["merge", "b.exr", "a.exr", "-o", "whole.exr"]);
-    f.ok(&["read-out", "whole.exr", "-o", "raw.exr"]);
+    f.ok(&["read-out", "whole.exr", "-o", "raw.dng"]);
     let (code, message) = f.fails(&["merge", "a.exr", "a.exr", "-o", "twice.exr"]);
     assert_eq!(code, 2);
     assert!(message.contains("samples 0..4"), "{message}");
@@ -150,7 +150,7 @@ fn wrong_requests_exit_with_2_and_a_hint() {
         (&["shoot", "--blades", "2"], "3 to 64"),
         (&["shoot", "--look-from", "1,2,3", "--look-at", "1,2,3"], "same point"),
         (&["shoot", "--look-from", "0,1,0", "--look-at", "0,0,0"], "such as [0, 0, 1]"),
-        (&["shoot", "-o", "photo.gif"], ".jpg, .png or .exr"),
+        (&["shoot", "-o", "photo.gif"], ".jpg, .png, .exr or .dng"),
         (&["expose", "-o", "plane.png"], ".exr"),
         (&["shoot", "--time-limit", "0s"], "above 0"),
         (&["body", "info", "leica-m3"], "known are"),
@@ -181,8 +181,8 @@ fn failures_exit_with_1_and_leave_nothing() {
         (&["shoot", "--environment", "text.hdr"], "text.hdr"),
         (&["shoot", "-o", "no/such/folder/photo.jpg"], "cannot be written"),
         (&["lens", "info", "missing.zmx"], "missing.zmx: there is no such file"),
-        (&["read-out", "text.exr", "-o", "raw.exr"], "text.exr"),
-        (&["read-out", "missing.exr", "-o", "raw.exr"], "missing.exr"),
+        (&["read-out", "text.exr", "-o", "raw.dng"], "text.exr"),
+        (&["read-out", "missing.exr", "-o", "raw.dng"], "missing.exr"),
         (&["develop", "text.exr", "-o", "a.png"], "text.exr"),
     ];
     for (args, expected) in cases {

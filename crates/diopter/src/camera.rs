@@ -1,7 +1,7 @@
 //! A lens, a film and a place in the world.
 
 use diopter_lens::Lens;
-use glam::{Affine3A, Mat3A, Vec3, Vec3A};
+use glam::{Affine3A, DVec2, Mat3A, Vec3, Vec3A};
 
 /// The film: how large, and into how many pixels the picture is cut.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -17,13 +17,30 @@ pub struct Film {
     /// Area that collects the light of a pixel, mm². A picture of fewer pixels than the sensor has keeps the sensor's pixel:
     /// it shows what single pixels of the real sensor, spread over the format, would have counted.
     pub pixel_area_mm2: f64,
+    /// Distance between the two images that an optical low-pass filter makes along each axis, mm; 0 without one.
+    pub low_pass_mm: f64,
+    /// Width between the collecting areas of two pixels, across and down, mm.
+    pub gap_mm: [f64; 2],
 }
 
 impl Film {
     /// A film whose pixels are as large as their share of the format.
     pub fn new(width_mm: f64, height_mm: f64, columns: usize, rows: usize) -> Self {
         let pixel_area_mm2 = width_mm * height_mm / (columns * rows) as f64;
-        Film { width_mm, height_mm, columns, rows, pixel_area_mm2 }
+        Film { width_mm, height_mm, columns, rows, pixel_area_mm2, low_pass_mm: 0.0, gap_mm: [0.0; 2] }
+    }
+
+    /// Where in a pixel (0 to 1 across and down) light is collected, by two even numbers: between the gaps.
+    pub(crate) fn within_pixel(&self, [u, v]: [f32; 2]) -> [f64; 2] {
+        let share = |gap: f64, length: f64, n: usize| 1.0 - gap * n as f64 / length;
+        let place = |u: f32, share: f64| 0.5 + (f64::from(u) - 0.5) * share;
+        [place(u, share(self.gap_mm[0], self.width_mm, self.columns)), place(v, share(self.gap_mm[1], self.height_mm, self.rows))]
+    }
+
+    /// How far (mm) the low-pass filter moved the light that arrives, by two even numbers: one of four spots.
+    pub(crate) fn low_pass_shift(&self, [u, v]: [f32; 2]) -> DVec2 {
+        let side = |u: f32| if u < 0.5 { -0.5 } else { 0.5 };
+        DVec2::new(side(u), side(v)) * self.low_pass_mm
     }
 }
 
@@ -90,6 +107,25 @@ mod tests {
         let m = look_at(Vec3::ZERO, Vec3::X, Vec3::Y).unwrap();
         assert!((m.transform_vector3(Vec3::NEG_Z) - Vec3::X).length() < 1e-6);
         assert!((m.transform_vector3(Vec3::X) - Vec3::Z).length() < 1e-6);
+    }
+
+    #[test]
+    fn pixels_blur_as_their_sensor_says() {
+        // The mean of cos(2π f x) over where light comes from is the contrast at f (cycles a pixel).
+        let mut sensor = diopter_sensor::Sensor::named("canon-5d-mark-iv").unwrap();
+        (sensor.low_pass_px, sensor.fill_factor) = (0.7, 0.6);
+        let film = Film { low_pass_mm: 0.7e-2, gap_mm: [1e-2 * (1.0 - 0.6f64.sqrt()); 2], ..Film::new(1.0, 1.0, 100, 100) };
+        for f in [0.1, 0.25, 0.5, 0.8] {
+            let n = 2000;
+            let contrast: f64 = (0..n)
+                .map(|i| {
+                    let u = (i as f32 + 0.5) / n as f32;
+                    let x = film.within_pixel([u, u])[0] - 0.5 + film.low_pass_shift([(u * 1237.0).fract(), 0.0]).x * 100.0;
+                    (2.0 * std::f64::consts::PI * f * x).cos() / n as f64
+                })
+                .sum();
+            assert!((contrast.abs() - sensor.mtf(f)).abs() < 5e-3, "{f}: {contrast} {}", sensor.mtf(f));
+        }
     }
 
     #[test]

@@ -41,7 +41,7 @@ impl Response {
     /// A sensor's channels, in electrons.
     pub fn sensor(sensor: &diopter_sensor::Sensor) -> Self {
         let band = |name: &&str| Band { name: (*name).into(), unit: BandUnit::Electrons };
-        Response { bands: sensor.channel_names().iter().map(band).collect(), curves: sensor.band_responses() }
+        Response { bands: sensor.cfa.channel_names().iter().map(band).collect(), curves: sensor.band_responses() }
     }
 
     /// Linear sRGB of the radiance, in cd/m² of D65: ∫ L (R, G, B matching functions) dλ × 683 lm/W. May be negative.
@@ -338,7 +338,7 @@ impl Unit<'_> {
         let film_half = glam::DVec2::new(0.5 * film.width_mm, 0.5 * film.height_mm);
         let radiance_only = self.response.bands[0].unit == BandUnit::Radiance;
         let (mut packet, mut exits, mut scratch) = (Samples::default(), Exits::default(), Scratch::default());
-        let mut drawn: Vec<(usize, usize, Sampler, Wavelengths, f32)> = Vec::with_capacity(LANES);
+        let mut drawn: Vec<(usize, usize, Sampler, Wavelengths, f32, glam::DVec2)> = Vec::with_capacity(LANES);
         let spp = samples.len();
         let total = width * height * spp;
         let mut first = 0;
@@ -350,16 +350,18 @@ impl Unit<'_> {
                 let (x, y) = (column + pixel % width, row + pixel / width);
                 let sampler = self.sampler(x, y, samples.start + sample as u32);
                 let [u, v, pu, pv] = sampler.get(Set::Camera);
-                let [w, t, ..] = sampler.get(Set::Time);
+                let [w, t, spot @ ..] = sampler.get(Set::Time);
                 let wavelengths = self.wavelengths.sample(w);
-                packet.film[k] = self.camera.film_point(x as f64 + u as f64, y as f64 + v as f64);
+                let [u, v] = film.within_pixel([u, v]);
+                let shift = film.low_pass_shift(spot);
+                packet.film[k] = self.camera.film_point(x as f64 + u, y as f64 + v) - shift;
                 packet.pupil[k] = [pu, pv];
                 packet.nm[k] = wavelengths.nm.to_array();
-                drawn.push((x, y, sampler, wavelengths, t));
+                drawn.push((x, y, sampler, wavelengths, t, shift));
             }
             lens.exits(&packet, film_half, &mut scratch, &mut exits);
             for k in (0..count).filter(|k| exits.passed >> k & 1 == 1) {
-                let (x, y, ref sampler, ref wavelengths, t) = drawn[k];
+                let (x, y, ref sampler, ref wavelengths, t, shift) = drawn[k];
                 let (open, close) = self.shutter.interval(y);
                 let time = (open + (close - open) * t as f64) as f32;
                 let ray = self.camera.world_ray_of(exits.origin[k], exits.direction[k], time);
@@ -396,8 +398,9 @@ impl Unit<'_> {
                 }
                 for c in 0..4 {
                     let weight = exits.weight[k][c];
+                    let [x, y] = exits.lands[k][c];
                     if weight > 0.0
-                        && let Some(pixel) = self.camera.pixel_of(exits.lands[k][c])
+                        && let Some(pixel) = self.camera.pixel_of([x + shift.x as f32, y + shift.y as f32])
                     {
                         add(pixel, self.curves.at(wavelengths.nm[c]) * (weighted[c] * weight * scale));
                     }
@@ -417,9 +420,11 @@ impl Unit<'_> {
     #[inline]
     fn sample(&self, column: usize, row: usize, sampler: &Sampler) -> glam::Vec4 {
         let [x, y, pu, pv] = sampler.get(Set::Camera);
-        let [w, t, ..] = sampler.get(Set::Time);
+        let [w, t, spot @ ..] = sampler.get(Set::Time);
         let (open, close) = self.shutter.interval(row);
-        let film = self.camera.film_point(column as f64 + x as f64, row as f64 + y as f64);
+        let film = &self.camera.film;
+        let [x, y] = film.within_pixel([x, y]);
+        let film = self.camera.film_point(column as f64 + x, row as f64 + y) - film.low_pass_shift(spot);
         let time = (open + (close - open) * t as f64) as f32;
         let Ok((ray, weight)) = self.camera.world_ray(film, [pu, pv], time) else { return glam::Vec4::ZERO };
         let wavelengths = self.wavelengths.sample(w);

@@ -6,11 +6,14 @@
 
 pub mod camera;
 pub mod expose;
+pub mod iso;
 pub mod metering;
 mod mount;
 pub mod quantity;
+pub mod raw_file;
 pub mod shot;
 pub mod shutter;
+pub mod truth;
 
 pub use camera::{Camera, Film};
 pub use expose::{ExposeError, Response, Settings, expose};

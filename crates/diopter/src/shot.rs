@@ -9,7 +9,8 @@ use crate::metering;
 use crate::quantity::{Distance, FNumber, Iso, LengthMm, Seconds, Size};
 use crate::shutter::Shutter;
 use diopter_develop::{Recipe, develop};
-use diopter_image::{ExposureFacts, FocalPlane, Picture, RawImage};
+use diopter_image::focal_plane::Truth;
+use diopter_image::{ExposureFacts, FocalPlane, Picture, Raster, RawImage};
 use diopter_lens::compound::{CompoundLens, Setting};
 use diopter_lens::{Focus, Iris, Lens, LensError, Pinhole, Prescription, ThinLens, import};
 use diopter_light::cie;
@@ -22,7 +23,7 @@ use diopter_scene::shape::Quad;
 use diopter_scene::texture::Color;
 use diopter_scene::{Description, Object, PathSettings, Scene, SceneError, Shape, builtin, load};
 use diopter_sensor::format::{self, Format};
-use diopter_sensor::{Sensor, SensorError, nearest, read_out};
+use diopter_sensor::{Reading, Sensor, SensorError, nearest, read_out};
 use glam::{Affine3A, Mat3, Vec2, Vec3};
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
@@ -84,6 +85,9 @@ pub struct CameraSection {
     /// An embedded body's name or a TOML file.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub body: Option<String>,
+    /// Serial number of the body: its fixed pattern is drawn from it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub serial: Option<String>,
     /// A film format by name or as "36x24" mm, instead of the body's.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub format: Option<String>,
@@ -135,6 +139,12 @@ pub struct ExposureSection {
     /// Illuminant the camera takes for white: D65, D50, A, FL2 ...
     #[serde(skip_serializing_if = "Option::is_none")]
     pub white: Option<String>,
+    /// Temperature of the sensor, °C.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub temperature_c: Option<f64>,
+    /// Leave the cap on the lens: a dark frame.
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    pub lens_cap: bool,
 }
 
 /// `[focus]`
@@ -240,10 +250,12 @@ pub struct Shot {
     pub sensor: Sensor,
     /// Opening time; known after metering.
     pub shutter: Option<f64>,
-    /// ISO speed.
-    pub iso: f64,
-    /// Illuminant taken for white.
-    pub white: String,
+    /// How the sensor is read.
+    pub reading: Reading,
+    /// When it is taken, as EXIF writes it; whoever owns a clock says so.
+    pub date: Option<String>,
+    /// No light reaches the film.
+    pub lens_cap: bool,
     /// Sampling.
     pub settings: Settings,
     /// Development.
@@ -438,6 +450,10 @@ impl Shot {
         {
             return Err(value("shutter", Seconds(t), "a time above 0"));
         }
+        let celsius = file.exposure.temperature_c.unwrap_or(20.0);
+        if !(-273.15..=200.0).contains(&celsius) {
+            return Err(value("temperature", format!("{celsius} °C"), "-273 to 200 °C"));
+        }
         if let Some(FNumber(n)) = file.exposure.aperture
             && !(n > 0.0)
         {
@@ -513,8 +529,15 @@ impl Shot {
             camera,
             sensor,
             shutter: file.exposure.shutter.map(|s| s.0),
-            iso,
-            white,
+            reading: Reading {
+                iso,
+                seed: settings.seed,
+                serial: file.camera.serial.clone().unwrap_or_else(|| Reading::FIRST_SERIAL.into()),
+                temperature_c: file.exposure.temperature_c,
+                white,
+            },
+            date: None,
+            lens_cap: file.exposure.lens_cap,
             settings,
             recipe: file.develop.clone(),
             ambient_ev: file.scene.ambient_ev,
@@ -524,6 +547,10 @@ impl Shot {
 
     /// Meters the scene and settles what was left open: light scale and exposure time.
     pub fn meter(&mut self, watch: &Watch) -> Result<(), ShotError> {
+        if self.lens_cap {
+            self.shutter.get_or_insert(1.0);
+            return Ok(());
+        }
         let luminance = metering::mean_luminance(&self.scene, &self.camera, &self.settings, watch)?;
         let metered = (luminance > 0.0 && luminance.is_finite()).then(|| metering::ev100_of_luminance(luminance));
         if let (Some(wanted), Some(found)) = (self.ambient_ev, metered) {
@@ -536,31 +563,48 @@ impl Shot {
         if self.shutter.is_none() {
             // Without any light any time will do.
             let ev = self.facts.metered_ev100.unwrap_or(0.0);
-            self.shutter = Some(metering::shutter_for(ev, self.facts.t_number, self.iso));
+            self.shutter = Some(metering::shutter_for(ev, self.facts.t_number, self.reading.iso));
         }
         Ok(())
     }
 
     /// Facts as known so far.
     pub fn facts(&self) -> ExposureFacts {
-        ExposureFacts { exposure_s: self.shutter.unwrap_or(0.0), iso: self.iso, ..self.facts.clone() }
+        ExposureFacts { exposure_s: self.shutter.unwrap_or(0.0), iso: self.reading.iso, ..self.facts.clone() }
     }
 
     /// Exposes the film. [`Shot::meter`] must have been called.
     pub fn expose(&self, watch: &Watch) -> Result<FocalPlane, ShotError> {
         let shutter = Shutter { open_s: 0.0, exposure_s: self.shutter.unwrap_or(1.0) };
         let facts = ExposureFacts { iso: 0.0, ..self.facts() };
+        if self.lens_cap {
+            return Ok(darkness(&self.camera.film, &Response::sensor(&self.sensor), &self.settings, facts));
+        }
         Ok(expose(&self.scene, &self.camera, &shutter, &Response::sensor(&self.sensor), &self.settings, &facts, watch)?)
     }
 
     /// Reads the film out.
     pub fn read_out(&self, plane: &FocalPlane) -> Result<RawImage, ShotError> {
-        Ok(read_out(plane, &self.sensor, self.iso, self.settings.seed, &white_point(&self.white)?)?)
+        let mut raw = read_out(plane, &self.sensor, &self.reading, &white_point(&self.reading.white)?)?;
+        raw.header.facts.date.clone_from(&self.date);
+        Ok(raw)
     }
 
     /// Develops a raw image by the shot's recipe.
     pub fn develop(&self, raw: &RawImage) -> Picture {
         develop(raw, &self.recipe)
+    }
+}
+
+/// The exposure of a film that no light reaches.
+fn darkness(film: &Film, response: &Response, settings: &Settings, facts: ExposureFacts) -> FocalPlane {
+    let (width, height, bands) = (film.columns, film.rows, response.bands.len());
+    FocalPlane {
+        bands: response.bands.clone(),
+        mean: Raster::new(width, height, bands),
+        half_difference: Raster::new(width, height, bands),
+        truth: Truth::empty(width, height),
+        facts: ExposureFacts { seed: settings.seed, samples: 1, light_scale: 1.0, ..facts },
     }
 }
 
@@ -685,7 +729,16 @@ fn film(file: &ShotFile, sensor: &Sensor) -> Result<Film, ShotError> {
     let shape = size.width as f64 / size.height as f64;
     let (w, h) = if shape > width_mm / height_mm { (width_mm, width_mm / shape) } else { (height_mm * shape, height_mm) };
     let [px, py] = sensor.pitch_mm();
-    Ok(Film { width_mm: w, height_mm: h, columns: size.width, rows: size.height, pixel_area_mm2: px * py })
+    let gap = 1.0 - sensor.fill_factor.sqrt();
+    Ok(Film {
+        width_mm: w,
+        height_mm: h,
+        columns: size.width,
+        rows: size.height,
+        pixel_area_mm2: px * py,
+        low_pass_mm: sensor.low_pass_px * px,
+        gap_mm: [gap * px, gap * py],
+    })
 }
 
 fn camera(

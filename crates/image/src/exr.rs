@@ -5,7 +5,7 @@
 //! bands and the facts of the exposure are JSON in the attribute `diopter`.
 
 use crate::focal_plane::{Band, Truth};
-use crate::{Cfa, Encoding, ExposureFacts, FocalPlane, ImageError, Picture, Raster, RawImage};
+use crate::{Encoding, ExposureFacts, FocalPlane, ImageError, Picture, Raster};
 use diopter_light::color::{RgbSpace, srgb_decode};
 use exr::prelude::*;
 use std::io::{Read, Seek, Write};
@@ -128,18 +128,39 @@ pub fn write_focal_plane(plane: &FocalPlane, to: impl Write + Seek) -> std::resu
     write_channels((plane.width(), plane.height()), channels, set, to)
 }
 
-/// Reads a focal plane that [`write_focal_plane`] wrote.
-pub fn read_focal_plane(from: impl Read + Seek) -> std::result::Result<FocalPlane, ImageError> {
-    let layer = read_layer(from)?;
-    let (width, height) = (layer.size.0, layer.size.1);
-    let Some(AttributeValue::Text(json)) = layer.attributes.other.get(&Text::from(ATTRIBUTE)) else {
+fn description(attributes: &LayerAttributes) -> std::result::Result<Description, ImageError> {
+    let Some(AttributeValue::Text(json)) = attributes.other.get(&Text::from(ATTRIBUTE)) else {
         return Err(ImageError::Missing {
             what: "the attribute \"diopter\"".into(),
             hint: "only a focal plane that `diopter expose` wrote can be read out or merged".into(),
         });
     };
-    let description: Description = serde_json::from_str(&json.to_string())
-        .map_err(|e| ImageError::Malformed { format: "focal plane", reason: e.to_string() })?;
+    serde_json::from_str(&json.to_string()).map_err(|e| ImageError::Malformed { format: "focal plane", reason: e.to_string() })
+}
+
+/// Planes of one pixel raster by name: floating point, and whole numbers.
+pub fn write_planes(
+    [width, height]: [usize; 2],
+    floats: Vec<(&str, Vec<f32>)>,
+    whole: Vec<(&str, Vec<u32>)>,
+    facts: &ExposureFacts,
+    to: impl Write + Seek,
+) -> std::result::Result<(), ImageError> {
+    let floats = floats.into_iter().map(|(n, v)| AnyChannel::new(n, FlatSamples::F32(v)));
+    let whole = whole.into_iter().map(|(n, v)| AnyChannel::new(n, FlatSamples::U32(v)));
+    let json = serde_json::to_string(facts).expect("plain data becomes JSON");
+    let set = |_: &mut ImageAttributes, layer: &mut LayerAttributes| {
+        layer.software_name = Text::new_or_none(&facts.software);
+        layer.other.insert(Text::from("diopter.facts"), AttributeValue::Text(Text::from(ascii(&json).as_str())));
+    };
+    write_channels((width, height), floats.chain(whole).collect(), set, to)
+}
+
+/// Reads a focal plane that [`write_focal_plane`] wrote.
+pub fn read_focal_plane(from: impl Read + Seek) -> std::result::Result<FocalPlane, ImageError> {
+    let layer = read_layer(from)?;
+    let (width, height) = (layer.size.0, layer.size.1);
+    let description = description(&layer.attributes)?;
     let find = |name: &str| {
         layer.channel_data.list.iter().find(|c| c.name == *name).ok_or_else(|| ImageError::Missing {
             what: format!("the channel \"{name}\""),
@@ -175,83 +196,94 @@ pub fn read_focal_plane(from: impl Read + Seek) -> std::result::Result<FocalPlan
     })
 }
 
-/// What a raw image says beside its numbers.
-#[derive(serde::Serialize, serde::Deserialize)]
-struct RawDescription {
-    cfa_columns: usize,
-    cfa_channels: Vec<u8>,
-    black_level: f64,
-    white_level: f64,
-    as_shot_neutral: [f64; 3],
-    camera_from_xyz: [[f64; 3]; 3],
-    xyz_d50_from_balanced: [[f64; 3]; 3],
+/// A focal plane read row by row: no more of it is in memory than is asked for.
+pub struct FocalPlaneRows {
+    chunks: Box<dyn Iterator<Item = exr::error::Result<exr::block::chunk::Chunk>>>,
+    meta: exr::meta::MetaData,
+    bands: Vec<Band>,
     facts: ExposureFacts,
+    size: [usize; 2],
+    /// Place of each band among the channels of the file.
+    channels: Vec<usize>,
+    /// Numbers `[row][column][band]` that were read but not asked for yet.
+    ready: Vec<f32>,
+    /// Rows that were read.
+    read: usize,
 }
 
-const RAW_ATTRIBUTE: &str = "diopter.raw";
-
-/// Writes a raw image: the digital numbers as an unsigned channel `raw`, the rest as JSON in an attribute.
-pub fn write_raw(raw: &RawImage, to: impl Write + Seek) -> std::result::Result<(), ImageError> {
-    let numbers = raw.mosaic.data.iter().map(|dn| *dn as u32).collect();
-    let description = RawDescription {
-        cfa_columns: raw.cfa.columns,
-        cfa_channels: raw.cfa.channels.clone(),
-        black_level: raw.black_level,
-        white_level: raw.white_level,
-        as_shot_neutral: raw.as_shot_neutral,
-        camera_from_xyz: raw.camera_from_xyz,
-        xyz_d50_from_balanced: raw.xyz_d50_from_balanced,
-        facts: raw.facts.clone(),
-    };
-    let json = serde_json::to_string(&description).expect("plain data becomes JSON");
-    let set = |_: &mut ImageAttributes, layer: &mut LayerAttributes| {
-        layer.other.insert(Text::from(RAW_ATTRIBUTE), AttributeValue::Text(Text::from(ascii(&json).as_str())));
-    };
-    let size = (raw.mosaic.width, raw.mosaic.height);
-    write_channels(size, vec![AnyChannel::new("raw", FlatSamples::U32(numbers))], set, to)
-}
-
-/// Reads a raw image that [`write_raw`] wrote.
-pub fn read_raw(from: impl Read + Seek) -> std::result::Result<RawImage, ImageError> {
-    let layer = read_layer(from)?;
-    let missing = |what: &str| ImageError::Missing {
-        what: what.into(),
-        hint: "only a raw image that `diopter read-out` wrote can be developed".into(),
-    };
-    let Some(AttributeValue::Text(json)) = layer.attributes.other.get(&Text::from(RAW_ATTRIBUTE)) else {
-        return Err(missing("the attribute \"diopter.raw\""));
-    };
-    let d: RawDescription = serde_json::from_str(&json.to_string())
-        .map_err(|e| ImageError::Malformed { format: "raw image", reason: e.to_string() })?;
-    let numbers = match layer.channel_data.list.iter().find(|c| c.name == *"raw").map(|c| &c.sample_data) {
-        Some(FlatSamples::U32(numbers)) => numbers,
-        _ => return Err(missing("the unsigned channel \"raw\"")),
-    };
-    if d.cfa_columns == 0
-        || d.cfa_channels.is_empty()
-        || !d.cfa_channels.len().is_multiple_of(d.cfa_columns)
-        || d.cfa_channels.iter().any(|c| *c > 2)
-    {
-        return Err(ImageError::Malformed {
-            format: "raw image",
-            reason: "the colour filter array is not a rectangle of channels 0 to 2".into(),
-        });
+impl FocalPlaneRows {
+    /// Opens a focal plane that [`write_focal_plane`] wrote.
+    pub fn open(from: impl Read + Seek + 'static) -> std::result::Result<Self, ImageError> {
+        use exr::block::reader::ChunksReader;
+        let reader = exr::block::read(std::io::BufReader::new(from), false).map_err(malformed)?;
+        let header = reader.headers().first().ok_or_else(|| ImageError::Malformed { format: "EXR", reason: "no layer".into() })?;
+        let description = description(&header.own_attributes)?;
+        let size = [header.layer_size.0, header.layer_size.1];
+        let find = |b: &Band| {
+            let place = header.channels.list.iter().position(|c| c.name == *b.name.as_str() && c.sample_type == SampleType::F32);
+            place.ok_or_else(|| ImageError::Missing {
+                what: format!("the channel \"{}\" of 32-bit numbers", b.name),
+                hint: "the file was written or cut by another program".into(),
+            })
+        };
+        let channels = description.bands.iter().map(find).collect::<std::result::Result<Vec<_>, _>>()?;
+        if header.deep || !matches!(header.blocks, exr::meta::BlockDescription::ScanLines) || channels.is_empty() {
+            return Err(ImageError::Malformed { format: "focal plane", reason: "it is not stored in rows".into() });
+        }
+        let meta = reader.meta_data().clone();
+        let chunks = Box::new(reader.all_chunks(false).map_err(malformed)?);
+        debug_assert_eq!(chunks.meta_data().headers.len(), meta.headers.len());
+        Ok(FocalPlaneRows { chunks, meta, bands: description.bands, facts: description.facts, size, channels, ready: Vec::new(), read: 0 })
     }
-    Ok(RawImage {
-        mosaic: Raster {
-            width: layer.size.0,
-            height: layer.size.1,
-            channels: 1,
-            data: numbers.iter().map(|n| (*n).min(u16::MAX as u32) as u16).collect(),
-        },
-        cfa: Cfa { columns: d.cfa_columns, channels: d.cfa_channels },
-        black_level: d.black_level,
-        white_level: d.white_level,
-        as_shot_neutral: d.as_shot_neutral,
-        camera_from_xyz: d.camera_from_xyz,
-        xyz_d50_from_balanced: d.xyz_d50_from_balanced,
-        facts: d.facts,
-    })
+
+    /// Its bands.
+    pub fn bands(&self) -> &[Band] {
+        &self.bands
+    }
+
+    /// Its facts.
+    pub fn facts(&self) -> &ExposureFacts {
+        &self.facts
+    }
+
+    /// Pixels a row, rows.
+    pub fn size(&self) -> [usize; 2] {
+        self.size
+    }
+
+    /// The next rows, `[row][column][band]`.
+    pub fn next(&mut self, rows: usize) -> std::result::Result<Vec<f32>, ImageError> {
+        use rayon::prelude::*;
+        let stride = self.size[0] * self.bands.len();
+        let early = || ImageError::Malformed { format: "focal plane", reason: "it ends early".into() };
+        while self.ready.len() < rows * stride {
+            // Some blocks at a time, unpacked by all threads.
+            let chunks: Vec<_> = self.chunks.by_ref().take(2 * rayon::current_num_threads()).collect::<exr::error::Result<_>>().map_err(malformed)?;
+            if chunks.is_empty() {
+                return Err(early());
+            }
+            let unpack = |chunk| exr::block::UncompressedBlock::decompress_chunk(chunk, &self.meta, false);
+            let blocks: Vec<_> = chunks.into_par_iter().map(unpack).collect::<exr::error::Result<_>>().map_err(malformed)?;
+            for block in blocks {
+                let first = block.index.pixel_position.1;
+                if first != self.read || block.index.layer != 0 {
+                    return Err(ImageError::Malformed { format: "focal plane", reason: "its rows are not in order from the top".into() });
+                }
+                let height = block.index.pixel_size.1;
+                let start = self.ready.len();
+                self.ready.resize(start + height * stride, 0.0);
+                for line in block.lines(&self.meta.headers[0].channels) {
+                    let Some(band) = self.channels.iter().position(|c| *c == line.location.channel) else { continue };
+                    let row = start + (line.location.position.1 - first) * stride;
+                    for (column, value) in line.read_samples::<f32>().enumerate() {
+                        self.ready[row + column * self.bands.len() + band] = value.map_err(malformed)?;
+                    }
+                }
+                self.read += height;
+            }
+        }
+        Ok(self.ready.drain(..rows * stride).collect())
+    }
 }
 
 fn read_layer(from: impl Read + Seek) -> std::result::Result<Layer<AnyChannels<FlatSamples>>, ImageError> {
@@ -318,6 +350,22 @@ mod tests {
     }
 
     #[test]
+    fn rows_come_one_after_the_other() {
+        let mut file = Cursor::new(Vec::new());
+        let plane = plane();
+        write_focal_plane(&plane, &mut file).unwrap();
+        file.set_position(0);
+        let mut rows = FocalPlaneRows::open(file.clone()).unwrap();
+        assert_eq!((rows.size(), rows.bands(), rows.facts()), ([5, 3], &plane.bands[..], &plane.facts));
+        assert_eq!(rows.next(1).unwrap(), plane.mean.data[..15]);
+        assert_eq!(rows.next(2).unwrap(), plane.mean.data[15..]);
+        assert!(rows.next(1).is_err());
+        let bytes = file.into_inner();
+        let cut = FocalPlaneRows::open(Cursor::new(bytes[..bytes.len() - 40].to_vec()));
+        assert!(cut.and_then(|mut c| c.next(3)).is_err());
+    }
+
+    #[test]
     fn a_file_cut_short_is_an_error() {
         let mut file = Cursor::new(Vec::new());
         write_focal_plane(&plane(), &mut file).unwrap();
@@ -331,7 +379,7 @@ mod tests {
     fn a_picture_is_no_focal_plane() {
         let mut pixels = Raster::new(2, 2, 3);
         pixels.data.fill(0.5);
-        let picture = Picture { pixels, space: RgbSpace::Srgb, encoding: Encoding::Linear };
+        let picture = Picture { pixels, space: RgbSpace::Srgb, encoding: Encoding::Linear, facts: None };
         let mut file = Cursor::new(Vec::new());
         write_picture(&picture, Precision::Half, &mut file).unwrap();
         file.set_position(0);

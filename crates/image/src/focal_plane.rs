@@ -70,6 +70,19 @@ pub struct FocalPlane {
 }
 
 impl FocalPlane {
+    /// An even field: the same signal of each band everywhere, known exactly.
+    pub fn even(bands: Vec<Band>, signal: &[f32], [width, height]: [usize; 2], facts: ExposureFacts) -> FocalPlane {
+        let mut mean = Raster::new(width, height, bands.len());
+        mean.data.chunks_mut(bands.len().max(1)).for_each(|p| p.copy_from_slice(signal));
+        FocalPlane {
+            half_difference: Raster::new(width, height, bands.len()),
+            bands,
+            mean,
+            truth: Truth::empty(width, height),
+            facts,
+        }
+    }
+
     /// Pixels a row.
     pub fn width(&self) -> usize {
         self.mean.width

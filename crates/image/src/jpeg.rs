@@ -1,6 +1,6 @@
-//! JPEG, 8 bits, sRGB, full colour resolution.
+//! JPEG, 8 bits, sRGB, full colour resolution, EXIF.
 
-use crate::{ImageError, Picture};
+use crate::{ImageError, Picture, exif};
 use jpeg_encoder::{ColorType, Encoder, SamplingFactor};
 use std::io::Write;
 
@@ -13,8 +13,12 @@ pub fn write(picture: &Picture, quality: u8, mut to: impl Write) -> Result<(), I
     }
     let mut encoder = Encoder::new(&mut to, quality.clamp(1, 100));
     encoder.set_sampling_factor(SamplingFactor::F_1_1);
+    let io = |e| ImageError::Io(std::io::Error::other(e));
+    if let Some(facts) = &picture.facts {
+        encoder.add_exif_metadata(&exif::block(facts)?).map_err(io)?;
+    }
     encoder.set_optimized_huffman_tables(true);
     encoder
         .encode(&picture.to_8_bit(), width as u16, height as u16, ColorType::Rgb)
-        .map_err(|e| ImageError::Io(std::io::Error::other(e)))
+        .map_err(io)
 }

@@ -4,6 +4,8 @@
 //! colour filter array) → [`Picture`] (RGB in a named space). All rasters are stored row by row from the top left of the
 //! picture as a viewer sees it: `[row][column][channel]`. Readers and writers work on streams, never on paths.
 
+pub mod dng;
+pub mod exif;
 pub mod exr;
 pub mod focal_plane;
 pub mod jpeg;
@@ -12,12 +14,13 @@ pub mod picture;
 pub mod png;
 pub mod raster;
 pub mod raw;
+mod tags;
 
 pub use focal_plane::FocalPlane;
 pub use metadata::ExposureFacts;
 pub use picture::{Encoding, Picture};
 pub use raster::Raster;
-pub use raw::{Cfa, RawImage};
+pub use raw::{Cfa, RawHeader, RawImage};
 
 /// What can go wrong between pixels and bytes.
 #[derive(Debug, thiserror::Error)]

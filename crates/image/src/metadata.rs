@@ -1,4 +1,4 @@
-//! The facts of an exposure that travel with it, later to become EXIF and DNG tags.
+//! The facts of an exposure that travel with it and become EXIF and DNG tags.
 
 use serde::{Deserialize, Serialize};
 
@@ -12,6 +12,12 @@ pub struct ExposureFacts {
     pub scene: String,
     /// Camera body.
     pub body: String,
+    /// Maker of the body, as EXIF Make.
+    pub make: String,
+    /// Model of the body, as EXIF Model.
+    pub model: String,
+    /// Serial number of the body: what its fixed pattern is drawn from.
+    pub serial: String,
     /// Lens.
     pub lens: String,
     /// Focal length, mm.
@@ -28,6 +34,14 @@ pub struct ExposureFacts {
     pub focus_distance_m: Option<f64>,
     /// ISO speed; 0 before read-out.
     pub iso: f64,
+    /// Temperature of the sensor, °C; `None` before read-out.
+    pub temperature_c: Option<f64>,
+    /// Seed of the noise of the read-out; 0 before.
+    pub noise_seed: u64,
+    /// Illuminant taken for white; empty before read-out.
+    pub white: String,
+    /// When it was taken, `YYYY:MM:DD HH:MM:SS`; `None` when nobody looked at a clock.
+    pub date: Option<String>,
     /// Metered exposure value at ISO 100 of the scene as framed; `None` when nothing was metered.
     pub metered_ev100: Option<f64>,
     /// Factor all light of the scene was multiplied by, because a setting (`ambient_ev`) asked for it; 1 if none did.

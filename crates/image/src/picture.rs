@@ -1,6 +1,6 @@
 //! A developed picture.
 
-use crate::Raster;
+use crate::{ExposureFacts, Raster};
 use diopter_light::color::{RgbSpace, srgb_encode};
 
 /// How the numbers of a picture relate to light.
@@ -21,6 +21,8 @@ pub struct Picture {
     pub space: RgbSpace,
     /// Transfer function.
     pub encoding: Encoding,
+    /// How it was taken, for EXIF; `None` writes none.
+    pub facts: Option<ExposureFacts>,
 }
 
 impl Picture {

@@ -2,41 +2,245 @@
 
 use crate::{ExposureFacts, Raster};
 
-/// A colour filter array: a rectangle of channel numbers (0 R, 1 G, 2 B) repeated over the sensor.
+/// What a pixel sees through.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum Filter {
+    /// A red filter.
+    Red,
+    /// A green filter.
+    Green,
+    /// A blue filter.
+    Blue,
+    /// None: clear, or a monochrome sensor.
+    Clear,
+}
+
+impl Filter {
+    /// All filters, in the order of channels.
+    pub const ALL: [Filter; 4] = [Filter::Red, Filter::Green, Filter::Blue, Filter::Clear];
+
+    /// The letter of a filter: `R`, `G`, `B` or `W`.
+    pub fn letter(self) -> char {
+        match self {
+            Filter::Red => 'R',
+            Filter::Green => 'G',
+            Filter::Blue => 'B',
+            Filter::Clear => 'W',
+        }
+    }
+
+    /// The filter of a letter; `C` (clear) is `W` too.
+    pub fn from_letter(letter: char) -> Option<Filter> {
+        match letter {
+            'C' => Some(Filter::Clear),
+            _ => Filter::ALL.into_iter().find(|f| f.letter() == letter),
+        }
+    }
+}
+
+/// A colour filter array: a rectangle of filters repeated over the sensor.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Cfa {
-    /// Columns of the repeated pattern.
-    pub columns: usize,
-    /// Channel of each cell, row by row.
-    pub channels: Vec<u8>,
+    columns: usize,
+    cells: Vec<Filter>,
+    /// Channel of each cell.
+    channels: Vec<u8>,
+    /// The filters of the channels.
+    filters: Vec<Filter>,
 }
 
 impl Cfa {
-    /// One channel everywhere.
-    pub fn monochrome() -> Self {
-        Cfa { columns: 1, channels: vec![0] }
+    /// Most cells a side of a pattern.
+    pub const LARGEST_SIDE: usize = 16;
+
+    /// A pattern from its cells, row by row. `None` when they make no rectangle of at most [`Cfa::LARGEST_SIDE`] a side.
+    pub fn new(columns: usize, cells: Vec<Filter>) -> Option<Self> {
+        let fits = (1..=Self::LARGEST_SIDE).contains(&columns)
+            && !cells.is_empty()
+            && cells.len().is_multiple_of(columns)
+            && cells.len() / columns <= Self::LARGEST_SIDE;
+        if !fits {
+            return None;
+        }
+        let filters: Vec<Filter> = Filter::ALL.into_iter().filter(|f| cells.contains(f)).collect();
+        let channels = cells.iter().map(|c| filters.iter().position(|f| f == c).unwrap_or(0) as u8).collect();
+        Some(Cfa { columns, cells, channels, filters })
     }
 
-    /// A pattern from letters, rows parted by `/`: `RG/GB`. `None` when rows are uneven or a letter is not R, G or B.
-    pub fn from_letters(pattern: &str) -> Option<Self> {
-        let rows: Vec<&str> = pattern.split('/').collect();
+    /// No filter anywhere.
+    pub fn monochrome() -> Self {
+        Cfa { columns: 1, cells: vec![Filter::Clear], channels: vec![0], filters: vec![Filter::Clear] }
+    }
+
+    /// A pattern by name or by its letters, rows parted by `/`: `RG/GB`, `quad`, `x-trans`, `mono`. `None` when rows are
+    /// uneven or a letter is not one of R, G, B, W (or C).
+    pub fn parse(text: &str) -> Option<Self> {
+        let letters = match text.trim().to_lowercase().as_str() {
+            "mono" | "monochrome" => "W".to_owned(),
+            "bayer" => "RG/GB".into(),
+            "quad" => "RRGG/RRGG/GGBB/GGBB".into(),
+            // Source: Fujifilm, X-Trans CMOS; the phase in which most bodies read it.
+            "x-trans" => "GGRGGB/GGBGGR/BRGRBG/GGBGGR/GGRGGB/RBGBRG".into(),
+            // Source: Kodak (Compton & Hamilton), US 8139130, pattern 1 as used by RGBW sensors.
+            "rgbw" => "WGWR/GWRW/WBWG/BWGW".into(),
+            "rccc" => "RC/CC".into(),
+            _ => text.trim().to_uppercase(),
+        };
+        let rows: Vec<&str> = letters.split('/').collect();
         let columns = rows[0].len();
-        let channels: Option<Vec<u8>> = pattern.chars().filter(|c| *c != '/').map(|c| "RGB".find(c).map(|i| i as u8)).collect();
-        (columns > 0 && rows.iter().all(|r| r.len() == columns)).then_some(())?;
-        Some(Cfa { columns, channels: channels? })
+        let cells: Option<Vec<Filter>> = letters.chars().filter(|c| *c != '/').map(Filter::from_letter).collect();
+        (rows.iter().all(|r| r.len() == columns)).then(|| Self::new(columns, cells?)).flatten()
+    }
+
+    /// The letters, rows parted by `/`.
+    pub fn letters(&self) -> String {
+        let row = |r: &[Filter]| r.iter().map(|f| f.letter()).collect::<String>();
+        self.cells.chunks(self.columns).map(row).collect::<Vec<_>>().join("/")
+    }
+
+    /// Columns of the pattern.
+    pub fn columns(&self) -> usize {
+        self.columns
+    }
+
+    /// Rows of the pattern.
+    pub fn rows(&self) -> usize {
+        self.cells.len() / self.columns
+    }
+
+    /// Filters of the channels: what a channel's number stands for.
+    pub fn filters(&self) -> &[Filter] {
+        &self.filters
+    }
+
+    /// Number of channels.
+    pub fn channel_count(&self) -> usize {
+        self.filters.len()
+    }
+
+    /// Names of the channels, as bands of a focal plane are called: `R`, `G`, `B`, `W`, or `Y` of a monochrome sensor.
+    pub fn channel_names(&self) -> Vec<&'static str> {
+        if self.is_monochrome() {
+            return vec!["Y"];
+        }
+        let name = |f: &Filter| match f {
+            Filter::Red => "R",
+            Filter::Green => "G",
+            Filter::Blue => "B",
+            Filter::Clear => "W",
+        };
+        self.filters.iter().map(name).collect()
+    }
+
+    /// Whether all pixels see the same.
+    pub fn is_monochrome(&self) -> bool {
+        self.filters.len() == 1
+    }
+
+    /// Whether this is one of the four phases of R, G, G, B.
+    pub fn is_bayer(&self) -> bool {
+        let c = &self.cells;
+        self.columns == 2
+            && self.filters == Filter::ALL[..3]
+            && c.len() == 4
+            && c.iter().filter(|f| **f == Filter::Green).count() == 2
+            && (c[0] == Filter::Green) == (c[3] == Filter::Green)
     }
 
     /// Channel of a pixel.
     #[inline]
     pub fn channel_at(&self, column: usize, row: usize) -> usize {
-        let rows = self.channels.len() / self.columns;
-        self.channels[(row % rows) * self.columns + column % self.columns] as usize
+        self.channels[(row % self.rows()) * self.columns + column % self.columns] as usize
     }
 
-    /// Channels the pattern uses: 1 for monochrome, else 3.
-    pub fn channel_count(&self) -> usize {
-        if self.channels.iter().all(|c| *c == 0) { 1 } else { 3 }
+    /// Filter of a pixel.
+    pub fn filter_at(&self, column: usize, row: usize) -> Filter {
+        self.filters[self.channel_at(column, row)]
     }
+}
+
+/// What a camera's colours mean under one light.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ColorCalibration {
+    /// The light, as EXIF LightSource.
+    pub light: LightSource,
+    /// Camera signals (rows) from XYZ, as DNG's ColorMatrix.
+    pub camera_from_xyz: Vec<[f64; 3]>,
+    /// XYZ under D50 from a white-balanced camera signal, a column a channel, as DNG's ForwardMatrix.
+    pub xyz_d50_from_balanced: Vec<[f64; 3]>,
+}
+
+/// Kinds of light by their numbers in EXIF (tag LightSource, EXIF 2.32 table 4.6.5).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct LightSource(pub u16);
+
+impl LightSource {
+    /// Standard illuminant A.
+    pub const A: LightSource = LightSource(17);
+    /// D65.
+    pub const D65: LightSource = LightSource(21);
+    /// Some other light.
+    pub const OTHER: LightSource = LightSource(255);
+
+    /// The number of an illuminant of CIE.
+    pub fn of_illuminant(name: &str) -> LightSource {
+        LightSource(match name.to_uppercase().as_str() {
+            "A" => 17,
+            "D55" => 20,
+            "D65" => 21,
+            "D75" => 22,
+            "D50" => 23,
+            "FL2" => 14,
+            "FL7" => 12,
+            "FL8" => 13,
+            "FL11" => 15,
+            _ => 255,
+        })
+    }
+
+    /// Correlated colour temperature, K, of the lights that matrices are made for. Source: CIE 15; `None` for others.
+    pub fn kelvin(self) -> Option<f64> {
+        Some(match self.0 {
+            17 => 2856.0,
+            20 => 5503.0,
+            21 => 6504.0,
+            22 => 7504.0,
+            23 => 5003.0,
+            14 => 4230.0,
+            12 => 6500.0,
+            13 => 5000.0,
+            15 => 4000.0,
+            // Daylight, cloudy, shade, tungsten, flash: as DNG converters take them.
+            1 | 4 | 9 => 5500.0,
+            10 => 6500.0,
+            11 => 7500.0,
+            3 | 18 => 2856.0,
+            19 => 5503.0,
+            24 => 3200.0,
+            _ => return None,
+        })
+    }
+}
+
+/// All of a raw photograph but its pixels.
+#[derive(Clone, Debug, PartialEq)]
+pub struct RawHeader {
+    /// Which channel each pixel saw.
+    pub cfa: Cfa,
+    /// Bits of the converter that made the numbers.
+    pub bits: u32,
+    /// DN of no light.
+    pub black_level: f64,
+    /// DN at which pixels are saturated.
+    pub white_level: f64,
+    /// Camera signals of a neutral surface in the light of the shot, a channel each, largest 1.
+    pub as_shot_neutral: Vec<f64>,
+    /// Calibrations, the warmest light first; one at least.
+    pub calibrations: Vec<ColorCalibration>,
+    /// Noise of each channel: the variance of (DN − black) / (white − black) = x is `[0]`·x + `[1]`, as DNG's NoiseProfile.
+    pub noise: Vec<[f64; 2]>,
+    /// How it was made.
+    pub facts: ExposureFacts,
 }
 
 /// A raw photograph, in digital numbers (DN).
@@ -44,20 +248,8 @@ impl Cfa {
 pub struct RawImage {
     /// DN of each pixel.
     pub mosaic: Raster<u16>,
-    /// Which channel each pixel saw.
-    pub cfa: Cfa,
-    /// DN of no light.
-    pub black_level: f64,
-    /// DN at which pixels are saturated.
-    pub white_level: f64,
-    /// Camera RGB of a neutral surface in the light of the shot, largest component 1.
-    pub as_shot_neutral: [f64; 3],
-    /// Camera RGB from XYZ (rows), as DNG's ColorMatrix.
-    pub camera_from_xyz: [[f64; 3]; 3],
-    /// XYZ under D50 from white-balanced camera RGB (rows), as DNG's ForwardMatrix.
-    pub xyz_d50_from_balanced: [[f64; 3]; 3],
-    /// How it was made.
-    pub facts: ExposureFacts,
+    /// All else.
+    pub header: RawHeader,
 }
 
 #[cfg(test)]
@@ -66,9 +258,21 @@ mod tests {
 
     #[test]
     fn bayer_letters_name_the_four_pixels() {
-        let cfa = Cfa::from_letters("GB/RG").unwrap();
+        let cfa = Cfa::parse("GB/RG").unwrap();
         assert_eq!([(0, 0), (1, 0), (0, 1), (3, 3)].map(|(c, r)| cfa.channel_at(c, r)), [1, 2, 0, 1]);
-        assert_eq!(Cfa::from_letters("RG/G"), None);
-        assert_eq!(Cfa::from_letters("RX/GB"), None);
+        assert!(cfa.is_bayer() && cfa.letters() == "GB/RG");
+        for bad in ["RG/G", "RX/GB", "", "/", "RGRGRGRGRGRGRGRGR"] {
+            assert_eq!(Cfa::parse(bad), None, "{bad}");
+        }
+    }
+
+    #[test]
+    fn other_patterns_have_their_channels() {
+        let names = |p: &str| Cfa::parse(p).unwrap().channel_names().join("");
+        assert_eq!([names("mono"), names("x-trans"), names("quad"), names("rgbw"), names("rccc")], ["Y", "RGB", "RGB", "RGBW", "RW"]);
+        let xtrans = Cfa::parse("x-trans").unwrap();
+        let count = |f: Filter| (0..36).filter(|i| xtrans.filter_at(i % 6, i / 6) == f).count();
+        assert_eq!([count(Filter::Red), count(Filter::Green), count(Filter::Blue)], [8, 20, 8]);
+        assert!(!xtrans.is_bayer() && !Cfa::parse("RRGG/RRGG/GGBB/GGBB").unwrap().is_bayer());
     }
 }

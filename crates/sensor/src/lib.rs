@@ -1,21 +1,23 @@
 //! Sensors: from mean electrons to digital numbers, by the data sheet of a body.
 //!
 //! A [`Sensor`] is a data sheet (embedded, or a TOML file of the same form); [`Sensor::band_responses`] is what the exposure
-//! integrates with; [`read_out`] adds what a sensor adds. Symbols and order follow EMVA 1288. Units: e⁻, DN, µm, mm.
-//! Prepared for, not here yet: dark current, PRNU and DSNU, row noise, HDR pixels.
+//! integrates with; [`read_out()`] adds what a sensor adds; [`emva`] measures it back. Symbols and order follow EMVA 1288.
+//! Units: e⁻, DN, µm, mm, s, °C.
 
 pub use diopter_light::names::nearest;
 
-mod calibration;
+pub mod calibration;
 mod data;
+pub mod emva;
 pub mod format;
-mod noise;
-mod read_out;
+pub mod noise;
+mod pattern;
+pub mod read_out;
 mod sensor;
+mod sheet;
 
-pub use calibration::{Calibration, calibrate};
-pub use read_out::read_out;
-pub use sensor::{IsoStep, Sensor};
+pub use read_out::{ReadOut, Reading, Window, read_out};
+pub use sensor::{DarkCurrent, HotPixels, IsoStep, SecondReading, Sensor, TwoStage, saturation_capacity};
 
 /// What can be wrong with a sensor or what is asked of it.
 #[derive(Debug, thiserror::Error)]
@@ -48,6 +50,9 @@ pub enum SensorError {
         /// What is allowed.
         expected: String,
     },
+    /// Whoever was handed a measurement's pictures failed.
+    #[error("{0}")]
+    Kept(String),
     /// An exposure this sensor cannot read out.
     #[error("the focal plane has bands {found}; {expected}")]
     Bands {

@@ -1,16 +1,26 @@
-//! `body list` and `body info`.
+//! `body list`, `body info`, `body emva` and `body iso`.
 
 use super::print_json;
-use crate::args::BodyVerb;
-use diopter::sensor::{Sensor, format};
+use crate::args::{BodyVerb, Emva, List};
+use crate::output::Output;
+use crate::watch::say;
+use crate::{AskedWrongly, paint};
+use anyhow::{Context, anyhow};
+use diopter::image::png;
+use diopter::lens::draw::{Axis, Chart, Figure, Line, Style};
+use diopter::sensor::emva::{self, Conditions, Figures, Frame, Report};
+use diopter::sensor::{Sensor, format, saturation_capacity};
 use diopter::shot::read_body;
 use std::fmt::Write as _;
 use std::io::Write;
+use std::path::{Path, PathBuf};
 
 pub fn run(verb: &BodyVerb, json: bool) -> anyhow::Result<()> {
     match verb {
         BodyVerb::List => list(json),
         BodyVerb::Info { body } => info(body, json),
+        BodyVerb::Emva(args) => measure(args, json),
+        BodyVerb::Iso { body, iso } => speeds(body, iso.as_ref(), json),
     }
 }
 
@@ -25,7 +35,7 @@ fn list(json: bool) -> anyhow::Result<()> {
     }
     for (key, s) in bodies {
         let [w, h] = s.format_mm;
-        writeln!(std::io::stdout(), "{key:<18} {:<34} {w} × {h} mm, {} × {} pixels", s.name, s.pixels[0], s.pixels[1])?;
+        writeln!(std::io::stdout(), "{key:<18} {:<34} {w:.4} × {h:.4} mm, {} × {} pixels", s.name, s.pixels[0], s.pixels[1])?;
     }
     Ok(())
 }
@@ -34,59 +44,271 @@ fn info(name: &str, json: bool) -> anyhow::Result<()> {
     let s = read_body(name)?;
     let [pitch_x, pitch_y] = s.pitch_mm().map(|p| p * 1000.0);
     let crop = format::FULL_FRAME_DIAGONAL_MM / s.format_mm[0].hypot(s.format_mm[1]);
-    // What limits the top: the well or the converter.
-    let full_scale = |gain: f64| ((s.white_level_dn - s.black_level_dn) * gain).min(s.full_well_e);
     let rows: Vec<_> = s
         .iso
         .iter()
         .map(|i| {
-            let top = full_scale(i.gain_e_per_dn);
+            let top = s.saturation_e(i);
             // Quantisation is part of the floor.
-            let floor = (i.read_noise_e.powi(2) + i.gain_e_per_dn.powi(2) / 12.0).sqrt();
-            (i, top, (top / floor).log2(), 10.0 * top.log10())
+            let rounding = i.gain_e_per_dn * i.digital_gain;
+            let floor = (i.read_noise_e.powi(2) + i.row_noise_e.powi(2) + rounding.powi(2) / 12.0).sqrt();
+            (i, top, floor, (top / floor).log2(), 10.0 * top.log10())
         })
         .collect();
+    let names = s.cfa.channel_names();
+    let capacity = saturation_capacity(s.full_well_e, s.iso[0].read_noise_e);
+    let dark = s.dark_current.at(s.temperature_c);
     if json {
         let iso: Vec<_> = rows
             .iter()
-            .map(|(i, top, dr, snr)| {
+            .map(|(i, top, floor, dr, snr)| {
                 serde_json::json!({
-                    "iso": i.iso, "gain_e_per_dn": i.gain_e_per_dn, "read_noise_e": i.read_noise_e, "saturation_e": top,
-                    "dynamic_range_stops": dr, "snr_max_db": snr,
+                    "iso": i.iso, "gain_e_per_dn": i.gain_e_per_dn, "read_noise_e": i.read_noise_e, "row_noise_e": i.row_noise_e,
+                    "dark_noise_with_rounding_e": floor, "saturation_e": top, "dynamic_range_stops": dr, "snr_max_db": snr,
+                    "black_level_dn": i.black_level_dn, "white_level_dn": i.white_level_dn, "digital_gain": i.digital_gain,
                 })
             })
             .collect();
         let qe: Vec<_> = s.quantum_efficiency.iter().map(|q| q.max()).collect();
         return print_json(&serde_json::json!({
-            "name": s.name, "format_mm": s.format_mm, "pixels": s.pixels, "pitch_um": [pitch_x, pitch_y], "crop_factor": crop,
-            "channels": s.channel_names(), "peak_quantum_efficiency": qe, "full_well_e": s.full_well_e, "adc_bits": s.adc_bits,
-            "black_level_dn": s.black_level_dn, "white_level_dn": s.white_level_dn, "iso": iso, "sources": s.sources,
+            "name": s.name, "make": s.make, "model": s.model, "format_mm": s.format_mm, "pixels": s.pixels,
+            "pitch_um": [pitch_x, pitch_y], "crop_factor": crop, "cfa": s.cfa.letters(), "channels": names,
+            "peak_quantum_efficiency": qe, "full_well_e": s.full_well_e, "saturation_capacity_e": capacity,
+            "adc_bits": s.adc_bits, "prnu_percent": s.prnu * 100.0, "dsnu_e": s.dsnu_e, "dark_current_e_per_s": dark,
+            "temperature_c": s.temperature_c, "hot_pixel_share": s.hot_pixels.share, "low_pass_px": s.low_pass_px,
+            "fill_factor": s.fill_factor, "crosstalk": s.crosstalk, "mtf_nyquist": s.mtf(0.5), "mtf_half_nyquist": s.mtf(0.25),
+            "iso": iso, "sources": s.sources,
         }));
     }
     let mut t = String::new();
+    let percent = |x: f64| format!("{:.1} %", 100.0 * x);
     writeln!(t, "{}", s.name)?;
-    writeln!(t, "  format        {} × {} mm, crop {crop:.3}", s.format_mm[0], s.format_mm[1])?;
+    writeln!(t, "  format        {:.4} × {:.4} mm, crop {crop:.3}", s.format_mm[0], s.format_mm[1])?;
     writeln!(t, "  pixels        {} × {}, pitch {pitch_x:.3} × {pitch_y:.3} µm", s.pixels[0], s.pixels[1])?;
-    let qe: Vec<String> =
-        s.channel_names().iter().zip(&s.quantum_efficiency).map(|(n, q)| format!("{n} {:.2}", q.max())).collect();
+    writeln!(t, "  filters       {}", if s.cfa.is_monochrome() { "none".to_owned() } else { s.cfa.letters() })?;
+    let qe: Vec<String> = names.iter().zip(&s.quantum_efficiency).map(|(n, q)| format!("{n} {:.2}", q.max())).collect();
     writeln!(t, "  peak QE       {}", qe.join("  "))?;
-    writeln!(t, "  full well     {:.0} e-", s.full_well_e)?;
-    writeln!(t, "  converter     {} bit, black {} DN, white {} DN", s.adc_bits, s.black_level_dn, s.white_level_dn)?;
+    writeln!(t, "  full well     {:.0} e- (EMVA 1288 saturation capacity {capacity:.0} e-)", s.full_well_e)?;
+    if let Some(r) = &s.second_reading {
+        let light = percent(r.relative_exposure);
+        writeln!(t, "  2nd reading   {light} of the light, {:.0} e-, read noise {} e-", r.full_well_e, r.read_noise_e)?;
+    }
+    writeln!(t, "  converter     {} bit", s.adc_bits)?;
+    if s.prnu > 0.0 || s.dsnu_e > 0.0 {
+        writeln!(t, "  non-uniform   PRNU {}, DSNU {} e-", percent(s.prnu), s.dsnu_e)?;
+    }
+    if dark > 0.0 {
+        writeln!(t, "  dark current  {dark:.4} e-/s at {:.0} °C, {:.4} at 35 °C", s.temperature_c, s.dark_current.at(35.0))?;
+    }
+    if s.hot_pixels.share > 0.0 {
+        writeln!(t, "  hot pixels    {:.3} %, {} times the dark current on average", s.hot_pixels.share * 100.0, s.hot_pixels.factor)?;
+    }
+    writeln!(t, "  pixel MTF     {:.2} at half of Nyquist, {:.2} at Nyquist (lens apart)", s.mtf(0.25), s.mtf(0.5))?;
+    if let Some(m) = &s.two_stage {
+        writeln!(t, "  read noise    {} e- before the gain, {} DN after it", m.before_e, m.after_dn)?;
+    }
     writeln!(
         t,
-        "  {:>7} {:>11} {:>11} {:>13} {:>13} {:>9}",
-        "ISO", "gain e-/DN", "read e-", "saturation e-", "range stops", "SNR dB"
+        "  {:>7} {:>11} {:>11} {:>13} {:>13} {:>9} {:>7} {:>7}",
+        "ISO", "gain e-/DN", "dark e-", "saturation e-", "range stops", "SNR dB", "black", "white"
     )?;
-    for (i, top, dr, snr) in rows {
+    for (i, top, floor, dr, snr) in rows {
         writeln!(
             t,
-            "  {:>7.0} {:>11.4} {:>11.2} {:>13.0} {:>13.2} {:>9.1}",
-            i.iso, i.gain_e_per_dn, i.read_noise_e, top, dr, snr
+            "  {:>7.0} {:>11.4} {:>11.2} {:>13.0} {:>13.2} {:>9.1} {:>7.0} {:>7.0}{}",
+            i.iso,
+            i.gain_e_per_dn,
+            floor,
+            top,
+            dr,
+            snr,
+            i.black_level_dn,
+            i.white_level_dn,
+            if i.digital_gain > 1.0 { "  digital" } else { "" }
         )?;
     }
     writeln!(t, "  sources")?;
     for (what, source) in &s.sources {
         writeln!(t, "    {what}: {source}")?;
+    }
+    write!(std::io::stdout(), "{t}")?;
+    Ok(())
+}
+
+fn measure(args: &Emva, json: bool) -> anyhow::Result<()> {
+    let s = read_body(&args.body)?;
+    let names = s.cfa.channel_names();
+    let most = |a: &usize, b: &usize| s.quantum_efficiency[*a].max().total_cmp(&s.quantum_efficiency[*b].max());
+    let channel = match &args.channel {
+        None => (0..names.len()).max_by(most).unwrap_or(0),
+        Some(c) => names.iter().position(|n| n.eq_ignore_ascii_case(c)).ok_or_else(|| {
+            AskedWrongly(anyhow!("channel \"{c}\": expected one of {} on {}", names.join(", "), s.name))
+        })?,
+    };
+    let conditions = Conditions {
+        iso: args.iso.map_or(s.iso[0].iso, |i| i.0),
+        channel,
+        nm: args.wavelength,
+        exposure_s: args.shutter.0,
+        temperature_c: args.temperature,
+        serial: args.serial.clone().unwrap_or_else(|| Conditions::default().serial),
+        seed: args.seed,
+        size: [args.size.width, args.size.height],
+        stack: args.stack,
+    };
+    let plots = paint::prepare(&args.output)?;
+    let mut export = args.export.as_deref().map(|folder| Export::new(folder, &s, &conditions)).transpose()?;
+    let report = emva::measure(&s, &conditions, &mut |frame| match &mut export {
+        Some(export) => export.keep(frame).map_err(|e| format!("{e:#}")),
+        None => Ok(()),
+    })
+    .map_err(|e| match e {
+        diopter::sensor::SensorError::Kept(reason) => anyhow!(reason),
+        other => AskedWrongly(other.into()).into(),
+    })?;
+    if let Some(export) = export {
+        say(&format!("wrote {}", export.finish()?.display()));
+    }
+    let title = format!("{}, ISO {:.0}, {} at {:.0} nm", s.name, conditions.iso, names[channel], report.nm);
+    for path in paint::write(plots, &plot(&title, &report))? {
+        say(&format!("wrote {}", path.display()));
+    }
+    if json {
+        return print_json(&serde_json::json!({
+            "body": s.name, "iso": conditions.iso, "channel": names[channel], "nm": report.nm,
+            "measured": report.measured, "sheet": report.sheet, "photon_transfer": report.points,
+        }));
+    }
+    let mut t = String::new();
+    writeln!(t, "{title}   (EMVA 1288, release 4.0 linear)")?;
+    writeln!(t, "  {:<34} {:>12} {:>12} {:>9}", "", "measured", "data sheet", "")?;
+    let (m, p) = (&report.measured, &report.sheet);
+    let row = |t: &mut String, name: &str, unit: &str, of: &dyn Fn(&Figures) -> f64| {
+        let (a, b) = (of(m), of(p));
+        let off = if b.abs() > 0.005 { format!("{:+.2} %", 100.0 * (a / b - 1.0)) } else { String::new() };
+        let digits = if b.abs().max(a.abs()) >= 1000.0 { 0 } else { 4 };
+        writeln!(t, "  {:<34} {a:>12.digits$} {b:>12.digits$} {off:>9}", format!("{name}, {unit}"))
+    };
+    row(&mut t, "system gain K", "DN/e-", &|f| f.gain_dn_per_e)?;
+    row(&mut t, "quantum efficiency", "%", &|f| 100.0 * f.quantum_efficiency)?;
+    row(&mut t, "temporal dark noise", "e-", &|f| f.dark_noise_e)?;
+    row(&mut t, "saturation capacity", "e-", &|f| f.saturation_capacity_e)?;
+    row(&mut t, "sensitivity threshold", "photons", &|f| f.threshold_photons)?;
+    row(&mut t, "largest SNR", "dB", &|f| f.snr_max_db())?;
+    row(&mut t, "dynamic range", "dB", &|f| f.dynamic_range_db())?;
+    row(&mut t, "DSNU1288", "e-", &|f| f.dsnu_e)?;
+    row(&mut t, "PRNU1288", "%", &|f| f.prnu_percent)?;
+    row(&mut t, "linearity error, largest", "%", &|f| f.linearity_error_percent)?;
+    row(&mut t, "dark current", "e-/s", &|f| f.dark_current_e_per_s)?;
+    write!(std::io::stdout(), "{t}")?;
+    Ok(())
+}
+
+/// Pictures of a measurement in a folder, and their description in the words of the EMVA 1288 reference implementation.
+struct Export {
+    folder: PathBuf,
+    description: String,
+    written: usize,
+}
+
+impl Export {
+    fn new(folder: &Path, sensor: &Sensor, c: &Conditions) -> anyhow::Result<Self> {
+        let place = || folder.display().to_string();
+        std::fs::create_dir_all(folder).with_context(place)?;
+        if std::fs::read_dir(folder).with_context(place)?.next().is_some() {
+            return Err(AskedWrongly(anyhow!("{}: expected a folder that is new or empty", place())).into());
+        }
+        let description =
+            format!("# {}, ISO {:.0}\nv 4.0\nn {} {} {}\n", sensor.name, c.iso, sensor.adc_bits, c.size[0], c.size[1]);
+        Ok(Export { folder: folder.to_owned(), description, written: 0 })
+    }
+
+    fn keep(&mut self, frame: &Frame) -> anyhow::Result<()> {
+        self.written += 1;
+        let name = format!("{:04}.png", self.written);
+        let output = Output::prepare(&self.folder.join(&name))?;
+        output.commit(|to| Ok(png::write_numbers(frame.picture, to)?))?;
+        if frame.number == 0 {
+            let nanoseconds = frame.exposure_s * 1e9;
+            match frame.photons > 0.0 {
+                true => writeln!(self.description, "b {nanoseconds} {}", frame.photons)?,
+                false => writeln!(self.description, "d {nanoseconds}")?,
+            }
+        }
+        writeln!(self.description, "i {name}")?;
+        Ok(())
+    }
+
+    /// The description comes last: where it is, all pictures are.
+    fn finish(self) -> anyhow::Result<PathBuf> {
+        let output = Output::prepare(&self.folder.join("description.txt"))?;
+        output.commit(|to| Ok(to.write_all(self.description.as_bytes())?))
+    }
+}
+
+/// Photon transfer, and signal over noise.
+fn plot(title: &str, report: &Report) -> Figure {
+    let cell = glam::DVec2::new(460.0, 320.0);
+    let mut figure = Figure::new(2.0 * cell.x, cell.y + 24.0);
+    let point = |x: f64, y: f64| glam::DVec2::new(x, y);
+    let line = |name: &str, color, style, points| Line { name: name.into(), color, style, points };
+    let (red, grey, blue) = ([200, 40, 40], [130, 130, 130], [40, 80, 200]);
+    let m = &report.measured;
+    let transfer: Vec<_> = report.points.iter().map(|p| point(p.signal_dn, p.variance_dn2)).collect();
+    let saturated = m.gain_dn_per_e * m.saturation_capacity_e;
+    let fit = vec![point(0.0, 0.0), point(saturated, saturated * m.gain_dn_per_e)];
+    Chart {
+        title: format!("Photon transfer: K = {:.4} DN/e-", m.gain_dn_per_e),
+        x: Axis::around("signal less dark, DN", transfer.iter().map(|p| p.x), true),
+        y: Axis::around("variance less dark, DN²", transfer.iter().map(|p| p.y), true),
+        lines: vec![line("fit to 70 %", grey, Style::Full, fit), line("measured", red, Style::Dots, transfer)],
+    }
+    .draw(&mut figure, glam::DVec2::new(0.0, 24.0), cell);
+    let log = |v: f64| v.max(1e-12).log10();
+    let used = report.points.iter().filter(|p| p.snr > 0.0);
+    let snr: Vec<_> = used.clone().map(|p| point(log(p.photons), 20.0 * log(p.snr))).collect();
+    let ideal: Vec<_> = used.map(|p| point(log(p.photons), 10.0 * log(p.photons))).collect();
+    Chart {
+        title: format!("SNR: largest {:.1} dB, dynamic range {:.1} dB", m.snr_max_db(), m.dynamic_range_db()),
+        x: Axis::around("photons a pixel, log10", snr.iter().map(|p| p.x), false),
+        y: Axis::around("SNR, dB", snr.iter().chain(&ideal).map(|p| p.y), true),
+        lines: vec![line("every photon counted", blue, Style::Broken, ideal), line("measured", red, Style::Dots, snr)],
+    }
+    .draw(&mut figure, glam::DVec2::new(cell.x, 24.0), cell);
+    figure.text(glam::DVec2::new(figure.width / 2.0, 16.0), title, 11.0, diopter::lens::draw::Anchor::Middle);
+    figure
+}
+
+fn speeds(body: &str, asked: Option<&List>, json: bool) -> anyhow::Result<()> {
+    let s = read_body(body)?;
+    let settings = asked.map_or_else(|| s.iso.iter().map(|i| i.iso).collect(), |l| l.0.clone());
+    let all = settings.iter().map(|iso| diopter::iso::measure(&s, *iso)).collect::<Result<Vec<_>, _>>()?;
+    if json {
+        let rows: Vec<_> = all
+            .iter()
+            .map(|v| {
+                serde_json::json!({
+                    "nominal": v.nominal, "saturation": v.saturation, "standard_output": v.standard_output,
+                    "noise_40": v.noise_40, "noise_10": v.noise_10,
+                })
+            })
+            .collect();
+        return print_json(&serde_json::json!({ "body": s.name, "speeds": rows }));
+    }
+    let mut t = String::new();
+    writeln!(t, "{}   (ISO 12232:2019, D55; output: the default development)", s.name)?;
+    writeln!(t, "  {:>8} {:>11} {:>11} {:>11} {:>11}", "setting", "saturation", "output SOS", "S/N 40", "S/N 10")?;
+    let number = |v: Option<f64>| v.map_or("-".to_owned(), |v| format!("{v:.0}"));
+    for v in all {
+        writeln!(
+            t,
+            "  {:>8.0} {:>11.0} {:>11.0} {:>11} {:>11}",
+            v.nominal,
+            v.saturation,
+            v.standard_output,
+            number(v.noise_40),
+            number(v.noise_10)
+        )?;
     }
     write!(std::io::stdout(), "{t}")?;
     Ok(())

@@ -1,42 +1,167 @@
-//! `read-out`: a focal plane into a raw image.
+//! `read-out`: a focal plane into raw files.
 
-use super::{print_json, read_plane};
-use crate::args::ReadOut;
-use crate::output;
+use super::{open, print_json, read_plane};
+use crate::args::{Raw, ReadOut};
+use crate::output::{self, Output, now};
 use crate::watch::say;
 use anyhow::Context;
-use diopter::image::exr;
-use diopter::sensor::{Sensor, read_out};
+use diopter::develop::Recipe;
+use diopter::image::dng::{self, Storage};
+use diopter::image::exr::FocalPlaneRows;
+use diopter::image::{ImageError, RawHeader};
+use diopter::sensor::{Reading, Sensor, Window};
 use diopter::shot::{read_body, white_point};
+use diopter::{raw_file, truth};
+use std::path::{Path, PathBuf};
+
+/// Pixels of a plane up to which it is kept in memory for several read-outs.
+const KEPT_PIXELS: usize = 50_000_000;
+
+/// Rows beyond those that are read out, for what neighbours give.
+const HALO: usize = 1;
 
 pub fn run(args: &ReadOut, json: bool) -> anyhow::Result<()> {
-    let output = output::prepare_exr(&args.output)?;
+    let names = numbered(&args.output, args.shots.get());
+    let outputs = names.iter().map(|n| output::prepare_dng(n)).collect::<anyhow::Result<Vec<_>>>()?;
+    let truth_file = args.truth.as_deref().map(output::prepare_exr).transpose()?;
     let white = white_point(&args.white)?;
-    let plane = read_plane(&args.plane)?;
-    let sensor = match &args.body {
-        Some(name) => read_body(name)?,
-        None => {
-            let body = &plane.facts.body;
-            let named = Sensor::names().filter_map(|n| Sensor::named(n).ok()).find(|s| s.name == *body);
-            named.with_context(|| {
-                format!(
-                    "{}: it was exposed with \"{body}\", which is not embedded; give its file with --body",
-                    args.plane.display()
-                )
-            })?
-        }
+    let place = || args.plane.display().to_string();
+    let first = open_rows(&args.plane)?;
+    let sensor = body_of(args, &first.facts().body)?;
+    let reading = |k: usize| Reading {
+        iso: args.iso.map_or(sensor.iso[0].iso.max(100.0).min(sensor.iso[sensor.iso.len() - 1].iso), |i| i.0),
+        seed: args.seed.wrapping_add(k as u64),
+        serial: args.raw.serial.clone().unwrap_or_else(|| Reading::FIRST_SERIAL.into()),
+        temperature_c: args.raw.temperature,
+        white: args.white.clone(),
     };
-    let raw = read_out(&plane, &sensor, args.iso.0, args.seed, &white).map_err(|e| crate::AskedWrongly(e.into()))?;
-    let path = output.commit(|to| Ok(exr::write_raw(&raw, to)?))?;
-    say(&format!("{}   ISO {:.0}   seed {}\nwrote {}", sensor.name, args.iso.0, args.seed, path.display()));
+    let asked = |e| anyhow::Error::from(crate::AskedWrongly(anyhow::Error::from(e).context(place())));
+    let date = now();
+    let prepare = |k: usize| {
+        diopter::sensor::ReadOut::new(&sensor, &reading(k), first.size(), first.bands(), first.facts(), &white).map_err(asked)
+    };
+    prepare(0)?;
+
+    let [width, height] = first.size();
+    let whole = sensor.blooming || (outputs.len() > 1 && width * height <= KEPT_PIXELS);
+    let bands = first.bands().len();
+    let kept = if whole { open_rows(&args.plane)?.next(height).with_context(place)? } else { Vec::new() };
+    let mut written = Vec::new();
+    let mut statistics = Statistics::default();
+    for (k, output) in outputs.into_iter().enumerate() {
+        let reader = prepare(k)?;
+        let mut header = reader.header().clone();
+        header.facts.date = Some(date.clone());
+        statistics = Statistics::default();
+        let mut source = if whole { None } else { Some(open_rows(&args.plane)?) };
+        // What has been read of the file: rows `from..` of the plane.
+        let (mut from, mut window) = (0, Vec::<f32>::new());
+        // Charge that blooms runs along whole columns: all of it is read at once.
+        let mut mosaic = vec![0u16; if sensor.blooming { width * height } else { 0 }];
+        if sensor.blooming {
+            reader.rows(&Window { first: 0, data: &kept }, 0, &mut mosaic);
+        }
+        let mut rows = |first: usize, band: &mut [u16]| -> Result<(), ImageError> {
+            let count = band.len() / width;
+            if sensor.blooming {
+                band.copy_from_slice(&mosaic[first * width..][..band.len()]);
+            } else if let Some(source) = &mut source {
+                let begin = first.saturating_sub(HALO);
+                window.drain(..(begin - from) * width * bands);
+                from = begin;
+                let missing = (first + count + HALO).min(height) - (from + window.len() / (width * bands));
+                window.extend(source.next(missing)?);
+                reader.rows(&Window { first: from, data: &window }, first, band);
+            } else {
+                reader.rows(&Window { first: 0, data: &kept }, first, band);
+            }
+            statistics.add(band, &header);
+            Ok(())
+        };
+        let path = output
+            .commit(|to| Ok(raw_file::write(&header, [width, height], args.raw.storage(), &mut rows, &Recipe::default(), to)?))
+            .with_context(place)?;
+        written.push(path);
+    }
+    if let Some(output) = truth_file {
+        let plane = read_plane(&args.plane)?;
+        let raw = dng::read(open(&written[0])?).with_context(|| written[0].display().to_string())?;
+        written.push(output.commit(|to| Ok(truth::write(&plane, &prepare(0)?, &raw, to)?))?);
+    }
+    let header = prepare(0)?.header().clone();
+    say(&format!(
+        "{}   ISO {:.0}   {:.0} °C   serial {}   seed {}",
+        sensor.name,
+        header.facts.iso,
+        header.facts.temperature_c.unwrap_or(0.0),
+        header.facts.serial,
+        args.seed
+    ));
+    written.iter().for_each(|p| say(&format!("wrote {}", p.display())));
     if json {
-        let n = raw.mosaic.data.len() as f64;
-        let mean = raw.mosaic.data.iter().map(|d| *d as f64).sum::<f64>() / n;
-        let saturated = raw.mosaic.data.iter().filter(|d| **d as f64 >= raw.white_level).count() as f64 / n;
         print_json(&serde_json::json!({
-            "files": [path], "facts": raw.facts, "black_level": raw.black_level, "white_level": raw.white_level,
-            "mean_dn": mean, "saturated": saturated, "as_shot_neutral": raw.as_shot_neutral,
+            "files": written, "facts": header.facts, "black_level": header.black_level, "white_level": header.white_level,
+            "mean_dn": statistics.sum / statistics.count, "saturated": statistics.saturated / statistics.count,
+            "as_shot_neutral": header.as_shot_neutral, "noise_profile": header.noise, "cfa": header.cfa.letters(),
         }))?;
     }
     Ok(())
+}
+
+/// Of the numbers of a read-out.
+#[derive(Default)]
+struct Statistics {
+    sum: f64,
+    count: f64,
+    saturated: f64,
+}
+
+impl Statistics {
+    fn add(&mut self, band: &[u16], header: &RawHeader) {
+        self.count += band.len() as f64;
+        self.sum += band.iter().map(|d| f64::from(*d)).sum::<f64>();
+        self.saturated += band.iter().filter(|d| f64::from(**d) >= header.white_level).count() as f64;
+    }
+}
+
+fn open_rows(path: &Path) -> anyhow::Result<FocalPlaneRows> {
+    FocalPlaneRows::open(open(path)?).with_context(|| path.display().to_string())
+}
+
+/// The body that is asked for, or the one the plane was exposed with.
+fn body_of(args: &ReadOut, exposed_with: &str) -> anyhow::Result<Sensor> {
+    if let Some(name) = &args.body {
+        return Ok(read_body(name)?);
+    }
+    let named = Sensor::names().filter_map(|n| Sensor::named(n).ok()).find(|s| s.name == exposed_with);
+    named.with_context(|| {
+        format!("{}: it was exposed with \"{exposed_with}\", which is not embedded; give its file with --body", args.plane.display())
+    })
+}
+
+/// Names of several files from one: a number before the ending.
+fn numbered(path: &Path, count: usize) -> Vec<PathBuf> {
+    if count == 1 {
+        return vec![path.to_owned()];
+    }
+    let digits = count.to_string().len().max(3);
+    let stem = path.file_stem().unwrap_or_default().to_string_lossy();
+    let ending = path.extension().map_or(String::new(), |e| format!(".{}", e.to_string_lossy()));
+    (1..=count).map(|k| path.with_file_name(format!("{stem}-{k:0digits$}{ending}"))).collect()
+}
+
+impl Raw {
+    /// How numbers are stored.
+    pub fn storage(&self) -> Storage {
+        match self.dng {
+            crate::args::DngStorage::Sixteen => Storage::Sixteen,
+            crate::args::DngStorage::Packed => Storage::Packed,
+            crate::args::DngStorage::Lossless => Storage::Lossless,
+        }
+    }
+}
+
+/// Writes a raw image that is in memory.
+pub fn write_raw(output: Output, raw: &diopter::image::RawImage, storage: Storage) -> anyhow::Result<PathBuf> {
+    output.commit(|to| Ok(raw_file::write_image(raw, storage, &Recipe::default(), to)?))
 }

@@ -6,8 +6,10 @@ use crate::output::{self, Output};
 use crate::watch::{say, warn, watched};
 use diopter::image::ExposureFacts;
 use diopter::metering::ev100_of_setting;
+use diopter::sensor::ReadOut;
+use diopter::truth;
 use diopter::quantity::{FNumber, Seconds};
-use diopter::shot::Shot;
+use diopter::shot::{Shot, white_point};
 use std::path::PathBuf;
 use std::time::Instant;
 
@@ -15,6 +17,12 @@ pub fn run(args: &Shoot, json: bool) -> anyhow::Result<()> {
     let started = Instant::now();
     let mut file = args.taking.shot_file()?;
     args.developing.apply(&mut file.develop)?;
+    if args.dng.serial.is_some() {
+        file.camera.serial.clone_from(&args.dng.serial);
+    }
+    if args.dng.temperature.is_some() {
+        file.exposure.temperature_c = args.dng.temperature;
+    }
     if !args.output.is_empty() {
         file.output.files.clone_from(&args.output);
     }
@@ -24,9 +32,11 @@ pub fn run(args: &Shoot, json: bool) -> anyhow::Result<()> {
     // Whether the results can be written is known before the work, not after.
     let pictures = output::prepare_pictures(&file.output.files)?;
     let plane_file = args.keep_plane.as_deref().map(output::prepare_exr).transpose()?;
+    let truth_file = args.truth.as_deref().map(output::prepare_exr).transpose()?;
     let shot_file = args.save_shot.as_deref().map(Output::prepare).transpose()?;
 
     let mut shot = Shot::prepare(&file, &mut warn)?;
+    shot.date = Some(output::now());
     watched("metering", |w| shot.meter(w))?;
     let prepared = started.elapsed().as_secs_f64();
     let plane = watched("exposing", |w| shot.expose(w))?;
@@ -44,9 +54,14 @@ pub fn run(args: &Shoot, json: bool) -> anyhow::Result<()> {
     if let Some(output) = plane_file {
         written.push(output::write_plane(output, &plane)?);
     }
-    written.extend(output::write_pictures(pictures, &raw, &shot.recipe)?);
+    if let Some(output) = truth_file {
+        let white = white_point(&shot.reading.white)?;
+        let reader = ReadOut::new(&shot.sensor, &shot.reading, [plane.width(), plane.height()], &plane.bands, &plane.facts, &white)?;
+        written.push(output.commit(|to| Ok(truth::write(&plane, &reader, &raw, to)?))?);
+    }
+    written.extend(output::write_pictures(pictures, &raw, &shot.recipe, args.dng.storage())?);
 
-    let facts = ExposureFacts { iso: shot.iso, ..plane.facts.clone() };
+    let facts = raw.header.facts.clone();
     say(&display(&facts, plane.width(), plane.height(), exposed - prepared));
     for path in &written {
         say(&format!("wrote {}", path.display()));

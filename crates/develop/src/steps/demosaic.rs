@@ -7,29 +7,24 @@ use crate::recipe::Demosaic;
 use diopter_image::{Cfa, Raster};
 use rayon::prelude::*;
 
-/// RGB from a mosaic.
+/// All channels of each pixel from a mosaic.
 pub fn demosaic(mosaic: &Raster<f32>, cfa: &Cfa, method: Demosaic) -> Raster<f32> {
-    let mut rgb = Raster::new(mosaic.width, mosaic.height, 3);
+    let channels = cfa.channel_count();
+    if channels == 1 {
+        return mosaic.clone();
+    }
+    let mut full = Raster::new(mosaic.width, mosaic.height, channels);
     let width = mosaic.width;
-    rgb.data.par_chunks_mut(width * 3).enumerate().for_each(|(row, line)| {
-        for column in 0..width {
-            let pixel = match (cfa.channel_count(), is_bayer(cfa), method) {
-                (1, ..) => [mosaic.pixel(column, row)[0]; 3],
-                (_, true, Demosaic::MalvarHeCutler) => malvar(mosaic, cfa, column as i64, row as i64),
-                _ => nearest_mean(mosaic, cfa, column as i64, row as i64),
-            };
-            line[column * 3..column * 3 + 3].copy_from_slice(&pixel);
+    let gradients = cfa.is_bayer() && method == Demosaic::MalvarHeCutler;
+    full.data.par_chunks_mut(width * channels).enumerate().for_each(|(row, line)| {
+        for (column, pixel) in line.chunks_mut(channels).enumerate() {
+            match gradients {
+                true => pixel.copy_from_slice(&malvar(mosaic, cfa, column as i64, row as i64)),
+                false => nearest_mean(mosaic, cfa, column as i64, row as i64, pixel),
+            }
         }
     });
-    rgb
-}
-
-fn is_bayer(cfa: &Cfa) -> bool {
-    cfa.columns == 2
-        && cfa.channels.len() == 4
-        && cfa.channels.iter().filter(|c| **c == 1).count() == 2
-        && cfa.channels[0] != cfa.channels[1]
-        && cfa.channels[1] != cfa.channels[3]
+    full
 }
 
 /// Index reflected at the edges, without repeating the edge pixel (keeps the phase of a Bayer pattern).
@@ -48,13 +43,15 @@ fn at(mosaic: &Raster<f32>, column: i64, row: i64) -> f32 {
 }
 
 /// Mean of each colour within the smallest square that holds it.
-fn nearest_mean(mosaic: &Raster<f32>, cfa: &Cfa, column: i64, row: i64) -> [f32; 3] {
+fn nearest_mean(mosaic: &Raster<f32>, cfa: &Cfa, column: i64, row: i64, pixel: &mut [f32]) {
     let own = cfa.channel_at(column as usize, row as usize);
-    std::array::from_fn(|channel| {
+    let reach = cfa.columns().max(cfa.rows()) as i64;
+    for (channel, value) in pixel.iter_mut().enumerate() {
+        *value = at(mosaic, column, row);
         if channel == own {
-            return at(mosaic, column, row);
+            continue;
         }
-        for radius in 1..=4i64 {
+        for radius in 1..=reach {
             let (mut sum, mut n) = (0.0, 0.0);
             for dy in -radius..=radius {
                 for dx in -radius..=radius {
@@ -68,11 +65,11 @@ fn nearest_mean(mosaic: &Raster<f32>, cfa: &Cfa, column: i64, row: i64) -> [f32;
                 }
             }
             if n > 0.0 {
-                return sum / n;
+                *value = sum / n;
+                break;
             }
         }
-        at(mosaic, column, row)
-    })
+    }
 }
 
 fn malvar(mosaic: &Raster<f32>, cfa: &Cfa, x: i64, y: i64) -> [f32; 3] {
@@ -116,7 +113,7 @@ mod tests {
     #[test]
     fn flat_colours_are_exact_in_every_phase() {
         for pattern in ["RG/GB", "GR/BG", "GB/RG", "BG/GR"] {
-            let cfa = Cfa::from_letters(pattern).unwrap();
+            let cfa = Cfa::parse(pattern).unwrap();
             // A coloured flat is exact for bilinear; the gradient-corrected filters keep it exact too.
             let mosaic = mosaic_of(|_, _| [0.2, 0.5, 0.8], &cfa);
             for method in [Demosaic::Bilinear, Demosaic::MalvarHeCutler] {
@@ -130,7 +127,7 @@ mod tests {
 
     #[test]
     fn grey_ramps_are_exact_inside() {
-        let cfa = Cfa::from_letters("RG/GB").unwrap();
+        let cfa = Cfa::parse("RG/GB").unwrap();
         let mosaic = mosaic_of(|c, r| [0.01 * c as f32 + 0.02 * r as f32; 3], &cfa);
         let rgb = demosaic(&mosaic, &cfa, Demosaic::MalvarHeCutler);
         for row in 2..14 {
@@ -143,10 +140,10 @@ mod tests {
 
     #[test]
     fn one_pixel_and_odd_patterns_do_no_harm() {
-        let cfa = Cfa::from_letters("RG/GB").unwrap();
+        let cfa = Cfa::parse("RG/GB").unwrap();
         let one = Raster { width: 1, height: 1, channels: 1, data: vec![0.5f32] };
         assert_eq!(demosaic(&one, &cfa, Demosaic::MalvarHeCutler).data.len(), 3);
-        let xtrans = Cfa::from_letters("GRGGBG/BGBRGR/GRGGBG/GBGGRG/RGRBGB/GBGGRG").unwrap();
+        let xtrans = Cfa::parse("GRGGBG/BGBRGR/GRGGBG/GBGGRG/RGRBGB/GBGGRG").unwrap();
         let rgb = demosaic(&mosaic_of(|_, _| [0.3; 3], &xtrans), &xtrans, Demosaic::MalvarHeCutler);
         assert!(rgb.data.iter().all(|v| (v - 0.3).abs() < 1e-6));
     }

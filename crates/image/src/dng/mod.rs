@@ -1,0 +1,188 @@
+//! DNG: the raw file that every converter opens.
+//!
+//! Source: Adobe, Digital Negative Specification 1.6.0.0 (December 2021); TIFF 6.0. A file holds a small RGB picture (IFD0), the
+//! mosaic and a JPEG preview (its SubIFDs), EXIF, and the facts of the exposure as JSON in XMP, which gives back what EXIF rounds.
+
+pub mod lossless;
+mod packing;
+mod read;
+mod write;
+
+pub use read::read;
+pub use write::{Rows, Storage, write, write_image};
+
+/// Tags of the specification, by their names there.
+mod tag {
+    pub const NEW_SUBFILE_TYPE: u16 = 254;
+    pub const WIDTH: u16 = 256;
+    pub const HEIGHT: u16 = 257;
+    pub const BITS_PER_SAMPLE: u16 = 258;
+    pub const COMPRESSION: u16 = 259;
+    pub const PHOTOMETRIC: u16 = 262;
+    pub const STRIP_OFFSETS: u16 = 273;
+    pub const SAMPLES_PER_PIXEL: u16 = 277;
+    pub const ROWS_PER_STRIP: u16 = 278;
+    pub const STRIP_BYTE_COUNTS: u16 = 279;
+    pub const X_RESOLUTION: u16 = 282;
+    pub const Y_RESOLUTION: u16 = 283;
+    pub const PLANAR: u16 = 284;
+    pub const RESOLUTION_UNIT: u16 = 296;
+    pub const TILE_WIDTH: u16 = 322;
+    pub const TILE_LENGTH: u16 = 323;
+    pub const TILE_OFFSETS: u16 = 324;
+    pub const TILE_BYTE_COUNTS: u16 = 325;
+    pub const SUB_IFDS: u16 = 330;
+    pub const YCBCR_SUBSAMPLING: u16 = 530;
+    pub const YCBCR_POSITIONING: u16 = 531;
+    pub const REFERENCE_BLACK_WHITE: u16 = 532;
+    pub const XMP: u16 = 700;
+    pub const CFA_REPEAT: u16 = 33421;
+    pub const CFA_PATTERN: u16 = 33422;
+    pub const DNG_VERSION: u16 = 50706;
+    pub const DNG_BACKWARD_VERSION: u16 = 50707;
+    pub const UNIQUE_CAMERA_MODEL: u16 = 50708;
+    pub const CFA_PLANE_COLOR: u16 = 50710;
+    pub const CFA_LAYOUT: u16 = 50711;
+    pub const LINEARIZATION_TABLE: u16 = 50712;
+    pub const BLACK_REPEAT: u16 = 50713;
+    pub const BLACK_LEVEL: u16 = 50714;
+    pub const WHITE_LEVEL: u16 = 50717;
+    pub const DEFAULT_SCALE: u16 = 50718;
+    pub const CROP_ORIGIN: u16 = 50719;
+    pub const CROP_SIZE: u16 = 50720;
+    pub const COLOR_MATRIX: [u16; 2] = [50721, 50722];
+    pub const AS_SHOT_NEUTRAL: u16 = 50728;
+    pub const BASELINE_EXPOSURE: u16 = 50730;
+    pub const BASELINE_NOISE: u16 = 50731;
+    pub const BASELINE_SHARPNESS: u16 = 50732;
+    pub const LINEAR_RESPONSE_LIMIT: u16 = 50734;
+    pub const CAMERA_SERIAL: u16 = 50735;
+    pub const LENS_INFO: u16 = 50736;
+    pub const CALIBRATION_ILLUMINANT: [u16; 2] = [50778, 50779];
+    pub const ACTIVE_AREA: u16 = 50829;
+    pub const PROFILE_NAME: u16 = 50936;
+    pub const FORWARD_MATRIX: [u16; 2] = [50964, 50965];
+    pub const PREVIEW_SOFTWARE: u16 = 50966;
+    pub const PREVIEW_COLOR_SPACE: u16 = 50970;
+    pub const NOISE_PROFILE: u16 = 51041;
+}
+
+/// Values of the tag Compression.
+mod compression {
+    pub const NONE: u16 = 1;
+    pub const JPEG: u16 = 7;
+}
+
+/// Values of the tag PhotometricInterpretation.
+mod photometric {
+    pub const RGB: u16 = 2;
+    pub const YCBCR: u16 = 6;
+    pub const CFA: u16 = 32803;
+    pub const LINEAR_RAW: u16 = 34892;
+}
+
+/// Numbers of filters in the tags CFAPattern and CFAPlaneColor.
+const FILTER_NUMBERS: [(crate::raw::Filter, u8); 4] = {
+    use crate::raw::Filter;
+    [(Filter::Red, 0), (Filter::Green, 1), (Filter::Blue, 2), (Filter::Clear, 6)]
+};
+
+/// Namespace of our own XMP property.
+const XMP_NAMESPACE: &str = "urn:diopter:1.0";
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::raw::{Cfa, ColorCalibration, LightSource, RawHeader, RawImage};
+    use crate::{ExposureFacts, Raster};
+    use std::io::Cursor;
+
+    pub(super) fn image(pattern: &str, bits: u32, width: usize, height: usize) -> RawImage {
+        let cfa = Cfa::parse(pattern).unwrap();
+        let n = cfa.channel_count();
+        let mut mosaic = Raster::new(width, height, 1);
+        let top = ((1u64 << bits) - 1) as u32;
+        let value = |i: usize| (i as u32).wrapping_mul(2_654_435_761) % (top + 1);
+        mosaic.data.iter_mut().enumerate().for_each(|(i, v)| *v = value(i) as u16);
+        let calibration = |light, scale: f64| ColorCalibration {
+            light,
+            camera_from_xyz: (0..n).map(|c| std::array::from_fn(|k| scale * (1.0 + c as f64 - 0.5 * k as f64))).collect(),
+            xyz_d50_from_balanced: (0..n).map(|c| std::array::from_fn(|k| scale * 0.25 * (1.0 + (c + k) as f64))).collect(),
+        };
+        let mono = cfa.is_monochrome();
+        RawImage {
+            mosaic,
+            header: RawHeader {
+                calibrations: if mono { vec![] } else { vec![calibration(LightSource::A, 0.5), calibration(LightSource::D65, 0.25)] },
+                as_shot_neutral: (0..n).map(|c| 1.0 / (1.0 + c as f64)).collect(),
+                noise: (0..n).map(|c| [1e-4 * (1 + c) as f64, 1e-7]).collect(),
+                cfa,
+                bits,
+                black_level: 16.5,
+                white_level: top as f64 - 3.0,
+                facts: ExposureFacts {
+                    make: "Maker".into(),
+                    model: "Model “X” – ½".into(),
+                    lens: "50 mm f/1.4 <&\"'>".into(),
+                    exposure_s: 1.0 / 3.0,
+                    focus_distance_m: None,
+                    metered_ev100: Some(-2.5),
+                    f_number: 1.4142,
+                    iso: 102_400.0,
+                    ..Default::default()
+                },
+            },
+        }
+    }
+
+    #[test]
+    fn every_storage_and_pattern_gives_back_each_number() {
+        for (pattern, bits) in [("RG/GB", 14), ("GB/RG", 12), ("x-trans", 16), ("quad", 10), ("rgbw", 12), ("rccc", 12), ("mono", 16)] {
+            for storage in [Storage::Sixteen, Storage::Packed, Storage::Lossless] {
+                for (width, height) in [(37, 23), (300, 270), (1, 1), (512, 16)] {
+                    let raw = image(pattern, bits, width, height);
+                    let mut file = Cursor::new(Vec::new());
+                    write_image(&raw, storage, None, &mut file).unwrap();
+                    file.set_position(0);
+                    let back = read(&mut file).unwrap();
+                    assert_eq!(back.mosaic.data, raw.mosaic.data, "{pattern} {storage:?} {width} × {height}");
+                    assert_eq!(back.header.cfa, raw.header.cfa);
+                    assert_eq!(back.header.facts, raw.header.facts);
+                    let close = |a: &[f64], b: &[f64]| a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-6 * (1.0 + b.abs()));
+                    assert!(close(&back.header.as_shot_neutral, &raw.header.as_shot_neutral));
+                    assert!(close(&[back.header.black_level, back.header.white_level], &[16.5, raw.header.white_level]));
+                    assert_eq!(back.header.calibrations.len(), raw.header.calibrations.len());
+                    for (a, b) in back.header.calibrations.iter().zip(&raw.header.calibrations) {
+                        assert_eq!(a.light, b.light);
+                        assert!(close(a.camera_from_xyz.as_flattened(), b.camera_from_xyz.as_flattened()));
+                        assert!(close(a.xyz_d50_from_balanced.as_flattened(), b.xyz_d50_from_balanced.as_flattened()));
+                    }
+                    assert!(close(back.header.noise.as_flattened(), raw.header.noise.as_flattened()));
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn files_cut_short_or_damaged_are_errors() {
+        for storage in [Storage::Sixteen, Storage::Packed, Storage::Lossless] {
+            let mut file = Cursor::new(Vec::new());
+            write_image(&image("RG/GB", 14, 64, 40), storage, None, &mut file).unwrap();
+            let bytes = file.into_inner();
+            for length in (0..bytes.len()).step_by(bytes.len() / 60) {
+                assert!(read(Cursor::new(&bytes[..length])).is_err(), "{storage:?} {length}");
+            }
+            // Single damaged bytes may pass unseen (pixels do), but never panic.
+            for place in 0..bytes.len().min(3000) {
+                for value in [0, 0x7f, 0xff] {
+                    let mut damaged = bytes.clone();
+                    damaged[place] = value;
+                    let _ = read(Cursor::new(&damaged));
+                    let end = bytes.len() - 1 - place;
+                    damaged[end] ^= value;
+                    let _ = read(Cursor::new(&damaged));
+                }
+            }
+        }
+    }
+}

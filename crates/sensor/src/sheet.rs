@@ -1,0 +1,504 @@
+//! Data sheets as TOML: read, checked, turned into a [`Sensor`].
+
+use crate::data::RESPONSES;
+use crate::sensor::{DarkCurrent, HotPixels, IsoStep, SecondReading, TwoStage, saturation_capacity};
+use crate::{Sensor, SensorError};
+use diopter_image::Cfa;
+use diopter_image::raw::Filter;
+use diopter_light::spectrum::Table;
+use serde::Deserialize;
+use std::collections::BTreeMap;
+
+/// Wavelengths (nm) that a response must cover.
+const VISIBLE_NM: [f32; 2] = [400.0, 700.0];
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Sheet {
+    name: String,
+    #[serde(default)]
+    make: String,
+    #[serde(default)]
+    model: String,
+    format_mm: [f64; 2],
+    pixels: [usize; 2],
+    cfa: String,
+    response: Response,
+    peak_quantum_efficiency: f64,
+    filter: Option<Curve>,
+    /// The hard limit ...
+    full_well_e: Option<f64>,
+    /// ... or what EMVA 1288 measures.
+    saturation_capacity_e: Option<f64>,
+    #[serde(default)]
+    blooming: bool,
+    adc_bits: u32,
+    black_level_dn: f64,
+    white_level_dn: f64,
+    /// ISO, gain e⁻/DN, read noise e⁻ and, if known, row noise e⁻.
+    iso: Option<Vec<Vec<f64>>>,
+    amplifier: Option<Amplifier>,
+    /// The read noise was measured in numbers: it contains that of their rounding.
+    #[serde(default)]
+    read_noise_includes_rounding: bool,
+    /// ISO from which on another black and white level hold.
+    #[serde(default)]
+    levels: Vec<[f64; 3]>,
+    /// Gain is digital above this ISO.
+    digital_above_iso: Option<f64>,
+    #[serde(default)]
+    prnu_percent: f64,
+    #[serde(default)]
+    dsnu_e: f64,
+    #[serde(default)]
+    dsnu_row_e: f64,
+    #[serde(default)]
+    dsnu_column_e: f64,
+    #[serde(default)]
+    dark_current: Vec<[f64; 2]>,
+    #[serde(default = "six_and_a_half")]
+    dark_current_doubling_c: f64,
+    #[serde(default)]
+    hot_pixel_share: f64,
+    #[serde(default)]
+    hot_pixel_factor: f64,
+    #[serde(default = "twenty")]
+    temperature_c: f64,
+    #[serde(default)]
+    low_pass_px: f64,
+    #[serde(default = "one")]
+    fill_factor: f64,
+    #[serde(default)]
+    crosstalk_percent: f64,
+    second_reading: Option<Second>,
+    sources: BTreeMap<String, String>,
+}
+
+fn one() -> f64 {
+    1.0
+}
+
+fn twenty() -> f64 {
+    20.0
+}
+
+fn six_and_a_half() -> f64 {
+    6.5
+}
+
+/// Settings by the two-stage model: the gain is inverse to the ISO.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Amplifier {
+    iso: Vec<f64>,
+    /// ISO and the gain there, e⁻/DN.
+    gain: [f64; 2],
+    before_e: f64,
+    after_dn: f64,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Second {
+    relative_exposure: f64,
+    full_well_e: f64,
+    read_noise_e: f64,
+    #[serde(default = "nine_tenths")]
+    switch_at: f64,
+}
+
+fn nine_tenths() -> f64 {
+    0.9
+}
+
+#[derive(Deserialize)]
+#[serde(untagged)]
+enum Response {
+    Named(String),
+    Inline(InlineResponse),
+}
+
+/// Relative sensitivities at equal steps; a monochrome sensor gives `Y` alone, one with clear pixels `W` too.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+#[allow(non_snake_case)]
+struct InlineResponse {
+    first_nm: f32,
+    step_nm: f32,
+    R: Option<Vec<f32>>,
+    G: Option<Vec<f32>>,
+    B: Option<Vec<f32>>,
+    W: Option<Vec<f32>>,
+    Y: Option<Vec<f32>>,
+}
+
+/// Transmittance of a filter before the sensor at equal steps.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Curve {
+    first_nm: f32,
+    step_nm: f32,
+    transmittance: Vec<f32>,
+}
+
+/// Collects what is asked of a number: place, name, value, what is allowed.
+struct Checks<'a> {
+    place: &'a str,
+}
+
+impl Checks<'_> {
+    fn that(&self, ok: bool, what: &str, found: impl std::fmt::Display, expected: &str) -> Result<(), SensorError> {
+        match ok {
+            true => Ok(()),
+            false => Err(SensorError::Range {
+                what: format!("{}: {what}", self.place),
+                found: found.to_string(),
+                expected: expected.into(),
+            }),
+        }
+    }
+
+    fn positive(&self, value: f64, what: &str) -> Result<(), SensorError> {
+        self.that(value > 0.0 && value.is_finite(), what, value, "a number above 0")
+    }
+
+    fn not_negative(&self, value: f64, what: &str) -> Result<(), SensorError> {
+        self.that(value >= 0.0 && value.is_finite(), what, value, "0 or more")
+    }
+}
+
+pub(crate) fn parse(text: &str, place: &str) -> Result<Sensor, SensorError> {
+    let s: Sheet = toml::from_str(text)
+        .map_err(|e| SensorError::Parse { place: place.into(), reason: e.to_string().trim_end().to_owned() })?;
+    let check = Checks { place };
+    for v in s.format_mm {
+        check.that(v > 0.0 && v <= 1000.0, "format_mm", format!("{:?}", s.format_mm), "two lengths above 0, up to 1000 mm")?;
+    }
+    check.that(s.pixels.iter().all(|v| (1..=65_535).contains(v)), "pixels", format!("{:?}", s.pixels), "1 to 65535 a side")?;
+    let q = s.peak_quantum_efficiency;
+    check.that(q > 0.0 && q <= 1.0, "peak_quantum_efficiency", q, "a number above 0, at most 1")?;
+    check.that((1..=16).contains(&s.adc_bits), "adc_bits", s.adc_bits, "1 to 16")?;
+    let top = f64::from((1u32 << s.adc_bits) - 1);
+    for [black, white] in s.levels.iter().map(|l| [l[1], l[2]]).chain([[s.black_level_dn, s.white_level_dn]]) {
+        check.that(
+            black >= 0.0 && black < white && white <= top,
+            "black_level_dn and white_level_dn",
+            format!("{black} and {white}"),
+            &format!("0 <= black < white <= {top}, the largest number of {} bits", s.adc_bits),
+        )?;
+    }
+    check.that(
+        s.levels.windows(2).all(|w| w[0][0] < w[1][0]),
+        "levels",
+        format!("{:?}", s.levels),
+        "rows of rising ISO, black and white level (DN)",
+    )?;
+    for (value, what) in [
+        (s.dsnu_e, "dsnu_e"),
+        (s.dsnu_row_e, "dsnu_row_e"),
+        (s.dsnu_column_e, "dsnu_column_e"),
+        (s.hot_pixel_factor, "hot_pixel_factor"),
+        (s.low_pass_px, "low_pass_px"),
+    ] {
+        check.not_negative(value, what)?;
+    }
+    check.that((0.0..=20.0).contains(&s.prnu_percent), "prnu_percent", s.prnu_percent, "0 to 20")?;
+    check.that((0.0..=1.0).contains(&s.hot_pixel_share), "hot_pixel_share", s.hot_pixel_share, "a share, 0 to 1")?;
+    check.that(s.low_pass_px <= 8.0, "low_pass_px", s.low_pass_px, "up to 8 pixels")?;
+    check.that(s.fill_factor > 0.0 && s.fill_factor <= 1.0, "fill_factor", s.fill_factor, "a share above 0, at most 1")?;
+    check.that((0.0..=20.0).contains(&s.crosstalk_percent), "crosstalk_percent", s.crosstalk_percent, "0 to 20 to each neighbour")?;
+    check.that(
+        s.dark_current.iter().all(|[c, e]| *c >= -273.15 && c.is_finite() && *e > 0.0 && e.is_finite())
+            && s.dark_current.windows(2).all(|w| w[0][0] < w[1][0]),
+        "dark_current",
+        format!("{:?}", s.dark_current),
+        "rows of rising temperature (°C) and a current above 0 (e-/s)",
+    )?;
+    check.positive(s.dark_current_doubling_c, "dark_current_doubling_c")?;
+    check.that((-273.15..=200.0).contains(&s.temperature_c), "temperature_c", s.temperature_c, "-273 to 200 °C")?;
+
+    let cfa = Cfa::parse(&s.cfa).ok_or_else(|| SensorError::Range {
+        what: format!("{place}: cfa"),
+        found: format!("\"{}\"", s.cfa),
+        expected: "letters R, G, B, W in rows parted by / (such as RG/GB), or mono, quad, x-trans, rgbw, rccc".into(),
+    })?;
+    let relative = relative_responses(s.response, &cfa, place)?;
+    let relative = through(relative, s.filter, &check)?;
+    let peak = relative.iter().map(Table::max).fold(0.0, f32::max);
+    check.that(peak > 0.0, "response", peak, "a response somewhere")?;
+    let quantum_efficiency = relative.iter().map(|t| t.scaled(q as f32 / peak)).collect();
+
+    let mut iso = iso_steps(s.iso, s.amplifier.as_ref(), &check)?;
+    for step in &mut iso {
+        let here = s.levels.iter().rev().find(|l| l[0] <= step.iso * 1.001);
+        [step.black_level_dn, step.white_level_dn] = here.map_or([s.black_level_dn, s.white_level_dn], |l| [l[1], l[2]]);
+        if let Some(limit) = s.digital_above_iso.filter(|l| step.iso > l * 1.001) {
+            step.digital_gain = step.iso / limit;
+        }
+        if s.read_noise_includes_rounding {
+            // Rounding after a digital gain is that of the numbers before it.
+            let rounding = (step.gain_e_per_dn * step.digital_gain).powi(2) / 12.0;
+            step.read_noise_e = (step.read_noise_e.powi(2) - rounding).max(0.0).sqrt();
+        }
+    }
+    let dark_noise = iso[0].read_noise_e.hypot(iso[0].row_noise_e);
+    let full_well_e = match (s.full_well_e, s.saturation_capacity_e) {
+        (Some(well), None) => {
+            check.positive(well, "full_well_e")?;
+            well
+        }
+        (None, Some(capacity)) => {
+            check.positive(capacity, "saturation_capacity_e")?;
+            // The limit whose measured capacity it is.
+            let mut well = capacity;
+            for _ in 0..20 {
+                well += capacity - saturation_capacity(well, dark_noise);
+            }
+            well
+        }
+        (found, _) => {
+            let found = if found.is_some() { "both" } else { "neither" };
+            return check.that(false, "full_well_e and saturation_capacity_e", found, "one of the two").map(|()| unreachable!());
+        }
+    };
+    let second_reading = match s.second_reading {
+        None => None,
+        Some(r) => {
+            check.that(
+                r.relative_exposure > 0.0 && r.relative_exposure < 1.0,
+                "second_reading.relative_exposure",
+                r.relative_exposure,
+                "a share of the light above 0, below 1",
+            )?;
+            check.positive(r.full_well_e, "second_reading.full_well_e")?;
+            check.not_negative(r.read_noise_e, "second_reading.read_noise_e")?;
+            check.that(r.switch_at > 0.0 && r.switch_at <= 1.0, "second_reading.switch_at", r.switch_at, "a share above 0, at most 1")?;
+            Some(SecondReading {
+                relative_exposure: r.relative_exposure,
+                full_well_e: r.full_well_e,
+                read_noise_e: r.read_noise_e,
+                switch_at: r.switch_at,
+            })
+        }
+    };
+    Ok(Sensor {
+        model: if s.model.is_empty() { s.name.clone() } else { s.model },
+        make: s.make,
+        name: s.name,
+        format_mm: s.format_mm,
+        pixels: s.pixels,
+        cfa,
+        quantum_efficiency,
+        full_well_e,
+        blooming: s.blooming,
+        adc_bits: s.adc_bits,
+        iso,
+        two_stage: s.amplifier.map(|a| TwoStage { before_e: a.before_e, after_dn: a.after_dn }),
+        prnu: s.prnu_percent / 100.0,
+        dsnu_e: s.dsnu_e,
+        dsnu_row_e: s.dsnu_row_e,
+        dsnu_column_e: s.dsnu_column_e,
+        dark_current: DarkCurrent { points: s.dark_current, doubling_c: s.dark_current_doubling_c },
+        hot_pixels: HotPixels { share: s.hot_pixel_share, factor: s.hot_pixel_factor },
+        temperature_c: s.temperature_c,
+        low_pass_px: s.low_pass_px,
+        fill_factor: s.fill_factor,
+        crosstalk: s.crosstalk_percent / 100.0,
+        second_reading,
+        sources: s.sources,
+    })
+}
+
+fn iso_steps(table: Option<Vec<Vec<f64>>>, amplifier: Option<&Amplifier>, check: &Checks) -> Result<Vec<IsoStep>, SensorError> {
+    let step = |iso: f64, gain_e_per_dn: f64, read_noise_e: f64, row_noise_e: f64| IsoStep {
+        iso,
+        gain_e_per_dn,
+        read_noise_e,
+        row_noise_e,
+        black_level_dn: 0.0,
+        white_level_dn: 0.0,
+        digital_gain: 1.0,
+    };
+    let (steps, found) = match (table, amplifier) {
+        (Some(rows), None) => {
+            let complete = rows.iter().all(|r| r.len() == 3 || r.len() == 4);
+            check.that(complete, "iso", format!("{rows:?}"), "rows of ISO, gain (e-/DN), read noise (e-) and, if known, row noise (e-)")?;
+            let found = format!("{rows:?}");
+            (rows.iter().map(|r| step(r[0], r[1], r[2], r.get(3).copied().unwrap_or(0.0))).collect::<Vec<_>>(), found)
+        }
+        (None, Some(a)) => {
+            for (value, what) in [(a.gain[0], "amplifier.gain"), (a.gain[1], "amplifier.gain")] {
+                check.positive(value, what)?;
+            }
+            check.not_negative(a.before_e, "amplifier.before_e")?;
+            check.not_negative(a.after_dn, "amplifier.after_dn")?;
+            let steps = a.iso.iter().map(|iso| {
+                let gain = a.gain[1] * a.gain[0] / iso;
+                step(*iso, gain, a.before_e.hypot(a.after_dn * gain), 0.0)
+            });
+            (steps.collect(), format!("{:?}", a.iso))
+        }
+        (both, _) => {
+            let found = if both.is_some() { "both" } else { "neither" };
+            return check.that(false, "iso and [amplifier]", found, "one of the two").map(|()| unreachable!());
+        }
+    };
+    let positive = |v: f64| v > 0.0 && v.is_finite();
+    let fine = |s: &IsoStep| positive(s.iso) && positive(s.gain_e_per_dn) && s.read_noise_e >= 0.0 && s.read_noise_e.is_finite();
+    let rising = steps.windows(2).all(|w| w[0].iso < w[1].iso);
+    let rows = steps.iter().all(|s| s.row_noise_e >= 0.0 && s.row_noise_e.is_finite());
+    check.that(
+        !steps.is_empty() && rising && rows && steps.iter().all(fine),
+        "iso",
+        found,
+        "at least one row; rising ISO, gain above 0 (e-/DN), noise of 0 or more (e-)",
+    )?;
+    Ok(steps)
+}
+
+/// Responses behind a filter.
+fn through(responses: Vec<Table>, filter: Option<Curve>, check: &Checks) -> Result<Vec<Table>, SensorError> {
+    let Some(f) = filter else { return Ok(responses) };
+    let fine = f.step_nm > 0.0 && !f.transmittance.is_empty() && f.transmittance.iter().all(|t| (0.0..=1.0).contains(t));
+    check.that(fine, "filter", "its curve", "step_nm above 0 and transmittances from 0 to 1")?;
+    let last = f.first_nm + f.step_nm * (f.transmittance.len() - 1) as f32;
+    covers(f.first_nm, last, "filter", check.place)?;
+    let curve = Table::new(f.first_nm, f.step_nm, f.transmittance);
+    let behind = |r: &Table| Table::new(380.0, 1.0, (380..=780).map(|nm| r.at(nm as f32) * curve.at(nm as f32)).collect());
+    Ok(responses.iter().map(behind).collect())
+}
+
+fn covers(first: f32, last: f32, what: &str, place: &str) -> Result<(), SensorError> {
+    match first <= VISIBLE_NM[0] && last >= VISIBLE_NM[1] {
+        true => Ok(()),
+        false => Err(SensorError::Range {
+            what: format!("{place}: {what}"),
+            found: format!("{first} to {last} nm"),
+            expected: format!("{} to {} nm at least: write zeros where nothing is seen", VISIBLE_NM[0], VISIBLE_NM[1]),
+        }),
+    }
+}
+
+fn relative_responses(response: Response, cfa: &Cfa, place: &str) -> Result<Vec<Table>, SensorError> {
+    let needed = cfa.channel_names();
+    match response {
+        Response::Named(name) => {
+            let Some((_, csv)) = RESPONSES.iter().find(|r| r.0 == name) else {
+                let known: Vec<&str> = RESPONSES.iter().map(|r| r.0).collect();
+                return Err(SensorError::Unknown { what: "response", found: name, hint: format!("; known are {}", known.join(", ")) });
+            };
+            let (_, rows) = diopter_light::cie::tables::read_csv(csv);
+            let columns = rows.first().map_or(0, |r| r.len());
+            let first = rows.first().map_or(380.0, |r| r[0] as f32);
+            let step = rows.get(1).map_or(5.0, |r| r[0] as f32 - first);
+            let column = |c: usize| Table::new(first, step, rows.iter().map(|r| (r[c] as f32).max(0.0)).collect());
+            // What a pixel without filter sees of a colour camera: the sum of its filters, which hardly overlap.
+            let clear = || {
+                let sum = |r: &Vec<f64>| r[1..].iter().sum::<f64>().max(0.0) as f32;
+                Table::new(first, step, rows.iter().map(sum).collect())
+            };
+            cfa.filters()
+                .iter()
+                .map(|f| match (columns, f) {
+                    (2, Filter::Clear) => Ok(column(1)),
+                    (4, Filter::Red) => Ok(column(1)),
+                    (4, Filter::Green) => Ok(column(2)),
+                    (4, Filter::Blue) => Ok(column(3)),
+                    (4, Filter::Clear) => Ok(clear()),
+                    _ => Err(SensorError::Range {
+                        what: format!("{place}: response"),
+                        found: format!("\"{name}\" of a monochrome sensor"),
+                        expected: format!("curves for {}", needed.join(", ")),
+                    }),
+                })
+                .collect()
+        }
+        Response::Inline(r) => {
+            let lists = [("R", &r.R), ("G", &r.G), ("B", &r.B), ("W", &r.W), ("Y", &r.Y)];
+            let missing = |what: String| SensorError::Range {
+                what: format!("{place}: response"),
+                found: "incomplete".into(),
+                expected: format!("{what}, each with one or more numbers that are not negative, and a positive step_nm"),
+            };
+            if !(r.step_nm > 0.0 && r.first_nm.is_finite()) {
+                return Err(missing(needed.join(", ")));
+            }
+            let curve = |name: &&str| {
+                let (_, list) = lists.iter().find(|l| l.0 == *name)?;
+                let list = list.as_ref().filter(|l| !l.is_empty() && l.iter().all(|v| v.is_finite() && *v >= 0.0))?;
+                Some(list.clone())
+            };
+            let mut tables = Vec::new();
+            for name in &needed {
+                let list = curve(name).ok_or_else(|| missing(needed.join(", ")))?;
+                covers(r.first_nm, r.first_nm + r.step_nm * (list.len() - 1) as f32, &format!("response {name}"), place)?;
+                tables.push(Table::new(r.first_nm, r.step_nm, list));
+            }
+            Ok(tables)
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const GOOD: &str = r#"
+name = "test"
+format_mm = [3.6, 2.4]
+pixels = [600, 400]
+cfa = "mono"
+response = { first_nm = 380, step_nm = 200, Y = [1.0, 1.0, 1.0] }
+peak_quantum_efficiency = 0.5
+full_well_e = 10000
+adc_bits = 12
+black_level_dn = 64
+white_level_dn = 4095
+iso = [[100, 2.5, 3.0]]
+[sources]
+"#;
+
+    #[test]
+    fn contradictions_are_named() {
+        assert!(parse(GOOD, "x").is_ok());
+        for (from, to, named) in [
+            ("white_level_dn = 4095", "white_level_dn = 32", "black < white"),
+            ("white_level_dn = 4095", "white_level_dn = 5000", "4095, the largest number of 12 bits"),
+            ("full_well_e = 10000", "full_well_e = 0", "full_well_e"),
+            ("full_well_e = 10000", "", "neither"),
+            ("full_well_e = 10000", "full_well_e = 10000\nsaturation_capacity_e = 9000", "one of the two"),
+            ("peak_quantum_efficiency = 0.5", "peak_quantum_efficiency = 1.2", "at most 1"),
+            ("adc_bits = 12", "adc_bits = 17", "1 to 16"),
+            ("step_nm = 200, Y = [1.0, 1.0, 1.0]", "step_nm = 100, Y = [1.0, 1.0]", "400 to 700 nm"),
+            ("Y = [", "R = [", "Y, each with"),
+            ("[[100, 2.5, 3.0]]", "[]", "at least one row"),
+            ("[[100, 2.5, 3.0]]", "[[200, 2.5, 3.0], [100, 5.0, 3.0]]", "rising ISO"),
+            ("[[100, 2.5, 3.0]]", "[[100, 2.5]]", "rows of ISO"),
+            ("cfa = \"mono\"", "cfa = \"RGX\"", "x-trans"),
+            ("[sources]", "dark_current = [[20, -1]]\n[sources]", "dark_current"),
+            ("[sources]", "crosstalk_percent = 30\n[sources]", "0 to 20"),
+            ("[sources]", "typo = 1\n[sources]", "typo"),
+        ] {
+            let e = parse(&GOOD.replace(from, to), "sheet.toml").expect_err(to).to_string();
+            assert!(e.contains(named) && e.starts_with("sheet.toml"), "{to}: {e}");
+        }
+    }
+
+    #[test]
+    fn a_saturation_capacity_becomes_a_higher_limit() {
+        let s = parse(&GOOD.replace("full_well_e", "saturation_capacity_e"), "x").unwrap();
+        assert!((s.full_well_e / 10_000.0 - 1.028).abs() < 5e-3, "{}", s.full_well_e);
+        assert!((saturation_capacity(s.full_well_e, 3.0) / 10_000.0 - 1.0).abs() < 5e-4);
+    }
+
+    #[test]
+    fn amplifiers_and_digital_gain_make_ladders() {
+        let text = GOOD
+            .replace("iso = [[100, 2.5, 3.0]]", "digital_above_iso = 200")
+            .replace("[sources]", "[amplifier]\niso = [100, 200, 400]\ngain = [100, 2.5]\nbefore_e = 3\nafter_dn = 2\n[sources]");
+        let s = parse(&text, "x").unwrap();
+        let last = s.at_iso(400.0).unwrap();
+        assert_eq!((last.gain_e_per_dn, last.digital_gain), (0.625, 2.0));
+        assert!((last.read_noise_e - 3f64.hypot(1.25)).abs() < 1e-12);
+    }
+}
