@@ -275,7 +275,7 @@ impl ShotFile {
         let folder = path.parent().unwrap_or(Path::new(""));
         let relative = |p: &Path| if p.is_absolute() { p.to_owned() } else { folder.join(p) };
         if let Some(file) = &mut shot.scene.file
-            && !builtin::NAMES.iter().any(|(n, _)| n == file)
+            && !builtin::is_embedded(file)
         {
             *file = relative(Path::new(file.as_str())).display().to_string();
         }
@@ -300,7 +300,7 @@ impl ShotFile {
     pub fn make_paths_absolute(&mut self) {
         let whole = |p: &Path| std::path::absolute(p).unwrap_or_else(|_| p.to_owned());
         let text = |p: &str| whole(Path::new(p)).display().to_string();
-        if let Some(file) = self.scene.file.as_mut().filter(|f| !builtin::NAMES.iter().any(|(n, _)| n == f)) {
+        if let Some(file) = self.scene.file.as_mut().filter(|f| !builtin::is_embedded(f)) {
             *file = text(file);
         }
         if let Some(environment) = &mut self.scene.environment {

@@ -68,7 +68,6 @@ pub(crate) fn exif_fields(f: &ExposureFacts) -> Vec<(u16, Field)> {
     }
     fields.push((37382, Field::rational(f.focus_distance_m.map_or(f64::from(u32::MAX), round))));
     fields.push((37384, Field::short(crate::raw::LightSource::of_illuminant(&f.white).0)));
-    fields.push((41986, Field::short(u16::from(f.metered_ev100.is_none()))));
     if let Some(celsius) = f.temperature_c {
         fields.push((37888, Field::srational(round(celsius))));
     }
@@ -89,17 +88,94 @@ fn round(value: f64) -> f64 {
     (value * 1e4).round() / 1e4
 }
 
-/// The block that JPEG (APP1, after its signature) and PNG (`eXIf`) hold: a TIFF of two directories.
-pub fn block(facts: &ExposureFacts) -> Result<Vec<u8>, ImageError> {
+/// What holds a block.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Holder {
+    /// JPEG (APP1, after its signature), of so many pixels: EXIF wants them said again.
+    Jpeg {
+        /// Pixels a row.
+        width: u32,
+        /// Rows.
+        height: u32,
+    },
+    /// PNG (`eXIf`).
+    Png,
+}
+
+/// The block that picture files hold: a TIFF of two directories.
+pub fn block(facts: &ExposureFacts, holder: Holder) -> Result<Vec<u8>, ImageError> {
     let mut bytes = Cursor::new(Vec::new());
     let mut tiff = TiffEncoder::new(&mut bytes).map_err(written)?;
+    let mut fields = exif_fields(facts);
+    // sRGB.
+    fields.push((40961, Field::short(1)));
+    if let Holder::Jpeg { width, height } = holder {
+        fields.extend([
+            (37121, Field::Undefined(vec![1, 2, 3, 0])),
+            (40960, Field::Undefined(b"0100".to_vec())),
+            (40962, Field::long(width)),
+            (40963, Field::long(height)),
+        ]);
+    }
     let mut exif = tiff.extra_directory().map_err(written)?;
-    put(&mut exif, &exif_fields(facts))?;
+    put(&mut exif, &fields)?;
     let place = exif.finish_with_offsets().map_err(written)?.pointer.0 as u32;
     let mut main = tiff.image_directory().map_err(written)?;
     let mut fields = main_fields(facts);
+    fields.extend([(282, Field::rational(72.0)), (283, Field::rational(72.0)), (296, Field::short(2))]);
+    if let Holder::Jpeg { .. } = holder {
+        fields.push((531, Field::short(1)));
+    }
     fields.push((EXIF_DIRECTORY, Field::long(place)));
     put(&mut main, &fields)?;
     main.finish().map_err(written)?;
     Ok(bytes.into_inner())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Fields of a directory: tag, type, count, four bytes of value or place.
+    fn directory(bytes: &[u8], place: u32) -> Vec<(u16, u16, u32, u32)> {
+        let short = |at: usize| u16::from_ne_bytes([bytes[at], bytes[at + 1]]);
+        let long = |at: usize| u32::from_ne_bytes(bytes[at..at + 4].try_into().unwrap());
+        let start = place as usize;
+        (0..short(start) as usize)
+            .map(|i| start + 2 + 12 * i)
+            .map(|at| (short(at), short(at + 2), long(at + 4), long(at + 8)))
+            .collect()
+    }
+
+    #[test]
+    fn a_block_says_what_was_set() {
+        let facts = ExposureFacts {
+            make: "Maker".into(),
+            model: "Model".into(),
+            exposure_s: 1.0 / 60.0,
+            f_number: 2.8,
+            iso: 102_400.0,
+            metered_ev100: Some(3.0),
+            focal_length_35mm_mm: 80.6,
+            ..Default::default()
+        };
+        let bytes = block(&facts, Holder::Jpeg { width: 7, height: 5 }).unwrap();
+        let main = directory(&bytes, u32::from_ne_bytes(bytes[4..8].try_into().unwrap()));
+        assert!(main.windows(2).all(|w| w[0].0 < w[1].0), "tags rise");
+        let find = |d: &[(u16, u16, u32, u32)], tag: u16| *d.iter().find(|f| f.0 == tag).unwrap_or_else(|| panic!("{tag}"));
+        let make = find(&main, 271);
+        assert_eq!((make.1, make.2, &bytes[make.3 as usize..][..6]), (2, 6, &b"Maker\0"[..]));
+        let exif = directory(&bytes, find(&main, EXIF_DIRECTORY).3);
+        assert!(exif.windows(2).all(|w| w[0].0 < w[1].0), "tags rise");
+        let fraction = |tag: u16| {
+            let (_, kind, _, place) = find(&exif, tag);
+            let long = |at: usize| i32::from_ne_bytes(bytes[at..at + 4].try_into().unwrap());
+            (kind, long(place as usize), long(place as usize + 4))
+        };
+        assert_eq!([fraction(33434), fraction(33437), fraction(37379)], [(5, 1, 60), (5, 14, 5), (10, -2, 1)]);
+        // The old tag holds 65535 at most. A short value stands in the first bytes.
+        let short = |tag: u16| u16::from_ne_bytes(find(&exif, tag).3.to_ne_bytes()[..2].try_into().unwrap());
+        assert_eq!([short(34855), short(41989)], [65_535, 81]);
+        assert_eq!([find(&exif, 34867).3, find(&exif, 40962).3], [102_400, 7]);
+    }
 }

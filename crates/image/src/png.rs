@@ -17,7 +17,7 @@ pub fn write(picture: &Picture, depth: Depth, to: impl Write) -> Result<(), Imag
     let (width, height) = (picture.pixels.width, picture.pixels.height);
     let io = |e: png::EncodingError| ImageError::Io(std::io::Error::other(e));
     let mut info = png::Info::with_size(width as u32, height as u32);
-    info.exif_metadata = picture.facts.as_ref().map(exif::block).transpose()?.map(Into::into);
+    info.exif_metadata = picture.facts.as_ref().map(|f| exif::block(f, exif::Holder::Png)).transpose()?.map(Into::into);
     let mut encoder = png::Encoder::with_info(to, info).map_err(io)?;
     encoder.set_color(png::ColorType::Rgb);
     encoder.set_source_srgb(png::SrgbRenderingIntent::RelativeColorimetric);

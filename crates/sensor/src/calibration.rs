@@ -29,30 +29,50 @@ fn in_range(light: &Table, nm: f32) -> f32 {
     if (380.0..=780.0).contains(&nm) { light.at(nm) } else { 0.0 }
 }
 
-/// Calibrates a sensor under an illuminant (relative spectral power).
-pub fn calibrate(sensor: &Sensor, light: &Table, source: LightSource) -> ColorCalibration {
+/// Patches of a chart under a light: balanced signals, and XYZ adapted to D50.
+fn patches(sensor: &Sensor, responses: &[Table], light: &Table) -> Vec<(DVec4, DVec3)> {
     let n = sensor.cfa.channel_count();
-    let responses = sensor.band_responses();
-    let camera = |reflectance: &dyn Fn(f32) -> f32| signals(sensor, &responses, &|nm| in_range(light, nm) * reflectance(nm));
+    let camera = |reflectance: &dyn Fn(f32) -> f32| signals(sensor, responses, &|nm| in_range(light, nm) * reflectance(nm));
     let white = camera(&|_| 1.0);
     let white_xyz = xyz_of(|nm| in_range(light, nm));
     let to_d50 = bradford(xy_from_xyz(white_xyz), D50_XY);
-    // Channels there are not count as dark and leave a 1 on the diagonal.
-    let used = DVec4::from_array(std::array::from_fn(|c| if c < n { 1.0 } else { 0.0 }));
     let per_channel = DVec4::from_array(std::array::from_fn(|c| if c < n { 1.0 / white[c] } else { 0.0 }));
-    let patches: Vec<(DVec4, DVec3)> = colorchecker()
+    colorchecker()
         .iter()
         .map(|p| {
             let signal = camera(&|nm| p.reflectance.at(nm)) * per_channel;
             let xyz = xyz_of(|nm| in_range(light, nm) * p.reflectance.at(nm)) / white_xyz.y;
             (signal, to_d50 * xyz)
         })
-        .collect();
-    let forward = forward_matrix(&patches, used);
+        .collect()
+}
+
+/// Weight of the patches under illuminant A in a colour matrix for daylight. Many converters (dcraw, LibRaw, darktable) know
+/// that matrix only and use it under any light; the forward matrix, and how white comes out, do not depend on it.
+const TUNGSTEN_WEIGHT: f64 = 0.35;
+
+/// Calibrates a sensor under an illuminant (relative spectral power).
+pub fn calibrate(sensor: &Sensor, light: &Table, source: LightSource) -> ColorCalibration {
+    let n = sensor.cfa.channel_count();
+    let responses = sensor.band_responses();
+    let white = signals(sensor, &responses, &|nm| in_range(light, nm));
+    let white_xyz = xyz_of(|nm| in_range(light, nm));
+    let to_d50 = bradford(xy_from_xyz(white_xyz), D50_XY);
+    // Channels there are not count as dark and leave a 1 on the diagonal.
+    let used = DVec4::from_array(std::array::from_fn(|c| if c < n { 1.0 } else { 0.0 }));
+    let own: Vec<(DVec4, DVec3, f64)> = patches(sensor, &responses, light).into_iter().map(|(s, x)| (s, x, 1.0)).collect();
+    let forward = forward_matrix(&own, used);
+    let mut shared = own;
+    if source == LightSource::D65
+        && let Some(tungsten) = illuminant("A")
+    {
+        shared.extend(patches(sensor, &responses, &tungsten).into_iter().map(|(s, x)| (s, x, TUNGSTEN_WEIGHT)));
+    }
     let scale = white / white.max_element();
     let camera_from_xyz = match n {
         // XYZ under the illuminant from balanced signals, undone.
         3 => {
+            let forward = forward_matrix(&shared, used);
             let balanced = DMat3::from_cols(forward[0], forward[1], forward[2]);
             let m = DMat3::from_diagonal(scale.truncate()) * (to_d50.inverse() * balanced).inverse();
             m.transpose().to_cols_array_2d().to_vec()
@@ -61,8 +81,8 @@ pub fn calibrate(sensor: &Sensor, light: &Table, source: LightSource) -> ColorCa
         _ => {
             let (mut a, mut b) = (DMat3::ZERO, [DVec3::ZERO; 4]);
             let under_light = to_d50.inverse();
-            for (signal, xyz) in &patches {
-                let (weight, xyz) = (1.0 / xyz.y.max(0.02), under_light * *xyz);
+            for (signal, xyz, weight) in &shared {
+                let (weight, xyz) = (weight / xyz.y.max(0.02), under_light * *xyz);
                 a += DMat3::from_cols(xyz * xyz.x, xyz * xyz.y, xyz * xyz.z) * weight;
                 (0..n).for_each(|c| b[c] += xyz * signal[c] * weight);
             }
@@ -96,11 +116,11 @@ pub fn calibrations(sensor: &Sensor) -> Vec<ColorCalibration> {
 
 /// Columns of M with M·signal ≈ xyz over all pairs and M·(1, 1, 1, 1) = D50 exactly (Lagrange). Each pair counts by 1/Y, nearer
 /// to how differences are seen than equal weights. With more channels than three nearly the smallest M that does it.
-fn forward_matrix(pairs: &[(DVec4, DVec3)], used: DVec4) -> [DVec3; 4] {
+fn forward_matrix(pairs: &[(DVec4, DVec3, f64)], used: DVec4) -> [DVec3; 4] {
     let mut a = DMat4::from_diagonal(DVec4::ONE - used);
     let mut b = [DVec3::ZERO; 4];
-    for (s, xyz) in pairs {
-        let weight = 1.0 / xyz.y.max(0.02);
+    for (s, xyz, weight) in pairs {
+        let weight = weight / xyz.y.max(0.02);
         a += DMat4::from_cols(*s * s.x, *s * s.y, *s * s.z, *s * s.w) * weight;
         (0..4).for_each(|c| b[c] += *xyz * s[c] * weight);
     }

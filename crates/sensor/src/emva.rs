@@ -274,7 +274,10 @@ pub fn measure(sensor: &Sensor, conditions: &Conditions, keep: &mut dyn FnMut(&F
     let (dark_mean, dark_variance) = two(&mut bench, 0.0, c.exposure_s)?;
     let full = capacity / seen;
     let coarse = (1..=45).map(|i| 0.02 * f64::from(i));
-    let fine = (1..=36).map(|i| 0.9 + 0.005 * f64::from(i));
+    // Up to where most pixels have reached the limit, but not all: beyond there is nothing to be learned.
+    let limit = sensor.saturation_e(&iso);
+    let last = (limit + limit.sqrt() + dark_noise) / capacity;
+    let fine = (1..).map(|i| 0.9 + 0.005 * f64::from(i)).take_while(|share| *share <= last);
     let mut points = Vec::new();
     for share in coarse.chain(fine) {
         let photons = full * share;

@@ -120,7 +120,7 @@ impl<'a> ReadOut<'a> {
                 iso: reading.iso,
                 body: sensor.name.clone(),
                 make: sensor.make.clone(),
-                model: sensor.model.clone(),
+                model: format!("{} (simulated)", sensor.model),
                 serial: reading.serial.clone(),
                 temperature_c: Some(celsius),
                 noise_seed: reading.seed,

@@ -1,5 +1,6 @@
 //! Scenes made by code: always at hand, nothing to download.
 
+pub mod color_chart;
 pub mod cornell;
 mod lathe;
 mod pattern;
@@ -12,6 +13,7 @@ use glam::Vec3;
 pub const NAMES: &[(&str, &str)] = &[
     ("still-life", "glass, metal, fruit and china on a table before small lights: depth, reflections, bokeh"),
     ("cornell", "the Cornell box with its measured spectra"),
+    ("color-chart", "the 24 ColorChecker patches in 1000 lx of D65; other light: color-chart-a, color-chart-d50, color-chart-fl2 ..."),
 ];
 
 /// How an embedded scene likes to be photographed (on 36 × 24 mm).
@@ -34,11 +36,27 @@ pub fn named(name: &str) -> Option<Description> {
     match name {
         "still-life" => Some(still_life::description()),
         "cornell" => Some(cornell::description()),
-        _ => None,
+        _ => color_chart::description(name, chart_light(name)?),
     }
+}
+
+/// The illuminant of a colour chart's name.
+fn chart_light(name: &str) -> Option<&str> {
+    match name.strip_prefix("color-chart")? {
+        "" => Some("D65"),
+        rest => rest.strip_prefix('-').filter(|light| diopter_light::cie::illuminant(light).is_some()),
+    }
+}
+
+/// Whether a name is that of an embedded scene.
+pub fn is_embedded(name: &str) -> bool {
+    NAMES.iter().any(|(n, _)| *n == name) || chart_light(name).is_some()
 }
 
 /// The framing of an embedded scene, where it is not in the scene's own camera.
 pub fn framing(name: &str) -> Option<Framing> {
-    (name == "still-life").then_some(still_life::FRAMING)
+    match name {
+        "still-life" => Some(still_life::FRAMING),
+        _ => chart_light(name).map(|_| color_chart::FRAMING),
+    }
 }
