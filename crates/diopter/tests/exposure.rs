@@ -111,7 +111,7 @@ fn electrons_of_an_even_field_are_the_product_of_the_parts() {
     let n = 8.0;
     let lens = Lens::Thin(ThinLens::new(Millimeters(200.0), n, Iris::Round, Focus::Infinity).unwrap());
     let [pitch, _] = sensor.pitch_mm();
-    let film = Film { width_mm: 0.1, height_mm: 0.1, columns: 2, rows: 2, pixel_area_mm2: pitch * pitch };
+    let film = Film { pixel_area_mm2: pitch * pitch, ..Film::new(0.1, 0.1, 2, 2) };
     let camera = Camera { lens, film, world_from_camera: look_at(Vec3::ZERO, Vec3::NEG_Z, Vec3::Y).unwrap() };
     let plane = take(&scene, &camera, &Response::sensor(&sensor), &Settings::new(4096));
     let d65 = diopter::light::cie::d65_one_nit();

@@ -35,7 +35,9 @@ pub(crate) fn exif_fields(f: &ExposureFacts) -> Vec<(u16, Field)> {
             fields.push((tag, Field::rational(value)));
         }
     };
-    rational(33434, f.exposure_s);
+    // Short times as one over something.
+    let time = if f.exposure_s < 0.3 { 1.0 / round(1.0 / f.exposure_s.max(1e-9)) } else { round(f.exposure_s) };
+    rational(33434, if f.exposure_s > 0.0 { time } else { 0.0 });
     rational(33437, round(f.f_number));
     rational(37386, round(f.focal_length_mm));
     let mut fields = fields;

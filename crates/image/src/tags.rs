@@ -84,8 +84,8 @@ impl Field {
     }
 }
 
-/// The fraction nearest to a number that is not negative, with both parts up to `largest`: by continued fractions, and no
-/// finer than the number's own 1e-9. Infinity is 1/0, as EXIF has it.
+/// The shortest fraction that is just a number that is not negative, or the nearest with both parts up to `largest`: by
+/// continued fractions. Infinity is 1/0, as EXIF has it.
 fn fraction(value: f64, largest: u32) -> (u32, u32) {
     if value.is_nan() {
         return (0, 0);
@@ -102,7 +102,7 @@ fn fraction(value: f64, largest: u32) -> (u32, u32) {
             break;
         }
         (before, now) = (now, next);
-        if (now.0 / now.1 - value).abs() <= value * 1e-9 || rest == whole {
+        if now.0 / now.1 == value || rest == whole {
             break;
         }
         rest = 1.0 / (rest - whole);
@@ -161,7 +161,7 @@ mod tests {
     #[test]
     fn fractions_are_the_short_ones() {
         for (value, expected) in
-            [(1.0 / 125.0, (1, 125)), (5.6, (28, 5)), (0.0, (0, 1)), (30.0, (30, 1)), (1.0 / 8000.0, (1, 8000)), (2.5, (5, 2))]
+            [(1.0 / 125.0, (1, 125)), (5.6, (28, 5)), (0.0, (0, 1)), (30.0, (30, 1)), (1.0 / 8000.0, (1, 8000)), (2.5, (5, 2)), (0.6448231, (6_448_231, 10_000_000))]
         {
             assert_eq!(fraction(value, u32::MAX), expected, "{value}");
         }

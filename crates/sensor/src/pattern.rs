@@ -16,13 +16,11 @@ pub struct Pattern {
     columns: Vec<f64>,
 }
 
-/// How one pixel differs.
+/// How the charge that gathers in a pixel differs.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PixelPattern {
     /// Factor on what light gives.
     pub response: f64,
-    /// Added to every reading, e⁻.
-    pub offset_e: f64,
     /// Factor on the dark current.
     pub leak: f64,
 }
@@ -51,21 +49,18 @@ impl Pattern {
         }
     }
 
-    /// How a pixel differs (its row apart).
+    fn place(column: usize, row: usize) -> u64 {
+        (row as u64) << 32 | column as u64
+    }
+
+    /// How the charge of a pixel differs.
     #[inline]
     pub fn pixel(&self, column: usize, row: usize) -> PixelPattern {
-        let place = (row as u64) << 32 | column as u64;
-        let mut pixel = PixelPattern { response: 1.0, offset_e: self.columns[column], leak: 1.0 };
-        if self.prnu > 0.0 || self.dsnu_e > 0.0 {
-            let bits = mix(self.key, place);
-            // 32 bits each: as far as 6.2 deviations. A pixel that sees less than nothing is dead.
-            let half = |bits: u64| normal_quantile(((bits & 0xffff_ffff) as f64 + 0.5) / 4_294_967_296.0);
-            if self.prnu > 0.0 {
-                pixel.response = (1.0 + self.prnu * half(bits)).max(0.0);
-            }
-            if self.dsnu_e > 0.0 {
-                pixel.offset_e += self.dsnu_e * half(bits >> 32);
-            }
+        let place = Self::place(column, row);
+        let mut pixel = PixelPattern { response: 1.0, leak: 1.0 };
+        if self.prnu > 0.0 {
+            // A pixel that sees less than nothing is dead.
+            pixel.response = (1.0 + self.prnu * normal_quantile(unit(mix(self.key, place)))).max(0.0);
         }
         if self.hot_share > 0.0 {
             let u = unit(mix(self.key ^ 0x407, place));
@@ -75,5 +70,14 @@ impl Pattern {
             }
         }
         pixel
+    }
+
+    /// What is added to every reading of a pixel, its row's offset apart, e⁻.
+    #[inline]
+    pub fn offset_e(&self, column: usize, row: usize) -> f64 {
+        match self.dsnu_e > 0.0 {
+            true => self.columns[column] + self.dsnu_e * normal_quantile(unit(mix(self.key ^ 0xd5, Self::place(column, row)))),
+            false => self.columns[column],
+        }
     }
 }

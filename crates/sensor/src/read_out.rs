@@ -194,7 +194,7 @@ impl<'a> ReadOut<'a> {
         let per_e = 1.0 / step.gain_e_per_dn;
         let patterned = s.dsnu_e > 0.0 || s.dsnu_column_e > 0.0;
         for (c, (n, dn)) in electrons.iter().zip(to).enumerate() {
-            let offset = shared + if patterned { self.pattern.pixel(c, row).offset_e } else { 0.0 };
+            let offset = shared + if patterned { self.pattern.offset_e(c, row) } else { 0.0 };
             let noise = if step.read_noise_e > 0.0 { normal_quantile(self.uniform(READ, row, c)) } else { 0.0 };
             let signal = match &s.second_reading {
                 None => n.min(s.full_well_e) + offset + noise * step.read_noise_e,
@@ -222,32 +222,43 @@ impl<'a> ReadOut<'a> {
         (n + offset + read) / second.relative_exposure
     }
 
-    /// Reads rows `first..` into `to` (whole rows). The window must hold them and, with crosstalk, one row on either side.
-    /// A sensor whose wells bloom must be read whole.
+    /// Reads rows `first..` into `to` (whole rows). The window must hold them and, with crosstalk, one row on either side. The
+    /// wells of a sensor that blooms flow over from row to row: see [`ReadOut::electrons`].
     pub fn rows(&self, window: &Window, first: usize, to: &mut [u16]) {
-        let width = self.width;
-        if self.sensor.blooming {
-            debug_assert!(first == 0 && to.len() == width * self.height);
-            let mut electrons = vec![0.0f32; to.len()];
-            electrons.par_chunks_mut(width).enumerate().for_each(|(row, line)| {
-                let mut counted = vec![0.0; width];
-                self.count(window, row, &mut counted);
-                line.iter_mut().zip(&counted).for_each(|(a, b)| *a = *b as f32);
-            });
-            bloom(&mut electrons, width, self.sensor.full_well_e as f32);
-            to.par_chunks_mut(width).zip(electrons.par_chunks(width)).enumerate().for_each(|(row, (to, line))| {
-                let line: Vec<f64> = line.iter().map(|v| f64::from(*v)).collect();
-                self.convert(row, &line, to);
-            });
-            return;
-        }
-        to.par_chunks_mut(width).enumerate().for_each_init(
-            || vec![0.0; width],
+        to.par_chunks_mut(self.width).enumerate().for_each_init(
+            || vec![0.0; self.width],
             |electrons, (i, line)| {
                 self.count(window, first + i, electrons);
                 self.convert(first + i, electrons, line);
             },
         );
+    }
+
+    /// The first half of [`ReadOut::rows`]: electrons counted in rows `first..`, before any well is full. Those of the whole
+    /// picture can then [`ReadOut::bloom`].
+    pub fn electrons(&self, window: &Window, first: usize, to: &mut [f32]) {
+        to.par_chunks_mut(self.width).enumerate().for_each_init(
+            || vec![0.0; self.width],
+            |counted, (i, line)| {
+                self.count(window, first + i, counted);
+                line.iter_mut().zip(counted).for_each(|(a, b)| *a = *b as f32);
+            },
+        );
+    }
+
+    /// Lets the wells of a whole picture flow over, if this sensor's do.
+    pub fn bloom(&self, electrons: &mut [f32]) {
+        if self.sensor.blooming {
+            bloom(electrons, self.width, self.sensor.full_well_e as f32);
+        }
+    }
+
+    /// The second half of [`ReadOut::rows`]: numbers of rows `first..` from their electrons.
+    pub fn numbers(&self, first: usize, electrons: &[f32], to: &mut [u16]) {
+        to.par_chunks_mut(self.width).zip(electrons.par_chunks(self.width)).enumerate().for_each(|(i, (to, line))| {
+            let line: Vec<f64> = line.iter().map(|v| f64::from(*v)).collect();
+            self.convert(first + i, &line, to);
+        });
     }
 
     /// What is expected of the pixels of a row.
@@ -312,7 +323,16 @@ pub fn read_out(plane: &FocalPlane, sensor: &Sensor, reading: &Reading, white: &
     let (width, height) = (plane.width(), plane.height());
     let reader = ReadOut::new(sensor, reading, [width, height], &plane.bands, &plane.facts, white)?;
     let mut mosaic = Raster::<u16>::new(width, height, 1);
-    reader.rows(&Window { first: 0, data: &plane.mean.data }, 0, &mut mosaic.data);
+    let window = Window { first: 0, data: &plane.mean.data };
+    match sensor.blooming {
+        false => reader.rows(&window, 0, &mut mosaic.data),
+        true => {
+            let mut electrons = vec![0.0; width * height];
+            reader.electrons(&window, 0, &mut electrons);
+            reader.bloom(&mut electrons);
+            reader.numbers(0, &electrons, &mut mosaic.data);
+        }
+    }
     Ok(RawImage { mosaic, header: reader.header })
 }
 

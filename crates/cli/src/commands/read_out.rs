@@ -43,9 +43,8 @@ pub fn run(args: &ReadOut, json: bool) -> anyhow::Result<()> {
     prepare(0)?;
 
     let [width, height] = first.size();
-    let whole = sensor.blooming || (outputs.len() > 1 && width * height <= KEPT_PIXELS);
-    let bands = first.bands().len();
-    let kept = if whole { open_rows(&args.plane)?.next(height).with_context(place)? } else { Vec::new() };
+    let whole = outputs.len() > 1 && width * height <= KEPT_PIXELS;
+    let kept = if whole { Some(open_rows(&args.plane)?.next(height).with_context(place)?) } else { None };
     let mut written = Vec::new();
     let mut statistics = Statistics::default();
     for (k, output) in outputs.into_iter().enumerate() {
@@ -53,27 +52,24 @@ pub fn run(args: &ReadOut, json: bool) -> anyhow::Result<()> {
         let mut header = reader.header().clone();
         header.facts.date = Some(date.clone());
         statistics = Statistics::default();
-        let mut source = if whole { None } else { Some(open_rows(&args.plane)?) };
-        // What has been read of the file: rows `from..` of the plane.
-        let (mut from, mut window) = (0, Vec::<f32>::new());
-        // Charge that blooms runs along whole columns: all of it is read at once.
-        let mut mosaic = vec![0u16; if sensor.blooming { width * height } else { 0 }];
+        let mut plane = match &kept {
+            Some(rows) => Plane::Kept(rows),
+            None => Plane::Streamed(Streamed::new(open_rows(&args.plane)?)),
+        };
+        // Charge that blooms runs along whole columns: all of it is counted before any of it is read.
+        let mut electrons = Vec::new();
         if sensor.blooming {
-            reader.rows(&Window { first: 0, data: &kept }, 0, &mut mosaic);
+            electrons = vec![0.0; width * height];
+            for (band, line) in electrons.chunks_mut(width * BAND).enumerate() {
+                let window = plane.window(band * BAND, line.len() / width).with_context(place)?;
+                reader.electrons(&window, band * BAND, line);
+            }
+            reader.bloom(&mut electrons);
         }
         let mut rows = |first: usize, band: &mut [u16]| -> Result<(), ImageError> {
-            let count = band.len() / width;
-            if sensor.blooming {
-                band.copy_from_slice(&mosaic[first * width..][..band.len()]);
-            } else if let Some(source) = &mut source {
-                let begin = first.saturating_sub(HALO);
-                window.drain(..(begin - from) * width * bands);
-                from = begin;
-                let missing = (first + count + HALO).min(height) - (from + window.len() / (width * bands));
-                window.extend(source.next(missing)?);
-                reader.rows(&Window { first: from, data: &window }, first, band);
-            } else {
-                reader.rows(&Window { first: 0, data: &kept }, first, band);
+            match sensor.blooming {
+                true => reader.numbers(first, &electrons[first * width..][..band.len()], band),
+                false => reader.rows(&plane.window(first, band.len() / width)?, first, band),
             }
             statistics.add(band, &header);
             Ok(())
@@ -106,6 +102,48 @@ pub fn run(args: &ReadOut, json: bool) -> anyhow::Result<()> {
         }))?;
     }
     Ok(())
+}
+
+/// Rows counted at a time where charge blooms.
+const BAND: usize = 256;
+
+/// Rows of a plane, from memory or from its file.
+enum Plane<'a> {
+    Kept(&'a [f32]),
+    Streamed(Streamed),
+}
+
+/// A plane that goes by, row after row.
+struct Streamed {
+    source: FocalPlaneRows,
+    /// First row of what is held.
+    from: usize,
+    held: Vec<f32>,
+}
+
+impl Streamed {
+    fn new(source: FocalPlaneRows) -> Self {
+        Streamed { source, from: 0, held: Vec::new() }
+    }
+}
+
+impl Plane<'_> {
+    /// Some rows and their neighbours; of a plane that goes by, later ones each time.
+    fn window(&mut self, first: usize, count: usize) -> Result<Window<'_>, ImageError> {
+        match self {
+            Plane::Kept(data) => Ok(Window { first: 0, data }),
+            Plane::Streamed(s) => {
+                let [width, height] = s.source.size();
+                let stride = width * s.source.bands().len();
+                let begin = first.saturating_sub(HALO);
+                s.held.drain(..(begin - s.from) * stride);
+                s.from = begin;
+                let missing = (first + count + HALO).min(height) - (begin + s.held.len() / stride);
+                s.held.extend(s.source.next(missing)?);
+                Ok(Window { first: begin, data: &s.held })
+            }
+        }
+    }
 }
 
 /// Of the numbers of a read-out.

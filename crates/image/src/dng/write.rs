@@ -245,15 +245,14 @@ fn color_fields(header: &RawHeader) -> Vec<(u16, Field)> {
     if header.cfa.is_monochrome() {
         return fields;
     }
-    fields.push((tag::AS_SHOT_NEUTRAL, Field::Rationals(header.as_shot_neutral.iter().map(|n| (n * 1e7).round() / 1e7).collect())));
+    fields.push((tag::AS_SHOT_NEUTRAL, Field::Rationals(header.as_shot_neutral.clone())));
     fields.push((tag::PROFILE_NAME, Field::text("diopter")));
     for (k, c) in header.calibrations.iter().take(2).enumerate() {
-        let short = |v: &f64| (v * 1e7).round() / 1e7;
         // ForwardMatrix: rows X, Y, Z; a column a channel.
         let forward = (0..3).flat_map(|row| c.xyz_d50_from_balanced.iter().map(move |column| column[row]));
         fields.push((tag::CALIBRATION_ILLUMINANT[k], Field::short(c.light.0)));
-        fields.push((tag::COLOR_MATRIX[k], Field::SRationals(c.camera_from_xyz.as_flattened().iter().map(short).collect())));
-        fields.push((tag::FORWARD_MATRIX[k], Field::SRationals(forward.map(|v| short(&v)).collect())));
+        fields.push((tag::COLOR_MATRIX[k], Field::SRationals(c.camera_from_xyz.as_flattened().to_vec())));
+        fields.push((tag::FORWARD_MATRIX[k], Field::SRationals(forward.collect())));
     }
     fields
 }
