@@ -106,8 +106,6 @@ pub struct Sensor {
     pub adc_bits: u32,
     /// Settings, rising.
     pub iso: Vec<IsoStep>,
-    /// The model behind the settings' read noise, where the sheet gives one.
-    pub two_stage: Option<TwoStage>,
     /// Photo response non-uniformity, as a share.
     pub prnu: f64,
     /// Dark signal non-uniformity of single pixels, e⁻.
@@ -235,6 +233,26 @@ impl Sensor {
         })
     }
 
+    /// The two-stage model nearest to the read noise of the settings, and how far the worst of them is from it (a share);
+    /// `None` with fewer than three settings. Least squares of relative variances.
+    pub fn two_stage(&self) -> Option<(TwoStage, f64)> {
+        let analog: Vec<&IsoStep> = self.iso.iter().filter(|s| s.digital_gain == 1.0 && s.read_noise_e > 0.0).collect();
+        (analog.len() >= 3).then_some(())?;
+        let (mut aa, mut ab, mut bb, mut ay, mut by) = (0.0, 0.0, 0.0, 0.0, 0.0);
+        for s in &analog {
+            // Each equation divided by its variance: before² · u + after² · v = 1.
+            let (u, v) = (s.read_noise_e.powi(-2), (s.gain_e_per_dn / s.read_noise_e).powi(2));
+            (aa, ab, bb, ay, by) = (aa + u * u, ab + u * v, bb + v * v, ay + u, by + v);
+        }
+        let size = aa * bb - ab * ab;
+        let model = TwoStage {
+            before_e: ((ay * bb - by * ab) / size).max(0.0).sqrt(),
+            after_dn: ((by * aa - ay * ab) / size).max(0.0).sqrt(),
+        };
+        let off = |s: &&IsoStep| (model.before_e.hypot(model.after_dn * s.gain_e_per_dn) / s.read_noise_e - 1.0).abs();
+        Some((model, analog.iter().map(off).fold(0.0, f64::max)))
+    }
+
     /// Electrons at which a setting saturates: the well's or the converter's, whichever comes first.
     pub fn saturation_e(&self, step: &IsoStep) -> f64 {
         let converter = (step.white_level_dn - step.black_level_dn) * step.gain_e_per_dn;
@@ -325,6 +343,17 @@ mod tests {
         assert!((s.at_iso(283.0).unwrap().gain_e_per_dn - 1.4276).abs() < 1e-3);
         assert!(s.at_iso(50.0).unwrap_err().to_string().contains("100 to 1600"));
         assert!(s.at_iso(-5.0).is_err() && s.at_iso(f64::NAN).is_err());
+    }
+
+    #[test]
+    fn two_stages_explain_the_ladders_of_amplified_sensors() {
+        // Stages fitted to C. Buil's tables; some amplifiers have more than two.
+        for (name, before, after, worst) in [("canon-5d", 3.43, 1.87, 0.03), ("canon-5d-mark-ii", 2.43, 6.63, 0.03)] {
+            let (model, off) = Sensor::named(name).unwrap().two_stage().unwrap();
+            assert!((model.before_e / before - 1.0).abs() < 0.06 && (model.after_dn / after - 1.0).abs() < 0.04, "{name}: {model:?}");
+            assert!(off < worst, "{name}: {off}");
+        }
+        assert_eq!(Sensor::named("imx249").unwrap().two_stage(), None);
     }
 
     #[test]

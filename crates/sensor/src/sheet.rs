@@ -1,7 +1,7 @@
 //! Data sheets as TOML: read, checked, turned into a [`Sensor`].
 
 use crate::data::RESPONSES;
-use crate::sensor::{DarkCurrent, HotPixels, IsoStep, SecondReading, TwoStage, saturation_capacity};
+use crate::sensor::{DarkCurrent, HotPixels, IsoStep, SecondReading, saturation_capacity};
 use crate::{Sensor, SensorError};
 use diopter_image::Cfa;
 use diopter_image::raw::Filter;
@@ -293,7 +293,6 @@ pub(crate) fn parse(text: &str, place: &str) -> Result<Sensor, SensorError> {
         blooming: s.blooming,
         adc_bits: s.adc_bits,
         iso,
-        two_stage: s.amplifier.map(|a| TwoStage { before_e: a.before_e, after_dn: a.after_dn }),
         prnu: s.prnu_percent / 100.0,
         dsnu_e: s.dsnu_e,
         dsnu_row_e: s.dsnu_row_e,

@@ -76,6 +76,9 @@ fn info(name: &str, json: bool) -> anyhow::Result<()> {
             "peak_quantum_efficiency": qe, "full_well_e": s.full_well_e, "saturation_capacity_e": capacity,
             "adc_bits": s.adc_bits, "prnu_percent": s.prnu * 100.0, "dsnu_e": s.dsnu_e, "dark_current_e_per_s": dark,
             "temperature_c": s.temperature_c, "hot_pixel_share": s.hot_pixels.share, "low_pass_px": s.low_pass_px,
+            "two_stage": s.two_stage().map(|(m, off)| serde_json::json!({
+                "before_e": m.before_e, "after_dn": m.after_dn, "worst": off,
+            })),
             "fill_factor": s.fill_factor, "crosstalk": s.crosstalk, "mtf_nyquist": s.mtf(0.5), "mtf_half_nyquist": s.mtf(0.25),
             "iso": iso, "sources": s.sources,
         }));
@@ -104,8 +107,9 @@ fn info(name: &str, json: bool) -> anyhow::Result<()> {
         writeln!(t, "  hot pixels    {:.3} %, {} times the dark current on average", s.hot_pixels.share * 100.0, s.hot_pixels.factor)?;
     }
     writeln!(t, "  pixel MTF     {:.2} at half of Nyquist, {:.2} at Nyquist (lens apart)", s.mtf(0.25), s.mtf(0.5))?;
-    if let Some(m) = &s.two_stage {
-        writeln!(t, "  read noise    {} e- before the gain, {} DN after it", m.before_e, m.after_dn)?;
+    if let Some((m, off)) = s.two_stage() {
+        let worst = percent(off);
+        writeln!(t, "  read noise    {:.2} e- before the gain, {:.2} DN after it (nearest; {worst} off at worst)", m.before_e, m.after_dn)?;
     }
     writeln!(
         t,
