@@ -83,6 +83,46 @@ fn the_steps_taken_apart_give_the_same_picture() {
 }
 
 #[test]
+fn one_exposure_gives_many_raw_files_and_the_truth() {
+    let f = Folder::new("raw");
+    f.ok(&["expose", "color-chart", "--size", "90x60", "--spp", "2", "--shutter", "1/30", "-o", "plane.exr"]);
+    f.ok(&["read-out", "plane.exr", "--shots", "3", "--truth", "truth.exr", "--iso", "800", "-o", "raw.dng"]);
+    let read = |name: &str| std::fs::read(f.path(name)).unwrap();
+    assert_ne!(read("raw-001.dng"), read("raw-002.dng"));
+    assert!(f.path("raw-003.dng").exists() && !f.path("raw.dng").exists() && !f.path("raw-004.dng").exists());
+    // The second of many is the first of the next seed.
+    f.ok(&["read-out", "plane.exr", "--seed", "2", "--iso", "800", "-o", "again.dng"]);
+    assert_eq!(read("again.dng"), read("raw-002.dng"));
+    assert!(read("truth.exr").starts_with(&[0x76, 0x2f, 0x31, 0x01]));
+    let json = |args: &[&str]| serde_json::from_slice::<serde_json::Value>(&f.ok(args).stdout).unwrap();
+    let told = json(&["read-out", "plane.exr", "--iso", "800", "--dng", "lossless", "-o", "small.dng", "--json"]);
+    assert_eq!((told["cfa"].as_str(), told["black_level"].as_f64()), (Some("RG/GB"), Some(2048.0)));
+    assert!(read("small.dng").len() < read("raw-001.dng").len());
+    // Other bodies, serial numbers and temperatures are other files; a cap leaves the sensor alone.
+    f.ok(&["read-out", "plane.exr", "--seed", "2", "--iso", "800", "--serial", "B", "-o", "other.dng"]);
+    assert_ne!(read("other.dng"), read("again.dng"));
+    f.ok(&["shoot", "--lens-cap", "--shutter", "30s", "--temperature", "35", "--size", "40x30", "--body", "canon-t2i", "-o", "dark.dng"]);
+    f.ok(&["develop", "dark.dng", "-o", "dark.png"]);
+}
+
+#[test]
+fn bodies_are_measured() {
+    let f = Folder::new("bench");
+    let args = ["body", "emva", "imx249", "--size", "64x64", "--stack", "8", "--export", "stack", "-o", "ptc.svg", "--json"];
+    let report: serde_json::Value = serde_json::from_slice(&f.ok(&args).stdout).unwrap();
+    let ratio = |key: &str| report["measured"][key].as_f64().unwrap() / report["sheet"][key].as_f64().unwrap();
+    assert!((ratio("gain_dn_per_e") - 1.0).abs() < 0.05 && (ratio("quantum_efficiency") - 1.0).abs() < 0.05);
+    assert!(std::fs::read_to_string(f.path("ptc.svg")).unwrap().contains("Photon transfer"));
+    let description = std::fs::read_to_string(f.path("stack").join("description.txt")).unwrap();
+    let pictures = description.lines().filter(|l| l.starts_with("i ")).count();
+    assert_eq!(std::fs::read_dir(f.path("stack")).unwrap().count(), pictures + 1);
+    let (code, message) = f.fails(&["body", "emva", "imx249", "--export", "stack"]);
+    assert!(code == 2 && message.contains("new or empty"), "{message}");
+    let speeds: serde_json::Value = serde_json::from_slice(&f.ok(&["body", "iso", "canon-t2i", "--iso", "100", "--json"]).stdout).unwrap();
+    assert!((speeds["speeds"][0]["saturation"].as_f64().unwrap() - 100.0).abs() < 4.0);
+}
+
+#[test]
 fn parts_of_an_exposure_are_merged() {
     let f = Folder::new("merge");
     let expose = |samples: &str, out: &str| {
@@ -119,6 +159,13 @@ fn wrong_requests_exit_with_2_and_a_hint() {
     let f = Folder::new("wrong");
     std::fs::write(f.path("bad.toml"), "[exposure]\napperture = \"f/2\"\n").unwrap();
     let cases: &[(&[&str], &str)] = &[
+        (&["read-out", "plane.exr", "-o", "raw.exr"], "ends in .dng"),
+        (&["shoot", "--temperature", "-300"], "-273"),
+        (&["shoot", "--dng", "14"], "packed"),
+        (&["body", "emva", "canon-t2i", "--channel", "Y"], "R, G, B"),
+        (&["body", "emva", "imx249", "--wavelength", "2000"], "380 to 780"),
+        (&["body", "emva", "imx249", "--size", "2x2"], "16 to 4096"),
+        (&["body", "iso", "canon-t2i", "--iso", "50"], "100 to 6400"),
         (&["shoot", "--aperture", "f/0"], "above 0"),
         (&["shoot", "--iso", "-100"], "ISO"),
         (&["shoot", "--spp", "0"], "1 to"),

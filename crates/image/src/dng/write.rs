@@ -23,7 +23,7 @@ pub enum Storage {
 /// Fills whole rows of the mosaic: told the first row, and where they go.
 pub type Rows<'a> = dyn FnMut(usize, &mut [u16]) -> Result<(), ImageError> + 'a;
 
-/// Rows that are asked for at a time, and the side of a compressed tile (a multiple of 16, as tiles must be).
+/// Rows that are asked for at a time, and the longest side of a compressed tile (a multiple of 16, as tiles must be).
 const BAND: usize = 256;
 
 /// Bytes of a strip, about.
@@ -70,6 +70,7 @@ pub fn write(
     let mut counts = Vec::new();
     let bits = if storage == Storage::Sixteen { 16 } else { header.bits };
     let strip = (STRIP_BYTES / packing::row_bytes(width, bits)).clamp(1, height);
+    let side = [width, height].map(|n| BAND.min(n.next_multiple_of(16)));
     let mut band = vec![0u16; width * BAND.min(height)];
     let mut bytes = Vec::new();
     for first in (0..height).step_by(BAND) {
@@ -77,8 +78,8 @@ pub fn write(
         rows(first, band)?;
         match storage {
             Storage::Lossless => {
-                let tiles: Vec<Vec<u8>> =
-                    (0..width.div_ceil(BAND)).into_par_iter().map(|t| lossless::encode(&tile(band, width, t * BAND), BAND, bits)).collect();
+                let encoded = |t: usize| lossless::encode(&tile(band, width, t * side[0], side), side[0], bits);
+                let tiles: Vec<Vec<u8>> = (0..width.div_ceil(side[0])).into_par_iter().map(encoded).collect();
                 for tile in tiles {
                     counts.push(tile.len() as u32);
                     offsets.push(raw.write_data(&tile[..]).map_err(written)? as u32);
@@ -108,8 +109,8 @@ pub fn write(
     match storage {
         Storage::Lossless => fields.extend([
             (tag::COMPRESSION, Field::short(compression::JPEG)),
-            (tag::TILE_WIDTH, Field::long(BAND as u32)),
-            (tag::TILE_LENGTH, Field::long(BAND as u32)),
+            (tag::TILE_WIDTH, Field::long(side[0] as u32)),
+            (tag::TILE_LENGTH, Field::long(side[1] as u32)),
             (tag::TILE_OFFSETS, Field::Longs(offsets)),
             (tag::TILE_BYTE_COUNTS, Field::Longs(counts)),
         ]),
@@ -173,17 +174,17 @@ pub fn write(
     main.finish().map_err(written)
 }
 
-/// Columns `left..left + BAND` of a band, as a whole tile: what lies outside repeats the edge.
-fn tile(band: &[u16], width: usize, left: usize) -> Vec<u16> {
+/// Columns from `left` on of a band, as a whole tile: what lies outside repeats the edge.
+fn tile(band: &[u16], width: usize, left: usize, [across, down]: [usize; 2]) -> Vec<u16> {
     let rows = band.len() / width;
-    let mut tile = Vec::with_capacity(BAND * BAND);
-    for row in 0..BAND {
+    let mut tile = Vec::with_capacity(across * down);
+    for row in 0..down {
         let line = &band[row.min(rows - 1) * width..][..width];
-        let inside = &line[left..(left + BAND).min(width)];
+        let inside = &line[left..(left + across).min(width)];
         tile.extend_from_slice(inside);
         // The last two pixels again and again: differences of none.
         let pair = [inside[inside.len().saturating_sub(2)], inside[inside.len() - 1]];
-        (inside.len()..BAND).for_each(|i| tile.push(pair[(i - inside.len()) % 2]));
+        (inside.len()..across).for_each(|i| tile.push(pair[(i - inside.len()) % 2]));
     }
     tile
 }
