@@ -19,7 +19,8 @@ struct AskedWrongly(anyhow::Error);
 
 impl std::fmt::Display for AskedWrongly {
     fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
-        self.0.fmt(f)
+        // With all that is known of the cause.
+        write!(f, "{:#}", self.0)
     }
 }
 

@@ -73,9 +73,33 @@ impl Drop for Output {
     }
 }
 
+/// Refuses to write one file twice, or over a file that is read.
+pub fn distinct<'a>(
+    inputs: impl IntoIterator<Item = &'a Path>,
+    outputs: impl IntoIterator<Item = &'a Path>,
+) -> anyhow::Result<()> {
+    // The same file by any way to its folder; one that is not there yet has no other name.
+    let place = |path: &Path| {
+        let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+        let folder = folder.canonicalize().unwrap_or_else(|_| folder.to_owned());
+        path.canonicalize().unwrap_or_else(|_| folder.join(path.file_name().unwrap_or_default()))
+    };
+    let mut taken: Vec<(PathBuf, &str)> =
+        inputs.into_iter().map(|p| (place(p), "it is read here; expected another name")).collect();
+    for path in outputs {
+        let here = place(path);
+        if let Some((_, why)) = taken.iter().find(|t| t.0 == here) {
+            return Err(AskedWrongly(anyhow!("{}: {why}", path.display())).into());
+        }
+        taken.push((here, "it is to be written twice; expected different names"));
+    }
+    Ok(())
+}
+
 /// Prepares all pictures, refusing what cannot be written before any work is done.
 pub fn prepare_pictures(paths: &[PathBuf]) -> anyhow::Result<Vec<(Kind, Output)>> {
-    paths.iter().map(|p| Ok((kind(p)?, Output::prepare(p)?))).collect()
+    let kinds = paths.iter().map(|p| kind(p)).collect::<anyhow::Result<Vec<_>>>()?;
+    kinds.into_iter().zip(paths).map(|(k, p)| Ok((k, Output::prepare(p)?))).collect()
 }
 
 /// Refuses a name that does not end in `.dng`.
@@ -95,7 +119,12 @@ pub fn prepare_exr(path: &Path) -> anyhow::Result<Output> {
 }
 
 /// Develops and writes all pictures. An EXR gets the linear picture without tone curve, a DNG the raw image.
-pub fn write_pictures(outputs: Vec<(Kind, Output)>, raw: &RawImage, recipe: &Recipe, storage: Storage) -> anyhow::Result<Vec<PathBuf>> {
+pub fn write_pictures(
+    outputs: Vec<(Kind, Output)>,
+    raw: &RawImage,
+    recipe: &Recipe,
+    storage: Storage,
+) -> anyhow::Result<Vec<PathBuf>> {
     let mut shown: Option<Picture> = None;
     outputs
         .into_iter()

@@ -14,7 +14,12 @@ impl Folder {
     }
 
     fn run(&self, args: &[&str]) -> Output {
-        Command::new(env!("CARGO_BIN_EXE_diopter")).args(args).current_dir(&self.0).env("SOURCE_DATE_EPOCH", "1790000000").output().unwrap()
+        Command::new(env!("CARGO_BIN_EXE_diopter"))
+            .args(args)
+            .current_dir(&self.0)
+            .env("SOURCE_DATE_EPOCH", "1790000000")
+            .output()
+            .unwrap()
     }
 
     fn ok(&self, args: &[&str]) -> Output {
@@ -101,7 +106,28 @@ fn one_exposure_gives_many_raw_files_and_the_truth() {
     // Other bodies, serial numbers and temperatures are other files; a cap leaves the sensor alone.
     f.ok(&["read-out", "plane.exr", "--seed", "2", "--iso", "800", "--serial", "B", "-o", "other.dng"]);
     assert_ne!(read("other.dng"), read("again.dng"));
-    f.ok(&["shoot", "--lens-cap", "--shutter", "30s", "--temperature", "35", "--size", "40x30", "--body", "canon-t2i", "-o", "dark.dng"]);
+    // What is wrong is said, and where.
+    for (args, said) in [(["--body", "imx249"], "Y"), (["--iso", "1e9"], "100 to 6400"), (["--temperature", "-300"], "-273")] {
+        let (code, message) = f.fails(&[&["read-out", "plane.exr", "-o", "no.dng"], &args[..]].concat());
+        assert!(code == 2 && message.contains("plane.exr") && message.contains(said), "{args:?}: {message}");
+    }
+    std::fs::write(f.path("cut.exr"), &read("plane.exr")[..read("plane.exr").len() - 3000]).unwrap();
+    let (code, message) = f.fails(&["read-out", "cut.exr", "-o", "no.dng"]);
+    assert!(code == 1 && message.contains("cut.exr") && !message.contains("no.dng"), "{message}");
+    f.ok(&[
+        "shoot",
+        "--lens-cap",
+        "--shutter",
+        "30s",
+        "--temperature",
+        "35",
+        "--size",
+        "40x30",
+        "--body",
+        "canon-t2i",
+        "-o",
+        "dark.dng",
+    ]);
     f.ok(&["develop", "dark.dng", "-o", "dark.png"]);
 }
 
@@ -118,7 +144,8 @@ fn bodies_are_measured() {
     assert_eq!(std::fs::read_dir(f.path("stack")).unwrap().count(), pictures + 1);
     let (code, message) = f.fails(&["body", "emva", "imx249", "--export", "stack"]);
     assert!(code == 2 && message.contains("new or empty"), "{message}");
-    let speeds: serde_json::Value = serde_json::from_slice(&f.ok(&["body", "iso", "canon-t2i", "--iso", "100", "--json"]).stdout).unwrap();
+    let speeds: serde_json::Value =
+        serde_json::from_slice(&f.ok(&["body", "iso", "canon-t2i", "--iso", "100", "--json"]).stdout).unwrap();
     assert!((speeds["speeds"][0]["saturation"].as_f64().unwrap() - 100.0).abs() < 4.0);
 }
 
@@ -160,6 +187,11 @@ fn wrong_requests_exit_with_2_and_a_hint() {
     std::fs::write(f.path("bad.toml"), "[exposure]\napperture = \"f/2\"\n").unwrap();
     let cases: &[(&[&str], &str)] = &[
         (&["read-out", "plane.exr", "-o", "raw.exr"], "ends in .dng"),
+        (&["shoot", "--truth", "k.exr", "--keep-plane", "./k.exr", "-o", "k.png"], "written twice"),
+        (&["shoot", "-o", "a.dng", "-o", "a.dng"], "written twice"),
+        (&["read-out", "p.exr", "--truth", "p.exr", "-o", "q.dng"], "it is read here"),
+        (&["merge", "p.exr", "q.exr", "-o", "p.exr"], "it is read here"),
+        (&["develop", "a.dng", "-o", "b.dng"], ".jpg, .png or .exr"),
         (&["shoot", "--temperature", "-300"], "-273"),
         (&["shoot", "--dng", "14"], "packed"),
         (&["body", "emva", "canon-t2i", "--channel", "Y"], "R, G, B"),

@@ -439,7 +439,7 @@ impl Shot {
         // Cheap checks before anything is read.
         let settings = settings(&file.render)?;
         let sensor = read_body(file.camera.body.as_deref().unwrap_or("canon-5d-mark-iv"))?;
-        let iso = file.exposure.iso.map_or(DEFAULT_ISO.max(sensor.iso[0].iso), |i| i.0);
+        let iso = file.exposure.iso.map_or_else(|| sensor.nearest_iso(DEFAULT_ISO), |i| i.0);
         sensor.at_iso(iso)?;
         let white = file.exposure.white.clone().unwrap_or_else(|| "D65".into());
         if cie::illuminant(&white).is_none() {

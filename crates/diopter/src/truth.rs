@@ -6,26 +6,27 @@ use std::io::{Seek, Write};
 
 /// Writes the truth of a read-out as EXR, pixel for pixel with the mosaic. Channels:
 ///
-/// - `electrons`: mean electrons of light of the pixel, through its filter, without noise; `dark`: what leaks on average, e⁻;
-/// - `dn`: the number expected of it (not rounded, not clipped);
-/// - `variance.sensor`: variance that a read-out adds, e⁻²; `variance.monte_carlo`: of `electrons`, by the samples, e⁻²;
-/// - `clipped`: 1 where this read-out reached the white level, 2 where the mean does, 3 both;
+/// - `electrons`: mean electrons of light of the pixel, through its filter and by its own response; `dark`: what leaks on average, e⁻;
+/// - `dn`: the number it would read without noise of time (not rounded);
+/// - `variance.sensor`: variance that a read-out adds, e⁻², see [`diopter_sensor::read_out::Expected`]; `variance.monte_carlo`: of
+///   `electrons`, by the samples of the exposure, e⁻² (one degree of freedom a pixel);
+/// - `clipped`: 1 where this read-out (of several, the first) reached the white level, 2 where the mean does, 3 both;
 /// - each band of the plane (`R`, `G`, `B` ...): mean electrons through that filter at every pixel;
 /// - `Z` (m), `normal.X/Y/Z`, `albedo.R/G/B`, `id`.
+///
+/// All of it is in memory at once, about 80 bytes a pixel. What blooms from one pixel into others is not in it.
 pub fn write(plane: &FocalPlane, reader: &ReadOut, raw: &RawImage, to: impl Write + Seek) -> Result<(), ImageError> {
-    let (width, height, bands) = (plane.width(), plane.height(), plane.bands.len());
+    let (width, height) = (plane.width(), plane.height());
     let header = reader.header();
     let n = width * height;
     let mut planes: [Vec<f32>; 5] = std::array::from_fn(|_| Vec::with_capacity(n));
     let mut clipped = Vec::with_capacity(n);
-    let window = Window { first: 0, data: &plane.mean.data };
-    let per_electron = (header.white_level - header.black_level) * header.noise[0][0];
+    let (mean, half) = (Window { first: 0, data: &plane.mean.data }, Window { first: 0, data: &plane.half_difference.data });
     for row in 0..height {
-        for (column, e) in reader.expected(&window, row).into_iter().enumerate() {
+        let errors = reader.through_filters(&half, row);
+        for (column, (e, error)) in reader.expected(&mean, row).into_iter().zip(errors).enumerate() {
             let i = row * width + column;
-            let half = plane.half_difference.data[i * bands + header.cfa.channel_at(column, row)];
-            let dn = header.black_level + f64::from(e.electrons + e.dark) * per_electron;
-            for (plane, value) in planes.iter_mut().zip([e.electrons, e.dark, dn as f32, e.variance, half * half]) {
+            for (plane, value) in planes.iter_mut().zip([e.electrons, e.dark, e.dn, e.variance, (error * error) as f32]) {
                 plane.push(value);
             }
             clipped.push(u32::from(f64::from(raw.mosaic.data[i]) >= header.white_level) + 2 * u32::from(e.clipped));
@@ -41,4 +42,40 @@ pub fn write(plane: &FocalPlane, reader: &ReadOut, raw: &RawImage, to: impl Writ
     floats.extend(albedo.iter().enumerate().map(|(c, name)| (*name, plane.truth.albedo.channel(c))));
     let whole = vec![("clipped", clipped), ("id", plane.truth.id.data.clone())];
     exr::write_planes([width, height], floats, whole, &header.facts, to)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use diopter_image::ExposureFacts;
+    use diopter_image::focal_plane::{Band, BandUnit};
+    use diopter_light::cie::illuminant;
+    use diopter_sensor::{Reading, Sensor, read_out};
+    use std::io::Cursor;
+
+    #[test]
+    fn channels_say_what_was_put_in() {
+        let sensor = Sensor { prnu: 0.0, ..Sensor::named("canon-t2i").unwrap() };
+        let band = |n: &str| Band { name: n.into(), unit: BandUnit::Electrons };
+        let facts = ExposureFacts { exposure_s: 0.01, ..Default::default() };
+        let mut plane = FocalPlane::even(["R", "G", "B"].map(band).to_vec(), &[100.0, 1e6, 300.0], [6, 4], facts);
+        plane.half_difference.data.fill(3.0);
+        let white = illuminant("D65").unwrap();
+        let reading = Reading::new(100.0, 1);
+        let raw = read_out(&plane, &sensor, &reading, &white).unwrap();
+        let reader = ReadOut::new(&sensor, &reading, [6, 4], &plane.bands, &plane.facts, &white).unwrap();
+        let mut file = Cursor::new(Vec::new());
+        write(&plane, &reader, &raw, &mut file).unwrap();
+        file.set_position(0);
+        let channel = |name: &str| exr::read_plane(Cursor::new(file.get_ref()), name).unwrap();
+        // The T2i's pattern is GB/RG: pixel 0 is green and full, 1 blue, 6 (the next row) red.
+        assert_eq!([channel("electrons")[1], channel("electrons")[6], channel("B")[0]], [300.0, 100.0, 300.0]);
+        assert_eq!([channel("clipped")[0], channel("clipped")[1]], [3.0, 0.0]);
+        assert!(channel("variance.monte_carlo").iter().all(|v| (v - 9.0).abs() < 1e-4));
+        let step = sensor.at_iso(100.0).unwrap();
+        let expected = 300.0 + step.read_noise_e.powi(2) + step.row_noise_e.powi(2) + step.gain_e_per_dn.powi(2) / 12.0;
+        assert!((f64::from(channel("variance.sensor")[1]) / expected - 1.0).abs() < 1e-3);
+        assert!((f64::from(channel("dn")[1]) - 2048.0 - 300.0 / step.gain_e_per_dn).abs() < 0.01);
+        assert!(channel("Z").iter().all(|z| z.is_infinite()));
+    }
 }

@@ -30,17 +30,14 @@ pub(crate) fn main_fields(f: &ExposureFacts) -> Vec<(u16, Field)> {
 /// Fields of EXIF's own directory.
 pub(crate) fn exif_fields(f: &ExposureFacts) -> Vec<(u16, Field)> {
     let mut fields = vec![(36864, Field::Undefined(b"0232".to_vec()))];
-    let mut rational = |tag: u16, value: f64| {
+    // Short times as one over something.
+    let time = if f.exposure_s < 0.3 { 1.0 / round(1.0 / f.exposure_s.max(1e-9)) } else { round(f.exposure_s) };
+    let known = if f.exposure_s > 0.0 { time } else { 0.0 };
+    for (tag, value) in [(33434, known), (33437, round(f.f_number)), (37386, round(f.focal_length_mm))] {
         if value > 0.0 && value.is_finite() {
             fields.push((tag, Field::rational(value)));
         }
-    };
-    // Short times as one over something.
-    let time = if f.exposure_s < 0.3 { 1.0 / round(1.0 / f.exposure_s.max(1e-9)) } else { round(f.exposure_s) };
-    rational(33434, if f.exposure_s > 0.0 { time } else { 0.0 });
-    rational(33437, round(f.f_number));
-    rational(37386, round(f.focal_length_mm));
-    let mut fields = fields;
+    }
     if f.iso > 0.0 {
         // The tag has 16 bits; larger speeds go into the one made for them.
         fields.push((34855, Field::short(f.iso.round().min(65_535.0) as u16)));

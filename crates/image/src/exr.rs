@@ -216,7 +216,8 @@ impl FocalPlaneRows {
     pub fn open(from: impl Read + Seek + 'static) -> std::result::Result<Self, ImageError> {
         use exr::block::reader::ChunksReader;
         let reader = exr::block::read(std::io::BufReader::new(from), false).map_err(malformed)?;
-        let header = reader.headers().first().ok_or_else(|| ImageError::Malformed { format: "EXR", reason: "no layer".into() })?;
+        let header =
+            reader.headers().first().ok_or_else(|| ImageError::Malformed { format: "EXR", reason: "no layer".into() })?;
         let description = description(&header.own_attributes)?;
         let size = [header.layer_size.0, header.layer_size.1];
         let find = |b: &Band| {
@@ -233,7 +234,16 @@ impl FocalPlaneRows {
         let meta = reader.meta_data().clone();
         let chunks = Box::new(reader.all_chunks(false).map_err(malformed)?);
         debug_assert_eq!(chunks.meta_data().headers.len(), meta.headers.len());
-        Ok(FocalPlaneRows { chunks, meta, bands: description.bands, facts: description.facts, size, channels, ready: Vec::new(), read: 0 })
+        Ok(FocalPlaneRows {
+            chunks,
+            meta,
+            bands: description.bands,
+            facts: description.facts,
+            size,
+            channels,
+            ready: Vec::new(),
+            read: 0,
+        })
     }
 
     /// Its bands.
@@ -258,7 +268,12 @@ impl FocalPlaneRows {
         let early = || ImageError::Malformed { format: "focal plane", reason: "it ends early".into() };
         while self.ready.len() < rows * stride {
             // Some blocks at a time, unpacked by all threads.
-            let chunks: Vec<_> = self.chunks.by_ref().take(2 * rayon::current_num_threads()).collect::<exr::error::Result<_>>().map_err(malformed)?;
+            let chunks: Vec<_> = self
+                .chunks
+                .by_ref()
+                .take(2 * rayon::current_num_threads())
+                .collect::<exr::error::Result<_>>()
+                .map_err(malformed)?;
             if chunks.is_empty() {
                 return Err(early());
             }
@@ -267,7 +282,10 @@ impl FocalPlaneRows {
             for block in blocks {
                 let first = block.index.pixel_position.1;
                 if first != self.read || block.index.layer != 0 {
-                    return Err(ImageError::Malformed { format: "focal plane", reason: "its rows are not in order from the top".into() });
+                    return Err(ImageError::Malformed {
+                        format: "focal plane",
+                        reason: "its rows are not in order from the top".into(),
+                    });
                 }
                 let height = block.index.pixel_size.1;
                 let start = self.ready.len();
@@ -296,6 +314,17 @@ fn read_layer(from: impl Read + Seek) -> std::result::Result<Layer<AnyChannels<F
         .from_buffered(std::io::BufReader::new(from))
         .map_err(malformed)?;
     Ok(image.layer_data)
+}
+
+/// Reads one channel of any EXR by name, as floating point, row by row.
+pub fn read_plane(from: impl Read + Seek, name: &str) -> std::result::Result<Vec<f32>, ImageError> {
+    let layer = read_layer(from)?;
+    let found = layer.channel_data.list.iter().find(|c| c.name == *name);
+    let channel = found.ok_or_else(|| ImageError::Missing {
+        what: format!("the channel \"{name}\""),
+        hint: "see its list of channels".into(),
+    })?;
+    Ok(channel.sample_data.values_as_f32().collect())
 }
 
 /// Reads the `R`, `G`, `B` channels of any EXR (or one channel three times), as linear numbers: environment maps.

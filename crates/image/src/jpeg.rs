@@ -15,10 +15,10 @@ pub fn write(picture: &Picture, quality: u8, mut to: impl Write) -> Result<(), I
     encoder.set_sampling_factor(SamplingFactor::F_1_1);
     let io = |e| ImageError::Io(std::io::Error::other(e));
     if let Some(facts) = &picture.facts {
-        encoder.add_exif_metadata(&exif::block(facts, exif::Holder::Jpeg { width: width as u32, height: height as u32 })?).map_err(io)?;
+        encoder
+            .add_exif_metadata(&exif::block(facts, exif::Holder::Jpeg { width: width as u32, height: height as u32 })?)
+            .map_err(io)?;
     }
     encoder.set_optimized_huffman_tables(true);
-    encoder
-        .encode(&picture.to_8_bit(), width as u16, height as u16, ColorType::Rgb)
-        .map_err(io)
+    encoder.encode(&picture.to_8_bit(), width as u16, height as u16, ColorType::Rgb).map_err(io)
 }

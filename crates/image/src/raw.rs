@@ -235,7 +235,7 @@ pub struct RawHeader {
     pub white_level: f64,
     /// Camera signals of a neutral surface in the light of the shot, a channel each, largest 1.
     pub as_shot_neutral: Vec<f64>,
-    /// Calibrations, the warmest light first; one at least.
+    /// Calibrations, the warmest light first; none of a monochrome sensor.
     pub calibrations: Vec<ColorCalibration>,
     /// Noise of each channel: the variance of (DN − black) / (white − black) = x is `[0]`·x + `[1]`, as DNG's NoiseProfile.
     pub noise: Vec<[f64; 2]>,
@@ -269,7 +269,10 @@ mod tests {
     #[test]
     fn other_patterns_have_their_channels() {
         let names = |p: &str| Cfa::parse(p).unwrap().channel_names().join("");
-        assert_eq!([names("mono"), names("x-trans"), names("quad"), names("rgbw"), names("rccc")], ["Y", "RGB", "RGB", "RGBW", "RW"]);
+        assert_eq!(
+            [names("mono"), names("x-trans"), names("quad"), names("rgbw"), names("rccc")],
+            ["Y", "RGB", "RGB", "RGBW", "RW"]
+        );
         let xtrans = Cfa::parse("x-trans").unwrap();
         let count = |f: Filter| (0..36).filter(|i| xtrans.filter_at(i % 6, i / 6) == f).count();
         assert_eq!([count(Filter::Red), count(Filter::Green), count(Filter::Blue)], [8, 20, 8]);

@@ -181,7 +181,11 @@ mod tests {
         let mean = mean_difference(&s, "D65");
         assert!(mean < 1.6, "crosstalk: {mean:.2}");
         s.cfa = diopter_image::Cfa::parse("rgbw").unwrap();
-        let clear = Table::new(380.0, 5.0, (0..81).map(|i| s.quantum_efficiency.iter().map(|q| q.at(380.0 + 5.0 * i as f32)).sum()).collect());
+        let clear = Table::new(
+            380.0,
+            5.0,
+            (0..81).map(|i| s.quantum_efficiency.iter().map(|q| q.at(380.0 + 5.0 * i as f32)).sum()).collect(),
+        );
         s.quantum_efficiency.push(clear);
         let mean = mean_difference(&s, "D65");
         assert!(mean < 1.8, "rgbw: {mean:.2}");

@@ -123,7 +123,8 @@ const EXPANDED_FROM: f64 = 24.0;
 #[inline]
 pub fn poisson_quantile(mean: f64, u: f64) -> f64 {
     if mean >= EXPANDED_FROM {
-        return expanded(mean, u);
+        // Beyond this the noise is below 1e-7 of the signal, and any well is full.
+        return if mean > 1e15 { mean } else { expanded(mean, u) };
     }
     // Not positive: nothing arrives. (Not a number: neither.)
     if !(mean > 0.0) {
@@ -246,6 +247,7 @@ mod tests {
             for mean in [0.0, -1.0, f64::NAN, 1e-300, 23.999, 1e15, 1e30] {
                 let n = poisson_quantile(mean, u);
                 assert!(n >= 0.0 && n.is_finite(), "{mean} {u}: {n}");
+                assert_eq!(poisson_quantile(f64::INFINITY, u), f64::INFINITY);
             }
         }
     }

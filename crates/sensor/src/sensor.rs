@@ -106,6 +106,8 @@ pub struct Sensor {
     pub adc_bits: u32,
     /// Settings, rising.
     pub iso: Vec<IsoStep>,
+    /// ISO from which on the pixel converts at its high gain, of a sensor with two.
+    pub dual_gain_iso: Option<f64>,
     /// Photo response non-uniformity, as a share.
     pub prnu: f64,
     /// Dark signal non-uniformity of single pixels, e⁻.
@@ -203,7 +205,8 @@ impl Sensor {
         (aperture * low_pass * crosstalk).abs()
     }
 
-    /// Gain and noise at an ISO speed, between the measured settings on straight lines of their logarithms.
+    /// Gain and noise at an ISO speed, between the measured settings on straight lines of their logarithms; the noise of a pixel
+    /// with two conversion gains not across its switch.
     pub fn at_iso(&self, iso: f64) -> Result<IsoStep, SensorError> {
         let (first, last) = (self.iso[0], self.iso[self.iso.len() - 1]);
         // Settings are nominal: 100 is taken for 99.6.
@@ -222,15 +225,25 @@ impl Sensor {
         }
         let t = if a.iso == b.iso { 0.0 } else { (iso / a.iso).ln() / (b.iso / a.iso).ln() };
         let mix = |x: f64, y: f64| if x > 0.0 && y > 0.0 { (x.ln() + (y.ln() - x.ln()) * t).exp() } else { x + (y - x) * t };
+        let read_noise_e = match self.dual_gain_iso.filter(|switch| a.iso < *switch && *switch <= b.iso) {
+            Some(switch) if iso < switch => a.read_noise_e,
+            Some(_) => b.read_noise_e,
+            None => mix(a.read_noise_e, b.read_noise_e),
+        };
         Ok(IsoStep {
             iso,
             gain_e_per_dn: mix(a.gain_e_per_dn, b.gain_e_per_dn),
-            read_noise_e: mix(a.read_noise_e, b.read_noise_e),
+            read_noise_e,
             row_noise_e: mix(a.row_noise_e, b.row_noise_e),
             black_level_dn: a.black_level_dn,
             white_level_dn: a.white_level_dn,
             digital_gain: mix(a.digital_gain, b.digital_gain),
         })
+    }
+
+    /// The ISO speed of the sheet's range that is nearest to one.
+    pub fn nearest_iso(&self, iso: f64) -> f64 {
+        iso.clamp(self.iso[0].iso, self.iso[self.iso.len() - 1].iso)
     }
 
     /// The two-stage model nearest to the read noise of the settings, and how far the worst of them is from it (a share);
@@ -245,10 +258,14 @@ impl Sensor {
             (aa, ab, bb, ay, by) = (aa + u * u, ab + u * v, bb + v * v, ay + u, by + v);
         }
         let size = aa * bb - ab * ab;
-        let model = TwoStage {
-            before_e: ((ay * bb - by * ab) / size).max(0.0).sqrt(),
-            after_dn: ((by * aa - ay * ab) / size).max(0.0).sqrt(),
+        (size > 1e-9 * aa * bb).then_some(())?;
+        let (before, after) = match [(ay * bb - by * ab) / size, (by * aa - ay * ab) / size] {
+            // A stage that would be negative is not there: the other alone.
+            [before, _] if before < 0.0 => (0.0, by / bb),
+            [_, after] if after < 0.0 => (ay / aa, 0.0),
+            [before, after] => (before, after),
         };
+        let model = TwoStage { before_e: before.sqrt(), after_dn: after.sqrt() };
         let off = |s: &&IsoStep| (model.before_e.hypot(model.after_dn * s.gain_e_per_dn) / s.read_noise_e - 1.0).abs();
         Some((model, analog.iter().map(off).fold(0.0, f64::max)))
     }
@@ -350,7 +367,10 @@ mod tests {
         // Stages fitted to C. Buil's tables; some amplifiers have more than two.
         for (name, before, after, worst) in [("canon-5d", 3.43, 1.87, 0.03), ("canon-5d-mark-ii", 2.43, 6.63, 0.03)] {
             let (model, off) = Sensor::named(name).unwrap().two_stage().unwrap();
-            assert!((model.before_e / before - 1.0).abs() < 0.06 && (model.after_dn / after - 1.0).abs() < 0.04, "{name}: {model:?}");
+            assert!(
+                (model.before_e / before - 1.0).abs() < 0.06 && (model.after_dn / after - 1.0).abs() < 0.04,
+                "{name}: {model:?}"
+            );
             assert!(off < worst, "{name}: {off}");
         }
         assert_eq!(Sensor::named("imx249").unwrap().two_stage(), None);

@@ -44,6 +44,8 @@ struct Sheet {
     /// ISO from which on another black and white level hold.
     #[serde(default)]
     levels: Vec<[f64; 3]>,
+    /// From this ISO on the pixel converts at its high gain: nothing is interpolated across.
+    dual_gain_iso: Option<f64>,
     /// Gain is digital above this ISO.
     digital_above_iso: Option<f64>,
     #[serde(default)]
@@ -177,7 +179,7 @@ pub(crate) fn parse(text: &str, place: &str) -> Result<Sensor, SensorError> {
     check.that(s.pixels.iter().all(|v| (1..=65_535).contains(v)), "pixels", format!("{:?}", s.pixels), "1 to 65535 a side")?;
     let q = s.peak_quantum_efficiency;
     check.that(q > 0.0 && q <= 1.0, "peak_quantum_efficiency", q, "a number above 0, at most 1")?;
-    check.that((1..=16).contains(&s.adc_bits), "adc_bits", s.adc_bits, "1 to 16")?;
+    check.that((8..=16).contains(&s.adc_bits), "adc_bits", s.adc_bits, "8 to 16")?;
     let top = f64::from((1u32 << s.adc_bits) - 1);
     for [black, white] in s.levels.iter().map(|l| [l[1], l[2]]).chain([[s.black_level_dn, s.white_level_dn]]) {
         check.that(
@@ -188,7 +190,7 @@ pub(crate) fn parse(text: &str, place: &str) -> Result<Sensor, SensorError> {
         )?;
     }
     check.that(
-        s.levels.windows(2).all(|w| w[0][0] < w[1][0]),
+        s.levels.iter().all(|l| l[0] > 0.0 && l[0].is_finite()) && s.levels.windows(2).all(|w| w[0][0] < w[1][0]),
         "levels",
         format!("{:?}", s.levels),
         "rows of rising ISO, black and white level (DN)",
@@ -206,7 +208,12 @@ pub(crate) fn parse(text: &str, place: &str) -> Result<Sensor, SensorError> {
     check.that((0.0..=1.0).contains(&s.hot_pixel_share), "hot_pixel_share", s.hot_pixel_share, "a share, 0 to 1")?;
     check.that(s.low_pass_px <= 8.0, "low_pass_px", s.low_pass_px, "up to 8 pixels")?;
     check.that(s.fill_factor > 0.0 && s.fill_factor <= 1.0, "fill_factor", s.fill_factor, "a share above 0, at most 1")?;
-    check.that((0.0..=20.0).contains(&s.crosstalk_percent), "crosstalk_percent", s.crosstalk_percent, "0 to 20 to each neighbour")?;
+    check.that(
+        (0.0..=20.0).contains(&s.crosstalk_percent),
+        "crosstalk_percent",
+        s.crosstalk_percent,
+        "0 to 20 to each neighbour",
+    )?;
     check.that(
         s.dark_current.iter().all(|[c, e]| *c >= -273.15 && c.is_finite() && *e > 0.0 && e.is_finite())
             && s.dark_current.windows(2).all(|w| w[0][0] < w[1][0]),
@@ -224,8 +231,15 @@ pub(crate) fn parse(text: &str, place: &str) -> Result<Sensor, SensorError> {
     })?;
     let relative = relative_responses(s.response, &cfa, place)?;
     let relative = through(relative, s.filter, &check)?;
+    for (curve, channel) in relative.iter().zip(cfa.channel_names()) {
+        check.that(
+            curve.max() > 0.0,
+            &format!("response {channel}"),
+            "0 everywhere",
+            "a response somewhere from 380 to 780 nm",
+        )?;
+    }
     let peak = relative.iter().map(Table::max).fold(0.0, f32::max);
-    check.that(peak > 0.0, "response", peak, "a response somewhere")?;
     let quantum_efficiency = relative.iter().map(|t| t.scaled(q as f32 / peak)).collect();
 
     let mut iso = iso_steps(s.iso, s.amplifier.as_ref(), &check)?;
@@ -240,6 +254,13 @@ pub(crate) fn parse(text: &str, place: &str) -> Result<Sensor, SensorError> {
             let rounding = (step.gain_e_per_dn * step.digital_gain).powi(2) / 12.0;
             step.read_noise_e = (step.read_noise_e.powi(2) - rounding).max(0.0).sqrt();
         }
+    }
+    if let Some(limit) = s.digital_above_iso {
+        check.positive(limit, "digital_above_iso")?;
+        check.that(limit >= iso[0].iso, "digital_above_iso", limit, &format!("{} or more, the lowest setting", iso[0].iso))?;
+    }
+    if let Some(switch) = s.dual_gain_iso {
+        check.positive(switch, "dual_gain_iso")?;
     }
     let dark_noise = iso[0].read_noise_e.hypot(iso[0].row_noise_e);
     let full_well_e = match (s.full_well_e, s.saturation_capacity_e) {
@@ -261,6 +282,16 @@ pub(crate) fn parse(text: &str, place: &str) -> Result<Sensor, SensorError> {
             return check.that(false, "full_well_e and saturation_capacity_e", found, "one of the two").map(|()| unreachable!());
         }
     };
+    for step in &iso {
+        // Fewer numbers than that between black and white are a slip of units, not a camera.
+        let numbers = full_well_e.min((step.white_level_dn - step.black_level_dn) * step.gain_e_per_dn) / step.gain_e_per_dn;
+        check.that(
+            numbers >= 16.0,
+            "full_well_e",
+            format!("{full_well_e} e- at ISO {}, which is {numbers:.1} numbers above black", step.iso),
+            "at least 16 numbers from black to white",
+        )?;
+    }
     let second_reading = match s.second_reading {
         None => None,
         Some(r) => {
@@ -272,7 +303,19 @@ pub(crate) fn parse(text: &str, place: &str) -> Result<Sensor, SensorError> {
             )?;
             check.positive(r.full_well_e, "second_reading.full_well_e")?;
             check.not_negative(r.read_noise_e, "second_reading.read_noise_e")?;
-            check.that(r.switch_at > 0.0 && r.switch_at <= 1.0, "second_reading.switch_at", r.switch_at, "a share above 0, at most 1")?;
+            check.that(
+                r.full_well_e / r.relative_exposure > full_well_e,
+                "second_reading.full_well_e",
+                r.full_well_e,
+                "more light than the first reading holds",
+            )?;
+            check.that(!s.blooming, "blooming", true, "false for a sensor with a second reading")?;
+            check.that(
+                r.switch_at > 0.0 && r.switch_at <= 1.0,
+                "second_reading.switch_at",
+                r.switch_at,
+                "a share above 0, at most 1",
+            )?;
             Some(SecondReading {
                 relative_exposure: r.relative_exposure,
                 full_well_e: r.full_well_e,
@@ -293,6 +336,7 @@ pub(crate) fn parse(text: &str, place: &str) -> Result<Sensor, SensorError> {
         blooming: s.blooming,
         adc_bits: s.adc_bits,
         iso,
+        dual_gain_iso: s.dual_gain_iso,
         prnu: s.prnu_percent / 100.0,
         dsnu_e: s.dsnu_e,
         dsnu_row_e: s.dsnu_row_e,
@@ -321,7 +365,12 @@ fn iso_steps(table: Option<Vec<Vec<f64>>>, amplifier: Option<&Amplifier>, check:
     let (steps, found) = match (table, amplifier) {
         (Some(rows), None) => {
             let complete = rows.iter().all(|r| r.len() == 3 || r.len() == 4);
-            check.that(complete, "iso", format!("{rows:?}"), "rows of ISO, gain (e-/DN), read noise (e-) and, if known, row noise (e-)")?;
+            check.that(
+                complete,
+                "iso",
+                format!("{rows:?}"),
+                "rows of ISO, gain (e-/DN), read noise (e-) and, if known, row noise (e-)",
+            )?;
             let found = format!("{rows:?}");
             (rows.iter().map(|r| step(r[0], r[1], r[2], r.get(3).copied().unwrap_or(0.0))).collect::<Vec<_>>(), found)
         }
@@ -344,30 +393,53 @@ fn iso_steps(table: Option<Vec<Vec<f64>>>, amplifier: Option<&Amplifier>, check:
     };
     let positive = |v: f64| v > 0.0 && v.is_finite();
     let fine = |s: &IsoStep| positive(s.iso) && positive(s.gain_e_per_dn) && s.read_noise_e >= 0.0 && s.read_noise_e.is_finite();
-    let rising = steps.windows(2).all(|w| w[0].iso < w[1].iso);
+    let rising = steps.windows(2).all(|w| w[0].iso < w[1].iso && w[0].gain_e_per_dn >= w[1].gain_e_per_dn);
     let rows = steps.iter().all(|s| s.row_noise_e >= 0.0 && s.row_noise_e.is_finite());
     check.that(
         !steps.is_empty() && rising && rows && steps.iter().all(fine),
         "iso",
         found,
-        "at least one row; rising ISO, gain above 0 (e-/DN), noise of 0 or more (e-)",
+        "at least one row; rising ISO, gain above 0 that falls or stays (e-/DN), noise of 0 or more (e-)",
     )?;
     Ok(steps)
 }
 
-/// Responses behind a filter.
-fn through(responses: Vec<Table>, filter: Option<Curve>, check: &Checks) -> Result<Vec<Table>, SensorError> {
-    let Some(f) = filter else { return Ok(responses) };
-    let fine = f.step_nm > 0.0 && !f.transmittance.is_empty() && f.transmittance.iter().all(|t| (0.0..=1.0).contains(t));
-    check.that(fine, "filter", "its curve", "step_nm above 0 and transmittances from 0 to 1")?;
-    let last = f.first_nm + f.step_nm * (f.transmittance.len() - 1) as f32;
-    covers(f.first_nm, last, "filter", check.place)?;
-    let curve = Table::new(f.first_nm, f.step_nm, f.transmittance);
-    let behind = |r: &Table| Table::new(380.0, 1.0, (380..=780).map(|nm| r.at(nm as f32) * curve.at(nm as f32)).collect());
+/// Responses behind a filter, every nm from 380 to 780; nothing where nothing was measured.
+fn through(responses: Vec<Measured>, filter: Option<Curve>, check: &Checks) -> Result<Vec<Table>, SensorError> {
+    let filter = match filter {
+        None => Measured { first_nm: 0.0, last_nm: 1e4, curve: Table::new(0.0, 1e4, vec![1.0, 1.0]) },
+        Some(f) => {
+            let fine = f.step_nm > 0.0 && !f.transmittance.is_empty() && f.transmittance.iter().all(|t| (0.0..=1.0).contains(t));
+            check.that(fine, "filter", "its curve", "step_nm above 0 and transmittances from 0 to 1")?;
+            let measured = Measured::new(f.first_nm, f.step_nm, f.transmittance);
+            covers(&measured, "filter", check.place)?;
+            measured
+        }
+    };
+    let behind = |r: &Measured| Table::new(380.0, 1.0, (380..=780).map(|nm| r.at(nm as f32) * filter.at(nm as f32)).collect());
     Ok(responses.iter().map(behind).collect())
 }
 
-fn covers(first: f32, last: f32, what: &str, place: &str) -> Result<(), SensorError> {
+/// A curve and where it was measured.
+struct Measured {
+    first_nm: f32,
+    last_nm: f32,
+    curve: Table,
+}
+
+impl Measured {
+    fn new(first_nm: f32, step_nm: f32, values: Vec<f32>) -> Self {
+        let last_nm = first_nm + step_nm * (values.len() - 1) as f32;
+        Measured { first_nm, last_nm, curve: Table::new(first_nm, step_nm, values) }
+    }
+
+    fn at(&self, nm: f32) -> f32 {
+        if (self.first_nm..=self.last_nm).contains(&nm) { self.curve.at(nm) } else { 0.0 }
+    }
+}
+
+fn covers(curve: &Measured, what: &str, place: &str) -> Result<(), SensorError> {
+    let (first, last) = (curve.first_nm, curve.last_nm);
     match first <= VISIBLE_NM[0] && last >= VISIBLE_NM[1] {
         true => Ok(()),
         false => Err(SensorError::Range {
@@ -378,23 +450,27 @@ fn covers(first: f32, last: f32, what: &str, place: &str) -> Result<(), SensorEr
     }
 }
 
-fn relative_responses(response: Response, cfa: &Cfa, place: &str) -> Result<Vec<Table>, SensorError> {
+fn relative_responses(response: Response, cfa: &Cfa, place: &str) -> Result<Vec<Measured>, SensorError> {
     let needed = cfa.channel_names();
     match response {
         Response::Named(name) => {
             let Some((_, csv)) = RESPONSES.iter().find(|r| r.0 == name) else {
                 let known: Vec<&str> = RESPONSES.iter().map(|r| r.0).collect();
-                return Err(SensorError::Unknown { what: "response", found: name, hint: format!("; known are {}", known.join(", ")) });
+                return Err(SensorError::Unknown {
+                    what: "response",
+                    found: name,
+                    hint: format!("; known are {}", known.join(", ")),
+                });
             };
             let (_, rows) = diopter_light::cie::tables::read_csv(csv);
             let columns = rows.first().map_or(0, |r| r.len());
             let first = rows.first().map_or(380.0, |r| r[0] as f32);
             let step = rows.get(1).map_or(5.0, |r| r[0] as f32 - first);
-            let column = |c: usize| Table::new(first, step, rows.iter().map(|r| (r[c] as f32).max(0.0)).collect());
+            let column = |c: usize| Measured::new(first, step, rows.iter().map(|r| (r[c] as f32).max(0.0)).collect());
             // What a pixel without filter sees of a colour camera: the sum of its filters, which hardly overlap.
             let clear = || {
                 let sum = |r: &Vec<f64>| r[1..].iter().sum::<f64>().max(0.0) as f32;
-                Table::new(first, step, rows.iter().map(sum).collect())
+                Measured::new(first, step, rows.iter().map(sum).collect())
             };
             cfa.filters()
                 .iter()
@@ -430,8 +506,9 @@ fn relative_responses(response: Response, cfa: &Cfa, place: &str) -> Result<Vec<
             let mut tables = Vec::new();
             for name in &needed {
                 let list = curve(name).ok_or_else(|| missing(needed.join(", ")))?;
-                covers(r.first_nm, r.first_nm + r.step_nm * (list.len() - 1) as f32, &format!("response {name}"), place)?;
-                tables.push(Table::new(r.first_nm, r.step_nm, list));
+                let curve = Measured::new(r.first_nm, r.step_nm, list);
+                covers(&curve, &format!("response {name}"), place)?;
+                tables.push(curve);
             }
             Ok(tables)
         }
@@ -467,11 +544,21 @@ iso = [[100, 2.5, 3.0]]
             ("full_well_e = 10000", "", "neither"),
             ("full_well_e = 10000", "full_well_e = 10000\nsaturation_capacity_e = 9000", "one of the two"),
             ("peak_quantum_efficiency = 0.5", "peak_quantum_efficiency = 1.2", "at most 1"),
-            ("adc_bits = 12", "adc_bits = 17", "1 to 16"),
+            ("adc_bits = 12", "adc_bits = 17", "8 to 16"),
             ("step_nm = 200, Y = [1.0, 1.0, 1.0]", "step_nm = 100, Y = [1.0, 1.0]", "400 to 700 nm"),
             ("Y = [", "R = [", "Y, each with"),
             ("[[100, 2.5, 3.0]]", "[]", "at least one row"),
             ("[[100, 2.5, 3.0]]", "[[200, 2.5, 3.0], [100, 5.0, 3.0]]", "rising ISO"),
+            ("[[100, 2.5, 3.0]]", "[[100, 2.5, 3.0], [200, 5.0, 3.0]]", "falls or stays"),
+            ("full_well_e = 10000", "full_well_e = 2", "16 numbers"),
+            ("Y = [1.0, 1.0, 1.0]", "Y = [0.0, 0.0, 0.0]", "a response somewhere"),
+            ("[sources]", "digital_above_iso = -5\n[sources]", "digital_above_iso"),
+            ("[sources]", "levels = [[nan, 64, 4095]]\n[sources]", "levels"),
+            (
+                "[sources]",
+                "[second_reading]\nrelative_exposure = 0.1\nfull_well_e = 10\nread_noise_e = 1\n[sources]",
+                "more light",
+            ),
             ("[[100, 2.5, 3.0]]", "[[100, 2.5]]", "rows of ISO"),
             ("cfa = \"mono\"", "cfa = \"RGX\"", "x-trans"),
             ("[sources]", "dark_current = [[20, -1]]\n[sources]", "dark_current"),

@@ -56,7 +56,7 @@ fn info(name: &str, json: bool) -> anyhow::Result<()> {
         })
         .collect();
     let names = s.cfa.channel_names();
-    let capacity = saturation_capacity(s.full_well_e, s.iso[0].read_noise_e);
+    let capacity = saturation_capacity(s.full_well_e, s.iso[0].read_noise_e.hypot(s.iso[0].row_noise_e));
     let dark = s.dark_current.at(s.temperature_c);
     if json {
         let iso: Vec<_> = rows
@@ -104,12 +104,21 @@ fn info(name: &str, json: bool) -> anyhow::Result<()> {
         writeln!(t, "  dark current  {dark:.4} e-/s at {:.0} °C, {:.4} at 35 °C", s.temperature_c, s.dark_current.at(35.0))?;
     }
     if s.hot_pixels.share > 0.0 {
-        writeln!(t, "  hot pixels    {:.3} %, {} times the dark current on average", s.hot_pixels.share * 100.0, s.hot_pixels.factor)?;
+        writeln!(
+            t,
+            "  hot pixels    {:.3} %, {} times the dark current on average",
+            s.hot_pixels.share * 100.0,
+            s.hot_pixels.factor
+        )?;
     }
     writeln!(t, "  pixel MTF     {:.2} at half of Nyquist, {:.2} at Nyquist (lens apart)", s.mtf(0.25), s.mtf(0.5))?;
     if let Some((m, off)) = s.two_stage() {
         let worst = percent(off);
-        writeln!(t, "  read noise    {:.2} e- before the gain, {:.2} DN after it (nearest; {worst} off at worst)", m.before_e, m.after_dn)?;
+        writeln!(
+            t,
+            "  read noise    {:.2} e- before the gain, {:.2} DN after it (nearest; {worst} off at worst)",
+            m.before_e, m.after_dn
+        )?;
     }
     writeln!(
         t,
@@ -145,9 +154,10 @@ fn measure(args: &Emva, json: bool) -> anyhow::Result<()> {
     let most = |a: &usize, b: &usize| s.quantum_efficiency[*a].max().total_cmp(&s.quantum_efficiency[*b].max());
     let channel = match &args.channel {
         None => (0..names.len()).max_by(most).unwrap_or(0),
-        Some(c) => names.iter().position(|n| n.eq_ignore_ascii_case(c)).ok_or_else(|| {
-            AskedWrongly(anyhow!("channel \"{c}\": expected one of {} on {}", names.join(", "), s.name))
-        })?,
+        Some(c) => names
+            .iter()
+            .position(|n| n.eq_ignore_ascii_case(c))
+            .ok_or_else(|| AskedWrongly(anyhow!("channel \"{c}\": expected one of {} on {}", names.join(", "), s.name)))?,
     };
     let conditions = Conditions {
         iso: args.iso.map_or(s.iso[0].iso, |i| i.0),
@@ -186,6 +196,9 @@ fn measure(args: &Emva, json: bool) -> anyhow::Result<()> {
     let mut t = String::new();
     writeln!(t, "{title}   (EMVA 1288, release 4.0 linear)")?;
     writeln!(t, "  {:<34} {:>12} {:>12} {:>9}", "", "measured", "data sheet", "")?;
+    if s.second_reading.is_some() {
+        writeln!(t, "  the first reading alone: both together are not what the linear model describes")?;
+    }
     let (m, p) = (&report.measured, &report.sheet);
     let row = |t: &mut String, name: &str, unit: &str, of: &dyn Fn(&Figures) -> f64| {
         let (a, b) = (of(m), of(p));
@@ -201,8 +214,12 @@ fn measure(args: &Emva, json: bool) -> anyhow::Result<()> {
     row(&mut t, "largest SNR", "dB", &|f| f.snr_max_db())?;
     row(&mut t, "dynamic range", "dB", &|f| f.dynamic_range_db())?;
     row(&mut t, "DSNU1288", "e-", &|f| f.dsnu_e)?;
+    row(&mut t, "  of rows", "e-", &|f| f.dsnu_row_e)?;
+    row(&mut t, "  of columns", "e-", &|f| f.dsnu_column_e)?;
+    row(&mut t, "  of pixels", "e-", &|f| f.dsnu_pixel_e)?;
     row(&mut t, "PRNU1288", "%", &|f| f.prnu_percent)?;
-    row(&mut t, "linearity error, largest", "%", &|f| f.linearity_error_percent)?;
+    row(&mut t, "linearity error LE", "%", &|f| f.linearity_error_percent)?;
+    row(&mut t, "  largest", "%", &|f| f.linearity_error_max_percent)?;
     row(&mut t, "dark current", "e-/s", &|f| f.dark_current_e_per_s)?;
     write!(std::io::stdout(), "{t}")?;
     Ok(())
@@ -217,10 +234,13 @@ struct Export {
 
 impl Export {
     fn new(folder: &Path, sensor: &Sensor, c: &Conditions) -> anyhow::Result<Self> {
-        let place = || folder.display().to_string();
-        std::fs::create_dir_all(folder).with_context(place)?;
-        if std::fs::read_dir(folder).with_context(place)?.next().is_some() {
-            return Err(AskedWrongly(anyhow!("{}: expected a folder that is new or empty", place())).into());
+        let wrong = |reason: &str| AskedWrongly(anyhow!("{}: {reason}", folder.display()));
+        // An empty folder may stay; nothing is made before there is something to put into it.
+        if folder.exists() {
+            let Ok(mut files) = std::fs::read_dir(folder) else { return Err(wrong("this is not a folder").into()) };
+            if files.next().is_some() {
+                return Err(wrong("expected a folder that is new or empty").into());
+            }
         }
         let description =
             format!("# {}, ISO {:.0}\nv 4.0\nn {} {} {}\n", sensor.name, c.iso, sensor.adc_bits, c.size[0], c.size[1]);
@@ -228,6 +248,9 @@ impl Export {
     }
 
     fn keep(&mut self, frame: &Frame) -> anyhow::Result<()> {
+        if !self.folder.exists() {
+            std::fs::create_dir(&self.folder).with_context(|| format!("{}: cannot be made", self.folder.display()))?;
+        }
         self.written += 1;
         let name = format!("{:04}.png", self.written);
         let output = Output::prepare(&self.folder.join(&name))?;
@@ -306,10 +329,10 @@ fn speeds(body: &str, asked: Option<&List>, json: bool) -> anyhow::Result<()> {
     for v in all {
         writeln!(
             t,
-            "  {:>8.0} {:>11.0} {:>11.0} {:>11} {:>11}",
+            "  {:>8.0} {:>11.0} {:>11} {:>11} {:>11}",
             v.nominal,
             v.saturation,
-            v.standard_output,
+            number(v.standard_output),
             number(v.noise_40),
             number(v.noise_10)
         )?;

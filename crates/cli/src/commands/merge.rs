@@ -7,6 +7,7 @@ use crate::watch::say;
 use diopter::image::FocalPlane;
 
 pub fn run(args: &Merge, json: bool) -> anyhow::Result<()> {
+    output::distinct(args.parts.iter().map(|p| p.as_path()), [args.output.as_path()])?;
     let output = output::prepare_exr(&args.output)?;
     let parts = args.parts.iter().map(|p| read_plane(p)).collect::<anyhow::Result<Vec<_>>>()?;
     let whole = FocalPlane::merge(&parts).map_err(|e| crate::AskedWrongly(e.into()))?;

@@ -22,14 +22,16 @@ const HALO: usize = 1;
 
 pub fn run(args: &ReadOut, json: bool) -> anyhow::Result<()> {
     let names = numbered(&args.output, args.shots.get());
-    let outputs = names.iter().map(|n| output::prepare_dng(n)).collect::<anyhow::Result<Vec<_>>>()?;
+    output::distinct([args.plane.as_path()], names.iter().chain(&args.truth).map(|p| p.as_path()))?;
+    // One proves that the others can be written; thousands are not opened at once.
+    let mut ready = Some(output::prepare_dng(&names[0])?);
     let truth_file = args.truth.as_deref().map(output::prepare_exr).transpose()?;
     let white = white_point(&args.white)?;
     let place = || args.plane.display().to_string();
     let first = open_rows(&args.plane)?;
     let sensor = body_of(args, &first.facts().body)?;
     let reading = |k: usize| Reading {
-        iso: args.iso.map_or(sensor.iso[0].iso.max(100.0).min(sensor.iso[sensor.iso.len() - 1].iso), |i| i.0),
+        iso: args.iso.map_or_else(|| sensor.nearest_iso(100.0), |i| i.0),
         seed: args.seed.wrapping_add(k as u64),
         serial: args.raw.serial.clone().unwrap_or_else(|| Reading::FIRST_SERIAL.into()),
         temperature_c: args.raw.temperature,
@@ -43,11 +45,15 @@ pub fn run(args: &ReadOut, json: bool) -> anyhow::Result<()> {
     prepare(0)?;
 
     let [width, height] = first.size();
-    let whole = outputs.len() > 1 && width * height <= KEPT_PIXELS;
+    let whole = names.len() > 1 && width * height <= KEPT_PIXELS;
     let kept = if whole { Some(open_rows(&args.plane)?.next(height).with_context(place)?) } else { None };
     let mut written = Vec::new();
     let mut statistics = Statistics::default();
-    for (k, output) in outputs.into_iter().enumerate() {
+    for (k, name) in names.iter().enumerate() {
+        let output = match ready.take() {
+            Some(output) => output,
+            None => output::prepare_dng(name)?,
+        };
         let reader = prepare(k)?;
         let mut header = reader.header().clone();
         header.facts.date = Some(date.clone());
@@ -66,18 +72,28 @@ pub fn run(args: &ReadOut, json: bool) -> anyhow::Result<()> {
             }
             reader.bloom(&mut electrons);
         }
+        // What fails may be the plane, whose fault the DNG's name must not take.
+        let mut unread = None;
         let mut rows = |first: usize, band: &mut [u16]| -> Result<(), ImageError> {
             match sensor.blooming {
                 true => reader.numbers(first, &electrons[first * width..][..band.len()], band),
-                false => reader.rows(&plane.window(first, band.len() / width)?, first, band),
+                false => match plane.window(first, band.len() / width) {
+                    Ok(window) => reader.rows(&window, first, band),
+                    Err(e) => {
+                        unread = Some(e);
+                        return Err(std::io::Error::other("the focal plane cannot be read").into());
+                    }
+                },
             }
             statistics.add(band, &header);
             Ok(())
         };
         let path = output
-            .commit(|to| Ok(raw_file::write(&header, [width, height], args.raw.storage(), &mut rows, &Recipe::default(), to)?))
-            .with_context(place)?;
-        written.push(path);
+            .commit(|to| Ok(raw_file::write(&header, [width, height], args.raw.storage(), &mut rows, &Recipe::default(), to)?));
+        if let Some(e) = unread {
+            return Err(anyhow::Error::from(e).context(place()));
+        }
+        written.push(path?);
     }
     if let Some(output) = truth_file {
         let plane = read_plane(&args.plane)?;
@@ -173,7 +189,10 @@ fn body_of(args: &ReadOut, exposed_with: &str) -> anyhow::Result<Sensor> {
     }
     let named = Sensor::names().filter_map(|n| Sensor::named(n).ok()).find(|s| s.name == exposed_with);
     named.with_context(|| {
-        format!("{}: it was exposed with \"{exposed_with}\", which is not embedded; give its file with --body", args.plane.display())
+        format!(
+            "{}: it was exposed with \"{exposed_with}\", which is not embedded; give its file with --body",
+            args.plane.display()
+        )
     })
 }
 

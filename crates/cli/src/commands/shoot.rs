@@ -6,11 +6,11 @@ use crate::output::{self, Output};
 use crate::watch::{say, warn, watched};
 use diopter::image::ExposureFacts;
 use diopter::metering::ev100_of_setting;
-use diopter::sensor::ReadOut;
-use diopter::truth;
 use diopter::quantity::{FNumber, Seconds};
+use diopter::sensor::ReadOut;
 use diopter::shot::{Shot, white_point};
-use std::path::PathBuf;
+use diopter::truth;
+use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 pub fn run(args: &Shoot, json: bool) -> anyhow::Result<()> {
@@ -30,6 +30,9 @@ pub fn run(args: &Shoot, json: bool) -> anyhow::Result<()> {
         file.output.files.push(PathBuf::from("photo.jpg"));
     }
     // Whether the results can be written is known before the work, not after.
+    let beside = [&args.truth, &args.keep_plane, &args.save_shot].into_iter().flatten();
+    let subject = args.taking.subject.as_deref().map(Path::new);
+    output::distinct(subject, file.output.files.iter().chain(beside).map(|p| p.as_path()))?;
     let pictures = output::prepare_pictures(&file.output.files)?;
     let plane_file = args.keep_plane.as_deref().map(output::prepare_exr).transpose()?;
     let truth_file = args.truth.as_deref().map(output::prepare_exr).transpose()?;
@@ -56,7 +59,8 @@ pub fn run(args: &Shoot, json: bool) -> anyhow::Result<()> {
     }
     if let Some(output) = truth_file {
         let white = white_point(&shot.reading.white)?;
-        let reader = ReadOut::new(&shot.sensor, &shot.reading, [plane.width(), plane.height()], &plane.bands, &plane.facts, &white)?;
+        let reader =
+            ReadOut::new(&shot.sensor, &shot.reading, [plane.width(), plane.height()], &plane.bands, &plane.facts, &white)?;
         written.push(output.commit(|to| Ok(truth::write(&plane, &reader, &raw, to)?))?);
     }
     written.extend(output::write_pictures(pictures, &raw, &shot.recipe, args.dng.storage())?);

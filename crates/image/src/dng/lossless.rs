@@ -24,9 +24,8 @@ fn code_lengths(counts: &[u32; 17]) -> [u8; 17] {
     let mut size = [0u32; 18];
     let mut others = [None; 18];
     loop {
-        let least = |skip: Option<usize>| {
-            (0..18).rev().filter(|i| frequency[*i] > 0 && Some(*i) != skip).min_by_key(|i| frequency[*i])
-        };
+        let least =
+            |skip: Option<usize>| (0..18).rev().filter(|i| frequency[*i] > 0 && Some(*i) != skip).min_by_key(|i| frequency[*i]);
         let Some(mut a) = least(None) else { break };
         let Some(mut b) = least(Some(a)) else { break };
         frequency[a] += frequency[b];
@@ -91,7 +90,7 @@ fn codes(lengths: &[u8; 17]) -> ([u16; 17], Vec<u8>) {
 
 /// Encodes a rectangle of numbers of `bits` bits; `width` is even and `pixels` whole rows.
 pub fn encode(pixels: &[u16], width: usize, bits: u32) -> Vec<u8> {
-    debug_assert!(width % 2 == 0 && pixels.len() % width == 0);
+    debug_assert!(width.is_multiple_of(2) && pixels.len().is_multiple_of(width));
     let height = pixels.len() / width;
     let middle = 1i32 << (bits - 1);
     let predicted = |row: usize, column: usize| match (row, column) {
@@ -305,7 +304,9 @@ pub fn decode(bytes: &[u8], most: usize) -> Result<Decoded, ImageError> {
                 let (bits, width, height, ids) = frame.ok_or_else(|| malformed("data before its description"))?;
                 let count = *body.first().ok_or_else(short)? as usize;
                 let selectors = body.get(1..1 + 2 * count).ok_or_else(short)?;
-                let [predictor, _, shift] = *body.get(1 + 2 * count..4 + 2 * count).ok_or_else(short)? else { return Err(short()) };
+                let [predictor, _, shift] = *body.get(1 + 2 * count..4 + 2 * count).ok_or_else(short)? else {
+                    return Err(short());
+                };
                 if count != ids.len() || restart != 0 {
                     return Err(malformed("components in several scans, or restart intervals, are not read"));
                 }
@@ -331,7 +332,13 @@ pub fn decode(bytes: &[u8], most: usize) -> Result<Decoded, ImageError> {
     }
 }
 
-fn scan(bytes: &[u8], tables: &[&Decoding], [width, height]: [usize; 2], bits: u32, predictor: u8) -> Result<Vec<u16>, ImageError> {
+fn scan(
+    bytes: &[u8],
+    tables: &[&Decoding],
+    [width, height]: [usize; 2],
+    bits: u32,
+    predictor: u8,
+) -> Result<Vec<u16>, ImageError> {
     let n = tables.len();
     let stride = width * n;
     let mut source = Bits { bytes, held: 0, count: 0, missing: 0 };

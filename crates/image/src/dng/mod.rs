@@ -113,7 +113,11 @@ mod tests {
         RawImage {
             mosaic,
             header: RawHeader {
-                calibrations: if mono { vec![] } else { vec![calibration(LightSource::A, 0.5), calibration(LightSource::D65, 0.25)] },
+                calibrations: if mono {
+                    vec![]
+                } else {
+                    vec![calibration(LightSource::A, 0.5), calibration(LightSource::D65, 0.25)]
+                },
                 as_shot_neutral: (0..n).map(|c| 1.0 / (1.0 + c as f64)).collect(),
                 noise: (0..n).map(|c| [1e-4 * (1 + c) as f64, 1e-7]).collect(),
                 cfa,
@@ -137,7 +141,9 @@ mod tests {
 
     #[test]
     fn every_storage_and_pattern_gives_back_each_number() {
-        for (pattern, bits) in [("RG/GB", 14), ("GB/RG", 12), ("x-trans", 16), ("quad", 10), ("rgbw", 12), ("rccc", 12), ("mono", 16)] {
+        for (pattern, bits) in
+            [("RG/GB", 14), ("GB/RG", 12), ("x-trans", 16), ("quad", 10), ("rgbw", 12), ("rccc", 12), ("mono", 16)]
+        {
             for storage in [Storage::Sixteen, Storage::Packed, Storage::Lossless] {
                 for (width, height) in [(37, 23), (300, 270), (1, 1), (512, 16)] {
                     let raw = image(pattern, bits, width, height);

@@ -167,7 +167,8 @@ fn pixels<R: Read + Seek>(file: &mut File<R>, raw: &Directory, bits: u32) -> Res
         if (bytes.len() as f64) < counts[i] {
             return Err(short());
         }
-        let whole = part_width.checked_mul(part_height).filter(|n| *n <= MOST_PIXELS).ok_or_else(|| malformed("a tile is too large"))?;
+        let whole =
+            part_width.checked_mul(part_height).filter(|n| *n <= MOST_PIXELS).ok_or_else(|| malformed("a tile is too large"))?;
         let part: Vec<u16> = match method as u16 {
             compression::NONE => {
                 let stride = packing::row_bytes(part_width, bits);
@@ -177,8 +178,12 @@ fn pixels<R: Read + Seek>(file: &mut File<R>, raw: &Directory, bits: u32) -> Res
                 let mut part = vec![0u16; part_width * rows];
                 for (row, from) in part.chunks_mut(part_width).zip(bytes.chunks(stride)) {
                     match (bits, order) {
-                        (16, ByteOrder::LittleEndian) => row.iter_mut().zip(from.as_chunks().0).for_each(|(v, b)| *v = u16::from_le_bytes(*b)),
-                        (16, ByteOrder::BigEndian) => row.iter_mut().zip(from.as_chunks().0).for_each(|(v, b)| *v = u16::from_be_bytes(*b)),
+                        (16, ByteOrder::LittleEndian) => {
+                            row.iter_mut().zip(from.as_chunks().0).for_each(|(v, b)| *v = u16::from_le_bytes(*b))
+                        }
+                        (16, ByteOrder::BigEndian) => {
+                            row.iter_mut().zip(from.as_chunks().0).for_each(|(v, b)| *v = u16::from_be_bytes(*b))
+                        }
                         _ => packing::unpack(from, bits, row),
                     }
                 }
@@ -188,7 +193,10 @@ fn pixels<R: Read + Seek>(file: &mut File<R>, raw: &Directory, bits: u32) -> Res
                 let decoded = lossless::decode(&bytes, whole)?;
                 // Some cameras put two rows side by side; numbers follow each other in either case.
                 if decoded.data.len() < part_width * rows {
-                    return Err(malformed(format!("a part of {} × {} where {part_width} × {rows} belong", decoded.width, decoded.height)));
+                    return Err(malformed(format!(
+                        "a part of {} × {} where {part_width} × {rows} belong",
+                        decoded.width, decoded.height
+                    )));
                 }
                 decoded.data
             }
@@ -206,7 +214,7 @@ fn pixels<R: Read + Seek>(file: &mut File<R>, raw: &Directory, bits: u32) -> Res
     Ok(Raster { width, height, channels: 1, data })
 }
 
-/// The active area, from a whole cell of the pattern on (which keeps its phase when masked pixels are cut off).
+/// The active area; the pattern of a DNG begins at its corner.
 fn cropped<R: Read + Seek>(file: &mut File<R>, raw: &Directory, mosaic: Raster<u16>) -> Result<Raster<u16>, ImageError> {
     let area = file.numbers(raw, tag::ACTIVE_AREA)?;
     let [top, left, bottom, right] = area[..] else { return Ok(mosaic) };
@@ -218,12 +226,17 @@ fn cropped<R: Read + Seek>(file: &mut File<R>, raw: &Directory, mosaic: Raster<u
     if (top, left, bottom, right) == (0, 0, mosaic.height, mosaic.width) {
         return Ok(mosaic);
     }
-    // The pattern of a DNG begins at the corner of the active area.
     let data = (top..bottom).flat_map(|r| mosaic.data[r * mosaic.width + left..r * mosaic.width + right].to_vec()).collect();
     Ok(Raster { width: right - left, height: bottom - top, channels: 1, data })
 }
 
-fn header<R: Read + Seek>(file: &mut File<R>, main: &Directory, raw: &Directory, cfa: Cfa, bits: u32) -> Result<RawHeader, ImageError> {
+fn header<R: Read + Seek>(
+    file: &mut File<R>,
+    main: &Directory,
+    raw: &Directory,
+    cfa: Cfa,
+    bits: u32,
+) -> Result<RawHeader, ImageError> {
     let n = cfa.channel_count();
     let top = f64::from((1u32 << bits) - 1);
     let black = file.numbers(raw, tag::BLACK_LEVEL)?;
@@ -257,7 +270,10 @@ fn header<R: Read + Seek>(file: &mut File<R>, main: &Directory, raw: &Directory,
             });
         }
         if calibrations.is_empty() {
-            return Err(ImageError::Missing { what: "the tag ColorMatrix1".into(), hint: "without it colours cannot be made".into() });
+            return Err(ImageError::Missing {
+                what: "the tag ColorMatrix1".into(),
+                hint: "without it colours cannot be made".into(),
+            });
         }
     }
     let noise = file.numbers(raw, tag::NOISE_PROFILE)?;

@@ -13,7 +13,10 @@ use glam::Vec3;
 pub const NAMES: &[(&str, &str)] = &[
     ("still-life", "glass, metal, fruit and china on a table before small lights: depth, reflections, bokeh"),
     ("cornell", "the Cornell box with its measured spectra"),
-    ("color-chart", "the 24 ColorChecker patches in 1000 lx of D65; other light: color-chart-a, color-chart-d50, color-chart-fl2 ..."),
+    (
+        "color-chart",
+        "the 24 ColorChecker patches in 1000 lx of D65; other light: color-chart-a, color-chart-d50, color-chart-fl2 ...",
+    ),
 ];
 
 /// How an embedded scene likes to be photographed (on 36 × 24 mm).
