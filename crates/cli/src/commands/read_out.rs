@@ -60,7 +60,7 @@ pub fn run(args: &ReadOut, json: bool) -> anyhow::Result<()> {
         statistics = Statistics::default();
         let mut plane = match &kept {
             Some(rows) => Plane::Kept(rows),
-            None => Plane::Streamed(Streamed::new(open_rows(&args.plane)?)),
+            None => Plane::Streamed(Box::new(Streamed::new(open_rows(&args.plane)?))),
         };
         // Charge that blooms runs along whole columns: all of it is counted before any of it is read.
         let mut electrons = Vec::new();
@@ -126,7 +126,7 @@ const BAND: usize = 256;
 /// Rows of a plane, from memory or from its file.
 enum Plane<'a> {
     Kept(&'a [f32]),
-    Streamed(Streamed),
+    Streamed(Box<Streamed>),
 }
 
 /// A plane that goes by, row after row.

@@ -131,7 +131,7 @@ mod tests {
                     exposure_s: 1.0 / 3.0,
                     focus_distance_m: None,
                     metered_ev100: Some(-2.5),
-                    f_number: 1.4142,
+                    f_number: 2.8284,
                     iso: 102_400.0,
                     ..Default::default()
                 },
