@@ -47,6 +47,8 @@ pub(crate) fn exif_fields(f: &ExposureFacts) -> Vec<(u16, Field)> {
     if let Some(date) = &f.date {
         fields.push((36867, Field::text(date)));
         fields.push((36868, Field::text(date)));
+        // The date is UTC.
+        fields.extend([36880, 36881, 36882].map(|tag| (tag, Field::text("+00:00"))));
     }
     if f.exposure_s > 0.0 {
         fields.push((37377, Field::srational(round(-f.exposure_s.log2()))));

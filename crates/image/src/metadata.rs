@@ -40,7 +40,7 @@ pub struct ExposureFacts {
     pub noise_seed: u64,
     /// Illuminant taken for white; empty before read-out.
     pub white: String,
-    /// When it was taken, `YYYY:MM:DD HH:MM:SS`; `None` when nobody looked at a clock.
+    /// When it was taken, `YYYY:MM:DD HH:MM:SS`, UTC; `None` when nobody looked at a clock.
     pub date: Option<String>,
     /// Metered exposure value at ISO 100 of the scene as framed; `None` when nothing was metered.
     pub metered_ev100: Option<f64>,

@@ -332,7 +332,7 @@ pub fn measure(
         dark_current_e_per_s: dark_rate,
     };
 
-    // Temporal: even steps, and fine ones around saturation.
+    // Temporal: a few faint ones, even steps, and fine ones around saturation.
     let mut two = |bench: &mut Bench, photons: f64, exposure_s: f64| -> Result<(f64, f64), SensorError> {
         let (a, b) = (bench.picture(photons, exposure_s)?, bench.picture(photons, exposure_s)?);
         shown(photons, exposure_s, 0, 2, &a)?;
@@ -341,13 +341,14 @@ pub fn measure(
     };
     let (dark_mean, dark_variance) = two(&mut bench, 0.0, c.exposure_s)?;
     let full = capacity / seen;
+    let faint = (0..7).map(|i| 1e-4 * 2f64.powi(i));
     let coarse = (1..=45).map(|i| 0.02 * f64::from(i));
     // Up to where most pixels have reached the limit, but not all: beyond there is nothing to be learned.
     let limit = sensor.saturation_e(&iso);
     let last = (limit + limit.sqrt() + dark_noise) / capacity;
     let fine = (1..).map(|i| 0.9 + 0.005 * f64::from(i)).take_while(|share| *share <= last);
     let mut points = Vec::new();
-    for share in coarse.chain(fine) {
+    for share in faint.chain(coarse).chain(fine) {
         let photons = full * share;
         let (mean, variance) = two(&mut bench, photons, c.exposure_s)?;
         let signal_dn = mean - dark_mean;

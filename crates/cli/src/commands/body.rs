@@ -8,7 +8,7 @@ use crate::{AskedWrongly, paint};
 use anyhow::{Context, anyhow};
 use diopter::image::png;
 use diopter::lens::draw::{Axis, Chart, Figure, Line, Style};
-use diopter::sensor::emva::{self, Conditions, Figures, Frame, Report};
+use diopter::sensor::emva::{self, Conditions, Figures, Frame, Point, Report};
 use diopter::sensor::{Sensor, format, saturation_capacity};
 use diopter::shot::read_body;
 use std::fmt::Write as _;
@@ -281,25 +281,45 @@ fn plot(title: &str, report: &Report) -> Figure {
     let line = |name: &str, color, style, points| Line { name: name.into(), color, style, points };
     let (red, grey, blue) = ([200, 40, 40], [130, 130, 130], [40, 80, 200]);
     let m = &report.measured;
-    let transfer: Vec<_> = report.points.iter().map(|p| point(p.signal_dn, p.variance_dn2)).collect();
+    // Room above for the legend, nothing below nought.
+    let axis = |label: &str, values: &mut dyn Iterator<Item = f64>| {
+        let highest = values.fold(0.0, f64::max);
+        Axis { range: [0.0, Axis::around("", [1.12 * highest], true).range[1]], label: label.into() }
+    };
+    let transfer: Vec<_> = report.points.iter().map(|p| point(p.signal_dn.max(0.0), p.variance_dn2.max(0.0))).collect();
     let saturated = m.gain_dn_per_e * m.saturation_capacity_e;
     let fit = vec![point(0.0, 0.0), point(saturated, saturated * m.gain_dn_per_e)];
     Chart {
         title: format!("Photon transfer: K = {:.4} DN/e-", m.gain_dn_per_e),
-        x: Axis::around("signal less dark, DN", transfer.iter().map(|p| p.x), true),
-        y: Axis::around("variance less dark, DN²", transfer.iter().map(|p| p.y), true),
-        lines: vec![line("fit to 70 %", grey, Style::Full, fit), line("measured", red, Style::Dots, transfer)],
+        x: axis("signal less dark, DN", &mut transfer.iter().map(|p| p.x)),
+        y: axis("variance less dark, DN²", &mut transfer.iter().map(|p| p.y)),
+        lines: vec![line("measured", red, Style::Full, transfer), line("fit to 70 %", grey, Style::Broken, fit)],
     }
     .draw(&mut figure, glam::DVec2::new(0.0, 24.0), cell);
     let log = |v: f64| v.max(1e-12).log10();
-    let used = report.points.iter().filter(|p| p.snr > 0.0);
-    let snr: Vec<_> = used.clone().map(|p| point(log(p.photons), 20.0 * log(p.snr))).collect();
-    let ideal: Vec<_> = used.map(|p| point(log(p.photons), 10.0 * log(p.photons))).collect();
+    // Up to saturation: full pixels have no noise, and tell nothing.
+    let last = 1.001 * m.saturation_capacity_e / m.quantum_efficiency;
+    let used = || report.points.iter().filter(|p| p.snr > 0.0 && p.photons <= last);
+    let at = |p: &Point, snr: f64| point(log(p.photons), 20.0 * log(snr));
+    let snr: Vec<_> = used().map(|p| at(p, p.snr)).collect();
+    let ideal: Vec<_> = used().map(|p| at(p, p.photons.sqrt())).collect();
+    // The linear model of the figures that were measured.
+    let model = |p: &Point| {
+        let electrons = m.quantum_efficiency * p.photons;
+        electrons / (m.dark_noise_e.powi(2) + 1.0 / (12.0 * m.gain_dn_per_e.powi(2)) + electrons).sqrt()
+    };
+    let modelled: Vec<_> = used().map(|p| at(p, model(p))).collect();
+    let lowest = snr.iter().map(|p| p.y).fold(0.0, f64::min);
+    let heights = snr.iter().chain(&ideal).map(|p| p.y).chain([lowest]);
     Chart {
         title: format!("SNR: largest {:.1} dB, dynamic range {:.1} dB", m.snr_max_db(), m.dynamic_range_db()),
         x: Axis::around("photons a pixel, log10", snr.iter().map(|p| p.x), false),
-        y: Axis::around("SNR, dB", snr.iter().chain(&ideal).map(|p| p.y), true),
-        lines: vec![line("every photon counted", blue, Style::Broken, ideal), line("measured", red, Style::Dots, snr)],
+        y: Axis::around("SNR, dB", heights.collect::<Vec<_>>(), true),
+        lines: vec![
+            line("every photon counted", blue, Style::Broken, ideal),
+            line("linear model", grey, Style::Broken, modelled),
+            line("measured", red, Style::Full, snr),
+        ],
     }
     .draw(&mut figure, glam::DVec2::new(cell.x, 24.0), cell);
     figure.text(glam::DVec2::new(figure.width / 2.0, 16.0), title, 11.0, diopter::lens::draw::Anchor::Middle);
