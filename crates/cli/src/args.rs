@@ -1,6 +1,7 @@
 //! What can be typed: the one source of help, man page and completions.
 
 use clap::{Parser, Subcommand};
+use diopter::image::dng::Storage;
 use diopter::quantity::{Distance, FNumber, Iso, LengthMm, Seconds, Size};
 use diopter::shot::ShotFile;
 use std::num::NonZeroUsize;
@@ -352,7 +353,7 @@ pub struct Shoot {
     #[command(flatten)]
     pub developing: Developing,
     #[command(flatten)]
-    pub dng: Raw,
+    pub raw: Raw,
     /// Write the truth of each pixel (EXR): noise-free electrons, variances, clipping, depth, ids.
     #[arg(long, value_name = "FILE")]
     pub truth: Option<PathBuf>,
@@ -438,6 +439,17 @@ pub struct Developing {
     /// Demosaic: malvar-he-cutler or bilinear.
     #[arg(long, value_name = "NAME")]
     pub demosaic: Option<String>,
+}
+
+impl Raw {
+    /// How numbers are stored.
+    pub fn storage(&self) -> Storage {
+        match self.dng {
+            DngStorage::Sixteen => Storage::Sixteen,
+            DngStorage::Packed => Storage::Packed,
+            DngStorage::Lossless => Storage::Lossless,
+        }
+    }
 }
 
 /// "x,y,z".

@@ -5,6 +5,7 @@ use anyhow::{Context, anyhow};
 use diopter::develop::{Recipe, Tone, develop};
 use diopter::image::dng::Storage;
 use diopter::image::{FocalPlane, Picture, RawImage, exr, jpeg, png};
+use diopter::raw_file;
 use std::fs::File;
 use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
@@ -134,7 +135,7 @@ pub fn write_pictures(
                 return output.commit(|to| Ok(exr::write_picture(&linear, exr::Precision::Half, to)?));
             }
             if kind == Kind::Dng {
-                return crate::commands::read_out::write_raw(output, raw, storage);
+                return output.commit(|to| Ok(raw_file::write_image(raw, storage, &Recipe::default(), to)?));
             }
             let picture = shown.get_or_insert_with(|| develop(raw, recipe));
             output.commit(|to| {

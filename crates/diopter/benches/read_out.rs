@@ -3,7 +3,6 @@
 //! `cargo bench -p diopter --bench read_out`
 
 use diopter::image::dng::Storage;
-use diopter::image::focal_plane::{Band, BandUnit};
 use diopter::image::{ExposureFacts, FocalPlane};
 use diopter::light::cie::illuminant;
 use diopter::sensor::noise::{mix, normal_quantile, poisson_quantile, unit};
@@ -26,8 +25,7 @@ fn median(mut run: impl FnMut()) -> f64 {
 
 /// A slanted ramp from nothing to twice the well: every path of the code is taken.
 fn plane(sensor: &Sensor) -> FocalPlane {
-    let band = |n: &&str| Band { name: (*n).into(), unit: BandUnit::Electrons };
-    let bands: Vec<Band> = sensor.cfa.channel_names().iter().map(band).collect();
+    let bands = sensor.bands();
     let n = bands.len();
     let mut plane = FocalPlane::even(bands, &vec![0.0; n], SIZE, ExposureFacts { exposure_s: 1.0, ..Default::default() });
     let top = 2.0 * sensor.full_well_e as f32;

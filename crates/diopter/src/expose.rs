@@ -40,8 +40,7 @@ pub struct Response {
 impl Response {
     /// A sensor's channels, in electrons.
     pub fn sensor(sensor: &diopter_sensor::Sensor) -> Self {
-        let band = |name: &&str| Band { name: (*name).into(), unit: BandUnit::Electrons };
-        Response { bands: sensor.cfa.channel_names().iter().map(band).collect(), curves: sensor.band_responses() }
+        Response { bands: sensor.bands(), curves: sensor.band_responses() }
     }
 
     /// Linear sRGB of the radiance, in cd/m² of D65: ∫ L (R, G, B matching functions) dλ × 683 lm/W. May be negative.

@@ -7,7 +7,6 @@
 
 use crate::shot::ShotError;
 use diopter_develop::{Demosaic, Recipe, Tone, develop};
-use diopter_image::focal_plane::{Band, BandUnit};
 use diopter_image::{ExposureFacts, FocalPlane, Picture, RawImage};
 use diopter_light::cie;
 use diopter_light::color::{luminance, srgb_decode};
@@ -44,11 +43,9 @@ struct Field<'a> {
 
 impl Field<'_> {
     fn picture(&self, lux_seconds: f64) -> Result<RawImage, ShotError> {
-        let band = |n: &&str| Band { name: (*n).into(), unit: BandUnit::Electrons };
-        let bands = self.sensor.cfa.channel_names().iter().map(band).collect();
         let signal: Vec<f32> = self.per_lux_second.iter().map(|e| (e * lux_seconds) as f32).collect();
         let facts = ExposureFacts { exposure_s: EXPOSURE_S, ..Default::default() };
-        let plane = FocalPlane::even(bands, &signal, [SIDE, SIDE], facts);
+        let plane = FocalPlane::even(self.sensor.bands(), &signal, [SIDE, SIDE], facts);
         let white = cie::illuminant("D55").unwrap_or_else(|| unreachable!("D55 is embedded"));
         Ok(read_out(&plane, self.sensor, &self.reading, &white)?)
     }

@@ -64,12 +64,8 @@ pub fn write(
 
 /// Writes a raw image as DNG, with a preview.
 pub fn write_image(raw: &RawImage, storage: Storage, recipe: &Recipe, to: impl Write + Seek) -> Result<(), ImageError> {
-    let width = raw.mosaic.width;
-    let mut rows = |first: usize, band: &mut [u16]| {
-        band.copy_from_slice(&raw.mosaic.data[first * width..first * width + band.len()]);
-        Ok(())
-    };
-    write(&raw.header, [width, raw.mosaic.height], storage, &mut rows, recipe, to)
+    let size = [raw.mosaic.width, raw.mosaic.height];
+    write(&raw.header, size, storage, &mut dng::rows_of(&raw.mosaic), recipe, to)
 }
 
 #[cfg(test)]

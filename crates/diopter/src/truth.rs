@@ -17,7 +17,7 @@ use std::io::{Seek, Write};
 /// All of it is in memory at once, about 80 bytes a pixel. What blooms from one pixel into others is not in it.
 pub fn write(plane: &FocalPlane, reader: &ReadOut, raw: &RawImage, to: impl Write + Seek) -> Result<(), ImageError> {
     let (width, height) = (plane.width(), plane.height());
-    let header = reader.header();
+    let header = &raw.header;
     let n = width * height;
     let mut planes: [Vec<f32>; 5] = std::array::from_fn(|_| Vec::with_capacity(n));
     let mut clipped = Vec::with_capacity(n);
@@ -48,7 +48,6 @@ pub fn write(plane: &FocalPlane, reader: &ReadOut, raw: &RawImage, to: impl Writ
 mod tests {
     use super::*;
     use diopter_image::ExposureFacts;
-    use diopter_image::focal_plane::{Band, BandUnit};
     use diopter_light::cie::illuminant;
     use diopter_sensor::{Reading, Sensor, read_out};
     use std::io::Cursor;
@@ -56,14 +55,13 @@ mod tests {
     #[test]
     fn channels_say_what_was_put_in() {
         let sensor = Sensor { prnu: 0.0, ..Sensor::named("canon-t2i").unwrap() };
-        let band = |n: &str| Band { name: n.into(), unit: BandUnit::Electrons };
         let facts = ExposureFacts { exposure_s: 0.01, ..Default::default() };
-        let mut plane = FocalPlane::even(["R", "G", "B"].map(band).to_vec(), &[100.0, 1e6, 300.0], [6, 4], facts);
+        let mut plane = FocalPlane::even(sensor.bands(), &[100.0, 1e6, 300.0], [6, 4], facts);
         plane.half_difference.data.fill(3.0);
         let white = illuminant("D65").unwrap();
         let reading = Reading::new(100.0, 1);
         let raw = read_out(&plane, &sensor, &reading, &white).unwrap();
-        let reader = ReadOut::new(&sensor, &reading, [6, 4], &plane.bands, &plane.facts, &white).unwrap();
+        let reader = ReadOut::new(&sensor, &reading, [6, 4], &plane.bands, plane.facts.exposure_s).unwrap();
         let mut file = Cursor::new(Vec::new());
         write(&plane, &reader, &raw, &mut file).unwrap();
         file.set_position(0);

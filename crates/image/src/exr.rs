@@ -214,7 +214,6 @@ pub struct FocalPlaneRows {
 impl FocalPlaneRows {
     /// Opens a focal plane that [`write_focal_plane`] wrote.
     pub fn open(from: impl Read + Seek + 'static) -> std::result::Result<Self, ImageError> {
-        use exr::block::reader::ChunksReader;
         let reader = exr::block::read(std::io::BufReader::new(from), false).map_err(malformed)?;
         let header =
             reader.headers().first().ok_or_else(|| ImageError::Malformed { format: "EXR", reason: "no layer".into() })?;
@@ -233,7 +232,6 @@ impl FocalPlaneRows {
         }
         let meta = reader.meta_data().clone();
         let chunks = Box::new(reader.all_chunks(false).map_err(malformed)?);
-        debug_assert_eq!(chunks.meta_data().headers.len(), meta.headers.len());
         Ok(FocalPlaneRows {
             chunks,
             meta,

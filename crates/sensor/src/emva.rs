@@ -8,9 +8,7 @@ use crate::noise::mix;
 use crate::read_out::{ReadOut, Reading, Window};
 use crate::sensor::saturation_capacity;
 use crate::{Sensor, SensorError};
-use diopter_image::focal_plane::{Band, BandUnit};
-use diopter_image::{ExposureFacts, Raster};
-use diopter_light::spectrum::Table;
+use diopter_image::Raster;
 use serde::Serialize;
 
 /// What is measured, and how thoroughly.
@@ -156,9 +154,6 @@ impl Bench<'_> {
     fn picture(&mut self, photons: f64, exposure_s: f64) -> Result<Raster<u16>, SensorError> {
         let [w, h] = self.conditions.size;
         let [width, height] = [w * self.step[0], h * self.step[1]];
-        let names = self.sensor.cfa.channel_names();
-        let bands: Vec<Band> = names.iter().map(|n| Band { name: (*n).into(), unit: BandUnit::Electrons }).collect();
-        let facts = ExposureFacts { exposure_s, ..Default::default() };
         self.taken += 1;
         let reading = Reading {
             seed: mix(self.conditions.seed, self.taken),
@@ -166,8 +161,7 @@ impl Bench<'_> {
             temperature_c: self.conditions.temperature_c,
             ..Reading::new(self.conditions.iso, 0)
         };
-        let white = Table::new(380.0, 400.0, vec![1.0, 1.0]);
-        let reader = ReadOut::new(self.sensor, &reading, [width, height], &bands, &facts, &white)?;
+        let reader = ReadOut::new(self.sensor, &reading, [width, height], &self.sensor.bands(), exposure_s)?;
         let cell: Vec<f32> = self.eta.iter().map(|e| (e * photons) as f32).collect();
         let plane: Vec<f32> = cell.iter().copied().cycle().take(width * height * cell.len()).collect();
         let mut mosaic = vec![0u16; width * height];

@@ -56,7 +56,8 @@ pub struct ReadOut<'a> {
     step: IsoStep,
     width: usize,
     height: usize,
-    seed: u64,
+    /// How, with the temperature settled.
+    reading: Reading,
     pattern: Pattern,
     /// Mean electrons that leak during the exposure.
     dark_e: f64,
@@ -64,7 +65,8 @@ pub struct ReadOut<'a> {
     well_e: f64,
     /// The same of all readings together.
     full_e: f64,
-    header: RawHeader,
+    /// DN from which a pixel is taken for full.
+    white_level: f64,
 }
 
 /// What is known of a pixel beside its number.
@@ -84,15 +86,14 @@ pub struct Expected {
 }
 
 impl<'a> ReadOut<'a> {
-    /// Prepares to read a plane of a size. `facts` are the plane's; `white` is the spectrum of [`Reading::white`]. Fails when
-    /// the ISO is outside the body's or the bands are not this sensor's channels in electrons.
+    /// Prepares to read a plane of a size that was exposed for a time. Fails when the ISO is outside the body's or the bands are
+    /// not this sensor's channels in electrons.
     pub fn new(
         sensor: &'a Sensor,
         reading: &Reading,
         [width, height]: [usize; 2],
         bands: &[Band],
-        facts: &ExposureFacts,
-        white: &Table,
+        exposure_s: f64,
     ) -> Result<Self, SensorError> {
         let step = sensor.at_iso(reading.iso)?;
         let names: Vec<&str> = bands.iter().map(|b| b.name.as_str()).collect();
@@ -126,14 +127,31 @@ impl<'a> ReadOut<'a> {
             true => (step.black_level_dn + (full_e - 3.0 * spread) / step.gain_e_per_dn).floor().max(step.black_level_dn + 1.0),
             false => step.white_level_dn,
         };
-        let range = white_level - step.black_level_dn;
+        Ok(ReadOut {
+            dark_e: sensor.dark_current.at(celsius) * exposure_s.max(0.0),
+            pattern: Pattern::new(sensor, &reading.serial, width),
+            well_e: if well_first { sensor.full_well_e } else { f64::INFINITY },
+            full_e: if well_first { full_e } else { f64::INFINITY },
+            reading: Reading { temperature_c: Some(celsius), ..reading.clone() },
+            white_level,
+            step,
+            sensor,
+            width,
+            height,
+        })
+    }
+
+    /// What the raw file says. `facts` are the plane's; `white` is the spectrum of [`Reading::white`].
+    pub fn header(&self, facts: &ExposureFacts, white: &Table) -> RawHeader {
+        let (sensor, step, reading) = (self.sensor, &self.step, &self.reading);
+        let range = self.white_level - step.black_level_dn;
         let rounding = step.digital_gain.powi(2) / 12.0;
         let floor = (step.read_noise_e.powi(2) + step.row_noise_e.powi(2)) / step.gain_e_per_dn.powi(2) + rounding;
-        let header = RawHeader {
+        RawHeader {
             cfa: sensor.cfa.clone(),
             bits: sensor.adc_bits,
             black_level: step.black_level_dn,
-            white_level,
+            white_level: self.white_level,
             as_shot_neutral: neutral(sensor, white),
             calibrations: calibrations(sensor),
             noise: vec![[1.0 / (step.gain_e_per_dn * range), floor / (range * range)]; sensor.cfa.channel_count()],
@@ -143,29 +161,12 @@ impl<'a> ReadOut<'a> {
                 make: sensor.make.clone(),
                 model: format!("{} (simulated)", sensor.model),
                 serial: reading.serial.clone(),
-                temperature_c: Some(celsius),
+                temperature_c: reading.temperature_c,
                 noise_seed: reading.seed,
                 white: reading.white.clone(),
                 ..facts.clone()
             },
-        };
-        Ok(ReadOut {
-            dark_e: sensor.dark_current.at(celsius) * facts.exposure_s.max(0.0),
-            pattern: Pattern::new(sensor, &reading.serial, width),
-            well_e: if well_first { sensor.full_well_e } else { f64::INFINITY },
-            full_e: if well_first { full_e } else { f64::INFINITY },
-            seed: reading.seed,
-            step,
-            sensor,
-            width,
-            height,
-            header,
-        })
-    }
-
-    /// What the raw file says.
-    pub fn header(&self) -> &RawHeader {
-        &self.header
+        }
     }
 
     /// Mean electrons of light in a row of the mosaic, crosstalk included. The window must hold the row and its neighbours.
@@ -215,7 +216,7 @@ impl<'a> ReadOut<'a> {
     }
 
     fn uniform(&self, purpose: u64, row: usize, column: usize) -> f64 {
-        unit(mix(self.seed ^ purpose, (row as u64) << 32 | column as u64))
+        unit(mix(self.reading.seed ^ purpose, (row as u64) << 32 | column as u64))
     }
 
     /// From counted electrons to numbers.
@@ -227,9 +228,8 @@ impl<'a> ReadOut<'a> {
             shared += step.row_noise_e * normal_quantile(self.uniform(ROW, row, 0));
         }
         let per_e = 1.0 / step.gain_e_per_dn;
-        let patterned = s.dsnu_e > 0.0 || s.dsnu_column_e > 0.0;
         for (c, (n, dn)) in counted.first.iter().zip(to).enumerate() {
-            let offset = shared + if patterned { self.pattern.offset_e(c, row) } else { 0.0 };
+            let offset = shared + self.pattern.offset_e(c, row);
             let noise = if step.read_noise_e > 0.0 { normal_quantile(self.uniform(READ, row, c)) } else { 0.0 };
             let signal = match &s.second_reading {
                 None => n.min(self.well_e) + offset + noise * step.read_noise_e,
@@ -373,7 +373,7 @@ fn bloom(electrons: &mut [f32], width: usize, full_well: f32) {
 /// Reads a whole exposure out. `white` is the spectrum of [`Reading::white`].
 pub fn read_out(plane: &FocalPlane, sensor: &Sensor, reading: &Reading, white: &Table) -> Result<RawImage, SensorError> {
     let (width, height) = (plane.width(), plane.height());
-    let reader = ReadOut::new(sensor, reading, [width, height], &plane.bands, &plane.facts, white)?;
+    let reader = ReadOut::new(sensor, reading, [width, height], &plane.bands, plane.facts.exposure_s)?;
     let mut mosaic = Raster::<u16>::new(width, height, 1);
     let window = Window { first: 0, data: &plane.mean.data };
     match sensor.blooming {
@@ -385,7 +385,7 @@ pub fn read_out(plane: &FocalPlane, sensor: &Sensor, reading: &Reading, white: &
             reader.numbers(0, &electrons, &mut mosaic.data);
         }
     }
-    Ok(RawImage { mosaic, header: reader.header })
+    Ok(RawImage { mosaic, header: reader.header(&plane.facts, white) })
 }
 
 #[cfg(test)]
@@ -394,10 +394,8 @@ mod tests {
     use diopter_light::cie::illuminant;
 
     fn flat(sensor: &Sensor, electrons: f32, exposure_s: f64, size: [usize; 2]) -> FocalPlane {
-        let names = sensor.cfa.channel_names();
-        let band = |n: &&str| Band { name: (*n).into(), unit: BandUnit::Electrons };
         let facts = ExposureFacts { exposure_s, ..Default::default() };
-        FocalPlane::even(names.iter().map(band).collect(), &vec![electrons; names.len()], size, facts)
+        FocalPlane::even(sensor.bands(), &vec![electrons; sensor.cfa.channel_count()], size, facts)
     }
 
     fn read(sensor: &Sensor, plane: &FocalPlane, reading: &Reading) -> RawImage {
@@ -509,9 +507,7 @@ mod tests {
         sensor.crosstalk = 0.05;
         let mut plane = flat(&sensor, 0.0, 0.0, [9, 9]);
         plane.mean.pixel_mut(4, 4).fill(1e5);
-        let reader =
-            ReadOut::new(&sensor, &Reading::new(100.0, 1), [9, 9], &plane.bands, &plane.facts, &illuminant("D65").unwrap())
-                .unwrap();
+        let reader = ReadOut::new(&sensor, &Reading::new(100.0, 1), [9, 9], &plane.bands, plane.facts.exposure_s).unwrap();
         let row = |r: usize| reader.expected(&Window { first: 0, data: &plane.mean.data }, r);
         assert_eq!([row(4)[4], row(4)[5], row(3)[4], row(3)[3]].map(|e| e.electrons.round()), [80_000.0, 5000.0, 5000.0, 0.0]);
     }
@@ -574,9 +570,8 @@ mod tests {
         let size = [64, 16];
         let mut plane = flat(&sensor, 0.0, 10.0, size);
         plane.mean.data.iter_mut().enumerate().for_each(|(i, v)| *v = 60_000.0 * ((i / 3 % 64) as f32 / 63.0).powi(3));
-        let light = illuminant("D65").unwrap();
         let reading = |seed| Reading { temperature_c: Some(30.0), ..Reading::new(100.0, seed) };
-        let reader = ReadOut::new(&sensor, &reading(1), size, &plane.bands, &plane.facts, &light).unwrap();
+        let reader = ReadOut::new(&sensor, &reading(1), size, &plane.bands, plane.facts.exposure_s).unwrap();
         let expected: Vec<Expected> =
             (0..16).flat_map(|r| reader.expected(&Window { first: 0, data: &plane.mean.data }, r)).collect();
         let (mut sums, mut squares) = (vec![0.0; 1024], vec![0.0; 1024]);
@@ -624,8 +619,7 @@ mod tests {
         let mut plane = flat(&sensor, 500.0, 1.0, [64, 48]);
         plane.mean.data.iter_mut().enumerate().for_each(|(i, v)| *v = (i % 977) as f32);
         let whole = read(&sensor, &plane, &Reading::new(200.0, 7)).mosaic.data;
-        let light = illuminant("D65").unwrap();
-        let reader = ReadOut::new(&sensor, &Reading::new(200.0, 7), [64, 48], &plane.bands, &plane.facts, &light).unwrap();
+        let reader = ReadOut::new(&sensor, &Reading::new(200.0, 7), [64, 48], &plane.bands, plane.facts.exposure_s).unwrap();
         let mut part = vec![0u16; 64 * 10];
         let window = Window { first: 19, data: &plane.mean.data[19 * 64 * 3..31 * 64 * 3] };
         reader.rows(&window, 20, &mut part);

@@ -3,6 +3,7 @@
 use crate::data::BODIES;
 use crate::{SensorError, nearest, sheet};
 use diopter_image::Cfa;
+use diopter_image::focal_plane::{Band, BandUnit};
 use diopter_light::spectrum::Table;
 use diopter_light::units::{PLANCK, SPEED_OF_LIGHT};
 use std::collections::BTreeMap;
@@ -162,6 +163,12 @@ impl Sensor {
     /// Distance between pixels, mm, across and down.
     pub fn pitch_mm(&self) -> [f64; 2] {
         [self.format_mm[0] / self.pixels[0] as f64, self.format_mm[1] / self.pixels[1] as f64]
+    }
+
+    /// The bands of a focal plane that this sensor reads: its channels, in electrons.
+    pub fn bands(&self) -> Vec<Band> {
+        let band = |name: &str| Band { name: name.into(), unit: BandUnit::Electrons };
+        self.cfa.channel_names().into_iter().map(band).collect()
     }
 
     /// Electrons per joule of light of each channel over wavelength: QE(λ) λ / hc.

@@ -1,6 +1,5 @@
 //! Read-noise ladders of real cameras, measured on the simulated ones: darks and flats through the whole read-out.
 
-use diopter_image::focal_plane::{Band, BandUnit};
 use diopter_image::{ExposureFacts, FocalPlane};
 use diopter_light::cie::illuminant;
 use diopter_sensor::{Reading, Sensor, read_out};
@@ -36,8 +35,7 @@ const SIDE: usize = 300;
 
 /// Mean and standard deviation, DN, of an even field.
 fn read(sensor: &Sensor, electrons: f32, iso: f64) -> (f64, f64) {
-    let band = |n: &&str| Band { name: (*n).into(), unit: BandUnit::Electrons };
-    let bands: Vec<Band> = sensor.cfa.channel_names().iter().map(band).collect();
+    let bands = sensor.bands();
     let signal = vec![electrons; bands.len()];
     let plane = FocalPlane::even(bands, &signal, [SIDE, SIDE], ExposureFacts { exposure_s: 0.001, ..Default::default() });
     let raw = read_out(&plane, sensor, &Reading::new(iso, 5), &illuminant("D65").unwrap()).unwrap();

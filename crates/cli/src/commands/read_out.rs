@@ -1,12 +1,12 @@
 //! `read-out`: a focal plane into raw files.
 
 use super::{open, print_json, read_plane};
-use crate::args::{Raw, ReadOut};
-use crate::output::{self, Output, now};
+use crate::args::ReadOut;
+use crate::output::{self, now};
 use crate::watch::say;
 use anyhow::Context;
 use diopter::develop::Recipe;
-use diopter::image::dng::{self, Storage};
+use diopter::image::dng;
 use diopter::image::exr::FocalPlaneRows;
 use diopter::image::{ImageError, RawHeader};
 use diopter::sensor::{Reading, Sensor, Window};
@@ -40,7 +40,8 @@ pub fn run(args: &ReadOut, json: bool) -> anyhow::Result<()> {
     let asked = |e| anyhow::Error::from(crate::AskedWrongly(anyhow::Error::from(e).context(place())));
     let date = now();
     let prepare = |k: usize| {
-        diopter::sensor::ReadOut::new(&sensor, &reading(k), first.size(), first.bands(), first.facts(), &white).map_err(asked)
+        let time = first.facts().exposure_s;
+        diopter::sensor::ReadOut::new(&sensor, &reading(k), first.size(), first.bands(), time).map_err(asked)
     };
     prepare(0)?;
 
@@ -55,7 +56,7 @@ pub fn run(args: &ReadOut, json: bool) -> anyhow::Result<()> {
             None => output::prepare_dng(name)?,
         };
         let reader = prepare(k)?;
-        let mut header = reader.header().clone();
+        let mut header = reader.header(first.facts(), &white);
         header.facts.date = Some(date.clone());
         statistics = Statistics::default();
         let mut plane = match &kept {
@@ -100,7 +101,7 @@ pub fn run(args: &ReadOut, json: bool) -> anyhow::Result<()> {
         let raw = dng::read(open(&written[0])?).with_context(|| written[0].display().to_string())?;
         written.push(output.commit(|to| Ok(truth::write(&plane, &prepare(0)?, &raw, to)?))?);
     }
-    let header = prepare(0)?.header().clone();
+    let header = prepare(0)?.header(first.facts(), &white);
     say(&format!(
         "{}   ISO {:.0}   {:.0} °C   serial {}   seed {}",
         sensor.name,
@@ -205,20 +206,4 @@ fn numbered(path: &Path, count: usize) -> Vec<PathBuf> {
     let stem = path.file_stem().unwrap_or_default().to_string_lossy();
     let ending = path.extension().map_or(String::new(), |e| format!(".{}", e.to_string_lossy()));
     (1..=count).map(|k| path.with_file_name(format!("{stem}-{k:0digits$}{ending}"))).collect()
-}
-
-impl Raw {
-    /// How numbers are stored.
-    pub fn storage(&self) -> Storage {
-        match self.dng {
-            crate::args::DngStorage::Sixteen => Storage::Sixteen,
-            crate::args::DngStorage::Packed => Storage::Packed,
-            crate::args::DngStorage::Lossless => Storage::Lossless,
-        }
-    }
-}
-
-/// Writes a raw image that is in memory.
-pub fn write_raw(output: Output, raw: &diopter::image::RawImage, storage: Storage) -> anyhow::Result<PathBuf> {
-    output.commit(|to| Ok(raw_file::write_image(raw, storage, &Recipe::default(), to)?))
 }

@@ -8,7 +8,7 @@ use diopter::image::ExposureFacts;
 use diopter::metering::ev100_of_setting;
 use diopter::quantity::{FNumber, Seconds};
 use diopter::sensor::ReadOut;
-use diopter::shot::{Shot, white_point};
+use diopter::shot::Shot;
 use diopter::truth;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -17,11 +17,11 @@ pub fn run(args: &Shoot, json: bool) -> anyhow::Result<()> {
     let started = Instant::now();
     let mut file = args.taking.shot_file()?;
     args.developing.apply(&mut file.develop)?;
-    if args.dng.serial.is_some() {
-        file.camera.serial.clone_from(&args.dng.serial);
+    if args.raw.serial.is_some() {
+        file.camera.serial.clone_from(&args.raw.serial);
     }
-    if args.dng.temperature.is_some() {
-        file.exposure.temperature_c = args.dng.temperature;
+    if args.raw.temperature.is_some() {
+        file.exposure.temperature_c = args.raw.temperature;
     }
     if !args.output.is_empty() {
         file.output.files.clone_from(&args.output);
@@ -58,12 +58,11 @@ pub fn run(args: &Shoot, json: bool) -> anyhow::Result<()> {
         written.push(output::write_plane(output, &plane)?);
     }
     if let Some(output) = truth_file {
-        let white = white_point(&shot.reading.white)?;
-        let reader =
-            ReadOut::new(&shot.sensor, &shot.reading, [plane.width(), plane.height()], &plane.bands, &plane.facts, &white)?;
+        let size = [plane.width(), plane.height()];
+        let reader = ReadOut::new(&shot.sensor, &shot.reading, size, &plane.bands, plane.facts.exposure_s)?;
         written.push(output.commit(|to| Ok(truth::write(&plane, &reader, &raw, to)?))?);
     }
-    written.extend(output::write_pictures(pictures, &raw, &shot.recipe, args.dng.storage())?);
+    written.extend(output::write_pictures(pictures, &raw, &shot.recipe, args.raw.storage())?);
 
     let facts = raw.header.facts.clone();
     say(&display(&facts, plane.width(), plane.height(), exposed - prepared));

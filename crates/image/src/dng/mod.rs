@@ -9,7 +9,7 @@ mod read;
 mod write;
 
 pub use read::read;
-pub use write::{Rows, Storage, write, write_image};
+pub use write::{Rows, Storage, rows_of, write, write_image};
 
 /// Tags of the specification, by their names there.
 mod tag {

@@ -3,7 +3,7 @@
 use super::{FILTER_NUMBERS, XMP_NAMESPACE, compression, lossless, packing, photometric, tag};
 use crate::exif::{EXIF_DIRECTORY, exif_fields, main_fields};
 use crate::tags::{Field, put, written};
-use crate::{ExposureFacts, ImageError, Picture, RawHeader, RawImage, jpeg};
+use crate::{ExposureFacts, ImageError, Picture, Raster, RawHeader, RawImage, jpeg};
 use rayon::prelude::*;
 use std::io::{Seek, Write};
 use tiff::encoder::TiffEncoder;
@@ -37,12 +37,16 @@ const PREVIEW_QUALITY: u8 = 85;
 
 /// Writes a raw image. `preview` is a developed picture of it, of any size.
 pub fn write_image(raw: &RawImage, storage: Storage, preview: Option<&Picture>, to: impl Write + Seek) -> Result<(), ImageError> {
-    let width = raw.mosaic.width;
-    let mut rows = |first: usize, to: &mut [u16]| {
-        to.copy_from_slice(&raw.mosaic.data[first * width..first * width + to.len()]);
+    let size = [raw.mosaic.width, raw.mosaic.height];
+    write(&raw.header, size, storage, &mut rows_of(&raw.mosaic), || preview.cloned(), to)
+}
+
+/// The rows of a mosaic that is in memory.
+pub fn rows_of(mosaic: &Raster<u16>) -> impl FnMut(usize, &mut [u16]) -> Result<(), ImageError> + '_ {
+    move |first, to| {
+        to.copy_from_slice(&mosaic.data[first * mosaic.width..][..to.len()]);
         Ok(())
-    };
-    write(&raw.header, [width, raw.mosaic.height], storage, &mut rows, || preview.cloned(), to)
+    }
 }
 
 /// Writes a raw image whose rows are asked for in turn, from the top, and whose preview is asked for after them.
