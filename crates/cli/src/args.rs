@@ -29,8 +29,18 @@ pub enum Verb {
     Expose(Expose),
     /// Read a focal plane out into raw files (DNG).
     ReadOut(ReadOut),
-    /// Develop a raw file (DNG) into a picture.
+    /// Develop raw files (DNG) into pictures.
     Develop(Develop),
+    /// Look-up tables for colour (.cube).
+    Lut {
+        #[command(subcommand)]
+        verb: LutVerb,
+    },
+    /// Calculators.
+    Calc {
+        #[command(subcommand)]
+        verb: CalcVerb,
+    },
     /// Join focal planes that hold different samples of the same picture.
     Merge(Merge),
     /// Embedded scenes, and what is in a scene file.
@@ -363,7 +373,7 @@ pub struct Shoot {
     /// Write what is being shot as a shot file.
     #[arg(long, value_name = "FILE")]
     pub save_shot: Option<PathBuf>,
-    /// File to write: .jpg, .png, .exr (linear) or .dng (raw); may be given several times.
+    /// File to write: .jpg, .png, .tif, .exr (linear) or .dng (raw); may be given several times.
     #[arg(short, long, value_name = "FILE")]
     pub output: Vec<PathBuf>,
 }
@@ -408,13 +418,70 @@ pub struct ReadOut {
 
 #[derive(clap::Args, Debug)]
 pub struct Develop {
-    /// Raw file (.dng).
-    pub raw: PathBuf,
+    /// Raw files (.dng).
+    #[arg(required_unless_present_any = ["settings", "save_recipe"])]
+    pub raw: Vec<PathBuf>,
     #[command(flatten)]
     pub developing: Developing,
-    /// Picture to write: .jpg, .png or .exr (linear); may be given several times.
-    #[arg(short, long, value_name = "FILE", required = true)]
+    /// JPEG quality, 1 to 100.
+    #[arg(long, value_name = "N", default_value_t = crate::output::JPEG_QUALITY, value_parser = clap::value_parser!(u8).range(1..=100))]
+    pub quality: u8,
+    /// Bits a channel of PNG: 8 or 16.
+    #[arg(long, value_name = "N", default_value_t = 8, value_parser = clap::value_parser!(u8))]
+    pub bits: u8,
+    /// Write the picture after every step, with its histogram, and a sheet of all, into this folder (made if it is not there).
+    #[arg(long, value_name = "FOLDER")]
+    pub steps: Option<PathBuf>,
+    /// Print all settings with unit, range, value and reason.
+    #[arg(long)]
+    pub settings: bool,
+    /// Write what the pictures are developed by as a recipe file (.toml).
+    #[arg(long, value_name = "FILE")]
+    pub save_recipe: Option<PathBuf>,
+    /// Picture to write: .jpg, .png, .tif (16 bits) or .exr (linear light); may be given several times. With several raw files
+    /// the name holds {}, which stands for the name of each without its ending: "out/{}.jpg".
+    #[arg(short, long, value_name = "FILE")]
     pub output: Vec<PathBuf>,
+}
+
+/// Look-up tables.
+#[derive(Subcommand, Debug)]
+pub enum LutVerb {
+    /// What a .cube file holds.
+    Info {
+        /// The file.
+        file: PathBuf,
+    },
+    /// Make one 3D table of exposure, tone curve, grading and table of a recipe; prints how far it lies off the steps.
+    Bake {
+        #[command(flatten)]
+        developing: Developing,
+        /// Points a side.
+        #[arg(long, value_name = "N", default_value_t = 33, value_parser = clap::value_parser!(u16).range(2..=129))]
+        size: u16,
+        /// What the table is to be fed with: log (most exact, for lut.input = "log"), acescct, srgb or linear.
+        #[arg(long, value_name = "NAME", default_value = "log")]
+        input: String,
+        /// Table to write (.cube).
+        #[arg(short, long, value_name = "FILE")]
+        output: PathBuf,
+    },
+}
+
+/// Calculators.
+#[derive(Subcommand, Debug)]
+pub enum CalcVerb {
+    /// Tone curves: light of a display and codes of linear Rec.709 colours.
+    Tone {
+        /// linear, reinhard, aces-1.3, agx ...
+        curve: String,
+        /// Colours: one number for a grey or "r,g,b"; several may follow each other.
+        #[arg(required = true, value_name = "COLOUR", allow_hyphen_values = true)]
+        colours: Vec<String>,
+        /// Scale light so that 18 % grey is shown as 18 %, as `develop` does.
+        #[arg(long)]
+        keep_grey: bool,
+    },
 }
 
 #[derive(clap::Args, Debug)]
@@ -427,18 +494,30 @@ pub struct Merge {
     pub output: PathBuf,
 }
 
-/// Settings of the development.
+/// Settings of the development. A recipe or preset first, then the others on top.
 #[derive(clap::Args, Debug)]
 pub struct Developing {
+    /// A recipe file (.toml).
+    #[arg(long, value_name = "FILE", conflicts_with = "preset")]
+    pub recipe: Option<PathBuf>,
+    /// A named recipe: default, plain, camera, soft or film.
+    #[arg(long, value_name = "NAME")]
+    pub preset: Option<String>,
+    /// One setting, as in a recipe: "tone.curve=reinhard"; may be given several times. `develop --settings` lists them.
+    #[arg(long, value_name = "NAME=VALUE")]
+    pub set: Vec<String>,
     /// Brighten by stops.
     #[arg(long, value_name = "EV", allow_negative_numbers = true)]
     pub exposure_ev: Option<f32>,
-    /// Tone curve: aces, reinhard or linear.
+    /// Tone curve: aces-fit, agx, neutral, reinhard, linear ...
     #[arg(long, value_name = "NAME")]
     pub tone: Option<String>,
-    /// Demosaic: malvar-he-cutler or bilinear.
+    /// Demosaic: gbtf, rcd, malvar-he-cutler, bilinear, linear or half.
     #[arg(long, value_name = "NAME")]
     pub demosaic: Option<String>,
+    /// A look from a .cube file.
+    #[arg(long, value_name = "FILE")]
+    pub lut: Option<PathBuf>,
 }
 
 impl Raw {
@@ -528,28 +607,33 @@ impl Taking {
 }
 
 impl Developing {
-    /// Puts the flags on top of a recipe.
-    pub fn apply(&self, recipe: &mut diopter::develop::Recipe) -> anyhow::Result<()> {
-        use diopter::develop::{Demosaic, Tone};
-        if let Some(ev) = self.exposure_ev {
-            recipe.exposure_ev = ev;
+    /// Puts recipe, preset and flags on top of a recipe.
+    pub fn apply(&self, recipe: &mut diopter::develop::Recipe) -> Result<(), diopter::shot::ShotError> {
+        use diopter::develop::{Recipe, RecipeError};
+        if let Some(file) = &self.recipe {
+            *recipe = diopter::recipe_file::read(file)?;
         }
-        let unknown = |what: &str, found: &str, expected: &str| {
-            crate::AskedWrongly(anyhow::anyhow!("{what} \"{found}\": expected {expected}"))
-        };
-        match self.tone.as_deref() {
-            None => {}
-            Some("aces") => recipe.tone = Tone::Aces,
-            Some("reinhard") => recipe.tone = Tone::Reinhard,
-            Some("linear") => recipe.tone = Tone::Linear,
-            Some(other) => return Err(unknown("tone", other, "aces, reinhard or linear").into()),
+        if let Some(name) = &self.preset {
+            *recipe = Recipe::preset(name)?;
         }
-        match self.demosaic.as_deref() {
-            None => {}
-            Some("malvar-he-cutler") => recipe.demosaic = Demosaic::MalvarHeCutler,
-            Some("bilinear") => recipe.demosaic = Demosaic::Bilinear,
-            Some(other) => return Err(unknown("demosaic", other, "malvar-he-cutler or bilinear").into()),
+        for setting in &self.set {
+            let (name, value) = setting.split_once('=').ok_or_else(|| RecipeError {
+                place: "--set".into(),
+                found: format!("\"{setting}\""),
+                expected: "a name and a value, such as tone.curve=reinhard".into(),
+            })?;
+            *recipe = recipe.with(name.trim(), value.trim())?;
         }
-        Ok(diopter::shot::check_recipe(recipe)?)
+        let ev = self.exposure_ev.map(|ev| ev.to_string());
+        let lut = self.lut.as_ref().map(|p| p.display().to_string());
+        for (name, value) in
+            [("exposure.ev", &ev), ("tone.curve", &self.tone), ("demosaic.method", &self.demosaic), ("lut.file", &lut)]
+        {
+            if let Some(value) = value {
+                *recipe = recipe.with(name, value)?;
+            }
+        }
+        recipe.check()?;
+        Ok(())
     }
 }

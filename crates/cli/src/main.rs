@@ -7,6 +7,7 @@ mod args;
 mod commands;
 mod output;
 mod paint;
+mod sheet;
 mod watch;
 
 use args::{Args, Verb};
@@ -53,6 +54,8 @@ fn run(args: Args) -> anyhow::Result<()> {
         Verb::Expose(expose) => commands::expose::run(&expose, json),
         Verb::ReadOut(read_out) => commands::read_out::run(&read_out, json),
         Verb::Develop(develop) => commands::develop::run(&develop, json),
+        Verb::Lut { verb } => commands::lut::run(&verb, json),
+        Verb::Calc { verb } => commands::calc::run(&verb, json),
         Verb::Merge(merge) => commands::merge::run(&merge, json),
         Verb::Scene { verb } => commands::scene::run(&verb, json),
         Verb::Lens { verb } => commands::lens::run(&verb, json),

@@ -2,16 +2,18 @@
 
 use crate::AskedWrongly;
 use anyhow::{Context, anyhow};
-use diopter::develop::{Recipe, Tone, develop};
+use diopter::develop::lut::Lut;
+use diopter::develop::{Developer, Recipe};
 use diopter::image::dng::Storage;
-use diopter::image::{FocalPlane, Picture, RawImage, exr, jpeg, png};
+use diopter::image::{FocalPlane, RawImage, exr, jpeg, png, tiff_file};
 use diopter::raw_file;
+use diopter::shot::ShotError;
 use std::fs::File;
 use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
 
 /// JPEG quality: high, because the pictures are looked at.
-const JPEG_QUALITY: u8 = 92;
+pub const JPEG_QUALITY: u8 = 92;
 
 /// A file that is going to be written. Dropped without [`Output::commit`], it leaves no trace.
 pub struct Output {
@@ -25,6 +27,7 @@ pub struct Output {
 pub enum Kind {
     Jpeg,
     Png,
+    Tiff,
     Exr,
     Dng,
 }
@@ -35,9 +38,10 @@ pub fn kind(path: &Path) -> anyhow::Result<Kind> {
     match ending.as_deref() {
         Some("jpg" | "jpeg") => Ok(Kind::Jpeg),
         Some("png") => Ok(Kind::Png),
+        Some("tif" | "tiff") => Ok(Kind::Tiff),
         Some("exr") => Ok(Kind::Exr),
         Some("dng") => Ok(Kind::Dng),
-        _ => Err(AskedWrongly(anyhow!("{}: expected a name that ends in .jpg, .png, .exr or .dng", path.display())).into()),
+        _ => Err(AskedWrongly(anyhow!("{}: expected a name that ends in .jpg, .png, .tif, .exr or .dng", path.display())).into()),
     }
 }
 
@@ -119,34 +123,49 @@ pub fn prepare_exr(path: &Path) -> anyhow::Result<Output> {
     }
 }
 
-/// Develops and writes all pictures. An EXR gets the linear picture without tone curve, a DNG the raw image.
+/// How pictures are written.
+#[derive(Clone, Copy, Debug)]
+pub struct Format {
+    /// Of JPEG, 1 to 100.
+    pub quality: u8,
+    /// Of PNG.
+    pub depth: png::Depth,
+    /// Of DNG.
+    pub storage: Storage,
+}
+
+impl Default for Format {
+    fn default() -> Self {
+        Format { quality: JPEG_QUALITY, depth: png::Depth::Eight, storage: Storage::Sixteen }
+    }
+}
+
+/// Develops and writes all pictures, by rows. An EXR gets the light of the scene without a curve, a DNG the raw image.
 pub fn write_pictures(
     outputs: Vec<(Kind, Output)>,
     raw: &RawImage,
     recipe: &Recipe,
-    storage: Storage,
+    lut: Option<&Lut>,
+    format: Format,
 ) -> anyhow::Result<Vec<PathBuf>> {
-    let mut shown: Option<Picture> = None;
-    outputs
-        .into_iter()
-        .map(|(kind, output)| {
-            if kind == Kind::Exr {
-                let linear = develop(raw, &Recipe { tone: Tone::Linear, ..recipe.clone() });
-                return output.commit(|to| Ok(exr::write_picture(&linear, exr::Precision::Half, to)?));
+    let write = |(kind, output): (Kind, Output)| {
+        if kind == Kind::Dng {
+            return output.commit(|to| Ok(raw_file::write_image(raw, format.storage, &Recipe::default(), to)?));
+        }
+        let light = recipe.linear_light();
+        let (recipe, lut) = if kind == Kind::Exr { (&light, None) } else { (recipe, lut.cloned()) };
+        let picture = Developer::new(raw, recipe, lut).map_err(ShotError::from)?;
+        output.commit(|to| {
+            match kind {
+                Kind::Jpeg => jpeg::write(&picture, format.quality, to)?,
+                Kind::Tiff => tiff_file::write(&picture, to)?,
+                Kind::Exr => exr::write_picture(&picture, exr::Precision::Half, to)?,
+                _ => png::write(&picture, format.depth, to)?,
             }
-            if kind == Kind::Dng {
-                return output.commit(|to| Ok(raw_file::write_image(raw, storage, &Recipe::default(), to)?));
-            }
-            let picture = shown.get_or_insert_with(|| develop(raw, recipe));
-            output.commit(|to| {
-                match kind {
-                    Kind::Jpeg => jpeg::write(picture, JPEG_QUALITY, to)?,
-                    _ => png::write(picture, png::Depth::Eight, to)?,
-                }
-                Ok(())
-            })
+            Ok(())
         })
-        .collect()
+    };
+    outputs.into_iter().map(write).collect()
 }
 
 /// Writes a focal plane.

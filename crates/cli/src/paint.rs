@@ -4,6 +4,7 @@ use crate::AskedWrongly;
 use crate::output::Output;
 use ab_glyph::{Font, FontRef, OutlineCurve, ScaleFont};
 use anyhow::{Context, anyhow};
+use diopter::image::Picture;
 use diopter::lens::draw::{Anchor, Color, Figure, Item};
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -83,6 +84,47 @@ fn paint(figure: &Figure) -> anyhow::Result<Vec<u8>> {
         }
     }
     map.encode_png().context("the drawing as PNG")
+}
+
+/// A dark page of pictures and lines of text.
+pub struct Page(Pixmap);
+
+impl Page {
+    /// A page of a size in pixels.
+    pub fn new(width: usize, height: usize) -> anyhow::Result<Page> {
+        let mut map = Pixmap::new(width as u32, height as u32).context("a page without size")?;
+        map.fill(tiny_skia::Color::from_rgba8(28, 28, 28, 255));
+        Ok(Page(map))
+    }
+
+    /// Puts a picture (as codes) with its corner at a place.
+    pub fn picture(&mut self, x: usize, y: usize, picture: &Picture) {
+        let (width, w) = (self.0.width() as usize, picture.pixels.width);
+        let codes = picture.to_8_bit();
+        let data = self.0.data_mut();
+        for (row, line) in codes.chunks_exact(3 * w).enumerate() {
+            for (column, c) in line.as_chunks::<3>().0.iter().enumerate() {
+                let at = ((y + row) * width + x + column) * 4;
+                if let Some(to) = data.get_mut(at..at + 4) {
+                    to.copy_from_slice(&[c[0], c[1], c[2], 255]);
+                }
+            }
+        }
+    }
+
+    /// Writes light letters from a place on the baseline.
+    pub fn text(&mut self, x: f32, y: f32, text: &str, size: f32) -> anyhow::Result<()> {
+        let font = FontRef::try_from_slice(dejavu::sans::regular()).context("the embedded font")?;
+        if let Some(path) = letters(&font, text, size).0 {
+            self.0.fill_path(&path, &ink([225, 225, 225], 1.0), FillRule::Winding, Transform::from_translate(x, y), None);
+        }
+        Ok(())
+    }
+
+    /// The page as a file.
+    pub fn png(&self) -> anyhow::Result<Vec<u8>> {
+        self.0.encode_png().context("the page as PNG")
+    }
 }
 
 fn ink(color: Color, opacity: f32) -> Paint<'static> {

@@ -222,7 +222,7 @@ fn wrong_requests_exit_with_2_and_a_hint() {
         (&["lens", "mtf", "tessar-50mm-f2.8", "--field", "a"], "list of numbers"),
         (&["lens", "convert", "tessar-50mm-f2.8", "-o", "a.zmx"], ".toml"),
         (&["shoot", "--white", "D66"], "D65"),
-        (&["shoot", "--tone", "filmy"], "aces, reinhard or linear"),
+        (&["shoot", "--tone", "filmy"], "aces-fit"),
         (&["shoot", "--sampler", "halton"], "sobol, jittered"),
         (&["shoot", "--samples", "9..3"], "A < B"),
         (&["shoot", "--focus", "0.01m"], "more than the focal length"),

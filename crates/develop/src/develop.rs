@@ -1,18 +1,566 @@
 //! The order of the steps.
+//!
+//! A developer is asked for rows of the picture; each asks the step before for the part it needs ([`Developer::finished`] and what it calls, bottom
+//! to top), so that neither time nor memory is spent on anything else, and pictures of any size fit.
 
-use crate::recipe::Recipe;
-use crate::steps::{black_level, camera_matrix, demosaic, encode, tone, white_balance};
-use diopter_image::{Picture, RawImage};
+use crate::look::{Look, Until};
+use crate::lut::Lut;
+use crate::overview::Overview;
+use crate::recipe::{Recipe, RecipeError};
+use crate::region::{Planes, Region};
+use crate::steps::demosaic::{Demosaicer, Mosaic};
+use crate::steps::{
+    black_level, camera_matrix, defects, encode, exposure, highlights, lens, local, noise, resize, row_noise, sharpen,
+    white_balance,
+};
+use diopter_image::{Encoding, ExposureFacts, Picture, PictureSource, RawImage};
+use diopter_light::color::RgbSpace;
+use glam::Vec3;
+use rayon::prelude::*;
 
-/// Develops a raw image into an sRGB picture.
-pub fn develop(raw: &RawImage, recipe: &Recipe) -> Picture {
-    // Mosaic, 0 = black, 1 = saturation.
-    let mosaic = black_level::subtract(raw);
-    // Balanced before the demosaic, whose filters expect greys to be even.
-    let mosaic = white_balance::balance(mosaic, &raw.header);
-    let mut channels = demosaic::demosaic(&mosaic, &raw.header.cfa, recipe.demosaic);
-    white_balance::clip_highlights(&mut channels);
-    let mut rgb = camera_matrix::to_linear_srgb(&channels, &camera_matrix::forward(&raw.header));
-    tone::apply(&mut rgb, recipe.exposure_ev, recipe.tone);
-    encode::srgb(rgb, &raw.header.facts)
+/// The steps, in their order.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Step {
+    /// Numbers to shares of saturation.
+    BlackLevel,
+    /// Offsets of rows taken off.
+    RowNoise,
+    /// Channels scaled so that white is even.
+    WhiteBalance,
+    /// Broken pixels mended.
+    Defects,
+    /// Saturated channels clipped or guessed.
+    Highlights,
+    /// Missing colours filled in.
+    Demosaic,
+    /// Noise reduced.
+    NoiseReduction,
+    /// What the lens did, undone.
+    LensCorrection,
+    /// Camera channels to linear sRGB.
+    CameraMatrix,
+    /// Brightness.
+    Exposure,
+    /// Contrast of large areas.
+    LocalTone,
+    /// Light of the scene to light of a display.
+    ToneCurve,
+    /// Grading of codes.
+    Grade,
+    /// A look from a table.
+    Lut,
+    /// Sharpening.
+    Sharpen,
+    /// Size.
+    Resize,
+    /// Codes in a space.
+    Encode,
+}
+
+impl Step {
+    /// All steps.
+    pub const ALL: [Step; 17] = [
+        Step::BlackLevel,
+        Step::RowNoise,
+        Step::WhiteBalance,
+        Step::Defects,
+        Step::Highlights,
+        Step::Demosaic,
+        Step::NoiseReduction,
+        Step::LensCorrection,
+        Step::CameraMatrix,
+        Step::Exposure,
+        Step::LocalTone,
+        Step::ToneCurve,
+        Step::Grade,
+        Step::Lut,
+        Step::Sharpen,
+        Step::Resize,
+        Step::Encode,
+    ];
+
+    /// Its name in files: `black-level` ...
+    pub fn name(self) -> &'static str {
+        match self {
+            Step::BlackLevel => "black-level",
+            Step::RowNoise => "row-noise",
+            Step::WhiteBalance => "white-balance",
+            Step::Defects => "defects",
+            Step::Highlights => "highlights",
+            Step::Demosaic => "demosaic",
+            Step::NoiseReduction => "noise-reduction",
+            Step::LensCorrection => "lens-correction",
+            Step::CameraMatrix => "camera-matrix",
+            Step::Exposure => "exposure",
+            Step::LocalTone => "local-tone",
+            Step::ToneCurve => "tone-curve",
+            Step::Grade => "grade",
+            Step::Lut => "lut",
+            Step::Sharpen => "sharpen",
+            Step::Resize => "resize",
+            Step::Encode => "encode",
+        }
+    }
+}
+
+/// Pixels of a tile of the picture, where nothing looks far around.
+const TILE: [usize; 2] = [512, 64];
+/// Where noise reduction looks far around.
+const LARGE_TILE: [usize; 2] = [512, 256];
+
+/// A raw image and a recipe, made ready to hand out the picture.
+pub struct Developer<'a> {
+    raw: &'a RawImage,
+    facts: ExposureFacts,
+    recipe: &'a Recipe,
+    until: Step,
+    /// Factor of each channel.
+    gains: Vec<f32>,
+    rows: Vec<f32>,
+    neighbours: Option<defects::Neighbours>,
+    cast: Option<highlights::Cast>,
+    demosaicer: Demosaicer,
+    reducer: Option<noise::Reducer>,
+    correction: Option<lens::Correction>,
+    srgb_of_channel: Vec<Vec3>,
+    exposure: f32,
+    local: Option<local::LocalTone>,
+    look: Look,
+    /// Demosaiced pixels: all, and those that are shown.
+    size: [usize; 2],
+    frame: Region,
+    /// Picture before it is turned.
+    resized: [usize; 2],
+    encoder: encode::Encoder,
+}
+
+/// Develops a raw image. `lut`: what the recipe's `lut.file` holds, if anything. Fails when the recipe asks for what the file cannot give.
+pub fn develop(raw: &RawImage, recipe: &Recipe, lut: Option<Lut>) -> Result<Picture, RecipeError> {
+    Ok(Developer::new(raw, recipe, lut)?.whole())
+}
+
+impl<'a> Developer<'a> {
+    /// Prepares all steps. `lut`: what the recipe's `lut.file` holds, if anything.
+    pub fn new(raw: &'a RawImage, recipe: &'a Recipe, lut: Option<Lut>) -> Result<Self, RecipeError> {
+        recipe.check()?;
+        let (h, mosaic) = (&raw.header, &raw.mosaic);
+        let overview = || Overview::new(raw);
+        let neutral = white_balance::neutral(h, &recipe.white, &overview)?;
+        // The channel that responds most keeps its scale.
+        let gains: Vec<f32> = neutral.iter().map(|n| (1.0 / n.max(1e-3)) as f32).collect();
+        let demosaicer = Demosaicer::new(recipe.demosaic.method, &h.cfa);
+        let srgb_of_channel = camera_matrix::to_srgb(h, &neutral);
+        let exposure = exposure::gain(recipe.exposure.ev, h.baseline_ev);
+        let light = |signal: &[f32]| {
+            let balanced = signal.iter().zip(&gains).map(|(s, g)| (s * g).min(1.0));
+            balanced.zip(&srgb_of_channel).map(|(s, c)| *c * s).sum::<Vec3>() * exposure
+        };
+        let cell = demosaicer.cell(&h.cfa);
+        let size = [(mosaic.width / cell[0]).max(1), (mosaic.height / cell[1]).max(1)];
+        let frame = match h.framing.crop {
+            Some([x, y, w, h]) if w >= cell[0] && h >= cell[1] => {
+                Region { left: (x / cell[0]) as i64, top: (y / cell[1]) as i64, width: w / cell[0], height: h / cell[1] }
+            }
+            _ => Region::whole(size[0], size[1]),
+        };
+        let swapped = |[w, h]: [usize; 2], swap: bool| if swap { [h, w] } else { [w, h] };
+        let turned = h.framing.orientation.transposes();
+        let shown = swapped([frame.width, frame.height], turned);
+        let resized = swapped(resize::target(shown, &recipe.resize), turned);
+        Ok(Developer {
+            raw,
+            facts: h.facts.clone(),
+            recipe,
+            until: Step::Encode,
+            rows: row_noise::offsets(raw, recipe.row_noise.amount),
+            neighbours: (recipe.defects.threshold > 0.0).then(|| defects::Neighbours::new(&h.cfa)),
+            cast: (recipe.highlights.method == crate::HighlightMethod::Recover).then(|| highlights::cast(raw, &gains)).flatten(),
+            reducer: noise::Reducer::new(&recipe.noise, raw, &gains, &demosaicer),
+            correction: lens::Correction::new(h.facts.lens_profile.as_ref(), &recipe.lens, h.cfa.filters()),
+            local: local::LocalTone::new(&recipe.local, overview, light),
+            look: Look::new(recipe, lut),
+            encoder: encode::Encoder::new(&recipe.output),
+            gains,
+            demosaicer,
+            srgb_of_channel,
+            exposure,
+            size,
+            frame,
+            resized,
+        })
+    }
+
+    /// The same picture after only the steps up to one: camera channels and light are shown by the sRGB function.
+    pub fn until(mut self, step: Step) -> Self {
+        self.until = step;
+        self
+    }
+
+    /// Whether a step does anything with this recipe and file.
+    pub fn does(&self, step: Step) -> bool {
+        match step {
+            Step::RowNoise => !self.rows.is_empty(),
+            Step::Defects => self.neighbours.is_some(),
+            Step::Highlights => self.cast.is_some() || self.recipe.highlights.method == crate::HighlightMethod::Clip,
+            Step::Demosaic => !self.raw.header.cfa.is_monochrome(),
+            Step::NoiseReduction => self.reducer.is_some(),
+            Step::LensCorrection => self.correction.is_some(),
+            Step::LocalTone => self.local.is_some(),
+            Step::Grade => self.recipe.grade != Default::default(),
+            Step::Lut => !self.recipe.lut.file.is_empty(),
+            Step::Sharpen => self.recipe.sharpen.amount > 0.0,
+            Step::Resize => self.resized != [self.frame.width, self.frame.height],
+            _ => true,
+        }
+    }
+
+    /// Black level to highlights: a part of the mosaic with all its edges.
+    fn mosaic(&self, region: Region) -> Mosaic<'_> {
+        let cfa = &self.raw.header.cfa;
+        let mend = self.neighbours.as_ref().filter(|_| self.until >= Step::Defects);
+        let recover = highlights::reach(cfa);
+        let around = region.grown(recover + mend.map_or(0, |n| n.reach()));
+        let even = vec![1.0; self.gains.len()];
+        let gains = if self.until >= Step::WhiteBalance { &self.gains } else { &even };
+        let rows: &[f32] = if self.until >= Step::RowNoise { &self.rows } else { &[] };
+        let mut data = black_level::take(self.raw, around, gains, rows);
+        if let Some(neighbours) = mend {
+            let deviation = |channel: usize, v: f32| self.deviation(channel, v);
+            let threshold = self.recipe.defects.threshold as f32;
+            data = neighbours.mend(&data, around.width, [around.left, around.top], cfa, threshold, deviation);
+        }
+        if self.until >= Step::Highlights {
+            highlights::apply(&mut data, around, cfa, gains, self.recipe.highlights.method, self.cast.as_ref());
+        }
+        let data = if around == region { data } else { crate::region::cut(&data, around, region) };
+        Mosaic { region, data, cfa }
+    }
+
+    /// Noise of a balanced value.
+    fn deviation(&self, channel: usize, v: f32) -> f32 {
+        let gain = self.gains[channel];
+        match self.raw.header.noise.get(channel) {
+            Some([a, b]) => gain * (*a as f32 * (v / gain).max(0.0) + *b as f32).max(0.0).sqrt(),
+            // A file that does not tell: shot noise of some ten thousand electrons, and a little more.
+            None => gain * (1e-4 * (v / gain).max(0.0) + 1e-6).sqrt(),
+        }
+    }
+
+    fn demosaiced(&self, region: Region) -> Planes {
+        let [cx, cy] = self.demosaicer.cell(&self.raw.header.cfa);
+        let of_cells = Region {
+            left: region.left * cx as i64,
+            top: region.top * cy as i64,
+            width: region.width * cx,
+            height: region.height * cy,
+        };
+        let mosaic = self.mosaic(of_cells.grown(self.demosaicer.reach()));
+        if self.until < Step::Demosaic {
+            return mosaic_as_seen(&mosaic, of_cells, region);
+        }
+        let mut planes = self.demosaicer.run(&mosaic, region);
+        if self.recipe.highlights.method == crate::HighlightMethod::Clip {
+            planes.planes.iter_mut().for_each(|p| p.iter_mut().for_each(|v| *v = v.min(1.0)));
+        }
+        planes
+    }
+
+    fn denoised(&self, region: Region) -> Planes {
+        match self.reducer.as_ref().filter(|_| self.until >= Step::NoiseReduction) {
+            Some(reducer) => reducer.apply(self.demosaiced(region.grown(noise::REACH)), region),
+            None => self.demosaiced(region),
+        }
+    }
+
+    fn corrected(&self, region: Region) -> Planes {
+        match self.correction.as_ref().filter(|_| self.until >= Step::LensCorrection) {
+            Some(c) => c.apply(self.denoised(c.source(region, self.size)), region, self.size),
+            None => self.denoised(region),
+        }
+    }
+
+    /// Camera matrix to table: what changes each pixel by itself.
+    fn coloured(&self, region: Region) -> Planes {
+        let channels = self.corrected(region);
+        if self.until < Step::CameraMatrix {
+            return three(channels);
+        }
+        let mut rgb = camera_matrix::apply(&channels, &self.srgb_of_channel);
+        let local = self.local.as_ref().filter(|_| self.until >= Step::LocalTone);
+        let cell = self.demosaicer.cell(&self.raw.header.cfa);
+        let exposure = if self.until >= Step::Exposure { self.exposure } else { 1.0 };
+        let part = match self.until {
+            Step::ToneCurve => Some(Until::Tone),
+            Step::Grade => Some(Until::Grade),
+            step if step > Step::Grade => Some(Until::Lut),
+            _ => None,
+        };
+        let [r, g, b] = &mut rgb.planes[..] else { return rgb };
+        for row in 0..region.height {
+            let line = row * region.width..(row + 1) * region.width;
+            let y = (region.top + row as i64) as f32 * cell[1] as f32;
+            let pixels = r[line.clone()].iter_mut().zip(&mut g[line.clone()]).zip(&mut b[line]);
+            for (column, ((r, g), b)) in pixels.enumerate() {
+                let mut c = Vec3::new(*r, *g, *b) * exposure;
+                if let Some(local) = local {
+                    c = local.apply(c, (region.left + column as i64) as f32 * cell[0] as f32, y);
+                }
+                if let Some(part) = part {
+                    c = self.look.apply_until(c, part);
+                }
+                [*r, *g, *b] = c.to_array();
+            }
+        }
+        rgb
+    }
+
+    fn sharpened(&self, region: Region) -> Planes {
+        match sharpen::reach(&self.recipe.sharpen) {
+            r if r > 0 && self.until >= Step::Sharpen => {
+                sharpen::apply(self.coloured(region.grown(r)), region, &self.recipe.sharpen)
+            }
+            _ => self.coloured(region),
+        }
+    }
+
+    /// In pixels of the picture before it is turned.
+    fn resized(&self, region: Region) -> Planes {
+        let shifted = |r: Region| Region { left: r.left + self.frame.left, top: r.top + self.frame.top, ..r };
+        if !self.does(Step::Resize) {
+            return Planes { region, ..self.sharpened(shifted(region)) };
+        }
+        let axes = [resize::Axis::new(self.frame.width, self.resized[0]), resize::Axis::new(self.frame.height, self.resized[1])];
+        let from = resize::source(region, axes);
+        let planes = Planes { region: from, ..self.sharpened(shifted(from)) };
+        resize::apply(&planes, region, axes)
+    }
+
+    /// Turned upright and encoded: `[row][column][3]`.
+    fn finished(&self, region: Region) -> Vec<f32> {
+        let orientation = self.raw.header.framing.orientation;
+        let [width, height] = self.size();
+        let mirrors = orientation.mirrors();
+        let mirrored =
+            |first: i64, count: usize, n: usize, mirror: bool| if mirror { n as i64 - first - count as i64 } else { first };
+        let left = mirrored(region.left, region.width, width, mirrors[0]);
+        let top = mirrored(region.top, region.height, height, mirrors[1]);
+        let stored = match orientation.transposes() {
+            true => Region { left: top, top: left, width: region.height, height: region.width },
+            false => Region { left, top, ..region },
+        };
+        let planes = self.resized(stored);
+        let [r, g, b] = &planes.planes[..] else { unreachable!("pictures have three channels") };
+        let mut out = Vec::with_capacity(region.area() * 3);
+        for row in 0..region.height {
+            let y = if mirrors[1] { region.height - 1 - row } else { row };
+            for column in 0..region.width {
+                let x = if mirrors[0] { region.width - 1 - column } else { column };
+                let i = if orientation.transposes() { x * stored.width + y } else { y * stored.width + x };
+                let light = Vec3::new(r[i], g[i], b[i]);
+                let code = if self.until == Step::Encode { self.encoder.apply(light) } else { encode::srgb_codes(light) };
+                out.extend(code.to_array());
+            }
+        }
+        out
+    }
+}
+
+/// A mosaic before it is demosaiced: each pixel in the colour of its filter.
+fn mosaic_as_seen(mosaic: &Mosaic, cells: Region, region: Region) -> Planes {
+    let data = crate::region::cut(&mosaic.data, mosaic.region, cells);
+    let cfa = mosaic.cfa;
+    let mut planes = vec![vec![0.0; region.area()]; 3];
+    for row in 0..region.height {
+        for column in 0..region.width {
+            // Of a halved picture the first pixel of each cell.
+            let (dx, dy) = (column * (cells.width / region.width), row * (cells.height / region.height));
+            let (x, y) = (cells.left + dx as i64, cells.top + dy as i64);
+            let filter = cfa.filter_at(x.rem_euclid(cfa.columns() as i64) as usize, y.rem_euclid(cfa.rows() as i64) as usize);
+            let v = data[dy * cells.width + dx];
+            for (k, plane) in planes.iter_mut().enumerate() {
+                let through = filter == diopter_image::raw::Filter::Clear || filter == diopter_image::raw::Filter::ALL[k];
+                plane[row * region.width + column] = if through { v } else { 0.0 };
+            }
+        }
+    }
+    Planes { region, planes }
+}
+
+/// Camera channels as three: the first of each, or the only one.
+fn three(mut channels: Planes) -> Planes {
+    while channels.planes.len() < 3 {
+        channels.planes.push(channels.planes[channels.planes.len() - 1].clone());
+    }
+    channels.planes.truncate(3);
+    channels
+}
+
+impl PictureSource for Developer<'_> {
+    fn size(&self) -> [usize; 2] {
+        let [w, h] = self.resized;
+        if self.raw.header.framing.orientation.transposes() { [h, w] } else { [w, h] }
+    }
+
+    fn space(&self) -> RgbSpace {
+        if self.until == Step::Encode { encode::space(self.recipe.output.space) } else { RgbSpace::Srgb }
+    }
+
+    fn encoding(&self) -> Encoding {
+        if self.until == Step::Encode { self.recipe.output.encoding } else { Encoding::Srgb }
+    }
+
+    fn facts(&self) -> Option<&ExposureFacts> {
+        Some(&self.facts)
+    }
+
+    fn rows(&self, first: usize, count: usize) -> Vec<f32> {
+        let width = self.size()[0];
+        let tile = self.tile()[0];
+        let parts: Vec<(usize, Vec<f32>)> = (0..width.div_ceil(tile))
+            .into_par_iter()
+            .map(|k| {
+                let w = tile.min(width - k * tile);
+                (w, self.finished(Region { left: (k * tile) as i64, top: first as i64, width: w, height: count }))
+            })
+            .collect();
+        if let [(_, only)] = &parts[..] {
+            return only.clone();
+        }
+        let mut out = Vec::with_capacity(width * count * 3);
+        for row in 0..count {
+            parts.iter().for_each(|(w, part)| out.extend_from_slice(&part[row * w * 3..(row + 1) * w * 3]));
+        }
+        out
+    }
+
+    fn rows_at_once(&self) -> usize {
+        self.tile()[1]
+    }
+}
+
+impl Developer<'_> {
+    /// Size of the tiles of the picture: smaller where one of its pixels is made of many.
+    fn tile(&self) -> [usize; 2] {
+        let [w, h] = if self.reducer.is_some() { LARGE_TILE } else { TILE };
+        let shrink =
+            (self.frame.width as f64 / self.resized[0] as f64).max(self.frame.height as f64 / self.resized[1] as f64).max(1.0);
+        // JPEG is written in blocks of 8 rows.
+        [((w as f64 / shrink) as usize).max(32), ((h as f64 / shrink) as usize / 8 * 8).max(8)]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::recipe::{Demosaic, HighlightMethod};
+    use crate::tests::raw;
+    use diopter_image::raw::{Cfa, Framing, Orientation};
+
+    fn photo() -> RawImage {
+        let cfa = Cfa::parse("RG/GB").unwrap();
+        raw(700, 300, "RG/GB", |x, y| {
+            let (fx, fy) = (x as f64, y as f64);
+            100.0 + 90.0 * (fx / 17.0).sin() + 50.0 * (fy / 9.0).cos() + 40.0 * cfa.channel_at(x, y) as f64 + fx
+        })
+    }
+
+    #[test]
+    fn rows_are_those_of_the_whole() {
+        let image = photo();
+        for (name, value) in [
+            ("exposure.ev", "0.5"),
+            ("noise.luminance", "0.5"),
+            ("sharpen.amount", "1"),
+            ("resize.width", "333"),
+            ("local.compression", "0.4"),
+        ] {
+            let recipe = Recipe::default().with(name, value).unwrap();
+            let developer = Developer::new(&image, &recipe, None).unwrap();
+            let whole = developer.whole();
+            let [w, h] = developer.size();
+            assert_eq!([whole.pixels.width, whole.pixels.height], [w, h]);
+            let part = developer.rows(h / 3, 21);
+            let worst = part.iter().zip(&whole.pixels.data[h / 3 * w * 3..]).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+            assert!(worst < 1e-5, "{name}: {worst}");
+        }
+    }
+
+    #[test]
+    fn every_orientation_shows_the_same_picture() {
+        let image = photo();
+        let recipe = Recipe::default();
+        let upright = develop(&image, &recipe, None).unwrap().pixels;
+        // Where a corner of the stored picture goes: EXIF 2.32, table of tag 274 (row 0 and column 0 of what is stored).
+        for (number, corner) in
+            [(1, [0, 0]), (2, [1, 0]), (3, [1, 1]), (4, [0, 1]), (5, [0, 0]), (6, [1, 0]), (7, [1, 1]), (8, [0, 1])]
+        {
+            let mut turned = image.clone();
+            turned.header.framing = Framing { crop: None, orientation: Orientation::from_exif(number) };
+            let got = develop(&turned, &recipe, None).unwrap().pixels;
+            let expected = if number >= 5 { [300, 700] } else { [700, 300] };
+            assert_eq!([got.width, got.height], expected, "{number}");
+            let at = got.pixel(corner[0] * (got.width - 1), corner[1] * (got.height - 1));
+            assert_eq!(at, upright.pixel(0, 0), "{number}");
+        }
+    }
+
+    #[test]
+    fn grey_light_of_a_metered_shot_is_middle_grey() {
+        // 10/78 of saturation in every channel.
+        let image = raw(64, 64, "RG/GB", |_, _| 1000.0 * 10.0 / 78.0);
+        for name in crate::recipe::Recipe::PRESETS.into_iter().filter(|n| *n != "film") {
+            let picture = develop(&image, &Recipe::preset(name).unwrap(), None).unwrap();
+            let code = picture.pixels.pixel(32, 32);
+            assert!((code[1] - 0.4614).abs() < 0.01, "{name} {code:?}");
+        }
+    }
+
+    #[test]
+    fn all_methods_and_tiny_pictures_work() {
+        for pattern in ["RG/GB", "x-trans", "quad", "rgbw", "rccc", "mono"] {
+            for size in [[1, 1], [2, 3], [7, 5], [40, 30]] {
+                let image = raw(size[0], size[1], pattern, |x, y| (x * 37 + y * 91) as f64 % 1200.0);
+                for method in crate::steps::demosaic::tests::ALL {
+                    let mut recipe = Recipe::default();
+                    recipe.demosaic.method = method;
+                    recipe.noise.luminance = 0.5;
+                    recipe.defects.threshold = 3.0;
+                    recipe.row_noise.amount = 1.0;
+                    recipe.local.compression = 0.3;
+                    recipe.sharpen.amount = 0.5;
+                    recipe.resize.long_edge = Some(9);
+                    for highlights in [HighlightMethod::Clip, HighlightMethod::Recover] {
+                        recipe.highlights.method = highlights;
+                        let picture = develop(&image, &recipe, None).unwrap();
+                        assert!(picture.pixels.data.iter().all(|v| (0.0..=1.0).contains(v)), "{pattern} {size:?} {method:?}");
+                        assert_eq!(picture.pixels.width.max(picture.pixels.height), 9);
+                    }
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn halves_have_a_quarter_of_the_pixels() {
+        let image = photo();
+        let mut recipe = Recipe::default();
+        recipe.demosaic.method = Demosaic::Half;
+        let picture = develop(&image, &recipe, None).unwrap();
+        assert_eq!([picture.pixels.width, picture.pixels.height], [350, 150]);
+    }
+
+    #[test]
+    fn steps_end_in_the_picture() {
+        let image = photo();
+        let recipe = Recipe::preset("camera").unwrap();
+        let developer = || Developer::new(&image, &recipe, None).unwrap();
+        let last = developer().whole();
+        for step in Step::ALL {
+            let picture = developer().until(step).whole();
+            assert_eq!(picture.pixels.width, last.pixels.width);
+            if step == Step::Encode {
+                assert_eq!(picture, last);
+            }
+        }
+    }
 }

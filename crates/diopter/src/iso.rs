@@ -6,7 +6,7 @@
 //!   σ² = σ²(Y) + 0.279 σ²(R−Y) + 0.088 σ²(B−Y).
 
 use crate::shot::ShotError;
-use diopter_develop::{Demosaic, Recipe, Tone, develop};
+use diopter_develop::{Demosaic, Recipe, develop};
 use diopter_image::{ExposureFacts, FocalPlane, Picture, RawImage};
 use diopter_light::cie;
 use diopter_light::color::{luminance, srgb_decode};
@@ -67,8 +67,9 @@ impl Field<'_> {
 
     /// Luminance over visual noise of the linear picture.
     fn signal_to_noise(&self, lux_seconds: f64) -> Result<f64, ShotError> {
-        let recipe = Recipe { tone: Tone::Linear, demosaic: Demosaic::Bilinear, ..Recipe::default() };
-        let picture = develop(&self.picture(lux_seconds)?, &recipe);
+        let mut recipe = Recipe::preset("plain")?;
+        recipe.demosaic.method = Demosaic::Bilinear;
+        let picture = develop(&self.picture(lux_seconds)?, &recipe, None)?;
         let rows = picture.pixels.data.as_chunks::<3>().0.iter().map(|p| {
             let [r, g, b] = p.map(|v| f64::from(srgb_decode(v)));
             let y = 0.2125 * r + 0.7154 * g + 0.0721 * b;
@@ -89,8 +90,8 @@ impl Field<'_> {
 
     /// Mean code (0 to 255) of green, developed by default.
     fn code(&self, lux_seconds: f64) -> Result<f64, ShotError> {
-        let picture: Picture = develop(&self.picture(lux_seconds)?, &Recipe::default());
-        let codes: Vec<f32> = picture.codes().collect();
+        let picture: Picture = develop(&self.picture(lux_seconds)?, &Recipe::default(), None)?;
+        let codes = &picture.pixels.data;
         Ok(codes.iter().skip(1).step_by(3).map(|v| f64::from(*v) * 255.0).sum::<f64>() / (codes.len() / 3) as f64)
     }
 }

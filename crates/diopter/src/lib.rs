@@ -11,6 +11,7 @@ pub mod metering;
 mod mount;
 pub mod quantity;
 pub mod raw_file;
+pub mod recipe_file;
 pub mod shot;
 pub mod shutter;
 pub mod truth;

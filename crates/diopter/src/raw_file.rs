@@ -58,7 +58,7 @@ pub fn write(
         thinned.borrow_mut().add(first, band);
         Ok(())
     };
-    let preview = || -> Option<Picture> { Some(develop(&thinned.borrow().kept, recipe)) };
+    let preview = || -> Option<Picture> { develop(&thinned.borrow().kept, recipe, None).ok() };
     dng::write(header, size, storage, &mut through, preview, to)
 }
 
@@ -80,6 +80,8 @@ mod tests {
             bits: 12,
             black_level: 0.0,
             white_level: 4095.0,
+            baseline_ev: 0.0,
+            framing: Default::default(),
             as_shot_neutral: vec![1.0; 3],
             calibrations: vec![],
             noise: vec![],

@@ -7,8 +7,10 @@ use crate::camera::{Camera, Film, PlacementError, look_at};
 use crate::expose::{ExposeError, Response, Settings, Watch, expose};
 use crate::metering;
 use crate::quantity::{Distance, FNumber, Iso, LengthMm, Seconds, Size};
+use crate::recipe_file;
 use crate::shutter::Shutter;
-use diopter_develop::{Recipe, develop};
+use diopter_develop::lut::Lut;
+use diopter_develop::{Recipe, RecipeError, develop};
 use diopter_image::focal_plane::Truth;
 use diopter_image::{ExposureFacts, FocalPlane, Picture, Raster, RawImage};
 use diopter_lens::compound::{CompoundLens, Setting};
@@ -224,6 +226,9 @@ pub enum ShotError {
     /// The camera's place.
     #[error(transparent)]
     Placement(#[from] PlacementError),
+    /// The development.
+    #[error(transparent)]
+    Recipe(RecipeError),
     /// The exposure was stopped.
     #[error(transparent)]
     Expose(#[from] ExposeError),
@@ -260,6 +265,8 @@ pub struct Shot {
     pub settings: Settings,
     /// Development.
     pub recipe: Recipe,
+    /// The look-up table that the recipe names.
+    pub lut: Option<Lut>,
     /// Requested metered EV of the scene.
     ambient_ev: Option<f64>,
     facts: ExposureFacts,
@@ -293,6 +300,7 @@ impl ShotFile {
         if let Some(picture) = &mut shot.camera.aperture_image {
             *picture = relative(picture);
         }
+        recipe_file::place_lut(&mut shot.develop, folder);
         Ok(shot)
     }
 
@@ -314,6 +322,9 @@ impl ShotFile {
         }
         if let Some(picture) = &mut self.camera.aperture_image {
             *picture = whole(picture);
+        }
+        if !self.develop.lut.file.is_empty() {
+            self.develop.lut.file = text(&self.develop.lut.file);
         }
     }
 
@@ -459,7 +470,8 @@ impl Shot {
         {
             return Err(value("aperture", FNumber(n), "a number above 0, such as f/2.8"));
         }
-        check_recipe(&file.develop)?;
+        file.develop.check()?;
+        let lut = recipe_file::lut(&file.develop)?;
         if let Some(ev) = file.scene.ambient_ev
             && !(-30.0..=40.0).contains(&ev)
         {
@@ -540,6 +552,7 @@ impl Shot {
             lens_cap: file.exposure.lens_cap,
             settings,
             recipe: file.develop.clone(),
+            lut,
             ambient_ev: file.scene.ambient_ev,
             facts,
         })
@@ -591,8 +604,8 @@ impl Shot {
     }
 
     /// Develops a raw image by the shot's recipe.
-    pub fn develop(&self, raw: &RawImage) -> Picture {
-        develop(raw, &self.recipe)
+    pub fn develop(&self, raw: &RawImage) -> Result<Picture, ShotError> {
+        Ok(develop(raw, &self.recipe, self.lut.clone())?)
     }
 }
 
@@ -612,14 +625,6 @@ fn darkness(film: &Film, response: &Response, settings: &Settings, facts: Exposu
 pub fn white_point(name: &str) -> Result<diopter_light::spectrum::Table, ShotError> {
     cie::illuminant(name)
         .ok_or_else(|| value("white", format!("\"{name}\""), format!("one of {}", cie::illuminant_names().join(", "))))
-}
-
-/// Checks the numbers of a recipe.
-pub fn check_recipe(recipe: &Recipe) -> Result<(), ShotError> {
-    match (-10.0..=10.0).contains(&recipe.exposure_ev) {
-        true => Ok(()),
-        false => Err(value("exposure_ev", recipe.exposure_ev, "-10 to 10")),
-    }
 }
 
 /// The box around one object.

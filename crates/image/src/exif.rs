@@ -27,6 +27,15 @@ pub(crate) fn main_fields(f: &ExposureFacts) -> Vec<(u16, Field)> {
     fields
 }
 
+/// The texts among them, in ASCII.
+pub(crate) fn texts(f: &ExposureFacts) -> Vec<(u16, String)> {
+    let text = |(tag, field)| match field {
+        Field::Ascii(text) if !text.is_empty() => Some((tag, crate::tags::ascii(&text))),
+        _ => None,
+    };
+    main_fields(f).into_iter().filter_map(text).collect()
+}
+
 /// Fields of EXIF's own directory.
 pub(crate) fn exif_fields(f: &ExposureFacts) -> Vec<(u16, Field)> {
     let mut fields = vec![(36864, Field::Undefined(b"0232".to_vec()))];

@@ -5,8 +5,9 @@
 //! bands and the facts of the exposure are JSON in the attribute `diopter`.
 
 use crate::focal_plane::{Band, Truth};
-use crate::{Encoding, ExposureFacts, FocalPlane, ImageError, Picture, Raster};
-use diopter_light::color::{RgbSpace, srgb_decode};
+use crate::picture::in_bands;
+use crate::{Encoding, ExposureFacts, FocalPlane, ImageError, PictureSource, Raster};
+use diopter_light::color::RgbSpace;
 use exr::prelude::*;
 use std::io::{Read, Seek, Write};
 
@@ -79,26 +80,58 @@ fn block_layout() -> exr::image::Encoding {
 }
 
 /// Writes a picture, linear whatever it is encoded in, with its primaries.
-pub fn write_picture(picture: &Picture, precision: Precision, to: impl Write + Seek) -> std::result::Result<(), ImageError> {
-    let linear = |c: usize| {
-        picture.pixels.channel(c).into_iter().map(|v| match picture.encoding {
-            Encoding::Linear => v,
-            Encoding::Srgb => srgb_decode(v),
-        })
+pub fn write_picture(
+    picture: &(impl PictureSource + ?Sized),
+    precision: Precision,
+    to: impl Write + Seek,
+) -> std::result::Result<(), ImageError> {
+    let [width, height] = picture.size();
+    let encoding = picture.encoding();
+    let mut planes: [Planes; 3] = std::array::from_fn(|_| Planes::new(precision, width * height));
+    let linear = |first: usize, count: usize| {
+        let mut rows = picture.rows(first, count);
+        if encoding != Encoding::Linear {
+            rows.iter_mut().for_each(|v| *v = encoding.decode(*v));
+        }
+        Ok(rows)
     };
-    let channels = ["R", "G", "B"]
-        .iter()
-        .enumerate()
-        .map(|(c, name)| {
-            let samples = match precision {
-                Precision::Half => FlatSamples::F16(linear(c).map(f16::from_f32).collect()),
-                Precision::Float => FlatSamples::F32(linear(c).collect()),
-            };
-            AnyChannel::new(*name, samples)
-        })
-        .collect();
-    let size = (picture.pixels.width, picture.pixels.height);
-    write_channels(size, channels, |image, _| image.chromaticities = Some(chromaticities(picture.space)), to)
+    in_bands(height, picture.rows_at_once(), linear, |rows| {
+        for (c, plane) in planes.iter_mut().enumerate() {
+            plane.extend(rows.iter().skip(c).step_by(3).copied());
+        }
+        Ok(())
+    })?;
+    let channels = ["R", "G", "B"].iter().zip(planes).map(|(name, plane)| AnyChannel::new(*name, plane.samples())).collect();
+    write_channels((width, height), channels, |image, _| image.chromaticities = Some(chromaticities(picture.space())), to)
+}
+
+/// One channel on its way to a file.
+enum Planes {
+    Half(Vec<f16>),
+    Float(Vec<f32>),
+}
+
+impl Planes {
+    fn new(precision: Precision, size: usize) -> Self {
+        match precision {
+            Precision::Half => Planes::Half(Vec::with_capacity(size)),
+            Precision::Float => Planes::Float(Vec::with_capacity(size)),
+        }
+    }
+
+    fn extend(&mut self, values: impl Iterator<Item = f32>) {
+        match self {
+            Planes::Half(to) => to.extend(values.map(f16::from_f32)),
+            Planes::Float(to) => to.extend(values),
+        }
+    }
+
+    fn samples(self) -> FlatSamples {
+        match self {
+            Planes::Half(v) => FlatSamples::F16(v),
+            Planes::Float(v) => FlatSamples::F32(v),
+        }
+    }
 }
 
 /// Writes a focal plane with all its planes, 32-bit floats.
@@ -348,6 +381,7 @@ pub fn read_rgb(from: impl Read + Seek) -> std::result::Result<Raster<f32>, Imag
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::Picture;
     use crate::focal_plane::BandUnit;
     use std::io::Cursor;
 

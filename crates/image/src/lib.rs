@@ -5,9 +5,11 @@
 //! picture as a viewer sees it: `[row][column][channel]`. Readers and writers work on streams, never on paths.
 
 pub mod dng;
+pub mod encoding;
 pub mod exif;
 pub mod exr;
 pub mod focal_plane;
+pub mod icc;
 pub mod jpeg;
 pub mod metadata;
 pub mod picture;
@@ -15,10 +17,12 @@ pub mod png;
 pub mod raster;
 pub mod raw;
 mod tags;
+pub mod tiff_file;
 
+pub use encoding::Encoding;
 pub use focal_plane::FocalPlane;
-pub use metadata::ExposureFacts;
-pub use picture::{Encoding, Picture};
+pub use metadata::{ExposureFacts, LensProfile};
+pub use picture::{Picture, PictureSource};
 pub use raster::Raster;
 pub use raw::{Cfa, RawHeader, RawImage};
 

@@ -52,4 +52,37 @@ pub struct ExposureFacts {
     pub first_sample: u32,
     /// Samples a pixel.
     pub samples: u32,
+    /// What the lens does to a picture; `None` where it is not known or does nothing.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub lens_profile: Option<LensProfile>,
+}
+
+/// What a lens does to a picture of its film, found by tracing rays: enough to undo distortion, lateral colour and vignetting.
+///
+/// Tables run over the height on the film from 0 to `reach` in equal steps; heights are shares of half the diagonal of the whole film.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct LensProfile {
+    /// Largest height that sees light from before the camera; 1 in the corner.
+    pub reach: f32,
+    /// Height over the tangent of the angle, in the middle, of green light.
+    pub scale: f32,
+    /// Tangent of the angle to the axis of the light that arrives, as red, green and blue pixels see it.
+    pub tangents: [Vec<f32>; 3],
+    /// Light that arrives, of that in the middle.
+    pub brightness: Vec<f32>,
+}
+
+impl LensProfile {
+    /// Whether its tables can be used: of one length, rising, finite.
+    pub fn is_whole(&self) -> bool {
+        let n = self.brightness.len();
+        let rising = |t: &Vec<f32>| t.len() == n && t.iter().all(|v| v.is_finite()) && t.is_sorted_by(|a, b| a < b);
+        n >= 2
+            && self.reach > 0.0
+            && self.reach <= 2.0
+            && self.scale > 0.0
+            && self.scale.is_finite()
+            && self.tangents.iter().all(rising)
+            && self.brightness.iter().all(|v| *v >= 0.0 && *v < 100.0)
+    }
 }

@@ -1,6 +1,8 @@
-//! PNG, 8 or 16 bits a channel, sRGB, EXIF.
+//! PNG, 8 or 16 bits a channel, with EXIF, code points (cICP) and an ICC profile where it is not plain sRGB.
 
-use crate::{ImageError, Picture, Raster, exif};
+use crate::picture::{in_bands, rows_8_bit, rows_16_bit};
+use crate::{Encoding, ImageError, PictureSource, Raster, exif, icc};
+use diopter_light::color::RgbSpace;
 use std::io::Write;
 
 /// Bits a channel.
@@ -12,33 +14,51 @@ pub enum Depth {
     Sixteen,
 }
 
-/// Writes a picture as PNG with an sRGB chunk.
-pub fn write(picture: &Picture, depth: Depth, to: impl Write) -> Result<(), ImageError> {
-    let (width, height) = (picture.pixels.width, picture.pixels.height);
-    let io = |e: png::EncodingError| ImageError::Io(std::io::Error::other(e));
+fn io(e: png::EncodingError) -> ImageError {
+    ImageError::Io(std::io::Error::other(e))
+}
+
+/// Writes a picture as PNG.
+pub fn write(picture: &(impl PictureSource + ?Sized), depth: Depth, to: impl Write) -> Result<(), ImageError> {
+    let [width, height] = picture.size();
+    let limit = i32::MAX as usize;
+    if width == 0 || height == 0 || width > limit || height > limit {
+        return Err(ImageError::Size { format: "PNG", width, height, limit });
+    }
     let mut info = png::Info::with_size(width as u32, height as u32);
-    info.exif_metadata = picture.facts.as_ref().map(|f| exif::block(f, exif::Holder::Png)).transpose()?.map(Into::into);
-    let mut encoder = png::Encoder::with_info(to, info).map_err(io)?;
-    encoder.set_color(png::ColorType::Rgb);
-    encoder.set_source_srgb(png::SrgbRenderingIntent::RelativeColorimetric);
-    let bytes = match depth {
-        Depth::Eight => {
-            encoder.set_depth(png::BitDepth::Eight);
-            picture.to_8_bit()
-        }
-        Depth::Sixteen => {
-            encoder.set_depth(png::BitDepth::Sixteen);
-            picture.to_16_bit().into_iter().flat_map(u16::to_be_bytes).collect()
-        }
+    info.exif_metadata = picture.facts().map(|f| exif::block(f, exif::Holder::Png)).transpose()?.map(Into::into);
+    let (space, encoding) = (picture.space(), picture.encoding());
+    let plain = space == RgbSpace::Srgb && matches!(encoding, Encoding::Srgb | Encoding::Linear);
+    if !plain {
+        info.icc_profile = Some(icc::profile(space, encoding)?.into());
+    }
+    info.color_type = png::ColorType::Rgb;
+    info.bit_depth = match depth {
+        Depth::Eight => png::BitDepth::Eight,
+        Depth::Sixteen => png::BitDepth::Sixteen,
     };
+    let mut encoder = png::Encoder::with_info(to, info).map_err(io)?;
+    if plain {
+        encoder.set_source_srgb(png::SrgbRenderingIntent::RelativeColorimetric);
+    }
     let mut writer = encoder.write_header().map_err(io)?;
-    writer.write_image_data(&bytes).map_err(io)?;
+    if let (false, Some(points)) = (plain, icc::code_points(space, encoding)) {
+        writer.write_chunk(png::chunk::ChunkType(*b"cICP"), &points).map_err(io)?;
+    }
+    let mut stream = writer.stream_writer().map_err(io)?;
+    let rows = |first: usize, count: usize| {
+        Ok(match depth {
+            Depth::Eight => rows_8_bit(picture, first, count),
+            Depth::Sixteen => rows_16_bit(picture, first, count).into_iter().flat_map(u16::to_be_bytes).collect(),
+        })
+    };
+    in_bands(height, picture.rows_at_once(), rows, |bytes: Vec<u8>| Ok(stream.write_all(&bytes)?))?;
+    stream.finish().map_err(io)?;
     writer.finish().map_err(io)
 }
 
 /// Writes numbers of one channel as a grey picture of 16 bits, as they are.
 pub fn write_numbers(numbers: &Raster<u16>, to: impl Write) -> Result<(), ImageError> {
-    let io = |e: png::EncodingError| ImageError::Io(std::io::Error::other(e));
     let mut encoder = png::Encoder::new(to, numbers.width as u32, numbers.height as u32);
     encoder.set_color(png::ColorType::Grayscale);
     encoder.set_depth(png::BitDepth::Sixteen);

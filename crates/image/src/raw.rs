@@ -237,10 +237,59 @@ pub struct RawHeader {
     pub as_shot_neutral: Vec<f64>,
     /// Calibrations, the warmest light first; none of a monochrome sensor.
     pub calibrations: Vec<ColorCalibration>,
+    /// What the maker brightens by, EV, as DNG's BaselineExposure.
+    pub baseline_ev: f64,
+    /// What is shown of the mosaic, and how it is held.
+    pub framing: Framing,
     /// Noise of each channel: the variance of (DN − black) / (white − black) = x is `[0]`·x + `[1]`, as DNG's NoiseProfile.
     pub noise: Vec<[f64; 2]>,
     /// How it was made.
     pub facts: ExposureFacts,
+}
+
+/// What is shown of a mosaic, and how it is held.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Framing {
+    /// Left, top, width, height in pixels of the mosaic; all of it without.
+    pub crop: Option<[usize; 4]>,
+    /// How it is turned.
+    pub orientation: Orientation,
+}
+
+/// How a picture is turned: EXIF's tag Orientation, 1 to 8.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Orientation(u8);
+
+impl Default for Orientation {
+    fn default() -> Self {
+        Orientation(1)
+    }
+}
+
+impl Orientation {
+    /// From the number of EXIF; others are upright.
+    pub fn from_exif(number: u16) -> Self {
+        Orientation(if (1..=8).contains(&number) { number as u8 } else { 1 })
+    }
+
+    /// Whether columns and rows change places (before anything is mirrored).
+    pub fn transposes(self) -> bool {
+        self.0 >= 5
+    }
+
+    /// Whether the stored picture is mirrored left to right, and top to bottom, on the way to the shown one (after transposing).
+    pub fn mirrors(self) -> [bool; 2] {
+        match self.0 {
+            2 => [true, false],
+            3 => [true, true],
+            4 => [false, true],
+            // 5: transposed; 6: turned to the right; 7: transposed about the other diagonal; 8: turned to the left.
+            6 => [true, false],
+            7 => [true, true],
+            8 => [false, true],
+            _ => [false, false],
+        }
+    }
 }
 
 /// A raw photograph, in digital numbers (DN).

@@ -111,7 +111,7 @@ fn fraction(value: f64, largest: u32) -> (u32, u32) {
 }
 
 /// Text in the letters that old tags can hold.
-fn ascii(text: &str) -> String {
+pub(crate) fn ascii(text: &str) -> String {
     let near = |c: char| match c {
         '\0' => ' ',
         '–' | '—' | '−' => '-',

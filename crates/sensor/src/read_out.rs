@@ -152,6 +152,8 @@ impl<'a> ReadOut<'a> {
             bits: sensor.adc_bits,
             black_level: step.black_level_dn,
             white_level: self.white_level,
+            baseline_ev: 0.0,
+            framing: Default::default(),
             as_shot_neutral: neutral(sensor, white),
             calibrations: calibrations(sensor),
             noise: vec![[1.0 / (step.gain_e_per_dn * range), floor / (range * range)]; sensor.cfa.channel_count()],

@@ -1,33 +1,170 @@
-//! `develop`: a raw image into a picture.
+//! `develop`: raw images into pictures.
 
 use super::{open, print_json};
-use crate::AskedWrongly;
 use crate::args::Develop;
-use crate::output::{self, Kind};
-use crate::watch::say;
+use crate::output::{self, Format, Kind, Output};
+use crate::watch::{say, watched};
+use crate::{AskedWrongly, sheet};
 use anyhow::{Context, anyhow};
-use diopter::develop::Recipe;
-use diopter::image::dng::{self, Storage};
+use diopter::develop::lut::Lut;
+use diopter::develop::{Recipe, SETTINGS};
+use diopter::image::{RawImage, dng, png};
+use diopter::recipe_file;
+use diopter::shot::ShotError;
+use std::io::Write;
+use std::path::{Path, PathBuf};
+use std::sync::atomic::Ordering;
+
+/// What stands for the name of the raw file.
+const NAME: &str = "{}";
 
 pub fn run(args: &Develop, json: bool) -> anyhow::Result<()> {
     let mut recipe = Recipe::default();
     args.developing.apply(&mut recipe)?;
-    for path in &args.output {
-        if output::kind(path)? == Kind::Dng {
-            return Err(AskedWrongly(anyhow!("{}: a developed picture is .jpg, .png or .exr", path.display())).into());
+    if args.settings {
+        return settings(&recipe, json);
+    }
+    let format = Format {
+        quality: args.quality,
+        depth: match args.bits {
+            8 => png::Depth::Eight,
+            16 => png::Depth::Sixteen,
+            other => return Err(AskedWrongly(anyhow!("bits {other}: expected 8 or 16")).into()),
+        },
+        ..Format::default()
+    };
+    let jobs = jobs(args)?;
+    let saved = args.save_recipe.as_deref().map(Output::prepare).transpose()?;
+    // What is wrong with the recipe is wrong with all files: said before any is touched.
+    let lut = recipe_file::lut(&recipe)?;
+    if let Some(output) = saved {
+        output.commit(|to| Ok(to.write_all(recipe.to_toml().as_bytes())?))?;
+    }
+    let mut reports = Vec::new();
+    let mut failed = 0;
+    let several = jobs.len() > 1;
+    watched("developing", |watch| {
+        for (i, job) in jobs.iter().enumerate() {
+            if watch.cancel.load(Ordering::Relaxed) {
+                break;
+            }
+            (watch.progress)(i as f64 / jobs.len() as f64);
+            match one(args, job, &recipe, lut.as_ref(), format) {
+                Ok((written, raw)) => {
+                    written.iter().for_each(|path| say(&format!("wrote {}", path.display())));
+                    reports.push(serde_json::json!({
+                        "files": written, "facts": raw.header.facts, "size": [raw.mosaic.width, raw.mosaic.height]
+                    }));
+                }
+                // One file that cannot be developed is no reason to leave the others.
+                Err(e) if several => {
+                    say(&format!("diopter: {e:#}"));
+                    failed += 1;
+                }
+                Err(e) => return Err(e),
+            }
+        }
+        Ok(())
+    })?;
+    if json {
+        match (several, reports.pop()) {
+            (false, Some(report)) => print_json(&report)?,
+            (_, last) => {
+                reports.extend(last);
+                print_json(&serde_json::Value::Array(reports))?;
+            }
         }
     }
-    output::distinct([args.raw.as_path()], args.output.iter().map(|p| p.as_path()))?;
-    let outputs = output::prepare_pictures(&args.output)?;
-    let raw = dng::read(open(&args.raw)?).with_context(|| args.raw.display().to_string())?;
-    let written = output::write_pictures(outputs, &raw, &recipe, Storage::Sixteen)?;
-    for path in &written {
-        say(&format!("wrote {}", path.display()));
+    match failed {
+        0 => Ok(()),
+        n => Err(anyhow!("{n} of {} files could not be developed", jobs.len())),
     }
+}
+
+/// A raw file and the pictures to make of it.
+struct Job {
+    raw: PathBuf,
+    outputs: Vec<PathBuf>,
+}
+
+/// Checks the names before the work.
+fn jobs(args: &Develop) -> anyhow::Result<Vec<Job>> {
+    let wrong = |text: String| anyhow::Error::from(AskedWrongly(anyhow!(text)));
+    if args.output.is_empty() && args.steps.is_none() && !args.raw.is_empty() {
+        return Err(wrong("no picture to write: expected -o FILE, or --steps FOLDER".into()));
+    }
+    for path in &args.output {
+        if output::kind(path)? == Kind::Dng {
+            return Err(wrong(format!("{}: a developed picture is .jpg, .png, .tif or .exr", path.display())));
+        }
+        if args.raw.len() > 1 && !path.to_string_lossy().contains(NAME) {
+            return Err(wrong(format!(
+                "{}: {} raw files would be written to one name; expected {NAME} in it, such as \"out/{NAME}.jpg\"",
+                path.display(),
+                args.raw.len()
+            )));
+        }
+    }
+    if args.raw.len() > 1 && args.steps.is_some() {
+        return Err(wrong("--steps shows one raw file: expected a single one".into()));
+    }
+    let named = |raw: &Path, path: &Path| {
+        let stem = raw.file_stem().unwrap_or_default().to_string_lossy();
+        PathBuf::from(path.to_string_lossy().replace(NAME, &stem))
+    };
+    let jobs: Vec<Job> = args
+        .raw
+        .iter()
+        .map(|raw| Job { raw: raw.clone(), outputs: args.output.iter().map(|p| named(raw, p)).collect() })
+        .collect();
+    let beside = args.save_recipe.iter();
+    output::distinct(
+        jobs.iter().map(|j| j.raw.as_path()),
+        jobs.iter().flat_map(|j| &j.outputs).chain(beside).map(|p| p.as_path()),
+    )?;
+    Ok(jobs)
+}
+
+fn one(
+    args: &Develop,
+    job: &Job,
+    recipe: &Recipe,
+    lut: Option<&Lut>,
+    format: Format,
+) -> anyhow::Result<(Vec<PathBuf>, RawImage)> {
+    let outputs = output::prepare_pictures(&job.outputs)?;
+    let place = || job.raw.display().to_string();
+    let raw = dng::read(open(&job.raw)?).with_context(place)?;
+    let mut written = output::write_pictures(outputs, &raw, recipe, lut, format).with_context(place)?;
+    if let Some(folder) = &args.steps {
+        written.extend(sheet::write_steps(&raw, recipe, lut, folder)?);
+    }
+    Ok((written, raw))
+}
+
+/// Lists what can be set.
+fn settings(recipe: &Recipe, json: bool) -> anyhow::Result<()> {
+    let default = Recipe::default();
+    recipe.check().map_err(ShotError::from)?;
     if json {
-        print_json(
-            &serde_json::json!({ "files": written, "facts": raw.header.facts, "size": [raw.mosaic.width, raw.mosaic.height] }),
-        )?;
+        let rows: Vec<_> = SETTINGS
+            .iter()
+            .map(|s| {
+                serde_json::json!({
+                    "name": s.name, "unit": s.unit, "allowed": s.allowed.to_string(), "value": recipe.value(s.name),
+                    "default": default.value(s.name), "why": s.why
+                })
+            })
+            .collect();
+        return print_json(&serde_json::Value::Array(rows));
     }
+    let mut out = std::io::stdout();
+    for s in SETTINGS {
+        let unit = if s.unit.is_empty() { String::new() } else { format!(" {}", s.unit) };
+        let value = recipe.value(s.name);
+        let value = if value.is_empty() { "not set".to_owned() } else { value };
+        writeln!(out, "{:<24}{value}{unit}   ({})\n    {}", s.name, s.allowed, s.why)?;
+    }
+    writeln!(out, "\npresets: {}", Recipe::PRESETS.join(", "))?;
     Ok(())
 }

@@ -1,9 +1,11 @@
 //! One file a verb.
 
 pub mod body;
+pub mod calc;
 pub mod develop;
 pub mod expose;
 pub mod lens;
+pub mod lut;
 pub mod manual;
 pub mod merge;
 pub mod read_out;

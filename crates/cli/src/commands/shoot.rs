@@ -2,7 +2,7 @@
 
 use super::print_json;
 use crate::args::Shoot;
-use crate::output::{self, Output};
+use crate::output::{self, Format, Output};
 use crate::watch::{say, warn, watched};
 use diopter::image::ExposureFacts;
 use diopter::metering::ev100_of_setting;
@@ -62,7 +62,13 @@ pub fn run(args: &Shoot, json: bool) -> anyhow::Result<()> {
         let reader = ReadOut::new(&shot.sensor, &shot.reading, size, &plane.bands, plane.facts.exposure_s)?;
         written.push(output.commit(|to| Ok(truth::write(&plane, &reader, &raw, to)?))?);
     }
-    written.extend(output::write_pictures(pictures, &raw, &shot.recipe, args.raw.storage())?);
+    written.extend(output::write_pictures(
+        pictures,
+        &raw,
+        &shot.recipe,
+        shot.lut.as_ref(),
+        Format { storage: args.raw.storage(), ..Format::default() },
+    )?);
 
     let facts = raw.header.facts.clone();
     say(&display(&facts, plane.width(), plane.height(), exposed - prepared));

@@ -1,10 +1,32 @@
-//! Digital numbers to the share of saturation: (DN − black) / (white − black). Negative noise stays.
+//! Digital numbers to the share of saturation, (DN − black) / (white − black), times the gain of each channel. Negative noise stays.
 
-use diopter_image::{Raster, RawImage};
+use crate::region::{Region, inside};
+use diopter_image::RawImage;
 
-/// The mosaic with 0 = no light, 1 = saturation.
-pub fn subtract(raw: &RawImage) -> Raster<f32> {
+/// A part of the mosaic. `gains`: factor of each channel; `rows`: DN to be taken off each row besides, may be empty. Beyond the edges the mosaic is continued in phase.
+pub fn take(raw: &RawImage, region: Region, gains: &[f32], rows: &[f32]) -> Vec<f32> {
+    let cfa = &raw.header.cfa;
+    let (width, height) = (raw.mosaic.width, raw.mosaic.height);
     let scale = 1.0 / (raw.header.white_level - raw.header.black_level);
-    let data = raw.mosaic.data.iter().map(|dn| ((*dn as f64 - raw.header.black_level) * scale) as f32).collect();
-    Raster { width: raw.mosaic.width, height: raw.mosaic.height, channels: 1, data }
+    let black = raw.header.black_level as f32;
+    let columns: Vec<usize> = (region.left..region.right()).map(|x| inside(x, width, cfa.columns())).collect();
+    // A row of gains for each row of the pattern.
+    let factors: Vec<Vec<f32>> = (0..cfa.rows())
+        .map(|y| columns.iter().map(|x| (f64::from(gains[cfa.channel_at(*x, y)]) * scale) as f32).collect())
+        .collect();
+    let whole = region.left >= 0 && region.right() <= width as i64;
+    let mut to = vec![0.0; region.area()];
+    for (k, line) in to.chunks_exact_mut(region.width).enumerate() {
+        let y = inside(region.top + k as i64, height, cfa.rows());
+        let from = &raw.mosaic.data[y * width..(y + 1) * width];
+        let factors = &factors[y % cfa.rows()];
+        let black = black + rows.get(y).copied().unwrap_or(0.0);
+        if whole {
+            let from = &from[region.left as usize..][..region.width];
+            line.iter_mut().zip(from).zip(factors).for_each(|((v, dn), f)| *v = (f32::from(*dn) - black) * f);
+        } else {
+            line.iter_mut().zip(&columns).zip(factors).for_each(|((v, x), f)| *v = (f32::from(from[*x]) - black) * f);
+        }
+    }
+    to
 }

@@ -3,54 +3,78 @@
 //! Source of the choice of a matrix: DNG 1.6, chapter 6, "Mapping camera color space to CIE XYZ space": between two calibrations
 //! by the reciprocal of the colour temperature of the shot's neutral.
 
+use crate::region::Planes;
+use diopter_image::RawHeader;
 use diopter_image::raw::ColorCalibration;
-use diopter_image::{Raster, RawHeader};
 use diopter_light::color::{D50_XY, D65_XY, RgbSpace, bradford, xy_from_xyz, xyz_from_xy};
 use glam::{DMat3, DVec3, Vec3};
-use rayon::prelude::*;
 
-/// Turns camera channels into linear sRGB. `forward`: XYZ (D50) of each balanced channel.
-pub fn to_linear_srgb(channels: &Raster<f32>, forward: &[DVec3]) -> Raster<f32> {
+/// Linear sRGB of each balanced channel. `neutral`: camera signals of white.
+pub fn to_srgb(header: &RawHeader, neutral: &[f64]) -> Vec<Vec3> {
     let to_srgb = RgbSpace::Srgb.xyz_from_rgb().inverse() * bradford(D50_XY, D65_XY);
-    let columns: Vec<Vec3> = forward.iter().map(|c| (to_srgb * *c).as_vec3()).collect();
-    let mut rgb = Raster::new(channels.width, channels.height, 3);
-    let n = channels.channels;
-    rgb.data.par_chunks_mut(3 * 4096).zip(channels.data.par_chunks(n * 4096)).for_each(|(to, from)| {
-        for (pixel, signal) in to.chunks_exact_mut(3).zip(from.chunks_exact(n)) {
-            let sum: Vec3 = columns.iter().zip(signal).map(|(c, s)| *c * *s).sum();
-            pixel.copy_from_slice(&sum.to_array());
-        }
-    });
-    rgb
+    forward(header, neutral).iter().map(|c| (to_srgb * *c).as_vec3()).collect()
 }
 
-/// XYZ (D50) of each balanced channel under the light of the shot.
-pub fn forward(header: &RawHeader) -> Vec<DVec3> {
-    let n = header.cfa.channel_count();
-    let [first, .., last] = header.calibrations.as_slice() else {
-        return match header.calibrations.as_slice() {
-            [only] => matrix(only, &header.as_shot_neutral),
-            // Without colour all channels are white together.
-            _ => vec![xyz_from_xy(D50_XY) / n as f64; n],
-        };
-    };
-    let (Some(warm), Some(cool)) = (first.light.kelvin(), last.light.kelvin()) else {
-        return matrix(last, &header.as_shot_neutral);
-    };
-    let share_at = |kelvin: f64| ((1.0 / kelvin - 1.0 / cool) / (1.0 / warm - 1.0 / cool)).clamp(0.0, 1.0);
-    // The temperature of the neutral depends on the matrix it is found with: a few rounds settle it.
-    let mut share = 0.5;
-    for _ in 0..20 {
-        let mixed: Vec<DVec3> = (first.camera_from_xyz.iter().zip(&last.camera_from_xyz))
-            .map(|(a, b)| DVec3::from_array(*a) * share + DVec3::from_array(*b) * (1.0 - share))
-            .collect();
-        let Some(xyz) = xyz_of_signal(&mixed, &header.as_shot_neutral) else {
-            share = 0.0;
-            break;
-        };
-        share = share_at(kelvin_of(xy_from_xyz(xyz)));
+/// Turns camera channels into linear sRGB.
+pub fn apply(channels: &Planes, columns: &[Vec3]) -> Planes {
+    let n = channels.region.area();
+    let mut rgb: [Vec<f32>; 3] = std::array::from_fn(|_| vec![0.0; n]);
+    for (k, plane) in rgb.iter_mut().enumerate() {
+        for (channel, column) in channels.planes.iter().zip(columns) {
+            let factor = column[k];
+            plane.iter_mut().zip(channel).for_each(|(to, v)| *to += factor * v);
+        }
     }
-    let (a, b) = (matrix(first, &header.as_shot_neutral), matrix(last, &header.as_shot_neutral));
+    Planes { region: channels.region, planes: rgb.into() }
+}
+
+/// How much the first (warmest) of the calibrations counts at a temperature; `None` with fewer than two that have one.
+fn share(header: &RawHeader, kelvin: f64) -> Option<f64> {
+    let [first, .., last] = header.calibrations.as_slice() else { return None };
+    let (warm, cool) = (first.light.kelvin()?, last.light.kelvin()?);
+    if warm == cool {
+        return None;
+    }
+    Some(((1.0 / kelvin - 1.0 / cool) / (1.0 / warm - 1.0 / cool)).clamp(0.0, 1.0))
+}
+
+/// Rows of the colour matrix at a temperature; `None` without calibrations.
+fn camera_from_xyz(header: &RawHeader, kelvin: f64) -> Option<Vec<DVec3>> {
+    let rows = |c: &ColorCalibration| c.camera_from_xyz.iter().map(|r| DVec3::from_array(*r)).collect::<Vec<_>>();
+    let last = header.calibrations.last()?;
+    let Some(s) = share(header, kelvin) else { return Some(rows(last)) };
+    Some(rows(&header.calibrations[0]).iter().zip(rows(last)).map(|(a, b)| *a * s + b * (1.0 - s)).collect())
+}
+
+/// Chromaticity of the light that gives a neutral signal; D50 where the file does not tell.
+pub fn xy_of_neutral(header: &RawHeader, neutral: &[f64]) -> (f64, f64) {
+    // The temperature depends on the matrix it is found with: a few rounds settle it.
+    let mut xy = D50_XY;
+    for _ in 0..20 {
+        let found = camera_from_xyz(header, kelvin_of(xy)).and_then(|rows| xyz_of_signal(&rows, neutral));
+        match found.filter(|xyz| xyz.element_sum() > 0.0) {
+            Some(xyz) => xy = xy_from_xyz(xyz),
+            None => return D50_XY,
+        }
+    }
+    xy
+}
+
+/// Camera signal of a white surface in light of a chromaticity; `None` without calibrations.
+pub fn neutral_of_xy(header: &RawHeader, xy: (f64, f64)) -> Option<Vec<f64>> {
+    let rows = camera_from_xyz(header, kelvin_of(xy))?;
+    Some(rows.iter().map(|r| r.dot(xyz_from_xy(xy))).collect())
+}
+
+/// XYZ (D50) of each balanced channel, where `neutral` is the camera signal of white.
+pub fn forward(header: &RawHeader, neutral: &[f64]) -> Vec<DVec3> {
+    let n = header.cfa.channel_count();
+    let Some(last) = header.calibrations.last() else {
+        // Without colour all channels are white together.
+        return vec![xyz_from_xy(D50_XY) / n as f64; n];
+    };
+    let Some(share) = share(header, kelvin_of(xy_of_neutral(header, neutral))) else { return matrix(last, neutral) };
+    let (a, b) = (matrix(&header.calibrations[0], neutral), matrix(last, neutral));
     a.iter().zip(&b).map(|(a, b)| *a * share + *b * (1.0 - share)).collect()
 }
 
@@ -103,6 +127,8 @@ mod tests {
             bits: 14,
             black_level: 0.0,
             white_level: 1000.0,
+            baseline_ev: 0.0,
+            framing: Default::default(),
             as_shot_neutral: neutral,
             calibrations: vec![calibration(LightSource::A, 1.0), calibration(LightSource::D65, 0.0)],
             noise: vec![],
@@ -118,7 +144,7 @@ mod tests {
             ([0.9642, 1.0, 0.8251], (1.0 / 5003.0 - 1.0 / 6504.0) / (1.0 / 2856.0 - 1.0 / 6504.0)),
             ([0.9505, 1.0, 1.0891], 0.0),
         ] {
-            let got = forward(&header(xyz.to_vec()))[2].z;
+            let got = forward(&header(xyz.to_vec()), &xyz)[2].z;
             assert!((got - share).abs() < 0.01, "{xyz:?}: {got} {share}");
         }
     }
@@ -127,7 +153,7 @@ mod tests {
     fn color_matrices_alone_make_white_white() {
         let mut h = header(vec![1.0985, 1.0, 0.3558]);
         h.calibrations.iter_mut().for_each(|c| c.xyz_d50_from_balanced.clear());
-        let white: DVec3 = forward(&h).into_iter().sum();
+        let white: DVec3 = forward(&h, &h.as_shot_neutral).into_iter().sum();
         assert!((white - xyz_from_xy(D50_XY)).length() < 1e-9, "{white}");
     }
 }

@@ -1,10 +1,110 @@
-//! Display light to codes.
+//! Light of the display to codes, in the primaries and with the transfer function that were asked for.
 
-use diopter_image::{Encoding, ExposureFacts, Picture, Raster};
-use diopter_light::color::{RgbSpace, srgb_encode};
+use crate::recipe::{Output, Space};
+use diopter_image::Encoding;
+use diopter_light::color::{RgbSpace, srgb_decode, srgb_encode};
+use glam::{Mat3, Vec3};
+use std::sync::LazyLock;
 
-/// Applies the sRGB transfer function.
-pub fn srgb(mut rgb: Raster<f32>, facts: &ExposureFacts) -> Picture {
-    rgb.data.iter_mut().for_each(|v| *v = srgb_encode(*v));
-    Picture { pixels: rgb, space: RgbSpace::Srgb, encoding: Encoding::Srgb, facts: Some(facts.clone()) }
+/// Steps of the tables of the sRGB functions: errors stay below 1/65535 of a code.
+const STEPS: usize = 8192;
+
+/// Both directions of the sRGB function as tables.
+struct Tables {
+    encode: Vec<f32>,
+    decode: Vec<f32>,
+}
+
+static TABLES: LazyLock<Tables> = LazyLock::new(|| {
+    let tabulated = |f: fn(f32) -> f32| (0..=STEPS + 1).map(|i| f(i as f32 / STEPS as f32)).collect();
+    Tables { encode: tabulated(srgb_encode), decode: tabulated(srgb_decode) }
+});
+
+#[inline]
+fn at(table: &[f32], v: f32) -> f32 {
+    // Not a number becomes 0.
+    let place = v.max(0.0).min(1.0) * STEPS as f32;
+    let i = place as usize;
+    let (a, b) = (table[i], table[i + 1]);
+    a + (place - i as f32) * (b - a)
+}
+
+/// sRGB codes of light from 0 to 1; clipped beyond.
+#[inline]
+pub fn srgb_codes(light: Vec3) -> Vec3 {
+    let t = &TABLES.encode;
+    Vec3::new(at(t, light.x), at(t, light.y), at(t, light.z))
+}
+
+/// Light of sRGB codes.
+#[inline]
+pub fn srgb_light(codes: Vec3) -> Vec3 {
+    let t = &TABLES.decode;
+    Vec3::new(at(t, codes.x), at(t, codes.y), at(t, codes.z))
+}
+
+/// The primaries that a name stands for.
+pub fn space(space: Space) -> RgbSpace {
+    match space {
+        Space::Srgb => RgbSpace::Srgb,
+        Space::DisplayP3 => RgbSpace::DisplayP3,
+        Space::Rec2020 => RgbSpace::Rec2020,
+    }
+}
+
+/// The step made ready.
+pub struct Encoder {
+    from_srgb: Option<Mat3>,
+    encoding: Encoding,
+}
+
+impl Encoder {
+    /// For what was asked.
+    pub fn new(output: &Output) -> Self {
+        let to = space(output.space);
+        let from_srgb = (to != RgbSpace::Srgb).then(|| to.from_space(RgbSpace::Srgb).as_mat3());
+        Encoder { from_srgb, encoding: output.encoding }
+    }
+
+    /// Codes of linear Rec.709 light.
+    #[inline]
+    pub fn apply(&self, light: Vec3) -> Vec3 {
+        let light = match &self.from_srgb {
+            Some(m) => *m * light,
+            None => light,
+        };
+        match self.encoding {
+            Encoding::Srgb => srgb_codes(light),
+            Encoding::Linear => light,
+            other => light.map(|v| other.encode(v)),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn tables_are_as_good_as_the_functions() {
+        for i in 0..100_000 {
+            let v = i as f32 / 100_000.0;
+            let v2 = v * v * v;
+            // The largest error of the straight lines lies where the curve leaves its straight part.
+            assert!((srgb_codes(Vec3::splat(v2)).x - srgb_encode(v2)).abs() < 1.2e-5, "{v2}");
+            assert!((srgb_light(Vec3::splat(v)).x - srgb_decode(v)).abs() < 1e-6, "{v}");
+        }
+        assert!((srgb_codes(Vec3::new(-1.0, 2.0, f32::NAN)) - Vec3::new(0.0, 1.0, 0.0)).length() < 1e-6);
+    }
+
+    #[test]
+    fn white_is_white_in_every_space() {
+        for space in [Space::Srgb, Space::DisplayP3, Space::Rec2020] {
+            let code = Encoder::new(&Output { space, ..Output::default() }).apply(Vec3::ONE);
+            assert!((code - Vec3::ONE).length() < 1e-5, "{space:?} {code}");
+        }
+        // Pure sRGB red in Display P3: 0.9175 0.2003 0.1386 (CSS Color 4, examples).
+        let red = Encoder::new(&Output { space: Space::DisplayP3, ..Output::default() }).apply(Vec3::X);
+        assert!((red - Vec3::new(0.9175, 0.2003, 0.1386)).length() < 1e-3, "{red}");
+    }
 }

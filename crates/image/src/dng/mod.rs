@@ -51,7 +51,12 @@ mod tag {
     pub const CROP_ORIGIN: u16 = 50719;
     pub const CROP_SIZE: u16 = 50720;
     pub const COLOR_MATRIX: [u16; 2] = [50721, 50722];
+    pub const BLACK_DELTA: [u16; 2] = [50715, 50716];
+    pub const CAMERA_CALIBRATION: [u16; 2] = [50723, 50724];
+    pub const ANALOG_BALANCE: u16 = 50727;
     pub const AS_SHOT_NEUTRAL: u16 = 50728;
+    pub const AS_SHOT_WHITE_XY: u16 = 50729;
+    pub const ORIENTATION: u16 = 274;
     pub const BASELINE_EXPOSURE: u16 = 50730;
     pub const BASELINE_NOISE: u16 = 50731;
     pub const BASELINE_SHARPNESS: u16 = 50732;
@@ -118,6 +123,8 @@ mod tests {
                 } else {
                     vec![calibration(LightSource::A, 0.5), calibration(LightSource::D65, 0.25)]
                 },
+                baseline_ev: 0.0,
+                framing: Default::default(),
                 as_shot_neutral: (0..n).map(|c| 1.0 / (1.0 + c as f64)).collect(),
                 noise: (0..n).map(|c| [1e-4 * (1 + c) as f64, 1e-7]).collect(),
                 cfa,

@@ -2,7 +2,7 @@
 
 use super::{FILTER_NUMBERS, XMP_NAMESPACE, compression, lossless, packing, photometric, tag};
 use crate::exif::EXIF_DIRECTORY;
-use crate::raw::{Cfa, ColorCalibration, Filter, LightSource, RawHeader};
+use crate::raw::{Cfa, ColorCalibration, Filter, Framing, LightSource, Orientation, RawHeader};
 use crate::{ExposureFacts, ImageError, Raster, RawImage};
 use std::io::{Read, Seek, SeekFrom};
 use tiff::Directory;
@@ -113,8 +113,14 @@ pub fn read(from: impl Read + Seek) -> Result<RawImage, ImageError> {
     if let Some(last) = table.len().checked_sub(1) {
         mosaic.data.iter_mut().for_each(|v| *v = table[(*v as usize).min(last)] as u16);
     }
-    let header = header(&mut file, &main, &raw, cfa, bits as u32)?;
-    Ok(RawImage { mosaic: cropped(&mut file, &raw, mosaic)?, header })
+    let mut header = header(&mut file, &main, &raw, cfa, bits as u32)?;
+    let mut mosaic = cropped(&mut file, &raw, mosaic)?;
+    even_black(&mut file, &raw, &mut mosaic, &header)?;
+    header.framing = Framing {
+        crop: crop(&mut file, &raw, &mosaic)?,
+        orientation: Orientation::from_exif(file.number(&main, tag::ORIENTATION)?.unwrap_or(1.0) as u16),
+    };
+    Ok(RawImage { mosaic, header })
 }
 
 fn pattern<R: Read + Seek>(file: &mut File<R>, raw: &Directory) -> Result<Cfa, ImageError> {
@@ -230,6 +236,55 @@ fn cropped<R: Read + Seek>(file: &mut File<R>, raw: &Directory, mosaic: Raster<u
     Ok(Raster { width: right - left, height: bottom - top, channels: 1, data })
 }
 
+/// Black levels that differ by place are brought to their mean: what a cell or a row or column has more is taken off its numbers.
+fn even_black<R: Read + Seek>(
+    file: &mut File<R>,
+    raw: &Directory,
+    mosaic: &mut Raster<u16>,
+    header: &RawHeader,
+) -> Result<(), ImageError> {
+    let cells = file.numbers(raw, tag::BLACK_LEVEL)?;
+    let repeat = file.numbers(raw, tag::BLACK_REPEAT)?;
+    let [rows, columns] = match repeat[..] {
+        [r, c] if r >= 1.0 && c >= 1.0 && r * c == cells.len() as f64 => [r as usize, c as usize],
+        _ => [1, 1],
+    };
+    let [across, down] = [file.numbers(raw, tag::BLACK_DELTA[0])?, file.numbers(raw, tag::BLACK_DELTA[1])?];
+    let mean = header.black_level;
+    let differ = rows * columns > 1 && cells.iter().any(|b| *b != mean);
+    if !differ && across.iter().chain(&down).all(|d| *d == 0.0) {
+        return Ok(());
+    }
+    let width = mosaic.width;
+    for (y, line) in mosaic.data.chunks_exact_mut(width).enumerate() {
+        let of_row = down.get(y).copied().unwrap_or(0.0);
+        for (x, dn) in line.iter_mut().enumerate() {
+            let cell = if differ { cells[y % rows * columns + x % columns] - mean } else { 0.0 };
+            let more = cell + of_row + across.get(x).copied().unwrap_or(0.0);
+            *dn = (f64::from(*dn) - more).round().clamp(0.0, 65_535.0) as u16;
+        }
+    }
+    Ok(())
+}
+
+/// What is to be shown of the active area.
+fn crop<R: Read + Seek>(file: &mut File<R>, raw: &Directory, mosaic: &Raster<u16>) -> Result<Option<[usize; 4]>, ImageError> {
+    let (origin, size) = (file.numbers(raw, tag::CROP_ORIGIN)?, file.numbers(raw, tag::CROP_SIZE)?);
+    let ([x, y], [w, h]) = (
+        match origin[..] {
+            [x, y] => [x, y],
+            _ => [0.0, 0.0],
+        },
+        match size[..] {
+            [w, h] => [w, h],
+            _ => return Ok(None),
+        },
+    );
+    let [x, y, w, h] = [x, y, w, h].map(|v| v.round().max(0.0) as usize);
+    let inside = w > 0 && h > 0 && x.saturating_add(w) <= mosaic.width && y.saturating_add(h) <= mosaic.height;
+    Ok((inside && [x, y, w, h] != [0, 0, mosaic.width, mosaic.height]).then_some([x, y, w, h]))
+}
+
 fn header<R: Read + Seek>(
     file: &mut File<R>,
     main: &Directory,
@@ -245,12 +300,6 @@ fn header<R: Read + Seek>(
     if !(black_level >= 0.0 && black_level < white_level && white_level <= 65_535.0) {
         return Err(malformed(format!("black level {black_level} and white level {white_level} contradict each other")));
     }
-    let neutral = file.numbers(main, tag::AS_SHOT_NEUTRAL)?;
-    let neutral = match neutral.len() == n && neutral.iter().all(|v| *v > 0.0 && v.is_finite()) {
-        true => neutral,
-        false => vec![1.0; n],
-    };
-    let largest = neutral.iter().fold(0.0f64, |a, b| a.max(*b));
     let mut calibrations = Vec::new();
     if !cfa.is_monochrome() {
         for k in 0..2 {
@@ -260,9 +309,12 @@ fn header<R: Read + Seek>(
                 continue;
             }
             let light = file.number(main, tag::CALIBRATION_ILLUMINANT[k])?.unwrap_or(0.0);
+            let own = calibrated(file, main, k, n)?;
+            let rows = color.as_chunks::<3>().0;
+            let row = |c: usize| std::array::from_fn(|j| (0..n).map(|i| own[c * n + i] * rows[i][j]).sum());
             calibrations.push(ColorCalibration {
                 light: LightSource(light as u16),
-                camera_from_xyz: color.as_chunks::<3>().0.to_vec(),
+                camera_from_xyz: (0..n).map(row).collect(),
                 xyz_d50_from_balanced: match forward.len() == 3 * n {
                     true => (0..n).map(|c| std::array::from_fn(|row| forward[row * n + c])).collect(),
                     false => Vec::new(),
@@ -276,6 +328,9 @@ fn header<R: Read + Seek>(
             });
         }
     }
+    let neutral = neutral(file, main, n, calibrations.last())?;
+    let largest = neutral.iter().fold(0.0f64, |a, b| a.max(*b));
+    let baseline = file.number(main, tag::BASELINE_EXPOSURE)?.filter(|v| v.abs() <= 10.0).unwrap_or(0.0);
     let noise = file.numbers(raw, tag::NOISE_PROFILE)?;
     let noise = if noise.len() == 2 * n { noise.as_chunks::<2>().0.to_vec() } else { Vec::new() };
     Ok(RawHeader {
@@ -285,9 +340,46 @@ fn header<R: Read + Seek>(
         white_level,
         as_shot_neutral: neutral.iter().map(|v| v / largest).collect(),
         calibrations,
+        baseline_ev: baseline,
+        framing: Framing::default(),
         noise,
         facts: facts(file, main)?,
     })
+}
+
+/// What the body differs from its model: AnalogBalance · CameraCalibration, row by row; ones where the file does not tell.
+fn calibrated<R: Read + Seek>(file: &mut File<R>, main: &Directory, k: usize, n: usize) -> Result<Vec<f64>, ImageError> {
+    let own = file.numbers(main, tag::CAMERA_CALIBRATION[k])?;
+    let balance = file.numbers(main, tag::ANALOG_BALANCE)?;
+    let fine = |v: &[f64], length: usize| v.len() == length && v.iter().all(|x| x.is_finite());
+    let balance = if fine(&balance, n) && balance.iter().all(|v| *v > 0.0) { balance } else { vec![1.0; n] };
+    let unit = |i: usize| f64::from(u8::from(i / n == i % n));
+    let own = if fine(&own, n * n) { own } else { (0..n * n).map(unit).collect() };
+    Ok((0..n * n).map(|i| balance[i / n] * own[i]).collect())
+}
+
+/// Camera signals of white: told, or from its chromaticity, or all the same.
+fn neutral<R: Read + Seek>(
+    file: &mut File<R>,
+    main: &Directory,
+    n: usize,
+    calibration: Option<&ColorCalibration>,
+) -> Result<Vec<f64>, ImageError> {
+    let fine = |v: &[f64]| v.len() == n && v.iter().all(|v| *v > 0.0 && v.is_finite());
+    let told = file.numbers(main, tag::AS_SHOT_NEUTRAL)?;
+    if fine(&told) {
+        return Ok(told);
+    }
+    if let ([x, y], Some(c)) = (&file.numbers(main, tag::AS_SHOT_WHITE_XY)?[..], calibration)
+        && *y > 0.0
+    {
+        let xyz = [x / y, 1.0, (1.0 - x - y) / y];
+        let signal: Vec<f64> = c.camera_from_xyz.iter().map(|row| row.iter().zip(xyz).map(|(a, b)| a * b).sum()).collect();
+        if fine(&signal) {
+            return Ok(signal);
+        }
+    }
+    Ok(vec![1.0; n])
 }
 
 /// The facts: our own as they were, others' from EXIF.

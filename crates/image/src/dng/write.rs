@@ -290,7 +290,7 @@ fn thumbnail(picture: &Picture) -> (usize, usize, Vec<u8>) {
     let (width, height) = (picture.pixels.width, picture.pixels.height);
     let step = width.max(height).div_ceil(THUMBNAIL);
     let (w, h) = (width.div_ceil(step), height.div_ceil(step));
-    let codes: Vec<f32> = picture.codes().collect();
+    let codes = &picture.pixels.data;
     let mut small = Vec::with_capacity(w * h * 3);
     for y in 0..h {
         for x in 0..w {

@@ -1,0 +1,220 @@
+//! Saturated channels, guessed from those that are not.
+//!
+//! Source of the approach: the description of "inpaint opposed" by Iain and Hanno Schwalm (darktable 4.2): a saturated pixel takes the mean, in
+//! cube roots, of the other colours around it, shifted by the colour cast of what is just not saturated near by. Where all colours are
+//! saturated we go on to white.
+
+use crate::overview::SATURATED;
+use crate::recipe::HighlightMethod;
+use crate::region::Region;
+use diopter_image::{Cfa, RawImage};
+use rayon::prelude::*;
+
+/// Colour casts next to saturated places, a number a channel.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Cast(Vec<f32>);
+
+/// Pixels a side of the cells in which saturation is looked for.
+const CELL: usize = 8;
+
+/// How far around a pixel the other colours are taken from: enough for every pattern to have them all.
+pub fn reach(cfa: &Cfa) -> usize {
+    if cfa.is_bayer() { 1 } else { cfa.columns().max(cfa.rows()) / 2 }
+}
+
+/// Balanced value at which a channel saturates.
+fn limits(gains: &[f32]) -> Vec<f32> {
+    gains.iter().map(|g| g * SATURATED).collect()
+}
+
+/// Means of the cube roots of each channel around a pixel, and how many of the values were saturated.
+fn around(
+    data: &[f32],
+    width: usize,
+    i: usize,
+    reach: usize,
+    channel: impl Fn(i64, i64) -> usize,
+    limits: &[f32],
+) -> [(f32, f32, f32); 4] {
+    let mut sums = [(0.0, 0.0, 0.0); 4];
+    let reach = reach as i64;
+    for dy in -reach..=reach {
+        for dx in -reach..=reach {
+            let c = channel(dx, dy);
+            let v = data[(i as i64 + dy * width as i64 + dx) as usize];
+            sums[c].0 += v.max(0.0).cbrt();
+            sums[c].1 += 1.0;
+            sums[c].2 += f32::from(u8::from(v >= limits[c]));
+        }
+    }
+    sums
+}
+
+/// The mean of the other colours at a pixel, and the share of them that is saturated.
+fn opposed(sums: &[(f32, f32, f32); 4], own: usize, channels: usize) -> (f32, f32) {
+    let (mut root, mut n, mut saturated) = (0.0, 0.0f32, 0.0);
+    for (c, (sum, count, full)) in sums.iter().enumerate().take(channels) {
+        if c != own && *count > 0.0 {
+            root += sum / count;
+            saturated += full / count;
+            n += 1.0;
+        }
+    }
+    let mean = root / n.max(1.0);
+    (mean * mean * mean, saturated / n.max(1.0))
+}
+
+/// Clips or recovers a balanced mosaic with an edge of [`reach`] on each side, which is left as it is.
+pub fn apply(data: &mut [f32], region: Region, cfa: &Cfa, gains: &[f32], method: HighlightMethod, cast: Option<&Cast>) {
+    let Some(cast) = cast.filter(|_| method == HighlightMethod::Recover) else {
+        if method == HighlightMethod::Clip {
+            data.iter_mut().for_each(|v| *v = v.min(1.0));
+        }
+        return;
+    };
+    let limits = limits(gains);
+    let lowest = limits.iter().copied().fold(f32::MAX, f32::min);
+    let white = gains.iter().copied().fold(0.0, f32::max);
+    let channel =
+        |x: i64, y: i64| cfa.channel_at(x.rem_euclid(cfa.columns() as i64) as usize, y.rem_euclid(cfa.rows() as i64) as usize);
+    let (w, r) = (region.width, reach(cfa));
+    let from = data.to_vec();
+    for y in r..region.height.saturating_sub(r) {
+        for x in r..w - r {
+            let i = y * w + x;
+            if from[i] < lowest {
+                continue;
+            }
+            let (px, py) = (region.left + x as i64, region.top + y as i64);
+            let own = channel(px, py);
+            if from[i] < limits[own] {
+                continue;
+            }
+            let sums = around(&from, w, i, r, |dx, dy| channel(px + dx, py + dy), &limits);
+            let (mean, saturated) = opposed(&sums, own, limits.len());
+            let guess = (mean + cast.0[own]).max(from[i]);
+            data[i] = guess + saturated * (white.max(guess) - guess);
+        }
+    }
+}
+
+/// Looks for saturated places and the casts around them; `None` where nothing is saturated.
+pub fn cast(raw: &RawImage, gains: &[f32]) -> Option<Cast> {
+    let h = &raw.header;
+    let (w, height, n) = (raw.mosaic.width, raw.mosaic.height, h.cfa.channel_count());
+    let full = h.black_level + f64::from(SATURATED) * (h.white_level - h.black_level);
+    let full = full.ceil().clamp(0.0, 65_535.0) as u16;
+    let across = w.div_ceil(CELL);
+    let cells: Vec<bool> = raw
+        .mosaic
+        .data
+        .par_chunks(w * CELL)
+        .flat_map_iter(|rows| {
+            let mut cells = vec![false; across];
+            for line in rows.chunks(w) {
+                for (cell, part) in cells.iter_mut().zip(line.chunks(CELL)) {
+                    *cell |= part.iter().fold(0, |a, b| a.max(*b)) >= full;
+                }
+            }
+            cells
+        })
+        .collect();
+    if !cells.iter().any(|c| *c) {
+        return None;
+    }
+    let down = cells.len() / across;
+    let near = |cx: usize, cy: usize| {
+        (cy.saturating_sub(1)..(cy + 2).min(down))
+            .any(|y| (cx.saturating_sub(1)..(cx + 2).min(across)).any(|x| cells[y * across + x]))
+    };
+    let limits = limits(gains);
+    let r = reach(&h.cfa);
+    let sums: Vec<(f64, f64)> = (0..down)
+        .into_par_iter()
+        .map(|cy| {
+            let mut sums = vec![(0.0, 0.0); n];
+            for cx in (0..across).filter(|cx| near(*cx, cy)) {
+                let region = Region { left: (cx * CELL) as i64, top: (cy * CELL) as i64, width: CELL, height: CELL };
+                let grown = region.grown(r);
+                let data = super::black_level::take(raw, grown, gains, &[]);
+                for y in 0..CELL {
+                    for x in 0..CELL {
+                        let (px, py) = (cx * CELL + x, cy * CELL + y);
+                        if px >= w || py >= height {
+                            continue;
+                        }
+                        let own = h.cfa.channel_at(px, py);
+                        let v = data[(y + r) * grown.width + x + r];
+                        // Bright, but neither it nor what it is compared with is saturated.
+                        if v < 0.2 * limits[own] || v >= limits[own] {
+                            continue;
+                        }
+                        let channel = |dx: i64, dy: i64| {
+                            let (x, y) = (px as i64 + dx, py as i64 + dy);
+                            h.cfa.channel_at(
+                                x.rem_euclid(h.cfa.columns() as i64) as usize,
+                                y.rem_euclid(h.cfa.rows() as i64) as usize,
+                            )
+                        };
+                        let around = around(&data, grown.width, (y + r) * grown.width + x + r, r, channel, &limits);
+                        let (mean, saturated) = opposed(&around, own, n);
+                        if saturated == 0.0 {
+                            sums[own].0 += f64::from(v - mean);
+                            sums[own].1 += 1.0;
+                        }
+                    }
+                }
+            }
+            sums
+        })
+        .reduce(|| vec![(0.0, 0.0); n], |a, b| a.iter().zip(&b).map(|(a, b)| (a.0 + b.0, a.1 + b.1)).collect());
+    Some(Cast(sums.iter().map(|(sum, count)| if *count > 0.0 { (sum / count) as f32 } else { 0.0 }).collect()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::steps::black_level;
+    use crate::tests::raw;
+
+    /// A patch that gets brighter to the right, seen by a camera whose green saturates first.
+    fn ramp(x: usize) -> f64 {
+        0.3 + 1.2 * x as f64 / 120.0
+    }
+
+    #[test]
+    fn a_saturated_channel_follows_the_others() {
+        let neutral = [0.5, 1.0, 0.6];
+        let cfa = Cfa::parse("RG/GB").unwrap();
+        let image = raw(120, 40, "RG/GB", |x, y| (1000.0 * neutral[cfa.channel_at(x, y)] * ramp(x)).min(1000.0));
+        let gains: Vec<f32> = neutral.iter().map(|n| 1.0 / *n as f32).collect();
+        let cast = cast(&image, &gains).unwrap();
+        let region = Region::whole(120, 40);
+        let mut data = black_level::take(&image, region, &gains, &[]);
+        apply(&mut data, region, &cfa, &gains, HighlightMethod::Recover, Some(&cast));
+        // Green saturates at 1, where x = 70; blue at 1.67, red at 2: light up to 1.5 is known by both.
+        for x in 75..115 {
+            let y = 20 + (x + 1) % 2;
+            assert_eq!(cfa.channel_at(x, y), 1);
+            let got = f64::from(data[y * 120 + x]);
+            assert!((got / ramp(x) - 1.0).abs() < 0.04, "{x}: {got} of {}", ramp(x));
+        }
+        let mut clipped = black_level::take(&image, region, &gains, &[]);
+        apply(&mut clipped, region, &cfa, &gains, HighlightMethod::Clip, None);
+        assert!(clipped.iter().all(|v| *v <= 1.0));
+    }
+
+    #[test]
+    fn what_no_channel_saw_is_white() {
+        let neutral = [0.5, 1.0, 0.6];
+        let cfa = Cfa::parse("RG/GB").unwrap();
+        let image = raw(40, 40, "RG/GB", |_, _| 1000.0);
+        let gains: Vec<f32> = neutral.iter().map(|n| 1.0 / *n as f32).collect();
+        let region = Region::whole(40, 40);
+        let mut data = black_level::take(&image, region, &gains, &[]);
+        apply(&mut data, region, &cfa, &gains, HighlightMethod::Recover, cast(&image, &gains).as_ref());
+        let inside: Vec<f32> = (5..35).flat_map(|y| data[y * 40 + 5..y * 40 + 35].to_vec()).collect();
+        assert!(inside.iter().all(|v| (v - 2.0).abs() < 1e-3), "{:?}", &inside[..8]);
+        assert_eq!(super::cast(&raw(40, 40, "RG/GB", |_, _| 500.0), &gains), None);
+    }
+}

@@ -1,0 +1,274 @@
+//! Tone curves: from the light of the scene to that of a display. One file a family.
+//!
+//! Every curve takes linear Rec.709 light of the scene, 0.18 = middle grey, and gives linear Rec.709 light of a display, 1 = its white. Curves
+//! that were published as display codes (AgX, Hejl) are decoded by the sRGB function, so that a finished sRGB picture holds their codes.
+
+mod aces1;
+mod aces2;
+mod agx;
+mod filmic;
+mod neutral;
+mod reinhard;
+
+use crate::recipe::{Curve, Tone};
+use diopter_image::encoding::HDR_WHITE_NITS;
+use diopter_light::color::RgbSpace;
+use glam::Vec3;
+
+/// Middle grey.
+pub const GREY: f32 = 0.18;
+
+/// A metered grey is 12.7 % of saturation (ISO 12232: 10/78); pictures show it as 18 %: the sensor's headroom.
+pub const GREY_GAIN: f32 = 0.18 * 78.0 / 10.0;
+
+/// Luminance of Rec.709.
+pub const LUMA: Vec3 = Vec3::new(0.2126, 0.7152, 0.0722);
+
+/// A curve made ready.
+pub struct ToneCurve {
+    kind: Kind,
+    /// Factor before the curve.
+    gain: f32,
+}
+
+enum Kind {
+    /// Clipped at this light.
+    Linear(f32),
+    Reinhard,
+    ReinhardExtended(f32),
+    ReinhardLuminance,
+    AcesFit,
+    Aces13(Box<aces1::Tables>),
+    Aces20(Box<aces2::Transform>),
+    Agx(Box<agx::Agx>),
+    Neutral,
+    Hable(f32),
+    Hejl,
+}
+
+impl ToneCurve {
+    /// Prepares a curve. `peak`: the brightest light the display can show, in whites, above 1 for HDR; `gamut`: its primaries. Of the curves
+    /// `linear` and `aces-2.0` know displays brighter than white; others stay below it.
+    pub fn new(tone: &Tone, peak: f32, gamut: RgbSpace) -> Self {
+        let white = |published: f32| tone.white.map_or(published, |w| w as f32);
+        let kind = match tone.curve {
+            Curve::Linear => Kind::Linear(peak),
+            Curve::Reinhard => Kind::Reinhard,
+            Curve::ReinhardExtended => Kind::ReinhardExtended(white(reinhard::WHITE)),
+            Curve::ReinhardLuminance => Kind::ReinhardLuminance,
+            Curve::AcesFit => Kind::AcesFit,
+            Curve::Aces13 => Kind::Aces13(Box::new(aces1::Tables::new())),
+            Curve::Aces20 if peak > 1.0 && peak.is_finite() => {
+                let white = f64::from(HDR_WHITE_NITS);
+                Kind::Aces20(Box::new(aces2::Transform::for_display(f64::from(peak) * white, gamut, white)))
+            }
+            Curve::Aces20 => Kind::Aces20(Box::new(aces2::Transform::new())),
+            Curve::Agx => Kind::Agx(Box::new(agx::Agx::new(agx::Look::Base))),
+            Curve::AgxPunchy => Kind::Agx(Box::new(agx::Agx::new(agx::Look::Punchy))),
+            Curve::Neutral => Kind::Neutral,
+            Curve::Hable => Kind::Hable(white(filmic::HABLE_WHITE)),
+            Curve::Hejl => Kind::Hejl,
+        };
+        let mut curve = ToneCurve { kind, gain: 1.0 };
+        if tone.keep_grey {
+            curve.gain = curve.gain_that_keeps_grey();
+        }
+        curve
+    }
+
+    /// The gain with which middle grey is shown as middle grey, by halving; curves rise.
+    fn gain_that_keeps_grey(&self) -> f32 {
+        let shown = |gain: f32| self.at(Vec3::splat(GREY * gain)).dot(LUMA);
+        let (mut low, mut high) = (0.05f32, 20.0f32);
+        for _ in 0..40 {
+            let middle = (low * high).sqrt();
+            if shown(middle) < GREY { low = middle } else { high = middle }
+        }
+        (low * high).sqrt()
+    }
+
+    /// Light of the display, 0 to its peak.
+    #[inline]
+    pub fn apply(&self, scene: Vec3) -> Vec3 {
+        self.at(scene * self.gain)
+    }
+
+    #[inline]
+    fn at(&self, c: Vec3) -> Vec3 {
+        match &self.kind {
+            // Colours outside Rec.709 stay: another space may hold them.
+            Kind::Linear(peak) => c.min(Vec3::splat(*peak)),
+            Kind::Reinhard => reinhard::simple(c),
+            Kind::ReinhardExtended(white) => reinhard::extended(c, *white),
+            Kind::ReinhardLuminance => reinhard::luminance(c),
+            Kind::AcesFit => aces1::fit(c),
+            Kind::Aces13(tables) => tables.apply(c),
+            Kind::Aces20(transform) => transform.apply(c),
+            Kind::Agx(agx) => agx.apply(c),
+            Kind::Neutral => neutral::neutral(c),
+            Kind::Hable(white) => filmic::hable(c, *white),
+            Kind::Hejl => filmic::hejl(c),
+        }
+    }
+}
+
+/// A function of one number as a table with straight lines between its points.
+pub(super) struct Table {
+    first: f32,
+    per_step: f32,
+    values: Vec<f32>,
+}
+
+impl Table {
+    /// Tabulates a function from `first` to `last`.
+    pub fn new(first: f32, last: f32, points: usize, f: impl Fn(f64) -> f64) -> Self {
+        let step = f64::from(last - first) / (points - 1) as f64;
+        let values = (0..points).map(|i| f(f64::from(first) + step * i as f64) as f32).collect();
+        Table { first, per_step: (1.0 / step) as f32, values }
+    }
+
+    #[inline]
+    pub fn at(&self, x: f32) -> f32 {
+        let last = self.values.len() - 2;
+        let place = ((x - self.first) * self.per_step).clamp(0.0, (last + 1) as f32);
+        let i = (place as usize).min(last);
+        self.values[i] + (place - i as f32) * (self.values[i + 1] - self.values[i])
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use diopter_light::color::{srgb_decode, srgb_encode};
+
+    const CURVES: [Curve; 12] = [
+        Curve::Linear,
+        Curve::Reinhard,
+        Curve::ReinhardExtended,
+        Curve::ReinhardLuminance,
+        Curve::AcesFit,
+        Curve::Aces13,
+        Curve::Aces20,
+        Curve::Agx,
+        Curve::AgxPunchy,
+        Curve::Neutral,
+        Curve::Hable,
+        Curve::Hejl,
+    ];
+
+    fn published(curve: Curve) -> ToneCurve {
+        ToneCurve::new(&Tone { curve, keep_grey: false, white: None }, 1.0, RgbSpace::Srgb)
+    }
+
+    fn codes(c: Vec3) -> [f32; 3] {
+        c.to_array().map(|v| srgb_encode(v.clamp(0.0, 1.0)))
+    }
+
+    #[test]
+    fn neutral_stays_neutral_and_brighter_never_gets_darker() {
+        for curve in CURVES {
+            let tone = published(curve);
+            let mut before = -1.0;
+            for i in 0..400 {
+                let v = 1e-4 * 1.04f32.powi(i);
+                let out = codes(tone.apply(Vec3::splat(v)));
+                // AgX's published matrix has rows that sum to 1 within 1.4e-4.
+                let spread = out.iter().fold(0.0f32, |a, b| a.max((b - out[1]).abs()));
+                assert!(spread < 5e-4, "{curve:?} {v}: {out:?}");
+                assert!(out[1] >= before - 1e-5, "{curve:?} {v}: {} after {before}", out[1]);
+                before = out[1];
+            }
+        }
+    }
+
+    #[test]
+    fn middle_grey_is_kept_where_asked() {
+        for curve in CURVES {
+            let tone = ToneCurve::new(&Tone { curve, keep_grey: true, white: None }, 1.0, RgbSpace::Srgb);
+            let got = tone.apply(Vec3::splat(0.18)).y;
+            assert!((got - 0.18).abs() < 3e-4, "{curve:?} {got}");
+        }
+    }
+
+    #[test]
+    fn odd_light_gives_numbers() {
+        for curve in CURVES {
+            for odd in [[-1.0, 0.5, 2.0], [0.0; 3], [-0.1; 3], [1e6, 0.0, 1e-6], [65_504.0; 3]] {
+                let out = published(curve).apply(Vec3::from(odd));
+                assert!(out.is_finite(), "{curve:?} {odd:?} {out}");
+            }
+        }
+    }
+
+    /// Nineteen colours and their display codes, by OpenColorIO 2.6.0 (AgX: its published configuration, evaluated in double precision).
+    const INPUTS: [[f32; 3]; 19] = [
+        [0.18; 3],
+        [1.0; 3],
+        [0.0; 3],
+        [0.01; 3],
+        [0.5; 3],
+        [4.0; 3],
+        [16.0; 3],
+        [100.0; 3],
+        [1.0, 0.0, 0.0],
+        [0.0, 1.0, 0.0],
+        [0.0, 0.0, 1.0],
+        [4.0, 0.0, 0.0],
+        [0.0, 4.0, 0.0],
+        [0.0, 0.0, 4.0],
+        [0.5, 0.1, 0.02],
+        [0.18, 0.35, 0.6],
+        [2.0, 1.5, 0.2],
+        [0.9, 0.6, 0.5],
+        [0.02, 0.1, 0.06],
+    ];
+
+    include!("vectors.rs");
+
+    fn holds(curve: Curve, codes_of: &[[f32; 3]; 19], tolerance: f32) {
+        let tone = published(curve);
+        for (input, expected) in INPUTS.iter().zip(codes_of) {
+            let got = codes(tone.apply(Vec3::from(*input)));
+            let worst = got.iter().zip(expected).map(|(a, b)| (a - b.clamp(0.0, 1.0)).abs()).fold(0.0, f32::max);
+            assert!(worst < tolerance, "{curve:?} {input:?}: {got:?}, published {expected:?}");
+        }
+    }
+
+    #[test]
+    fn aces_1_3_agrees_with_opencolorio() {
+        holds(Curve::Aces13, &ACES_13, 1e-3);
+    }
+
+    #[test]
+    fn aces_2_0_agrees_with_opencolorio() {
+        holds(Curve::Aces20, &ACES_20, 1e-3);
+    }
+
+    #[test]
+    fn agx_agrees_with_its_publication() {
+        holds(Curve::Agx, &AGX, 1e-3);
+        let grey = published(Curve::Agx).apply(Vec3::splat(0.18)).y;
+        assert!((srgb_encode(grey) - 0.5).abs() < 1e-4, "{}", srgb_encode(grey));
+    }
+
+    #[test]
+    fn closed_forms_are_exact() {
+        let at = |curve, v: f32| published(curve).apply(Vec3::splat(v)).y;
+        for v in [0.01f32, 0.18, 1.0, 7.0] {
+            assert!((at(Curve::Reinhard, v) - v / (1.0 + v)).abs() < 1e-6);
+            assert!((at(Curve::ReinhardLuminance, v) - v / (1.0 + v)).abs() < 1e-5);
+            assert!((at(Curve::ReinhardExtended, v) - (v * (1.0 + v / 16.0) / (1.0 + v)).min(1.0)).abs() < 1e-5);
+        }
+        // Khronos PBR Neutral, from its formula in double precision.
+        for (v, expected) in [(0.18, 0.14), (0.5, 0.46), (1.0, 0.869_091), (4.0, 0.983_256), (16.0, 0.996_269)] {
+            assert!((at(Curve::Neutral, v) - expected).abs() < 1e-5, "{v} {}", at(Curve::Neutral, v));
+        }
+        let red = published(Curve::Neutral).apply(Vec3::new(4.0, 0.0, 0.0));
+        assert!((red - Vec3::new(0.98345, 0.30637, 0.30637)).length() < 1e-4, "{red}");
+        // Hable with the constants and the exposure bias of 2 of his article, and Hejl & Burgess-Dawson, in double precision.
+        for (v, hable, hejl) in [(0.18, 0.128_338, 0.508_028), (0.5, 0.304_301, 0.730_204), (1.0, 0.492_919, 0.841_188)] {
+            assert!((at(Curve::Hable, v) - hable).abs() < 1e-5, "{}", at(Curve::Hable, v));
+            assert!((at(Curve::Hejl, v) - srgb_decode(hejl)).abs() < 1e-5, "{}", at(Curve::Hejl, v));
+        }
+    }
+}

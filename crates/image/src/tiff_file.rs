@@ -1,0 +1,33 @@
+//! TIFF, 16 bits a channel, uncompressed, with an ICC profile. Source: TIFF 6.0; ICC.1:2022 annex B.4.
+
+use crate::picture::{in_bands, rows_16_bit};
+use crate::{ImageError, PictureSource, exif, icc};
+use std::io::{Seek, Write};
+use tiff::encoder::{TiffEncoder, colortype::RGB16};
+use tiff::tags::Tag;
+
+/// Most bytes of pixels: places in a TIFF are 32-bit numbers.
+const MOST_BYTES: u64 = u32::MAX as u64 - (1 << 20);
+
+/// Writes a picture as 16-bit TIFF.
+pub fn write(picture: &(impl PictureSource + ?Sized), to: impl Write + Seek) -> Result<(), ImageError> {
+    let io = |e: tiff::TiffError| ImageError::Io(std::io::Error::other(e));
+    let [width, height] = picture.size();
+    if width == 0 || height == 0 || (width as u64).saturating_mul(height as u64) > MOST_BYTES / 6 {
+        let limit = (MOST_BYTES / 6 / width.max(1) as u64) as usize;
+        return Err(ImageError::Size { format: "TIFF", width, height, limit });
+    }
+    let mut file = TiffEncoder::new(to).map_err(io)?;
+    let mut image = file.new_image::<RGB16>(width as u32, height as u32).map_err(io)?;
+    let profile = icc::profile(picture.space(), picture.encoding())?;
+    image.encoder().write_tag(Tag::IccProfile, profile.as_slice()).map_err(io)?;
+    if let Some(facts) = picture.facts() {
+        for (tag, text) in exif::texts(facts) {
+            image.encoder().write_tag(Tag::from_u16_exhaustive(tag), text.as_str()).map_err(io)?;
+        }
+    }
+    image.rows_per_strip(picture.rows_at_once().min(height) as u32).map_err(io)?;
+    let band = picture.rows_at_once().min(height);
+    in_bands(height, band, |first, count| Ok(rows_16_bit(picture, first, count)), |rows| image.write_strip(&rows).map_err(io))?;
+    image.finish().map_err(io)
+}
