@@ -229,7 +229,7 @@ fn wrong_requests_exit_with_2_and_a_hint() {
         (&["shoot", "--blades", "2"], "3 to 64"),
         (&["shoot", "--look-from", "1,2,3", "--look-at", "1,2,3"], "same point"),
         (&["shoot", "--look-from", "0,1,0", "--look-at", "0,0,0"], "such as [0, 0, 1]"),
-        (&["shoot", "-o", "photo.gif"], ".jpg, .png, .exr or .dng"),
+        (&["shoot", "-o", "photo.gif"], ".jpg, .png, .tif, .exr or .dng"),
         (&["expose", "-o", "plane.png"], ".exr"),
         (&["shoot", "--time-limit", "0s"], "above 0"),
         (&["body", "info", "leica-m3"], "known are"),

@@ -3,6 +3,7 @@
 //! Source: Adobe, Digital Negative Specification 1.6.0.0 (December 2021); TIFF 6.0. A file holds a small RGB picture (IFD0), the
 //! mosaic and a JPEG preview (its SubIFDs), EXIF, and the facts of the exposure as JSON in XMP, which gives back what EXIF rounds.
 
+mod disguise;
 pub mod lossless;
 mod packing;
 mod read;

@@ -1,5 +1,6 @@
 //! Reading: our own files and others' with one sample a pixel, uncompressed (8 to 16 bits) or in lossless JPEG, in strips or tiles.
 
+use super::disguise::Disguised;
 use super::{FILTER_NUMBERS, XMP_NAMESPACE, compression, lossless, packing, photometric, tag};
 use crate::exif::EXIF_DIRECTORY;
 use crate::raw::{Cfa, ColorCalibration, Filter, Framing, LightSource, Orientation, RawHeader};
@@ -79,17 +80,19 @@ impl<R: Read + Seek> File<R> {
 
 /// Reads the mosaic of a DNG and what it says about it.
 pub fn read(from: impl Read + Seek) -> Result<RawImage, ImageError> {
+    let (from, first) = Disguised::new(from)?;
     let mut decoder = Decoder::new(from).map_err(|e| malformed(e.to_string()))?;
-    let first = decoder.ifd_pointer().ok_or_else(|| missing("the first directory"))?;
+    let first = first.or_else(|| decoder.ifd_pointer().map(|p| p.0)).ok_or_else(|| missing("the first directory"))?;
+    decoder.inner().undress();
     let mut file = File { decoder };
-    let main = file.directory(first.0)?;
+    let main = file.directory(first)?;
     if !main.contains(Tag::from_u16_exhaustive(tag::DNG_VERSION)) {
         return Err(ImageError::Missing { what: "the tag DNGVersion".into(), hint: "this is a TIFF, not a DNG".into() });
     }
     let mut places = file.numbers(&main, tag::SUB_IFDS)?;
     places.truncate(32);
     let mut raw = None;
-    for place in std::iter::once(first.0 as f64).chain(places) {
+    for place in std::iter::once(first as f64).chain(places) {
         let d = file.directory(place as u64)?;
         let kind = file.number(&d, tag::PHOTOMETRIC)?.unwrap_or(0.0);
         let mosaic = [photometric::CFA, photometric::LINEAR_RAW].iter().any(|p| kind == f64::from(*p));
