@@ -14,9 +14,9 @@ const RADIUS: i64 = 4;
 /// The model: variance 1 of brightness, correlated over this length (px) as exp(−d/ℓ). Tuned on the charts of the benchmark.
 const BRIGHTNESS_LENGTH: f64 = 10.0;
 /// Variance of a channel's own colour, and the length (px) over which it changes, as exp(−d²/2ℓ²).
-const COLOUR: (f64, f64) = (0.06, 3.0);
+const COLOUR: (f64, f64) = (0.06, 2.0);
 /// Variance of noise: keeps the filters from sharpening it.
-const NOISE: f64 = 1e-4;
+const NOISE: f64 = 1e-3;
 /// Weights smaller than this change nothing that can be seen.
 const LEAST_WEIGHT: f64 = 5e-4;
 
