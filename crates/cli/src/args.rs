@@ -41,6 +41,14 @@ pub enum Verb {
         #[command(subcommand)]
         verb: CalcVerb,
     },
+    /// Reduce the renderer's own noise in a focal plane, by its variance, normals, albedo and depth.
+    Denoise {
+        /// Focal plane (.exr).
+        plane: PathBuf,
+        /// Focal plane to write (.exr).
+        #[arg(short, long, value_name = "FILE")]
+        output: PathBuf,
+    },
     /// Join focal planes that hold different samples of the same picture.
     Merge(Merge),
     /// Embedded scenes, and what is in a scene file.
@@ -351,6 +359,9 @@ pub struct Taking {
     /// Most scattering events of a path.
     #[arg(long, value_name = "N")]
     pub max_depth: Option<u32>,
+    /// Reduce the renderer's own noise (on), or leave the exposure as it was computed (off).
+    #[arg(long, value_name = "on|off", num_args = 0..=1, default_missing_value = "on", value_parser = on_off)]
+    pub denoise: Option<bool>,
     /// Stop after about so long: "10s".
     #[arg(long, value_name = "TIME")]
     pub time_limit: Option<Seconds>,
@@ -426,6 +437,9 @@ pub struct Develop {
     /// JPEG quality, 1 to 100.
     #[arg(long, value_name = "N", default_value_t = crate::output::JPEG_QUALITY, value_parser = clap::value_parser!(u8).range(1..=100))]
     pub quality: u8,
+    /// Write JPEGs with a gain map (Ultra HDR): brighter on displays that can, up to output.peak.
+    #[arg(long)]
+    pub gain_map: bool,
     /// Bits a channel of PNG: 8 or 16.
     #[arg(long, value_name = "N", default_value_t = 8, value_parser = clap::value_parser!(u8))]
     pub bits: u8,
@@ -549,6 +563,15 @@ fn list(text: &str) -> Result<List, String> {
     numbers.map(List).ok_or_else(|| format!("\"{text}\" is not a list of numbers such as 0,10,14"))
 }
 
+/// "on" or "off".
+fn on_off(text: &str) -> Result<bool, String> {
+    match text {
+        "on" => Ok(true),
+        "off" => Ok(false),
+        _ => Err(format!("\"{text}\" is neither on nor off")),
+    }
+}
+
 /// "A..B".
 fn range(text: &str) -> Result<[u32; 2], String> {
     let ends = text.split_once("..").and_then(|(a, b)| Some([a.trim().parse().ok()?, b.trim().parse().ok()?]));
@@ -602,6 +625,7 @@ impl Taking {
         over(&mut render.sampler, &self.sampler);
         over(&mut render.max_depth, &self.max_depth);
         over(&mut render.time_limit, &self.time_limit);
+        over(&mut render.denoise, &self.denoise);
         Ok(shot)
     }
 }

@@ -56,6 +56,7 @@ fn run(args: Args) -> anyhow::Result<()> {
         Verb::Develop(develop) => commands::develop::run(&develop, json),
         Verb::Lut { verb } => commands::lut::run(&verb, json),
         Verb::Calc { verb } => commands::calc::run(&verb, json),
+        Verb::Denoise { plane, output } => commands::denoise::run(&plane, &output, json),
         Verb::Merge(merge) => commands::merge::run(&merge, json),
         Verb::Scene { verb } => commands::scene::run(&verb, json),
         Verb::Lens { verb } => commands::lens::run(&verb, json),

@@ -5,7 +5,7 @@ use anyhow::{Context, anyhow};
 use diopter::develop::lut::Lut;
 use diopter::develop::{Developer, Recipe};
 use diopter::image::dng::Storage;
-use diopter::image::{FocalPlane, RawImage, exr, jpeg, png, tiff_file};
+use diopter::image::{Encoding, FocalPlane, RawImage, exr, gain_map, jpeg, png, tiff_file};
 use diopter::raw_file;
 use diopter::shot::ShotError;
 use std::fs::File;
@@ -128,6 +128,8 @@ pub fn prepare_exr(path: &Path) -> anyhow::Result<Output> {
 pub struct Format {
     /// Of JPEG, 1 to 100.
     pub quality: u8,
+    /// Of JPEG: with a gain map for brighter displays.
+    pub gain_map: bool,
     /// Of PNG.
     pub depth: png::Depth,
     /// Of DNG.
@@ -136,7 +138,7 @@ pub struct Format {
 
 impl Default for Format {
     fn default() -> Self {
-        Format { quality: JPEG_QUALITY, depth: png::Depth::Eight, storage: Storage::Sixteen }
+        Format { quality: JPEG_QUALITY, gain_map: false, depth: png::Depth::Eight, storage: Storage::Sixteen }
     }
 }
 
@@ -154,10 +156,19 @@ pub fn write_pictures(
         }
         let light = recipe.linear_light();
         let (recipe, lut) = if kind == Kind::Exr { (&light, None) } else { (recipe, lut.cloned()) };
+        let mut bright = recipe.clone();
+        bright.output.encoding = Encoding::Pq;
+        let hdr = match kind == Kind::Jpeg && format.gain_map {
+            true => Some(Developer::new(raw, &bright, lut.clone()).map_err(ShotError::from)?),
+            false => None,
+        };
         let picture = Developer::new(raw, recipe, lut).map_err(ShotError::from)?;
         output.commit(|to| {
             match kind {
-                Kind::Jpeg => jpeg::write(&picture, format.quality, to)?,
+                Kind::Jpeg => match &hdr {
+                    Some(hdr) => gain_map::write(&picture, hdr, format.quality, to)?,
+                    None => jpeg::write(&picture, format.quality, to)?,
+                },
                 Kind::Tiff => tiff_file::write(&picture, to)?,
                 Kind::Exr => exr::write_picture(&picture, exr::Precision::Half, to)?,
                 _ => png::write(&picture, format.depth, to)?,

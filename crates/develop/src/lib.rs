@@ -3,6 +3,7 @@
 //! The order of the steps is in [`develop`](mod@develop); each step is a file in [`steps`]. Working numbers are linear, 1.0 = sensor saturation, camera
 //! channels until the matrix; then linear sRGB without limits, 0.18 = middle grey, until the encoding. [`lut`] reads, bakes and applies tables.
 
+pub mod denoise;
 pub mod develop;
 mod look;
 pub mod lut;
@@ -11,6 +12,7 @@ mod recipe;
 mod region;
 pub mod steps;
 
+pub use denoise::denoise;
 pub use develop::{Developer, Step, develop};
 pub use look::{Baked, bake};
 pub use recipe::*;

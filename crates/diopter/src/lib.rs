@@ -7,6 +7,7 @@
 pub mod camera;
 pub mod expose;
 pub mod iso;
+pub mod lens_profile;
 pub mod metering;
 mod mount;
 pub mod quantity;

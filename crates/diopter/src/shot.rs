@@ -7,10 +7,10 @@ use crate::camera::{Camera, Film, PlacementError, look_at};
 use crate::expose::{ExposeError, Response, Settings, Watch, expose};
 use crate::metering;
 use crate::quantity::{Distance, FNumber, Iso, LengthMm, Seconds, Size};
-use crate::recipe_file;
 use crate::shutter::Shutter;
+use crate::{lens_profile, recipe_file};
 use diopter_develop::lut::Lut;
-use diopter_develop::{Recipe, RecipeError, develop};
+use diopter_develop::{Recipe, RecipeError, denoise, develop};
 use diopter_image::focal_plane::Truth;
 use diopter_image::{ExposureFacts, FocalPlane, Picture, Raster, RawImage};
 use diopter_lens::compound::{CompoundLens, Setting};
@@ -183,6 +183,8 @@ pub struct RenderSection {
     /// Stop after about so long.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub time_limit: Option<Seconds>,
+    /// Reduce the renderer's own noise; off without.
+    pub denoise: Option<bool>,
 }
 
 /// `[output]`
@@ -263,6 +265,8 @@ pub struct Shot {
     pub lens_cap: bool,
     /// Sampling.
     pub settings: Settings,
+    /// Reduce the renderer's own noise.
+    pub denoise: bool,
     /// Development.
     pub recipe: Recipe,
     /// The look-up table that the recipe names.
@@ -533,6 +537,10 @@ impl Shot {
             f_number: camera.lens.f_number(),
             t_number: camera.lens.t_number(),
             focus_distance_m,
+            lens_profile: match &camera.lens {
+                Lens::Compound(l) => lens_profile::profile(l, &sensor, 0.5 * camera.film.width_mm.hypot(camera.film.height_mm)),
+                _ => None,
+            },
             light_scale: 1.0,
             ..Default::default()
         };
@@ -551,6 +559,7 @@ impl Shot {
             date: None,
             lens_cap: file.exposure.lens_cap,
             settings,
+            denoise: file.render.denoise.unwrap_or(false),
             recipe: file.develop.clone(),
             lut,
             ambient_ev: file.scene.ambient_ev,
@@ -593,7 +602,9 @@ impl Shot {
         if self.lens_cap {
             return Ok(darkness(&self.camera.film, &Response::sensor(&self.sensor), &self.settings, facts));
         }
-        Ok(expose(&self.scene, &self.camera, &shutter, &Response::sensor(&self.sensor), &self.settings, &facts, watch)?)
+        let response = Response::sensor(&self.sensor);
+        let plane = expose(&self.scene, &self.camera, &shutter, &response, &self.settings, &facts, watch)?;
+        Ok(if self.denoise { denoise(&plane) } else { plane })
     }
 
     /// Reads the film out.

@@ -15,8 +15,8 @@ pub fn code_points(space: RgbSpace, encoding: Encoding) -> Option<[u8; 4]> {
         RgbSpace::AcesCg => return None,
     };
     let transfer = match encoding {
-        // A linear picture is written with the sRGB function.
-        Encoding::Srgb | Encoding::Linear => 13,
+        Encoding::Srgb => 13,
+        Encoding::Linear => 8,
         Encoding::Gamma22 => 4,
         Encoding::Pq => 16,
         Encoding::Hlg => 18,
@@ -24,7 +24,7 @@ pub fn code_points(space: RgbSpace, encoding: Encoding) -> Option<[u8; 4]> {
     Some([primaries, transfer, 0, 1])
 }
 
-/// An ICC profile of the codes that are written. Of linear pictures, whose codes get the sRGB function, that of sRGB's curve.
+/// An ICC profile of the codes that are written.
 pub fn profile(space: RgbSpace, encoding: Encoding) -> Result<Vec<u8>, ImageError> {
     let mut p = match (space, encoding) {
         (RgbSpace::Srgb, _) => ColorProfile::new_srgb(),
@@ -37,16 +37,15 @@ pub fn profile(space: RgbSpace, encoding: Encoding) -> Result<Vec<u8>, ImageErro
     };
     let curve = match encoding {
         Encoding::Gamma22 => Some(ToneReprCurve::Parametric(vec![2.2])),
+        Encoding::Linear => Some(ToneReprCurve::Parametric(vec![1.0])),
         // Type 3 of ICC.1 §10.18: (a x + b)^g above d, c x below.
-        Encoding::Srgb | Encoding::Linear => {
-            Some(ToneReprCurve::Parametric(vec![2.4, 1.0 / 1.055, 0.055 / 1.055, 1.0 / 12.92, 0.040_45]))
-        }
+        Encoding::Srgb => Some(ToneReprCurve::Parametric(vec![2.4, 1.0 / 1.055, 0.055 / 1.055, 1.0 / 12.92, 0.040_45])),
         Encoding::Pq | Encoding::Hlg => None,
     };
     if let Some(curve) = curve {
         (p.red_trc, p.green_trc, p.blue_trc) = (Some(curve.clone()), Some(curve.clone()), Some(curve));
         // The curve is what counts: a code point of another function would contradict it.
-        p.cicp = p.cicp.filter(|_| space == RgbSpace::Srgb && encoding != Encoding::Gamma22);
+        p.cicp = p.cicp.filter(|_| space == RgbSpace::Srgb && encoding == Encoding::Srgb);
     }
     p.encode().map_err(|e| ImageError::Io(std::io::Error::other(format!("ICC profile: {e:?}"))))
 }

@@ -101,7 +101,7 @@ fn header(
         put(0xe0 + app, bytes)?;
     }
     // Plain sRGB is what everyone takes a JPEG for.
-    if picture.space() != RgbSpace::Srgb || !matches!(picture.encoding(), Encoding::Srgb | Encoding::Linear) {
+    if picture.space() != RgbSpace::Srgb || picture.encoding() != Encoding::Srgb {
         let profile = icc::profile(picture.space(), picture.encoding())?;
         put(0xe2, &[b"ICC_PROFILE\0\x01\x01".as_slice(), &profile].concat())?;
     }

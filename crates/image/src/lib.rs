@@ -9,6 +9,7 @@ pub mod encoding;
 pub mod exif;
 pub mod exr;
 pub mod focal_plane;
+pub mod gain_map;
 pub mod icc;
 pub mod jpeg;
 pub mod metadata;

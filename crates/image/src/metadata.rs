@@ -52,6 +52,8 @@ pub struct ExposureFacts {
     pub first_sample: u32,
     /// Samples a pixel.
     pub samples: u32,
+    /// Whether the renderer's noise was reduced: the mean is then an estimate, no longer the truth within its variance.
+    pub denoised: bool,
     /// What the lens does to a picture; `None` where it is not known or does nothing.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub lens_profile: Option<LensProfile>,

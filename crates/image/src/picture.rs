@@ -7,7 +7,7 @@ use rayon::prelude::*;
 /// RGB in a named space.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Picture {
-    /// Three channels of codes in `encoding`; 1.0 = white where it is linear.
+    /// Three channels of codes in `encoding`; 1.0 = white but where light above white can be told.
     pub pixels: Raster<f32>,
     /// Primaries and white.
     pub space: RgbSpace,
@@ -70,13 +70,10 @@ impl PictureSource for Picture {
     }
 }
 
-/// Codes to write: those of the picture, a linear one's with the sRGB function.
+/// Codes to write.
 fn codes(source: &(impl PictureSource + ?Sized), first: usize, count: usize) -> Vec<f32> {
     let mut rows = source.rows(first, count);
-    match source.encoding() {
-        Encoding::Linear => rows.iter_mut().for_each(|v| *v = Encoding::Srgb.encode(*v)),
-        _ => rows.iter_mut().for_each(|v| *v = v.clamp(0.0, 1.0)),
-    }
+    rows.iter_mut().for_each(|v| *v = v.clamp(0.0, 1.0));
     rows
 }
 

@@ -28,7 +28,7 @@ pub fn write(picture: &(impl PictureSource + ?Sized), depth: Depth, to: impl Wri
     let mut info = png::Info::with_size(width as u32, height as u32);
     info.exif_metadata = picture.facts().map(|f| exif::block(f, exif::Holder::Png)).transpose()?.map(Into::into);
     let (space, encoding) = (picture.space(), picture.encoding());
-    let plain = space == RgbSpace::Srgb && matches!(encoding, Encoding::Srgb | Encoding::Linear);
+    let plain = space == RgbSpace::Srgb && encoding == Encoding::Srgb;
     if !plain {
         info.icc_profile = Some(icc::profile(space, encoding)?.into());
     }

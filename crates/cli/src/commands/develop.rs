@@ -26,6 +26,7 @@ pub fn run(args: &Develop, json: bool) -> anyhow::Result<()> {
     }
     let format = Format {
         quality: args.quality,
+        gain_map: args.gain_map,
         depth: match args.bits {
             8 => png::Depth::Eight,
             16 => png::Depth::Sixteen,

@@ -2,6 +2,7 @@
 
 pub mod body;
 pub mod calc;
+pub mod denoise;
 pub mod develop;
 pub mod expose;
 pub mod lens;

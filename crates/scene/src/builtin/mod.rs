@@ -4,6 +4,7 @@ pub mod color_chart;
 pub mod cornell;
 mod lathe;
 mod pattern;
+pub mod resolution_chart;
 pub mod still_life;
 
 use crate::scene::Description;
@@ -12,6 +13,7 @@ use glam::Vec3;
 /// Names of the embedded scenes and what they show.
 pub const NAMES: &[(&str, &str)] = &[
     ("still-life", "glass, metal, fruit and china on a table before small lights: depth, reflections, bokeh"),
+    ("resolution-chart", "a zone plate, a star, sweeps of lines, slanted edges: what optics and demosaicing find hard"),
     ("cornell", "the Cornell box with its measured spectra"),
     (
         "color-chart",
@@ -39,6 +41,7 @@ pub fn named(name: &str) -> Option<Description> {
     match name {
         "still-life" => Some(still_life::description()),
         "cornell" => Some(cornell::description()),
+        "resolution-chart" => Some(resolution_chart::description()),
         _ => color_chart::description(name, chart_light(name)?),
     }
 }
@@ -60,6 +63,7 @@ pub fn is_embedded(name: &str) -> bool {
 pub fn framing(name: &str) -> Option<Framing> {
     match name {
         "still-life" => Some(still_life::FRAMING),
+        "resolution-chart" => Some(resolution_chart::FRAMING),
         _ => chart_light(name).map(|_| color_chart::FRAMING),
     }
 }

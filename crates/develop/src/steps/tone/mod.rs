@@ -29,6 +29,8 @@ pub struct ToneCurve {
     kind: Kind,
     /// Factor before the curve.
     gain: f32,
+    /// Of displays brighter than white, for curves that know none.
+    peak: Option<f32>,
 }
 
 enum Kind {
@@ -48,7 +50,7 @@ enum Kind {
 
 impl ToneCurve {
     /// Prepares a curve. `peak`: the brightest light the display can show, in whites, above 1 for HDR; `gamut`: its primaries. Of the curves
-    /// `linear` and `aces-2.0` know displays brighter than white; others stay below it.
+    /// `linear` and `aces-2.0` know displays brighter than white; others keep their look up to grey and pass over into the light of the scene.
     pub fn new(tone: &Tone, peak: f32, gamut: RgbSpace) -> Self {
         let white = |published: f32| tone.white.map_or(published, |w| w as f32);
         let kind = match tone.curve {
@@ -69,7 +71,9 @@ impl ToneCurve {
             Curve::Hable => Kind::Hable(white(filmic::HABLE_WHITE)),
             Curve::Hejl => Kind::Hejl,
         };
-        let mut curve = ToneCurve { kind, gain: 1.0 };
+        let knows = matches!(kind, Kind::Linear(_) | Kind::Aces20(_));
+        let peak = (!knows && peak > 1.0 && peak.is_finite()).then_some(peak);
+        let mut curve = ToneCurve { kind, gain: 1.0, peak };
         if tone.keep_grey {
             curve.gain = curve.gain_that_keeps_grey();
         }
@@ -90,7 +94,11 @@ impl ToneCurve {
     /// Light of the display, 0 to its peak.
     #[inline]
     pub fn apply(&self, scene: Vec3) -> Vec3 {
-        self.at(scene * self.gain)
+        let shown = self.at(scene * self.gain);
+        match self.peak {
+            Some(peak) => brighter(shown, scene, peak),
+            None => shown,
+        }
     }
 
     #[inline]
@@ -110,6 +118,20 @@ impl ToneCurve {
             Kind::Hejl => filmic::hejl(c),
         }
     }
+}
+
+/// Stops above middle grey at which a picture for a brighter display is all light of the scene.
+const ALL_SCENE: f32 = 4.0;
+
+/// A look made for white passes over, above middle grey, into the light of the scene, which ends softly at the peak. A choice of ours.
+fn brighter(shown: Vec3, scene: Vec3, peak: f32) -> Vec3 {
+    let light = scene.dot(LUMA);
+    if light <= GREY {
+        return shown;
+    }
+    let t = ((light / GREY).log2() / ALL_SCENE).min(1.0);
+    let ended = peak * (1.0 - (-light / peak).exp());
+    shown.lerp((scene * (ended / light)).clamp(Vec3::ZERO, Vec3::splat(peak)), t * t * (3.0 - 2.0 * t))
 }
 
 /// A function of one number as a table with straight lines between its points.
@@ -187,6 +209,19 @@ mod tests {
             let tone = ToneCurve::new(&Tone { curve, keep_grey: true, white: None }, 1.0, RgbSpace::Srgb);
             let got = tone.apply(Vec3::splat(0.18)).y;
             assert!((got - 0.18).abs() < 3e-4, "{curve:?} {got}");
+        }
+    }
+
+    #[test]
+    fn brighter_displays_show_the_same_middle_and_more_light() {
+        for curve in CURVES {
+            let tone = |peak| ToneCurve::new(&Tone { curve, keep_grey: true, white: None }, peak, RgbSpace::Rec2020);
+            let (sdr, hdr) = (tone(1.0), tone(5.0));
+            let at = |t: &ToneCurve, v: f32| t.apply(Vec3::splat(v)).y;
+            assert!((at(&hdr, 0.18) / at(&sdr, 0.18) - 1.0).abs() < 5e-3, "{curve:?}");
+            assert!(at(&hdr, 30.0) > 2.0 && at(&hdr, 30.0) <= 5.001, "{curve:?} {}", at(&hdr, 30.0));
+            let steps: Vec<f32> = (0..300).map(|i| at(&hdr, 0.01 * 1.03f32.powi(i))).collect();
+            assert!(steps.is_sorted_by(|a, b| *b > a - 1e-4), "{curve:?}");
         }
     }
 
