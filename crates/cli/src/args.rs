@@ -490,7 +490,7 @@ pub enum CalcVerb {
         /// linear, reinhard, aces-1.3, agx ...
         curve: String,
         /// Colours: one number for a grey or "r,g,b"; several may follow each other.
-        #[arg(required = true, value_name = "COLOUR", allow_hyphen_values = true)]
+        #[arg(required = true, value_name = "COLOUR", allow_negative_numbers = true)]
         colours: Vec<String>,
         /// Scale light so that 18 % grey is shown as 18 %, as `develop` does.
         #[arg(long)]

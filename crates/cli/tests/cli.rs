@@ -191,7 +191,7 @@ fn wrong_requests_exit_with_2_and_a_hint() {
         (&["shoot", "-o", "a.dng", "-o", "a.dng"], "written twice"),
         (&["read-out", "p.exr", "--truth", "p.exr", "-o", "q.dng"], "it is read here"),
         (&["merge", "p.exr", "q.exr", "-o", "p.exr"], "it is read here"),
-        (&["develop", "a.dng", "-o", "b.dng"], ".jpg, .png or .exr"),
+        (&["develop", "a.dng", "-o", "b.dng"], ".jpg, .png, .tif or .exr"),
         (&["shoot", "--temperature", "-300"], "-273"),
         (&["shoot", "--dng", "14"], "packed"),
         (&["body", "emva", "canon-t2i", "--channel", "Y"], "R, G, B"),
@@ -355,4 +355,84 @@ fn real_scenes_are_photographed() {
         f.ok(&with(&["shoot", &scene, "--environment", &hdr, "--ambient-ev", "12"], &["-o", "a.png"]));
         f.ok(&["scene", "info", &scene]);
     }
+}
+
+#[test]
+fn raw_files_become_pictures_in_many_ways() {
+    let f = Folder::new("develop");
+    f.ok(&["shoot", "color-chart", "--size", "96x64", "--spp", "2", "--shutter", "1/30", "-o", "a.dng"]);
+    std::fs::copy(f.path("a.dng"), f.path("b.dng")).unwrap();
+    let read = |name: &str| std::fs::read(f.path(name)).unwrap();
+    // Every kind of file, and several at once.
+    f.ok(&["develop", "a.dng", "-o", "p.jpg", "-o", "p.png", "-o", "p.tif", "-o", "p.exr"]);
+    assert!(read("p.jpg").starts_with(&[0xff, 0xd8]) && read("p.tif").starts_with(b"II"));
+    std::fs::create_dir(f.path("out")).unwrap();
+    f.ok(&["develop", "a.dng", "b.dng", "-o", "out/{}.png"]);
+    assert_eq!(read("out/a.png"), read("out/b.png"));
+    assert_eq!(read("out/a.png"), read("p.png"));
+    // A recipe says what flags say.
+    f.ok(&["develop", "a.dng", "--set", "tone.curve=agx", "--exposure-ev", "0.5", "--save-recipe", "r.toml", "-o", "agx.png"]);
+    f.ok(&["develop", "a.dng", "--recipe", "r.toml", "-o", "again.png"]);
+    assert_eq!(read("agx.png"), read("again.png"));
+    assert_ne!(read("agx.png"), read("p.png"));
+    // A baked look stands for the steps.
+    f.ok(&["lut", "bake", "--tone", "agx", "--exposure-ev", "0.5", "--size", "17", "-o", "look.cube"]);
+    f.ok(&["develop", "a.dng", "--lut", "look.cube", "--set", "lut.input=log", "-o", "looked.png"]);
+    assert_ne!(read("looked.png"), read("p.png"));
+    let told: serde_json::Value = serde_json::from_slice(&f.ok(&["lut", "info", "look.cube", "--json"]).stdout).unwrap();
+    assert_eq!(told["size_3d"].as_u64(), Some(17));
+    // The way of a raw image, step by step.
+    f.ok(&["develop", "a.dng", "--preset", "camera", "--steps", "steps"]);
+    let names: Vec<String> =
+        std::fs::read_dir(f.path("steps")).unwrap().map(|e| e.unwrap().file_name().to_string_lossy().into_owned()).collect();
+    for name in ["01-black-level.png", "06-demosaic.png", "07-noise-reduction.png", "17-encode.png", "sheet.png"] {
+        assert!(names.iter().any(|n| n == name), "{name} of {names:?}");
+    }
+    // Spaces, depths and brighter displays.
+    f.ok(&["develop", "a.dng", "--set", "output.space=rec2020", "--set", "output.encoding=pq", "--bits", "16", "-o", "hdr.png"]);
+    assert!(read("hdr.png").windows(8).any(|w| w == b"cICP\x09\x10\x00\x01"));
+    f.ok(&["develop", "a.dng", "--gain-map", "-o", "gain.jpg"]);
+    assert!(read("gain.jpg").windows(4).any(|w| w == b"MPF\0"));
+    let listed = f.ok(&["develop", "--settings"]);
+    assert!(String::from_utf8_lossy(&listed.stdout).contains("demosaic.method"));
+    let tone: serde_json::Value = serde_json::from_slice(&f.ok(&["calc", "tone", "aces-1.3", "0.18", "1", "--json"]).stdout).unwrap();
+    assert!((tone["colours"][0]["code"][1].as_f64().unwrap() - 0.35595).abs() < 1e-3);
+}
+
+#[test]
+fn developments_that_cannot_be_say_why() {
+    let f = Folder::new("undeveloped");
+    f.ok(&["shoot", "cornell", "--size", "24x16", "--spp", "2", "--shutter", "1/30", "-o", "a.dng"]);
+    std::fs::write(f.path("cut.dng"), &std::fs::read(f.path("a.dng")).unwrap()[..3000]).unwrap();
+    std::fs::write(f.path("short.cube"), "LUT_3D_SIZE 2\n0 0 0\n").unwrap();
+    std::fs::write(f.path("nan.cube"), "LUT_1D_SIZE 2\n0 0 0\nnan 1 1\n").unwrap();
+    std::fs::write(f.path("r.toml"), "[tone]\ncurve = \"agx2\"\n").unwrap();
+    let cases: &[(&[&str], i32, &str)] = &[
+        (&["develop", "a.dng"], 2, "expected -o FILE"),
+        (&["develop", "a.dng", "cut.dng", "-o", "x.jpg"], 2, "expected {} in it"),
+        (&["develop", "cut.dng", "-o", "x.jpg"], 1, "cut.dng"),
+        (&["develop", "missing.dng", "-o", "x.jpg"], 1, "missing.dng"),
+        (&["develop", "a.dng", "--lut", "short.cube", "-o", "x.jpg"], 1, "the end after 1 points; expected 8"),
+        (&["develop", "a.dng", "--lut", "nan.cube", "-o", "x.jpg"], 1, "line 3"),
+        (&["develop", "a.dng", "--recipe", "r.toml", "-o", "x.jpg"], 1, "line 2"),
+        (&["develop", "a.dng", "--set", "tone.curv=agx", "-o", "x.jpg"], 2, "did you mean \"tone.curve\""),
+        (&["develop", "a.dng", "--set", "tone.curve", "-o", "x.jpg"], 2, "tone.curve=reinhard"),
+        (&["develop", "a.dng", "--set", "white.balance=mars", "-o", "x.jpg"], 2, "5200 K"),
+        (&["develop", "a.dng", "--preset", "nice", "-o", "x.jpg"], 2, "camera"),
+        (&["develop", "a.dng", "--bits", "12", "-o", "x.png"], 2, "8 or 16"),
+        (&["develop", "a.dng", "--quality", "0", "-o", "x.jpg"], 2, "1..=100"),
+        (&["develop", "a.dng", "-o", "x.jpg", "-o", "x.jpg"], 2, "twice"),
+        (&["lut", "bake", "-o", "x.png"], 2, ".cube"),
+        (&["lut", "info", "short.cube"], 1, "expected 8"),
+        (&["calc", "tone", "agx", "0.1,x"], 2, "0.5,0.1,0.02"),
+        (&["denoise", "a.dng", "-o", "x.exr"], 1, "a.dng"),
+    ];
+    for (args, code, part) in cases {
+        let (got, message) = f.fails(args);
+        assert!(got == *code && message.contains(part), "{args:?}: {got} {message}");
+    }
+    // One file of many that cannot be developed leaves the others.
+    let output = f.run(&["develop", "a.dng", "cut.dng", "-o", "{}.png"]);
+    assert_eq!(output.status.code(), Some(1));
+    assert!(f.path("a.png").exists() && !f.path("cut.png").exists());
 }
