@@ -24,9 +24,9 @@ pub struct Args {
 #[derive(Subcommand, Debug)]
 pub enum Verb {
     /// Take a photograph: expose, read out, develop. Without arguments: the embedded still life into photo.jpg.
-    Shoot(Shoot),
+    Shoot(Box<Shoot>),
     /// Expose only: a scene onto the focal plane (EXR with mean, variance, depth, normals, albedo, ids).
-    Expose(Expose),
+    Expose(Box<Expose>),
     /// Read a focal plane out into raw files (DNG).
     ReadOut(ReadOut),
     /// Develop raw files (DNG) into pictures.

@@ -18,6 +18,16 @@ const CAPTION: usize = 26;
 /// Bars of a histogram.
 const BARS: usize = 256;
 
+/// Name of a step's picture.
+fn name(i: usize, step: Step) -> String {
+    format!("{:02}-{}.png", i + 1, step.name())
+}
+
+/// Names of all files that may be written.
+pub fn names() -> Vec<String> {
+    Step::ALL.into_iter().enumerate().map(|(i, step)| name(i, step)).chain(["sheet.png".into()]).collect()
+}
+
 /// Writes `01-black-level.png` ... and `sheet.png` into a folder; steps that do nothing are left out.
 pub fn write_steps(raw: &RawImage, recipe: &Recipe, lut: Option<&Lut>, folder: &Path) -> anyhow::Result<Vec<PathBuf>> {
     std::fs::create_dir_all(folder).with_context(|| format!("{}: this folder cannot be made", folder.display()))?;
@@ -31,7 +41,7 @@ pub fn write_steps(raw: &RawImage, recipe: &Recipe, lut: Option<&Lut>, folder: &
         if !developer.does(step) {
             continue;
         }
-        let output = Output::prepare(&folder.join(format!("{:02}-{}.png", i + 1, step.name())))?;
+        let output = Output::prepare(&folder.join(name(i, step)))?;
         let picture = developer.until(step).whole();
         let with = under(&picture, &histogram(&picture, picture.pixels.width, (picture.pixels.height / 5).max(64)));
         written.push(output.commit(|to| Ok(png::write(&with, png::Depth::Eight, to)?))?);

@@ -395,7 +395,8 @@ fn raw_files_become_pictures_in_many_ways() {
     assert!(read("gain.jpg").windows(4).any(|w| w == b"MPF\0"));
     let listed = f.ok(&["develop", "--settings"]);
     assert!(String::from_utf8_lossy(&listed.stdout).contains("demosaic.method"));
-    let tone: serde_json::Value = serde_json::from_slice(&f.ok(&["calc", "tone", "aces-1.3", "0.18", "1", "--json"]).stdout).unwrap();
+    let tone: serde_json::Value =
+        serde_json::from_slice(&f.ok(&["calc", "tone", "aces-1.3", "0.18", "1", "--json"]).stdout).unwrap();
     assert!((tone["colours"][0]["code"][1].as_f64().unwrap() - 0.35595).abs() < 1e-3);
 }
 

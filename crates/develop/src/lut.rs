@@ -98,7 +98,7 @@ impl Lut {
         }
         for t in [&self.curves, &self.cube].into_iter().flatten() {
             for p in &t.points {
-                let _ = writeln!(text, "{:.7} {:.7} {:.7}", p.x, p.y, p.z);
+                let _ = writeln!(text, "{} {} {}", p.x, p.y, p.z);
             }
         }
         text
@@ -203,9 +203,11 @@ struct Reader {
 
 impl Reader {
     fn read(mut self, text: &str) -> Result<Lut, LutError> {
-        let mut last = 0;
+        let mut last = 1;
         for (i, line) in text.lines().enumerate() {
             let line = line.trim_start_matches('\u{feff}').trim();
+            // Comments may follow what is said, but for titles, which may hold anything.
+            let line = if line.starts_with("TITLE") { line } else { line.split('#').next().unwrap_or("").trim() };
             if line.is_empty() || line.starts_with('#') {
                 continue;
             }
@@ -255,7 +257,10 @@ impl Reader {
             }
             _ => {}
         }
-        if line.starts_with(|c: char| c.is_ascii_alphabetic()) && !line.to_ascii_lowercase().starts_with(['n', 'i']) {
+        if matches!(key, "LUT_IN_VIDEO_RANGE" | "LUT_OUT_VIDEO_RANGE") {
+            return Err(wrong("a table for full-range codes: those for video range are not read"));
+        }
+        if key.parse::<f32>().is_err() && key.starts_with(|c: char| c.is_ascii_alphabetic()) {
             return Err(wrong("a keyword of a .cube file or three numbers"));
         }
         let v = numbers(line, 3, "three finite numbers")?;
@@ -286,7 +291,8 @@ impl Reader {
         }
         let low = self.domain[0].map_or(Vec3::ZERO, |d| d.0);
         let high = self.domain[1].map_or(Vec3::ONE, |d| d.0);
-        if !low.cmplt(high).all() {
+        let wide = high - low;
+        if !(wide.is_finite() && wide.cmpgt(Vec3::splat(1e-6)).all()) {
             let line = self.domain.iter().flatten().map(|d| d.1).max().unwrap_or(line);
             return fail(line, format!("a domain from {low} to {high}"), "DOMAIN_MIN below DOMAIN_MAX in each channel".into());
         }
@@ -373,7 +379,7 @@ mod tests {
     fn files_come_back_and_red_runs_fastest() {
         let lut = Lut::from_function("a \"look\"", 3, |c| Vec3::new(c.x, 0.5 * c.y, 1.0 - c.z));
         let text = lut.to_cube();
-        assert_eq!(text.lines().nth(3), Some("0.5000000 0.0000000 1.0000000"));
+        assert_eq!(text.lines().nth(3), Some("0.5 0 1"));
         let back = Lut::parse(&text).unwrap();
         assert_eq!(back.cube, lut.cube);
         let shaped = "# both\nLUT_1D_SIZE 3\nLUT_1D_INPUT_RANGE 0 2\nLUT_3D_SIZE 2\nLUT_3D_INPUT_RANGE 0 1\n\n0 0 0\n.25 .25 .25\n1 1 1\n\

@@ -26,6 +26,7 @@ pub struct Overview {
     pub height: usize,
     /// Pixels a side of a cell.
     pub side: usize,
+    pixels: [usize; 2],
     channels: usize,
     /// `[row][column][channel]`.
     signal: Vec<f32>,
@@ -68,7 +69,12 @@ impl Overview {
             })
             .collect();
         let (signal, saturated): (Vec<_>, Vec<_>) = rows.into_iter().unzip();
-        Overview { width, height, side, channels: n, signal: signal.concat(), saturated: saturated.concat() }
+        Overview { width, height, side, pixels: [w, h], channels: n, signal: signal.concat(), saturated: saturated.concat() }
+    }
+
+    /// Pixels of the mosaic.
+    pub fn size(&self) -> [usize; 2] {
+        self.pixels
     }
 
     /// All cells, row by row.
@@ -78,14 +84,17 @@ impl Overview {
 
     /// Mean of the cells in a part of the picture: left, top, width, height as shares. At least one cell.
     pub fn mean(&self, [left, top, width, height]: [f64; 4]) -> Vec<f64> {
-        let range = |from: f64, length: f64, n: usize| {
-            let first = ((from * n as f64) as usize).min(n - 1);
-            first..(((from + length) * n as f64).ceil() as usize).clamp(first + 1, n)
+        // The cells that lie inside; at least the one in the middle.
+        let range = |from: f64, length: f64, n: usize, pixels: usize| {
+            let cell = |share: f64| share * pixels as f64 / self.side as f64;
+            let (first, end) = ((cell(from) - 1e-6).ceil() as usize, (cell(from + length) + 1e-6) as usize);
+            let middle = (cell(from + 0.5 * length) as usize).min(n - 1);
+            if first < end.min(n) { first..end.min(n) } else { middle..middle + 1 }
         };
         let mut sums = vec![0.0; self.channels];
         let mut count = 0.0;
-        for y in range(top, height, self.height) {
-            for x in range(left, width, self.width) {
+        for y in range(top, height, self.height, self.pixels[1]) {
+            for x in range(left, width, self.width, self.pixels[0]) {
                 let i = y * self.width + x;
                 if !self.saturated[i] {
                     let cell = &self.signal[i * self.channels..][..self.channels];

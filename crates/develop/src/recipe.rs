@@ -402,7 +402,7 @@ pub const SETTINGS: &[Setting] = &[
     other(
         "demosaic.method",
         Allowed::Names(METHODS),
-        "gbtf has the least error on charts; rcd is faster; linear serves any pattern; half gives a quarter of the pixels, not guessed",
+        "gbtf has the least error on charts; rcd is faster; linear serves any pattern; half gives one pixel for each period of the pattern, with nothing guessed",
     ),
     number(
         "noise.luminance",
@@ -415,7 +415,7 @@ pub const SETTINGS: &[Setting] = &[
     other(
         "lens.distortion",
         Allowed::Bool,
-        "straight lines straight, by the prescription; off: the lens is what one wants to see",
+        "straight lines straight, by the prescription, with the edges cropped that would be empty; off: the lens is what one wants to see",
     ),
     other("lens.lateral_color", Allowed::Bool, "colours on top of each other, by the prescription"),
     other("lens.vignetting", Allowed::Bool, "corners as bright as the middle, by the prescription"),
@@ -585,6 +585,7 @@ impl Recipe {
 
     /// Whether all numbers are in their ranges.
     pub fn check(&self) -> Result<(), RecipeError> {
+        crate::steps::white_balance::check(&self.white)?;
         let all = toml::Table::try_from(self).unwrap_or_default();
         for setting in SETTINGS {
             let (section, key) = setting.name.split_once('.').unwrap_or((setting.name, ""));

@@ -8,8 +8,11 @@ use diopter_light::color::{srgb_decode, srgb_encode};
 /// Luminance of diffuse white (1.0) in PQ pictures, cd/m². Source: ITU-R BT.2408-7 §2.1.
 pub const HDR_WHITE_NITS: f32 = 203.0;
 
-/// HLG signal's scene light that shows diffuse white: the inverse of the code 0.75 (ITU-R BT.2408-7 §2.1).
-const HLG_WHITE: f32 = 0.264_962_6;
+/// Luminance that HLG's largest code shows on the display it is made for, cd/m². Source: ITU-R BT.2100-2.
+pub const HLG_PEAK_NITS: f32 = 1000.0;
+
+/// System gamma of that display. Source: ITU-R BT.2100-2 table 5, 1.2 + 0.42 log10(Lw / 1000).
+const HLG_GAMMA: f32 = 1.2;
 
 /// How the numbers of a picture relate to light. Light is linear with 1.0 = diffuse white.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
@@ -24,7 +27,8 @@ pub enum Encoding {
     Gamma22,
     /// Perceptual quantizer: absolute, white at 203 cd/m².
     Pq,
-    /// Hybrid log-gamma, white at 75 %.
+    /// Hybrid log-gamma: what a display of 1000 cd/m² shows, white at 203 cd/m² (75 %). The function acts on colours, not channels: see
+    /// [`Encoding::encode_pixel`]; of a channel by itself it is that of greys.
     Hlg,
 }
 
@@ -44,8 +48,31 @@ impl Encoding {
             Encoding::Srgb => srgb_encode(linear.clamp(0.0, 1.0)),
             Encoding::Gamma22 => linear.clamp(0.0, 1.0).powf(1.0 / 2.2),
             Encoding::Pq => pq_encode(linear * HDR_WHITE_NITS),
-            Encoding::Hlg => hlg_encode(linear * HLG_WHITE),
+            Encoding::Hlg => self.encode_pixel([linear; 3], [1.0 / 3.0; 3])[0],
         }
+    }
+
+    /// Codes of a colour. `luminance`: weights of the channels in the picture's space.
+    pub fn encode_pixel(self, light: [f32; 3], luminance: [f32; 3]) -> [f32; 3] {
+        if self != Encoding::Hlg {
+            return light.map(|v| self.encode(v));
+        }
+        // The display raises the luminance of the scene to its gamma: undone here (BT.2100 note 5i).
+        let shown = light.map(|v| (v * HDR_WHITE_NITS / HLG_PEAK_NITS).clamp(0.0, 1.0));
+        let y: f32 = shown.iter().zip(luminance).map(|(v, w)| v * w).sum();
+        let scale = if y > 0.0 { y.powf((1.0 - HLG_GAMMA) / HLG_GAMMA) } else { 0.0 };
+        shown.map(|v| hlg_encode(v * scale))
+    }
+
+    /// Light of the codes of a colour, as [`Encoding::encode_pixel`].
+    pub fn decode_pixel(self, codes: [f32; 3], luminance: [f32; 3]) -> [f32; 3] {
+        if self != Encoding::Hlg {
+            return codes.map(|v| self.decode(v));
+        }
+        let scene = codes.map(hlg_decode);
+        let y: f32 = scene.iter().zip(luminance).map(|(v, w)| v * w).sum();
+        let scale = if y > 0.0 { y.powf(HLG_GAMMA - 1.0) } else { 0.0 };
+        scene.map(|v| v * scale * HLG_PEAK_NITS / HDR_WHITE_NITS)
     }
 
     /// Linear light of a code.
@@ -55,7 +82,7 @@ impl Encoding {
             Encoding::Srgb => srgb_decode(code),
             Encoding::Gamma22 => code.max(0.0).powf(2.2),
             Encoding::Pq => pq_decode(code) / HDR_WHITE_NITS,
-            Encoding::Hlg => hlg_decode(code) / HLG_WHITE,
+            Encoding::Hlg => self.decode_pixel([code; 3], [1.0 / 3.0; 3])[0],
         }
     }
 }
@@ -103,7 +130,11 @@ mod tests {
             assert!((pq_encode(nits) - code).abs() < 1e-6, "{nits} {}", pq_encode(nits));
         }
         assert!((hlg_encode(0.015) - 0.212_132).abs() < 1e-6);
-        assert!((Encoding::Hlg.encode(1.0) - 0.75).abs() < 1e-4, "{}", Encoding::Hlg.encode(1.0));
+        // BT.2408-7 table 1: diffuse white at 75 %, 18 % grey (26 cd/m²) at 38 %; the peak is the largest code.
+        for (nits, code) in [(203.0, 0.75), (26.0, 0.38), (1000.0, 1.0)] {
+            let got = Encoding::Hlg.encode(nits / HDR_WHITE_NITS);
+            assert!((got - code).abs() < 5e-3, "{nits} {got}");
+        }
         assert!((Encoding::Pq.encode(1.0) - 0.580_688_9).abs() < 1e-6);
     }
 

@@ -24,6 +24,7 @@ pub(crate) fn main_fields(f: &ExposureFacts) -> Vec<(u16, Field)> {
     if let Some(date) = &f.date {
         fields.push((306, Field::text(date)));
     }
+    fields.retain(|(_, field)| !matches!(field, Field::Ascii(text) if text.is_empty()));
     fields
 }
 

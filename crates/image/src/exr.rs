@@ -87,11 +87,12 @@ pub fn write_picture(
 ) -> std::result::Result<(), ImageError> {
     let [width, height] = picture.size();
     let encoding = picture.encoding();
+    let luminance = picture.space().xyz_from_rgb().row(1).to_array().map(|v| v as f32);
     let mut planes: [Planes; 3] = std::array::from_fn(|_| Planes::new(precision, width * height));
     let linear = |first: usize, count: usize| {
         let mut rows = picture.rows(first, count);
         if encoding != Encoding::Linear {
-            rows.iter_mut().for_each(|v| *v = encoding.decode(*v));
+            rows.as_chunks_mut::<3>().0.iter_mut().for_each(|p| *p = encoding.decode_pixel(*p, luminance));
         }
         Ok(rows)
     };

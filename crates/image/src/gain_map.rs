@@ -5,7 +5,7 @@
 
 use crate::jpeg::{self, Segment};
 use crate::picture::in_bands;
-use crate::{ImageError, PictureSource};
+use crate::{Encoding, ImageError, PictureSource};
 use jpeg_encoder::{ColorType, Encoder};
 use std::io::Write;
 
@@ -68,14 +68,16 @@ impl Map {
         }
         let (w, h) = (width.div_ceil(SHRINK), height.div_ceil(SHRINK));
         let mut gains = Vec::with_capacity(w * h);
-        let luminance =
-            |p: &[f32], decode: &dyn Fn(f32) -> f32| 0.2126 * decode(p[0]) + 0.7152 * decode(p[1]) + 0.0722 * decode(p[2]);
+        let weights = sdr.space().xyz_from_rgb().row(1).to_array().map(|v| v as f32);
+        let luminance = |codes: [f32; 3], e: Encoding| -> f32 {
+            e.decode_pixel(codes, weights).iter().zip(weights).map(|(v, w)| v * w).sum()
+        };
         let band = |first: usize, count: usize| {
             let (a, b) = (sdr.rows(first, count), hdr.rows(first, count));
             let (ea, eb) = (sdr.encoding(), hdr.encoding());
             let mut sums = vec![(0.0f32, 0.0f32); w * count.div_ceil(SHRINK)];
             for (i, (p, q)) in a.as_chunks::<3>().0.iter().zip(b.as_chunks::<3>().0).enumerate() {
-                let (s, h) = (luminance(p, &|v| ea.decode(v)), luminance(q, &|v| eb.decode(v)));
+                let (s, h) = (luminance(*p, ea), luminance(*q, eb));
                 let cell = &mut sums[i / width / SHRINK * w + i % width / SHRINK];
                 cell.0 += ((h.max(0.0) + OFFSET) / (s.max(0.0) + OFFSET)).log2();
                 cell.1 += 1.0;
@@ -176,7 +178,7 @@ fn index(first: u32, second: u32, second_at: u32) -> Vec<u8> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{Encoding, Picture, Raster};
+    use crate::{Picture, Raster};
     use diopter_light::color::RgbSpace;
 
     #[test]

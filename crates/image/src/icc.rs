@@ -2,9 +2,10 @@
 //!
 //! Sources: ICC.1:2022; ITU-T H.273 (code points). Profiles are made by the `moxcms` crate.
 
+use crate::encoding::{hlg_decode, pq_decode};
 use crate::{Encoding, ImageError};
 use diopter_light::color::RgbSpace;
-use moxcms::{ColorProfile, ToneReprCurve};
+use moxcms::{ColorProfile, LocalizableString, ProfileText, ToneReprCurve};
 
 /// Code points of H.273: primaries, transfer, matrix (RGB), full range. `None` of what has no code there.
 pub fn code_points(space: RgbSpace, encoding: Encoding) -> Option<[u8; 4]> {
@@ -24,28 +25,79 @@ pub fn code_points(space: RgbSpace, encoding: Encoding) -> Option<[u8; 4]> {
     Some([primaries, transfer, 0, 1])
 }
 
-/// An ICC profile of the codes that are written.
+/// Points of the curves of HDR profiles.
+const CURVE_POINTS: usize = 4096;
+
+/// An ICC profile of the codes that are written, named after what it describes. Light of HDR profiles is relative to their peak: 10 000 cd/m²
+/// of PQ, the nominal peak of HLG.
 pub fn profile(space: RgbSpace, encoding: Encoding) -> Result<Vec<u8>, ImageError> {
-    let mut p = match (space, encoding) {
-        (RgbSpace::Srgb, _) => ColorProfile::new_srgb(),
-        (RgbSpace::DisplayP3, Encoding::Pq) => ColorProfile::new_display_p3_pq(),
-        (RgbSpace::DisplayP3, _) => ColorProfile::new_display_p3(),
-        (RgbSpace::Rec2020, Encoding::Pq) => ColorProfile::new_bt2020_pq(),
-        (RgbSpace::Rec2020, Encoding::Hlg) => ColorProfile::new_bt2020_hlg(),
-        (RgbSpace::Rec2020, _) => ColorProfile::new_bt2020(),
-        (RgbSpace::AcesCg, _) => ColorProfile::new_aces_cg_linear(),
+    let (mut p, name) = match space {
+        RgbSpace::Srgb => (ColorProfile::new_srgb(), "sRGB"),
+        RgbSpace::DisplayP3 => (ColorProfile::new_display_p3(), "Display P3"),
+        RgbSpace::Rec2020 => (ColorProfile::new_bt2020(), "Rec.2020"),
+        RgbSpace::AcesCg => (ColorProfile::new_aces_cg_linear(), "ACEScg"),
     };
-    let curve = match encoding {
-        Encoding::Gamma22 => Some(ToneReprCurve::Parametric(vec![2.2])),
-        Encoding::Linear => Some(ToneReprCurve::Parametric(vec![1.0])),
+    let tabulated = |f: &dyn Fn(f32) -> f32| {
+        let at = |i: usize| (f(i as f32 / (CURVE_POINTS - 1) as f32).clamp(0.0, 1.0) * 65_535.0 + 0.5) as u16;
+        ToneReprCurve::Lut((0..CURVE_POINTS).map(at).collect())
+    };
+    let (curve, function) = match encoding {
+        Encoding::Gamma22 => (ToneReprCurve::Parametric(vec![2.2]), "gamma 2.2"),
+        Encoding::Linear => (ToneReprCurve::Parametric(vec![1.0]), "linear"),
         // Type 3 of ICC.1 §10.18: (a x + b)^g above d, c x below.
-        Encoding::Srgb => Some(ToneReprCurve::Parametric(vec![2.4, 1.0 / 1.055, 0.055 / 1.055, 1.0 / 12.92, 0.040_45])),
-        Encoding::Pq | Encoding::Hlg => None,
+        Encoding::Srgb => (ToneReprCurve::Parametric(vec![2.4, 1.0 / 1.055, 0.055 / 1.055, 1.0 / 12.92, 0.040_45]), "sRGB curve"),
+        Encoding::Pq => (tabulated(&|v| pq_decode(v) / 10_000.0), "PQ"),
+        Encoding::Hlg => (tabulated(&hlg_decode), "HLG"),
     };
-    if let Some(curve) = curve {
-        (p.red_trc, p.green_trc, p.blue_trc) = (Some(curve.clone()), Some(curve.clone()), Some(curve));
-        // The curve is what counts: a code point of another function would contradict it.
-        p.cicp = p.cicp.filter(|_| space == RgbSpace::Srgb && encoding == Encoding::Srgb);
-    }
+    (p.red_trc, p.green_trc, p.blue_trc) = (Some(curve.clone()), Some(curve.clone()), Some(curve));
+    let text = format!("{name}, {function}");
+    p.description = Some(ProfileText::Localizable(vec![LocalizableString::new("en".into(), "US".into(), text)]));
+    // A code point of another function would contradict the curve; pictures that need one have it beside the profile.
+    p.cicp = None;
     p.encode().map_err(|e| ImageError::Io(std::io::Error::other(format!("ICC profile: {e:?}"))))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use diopter_light::color::{D50_XY, D65_XY};
+
+    #[test]
+    fn profiles_say_what_the_codes_are() {
+        for space in [RgbSpace::Srgb, RgbSpace::DisplayP3, RgbSpace::Rec2020] {
+            for encoding in Encoding::ALL {
+                let bytes = profile(space, encoding).unwrap();
+                let read = ColorProfile::new_from_slice(&bytes).unwrap();
+                let curve = read.red_trc.as_ref().unwrap();
+                let at = |code: f32| match curve {
+                    ToneReprCurve::Parametric(p) if p.len() == 1 => code.powf(p[0]),
+                    ToneReprCurve::Parametric(p) => {
+                        if code >= p[4] {
+                            (p[1] * code + p[2]).powf(p[0])
+                        } else {
+                            p[3] * code
+                        }
+                    }
+                    ToneReprCurve::Lut(points) => {
+                        f32::from(points[(code * (points.len() - 1) as f32).round() as usize]) / 65_535.0
+                    }
+                };
+                let peak = match encoding {
+                    Encoding::Pq => 10_000.0 / crate::encoding::HDR_WHITE_NITS,
+                    _ => 1.0,
+                };
+                for code in [0.1, 0.5, 0.9] {
+                    let expected = match encoding {
+                        Encoding::Hlg => hlg_decode(code),
+                        other => other.decode(code) / peak,
+                    };
+                    assert!((at(code) - expected).abs() < 2e-3, "{space:?} {encoding:?} {code}: {} {expected}", at(code));
+                }
+                // The primaries: red of the profile, adapted to D50, against ours.
+                let red = diopter_light::color::bradford(D65_XY, D50_XY) * space.xyz_from_rgb().x_axis;
+                let told = read.red_colorant;
+                assert!((told.x - red.x).abs() < 1e-3 && (told.y - red.y).abs() < 1e-3, "{space:?} {told:?} {red}");
+            }
+        }
+    }
 }

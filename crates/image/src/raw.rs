@@ -210,12 +210,16 @@ impl LightSource {
             12 => 6500.0,
             13 => 5000.0,
             15 => 4000.0,
-            // Daylight, cloudy, shade, tungsten, flash: as DNG converters take them.
+            // Daylight, fine weather, flash; cloudy; shade; tungsten; fluorescent; warm white; standard lights B and C; ISO studio tungsten: as
+            // Adobe's DNG SDK takes them.
             1 | 4 | 9 => 5500.0,
             10 => 6500.0,
             11 => 7500.0,
-            3 | 18 => 2856.0,
-            19 => 5503.0,
+            3 => 2850.0,
+            2 => 4150.0,
+            16 => 2925.0,
+            18 => 4874.0,
+            19 => 6774.0,
             24 => 3200.0,
             _ => return None,
         })

@@ -8,7 +8,7 @@ use crate::{AskedWrongly, sheet};
 use anyhow::{Context, anyhow};
 use diopter::develop::lut::Lut;
 use diopter::develop::{Recipe, SETTINGS};
-use diopter::image::{RawImage, dng, png};
+use diopter::image::{Encoding, RawImage, dng, png};
 use diopter::recipe_file;
 use diopter::shot::ShotError;
 use std::io::Write;
@@ -38,8 +38,11 @@ pub fn run(args: &Develop, json: bool) -> anyhow::Result<()> {
     let saved = args.save_recipe.as_deref().map(Output::prepare).transpose()?;
     // What is wrong with the recipe is wrong with all files: said before any is touched.
     let lut = recipe_file::lut(&recipe)?;
-    if let Some(output) = saved {
-        output.commit(|to| Ok(to.write_all(recipe.to_toml().as_bytes())?))?;
+    let bright = args.output.iter().any(|p| matches!(output::kind(p), Ok(Kind::Jpeg)));
+    if args.gain_map && (!bright || recipe.output.encoding != Encoding::Srgb) {
+        return Err(
+            AskedWrongly(anyhow!("--gain-map: expected a .jpg to write, and output.encoding = \"srgb\" for its base")).into()
+        );
     }
     let mut reports = Vec::new();
     let mut failed = 0;
@@ -67,6 +70,15 @@ pub fn run(args: &Develop, json: bool) -> anyhow::Result<()> {
         }
         Ok(())
     })?;
+    if let Some(output) = saved {
+        // Its table is found from wherever the recipe lies.
+        let mut whole = recipe.clone();
+        if !whole.lut.file.is_empty() {
+            whole.lut.file = std::path::absolute(&whole.lut.file)?.display().to_string();
+        }
+        let path = output.commit(|to| Ok(to.write_all(whole.to_toml().as_bytes())?))?;
+        say(&format!("wrote {}", path.display()));
+    }
     if json {
         match (several, reports.pop()) {
             (false, Some(report)) => print_json(&report)?,
@@ -118,7 +130,11 @@ fn jobs(args: &Develop) -> anyhow::Result<Vec<Job>> {
         .iter()
         .map(|raw| Job { raw: raw.clone(), outputs: args.output.iter().map(|p| named(raw, p)).collect() })
         .collect();
-    let beside = args.save_recipe.iter();
+    let steps: Vec<PathBuf> = args.steps.iter().flat_map(|folder| sheet::names().into_iter().map(|n| folder.join(n))).collect();
+    if args.steps.as_ref().is_some_and(|f| f.exists() && !f.is_dir()) {
+        return Err(wrong(format!("{}: expected a folder for the steps", steps[0].parent().unwrap_or(Path::new("")).display())));
+    }
+    let beside = args.save_recipe.iter().chain(&steps);
     output::distinct(
         jobs.iter().map(|j| j.raw.as_path()),
         jobs.iter().flat_map(|j| &j.outputs).chain(beside).map(|p| p.as_path()),

@@ -10,6 +10,7 @@ use diopter::develop::{Recipe, bake};
 use diopter::recipe_file;
 use diopter::shot::ShotError;
 use std::io::Write;
+use std::path::Path;
 
 pub fn run(verb: &LutVerb, json: bool) -> anyhow::Result<()> {
     match verb {
@@ -42,6 +43,11 @@ pub fn run(verb: &LutVerb, json: bool) -> anyhow::Result<()> {
             if recipe.local.compression != 0.0 || recipe.local.detail != 1.0 || recipe.sharpen.amount != 0.0 {
                 warn("a table holds what changes each colour by itself: local contrast and sharpening are left out");
             }
+            let read = [&developing.lut, &developing.recipe].into_iter().flatten().map(|p| p.as_path());
+            crate::output::distinct(
+                read.chain(std::iter::once(Path::new(&recipe.lut.file)).filter(|p| !p.as_os_str().is_empty())),
+                [output.as_path()],
+            )?;
             let to = Output::prepare(output)?;
             let baked = bake(&recipe, recipe_file::lut(&recipe)?, usize::from(*size), input);
             let path = to.commit(|w| Ok(w.write_all(baked.lut.to_cube().as_bytes())?))?;

@@ -20,6 +20,8 @@ static TABLES: LazyLock<Tables> = LazyLock::new(|| {
     Tables { encode: tabulated(srgb_encode), decode: tabulated(srgb_decode) }
 });
 
+// Not `clamp`, which keeps what is not a number.
+#[allow(clippy::manual_clamp)]
 #[inline]
 fn at(table: &[f32], v: f32) -> f32 {
     // Not a number becomes 0.
@@ -43,6 +45,24 @@ pub fn srgb_light(codes: Vec3) -> Vec3 {
     Vec3::new(at(t, codes.x), at(t, codes.y), at(t, codes.z))
 }
 
+/// sRGB codes that go on beyond 0 and 1 by the function itself, odd about 0: for what is graded and may be brighter than white.
+#[inline]
+pub fn open_codes(light: Vec3) -> Vec3 {
+    if light.min_element() >= 0.0 && light.max_element() <= 1.0 {
+        return srgb_codes(light);
+    }
+    light.map(|v| srgb_encode(v.abs()).copysign(v))
+}
+
+/// Light of such codes.
+#[inline]
+pub fn open_light(codes: Vec3) -> Vec3 {
+    if codes.min_element() >= 0.0 && codes.max_element() <= 1.0 {
+        return srgb_light(codes);
+    }
+    codes.map(|v| srgb_decode(v.abs()).copysign(v))
+}
+
 /// The primaries that a name stands for.
 pub fn space(space: Space) -> RgbSpace {
     match space {
@@ -56,6 +76,7 @@ pub fn space(space: Space) -> RgbSpace {
 pub struct Encoder {
     from_srgb: Option<Mat3>,
     encoding: Encoding,
+    luminance: [f32; 3],
 }
 
 impl Encoder {
@@ -63,7 +84,8 @@ impl Encoder {
     pub fn new(output: &Output) -> Self {
         let to = space(output.space);
         let from_srgb = (to != RgbSpace::Srgb).then(|| to.from_space(RgbSpace::Srgb).as_mat3());
-        Encoder { from_srgb, encoding: output.encoding }
+        let luminance = to.xyz_from_rgb().row(1).as_vec3().to_array();
+        Encoder { from_srgb, encoding: output.encoding, luminance }
     }
 
     /// Codes of linear Rec.709 light.
@@ -76,7 +98,7 @@ impl Encoder {
         match self.encoding {
             Encoding::Srgb => srgb_codes(light),
             Encoding::Linear => light,
-            other => light.map(|v| other.encode(v)),
+            other => other.encode_pixel(light.to_array(), self.luminance).into(),
         }
     }
 }

@@ -30,13 +30,13 @@ impl Grading {
         })
     }
 
-    /// Graded codes.
-    pub fn apply(&self, code: Vec3) -> Vec3 {
+    /// Graded codes, 0 to `top`: 1, or more where the display can show more than white.
+    pub fn apply(&self, code: Vec3, top: f32) -> Vec3 {
         let c = GREY_CODE + (code - GREY_CODE) * self.contrast;
-        let c = (c * self.slope + self.offset).clamp(Vec3::ZERO, Vec3::ONE);
+        let c = (c * self.slope + self.offset).clamp(Vec3::ZERO, Vec3::splat(top));
         let c = Vec3::new(c.x.powf(self.power.x), c.y.powf(self.power.y), c.z.powf(self.power.z));
         let luma = Vec3::splat(c.dot(LUMA));
-        (luma + (c - luma) * self.saturation).clamp(Vec3::ZERO, Vec3::ONE)
+        (luma + (c - luma) * self.saturation).clamp(Vec3::ZERO, Vec3::splat(top))
     }
 }
 
@@ -48,7 +48,7 @@ mod tests {
     fn the_order_is_slope_offset_power_saturation() {
         let grade =
             Grade { slope: [1.2, 1.0, 0.8], offset: [0.02, 0.0, -0.02], power: [1.5, 1.0, 0.5], saturation: 0.5, contrast: 1.0 };
-        let got = Grading::new(&grade).unwrap().apply(Vec3::new(0.4, 0.5, 0.6));
+        let got = Grading::new(&grade).unwrap().apply(Vec3::new(0.4, 0.5, 0.6), 1.0);
         let v = [(0.4f32 * 1.2 + 0.02).powf(1.5), 0.5, (0.6f32 * 0.8 - 0.02).sqrt()];
         let luma = 0.2126 * v[0] + 0.7152 * v[1] + 0.0722 * v[2];
         for k in 0..3 {
@@ -60,8 +60,8 @@ mod tests {
     #[test]
     fn contrast_keeps_middle_grey() {
         let grading = Grading::new(&Grade { contrast: 1.5, ..Grade::default() }).unwrap();
-        assert!((grading.apply(Vec3::splat(GREY_CODE)).x - GREY_CODE).abs() < 1e-6);
-        assert!(grading.apply(Vec3::splat(0.6)).x > 0.65);
+        assert!((grading.apply(Vec3::splat(GREY_CODE), 1.0).x - GREY_CODE).abs() < 1e-6);
+        assert!(grading.apply(Vec3::splat(0.6), 1.0).x > 0.65);
         assert!((diopter_light::color::srgb_encode(0.18) - GREY_CODE).abs() < 1e-5);
     }
 }

@@ -37,10 +37,12 @@ impl Correction {
         let tangent = |channel: usize, height: f32| at(&profile.tangents[channel], height / profile.reach);
         // Height of green light over the tangent of its angle: the scale of the picture in its middle.
         let scale = profile.scale;
-        // As much of the middle as leaves no corner empty.
-        let fill = (scale * tangent(1, profile.reach.min(1.0))).min(1.0);
+        // As much of the middle as leaves no corner empty that was not dark before.
+        let edge = profile.reach.min(1.0);
+        let fill = (scale * tangent(1, edge) / edge).min(1.0);
         let height_of = |channel: usize, wanted: f32| {
-            let (mut low, mut high) = (0.0f32, profile.reach);
+            // Beyond its reach a table goes on by its last slope: there the lens is dark.
+            let (mut low, mut high) = (0.0f32, 3.0);
             for _ in 0..40 {
                 let middle = 0.5 * (low + high);
                 if tangent(channel, middle) < wanted { low = middle } else { high = middle }
@@ -56,7 +58,7 @@ impl Correction {
             let channel = if settings.lateral_color { own } else { 1 };
             let along = |i: usize| {
                 let r = i as f32 / (POINTS - 1) as f32;
-                let wanted = if settings.distortion { fill * r / scale } else { tangent(1, r.min(profile.reach)) };
+                let wanted = if settings.distortion { fill * r / scale } else { tangent(1, r) };
                 let green = if settings.distortion { height_of(1, wanted) } else { r };
                 // Against green, so that green itself stays exactly where it is.
                 if channel == 1 { green } else { green + height_of(channel, wanted) - height_of(1, wanted) }

@@ -111,7 +111,8 @@ mod tests {
     #[test]
     fn areas_come_together_and_detail_stays() {
         // Left dark, right five stops brighter, both with stripes of a tenth.
-        let level = |x: usize, y: usize| (if x < 480 { 10.0 } else { 320.0 }) * if y / 12 % 2 == 0 { 1.1 } else { 1.0 };
+        let level =
+            |x: usize, y: usize| (if x < 480 { 10.0 } else { 320.0 }) * if (y / 12).is_multiple_of(2) { 1.1 } else { 1.0 };
         let image = raw(960, 640, "mono", level);
         let light = |s: &[f32]| Vec3::splat(s[0]);
         let of = |settings: &Local| {

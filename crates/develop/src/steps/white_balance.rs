@@ -22,9 +22,24 @@ pub fn neutral(header: &RawHeader, white: &White, overview: &dyn Fn() -> Overvie
     if header.cfa.is_monochrome() {
         return Ok(vec![1.0; header.cfa.channel_count()]);
     }
+    let tinted = |signal: Vec<f64>| {
+        if white.tint == 0.0 {
+            return Some(signal);
+        }
+        let (kelvin, tint) = temperature(camera_matrix::xy_of_neutral(header, &signal));
+        camera_matrix::neutral_of_xy(header, xy_of(kelvin, tint + white.tint))
+    };
     if let Some(patch) = white.patch {
-        let signal = overview().mean(patch);
-        return normalised(signal).ok_or_else(|| RecipeError {
+        let [left, top, width, height] = patch;
+        if !(width > 0.0 && height > 0.0 && left + width <= 1.0 + 1e-9 && top + height <= 1.0 + 1e-9) {
+            return Err(RecipeError {
+                place: "white.patch".into(),
+                found: format!("{patch:?}"),
+                expected: "left, top, width, height of a part inside the picture, as shares of it".into(),
+            });
+        }
+        let signal = normalised(overview().mean(in_mosaic(patch, header, overview().size())));
+        return signal.and_then(tinted).and_then(normalised).ok_or_else(|| RecipeError {
             place: "white.patch".into(),
             found: "a part of the picture that is dark or saturated".into(),
             expected: "a grey that all channels see".into(),
@@ -32,36 +47,53 @@ pub fn neutral(header: &RawHeader, white: &White, overview: &dyn Fn() -> Overvie
     }
     let name = white.balance.trim();
     let signal = match name.to_lowercase().as_str() {
-        "as-shot" if white.tint == 0.0 => return Ok(header.as_shot_neutral.clone()),
-        "as-shot" => {
-            let xy = camera_matrix::xy_of_neutral(header, &header.as_shot_neutral);
-            let (kelvin, tint) = temperature(xy);
-            camera_matrix::neutral_of_xy(header, xy_of(kelvin, tint + white.tint))
-        }
-        "auto" => Some(automatic(header, &overview())),
+        "as-shot" => tinted(header.as_shot_neutral.clone()),
+        "auto" => tinted(automatic(header, &overview())),
         _ => {
-            let xy = light(name).ok_or_else(|| RecipeError {
-                place: "white.balance".into(),
-                found: format!("\"{name}\""),
-                expected: format!(
-                    "as-shot, auto, daylight, cloudy, shade, tungsten, fluorescent, flash, one of {}, or a temperature such as 5200 K",
-                    cie::illuminant_names().join(", ")
-                ),
-            })?;
-            let xy = if white.tint == 0.0 {
-                xy
-            } else {
-                let (kelvin, tint) = temperature(xy);
-                xy_of(kelvin, tint + white.tint)
-            };
-            camera_matrix::neutral_of_xy(header, xy)
+            let xy = light(name).ok_or_else(|| unknown(name))?;
+            camera_matrix::neutral_of_xy(header, xy).and_then(tinted)
         }
     };
     signal.and_then(normalised).ok_or_else(|| RecipeError {
         place: "white.balance".into(),
         found: format!("\"{name}\" for a file without colour matrices"),
-        expected: "as-shot, auto, or white.patch".into(),
+        expected: "as-shot, auto, or white.patch, and no tint".into(),
     })
+}
+
+fn unknown(name: &str) -> RecipeError {
+    RecipeError {
+        place: "white.balance".into(),
+        found: format!("\"{name}\""),
+        expected: format!(
+            "as-shot, auto, daylight, cloudy, shade, tungsten, fluorescent, flash, one of {}, or a temperature such as 5200 K",
+            cie::illuminant_names().join(", ")
+        ),
+    }
+}
+
+/// Whether a balance is one that there is, before any file is read.
+pub fn check(white: &White) -> Result<(), RecipeError> {
+    let name = white.balance.trim();
+    let fine = white.patch.is_some() || matches!(name.to_lowercase().as_str(), "as-shot" | "auto") || light(name).is_some();
+    if fine { Ok(()) } else { Err(unknown(name)) }
+}
+
+/// A part of the picture as shown, in shares of the mosaic.
+fn in_mosaic([left, top, width, height]: [f64; 4], header: &RawHeader, [w, h]: [usize; 2]) -> [f64; 4] {
+    let o = header.framing.orientation;
+    let [across, down] = o.mirrors();
+    // Undo the mirrors, then the change of columns and rows.
+    let x = if across { 1.0 - left - width } else { left };
+    let y = if down { 1.0 - top - height } else { top };
+    let [x, y, width, height] = if o.transposes() { [y, x, height, width] } else { [x, y, width, height] };
+    match header.framing.crop {
+        None => [x, y, width, height],
+        Some([cx, cy, cw, ch]) => {
+            let (w, h) = (w as f64, h as f64);
+            [(cx as f64 + x * cw as f64) / w, (cy as f64 + y * ch as f64) / h, width * cw as f64 / w, height * ch as f64 / h]
+        }
+    }
 }
 
 /// Largest 1; `None` where a channel sees nothing.
@@ -176,6 +208,36 @@ mod tests {
         // D65 lies 0.0032 above the line of black bodies: greener.
         let (_, tint) = temperature((0.3127, 0.3290));
         assert!((-11.0..-8.0).contains(&tint), "{tint}");
+    }
+
+    #[test]
+    fn patches_lie_where_the_picture_shows_them() {
+        use diopter_image::raw::{Framing, Orientation};
+        // Left half red, right half blue, seen by a camera whose channels are XYZ itself.
+        let cfa = diopter_image::Cfa::parse("RG/GB").unwrap();
+        let mut image = crate::tests::raw(400, 200, "RG/GB", |x, y| match (cfa.channel_at(x, y), x < 200) {
+            (0, true) | (2, false) => 600.0,
+            (1, _) => 500.0,
+            _ => 300.0,
+        });
+        let left_is_red = |n: &[f64]| n[0] > n[2];
+        let mut of = |framing: Framing, patch: [f64; 4]| {
+            image.header.framing = framing;
+            let white = White { patch: Some(patch), ..White::default() };
+            neutral(&image.header, &white, &|| Overview::new(&image)).unwrap()
+        };
+        let upright = Framing::default();
+        assert!(left_is_red(&of(upright, [0.1, 0.2, 0.2, 0.5])) && !left_is_red(&of(upright, [0.7, 0.2, 0.2, 0.5])));
+        let turned = |n: u16| Framing { orientation: Orientation::from_exif(n), ..upright };
+        // Upside down the left is the right; turned to the right the left is on top.
+        assert!(!left_is_red(&of(turned(3), [0.1, 0.2, 0.2, 0.5])));
+        assert!(left_is_red(&of(turned(6), [0.2, 0.1, 0.5, 0.2])) && !left_is_red(&of(turned(6), [0.2, 0.7, 0.5, 0.2])));
+        let cropped = Framing { crop: Some([220, 20, 160, 160]), ..upright };
+        assert!(!left_is_red(&of(cropped, [0.1, 0.2, 0.2, 0.5])));
+        assert!(
+            neutral(&image.header, &White { patch: Some([0.9, 0.9, 0.5, 0.5]), ..White::default() }, &|| Overview::new(&image))
+                .is_err()
+        );
     }
 
     #[test]

@@ -112,7 +112,9 @@ mod tests {
         mosaic.data.iter_mut().enumerate().for_each(|(i, v)| *v = value(i) as u16);
         let calibration = |light, scale: f64| ColorCalibration {
             light,
-            camera_from_xyz: (0..n).map(|c| std::array::from_fn(|k| scale * (1.0 + c as f64 - 0.5 * k as f64))).collect(),
+            camera_from_xyz: (0..n)
+                .map(|c| std::array::from_fn(|k| scale * (1.0 + c as f64 - 0.5 * k as f64 + if c == k { 1.0 } else { 0.0 })))
+                .collect(),
             xyz_d50_from_balanced: (0..n).map(|c| std::array::from_fn(|k| scale * 0.25 * (1.0 + (c + k) as f64))).collect(),
         };
         let mono = cfa.is_monochrome();

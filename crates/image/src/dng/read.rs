@@ -14,7 +14,13 @@ use tiff::tags::{ByteOrder, IfdPointer, Tag};
 const MOST_PIXELS: usize = 1 << 30;
 
 fn malformed(reason: impl Into<String>) -> ImageError {
-    ImageError::Malformed { format: "DNG", reason: reason.into() }
+    let reason = reason.into();
+    // What the reader says when the bytes run out.
+    let reason = match reason.contains("failed to fill whole buffer") || reason.contains("end of file") {
+        true => "it ends before what it announces: cut short".into(),
+        false => reason,
+    };
+    ImageError::Malformed { format: "DNG", reason }
 }
 
 fn missing(what: &str) -> ImageError {
@@ -140,7 +146,11 @@ fn pattern<R: Read + Seek>(file: &mut File<R>, raw: &Directory) -> Result<Cfa, I
 
 fn pixels<R: Read + Seek>(file: &mut File<R>, raw: &Directory, bits: u32) -> Result<Raster<u16>, ImageError> {
     let mut side = |t: u16, what: &str| -> Result<usize, ImageError> {
-        Ok(file.number(raw, t)?.filter(|v| *v >= 1.0 && *v <= 1e6).ok_or_else(|| missing(what))? as usize)
+        let told = file.number(raw, t)?.ok_or_else(|| missing(what))?;
+        match (1.0..=1e6).contains(&told) {
+            true => Ok(told as usize),
+            false => Err(malformed(format!("{what} is {told}: expected 1 to 1000000"))),
+        }
     };
     let (width, height) = (side(tag::WIDTH, "the width")?, side(tag::HEIGHT, "the height")?);
     if width * height > MOST_PIXELS {
@@ -288,6 +298,19 @@ fn crop<R: Read + Seek>(file: &mut File<R>, raw: &Directory, mosaic: &Raster<u16
     Ok((inside && [x, y, w, h] != [0, 0, mosaic.width, mosaic.height]).then_some([x, y, w, h]))
 }
 
+/// Whether the rows of a matrix of three columns lie in a plane: then colours cannot be made of it.
+fn flat(rows: &[f64]) -> bool {
+    let rows = rows.as_chunks::<3>().0;
+    let mut square = [[0.0; 3]; 3];
+    for r in rows {
+        (0..9).for_each(|i| square[i / 3][i % 3] += r[i / 3] * r[i % 3]);
+    }
+    let [a, b, c] = square;
+    let det = a[0] * (b[1] * c[2] - b[2] * c[1]) - a[1] * (b[0] * c[2] - b[2] * c[0]) + a[2] * (b[0] * c[1] - b[1] * c[0]);
+    let trace = a[0] + b[1] + c[2];
+    rows.len() >= 3 && !(det.abs() > 1e-9 * trace.powi(3))
+}
+
 fn header<R: Read + Seek>(
     file: &mut File<R>,
     main: &Directory,
@@ -308,8 +331,14 @@ fn header<R: Read + Seek>(
         for k in 0..2 {
             let color = file.numbers(main, tag::COLOR_MATRIX[k])?;
             let forward = file.numbers(main, tag::FORWARD_MATRIX[k])?;
-            if color.len() != 3 * n || color.iter().chain(&forward).any(|v| !v.is_finite()) {
+            if color.is_empty() {
                 continue;
+            }
+            if color.len() != 3 * n || color.iter().chain(&forward).any(|v| !v.is_finite()) || flat(&color) {
+                return Err(malformed(format!(
+                    "ColorMatrix{} is no matrix of {n} × 3 numbers that tells colours apart: {color:?}",
+                    k + 1
+                )));
             }
             let light = file.number(main, tag::CALIBRATION_ILLUMINANT[k])?.unwrap_or(0.0);
             let own = calibrated(file, main, k, n)?;
@@ -335,7 +364,10 @@ fn header<R: Read + Seek>(
     let largest = neutral.iter().fold(0.0f64, |a, b| a.max(*b));
     let baseline = file.number(main, tag::BASELINE_EXPOSURE)?.filter(|v| v.abs() <= 10.0).unwrap_or(0.0);
     let noise = file.numbers(raw, tag::NOISE_PROFILE)?;
-    let noise = if noise.len() == 2 * n { noise.as_chunks::<2>().0.to_vec() } else { Vec::new() };
+    // One pair stands for all planes.
+    let noise = if noise.len() == 2 { noise.repeat(n) } else { noise };
+    let fine = noise.len() == 2 * n && noise.iter().all(|v| v.is_finite() && *v >= 0.0);
+    let noise = if fine { noise.as_chunks::<2>().0.to_vec() } else { Vec::new() };
     Ok(RawHeader {
         cfa,
         bits,
@@ -372,6 +404,9 @@ fn neutral<R: Read + Seek>(
     let told = file.numbers(main, tag::AS_SHOT_NEUTRAL)?;
     if fine(&told) {
         return Ok(told);
+    }
+    if !told.is_empty() {
+        return Err(malformed(format!("AsShotNeutral is {told:?}: expected {n} numbers above 0")));
     }
     if let ([x, y], Some(c)) = (&file.numbers(main, tag::AS_SHOT_WHITE_XY)?[..], calibration)
         && *y > 0.0
