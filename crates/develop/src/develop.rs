@@ -1,6 +1,6 @@
 //! The order of the steps.
 //!
-//! A developer is asked for rows of the picture; each asks the step before for the part it needs ([`Developer::finished`] and what it calls, bottom
+//! A developer is asked for rows of the picture; each asks the step before for the part it needs (`Developer::finished` and what it calls, bottom
 //! to top), so that neither time nor memory is spent on anything else, and pictures of any size fit.
 
 use crate::look::{Look, Until};
