@@ -440,9 +440,9 @@ pub struct Develop {
     /// Write JPEGs with a gain map (Ultra HDR): brighter on displays that can, up to output.peak.
     #[arg(long)]
     pub gain_map: bool,
-    /// Bits a channel of PNG: 8 or 16.
-    #[arg(long, value_name = "N", default_value_t = 8, value_parser = clap::value_parser!(u8))]
-    pub bits: u8,
+    /// Bits a channel of PNG, 8 or 16; 8 without, but 16 of PQ and HLG, whose steps would show.
+    #[arg(long, value_name = "N")]
+    pub bits: Option<u8>,
     /// Write the picture after every step, with its histogram, and a sheet of all, into this folder (made if it is not there).
     #[arg(long, value_name = "FOLDER")]
     pub steps: Option<PathBuf>,

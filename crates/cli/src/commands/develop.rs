@@ -28,9 +28,10 @@ pub fn run(args: &Develop, json: bool) -> anyhow::Result<()> {
         quality: args.quality,
         gain_map: args.gain_map,
         depth: match args.bits {
-            8 => png::Depth::Eight,
-            16 => png::Depth::Sixteen,
-            other => return Err(AskedWrongly(anyhow!("bits {other}: expected 8 or 16")).into()),
+            None if matches!(recipe.output.encoding, Encoding::Pq | Encoding::Hlg) => png::Depth::Sixteen,
+            None | Some(8) => png::Depth::Eight,
+            Some(16) => png::Depth::Sixteen,
+            Some(other) => return Err(AskedWrongly(anyhow!("bits {other}: expected 8 or 16")).into()),
         },
         ..Format::default()
     };

@@ -41,9 +41,12 @@ impl Reducer {
         let weights = if n == 3 { vec![0.25, 0.5, 0.25] } else { vec![1.0 / n as f32; n] };
         let told = &raw.header.noise;
         let profile = match told.len() == n {
-            true => told.iter().map(|p| p.map(|v| v as f32)).collect(),
+            true => told.iter().map(|p| p.map(|v| v as f32)).collect::<Vec<_>>(),
             false => vec![estimate(raw); n],
         };
+        // Too small or too even to be measured: shot noise of some ten thousand electrons, and a little more.
+        let unknown = profile.iter().all(|p: &[f32; 2]| *p == [0.0; 2]) && told.len() != n;
+        let profile = if unknown { vec![[1e-4, 1e-6]; n] } else { profile };
         let profile = profile.iter().zip(gains).map(|([a, b], g)| [a * g, b * g * g]).collect();
         let power = measure(cfa, demosaicer, &weights);
         Some(Reducer {

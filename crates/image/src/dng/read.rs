@@ -93,7 +93,10 @@ pub fn read(from: impl Read + Seek) -> Result<RawImage, ImageError> {
     let mut file = File { decoder };
     let main = file.directory(first)?;
     if !main.contains(Tag::from_u16_exhaustive(tag::DNG_VERSION)) {
-        return Err(ImageError::Missing { what: "the tag DNGVersion".into(), hint: "this is a TIFF, not a DNG".into() });
+        return Err(ImageError::Missing {
+            what: "the tag DNGVersion".into(),
+            hint: "this is a TIFF, as other makers' raw files are (CR2, NEF, ARW): convert it to DNG first".into(),
+        });
     }
     let mut places = file.numbers(&main, tag::SUB_IFDS)?;
     places.truncate(32);
