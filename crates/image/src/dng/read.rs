@@ -403,13 +403,15 @@ fn neutral<R: Read + Seek>(
     n: usize,
     calibration: Option<&ColorCalibration>,
 ) -> Result<Vec<f64>, ImageError> {
-    let fine = |v: &[f64]| v.len() == n && v.iter().all(|v| *v > 0.0 && v.is_finite());
+    // No channel of a camera sees a millionth of another's white.
+    let least = |v: &[f64]| 1e-6 * v.iter().fold(0.0f64, |a, b| a.max(*b));
+    let fine = |v: &[f64]| v.len() == n && v.iter().all(|x| *x > least(v) && x.is_finite());
     let told = file.numbers(main, tag::AS_SHOT_NEUTRAL)?;
     if fine(&told) {
         return Ok(told);
     }
     if !told.is_empty() {
-        return Err(malformed(format!("AsShotNeutral is {told:?}: expected {n} numbers above 0")));
+        return Err(malformed(format!("AsShotNeutral is {told:?}: expected {n} numbers above 0, none a millionth of another")));
     }
     if let ([x, y], Some(c)) = (&file.numbers(main, tag::AS_SHOT_WHITE_XY)?[..], calibration)
         && *y > 0.0
