@@ -568,7 +568,7 @@ fn on_off(text: &str) -> Result<bool, String> {
     match text {
         "on" => Ok(true),
         "off" => Ok(false),
-        _ => Err(format!("\"{text}\" is neither on nor off")),
+        _ => Err(format!("\"{text}\" is neither on nor off (before a file write --denoise on)")),
     }
 }
 
