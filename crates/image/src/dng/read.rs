@@ -301,7 +301,7 @@ fn crop<R: Read + Seek>(file: &mut File<R>, raw: &Directory, mosaic: &Raster<u16
     Ok((inside && [x, y, w, h] != [0, 0, mosaic.width, mosaic.height]).then_some([x, y, w, h]))
 }
 
-/// Whether the rows of a matrix of three columns lie in a plane: then colours cannot be made of it.
+/// Whether the rows of a matrix of three columns lie in a plane, or its numbers are no camera's: then colours cannot be made of it.
 fn flat(rows: &[f64]) -> bool {
     let rows = rows.as_chunks::<3>().0;
     let mut square = [[0.0; 3]; 3];
@@ -311,7 +311,9 @@ fn flat(rows: &[f64]) -> bool {
     let [a, b, c] = square;
     let det = a[0] * (b[1] * c[2] - b[2] * c[1]) - a[1] * (b[0] * c[2] - b[2] * c[0]) + a[2] * (b[0] * c[1] - b[1] * c[0]);
     let trace = a[0] + b[1] + c[2];
-    rows.len() >= 3 && !(det.abs() > 1e-9 * trace.powi(3))
+    // Those of cameras have numbers of about one.
+    let largest = rows.as_flattened().iter().fold(0.0f64, |a, b| a.max(b.abs()));
+    !(1e-2..=1e3).contains(&largest) || rows.len() >= 3 && !(det.abs() > 1e-9 * trace.powi(3))
 }
 
 fn header<R: Read + Seek>(
