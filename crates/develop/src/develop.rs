@@ -383,7 +383,7 @@ fn mosaic_as_seen(mosaic: &Mosaic, cells: Region, region: Region) -> Planes {
             // Of a halved picture the first pixel of each cell.
             let (dx, dy) = (column * (cells.width / region.width), row * (cells.height / region.height));
             let (x, y) = (cells.left + dx as i64, cells.top + dy as i64);
-            let filter = cfa.filter_at(x.rem_euclid(cfa.columns() as i64) as usize, y.rem_euclid(cfa.rows() as i64) as usize);
+            let filter = cfa.filters()[cfa.channel_beyond(x, y)];
             let v = data[dy * cells.width + dx];
             for (k, plane) in planes.iter_mut().enumerate() {
                 let through = filter == diopter_image::raw::Filter::Clear || filter == diopter_image::raw::Filter::ALL[k];

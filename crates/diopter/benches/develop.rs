@@ -2,26 +2,16 @@
 //!
 //! `cargo bench -p diopter --bench develop [RAW.dng]`; without a file a Bayer mosaic made by code. Beside other programs: `validation/converters_speed.py`.
 
+mod shared;
+
 use diopter::develop::lut::Lut;
 use diopter::develop::{Developer, Interpolation, LutInput, Recipe, bake};
 use diopter::image::raw::Cfa;
 use diopter::image::{ExposureFacts, PictureSource, Raster, RawHeader, RawImage, dng, jpeg};
+use shared::median;
 use std::hint::black_box;
-use std::time::Instant;
 
 const SIZE: [usize; 2] = [6000, 4000];
-
-fn median(mut run: impl FnMut()) -> f64 {
-    let mut seconds: Vec<f64> = (0..5)
-        .map(|_| {
-            let started = Instant::now();
-            run();
-            started.elapsed().as_secs_f64()
-        })
-        .collect();
-    seconds.sort_by(f64::total_cmp);
-    seconds[2]
-}
 
 /// Waves of several sizes and a little noise.
 fn mosaic() -> RawImage {

@@ -2,26 +2,16 @@
 //!
 //! `cargo bench -p diopter --bench read_out`
 
+mod shared;
+
 use diopter::image::dng::Storage;
 use diopter::image::{ExposureFacts, FocalPlane};
 use diopter::light::cie::illuminant;
 use diopter::sensor::noise::{mix, normal_quantile, poisson_quantile, unit};
 use diopter::sensor::{Reading, Sensor, read_out};
-use std::time::Instant;
+use shared::median;
 
 const SIZE: [usize; 2] = [6000, 4000];
-
-fn median(mut run: impl FnMut()) -> f64 {
-    let mut seconds: Vec<f64> = (0..5)
-        .map(|_| {
-            let started = Instant::now();
-            run();
-            started.elapsed().as_secs_f64()
-        })
-        .collect();
-    seconds.sort_by(f64::total_cmp);
-    seconds[2]
-}
 
 /// A slanted ramp from nothing to twice the well: every path of the code is taken.
 fn plane(sensor: &Sensor) -> FocalPlane {

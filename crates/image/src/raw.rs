@@ -153,6 +153,12 @@ impl Cfa {
         self.channels[(row % self.rows()) * self.columns + column % self.columns] as usize
     }
 
+    /// Channel of a place that may lie outside the picture, where the pattern goes on.
+    #[inline]
+    pub fn channel_beyond(&self, column: i64, row: i64) -> usize {
+        self.channel_at(column.rem_euclid(self.columns as i64) as usize, row.rem_euclid(self.rows() as i64) as usize)
+    }
+
     /// Filter of a pixel.
     pub fn filter_at(&self, column: usize, row: usize) -> Filter {
         self.filters[self.channel_at(column, row)]

@@ -11,6 +11,8 @@ use glam::{DMat3, DVec3};
 pub const D65_XY: (f64, f64) = (0.3127, 0.3290);
 /// CIE xy of D50 (ICC profile connection space).
 pub const D50_XY: (f64, f64) = (0.345_67, 0.358_50);
+/// xy of the primaries of ACES2065-1 (AP0). Source: SMPTE ST 2065-1.
+pub const AP0_PRIMARIES: [(f64, f64); 3] = [(0.7347, 0.2653), (0.0, 1.0), (0.0001, -0.0770)];
 /// CIE xy of the ACES white point.
 pub const ACES_XY: (f64, f64) = (0.321_68, 0.337_67);
 
@@ -41,8 +43,7 @@ impl RgbSpace {
     /// XYZ (Y = 1 for this space's own white) from linear RGB, without adaptation.
     pub fn xyz_from_rgb(self) -> DMat3 {
         let (primaries, white) = self.chromaticities();
-        let p = DMat3::from_cols(xyz_from_xy(primaries[0]), xyz_from_xy(primaries[1]), xyz_from_xy(primaries[2]));
-        p * DMat3::from_diagonal(p.inverse() * xyz_from_xy(white))
+        xyz_from_primaries(primaries, white)
     }
 
     /// Linear RGB of this space from linear RGB of another, adapted (Bradford) where the whites differ.
@@ -50,6 +51,13 @@ impl RgbSpace {
         let adapt = bradford(other.chromaticities().1, self.chromaticities().1);
         self.xyz_from_rgb().inverse() * adapt * other.xyz_from_rgb()
     }
+}
+
+/// XYZ (white with Y = 1) from linear RGB with these primaries and white (xy).
+pub fn xyz_from_primaries(primaries: [(f64, f64); 3], white: (f64, f64)) -> DMat3 {
+    let [r, g, b] = primaries.map(xyz_from_xy);
+    let p = DMat3::from_cols(r, g, b);
+    p * DMat3::from_diagonal(p.inverse() * xyz_from_xy(white))
 }
 
 /// XYZ with Y = 1 of a chromaticity.

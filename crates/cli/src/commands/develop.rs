@@ -132,8 +132,8 @@ fn jobs(args: &Develop) -> anyhow::Result<Vec<Job>> {
         .map(|raw| Job { raw: raw.clone(), outputs: args.output.iter().map(|p| named(raw, p)).collect() })
         .collect();
     let steps: Vec<PathBuf> = args.steps.iter().flat_map(|folder| sheet::names().into_iter().map(|n| folder.join(n))).collect();
-    if args.steps.as_ref().is_some_and(|f| f.exists() && !f.is_dir()) {
-        return Err(wrong(format!("{}: expected a folder for the steps", steps[0].parent().unwrap_or(Path::new("")).display())));
+    if let Some(folder) = args.steps.as_ref().filter(|f| f.exists() && !f.is_dir()) {
+        return Err(wrong(format!("{}: expected a folder for the steps", folder.display())));
     }
     let beside = args.save_recipe.iter().chain(&steps);
     output::distinct(

@@ -16,14 +16,14 @@ impl Neighbours {
     /// Finds them for a pattern.
     pub fn new(cfa: &Cfa) -> Self {
         let (columns, rows) = (cfa.columns() as i64, cfa.rows() as i64);
-        let channel = |x: i64, y: i64| cfa.channel_at(x.rem_euclid(columns) as usize, y.rem_euclid(rows) as usize);
         let reach = columns.max(rows).max(1) + 1;
         let mut offsets = Vec::new();
         for y in 0..rows {
             for x in 0..columns {
                 let square = (-reach..=reach).flat_map(|dy| (-reach..=reach).map(move |dx| [dx, dy]));
-                let mut same: Vec<[i64; 2]> =
-                    square.filter(|d| *d != [0, 0] && channel(x + d[0], y + d[1]) == channel(x, y)).collect();
+                let mut same: Vec<[i64; 2]> = square
+                    .filter(|d| *d != [0, 0] && cfa.channel_beyond(x + d[0], y + d[1]) == cfa.channel_beyond(x, y))
+                    .collect();
                 same.sort_by_key(|d| d[0] * d[0] + d[1] * d[1]);
                 same.truncate(NEAREST);
                 offsets.push(same);

@@ -75,8 +75,6 @@ pub fn apply(data: &mut [f32], region: Region, cfa: &Cfa, gains: &[f32], method:
     let limits = limits(gains);
     let lowest = limits.iter().copied().fold(f32::MAX, f32::min);
     let white = gains.iter().copied().fold(0.0, f32::max);
-    let channel =
-        |x: i64, y: i64| cfa.channel_at(x.rem_euclid(cfa.columns() as i64) as usize, y.rem_euclid(cfa.rows() as i64) as usize);
     let (w, r) = (region.width, reach(cfa));
     let from = data.to_vec();
     for y in r..region.height.saturating_sub(r) {
@@ -86,11 +84,11 @@ pub fn apply(data: &mut [f32], region: Region, cfa: &Cfa, gains: &[f32], method:
                 continue;
             }
             let (px, py) = (region.left + x as i64, region.top + y as i64);
-            let own = channel(px, py);
+            let own = cfa.channel_beyond(px, py);
             if from[i] < limits[own] {
                 continue;
             }
-            let sums = around(&from, w, i, r, |dx, dy| channel(px + dx, py + dy), &limits);
+            let sums = around(&from, w, i, r, |dx, dy| cfa.channel_beyond(px + dx, py + dy), &limits);
             let (mean, saturated) = opposed(&sums, own, limits.len());
             let guess = (mean + cast.0[own]).max(from[i]);
             data[i] = guess + saturated * (white.max(guess) - guess);
@@ -149,13 +147,7 @@ pub fn cast(raw: &RawImage, gains: &[f32]) -> Option<Cast> {
                         if v < 0.2 * limits[own] || v >= limits[own] {
                             continue;
                         }
-                        let channel = |dx: i64, dy: i64| {
-                            let (x, y) = (px as i64 + dx, py as i64 + dy);
-                            h.cfa.channel_at(
-                                x.rem_euclid(h.cfa.columns() as i64) as usize,
-                                y.rem_euclid(h.cfa.rows() as i64) as usize,
-                            )
-                        };
+                        let channel = |dx: i64, dy: i64| h.cfa.channel_beyond(px as i64 + dx, py as i64 + dy);
                         let around = around(&data, grown.width, (y + r) * grown.width + x + r, r, channel, &limits);
                         let (mean, saturated) = opposed(&around, own, n);
                         if saturated == 0.0 {

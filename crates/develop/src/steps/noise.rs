@@ -162,7 +162,7 @@ fn measure(cfa: &Cfa, demosaicer: &Demosaicer, weights: &[f32]) -> Vec<[Vec<f32>
         let data = (0..around.area())
             .map(|i| {
                 let (x, y) = (around.left + (i % around.width) as i64, around.top + (i / around.width) as i64);
-                let own = cfa.channel_at(x.rem_euclid(cfa.columns() as i64) as usize, y.rem_euclid(cfa.rows() as i64) as usize);
+                let own = cfa.channel_beyond(x, y);
                 // A uniform number has a variance of 1/12.
                 let noise = 12f32.sqrt() * uniform() * AMPLITUDE;
                 if own == channel { 0.5 + noise } else { 0.5 }

@@ -1,6 +1,6 @@
 //! The mean of the nearest neighbours of each colour, for any pattern.
 
-use super::{Mosaic, channel};
+use super::Mosaic;
 use crate::region::Region;
 use diopter_image::Cfa;
 
@@ -34,13 +34,13 @@ impl Neighbours {
     }
 
     fn around(cfa: &Cfa, x: i64, y: i64, c: usize) -> Taps {
-        if channel(cfa, x, y) == c {
+        if cfa.channel_beyond(x, y) == c {
             return vec![([0, 0], 1.0)];
         }
         for radius in 1..=cfa.columns().max(cfa.rows()) as i64 {
             let square = (-radius..=radius).flat_map(|dy| (-radius..=radius).map(move |dx| [dx, dy]));
             let mut taps: Taps = square
-                .filter(|d| channel(cfa, x + d[0], y + d[1]) == c)
+                .filter(|d| cfa.channel_beyond(x + d[0], y + d[1]) == c)
                 .map(|d| (d, 1.0 / (d[0] * d[0] + d[1] * d[1]) as f32))
                 .collect();
             let sum: f32 = taps.iter().map(|t| t.1).sum();

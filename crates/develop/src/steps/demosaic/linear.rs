@@ -4,7 +4,7 @@
 //! the variance of the error under that model and leave flat colours exact (kriging with unknown means). Source of the approach: Trussell &
 //! Hartwig 2002, "Mathematics for demosaicking" (IEEE TIP 11); Matheron 1969, "Le krigeage universel".
 
-use super::{Mosaic, channel};
+use super::Mosaic;
 use crate::region::Region;
 use diopter_image::Cfa;
 
@@ -64,11 +64,11 @@ impl Filters {
 
 /// The filter that makes channel `c` at a place of the pattern.
 fn filter(cfa: &Cfa, x: i64, y: i64, c: usize) -> Taps {
-    if channel(cfa, x, y) == c {
+    if cfa.channel_beyond(x, y) == c {
         return vec![([0, 0], 1.0)];
     }
     let window = (-RADIUS..=RADIUS).flat_map(|dy| (-RADIUS..=RADIUS).map(move |dx| [dx, dy]));
-    let samples: Vec<([i64; 2], usize)> = window.map(|d| (d, channel(cfa, x + d[0], y + d[1]))).collect();
+    let samples: Vec<([i64; 2], usize)> = window.map(|d| (d, cfa.channel_beyond(x + d[0], y + d[1]))).collect();
     let present: Vec<usize> = (0..cfa.channel_count()).filter(|k| samples.iter().any(|s| s.1 == *k)).collect();
     let covariance = |a: ([i64; 2], usize), b: ([i64; 2], usize)| {
         let d2 = ((a.0[0] - b.0[0]).pow(2) + (a.0[1] - b.0[1]).pow(2)) as f64;

@@ -23,13 +23,8 @@ pub struct Mosaic<'a> {
 impl Mosaic<'_> {
     /// Channel of a pixel, from the corner of the region.
     fn channel(&self, x: usize, y: usize) -> usize {
-        channel(self.cfa, self.region.left + x as i64, self.region.top + y as i64)
+        self.cfa.channel_beyond(self.region.left + x as i64, self.region.top + y as i64)
     }
-}
-
-/// Channel of a pixel that may lie outside the picture, where the pattern goes on.
-fn channel(cfa: &Cfa, x: i64, y: i64) -> usize {
-    cfa.channel_at(x.rem_euclid(cfa.columns() as i64) as usize, y.rem_euclid(cfa.rows() as i64) as usize)
 }
 
 /// A method made ready for a pattern.
@@ -144,7 +139,7 @@ pub(crate) mod tests {
         for (i, v) in data.iter_mut().enumerate() {
             let x = inside(around.left + (i % around.width) as i64, size[0], cfa.columns());
             let y = inside(around.top + (i / around.width) as i64, size[1], cfa.rows());
-            *v = f(x, y)[channel(cfa, x as i64, y as i64)];
+            *v = f(x, y)[cfa.channel_at(x, y)];
         }
         ready.run(&Mosaic { region: around, data, cfa }, region)
     }
@@ -197,7 +192,7 @@ pub(crate) mod tests {
                     let data = (0..around.area()).map(|i| {
                         let x = around.left + (i % around.width) as i64;
                         let y = around.top + (i / around.width) as i64;
-                        wavy((x + 60) as usize, (y + 60) as usize)[channel(&cfa, x, y)]
+                        wavy((x + 60) as usize, (y + 60) as usize)[cfa.channel_beyond(x, y)]
                     });
                     Mosaic { region: around, data: data.collect(), cfa: &cfa }
                 };

@@ -4,8 +4,8 @@
 //! BakingLab, ACES.hlsl. Light is linear Rec.709.
 
 use super::Table;
-use diopter_light::color::RgbSpace;
-use glam::{DMat3, DVec3, Mat3, Vec3};
+use diopter_light::color::{ACES_XY, AP0_PRIMARIES, RgbSpace, xyz_from_primaries};
+use glam::{Mat3, Vec3};
 
 /// Hill's fit.
 pub fn fit(c: Vec3) -> Vec3 {
@@ -49,7 +49,7 @@ pub struct Tables {
 
 impl Tables {
     pub fn new() -> Self {
-        let ap0 = ap0_to_xyz();
+        let ap0 = xyz_from_primaries(AP0_PRIMARIES, ACES_XY);
         let srgb_to_xyz = RgbSpace::AcesCg.xyz_from_rgb() * RgbSpace::AcesCg.from_space(RgbSpace::Srgb);
         let ap1 = RgbSpace::AcesCg.xyz_from_rgb();
         let odt = Odt::new();
@@ -74,18 +74,6 @@ impl Tables {
         let v = v * y.powf(DIM_GAMMA - 1.0);
         (self.srgb_from_ap1 * saturated(v, ODT_SATURATION)).clamp(Vec3::ZERO, Vec3::ONE)
     }
-}
-
-/// XYZ of ACES2065-1. Source: SMPTE ST 2065-1 (primaries, white).
-fn ap0_to_xyz() -> DMat3 {
-    use diopter_light::color::{ACES_XY, xyz_from_xy};
-    let p = DMat3::from_cols(xyz_from_xy((0.7347, 0.2653)), ap_primary(0.0, 1.0), ap_primary(0.0001, -0.0770));
-    p * DMat3::from_diagonal(p.inverse() * xyz_from_xy(ACES_XY))
-}
-
-/// XYZ of a chromaticity, up to a factor; y may be 0 or less.
-fn ap_primary(x: f64, y: f64) -> DVec3 {
-    DVec3::new(x, y, 1.0 - x - y)
 }
 
 fn saturated(c: Vec3, s: f32) -> Vec3 {

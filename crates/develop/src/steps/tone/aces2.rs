@@ -4,7 +4,7 @@
 //! model is CAM16 after Hellwig & Fairchild 2022, in JMh: lightness, colourfulness, hue (degrees). Tables over hue are finer than the reference's
 //! and therefore not placed at the corners of the gamut.
 
-use diopter_light::color::{ACES_XY, RgbSpace, xyz_from_xy};
+use diopter_light::color::{ACES_XY, AP0_PRIMARIES, RgbSpace, xyz_from_primaries};
 use glam::{DMat3, DVec3, Mat3, Vec3};
 
 /// cd/m² of light 1.0.
@@ -50,13 +50,6 @@ fn expanded(v: f32) -> f32 {
     (CONE_OFFSET * limited / (1.0 - limited)).powf(1.0 / CONE_POWER).copysign(v)
 }
 
-/// XYZ of RGB with given chromaticities, white with Y = 1.
-fn xyz_of(primaries: [(f64, f64); 3], white: (f64, f64)) -> DMat3 {
-    let p = primaries.map(|(x, y)| DVec3::new(x, y, 1.0 - x - y));
-    let p = DMat3::from_cols(p[0], p[1], p[2]);
-    p * DMat3::from_diagonal(p.inverse() * xyz_from_xy(white))
-}
-
 /// The model for a set of primaries, adapted to their white.
 struct Model {
     cones_from_rgb: Mat3,
@@ -71,7 +64,7 @@ struct Model {
 
 impl Model {
     fn new(xyz_from_rgb: DMat3) -> Self {
-        let cam16 = xyz_of([(0.8336, 0.1735), (2.3854, -1.4659), (0.087, -0.125)], (0.333, 0.333));
+        let cam16 = xyz_from_primaries([(0.8336, 0.1735), (2.3854, -1.4659), (0.087, -0.125)], (0.333, 0.333));
         let to_cones = cam16.inverse();
         let k = 1.0 / (5.0 * ADAPTING + 1.0);
         let k4 = k.powi(4);
@@ -231,7 +224,7 @@ impl Transform {
 
     /// For a display of a peak luminance (cd/m²), limited to the gamut of a space; light comes out with 1 = `white` cd/m².
     pub fn for_display(peak: f64, gamut: RgbSpace, white: f64) -> Self {
-        let ap0 = xyz_of([(0.7347, 0.2653), (0.0, 1.0), (0.0001, -0.0770)], ACES_XY);
+        let ap0 = xyz_from_primaries(AP0_PRIMARIES, ACES_XY);
         let ap1 = RgbSpace::AcesCg.xyz_from_rgb();
         let (input, reach_model) = (Model::new(ap0), Model::new(ap1));
         let limit = Model::new(gamut.xyz_from_rgb());
