@@ -122,7 +122,7 @@ fn describe(json: &Value, folder: &Path) -> Description {
         let name = o["ply"].as_str().expect("a file");
         d.meshes.push(read_ply(&folder.join(name)));
         let shape = Shape::Mesh { mesh: d.meshes.len() as u32 - 1, world_from_mesh: Affine3A::IDENTITY };
-        d.objects.push(Object { name: name.into(), shape, material });
+        d.objects.push(Object::new(name, shape, material));
     }
     if let Some(hdr) = json["env"]["hdr"].as_str() {
         let map = diopter::scene::load::read_hdr(&std::fs::read(folder.join(hdr)).expect("readable")).expect("an HDR file");

@@ -664,7 +664,7 @@ fn put_ground(d: &mut Description, albedo: f32) -> Result<(), ShotError> {
     let corner = bounds.center().with_y(bounds.min.y - 1e-4 * size) + Vec3::new(-0.5, 0.0, 0.5) * reach;
     d.materials.push(Material::new("ground", Scattering::Diffuse(Color::rgb(albedo, albedo, albedo))));
     let shape = Shape::Quad(Quad { corner, edges: [Vec3::X * reach, Vec3::NEG_Z * reach] });
-    d.objects.push(Object { name: "ground".into(), shape, material: d.materials.len() as u32 - 1 });
+    d.objects.push(Object::new("ground", shape, d.materials.len() as u32 - 1));
     Ok(())
 }
 

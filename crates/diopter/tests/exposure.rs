@@ -158,11 +158,7 @@ fn blur_of_a_point_is_as_wide_as_the_thin_lens_says() {
     // A small lamp at 4 m, focus at 2 m, 50 mm f/2: C = A |s' − s'_f| / s' with A = 25 mm.
     let d = Description {
         materials: vec![Material::lamp("lamp", Spectrum::light_from_rgb(Vec3::splat(1e6)))],
-        objects: vec![Object {
-            name: "lamp".into(),
-            shape: Shape::Sphere(Sphere { center: Vec3::NEG_Z * 4.0, radius: 1e-3 }),
-            material: 0,
-        }],
+        objects: vec![Object::new("lamp", Shape::Sphere(Sphere { center: Vec3::NEG_Z * 4.0, radius: 1e-3 }), 0)],
         ..Default::default()
     };
     let scene = Scene::build(d).unwrap();

@@ -9,6 +9,8 @@ pub mod bvh;
 pub mod light;
 pub mod load;
 pub mod material;
+pub mod motion;
+mod movers;
 pub mod radiance;
 pub mod scene;
 pub mod shape;

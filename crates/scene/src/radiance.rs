@@ -63,11 +63,12 @@ impl Scene {
         let mut body: Option<&Material> = None;
         let mut last: Option<(Vec3, Vec3, f32)> = None;
         let mut vertex = 0;
+        let (time_s, flash) = (ray.time_s, self.flash_burns(ray.time_s));
         loop {
             let Some(surface) = self.intersect(&ray, f32::INFINITY) else {
                 if let Some(environment) = &self.lights().environment {
                     let weight = last.map_or(1.0, |(p, n, pdf)| {
-                        mis(pdf, self.lights().environment_probability(p, n) * environment.pdf(ray.direction))
+                        mis(pdf, self.lights().environment_probability(p, n, flash) * environment.pdf(ray.direction))
                     });
                     radiance += throughput * environment.radiance(ray.direction, wavelengths) * weight;
                 }
@@ -77,7 +78,7 @@ impl Scene {
                 throughput *= absorption.transmittance(surface.t, wavelengths);
             }
             let material = self.material(surface.object);
-            radiance += throughput * self.emitted(material, &surface, &ray, wavelengths, last);
+            radiance += throughput * self.emitted(material, &surface, &ray, wavelengths, last, flash);
 
             if vertex >= settings.max_depth {
                 return radiance;
@@ -88,15 +89,15 @@ impl Scene {
 
             // Aim at a light.
             let u = sampler.get(Set::Light(vertex));
-            if let Some((light, probability)) = self.lights().choose(surface.point, ng, u[2])
-                && let Some(aim) = self.lights().aim(light, surface.point, [u[0], u[1]])
+            if let Some((light, probability)) = self.lights().choose(surface.point, ng, u[2], flash)
+                && let Some(aim) = self.aim(light, surface.point, [u[0], u[1]], time_s)
             {
                 let (f, pdf) = bsdf.eval(aim.wi);
                 if f != Sampled::ZERO {
                     let density = probability * aim.pdf;
                     let weight = if aim.has_extent { mis(density, pdf) } else { 1.0 };
                     let side = if aim.wi.dot(ng) > 0.0 { ng } else { -ng };
-                    let light = self.lights().arriving(&aim, &self.description().materials, wavelengths);
+                    let light = self.arriving(&aim, wavelengths, time_s);
                     // A body on the way takes its share, as it does from scattered rays.
                     let through = match aim.wi.dot(ng) > 0.0 {
                         true => body,
@@ -152,6 +153,7 @@ impl Scene {
         ray: &Ray,
         wavelengths: &Wavelengths,
         last: Option<(Vec3, Vec3, f32)>,
+        flash: bool,
     ) -> Sampled {
         let Some(emission) = &material.emission else { return Sampled::ZERO };
         if !emission.two_sided && surface.ng.dot(ray.direction) > 0.0 {
@@ -160,12 +162,12 @@ impl Scene {
         let weight = match (last, self.light_at(surface)) {
             (Some((p, n, pdf)), Some(light)) => {
                 let lights = self.lights();
-                let aimed = lights.area[light as usize].pdf(p, ray.direction, surface.t);
-                mis(pdf, lights.area_probability(p, n, light) * aimed)
+                let aimed = self.aimed_density(light, p, ray.direction, surface.t, ray.time_s);
+                mis(pdf, lights.area_probability(p, n, light, flash) * aimed)
             }
             _ => 1.0,
         };
-        emission.sample(&surface.uv, wavelengths) * weight
+        emission.sample(&surface.uv, wavelengths) * (weight * self.modulation(material, ray.time_s))
     }
 
     fn sees(&self, surface: &Surface, side: Vec3, aim: &Aim, time_s: f32) -> bool {

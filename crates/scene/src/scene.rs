@@ -4,9 +4,13 @@ use crate::SceneError;
 use crate::bvh::{Bounds, Bvh, Filter, Hit, Primitive, Primitives};
 use crate::light::area::AreaShape;
 use crate::light::{AreaLight, Environment, Lights, Punctual};
+use crate::light::tree::LightBounds;
+use crate::light::{Aim, LightRef, Modulation, Placed, Spot};
 use crate::material::{Coverage, Emission, EmissionColor, Material};
+use crate::motion::{Animation, Deformer, Local, Motion, Node, Playing, Timeline};
+use crate::movers::Movers;
 use crate::shape::{Mesh, Quad, Sphere, Surface};
-use diopter_light::Ray;
+use diopter_light::{Ray, Sampled, Wavelengths};
 use diopter_light::random::{mix, to_unit};
 use glam::{Affine3A, Mat3A, Vec2, Vec3, Vec3A, Vec4};
 
@@ -27,8 +31,14 @@ pub struct Description {
     pub environment: Option<Environment>,
     /// Points of view the file names.
     pub cameras: Vec<Viewpoint>,
-    /// Animations, kept for the shutter to come.
+    /// What moving things hang on.
+    pub nodes: Vec<Node>,
+    /// How nodes move.
     pub animations: Vec<Animation>,
+    /// Which of the animations run.
+    pub playing: Playing,
+    /// Meshes that bend.
+    pub deformers: Vec<Deformer>,
     /// What was found odd on the way.
     pub warnings: Vec<String>,
 }
@@ -42,6 +52,15 @@ pub struct Object {
     pub shape: Shape,
     /// Number of its material.
     pub material: u32,
+    /// Whether and how it moves.
+    pub motion: Motion,
+}
+
+impl Object {
+    /// A thing that stands still.
+    pub fn new(name: impl Into<String>, shape: Shape, material: u32) -> Self {
+        Object { name: name.into(), shape, material, motion: Motion::Still }
+    }
 }
 
 /// The form of a thing.
@@ -51,7 +70,7 @@ pub enum Shape {
     Mesh {
         /// Number of the mesh.
         mesh: u32,
-        /// Where it stands.
+        /// Where it stands; what moves says otherwise.
         world_from_mesh: Affine3A,
     },
     /// A sphere in world space.
@@ -69,54 +88,8 @@ pub struct Viewpoint {
     pub world_from_camera: Affine3A,
     /// Vertical angle of view, rad; `None` for an orthographic camera.
     pub vertical_fov: Option<f32>,
-}
-
-/// Key frames of a node.
-#[derive(Clone, Debug)]
-pub struct Channel {
-    /// Node number in the file.
-    pub node: usize,
-    /// What is animated.
-    pub property: AnimatedProperty,
-    /// How values between keys are found.
-    pub interpolation: KeyInterpolation,
-    /// Times, s, rising.
-    pub times_s: Vec<f32>,
-    /// Values, flattened: 3 or 4 numbers a key (3 times as many for cubic).
-    pub values: Vec<f32>,
-}
-
-/// What a channel moves.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum AnimatedProperty {
-    /// 3 numbers, m.
-    Translation,
-    /// A unit quaternion x, y, z, w.
-    Rotation,
-    /// 3 factors.
-    Scale,
-    /// One weight for each target.
-    MorphWeights,
-}
-
-/// Interpolation of key frames.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum KeyInterpolation {
-    /// The value of the last key.
-    Step,
-    /// Straight (rotations: along the great circle).
-    Linear,
-    /// Hermite spline with given tangents.
-    Cubic,
-}
-
-/// A named set of channels.
-#[derive(Clone, Debug)]
-pub struct Animation {
-    /// Name in its file.
-    pub name: String,
-    /// What moves.
-    pub channels: Vec<Channel>,
+    /// The node it hangs on; `world_from_camera` is that node's place at rest, without its scale.
+    pub node: Option<u32>,
 }
 
 /// A scene ready to be photographed.
@@ -133,6 +106,32 @@ pub struct Scene {
     lights: Lights,
     /// Area light of each triangle of emissive objects; `first_light` of the object says where its own begin.
     light_of: Vec<u32>,
+    /// How each area light moves; empty when none does.
+    light_ways: Vec<LightWay>,
+    /// What moves, over the exposure it was posed for.
+    movers: Movers,
+    /// When that exposure begins, s.
+    open_s: f64,
+    /// Whether a lamp's light changes with time.
+    flickers: bool,
+    /// When flashes burn.
+    flashes: Vec<Modulation>,
+}
+
+/// How an area light moves.
+#[derive(Clone, Copy, Debug)]
+enum LightWay {
+    Still,
+    /// With its object; it is kept in the object's space.
+    Carried {
+        object: u32,
+    },
+    /// It is a triangle of a mesh that bends, its corners in that order or not.
+    Bending {
+        object: u32,
+        triangle: u32,
+        flipped: bool,
+    },
 }
 
 /// What is looked up for an object at each hit.
@@ -152,12 +151,19 @@ const NO_LIGHT: u32 = u32::MAX;
 impl Scene {
     /// Builds a scene. Fails when numbers do not fit: a material or mesh that is not there, nothing to see.
     pub fn build(mut description: Description) -> Result<Scene, SceneError> {
-        check(&mut description)?;
+        check(&description)?;
+        settle(&mut description);
+        clean(&mut description)?;
         let d = &description;
         let mut uses = vec![0u32; d.meshes.len()];
         for object in &d.objects {
             if let Shape::Mesh { mesh, .. } = object.shape {
-                uses[mesh as usize] += 1;
+                // What is carried needs a hierarchy of its own, what bends makes one at each pose.
+                uses[mesh as usize] += match object.motion {
+                    Motion::Still => 1,
+                    Motion::Carried { .. } => 2,
+                    Motion::Deformed { .. } => 0,
+                };
             }
         }
 
@@ -167,6 +173,7 @@ impl Scene {
         for (i, object) in d.objects.iter().enumerate() {
             if let Shape::Mesh { mesh, .. } = object.shape
                 && uses[mesh as usize] == 1
+                && object.motion == Motion::Still
             {
                 flat.push((next, i as u32));
                 let count = d.meshes[mesh as usize].triangles.len();
@@ -191,6 +198,7 @@ impl Scene {
             .objects
             .iter()
             .enumerate()
+            .filter(|(_, object)| object.motion == Motion::Still)
             .filter_map(|(i, object)| {
                 let bounds = match object.shape {
                     Shape::Sphere(s) => Bounds { min: s.center - s.radius, max: s.center + s.radius },
@@ -209,10 +217,185 @@ impl Scene {
             .collect();
         let top = Bvh::build(&TopPrimitives { description: d, flat: &flat, triangles: next as usize, others: &others });
 
-        let (area, light_of, first) = area_lights(d);
+        let AreaLights { lights, ways, light_of, first } = area_lights(d);
+        let light_ways = if ways.iter().all(|w| matches!(w, LightWay::Still)) { Vec::new() } else { ways };
         let placements = placements.into_iter().zip(first).map(|(p, first_light)| Placement { first_light, ..p }).collect();
-        let lights = Lights::new(area, d.punctual.clone(), d.environment.clone());
-        Ok(Scene { top, shared, flat, placements, lights, light_of, description })
+        let mut all = Lights::default();
+        (all.area, all.punctual, all.environment) = (lights, d.punctual.clone(), d.environment.clone());
+        let (movers, open_s, flickers, flashes) = (Movers::default(), 0.0, false, Vec::new());
+        let mut scene =
+            Scene { top, shared, flat, placements, lights: all, light_of, light_ways, movers, open_s, flickers, flashes, description };
+        scene.note_modulations();
+        scene.arrange(0.0, 0.0);
+        Ok(scene)
+    }
+
+    /// Makes what moves ready for an exposure that begins at `open_s` and takes `span_s` (both s). Times of rays count from its
+    /// beginning. A scene is built posed for the moment 0.
+    pub fn pose(&mut self, open_s: f64, span_s: f64) {
+        self.open_s = open_s;
+        let d = &self.description;
+        if d.objects.iter().any(|o| o.motion != Motion::Still) || d.punctual.iter().any(|l| l.carrier.is_some()) {
+            self.arrange(open_s, span_s);
+        }
+    }
+
+    fn arrange(&mut self, open_s: f64, span_s: f64) {
+        let d = &self.description;
+        let timeline = Timeline::new(&d.nodes, &d.animations, &d.playing);
+        self.movers = Movers::new(d, &timeline, &self.shared, open_s, span_s);
+        let Lights { area, punctual, environment, .. } = std::mem::take(&mut self.lights);
+        let flash = |i: usize| {
+            let emission = d.materials[area[i].material as usize].emission.as_ref();
+            emission.is_some_and(|e| e.modulation.is_pulse())
+        };
+        let placed_area: Vec<Placed> = (0..area.len())
+            .map(|i| {
+                let way = self.light_ways.get(i).copied().unwrap_or(LightWay::Still);
+                Placed { bounds: self.swept_light(&area[i], way), flash: flash(i) }
+            })
+            .collect();
+        let placed_punctual: Vec<Placed> = punctual
+            .iter()
+            .zip(&self.movers.lights)
+            .map(|(light, way)| {
+                let track = way.as_ref();
+                let bounds = track.and_then(|t| {
+                    let boxes = (0..=64).map(|k| Vec3::from(t.at(k as f32 / 64.0).translation));
+                    light.bounds().map(|b| b.anywhere_in(Bounds::around(boxes)))
+                });
+                Placed { bounds, flash: light.modulation.is_pulse() }
+            })
+            .collect();
+        self.lights = Lights::new(area, punctual, environment, &placed_area, &placed_punctual);
+    }
+
+    /// What the choice among lights knows of one that moves.
+    fn swept_light(&self, light: &AreaLight, way: LightWay) -> Option<LightBounds> {
+        let (LightWay::Carried { object } | LightWay::Bending { object, .. }) = way else { return None };
+        let mover = self.movers.mover(object)?;
+        Some(self.moved_light(light, way, 0.0).bounds().anywhere_in(self.movers.swept(mover)))
+    }
+
+    /// An area light where it is at a share of the exposure.
+    fn moved_light(&self, light: &AreaLight, way: LightWay, share: f32) -> AreaLight {
+        match way {
+            LightWay::Still => light.clone(),
+            LightWay::Carried { object } => match self.movers.mover(object) {
+                Some(mover) => light.placed(&self.movers.place(mover, share)),
+                None => light.clone(),
+            },
+            LightWay::Bending { object, triangle, flipped } => {
+                let (Some(mover), Shape::Mesh { mesh, .. }) =
+                    (self.movers.mover(object), self.description.objects[object as usize].shape)
+                else {
+                    return light.clone();
+                };
+                let mesh = &self.description.meshes[mesh as usize];
+                let [a, mut b, mut c] = self.movers.corners(mover, mesh, triangle as usize, share);
+                if flipped {
+                    (b, c) = (c, b);
+                }
+                let shape = AreaShape::Triangle(Quad { corner: a, edges: [b - a, c - a] });
+                AreaLight::new(shape, light.material, light.uv, light.two_sided, light.luminance)
+            }
+        }
+    }
+
+    /// Aims at a light from a point at a time of the exposure.
+    #[inline]
+    pub(crate) fn aim(&self, light: LightRef, p: Vec3, u: [f32; 2], time_s: f32) -> Option<Aim> {
+        match light {
+            LightRef::Area(i) => match self.light_ways.get(i as usize) {
+                None | Some(LightWay::Still) => self.lights.aim(light, p, u),
+                Some(way) => {
+                    self.moved_light(&self.lights.area[i as usize], *way, self.movers.share(time_s)).aim(p, u, i)
+                }
+            },
+            LightRef::Punctual(i) => match self.movers.lights.get(i as usize) {
+                Some(Some(track)) => self.lights.punctual[i as usize].placed(&track.at(self.movers.share(time_s))).aim(p, i),
+                _ => self.lights.aim(light, p, u),
+            },
+            LightRef::Environment => self.lights.aim(light, p, u),
+        }
+    }
+
+    /// Light that arrives along an aim at a time of the exposure.
+    #[inline]
+    pub(crate) fn arriving(&self, aim: &Aim, wavelengths: &Wavelengths, time_s: f32) -> Sampled {
+        let arriving = match aim.spot {
+            Spot::Punctual(i) => match self.movers.lights.get(i as usize) {
+                Some(Some(track)) => {
+                    self.lights.punctual[i as usize].placed(&track.at(self.movers.share(time_s))).arriving(aim, wavelengths)
+                }
+                _ => self.lights.arriving(aim, &self.description.materials, wavelengths),
+            },
+            _ => self.lights.arriving(aim, &self.description.materials, wavelengths),
+        };
+        if !self.flickers {
+            return arriving;
+        }
+        let modulation = match aim.spot {
+            Spot::Area(i, _) => self.description.materials[self.lights.area[i as usize].material as usize].modulation(),
+            Spot::Punctual(i) => self.lights.punctual[i as usize].modulation,
+            Spot::Environment(_) => Modulation::Steady,
+        };
+        arriving * modulation.at(self.open_s, time_s)
+    }
+
+    /// Factor on what a material emits at a time of the exposure.
+    #[inline]
+    pub(crate) fn modulation(&self, material: &Material, time_s: f32) -> f32 {
+        if self.flickers { material.modulation().at(self.open_s, time_s) } else { 1.0 }
+    }
+
+    /// Whether a flash is burning at a time of the exposure.
+    #[inline]
+    pub(crate) fn flash_burns(&self, time_s: f32) -> bool {
+        self.flashes.iter().any(|f| f.at(0.0, time_s) > 0.0)
+    }
+
+    /// Density (solid angle) with which [`Scene::aim`] would have aimed at an area light along a ray that meets it.
+    #[inline]
+    pub(crate) fn aimed_density(&self, light: u32, p: Vec3, direction: Vec3, distance: f32, time_s: f32) -> f32 {
+        let still = &self.lights.area[light as usize];
+        match self.light_ways.get(light as usize) {
+            None | Some(LightWay::Still) => still.pdf(p, direction, distance),
+            Some(way) => self.moved_light(still, *way, self.movers.share(time_s)).pdf(p, direction, distance),
+        }
+    }
+
+    /// Where a node of the description is at a moment, s.
+    pub fn node_at(&self, node: u32, time_s: f64) -> Affine3A {
+        let d = &self.description;
+        Timeline::new(&d.nodes, &d.animations, &d.playing).world(node, time_s)
+    }
+
+    /// Puts a free node ([`Node::free`]) somewhere. What hangs on it follows at the next [`Scene::pose`].
+    pub fn place_node(&mut self, node: u32, world_from_node: Affine3A) {
+        let node = &mut self.description.nodes[node as usize];
+        assert!(node.free && node.parent.is_none(), "node \"{}\" is not free", node.name);
+        node.rest = Local::Matrix(world_from_node);
+    }
+
+    /// Changes how the lamps of a material shine with time.
+    pub fn modulate(&mut self, material: u32, modulation: Modulation) {
+        if let Some(emission) = &mut self.description.materials[material as usize].emission {
+            emission.modulation = modulation;
+        }
+        self.note_modulations();
+    }
+
+    fn note_modulations(&mut self) {
+        let d = &self.description;
+        let all = || d.materials.iter().map(Material::modulation).chain(d.punctual.iter().map(|l| l.modulation));
+        self.flickers = all().any(|m| m != Modulation::Steady);
+        self.flashes = all().filter(Modulation::is_pulse).collect();
+    }
+
+    /// Whether anything moves while light is gathered.
+    pub fn moves(&self) -> bool {
+        !self.movers.is_empty() || self.movers.lights.iter().any(Option::is_some)
     }
 
     /// What the scene was built from.
@@ -225,9 +408,9 @@ impl Scene {
         &self.lights
     }
 
-    /// The box around everything.
+    /// The box around everything, as it is when the exposure begins; what hangs on free nodes is left out.
     pub fn bounds(&self) -> Bounds {
-        self.top.bounds()
+        self.top.bounds().union(self.movers.opening_bounds())
     }
 
     /// Triangles in meshes, each mesh counted once.
@@ -238,7 +421,7 @@ impl Scene {
     /// Bytes held by (meshes, hierarchies).
     pub fn memory(&self) -> (usize, usize) {
         let meshes = self.description.meshes.iter().map(Mesh::memory).sum();
-        (meshes, self.top.memory() + self.shared.iter().flatten().map(Bvh::memory).sum::<usize>())
+        (meshes, self.top.memory() + self.shared.iter().flatten().map(Bvh::memory).sum::<usize>() + self.movers.memory())
     }
 
     /// Material of an object.
@@ -251,14 +434,27 @@ impl Scene {
     #[inline]
     pub fn intersect(&self, ray: &Ray, t_max: f32) -> Option<Surface> {
         let filter = TopFilter { scene: self, ray };
-        let hit = self.top.closest(ray.origin, ray.direction, t_max, &filter)?;
-        Some(self.surface(ray, &hit))
+        let mut hit = self.top.closest(ray.origin, ray.direction, t_max, &filter);
+        if !self.movers.is_empty() {
+            let share = self.movers.share(ray.time_s);
+            let filter = MoverFilter { scene: self, ray, share };
+            let limit = hit.map_or(t_max, |h| h.t);
+            hit = self.movers.closest(share, ray.origin, ray.direction, limit, &filter).or(hit);
+        }
+        Some(self.surface(ray, &hit?))
     }
 
     /// Whether anything is met before `t_max`.
     #[inline]
     pub fn occluded(&self, ray: &Ray, t_max: f32) -> bool {
-        self.top.any(ray.origin, ray.direction, t_max, &TopFilter { scene: self, ray })
+        if self.top.any(ray.origin, ray.direction, t_max, &TopFilter { scene: self, ray }) {
+            return true;
+        }
+        if self.movers.is_empty() {
+            return false;
+        }
+        let share = self.movers.share(ray.time_s);
+        self.movers.any(share, ray.origin, ray.direction, t_max, &MoverFilter { scene: self, ray, share })
     }
 
     /// The area light that a surface point belongs to.
@@ -277,25 +473,38 @@ impl Scene {
     }
 
     fn surface(&self, ray: &Ray, hit: &Hit) -> Surface {
-        let (object, triangle, corners) = if hit.instance > 0 {
+        let mut bent = None;
+        let moved;
+        let (object, triangle, corners, placement) = if hit.instance > 0 {
             let object = hit.instance - 1;
             let Shape::Mesh { mesh, .. } = self.description.objects[object as usize].shape else {
                 unreachable!("only meshes are instanced")
             };
-            let bvh = self.shared[mesh as usize].as_ref().expect("an instance has a hierarchy");
-            let place = &self.placements[object as usize].world_from_object;
-            (object, hit.id, bvh.corners(hit.slot).map(|c| place.transform_point3(c)))
+            match self.movers.mover(object) {
+                None => {
+                    let placement = &self.placements[object as usize];
+                    let bvh = self.shared[mesh as usize].as_ref().expect("an instance has a hierarchy");
+                    let corners = bvh.corners(hit.slot).map(|c| placement.world_from_object.transform_point3(c));
+                    (object, hit.id, corners, placement)
+                }
+                Some(mover) => {
+                    let (shared, mesh) = (self.shared[mesh as usize].as_ref(), &self.description.meshes[mesh as usize]);
+                    let met = self.movers.met(mover, shared, mesh, hit.slot, hit.id, self.movers.share(ray.time_s));
+                    bent = met.bent;
+                    moved = Placement::at(met.place);
+                    (object, hit.id, met.corners, &moved)
+                }
+            }
         } else if hit.slot == u32::MAX {
             return self.simple_surface(ray, hit);
         } else {
             let (object, triangle) = self.flat_object(hit.id);
-            (object, triangle, self.top.corners(hit.slot))
+            (object, triangle, self.top.corners(hit.slot), &self.placements[object as usize])
         };
         let Shape::Mesh { mesh, .. } = self.description.objects[object as usize].shape else {
             unreachable!("triangles belong to meshes")
         };
         let mesh = &self.description.meshes[mesh as usize];
-        let placement = &self.placements[object as usize];
         let [a, b, c] = corners;
         let weights = [1.0 - hit.u - hit.v, hit.u, hit.v];
         let mut ng = (b - a).cross(c - a).normalize();
@@ -304,14 +513,24 @@ impl Scene {
         }
         let i = triangle as usize;
         let to_world = |n: Vec3| Vec3::from(placement.normals * Vec3A::from(n));
-        let ns = mesh.mix(&mesh.normals, i, weights).and_then(|n| to_world(n).try_normalize()).unwrap_or(ng);
+        let normal = match &bent {
+            None => mesh.mix(&mesh.normals, i, weights).map(to_world),
+            Some((normals, _)) => mixed(normals, weights),
+        };
+        let ns = normal.and_then(Vec3::try_normalize).unwrap_or(ng);
         // Files exist whose winding and normals disagree: the normals say which side is out.
         if ns.dot(ng) < 0.0 {
             ng = -ng;
         }
         let uv = [0, 1].map(|s| mesh.mix(&mesh.uvs[s], i, weights).unwrap_or(Vec2::ZERO));
-        let (tangent, handedness) =
-            if mesh.uvs[0].is_empty() { (Vec3::ZERO, 1.0) } else { tangent(mesh, i, weights, corners, placement, ng) };
+        let given = match &bent {
+            None => mesh.mix(&mesh.tangents, i, weights),
+            Some((_, tangents)) => mixed(tangents, weights),
+        };
+        let (tangent, handedness) = match mesh.uvs[0].is_empty() {
+            true => (Vec3::ZERO, 1.0),
+            false => tangent(mesh, i, given, corners, placement, ng),
+        };
         Surface {
             point: a * weights[0] + b * weights[1] + c * weights[2],
             t: hit.t,
@@ -353,12 +572,23 @@ impl Scene {
     }
 }
 
+/// Values at the corners of a triangle mixed by barycentric weights.
+fn mixed<T: Copy + std::ops::Mul<f32, Output = T> + std::ops::Add<Output = T>>(
+    at: &[Option<T>; 3],
+    weights: [f32; 3],
+) -> Option<T> {
+    Some(at[0]? * weights[0] + at[1]? * weights[1] + at[2]? * weights[2])
+}
+
 impl Placement {
     fn new(object: &Object) -> Self {
-        let world_from_object = match object.shape {
-            Shape::Mesh { world_from_mesh, .. } => world_from_mesh,
-            _ => Affine3A::IDENTITY,
-        };
+        match object.shape {
+            Shape::Mesh { world_from_mesh, .. } => Placement::at(world_from_mesh),
+            _ => Placement::at(Affine3A::IDENTITY),
+        }
+    }
+
+    fn at(world_from_object: Affine3A) -> Self {
         let object_from_world = world_from_object.inverse();
         Placement {
             world_from_object,
@@ -371,8 +601,15 @@ impl Placement {
 }
 
 /// Tangent from the mesh or from how its texture coordinates run, in world space, and the frame's handedness.
-fn tangent(mesh: &Mesh, triangle: usize, weights: [f32; 3], corners: [Vec3; 3], placement: &Placement, ng: Vec3) -> (Vec3, f32) {
-    if let Some(t) = mesh.mix(&mesh.tangents, triangle, weights) {
+fn tangent(
+    mesh: &Mesh,
+    triangle: usize,
+    given: Option<Vec4>,
+    corners: [Vec3; 3],
+    placement: &Placement,
+    ng: Vec3,
+) -> (Vec3, f32) {
+    if let Some(t) = given {
         return (
             placement.world_from_object.transform_vector3(t.truncate()),
             if (t.w < 0.0) != placement.mirrored { -1.0 } else { 1.0 },
@@ -389,8 +626,23 @@ fn tangent(mesh: &Mesh, triangle: usize, weights: [f32; 3], corners: [Vec3; 3], 
     (tangent, if ng.cross(tangent).dot(-bitangent) < 0.0 { -1.0 } else { 1.0 })
 }
 
-fn check(d: &mut Description) -> Result<(), SceneError> {
+/// Holds numbers against what they refer to.
+fn check(d: &Description) -> Result<(), SceneError> {
+    let number = |what, of: &Object, found: u32, count: usize| match (found as usize) < count {
+        true => Ok(()),
+        false => Err(SceneError::Number { what, of: of.name.clone(), found: found as usize, count }),
+    };
     for object in &d.objects {
+        match object.motion {
+            Motion::Still => {}
+            Motion::Carried { node } => number("node", object, node, d.nodes.len())?,
+            Motion::Deformed { deformer } => number("deformer", object, deformer, d.deformers.len())?,
+        }
+        assert!(
+            object.motion == Motion::Still || matches!(object.shape, Shape::Mesh { .. }),
+            "\"{}\" moves: only meshes do",
+            object.name
+        );
         if object.material as usize >= d.materials.len() {
             return Err(SceneError::Number {
                 what: "material",
@@ -410,6 +662,47 @@ fn check(d: &mut Description) -> Result<(), SceneError> {
             });
         }
     }
+    Ok(())
+}
+
+/// Turns what could move, but does not as the animations are played, into what stands still.
+fn settle(d: &mut Description) {
+    let Description { nodes, animations, playing, deformers, objects, meshes, punctual, .. } = d;
+    let timeline = Timeline::new(nodes, animations, playing);
+    for object in objects {
+        let Shape::Mesh { mesh, world_from_mesh } = &mut object.shape else { continue };
+        match object.motion {
+            Motion::Carried { node } if !timeline.moves(node) => {
+                *world_from_mesh = timeline.world(node, 0.0);
+                object.motion = Motion::Still;
+            }
+            Motion::Deformed { deformer } if !timeline.bends(&deformers[deformer as usize]) => {
+                let rest = &meshes[*mesh as usize];
+                let pose = timeline.pose(&deformers[deformer as usize], rest, 0.0);
+                let posed =
+                    Mesh { positions: pose.positions, normals: pose.normals, tangents: pose.tangents, ..rest.clone() };
+                meshes.push(posed);
+                (*mesh, *world_from_mesh) = (meshes.len() as u32 - 1, Affine3A::IDENTITY);
+                object.motion = Motion::Still;
+            }
+            _ => {}
+        }
+    }
+    for light in punctual {
+        if let Some(node) = light.carrier.filter(|n| !timeline.moves(*n)) {
+            *light = Punctual { carrier: None, ..light.placed(&timeline.world(node, 0.0)) };
+        }
+    }
+}
+
+/// Leaves out what no ray can meet.
+fn clean(d: &mut Description) -> Result<(), SceneError> {
+    let mut bends = vec![false; d.meshes.len()];
+    for object in d.objects.iter().filter(|o| matches!(o.motion, Motion::Deformed { .. })) {
+        if let Shape::Mesh { mesh, .. } = object.shape {
+            bends[mesh as usize] = true;
+        }
+    }
     for (i, mesh) in d.meshes.iter_mut().enumerate() {
         let n = mesh.positions.len();
         let whole = |len: usize| len == 0 || len == n;
@@ -420,7 +713,8 @@ fn check(d: &mut Description) -> Result<(), SceneError> {
                 && mesh.uvs.iter().all(|u| whole(u.len())),
             "mesh {i}: attribute lists differ in length from its {n} positions"
         );
-        let dropped = mesh.drop_unusable_triangles();
+        // What is flat at rest may unfold.
+        let dropped = if bends[i] { mesh.drop_broken_triangles() } else { mesh.drop_unusable_triangles() };
         if dropped > 0 {
             d.warnings
                 .push(format!("mesh {i}: {dropped} triangles without area or with corners that are not finite were left out"));
@@ -430,6 +724,7 @@ fn check(d: &mut Description) -> Result<(), SceneError> {
     let (warnings, before) = (&mut d.warnings, d.objects.len());
     d.objects.retain(|object| {
         let ok = match object.shape {
+            Shape::Mesh { .. } if object.motion != Motion::Still => true,
             Shape::Mesh { world_from_mesh: m, .. } => {
                 m.is_finite() && m.matrix3.determinant().abs() > 1e-30 && m.inverse().is_finite()
             }
@@ -554,6 +849,24 @@ impl Filter for TopFilter<'_> {
     }
 }
 
+/// Meets what moves, at one moment.
+struct MoverFilter<'a> {
+    scene: &'a Scene,
+    ray: &'a Ray,
+    share: f32,
+}
+
+impl Filter for MoverFilter<'_> {
+    fn accept(&self, _: u32, _: f32, _: f32) -> bool {
+        unreachable!("hierarchies of movers hold no triangles")
+    }
+    fn intersect_other(&self, id: u32, t_max: f32, any: bool) -> Option<Hit> {
+        let movers = &self.scene.movers;
+        let filter = InstanceFilter { scene: self.scene, ray: self.ray, object: movers.object(id) };
+        movers.enter(id, &self.scene.shared, self.share, (self.ray.origin, self.ray.direction), t_max, any, &filter)
+    }
+}
+
 struct InstanceFilter<'a> {
     scene: &'a Scene,
     ray: &'a Ray,
@@ -569,9 +882,18 @@ impl Filter for InstanceFilter<'_> {
     }
 }
 
-/// Gathers emissive surfaces: the lights, the light of each triangle, and where each object's triangles begin in it.
-fn area_lights(d: &Description) -> (Vec<AreaLight>, Vec<u32>, Vec<Option<u32>>) {
-    let (mut lights, mut light_of) = (Vec::new(), Vec::new());
+/// Emissive surfaces.
+struct AreaLights {
+    lights: Vec<AreaLight>,
+    ways: Vec<LightWay>,
+    /// Light of each triangle.
+    light_of: Vec<u32>,
+    /// Where each object's triangles begin in `light_of`.
+    first: Vec<Option<u32>>,
+}
+
+fn area_lights(d: &Description) -> AreaLights {
+    let (mut lights, mut light_of, mut ways) = (Vec::new(), Vec::new(), Vec::new());
     // Constant emissions are integrated once a material.
     let constant: Vec<Option<f32>> = d
         .materials
@@ -584,7 +906,9 @@ fn area_lights(d: &Description) -> (Vec<AreaLight>, Vec<u32>, Vec<Option<u32>>) 
     let first = d
         .objects
         .iter()
-        .map(|object| {
+        .enumerate()
+        .map(|(number, object)| {
+            let object_number = number as u32;
             let material = &d.materials[object.material as usize];
             let emission = material.emission.as_ref().filter(|e| e.is_light)?;
             let luminance = |uv: &[[Vec2; 3]; 2]| {
@@ -604,32 +928,41 @@ fn area_lights(d: &Description) -> (Vec<AreaLight>, Vec<u32>, Vec<Option<u32>>) 
                 })
             };
             let start = light_of.len() as u32;
-            let mut push = |shape, uv: [[Vec2; 3]; 2]| {
+            let mut push = |shape, uv: [[Vec2; 3]; 2], way: LightWay| {
                 let luminance = luminance(&uv);
                 // A textured lamp may be dark at the seven places looked at: keep it, with little weight.
                 if luminance == 0.0 && constant[object.material as usize].is_some() {
                     return NO_LIGHT;
                 }
                 lights.push(AreaLight::new(shape, object.material, uv, emission.two_sided, luminance.max(1e-6)));
+                ways.push(way);
                 lights.len() as u32 - 1
             };
             match object.shape {
-                Shape::Sphere(s) => light_of.push(push(AreaShape::Sphere(s), Default::default())),
+                Shape::Sphere(s) => light_of.push(push(AreaShape::Sphere(s), Default::default(), LightWay::Still)),
                 Shape::Quad(q) => {
                     let corners = [Vec2::ZERO, Vec2::X, Vec2::Y];
-                    light_of.push(push(AreaShape::Parallelogram(q), [corners; 2]));
+                    light_of.push(push(AreaShape::Parallelogram(q), [corners; 2], LightWay::Still));
                 }
                 Shape::Mesh { mesh, world_from_mesh } => {
                     let mesh = &d.meshes[mesh as usize];
+                    let (world_from_mesh, way) = match object.motion {
+                        Motion::Still => (world_from_mesh, LightWay::Still),
+                        Motion::Carried { .. } => (Affine3A::IDENTITY, LightWay::Carried { object: object_number }),
+                        Motion::Deformed { .. } => {
+                            (Affine3A::IDENTITY, LightWay::Bending { object: object_number, triangle: 0, flipped: false })
+                        }
+                    };
+                    let bends = matches!(way, LightWay::Bending { .. });
                     let mirrored = world_from_mesh.matrix3.determinant() < 0.0;
                     let world = |t: usize| mesh.corners(t).map(|c| world_from_mesh.transform_point3(c));
                     let mut t = 0;
                     while t < mesh.triangles.len() {
                         let whole = constant[object.material as usize].is_some() && matches!(material.coverage, Coverage::Full);
-                        let merged = whole && t + 1 < mesh.triangles.len();
+                        let merged = whole && !bends && t + 1 < mesh.triangles.len();
                         if let Some(quad) = merged.then(|| parallelogram(world(t), world(t + 1))).flatten() {
                             let quad = if outside_differs(mesh, t, mirrored) { flipped(quad) } else { quad };
-                            let light = push(AreaShape::Parallelogram(quad), Default::default());
+                            let light = push(AreaShape::Parallelogram(quad), Default::default(), way);
                             light_of.extend([light, light]);
                             t += 2;
                             continue;
@@ -639,11 +972,16 @@ fn area_lights(d: &Description) -> (Vec<AreaLight>, Vec<u32>, Vec<Option<u32>>) 
                             true => [Vec2::ZERO; 3],
                             false => mesh.triangles[t].map(|i| mesh.uvs[s][i as usize]),
                         });
-                        let (b, c, uv) = match outside_differs(mesh, t, mirrored) {
+                        let flipped = outside_differs(mesh, t, mirrored);
+                        let (b, c, uv) = match flipped {
                             true => (c, b, uv.map(|[x, y, z]| [x, z, y])),
                             false => (b, c, uv),
                         };
-                        light_of.push(push(AreaShape::Triangle(Quad { corner: a, edges: [b - a, c - a] }), uv));
+                        let way = match way {
+                            LightWay::Bending { object, .. } => LightWay::Bending { object, triangle: t as u32, flipped },
+                            way => way,
+                        };
+                        light_of.push(push(AreaShape::Triangle(Quad { corner: a, edges: [b - a, c - a] }), uv, way));
                         t += 1;
                     }
                 }
@@ -651,7 +989,7 @@ fn area_lights(d: &Description) -> (Vec<AreaLight>, Vec<u32>, Vec<Option<u32>>) 
             Some(start)
         })
         .collect();
-    (lights, light_of, first)
+    AreaLights { lights, ways, light_of, first }
 }
 
 /// Whether the side of a mesh triangle that counts as outside is not the one its corners, placed, run counter-clockwise on.

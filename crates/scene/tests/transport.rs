@@ -30,11 +30,7 @@ fn mean(scene: &Scene, origin: Vec3, direction: Vec3, n: u32, settings: &PathSet
 fn sphere(material: Material) -> Description {
     Description {
         materials: vec![material],
-        objects: vec![Object {
-            name: "sphere".into(),
-            shape: Shape::Sphere(Sphere { center: Vec3::ZERO, radius: 1.0 }),
-            material: 0,
-        }],
+        objects: vec![Object::new("sphere", Shape::Sphere(Sphere { center: Vec3::ZERO, radius: 1.0 }), 0)],
         ..Default::default()
     }
 }
@@ -152,7 +148,7 @@ fn no_material_gains_light() {
 fn inside_a_shining_grey_sphere_light_adds_up_to_a_geometric_series() {
     // L = Le / (1 − ρ): emission 1 and albedo ½ everywhere give 2 (as pbrt's furnace scenes).
     let emission =
-        Emission { radiance: EmissionColor::Constant(Spectrum::light_from_rgb(Vec3::ONE)), two_sided: true, is_light: true };
+        Emission { radiance: EmissionColor::Constant(Spectrum::light_from_rgb(Vec3::ONE)), two_sided: true, is_light: true, modulation: Default::default() };
     let material =
         Material { emission: Some(emission), ..Material::new("shell", Scattering::Diffuse(Color::rgb(0.5, 0.5, 0.5))) };
     let scene = Scene::build(sphere(material)).unwrap();
@@ -165,11 +161,7 @@ fn inside_a_shining_grey_sphere_light_adds_up_to_a_geometric_series() {
 fn floor_with(change: impl FnOnce(&mut Description)) -> Scene {
     let mut d = Description {
         materials: vec![Material::new("white", Scattering::Diffuse(Color::rgb(1.0, 1.0, 1.0)))],
-        objects: vec![Object {
-            name: "floor".into(),
-            shape: Shape::Quad(Quad { corner: Vec3::new(-50.0, 0.0, 50.0), edges: [Vec3::X * 100.0, Vec3::NEG_Z * 100.0] }),
-            material: 0,
-        }],
+        objects: vec![Object::new("floor", Shape::Quad(Quad { corner: Vec3::new(-50.0, 0.0, 50.0), edges: [Vec3::X * 100.0, Vec3::NEG_Z * 100.0] }), 0)],
         ..Default::default()
     };
     change(&mut d);
@@ -184,22 +176,19 @@ fn look_down(scene: &Scene, n: u32) -> [f64; 4] {
 fn each_kind_of_light_gives_its_irradiance() {
     let white = || Spectrum::light_from_rgb(Vec3::ONE);
     // A white floor shows E/π. Point light of 1 cd at 2 m: E = 1/4.
-    let point = Punctual { power: white(), kind: PunctualKind::Point { position: Vec3::Y * 2.0 } };
+    let point = Punctual::new("a", white(), PunctualKind::Point { position: Vec3::Y * 2.0 });
     let directional =
-        Punctual { power: white(), kind: PunctualKind::Directional { direction: Vec3::new(0.0, -1.0, 1.0).normalize() } };
-    let spot = |angle: f32| Punctual {
-        power: white(),
-        kind: PunctualKind::Spot {
+        Punctual::new("b", white(), PunctualKind::Directional { direction: Vec3::new(0.0, -1.0, 1.0).normalize() });
+    let spot = |angle: f32| Punctual::new("spot", white(), PunctualKind::Spot {
             position: Vec3::Y * 2.0,
             direction: Vec3::new(angle.sin(), -angle.cos(), 0.0),
             cos_inner: 0.99,
             cos_outer: 0.9,
-        },
-    };
+        });
     let lamp = |shape: Shape| {
         move |d: &mut Description| {
             d.materials.push(Material::lamp("lamp", Spectrum::light_from_rgb(Vec3::ONE)));
-            d.objects.push(Object { name: "lamp".into(), shape, material: 1 });
+            d.objects.push(Object::new("lamp", shape, 1));
         }
     };
     // Disk-like check by solid angle: sphere of radius r at height h: E = π r²/h² (L = 1).
@@ -234,7 +223,7 @@ fn a_lamp_is_as_bright_as_mesh_quad_or_instances() {
     };
     let lamp = || Material::lamp("lamp", Spectrum::light_from_rgb(Vec3::ONE));
     let placed = |mesh, x| Shape::Mesh { mesh, world_from_mesh: Affine3A::from_translation(Vec3::X * x) };
-    let object = |shape| Object { name: "lamp".into(), shape, material: 1 };
+    let object = |shape| Object::new("lamp", shape, 1);
     let scenes = [
         floor_with(|d| {
             d.materials.push(lamp());
@@ -266,7 +255,7 @@ fn many_lights_cost_no_accuracy() {
         .map(|i| {
             let far = if i < 4 { 0.5 } else { 40.0 + i as f32 };
             let position = Vec3::new((i as f32 * 2.4).cos() * far, 1.0, (i as f32 * 2.4).sin() * far);
-            Punctual { power: Spectrum::light_from_rgb(Vec3::ONE), kind: PunctualKind::Point { position } }
+            Punctual::new("lamp", Spectrum::light_from_rgb(Vec3::ONE), PunctualKind::Point { position })
         })
         .collect();
     let exact: f64 = lamps
@@ -338,8 +327,8 @@ fn light_does_not_depend_on_where_the_world_stands() {
                 Material::lamp("lamp", Spectrum::light_from_rgb(Vec3::ONE)),
             ],
             objects: vec![
-                Object { name: "floor".into(), shape: Shape::Quad(floor), material: 0 },
-                Object { name: "lamp".into(), shape: Shape::Quad(lamp), material: 1 },
+                Object::new("floor", Shape::Quad(floor), 0),
+                Object::new("lamp", Shape::Quad(lamp), 1),
             ],
             ..Default::default()
         };

@@ -47,15 +47,15 @@ pub fn description(name: &str, light: &str) -> Option<Description> {
         .enumerate()
         .map(|(i, p)| {
             let (x, y) = (STEP * ((i % 6) as f32 - 2.5), STEP * (1.5 - (i / 6) as f32));
-            Object { name: p.name.clone(), shape: quad(x - PATCH / 2.0, y - PATCH / 2.0, 0.0, PATCH, PATCH), material: i as u32 }
+            Object::new(p.name.clone(), quad(x - PATCH / 2.0, y - PATCH / 2.0, 0.0, PATCH, PATCH), i as u32)
         })
         .collect();
-    objects.push(Object { name: "frame".into(), shape: quad(-0.145, -0.1, -0.001, 0.29, 0.2), material: patches.len() as u32 });
+    objects.push(Object::new("frame", quad(-0.145, -0.1, -0.001, 0.29, 0.2), patches.len() as u32));
     Some(Description {
         name: name.into(),
         materials,
         objects,
-        punctual: vec![Punctual { power: Spectrum::Table(power), kind: PunctualKind::Directional { direction } }],
+        punctual: vec![Punctual::new("lamp", Spectrum::Table(power), PunctualKind::Directional { direction })],
         ..Default::default()
     })
 }

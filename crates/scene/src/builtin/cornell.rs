@@ -55,10 +55,8 @@ pub fn description() -> Description {
     let lamp = Table::from_points(&LAMP);
     let luminance = diopter_light::color::luminance(|nm| lamp.at(nm)) as f32;
     let material = |name: &str, column: usize| Material::new(name, Scattering::Diffuse(reflectance(column)));
-    let object = |name: &str, mesh: u32, material: u32| Object {
-        name: name.into(),
-        shape: Shape::Mesh { mesh, world_from_mesh: Affine3A::IDENTITY },
-        material,
+    let object = |name: &str, mesh: u32, material: u32| {
+        Object::new(name, Shape::Mesh { mesh, world_from_mesh: Affine3A::IDENTITY }, material)
     };
     let lamp_quad =
         Quad { corner: Vec3::new(0.213, 0.5483, 0.227), edges: [Vec3::new(0.130, 0.0, 0.0), Vec3::new(0.0, 0.0, 0.105)] };
@@ -79,7 +77,7 @@ pub fn description() -> Description {
             object("white walls and blocks", 0, 0),
             object("red wall", 1, 1),
             object("green wall", 2, 2),
-            Object { name: "lamp".into(), shape: Shape::Quad(lamp_quad), material: 3 },
+            Object::new("lamp", Shape::Quad(lamp_quad), 3),
         ],
         cameras: vec![Viewpoint {
             name: "Cornell".into(),
@@ -89,6 +87,7 @@ pub fn description() -> Description {
                 translation: Vec3A::new(0.278, 0.273, -0.8),
             },
             vertical_fov: Some(2.0 * (12.5f32 / 35.0).atan()),
+            node: None,
         }],
         ..Default::default()
     }

@@ -42,12 +42,12 @@ pub fn description() -> Description {
     Description {
         name: "resolution-chart".into(),
         materials: vec![Material::new("chart", Scattering::Diffuse(color))],
-        objects: vec![Object {
-            name: "chart".into(),
-            shape: Shape::Quad(Quad { corner, edges: [Vec3::X * SIZE.x, -Vec3::Y * SIZE.y] }),
-            material: 0,
-        }],
-        punctual: vec![Punctual { power: Spectrum::Table(power), kind: PunctualKind::Directional { direction } }],
+        objects: vec![Object::new(
+            "chart",
+            Shape::Quad(Quad { corner, edges: [Vec3::X * SIZE.x, -Vec3::Y * SIZE.y] }),
+            0,
+        )],
+        punctual: vec![Punctual::new("lamp", Spectrum::Table(power), PunctualKind::Directional { direction })],
         ..Default::default()
     }
 }

@@ -55,15 +55,15 @@ impl Builder {
 
     fn place(&mut self, name: &str, mesh: u32, material: u32, at: Vec3, turn: Quat) {
         let shape = Shape::Mesh { mesh, world_from_mesh: Affine3A::from_rotation_translation(turn, at) };
-        self.0.objects.push(Object { name: name.into(), shape, material });
+        self.0.objects.push(Object::new(name, shape, material));
     }
 
     fn sphere(&mut self, name: &str, center: Vec3, radius: f32, material: u32) {
-        self.0.objects.push(Object { name: name.into(), shape: Shape::Sphere(Sphere { center, radius }), material });
+        self.0.objects.push(Object::new(name, Shape::Sphere(Sphere { center, radius }), material));
     }
 
     fn quad(&mut self, name: &str, corner: Vec3, edges: [Vec3; 2], material: u32) {
-        self.0.objects.push(Object { name: name.into(), shape: Shape::Quad(Quad { corner, edges }), material });
+        self.0.objects.push(Object::new(name, Shape::Quad(Quad { corner, edges }), material));
     }
 }
 

@@ -2,7 +2,7 @@
 //! reinsertion), and binary trees are collapsed into eight-wide nodes as soon as they are done. Chunks are built in
 //! parallel; only a few are alive at a time, so the peak of memory stays near the size of the result.
 
-use super::{Block, Bounds, Bvh, Child, Node, Primitive, Primitives};
+use super::{Block, Bounds, Bvh, Child, End, Node, Primitive, Primitives, all};
 use glam::Vec3;
 use obvhs::aabb::Aabb;
 use obvhs::bvh2::Bvh2;
@@ -32,7 +32,7 @@ impl Bvh {
             tree = split(&mut indices, 0, &|i| bounds[i as usize]);
         }
         // A few chunks at a time, each put away before the next are begun: the peak of memory stays near the result.
-        let mut joined = Joints::new(&tree, primitives.len());
+        let mut joined = Joints::new(&tree, primitives.len(), primitives.moves());
         let chunks = tree.chunks();
         for batch in chunks.chunks(rayon::current_num_threads().max(1)) {
             let parts: Vec<_> =
@@ -43,11 +43,25 @@ impl Bvh {
     }
 }
 
+/// The box of a primitive; of a moving one, around both of its ends.
 fn bounds_of(primitives: &impl Primitives, index: usize) -> Bounds {
-    match primitives.get(index) {
-        Primitive::Triangle { corners, .. } => Bounds::around(corners),
-        Primitive::Other { bounds, .. } => bounds,
+    let open = primitives.get(index).bounds();
+    if primitives.moves() { open.union(primitives.get_at_end(index).bounds()) } else { open }
+}
+
+impl Primitive {
+    fn bounds(&self) -> Bounds {
+        match self {
+            Primitive::Triangle { corners, .. } => Bounds::around(*corners),
+            Primitive::Other { bounds, .. } => *bounds,
+        }
     }
+}
+
+/// A box that stays around what it holds when it is interpolated in single precision.
+fn padded(b: Bounds) -> Bounds {
+    let pad = b.min.abs().max(b.max.abs()) * 4.0 * f32::EPSILON;
+    Bounds { min: b.min - pad, max: b.max + pad }
 }
 
 /// How the chunks hang together.
@@ -117,7 +131,7 @@ fn partition(indices: &mut [u32], first: impl Fn(u32) -> bool) -> usize {
 }
 
 /// One chunk: its hierarchy and its box.
-fn build_chunk(primitives: &impl Primitives, indices: &[u32]) -> (Bvh, Bounds) {
+fn build_chunk(primitives: &impl Primitives, indices: &[u32]) -> (Bvh, [Bounds; 2]) {
     let aabb = |i: &u32| {
         let b = bounds_of(primitives, *i as usize);
         Aabb::new(b.min.into(), b.max.into())
@@ -138,38 +152,57 @@ struct Collapse<'a, P> {
     tree: &'a Bvh2,
     /// Primitives below each node, capped at 9; more than 8 also where an other is among them.
     weight: Vec<u8>,
+    /// Boxes of each node at the two ends of the motion, where there is one.
+    ends: Vec<[Bounds; 2]>,
     bvh: Bvh,
 }
 
 impl<'a, P: Primitives> Collapse<'a, P> {
     fn new(primitives: &'a P, indices: &'a [u32], tree: &'a Bvh2) -> Self {
-        let mut collapse = Collapse { primitives, indices, tree, weight: vec![0; tree.nodes.len()], bvh: Bvh::default() };
+        let weight = vec![0; tree.nodes.len()];
+        let (mut bvh, mut ends) = (Bvh::default(), Vec::new());
+        if primitives.moves() {
+            bvh.end = Some(End::default());
+            ends = vec![[Bounds::EMPTY; 2]; tree.nodes.len()];
+        }
+        let mut collapse = Collapse { primitives, indices, tree, weight, ends, bvh };
         collapse.weigh();
         collapse
     }
 
-    fn primitive(&self, node: usize) -> Primitive {
-        let leaf = &self.tree.nodes[node];
-        let index = self.tree.primitive_indices[leaf.first_index as usize];
-        self.primitives.get(self.indices[index as usize] as usize)
+    fn index(&self, leaf: usize) -> usize {
+        let index = self.tree.primitive_indices[self.tree.nodes[leaf].first_index as usize];
+        self.indices[index as usize] as usize
+    }
+
+    fn primitive(&self, leaf: usize) -> Primitive {
+        self.primitives.get(self.index(leaf))
     }
 
     fn is_other(&self, node: usize) -> bool {
         self.tree.nodes[node].is_leaf() && matches!(self.primitive(node), Primitive::Other { .. })
     }
 
-    /// Fills `weight`, children before parents, without recursion (trees can be deep).
+    /// Fills `weight` and `ends`, children before parents, without recursion (trees can be deep).
     fn weigh(&mut self) {
         let mut stack = vec![(0usize, false)];
         while let Some((node, children_done)) = stack.pop() {
             if self.tree.nodes[node].is_leaf() {
                 self.weight[node] = 1;
+                if !self.ends.is_empty() {
+                    let index = self.index(node);
+                    self.ends[node] = [self.primitives.get(index), self.primitives.get_at_end(index)].map(|p| padded(p.bounds()));
+                }
                 continue;
             }
             let child = self.tree.nodes[node].first_index as usize;
             if children_done {
                 let alone = |n: usize| if self.is_other(n) { 9 } else { self.weight[n] };
                 self.weight[node] = (alone(child) + alone(child + 1)).min(9);
+                if !self.ends.is_empty() {
+                    let (a, b) = (self.ends[child], self.ends[child + 1]);
+                    self.ends[node] = [a[0].union(b[0]), a[1].union(b[1])];
+                }
             } else {
                 stack.extend([(node, true), (child, false), (child + 1, false)]);
             }
@@ -181,14 +214,27 @@ impl<'a, P: Primitives> Collapse<'a, P> {
         Bounds { min: b.min.into(), max: b.max.into() }
     }
 
-    fn run(mut self) -> (Bvh, Bounds) {
-        let root = self.bounds(0);
+    /// Boxes at the two ends; the same twice where nothing moves.
+    fn both(&self, node: usize) -> [Bounds; 2] {
+        self.ends.get(node).copied().unwrap_or_else(|| [self.bounds(node); 2])
+    }
+
+    fn push_node(&mut self) -> usize {
         self.bvh.nodes.push(Node::absent());
+        if let Some(end) = &mut self.bvh.end {
+            end.bounds.push(Node::absent().bounds);
+        }
+        self.bvh.nodes.len() - 1
+    }
+
+    fn run(mut self) -> (Bvh, [Bounds; 2]) {
+        let root = self.both(0);
+        self.push_node();
         // A tree that fits one block still gets a root node above it.
         let mut work = vec![(0usize, 0usize)];
         while let Some((node, at)) = work.pop() {
             let children = if self.tree.nodes[node].is_leaf() || self.weight[node] <= 8 { vec![node] } else { self.open(node) };
-            let mut wide = Node::absent();
+            let (mut wide, mut wide_end) = (Node::absent(), Node::absent());
             for (i, &child) in children.iter().enumerate() {
                 let to = if self.is_other(child) {
                     let Primitive::Other { id, .. } = self.primitive(child) else { unreachable!("checked above") };
@@ -196,14 +242,18 @@ impl<'a, P: Primitives> Collapse<'a, P> {
                 } else if self.weight[child] <= 8 {
                     Child::block(self.block(child))
                 } else {
-                    let index = self.bvh.nodes.len();
-                    self.bvh.nodes.push(Node::absent());
+                    let index = self.push_node();
                     work.push((child, index));
                     Child::node(index)
                 };
-                wide.set(i, self.bounds(child), to);
+                let [open, close] = self.both(child);
+                wide.set(i, open, to);
+                wide_end.set(i, close, to);
             }
             self.bvh.nodes[at] = wide;
+            if let Some(end) = &mut self.bvh.end {
+                end.bounds[at] = wide_end.bounds;
+            }
         }
         self.bvh.nodes.shrink_to_fit();
         self.bvh.blocks.shrink_to_fit();
@@ -229,6 +279,7 @@ impl<'a, P: Primitives> Collapse<'a, P> {
     /// Gathers the triangles below a node into one block.
     fn block(&mut self, node: usize) -> usize {
         let mut block = Block { corners: [[[0.0; 8]; 3]; 3], id: [u32::MAX; 8], filtered: 0 };
+        let mut end = [[[0.0; 8]; 3]; 3];
         let mut lane = 0;
         let mut stack = vec![node];
         while let Some(n) = stack.pop() {
@@ -238,16 +289,27 @@ impl<'a, P: Primitives> Collapse<'a, P> {
                 continue;
             }
             let Primitive::Triangle { corners, id, filtered } = self.primitive(n) else { unreachable!("others stand alone") };
-            for c in 0..3 {
-                for a in 0..3 {
-                    block.corners[c][a][lane] = corners[c][a];
+            let put = |to: &mut [[[f32; 8]; 3]; 3], corners: [Vec3; 3]| {
+                for c in 0..3 {
+                    for a in 0..3 {
+                        to[c][a][lane] = corners[c][a];
+                    }
                 }
+            };
+            put(&mut block.corners, corners);
+            if self.bvh.end.is_some()
+                && let Primitive::Triangle { corners, .. } = self.primitives.get_at_end(self.index(n))
+            {
+                put(&mut end, corners);
             }
             block.id[lane] = id;
             block.filtered |= (filtered as u32) << lane;
             lane += 1;
         }
         self.bvh.blocks.push(block);
+        if let Some(all) = &mut self.bvh.end {
+            all.corners.push(end);
+        }
         self.bvh.blocks.len() - 1
     }
 }
@@ -259,18 +321,16 @@ impl Node {
         Node { bounds, child: [Child::ABSENT; 8] }
     }
 
-    /// The box around all children.
-    pub(super) fn all(&self) -> Bounds {
-        let corner = |c: usize, i: usize| Vec3::new(self.bounds[c][i], self.bounds[c + 1][i], self.bounds[c + 2][i]);
-        (0..8).fold(Bounds::EMPTY, |b, i| b.union(Bounds { min: corner(0, i), max: corner(3, i) }))
-    }
-
     fn set(&mut self, i: usize, b: Bounds, child: Child) {
-        for a in 0..3 {
-            self.bounds[a][i] = b.min[a];
-            self.bounds[a + 3][i] = b.max[a];
-        }
+        set(&mut self.bounds, i, b);
         self.child[i] = child;
+    }
+}
+
+fn set(bounds: &mut [[f32; 8]; 6], i: usize, b: Bounds) {
+    for a in 0..3 {
+        bounds[a][i] = b.min[a];
+        bounds[a + 3][i] = b.max[a];
     }
 }
 
@@ -286,9 +346,10 @@ struct Joints {
 }
 
 impl Joints {
-    fn new(tree: &Split, primitives: usize) -> Self {
+    fn new(tree: &Split, primitives: usize, moves: bool) -> Self {
         // Address space, not memory: blocks hold five triangles or more on average, and growing would copy.
-        let whole = Bvh { nodes: Vec::with_capacity(primitives / 16), blocks: Vec::with_capacity(primitives / 4) };
+        let (nodes, blocks) = (Vec::with_capacity(primitives / 16), Vec::with_capacity(primitives / 4));
+        let whole = Bvh { nodes, blocks, end: moves.then(End::default) };
         let mut joints = Joints { whole, pending: Vec::new(), parents: Vec::new(), alone: matches!(tree, Split::Chunk(..)) };
         if !joints.alone {
             joints.lay_out(tree);
@@ -301,6 +362,9 @@ impl Joints {
     fn lay_out(&mut self, tree: &Split) {
         let at = self.whole.nodes.len();
         self.whole.nodes.push(Node::absent());
+        if let Some(end) = &mut self.whole.end {
+            end.bounds.push(Node::absent().bounds);
+        }
         // Open pairs while all children fit one node.
         let mut children: Vec<&Split> = vec![tree];
         while children.len() < 8 {
@@ -321,7 +385,7 @@ impl Joints {
     }
 
     /// Hangs the next chunk.
-    fn hang(&mut self, part: Bvh, bounds: Bounds) {
+    fn hang(&mut self, part: Bvh, bounds: [Bounds; 2]) {
         if self.alone {
             self.whole = part;
             return;
@@ -336,7 +400,12 @@ impl Joints {
                 super::ChildKind::Other(_) => child,
             },
         };
-        self.whole.nodes[node].set(slot, bounds, Child::node(nodes));
+        self.whole.nodes[node].set(slot, bounds[0], Child::node(nodes));
+        if let (Some(end), Some(part)) = (&mut self.whole.end, part.end) {
+            set(&mut end.bounds[node], slot, bounds[1]);
+            end.bounds.extend(part.bounds);
+            end.corners.extend(part.corners);
+        }
         self.whole.blocks.extend(part.blocks);
         self.whole.nodes.extend(part.nodes.into_iter().map(|mut n| {
             n.child = n.child.map(moved);
@@ -350,8 +419,12 @@ impl Joints {
             let super::ChildKind::Node(child) = self.whole.nodes[*node].child[*slot].kind() else {
                 unreachable!("joints are nodes")
             };
-            let bounds = self.whole.nodes[child].all();
+            let bounds = all(&self.whole.nodes[child].bounds);
             self.whole.nodes[*node].set(*slot, bounds, Child::node(child));
+            if let Some(end) = &mut self.whole.end {
+                let bounds = all(&end.bounds[child]);
+                set(&mut end.bounds[*node], *slot, bounds);
+            }
         }
         self.whole.nodes.shrink_to_fit();
         self.whole.blocks.shrink_to_fit();

@@ -1,6 +1,6 @@
 //! Traversal: eight boxes or eight triangles at a step, the nearest child first.
 
-use super::{Block, Bvh, Child, ChildKind, Filter, Hit, Node};
+use super::{Block, Bvh, Child, ChildKind, Filter, Hit};
 use fearless_simd::{Level, Simd, dispatch, f32x8, prelude::*};
 use glam::Vec3;
 use std::sync::OnceLock;
@@ -19,13 +19,33 @@ impl Bvh {
     /// Nearest hit with 0 < t < `t_max` along `origin + t direction`.
     #[inline]
     pub fn closest(&self, origin: Vec3, direction: Vec3, t_max: f32, filter: &impl Filter) -> Option<Hit> {
-        dispatch!(level(), simd => traverse::<_, _, false>(simd, self, origin, direction, t_max, filter))
+        dispatch!(level(), simd => traverse::<_, _, false, false>(simd, self, origin, direction, 0.0, t_max, filter))
+    }
+
+    /// Nearest hit in a hierarchy that moves, at a share (0 to 1) of its motion.
+    #[inline]
+    pub fn closest_at(&self, share: f32, origin: Vec3, direction: Vec3, t_max: f32, filter: &impl Filter) -> Option<Hit> {
+        match self.end {
+            None => self.closest(origin, direction, t_max, filter),
+            Some(_) => dispatch!(level(), simd => traverse::<_, _, false, true>(simd, self, origin, direction, share, t_max, filter)),
+        }
+    }
+
+    /// Any hit in a hierarchy that moves, at a share (0 to 1) of its motion.
+    #[inline]
+    pub fn any_at(&self, share: f32, origin: Vec3, direction: Vec3, t_max: f32, filter: &impl Filter) -> bool {
+        match self.end {
+            None => self.any(origin, direction, t_max, filter),
+            Some(_) => {
+                dispatch!(level(), simd => traverse::<_, _, true, true>(simd, self, origin, direction, share, t_max, filter)).is_some()
+            }
+        }
     }
 
     /// Any hit with 0 < t < `t_max`.
     #[inline]
     pub fn any(&self, origin: Vec3, direction: Vec3, t_max: f32, filter: &impl Filter) -> bool {
-        dispatch!(level(), simd => traverse::<_, _, true>(simd, self, origin, direction, t_max, filter)).is_some()
+        dispatch!(level(), simd => traverse::<_, _, true, false>(simd, self, origin, direction, 0.0, t_max, filter)).is_some()
     }
 
     /// The same as [`Bvh::closest`] by plain loops over every triangle of every block that a plain box test reaches: the
@@ -100,6 +120,13 @@ impl Block {
     }
 }
 
+/// The boxes of a node at the two ends of a motion; the same twice where nothing moves.
+#[derive(Clone, Copy)]
+struct Boxes<'a> {
+    open: &'a [[f32; 8]; 6],
+    close: &'a [[f32; 8]; 6],
+}
+
 /// A ray prepared for both tests.
 struct Prepared<S: Simd> {
     origin: [f32x8<S>; 3],
@@ -109,13 +136,14 @@ struct Prepared<S: Simd> {
     far: [usize; 3],
     axes: [usize; 3],
     shear: [f32x8<S>; 3],
+    share: f32x8<S>,
 }
 
 // Closures (and `map` over arrays) would be compiled without the instruction set that `dispatch` has chosen and be called
 // for every operation: within these functions everything is spelt out.
 impl<S: Simd> Prepared<S> {
     #[inline(always)]
-    fn new(simd: S, origin: Vec3, direction: Vec3) -> Self {
+    fn new(simd: S, origin: Vec3, direction: Vec3, share: f32) -> Self {
         let shear = Shear::new(direction);
         let (x, y, z) = (direction.x, direction.y, direction.z);
         let (nx, ny, nz) = (x.is_sign_negative() as usize, y.is_sign_negative() as usize, z.is_sign_negative() as usize);
@@ -130,43 +158,61 @@ impl<S: Simd> Prepared<S> {
             far: [3 - 3 * nx, 4 - 3 * ny, 5 - 3 * nz],
             axes: shear.axes,
             shear: [f32x8::splat(simd, shear.s[0]), f32x8::splat(simd, shear.s[1]), f32x8::splat(simd, shear.s[2])],
+            share: f32x8::splat(simd, share),
         }
     }
 
     /// Ray parameter at which the eight planes of a row are met.
     #[inline(always)]
-    fn plane(&self, simd: S, node: &Node, row: usize, axis: usize) -> f32x8<S> {
-        (f32x8::from_slice(simd, &node.bounds[row]) - self.origin[axis]) * self.inverse[axis]
+    fn plane<const MOVES: bool>(&self, simd: S, boxes: Boxes, row: usize, axis: usize) -> f32x8<S> {
+        let mut plane = f32x8::from_slice(simd, &boxes.open[row]);
+        if MOVES {
+            plane = plane + (f32x8::from_slice(simd, &boxes.close[row]) - plane) * self.share;
+        }
+        (plane - self.origin[axis]) * self.inverse[axis]
     }
 
     /// Children whose boxes the ray meets before `t_max`: a bit each, and the distance of entry.
     #[inline(always)]
-    fn boxes(&self, simd: S, node: &Node, t_max: f32) -> (u32, [f32; 8]) {
-        let near = self.plane(simd, node, self.near[0], 0).max(self.plane(simd, node, self.near[1], 1));
-        let near = near.max(self.plane(simd, node, self.near[2], 2)).max(f32x8::splat(simd, 0.0));
-        let far = self.plane(simd, node, self.far[0], 0).min(self.plane(simd, node, self.far[1], 1));
-        let far = far.min(self.plane(simd, node, self.far[2], 2)) * f32x8::splat(simd, WIDEN);
+    fn boxes<const MOVES: bool>(&self, simd: S, boxes: Boxes, t_max: f32) -> (u32, [f32; 8]) {
+        let near = self.plane::<MOVES>(simd, boxes, self.near[0], 0).max(self.plane::<MOVES>(simd, boxes, self.near[1], 1));
+        let near = near.max(self.plane::<MOVES>(simd, boxes, self.near[2], 2)).max(f32x8::splat(simd, 0.0));
+        let far = self.plane::<MOVES>(simd, boxes, self.far[0], 0).min(self.plane::<MOVES>(simd, boxes, self.far[1], 1));
+        let far = far.min(self.plane::<MOVES>(simd, boxes, self.far[2], 2)) * f32x8::splat(simd, WIDEN);
         let hit = near.simd_le(far.min(f32x8::splat(simd, t_max)));
         (hit.to_bitmask() as u32, near.into())
     }
 
     /// Eight corners in the sheared frame of the ray.
     #[inline(always)]
-    fn corner(&self, simd: S, corner: &[[f32; 8]; 3]) -> [f32x8<S>; 3] {
+    fn corner<const MOVES: bool>(&self, simd: S, open: &[[f32; 8]; 3], close: &[[f32; 8]; 3]) -> [f32x8<S>; 3] {
         let [kx, ky, kz] = self.axes;
         let [sx, sy, sz] = self.shear;
-        let z = f32x8::from_slice(simd, &corner[kz]) - self.origin[kz];
-        let x = f32x8::from_slice(simd, &corner[kx]) - self.origin[kx];
-        let y = f32x8::from_slice(simd, &corner[ky]) - self.origin[ky];
+        let z = self.place::<MOVES>(simd, &open[kz], &close[kz]) - self.origin[kz];
+        let x = self.place::<MOVES>(simd, &open[kx], &close[kx]) - self.origin[kx];
+        let y = self.place::<MOVES>(simd, &open[ky], &close[ky]) - self.origin[ky];
         [x - sx * z, y - sy * z, sz * z]
+    }
+
+    /// Coordinates at the ray's share of the way.
+    #[inline(always)]
+    fn place<const MOVES: bool>(&self, simd: S, open: &[f32; 8], close: &[f32; 8]) -> f32x8<S> {
+        let at = f32x8::from_slice(simd, open);
+        if MOVES { at + (f32x8::from_slice(simd, close) - at) * self.share } else { at }
     }
 
     /// Triangles of a block hit within `t_max`: a bit each, distances and barycentrics.
     #[inline(always)]
-    fn triangles(&self, simd: S, block: &Block, t_max: f32) -> (u32, [f32; 8], [f32; 8], [f32; 8]) {
-        let [ax, ay, az] = self.corner(simd, &block.corners[0]);
-        let [bx, by, bz] = self.corner(simd, &block.corners[1]);
-        let [cx, cy, cz] = self.corner(simd, &block.corners[2]);
+    fn triangles<const MOVES: bool>(
+        &self,
+        simd: S,
+        open: &[[[f32; 8]; 3]; 3],
+        close: &[[[f32; 8]; 3]; 3],
+        t_max: f32,
+    ) -> (u32, [f32; 8], [f32; 8], [f32; 8]) {
+        let [ax, ay, az] = self.corner::<MOVES>(simd, &open[0], &close[0]);
+        let [bx, by, bz] = self.corner::<MOVES>(simd, &open[1], &close[1]);
+        let [cx, cy, cz] = self.corner::<MOVES>(simd, &open[2], &close[2]);
         // Plain products and differences: fused ones would round shared edges differently on their two sides.
         let u = cx * by - cy * bx;
         let v = ax * cy - ay * cx;
@@ -191,18 +237,19 @@ fn not_zero(d: f32) -> f32 {
 }
 
 #[inline(always)]
-fn traverse<S: Simd, F: Filter, const ANY: bool>(
+fn traverse<S: Simd, F: Filter, const ANY: bool, const MOVES: bool>(
     simd: S,
     bvh: &Bvh,
     origin: Vec3,
     direction: Vec3,
+    share: f32,
     t_max: f32,
     filter: &F,
 ) -> Option<Hit> {
     if bvh.nodes.is_empty() {
         return None;
     }
-    let ray = Prepared::new(simd, origin, direction);
+    let ray = Prepared::new(simd, origin, direction, share);
     let mut best: Option<Hit> = None;
     let mut limit = t_max;
     // Entries hold the distance of entry above and the child below: distances are not negative, so their bits are ordered
@@ -224,7 +271,11 @@ fn traverse<S: Simd, F: Filter, const ANY: bool>(
         match Child(entry as u32).kind() {
             ChildKind::Node(index) => {
                 let node = &bvh.nodes[index];
-                let (mut hits, near) = ray.boxes(simd, node, limit);
+                let close = match (&bvh.end, MOVES) {
+                    (Some(end), true) => &end.bounds[index],
+                    _ => &node.bounds,
+                };
+                let (mut hits, near) = ray.boxes::<MOVES>(simd, Boxes { open: &node.bounds, close }, limit);
                 // The nearest child is to be on top: sort what is pushed, the farthest first.
                 let mut found = [0u64; 8];
                 let mut count = 0;
@@ -253,7 +304,11 @@ fn traverse<S: Simd, F: Filter, const ANY: bool>(
             }
             ChildKind::Block(index) => {
                 let block = &bvh.blocks[index];
-                let (mut hits, t, u, v) = ray.triangles(simd, block, limit);
+                let close = match (&bvh.end, MOVES) {
+                    (Some(end), true) => &end.corners[index],
+                    _ => &block.corners,
+                };
+                let (mut hits, t, u, v) = ray.triangles::<MOVES>(simd, &block.corners, close, limit);
                 while hits != 0 {
                     let i = hits.trailing_zeros() as usize & 7;
                     hits &= hits - 1;
@@ -335,6 +390,48 @@ mod tests {
                 }
             }
             assert!(n < 1000 || found > 30, "{found} hits of 400 rays on {n} triangles");
+        }
+    }
+
+    struct Moving([Triangles; 2]);
+
+    impl Primitives for Moving {
+        fn len(&self) -> usize {
+            self.0[0].len()
+        }
+        fn get(&self, index: usize) -> Primitive {
+            self.0[0].get(index)
+        }
+        fn moves(&self) -> bool {
+            true
+        }
+        fn get_at_end(&self, index: usize) -> Primitive {
+            self.0[1].get(index)
+        }
+    }
+
+    #[test]
+    fn a_moving_hierarchy_finds_what_a_still_one_finds_at_each_moment() {
+        // More than one chunk too.
+        for n in [9, 3000, 40_000] {
+            let size = if n > 10_000 { 0.01 } else { 0.1 };
+            let (a, b) = (soup(n, size), soup(2 * n, size));
+            let b = Triangles(b.0[n as usize..].to_vec());
+            let moving = Bvh::build(&Moving([Triangles(a.0.clone()), Triangles(b.0.clone())]));
+            for share in [0.0, 0.3, 1.0] {
+                let between = a.0.iter().zip(&b.0).map(|(a, b)| [0, 1, 2].map(|c| a[c] + (b[c] - a[c]) * share)).collect();
+                let still = Bvh::build(&Triangles(between));
+                for (o, d) in rays(if n > 10_000 { 40 } else { 300 }) {
+                    let (m, s) =
+                        (moving.closest_at(share, o, d, f32::INFINITY, &Opaque), still.closest(o, d, f32::INFINITY, &Opaque));
+                    assert_eq!(m.map(|h| h.id), s.map(|h| h.id), "{n} at {share}: ray {o} {d}");
+                    assert_eq!(m.is_some(), moving.any_at(share, o, d, f32::INFINITY, &Opaque));
+                    if let (Some(m), Some(s)) = (m, s) {
+                        assert!((m.t - s.t).abs() <= 1e-5 * s.t.max(1.0), "{} {}", m.t, s.t);
+                        assert_eq!(moving.corners_at(m.slot, share), still.corners(s.slot));
+                    }
+                }
+            }
         }
     }
 

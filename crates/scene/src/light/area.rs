@@ -52,6 +52,21 @@ impl AreaLight {
         AreaLight { shape, material, uv, two_sided, luminance, normal, area }
     }
 
+    /// The light when its space is placed in the world. Flat shapes only.
+    pub(crate) fn placed(&self, place: &glam::Affine3A) -> AreaLight {
+        let quad = |q: &Quad| Quad { corner: place.transform_point3(q.corner), edges: q.edges.map(|e| place.transform_vector3(e)) };
+        let shape = match &self.shape {
+            AreaShape::Triangle(q) => AreaShape::Triangle(quad(q)),
+            AreaShape::Parallelogram(q) => AreaShape::Parallelogram(quad(q)),
+            AreaShape::Sphere(s) => AreaShape::Sphere(*s),
+        };
+        let mut light = AreaLight::new(shape, self.material, self.uv, self.two_sided, self.luminance);
+        if place.matrix3.determinant() < 0.0 {
+            light.normal = -light.normal;
+        }
+        light
+    }
+
     /// Area, m².
     pub fn area(&self) -> f32 {
         self.area
@@ -84,7 +99,7 @@ impl AreaLight {
     }
 
     /// Aims at the surface from a point.
-    pub(super) fn aim(&self, p: Vec3, u: [f32; 2], number: u32) -> Option<Aim> {
+    pub(crate) fn aim(&self, p: Vec3, u: [f32; 2], number: u32) -> Option<Aim> {
         match &self.shape {
             AreaShape::Sphere(sphere) => aim_at_sphere(sphere, p, u, number),
             AreaShape::Triangle(quad) => {

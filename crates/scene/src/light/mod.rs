@@ -5,11 +5,13 @@
 
 pub mod area;
 pub mod environment;
+pub mod modulation;
 pub mod punctual;
 pub mod tree;
 
 pub use area::AreaLight;
 pub use environment::Environment;
+pub use modulation::Modulation;
 pub use punctual::{Punctual, PunctualKind};
 
 use diopter_light::Sampled;
@@ -63,26 +65,60 @@ pub struct Lights {
     /// Surroundings.
     pub environment: Option<Environment>,
     tree: Tree,
-    /// Leaf of the tree of each area light and each punctual light.
+    /// Leaf of the tree of each area light; `NOWHERE` for flashes.
     area_leaf: Vec<u32>,
     tree_lights: Vec<LightRef>,
     /// Directional lights and the environment, with an estimate of the irradiance each gives.
     infinite: Vec<(LightRef, f32)>,
     infinite_total: f32,
+    /// Lamps that burn for a moment only: chosen among while they do.
+    flashes: Vec<LightRef>,
 }
+
+const NOWHERE: u32 = u32::MAX;
+
+/// What the scene knows of a light beyond the light itself.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Placed {
+    /// Where it may be during the exposure, if it moves.
+    pub bounds: Option<LightBounds>,
+    /// Whether it is a flash.
+    pub flash: bool,
+}
+
+/// Share of the aims that go to flashes while one burns.
+const FLASH_SHARE: f32 = 0.5;
 
 impl Lights {
     /// Prepares the choice among lights.
-    pub fn new(area: Vec<AreaLight>, punctual: Vec<Punctual>, environment: Option<Environment>) -> Self {
+    pub(crate) fn new(
+        area: Vec<AreaLight>,
+        punctual: Vec<Punctual>,
+        environment: Option<Environment>,
+        placed_area: &[Placed],
+        placed_punctual: &[Placed],
+    ) -> Self {
         let mut bounds: Vec<LightBounds> = Vec::new();
         let mut tree_lights = Vec::new();
         let mut infinite = Vec::new();
-        for (i, light) in area.iter().enumerate() {
-            bounds.push(light.bounds());
-            tree_lights.push(LightRef::Area(i as u32));
+        let mut flashes = Vec::new();
+        let mut area_place = vec![NOWHERE; area.len()];
+        for (i, (light, placed)) in area.iter().zip(placed_area).enumerate() {
+            let light_ref = LightRef::Area(i as u32);
+            if placed.flash {
+                flashes.push(light_ref);
+                continue;
+            }
+            area_place[i] = bounds.len() as u32;
+            bounds.push(placed.bounds.unwrap_or_else(|| light.bounds()));
+            tree_lights.push(light_ref);
         }
-        for (i, light) in punctual.iter().enumerate() {
-            match light.bounds() {
+        for (i, (light, placed)) in punctual.iter().zip(placed_punctual).enumerate() {
+            if placed.flash {
+                flashes.push(LightRef::Punctual(i as u32));
+                continue;
+            }
+            match placed.bounds.or_else(|| light.bounds()) {
                 Some(b) => {
                     bounds.push(b);
                     tree_lights.push(LightRef::Punctual(i as u32));
@@ -99,13 +135,23 @@ impl Lights {
         }
         let infinite_total = infinite.iter().map(|i| i.1).sum();
         let (tree, leaves) = Tree::new(&bounds);
-        let area_leaf = leaves[..area.len()].to_vec();
-        Lights { area, punctual, environment, tree, area_leaf, tree_lights, infinite, infinite_total }
+        let area_leaf = area_place.into_iter().map(|p| leaves.get(p as usize).copied().unwrap_or(NOWHERE)).collect();
+        Lights { area, punctual, environment, tree, area_leaf, tree_lights, infinite, infinite_total, flashes }
     }
 
     /// Whether there is no light to aim at.
     pub fn is_empty(&self) -> bool {
-        self.tree_lights.is_empty() && self.infinite.is_empty()
+        self.tree_lights.is_empty() && self.infinite.is_empty() && self.flashes.is_empty()
+    }
+
+    /// Share of the aims that go to flashes.
+    #[inline]
+    fn flash_share(&self, flash_burns: bool) -> f32 {
+        match (flash_burns && !self.flashes.is_empty(), self.tree_lights.is_empty() && self.infinite.is_empty()) {
+            (false, _) => 0.0,
+            (true, true) => 1.0,
+            (true, false) => FLASH_SHARE,
+        }
     }
 
     /// Probability of choosing among the finite lights at a point.
@@ -123,7 +169,18 @@ impl Lights {
 
     /// Chooses a light for the point `p` with normal `n` by the number `u`: the light and its probability.
     #[inline]
-    pub fn choose(&self, p: Vec3, n: Vec3, u: f32) -> Option<(LightRef, f32)> {
+    pub fn choose(&self, p: Vec3, n: Vec3, mut u: f32, flash_burns: bool) -> Option<(LightRef, f32)> {
+        let flash = self.flash_share(flash_burns);
+        if u < flash {
+            let each = flash / self.flashes.len() as f32;
+            return Some((self.flashes[((u / each) as usize).min(self.flashes.len() - 1)], each));
+        }
+        u = (u - flash) / (1.0 - flash);
+        let (light, probability) = self.choose_steady(p, n, u)?;
+        Some((light, probability * (1.0 - flash)))
+    }
+
+    fn choose_steady(&self, p: Vec3, n: Vec3, u: f32) -> Option<(LightRef, f32)> {
         let share = self.finite_share(p, n);
         if u < share {
             let (leaf, probability) = self.tree.choose(p, n, u / share)?;
@@ -145,15 +202,19 @@ impl Lights {
 
     /// Probability with which [`Lights::choose`] finds an area light from a point.
     #[inline]
-    pub fn area_probability(&self, p: Vec3, n: Vec3, light: u32) -> f32 {
-        self.finite_share(p, n) * self.tree.probability(p, n, self.area_leaf[light as usize])
+    pub fn area_probability(&self, p: Vec3, n: Vec3, light: u32, flash_burns: bool) -> f32 {
+        let flash = self.flash_share(flash_burns);
+        match self.area_leaf[light as usize] {
+            NOWHERE => flash / self.flashes.len() as f32,
+            leaf => (1.0 - flash) * self.finite_share(p, n) * self.tree.probability(p, n, leaf),
+        }
     }
 
     /// Probability with which [`Lights::choose`] finds the environment from a point.
     #[inline]
-    pub fn environment_probability(&self, p: Vec3, n: Vec3) -> f32 {
+    pub fn environment_probability(&self, p: Vec3, n: Vec3, flash_burns: bool) -> f32 {
         match self.infinite.last() {
-            Some((LightRef::Environment, importance)) => (1.0 - self.finite_share(p, n)) * importance / self.infinite_total,
+            Some((LightRef::Environment, importance)) => (1.0 - self.flash_share(flash_burns)) * (1.0 - self.finite_share(p, n)) * importance / self.infinite_total,
             _ => 0.0,
         }
     }

@@ -1,21 +1,27 @@
 //! Lights without extent: glTF's KHR_lights_punctual.
 
-use super::{Aim, Spot, tree::LightBounds};
+use super::{Aim, Modulation, Spot, tree::LightBounds};
 use crate::bvh::Bounds;
 use diopter_light::{Sampled, Spectrum, Wavelengths};
-use glam::Vec3;
+use glam::{Affine3A, Vec3};
 use std::f32::consts::PI;
 
 /// A light in a point or at infinity.
 #[derive(Clone, Debug)]
 pub struct Punctual {
+    /// Name in its file.
+    pub name: String,
     /// Spectral intensity (W·sr⁻¹·nm⁻¹) of a point or spot, spectral irradiance (W·m⁻²·nm⁻¹) of a directional light.
     pub power: Spectrum,
-    /// Where and which way.
+    /// Where and which way: in the world, or in the space of the node that carries it.
     pub kind: PunctualKind,
+    /// Number of the node that carries it.
+    pub carrier: Option<u32>,
+    /// How it changes with time.
+    pub modulation: Modulation,
 }
 
-/// Geometry of a punctual light, world space.
+/// Geometry of a punctual light.
 #[derive(Clone, Copy, Debug)]
 pub enum PunctualKind {
     /// The same in all directions.
@@ -42,12 +48,33 @@ pub enum PunctualKind {
 }
 
 impl Punctual {
+    /// A steady light that stands still.
+    pub fn new(name: &str, power: Spectrum, kind: PunctualKind) -> Self {
+        Punctual { name: name.into(), power, kind, carrier: None, modulation: Modulation::Steady }
+    }
+
+    /// The light when its space is placed in the world.
+    pub(crate) fn placed(&self, place: &Affine3A) -> Punctual {
+        let turned = |d: Vec3| place.transform_vector3(d).try_normalize().unwrap_or(d);
+        let kind = match self.kind {
+            PunctualKind::Point { position } => PunctualKind::Point { position: place.transform_point3(position) },
+            PunctualKind::Spot { position, direction, cos_inner, cos_outer } => PunctualKind::Spot {
+                position: place.transform_point3(position),
+                direction: turned(direction),
+                cos_inner,
+                cos_outer,
+            },
+            PunctualKind::Directional { direction } => PunctualKind::Directional { direction: turned(direction) },
+        };
+        Punctual { kind, ..self.clone() }
+    }
+
     /// Luminous intensity (cd) or illuminance (lx).
     pub fn illuminance(&self) -> f32 {
         diopter_light::color::luminance(|nm| self.power.at(nm)) as f32
     }
 
-    pub(super) fn bounds(&self) -> Option<LightBounds> {
+    pub(crate) fn bounds(&self) -> Option<LightBounds> {
         let candela = self.illuminance();
         match self.kind {
             PunctualKind::Point { position } => {
@@ -63,7 +90,7 @@ impl Punctual {
         }
     }
 
-    pub(super) fn aim(&self, p: Vec3, number: u32) -> Option<Aim> {
+    pub(crate) fn aim(&self, p: Vec3, number: u32) -> Option<Aim> {
         let (wi, distance) = match self.kind {
             PunctualKind::Directional { direction } => (-direction, f32::INFINITY),
             PunctualKind::Point { position } | PunctualKind::Spot { position, .. } => {
@@ -79,7 +106,7 @@ impl Punctual {
     }
 
     /// Irradiance on a plane facing the light.
-    pub(super) fn arriving(&self, aim: &Aim, wavelengths: &Wavelengths) -> Sampled {
+    pub(crate) fn arriving(&self, aim: &Aim, wavelengths: &Wavelengths) -> Sampled {
         let power = self.power.sample(wavelengths);
         match self.kind {
             PunctualKind::Directional { .. } => power,

@@ -26,6 +26,11 @@ impl LightBounds {
         LightBounds { bounds, axis, cos_spread: spread.cos(), cos_emission: emission.cos(), two_sided, power }
     }
 
+    /// The same light if it may be anywhere in a box and face any way.
+    pub fn anywhere_in(self, bounds: Bounds) -> Self {
+        LightBounds { bounds, cos_spread: -1.0, ..self }
+    }
+
     fn union(self, other: LightBounds) -> LightBounds {
         if self.power == 0.0 {
             return other;

@@ -1,14 +1,17 @@
 //! glTF 2.0: `.gltf` and `.glb` into a [`Description`].
 //!
-//! Units are glTF's: metres, candela, lux, cd/m² for emission. Skinned meshes stand in their rest pose. Extensions:
+//! Units are glTF's: metres, candela, lux, cd/m² for emission. Nodes, animations, skins and morph targets: [`motion`]. Extensions:
 //! KHR_lights_punctual, KHR_materials_{emissive_strength, ior, transmission, clearcoat, unlit, volume},
 //! KHR_texture_transform; another one that a file requires is an error, one it only uses a warning. Files are opened by the
 //! caller: `fetch` gets the URIs of buffers and images.
 
+mod motion;
+
 use crate::SceneError;
-use crate::light::{Punctual, PunctualKind};
+use crate::light::{Modulation, Punctual, PunctualKind};
 use crate::material::{Absorption, Coverage, Emission, EmissionColor, Material, Principled, Scattering, Transmission};
-use crate::scene::{AnimatedProperty, Animation, Channel, Description, KeyInterpolation, Object, Shape, Viewpoint};
+use crate::motion::Motion;
+use crate::scene::{Description, Object, Shape, Viewpoint};
 use crate::shape::Mesh;
 use crate::texture::{Codes, Color, Image, Interpolation, Scalar, Texture, Wrap};
 use diopter_light::Spectrum;
@@ -127,10 +130,11 @@ impl<'a> Loader<'a> {
             order.push(node);
         }
         order.sort_by_key(|n| n.index());
+        self.nodes();
         for node in order {
             self.node(&node, &world)?;
         }
-        self.animations();
+        self.animations()?;
         Ok(self.description)
     }
 
@@ -149,15 +153,13 @@ impl<'a> Loader<'a> {
                 name: camera.name().unwrap_or(&name).to_owned(),
                 world_from_camera: Affine3A::from_rotation_translation(rotation, translation),
                 vertical_fov,
+                node: Some(node.index() as u32),
             });
         }
         if let Some(light) = node.light() {
-            self.description.punctual.push(punctual(&light, &placed));
+            self.description.punctual.push(punctual(&light, light.name().unwrap_or(&name), node.index() as u32));
         }
         let Some(mesh) = node.mesh() else { return Ok(()) };
-        if mesh.weights().is_some() || mesh.primitives().any(|p| p.morph_targets().next().is_some()) {
-            self.description.warnings.push(format!("mesh \"{}\": morph targets are left at rest", mesh.name().unwrap_or("")));
-        }
         for primitive in mesh.primitives() {
             if !matches!(
                 primitive.mode(),
@@ -170,18 +172,13 @@ impl<'a> Loader<'a> {
                 Some(index) => index as u32,
                 None => self.default_material(),
             };
-            let (number, placed) = match node.skin() {
-                Some(skin) => {
-                    // glTF: a skinned mesh stands where its joints are, not where its node is.
-                    let mut skinned = self.read_mesh(&mesh, &primitive)?;
-                    self.pose(&mut skinned, &primitive, &skin, world)?;
-                    self.description.meshes.push(skinned);
-                    (self.description.meshes.len() as u32 - 1, Affine3A::IDENTITY)
-                }
-                None => (self.mesh(&mesh, &primitive)?, placed),
+            let number = self.mesh(&mesh, &primitive)?;
+            let motion = match self.deformer(node, &mesh, &primitive, number, world)? {
+                Some(deformer) => Motion::Deformed { deformer },
+                None => Motion::Carried { node: node.index() as u32 },
             };
             let shape = Shape::Mesh { mesh: number, world_from_mesh: placed };
-            self.description.objects.push(Object { name: name.clone(), shape, material });
+            self.description.objects.push(Object { name: name.clone(), shape, material, motion });
         }
         Ok(())
     }
@@ -268,63 +265,6 @@ impl<'a> Loader<'a> {
         Ok(Mesh { positions, normals, tangents, uvs, colors, triangles })
     }
 
-    /// Moves a skinned mesh to where its joints hold it.
-    fn pose(
-        &self,
-        mesh: &mut Mesh,
-        primitive: &gltf::Primitive,
-        skin: &gltf::Skin,
-        world: &[Option<Mat4>],
-    ) -> Result<(), SceneError> {
-        let place = format!("skin {}{}", skin.index(), label(skin.name()));
-        let get = |b: gltf::Buffer| self.buffers.get(b.index()).map(Vec::as_slice);
-        let inverse: Vec<Mat4> = skin
-            .reader(get)
-            .read_inverse_bind_matrices()
-            .map(|it| it.map(|m| Mat4::from_cols_array_2d(&m)).collect())
-            .unwrap_or_default();
-        let joints: Vec<Mat4> = skin
-            .joints()
-            .enumerate()
-            .map(|(i, joint)| {
-                let here = world[joint.index()].ok_or_else(|| {
-                    error(
-                        self.name,
-                        &place,
-                        format!("joint node {} is not in the scene", joint.index()),
-                        "expected all joints below the scene's roots",
-                    )
-                })?;
-                Ok(here * inverse.get(i).copied().unwrap_or(Mat4::IDENTITY))
-            })
-            .collect::<Result<_, SceneError>>()?;
-        let reader = primitive.reader(get);
-        let (Some(indices), Some(weights)) = (reader.read_joints(0), reader.read_weights(0)) else { return Ok(()) };
-        for (i, (j, w)) in indices.into_u16().zip(weights.into_f32()).enumerate().take(mesh.positions.len()) {
-            let mut blend = Mat4::ZERO;
-            let total: f32 = w.iter().sum();
-            for k in 0..4 {
-                let Some(joint) = joints.get(j[k] as usize) else {
-                    return Err(error(
-                        self.name,
-                        &place,
-                        format!("joint {} of vertex {i}", j[k]),
-                        format!("expected less than {}", joints.len()),
-                    ));
-                };
-                blend += *joint * (w[k] / total.max(1e-6));
-            }
-            mesh.positions[i] = blend.transform_point3(mesh.positions[i]);
-            if let Some(n) = mesh.normals.get_mut(i) {
-                *n = (blend.inverse().transpose() * n.extend(0.0)).truncate().normalize_or_zero();
-            }
-            if let Some(t) = mesh.tangents.get_mut(i) {
-                *t = blend.transform_vector3(t.truncate()).normalize_or_zero().extend(t.w);
-            }
-        }
-        Ok(())
-    }
-
     fn texture(&self, texture: &gltf::Texture, codes: Codes, uv_set: u32, image_from_uv: Affine2) -> Option<Texture> {
         let image = self.images.get(texture.source().index())?.clone()?;
         let sampler = texture.sampler();
@@ -384,7 +324,7 @@ impl<'a> Loader<'a> {
                 Some(texture) => EmissionColor::Textured { factor, texture },
                 None => EmissionColor::Constant(Spectrum::light_from_rgb(factor)),
             };
-            let emission = Some(Emission { radiance, two_sided: true, is_light: false });
+            let emission = Some(Emission { radiance, two_sided: true, is_light: false, modulation: Modulation::Steady });
             return Ok(Material { emission, coverage, ..Material::new(&name, Scattering::Black) });
         }
 
@@ -419,6 +359,7 @@ impl<'a> Loader<'a> {
             },
             two_sided: m.double_sided(),
             is_light: true,
+            modulation: Modulation::Steady,
         });
         let normal_map = m.normal_texture().and_then(|n| {
             let (set, matrix) = match n.extension_value("KHR_texture_transform") {
@@ -428,41 +369,6 @@ impl<'a> Loader<'a> {
             Some((self.texture(&n.texture(), Codes::Linear, set, matrix)?, n.scale()))
         });
         Ok(Material { name, scattering: Scattering::Principled(Box::new(principled)), emission, normal_map, coverage })
-    }
-
-    fn animations(&mut self) {
-        for animation in self.document.clone().animations() {
-            let channels = animation
-                .channels()
-                .filter_map(|channel| {
-                    use gltf::animation::util::ReadOutputs;
-                    let reader = channel.reader(|b| self.buffers.get(b.index()).map(Vec::as_slice));
-                    let values: Vec<f32> = match reader.read_outputs()? {
-                        ReadOutputs::Translations(it) => it.flatten().collect(),
-                        ReadOutputs::Rotations(it) => it.into_f32().flatten().collect(),
-                        ReadOutputs::Scales(it) => it.flatten().collect(),
-                        ReadOutputs::MorphTargetWeights(it) => it.into_f32().collect(),
-                    };
-                    Some(Channel {
-                        node: channel.target().node().index(),
-                        property: match channel.target().property() {
-                            gltf::animation::Property::Translation => AnimatedProperty::Translation,
-                            gltf::animation::Property::Rotation => AnimatedProperty::Rotation,
-                            gltf::animation::Property::Scale => AnimatedProperty::Scale,
-                            gltf::animation::Property::MorphTargetWeights => AnimatedProperty::MorphWeights,
-                        },
-                        interpolation: match channel.sampler().interpolation() {
-                            gltf::animation::Interpolation::Step => KeyInterpolation::Step,
-                            gltf::animation::Interpolation::Linear => KeyInterpolation::Linear,
-                            gltf::animation::Interpolation::CubicSpline => KeyInterpolation::Cubic,
-                        },
-                        times_s: reader.read_inputs()?.collect(),
-                        values,
-                    })
-                })
-                .collect();
-            self.description.animations.push(Animation { name: animation.name().unwrap_or("").to_owned(), channels });
-        }
     }
 }
 
@@ -519,6 +425,11 @@ fn check_attributes(json: &gltf::json::Root, name: &str) -> Result<(), SceneErro
                     _ => continue,
                 };
                 check(&format!("{place} {semantic:?}"), index.value(), types, components)?;
+            }
+            for (t, target) in primitive.targets.iter().flatten().enumerate() {
+                for index in [&target.positions, &target.normals, &target.tangents].into_iter().flatten() {
+                    check(&format!("{place} target {t}"), index.value(), &[T::Vec3], &[C::F32])?;
+                }
             }
             if let Some(indices) = &primitive.indices {
                 check(&format!("{place} indices"), indices.value(), &[T::Scalar], &[C::U8, C::U16, C::U32])?;
@@ -725,11 +636,11 @@ fn json_transform(extensions: Option<&Value>, set: u32) -> (u32, Affine2) {
     (set, uv_transform(pair("offset", 0.0), rotation, pair("scale", 1.0)))
 }
 
-fn punctual(light: &gltf::khr_lights_punctual::Light, placed: &Affine3A) -> Punctual {
+fn punctual(light: &gltf::khr_lights_punctual::Light, name: &str, node: u32) -> Punctual {
     use gltf::khr_lights_punctual::Kind;
     let power = Spectrum::light_from_rgb(Vec3::from_array(light.color()) * light.intensity());
-    let position = Vec3::from(placed.translation);
-    let direction = placed.transform_vector3(Vec3::NEG_Z).try_normalize().unwrap_or(Vec3::NEG_Z);
+    // In the space of the node.
+    let (position, direction) = (Vec3::ZERO, Vec3::NEG_Z);
     let kind = match light.kind() {
         Kind::Directional => PunctualKind::Directional { direction },
         Kind::Point => PunctualKind::Point { position },
@@ -737,7 +648,7 @@ fn punctual(light: &gltf::khr_lights_punctual::Light, placed: &Affine3A) -> Punc
             PunctualKind::Spot { position, direction, cos_inner: inner_cone_angle.cos(), cos_outer: outer_cone_angle.cos() }
         }
     };
-    Punctual { power, kind }
+    Punctual { carrier: Some(node), ..Punctual::new(name, power, kind) }
 }
 
 #[cfg(test)]

@@ -14,6 +14,7 @@ pub use bsdf::{Bsdf, Scatter};
 pub use conductor::Conductor;
 pub use principled::{Absorption, Principled, Transmission};
 
+use crate::light::Modulation;
 use crate::shape::Surface;
 use crate::texture::{Color, Scalar, Texture};
 use diopter_light::{Sampled, Spectrum, Wavelengths};
@@ -56,6 +57,8 @@ pub struct Emission {
     pub two_sided: bool,
     /// Whether lamps of this kind are worth aiming at: an unlit surface only shows its colour.
     pub is_light: bool,
+    /// How it changes with time.
+    pub modulation: Modulation,
 }
 
 /// Spectral radiance of an emitter.
@@ -75,7 +78,7 @@ pub enum EmissionColor {
 impl Emission {
     /// A lamp of a spectrum (W·m⁻²·sr⁻¹·nm⁻¹), front side only.
     pub fn one_sided(radiance: Spectrum) -> Self {
-        Emission { radiance: EmissionColor::Constant(radiance), two_sided: false, is_light: true }
+        Emission { radiance: EmissionColor::Constant(radiance), two_sided: false, is_light: true, modulation: Modulation::Steady }
     }
 
     /// Radiance at texture coordinates.
@@ -181,6 +184,12 @@ impl Material {
             Scattering::Conductor(conductor) => conductor.normal_reflectance(),
             Scattering::Principled(principled) => principled.base_color.linear_srgb(surface),
         }
+    }
+
+    /// How its light changes with time; steady where it has none.
+    #[inline]
+    pub fn modulation(&self) -> Modulation {
+        self.emission.as_ref().map_or(Modulation::Steady, |e| e.modulation)
     }
 
     /// Absorption within the body behind the surface, if it has one.

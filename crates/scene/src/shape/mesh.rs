@@ -49,15 +49,22 @@ impl Mesh {
             + self.triangles.len() * 12
     }
 
-    /// Removes triangles that no ray can hit: corners out of range or not finite, or no area. Returns how many.
-    pub fn drop_unusable_triangles(&mut self) -> usize {
+    /// Removes triangles whose corners are out of range or not finite. Returns how many.
+    pub fn drop_broken_triangles(&mut self) -> usize {
         let before = self.triangles.len();
         let positions = &self.positions;
+        self.triangles.retain(|t| t.iter().all(|i| positions.get(*i as usize).is_some_and(|p| p.is_finite())));
+        before - self.triangles.len()
+    }
+
+    /// Removes triangles that no ray can hit: broken ones, and those without area. Returns how many.
+    pub fn drop_unusable_triangles(&mut self) -> usize {
+        let before = self.triangles.len();
+        self.drop_broken_triangles();
+        let positions = &self.positions;
         self.triangles.retain(|t| {
-            t.iter().all(|i| positions.get(*i as usize).is_some_and(|p| p.is_finite())) && {
-                let [a, b, c] = t.map(|i| positions[i as usize].as_dvec3());
-                (b - a).cross(c - a).length_squared() > 0.0
-            }
+            let [a, b, c] = t.map(|i| positions[i as usize].as_dvec3());
+            (b - a).cross(c - a).length_squared() > 0.0
         });
         before - self.triangles.len()
     }

@@ -1,0 +1,552 @@
+//! Things that move, made ready for the rays of one exposure.
+//!
+//! Over the time of an exposure each way is cut into equal steps, as many as keep what is straight between them close to the true
+//! way ([`TOLERANCE`]). What moves as a whole has a transform at each step, interpolated number by number; a mesh that bends has its
+//! corners at each step and one moving hierarchy between two of them. Moving things hang in hierarchies of their own, one for each
+//! segment of the exposure, whose boxes move too: what stands still is met as if nothing moved.
+
+use crate::bvh::{Bounds, Bvh, Filter, Hit, Primitive, Primitives};
+use crate::motion::{Deformer, Motion, Pose, Timeline};
+use crate::scene::{Description, Shape};
+use crate::shape::Mesh;
+use glam::{Affine3A, Vec3, Vec4};
+use rayon::prelude::*;
+
+/// Largest distance between the true way and the straight pieces that stand for it, as a share of the size of what moves: a tenth
+/// of a pixel for a thing that fills 1000.
+const TOLERANCE: f32 = 1e-4;
+/// Most steps of a way: a propeller of 30 turns a second over eight seconds.
+const MOST_STEPS: usize = 1 << 16;
+/// Most steps of a mesh that bends, and most triangles (each step a copy of about 600 bytes) it may take.
+const MOST_POSES: usize = 256;
+const MOST_POSED_TRIANGLES: usize = 1 << 22;
+/// Most segments of an exposure, and most boxes in all of them.
+const MOST_SEGMENTS: usize = 64;
+const MOST_BOXES: usize = 1 << 20;
+
+/// A transform that changes: at equal steps of the exposure, straight between them.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Track {
+    /// One, or a power of two and one.
+    keys: Vec<Affine3A>,
+}
+
+impl Track {
+    /// The way of a node during an exposure; `size` is what the tolerance is a share of, m, and `probes` are points (node space)
+    /// that it is kept for.
+    fn of_node(timeline: &Timeline, node: u32, probes: &[Vec3], size: f32, open_s: f64, span_s: f64) -> Track {
+        if span_s <= 0.0 || !timeline.moves(node) {
+            return Track { keys: vec![timeline.world(node, open_s)] };
+        }
+        let kinks = timeline.kinks([node], open_s, open_s + span_s, MOST_STEPS / 4);
+        let mut steps = (2 * kinks.len()).next_power_of_two().clamp(2, MOST_STEPS / 4);
+        loop {
+            let at = |x: f64| timeline.world(node, open_s + x * span_s);
+            let track = Track { keys: (0..=steps).map(|i| at(i as f64 / steps as f64)).collect() };
+            let off = |x: f64| {
+                let (true_place, straight) = (at(x), track.at(x as f32));
+                let apart = |p: &Vec3| (true_place.transform_point3(*p) - straight.transform_point3(*p)).length();
+                probes.iter().map(apart).fold(0.0, f32::max)
+            };
+            let between = (0..steps).map(|i| (i as f64 + 0.5) / steps as f64);
+            let worst = between.chain(kinks.iter().map(|t| (t - open_s) / span_s)).map(off).fold(0.0, f32::max);
+            if worst <= TOLERANCE * size || steps >= MOST_STEPS {
+                let first = track.keys[0];
+                if track.keys.iter().all(|k| *k == first) {
+                    return Track { keys: vec![first] };
+                }
+                return track;
+            }
+            steps *= 2;
+        }
+    }
+
+    /// The transform at a share (0 to 1) of the exposure.
+    #[inline]
+    pub fn at(&self, share: f32) -> Affine3A {
+        let last = self.keys.len() - 1;
+        if last == 0 {
+            return self.keys[0];
+        }
+        let (k, f) = step(share, last);
+        let (a, b) = (&self.keys[k], &self.keys[k + 1]);
+        Affine3A { matrix3: a.matrix3 * (1.0 - f) + b.matrix3 * f, translation: a.translation * (1.0 - f) + b.translation * f }
+    }
+}
+
+/// Number of the step that a share of the exposure lies in, and the share of that step.
+#[inline]
+fn step(share: f32, steps: usize) -> (usize, f32) {
+    let x = share * steps as f32;
+    let k = (x as usize).min(steps - 1);
+    (k, x - k as f32)
+}
+
+/// The way of a moving object.
+#[derive(Debug)]
+enum Way {
+    /// As a whole.
+    Rigid(Track),
+    /// Poses at the steps; hierarchies between them (one, still, when there is one pose).
+    Bending { poses: Vec<Pose>, hierarchies: Vec<Bvh> },
+}
+
+/// A moving object.
+#[derive(Debug)]
+struct Mover {
+    object: u32,
+    /// Whether it hangs on a free node.
+    free: bool,
+    mesh: u32,
+    way: Way,
+    /// Boxes at the steps of the way.
+    boxes: Vec<Bounds>,
+}
+
+/// All that moves.
+#[derive(Debug, Default)]
+pub struct Movers {
+    movers: Vec<Mover>,
+    /// Mover of each object; `NONE` for those that stand still.
+    of_object: Vec<u32>,
+    /// Ways of nodes that carry lights without extent.
+    pub(crate) lights: Vec<Option<Track>>,
+    segments: Vec<Bvh>,
+    span_s: f32,
+}
+
+const NONE: u32 = u32::MAX;
+
+/// A triangle as it is met.
+pub(crate) struct MovedTriangle {
+    pub corners: [Vec3; 3],
+    /// World from mesh; identity for a mesh that bends.
+    pub place: Affine3A,
+    /// Normals and tangents at the corners in world space, of a mesh that bends.
+    pub bent: Option<([Option<Vec3>; 3], [Option<Vec4>; 3])>,
+}
+
+impl Movers {
+    /// Everything that moves between two moments (s). `shared`: hierarchies of the meshes that are carried.
+    pub(crate) fn new(d: &Description, timeline: &Timeline, shared: &[Option<Bvh>], open_s: f64, span_s: f64) -> Movers {
+        let movers: Vec<Mover> = d
+            .objects
+            .par_iter()
+            .enumerate()
+            .filter_map(|(i, object)| {
+                let Shape::Mesh { mesh, .. } = object.shape else { return None };
+                let (way, boxes) = match object.motion {
+                    Motion::Still => return None,
+                    Motion::Carried { node } => {
+                        let local = shared[mesh as usize].as_ref().map_or(Bounds::EMPTY, Bvh::bounds);
+                        carried(timeline, node, &local, open_s, span_s)
+                    }
+                    Motion::Deformed { deformer } => {
+                        let mesh = &d.meshes[mesh as usize];
+                        let filtered = !matches!(d.materials[object.material as usize].coverage, crate::material::Coverage::Full);
+                        bending(timeline, &d.deformers[deformer as usize], mesh, filtered, open_s, span_s)
+                    }
+                };
+                let free = matches!(object.motion, Motion::Carried { node } if d.nodes[node as usize].free);
+                Some(Mover { object: i as u32, free, mesh, way, boxes })
+            })
+            .collect();
+        let mut of_object = if movers.is_empty() { Vec::new() } else { vec![NONE; d.objects.len()] };
+        movers.iter().enumerate().for_each(|(i, m)| of_object[m.object as usize] = i as u32);
+        let lights = d
+            .punctual
+            .iter()
+            .map(|l| Some(l.carrier?).map(|node| Track::of_node(timeline, node, &[Vec3::ZERO, Vec3::NEG_Z], 1.0, open_s, span_s)))
+            .collect();
+        let segments = segments(&movers);
+        Movers { movers, of_object, lights, segments, span_s: span_s as f32 }
+    }
+
+    /// Whether nothing moves.
+    #[inline]
+    pub fn is_empty(&self) -> bool {
+        self.movers.is_empty()
+    }
+
+    /// The share (0 to 1) of the exposure at a time after its beginning.
+    #[inline]
+    pub(crate) fn share(&self, time_s: f32) -> f32 {
+        if self.span_s > 0.0 { (time_s / self.span_s).clamp(0.0, 1.0) } else { 0.0 }
+    }
+
+    /// Number of the mover that an object is.
+    #[inline]
+    pub(crate) fn mover(&self, object: u32) -> Option<u32> {
+        self.of_object.get(object as usize).copied().filter(|m| *m != NONE)
+    }
+
+    /// Where a mover that moves as a whole is; identity for a mesh that bends.
+    pub(crate) fn place(&self, mover: u32, share: f32) -> Affine3A {
+        match &self.movers[mover as usize].way {
+            Way::Rigid(track) => track.at(share),
+            Way::Bending { .. } => Affine3A::IDENTITY,
+        }
+    }
+
+    /// The box that a mover stays in.
+    pub(crate) fn swept(&self, mover: u32) -> Bounds {
+        self.movers[mover as usize].boxes.iter().fold(Bounds::EMPTY, |a, b| a.union(*b))
+    }
+
+    /// The box around all that moves, at the beginning; without what hangs on free nodes.
+    pub(crate) fn opening_bounds(&self) -> Bounds {
+        self.movers.iter().filter(|m| !m.free).fold(Bounds::EMPTY, |b, m| b.union(m.boxes[0]))
+    }
+
+    /// Bytes held.
+    pub(crate) fn memory(&self) -> usize {
+        let way = |m: &Mover| match &m.way {
+            Way::Rigid(track) => track.keys.len() * size_of::<Affine3A>(),
+            Way::Bending { poses, hierarchies } => {
+                let pose = |p: &Pose| p.positions.len() * 12 + p.normals.len() * 12 + p.tangents.len() * 16;
+                poses.iter().map(pose).sum::<usize>() + hierarchies.iter().map(Bvh::memory).sum::<usize>()
+            }
+        };
+        self.movers.iter().map(way).sum::<usize>() + self.segments.iter().map(Bvh::memory).sum::<usize>()
+    }
+
+    /// Corners of a triangle by its number in the mesh (not by a hit), in world space.
+    pub(crate) fn corners(&self, mover: u32, mesh: &Mesh, triangle: usize, share: f32) -> [Vec3; 3] {
+        match &self.movers[mover as usize].way {
+            Way::Rigid(track) => {
+                let place = track.at(share);
+                mesh.corners(triangle).map(|c| place.transform_point3(c))
+            }
+            Way::Bending { poses, .. } => {
+                let (a, b, f) = between(poses, share);
+                mesh.triangles[triangle].map(|i| {
+                    let i = i as usize;
+                    a.positions[i] + (b.positions[i] - a.positions[i]) * f
+                })
+            }
+        }
+    }
+
+    /// What a hit at a slot of a mover's hierarchy has met.
+    pub(crate) fn met(
+        &self,
+        mover: u32,
+        shared: Option<&Bvh>,
+        mesh: &Mesh,
+        slot: u32,
+        triangle: u32,
+        share: f32,
+    ) -> MovedTriangle {
+        match &self.movers[mover as usize].way {
+            Way::Rigid(track) => {
+                let place = track.at(share);
+                let shared = shared.expect("what is carried has a hierarchy");
+                MovedTriangle { corners: shared.corners(slot).map(|c| place.transform_point3(c)), place, bent: None }
+            }
+            Way::Bending { poses, hierarchies } => {
+                let (k, f) = step(share, hierarchies.len());
+                let corners = hierarchies[k].corners_at(slot, f);
+                let (a, b, f) = between(poses, share);
+                let at = mesh.triangles[triangle as usize].map(|i| i as usize);
+                let normals = at.map(|i| Some(*a.normals.get(i)? * (1.0 - f) + *b.normals.get(i)? * f));
+                let tangents = at.map(|i| {
+                    let (a, b) = (*a.tangents.get(i)?, *b.tangents.get(i)?);
+                    Some((a.truncate() * (1.0 - f) + b.truncate() * f).extend(a.w))
+                });
+                MovedTriangle { corners, place: Affine3A::IDENTITY, bent: Some((normals, tangents)) }
+            }
+        }
+    }
+
+    /// Nearest hit on what moves; `mover_filter` meets a mover by its number.
+    #[inline]
+    pub(crate) fn closest(&self, share: f32, origin: Vec3, direction: Vec3, t_max: f32, filter: &impl Filter) -> Option<Hit> {
+        let (k, f) = step(share, self.segments.len());
+        self.segments[k].closest_at(f, origin, direction, t_max, filter)
+    }
+
+    /// Any hit on what moves.
+    #[inline]
+    pub(crate) fn any(&self, share: f32, origin: Vec3, direction: Vec3, t_max: f32, filter: &impl Filter) -> bool {
+        let (k, f) = step(share, self.segments.len());
+        self.segments[k].any_at(f, origin, direction, t_max, filter)
+    }
+
+    /// Follows a ray into one mover. `t` of the hit means the same as in the world.
+    #[inline]
+    #[allow(clippy::too_many_arguments, reason = "a ray, a moment, a limit and who is asked")]
+    pub(crate) fn enter(
+        &self,
+        mover: u32,
+        shared: &[Option<Bvh>],
+        share: f32,
+        (origin, direction): (Vec3, Vec3),
+        t_max: f32,
+        any: bool,
+        filter: &impl Filter,
+    ) -> Option<Hit> {
+        let mover = &self.movers[mover as usize];
+        let found = Hit { t: 0.0, u: 0.0, v: 0.0, id: 0, slot: 0, instance: 0 };
+        match &mover.way {
+            Way::Rigid(track) => {
+                let place = track.at(share);
+                // Scaled to nothing: not there.
+                if place.matrix3.determinant().abs() < 1e-30 {
+                    return None;
+                }
+                let place = place.inverse();
+                let (o, d) = (place.transform_point3(origin), place.transform_vector3(direction));
+                let bvh = shared[mover.mesh as usize].as_ref()?;
+                if any { bvh.any(o, d, t_max, filter).then_some(found) } else { bvh.closest(o, d, t_max, filter) }
+            }
+            Way::Bending { hierarchies, .. } => {
+                let (k, f) = step(share, hierarchies.len());
+                let bvh = &hierarchies[k];
+                if any {
+                    bvh.any_at(f, origin, direction, t_max, filter).then_some(found)
+                } else {
+                    bvh.closest_at(f, origin, direction, t_max, filter)
+                }
+            }
+        }
+        .map(|h| Hit { instance: mover.object + 1, ..h })
+    }
+
+    /// Object of a mover.
+    #[inline]
+    pub(crate) fn object(&self, mover: u32) -> u32 {
+        self.movers[mover as usize].object
+    }
+}
+
+/// The poses around a share of the exposure, and the share between them.
+fn between(poses: &[Pose], share: f32) -> (&Pose, &Pose, f32) {
+    if poses.len() == 1 {
+        return (&poses[0], &poses[0], 0.0);
+    }
+    let (k, f) = step(share, poses.len() - 1);
+    (&poses[k], &poses[k + 1], f)
+}
+
+fn corners_of(b: &Bounds) -> [Vec3; 8] {
+    std::array::from_fn(|i| {
+        Vec3::new(
+            if i & 1 == 0 { b.min.x } else { b.max.x },
+            if i & 2 == 0 { b.min.y } else { b.max.y },
+            if i & 4 == 0 { b.min.z } else { b.max.z },
+        )
+    })
+}
+
+fn carried(timeline: &Timeline, node: u32, local: &Bounds, open_s: f64, span_s: f64) -> (Way, Vec<Bounds>) {
+    if local.is_empty() {
+        return (Way::Rigid(Track { keys: vec![Affine3A::IDENTITY] }), vec![Bounds::EMPTY]);
+    }
+    let probes = corners_of(local);
+    let placed = timeline.world(node, open_s);
+    let size = 0.5 * Bounds::around(probes.map(|p| placed.transform_point3(p))).size().length();
+    let track = Track::of_node(timeline, node, &probes, size.max(1e-9), open_s, span_s);
+    let boxes = track
+        .keys
+        .iter()
+        .map(|k| {
+            let b = Bounds::around(probes.map(|p| k.transform_point3(p)).into_iter().filter(|p| p.is_finite()));
+            // Rounding of the transform.
+            let pad = 1e-6 * b.max.abs().max(b.min.abs()).max_element();
+            Bounds { min: b.min - pad, max: b.max + pad }
+        })
+        .collect();
+    (Way::Rigid(track), boxes)
+}
+
+fn bending(timeline: &Timeline, deformer: &Deformer, mesh: &Mesh, filtered: bool, open_s: f64, span_s: f64) -> (Way, Vec<Bounds>) {
+    let at = |x: f64| timeline.pose(deformer, mesh, open_s + x * span_s);
+    let mut poses = vec![at(0.0)];
+    if span_s > 0.0 && timeline.bends(deformer) {
+        let joints = deformer.skin.iter().flat_map(|s| s.joints.iter().copied()).chain([deformer.node]);
+        let kinks = timeline.kinks(joints, open_s, open_s + span_s, 4096).len();
+        let most = (MOST_POSED_TRIANGLES / mesh.triangles.len().max(1)).clamp(1, MOST_POSES);
+        let most = if most.is_power_of_two() { most } else { most.next_power_of_two() / 2 };
+        let mut steps = (kinks + 1).next_power_of_two().clamp(1, most);
+        let size = 0.5 * Bounds::around(poses[0].positions.iter().copied()).size().length();
+        poses = (0..=steps).into_par_iter().map(|i| at(i as f64 / steps as f64)).collect();
+        while steps < most {
+            // What lies halfway becomes the next finer row of poses if it is needed.
+            let halfway: Vec<Pose> = (0..steps).into_par_iter().map(|i| at((i as f64 + 0.5) / steps as f64)).collect();
+            let off = |(i, pose): (usize, &Pose)| {
+                let ends = poses[i].positions.iter().zip(&poses[i + 1].positions);
+                let apart = pose.positions.iter().zip(ends).map(|(p, (a, b))| (*p - (*a + *b) * 0.5).length_squared());
+                apart.fold(0.0f32, f32::max)
+            };
+            let worst = halfway.iter().enumerate().map(off).fold(0.0, f32::max).sqrt();
+            if worst <= TOLERANCE * size {
+                break;
+            }
+            let mut finer = Vec::with_capacity(2 * steps + 1);
+            let mut ends = poses.into_iter();
+            for pose in halfway {
+                finer.extend(ends.next());
+                finer.push(pose);
+            }
+            finer.extend(ends);
+            poses = finer;
+            steps *= 2;
+        }
+    }
+    let hierarchies = match poses.len() {
+        1 => vec![Bvh::build(&Bent { mesh, open: &poses[0], close: None, filtered })],
+        n => (0..n - 1)
+            .into_par_iter()
+            .map(|k| Bvh::build(&Bent { mesh, open: &poses[k], close: Some(&poses[k + 1]), filtered }))
+            .collect(),
+    };
+    let boxes = poses.iter().map(|p| Bounds::around(mesh.triangles.iter().flatten().map(|i| p.positions[*i as usize]))).collect();
+    (Way::Bending { poses, hierarchies }, boxes)
+}
+
+/// Triangles between two poses.
+struct Bent<'a> {
+    mesh: &'a Mesh,
+    open: &'a Pose,
+    close: Option<&'a Pose>,
+    filtered: bool,
+}
+
+impl Bent<'_> {
+    fn triangle(&self, pose: &Pose, index: usize) -> Primitive {
+        let corners = self.mesh.triangles[index].map(|i| pose.positions[i as usize]);
+        Primitive::Triangle { corners, id: index as u32, filtered: self.filtered }
+    }
+}
+
+impl Primitives for Bent<'_> {
+    fn len(&self) -> usize {
+        self.mesh.triangles.len()
+    }
+    fn get(&self, index: usize) -> Primitive {
+        self.triangle(self.open, index)
+    }
+    fn moves(&self) -> bool {
+        self.close.is_some()
+    }
+    fn get_at_end(&self, index: usize) -> Primitive {
+        self.triangle(self.close.unwrap_or(self.open), index)
+    }
+}
+
+/// Boxes of the movers at the two ends of a segment.
+struct Boxes(Vec<[Bounds; 2]>);
+
+impl Primitives for Boxes {
+    fn len(&self) -> usize {
+        self.0.len()
+    }
+    fn get(&self, index: usize) -> Primitive {
+        Primitive::Other { bounds: self.0[index][0], id: index as u32 }
+    }
+    fn moves(&self) -> bool {
+        self.0.iter().any(|[a, b]| a != b)
+    }
+    fn get_at_end(&self, index: usize) -> Primitive {
+        Primitive::Other { bounds: self.0[index][1], id: index as u32 }
+    }
+}
+
+/// One hierarchy for each segment of the exposure.
+fn segments(movers: &[Mover]) -> Vec<Bvh> {
+    let steps = movers.iter().map(|m| m.boxes.len() - 1).max().unwrap_or(0).max(1);
+    let affordable = (MOST_BOXES / movers.len().max(1)).next_power_of_two().max(1);
+    let count = steps.next_power_of_two().min(MOST_SEGMENTS).min(affordable);
+    (0..count)
+        .into_par_iter()
+        .map(|s| Bvh::build(&Boxes(movers.iter().map(|m| segment_boxes(&m.boxes, s, count)).collect())))
+        .collect()
+}
+
+/// Boxes at the two ends of a segment whose interpolation holds the object all the while; `boxes` hold it when interpolated.
+fn segment_boxes(boxes: &[Bounds], segment: usize, count: usize) -> [Bounds; 2] {
+    let steps = boxes.len() - 1;
+    if steps == 0 {
+        return [boxes[0]; 2];
+    }
+    let lerp = |a: &Bounds, b: &Bounds, f: f32| Bounds { min: a.min + (b.min - a.min) * f, max: a.max + (b.max - a.max) * f };
+    let at = |share: f32| {
+        let (k, f) = step(share, steps);
+        lerp(&boxes[k], &boxes[k + 1], f)
+    };
+    let (from, to) = (segment as f32 / count as f32, (segment + 1) as f32 / count as f32);
+    let [mut open, mut close] = [at(from), at(to)];
+    // Steps within the segment stand out of the straight way between its ends: widen both ends by the most that any does.
+    let (mut below, mut above) = (Vec3::ZERO, Vec3::ZERO);
+    for (k, inside) in boxes.iter().enumerate() {
+        let share = k as f32 / steps as f32;
+        if share > from && share < to {
+            let straight = lerp(&open, &close, (share - from) / (to - from));
+            (below, above) = (below.max(straight.min - inside.min), above.max(inside.max - straight.max));
+        }
+    }
+    for b in [&mut open, &mut close] {
+        (b.min, b.max) = (b.min - below, b.max + above);
+    }
+    [open, close]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::motion::{AnimatedProperty, Animation, Channel, Ending, KeyInterpolation, Node, Playing};
+    use glam::Quat;
+
+    /// A node that turns about z, `turns` times a second.
+    fn turning(turns: f32) -> (Vec<Node>, Vec<Animation>) {
+        let thirds = [0.0, 1.0, 2.0, 3.0].map(|k: f32| Quat::from_rotation_z(k * std::f32::consts::TAU / 3.0).to_array());
+        let channel = Channel {
+            node: 0,
+            property: AnimatedProperty::Rotation,
+            interpolation: KeyInterpolation::Linear,
+            times_s: [0.0, 1.0, 2.0, 3.0].map(|k| k / (3.0 * turns)).to_vec(),
+            values: thirds.concat(),
+        };
+        (vec![Node::new("hub")], vec![Animation { name: "turn".into(), channels: vec![channel] }])
+    }
+
+    #[test]
+    fn a_track_stays_close_to_the_true_way() {
+        // Whole turns in the exposure: equal ends must not pass for standing still.
+        for (turns, span) in [(1.0, 1.0), (30.0, 1.0), (30.0, 0.01), (7.3, 4.0)] {
+            let (nodes, animations) = turning(turns);
+            let playing = Playing { animations: vec![0], ending: Ending::Loop, frozen_at_s: None };
+            let timeline = Timeline::new(&nodes, &animations, &playing);
+            let track = Track::of_node(&timeline, 0, &[Vec3::X], 1.0, 0.3, span);
+            for i in 0..5000 {
+                let x = (i as f64 + 0.37) / 5000.0;
+                let [a, b] = [track.at(x as f32), timeline.world(0, 0.3 + x * span)].map(|m| m.transform_point3(Vec3::X));
+                // The share of the exposure itself has single precision.
+                let slack = 1e-7 * span as f32 * turns * 7.0;
+                assert!((a - b).length() < 1.5e-4 + 3.0 * slack, "{turns} × {span} s at {x}: {a} {b}");
+            }
+        }
+    }
+
+    #[test]
+    fn boxes_of_a_segment_hold_the_way_within_it() {
+        let around = |i: usize| {
+            let (s, c) = (i as f32 / 64.0 * 9.0).sin_cos();
+            let p = Vec3::new(c, s, 0.1 * i as f32);
+            Bounds { min: p - 0.1, max: p + 0.1 }
+        };
+        let boxes: Vec<Bounds> = (0..=64).map(around).collect();
+        for count in [1, 4, 64, 128] {
+            for s in 0..count {
+                let [a, b] = segment_boxes(&boxes, s, count);
+                for i in 0..=20 {
+                    let f = i as f32 / 20.0;
+                    let (k, g) = step((s as f32 + f) / count as f32, 64);
+                    let lo = boxes[k].min + (boxes[k + 1].min - boxes[k].min) * g;
+                    let hi = boxes[k].max + (boxes[k + 1].max - boxes[k].max) * g;
+                    assert!((a.min + (b.min - a.min) * f).cmple(lo + 1e-5).all() && (a.max + (b.max - a.max) * f).cmpge(hi - 1e-5).all());
+                }
+            }
+        }
+    }
+}
