@@ -2,8 +2,9 @@
 
 use clap::{Parser, Subcommand};
 use diopter::image::dng::Storage;
-use diopter::quantity::{Distance, FNumber, Iso, LengthMm, Seconds, Size};
+use diopter::quantity::{Distance, Ev, FNumber, Filter, Hertz, Iso, IsoChoice, LengthMm, Seconds, Size};
 use diopter::shot::ShotFile;
+use diopter::shot::file::{FlashSection, FlickerSection};
 use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
 
@@ -49,7 +50,7 @@ pub enum Verb {
         #[arg(short, long, value_name = "FILE")]
         output: PathBuf,
     },
-    /// Join focal planes that hold different samples of the same picture.
+    /// Join focal planes that hold different samples of the same picture, or the raw files of an exposure series.
     Merge(Merge),
     /// Embedded scenes, and what is in a scene file.
     Scene {
@@ -327,11 +328,92 @@ pub struct Taking {
     #[arg(long, value_name = "F")]
     pub aperture: Option<FNumber>,
     /// Exposure time: "1/125"; metered without.
-    #[arg(long, value_name = "TIME")]
+    #[arg(long, value_name = "TIME", allow_hyphen_values = true)]
     pub shutter: Option<Seconds>,
-    /// ISO speed.
+    /// ISO speed, or auto.
+    #[arg(long, value_name = "ISO|auto", allow_hyphen_values = true)]
+    pub iso: Option<IsoChoice>,
+    /// Lowest speed of --iso auto; the body's lowest without.
     #[arg(long, value_name = "ISO", allow_hyphen_values = true)]
-    pub iso: Option<Iso>,
+    pub iso_min: Option<Iso>,
+    /// Highest speed of --iso auto; 6400 without.
+    #[arg(long, value_name = "ISO", allow_hyphen_values = true)]
+    pub iso_max: Option<Iso>,
+    /// The slowest time --iso auto keeps to and the program turns at; one over the focal length without.
+    #[arg(long, value_name = "TIME", allow_hyphen_values = true)]
+    pub slowest: Option<Seconds>,
+    /// M (manual), A (aperture priority), S (shutter priority), P (program); without, M if a time is given and A if not.
+    #[arg(long, value_name = "M|A|S|P")]
+    pub mode: Option<String>,
+    /// average, centre-weighted, spot, matrix or highlight.
+    #[arg(long, value_name = "PATTERN")]
+    pub metering: Option<String>,
+    /// Middle of the spot: "x,y", 0 to 1 across and down the picture.
+    #[arg(long, value_name = "X,Y", value_parser = pair, allow_hyphen_values = true)]
+    pub metering_at: Option<[f64; 2]>,
+    /// More (+) or less light than the meter asks for: "+1", "-1/3 EV".
+    #[arg(long, value_name = "EV", allow_hyphen_values = true)]
+    pub compensation: Option<Ev>,
+    /// Neutral density filter: "ND8" (factor), "ND 0.9" (density), "3 stops".
+    #[arg(long, value_name = "FILTER", allow_hyphen_values = true)]
+    pub nd: Option<Filter>,
+    /// What the camera chooses clicks in full, half or third stops; without, it is exact.
+    #[arg(long, value_name = "STEP")]
+    pub dial: Option<String>,
+    /// Engraved numbers stand for exact stops: f/5.6 for 5.657, 1/125 for 1/128.
+    #[arg(long)]
+    pub true_stops: bool,
+    /// Shutter: global, leaf, focal-plane or rolling.
+    #[arg(long, value_name = "KIND")]
+    pub shutter_type: Option<String>,
+    /// Which way curtains or rows run, as seen in the picture: down, up, right or left.
+    #[arg(long, value_name = "WAY")]
+    pub shutter_direction: Option<String>,
+    /// Of a focal-plane shutter: time that a curtain takes across the picture.
+    #[arg(long, value_name = "TIME", allow_hyphen_values = true)]
+    pub travel: Option<Seconds>,
+    /// Of a rolling shutter: time from one row of the picture to the next, "10.26us".
+    #[arg(long, value_name = "TIME", allow_hyphen_values = true)]
+    pub line_time: Option<Seconds>,
+    /// Of a rolling shutter, instead: time for the whole picture.
+    #[arg(long, value_name = "TIME", allow_hyphen_values = true)]
+    pub readout: Option<Seconds>,
+    /// Of a rolling shutter: rolling, or global (all rows begin at once).
+    #[arg(long, value_name = "HOW")]
+    pub reset: Option<String>,
+    /// Of a leaf shutter: time its blades take to open, and again to close.
+    #[arg(long, value_name = "TIME", allow_hyphen_values = true)]
+    pub ramp: Option<Seconds>,
+    /// Moment the exposure begins, on the clock of the scene's animations: "1.25s".
+    #[arg(long, value_name = "TIME", allow_hyphen_values = true)]
+    pub at: Option<Seconds>,
+    /// Which animation runs: its name or number, all or none; the first without.
+    #[arg(long, value_name = "NAME")]
+    pub animation: Option<String>,
+    /// After the last key: clamp (stand still) or loop.
+    #[arg(long, value_name = "HOW")]
+    pub animation_end: Option<String>,
+    /// Nothing moves: all stands as it does at --at.
+    #[arg(long)]
+    pub frozen: bool,
+    /// Unsteady hands: angular speed (rms), deg/s; 0.6 is a steady hand.
+    #[arg(long, value_name = "DEG/S", allow_negative_numbers = true)]
+    pub shake: Option<f64>,
+    /// Lamps flicker: "mains 50 Hz" or "mains 50 Hz 0.8" (depth), "pwm 240 Hz 0.3" (share of time on).
+    #[arg(long, value_name = "HOW", value_parser = flicker)]
+    pub flicker: Option<FlickerSection>,
+    /// Fire a flash of this guide number (f-number × metres, ISO 100).
+    #[arg(long, value_name = "GN", allow_negative_numbers = true)]
+    pub flash: Option<f64>,
+    /// Its power, a share of full: "1/4".
+    #[arg(long, value_name = "SHARE", value_parser = share)]
+    pub flash_power: Option<f64>,
+    /// Length of its pulse.
+    #[arg(long, value_name = "TIME", allow_hyphen_values = true)]
+    pub flash_pulse: Option<Seconds>,
+    /// first or second curtain, or high-speed.
+    #[arg(long, value_name = "WHEN")]
+    pub flash_sync: Option<String>,
     /// Illuminant the camera takes for white: D65, D50, A, FL2 ...
     #[arg(long, value_name = "NAME")]
     pub white: Option<String>,
@@ -381,6 +463,24 @@ pub struct Shoot {
     /// Keep the focal plane too (EXR).
     #[arg(long, value_name = "FILE")]
     pub keep_plane: Option<PathBuf>,
+    /// An exposure series of so many pictures: files are numbered.
+    #[arg(long, value_name = "N")]
+    pub bracket: Option<u32>,
+    /// From one picture of the series to the next: "1ev".
+    #[arg(long, value_name = "EV", allow_hyphen_values = true)]
+    pub step: Option<Ev>,
+    /// Join the series: linear light (.exr), a raw file (.dng) or a picture.
+    #[arg(long, value_name = "FILE")]
+    pub merge: Option<PathBuf>,
+    /// Frames of a film: files are numbered.
+    #[arg(long, value_name = "N")]
+    pub frames: Option<u32>,
+    /// Frames a second; 24 without.
+    #[arg(long, value_name = "N", allow_negative_numbers = true)]
+    pub fps: Option<f64>,
+    /// Exposure time of a frame as part of its duration, degrees: 180 is half of it.
+    #[arg(long, value_name = "DEG", allow_negative_numbers = true)]
+    pub shutter_angle: Option<f64>,
     /// Write what is being shot as a shot file.
     #[arg(long, value_name = "FILE")]
     pub save_shot: Option<PathBuf>,
@@ -496,14 +596,73 @@ pub enum CalcVerb {
         #[arg(long)]
         keep_grey: bool,
     },
+    /// Settings that let in as much light: the row of full stops, with what each does to depth of field, motion and noise.
+    Equivalent(Equivalent),
+    /// Exposure value of a setting, and the light it is right for.
+    Exposure {
+        /// f-number: "f/8".
+        aperture: FNumber,
+        /// Exposure time: "1/125".
+        time: Seconds,
+        /// ISO speed.
+        #[arg(long, value_name = "ISO", default_value = "100")]
+        iso: Iso,
+        /// Engraved numbers stand for exact stops.
+        #[arg(long)]
+        true_stops: bool,
+    },
+    /// What mode P chooses over the light: a table, or a plot with -o.
+    Program {
+        /// Widest aperture of the lens.
+        #[arg(long, value_name = "F", default_value = "f/1.4")]
+        widest: FNumber,
+        /// Focal length on 36 × 24 mm.
+        #[arg(long, value_name = "LENGTH", default_value = "50mm")]
+        focal_length: LengthMm,
+        /// ISO speed, or auto (100 to 6400).
+        #[arg(long, value_name = "ISO|auto", default_value = "100")]
+        iso: IsoChoice,
+        /// Plot to write: .svg or .png; may be given several times.
+        #[arg(short, long, value_name = "FILE")]
+        output: Vec<PathBuf>,
+    },
+    /// Engraved f-numbers, times and ISO speeds and what they stand for.
+    Stops {
+        /// full, half or third.
+        #[arg(default_value = "third")]
+        step: String,
+    },
+}
+
+#[derive(clap::Args, Debug)]
+pub struct Equivalent {
+    /// f-number: "f/4".
+    pub aperture: FNumber,
+    /// Exposure time: "1/60".
+    pub time: Seconds,
+    /// ISO speed.
+    #[arg(long, value_name = "ISO", default_value = "100")]
+    pub iso: Iso,
+    /// Body whose noise is told.
+    #[arg(long, value_name = "NAME|FILE", default_value = "canon-5d-mark-iv")]
+    pub body: String,
+    /// Focal length.
+    #[arg(long, value_name = "LENGTH", default_value = "50mm")]
+    pub focal_length: LengthMm,
+    /// Distance of the subject.
+    #[arg(long, value_name = "DISTANCE", default_value = "3m")]
+    pub focus: Distance,
+    /// Speed of the subject across the picture, m/s: 1.4 is a walk.
+    #[arg(long, value_name = "M/S", default_value_t = 1.4)]
+    pub speed: f64,
 }
 
 #[derive(clap::Args, Debug)]
 pub struct Merge {
-    /// Focal planes (.exr).
+    /// Focal planes (.exr), or raw files of an exposure series (.dng).
     #[arg(required = true)]
     pub parts: Vec<PathBuf>,
-    /// Focal plane to write (.exr).
+    /// Of focal planes: the plane to write (.exr). Of raw files: linear light (.exr), a raw file (.dng) or a picture.
     #[arg(short, long, value_name = "FILE")]
     pub output: PathBuf,
 }
@@ -563,6 +722,37 @@ fn list(text: &str) -> Result<List, String> {
     numbers.map(List).ok_or_else(|| format!("\"{text}\" is not a list of numbers such as 0,10,14"))
 }
 
+/// A share: "0.25" or "1/4".
+fn share(text: &str) -> Result<f64, String> {
+    let value = match text.split_once('/') {
+        Some((a, b)) => a.trim().parse::<f64>().ok().zip(b.trim().parse::<f64>().ok()).map(|(a, b)| a / b),
+        None => text.trim().parse().ok(),
+    };
+    value.filter(|v| v.is_finite()).ok_or_else(|| format!("\"{text}\" is not a share such as 0.25 or 1/4"))
+}
+
+/// "mains 50 Hz 0.8", "pwm 240 Hz 0.3".
+fn flicker(text: &str) -> Result<FlickerSection, String> {
+    let wrong = || format!("\"{text}\" is not a flicker such as \"mains 50 Hz\", \"mains 50 Hz 0.8\" or \"pwm 240 Hz 0.3\"");
+    let mut words: Vec<String> = text.split_whitespace().map(str::to_lowercase).collect();
+    if words.is_empty() {
+        return Err(wrong());
+    }
+    let kind = words.remove(0);
+    // "50 Hz" or "50hz".
+    if words.get(1).is_some_and(|w| w.ends_with("hz")) {
+        let unit = words.remove(1);
+        words[0].push_str(&unit);
+    }
+    let frequency = words.first().map(|f| f.parse::<Hertz>()).transpose().map_err(|_| wrong())?;
+    let amount = words.get(1).map(|a| share(a)).transpose().map_err(|_| wrong())?;
+    if words.len() > 2 || !matches!(kind.as_str(), "mains" | "pwm") {
+        return Err(wrong());
+    }
+    let (depth, duty) = if kind == "pwm" { (None, amount) } else { (amount, None) };
+    Ok(FlickerSection { kind, frequency, depth, duty, ..Default::default() })
+}
+
 /// "on" or "off".
 fn on_off(text: &str) -> Result<bool, String> {
     match text {
@@ -617,6 +807,48 @@ impl Taking {
         over(&mut exposure.iso, &self.iso);
         over(&mut exposure.white, &self.white);
         exposure.lens_cap |= self.lens_cap;
+        over(&mut exposure.iso_min, &self.iso_min);
+        over(&mut exposure.iso_max, &self.iso_max);
+        over(&mut exposure.slowest, &self.slowest);
+        over(&mut exposure.mode, &self.mode);
+        over(&mut exposure.metering, &self.metering);
+        over(&mut exposure.metering_at, &self.metering_at);
+        over(&mut exposure.compensation, &self.compensation);
+        over(&mut exposure.nd, &self.nd);
+        over(&mut exposure.dial, &self.dial);
+        over(&mut exposure.true_stops, &self.true_stops.then_some(true));
+        over(&mut scene.at, &self.at);
+        over(&mut scene.animation, &self.animation);
+        over(&mut scene.animation_end, &self.animation_end);
+        over(&mut scene.frozen, &self.frozen.then_some(true));
+        if let Some(flicker) = &self.flicker {
+            scene.flicker = vec![flicker.clone()];
+        }
+        over(&mut camera.shake, &self.shake);
+        let shutter = &mut shot.shutter;
+        if self.shutter_type.as_ref().is_some_and(|k| shutter.kind.as_ref() != Some(k)) {
+            // Times of another kind of shutter do not go with this one.
+            *shutter = Default::default();
+        }
+        over(&mut shutter.kind, &self.shutter_type);
+        over(&mut shutter.direction, &self.shutter_direction);
+        over(&mut shutter.travel, &self.travel);
+        over(&mut shutter.line_time, &self.line_time);
+        over(&mut shutter.readout, &self.readout);
+        over(&mut shutter.reset, &self.reset);
+        over(&mut shutter.ramp, &self.ramp);
+        if let Some(guide_number) = self.flash {
+            let (power, pulse, sync, offset) = (None, None, None, None);
+            shot.flash = Some(match shot.flash.take() {
+                Some(flash) => FlashSection { guide_number, ..flash },
+                None => FlashSection { guide_number, power, pulse, sync, offset },
+            });
+        }
+        if let Some(flash) = &mut shot.flash {
+            over(&mut flash.power, &self.flash_power);
+            over(&mut flash.pulse, &self.flash_pulse);
+            over(&mut flash.sync, &self.flash_sync);
+        }
         over(&mut shot.focus.distance, &self.focus);
         over(&mut render.size, &self.size);
         over(&mut render.spp, &self.spp);

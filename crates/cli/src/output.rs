@@ -78,6 +78,17 @@ impl Drop for Output {
     }
 }
 
+/// Names of several files from one: a number before the ending.
+pub fn numbered(path: &Path, count: usize) -> Vec<PathBuf> {
+    if count == 1 {
+        return vec![path.to_owned()];
+    }
+    let digits = count.to_string().len().max(3);
+    let stem = path.file_stem().unwrap_or_default().to_string_lossy();
+    let ending = path.extension().map_or(String::new(), |e| format!(".{}", e.to_string_lossy()));
+    (1..=count).map(|k| path.with_file_name(format!("{stem}-{k:0digits$}{ending}"))).collect()
+}
+
 /// Refuses to write one file twice, or over a file that is read.
 pub fn distinct<'a>(
     inputs: impl IntoIterator<Item = &'a Path>,

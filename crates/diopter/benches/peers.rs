@@ -15,7 +15,7 @@ use diopter::scene::material::{Conductor, Material, Scattering};
 use diopter::scene::shape::Mesh;
 use diopter::scene::texture::Color;
 use diopter::scene::{Description, Object, Scene, Shape};
-use diopter::{Camera, Film, Response, Settings, Shutter, camera::look_at, expose, expose::Watch};
+use diopter::{Camera, CameraWay, Film, Response, Settings, Shutter, camera::look_at, expose, expose::Watch};
 use glam::{Affine3A, Mat3, Vec3};
 use serde_json::Value;
 use std::path::Path;
@@ -63,7 +63,7 @@ fn main() {
         Some("grid") => SamplerKind::Grid,
         _ => SamplerKind::Sobol,
     };
-    let shutter = Shutter { open_s: 0.0, exposure_s: 1.0 };
+    let shutter = Shutter::global(1.0);
     let watch = Watch { cancel: &AtomicBool::new(false), progress: &|_| () };
     let (wall, cpu) = (Instant::now(), processor_seconds());
     let plane = expose(&scene, &camera, &shutter, &Response::linear_srgb(), &settings, &ExposureFacts::default(), &watch)
@@ -189,7 +189,7 @@ fn camera(c: &Value, res: &Value) -> Camera {
     Camera {
         lens,
         film: Film::new(width, width * rows as f64 / columns as f64, columns, rows),
-        world_from_camera: look_at(vec3(&c["origin"]), vec3(&c["target"]), vec3(&c["up"])).expect("a place"),
+        way: CameraWay::still(look_at(vec3(&c["origin"]), vec3(&c["target"]), vec3(&c["up"])).expect("a place")),
     }
 }
 

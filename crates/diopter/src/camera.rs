@@ -1,5 +1,6 @@
 //! A lens, a film and a place in the world.
 
+use crate::camera_way::CameraWay;
 use diopter_lens::Lens;
 use glam::{Affine3A, DVec2, Mat3A, Vec3, Vec3A};
 
@@ -51,8 +52,8 @@ pub struct Camera {
     pub lens: Lens,
     /// Records it.
     pub film: Film,
-    /// Where it stands; it looks along −Z with +Y up.
-    pub world_from_camera: Affine3A,
+    /// Where it is during the exposure; it looks along −Z with +Y up.
+    pub way: CameraWay,
 }
 
 /// Why a camera cannot be placed.

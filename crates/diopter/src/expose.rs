@@ -5,7 +5,7 @@
 
 use crate::camera::Camera;
 use crate::mount::M2_PER_MM2;
-use crate::shutter::Shutter;
+use crate::shutter::{Moments, Place, Shutter};
 use diopter_image::focal_plane::{Band, BandUnit, Truth};
 use diopter_image::{ExposureFacts, FocalPlane, Raster};
 use diopter_lens::Lens;
@@ -84,6 +84,8 @@ pub struct Settings {
     pub time_limit_s: Option<f64>,
     /// Record depth, normals, albedo and ids.
     pub truth: bool,
+    /// When samples are taken.
+    pub moments: Moments,
 }
 
 impl Settings {
@@ -98,6 +100,7 @@ impl Settings {
             light_scale: 1.0,
             time_limit_s: None,
             truth: true,
+            moments: Moments::default(),
         }
     }
 }
@@ -150,7 +153,7 @@ impl Curves {
     }
 }
 
-/// Exposes a film to a scene.
+/// Exposes a film to a scene, which must have been posed ([`Scene::pose`]) for the whole time the shutter takes.
 ///
 /// `facts` is passed on, with samples and seed filled in. The mean of a band in electrons is what one pixel of area
 /// [`crate::Film::pixel_area_mm2`] collects; of a band in radiance, the mean over the pixel and the pupil.
@@ -361,8 +364,25 @@ impl Unit<'_> {
             lens.exits(&packet, film_half, &mut scratch, &mut exits);
             for k in (0..count).filter(|k| exits.passed >> k & 1 == 1) {
                 let (x, y, ref sampler, ref wavelengths, t, shift) = drawn[k];
-                let (open, close) = self.shutter.interval(y);
-                let time = (open + (close - open) * t as f64) as f32;
+                let pupil = match self.needs_pupil() {
+                    true => {
+                        let at = |v: [f32; 3]| glam::Vec3::from_array(v).as_dvec3();
+                        self.camera.pupil_radius(at(exits.origin[k]), at(exits.direction[k]))
+                    }
+                    false => 0.0,
+                };
+                // Colours may land in rows that are open at other times: the moment is drawn from the time of all of them.
+                let spread = exits.spread && !radiance_only;
+                let lands: [Option<(usize, usize)>; 4] = match spread {
+                    false => [Some((x, y)); 4],
+                    true => exits.lands[k].map(|[x, y]| self.camera.pixel_of([x + shift.x as f32, y + shift.y as f32])),
+                };
+                let windows = lands.map(|p| p.map(|(x, y)| self.window(x, y, pupil)));
+                let all = windows.iter().flatten().fold((f64::INFINITY, f64::NEG_INFINITY), |a, w| (a.0.min(w.0), a.1.max(w.1)));
+                if all.0 >= all.1 {
+                    continue;
+                }
+                let (time, seconds) = self.settings.moments.draw(all, t as f64);
                 let ray = self.camera.world_ray_of(exits.origin[k], exits.direction[k], time);
                 let radiance = self.scene.radiance(ray, wavelengths, sampler, &self.settings.path);
                 let weighted = (radiance * wavelengths.weight).to_array();
@@ -382,10 +402,10 @@ impl Unit<'_> {
                 };
                 let scale = match radiance_only {
                     // The mean over what passes, where it was asked for.
-                    true => self.settings.light_scale / lens.passing(packet.film[k]).max(1e-3),
-                    false => film.pixel_area_mm2 * M2_PER_MM2 * (close - open) * self.settings.light_scale,
+                    true => self.settings.light_scale / lens.passing(packet.film[k]).max(1e-3) * seconds / (all.1 - all.0),
+                    false => film.pixel_area_mm2 * M2_PER_MM2 * seconds * self.settings.light_scale,
                 } as f32;
-                if radiance_only || !exits.spread {
+                if !spread {
                     // All colours where the sample was asked for.
                     let weight = if radiance_only { 1.0 } else { exits.weight[k][0] };
                     let mut value = glam::Vec4::ZERO;
@@ -397,9 +417,9 @@ impl Unit<'_> {
                 }
                 for c in 0..4 {
                     let weight = exits.weight[k][c];
-                    let [x, y] = exits.lands[k][c];
-                    if weight > 0.0
-                        && let Some(pixel) = self.camera.pixel_of([x + shift.x as f32, y + shift.y as f32])
+                    if let (Some(pixel), Some((open, close))) = (lands[c], windows[c])
+                        && weight > 0.0
+                        && (open..=close).contains(&time)
                     {
                         add(pixel, self.curves.at(wavelengths.nm[c]) * (weighted[c] * weight * scale));
                     }
@@ -411,6 +431,19 @@ impl Unit<'_> {
         Tile { column: left, row: top, width: right - left, sums, strays }
     }
 
+    /// When a pixel is open to light through a place of the pupil.
+    #[inline]
+    fn window(&self, column: usize, row: usize, pupil: f64) -> (f64, f64) {
+        let film = &self.camera.film;
+        self.shutter.window(&Place { pixel: [column, row], size: [film.columns, film.rows], pupil })
+    }
+
+    /// Whether the shutter asks where in the pupil light passes.
+    #[inline]
+    fn needs_pupil(&self) -> bool {
+        matches!(self.shutter.mechanism, crate::shutter::Mechanism::Leaf { .. })
+    }
+
     fn curves_len(&self) -> usize {
         self.response.curves.len()
     }
@@ -420,12 +453,17 @@ impl Unit<'_> {
     fn sample(&self, column: usize, row: usize, sampler: &Sampler) -> glam::Vec4 {
         let [x, y, pu, pv] = sampler.get(Set::Camera);
         let [w, t, spot @ ..] = sampler.get(Set::Time);
-        let (open, close) = self.shutter.interval(row);
         let film = &self.camera.film;
         let [x, y] = film.within_pixel([x, y]);
         let film = self.camera.film_point(column as f64 + x, row as f64 + y) - film.low_pass_shift(spot);
-        let time = (open + (close - open) * t as f64) as f32;
-        let Ok((ray, weight)) = self.camera.world_ray(film, [pu, pv], time) else { return glam::Vec4::ZERO };
+        let Ok(lens_ray) = self.camera.lens.ray(film, [pu, pv]) else { return glam::Vec4::ZERO };
+        let pupil = if self.needs_pupil() { self.camera.pupil_radius(lens_ray.origin_mm, lens_ray.direction) } else { 0.0 };
+        let (open, close) = self.window(column, row, pupil);
+        if open >= close {
+            return glam::Vec4::ZERO;
+        }
+        let (time, seconds) = self.settings.moments.draw((open, close), t as f64);
+        let ray = self.camera.to_world(&lens_ray, time);
         let wavelengths = self.wavelengths.sample(w);
         let radiance = self.scene.radiance(ray, &wavelengths, sampler, &self.settings.path);
         let weighted = (radiance * wavelengths.weight).to_array();
@@ -439,28 +477,28 @@ impl Unit<'_> {
             return glam::Vec4::ZERO;
         }
         let exposure = match self.response.bands[0].unit {
-            BandUnit::Radiance => 1.0,
-            BandUnit::Electrons => weight * self.camera.film.pixel_area_mm2 * M2_PER_MM2 * (close - open),
+            BandUnit::Radiance => seconds / (close - open),
+            BandUnit::Electrons => lens_ray.weight_sr * self.camera.film.pixel_area_mm2 * M2_PER_MM2 * seconds,
         };
         value * (exposure * self.settings.light_scale) as f32
     }
 }
 
-/// Ground truth along chief rays.
+/// Ground truth along chief rays, in the middle of the time each pixel is open.
 fn truth(scene: &Scene, camera: &Camera, shutter: &Shutter) -> Truth {
     let (width, height) = (camera.film.columns, camera.film.rows);
     let mut truth = Truth::empty(width, height);
     let rows: Vec<Vec<_>> = (0..height)
         .into_par_iter()
         .map(|row| {
-            let (open, close) = shutter.interval(row);
-            let time = (0.5 * (open + close)) as f32;
             (0..width)
                 .map(|column| {
+                    let (open, close) = shutter.window(&Place { pixel: [column, row], size: [width, height], pupil: 0.0 });
+                    let time = 0.5 * (open + close);
                     let film = camera.film_point(column as f64 + 0.5, row as f64 + 0.5);
                     let ray = camera.chief_ray(film, time).ok()?;
                     let s = scene.first_surface(&ray)?;
-                    Some((s.distance * camera.cosine_to_axis(ray.direction), s))
+                    Some((s.distance * camera.cosine_to_axis(ray.direction, time), s))
                 })
                 .collect()
         })

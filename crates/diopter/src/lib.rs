@@ -1,23 +1,30 @@
 //! The camera of diopter: joins the stages.
 //!
-//! [`Camera`] = lens + film + place; [`expose()`] turns a scene into a focal plane; [`metering`] reads the light; [`shot`] is a
-//! photograph as a user asks for it. This is the only crate that knows all stages, and `mount` the only place where
+//! [`Camera`] = lens + film + place; [`Shutter`] says when which part of the film is open; [`expose()`] turns a scene into a focal plane;
+//! [`metering`] reads the light and [`program`] chooses by it; [`shot`] is a photograph as a user asks for it. This is the only crate that knows all stages, and `mount` the only place where
 //! millimetres meet metres and lens space meets world space.
 
 pub mod camera;
+pub mod camera_way;
+pub mod depth_of_field;
 pub mod expose;
+pub mod flash;
+pub mod hdr;
 pub mod iso;
 pub mod lens_profile;
 pub mod metering;
 mod mount;
+pub mod program;
 pub mod quantity;
 pub mod raw_file;
 pub mod recipe_file;
 pub mod shot;
 pub mod shutter;
+pub mod stops;
 pub mod truth;
 
 pub use camera::{Camera, Film};
+pub use camera_way::CameraWay;
 pub use expose::{ExposeError, Response, Settings, expose};
 pub use shutter::Shutter;
 

@@ -1,20 +1,92 @@
-//! Metering: what a camera's meter reads, from a small exposure of the scene as framed.
+//! Metering: what a camera's meter reads, on small exposures of the scene as framed, seen by its own sensor.
 //!
-//! EV at ISO 100 = log2(L · 100 / K), L the mean luminance in cd/m², K = 12.5 (ISO 2720). Average over the frame; other
-//! patterns come with the shutter's issue. Never looks at scene depth.
+//! EV at ISO 100 = log2(L · 100 / K), L the luminance that the pattern finds, K = 12.5 cd·s/(m²·lx·s): ISO 2720 allows 10.6 to
+//! 13.4; Canon, Nikon and Sekonic use 12.5. The meter looks through the lens: a lens that loses light, or stands far out for a near
+//! subject, or a filter, makes the scene darker for it. Light of a scene is gathered once, on few pixels; then the sensor reads it out
+//! again and again, with its noise and its limits, at the exposure that the last reading asked for, until two agree. Pixels that are
+//! full count as what they can hold: a lamp in the frame does not darken the picture without bound. Never looks at scene depth.
+//!
+//! Luminance from a sensor's channels: the row of Y of the matrix that balanced signals are taken to XYZ with. Sources: ISO 2720;
+//! Nikon, D810 manual (12 mm circle, 75 %; spot 4 mm). The matrix pattern is our own, makers keep theirs to themselves.
 
 use crate::camera::{Camera, Film};
 use crate::expose::{ExposeError, Response, Settings, Watch, expose};
 use crate::shutter::Shutter;
-use diopter_image::ExposureFacts;
+use diopter_image::raw::LightSource;
+use diopter_image::{ExposureFacts, FocalPlane, RawImage};
+use diopter_light::color::luminance;
+use diopter_light::spectrum::Table;
 use diopter_scene::Scene;
+use diopter_sensor::{Reading, Sensor, calibration, read_out};
 
-/// Reflected-light meter constant, cd·s/(m²·lx...) as commonly used. Source: ISO 2720.
+/// Reflected-light meter constant, cd·s/(m²·lx·s), as most makers use it. Source: ISO 2720.
 pub const K: f64 = 12.5;
 
-/// Pixels across a probe exposure, and its samples a pixel.
-const PROBE_COLUMNS: usize = 48;
-const PROBE_SAMPLES: u32 = 16;
+/// Pixels across a probe exposure, and the most samples a pixel.
+const PROBE_COLUMNS: usize = 96;
+const PROBE_SAMPLES: u32 = 64;
+/// Share of the picture's samples that a probe may take.
+const PROBE_SHARE: f64 = 0.03;
+/// Readings until two agree; within so much, EV.
+const MOST_READINGS: u64 = 16;
+const AGREE_EV: f64 = 0.02;
+/// Most that the exposure changes between two readings, and the longest it becomes, s.
+const MOST_CHANGE: f64 = 64.0;
+const LONGEST_S: f64 = 4096.0;
+/// Circles of the patterns, as shares of the width of the picture: 12 mm and 4 mm of 36 mm.
+const CENTRE_CIRCLE: f64 = 12.0 / 36.0;
+const CENTRE_WEIGHT: f64 = 0.75;
+const SPOT_CIRCLE: f64 = 4.0 / 36.0;
+/// The matrix pattern: deviation of its weight about the middle in widths of the picture, the weight far from it, and how much
+/// brighter than the median a cell may count (EV): a sky or a window stays what it is.
+const MATRIX_SPREAD: f64 = 0.3;
+const MATRIX_FLOOR: f64 = 0.25;
+const MATRIX_LIMIT_EV: f64 = 2.5;
+/// The highlight pattern: this share of the cells is brighter than what it puts (EV) below saturation.
+const HIGHLIGHT_SHARE: f64 = 0.005;
+const HIGHLIGHT_BELOW_EV: f64 = 1.0 / 3.0;
+
+/// What a meter looks at.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Pattern {
+    /// The whole frame alike.
+    #[default]
+    Average,
+    /// Three quarters from a circle in the middle.
+    CentreWeighted,
+    /// A small circle.
+    Spot,
+    /// The whole frame, more of the middle, without what is far brighter than the rest.
+    Matrix,
+    /// The brightest parts, which are to stay within range.
+    Highlight,
+}
+
+impl Pattern {
+    /// Names as people write them.
+    pub const NAMES: [(&'static str, Pattern); 5] = [
+        ("average", Pattern::Average),
+        ("centre-weighted", Pattern::CentreWeighted),
+        ("spot", Pattern::Spot),
+        ("matrix", Pattern::Matrix),
+        ("highlight", Pattern::Highlight),
+    ];
+
+    /// Its name.
+    pub fn name(self) -> &'static str {
+        Self::NAMES.iter().find(|n| n.1 == self).map_or("", |n| n.0)
+    }
+
+    /// The pattern of a name; "center" is "centre", "evaluative" is "matrix".
+    pub fn named(name: &str) -> Option<Pattern> {
+        let name = name.trim().to_lowercase().replace("center", "centre").replace([' ', '_'], "-");
+        match name.as_str() {
+            "evaluative" | "multi" => Some(Pattern::Matrix),
+            "centre" => Some(Pattern::CentreWeighted),
+            name => Self::NAMES.iter().find(|n| n.0 == name).map(|n| n.1),
+        }
+    }
+}
 
 /// EV at ISO 100 of a luminance in cd/m².
 pub fn ev100_of_luminance(luminance: f64) -> f64 {
@@ -31,17 +103,206 @@ pub fn ev100_of_setting(f_number: f64, exposure_s: f64, iso: f64) -> f64 {
     (f_number * f_number / exposure_s * 100.0 / iso).log2()
 }
 
-/// Mean luminance of the scene as framed, cd/m². Fails when cancelled.
-pub fn mean_luminance(scene: &Scene, camera: &Camera, settings: &Settings, watch: &Watch) -> Result<f64, ExposeError> {
+/// How a probe of a camera's picture is exposed: few pixels, few samples, for `exposure_s` of light at once.
+fn probe(
+    scene: &Scene,
+    camera: &Camera,
+    settings: &Settings,
+    response: &Response,
+    watch: &Watch,
+) -> Result<FocalPlane, ExposeError> {
     let rows = (PROBE_COLUMNS * camera.film.rows).div_ceil(camera.film.columns).clamp(1, 4 * PROBE_COLUMNS);
+    let picture = camera.film.columns as f64 * camera.film.rows as f64 * settings.samples.len() as f64;
+    let samples = (PROBE_SHARE * picture / (PROBE_COLUMNS * rows) as f64).clamp(1.0, f64::from(PROBE_SAMPLES)) as u32;
     let film = Film { columns: PROBE_COLUMNS, rows, ..camera.film };
     let probe = Camera { film, ..camera.clone() };
-    let settings =
-        Settings { spp: PROBE_SAMPLES, samples: 0..PROBE_SAMPLES, time_limit_s: None, truth: false, ..settings.clone() };
-    let shutter = Shutter { open_s: 0.0, exposure_s: 1.0 };
+    let settings = Settings {
+        spp: samples,
+        samples: 0..samples,
+        time_limit_s: None,
+        truth: false,
+        moments: Default::default(),
+        ..settings.clone()
+    };
     let quiet = Watch { cancel: watch.cancel, progress: &|_| () };
-    let plane = expose(scene, &probe, &shutter, &Response::luminance(), &settings, &ExposureFacts::default(), &quiet)?;
+    // As if the scene stood still for a second: what it shows at this moment.
+    expose(scene, &probe, &Shutter::global(1.0), response, &settings, &ExposureFacts::default(), &quiet)
+}
+
+/// Mean luminance of the scene as framed, cd/m²: what a scene without a scale is scaled by, not what a camera meters. Fails when
+/// cancelled.
+pub fn mean_luminance(scene: &Scene, camera: &Camera, settings: &Settings, watch: &Watch) -> Result<f64, ExposeError> {
+    let plane = probe(scene, camera, settings, &Response::luminance(), watch)?;
     Ok(plane.mean.data.iter().map(|v| *v as f64).sum::<f64>() / plane.mean.data.len() as f64)
+}
+
+/// A camera's meter.
+pub struct Meter<'a> {
+    /// What sees.
+    pub sensor: &'a Sensor,
+    /// How it is read; its white is what the meter takes for the colour of the light.
+    pub reading: &'a Reading,
+    /// Where it looks.
+    pub pattern: Pattern,
+    /// Middle of the spot, 0 to 1 across and down the picture.
+    pub at: [f64; 2],
+    /// Share of the light that a filter before the lens lets through.
+    pub filter: f64,
+}
+
+/// Cells of a picture as a meter sees them.
+struct Cells {
+    columns: usize,
+    rows: usize,
+    /// Rows over columns of the picture.
+    shape: f64,
+    /// cd/m²; may be negative by noise.
+    luminance: Vec<f64>,
+    /// Largest share of saturation that a channel has.
+    level: Vec<f64>,
+}
+
+impl Meter<'_> {
+    /// EV at ISO 100 of the scene as framed, by the light that comes through the lens; `None` in darkness. Fails when cancelled.
+    pub fn read(
+        &self,
+        scene: &Scene,
+        camera: &Camera,
+        settings: &Settings,
+        white: &Table,
+        watch: &Watch,
+    ) -> Result<Option<f64>, ExposeError> {
+        let mut plane = probe(scene, camera, settings, &Response::sensor(self.sensor), watch)?;
+        plane.mean.data.iter_mut().for_each(|v| *v *= self.filter as f32);
+        let per_second = plane.mean.data.clone();
+        let t_number = camera.lens.t_number();
+        let scale = self.luminance_of_channels(camera, white, t_number);
+        let iso = self.reading.iso;
+        let Ok(step) = self.sensor.at_iso(iso) else { return Ok(None) };
+        let mut time = shutter_for(10.0, t_number, iso);
+        let mut last = None;
+        for k in 0..MOST_READINGS {
+            plane.mean.data.iter_mut().zip(&per_second).for_each(|(v, e)| *v = (f64::from(*e) * time) as f32);
+            plane.facts.exposure_s = time;
+            let reading = Reading { seed: self.reading.seed.wrapping_add(k << 32 | 0x3e7e5), ..self.reading.clone() };
+            let Ok(raw) = read_out(&plane, self.sensor, &reading, white) else { return Ok(None) };
+            let cells = Cells::new(&raw, &scale, step.gain_e_per_dn / time);
+            let wanted = self.wanted_time(&cells, time, t_number);
+            let Some(wanted) = wanted else {
+                // Nothing but noise: look longer.
+                if time >= LONGEST_S {
+                    return Ok(None);
+                }
+                time *= MOST_CHANGE;
+                continue;
+            };
+            let agrees = (wanted / time).log2().abs() < AGREE_EV;
+            last = Some(wanted);
+            if agrees {
+                break;
+            }
+            time = wanted.clamp(time / MOST_CHANGE, time * MOST_CHANGE).min(LONGEST_S);
+        }
+        Ok(last.map(|t| ev100_of_setting(t_number, t, iso)))
+    }
+
+    /// cd/m² that an electron a second stands for, a channel each, so that their sum is the luminance.
+    fn luminance_of_channels(&self, camera: &Camera, white: &Table, t_number: f64) -> Vec<f64> {
+        let per_nit = 1.0 / luminance(|nm| white.at(nm));
+        let signals = calibration::signals(self.sensor, &self.sensor.band_responses(), &|nm| {
+            if (380.0..=780.0).contains(&nm) { white.at(nm) } else { 0.0 }
+        });
+        let pixel = std::f64::consts::PI / (4.0 * t_number * t_number) * camera.film.pixel_area_mm2 * crate::mount::M2_PER_MM2;
+        let n = self.sensor.cfa.channel_count();
+        let weights: Vec<f64> = match n {
+            1 => vec![1.0],
+            _ => calibration::calibrate(self.sensor, white, LightSource::OTHER)
+                .xyz_d50_from_balanced
+                .iter()
+                .map(|c| c[1])
+                .collect(),
+        };
+        let total: f64 = weights.iter().sum();
+        (0..n).map(|c| weights[c] / total / (signals[c] * per_nit * pixel)).collect()
+    }
+
+    /// The exposure time that a reading taken at `time` asks for; `None` when it has seen nothing.
+    fn wanted_time(&self, cells: &Cells, time: f64, t_number: f64) -> Option<f64> {
+        if self.pattern == Pattern::Highlight {
+            let mut levels = cells.level.clone();
+            levels.sort_by(f64::total_cmp);
+            let level = levels[((1.0 - HIGHLIGHT_SHARE) * (levels.len() - 1) as f64) as usize];
+            let full = level >= 0.999;
+            return (level > 0.0).then(|| if full { time / 4.0 } else { time * (-HIGHLIGHT_BELOW_EV).exp2() / level });
+        }
+        let found = cells.luminance_by(self.pattern, self.at);
+        (found > 0.0 && found.is_finite()).then(|| shutter_for(ev100_of_luminance(found), t_number, self.reading.iso))
+    }
+}
+
+impl Cells {
+    /// Cells as large as the colour pattern, at least 2 × 2 pixels. `scale`: cd/m² an electron a second stands for, a channel each;
+    /// `per_dn`: electrons a second that a DN stands for.
+    fn new(raw: &RawImage, scale: &[f64], per_dn: f64) -> Cells {
+        let h = &raw.header;
+        let side = h.cfa.columns().max(h.cfa.rows()).max(2);
+        let (columns, rows) = ((raw.mosaic.width / side).max(1), (raw.mosaic.height / side).max(1));
+        let n = h.cfa.channel_count();
+        let (mut luminance, mut level) = (Vec::new(), Vec::new());
+        for row in 0..rows {
+            for column in 0..columns {
+                let (mut sums, mut counts) = ([0.0; 4], [0.0; 4]);
+                for y in (row * side..(row + 1) * side).filter(|y| *y < raw.mosaic.height) {
+                    for x in (column * side..(column + 1) * side).filter(|x| *x < raw.mosaic.width) {
+                        let c = h.cfa.channel_at(x, y);
+                        sums[c] += f64::from(raw.mosaic.data[y * raw.mosaic.width + x]) - h.black_level;
+                        counts[c] += 1.0;
+                    }
+                }
+                let mean: Vec<f64> = (0..n).map(|c| if counts[c] > 0.0 { sums[c] / counts[c] } else { 0.0 }).collect();
+                luminance.push(mean.iter().zip(scale).map(|(dn, s)| dn * per_dn * s).sum());
+                level.push(mean.iter().fold(0.0, |a: f64, m| a.max(m / (h.white_level - h.black_level))));
+            }
+        }
+        Cells { columns, rows, shape: raw.mosaic.height as f64 / raw.mosaic.width as f64, luminance, level }
+    }
+
+    /// Mean by a pattern's weights.
+    fn luminance_by(&self, pattern: Pattern, at: [f64; 2]) -> f64 {
+        let middle = if pattern == Pattern::Spot { at } else { [0.5; 2] };
+        // Distance from the middle in widths of the picture.
+        let distance = |i: usize| {
+            let x = (i % self.columns) as f64 + 0.5;
+            let y = (i / self.columns) as f64 + 0.5;
+            (x / self.columns as f64 - middle[0]).hypot((y / self.rows as f64 - middle[1]) * self.shape)
+        };
+        let all = 0..self.luminance.len();
+        let mean = |weight: &dyn Fn(usize) -> f64, value: &dyn Fn(usize) -> f64| {
+            let (sum, total) = all.clone().fold((0.0, 0.0), |(s, t), i| (s + weight(i) * value(i), t + weight(i)));
+            (total > 0.0).then(|| sum / total)
+        };
+        let plain = |i: usize| self.luminance[i];
+        let nearest = || all.clone().min_by(|a, b| distance(*a).total_cmp(&distance(*b))).map_or(0.0, plain);
+        let within = |circle: f64| move |i: usize| f64::from(u8::from(distance(i) <= 0.5 * circle));
+        match pattern {
+            Pattern::Average | Pattern::Highlight => mean(&|_| 1.0, &plain).unwrap_or(0.0),
+            Pattern::Spot => mean(&within(SPOT_CIRCLE), &plain).unwrap_or_else(nearest),
+            Pattern::CentreWeighted => {
+                let inside = mean(&within(CENTRE_CIRCLE), &plain).unwrap_or_else(nearest);
+                let outside = mean(&|i| 1.0 - within(CENTRE_CIRCLE)(i), &plain).unwrap_or(inside);
+                CENTRE_WEIGHT * inside + (1.0 - CENTRE_WEIGHT) * outside
+            }
+            Pattern::Matrix => {
+                let mut sorted = self.luminance.clone();
+                sorted.sort_by(f64::total_cmp);
+                let limit = sorted[sorted.len() / 2].max(0.0) * MATRIX_LIMIT_EV.exp2();
+                // A frame that is mostly black (a stage, the night) has no median worth the name.
+                let limit = if limit > 0.0 { limit } else { f64::INFINITY };
+                let weight = |i: usize| MATRIX_FLOOR + (-0.5 * (distance(i) / MATRIX_SPREAD).powi(2)).exp();
+                mean(&weight, &|i| self.luminance[i].min(limit)).unwrap_or(0.0)
+            }
+        }
+    }
 }
 
 #[cfg(test)]
@@ -53,5 +314,30 @@ mod tests {
         assert!((ev100_of_setting(16.0, 1.0 / 125.0, 100.0) - 14.966).abs() < 1e-3);
         assert!((shutter_for(14.966, 16.0, 100.0) * 125.0 - 1.0).abs() < 1e-3);
         assert!((ev100_of_luminance(4096.0) - 15.0).abs() < 1e-9);
+    }
+
+    #[test]
+    fn patterns_look_where_they_say() {
+        // A bright left half, and one very bright cell in a corner.
+        let (columns, rows) = (48, 32);
+        let luminance: Vec<f64> = (0..columns * rows)
+            .map(|i| {
+                if i == 0 {
+                    1e6
+                } else if i % columns < columns / 2 {
+                    400.0
+                } else {
+                    100.0
+                }
+            })
+            .collect();
+        let cells = Cells { columns, rows, shape: 32.0 / 48.0, level: vec![0.0; luminance.len()], luminance };
+        assert_eq!(cells.luminance_by(Pattern::Spot, [0.8, 0.5]), 100.0);
+        assert_eq!(cells.luminance_by(Pattern::Spot, [0.2, 0.5]), 400.0);
+        assert!((cells.luminance_by(Pattern::Matrix, [0.5; 2]) - 250.0).abs() < 2.0);
+        let centre = cells.luminance_by(Pattern::CentreWeighted, [0.5; 2]);
+        let average = cells.luminance_by(Pattern::Average, [0.5; 2]);
+        assert!(average > 890.0 && centre > 400.0 && centre < 450.0, "{average} {centre}");
+        assert_eq!(Pattern::named("Center weighted"), Some(Pattern::CentreWeighted));
     }
 }

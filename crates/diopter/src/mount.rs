@@ -31,38 +31,45 @@ impl Camera {
     }
 
     /// World ray of what leaves a lens in single precision: mm from its pupil, unit direction.
-    pub(crate) fn world_ray_of(&self, origin_mm: [f32; 3], direction: [f32; 3], time_s: f32) -> Ray {
-        let origin = self.world_from_camera.transform_point3(Vec3::from_array(origin_mm) * M_PER_MM as f32);
-        let direction = self.world_from_camera.transform_vector3(Vec3::from_array(direction)).normalize();
-        Ray { origin, direction, time_s }
+    pub(crate) fn world_ray_of(&self, origin_mm: [f32; 3], direction: [f32; 3], time_s: f64) -> Ray {
+        let place = self.way.at(time_s);
+        let origin = place.transform_point3(Vec3::from_array(origin_mm) * M_PER_MM as f32);
+        let direction = place.transform_vector3(Vec3::from_array(direction)).normalize();
+        Ray { origin, direction, time_s: time_s as f32 }
     }
 
-    fn to_world(&self, ray: LensRay, time_s: f32) -> (Ray, f64) {
+    /// World ray of what leaves a lens at a time of the exposure.
+    pub(crate) fn to_world(&self, ray: &LensRay, time_s: f64) -> Ray {
+        let place = self.way.at(time_s);
         let point = |mm: DVec3| (mm * M_PER_MM).as_vec3();
-        let origin: Vec3 = self.world_from_camera.transform_point3(point(ray.origin_mm));
-        let direction = self.world_from_camera.transform_vector3(ray.direction.as_vec3()).normalize();
-        (Ray { origin, direction, time_s }, ray.weight_sr)
-    }
-
-    /// World ray and weight (sr) for a film point and a place in the pupil.
-    pub(crate) fn world_ray(&self, film_mm: DVec2, pupil: [f32; 2], time_s: f32) -> Result<(Ray, f64), Blocked> {
-        Ok(self.to_world(self.lens.ray(film_mm, pupil)?, time_s))
+        let origin: Vec3 = place.transform_point3(point(ray.origin_mm));
+        let direction = place.transform_vector3(ray.direction.as_vec3()).normalize();
+        Ray { origin, direction, time_s: time_s as f32 }
     }
 
     /// World ray through the middle of the pupil.
-    pub(crate) fn chief_ray(&self, film_mm: DVec2, time_s: f32) -> Result<Ray, Blocked> {
-        Ok(self.to_world(self.lens.chief_ray(film_mm)?, time_s).0)
+    pub(crate) fn chief_ray(&self, film_mm: DVec2, time_s: f64) -> Result<Ray, Blocked> {
+        Ok(self.to_world(&self.lens.chief_ray(film_mm)?, time_s))
     }
 
-    /// Cosine between a world direction and the camera's axis.
-    pub(crate) fn cosine_to_axis(&self, direction: Vec3) -> f32 {
-        self.world_from_camera.matrix3.z_axis.dot((-direction).into())
+    /// Cosine between a world direction and the camera's axis at a time of the exposure.
+    pub(crate) fn cosine_to_axis(&self, direction: Vec3, time_s: f64) -> f32 {
+        self.way.at(time_s).matrix3.z_axis.dot((-direction).into())
+    }
+
+    /// Distance of a ray from the middle of the pupil, 1 at the rim of the fully open lens. Blades of a shutter are taken to lie in
+    /// the plane of the entrance pupil, that is near the stop.
+    pub(crate) fn pupil_radius(&self, origin_mm: DVec3, direction: DVec3) -> f64 {
+        let at = origin_mm - direction * (origin_mm.z / direction.z);
+        let rim = 0.5 * self.lens.focal_length().0 / self.lens.widest_f_number();
+        at.truncate().length() / rim
     }
 }
 
 #[cfg(test)]
 mod tests {
     use crate::camera::{Camera, Film, look_at};
+    use crate::camera_way::CameraWay;
     use diopter_lens::{Lens, Pinhole};
     use diopter_light::units::Millimeters;
     use glam::Vec3;
@@ -72,7 +79,7 @@ mod tests {
         let camera = Camera {
             lens: Lens::Pinhole(Pinhole::new(Millimeters(50.0), 8.0).unwrap()),
             film: Film::new(36.0, 24.0, 360, 240),
-            world_from_camera: look_at(Vec3::new(0.0, 1.0, 3.0), Vec3::new(0.0, 1.0, 0.0), Vec3::Y).unwrap(),
+            way: CameraWay::still(look_at(Vec3::new(0.0, 1.0, 3.0), Vec3::new(0.0, 1.0, 0.0), Vec3::Y).unwrap()),
         };
         let ray = camera.chief_ray(camera.film_point(0.0, 0.0), 0.0).unwrap();
         let at = ray.at(3.0 / -ray.direction.z);

@@ -148,6 +148,88 @@ quantity!(
     |v| format!("ISO {v}")
 );
 
+quantity!(
+    /// Stops of light, EV.
+    Ev, "stops such as \"+1 EV\" or \"-1/3\"",
+    |text| with_unit(&text.trim().to_lowercase(), &[("ev", 1.0), ("stops", 1.0), ("stop", 1.0)], 1.0),
+    |v| format!("{v} EV")
+);
+quantity!(
+    /// A neutral density filter, stops.
+    Filter, "a filter such as \"ND8\" (factor), \"ND 0.9\" (density) or \"3 stops\"",
+    |text| {
+        let t = text.trim().to_lowercase();
+        match t.strip_prefix("nd").or_else(|| t.strip_prefix("density")) {
+            // With a decimal point it is a density, without one the factor.
+            Some(rest) if rest.contains('.') || t.starts_with("density") => number(rest).map(|d| d * std::f64::consts::LOG2_10),
+            Some(rest) => number(rest).filter(|f| *f > 0.0).map(f64::log2),
+            None => with_unit(&t, &[("stops", 1.0), ("stop", 1.0), ("ev", 1.0)], 1.0),
+        }
+    },
+    |v| format!("{v} stops")
+);
+quantity!(
+    /// A frequency, Hz.
+    Hertz, "a frequency such as \"50 Hz\" or \"1.2 kHz\"",
+    |text| with_unit(&text.trim().to_lowercase(), &[("khz", 1e3), ("hz", 1.0)], 1.0),
+    |v| format!("{v} Hz")
+);
+
+/// An ISO speed, or the camera's choice.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum IsoChoice {
+    /// The camera chooses.
+    Auto,
+    /// As set.
+    Fixed(Iso),
+}
+
+impl IsoChoice {
+    /// The speed, where it is set.
+    pub fn fixed(self) -> Option<f64> {
+        match self {
+            IsoChoice::Auto => None,
+            IsoChoice::Fixed(iso) => Some(iso.0),
+        }
+    }
+}
+
+impl FromStr for IsoChoice {
+    type Err = QuantityError;
+    fn from_str(text: &str) -> Result<Self, QuantityError> {
+        let bare = text.trim().to_lowercase();
+        match bare.strip_prefix("iso").unwrap_or(&bare).trim() {
+            "auto" => Ok(IsoChoice::Auto),
+            _ => text
+                .parse()
+                .map(IsoChoice::Fixed)
+                .map_err(|e: QuantityError| wrong(&e.found, "an ISO speed such as \"ISO 400\", or auto")),
+        }
+    }
+}
+
+impl fmt::Display for IsoChoice {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        match self {
+            IsoChoice::Auto => f.write_str("auto"),
+            IsoChoice::Fixed(iso) => iso.fmt(f),
+        }
+    }
+}
+
+impl<'de> Deserialize<'de> for IsoChoice {
+    fn deserialize<D: Deserializer<'de>>(d: D) -> Result<Self, D::Error> {
+        let expected = "an ISO speed such as \"ISO 400\", or \"auto\"";
+        d.deserialize_any(TextOrNumber::<IsoChoice> { bare: |v| IsoChoice::Fixed(Iso(v)), expected })
+    }
+}
+
+impl Serialize for IsoChoice {
+    fn serialize<S: Serializer>(&self, s: S) -> Result<S::Ok, S::Error> {
+        s.collect_str(self)
+    }
+}
+
 /// Pixels across and down.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Size {
@@ -214,6 +296,18 @@ mod tests {
         for bad in ["10", "10x", "-1x5", "1.5x2"] {
             assert!(bad.parse::<Size>().is_err(), "{bad}");
         }
+    }
+
+    #[test]
+    fn filters_are_written_in_three_ways() {
+        for (text, stops) in [("ND8", 3.0), ("nd 1000", 9.9658), ("ND 0.9", 2.9897), ("3 stops", 3.0), ("2", 2.0)] {
+            assert!((text.parse::<Filter>().unwrap().0 - stops).abs() < 1e-3, "{text}");
+        }
+        assert_eq!("+1/3 EV".parse::<Ev>().unwrap().0, 1.0 / 3.0);
+        assert_eq!("1ev".parse::<Ev>().unwrap().0, 1.0);
+        assert_eq!("auto".parse::<IsoChoice>().unwrap(), IsoChoice::Auto);
+        assert_eq!("ISO 800".parse::<IsoChoice>().unwrap().fixed(), Some(800.0));
+        assert!("ND0".parse::<Filter>().is_err() && "fast".parse::<IsoChoice>().is_err());
     }
 
     #[test]

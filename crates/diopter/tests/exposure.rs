@@ -8,11 +8,11 @@ use diopter::light::units::Millimeters;
 use diopter::scene::light::Environment;
 use diopter::scene::{Scene, builtin};
 use diopter::sensor::Sensor;
-use diopter::{Camera, Film, Response, Settings, Shutter, camera::look_at, expose, expose::Watch};
+use diopter::{Camera, CameraWay, Film, Response, Settings, Shutter, camera::look_at, expose, expose::Watch};
 use glam::Vec3;
 use std::sync::atomic::AtomicBool;
 
-const SECOND: Shutter = Shutter { open_s: 0.0, exposure_s: 1.0 };
+const SECOND: Shutter = Shutter { mechanism: diopter::shutter::Mechanism::Global, exposure_s: 1.0 };
 
 fn take(scene: &Scene, camera: &Camera, response: &Response, settings: &Settings) -> FocalPlane {
     let watch = Watch { cancel: &AtomicBool::new(false), progress: &|_| () };
@@ -23,7 +23,10 @@ fn cornell(columns: usize, rows: usize) -> (Scene, Camera) {
     let description = builtin::named("cornell").unwrap();
     let place = description.cameras[0].world_from_camera;
     let lens = Lens::Pinhole(Pinhole::new(Millimeters(35.0), 8.0).unwrap());
-    (Scene::build(description).unwrap(), Camera { lens, film: Film::new(25.0, 25.0, columns, rows), world_from_camera: place })
+    (
+        Scene::build(description).unwrap(),
+        Camera { lens, film: Film::new(25.0, 25.0, columns, rows), way: CameraWay::still(place) },
+    )
 }
 
 #[test]
@@ -112,7 +115,7 @@ fn electrons_of_an_even_field_are_the_product_of_the_parts() {
     let lens = Lens::Thin(ThinLens::new(Millimeters(200.0), n, Iris::Round, Focus::Infinity).unwrap());
     let [pitch, _] = sensor.pitch_mm();
     let film = Film { pixel_area_mm2: pitch * pitch, ..Film::new(0.1, 0.1, 2, 2) };
-    let camera = Camera { lens, film, world_from_camera: look_at(Vec3::ZERO, Vec3::NEG_Z, Vec3::Y).unwrap() };
+    let camera = Camera { lens, film, way: CameraWay::still(look_at(Vec3::ZERO, Vec3::NEG_Z, Vec3::Y).unwrap()) };
     let plane = take(&scene, &camera, &Response::sensor(&sensor), &Settings::new(4096));
     let d65 = diopter::light::cie::d65_one_nit();
     for (band, response) in sensor.band_responses().iter().enumerate() {
@@ -141,8 +144,11 @@ fn an_even_grey_field_has_its_luminance_and_colour() {
     };
     let scene = Scene::build(description).unwrap();
     let lens = Lens::Pinhole(Pinhole::new(Millimeters(50.0), 8.0).unwrap());
-    let camera =
-        Camera { lens, film: Film::new(36.0, 24.0, 3, 2), world_from_camera: look_at(Vec3::ZERO, Vec3::NEG_Z, Vec3::Y).unwrap() };
+    let camera = Camera {
+        lens,
+        film: Film::new(36.0, 24.0, 3, 2),
+        way: CameraWay::still(look_at(Vec3::ZERO, Vec3::NEG_Z, Vec3::Y).unwrap()),
+    };
     let plane = take(&scene, &camera, &Response::linear_srgb(), &Settings::new(1024));
     for (got, expected) in plane.mean.pixel(1, 1).iter().zip([20.0, 50.0, 80.0]) {
         assert!((got / expected - 1.0).abs() < 0.01, "{got} {expected}");
@@ -168,7 +174,7 @@ fn blur_of_a_point_is_as_wide_as_the_thin_lens_says() {
     let camera = Camera {
         lens: Lens::Thin(ThinLens::new(Millimeters(f), 2.0, Iris::Round, Focus::Distance(Millimeters(2000.0))).unwrap()),
         film: Film::new(1.0, 1.0, 200, 200),
-        world_from_camera: look_at(Vec3::ZERO, Vec3::NEG_Z, Vec3::Y).unwrap(),
+        way: CameraWay::still(look_at(Vec3::ZERO, Vec3::NEG_Z, Vec3::Y).unwrap()),
     };
     let plane = take(&scene, &camera, &Response::luminance(), &Settings { truth: false, ..Settings::new(64) });
     // Light of an even disk has ⟨r²⟩ = R²/2; the lamp's own image (radius 0.0127 mm) adds its square.

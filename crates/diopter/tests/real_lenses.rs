@@ -7,7 +7,7 @@ use diopter::light::units::Millimeters;
 use diopter::scene::light::Environment;
 use diopter::scene::{Description, Scene, builtin};
 use diopter::sensor::Sensor;
-use diopter::{Camera, Film, Response, Settings, Shutter, camera::look_at, expose, expose::Watch};
+use diopter::{Camera, CameraWay, Film, Response, Settings, Shutter, camera::look_at, expose, expose::Watch};
 use glam::{DVec2, Vec3};
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
@@ -15,7 +15,7 @@ use std::sync::atomic::AtomicBool;
 fn take(scene: &Scene, camera: &Camera, settings: &Settings) -> FocalPlane {
     let watch = Watch { cancel: &AtomicBool::new(false), progress: &|_| () };
     let sensor = Sensor::named("canon-5d-mark-iv").unwrap();
-    let shutter = Shutter { open_s: 0.0, exposure_s: 1.0 };
+    let shutter = Shutter::global(1.0);
     expose(scene, camera, &shutter, &Response::sensor(&sensor), settings, &ExposureFacts::default(), &watch).unwrap()
 }
 
@@ -30,7 +30,7 @@ fn even(radiance: f32) -> Scene {
 }
 
 fn before(lens: Lens, film: Film) -> Camera {
-    Camera { lens, film, world_from_camera: look_at(Vec3::ZERO, Vec3::NEG_Z, Vec3::Y).unwrap() }
+    Camera { lens, film, way: CameraWay::still(look_at(Vec3::ZERO, Vec3::NEG_Z, Vec3::Y).unwrap()) }
 }
 
 /// Irradiance over radiance at a film point and wavelength, by a grid over the last rim and the plain trace.
@@ -131,7 +131,7 @@ fn threads_and_parts_do_not_matter_where_colours_part() {
     let film = Film::new(36.0, 24.0, 48, 32);
     // A simple lens: blue and red land pixels apart.
     let lens = lens("landscape-10mm", None, Focus::Distance(Millimeters(1000.0)), None, &film);
-    let camera = Camera { lens, film, world_from_camera: place };
+    let camera = Camera { lens, film, way: CameraWay::still(place) };
     let with = |threads: usize, samples: std::ops::Range<u32>| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         pool.install(|| take(&scene, &camera, &Settings { samples, ..Settings::new(8) }))
@@ -187,7 +187,7 @@ fn dispersion_costs_no_colour_noise() {
         let focus = Focus::Distance(Millimeters(1000.0));
         let setting = Setting { focal_length: None, f_number: Some(2.8), focus, iris: None, film_mm: [24.0, 24.0] };
         let lens = Lens::Compound(Box::new(CompoundLens::new(Arc::new(p), &setting).unwrap()));
-        let camera = Camera { lens, film, world_from_camera: place };
+        let camera = Camera { lens, film, way: CameraWay::still(place) };
         let plane = take(&scene, &camera, &Settings { truth: false, ..Settings::new(64) });
         let (mut sum, mut count) = (0.0, 0.0);
         for (mean, half) in plane.mean.data.chunks_exact(3).zip(plane.half_difference.data.chunks_exact(3)) {

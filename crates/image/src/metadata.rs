@@ -44,6 +44,21 @@ pub struct ExposureFacts {
     pub date: Option<String>,
     /// Metered exposure value at ISO 100 of the scene as framed; `None` when nothing was metered.
     pub metered_ev100: Option<f64>,
+    /// How the camera was set: `M`, `A`, `S`, `P`; empty when not known.
+    pub mode: String,
+    /// Metering pattern: `average`, `centre-weighted`, `spot`, `matrix`, `highlight`; empty without metering.
+    pub metering: String,
+    /// Exposure compensation asked for, EV.
+    pub compensation_ev: f64,
+    /// Neutral density filter before the lens, stops.
+    pub nd_stops: f64,
+    /// Scene time at which the exposure began, s.
+    pub at_s: f64,
+    /// When which part of the picture was open; `None` where the shutter is not known.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub shutter: Option<ShutterFacts>,
+    /// Whether a flash was fired.
+    pub flash: bool,
     /// Factor all light of the scene was multiplied by, because a setting (`ambient_ev`) asked for it; 1 if none did.
     pub light_scale: f64,
     /// Seed of the light transport.
@@ -57,6 +72,47 @@ pub struct ExposureFacts {
     /// What the lens does to a picture; `None` where it is not known or does nothing.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub lens_profile: Option<LensProfile>,
+}
+
+/// When a picture was open.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct ShutterFacts {
+    /// `global`, `leaf`, `focal-plane` or `rolling`.
+    pub kind: String,
+    /// From the first light to the last anywhere, s.
+    pub total_s: f64,
+    /// Times of its rows.
+    pub rows: RowTimes,
+}
+
+/// Opening and closing of each row (or column) of a picture, s since the exposure began: exact, as first and step.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct RowTimes {
+    /// Of the top row (or left column), and from one to the next.
+    pub open_s: [f64; 2],
+    /// The same of closing.
+    pub close_s: [f64; 2],
+    /// Whether these are columns, from the left.
+    pub columns: bool,
+}
+
+impl RowTimes {
+    /// Of `lines` lines that open and close one after the other, the last one first if `backwards`; first time and step of each.
+    pub fn running(backwards: bool, lines: f64, open_s: [f64; 2], close_s: [f64; 2]) -> Self {
+        let turned = |[first, step]: [f64; 2]| if backwards { [first + (lines - 1.0) * step, -step] } else { [first, step] };
+        RowTimes { open_s: turned(open_s), close_s: turned(close_s), columns: false }
+    }
+
+    /// The same for columns or rows.
+    pub fn of_columns(self, columns: bool) -> Self {
+        RowTimes { columns, ..self }
+    }
+
+    /// Opening and closing of a line.
+    pub fn of(&self, line: usize) -> (f64, f64) {
+        let at = |[first, step]: [f64; 2]| first + step * line as f64;
+        (at(self.open_s), at(self.close_s))
+    }
 }
 
 /// What a lens does to a picture of its film, found by tracing rays: enough to undo distortion, lateral colour and vignetting.

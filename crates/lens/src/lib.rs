@@ -107,6 +107,14 @@ impl Lens {
         }
     }
 
+    /// f-number of the lens fully open; an ideal lens is as open as it is set.
+    pub fn widest_f_number(&self) -> f64 {
+        match self {
+            Lens::Compound(lens) => lens.widest_f_number(),
+            other => other.f_number(),
+        }
+    }
+
     /// f-number of a lossless lens as bright on the axis.
     pub fn t_number(&self) -> f64 {
         match self {

@@ -347,8 +347,7 @@ impl<'a> Timeline<'a> {
 
     /// A deformer's mesh at a moment, in world space.
     pub fn pose(&self, deformer: &Deformer, mesh: &Mesh, time_s: f64) -> Pose {
-        let mut pose =
-            Pose { positions: mesh.positions.clone(), normals: mesh.normals.clone(), tangents: mesh.tangents.clone() };
+        let mut pose = Pose { positions: mesh.positions.clone(), normals: mesh.normals.clone(), tangents: mesh.tangents.clone() };
         let animated = self.tracks[deformer.node as usize].weights;
         let weights = animated.map(|(channel, span)| channel.at(self.moment(time_s, span)));
         let weights = weights.as_deref().unwrap_or(&deformer.weights);
@@ -530,7 +529,9 @@ mod tests {
         let mut jump = channel(Translation, Linear, &[0.0, 1.0, 1.0, 2.0], &[0., 0., 0., 1., 0., 0., 5., 0., 0., 6., 0., 0.]);
         assert_eq!(jump.check(), Ok(None));
         assert!((jump.at(0.999)[0] - 0.999).abs() < 1e-6 && (jump.at(1.0)[0] - 5.0).abs() < 1e-6);
-        for (times, values) in [(vec![], vec![]), (vec![f32::NAN], vec![0.0; 3]), (vec![0.0], vec![0.0; 4]), (vec![-1.0], vec![0.0; 3])] {
+        for (times, values) in
+            [(vec![], vec![]), (vec![f32::NAN], vec![0.0; 3]), (vec![0.0], vec![0.0; 4]), (vec![-1.0], vec![0.0; 3])]
+        {
             assert!(channel(Translation, Linear, &times, &values).check().is_err(), "{times:?}");
         }
     }

@@ -359,7 +359,14 @@ fn carried(timeline: &Timeline, node: u32, local: &Bounds, open_s: f64, span_s: 
     (Way::Rigid(track), boxes)
 }
 
-fn bending(timeline: &Timeline, deformer: &Deformer, mesh: &Mesh, filtered: bool, open_s: f64, span_s: f64) -> (Way, Vec<Bounds>) {
+fn bending(
+    timeline: &Timeline,
+    deformer: &Deformer,
+    mesh: &Mesh,
+    filtered: bool,
+    open_s: f64,
+    span_s: f64,
+) -> (Way, Vec<Bounds>) {
     let at = |x: f64| timeline.pose(deformer, mesh, open_s + x * span_s);
     let mut poses = vec![at(0.0)];
     if span_s > 0.0 && timeline.bends(deformer) {
@@ -544,7 +551,10 @@ mod tests {
                     let (k, g) = step((s as f32 + f) / count as f32, 64);
                     let lo = boxes[k].min + (boxes[k + 1].min - boxes[k].min) * g;
                     let hi = boxes[k].max + (boxes[k + 1].max - boxes[k].max) * g;
-                    assert!((a.min + (b.min - a.min) * f).cmple(lo + 1e-5).all() && (a.max + (b.max - a.max) * f).cmpge(hi - 1e-5).all());
+                    assert!(
+                        (a.min + (b.min - a.min) * f).cmple(lo + 1e-5).all()
+                            && (a.max + (b.max - a.max) * f).cmpge(hi - 1e-5).all()
+                    );
                 }
             }
         }

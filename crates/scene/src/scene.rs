@@ -3,15 +3,15 @@
 use crate::SceneError;
 use crate::bvh::{Bounds, Bvh, Filter, Hit, Primitive, Primitives};
 use crate::light::area::AreaShape;
-use crate::light::{AreaLight, Environment, Lights, Punctual};
 use crate::light::tree::LightBounds;
 use crate::light::{Aim, LightRef, Modulation, Placed, Spot};
+use crate::light::{AreaLight, Environment, Lights, Punctual};
 use crate::material::{Coverage, Emission, EmissionColor, Material};
 use crate::motion::{Animation, Deformer, Local, Motion, Node, Playing, Timeline};
 use crate::movers::Movers;
 use crate::shape::{Mesh, Quad, Sphere, Surface};
-use diopter_light::{Ray, Sampled, Wavelengths};
 use diopter_light::random::{mix, to_unit};
+use diopter_light::{Ray, Sampled, Wavelengths};
 use glam::{Affine3A, Mat3A, Vec2, Vec3, Vec3A, Vec4};
 
 /// Everything a file or a program says about a scene.
@@ -41,6 +41,29 @@ pub struct Description {
     pub deformers: Vec<Deformer>,
     /// What was found odd on the way.
     pub warnings: Vec<String>,
+}
+
+impl Description {
+    /// The box around the objects that are counted, at a moment, s; what hangs on free nodes is left out.
+    pub fn bounds_at(&self, time_s: f64, counted: impl Fn(&Object) -> bool) -> Bounds {
+        let timeline = Timeline::new(&self.nodes, &self.animations, &self.playing);
+        let placed = |mesh: u32, place: Affine3A| {
+            let positions = self.meshes.get(mesh as usize).map_or(&[][..], |m| &m.positions);
+            Bounds::around(positions.iter().map(|p| place.transform_point3(*p)).filter(|p| p.is_finite()))
+        };
+        let around = |o: &Object| match (o.shape, o.motion) {
+            (Shape::Mesh { .. }, Motion::Carried { node }) if self.nodes[node as usize].free => Bounds::EMPTY,
+            (Shape::Mesh { mesh, .. }, Motion::Carried { node }) => placed(mesh, timeline.world(node, time_s)),
+            (Shape::Mesh { mesh, .. }, Motion::Deformed { deformer }) => {
+                let pose = timeline.pose(&self.deformers[deformer as usize], &self.meshes[mesh as usize], time_s);
+                Bounds::around(pose.positions)
+            }
+            (Shape::Mesh { mesh, world_from_mesh }, Motion::Still) => placed(mesh, world_from_mesh),
+            (Shape::Sphere(s), _) => Bounds { min: s.center - s.radius, max: s.center + s.radius },
+            (Shape::Quad(q), _) => Bounds::around([Vec2::ZERO, Vec2::X, Vec2::Y, Vec2::ONE].map(|p| q.point(p))),
+        };
+        self.objects.iter().filter(|o| counted(o)).fold(Bounds::EMPTY, |b, o| b.union(around(o)))
+    }
 }
 
 /// A thing in the world.
@@ -223,8 +246,20 @@ impl Scene {
         let mut all = Lights::default();
         (all.area, all.punctual, all.environment) = (lights, d.punctual.clone(), d.environment.clone());
         let (movers, open_s, flickers, flashes) = (Movers::default(), 0.0, false, Vec::new());
-        let mut scene =
-            Scene { top, shared, flat, placements, lights: all, light_of, light_ways, movers, open_s, flickers, flashes, description };
+        let mut scene = Scene {
+            top,
+            shared,
+            flat,
+            placements,
+            lights: all,
+            light_of,
+            light_ways,
+            movers,
+            open_s,
+            flickers,
+            flashes,
+            description,
+        };
         scene.note_modulations();
         scene.arrange(0.0, 0.0);
         Ok(scene)
@@ -308,9 +343,7 @@ impl Scene {
         match light {
             LightRef::Area(i) => match self.light_ways.get(i as usize) {
                 None | Some(LightWay::Still) => self.lights.aim(light, p, u),
-                Some(way) => {
-                    self.moved_light(&self.lights.area[i as usize], *way, self.movers.share(time_s)).aim(p, u, i)
-                }
+                Some(way) => self.moved_light(&self.lights.area[i as usize], *way, self.movers.share(time_s)).aim(p, u, i),
             },
             LightRef::Punctual(i) => match self.movers.lights.get(i as usize) {
                 Some(Some(track)) => self.lights.punctual[i as usize].placed(&track.at(self.movers.share(time_s))).aim(p, i),
@@ -679,8 +712,7 @@ fn settle(d: &mut Description) {
             Motion::Deformed { deformer } if !timeline.bends(&deformers[deformer as usize]) => {
                 let rest = &meshes[*mesh as usize];
                 let pose = timeline.pose(&deformers[deformer as usize], rest, 0.0);
-                let posed =
-                    Mesh { positions: pose.positions, normals: pose.normals, tangents: pose.tangents, ..rest.clone() };
+                let posed = Mesh { positions: pose.positions, normals: pose.normals, tangents: pose.tangents, ..rest.clone() };
                 meshes.push(posed);
                 (*mesh, *world_from_mesh) = (meshes.len() as u32 - 1, Affine3A::IDENTITY);
                 object.motion = Motion::Still;

@@ -147,8 +147,12 @@ fn no_material_gains_light() {
 #[test]
 fn inside_a_shining_grey_sphere_light_adds_up_to_a_geometric_series() {
     // L = Le / (1 − ρ): emission 1 and albedo ½ everywhere give 2 (as pbrt's furnace scenes).
-    let emission =
-        Emission { radiance: EmissionColor::Constant(Spectrum::light_from_rgb(Vec3::ONE)), two_sided: true, is_light: true, modulation: Default::default() };
+    let emission = Emission {
+        radiance: EmissionColor::Constant(Spectrum::light_from_rgb(Vec3::ONE)),
+        two_sided: true,
+        is_light: true,
+        modulation: Default::default(),
+    };
     let material =
         Material { emission: Some(emission), ..Material::new("shell", Scattering::Diffuse(Color::rgb(0.5, 0.5, 0.5))) };
     let scene = Scene::build(sphere(material)).unwrap();
@@ -161,7 +165,11 @@ fn inside_a_shining_grey_sphere_light_adds_up_to_a_geometric_series() {
 fn floor_with(change: impl FnOnce(&mut Description)) -> Scene {
     let mut d = Description {
         materials: vec![Material::new("white", Scattering::Diffuse(Color::rgb(1.0, 1.0, 1.0)))],
-        objects: vec![Object::new("floor", Shape::Quad(Quad { corner: Vec3::new(-50.0, 0.0, 50.0), edges: [Vec3::X * 100.0, Vec3::NEG_Z * 100.0] }), 0)],
+        objects: vec![Object::new(
+            "floor",
+            Shape::Quad(Quad { corner: Vec3::new(-50.0, 0.0, 50.0), edges: [Vec3::X * 100.0, Vec3::NEG_Z * 100.0] }),
+            0,
+        )],
         ..Default::default()
     };
     change(&mut d);
@@ -177,14 +185,19 @@ fn each_kind_of_light_gives_its_irradiance() {
     let white = || Spectrum::light_from_rgb(Vec3::ONE);
     // A white floor shows E/π. Point light of 1 cd at 2 m: E = 1/4.
     let point = Punctual::new("a", white(), PunctualKind::Point { position: Vec3::Y * 2.0 });
-    let directional =
-        Punctual::new("b", white(), PunctualKind::Directional { direction: Vec3::new(0.0, -1.0, 1.0).normalize() });
-    let spot = |angle: f32| Punctual::new("spot", white(), PunctualKind::Spot {
-            position: Vec3::Y * 2.0,
-            direction: Vec3::new(angle.sin(), -angle.cos(), 0.0),
-            cos_inner: 0.99,
-            cos_outer: 0.9,
-        });
+    let directional = Punctual::new("b", white(), PunctualKind::Directional { direction: Vec3::new(0.0, -1.0, 1.0).normalize() });
+    let spot = |angle: f32| {
+        Punctual::new(
+            "spot",
+            white(),
+            PunctualKind::Spot {
+                position: Vec3::Y * 2.0,
+                direction: Vec3::new(angle.sin(), -angle.cos(), 0.0),
+                cos_inner: 0.99,
+                cos_outer: 0.9,
+            },
+        )
+    };
     let lamp = |shape: Shape| {
         move |d: &mut Description| {
             d.materials.push(Material::lamp("lamp", Spectrum::light_from_rgb(Vec3::ONE)));
@@ -326,10 +339,7 @@ fn light_does_not_depend_on_where_the_world_stands() {
                 Material::new("white", Scattering::Diffuse(Color::rgb(1.0, 1.0, 1.0))),
                 Material::lamp("lamp", Spectrum::light_from_rgb(Vec3::ONE)),
             ],
-            objects: vec![
-                Object::new("floor", Shape::Quad(floor), 0),
-                Object::new("lamp", Shape::Quad(lamp), 1),
-            ],
+            objects: vec![Object::new("floor", Shape::Quad(floor), 0), Object::new("lamp", Shape::Quad(lamp), 1)],
             ..Default::default()
         };
         let scene = Scene::build(d).unwrap();

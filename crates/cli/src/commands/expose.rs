@@ -1,18 +1,25 @@
 //! `expose`: a scene onto the focal plane.
 
 use super::print_json;
+use crate::AskedWrongly;
 use crate::args::Expose;
 use crate::commands::shoot::display;
 use crate::output;
 use crate::watch::{say, warn, watched};
-use diopter::shot::Shot;
+use anyhow::anyhow;
+use diopter::shot::{Sequence, Shot};
 use std::time::Instant;
 
 pub fn run(args: &Expose, json: bool) -> anyhow::Result<()> {
-    let file = args.taking.shot_file()?;
+    let mut file = args.taking.shot_file()?;
+    if Sequence::new(&mut file)?.count() > 1 {
+        return Err(
+            AskedWrongly(anyhow!("the shot file asks for a sequence: expected one exposure; `shoot` takes sequences")).into()
+        );
+    }
     let output = output::prepare_exr(&args.output)?;
     let mut shot = Shot::prepare(&file, &mut warn)?;
-    watched("metering", |w| shot.meter(w))?;
+    watched("metering", |w| shot.meter(w, &mut warn))?;
     let started = Instant::now();
     let plane = watched("exposing", |w| shot.expose(w))?;
     let seconds = started.elapsed().as_secs_f64();

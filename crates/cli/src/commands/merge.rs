@@ -1,16 +1,31 @@
-//! `merge`: parts of an exposure into the whole.
+//! `merge`: parts of an exposure into the whole, or an exposure series into one picture of more range.
 
-use super::{print_json, read_plane};
+use super::{open, print_json, read_plane};
+use crate::AskedWrongly;
 use crate::args::Merge;
-use crate::output;
+use crate::output::{self, Format, Kind};
 use crate::watch::say;
-use diopter::image::FocalPlane;
+use anyhow::{Context, anyhow};
+use diopter::develop::Recipe;
+use diopter::hdr;
+use diopter::image::{FocalPlane, RawImage, dng};
 
 pub fn run(args: &Merge, json: bool) -> anyhow::Result<()> {
     output::distinct(args.parts.iter().map(|p| p.as_path()), [args.output.as_path()])?;
+    let raws = args.parts.iter().filter(|p| matches!(output::kind(p), Ok(Kind::Dng))).count();
+    if raws == args.parts.len() {
+        return series(args, json);
+    }
+    if raws > 0 {
+        return Err(AskedWrongly(anyhow!(
+            "{raws} of {} files are raw files: expected focal planes or raw files, not both",
+            args.parts.len()
+        ))
+        .into());
+    }
     let output = output::prepare_exr(&args.output)?;
     let parts = args.parts.iter().map(|p| read_plane(p)).collect::<anyhow::Result<Vec<_>>>()?;
-    let whole = FocalPlane::merge(&parts).map_err(|e| crate::AskedWrongly(e.into()))?;
+    let whole = FocalPlane::merge(&parts).map_err(|e| AskedWrongly(e.into()))?;
     let path = output::write_plane(output, &whole)?;
     let end = whole.facts.first_sample + whole.facts.samples;
     say(&format!("{} parts, {} samples a pixel\nwrote {}", parts.len(), whole.facts.samples, path.display()));
@@ -18,4 +33,24 @@ pub fn run(args: &Merge, json: bool) -> anyhow::Result<()> {
         print_json(&serde_json::json!({ "files": [path], "facts": whole.facts, "samples": [whole.facts.first_sample, end] }))?;
     }
     Ok(())
+}
+
+fn series(args: &Merge, json: bool) -> anyhow::Result<()> {
+    let outputs = output::prepare_pictures(std::slice::from_ref(&args.output))?;
+    let read = |p: &std::path::PathBuf| dng::read(open(p)?).with_context(|| p.display().to_string());
+    let raws: Vec<RawImage> = args.parts.iter().map(read).collect::<anyhow::Result<_>>()?;
+    let merged = hdr::merge(&raws).map_err(|e| AskedWrongly(e.into()))?;
+    let written = output::write_pictures(outputs, &merged, &Recipe::default(), None, Format::default())?;
+    say(&format!("{} pictures, {:.1} EV more range than one", raws.len(), extra_range(&raws)));
+    written.iter().for_each(|p| say(&format!("wrote {}", p.display())));
+    if json {
+        print_json(&serde_json::json!({ "files": written, "facts": merged.header.facts, "pictures": raws.len() }))?;
+    }
+    Ok(())
+}
+
+/// EV between the longest and the shortest exposure.
+fn extra_range(raws: &[RawImage]) -> f64 {
+    let exposures = || raws.iter().map(|r| r.header.facts.exposure_s / r.header.facts.f_number.max(0.1).powi(2));
+    (exposures().fold(0.0, f64::max) / exposures().fold(f64::INFINITY, f64::min)).log2()
 }

@@ -12,7 +12,7 @@ use diopter::image::{ImageError, RawHeader};
 use diopter::sensor::{Reading, Sensor, Window};
 use diopter::shot::{read_body, white_point};
 use diopter::{raw_file, truth};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 /// Pixels of a plane up to which it is kept in memory for several read-outs.
 const KEPT_PIXELS: usize = 50_000_000;
@@ -21,7 +21,7 @@ const KEPT_PIXELS: usize = 50_000_000;
 const HALO: usize = 1;
 
 pub fn run(args: &ReadOut, json: bool) -> anyhow::Result<()> {
-    let names = numbered(&args.output, args.shots.get());
+    let names = output::numbered(&args.output, args.shots.get());
     output::distinct([args.plane.as_path()], names.iter().chain(&args.truth).map(|p| p.as_path()))?;
     // One proves that the others can be written; thousands are not opened at once.
     let mut ready = Some(output::prepare_dng(&names[0])?);
@@ -195,15 +195,4 @@ fn body_of(args: &ReadOut, exposed_with: &str) -> anyhow::Result<Sensor> {
             args.plane.display()
         )
     })
-}
-
-/// Names of several files from one: a number before the ending.
-fn numbered(path: &Path, count: usize) -> Vec<PathBuf> {
-    if count == 1 {
-        return vec![path.to_owned()];
-    }
-    let digits = count.to_string().len().max(3);
-    let stem = path.file_stem().unwrap_or_default().to_string_lossy();
-    let ending = path.extension().map_or(String::new(), |e| format!(".{}", e.to_string_lossy()));
-    (1..=count).map(|k| path.with_file_name(format!("{stem}-{k:0digits$}{ending}"))).collect()
 }

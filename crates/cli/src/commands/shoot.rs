@@ -1,14 +1,17 @@
-//! `shoot`: the whole photograph.
+//! `shoot`: the whole photograph, or a sequence of them.
 
 use super::print_json;
+use crate::AskedWrongly;
 use crate::args::Shoot;
 use crate::output::{self, Format, Output};
 use crate::watch::{say, warn, watched};
-use diopter::image::ExposureFacts;
+use anyhow::anyhow;
+use diopter::hdr;
+use diopter::image::{ExposureFacts, RawImage};
 use diopter::metering::ev100_of_setting;
-use diopter::quantity::{FNumber, Seconds};
+use diopter::quantity::FNumber;
 use diopter::sensor::ReadOut;
-use diopter::shot::Shot;
+use diopter::shot::{Sequence, Shot};
 use diopter::truth;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -29,86 +32,157 @@ pub fn run(args: &Shoot, json: bool) -> anyhow::Result<()> {
     if file.output.files.is_empty() {
         file.output.files.push(PathBuf::from("photo.jpg"));
     }
+    let s = &mut file.sequence;
+    (s.bracket, s.step) = (args.bracket.or(s.bracket), args.step.or(s.step));
+    (s.frames, s.fps) = (args.frames.or(s.frames), args.fps.or(s.fps));
+    s.shutter_angle_deg = args.shutter_angle.or(s.shutter_angle_deg);
+    let sequence = Sequence::new(&mut file)?;
+    if args.merge.is_some() && !matches!(sequence, Sequence::Bracket { .. }) {
+        return Err(AskedWrongly(anyhow!(
+            "--merge joins an exposure series: expected --bracket beside it, such as --bracket 5 --step 1ev"
+        ))
+        .into());
+    }
+    let count = sequence.count();
     // Whether the results can be written is known before the work, not after.
-    let beside = [&args.truth, &args.keep_plane, &args.save_shot].into_iter().flatten();
+    let named = |path: &PathBuf| output::numbered(path, count);
+    let names: Vec<Vec<PathBuf>> = file.output.files.iter().map(named).collect();
+    let planes = args.keep_plane.iter().flat_map(named).collect::<Vec<_>>();
+    let truths = args.truth.iter().flat_map(named).collect::<Vec<_>>();
     let subject = args.taking.subject.as_deref().map(Path::new);
-    output::distinct(subject, file.output.files.iter().chain(beside).map(|p| p.as_path()))?;
-    let pictures = output::prepare_pictures(&file.output.files)?;
-    let plane_file = args.keep_plane.as_deref().map(output::prepare_exr).transpose()?;
-    let truth_file = args.truth.as_deref().map(output::prepare_exr).transpose()?;
+    let beside = planes.iter().chain(&truths).chain(&args.save_shot).chain(&args.merge);
+    output::distinct(subject, names.iter().flatten().chain(beside).map(|p| p.as_path()))?;
+    let of_frame = |k: usize| -> Vec<PathBuf> { names.iter().map(|n| n[k].clone()).collect() };
+    let prepare = |k: usize| -> anyhow::Result<_> {
+        let plane = planes.get(k).map(|p| output::prepare_exr(p)).transpose()?;
+        let truth = truths.get(k).map(|p| output::prepare_exr(p)).transpose()?;
+        Ok((output::prepare_pictures(&of_frame(k))?, plane, truth))
+    };
+    // The first proves that the others can be written; thousands are not opened at once.
+    let mut ready = Some(prepare(0)?);
+    let merged_file = args.merge.as_ref().map(|p| output::prepare_pictures(std::slice::from_ref(p))).transpose()?;
     let shot_file = args.save_shot.as_deref().map(Output::prepare).transpose()?;
 
     let mut shot = Shot::prepare(&file, &mut warn)?;
     shot.date = Some(output::now());
-    watched("metering", |w| shot.meter(w))?;
+    watched("metering", |w| shot.meter(w, &mut warn))?;
     let prepared = started.elapsed().as_secs_f64();
-    let plane = watched("exposing", |w| shot.expose(w))?;
-    let exposed = started.elapsed().as_secs_f64();
-    let raw = shot.read_out(&plane)?;
-
     if let Some(output) = shot_file {
         use std::io::Write;
         // What was run: also what had been left open, and by paths that hold wherever the shot file lies.
         file.make_paths_absolute();
-        file.exposure.shutter = shot.shutter.map(Seconds);
+        shot.settle(&mut file);
         output.commit(|to| Ok(to.write_all(file.to_toml().as_bytes())?))?;
     }
-    let mut written = Vec::new();
-    if let Some(output) = plane_file {
-        written.push(output::write_plane(output, &plane)?);
-    }
-    if let Some(output) = truth_file {
-        let size = [plane.width(), plane.height()];
-        let reader = ReadOut::new(&shot.sensor, &shot.reading, size, &plane.bands, plane.facts.exposure_s)?;
-        written.push(output.commit(|to| Ok(truth::write(&plane, &reader, &raw, to)?))?);
-    }
-    written.extend(output::write_pictures(
-        pictures,
-        &raw,
-        &shot.recipe,
-        shot.lut.as_ref(),
-        Format { storage: args.raw.storage(), ..Format::default() },
-    )?);
 
-    let facts = raw.header.facts.clone();
-    say(&display(&facts, plane.width(), plane.height(), exposed - prepared));
-    for path in &written {
-        say(&format!("wrote {}", path.display()));
+    let (mut written, mut raws, mut all_facts) = (Vec::new(), Vec::<RawImage>::new(), Vec::new());
+    let (mut size, mut expose_s) = ([0, 0], 0.0);
+    for k in 0..count {
+        if count > 1 {
+            let mut quiet = |_: &str| ();
+            let told: &mut dyn FnMut(&str) = if k == 0 { &mut warn } else { &mut quiet };
+            sequence.turn(&mut shot, k, told)?;
+        }
+        let (pictures, plane_file, truth_file) = match ready.take() {
+            Some(files) => files,
+            None => prepare(k)?,
+        };
+        let begun = Instant::now();
+        let what = if count > 1 { "exposing (each)" } else { "exposing" };
+        let plane = watched(what, |w| shot.expose(w))?;
+        let seconds = begun.elapsed().as_secs_f64();
+        expose_s += seconds;
+        size = [plane.width(), plane.height()];
+        let raw = shot.read_out(&plane)?;
+        let mut of_this = Vec::new();
+        if let Some(output) = plane_file {
+            of_this.push(output::write_plane(output, &plane)?);
+        }
+        if let Some(output) = truth_file {
+            let reader = ReadOut::new(&shot.sensor, &shot.reading, size, &plane.bands, plane.facts.exposure_s)?;
+            of_this.push(output.commit(|to| Ok(truth::write(&plane, &reader, &raw, to)?))?);
+        }
+        let format = Format { storage: args.raw.storage(), ..Format::default() };
+        of_this.extend(output::write_pictures(pictures, &raw, &shot.recipe, shot.lut.as_ref(), format)?);
+        let facts = raw.header.facts.clone();
+        match k {
+            0 => say(&display(&facts, size[0], size[1], seconds)),
+            _ => say(&setting(&facts)),
+        }
+        of_this.iter().for_each(|path| say(&format!("wrote {}", path.display())));
+        written.extend(of_this);
+        all_facts.push(facts);
+        if merged_file.is_some() {
+            raws.push(raw);
+        }
+    }
+    if let Some(outputs) = merged_file {
+        let merged = hdr::merge(&raws).map_err(anyhow::Error::from)?;
+        let format = Format { storage: args.raw.storage(), ..Format::default() };
+        for path in output::write_pictures(outputs, &merged, &shot.recipe, shot.lut.as_ref(), format)? {
+            say(&format!("wrote {}", path.display()));
+            written.push(path);
+        }
     }
     if json {
-        print_json(&serde_json::json!({
+        let mut result = serde_json::json!({
             "files": written,
-            "facts": facts,
-            "size": [plane.width(), plane.height()],
+            "facts": all_facts[0],
+            "size": size,
             "prepare_s": prepared,
-            "expose_s": exposed - prepared,
+            "expose_s": expose_s,
             "total_s": started.elapsed().as_secs_f64(),
-        }))?;
+        });
+        if count > 1 {
+            result["frames"] = serde_json::json!(all_facts);
+        }
+        print_json(&result)?;
     }
     Ok(())
 }
 
+/// Time, aperture, speed.
+fn setting(f: &ExposureFacts) -> String {
+    let time = if f.exposure_s < 0.3 { format!("1/{:.0} s", 1.0 / f.exposure_s) } else { format!("{:.1} s", f.exposure_s) };
+    let aperture = FNumber((f.f_number * 100.0).round() / 100.0);
+    let at = if f.at_s > 0.0 { format!("   at {:.4} s", f.at_s) } else { String::new() };
+    format!("{time}   {aperture}   ISO {:.0}{at}", f.iso)
+}
+
 /// What a camera shows after the shot.
 pub fn display(f: &ExposureFacts, width: usize, height: usize, seconds: f64) -> String {
-    let time = if f.exposure_s < 0.3 { format!("1/{:.0} s", 1.0 / f.exposure_s) } else { format!("{:.1} s", f.exposure_s) };
     let focus = f.focus_distance_m.map_or("∞".to_owned(), |d| format!("{d:.2} m"));
     let meter = match f.metered_ev100 {
         None => "no light metered".to_owned(),
         Some(ev) => {
-            let off = ev - ev100_of_setting(f.f_number, f.exposure_s, if f.iso > 0.0 { f.iso } else { 100.0 });
-            format!("scene EV {ev:.1}, exposure {off:+.1} EV")
+            let stop = if f.t_number > 0.0 { f.t_number } else { f.f_number };
+            let off = ev - ev100_of_setting(stop, f.exposure_s, if f.iso > 0.0 { f.iso } else { 100.0 });
+            format!("scene EV {ev:.1} ({}), exposure {} EV", f.metering, signed(off))
         }
     };
+    let mut extras = String::new();
+    if f.compensation_ev != 0.0 {
+        extras.push_str(&format!("   compensation {:+.1} EV", f.compensation_ev));
+    }
+    if f.nd_stops > 0.0 {
+        extras.push_str(&format!("   ND {:.1} stops", f.nd_stops));
+    }
+    if f.flash {
+        extras.push_str("   flash");
+    }
+    if let Some(s) = f.shutter.as_ref().filter(|s| s.kind != "global") {
+        extras.push_str(&format!("   {} shutter, {:.2} ms in all", s.kind, s.total_s * 1e3));
+    }
     let scaled = if f.light_scale == 1.0 { String::new() } else { format!("   light × {:.3e}", f.light_scale) };
+    let setting = setting(f);
     format!(
-        "{}   {}   {}\n{time}   {}   ISO {:.0}   {:.0} mm ({:.0} mm equiv.)   focus {focus}\n{meter}{scaled}   {width}×{height}, {} samples a pixel, {seconds:.1} s",
-        f.body,
-        f.lens,
-        f.scene,
-        FNumber((f.f_number * 100.0).round() / 100.0),
-        f.iso,
-        f.focal_length_mm,
-        f.focal_length_35mm_mm,
-        f.samples
+        "{}   {}   {}\nmode {}   {setting}   {:.0} mm ({:.0} mm equiv.)   focus {focus}{extras}\n{meter}{scaled}   {width}×{height}, {} samples a pixel, {seconds:.1} s",
+        f.body, f.lens, f.scene, f.mode, f.focal_length_mm, f.focal_length_35mm_mm, f.samples
     )
+}
+
+/// With a sign, and no "-0.0".
+fn signed(ev: f64) -> String {
+    let ev = (ev * 10.0).round() / 10.0;
+    format!("{:+.1}", if ev == 0.0 { 0.0 } else { ev })
 }

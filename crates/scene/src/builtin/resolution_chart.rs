@@ -42,11 +42,7 @@ pub fn description() -> Description {
     Description {
         name: "resolution-chart".into(),
         materials: vec![Material::new("chart", Scattering::Diffuse(color))],
-        objects: vec![Object::new(
-            "chart",
-            Shape::Quad(Quad { corner, edges: [Vec3::X * SIZE.x, -Vec3::Y * SIZE.y] }),
-            0,
-        )],
+        objects: vec![Object::new("chart", Shape::Quad(Quad { corner, edges: [Vec3::X * SIZE.x, -Vec3::Y * SIZE.y] }), 0)],
         punctual: vec![Punctual::new("lamp", Spectrum::Table(power), PunctualKind::Directional { direction })],
         ..Default::default()
     }

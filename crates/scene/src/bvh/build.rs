@@ -15,6 +15,8 @@ use rayon::prelude::*;
 pub(super) const CHUNK: usize = 1 << 15;
 /// Bins of the split above the chunks.
 const BINS: usize = 32;
+/// Coordinate of boxes that nothing meets, m.
+const NOWHERE: f32 = 1e30;
 /// Share of the nodes the reinsertion optimiser tries: doubles as the quality dial of the build.
 const REINSERTION: f32 = 0.02;
 
@@ -316,8 +318,9 @@ impl<'a, P: Primitives> Collapse<'a, P> {
 
 impl Node {
     fn absent() -> Self {
-        let mut bounds = [[f32::INFINITY; 8]; 6];
-        bounds[3..].fill([f32::NEG_INFINITY; 8]);
+        // Far out and inside out, but finite: what moves is interpolated.
+        let mut bounds = [[NOWHERE; 8]; 6];
+        bounds[3..].fill([-NOWHERE; 8]);
         Node { bounds, child: [Child::ABSENT; 8] }
     }
 

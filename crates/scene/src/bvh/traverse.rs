@@ -27,7 +27,9 @@ impl Bvh {
     pub fn closest_at(&self, share: f32, origin: Vec3, direction: Vec3, t_max: f32, filter: &impl Filter) -> Option<Hit> {
         match self.end {
             None => self.closest(origin, direction, t_max, filter),
-            Some(_) => dispatch!(level(), simd => traverse::<_, _, false, true>(simd, self, origin, direction, share, t_max, filter)),
+            Some(_) => {
+                dispatch!(level(), simd => traverse::<_, _, false, true>(simd, self, origin, direction, share, t_max, filter))
+            }
         }
     }
 
@@ -37,7 +39,8 @@ impl Bvh {
         match self.end {
             None => self.any(origin, direction, t_max, filter),
             Some(_) => {
-                dispatch!(level(), simd => traverse::<_, _, true, true>(simd, self, origin, direction, share, t_max, filter)).is_some()
+                dispatch!(level(), simd => traverse::<_, _, true, true>(simd, self, origin, direction, share, t_max, filter))
+                    .is_some()
             }
         }
     }
@@ -390,6 +393,48 @@ mod tests {
                 }
             }
             assert!(n < 1000 || found > 30, "{found} hits of 400 rays on {n} triangles");
+        }
+    }
+
+    /// Others that nothing may be asked about but themselves.
+    struct Asked(std::cell::RefCell<Vec<u32>>);
+
+    impl Filter for Asked {
+        fn accept(&self, _: u32, _: f32, _: f32) -> bool {
+            true
+        }
+        fn intersect_other(&self, id: u32, _: f32, _: bool) -> Option<Hit> {
+            self.0.borrow_mut().push(id);
+            None
+        }
+    }
+
+    struct MovingBoxes;
+
+    impl Primitives for MovingBoxes {
+        fn len(&self) -> usize {
+            3
+        }
+        fn get(&self, index: usize) -> Primitive {
+            let min = Vec3::new(index as f32 * 2.0, 0.0, 0.0);
+            Primitive::Other { bounds: Bounds { min, max: min + 1.0 }, id: index as u32 }
+        }
+        fn moves(&self) -> bool {
+            true
+        }
+        fn get_at_end(&self, index: usize) -> Primitive {
+            let min = Vec3::new(index as f32 * 2.0, 10.0, 0.0);
+            Primitive::Other { bounds: Bounds { min, max: min + 1.0 }, id: index as u32 }
+        }
+    }
+
+    #[test]
+    fn only_boxes_that_are_there_are_asked() {
+        let bvh = Bvh::build(&MovingBoxes);
+        for (share, y, expected) in [(0.0, 0.5, vec![1]), (0.5, 5.5, vec![1]), (0.5, 0.5, vec![]), (1.0, 10.5, vec![1])] {
+            let asked = Asked(Default::default());
+            bvh.closest_at(share, Vec3::new(2.5, y, -5.0), Vec3::Z, f32::INFINITY, &asked);
+            assert_eq!(*asked.0.borrow(), expected, "{share} {y}");
         }
     }
 

@@ -54,7 +54,8 @@ impl AreaLight {
 
     /// The light when its space is placed in the world. Flat shapes only.
     pub(crate) fn placed(&self, place: &glam::Affine3A) -> AreaLight {
-        let quad = |q: &Quad| Quad { corner: place.transform_point3(q.corner), edges: q.edges.map(|e| place.transform_vector3(e)) };
+        let quad =
+            |q: &Quad| Quad { corner: place.transform_point3(q.corner), edges: q.edges.map(|e| place.transform_vector3(e)) };
         let shape = match &self.shape {
             AreaShape::Triangle(q) => AreaShape::Triangle(quad(q)),
             AreaShape::Parallelogram(q) => AreaShape::Parallelogram(quad(q)),

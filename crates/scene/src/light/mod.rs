@@ -214,7 +214,9 @@ impl Lights {
     #[inline]
     pub fn environment_probability(&self, p: Vec3, n: Vec3, flash_burns: bool) -> f32 {
         match self.infinite.last() {
-            Some((LightRef::Environment, importance)) => (1.0 - self.flash_share(flash_burns)) * (1.0 - self.finite_share(p, n)) * importance / self.infinite_total,
+            Some((LightRef::Environment, importance)) => {
+                (1.0 - self.flash_share(flash_burns)) * (1.0 - self.finite_share(p, n)) * importance / self.infinite_total
+            }
             _ => 0.0,
         }
     }

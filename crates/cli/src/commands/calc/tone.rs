@@ -1,8 +1,7 @@
-//! `calc`: calculators.
+//! `calc tone`.
 
-use super::print_json;
 use crate::AskedWrongly;
-use crate::args::CalcVerb;
+use crate::commands::print_json;
 use anyhow::anyhow;
 use diopter::develop::Recipe;
 use diopter::develop::steps::tone::ToneCurve;
@@ -11,10 +10,9 @@ use diopter::shot::ShotError;
 use glam::Vec3;
 use std::io::Write;
 
-pub fn run(verb: &CalcVerb, json: bool) -> anyhow::Result<()> {
-    let CalcVerb::Tone { curve, colours, keep_grey } = verb;
+pub fn run(curve: &str, colours: &[String], keep_grey: bool, json: bool) -> anyhow::Result<()> {
     let mut recipe = Recipe::default().with("tone.curve", curve).map_err(ShotError::from)?;
-    recipe.tone.keep_grey = *keep_grey;
+    recipe.tone.keep_grey = keep_grey;
     let tone = ToneCurve::new(&recipe.tone, 1.0, RgbSpace::Srgb);
     let mut rows = Vec::new();
     for text in colours {

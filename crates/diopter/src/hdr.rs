@@ -1,0 +1,172 @@
+//! An exposure series into one raw image of more range.
+//!
+//! Each pixel becomes the mean of what the pictures say about the light there, weighted by how sure each is: one over the variance
+//! that its noise profile gives for the light found (two rounds). Pixels near saturation say nothing, unless no picture holds more.
+//! Source: Granados et al. 2010, "Optimal HDR Reconstruction with Linear Digital Cameras" (CVPR). Pictures are not aligned.
+//!
+//! The result is a mosaic of 16 bits whose white is the saturation of the shortest exposure: one step is 1/64 512 of that. Over series
+//! of more than about ten stops, steps become coarser than the noise of the longest exposure.
+
+use diopter_image::{Raster, RawImage};
+
+/// Share of the range above which a pixel counts as full.
+const FULL: f32 = 0.95;
+/// Numbers of no light and of saturation.
+const BLACK: f64 = 1023.0;
+const WHITE: f64 = 65_535.0;
+
+/// Why pictures cannot be merged.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[error("picture {number}: {found}; expected {expected}")]
+pub struct HdrError {
+    /// Which, from 1.
+    pub number: usize,
+    /// What is odd.
+    pub found: String,
+    /// What would fit.
+    pub expected: String,
+}
+
+/// Light that a picture's numbers stand for beside another's: time · ISO / T-stop², filter included.
+fn exposure(raw: &RawImage) -> f64 {
+    let f = &raw.header.facts;
+    let stop = match (f.t_number > 0.0, f.f_number > 0.0) {
+        (true, _) => f.t_number,
+        (false, true) => f.f_number,
+        _ => 1.0,
+    };
+    f.exposure_s * f.iso.max(1.0) / (stop * stop) * (-f.nd_stops).exp2()
+}
+
+/// Merges pictures of the same scene and camera that differ in exposure.
+pub fn merge(raws: &[RawImage]) -> Result<RawImage, HdrError> {
+    let error = |k: usize, found: String, expected: &str| HdrError { number: k + 1, found, expected: expected.into() };
+    let Some(first) = raws.first() else { return Err(error(0, "there is none".into(), "two or more pictures")) };
+    let size = |r: &RawImage| [r.mosaic.width, r.mosaic.height];
+    for (k, raw) in raws.iter().enumerate() {
+        if size(raw) != size(first) {
+            let found = format!("{} × {} pixels", raw.mosaic.width, raw.mosaic.height);
+            return Err(error(k, found, "the size of the first"));
+        }
+        if raw.header.cfa != first.header.cfa || raw.header.facts.body != first.header.facts.body {
+            return Err(error(k, format!("it was taken with \"{}\"", raw.header.facts.body), "the camera of the first"));
+        }
+        if !(exposure(raw) > 0.0 && exposure(raw).is_finite()) {
+            return Err(error(k, "its exposure time is not known".into(), "a file that says how it was exposed"));
+        }
+    }
+    // The longest first.
+    let mut order: Vec<&RawImage> = raws.iter().collect();
+    order.sort_by(|a, b| exposure(b).total_cmp(&exposure(a)));
+    let shortest = exposure(order[order.len() - 1]);
+    let middle = order[order.len() / 2];
+
+    let channels = first.header.cfa.channel_count();
+    // Of each picture: factor on its signal, and noise (a signal + b) for each channel.
+    let noise = |raw: &RawImage, c: usize| raw.header.noise.get(c).copied().unwrap_or([1e-4, 1e-6]);
+    let parts: Vec<(f32, Vec<[f32; 2]>)> = order
+        .iter()
+        .map(|raw| {
+            let scale = (shortest / exposure(raw)) as f32;
+            (scale, (0..channels).map(|c| noise(raw, c).map(|v| v as f32)).collect())
+        })
+        .collect();
+    let (width, height) = (first.mosaic.width, first.mosaic.height);
+    let mut mosaic = Raster::new(width, height, 1);
+    for (i, to) in mosaic.data.iter_mut().enumerate() {
+        let c = first.header.cfa.channel_at(i % width, i / width);
+        let signal = |k: usize| {
+            let h = &order[k].header;
+            ((f64::from(order[k].mosaic.data[i]) - h.black_level) / (h.white_level - h.black_level)) as f32
+        };
+        // What holds: from the first picture on that is not full; the shortest whatever it says.
+        let holds = (0..order.len()).find(|k| signal(*k) < FULL).unwrap_or(order.len() - 1);
+        let mut light = signal(holds) * parts[holds].0;
+        for _ in 0..2 {
+            let (mut sum, mut total) = (0.0, 0.0);
+            for (k, (scale, noise)) in parts.iter().enumerate().skip(holds) {
+                let expected = (light / scale).max(0.0);
+                if expected > FULL && k + 1 < parts.len() {
+                    continue;
+                }
+                let weight = 1.0 / (scale * scale * (noise[c][0] * expected + noise[c][1]).max(1e-12));
+                sum += weight * signal(k) * scale;
+                total += weight;
+            }
+            light = sum / total;
+        }
+        *to = (BLACK + f64::from(light) * (WHITE - BLACK)).round().clamp(0.0, WHITE) as u16;
+    }
+    let mut header = middle.header.clone();
+    let longest = &parts[0];
+    header.noise = longest.1.iter().map(|[a, b]| [f64::from(a * longest.0), f64::from(b * longest.0 * longest.0)]).collect();
+    (header.bits, header.black_level, header.white_level) = (16, BLACK, WHITE);
+    header.baseline_ev += (exposure(middle) / shortest).log2();
+    Ok(RawImage { mosaic, header })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use diopter_image::ExposureFacts;
+    use diopter_image::focal_plane::FocalPlane;
+    use diopter_sensor::{Reading, Sensor, read_out};
+
+    /// Even fields of a light (electrons a second in every channel), each twice as long as the one before.
+    fn series(sensor: &Sensor, electrons_s: f32, times: &[f64]) -> Vec<RawImage> {
+        let white = diopter_light::cie::illuminant("D65").unwrap();
+        times
+            .iter()
+            .enumerate()
+            .map(|(k, t)| {
+                let facts = ExposureFacts { exposure_s: *t, f_number: 4.0, body: sensor.name.clone(), ..Default::default() };
+                let signal = vec![electrons_s * *t as f32; sensor.bands().len()];
+                let plane = FocalPlane::even(sensor.bands(), &signal, [128, 128], facts);
+                read_out(&plane, sensor, &Reading::new(100.0, k as u64), &white).unwrap()
+            })
+            .collect()
+    }
+
+    fn statistics(raw: &RawImage) -> (f64, f64) {
+        let h = &raw.header;
+        let v: Vec<f64> =
+            raw.mosaic.data.iter().map(|d| (f64::from(*d) - h.black_level) / (h.white_level - h.black_level)).collect();
+        let mean = v.iter().sum::<f64>() / v.len() as f64;
+        (mean, v.iter().map(|x| (x - mean).powi(2)).sum::<f64>() / v.len() as f64)
+    }
+
+    #[test]
+    fn a_series_holds_what_no_picture_holds() {
+        let sensor = Sensor::named("canon-5d-mark-iv").unwrap();
+        let times = [0.0025, 0.01, 0.04];
+        // From the shadows of the longest to the lights of the shortest.
+        for electrons_s in [2e3f32, 4e4, 8e5, 8e6] {
+            let raws = series(&sensor, electrons_s, &times);
+            let merged = merge(&raws).unwrap();
+            let (shortest, _) = statistics(&raws[0]);
+            let (mean, variance) = statistics(&merged);
+            // The shortest alone knows it less well; where it is the only one, it says it all.
+            let truth = f64::from(electrons_s) * times[0];
+            let expected = truth * shortest / truth;
+            assert!((mean / expected - 1.0).abs() < 0.05, "{electrons_s}: {mean} {expected}");
+            let alone = statistics(&raws[0]).1;
+            assert!(variance < alone * 1.05, "{electrons_s}: {variance} {alone}");
+            if electrons_s < 1e5 {
+                assert!(variance < 0.2 * alone, "{electrons_s}: {variance} {alone}");
+            }
+        }
+        assert!((merge(&series(&sensor, 1e4, &times)).unwrap().header.baseline_ev - raws_baseline(&sensor) - 2.0).abs() < 1e-9);
+    }
+
+    fn raws_baseline(sensor: &Sensor) -> f64 {
+        series(sensor, 1e4, &[0.01])[0].header.baseline_ev
+    }
+
+    #[test]
+    fn pictures_that_do_not_belong_together_are_refused() {
+        let (a, b) = (Sensor::named("canon-5d-mark-iv").unwrap(), Sensor::named("nikon-d850").unwrap());
+        let mixed = [series(&a, 1e4, &[0.01]), series(&b, 1e4, &[0.02])].concat();
+        assert!(merge(&mixed).unwrap_err().to_string().starts_with("picture 2: it was taken with"));
+        assert!(merge(&[]).is_err());
+    }
+}

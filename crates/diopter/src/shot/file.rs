@@ -1,0 +1,411 @@
+//! The shot file: a photograph as a user asks for it, in TOML.
+
+use super::ShotError;
+use super::sources::is_lens_file;
+use crate::quantity::{Distance, Ev, FNumber, Filter, Hertz, Iso, IsoChoice, LengthMm, Seconds, Size};
+use crate::recipe_file;
+use crate::stops;
+use diopter_develop::Recipe;
+use diopter_scene::builtin;
+use serde::{Deserialize, Serialize};
+use std::path::{Path, PathBuf};
+
+/// What a shot file says; everything may be left out.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct ShotFile {
+    /// What is photographed.
+    pub scene: SceneSection,
+    /// With what, from where.
+    pub camera: CameraSection,
+    /// When which part of the film is open.
+    pub shutter: ShutterSection,
+    /// How much light.
+    pub exposure: ExposureSection,
+    /// Light of the camera's own.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub flash: Option<FlashSection>,
+    /// What is sharp.
+    pub focus: FocusSection,
+    /// How it is computed.
+    pub render: RenderSection,
+    /// How the raw image becomes a picture.
+    pub develop: Recipe,
+    /// More than one picture.
+    pub sequence: SequenceSection,
+    /// Where it goes.
+    pub output: OutputSection,
+}
+
+/// `[scene]`
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct SceneSection {
+    /// An embedded scene's name, or a `.gltf` or `.glb` file (relative to the shot file).
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub file: Option<String>,
+    /// A lat-long `.hdr` or `.exr` around the scene.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub environment: Option<PathBuf>,
+    /// Turns the environment about the vertical, degrees.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub environment_rotation_deg: Option<f32>,
+    /// Factor on the environment; 1 takes its numbers as cd/m².
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub environment_scale: Option<f32>,
+    /// Puts a large matte floor of this albedo (0 to 1, grey) under the scene.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub ground: Option<f32>,
+    /// Scales all light so that the scene as framed meters at this EV (ISO 100): for scenes without a true scale.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub ambient_ev: Option<f64>,
+    /// Moment at which the exposure begins, on the clock of the scene's animations; 0 without.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub at: Option<Seconds>,
+    /// Which animation runs: its name or number, `all` or `none`; the first without.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub animation: Option<String>,
+    /// After its last key: `clamp` (stand still) or `loop`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub animation_end: Option<String>,
+    /// Nothing moves: all stands as it does at the moment `at`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub frozen: Option<bool>,
+    /// Lamps whose light changes with time.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub flicker: Vec<FlickerSection>,
+}
+
+/// `[[scene.flicker]]`
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct FlickerSection {
+    /// Name of a material, an object or a light; all lamps without.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub lamp: Option<String>,
+    /// `mains` (a sine of twice the frequency) or `pwm`.
+    pub kind: String,
+    /// Of the mains, or of the switching.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub frequency: Option<Hertz>,
+    /// Of mains: 0 steady to 1 dark once a period.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub depth: Option<f64>,
+    /// Of PWM: share of the period that the lamp is on.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub duty: Option<f64>,
+    /// How far into its period the lamp is at scene time 0, degrees.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub phase_deg: Option<f64>,
+}
+
+/// `[camera]`
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct CameraSection {
+    /// An embedded body's name or a TOML file.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub body: Option<String>,
+    /// Serial number of the body: its fixed pattern is drawn from it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub serial: Option<String>,
+    /// A film format by name or as "36x24" mm, instead of the body's.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub format: Option<String>,
+    /// `thin`, `pinhole`, an embedded lens's name or a lens file.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub lens: Option<String>,
+    /// Focal length; of a zoom, where it is set.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub focal_length: Option<LengthMm>,
+    /// Blades of the iris; without, the lens's own, or round.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub blades: Option<u32>,
+    /// How round the blades are: 0 straight to 1.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub blade_curvature: Option<f32>,
+    /// A picture (PNG or JPEG) as aperture: white lets light through.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub aperture_image: Option<PathBuf>,
+    /// Turns the iris, degrees.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub blade_rotation_deg: Option<f32>,
+    /// Where the camera stands, m.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub look_from: Option<[f32; 3]>,
+    /// What it is aimed at, m.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub look_at: Option<[f32; 3]>,
+    /// What is up in the picture.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub up: Option<[f32; 3]>,
+    /// A camera of the scene file by name or number (the first is 0).
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub viewpoint: Option<String>,
+    /// Unsteady hands: root mean square angular speed of pitch and yaw, deg/s (0.6 is a steady hand).
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub shake: Option<f64>,
+    /// Where the camera is at which time; instead of `look_from`.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub path: Vec<PathStop>,
+}
+
+/// `[[camera.path]]`
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PathStop {
+    /// Scene time.
+    pub time: Seconds,
+    /// Where the camera stands, m.
+    pub look_from: [f32; 3],
+    /// What it is aimed at, m; the shot's own without.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub look_at: Option<[f32; 3]>,
+    /// What is up in the picture.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub up: Option<[f32; 3]>,
+}
+
+/// `[shutter]`
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct ShutterSection {
+    /// `global`, `leaf`, `focal-plane` or `rolling`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub kind: Option<String>,
+    /// Of a focal-plane shutter: time that a curtain takes across the picture.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub travel: Option<Seconds>,
+    /// Of a rolling shutter: time from one row (or column) of the picture to the next.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub line_time: Option<Seconds>,
+    /// Of a rolling shutter, instead: time for the whole picture.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub readout: Option<Seconds>,
+    /// Of a rolling shutter: `rolling`, or `global` for a reset of all rows at once.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub reset: Option<String>,
+    /// Which way curtains or rows run, as seen in the picture: `down`, `up`, `right` or `left`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub direction: Option<String>,
+    /// Of a leaf shutter: time its blades take to open, and again to close.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub ramp: Option<Seconds>,
+}
+
+/// `[flash]`
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct FlashSection {
+    /// Guide number: f-number × distance (m) of a right exposure at ISO 100 and full power.
+    pub guide_number: f64,
+    /// Share of full power, such as 0.25.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub power: Option<f64>,
+    /// Length of the pulse.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub pulse: Option<Seconds>,
+    /// `first` or `second` curtain, or `high-speed`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub sync: Option<String>,
+    /// Where it is from the lens along the camera's axes (right, up, back), m.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub offset: Option<[f32; 3]>,
+}
+
+/// `[sequence]`
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct SequenceSection {
+    /// Pictures of an exposure series.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub bracket: Option<u32>,
+    /// From one to the next of them.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub step: Option<Ev>,
+    /// Frames of a film.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub frames: Option<u32>,
+    /// Frames a second.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub fps: Option<f64>,
+    /// Exposure time of a frame as part of its duration: 180 is half of it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub shutter_angle_deg: Option<f64>,
+}
+
+/// `[exposure]`
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct ExposureSection {
+    /// f-number.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub aperture: Option<FNumber>,
+    /// Exposure time; metered without.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub shutter: Option<Seconds>,
+    /// ISO speed, or `auto`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub iso: Option<IsoChoice>,
+    /// Lowest speed of automatic ISO; the body's without.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub iso_min: Option<Iso>,
+    /// Highest speed of automatic ISO; 6400 without.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub iso_max: Option<Iso>,
+    /// The slowest time that automatic ISO keeps to and the program turns at; one over the focal length without.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub slowest: Option<Seconds>,
+    /// `M`, `A`, `S` or `P`; without, M when a time is given and A when not.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub mode: Option<String>,
+    /// `average`, `centre-weighted`, `spot`, `matrix` or `highlight`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub metering: Option<String>,
+    /// Middle of the spot, 0 to 1 across and down the picture.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub metering_at: Option<[f64; 2]>,
+    /// More (+) or less (−) light than the meter asks for.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub compensation: Option<Ev>,
+    /// Neutral density filter before the lens.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub nd: Option<Filter>,
+    /// What the camera chooses clicks in `full`, `half` or `third` stops; without, it is exact.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub dial: Option<String>,
+    /// Engraved numbers stand for exact stops: f/5.6 for 5.657, 1/125 for 1/128.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub true_stops: Option<bool>,
+    /// Illuminant the camera takes for white: D65, D50, A, FL2 ...
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub white: Option<String>,
+    /// Temperature of the sensor, °C.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub temperature_c: Option<f64>,
+    /// Leave the cap on the lens: a dark frame.
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    pub lens_cap: bool,
+}
+
+/// `[focus]`
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct FocusSection {
+    /// Distance of the sharp plane from the lens; without, the point the camera is aimed at.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub distance: Option<Distance>,
+}
+
+/// `[render]`
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct RenderSection {
+    /// Pixels of the picture.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub size: Option<Size>,
+    /// Samples a pixel.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub spp: Option<u32>,
+    /// First and one after the last sample of this run, of `spp` in all.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub samples: Option<[u32; 2]>,
+    /// Seed of light transport and noise.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub seed: Option<u64>,
+    /// `sobol`, `jittered`, `grid` or `independent`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub sampler: Option<String>,
+    /// Most scattering events of a path.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub max_depth: Option<u32>,
+    /// Stop after about so long.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub time_limit: Option<Seconds>,
+    /// Reduce the renderer's own noise; off without.
+    pub denoise: Option<bool>,
+}
+
+/// `[output]`
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct OutputSection {
+    /// Files to write; the ending says what.
+    pub files: Vec<PathBuf>,
+}
+
+impl ShotFile {
+    /// Reads a shot file; paths in it are relative to it.
+    pub fn read(path: &Path) -> Result<ShotFile, ShotError> {
+        let place = path.display().to_string();
+        let text = std::fs::read_to_string(path).map_err(|e| ShotError::Read { path: place.clone(), reason: e.to_string() })?;
+        let mut shot: ShotFile =
+            toml::from_str(&text).map_err(|e| ShotError::Read { path: place, reason: e.to_string().trim_end().to_owned() })?;
+        let folder = path.parent().unwrap_or(Path::new(""));
+        let relative = |p: &Path| if p.is_absolute() { p.to_owned() } else { folder.join(p) };
+        if let Some(file) = &mut shot.scene.file
+            && !builtin::is_embedded(file)
+        {
+            *file = relative(Path::new(file.as_str())).display().to_string();
+        }
+        if let Some(environment) = &mut shot.scene.environment {
+            *environment = relative(environment);
+        }
+        if let Some(body) = &mut shot.camera.body
+            && body.ends_with(".toml")
+        {
+            *body = relative(Path::new(body.as_str())).display().to_string();
+        }
+        if let Some(lens) = shot.camera.lens.as_mut().filter(|l| is_lens_file(l)) {
+            *lens = relative(Path::new(lens.as_str())).display().to_string();
+        }
+        if let Some(picture) = &mut shot.camera.aperture_image {
+            *picture = relative(picture);
+        }
+        recipe_file::place_lut(&mut shot.develop, folder);
+        Ok(shot)
+    }
+
+    /// Puts what engraved numbers stand for in their place, if that was asked for.
+    pub(super) fn mean_true_stops(&mut self) {
+        let e = &mut self.exposure;
+        if e.true_stops != Some(true) {
+            return;
+        }
+        e.aperture = e.aperture.map(|a| FNumber(stops::true_aperture(a.0)));
+        e.shutter = e.shutter.map(|s| Seconds(stops::true_time(s.0)));
+        e.iso = e.iso.map(|i| match i {
+            IsoChoice::Fixed(iso) => IsoChoice::Fixed(Iso(stops::true_speed(iso.0))),
+            auto => auto,
+        });
+    }
+
+    /// Makes the paths of scene, environment and body independent of where the shot file lies.
+    pub fn make_paths_absolute(&mut self) {
+        let whole = |p: &Path| std::path::absolute(p).unwrap_or_else(|_| p.to_owned());
+        let text = |p: &str| whole(Path::new(p)).display().to_string();
+        if let Some(file) = self.scene.file.as_mut().filter(|f| !builtin::is_embedded(f)) {
+            *file = text(file);
+        }
+        if let Some(environment) = &mut self.scene.environment {
+            *environment = whole(environment);
+        }
+        if let Some(body) = self.camera.body.as_mut().filter(|b| b.ends_with(".toml")) {
+            *body = text(body);
+        }
+        if let Some(lens) = self.camera.lens.as_mut().filter(|l| is_lens_file(l)) {
+            *lens = text(lens);
+        }
+        if let Some(picture) = &mut self.camera.aperture_image {
+            *picture = whole(picture);
+        }
+        if !self.develop.lut.file.is_empty() {
+            self.develop.lut.file = text(&self.develop.lut.file);
+        }
+    }
+
+    /// The file's text.
+    pub fn to_toml(&self) -> String {
+        toml::to_string(self).expect("a shot file is plain data")
+    }
+}

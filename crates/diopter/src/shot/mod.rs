@@ -1,0 +1,635 @@
+//! A photograph as a user asks for it: a shot file (TOML) or flags → checked → taken.
+//!
+//! [`ShotFile`] is what was written; [`Shot::prepare`] reads the scene, checks every number and fills in what was left open;
+//! [`Shot::meter`] lets the camera choose what it is to choose; [`Shot::expose`], [`Shot::read_out`] and [`Shot::develop`] are the
+//! photograph. [`Shot::turn_to`] takes the next one of a sequence.
+
+pub mod file;
+mod sequence;
+mod sources;
+mod staging;
+mod timing;
+
+pub use file::ShotFile;
+pub use sequence::Sequence;
+pub use sources::{read_body, read_environment, read_lens, read_scene};
+
+use crate::camera::{Camera, Film, PlacementError};
+use crate::expose::{ExposeError, Response, Settings, Watch, expose};
+use crate::flash::Flash;
+use crate::metering::{self, Meter, Pattern};
+use crate::program::{self, Chosen, Limits, Mode};
+use crate::quantity::{FNumber, Seconds};
+use crate::shutter::{Moments, Shutter};
+use crate::{lens_profile, recipe_file};
+use diopter_develop::lut::Lut;
+use diopter_develop::{Recipe, RecipeError, denoise, develop};
+use diopter_image::focal_plane::Truth;
+use diopter_image::{ExposureFacts, FocalPlane, Picture, Raster, RawImage};
+use diopter_lens::{Focus, Lens, LensError};
+use diopter_light::cie;
+use diopter_light::random::SamplerKind;
+use diopter_scene::light::Environment;
+use diopter_scene::{PathSettings, Scene, SceneError, builtin};
+use diopter_sensor::format;
+use diopter_sensor::{Reading, Sensor, SensorError, read_out};
+use file::RenderSection;
+use glam::Vec3;
+use std::ops::RangeInclusive;
+use timing::Timing;
+
+/// Most pixels a side of a picture.
+pub const LARGEST_SIDE: usize = 65_535;
+const DEFAULT_SPP: u32 = 64;
+const DEFAULT_ISO: f64 = 100.0;
+
+/// Why a photograph cannot be taken.
+#[derive(Debug, thiserror::Error)]
+pub enum ShotError {
+    /// A file that cannot be read.
+    #[error("{path}: {reason}")]
+    Read {
+        /// The file.
+        path: String,
+        /// What the system or the parser says.
+        reason: String,
+    },
+    /// A value outside its range or a name nobody knows.
+    #[error("{what} {found}: expected {expected}")]
+    Value {
+        /// Setting.
+        what: &'static str,
+        /// Its value.
+        found: String,
+        /// What is allowed, or a hint.
+        expected: String,
+    },
+    /// The scene.
+    #[error(transparent)]
+    Scene(#[from] SceneError),
+    /// The body.
+    #[error(transparent)]
+    Sensor(#[from] SensorError),
+    /// The lens.
+    #[error(transparent)]
+    Lens(#[from] LensError),
+    /// The camera's place.
+    #[error(transparent)]
+    Placement(#[from] PlacementError),
+    /// The development.
+    #[error(transparent)]
+    Recipe(RecipeError),
+    /// The exposure was stopped.
+    #[error(transparent)]
+    Expose(#[from] ExposeError),
+}
+
+impl ShotError {
+    /// Whether the user asked for something impossible (rather than something failing on the way).
+    pub fn is_request(&self) -> bool {
+        !matches!(self, ShotError::Read { .. } | ShotError::Expose(_) | ShotError::Scene(_))
+    }
+}
+
+pub(crate) fn value(what: &'static str, found: impl ToString, expected: impl Into<String>) -> ShotError {
+    ShotError::Value { what, found: found.to_string(), expected: expected.into() }
+}
+
+/// A photograph ready to be taken.
+pub struct Shot {
+    /// The scene, built.
+    pub scene: Scene,
+    /// The camera, placed and focused.
+    pub camera: Camera,
+    /// The body's sensor.
+    pub sensor: Sensor,
+    /// Exposure time, s; known after metering.
+    pub shutter: Option<f64>,
+    /// How the sensor is read.
+    pub reading: Reading,
+    /// When it is taken, as EXIF writes it; whoever owns a clock says so.
+    pub date: Option<String>,
+    /// No light reaches the film.
+    pub lens_cap: bool,
+    /// Sampling.
+    pub settings: Settings,
+    /// Reduce the renderer's own noise.
+    pub denoise: bool,
+    /// Development.
+    pub recipe: Recipe,
+    /// The look-up table that the recipe names.
+    pub lut: Option<Lut>,
+    /// What was asked.
+    file: ShotFile,
+    framing: Option<builtin::Framing>,
+    /// Requested metered EV of the scene.
+    ambient_ev: Option<f64>,
+    exposing: Exposing,
+    timing: Timing,
+    facts: ExposureFacts,
+}
+
+/// How the exposure is found.
+#[derive(Clone, Debug)]
+struct Exposing {
+    mode: Mode,
+    pattern: Pattern,
+    at: [f64; 2],
+    compensation_ev: f64,
+    nd_stops: f64,
+    /// Automatic ISO: its limits.
+    auto_iso: Option<[f64; 2]>,
+    /// The limits of real dials hold.
+    dials: bool,
+    slowest_s: Option<f64>,
+    step: Option<crate::stops::Step>,
+}
+
+impl Shot {
+    /// Checks a request, reads its files and builds the scene. `warn` gets what was found odd.
+    pub fn prepare(file: &ShotFile, warn: &mut dyn FnMut(&str)) -> Result<Shot, ShotError> {
+        // Cheap checks before anything is read.
+        let mut file = file.clone();
+        file.mean_true_stops();
+        let file = file;
+        let settings = settings(&file.render)?;
+        let sensor = read_body(file.camera.body.as_deref().unwrap_or("canon-5d-mark-iv"))?;
+        let exposing = Exposing::new(&file, &sensor)?;
+        let iso = match (exposing.auto_iso, file.exposure.iso) {
+            (Some([lowest, _]), _) => lowest,
+            (None, Some(choice)) => choice.fixed().unwrap_or(DEFAULT_ISO),
+            (None, None) => sensor.nearest_iso(DEFAULT_ISO),
+        };
+        sensor.at_iso(iso)?;
+        let white = file.exposure.white.clone().unwrap_or_else(|| "D65".into());
+        white_point(&white)?;
+        if let Some(Seconds(t)) = file.exposure.shutter
+            && !(t > 0.0 && t.is_finite())
+        {
+            return Err(value("shutter", Seconds(t), "a time above 0"));
+        }
+        let celsius = file.exposure.temperature_c.unwrap_or(20.0);
+        if !(-273.15..=200.0).contains(&celsius) {
+            return Err(value("temperature", format!("{celsius} °C"), "-273 to 200 °C"));
+        }
+        if let Some(FNumber(n)) = file.exposure.aperture
+            && !(n > 0.0)
+        {
+            return Err(value("aperture", FNumber(n), "a number above 0, such as f/2.8"));
+        }
+        file.develop.check()?;
+        let lut = recipe_file::lut(&file.develop)?;
+        if let Some(ev) = file.scene.ambient_ev
+            && !(-30.0..=40.0).contains(&ev)
+        {
+            return Err(value("ambient_ev", ev, "-30 to 40"));
+        }
+        let mut timing = Timing::new(&file, &sensor)?;
+
+        let name = file.scene.file.as_deref().unwrap_or("still-life");
+        let mut description = read_scene(name)?;
+        timing.play(&mut description, &file.scene)?;
+        if let Some(path) = &file.scene.environment {
+            let (rotation, scale) =
+                (file.scene.environment_rotation_deg.unwrap_or(0.0), file.scene.environment_scale.unwrap_or(1.0));
+            if !(scale >= 0.0 && scale.is_finite() && rotation.is_finite()) {
+                return Err(value(
+                    "environment_scale or environment_rotation_deg",
+                    format!("{scale}, {rotation}"),
+                    "finite numbers, the scale not negative",
+                ));
+            }
+            description.environment = Some(read_environment(path, rotation, scale)?);
+        }
+        if let Some(albedo) = file.scene.ground {
+            staging::put_ground(&mut description, albedo, timing.at_s)?;
+        }
+        let scene_name = description.name.clone();
+        let dark = description.environment.is_none()
+            && description.punctual.is_empty()
+            && !description.materials.iter().any(|m| m.emission.is_some())
+            && timing.flash.is_none();
+        if dark {
+            warn("the scene has no light: an even white sky of 2000 cd/m² is put around it (give --environment for another)");
+            description.environment = Some(Environment::uniform(Vec3::splat(2000.0)));
+        }
+        timing::put_flicker(&mut description, &file.scene.flicker)?;
+        if let Some(flash) = &timing.flash {
+            flash.put_into(&mut description);
+        }
+        let framing = builtin::framing(name);
+        let mut scene = Scene::build(description)?;
+        scene.pose(timing.at_s, 0.0);
+        scene.description().warnings.iter().for_each(|w| warn(w));
+        if scene.bounds().is_empty() && scene.description().environment.is_none() {
+            return Err(SceneError::Empty("it has no surface and no environment".into()).into());
+        }
+
+        let (camera, carrier) = staging::camera(&file, &scene, timing.at_s, &sensor, framing.as_ref(), warn)?;
+        timing.carrier = carrier;
+        let facts = ExposureFacts {
+            software: concat!("diopter ", env!("CARGO_PKG_VERSION")).into(),
+            scene: scene_name,
+            body: sensor.name.clone(),
+            light_scale: 1.0,
+            mode: exposing.mode.name().into(),
+            compensation_ev: exposing.compensation_ev,
+            nd_stops: exposing.nd_stops,
+            ..lens_facts(&camera, &sensor)
+        };
+        Ok(Shot {
+            scene,
+            camera,
+            sensor,
+            shutter: file.exposure.shutter.map(|s| s.0),
+            reading: Reading {
+                iso,
+                seed: settings.seed,
+                serial: file.camera.serial.clone().unwrap_or_else(|| Reading::FIRST_SERIAL.into()),
+                temperature_c: file.exposure.temperature_c,
+                white,
+            },
+            date: None,
+            lens_cap: file.exposure.lens_cap,
+            settings,
+            denoise: file.render.denoise.unwrap_or(false),
+            recipe: file.develop.clone(),
+            lut,
+            ambient_ev: file.scene.ambient_ev,
+            file,
+            framing,
+            exposing,
+            timing,
+            facts,
+        })
+    }
+
+    /// Meters the scene and settles what was left open: light scale, exposure time, aperture, ISO. Then everything stands ready for
+    /// the exposure. `warn` gets what the light or the shutter does not allow.
+    pub fn meter(&mut self, watch: &Watch, warn: &mut dyn FnMut(&str)) -> Result<(), ShotError> {
+        if self.lens_cap {
+            self.shutter.get_or_insert(1.0);
+            return self.stand_ready(warn);
+        }
+        if let Some(wanted) = self.ambient_ev {
+            let luminance = metering::mean_luminance(&self.scene, &self.camera, &self.settings, watch)?;
+            if luminance > 0.0 && luminance.is_finite() {
+                self.settings.light_scale = (wanted - metering::ev100_of_luminance(luminance)).exp2();
+            }
+        }
+        let white = white_point(&self.reading.white)?;
+        let meter = Meter {
+            sensor: &self.sensor,
+            reading: &self.reading,
+            pattern: self.exposing.pattern,
+            at: self.exposing.at,
+            filter: (-self.exposing.nd_stops).exp2(),
+        };
+        let metered = meter.read(&self.scene, &self.camera, &self.settings, &white, watch)?;
+        self.facts.metering = self.exposing.pattern.name().into();
+        self.facts.metered_ev100 = metered;
+        let e = self.exposing.clone();
+        // Without any light any exposure will do.
+        let ev100 = metered.unwrap_or(0.0) - e.compensation_ev;
+        let chosen_by_camera = e.mode != Mode::Manual || e.auto_iso.is_some();
+        if chosen_by_camera {
+            let (limits, set) = (self.limits(), self.set());
+            let chosen = program::choose(e.mode, ev100, set, &limits);
+            if (chosen.aperture / set.aperture - 1.0).abs() > 1e-9 {
+                self.open_to(chosen.aperture)?;
+            }
+            self.shutter = Some(chosen.time_s);
+            self.reading.iso = chosen.iso;
+            let off = ev100 - metering::ev100_of_setting(chosen.aperture, chosen.time_s, chosen.iso);
+            if metered.is_some() && off.abs() > 0.34 {
+                warn(&format!(
+                    "the light is {:.1} EV too {} for what the camera may choose in mode {}: the picture will be {}",
+                    off.abs(),
+                    if off > 0.0 { "bright" } else { "dark" },
+                    e.mode.name(),
+                    if off > 0.0 { "light" } else { "dark" }
+                ));
+            }
+        }
+        self.stand_ready(warn)
+    }
+
+    /// What is set by hand, apertures as T-stops.
+    fn set(&self) -> Chosen {
+        Chosen { aperture: self.facts.t_number, time_s: self.shutter.unwrap_or(1.0 / 125.0), iso: self.reading.iso }
+    }
+
+    fn limits(&self) -> Limits {
+        let e = &self.exposing;
+        let loss = self.facts.t_number / self.facts.f_number;
+        let [widest, smallest] = match &self.camera.lens {
+            Lens::Compound(l) => [l.widest_f_number(), SMALLEST_STOP],
+            // An ideal lens has no glass that says so: a fast prime of 35 mm format.
+            _ => [1.4, SMALLEST_STOP],
+        };
+        let handheld_s = e.slowest_s.unwrap_or(1.0 / self.facts.focal_length_35mm_mm.max(1.0));
+        Limits {
+            aperture: [widest * loss, smallest.max(widest) * loss],
+            time_s: if e.dials { DIAL_TIMES_S } else { [1e-7, 1e6] },
+            iso: e.auto_iso.unwrap_or([self.reading.iso; 2]),
+            handheld_s,
+            step: e.step,
+        }
+    }
+
+    /// Sets the lens to another T-stop.
+    fn open_to(&mut self, t_number: f64) -> Result<(), ShotError> {
+        let mut file = self.file.clone();
+        // By rounding a lens fully open could be asked for more than that.
+        let wanted = t_number * self.facts.f_number / self.facts.t_number;
+        file.exposure.aperture = Some(FNumber(wanted.max(self.limits().aperture[0] * self.facts.f_number / self.facts.t_number)));
+        let (camera, _) =
+            staging::camera(&file, &self.scene, self.timing.at_s, &self.sensor, self.framing.as_ref(), &mut |_| ())?;
+        let new = lens_facts(&camera, &self.sensor);
+        let f = &mut self.facts;
+        (f.f_number, f.t_number, f.lens_profile) = (new.f_number, new.t_number, new.lens_profile);
+        self.camera = camera;
+        Ok(())
+    }
+
+    /// The shutter as it is set.
+    pub fn shutter(&self) -> Shutter {
+        Shutter { mechanism: self.timing.mechanism, exposure_s: self.shutter.unwrap_or(1.0) }
+    }
+
+    /// Poses the scene and the camera for the exposure, and sets the flash.
+    fn stand_ready(&mut self, warn: &mut dyn FnMut(&str)) -> Result<(), ShotError> {
+        let shutter = self.shutter();
+        let total = shutter.total_s();
+        let at = self.timing.at_s;
+        self.camera.way = self.timing.camera_way(&self.scene, &self.camera, total);
+        self.settings.moments = Moments::default();
+        if let Some(flash) = &self.timing.flash
+            && let Some((node, material)) = Flash::place_in(self.scene.description())
+        {
+            let (moment, all) = flash.moment(&shutter);
+            self.timing.warn_of_sync(&shutter, moment, all, warn);
+            self.settings.moments.flash = Some(moment);
+            let pulse = diopter_scene::light::Modulation::Pulse { start_s: moment.0, length_s: moment.1 - moment.0 };
+            self.scene.modulate(material, pulse);
+            self.scene.place_node(node, self.camera.way.at(moment.0));
+        }
+        self.scene.pose(at, total);
+        self.timing.warn_of_end(&self.scene, total, warn);
+        self.facts.at_s = at;
+        self.facts.flash = self.timing.flash.is_some() && !self.lens_cap;
+        self.facts.shutter = Some(shutter.facts([self.camera.film.columns, self.camera.film.rows]));
+        Ok(())
+    }
+
+    /// Makes the shot ready for another moment (s) of the scene, with everything set as it is: a frame of a sequence, with noise of its
+    /// own.
+    pub fn turn_to(&mut self, at_s: f64, frame: u64, warn: &mut dyn FnMut(&str)) -> Result<(), ShotError> {
+        self.timing.at_s = at_s;
+        let seed = self.file.render.seed.unwrap_or(1);
+        self.settings.seed = seed.wrapping_add(frame);
+        self.reading.seed = seed.wrapping_add(frame);
+        self.stand_ready(warn)
+    }
+
+    /// Changes the exposure by so many EV: by the aperture where the time is set by hand and kept, else by the time.
+    pub fn expose_by(&mut self, ev: f64) -> Result<(), ShotError> {
+        match self.exposing.mode {
+            Mode::ShutterPriority => self.open_to(self.facts.t_number * (-0.5 * ev).exp2()),
+            _ => {
+                self.shutter = self.shutter.map(|t| t * ev.exp2());
+                Ok(())
+            }
+        }
+    }
+
+    /// Writes what was settled into a shot file: it then takes this picture again, whatever the meter says.
+    pub fn settle(&self, file: &mut ShotFile) {
+        let e = &mut file.exposure;
+        e.shutter = self.shutter.map(Seconds);
+        if e.aperture.is_some() || matches!(self.exposing.mode, Mode::ShutterPriority | Mode::Program) {
+            e.aperture = Some(FNumber(self.facts.f_number));
+        }
+        e.iso = Some(crate::quantity::IsoChoice::Fixed(crate::quantity::Iso(self.reading.iso)));
+        // All is set now; engraved numbers have become what they stand for.
+        (e.mode, e.true_stops, e.iso_min, e.iso_max) = (Some(Mode::Manual.name().into()), None, None, None);
+    }
+
+    /// The moment the first exposure of a sequence begins, s of scene time.
+    pub fn begun_s(&self) -> f64 {
+        self.file.scene.at.map_or(0.0, |s| s.0)
+    }
+
+    /// The moment the exposure begins, s of scene time.
+    pub fn at_s(&self) -> f64 {
+        self.timing.at_s
+    }
+
+    /// Facts as known so far.
+    pub fn facts(&self) -> ExposureFacts {
+        ExposureFacts { exposure_s: self.shutter.unwrap_or(0.0), iso: self.reading.iso, ..self.facts.clone() }
+    }
+
+    /// Exposes the film. [`Shot::meter`] must have been called.
+    pub fn expose(&self, watch: &Watch) -> Result<FocalPlane, ShotError> {
+        let facts = ExposureFacts { iso: 0.0, ..self.facts() };
+        if self.lens_cap {
+            return Ok(darkness(&self.camera.film, &Response::sensor(&self.sensor), &self.settings, facts));
+        }
+        let response = Response::sensor(&self.sensor);
+        // What a filter takes is one factor on all light: the plane's facts keep it apart from the scene's own scale.
+        let mut settings = self.settings.clone();
+        settings.light_scale *= (-self.exposing.nd_stops).exp2();
+        let mut plane = expose(&self.scene, &self.camera, &self.shutter(), &response, &settings, &facts, watch)?;
+        plane.facts.light_scale = self.settings.light_scale;
+        Ok(if self.denoise { denoise(&plane) } else { plane })
+    }
+
+    /// Reads the film out.
+    pub fn read_out(&self, plane: &FocalPlane) -> Result<RawImage, ShotError> {
+        let mut raw = read_out(plane, &self.sensor, &self.reading, &white_point(&self.reading.white)?)?;
+        raw.header.facts.date.clone_from(&self.date);
+        Ok(raw)
+    }
+
+    /// Develops a raw image by the shot's recipe.
+    pub fn develop(&self, raw: &RawImage) -> Result<Picture, ShotError> {
+        Ok(develop(raw, &self.recipe, self.lut.clone())?)
+    }
+}
+
+/// The exposure of a film that no light reaches.
+fn darkness(film: &Film, response: &Response, settings: &Settings, facts: ExposureFacts) -> FocalPlane {
+    let (width, height, bands) = (film.columns, film.rows, response.bands.len());
+    FocalPlane {
+        bands: response.bands.clone(),
+        mean: Raster::new(width, height, bands),
+        half_difference: Raster::new(width, height, bands),
+        truth: Truth::empty(width, height),
+        facts: ExposureFacts { seed: settings.seed, samples: 1, light_scale: 1.0, ..facts },
+    }
+}
+
+/// An illuminant by name, as the camera's white.
+pub fn white_point(name: &str) -> Result<diopter_light::spectrum::Table, ShotError> {
+    cie::illuminant(name)
+        .ok_or_else(|| value("white", format!("\"{name}\""), format!("one of {}", cie::illuminant_names().join(", "))))
+}
+
+/// ", text" or nothing.
+fn with_comma(text: String) -> String {
+    if text.is_empty() { text } else { format!(", {text}") }
+}
+
+fn distance_m(focus: Focus) -> Option<f64> {
+    match focus {
+        Focus::Infinity => None,
+        Focus::Distance(mm) => Some(mm.0 / 1000.0),
+    }
+}
+
+/// Smallest aperture that the camera chooses by itself, as most lenses for 35 mm have it.
+const SMALLEST_STOP: f64 = 22.0;
+/// Times that a dial has, s.
+const DIAL_TIMES_S: [f64; 2] = [1.0 / 8192.0, 32.0];
+/// Compensation and filters that are taken for meant.
+const COMPENSATION_EV: RangeInclusive<f64> = -20.0..=20.0;
+const FILTER_STOPS: RangeInclusive<f64> = 0.0..=40.0;
+
+impl Exposing {
+    fn new(file: &ShotFile, sensor: &Sensor) -> Result<Self, ShotError> {
+        let e = &file.exposure;
+        let mode = match e.mode.as_deref() {
+            Some(name) => Mode::named(name).ok_or_else(|| value("mode", format!("\"{name}\""), "M, A (Av), S (Tv) or P"))?,
+            None if e.shutter.is_some() => Mode::Manual,
+            None => Mode::AperturePriority,
+        };
+        if e.shutter.is_none() && matches!(mode, Mode::Manual | Mode::ShutterPriority) && !e.lens_cap {
+            return Err(value(
+                "mode",
+                mode.name(),
+                "an exposure time beside it (--shutter 1/125): in this mode the camera does not choose it",
+            ));
+        }
+        let pattern = match e.metering.as_deref() {
+            None => Pattern::default(),
+            Some(name) => Pattern::named(name).ok_or_else(|| {
+                value("metering", format!("\"{name}\""), format!("one of {}", Pattern::NAMES.map(|n| n.0).join(", ")))
+            })?,
+        };
+        let at = e.metering_at.unwrap_or([0.5; 2]);
+        if !at.iter().all(|v| (0.0..=1.0).contains(v)) {
+            return Err(value("metering_at", format!("{},{}", at[0], at[1]), "a place in the picture: 0 to 1 across and down"));
+        }
+        let compensation_ev = e.compensation.map_or(0.0, |c| c.0);
+        if !COMPENSATION_EV.contains(&compensation_ev) {
+            return Err(value("compensation", compensation_ev, "-20 to 20 EV"));
+        }
+        let nd_stops = e.nd.map_or(0.0, |n| n.0);
+        if !FILTER_STOPS.contains(&nd_stops) {
+            return Err(value("nd", nd_stops, "a filter of 0 to 40 stops, such as ND8 or \"3 stops\""));
+        }
+        let range = [
+            sensor.iso.iter().map(|s| s.iso).fold(f64::INFINITY, f64::min),
+            sensor.iso.iter().map(|s| s.iso).fold(0.0, f64::max),
+        ];
+        let auto_iso = match e.iso {
+            Some(crate::quantity::IsoChoice::Auto) => {
+                let highest = e.iso_max.map_or(range[1].min(DEFAULT_HIGHEST_ISO.max(range[0])), |i| i.0);
+                let lowest = e.iso_min.map_or(range[0], |i| i.0);
+                sensor.at_iso(lowest)?;
+                sensor.at_iso(highest)?;
+                if lowest > highest {
+                    return Err(value("iso_max", highest, format!("at least the lowest speed, ISO {lowest}")));
+                }
+                Some([lowest, highest])
+            }
+            _ => None,
+        };
+        let slowest_s = e.slowest.map(|s| s.0);
+        if slowest_s.is_some_and(|s| !(s > 0.0 && s.is_finite())) {
+            return Err(value("slowest", slowest_s.map_or(String::new(), |s| Seconds(s).to_string()), "a time above 0"));
+        }
+        let step = match e.dial.as_deref() {
+            None => None,
+            Some(name) => Some(
+                crate::stops::Step::NAMES
+                    .iter()
+                    .find(|n| n.0 == name)
+                    .map(|n| n.1)
+                    .ok_or_else(|| value("dial", format!("\"{name}\""), "full, half or third"))?,
+            ),
+        };
+        let dials = e.mode.is_some();
+        Ok(Exposing { mode, pattern, at, compensation_ev, nd_stops, auto_iso, dials, slowest_s, step })
+    }
+}
+
+/// Highest speed that automatic ISO goes to when nobody says: where grain begins to be disliked.
+const DEFAULT_HIGHEST_ISO: f64 = 6400.0;
+
+/// What is known of an exposure from its lens.
+fn lens_facts(camera: &Camera, sensor: &Sensor) -> ExposureFacts {
+    let (lens_name, focus_distance_m) = match &camera.lens {
+        Lens::Pinhole(_) => ("pinhole".to_owned(), None),
+        Lens::Thin(l) => {
+            let iris = with_comma(l.iris.describe());
+            (format!("thin lens {:.4} mm{iris}", l.focal_length.0).replace(".0000", ""), distance_m(l.focus))
+        }
+        Lens::Compound(l) => {
+            let name = format!("{}{}", l.prescription().name, with_comma(l.system().iris.shape.describe()));
+            (name, distance_m(l.focus()))
+        }
+    };
+    let focal = camera.lens.focal_length().0;
+    ExposureFacts {
+        lens: lens_name,
+        focal_length_mm: focal,
+        focal_length_35mm_mm: format::equivalent_35mm(focal, camera.film.width_mm.hypot(camera.film.height_mm)),
+        f_number: camera.lens.f_number(),
+        t_number: camera.lens.t_number(),
+        focus_distance_m,
+        lens_profile: match &camera.lens {
+            Lens::Compound(l) => lens_profile::profile(l, sensor, 0.5 * camera.film.width_mm.hypot(camera.film.height_mm)),
+            _ => None,
+        },
+        ..Default::default()
+    }
+}
+fn settings(r: &RenderSection) -> Result<Settings, ShotError> {
+    let spp = r.spp.unwrap_or(DEFAULT_SPP);
+    if spp == 0 || spp > 1 << 24 {
+        return Err(value("spp", spp, "1 to 16777216 samples a pixel"));
+    }
+    let samples = r.samples.map_or(0..spp, |[a, b]| a..b);
+    if samples.is_empty() || samples.end > spp {
+        return Err(value(
+            "samples",
+            format!("{}..{}", samples.start, samples.end),
+            format!("a range A..B with A < B <= spp ({spp})"),
+        ));
+    }
+    let sampler = match r.sampler.as_deref() {
+        None | Some("sobol") => SamplerKind::Sobol,
+        Some("jittered") => SamplerKind::Jittered,
+        Some("grid") => SamplerKind::Grid,
+        Some("independent") => SamplerKind::Independent,
+        Some(other) => return Err(value("sampler", format!("\"{other}\""), "sobol, jittered, grid or independent")),
+    };
+    let limit = r.time_limit.map(|s| s.0);
+    if limit.is_some_and(|l| !(l > 0.0)) {
+        return Err(value("time-limit", r.time_limit.map_or(String::new(), |l| l.to_string()), "a time above 0"));
+    }
+    // A time limit alone means: as many samples as fit.
+    let spp = if limit.is_some() && r.spp.is_none() { 1 << 16 } else { spp };
+    let samples = if r.samples.is_some() { samples } else { 0..spp };
+    let default = PathSettings::default();
+    Ok(Settings {
+        samples,
+        sampler,
+        seed: r.seed.unwrap_or(1),
+        path: PathSettings { max_depth: r.max_depth.unwrap_or(default.max_depth), ..default },
+        time_limit_s: limit,
+        ..Settings::new(spp)
+    })
+}

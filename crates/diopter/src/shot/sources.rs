@@ -1,0 +1,95 @@
+//! Files and names that a shot refers to: scenes, lenses, bodies, environments.
+
+use super::{ShotError, value};
+use diopter_lens::{LensError, Prescription, import};
+use diopter_scene::light::Environment;
+use diopter_scene::{Description, builtin, load};
+use diopter_sensor::{Sensor, nearest};
+use glam::Mat3;
+use std::path::Path;
+
+/// Reads a scene by the name of an embedded one or from a file.
+pub fn read_scene(name: &str) -> Result<Description, ShotError> {
+    if let Some(description) = builtin::named(name) {
+        return Ok(description);
+    }
+    let path = Path::new(name);
+    let known: Vec<&str> = builtin::NAMES.iter().map(|n| n.0).collect();
+    let ending = path.extension().map(|e| e.to_string_lossy().to_lowercase());
+    if !path.exists() && ending.is_none() {
+        let hint = match nearest(name, known.iter().copied()) {
+            Some(near) => format!("a scene (did you mean \"{near}\"?)"),
+            None => format!("an embedded scene ({}) or a .gltf or .glb file", known.join(", ")),
+        };
+        return Err(value("scene", format!("\"{name}\""), hint));
+    }
+    let bytes = read_file(path)?;
+    match ending.as_deref() {
+        Some("gltf" | "glb") => {
+            let folder = path.parent().unwrap_or(Path::new("")).to_owned();
+            let fetch = move |uri: &str| std::fs::read(folder.join(uri)).map_err(|e| e.to_string());
+            Ok(load::gltf::load(&bytes, name, &fetch)?)
+        }
+        _ => Err(value("scene", format!("\"{name}\""), "a .gltf or .glb file (or a .toml shot file)")),
+    }
+}
+
+/// Whether a lens is given as a file and not by name.
+pub(super) fn is_lens_file(name: &str) -> bool {
+    import::Format::of(name).is_some() && diopter_lens::embedded(name).is_none()
+}
+
+/// Reads a lens by the name of an embedded one or from a file.
+pub fn read_lens(name: &str) -> Result<Prescription, ShotError> {
+    if let Some(lens) = diopter_lens::embedded(name) {
+        return Ok(lens);
+    }
+    let path = Path::new(name);
+    match import::Format::of(name) {
+        Some(format) => Ok(import::read(&read_file(path)?, format, name).map_err(LensError::from)?),
+        _ => {
+            let expected = match nearest(name, diopter_lens::embedded_names().chain(["thin", "pinhole"])) {
+                Some(near) => format!("a lens (did you mean \"{near}\"?)"),
+                None if path.exists() => format!("a lens file: {}", import::Format::ENDINGS),
+                None => format!("thin, pinhole, a name of `lens list`, or a file: {}", import::Format::ENDINGS),
+            };
+            Err(value("lens", format!("\"{name}\""), expected))
+        }
+    }
+}
+
+/// Reads a body by name or from a TOML file.
+pub fn read_body(name: &str) -> Result<Sensor, ShotError> {
+    if !name.ends_with(".toml") {
+        return Ok(Sensor::named(name)?);
+    }
+    let text = String::from_utf8(read_file(Path::new(name))?)
+        .map_err(|_| ShotError::Read { path: name.into(), reason: "it is not text".into() })?;
+    Ok(Sensor::parse(&text, name)?)
+}
+
+/// Reads a `.hdr` or `.exr` as an environment.
+pub fn read_environment(path: &Path, rotation_deg: f32, scale: f32) -> Result<Environment, ShotError> {
+    let bytes = read_file(path)?;
+    let ending = path.extension().map(|e| e.to_string_lossy().to_lowercase());
+    let told = |reason: String| ShotError::Read { path: path.display().to_string(), reason };
+    let map = match ending.as_deref() {
+        Some("hdr") => load::read_hdr(&bytes).map_err(|e| told(e.to_string()))?,
+        Some("exr") => diopter_image::exr::read_rgb(std::io::Cursor::new(&bytes)).map_err(|e| told(e.to_string()))?,
+        _ => return Err(value("environment", path.display(), "a .hdr or .exr file")),
+    };
+    if map.width == 0 || map.height == 0 {
+        return Err(told("it has no pixels".into()));
+    }
+    Ok(Environment::new(map, Mat3::from_rotation_y(rotation_deg.to_radians()), scale))
+}
+
+pub(super) fn read_file(path: &Path) -> Result<Vec<u8>, ShotError> {
+    std::fs::read(path).map_err(|e| {
+        let reason = match e.kind() {
+            std::io::ErrorKind::NotFound => "there is no such file".into(),
+            _ => e.to_string(),
+        };
+        ShotError::Read { path: path.display().to_string(), reason }
+    })
+}

@@ -1,0 +1,222 @@
+//! Before the camera: the floor, the film, where the camera stands and what it is aimed at.
+
+use super::file::{CameraSection, ShotFile};
+use super::sources::{read_file, read_lens};
+use super::{LARGEST_SIDE, ShotError, value};
+use crate::camera::{Camera, Film, look_at};
+use crate::camera_way::CameraWay;
+use crate::quantity::Size;
+use diopter_lens::compound::{CompoundLens, Setting};
+use diopter_lens::{Focus, Iris, Lens, Pinhole, ThinLens};
+use diopter_light::units::Millimeters;
+use diopter_scene::bvh::Bounds;
+use diopter_scene::material::{Material, Scattering};
+use diopter_scene::shape::Quad;
+use diopter_scene::texture::Color;
+use diopter_scene::{Description, Object, Scene, Shape, builtin};
+use diopter_sensor::format::{self, Format};
+use diopter_sensor::{Sensor, nearest};
+use glam::{Affine3A, Vec3};
+
+const DEFAULT_WIDTH: usize = 960;
+/// Name of the floor.
+const GROUND: &str = "ground";
+
+/// The iris that a shot asks for instead of the lens's own.
+fn iris(c: &CameraSection) -> Result<Option<Iris>, ShotError> {
+    if let Some(path) = &c.aperture_image {
+        let told = |reason: String| ShotError::Read { path: path.display().to_string(), reason };
+        let picture = image::load_from_memory(&read_file(path)?).map_err(|e| told(e.to_string()))?.to_luma8();
+        let values = picture.pixels().map(|p| p.0[0] as f32 / 255.0).collect();
+        return Ok(Some(Iris::image(picture.width() as usize, picture.height() as usize, values)?));
+    }
+    let rotation = c.blade_rotation_deg.unwrap_or(0.0).to_radians();
+    c.blades.map(|count| Ok(Iris::blades(count, rotation, c.blade_curvature.unwrap_or(0.0))?)).transpose()
+}
+
+/// Adds a floor just below the lowest point of the meshes.
+pub(super) fn put_ground(d: &mut Description, albedo: f32, at_s: f64) -> Result<(), ShotError> {
+    if !(0.0..=1.0).contains(&albedo) {
+        return Err(value("ground", albedo, "an albedo from 0 to 1"));
+    }
+    let bounds = d.bounds_at(at_s, |_| true);
+    if bounds.is_empty() {
+        return Err(value("ground", albedo, "a scene with something to stand on it"));
+    }
+    let size = bounds.size().max_element().max(1e-3);
+    let reach = 200.0 * size;
+    let corner = bounds.center().with_y(bounds.min.y - 1e-4 * size) + Vec3::new(-0.5, 0.0, 0.5) * reach;
+    d.materials.push(Material::new(GROUND, Scattering::Diffuse(Color::rgb(albedo, albedo, albedo))));
+    let shape = Shape::Quad(Quad { corner, edges: [Vec3::X * reach, Vec3::NEG_Z * reach] });
+    d.objects.push(Object::new(GROUND, shape, d.materials.len() as u32 - 1));
+    Ok(())
+}
+
+/// The box around everything but a floor that was put under it and a flash.
+fn subject_bounds(scene: &Scene, at_s: f64) -> Bounds {
+    let floor = |o: &Object| o.name == GROUND && matches!(o.shape, Shape::Quad(_));
+    match scene.description().objects.iter().any(floor) {
+        false => scene.bounds(),
+        true => scene.description().bounds_at(at_s, |o| !floor(o)),
+    }
+}
+
+pub(super) fn film(file: &ShotFile, sensor: &Sensor) -> Result<Film, ShotError> {
+    let [mut width_mm, mut height_mm] = sensor.format_mm;
+    if let Some(name) = &file.camera.format {
+        let named = Format::named(name).or_else(|| {
+            let (w, h) = name.trim_end_matches("mm").split_once('x')?;
+            let side = |s: &str| s.trim().parse::<f64>().ok().filter(|v| *v > 0.0 && *v <= 1000.0);
+            Some(Format { names: &[], width_mm: side(w)?, height_mm: side(h)? })
+        });
+        let Some(f) = named else {
+            let names: Vec<&str> = format::FORMATS.iter().map(|f| f.names[0]).collect();
+            let expected = match nearest(name, names.iter().copied()) {
+                Some(near) => format!("a format (did you mean \"{near}\"?)"),
+                None => format!("one of {}, or width x height in mm such as 36x24", names.join(", ")),
+            };
+            return Err(value("format", format!("\"{name}\""), expected));
+        };
+        (width_mm, height_mm) = (f.width_mm, f.height_mm);
+    }
+    let size = file.render.size.unwrap_or_else(|| Size {
+        width: DEFAULT_WIDTH,
+        height: (DEFAULT_WIDTH as f64 * height_mm / width_mm).round().max(1.0) as usize,
+    });
+    if size.width == 0 || size.height == 0 || size.width > LARGEST_SIDE || size.height > LARGEST_SIDE {
+        return Err(value("size", size, format!("1 to {LARGEST_SIDE} pixels a side")));
+    }
+    // The picture keeps the format's width or height, whichever its shape uses fully.
+    let shape = size.width as f64 / size.height as f64;
+    let (w, h) = if shape > width_mm / height_mm { (width_mm, width_mm / shape) } else { (height_mm * shape, height_mm) };
+    let [px, py] = sensor.pitch_mm();
+    let gap = 1.0 - sensor.fill_factor.sqrt();
+    Ok(Film {
+        width_mm: w,
+        height_mm: h,
+        columns: size.width,
+        rows: size.height,
+        pixel_area_mm2: px * py,
+        low_pass_mm: sensor.low_pass_px * px,
+        gap_mm: [gap * px, gap * py],
+    })
+}
+
+/// The camera in its place, and the node of the scene that carries it, if one does.
+pub(super) fn camera(
+    file: &ShotFile,
+    scene: &Scene,
+    at_s: f64,
+    sensor: &Sensor,
+    framing: Option<&builtin::Framing>,
+    warn: &mut dyn FnMut(&str),
+) -> Result<(Camera, Option<u32>), ShotError> {
+    let film = film(file, sensor)?;
+    let c = &file.camera;
+    let views = &scene.description().cameras;
+    let view = match &c.viewpoint {
+        Some(wanted) => {
+            let found = views.iter().find(|v| v.name == *wanted).or_else(|| views.get(wanted.parse::<usize>().ok()?));
+            let names: Vec<&str> = views.iter().map(|v| v.name.as_str()).collect();
+            Some(found.ok_or_else(|| {
+                value(
+                    "viewpoint",
+                    format!("\"{wanted}\""),
+                    match names.is_empty() {
+                        true => "the scene file has no cameras: use look_from and look_at".to_owned(),
+                        false => format!("one of {} or its number", names.join(", ")),
+                    },
+                )
+            })?)
+        }
+        None => views.first(),
+    };
+    if view.is_some_and(|v| v.vertical_fov.is_none()) {
+        warn("the scene's camera is orthographic; its place is used with a perspective lens");
+    }
+    let from_fov = |fov: f32| format::focal_length_for(film.height_mm, fov as f64);
+    let focal_mm = match (c.focal_length, view.and_then(|v| v.vertical_fov), framing) {
+        (Some(f), ..) => f.0,
+        (None, Some(fov), _) if c.look_from.is_none() => from_fov(fov),
+        (None, _, Some(framing)) => framing.focal_length_mm,
+        _ => 50.0,
+    };
+
+    // Where the camera stands, and how far along its axis the subject is.
+    let bounds = subject_bounds(scene, at_s);
+    let (center, radius) = match bounds.is_empty() {
+        true => (Vec3::ZERO, 1.0),
+        false => (bounds.center(), (0.5 * bounds.size().length()).max(1e-3)),
+    };
+    let up = c.up.map_or(Vec3::Y, Vec3::from_array);
+    let mut carrier = None;
+    let (place, subject_m) = if let Some(stop) = c.path.first() {
+        let at = stop.look_at.or(c.look_at).map_or(center, Vec3::from_array);
+        let from = Vec3::from_array(stop.look_from);
+        (look_at(from, at, stop.up.map_or(up, Vec3::from_array))?, (at - from).length() as f64)
+    } else if c.look_from.is_some() || c.look_at.is_some() || (view.is_none() && framing.is_none()) {
+        let at = c.look_at.map_or(center, Vec3::from_array);
+        let from = c.look_from.map_or_else(
+            || {
+                // A three-quarter view from a little above, far enough for all of it.
+                let half = (0.5 * film.width_mm.min(film.height_mm) / focal_mm).atan() as f32;
+                at + Vec3::new(0.45, 0.25, 1.0).normalize() * (radius / half.sin() * 1.05)
+            },
+            Vec3::from_array,
+        );
+        (look_at(from, at, up)?, (at - from).length() as f64)
+    } else if let Some(framing) = framing {
+        (look_at(framing.look_from, framing.look_at, Vec3::Y)?, framing.focus_m)
+    } else {
+        carrier = view.and_then(|v| v.node);
+        let place = match (carrier, view) {
+            // Scale of a camera's node has no meaning.
+            (Some(node), _) => CameraWay::still(scene.node_at(node, at_s)).at(0.0),
+            (None, view) => view.map_or(Affine3A::IDENTITY, |v| v.world_from_camera),
+        };
+        let ahead = (center - Vec3::from(place.translation)).dot(place.transform_vector3(Vec3::NEG_Z));
+        (place, ahead.max(0.1 * radius) as f64)
+    };
+    if !place.is_finite() {
+        return Err(value("viewpoint", "the scene's camera", "a place that is finite"));
+    }
+
+    let f_number = file.exposure.aperture.map_or(framing.map_or(5.6, |f| f.f_number), |a| a.0);
+    let focus = match file.focus.distance.map_or(subject_m, |d| d.0) {
+        d if d.is_infinite() => Focus::Infinity,
+        d => Focus::Distance(Millimeters(d * 1000.0)),
+    };
+    let lens = match c.lens.as_deref() {
+        Some("pinhole") => Lens::Pinhole(Pinhole::new(Millimeters(focal_mm), f_number)?),
+        None | Some("thin") => Lens::Thin(ThinLens::new(Millimeters(focal_mm), f_number, iris(c)?.unwrap_or_default(), focus)?),
+        Some(name) => {
+            let prescription = read_lens(name)?;
+            prescription.notes.iter().for_each(|n| warn(&format!("{name}: {n}")));
+            let circle = prescription.image_circle;
+            let mut setting = Setting {
+                focal_length: c.focal_length.map(|f| f.0),
+                f_number: Some(f_number),
+                focus,
+                iris: iris(c)?,
+                film_mm: [film.width_mm, film.height_mm],
+            };
+            let prescription = std::sync::Arc::new(prescription);
+            let mut lens = CompoundLens::new(prescription.clone(), &setting);
+            if file.exposure.aperture.is_none() && lens.is_err() {
+                // Nobody asked for this aperture: as wide as the lens goes.
+                setting.f_number = None;
+                lens = CompoundLens::new(prescription, &setting);
+            }
+            let lens = lens?;
+            if let Some(asked) = file.exposure.aperture.filter(|a| lens.f_number() > a.0 * 1.005) {
+                warn(&format!("{name}: fully open it is f/{:.2}, which is what f/{} stands for", lens.f_number(), asked.0));
+            }
+            let diagonal = film.width_mm.hypot(film.height_mm);
+            if let Some(circle) = circle.filter(|c| diagonal > 1.05 * c) {
+                warn(&format!("{name} was made for pictures of {circle} mm across: the film ({diagonal:.1} mm) is larger"));
+            }
+            Lens::Compound(Box::new(lens))
+        }
+    };
+    Ok((Camera { lens, film, way: CameraWay::still(place) }, carrier))
+}

@@ -1,0 +1,299 @@
+//! The clock of a shot: which moment, what moves, how the shutter runs, when the flash fires.
+
+use super::file::{FlickerSection, SceneSection, ShotFile};
+use super::{ShotError, value};
+use crate::camera::{Camera, look_at};
+use crate::camera_way::{CameraWay, Shake, Stop, on_path};
+use crate::flash::{Flash, SHOE_M, Sync};
+use crate::quantity::Seconds;
+use crate::shutter::{Direction, Mechanism, Shutter};
+use diopter_scene::light::Modulation;
+use diopter_scene::motion::{Ending, Playing};
+use diopter_scene::{Description, Scene};
+use diopter_sensor::{Sensor, nearest};
+use glam::{Affine3A, Vec3};
+
+/// Time of a curtain across the picture: Sony's A9 with its mechanical shutter, as measured by J. Kasson (about 3.5 ms).
+const TRAVEL_S: f64 = 3.5e-3;
+/// Read-out of a full frame: Nikon's Z 6, measured by horshack-dpreview (RollingShutter, full sensor).
+const READOUT_S: f64 = 50.81e-3;
+/// Blades of a leaf shutter, one way: a middle size; assumed (makers state 0.5 to 1.5 ms).
+const RAMP_S: f64 = 1e-3;
+/// Pulse of a flash at full power: Nikon's SB-700, 1/1042 s (its manual).
+const PULSE_S: f64 = 1.0 / 1042.0;
+/// Most that a time may be, s: over a year.
+const LONGEST_S: f64 = 4e7;
+
+/// When everything happens.
+#[derive(Clone, Debug)]
+pub(super) struct Timing {
+    /// The exposure begins, s of scene time.
+    pub at_s: f64,
+    pub mechanism: Mechanism,
+    pub flash: Option<Flash>,
+    /// Node that carries the camera.
+    pub carrier: Option<u32>,
+    path: Vec<Stop>,
+    shake: Option<Shake>,
+    /// The last key of what runs, s, if nothing moves after it.
+    end_s: Option<f64>,
+}
+
+fn time(what: &'static str, given: Option<Seconds>, default: f64) -> Result<f64, ShotError> {
+    let t = given.map_or(default, |s| s.0);
+    match (0.0..=LONGEST_S).contains(&t) {
+        true => Ok(t),
+        false => Err(value(what, Seconds(t), "a time of 0 or more")),
+    }
+}
+
+impl Timing {
+    pub fn new(file: &ShotFile, sensor: &Sensor) -> Result<Self, ShotError> {
+        let at_s = time("at", file.scene.at, 0.0)?;
+        let s = &file.shutter;
+        let direction = match s.direction.as_deref() {
+            None => Direction::default(),
+            Some(name) => Direction::NAMES
+                .iter()
+                .find(|n| n.0 == name)
+                .map(|n| n.1)
+                .ok_or_else(|| value("shutter direction", format!("\"{name}\""), "down, up, right or left"))?,
+        };
+        // What only one kind has says which kind is meant.
+        let implied = match () {
+            () if s.line_time.is_some() || s.readout.is_some() || s.reset.is_some() => "rolling",
+            () if s.travel.is_some() => "focal-plane",
+            () if s.ramp.is_some() => "leaf",
+            () => "global",
+        };
+        let kind = s.kind.as_deref().unwrap_or(implied);
+        if implied != "global" && kind != implied {
+            return Err(value(
+                "shutter kind",
+                format!("\"{kind}\""),
+                format!("{implied}, which the times given beside it belong to"),
+            ));
+        }
+        let mechanism = match kind {
+            "global" => Mechanism::Global,
+            "leaf" => Mechanism::Leaf { ramp_s: time("ramp", s.ramp, RAMP_S)? },
+            "focal-plane" => Mechanism::FocalPlane { travel_s: time("travel", s.travel, TRAVEL_S)?, direction },
+            "rolling" => {
+                if s.line_time.is_some() && s.readout.is_some() {
+                    return Err(value("readout", s.readout.unwrap_or(Seconds(0.0)), "either line_time or readout, not both"));
+                }
+                let size = super::staging::film(file, sensor)?;
+                let lines = if direction.is_vertical() { size.rows } else { size.columns } as f64;
+                let readout_s = match s.line_time {
+                    Some(_) => time("line_time", s.line_time, 0.0)? * lines,
+                    None => time("readout", s.readout, READOUT_S)?,
+                };
+                let reset_s = match s.reset.as_deref() {
+                    None | Some("rolling") => readout_s,
+                    Some("global") => 0.0,
+                    Some(other) => return Err(value("reset", format!("\"{other}\""), "rolling or global")),
+                };
+                Mechanism::Rolling { reset_s, readout_s, direction }
+            }
+            other => {
+                let kinds = ["global", "leaf", "focal-plane", "rolling"];
+                let expected = match nearest(other, kinds) {
+                    Some(near) => format!("one of {} (did you mean \"{near}\"?)", kinds.join(", ")),
+                    None => format!("one of {}", kinds.join(", ")),
+                };
+                return Err(value("shutter kind", format!("\"{other}\""), expected));
+            }
+        };
+        let shake = match file.camera.shake {
+            None => None,
+            Some(rms) if (0.0..=1000.0).contains(&rms) => Some(Shake::new(rms, file.render.seed.unwrap_or(1))),
+            Some(rms) => return Err(value("shake", rms, "0 to 1000 deg/s; a steady hand is 0.6")),
+        };
+        let mut path = Vec::new();
+        for stop in &file.camera.path {
+            let aim = stop.look_at.or(file.camera.look_at).map_or(Vec3::ZERO, Vec3::from_array);
+            let up = stop.up.or(file.camera.up).map_or(Vec3::Y, Vec3::from_array);
+            let time_s = time("camera path time", Some(stop.time), 0.0)?;
+            path.push(Stop { time_s, place: look_at(Vec3::from_array(stop.look_from), aim, up)? });
+        }
+        path.sort_by(|a, b| a.time_s.total_cmp(&b.time_s));
+        Ok(Timing { at_s, mechanism, flash: flash(file)?, carrier: None, path, shake, end_s: None })
+    }
+
+    /// Chooses the animations that run.
+    pub fn play(&mut self, d: &mut Description, s: &SceneSection) -> Result<(), ShotError> {
+        let names: Vec<String> = d.animations.iter().enumerate().map(|(i, a)| format!("{i} \"{}\"", a.name)).collect();
+        let animations = match s.animation.as_deref() {
+            None => d.playing.animations.clone(),
+            Some("all") => (0..d.animations.len()).collect(),
+            Some("none") => Vec::new(),
+            Some(wanted) => {
+                let found = d.animations.iter().position(|a| a.name == wanted);
+                let found = found.or_else(|| wanted.parse().ok().filter(|i| *i < d.animations.len()));
+                vec![found.ok_or_else(|| {
+                    let expected = match names.is_empty() {
+                        true => "the scene has no animations".to_owned(),
+                        false => format!("all, none, or one of {}", names.join(", ")),
+                    };
+                    value("animation", format!("\"{wanted}\""), expected)
+                })?]
+            }
+        };
+        let ending = match s.animation_end.as_deref() {
+            None => d.playing.ending,
+            Some("clamp") => Ending::Clamp,
+            Some("loop") => Ending::Loop,
+            Some(other) => return Err(value("animation_end", format!("\"{other}\""), "clamp or loop")),
+        };
+        let last = animations.iter().map(|i| d.animations[*i].span_s()[1]).fold(f64::NEG_INFINITY, f64::max);
+        self.end_s = (ending == Ending::Clamp && last.is_finite()).then_some(last);
+        let frozen_at_s = s.frozen.unwrap_or(false).then_some(self.at_s);
+        if frozen_at_s.is_some() {
+            self.end_s = None;
+        }
+        d.playing = Playing { animations, ending, frozen_at_s };
+        Ok(())
+    }
+
+    /// Where the camera is during an exposure of a length; `camera` stands where it was placed.
+    pub fn camera_way(&self, scene: &Scene, camera: &Camera, total_s: f64) -> CameraWay {
+        let placed = camera.way.at(0.0);
+        let steady = |t: f64| -> Affine3A {
+            match (self.path.is_empty(), self.carrier) {
+                (false, _) => on_path(&self.path, self.at_s + t),
+                (true, Some(node)) => scene.node_at(node, self.at_s + t),
+                (true, None) => placed,
+            }
+        };
+        match &self.shake {
+            // A shake turns about where it began, not about where its sines are all 0.
+            Some(shake) => {
+                let first = shake.turn(self.at_s).inverse();
+                CameraWay::sampled(total_s, |t| steady(t) * first * shake.turn(self.at_s + t))
+            }
+            None if self.path.is_empty() && self.carrier.is_none() => CameraWay::still(placed),
+            None => CameraWay::sampled(total_s, steady),
+        }
+    }
+
+    /// Says when a flash does not reach all of the picture.
+    pub fn warn_of_sync(&self, shutter: &Shutter, (from, to): (f64, f64), all: bool, warn: &mut dyn FnMut(&str)) {
+        if all {
+            return;
+        }
+        let n = 1000;
+        let seen = (0..n)
+            .filter(|i| {
+                let size = [n, n];
+                let place = crate::shutter::Place { pixel: [*i, *i], size, pupil: 0.0 };
+                let (open, close) = shutter.window(&place);
+                open < to && close > from
+            })
+            .count();
+        let share = 100.0 * seen as f64 / n as f64;
+        warn(&format!(
+            "the flash ({} to {} ms) does not find the whole picture open at {}: about {share:.0} % of it sees all or some of it; \
+             take a longer time, or --flash-sync high-speed",
+            (from * 1e5).round() / 100.0,
+            (to * 1e5).round() / 100.0,
+            Seconds(shutter.exposure_s)
+        ));
+    }
+
+    /// Says when the shutter is open longer than the animation runs.
+    pub fn warn_of_end(&self, scene: &Scene, total_s: f64, warn: &mut dyn FnMut(&str)) {
+        if let Some(end) = self.end_s.filter(|e| scene.moves() && self.at_s + total_s > e + 1e-9) {
+            warn(&format!(
+                "the exposure ({} to {} s) lasts beyond the end of the animation at {end} s: all stands still from there \
+                 (--animation-end loop begins it anew)",
+                self.at_s,
+                self.at_s + total_s
+            ));
+        }
+    }
+}
+
+fn flash(file: &ShotFile) -> Result<Option<Flash>, ShotError> {
+    let Some(f) = &file.flash else { return Ok(None) };
+    if !(f.guide_number > 0.0 && f.guide_number <= 10_000.0) {
+        return Err(value("flash guide_number", f.guide_number, "above 0 to 10000: f-number × metres at ISO 100"));
+    }
+    let power = f.power.unwrap_or(1.0);
+    if !(power > 0.0 && power <= 1.0) {
+        return Err(value("flash power", power, "a share of full power, above 0 to 1"));
+    }
+    let pulse_s = time("flash pulse", f.pulse, PULSE_S)?;
+    if pulse_s < 1e-7 {
+        return Err(value("flash pulse", Seconds(pulse_s), "0.1 µs or more"));
+    }
+    let sync = match f.sync.as_deref() {
+        None => Sync::First,
+        Some(name) => {
+            Sync::named(name).ok_or_else(|| value("flash sync", format!("\"{name}\""), "first, second or high-speed"))?
+        }
+    };
+    let offset_m = Vec3::from_array(f.offset.unwrap_or(SHOE_M));
+    if !(offset_m.is_finite() && offset_m.length() < 1e4) {
+        return Err(value("flash offset", offset_m, "metres from the lens"));
+    }
+    Ok(Some(Flash { guide_number: f.guide_number, power, pulse_s, sync, offset_m }))
+}
+
+/// Makes lamps flicker.
+pub(super) fn put_flicker(d: &mut Description, flicker: &[FlickerSection]) -> Result<(), ShotError> {
+    for f in flicker {
+        let phase = f.phase_deg.unwrap_or(0.0);
+        let frequency = f.frequency.map(|h| h.0);
+        let hertz = |default: f64| match frequency.unwrap_or(default) {
+            v if v > 0.0 && v <= 1e7 && phase.is_finite() => Ok(v),
+            v => Err(value("flicker frequency", format!("{v} Hz"), "above 0 to 10 MHz")),
+        };
+        let modulation = match f.kind.as_str() {
+            "mains" => {
+                let depth = f.depth.unwrap_or(0.5);
+                if !(0.0..=1.0).contains(&depth) {
+                    return Err(value("flicker depth", depth, "0 to 1"));
+                }
+                Modulation::Sine { frequency_hz: 2.0 * hertz(50.0)?, depth, phase: phase.to_radians() }
+            }
+            "pwm" => {
+                let duty = f.duty.unwrap_or(0.5);
+                if !(duty > 0.0 && duty <= 1.0) {
+                    return Err(value("flicker duty", duty, "above 0 to 1"));
+                }
+                Modulation::Pwm { frequency_hz: hertz(240.0)?, duty, phase: phase / 360.0 }
+            }
+            other => return Err(value("flicker kind", format!("\"{other}\""), "mains or pwm")),
+        };
+        let meant = |name: &str| f.lamp.as_deref().is_none_or(|l| l == name);
+        let by_object: Vec<u32> = d.objects.iter().filter(|o| f.lamp.is_some() && meant(&o.name)).map(|o| o.material).collect();
+        let mut found = 0;
+        for (i, material) in d.materials.iter_mut().enumerate() {
+            if let Some(emission) = &mut material.emission
+                && (meant(&material.name) || by_object.contains(&(i as u32)))
+            {
+                emission.modulation = modulation;
+                found += 1;
+            }
+        }
+        for light in d.punctual.iter_mut().filter(|l| meant(&l.name)) {
+            light.modulation = modulation;
+            found += 1;
+        }
+        if found == 0 {
+            let lamps: Vec<&str> = d
+                .materials
+                .iter()
+                .filter(|m| m.emission.is_some())
+                .map(|m| m.name.as_str())
+                .chain(d.punctual.iter().map(|l| l.name.as_str()))
+                .collect();
+            let expected = match lamps.is_empty() {
+                true => "a scene with lamps: an environment does not flicker".to_owned(),
+                false => format!("one of {}", lamps.join(", ")),
+            };
+            return Err(value("flicker lamp", format!("\"{}\"", f.lamp.as_deref().unwrap_or("")), expected));
+        }
+    }
+    Ok(())
+}
