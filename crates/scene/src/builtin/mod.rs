@@ -1,10 +1,15 @@
 //! Scenes made by code: always at hand, nothing to download.
 
+mod builder;
 pub mod color_chart;
 pub mod cornell;
 mod lathe;
+pub mod moving_bars;
+pub mod night;
 mod pattern;
+pub mod propeller;
 pub mod resolution_chart;
+pub mod rolling_ball;
 pub mod still_life;
 
 use crate::scene::Description;
@@ -14,6 +19,10 @@ use glam::Vec3;
 pub const NAMES: &[(&str, &str)] = &[
     ("still-life", "glass, metal, fruit and china on a table before small lights: depth, reflections, bokeh"),
     ("resolution-chart", "a zone plate, a star, sweeps of lines, slanted edges: what optics and demosaicing find hard"),
+    ("moving-bars", "two bars that move at 1 m/s, upright and level: what shutters do to edges"),
+    ("propeller", "a propeller at 25 turns a second before the sky: rolling shutters, short times"),
+    ("rolling-ball", "a striped ball with a small lamp rolls through a dim room: long times, flashes, curtains"),
+    ("night", "a road at night under turning stars, a car drives past every 12 s: long exposures"),
     ("cornell", "the Cornell box with its measured spectra"),
     (
         "color-chart",
@@ -42,6 +51,10 @@ pub fn named(name: &str) -> Option<Description> {
         "still-life" => Some(still_life::description()),
         "cornell" => Some(cornell::description()),
         "resolution-chart" => Some(resolution_chart::description()),
+        "moving-bars" => Some(moving_bars::description()),
+        "propeller" => Some(propeller::description()),
+        "rolling-ball" => Some(rolling_ball::description()),
+        "night" => Some(night::description()),
         _ => color_chart::description(name, chart_light(name)?),
     }
 }
@@ -64,6 +77,10 @@ pub fn framing(name: &str) -> Option<Framing> {
     match name {
         "still-life" => Some(still_life::FRAMING),
         "resolution-chart" => Some(resolution_chart::FRAMING),
+        "moving-bars" => Some(moving_bars::FRAMING),
+        "propeller" => Some(propeller::FRAMING),
+        "rolling-ball" => Some(rolling_ball::FRAMING),
+        "night" => Some(night::FRAMING),
         _ => chart_light(name).map(|_| color_chart::FRAMING),
     }
 }

@@ -4,17 +4,17 @@
 //! Metres. Luminances are those of real things: a bright window 5000 cd/m², frosted
 //! globes of 2.5 to 4 cm with 1300–2200 cd/m².
 
+use super::builder::Builder;
 use super::lathe::{ring, smooth, turn};
 use super::{Framing, pattern};
 use crate::light::Environment;
-use crate::material::{Absorption, Conductor, Material, Principled, Scattering};
-use crate::scene::{Description, Object, Shape};
-use crate::shape::{Mesh, Quad, Sphere};
-use crate::texture::{Color, Scalar, Texture};
+use crate::material::{Absorption, Material, Principled, Scattering};
+use crate::scene::Description;
+use crate::texture::{Color, Texture};
 use diopter_light::random::{mix, to_unit};
 use diopter_light::spectrum::blackbody_with_luminance;
 use diopter_light::upsample::Sigmoid;
-use glam::{Affine2, Affine3A, Quat, Vec2, Vec3};
+use glam::{Affine2, Quat, Vec2, Vec3};
 
 /// A 50 mm lens, wide open but for half a stop, focused on the glass.
 pub const FRAMING: Framing = Framing {
@@ -24,48 +24,6 @@ pub const FRAMING: Framing = Framing {
     f_number: 2.0,
     focus_m: 0.83,
 };
-
-struct Builder(Description);
-
-impl Builder {
-    fn material(&mut self, material: Material) -> u32 {
-        self.0.materials.push(material);
-        self.0.materials.len() as u32 - 1
-    }
-
-    fn glossy(&mut self, name: &str, color: Color, roughness: f32, coat: f32) -> u32 {
-        let principled = Principled {
-            roughness: Scalar::Constant(roughness),
-            clearcoat: Scalar::Constant(coat),
-            clearcoat_roughness: Scalar::Constant(0.05),
-            ..Principled::new(color, 1.5)
-        };
-        self.material(Material::new(name, Scattering::Principled(Box::new(principled))))
-    }
-
-    fn metal(&mut self, name: &str, alpha: f32) -> u32 {
-        let conductor = Conductor::metal(name, alpha).expect("a known metal");
-        self.material(Material::new(name, Scattering::Conductor(conductor)))
-    }
-
-    fn mesh(&mut self, mesh: Mesh) -> u32 {
-        self.0.meshes.push(mesh);
-        self.0.meshes.len() as u32 - 1
-    }
-
-    fn place(&mut self, name: &str, mesh: u32, material: u32, at: Vec3, turn: Quat) {
-        let shape = Shape::Mesh { mesh, world_from_mesh: Affine3A::from_rotation_translation(turn, at) };
-        self.0.objects.push(Object::new(name, shape, material));
-    }
-
-    fn sphere(&mut self, name: &str, center: Vec3, radius: f32, material: u32) {
-        self.0.objects.push(Object::new(name, Shape::Sphere(Sphere { center, radius }), material));
-    }
-
-    fn quad(&mut self, name: &str, corner: Vec3, edges: [Vec3; 2], material: u32) {
-        self.0.objects.push(Object::new(name, Shape::Quad(Quad { corner, edges }), material));
-    }
-}
 
 fn textured(image: std::sync::Arc<crate::texture::Image>, scale: Vec2) -> Color {
     let texture = Texture { image_from_uv: Affine2::from_scale(scale), ..Texture::color(image) };
