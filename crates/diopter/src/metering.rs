@@ -6,18 +6,19 @@
 //! again and again, with its noise and its limits, at the exposure that the last reading asked for, until two agree. Pixels that are
 //! full count as what they can hold: a lamp in the frame does not darken the picture without bound. Never looks at scene depth.
 //!
-//! Luminance from a sensor's channels: the row of Y of the matrix that balanced signals are taken to XYZ with. Sources: ISO 2720;
+//! Sources: ISO 2720;
 //! Nikon, D810 manual (12 mm circle, 75 %; spot 4 mm). The matrix pattern is our own, makers keep theirs to themselves.
 
 use crate::camera::{Camera, Film};
 use crate::expose::{ExposeError, Response, Settings, Watch, expose};
 use crate::shutter::Shutter;
-use diopter_image::raw::LightSource;
 use diopter_image::{ExposureFacts, FocalPlane, RawImage};
+use diopter_light::cie;
 use diopter_light::color::luminance;
-use diopter_light::spectrum::Table;
+use diopter_light::spectrum::{Table, blackbody};
 use diopter_scene::Scene;
 use diopter_sensor::{Reading, Sensor, calibration, read_out};
+use glam::{DMat4, DVec4};
 
 /// Reflected-light meter constant, cd·s/(m²·lx·s), as most makers use it. Source: ISO 2720.
 pub const K: f64 = 12.5;
@@ -45,6 +46,13 @@ const MATRIX_LIMIT_EV: f64 = 2.5;
 /// The highlight pattern: this share of the cells is brighter than what it puts (EV) below saturation.
 const HIGHLIGHT_SHARE: f64 = 0.005;
 const HIGHLIGHT_BELOW_EV: f64 = 1.0 / 3.0;
+
+/// Illuminants a meter is made for.
+const LIGHTS: [&str; 8] = ["A", "D50", "D65", "D75", "FL2", "FL11", "LED-B1", "LED-B3"];
+/// Temperatures of lamps warmer than the standard illuminants: embers, candles, old bulbs.
+const WARM_K: [f32; 2] = [1800.0, 2300.0];
+/// Keeps channels that see nearly the same from large weights of opposite sign, as a share of the largest square.
+const RIDGE: f64 = 1e-4;
 
 /// What a meter looks at.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -140,7 +148,7 @@ pub fn mean_luminance(scene: &Scene, camera: &Camera, settings: &Settings, watch
 pub struct Meter<'a> {
     /// What sees.
     pub sensor: &'a Sensor,
-    /// How it is read; its white is what the meter takes for the colour of the light.
+    /// How it is read.
     pub reading: &'a Reading,
     /// Where it looks.
     pub pattern: Pattern,
@@ -176,7 +184,7 @@ impl Meter<'_> {
         plane.mean.data.iter_mut().for_each(|v| *v *= self.filter as f32);
         let per_second = plane.mean.data.clone();
         let t_number = camera.lens.t_number();
-        let scale = self.luminance_of_channels(camera, white, t_number);
+        let scale = self.luminance_of_channels(camera, t_number);
         let iso = self.reading.iso;
         let Ok(step) = self.sensor.at_iso(iso) else { return Ok(None) };
         let mut time = shutter_for(10.0, t_number, iso);
@@ -206,24 +214,33 @@ impl Meter<'_> {
         Ok(last.map(|t| ev100_of_setting(t_number, t, iso)))
     }
 
-    /// cd/m² that an electron a second stands for, a channel each, so that their sum is the luminance.
-    fn luminance_of_channels(&self, camera: &Camera, white: &Table, t_number: f64) -> Vec<f64> {
-        let per_nit = 1.0 / luminance(|nm| white.at(nm));
-        let signals = calibration::signals(self.sensor, &self.sensor.band_responses(), &|nm| {
-            if (380.0..=780.0).contains(&nm) { white.at(nm) } else { 0.0 }
-        });
+    /// cd/m² that an electron a second stands for, a channel each, so that their sum is the luminance: fitted over the patches of a colour
+    /// chart under many lights (least squares of relative errors), because a meter does not know the light it is in.
+    fn luminance_of_channels(&self, camera: &Camera, t_number: f64) -> Vec<f64> {
+        let responses = self.sensor.band_responses();
         let pixel = std::f64::consts::PI / (4.0 * t_number * t_number) * camera.film.pixel_area_mm2 * crate::mount::M2_PER_MM2;
         let n = self.sensor.cfa.channel_count();
-        let weights: Vec<f64> = match n {
-            1 => vec![1.0],
-            _ => calibration::calibrate(self.sensor, white, LightSource::OTHER)
-                .xyz_d50_from_balanced
-                .iter()
-                .map(|c| c[1])
-                .collect(),
-        };
-        let total: f64 = weights.iter().sum();
-        (0..n).map(|c| weights[c] / total / (signals[c] * per_nit * pixel)).collect()
+        let (mut squares, mut sums) = (DMat4::ZERO, DVec4::ZERO);
+        let lights = LIGHTS.into_iter().filter_map(cie::illuminant).chain(
+            WARM_K.map(|kelvin| Table::new(380.0, 5.0, (0..=80).map(|i| blackbody(380.0 + 5.0 * i as f32, kelvin)).collect())),
+        );
+        for light in lights {
+            for patch in cie::colorchecker() {
+                let shines = |nm: f32| if (380.0..=780.0).contains(&nm) { light.at(nm) * patch.reflectance.at(nm) } else { 0.0 };
+                // Signals for 1 cd/m².
+                let signal = calibration::signals(self.sensor, &responses, &shines) * (pixel / luminance(shines));
+                squares += DMat4::from_cols(signal * signal.x, signal * signal.y, signal * signal.z, signal * signal.w);
+                sums += signal;
+            }
+        }
+        // Channels that are not there have weight 0.
+        for c in n..4 {
+            squares.col_mut(c)[c] = 1.0;
+        }
+        let scale = (0..n).map(|c| squares.col(c)[c]).fold(0.0, f64::max);
+        (0..n).for_each(|c| squares.col_mut(c)[c] += RIDGE * scale);
+        let weights = squares.inverse() * sums;
+        (0..n).map(|c| weights[c]).collect()
     }
 
     /// The exposure time that a reading taken at `time` asks for; `None` when it has seen nothing.
@@ -295,9 +312,9 @@ impl Cells {
             Pattern::Matrix => {
                 let mut sorted = self.luminance.clone();
                 sorted.sort_by(f64::total_cmp);
-                let limit = sorted[sorted.len() / 2].max(0.0) * MATRIX_LIMIT_EV.exp2();
-                // A frame that is mostly black (a stage, the night) has no median worth the name.
-                let limit = if limit > 0.0 { limit } else { f64::INFINITY };
+                // In a frame that is mostly black (a stage, the night) the median says nothing: twice the mean always counts.
+                let plain_mean = mean(&|_| 1.0, &plain).unwrap_or(0.0);
+                let limit = (sorted[sorted.len() / 2] * MATRIX_LIMIT_EV.exp2()).max(2.0 * plain_mean);
                 let weight = |i: usize| MATRIX_FLOOR + (-0.5 * (distance(i) / MATRIX_SPREAD).powi(2)).exp();
                 mean(&weight, &|i| self.luminance[i].min(limit)).unwrap_or(0.0)
             }

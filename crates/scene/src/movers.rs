@@ -122,8 +122,14 @@ pub(crate) struct MovedTriangle {
     pub corners: [Vec3; 3],
     /// World from mesh; identity for a mesh that bends.
     pub place: Affine3A,
-    /// Normals and tangents at the corners in world space, of a mesh that bends.
-    pub bent: Option<([Option<Vec3>; 3], [Option<Vec4>; 3])>,
+    /// Of a mesh that bends.
+    pub bent: Option<Bent>,
+}
+
+/// Normals and tangents at the corners of a triangle, in world space, where the mesh has them.
+pub(crate) struct Bent {
+    pub normals: [Option<Vec3>; 3],
+    pub tangents: [Option<Vec4>; 3],
 }
 
 impl Movers {
@@ -253,7 +259,7 @@ impl Movers {
                     let (a, b) = (*a.tangents.get(i)?, *b.tangents.get(i)?);
                     Some((a.truncate() * (1.0 - f) + b.truncate() * f).extend(a.w))
                 });
-                MovedTriangle { corners, place: Affine3A::IDENTITY, bent: Some((normals, tangents)) }
+                MovedTriangle { corners, place: Affine3A::IDENTITY, bent: Some(Bent { normals, tangents }) }
             }
         }
     }
@@ -401,10 +407,10 @@ fn bending(
         }
     }
     let hierarchies = match poses.len() {
-        1 => vec![Bvh::build(&Bent { mesh, open: &poses[0], close: None, filtered })],
+        1 => vec![Bvh::build(&Posed { mesh, open: &poses[0], close: None, filtered })],
         n => (0..n - 1)
             .into_par_iter()
-            .map(|k| Bvh::build(&Bent { mesh, open: &poses[k], close: Some(&poses[k + 1]), filtered }))
+            .map(|k| Bvh::build(&Posed { mesh, open: &poses[k], close: Some(&poses[k + 1]), filtered }))
             .collect(),
     };
     let boxes = poses.iter().map(|p| Bounds::around(mesh.triangles.iter().flatten().map(|i| p.positions[*i as usize]))).collect();
@@ -412,21 +418,21 @@ fn bending(
 }
 
 /// Triangles between two poses.
-struct Bent<'a> {
+struct Posed<'a> {
     mesh: &'a Mesh,
     open: &'a Pose,
     close: Option<&'a Pose>,
     filtered: bool,
 }
 
-impl Bent<'_> {
+impl Posed<'_> {
     fn triangle(&self, pose: &Pose, index: usize) -> Primitive {
         let corners = self.mesh.triangles[index].map(|i| pose.positions[i as usize]);
         Primitive::Triangle { corners, id: index as u32, filtered: self.filtered }
     }
 }
 
-impl Primitives for Bent<'_> {
+impl Primitives for Posed<'_> {
     fn len(&self) -> usize {
         self.mesh.triangles.len()
     }

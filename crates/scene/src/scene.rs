@@ -548,7 +548,7 @@ impl Scene {
         let to_world = |n: Vec3| Vec3::from(placement.normals * Vec3A::from(n));
         let normal = match &bent {
             None => mesh.mix(&mesh.normals, i, weights).map(to_world),
-            Some((normals, _)) => mixed(normals, weights),
+            Some(bent) => mixed(&bent.normals, weights),
         };
         let ns = normal.and_then(Vec3::try_normalize).unwrap_or(ng);
         // Files exist whose winding and normals disagree: the normals say which side is out.
@@ -558,7 +558,7 @@ impl Scene {
         let uv = [0, 1].map(|s| mesh.mix(&mesh.uvs[s], i, weights).unwrap_or(Vec2::ZERO));
         let given = match &bent {
             None => mesh.mix(&mesh.tangents, i, weights),
-            Some((_, tangents)) => mixed(tangents, weights),
+            Some(bent) => mixed(&bent.tangents, weights),
         };
         let (tangent, handedness) = match mesh.uvs[0].is_empty() {
             true => (Vec3::ZERO, 1.0),

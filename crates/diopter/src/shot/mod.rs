@@ -184,6 +184,12 @@ impl Shot {
         {
             return Err(value("ambient_ev", ev, "-30 to 40"));
         }
+        if file.exposure.shutter.is_some() && matches!(exposing.mode, Mode::AperturePriority | Mode::Program) {
+            warn(&format!("in mode {} the camera chooses the time: the one given is not used", exposing.mode.name()));
+        }
+        if file.exposure.aperture.is_some() && matches!(exposing.mode, Mode::ShutterPriority | Mode::Program) {
+            warn(&format!("in mode {} the camera chooses the aperture: the one given is not used", exposing.mode.name()));
+        }
         let mut timing = Timing::new(&file, &sensor)?;
 
         let name = file.scene.file.as_deref().unwrap_or("still-life");

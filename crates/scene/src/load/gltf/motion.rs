@@ -179,9 +179,8 @@ impl Loader<'_> {
                     values,
                 };
                 let expected = "expected rising times from 0 s and finite values, one a key (three for CUBICSPLINE)";
-                match channel.check().map_err(|found| error(self.name, &place, found, expected))? {
-                    Some(mended) => self.description.warnings.push(format!("{}: {place}: {mended}", self.name)),
-                    None => {}
+                if let Some(mended) = channel.check().map_err(|found| error(self.name, &place, found, expected))? {
+                    self.description.warnings.push(format!("{}: {place}: {mended}", self.name));
                 }
                 channels.push(channel);
             }
