@@ -505,7 +505,7 @@ pub struct ReadOut {
     /// Camera body; the one it was exposed with, without.
     #[arg(long, value_name = "NAME|FILE")]
     pub body: Option<String>,
-    /// ISO speed; 100, or the body's nearest, without.
+    /// ISO speed; what the camera was set to, or 100, without.
     #[arg(long, value_name = "ISO", allow_hyphen_values = true)]
     pub iso: Option<Iso>,
     /// Illuminant the camera takes for white.
@@ -842,6 +842,13 @@ impl Taking {
             shot.flash = Some(match shot.flash.take() {
                 Some(flash) => FlashSection { guide_number, ..flash },
                 None => FlashSection { guide_number, power, pulse, sync, offset },
+            });
+        }
+        if shot.flash.is_none() && (self.flash_power.is_some() || self.flash_pulse.is_some() || self.flash_sync.is_some()) {
+            return Err(diopter::shot::ShotError::Value {
+                what: "flash",
+                found: "is not fired".into(),
+                expected: "--flash GN beside its power, pulse or sync".into(),
             });
         }
         if let Some(flash) = &mut shot.flash {

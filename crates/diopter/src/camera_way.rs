@@ -73,7 +73,8 @@ impl CameraWay {
 /// Rotation and place of a camera; scale has no meaning.
 fn parts(place: &Affine3A) -> (Quat, Vec3) {
     let (_, rotation, translation) = place.to_scale_rotation_translation();
-    (rotation, translation)
+    // Scaled to nothing it has no direction: it looks the way the world does.
+    (if rotation.is_finite() { rotation } else { Quat::IDENTITY }, translation)
 }
 
 /// Hands that are not steady: turns about the camera's axes, as a sum of sines of random phase.

@@ -110,7 +110,7 @@ impl Flash {
             radiance: EmissionColor::Constant(radiance),
             two_sided: false,
             is_light: true,
-            modulation: Modulation::Pulse { start_s: f64::NEG_INFINITY, length_s: self.pulse_s },
+            modulation: Modulation::Pulse { start_s: f64::NEG_INFINITY, length_s: self.pulse_s, energy: 1.0 },
         };
         d.materials.push(Material { emission: Some(emission), ..Material::new(NAME, Scattering::Black) });
         d.nodes.push(Node { free: true, ..Node::new(NAME) });

@@ -35,7 +35,15 @@ fn exposure(raw: &RawImage) -> f64 {
         (false, true) => f.f_number,
         _ => 1.0,
     };
-    f.exposure_s * f.iso.max(1.0) / (stop * stop) * (-f.nd_stops).exp2()
+    let time = f.shutter.as_ref().map_or(f.exposure_s, |s| s.effective_s);
+    time * f.iso.max(1.0) / (stop * stop) * (-f.nd_stops).exp2()
+}
+
+/// How much longer than the mean a pixel was open: rows of a shutter with a reset of all at once are not open for the same time.
+fn share_of_time(raw: &RawImage, column: usize, row: usize) -> f64 {
+    let Some(s) = raw.header.facts.shutter.as_ref().filter(|s| s.effective_s > 0.0 && s.kind == "rolling") else { return 1.0 };
+    let (open, close) = s.rows.of(if s.rows.columns { column } else { row });
+    ((close - open) / s.effective_s).max(1e-6)
 }
 
 /// Merges pictures of the same scene and camera that differ in exposure.
@@ -50,6 +58,9 @@ pub fn merge(raws: &[RawImage]) -> Result<RawImage, HdrError> {
         }
         if raw.header.cfa != first.header.cfa || raw.header.facts.body != first.header.facts.body {
             return Err(error(k, format!("it was taken with \"{}\"", raw.header.facts.body), "the camera of the first"));
+        }
+        if raw.header.facts.flash {
+            return Err(error(k, "a flash was fired".into(), "light that lasts: a flash gives as much at any exposure time"));
         }
         if !(exposure(raw) > 0.0 && exposure(raw).is_finite()) {
             return Err(error(k, "its exposure time is not known".into(), "a file that says how it was exposed"));
@@ -75,16 +86,19 @@ pub fn merge(raws: &[RawImage]) -> Result<RawImage, HdrError> {
     let mut mosaic = Raster::new(width, height, 1);
     for (i, to) in mosaic.data.iter_mut().enumerate() {
         let c = first.header.cfa.channel_at(i % width, i / width);
+        // What a pixel of each picture says, and its factor: of the light that the shortest would have made of it.
         let signal = |k: usize| {
             let h = &order[k].header;
             ((f64::from(order[k].mosaic.data[i]) - h.black_level) / (h.white_level - h.black_level)) as f32
         };
+        let scale_of = |k: usize| parts[k].0 / share_of_time(order[k], i % width, i / width) as f32;
         // What holds: from the first picture on that is not full; the shortest whatever it says.
         let holds = (0..order.len()).find(|k| signal(*k) < FULL).unwrap_or(order.len() - 1);
-        let mut light = signal(holds) * parts[holds].0;
+        let mut light = signal(holds) * scale_of(holds);
         for _ in 0..2 {
             let (mut sum, mut total) = (0.0, 0.0);
-            for (k, (scale, noise)) in parts.iter().enumerate().skip(holds) {
+            for (k, (_, noise)) in parts.iter().enumerate().skip(holds) {
+                let scale = scale_of(k);
                 let expected = (light / scale).max(0.0);
                 if expected > FULL && k + 1 < parts.len() {
                     continue;

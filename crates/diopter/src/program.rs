@@ -54,6 +54,8 @@ pub struct Limits {
     pub handheld_s: f64,
     /// Dials that click.
     pub step: Option<Step>,
+    /// T-stop over f-number of the lens: its dial has f-numbers.
+    pub t_per_f: f64,
 }
 
 /// Aperture, time and speed.
@@ -77,6 +79,7 @@ pub fn choose(mode: Mode, ev100: f64, set: Chosen, limits: &Limits) -> Chosen {
     // The speed that makes a pair right, within its limits.
     let speed_for = |aperture: f64, time: f64| clamp(aperture * aperture / time * 100.0 / ev100.exp2(), limits.iso);
     let click = |marks: fn(Step) -> Vec<stops::Mark>, v: f64| limits.step.map_or(v, |s| stops::nearest(&marks(s), v).value);
+    let click_aperture = |t: f64| click(stops::apertures, t / limits.t_per_f) * limits.t_per_f;
     let (mut aperture, mut time);
     match mode {
         Mode::Manual => {
@@ -106,7 +109,7 @@ pub fn choose(mode: Mode, ev100: f64, set: Chosen, limits: &Limits) -> Chosen {
             let above = (ev100 + ev_of_iso(iso) - corner).max(0.0);
             aperture = clamp(limits.aperture[0] * (0.25 * above).exp2(), limits.aperture);
             if limits.step.is_some() {
-                aperture = clamp(click(stops::apertures, aperture), limits.aperture);
+                aperture = clamp(click_aperture(aperture), limits.aperture);
             }
             time = shutter_for(ev100, aperture, iso);
             if time < limits.time_s[0] {
@@ -117,7 +120,7 @@ pub fn choose(mode: Mode, ev100: f64, set: Chosen, limits: &Limits) -> Chosen {
         }
     }
     if mode == Mode::ShutterPriority {
-        aperture = clamp(click(stops::apertures, aperture), limits.aperture);
+        aperture = clamp(click_aperture(aperture), limits.aperture);
     } else if mode != Mode::Manual {
         time = clamp(click(stops::times, time), limits.time_s);
     }
@@ -132,8 +135,14 @@ mod tests {
     use super::*;
     use crate::metering::ev100_of_setting;
 
-    const LIMITS: Limits =
-        Limits { aperture: [1.4, 22.0], time_s: [1.0 / 8000.0, 30.0], iso: [100.0; 2], handheld_s: 1.0 / 50.0, step: None };
+    const LIMITS: Limits = Limits {
+        aperture: [1.4, 22.0],
+        time_s: [1.0 / 8000.0, 30.0],
+        iso: [100.0; 2],
+        handheld_s: 1.0 / 50.0,
+        step: None,
+        t_per_f: 1.0,
+    };
     const SET: Chosen = Chosen { aperture: 4.0, time_s: 1.0 / 125.0, iso: 100.0 };
 
     fn ev(c: Chosen) -> f64 {

@@ -136,7 +136,7 @@ quantity!(
     /// A time, s.
     Seconds, "a time such as \"1/125 s\" or \"8 ms\"",
     |text| with_unit(text, &[("ms", 1e-3), ("µs", 1e-6), ("us", 1e-6), ("min", 60.0), ("s", 1.0)], 1.0),
-    |v| if v > 0.0 && v < 0.3 && (1.0 / v - (1.0 / v).round()).abs() < 1e-6 / v { format!("1/{} s", (1.0 / v).round()) } else { format!("{v} s") }
+    |v| if v > 0.0 && v < 0.3 && (1.0 / v - (1.0 / v).round()).abs() < 1e-12 / v { format!("1/{} s", (1.0 / v).round()) } else { format!("{v} s") }
 );
 quantity!(
     /// An ISO speed.

@@ -166,6 +166,21 @@ impl Shutter {
         (total * reach.powi(2) - 4.0 / 3.0 * ramp_s * reach.powi(3)) / pupil.powi(2)
     }
 
+    /// The marked time that is worth `effective_s` to a pupil of a radius (1: the fully open lens).
+    pub fn marked_for(&self, effective_s: f64, pupil: f64) -> f64 {
+        if !matches!(self.mechanism, Mechanism::Leaf { .. }) {
+            return effective_s;
+        }
+        let worth = |marked: f64| Shutter { exposure_s: marked, ..*self }.effective_s(pupil);
+        // What it is worth grows with the mark, and is never less.
+        let (mut low, mut high) = (0.0, effective_s);
+        for _ in 0..60 {
+            let middle = 0.5 * (low + high);
+            if worth(middle) < effective_s { low = middle } else { high = middle }
+        }
+        high
+    }
+
     /// The moments, if there are any, between which the whole picture is open, s.
     pub fn fully_open(&self) -> Option<(f64, f64)> {
         let (from, to) = match self.mechanism {
@@ -178,7 +193,8 @@ impl Shutter {
     }
 
     /// What travels with the picture: exact times of each row (or column).
-    pub fn facts(&self, size: [usize; 2]) -> ShutterFacts {
+    /// `pupil`: radius of the lens's, 1 when fully open.
+    pub fn facts(&self, size: [usize; 2], pupil: f64) -> ShutterFacts {
         let lines = |direction: Direction| size[usize::from(direction.is_vertical())] as f64;
         let rows = match self.mechanism {
             Mechanism::Global => RowTimes { open_s: [0.0; 2], close_s: [self.exposure_s, 0.0], columns: false },
@@ -206,7 +222,7 @@ impl Shutter {
             Mechanism::FocalPlane { .. } => "focal-plane",
             Mechanism::Rolling { .. } => "rolling",
         };
-        ShutterFacts { kind: kind.into(), total_s: self.total_s(), rows }
+        ShutterFacts { kind: kind.into(), total_s: self.total_s(), effective_s: self.effective_s(pupil), rows }
     }
 }
 
@@ -274,7 +290,7 @@ mod tests {
         assert_eq!(release.window(&at([0, 3], 0.0)), (0.0, 3.5));
         // What travels with the picture says the same.
         for d in Direction::NAMES.map(|d| d.1) {
-            let facts = rolling(d).facts([8, 4]);
+            let facts = rolling(d).facts([8, 4], 1.0);
             for k in 0..4 {
                 let line = if d.is_vertical() { [0, k] } else { [k, 0] };
                 let (open, close) = rolling(d).window(&at(line, 0.0));
@@ -298,6 +314,7 @@ mod tests {
                     .sum::<f64>()
                     / f64::from(n);
                 assert!((mean / shutter.effective_s(stopped) - 1.0).abs() < 2e-3, "{exposure_s} {stopped}");
+                assert!((shutter.marked_for(mean, stopped) / exposure_s - 1.0).abs() < 5e-3);
                 if stopped == 1.0 {
                     assert!((mean / exposure_s - 1.0).abs() < 2e-3, "{exposure_s}: {mean}");
                 }

@@ -105,27 +105,27 @@ pub fn speeds(step: Step) -> Vec<Mark> {
     series(SPEEDS[step as usize], |ev| 100.0 * ev.exp2(), step)
 }
 
-/// What an engraved number stands for: looked up among full, then third, then half stops; a number that no dial has is itself.
-fn meant(of: fn(Step) -> Vec<Mark>, nominal: f64) -> f64 {
-    let found = [Step::Full, Step::Third, Step::Half]
-        .into_iter()
-        .find_map(|s| of(s).into_iter().find(|m| (m.nominal / nominal - 1.0).abs() < 1e-6));
-    found.map_or(nominal, |m| m.value)
+/// What an engraved number stands for: looked up on the dial in use, then among full, third and half stops; a number that no dial has
+/// is itself.
+fn meant(of: fn(Step) -> Vec<Mark>, nominal: f64, dial: Option<Step>) -> f64 {
+    let same = |m: &Mark| (m.nominal / nominal - 1.0).abs() < 1e-6;
+    let mut dials = dial.into_iter().chain([Step::Full, Step::Third, Step::Half]);
+    dials.find_map(|step| of(step).into_iter().find(same)).map_or(nominal, |m| m.value)
 }
 
 /// True f-number of an engraved one.
-pub fn true_aperture(nominal: f64) -> f64 {
-    meant(apertures, nominal)
+pub fn true_aperture(nominal: f64, dial: Option<Step>) -> f64 {
+    meant(apertures, nominal, dial)
 }
 
 /// True time of an engraved one, s.
-pub fn true_time(nominal: f64) -> f64 {
-    meant(times, nominal)
+pub fn true_time(nominal: f64, dial: Option<Step>) -> f64 {
+    meant(times, nominal, dial)
 }
 
 /// True speed of an engraved one.
-pub fn true_speed(nominal: f64) -> f64 {
-    meant(speeds, nominal)
+pub fn true_speed(nominal: f64, dial: Option<Step>) -> f64 {
+    meant(speeds, nominal, dial)
 }
 
 /// The mark nearest to a value, in EV.
@@ -167,10 +167,12 @@ mod tests {
                 .into_iter()
                 .chain([(11.0, 1.0 / 8.0), (16.0, 1.0 / 4.0), (22.0, 1.0 / 2.0), (32.0, 1.0)]);
         for (n, t) in rows {
-            let h = true_time(t) / true_aperture(n).powi(2);
+            let h = true_time(t, None) / true_aperture(n, None).powi(2);
             assert!((h * 1024.0 - 1.0).abs() < 1e-9, "f/{n} {t}: {h}");
         }
-        assert!((true_aperture(5.6) - 5.657).abs() < 1e-3 && (true_time(1.0 / 125.0) * 128.0 - 1.0).abs() < 1e-12);
-        assert_eq!(true_aperture(3.7), 3.7);
+        assert!((true_aperture(5.6, None) - 5.657).abs() < 1e-3 && (true_time(1.0 / 125.0, None) * 128.0 - 1.0).abs() < 1e-12);
+        assert_eq!(true_aperture(3.7, None), 3.7);
+        // The same mark on two dials.
+        assert!((true_time(0.3, Some(Step::Half)) - 0.3536).abs() < 1e-4 && (true_time(0.3, None) - 0.315).abs() < 1e-3);
     }
 }

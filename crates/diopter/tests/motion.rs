@@ -210,7 +210,7 @@ fn a_flash_exposes_as_its_guide_number_says() {
     let shutter = Shutter::global(1.0);
     let ((from, to), all) = flash.moment(&shutter);
     assert!(all);
-    scene.modulate(material, Modulation::Pulse { start_s: from, length_s: to - from });
+    scene.modulate(material, Modulation::Pulse { start_s: from, length_s: to - from, energy: 1.0 });
     scene.place_node(node, Affine3A::IDENTITY);
     scene.pose(0.0, 1.0);
     let camera = pinhole(Film::new(0.5, 0.5, 8, 8), Vec3::ZERO, Vec3::NEG_Z, 50.0);
@@ -231,7 +231,7 @@ fn too_fast_a_sync_leaves_a_band() {
     let shutter = Shutter { mechanism: Mechanism::FocalPlane { travel_s: 4e-3, direction: Direction::Down }, exposure_s: 1e-3 };
     let ((from, to), all) = flash.moment(&shutter);
     assert!(!all);
-    scene.modulate(material, Modulation::Pulse { start_s: from, length_s: to - from });
+    scene.modulate(material, Modulation::Pulse { start_s: from, length_s: to - from, energy: 1.0 });
     scene.place_node(node, Affine3A::IDENTITY);
     scene.pose(0.0, shutter.total_s());
     let camera = pinhole(Film::new(0.5, 0.5, 4, 64), Vec3::ZERO, Vec3::NEG_Z, 50.0);
@@ -292,9 +292,9 @@ fn pairs_of_the_lecture_table_expose_alike() {
         .iter()
         .map(|(n, t)| {
             let focus = Focus::Distance(Millimeters(2000.0));
-            let lens = Lens::Thin(ThinLens::new(Millimeters(50.0), true_aperture(*n), Iris::Round, focus).unwrap());
+            let lens = Lens::Thin(ThinLens::new(Millimeters(50.0), true_aperture(*n, None), Iris::Round, focus).unwrap());
             let camera = Camera { way: CameraWay::still(Affine3A::IDENTITY), lens, film: Film::new(36.0, 24.0, 24, 16) };
-            middle(&take(&scene, &camera, &Shutter::global(true_time(*t)), &Response::sensor(&sensor), &Settings::new(64)))
+            middle(&take(&scene, &camera, &Shutter::global(true_time(*t, None)), &Response::sensor(&sensor), &Settings::new(64)))
         })
         .collect();
     for (signal, pair) in signals.iter().zip(pairs) {

@@ -34,6 +34,8 @@ pub struct ExposureFacts {
     pub focus_distance_m: Option<f64>,
     /// ISO speed; 0 before read-out.
     pub iso: f64,
+    /// ISO speed the camera was set to before read-out; 0 when not known.
+    pub iso_set: f64,
     /// Temperature of the sensor, °C; `None` before read-out.
     pub temperature_c: Option<f64>,
     /// Seed of the noise of the read-out; 0 before.
@@ -76,11 +78,14 @@ pub struct ExposureFacts {
 
 /// When a picture was open.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
 pub struct ShutterFacts {
     /// `global`, `leaf`, `focal-plane` or `rolling`.
     pub kind: String,
     /// From the first light to the last anywhere, s.
     pub total_s: f64,
+    /// Mean time that a row is open, as its light counts it: what blades take from the pupil is left out, s.
+    pub effective_s: f64,
     /// Times of its rows.
     pub rows: RowTimes,
 }

@@ -107,11 +107,11 @@ impl Lens {
         }
     }
 
-    /// f-number of the lens fully open; an ideal lens is as open as it is set.
+    /// f-number of the lens fully open; an ideal lens, which has no glass that would say so, is taken for a fast prime (f/1.4).
     pub fn widest_f_number(&self) -> f64 {
         match self {
             Lens::Compound(lens) => lens.widest_f_number(),
-            other => other.f_number(),
+            other => other.f_number().min(1.4),
         }
     }
 

@@ -318,6 +318,21 @@ impl<'a> Timeline<'a> {
         self.chain(node).fold(Affine3A::IDENTITY, |below, n| self.local(n, time_s) * below)
     }
 
+    /// First moment and length (s) of what a node and all it hangs on do again and again from a moment on; `None` where they do not, or
+    /// not in step.
+    pub fn cycle(&self, nodes: impl IntoIterator<Item = u32>, open_s: f64) -> Option<(f64, f64)> {
+        if self.playing.ending != Ending::Loop {
+            return None;
+        }
+        let mut spans = nodes.into_iter().flat_map(|n| self.chain(n)).flat_map(|n| {
+            let t = &self.tracks[n as usize];
+            [t.translation, t.rotation, t.scale, t.weights].into_iter().flatten().map(|(_, span)| span)
+        });
+        let first = spans.next()?;
+        let [from, to] = first;
+        (to > from && open_s >= from && spans.all(|s| s == first)).then_some((from, to - from))
+    }
+
     /// Moments within an interval at which the way of a node (or of a deformer's mesh) may have a kink, at most `limit` of them.
     pub fn kinks(&self, nodes: impl IntoIterator<Item = u32>, open_s: f64, close_s: f64, limit: usize) -> Vec<f64> {
         let mut moments = Vec::new();
@@ -359,7 +374,7 @@ impl<'a> Timeline<'a> {
         let mut place = |i: usize, m: &Affine3A, normals: &Mat3A| {
             let p = m.transform_point3(pose.positions[i]);
             // A corner that leads nowhere must not spoil the boxes of the others.
-            pose.positions[i] = if p.is_finite() { p } else { Vec3::from(m.translation) };
+            pose.positions[i] = if p.is_finite() { p } else { Vec3::ZERO };
             if let Some(n) = pose.normals.get_mut(i) {
                 *n = (*normals * *n).normalize_or_zero();
             }

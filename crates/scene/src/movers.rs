@@ -24,38 +24,82 @@ const MOST_POSED_TRIANGLES: usize = 1 << 22;
 const MOST_SEGMENTS: usize = 64;
 const MOST_BOXES: usize = 1 << 20;
 
-/// A transform that changes: at equal steps of the exposure, straight between them.
+/// Doublings of the steps that change little before a way is taken for one with jumps, which no number of steps follows.
+const STALLS: usize = 4;
+
+/// What share of a way's steps a share of the exposure is: the exposure itself, or what is done again and again in it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Clock {
+    /// Moment of the first step and time to the last, s.
+    open_s: f64,
+    span_s: f64,
+    /// Where in the cycle the exposure begins, in cycles, and how many it holds; `None` when it holds less than one.
+    cycles: Option<(f64, f64)>,
+}
+
+impl Clock {
+    fn new(timeline: &Timeline, nodes: impl IntoIterator<Item = u32>, open_s: f64, span_s: f64) -> Clock {
+        match timeline.cycle(nodes, open_s).filter(|(_, period)| span_s > *period) {
+            None => Clock { open_s, span_s, cycles: None },
+            Some((first, period)) => {
+                Clock { open_s: first, span_s: period, cycles: Some(((open_s - first) / period, span_s / period)) }
+            }
+        }
+    }
+
+    #[inline]
+    fn share(&self, share: f32) -> f32 {
+        match self.cycles {
+            None => share,
+            Some((from, turns)) => ((from + f64::from(share) * turns).rem_euclid(1.0)) as f32,
+        }
+    }
+}
+
+/// A transform that changes: at equal steps, straight between them.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Track {
     /// One, or a power of two and one.
     keys: Vec<Affine3A>,
+    clock: Clock,
+    /// Whether there are fewer steps than the way would need.
+    coarse: bool,
 }
 
 impl Track {
     /// The way of a node during an exposure; `size` is what the tolerance is a share of, m, and `probes` are points (node space)
     /// that it is kept for.
     fn of_node(timeline: &Timeline, node: u32, probes: &[Vec3], size: f32, open_s: f64, span_s: f64) -> Track {
+        let clock = Clock::new(timeline, [node], open_s, span_s);
+        let still = |key| Track { keys: vec![key], clock, coarse: false };
         if span_s <= 0.0 || !timeline.moves(node) {
-            return Track { keys: vec![timeline.world(node, open_s)] };
+            return still(timeline.world(node, open_s));
         }
+        let Clock { open_s, span_s, .. } = clock;
+        let (mut last_worst, mut stalls) = (f32::INFINITY, 0);
         let kinks = timeline.kinks([node], open_s, open_s + span_s, MOST_STEPS / 4);
         let mut steps = (2 * kinks.len()).next_power_of_two().clamp(2, MOST_STEPS / 4);
         loop {
             let at = |x: f64| timeline.world(node, open_s + x * span_s);
-            let track = Track { keys: (0..=steps).map(|i| at(i as f64 / steps as f64)).collect() };
+            let keys = (0..=steps).map(|i| at(i as f64 / steps as f64)).collect();
+            let straight = Track { keys, clock: Clock { cycles: None, ..clock }, coarse: false };
             let off = |x: f64| {
-                let (true_place, straight) = (at(x), track.at(x as f32));
-                let apart = |p: &Vec3| (true_place.transform_point3(*p) - straight.transform_point3(*p)).length();
+                let (true_place, drawn) = (at(x), straight.at(x as f32));
+                let apart = |p: &Vec3| (true_place.transform_point3(*p) - drawn.transform_point3(*p)).length();
                 probes.iter().map(apart).fold(0.0, f32::max)
             };
             let between = (0..steps).map(|i| (i as f64 + 0.5) / steps as f64);
             let worst = between.chain(kinks.iter().map(|t| (t - open_s) / span_s)).map(off).fold(0.0, f32::max);
-            if worst <= TOLERANCE * size || steps >= MOST_STEPS {
-                let first = track.keys[0];
-                if track.keys.iter().all(|k| *k == first) {
-                    return Track { keys: vec![first] };
+            // A jump looks the same at any number of steps: its ramp is then short enough.
+            stalls = if worst > 0.7 * last_worst { stalls + 1 } else { 0 };
+            last_worst = worst;
+            if worst <= TOLERANCE * size || stalls >= STALLS || steps >= MOST_STEPS {
+                let first = straight.keys[0];
+                if straight.keys.iter().all(|k| *k == first) {
+                    return still(first);
                 }
-                return track;
+                let coarse = steps >= MOST_STEPS && worst > 100.0 * TOLERANCE * size;
+                return Track { clock, coarse, ..straight };
             }
             steps *= 2;
         }
@@ -68,7 +112,7 @@ impl Track {
         if last == 0 {
             return self.keys[0];
         }
-        let (k, f) = step(share, last);
+        let (k, f) = step(self.clock.share(share), last);
         let (a, b) = (&self.keys[k], &self.keys[k + 1]);
         Affine3A { matrix3: a.matrix3 * (1.0 - f) + b.matrix3 * f, translation: a.translation * (1.0 - f) + b.translation * f }
     }
@@ -88,7 +132,7 @@ enum Way {
     /// As a whole.
     Rigid(Track),
     /// Poses at the steps; hierarchies between them (one, still, when there is one pose).
-    Bending { poses: Vec<Pose>, hierarchies: Vec<Bvh> },
+    Bending { poses: Vec<Pose>, hierarchies: Vec<Bvh>, clock: Clock, coarse: bool },
 }
 
 /// A moving object.
@@ -204,11 +248,19 @@ impl Movers {
         self.movers.iter().filter(|m| !m.free).fold(Bounds::EMPTY, |b, m| b.union(m.boxes[0]))
     }
 
+    /// Whether a way is longer than its steps can follow.
+    pub(crate) fn coarse(&self) -> bool {
+        self.movers.iter().any(|m| match &m.way {
+            Way::Rigid(track) => track.coarse,
+            Way::Bending { coarse, .. } => *coarse,
+        }) || self.lights.iter().flatten().any(|t| t.coarse)
+    }
+
     /// Bytes held.
     pub(crate) fn memory(&self) -> usize {
         let way = |m: &Mover| match &m.way {
             Way::Rigid(track) => track.keys.len() * size_of::<Affine3A>(),
-            Way::Bending { poses, hierarchies } => {
+            Way::Bending { poses, hierarchies, .. } => {
                 let pose = |p: &Pose| p.positions.len() * 12 + p.normals.len() * 12 + p.tangents.len() * 16;
                 poses.iter().map(pose).sum::<usize>() + hierarchies.iter().map(Bvh::memory).sum::<usize>()
             }
@@ -223,8 +275,8 @@ impl Movers {
                 let place = track.at(share);
                 mesh.corners(triangle).map(|c| place.transform_point3(c))
             }
-            Way::Bending { poses, .. } => {
-                let (a, b, f) = between(poses, share);
+            Way::Bending { poses, clock, .. } => {
+                let (a, b, f) = between(poses, clock.share(share));
                 mesh.triangles[triangle].map(|i| {
                     let i = i as usize;
                     a.positions[i] + (b.positions[i] - a.positions[i]) * f
@@ -249,7 +301,8 @@ impl Movers {
                 let shared = shared.expect("what is carried has a hierarchy");
                 MovedTriangle { corners: shared.corners(slot).map(|c| place.transform_point3(c)), place, bent: None }
             }
-            Way::Bending { poses, hierarchies } => {
+            Way::Bending { poses, hierarchies, clock, .. } => {
+                let share = clock.share(share);
                 let (k, f) = step(share, hierarchies.len());
                 let corners = hierarchies[k].corners_at(slot, f);
                 let (a, b, f) = between(poses, share);
@@ -305,8 +358,8 @@ impl Movers {
                 let bvh = shared[mover.mesh as usize].as_ref()?;
                 if any { bvh.any(o, d, t_max, filter).then_some(found) } else { bvh.closest(o, d, t_max, filter) }
             }
-            Way::Bending { hierarchies, .. } => {
-                let (k, f) = step(share, hierarchies.len());
+            Way::Bending { hierarchies, clock, .. } => {
+                let (k, f) = step(clock.share(share), hierarchies.len());
                 let bvh = &hierarchies[k];
                 if any {
                     bvh.any_at(f, origin, direction, t_max, filter).then_some(found)
@@ -346,7 +399,8 @@ fn corners_of(b: &Bounds) -> [Vec3; 8] {
 
 fn carried(timeline: &Timeline, node: u32, local: &Bounds, open_s: f64, span_s: f64) -> (Way, Vec<Bounds>) {
     if local.is_empty() {
-        return (Way::Rigid(Track { keys: vec![Affine3A::IDENTITY] }), vec![Bounds::EMPTY]);
+        let clock = Clock { open_s, span_s, cycles: None };
+        return (Way::Rigid(Track { keys: vec![Affine3A::IDENTITY], clock, coarse: false }), vec![Bounds::EMPTY]);
     }
     let probes = corners_of(local);
     let placed = timeline.world(node, open_s);
@@ -362,7 +416,16 @@ fn carried(timeline: &Timeline, node: u32, local: &Bounds, open_s: f64, span_s: 
             Bounds { min: b.min - pad, max: b.max + pad }
         })
         .collect();
+    let boxes = over_cycles(boxes, &track.clock);
     (Way::Rigid(track), boxes)
+}
+
+/// Boxes over the exposure: of what is done again and again, the one around all of it.
+fn over_cycles(boxes: Vec<Bounds>, clock: &Clock) -> Vec<Bounds> {
+    match clock.cycles {
+        None => boxes,
+        Some(_) => vec![boxes.into_iter().fold(Bounds::EMPTY, Bounds::union)],
+    }
 }
 
 fn bending(
@@ -373,11 +436,15 @@ fn bending(
     open_s: f64,
     span_s: f64,
 ) -> (Way, Vec<Bounds>) {
+    let joints = || deformer.skin.iter().flat_map(|s| s.joints.iter().copied()).chain([deformer.node]);
+    let clock = Clock::new(timeline, joints(), open_s, span_s);
+    let moves = span_s > 0.0 && timeline.bends(deformer);
+    let Clock { open_s, span_s, .. } = if moves { clock } else { Clock { open_s, span_s, cycles: None } };
     let at = |x: f64| timeline.pose(deformer, mesh, open_s + x * span_s);
     let mut poses = vec![at(0.0)];
-    if span_s > 0.0 && timeline.bends(deformer) {
-        let joints = deformer.skin.iter().flat_map(|s| s.joints.iter().copied()).chain([deformer.node]);
-        let kinks = timeline.kinks(joints, open_s, open_s + span_s, 4096).len();
+    let mut coarse = false;
+    if moves {
+        let kinks = timeline.kinks(joints(), open_s, open_s + span_s, 4096).len();
         let most = (MOST_POSED_TRIANGLES / mesh.triangles.len().max(1)).clamp(1, MOST_POSES);
         let most = if most.is_power_of_two() { most } else { most.next_power_of_two() / 2 };
         let mut steps = (kinks + 1).next_power_of_two().clamp(1, most);
@@ -395,6 +462,7 @@ fn bending(
             if worst <= TOLERANCE * size {
                 break;
             }
+            coarse = 2 * steps >= most && worst > 100.0 * TOLERANCE * size;
             let mut finer = Vec::with_capacity(2 * steps + 1);
             let mut ends = poses.into_iter();
             for pose in halfway {
@@ -414,7 +482,8 @@ fn bending(
             .collect(),
     };
     let boxes = poses.iter().map(|p| Bounds::around(mesh.triangles.iter().flatten().map(|i| p.positions[*i as usize]))).collect();
-    (Way::Bending { poses, hierarchies }, boxes)
+    let boxes = over_cycles(boxes, &clock);
+    (Way::Bending { poses, hierarchies, clock, coarse }, boxes)
 }
 
 /// Triangles between two poses.

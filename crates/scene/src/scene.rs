@@ -426,6 +426,11 @@ impl Scene {
         self.flashes = all().filter(Modulation::is_pulse).collect();
     }
 
+    /// Whether something moves in more turns than its steps can follow in the exposure it was posed for.
+    pub fn motion_is_coarse(&self) -> bool {
+        self.movers.coarse()
+    }
+
     /// Whether anything moves while light is gathered.
     pub fn moves(&self) -> bool {
         !self.movers.is_empty() || self.movers.lights.iter().any(Option::is_some)

@@ -29,7 +29,8 @@ pub fn run(args: &Shoot, json: bool) -> anyhow::Result<()> {
     if !args.output.is_empty() {
         file.output.files.clone_from(&args.output);
     }
-    if file.output.files.is_empty() {
+    // A series that is only wanted joined leaves no single pictures.
+    if file.output.files.is_empty() && args.merge.is_none() {
         file.output.files.push(PathBuf::from("photo.jpg"));
     }
     let s = &mut file.sequence;
@@ -146,7 +147,16 @@ fn setting(f: &ExposureFacts) -> String {
     let time = if f.exposure_s < 0.3 { format!("1/{:.0} s", 1.0 / f.exposure_s) } else { format!("{:.1} s", f.exposure_s) };
     let aperture = FNumber((f.f_number * 100.0).round() / 100.0);
     let at = if f.at_s > 0.0 { format!("   at {:.4} s", f.at_s) } else { String::new() };
-    format!("{time}   {aperture}   ISO {:.0}{at}", f.iso)
+    format!("{time}   {aperture}   ISO {:.0}{at}", speed(f))
+}
+
+/// ISO speed of a picture, or the one set for an exposure that has not been read out.
+fn speed(f: &ExposureFacts) -> f64 {
+    match (f.iso > 0.0, f.iso_set > 0.0) {
+        (true, _) => f.iso,
+        (false, true) => f.iso_set,
+        _ => 100.0,
+    }
 }
 
 /// What a camera shows after the shot.
@@ -156,7 +166,8 @@ pub fn display(f: &ExposureFacts, width: usize, height: usize, seconds: f64) -> 
         None => "no light metered".to_owned(),
         Some(ev) => {
             let stop = if f.t_number > 0.0 { f.t_number } else { f.f_number };
-            let off = ev - ev100_of_setting(stop, f.exposure_s, if f.iso > 0.0 { f.iso } else { 100.0 });
+            let time = f.shutter.as_ref().map_or(f.exposure_s, |s| s.effective_s);
+            let off = ev - ev100_of_setting(stop, time, speed(f));
             format!("scene EV {ev:.1} ({}), exposure {} EV", f.metering, signed(off))
         }
     };

@@ -223,6 +223,9 @@ pub struct SequenceSection {
     /// From one to the next of them.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub step: Option<Ev>,
+    /// What differs in the series: `time` or `aperture`; without, the aperture in mode S and else the time.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub vary: Option<String>,
     /// Frames of a film.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub frames: Option<u32>,
@@ -372,10 +375,16 @@ impl ShotFile {
         if e.true_stops != Some(true) {
             return;
         }
-        e.aperture = e.aperture.map(|a| FNumber(stops::true_aperture(a.0)));
-        e.shutter = e.shutter.map(|s| Seconds(stops::true_time(s.0)));
+        let dial = e.dial.as_deref().and_then(|d| stops::Step::NAMES.iter().find(|n| n.0 == d)).map(|n| n.1);
+        e.aperture = e.aperture.map(|a| FNumber(stops::true_aperture(a.0, dial)));
+        for time in [&mut e.shutter, &mut e.slowest] {
+            *time = time.map(|s| Seconds(stops::true_time(s.0, dial)));
+        }
+        for iso in [&mut e.iso_min, &mut e.iso_max] {
+            *iso = iso.map(|i| Iso(stops::true_speed(i.0, dial)));
+        }
         e.iso = e.iso.map(|i| match i {
-            IsoChoice::Fixed(iso) => IsoChoice::Fixed(Iso(stops::true_speed(iso.0))),
+            IsoChoice::Fixed(iso) => IsoChoice::Fixed(Iso(stops::true_speed(iso.0, dial))),
             auto => auto,
         });
     }

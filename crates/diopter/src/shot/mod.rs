@@ -11,7 +11,7 @@ mod staging;
 mod timing;
 
 pub use file::ShotFile;
-pub use sequence::Sequence;
+pub use sequence::{Sequence, Vary};
 pub use sources::{read_body, read_environment, read_lens, read_scene};
 
 use crate::camera::{Camera, Film, PlacementError};
@@ -29,7 +29,7 @@ use diopter_image::{ExposureFacts, FocalPlane, Picture, Raster, RawImage};
 use diopter_lens::{Focus, Lens, LensError};
 use diopter_light::cie;
 use diopter_light::random::SamplerKind;
-use diopter_scene::light::Environment;
+use diopter_scene::light::{Environment, Modulation};
 use diopter_scene::{PathSettings, Scene, SceneError, builtin};
 use diopter_sensor::format;
 use diopter_sensor::{Reading, Sensor, SensorError, read_out};
@@ -164,9 +164,9 @@ impl Shot {
         let white = file.exposure.white.clone().unwrap_or_else(|| "D65".into());
         white_point(&white)?;
         if let Some(Seconds(t)) = file.exposure.shutter
-            && !(t > 0.0 && t.is_finite())
+            && !(t > 0.0 && t <= 4e7)
         {
-            return Err(value("shutter", Seconds(t), "a time above 0"));
+            return Err(value("shutter", Seconds(t), "a time above 0 (and of at most a year)"));
         }
         let celsius = file.exposure.temperature_c.unwrap_or(20.0);
         if !(-273.15..=200.0).contains(&celsius) {
@@ -231,6 +231,11 @@ impl Shot {
             return Err(SceneError::Empty("it has no surface and no environment".into()).into());
         }
 
+        let bounds = staging::subject_bounds(&scene, timing.at_s);
+        timing.lay_path(&file, if bounds.is_empty() { Vec3::ZERO } else { bounds.center() })?;
+        if file.camera.look_from.is_some() && !file.camera.path.is_empty() {
+            warn("the camera is on a path: look_from is not used");
+        }
         let (camera, carrier) = staging::camera(&file, &scene, timing.at_s, &sensor, framing.as_ref(), warn)?;
         timing.carrier = carrier;
         let facts = ExposureFacts {
@@ -304,9 +309,16 @@ impl Shot {
             if (chosen.aperture / set.aperture - 1.0).abs() > 1e-9 {
                 self.open_to(chosen.aperture)?;
             }
-            self.shutter = Some(chosen.time_s);
+            // A leaf shutter is worth more than its marked time to a small pupil.
+            let pupil = (self.camera.lens.widest_f_number() / self.facts.f_number).min(1.0);
+            let marked = match e.mode {
+                Mode::AperturePriority | Mode::Program => self.shutter().marked_for(chosen.time_s, pupil),
+                _ => chosen.time_s,
+            };
+            self.shutter = Some(marked);
             self.reading.iso = chosen.iso;
-            let off = ev100 - metering::ev100_of_setting(chosen.aperture, chosen.time_s, chosen.iso);
+            let worth = self.shutter().effective_s(pupil);
+            let off = ev100 - metering::ev100_of_setting(chosen.aperture, worth, chosen.iso);
             if metered.is_some() && off.abs() > 0.34 {
                 warn(&format!(
                     "the light is {:.1} EV too {} for what the camera may choose in mode {}: the picture will be {}",
@@ -328,11 +340,7 @@ impl Shot {
     fn limits(&self) -> Limits {
         let e = &self.exposing;
         let loss = self.facts.t_number / self.facts.f_number;
-        let [widest, smallest] = match &self.camera.lens {
-            Lens::Compound(l) => [l.widest_f_number(), SMALLEST_STOP],
-            // An ideal lens has no glass that says so: a fast prime of 35 mm format.
-            _ => [1.4, SMALLEST_STOP],
-        };
+        let (widest, smallest) = (self.camera.lens.widest_f_number(), SMALLEST_STOP);
         let handheld_s = e.slowest_s.unwrap_or(1.0 / self.facts.focal_length_35mm_mm.max(1.0));
         Limits {
             aperture: [widest * loss, smallest.max(widest) * loss],
@@ -340,6 +348,7 @@ impl Shot {
             iso: e.auto_iso.unwrap_or([self.reading.iso; 2]),
             handheld_s,
             step: e.step,
+            t_per_f: loss,
         }
     }
 
@@ -376,15 +385,19 @@ impl Shot {
             let (moment, all) = flash.moment(&shutter);
             self.timing.warn_of_sync(&shutter, moment, all, warn);
             self.settings.moments.flash = Some(moment);
-            let pulse = diopter_scene::light::Modulation::Pulse { start_s: moment.0, length_s: moment.1 - moment.0 };
+            // The flash is what it is, however the light of the scene is scaled.
+            let energy = 1.0 / self.settings.light_scale;
+            let pulse = Modulation::Pulse { start_s: moment.0, length_s: moment.1 - moment.0, energy };
             self.scene.modulate(material, pulse);
             self.scene.place_node(node, self.camera.way.at(moment.0));
         }
         self.scene.pose(at, total);
         self.timing.warn_of_end(&self.scene, total, warn);
+        Timing::warn_of_coarse(&self.scene, warn);
         self.facts.at_s = at;
         self.facts.flash = self.timing.flash.is_some() && !self.lens_cap;
-        self.facts.shutter = Some(shutter.facts([self.camera.film.columns, self.camera.film.rows]));
+        let pupil = (self.camera.lens.widest_f_number() / self.facts.f_number).min(1.0);
+        self.facts.shutter = Some(shutter.facts([self.camera.film.columns, self.camera.film.rows], pupil));
         Ok(())
     }
 
@@ -398,19 +411,42 @@ impl Shot {
         self.stand_ready(warn)
     }
 
-    /// Changes the exposure by so many EV: by the aperture where the time is set by hand and kept, else by the time.
-    pub fn expose_by(&mut self, ev: f64) -> Result<(), ShotError> {
-        match self.exposing.mode {
-            Mode::ShutterPriority => self.open_to(self.facts.t_number * (-0.5 * ev).exp2()),
-            _ => {
+    /// What an exposure series varies when nobody says: the aperture where the time is set by hand and kept, else the time.
+    pub fn varies(&self) -> Vary {
+        if self.exposing.mode == Mode::ShutterPriority { Vary::Aperture } else { Vary::Time }
+    }
+
+    /// Changes the exposure by so many EV. `warn` is told when the lens does not go so far.
+    pub fn expose_by(&mut self, ev: f64, vary: Vary, warn: &mut dyn FnMut(&str)) -> Result<(), ShotError> {
+        match vary {
+            Vary::Aperture => {
+                let wanted = self.facts.t_number * (-0.5 * ev).exp2();
+                let [widest, smallest] = self.limits().aperture;
+                if !(widest * 0.999..=smallest * 1.001).contains(&wanted) {
+                    warn(&format!(
+                        "the lens does not go to f/{:.1}: this picture is exposed like another",
+                        self.of_f_number(wanted)
+                    ));
+                }
+                self.open_to(wanted.clamp(widest, smallest))
+            }
+            Vary::Time => {
                 self.shutter = self.shutter.map(|t| t * ev.exp2());
                 Ok(())
             }
         }
     }
 
+    /// f-number of a T-stop of this lens.
+    fn of_f_number(&self, t_number: f64) -> f64 {
+        t_number * self.facts.f_number / self.facts.t_number
+    }
+
     /// Writes what was settled into a shot file: it then takes this picture again, whatever the meter says.
     pub fn settle(&self, file: &mut ShotFile) {
+        if file.sequence.bracket.is_some() {
+            file.sequence.vary = Some(self.varies().name().into());
+        }
         let e = &mut file.exposure;
         e.shutter = self.shutter.map(Seconds);
         if e.aperture.is_some() || matches!(self.exposing.mode, Mode::ShutterPriority | Mode::Program) {
@@ -438,7 +474,8 @@ impl Shot {
 
     /// Exposes the film. [`Shot::meter`] must have been called.
     pub fn expose(&self, watch: &Watch) -> Result<FocalPlane, ShotError> {
-        let facts = ExposureFacts { iso: 0.0, ..self.facts() };
+        // The speed is the read-out's; what the camera was set to goes with the plane.
+        let facts = ExposureFacts { iso: 0.0, iso_set: self.reading.iso, ..self.facts() };
         if self.lens_cap {
             return Ok(darkness(&self.camera.film, &Response::sensor(&self.sensor), &self.settings, facts));
         }
@@ -518,6 +555,8 @@ impl Exposing {
             ));
         }
         let pattern = match e.metering.as_deref() {
+            // A place to look at means the spot.
+            None if e.metering_at.is_some() => Pattern::Spot,
             None => Pattern::default(),
             Some(name) => Pattern::named(name).ok_or_else(|| {
                 value("metering", format!("\"{name}\""), format!("one of {}", Pattern::NAMES.map(|n| n.0).join(", ")))
@@ -552,6 +591,13 @@ impl Exposing {
             }
             _ => None,
         };
+        if auto_iso.is_none() && (e.iso_max.is_some() || e.iso_min.is_some()) {
+            return Err(value(
+                "iso_min or iso_max",
+                e.iso_max.or(e.iso_min).map_or(String::new(), |i| i.to_string()),
+                "--iso auto beside it",
+            ));
+        }
         let slowest_s = e.slowest.map(|s| s.0);
         if slowest_s.is_some_and(|s| !(s > 0.0 && s.is_finite())) {
             return Err(value("slowest", slowest_s.map_or(String::new(), |s| Seconds(s).to_string()), "a time above 0"));

@@ -22,6 +22,8 @@ pub enum Sequence {
         count: u32,
         /// EV from one to the next.
         step_ev: f64,
+        /// What differs; the mode says without.
+        vary: Option<Vary>,
     },
     /// A film: exposed as the first frame was metered.
     Film {
@@ -30,6 +32,25 @@ pub enum Sequence {
         /// Frames a second.
         fps: f64,
     },
+}
+
+/// What an exposure series varies.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Vary {
+    /// The exposure time.
+    Time,
+    /// The aperture.
+    Aperture,
+}
+
+impl Vary {
+    /// Its name.
+    pub fn name(self) -> &'static str {
+        match self {
+            Vary::Time => "time",
+            Vary::Aperture => "aperture",
+        }
+    }
 }
 
 impl Sequence {
@@ -48,7 +69,13 @@ impl Sequence {
             if !(step_ev.is_finite() && step_ev.abs() <= 10.0 && step_ev != 0.0) {
                 return Err(value("step", step_ev, "up to 10 EV, not 0"));
             }
-            return Ok(Sequence::Bracket { count, step_ev: step_ev.abs() });
+            let vary = match s.vary.as_deref() {
+                None => None,
+                Some("time") => Some(Vary::Time),
+                Some("aperture") => Some(Vary::Aperture),
+                Some(other) => return Err(value("vary", format!("\"{other}\""), "time or aperture")),
+            };
+            return Ok(Sequence::Bracket { count, step_ev: step_ev.abs(), vary });
         }
         if s.step.is_some() {
             return Err(value("step", s.step.map_or(0.0, |e| e.0), "bracket beside it: how many pictures"));
@@ -92,10 +119,19 @@ impl Sequence {
         let at = shot.at_s();
         match *self {
             Sequence::Single => Ok(()),
-            Sequence::Film { fps, .. } => shot.turn_to(shot.begun_s() + k as f64 / fps, k as u64, warn),
-            Sequence::Bracket { count, step_ev } => {
+            Sequence::Film { fps, .. } => {
+                let open = shot.shutter().exposure_s;
+                if open > 1.0 / fps * (1.0 + 1e-9) {
+                    warn(&format!(
+                        "each frame is open for {open:.4} s, longer than it lasts at {fps} frames a second: they overlap"
+                    ));
+                }
+                shot.turn_to(shot.begun_s() + k as f64 / fps, k as u64, warn)
+            }
+            Sequence::Bracket { count, step_ev, vary } => {
+                let vary = vary.unwrap_or(shot.varies());
                 let ended = if k == 0 { at } else { at + shot.shutter().total_s() };
-                shot.expose_by(if k == 0 { -0.5 * f64::from(count - 1) * step_ev } else { step_ev })?;
+                shot.expose_by(if k == 0 { -0.5 * f64::from(count - 1) * step_ev } else { step_ev }, vary, warn)?;
                 shot.turn_to(ended, k as u64, warn)
             }
         }

@@ -53,7 +53,7 @@ pub(super) fn put_ground(d: &mut Description, albedo: f32, at_s: f64) -> Result<
 }
 
 /// The box around everything but a floor that was put under it and a flash.
-fn subject_bounds(scene: &Scene, at_s: f64) -> Bounds {
+pub(super) fn subject_bounds(scene: &Scene, at_s: f64) -> Bounds {
     let floor = |o: &Object| o.name == GROUND && matches!(o.shape, Shape::Quad(_));
     match scene.description().objects.iter().any(floor) {
         false => scene.bounds(),

@@ -29,6 +29,10 @@ const LONGEST_S: f64 = 4e7;
 pub(super) struct Timing {
     /// The exposure begins, s of scene time.
     pub at_s: f64,
+    /// The first exposure of a sequence began.
+    begun_s: f64,
+    /// Nothing moves, the camera neither.
+    frozen: bool,
     pub mechanism: Mechanism,
     pub flash: Option<Flash>,
     /// Node that carries the camera.
@@ -43,7 +47,7 @@ fn time(what: &'static str, given: Option<Seconds>, default: f64) -> Result<f64,
     let t = given.map_or(default, |s| s.0);
     match (0.0..=LONGEST_S).contains(&t) {
         true => Ok(t),
-        false => Err(value(what, Seconds(t), "a time of 0 or more")),
+        false => Err(value(what, Seconds(t), "a time from 0 s to a year (4e7 s)")),
     }
 }
 
@@ -61,6 +65,19 @@ impl Timing {
         };
         // What only one kind has says which kind is meant.
         let implied = match () {
+            () if [s.line_time.is_some() || s.readout.is_some() || s.reset.is_some(), s.travel.is_some(), s.ramp.is_some()]
+                .iter()
+                .filter(|g| **g)
+                .count()
+                > 1 =>
+            {
+                let found = "times of several kinds";
+                return Err(value(
+                    "shutter",
+                    found,
+                    "line_time, readout and reset (rolling), travel (focal-plane) or ramp (leaf)",
+                ));
+            }
             () if s.line_time.is_some() || s.readout.is_some() || s.reset.is_some() => "rolling",
             () if s.travel.is_some() => "focal-plane",
             () if s.ramp.is_some() => "leaf",
@@ -68,10 +85,15 @@ impl Timing {
         };
         let kind = s.kind.as_deref().unwrap_or(implied);
         if implied != "global" && kind != implied {
+            let expected =
+                format!("kind {implied}, or no times of a {implied} shutter beside it (line_time, readout, reset; travel; ramp)");
+            return Err(value("shutter kind", format!("\"{kind}\""), expected));
+        }
+        if s.direction.is_some() && matches!(kind, "global" | "leaf") {
             return Err(value(
-                "shutter kind",
-                format!("\"{kind}\""),
-                format!("{implied}, which the times given beside it belong to"),
+                "shutter direction",
+                direction.name(),
+                format!("a shutter that runs beside it (rolling or focal-plane), not {kind}"),
             ));
         }
         let mechanism = match kind {
@@ -109,15 +131,21 @@ impl Timing {
             Some(rms) if (0.0..=1000.0).contains(&rms) => Some(Shake::new(rms, file.render.seed.unwrap_or(1))),
             Some(rms) => return Err(value("shake", rms, "0 to 1000 deg/s; a steady hand is 0.6")),
         };
-        let mut path = Vec::new();
+        let frozen = file.scene.frozen.unwrap_or(false);
+        let (flash, path) = (flash(file)?, Vec::new());
+        Ok(Timing { at_s, begun_s: at_s, frozen, mechanism, flash, carrier: None, path, shake, end_s: None })
+    }
+
+    /// Lays the camera's path; stops that are aimed at nothing look at `center`.
+    pub fn lay_path(&mut self, file: &ShotFile, center: Vec3) -> Result<(), ShotError> {
         for stop in &file.camera.path {
-            let aim = stop.look_at.or(file.camera.look_at).map_or(Vec3::ZERO, Vec3::from_array);
+            let aim = stop.look_at.or(file.camera.look_at).map_or(center, Vec3::from_array);
             let up = stop.up.or(file.camera.up).map_or(Vec3::Y, Vec3::from_array);
             let time_s = time("camera path time", Some(stop.time), 0.0)?;
-            path.push(Stop { time_s, place: look_at(Vec3::from_array(stop.look_from), aim, up)? });
+            self.path.push(Stop { time_s, place: look_at(Vec3::from_array(stop.look_from), aim, up)? });
         }
-        path.sort_by(|a, b| a.time_s.total_cmp(&b.time_s));
-        Ok(Timing { at_s, mechanism, flash: flash(file)?, carrier: None, path, shake, end_s: None })
+        self.path.sort_by(|a, b| a.time_s.total_cmp(&b.time_s));
+        Ok(())
     }
 
     /// Chooses the animations that run.
@@ -147,7 +175,7 @@ impl Timing {
         };
         let last = animations.iter().map(|i| d.animations[*i].span_s()[1]).fold(f64::NEG_INFINITY, f64::max);
         self.end_s = (ending == Ending::Clamp && last.is_finite()).then_some(last);
-        let frozen_at_s = s.frozen.unwrap_or(false).then_some(self.at_s);
+        let frozen_at_s = self.frozen.then_some(self.at_s);
         if frozen_at_s.is_some() {
             self.end_s = None;
         }
@@ -165,10 +193,13 @@ impl Timing {
                 (true, None) => placed,
             }
         };
+        if self.frozen {
+            return CameraWay::still(steady(0.0));
+        }
         match &self.shake {
-            // A shake turns about where it began, not about where its sines are all 0.
+            // A shake turns about where the sequence began, not about where its sines are all 0.
             Some(shake) => {
-                let first = shake.turn(self.at_s).inverse();
+                let first = shake.turn(self.begun_s).inverse();
                 CameraWay::sampled(total_s, |t| steady(t) * first * shake.turn(self.at_s + t))
             }
             None if self.path.is_empty() && self.carrier.is_none() => CameraWay::still(placed),
@@ -198,6 +229,15 @@ impl Timing {
             (to * 1e5).round() / 100.0,
             Seconds(shutter.exposure_s)
         ));
+    }
+
+    /// Says when things turn too often for what is kept of their ways.
+    pub fn warn_of_coarse(scene: &Scene, warn: &mut dyn FnMut(&str)) {
+        if scene.motion_is_coarse() {
+            warn(
+                "what moves does so too often in this exposure to be followed: its way is drawn in straight pieces that are too long",
+            );
+        }
     }
 
     /// Says when the shutter is open longer than the animation runs.
@@ -263,6 +303,7 @@ pub(super) fn put_flicker(d: &mut Description, flicker: &[FlickerSection]) -> Re
                 }
                 Modulation::Pwm { frequency_hz: hertz(240.0)?, duty, phase: phase / 360.0 }
             }
+            "" => return Err(value("flicker kind", "is missing", "kind = \"mains\" or \"pwm\"")),
             other => return Err(value("flicker kind", format!("\"{other}\""), "mains or pwm")),
         };
         let meant = |name: &str| f.lamp.as_deref().is_none_or(|l| l == name);

@@ -66,10 +66,11 @@ impl Builder {
         self.0.objects.push(Object { motion: Motion::Carried { node }, ..Object::new(name, shape, material) });
     }
 
-    /// Key frames that begin anew after the last.
+    /// Key frames that run beside all others and begin anew after the last.
     pub fn animate(&mut self, name: &str, channels: Vec<Channel>) {
         self.0.animations.push(Animation { name: name.into(), channels });
-        self.0.playing = Playing { animations: vec![0], ending: Ending::Loop, frozen_at_s: None };
+        let animations = (0..self.0.animations.len()).collect();
+        self.0.playing = Playing { animations, ending: Ending::Loop, frozen_at_s: None };
     }
 }
 

@@ -103,14 +103,9 @@ pub fn description() -> Description {
         let material = glow(&mut b, "stars", kelvin, luminance, false);
         b.hang("stars", stars(k as u32 + 1, count), material, sky);
     }
-    b.animate(
-        "night",
-        vec![
-            slide(car, Vec3::new(-60.0, 0.0, 1.8), Vec3::new(60.0, 0.0, 1.8), 12.0),
-            // The sky goes from east to west: anti-clockwise about the pole as seen from below.
-            spin(sky, -pole, SIDEREAL_DAY_S),
-        ],
-    );
+    b.animate("drive", vec![slide(car, Vec3::new(-60.0, 0.0, 1.8), Vec3::new(60.0, 0.0, 1.8), 12.0)]);
+    // The sky goes from east to west: anti-clockwise about the pole as seen from below.
+    b.animate("sky", vec![spin(sky, -pole, SIDEREAL_DAY_S)]);
     b.0.environment = Some(Environment::uniform(Vec3::new(0.8e-3, 1.0e-3, 1.5e-3)));
     b.0
 }

@@ -1,7 +1,7 @@
 //! A striped ball with a small lamp on top of its axle rolls along a table to the right, at 1 m/s, in the dim light of a room (about EV 5):
 //! for long times, flashes and curtains.
 //!
-//! Metres. The ball is 24 cm across; the lamp (20 000 cd/m², 6 mm) rides beside the hub and draws a line of light.
+//! Metres. Marbles stand on the table from near to far. The ball is 24 cm across; the lamp (20 000 cd/m², 6 mm) rides beside the hub and draws a line of light.
 
 use super::Framing;
 use super::builder::{Builder, block, slide, spin};
@@ -54,6 +54,14 @@ pub fn description() -> Description {
     let wall = b.matte("wall", [0.35, 0.38, 0.42]);
     b.quad("table", Vec3::new(-3.0, 0.0, 3.2), [Vec3::X * 6.0, Vec3::NEG_Z * 4.2], table);
     b.quad("wall", Vec3::new(-3.0, -0.5, -0.9), [Vec3::X * 6.0, Vec3::Y * 4.0], wall);
+    // Marbles from near to far, for what is sharp.
+    for k in 0..9 {
+        let hue = k as f32 * 0.7;
+        let [r, g, blue] = [0.0, 2.1, 4.2].map(|p| 0.35 + 0.3 * (hue + p).sin());
+        let paint = b.glossy("marble", Color::rgb(r, g, blue), 0.1, 1.0);
+        let z = 1.3 - 0.25 * k as f32;
+        b.sphere("marble", Vec3::new(-0.34 + 0.10 * k as f32, 0.035, z + 0.18), 0.035, paint);
+    }
     let way = b.node("way", None, Parts::IDENTITY);
     // The axle points at the camera: the ball's own +y.
     let axle = b.node("axle", Some(way), Parts { rotation: Quat::from_rotation_x(PI / 2.0), ..Parts::IDENTITY });
@@ -70,13 +78,8 @@ pub fn description() -> Description {
     let lamp = b.material(Material { emission: Some(emission), ..Material::new("lamp", Scattering::Black) });
     b.hang("lamp", block(Vec3::new(0.096, 0.06, -0.003), Vec3::new(0.102, 0.066, 0.003)), lamp, ball);
     // Rolling to the right: clockwise for the camera, as far as the way.
-    b.animate(
-        "roll",
-        vec![
-            slide(way, Vec3::new(-0.5 * WAY, RADIUS, 0.0), Vec3::new(0.5 * WAY, RADIUS, 0.0), WAY / SPEED),
-            spin(ball, Vec3::NEG_Y, TAU * RADIUS / SPEED),
-        ],
-    );
+    b.animate("roll", vec![slide(way, Vec3::new(-0.5 * WAY, RADIUS, 0.0), Vec3::new(0.5 * WAY, RADIUS, 0.0), WAY / SPEED)]);
+    b.animate("spin", vec![spin(ball, Vec3::NEG_Y, TAU * RADIUS / SPEED)]);
     b.0.environment = Some(Environment::uniform(Vec3::splat(8.0)));
     b.0
 }

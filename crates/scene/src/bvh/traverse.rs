@@ -249,7 +249,8 @@ fn traverse<S: Simd, F: Filter, const ANY: bool, const MOVES: bool>(
     t_max: f32,
     filter: &F,
 ) -> Option<Hit> {
-    if bvh.nodes.is_empty() {
+    // What is not a number meets nothing (and would pass every comparison that asks whether it misses).
+    if bvh.nodes.is_empty() || !(origin.is_finite() && direction.is_finite()) {
         return None;
     }
     let ray = Prepared::new(simd, origin, direction, share);

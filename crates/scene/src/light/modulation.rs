@@ -32,6 +32,8 @@ pub enum Modulation {
         start_s: f64,
         /// s
         length_s: f64,
+        /// Factor on its energy.
+        energy: f64,
     },
 }
 
@@ -50,9 +52,9 @@ impl Modulation {
                     0.0
                 }
             }
-            Modulation::Pulse { start_s, length_s } => {
+            Modulation::Pulse { start_s, length_s, energy } => {
                 let t = f64::from(time_s) - start_s;
-                if (0.0..length_s).contains(&t) { (1.0 / length_s) as f32 } else { 0.0 }
+                if (0.0..length_s).contains(&t) { (energy / length_s) as f32 } else { 0.0 }
             }
         }
     }
@@ -73,7 +75,7 @@ mod tests {
             Modulation::Steady,
             Modulation::Sine { frequency_hz: 100.0, depth: 0.7, phase: 0.3 },
             Modulation::Pwm { frequency_hz: 240.0, duty: 0.25, phase: 0.1 },
-            Modulation::Pulse { start_s: 0.3, length_s: 0.25 },
+            Modulation::Pulse { start_s: 0.3, length_s: 0.25, energy: 1.0 },
         ];
         for lamp in lamps {
             let n = 200_000;

@@ -447,7 +447,12 @@ fn check_attributes(json: &gltf::json::Root, name: &str) -> Result<(), SceneErro
             check(&place, sampler.input.value(), &[T::Scalar], &[C::F32])?;
             check(&place, sampler.output.value(), &[T::Scalar, T::Vec3, T::Vec4], &[C::I8, C::U8, C::I16, C::U16, C::F32])?;
         }
-        for channel in &animation.channels {
+        for (c, channel) in animation.channels.iter().enumerate() {
+            let node = channel.target.node.value();
+            if node >= json.nodes.len() {
+                let expected = format!("expected less than {}", json.nodes.len());
+                return Err(error(name, &format!("animation {a} channel {c}"), format!("node {node} is not there"), expected));
+            }
             let Some(sampler) = animation.samplers.get(channel.sampler.value()) else { continue };
             let output = sampler.output.value();
             use gltf::animation::Property as P;

@@ -23,15 +23,15 @@ use std::path::PathBuf;
 const GREEN_NM: f64 = 550.0;
 
 fn positive(what: &str, v: f64) -> anyhow::Result<f64> {
-    match v > 0.0 && v.is_finite() {
+    match (1e-9..=1e9).contains(&v) {
         true => Ok(v),
-        false => Err(AskedWrongly(anyhow!("{what} {v}: expected a number above 0")).into()),
+        false => Err(AskedWrongly(anyhow!("{what} {v}: expected a number above 0, from a billionth to a billion")).into()),
     }
 }
 
 /// EV of a setting and the luminance and illuminance it is right for.
 pub fn value(aperture: FNumber, time: Seconds, iso: Iso, true_stops: bool, json: bool) -> anyhow::Result<()> {
-    let mean = |v: f64, of: fn(f64) -> f64| if true_stops { of(v) } else { v };
+    let mean = |v: f64, of: fn(f64, Option<Step>) -> f64| if true_stops { of(v, None) } else { v };
     let n = mean(positive("aperture", aperture.0)?, stops::true_aperture);
     let t = mean(positive("time", time.0)?, stops::true_time);
     let s = mean(positive("iso", iso.0)?, stops::true_speed);
@@ -69,8 +69,8 @@ struct Row {
 }
 
 pub fn equivalent(args: &Equivalent, json: bool) -> anyhow::Result<()> {
-    let n0 = stops::true_aperture(positive("aperture", args.aperture.0)?);
-    let t0 = stops::true_time(positive("time", args.time.0)?);
+    let n0 = stops::true_aperture(positive("aperture", args.aperture.0)?, None);
+    let t0 = stops::true_time(positive("time", args.time.0)?, None);
     let focal = positive("focal length", args.focal_length.0)?;
     let distance = positive("focus", args.focus.0.min(1e9))?;
     if !(args.speed >= 0.0 && args.speed.is_finite()) {
@@ -172,6 +172,7 @@ pub fn program(widest: FNumber, focal: LengthMm, iso: IsoChoice, output: &[PathB
         iso: iso.fixed().map_or([100.0, 6400.0], |i| [i; 2]),
         handheld_s: 1.0 / focal,
         step: None,
+        t_per_f: 1.0,
     };
     let set = Chosen { aperture: widest, time_s: 1.0 / focal, iso: limits.iso[0] };
     let line: Vec<(f64, Chosen)> =

@@ -59,6 +59,11 @@ impl Loader<'_> {
             return Ok(None);
         }
         let mut weights = node.weights().or_else(|| mesh.weights()).unwrap_or_default().to_vec();
+        if !weights.is_empty() && weights.len() != targets.len() {
+            let place = format!("mesh {}{}", mesh.index(), label(mesh.name()));
+            let warning = format!("{place}: {} weights for {} morph targets", weights.len(), targets.len());
+            self.description.warnings.push(warning);
+        }
         weights.resize(targets.len(), 0.0);
         self.description.deformers.push(Deformer { mesh: number, node: node.index() as u32, targets, weights, skin });
         Ok(Some(self.description.deformers.len() as u32 - 1))
@@ -102,6 +107,18 @@ impl Loader<'_> {
             .read_inverse_bind_matrices()
             .map(|it| it.map(|m| Affine3A::from_mat4(Mat4::from_cols_array_2d(&m))).collect())
             .unwrap_or_default();
+        if let Some(bad) = joint_from_mesh.iter().position(|m| !m.is_finite()) {
+            let found = format!("inverse bind matrix {bad} is not finite");
+            return Err(error(self.name, &place, found, "expected numbers"));
+        }
+        let given = joint_from_mesh.len();
+        if given > 0 && given < skin.joints().count() {
+            let warning = format!(
+                "{place}: {given} inverse bind matrices for {} joints: the others are taken as they stand",
+                skin.joints().count()
+            );
+            self.description.warnings.push(warning);
+        }
         let joints: Vec<u32> = skin.joints().map(|j| j.index() as u32).collect();
         if let Some(lost) = joints.iter().find(|j| world[**j as usize].is_none()) {
             let found = format!("joint node {lost} is not in the scene");
