@@ -165,6 +165,62 @@ fn parts_of_an_exposure_are_merged() {
 }
 
 #[test]
+fn series_and_films_are_numbered_and_merged() {
+    let f = Folder::new("series");
+    let small = ["--size", "48x32", "--spp", "2"];
+    let series = ["shoot", "cornell", "--bracket", "3", "--step", "2ev", "-o", "s.dng", "--merge", "hdr.exr", "--json"];
+    let output = f.ok(&[&series[..], &small[..]].concat());
+    let json: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    let times: Vec<f64> = json["frames"].as_array().unwrap().iter().map(|p| p["exposure_s"].as_f64().unwrap()).collect();
+    assert!((times[1] / times[0] - 4.0).abs() < 1e-9 && (times[2] / times[1] - 4.0).abs() < 1e-9, "{times:?}");
+    f.ok(&["merge", "s-001.dng", "s-002.dng", "s-003.dng", "-o", "again.dng"]);
+    f.ok(&["develop", "again.dng", "-o", "again.png"]);
+    let (code, message) = f.fails(&["merge", "s-001.dng", "hdr.exr", "-o", "x.exr"]);
+    assert!(code == 2 && message.contains("not both"), "{message}");
+    // A series that is only wanted joined leaves no single pictures.
+    f.ok(&[&["shoot", "cornell", "--bracket", "2", "--merge", "only.png"][..], &small[..]].concat());
+    assert!(!f.path("photo-001.jpg").exists() && f.path("only.png").exists());
+    let film = ["shoot", "propeller", "--frames", "3", "--fps", "50", "--shutter-angle", "90", "--json", "-o", "film.png"];
+    let output = f.ok(&[&film[..], &small[..]].concat());
+    let json: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(json["frames"][2]["at_s"].as_f64(), Some(0.04));
+    assert_eq!(json["facts"]["exposure_s"].as_f64(), Some(0.005));
+    assert_ne!(std::fs::read(f.path("film-001.png")).unwrap(), std::fs::read(f.path("film-003.png")).unwrap());
+}
+
+#[test]
+fn a_shot_with_everything_that_moves_is_repeated() {
+    let f = Folder::new("everything");
+    let moving = [
+        "shoot",
+        "rolling-ball",
+        "--mode",
+        "P",
+        "--dial",
+        "third",
+        "--iso",
+        "auto",
+        "--metering",
+        "matrix",
+        "--shake",
+        "0.6",
+        "--flash",
+        "10",
+        "--shutter-type",
+        "focal-plane",
+        "--flicker",
+        "mains 50 Hz",
+        "--at",
+        "0.4s",
+        "--nd",
+        "ND2",
+    ];
+    f.ok(&with(&moving, &["-o", "a.png", "--save-shot", "shot.toml"]));
+    f.ok(&["shoot", "shot.toml", "-o", "b.png"]);
+    assert_eq!(std::fs::read(f.path("a.png")).unwrap(), std::fs::read(f.path("b.png")).unwrap());
+}
+
+#[test]
 fn a_saved_shot_repeats_the_photograph() {
     let f = Folder::new("saved");
     f.ok(&with(&["shoot", "cornell", "--iso", "ISO 200"], &["-o", "a.png", "--save-shot", "shot.toml"]));
@@ -235,6 +291,36 @@ fn wrong_requests_exit_with_2_and_a_hint() {
         (&["body", "info", "leica-m3"], "known are"),
         (&["shoot", "--threads", "0"], "threads"),
         (&["frobnicate"], "unrecognized subcommand"),
+        (&["shoot", "--mode", "X"], "M, A (Av), S (Tv) or P"),
+        (&["shoot", "--mode", "S"], "--shutter 1/125"),
+        (&["shoot", "--metering", "spotty"], "centre-weighted"),
+        (&["shoot", "--metering-at", "2,0"], "0 to 1"),
+        (&["shoot", "--nd", "ND0"], "ND8"),
+        (&["shoot", "--dial", "quarter"], "full, half or third"),
+        (&["shoot", "--iso-max", "800"], "--iso auto"),
+        (&["shoot", "--shutter", "-1"], "above 0"),
+        (&["shoot", "--shutter-type", "roling"], "did you mean \"rolling\"?"),
+        (&["shoot", "--line-time", "-1us"], "from 0 s"),
+        (&["shoot", "--line-time", "1us", "--readout", "1ms"], "not both"),
+        (&["shoot", "--ramp", "1ms", "--travel", "3ms"], "times of several kinds"),
+        (&["shoot", "--shutter-direction", "up"], "rolling or focal-plane"),
+        (&["shoot", "--at", "-1s"], "from 0 s"),
+        (&["shoot", "--animation", "Run"], "no animations"),
+        (&["shoot", "propeller", "--animation-end", "stop"], "clamp or loop"),
+        (&["shoot", "--shake", "-1"], "steady hand"),
+        (&["shoot", "propeller", "--flicker", "strobe 50 Hz"], "mains 50 Hz"),
+        (&["shoot", "--flash", "0"], "above 0"),
+        (&["shoot", "--flash-sync", "second"], "--flash GN"),
+        (&["shoot", "--flash", "20", "--flash-power", "2"], "share of full power"),
+        (&["shoot", "--bracket", "0"], "1 to 99"),
+        (&["shoot", "--step", "1ev"], "bracket beside it"),
+        (&["shoot", "--merge", "a.exr"], "--bracket beside it"),
+        (&["shoot", "--frames", "0"], "1 to"),
+        (&["shoot", "--frames", "2", "--shutter-angle", "400"], "above 0 to 360"),
+        (&["shoot", "--frames", "2", "--fps", "0"], "frames a second"),
+        (&["calc", "equivalent", "f/0", "1/60"], "above 0"),
+        (&["calc", "stops", "sixth"], "full, half or third"),
+        (&["calc", "program", "-o", "p.pdf"], ".svg or .png"),
     ];
     for (args, expected) in cases {
         let (code, message) = f.fails(args);
