@@ -199,7 +199,7 @@ fn a_shot_with_everything_that_moves_is_repeated() {
         "--dial",
         "third",
         "--iso",
-        "auto",
+        "400",
         "--metering",
         "matrix",
         "--shake",
