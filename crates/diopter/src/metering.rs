@@ -27,7 +27,7 @@ pub const K: f64 = 12.5;
 const PROBE_COLUMNS: usize = 96;
 const PROBE_SAMPLES: u32 = 64;
 /// Share of the picture's samples that a probe may take.
-const PROBE_SHARE: f64 = 0.03;
+const PROBE_SHARE: f64 = 0.02;
 /// Readings until two agree; within so much, EV.
 const MOST_READINGS: u64 = 16;
 const AGREE_EV: f64 = 0.02;

@@ -71,11 +71,29 @@ pub(crate) fn exif_fields(f: &ExposureFacts) -> Vec<(u16, Field)> {
         // What the exposure differs from what the meter asked for.
         if f.iso > 0.0 && f.f_number > 0.0 && f.exposure_s > 0.0 {
             let t = if f.t_number > 0.0 { f.t_number } else { f.f_number };
-            let bias = ev - (t * t / f.exposure_s * 100.0 / f.iso).log2();
+            let time = f.shutter.as_ref().map_or(f.exposure_s, |s| s.effective_s);
+            let bias = ev - (t * t / time * 100.0 / f.iso).log2();
             fields.push((37380, Field::srational(round(bias))));
         }
-        // Metering mode: average.
-        fields.push((37383, Field::short(1)));
+        let pattern = match f.metering.as_str() {
+            "" | "average" => 1,
+            "centre-weighted" => 2,
+            "spot" => 3,
+            "matrix" => 5,
+            _ => 255,
+        };
+        fields.push((37383, Field::short(pattern)));
+    }
+    let program = match f.mode.as_str() {
+        "M" => Some(1),
+        "P" => Some(2),
+        "A" => Some(3),
+        "S" => Some(4),
+        _ => None,
+    };
+    if let Some(program) = program {
+        fields.push((34850, Field::short(program)));
+        fields.push((37385, Field::short(u16::from(f.flash))));
     }
     fields.push((37382, Field::rational(f.focus_distance_m.map_or(f64::from(u32::MAX), round))));
     fields.push((37384, Field::short(crate::raw::LightSource::of_illuminant(&f.white).0)));

@@ -34,7 +34,7 @@ use diopter_scene::{PathSettings, Scene, SceneError, builtin};
 use diopter_sensor::format;
 use diopter_sensor::{Reading, Sensor, SensorError, read_out};
 use file::RenderSection;
-use glam::Vec3;
+use glam::{Affine3A, Vec3};
 use std::ops::RangeInclusive;
 use timing::Timing;
 
@@ -119,6 +119,8 @@ pub struct Shot {
     pub recipe: Recipe,
     /// The look-up table that the recipe names.
     pub lut: Option<Lut>,
+    /// Where the camera stands if nothing moves it.
+    placed: Affine3A,
     /// What was asked.
     file: ShotFile,
     framing: Option<builtin::Framing>,
@@ -248,6 +250,7 @@ impl Shot {
             nd_stops: exposing.nd_stops,
             ..lens_facts(&camera, &sensor)
         };
+        let placed = camera.way.at(0.0);
         Ok(Shot {
             scene,
             camera,
@@ -267,6 +270,7 @@ impl Shot {
             recipe: file.develop.clone(),
             lut,
             ambient_ev: file.scene.ambient_ev,
+            placed,
             file,
             framing,
             exposing,
@@ -377,7 +381,7 @@ impl Shot {
         let shutter = self.shutter();
         let total = shutter.total_s();
         let at = self.timing.at_s;
-        self.camera.way = self.timing.camera_way(&self.scene, &self.camera, total);
+        self.camera.way = self.timing.camera_way(&self.scene, self.placed, total);
         self.settings.moments = Moments::default();
         if let Some(flash) = &self.timing.flash
             && let Some((node, material)) = Flash::place_in(self.scene.description())

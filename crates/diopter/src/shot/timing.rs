@@ -2,7 +2,7 @@
 
 use super::file::{FlickerSection, SceneSection, ShotFile};
 use super::{ShotError, value};
-use crate::camera::{Camera, look_at};
+use crate::camera::look_at;
 use crate::camera_way::{CameraWay, Shake, Stop, on_path};
 use crate::flash::{Flash, SHOE_M, Sync};
 use crate::quantity::Seconds;
@@ -183,9 +183,8 @@ impl Timing {
         Ok(())
     }
 
-    /// Where the camera is during an exposure of a length; `camera` stands where it was placed.
-    pub fn camera_way(&self, scene: &Scene, camera: &Camera, total_s: f64) -> CameraWay {
-        let placed = camera.way.at(0.0);
+    /// Where the camera is during an exposure of a length; `placed`: where it stands if nothing moves it.
+    pub fn camera_way(&self, scene: &Scene, placed: Affine3A, total_s: f64) -> CameraWay {
         let steady = |t: f64| -> Affine3A {
             match (self.path.is_empty(), self.carrier) {
                 (false, _) => on_path(&self.path, self.at_s + t),

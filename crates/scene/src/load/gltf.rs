@@ -1,6 +1,6 @@
 //! glTF 2.0: `.gltf` and `.glb` into a [`Description`].
 //!
-//! Units are glTF's: metres, candela, lux, cd/m² for emission. Nodes, animations, skins and morph targets: [`motion`]. Extensions:
+//! Units are glTF's: metres, candela, lux, cd/m² for emission. Nodes, animations, skins and morph targets are read by `motion`. Extensions:
 //! KHR_lights_punctual, KHR_materials_{emissive_strength, ior, transmission, clearcoat, unlit, volume},
 //! KHR_texture_transform; another one that a file requires is an error, one it only uses a warning. Files are opened by the
 //! caller: `fetch` gets the URIs of buffers and images.
