@@ -202,7 +202,7 @@ pub fn program(widest: FNumber, focal: LengthMm, iso: IsoChoice, output: &[PathB
     Chart {
         title: format!("program line: {focal:.0} mm f/{widest}"),
         x: Axis { label: "EV at ISO 100".into(), range: [-6.0, 22.0] },
-        y: Axis { label: "EV of aperture, time, speed".into(), range: [-6.0, 14.0] },
+        y: Axis { label: "EV of aperture, time, speed".into(), range: [-6.0, 18.0] },
         lines: vec![
             curve("aperture: Av = 2 log2 N", [204, 51, 51], Style::Full, &|c| 2.0 * c.aperture.log2()),
             curve("time: Tv = -log2 t", [34, 85, 170], Style::Full, &|c| -c.time_s.log2()),
