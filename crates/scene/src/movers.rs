@@ -25,7 +25,7 @@ const MOST_SEGMENTS: usize = 64;
 const MOST_BOXES: usize = 1 << 20;
 
 /// Doublings of the steps that change little before a way is taken for one with jumps, which no number of steps follows.
-const STALLS: usize = 4;
+const STALLS: usize = 9;
 
 /// What share of a way's steps a share of the exposure is: the exposure itself, or what is done again and again in it.
 #[derive(Clone, Copy, Debug, PartialEq)]
