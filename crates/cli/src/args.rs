@@ -724,11 +724,7 @@ fn list(text: &str) -> Result<List, String> {
 
 /// A share: "0.25" or "1/4".
 fn share(text: &str) -> Result<f64, String> {
-    let value = match text.split_once('/') {
-        Some((a, b)) => a.trim().parse::<f64>().ok().zip(b.trim().parse::<f64>().ok()).map(|(a, b)| a / b),
-        None => text.trim().parse().ok(),
-    };
-    value.filter(|v| v.is_finite()).ok_or_else(|| format!("\"{text}\" is not a share such as 0.25 or 1/4"))
+    diopter::quantity::number(text).ok_or_else(|| format!("\"{text}\" is not a share such as 0.25 or 1/4"))
 }
 
 /// "mains 50 Hz 0.8", "pwm 240 Hz 0.3".

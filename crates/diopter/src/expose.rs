@@ -384,7 +384,7 @@ impl Unit<'_> {
                 }
                 let (time, seconds) = self.settings.moments.draw(all, t as f64);
                 let ray = self.camera.world_ray_of(exits.origin[k], exits.direction[k], time);
-                if !(ray.origin.is_finite() && ray.direction.is_finite()) {
+                if !ray.is_finite() {
                     continue;
                 }
                 let radiance = self.scene.radiance(ray, wavelengths, sampler, &self.settings.path);
@@ -467,7 +467,7 @@ impl Unit<'_> {
         }
         let (time, seconds) = self.settings.moments.draw((open, close), t as f64);
         let ray = self.camera.to_world(&lens_ray, time);
-        if !(ray.origin.is_finite() && ray.direction.is_finite()) {
+        if !ray.is_finite() {
             return glam::Vec4::ZERO;
         }
         let wavelengths = self.wavelengths.sample(w);
@@ -502,7 +502,7 @@ fn truth(scene: &Scene, camera: &Camera, shutter: &Shutter) -> Truth {
                     let (open, close) = shutter.window(&Place { pixel: [column, row], size: [width, height], pupil: 0.0 });
                     let time = 0.5 * (open + close);
                     let film = camera.film_point(column as f64 + 0.5, row as f64 + 0.5);
-                    let ray = camera.chief_ray(film, time).ok().filter(|r| r.origin.is_finite() && r.direction.is_finite())?;
+                    let ray = camera.chief_ray(film, time).ok().filter(diopter_light::Ray::is_finite)?;
                     let s = scene.first_surface(&ray)?;
                     Some((s.distance * camera.cosine_to_axis(ray.direction, time), s))
                 })

@@ -21,8 +21,8 @@ fn wrong(found: &str, expected: &'static str) -> QuantityError {
     QuantityError { found: found.trim().to_owned(), expected }
 }
 
-/// A number with an optional fraction (`1/125`).
-fn number(text: &str) -> Option<f64> {
+/// A number with an optional fraction (`1/125`); finite.
+pub fn number(text: &str) -> Option<f64> {
     let text = text.trim();
     let value = match text.split_once('/') {
         Some((a, b)) => a.trim().parse::<f64>().ok()? / b.trim().parse::<f64>().ok()?,

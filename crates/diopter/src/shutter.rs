@@ -43,6 +43,11 @@ impl Direction {
         matches!(self, Direction::Down | Direction::Up)
     }
 
+    /// Whether the last line of the picture comes first.
+    fn runs_backwards(self) -> bool {
+        matches!(self, Direction::Up | Direction::Left)
+    }
+
     /// How far along its way a place is, 0 to 1.
     fn along(self, [x, y]: [f64; 2]) -> f64 {
         match self {
@@ -203,7 +208,7 @@ impl Shutter {
             Mechanism::FocalPlane { travel_s, direction } => {
                 let step = travel_s / lines(direction);
                 RowTimes::running(
-                    direction_sign(direction),
+                    direction.runs_backwards(),
                     lines(direction),
                     [0.5 * step, step],
                     [0.5 * step + self.exposure_s, step],
@@ -212,7 +217,7 @@ impl Shutter {
             }
             Mechanism::Rolling { reset_s, readout_s, direction } => {
                 let n = lines(direction);
-                RowTimes::running(direction_sign(direction), n, [0.0, reset_s / n], [self.exposure_s, readout_s / n])
+                RowTimes::running(direction.runs_backwards(), n, [0.0, reset_s / n], [self.exposure_s, readout_s / n])
                     .of_columns(!direction.is_vertical())
             }
         };
@@ -224,10 +229,6 @@ impl Shutter {
         };
         ShutterFacts { kind: kind.into(), total_s: self.total_s(), effective_s: self.effective_s(pupil), rows }
     }
-}
-
-fn direction_sign(direction: Direction) -> bool {
-    matches!(direction, Direction::Up | Direction::Left)
 }
 
 /// Number of the row (or column), as a share of all of them, counted the way they run.

@@ -14,6 +14,11 @@ pub struct Ray {
 }
 
 impl Ray {
+    /// Whether it is made of numbers.
+    pub fn is_finite(&self) -> bool {
+        self.origin.is_finite() && self.direction.is_finite()
+    }
+
     /// The point at a distance in metres.
     #[inline]
     pub fn at(&self, t: f32) -> Vec3 {

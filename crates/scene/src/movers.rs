@@ -317,7 +317,7 @@ impl Movers {
         }
     }
 
-    /// Nearest hit on what moves; `mover_filter` meets a mover by its number.
+    /// Nearest hit on what moves; `filter` meets a mover by its number.
     #[inline]
     pub(crate) fn closest(&self, share: f32, origin: Vec3, direction: Vec3, t_max: f32, filter: &impl Filter) -> Option<Hit> {
         let (k, f) = step(share, self.segments.len());
@@ -387,35 +387,16 @@ fn between(poses: &[Pose], share: f32) -> (&Pose, &Pose, f32) {
     (&poses[k], &poses[k + 1], f)
 }
 
-fn corners_of(b: &Bounds) -> [Vec3; 8] {
-    std::array::from_fn(|i| {
-        Vec3::new(
-            if i & 1 == 0 { b.min.x } else { b.max.x },
-            if i & 2 == 0 { b.min.y } else { b.max.y },
-            if i & 4 == 0 { b.min.z } else { b.max.z },
-        )
-    })
-}
-
 fn carried(timeline: &Timeline, node: u32, local: &Bounds, open_s: f64, span_s: f64) -> (Way, Vec<Bounds>) {
     if local.is_empty() {
         let clock = Clock { open_s, span_s, cycles: None };
         return (Way::Rigid(Track { keys: vec![Affine3A::IDENTITY], clock, coarse: false }), vec![Bounds::EMPTY]);
     }
-    let probes = corners_of(local);
+    let probes = local.corners();
     let placed = timeline.world(node, open_s);
     let size = 0.5 * Bounds::around(probes.map(|p| placed.transform_point3(p))).size().length();
     let track = Track::of_node(timeline, node, &probes, size.max(1e-9), open_s, span_s);
-    let boxes = track
-        .keys
-        .iter()
-        .map(|k| {
-            let b = Bounds::around(probes.map(|p| k.transform_point3(p)).into_iter().filter(|p| p.is_finite()));
-            // Rounding of the transform.
-            let pad = 1e-6 * b.max.abs().max(b.min.abs()).max_element();
-            Bounds { min: b.min - pad, max: b.max + pad }
-        })
-        .collect();
+    let boxes = track.keys.iter().map(|k| local.placed(k)).collect();
     let boxes = over_cycles(boxes, &track.clock);
     (Way::Rigid(track), boxes)
 }

@@ -44,9 +44,14 @@ pub struct Description {
 }
 
 impl Description {
+    /// Where its nodes are at any moment.
+    pub fn timeline(&self) -> Timeline<'_> {
+        Timeline::new(&self.nodes, &self.animations, &self.playing)
+    }
+
     /// The box around the objects that are counted, at a moment, s; what hangs on free nodes is left out.
     pub fn bounds_at(&self, time_s: f64, counted: impl Fn(&Object) -> bool) -> Bounds {
-        let timeline = Timeline::new(&self.nodes, &self.animations, &self.playing);
+        let timeline = self.timeline();
         let placed = |mesh: u32, place: Affine3A| {
             let positions = self.meshes.get(mesh as usize).map_or(&[][..], |m| &m.positions);
             Bounds::around(positions.iter().map(|p| place.transform_point3(*p)).filter(|p| p.is_finite()))
@@ -231,9 +236,7 @@ impl Scene {
                         let pad = 1e-5 * b.size().max_element().max(b.max.abs().max(b.min.abs()).max_element());
                         Bounds { min: b.min - pad, max: b.max + pad }
                     }
-                    Shape::Mesh { mesh, .. } => {
-                        instance_bounds(shared[mesh as usize].as_ref()?, &placements[i].world_from_object)
-                    }
+                    Shape::Mesh { mesh, .. } => shared[mesh as usize].as_ref()?.bounds().placed(&placements[i].world_from_object),
                 };
                 Some((i as u32, bounds))
             })
@@ -277,8 +280,7 @@ impl Scene {
 
     fn arrange(&mut self, open_s: f64, span_s: f64) {
         let d = &self.description;
-        let timeline = Timeline::new(&d.nodes, &d.animations, &d.playing);
-        self.movers = Movers::new(d, &timeline, &self.shared, open_s, span_s);
+        self.movers = Movers::new(d, &d.timeline(), &self.shared, open_s, span_s);
         let Lights { area, punctual, environment, .. } = std::mem::take(&mut self.lights);
         let flash = |i: usize| {
             let emission = d.materials[area[i].material as usize].emission.as_ref();
@@ -396,12 +398,6 @@ impl Scene {
             None | Some(LightWay::Still) => still.pdf(p, direction, distance),
             Some(way) => self.moved_light(still, *way, self.movers.share(time_s)).pdf(p, direction, distance),
         }
-    }
-
-    /// Where a node of the description is at a moment, s.
-    pub fn node_at(&self, node: u32, time_s: f64) -> Affine3A {
-        let d = &self.description;
-        Timeline::new(&d.nodes, &d.animations, &d.playing).world(node, time_s)
     }
 
     /// Puts a free node ([`Node::free`]) somewhere. What hangs on it follows at the next [`Scene::pose`].
@@ -778,25 +774,6 @@ fn clean(d: &mut Description) -> Result<(), SceneError> {
         return Err(SceneError::Empty(format!("all {left} objects have scale 0 or are not finite")));
     }
     Ok(())
-}
-
-/// Box of a placed hierarchy: the placed corners of its box.
-fn instance_bounds(bvh: &Bvh, place: &Affine3A) -> Bounds {
-    let b = bvh.bounds();
-    if b.is_empty() {
-        return b;
-    }
-    let corner = |i: u32| {
-        Vec3::new(
-            if i & 1 == 0 { b.min.x } else { b.max.x },
-            if i & 2 == 0 { b.min.y } else { b.max.y },
-            if i & 4 == 0 { b.min.z } else { b.max.z },
-        )
-    };
-    let around = Bounds::around((0..8).map(|i| place.transform_point3(corner(i))));
-    // Rounding of the transform.
-    let pad = 1e-6 * around.max.abs().max(around.min.abs()).max_element();
-    Bounds { min: around.min - pad, max: around.max + pad }
 }
 
 struct MeshPrimitives<'a> {

@@ -314,7 +314,7 @@ impl Shot {
                 self.open_to(chosen.aperture)?;
             }
             // A leaf shutter is worth more than its marked time to a small pupil.
-            let pupil = (self.camera.lens.widest_f_number() / self.facts.f_number).min(1.0);
+            let pupil = self.pupil();
             let marked = match e.mode {
                 Mode::AperturePriority | Mode::Program => self.shutter().marked_for(chosen.time_s, pupil),
                 _ => chosen.time_s,
@@ -360,8 +360,8 @@ impl Shot {
     fn open_to(&mut self, t_number: f64) -> Result<(), ShotError> {
         let mut file = self.file.clone();
         // By rounding a lens fully open could be asked for more than that.
-        let wanted = t_number * self.facts.f_number / self.facts.t_number;
-        file.exposure.aperture = Some(FNumber(wanted.max(self.limits().aperture[0] * self.facts.f_number / self.facts.t_number)));
+        let widest = self.limits().aperture[0];
+        file.exposure.aperture = Some(FNumber(self.f_number_of(t_number.max(widest))));
         let (camera, _) =
             staging::camera(&file, &self.scene, self.timing.at_s, &self.sensor, self.framing.as_ref(), &mut |_| ())?;
         let new = lens_facts(&camera, &self.sensor);
@@ -369,6 +369,11 @@ impl Shot {
         (f.f_number, f.t_number, f.lens_profile) = (new.f_number, new.t_number, new.lens_profile);
         self.camera = camera;
         Ok(())
+    }
+
+    /// Radius of the pupil, 1 when the lens is fully open.
+    fn pupil(&self) -> f64 {
+        (self.camera.lens.widest_f_number() / self.facts.f_number).min(1.0)
     }
 
     /// The shutter as it is set.
@@ -400,8 +405,7 @@ impl Shot {
         Timing::warn_of_coarse(&self.scene, warn);
         self.facts.at_s = at;
         self.facts.flash = self.timing.flash.is_some() && !self.lens_cap;
-        let pupil = (self.camera.lens.widest_f_number() / self.facts.f_number).min(1.0);
-        self.facts.shutter = Some(shutter.facts([self.camera.film.columns, self.camera.film.rows], pupil));
+        self.facts.shutter = Some(shutter.facts([self.camera.film.columns, self.camera.film.rows], self.pupil()));
         Ok(())
     }
 
@@ -429,7 +433,7 @@ impl Shot {
                 if !(widest * 0.999..=smallest * 1.001).contains(&wanted) {
                     warn(&format!(
                         "the lens does not go to f/{:.1}: this picture is exposed like another",
-                        self.of_f_number(wanted)
+                        self.f_number_of(wanted)
                     ));
                 }
                 self.open_to(wanted.clamp(widest, smallest))
@@ -442,7 +446,7 @@ impl Shot {
     }
 
     /// f-number of a T-stop of this lens.
-    fn of_f_number(&self, t_number: f64) -> f64 {
+    fn f_number_of(&self, t_number: f64) -> f64 {
         t_number * self.facts.f_number / self.facts.t_number
     }
 

@@ -171,7 +171,7 @@ pub(super) fn camera(
         carrier = view.and_then(|v| v.node);
         let place = match (carrier, view) {
             // Scale of a camera's node has no meaning.
-            (Some(node), _) => CameraWay::still(scene.node_at(node, at_s)).at(0.0),
+            (Some(node), _) => CameraWay::still(scene.description().timeline().world(node, at_s)).at(0.0),
             (None, view) => view.map_or(Affine3A::IDENTITY, |v| v.world_from_camera),
         };
         let ahead = (center - Vec3::from(place.translation)).dot(place.transform_vector3(Vec3::NEG_Z));

@@ -185,10 +185,11 @@ impl Timing {
 
     /// Where the camera is during an exposure of a length; `placed`: where it stands if nothing moves it.
     pub fn camera_way(&self, scene: &Scene, placed: Affine3A, total_s: f64) -> CameraWay {
+        let timeline = scene.description().timeline();
         let steady = |t: f64| -> Affine3A {
             match (self.path.is_empty(), self.carrier) {
                 (false, _) => on_path(&self.path, self.at_s + t),
-                (true, Some(node)) => scene.node_at(node, self.at_s + t),
+                (true, Some(node)) => timeline.world(node, self.at_s + t),
                 (true, None) => placed,
             }
         };

@@ -14,7 +14,7 @@
 mod build;
 mod traverse;
 
-use glam::Vec3;
+use glam::{Affine3A, Vec3};
 
 /// An axis-aligned box.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -53,6 +53,25 @@ impl Bounds {
     pub fn half_area(&self) -> f32 {
         let d = self.size().max(Vec3::ZERO);
         d.x * d.y + d.y * d.z + d.z * d.x
+    }
+
+    /// The eight corners.
+    pub fn corners(&self) -> [Vec3; 8] {
+        let side = |low: f32, high: f32, high_one: bool| if high_one { high } else { low };
+        std::array::from_fn(|i| {
+            let (min, max) = (self.min, self.max);
+            Vec3::new(side(min.x, max.x, i & 1 != 0), side(min.y, max.y, i & 2 != 0), side(min.z, max.z, i & 4 != 0))
+        })
+    }
+
+    /// The box around this one when its space is placed, with room for the rounding of the transform.
+    pub fn placed(&self, place: &Affine3A) -> Bounds {
+        if self.is_empty() {
+            return *self;
+        }
+        let around = Bounds::around(self.corners().map(|c| place.transform_point3(c)).into_iter().filter(|p| p.is_finite()));
+        let pad = 1e-6 * around.max.abs().max(around.min.abs()).max_element();
+        Bounds { min: around.min - pad, max: around.max + pad }
     }
 
     /// Whether nothing is inside.
