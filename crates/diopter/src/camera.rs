@@ -22,13 +22,32 @@ pub struct Film {
     pub low_pass_mm: f64,
     /// Width between the collecting areas of two pixels, across and down, mm.
     pub gap_mm: [f64; 2],
+    /// Where the middle of the film lies, mm from the lens's axis, to the right and up as the picture shows it: 0 but for a piece of a
+    /// larger film.
+    pub middle_mm: [f64; 2],
 }
 
 impl Film {
     /// A film whose pixels are as large as their share of the format.
     pub fn new(width_mm: f64, height_mm: f64, columns: usize, rows: usize) -> Self {
         let pixel_area_mm2 = width_mm * height_mm / (columns * rows) as f64;
-        Film { width_mm, height_mm, columns, rows, pixel_area_mm2, low_pass_mm: 0.0, gap_mm: [0.0; 2] }
+        Film { width_mm, height_mm, columns, rows, pixel_area_mm2, low_pass_mm: 0.0, gap_mm: [0.0; 2], middle_mm: [0.0; 2] }
+    }
+
+    /// A piece of the film, `[left, top, width, height]` as shares of the picture, cut into its own cells.
+    pub fn piece(&self, [left, top, width, height]: [f64; 4], columns: usize, rows: usize) -> Film {
+        let (w, h) = (self.width_mm * width, self.height_mm * height);
+        let middle = [left + 0.5 * width - 0.5, 0.5 - top - 0.5 * height];
+        Film {
+            middle_mm: [self.middle_mm[0] + middle[0] * self.width_mm, self.middle_mm[1] + middle[1] * self.height_mm],
+            ..Film::new(w, h, columns, rows)
+        }
+    }
+
+    /// Farthest from the axis that it reaches, along each axis, mm.
+    pub fn reach(&self) -> DVec2 {
+        let [x, y] = self.middle_mm;
+        DVec2::new(x.abs() + 0.5 * self.width_mm, y.abs() + 0.5 * self.height_mm)
     }
 
     /// Where in a pixel (0 to 1 across and down) light is collected, by two even numbers: between the gaps.

@@ -8,7 +8,7 @@ use crate::mount::M2_PER_MM2;
 use crate::shutter::{Moments, Place, Shutter};
 use diopter_image::focal_plane::{Band, BandUnit, Truth};
 use diopter_image::{ExposureFacts, FocalPlane, Raster};
-use diopter_lens::Lens;
+use diopter_lens::{Lens, LensRay};
 use diopter_lens::batch::single::LANES;
 use diopter_lens::compound::{CompoundLens, Exits, Samples, Scratch};
 use diopter_light::random::{Sampler, SamplerKind, Set};
@@ -86,6 +86,28 @@ pub struct Settings {
     pub truth: bool,
     /// When samples are taken.
     pub moments: Moments,
+    /// Only light through one half of the pupil counts, as in one half of a split pixel.
+    pub half: Option<Half>,
+    /// Samples that the lens blocks (or that go through the other half) are drawn again: vignetting is not shown, nor is its noise. For
+    /// probes that look for detail.
+    pub redraw: bool,
+}
+
+/// A half of the pupil, as seen from behind the camera.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Half {
+    /// Left of the middle.
+    Left,
+    /// Right of it.
+    Right,
+}
+
+impl Half {
+    /// Whether a place of the pupil (right is positive) lies in it.
+    #[inline]
+    fn holds(self, x: f64) -> bool {
+        (x >= 0.0) == (self == Half::Right)
+    }
 }
 
 impl Settings {
@@ -101,6 +123,8 @@ impl Settings {
             time_limit_s: None,
             truth: true,
             moments: Moments::default(),
+            half: None,
+            redraw: false,
         }
     }
 }
@@ -281,6 +305,16 @@ impl Accumulator {
     }
 }
 
+/// Most times that a sample is drawn again.
+const REDRAWS: u32 = 8;
+
+/// Another place of the unit square for a sample: steps of the plastic number (M. Roberts 2018, "The unreasonable effectiveness of
+/// quasirandom sequences").
+fn drawn_again([u, v]: [f32; 2], attempt: u32) -> [f32; 2] {
+    let a = attempt as f32;
+    [(u + 0.754_877_7 * a).fract(), (v + 0.569_840_3 * a).fract()]
+}
+
 /// What all tiles share.
 struct Unit<'a> {
     scene: &'a Scene,
@@ -337,9 +371,10 @@ impl Unit<'_> {
         let (right, bottom) = ((column + width + MARGIN).min(film.columns), (row + height + MARGIN).min(film.rows));
         let mut sums = vec![[[0.0f64; 2]; 4]; (right - left) * (bottom - top)];
         let mut strays: BTreeMap<usize, [[f64; 2]; 4]> = BTreeMap::new();
-        let film_half = glam::DVec2::new(0.5 * film.width_mm, 0.5 * film.height_mm);
+        let film_half = film.reach();
         let radiance_only = self.response.bands[0].unit == BandUnit::Radiance;
         let (mut packet, mut exits, mut scratch) = (Samples::default(), Exits::default(), Scratch::default());
+        let (mut again, mut drawn_pupil) = (Exits::default(), [[0.5f32; 2]; LANES]);
         let mut drawn: Vec<(usize, usize, Sampler, Wavelengths, f32, glam::DVec2)> = Vec::with_capacity(LANES);
         let spp = samples.len();
         let total = width * height * spp;
@@ -347,6 +382,7 @@ impl Unit<'_> {
         while first < total {
             let count = LANES.min(total - first);
             drawn.clear();
+            exits.passed = 0;
             for k in 0..count {
                 let (pixel, sample) = ((first + k) / spp, (first + k) % spp);
                 let (x, y) = (column + pixel % width, row + pixel / width);
@@ -358,10 +394,23 @@ impl Unit<'_> {
                 let shift = film.low_pass_shift(spot);
                 packet.film[k] = self.camera.film_point(x as f64 + u, y as f64 + v) - shift;
                 packet.pupil[k] = [pu, pv];
+                drawn_pupil[k] = [pu, pv];
                 packet.nm[k] = wavelengths.nm.to_array();
                 drawn.push((x, y, sampler, wavelengths, t, shift));
             }
             lens.exits(&packet, film_half, &mut scratch, &mut exits);
+            self.refuse_other_half(&mut exits);
+            for attempt in 1..=if self.settings.redraw { REDRAWS } else { 0 } {
+                if exits.passed.count_ones() as usize >= count {
+                    break;
+                }
+                for k in 0..count {
+                    packet.pupil[k] = drawn_again(drawn_pupil[k], attempt);
+                }
+                lens.exits(&packet, film_half, &mut scratch, &mut again);
+                self.refuse_other_half(&mut again);
+                exits.take_missing(&again);
+            }
             for k in (0..count).filter(|k| exits.passed >> k & 1 == 1) {
                 let (x, y, ref sampler, ref wavelengths, t, shift) = drawn[k];
                 let pupil = match self.needs_pupil() {
@@ -434,6 +483,14 @@ impl Unit<'_> {
         Tile { column: left, row: top, width: right - left, sums, strays }
     }
 
+    /// Takes what goes through the half of the pupil that does not count for blocked.
+    fn refuse_other_half(&self, exits: &mut Exits) {
+        if let Some(half) = self.settings.half {
+            let outside = (0..LANES).filter(|k| !half.holds(f64::from(exits.exit_pupil[*k][0])));
+            outside.for_each(|k| exits.passed &= !(1 << k));
+        }
+    }
+
     /// When a pixel is open to light through a place of the pupil.
     #[inline]
     fn window(&self, column: usize, row: usize, pupil: f64) -> (f64, f64) {
@@ -459,7 +516,10 @@ impl Unit<'_> {
         let film = &self.camera.film;
         let [x, y] = film.within_pixel([x, y]);
         let film = self.camera.film_point(column as f64 + x, row as f64 + y) - film.low_pass_shift(spot);
-        let Ok(lens_ray) = self.camera.lens.ray(film, [pu, pv]) else { return glam::Vec4::ZERO };
+        let attempts = if self.settings.redraw { REDRAWS } else { 0 };
+        let passes = |r: &LensRay| self.settings.half.is_none_or(|h| h.holds(r.origin_mm.x));
+        let mut rays = (0..=attempts).map(|a| self.camera.lens.ray(film, drawn_again([pu, pv], a)));
+        let Some(lens_ray) = rays.find_map(|r| r.ok().filter(passes)) else { return glam::Vec4::ZERO };
         let pupil = if self.needs_pupil() { self.camera.pupil_radius(lens_ray.origin_mm, lens_ray.direction) } else { 0.0 };
         let (open, close) = self.window(column, row, pupil);
         if open >= close {

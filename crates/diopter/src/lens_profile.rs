@@ -5,7 +5,7 @@
 
 use diopter_image::LensProfile;
 use diopter_image::raw::Filter;
-use diopter_lens::{CompoundLens, Focus};
+use diopter_lens::CompoundLens;
 use diopter_sensor::Sensor;
 use glam::DVec2;
 
@@ -33,10 +33,7 @@ pub fn profile(lens: &CompoundLens, sensor: &Sensor, half_diagonal_mm: f64) -> O
     let channel = |filter: Filter| sensor.cfa.filters().iter().position(|f| *f == filter);
     let green = channel(Filter::Green).or(channel(Filter::Clear)).unwrap_or(0);
     let of_colour = [channel(Filter::Red).unwrap_or(green), green, channel(Filter::Blue).unwrap_or(green)];
-    let distance_mm = match lens.focus() {
-        Focus::Infinity => None,
-        Focus::Distance(d) => Some(d.0),
-    };
+    let distance_mm = lens.focus_distance().map(|d| d.0);
     let arriving = |film: DVec2| -> Option<Arriving> {
         let towards = film.normalize_or(DVec2::Y);
         let (mut sums, mut weights) = ([0.0; 3], [0.0; 3]);

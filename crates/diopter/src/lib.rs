@@ -9,6 +9,7 @@ pub mod camera_way;
 pub mod depth_of_field;
 pub mod expose;
 pub mod flash;
+pub mod focus;
 pub mod hdr;
 pub mod iso;
 pub mod lens_profile;
@@ -25,7 +26,7 @@ pub mod truth;
 
 pub use camera::{Camera, Film};
 pub use camera_way::CameraWay;
-pub use expose::{ExposeError, Response, Settings, expose};
+pub use expose::{ExposeError, Half, Response, Settings, expose};
 pub use shutter::Shutter;
 
 // The stages, under one roof for doors.

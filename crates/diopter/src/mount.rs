@@ -18,14 +18,16 @@ impl Camera {
     /// Film point (mm, lens axes) of a place in the picture, in pixels from its upper left corner.
     pub(crate) fn film_point(&self, column: f64, row: f64) -> DVec2 {
         let film = &self.film;
-        DVec2::new((0.5 - column / film.columns as f64) * film.width_mm, (row / film.rows as f64 - 0.5) * film.height_mm)
+        let at = DVec2::new((0.5 - column / film.columns as f64) * film.width_mm, (row / film.rows as f64 - 0.5) * film.height_mm);
+        at - DVec2::from_array(film.middle_mm)
     }
 
     /// Pixel (column, row) that a film point (mm) lies in; `None` outside the film.
     pub(crate) fn pixel_of(&self, film_mm: [f32; 2]) -> Option<(usize, usize)> {
         let film = &self.film;
-        let column = (0.5 - film_mm[0] as f64 / film.width_mm) * film.columns as f64;
-        let row = (0.5 + film_mm[1] as f64 / film.height_mm) * film.rows as f64;
+        let [x, y] = [0, 1].map(|k| film_mm[k] as f64 + film.middle_mm[k]);
+        let column = (0.5 - x / film.width_mm) * film.columns as f64;
+        let row = (0.5 + y / film.height_mm) * film.rows as f64;
         let inside = column >= 0.0 && row >= 0.0 && column < film.columns as f64 && row < film.rows as f64;
         inside.then_some((column as usize, row as usize))
     }

@@ -55,7 +55,7 @@ pub struct CompoundLens {
     prescription: Arc<Prescription>,
     system: System,
     state: State,
-    focus: Focus,
+    setting: Setting,
     efl: f64,
     f_number: f64,
     widest: f64,
@@ -101,6 +101,9 @@ pub struct Exits {
     pub origin: [[f32; 3]; LANES],
     /// Unit directions.
     pub direction: [[f32; 3]; LANES],
+    /// Place in the exit pupil as the film sees it: slope of the ray towards the lens at the film, plus film point over the distance
+    /// of the exit pupil ([`crate::Lens::exit_curvature`]).
+    pub exit_pupil: [[f32; 2]; LANES],
     /// Where each wavelength lands on the film, mm.
     pub lands: [[[f32; 2]; 4]; LANES],
     /// Weight of each wavelength, sr; 0 where it does not come through. The irradiance of the film is the sum over samples of
@@ -115,8 +118,24 @@ impl Default for Exits {
             spread: false,
             origin: [[0.0; 3]; LANES],
             direction: [[0.0; 3]; LANES],
+            exit_pupil: [[0.0; 2]; LANES],
             lands: [[[0.0; 2]; 4]; LANES],
             weight: [[0.0; 4]; LANES],
+        }
+    }
+}
+
+impl Exits {
+    /// Takes over samples that passed in `other` and not here.
+    pub fn take_missing(&mut self, other: &Exits) {
+        let new = other.passed & !self.passed;
+        self.passed |= new;
+        for k in (0..LANES).filter(|k| new >> k & 1 == 1) {
+            self.origin[k] = other.origin[k];
+            self.direction[k] = other.direction[k];
+            self.exit_pupil[k] = other.exit_pupil[k];
+            self.lands[k] = other.lands[k];
+            self.weight[k] = other.weight[k];
         }
     }
 }
@@ -172,7 +191,7 @@ impl CompoundLens {
             prescription,
             system,
             state,
-            focus: setting.focus,
+            setting: setting.clone(),
             efl,
             f_number,
             widest,
@@ -204,7 +223,71 @@ impl CompoundLens {
 
     /// What is sharp.
     pub fn focus(&self) -> Focus {
-        self.focus
+        self.setting.focus
+    }
+
+    /// The same lens focused elsewhere.
+    pub fn refocused(&self, focus: Focus) -> Result<CompoundLens, LensError> {
+        CompoundLens::new(self.prescription.clone(), &Setting { focus, ..self.setting.clone() })
+    }
+
+    /// The same lens with its film so far behind its place for infinity, quickly: what moves as a whole keeps the pupils it has, scaled to
+    /// the film's new distance. Only rims that cut the pupil may be seen a little differently; for probes, where a film is moved often.
+    pub fn with_extension(&self, extension: f64) -> Result<CompoundLens, LensError> {
+        let from = match self.setting.focus {
+            Focus::Infinity => 0.0,
+            Focus::Extension(e) => e.0,
+            Focus::Distance(_) => f64::NAN,
+        };
+        let focus = Focus::Extension(Millimeters(extension));
+        let film_z = self.system.film_z + extension - from;
+        let moved_as_a_whole = self.state.focus == 0.0 && !(self.prescription.has_focus_data() && extension > 0.0);
+        if !(moved_as_a_whole && film_z > self.system.last_z()) {
+            return self.refocused(focus);
+        }
+        let mut lens = self.clone();
+        lens.setting.focus = focus;
+        lens.system.film_z = film_z;
+        let distances = [self.system.film_z, film_z].map(|z| z - self.first.exit_pupil_z);
+        if distances[0].is_finite() && distances[0] * distances[1] > 0.0 {
+            lens.pupils = self.pupils.seen_from(distances[0], distances[1]);
+        }
+        Ok(lens)
+    }
+
+    /// The same lens at another f-number.
+    pub fn stopped(&self, f_number: f64) -> Result<CompoundLens, LensError> {
+        CompoundLens::new(self.prescription.clone(), &Setting { f_number: Some(f_number), ..self.setting.clone() })
+    }
+
+    /// First-order data focused at infinity.
+    fn at_infinity(&self) -> FirstOrder {
+        let far = System::at(&self.prescription, State { focus: 0.0, ..self.state });
+        FirstOrder::of(&far, &far.indices(REFERENCE_NM))
+    }
+
+    /// Distance of the sharp plane from the entrance pupil, mm; `None` for infinity or beyond.
+    pub fn focus_distance(&self) -> Option<Millimeters> {
+        match self.setting.focus {
+            Focus::Infinity => None,
+            Focus::Distance(d) => Some(d),
+            Focus::Extension(Millimeters(e)) => (e > 0.0).then(|| Millimeters(distance_of(&self.at_infinity(), e))),
+        }
+    }
+
+    /// How far the film stands behind its place for infinity, mm, or would if the lens moved as a whole.
+    pub fn extension(&self) -> Millimeters {
+        match self.setting.focus {
+            Focus::Infinity => Millimeters(0.0),
+            Focus::Distance(Millimeters(d)) => Millimeters(self.extension_at(d)),
+            Focus::Extension(e) => e,
+        }
+    }
+
+    /// Extension that focuses to a distance from the entrance pupil, both mm.
+    pub fn extension_at(&self, distance: f64) -> f64 {
+        let first = self.at_infinity();
+        first.efl * first.efl / (distance - first.entrance_pupil_z + first.ffl)
     }
 
     /// Effective focal length at infinity focus, mm.
@@ -347,7 +430,9 @@ impl CompoundLens {
             let (region, turn) = self.pupils.region(film);
             let area = region.fan.area();
             let q = if area > 0.0 { region.fan.sample(samples.pupil[i]) } else { DVec2::ZERO };
-            pupil::start(packet, i, film, film_z, self.pupils.slope(film, q, turn));
+            let slope = self.pupils.slope(film, q, turn);
+            out.exit_pupil[i] = (slope + film * self.pupils.curvature).as_vec2().to_array();
+            pupil::start(packet, i, film, film_z, slope);
             let cos2 = packet.dz[i] * packet.dz[i];
             density[i][0] = if area > 0.0 { 1.0 / (area as f32 * cos2 * cos2) } else { 0.0 };
             hero_nm[i] = samples.nm[i][0];
@@ -596,6 +681,11 @@ fn opening(shape: Iris, radius: f64, rim: f64) -> crate::system::StopOpening {
     crate::system::StopOpening { radius: 0.5 * (low + high), shape }
 }
 
+/// Distance from the entrance pupil that a film moved back by so much (mm, above 0) is focused to: Newton's x x' = f².
+fn distance_of(first: &FirstOrder, extension: f64) -> f64 {
+    first.entrance_pupil_z - first.ffl + first.efl * first.efl / extension
+}
+
 /// Distance from the entrance pupil that a lens with focus data is focused to at their near end (paraxially), mm.
 pub fn nearest_focus(p: &Prescription, zoom: f64) -> Option<f64> {
     let s = System::at(p, State { zoom, focus: 1.0 });
@@ -613,18 +703,32 @@ fn focused(p: &Prescription, zoom: f64, iris: &crate::system::StopOpening, focus
         s.iris = iris.clone();
         s
     };
+    if let Focus::Extension(Millimeters(e)) = focus {
+        if !e.is_finite() {
+            let expected = "a finite length in mm".into();
+            return Err(LensError::Setting { what: "extension", found: format!("{e} mm"), expected });
+        }
+        let far = at(0.0);
+        if p.has_focus_data() && e > 0.0 {
+            let distance = distance_of(&FirstOrder::of(&far, &far.indices(REFERENCE_NM)), e);
+            return focused(p, zoom, iris, Focus::Distance(Millimeters(distance)));
+        }
+        let (mut system, state) = focused(p, zoom, iris, Focus::Infinity)?;
+        system.film_z += e;
+        return Ok((system, state));
+    }
     let impossible = |expected: String| LensError::Setting {
         what: "focus",
         found: match focus {
             Focus::Infinity => "infinity".into(),
-            Focus::Distance(d) => format!("{} mm", d.0),
+            Focus::Distance(d) | Focus::Extension(d) => format!("{} mm", d.0),
         },
         expected,
     };
     // Best film place less the place the data gives it, and the former.
     let offset = |s: &System| {
         let object = match focus {
-            Focus::Infinity => None,
+            Focus::Infinity | Focus::Extension(_) => None,
             Focus::Distance(Millimeters(d)) => Some(FirstOrder::of(s, &s.indices(REFERENCE_NM)).entrance_pupil_z - d),
         };
         let (z, _) = best_film_z(s, object)?;
@@ -677,4 +781,47 @@ fn focused(p: &Prescription, zoom: f64, iris: &crate::system::StopOpening, focus
     }
     system.film_z = z;
     Ok((system, State { zoom, focus: t }))
+}
+
+#[cfg(test)]
+mod focus_tests {
+    use super::*;
+    use crate::embedded;
+
+    fn lens(name: &str, focus: Focus) -> CompoundLens {
+        let setting = Setting { focal_length: None, f_number: Some(8.0), focus, iris: None, film_mm: [36.0, 24.0] };
+        CompoundLens::new(Arc::new(embedded(name).unwrap()), &setting).unwrap()
+    }
+
+    #[test]
+    fn an_extension_is_the_film_moved_back() {
+        let far = lens("double-gauss-50mm", Focus::Infinity);
+        let back = far.refocused(Focus::Extension(Millimeters(1.25))).unwrap();
+        assert!((back.system().film_z - far.system().film_z - 1.25).abs() < 1e-9);
+        // Set to the distance that this stands for, the lens puts its film there but for the change of its aberrations.
+        let d = back.focus_distance().unwrap();
+        let there = far.refocused(Focus::Distance(d)).unwrap();
+        assert!((there.system().film_z - back.system().film_z).abs() < 0.01, "{}", there.system().film_z - back.system().film_z);
+        assert!((there.extension().0 - 1.25).abs() < 1e-9);
+    }
+
+    #[test]
+    fn a_film_moved_quickly_sees_what_one_moved_with_care_does() {
+        for name in ["double-gauss-50mm", "fisheye-10mm", "telephoto-250mm"] {
+            let far = lens(name, Focus::Infinity);
+            let e = 0.03 * far.focal_length().0;
+            let (quick, slow) = (far.with_extension(e).unwrap(), far.refocused(Focus::Extension(Millimeters(e))).unwrap());
+            assert!((quick.system().film_z - slow.system().film_z).abs() < 1e-9);
+            for height in [0.0, 4.0, 9.0] {
+                let film = DVec2::new(height, 0.3 * height);
+                let light = |lens: &CompoundLens| {
+                    let n = 256;
+                    let ray = |i: usize| lens.ray(film, [(i % n) as f32 + 0.5, (i / n) as f32 + 0.5].map(|v| v / n as f32), 550.0);
+                    (0..n * n).filter_map(|i| ray(i).ok()).map(|r| r.weight_sr).sum::<f64>() / (n * n) as f64
+                };
+                let (a, b) = (light(&quick), light(&slow));
+                assert!((a / b - 1.0).abs() < 0.004, "{name} at {height} mm: {a} {b}");
+            }
+        }
+    }
 }

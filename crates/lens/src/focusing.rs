@@ -11,6 +11,8 @@ use glam::{DVec2, DVec3};
 
 /// Wavelengths (nm) and weights: F′, e, d, C with V(λ).
 const COLORS: [(f64, f64); 4] = [(479.99, 0.139), (546.07, 0.980), (587.56, 0.769), (656.27, 0.070)];
+/// Rays from farther away begin here, mm before the lens.
+const NEAR_MM: f64 = 1000.0;
 /// Rays across the pupil.
 const ACROSS: usize = 21;
 
@@ -38,7 +40,9 @@ fn bundle(system: &System, object_z: Option<f64>) -> Bundle {
                 Some(o) => {
                     let object = DVec3::new(0.0, 0.0, o);
                     let direction = (target - object).normalize();
-                    TracedRay { position: object, direction: direction * direction.z.signum() }
+                    // Begun far away, rays would lose digits on the first surface: they begin near the lens.
+                    let position = if o < -NEAR_MM { object + direction * ((-NEAR_MM - o) / direction.z) } else { object };
+                    TracedRay { position, direction: direction * direction.z.signum() }
                 }
             };
             if let Ok(r) = system.trace(ray, &n, Way::ToFilm, Apertures::Clip) {
@@ -90,6 +94,9 @@ mod tests {
         let (near, _) = best_film_z(&system, Some(-distance)).unwrap();
         let newton = first.efl * first.efl / (distance + first.ffl);
         assert!((near - z - newton).abs() < 2e-3, "{} {newton}", near - z);
+        // Very far is as good as infinity.
+        let (far, _) = best_film_z(&system, Some(-1e9)).unwrap();
+        assert!((far - z).abs() < 1e-5, "{}", far - z);
         // Wide open the smallest spot lies nearer the lens: undercorrected spherical aberration.
         let open = System::at(&p, State::default());
         let (wide, rms) = best_film_z(&open, None).unwrap();

@@ -44,6 +44,16 @@ pub enum Focus {
     Infinity,
     /// The plane at this distance is sharp.
     Distance(Millimeters),
+    /// The film stands so far behind its place for infinity: what a focusing drive moves. A little below 0 is beyond infinity. A lens
+    /// that focuses by moving groups takes it for the film displacement of a lens of the same focal length that moves as a whole.
+    Extension(Millimeters),
+}
+
+impl Focus {
+    /// At a distance in mm; infinite for infinity.
+    pub fn at_mm(distance: f64) -> Focus {
+        if distance.is_infinite() { Focus::Infinity } else { Focus::Distance(Millimeters(distance)) }
+    }
 }
 
 /// A ray that leaves the lens on the object side, in lens space.
@@ -120,6 +130,60 @@ impl Lens {
         match self {
             Lens::Compound(lens) => lens.t_number(),
             other => other.f_number(),
+        }
+    }
+
+    /// Distance of the sharp plane, mm; `None` for infinity (or beyond) and for a pinhole, which has no such plane.
+    pub fn focus_distance(&self) -> Option<Millimeters> {
+        match self {
+            Lens::Pinhole(_) => None,
+            Lens::Thin(lens) => lens.focus_distance(),
+            Lens::Compound(lens) => lens.focus_distance(),
+        }
+    }
+
+    /// How far the film stands behind its place for infinity, mm: the other way to say where a lens is focused.
+    pub fn extension(&self) -> Millimeters {
+        match self {
+            Lens::Pinhole(_) => Millimeters(0.0),
+            Lens::Thin(lens) => Millimeters(lens.film_distance().0 - lens.focal_length.0),
+            Lens::Compound(lens) => lens.extension(),
+        }
+    }
+
+    /// The same lens focused elsewhere. Fails on what it cannot focus to; a pinhole stays as it is.
+    pub fn refocused(&self, focus: Focus) -> Result<Lens, LensError> {
+        Ok(match self {
+            Lens::Pinhole(lens) => Lens::Pinhole(*lens),
+            Lens::Thin(lens) => Lens::Thin(ThinLens::new(lens.focal_length, lens.f_number, lens.iris.clone(), focus)?),
+            Lens::Compound(lens) => Lens::Compound(Box::new(lens.refocused(focus)?)),
+        })
+    }
+
+    /// [`Lens::refocused`] by the film's place (mm behind that for infinity), quickly: for probes ([`CompoundLens::with_extension`]).
+    pub fn with_extension(&self, extension: f64) -> Result<Lens, LensError> {
+        match self {
+            Lens::Compound(lens) => Ok(Lens::Compound(Box::new(lens.with_extension(extension)?))),
+            other => other.refocused(Focus::Extension(Millimeters(extension))),
+        }
+    }
+
+    /// The same lens at another f-number. Fails where it opens no wider.
+    pub fn stopped(&self, f_number: f64) -> Result<Lens, LensError> {
+        Ok(match self {
+            Lens::Pinhole(lens) => Lens::Pinhole(Pinhole::new(lens.film_distance, f_number)?),
+            Lens::Thin(lens) => Lens::Thin(ThinLens::new(lens.focal_length, f_number, lens.iris.clone(), lens.focus)?),
+            Lens::Compound(lens) => Lens::Compound(Box::new(lens.stopped(f_number)?)),
+        })
+    }
+
+    /// 1 / distance from the film to the exit pupil, 1/mm: with it the slope of a ray at the film tells its place in the pupil
+    /// ([`pupil`]).
+    pub fn exit_curvature(&self) -> f64 {
+        match self {
+            Lens::Pinhole(lens) => 1.0 / lens.film_distance.0,
+            Lens::Thin(lens) => 1.0 / lens.film_distance().0,
+            Lens::Compound(lens) => lens.pupils().curvature,
         }
     }
 

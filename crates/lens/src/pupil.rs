@@ -160,6 +160,25 @@ impl PupilTable {
         PupilTable { layout, regions, curvature: g.curvature }
     }
 
+    /// The same pupil from a film at another distance (mm) of it: as large, seen under other angles.
+    pub fn seen_from(&self, before: f64, now: f64) -> PupilTable {
+        // What rims do to the pupil depends a little on the angle: room for it.
+        const ROOM: f64 = 1.01;
+        let scale = before / now;
+        let layout = match &self.layout {
+            Layout::Polar { radius, bins, period, angles, turns } => {
+                Layout::Polar { radius: radius / scale, bins: *bins, period: *period, angles: *angles, turns: turns.clone() }
+            }
+            Layout::Cells { half, counts, mirrored } => Layout::Cells { half: *half / scale, counts: *counts, mirrored: *mirrored },
+        };
+        let region = |r: &Region| {
+            let center = r.fan.center() * scale;
+            let outline = r.fan.outline().iter().map(|p| center + (*p * scale - center) * ROOM).collect();
+            Region { fan: Fan::new(center, outline), passing: r.passing / (ROOM * ROOM) }
+        };
+        PupilTable { layout, regions: self.regions.iter().map(region).collect(), curvature: self.curvature * scale }
+    }
+
     /// Region of a film point and how its frame lies in the film's.
     #[inline]
     pub fn region(&self, film: DVec2) -> (&Region, Turn) {

@@ -61,6 +61,9 @@ impl ThinLens {
                 "more than the focal length: nearer planes have no image",
             )?;
         }
+        if let Focus::Extension(Millimeters(e)) = focus {
+            require(e.is_finite() && e > -0.5 * focal_length.0, "extension", e, " mm", "a length that leaves the film behind the lens")?;
+        }
         Ok(ThinLens { focal_length, f_number, iris, focus })
     }
 
@@ -70,6 +73,17 @@ impl ThinLens {
         match self.focus {
             Focus::Infinity => self.focal_length,
             Focus::Distance(Millimeters(s)) => Millimeters(f * s / (s - f)),
+            Focus::Extension(Millimeters(e)) => Millimeters(f + e),
+        }
+    }
+
+    /// Distance of the sharp plane; `None` for infinity or beyond.
+    pub fn focus_distance(&self) -> Option<Millimeters> {
+        let f = self.focal_length.0;
+        match self.focus {
+            Focus::Infinity => None,
+            Focus::Distance(s) => Some(s),
+            Focus::Extension(Millimeters(e)) => (e > 0.0).then(|| Millimeters(f + f * f / e)),
         }
     }
 
@@ -83,6 +97,9 @@ impl ThinLens {
         let direction = match self.focus {
             Focus::Infinity => -film.normalize(),
             Focus::Distance(Millimeters(s)) => (-film * (s / v) - origin).normalize(),
+            Focus::Extension(Millimeters(0.0)) => -film.normalize(),
+            // Beyond infinity they would meet behind the lens.
+            Focus::Extension(Millimeters(e)) => ((-film * (self.focal_length.0 / e) - origin) * e.signum()).normalize(),
         };
         // cos⁴ of the chief ray for all of the pupil: an ideal lens keeps Abbe's sine condition, so that its irradiance is
         // π L / (4 N²) at any aperture, where a flat pupil of the same diameter would lose light (12 % at f/1.4).

@@ -85,10 +85,7 @@ impl Table {
             }
             _ => None,
         };
-        let focus = asked.focus.map(|f| match f.0 {
-            d if d.is_infinite() => Focus::Infinity,
-            d => Focus::Distance(Millimeters(d * 1000.0)),
-        });
+        let focus = asked.focus.map(|f| Focus::at_mm(f.0 * 1000.0));
         let film = focus.map_or(FilmPlace::AsPublished, FilmPlace::Focused);
         let aperture = asked.aperture.map(|a| a.0);
         let focal_length = asked.focal_length.map(|f| f.0);
@@ -116,7 +113,7 @@ impl Table {
         }
         let object_distance = match focus {
             Some(Focus::Distance(d)) => Some(d.0 - FirstOrder::of(&set.system, &n).entrance_pupil_z),
-            Some(Focus::Infinity) => None,
+            Some(Focus::Infinity | Focus::Extension(_)) => None,
             None => prescription.usage.object_distance,
         };
         let bench = Bench { system: &set.system, object_distance };

@@ -26,7 +26,7 @@ use diopter_develop::lut::Lut;
 use diopter_develop::{Recipe, RecipeError, denoise, develop};
 use diopter_image::focal_plane::Truth;
 use diopter_image::{ExposureFacts, FocalPlane, Picture, Raster, RawImage};
-use diopter_lens::{Focus, Lens, LensError};
+use diopter_lens::{Lens, LensError};
 use diopter_light::cie;
 use diopter_light::random::SamplerKind;
 use diopter_scene::light::{Environment, Modulation};
@@ -532,13 +532,6 @@ fn with_comma(text: String) -> String {
     if text.is_empty() { text } else { format!(", {text}") }
 }
 
-fn distance_m(focus: Focus) -> Option<f64> {
-    match focus {
-        Focus::Infinity => None,
-        Focus::Distance(mm) => Some(mm.0 / 1000.0),
-    }
-}
-
 /// Smallest aperture that the camera chooses by itself, as most lenses for 35 mm have it.
 const SMALLEST_STOP: f64 = 22.0;
 /// Times that a dial has, s.
@@ -630,15 +623,14 @@ const DEFAULT_HIGHEST_ISO: f64 = 6400.0;
 
 /// What is known of an exposure from its lens.
 fn lens_facts(camera: &Camera, sensor: &Sensor) -> ExposureFacts {
-    let (lens_name, focus_distance_m) = match &camera.lens {
-        Lens::Pinhole(_) => ("pinhole".to_owned(), None),
+    let lens_name = match &camera.lens {
+        Lens::Pinhole(_) => "pinhole".to_owned(),
         Lens::Thin(l) => {
             let iris = with_comma(l.iris.describe());
-            (format!("thin lens {:.4} mm{iris}", l.focal_length.0).replace(".0000", ""), distance_m(l.focus))
+            format!("thin lens {:.4} mm{iris}", l.focal_length.0).replace(".0000", "")
         }
         Lens::Compound(l) => {
-            let name = format!("{}{}", l.prescription().name, with_comma(l.system().iris.shape.describe()));
-            (name, distance_m(l.focus()))
+            format!("{}{}", l.prescription().name, with_comma(l.system().iris.shape.describe()))
         }
     };
     let focal = camera.lens.focal_length().0;
@@ -648,7 +640,7 @@ fn lens_facts(camera: &Camera, sensor: &Sensor) -> ExposureFacts {
         focal_length_35mm_mm: format::equivalent_35mm(focal, camera.film.width_mm.hypot(camera.film.height_mm)),
         f_number: camera.lens.f_number(),
         t_number: camera.lens.t_number(),
-        focus_distance_m,
+        focus_distance_m: camera.lens.focus_distance().map(|d| d.0 / 1000.0),
         lens_profile: match &camera.lens {
             Lens::Compound(l) => lens_profile::profile(l, sensor, 0.5 * camera.film.width_mm.hypot(camera.film.height_mm)),
             _ => None,

@@ -99,6 +99,7 @@ pub(super) fn film(file: &ShotFile, sensor: &Sensor) -> Result<Film, ShotError> 
         pixel_area_mm2: px * py,
         low_pass_mm: sensor.low_pass_px * px,
         gap_mm: [gap * px, gap * py],
+        middle_mm: [0.0; 2],
     })
 }
 
@@ -182,10 +183,7 @@ pub(super) fn camera(
     }
 
     let f_number = file.exposure.aperture.map_or(framing.map_or(5.6, |f| f.f_number), |a| a.0);
-    let focus = match file.focus.distance.map_or(subject_m, |d| d.0) {
-        d if d.is_infinite() => Focus::Infinity,
-        d => Focus::Distance(Millimeters(d * 1000.0)),
-    };
+    let focus = Focus::at_mm(file.focus.distance.map_or(subject_m, |d| d.0) * 1000.0);
     let lens = match c.lens.as_deref() {
         Some("pinhole") => Lens::Pinhole(Pinhole::new(Millimeters(focal_mm), f_number)?),
         None | Some("thin") => Lens::Thin(ThinLens::new(Millimeters(focal_mm), f_number, iris(c)?.unwrap_or_default(), focus)?),

@@ -1,0 +1,243 @@
+//! Phase autofocus with split pixels: the pictures through the left and the right half of the pupil lie apart by what is out of focus.
+//!
+//! A film that stands Δ behind the image sees the halves of a pupil of working f-number N apart by 2 · 4/(3π) · Δ / (2N) = 0.424 Δ/N,
+//! the distance of the centroids of two half disks (moments of a half disk; R. Garg et al. 2019, "Learning Single Camera Depth Estimation
+//! using Dual-Pixels", ICCV, for the relation of disparity and defocus).
+
+use super::measure::Frame;
+use super::probe::Prober;
+use super::{Autofocus, Failure, Found, Point, Range};
+use crate::expose::{ExposeError, Half};
+
+/// Distance of the centroids of the halves of a disk over its diameter.
+const CENTROIDS: f64 = 4.0 / (3.0 * std::f64::consts::PI);
+/// Cells of the wide view, and samples a cell.
+const WIDE: [usize; 2] = [64, 20];
+const SPP: u32 = 16;
+/// What is not sure is looked at again with so many times the samples.
+const MORE: u32 = 4;
+/// Means over so many cells that are tried: what is far out of focus has no finer detail, only noise.
+const SMOOTH: [usize; 3] = [1, 3, 7];
+/// The least correlation that is believed, one that needs no second look, and how much lower any other shift must be.
+const CORRELATED: f64 = 0.6;
+const CLEAR: f64 = 0.8;
+const ALONE: f64 = 0.12;
+/// Moves that a search may make.
+const MOST_MOVES: u32 = 3;
+
+/// A shift between two pictures.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Shift {
+    /// The right one lies so many cells to the right of the left one.
+    pub cells: f64,
+    /// Correlation there, −1 to 1.
+    pub correlation: f64,
+    /// The highest correlation at any other, distant shift.
+    pub rival: f64,
+}
+
+impl Shift {
+    fn is_sure(&self) -> bool {
+        self.correlation > CORRELATED && self.correlation - self.rival > ALONE
+    }
+}
+
+/// Where `right` lies relative to `left`: normalised cross-correlation along the rows, all rows and channels together, a parabola through
+/// the highest; means of neighbouring cells where they correlate clearly better. `None` where there is nothing but noise.
+pub fn shift(left: &Frame, right: &Frame) -> Option<Shift> {
+    let clear = |s: &Shift| s.correlation.min(CLEAR) + (s.correlation - s.rival).min(2.0 * ALONE);
+    let mut best: Option<Shift> = None;
+    for over in SMOOTH {
+        if let Some(found) = shift_of_means(left, right, over)
+            && best.as_ref().is_none_or(|b| clear(&found) > clear(b) + 0.05)
+        {
+            best = Some(found);
+        }
+    }
+    best
+}
+
+/// Means of `over` cells along the rows and (with less to gain) across them.
+fn smoothed(f: &Frame, over: usize) -> Vec<f64> {
+    let (columns, rows, n) = (f.columns, f.rows, f.channels);
+    let mut v: Vec<f64> = f.readings[0].iter().zip(&f.readings[1]).map(|(a, b)| f64::from(a + b)).collect();
+    for (stride, count, half) in [(n, columns, over / 2), (n * columns, rows, over / 4)] {
+        let from = v.clone();
+        for (i, to) in v.iter_mut().enumerate() {
+            let at = i / stride % count;
+            let (a, b) = (at.saturating_sub(half), (at + half).min(count - 1));
+            *to = (a..=b).map(|k| from[i + k * stride - at * stride]).sum::<f64>() / (b - a + 1) as f64;
+        }
+    }
+    v
+}
+
+fn shift_of_means(left: &Frame, right: &Frame, over: usize) -> Option<Shift> {
+    let (columns, rows, n) = (left.columns, left.rows, left.channels);
+    let (a, b) = (smoothed(left, over), smoothed(right, over));
+    let most = columns as i64 * 5 / 8;
+    // Means at the ends are of fewer cells, at the same place in both: they would speak for no shift.
+    let (first, last) = (over as i64 / 2, columns as i64 - over as i64 / 2);
+    let at = |k: i64| {
+        let (from, to) = (first.max(first - k), last.min(last - k));
+        let (mut ab, mut aa, mut bb) = (0.0, 0.0, 0.0);
+        for row in 0..rows {
+            for c in 0..n {
+                let value = |v: &[f64], x: i64| v[(row * columns + x as usize) * n + c];
+                // Each without its mean and slope: neither shading nor brightness is a likeness.
+                let count = (to - from) as f64;
+                let middle = 0.5 * (from + to - 1) as f64;
+                let moments = (from..to).fold([0.0; 4], |m, x| {
+                    let (va, vb, d) = (value(&a, x), value(&b, x + k), x as f64 - middle);
+                    [m[0] + va, m[1] + va * d, m[2] + vb, m[3] + vb * d]
+                });
+                let spread = count * (count * count - 1.0) / 12.0;
+                for x in from..to {
+                    let d = x as f64 - middle;
+                    let va = value(&a, x) - moments[0] / count - moments[1] / spread * d;
+                    let vb = value(&b, x + k) - moments[2] / count - moments[3] / spread * d;
+                    ab += va * vb;
+                    aa += va * va;
+                    bb += vb * vb;
+                }
+            }
+        }
+        if aa > 0.0 && bb > 0.0 { ab / (aa * bb).sqrt() } else { 0.0 }
+    };
+    let all: Vec<f64> = (-most..=most).map(at).collect();
+    let top = (0..all.len()).max_by(|i, j| all[*i].total_cmp(&all[*j]))?;
+    if !all[top].is_finite() || all[top] <= 0.0 || top == 0 || top + 1 == all.len() {
+        return None;
+    }
+    let bend = all[top - 1] - 2.0 * all[top] + all[top + 1];
+    let part = if bend < 0.0 { (0.5 * (all[top - 1] - all[top + 1]) / bend).clamp(-0.5, 0.5) } else { 0.0 };
+    // Other maxima: beyond where the correlation has stopped falling.
+    let mut rival = -1.0f64;
+    for side in [-1i64, 1] {
+        let mut i = top as i64;
+        while (0..all.len() as i64).contains(&(i + side)) && all[(i + side) as usize] <= all[i as usize] {
+            i += side;
+        }
+        while (0..all.len() as i64).contains(&i) {
+            if i != top as i64 {
+                rival = rival.max(all[i as usize]);
+            }
+            i += side;
+        }
+    }
+    Some(Shift { cells: top as f64 - most as f64 + part, correlation: all[top], rival })
+}
+
+/// Moves the lens by what the halves say.
+pub(super) fn search(prober: &mut Prober, af: &Autofocus, zone: [f64; 4], range: Range) -> Result<Found, ExposeError> {
+    let camera = prober.view.camera;
+    let film = camera.film;
+    let (f_number, focal) = (camera.lens.f_number(), camera.lens.focal_length().0);
+    let mut curve = Vec::new();
+    let start = range.start();
+    prober.drive.go(start);
+    // First the whole zone, then its middle in cells as fine as what counts as sharp.
+    let fine = (0.8 * af.circle_mm).max(2.0 * prober.view.sensor.pitch_mm()[0]);
+    let size = [film.width_mm * zone[2], film.height_mm * zone[3]];
+    let part = [0, 1].map(|k| (WIDE[k] as f64 * fine / size[k]).min(1.0));
+    let mut middle =
+        [zone[0] + 0.5 * zone[2] * (1.0 - part[0]), zone[1] + 0.5 * zone[3] * (1.0 - part[1]), zone[2] * part[0], zone[3] * part[1]];
+    let tolerance = 0.25 * f_number * af.circle_mm;
+    let (mut moves, mut wide) = (0, true);
+    let fail = |at: f64, why: Failure, moves: u32, curve: Vec<Point>| {
+        Ok(Found { zone, extension_mm: at, confidence: 0.0, failure: Some(why), method: "phase", moves, curve })
+    };
+    loop {
+        let at = prober.drive.stands_mm();
+        let piece = if wide { zone } else { middle };
+        let mut seen = None;
+        let mut left_frame = None;
+        for spp in [SPP, MORE * SPP] {
+            let mut half = |h| prober.frame(piece, WIDE, spp, Some(h));
+            let (Some(left), Some(right)) = (half(Half::Left)?, half(Half::Right)?) else {
+                return fail(at, Failure::Uncertain, moves, curve);
+            };
+            seen = shift(&left, &right);
+            left_frame = Some(left);
+            if seen.is_some_and(|s| s.is_sure() && s.correlation > CLEAR) {
+                break;
+            }
+        }
+        let Some(left) = left_frame else { return fail(at, Failure::Uncertain, moves, curve) };
+        let detail = left.sharpness(super::Measure::Variance, 1);
+        if detail.significance() < 3.0 {
+            let why = if detail.floor.sqrt() > 0.2 || left.mean() <= 0.0 { Failure::TooDark } else { Failure::NoContrast };
+            return fail(at, why, moves, curve);
+        }
+        let Some(found) = seen else { return fail(at, Failure::NoContrast, moves, curve) };
+        let pitch = film.width_mm * piece[2] / WIDE[0] as f64;
+        let working = f_number * (1.0 + at.max(0.0) / focal);
+        let defocus = found.cells * pitch * working / CENTROIDS;
+        curve.push(Point { extension_mm: at, value: defocus, floor: found.correlation, level: u32::from(!wide) });
+        if !found.is_sure() {
+            let why = if found.correlation > CORRELATED { Failure::Ambiguous } else { Failure::NoContrast };
+            return fail(at, why, moves, curve);
+        }
+        let to = at - defocus;
+        if wide {
+            // Where in the zone the detail is decides where to look closer.
+            let block = [0, 1].map(|k| ((part[k] * WIDE[k] as f64).round() as usize).clamp(3.min(WIDE[k]), WIDE[k]));
+            let [x, y] = left.busiest_block(block[0], block[1]);
+            let cell = [zone[2] / WIDE[0] as f64, zone[3] / WIDE[1] as f64];
+            middle[0] = (zone[0] + x as f64 * cell[0]).min(zone[0] + zone[2] - middle[2]);
+            middle[1] = (zone[1] + y as f64 * cell[1]).min(zone[1] + zone[3] - middle[3]);
+        } else if defocus.abs() < 2.0 * tolerance {
+            // There: the last reading says how well.
+            let sure = ((found.correlation - CORRELATED) / (1.0 - CORRELATED)).clamp(0.0, 1.0);
+            let confidence = 0.5 + 0.5 * sure;
+            return Ok(Found { zone, extension_mm: to, confidence, failure: None, method: "phase", moves, curve });
+        }
+        wide = false;
+        if to > range.high + tolerance {
+            return fail(range.high, Failure::TooNear, moves, curve);
+        }
+        if to < range.low - tolerance {
+            return fail(range.low, Failure::BeyondInfinity, moves, curve);
+        }
+        if defocus.abs() >= tolerance {
+            moves += 1;
+            if moves > MOST_MOVES {
+                return fail(to, Failure::Uncertain, moves, curve);
+            }
+            prober.drive.go(to);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn frame(f: impl Fn(f64, usize) -> f64) -> Frame {
+        let (columns, rows) = (64, 8);
+        let data: Vec<f32> = (0..columns * rows).map(|i| f((i % columns) as f64, i / columns) as f32).collect();
+        Frame { columns, rows, channels: 1, readings: [data.clone(), data], full: 0.0 }
+    }
+
+    #[test]
+    fn shifts_are_found_between_cells() {
+        let scene = |x: f64, row: usize| {
+            100.0 + 20.0 * (0.31 * x + row as f64).sin() + 15.0 * (0.13 * x * (1.0 + 0.2 * row as f64)).cos() + 9.0 * (0.71 * x).sin()
+        };
+        for by in [-11.3, -0.4, 0.0, 0.25, 3.5, 17.0] {
+            let found = shift(&frame(scene), &frame(|x, row| scene(x - by, row))).unwrap();
+            assert!((found.cells - by).abs() < 0.06 && found.is_sure(), "{by}: {found:?}");
+        }
+    }
+
+    #[test]
+    fn stripes_and_walls_are_not_believed() {
+        let stripes = |x: f64, _: usize| 100.0 + 30.0 * (0.6 * x).sin();
+        let found = shift(&frame(stripes), &frame(|x, r| stripes(x - 4.0, r))).unwrap();
+        assert!(!found.is_sure(), "{found:?}");
+        assert!(shift(&frame(|_, _| 5.0), &frame(|_, _| 5.0)).is_none());
+        // Detail along the rows only says nothing about shifts along them.
+        let lying = |_: f64, row: usize| 100.0 + 10.0 * row as f64;
+        assert!(shift(&frame(lying), &frame(lying)).is_none_or(|s| !s.is_sure()));
+    }
+}

@@ -1,0 +1,314 @@
+//! Autofocus against the traced best focus.
+
+use diopter::camera::look_at;
+use diopter::expose::Watch;
+use diopter::focus::{Autofocus, Failure, Measure, Method, Motor, Priority, Report, View, autofocus, zones_named};
+use diopter::lens::compound::Setting;
+use diopter::lens::{CompoundLens, Focus, Iris, Lens, ThinLens, embedded};
+use diopter::light::units::Millimeters;
+use diopter::metering::K;
+use diopter::scene::light::Environment;
+use diopter::scene::material::{Material, Scattering};
+use diopter::scene::shape::Quad;
+use diopter::scene::texture::{Color, Image, Texture};
+use diopter::scene::{Description, Object, Scene, Shape};
+use diopter::sensor::{Reading, Sensor};
+use diopter::{Camera, CameraWay, Film, Settings};
+use glam::Vec3;
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+
+const FILM: [f64; 2] = [36.0, 24.0];
+/// Reflectance of a card without detail.
+const GREY: f32 = 0.4;
+
+/// What is on a card.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Pattern {
+    /// Detail of all sizes.
+    Rough,
+    /// Squares.
+    Checker,
+    /// Rectangles of all sizes and greys, like a shelf of books.
+    Shelf,
+    /// Disks of all sizes and greys, like leaves.
+    Leaves,
+    /// Vertical lines at equal distances.
+    Lines,
+    /// Nothing.
+    Wall,
+}
+
+fn hash(x: u32, y: u32, seed: u32) -> f32 {
+    let mut h = x.wrapping_mul(0x85eb_ca6b) ^ y.wrapping_mul(0xc2b2_ae35) ^ seed.wrapping_mul(0x27d4_eb2f);
+    h ^= h >> 15;
+    h = h.wrapping_mul(0x2c1b_3c6d);
+    h ^= h >> 12;
+    h = h.wrapping_mul(0x297a_2d39);
+    (h ^ h >> 15) as f32 / u32::MAX as f32
+}
+
+/// Linear reflectance as sRGB code.
+fn code(v: f32) -> u8 {
+    let v = v.clamp(0.0, 1.0);
+    let c = if v <= 0.003_130_8 { 12.92 * v } else { 1.055 * v.powf(1.0 / 2.4) - 0.055 };
+    (c * 255.0 + 0.5) as u8
+}
+
+const TEXELS: usize = 2048;
+
+fn tone(pattern: Pattern, x: usize, y: usize) -> f32 {
+    let (x, y) = (x as u32, y as u32);
+    match pattern {
+        Pattern::Wall => GREY,
+        Pattern::Checker => {
+            if (x / 24 + y / 24) % 2 == 0 {
+                0.1
+            } else {
+                0.7
+            }
+        }
+        Pattern::Lines => {
+            if x / 12 % 2 == 0 {
+                0.1
+            } else {
+                0.7
+            }
+        }
+        Pattern::Rough => (0..7).map(|k| (hash(x >> k, y >> k, k) - 0.5) * 0.16 * 1.15f32.powi(k as i32)).sum::<f32>() + GREY,
+        Pattern::Leaves => {
+            // In cells of a disk each, three sizes over each other, the largest below.
+            let mut tone = GREY;
+            for size in [96u32, 48, 20] {
+                let (cx, cy) = (x / size, y / size);
+                let centre = [hash(cx, cy, size), hash(cx, cy, size + 1)].map(|h| 0.3 + 0.4 * h);
+                let off = (x as f32 / size as f32 - cx as f32 - centre[0]).hypot(y as f32 / size as f32 - cy as f32 - centre[1]);
+                if off < 0.3 && hash(cx, cy, size + 2) > 0.3 {
+                    tone = 0.06 + 0.7 * hash(cx, cy, size + 3);
+                }
+            }
+            tone
+        }
+        Pattern::Shelf => {
+            let row = y / 90;
+            let (mut left, mut k) = (0.0, 0);
+            while left <= x as f32 {
+                left += 5.0 + 40.0 * hash(k, row, 3).powi(2);
+                k += 1;
+            }
+            0.05 + 0.8 * hash(k, row, 5)
+        }
+    }
+}
+
+fn texture(pattern: Pattern) -> Texture {
+    let grey = |i: usize| code(tone(pattern, i % TEXELS, i / TEXELS));
+    let pixels = (0..TEXELS * TEXELS).map(|i| [grey(i), grey(i), grey(i), 255]).collect();
+    Texture::color(Arc::new(Image { width: TEXELS, height: TEXELS, pixels }))
+}
+
+/// Cards: pattern, distance (m), piece of the picture that they cover (−1 to 1 across and up; left, right, bottom, top).
+fn cards(cards: &[(Pattern, f64, [f32; 4])], ev100: f64, focal_mm: f64) -> Scene {
+    let luminance = K * ev100.exp2() / 100.0;
+    // An even sky of luminance L makes a matte card of reflectance ρ as bright as ρ L.
+    let sky = luminance as f32 / GREY;
+    let mut d = Description { environment: Some(Environment::uniform(Vec3::splat(sky))), ..Default::default() };
+    for (i, (pattern, distance, [left, right, bottom, top])) in cards.iter().enumerate() {
+        let half = (0.5 * FILM[0] / focal_mm * distance) as f32;
+        let color = Color::Textured { factor: Vec3::ONE, texture: texture(*pattern) };
+        d.materials.push(Material::new(&format!("card {i}"), Scattering::Diffuse(color)));
+        let corner = Vec3::new(left * half, top * half, -distance as f32);
+        let edges = [Vec3::X * (right - left) * half, Vec3::NEG_Y * (top - bottom) * half];
+        d.objects.push(Object::new(&format!("card {i}"), Shape::Quad(Quad { corner, edges }), i as u32));
+    }
+    Scene::build(d).unwrap()
+}
+
+fn lens(name: &str, f_number: f64, focus: Focus) -> Lens {
+    match name {
+        "thin" => Lens::Thin(ThinLens::new(Millimeters(50.0), f_number, Iris::Round, focus).unwrap()),
+        name => {
+            let setting = Setting { focal_length: None, f_number: Some(f_number), focus, iris: None, film_mm: FILM };
+            Lens::Compound(Box::new(CompoundLens::new(Arc::new(embedded(name).unwrap()), &setting).unwrap()))
+        }
+    }
+}
+
+/// Film displacement of the smallest traced spot of a point on the axis, mm.
+fn traced(lens: &Lens, distance_m: f64) -> f64 {
+    match lens {
+        Lens::Compound(l) => {
+            let far = l.refocused(Focus::Infinity).unwrap().system().film_z;
+            l.refocused(Focus::at_mm(1000.0 * distance_m)).unwrap().system().film_z - far
+        }
+        _ => lens.refocused(Focus::at_mm(1000.0 * distance_m)).unwrap().extension().0,
+    }
+}
+
+fn focus(scene: &Scene, lens: &Lens, af: &Autofocus) -> Report {
+    let camera = Camera {
+        lens: lens.clone(),
+        film: Film::new(FILM[0], FILM[1], 960, 640),
+        way: CameraWay::still(look_at(Vec3::ZERO, Vec3::NEG_Z, Vec3::Y).unwrap()),
+    };
+    let (sensor, cancel) = (Sensor::named("canon-5d-mark-iv").unwrap(), AtomicBool::new(false));
+    let watch = Watch { cancel: &cancel, progress: &|_| () };
+    let settings = Settings::new(64);
+    let reading = Reading::new(100.0, 1);
+    let view = View { scene, camera: &camera, sensor: &sensor, reading: &reading, settings: &settings, filter: 1.0, watch: &watch };
+    autofocus(&view, af).unwrap()
+}
+
+fn settings(method: Method) -> Autofocus {
+    Autofocus { method, ..Autofocus::new(FILM[0].hypot(FILM[1])) }
+}
+
+const DISTANCES: [f64; 10] = [0.5, 0.7, 1.0, 1.5, 2.2, 3.5, 6.0, 12.0, 40.0, 1e5];
+
+/// Lenses and the apertures they are tried at.
+const LENSES: [(&str, [f64; 3]); 4] =
+    [("thin", [2.0, 4.0, 8.0]), ("double-gauss-50mm", [2.0, 4.0, 8.0]), ("wide-22mm", [4.0, 5.6, 8.0]), ("telephoto-250mm", [5.6, 5.6, 8.0])];
+
+/// Thirty placements: ten distances, three of the lenses at each, a texture in turn. Name, lens, distance, scene.
+fn placements(ev100: f64, patterns: [Pattern; 3]) -> Vec<(String, Lens, f64, Scene)> {
+    let mut all = Vec::new();
+    for (k, distance) in DISTANCES.into_iter().enumerate() {
+        for j in 0..3 {
+            // A telephoto lens does not focus as near as the others.
+            let (name, stops) = LENSES[if distance < 1.5 { j } else { (j + k) % 4 }];
+            let (n, pattern) = (stops[(k + j) % 3], patterns[(k + 2 * j) % 3]);
+            let lens = lens(name, n, Focus::Infinity);
+            let scene = cards(&[(pattern, distance, [-1.2, 1.2, -1.2, 1.2])], ev100, lens.focal_length().0);
+            all.push((format!("{name} f/{n} {distance} m {pattern:?}"), lens, distance, scene));
+        }
+    }
+    all
+}
+
+/// How far from the traced best focus, in depths of focus 2 N c.
+fn off(report: &Report, lens: &Lens, af: &Autofocus, distance: f64) -> f64 {
+    (report.extension_mm - traced(lens, distance)) / (2.0 * lens.f_number() * af.circle_mm)
+}
+
+#[test]
+fn contrast_lands_within_a_quarter_of_the_depth_of_focus() {
+    let af = settings(Method::Contrast);
+    for (what, lens, distance, scene) in placements(8.0, [Pattern::Rough, Pattern::Leaves, Pattern::Checker]) {
+        let report = focus(&scene, &lens, &af);
+        let off = off(&report, &lens, &af, distance);
+        assert!(report.failure().is_none() && off.abs() < 0.25, "{what}: {off:.3} depths, {:?}", report.failure());
+    }
+}
+
+#[test]
+fn phase_lands_there_in_two_moves() {
+    let af = settings(Method::Phase);
+    for ev100 in [5.0, 10.0] {
+        let (mut quick, mut all) = (0, 0);
+        for (what, lens, distance, scene) in placements(ev100, [Pattern::Rough, Pattern::Leaves, Pattern::Shelf]) {
+            let report = focus(&scene, &lens, &af);
+            let off = off(&report, &lens, &af, distance);
+            all += 1;
+            // What is not flagged is right.
+            assert!(report.failure().is_some() || off.abs() < 0.25, "{what}: {off:.3} depths");
+            quick += usize::from(report.failure().is_none() && report.zones[0].moves <= 2);
+        }
+        println!("EV {ev100}: {quick} of {all} in two moves");
+        assert!(quick * 10 >= all * 9, "EV {ev100}: {quick} of {all}");
+    }
+}
+
+#[test]
+fn where_phase_fails_contrast_takes_over() {
+    let lens = lens("thin", 2.8, Focus::Infinity);
+    let scene = cards(&[(Pattern::Lines, 2.0, [-1.2, 1.2, -1.2, 1.2])], 10.0, 50.0);
+    let phase = focus(&scene, &lens, &settings(Method::Phase));
+    assert!(phase.failure().is_some(), "{phase:?}");
+    let af = settings(Method::Hybrid);
+    let hybrid = focus(&scene, &lens, &af);
+    assert!(hybrid.failure().is_none() && hybrid.zones[0].method == "contrast", "{:?}", hybrid.failure());
+    assert!(off(&hybrid, &lens, &af, 2.0).abs() < 0.25);
+}
+
+#[test]
+fn what_cannot_be_focused_is_said_so() {
+    let lens = lens("thin", 2.8, Focus::Infinity);
+    let card = |pattern, distance| (pattern, distance, [-1.2, 1.2, -1.2, 1.2]);
+    let cases = [
+        ("a wall", cards(&[card(Pattern::Wall, 2.0)], 10.0, 50.0), vec![Failure::NoContrast]),
+        ("darkness", cards(&[card(Pattern::Rough, 2.0)], -60.0, 50.0), vec![Failure::TooDark, Failure::NoContrast]),
+        ("a dim card", cards(&[card(Pattern::Rough, 2.0)], -14.0, 50.0), vec![Failure::TooDark, Failure::NoContrast, Failure::Uncertain]),
+        ("too near", cards(&[card(Pattern::Rough, 0.07)], 10.0, 50.0), vec![Failure::TooNear, Failure::NoContrast, Failure::Uncertain]),
+    ];
+    for (what, scene, allowed) in &cases {
+        for method in [Method::Contrast, Method::Phase, Method::Hybrid] {
+            let report = focus(scene, &lens, &settings(method));
+            let why = report.failure();
+            assert!(why.is_some() && report.confidence < 0.5, "{what} {method:?}: {:?} at {}", report.confidence, report.extension_mm);
+            if method == Method::Contrast {
+                assert!(why.is_some_and(|w| allowed.contains(&w)), "{what}: {why:?}");
+            }
+        }
+    }
+}
+
+#[test]
+fn every_measure_and_the_exhaustive_search_find_the_same_place() {
+    let lens = lens("thin", 4.0, Focus::Infinity);
+    let scene = cards(&[(Pattern::Rough, 3.0, [-1.2, 1.2, -1.2, 1.2])], 10.0, 50.0);
+    for measure in [Measure::Sml, Measure::Tenengrad, Measure::Variance] {
+        let af = Autofocus { measure, ..settings(Method::Contrast) };
+        let report = focus(&scene, &lens, &af);
+        assert!(report.failure().is_none() && off(&report, &lens, &af, 3.0).abs() < 0.25, "{measure:?} {:?}", report.failure());
+    }
+    let af = settings(Method::Exhaustive);
+    let slow = focus(&scene, &lens, &af);
+    assert!(slow.failure().is_none() && off(&slow, &lens, &af, 3.0).abs() < 0.25, "{}", slow.extension_mm);
+    let fast = focus(&scene, &lens, &settings(Method::Contrast));
+    assert!(fast.rays * 20 <= slow.rays, "{} of {}", fast.rays, slow.rays);
+    // One maximum: the curve rises to it and falls after, but for noise a tenth of it high.
+    let curve: Vec<f64> = slow.zones[0].curve.iter().map(|p| p.value).collect();
+    let top = (0..curve.len()).max_by(|a, b| curve[*a].total_cmp(&curve[*b])).unwrap();
+    let slack = 0.1 * curve[top];
+    assert!(curve[..=top].windows(2).all(|w| w[1] > w[0] - slack) && curve[top..].windows(2).all(|w| w[1] < w[0] + slack));
+    assert!(slow.zones[0].curve[top].extension_mm > 0.0);
+}
+
+#[test]
+fn nine_zones_at_three_depths_obey_their_priorities() {
+    // A tall card in the left third at 1 m, one in the right third at 8 m, a wall of books at 3 m behind the gap.
+    let lens = lens("thin", 4.0, Focus::Infinity);
+    let scene = cards(
+        &[
+            (Pattern::Rough, 1.0, [-1.2, -0.25, -1.2, 1.2]),
+            (Pattern::Leaves, 3.0, [-0.4, 0.25, -1.2, 1.2]),
+            (Pattern::Rough, 8.0, [0.1, 1.2, -1.2, 1.2]),
+        ],
+        10.0,
+        50.0,
+    );
+    let zones = zones_named("nine").unwrap();
+    for (priority, distance) in [
+        (Priority::Closest, 1.0),
+        (Priority::Farthest, 8.0),
+        (Priority::Median, 3.0),
+        (Priority::Centre, 3.0),
+    ] {
+        let af = Autofocus { zones: zones.clone(), priority, ..settings(Method::Hybrid) };
+        let report = focus(&scene, &lens, &af);
+        assert!(off(&report, &lens, &af, distance).abs() < 0.25, "{priority:?}: {:?} m", report.distance_m);
+    }
+}
+
+#[test]
+fn a_motor_with_play_and_steps_gets_there_too() {
+    let lens = lens("thin", 2.8, Focus::Infinity);
+    let scene = cards(&[(Pattern::Rough, 1.5, [-1.2, 1.2, -1.2, 1.2])], 10.0, 50.0);
+    for method in [Method::Contrast, Method::Hybrid] {
+        let motor = Motor { step_mm: 0.01, backlash_mm: 0.04, speed_mm_s: 20.0 };
+        let af = Autofocus { motor, ..settings(method) };
+        let report = focus(&scene, &lens, &af);
+        assert!(report.failure().is_none() && off(&report, &lens, &af, 1.5).abs() < 0.25, "{method:?} {:?}", report.failure());
+        assert!(report.travelled_mm > 1.0 && report.seconds > report.travelled_mm / 20.0);
+    }
+}
