@@ -18,7 +18,8 @@ impl Camera {
     /// Film point (mm, lens axes) of a place in the picture, in pixels from its upper left corner.
     pub(crate) fn film_point(&self, column: f64, row: f64) -> DVec2 {
         let film = &self.film;
-        let at = DVec2::new((0.5 - column / film.columns as f64) * film.width_mm, (row / film.rows as f64 - 0.5) * film.height_mm);
+        let at =
+            DVec2::new((0.5 - column / film.columns as f64) * film.width_mm, (row / film.rows as f64 - 0.5) * film.height_mm);
         at - DVec2::from_array(film.middle_mm)
     }
 

@@ -155,7 +155,8 @@ fn focus(scene: &Scene, lens: &Lens, af: &Autofocus) -> Report {
     let watch = Watch { cancel: &cancel, progress: &|_| () };
     let settings = Settings::new(64);
     let reading = Reading::new(100.0, 1);
-    let view = View { scene, camera: &camera, sensor: &sensor, reading: &reading, settings: &settings, filter: 1.0, watch: &watch };
+    let view =
+        View { scene, camera: &camera, sensor: &sensor, reading: &reading, settings: &settings, filter: 1.0, watch: &watch };
     autofocus(&view, af).unwrap()
 }
 
@@ -166,8 +167,12 @@ fn settings(method: Method) -> Autofocus {
 const DISTANCES: [f64; 10] = [0.5, 0.7, 1.0, 1.5, 2.2, 3.5, 6.0, 12.0, 40.0, 1e5];
 
 /// Lenses and the apertures they are tried at.
-const LENSES: [(&str, [f64; 3]); 4] =
-    [("thin", [2.0, 4.0, 8.0]), ("double-gauss-50mm", [2.0, 4.0, 8.0]), ("wide-22mm", [4.0, 5.6, 8.0]), ("telephoto-250mm", [5.6, 5.6, 8.0])];
+const LENSES: [(&str, [f64; 3]); 4] = [
+    ("thin", [2.0, 4.0, 8.0]),
+    ("double-gauss-50mm", [2.0, 4.0, 8.0]),
+    ("wide-22mm", [4.0, 5.6, 8.0]),
+    ("telephoto-250mm", [5.6, 5.6, 8.0]),
+];
 
 /// Thirty placements: ten distances, three of the lenses at each, a texture in turn. Name, lens, distance, scene.
 fn placements(ev100: f64, patterns: [Pattern; 3]) -> Vec<(String, Lens, f64, Scene)> {
@@ -237,14 +242,27 @@ fn what_cannot_be_focused_is_said_so() {
     let cases = [
         ("a wall", cards(&[card(Pattern::Wall, 2.0)], 10.0, 50.0), vec![Failure::NoContrast]),
         ("darkness", cards(&[card(Pattern::Rough, 2.0)], -60.0, 50.0), vec![Failure::TooDark, Failure::NoContrast]),
-        ("a dim card", cards(&[card(Pattern::Rough, 2.0)], -14.0, 50.0), vec![Failure::TooDark, Failure::NoContrast, Failure::Uncertain]),
-        ("too near", cards(&[card(Pattern::Rough, 0.07)], 10.0, 50.0), vec![Failure::TooNear, Failure::NoContrast, Failure::Uncertain]),
+        (
+            "a dim card",
+            cards(&[card(Pattern::Rough, 2.0)], -14.0, 50.0),
+            vec![Failure::TooDark, Failure::NoContrast, Failure::Uncertain],
+        ),
+        (
+            "too near",
+            cards(&[card(Pattern::Rough, 0.07)], 10.0, 50.0),
+            vec![Failure::TooNear, Failure::NoContrast, Failure::Uncertain],
+        ),
     ];
     for (what, scene, allowed) in &cases {
         for method in [Method::Contrast, Method::Phase, Method::Hybrid] {
             let report = focus(scene, &lens, &settings(method));
             let why = report.failure();
-            assert!(why.is_some() && report.confidence < 0.5, "{what} {method:?}: {:?} at {}", report.confidence, report.extension_mm);
+            assert!(
+                why.is_some() && report.confidence < 0.5,
+                "{what} {method:?}: {:?} at {}",
+                report.confidence,
+                report.extension_mm
+            );
             if method == Method::Contrast {
                 assert!(why.is_some_and(|w| allowed.contains(&w)), "{what}: {why:?}");
             }
@@ -288,12 +306,9 @@ fn nine_zones_at_three_depths_obey_their_priorities() {
         50.0,
     );
     let zones = zones_named("nine").unwrap();
-    for (priority, distance) in [
-        (Priority::Closest, 1.0),
-        (Priority::Farthest, 8.0),
-        (Priority::Median, 3.0),
-        (Priority::Centre, 3.0),
-    ] {
+    for (priority, distance) in
+        [(Priority::Closest, 1.0), (Priority::Farthest, 8.0), (Priority::Median, 3.0), (Priority::Centre, 3.0)]
+    {
         let af = Autofocus { zones: zones.clone(), priority, ..settings(Method::Hybrid) };
         let report = focus(&scene, &lens, &af);
         assert!(off(&report, &lens, &af, distance).abs() < 0.25, "{priority:?}: {:?} m", report.distance_m);

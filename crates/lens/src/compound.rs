@@ -816,7 +816,8 @@ mod focus_tests {
                 let film = DVec2::new(height, 0.3 * height);
                 let light = |lens: &CompoundLens| {
                     let n = 256;
-                    let ray = |i: usize| lens.ray(film, [(i % n) as f32 + 0.5, (i / n) as f32 + 0.5].map(|v| v / n as f32), 550.0);
+                    let ray =
+                        |i: usize| lens.ray(film, [(i % n) as f32 + 0.5, (i / n) as f32 + 0.5].map(|v| v / n as f32), 550.0);
                     (0..n * n).filter_map(|i| ray(i).ok()).map(|r| r.weight_sr).sum::<f64>() / (n * n) as f64
                 };
                 let (a, b) = (light(&quick), light(&slow));

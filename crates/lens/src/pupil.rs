@@ -169,7 +169,9 @@ impl PupilTable {
             Layout::Polar { radius, bins, period, angles, turns } => {
                 Layout::Polar { radius: radius / scale, bins: *bins, period: *period, angles: *angles, turns: turns.clone() }
             }
-            Layout::Cells { half, counts, mirrored } => Layout::Cells { half: *half / scale, counts: *counts, mirrored: *mirrored },
+            Layout::Cells { half, counts, mirrored } => {
+                Layout::Cells { half: *half / scale, counts: *counts, mirrored: *mirrored }
+            }
         };
         let region = |r: &Region| {
             let center = r.fan.center() * scale;

@@ -62,7 +62,13 @@ impl ThinLens {
             )?;
         }
         if let Focus::Extension(Millimeters(e)) = focus {
-            require(e.is_finite() && e > -0.5 * focal_length.0, "extension", e, " mm", "a length that leaves the film behind the lens")?;
+            require(
+                e.is_finite() && e > -0.5 * focal_length.0,
+                "extension",
+                e,
+                " mm",
+                "a length that leaves the film behind the lens",
+            )?;
         }
         Ok(ThinLens { focal_length, f_number, iris, focus })
     }

@@ -83,13 +83,8 @@ fn look(film: &crate::Film, piece: [f64; 4], across: usize) -> Look {
 pub(super) fn fast(prober: &mut Prober, af: &Autofocus, zone: [f64; 4], range: Range) -> Result<Found, ExposeError> {
     let camera = prober.view.camera;
     let film = camera.film;
-    let mut s = Search {
-        f_number: camera.lens.f_number(),
-        focal_mm: camera.lens.focal_length().0,
-        prober,
-        af,
-        points: Vec::new(),
-    };
+    let mut s =
+        Search { f_number: camera.lens.f_number(), focal_mm: camera.lens.focal_length().0, prober, af, points: Vec::new() };
     let wide = look(&film, zone, CELLS);
     // 1. Wide views over the range, in coarse cells, then in finer ones; beyond the everyday part only if that shows nothing or rises
     // towards its end.
@@ -171,7 +166,11 @@ impl Search<'_, '_> {
 }
 
 enum Climb {
-    Peak { at: f64, sure: f64, frame: Frame },
+    Peak {
+        at: f64,
+        sure: f64,
+        frame: Frame,
+    },
     /// It still rises at an end of the range.
     End(f64, Frame),
     Flat,
@@ -259,7 +258,15 @@ impl Search<'_, '_> {
     }
 
     fn found(self, zone: [f64; 4], at: f64, confidence: f64, failure: Option<Failure>) -> Found {
-        Found { zone, extension_mm: at, confidence, failure, method: "contrast", moves: self.points.len() as u32, curve: self.points }
+        Found {
+            zone,
+            extension_mm: at,
+            confidence,
+            failure,
+            method: "contrast",
+            moves: self.points.len() as u32,
+            curve: self.points,
+        }
     }
 
     /// Nothing stood out: because it is dark or because there is nothing to see.
@@ -300,13 +307,8 @@ pub(super) fn exhaustive(prober: &mut Prober, af: &Autofocus, zone: [f64; 4], ra
     let pixels = [(film.columns as f64 * zone[2]).round(), (film.rows as f64 * zone[3]).round()];
     let cells = pixels.map(|n| (n as usize).max(8));
     let whole = Look { piece: zone, cells, pitch_mm: film.width_mm * zone[2] / cells[0] as f64 };
-    let mut s = Search {
-        f_number: camera.lens.f_number(),
-        focal_mm: camera.lens.focal_length().0,
-        prober,
-        af,
-        points: Vec::new(),
-    };
+    let mut s =
+        Search { f_number: camera.lens.f_number(), focal_mm: camera.lens.focal_length().0, prober, af, points: Vec::new() };
     let step = af.step_mm.unwrap_or(s.f_number * af.circle_mm);
     let mut seen: Vec<(f64, Sharpness)> = Vec::new();
     let mut falls = 0;

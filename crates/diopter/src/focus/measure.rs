@@ -58,7 +58,13 @@ pub struct Sharpness {
 impl Sharpness {
     /// How many deviations the picture's detail stands above its noise.
     pub fn significance(&self) -> f64 {
-        if self.deviation > 0.0 { (self.raw - self.floor) / self.deviation } else if self.raw > 0.0 { f64::INFINITY } else { 0.0 }
+        if self.deviation > 0.0 {
+            (self.raw - self.floor) / self.deviation
+        } else if self.raw > 0.0 {
+            f64::INFINITY
+        } else {
+            0.0
+        }
     }
 }
 
@@ -166,7 +172,8 @@ impl Frame {
         let mut best = (f64::NEG_INFINITY, usize::MAX, [0, 0]);
         for y in 0..=self.rows - height {
             for x in 0..=self.columns - width {
-                let sum: f64 = (y..y + height).map(|r| detail[r * self.columns + x..r * self.columns + x + width].iter().sum::<f64>()).sum();
+                let sum: f64 =
+                    (y..y + height).map(|r| detail[r * self.columns + x..r * self.columns + x + width].iter().sum::<f64>()).sum();
                 if sum > best.0 || (sum == best.0 && off(x, y) < best.1) {
                     best = (sum, off(x, y), [x, y]);
                 }
@@ -257,7 +264,9 @@ mod tests {
     #[test]
     fn blur_makes_it_less_and_brightness_does_not_matter() {
         for measure in Measure::NAMES.map(|n| n.1) {
-            let waves = |k: f32| frame(move |x, y| k * 100.0 * ((x as f32 * 0.9).sin() + (y as f32 * 0.7).cos()), 1.0).sharpness(measure, 1);
+            let waves = |k: f32| {
+                frame(move |x, y| k * 100.0 * ((x as f32 * 0.9).sin() + (y as f32 * 0.7).cos()), 1.0).sharpness(measure, 1)
+            };
             assert!(waves(1.0).value > 1.5 * waves(0.5).value, "{measure:?}");
         }
         let bright = frame(|x, _| 100.0 * (x as f32).sin(), 0.0);

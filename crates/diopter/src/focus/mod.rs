@@ -39,8 +39,12 @@ pub enum Method {
 
 impl Method {
     /// Names as people write them.
-    pub const NAMES: [(&'static str, Method); 4] =
-        [("hybrid", Method::Hybrid), ("phase", Method::Phase), ("contrast", Method::Contrast), ("exhaustive", Method::Exhaustive)];
+    pub const NAMES: [(&'static str, Method); 4] = [
+        ("hybrid", Method::Hybrid),
+        ("phase", Method::Phase),
+        ("contrast", Method::Contrast),
+        ("exhaustive", Method::Exhaustive),
+    ];
 }
 
 /// Which zone counts when they disagree.
@@ -162,7 +166,9 @@ pub fn zones_named(name: &str) -> Option<Vec<[f64; 4]>> {
     let about = |x: f64, y: f64, [w, h]: [f64; 2]| [x - 0.5 * w, y - 0.5 * h, w, h];
     match name {
         "one" => Some(vec![about(0.5, 0.5, ONE)]),
-        "nine" => Some((0..9).map(|k| about(0.5 + 0.25 * f64::from(k % 3 - 1), 0.5 + 0.25 * f64::from(k / 3 - 1), [0.1, 0.12])).collect()),
+        "nine" => Some(
+            (0..9).map(|k| about(0.5 + 0.25 * f64::from(k % 3 - 1), 0.5 + 0.25 * f64::from(k / 3 - 1), [0.1, 0.12])).collect(),
+        ),
         _ => None,
     }
 }

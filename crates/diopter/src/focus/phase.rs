@@ -140,8 +140,12 @@ pub(super) fn search(prober: &mut Prober, af: &Autofocus, zone: [f64; 4], range:
     let fine = (0.8 * af.circle_mm).max(2.0 * prober.view.sensor.pitch_mm()[0]);
     let size = [film.width_mm * zone[2], film.height_mm * zone[3]];
     let part = [0, 1].map(|k| (WIDE[k] as f64 * fine / size[k]).min(1.0));
-    let mut middle =
-        [zone[0] + 0.5 * zone[2] * (1.0 - part[0]), zone[1] + 0.5 * zone[3] * (1.0 - part[1]), zone[2] * part[0], zone[3] * part[1]];
+    let mut middle = [
+        zone[0] + 0.5 * zone[2] * (1.0 - part[0]),
+        zone[1] + 0.5 * zone[3] * (1.0 - part[1]),
+        zone[2] * part[0],
+        zone[3] * part[1],
+    ];
     let tolerance = 0.25 * f_number * af.circle_mm;
     let (mut moves, mut wide) = (0, true);
     let fail = |at: f64, why: Failure, moves: u32, curve: Vec<Point>| {
@@ -222,7 +226,10 @@ mod tests {
     #[test]
     fn shifts_are_found_between_cells() {
         let scene = |x: f64, row: usize| {
-            100.0 + 20.0 * (0.31 * x + row as f64).sin() + 15.0 * (0.13 * x * (1.0 + 0.2 * row as f64)).cos() + 9.0 * (0.71 * x).sin()
+            100.0
+                + 20.0 * (0.31 * x + row as f64).sin()
+                + 15.0 * (0.13 * x * (1.0 + 0.2 * row as f64)).cos()
+                + 9.0 * (0.71 * x).sin()
         };
         for by in [-11.3, -0.4, 0.0, 0.25, 3.5, 17.0] {
             let found = shift(&frame(scene), &frame(|x, row| scene(x - by, row))).unwrap();

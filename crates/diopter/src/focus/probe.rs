@@ -158,7 +158,14 @@ impl<'a> Prober<'a> {
     }
 
     /// Electrons a pixel that a reading finds in every cell and channel, and the share of full cells.
-    fn read(&mut self, plane: &FocalPlane, pixels: usize, electrons: impl Fn(usize) -> f32, time: f64, iso: f64) -> (Vec<f32>, f64) {
+    fn read(
+        &mut self,
+        plane: &FocalPlane,
+        pixels: usize,
+        electrons: impl Fn(usize) -> f32,
+        time: f64,
+        iso: f64,
+    ) -> (Vec<f32>, f64) {
         let (columns, rows, n) = (plane.width(), plane.height(), self.response.bands.len());
         let sensor = self.view.sensor;
         self.readings += 1;
