@@ -2,9 +2,9 @@
 
 use clap::{Parser, Subcommand};
 use diopter::image::dng::Storage;
-use diopter::quantity::{Distance, Ev, FNumber, Filter, Hertz, Iso, IsoChoice, LengthMm, Seconds, Size};
+use diopter::quantity::{Distance, Ev, FNumber, Filter, FocusTo, Hertz, Iso, IsoChoice, LengthMm, Seconds, Size};
 use diopter::shot::ShotFile;
-use diopter::shot::file::{FlashSection, FlickerSection};
+use diopter::shot::file::{FlashSection, FlickerSection, Zones};
 use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
 
@@ -52,6 +52,8 @@ pub enum Verb {
     },
     /// Join focal planes that hold different samples of the same picture, or the raw files of an exposure series.
     Merge(Merge),
+    /// Join a focus series into one picture that is sharp all over.
+    Stack(Stack),
     /// Embedded scenes, and what is in a scene file.
     Scene {
         #[command(subcommand)]
@@ -420,9 +422,28 @@ pub struct Taking {
     /// Leave the cap on the lens: a dark frame.
     #[arg(long)]
     pub lens_cap: bool,
-    /// Distance of the sharp plane: "2.5m" or "inf"; without, what the camera is aimed at.
-    #[arg(long, value_name = "DISTANCE")]
-    pub focus: Option<Distance>,
+    /// What is sharp: "2.5m", "inf", "auto", "at 0.4,0.6" (a place in the picture), "on NAME" (a thing of the scene, followed),
+    /// "hyperfocal"; without, what the camera is aimed at.
+    #[arg(long, value_name = "WHAT")]
+    pub focus: Option<FocusTo>,
+    /// Where autofocus looks: one, nine, or boxes "x,y,width,height;..." (shares of the picture).
+    #[arg(long, value_name = "ZONES", value_parser = zones, allow_hyphen_values = true)]
+    pub focus_zones: Option<Zones>,
+    /// Which zone counts: closest (macro), farthest (background), median, centre or most.
+    #[arg(long, value_name = "NAME")]
+    pub focus_priority: Option<String>,
+    /// hybrid (phase, then contrast), phase, contrast or exhaustive.
+    #[arg(long, value_name = "NAME")]
+    pub focus_method: Option<String>,
+    /// What contrast is measured by: sml, tenengrad or variance.
+    #[arg(long, value_name = "NAME")]
+    pub focus_measure: Option<String>,
+    /// The motor: "step,backlash,speed" in mm, mm, mm/s of the film.
+    #[arg(long, value_name = "S,B,V", value_parser = triple, allow_hyphen_values = true)]
+    pub focus_motor: Option<[f64; 3]>,
+    /// No picture when autofocus fails (exit code 1).
+    #[arg(long)]
+    pub require_focus: bool,
     /// Pixels of the picture: "1920x1280".
     #[arg(long, value_name = "WxH")]
     pub size: Option<Size>,
@@ -472,6 +493,18 @@ pub struct Shoot {
     /// Join the series: linear light (.exr), a raw file (.dng) or a picture.
     #[arg(long, value_name = "FILE")]
     pub merge: Option<PathBuf>,
+    /// A focus series of so many pictures, from what is focused on farther and farther: files are numbered.
+    #[arg(long, value_name = "N")]
+    pub focus_bracket: Option<u32>,
+    /// From one of them to the next, in depths of focus; negative goes nearer.
+    #[arg(long, value_name = "X", allow_negative_numbers = true)]
+    pub focus_step: Option<f64>,
+    /// Join the focus series into one picture that is sharp all over.
+    #[arg(long, value_name = "FILE")]
+    pub stack: Option<PathBuf>,
+    /// What autofocus saw, as a plot (.svg or .png).
+    #[arg(long, value_name = "FILE")]
+    pub plot_focus: Option<PathBuf>,
     /// Frames of a film: files are numbered.
     #[arg(long, value_name = "N")]
     pub frames: Option<u32>,
@@ -626,12 +659,91 @@ pub enum CalcVerb {
         #[arg(short, long, value_name = "FILE")]
         output: Vec<PathBuf>,
     },
+    /// Depth of field: near and far limits at a distance, or a table over distances; a plot of the blur with -o.
+    Dof(DepthOfField),
+    /// Hyperfocal distance: of one aperture, or over the full stops.
+    Hyperfocal {
+        /// Focal length.
+        focal_length: LengthMm,
+        /// f-number; the full stops without.
+        aperture: Option<FNumber>,
+        /// Film format: a name ("full frame", "APS-C", "4/3") or mm ("36x24").
+        #[arg(long, value_name = "NAME|MM", default_value = "full frame")]
+        format: String,
+        /// Circle of confusion that is taken for sharp; the diagonal / 1442 without (0.030 mm on 36 × 24 mm).
+        #[arg(long, value_name = "LENGTH")]
+        circle: Option<LengthMm>,
+    },
+    /// Angles of view, crop factor and equivalent focal length.
+    Fov(Field),
+    /// Focal length, aperture and speed that give the same picture on another format.
+    EquivalentFormat(FormatArgs),
     /// Engraved f-numbers, times and ISO speeds and what they stand for.
     Stops {
         /// full, half or third.
         #[arg(default_value = "third")]
         step: String,
     },
+}
+
+#[derive(clap::Args, Debug)]
+pub struct DepthOfField {
+    /// Focal length: "50 mm"; of a zoom, where it is set.
+    #[arg(long, value_name = "LENGTH")]
+    pub focal_length: Option<LengthMm>,
+    /// f-number.
+    #[arg(long, value_name = "F", default_value = "f/2.8")]
+    pub aperture: FNumber,
+    /// Distance in focus; a table over distances without.
+    #[arg(long, value_name = "DISTANCE")]
+    pub focus: Option<Distance>,
+    /// Film format: a name ("full frame", "APS-C", "4/3") or mm ("36x24").
+    #[arg(long, value_name = "NAME|MM", default_value = "full frame")]
+    pub format: String,
+    /// Circle of confusion that is taken for sharp; the diagonal / 1442 without (0.030 mm on 36 × 24 mm).
+    #[arg(long, value_name = "LENGTH")]
+    pub circle: Option<LengthMm>,
+    /// A real lens: the traced answer beside the closed form.
+    #[arg(long, value_name = "NAME|FILE")]
+    pub lens: Option<String>,
+    /// Plot to write: .svg or .png; may be given several times.
+    #[arg(short, long, value_name = "FILE")]
+    pub output: Vec<PathBuf>,
+}
+
+#[derive(clap::Args, Debug)]
+pub struct Field {
+    /// Focal length; of a zoom, where it is set.
+    pub focal_length: Option<LengthMm>,
+    /// Film format: a name ("full frame", "APS-C", "4/3") or mm ("36x24").
+    #[arg(long, value_name = "NAME|MM", default_value = "full frame")]
+    pub format: String,
+    /// A real lens: the traced angles beside the closed form.
+    #[arg(long, value_name = "NAME|FILE")]
+    pub lens: Option<String>,
+    /// Size of what is seen at this distance too.
+    #[arg(long, value_name = "DISTANCE")]
+    pub distance: Option<Distance>,
+}
+
+#[derive(clap::Args, Debug)]
+pub struct FormatArgs {
+    /// Focal length on the first format.
+    pub focal_length: LengthMm,
+    /// f-number there.
+    pub aperture: FNumber,
+    /// The first format: a name ("full frame", "APS-C", "4/3") or mm ("36x24").
+    #[arg(long, value_name = "NAME|MM", default_value = "full frame")]
+    pub from: String,
+    /// The other.
+    #[arg(long, value_name = "NAME|MM")]
+    pub to: String,
+    /// ISO speed on the first.
+    #[arg(long, value_name = "ISO", default_value = "100")]
+    pub iso: Iso,
+    /// Distance in focus.
+    #[arg(long, value_name = "DISTANCE", default_value = "3m")]
+    pub focus: Distance,
 }
 
 #[derive(clap::Args, Debug)]
@@ -665,6 +777,35 @@ pub struct Merge {
     /// Of focal planes: the plane to write (.exr). Of raw files: linear light (.exr), a raw file (.dng) or a picture.
     #[arg(short, long, value_name = "FILE")]
     pub output: PathBuf,
+}
+
+#[derive(clap::Args, Debug)]
+pub struct Stack {
+    /// Raw files of the series (.dng).
+    #[arg(required = true)]
+    pub raw: Vec<PathBuf>,
+    #[command(flatten)]
+    pub developing: Developing,
+    /// Picture to write: .jpg, .png, .tif or .exr (linear light).
+    #[arg(short, long, value_name = "FILE", required = true)]
+    pub output: Vec<PathBuf>,
+}
+
+/// Words of `--focus` that take another: "--focus at 0.4,0.6" is "--focus 'at 0.4,0.6'".
+pub fn joined_focus(args: impl Iterator<Item = std::ffi::OsString>) -> Vec<std::ffi::OsString> {
+    let mut joined: Vec<std::ffi::OsString> = Vec::new();
+    for arg in args {
+        let waits = |word: &std::ffi::OsString| ["at", "on", "extension"].iter().any(|w| word == w);
+        match joined.as_slice() {
+            [.., flag, word] if flag == "--focus" && waits(word) => {
+                let last = joined.last_mut().expect("it was just matched");
+                last.push(" ");
+                last.push(arg);
+            }
+            _ => joined.push(arg),
+        }
+    }
+    joined
 }
 
 /// Settings of the development. A recipe or preset first, then the others on top.
@@ -713,6 +854,20 @@ fn point(text: &str) -> Result<[f32; 3], String> {
 /// "x,y".
 fn pair(text: &str) -> Result<[f64; 2], String> {
     list(text)?.0.try_into().map_err(|_| format!("\"{text}\" is not two numbers such as 0,0.7"))
+}
+
+/// Three numbers.
+fn triple(text: &str) -> Result<[f64; 3], String> {
+    list(text)?.0.try_into().map_err(|_| format!("\"{text}\" is not three numbers such as 0.01,0.04,20"))
+}
+
+/// Zones of autofocus.
+fn zones(text: &str) -> Result<Zones, String> {
+    if !text.contains(',') {
+        return Ok(Zones::Named(text.trim().to_owned()));
+    }
+    let zone = |part: &str| list(part)?.0.try_into().map_err(|_| format!("\"{part}\" is not a zone \"x,y,width,height\""));
+    Ok(Zones::Boxes(text.split(';').filter(|p| !p.trim().is_empty()).map(zone).collect::<Result<_, String>>()?))
 }
 
 /// "a,b,c".
@@ -853,6 +1008,12 @@ impl Taking {
             over(&mut flash.sync, &self.flash_sync);
         }
         over(&mut shot.focus.distance, &self.focus);
+        over(&mut shot.focus.zones, &self.focus_zones);
+        over(&mut shot.focus.priority, &self.focus_priority);
+        over(&mut shot.focus.method, &self.focus_method);
+        over(&mut shot.focus.measure, &self.focus_measure);
+        over(&mut shot.focus.motor, &self.focus_motor);
+        shot.focus.require |= self.require_focus;
         over(&mut render.size, &self.size);
         over(&mut render.spp, &self.spp);
         over(&mut render.samples, &self.samples);

@@ -28,7 +28,7 @@ impl std::fmt::Display for AskedWrongly {
 impl std::error::Error for AskedWrongly {}
 
 fn main() -> ExitCode {
-    let args = Args::parse();
+    let args = Args::parse_from(args::joined_focus(std::env::args_os()));
     watch::install();
     match run(args) {
         Ok(()) => ExitCode::SUCCESS,
@@ -58,6 +58,7 @@ fn run(args: Args) -> anyhow::Result<()> {
         Verb::Calc { verb } => commands::calc::run(&verb, json),
         Verb::Denoise { plane, output } => commands::denoise::run(&plane, &output, json),
         Verb::Merge(merge) => commands::merge::run(&merge, json),
+        Verb::Stack(stack) => commands::stack::run(&stack, json),
         Verb::Scene { verb } => commands::scene::run(&verb, json),
         Verb::Lens { verb } => commands::lens::run(&verb, json),
         Verb::Body { verb } => commands::body::run(&verb, json),

@@ -5,7 +5,7 @@ use anyhow::{Context, anyhow};
 use diopter::develop::lut::Lut;
 use diopter::develop::{Developer, Recipe};
 use diopter::image::dng::Storage;
-use diopter::image::{Encoding, FocalPlane, RawImage, exr, gain_map, jpeg, png, tiff_file};
+use diopter::image::{Encoding, FocalPlane, Picture, RawImage, exr, gain_map, jpeg, png, tiff_file};
 use diopter::raw_file;
 use diopter::shot::ShotError;
 use std::fs::File;
@@ -188,6 +188,19 @@ pub fn write_pictures(
         })
     };
     outputs.into_iter().map(write).collect()
+}
+
+/// Writes a developed picture.
+pub fn write_picture(kind: Kind, output: Output, picture: &Picture) -> anyhow::Result<PathBuf> {
+    output.commit(|to| {
+        match kind {
+            Kind::Jpeg => jpeg::write(picture, JPEG_QUALITY, to)?,
+            Kind::Tiff => tiff_file::write(picture, to)?,
+            Kind::Exr => exr::write_picture(picture, exr::Precision::Half, to)?,
+            _ => png::write(picture, png::Depth::Eight, to)?,
+        }
+        Ok(())
+    })
 }
 
 /// Writes a focal plane.

@@ -10,6 +10,7 @@ pub mod lut;
 mod overview;
 mod recipe;
 mod region;
+pub mod stack;
 pub mod steps;
 
 pub use denoise::denoise;

@@ -21,6 +21,14 @@ pub fn limits_m(focal_mm: f64, f_number: f64, circle_mm: f64, subject_m: f64) ->
     (near, if s >= h { f64::INFINITY } else { s * (h - f) / (h - s) })
 }
 
+/// Diameter (mm) of the blur that a point at `distance_m` makes when the lens is focused at `subject_m`:
+/// C = A |z_s − z_i| / z_i with the aperture A = f / N, the film at z_s and the point's image at z_i; for real images only.
+pub fn circle_mm(focal_mm: f64, f_number: f64, subject_m: f64, distance_m: f64) -> f64 {
+    let image = |m: f64| if m.is_infinite() { focal_mm } else { focal_mm * 1000.0 * m / (1000.0 * m - focal_mm) };
+    let (film, at) = (image(subject_m), image(distance_m));
+    focal_mm / f_number * (film - at).abs() / at
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

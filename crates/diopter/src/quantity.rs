@@ -230,6 +230,73 @@ impl Serialize for IsoChoice {
     }
 }
 
+/// What is to be sharp.
+#[derive(Clone, Debug, PartialEq)]
+pub enum FocusTo {
+    /// A distance.
+    Distance(Distance),
+    /// The film so far behind its place for infinity.
+    Extension(LengthMm),
+    /// What autofocus finds.
+    Auto,
+    /// What autofocus finds at a place of the picture, 0 to 1 across and down.
+    At([f64; 2]),
+    /// A thing of the scene, by name.
+    On(String),
+    /// As near as can be with infinity still sharp.
+    Hyperfocal,
+}
+
+const FOCUS: &str =
+    "a distance such as \"2.5m\" or \"inf\", \"auto\", \"at 0.4,0.6\", \"on NAME\", \"hyperfocal\" or \"extension 1.2mm\"";
+
+impl FromStr for FocusTo {
+    type Err = QuantityError;
+    fn from_str(text: &str) -> Result<Self, QuantityError> {
+        let trimmed = text.trim();
+        match trimmed {
+            "auto" | "af" => return Ok(FocusTo::Auto),
+            "hyperfocal" => return Ok(FocusTo::Hyperfocal),
+            _ => (),
+        }
+        let parsed = match trimmed.split_once(char::is_whitespace) {
+            Some(("at", place)) => place
+                .split_once(',')
+                .and_then(|(x, y)| Some(FocusTo::At([x.trim().parse().ok()?, y.trim().parse().ok()?])))
+                .filter(|f| matches!(f, FocusTo::At(p) if p.iter().all(|v| v.is_finite()))),
+            Some(("on", name)) if !name.trim().is_empty() => Some(FocusTo::On(name.trim().to_owned())),
+            Some(("extension", length)) => length.parse().ok().map(FocusTo::Extension),
+            _ => trimmed.parse().ok().map(FocusTo::Distance),
+        };
+        parsed.ok_or_else(|| wrong(text, FOCUS))
+    }
+}
+
+impl fmt::Display for FocusTo {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        match self {
+            FocusTo::Distance(d) => d.fmt(f),
+            FocusTo::Extension(e) => write!(f, "extension {e}"),
+            FocusTo::Auto => f.write_str("auto"),
+            FocusTo::At([x, y]) => write!(f, "at {x},{y}"),
+            FocusTo::On(name) => write!(f, "on {name}"),
+            FocusTo::Hyperfocal => f.write_str("hyperfocal"),
+        }
+    }
+}
+
+impl<'de> Deserialize<'de> for FocusTo {
+    fn deserialize<D: Deserializer<'de>>(d: D) -> Result<Self, D::Error> {
+        d.deserialize_any(TextOrNumber::<FocusTo> { bare: |v| FocusTo::Distance(Distance(v)), expected: FOCUS })
+    }
+}
+
+impl Serialize for FocusTo {
+    fn serialize<S: Serializer>(&self, s: S) -> Result<S::Ok, S::Error> {
+        s.collect_str(self)
+    }
+}
+
 /// Pixels across and down.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Size {

@@ -119,7 +119,7 @@ fn cards(cards: &[(Pattern, f64, [f32; 4])], ev100: f64, focal_mm: f64) -> Scene
         d.materials.push(Material::new(&format!("card {i}"), Scattering::Diffuse(color)));
         let corner = Vec3::new(left * half, top * half, -distance as f32);
         let edges = [Vec3::X * (right - left) * half, Vec3::NEG_Y * (top - bottom) * half];
-        d.objects.push(Object::new(&format!("card {i}"), Shape::Quad(Quad { corner, edges }), i as u32));
+        d.objects.push(Object::new(format!("card {i}"), Shape::Quad(Quad { corner, edges }), i as u32));
     }
     Scene::build(d).unwrap()
 }

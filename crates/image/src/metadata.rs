@@ -32,6 +32,10 @@ pub struct ExposureFacts {
     pub exposure_s: f64,
     /// Distance of the plane in focus from the lens, m; `None` for infinity or a pinhole.
     pub focus_distance_m: Option<f64>,
+    /// How far the film stands behind its place for infinity, mm.
+    pub extension_mm: f64,
+    /// How it was focused: `manual`, `auto (phase)`, `on NAME` ...; empty when not known.
+    pub focus_mode: String,
     /// ISO speed; 0 before read-out.
     pub iso: f64,
     /// ISO speed the camera was set to before read-out; 0 when not known.

@@ -55,23 +55,45 @@ fn bundle(system: &System, object_z: Option<f64>) -> Bundle {
     Bundle { at, z }
 }
 
+/// The spot of a point on the axis, as it changes with the place of the film.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct AxialSpot {
+    /// Where it is smallest, mm from the first vertex.
+    pub best_z: f64,
+    /// Its root mean square radius there, mm.
+    pub best_rms: f64,
+    /// What it grows by (root mean square slope of the rays).
+    pub slope: f64,
+}
+
+impl AxialSpot {
+    /// Of a point `object_z` mm from the first vertex (negative), `None` at infinity. `None` when no light comes through.
+    pub fn of(system: &System, object_z: Option<f64>) -> Option<AxialSpot> {
+        let Bundle { at, z } = bundle(system, object_z);
+        let total: f64 = at.iter().map(|r| r.2).sum();
+        if at.len() < 3 {
+            return None;
+        }
+        let mean = |f: &dyn Fn(&(DVec2, DVec2, f64)) -> DVec2| at.iter().map(|r| f(r) * r.2).sum::<DVec2>() / total;
+        let (place, slope) = (mean(&|r| r.0), mean(&|r| r.1));
+        let moment = |f: &dyn Fn(DVec2, DVec2) -> f64| at.iter().map(|r| f(r.0 - place, r.1 - slope) * r.2).sum::<f64>() / total;
+        let (pp, ps, ss) = (moment(&|p, _| p.length_squared()), moment(&|p, s| p.dot(s)), moment(&|_, s| s.length_squared()));
+        if ss <= 1e-18 {
+            return None;
+        }
+        Some(AxialSpot { best_z: z - ps / ss, best_rms: (pp - ps * ps / ss).max(0.0).sqrt(), slope: ss.sqrt() })
+    }
+
+    /// Root mean square radius on a film there, mm.
+    pub fn rms_at(&self, film_z: f64) -> f64 {
+        self.best_rms.hypot(self.slope * (film_z - self.best_z))
+    }
+}
+
 /// Film place (mm from the first vertex) of the smallest spot, and its RMS radius, mm. `object_z`: place of the object on the
 /// axis, `None` for infinity. `None` when no light comes through or the rays do not meet.
 pub fn best_film_z(system: &System, object_z: Option<f64>) -> Option<(f64, f64)> {
-    let Bundle { at, z } = bundle(system, object_z);
-    let total: f64 = at.iter().map(|r| r.2).sum();
-    if at.len() < 3 {
-        return None;
-    }
-    let mean = |f: &dyn Fn(&(DVec2, DVec2, f64)) -> DVec2| at.iter().map(|r| f(r) * r.2).sum::<DVec2>() / total;
-    let (place, slope) = (mean(&|r| r.0), mean(&|r| r.1));
-    let moment = |f: &dyn Fn(DVec2, DVec2) -> f64| at.iter().map(|r| f(r.0 - place, r.1 - slope) * r.2).sum::<f64>() / total;
-    let (pp, ps, ss) = (moment(&|p, _| p.length_squared()), moment(&|p, s| p.dot(s)), moment(&|_, s| s.length_squared()));
-    if ss <= 1e-18 {
-        return None;
-    }
-    let ahead = -ps / ss;
-    Some((z + ahead, (pp - ps * ps / ss).max(0.0).sqrt()))
+    AxialSpot::of(system, object_z).map(|s| (s.best_z, s.best_rms))
 }
 
 #[cfg(test)]

@@ -45,6 +45,15 @@ impl Format {
         FORMATS.iter().find(|f| f.names.iter().any(|n| clean(n) == clean(name))).copied()
     }
 
+    /// A format by name or as width × height in mm: "36x24".
+    pub fn parse(text: &str) -> Option<Format> {
+        Format::named(text).or_else(|| {
+            let (w, h) = text.trim().trim_end_matches("mm").split_once('x')?;
+            let side = |s: &str| s.trim().parse::<f64>().ok().filter(|v| *v > 0.0 && *v <= 1000.0);
+            Some(format(&[], side(w)?, side(h)?))
+        })
+    }
+
     /// Diagonal, mm.
     pub fn diagonal_mm(&self) -> f64 {
         self.width_mm.hypot(self.height_mm)

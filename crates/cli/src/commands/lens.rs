@@ -15,7 +15,6 @@ use diopter::lens::prescription::{ApertureKind, Coating};
 use diopter::lens::surface::Profile;
 use diopter::lens::trace::{Apertures, Way, at_plane};
 use diopter::lens::{Focus, Prescription, State, System, embedded, embedded_names};
-use diopter::light::units::Millimeters;
 use diopter::shot::{ShotError, read_lens};
 use serde_json::{Value, json};
 use std::fmt::Write as _;

@@ -12,6 +12,7 @@ pub mod merge;
 pub mod read_out;
 pub mod scene;
 pub mod shoot;
+pub mod stack;
 
 use anyhow::Context;
 use diopter::image::{FocalPlane, exr};

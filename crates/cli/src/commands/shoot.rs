@@ -1,13 +1,16 @@
 //! `shoot`: the whole photograph, or a sequence of them.
 
-use super::print_json;
+use super::{print_json, stack};
 use crate::AskedWrongly;
 use crate::args::Shoot;
 use crate::output::{self, Format, Output};
+use crate::paint;
 use crate::watch::{say, warn, watched};
 use anyhow::anyhow;
+use diopter::focus::Report;
 use diopter::hdr;
 use diopter::image::{ExposureFacts, RawImage};
+use diopter::lens::draw::{Axis, Chart, Color, Figure, Line, Style};
 use diopter::metering::ev100_of_setting;
 use diopter::quantity::FNumber;
 use diopter::sensor::ReadOut;
@@ -30,17 +33,24 @@ pub fn run(args: &Shoot, json: bool) -> anyhow::Result<()> {
         file.output.files.clone_from(&args.output);
     }
     // A series that is only wanted joined leaves no single pictures.
-    if file.output.files.is_empty() && args.merge.is_none() {
+    if file.output.files.is_empty() && args.merge.is_none() && args.stack.is_none() {
         file.output.files.push(PathBuf::from("photo.jpg"));
     }
     let s = &mut file.sequence;
     (s.bracket, s.step) = (args.bracket.or(s.bracket), args.step.or(s.step));
     (s.frames, s.fps) = (args.frames.or(s.frames), args.fps.or(s.fps));
+    (s.focus_bracket, s.focus_step) = (args.focus_bracket.or(s.focus_bracket), args.focus_step.or(s.focus_step));
     s.shutter_angle_deg = args.shutter_angle.or(s.shutter_angle_deg);
     let sequence = Sequence::new(&mut file)?;
     if args.merge.is_some() && !matches!(sequence, Sequence::Bracket { .. }) {
         return Err(AskedWrongly(anyhow!(
             "--merge joins an exposure series: expected --bracket beside it, such as --bracket 5 --step 1ev"
+        ))
+        .into());
+    }
+    if args.stack.is_some() && !matches!(sequence, Sequence::Focus { .. }) {
+        return Err(AskedWrongly(anyhow!(
+            "--stack joins a focus series: expected --focus-bracket beside it, such as --focus-bracket 7"
         ))
         .into());
     }
@@ -51,7 +61,8 @@ pub fn run(args: &Shoot, json: bool) -> anyhow::Result<()> {
     let planes = args.keep_plane.iter().flat_map(named).collect::<Vec<_>>();
     let truths = args.truth.iter().flat_map(named).collect::<Vec<_>>();
     let subject = args.taking.subject.as_deref().map(Path::new);
-    let beside = planes.iter().chain(&truths).chain(&args.save_shot).chain(&args.merge);
+    let beside =
+        planes.iter().chain(&truths).chain(&args.save_shot).chain(&args.merge).chain(&args.stack).chain(&args.plot_focus);
     output::distinct(subject, names.iter().flatten().chain(beside).map(|p| p.as_path()))?;
     let of_frame = |k: usize| -> Vec<PathBuf> { names.iter().map(|n| n[k].clone()).collect() };
     let prepare = |k: usize| -> anyhow::Result<_> {
@@ -62,10 +73,24 @@ pub fn run(args: &Shoot, json: bool) -> anyhow::Result<()> {
     // The first proves that the others can be written; thousands are not opened at once.
     let mut ready = Some(prepare(0)?);
     let merged_file = args.merge.as_ref().map(|p| output::prepare_pictures(std::slice::from_ref(p))).transpose()?;
+    let stacked_file = args.stack.as_ref().map(|p| stack::prepare(std::slice::from_ref(p))).transpose()?;
+    let plot_file = args.plot_focus.as_ref().map(|p| paint::prepare(std::slice::from_ref(p))).transpose()?;
     let shot_file = args.save_shot.as_deref().map(Output::prepare).transpose()?;
 
     let mut shot = Shot::prepare(&file, &mut warn)?;
     shot.date = Some(output::now());
+    let begun = Instant::now();
+    let report = watched("focusing", |w| shot.focus(w, &mut warn))?;
+    let focused = begun.elapsed().as_secs_f64();
+    if let Some(outputs) = plot_file {
+        let Some(report) = &report else {
+            return Err(AskedWrongly(anyhow!("--plot-focus shows what autofocus saw: expected --focus auto beside it")).into());
+        };
+        paint::write(outputs, &focus_plot(report))?.iter().for_each(|p| say(&format!("wrote {}", p.display())));
+    }
+    if let Some(report) = &report {
+        say(&told(report));
+    }
     watched("metering", |w| shot.meter(w, &mut warn))?;
     let prepared = started.elapsed().as_secs_f64();
     if let Some(output) = shot_file {
@@ -113,8 +138,14 @@ pub fn run(args: &Shoot, json: bool) -> anyhow::Result<()> {
         of_this.iter().for_each(|path| say(&format!("wrote {}", path.display())));
         written.extend(of_this);
         all_facts.push(facts);
-        if merged_file.is_some() {
+        if merged_file.is_some() || stacked_file.is_some() {
             raws.push(raw);
+        }
+    }
+    if let Some(outputs) = stacked_file {
+        for path in stack::write(outputs, &raws, &shot.recipe, shot.lut.as_ref())? {
+            say(&format!("wrote {}", path.display()));
+            written.push(path);
         }
     }
     if let Some(outputs) = merged_file {
@@ -131,6 +162,8 @@ pub fn run(args: &Shoot, json: bool) -> anyhow::Result<()> {
             "facts": all_facts[0],
             "size": size,
             "prepare_s": prepared,
+            "focus_s": focused,
+            "focus": report,
             "expose_s": expose_s,
             "total_s": started.elapsed().as_secs_f64(),
         });
@@ -140,6 +173,69 @@ pub fn run(args: &Shoot, json: bool) -> anyhow::Result<()> {
         print_json(&result)?;
     }
     Ok(())
+}
+
+/// What autofocus did, in a line or two.
+fn told(r: &Report) -> String {
+    let place = r.distance_m.map_or("infinity".to_owned(), |d| format!("{d:.3} m"));
+    let what = match r.chosen {
+        Some(k) => format!("autofocus ({}): {place}, confidence {:.2}", r.zones[k].method, r.confidence),
+        None => format!("autofocus failed, set to {place}"),
+    };
+    let zones = if r.zones.len() > 1 {
+        let sure = r.zones.iter().filter(|z| z.failure.is_none()).count();
+        format!("   {sure} of {} zones, {}", r.zones.len(), r.priority)
+    } else {
+        String::new()
+    };
+    let time = if r.seconds > 0.0 { format!(", {:.2} s of the camera's time", r.seconds) } else { String::new() };
+    format!("{what}{zones}   {} probes, {} rays{time}", r.probes, r.rays)
+}
+
+/// Contrast over the position of the film, zone by zone; values of each view relative to its highest.
+fn focus_plot(r: &Report) -> Figure {
+    const COLORS: [Color; 6] = [[204, 51, 51], [34, 85, 170], [40, 140, 70], [150, 90, 160], [200, 130, 30], [90, 90, 90]];
+    let mut lines = Vec::new();
+    for (k, zone) in r.zones.iter().enumerate() {
+        let levels = zone.curve.iter().map(|p| p.level).max().map_or(0, |l| l + 1);
+        for level in 0..levels {
+            let mut points: Vec<_> = zone.curve.iter().filter(|p| p.level == level).collect();
+            points.sort_by(|a, b| a.extension_mm.total_cmp(&b.extension_mm));
+            let most = points.iter().map(|p| p.value.abs()).fold(1e-12, f64::max);
+            let name = match (r.zones.len(), level) {
+                (1, 0) => "widest view".to_owned(),
+                (1, l) if l + 1 == levels => "closest view".to_owned(),
+                (_, 0) => format!("zone {}", k + 1),
+                _ => String::new(),
+            };
+            lines.push(Line {
+                name,
+                color: COLORS[(if r.zones.len() == 1 { level as usize } else { k }) % COLORS.len()],
+                style: if level + 1 == levels { Style::Full } else { Style::Broken },
+                points: points.iter().map(|p| glam::DVec2::new(p.extension_mm, p.value / most)).collect(),
+            });
+        }
+    }
+    lines.push(Line {
+        name: "settled on".into(),
+        color: [0, 0, 0],
+        style: Style::Broken,
+        points: vec![glam::DVec2::new(r.extension_mm, 0.0), glam::DVec2::new(r.extension_mm, 1.05)],
+    });
+    let phase = r.zones.iter().all(|z| z.method == "phase");
+    let all = r.zones.iter().flat_map(|z| z.curve.iter().map(|p| p.extension_mm)).chain([r.extension_mm]);
+    let mut figure = Figure::new(520.0, 360.0);
+    Chart {
+        title: format!("autofocus: {}", r.distance_m.map_or("infinity".to_owned(), |d| format!("{d:.3} m"))),
+        x: Axis::around("film behind its place for infinity, mm", all, false),
+        y: match phase {
+            true => Axis { label: "defocus found, relative".into(), range: [-1.1, 1.1] },
+            false => Axis { label: "contrast, relative to its highest".into(), range: [0.0, 1.1] },
+        },
+        lines,
+    }
+    .draw(&mut figure, glam::DVec2::ZERO, glam::DVec2::new(520.0, 360.0));
+    figure
 }
 
 /// Time, aperture, speed.

@@ -118,7 +118,7 @@ pub(super) fn fast(prober: &mut Prober, af: &Autofocus, zone: [f64; 4], range: R
 }
 
 impl Search<'_, '_> {
-    /// 2. Closer views around a place, until cells are as fine as what counts as sharp: place, confidence, failure. `None` when the
+    /// Second: closer views around a place, until cells are as fine as what counts as sharp: place, confidence, failure. `None` when the
     /// first closer look shows that there is nothing.
     fn refine(
         &mut self,

@@ -2,7 +2,7 @@
 
 use super::ShotError;
 use super::sources::is_lens_file;
-use crate::quantity::{Distance, Ev, FNumber, Filter, Hertz, Iso, IsoChoice, LengthMm, Seconds, Size};
+use crate::quantity::{Ev, FNumber, Filter, FocusTo, Hertz, Iso, IsoChoice, LengthMm, Seconds, Size};
 use crate::recipe_file;
 use crate::stops;
 use diopter_develop::Recipe;
@@ -223,6 +223,12 @@ pub struct SequenceSection {
     /// From one to the next of them.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub step: Option<Ev>,
+    /// Pictures of a focus series, from what is focused on farther and farther.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub focus_bracket: Option<u32>,
+    /// From one of them to the next, in depths of focus (2 × f-number × circle of confusion at the film); negative goes nearer. 1 without.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub focus_step: Option<f64>,
     /// What differs in the series: `time` or `aperture`; without, the aperture in mode S and else the time.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub vary: Option<String>,
@@ -295,9 +301,38 @@ pub struct ExposureSection {
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct FocusSection {
-    /// Distance of the sharp plane from the lens; without, the point the camera is aimed at.
+    /// What is sharp: a distance from the lens, `auto`, `at 0.4,0.6`, `on NAME`, `hyperfocal` or `extension 1.2mm` (of the film from
+    /// infinity); without, the point the camera is aimed at.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub distance: Option<Distance>,
+    pub distance: Option<FocusTo>,
+    /// Where autofocus looks: `one`, `nine` or a list of `[x, y, width, height]`, shares of the picture.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub zones: Option<Zones>,
+    /// Which zone counts: `closest` (`macro`), `farthest` (`background`), `median`, `centre` or `most`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub priority: Option<String>,
+    /// `hybrid` (phase, then contrast), `phase`, `contrast` or `exhaustive`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub method: Option<String>,
+    /// What contrast is measured by: `sml`, `tenengrad` or `variance`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub measure: Option<String>,
+    /// The motor: step (mm), backlash (mm), speed (mm/s) of the film; ideal without.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub motor: Option<[f64; 3]>,
+    /// No picture when autofocus fails.
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    pub require: bool,
+}
+
+/// Zones of autofocus.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(untagged)]
+pub enum Zones {
+    /// `one` or `nine`.
+    Named(String),
+    /// `[x, y, width, height]` each, shares of the picture.
+    Boxes(Vec<[f64; 4]>),
 }
 
 /// `[render]`

@@ -5,6 +5,7 @@
 //! photograph. [`Shot::turn_to`] takes the next one of a sequence.
 
 pub mod file;
+mod focusing;
 mod sequence;
 mod sources;
 mod staging;
@@ -19,7 +20,7 @@ use crate::expose::{ExposeError, Response, Settings, Watch, expose};
 use crate::flash::Flash;
 use crate::metering::{self, Meter, Pattern};
 use crate::program::{self, Chosen, Limits, Mode};
-use crate::quantity::{FNumber, Seconds};
+use crate::quantity::{FNumber, FocusTo, LengthMm, Seconds};
 use crate::shutter::{Moments, Shutter};
 use crate::{lens_profile, recipe_file};
 use diopter_develop::lut::Lut;
@@ -34,6 +35,7 @@ use diopter_scene::{PathSettings, Scene, SceneError, builtin};
 use diopter_sensor::format;
 use diopter_sensor::{Reading, Sensor, SensorError, read_out};
 use file::RenderSection;
+use focusing::Focusing;
 use glam::{Affine3A, Vec3};
 use std::ops::RangeInclusive;
 use timing::Timing;
@@ -82,12 +84,15 @@ pub enum ShotError {
     /// The exposure was stopped.
     #[error(transparent)]
     Expose(#[from] ExposeError),
+    /// Autofocus found nothing, and a picture out of focus is not wanted.
+    #[error("autofocus failed: {0} (without --require-focus the picture is taken all the same)")]
+    Focus(crate::focus::Failure),
 }
 
 impl ShotError {
     /// Whether the user asked for something impossible (rather than something failing on the way).
     pub fn is_request(&self) -> bool {
-        !matches!(self, ShotError::Read { .. } | ShotError::Expose(_) | ShotError::Scene(_))
+        !matches!(self, ShotError::Read { .. } | ShotError::Expose(_) | ShotError::Scene(_) | ShotError::Focus(_))
     }
 }
 
@@ -123,10 +128,12 @@ pub struct Shot {
     placed: Affine3A,
     /// What was asked.
     file: ShotFile,
-    framing: Option<builtin::Framing>,
     /// Requested metered EV of the scene.
     ambient_ev: Option<f64>,
     exposing: Exposing,
+    focusing: Focusing,
+    /// Whether the light of a scene without a scale has got one.
+    light_settled: bool,
     timing: Timing,
     facts: ExposureFacts,
 }
@@ -193,6 +200,8 @@ impl Shot {
             warn(&format!("in mode {} the camera chooses the aperture: the one given is not used", exposing.mode.name()));
         }
         let mut timing = Timing::new(&file, &sensor)?;
+        let film = staging::film(&file, &sensor)?;
+        let focusing = Focusing::new(&file, film.width_mm.hypot(film.height_mm), warn)?;
 
         let name = file.scene.file.as_deref().unwrap_or("still-life");
         let mut description = read_scene(name)?;
@@ -238,7 +247,7 @@ impl Shot {
         if file.camera.look_from.is_some() && !file.camera.path.is_empty() {
             warn("the camera is on a path: look_from is not used");
         }
-        let (camera, carrier) = staging::camera(&file, &scene, timing.at_s, &sensor, framing.as_ref(), warn)?;
+        let (camera, carrier) = staging::camera(&file, &scene, timing.at_s, film, &focusing, framing.as_ref(), warn)?;
         timing.carrier = carrier;
         let facts = ExposureFacts {
             software: concat!("diopter ", env!("CARGO_PKG_VERSION")).into(),
@@ -272,8 +281,9 @@ impl Shot {
             ambient_ev: file.scene.ambient_ev,
             placed,
             file,
-            framing,
             exposing,
+            focusing,
+            light_settled: false,
             timing,
             facts,
         })
@@ -286,12 +296,7 @@ impl Shot {
             self.shutter.get_or_insert(1.0);
             return self.stand_ready(warn);
         }
-        if let Some(wanted) = self.ambient_ev {
-            let luminance = metering::mean_luminance(&self.scene, &self.camera, &self.settings, watch)?;
-            if luminance > 0.0 && luminance.is_finite() {
-                self.settings.light_scale = (wanted - metering::ev100_of_luminance(luminance)).exp2();
-            }
-        }
+        self.settle_light(watch)?;
         let white = white_point(&self.reading.white)?;
         let meter = Meter {
             sensor: &self.sensor,
@@ -358,17 +363,19 @@ impl Shot {
 
     /// Sets the lens to another T-stop.
     fn open_to(&mut self, t_number: f64) -> Result<(), ShotError> {
-        let mut file = self.file.clone();
         // By rounding a lens fully open could be asked for more than that.
         let widest = self.limits().aperture[0];
-        file.exposure.aperture = Some(FNumber(self.f_number_of(t_number.max(widest))));
-        let (camera, _) =
-            staging::camera(&file, &self.scene, self.timing.at_s, &self.sensor, self.framing.as_ref(), &mut |_| ())?;
-        let new = lens_facts(&camera, &self.sensor);
+        self.camera.lens = self.camera.lens.stopped(self.f_number_of(t_number.max(widest)))?;
+        self.know_the_lens();
+        Ok(())
+    }
+
+    /// Writes into the facts what follows from how the lens is set.
+    fn know_the_lens(&mut self) {
+        let new = lens_facts(&self.camera, &self.sensor);
         let f = &mut self.facts;
         (f.f_number, f.t_number, f.lens_profile) = (new.f_number, new.t_number, new.lens_profile);
-        self.camera = camera;
-        Ok(())
+        (f.focus_distance_m, f.extension_mm) = (new.focus_distance_m, new.extension_mm);
     }
 
     /// Radius of the pupil, 1 when the lens is fully open.
@@ -416,7 +423,8 @@ impl Shot {
         let seed = self.file.render.seed.unwrap_or(1);
         self.settings.seed = seed.wrapping_add(frame);
         self.reading.seed = seed.wrapping_add(frame);
-        self.stand_ready(warn)
+        self.stand_ready(warn)?;
+        self.follow(warn)
     }
 
     /// What an exposure series varies when nobody says: the aperture where the time is set by hand and kept, else the time.
@@ -454,6 +462,11 @@ impl Shot {
     pub fn settle(&self, file: &mut ShotFile) {
         if file.sequence.bracket.is_some() {
             file.sequence.vary = Some(self.varies().name().into());
+        }
+        if matches!(file.focus.distance, Some(FocusTo::Auto | FocusTo::At(_))) {
+            // Where it was found; what follows a thing goes on following it.
+            let found = FocusTo::Extension(LengthMm(self.facts.extension_mm));
+            file.focus = file::FocusSection { distance: Some(found), ..Default::default() };
         }
         let e = &mut file.exposure;
         e.shutter = self.shutter.map(Seconds);
@@ -641,6 +654,7 @@ fn lens_facts(camera: &Camera, sensor: &Sensor) -> ExposureFacts {
         f_number: camera.lens.f_number(),
         t_number: camera.lens.t_number(),
         focus_distance_m: camera.lens.focus_distance().map(|d| d.0 / 1000.0),
+        extension_mm: camera.lens.extension().0,
         lens_profile: match &camera.lens {
             Lens::Compound(l) => lens_profile::profile(l, sensor, 0.5 * camera.film.width_mm.hypot(camera.film.height_mm)),
             _ => None,

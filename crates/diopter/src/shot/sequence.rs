@@ -25,6 +25,13 @@ pub enum Sequence {
         /// What differs; the mode says without.
         vary: Option<Vary>,
     },
+    /// A focus series: the first as focused, each farther than the one before.
+    Focus {
+        /// Pictures.
+        count: u32,
+        /// From one to the next, in depths of focus; negative goes nearer.
+        step: f64,
+    },
     /// A film: exposed as the first frame was metered.
     Film {
         /// Frames.
@@ -58,6 +65,22 @@ impl Sequence {
     /// set too.
     pub fn new(file: &mut ShotFile) -> Result<Self, ShotError> {
         let s = file.sequence.clone();
+        if let Some(count) = s.focus_bracket {
+            if s.bracket.is_some() || s.frames.is_some() {
+                return Err(value("focus_bracket", count, "one series: of focus, of exposure (bracket) or a film (frames)"));
+            }
+            if !(1..=MOST_PICTURES).contains(&count) {
+                return Err(value("focus_bracket", count, format!("1 to {MOST_PICTURES} pictures")));
+            }
+            let step = s.focus_step.unwrap_or(1.0);
+            if !(step.is_finite() && step != 0.0 && step.abs() <= 1000.0) {
+                return Err(value("focus_step", step, "up to 1000 depths of focus, not 0"));
+            }
+            return Ok(Sequence::Focus { count, step });
+        }
+        if let Some(step) = s.focus_step {
+            return Err(value("focus_step", step, "focus_bracket beside it: how many pictures"));
+        }
         if s.bracket.is_some() && s.frames.is_some() {
             return Err(value("bracket", s.bracket.unwrap_or(0), "either an exposure series or a film (frames), not both"));
         }
@@ -110,7 +133,7 @@ impl Sequence {
     pub fn count(&self) -> usize {
         match *self {
             Sequence::Single => 1,
-            Sequence::Bracket { count, .. } | Sequence::Film { count, .. } => count as usize,
+            Sequence::Bracket { count, .. } | Sequence::Film { count, .. } | Sequence::Focus { count, .. } => count as usize,
         }
     }
 
@@ -127,6 +150,13 @@ impl Sequence {
                     ));
                 }
                 shot.turn_to(shot.begun_s() + k as f64 / fps, k as u64, warn)
+            }
+            Sequence::Focus { step, .. } => {
+                let ended = if k == 0 { at } else { at + shot.shutter().total_s() };
+                if k > 0 {
+                    shot.refocus_by(-step * shot.depth_of_focus_mm(), warn)?;
+                }
+                shot.turn_to(ended, k as u64, warn)
             }
             Sequence::Bracket { count, step_ev, vary } => {
                 let vary = vary.unwrap_or(shot.varies());

@@ -1,13 +1,14 @@
 //! Before the camera: the floor, the film, where the camera stands and what it is aimed at.
 
 use super::file::{CameraSection, ShotFile};
+use super::focusing::Focusing;
 use super::sources::{read_file, read_lens};
 use super::{LARGEST_SIDE, ShotError, value};
 use crate::camera::{Camera, Film, look_at};
 use crate::camera_way::CameraWay;
 use crate::quantity::Size;
 use diopter_lens::compound::{CompoundLens, Setting};
-use diopter_lens::{Focus, Iris, Lens, Pinhole, ThinLens};
+use diopter_lens::{Iris, Lens, Pinhole, ThinLens};
 use diopter_light::units::Millimeters;
 use diopter_scene::bvh::Bounds;
 use diopter_scene::material::{Material, Scattering};
@@ -64,11 +65,7 @@ pub(super) fn subject_bounds(scene: &Scene, at_s: f64) -> Bounds {
 pub(super) fn film(file: &ShotFile, sensor: &Sensor) -> Result<Film, ShotError> {
     let [mut width_mm, mut height_mm] = sensor.format_mm;
     if let Some(name) = &file.camera.format {
-        let named = Format::named(name).or_else(|| {
-            let (w, h) = name.trim_end_matches("mm").split_once('x')?;
-            let side = |s: &str| s.trim().parse::<f64>().ok().filter(|v| *v > 0.0 && *v <= 1000.0);
-            Some(Format { names: &[], width_mm: side(w)?, height_mm: side(h)? })
-        });
+        let named = Format::parse(name);
         let Some(f) = named else {
             let names: Vec<&str> = format::FORMATS.iter().map(|f| f.names[0]).collect();
             let expected = match nearest(name, names.iter().copied()) {
@@ -108,11 +105,11 @@ pub(super) fn camera(
     file: &ShotFile,
     scene: &Scene,
     at_s: f64,
-    sensor: &Sensor,
+    film: Film,
+    focusing: &Focusing,
     framing: Option<&builtin::Framing>,
     warn: &mut dyn FnMut(&str),
 ) -> Result<(Camera, Option<u32>), ShotError> {
-    let film = film(file, sensor)?;
     let c = &file.camera;
     let views = &scene.description().cameras;
     let view = match &c.viewpoint {
@@ -183,7 +180,7 @@ pub(super) fn camera(
     }
 
     let f_number = file.exposure.aperture.map_or(framing.map_or(5.6, |f| f.f_number), |a| a.0);
-    let focus = Focus::at_mm(file.focus.distance.map_or(subject_m, |d| d.0) * 1000.0);
+    let focus = focusing.first(subject_m);
     let lens = match c.lens.as_deref() {
         Some("pinhole") => Lens::Pinhole(Pinhole::new(Millimeters(focal_mm), f_number)?),
         None | Some("thin") => Lens::Thin(ThinLens::new(Millimeters(focal_mm), f_number, iris(c)?.unwrap_or_default(), focus)?),

@@ -22,7 +22,7 @@ use std::path::PathBuf;
 /// Green light, nm: what diffraction is told for.
 const GREEN_NM: f64 = 550.0;
 
-fn positive(what: &str, v: f64) -> anyhow::Result<f64> {
+pub(super) fn positive(what: &str, v: f64) -> anyhow::Result<f64> {
     match (1e-9..=1e9).contains(&v) {
         true => Ok(v),
         false => Err(AskedWrongly(anyhow!("{what} {v}: expected a number above 0, from a billionth to a billion")).into()),

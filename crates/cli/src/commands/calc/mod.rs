@@ -1,6 +1,7 @@
 //! `calc`: calculators.
 
 mod exposure;
+mod focus;
 mod tone;
 
 use crate::args::CalcVerb;
@@ -11,6 +12,12 @@ pub fn run(verb: &CalcVerb, json: bool) -> anyhow::Result<()> {
         CalcVerb::Equivalent(args) => exposure::equivalent(args, json),
         CalcVerb::Exposure { aperture, time, iso, true_stops } => exposure::value(*aperture, *time, *iso, *true_stops, json),
         CalcVerb::Program { widest, focal_length, iso, output } => exposure::program(*widest, *focal_length, *iso, output, json),
+        CalcVerb::Dof(args) => focus::depth(args, json),
+        CalcVerb::Hyperfocal { focal_length, aperture, format, circle } => {
+            focus::hyperfocal(*focal_length, *aperture, format, *circle, json)
+        }
+        CalcVerb::Fov(args) => focus::field(args, json),
+        CalcVerb::EquivalentFormat(args) => focus::equivalent(args, json),
         CalcVerb::Stops { step } => exposure::stops(step, json),
     }
 }

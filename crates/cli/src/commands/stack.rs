@@ -1,0 +1,71 @@
+//! `stack`: a focus series into one picture that is sharp all over.
+
+use super::{open, print_json};
+use crate::AskedWrongly;
+use crate::args::Stack;
+use crate::output::{self, Kind, Output};
+use crate::watch::say;
+use anyhow::{Context, anyhow};
+use diopter::develop::lut::Lut;
+use diopter::develop::stack::stack;
+use diopter::develop::{Recipe, develop};
+use diopter::image::{Picture, RawImage, dng};
+use diopter::shot::ShotError;
+use std::path::PathBuf;
+
+pub fn run(args: &Stack, json: bool) -> anyhow::Result<()> {
+    output::distinct(args.raw.iter().map(|p| p.as_path()), args.output.iter().map(|p| p.as_path()))?;
+    let outputs = prepare(&args.output)?;
+    let mut recipe = Recipe::default();
+    args.developing.apply(&mut recipe)?;
+    let lut = diopter::recipe_file::lut(&recipe)?;
+    let read = |p: &PathBuf| dng::read(open(p)?).with_context(|| p.display().to_string());
+    let raws: Vec<RawImage> = args.raw.iter().map(read).collect::<anyhow::Result<_>>()?;
+    let written = write(outputs, &raws, &recipe, lut.as_ref())?;
+    say(&format!("{} pictures", raws.len()));
+    written.iter().for_each(|p| say(&format!("wrote {}", p.display())));
+    if json {
+        print_json(&serde_json::json!({ "files": written, "pictures": raws.len() }))?;
+    }
+    Ok(())
+}
+
+/// Checks names and folders of stacked pictures.
+pub fn prepare(paths: &[PathBuf]) -> anyhow::Result<Vec<(Kind, Output)>> {
+    if let Some(path) = paths.iter().find(|p| matches!(output::kind(p), Ok(Kind::Dng))) {
+        return Err(AskedWrongly(anyhow!("{}: a stacked picture is .jpg, .png, .tif or .exr", path.display())).into());
+    }
+    output::prepare_pictures(paths)
+}
+
+/// Develops a series, stacks and writes it.
+pub fn write(
+    outputs: Vec<(Kind, Output)>,
+    raws: &[RawImage],
+    recipe: &Recipe,
+    lut: Option<&Lut>,
+) -> anyhow::Result<Vec<PathBuf>> {
+    // Film distance behind the lens: focal length and what the film is moved back.
+    let drawn = |r: &RawImage| {
+        let f = &r.header.facts;
+        let extension = match f.extension_mm {
+            0.0 => f
+                .focus_distance_m
+                .filter(|s| *s > 0.0)
+                .map_or(0.0, |s| f.focal_length_mm.powi(2) / (1000.0 * s - f.focal_length_mm)),
+            e => e,
+        };
+        f.focal_length_mm + extension
+    };
+    let scales: Vec<f64> = raws.iter().map(|r| drawn(r) / drawn(&raws[0])).collect();
+    let mut written = Vec::new();
+    for (kind, output) in outputs {
+        let light = recipe.linear_light();
+        let (recipe, lut) = if kind == Kind::Exr { (&light, None) } else { (recipe, lut.cloned()) };
+        let pictures: Vec<Picture> =
+            raws.iter().map(|r| develop(r, recipe, lut.clone())).collect::<Result<_, _>>().map_err(ShotError::from)?;
+        let picture = stack(&pictures, &scales).map_err(|e| AskedWrongly(e.into()))?;
+        written.push(output::write_picture(kind, output, &picture)?);
+    }
+    Ok(written)
+}
