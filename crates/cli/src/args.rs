@@ -52,6 +52,8 @@ pub enum Verb {
     },
     /// Join focal planes that hold different samples of the same picture, or the raw files of an exposure series.
     Merge(Merge),
+    /// Depth of field for a sharp picture with depth: a focal plane, or any EXR with R, G, B and Z.
+    QuickLook(QuickLook),
     /// Join a focus series into one picture that is sharp all over.
     Stack(Stack),
     /// Embedded scenes, and what is in a scene file.
@@ -462,6 +464,9 @@ pub struct Taking {
     /// Most scattering events of a path.
     #[arg(long, value_name = "N")]
     pub max_depth: Option<u32>,
+    /// A quick look: blur made from one sharp exposure and its depth instead of rays through the lens.
+    #[arg(long)]
+    pub quick: bool,
     /// Reduce the renderer's own noise (on), or leave the exposure as it was computed (off).
     #[arg(long, value_name = "on|off", num_args = 0..=1, default_missing_value = "on", value_parser = on_off)]
     pub denoise: Option<bool>,
@@ -780,6 +785,36 @@ pub struct Merge {
 }
 
 #[derive(clap::Args, Debug)]
+pub struct QuickLook {
+    /// A focal plane (from `expose --lens pinhole`), or an EXR with channels R, G, B and Z (depth along the axis, m).
+    pub picture: PathBuf,
+    /// Focal length; the one the plane was exposed with, without.
+    #[arg(long, value_name = "LENGTH")]
+    pub focal_length: Option<LengthMm>,
+    /// f-number.
+    #[arg(long, value_name = "F", default_value = "f/2.8")]
+    pub aperture: FNumber,
+    /// Distance of the sharp plane: "2.5m" or "inf".
+    #[arg(long, value_name = "DISTANCE", default_value = "inf")]
+    pub focus: Distance,
+    /// Film format: a name ("full frame", "APS-C", "4/3") or mm ("36x24").
+    #[arg(long, value_name = "NAME|MM", default_value = "full frame")]
+    pub format: String,
+    /// Blades of the iris; round without.
+    #[arg(long, value_name = "N")]
+    pub blades: Option<u32>,
+    /// How round the blades are: 0 straight to 1.
+    #[arg(long, value_name = "X")]
+    pub blade_curvature: Option<f32>,
+    /// Turn the iris, degrees.
+    #[arg(long, value_name = "DEG", allow_negative_numbers = true)]
+    pub blade_rotation: Option<f32>,
+    /// File to write: of a focal plane, another (.exr); of another picture .exr (linear light).
+    #[arg(short, long, value_name = "FILE")]
+    pub output: PathBuf,
+}
+
+#[derive(clap::Args, Debug)]
 pub struct Stack {
     /// Raw files of the series (.dng).
     #[arg(required = true)]
@@ -1022,6 +1057,7 @@ impl Taking {
         over(&mut render.max_depth, &self.max_depth);
         over(&mut render.time_limit, &self.time_limit);
         over(&mut render.denoise, &self.denoise);
+        render.quick |= self.quick;
         Ok(shot)
     }
 }

@@ -58,6 +58,7 @@ fn run(args: Args) -> anyhow::Result<()> {
         Verb::Calc { verb } => commands::calc::run(&verb, json),
         Verb::Denoise { plane, output } => commands::denoise::run(&plane, &output, json),
         Verb::Merge(merge) => commands::merge::run(&merge, json),
+        Verb::QuickLook(look) => commands::quick_look::run(&look, json),
         Verb::Stack(stack) => commands::stack::run(&stack, json),
         Verb::Scene { verb } => commands::scene::run(&verb, json),
         Verb::Lens { verb } => commands::lens::run(&verb, json),

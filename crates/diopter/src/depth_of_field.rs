@@ -33,6 +33,74 @@ pub fn circle_mm(focal_mm: f64, f_number: f64, subject_m: f64, distance_m: f64) 
 mod tests {
     use super::*;
 
+    /// Rows of a table of truths, header left out; empty where the file is not at hand.
+    fn rows(name: &str) -> Vec<Vec<String>> {
+        let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data/truths").join(name);
+        let Ok(text) = std::fs::read_to_string(path) else {
+            println!("{name} is not at hand");
+            return vec![];
+        };
+        text.lines().skip(1).map(|l| l.split(',').map(str::to_owned).collect()).collect()
+    }
+
+    #[test]
+    fn every_row_of_the_table_of_depths_is_met() {
+        for row in rows("dof_table.csv") {
+            let v: Vec<f64> = row.iter().map(|t| if t == "inf" { f64::INFINITY } else { t.parse().unwrap() }).collect();
+            let [c, f, n, s, h, near, far, dof, at_infinity] = v[..] else { panic!("{row:?}") };
+            let (a, b) = limits_m(f, n, c, s / 1000.0);
+            let close = |got_m: f64, mm: f64| {
+                let got = 1000.0 * got_m;
+                // Hyperfocal distances are written to 0.01 mm.
+                got == mm || (got - mm).abs() < 6e-3 + 1e-6 * mm
+            };
+            assert!(close(hyperfocal_m(f, n, c), h) && close(a, near) && close(b, far) && close(b - a, dof), "{row:?}: {a} {b}");
+            assert!((circle_mm(f, n, s / 1000.0, f64::INFINITY) - at_infinity).abs() < 1e-6, "{row:?}");
+        }
+    }
+
+    #[test]
+    fn every_row_of_the_table_of_fields_is_met() {
+        use diopter_sensor::format::{equivalent_35mm, field_of_view};
+        for row in rows("fov_table.csv") {
+            let v: Vec<f64> = row[1..].iter().map(|t| t.parse().unwrap()).collect();
+            let [w, h, f, horizontal, vertical, diagonal, crop, equivalent] = v[..] else { panic!("{row:?}") };
+            for (side, angle) in [(w, horizontal), (h, vertical), (w.hypot(h), diagonal)] {
+                assert!((field_of_view(side, f).to_degrees() - angle).abs() < 6e-4, "{row:?}");
+            }
+            assert!((equivalent_35mm(1.0, w.hypot(h)) - crop).abs() < 6e-4, "{row:?}");
+            assert!((equivalent_35mm(f, w.hypot(h)) - equivalent).abs() < 6e-3 * equivalent.max(1.0), "{row:?}");
+        }
+    }
+
+    #[test]
+    fn rays_blur_a_point_as_the_formula_says() {
+        use diopter_lens::{Focus, Iris, Lens, ThinLens};
+        use diopter_light::units::Millimeters;
+        use glam::DVec2;
+        for f_number in [1.4, 22.0] {
+            let lens = ThinLens::new(Millimeters(50.0), f_number, Iris::Round, Focus::Distance(Millimeters(3000.0))).unwrap();
+            let lens = Lens::Thin(lens);
+            for k in 0..20 {
+                let distance = 0.4 * 1.5f64.powi(k);
+                // Through every place of the pupil, the film point whose ray meets the axis there: two rays tell, X is linear in x.
+                let mut widest = [0.0f64; 2];
+                for i in 0..64 * 64 {
+                    let u = [(i % 64) as f32 + 0.5, (i / 64) as f32 + 0.5].map(|v| v / 64.0);
+                    let meets = |x: f64| {
+                        let r = lens.ray(DVec2::new(x, 0.0), u).unwrap();
+                        r.origin_mm.x - r.direction.x / r.direction.z * (1000.0 * distance)
+                    };
+                    let (a, b) = (meets(0.0), meets(1.0));
+                    let x = -a / (b - a);
+                    widest = [widest[0].min(x), widest[1].max(x)];
+                }
+                let (traced, expected) = (widest[1] - widest[0], circle_mm(50.0, f_number, 3.0, distance));
+                assert!((traced / expected - 1.0).abs() < 0.02, "f/{f_number} {distance} m: {traced} {expected}");
+            }
+        }
+    }
+
     #[test]
     fn limits_are_those_of_the_textbook() {
         // f, N, c, s, H, near, far: closed forms worked out independently.

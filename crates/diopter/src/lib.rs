@@ -17,6 +17,7 @@ pub mod metering;
 mod mount;
 pub mod program;
 pub mod quantity;
+pub mod quick_look;
 pub mod raw_file;
 pub mod recipe_file;
 pub mod shot;

@@ -9,6 +9,7 @@ pub mod lens;
 pub mod lut;
 pub mod manual;
 pub mod merge;
+pub mod quick_look;
 pub mod read_out;
 pub mod scene;
 pub mod shoot;

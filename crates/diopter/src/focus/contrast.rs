@@ -88,7 +88,8 @@ pub(super) fn fast(prober: &mut Prober, af: &Autofocus, zone: [f64; 4], range: R
     let wide = look(&film, zone, CELLS);
     // 1. Wide views over the range, in coarse cells, then in finer ones; beyond the everyday part only if that shows nothing or rises
     // towards its end.
-    for by in [WIDE, 1] {
+    // A scene of noisy light is looked at again with more samples.
+    for (by, spp) in [(WIDE, SPP), (WIDE, MORE * SPP), (1, SPP)] {
         let mut seen: Vec<(f64, Sharpness)> = Vec::new();
         for (n, part) in range.parts().into_iter().enumerate() {
             let step = 1.1 * s.width(wide.pitch_mm * by as f64, part[0]);
@@ -98,7 +99,7 @@ pub(super) fn fast(prober: &mut Prober, af: &Autofocus, zone: [f64; 4], range: R
             }
             for k in usize::from(n > 0)..=count {
                 let at = part[0] + (part[1] - part[0]) * k as f64 / count as f64;
-                let Some((at, frame)) = s.probe(wide, at, SPP)? else { continue };
+                let Some((at, frame)) = s.probe(wide, at, spp)? else { continue };
                 let sharp = frame.binned(by).sharpness(s.af.measure, 1);
                 s.note(at, 0, sharp);
                 seen.push((at, sharp));
@@ -109,7 +110,7 @@ pub(super) fn fast(prober: &mut Prober, af: &Autofocus, zone: [f64; 4], range: R
             }
             let around: Vec<(f64, f64)> =
                 seen[top.saturating_sub(1)..(top + 2).min(seen.len())].iter().map(|p| (p.0, p.1.value)).collect();
-            if let Some((at, confidence, failure)) = s.refine(&film, wide, peak(&around).unwrap_or(seen[top].0), range)? {
+            if let Some((at, confidence, failure)) = s.refine(&film, wide, peak(&around).unwrap_or(seen[top].0), spp, range)? {
                 return Ok(s.found(zone, at, confidence, failure));
             }
         }
@@ -125,13 +126,14 @@ impl Search<'_, '_> {
         film: &crate::Film,
         wide: Look,
         start: f64,
+        base_spp: u32,
         range: Range,
     ) -> Result<Option<(f64, f64, Option<Failure>)>, ExposeError> {
         let finest = (1.2 * self.af.circle_mm).max(2.0 * self.prober.view.sensor.pitch_mm()[0]);
         let (mut here, mut at, mut confidence) = (wide, start, 0.0);
         for level in 1.. {
             let last = here.pitch_mm <= 1.3 * finest;
-            let spp = if last { FINE_SPP } else { 2 * SPP };
+            let spp = base_spp * if last { FINE_SPP / SPP } else { 2 };
             let mut climb = self.climb(here, spp, at, level, range)?;
             if climb.sure() < RETRY {
                 // Not clear: the same with more light.

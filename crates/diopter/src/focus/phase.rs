@@ -13,7 +13,7 @@ use crate::expose::{ExposeError, Half};
 const CENTROIDS: f64 = 4.0 / (3.0 * std::f64::consts::PI);
 /// Cells of the wide view, and samples a cell.
 const WIDE: [usize; 2] = [64, 20];
-const SPP: u32 = 16;
+const SPP: u32 = 8;
 /// What is not sure is looked at again with so many times the samples.
 const MORE: u32 = 4;
 /// Means over so many cells that are tried: what is far out of focus has no finer detail, only noise.
@@ -163,7 +163,8 @@ pub(super) fn search(prober: &mut Prober, af: &Autofocus, zone: [f64; 4], range:
             };
             seen = shift(&left, &right);
             left_frame = Some(left);
-            if seen.is_some_and(|s| s.is_sure() && s.correlation > CLEAR) {
+            // What only says where to look closer need not be exact.
+            if seen.is_some_and(|s| s.is_sure() && (wide || s.correlation > CLEAR)) {
                 break;
             }
         }

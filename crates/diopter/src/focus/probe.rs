@@ -18,6 +18,8 @@ const WANTED_LEVEL: f64 = 0.5;
 const MOST_SPEED: f64 = 6400.0;
 /// Pixels of the sensor a cell is averaged over, along each axis: the most.
 const MOST_PIXELS: usize = 4;
+/// A half of the samples that is so many times the other, and the brightest tenth of the cells, is a stray path.
+const SPIKE: [f32; 2] = [3.0, 1.5];
 
 /// What autofocus looks at.
 pub struct View<'a> {
@@ -93,9 +95,10 @@ impl<'a> Prober<'a> {
         // A second of light; the sensor's readings take their share of it.
         let mut plane =
             expose(view.scene, &camera, &Shutter::global(1.0), &self.response, &settings, &ExposureFacts::default(), &quiet)?;
-        self.rays += (columns * rows) as u64 * u64::from(spp) / if half.is_some() { 2 } else { 1 };
+        self.rays += (columns * rows) as u64 * u64::from(spp);
         self.probes += 1;
         plane.mean.data.iter_mut().chain(&mut plane.half_difference.data).for_each(|v| *v *= view.filter as f32);
+        despike(&mut plane);
         // Pixels that a cell stands for, whole patterns of filters.
         let side = view.sensor.cfa.columns().max(view.sensor.cfa.rows());
         let pixels = ((cell / px.min(py)) as usize / side * side).clamp(side, MOST_PIXELS.max(side));
@@ -206,5 +209,26 @@ impl<'a> Prober<'a> {
             full_cells += over.iter().filter(|o| **o as usize * 4 > pixels * pixels).count();
         }
         (seen, full_cells as f64 / (columns * rows) as f64)
+    }
+}
+
+/// Takes out what single light paths of few samples bring and no sensor would see: cells of which one half of the samples is far brighter
+/// than the other and than the picture get the other's value.
+fn despike(plane: &mut FocalPlane) {
+    let n = plane.bands.len();
+    let light: Vec<f32> = plane.mean.data.chunks_exact(n).map(|p| p.iter().sum()).collect();
+    let mut sorted = light.clone();
+    sorted.sort_by(f32::total_cmp);
+    let bright = sorted[(sorted.len() - 1) * 9 / 10];
+    for (i, mean) in light.iter().enumerate() {
+        let cell = i * n..(i + 1) * n;
+        let half: f32 = plane.half_difference.data[cell.clone()].iter().sum();
+        let (more, less) = (mean + half.abs(), mean - half.abs());
+        if more > SPIKE[0] * less && more > SPIKE[1] * bright {
+            for k in cell {
+                plane.mean.data[k] -= half.signum() * plane.half_difference.data[k];
+                plane.half_difference.data[k] = 0.0;
+            }
+        }
     }
 }

@@ -360,6 +360,9 @@ pub struct RenderSection {
     /// Stop after about so long.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub time_limit: Option<Seconds>,
+    /// Blur made from one sharp exposure and its depth instead of rays through the lens: a quick look.
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    pub quick: bool,
     /// Reduce the renderer's own noise; off without.
     pub denoise: Option<bool>,
 }

@@ -21,6 +21,7 @@ use crate::flash::Flash;
 use crate::metering::{self, Meter, Pattern};
 use crate::program::{self, Chosen, Limits, Mode};
 use crate::quantity::{FNumber, FocusTo, LengthMm, Seconds};
+use crate::quick_look::{self, Optics};
 use crate::shutter::{Moments, Shutter};
 use crate::{lens_profile, recipe_file};
 use diopter_develop::lut::Lut;
@@ -504,7 +505,14 @@ impl Shot {
         // What a filter takes is one factor on all light: the plane's facts keep it apart from the scene's own scale.
         let mut settings = self.settings.clone();
         settings.light_scale *= (-self.exposing.nd_stops).exp2();
-        let mut plane = expose(&self.scene, &self.camera, &self.shutter(), &response, &settings, &facts, watch)?;
+        let mut plane = match Optics::of(&self.camera).filter(|_| self.file.render.quick) {
+            None => expose(&self.scene, &self.camera, &self.shutter(), &response, &settings, &facts, watch)?,
+            Some(optics) => {
+                let sharp = quick_look::sharp_camera(&self.camera);
+                let plane = expose(&self.scene, &sharp, &self.shutter(), &response, &settings, &facts, watch)?;
+                quick_look::of_plane(&plane, &optics)
+            }
+        };
         plane.facts.light_scale = self.settings.light_scale;
         Ok(if self.denoise { denoise(&plane) } else { plane })
     }
