@@ -426,7 +426,7 @@ pub struct Taking {
     pub lens_cap: bool,
     /// What is sharp: "2.5m", "inf", "auto", "at 0.4,0.6" (a place in the picture), "on NAME" (a thing of the scene, followed),
     /// "hyperfocal"; without, what the camera is aimed at.
-    #[arg(long, value_name = "WHAT")]
+    #[arg(long, value_name = "WHAT", allow_hyphen_values = true)]
     pub focus: Option<FocusTo>,
     /// Where autofocus looks: one, nine, or boxes "x,y,width,height;..." (shares of the picture).
     #[arg(long, value_name = "ZONES", value_parser = zones, allow_hyphen_values = true)]

@@ -538,3 +538,96 @@ fn developments_that_cannot_be_say_why() {
     assert_eq!(output.status.code(), Some(1));
     assert!(f.path("a.png").exists() && !f.path("cut.png").exists());
 }
+
+#[test]
+fn what_cannot_be_focused_on_is_refused() {
+    let f = Folder::new("focus-wrong");
+    let zone = "0.9,0,0.2,0.2";
+    for (args, word) in [
+        (&["--focus", "2.5x"][..], "hyperfocal"),
+        (&["--focus", "on orang"], "did you mean \"orange\""),
+        (&["--focus", "at", "2,0"], "0 to 1"),
+        (&["--focus", "-1m"], "above 0"),
+        (&["--focus", "auto", "--focus-zones", zone], "inside the picture"),
+        (&["--focus", "auto", "--focus-zones", "0.1,0.1,0,0.2"], "above 0"),
+        (&["--focus", "auto", "--focus-priority", "nearset"], "closest"),
+        (&["--focus-zones", "nine"], "auto"),
+        (&["--focus-step", "2"], "focus_bracket"),
+        (&["--stack", "x.jpg"], "--focus-bracket"),
+        (&["--focus-bracket", "0"], "1 to 99"),
+    ] {
+        let (code, message) = f.fails(&with(&["shoot", "-o", "p.png"], args));
+        assert!(code == 2 && message.contains(word), "{args:?}: {code} {message}");
+    }
+    // The dark is no wrong request: the picture fails, or is taken all the same.
+    let dark = ["--ambient-ev", "-25", "--focus", "auto", "--focus-method", "phase"];
+    let (code, message) = f.fails(&with(&["shoot", "cornell", "-o", "p.png", "--require-focus"], &dark));
+    assert!(code == 1 && message.contains("autofocus failed"), "{code} {message}");
+    let taken = f.ok(&with(&["shoot", "cornell", "-o", "p.png", "--json"], &dark));
+    let json: serde_json::Value = serde_json::from_slice(&taken.stdout).unwrap();
+    assert!(json["focus"]["confidence"].as_f64().unwrap() < 0.5 && json["focus"]["chosen"].is_null());
+}
+
+#[test]
+fn a_saved_shot_keeps_what_autofocus_found() {
+    let f = Folder::new("focus-saved");
+    f.ok(&with(&["shoot", "resolution-chart", "--focus", "auto", "--save-shot", "s.toml"], &["-o", "a.png"]));
+    let saved = std::fs::read_to_string(f.path("s.toml")).unwrap();
+    assert!(saved.contains("extension "), "{saved}");
+    f.ok(&["shoot", "s.toml", "-o", "b.png"]);
+    assert_eq!(pixels(&f.path("a.png")), pixels(&f.path("b.png")));
+    // The chart is 0.94 m away.
+    let json: serde_json::Value = serde_json::from_slice(
+        &f.ok(&with(&["shoot", "resolution-chart", "--focus", "auto", "--json"], &["-o", "a.png"])).stdout,
+    )
+    .unwrap();
+    let found = json["facts"]["focus_distance_m"].as_f64().unwrap();
+    assert!((found - 0.94).abs() < 0.01, "{found}");
+}
+
+#[test]
+fn focus_series_are_numbered_and_stacked() {
+    let f = Folder::new("focus-series");
+    f.ok(&with(&["shoot", "--focus", "0.8m", "--focus-bracket", "3", "--stack", "all.png"], &["-o", "s.dng"]));
+    let names: Vec<String> = f.files().iter().map(|p| p.file_name().unwrap().to_string_lossy().into_owned()).collect();
+    assert_eq!(names.len(), 4, "{names:?}");
+    let raws: Vec<&str> = names.iter().map(|n| n.as_str()).filter(|n| n.ends_with(".dng")).collect();
+    f.ok(&[&["stack"], &raws[..], &["-o", "again.png"]].concat());
+    assert_eq!(pixels(&f.path("all.png")), pixels(&f.path("again.png")));
+    let (code, message) = f.fails(&["stack", raws[0], "-o", "one.png"]);
+    assert!(code == 2 && message.contains("two pictures"), "{code} {message}");
+}
+
+#[test]
+fn quick_looks_are_made_of_planes_and_of_pictures_with_depth() {
+    let f = Folder::new("quick-look");
+    f.ok(&with(&["expose", "--lens", "pinhole"], &["-o", "sharp.exr"]));
+    f.ok(&["quick-look", "sharp.exr", "--aperture", "f/2", "--focus", "0.8m", "-o", "soft.exr"]);
+    f.ok(&["read-out", "soft.exr", "-o", "soft.dng"]);
+    let (code, message) = f.fails(&["quick-look", "sharp.exr", "--focus", "1mm", "-o", "no.exr"]);
+    assert!(code == 2 && message.contains("focal length"), "{code} {message}");
+    f.ok(&with(&["shoot", "--quick"], &["-o", "quick.png"]));
+}
+
+#[test]
+fn calculators_answer_with_published_numbers() {
+    let f = Folder::new("calc-focus");
+    let number = |args: &[&str], place: &str| -> f64 {
+        let json: serde_json::Value = serde_json::from_slice(&f.ok(args).stdout).unwrap();
+        json.pointer(place).and_then(serde_json::Value::as_f64).unwrap_or_else(|| panic!("{args:?} {place}: {json}"))
+    };
+    let dof = ["--json", "calc", "dof", "--focal-length", "85mm", "--aperture", "f/1.8", "--focus", "3m", "--circle", "0.03mm"];
+    assert!((number(&dof, "/rows/0/near_m") - 2.9360).abs() < 1e-4 && (number(&dof, "/rows/0/far_m") - 3.0668).abs() < 1e-4);
+    assert!(
+        (number(&["--json", "calc", "hyperfocal", "50mm", "f/2", "--circle", "0.03mm"], "/rows/0/hyperfocal_m") - 41.7167).abs()
+            < 1e-4
+    );
+    assert!((number(&["--json", "calc", "fov", "50mm"], "/horizontal_deg") - 39.60).abs() < 0.006);
+    let other = ["--json", "calc", "equivalent-format", "25mm", "f/1.4", "--from", "4/3", "--to", "full frame"];
+    assert!((number(&other, "/focal_length_mm") - 49.98).abs() < 0.01 && (number(&other, "/f_number") - 2.799).abs() < 0.01);
+    // A real lens beside it: stopped down it is the thin lens.
+    let real = ["--json", "calc", "dof", "--lens", "double-gauss-50mm", "--aperture", "f/8", "--focus", "3m"];
+    assert!((number(&real, "/rows/0/traced_near_m") / number(&real, "/rows/0/near_m") - 1.0).abs() < 0.01);
+    let (code, message) = f.fails(&["calc", "dof", "--focal-length", "50mm", "--focus", "2cm"]);
+    assert!(code == 2 && message.contains("focal length"), "{code} {message}");
+}

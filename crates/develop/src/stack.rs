@@ -53,8 +53,13 @@ pub fn stack(pictures: &[Picture], scale: &[f64]) -> Result<Picture, StackError>
     for (picture, s) in pictures.iter().zip(scale) {
         let whole = enlarged(&picture.pixels, largest / s);
         let levels = pyramid(whole);
-        let saliences: Vec<Vec<f32>> = levels.par_iter().map(salience).collect();
         let last = levels.len() - 1;
+        let mut saliences: Vec<Vec<f32>> = levels[..last].par_iter().map(salience).collect();
+        saliences.push(match last {
+            0 => vec![1.0; levels[0].width * levels[0].height],
+            // The coarsest level has no detail of its own: the one beneath speaks for it.
+            _ => beneath(&saliences[last - 1], &levels[last - 1], &levels[last]),
+        });
         fused = Some(match fused {
             None => levels.into_iter().zip(saliences).map(|(detail, salience)| Fused { detail, salience }).collect(),
             Some(mut so_far) => {
@@ -72,7 +77,7 @@ pub fn stack(pictures: &[Picture], scale: &[f64]) -> Result<Picture, StackError>
     Ok(Picture { pixels, ..first.clone() })
 }
 
-/// A level in the making: the detail chosen so far and how salient it is; of the top, weighted sums.
+/// A level in the making: the detail chosen so far and how salient it is; of the top, weighted means.
 struct Fused {
     detail: Raster<f32>,
     salience: Vec<f32>,
@@ -147,6 +152,12 @@ fn salience(level: &Raster<f32>) -> Vec<f32> {
             .collect()
     };
     pass(&pass(&squares, w, 1), h, w)
+}
+
+/// Salience of a level for the places of the next coarser one.
+fn beneath(salience: &[f32], level: &Raster<f32>, top: &Raster<f32>) -> Vec<f32> {
+    let at = |x: usize, y: usize| salience[(2 * y).min(level.height - 1) * level.width + (2 * x).min(level.width - 1)];
+    (0..top.width * top.height).map(|i| at(i % top.width, i / top.width)).collect()
 }
 
 /// Half as many pixels, smoothed before.

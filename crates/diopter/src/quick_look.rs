@@ -22,7 +22,7 @@ use rayon::prelude::*;
 /// Rows of a shape's table.
 const ROWS: usize = 256;
 /// Layers of depth, at most, and the blur (pixels) from one to the next, at least.
-const MOST_LAYERS: usize = 12;
+const MOST_LAYERS: usize = 10;
 const LAYER_PX: f64 = 2.0;
 /// Largest radius that is drawn, as a share of the picture's width.
 const LARGEST: f64 = 0.25;
@@ -93,7 +93,9 @@ impl Optics {
 
     /// Radius of the blur (pixels) of a depth (m, along the axis) in a picture of so many columns; negative before the sharp plane.
     pub fn radius_px(&self, depth_m: f64, columns: usize) -> f64 {
-        if !(1000.0 * depth_m > self.focal_mm) {
+        // What has no depth is far away.
+        let depth_m = if depth_m > 0.0 { depth_m } else { f64::INFINITY };
+        if 1000.0 * depth_m <= self.focal_mm {
             // It has no image: as blurred as anything.
             return -LARGEST * columns as f64;
         }
@@ -309,7 +311,9 @@ pub fn quick_look(picture: &Raster<f32>, depth: &[f32], optics: &Optics) -> Rast
             let mut light = [0.0; 4];
             let spread = 1.0 / covers;
             for (to, from) in light.iter_mut().zip(picture.pixel(x, y)) {
-                *to = (f64::from(*from) * spread * area / axis_area) as f32;
+                // One bad number must not poison a row.
+                let from = if from.is_finite() { f64::from(*from) } else { 0.0 };
+                *to = (from * spread * area / axis_area) as f32;
             }
             light[3] = spread as f32;
             Source { light: Vec4::from_array(light), rows, side: side as u16, layer: layer as u8, front, place: place as u16 }
@@ -320,9 +324,9 @@ pub fn quick_look(picture: &Raster<f32>, depth: &[f32], optics: &Optics) -> Rast
     let farthest = reach.iter().copied().max().unwrap_or(0);
     let mut out = Raster::<f32>::new(width, height, n);
     out.data.par_chunks_mut(width * n).enumerate().for_each_init(
-        || vec![Vec4::ZERO; layers * (width + 2)],
+        || vec![DVec4::ZERO; layers * (width + 2)],
         |edges, (y, row)| {
-            edges.fill(Vec4::ZERO);
+            edges.fill(DVec4::ZERO);
             // Beyond the picture its border goes on: what is blurred there spreads into it.
             for from in y as i64 - farthest as i64..=(y + farthest) as i64 {
                 let line_of = from.clamp(0, height as i64 - 1) as usize;
@@ -338,15 +342,17 @@ pub fn quick_look(picture: &Raster<f32>, depth: &[f32], optics: &Optics) -> Rast
                     let [half, middle] = rows[(i64::from(s.rows) + i64::from(s.side) + dy) as usize];
                     let line = &mut edges[s.layer as usize * (width + 2)..(s.layer as usize + 1) * (width + 2)];
                     let middle = place as f32 + 0.5 + middle;
-                    let mut edge = |at: f32, light: Vec4| {
+                    // In double precision: what a lamp adds at one end must be gone after the other.
+                    let mut edge = |at: f32, light: DVec4| {
                         let at = at.clamp(0.0, width as f32);
                         let i = at as usize;
-                        let second = light * (at - i as f32);
+                        let second = light * f64::from(at - i as f32);
                         line[i] += light - second;
                         line[i + 1] += second;
                     };
-                    edge(middle - half, s.light);
-                    edge(middle + half, -s.light);
+                    let light = s.light.as_dvec4();
+                    edge(middle - half, light);
+                    edge(middle + half, -light);
                 };
                 for (x, side) in sides[start..start + width].iter().enumerate() {
                     if *side as usize >= away {
@@ -365,7 +371,7 @@ pub fn quick_look(picture: &Raster<f32>, depth: &[f32], optics: &Optics) -> Rast
             for (x, to) in row.chunks_exact_mut(n).enumerate() {
                 let (mut left, mut all, mut behind) = (1.0, DVec4::ZERO, DVec4::ZERO);
                 for (k, sum) in sums[..layers].iter_mut().enumerate() {
-                    *sum += edges[k * (width + 2) + x].as_dvec4();
+                    *sum += edges[k * (width + 2) + x];
                     let coverage = sum.w;
                     if coverage <= LEAST || left <= 0.0 {
                         continue;
@@ -412,10 +418,30 @@ pub fn of_plane(plane: &FocalPlane, optics: &Optics) -> FocalPlane {
     FocalPlane { mean: blurred(&plane.mean, false), half_difference: blurred(&plane.half_difference, true), ..plane.clone() }
 }
 
+/// Whether a camera's lens draws its corners elsewhere than a hole would (by more than 5 %), or leaves them dark.
+pub fn is_bent(camera: &Camera) -> bool {
+    let Lens::Compound(lens) = &camera.lens else { return false };
+    let corner = 0.5 * DVec2::new(camera.film.width_mm, camera.film.height_mm);
+    let drawn =
+        |film: DVec2| lens.chief_ray(film).ok().map(|r| film.length() * (r.direction.z / r.direction.truncate().length()).abs());
+    match (drawn(corner), drawn(corner * 1e-3)) {
+        (Some(a), Some(b)) => (a / b - 1.0).abs() > 0.05,
+        _ => true,
+    }
+}
+
 /// The camera that takes the sharp exposure for a quick look at another: a hole in the middle of its pupil, as bright.
 pub fn sharp_camera(camera: &Camera) -> Camera {
     let focal = camera.lens.focal_length().0;
-    let film = focal + camera.lens.extension().0;
+    let film = match &camera.lens {
+        // As large as it draws in the middle, however it is focused.
+        Lens::Compound(lens) => {
+            let height = 1e-3 * camera.film.width_mm;
+            let drawn = lens.chief_ray(DVec2::new(height, 0.0)).ok().map(|r| height * (r.direction.z / r.direction.x).abs());
+            drawn.filter(|d| d.is_finite() && *d > 0.0).unwrap_or(focal)
+        }
+        other => focal + other.extension().0,
+    };
     // π / (4 N²) of light on the axis of a hole, π f² / (4 T² v²) of a lens.
     let f_number = camera.lens.t_number() * film / focal;
     match Pinhole::new(Millimeters(film), f_number) {
@@ -464,6 +490,20 @@ mod tests {
         let soft = quick_look(&picture(100.0, 1.0), &depths(0.8, 2.0), &optics());
         let (edge, far) = (soft.pixel(60, 20)[0], soft.pixel(110, 20)[0]);
         assert!((edge - 50.0).abs() < 6.0 && (far - 1.0).abs() < 1e-3, "{edge} {far}");
+    }
+
+    #[test]
+    fn a_lamp_leaves_the_rest_of_its_row_alone() {
+        let (w, h) = (200, 60);
+        for (lamp, depth) in [(1e7f32, 5.0f32), (f32::NAN, 5.0), (f32::INFINITY, 1.7), (1e6, f32::NAN)] {
+            let mut picture = Raster::<f32>::new(w, h, 3);
+            picture.data.fill(0.1);
+            picture.pixel_mut(50, 30).fill(lamp);
+            let out = quick_look(&picture, &vec![depth; w * h], &optics());
+            for y in 0..h {
+                assert!((120..w).all(|x| (out.pixel(x, y)[0] - 0.1).abs() < 1e-4), "{lamp} {depth}: row {y}");
+            }
+        }
     }
 
     #[test]

@@ -18,7 +18,7 @@ use std::sync::atomic::AtomicBool;
 
 fn checks() -> Texture {
     let n = 512;
-    let tone = |i: usize| if (i % n / 32 + i / n / 32) % 2 == 0 { 230 } else { 90 };
+    let tone = |i: usize| if (i % n / 32 + i / n / 32).is_multiple_of(2) { 230 } else { 90 };
     let pixels = (0..n * n).map(|i| [tone(i), tone(i), tone(i), 255]).collect();
     Texture::color(Arc::new(Image { width: n, height: n, pixels }))
 }
@@ -54,8 +54,8 @@ fn differences(balls: bool, f_number: f64) -> [f64; 2] {
         way: CameraWay::still(look_at(Vec3::ZERO, Vec3::new(0.0, -0.35, -2.0), Vec3::Y).unwrap()),
     };
     let scene = scene(balls);
-    let traced = take(&scene, &camera, 1024);
-    let quick = of_plane(&take(&scene, &sharp_camera(&camera), 256), &Optics::of(&camera).unwrap());
+    let traced = take(&scene, &camera, 400);
+    let quick = of_plane(&take(&scene, &sharp_camera(&camera), 128), &Optics::of(&camera).unwrap());
     let full = traced.mean.data.iter().copied().fold(0.0, f32::max) as f64;
     let n = traced.mean.data.len() as f64;
     let off = |p: fn(f64) -> f64| {

@@ -50,9 +50,9 @@ pub enum Focus {
 }
 
 impl Focus {
-    /// At a distance in mm; infinite for infinity.
+    /// At a distance in mm; from a million kilometres on infinity.
     pub fn at_mm(distance: f64) -> Focus {
-        if distance.is_infinite() { Focus::Infinity } else { Focus::Distance(Millimeters(distance)) }
+        if distance >= 1e12 { Focus::Infinity } else { Focus::Distance(Millimeters(distance)) }
     }
 }
 

@@ -3,7 +3,7 @@
 use super::{open, print_json};
 use crate::AskedWrongly;
 use crate::args::QuickLook;
-use crate::output::{self, Kind};
+use crate::output;
 use crate::watch::say;
 use anyhow::{Context, anyhow};
 use diopter::image::{Encoding, ImageError, Picture, exr};
@@ -70,7 +70,7 @@ pub fn run(args: &QuickLook, json: bool) -> anyhow::Result<()> {
             let pixels = quick_look(&picture, &depth, &optics(picture.width, picture.height));
             seconds = begun.elapsed().as_secs_f64();
             let picture = Picture { pixels, space: RgbSpace::Srgb, encoding: Encoding::Linear, facts: None };
-            output::write_picture(Kind::Exr, output, &picture)?
+            output.commit(|to| Ok(exr::write_picture(&picture, exr::Precision::Float, to)?))?
         }
     };
     say(&format!("{seconds:.2} s\nwrote {}", path.display()));

@@ -48,9 +48,9 @@ pub fn run(args: &Shoot, json: bool) -> anyhow::Result<()> {
         ))
         .into());
     }
-    if args.stack.is_some() && !matches!(sequence, Sequence::Focus { .. }) {
+    if args.stack.is_some() && !matches!(sequence, Sequence::Focus { count: 2.., .. }) {
         return Err(AskedWrongly(anyhow!(
-            "--stack joins a focus series: expected --focus-bracket beside it, such as --focus-bracket 7"
+            "--stack joins a focus series: expected --focus-bracket of two or more beside it, such as --focus-bracket 7"
         ))
         .into());
     }

@@ -7,7 +7,7 @@ use crate::output::{self, Kind, Output};
 use crate::watch::say;
 use anyhow::{Context, anyhow};
 use diopter::develop::lut::Lut;
-use diopter::develop::stack::stack;
+use diopter::develop::stack::{StackError, stack};
 use diopter::develop::{Recipe, develop};
 use diopter::image::{Picture, RawImage, dng};
 use diopter::shot::ShotError;
@@ -46,6 +46,9 @@ pub fn write(
     lut: Option<&Lut>,
 ) -> anyhow::Result<Vec<PathBuf>> {
     // Film distance behind the lens: focal length and what the film is moved back.
+    if raws.len() < 2 {
+        return Err(AskedWrongly(StackError::TooFew.into()).into());
+    }
     let drawn = |r: &RawImage| {
         let f = &r.header.facts;
         let extension = match f.extension_mm {
@@ -57,7 +60,13 @@ pub fn write(
         };
         f.focal_length_mm + extension
     };
-    let scales: Vec<f64> = raws.iter().map(|r| drawn(r) / drawn(&raws[0])).collect();
+    // A real lens's own trace says how large it draws, also where groups move inside.
+    let traced = |r: &RawImage| r.header.facts.lens_profile.as_ref().map(|p| f64::from(p.scale)).filter(|s| *s > 0.0);
+    let relative = |r: &RawImage| match (traced(r), traced(&raws[0])) {
+        (Some(a), Some(b)) => a / b,
+        _ => drawn(r) / drawn(&raws[0]),
+    };
+    let scales: Vec<f64> = raws.iter().map(relative).collect();
     let mut written = Vec::new();
     for (kind, output) in outputs {
         let light = recipe.linear_light();

@@ -306,8 +306,10 @@ fn closer(film: &crate::Film, from: Look, frame: &Frame, pitch_mm: f64) -> Look 
 pub(super) fn exhaustive(prober: &mut Prober, af: &Autofocus, zone: [f64; 4], range: Range) -> Result<Found, ExposeError> {
     let camera = prober.view.camera;
     let film = camera.film;
-    let pixels = [(film.columns as f64 * zone[2]).round(), (film.rows as f64 * zone[3]).round()];
-    let cells = pixels.map(|n| (n as usize).max(8));
+    // Every pixel of the picture, or cells as fine as the fast search's last ones.
+    let fine = 1.2 * af.circle_mm;
+    let pixels = [(film.columns, film.width_mm, zone[2]), (film.rows, film.height_mm, zone[3])];
+    let cells = pixels.map(|(n, mm, share)| ((n as f64 * share).max(mm * share / fine).round() as usize).max(8));
     let whole = Look { piece: zone, cells, pitch_mm: film.width_mm * zone[2] / cells[0] as f64 };
     let mut s =
         Search { f_number: camera.lens.f_number(), focal_mm: camera.lens.focal_length().0, prober, af, points: Vec::new() };
@@ -334,6 +336,11 @@ pub(super) fn exhaustive(prober: &mut Prober, af: &Autofocus, zone: [f64; 4], ra
         i if i + 1 == seen.len() => Some(Failure::TooNear),
         _ => None,
     };
-    let confidence = if failure.is_some() { 0.0 } else { (seen[i].1.significance() / (4.0 * SURE)).clamp(0.0, 1.0) };
+    // A peak falls on both sides, by more than noise and by a share of itself.
+    let lowest = |part: &[(f64, Sharpness)]| part.iter().map(|p| p.1.value).fold(f64::INFINITY, f64::min);
+    let drop = 1.0 - lowest(&seen[..i]).max(lowest(&seen[i + 1..])) / seen[i].1.value;
+    let sure = (seen[i].1.significance() / (4.0 * SURE)).min(drop / (4.0 * DROP));
+    let confidence = if failure.is_some() { 0.0 } else { sure.clamp(0.0, 1.0) };
+    let failure = failure.or((confidence < 0.5).then_some(Failure::Uncertain));
     Ok(s.found(zone, at, confidence, failure))
 }

@@ -1,7 +1,7 @@
 //! Autofocus: what a camera finds by looking at its pixels. Never looks at scene depth.
 //!
 //! Positions of the lens are film displacements from infinity, mm ([`diopter_lens::Focus::Extension`]). A probe shows a zone through the
-//! real lens as the sensor reads it ([`probe`]); a [`measure`] says how sharp it is; [`contrast`] climbs to the sharpest position, slowly and
+//! real lens as the sensor reads it (`probe`); a [`measure`] says how sharp it is; `contrast` climbs to the sharpest position, slowly and
 //! surely or fast; [`phase`] compares what the two halves of the pupil see and goes there at once. Zones that disagree are settled by a
 //! [`Priority`].
 //!
@@ -137,7 +137,7 @@ pub struct Autofocus {
     pub circle_mm: f64,
     /// Step of the exhaustive search, mm; half the depth of focus without.
     pub step_mm: Option<f64>,
-    /// The nearest extension that is looked at first is 0; the farthest, mm: as the lens goes without.
+    /// Largest extension that is looked at, mm; as far as the lens goes without.
     pub reach_mm: Option<f64>,
 }
 
@@ -157,7 +157,7 @@ impl Autofocus {
     }
 }
 
-/// Size of a zone, as shares of the picture: a tenth of it in the middle, a ninth of its middle half where there are nine.
+/// Size of the zone in the middle, and of one about a point, as shares of the picture.
 const ONE: [f64; 2] = [0.14, 0.18];
 const POINT: [f64; 2] = [0.06, 0.08];
 
@@ -304,7 +304,6 @@ pub fn autofocus(view: &View, af: &Autofocus) -> Result<Report, ExposeError> {
                 let found = phase::search(&mut prober, af, *zone, range)?;
                 match found.failure {
                     None => found,
-                    // In the dark contrast sees no more.
                     Some(_) => contrast::fast(&mut prober, af, *zone, range)?,
                 }
             }

@@ -156,7 +156,7 @@ pub(super) fn search(prober: &mut Prober, af: &Autofocus, zone: [f64; 4], range:
         let piece = if wide { zone } else { middle };
         let mut seen = None;
         let mut left_frame = None;
-        for spp in [SPP, MORE * SPP] {
+        for spp in [SPP, MORE * SPP, MORE * MORE * SPP] {
             let mut half = |h| prober.frame(piece, WIDE, spp, Some(h));
             let (Some(left), Some(right)) = (half(Half::Left)?, half(Half::Right)?) else {
                 return fail(at, Failure::Uncertain, moves, curve);

@@ -15,6 +15,8 @@ use diopter_scene::{Object, Scene};
 use diopter_sensor::nearest;
 use glam::Vec3;
 
+/// Smallest side of a zone, a share of the picture.
+const SMALLEST_ZONE: f64 = 0.004;
 /// Most zones.
 const MOST_ZONES: usize = 400;
 
@@ -34,13 +36,14 @@ impl Focusing {
         let mut af = Autofocus::new(diagonal_mm);
         if let Some(name) = &f.method {
             let names = Method::NAMES.map(|n| n.0);
-            af.method = named("focus method", name, Method::NAMES.iter().find(|n| n.0 == name).map(|n| n.1), &names)?;
+            af.method =
+                named("focus method", name, Method::NAMES.iter().find(|n| n.0 == name.to_lowercase()).map(|n| n.1), &names)?;
         }
         if let Some(name) = &f.priority {
             af.priority = named("focus priority", name, Priority::named(name), &Priority::NAMES.map(|n| n.0))?;
         }
         if let Some(name) = &f.measure {
-            let found = Measure::NAMES.iter().find(|n| n.0 == name).map(|n| n.1);
+            let found = Measure::NAMES.iter().find(|n| n.0 == name.to_lowercase()).map(|n| n.1);
             af.measure = named("focus measure", name, found, &Measure::NAMES.map(|n| n.0))?;
         }
         if let Some(zones) = &f.zones {
@@ -115,8 +118,9 @@ fn check_zones(zones: &[[f64; 4]], warn: &mut dyn FnMut(&str)) -> Result<(), Sho
     }
     for [x, y, w, h] in zones {
         let found = format!("{x},{y},{w},{h}");
-        if !(*w > 0.0 && *h > 0.0) {
-            return Err(value("focus zone", found, "x,y,width,height with a width and a height above 0"));
+        if !(*w >= SMALLEST_ZONE && *h >= SMALLEST_ZONE) {
+            let expected = format!("x,y,width,height with a width and a height above 0 (at least {SMALLEST_ZONE})");
+            return Err(value("focus zone", found, expected));
         }
         if !(*x >= 0.0 && *y >= 0.0 && x + w <= 1.0 + 1e-9 && y + h <= 1.0 + 1e-9) {
             return Err(value(
@@ -200,6 +204,9 @@ impl Shot {
                 Ok(None)
             }
             Some(FocusTo::Auto | FocusTo::At(_)) if self.lens_cap => {
+                if self.focusing.require {
+                    return Err(ShotError::Focus(focus::Failure::TooDark));
+                }
                 warn("autofocus sees nothing with the cap on the lens");
                 Ok(None)
             }

@@ -250,6 +250,9 @@ impl Shot {
         }
         let (camera, carrier) = staging::camera(&file, &scene, timing.at_s, film, &focusing, framing.as_ref(), warn)?;
         timing.carrier = carrier;
+        if file.render.quick && quick_look::is_bent(&camera) {
+            warn("a quick look keeps straight lines straight: how this lens bends them is not shown");
+        }
         let facts = ExposureFacts {
             software: concat!("diopter ", env!("CARGO_PKG_VERSION")).into(),
             scene: scene_name,
@@ -510,11 +513,12 @@ impl Shot {
             Some(optics) => {
                 let sharp = quick_look::sharp_camera(&self.camera);
                 let plane = expose(&self.scene, &sharp, &self.shutter(), &response, &settings, &facts, watch)?;
-                quick_look::of_plane(&plane, &optics)
+                // The denoiser's guides are sharp: it comes before the blur.
+                quick_look::of_plane(&if self.denoise { denoise(&plane) } else { plane }, &optics)
             }
         };
         plane.facts.light_scale = self.settings.light_scale;
-        Ok(if self.denoise { denoise(&plane) } else { plane })
+        Ok(if self.denoise && !self.file.render.quick { denoise(&plane) } else { plane })
     }
 
     /// Reads the film out.

@@ -120,6 +120,13 @@ pub fn depth(args: &DepthOfField, json: bool) -> anyhow::Result<()> {
         ))
         .into());
     }
+    if c >= focal / aperture {
+        return Err(AskedWrongly(anyhow!(
+            "circle {c} mm: expected less than the opening of the lens, {:.2} mm: else all is sharp",
+            focal / aperture
+        ))
+        .into());
+    }
     let hyperfocal = hyperfocal_m(focal, aperture, c);
     let mut rows: Vec<DepthRow> = Vec::new();
     for s in &distances {
@@ -267,6 +274,9 @@ pub fn field(args: &Field, json: bool) -> anyhow::Result<()> {
             .map(|film| lens.chief_ray(film).ok().map(|r| 2.0 * (-r.direction.z).acos().to_degrees()))
     });
     let crop = format::equivalent_35mm(1.0, d);
+    if args.distance.is_some_and(|d| !(d.0 > 0.0 && d.0.is_finite())) {
+        return Err(AskedWrongly(anyhow!("distance: expected metres above 0, such as 3m")).into());
+    }
     let seen = args.distance.map(|s| [w, h].map(|side| side * s.0 / f));
     if json {
         return print_json(&serde_json::json!({
@@ -293,6 +303,13 @@ pub fn equivalent(args: &FormatArgs, json: bool) -> anyhow::Result<()> {
     let ratio = to.diagonal_mm() / from.diagonal_mm();
     let (f, n) = (positive("focal length", args.focal_length.0)? * ratio, positive("aperture", args.aperture.0)? * ratio);
     let iso = positive("iso", args.iso.0)? * ratio * ratio;
+    if !(1000.0 * args.focus.0 > args.focal_length.0.max(f)) {
+        return Err(AskedWrongly(anyhow!(
+            "focus {}: expected more than the focal lengths: nearer planes have no image",
+            args.focus
+        ))
+        .into());
+    }
     let c = [&from, &to].map(|x| x.diagonal_mm() * CIRCLE_OF_DIAGONAL);
     let s = args.focus.0;
     let limits = [limits_m(args.focal_length.0, args.aperture.0, c[0], s), limits_m(f, n, c[1], s)];
