@@ -203,7 +203,7 @@ fn focus_plot(r: &Report) -> Figure {
             points.sort_by(|a, b| a.extension_mm.total_cmp(&b.extension_mm));
             let most = points.iter().map(|p| p.value.abs()).fold(1e-12, f64::max);
             let name = match (r.zones.len(), level) {
-                (1, 0) => "widest view".to_owned(),
+                (1, 0) if levels > 1 => "widest view".to_owned(),
                 (1, l) if l + 1 == levels => "closest view".to_owned(),
                 (_, 0) => format!("zone {}", k + 1),
                 _ => String::new(),

@@ -39,6 +39,8 @@ struct Search<'s, 'a> {
     /// Film displacement at which light spreads over one mm more: f-number × mm.
     f_number: f64,
     focal_mm: f64,
+    /// Looks so far: values of one cannot be compared with those of another.
+    pass: u32,
     points: Vec<Point>,
 }
 
@@ -66,8 +68,8 @@ impl Search<'_, '_> {
         Ok(self.prober.frame(look.piece, look.cells, spp, None)?.map(|f| (stands, f)))
     }
 
-    fn note(&mut self, at: f64, level: u32, s: Sharpness) {
-        self.points.push(Point { extension_mm: at, value: s.value, floor: s.floor, level });
+    fn note(&mut self, at: f64, s: Sharpness) {
+        self.points.push(Point { extension_mm: at, value: s.value, floor: s.floor, level: self.pass });
     }
 }
 
@@ -83,13 +85,20 @@ fn look(film: &crate::Film, piece: [f64; 4], across: usize) -> Look {
 pub(super) fn fast(prober: &mut Prober, af: &Autofocus, zone: [f64; 4], range: Range) -> Result<Found, ExposeError> {
     let camera = prober.view.camera;
     let film = camera.film;
-    let mut s =
-        Search { f_number: camera.lens.f_number(), focal_mm: camera.lens.focal_length().0, prober, af, points: Vec::new() };
+    let mut s = Search {
+        f_number: camera.lens.f_number(),
+        focal_mm: camera.lens.focal_length().0,
+        prober,
+        af,
+        pass: 0,
+        points: Vec::new(),
+    };
     let wide = look(&film, zone, CELLS);
     // 1. Wide views over the range, in coarse cells, then in finer ones; beyond the everyday part only if that shows nothing or rises
     // towards its end.
     // A scene of noisy light is looked at again with more samples.
     for (by, spp) in [(WIDE, SPP), (WIDE, MORE * SPP), (1, SPP)] {
+        s.pass += u32::from(!s.points.is_empty());
         let mut seen: Vec<(f64, Sharpness)> = Vec::new();
         for (n, part) in range.parts().into_iter().enumerate() {
             let step = 1.1 * s.width(wide.pitch_mm * by as f64, part[0]);
@@ -101,7 +110,7 @@ pub(super) fn fast(prober: &mut Prober, af: &Autofocus, zone: [f64; 4], range: R
                 let at = part[0] + (part[1] - part[0]) * k as f64 / count as f64;
                 let Some((at, frame)) = s.probe(wide, at, spp)? else { continue };
                 let sharp = frame.binned(by).sharpness(s.af.measure, 1);
-                s.note(at, 0, sharp);
+                s.note(at, sharp);
                 seen.push((at, sharp));
             }
             let Some(top) = highest(&seen) else { continue };
@@ -134,10 +143,10 @@ impl Search<'_, '_> {
         for level in 1.. {
             let last = here.pitch_mm <= 1.3 * finest;
             let spp = base_spp * if last { FINE_SPP / SPP } else { 2 };
-            let mut climb = self.climb(here, spp, at, level, range)?;
+            let mut climb = self.climb(here, spp, at, range)?;
             if climb.sure() < RETRY {
                 // Not clear: the same with more light.
-                climb = self.climb(here, MORE * spp, climb.place().unwrap_or(at), level, range)?;
+                climb = self.climb(here, MORE * spp, climb.place().unwrap_or(at), range)?;
             }
             let frame = match climb {
                 Climb::Flat if level == 1 => return Ok(None),
@@ -193,7 +202,8 @@ impl Climb {
 
 impl Search<'_, '_> {
     /// Three probes about a place, more where it rises further; the peak between them.
-    fn climb(&mut self, look: Look, spp: u32, start: f64, level: u32, range: Range) -> Result<Climb, ExposeError> {
+    fn climb(&mut self, look: Look, spp: u32, start: f64, range: Range) -> Result<Climb, ExposeError> {
+        self.pass += 1;
         let step = self.width(look.pitch_mm, start);
         let mut seen: Vec<(f64, Sharpness, Frame)> = Vec::new();
         let mut wanted = vec![start - step, start, start + step];
@@ -206,7 +216,7 @@ impl Search<'_, '_> {
                     continue;
                 }
                 let sharp = frame.sharpness(self.af.measure, 1);
-                self.note(at, level, sharp);
+                self.note(at, sharp);
                 seen.push((at, sharp, frame));
             }
             seen.sort_by(|a, b| a.0.total_cmp(&b.0));
@@ -239,7 +249,7 @@ impl Search<'_, '_> {
                 && !seen.iter().any(|(p, ..)| (p - at).abs() < 1e-9)
             {
                 let sharp = frame.sharpness(self.af.measure, 1);
-                self.note(at, level, sharp);
+                self.note(at, sharp);
                 seen.push((at, sharp, frame));
             }
         }
@@ -311,8 +321,14 @@ pub(super) fn exhaustive(prober: &mut Prober, af: &Autofocus, zone: [f64; 4], ra
     let pixels = [(film.columns, film.width_mm, zone[2]), (film.rows, film.height_mm, zone[3])];
     let cells = pixels.map(|(n, mm, share)| ((n as f64 * share).max(mm * share / fine).round() as usize).max(8));
     let whole = Look { piece: zone, cells, pitch_mm: film.width_mm * zone[2] / cells[0] as f64 };
-    let mut s =
-        Search { f_number: camera.lens.f_number(), focal_mm: camera.lens.focal_length().0, prober, af, points: Vec::new() };
+    let mut s = Search {
+        f_number: camera.lens.f_number(),
+        focal_mm: camera.lens.focal_length().0,
+        prober,
+        af,
+        pass: 0,
+        points: Vec::new(),
+    };
     let step = af.step_mm.unwrap_or(s.f_number * af.circle_mm);
     let mut seen: Vec<(f64, Sharpness)> = Vec::new();
     let mut falls = 0;
@@ -320,7 +336,7 @@ pub(super) fn exhaustive(prober: &mut Prober, af: &Autofocus, zone: [f64; 4], ra
     for k in 0..=count {
         let Some((at, frame)) = s.probe(whole, range.low + k as f64 * step, THOROUGH_SPP)? else { continue };
         let sharp = frame.sharpness(af.measure, 1);
-        s.note(at, 0, sharp);
+        s.note(at, sharp);
         falls = if seen.last().is_some_and(|l| sharp.value < l.1.value) { falls + 1 } else { 0 };
         seen.push((at, sharp));
         // A curve that has not risen above its noise has no peak to fall from.
