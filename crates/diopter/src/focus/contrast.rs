@@ -36,7 +36,6 @@ const FALLS: usize = 5;
 struct Search<'s, 'a> {
     prober: &'s mut Prober<'a>,
     af: &'s Autofocus,
-    /// Film displacement at which light spreads over one mm more: f-number × mm.
     f_number: f64,
     focal_mm: f64,
     /// Looks so far: values of one cannot be compared with those of another.
@@ -53,7 +52,12 @@ struct Look {
     pitch_mm: f64,
 }
 
-impl Search<'_, '_> {
+impl<'s, 'a> Search<'s, 'a> {
+    fn new(prober: &'s mut Prober<'a>, af: &'s Autofocus) -> Self {
+        let lens = &prober.view.camera.lens;
+        Search { f_number: lens.f_number(), focal_mm: lens.focal_length().0, prober, af, pass: 0, points: Vec::new() }
+    }
+
     /// Defocus that takes away most of the detail of a size, mm.
     fn width(&self, pitch_mm: f64, at: f64) -> f64 {
         // The variance counts detail of every size: its peak is broader.
@@ -83,16 +87,8 @@ fn look(film: &crate::Film, piece: [f64; 4], across: usize) -> Look {
 
 /// The fast search: a few wide views bracket the peak, closer and closer ones refine it.
 pub(super) fn fast(prober: &mut Prober, af: &Autofocus, zone: [f64; 4], range: Range) -> Result<Found, ExposeError> {
-    let camera = prober.view.camera;
-    let film = camera.film;
-    let mut s = Search {
-        f_number: camera.lens.f_number(),
-        focal_mm: camera.lens.focal_length().0,
-        prober,
-        af,
-        pass: 0,
-        points: Vec::new(),
-    };
+    let film = prober.view.camera.film;
+    let mut s = Search::new(prober, af);
     let wide = look(&film, zone, CELLS);
     // 1. Wide views over the range, in coarse cells, then in finer ones; beyond the everyday part only if that shows nothing or rises
     // towards its end.
@@ -201,6 +197,18 @@ impl Climb {
 }
 
 impl Search<'_, '_> {
+    /// A probe that is noted, unless the steps of the motor have led to a place that was seen before.
+    fn see(&mut self, look: Look, spp: u32, at: f64, seen: &mut Vec<(f64, Sharpness, Frame)>) -> Result<(), ExposeError> {
+        if let Some((at, frame)) = self.probe(look, at, spp)?
+            && !seen.iter().any(|(p, ..)| (p - at).abs() < 1e-9)
+        {
+            let sharp = frame.sharpness(self.af.measure, 1);
+            self.note(at, sharp);
+            seen.push((at, sharp, frame));
+        }
+        Ok(())
+    }
+
     /// Three probes about a place, more where it rises further; the peak between them.
     fn climb(&mut self, look: Look, spp: u32, start: f64, range: Range) -> Result<Climb, ExposeError> {
         self.pass += 1;
@@ -210,14 +218,7 @@ impl Search<'_, '_> {
         let mut climbs = 0;
         loop {
             for at in wanted.drain(..) {
-                let Some((at, frame)) = self.probe(look, at.clamp(range.low, range.high), spp)? else { continue };
-                // Steps of a motor may fall together.
-                if seen.iter().any(|(p, ..)| (p - at).abs() < 1e-9) {
-                    continue;
-                }
-                let sharp = frame.sharpness(self.af.measure, 1);
-                self.note(at, sharp);
-                seen.push((at, sharp, frame));
+                self.see(look, spp, at.clamp(range.low, range.high), &mut seen)?;
             }
             seen.sort_by(|a, b| a.0.total_cmp(&b.0));
             if seen.is_empty() {
@@ -245,13 +246,7 @@ impl Search<'_, '_> {
         let top = (0..seen.len()).max_by(|a, b| seen[*a].1.value.total_cmp(&seen[*b].1.value)).unwrap_or(0);
         // Two more, halfway: the fit has something to average.
         for at in [0.5 * (seen[top - 1].0 + seen[top].0), 0.5 * (seen[top].0 + seen[top + 1].0)] {
-            if let Some((at, frame)) = self.probe(look, at, spp)?
-                && !seen.iter().any(|(p, ..)| (p - at).abs() < 1e-9)
-            {
-                let sharp = frame.sharpness(self.af.measure, 1);
-                self.note(at, sharp);
-                seen.push((at, sharp, frame));
-            }
+            self.see(look, spp, at, &mut seen)?;
         }
         seen.sort_by(|a, b| a.0.total_cmp(&b.0));
         let top = (0..seen.len()).max_by(|a, b| seen[*a].1.value.total_cmp(&seen[*b].1.value)).unwrap_or(0);
@@ -314,21 +309,13 @@ fn closer(film: &crate::Film, from: Look, frame: &Frame, pitch_mm: f64) -> Look 
 /// The reference: all positions from infinity to life size, in steps of half the depth of focus, with every pixel of the zone; it ends
 /// after five falling values in a row.
 pub(super) fn exhaustive(prober: &mut Prober, af: &Autofocus, zone: [f64; 4], range: Range) -> Result<Found, ExposeError> {
-    let camera = prober.view.camera;
-    let film = camera.film;
+    let film = prober.view.camera.film;
     // Every pixel of the picture, or cells as fine as the fast search's last ones.
     let fine = 1.2 * af.circle_mm;
     let pixels = [(film.columns, film.width_mm, zone[2]), (film.rows, film.height_mm, zone[3])];
     let cells = pixels.map(|(n, mm, share)| ((n as f64 * share).max(mm * share / fine).round() as usize).max(8));
     let whole = Look { piece: zone, cells, pitch_mm: film.width_mm * zone[2] / cells[0] as f64 };
-    let mut s = Search {
-        f_number: camera.lens.f_number(),
-        focal_mm: camera.lens.focal_length().0,
-        prober,
-        af,
-        pass: 0,
-        points: Vec::new(),
-    };
+    let mut s = Search::new(prober, af);
     let step = af.step_mm.unwrap_or(s.f_number * af.circle_mm);
     let mut seen: Vec<(f64, Sharpness)> = Vec::new();
     let mut falls = 0;

@@ -38,8 +38,6 @@ pub struct Frame {
     pub channels: usize,
     /// Electrons a pixel, the mean over the pixels of a cell.
     pub readings: [Vec<f32>; 2],
-    /// Share of the cells where a channel is full.
-    pub full: f64,
 }
 
 /// What a measure finds.
@@ -245,7 +243,7 @@ mod tests {
         let n = 64;
         let reading =
             |k: usize| (0..n * n).map(|i| 1000.0 + f(i % n, i / n) + noise * gaussian(i + k * n * n + 7)).collect::<Vec<f32>>();
-        Frame { columns: n, rows: n, channels: 1, readings: [reading(0), reading(1)], full: 0.0 }
+        Frame { columns: n, rows: n, channels: 1, readings: [reading(0), reading(1)] }
     }
 
     #[test]

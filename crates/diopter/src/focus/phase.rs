@@ -221,7 +221,7 @@ mod tests {
     fn frame(f: impl Fn(f64, usize) -> f64) -> Frame {
         let (columns, rows) = (64, 8);
         let data: Vec<f32> = (0..columns * rows).map(|i| f((i % columns) as f64, i / columns) as f32).collect();
-        Frame { columns, rows, channels: 1, readings: [data.clone(), data], full: 0.0 }
+        Frame { columns, rows, channels: 1, readings: [data.clone(), data] }
     }
 
     #[test]

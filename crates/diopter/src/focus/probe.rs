@@ -50,7 +50,8 @@ pub(super) struct Prober<'a> {
     pub drive: Drive,
     pub rays: u64,
     pub probes: u32,
-    pub readings: u64,
+    /// Readings so far: each has its own noise.
+    readings: u64,
 }
 
 impl<'a> Prober<'a> {
@@ -113,15 +114,12 @@ impl<'a> Prober<'a> {
         self.drive.wait(time);
         let half_time = 0.5 * time;
         let mut readings = [Vec::new(), Vec::new()];
-        let mut full = 0.0;
         for (k, reading) in readings.iter_mut().enumerate() {
             let sign = if k == 0 { 1.0 } else { -1.0 };
             let electrons = |i: usize| (plane.mean.data[i] + sign * plane.half_difference.data[i]) * half_time as f32;
-            let seen = self.read(&plane, pixels, electrons, half_time, iso);
-            full += 0.5 * seen.1;
-            *reading = seen.0;
+            *reading = self.read(&plane, pixels, electrons, half_time, iso).0;
         }
-        Ok(Some(Frame { columns, rows, channels: self.response.bands.len(), readings, full }))
+        Ok(Some(Frame { columns, rows, channels: self.response.bands.len(), readings }))
     }
 
     /// Time and speed at which the brightest cells reach half of what can be held: as a camera tries them out.
@@ -131,8 +129,7 @@ impl<'a> Prober<'a> {
         let (mut time, mut iso) = (LONGEST_S, lowest);
         for _ in 0..12 {
             let half_time = (0.5 * time) as f32;
-            let (seen, full) = self.read(plane, pixels, |i| plane.mean.data[i] * half_time, 0.5 * time, iso);
-            let mut levels: Vec<f32> = seen;
+            let (mut levels, full) = self.read(plane, pixels, |i| plane.mean.data[i] * half_time, 0.5 * time, iso);
             levels.sort_by(f32::total_cmp);
             let bright = f64::from(levels[(levels.len() - 1) * 49 / 50]);
             let Ok(step) = self.view.sensor.at_iso(iso) else { break };
