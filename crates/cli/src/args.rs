@@ -316,6 +316,18 @@ pub struct Taking {
     /// Turn the iris, degrees.
     #[arg(long, value_name = "DEG", allow_negative_numbers = true)]
     pub blade_rotation: Option<f32>,
+    /// A plenoptic camera: a microlens array of this pitch before the sensor, such as 0.1mm.
+    #[arg(long, value_name = "PITCH")]
+    pub plenoptic: Option<LengthMm>,
+    /// Focal length of the microlenses; without, the pitch times the f-number.
+    #[arg(long, value_name = "LENGTH")]
+    pub microlens_focal_length: Option<LengthMm>,
+    /// From the microlenses to the sensor; their focal length without.
+    #[arg(long, value_name = "LENGTH")]
+    pub microlens_gap: Option<LengthMm>,
+    /// How the microlenses are laid out: square or hexagonal.
+    #[arg(long, value_name = "LAYOUT")]
+    pub microlens_arrangement: Option<String>,
     /// Where the camera stands: "x,y,z" in m.
     #[arg(long, value_name = "X,Y,Z", value_parser = point, allow_hyphen_values = true)]
     pub look_from: Option<[f32; 3]>,
@@ -581,6 +593,15 @@ pub struct Develop {
     /// Bits a channel of PNG, 8 or 16; 8 without, but 16 of PQ and HLG, whose steps would show.
     #[arg(long, value_name = "N")]
     pub bits: Option<u8>,
+    /// Of a plenoptic camera's file: what is sharp: 1.2m, inf, as-taken, or all.
+    #[arg(long, value_name = "DISTANCE")]
+    pub refocus: Option<String>,
+    /// Of a plenoptic camera's file: write the views through a grid of places in the pupil into this folder (made if it is not there).
+    #[arg(long, value_name = "FOLDER")]
+    pub views: Option<PathBuf>,
+    /// Of a plenoptic camera's file: write depth, found by how the views differ: .exr (metres, with confidence) or .png (near is light).
+    #[arg(long, value_name = "FILE")]
+    pub depth: Option<PathBuf>,
     /// Write the picture after every step, with its histogram, and a sheet of all, into this folder (made if it is not there).
     #[arg(long, value_name = "FOLDER")]
     pub steps: Option<PathBuf>,
@@ -984,6 +1005,14 @@ impl Taking {
         over(&mut camera.blade_rotation_deg, &self.blade_rotation);
         over(&mut camera.blade_curvature, &self.blade_curvature);
         over(&mut camera.aperture_image, &self.aperture_image);
+        let lenses = (&self.plenoptic, &self.microlens_focal_length, &self.microlens_gap, &self.microlens_arrangement);
+        if !matches!(lenses, (None, None, None, None)) {
+            let array = camera.plenoptic.get_or_insert_default();
+            over(&mut array.pitch, lenses.0);
+            over(&mut array.focal_length, lenses.1);
+            over(&mut array.gap, lenses.2);
+            over(&mut array.arrangement, lenses.3);
+        }
         over(&mut camera.look_from, &self.look_from);
         over(&mut camera.look_at, &self.look_at);
         over(&mut camera.up, &self.up);

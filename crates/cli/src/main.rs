@@ -8,6 +8,7 @@ mod commands;
 mod output;
 mod paint;
 mod sheet;
+mod views;
 mod watch;
 
 use args::{Args, Verb};

@@ -599,6 +599,52 @@ fn focus_series_are_numbered_and_stacked() {
 }
 
 #[test]
+fn light_fields_are_taken_and_developed() {
+    let f = Folder::new("light-field");
+    let taken =
+        ["shoot", "--plenoptic", "1.5mm", "--aperture", "f/2", "--size", "240x160", "--spp", "1", "--microlens-arrangement"];
+    f.ok(&[&taken[..], &["hexagonal", "--save-shot", "s.toml", "-o", "a.dng"]].concat());
+    f.ok(&["shoot", "s.toml", "-o", "b.dng"]);
+    f.ok(&[
+        "develop",
+        "a.dng",
+        "--refocus",
+        "0.7m",
+        "-o",
+        "a.png",
+        "--views",
+        "views",
+        "--depth",
+        "depth.exr",
+        "--steps",
+        "steps",
+    ]);
+    f.ok(&["develop", "b.dng", "--refocus", "0.7m", "-o", "b.png"]);
+    let (a, b) = (pixels(&f.path("a.png")), pixels(&f.path("b.png")));
+    assert_eq!(a, b);
+    assert!(f.path("views").read_dir().unwrap().count() >= 4 && f.path("depth.exr").exists());
+    f.ok(&["develop", "a.dng", "--refocus", "all", "--set", "noise.luminance=0.5", "--set", "resize.width=10", "-o", "c.png"]);
+    for (args, word) in [
+        (&["develop", "a.dng", "--refocus", "near"][..], "as-taken"),
+        (&["develop", "a.dng", "--refocus", "1mm"], "at least"),
+        (&["develop", "a.dng", "--set", "light_field.aperture=1"], "f/2"),
+        (&["develop", "a.dng", "--depth", "d.jpg"], "metres"),
+        (&["shoot", "--plenoptic", "0.1mm", "--size", "240x160"], "--size"),
+        (&["shoot", "--plenoptic", "20mm", "--size", "240x160"], "four lenses"),
+        (&["shoot", "--plenoptic", "1.5mm", "--size", "240x160", "--lens", "pinhole"], "aperture"),
+        (&["shoot", "--plenoptic", "1.5mm", "--size", "240x160", "--quick"], "quick look"),
+        (&["shoot", "--microlens-gap", "1mm"], "pitch"),
+        (&["shoot", "--plenoptic", "1.5mm", "--size", "240x160", "--microlens-arrangement", "round"], "hexagonal"),
+    ] {
+        let (code, message) = f.fails(&[args, &["-o", "x.png"]].concat());
+        assert!(code == 2 && message.contains(word), "{args:?}: {code} {message}");
+    }
+    f.ok(&with(&["shoot"], &["-o", "plain.dng"]));
+    let (code, message) = f.fails(&["develop", "plain.dng", "--refocus", "1m", "-o", "x.png"]);
+    assert!(code == 2 && message.contains("no light field"), "{code} {message}");
+}
+
+#[test]
 fn quick_looks_are_made_of_planes_and_of_pictures_with_depth() {
     let f = Folder::new("quick-look");
     f.ok(&with(&["expose", "--lens", "pinhole"], &["-o", "sharp.exr"]));

@@ -3,11 +3,12 @@
 //! A developer is asked for rows of the picture; each asks the step before for the part it needs (`Developer::finished` and what it calls, bottom
 //! to top), so that neither time nor memory is spent on anything else, and pictures of any size fit.
 
+use crate::light_field::{Decoder, DepthMap, LightField};
 use crate::look::{Look, Until};
 use crate::lut::Lut;
 use crate::overview::Overview;
-use crate::recipe::{Recipe, RecipeError};
-use crate::region::{Planes, Region};
+use crate::recipe::{Demosaic, Recipe, RecipeError};
+use crate::region::{Planes, Region, inside};
 use crate::steps::demosaic::{Demosaicer, Mosaic};
 use crate::steps::{
     black_level, camera_matrix, defects, encode, exposure, highlights, lens, local, noise, resize, row_noise, sharpen,
@@ -17,6 +18,7 @@ use diopter_image::{Encoding, ExposureFacts, Picture, PictureSource, RawImage};
 use diopter_light::color::RgbSpace;
 use glam::Vec3;
 use rayon::prelude::*;
+use std::sync::OnceLock;
 
 /// The steps, in their order.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -31,6 +33,8 @@ pub enum Step {
     Defects,
     /// Saturated channels clipped or guessed.
     Highlights,
+    /// Pictures made of a light field.
+    LightField,
     /// Missing colours filled in.
     Demosaic,
     /// Noise reduced.
@@ -59,12 +63,13 @@ pub enum Step {
 
 impl Step {
     /// All steps.
-    pub const ALL: [Step; 17] = [
+    pub const ALL: [Step; 18] = [
         Step::BlackLevel,
         Step::RowNoise,
         Step::WhiteBalance,
         Step::Defects,
         Step::Highlights,
+        Step::LightField,
         Step::Demosaic,
         Step::NoiseReduction,
         Step::LensCorrection,
@@ -87,6 +92,7 @@ impl Step {
             Step::WhiteBalance => "white-balance",
             Step::Defects => "defects",
             Step::Highlights => "highlights",
+            Step::LightField => "light-field",
             Step::Demosaic => "demosaic",
             Step::NoiseReduction => "noise-reduction",
             Step::LensCorrection => "lens-correction",
@@ -120,6 +126,8 @@ pub struct Developer<'a> {
     neighbours: Option<defects::Neighbours>,
     cast: Option<highlights::Cast>,
     demosaicer: Demosaicer,
+    /// A light field of which a picture is to be made, and that picture once it is asked for.
+    light_field: Option<(LightField, OnceLock<Planes>)>,
     reducer: Option<noise::Reducer>,
     correction: Option<lens::Correction>,
     srgb_of_channel: Vec<Vec3>,
@@ -148,14 +156,33 @@ impl<'a> Developer<'a> {
         let neutral = white_balance::neutral(h, &recipe.white, &overview)?;
         // The channel that responds most keeps its scale.
         let gains: Vec<f32> = neutral.iter().map(|n| (1.0 / n.max(1e-3)) as f32).collect();
-        let demosaicer = Demosaicer::new(recipe.demosaic.method, &h.cfa);
+        let light_field = match recipe.light_field.wanted() {
+            false => None,
+            true => Some(LightField::of(h, [mosaic.width, mosaic.height])?.ok_or_else(|| RecipeError {
+                place: "light_field".into(),
+                found: "a picture of a file that holds no light field".into(),
+                expected: "a raw file taken here with a microlens array (--plenoptic)".into(),
+            })?),
+        };
+        if let Some(field) = &light_field {
+            field.check(&recipe.light_field, h.facts.f_number)?;
+        }
+        // A picture of a light field has all channels in every pixel, without any being guessed.
+        let method = if light_field.is_some() { Demosaic::Half } else { recipe.demosaic.method };
+        let demosaicer = Demosaicer::new(method, &h.cfa);
         let srgb_of_channel = camera_matrix::to_srgb(h, &neutral);
         let exposure = exposure::gain(recipe.exposure.ev, h.baseline_ev);
         let light = |signal: &[f32]| {
             let balanced = signal.iter().zip(&gains).map(|(s, g)| (s * g).min(1.0));
             balanced.zip(&srgb_of_channel).map(|(s, c)| *c * s).sum::<Vec3>() * exposure
         };
-        let correction = lens::Correction::new(h.facts.lens_profile.as_ref(), &recipe.lens, h.cfa.filters());
+        let mut profile = h.facts.lens_profile.clone();
+        if let (Some(field), Some(profile)) = (&light_field, &mut profile) {
+            // Its picture is a little smaller than the film.
+            let scale = field.film_over_picture() as f32;
+            (profile.reach, profile.scale) = (profile.reach * scale, profile.scale * scale);
+        }
+        let correction = lens::Correction::new(profile.as_ref(), &recipe.lens, h.cfa.filters());
         if correction.is_none() && recipe.lens != Default::default() {
             return Err(RecipeError {
                 place: "lens".into(),
@@ -163,10 +190,13 @@ impl<'a> Developer<'a> {
                 expected: "a raw file taken here through a prescription (not an ideal lens, nor one with cylinders)".into(),
             });
         }
-        let cell = demosaicer.cell(&h.cfa);
-        let size = [(mosaic.width / cell[0]).max(1), (mosaic.height / cell[1]).max(1)];
+        let cell = if light_field.is_some() { [1, 1] } else { demosaicer.cell(&h.cfa) };
+        let size = match &light_field {
+            Some(field) => field.size(),
+            None => [(mosaic.width / cell[0]).max(1), (mosaic.height / cell[1]).max(1)],
+        };
         let frame = match h.framing.crop {
-            Some([x, y, w, h]) if w >= cell[0] && h >= cell[1] => {
+            Some([x, y, w, h]) if w >= cell[0] && h >= cell[1] && light_field.is_none() => {
                 Region { left: (x / cell[0]) as i64, top: (y / cell[1]) as i64, width: w / cell[0], height: h / cell[1] }
             }
             _ => Region::whole(size[0], size[1]),
@@ -177,19 +207,27 @@ impl<'a> Developer<'a> {
         let resized = swapped(resize::target(shown, &recipe.resize), turned);
         Ok(Developer {
             raw,
-            facts: h.facts.clone(),
+            facts: match &light_field {
+                Some(field) => field.facts_of(&h.facts, &recipe.light_field),
+                None => h.facts.clone(),
+            },
             recipe,
             until: Step::Encode,
             rows: row_noise::offsets(raw, recipe.row_noise.amount),
             neighbours: (recipe.defects.threshold > 0.0).then(|| defects::Neighbours::new(&h.cfa)),
             cast: (recipe.highlights.method == crate::HighlightMethod::Recover).then(|| highlights::cast(raw, &gains)).flatten(),
-            reducer: noise::Reducer::new(&recipe.noise, raw, &gains, &demosaicer),
+            reducer: noise::Reducer::new(&recipe.noise, raw, &gains, &demosaicer).map(|r| match &light_field {
+                // Its pixels are means of many.
+                Some(field) => r.with_noise_of(field.samples_a_pixel(&recipe.light_field, h.facts.f_number) as f32),
+                None => r,
+            }),
             correction,
             local: local::LocalTone::new(&recipe.local, overview, light),
             look: Look::new(recipe, lut),
             encoder: encode::Encoder::new(&recipe.output),
             gains,
             demosaicer,
+            light_field: light_field.map(|f| (f, OnceLock::new())),
             srgb_of_channel,
             exposure,
             size,
@@ -198,10 +236,33 @@ impl<'a> Developer<'a> {
         })
     }
 
-    /// The same picture after only the steps up to one: camera channels and light are shown by the sRGB function.
+    /// The same picture after only the steps up to one: camera channels and light are shown by the sRGB function. Before a picture was made
+    /// of it, of a light field the middle of each microlens's image is shown.
     pub fn until(mut self, step: Step) -> Self {
         self.until = step;
         self
+    }
+
+    /// The geometry of a light field of which a picture is made.
+    pub fn light_field(&self) -> Option<&LightField> {
+        self.light_field.as_ref().map(|f| &f.0)
+    }
+
+    /// Depth from the light field of which a picture is made, before it is turned or resized; `None` of other files.
+    pub fn depth(&self) -> Option<DepthMap> {
+        let (field, _) = self.light_field.as_ref()?;
+        Some(Decoder { field, mosaic: self.mosaic(Region::whole(self.raw.mosaic.width, self.raw.mosaic.height)) }.depth())
+    }
+
+    /// Pixels of the mosaic a side of a pixel of the picture.
+    fn pixels_a_side(&self) -> [f32; 2] {
+        match &self.light_field {
+            Some((field, _)) => {
+                let [w, h] = field.size();
+                [self.raw.mosaic.width as f32 / w as f32, self.raw.mosaic.height as f32 / h as f32]
+            }
+            None => self.demosaicer.cell(&self.raw.header.cfa).map(|n| n as f32),
+        }
     }
 
     /// Whether a step does anything with this recipe and file.
@@ -210,7 +271,8 @@ impl<'a> Developer<'a> {
             Step::RowNoise => !self.rows.is_empty(),
             Step::Defects => self.neighbours.is_some(),
             Step::Highlights => self.cast.is_some() || self.recipe.highlights.method == crate::HighlightMethod::Clip,
-            Step::Demosaic => !self.raw.header.cfa.is_monochrome(),
+            Step::LightField => self.light_field.is_some(),
+            Step::Demosaic => !self.raw.header.cfa.is_monochrome() && self.light_field.is_none(),
             Step::NoiseReduction => self.reducer.is_some(),
             Step::LensCorrection => self.correction.is_some(),
             Step::LocalTone => self.local.is_some(),
@@ -254,7 +316,35 @@ impl<'a> Developer<'a> {
         }
     }
 
+    /// A part of the picture of a light field, edges repeated.
+    fn refocused(&self, field: &LightField, made: &OnceLock<Planes>, region: Region) -> Planes {
+        let whole = made.get_or_init(|| {
+            let mosaic = self.mosaic(Region::whole(self.raw.mosaic.width, self.raw.mosaic.height));
+            let f_number = self.raw.header.facts.f_number;
+            let settings = match self.until < Step::LightField {
+                // The middle of each lens's image.
+                true => crate::recipe::LightField { view: Some([0.0; 2]), ..Default::default() },
+                false => self.recipe.light_field.clone(),
+            };
+            let decoder = Decoder { field, mosaic };
+            decoder.picture(&settings, f_number).unwrap_or_else(|e| unreachable!("settings were checked: {e}"))
+        });
+        let [w, h] = self.size;
+        let mut planes = vec![Vec::with_capacity(region.area()); whole.planes.len()];
+        for y in region.top..region.bottom() {
+            let row = inside(y, h, 1) * w;
+            for x in region.left..region.right() {
+                let i = row + inside(x, w, 1);
+                planes.iter_mut().zip(&whole.planes).for_each(|(to, from)| to.push(from[i]));
+            }
+        }
+        Planes { region, planes }
+    }
+
     fn demosaiced(&self, region: Region) -> Planes {
+        if let Some((field, made)) = &self.light_field {
+            return self.refocused(field, made, region);
+        }
         let [cx, cy] = self.demosaicer.cell(&self.raw.header.cfa);
         let of_cells = Region {
             left: region.left * cx as i64,
@@ -295,7 +385,7 @@ impl<'a> Developer<'a> {
         }
         let mut rgb = camera_matrix::apply(&channels, &self.srgb_of_channel);
         let local = self.local.as_ref().filter(|_| self.until >= Step::LocalTone);
-        let cell = self.demosaicer.cell(&self.raw.header.cfa);
+        let cell = self.pixels_a_side();
         let exposure = if self.until >= Step::Exposure { self.exposure } else { 1.0 };
         let part = match self.until {
             Step::ToneCurve => Some(Until::Tone),
@@ -306,12 +396,12 @@ impl<'a> Developer<'a> {
         let [r, g, b] = &mut rgb.planes[..] else { return rgb };
         for row in 0..region.height {
             let line = row * region.width..(row + 1) * region.width;
-            let y = (region.top + row as i64) as f32 * cell[1] as f32;
+            let y = (region.top + row as i64) as f32 * cell[1];
             let pixels = r[line.clone()].iter_mut().zip(&mut g[line.clone()]).zip(&mut b[line]);
             for (column, ((r, g), b)) in pixels.enumerate() {
                 let mut c = Vec3::new(*r, *g, *b) * exposure;
                 if let Some(local) = local {
-                    c = local.apply(c, (region.left + column as i64) as f32 * cell[0] as f32, y);
+                    c = local.apply(c, (region.left + column as i64) as f32 * cell[0], y);
                 }
                 if let Some(part) = part {
                     c = self.look.apply_until(c, part);

@@ -5,6 +5,7 @@
 
 pub mod denoise;
 pub mod develop;
+pub mod light_field;
 mod look;
 pub mod lut;
 mod overview;

@@ -14,6 +14,8 @@ pub struct Recipe {
     pub highlights: Highlights,
     /// What is white.
     pub white: White,
+    /// What is made of a light field.
+    pub light_field: LightField,
     /// How missing colours are filled in.
     pub demosaic: DemosaicStep,
     /// Less noise.
@@ -96,6 +98,26 @@ section! {
         tint: f64 = 0.0,
         /// A part of the picture that is grey: left, top, width, height as shares of the picture. Wins over `balance`.
         patch: Option<[f64; 4]> = None,
+    }
+}
+
+section! {
+    /// What is made of the raw picture of a plenoptic camera; without any of these it is developed as it is, with the images behind all
+    /// microlenses.
+    LightField {
+        /// What is sharp: `as-taken`, a distance such as `1.2 m`, `inf`, or `all`.
+        focus: String = String::new(),
+        /// f-number of a smaller part of the pupil; all of it without.
+        aperture: Option<f64> = None,
+        /// A view through one place of the pupil, to the right and down as seen from behind the camera; 1 is its edge.
+        view: Option<[f64; 2]> = None,
+    }
+}
+
+impl LightField {
+    /// Whether anything is to be made of it.
+    pub fn wanted(&self) -> bool {
+        *self != LightField::default()
     }
 }
 
@@ -400,6 +422,24 @@ pub const SETTINGS: &[Setting] = &[
         why: "left, top, width, height of a part that is grey; wins over white.balance",
     },
     other(
+        "light_field.focus",
+        Allowed::Text,
+        "of a plenoptic camera's file, what is sharp: as-taken, a distance (1.2 m), inf, or all; unset, the images behind the microlenses are shown as they are",
+    ),
+    number(
+        "light_field.aperture",
+        "f-number",
+        0.1,
+        1000.0,
+        "a smaller part of the pupil: more depth of field; unset, all of it. The picture stays as bright",
+    ),
+    Setting {
+        name: "light_field.view",
+        unit: "radii of the pupil",
+        allowed: Allowed::Numbers(2, -1.0, 1.0),
+        why: "a view through one place of the pupil, to the right and down; instead of an aperture",
+    },
+    other(
         "demosaic.method",
         Allowed::Names(METHODS),
         "gbtf has the least error on charts; rcd is faster; linear serves any pattern; half gives one pixel for each period of the pattern, with nothing guessed",
@@ -586,6 +626,7 @@ impl Recipe {
     /// Whether all numbers are in their ranges.
     pub fn check(&self) -> Result<(), RecipeError> {
         crate::steps::white_balance::check(&self.white)?;
+        crate::light_field::check(&self.light_field)?;
         let all = toml::Table::try_from(self).unwrap_or_default();
         for setting in SETTINGS {
             let (section, key) = setting.name.split_once('.').unwrap_or((setting.name, ""));
@@ -635,6 +676,7 @@ mod tests {
         let mut recipe = Recipe::default();
         recipe.white.patch = Some([0.0, 0.0, 0.1, 0.1]);
         recipe.tone.white = Some(4.0);
+        recipe.light_field = LightField { aperture: Some(4.0), view: Some([0.0; 2]), ..Default::default() };
         recipe.resize = Resize { width: Some(10), height: Some(10), long_edge: Some(10) };
         let all = toml::Table::try_from(&recipe).unwrap();
         let mut names: Vec<String> = Vec::new();

@@ -1,7 +1,9 @@
 //! A lens, a film and a place in the world.
 
 use crate::camera_way::CameraWay;
+use diopter_image::LightFieldFacts;
 use diopter_lens::Lens;
+use diopter_lens::microlens::MicrolensArray;
 use glam::{Affine3A, DVec2, Mat3A, Vec3, Vec3A};
 
 /// The film: how large, and into how many pixels the picture is cut.
@@ -25,13 +27,25 @@ pub struct Film {
     /// Where the middle of the film lies, mm from the lens's axis, to the right and up as the picture shows it: 0 but for a piece of a
     /// larger film.
     pub middle_mm: [f64; 2],
+    /// A microlens array in the film's place: the sensor lies behind it, and what is said here of the film is said of the sensor.
+    pub microlenses: Option<MicrolensArray>,
 }
 
 impl Film {
     /// A film whose pixels are as large as their share of the format.
     pub fn new(width_mm: f64, height_mm: f64, columns: usize, rows: usize) -> Self {
         let pixel_area_mm2 = width_mm * height_mm / (columns * rows) as f64;
-        Film { width_mm, height_mm, columns, rows, pixel_area_mm2, low_pass_mm: 0.0, gap_mm: [0.0; 2], middle_mm: [0.0; 2] }
+        Film {
+            width_mm,
+            height_mm,
+            columns,
+            rows,
+            pixel_area_mm2,
+            low_pass_mm: 0.0,
+            gap_mm: [0.0; 2],
+            middle_mm: [0.0; 2],
+            microlenses: None,
+        }
     }
 
     /// A piece of the film, `[left, top, width, height]` as shares of the picture, cut into its own cells.
@@ -73,6 +87,29 @@ pub struct Camera {
     pub film: Film,
     /// Where it is during the exposure; it looks along −Z with +Y up.
     pub way: CameraWay,
+}
+
+impl Camera {
+    /// What must be known to decode what it takes, with a microlens array.
+    pub fn light_field_facts(&self) -> Option<LightFieldFacts> {
+        let (film, array) = (&self.film, self.film.microlenses?);
+        // f² / extension − distance is the same for all distances.
+        let object_offset_mm = match &self.lens {
+            Lens::Compound(lens) => lens.focal_length().0.powi(2) / lens.extension_at(1e6) - 1e6,
+            other => -other.focal_length().0,
+        };
+        Some(LightFieldFacts {
+            arrangement: array.lattice.arrangement.name().into(),
+            pitch_mm: array.lattice.pitch,
+            origin_mm: array.lattice.origin.to_array(),
+            focal_length_mm: array.focal_length,
+            gap_mm: array.gap,
+            pixel_mm: [film.width_mm / film.columns as f64, film.height_mm / film.rows as f64],
+            exit_curvature_per_mm: self.lens.exit_curvature(),
+            pupil_slope: self.lens.pupil_slope(),
+            object_offset_mm,
+        })
+    }
 }
 
 /// Why a camera cannot be placed.

@@ -9,7 +9,9 @@ use crate::shutter::{Moments, Place, Shutter};
 use diopter_image::focal_plane::{Band, BandUnit, Truth};
 use diopter_image::{ExposureFacts, FocalPlane, Raster};
 use diopter_lens::batch::single::LANES;
-use diopter_lens::compound::{CompoundLens, Exits, Samples, Scratch};
+use diopter_lens::compound::{Aim, CompoundLens, Exits, Samples, Scratch};
+use diopter_lens::microlens::{Aimed, Behind};
+use diopter_lens::pupil::PupilTable;
 use diopter_lens::{Lens, LensRay};
 use diopter_light::random::{Sampler, SamplerKind, Set};
 use diopter_light::spectrum::Table;
@@ -225,7 +227,8 @@ pub fn expose(
             None => tile as f64 / tiles as f64,
             Some(limit) => (started.elapsed().as_secs_f64() / limit).min(1.0),
         };
-        let unit = Unit { scene, camera, shutter, curves: &curves, response, wavelengths: &wavelengths, settings };
+        let behind = camera.film.microlenses.map(|m| m.behind(&camera.lens));
+        let unit = Unit { scene, camera, shutter, curves: &curves, response, wavelengths: &wavelengths, settings, behind };
         tiles_done.store(0, Ordering::Relaxed);
         let results: Vec<Option<Tile>> = (0..tiles)
             .into_par_iter()
@@ -315,6 +318,27 @@ fn drawn_again([u, v]: [f32; 2], attempt: u32) -> [f32; 2] {
     [(u + 0.754_877_7 * a).fract(), (v + 0.569_840_3 * a).fract()]
 }
 
+/// Rays from places of the sensor through a microlens array.
+struct FromSensor<'a> {
+    behind: &'a Behind,
+    rays: [Option<Aimed>; LANES],
+    film_half: glam::DVec2,
+}
+
+impl Aim for FromSensor<'_> {
+    fn draw(&self, _: &PupilTable, lane: usize, _: glam::DVec2) -> Option<(glam::DVec2, f64)> {
+        self.rays[lane].map(|r| (r.slope, r.density))
+    }
+
+    fn density(&self, _: &PupilTable, film: glam::DVec2, slope: glam::DVec2) -> f64 {
+        let sensor = self.behind.lands(film, slope);
+        match sensor.x.abs() <= self.film_half.x && sensor.y.abs() <= self.film_half.y {
+            true => self.behind.density(sensor),
+            false => 0.0,
+        }
+    }
+}
+
 /// What all tiles share.
 struct Unit<'a> {
     scene: &'a Scene,
@@ -324,6 +348,8 @@ struct Unit<'a> {
     response: &'a Response,
     wavelengths: &'a WavelengthSampler,
     settings: &'a Settings,
+    /// The microlens array, if there is one.
+    behind: Option<Behind>,
 }
 
 impl Unit<'_> {
@@ -375,6 +401,7 @@ impl Unit<'_> {
         let radiance_only = self.response.bands[0].unit == BandUnit::Radiance;
         let (mut packet, mut exits, mut scratch) = (Samples::default(), Exits::default(), Scratch::default());
         let (mut again, mut drawn_pupil) = (Exits::default(), [[0.5f32; 2]; LANES]);
+        let mut from_sensor = self.behind.as_ref().map(|behind| FromSensor { behind, rays: [None; LANES], film_half });
         let mut drawn: Vec<(usize, usize, Sampler, Wavelengths, f32, glam::DVec2)> = Vec::with_capacity(LANES);
         let spp = samples.len();
         let total = width * height * spp;
@@ -397,9 +424,16 @@ impl Unit<'_> {
                 drawn_pupil[k] = [pu, pv];
                 packet.nm[k] = wavelengths.nm.to_array();
                 drawn.push((x, y, sampler, wavelengths, t, shift));
+                if let Some(from) = &mut from_sensor {
+                    from.rays[k] = from.behind.draw(packet.film[k], [pu, pv]);
+                    packet.film[k] = from.rays[k].map_or(packet.film[k], |r| r.at);
+                }
             }
-            lens.exits(&packet, film_half, &mut scratch, &mut exits);
-            self.refuse_other_half(&mut exits);
+            match &from_sensor {
+                Some(from) => lens.exits_aimed(&packet, from, &mut scratch, &mut exits),
+                None => lens.exits(&packet, film_half, &mut scratch, &mut exits),
+            }
+            self.refuse_other_half(&packet, &mut exits);
             for attempt in 1..=if self.settings.redraw { REDRAWS } else { 0 } {
                 if exits.passed.count_ones() as usize >= count {
                     break;
@@ -408,7 +442,7 @@ impl Unit<'_> {
                     packet.pupil[k] = drawn_again(drawn_pupil[k], attempt);
                 }
                 lens.exits(&packet, film_half, &mut scratch, &mut again);
-                self.refuse_other_half(&mut again);
+                self.refuse_other_half(&packet, &mut again);
                 exits.take_missing(&again);
             }
             for k in (0..count).filter(|k| exits.passed >> k & 1 == 1) {
@@ -424,7 +458,17 @@ impl Unit<'_> {
                 let spread = exits.spread && !radiance_only;
                 let lands: [Option<(usize, usize)>; 4] = match spread {
                     false => [Some((x, y)); 4],
-                    true => exits.lands[k].map(|[x, y]| self.camera.pixel_of([x + shift.x as f32, y + shift.y as f32])),
+                    true => std::array::from_fn(|c| {
+                        let [x, y] = match &self.behind {
+                            None => exits.lands[k][c],
+                            Some(behind) => {
+                                let [at, slope] = [exits.lands[k][c], exits.slopes[k][c]];
+                                let [at, slope] = [at, slope].map(|v| glam::Vec2::from_array(v).as_dvec2());
+                                behind.lands(at, slope).as_vec2().to_array()
+                            }
+                        };
+                        self.camera.pixel_of([x + shift.x as f32, y + shift.y as f32])
+                    }),
                 };
                 let windows = lands.map(|p| p.map(|(x, y)| self.window(x, y, pupil)));
                 let all = windows.iter().flatten().fold((f64::INFINITY, f64::NEG_INFINITY), |a, w| (a.0.min(w.0), a.1.max(w.1)));
@@ -484,10 +528,13 @@ impl Unit<'_> {
     }
 
     /// Takes what goes through the half of the pupil that does not count for blocked.
-    fn refuse_other_half(&self, exits: &mut Exits) {
+    fn refuse_other_half(&self, packet: &Samples, exits: &mut Exits) {
         if let Some(half) = self.settings.half {
-            let outside = (0..LANES).filter(|k| !half.holds(f64::from(exits.exit_pupil[*k][0])));
-            outside.for_each(|k| exits.passed &= !(1 << k));
+            let curvature = self.camera.lens.exit_curvature();
+            let place = |k: usize| f64::from(exits.slopes[k][0][0]) + packet.film[k].x * curvature;
+            for k in (0..LANES).filter(|k| !half.holds(place(*k))).collect::<Vec<_>>() {
+                exits.passed &= !(1 << k);
+            }
         }
     }
 
@@ -519,7 +566,14 @@ impl Unit<'_> {
         let attempts = if self.settings.redraw { REDRAWS } else { 0 };
         let passes = |r: &LensRay| self.settings.half.is_none_or(|h| h.holds(r.origin_mm.x));
         let mut rays = (0..=attempts).map(|a| self.camera.lens.ray(film, drawn_again([pu, pv], a)));
-        let Some(lens_ray) = rays.find_map(|r| r.ok().filter(passes)) else { return glam::Vec4::ZERO };
+        let lens_ray = match &self.behind {
+            None => rays.find_map(|r| r.ok().filter(passes)),
+            Some(behind) => behind.draw(film, [pu, pv]).and_then(|aimed| {
+                let ray = self.camera.lens.ray_along(aimed.at, aimed.slope).ok()?;
+                Some(LensRay { weight_sr: ray.weight_sr / aimed.density, ..ray })
+            }),
+        };
+        let Some(lens_ray) = lens_ray else { return glam::Vec4::ZERO };
         let pupil = if self.needs_pupil() { self.camera.pupil_radius(lens_ray.origin_mm, lens_ray.direction) } else { 0.0 };
         let (open, close) = self.window(column, row, pupil);
         if open >= close {
@@ -554,6 +608,7 @@ impl Unit<'_> {
 fn truth(scene: &Scene, camera: &Camera, shutter: &Shutter) -> Truth {
     let (width, height) = (camera.film.columns, camera.film.rows);
     let mut truth = Truth::empty(width, height);
+    let behind = camera.film.microlenses.map(|m| m.behind(&camera.lens));
     let rows: Vec<Vec<_>> = (0..height)
         .into_par_iter()
         .map(|row| {
@@ -562,7 +617,15 @@ fn truth(scene: &Scene, camera: &Camera, shutter: &Shutter) -> Truth {
                     let (open, close) = shutter.window(&Place { pixel: [column, row], size: [width, height], pupil: 0.0 });
                     let time = 0.5 * (open + close);
                     let film = camera.film_point(column as f64 + 0.5, row as f64 + 0.5);
-                    let ray = camera.chief_ray(film, time).ok().filter(diopter_light::Ray::is_finite)?;
+                    let ray = match &behind {
+                        None => camera.chief_ray(film, time),
+                        // What a pixel behind a microlens sees through its middle.
+                        Some(behind) => {
+                            let aimed = behind.middle(film);
+                            camera.lens.ray_along(aimed.at, aimed.slope).map(|ray| camera.to_world(&ray, time))
+                        }
+                    };
+                    let ray = ray.ok().filter(diopter_light::Ray::is_finite)?;
                     let s = scene.first_surface(&ray)?;
                     Some((s.distance * camera.cosine_to_axis(ray.direction, time), s))
                 })

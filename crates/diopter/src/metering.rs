@@ -122,7 +122,7 @@ fn probe(
     let rows = (PROBE_COLUMNS * camera.film.rows).div_ceil(camera.film.columns).clamp(1, 4 * PROBE_COLUMNS);
     let picture = camera.film.columns as f64 * camera.film.rows as f64 * settings.samples.len() as f64;
     let samples = (PROBE_SHARE * picture / (PROBE_COLUMNS * rows) as f64).clamp(1.0, f64::from(PROBE_SAMPLES)) as u32;
-    let film = Film { columns: PROBE_COLUMNS, rows, ..camera.film };
+    let film = Film { columns: PROBE_COLUMNS, rows, microlenses: None, ..camera.film };
     let probe = Camera { film, ..camera.clone() };
     let settings = Settings {
         spp: samples,

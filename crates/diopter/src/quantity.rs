@@ -110,7 +110,7 @@ impl<T: FromStr<Err = QuantityError>> Visitor<'_> for TextOrNumber<T> {
 quantity!(
     /// A length on the camera, mm.
     LengthMm, "a length such as \"50 mm\"",
-    |text| with_unit(text, &[("mm", 1.0), ("cm", 10.0), ("m", 1000.0)], 1.0),
+    |text| with_unit(text, &[("mm", 1.0), ("cm", 10.0), ("um", 1e-3), ("µm", 1e-3), ("m", 1000.0)], 1.0),
     |v| format!("{v} mm")
 );
 quantity!(

@@ -78,6 +78,37 @@ pub struct ExposureFacts {
     /// What the lens does to a picture; `None` where it is not known or does nothing.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub lens_profile: Option<LensProfile>,
+    /// The microlens array before the sensor; `None` of ordinary cameras.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub light_field: Option<LightFieldFacts>,
+}
+
+/// A microlens array and the lens before it: what it takes to decode a raw light field.
+///
+/// Lengths on the film in mm from its middle, to the right and down as the picture shows it. The image of the pupil behind the lens at c
+/// has its middle at c · (1 + gap · curvature); a pixel x beside it sees the slope (c − x) / gap, to which c · curvature is added for the
+/// place in the exit pupil.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct LightFieldFacts {
+    /// `square`, or `hexagonal`: each second row is shifted by half a pitch.
+    pub arrangement: String,
+    /// Distance of the lenses.
+    pub pitch_mm: f64,
+    /// One of them.
+    pub origin_mm: [f64; 2],
+    /// Their focal length.
+    pub focal_length_mm: f64,
+    /// From the array to the sensor.
+    pub gap_mm: f64,
+    /// Distance of pixels across and down.
+    pub pixel_mm: [f64; 2],
+    /// One over the distance from the array to the exit pupil.
+    pub exit_curvature_per_mm: f64,
+    /// Radius of the exit pupil over its distance.
+    pub pupil_slope: f64,
+    /// What is added to a distance from the lens for the reciprocal law: extension = (focal length)² / (distance + this).
+    pub object_offset_mm: f64,
 }
 
 /// When a picture was open.

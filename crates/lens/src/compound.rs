@@ -26,7 +26,7 @@ use crate::system::{State, System};
 use crate::trace::{Apertures, TracedRay, Way};
 use crate::{Blocked, BlockedBy, Focus, LensError, LensRay};
 use diopter_light::units::Millimeters;
-use glam::{DVec2, DVec3};
+use glam::{DVec2, DVec3, Vec2};
 use std::sync::Arc;
 
 /// How much brighter than it really is a lens may be called: f/2 for f/2.07. Names are rounded to thirds of a stop.
@@ -101,11 +101,11 @@ pub struct Exits {
     pub origin: [[f32; 3]; LANES],
     /// Unit directions.
     pub direction: [[f32; 3]; LANES],
-    /// Place in the exit pupil as the film sees it: slope of the ray towards the lens at the film, plus film point over the distance
-    /// of the exit pupil ([`crate::Lens::exit_curvature`]).
-    pub exit_pupil: [[f32; 2]; LANES],
     /// Where each wavelength lands on the film, mm.
     pub lands: [[[f32; 2]; 4]; LANES],
+    /// Its slope there, towards the lens. With the film point over the distance of the exit pupil ([`crate::Lens::exit_curvature`]) it
+    /// tells the place in the pupil.
+    pub slopes: [[[f32; 2]; 4]; LANES],
     /// Weight of each wavelength, sr; 0 where it does not come through. The irradiance of the film is the sum over samples of
     /// radiance × weight / (samples per area).
     pub weight: [[f32; 4]; LANES],
@@ -118,8 +118,8 @@ impl Default for Exits {
             spread: false,
             origin: [[0.0; 3]; LANES],
             direction: [[0.0; 3]; LANES],
-            exit_pupil: [[0.0; 2]; LANES],
             lands: [[[0.0; 2]; 4]; LANES],
+            slopes: [[[0.0; 2]; 4]; LANES],
             weight: [[0.0; 4]; LANES],
         }
     }
@@ -133,10 +133,42 @@ impl Exits {
         for k in (0..LANES).filter(|k| new >> k & 1 == 1) {
             self.origin[k] = other.origin[k];
             self.direction[k] = other.direction[k];
-            self.exit_pupil[k] = other.exit_pupil[k];
             self.lands[k] = other.lands[k];
+            self.slopes[k] = other.slopes[k];
             self.weight[k] = other.weight[k];
         }
+    }
+}
+
+/// How directions from the film are drawn for a packet of samples.
+pub trait Aim {
+    /// Slope towards the lens of a lane's ray, and how many samples are drawn for a unit of slope about it (of one a unit of area); `None`
+    /// where no light can come from.
+    fn draw(&self, pupils: &PupilTable, lane: usize, film: DVec2) -> Option<(DVec2, f64)>;
+
+    /// The same number for any film point and slope; 0 where nothing is drawn.
+    fn density(&self, pupils: &PupilTable, film: DVec2, slope: DVec2) -> f64;
+}
+
+/// Even over the part of the pupil that light passes, from film points all over a film.
+struct ThroughPupil<'a> {
+    places: &'a [[f32; 2]; LANES],
+    film_half: DVec2,
+}
+
+impl Aim for ThroughPupil<'_> {
+    #[inline]
+    fn draw(&self, pupils: &PupilTable, lane: usize, film: DVec2) -> Option<(DVec2, f64)> {
+        let (region, turn) = pupils.region(film);
+        let area = region.fan.area();
+        (area > 0.0).then(|| (pupils.slope(film, region.fan.sample(self.places[lane]), turn), 1.0 / area))
+    }
+
+    #[inline]
+    fn density(&self, pupils: &PupilTable, film: DVec2, _: DVec2) -> f64 {
+        let inside = film.x.abs() <= self.film_half.x && film.y.abs() <= self.film_half.y;
+        let area = if inside { pupils.region(film).0.fan.area() } else { 0.0 };
+        if area > 0.0 { 1.0 / area } else { 0.0 }
     }
 }
 
@@ -379,6 +411,21 @@ impl CompoundLens {
         Ok(LensRay { origin_mm: self.relative_to_pupil(out.position), direction: out.direction, weight_sr })
     }
 
+    /// The ray from a film point with a slope towards the lens; its weight counts for a unit of slope.
+    pub fn ray_along(&self, film: DVec2, slope: DVec2, nm: f64) -> Result<LensRay, Blocked> {
+        let ray = self.film_ray(film, slope);
+        let n = self.system.indices(nm);
+        let share = self.system.transmittance(ray, &n, nm, Way::ToObject)? * self.stop_transmittance(ray, &n)?;
+        let out = self.system.trace(ray, &n, Way::ToObject, Apertures::Clip)?;
+        let weight_sr = ray.direction.z.powi(4) * share;
+        Ok(LensRay { origin_mm: self.relative_to_pupil(out.position), direction: out.direction, weight_sr })
+    }
+
+    /// Radius of the exit pupil over its distance from the film, of the aperture as set.
+    pub fn pupil_slope(&self) -> f64 {
+        (self.first.exit_pupil_radius() / (self.system.film_z - self.first.exit_pupil_z)).abs()
+    }
+
     /// Transmittance of an aperture picture where a ray passes it.
     fn stop_transmittance(&self, ray: TracedRay, n: &[f64]) -> Result<f64, Blocked> {
         if !matches!(self.system.iris.shape, Iris::Image(_)) {
@@ -421,20 +468,22 @@ impl CompoundLens {
     /// A packet of samples at once: what [`CompoundLens::ray`] answers, for four wavelengths each. `film_half`: beyond it no sample
     /// starts, so no density is counted there.
     pub fn exits(&self, samples: &Samples, film_half: DVec2, scratch: &mut Scratch, out: &mut Exits) {
+        self.exits_aimed(samples, &ThroughPupil { places: &samples.pupil, film_half }, scratch, out);
+    }
+
+    /// The same with directions drawn otherwise.
+    pub fn exits_aimed(&self, samples: &Samples, aim: &impl Aim, scratch: &mut Scratch, out: &mut Exits) {
         let Scratch { packet, forward, n, n_forward } = scratch;
         let film_z = self.system.film_z;
         let mut density = [[0.0f32; 4]; LANES];
         let mut hero_nm = [0.0; LANES];
         for i in 0..LANES {
             let film = samples.film[i];
-            let (region, turn) = self.pupils.region(film);
-            let area = region.fan.area();
-            let q = if area > 0.0 { region.fan.sample(samples.pupil[i]) } else { DVec2::ZERO };
-            let slope = self.pupils.slope(film, q, turn);
-            out.exit_pupil[i] = (slope + film * self.pupils.curvature).as_vec2().to_array();
+            let (slope, drawn) = aim.draw(&self.pupils, i, film).unwrap_or((DVec2::ZERO, 0.0));
+            out.slopes[i] = [slope.as_vec2().to_array(); 4];
             pupil::start(packet, i, film, film_z, slope);
             let cos2 = packet.dz[i] * packet.dz[i];
-            density[i][0] = if area > 0.0 { 1.0 / (area as f32 * cos2 * cos2) } else { 0.0 };
+            density[i][0] = drawn as f32 / (cos2 * cos2);
             hero_nm[i] = samples.nm[i][0];
         }
         self.batch.indices(&hero_nm, n);
@@ -484,14 +533,12 @@ impl CompoundLens {
                 }
                 let t = (film_z as f32 - forward.z[i]) / forward.dz[i];
                 let land = [forward.x[i] + forward.dx[i] * t, forward.y[i] + forward.dy[i] * t];
-                out.lands[i][k] = land;
+                let slope = [-forward.dx[i] / forward.dz[i], -forward.dy[i] / forward.dz[i]];
+                (out.lands[i][k], out.slopes[i][k]) = (land, slope);
                 shares[i][k] = forward.share[i];
-                let at = DVec2::new(land[0] as f64, land[1] as f64);
-                if at.x.abs() <= film_half.x && at.y.abs() <= film_half.y {
-                    let area = self.pupils.region(at).0.fan.area() as f32;
-                    let cos2 = forward.dz[i] * forward.dz[i];
-                    density[i][k] = if area > 0.0 { 1.0 / (area * cos2 * cos2) } else { 0.0 };
-                }
+                let [at, slope] = [land, slope].map(|v| Vec2::from_array(v).as_dvec2());
+                let cos2 = forward.dz[i] * forward.dz[i];
+                density[i][k] = aim.density(&self.pupils, at, slope) as f32 / (cos2 * cos2);
             }
         }
         for i in 0..LANES {

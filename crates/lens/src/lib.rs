@@ -18,6 +18,7 @@ pub mod glass;
 pub mod import;
 mod iris;
 mod lenses;
+pub mod microlens;
 pub mod paraxial;
 pub mod prescription;
 pub mod pupil;
@@ -184,6 +185,35 @@ impl Lens {
             Lens::Pinhole(lens) => 1.0 / lens.film_distance.0,
             Lens::Thin(lens) => 1.0 / lens.film_distance().0,
             Lens::Compound(lens) => lens.pupils().curvature,
+        }
+    }
+
+    /// Farthest place of the exit pupil from the axis, as the slope of a ray from the middle of the film; a pinhole's is that of the hole
+    /// its light is counted for.
+    pub fn pupil_reach(&self) -> f64 {
+        match self {
+            Lens::Pinhole(lens) => 0.5 / lens.f_number,
+            Lens::Thin(lens) => lens.radius() * lens.iris.reach() / lens.film_distance().0,
+            Lens::Compound(lens) => lens.pupils().reach(),
+        }
+    }
+
+    /// Radius over distance of the round exit pupil that the f-number stands for, seen from the middle of the film.
+    pub fn pupil_slope(&self) -> f64 {
+        match self {
+            Lens::Pinhole(lens) => 0.5 / lens.f_number,
+            Lens::Thin(lens) => lens.radius() / lens.film_distance().0,
+            Lens::Compound(lens) => lens.pupil_slope(),
+        }
+    }
+
+    /// The ray from a film point in a direction, given as its slope towards the lens. Its weight counts for a unit of slope:
+    /// [`Lens::ray`]'s is the integral over all slopes that pass. A pinhole lets no such ray through.
+    pub fn ray_along(&self, film_mm: DVec2, slope: DVec2) -> Result<LensRay, Blocked> {
+        match self {
+            Lens::Pinhole(_) => Err(Blocked { surface: 0, why: BlockedBy::Clipped }),
+            Lens::Thin(lens) => lens.ray_along(film_mm, slope),
+            Lens::Compound(lens) => lens.ray_along(film_mm, slope, compound::REFERENCE_NM),
         }
     }
 

@@ -181,6 +181,12 @@ impl PupilTable {
         PupilTable { layout, regions: self.regions.iter().map(region).collect(), curvature: self.curvature * scale }
     }
 
+    /// Farthest that any region reaches from the axis.
+    pub fn reach(&self) -> f64 {
+        let outlines = self.regions.iter().flat_map(|r| r.fan.outline());
+        outlines.map(|p| p.length()).fold(0.0, f64::max)
+    }
+
     /// Region of a film point and how its frame lies in the film's.
     #[inline]
     pub fn region(&self, film: DVec2) -> (&Region, Turn) {

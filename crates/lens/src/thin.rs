@@ -2,7 +2,7 @@
 //!
 //! Source: Gauss's 1/f = 1/s + 1/s'; irradiance E = ∫ L cos⁴θ / s'² dA over the pupil.
 
-use crate::{Focus, Iris, LensError, LensRay, require};
+use crate::{Blocked, BlockedBy, Focus, Iris, LensError, LensRay, require};
 use diopter_light::units::Millimeters;
 use glam::{DVec2, DVec3, Vec2};
 use std::f64::consts::PI;
@@ -94,9 +94,27 @@ impl ThinLens {
     }
 
     /// `pupil`: place in units of the pupil radius.
+    /// Radius of the pupil, mm.
+    pub fn radius(&self) -> f64 {
+        0.5 * self.focal_length.0 / self.f_number
+    }
+
+    /// From a film point in a direction; the weight counts for a unit of slope.
+    pub(crate) fn ray_along(&self, film_mm: DVec2, slope: DVec2) -> Result<LensRay, Blocked> {
+        let v = self.film_distance().0;
+        let place = (film_mm + slope * v) / self.radius();
+        let share = f64::from(self.iris.transmittance(place.x, place.y));
+        if share <= 0.0 {
+            return Err(Blocked { surface: 0, why: BlockedBy::Clipped });
+        }
+        let ray = self.ray(film_mm, place.as_vec2());
+        let full = PI * self.radius().powi(2) * self.iris.relative_area() / (v * v);
+        Ok(LensRay { weight_sr: ray.weight_sr * share / full, ..ray })
+    }
+
     pub(crate) fn ray(&self, film_mm: DVec2, pupil: Vec2) -> LensRay {
         let v = self.film_distance().0;
-        let radius = 0.5 * self.focal_length.0 / self.f_number;
+        let radius = self.radius();
         let origin = (pupil.as_dvec2() * radius).extend(0.0);
         let film = film_mm.extend(v);
         // All rays of a film point meet where its chief ray, which is not bent, meets the sharp plane.

@@ -6,6 +6,7 @@
 
 pub mod cie;
 pub mod color;
+pub mod lattice;
 pub mod names;
 pub mod random;
 pub mod ray;

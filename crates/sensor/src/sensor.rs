@@ -82,6 +82,19 @@ pub struct SecondReading {
     pub switch_at: f64,
 }
 
+/// A microlens array before the sensor that makes a plenoptic camera of it.
+#[derive(Clone, Debug, PartialEq, Default)]
+pub struct Plenoptic {
+    /// Distance of its lenses, mm.
+    pub pitch_mm: Option<f64>,
+    /// Their focal length, mm; without, they match the lens's aperture.
+    pub focal_length_mm: Option<f64>,
+    /// From the array to the sensor, mm; the focal length without.
+    pub gap_mm: Option<f64>,
+    /// `square` or `hexagonal`; square where empty.
+    pub arrangement: String,
+}
+
 /// A body's sensor. Symbols and order follow EMVA 1288.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Sensor {
@@ -131,6 +144,8 @@ pub struct Sensor {
     pub crosstalk: f64,
     /// A second reading, if it makes one.
     pub second_reading: Option<SecondReading>,
+    /// A microlens array, if it has one.
+    pub plenoptic: Option<Plenoptic>,
     /// Where the numbers come from.
     pub sources: BTreeMap<String, String>,
 }

@@ -1,10 +1,11 @@
 //! Data sheets as TOML: read, checked, turned into a [`Sensor`].
 
 use crate::data::RESPONSES;
-use crate::sensor::{DarkCurrent, HotPixels, IsoStep, SecondReading, saturation_capacity};
+use crate::sensor::{DarkCurrent, HotPixels, IsoStep, Plenoptic, SecondReading, saturation_capacity};
 use crate::{Sensor, SensorError};
 use diopter_image::Cfa;
 use diopter_image::raw::Filter;
+use diopter_light::lattice::Arrangement;
 use diopter_light::spectrum::Table;
 use serde::Deserialize;
 use std::collections::BTreeMap;
@@ -73,6 +74,7 @@ struct Sheet {
     #[serde(default)]
     crosstalk_percent: f64,
     second_reading: Option<Second>,
+    plenoptic: Option<Microlenses>,
     sources: BTreeMap<String, String>,
 }
 
@@ -97,6 +99,16 @@ struct Amplifier {
     gain: [f64; 2],
     before_e: f64,
     after_dn: f64,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Microlenses {
+    pitch_um: f64,
+    focal_length_um: Option<f64>,
+    gap_um: Option<f64>,
+    #[serde(default)]
+    arrangement: String,
 }
 
 #[derive(Deserialize)]
@@ -324,6 +336,14 @@ pub(crate) fn parse(text: &str, place: &str) -> Result<Sensor, SensorError> {
             })
         }
     };
+    if let Some(m) = &s.plenoptic {
+        check.positive(m.pitch_um, "plenoptic.pitch_um")?;
+        for (value, what) in [(m.focal_length_um, "plenoptic.focal_length_um"), (m.gap_um, "plenoptic.gap_um")] {
+            check.positive(value.unwrap_or(1.0), what)?;
+        }
+        let known = m.arrangement.is_empty() || Arrangement::named(&m.arrangement).is_some();
+        check.that(known, "plenoptic.arrangement", format!("\"{}\"", m.arrangement), "square or hexagonal")?;
+    }
     Ok(Sensor {
         model: if s.model.is_empty() { s.name.clone() } else { s.model },
         make: s.make,
@@ -348,6 +368,12 @@ pub(crate) fn parse(text: &str, place: &str) -> Result<Sensor, SensorError> {
         fill_factor: s.fill_factor,
         crosstalk: s.crosstalk_percent / 100.0,
         second_reading,
+        plenoptic: s.plenoptic.map(|m| Plenoptic {
+            pitch_mm: Some(m.pitch_um * 1e-3),
+            focal_length_mm: m.focal_length_um.map(|v| v * 1e-3),
+            gap_mm: m.gap_um.map(|v| v * 1e-3),
+            arrangement: m.arrangement,
+        }),
         sources: s.sources,
     })
 }

@@ -79,6 +79,9 @@ fn info(name: &str, json: bool) -> anyhow::Result<()> {
             "two_stage": s.two_stage().map(|(m, off)| serde_json::json!({
                 "before_e": m.before_e, "after_dn": m.after_dn, "worst": off,
             })),
+            "plenoptic": s.plenoptic.as_ref().map(|m| serde_json::json!({
+                "pitch_mm": m.pitch_mm, "focal_length_mm": m.focal_length_mm, "gap_mm": m.gap_mm, "arrangement": m.arrangement,
+            })),
             "fill_factor": s.fill_factor, "crosstalk": s.crosstalk, "mtf_nyquist": s.mtf(0.5), "mtf_half_nyquist": s.mtf(0.25),
             "iso": iso, "sources": s.sources,
         }));
@@ -95,6 +98,11 @@ fn info(name: &str, json: bool) -> anyhow::Result<()> {
     if let Some(r) = &s.second_reading {
         let light = percent(r.relative_exposure);
         writeln!(t, "  2nd reading   {light} of the light, {:.0} e-, read noise {} e-", r.full_well_e, r.read_noise_e)?;
+    }
+    if let Some(m) = &s.plenoptic {
+        let um = |mm: Option<f64>| mm.map_or("matched to the lens".to_owned(), |v| format!("{:.3} µm", 1e3 * v));
+        let kind = if m.arrangement.is_empty() { "square" } else { &m.arrangement };
+        writeln!(t, "  microlenses   {kind}, pitch {}, focal length {}", um(m.pitch_mm), um(m.focal_length_mm))?;
     }
     writeln!(t, "  converter     {} bit", s.adc_bits)?;
     if s.prnu > 0.0 || s.dsnu_e > 0.0 {

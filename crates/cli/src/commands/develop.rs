@@ -4,7 +4,7 @@ use super::{open, print_json};
 use crate::args::Develop;
 use crate::output::{self, Format, Kind, Output};
 use crate::watch::{say, watched};
-use crate::{AskedWrongly, sheet};
+use crate::{AskedWrongly, sheet, views};
 use anyhow::{Context, anyhow};
 use diopter::develop::lut::Lut;
 use diopter::develop::{Recipe, SETTINGS};
@@ -21,6 +21,9 @@ const NAME: &str = "{}";
 pub fn run(args: &Develop, json: bool) -> anyhow::Result<()> {
     let mut recipe = Recipe::default();
     args.developing.apply(&mut recipe)?;
+    if let Some(focus) = &args.refocus {
+        recipe = recipe.with("light_field.focus", focus).map_err(ShotError::from)?;
+    }
     if args.settings {
         return settings(&recipe, json);
     }
@@ -104,7 +107,8 @@ struct Job {
 /// Checks the names before the work.
 fn jobs(args: &Develop) -> anyhow::Result<Vec<Job>> {
     let wrong = |text: String| anyhow::Error::from(AskedWrongly(anyhow!(text)));
-    if args.output.is_empty() && args.steps.is_none() && !args.raw.is_empty() {
+    let beside = args.steps.iter().chain(&args.views).chain(&args.depth).next().is_some();
+    if args.output.is_empty() && !beside && !args.raw.is_empty() {
         return Err(wrong("no picture to write: expected -o FILE, or --steps FOLDER".into()));
     }
     for path in &args.output {
@@ -119,9 +123,10 @@ fn jobs(args: &Develop) -> anyhow::Result<Vec<Job>> {
             )));
         }
     }
-    if args.raw.len() > 1 && args.steps.is_some() {
-        return Err(wrong("--steps shows one raw file: expected a single one".into()));
+    if args.raw.len() > 1 && beside {
+        return Err(wrong("--steps, --views and --depth show one raw file: expected a single one".into()));
     }
+    args.depth.as_deref().map_or(Ok(()), views::check_depth)?;
     let named = |raw: &Path, path: &Path| {
         let stem = raw.file_stem().unwrap_or_default().to_string_lossy();
         PathBuf::from(path.to_string_lossy().replace(NAME, &stem))
@@ -132,10 +137,10 @@ fn jobs(args: &Develop) -> anyhow::Result<Vec<Job>> {
         .map(|raw| Job { raw: raw.clone(), outputs: args.output.iter().map(|p| named(raw, p)).collect() })
         .collect();
     let steps: Vec<PathBuf> = args.steps.iter().flat_map(|folder| sheet::names().into_iter().map(|n| folder.join(n))).collect();
-    if let Some(folder) = args.steps.as_ref().filter(|f| f.exists() && !f.is_dir()) {
-        return Err(wrong(format!("{}: expected a folder for the steps", folder.display())));
+    if let Some(folder) = args.steps.iter().chain(&args.views).find(|f| f.exists() && !f.is_dir()) {
+        return Err(wrong(format!("{}: expected a folder", folder.display())));
     }
-    let beside = args.save_recipe.iter().chain(&steps);
+    let beside = args.save_recipe.iter().chain(&steps).chain(&args.depth);
     output::distinct(
         jobs.iter().map(|j| j.raw.as_path()),
         jobs.iter().flat_map(|j| &j.outputs).chain(beside).map(|p| p.as_path()),
@@ -156,6 +161,12 @@ fn one(
     let mut written = output::write_pictures(outputs, &raw, recipe, lut, format).with_context(place)?;
     if let Some(folder) = &args.steps {
         written.extend(sheet::write_steps(&raw, recipe, lut, folder)?);
+    }
+    if let Some(folder) = &args.views {
+        written.extend(views::write_views(&raw, recipe, lut, folder).with_context(place)?);
+    }
+    if let Some(path) = &args.depth {
+        written.push(views::write_depth(&raw, recipe, path).with_context(place)?);
     }
     Ok((written, raw))
 }

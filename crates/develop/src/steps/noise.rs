@@ -57,6 +57,12 @@ impl Reducer {
         })
     }
 
+    /// The same for pixels that are means of so many pixels of the mosaic, or cells of a halved one.
+    pub fn with_noise_of(mut self, samples: f32) -> Self {
+        self.profile.iter_mut().for_each(|p| *p = p.map(|v| v / samples.max(1.0)));
+        self
+    }
+
     /// The pixels of `region`; the planes reach [`REACH`] further.
     pub fn apply(&self, planes: Planes, region: Region) -> Planes {
         let from = planes.region;

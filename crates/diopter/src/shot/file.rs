@@ -130,6 +130,9 @@ pub struct CameraSection {
     /// Turns the iris, degrees.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub blade_rotation_deg: Option<f32>,
+    /// A microlens array before the sensor, over what the body has.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub plenoptic: Option<PlenopticSection>,
     /// Where the camera stands, m.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub look_from: Option<[f32; 3]>,
@@ -148,6 +151,24 @@ pub struct CameraSection {
     /// Where the camera is at which time; instead of `look_from`.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub path: Vec<PathStop>,
+}
+
+/// `[camera.plenoptic]`
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct PlenopticSection {
+    /// Distance of the microlenses.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub pitch: Option<LengthMm>,
+    /// Their focal length; without, the pitch times the f-number of the lens.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub focal_length: Option<LengthMm>,
+    /// From the array to the sensor; the focal length without.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub gap: Option<LengthMm>,
+    /// `square` or `hexagonal`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub arrangement: Option<String>,
 }
 
 /// `[[camera.path]]`

@@ -6,6 +6,7 @@
 
 pub mod file;
 mod focusing;
+mod light_field;
 mod sequence;
 mod sources;
 mod staging;
@@ -133,6 +134,8 @@ pub struct Shot {
     ambient_ev: Option<f64>,
     exposing: Exposing,
     focusing: Focusing,
+    /// What the camera exposes less because of microlenses, EV.
+    held_back_ev: f64,
     /// Whether the light of a scene without a scale has got one.
     light_settled: bool,
     timing: Timing,
@@ -248,8 +251,11 @@ impl Shot {
         if file.camera.look_from.is_some() && !file.camera.path.is_empty() {
             warn("the camera is on a path: look_from is not used");
         }
-        let (camera, carrier) = staging::camera(&file, &scene, timing.at_s, film, &focusing, framing.as_ref(), warn)?;
+        let (camera, carrier) = staging::camera(&file, &scene, timing.at_s, &sensor, film, &focusing, framing.as_ref(), warn)?;
         timing.carrier = carrier;
+        if file.render.quick && camera.film.microlenses.is_some() {
+            return Err(value("plenoptic", "a microlens array", "no quick look: it has no light field"));
+        }
         if file.render.quick && quick_look::is_bent(&camera) {
             warn("a quick look keeps straight lines straight: how this lens bends them is not shown");
         }
@@ -287,6 +293,7 @@ impl Shot {
             file,
             exposing,
             focusing,
+            held_back_ev: 0.0,
             light_settled: false,
             timing,
             facts,
@@ -313,9 +320,11 @@ impl Shot {
         self.facts.metering = self.exposing.pattern.name().into();
         self.facts.metered_ev100 = metered;
         let e = self.exposing.clone();
-        // Without any light any exposure will do.
-        let ev100 = metered.unwrap_or(0.0) - e.compensation_ev;
         let chosen_by_camera = e.mode != Mode::Manual || e.auto_iso.is_some();
+        // Behind microlenses the light is gathered on a part of the pixels: they must not be blown, and are brightened when developed.
+        self.held_back_ev = if chosen_by_camera { self.gathered_ev() } else { 0.0 };
+        // Without any light any exposure will do.
+        let ev100 = metered.unwrap_or(0.0) - e.compensation_ev + self.held_back_ev;
         if chosen_by_camera {
             let (limits, set) = (self.limits(), self.set());
             let chosen = program::choose(e.mode, ev100, set, &limits);
@@ -379,7 +388,13 @@ impl Shot {
         let new = lens_facts(&self.camera, &self.sensor);
         let f = &mut self.facts;
         (f.f_number, f.t_number, f.lens_profile) = (new.f_number, new.t_number, new.lens_profile);
-        (f.focus_distance_m, f.extension_mm) = (new.focus_distance_m, new.extension_mm);
+        (f.focus_distance_m, f.extension_mm, f.light_field) = (new.focus_distance_m, new.extension_mm, new.light_field);
+    }
+
+    /// How much brighter the images of the pupil behind microlenses are than the film would be, EV; 0 without.
+    fn gathered_ev(&self) -> f64 {
+        let share = self.camera.film.microlenses.map(|m| m.concentration(self.camera.lens.pupil_slope()));
+        share.map_or(0.0, |s| s.log2().max(0.0))
     }
 
     /// Radius of the pupil, 1 when the lens is fully open.
@@ -525,6 +540,7 @@ impl Shot {
     pub fn read_out(&self, plane: &FocalPlane) -> Result<RawImage, ShotError> {
         let mut raw = read_out(plane, &self.sensor, &self.reading, &white_point(&self.reading.white)?)?;
         raw.header.facts.date.clone_from(&self.date);
+        raw.header.baseline_ev += self.held_back_ev;
         Ok(raw)
     }
 
@@ -671,9 +687,11 @@ fn lens_facts(camera: &Camera, sensor: &Sensor) -> ExposureFacts {
             Lens::Compound(l) => lens_profile::profile(l, sensor, 0.5 * camera.film.width_mm.hypot(camera.film.height_mm)),
             _ => None,
         },
+        light_field: camera.light_field_facts(),
         ..Default::default()
     }
 }
+
 fn settings(r: &RenderSection) -> Result<Settings, ShotError> {
     let spp = r.spp.unwrap_or(DEFAULT_SPP);
     if spp == 0 || spp > 1 << 24 {

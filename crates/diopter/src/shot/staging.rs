@@ -3,7 +3,7 @@
 use super::file::{CameraSection, ShotFile};
 use super::focusing::Focusing;
 use super::sources::{read_file, read_lens};
-use super::{LARGEST_SIDE, ShotError, value};
+use super::{LARGEST_SIDE, ShotError, light_field, value};
 use crate::camera::{Camera, Film, look_at};
 use crate::camera_way::CameraWay;
 use crate::quantity::Size;
@@ -97,6 +97,7 @@ pub(super) fn film(file: &ShotFile, sensor: &Sensor) -> Result<Film, ShotError> 
         low_pass_mm: sensor.low_pass_px * px,
         gap_mm: [gap * px, gap * py],
         middle_mm: [0.0; 2],
+        microlenses: None,
     })
 }
 
@@ -105,7 +106,8 @@ pub(super) fn camera(
     file: &ShotFile,
     scene: &Scene,
     at_s: f64,
-    film: Film,
+    sensor: &Sensor,
+    mut film: Film,
     focusing: &Focusing,
     framing: Option<&builtin::Framing>,
     warn: &mut dyn FnMut(&str),
@@ -213,5 +215,15 @@ pub(super) fn camera(
             Lens::Compound(Box::new(lens))
         }
     };
-    Ok((Camera { lens, film, way: CameraWay::still(place) }, carrier))
+    film.microlenses = light_field::array(c.plenoptic.as_ref(), sensor, &film, lens.f_number())?;
+    if film.microlenses.is_some() && matches!(lens, Lens::Pinhole(_)) {
+        return Err(value(
+            "plenoptic",
+            "a microlens array behind a pinhole",
+            "a lens with an aperture, such as thin: a hole has no views",
+        ));
+    }
+    let camera = Camera { lens, film, way: CameraWay::still(place) };
+    light_field::warn_of_pupils(&camera, warn);
+    Ok((camera, carrier))
 }

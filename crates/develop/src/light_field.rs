@@ -1,0 +1,591 @@
+//! Light fields: the raw picture behind a microlens array, decoded.
+//!
+//! A pixel of such a picture is one sample of the light field: it belongs to the lens whose image of the pupil it lies in, and its place in
+//! that image is the place q of the pupil that it sees the scene through. All pictures are sums of these samples, each channel for itself, so
+//! nothing is demosaiced. With the film moved by Δ the sample of the lens at c falls to c − q σ, σ = Δ / (1 + Δ κ) (scaled back to the framing of the
+//! shot; κ is one over the distance of the exit pupil).
+//!
+//! Sources: R. Ng et al. 2005, "Light field photography with a hand-held plenoptic camera" (refocusing by shearing); Z. Yu, J. Yu, A.
+//! Lumsdaine & T. Georgiev 2012, "An analysis of color demosaicing in plenoptic cameras" (colours filled in by refocusing); M. Tao et al.
+//! 2013, "Depth from combining defocus and correspondence using light-field cameras" (the spread of the views as a measure of depth); D.
+//! Dansereau et al. 2013, "Decoding, calibration and rectification for lenselet-based plenoptic cameras" (the geometry).
+
+use crate::recipe::{self, RecipeError};
+use crate::region::{Planes, Region};
+use crate::steps::demosaic::Mosaic;
+use diopter_image::{ExposureFacts, LightFieldFacts, Raster, RawHeader};
+use diopter_light::lattice::{Arrangement, Lattice};
+use glam::{DVec2, Vec2};
+use rayon::prelude::*;
+
+/// Parts of the mosaic that are summed apart: a fixed number, so that sums do not depend on the threads.
+const PARTS: usize = 16;
+/// Planes a pixel of shift at the pupil's edge that depth is looked for in.
+const PLANES_A_PIXEL: f64 = 4.0;
+/// Each so many of them a picture is made of for one that is sharp all over: between them it is interpolated.
+const PLANES_A_PICTURE: usize = 2;
+/// Most views across the pupil that depth is looked for with.
+const MOST_VIEWS: usize = 9;
+
+/// What is to be made of a light field.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Focus {
+    /// What was sharp when it was taken.
+    AsTaken,
+    /// A distance from the lens, m; may be infinite.
+    At(f64),
+    /// All of it.
+    Everything,
+}
+
+impl Focus {
+    /// Reads `as-taken`, `all`, `inf` or a distance such as `1.2 m`.
+    pub fn parse(text: &str) -> Option<Focus> {
+        let text = text.trim().to_lowercase();
+        let length = |t: &str| {
+            let (number, unit) = match t.strip_suffix("mm").map(|n| (n, 1e-3)).or(t.strip_suffix("cm").map(|n| (n, 1e-2))) {
+                Some(found) => found,
+                None => (t.strip_suffix('m').unwrap_or(t), 1.0),
+            };
+            let metres = number.trim().parse::<f64>().ok()? * unit;
+            (metres > 0.0 && metres.is_finite()).then_some(Focus::At(metres))
+        };
+        match text.as_str() {
+            "as-taken" => Some(Focus::AsTaken),
+            "all" => Some(Focus::Everything),
+            "inf" | "infinity" => Some(Focus::At(f64::INFINITY)),
+            other => length(other),
+        }
+    }
+}
+
+/// Part of the pupil that a picture is made with.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Through {
+    /// A disk about the middle, of this radius; 1 is all.
+    Disk(f32),
+    /// A small part about a place, so far to each side.
+    View(Vec2, f32),
+}
+
+/// Distances found in a light field, a value a pixel of its pictures.
+#[derive(Clone, Debug, PartialEq)]
+pub struct DepthMap {
+    /// From the lens along its axis, m; infinite beyond what the lens can focus on.
+    pub depth_m: Raster<f32>,
+    /// How sure each is, 0 to 1: in what is even all over depth is filled in from around.
+    pub confidence: Raster<f32>,
+}
+
+/// The geometry of a raw light field.
+#[derive(Clone, Debug)]
+pub struct LightField {
+    facts: LightFieldFacts,
+    /// Lenses, mm on the film.
+    lattice: Lattice,
+    magnification: f64,
+    /// Pixels of the mosaic.
+    mosaic: [usize; 2],
+    /// Pixels of a picture made of it, and their size, mm.
+    size: [usize; 2],
+    step_mm: f64,
+    /// Radius of the pupil's image, pixels of the mosaic.
+    radius_px: f64,
+    focal_length_mm: f64,
+    extension_mm: f64,
+}
+
+/// A balanced mosaic and the geometry it was taken with.
+pub struct Decoder<'a> {
+    /// Geometry.
+    pub field: &'a LightField,
+    /// The whole mosaic.
+    pub mosaic: Mosaic<'a>,
+}
+
+fn wrong(place: &str, found: impl ToString, expected: impl Into<String>) -> RecipeError {
+    RecipeError { place: place.into(), found: found.to_string(), expected: expected.into() }
+}
+
+impl LightField {
+    /// Of a raw file; `None` where no microlenses are known. Fails when what is told of them makes no sense.
+    pub fn of(header: &RawHeader, mosaic: [usize; 2]) -> Result<Option<LightField>, RecipeError> {
+        let Some(facts) = header.facts.light_field.clone() else { return Ok(None) };
+        let bad =
+            |what: &str| Err(wrong("light field", format!("a file whose {what}"), "the facts that a plenoptic camera writes"));
+        let Some(arrangement) = Arrangement::named(&facts.arrangement) else {
+            return bad("microlenses stand in no known way");
+        };
+        let positive = [facts.pitch_mm, facts.gap_mm, facts.pupil_slope, facts.pixel_mm[0], facts.pixel_mm[1]];
+        let finite = [facts.origin_mm[0], facts.origin_mm[1], facts.exit_curvature_per_mm, facts.object_offset_mm];
+        if !positive.iter().all(|v| *v > 0.0 && v.is_finite()) || !finite.iter().all(|v| v.is_finite()) {
+            return bad("microlenses have impossible sizes");
+        }
+        let lattice = Lattice { arrangement, pitch: facts.pitch_mm, origin: DVec2::from_array(facts.origin_mm) };
+        let step_mm = lattice.cell_area().sqrt();
+        let pixels = |k: usize| (mosaic[k] as f64 * facts.pixel_mm[k] / step_mm * (1.0 + 1e-9)) as usize;
+        let size = [pixels(0), pixels(1)];
+        let magnification = 1.0 + facts.gap_mm * facts.exit_curvature_per_mm;
+        if size.iter().any(|n| *n < 2) || size[0] > mosaic[0] || size[1] > mosaic[1] || magnification <= 0.0 {
+            return bad("microlenses do not fit its pixels");
+        }
+        Ok(Some(LightField {
+            radius_px: facts.gap_mm * facts.pupil_slope / facts.pixel_mm[0],
+            facts,
+            lattice,
+            magnification,
+            mosaic,
+            size,
+            step_mm,
+            focal_length_mm: header.facts.focal_length_mm,
+            extension_mm: header.facts.extension_mm,
+        }))
+    }
+
+    /// Columns and rows of the pictures that are made of it.
+    pub fn size(&self) -> [usize; 2] {
+        self.size
+    }
+
+    /// Diagonal of the mosaic over that of the pictures, both on the film.
+    pub fn film_over_picture(&self) -> f64 {
+        let [w, h] = [0, 1].map(|k| self.mosaic[k] as f64 * self.facts.pixel_mm[k]);
+        w.hypot(h) / ((self.size[0] as f64).hypot(self.size[1] as f64) * self.step_mm)
+    }
+
+    /// Views across the pupil that can be told apart.
+    pub fn views_across(&self) -> usize {
+        (self.radius_px as usize).clamp(1, 32)
+    }
+
+    /// About how many periods of the filters a pixel of a picture is the mean of.
+    pub(crate) fn samples_a_pixel(&self, settings: &recipe::LightField, f_number: f64) -> f64 {
+        let radius = match (settings.view, settings.aperture) {
+            (Some(_), _) => 1.0,
+            (None, Some(n)) => self.radius_px * f_number / n,
+            (None, None) => self.radius_px,
+        };
+        std::f64::consts::PI * radius * radius / 4.0
+    }
+
+    /// Checks the settings with what the file says; `f_number`: that of the shot.
+    pub(crate) fn check(&self, settings: &recipe::LightField, f_number: f64) -> Result<(), RecipeError> {
+        check(settings)?;
+        if let Some(Focus::At(distance)) = Focus::parse(&settings.focus) {
+            self.shift_for(distance)?;
+        }
+        match settings.aperture {
+            Some(n) if n < f_number * 0.999 => {
+                let expected = format!("f/{f_number:.2}, at which it was taken, or more");
+                Err(wrong("light_field.aperture", format!("f/{n}"), expected))
+            }
+            _ => Ok(()),
+        }
+    }
+
+    /// Extension at which a distance (m) is sharp, mm.
+    fn extension_at(&self, distance_m: f64) -> f64 {
+        match distance_m.is_infinite() {
+            true => 0.0,
+            false => self.focal_length_mm.powi(2) / (1e3 * distance_m + self.facts.object_offset_mm),
+        }
+    }
+
+    /// Shift (pixels of a picture) of light through the pupil's edge for a film at an extension.
+    fn shift_at(&self, extension_mm: f64) -> f64 {
+        let moved = extension_mm - self.extension_mm;
+        moved / (1.0 + moved * self.facts.exit_curvature_per_mm) * self.facts.pupil_slope / self.step_mm
+    }
+
+    /// Distance (m) that is sharp with a shift: [`LightField::shift_at`] turned around.
+    fn distance_at(&self, shift: f64) -> f64 {
+        let sheared = shift * self.step_mm / self.facts.pupil_slope;
+        let extension = self.extension_mm + sheared / (1.0 - sheared * self.facts.exit_curvature_per_mm);
+        match extension > 1e-9 {
+            true => 1e-3 * (self.focal_length_mm.powi(2) / extension - self.facts.object_offset_mm),
+            false => f64::INFINITY,
+        }
+    }
+
+    /// Shift for a distance. Fails on distances that no film brings into focus.
+    fn shift_for(&self, distance_m: f64) -> Result<f64, RecipeError> {
+        let nearest_mm = 1.05 * self.focal_length_mm - self.facts.object_offset_mm;
+        if 1e3 * distance_m < nearest_mm {
+            let expected = format!("a distance of at least {:.3} m: nearer there is no image", 1e-3 * nearest_mm);
+            return Err(wrong("light_field.focus", format!("{distance_m} m"), expected));
+        }
+        Ok(self.shift_at(self.extension_at(distance_m)))
+    }
+
+    /// What the facts of a picture made of it are.
+    pub(crate) fn facts_of(&self, facts: &ExposureFacts, settings: &recipe::LightField) -> ExposureFacts {
+        let mut facts = ExposureFacts { light_field: None, ..facts.clone() };
+        if let Some(Focus::At(distance)) = Focus::parse(&settings.focus) {
+            facts.focus_distance_m = distance.is_finite().then_some(distance);
+            facts.extension_mm = self.extension_at(distance);
+            facts.focus_mode = "refocused".into();
+        }
+        if let Some(n) = settings.aperture {
+            facts.t_number *= n / facts.f_number;
+            facts.f_number = n;
+        }
+        facts
+    }
+}
+
+/// Checks the settings as far as that goes without a file.
+pub(crate) fn check(settings: &recipe::LightField) -> Result<(), RecipeError> {
+    if !settings.focus.is_empty() && Focus::parse(&settings.focus).is_none() {
+        let expected = "as-taken, all, inf or a distance such as \"1.2 m\"";
+        return Err(wrong("light_field.focus", format!("\"{}\"", settings.focus), expected));
+    }
+    match settings.view {
+        Some([x, y]) if x.hypot(y) > 1.0 => {
+            Err(wrong("light_field.view", format!("{x}, {y}"), "a place in the pupil: at most 1 from its middle"))
+        }
+        Some(_) if settings.aperture.is_some() => {
+            Err(wrong("light_field.view", "an aperture beside it", "one of the two: a view is through one place of the pupil"))
+        }
+        _ => Ok(()),
+    }
+}
+
+/// Sums of weighted samples of a picture.
+struct Sums {
+    /// `[row][column][channel]`: signal and what it would be in even light.
+    cells: Vec<[f32; 2]>,
+}
+
+impl Decoder<'_> {
+    /// Camera channels of a picture. `f_number`: that of the shot.
+    pub fn picture(&self, settings: &recipe::LightField, f_number: f64) -> Result<Planes, RecipeError> {
+        self.field.check(settings, f_number)?;
+        let focus = Focus::parse(&settings.focus).unwrap_or(Focus::AsTaken);
+        let through = match (settings.view, settings.aperture) {
+            // The film's picture is upside down: light through the right of the pupil comes from the left in it.
+            (Some([x, y]), _) => Through::View(-Vec2::new(x as f32, y as f32), self.view_width()),
+            (None, Some(n)) => Through::Disk((f_number / n).max(1.0 / self.field.radius_px) as f32),
+            (None, None) => Through::Disk(1.0),
+        };
+        let planes = match focus {
+            Focus::AsTaken => self.gather(through, 0.0),
+            Focus::At(distance) => self.gather(through, self.field.shift_for(distance)?),
+            Focus::Everything => self.all_in_focus(through),
+        };
+        let [width, height] = self.field.size;
+        Ok(Planes { region: Region::whole(width, height), planes })
+    }
+
+    /// Half width of a view: it must hold all channels.
+    fn view_width(&self) -> f32 {
+        let period = self.mosaic.cfa.columns().max(self.mosaic.cfa.rows()) as f64;
+        (period.max(1.0) / self.field.radius_px) as f32
+    }
+
+    /// Adds up what falls on each pixel of a picture when light through the pupil's edge is shifted by `shift` pixels.
+    fn gather(&self, through: Through, shift: f64) -> Vec<Vec<f32>> {
+        let f = self.field;
+        let [width, height] = f.size;
+        let channels = self.mosaic.cfa.channel_count();
+        let [columns, rows] = f.mosaic;
+        let part = rows.div_ceil(PARTS);
+        let sums: Vec<Sums> = (0..PARTS)
+            .into_par_iter()
+            .map(|k| {
+                let mut sums = Sums { cells: vec![[0.0; 2]; width * height * channels] };
+                for y in k * part..((k + 1) * part).min(rows) {
+                    for x in 0..columns {
+                        let (lens, q) = self.sample(x, y);
+                        let (taken, expected) = weights(through, q, f.radius_px as f32);
+                        if taken > 0.0 {
+                            let at = self.place(lens) - (q * shift as f32).as_dvec2();
+                            let channel = self.mosaic.cfa.channel_at(x, y);
+                            let value = self.mosaic.data[y * columns + x];
+                            sums.splat(at, [width, height], channels, channel, [taken * value, expected]);
+                        }
+                    }
+                }
+                sums
+            })
+            .collect();
+        // Light that the lens gathers on the image of the pupil was spread over the whole lens on a film.
+        let share = (std::f64::consts::PI * (f.facts.gap_mm * f.facts.pupil_slope).powi(2) / f.lattice.cell_area()) as f32;
+        (0..channels)
+            .into_par_iter()
+            .map(|channel| {
+                let mut plane: Vec<[f32; 2]> = vec![[0.0; 2]; width * height];
+                for s in &sums {
+                    for (to, from) in plane.iter_mut().zip(s.cells.iter().skip(channel).step_by(channels)) {
+                        to[0] += from[0];
+                        to[1] += from[1];
+                    }
+                }
+                filled(plane, width).into_iter().map(|v| v * share).collect()
+            })
+            .collect()
+    }
+
+    /// The lens (mm on the film) that a pixel of the mosaic belongs to, and its place in the pupil, 1 at the edge.
+    fn sample(&self, x: usize, y: usize) -> (DVec2, Vec2) {
+        let f = self.field;
+        let pixel = DVec2::from_array(f.facts.pixel_mm);
+        let middle = DVec2::new(f.mosaic[0] as f64, f.mosaic[1] as f64) * 0.5;
+        let sensor = (DVec2::new(x as f64 + 0.5, y as f64 + 0.5) - middle) * pixel;
+        let lens = f.lattice.nearest(sensor / f.magnification);
+        let q = (lens - sensor) / f.facts.gap_mm + lens * f.facts.exit_curvature_per_mm;
+        (lens, (q / f.facts.pupil_slope).as_vec2())
+    }
+
+    /// Place of a lens in a picture, pixels.
+    fn place(&self, lens: DVec2) -> DVec2 {
+        let [width, height] = self.field.size;
+        lens / self.field.step_mm + 0.5 * DVec2::new(width as f64, height as f64)
+    }
+
+    /// Grey, slightly soft pictures through places of the pupil, without shift.
+    fn views(&self) -> Vec<(Vec2, Vec<f32>)> {
+        let across = self.field.views_across().min(MOST_VIEWS);
+        let at = |i: usize| (2.0 * i as f32 + 1.0) / across as f32 - 1.0;
+        let places: Vec<Vec2> = (0..across * across).map(|i| Vec2::new(at(i % across), at(i / across))).collect();
+        let inside = places.into_iter().filter(|p| p.length() <= 1.0 - 0.5 / across as f32);
+        let view = |p: Vec2| {
+            let planes = self.gather(Through::View(p, self.view_width()), 0.0);
+            let grey: Vec<f32> =
+                (0..planes[0].len()).map(|i| planes.iter().map(|p| p[i]).sum::<f32>() / planes.len() as f32).collect();
+            // Views hold detail finer than their pixels; taken between pixels it would look smoother, and so more alike, than on them.
+            (p, smoothed(&grey, self.field.size[0], 0.8))
+        };
+        inside.map(view).collect()
+    }
+
+    /// Shifts that depth is looked for at: from infinity to where neighbouring pixels of the mosaic are shifted by a pixel.
+    fn shifts(&self) -> Vec<f64> {
+        let infinity = self.field.shift_at(0.0).max(-self.field.radius_px);
+        let (low, high) = (infinity - 0.5, self.field.radius_px);
+        let n = ((high - low) * PLANES_A_PIXEL).ceil() as usize;
+        (0..=n).map(|i| low + (high - low) * i as f64 / n as f64).collect()
+    }
+
+    /// Shift at which each pixel is sharp, and how sure that is.
+    fn shift_map(&self, shifts: &[f64]) -> (Vec<f32>, Vec<f32>) {
+        let [width, height] = self.field.size;
+        let views = self.views();
+        let n = views.len() as f32;
+        // How far the views differ, for each shift.
+        let costs: Vec<Vec<f32>> = shifts
+            .par_iter()
+            .map(|shift| {
+                let (mut sum, mut squares) = (vec![0.0f32; width * height], vec![0.0f32; width * height]);
+                for (q, view) in &views {
+                    let moved = *q * *shift as f32;
+                    for y in 0..height {
+                        for x in 0..width {
+                            let v = bilinear(view, [width, height], Vec2::new(x as f32, y as f32) + moved);
+                            sum[y * width + x] += v;
+                            squares[y * width + x] += v * v;
+                        }
+                    }
+                }
+                let spread: Vec<f32> = sum.iter().zip(&squares).map(|(s, s2)| (s2 / n - (s / n).powi(2)).max(0.0)).collect();
+                smoothed(&spread, width, 1.2)
+            })
+            .collect();
+        let mut found = vec![0.0; width * height];
+        let mut sure = vec![0.0; width * height];
+        // What noise alone makes views differ by, at the least.
+        let mut least: Vec<f32> = (0..width * height).map(|i| costs.iter().map(|c| c[i]).fold(f32::MAX, f32::min)).collect();
+        let middle = least.len() / 2;
+        let floor = *least.select_nth_unstable_by(middle, f32::total_cmp).1;
+        for i in 0..width * height {
+            let best = (0..costs.len()).min_by(|a, b| costs[*a][i].total_cmp(&costs[*b][i])).unwrap_or(0);
+            let middle = costs[best][i];
+            let (before, after) = (costs[best.saturating_sub(1)][i], costs[(best + 1).min(costs.len() - 1)][i]);
+            let bend = before + after - 2.0 * middle;
+            let part = if bend > 0.0 && best > 0 && best + 1 < costs.len() { 0.5 * (before - after) / bend } else { 0.0 };
+            found[i] = (shifts[best] + f64::from(part) * (shifts[1] - shifts[0])) as f32;
+            let mean = costs.iter().map(|c| c[i]).sum::<f32>() / costs.len() as f32;
+            sure[i] = ((mean - middle) / (mean + middle + 4.0 * floor + 1e-12)).clamp(0.0, 1.0);
+        }
+        (middle_of_nine(&spread_out(&found, &sure, width), width), sure)
+    }
+
+    /// Depth from how the views differ.
+    pub fn depth(&self) -> DepthMap {
+        let [width, height] = self.field.size;
+        let (shift, sure) = self.shift_map(&self.shifts());
+        let raster = |data: Vec<f32>| Raster { width, height, channels: 1, data };
+        let depth = shift.iter().map(|s| self.field.distance_at(f64::from(*s)) as f32).collect();
+        DepthMap { depth_m: raster(depth), confidence: raster(sure) }
+    }
+
+    /// Each pixel from the picture that is focused on it.
+    fn all_in_focus(&self, through: Through) -> Vec<Vec<f32>> {
+        let shifts = self.shifts();
+        let (found, _) = self.shift_map(&shifts);
+        let step = (shifts[1] - shifts[0]) * PLANES_A_PICTURE as f64;
+        let mut out: Vec<Vec<f32>> = Vec::new();
+        for k in 0..shifts.len().div_ceil(PLANES_A_PICTURE) + 1 {
+            let shift = shifts[0] + step * k as f64;
+            // Between two planes their mean by distance.
+            let share: Vec<f32> = found.iter().map(|s| (1.0 - ((f64::from(*s) - shift) / step).abs()).max(0.0) as f32).collect();
+            if share.iter().all(|s| *s == 0.0) && !(k == 0 && out.is_empty()) {
+                continue;
+            }
+            let planes = self.gather(through, shift);
+            out.resize(planes.len(), vec![0.0; found.len()]);
+            for (to, from) in out.iter_mut().zip(&planes) {
+                to.iter_mut().zip(from).zip(&share).for_each(|((to, v), s)| *to += v * s);
+            }
+        }
+        out
+    }
+}
+
+impl Sums {
+    /// Shares a sample among the four pixels around its place.
+    #[inline]
+    fn splat(&mut self, at: DVec2, [width, height]: [usize; 2], channels: usize, channel: usize, [value, weight]: [f32; 2]) {
+        let (x, y) = (at.x - 0.5, at.y - 0.5);
+        let (left, top) = (x.floor(), y.floor());
+        let (fx, fy) = ((x - left) as f32, (y - top) as f32);
+        for (dy, wy) in [(0, 1.0 - fy), (1, fy)] {
+            for (dx, wx) in [(0, 1.0 - fx), (1, fx)] {
+                let (column, row) = (left as i64 + dx, top as i64 + dy);
+                if (0..width as i64).contains(&column) && (0..height as i64).contains(&row) {
+                    let cell = &mut self.cells[(row as usize * width + column as usize) * channels + channel];
+                    cell[0] += wx * wy * value;
+                    cell[1] += wx * wy * weight;
+                }
+            }
+        }
+    }
+}
+
+/// Share of a pixel that the disk of a radius covers, from its distance to the middle, in radii of the pupil's image of so many pixels.
+fn covered(q: f32, radius: f32, radius_px: f32) -> f32 {
+    (0.5 + (radius - q) * radius_px).clamp(0.0, 1.0)
+}
+
+/// How much a sample counts, and how much of it even light would fill.
+fn weights(through: Through, q: Vec2, radius_px: f32) -> (f32, f32) {
+    let r = q.length();
+    match through {
+        // All light, also what falls a little beside.
+        Through::Disk(1.0) => (f32::from(u8::from(r < 1.0 + 1.5 / radius_px)), covered(r, 1.0, radius_px)),
+        Through::Disk(radius) => {
+            let w = covered(r, radius, radius_px);
+            (w, w * covered(r, 1.0, radius_px))
+        }
+        Through::View(place, width) => {
+            let d = 1.0 - (q - place).abs() / width;
+            let w = d.x.max(0.0) * d.y.max(0.0);
+            (w, w * covered(r, 1.0, radius_px))
+        }
+    }
+}
+
+/// Signal over weight; where nothing fell, from around.
+fn filled(sums: Vec<[f32; 2]>, width: usize) -> Vec<f32> {
+    let height = sums.len() / width;
+    const ENOUGH: f32 = 1e-3;
+    let mut plane: Vec<f32> = sums.iter().map(|[v, w]| if *w > ENOUGH { v / w } else { f32::NAN }).collect();
+    while plane.iter().any(|v| v.is_nan()) {
+        let before = plane.clone();
+        for (i, v) in plane.iter_mut().enumerate().filter(|(_, v)| v.is_nan()) {
+            let (x, y) = (i % width, i / width);
+            let near = (y.saturating_sub(1)..(y + 2).min(height))
+                .flat_map(|r| before[r * width + x.saturating_sub(1)..r * width + (x + 2).min(width)].iter());
+            let (sum, count) = near.filter(|v| !v.is_nan()).fold((0.0, 0.0), |(s, n), v| (s + v, n + 1.0));
+            if count > 0.0 {
+                *v = sum / count;
+            }
+        }
+        // Nothing anywhere: dark.
+        if plane.iter().all(|v| v.is_nan()) {
+            plane.fill(0.0);
+        }
+    }
+    plane
+}
+
+/// A plane between its pixels; beyond the edges the edge.
+#[inline]
+fn bilinear(plane: &[f32], [width, height]: [usize; 2], at: Vec2) -> f32 {
+    let x = at.x.clamp(0.0, width as f32 - 1.001);
+    let y = at.y.clamp(0.0, height as f32 - 1.001);
+    let (i, j) = (x as usize, y as usize);
+    let (fx, fy) = (x - i as f32, y - j as f32);
+    let row = |j: usize| {
+        let line = &plane[j * width + i..j * width + i + 2];
+        line[0] + (line[1] - line[0]) * fx
+    };
+    let (a, b) = (row(j), row(j + 1));
+    a + (b - a) * fy
+}
+
+/// Gaussian blur, edges repeated.
+fn smoothed(plane: &[f32], width: usize, sigma: f32) -> Vec<f32> {
+    let height = plane.len() / width;
+    let reach = (2.5 * sigma).ceil() as i64;
+    let kernel: Vec<f32> = (-reach..=reach).map(|k| (-0.5 * (k as f32 / sigma).powi(2)).exp()).collect();
+    let total: f32 = kernel.iter().sum();
+    let pass = |from: &[f32], n: usize, stride: usize| -> Vec<f32> {
+        (0..from.len())
+            .map(|i| {
+                let at = (i / stride % n) as i64;
+                let tap = |(k, w): (usize, &f32)| {
+                    let to = (at + k as i64 - reach).clamp(0, n as i64 - 1);
+                    w * from[(i as i64 + (to - at) * stride as i64) as usize]
+                };
+                kernel.iter().enumerate().map(tap).sum::<f32>() / total
+            })
+            .collect()
+    };
+    pass(&pass(plane, width, 1), height, width)
+}
+
+/// Median of each pixel and its neighbours: single ones that are wrong are gone.
+fn middle_of_nine(plane: &[f32], width: usize) -> Vec<f32> {
+    let height = plane.len() / width;
+    let at = |i: usize| {
+        let (x, y) = ((i % width) as i64, (i / width) as i64);
+        let mut near: [f32; 9] = std::array::from_fn(|k| {
+            let column = (x + k as i64 % 3 - 1).clamp(0, width as i64 - 1) as usize;
+            let row = (y + k as i64 / 3 - 1).clamp(0, height as i64 - 1) as usize;
+            plane[row * width + column]
+        });
+        near.sort_by(f32::total_cmp);
+        near[4]
+    };
+    (0..plane.len()).map(at).collect()
+}
+
+/// Values where they are sure; elsewhere means of what is sure around, the nearest first (a pyramid of widths).
+fn spread_out(values: &[f32], sure: &[f32], width: usize) -> Vec<f32> {
+    let weight: Vec<f32> = sure.iter().map(|s| s * s).collect();
+    let weighted: Vec<f32> = values.iter().zip(&weight).map(|(v, w)| v * w).collect();
+    let mut out = vec![0.0; values.len()];
+    let mut left = vec![1.0f32; values.len()];
+    let longest = width.max(values.len() / width) as f32;
+    let mut sigma = 0.0;
+    loop {
+        let (v, w) = match sigma {
+            0.0 => (weighted.clone(), weight.clone()),
+            s => (smoothed(&weighted, width, s), smoothed(&weight, width, s)),
+        };
+        let last = sigma > 0.25 * longest;
+        for i in 0..out.len() {
+            // Sure beyond a quarter is sure enough.
+            let take = if last { left[i] } else { left[i].min(w[i] / 0.06) };
+            if w[i] > 1e-12 {
+                out[i] += take * v[i] / w[i];
+                left[i] -= take;
+            }
+        }
+        if last {
+            break;
+        }
+        sigma = if sigma == 0.0 { 1.0 } else { 2.0 * sigma };
+    }
+    out.iter().zip(&left).zip(values).map(|((o, l), v)| o + l * v).collect()
+}
