@@ -250,8 +250,10 @@ pub(crate) fn check(settings: &recipe::LightField) -> Result<(), RecipeError> {
     }
 }
 
-/// Sums of weighted samples of a picture.
+/// Sums of weighted samples of some rows of a picture.
 struct Sums {
+    /// Their first row.
+    first: usize,
     /// `[row][column][channel]`: signal and what it would be in even light.
     cells: Vec<[f32; 2]>,
 }
@@ -284,24 +286,42 @@ impl Decoder<'_> {
 
     /// Adds up what falls on each pixel of a picture when light through the pupil's edge is shifted by `shift` pixels.
     fn gather(&self, through: Through, shift: f64) -> Vec<Vec<f32>> {
+        self.gather_all(&[through], shift).swap_remove(0)
+    }
+
+    /// The same through several parts of the pupil at once.
+    fn gather_all(&self, through: &[Through], shift: f64) -> Vec<Vec<Vec<f32>>> {
         let f = self.field;
         let [width, height] = f.size;
         let channels = self.mosaic.cfa.channel_count();
         let [columns, rows] = f.mosaic;
         let part = rows.div_ceil(PARTS);
-        let sums: Vec<Sums> = (0..PARTS)
+        let row_of = |y: usize| y as f64 * f.facts.pixel_mm[1] / f.step_mm / f.magnification;
+        // A lens is up to its own radius away, light moves by the shift, and is shared among two rows.
+        let reach = 2.0 + shift.abs() * (1.0 + 2.0 / f.radius_px);
+        let middle = 0.5 * (height as f64 - row_of(rows));
+        let parts: Vec<Vec<Sums>> = (0..PARTS)
             .into_par_iter()
             .map(|k| {
-                let mut sums = Sums { cells: vec![[0.0; 2]; width * height * channels] };
-                for y in k * part..((k + 1) * part).min(rows) {
+                let (from, to) = (k * part, ((k + 1) * part).min(rows));
+                let row = |y: f64| y.clamp(0.0, height as f64) as usize;
+                let (first, end) = (row(middle + row_of(from) - reach), row(middle + row_of(to) + reach + 1.0));
+                let empty = || Sums { first, cells: vec![[0.0; 2]; (end - first.min(end)) * width * channels] };
+                let mut sums: Vec<Sums> = through.iter().map(|_| empty()).collect();
+                for y in from..to {
                     for x in 0..columns {
                         let (lens, q) = self.sample(x, y);
-                        let (taken, expected) = weights(through, q, f.radius_px as f32);
-                        if taken > 0.0 {
-                            let at = self.place(lens) - (q * shift as f32).as_dvec2();
-                            let channel = self.mosaic.cfa.channel_at(x, y);
-                            let value = self.mosaic.data[y * columns + x];
-                            sums.splat(at, [width, height], channels, channel, [taken * value, expected]);
+                        if q.length_squared() > 4.0 {
+                            continue;
+                        }
+                        let at = self.place(lens) - (q * shift as f32).as_dvec2();
+                        let channel = self.mosaic.cfa.channel_at(x, y);
+                        let value = self.mosaic.data[y * columns + x];
+                        for (sums, through) in sums.iter_mut().zip(through) {
+                            let (taken, expected) = weights(*through, q, f.radius_px as f32);
+                            if taken > 0.0 {
+                                sums.splat(at, width, channels, channel, [taken * value, expected]);
+                            }
                         }
                     }
                 }
@@ -310,19 +330,20 @@ impl Decoder<'_> {
             .collect();
         // Light that the lens gathers on the image of the pupil was spread over the whole lens on a film.
         let share = (std::f64::consts::PI * (f.facts.gap_mm * f.facts.pupil_slope).powi(2) / f.lattice.cell_area()) as f32;
-        (0..channels)
-            .into_par_iter()
-            .map(|channel| {
-                let mut plane: Vec<[f32; 2]> = vec![[0.0; 2]; width * height];
-                for s in &sums {
-                    for (to, from) in plane.iter_mut().zip(s.cells.iter().skip(channel).step_by(channels)) {
-                        to[0] += from[0];
-                        to[1] += from[1];
-                    }
+        let plane = |i: usize, channel: usize| {
+            let mut plane: Vec<[f32; 2]> = vec![[0.0; 2]; width * height];
+            for sums in parts.iter().map(|p| &p[i]) {
+                for (to, from) in plane[(sums.first * width).min(width * height)..]
+                    .iter_mut()
+                    .zip(sums.cells.iter().skip(channel).step_by(channels))
+                {
+                    to[0] += from[0];
+                    to[1] += from[1];
                 }
-                filled(plane, width).into_iter().map(|v| v * share).collect()
-            })
-            .collect()
+            }
+            filled(plane, width).into_iter().map(|v| v * share).collect()
+        };
+        (0..through.len()).into_par_iter().map(|i| (0..channels).map(|c| plane(i, c)).collect()).collect()
     }
 
     /// The lens (mm on the film) that a pixel of the mosaic belongs to, and its place in the pupil, 1 at the edge.
@@ -347,15 +368,15 @@ impl Decoder<'_> {
         let across = self.field.views_across().min(MOST_VIEWS);
         let at = |i: usize| (2.0 * i as f32 + 1.0) / across as f32 - 1.0;
         let places: Vec<Vec2> = (0..across * across).map(|i| Vec2::new(at(i % across), at(i / across))).collect();
-        let inside = places.into_iter().filter(|p| p.length() <= 1.0 - 0.5 / across as f32);
-        let view = |p: Vec2| {
-            let planes = self.gather(Through::View(p, self.view_width()), 0.0);
-            let grey: Vec<f32> =
-                (0..planes[0].len()).map(|i| planes.iter().map(|p| p[i]).sum::<f32>() / planes.len() as f32).collect();
+        let places: Vec<Vec2> = places.into_iter().filter(|p| p.length() <= 1.0 - 0.5 / across as f32).collect();
+        let views: Vec<Through> = places.iter().map(|p| Through::View(*p, self.view_width())).collect();
+        let grey = |planes: Vec<Vec<f32>>| {
+            let mean = |i: usize| planes.iter().map(|p| p[i]).sum::<f32>() / planes.len() as f32;
+            let grey: Vec<f32> = (0..planes[0].len()).map(mean).collect();
             // Views hold detail finer than their pixels; taken between pixels it would look smoother, and so more alike, than on them.
-            (p, smoothed(&grey, self.field.size[0], 0.8))
+            smoothed(&grey, self.field.size[0], 0.8)
         };
-        inside.map(view).collect()
+        places.into_iter().zip(self.gather_all(&views, 0.0).into_iter().map(grey)).collect()
     }
 
     /// Shifts that depth is looked for at: from infinity to where neighbouring pixels of the mosaic are shifted by a pixel.
@@ -444,14 +465,15 @@ impl Decoder<'_> {
 impl Sums {
     /// Shares a sample among the four pixels around its place.
     #[inline]
-    fn splat(&mut self, at: DVec2, [width, height]: [usize; 2], channels: usize, channel: usize, [value, weight]: [f32; 2]) {
-        let (x, y) = (at.x - 0.5, at.y - 0.5);
+    fn splat(&mut self, at: DVec2, width: usize, channels: usize, channel: usize, [value, weight]: [f32; 2]) {
+        let (x, y) = (at.x - 0.5, at.y - 0.5 - self.first as f64);
         let (left, top) = (x.floor(), y.floor());
         let (fx, fy) = ((x - left) as f32, (y - top) as f32);
+        let rows = (self.cells.len() / (width * channels)) as i64;
         for (dy, wy) in [(0, 1.0 - fy), (1, fy)] {
             for (dx, wx) in [(0, 1.0 - fx), (1, fx)] {
                 let (column, row) = (left as i64 + dx, top as i64 + dy);
-                if (0..width as i64).contains(&column) && (0..height as i64).contains(&row) {
+                if (0..width as i64).contains(&column) && (0..rows).contains(&row) {
                     let cell = &mut self.cells[(row as usize * width + column as usize) * channels + channel];
                     cell[0] += wx * wy * value;
                     cell[1] += wx * wy * weight;
