@@ -543,6 +543,9 @@ pub struct Shoot {
 pub struct Expose {
     #[command(flatten)]
     pub taking: Taking,
+    /// Linear sRGB of the light that arrives, cd/m², instead of the sensor's electrons: what renderers write.
+    #[arg(long)]
+    pub radiance: bool,
     /// Focal plane to write (.exr).
     #[arg(short, long, value_name = "FILE")]
     pub output: PathBuf,

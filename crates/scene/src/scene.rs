@@ -39,6 +39,8 @@ pub struct Description {
     pub playing: Playing,
     /// Meshes that bend.
     pub deformers: Vec<Deformer>,
+    /// How many times its file wants light to be scattered at most.
+    pub max_depth: Option<u32>,
     /// What was found odd on the way.
     pub warnings: Vec<String>,
 }
@@ -116,6 +118,10 @@ pub struct Viewpoint {
     pub world_from_camera: Affine3A,
     /// Vertical angle of view, rad; `None` for an orthographic camera.
     pub vertical_fov: Option<f32>,
+    /// Columns and rows of the picture that its file asks for.
+    pub size: Option<[usize; 2]>,
+    /// Radius of the lens (0 of a pinhole) and distance of what is sharp, m, where the file says so.
+    pub lens: Option<[f32; 2]>,
     /// The node it hangs on; `world_from_camera` is that node's place at rest, without its scale.
     pub node: Option<u32>,
 }

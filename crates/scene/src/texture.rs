@@ -38,6 +38,8 @@ pub enum Wrap {
     Mirror,
     /// The edge goes on.
     Clamp,
+    /// There is nothing.
+    Black,
 }
 
 impl Wrap {
@@ -45,7 +47,7 @@ impl Wrap {
     fn index(self, i: i64, n: i64) -> usize {
         (match self {
             Wrap::Repeat => i.rem_euclid(n),
-            Wrap::Clamp => i.clamp(0, n - 1),
+            Wrap::Clamp | Wrap::Black => i.clamp(0, n - 1),
             Wrap::Mirror => {
                 let j = i.rem_euclid(2 * n);
                 if j < n { j } else { 2 * n - 1 - j }
@@ -99,6 +101,10 @@ impl Texture {
     }
 
     fn texel(&self, x: i64, y: i64) -> Vec4 {
+        let outside = |wrap: Wrap, i: i64, n: usize| wrap == Wrap::Black && !(0..n as i64).contains(&i);
+        if outside(self.wrap[0], x, self.image.width) || outside(self.wrap[1], y, self.image.height) {
+            return Vec4::ZERO;
+        }
         let column = self.wrap[0].index(x, self.image.width as i64);
         let row = self.wrap[1].index(y, self.image.height as i64);
         let [r, g, b, a] = self.image.pixels[row * self.image.width + column];
@@ -131,6 +137,86 @@ impl Texture {
     }
 }
 
+/// A picture made of others: linear sRGB, or the same number three times.
+#[derive(Clone, Debug)]
+pub enum Graph {
+    /// The same everywhere.
+    Constant(Vec3),
+    /// An image times a factor.
+    Image {
+        /// The image.
+        texture: Texture,
+        /// Multiplies it.
+        scale: f32,
+        /// Whether what is bright becomes dark.
+        invert: bool,
+        /// Weights of colours and of alpha where it stands for a number.
+        as_number: Option<[Vec3; 2]>,
+    },
+    /// One times the other.
+    Scale(Arc<Graph>, Arc<Graph>),
+    /// From the first to the second by an amount.
+    Mix(Arc<Graph>, Arc<Graph>, Arc<Graph>),
+    /// To a power.
+    Power(Arc<Graph>, f32),
+    /// Squares of the texture coordinates.
+    Checkerboard {
+        /// Factor and offset of both coordinates.
+        place: [[f32; 2]; 2],
+        /// Where the sum of whole coordinates is even.
+        even: Arc<Graph>,
+        /// Elsewhere.
+        odd: Arc<Graph>,
+    },
+    /// Between four corners: (0, 0), (0, 1), (1, 0), (1, 1).
+    Bilinear {
+        /// Factor and offset of both coordinates.
+        place: [[f32; 2]; 2],
+        /// Values there.
+        corners: [Vec3; 4],
+    },
+}
+
+impl Graph {
+    /// The value, where it is the same everywhere.
+    pub fn constant(&self) -> Option<Vec3> {
+        match self {
+            Graph::Constant(c) => Some(*c),
+            _ => None,
+        }
+    }
+
+    /// The value at texture coordinates.
+    pub fn at_uv(&self, uv: &[Vec2; 2]) -> Vec3 {
+        let placed = |place: &[[f32; 2]; 2]| Vec2::new(place[0][0] * uv[0].x + place[0][1], place[1][0] * uv[0].y + place[1][1]);
+        match self {
+            Graph::Constant(c) => *c,
+            Graph::Image { texture, scale, invert, as_number } => {
+                let texel = texture.at(uv);
+                let value = match as_number {
+                    None => texel.truncate(),
+                    Some([colors, alpha]) => Vec3::splat(texel.truncate().dot(*colors)) + *alpha * texel.w,
+                } * *scale;
+                if *invert { (1.0 - value).max(Vec3::ZERO) } else { value }
+            }
+            Graph::Scale(a, b) => a.at_uv(uv) * b.at_uv(uv),
+            Graph::Mix(a, b, amount) => {
+                let t = amount.at_uv(uv);
+                a.at_uv(uv) * (1.0 - t) + b.at_uv(uv) * t
+            }
+            Graph::Power(a, exponent) => a.at_uv(uv).max(Vec3::ZERO).powf(*exponent),
+            Graph::Checkerboard { place, even, odd } => {
+                let p = placed(place).floor();
+                if (p.x + p.y).rem_euclid(2.0) < 0.5 { even.at_uv(uv) } else { odd.at_uv(uv) }
+            }
+            Graph::Bilinear { place, corners: [a, b, c, d] } => {
+                let p = placed(place);
+                a.lerp(*b, p.y).lerp(c.lerp(*d, p.y), p.x)
+            }
+        }
+    }
+}
+
 /// A colour of a material: linear sRGB, possibly from an image, as a spectrum.
 #[derive(Clone, Debug)]
 pub enum Color {
@@ -150,6 +236,8 @@ pub enum Color {
         /// The image.
         texture: Texture,
     },
+    /// A picture made of others.
+    Graph(Arc<Graph>),
 }
 
 impl Color {
@@ -175,11 +263,12 @@ impl Color {
             Color::Constant { rgb, .. } => *rgb * surface.color.truncate(),
             Color::Spectrum(spectrum) => spectrum_rgb(spectrum),
             Color::Textured { factor, texture } => *factor * texture.at(&surface.uv).truncate() * surface.color.truncate(),
+            Color::Graph(graph) => graph.at_uv(&surface.uv) * surface.color.truncate(),
         }
     }
 }
 
-fn spectrum_rgb(spectrum: &diopter_light::Spectrum) -> Vec3 {
+pub(crate) fn spectrum_rgb(spectrum: &diopter_light::Spectrum) -> Vec3 {
     use diopter_light::{cie::d65_one_nit, color};
     let d65 = d65_one_nit();
     let xyz = color::xyz_of(|nm| spectrum.at(nm) * d65.at(nm)) * diopter_light::units::LUMINOUS_EFFICACY;
@@ -200,6 +289,8 @@ pub enum Scalar {
         /// 0 R, 1 G, 2 B, 3 A.
         channel: usize,
     },
+    /// A picture made of others: its first number.
+    Graph(Arc<Graph>),
 }
 
 impl Scalar {
@@ -215,6 +306,7 @@ impl Scalar {
         match self {
             Scalar::Constant(value) => *value,
             Scalar::Textured { factor, texture, channel } => factor * texture.at(uv)[*channel],
+            Scalar::Graph(graph) => graph.at_uv(uv).x,
         }
     }
 }

@@ -3,7 +3,7 @@
 use diopter_light::random::{Sampler, SamplerKind};
 use diopter_light::{Ray, Spectrum, Wavelengths};
 use diopter_scene::light::Environment;
-use diopter_scene::light::{Punctual, PunctualKind};
+use diopter_scene::light::{Punctual, PunctualKind, SpotEdge};
 use diopter_scene::material::conductor::FacetBounces;
 use diopter_scene::material::{Conductor, Emission, EmissionColor, Material, Principled, Scattering, Transmission};
 use diopter_scene::shape::{Mesh, Quad, Sphere};
@@ -44,7 +44,8 @@ fn principled(change: impl FnOnce(&mut Principled)) -> Material {
 /// A metal that reflects everything: k → ∞.
 fn mirror(alpha: f32) -> Material {
     let constant = |v| Spectrum::Constant(v);
-    let c = Conductor { n: constant(0.0), k: constant(1000.0), alpha, bounces: FacetBounces::Compensated };
+    let c =
+        Conductor { n: constant(0.0), k: constant(1000.0), alpha: Scalar::Constant(alpha), bounces: FacetBounces::Compensated };
     Material::new("mirror", Scattering::Conductor(c))
 }
 
@@ -195,6 +196,7 @@ fn each_kind_of_light_gives_its_irradiance() {
                 direction: Vec3::new(angle.sin(), -angle.cos(), 0.0),
                 cos_inner: 0.99,
                 cos_outer: 0.9,
+                edge: SpotEdge::Squared,
             },
         )
     };

@@ -120,6 +120,8 @@ pub struct Shot {
     pub lens_cap: bool,
     /// Sampling.
     pub settings: Settings,
+    /// Expose linear sRGB (cd/m²) of the light that arrives instead of the sensor's electrons.
+    pub radiance: bool,
     /// Reduce the renderer's own noise.
     pub denoise: bool,
     /// Development.
@@ -203,12 +205,15 @@ impl Shot {
         if file.exposure.aperture.is_some() && matches!(exposing.mode, Mode::ShutterPriority | Mode::Program) {
             warn(&format!("in mode {} the camera chooses the aperture: the one given is not used", exposing.mode.name()));
         }
-        let mut timing = Timing::new(&file, &sensor)?;
-        let film = staging::film(&file, &sensor)?;
-        let focusing = Focusing::new(&file, film.width_mm.hypot(film.height_mm), warn)?;
+        Timing::new(&file, &sensor, None)?;
 
         let name = file.scene.file.as_deref().unwrap_or("still-life");
+        staging::film(&file, &sensor, None)?;
         let mut description = read_scene(name)?;
+        let wanted = staging::view(&file, &description)?.and_then(|v| v.size);
+        let film = staging::film(&file, &sensor, wanted)?;
+        let mut timing = Timing::new(&file, &sensor, wanted)?;
+        let focusing = Focusing::new(&file, film.width_mm.hypot(film.height_mm), warn)?;
         timing.play(&mut description, &file.scene)?;
         if let Some(path) = &file.scene.environment {
             let (rotation, scale) =
@@ -285,6 +290,7 @@ impl Shot {
             date: None,
             lens_cap: file.exposure.lens_cap,
             settings,
+            radiance: false,
             denoise: file.render.denoise.unwrap_or(false),
             recipe: file.develop.clone(),
             lut,
@@ -517,9 +523,10 @@ impl Shot {
         // The speed is the read-out's; what the camera was set to goes with the plane.
         let facts = ExposureFacts { iso: 0.0, iso_set: self.reading.iso, ..self.facts() };
         if self.lens_cap {
-            return Ok(darkness(&self.camera.film, &Response::sensor(&self.sensor), &self.settings, facts));
+            let response = if self.radiance { Response::linear_srgb() } else { Response::sensor(&self.sensor) };
+            return Ok(darkness(&self.camera.film, &response, &self.settings, facts));
         }
-        let response = Response::sensor(&self.sensor);
+        let response = if self.radiance { Response::linear_srgb() } else { Response::sensor(&self.sensor) };
         // What a filter takes is one factor on all light: the plane's facts keep it apart from the scene's own scale.
         let mut settings = self.settings.clone();
         settings.light_scale *= (-self.exposing.nd_stops).exp2();

@@ -19,20 +19,36 @@ pub fn read_scene(name: &str) -> Result<Description, ShotError> {
     if !path.exists() && ending.is_none() {
         let hint = match nearest(name, known.iter().copied()) {
             Some(near) => format!("a scene (did you mean \"{near}\"?)"),
-            None => format!("an embedded scene ({}) or a .gltf or .glb file", known.join(", ")),
+            None => format!("an embedded scene ({}) or a file: {SCENE_FILES}", known.join(", ")),
         };
         return Err(value("scene", format!("\"{name}\""), hint));
     }
-    let bytes = read_file(path)?;
-    match ending.as_deref() {
-        Some("gltf" | "glb") => {
-            let folder = path.parent().unwrap_or(Path::new("")).to_owned();
-            let fetch = move |uri: &str| std::fs::read(folder.join(uri)).map_err(|e| e.to_string());
-            Ok(load::gltf::load(&bytes, name, &fetch)?)
-        }
-        _ => Err(value("scene", format!("\"{name}\""), "a .gltf or .glb file (or a .toml shot file)")),
-    }
+    // Beneath .gz the name goes on.
+    let ending = match ending.as_deref() {
+        Some("gz") => path.file_stem().map(Path::new).and_then(Path::extension).map(|e| e.to_string_lossy().to_lowercase()),
+        _ => ending,
+    };
+    let folder = path.parent().unwrap_or(Path::new("")).to_owned();
+    let fetch = move |uri: &str| {
+        let found = folder.join(uri);
+        std::fs::read(&found).map_err(|e| match e.kind() {
+            std::io::ErrorKind::NotFound => "there is no such file".into(),
+            _ => e.to_string(),
+        })
+    };
+    let bytes = || read_file(path);
+    Ok(match ending.as_deref() {
+        Some("gltf" | "glb") => load::gltf::load(&bytes()?, name, &fetch)?,
+        Some("pbrt") => load::pbrt::load(&bytes()?, name, &fetch)?,
+        Some("ply") => load::mesh::ply(bytes()?, name)?,
+        Some("obj") => load::mesh::obj(&bytes()?, name, &fetch)?,
+        Some("stl") => load::mesh::stl(&bytes()?, name)?,
+        _ => return Err(value("scene", format!("\"{name}\""), format!("a file: {SCENE_FILES} (or a .toml shot file)"))),
+    })
 }
+
+/// Endings of scene files.
+const SCENE_FILES: &str = ".gltf, .glb, .pbrt, .obj, .ply or .stl";
 
 /// Whether a lens is given as a file and not by name.
 pub(super) fn is_lens_file(name: &str) -> bool {

@@ -12,6 +12,7 @@ use diopter_lens::{Iris, Lens, Pinhole, ThinLens};
 use diopter_light::units::Millimeters;
 use diopter_scene::bvh::Bounds;
 use diopter_scene::material::{Material, Scattering};
+use diopter_scene::scene::Viewpoint;
 use diopter_scene::shape::Quad;
 use diopter_scene::texture::Color;
 use diopter_scene::{Description, Object, Scene, Shape, builtin};
@@ -62,7 +63,8 @@ pub(super) fn subject_bounds(scene: &Scene, at_s: f64) -> Bounds {
     }
 }
 
-pub(super) fn film(file: &ShotFile, sensor: &Sensor) -> Result<Film, ShotError> {
+/// The film; `wanted`: columns and rows that the scene's camera asks for.
+pub(super) fn film(file: &ShotFile, sensor: &Sensor, wanted: Option<[usize; 2]>) -> Result<Film, ShotError> {
     let [mut width_mm, mut height_mm] = sensor.format_mm;
     if let Some(name) = &file.camera.format {
         let named = Format::parse(name);
@@ -76,7 +78,8 @@ pub(super) fn film(file: &ShotFile, sensor: &Sensor) -> Result<Film, ShotError> 
         };
         (width_mm, height_mm) = (f.width_mm, f.height_mm);
     }
-    let size = file.render.size.unwrap_or_else(|| Size {
+    let wanted = wanted.map(|[width, height]| Size { width, height });
+    let size = file.render.size.or(wanted).unwrap_or_else(|| Size {
         width: DEFAULT_WIDTH,
         height: (DEFAULT_WIDTH as f64 * height_mm / width_mm).round().max(1.0) as usize,
     });
@@ -101,6 +104,19 @@ pub(super) fn film(file: &ShotFile, sensor: &Sensor) -> Result<Film, ShotError> 
     })
 }
 
+/// The camera of the scene that a shot looks through.
+pub(super) fn view<'a>(file: &ShotFile, scene: &'a Description) -> Result<Option<&'a Viewpoint>, ShotError> {
+    let views = &scene.cameras;
+    let Some(wanted) = &file.camera.viewpoint else { return Ok(views.first()) };
+    let found = views.iter().find(|v| v.name == *wanted).or_else(|| views.get(wanted.parse::<usize>().ok()?));
+    let names: Vec<&str> = views.iter().map(|v| v.name.as_str()).collect();
+    let expected = match names.is_empty() {
+        true => "the scene file has no cameras: use look_from and look_at".to_owned(),
+        false => format!("one of {} or its number", names.join(", ")),
+    };
+    found.map(Some).ok_or_else(|| value("viewpoint", format!("\"{wanted}\""), expected))
+}
+
 /// The camera in its place, and the node of the scene that carries it, if one does.
 pub(super) fn camera(
     file: &ShotFile,
@@ -113,24 +129,7 @@ pub(super) fn camera(
     warn: &mut dyn FnMut(&str),
 ) -> Result<(Camera, Option<u32>), ShotError> {
     let c = &file.camera;
-    let views = &scene.description().cameras;
-    let view = match &c.viewpoint {
-        Some(wanted) => {
-            let found = views.iter().find(|v| v.name == *wanted).or_else(|| views.get(wanted.parse::<usize>().ok()?));
-            let names: Vec<&str> = views.iter().map(|v| v.name.as_str()).collect();
-            Some(found.ok_or_else(|| {
-                value(
-                    "viewpoint",
-                    format!("\"{wanted}\""),
-                    match names.is_empty() {
-                        true => "the scene file has no cameras: use look_from and look_at".to_owned(),
-                        false => format!("one of {} or its number", names.join(", ")),
-                    },
-                )
-            })?)
-        }
-        None => views.first(),
-    };
+    let view = view(file, scene.description())?;
     if view.is_some_and(|v| v.vertical_fov.is_none()) {
         warn("the scene's camera is orthographic; its place is used with a perspective lens");
     }
@@ -181,9 +180,15 @@ pub(super) fn camera(
         return Err(value("viewpoint", "the scene's camera", "a place that is finite"));
     }
 
-    let f_number = file.exposure.aperture.map_or(framing.map_or(5.6, |f| f.f_number), |a| a.0);
+    // What the scene's own camera says of its lens counts where the shot says nothing.
+    let own = view.and_then(|v| v.lens).filter(|_| c.lens.is_none() && c.look_from.is_none());
+    let of_view = own.filter(|[radius, _]| *radius > 0.0).map(|[radius, _]| focal_mm / (2000.0 * f64::from(radius)));
+    let f_number = file.exposure.aperture.map(|a| a.0).or(of_view).unwrap_or(framing.map_or(5.6, |f| f.f_number));
+    let subject_m = own.filter(|[radius, _]| *radius > 0.0).map_or(subject_m, |[_, distance]| f64::from(distance));
     let focus = focusing.first(subject_m);
+    let sharp = own.is_some_and(|[radius, _]| radius == 0.0) && file.exposure.aperture.is_none();
     let lens = match c.lens.as_deref() {
+        None if sharp => Lens::Pinhole(Pinhole::new(Millimeters(focal_mm), f_number)?),
         Some("pinhole") => Lens::Pinhole(Pinhole::new(Millimeters(focal_mm), f_number)?),
         None | Some("thin") => Lens::Thin(ThinLens::new(Millimeters(focal_mm), f_number, iris(c)?.unwrap_or_default(), focus)?),
         Some(name) => {

@@ -52,7 +52,8 @@ fn time(what: &'static str, given: Option<Seconds>, default: f64) -> Result<f64,
 }
 
 impl Timing {
-    pub fn new(file: &ShotFile, sensor: &Sensor) -> Result<Self, ShotError> {
+    /// `wanted`: columns and rows that the scene's camera asks for.
+    pub fn new(file: &ShotFile, sensor: &Sensor, wanted: Option<[usize; 2]>) -> Result<Self, ShotError> {
         let at_s = time("at", file.scene.at, 0.0)?;
         let s = &file.shutter;
         let direction = match s.direction.as_deref() {
@@ -104,7 +105,7 @@ impl Timing {
                 if s.line_time.is_some() && s.readout.is_some() {
                     return Err(value("readout", s.readout.unwrap_or(Seconds(0.0)), "either line_time or readout, not both"));
                 }
-                let size = super::staging::film(file, sensor)?;
+                let size = super::staging::film(file, sensor, wanted)?;
                 let lines = if direction.is_vertical() { size.rows } else { size.columns } as f64;
                 let readout_s = match s.line_time {
                     Some(_) => time("line_time", s.line_time, 0.0)? * lines,

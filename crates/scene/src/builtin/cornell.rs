@@ -87,6 +87,8 @@ pub fn description() -> Description {
                 translation: Vec3A::new(0.278, 0.273, -0.8),
             },
             vertical_fov: Some(2.0 * (12.5f32 / 35.0).atan()),
+            size: None,
+            lens: None,
             node: None,
         }],
         ..Default::default()

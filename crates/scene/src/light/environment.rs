@@ -84,6 +84,11 @@ impl Environment {
         self.aimed_luminance *= factor;
     }
 
+    /// Turns it into its mirror image, z → −z.
+    pub(crate) fn mirror(&mut self) {
+        self.world_from_map = Mat3::from_diagonal(Vec3::new(1.0, 1.0, -1.0)) * self.world_from_map;
+    }
+
     fn place(&self, direction: Vec3) -> Vec2 {
         let d = self.world_from_map.transpose() * direction;
         // atan2 keeps its digits near the poles, where acos would not.

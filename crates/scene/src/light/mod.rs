@@ -12,7 +12,7 @@ pub mod tree;
 pub use area::AreaLight;
 pub use environment::Environment;
 pub use modulation::Modulation;
-pub use punctual::{Punctual, PunctualKind};
+pub use punctual::{Punctual, PunctualKind, SpotEdge};
 
 use diopter_light::Sampled;
 use glam::Vec3;

@@ -21,6 +21,15 @@ pub struct Punctual {
     pub modulation: Modulation,
 }
 
+/// How the light of a spot falls off from its inner to its outer cone.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum SpotEdge {
+    /// As the square of a ramp in the cosine (KHR_lights_punctual).
+    Squared,
+    /// Smoothly on both sides, 3t² − 2t³ of the cosine (pbrt).
+    Smooth,
+}
+
 /// Geometry of a punctual light.
 #[derive(Clone, Copy, Debug)]
 pub enum PunctualKind {
@@ -39,6 +48,8 @@ pub enum PunctualKind {
         cos_inner: f32,
         /// Cosine of the half angle beyond which there is none.
         cos_outer: f32,
+        /// How it falls off between the two.
+        edge: SpotEdge,
     },
     /// Parallel light.
     Directional {
@@ -58,15 +69,21 @@ impl Punctual {
         let turned = |d: Vec3| place.transform_vector3(d).try_normalize().unwrap_or(d);
         let kind = match self.kind {
             PunctualKind::Point { position } => PunctualKind::Point { position: place.transform_point3(position) },
-            PunctualKind::Spot { position, direction, cos_inner, cos_outer } => PunctualKind::Spot {
+            PunctualKind::Spot { position, direction, cos_inner, cos_outer, edge } => PunctualKind::Spot {
                 position: place.transform_point3(position),
                 direction: turned(direction),
                 cos_inner,
                 cos_outer,
+                edge,
             },
             PunctualKind::Directional { direction } => PunctualKind::Directional { direction: turned(direction) },
         };
         Punctual { kind, ..self.clone() }
+    }
+
+    /// Its mirror image, z → −z.
+    pub(crate) fn mirrored(&self) -> Punctual {
+        self.placed(&Affine3A::from_scale(Vec3::new(1.0, 1.0, -1.0)))
     }
 
     /// Luminous intensity (cd) or illuminance (lx).
@@ -111,11 +128,15 @@ impl Punctual {
         match self.kind {
             PunctualKind::Directional { .. } => power,
             PunctualKind::Point { .. } => power / (aim.distance * aim.distance),
-            PunctualKind::Spot { direction, cos_inner, cos_outer, .. } => {
+            PunctualKind::Spot { direction, cos_inner, cos_outer, edge, .. } => {
                 // KHR_lights_punctual, "Inner and Outer Cone Angles": squared linear ramp in the cosine.
                 let cos = -direction.dot(aim.wi);
                 let ramp = ((cos - cos_outer) / (cos_inner - cos_outer).max(1e-4)).clamp(0.0, 1.0);
-                power * (ramp * ramp / (aim.distance * aim.distance))
+                let share = match edge {
+                    SpotEdge::Squared => ramp * ramp,
+                    SpotEdge::Smooth => ramp * ramp * (3.0 - 2.0 * ramp),
+                };
+                power * (share / (aim.distance * aim.distance))
             }
         }
     }

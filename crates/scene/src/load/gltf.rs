@@ -8,7 +8,8 @@
 mod motion;
 
 use crate::SceneError;
-use crate::light::{Modulation, Punctual, PunctualKind};
+use crate::light::{Modulation, Punctual, PunctualKind, SpotEdge};
+use crate::load::{Fetch, read_picture};
 use crate::material::{Absorption, Coverage, Emission, EmissionColor, Material, Principled, Scattering, Transmission};
 use crate::motion::Motion;
 use crate::scene::{Description, Object, Shape, Viewpoint};
@@ -22,8 +23,6 @@ use serde_json::Value;
 use std::collections::HashMap;
 use std::sync::Arc;
 
-/// Most pixels a side of a texture.
-const LARGEST_IMAGE: u32 = 32_768;
 const SUPPORTED: &[&str] = &[
     "KHR_lights_punctual",
     "KHR_materials_emissive_strength",
@@ -34,9 +33,6 @@ const SUPPORTED: &[&str] = &[
     "KHR_materials_volume",
     "KHR_texture_transform",
 ];
-
-/// Gives the bytes behind a relative URI of the file, or says why not.
-pub type Fetch<'a> = &'a (dyn Fn(&str) -> Result<Vec<u8>, String> + Sync);
 
 /// Reads a scene. `name` stands for the file in messages.
 pub fn load(bytes: &[u8], name: &str, fetch: Fetch) -> Result<Description, SceneError> {
@@ -153,6 +149,8 @@ impl<'a> Loader<'a> {
                 name: camera.name().unwrap_or(&name).to_owned(),
                 world_from_camera: Affine3A::from_rotation_translation(rotation, translation),
                 vertical_fov,
+                size: None,
+                lens: None,
                 node: Some(node.index() as u32),
             });
         }
@@ -607,20 +605,8 @@ fn read_image(image: &gltf::Image, buffers: &[Vec<u8>], name: &str, fetch: Fetch
         }
         gltf::image::Source::Uri { uri, .. } => fetch_uri(uri, name, &place, fetch)?,
     };
-    let mut reader = image::ImageReader::new(std::io::Cursor::new(&bytes))
-        .with_guessed_format()
-        .map_err(|e| error(name, &place, e.to_string(), "expected PNG or JPEG"))?;
-    let mut limits = image::Limits::default();
-    (limits.max_image_width, limits.max_image_height) = (Some(LARGEST_IMAGE), Some(LARGEST_IMAGE));
-    reader.limits(limits);
-    let decoded =
-        reader.decode().map_err(|e| error(name, &place, e.to_string(), "expected a whole PNG or JPEG picture"))?.into_rgba8();
-    let (width, height) = (decoded.width() as usize, decoded.height() as usize);
-    if width == 0 || height == 0 {
-        return Err(error(name, &place, format!("it has {width} × {height} pixels"), "expected at least one"));
-    }
-    let pixels = decoded.into_raw().chunks_exact(4).map(|p| [p[0], p[1], p[2], p[3]]).collect();
-    Ok(Some(Arc::new(Image { width, height, pixels })))
+    let image = read_picture(&bytes).map_err(|e| error(name, &place, e, "expected a whole PNG or JPEG picture"))?;
+    Ok(Some(Arc::new(image)))
 }
 
 /// Source: KHR_texture_transform: translation × rotation × scale, rotation counter-clockwise in UV space.
@@ -649,9 +635,13 @@ fn punctual(light: &gltf::khr_lights_punctual::Light, name: &str, node: u32) -> 
     let kind = match light.kind() {
         Kind::Directional => PunctualKind::Directional { direction },
         Kind::Point => PunctualKind::Point { position },
-        Kind::Spot { inner_cone_angle, outer_cone_angle } => {
-            PunctualKind::Spot { position, direction, cos_inner: inner_cone_angle.cos(), cos_outer: outer_cone_angle.cos() }
-        }
+        Kind::Spot { inner_cone_angle, outer_cone_angle } => PunctualKind::Spot {
+            position,
+            direction,
+            cos_inner: inner_cone_angle.cos(),
+            cos_outer: outer_cone_angle.cos(),
+            edge: SpotEdge::Squared,
+        },
     };
     Punctual { carrier: Some(node), ..Punctual::new(name, power, kind) }
 }

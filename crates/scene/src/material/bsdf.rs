@@ -37,6 +37,7 @@ pub(super) enum Lobes<'a> {
     Diffuse { albedo: Sampled },
     Conductor(ConductorLobe),
     Principled(PrincipledLobes<'a>),
+    DiffuseTransmission { reflectance: Sampled, transmittance: Sampled },
 }
 
 /// The scattering function at a point seen from `wo`.
@@ -84,6 +85,7 @@ impl<'a> Bsdf<'a> {
             Lobes::Diffuse { albedo } => diffuse::eval(*albedo, local),
             Lobes::Conductor(lobe) => lobe.eval(self.wo, local),
             Lobes::Principled(lobes) => lobes.eval(self.wo, local),
+            Lobes::DiffuseTransmission { reflectance, transmittance } => diffuse::eval_both(*reflectance, *transmittance, local),
         }
     }
 
@@ -94,6 +96,7 @@ impl<'a> Bsdf<'a> {
             Lobes::Diffuse { albedo } => Some(diffuse::sample(*albedo, u)),
             Lobes::Conductor(lobe) => lobe.sample(self.wo, u),
             Lobes::Principled(lobes) => lobes.sample(self.wo, u),
+            Lobes::DiffuseTransmission { reflectance, transmittance } => diffuse::sample_both(*reflectance, *transmittance, u),
         }?;
         let wi = self.frame[0] * s.wi.x + self.frame[1] * s.wi.y + self.frame[2] * s.wi.z;
         let transmitted = s.wi.z < 0.0;

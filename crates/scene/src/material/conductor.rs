@@ -4,6 +4,7 @@ use super::bsdf::LocalScatter;
 use super::energy::mirror_albedo;
 use super::microfacet::{SMOOTH, fresnel_conductor, ggx_d, ggx_g1, ggx_g2, reflect, sample_visible_normal};
 use crate::shape::Surface;
+use crate::texture::Scalar;
 use diopter_light::spectrum::Table;
 use diopter_light::{Sampled, Spectrum, Wavelengths};
 use glam::{Vec3, Vec4};
@@ -16,7 +17,7 @@ pub struct Conductor {
     /// Extinction coefficient k(λ).
     pub k: Spectrum,
     /// Width of the GGX distribution (the square of glTF's roughness); below 0.001 a mirror.
-    pub alpha: f32,
+    pub alpha: Scalar,
     /// What happens to light that meets several facets.
     pub bounces: FacetBounces,
 }
@@ -43,12 +44,17 @@ impl Conductor {
         let column = 1 + 2 * Self::METALS.iter().position(|m| *m == name)?;
         let (_, rows) = diopter_light::cie::tables::read_csv(METALS_CSV);
         let curve = |c: usize| Spectrum::Table(Table::new(380.0, 5.0, rows.iter().map(|r| r[c] as f32).collect()));
-        Some(Conductor { n: curve(column), k: curve(column + 1), alpha, bounces: FacetBounces::Compensated })
+        Some(Conductor {
+            n: curve(column),
+            k: curve(column + 1),
+            alpha: Scalar::Constant(alpha),
+            bounces: FacetBounces::Compensated,
+        })
     }
 
-    pub(super) fn at(&self, _: &Surface, wavelengths: &Wavelengths) -> ConductorLobe {
+    pub(super) fn at(&self, surface: &Surface, wavelengths: &Wavelengths) -> ConductorLobe {
         let (n, k) = (self.n.sample(wavelengths), self.k.sample(wavelengths));
-        ConductorLobe { n, k, alpha: self.alpha, bounces: self.bounces }
+        ConductorLobe { n, k, alpha: self.alpha.at(surface).clamp(0.0, 1.0), bounces: self.bounces }
     }
 
     /// Reflectance at normal incidence near the sRGB primaries (611, 549, 464 nm).

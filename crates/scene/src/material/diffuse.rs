@@ -14,3 +14,26 @@ pub(super) fn sample(albedo: Sampled, u: [f32; 4]) -> LocalScatter {
     let wi = sampling::cosine_hemisphere([u[0], u[1]]);
     LocalScatter { wi, weight: albedo, pdf: wi.z * FRAC_1_PI, specular: false, disperses: false }
 }
+
+/// Reflection and transmission: f cos θ and its density.
+pub(super) fn eval_both(reflectance: Sampled, transmittance: Sampled, wi: Vec3) -> (Sampled, f32) {
+    let back = share_reflected(reflectance, transmittance);
+    let (albedo, share) = if wi.z > 0.0 { (reflectance, back) } else { (transmittance, 1.0 - back) };
+    let cos = wi.z.abs() * FRAC_1_PI;
+    (albedo * cos, share * cos)
+}
+
+/// Draws one of both sides.
+pub(super) fn sample_both(reflectance: Sampled, transmittance: Sampled, u: [f32; 4]) -> Option<LocalScatter> {
+    let back = share_reflected(reflectance, transmittance);
+    let wi = sampling::cosine_hemisphere([u[0], u[1]]);
+    let (wi, albedo, share) =
+        if u[2] < back { (wi, reflectance, back) } else { (Vec3::new(wi.x, wi.y, -wi.z), transmittance, 1.0 - back) };
+    let pdf = share * wi.z.abs() * FRAC_1_PI;
+    (pdf > 0.0).then(|| LocalScatter { wi, weight: albedo / share, pdf, specular: false, disperses: false })
+}
+
+fn share_reflected(reflectance: Sampled, transmittance: Sampled) -> f32 {
+    let (r, t) = (reflectance.element_sum(), transmittance.element_sum());
+    if r + t > 0.0 { r / (r + t) } else { 0.5 }
+}

@@ -46,6 +46,42 @@ pub enum Scattering {
     Conductor(Conductor),
     /// glTF's material model.
     Principled(Box<Principled>),
+    /// Lambertian reflection and transmission: paper, leaves.
+    DiffuseTransmission(Box<[Color; 2]>),
+    /// Either of two, the second with a probability that may differ from place to place.
+    Mix(Box<([Scattering; 2], Scalar)>),
+}
+
+/// Deepest that mixtures are taken apart.
+const DEEPEST_MIX: u32 = 16;
+
+impl Scattering {
+    /// The part of a mixture that a ray meets at a point: a different one for each point and direction, the same whenever asked again.
+    fn chosen(&self, surface: &Surface, wo: Vec3) -> &Scattering {
+        let mut at = self;
+        for level in 0..DEEPEST_MIX {
+            let Scattering::Mix(mix) = at else { break };
+            let (parts, amount) = &**mix;
+            let bits = [surface.point, wo].map(|v| v.to_array().map(f32::to_bits));
+            let hash = bits.iter().flatten().fold(level, |h, b| diopter_light::random::mix(h ^ b));
+            at = &parts[usize::from(diopter_light::random::to_unit(hash) < amount.at(surface))];
+        }
+        at
+    }
+
+    fn albedo(&self, surface: &Surface) -> Vec3 {
+        match self {
+            Scattering::Black => Vec3::ZERO,
+            Scattering::Diffuse(color) => color.linear_srgb(surface),
+            Scattering::Conductor(conductor) => conductor.normal_reflectance(),
+            Scattering::Principled(principled) => principled.base_color.linear_srgb(surface),
+            Scattering::DiffuseTransmission(colors) => colors[0].linear_srgb(surface) + colors[1].linear_srgb(surface),
+            Scattering::Mix(mix) => {
+                let ([a, b], amount) = &**mix;
+                a.albedo(surface).lerp(b.albedo(surface), amount.at(surface).clamp(0.0, 1.0))
+            }
+        }
+    }
 }
 
 /// Light sent out by a surface, the same in all directions.
@@ -167,8 +203,12 @@ impl Material {
     /// The scattering function at a point seen from direction `wo` (unit, away from the surface). `None` where the surface
     /// only absorbs. `hero_only`: the path has lost its secondary wavelengths to dispersion.
     pub fn bsdf(&self, surface: &Surface, wo: Vec3, wavelengths: &Wavelengths, hero_only: bool) -> Option<Bsdf<'_>> {
-        let lobes = match &self.scattering {
-            Scattering::Black => return None,
+        let lobes = match self.scattering.chosen(surface, wo) {
+            Scattering::Black | Scattering::Mix(_) => return None,
+            Scattering::DiffuseTransmission(colors) => {
+                let [reflectance, transmittance] = [0, 1].map(|i: usize| colors[i].sample(surface, wavelengths));
+                bsdf::Lobes::DiffuseTransmission { reflectance, transmittance }
+            }
             Scattering::Diffuse(color) => bsdf::Lobes::Diffuse { albedo: color.sample(surface, wavelengths) },
             Scattering::Conductor(conductor) => bsdf::Lobes::Conductor(conductor.at(surface, wavelengths)),
             Scattering::Principled(principled) => bsdf::Lobes::Principled(principled.at(surface, wo, wavelengths, hero_only)),
@@ -178,12 +218,7 @@ impl Material {
 
     /// Share of white light reflected or passed on, linear sRGB: for the albedo plane.
     pub fn albedo(&self, surface: &Surface) -> Vec3 {
-        match &self.scattering {
-            Scattering::Black => Vec3::ZERO,
-            Scattering::Diffuse(color) => color.linear_srgb(surface),
-            Scattering::Conductor(conductor) => conductor.normal_reflectance(),
-            Scattering::Principled(principled) => principled.base_color.linear_srgb(surface),
-        }
+        self.scattering.albedo(surface)
     }
 
     /// How its light changes with time; steady where it has none.

@@ -63,6 +63,10 @@ pub struct Principled {
     pub transmission: Scalar,
     /// What is behind.
     pub kind: Transmission,
+    /// The sheet has two faces between which light goes to and fro (a pane of glass); of smooth thin sheets only.
+    pub pane: bool,
+    /// Light goes to and fro between the diffuse base and the interface above: bright bases become more saturated.
+    pub layered: bool,
     /// Strength of the clear coat (index 1.5).
     pub clearcoat: Scalar,
     /// √α of the coat.
@@ -85,6 +89,8 @@ impl Principled {
             dispersion: None,
             transmission: Scalar::Constant(0.0),
             kind: Transmission::Thin,
+            pane: false,
+            layered: false,
             clearcoat: Scalar::Constant(0.0),
             clearcoat_roughness: Scalar::Constant(0.0),
             interface: Interface::of(ior),
@@ -116,8 +122,11 @@ impl Principled {
             _ => (relative(self.ior), false),
         };
         let roughness = self.roughness.at(surface).clamp(0.0, 1.0);
+        let base = self.base_color.sample(surface, wavelengths);
         PrincipledLobes {
-            base: self.base_color.sample(surface, wavelengths),
+            base,
+            under: if self.layered { self.seen_through(base, roughness) } else { base },
+            pane: self.pane,
             metallic,
             roughness,
             alpha: roughness * roughness,
@@ -135,9 +144,24 @@ impl Principled {
     }
 }
 
+impl Principled {
+    /// A base whose light is thrown back at the interface from within, again and again: ρ (1 − F) / (n² (1 − ρ F')), F being what the interface
+    /// reflects of light from everywhere outside and F' = 1 − (1 − F) / n² from within. Source: the plastic of W. Jakob's Mitsuba and of
+    /// pbrt's layered materials in closed form; F' by reciprocity (Walter et al. 2007).
+    fn seen_through(&self, base: Sampled, roughness: f32) -> Sampled {
+        let through = 1.0 - self.interface.average_reflected(if roughness * roughness < SMOOTH { 0.0 } else { roughness });
+        let n2 = self.ior * self.ior;
+        let within = 1.0 - through / n2;
+        base * through / (n2 * (Sampled::ONE - base * within))
+    }
+}
+
 /// The model at a point.
 pub(super) struct PrincipledLobes<'a> {
     base: Sampled,
+    /// The diffuse base as it counts below the interface.
+    under: Sampled,
+    pane: bool,
     metallic: f32,
     roughness: f32,
     alpha: f32,
@@ -169,6 +193,12 @@ struct View {
 }
 
 impl PrincipledLobes<'_> {
+    /// Share of light that is reflected at a cosine: by one face, or by both of a pane. Source: pbrt, §9.5.1: R + T² R / (1 − R²).
+    fn fresnel(&self, cos: f32) -> f32 {
+        let r = fresnel_dielectric(cos, self.eta);
+        if self.pane { 2.0 * r / (1.0 + r) } else { r }
+    }
+
     fn smooth(&self) -> bool {
         self.alpha < SMOOTH
     }
@@ -176,7 +206,7 @@ impl PrincipledLobes<'_> {
     fn view(&self, wo: Vec3) -> View {
         let mirror = if self.smooth() { 1.0 } else { mirror_albedo().at(wo.z, self.roughness) };
         let reflected = match self.smooth() {
-            true => fresnel_dielectric(wo.z, self.eta),
+            true => self.fresnel(wo.z),
             false => self.interface.reflected.at(wo.z, self.roughness),
         };
         let glass = if self.smooth() || self.transmission == 0.0 || !self.solid {
@@ -191,7 +221,7 @@ impl PrincipledLobes<'_> {
 
         let base = self.base.element_sum() * 0.25;
         let dielectric = 1.0 - self.metallic;
-        let fresnel = fresnel_dielectric(wo.z, self.eta);
+        let fresnel = self.fresnel(wo.z);
         let (first, second) = if self.solid {
             (reflected * (1.0 - self.transmission) + fresnel * self.transmission, 1.0 - fresnel)
         } else {
@@ -240,7 +270,7 @@ impl PrincipledLobes<'_> {
     /// Reflectance of a facet, everything but the distribution of facets.
     fn facet_reflectance(&self, view: &View, cos: f32) -> Sampled {
         let solid = if self.solid { self.transmission } else { 0.0 };
-        let dielectric = fresnel_dielectric(cos, self.eta) * (1.0 - solid + solid * view.glass_gain);
+        let dielectric = self.fresnel(cos) * (1.0 - solid + solid * view.glass_gain);
         (fresnel_schlick(cos, self.base) * view.metal_gain * self.metallic + Sampled::splat((1.0 - self.metallic) * dielectric))
             * view.below_coat
     }
@@ -266,7 +296,7 @@ impl PrincipledLobes<'_> {
                 let into = 1.0 - self.interface.reflected.at(wi.z, r);
                 let share = (1.0 - view.reflected) * into / (1.0 - self.interface.average_reflected(r));
                 let amount = view.below_coat * (1.0 - self.metallic) * (1.0 - self.transmission) * share;
-                f += self.base * (amount * wi.z * FRAC_1_PI);
+                f += self.under * (amount * wi.z * FRAC_1_PI);
                 pdf += p_diffuse * wi.z * FRAC_1_PI;
             }
             if p_coat > 0.0 {
@@ -337,7 +367,7 @@ impl PrincipledLobes<'_> {
         } else if u[2] < p_specular + p_diffuse + p_transmission {
             if self.smooth() {
                 disperses = self.dispersive && self.solid;
-                let share = amount * (1.0 - fresnel_dielectric(wo.z, self.eta)) / p_transmission;
+                let share = amount * (1.0 - self.fresnel(wo.z)) / p_transmission;
                 let (wi, scale) = match self.solid {
                     true => (refract(wo, Vec3::Z, self.bend)?, 1.0 / (self.bend * self.bend)),
                     false => (-wo, 1.0),

@@ -1,0 +1,246 @@
+//! Meshes without a scene around them: OBJ with its materials, PLY, STL. They stand as they are in an even white sky, or in what the shot
+//! puts around them.
+
+use super::{Fetch, ply, read_picture, unzipped};
+use crate::SceneError;
+use crate::material::{Conductor, Coverage, Emission, Material, Principled, Scattering};
+use crate::scene::{Description, Object, Shape};
+use crate::shape::Mesh;
+use crate::texture::{Codes, Color, Image, Scalar, Texture};
+use diopter_light::Spectrum;
+use glam::{Affine2, Affine3A, Vec2, Vec3, Vec4};
+use std::collections::HashMap;
+use std::io::Cursor;
+use std::sync::Arc;
+
+/// Reflectance of what says nothing of itself.
+const GREY: f32 = 0.6;
+
+fn error(place: String, found: impl Into<String>, expected: impl Into<String>) -> SceneError {
+    SceneError::File { place, found: found.into(), expected: format!("expected {}", expected.into()) }
+}
+
+fn alone(name: &str, mesh: Mesh, warnings: Vec<String>) -> Description {
+    let grey = if mesh.colors.is_empty() { Color::rgb(GREY, GREY, GREY) } else { Color::rgb(1.0, 1.0, 1.0) };
+    Description {
+        name: name.to_owned(),
+        meshes: vec![mesh],
+        materials: vec![Material::new("grey", Scattering::Diffuse(grey))],
+        objects: vec![Object::new(name, Shape::Mesh { mesh: 0, world_from_mesh: Affine3A::IDENTITY }, 0)],
+        warnings,
+        ..Default::default()
+    }
+}
+
+/// Reads a PLY file, gzip or not.
+pub fn ply(bytes: Vec<u8>, name: &str) -> Result<Description, SceneError> {
+    let bytes = unzipped(bytes).map_err(|e| error(name.into(), e, "a PLY file or a .gz of it"))?;
+    let read = ply::read(&bytes).map_err(|e| error(name.into(), e.found, e.expected))?;
+    Ok(alone(name, read.mesh, read.warning.map(|w| format!("{name}: {w}")).into_iter().collect()))
+}
+
+/// Reads an STL file, text or binary. Source: 3D Systems 1988, as M. Burns describes it in "Automated Fabrication", §6.5.
+pub fn stl(bytes: &[u8], name: &str) -> Result<Description, SceneError> {
+    let count = bytes.get(80..84).map(|b| u32::from_le_bytes([b[0], b[1], b[2], b[3]]) as usize);
+    let mut corners: Vec<Vec3> = Vec::new();
+    // A text may begin with "solid" and so may the 80 free bytes of a binary file: its length tells them apart.
+    let binary = count.is_some_and(|n| n.checked_mul(50).and_then(|n| n.checked_add(84)) == Some(bytes.len()));
+    if binary {
+        for facet in bytes[84..].chunks_exact(50) {
+            let number = |i: usize| f32::from_le_bytes([facet[i], facet[i + 1], facet[i + 2], facet[i + 3]]);
+            corners.extend((0..3).map(|k| Vec3::from_array([0, 1, 2].map(|j| number(12 + 12 * k + 4 * j)))));
+        }
+    } else if bytes.trim_ascii_start().starts_with(b"solid") {
+        for (i, line) in bytes.split(|c| *c == b'\n').enumerate() {
+            let line = String::from_utf8_lossy(line);
+            let mut words = line.split_ascii_whitespace();
+            if words.next() == Some("vertex") {
+                let numbers: Vec<f32> = words.map_while(|w| w.parse().ok()).collect();
+                let [x, y, z] = numbers[..] else {
+                    return Err(error(
+                        format!("{name}: line {}", i + 1),
+                        format!("\"{}\"", line.trim()),
+                        "vertex and three numbers",
+                    ));
+                };
+                corners.push(Vec3::new(x, y, z));
+            }
+        }
+        if !corners.len().is_multiple_of(3) {
+            return Err(error(name.into(), format!("{} corners", corners.len()), "three for each facet: the file is cut short"));
+        }
+    } else {
+        let found = format!("{} bytes{}", bytes.len(), count.map_or(String::new(), |n| format!(" that announce {n} facets")));
+        return Err(error(name.into(), found, "an STL file: text, or 84 bytes and 50 for each facet"));
+    }
+    if corners.is_empty() {
+        return Err(error(name.into(), "no facets", "at least one"));
+    }
+    // Equal corners are one.
+    let mut known: HashMap<[u32; 3], u32> = HashMap::new();
+    let mut mesh = Mesh::default();
+    let numbers: Vec<u32> = corners
+        .iter()
+        .map(|c| {
+            *known.entry(c.to_array().map(f32::to_bits)).or_insert_with(|| {
+                mesh.positions.push(*c);
+                mesh.positions.len() as u32 - 1
+            })
+        })
+        .collect();
+    mesh.triangles = numbers.as_chunks::<3>().0.to_vec();
+    Ok(alone(name, mesh, vec![]))
+}
+
+/// Reads an OBJ file with the materials that it names.
+pub fn obj(bytes: &[u8], name: &str, fetch: Fetch) -> Result<Description, SceneError> {
+    let options = tobj::LoadOptions {
+        triangulate: true,
+        single_index: true,
+        ignore_points: true,
+        ignore_lines: true,
+        ..Default::default()
+    };
+    let mut warnings = Vec::new();
+    let mut missing = Vec::new();
+    let read = |path: &std::path::Path| {
+        let file = path.to_string_lossy().replace('\\', "/");
+        match fetch(&file) {
+            Ok(bytes) => tobj::load_mtl_buf(&mut Cursor::new(bytes)),
+            Err(e) => {
+                missing.push(format!("{name}: material file {file}: {e}: its materials are grey"));
+                Ok(Default::default())
+            }
+        }
+    };
+    let read = std::cell::RefCell::new(read);
+    let loaded = tobj::load_obj_buf(&mut Cursor::new(bytes), &options, |p| (read.borrow_mut())(p));
+    let (models, materials) = loaded.map_err(|e| error(name.to_owned(), e.to_string(), "an OBJ file"))?;
+    warnings.append(&mut missing);
+    let materials = match materials {
+        Ok(m) => m,
+        Err(e) => {
+            warnings.push(format!("{name}: its materials cannot be read ({e}): they are grey"));
+            vec![]
+        }
+    };
+    let mut d = Description { name: name.to_owned(), warnings, ..Default::default() };
+    let mut images: HashMap<String, Option<Arc<Image>>> = HashMap::new();
+    for m in &materials {
+        let made = material(m, name, fetch, &mut images, &mut d.warnings);
+        d.materials.push(made);
+    }
+    d.materials.push(Material::new("grey", Scattering::Diffuse(Color::rgb(GREY, GREY, GREY))));
+    for model in models {
+        let m = model.mesh;
+        if m.indices.is_empty() {
+            continue;
+        }
+        let triples = |v: &[f32]| v.chunks_exact(3).map(Vec3::from_slice).collect::<Vec<_>>();
+        let mesh = Mesh {
+            positions: triples(&m.positions),
+            normals: triples(&m.normals).into_iter().map(|n| n.normalize_or(Vec3::Z)).collect(),
+            uvs: [m.texcoords.chunks_exact(2).map(Vec2::from_slice).collect(), vec![]],
+            colors: triples(&m.vertex_color).into_iter().map(|c| Vec4::from((c, 1.0))).collect(),
+            triangles: m.indices.as_chunks::<3>().0.to_vec(),
+            tangents: vec![],
+        };
+        let material = m.material_id.filter(|i| *i < materials.len()).unwrap_or(materials.len()) as u32;
+        d.meshes.push(mesh);
+        let shape = Shape::Mesh { mesh: d.meshes.len() as u32 - 1, world_from_mesh: Affine3A::IDENTITY };
+        d.objects.push(Object::new(model.name, shape, material));
+    }
+    if d.objects.is_empty() {
+        return Err(error(name.into(), "no faces", "an OBJ file with faces (f ...)"));
+    }
+    Ok(d)
+}
+
+/// A material of a .mtl file. Source: Wavefront's MTL specification (1995) and its physically based extension (Pr, Pm, Ke).
+fn material(
+    m: &tobj::Material,
+    name: &str,
+    fetch: Fetch,
+    images: &mut HashMap<String, Option<Arc<Image>>>,
+    warnings: &mut Vec<String>,
+) -> Material {
+    let mut image = |file: &str| {
+        images
+            .entry(file.to_owned())
+            .or_insert_with(|| {
+                // Options such as "-s 1 1 1" come before the name.
+                let path = file.split_ascii_whitespace().last().unwrap_or(file).replace('\\', "/");
+                match fetch(&path).and_then(|b| read_picture(&b)) {
+                    Ok(image) => Some(Arc::new(image)),
+                    Err(e) => {
+                        warnings.push(format!("{name}: texture {path}: {e}: shown without"));
+                        None
+                    }
+                }
+            })
+            .clone()
+    };
+    // Rows of pictures count from below.
+    let texture = |image: Arc<Image>, codes: Codes| Texture {
+        codes,
+        image_from_uv: Affine2::from_scale_angle_translation(Vec2::new(1.0, -1.0), 0.0, Vec2::Y),
+        ..Texture::color(image)
+    };
+    let number = |key: &str| m.unknown_param.get(key).and_then(|v| v.split_ascii_whitespace().next()?.parse::<f32>().ok());
+    let triple = |key: &str| {
+        let v: Vec<f32> = m.unknown_param.get(key)?.split_ascii_whitespace().map_while(|w| w.parse().ok()).collect();
+        <[f32; 3]>::try_from(v).ok().map(Vec3::from_array)
+    };
+    let diffuse = Vec3::from_array(m.diffuse.unwrap_or([GREY; 3])).clamp(Vec3::ZERO, Vec3::ONE);
+    let color = match m.diffuse_texture.as_deref().and_then(&mut image) {
+        // Kd multiplies its picture; many files leave it at 0 and mean the picture.
+        Some(i) => {
+            Color::Textured { factor: if diffuse == Vec3::ZERO { Vec3::ONE } else { diffuse }, texture: texture(i, Codes::Srgb) }
+        }
+        None => Color::rgb(diffuse.x, diffuse.y, diffuse.z),
+    };
+    let specular = Vec3::from_array(m.specular.unwrap_or([0.0; 3])).clamp(Vec3::ZERO, Vec3::ONE);
+    // Blinn's exponent as a GGX width. Source: Walter et al. 2007: α² = 2 / (n + 2).
+    let roughness =
+        number("Pr").unwrap_or_else(|| m.shininess.map_or(1.0, |n| (2.0 / (n.max(0.0) + 2.0)).powf(0.25))).clamp(0.0, 1.0);
+    let ior = m.optical_density.filter(|n| (1.0..=4.0).contains(n)).unwrap_or(1.5);
+    let opacity = m.dissolve.unwrap_or(1.0).clamp(0.0, 1.0);
+    let glass = matches!(m.illumination_model, Some(4 | 6 | 7 | 9)) && opacity < 1.0;
+    let mirror = m.illumination_model == Some(3) && diffuse == Vec3::ZERO && specular != Vec3::ZERO;
+    let scattering = if glass {
+        Scattering::Principled(Box::new(Principled::glass(ior.max(1.01), None)))
+    } else if mirror {
+        let k = |i: usize| 2.0 * specular[i].min(0.9999).sqrt() / (1.0 - specular[i].min(0.9999)).sqrt();
+        let rgb = Vec3::new(k(0), k(1), k(2));
+        let points = [(460.0, rgb.z), (545.0, rgb.y), (610.0, rgb.x)];
+        Scattering::Conductor(Conductor {
+            n: Spectrum::Constant(1.0),
+            k: Spectrum::Table(diopter_light::spectrum::Table::from_points(&points)),
+            alpha: Scalar::Constant(roughness * roughness),
+            bounces: crate::material::conductor::FacetBounces::Compensated,
+        })
+    } else if specular != Vec3::ZERO || m.unknown_param.contains_key("Pr") || m.unknown_param.contains_key("Pm") {
+        let metallic = Scalar::Constant(number("Pm").unwrap_or(0.0).clamp(0.0, 1.0));
+        let rough = Scalar::Constant(roughness);
+        Scattering::Principled(Box::new(Principled { roughness: rough, metallic, ..Principled::new(color, ior.max(1.01)) }))
+    } else {
+        Scattering::Diffuse(color)
+    };
+    let mut made = Material::new(&m.name, scattering);
+    if let Some(glow) = triple("Ke").filter(|k| *k != Vec3::ZERO) {
+        // In cd/m², as an emissive factor of glTF.
+        made.emission =
+            Some(Emission { two_sided: false, ..Emission::one_sided(Spectrum::light_from_rgb(glow.max(Vec3::ZERO))) });
+    }
+    if !glass {
+        made.coverage = match m.dissolve_texture.as_deref().and_then(&mut image) {
+            Some(i) => Coverage::Blend(Scalar::Textured { factor: opacity, texture: texture(i, Codes::Linear), channel: 0 }),
+            None if opacity < 1.0 => Coverage::Blend(Scalar::Constant(opacity)),
+            None => Coverage::Full,
+        };
+    }
+    if let Some(i) = m.normal_texture.as_deref().and_then(&mut image) {
+        made.normal_map = Some((texture(i, Codes::Linear), 1.0));
+    }
+    made
+}

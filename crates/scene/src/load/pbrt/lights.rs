@@ -1,0 +1,224 @@
+//! Lights. Every one is divided by its own luminance: `scale` counts in cd/m², cd or lx.
+
+use super::Fault;
+use super::params::Params;
+use super::spectra::{self, Use};
+use super::world::World;
+use crate::light::{Environment, Modulation, Punctual, PunctualKind, SpotEdge};
+use crate::material::{Emission, EmissionColor};
+use diopter_image::Raster;
+use diopter_light::spectrum::Table;
+use diopter_light::{Spectrum, color};
+use glam::{DMat4, Mat3, Vec3};
+use std::f64::consts::PI;
+
+/// Columns of the lat-long map that an equal-area picture becomes.
+const MOST_COLUMNS: usize = 8192;
+
+/// A `LightSource`.
+pub fn make(world: &mut World, kind: &str, p: &Params, world_from_light: DMat4) -> Result<(), Fault> {
+    let place = p.place;
+    let point = |v: Vec3| world_from_light.transform_point3(v.as_dvec3()).as_vec3();
+    let direction = |from: Vec3, to: Vec3| {
+        let d = world_from_light.transform_vector3((to - from).as_dvec3());
+        d.try_normalize().map(|d| d.as_vec3()).ok_or_else(|| place.fault("a light from and to the same point", "two points"))
+    };
+    let positive = |name: &str| {
+        let v = p.float(name, if name == "scale" { 1.0 } else { -1.0 })?;
+        if v.is_finite() { Ok(v) } else { Err(place.fault(format!("{name} {v}"), "a finite number")) }
+    };
+    let scale = positive("scale")?;
+    let white = Spectrum::light_from_rgb(Vec3::ONE);
+    match kind {
+        "point" | "spot" => {
+            let spectrum = spectra::get(world, p, "I", Use::Light, white)?;
+            let from = p.vector("from", Vec3::ZERO)?;
+            let (power, solid_angle, kind) = match kind {
+                "point" => (positive("power")?, 4.0 * PI, PunctualKind::Point { position: point(from) }),
+                _ => {
+                    let to = p.vector("to", Vec3::Z)?;
+                    let (cone, delta) = (p.float("coneangle", 30.0)?, p.float("conedeltaangle", 5.0)?);
+                    let (outer, inner) = (cone.to_radians().cos(), (cone - delta).max(0.0).to_radians().cos());
+                    let solid = 2.0 * PI * ((1.0 - inner) + 0.5 * (inner - outer));
+                    let kind = PunctualKind::Spot {
+                        position: point(from),
+                        direction: direction(from, to)?,
+                        cos_inner: inner as f32,
+                        cos_outer: outer as f32,
+                        edge: SpotEdge::Smooth,
+                    };
+                    (positive("power")?, solid, kind)
+                }
+            };
+            let factor = scale * if power > 0.0 { power / solid_angle } else { 1.0 };
+            let name = format!("light {}", world.description.punctual.len());
+            world.description.punctual.push(Punctual::new(&name, times(&spectrum, factor), kind));
+        }
+        "distant" => {
+            let spectrum = spectra::get(world, p, "L", Use::Light, white)?;
+            let (from, to) = (p.vector("from", Vec3::ZERO)?, p.vector("to", Vec3::Z)?);
+            let lux = positive("illuminance")?;
+            let factor = scale * if lux > 0.0 { lux } else { 1.0 };
+            let kind = PunctualKind::Directional { direction: direction(from, to)? };
+            let name = format!("light {}", world.description.punctual.len());
+            world.description.punctual.push(Punctual::new(&name, times(&spectrum, factor), kind));
+        }
+        "infinite" => {
+            if p.get("portal").is_some() {
+                world.warn(place, "a portal only guides pbrt's sampling: it is not used");
+            }
+            let lux = positive("illuminance")?;
+            let turn = |m: DMat4| {
+                let m = glam::DMat3::from_mat4(m);
+                let unit = |v: glam::DVec3| v.normalize_or_zero().as_vec3();
+                Mat3::from_cols(unit(m.x_axis), unit(m.y_axis), unit(m.z_axis))
+            };
+            let environment = match p.text("filename")? {
+                None => {
+                    let spectrum = spectra::get(world, p, "L", Use::Light, white)?;
+                    let factor = scale * if lux > 0.0 { lux / PI } else { 1.0 };
+                    Environment::uniform(rgb_of(&spectrum) * factor as f32)
+                }
+                Some(name) => {
+                    let name = name.to_owned();
+                    let picture = crate::load::read_light_picture(&world.file(&name, place)?)
+                        .map_err(|e| place.fault(format!("{name}: {e}"), "a picture (EXR, HDR, PNG)"))?;
+                    if picture.width != picture.height {
+                        let found = format!("{name}: {} × {} pixels", picture.width, picture.height);
+                        return Err(
+                            place.fault(found, "a square picture in the equal-area octahedral mapping, as pbrt-v4 has them")
+                        );
+                    }
+                    let factor = scale * if lux > 0.0 { lux / upward(&picture) } else { 1.0 };
+                    Environment::new(lat_long(&picture), turn(world_from_light), factor as f32)
+                }
+            };
+            if world.description.environment.is_some() {
+                return Err(place.fault("a second infinite light", "one: their sum is not supported yet"));
+            }
+            world.description.environment = Some(environment);
+        }
+        other => {
+            return Err(
+                place.fault(format!("light \"{other}\""), "point, spot, distant or infinite: others are not supported yet")
+            );
+        }
+    }
+    Ok(())
+}
+
+/// Linear sRGB (cd/m²) of light.
+fn rgb_of(spectrum: &Spectrum) -> Vec3 {
+    let xyz = color::xyz_of(|nm| spectrum.at(nm)) * diopter_light::units::LUMINOUS_EFFICACY;
+    (color::RgbSpace::Srgb.xyz_from_rgb().inverse() * xyz).as_vec3().max(Vec3::ZERO)
+}
+
+/// A light times a factor.
+fn times(spectrum: &Spectrum, factor: f64) -> Spectrum {
+    match spectrum {
+        Spectrum::RgbLight { scale, color } => Spectrum::RgbLight { scale: scale * factor as f32, color: *color },
+        other => Spectrum::Table(Table::new(380.0, 1.0, (0..=400).map(|i| other.at(380.0 + i as f32) * factor as f32).collect())),
+    }
+}
+
+/// What an area light adds to the material of a shape of an area (m²).
+pub fn emission(world: &mut World, p: &Params, area: f32) -> Result<Emission, Fault> {
+    if p.get("filename").is_some() {
+        return Err(p.place.fault("an area light with a picture", "one of a single colour: pictures are not supported yet"));
+    }
+    let spectrum = spectra::get(world, p, "L", Use::Light, Spectrum::light_from_rgb(Vec3::ONE))?;
+    let two_sided = p.bool("twosided", false)?;
+    let (mut factor, power) = (p.float("scale", 1.0)?, p.float("power", -1.0)?);
+    if power > 0.0 {
+        // pbrt gives the power to each triangle; a lamp of so many lumens is meant.
+        let sides = if two_sided { 2.0 } else { 1.0 };
+        factor *= power / (f64::from(area).max(1e-30) * PI * sides);
+    }
+    if !(factor >= 0.0 && factor.is_finite()) {
+        return Err(p.place.fault(format!("a light of {factor}"), "a scale of at least 0"));
+    }
+    Ok(Emission {
+        radiance: EmissionColor::Constant(times(&spectrum, factor)),
+        two_sided,
+        is_light: true,
+        modulation: Modulation::Steady,
+    })
+}
+
+/// The square of a direction. Source: P. Clarberg 2008, "Fast equal-area mapping of the (hemi)sphere using SIMD".
+fn square_of(d: Vec3) -> [f32; 2] {
+    let r = (1.0 - d.z.abs()).max(0.0).sqrt();
+    let phi = d.y.abs().atan2(d.x.abs()) * std::f32::consts::FRAC_2_PI;
+    let v = r * phi;
+    let u = r - v;
+    let (u, v) = if d.z < 0.0 { (1.0 - v, 1.0 - u) } else { (u, v) };
+    [0.5 * (u.copysign(d.x) + 1.0), 0.5 * (v.copysign(d.y) + 1.0)]
+}
+
+/// Illuminance of the upper half (about +z) on a level plane.
+fn upward(picture: &Raster<f32>) -> f64 {
+    let n = picture.width;
+    let (mut sum, mut count) = (0.0, 0.0);
+    let steps = 512;
+    for j in 0..steps {
+        for i in 0..steps {
+            // Even over the hemisphere.
+            let z = (j as f32 + 0.5) / steps as f32;
+            let phi = std::f32::consts::TAU * (i as f32 + 0.5) / steps as f32;
+            let r = (1.0 - z * z).sqrt();
+            let [x, y] = square_of(Vec3::new(r * phi.cos(), r * phi.sin(), z)).map(|v| ((v * n as f32) as usize).min(n - 1));
+            sum += f64::from(Vec3::from_slice(picture.pixel(x, y)).dot(Vec3::new(0.2126, 0.7152, 0.0722)) * z);
+            count += 1.0;
+        }
+    }
+    (2.0 * PI * sum / count).max(1e-30)
+}
+
+/// An equal-area picture as a lat-long map whose +y is the light's +y.
+fn lat_long(picture: &Raster<f32>) -> Raster<f32> {
+    let n = picture.width;
+    let columns = (4 * n).clamp(8, MOST_COLUMNS);
+    let rows = columns / 2;
+    let mut map = Raster::new(columns, rows, 3);
+    for row in 0..rows {
+        for column in 0..columns {
+            // u = atan2(x, −z) / 2π + ½, v = acos(y) / π.
+            let phi = (column as f32 + 0.5) / columns as f32 * std::f32::consts::TAU - std::f32::consts::PI;
+            let theta = (row as f32 + 0.5) / rows as f32 * std::f32::consts::PI;
+            let d = Vec3::new(theta.sin() * phi.sin(), theta.cos(), -theta.sin() * phi.cos());
+            let [x, y] = square_of(d).map(|v| ((v * n as f32) as usize).min(n - 1));
+            map.pixel_mut(column, row).copy_from_slice(picture.pixel(x, y));
+        }
+    }
+    map
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_square_is_turned_into_directions_as_clarberg_has_it() {
+        // From the square to the sphere, by the forward formulas.
+        let direction = |x: f32, y: f32| {
+            let (u, v) = (2.0 * x - 1.0, 2.0 * y - 1.0);
+            let s = 1.0 - u.abs() - v.abs();
+            let r = 1.0 - s.abs();
+            let phi = if r == 0.0 { 1.0 } else { (v.abs() - u.abs()) / r + 1.0 } * std::f32::consts::FRAC_PI_4;
+            let f = r * (2.0 - r * r).sqrt();
+            Vec3::new(phi.cos().copysign(u) * f, phi.sin().copysign(v) * f, (1.0 - r * r).copysign(s))
+        };
+        for i in 1..40 {
+            for j in 1..40 {
+                let (x, y) = (i as f32 / 40.0 + 0.003, j as f32 / 40.0 - 0.004);
+                let d = direction(x, y);
+                assert!((d.length() - 1.0).abs() < 1e-5);
+                let back = square_of(d);
+                assert!((back[0] - x).abs() < 1e-4 && (back[1] - y).abs() < 1e-4, "{x} {y} {back:?}");
+            }
+        }
+        // An even picture of 1 lights a level plane with π.
+        let even = Raster { width: 8, height: 8, channels: 3, data: vec![1.0; 192] };
+        assert!((upward(&even) / PI - 1.0).abs() < 1e-3, "{}", upward(&even));
+    }
+}

@@ -1,0 +1,253 @@
+//! Materials by number and name.
+
+use super::params::Params;
+use super::spectra::{self, Use};
+use super::textures::Textures;
+use super::world::World;
+use super::{Fault, Place};
+use crate::material::conductor::FacetBounces;
+use crate::material::{Conductor, Material, Principled, Scattering, Transmission};
+use crate::texture::{Codes, Color, Graph, Interpolation, Scalar, Texture, Wrap};
+use diopter_light::Spectrum;
+use glam::{Affine2, Vec2};
+use std::collections::HashMap;
+use std::sync::Arc;
+
+/// A material, or none where there is no surface.
+#[derive(Clone, Debug)]
+pub struct Made {
+    /// What light meets.
+    pub material: Option<Material>,
+}
+
+/// All materials so far. Number 0 is pbrt's default, a grey of one half.
+#[derive(Default)]
+pub struct Materials {
+    all: Vec<Made>,
+    names: HashMap<String, usize>,
+}
+
+/// α below which pbrt takes a surface for perfectly smooth.
+const SMOOTH: f32 = 1e-3;
+
+impl Materials {
+    pub fn new() -> Self {
+        let grey = Material::new("default", Scattering::Diffuse(Color::rgb(0.5, 0.5, 0.5)));
+        Materials { all: vec![Made { material: Some(grey) }], names: HashMap::new() }
+    }
+
+    pub fn add(&mut self, made: Made) -> usize {
+        self.all.push(made);
+        self.all.len() - 1
+    }
+
+    /// Fails with the name when there is one already.
+    pub fn name(&mut self, name: String, mut made: Made) -> Result<(), String> {
+        if self.names.contains_key(&name) {
+            return Err(name);
+        }
+        if let Some(material) = &mut made.material {
+            material.name.clone_from(&name);
+        }
+        let number = self.add(made);
+        self.names.insert(name, number);
+        Ok(())
+    }
+
+    pub fn number(&self, name: &str) -> Option<usize> {
+        self.names.get(name).copied()
+    }
+
+    pub fn nearest(&self, name: &str) -> Option<String> {
+        diopter_light::names::nearest(name, self.names.keys().map(String::as_str)).map(str::to_owned)
+    }
+
+    pub fn made(&self, number: usize) -> &Made {
+        &self.all[number]
+    }
+
+    /// A material of a type.
+    pub fn make(&mut self, world: &mut World, textures: &Textures, kind: &str, p: &Params) -> Result<Made, Fault> {
+        p.get("type");
+        let scattering = match kind {
+            "" | "none" | "interface" => return Ok(Made { material: None }),
+            "diffuse" => Scattering::Diffuse(textures.color(world, p, "reflectance", 0.5)?),
+            "coateddiffuse" => {
+                for (name, default) in [("albedo", 0.0), ("g", 0.0)] {
+                    if let Some(param) = p.get(name)
+                        && param.values != super::params::Values::Numbers(vec![default])
+                    {
+                        let place = param.place;
+                        world.warn(place, format!("\"{name}\" of a coateddiffuse (a medium between its layers) is not supported: it is taken for clear"));
+                    }
+                }
+                for name in ["thickness", "maxdepth", "nsamples"] {
+                    p.get(name);
+                }
+                let base = textures.color(world, p, "reflectance", 0.5)?;
+                let eta = index(world, p, "eta", 1.5)?;
+                let roughness = root_of_alpha(world, textures, p, "")?;
+                Scattering::Principled(Box::new(Principled { roughness, layered: true, ..Principled::new(base, eta.at(550.0)) }))
+            }
+            "conductor" => {
+                let alpha = alpha(world, textures, p, "")?;
+                let (n, k) = metal(world, p)?;
+                Scattering::Conductor(Conductor { n, k, alpha, bounces: FacetBounces::Lost })
+            }
+            "dielectric" | "thindielectric" => {
+                let eta = index(world, p, "eta", 1.5)?;
+                let glass = Principled::glass(eta.at(550.0), None);
+                let own = match kind {
+                    "thindielectric" => Principled { kind: Transmission::Thin, pane: true, ..glass },
+                    _ => {
+                        let disperses = !matches!(eta, Spectrum::Constant(_));
+                        Principled {
+                            roughness: root_of_alpha(world, textures, p, "")?,
+                            dispersion: disperses.then_some(eta),
+                            ..glass
+                        }
+                    }
+                };
+                Scattering::Principled(Box::new(own))
+            }
+            "diffusetransmission" => {
+                let scale = p.float("scale", 1.0)? as f32;
+                let reflectance = scaled(textures.color(world, p, "reflectance", 0.25)?, scale);
+                let transmittance = scaled(textures.color(world, p, "transmittance", 0.25)?, scale);
+                Scattering::DiffuseTransmission(Box::new([reflectance, transmittance]))
+            }
+            "mix" => {
+                let names = match p.get("materials").map(|m| (&m.values, m.place)) {
+                    Some((super::params::Values::Texts(t), _)) if t.len() == 2 => t.clone(),
+                    Some((_, place)) => return Err(place.fault("the materials of a mix", "two names")),
+                    None => return Err(p.place.fault("a mix without materials", "\"string materials\" [ two names ]")),
+                };
+                let amount = textures.scalar(world, p, "amount", 0.5)?;
+                let part = |name: &String| {
+                    let known = self.number(name).map(|n| &self.all[n]);
+                    let known = known
+                        .ok_or_else(|| p.place.fault(format!("material \"{name}\" of a mix"), "one that was defined before"))?;
+                    let material = known.material.as_ref();
+                    let material =
+                        material.ok_or_else(|| p.place.fault(format!("the interface \"{name}\" in a mix"), "a surface"))?;
+                    Ok(material.scattering.clone())
+                };
+                let parts = [part(&names[0])?, part(&names[1])?];
+                Scattering::Mix(Box::new((parts, amount)))
+            }
+            other => {
+                let known = "diffuse, coateddiffuse, conductor, dielectric, thindielectric, diffusetransmission, mix or interface: others are not supported yet";
+                return Err(p.place.fault(format!("material \"{other}\""), known));
+            }
+        };
+        let mut material = Material::new(kind, scattering);
+        if let Some(name) = p.text("normalmap")? {
+            material.normal_map = Some((normal_map(world, name, p.place)?, 1.0));
+        }
+        if let Some(place) = p.get("displacement").map(|d| d.place) {
+            world.warn(place, "displacement (bumps of a material) is not supported: its surfaces are shown without");
+        }
+        Ok(Made { material: Some(material) })
+    }
+}
+
+fn normal_map(world: &World, name: &str, place: Place) -> Result<Texture, Fault> {
+    let image = crate::load::read_picture(&world.file(name, place)?)
+        .map_err(|e| place.fault(format!("{name}: {e}"), "a picture (PNG, JPEG)"))?;
+    // Rows count from below.
+    let image_from_uv = Affine2::from_scale_angle_translation(Vec2::new(1.0, -1.0), 0.0, Vec2::Y);
+    Ok(Texture {
+        image: Arc::new(image),
+        codes: Codes::Linear,
+        wrap: [Wrap::Repeat; 2],
+        interpolation: Interpolation::Bilinear,
+        uv_set: 0,
+        image_from_uv,
+    })
+}
+
+/// An index of refraction: a number or a spectrum.
+fn index(world: &World, p: &Params, name: &str, default: f32) -> Result<Spectrum, Fault> {
+    let index = spectra::get(world, p, name, Use::Unbounded, Spectrum::Constant(default))?;
+    let n = index.at(550.0);
+    match (1.0..=10.0).contains(&n) {
+        true => Ok(index),
+        false => Err(p.get(name).map_or(p.place, |p| p.place).fault(format!("an index of refraction of {n}"), "1 to 10")),
+    }
+}
+
+fn metal(world: &World, p: &Params) -> Result<(Spectrum, Spectrum), Fault> {
+    if let Some(reflectance) = p.get("reflectance") {
+        if p.get("eta").is_some() || p.get("k").is_some() {
+            return Err(p.place.fault("a conductor with reflectance and eta or k", "one of the two"));
+        }
+        let r = spectra::of(world, reflectance, Use::Albedo)?;
+        // Of an index of 1 the reflectance k² / (4 + k²), turned around.
+        let k = |nm: f32| {
+            let r = r.at(nm).clamp(0.0, 0.9999);
+            2.0 * r.sqrt() / (1.0 - r).sqrt()
+        };
+        let table = diopter_light::spectrum::Table::new(380.0, 5.0, (0..=80).map(|i| k(380.0 + 5.0 * i as f32)).collect());
+        return Ok((Spectrum::Constant(1.0), Spectrum::Table(table)));
+    }
+    let copper = |which: &str| spectra::named_or_nothing(&format!("metal-Cu-{which}"));
+    let n = spectra::get(world, p, "eta", Use::Unbounded, copper("eta"))?;
+    let k = spectra::get(world, p, "k", Use::Unbounded, copper("k"))?;
+    Ok((n, k))
+}
+
+/// α of GGX: the roots of what files say, or just that.
+fn alpha(world: &mut World, textures: &Textures, p: &Params, prefix: &str) -> Result<Scalar, Fault> {
+    let remap = p.bool("remaproughness", true)?;
+    Ok(power(roughness(world, textures, p, prefix)?, if remap { 0.5 } else { 1.0 }))
+}
+
+/// √α, which glTF's model calls roughness.
+fn root_of_alpha(world: &mut World, textures: &Textures, p: &Params, prefix: &str) -> Result<Scalar, Fault> {
+    let remap = p.bool("remaproughness", true)?;
+    Ok(match power(roughness(world, textures, p, prefix)?, if remap { 0.25 } else { 0.5 }) {
+        Scalar::Constant(r) if r * r < SMOOTH => Scalar::Constant(0.0),
+        other => other,
+    })
+}
+
+fn roughness(world: &mut World, textures: &Textures, p: &Params, prefix: &str) -> Result<Scalar, Fault> {
+    let [both, u, v] = ["roughness", "uroughness", "vroughness"].map(|n| format!("{prefix}{n}"));
+    if p.get(&u).is_none() && p.get(&v).is_none() {
+        return textures.scalar(world, p, &both, 0.0);
+    }
+    p.get(&both);
+    match (textures.scalar(world, p, &u, 0.0)?, textures.scalar(world, p, &v, 0.0)?) {
+        (Scalar::Constant(u), Scalar::Constant(v)) if u == v => Ok(Scalar::Constant(u)),
+        (Scalar::Constant(u), Scalar::Constant(v)) => {
+            world.warn(p.place, "a roughness that differs in u and v is not supported: their geometric mean is taken");
+            Ok(Scalar::Constant((u * v).sqrt()))
+        }
+        (first, _) => {
+            world.warn(p.place, "of textured roughness in u and v that in u is taken for both");
+            Ok(first)
+        }
+    }
+}
+
+fn power(value: Scalar, exponent: f32) -> Scalar {
+    match value {
+        Scalar::Constant(v) => Scalar::Constant(v.max(0.0).powf(exponent)),
+        Scalar::Graph(graph) => Scalar::Graph(Arc::new(Graph::Power(graph, exponent))),
+        other => other,
+    }
+}
+
+fn scaled(color: Color, factor: f32) -> Color {
+    if factor == 1.0 {
+        return color;
+    }
+    match color {
+        Color::Constant { rgb, .. } => {
+            let c = (rgb * factor).clamp(glam::Vec3::ZERO, glam::Vec3::ONE);
+            Color::rgb(c.x, c.y, c.z)
+        }
+        Color::Graph(graph) => Color::Graph(Arc::new(Graph::Scale(graph, Arc::new(Graph::Constant(glam::Vec3::splat(factor)))))),
+        other => other,
+    }
+}

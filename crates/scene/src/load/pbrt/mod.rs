@@ -1,0 +1,54 @@
+//! pbrt-v4's text format into a [`Description`].
+//!
+//! [`lex`] tokens → [`params`] typed lists → [`world`] the directives and their state → [`shapes`], [`materials`], [`textures`], [`lights`],
+//! [`camera`]. What is not supported is an error where the picture would be wrong and a warning where it would not. Files are opened by the
+//! caller; names count from the folder of the main file, as in pbrt.
+//!
+//! Units: a scene unit is a metre; a light of `scale` 1 has 1 cd/m² (pbrt divides every light by ∫ȳ L dλ, and its `power` and `illuminance`
+//! mean lumens and lux), so pictures in cd/m² are pbrt's RGB. pbrt's camera is left-handed: a world that is, too, is mirrored (z → −z).
+//!
+//! Sources: pbrt-v4's file format and behaviour, M. Pharr, W. Jakob & G. Humphreys 2023, "Physically Based Rendering", 4th ed.
+
+mod camera;
+mod lex;
+mod lights;
+mod materials;
+mod params;
+mod shapes;
+mod spectra;
+mod textures;
+mod world;
+
+use crate::SceneError;
+use crate::load::Fetch;
+use crate::scene::Description;
+
+/// Number of a file among those read, and a line in it.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Place {
+    file: u32,
+    line: u32,
+}
+
+/// What is wrong where; becomes a [`SceneError`] when the file's name is known.
+#[derive(Clone, Debug)]
+pub struct Fault {
+    place: Place,
+    found: String,
+    expected: String,
+}
+
+impl Place {
+    fn fault(self, found: impl Into<String>, expected: impl Into<String>) -> Fault {
+        Fault { place: self, found: found.into(), expected: expected.into() }
+    }
+}
+
+/// Reads a scene. `name` stands for the main file in messages; `fetch` gets files by the names in it.
+pub fn load(bytes: &[u8], name: &str, fetch: Fetch) -> Result<Description, SceneError> {
+    let mut world = world::World::new(name, fetch);
+    match world.read_main(bytes) {
+        Ok(()) => world.finish(),
+        Err(fault) => Err(world.error(fault)),
+    }
+}

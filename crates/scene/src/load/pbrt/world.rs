@@ -1,0 +1,782 @@
+//! The directives: a state that is pushed and popped, and what they add to the scene.
+
+use super::camera;
+use super::lex::{Lexer, Token};
+use super::lights;
+use super::materials::{Made, Materials};
+use super::params::{self, Param, Params};
+use super::shapes::{self, Form};
+use super::textures::Textures;
+use super::{Fault, Place};
+use crate::SceneError;
+use crate::load::{Fetch, unzipped};
+use crate::scene::{Description, Object, Shape, Viewpoint};
+use crate::shape::Mesh;
+use glam::{Affine3A, DMat4, DVec3, Mat4, Vec3};
+use std::collections::HashMap;
+
+/// Most files that include each other.
+const DEEPEST: usize = 64;
+
+/// What `Attribute` directives, blocks and objects save.
+#[derive(Clone, Debug)]
+pub(super) struct State {
+    /// World from what follows, at the opening and the closing of the shutter.
+    pub place: [DMat4; 2],
+    active: [bool; 2],
+    pub reversed: bool,
+    material: MaterialName,
+    area_light: Option<Params>,
+    media: [String; 2],
+    shape: Vec<Param>,
+    light: Vec<Param>,
+    of_material: Vec<Param>,
+    medium: Vec<Param>,
+    texture: Vec<Param>,
+}
+
+#[derive(Clone, Debug, PartialEq)]
+enum MaterialName {
+    Named(String),
+    Number(usize),
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Block {
+    Attribute,
+    Object,
+}
+
+/// A shape as it was met: materials are settled when all names are known.
+struct Met {
+    name: String,
+    shape: Shape,
+    material: MaterialName,
+    area_light: Option<Params>,
+    alpha: Option<crate::texture::Scalar>,
+    area: f32,
+    place: Place,
+}
+
+/// The scene in the making.
+pub(super) struct World<'a> {
+    name: String,
+    fetch: Fetch<'a>,
+    files: Vec<String>,
+    depth: usize,
+    pub description: Description,
+    state: State,
+    stack: Vec<(State, Block, Place)>,
+    in_world: bool,
+    spaces: HashMap<String, [DMat4; 2]>,
+    camera: Option<(Params, String, DMat4)>,
+    film: Option<(Params, String)>,
+    max_depth: Option<u32>,
+    textures: Textures,
+    materials: Materials,
+    met: Vec<Met>,
+    objects: HashMap<String, Vec<Met>>,
+    /// The object that is being defined.
+    defining: Option<(String, Vec<Met>)>,
+    ply: HashMap<String, Vec<u32>>,
+    warned: Vec<String>,
+}
+
+impl<'a> World<'a> {
+    pub fn new(name: &str, fetch: Fetch<'a>) -> Self {
+        let state = State {
+            place: [DMat4::IDENTITY; 2],
+            active: [true; 2],
+            reversed: false,
+            material: MaterialName::Number(0),
+            area_light: None,
+            media: Default::default(),
+            shape: vec![],
+            light: vec![],
+            of_material: vec![],
+            medium: vec![],
+            texture: vec![],
+        };
+        World {
+            name: name.to_owned(),
+            fetch,
+            files: vec![name.to_owned()],
+            depth: 0,
+            description: Description { name: name.to_owned(), ..Default::default() },
+            state,
+            stack: vec![],
+            in_world: false,
+            spaces: HashMap::new(),
+            camera: None,
+            film: None,
+            max_depth: None,
+            textures: Textures::default(),
+            materials: Materials::new(),
+            met: vec![],
+            objects: HashMap::new(),
+            defining: None,
+            ply: HashMap::new(),
+            warned: vec![],
+        }
+    }
+
+    /// A fault with the name of its file.
+    pub fn error(&self, fault: Fault) -> SceneError {
+        let file = self.files.get(fault.place.file as usize).map_or(self.name.as_str(), String::as_str);
+        let place = if fault.place.line == 0 { file.to_owned() } else { format!("{file}: line {}", fault.place.line) };
+        SceneError::File { place, found: fault.found, expected: format!("expected {}", fault.expected) }
+    }
+
+    /// Says something once.
+    pub fn warn(&mut self, place: Place, text: impl Into<String>) {
+        let text = text.into();
+        if !self.warned.contains(&text) {
+            let file = &self.files[place.file as usize];
+            self.description.warnings.push(format!("{file}: line {}: {text}", place.line));
+            self.warned.push(text);
+        }
+    }
+
+    /// Bytes of a file that the scene names; `.gz` is taken apart.
+    pub fn file(&self, name: &str, place: Place) -> Result<Vec<u8>, Fault> {
+        let told = |reason: String| place.fault(format!("{name}: {reason}"), "a file that can be read");
+        unzipped((self.fetch)(name).map_err(told)?).map_err(told)
+    }
+
+    pub fn read_main(&mut self, bytes: &[u8]) -> Result<(), Fault> {
+        let bytes = unzipped(bytes.to_vec()).map_err(|e| Place::default().fault(e, "pbrt's text or a .gz of it"))?;
+        self.read(&bytes, 0)?;
+        if let Some((_, block, place)) = self.stack.last() {
+            let what = if *block == Block::Object { "ObjectBegin" } else { "AttributeBegin" };
+            return Err(place.fault(format!("{what} that is never ended"), "its End before the end of the file"));
+        }
+        if !self.in_world {
+            return Err(Place::default().fault("no WorldBegin", "a pbrt-v4 scene: options, WorldBegin, then the world"));
+        }
+        Ok(())
+    }
+
+    fn read(&mut self, bytes: &[u8], file: u32) -> Result<(), Fault> {
+        let mut lexer = Lexer::new(bytes, file);
+        while let Some((token, place)) = lexer.next()? {
+            match token {
+                Token::Word(word) => self.directive(&word, place, &mut lexer)?,
+                other => return Err(place.fault(other.shown(), "a directive, such as Shape")),
+            }
+        }
+        Ok(())
+    }
+
+    fn text(lexer: &mut Lexer, place: Place, what: &str) -> Result<String, Fault> {
+        match lexer.next()? {
+            Some((Token::Text(text), _)) => Ok(text),
+            other => {
+                Err(place
+                    .fault(other.map_or("the end of the file".into(), |t| t.0.shown()), format!("{what} in quotation marks")))
+            }
+        }
+    }
+
+    fn numbers<const N: usize>(lexer: &mut Lexer, place: Place, directive: &str) -> Result<[f64; N], Fault> {
+        let bracket = matches!(lexer.peek()?, Some((Token::Open, _)));
+        if bracket {
+            lexer.next()?;
+        }
+        let mut numbers = [0.0; N];
+        for n in &mut numbers {
+            *n = match lexer.next()? {
+                Some((Token::Number(v), _)) if v.is_finite() => v,
+                other => {
+                    let found = other.map_or("the end of the file".into(), |t| t.0.shown());
+                    return Err(place.fault(format!("{found} in {directive}"), format!("{N} finite numbers")));
+                }
+            };
+        }
+        if bracket {
+            match lexer.next()? {
+                Some((Token::Close, _)) => (),
+                other => {
+                    let found = other.map_or("the end of the file".into(), |t| t.0.shown());
+                    return Err(place.fault(format!("{found} in {directive}"), format!("] after {N} numbers")));
+                }
+            }
+        }
+        Ok(numbers)
+    }
+
+    fn change(&mut self, f: impl Fn(DMat4) -> DMat4) {
+        for k in 0..2 {
+            if self.state.active[k] {
+                self.state.place[k] = f(self.state.place[k]);
+            }
+        }
+    }
+
+    fn directive(&mut self, word: &str, place: Place, lexer: &mut Lexer) -> Result<(), Fault> {
+        match word {
+            "Include" | "Import" => {
+                let name = Self::text(lexer, place, "a file name")?;
+                if word == "Import" && !self.in_world {
+                    return Err(place.fault("Import before WorldBegin", "Include there, or Import in the world"));
+                }
+                if self.depth >= DEEPEST {
+                    return Err(place.fault(
+                        format!("\"{name}\": {DEEPEST} files that include each other"),
+                        "files that do not include themselves",
+                    ));
+                }
+                let bytes = self.file(&name, place)?;
+                self.files.push(name);
+                self.depth += 1;
+                let number = self.files.len() as u32 - 1;
+                let (saved, blocks) = (self.state.clone(), self.stack.len());
+                self.read(&bytes, number)?;
+                if word == "Import" {
+                    if self.stack.len() != blocks {
+                        return Err(place.fault("blocks that are not ended in the imported file", "an End for every Begin"));
+                    }
+                    self.state = saved;
+                }
+                self.depth -= 1;
+            }
+            "Option" => {
+                let name = Self::text(lexer, place, "a name and a value")?;
+                let value = lexer.next()?;
+                if !matches!(value, Some((Token::Word(_) | Token::Text(_) | Token::Number(_), _))) {
+                    return Err(place.fault(format!("no value of option \"{name}\""), "a value"));
+                }
+                self.warn(place, format!("option \"{name}\" says how pbrt renders: it is not used"));
+            }
+            "Identity" => self.change(|_| DMat4::IDENTITY),
+            "Translate" => {
+                let v = Self::numbers::<3>(lexer, place, word)?;
+                self.change(|m| m * DMat4::from_translation(DVec3::from_array(v)));
+            }
+            "Scale" => {
+                let v = Self::numbers::<3>(lexer, place, word)?;
+                if v.contains(&0.0) {
+                    return Err(place.fault("a scale of 0", "factors other than 0"));
+                }
+                self.change(|m| m * DMat4::from_scale(DVec3::from_array(v)));
+            }
+            "Rotate" => {
+                let [degrees, x, y, z] = Self::numbers::<4>(lexer, place, word)?;
+                let axis =
+                    DVec3::new(x, y, z).try_normalize().ok_or_else(|| place.fault("an axis of no length", "a direction"))?;
+                self.change(|m| m * DMat4::from_axis_angle(axis, degrees.to_radians()));
+            }
+            "LookAt" => {
+                let v = Self::numbers::<9>(lexer, place, word)?;
+                let view =
+                    look_at(&v).ok_or_else(|| place.fault("a LookAt without direction", "eye, target and up that differ"))?;
+                self.change(|m| m * view);
+            }
+            "Transform" | "ConcatTransform" => {
+                let m = DMat4::from_cols_array(&Self::numbers::<16>(lexer, place, word)?);
+                if m.determinant().abs() < 1e-30 || m.row(3) != glam::DVec4::W {
+                    return Err(place.fault("a matrix that cannot be inverted, or with a perspective", "an affine transform"));
+                }
+                self.change(|before| if word == "Transform" { m } else { before * m });
+            }
+            "CoordinateSystem" => {
+                let name = Self::text(lexer, place, "a name")?;
+                self.spaces.insert(name, self.state.place);
+            }
+            "CoordSysTransform" => {
+                let name = Self::text(lexer, place, "a name")?;
+                match self.spaces.get(&name) {
+                    Some(space) => self.state.place = *space,
+                    None => return Err(place.fault(format!("coordinate system \"{name}\""), "one that was named before")),
+                }
+            }
+            "ActiveTransform" => match lexer.next()? {
+                Some((Token::Word(w), _)) if w == "StartTime" => self.state.active = [true, false],
+                Some((Token::Word(w), _)) if w == "EndTime" => self.state.active = [false, true],
+                Some((Token::Word(w), _)) if w == "All" => self.state.active = [true; 2],
+                _ => return Err(place.fault("ActiveTransform of something else", "StartTime, EndTime or All")),
+            },
+            "TransformTimes" => {
+                Self::numbers::<2>(lexer, place, word)?;
+            }
+            "ColorSpace" => {
+                let name = Self::text(lexer, place, "a colour space")?;
+                if name.to_lowercase() != "srgb" {
+                    return Err(place.fault(format!("colour space \"{name}\""), "srgb: others are not supported"));
+                }
+            }
+            "ReverseOrientation" => self.state.reversed = !self.state.reversed,
+            "AttributeBegin" | "TransformBegin" => self.stack.push((self.state.clone(), Block::Attribute, place)),
+            "AttributeEnd" | "TransformEnd" => self.pop(Block::Attribute, place)?,
+            "Attribute" => {
+                let target = Self::text(lexer, place, "shape, light, material, medium or texture")?;
+                let list = params::read(lexer, place)?.into_list();
+                let state = &mut self.state;
+                let all = match target.as_str() {
+                    "shape" => &mut state.shape,
+                    "light" => &mut state.light,
+                    "material" => &mut state.of_material,
+                    "medium" => &mut state.medium,
+                    "texture" => &mut state.texture,
+                    _ => return Err(place.fault(format!("Attribute \"{target}\""), "shape, light, material, medium or texture")),
+                };
+                for p in list {
+                    all.retain(|q| q.name != p.name);
+                    all.push(p);
+                }
+            }
+            "Camera" => {
+                let (kind, p) = self.typed(lexer, place)?;
+                let from_world = self.state.place[0];
+                self.spaces.insert("camera".into(), self.state.place.map(|m| m.inverse()));
+                if self.moves() {
+                    self.warn(place, "the camera moves: it is taken where it is when the shutter opens");
+                }
+                self.camera = Some((p, kind, from_world));
+            }
+            "Film" => {
+                let (kind, p) = self.typed(lexer, place)?;
+                self.film = Some((p, kind));
+            }
+            "Integrator" => {
+                let (_, p) = self.typed(lexer, place)?;
+                self.max_depth = Some(p.integer("maxdepth", 5)?.clamp(0, 1 << 20) as u32);
+            }
+            "Sampler" | "PixelFilter" | "Accelerator" => {
+                self.typed(lexer, place)?;
+            }
+            "WorldBegin" => {
+                if self.in_world {
+                    return Err(place.fault("a second WorldBegin", "one"));
+                }
+                self.in_world = true;
+                (self.state.place, self.state.active) = ([DMat4::IDENTITY; 2], [true; 2]);
+                self.spaces.insert("world".into(), self.state.place);
+            }
+            "WorldEnd" => self.warn(place, "WorldEnd is of older versions of pbrt: it has no meaning"),
+            "Material" | "MakeNamedMaterial" => {
+                let name = Self::text(lexer, place, "a name")?;
+                let p = params::read(lexer, place)?.over(&self.state.of_material);
+                let kind = match word {
+                    "Material" => name.clone(),
+                    _ => {
+                        p.text("type")?.ok_or_else(|| place.fault("a named material without type", "\"string type\""))?.to_owned()
+                    }
+                };
+                let made = self.material(&kind, &p)?;
+                self.say_unused(&p);
+                match word {
+                    "Material" => self.state.material = MaterialName::Number(self.materials.add(made)),
+                    _ => self
+                        .materials
+                        .name(name, made)
+                        .map_err(|n| place.fault(format!("a second material \"{n}\""), "one of each name"))?,
+                }
+            }
+            "NamedMaterial" => self.state.material = MaterialName::Named(Self::text(lexer, place, "a name")?),
+            "Texture" => {
+                let name = Self::text(lexer, place, "a name")?;
+                let kind = Self::text(lexer, place, "float or spectrum")?;
+                let class = Self::text(lexer, place, "a class")?;
+                let p = params::read(lexer, place)?.over(&self.state.texture);
+                let mut textures = std::mem::take(&mut self.textures);
+                let made = textures.make(self, &name, &kind, &class, &p);
+                self.textures = textures;
+                made?;
+                self.say_unused(&p);
+            }
+            "MakeNamedMedium" => {
+                let name = Self::text(lexer, place, "a name")?;
+                params::read(lexer, place)?;
+                return Err(
+                    place.fault(format!("medium \"{name}\""), "a scene without media: fog and smoke are not supported yet")
+                );
+            }
+            "MediumInterface" => {
+                let inside = Self::text(lexer, place, "the name of a medium")?;
+                let outside = match lexer.peek()? {
+                    Some((Token::Text(_), _)) => Self::text(lexer, place, "the name of a medium")?,
+                    _ => inside.clone(),
+                };
+                self.state.media = [inside, outside];
+            }
+            "AreaLightSource" => {
+                let (kind, p) = self.typed(lexer, place)?;
+                if kind != "diffuse" {
+                    return Err(place.fault(format!("area light \"{kind}\""), "diffuse"));
+                }
+                self.state.area_light = Some(p.over(&self.state.light));
+            }
+            "LightSource" => {
+                let (kind, p) = self.typed(lexer, place)?;
+                let p = p.over(&self.state.light);
+                let world_from_light = self.state.place[0];
+                lights::make(self, &kind, &p, world_from_light)?;
+                self.say_unused(&p);
+            }
+            "Shape" => {
+                let (kind, p) = self.typed(lexer, place)?;
+                self.shape(&kind, &p.over(&self.state.shape), place)?;
+            }
+            "ObjectBegin" => {
+                let name = Self::text(lexer, place, "a name")?;
+                if self.defining.is_some() {
+                    return Err(place.fault("ObjectBegin within an object", "ObjectEnd before it"));
+                }
+                if self.objects.contains_key(&name) {
+                    return Err(place.fault(format!("a second object \"{name}\""), "one of each name"));
+                }
+                self.stack.push((self.state.clone(), Block::Object, place));
+                self.defining = Some((name, vec![]));
+            }
+            "ObjectEnd" => {
+                self.pop(Block::Object, place)?;
+                if let Some((name, met)) = self.defining.take() {
+                    self.objects.insert(name, met);
+                }
+            }
+            "ObjectInstance" => {
+                let name = Self::text(lexer, place, "a name")?;
+                if self.defining.is_some() {
+                    return Err(place.fault("ObjectInstance within an object", "objects of shapes alone"));
+                }
+                self.instance(&name, place)?;
+            }
+            other => {
+                let near = diopter_light::names::nearest(other, DIRECTIVES.iter().copied());
+                let hint =
+                    near.map_or("a directive of pbrt-v4".to_owned(), |n| format!("a directive of pbrt-v4 (did you mean {n}?)"));
+                return Err(place.fault(format!("\"{other}\""), hint));
+            }
+        }
+        Ok(())
+    }
+
+    /// A directive's type and its parameters.
+    fn typed(&mut self, lexer: &mut Lexer, place: Place) -> Result<(String, Params), Fault> {
+        let kind = Self::text(lexer, place, "a type")?;
+        Ok((kind, params::read(lexer, place)?))
+    }
+
+    fn pop(&mut self, block: Block, place: Place) -> Result<(), Fault> {
+        match self.stack.pop() {
+            Some((state, b, _)) if b == block => {
+                self.state = state;
+                Ok(())
+            }
+            Some((_, _, begun)) => {
+                Err(place.fault("an End of another block", format!("the End of what begins in line {}", begun.line)))
+            }
+            None => Err(place.fault("an End without Begin", "AttributeBegin or ObjectBegin before it")),
+        }
+    }
+
+    fn say_unused(&mut self, p: &Params) {
+        let unused: Vec<(Place, String)> =
+            p.unused().map(|u| (u.place, format!("parameter \"{} {}\" is not used", u.kind, u.name))).collect();
+        unused.into_iter().for_each(|(place, text)| self.warn(place, text));
+    }
+
+    fn moves(&self) -> bool {
+        self.state.place[0] != self.state.place[1]
+    }
+
+    fn material(&mut self, kind: &str, p: &Params) -> Result<Made, Fault> {
+        let textures = std::mem::take(&mut self.textures);
+        let mut materials = std::mem::take(&mut self.materials);
+        let made = materials.make(self, &textures, kind, p);
+        (self.textures, self.materials) = (textures, materials);
+        made
+    }
+
+    fn shape(&mut self, kind: &str, p: &Params, place: Place) -> Result<(), Fault> {
+        if !self.in_world {
+            return Err(place.fault("a Shape before WorldBegin", "shapes in the world"));
+        }
+        if self.moves() {
+            return Err(
+                place.fault("a shape that moves", "one that stands still: ActiveTransform is not supported for shapes yet")
+            );
+        }
+        if self.state.media.iter().any(|m| !m.is_empty()) {
+            return Err(place.fault("a shape with media", "a scene without media"));
+        }
+        let textures = std::mem::take(&mut self.textures);
+        let alpha = textures.scalar(self, p, "alpha", 1.0);
+        self.textures = textures;
+        let alpha = match alpha? {
+            crate::texture::Scalar::Constant(a) if a >= 1.0 => None,
+            crate::texture::Scalar::Constant(a) if a <= 0.0 => {
+                self.warn(place, "a shape with alpha 0 is left out");
+                self.say_unused(p);
+                return Ok(());
+            }
+            other => Some(other),
+        };
+        let world_from_shape = self.state.place[0];
+        let made = match kind {
+            "plymesh" => self.ply_mesh(p, place)?,
+            _ => match shapes::make(kind, p, place)? {
+                Form::Sphere(radius) => match shapes::sphere_in_world(radius, world_from_shape) {
+                    Some(sphere) if !self.state.reversed && world_from_shape.determinant() > 0.0 && self.defining.is_none() => {
+                        vec![(Shape::Sphere(sphere), 4.0 * std::f32::consts::PI * sphere.radius.powi(2))]
+                    }
+                    // Squeezed, turned inside out or instanced: many triangles.
+                    _ => vec![self.keep(shapes::ball(radius))],
+                },
+                Form::Mesh(mesh) => vec![self.keep(mesh)],
+            },
+        };
+        self.say_unused(p);
+        if alpha.is_some() {
+            // The parameter is the same for all that is made of this directive.
+        }
+        let name = format!("{kind} {}", self.met.len());
+        for (shape, area) in made {
+            let met = Met {
+                name: name.clone(),
+                shape,
+                material: self.state.material.clone(),
+                area_light: self.state.area_light.clone(),
+                alpha: alpha.clone(),
+                area,
+                place,
+            };
+            match &mut self.defining {
+                Some((_, list)) => list.push(met),
+                None => self.met.push(met),
+            }
+        }
+        Ok(())
+    }
+
+    /// Adds a mesh in the space of now; a placed shape and its area.
+    fn keep(&mut self, mut mesh: Mesh) -> (Shape, f32) {
+        if self.state.reversed {
+            shapes::reverse(&mut mesh);
+        }
+        let place = affine(self.state.place[0]);
+        let area = mesh_area(&mesh, &place);
+        self.description.meshes.push(mesh);
+        (Shape::Mesh { mesh: self.description.meshes.len() as u32 - 1, world_from_mesh: place }, area)
+    }
+
+    fn ply_mesh(&mut self, p: &Params, place: Place) -> Result<Vec<(Shape, f32)>, Fault> {
+        let name =
+            p.text("filename")?.ok_or_else(|| place.fault("a plymesh without filename", "\"string filename\""))?.to_owned();
+        if p.get("displacement").is_some() {
+            return Err(place.fault("a displaced mesh", "meshes as they are: displacement is not supported"));
+        }
+        // The same file again is the same mesh.
+        let key = format!("{}{name}", if self.state.reversed { "-" } else { "+" });
+        if !self.ply.contains_key(&key) {
+            let bytes = self.file(&name, place)?;
+            let read = crate::load::ply::read(&bytes).map_err(|e| place.fault(format!("{name}: {}", e.found), e.expected))?;
+            if let Some(warning) = read.warning {
+                self.warn(place, format!("{name}: {warning}"));
+            }
+            let mut mesh = read.mesh;
+            shapes::agree_with_normals(&mut mesh);
+            shapes::default_uvs(&mut mesh);
+            let (Shape::Mesh { mesh, .. }, _) = self.keep(mesh) else { return Ok(vec![]) };
+            self.ply.insert(key.clone(), vec![mesh]);
+        }
+        let at = affine(self.state.place[0]);
+        let placed = |n: &u32| {
+            let area = mesh_area(&self.description.meshes[*n as usize], &at);
+            (Shape::Mesh { mesh: *n, world_from_mesh: at }, area)
+        };
+        Ok(self.ply[&key].iter().map(placed).collect())
+    }
+
+    fn instance(&mut self, name: &str, place: Place) -> Result<(), Fault> {
+        let Some(met) = self.objects.remove(name) else {
+            let near = diopter_light::names::nearest(name, self.objects.keys().map(String::as_str)).map(str::to_owned);
+            let hint =
+                near.map_or("an object that was defined before".to_owned(), |n| format!("an object (did you mean \"{n}\"?)"));
+            return Err(place.fault(format!("object \"{name}\""), hint));
+        };
+        if self.moves() {
+            return Err(
+                place.fault("an instance that moves", "one that stands still: ActiveTransform is not supported for shapes yet")
+            );
+        }
+        let at = affine(self.state.place[0]);
+        for m in &met {
+            if m.area_light.is_some() {
+                self.warn(place, "area lights in objects do not shine, as in pbrt");
+            }
+            let Shape::Mesh { mesh, world_from_mesh } = m.shape else { continue };
+            let shape = Shape::Mesh { mesh, world_from_mesh: at * world_from_mesh };
+            let copy = Met {
+                name: m.name.clone(),
+                shape,
+                material: m.material.clone(),
+                area_light: None,
+                alpha: m.alpha.clone(),
+                area: 0.0,
+                place,
+            };
+            self.met.push(copy);
+        }
+        self.objects.insert(name.to_owned(), met);
+        Ok(())
+    }
+
+    /// All names are known: materials are given to shapes, lights to materials, the camera to the world.
+    pub fn finish(mut self) -> Result<Description, SceneError> {
+        self.settle().map_err(|fault| self.error(fault))?;
+        Ok(self.description)
+    }
+
+    fn settle(&mut self) -> Result<(), Fault> {
+        let met = std::mem::take(&mut self.met);
+        // Materials of the description by what was asked: its material, whether its light and its alpha are its own.
+        let mut plain: HashMap<usize, u32> = HashMap::new();
+        for m in met {
+            let number = match &m.material {
+                MaterialName::Number(n) => *n,
+                MaterialName::Named(name) => self.materials.number(name).ok_or_else(|| {
+                    let near = self.materials.nearest(name);
+                    let hint = near
+                        .map_or("a material that is defined somewhere".into(), |n| format!("a material (did you mean \"{n}\"?)"));
+                    m.place.fault(format!("material \"{name}\""), hint)
+                })?,
+            };
+            let made = self.materials.made(number).clone();
+            // No surface at all.
+            let Some(material) = made.material else {
+                if m.area_light.is_some() {
+                    self.warn(m.place, "an area light without a surface is left out, as in pbrt");
+                }
+                continue;
+            };
+            let material = match (&m.area_light, &m.alpha) {
+                (None, None) => match plain.get(&number) {
+                    Some(n) => *n,
+                    None => {
+                        self.description.materials.push(material);
+                        let n = self.description.materials.len() as u32 - 1;
+                        plain.insert(number, n);
+                        n
+                    }
+                },
+                (light, alpha) => {
+                    let mut own = material;
+                    if let Some(p) = light {
+                        own.emission = Some(lights::emission(self, p, m.area)?);
+                        self.say_unused(p);
+                    }
+                    if let Some(alpha) = alpha {
+                        own.coverage = crate::material::Coverage::Blend(alpha.clone());
+                    }
+                    self.description.materials.push(own);
+                    self.description.materials.len() as u32 - 1
+                }
+            };
+            self.description.objects.push(Object::new(m.name, m.shape, material));
+        }
+        self.description.max_depth = self.max_depth;
+        let (film, kind) = self.film.take().unwrap_or_default();
+        let film = camera::film(self, &film, &kind)?;
+        let (p, kind, camera_from_world) =
+            self.camera.take().unwrap_or_else(|| (Params::default(), "perspective".into(), DMat4::IDENTITY));
+        let view: Viewpoint = camera::viewpoint(self, &p, &kind, camera_from_world, &film)?;
+        self.say_unused(&p);
+        self.description.cameras.push(view);
+        // The camera looks along +z with x to the right: a world in which that is no turn of ours is mirrored.
+        if camera_from_world.determinant() > 0.0 {
+            mirror(&mut self.description);
+        }
+        Ok(())
+    }
+}
+
+const DIRECTIVES: [&str; 40] = [
+    "Accelerator",
+    "ActiveTransform",
+    "AreaLightSource",
+    "Attribute",
+    "AttributeBegin",
+    "AttributeEnd",
+    "Camera",
+    "ColorSpace",
+    "ConcatTransform",
+    "CoordSysTransform",
+    "CoordinateSystem",
+    "Film",
+    "Identity",
+    "Import",
+    "Include",
+    "Integrator",
+    "LightSource",
+    "LookAt",
+    "MakeNamedMaterial",
+    "MakeNamedMedium",
+    "Material",
+    "MediumInterface",
+    "NamedMaterial",
+    "ObjectBegin",
+    "ObjectEnd",
+    "ObjectInstance",
+    "Option",
+    "PixelFilter",
+    "ReverseOrientation",
+    "Rotate",
+    "Sampler",
+    "Scale",
+    "Shape",
+    "Texture",
+    "Transform",
+    "TransformBegin",
+    "TransformEnd",
+    "TransformTimes",
+    "Translate",
+    "WorldBegin",
+];
+
+/// Camera-from-world of eye, target and up.
+fn look_at(v: &[f64; 9]) -> Option<DMat4> {
+    let [eye, at, up] = [0, 3, 6].map(|i| DVec3::new(v[i], v[i + 1], v[i + 2]));
+    let forward = (at - eye).try_normalize()?;
+    let right = up.try_normalize()?.cross(forward).try_normalize()?;
+    let up = forward.cross(right);
+    let world_from_camera = DMat4::from_cols(right.extend(0.0), up.extend(0.0), forward.extend(0.0), eye.extend(1.0));
+    Some(world_from_camera.inverse())
+}
+
+pub(super) fn affine(m: DMat4) -> Affine3A {
+    Affine3A::from_mat4(m.as_mat4())
+}
+
+fn mesh_area(mesh: &Mesh, place: &Affine3A) -> f32 {
+    let area = |t: &[u32; 3]| {
+        let [a, b, c] = t.map(|i| place.transform_point3(mesh.positions[i as usize]).as_dvec3());
+        0.5 * (b - a).cross(c - a).length()
+    };
+    mesh.triangles.iter().map(area).sum::<f64>() as f32
+}
+
+/// Turns the world into its mirror image, z → −z.
+fn mirror(d: &mut Description) {
+    let flip = Affine3A::from_mat4(Mat4::from_scale(Vec3::new(1.0, 1.0, -1.0)));
+    for object in &mut d.objects {
+        match &mut object.shape {
+            Shape::Mesh { world_from_mesh, .. } => *world_from_mesh = flip * *world_from_mesh,
+            Shape::Sphere(s) => s.center.z = -s.center.z,
+            Shape::Quad(q) => {
+                q.corner.z = -q.corner.z;
+                q.edges = [q.edges[1], q.edges[0]].map(|e| e.with_z(-e.z));
+            }
+        }
+    }
+    for light in &mut d.punctual {
+        *light = light.mirrored();
+    }
+    if let Some(environment) = &mut d.environment {
+        environment.mirror();
+    }
+    for camera in &mut d.cameras {
+        // Its own axes are mirrored with the world: depth turns with them.
+        camera.world_from_camera = flip * camera.world_from_camera;
+    }
+}

@@ -1,0 +1,412 @@
+//! PLY: polygons as text or numbers, little- or big-endian.
+//!
+//! Source: G. Turk 1994, "The PLY polygon file format". Properties of any type and order; faces of any number of corners (cut into fans).
+
+use crate::shape::Mesh;
+use glam::{Vec2, Vec3, Vec4};
+
+/// What is wrong with a file.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct PlyError {
+    /// What is there.
+    pub found: String,
+    /// What belongs there.
+    pub expected: String,
+}
+
+/// A file that could be read.
+#[derive(Debug)]
+pub struct Read {
+    /// Its triangles.
+    pub mesh: Mesh,
+    /// What was odd.
+    pub warning: Option<String>,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Number {
+    I8,
+    U8,
+    I16,
+    U16,
+    I32,
+    U32,
+    F32,
+    F64,
+}
+
+impl Number {
+    fn named(name: &str) -> Option<Number> {
+        Some(match name {
+            "char" | "int8" => Number::I8,
+            "uchar" | "uint8" => Number::U8,
+            "short" | "int16" => Number::I16,
+            "ushort" | "uint16" => Number::U16,
+            "int" | "int32" => Number::I32,
+            "uint" | "uint32" => Number::U32,
+            "float" | "float32" => Number::F32,
+            "double" | "float64" => Number::F64,
+            _ => return None,
+        })
+    }
+
+    fn size(self) -> usize {
+        match self {
+            Number::I8 | Number::U8 => 1,
+            Number::I16 | Number::U16 => 2,
+            Number::I32 | Number::U32 | Number::F32 => 4,
+            Number::F64 => 8,
+        }
+    }
+
+    /// Value of its bytes, turned to little-endian first where needed.
+    #[inline]
+    fn of(self, bytes: &[u8], big: bool) -> f64 {
+        macro_rules! get {
+            ($type:ty, $n:literal) => {{
+                let b: [u8; $n] = std::array::from_fn(|i| bytes[i]);
+                (if big { <$type>::from_be_bytes(b) } else { <$type>::from_le_bytes(b) }) as f64
+            }};
+        }
+        match self {
+            Number::I8 => get!(i8, 1),
+            Number::U8 => get!(u8, 1),
+            Number::I16 => get!(i16, 2),
+            Number::U16 => get!(u16, 2),
+            Number::I32 => get!(i32, 4),
+            Number::U32 => get!(u32, 4),
+            Number::F32 => get!(f32, 4),
+            Number::F64 => get!(f64, 8),
+        }
+    }
+}
+
+#[derive(Clone, Debug)]
+struct Property {
+    name: String,
+    kind: Number,
+    /// Of a list: the type of its length.
+    list: Option<Number>,
+}
+
+#[derive(Clone, Debug)]
+struct Element {
+    name: String,
+    count: usize,
+    properties: Vec<Property>,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Layout {
+    Text,
+    Little,
+    Big,
+}
+
+fn wrong(found: impl Into<String>, expected: impl Into<String>) -> PlyError {
+    PlyError { found: found.into(), expected: expected.into() }
+}
+
+/// Reads a file.
+pub fn read(bytes: &[u8]) -> Result<Read, PlyError> {
+    let (layout, elements, start) = header(bytes)?;
+    let mut body = Body { bytes: &bytes[start..], at: 0, layout };
+    let mut mesh = Mesh::default();
+    let mut skipped = 0usize;
+    for element in &elements {
+        // At least a byte for each value: a file cannot say more than it holds.
+        let least = element.properties.len().max(1);
+        if element.count.checked_mul(least).is_none_or(|n| n > body.bytes.len().saturating_sub(body.at)) && element.count > 0 {
+            return Err(wrong(format!("{} {}", element.count, element.name), "as many as the file holds: it is cut short"));
+        }
+        match element.name.as_str() {
+            "vertex" => vertices(&mut body, element, &mut mesh)?,
+            "face" | "tristrips" if element.name == "face" => skipped += faces(&mut body, element, &mut mesh)?,
+            _ => {
+                for _ in 0..element.count {
+                    for property in &element.properties {
+                        body.skip(property)?;
+                    }
+                }
+            }
+        }
+    }
+    if mesh.positions.is_empty() {
+        return Err(wrong("no vertices", "an element \"vertex\" with x, y and z"));
+    }
+    let count = mesh.positions.len();
+    if let Some(i) = mesh.triangles.iter().flatten().find(|i| **i as usize >= count) {
+        return Err(wrong(format!("corner number {i}"), format!("less than {count}, the number of vertices")));
+    }
+    let warning = (skipped > 0).then(|| format!("{skipped} faces with fewer than three corners are left out"));
+    Ok(Read { mesh, warning })
+}
+
+fn header(bytes: &[u8]) -> Result<(Layout, Vec<Element>, usize), PlyError> {
+    let mut at = 0;
+    let mut line = || -> Result<Option<String>, PlyError> {
+        let rest = &bytes[at.min(bytes.len())..];
+        if rest.is_empty() {
+            return Ok(None);
+        }
+        let end =
+            rest.iter().take(65_536).position(|c| *c == b'\n').ok_or_else(|| wrong("a header without end", "end_header"))?;
+        at += end + 1;
+        let text = std::str::from_utf8(&rest[..end]).map_err(|_| wrong("bytes that are not text", "a PLY header"))?;
+        Ok(Some(text.trim_end_matches('\r').trim().to_owned()))
+    };
+    if line()?.as_deref() != Some("ply") {
+        return Err(wrong("something else", "a PLY file, which begins with \"ply\""));
+    }
+    let (mut layout, mut elements): (Option<Layout>, Vec<Element>) = (None, vec![]);
+    loop {
+        let Some(text) = line()? else { return Err(wrong("a header without end", "end_header")) };
+        let words: Vec<&str> = text.split_ascii_whitespace().collect();
+        match words[..] {
+            [] | ["comment" | "obj_info", ..] => (),
+            ["format", name, _] => {
+                layout = Some(match name {
+                    "ascii" => Layout::Text,
+                    "binary_little_endian" => Layout::Little,
+                    "binary_big_endian" => Layout::Big,
+                    other => return Err(wrong(format!("format {other}"), "ascii, binary_little_endian or binary_big_endian")),
+                });
+            }
+            ["element", name, count] => {
+                let count = count.parse().map_err(|_| wrong(format!("{count} elements"), "a number"))?;
+                elements.push(Element { name: name.to_owned(), count, properties: vec![] });
+            }
+            ["property", ref rest @ ..] => {
+                let element = elements.last_mut().ok_or_else(|| wrong("a property of nothing", "an element before it"))?;
+                let kind = |name: &str| {
+                    Number::named(name).ok_or_else(|| wrong(format!("type {name}"), "a type such as float or uchar"))
+                };
+                element.properties.push(match rest {
+                    ["list", length, of, name] => {
+                        Property { name: (*name).to_owned(), kind: kind(of)?, list: Some(kind(length)?) }
+                    }
+                    [of, name] => Property { name: (*name).to_owned(), kind: kind(of)?, list: None },
+                    _ => return Err(wrong(format!("\"{text}\""), "a type and a name")),
+                });
+            }
+            ["end_header"] => break,
+            _ => return Err(wrong(format!("\"{text}\""), "a line of a PLY header")),
+        }
+    }
+    let layout = layout.ok_or_else(|| wrong("no format", "a line such as \"format ascii 1.0\""))?;
+    Ok((layout, elements, at))
+}
+
+struct Body<'a> {
+    bytes: &'a [u8],
+    at: usize,
+    layout: Layout,
+}
+
+impl Body<'_> {
+    fn take(&mut self, n: usize) -> Result<&[u8], PlyError> {
+        let part = self
+            .bytes
+            .get(self.at..self.at.saturating_add(n))
+            .ok_or_else(|| wrong("the end of the file", "more data: it is cut short"))?;
+        self.at += n;
+        Ok(part)
+    }
+
+    fn number(&mut self, kind: Number) -> Result<f64, PlyError> {
+        if self.layout != Layout::Text {
+            let big = self.layout == Layout::Big;
+            return Ok(kind.of(self.take(kind.size())?, big));
+        }
+        while self.bytes.get(self.at).is_some_and(u8::is_ascii_whitespace) {
+            self.at += 1;
+        }
+        let from = self.at;
+        while self.bytes.get(self.at).is_some_and(|c| !c.is_ascii_whitespace()) {
+            self.at += 1;
+        }
+        let word = std::str::from_utf8(&self.bytes[from..self.at]).unwrap_or("?");
+        if word.is_empty() {
+            return Err(wrong("the end of the file", "more data: it is cut short"));
+        }
+        word.parse().map_err(|_| wrong(format!("\"{word}\""), "a number"))
+    }
+
+    fn length(&mut self, kind: Number) -> Result<usize, PlyError> {
+        let n = self.number(kind)?;
+        let left = self.bytes.len() - self.at.min(self.bytes.len());
+        if n < 0.0 || n.fract() != 0.0 || n > left as f64 + 1.0 {
+            return Err(wrong(format!("a list of {n}"), "as many numbers as the file holds"));
+        }
+        Ok(n as usize)
+    }
+
+    fn skip(&mut self, property: &Property) -> Result<(), PlyError> {
+        let n = match property.list {
+            Some(length) => self.length(length)?,
+            None => 1,
+        };
+        (0..n).try_for_each(|_| self.number(property.kind).map(|_| ()))
+    }
+}
+
+/// Where a property of a vertex goes.
+#[derive(Clone, Copy)]
+enum Goes {
+    Position(usize),
+    Normal(usize),
+    Uv(usize),
+    /// And what it is divided by.
+    Color(usize, f32),
+    Nowhere,
+}
+
+fn vertices(body: &mut Body, element: &Element, mesh: &mut Mesh) -> Result<(), PlyError> {
+    let goes = |p: &Property| match p.name.as_str() {
+        _ if p.list.is_some() => Goes::Nowhere,
+        "x" => Goes::Position(0),
+        "y" => Goes::Position(1),
+        "z" => Goes::Position(2),
+        "nx" => Goes::Normal(0),
+        "ny" => Goes::Normal(1),
+        "nz" => Goes::Normal(2),
+        "u" | "s" | "texture_u" | "texture_s" => Goes::Uv(0),
+        "v" | "t" | "texture_v" | "texture_t" => Goes::Uv(1),
+        "red" | "green" | "blue" | "alpha" => {
+            let i = ["red", "green", "blue", "alpha"].iter().position(|n| *n == p.name).unwrap_or(0);
+            Goes::Color(i, if p.kind == Number::U8 { 255.0 } else { 1.0 })
+        }
+        _ => Goes::Nowhere,
+    };
+    let ways: Vec<Goes> = element.properties.iter().map(goes).collect();
+    let count_of = |f: fn(&Goes) -> bool| ways.iter().filter(|w| f(w)).count();
+    if count_of(|w| matches!(w, Goes::Position(_))) != 3 {
+        return Err(wrong("vertices without x, y and z", "these three"));
+    }
+    let normals = count_of(|w| matches!(w, Goes::Normal(_))) == 3;
+    let uvs = count_of(|w| matches!(w, Goes::Uv(_))) == 2;
+    let colors = count_of(|w| matches!(w, Goes::Color(..))) >= 3;
+    mesh.positions.reserve(element.count);
+    for _ in 0..element.count {
+        let (mut position, mut normal, mut uv, mut color) = (Vec3::ZERO, Vec3::ZERO, Vec2::ZERO, Vec4::ONE);
+        for (property, way) in element.properties.iter().zip(&ways) {
+            if property.list.is_some() {
+                body.skip(property)?;
+                continue;
+            }
+            let v = body.number(property.kind)? as f32;
+            match way {
+                Goes::Position(i) => position[*i] = v,
+                Goes::Normal(i) => normal[*i] = v,
+                Goes::Uv(i) => uv[*i] = v,
+                Goes::Color(i, most) => color[*i] = v / most,
+                Goes::Nowhere => (),
+            }
+        }
+        mesh.positions.push(position);
+        if normals {
+            mesh.normals.push(normal.normalize_or(Vec3::Z));
+        }
+        if uvs {
+            mesh.uvs[0].push(uv);
+        }
+        if colors {
+            let linear = |c: f32| diopter_light::color::srgb_decode(c);
+            mesh.colors.push(Vec4::new(linear(color.x), linear(color.y), linear(color.z), color.w));
+        }
+    }
+    Ok(())
+}
+
+/// Reads polygons; how many had fewer than three corners.
+fn faces(body: &mut Body, element: &Element, mesh: &mut Mesh) -> Result<usize, PlyError> {
+    let is_corners = |p: &Property| p.list.is_some() && matches!(p.name.as_str(), "vertex_indices" | "vertex_index");
+    if !element.properties.iter().any(is_corners) && element.count > 0 {
+        return Err(wrong("faces without corners", "a list \"vertex_indices\""));
+    }
+    let mut skipped = 0;
+    mesh.triangles.reserve(element.count);
+    let mut corners: Vec<u32> = Vec::with_capacity(4);
+    for _ in 0..element.count {
+        for property in &element.properties {
+            let Some(length) = property.list.filter(|_| is_corners(property)) else {
+                body.skip(property)?;
+                continue;
+            };
+            let n = body.length(length)?;
+            corners.clear();
+            for _ in 0..n {
+                let i = body.number(property.kind)?;
+                if !(0.0..2_147_483_648.0).contains(&i) || i.fract() != 0.0 {
+                    return Err(wrong(format!("corner number {i}"), "0 to 2147483647"));
+                }
+                corners.push(i as u32);
+            }
+            skipped += usize::from(n < 3);
+            for k in 1..n.saturating_sub(1) {
+                mesh.triangles.push([corners[0], corners[k], corners[k + 1]]);
+            }
+        }
+    }
+    Ok(skipped)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const TEXT: &str = "ply\nformat ascii 1.0\ncomment x\nelement vertex 4\nproperty float x\nproperty float y\nproperty double z\n\
+        property uchar red\nproperty uchar green\nproperty uchar blue\nelement face 2\nproperty list uchar int vertex_indices\nend_header\n\
+        0 0 0 255 0 0\n1 0 0 255 0 0\n1 1 0 255 0 0\n0 1 0 255 0 0\n4 0 1 2 3\n2 0 1\n";
+
+    #[test]
+    fn text_and_both_kinds_of_numbers_are_the_same_mesh() {
+        let text = read(TEXT.as_bytes()).unwrap();
+        assert_eq!(text.mesh.triangles, [[0, 1, 2], [0, 2, 3]]);
+        assert!(text.warning.is_some() && text.mesh.colors[0] == Vec4::new(1.0, 0.0, 0.0, 1.0));
+        for big in [false, true] {
+            let head = TEXT.split("end_header\n").next().unwrap();
+            let name = if big { "binary_big_endian" } else { "binary_little_endian" };
+            let mut bytes = format!("{}end_header\n", head.replace("ascii", name)).into_bytes();
+            let turned = |mut v: Vec<u8>| {
+                if big {
+                    v.reverse();
+                }
+                v
+            };
+            for [x, y] in [[0.0f32, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]] {
+                for v in [x, y] {
+                    bytes.extend(turned(v.to_le_bytes().to_vec()));
+                }
+                bytes.extend(0f64.to_le_bytes());
+                bytes.extend([255, 0, 0]);
+            }
+            for face in [&[0i32, 1, 2, 3][..], &[0, 1]] {
+                bytes.push(face.len() as u8);
+                face.iter().for_each(|i| bytes.extend(turned(i.to_le_bytes().to_vec())));
+            }
+            let found = read(&bytes).unwrap();
+            assert_eq!((found.mesh.positions, found.mesh.triangles), (text.mesh.positions.clone(), text.mesh.triangles.clone()));
+            assert!(read(&bytes[..bytes.len() - 1]).is_err());
+        }
+    }
+
+    #[test]
+    fn wrong_files_say_what_is_wrong() {
+        for (from, to, word) in [
+            ("ply\n", "plx\n", "begins"),
+            ("format ascii 1.0\n", "", "format"),
+            ("element vertex 4", "element vertex 4000000000", "cut short"),
+            ("float x", "float q", "x, y"),
+            ("4 0 1 2 3", "4 0 1 2 9", "less than 4"),
+            ("4 0 1 2 3", "4 0 1 2 -3", "2147483647"),
+            ("1 1 0 255", "1 one 0 255", "a number"),
+            ("end_header", "end", "a line"),
+            ("vertex_indices", "corners", "vertex_indices"),
+        ] {
+            let text = TEXT.replacen(from, to, 1);
+            let e = read(text.as_bytes()).unwrap_err();
+            assert!(format!("{} {}", e.found, e.expected).contains(word), "{to}: {e:?}");
+        }
+    }
+}

@@ -1,0 +1,233 @@
+//! pbrt-v4 scenes: what is read, and what is refused.
+
+use diopter_light::random::{Sampler, SamplerKind};
+use diopter_light::spectrum::Table;
+use diopter_light::wavelength::WavelengthSampler;
+use diopter_light::{Ray, Sampled};
+use diopter_scene::load::pbrt;
+use diopter_scene::material::Scattering;
+use diopter_scene::scene::Viewpoint;
+use diopter_scene::{Description, PathSettings, Scene, Shape};
+use glam::{Vec3, Vec3A};
+use std::collections::HashMap;
+
+fn load_with(text: &str, files: &[(&str, &[u8])]) -> Result<Description, String> {
+    let files: HashMap<&str, &[u8]> = files.iter().copied().collect();
+    let fetch = |name: &str| files.get(name).map(|b| b.to_vec()).ok_or_else(|| "there is no such file".to_owned());
+    pbrt::load(text.as_bytes(), "test.pbrt", &fetch).map_err(|e| e.to_string())
+}
+
+fn load(text: &str) -> Description {
+    load_with(text, &[]).unwrap_or_else(|e| panic!("{e}"))
+}
+
+/// Luminance (cd/m²) along a ray, averaged over samples.
+fn luminance(scene: &Scene, ray: Ray, samples: u32) -> f64 {
+    let y = diopter_light::cie::observer().y.scaled(diopter_light::units::LUMINOUS_EFFICACY as f32);
+    let curves: [Table; 1] = [y];
+    let wavelengths = WavelengthSampler::for_bands(&curves);
+    let mut sum = 0.0;
+    for i in 0..samples {
+        let sampler = Sampler::new(SamplerKind::Sobol, 1, (0, 0), i, samples);
+        let [w, ..] = sampler.get(diopter_light::random::Set::Time);
+        let drawn = wavelengths.sample(w);
+        let light: Sampled = scene.radiance(ray, &drawn, &sampler, &PathSettings::default()) * drawn.weight;
+        let nm = drawn.nm.to_array();
+        sum += light.to_array().iter().zip(nm).map(|(l, nm)| f64::from(l * curves[0].at(nm))).sum::<f64>();
+    }
+    sum / f64::from(samples)
+}
+
+/// The ray through a place of the picture, −1 to 1 across and up, of a square picture.
+fn through(view: &Viewpoint, x: f32, y: f32) -> Ray {
+    let tan = (0.5 * view.vertical_fov.unwrap()).tan();
+    let m = view.world_from_camera;
+    let direction = m.transform_vector3(Vec3::new(x * tan, y * tan, -1.0)).normalize();
+    Ray { origin: Vec3A::from(m.translation).into(), direction, time_s: 0.0 }
+}
+
+const HEAD: &str = "Film \"rgb\" \"integer xresolution\" 100 \"integer yresolution\" 100\nLookAt 0 0 0  0 0 1  0 1 0\nCamera \"perspective\" \"float fov\" 90\n";
+
+#[test]
+fn light_of_scale_one_has_one_candela_a_square_metre() {
+    // A wall of light ahead; every way of saying 1.
+    for l in ["", "\"rgb L\" [1 1 1]", "\"blackbody L\" 4000", "\"spectrum L\" \"stdillum-A\"", "\"spectrum L\" [400 7 700 30]"] {
+        let text = format!(
+            "{HEAD}WorldBegin AreaLightSource \"diffuse\" {l} \"float scale\" 3 \"bool twosided\" true\n\
+             Shape \"bilinearmesh\" \"point3 P\" [-9 -9 2  9 -9 2  -9 9 2  9 9 2]"
+        );
+        let scene = Scene::build(load(&text)).unwrap();
+        let seen = luminance(&scene, through(&scene.description().cameras[0], 0.1, 0.2), 512);
+        assert!((seen / 3.0 - 1.0).abs() < 0.01, "{l}: {seen}");
+    }
+}
+
+#[test]
+fn pictures_are_upright_whichever_hand_the_world_is_of() {
+    // A lamp to the right and above, in a left-handed world and, mirrored, in a right-handed one.
+    let lamp = "AreaLightSource \"diffuse\" \"bool twosided\" true Translate 1 1 3 Shape \"sphere\" \"float radius\" 0.5";
+    for head in [HEAD.to_owned(), HEAD.replace("LookAt", "Scale -1 1 1\nLookAt")] {
+        let mirrored = head.contains("Scale");
+        let text = format!("{head}WorldBegin {}", if mirrored { lamp.replace("1 1 3", "-1 1 3") } else { lamp.into() });
+        let scene = Scene::build(load(&text)).unwrap();
+        let view = &scene.description().cameras[0];
+        assert!(view.world_from_camera.matrix3.determinant() > 0.99);
+        let sees = |x: f32, y: f32| luminance(&scene, through(view, x, y), 8) > 0.1;
+        assert!(sees(0.33, 0.33) && !sees(-0.33, 0.33) && !sees(0.33, -0.33), "{mirrored}");
+    }
+}
+
+#[test]
+fn transforms_blocks_and_instances_put_things_where_they_belong() {
+    let text = format!(
+        "{HEAD}WorldBegin\n\
+         ObjectBegin \"tile\" Translate 0 0 1 Shape \"trianglemesh\" \"point3 P\" [0 0 0 1 0 0 0 1 0] ObjectEnd\n\
+         AttributeBegin Translate 5 0 0 Scale 2 2 2 ObjectInstance \"tile\" AttributeEnd\n\
+         Rotate 90 0 0 1 ObjectInstance \"tile\"\n\
+         CoordinateSystem \"here\" Identity Translate 7 0 0 CoordSysTransform \"here\"\n\
+         Shape \"trianglemesh\" \"point3 P\" [1 0 0 2 0 0 1 1 0]"
+    );
+    let d = load(&text);
+    // The world was mirrored: its camera is left-handed.
+    let corner = |i: usize| match d.objects[i].shape {
+        Shape::Mesh { mesh, world_from_mesh } => world_from_mesh.transform_point3(d.meshes[mesh as usize].positions[1]),
+        _ => panic!("a mesh"),
+    };
+    let near = |a: Vec3, b: Vec3| assert!((a - b).length() < 1e-5, "{a} {b}");
+    near(corner(0), Vec3::new(7.0, 0.0, -2.0));
+    near(corner(1), Vec3::new(0.0, 1.0, -1.0));
+    near(corner(2), Vec3::new(0.0, 2.0, 0.0));
+    assert_eq!(d.meshes.len(), 2);
+}
+
+#[test]
+fn emission_goes_where_the_outside_is() {
+    // Corners run counter-clockwise seen from +z in pbrt's world; the camera sits at the origin, the triangle ahead at z = 2.
+    let shape = "Shape \"trianglemesh\" \"point3 P\" [-9 -9 2 9 -9 2 0 9 2]";
+    let normals = " \"normal N\" [0 0 -1 0 0 -1 0 0 -1]";
+    for (what, shines) in [
+        (shape.to_owned(), false),
+        (format!("ReverseOrientation {shape}"), true),
+        (format!("{shape}{normals}"), true),
+        (format!("ReverseOrientation {shape}{normals}"), false),
+        (format!("Scale 1 1 -1 {}", shape.replace(" 2 ", " -2 ").replace(" 2]", " -2]")), true),
+    ] {
+        let scene = Scene::build(load(&format!("{HEAD}WorldBegin AreaLightSource \"diffuse\" {what}"))).unwrap();
+        let seen = luminance(&scene, through(&scene.description().cameras[0], 0.0, -0.1), 8) > 0.1;
+        assert_eq!(seen, shines, "{what}");
+    }
+}
+
+#[test]
+fn textures_and_materials_are_found_by_name() {
+    let text = format!(
+        "{HEAD}WorldBegin\n\
+         Texture \"a\" \"spectrum\" \"checkerboard\" \"rgb tex1\" [1 0 0] \"rgb tex2\" [0 0 1] \"float uscale\" 4\n\
+         Texture \"b\" \"spectrum\" \"scale\" \"texture tex\" \"a\" \"float scale\" 0.5\n\
+         MakeNamedMaterial \"wall\" \"string type\" \"diffuse\" \"texture reflectance\" \"b\"\n\
+         NamedMaterial \"glass\" Shape \"sphere\"\n\
+         MakeNamedMaterial \"glass\" \"string type\" \"dielectric\" \"spectrum eta\" \"glass-BK7\"\n\
+         MakeNamedMaterial \"both\" \"string type\" \"mix\" \"string materials\" [\"wall\" \"glass\"] \"float amount\" 0.25\n\
+         NamedMaterial \"both\" Shape \"disk\"\n\
+         Material \"conductor\" \"float roughness\" 0.25 Shape \"cylinder\"\n\
+         Material \"interface\" Shape \"sphere\""
+    );
+    let d = load(&text);
+    assert_eq!(d.objects.len(), 3);
+    let scattering = |i: usize| &d.materials[d.objects[i].material as usize].scattering;
+    assert!(matches!(scattering(0), Scattering::Principled(p) if (p.ior - 1.5185).abs() < 1e-3 && p.dispersion.is_some()));
+    assert!(matches!(scattering(1), Scattering::Mix(_)));
+    // α is the root of the roughness.
+    let Scattering::Conductor(c) = scattering(2) else { panic!("a metal") };
+    assert!(matches!(c.alpha, diopter_scene::texture::Scalar::Constant(a) if (a - 0.5).abs() < 1e-6));
+    assert!(d.warnings.is_empty(), "{:?}", d.warnings);
+}
+
+#[test]
+fn subdivided_and_round_shapes_have_their_size() {
+    // An octahedron subdivided is nearly a sphere; its limit lies within.
+    let octahedron = "\"integer indices\" [0 2 4 2 1 4 1 3 4 3 0 4 2 0 5 1 2 5 3 1 5 0 3 5] \"point3 P\" [1 0 0 -1 0 0 0 1 0 0 -1 0 0 0 1 0 0 -1]";
+    let text = format!(
+        "{HEAD}WorldBegin Shape \"loopsubdiv\" \"integer levels\" 3 {octahedron} Shape \"disk\" \"float innerradius\" 0.5 Scale 1 2 1 Shape \"sphere\""
+    );
+    let d = load(&text);
+    let area = |i: usize| match d.objects[i].shape {
+        Shape::Mesh { mesh, world_from_mesh } => {
+            let m = &d.meshes[mesh as usize];
+            let corner = |t: &[u32; 3]| t.map(|k| world_from_mesh.transform_point3(m.positions[k as usize]));
+            m.triangles
+                .iter()
+                .map(|t| {
+                    let [a, b, c] = corner(t);
+                    0.5 * (b - a).cross(c - a).length()
+                })
+                .sum::<f32>()
+        }
+        _ => panic!("a mesh"),
+    };
+    let m = &d.meshes[0];
+    assert_eq!(m.triangles.len(), 8 * 64);
+    // Loop's limit of a vertex of valence 4: weight 1 / (4 + 3 / (8 β)), β = 3/32.
+    let radius = m.positions.iter().map(|p| p.length()).fold(0.0, f32::max);
+    assert!((radius - 0.5).abs() < 0.12 && m.positions.iter().all(|p| p.length() > 0.4), "{radius}");
+    assert!((area(1) / (std::f32::consts::PI * 0.75) - 1.0).abs() < 1e-3, "{}", area(1));
+    // A spheroid of half axes 1, 2, 1: 2π (1 + 2/e · asin e), e² = 3/4.
+    let e = 0.75f32.sqrt();
+    assert!((area(2) / (std::f32::consts::TAU * (1.0 + 2.0 / e * e.asin())) - 1.0).abs() < 1e-3, "{}", area(2));
+}
+
+#[test]
+fn files_include_each_other_and_may_be_packed() {
+    use std::io::Write;
+    let mut packed = flate2::write::GzEncoder::new(Vec::new(), flate2::Compression::fast());
+    packed.write_all(b"Translate 0 0 1 Material \"diffuse\"").unwrap();
+    let packed = packed.finish().unwrap();
+    let ply = b"ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\nelement face 1\nproperty list uchar int vertex_indices\nend_header\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n";
+    let files: [(&str, &[u8]); 3] = [("a.pbrt.gz", &packed), ("m.ply", ply), ("loop.pbrt", b"Include \"loop.pbrt\"")];
+    let text = format!(
+        "{HEAD}WorldBegin Include \"a.pbrt.gz\" Shape \"plymesh\" \"string filename\" \"m.ply\" Import \"a.pbrt.gz\" Shape \"plymesh\" \"string filename\" \"m.ply\""
+    );
+    let d = load_with(&text, &files).unwrap();
+    assert_eq!((d.objects.len(), d.meshes.len()), (2, 1));
+    // What is imported leaves the transform alone.
+    let z = |i: usize| match d.objects[i].shape {
+        Shape::Mesh { world_from_mesh, .. } => world_from_mesh.translation.z,
+        _ => 0.0,
+    };
+    assert_eq!([z(0), z(1)], [-1.0, -1.0]);
+    let e = load_with(&format!("{HEAD}WorldBegin Include \"loop.pbrt\""), &files).unwrap_err();
+    assert!(e.contains("include"), "{e}");
+}
+
+#[test]
+fn wrong_files_say_where_and_what() {
+    for (world, line, word) in [
+        ("Shap \"sphere\"", 5, "Shape"),
+        ("AttributeBegin", 5, "never ended"),
+        ("AttributeEnd", 5, "without Begin"),
+        ("ObjectBegin \"x\"\nAttributeEnd", 6, "another block"),
+        ("Transform [1 0 0 0 0 1 0 0 0 0 1 0 0 0 0]", 5, "16"),
+        ("Transform [nan 0 0 0 0 1 0 0 0 0 1 0 0 0 0 1]", 5, "16"),
+        ("Translate 1 2 1e999", 5, "finite"),
+        ("Scale 0 1 1", 5, "other than 0"),
+        ("Shape \"sphere\" \"float radius\" -1", 5, "above 0"),
+        ("Shape \"sphere\" \"flot radius\" 1", 5, "float"),
+        ("Shape \"sphere\" \"float radius\" [1", 5, "closing ]"),
+        ("Shape \"plymesh\" \"string filename\" \"no.ply\"", 5, "no such file"),
+        ("Shape \"trianglemesh\" \"point3 P\" [0 0 0 1 0 0 0 1 0] \"integer indices\" [0 1 7]", 5, "less than 3"),
+        ("Shape \"trianglemesh\" \"point3 P\" [0 0 0 1 0 0 0 1 0] \"integer indices\" [0 1 2147483648]", 5, "2147483647"),
+        ("Shape \"trianglemesh\" \"point3 P\" [0 0 0 1 0] \"integer indices\" [0 1 2]", 5, "multiple of 3"),
+        ("\nNamedMaterial \"gold\" Shape \"sphere\"", 6, "gold"),
+        ("Material \"velvet\"", 5, "velvet"),
+        ("Material \"diffuse\" \"rgb reflectance\" [2 0 0]", 5, "0 to 1"),
+        ("Material \"diffuse\" \"texture reflectance\" \"t\"", 5, "\"t\""),
+        ("LightSource \"goniometric\"", 5, "point, spot"),
+        ("MakeNamedMedium \"fog\" \"string type\" \"homogeneous\"", 5, "media"),
+        ("Shape \"sphere", 5, "never closed"),
+        ("ObjectInstance \"tree\"", 5, "tree"),
+    ] {
+        let e = load_with(&format!("{HEAD}WorldBegin\n{world}"), &[]).unwrap_err();
+        assert!(e.contains(&format!("line {line}")) && e.contains(word), "{world}: {e}");
+    }
+    assert!(load_with("Film \"rgb\"", &[]).unwrap_err().contains("WorldBegin"));
+}
