@@ -546,6 +546,9 @@ pub struct Expose {
     /// Linear sRGB of the light that arrives, cd/m², instead of the sensor's electrons: what renderers write.
     #[arg(long)]
     pub radiance: bool,
+    /// With --radiance: compute with red, green and blue as RGB renderers do, instead of spectra, to compare with them.
+    #[arg(long, requires = "radiance")]
+    pub rgb: bool,
     /// Focal plane to write (.exr).
     #[arg(short, long, value_name = "FILE")]
     pub output: PathBuf,

@@ -15,7 +15,7 @@ use diopter_lens::pupil::PupilTable;
 use diopter_lens::{Lens, LensRay};
 use diopter_light::random::{Sampler, SamplerKind, Set};
 use diopter_light::spectrum::Table;
-use diopter_light::wavelength::{FIRST_NM, WavelengthSampler, Wavelengths};
+use diopter_light::wavelength::{FIRST_NM, RGB_NM, WavelengthSampler, Wavelengths};
 use diopter_scene::{PathSettings, Scene};
 use rayon::prelude::*;
 use std::collections::BTreeMap;
@@ -90,6 +90,9 @@ pub struct Settings {
     pub moments: Moments,
     /// Only light through one half of the pupil counts, as in one half of a split pixel.
     pub half: Option<Half>,
+    /// Paths carry red, green and blue instead of wavelengths, as those of RGB renderers: to compare with them. Only for
+    /// [`Response::linear_srgb`].
+    pub rgb: bool,
     /// Samples that the lens blocks (or that go through the other half) are drawn again: vignetting is not shown, nor is its noise. For
     /// probes that look for detail.
     pub redraw: bool,
@@ -126,6 +129,7 @@ impl Settings {
             truth: true,
             moments: Moments::default(),
             half: None,
+            rgb: false,
             redraw: false,
         }
     }
@@ -170,6 +174,15 @@ impl Curves {
         Curves { rows: (0..=401).map(|i| row(FIRST_NM + i as f32)).collect() }
     }
 
+    /// Red, green and blue of paths that carry colours: each where it stands.
+    fn rgb() -> Self {
+        let mut rows = vec![[0.0; 4]; 402];
+        for (c, nm) in RGB_NM.into_iter().enumerate() {
+            rows[(nm - FIRST_NM) as usize][c] = 1.0;
+        }
+        Curves { rows }
+    }
+
     #[inline]
     fn at(&self, nm: f32) -> glam::Vec4 {
         let x = nm - FIRST_NM;
@@ -199,8 +212,10 @@ pub fn expose(
         return Err(ExposeError::Nothing);
     }
     let started = Instant::now();
-    let curves = Curves::new(&response.curves);
-    let wavelengths = WavelengthSampler::for_bands(&response.curves);
+    let (curves, wavelengths) = match settings.rgb {
+        false => (Curves::new(&response.curves), WavelengthSampler::for_bands(&response.curves)),
+        true => (Curves::rgb(), WavelengthSampler::rgb()),
+    };
     let mut sums = Accumulator { sums: Raster::new(width, height, bands * 2), counts: [0; 2] };
     let tiles_done = AtomicUsize::new(0);
     let tiles = width.div_ceil(TILE) * height.div_ceil(TILE);

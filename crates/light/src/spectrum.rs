@@ -85,6 +85,18 @@ impl Spectrum {
         }
     }
 
+    /// The same of light: where a path carries colours, its colour.
+    #[inline]
+    pub fn sample_light(&self, wavelengths: &Wavelengths) -> Sampled {
+        match self {
+            Spectrum::Table(_) | Spectrum::Constant(_) if wavelengths.is_rgb() => {
+                let xyz = crate::color::xyz_of(|nm| self.at(nm)) * crate::units::LUMINOUS_EFFICACY;
+                Wavelengths::lanes((crate::color::RgbSpace::Srgb.xyz_from_rgb().inverse() * xyz).as_vec3())
+            }
+            _ => self.sample(wavelengths),
+        }
+    }
+
     /// Values at the wavelengths of a path.
     #[inline]
     pub fn sample(&self, wavelengths: &Wavelengths) -> Sampled {

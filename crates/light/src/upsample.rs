@@ -50,6 +50,8 @@ fn chroma_cell(ratio: f32) -> (usize, f32) {
 pub struct Sigmoid {
     /// c₀, c₁, c₂
     pub c: Vec3,
+    /// The colour it was made from, linear sRGB.
+    pub rgb: Vec3,
 }
 
 impl Sigmoid {
@@ -59,7 +61,7 @@ impl Sigmoid {
         let table = coefficients();
         // A grey needs no table: S is constant.
         if rgb.x == rgb.y && rgb.y == rgb.z {
-            return Sigmoid { c: Vec3::new(0.0, 0.0, grey_coefficient(rgb.x)) };
+            return Sigmoid { c: Vec3::new(0.0, 0.0, grey_coefficient(rgb.x)), rgb };
         }
         let largest = if rgb.x >= rgb.y && rgb.x >= rgb.z {
             0
@@ -88,7 +90,7 @@ impl Sigmoid {
             let factor = (table.brightness[0] / z.max(1e-12)).sqrt();
             c *= factor;
         }
-        Sigmoid { c }
+        Sigmoid { c, rgb }
     }
 
     /// Reflectance at a wavelength in nm.
@@ -102,6 +104,9 @@ impl Sigmoid {
     /// Reflectance at the wavelengths of a path.
     #[inline]
     pub fn sample(&self, wavelengths: &Wavelengths) -> Sampled {
+        if wavelengths.is_rgb() {
+            return Wavelengths::lanes(self.rgb);
+        }
         let x = (wavelengths.nm - 580.0) * (1.0 / 200.0);
         let p = (x * self.c.x + self.c.y) * x + self.c.z;
         let root = Vec4::ONE + p * p;

@@ -28,7 +28,12 @@ pub struct Wavelengths {
     /// Monte Carlo weight 1 / (4 pdf), nm: ∫ f dλ ≈ Σ f(nmᵢ) weightᵢ.
     pub weight: Vec4,
     d65: Vec4,
+    /// The lanes stand for red, green, blue (and green again, which counts nothing).
+    rgb: bool,
 }
+
+/// Wavelengths (nm) that stand for red, green and blue where a spectrum has no colour, such as an index.
+pub const RGB_NM: [f32; 3] = [611.0, 549.0, 465.0];
 
 impl Wavelengths {
     /// Four given wavelengths (nm) of weight 1: for tests and tables.
@@ -38,7 +43,25 @@ impl Wavelengths {
 
     fn new(nm: Vec4, weight: Vec4) -> Self {
         let white = d65_one_nit();
-        Wavelengths { nm, weight, d65: Vec4::new(white.at(nm.x), white.at(nm.y), white.at(nm.z), white.at(nm.w)) }
+        Wavelengths { nm, weight, d65: Vec4::new(white.at(nm.x), white.at(nm.y), white.at(nm.z), white.at(nm.w)), rgb: false }
+    }
+
+    /// Three colours instead of wavelengths, as RGB renderers compute: to compare with them.
+    pub fn rgb() -> Self {
+        let [r, g, b] = RGB_NM;
+        Wavelengths { nm: Vec4::new(r, g, b, g), weight: Vec4::new(1.0, 1.0, 1.0, 0.0), d65: Vec4::ONE, rgb: true }
+    }
+
+    /// Whether the lanes are colours ([`Wavelengths::rgb`]).
+    #[inline]
+    pub fn is_rgb(&self) -> bool {
+        self.rgb
+    }
+
+    /// A linear sRGB colour as lanes ([`Wavelengths::rgb`]).
+    #[inline]
+    pub fn lanes(rgb: glam::Vec3) -> Sampled {
+        Vec4::new(rgb.x, rgb.y, rgb.z, rgb.y)
     }
 
     /// D65 of 1 cd/m² at these wavelengths, W·m⁻²·sr⁻¹·nm⁻¹; looked up once a path because every RGB light needs it.
@@ -59,6 +82,8 @@ pub struct WavelengthSampler {
     guide: Vec<u16>,
     /// Last bin that can be drawn.
     last: u16,
+    /// Nothing is drawn: paths carry colours.
+    rgb: bool,
 }
 
 impl WavelengthSampler {
@@ -94,7 +119,12 @@ impl WavelengthSampler {
         let last = pdf.iter().rposition(|p| *p > 0.0).unwrap_or(BINS - 1);
         let first_above = |v: f32| cdf.partition_point(|c| *c <= v).saturating_sub(1).min(last);
         let guide = (0..GUIDE).map(|g| first_above(g as f32 / GUIDE as f32) as u16).collect();
-        WavelengthSampler { pdf, cdf, guide, last: last as u16 }
+        WavelengthSampler { pdf, cdf, guide, last: last as u16, rgb: false }
+    }
+
+    /// Always [`Wavelengths::rgb`].
+    pub fn rgb() -> Self {
+        WavelengthSampler { rgb: true, ..Self::uniform() }
     }
 
     /// Equal density from 380 to 780 nm.
@@ -105,6 +135,9 @@ impl WavelengthSampler {
     /// The four wavelengths that belong to the uniform number `u` in [0, 1).
     #[inline]
     pub fn sample(&self, u: f32) -> Wavelengths {
+        if self.rgb {
+            return Wavelengths::rgb();
+        }
         let (mut nm, mut weight) = ([0.0; 4], [0.0; 4]);
         for i in 0..4 {
             let v = u + 0.25 * i as f32;

@@ -58,7 +58,8 @@ impl Scene {
     pub fn radiance(&self, mut ray: Ray, wavelengths: &Wavelengths, sampler: &Sampler, settings: &PathSettings) -> Sampled {
         let mut radiance = Sampled::ZERO;
         let mut throughput = Sampled::ONE;
-        let mut hero_only = false;
+        // Colours do not part.
+        let mut hero_only = wavelengths.is_rgb();
         // The body the path is in, and the last place light could have been aimed at from: point, normal, density.
         let mut body: Option<&Material> = None;
         let mut last: Option<(Vec3, Vec3, f32)> = None;

@@ -252,7 +252,8 @@ impl Color {
     pub fn sample(&self, surface: &Surface, wavelengths: &Wavelengths) -> Sampled {
         match self {
             Color::Constant { sigmoid, .. } if surface.color == Vec4::ONE => sigmoid.sample(wavelengths),
-            Color::Spectrum(spectrum) => spectrum.sample(wavelengths),
+            Color::Spectrum(spectrum) if !wavelengths.is_rgb() => spectrum.sample(wavelengths),
+            _ if wavelengths.is_rgb() => Wavelengths::lanes(self.linear_srgb(surface).clamp(Vec3::ZERO, Vec3::ONE)),
             _ => Sigmoid::from_rgb(self.linear_srgb(surface)).sample(wavelengths),
         }
     }

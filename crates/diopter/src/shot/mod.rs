@@ -122,6 +122,8 @@ pub struct Shot {
     pub settings: Settings,
     /// Expose linear sRGB (cd/m²) of the light that arrives instead of the sensor's electrons.
     pub radiance: bool,
+    /// Compute that with red, green and blue instead of wavelengths, as RGB renderers do.
+    pub rgb: bool,
     /// Reduce the renderer's own noise.
     pub denoise: bool,
     /// Development.
@@ -291,6 +293,7 @@ impl Shot {
             lens_cap: file.exposure.lens_cap,
             settings,
             radiance: false,
+            rgb: false,
             denoise: file.render.denoise.unwrap_or(false),
             recipe: file.develop.clone(),
             lut,
@@ -529,6 +532,7 @@ impl Shot {
         let response = if self.radiance { Response::linear_srgb() } else { Response::sensor(&self.sensor) };
         // What a filter takes is one factor on all light: the plane's facts keep it apart from the scene's own scale.
         let mut settings = self.settings.clone();
+        settings.rgb = self.rgb && self.radiance;
         settings.light_scale *= (-self.exposing.nd_stops).exp2();
         let mut plane = match Optics::of(&self.camera).filter(|_| self.file.render.quick) {
             None => expose(&self.scene, &self.camera, &self.shutter(), &response, &settings, &facts, watch)?,

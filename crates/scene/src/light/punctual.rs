@@ -124,7 +124,7 @@ impl Punctual {
 
     /// Irradiance on a plane facing the light.
     pub(crate) fn arriving(&self, aim: &Aim, wavelengths: &Wavelengths) -> Sampled {
-        let power = self.power.sample(wavelengths);
+        let power = self.power.sample_light(wavelengths);
         match self.kind {
             PunctualKind::Directional { .. } => power,
             PunctualKind::Point { .. } => power / (aim.distance * aim.distance),

@@ -94,13 +94,7 @@ pub fn stl(bytes: &[u8], name: &str) -> Result<Description, SceneError> {
 
 /// Reads an OBJ file with the materials that it names.
 pub fn obj(bytes: &[u8], name: &str, fetch: Fetch) -> Result<Description, SceneError> {
-    let options = tobj::LoadOptions {
-        triangulate: true,
-        single_index: true,
-        ignore_points: true,
-        ignore_lines: true,
-        ..Default::default()
-    };
+    let options = tobj::LoadOptions { triangulate: true, single_index: true, ignore_points: true, ignore_lines: true };
     let mut warnings = Vec::new();
     let mut missing = Vec::new();
     let read = |path: &std::path::Path| {

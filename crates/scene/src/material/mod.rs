@@ -121,7 +121,7 @@ impl Emission {
     #[inline]
     pub fn sample(&self, uv: &[Vec2; 2], wavelengths: &Wavelengths) -> Sampled {
         match &self.radiance {
-            EmissionColor::Constant(spectrum) => spectrum.sample(wavelengths),
+            EmissionColor::Constant(spectrum) => spectrum.sample_light(wavelengths),
             EmissionColor::Textured { factor, texture } => {
                 Spectrum::light_from_rgb(*factor * texture.at(uv).truncate()).sample(wavelengths)
             }
