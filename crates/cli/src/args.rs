@@ -86,7 +86,7 @@ pub enum SceneVerb {
     List,
     /// What a scene holds: triangles, materials, lights, cameras, warnings.
     Info {
-        /// Embedded scene, .gltf or .glb.
+        /// Embedded scene, or a file: .pbrt, .gltf, .glb, .obj, .ply, .stl.
         scene: String,
     },
 }
@@ -277,7 +277,7 @@ pub struct Raw {
 /// What is photographed and how; shared by `shoot` and `expose`. Flags win over the shot file.
 #[derive(clap::Args, Debug)]
 pub struct Taking {
-    /// Embedded scene, .gltf, .glb, or a .toml shot file.
+    /// Embedded scene, a scene file (.pbrt, .gltf, .glb, .obj, .ply, .stl), or a .toml shot file.
     #[arg(value_name = "SCENE|SHOT.toml")]
     pub subject: Option<String>,
     /// Light from all around: a lat-long .hdr or .exr.
@@ -600,7 +600,7 @@ pub struct Develop {
     #[arg(long, value_name = "N")]
     pub bits: Option<u8>,
     /// Of a plenoptic camera's file: what is sharp: 1.2m, inf, as-taken, or all.
-    #[arg(long, value_name = "DISTANCE")]
+    #[arg(long, value_name = "DISTANCE", allow_hyphen_values = true)]
     pub refocus: Option<String>,
     /// Of a plenoptic camera's file: write the views through a grid of places in the pupil into this folder (made if it is not there).
     #[arg(long, value_name = "FOLDER")]

@@ -24,6 +24,8 @@ const PARTS: usize = 16;
 const PLANES_A_PIXEL: f64 = 4.0;
 /// Each so many of them a picture is made of for one that is sharp all over: between them it is interpolated.
 const PLANES_A_PICTURE: usize = 2;
+/// Farthest place in the pupil, in its radii, from which light is taken.
+const FARTHEST: f32 = 2.0;
 /// Most views across the pupil that depth is looked for with.
 const MOST_VIEWS: usize = 9;
 
@@ -298,7 +300,7 @@ impl Decoder<'_> {
         let part = rows.div_ceil(PARTS);
         let row_of = |y: usize| y as f64 * f.facts.pixel_mm[1] / f.step_mm / f.magnification;
         // A lens is up to its own radius away, light moves by the shift, and is shared among two rows.
-        let reach = 2.0 + shift.abs() * (1.0 + 2.0 / f.radius_px);
+        let reach = 2.0 + shift.abs() * f64::from(FARTHEST);
         let middle = 0.5 * (height as f64 - row_of(rows));
         let parts: Vec<Vec<Sums>> = (0..PARTS)
             .into_par_iter()
@@ -311,7 +313,7 @@ impl Decoder<'_> {
                 for y in from..to {
                     for x in 0..columns {
                         let (lens, q) = self.sample(x, y);
-                        if q.length_squared() > 4.0 {
+                        if q.length_squared() > FARTHEST * FARTHEST {
                             continue;
                         }
                         let at = self.place(lens) - (q * shift as f32).as_dvec2();
@@ -492,8 +494,8 @@ fn covered(q: f32, radius: f32, radius_px: f32) -> f32 {
 fn weights(through: Through, q: Vec2, radius_px: f32) -> (f32, f32) {
     let r = q.length();
     match through {
-        // All light, also what falls a little beside.
-        Through::Disk(1.0) => (f32::from(u8::from(r < 1.0 + 1.5 / radius_px)), covered(r, 1.0, radius_px)),
+        // All light, also what falls beside: the pupils of real lenses move a little over the picture.
+        Through::Disk(1.0) => (1.0, covered(r, 1.0, radius_px)),
         Through::Disk(radius) => {
             let w = covered(r, radius, radius_px);
             (w, w * covered(r, 1.0, radius_px))

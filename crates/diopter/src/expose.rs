@@ -449,7 +449,7 @@ impl Unit<'_> {
                 None => lens.exits(&packet, film_half, &mut scratch, &mut exits),
             }
             self.refuse_other_half(&packet, &mut exits);
-            for attempt in 1..=if self.settings.redraw { REDRAWS } else { 0 } {
+            for attempt in 1..=if self.settings.redraw && from_sensor.is_none() { REDRAWS } else { 0 } {
                 if exits.passed.count_ones() as usize >= count {
                     break;
                 }

@@ -186,6 +186,17 @@ impl Graph {
         }
     }
 
+    /// How many pictures are looked up for one value.
+    pub fn lookups(&self) -> usize {
+        1 + match self {
+            Graph::Constant(_) | Graph::Image { .. } | Graph::Bilinear { .. } => 0,
+            Graph::Power(a, _) => a.lookups(),
+            Graph::Scale(a, b) => a.lookups() + b.lookups(),
+            Graph::Checkerboard { even, odd, .. } => even.lookups() + odd.lookups(),
+            Graph::Mix(a, b, amount) => a.lookups() + b.lookups() + amount.lookups(),
+        }
+    }
+
     /// The value at texture coordinates.
     pub fn at_uv(&self, uv: &[Vec2; 2]) -> Vec3 {
         let placed = |place: &[[f32; 2]; 2]| Vec2::new(place[0][0] * uv[0].x + place[0][1], place[1][0] * uv[0].y + place[1][1]);

@@ -8,7 +8,7 @@ use diopter_scene::load::pbrt;
 use diopter_scene::material::Scattering;
 use diopter_scene::scene::Viewpoint;
 use diopter_scene::{Description, PathSettings, Scene, Shape};
-use glam::{Vec3, Vec3A};
+use glam::Vec3;
 use std::collections::HashMap;
 
 fn load_with(text: &str, files: &[(&str, &[u8])]) -> Result<Description, String> {
@@ -43,7 +43,7 @@ fn through(view: &Viewpoint, x: f32, y: f32) -> Ray {
     let tan = (0.5 * view.vertical_fov.unwrap()).tan();
     let m = view.world_from_camera;
     let direction = m.transform_vector3(Vec3::new(x * tan, y * tan, -1.0)).normalize();
-    Ray { origin: Vec3A::from(m.translation).into(), direction, time_s: 0.0 }
+    Ray { origin: m.translation.into(), direction, time_s: 0.0 }
 }
 
 const HEAD: &str = "Film \"rgb\" \"integer xresolution\" 100 \"integer yresolution\" 100\nLookAt 0 0 0  0 0 1  0 1 0\nCamera \"perspective\" \"float fov\" 90\n";
@@ -220,6 +220,11 @@ fn wrong_files_say_where_and_what() {
         ("\nNamedMaterial \"gold\" Shape \"sphere\"", 6, "gold"),
         ("Material \"velvet\"", 5, "velvet"),
         ("Material \"diffuse\" \"rgb reflectance\" [2 0 0]", 5, "0 to 1"),
+        ("Material \"diffuse\" \"spectrum reflectance\" [300 5 900 5]", 5, "0 to 1"),
+        ("Material \"dielectric\" \"float eta\" 0.5", 5, "1 to 10"),
+        ("Material \"conductor\" \"float roughness\" -1", 5, "roughness"),
+        ("LightSource \"point\" \"float scale\" -3", 5, "at least 0"),
+        ("LightSource \"spot\" \"float coneangle\" 400", 5, "180"),
         ("Material \"diffuse\" \"texture reflectance\" \"t\"", 5, "\"t\""),
         ("LightSource \"goniometric\"", 5, "point, spot"),
         ("MakeNamedMedium \"fog\" \"string type\" \"homogeneous\"", 5, "media"),
@@ -230,4 +235,39 @@ fn wrong_files_say_where_and_what() {
         assert!(e.contains(&format!("line {line}")) && e.contains(word), "{world}: {e}");
     }
     assert!(load_with("Film \"rgb\"", &[]).unwrap_err().contains("WorldBegin"));
+}
+
+#[test]
+fn what_grows_without_end_is_refused() {
+    let chain = |n: usize, line: &dyn Fn(usize) -> String| {
+        let lines: Vec<String> = (1..n).map(line).collect();
+        load_with(
+            &format!(
+                "{HEAD}WorldBegin\nTexture \"t0\" \"spectrum\" \"constant\"\nMakeNamedMaterial \"m0\" \"string type\" \"diffuse\"\n{}",
+                lines.join("\n")
+            ),
+            &[],
+        )
+    };
+    let texture = |i: usize| format!("Texture \"t{i}\" \"spectrum\" \"scale\" \"texture tex\" \"t{}\"", i - 1);
+    assert!(chain(100, &texture).is_ok() && chain(60_000, &texture).unwrap_err().contains("fewer"));
+    let doubled =
+        |i: usize| format!("Texture \"t{i}\" \"spectrum\" \"mix\" \"texture tex1\" \"t{0}\" \"texture tex2\" \"t{0}\"", i - 1);
+    assert!(chain(40, &doubled).unwrap_err().contains("fewer"));
+    let mixed =
+        |i: usize| format!("MakeNamedMaterial \"m{i}\" \"string type\" \"mix\" \"string materials\" [\"m{0}\" \"m{0}\"]", i - 1);
+    assert!(chain(4, &mixed).is_ok() && chain(40, &mixed).unwrap_err().contains("mixtures"));
+    let text = format!("{HEAD}WorldBegin Include \"a\"");
+    let twice: &[u8] = b"Include \"a\" Include \"a\"";
+    assert!(load_with(&text, &[("a", twice)]).unwrap_err().contains("include"));
+}
+
+#[test]
+fn the_last_of_several_values_counts() {
+    let d = load(&format!(
+        "{HEAD}WorldBegin Material \"diffuse\" \"rgb reflectance\" [0 0 0] \"rgb reflectance\" [0.5 0.25 0.125] Shape \"sphere\""
+    ));
+    assert!(
+        matches!(&d.materials[0].scattering, Scattering::Diffuse(diopter_scene::texture::Color::Constant { rgb, .. }) if rgb.y == 0.25)
+    );
 }

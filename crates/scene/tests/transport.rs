@@ -63,6 +63,13 @@ fn white_materials() -> Vec<(String, Material)> {
         ));
         all.push((format!("plastic {r}"), principled(|p| p.roughness = s(r))));
         all.push((
+            format!("layered {r}"),
+            principled(|p| {
+                p.layered = true;
+                p.roughness = s(r);
+            }),
+        ));
+        all.push((
             format!("half metal {r}"),
             principled(|p| {
                 p.metallic = s(0.5);
@@ -101,7 +108,82 @@ fn white_materials() -> Vec<(String, Material)> {
             }),
         ));
     }
+    all.push((
+        "pane".into(),
+        principled(|p| {
+            p.transmission = Scalar::Constant(1.0);
+            p.roughness = Scalar::Constant(0.0);
+            p.pane = true;
+        }),
+    ));
+    let paper = Box::new([Color::rgb(0.4, 0.4, 0.4), Color::rgb(0.6, 0.6, 0.6)]);
+    all.push(("paper".into(), Material::new("p", Scattering::DiffuseTransmission(paper))));
+    let parts = [mirror(0.0).scattering, Scattering::Diffuse(Color::rgb(1.0, 1.0, 1.0))];
+    all.push(("mixed".into(), Material::new("m", Scattering::Mix(Box::new((parts, Scalar::Constant(0.3)))))));
     all
+}
+
+#[test]
+fn layers_panes_and_mixtures_have_their_albedo() {
+    let grey = |v: f32| Color::rgb(v, v, v);
+    // Saunderson's correction (1942) of a base of 0.5 below n = 1.5, seen along the normal: k₁ = 0.04, k₂ = 1 − (1 − 0.0918) / n².
+    let (k1, k2) = (0.04, 1.0 - (1.0 - 0.0918) / 2.25);
+    let layered = k1 + (1.0 - k1) * (1.0 - k2) * 0.5 / (1.0 - 0.5 * k2);
+    let mut smooth = Principled::new(grey(0.5), 1.5);
+    (smooth.roughness, smooth.layered) = (Scalar::Constant(0.0), true);
+    let parts = [Scattering::Diffuse(grey(0.2)), Scattering::Diffuse(grey(0.6))];
+    let mix = |share: f32| Scattering::Mix(Box::new((parts.clone(), Scalar::Constant(share))));
+    for (name, scattering, expected) in [
+        ("layered", Scattering::Principled(Box::new(smooth)), layered),
+        ("mixed", mix(0.25), 0.3),
+        ("the first", mix(0.0), 0.2),
+        ("the second", mix(1.0), 0.6),
+    ] {
+        let d = sphere(Material::new(name, scattering));
+        let scene = Scene::build(Description { environment: Some(Environment::uniform(Vec3::ONE)), ..d }).unwrap();
+        // Mixtures choose by place: many rays.
+        let seen: f64 = (0..4096)
+            .map(|i| {
+                let offset = Vec3::new((i % 64) as f32 * 1e-3, (i / 64) as f32 * 1e-3, 3.0);
+                mean(&scene, offset, Vec3::NEG_Z, 8, &PathSettings::default())[1] / 4096.0
+            })
+            .sum();
+        assert!((seen - expected).abs() < 0.012, "{name}: {seen} {expected}");
+    }
+    // A pane of n = 1.5 reflects 2 R / (1 + R) = 7.7 %.
+    let mut pane = Principled::new(grey(1.0), 1.5);
+    (pane.transmission, pane.roughness, pane.pane) = (Scalar::Constant(1.0), Scalar::Constant(0.0), true);
+    let quad = |z: f32| Shape::Quad(Quad { corner: Vec3::new(-9.0, -9.0, z), edges: [Vec3::X * 18.0, Vec3::Y * 18.0] });
+    let d = Description {
+        materials: vec![
+            Material::new("pane", Scattering::Principled(Box::new(pane))),
+            Material::lamp("lamp", Spectrum::light_from_rgb(Vec3::ONE)),
+        ],
+        objects: vec![Object::new("pane", quad(0.0), 0), Object::new("lamp", quad(-2.0), 1)],
+        ..Default::default()
+    };
+    let through = mean(&Scene::build(d).unwrap(), Vec3::Z, Vec3::NEG_Z, 4096, &PathSettings::default())[1];
+    assert!((through - (1.0 - 0.08 / 1.04)).abs() < 0.003, "{through}");
+}
+
+#[test]
+fn paths_of_colours_multiply_colours() {
+    // A wall of colour in light of another: RGB renderers take the product.
+    let (wall, light) = (Vec3::new(0.8, 0.3, 0.05), Vec3::new(17.0, 12.0, 4.0));
+    let d = sphere(Material::new("wall", Scattering::Diffuse(Color::rgb(wall.x, wall.y, wall.z))));
+    let scene = Scene::build(Description { environment: Some(Environment::uniform(light)), ..d }).unwrap();
+    let (rgb, n) = (Wavelengths::rgb(), 1024);
+    let mut sum = Vec3::ZERO;
+    for i in 0..n {
+        let sampler = Sampler::new(SamplerKind::Sobol, 5, (3, 4), i, n);
+        let ray = Ray { origin: Vec3::Z * 3.0, direction: Vec3::NEG_Z, time_s: 0.0 };
+        sum += scene.radiance(ray, &rgb, &sampler, &PathSettings::default()).truncate() / n as f32;
+    }
+    let expected = wall * light;
+    assert!(((sum - expected) / expected).abs().max_element() < 0.01, "{sum} {expected}");
+    // Light of a table has its colour.
+    let d65 = Spectrum::Table(diopter_light::cie::d65_one_nit().clone());
+    assert!((d65.sample_light(&rgb).truncate() - 1.0).abs().max_element() < 0.01);
 }
 
 #[test]

@@ -35,6 +35,9 @@ pub fn run(args: &QuickLook, json: bool) -> anyhow::Result<()> {
         Err(ImageError::Missing { .. } | ImageError::Mismatch(_)) => None,
         Err(e) => return Err(e).with_context(|| name.clone()),
     };
+    if plane.as_ref().is_some_and(|p| p.facts.light_field.is_some()) {
+        return Err(wrong(format!("{name}: a light field: expected a picture without microlenses")));
+    }
     let focal = match (args.focal_length, &plane) {
         (Some(f), _) => f.0,
         (None, Some(p)) => p.facts.focal_length_mm,

@@ -34,7 +34,8 @@ fn info(name: &str, json: bool) -> anyhow::Result<()> {
     let points = kind(|k| matches!(k, PunctualKind::Point { .. }));
     let spots = kind(|k| matches!(k, PunctualKind::Spot { .. }));
     let directional = kind(|k| matches!(k, PunctualKind::Directional { .. }));
-    let power: f64 = scene.lights().area.iter().map(|l| (l.luminance * l.area()) as f64 * std::f64::consts::PI).sum();
+    let power: f64 =
+        scene.lights().area.iter().map(|l| (l.luminance * l.area()) as f64 * std::f64::consts::PI).sum::<f64>() + 0.0;
     let environment = d.environment.as_ref().map(|e| e.mean_luminance());
     let (meshes, hierarchy) = scene.memory();
     if json {

@@ -64,6 +64,12 @@ pub(super) fn array(
 /// Warns of what makes a poor light field.
 pub(super) fn warn_of_pupils(camera: &Camera, warn: &mut dyn FnMut(&str)) {
     let Some(array) = camera.film.microlenses else { return };
+    let across = 2.0 * array.gap * camera.lens.pupil_slope() / (camera.film.width_mm / camera.film.columns as f64);
+    if across < 3.0 {
+        warn(&format!(
+            "the pupil's images behind the microlenses are {across:.1} pixels across: there is hardly anything to refocus"
+        ));
+    }
     let share = array.concentration(camera.lens.pupil_slope());
     if share < 0.6 {
         warn(&format!(

@@ -181,10 +181,6 @@ fn material(
         ..Texture::color(image)
     };
     let number = |key: &str| m.unknown_param.get(key).and_then(|v| v.split_ascii_whitespace().next()?.parse::<f32>().ok());
-    let triple = |key: &str| {
-        let v: Vec<f32> = m.unknown_param.get(key)?.split_ascii_whitespace().map_while(|w| w.parse().ok()).collect();
-        <[f32; 3]>::try_from(v).ok().map(Vec3::from_array)
-    };
     let diffuse = Vec3::from_array(m.diffuse.unwrap_or([GREY; 3])).clamp(Vec3::ZERO, Vec3::ONE);
     let color = match m.diffuse_texture.as_deref().and_then(&mut image) {
         // Kd multiplies its picture; many files leave it at 0 and mean the picture.
@@ -221,7 +217,7 @@ fn material(
         Scattering::Diffuse(color)
     };
     let mut made = Material::new(&m.name, scattering);
-    if let Some(glow) = triple("Ke").filter(|k| *k != Vec3::ZERO) {
+    if let Some(glow) = m.emissive.map(Vec3::from_array).filter(|k| *k != Vec3::ZERO) {
         // In cd/m², as an emissive factor of glTF.
         made.emission =
             Some(Emission { two_sided: false, ..Emission::one_sided(Spectrum::light_from_rgb(glow.max(Vec3::ZERO))) });
@@ -237,4 +233,58 @@ fn material(
         made.normal_map = Some((texture(i, Codes::Linear), 1.0));
     }
     made
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn objects_have_their_materials() {
+        let files: HashMap<&str, &[u8]> = HashMap::from([(
+            "a.mtl",
+            &b"newmtl red\nKd 0.8 0.1 0.1\nmap_Bump none.png\nnewmtl glass\nillum 7\nd 0.2\nNi 1.6\nnewmtl lamp\nKe 5 5 5\nmap_Kd gone.png\n"[..],
+        )]);
+        let fetch = |name: &str| files.get(name).map(|b| b.to_vec()).ok_or_else(|| "there is no such file".to_owned());
+        let text = "mtllib a.mtl\nv 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nusemtl red\nf 1 2 3 4\nusemtl glass\nf 1 2 3\nusemtl lamp\nf -1 -2 -3\n";
+        let d = obj(text.as_bytes(), "a.obj", &fetch).unwrap();
+        let of = |i: usize| &d.materials[d.objects[i].material as usize];
+        assert_eq!(d.objects.len(), 3);
+        assert_eq!(d.meshes[0].triangles.len(), 2);
+        assert!(matches!(&of(0).scattering, Scattering::Diffuse(Color::Constant { rgb, .. }) if rgb.x == 0.8));
+        assert!(matches!(&of(1).scattering, Scattering::Principled(p) if p.ior == 1.6));
+        assert!(of(2).emission.is_some());
+        assert!(d.warnings.iter().any(|w| w.contains("gone.png")), "{:?}", d.warnings);
+        // Without its materials it is grey, and says so.
+        let alone = obj(text.as_bytes(), "a.obj", &|_: &str| Err("there is no such file".into())).unwrap();
+        assert!(!alone.objects.is_empty() && alone.warnings.iter().any(|w| w.contains("a.mtl")), "{:?}", alone.warnings);
+        assert!(obj(b"v 0 0 0\nf 1 2 x\n", "a.obj", &fetch).is_err() && obj(b"", "a.obj", &fetch).is_err());
+    }
+
+    #[test]
+    fn both_kinds_of_stl_are_the_same_mesh() {
+        let text = "solid x\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendloop\nendfacet\n\
+            facet normal 0 0 1\nouter loop\nvertex 1 0 0\nvertex 1 1 0\nvertex 0 1 0\nendloop\nendfacet\nendsolid\n";
+        let from_text = stl(text.as_bytes(), "a.stl").unwrap();
+        let mut bytes = b"solid, but binary".to_vec();
+        bytes.resize(80, 0);
+        bytes.extend(2u32.to_le_bytes());
+        for t in [[[0.0f32, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]], [[1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0]]] {
+            bytes.extend([0u8; 12]);
+            t.iter().flatten().for_each(|v| bytes.extend(v.to_le_bytes()));
+            bytes.extend([0u8; 2]);
+        }
+        let from_numbers = stl(&bytes, "b.stl").unwrap();
+        assert_eq!(from_text.meshes[0].positions, from_numbers.meshes[0].positions);
+        assert_eq!((from_text.meshes[0].positions.len(), &from_text.meshes[0].triangles), (4, &from_numbers.meshes[0].triangles));
+        for (bad, word) in [
+            (&bytes[..100], "no facets"),
+            (&bytes[1..], "announce"),
+            (b"solid x\nvertex 1 2\n", "three numbers"),
+            (b"solid x\n", "no facets"),
+        ] {
+            let e = stl(bad, "c.stl").unwrap_err().to_string();
+            assert!(e.contains(word), "{e}");
+        }
+    }
 }

@@ -53,9 +53,20 @@ pub enum Scattering {
 }
 
 /// Deepest that mixtures are taken apart.
-const DEEPEST_MIX: u32 = 16;
+pub const DEEPEST_MIX: u32 = 16;
 
 impl Scattering {
+    /// Parts of a mixture, those of its mixtures counted one by one, and how deep they lie.
+    pub fn parts(&self) -> (usize, u32) {
+        match self {
+            Scattering::Mix(mix) => {
+                let [a, b] = [0, 1].map(|i: usize| mix.0[i].parts());
+                (a.0 + b.0, a.1.max(b.1) + 1)
+            }
+            _ => (1, 0),
+        }
+    }
+
     /// The part of a mixture that a ray meets at a point: a different one for each point and direction, the same whenever asked again.
     fn chosen(&self, surface: &Surface, wo: Vec3) -> &Scattering {
         let mut at = self;

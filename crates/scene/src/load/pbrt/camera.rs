@@ -8,10 +8,12 @@ use glam::{DMat4, DVec3};
 
 /// What is taken over from a film.
 pub struct Film {
-    /// Columns and rows.
-    pub size: [usize; 2],
+    /// Columns and rows, if they are to be taken over.
+    pub size: Option<[usize; 2]>,
 }
 
+/// Most pixels of a picture that nobody asked for on the command line.
+const MOST_PIXELS: usize = 100_000_000;
 /// Most pixels a side.
 const LARGEST_SIDE: i64 = 65_535;
 
@@ -28,6 +30,16 @@ pub fn film(world: &mut World, p: &Params, kind: &str) -> Result<Film, Fault> {
         }
     };
     let size = [side("xresolution", 1280)?, side("yresolution", 720)?];
+    let size = match size[0] * size[1] <= MOST_PIXELS {
+        true => Some(size),
+        false => {
+            world.warn(
+                p.place,
+                format!("a film of {} x {} pixels: the picture has the usual size (give --size)", size[0], size[1]),
+            );
+            None
+        }
+    };
     let whole = |name: &str| p.get(name).is_none();
     if !whole("cropwindow") || !whole("pixelbounds") {
         world.warn(p.place, "the film is cropped: all of it is shown");
@@ -38,14 +50,14 @@ pub fn film(world: &mut World, p: &Params, kind: &str) -> Result<Film, Fault> {
     Ok(Film { size })
 }
 
-pub fn viewpoint(world: &mut World, p: &Params, kind: &str, camera_from_world: DMat4, film: &Film) -> Result<Viewpoint, Fault> {
-    let [w, h] = film.size.map(|n| n as f64);
+pub fn viewpoint(p: &Params, kind: &str, camera_from_world: DMat4, film: &Film) -> Result<Viewpoint, Fault> {
+    let [w, h] = film.size.unwrap_or([3, 2]).map(|n| n as f64);
     for name in ["shutteropen", "shutterclose"] {
         p.get(name);
     }
     let aspect = p.float("frameaspectratio", w / h)?;
-    if !(aspect > 0.0) {
-        return Err(p.place.fault(format!("frameaspectratio {aspect}"), "a number above 0"));
+    if !(1e-3..=1e3).contains(&aspect) {
+        return Err(p.place.fault(format!("frameaspectratio {aspect}"), "0.001 to 1000"));
     }
     // Half height of the screen at a distance of 1 for a tangent of 1.
     let window = match p.floats("screenwindow")? {
@@ -60,11 +72,16 @@ pub fn viewpoint(world: &mut World, p: &Params, kind: &str, camera_from_world: D
         return Err(p.place.fault("a screenwindow that is not centred", "one about 0: a camera's film lies behind its lens"));
     }
     let (lens_radius, focus) = (p.float("lensradius", 0.0)?, p.float("focaldistance", 1e6)?);
+    if !((0.0..=1e3).contains(&lens_radius) && focus > 0.0 && focus.is_finite()) {
+        return Err(p
+            .place
+            .fault(format!("lensradius {lens_radius}, focaldistance {focus}"), "a radius of at least 0 and a distance above 0"));
+    }
     let vertical_fov = match kind {
         "perspective" => {
             let fov = p.float("fov", 90.0)?;
-            if !(fov > 0.0 && fov < 180.0) {
-                return Err(p.place.fault(format!("fov {fov}"), "an angle above 0 and below 180 degrees"));
+            if !(0.001..180.0).contains(&fov) {
+                return Err(p.place.fault(format!("fov {fov}"), "an angle from 0.001 to below 180 degrees"));
             }
             Some((2.0 * ((0.5 * fov).to_radians().tan() * window[3]).atan()) as f32)
         }
@@ -75,7 +92,6 @@ pub fn viewpoint(world: &mut World, p: &Params, kind: &str, camera_from_world: D
                 .fault(format!("camera \"{other}\""), "perspective (or orthographic): others are not supported yet"));
         }
     };
-    let _ = world;
     // It looks along +z; ours along −z.
     let world_from_camera = camera_from_world.inverse() * DMat4::from_scale(DVec3::new(1.0, 1.0, -1.0));
     // Scale of a camera's space has no meaning for where it looks.
@@ -87,7 +103,7 @@ pub fn viewpoint(world: &mut World, p: &Params, kind: &str, camera_from_world: D
         world_from_camera: affine(world_from_camera),
         vertical_fov,
         node: None,
-        size: Some(film.size),
+        size: film.size,
         lens: Some([lens_radius as f32, focus as f32]),
     })
 }

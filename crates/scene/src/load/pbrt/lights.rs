@@ -23,21 +23,27 @@ pub fn make(world: &mut World, kind: &str, p: &Params, world_from_light: DMat4) 
         let d = world_from_light.transform_vector3((to - from).as_dvec3());
         d.try_normalize().map(|d| d.as_vec3()).ok_or_else(|| place.fault("a light from and to the same point", "two points"))
     };
-    let positive = |name: &str| {
+    let at_least_0 = |name: &str| {
         let v = p.float(name, if name == "scale" { 1.0 } else { -1.0 })?;
-        if v.is_finite() { Ok(v) } else { Err(place.fault(format!("{name} {v}"), "a finite number")) }
+        let fine = v.is_finite() && (v >= 0.0 || name != "scale");
+        if fine { Ok(v) } else { Err(place.fault(format!("{name} {v}"), "a number of at least 0")) }
     };
-    let scale = positive("scale")?;
+    let scale = at_least_0("scale")?;
     let white = Spectrum::light_from_rgb(Vec3::ONE);
     match kind {
         "point" | "spot" => {
             let spectrum = spectra::get(world, p, "I", Use::Light, white)?;
             let from = p.vector("from", Vec3::ZERO)?;
             let (power, solid_angle, kind) = match kind {
-                "point" => (positive("power")?, 4.0 * PI, PunctualKind::Point { position: point(from) }),
+                "point" => (at_least_0("power")?, 4.0 * PI, PunctualKind::Point { position: point(from) }),
                 _ => {
                     let to = p.vector("to", Vec3::Z)?;
                     let (cone, delta) = (p.float("coneangle", 30.0)?, p.float("conedeltaangle", 5.0)?);
+                    if !(cone > 0.0 && cone <= 180.0 && (0.0..=180.0).contains(&delta)) {
+                        return Err(
+                            place.fault(format!("coneangle {cone}, conedeltaangle {delta}"), "angles from 0 to 180 degrees")
+                        );
+                    }
                     let (outer, inner) = (cone.to_radians().cos(), (cone - delta).max(0.0).to_radians().cos());
                     let solid = 2.0 * PI * ((1.0 - inner) + 0.5 * (inner - outer));
                     let kind = PunctualKind::Spot {
@@ -47,7 +53,7 @@ pub fn make(world: &mut World, kind: &str, p: &Params, world_from_light: DMat4) 
                         cos_outer: outer as f32,
                         edge: SpotEdge::Smooth,
                     };
-                    (positive("power")?, solid, kind)
+                    (at_least_0("power")?, solid, kind)
                 }
             };
             let factor = scale * if power > 0.0 { power / solid_angle } else { 1.0 };
@@ -57,7 +63,7 @@ pub fn make(world: &mut World, kind: &str, p: &Params, world_from_light: DMat4) 
         "distant" => {
             let spectrum = spectra::get(world, p, "L", Use::Light, white)?;
             let (from, to) = (p.vector("from", Vec3::ZERO)?, p.vector("to", Vec3::Z)?);
-            let lux = positive("illuminance")?;
+            let lux = at_least_0("illuminance")?;
             let factor = scale * if lux > 0.0 { lux } else { 1.0 };
             let kind = PunctualKind::Directional { direction: direction(from, to)? };
             let name = format!("light {}", world.description.punctual.len());
@@ -67,7 +73,7 @@ pub fn make(world: &mut World, kind: &str, p: &Params, world_from_light: DMat4) 
             if p.get("portal").is_some() {
                 world.warn(place, "a portal only guides pbrt's sampling: it is not used");
             }
-            let lux = positive("illuminance")?;
+            let lux = at_least_0("illuminance")?;
             let turn = |m: DMat4| {
                 let m = glam::DMat3::from_mat4(m);
                 let unit = |v: glam::DVec3| v.normalize_or_zero().as_vec3();

@@ -6,7 +6,7 @@ use super::textures::Textures;
 use super::world::World;
 use super::{Fault, Place};
 use crate::material::conductor::FacetBounces;
-use crate::material::{Conductor, Material, Principled, Scattering, Transmission};
+use crate::material::{Conductor, DEEPEST_MIX, Material, Principled, Scattering, Transmission};
 use crate::texture::{Codes, Color, Graph, Interpolation, Scalar, Texture, Wrap};
 use diopter_light::Spectrum;
 use glam::{Affine2, Vec2};
@@ -27,6 +27,8 @@ pub struct Materials {
     names: HashMap<String, usize>,
 }
 
+/// Most materials in a mixture.
+const MOST_PARTS: usize = 64;
 /// α below which pbrt takes a surface for perfectly smooth.
 const SMOOTH: f32 = 1e-3;
 
@@ -114,6 +116,10 @@ impl Materials {
                 let scale = p.float("scale", 1.0)? as f32;
                 let reflectance = scaled(textures.color(world, p, "reflectance", 0.25)?, scale);
                 let transmittance = scaled(textures.color(world, p, "transmittance", 0.25)?, scale);
+                let most = |c: &Color| if let Color::Constant { rgb, .. } = c { rgb.max_element() } else { 0.0 };
+                if most(&reflectance) + most(&transmittance) > 1.001 {
+                    world.warn(p.place, "reflectance and transmittance add up to more than 1: this material makes light");
+                }
                 Scattering::DiffuseTransmission(Box::new([reflectance, transmittance]))
             }
             "mix" => {
@@ -133,6 +139,13 @@ impl Materials {
                     Ok(material.scattering.clone())
                 };
                 let parts = [part(&names[0])?, part(&names[1])?];
+                if parts.iter().any(|p| p.parts().1 + 1 >= DEEPEST_MIX)
+                    || parts.iter().map(|p| p.parts().0).sum::<usize>() > MOST_PARTS
+                {
+                    return Err(p
+                        .place
+                        .fault("mixtures of mixtures of mixtures", format!("at most {MOST_PARTS} materials in one")));
+                }
                 Scattering::Mix(Box::new((parts, amount)))
             }
             other => {
@@ -169,8 +182,9 @@ fn normal_map(world: &World, name: &str, place: Place) -> Result<Texture, Fault>
 /// An index of refraction: a number or a spectrum.
 fn index(world: &World, p: &Params, name: &str, default: f32) -> Result<Spectrum, Fault> {
     let index = spectra::get(world, p, name, Use::Unbounded, Spectrum::Constant(default))?;
-    let n = index.at(550.0);
-    match (1.0..=10.0).contains(&n) {
+    let all = || (0..=80).map(|i| index.at(380.0 + 5.0 * i as f32));
+    let n = all().find(|n| !(1.0..=10.0).contains(n)).unwrap_or(1.0);
+    match all().all(|n| (1.0..=10.0).contains(&n)) {
         true => Ok(index),
         false => Err(p.get(name).map_or(p.place, |p| p.place).fault(format!("an index of refraction of {n}"), "1 to 10")),
     }
@@ -212,6 +226,13 @@ fn root_of_alpha(world: &mut World, textures: &Textures, p: &Params, prefix: &st
 }
 
 fn roughness(world: &mut World, textures: &Textures, p: &Params, prefix: &str) -> Result<Scalar, Fault> {
+    match roughness_as_said(world, textures, p, prefix)? {
+        Scalar::Constant(r) if !(0.0..=1e3).contains(&r) => Err(p.place.fault(format!("a roughness of {r}"), "0 (smooth) to 1")),
+        other => Ok(other),
+    }
+}
+
+fn roughness_as_said(world: &mut World, textures: &Textures, p: &Params, prefix: &str) -> Result<Scalar, Fault> {
     let [both, u, v] = ["roughness", "uroughness", "vroughness"].map(|n| format!("{prefix}{n}"));
     if p.get(&u).is_none() && p.get(&v).is_none() {
         return textures.scalar(world, p, &both, 0.0);

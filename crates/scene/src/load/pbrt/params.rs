@@ -71,6 +71,8 @@ pub fn read(lexer: &mut Lexer, place: Place) -> Result<Params, Fault> {
             return Err(place.fault(format!("a parameter of type {kind}"), format!("one of {}", KINDS.join(", "))));
         }
         let values = values(lexer, kind, name, place)?;
+        // The last of several counts.
+        list.retain(|p| p.name != name);
         list.push(Param { kind: kind.to_owned(), name: name.to_owned(), values, place, used: Cell::new(false) });
     }
     Ok(Params { list, place })

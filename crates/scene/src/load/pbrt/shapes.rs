@@ -80,7 +80,8 @@ pub fn make(kind: &str, p: &Params, place: Place) -> Result<Form, Fault> {
 pub fn ball(r: f32) -> Mesh {
     let point = move |u: f32, v: f32| {
         let (theta, phi) = (PI * (1.0 - v), TAU * u);
-        let n = Vec3::new(theta.sin() * phi.cos(), theta.sin() * phi.sin(), theta.cos());
+        let s = if v == 0.0 || v == 1.0 { 0.0 } else { theta.sin() };
+        let n = Vec3::new(s * phi.cos(), s * phi.sin(), theta.cos());
         (n * r, n)
     };
     grid([AROUND, AROUND / 2], point)
@@ -112,7 +113,11 @@ fn grid([nu, nv]: [usize; 2], point: impl Fn(f32, f32) -> (Vec3, Vec3)) -> Mesh 
     for j in 0..nv {
         for i in 0..nu {
             let [a, b, c, d] = [at(i, j), at(i + 1, j), at(i + 1, j + 1), at(i, j + 1)];
-            mesh.triangles.extend([[a, b, c], [a, c, d]]);
+            // Not at poles, where two corners are one.
+            let p = |i: u32| mesh.positions[i as usize];
+            let whole = |t: &[u32; 3]| (p(t[1]) - p(t[0])).cross(p(t[2]) - p(t[0])).length_squared() > 0.0;
+            let both = [[a, b, c], [a, c, d]].into_iter().filter(whole).collect::<Vec<_>>();
+            mesh.triangles.extend(both);
         }
     }
     agree_with_normals(&mut mesh);
@@ -267,9 +272,9 @@ fn loop_subdivision(p: &Params, place: Place) -> Result<Mesh, Fault> {
     let positions = p.vectors("P")?.ok_or_else(|| place.fault("a loopsubdiv without P", "\"point3 P\""))?;
     let indices = p.indices("indices")?.ok_or_else(|| place.fault("a loopsubdiv without indices", "\"integer indices\""))?;
     let mut triangles = triples(&indices, positions.len(), place)?;
-    if triangles.len().checked_mul(1 << (2 * levels)).is_none_or(|n| n > 1 << 26) {
+    if triangles.len().checked_mul(1 << (2 * levels)).is_none_or(|n| n > 1 << 22) {
         return Err(
-            place.fault(format!("{} triangles subdivided {levels} times", triangles.len()), "fewer than 67 million in the end")
+            place.fault(format!("{} triangles subdivided {levels} times", triangles.len()), "at most 4 million in the end")
         );
     }
     let mut points: Vec<DVec3> = positions.iter().map(|p| p.as_dvec3()).collect();

@@ -37,8 +37,17 @@ pub enum Use {
     Light,
 }
 
-/// A spectrum of a parameter.
+/// A spectrum of a parameter; a reflectance must be one.
 pub fn of(world: &World, p: &Param, purpose: Use) -> Result<Spectrum, Fault> {
+    let spectrum = any(world, p, purpose)?;
+    let bad = || (0..=80).map(|i| spectrum.at(380.0 + 5.0 * i as f32)).find(|v| !(-1e-4..=1.0001).contains(v));
+    match bad().filter(|_| purpose == Use::Albedo) {
+        Some(v) => Err(p.place.fault(format!("a reflectance of {v}"), "0 to 1 at all wavelengths")),
+        None => Ok(spectrum),
+    }
+}
+
+fn any(world: &World, p: &Param, purpose: Use) -> Result<Spectrum, Fault> {
     match (&p.values, p.kind.as_str()) {
         (Values::Numbers(n), "rgb") => {
             let [r, g, b] = n[..] else { return Err(p.place.fault(format!("{} numbers of an rgb", n.len()), "3")) };
@@ -72,7 +81,7 @@ pub fn of(world: &World, p: &Param, purpose: Use) -> Result<Spectrum, Fault> {
                 }
             })
         }
-        (Values::Numbers(n), "spectrum") => table(n, p.place).map(|t| lit(t, purpose)),
+        (Values::Numbers(n), "spectrum") => table(n, purpose, p.place).map(|t| lit(t, purpose)),
         (Values::Texts(names), "spectrum") => {
             let name = names.first().map_or("", String::as_str);
             match named(name) {
@@ -85,7 +94,7 @@ pub fn of(world: &World, p: &Param, purpose: Use) -> Result<Spectrum, Fault> {
                     let numbers = numbers.ok_or_else(|| {
                         p.place.fault(format!("{name}: something that is no number"), "wavelengths (nm) and values")
                     })?;
-                    table(&numbers, p.place).map(|t| lit(t, purpose))
+                    table(&numbers, purpose, p.place).map(|t| lit(t, purpose))
                 }
             }
         }
@@ -120,8 +129,8 @@ fn lit(table: Table, purpose: Use) -> Spectrum {
     Spectrum::Table(if luminance > 0.0 { table.scaled((1.0 / luminance) as f32) } else { table })
 }
 
-/// Pairs of wavelength and value, 0 beyond.
-fn table(pairs: &[f64], place: Place) -> Result<Table, Fault> {
+/// Pairs of wavelength and value; 0 beyond, but an index goes on as it ends.
+fn table(pairs: &[f64], purpose: Use, place: Place) -> Result<Table, Fault> {
     let (points, rest) = pairs.as_chunks::<2>();
     if points.is_empty()
         || !rest.is_empty()
@@ -135,6 +144,7 @@ fn table(pairs: &[f64], place: Place) -> Result<Table, Fault> {
         match (i.checked_sub(1).map(|k| points[k]), points.get(i)) {
             (_, Some(p)) if p[0] == nm => p[1],
             (Some(a), Some(b)) => a[1] + (b[1] - a[1]) * (nm - a[0]) / (b[0] - a[0]),
+            (Some(end), None) | (None, Some(&end)) if purpose == Use::Unbounded => end[1],
             _ => 0.0,
         }
     };
@@ -195,11 +205,20 @@ mod tests {
     }
 
     #[test]
+    fn metals_are_the_ones_that_were_checked() {
+        let sum = METALS_CSV.bytes().fold(0xcbf2_9ce4_8422_2325u64, |h, b| (h ^ u64::from(b)).wrapping_mul(0x100_0000_01b3));
+        assert_eq!(sum, CHECKED, "a table changed: compare it with its source, then update the checksum");
+    }
+    const CHECKED: u64 = 14148113310364826428;
+
+    #[test]
     fn lists_end_at_their_ends() {
-        let t = table(&[400.0, 1.0, 500.0, 3.0], Place::default()).unwrap();
+        let t = table(&[400.0, 1.0, 500.0, 3.0], Use::Albedo, Place::default()).unwrap();
         assert_eq!([t.at(390.0), t.at(400.0), t.at(450.0), t.at(510.0)], [0.0, 1.0, 2.0, 0.0]);
+        let index = table(&[400.0, 1.0, 500.0, 3.0], Use::Unbounded, Place::default()).unwrap();
+        assert_eq!([index.at(390.0), index.at(510.0)], [1.0, 3.0]);
         for bad in [&[][..], &[400.0], &[500.0, 1.0, 400.0, 1.0], &[400.0, f64::NAN]] {
-            assert!(table(bad, Place::default()).is_err());
+            assert!(table(bad, Use::Light, Place::default()).is_err());
         }
     }
 }

@@ -18,6 +18,9 @@ pub struct Textures {
     images: HashMap<(String, bool), Arc<Image>>,
 }
 
+/// Most textures that one is made of, counted as often as they are looked up.
+const MOST_LOOKUPS: usize = 512;
+
 /// Mean of three numbers of a colour: what a picture is worth as a number.
 const MEAN: Vec3 = Vec3::splat(1.0 / 3.0);
 
@@ -30,6 +33,11 @@ impl Textures {
             _ => return Err(p.place.fault(format!("a texture of type \"{kind}\""), "float or spectrum")),
         };
         let graph = self.graph(world, float, class, p)?;
+        if graph.lookups() > MOST_LOOKUPS {
+            return Err(p
+                .place
+                .fault(format!("texture \"{name}\" of more than {MOST_LOOKUPS} others"), "fewer within each other"));
+        }
         let all = if float { &mut self.floats } else { &mut self.spectra };
         match all.insert(name.to_owned(), Arc::new(graph)) {
             None => Ok(()),

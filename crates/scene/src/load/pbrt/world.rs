@@ -18,6 +18,9 @@ use std::collections::HashMap;
 /// Most files that include each other.
 const DEEPEST: usize = 64;
 
+/// Most files of a scene.
+const MOST_FILES: usize = 4096;
+
 /// What `Attribute` directives, blocks and objects save.
 #[derive(Clone, Debug)]
 pub(super) struct State {
@@ -218,6 +221,11 @@ impl<'a> World<'a> {
                 let name = Self::text(lexer, place, "a file name")?;
                 if word == "Import" && !self.in_world {
                     return Err(place.fault("Import before WorldBegin", "Include there, or Import in the world"));
+                }
+                if self.files.len() >= MOST_FILES {
+                    return Err(
+                        place.fault(format!("\"{name}\": more than {MOST_FILES} files"), "fewer: do files include themselves?")
+                    );
                 }
                 if self.depth >= DEEPEST {
                     return Err(place.fault(
@@ -527,9 +535,6 @@ impl<'a> World<'a> {
             },
         };
         self.say_unused(p);
-        if alpha.is_some() {
-            // The parameter is the same for all that is made of this directive.
-        }
         let name = format!("{kind} {}", self.met.len());
         for (shape, area) in made {
             let met = Met {
@@ -680,7 +685,7 @@ impl<'a> World<'a> {
         let film = camera::film(self, &film, &kind)?;
         let (p, kind, camera_from_world) =
             self.camera.take().unwrap_or_else(|| (Params::default(), "perspective".into(), DMat4::IDENTITY));
-        let view: Viewpoint = camera::viewpoint(self, &p, &kind, camera_from_world, &film)?;
+        let view: Viewpoint = camera::viewpoint(&p, &kind, camera_from_world, &film)?;
         self.say_unused(&p);
         self.description.cameras.push(view);
         // The camera looks along +z with x to the right: a world in which that is no turn of ours is mirrored.
