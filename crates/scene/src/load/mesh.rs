@@ -100,7 +100,7 @@ pub fn obj(bytes: &[u8], name: &str, fetch: Fetch) -> Result<Description, SceneE
     let read = |path: &std::path::Path| {
         let file = path.to_string_lossy().replace('\\', "/");
         match fetch(&file) {
-            Ok(bytes) => tobj::load_mtl_buf(&mut Cursor::new(bytes)),
+            Ok(bytes) => tobj::load_mtl_buf(&mut Cursor::new(whole_colors(&bytes))),
             Err(e) => {
                 missing.push(format!("{name}: material file {file}: {e}: its materials are grey"));
                 Ok(Default::default())
@@ -148,6 +148,26 @@ pub fn obj(bytes: &[u8], name: &str, fetch: Fetch) -> Result<Description, SceneE
         return Err(error(name.into(), "no faces", "an OBJ file with faces (f ...)"));
     }
     Ok(d)
+}
+
+/// A .mtl file whose colours all have three numbers: of one number all three are meant, others are left out.
+fn whole_colors(bytes: &[u8]) -> Vec<u8> {
+    let mut out = Vec::with_capacity(bytes.len());
+    for line in bytes.split_inclusive(|c| *c == b'\n') {
+        let text = String::from_utf8_lossy(line);
+        let mut words = text.split_whitespace();
+        let Some(key) = words.next().filter(|k| matches!(*k, "Ka" | "Kd" | "Ks" | "Ke" | "Tf")) else {
+            out.extend_from_slice(line);
+            continue;
+        };
+        let numbers: Vec<f32> = words.map_while(|w| w.parse().ok()).collect();
+        match numbers[..] {
+            [_, _, _, ..] => out.extend_from_slice(line),
+            [v] => out.extend_from_slice(format!("{key} {v} {v} {v}\n").as_bytes()),
+            _ => (),
+        }
+    }
+    out
 }
 
 /// A material of a .mtl file. Source: Wavefront's MTL specification (1995) and its physically based extension (Pr, Pm, Ke).
@@ -243,7 +263,7 @@ mod tests {
     fn objects_have_their_materials() {
         let files: HashMap<&str, &[u8]> = HashMap::from([(
             "a.mtl",
-            &b"newmtl red\nKd 0.8 0.1 0.1\nmap_Bump none.png\nnewmtl glass\nillum 7\nd 0.2\nNi 1.6\nnewmtl lamp\nKe 5 5 5\nmap_Kd gone.png\n"[..],
+            &b"newmtl red\nKd 0.8 0.1 0.1\nKs 0 0\nKa 1\nmap_Bump none.png\nnewmtl glass\nillum 7\nd 0.2\nNi 1.6\nnewmtl lamp\nKe 5 5 5\nmap_Kd gone.png\n"[..],
         )]);
         let fetch = |name: &str| files.get(name).map(|b| b.to_vec()).ok_or_else(|| "there is no such file".to_owned());
         let text = "mtllib a.mtl\nv 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nusemtl red\nf 1 2 3 4\nusemtl glass\nf 1 2 3\nusemtl lamp\nf -1 -2 -3\n";
