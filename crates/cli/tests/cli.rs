@@ -486,7 +486,7 @@ fn raw_files_become_pictures_in_many_ways() {
     f.ok(&["develop", "a.dng", "--preset", "camera", "--steps", "steps"]);
     let names: Vec<String> =
         std::fs::read_dir(f.path("steps")).unwrap().map(|e| e.unwrap().file_name().to_string_lossy().into_owned()).collect();
-    for name in ["01-black-level.png", "06-demosaic.png", "07-noise-reduction.png", "17-encode.png", "sheet.png"] {
+    for name in ["01-black-level.png", "07-demosaic.png", "08-noise-reduction.png", "18-encode.png", "sheet.png"] {
         assert!(names.iter().any(|n| n == name), "{name} of {names:?}");
     }
     // Spaces, depths and brighter displays.
