@@ -446,18 +446,16 @@ impl Decoder<'_> {
         let shifts = self.shifts();
         let (found, _) = self.shift_map(&shifts);
         let step = (shifts[1] - shifts[0]) * PLANES_A_PICTURE as f64;
-        let mut out: Vec<Vec<f32>> = Vec::new();
+        let mut out = vec![vec![0.0; found.len()]; self.mosaic.cfa.channel_count()];
         for k in 0..shifts.len().div_ceil(PLANES_A_PICTURE) + 1 {
             let shift = shifts[0] + step * k as f64;
             // Between two planes their mean by distance.
             let share: Vec<f32> = found.iter().map(|s| (1.0 - ((f64::from(*s) - shift) / step).abs()).max(0.0) as f32).collect();
-            if share.iter().all(|s| *s == 0.0) && !(k == 0 && out.is_empty()) {
+            if share.iter().all(|s| *s == 0.0) {
                 continue;
             }
-            let planes = self.gather(through, shift);
-            out.resize(planes.len(), vec![0.0; found.len()]);
-            for (to, from) in out.iter_mut().zip(&planes) {
-                to.iter_mut().zip(from).zip(&share).for_each(|((to, v), s)| *to += v * s);
+            for (to, from) in out.iter_mut().zip(self.gather(through, shift)) {
+                to.iter_mut().zip(&from).zip(&share).for_each(|((to, v), s)| *to += v * s);
             }
         }
         out

@@ -6,6 +6,7 @@ use super::microfacet::{SMOOTH, fresnel_conductor, ggx_d, ggx_g1, ggx_g2, reflec
 use crate::shape::Surface;
 use crate::texture::Scalar;
 use diopter_light::spectrum::Table;
+use diopter_light::wavelength::RGB_NM;
 use diopter_light::{Sampled, Spectrum, Wavelengths};
 use glam::{Vec3, Vec4};
 
@@ -57,9 +58,10 @@ impl Conductor {
         ConductorLobe { n, k, alpha: self.alpha.at(surface).clamp(0.0, 1.0), bounces: self.bounces }
     }
 
-    /// Reflectance at normal incidence near the sRGB primaries (611, 549, 464 nm).
+    /// Reflectance at normal incidence at [`RGB_NM`].
     pub fn normal_reflectance(&self) -> Vec3 {
-        let at = |s: &Spectrum| Vec4::from_array([611.0, 549.0, 464.0, 549.0].map(|nm| s.at(nm)));
+        let [r, g, b] = RGB_NM;
+        let at = |s: &Spectrum| Vec4::from_array([r, g, b, g].map(|nm| s.at(nm)));
         fresnel_conductor(1.0, at(&self.n), at(&self.k)).truncate()
     }
 }

@@ -9,9 +9,11 @@ use super::shapes::{self, Form};
 use super::textures::Textures;
 use super::{Fault, Place};
 use crate::SceneError;
-use crate::load::{Fetch, unzipped};
+use crate::load::{Fetch, ply, unzipped};
+use crate::material::Coverage;
 use crate::scene::{Description, Object, Shape, Viewpoint};
 use crate::shape::Mesh;
+use crate::texture::Scalar;
 use glam::{Affine3A, DMat4, DVec3, Mat4, Vec3};
 use std::collections::HashMap;
 
@@ -56,8 +58,7 @@ struct Met {
     shape: Shape,
     material: MaterialName,
     area_light: Option<Params>,
-    alpha: Option<crate::texture::Scalar>,
-    area: f32,
+    alpha: Option<Scalar>,
     place: Place,
 }
 
@@ -81,7 +82,8 @@ pub(super) struct World<'a> {
     objects: HashMap<String, Vec<Met>>,
     /// The object that is being defined.
     defining: Option<(String, Vec<Met>)>,
-    ply: HashMap<String, Vec<u32>>,
+    /// Numbers of the meshes of files, by name and whether they were reversed.
+    ply: HashMap<(String, bool), u32>,
     warned: Vec<String>,
 }
 
@@ -512,8 +514,8 @@ impl<'a> World<'a> {
         let alpha = textures.scalar(self, p, "alpha", 1.0);
         self.textures = textures;
         let alpha = match alpha? {
-            crate::texture::Scalar::Constant(a) if a >= 1.0 => None,
-            crate::texture::Scalar::Constant(a) if a <= 0.0 => {
+            Scalar::Constant(a) if a >= 1.0 => None,
+            Scalar::Constant(a) if a <= 0.0 => {
                 self.warn(place, "a shape with alpha 0 is left out");
                 self.say_unused(p);
                 return Ok(());
@@ -521,76 +523,70 @@ impl<'a> World<'a> {
             other => Some(other),
         };
         let world_from_shape = self.state.place[0];
-        let made = match kind {
+        let shape = match kind {
             "plymesh" => self.ply_mesh(p, place)?,
             _ => match shapes::make(kind, p, place)? {
                 Form::Sphere(radius) => match shapes::sphere_in_world(radius, world_from_shape) {
                     Some(sphere) if !self.state.reversed && world_from_shape.determinant() > 0.0 && self.defining.is_none() => {
-                        vec![(Shape::Sphere(sphere), 4.0 * std::f32::consts::PI * sphere.radius.powi(2))]
+                        Shape::Sphere(sphere)
                     }
                     // Squeezed, turned inside out or instanced: many triangles.
-                    _ => vec![self.keep(shapes::ball(radius))],
+                    _ => self.keep(shapes::ball(radius)),
                 },
-                Form::Mesh(mesh) => vec![self.keep(mesh)],
+                Form::Mesh(mesh) => self.keep(mesh),
             },
         };
         self.say_unused(p);
-        let name = format!("{kind} {}", self.met.len());
-        for (shape, area) in made {
-            let met = Met {
-                name: name.clone(),
-                shape,
-                material: self.state.material.clone(),
-                area_light: self.state.area_light.clone(),
-                alpha: alpha.clone(),
-                area,
-                place,
-            };
-            match &mut self.defining {
-                Some((_, list)) => list.push(met),
-                None => self.met.push(met),
-            }
+        let met = Met {
+            name: format!("{kind} {}", self.met.len()),
+            shape,
+            material: self.state.material.clone(),
+            area_light: self.state.area_light.clone(),
+            alpha,
+            place,
+        };
+        match &mut self.defining {
+            Some((_, list)) => list.push(met),
+            None => self.met.push(met),
         }
         Ok(())
     }
 
-    /// Adds a mesh in the space of now; a placed shape and its area.
-    fn keep(&mut self, mut mesh: Mesh) -> (Shape, f32) {
+    /// Adds a mesh, placed where things stand now.
+    fn keep(&mut self, mut mesh: Mesh) -> Shape {
         if self.state.reversed {
             shapes::reverse(&mut mesh);
         }
-        let place = affine(self.state.place[0]);
-        let area = mesh_area(&mesh, &place);
         self.description.meshes.push(mesh);
-        (Shape::Mesh { mesh: self.description.meshes.len() as u32 - 1, world_from_mesh: place }, area)
+        self.placed(self.description.meshes.len() as u32 - 1)
     }
 
-    fn ply_mesh(&mut self, p: &Params, place: Place) -> Result<Vec<(Shape, f32)>, Fault> {
+    fn placed(&self, mesh: u32) -> Shape {
+        Shape::Mesh { mesh, world_from_mesh: affine(self.state.place[0]) }
+    }
+
+    fn ply_mesh(&mut self, p: &Params, place: Place) -> Result<Shape, Fault> {
         let name =
             p.text("filename")?.ok_or_else(|| place.fault("a plymesh without filename", "\"string filename\""))?.to_owned();
         if p.get("displacement").is_some() {
             return Err(place.fault("a displaced mesh", "meshes as they are: displacement is not supported"));
         }
         // The same file again is the same mesh.
-        let key = format!("{}{name}", if self.state.reversed { "-" } else { "+" });
-        if !self.ply.contains_key(&key) {
-            let bytes = self.file(&name, place)?;
-            let read = crate::load::ply::read(&bytes).map_err(|e| place.fault(format!("{name}: {}", e.found), e.expected))?;
-            if let Some(warning) = read.warning {
-                self.warn(place, format!("{name}: {warning}"));
-            }
-            let mut mesh = read.mesh;
-            shapes::agree_with_normals(&mut mesh);
-            shapes::default_uvs(&mut mesh);
-            let (Shape::Mesh { mesh, .. }, _) = self.keep(mesh) else { return Ok(vec![]) };
-            self.ply.insert(key.clone(), vec![mesh]);
+        let key = (name, self.state.reversed);
+        if let Some(mesh) = self.ply.get(&key) {
+            return Ok(self.placed(*mesh));
         }
-        let at = affine(self.state.place[0]);
-        let placed = |n: &u32| {
-            let area = mesh_area(&self.description.meshes[*n as usize], &at);
-            (Shape::Mesh { mesh: *n, world_from_mesh: at }, area)
-        };
-        Ok(self.ply[&key].iter().map(placed).collect())
+        let name = &key.0;
+        let read = ply::read(&self.file(name, place)?);
+        let read = read.map_err(|e| place.fault(format!("{name}: {}", e.found), e.expected))?;
+        if let Some(warning) = read.warning {
+            self.warn(place, format!("{name}: {warning}"));
+        }
+        let mut mesh = read.mesh;
+        shapes::agree_with_normals(&mut mesh);
+        shapes::default_uvs(&mut mesh);
+        self.ply.insert(key, self.description.meshes.len() as u32);
+        Ok(self.keep(mesh))
     }
 
     fn instance(&mut self, name: &str, place: Place) -> Result<(), Fault> {
@@ -618,7 +614,6 @@ impl<'a> World<'a> {
                 material: m.material.clone(),
                 area_light: None,
                 alpha: m.alpha.clone(),
-                area: 0.0,
                 place,
             };
             self.met.push(copy);
@@ -635,7 +630,7 @@ impl<'a> World<'a> {
 
     fn settle(&mut self) -> Result<(), Fault> {
         let met = std::mem::take(&mut self.met);
-        // Materials of the description by what was asked: its material, whether its light and its alpha are its own.
+        // Numbers in the description of materials that shapes share: those without a light or an alpha of their own.
         let mut plain: HashMap<usize, u32> = HashMap::new();
         for m in met {
             let number = match &m.material {
@@ -647,38 +642,30 @@ impl<'a> World<'a> {
                     m.place.fault(format!("material \"{name}\""), hint)
                 })?,
             };
-            let made = self.materials.made(number).clone();
+            if let (Some(known), None, None) = (plain.get(&number), &m.area_light, &m.alpha) {
+                self.description.objects.push(Object::new(m.name, m.shape, *known));
+                continue;
+            }
             // No surface at all.
-            let Some(material) = made.material else {
+            let Some(mut material) = self.materials.made(number).material.clone() else {
                 if m.area_light.is_some() {
                     self.warn(m.place, "an area light without a surface is left out, as in pbrt");
                 }
                 continue;
             };
-            let material = match (&m.area_light, &m.alpha) {
-                (None, None) => match plain.get(&number) {
-                    Some(n) => *n,
-                    None => {
-                        self.description.materials.push(material);
-                        let n = self.description.materials.len() as u32 - 1;
-                        plain.insert(number, n);
-                        n
-                    }
-                },
-                (light, alpha) => {
-                    let mut own = material;
-                    if let Some(p) = light {
-                        own.emission = Some(lights::emission(self, p, m.area)?);
-                        self.say_unused(p);
-                    }
-                    if let Some(alpha) = alpha {
-                        own.coverage = crate::material::Coverage::Blend(alpha.clone());
-                    }
-                    self.description.materials.push(own);
-                    self.description.materials.len() as u32 - 1
-                }
-            };
-            self.description.objects.push(Object::new(m.name, m.shape, material));
+            let own = self.description.materials.len() as u32;
+            if m.area_light.is_none() && m.alpha.is_none() {
+                plain.insert(number, own);
+            }
+            if let Some(p) = &m.area_light {
+                material.emission = Some(lights::emission(self, p, area(&m.shape, &self.description.meshes))?);
+                self.say_unused(p);
+            }
+            if let Some(alpha) = m.alpha {
+                material.coverage = Coverage::Blend(alpha);
+            }
+            self.description.materials.push(material);
+            self.description.objects.push(Object::new(m.name, m.shape, own));
         }
         self.description.max_depth = self.max_depth;
         let (film, kind) = self.film.take().unwrap_or_default();
@@ -753,12 +740,20 @@ pub(super) fn affine(m: DMat4) -> Affine3A {
     Affine3A::from_mat4(m.as_mat4())
 }
 
-fn mesh_area(mesh: &Mesh, place: &Affine3A) -> f32 {
-    let area = |t: &[u32; 3]| {
-        let [a, b, c] = t.map(|i| place.transform_point3(mesh.positions[i as usize]).as_dvec3());
-        0.5 * (b - a).cross(c - a).length()
-    };
-    mesh.triangles.iter().map(area).sum::<f64>() as f32
+/// Area of a shape, m².
+fn area(shape: &Shape, meshes: &[Mesh]) -> f32 {
+    match shape {
+        Shape::Sphere(s) => 4.0 * std::f32::consts::PI * s.radius.powi(2),
+        Shape::Quad(q) => q.area(),
+        Shape::Mesh { mesh, world_from_mesh } => {
+            let mesh = &meshes[*mesh as usize];
+            let area = |t: &[u32; 3]| {
+                let [a, b, c] = t.map(|i| world_from_mesh.transform_point3(mesh.positions[i as usize]).as_dvec3());
+                0.5 * (b - a).cross(c - a).length()
+            };
+            mesh.triangles.iter().map(area).sum::<f64>() as f32
+        }
+    }
 }
 
 /// Turns the world into its mirror image, z → −z.
