@@ -38,6 +38,8 @@ pub enum Set {
     Light(u32),
     /// Choice of a lobe, direction and Russian roulette, at the given vertex.
     Scatter(u32),
+    /// How far light goes through a medium, on the given leg of the path.
+    Medium(u32),
 }
 
 impl Set {
@@ -47,6 +49,7 @@ impl Set {
             Set::Time => 1,
             Set::Light(vertex) => 2 + 2 * vertex,
             Set::Scatter(vertex) => 3 + 2 * vertex,
+            Set::Medium(leg) => (1 << 24) + leg,
         }
     }
 }

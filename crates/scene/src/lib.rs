@@ -9,12 +9,14 @@ pub mod bvh;
 pub mod light;
 pub mod load;
 pub mod material;
+pub mod medium;
 pub mod motion;
 mod movers;
 pub mod radiance;
 pub mod scene;
 pub mod shape;
 pub mod texture;
+mod within;
 
 pub use radiance::{FirstSurface, PathSettings};
 pub use scene::{Description, Object, Scene, Shape};

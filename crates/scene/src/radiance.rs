@@ -3,13 +3,15 @@
 //! Unidirectional, with next-event estimation to every kind of light, multiple importance sampling (Veach 1997, power
 //! heuristic) and Russian roulette. Four wavelengths ride together (Wilkie et al. 2014); densities do not depend on the
 //! wavelength except where a body disperses, and there the path goes on with its hero alone. Light goes from lights to the
-//! camera; paths are followed the other way. Limits: caustics of small lights through glass are left to chance; bodies do
-//! not nest.
+//! camera; paths are followed the other way. In media distances are drawn by extinction and directions by the phase function, with the same
+//! estimation of lights. Limits: caustics of small lights through glass are left to chance; a path begins outside all bodies.
 
 use crate::light::Aim;
-use crate::material::Material;
+use crate::material::{Material, Scattering};
+use crate::medium::{Flight, phase, scattered};
 use crate::scene::Scene;
 use crate::shape::{Surface, offset_origin};
+use crate::within::Within;
 use diopter_light::random::{Sampler, Set};
 use diopter_light::{Ray, Sampled, Wavelengths};
 use glam::Vec3;
@@ -47,7 +49,17 @@ pub struct FirstSurface {
 impl Scene {
     /// The truth along a ray; `None` where it leaves the scene.
     pub fn first_surface(&self, ray: &Ray) -> Option<FirstSurface> {
-        let s = self.intersect(ray, f32::INFINITY)?;
+        let (mut s, mut start, mut gone) = (self.intersect(ray, f32::INFINITY)?, ray.origin, 0.0);
+        // Faces of media are not seen.
+        for _ in 0..MOST_FACES {
+            if !self.is_interface(&s) {
+                break;
+            }
+            gone += s.t;
+            start = past(&s, ray.direction);
+            s = self.intersect(&Ray { origin: start, ..*ray }, f32::INFINITY)?;
+        }
+        s.t = if start == ray.origin { s.t } else { gone + s.t };
         let side = if s.ng.dot(ray.direction) > 0.0 { -1.0 } else { 1.0 };
         let albedo = self.material(s.object).albedo(&s);
         Some(FirstSurface { distance: s.t, normal: s.ns * side, albedo, object: s.object })
@@ -60,32 +72,83 @@ impl Scene {
         let mut throughput = Sampled::ONE;
         // Colours do not part.
         let mut hero_only = wavelengths.is_rgb();
-        // The body the path is in, and the last place light could have been aimed at from: point, normal, density.
-        let mut body: Option<&Material> = None;
-        let mut last: Option<(Vec3, Vec3, f32)> = None;
-        let mut vertex = 0;
+        let mut within = Within::new(self.air());
+        let mut last: Option<Aimed> = None;
+        let (mut vertex, mut leg) = (0, 0);
         let (time_s, flash) = (ray.time_s, self.flash_burns(ray.time_s));
         loop {
-            let Some(surface) = self.intersect(&ray, f32::INFINITY) else {
+            let surface = self.intersect(&ray, f32::INFINITY);
+            let reach = surface.as_ref().map_or(f32::INFINITY, |s| s.t);
+            leg += 1;
+            if let Some((medium, [near, far])) = within.span(&ray, reach) {
+                let sigma = medium.at(wavelengths);
+                if let Some(emission) = &medium.emission {
+                    radiance += throughput * emission.sample_light(wavelengths) * sigma.absorption * sigma.depth(far - near);
+                }
+                let [u, v, ..] = sampler.get(Set::Medium(leg));
+                match sigma.fly(far - near, [u, v], throughput) {
+                    Flight::Through(weight) => throughput *= weight,
+                    Flight::Scattered(distance, weight) => {
+                        throughput *= weight;
+                        if vertex >= settings.max_depth || !(throughput.max_element() > 0.0) {
+                            return radiance;
+                        }
+                        let point = ray.at(near + distance);
+                        let g = medium.asymmetry;
+                        let u = sampler.get(Set::Light(vertex));
+                        if let Some((light, probability)) = self.lights().choose(point, Vec3::ZERO, u[2], flash)
+                            && let Some(aim) = self.aim(light, point, [u[0], u[1]], time_s)
+                        {
+                            let pdf = phase(ray.direction.dot(aim.wi), g);
+                            let density = probability * aim.pdf;
+                            let weight = if aim.has_extent { mis(density, pdf) } else { 1.0 };
+                            let light = self.arriving(&aim, wavelengths, time_s);
+                            let contribution = throughput * light * (pdf * weight / density);
+                            radiance += self.arrives(contribution, point, point, &aim, within, wavelengths, time_s);
+                        }
+                        let u = sampler.get(Set::Scatter(vertex));
+                        let (direction, pdf) = scattered(ray.direction, g, [u[0], u[1]]);
+                        last = Some(Aimed { point, normal: Vec3::ZERO, density: pdf, gone: 0.0 });
+                        vertex += 1;
+                        if !survives(&mut throughput, vertex, u[3], settings) {
+                            return radiance;
+                        }
+                        ray = Ray { origin: point, direction, time_s };
+                        continue;
+                    }
+                }
+            }
+            let Some(surface) = surface else {
                 if let Some(environment) = &self.lights().environment {
-                    let weight = last.map_or(1.0, |(p, n, pdf)| {
-                        mis(pdf, self.lights().environment_probability(p, n, flash) * environment.pdf(ray.direction))
+                    let weight = last.map_or(1.0, |l| {
+                        let chosen = self.lights().environment_probability(l.point, l.normal, flash);
+                        mis(l.density, chosen * environment.pdf(ray.direction))
                     });
                     radiance += throughput * environment.radiance(ray.direction, wavelengths) * weight;
                 }
                 return radiance;
             };
-            if let Some(absorption) = body.and_then(Material::absorption) {
-                throughput *= absorption.transmittance(surface.t, wavelengths);
-            }
             let material = self.material(surface.object);
+            let entering = surface.ng.dot(ray.direction) < 0.0;
+            let hidden = within.hides(material, entering);
+            if hidden || matches!(material.scattering, Scattering::Interface) {
+                if leg > MOST_FACES {
+                    return radiance;
+                }
+                within.cross(material, entering);
+                // A hidden face stands in the way of aims; then only chance finds the light.
+                last = last.filter(|_| !hidden).map(|l| Aimed { gone: l.gone + surface.t, ..l });
+                ray.origin = past(&surface, ray.direction);
+                continue;
+            }
             radiance += throughput * self.emitted(material, &surface, &ray, wavelengths, last, flash);
 
             if vertex >= settings.max_depth {
                 return radiance;
             }
             let wo = -ray.direction;
-            let Some(bsdf) = material.bsdf(&surface, wo, wavelengths, hero_only) else { return radiance };
+            let around = within.around(material);
+            let Some(bsdf) = material.bsdf(&surface, wo, wavelengths, hero_only, around) else { return radiance };
             let ng = bsdf.side_normal();
 
             // Aim at a light.
@@ -97,23 +160,14 @@ impl Scene {
                 if f != Sampled::ZERO {
                     let density = probability * aim.pdf;
                     let weight = if aim.has_extent { mis(density, pdf) } else { 1.0 };
-                    let side = if aim.wi.dot(ng) > 0.0 { ng } else { -ng };
-                    let light = self.arriving(&aim, wavelengths, time_s);
-                    // A body on the way takes its share, as it does from scattered rays.
-                    let through = match aim.wi.dot(ng) > 0.0 {
-                        true => body,
-                        false => (surface.ng.dot(aim.wi) < 0.0).then_some(material),
-                    };
-                    let light = match through.and_then(Material::absorption) {
-                        Some(absorption) if aim.distance.is_finite() => {
-                            light * absorption.transmittance(aim.distance, wavelengths)
-                        }
-                        _ => light,
-                    };
-                    let contribution = throughput * f * light * (weight / density);
-                    if contribution != Sampled::ZERO && self.sees(&surface, side, &aim, ray.time_s) {
-                        radiance += contribution;
+                    let through = aim.wi.dot(ng) < 0.0;
+                    let origin = offset_origin(surface.point, if through { -ng } else { ng });
+                    let mut beyond = within;
+                    if through {
+                        beyond.cross(material, entering);
                     }
+                    let contribution = throughput * f * self.arriving(&aim, wavelengths, time_s) * (weight / density);
+                    radiance += self.arrives(contribution, surface.point, origin, &aim, beyond, wavelengths, time_s);
                 }
             }
 
@@ -125,24 +179,21 @@ impl Scene {
                 throughput = Sampled::new(4.0 * throughput.x, 0.0, 0.0, 0.0);
                 hero_only = true;
             }
-            last = (!scatter.specular).then_some((surface.point, ng, scatter.pdf));
+            last = (!scatter.specular).then_some(Aimed { point: surface.point, normal: ng, density: scatter.pdf, gone: 0.0 });
             if scatter.transmitted {
-                let entering = surface.ng.dot(scatter.wi) < 0.0;
-                body = entering.then_some(material);
+                within.cross(material, entering);
             }
             vertex += 1;
-
-            // Russian roulette on what the path can still bring.
-            if vertex >= settings.roulette_depth {
-                let survival = throughput.max_element().clamp(0.0, 0.95);
-                if u[3] >= survival {
-                    return radiance;
-                }
-                throughput /= survival;
+            if !survives(&mut throughput, vertex, u[3], settings) {
+                return radiance;
             }
             let normal = if scatter.transmitted { -ng } else { ng };
-            ray = Ray { origin: offset_origin(surface.point, normal), direction: scatter.wi, time_s: ray.time_s };
+            ray = Ray { origin: offset_origin(surface.point, normal), direction: scatter.wi, time_s };
         }
+    }
+
+    fn is_interface(&self, surface: &Surface) -> bool {
+        self.has_interfaces() && matches!(self.material(surface.object).scattering, Scattering::Interface)
     }
 
     /// Radiance a surface sends back along the ray by itself, weighted against having been aimed at.
@@ -153,7 +204,7 @@ impl Scene {
         surface: &Surface,
         ray: &Ray,
         wavelengths: &Wavelengths,
-        last: Option<(Vec3, Vec3, f32)>,
+        last: Option<Aimed>,
         flash: bool,
     ) -> Sampled {
         let Some(emission) = &material.emission else { return Sampled::ZERO };
@@ -161,26 +212,92 @@ impl Scene {
             return Sampled::ZERO;
         }
         let weight = match (last, self.light_at(surface)) {
-            (Some((p, n, pdf)), Some(light)) => {
-                let lights = self.lights();
-                let aimed = self.aimed_density(light, p, ray.direction, surface.t, ray.time_s);
-                mis(pdf, lights.area_probability(p, n, light, flash) * aimed)
+            (Some(l), Some(light)) => {
+                let aimed = self.aimed_density(light, l.point, ray.direction, l.gone + surface.t, ray.time_s);
+                mis(l.density, self.lights().area_probability(l.point, l.normal, light, flash) * aimed)
             }
             _ => 1.0,
         };
         emission.sample(&surface.uv, wavelengths) * (weight * self.modulation(material, ray.time_s))
     }
 
-    fn sees(&self, surface: &Surface, side: Vec3, aim: &Aim, time_s: f32) -> bool {
-        let origin = offset_origin(surface.point, side);
-        if aim.distance.is_infinite() {
-            return !self.occluded(&Ray { origin, direction: aim.wi, time_s }, f32::INFINITY);
+    /// What is left of light that was aimed at from `point`, on its way from there (`origin`: the point, moved off its surface).
+    #[allow(clippy::too_many_arguments)]
+    fn arrives<'a>(
+        &'a self,
+        light: Sampled,
+        point: Vec3,
+        mut origin: Vec3,
+        aim: &Aim,
+        mut within: Within<'a>,
+        wavelengths: &Wavelengths,
+        time_s: f32,
+    ) -> Sampled {
+        if light == Sampled::ZERO {
+            return light;
         }
-        // The start was moved: aim anew at the same place, and stop just short of the lamp itself.
-        let to = surface.point + aim.wi * aim.distance - origin;
-        let distance = to.length();
-        distance == 0.0 || !self.occluded(&Ray { origin, direction: to / distance, time_s }, distance * (1.0 - 1e-4))
+        let (mut direction, mut reach) = (aim.wi, aim.distance);
+        if reach.is_finite() {
+            // The start was moved: aim anew at the same place, and stop just short of the lamp itself.
+            let to = point + aim.wi * aim.distance - origin;
+            let distance = to.length();
+            if distance == 0.0 {
+                return light;
+            }
+            (direction, reach) = (to / distance, distance * (1.0 - 1e-4));
+        }
+        let mut left = light;
+        for _ in 0..MOST_FACES {
+            let ray = Ray { origin, direction, time_s };
+            let face = match self.has_interfaces() {
+                false if self.occluded(&ray, reach) => return Sampled::ZERO,
+                false => None,
+                true => self.intersect(&ray, reach),
+            };
+            if face.as_ref().is_some_and(|f| !self.is_interface(f)) {
+                return Sampled::ZERO;
+            }
+            if let Some((medium, [near, far])) = within.span(&ray, face.as_ref().map_or(reach, |f| f.t)) {
+                left *= medium.at(wavelengths).transmittance(far - near);
+            }
+            let Some(face) = face else { return left };
+            within.cross(self.material(face.object), face.ng.dot(direction) < 0.0);
+            reach -= face.t;
+            origin = past(&face, direction);
+        }
+        Sampled::ZERO
     }
+}
+
+/// Most faces of media that a path goes through between two surfaces, and legs after which it is given up at such a face.
+const MOST_FACES: u32 = 4096;
+
+/// The last place from which lights could have been aimed at.
+#[derive(Clone, Copy)]
+struct Aimed {
+    point: Vec3,
+    /// Normal there; 0 in a medium.
+    normal: Vec3,
+    /// Density of the direction that was taken instead, 1/sr.
+    density: f32,
+    /// Distance from there to the start of the ray, m.
+    gone: f32,
+}
+
+/// A start just behind a face that a ray goes through.
+fn past(surface: &Surface, direction: Vec3) -> Vec3 {
+    offset_origin(surface.point, if surface.ng.dot(direction) > 0.0 { surface.ng } else { -surface.ng })
+}
+
+/// Russian roulette on what a path can still bring.
+#[inline]
+fn survives(throughput: &mut Sampled, vertex: u32, u: f32, settings: &PathSettings) -> bool {
+    if vertex < settings.roulette_depth {
+        return true;
+    }
+    let survival = throughput.max_element().clamp(0.0, 0.95);
+    *throughput /= survival;
+    u < survival
 }
 
 /// Weight of the strategy with density `a` beside one with density `b` (power heuristic, Veach 1997 eq. 9.13).

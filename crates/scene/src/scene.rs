@@ -6,7 +6,8 @@ use crate::light::area::AreaShape;
 use crate::light::tree::LightBounds;
 use crate::light::{Aim, LightRef, Modulation, Placed, Spot};
 use crate::light::{AreaLight, Environment, Lights, Punctual};
-use crate::material::{Coverage, Emission, EmissionColor, Material};
+use crate::material::{Coverage, Emission, EmissionColor, Material, Scattering};
+use crate::medium::Air;
 use crate::motion::{Animation, Deformer, Local, Motion, Node, Playing, Timeline};
 use crate::movers::Movers;
 use crate::shape::{Mesh, Quad, Sphere, Surface};
@@ -29,6 +30,8 @@ pub struct Description {
     pub punctual: Vec<Punctual>,
     /// Light from all around.
     pub environment: Option<Environment>,
+    /// What fills the world around the bodies, if it absorbs or scatters.
+    pub air: Option<Air>,
     /// Points of view the file names.
     pub cameras: Vec<Viewpoint>,
     /// What moving things hang on.
@@ -146,6 +149,8 @@ pub struct Scene {
     movers: Movers,
     /// When that exposure begins, s.
     open_s: f64,
+    /// Whether there are faces that light does not meet.
+    has_interfaces: bool,
     /// Whether a lamp's light changes with time.
     flickers: bool,
     /// When flashes burn.
@@ -255,6 +260,8 @@ impl Scene {
         let mut all = Lights::default();
         (all.area, all.punctual, all.environment) = (lights, d.punctual.clone(), d.environment.clone());
         let (movers, open_s, flickers, flashes) = (Movers::default(), 0.0, false, Vec::new());
+        let has_interfaces =
+            d.objects.iter().any(|o| matches!(d.materials[o.material as usize].scattering, Scattering::Interface));
         let mut scene = Scene {
             top,
             shared,
@@ -265,6 +272,7 @@ impl Scene {
             light_ways,
             movers,
             open_s,
+            has_interfaces,
             flickers,
             flashes,
             description,
@@ -482,6 +490,16 @@ impl Scene {
             hit = self.movers.closest(share, ray.origin, ray.direction, limit, &filter).or(hit);
         }
         Some(self.surface(ray, &hit?))
+    }
+
+    /// What fills the world around its bodies.
+    pub fn air(&self) -> Option<&Air> {
+        self.description.air.as_ref()
+    }
+
+    /// Whether some of its surfaces are the faces of media and nothing else.
+    pub(crate) fn has_interfaces(&self) -> bool {
+        self.has_interfaces
     }
 
     /// Whether anything is met before `t_max`.

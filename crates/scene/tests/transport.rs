@@ -88,7 +88,7 @@ fn white_materials() -> Vec<(String, Material)> {
             principled(|p| {
                 p.transmission = s(1.0);
                 p.roughness = s(r);
-                p.kind = Transmission::Solid(None);
+                p.kind = Transmission::Solid;
             }),
         ));
         all.push((
@@ -96,7 +96,7 @@ fn white_materials() -> Vec<(String, Material)> {
             principled(|p| {
                 p.transmission = s(0.5);
                 p.roughness = s(r);
-                p.kind = Transmission::Solid(None);
+                p.kind = Transmission::Solid;
             }),
         ));
         all.push((
@@ -374,12 +374,9 @@ fn many_lights_cost_no_accuracy() {
 #[test]
 fn absorption_follows_beer_and_lambert() {
     use diopter_light::upsample::Sigmoid;
-    use diopter_scene::material::Absorption;
+    use diopter_scene::medium::Medium;
     // Straight through the middle of an index-1 ball of diameter 2 that leaves ½ after 1 m: ¼.
-    let absorption = Absorption { color: Sigmoid::from_rgb(Vec3::splat(0.5)), distance_m: 1.0 };
-    let mut glass = Principled::glass(1.0, Some(absorption));
-    glass.roughness = Scalar::Constant(0.0);
-    let material = Material::new("smoke", Scattering::Principled(Box::new(glass)));
+    let material = Material::glass("smoke", 1.0, Some(Medium::tint(Sigmoid::from_rgb(Vec3::splat(0.5)), 1.0)));
     let scene = Scene::build(Description { environment: Some(Environment::uniform(Vec3::ONE)), ..sphere(material) }).unwrap();
     let l = mean(&scene, Vec3::Z * 3.0, Vec3::NEG_Z, 4096, &PathSettings::default());
     assert!(l.iter().all(|l| (l - 0.25).abs() < 0.003), "{l:?}");
@@ -388,7 +385,7 @@ fn absorption_follows_beer_and_lambert() {
 #[test]
 fn dispersion_keeps_the_mean_and_parts_the_colours() {
     // A dispersive ball in an even environment is as invisible as any glass.
-    let mut glass = Principled::glass(1.5, None);
+    let mut glass = Principled::glass(1.5);
     let slope = diopter_light::spectrum::Table::from_points(&[(380.0, 1.54), (780.0, 1.48)]);
     glass.dispersion = Some(Spectrum::Table(slope));
     let material = Material::new("flint", Scattering::Principled(Box::new(glass)));

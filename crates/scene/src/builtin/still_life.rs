@@ -8,7 +8,8 @@ use super::builder::Builder;
 use super::lathe::{ring, smooth, turn};
 use super::{Framing, pattern};
 use crate::light::Environment;
-use crate::material::{Absorption, Material, Principled, Scattering};
+use crate::material::{Material, Scattering};
+use crate::medium::Medium;
 use crate::scene::Description;
 use crate::texture::{Color, Texture};
 use diopter_light::random::{mix, to_unit};
@@ -91,7 +92,7 @@ fn things(b: &mut Builder) {
         10,
     ));
     let glass = b.mesh(turn(&profile, 128));
-    let clear = b.material(Material::new("glass", Scattering::Principled(Box::new(Principled::glass(1.52, None)))));
+    let clear = b.material(Material::glass("glass", 1.52, None));
     b.place("wine glass", glass, clear, Vec3::new(-0.036, 0.0004, 0.005), Quat::IDENTITY);
 
     // A vase of china.
@@ -149,8 +150,8 @@ fn things(b: &mut Builder) {
     }
 
     // A ball of green glass, one of steel, and a gold ring in front.
-    let green = Absorption { color: Sigmoid::from_rgb(Vec3::new(0.35, 0.80, 0.55)), distance_m: 0.05 };
-    let bottle = b.material(Material::new("green glass", Scattering::Principled(Box::new(Principled::glass(1.52, Some(green))))));
+    let green = Medium::tint(Sigmoid::from_rgb(Vec3::new(0.35, 0.80, 0.55)), 0.05);
+    let bottle = b.material(Material::glass("green glass", 1.52, Some(green)));
     b.sphere("glass ball", Vec3::new(-0.075, 0.0285, 0.085), 0.0285, bottle);
     let steel = b.metal("chromium", 0.0);
     b.sphere("steel ball", Vec3::new(-0.135, 0.0165, 0.135), 0.0165, steel);

@@ -10,7 +10,8 @@ mod motion;
 use crate::SceneError;
 use crate::light::{Modulation, Punctual, PunctualKind, SpotEdge};
 use crate::load::{Fetch, read_picture};
-use crate::material::{Absorption, Coverage, Emission, EmissionColor, Material, Principled, Scattering, Transmission};
+use crate::material::{Coverage, Emission, EmissionColor, Interior, Material, Principled, Scattering, Transmission};
+use crate::medium::Medium;
 use crate::motion::Motion;
 use crate::scene::{Description, Object, Shape, Viewpoint};
 use crate::shape::Mesh;
@@ -335,11 +336,14 @@ impl<'a> Loader<'a> {
         if let Some(t) = m.transmission() {
             principled.transmission = scalar(t.transmission_factor(), self.info(t.transmission_texture(), Codes::Linear), 0);
         }
+        let mut interior = Interior::Same;
         if let Some(v) = m.volume().filter(|v| v.thickness_factor() > 0.0) {
             let distance = v.attenuation_distance();
             let absorbs = distance.is_finite() && distance > 0.0;
             let color = Sigmoid::from_rgb(Vec3::from_array(v.attenuation_color()));
-            principled.kind = Transmission::Solid(absorbs.then_some(Absorption { color, distance_m: distance }));
+            principled.kind = Transmission::Solid;
+            let medium = absorbs.then(|| Arc::new(Medium::tint(color, distance)));
+            interior = Interior::Body { medium, priority: None };
         }
         if let Some(coat) = m.extension_value("KHR_materials_clearcoat") {
             let number = |key: &str| coat.get(key).and_then(Value::as_f64).unwrap_or(0.0) as f32;
@@ -366,7 +370,8 @@ impl<'a> Loader<'a> {
             };
             Some((self.texture(&n.texture(), Codes::Linear, set, matrix)?, n.scale()))
         });
-        Ok(Material { name, scattering: Scattering::Principled(Box::new(principled)), emission, normal_map, coverage })
+        let scattering = Scattering::Principled(Box::new(principled));
+        Ok(Material { name, scattering, emission, normal_map, coverage, interior })
     }
 }
 

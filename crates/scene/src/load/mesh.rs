@@ -218,7 +218,7 @@ fn material(
     let glass = matches!(m.illumination_model, Some(4 | 6 | 7 | 9)) && opacity < 1.0;
     let mirror = m.illumination_model == Some(3) && diffuse == Vec3::ZERO && specular != Vec3::ZERO;
     let scattering = if glass {
-        Scattering::Principled(Box::new(Principled::glass(ior.max(1.01), None)))
+        Scattering::Principled(Box::new(Principled::glass(ior.max(1.01))))
     } else if mirror {
         let k = |i: usize| 2.0 * specular[i].min(0.9999).sqrt() / (1.0 - specular[i].min(0.9999)).sqrt();
         let rgb = Vec3::new(k(0), k(1), k(2));

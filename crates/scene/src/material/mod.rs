@@ -12,13 +12,15 @@ pub mod principled;
 
 pub use bsdf::{Bsdf, Scatter};
 pub use conductor::Conductor;
-pub use principled::{Absorption, Principled, Transmission};
+pub use principled::{Principled, Transmission};
 
 use crate::light::Modulation;
+use crate::medium::Medium;
 use crate::shape::Surface;
 use crate::texture::{Color, Scalar, Texture};
 use diopter_light::{Sampled, Spectrum, Wavelengths};
 use glam::{Vec2, Vec3};
+use std::sync::Arc;
 
 /// A surface's appearance.
 #[derive(Clone, Debug)]
@@ -33,6 +35,25 @@ pub struct Material {
     pub normal_map: Option<(Texture, f32)>,
     /// Holes.
     pub coverage: Coverage,
+    /// What begins where light goes in.
+    pub interior: Interior,
+}
+
+/// What is behind a surface that light goes through.
+#[derive(Clone, Debug, Default)]
+pub enum Interior {
+    /// What is before it: a thin sheet, or nothing that light would notice.
+    #[default]
+    Same,
+    /// A body that takes the place of what is around it.
+    Body {
+        /// What fills it, if that absorbs or scatters.
+        medium: Option<Arc<Medium>>,
+        /// Where bodies that have one overlap, the one with the highest counts.
+        priority: Option<i32>,
+    },
+    /// Media inside and outside, as a file says; `None` is a vacuum.
+    Sides([Option<Arc<Medium>>; 2]),
 }
 
 /// The families of scattering.
@@ -40,6 +61,8 @@ pub struct Material {
 pub enum Scattering {
     /// Absorbs everything.
     Black,
+    /// Nothing that light would meet: the face of a medium.
+    Interface,
     /// Lambertian reflection, both sides.
     Diffuse(Color),
     /// A metal by its optical constants.
@@ -82,7 +105,7 @@ impl Scattering {
 
     fn albedo(&self, surface: &Surface) -> Vec3 {
         match self {
-            Scattering::Black => Vec3::ZERO,
+            Scattering::Black | Scattering::Interface => Vec3::ZERO,
             Scattering::Diffuse(color) => color.linear_srgb(surface),
             Scattering::Conductor(conductor) => conductor.normal_reflectance(),
             Scattering::Principled(principled) => principled.base_color.linear_srgb(surface),
@@ -189,7 +212,14 @@ impl Coverage {
 impl Material {
     /// A plain material without emission, bumps or holes.
     pub fn new(name: &str, scattering: Scattering) -> Self {
-        Material { name: name.into(), scattering, emission: None, normal_map: None, coverage: Coverage::Full }
+        let (coverage, interior) = (Coverage::Full, Interior::Same);
+        Material { name: name.into(), scattering, emission: None, normal_map: None, coverage, interior }
+    }
+
+    /// A body of clear, smooth glass of an index, filled with what absorbs or scatters.
+    pub fn glass(name: &str, ior: f32, medium: Option<Medium>) -> Self {
+        let interior = Interior::Body { medium: medium.map(Arc::new), priority: None };
+        Material { interior, ..Material::new(name, Scattering::Principled(Box::new(Principled::glass(ior)))) }
     }
 
     /// A black lamp.
@@ -212,17 +242,26 @@ impl Material {
     }
 
     /// The scattering function at a point seen from direction `wo` (unit, away from the surface). `None` where the surface
-    /// only absorbs. `hero_only`: the path has lost its secondary wavelengths to dispersion.
-    pub fn bsdf(&self, surface: &Surface, wo: Vec3, wavelengths: &Wavelengths, hero_only: bool) -> Option<Bsdf<'_>> {
+    /// only absorbs. `hero_only`: the path has lost its secondary wavelengths to dispersion. `around`: the body on the outer side.
+    pub fn bsdf(
+        &self,
+        surface: &Surface,
+        wo: Vec3,
+        wavelengths: &Wavelengths,
+        hero_only: bool,
+        around: Option<&Principled>,
+    ) -> Option<Bsdf<'_>> {
         let lobes = match self.scattering.chosen(surface, wo) {
-            Scattering::Black | Scattering::Mix(_) => return None,
+            Scattering::Black | Scattering::Interface | Scattering::Mix(_) => return None,
             Scattering::DiffuseTransmission(colors) => {
                 let [reflectance, transmittance] = [0, 1].map(|i: usize| colors[i].sample(surface, wavelengths));
                 bsdf::Lobes::DiffuseTransmission { reflectance, transmittance }
             }
             Scattering::Diffuse(color) => bsdf::Lobes::Diffuse { albedo: color.sample(surface, wavelengths) },
             Scattering::Conductor(conductor) => bsdf::Lobes::Conductor(conductor.at(surface, wavelengths)),
-            Scattering::Principled(principled) => bsdf::Lobes::Principled(principled.at(surface, wo, wavelengths, hero_only)),
+            Scattering::Principled(principled) => {
+                bsdf::Lobes::Principled(principled.at(surface, wo, wavelengths, hero_only, around))
+            }
         };
         Some(Bsdf::new(lobes, surface, self.shading_normal(surface), wo))
     }
@@ -236,16 +275,5 @@ impl Material {
     #[inline]
     pub fn modulation(&self) -> Modulation {
         self.emission.as_ref().map_or(Modulation::Steady, |e| e.modulation)
-    }
-
-    /// Absorption within the body behind the surface, if it has one.
-    pub fn absorption(&self) -> Option<&Absorption> {
-        match &self.scattering {
-            Scattering::Principled(p) => match &p.kind {
-                Transmission::Solid(absorption) => absorption.as_ref(),
-                Transmission::Thin => None,
-            },
-            _ => None,
-        }
     }
 }

@@ -14,7 +14,6 @@ use super::microfacet::{
 };
 use crate::shape::Surface;
 use crate::texture::{Color, Scalar};
-use diopter_light::upsample::Sigmoid;
 use diopter_light::{Sampled, Spectrum, Wavelengths, sampling};
 use glam::Vec3;
 use std::f32::consts::FRAC_1_PI;
@@ -25,25 +24,8 @@ use std::sync::Arc;
 pub enum Transmission {
     /// The surface is a thin sheet: light goes straight on.
     Thin,
-    /// The surface bounds a body, which may absorb.
-    Solid(Option<Absorption>),
-}
-
-/// Absorption of a body: after `distance_m`, white light has the colour `color`.
-#[derive(Clone, Debug)]
-pub struct Absorption {
-    /// Colour at the distance.
-    pub color: Sigmoid,
-    /// Metres.
-    pub distance_m: f32,
-}
-
-impl Absorption {
-    /// Share of light left after `t` metres. Source: Beer-Lambert law; KHR_materials_volume.
-    pub fn transmittance(&self, t: f32, wavelengths: &Wavelengths) -> Sampled {
-        let c = self.color.sample(wavelengths).max(Sampled::splat(1e-6));
-        Sampled::from_array(c.to_array().map(|c| c.powf(t / self.distance_m)))
-    }
+    /// The surface bounds a body: light is bent.
+    Solid,
 }
 
 /// Parameters of the model.
@@ -99,28 +81,54 @@ impl Principled {
     }
 
     /// Clear, smooth glass of an index: a solid body.
-    pub fn glass(ior: f32, absorption: Option<Absorption>) -> Self {
+    pub fn glass(ior: f32) -> Self {
         Principled {
             roughness: Scalar::Constant(0.0),
             transmission: Scalar::Constant(1.0),
-            kind: Transmission::Solid(absorption),
+            kind: Transmission::Solid,
             ..Principled::new(Color::rgb(1.0, 1.0, 1.0), ior)
         }
     }
 
-    pub(super) fn at(&self, surface: &Surface, wo: Vec3, wavelengths: &Wavelengths, hero_only: bool) -> PrincipledLobes<'_> {
-        let solid = matches!(self.kind, Transmission::Solid(_));
+    /// A base whose light is thrown back at the interface from within, again and again: ρ (1 − F) / (n² (1 − ρ F')), F being what the interface
+    /// reflects of light from everywhere outside and F' = 1 − (1 − F) / n² from within. Source: the plastic of W. Jakob's Mitsuba and of
+    /// pbrt's layered materials in closed form; F' by reciprocity (Walter et al. 2007).
+    fn seen_through(&self, base: Sampled, roughness: f32) -> Sampled {
+        let through = 1.0 - self.interface.average_reflected(if roughness * roughness < SMOOTH { 0.0 } else { roughness });
+        let n2 = self.ior * self.ior;
+        let within = 1.0 - through / n2;
+        base * through / (n2 * (Sampled::ONE - base * within))
+    }
+
+    /// `around`: what is on the outer side, if it is no vacuum.
+    pub(super) fn at(
+        &self,
+        surface: &Surface,
+        wo: Vec3,
+        wavelengths: &Wavelengths,
+        hero_only: bool,
+        around: Option<&Principled>,
+    ) -> PrincipledLobes<'_> {
+        let solid = matches!(self.kind, Transmission::Solid);
         let mut transmission = self.transmission.at(surface).clamp(0.0, 1.0);
         let inside = solid && transmission > 0.0 && surface.ng.dot(wo) < 0.0;
         let mut metallic = self.metallic.at(surface).clamp(0.0, 1.0);
         if inside {
             (transmission, metallic) = (1.0, 0.0);
         }
-        let relative = |n: f32| if inside { 1.0 / n } else { n };
-        let (eta, dispersive) = match &self.dispersion {
-            Some(n) if solid && transmission > 0.0 => (relative(n.at(wavelengths.nm.x)), !hero_only),
-            _ => (relative(self.ior), false),
+        let around = around.filter(|_| solid && transmission > 0.0);
+        let relative = |n: f32, outer: f32| if inside { outer / n } else { n / outer };
+        let outer_ior = around.map_or(1.0, |a| a.ior);
+        let bends = |p: &Principled| p.dispersion.as_ref().map_or(p.ior, |n| n.at(wavelengths.nm.x));
+        let dispersed = self.dispersion.is_some() || around.is_some_and(|a| a.dispersion.is_some());
+        let (bend, dispersive) = match solid && transmission > 0.0 && dispersed {
+            true => (relative(bends(self), around.map_or(1.0, bends)), !hero_only),
+            false => (relative(self.ior, outer_ior), false),
         };
+        // Tables are of the denser side against the thinner.
+        let n = self.ior / outer_ior;
+        let between = around.map(|_| Interface::of(n.max(1.0 / n).max(1.0001)));
+        let inside_denser = inside == (n >= 1.0);
         let roughness = self.roughness.at(surface).clamp(0.0, 1.0);
         let base = self.base_color.sample(surface, wavelengths);
         PrincipledLobes {
@@ -132,27 +140,16 @@ impl Principled {
             alpha: roughness * roughness,
             transmission,
             solid,
-            inside,
-            bend: eta,
-            eta: relative(self.ior),
+            inside_denser,
+            bend,
+            eta: relative(self.ior, outer_ior),
             dispersive,
             coat: if inside { 0.0 } else { self.clearcoat.at(surface).clamp(0.0, 1.0) },
             coat_roughness: self.clearcoat_roughness.at(surface).clamp(0.04, 1.0),
             interface: &self.interface,
+            between,
             coat_interface: &self.coat,
         }
-    }
-}
-
-impl Principled {
-    /// A base whose light is thrown back at the interface from within, again and again: ρ (1 − F) / (n² (1 − ρ F')), F being what the interface
-    /// reflects of light from everywhere outside and F' = 1 − (1 − F) / n² from within. Source: the plastic of W. Jakob's Mitsuba and of
-    /// pbrt's layered materials in closed form; F' by reciprocity (Walter et al. 2007).
-    fn seen_through(&self, base: Sampled, roughness: f32) -> Sampled {
-        let through = 1.0 - self.interface.average_reflected(if roughness * roughness < SMOOTH { 0.0 } else { roughness });
-        let n2 = self.ior * self.ior;
-        let within = 1.0 - through / n2;
-        base * through / (n2 * (Sampled::ONE - base * within))
     }
 }
 
@@ -167,7 +164,8 @@ pub(super) struct PrincipledLobes<'a> {
     alpha: f32,
     transmission: f32,
     solid: bool,
-    inside: bool,
+    /// Whether light is seen from the denser side.
+    inside_denser: bool,
     /// Relative index by which the hero wavelength is bent.
     bend: f32,
     /// Relative index for reflectances.
@@ -176,6 +174,8 @@ pub(super) struct PrincipledLobes<'a> {
     coat: f32,
     coat_roughness: f32,
     interface: &'a Interface,
+    /// The interface against what is around, if that is no vacuum.
+    between: Option<Arc<Interface>>,
     coat_interface: &'a Interface,
 }
 
@@ -199,6 +199,10 @@ impl PrincipledLobes<'_> {
         if self.pane { 2.0 * r / (1.0 + r) } else { r }
     }
 
+    fn interface(&self) -> &Interface {
+        self.between.as_deref().unwrap_or(self.interface)
+    }
+
     fn smooth(&self) -> bool {
         self.alpha < SMOOTH
     }
@@ -207,13 +211,13 @@ impl PrincipledLobes<'_> {
         let mirror = if self.smooth() { 1.0 } else { mirror_albedo().at(wo.z, self.roughness) };
         let reflected = match self.smooth() {
             true => self.fresnel(wo.z),
-            false => self.interface.reflected.at(wo.z, self.roughness),
+            false => self.interface().reflected.at(wo.z, self.roughness),
         };
         let glass = if self.smooth() || self.transmission == 0.0 || !self.solid {
             1.0
         } else {
-            let side = if self.inside { Side::Inside } else { Side::Outside };
-            self.interface.whole(side).at(wo.z, self.roughness)
+            let side = if self.inside_denser { Side::Inside } else { Side::Outside };
+            self.interface().whole(side).at(wo.z, self.roughness)
         };
         let coat_reflected =
             if self.coat > 0.0 { self.coat * self.coat_interface.reflected.at(wo.z, self.coat_roughness) } else { 0.0 };
@@ -293,8 +297,8 @@ impl PrincipledLobes<'_> {
             }
             if p_diffuse > 0.0 {
                 let r = if self.smooth() { 0.0 } else { self.roughness };
-                let into = 1.0 - self.interface.reflected.at(wi.z, r);
-                let share = (1.0 - view.reflected) * into / (1.0 - self.interface.average_reflected(r));
+                let into = 1.0 - self.interface().reflected.at(wi.z, r);
+                let share = (1.0 - view.reflected) * into / (1.0 - self.interface().average_reflected(r));
                 let amount = view.below_coat * (1.0 - self.metallic) * (1.0 - self.transmission) * share;
                 f += self.under * (amount * wi.z * FRAC_1_PI);
                 pdf += p_diffuse * wi.z * FRAC_1_PI;

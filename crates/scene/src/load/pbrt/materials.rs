@@ -98,7 +98,7 @@ impl Materials {
             }
             "dielectric" | "thindielectric" => {
                 let eta = index(world, p, "eta", 1.5)?;
-                let glass = Principled::glass(eta.at(550.0), None);
+                let glass = Principled::glass(eta.at(550.0));
                 let own = match kind {
                     "thindielectric" => Principled { kind: Transmission::Thin, pane: true, ..glass },
                     _ => {

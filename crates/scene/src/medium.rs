@@ -1,0 +1,285 @@
+//! What light goes through between surfaces: air, fog, coloured glass, milk. The same everywhere within its bounds.
+//!
+//! Source: M. Pharr, W. Jakob, G. Humphreys, "Physically Based Rendering" 4th ed., §11.1–11.4 and 14.2.
+
+use crate::bvh::Bounds;
+use diopter_light::upsample::Sigmoid;
+use diopter_light::{Ray, Sampled, Spectrum, Wavelengths, sampling};
+use glam::Vec3;
+use std::f32::consts::{PI, TAU};
+
+/// A coefficient over wavelength, 1/m.
+#[derive(Clone, Debug)]
+pub enum Coefficient {
+    /// A number times a spectrum.
+    Scaled(f32, Spectrum),
+    /// −ln(colour) / distance: after the distance, white light has the colour (KHR_materials_volume).
+    Tint {
+        /// Colour at the distance.
+        color: Sigmoid,
+        /// Metres.
+        distance_m: f32,
+    },
+}
+
+impl Coefficient {
+    /// Nothing at all.
+    pub const NONE: Coefficient = Coefficient::Scaled(0.0, Spectrum::Constant(1.0));
+
+    /// The same at all wavelengths, 1/m.
+    pub fn grey(per_m: f32) -> Self {
+        Coefficient::Scaled(per_m, Spectrum::Constant(1.0))
+    }
+
+    /// 1/m at the wavelengths of a path.
+    #[inline]
+    pub fn sample(&self, wavelengths: &Wavelengths) -> Sampled {
+        match self {
+            Coefficient::Scaled(scale, spectrum) => spectrum.sample(wavelengths) * *scale,
+            Coefficient::Tint { color, distance_m } => {
+                let c = color.sample(wavelengths).clamp(Sampled::splat(1e-6), Sampled::ONE);
+                Sampled::from_array(c.to_array().map(f32::ln)) * (-1.0 / distance_m)
+            }
+        }
+    }
+
+    fn is_none(&self) -> bool {
+        matches!(self, Coefficient::Scaled(0.0, _))
+    }
+}
+
+/// A homogeneous medium.
+#[derive(Clone, Debug)]
+pub struct Medium {
+    /// For messages.
+    pub name: String,
+    /// σa: what is lost a metre.
+    pub absorption: Coefficient,
+    /// σs: what is thrown elsewhere a metre.
+    pub scattering: Coefficient,
+    /// Mean cosine of the angle of scattering: −1 backward, 0 even, 1 forward (Henyey & Greenstein 1941).
+    pub asymmetry: f32,
+    /// Radiance of an endless depth of it, W·m⁻²·sr⁻¹·nm⁻¹, where it shines by itself: σa times this is sent out a metre.
+    pub emission: Option<Spectrum>,
+}
+
+impl Medium {
+    /// One that only absorbs: white light has the colour after the distance (m).
+    pub fn tint(color: Sigmoid, distance_m: f32) -> Self {
+        Medium {
+            name: String::new(),
+            absorption: Coefficient::Tint { color, distance_m },
+            scattering: Coefficient::NONE,
+            asymmetry: 0.0,
+            emission: None,
+        }
+    }
+
+    /// Fog in which dark things are seen against the sky up to `visibility_m` with a contrast of 2 %: σt = 3.912 / V (H. Koschmieder 1924).
+    ///
+    /// `albedo`: share of what is met that is scattered. Droplets throw light forward: an `asymmetry` of about 0.85 (D. Deirmendjian 1969).
+    pub fn fog(visibility_m: f32, albedo: f32, asymmetry: f32) -> Self {
+        let extinction = 3.912 / visibility_m;
+        Medium {
+            name: "fog".into(),
+            absorption: Coefficient::grey(extinction * (1.0 - albedo)),
+            scattering: Coefficient::grey(extinction * albedo),
+            asymmetry,
+            emission: None,
+        }
+    }
+
+    #[inline]
+    pub(crate) fn at(&self, wavelengths: &Wavelengths) -> Sigma {
+        let absorption = self.absorption.sample(wavelengths);
+        let scattering = if self.scattering.is_none() { Sampled::ZERO } else { self.scattering.sample(wavelengths) };
+        Sigma { absorption, scattering, extinction: absorption + scattering }
+    }
+}
+
+/// Coefficients at the wavelengths of a path, 1/m.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Sigma {
+    pub absorption: Sampled,
+    scattering: Sampled,
+    extinction: Sampled,
+}
+
+/// How a flight through a medium ended; the weight is what it does to the light of the path.
+pub(crate) enum Flight {
+    /// At the far end.
+    Through(Sampled),
+    /// In between, after so many metres.
+    Scattered(f32, Sampled),
+}
+
+impl Sigma {
+    /// Share of light that is left after a distance, m.
+    #[inline]
+    pub fn transmittance(&self, distance: f32) -> Sampled {
+        if distance.is_infinite() {
+            return Sampled::from_array(self.extinction.to_array().map(|s| if s > 0.0 { 0.0 } else { 1.0 }));
+        }
+        (self.extinction * -distance).exp()
+    }
+
+    /// ∫ e^(−σt s) ds over a distance, m.
+    pub fn depth(&self, distance: f32) -> Sampled {
+        let one = |s: f32| match s * distance {
+            x if x < 1e-4 => distance,
+            x => (1.0 - (-x).exp()) / s,
+        };
+        Sampled::from_array(self.extinction.to_array().map(one))
+    }
+
+    /// Flies over a distance (m) by two numbers, for a path of a throughput.
+    ///
+    /// The distance is drawn for one of the wavelengths, each with a probability as its share of the throughput; the density is the mean over
+    /// them (one-sample balance heuristic, Veach 1997; A. Wilkie et al. 2014).
+    #[inline]
+    pub fn fly(&self, distance: f32, u: [f32; 2], throughput: Sampled) -> Flight {
+        let total = throughput.element_sum();
+        if self.scattering == Sampled::ZERO || !(total > 0.0) {
+            return Flight::Through(self.transmittance(distance));
+        }
+        let share = (throughput / total).to_array();
+        let mut lane = 0;
+        let mut at = u[1];
+        while lane < 3 && at >= share[lane] {
+            at -= share[lane];
+            lane += 1;
+        }
+        let share = Sampled::from_array(share);
+        let drawn = -(1.0 - u[0]).ln() / self.extinction[lane];
+        if drawn < distance {
+            let left = self.transmittance(drawn);
+            let density = share.dot(self.extinction * left);
+            return Flight::Scattered(drawn, self.scattering * left / density);
+        }
+        let left = self.transmittance(distance);
+        Flight::Through(left / share.dot(left))
+    }
+}
+
+/// Henyey and Greenstein's phase function of the cosine between the directions before and after, 1/sr.
+#[inline]
+pub(crate) fn phase(cos: f32, g: f32) -> f32 {
+    let d = (1.0 + g * g - 2.0 * g * cos).max(1e-12);
+    (1.0 - g * g) / (4.0 * PI * d * d.sqrt())
+}
+
+/// A direction with the density of [`phase`] about another.
+#[inline]
+pub(crate) fn scattered(forward: Vec3, g: f32, u: [f32; 2]) -> (Vec3, f32) {
+    let cos = if g.abs() < 1e-3 {
+        1.0 - 2.0 * u[0]
+    } else {
+        let s = (1.0 - g * g) / (1.0 + g - 2.0 * g * u[0]);
+        ((1.0 + g * g - s * s) / (2.0 * g)).clamp(-1.0, 1.0)
+    };
+    let (sin, phi) = ((1.0 - cos * cos).max(0.0).sqrt(), TAU * u[1]);
+    let (x, y) = sampling::frame(forward);
+    ((x * (sin * phi.cos()) + y * (sin * phi.sin()) + forward * cos).normalize(), phase(cos, g))
+}
+
+/// What fills the world where no body does.
+#[derive(Clone, Debug)]
+pub struct Air {
+    /// The medium.
+    pub medium: Medium,
+    /// Where it is; everywhere without. Light from infinitely far away does not come through an endless medium.
+    pub bounds: Option<Bounds>,
+}
+
+impl Air {
+    /// The part of a ray, up to a distance, that lies in it.
+    pub(crate) fn span(&self, ray: &Ray, reach: f32) -> Option<[f32; 2]> {
+        let Some(b) = &self.bounds else { return Some([0.0, reach]) };
+        let (mut near, mut far) = (0.0f32, reach);
+        for k in 0..3 {
+            let (o, d) = (ray.origin[k], ray.direction[k]);
+            if d == 0.0 {
+                if !(b.min[k]..=b.max[k]).contains(&o) {
+                    return None;
+                }
+                continue;
+            }
+            let (a, z) = ((b.min[k] - o) / d, (b.max[k] - o) / d);
+            (near, far) = (near.max(a.min(z)), far.min(a.max(z)));
+        }
+        (near < far).then_some([near, far])
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use diopter_light::random::{mix, to_unit};
+
+    const NM: [f32; 4] = [450.0, 520.0, 590.0, 660.0];
+
+    fn uniform(i: u32, k: u32) -> f32 {
+        to_unit(mix(i * 7 + k))
+    }
+
+    #[test]
+    fn phase_functions_are_densities_with_their_mean_cosine() {
+        for g in [-0.6, 0.0, 0.3, 0.85] {
+            let n = 200_000;
+            let integral: f32 = (0..2000).map(|i| phase(-1.0 + (i as f32 + 0.5) / 1000.0, g) * TAU / 1000.0).sum();
+            assert!((integral - 1.0).abs() < 2e-3, "{g}: {integral}");
+            let forward = Vec3::new(1.0, 2.0, -0.5).normalize();
+            let mut sum = 0.0;
+            for i in 0..n {
+                let (d, pdf) = scattered(forward, g, [uniform(i, 1), uniform(i, 2)]);
+                let cos = d.dot(forward);
+                assert!((pdf / phase(cos, g) - 1.0).abs() < 0.01);
+                sum += cos as f64;
+            }
+            assert!((sum / n as f64 - g as f64).abs() < 4e-3, "{g}: {}", sum / n as f64);
+        }
+    }
+
+    #[test]
+    fn flights_lose_and_scatter_what_the_coefficients_say_at_every_wavelength() {
+        let table = diopter_light::spectrum::Table::from_points(&[(400.0, 3.0), (700.0, 0.3)]);
+        let medium = Medium {
+            scattering: Coefficient::Scaled(1.0, Spectrum::Table(table)),
+            absorption: Coefficient::grey(0.2),
+            ..Medium::fog(1.0, 0.5, 0.0)
+        };
+        let wavelengths = Wavelengths::fixed(NM);
+        let sigma = medium.at(&wavelengths);
+        let (mut through, mut scattered) = ([0.0f64; 4], [0.0f64; 4]);
+        let n = 200_000;
+        for i in 0..n {
+            let flight = sigma.fly(0.8, [uniform(i, 1), uniform(i, 2)], Sampled::new(1.0, 0.5, 2.0, 0.3));
+            let (sum, weight) = match flight {
+                Flight::Through(w) => (&mut through, w),
+                Flight::Scattered(t, w) => {
+                    assert!((0.0..0.8).contains(&t));
+                    (&mut scattered, w)
+                }
+            };
+            (0..4).for_each(|k| sum[k] += weight[k] as f64 / n as f64);
+        }
+        for k in 0..4 {
+            let s = medium.scattering.sample(&wavelengths)[k] as f64;
+            let t = s + 0.2;
+            let left = (-t * 0.8).exp();
+            assert!((through[k] - left).abs() < 0.01, "{k}: {} {left}", through[k]);
+            assert!((scattered[k] - s / t * (1.0 - left)).abs() < 0.01, "{k}: {}", scattered[k]);
+        }
+    }
+
+    #[test]
+    fn air_in_a_box_is_only_there() {
+        let air = Air { medium: Medium::fog(10.0, 1.0, 0.0), bounds: Some(Bounds { min: Vec3::ZERO, max: Vec3::ONE }) };
+        let ray = |origin: Vec3, direction: Vec3| Ray { origin, direction, time_s: 0.0 };
+        assert_eq!(air.span(&ray(Vec3::new(0.5, 0.5, 3.0), Vec3::NEG_Z), f32::INFINITY), Some([2.0, 3.0]));
+        assert_eq!(air.span(&ray(Vec3::new(0.5, 0.5, 3.0), Vec3::NEG_Z), 2.5), Some([2.0, 2.5]));
+        assert_eq!(air.span(&ray(Vec3::new(0.5, 0.5, 3.0), Vec3::NEG_Z), 1.5), None);
+        assert_eq!(air.span(&ray(Vec3::new(0.5, 1.5, 3.0), Vec3::NEG_Z), 9.0), None);
+        assert_eq!(air.span(&ray(Vec3::splat(0.5), Vec3::X), f32::INFINITY), Some([0.0, 0.5]));
+    }
+}

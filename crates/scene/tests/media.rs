@@ -1,0 +1,260 @@
+//! Light in fog and in bodies against closed forms.
+
+use diopter_light::random::{Sampler, SamplerKind};
+use diopter_light::spectrum::Table;
+use diopter_light::{Ray, Spectrum, Wavelengths};
+use diopter_scene::bvh::Bounds;
+use diopter_scene::light::{Environment, Modulation, Punctual, PunctualKind};
+use diopter_scene::material::{Emission, EmissionColor, Interior, Material, Scattering};
+use diopter_scene::medium::{Air, Coefficient, Medium};
+use diopter_scene::shape::{Mesh, Quad, Sphere};
+use diopter_scene::{Description, Object, PathSettings, Scene, Shape};
+use glam::{Affine3A, Vec3};
+use std::sync::Arc;
+
+const NM: [f32; 4] = [450.0, 520.0, 590.0, 660.0];
+const DEEP: PathSettings = PathSettings { max_depth: 4000, roulette_depth: 4000 };
+
+/// Mean of light along a ray, and its standard error, relative to RGB light of 1.
+fn mean(scene: &Scene, origin: Vec3, direction: Vec3, n: u32, settings: &PathSettings) -> ([f64; 4], [f64; 4]) {
+    let wavelengths = Wavelengths::fixed(NM);
+    let white = wavelengths.d65_one_nit();
+    let ray = Ray { origin, direction: direction.normalize(), time_s: 0.0 };
+    let (mut sum, mut squares) = ([0.0f64; 4], [0.0f64; 4]);
+    for i in 0..n {
+        let sampler = Sampler::new(SamplerKind::Independent, 5, (3, 4), i, n);
+        let l = (scene.radiance(ray, &wavelengths, &sampler, settings) / white).to_array().map(f64::from);
+        (0..4).for_each(|k| (sum[k], squares[k]) = (sum[k] + l[k], squares[k] + l[k] * l[k]));
+    }
+    let n = n as f64;
+    let error = |k: usize| ((squares[k] / n - (sum[k] / n).powi(2)).max(0.0) / n).sqrt();
+    (sum.map(|s| s / n), [error(0), error(1), error(2), error(3)])
+}
+
+/// As the claimed noise allows, or within a little.
+fn assert_near((found, error): ([f64; 4], [f64; 4]), expected: [f64; 4], what: &str) {
+    for k in 0..4 {
+        let (off, allowed) = ((found[k] - expected[k]).abs(), 4.0 * error[k] + 2e-3 * expected[k].abs());
+        assert!(off < allowed, "{what}, {} nm: {} ± {}, expected {}", NM[k], found[k], error[k], expected[k]);
+    }
+}
+
+fn colored() -> Spectrum {
+    Spectrum::Table(Table::from_points(&[(400.0, 3.0), (700.0, 0.5)]))
+}
+
+fn face(interior: Interior) -> Material {
+    Material { interior, ..Material::new("face", Scattering::Interface) }
+}
+
+fn ball(material: u32, radius: f32) -> Object {
+    Object::new("ball", Shape::Sphere(Sphere { center: Vec3::ZERO, radius }), material)
+}
+
+fn box_mesh(min: Vec3, max: Vec3) -> Mesh {
+    let at = |i: u32| {
+        Vec3::new([min.x, max.x][(i & 1) as usize], [min.y, max.y][(i >> 1 & 1) as usize], [min.z, max.z][(i >> 2) as usize])
+    };
+    let faces = [[0, 4, 6, 2], [1, 3, 7, 5], [0, 1, 5, 4], [2, 6, 7, 3], [0, 2, 3, 1], [4, 5, 7, 6]];
+    let triangles = faces.iter().flat_map(|[a, b, c, d]| [[*a, *b, *c], [*a, *c, *d]]).collect();
+    Mesh { positions: (0..8).map(at).collect(), triangles, ..Default::default() }
+}
+
+#[test]
+fn what_only_scatters_is_invisible_in_even_light() {
+    for g in [-0.4, 0.0, 0.8] {
+        let smoke = Medium {
+            name: "smoke".into(),
+            absorption: Coefficient::NONE,
+            scattering: Coefficient::Scaled(1.0, colored()),
+            asymmetry: g,
+            emission: None,
+        };
+        for interior in [
+            Interior::Body { medium: Some(Arc::new(smoke.clone())), priority: None },
+            Interior::Sides([Some(Arc::new(smoke.clone())), None]),
+        ] {
+            let scene = Scene::build(Description {
+                materials: vec![face(interior)],
+                objects: vec![ball(0, 1.0)],
+                environment: Some(Environment::uniform(Vec3::ONE)),
+                ..Default::default()
+            })
+            .unwrap();
+            assert_near(mean(&scene, Vec3::new(0.3, 0.1, 3.0), Vec3::NEG_Z, 20_000, &DEEP), [1.0; 4], &format!("g {g}"));
+        }
+    }
+}
+
+#[test]
+fn smoke_in_glass_stays_within_it() {
+    // A smooth glass ball of milk, white all through.
+    let milk = Medium { absorption: Coefficient::NONE, ..Medium::fog(2.0, 1.0, 0.5) };
+    let scene = Scene::build(Description {
+        materials: vec![Material::glass("milk", 1.4, Some(milk))],
+        objects: vec![ball(0, 1.0)],
+        environment: Some(Environment::uniform(Vec3::ONE)),
+        ..Default::default()
+    })
+    .unwrap();
+    assert_near(mean(&scene, Vec3::new(0.5, 0.1, 3.0), Vec3::NEG_Z, 20_000, &DEEP), [1.0; 4], "milk");
+}
+
+/// Light of a lamp of 1 cd that is scattered once into a ray along +x, from its start to `length`.
+fn once(lamp: Vec3, length: f64, sigma_s: f64, sigma_t: f64, g: f64) -> f64 {
+    let n = 200_000;
+    (0..n)
+        .map(|i| {
+            let s = (i as f64 + 0.5) / n as f64 * length;
+            let to = lamp.as_dvec3() - glam::DVec3::X * s;
+            let r = to.length();
+            let cos = to.x / r;
+            let phase = (1.0 - g * g) / (4.0 * std::f64::consts::PI * (1.0 + g * g - 2.0 * g * cos).powf(1.5));
+            sigma_s * phase * (-sigma_t * (s + r)).exp() / (r * r) * length / n as f64
+        })
+        .sum()
+}
+
+#[test]
+fn fog_shows_lamps_as_single_scattering_says() {
+    let lamp = Vec3::new(4.0, 1.5, 0.3);
+    let (sigma_s, sigma_a, g) = (0.12f32, 0.05f32, 0.6f32);
+    let fog = Medium {
+        name: "fog".into(),
+        absorption: Coefficient::grey(sigma_a),
+        scattering: Coefficient::Scaled(sigma_s, colored()),
+        asymmetry: g,
+        emission: None,
+    };
+    let kind = PunctualKind::Point { position: lamp };
+    let wall = Quad { corner: Vec3::new(8.0, -9.0, -9.0), edges: [Vec3::Y * 18.0, Vec3::Z * 18.0] };
+    let scene = |bounds| {
+        Scene::build(Description {
+            materials: vec![Material::new("wall", Scattering::Black)],
+            objects: vec![Object::new("wall", Shape::Quad(wall), 0)],
+            punctual: vec![Punctual::new("lamp", Spectrum::light_from_rgb(Vec3::ONE), kind)],
+            air: Some(Air { medium: fog.clone(), bounds }),
+            ..Default::default()
+        })
+        .unwrap()
+    };
+    let settings = PathSettings { max_depth: 1, roulette_depth: 10 };
+    let expected = NM.map(|nm| {
+        let s = (sigma_s * colored().at(nm)) as f64;
+        once(lamp, 8.0, s, s + sigma_a as f64, g as f64)
+    });
+    assert_near(mean(&scene(None), Vec3::ZERO, Vec3::X, 200_000, &settings), expected, "endless fog");
+    // The same in a box that holds all of it: the way to the camera before the box is clear.
+    let around = Bounds { min: Vec3::new(0.0, -50.0, -50.0), max: Vec3::splat(50.0) };
+    assert_near(mean(&scene(Some(around)), Vec3::X * -5.0, Vec3::X, 200_000, &settings), expected, "fog in a box");
+}
+
+#[test]
+fn surfaces_and_lamps_are_seen_through_fog_and_faces() {
+    // A white wall lit by an area lamp, all within a face that changes nothing, in air that absorbs.
+    let lamp = Quad { corner: Vec3::new(-0.5, 2.0, -0.5), edges: [Vec3::X, Vec3::Z] };
+    let floor = Quad { corner: Vec3::new(-5.0, 0.0, 5.0), edges: [Vec3::X * 10.0, Vec3::NEG_Z * 10.0] };
+    let scene = |sigma: f32, faces: bool| {
+        let air = Medium { absorption: Coefficient::grey(sigma), scattering: Coefficient::NONE, ..Medium::fog(1.0, 0.0, 0.0) };
+        let medium = Some(Arc::new(air.clone()));
+        let mut objects = vec![Object::new("lamp", Shape::Quad(lamp), 0), Object::new("floor", Shape::Quad(floor), 1)];
+        if faces {
+            objects.push(Object::new(
+                "sheet",
+                Shape::Quad(Quad { corner: Vec3::new(-5.0, 1.0, 5.0), edges: [Vec3::X * 10.0, Vec3::NEG_Z * 10.0] }),
+                2,
+            ));
+            objects.push(ball(2, 8.0));
+        }
+        Scene::build(Description {
+            materials: vec![
+                Material::lamp("lamp", Spectrum::light_from_rgb(Vec3::splat(10.0))),
+                Material::new("floor", Scattering::Diffuse(diopter_scene::texture::Color::rgb(1.0, 1.0, 1.0))),
+                face(Interior::Sides([medium.clone(), medium.clone()])),
+            ],
+            objects,
+            air: Some(Air { medium: air, bounds: None }),
+            ..Default::default()
+        })
+        .unwrap()
+    };
+    let settings = PathSettings { max_depth: 1, roulette_depth: 10 };
+    let look = |s: &Scene| mean(s, Vec3::new(0.2, 0.5, 1.0), Vec3::new(-0.2, -0.5, -1.0), 40_000, &settings);
+    let (clear, noise) = look(&scene(0.0, false));
+    assert!(clear[0] > 0.3 && noise[0] < 0.01 * clear[0], "{clear:?} {noise:?}");
+    assert_near(look(&scene(0.0, true)), clear, "faces alone");
+    // e^(−σ (way to the camera)) × about e^(−σ 2): between the lamp's nearest and farthest points.
+    let dim = look(&scene(0.3, false)).0[0] / clear[0];
+    let way = Vec3::new(0.2, 0.5, 1.0).length() as f64;
+    assert!((-0.3 * (way + 2.2)).exp() < dim && dim < (-0.3 * (way + 1.95)).exp(), "{dim}");
+    assert_near(look(&scene(0.3, true)), [dim * clear[0]; 4], "faces and air");
+}
+
+#[test]
+fn hot_gas_shines_as_deep_as_it_is() {
+    let gas = Medium {
+        name: "gas".into(),
+        absorption: Coefficient::grey(0.7),
+        scattering: Coefficient::NONE,
+        asymmetry: 0.0,
+        emission: Some(Spectrum::light_from_rgb(Vec3::splat(5.0))),
+    };
+    let scene = Scene::build(Description {
+        materials: vec![face(Interior::Body { medium: Some(Arc::new(gas)), priority: None })],
+        objects: vec![ball(0, 1.0)],
+        ..Default::default()
+    })
+    .unwrap();
+    let expected = 5.0 * (1.0 - (-0.7f64 * 2.0).exp());
+    assert_near(mean(&scene, Vec3::Z * 3.0, Vec3::NEG_Z, 16, &DEEP), [expected; 4], "gas");
+}
+
+#[test]
+fn where_bodies_overlap_the_stronger_one_is() {
+    // Glass from z = 0 to 1, water from −1 to 0.3, a lamp far below; the way straight down.
+    let half = Vec3::new(5.0, 5.0, 0.0);
+    let transmitted = |a: f64, b: f64| 1.0 - ((a - b) / (a + b)).powi(2);
+    for (glass_first, rough) in [(Some(true), false), (Some(false), false), (None, false)] {
+        let (glass, water) = match glass_first {
+            Some(true) => (Some(2), Some(1)),
+            Some(false) => (Some(1), Some(2)),
+            None => (None, None),
+        };
+        let with = |name: &str, ior: f32, tint: f32, priority: Option<i32>| {
+            let medium = Medium { absorption: Coefficient::grey(tint), ..Medium::fog(1.0, 0.0, 0.0) };
+            let medium = Medium { scattering: Coefficient::NONE, ..medium };
+            Material { interior: Interior::Body { medium: Some(Arc::new(medium)), priority }, ..Material::glass(name, ior, None) }
+        };
+        assert!(!rough);
+        let shine = Emission {
+            radiance: EmissionColor::Constant(Spectrum::light_from_rgb(Vec3::ONE)),
+            two_sided: true,
+            is_light: false,
+            modulation: Modulation::Steady,
+        };
+        let lamp = Material { emission: Some(shine), ..Material::new("lamp", Scattering::Black) };
+        let floor = Quad { corner: Vec3::new(-5.0, -5.0, -3.0), edges: [Vec3::X * 10.0, Vec3::Y * 10.0] };
+        let mesh = |mesh| Shape::Mesh { mesh, world_from_mesh: Affine3A::IDENTITY };
+        let scene = Scene::build(Description {
+            meshes: vec![box_mesh(-half, half + Vec3::Z), box_mesh(-half + Vec3::NEG_Z, half + Vec3::Z * 0.3)],
+            materials: vec![with("glass", 1.5, 0.1, glass), with("water", 1.33, 0.9, water), lamp],
+            objects: vec![
+                Object::new("glass", mesh(0), 0),
+                Object::new("water", mesh(1), 1),
+                Object::new("lamp", Shape::Quad(floor), 2),
+            ],
+            ..Default::default()
+        })
+        .unwrap();
+        let (air_glass, glass_water, air_water) = (transmitted(1.0, 1.5), transmitted(1.5, 1.33), transmitted(1.0, 1.33));
+        let (events, expected) = match glass_first {
+            Some(true) => (3, air_glass * glass_water * air_water * (-0.1f64 - 0.9).exp()),
+            Some(false) => (3, air_glass * glass_water * air_water * (-0.07f64 - 0.9 * 1.3).exp()),
+            // Each by itself, against vacuum.
+            None => (4, air_glass.powi(2) * air_water.powi(2) * (-0.07f64 - 0.9 * 1.3).exp()),
+        };
+        let settings = PathSettings { max_depth: events, roulette_depth: 100 };
+        let found = mean(&scene, Vec3::new(0.3, 0.2, 4.0), Vec3::NEG_Z, 40_000, &settings);
+        assert_near(found, [expected; 4], &format!("{glass_first:?}"));
+    }
+}
