@@ -6,6 +6,7 @@
 
 pub mod builtin;
 pub mod bvh;
+pub mod daylight;
 pub mod light;
 pub mod load;
 pub mod material;

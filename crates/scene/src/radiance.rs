@@ -126,6 +126,10 @@ impl Scene {
                     });
                     radiance += throughput * environment.radiance(ray.direction, wavelengths) * weight;
                 }
+                let from = last.map(|l| (l.point, l.normal));
+                for (disc, density) in self.lights().discs(ray.direction, from, wavelengths, flash) {
+                    radiance += throughput * disc * last.map_or(1.0, |l| mis(l.density, density));
+                }
                 return radiance;
             };
             let material = self.material(surface.object);

@@ -362,7 +362,7 @@ impl Scene {
                 Some(way) => self.moved_light(&self.lights.area[i as usize], *way, self.movers.share(time_s)).aim(p, u, i),
             },
             LightRef::Punctual(i) => match self.movers.lights.get(i as usize) {
-                Some(Some(track)) => self.lights.punctual[i as usize].placed(&track.at(self.movers.share(time_s))).aim(p, i),
+                Some(Some(track)) => self.lights.punctual[i as usize].placed(&track.at(self.movers.share(time_s))).aim(p, u, i),
                 _ => self.lights.aim(light, p, u),
             },
             LightRef::Environment => self.lights.aim(light, p, u),

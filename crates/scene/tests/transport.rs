@@ -432,3 +432,21 @@ fn light_does_not_depend_on_where_the_world_stands() {
         assert!((at(shift) / here - 1.0).abs() < 0.01, "{shift}: {} {here}", at(shift));
     }
 }
+
+#[test]
+fn the_sun_lights_and_is_seen_as_a_disc() {
+    // A white floor under a disc of 2 lx at 30° from the zenith: cos 30° × 2 / π; a mirror and a plain look show its radiance.
+    let (half, direction) = (0.02f32, Vec3::new(0.5, -(0.75f32.sqrt()), 0.0));
+    let sun =
+        Punctual::new("sun", Spectrum::light_from_rgb(Vec3::splat(2.0)), PunctualKind::Disc { direction, half_angle: half });
+    let scene = floor_with(|d| d.punctual = vec![sun]);
+    let expected = 2.0 * 0.75f64.sqrt() / std::f64::consts::PI;
+    let l = look_down(&scene, 4096);
+    assert!(l.iter().all(|l| (l / expected - 1.0).abs() < 0.01), "{l:?} {expected}");
+    let radiance = 2.0 / (std::f64::consts::PI * (half as f64).sin().powi(2));
+    let at = |angle: f32| mean(&scene, Vec3::Y, glam::Quat::from_rotation_z(angle) * -direction, 1, &PathSettings::default())[1];
+    for (angle, sees) in [(0.0, true), (0.019, true), (0.021, false), (-0.019, true), (-0.021, false)] {
+        let expected = if sees { radiance } else { 0.0 };
+        assert!((at(angle) - expected).abs() < 1e-3 * radiance, "{angle}: {} {expected}", at(angle));
+    }
+}

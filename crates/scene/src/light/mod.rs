@@ -71,6 +71,8 @@ pub struct Lights {
     /// Directional lights and the environment, with an estimate of the irradiance each gives.
     infinite: Vec<(LightRef, f32)>,
     infinite_total: f32,
+    /// Numbers of the punctual lights that are seen as discs.
+    discs: Vec<u32>,
     /// Lamps that burn for a moment only: chosen among while they do.
     flashes: Vec<LightRef>,
 }
@@ -134,9 +136,11 @@ impl Lights {
             }
         }
         let infinite_total = infinite.iter().map(|i| i.1).sum();
+        let discs =
+            (0..punctual.len() as u32).filter(|i| matches!(punctual[*i as usize].kind, PunctualKind::Disc { .. })).collect();
         let (tree, leaves) = Tree::new(&bounds);
         let area_leaf = area_place.into_iter().map(|p| leaves.get(p as usize).copied().unwrap_or(NOWHERE)).collect();
-        Lights { area, punctual, environment, tree, area_leaf, tree_lights, infinite, infinite_total, flashes }
+        Lights { area, punctual, environment, tree, area_leaf, tree_lights, infinite, infinite_total, discs, flashes }
     }
 
     /// Whether there is no light to aim at.
@@ -214,11 +218,32 @@ impl Lights {
     #[inline]
     pub fn environment_probability(&self, p: Vec3, n: Vec3, flash_burns: bool) -> f32 {
         match self.infinite.last() {
-            Some((LightRef::Environment, importance)) => {
-                (1.0 - self.flash_share(flash_burns)) * (1.0 - self.finite_share(p, n)) * importance / self.infinite_total
-            }
+            Some((LightRef::Environment, importance)) => self.infinite_probability(p, n, *importance, flash_burns),
             _ => 0.0,
         }
+    }
+
+    fn infinite_probability(&self, p: Vec3, n: Vec3, importance: f32, flash_burns: bool) -> f32 {
+        (1.0 - self.flash_share(flash_burns)) * (1.0 - self.finite_share(p, n)) * importance / self.infinite_total
+    }
+
+    /// Radiance of the discs at infinity in a direction; each with the density with which it would have been aimed at, the choice of light
+    /// included, seen from `from`.
+    pub(crate) fn discs(
+        &self,
+        direction: Vec3,
+        from: Option<(Vec3, Vec3)>,
+        wavelengths: &diopter_light::Wavelengths,
+        flash_burns: bool,
+    ) -> impl Iterator<Item = (Sampled, f32)> {
+        self.discs.iter().filter_map(move |i| {
+            let (radiance, density) = self.punctual[*i as usize].disc(direction, wavelengths)?;
+            let chosen = from.map_or(0.0, |(p, n)| {
+                let own = self.infinite.iter().find(|l| l.0 == LightRef::Punctual(*i));
+                own.map_or(0.0, |(_, importance)| self.infinite_probability(p, n, *importance, flash_burns))
+            });
+            Some((radiance, chosen * density))
+        })
     }
 
     /// Aims at a chosen light from a point. `None` when it cannot be seen from there even without obstacles.
@@ -226,7 +251,7 @@ impl Lights {
     pub fn aim(&self, light: LightRef, p: Vec3, u: [f32; 2]) -> Option<Aim> {
         match light {
             LightRef::Area(i) => self.area[i as usize].aim(p, u, i),
-            LightRef::Punctual(i) => self.punctual[i as usize].aim(p, i),
+            LightRef::Punctual(i) => self.punctual[i as usize].aim(p, u, i),
             LightRef::Environment => self.environment.as_ref()?.aim(u),
         }
     }

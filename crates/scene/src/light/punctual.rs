@@ -1,10 +1,10 @@
-//! Lights without extent: glTF's KHR_lights_punctual.
+//! Lights without extent (glTF's KHR_lights_punctual), and discs at infinity such as the sun.
 
 use super::{Aim, Modulation, Spot, tree::LightBounds};
 use crate::bvh::Bounds;
-use diopter_light::{Sampled, Spectrum, Wavelengths};
+use diopter_light::{Sampled, Spectrum, Wavelengths, sampling};
 use glam::{Affine3A, Vec3};
-use std::f32::consts::PI;
+use std::f32::consts::{PI, TAU};
 
 /// A light in a point or at infinity.
 #[derive(Clone, Debug)]
@@ -56,6 +56,13 @@ pub enum PunctualKind {
         /// Unit direction the light goes.
         direction: Vec3,
     },
+    /// A disc at infinity, evenly bright.
+    Disc {
+        /// Unit direction the light of its middle goes.
+        direction: Vec3,
+        /// Half of the angle under which it is seen, rad.
+        half_angle: f32,
+    },
 }
 
 impl Punctual {
@@ -77,6 +84,7 @@ impl Punctual {
                 edge,
             },
             PunctualKind::Directional { direction } => PunctualKind::Directional { direction: turned(direction) },
+            PunctualKind::Disc { direction, half_angle } => PunctualKind::Disc { direction: turned(direction), half_angle },
         };
         Punctual { kind, ..self.clone() }
     }
@@ -103,12 +111,21 @@ impl Punctual {
                 let here = Bounds { min: position, max: position };
                 Some(LightBounds::new(here, direction, 0.0, cos_outer.acos(), false, 4.0 * PI * candela))
             }
-            PunctualKind::Directional { .. } => None,
+            PunctualKind::Directional { .. } | PunctualKind::Disc { .. } => None,
         }
     }
 
-    pub(crate) fn aim(&self, p: Vec3, number: u32) -> Option<Aim> {
+    pub(crate) fn aim(&self, p: Vec3, u: [f32; 2], number: u32) -> Option<Aim> {
         let (wi, distance) = match self.kind {
+            PunctualKind::Disc { direction, half_angle } => {
+                // Even over the cone.
+                let (drop, phi) = (u[0] * 2.0 * (0.5 * half_angle).sin().powi(2), TAU * u[1]);
+                let (cos, sin) = (1.0 - drop, (drop * (2.0 - drop)).sqrt());
+                let (x, y) = sampling::frame(-direction);
+                let wi = (x * (sin * phi.cos()) + y * (sin * phi.sin()) - direction * cos).normalize();
+                let (distance, pdf) = (f32::INFINITY, disc_density(half_angle));
+                return Some(Aim { wi, distance, pdf, has_extent: true, spot: Spot::Punctual(number) });
+            }
             PunctualKind::Directional { direction } => (-direction, f32::INFINITY),
             PunctualKind::Point { position } | PunctualKind::Spot { position, .. } => {
                 let to = position - p;
@@ -122,11 +139,22 @@ impl Punctual {
         Some(Aim { wi, distance, pdf: 1.0, has_extent: false, spot: Spot::Punctual(number) })
     }
 
-    /// Irradiance on a plane facing the light.
+    /// Radiance of a disc seen in a direction, and the density of [`Punctual::aim`] for that; `None` beside it, or for other lights.
+    pub(crate) fn disc(&self, direction: Vec3, wavelengths: &Wavelengths) -> Option<(Sampled, f32)> {
+        match self.kind {
+            PunctualKind::Disc { direction: d, half_angle } if half_sine2(direction, -d) <= (0.5 * half_angle).sin().powi(2) => {
+                Some((self.power.sample_light(wavelengths) / disc_sr(half_angle), disc_density(half_angle)))
+            }
+            _ => None,
+        }
+    }
+
+    /// Irradiance on a plane facing the light; of a disc, its radiance.
     pub(crate) fn arriving(&self, aim: &Aim, wavelengths: &Wavelengths) -> Sampled {
         let power = self.power.sample_light(wavelengths);
         match self.kind {
             PunctualKind::Directional { .. } => power,
+            PunctualKind::Disc { half_angle, .. } => power / disc_sr(half_angle),
             PunctualKind::Point { .. } => power / (aim.distance * aim.distance),
             PunctualKind::Spot { direction, cos_inner, cos_outer, edge, .. } => {
                 // KHR_lights_punctual, "Inner and Outer Cone Angles": squared linear ramp in the cosine.
@@ -140,4 +168,19 @@ impl Punctual {
             }
         }
     }
+}
+
+/// Projected solid angle of a disc on a plane that faces it: what its radiance is to its irradiance.
+fn disc_sr(half_angle: f32) -> f32 {
+    PI * half_angle.sin().powi(2)
+}
+
+/// One over its solid angle.
+fn disc_density(half_angle: f32) -> f32 {
+    1.0 / (4.0 * PI * (0.5 * half_angle).sin().powi(2))
+}
+
+/// sin² of half the angle between two unit vectors: it keeps its digits where the cosine has none left.
+fn half_sine2(a: Vec3, b: Vec3) -> f32 {
+    0.25 * (a - b).length_squared()
 }
