@@ -2,7 +2,7 @@
 
 use clap::{Parser, Subcommand};
 use diopter::image::dng::Storage;
-use diopter::quantity::{Distance, Ev, FNumber, Filter, FocusTo, Hertz, Iso, IsoChoice, LengthMm, Seconds, Size};
+use diopter::quantity::{Distance, Ev, FNumber, Filter, FocusTo, Hertz, Iso, IsoChoice, LengthMm, Moment, Seconds, Size};
 use diopter::shot::ShotFile;
 use diopter::shot::file::{FlashSection, FlickerSection, Zones};
 use std::num::NonZeroUsize;
@@ -286,6 +286,21 @@ pub struct Taking {
     /// Turn the environment about the vertical, degrees.
     #[arg(long, value_name = "DEG", allow_negative_numbers = true)]
     pub environment_rotation: Option<f32>,
+    /// Sun and clear sky of a moment, with its zone (2026-06-21T12:00+02:00); needs --place.
+    #[arg(long, value_name = "TIME", requires = "place", conflicts_with = "sun")]
+    pub daylight: Option<Moment>,
+    /// Where on earth --daylight is: latitude and longitude, degrees, north and east positive.
+    #[arg(long, value_name = "LAT,LON", allow_hyphen_values = true, value_parser = pair, requires = "daylight")]
+    pub place: Option<[f64; 2]>,
+    /// Sun and clear sky with the sun at this elevation and azimuth (from north, -z, towards east, +x), degrees.
+    #[arg(long, value_name = "ELEV,AZ", allow_hyphen_values = true, value_parser = pair)]
+    pub sun: Option<[f64; 2]>,
+    /// Haze of daylight: 1 pure air, 3 clear, 10 thick.
+    #[arg(long, value_name = "T")]
+    pub turbidity: Option<f64>,
+    /// Fog in which one sees this far.
+    #[arg(long, value_name = "DISTANCE")]
+    pub fog: Option<Distance>,
     /// Put a large matte floor of this albedo (0 to 1) under the scene.
     #[arg(long, value_name = "ALBEDO")]
     pub ground: Option<f32>,
@@ -648,8 +663,29 @@ pub enum LutVerb {
 }
 
 /// Calculators.
+#[derive(clap::Args, Debug)]
+pub struct DaylightArgs {
+    /// A moment with its zone, such as 2026-06-21T12:00+02:00.
+    #[arg(long, value_name = "TIME", requires = "place", conflicts_with = "sun", required_unless_present = "sun")]
+    pub time: Option<Moment>,
+    /// Latitude and longitude, degrees, north and east positive.
+    #[arg(long, value_name = "LAT,LON", allow_hyphen_values = true, value_parser = pair, requires = "time")]
+    pub place: Option<[f64; 2]>,
+    /// Instead: elevation and azimuth of the sun, degrees.
+    #[arg(long, value_name = "ELEV,AZ", allow_hyphen_values = true, value_parser = pair)]
+    pub sun: Option<[f64; 2]>,
+    /// Haze: 1 pure air, 3 clear, 10 thick.
+    #[arg(long, value_name = "T")]
+    pub turbidity: Option<f64>,
+    /// The 24 hours from the moment on.
+    #[arg(long, requires = "time")]
+    pub hours: bool,
+}
+
 #[derive(Subcommand, Debug)]
 pub enum CalcVerb {
+    /// Where the sun is, and the illuminance of level ground by sun and clear sky.
+    Daylight(DaylightArgs),
     /// Tone curves: light of a display and codes of linear Rec.709 colours.
     Tone {
         /// linear, reinhard, aces-1.3, agx ...
@@ -1001,6 +1037,16 @@ impl Taking {
         let (scene, camera, exposure, render) = (&mut shot.scene, &mut shot.camera, &mut shot.exposure, &mut shot.render);
         over(&mut scene.environment, &self.environment);
         over(&mut scene.environment_rotation_deg, &self.environment_rotation);
+        if self.daylight.is_some() || self.sun.is_some() {
+            let day = scene.daylight.get_or_insert_default();
+            (day.time, day.place, day.sun) = (self.daylight, self.place, self.sun);
+        }
+        if self.turbidity.is_some() {
+            scene.daylight.get_or_insert_default().turbidity = self.turbidity;
+        }
+        if self.fog.is_some() {
+            scene.fog.get_or_insert_default().visibility = self.fog;
+        }
         over(&mut scene.ground, &self.ground);
         over(&mut scene.ambient_ev, &self.ambient_ev);
         over(&mut camera.body, &self.body);

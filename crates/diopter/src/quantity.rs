@@ -175,6 +175,53 @@ quantity!(
     |v| format!("{v} Hz")
 );
 
+quantity!(
+    /// A moment: days of universal time since noon of 2000-01-01.
+    Moment, "a date and time with its zone, such as \"2026-06-21T12:00+02:00\" or \"2026-06-21 10:00Z\"",
+    |text| moment(text),
+    |v| show_moment(v)
+);
+
+/// RFC 3339, seconds optional; the zone is needed. Years 1900 to 2100, for which the sun's place is known.
+fn moment(text: &str) -> Option<f64> {
+    let text = text.trim();
+    // Seconds may be left out: they follow the second colon of the time.
+    let clock = text.find(['T', 't', ' '])? + 1;
+    let (date, rest) = text.split_at(clock);
+    let zone = rest.find(['Z', 'z', '+', '-', ' ']).unwrap_or(rest.len());
+    let (time, zone) = rest.split_at(zone);
+    let seconds = if time.matches(':').count() == 1 { ":00" } else { "" };
+    let whole: toml::value::Datetime = format!("{date}{time}{seconds}{}", zone.trim()).parse().ok()?;
+    let (date, time) = (whole.date?, whole.time?);
+    let offset = match whole.offset? {
+        toml::value::Offset::Z => 0.0,
+        toml::value::Offset::Custom { minutes } => f64::from(minutes) * 60.0,
+    };
+    let seconds = f64::from(time.hour) * 3600.0
+        + f64::from(time.minute) * 60.0
+        + f64::from(time.second.unwrap_or(0))
+        + f64::from(time.nanosecond.unwrap_or(0)) * 1e-9;
+    let in_reach = (1900..=2100).contains(&date.year);
+    let days = diopter_scene::daylight::sun::days_since_2000;
+    in_reach.then(|| days(date.year.into(), date.month.into(), date.day.into(), seconds - offset))
+}
+
+/// The moment in universal time.
+fn show_moment(days: f64) -> String {
+    let seconds = ((days + 0.5) * 86_400.0).round();
+    let (day, second) = ((seconds / 86_400.0).floor() as i64, seconds.rem_euclid(86_400.0) as i64);
+    // Civil date of a day number. Source: H. Hinnant, "chrono-Compatible Low-Level Date Algorithms" (2013).
+    let z = day + 730_425;
+    let era = z.div_euclid(146_097);
+    let of_era = z.rem_euclid(146_097);
+    let year_of_era = (of_era - of_era / 1460 + of_era / 36_524 - of_era / 146_096) / 365;
+    let of_year = of_era - (365 * year_of_era + year_of_era / 4 - year_of_era / 100);
+    let m = (5 * of_year + 2) / 153;
+    let (d, m) = (of_year - (153 * m + 2) / 5 + 1, if m < 10 { m + 3 } else { m - 9 });
+    let y = year_of_era + era * 400 + i64::from(m <= 2);
+    format!("{y:04}-{m:02}-{d:02}T{:02}:{:02}:{:02}Z", second / 3600, second / 60 % 60, second % 60)
+}
+
 /// An ISO speed, or the camera's choice.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum IsoChoice {
@@ -382,6 +429,24 @@ mod tests {
         for t in [1.0 / 125.0, 0.5, 30.0, 1.0 / 8000.0, 0.0123] {
             let back: Seconds = Seconds(t).to_string().parse().unwrap();
             assert!((back.0 / t - 1.0).abs() < 1e-9, "{t} {}", Seconds(t));
+        }
+    }
+
+    #[test]
+    fn moments_need_a_zone_and_come_back_in_universal_time() {
+        let parse = |t: &str| t.parse::<Moment>();
+        assert!((parse("2000-01-01T12:00:00Z").unwrap().0).abs() < 1e-9);
+        assert!((parse("2000-01-02 13:00+01:00").unwrap().0 - 1.0).abs() < 1e-9);
+        for (text, shown) in [
+            ("2026-06-21T12:00+02:00", "2026-06-21T10:00:00Z"),
+            ("2024-02-29 23:59:59 -01:00", "2024-03-01T00:59:59Z"),
+            ("1999-12-31T00:00Z", "1999-12-31T00:00:00Z"),
+        ] {
+            assert_eq!(parse(text).unwrap().to_string(), shown);
+            assert_eq!(parse(shown).unwrap(), parse(text).unwrap());
+        }
+        for bad in ["2026-06-21T12:00", "2026-06-21", "noon", "2026-13-01T00:00Z", "1500-01-01T00:00Z", "", "2026-02-30T00:00Z"] {
+            assert!(parse(bad).is_err(), "{bad}");
         }
     }
 }

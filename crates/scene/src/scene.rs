@@ -492,6 +492,11 @@ impl Scene {
         Some(self.surface(ray, &hit?))
     }
 
+    /// Fills the world around its bodies.
+    pub fn fill_air(&mut self, air: Option<Air>) {
+        self.description.air = air;
+    }
+
     /// What fills the world around its bodies.
     pub fn air(&self) -> Option<&Air> {
         self.description.air.as_ref()

@@ -2,7 +2,7 @@
 
 use super::ShotError;
 use super::sources::is_lens_file;
-use crate::quantity::{Ev, FNumber, Filter, FocusTo, Hertz, Iso, IsoChoice, LengthMm, Seconds, Size};
+use crate::quantity::{Distance, Ev, FNumber, Filter, FocusTo, Hertz, Iso, IsoChoice, LengthMm, Moment, Seconds, Size};
 use crate::recipe_file;
 use crate::stops;
 use diopter_develop::Recipe;
@@ -53,6 +53,12 @@ pub struct SceneSection {
     /// Factor on the environment; 1 takes its numbers as cd/m².
     #[serde(skip_serializing_if = "Option::is_none")]
     pub environment_scale: Option<f32>,
+    /// Sun and sky instead of an environment.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub daylight: Option<DaylightSection>,
+    /// Fog around everything.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub fog: Option<FogSection>,
     /// Puts a large matte floor of this albedo (0 to 1, grey) under the scene.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub ground: Option<f32>,
@@ -74,6 +80,48 @@ pub struct SceneSection {
     /// Lamps whose light changes with time.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub flicker: Vec<FlickerSection>,
+}
+
+/// `[scene.daylight]`: `sun`, or `time` and `place`.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct DaylightSection {
+    /// Elevation and azimuth (from north towards east) of the sun, degrees.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub sun: Option<[f64; 2]>,
+    /// A moment with its distance from universal time, such as 2026-06-21T12:00+02:00.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub time: Option<Moment>,
+    /// Latitude and longitude, north and east positive, degrees.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub place: Option<[f64; 2]>,
+    /// Haze: 1 pure air, 2 very clear, 3 clear (without it), 6 hazy, 10 thick.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub turbidity: Option<f64>,
+    /// Turns north, which is -z without, towards east (+x), degrees.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub north_deg: Option<f64>,
+    /// Albedo of the endless ground below the horizon; 0.2 without.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub ground: Option<f64>,
+}
+
+/// `[scene.fog]`
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct FogSection {
+    /// How far one sees in it (a contrast of 2 %); 100 m without.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub visibility: Option<Distance>,
+    /// Share of light that a droplet scatters and does not absorb; 1 without.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub albedo: Option<f32>,
+    /// Mean cosine of the angle of scattering; 0.85 without.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub asymmetry: Option<f32>,
+    /// Two corners of the box that it fills, m; without, as far around all that is seen as one can see, or endless where no light comes from infinity.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub within: Option<[[f32; 3]; 2]>,
 }
 
 /// `[[scene.flicker]]`

@@ -10,11 +10,13 @@ mod light_field;
 mod sequence;
 mod sources;
 mod staging;
+mod surroundings;
 mod timing;
 
 pub use file::ShotFile;
 pub use sequence::{Sequence, Vary};
 pub use sources::{read_body, read_environment, read_lens, read_scene};
+pub use surroundings::daylight;
 
 use crate::camera::{Camera, Film, PlacementError};
 use crate::expose::{ExposeError, Response, Settings, Watch, expose};
@@ -32,7 +34,7 @@ use diopter_image::{ExposureFacts, FocalPlane, Picture, Raster, RawImage};
 use diopter_lens::{Lens, LensError};
 use diopter_light::cie;
 use diopter_light::random::SamplerKind;
-use diopter_scene::light::{Environment, Modulation};
+use diopter_scene::light::Modulation;
 use diopter_scene::{PathSettings, Scene, SceneError, builtin};
 use diopter_sensor::format;
 use diopter_sensor::{Reading, Sensor, SensorError, read_out};
@@ -217,30 +219,11 @@ impl Shot {
         let mut timing = Timing::new(&file, &sensor, wanted)?;
         let focusing = Focusing::new(&file, film.width_mm.hypot(film.height_mm), warn)?;
         timing.play(&mut description, &file.scene)?;
-        if let Some(path) = &file.scene.environment {
-            let (rotation, scale) =
-                (file.scene.environment_rotation_deg.unwrap_or(0.0), file.scene.environment_scale.unwrap_or(1.0));
-            if !(scale >= 0.0 && scale.is_finite() && rotation.is_finite()) {
-                return Err(value(
-                    "environment_scale or environment_rotation_deg",
-                    format!("{scale}, {rotation}"),
-                    "finite numbers, the scale not negative",
-                ));
-            }
-            description.environment = Some(read_environment(path, rotation, scale)?);
-        }
+        surroundings::put(&mut description, &file.scene, timing.flash.is_some(), warn)?;
         if let Some(albedo) = file.scene.ground {
             staging::put_ground(&mut description, albedo, timing.at_s)?;
         }
         let scene_name = description.name.clone();
-        let dark = description.environment.is_none()
-            && description.punctual.is_empty()
-            && !description.materials.iter().any(|m| m.emission.is_some())
-            && timing.flash.is_none();
-        if dark {
-            warn("the scene has no light: an even white sky of 2000 cd/m² is put around it (give --environment for another)");
-            description.environment = Some(Environment::uniform(Vec3::splat(2000.0)));
-        }
         timing::put_flicker(&mut description, &file.scene.flicker)?;
         if let Some(flash) = &timing.flash {
             flash.put_into(&mut description);
@@ -260,6 +243,9 @@ impl Shot {
         }
         let (camera, carrier) = staging::camera(&file, &scene, timing.at_s, &sensor, film, &focusing, framing.as_ref(), warn)?;
         timing.carrier = carrier;
+        if let Some(fog) = &file.scene.fog {
+            surroundings::put_fog(&mut scene, fog, camera.way.at(0.0).translation.into())?;
+        }
         if file.render.quick && camera.film.microlenses.is_some() {
             return Err(value("plenoptic", "a microlens array", "no quick look: it has no light field"));
         }

@@ -89,6 +89,11 @@ impl Punctual {
         Punctual { kind, ..self.clone() }
     }
 
+    /// Whether it is infinitely far away.
+    pub fn is_infinite(&self) -> bool {
+        self.bounds().is_none()
+    }
+
     /// Its mirror image, z → −z.
     pub(crate) fn mirrored(&self) -> Punctual {
         self.placed(&Affine3A::from_scale(Vec3::new(1.0, 1.0, -1.0)))

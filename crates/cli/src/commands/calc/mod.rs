@@ -1,5 +1,6 @@
 //! `calc`: calculators.
 
+mod daylight;
 mod exposure;
 mod focus;
 mod tone;
@@ -18,6 +19,7 @@ pub fn run(verb: &CalcVerb, json: bool) -> anyhow::Result<()> {
         }
         CalcVerb::Fov(args) => focus::field(args, json),
         CalcVerb::EquivalentFormat(args) => focus::equivalent(args, json),
+        CalcVerb::Daylight(args) => daylight::run(args, json),
         CalcVerb::Stops { step } => exposure::stops(step, json),
     }
 }

@@ -1,0 +1,70 @@
+//! `calc daylight`: where the sun is and how bright it makes a level ground.
+
+use crate::args::DaylightArgs;
+use crate::commands::print_json;
+use diopter::quantity::Moment;
+use diopter::shot::daylight;
+use diopter::shot::file::DaylightSection;
+use std::io::Write;
+
+/// K of reflected-light meters (ISO 2720).
+const METER_K: f64 = 12.5;
+/// Reflectance of a grey card.
+const GREY: f64 = 0.18;
+
+pub fn run(args: &DaylightArgs, json: bool) -> anyhow::Result<()> {
+    let section = |time: Option<Moment>| DaylightSection {
+        sun: args.sun,
+        time,
+        place: args.place,
+        turbidity: args.turbidity,
+        ..Default::default()
+    };
+    let rows = |times: Vec<Option<Moment>>| -> anyhow::Result<Vec<_>> {
+        let row = |t: Option<Moment>| {
+            let day = daylight(&section(t))?;
+            Ok((t, day.sun, day.illuminance()))
+        };
+        times.into_iter().map(row).collect()
+    };
+    let rows = match (args.time, args.hours) {
+        // A day, hour by hour.
+        (Some(Moment(days)), true) => rows((0..24).map(|h| Some(Moment(days + f64::from(h) / 24.0))).collect())?,
+        (time, _) => rows(vec![time])?,
+    };
+    // A grey card lying on the ground.
+    let ev = |lux: f64| (lux * GREY / std::f64::consts::PI * 100.0 / METER_K).log2();
+    if json {
+        let all: Vec<_> = rows
+            .iter()
+            .map(|(time, sun, [direct, sky])| {
+                serde_json::json!({
+                    "time": time.map(|t| t.to_string()),
+                    "elevation_deg": sun.elevation.to_degrees(), "azimuth_deg": sun.azimuth.to_degrees(), "distance_au": sun.distance_au,
+                    "sun_lx": direct, "sky_lx": sky, "global_lx": direct + sky, "ev100_of_grey_card": ev(direct + sky),
+                })
+            })
+            .collect();
+        return print_json(&serde_json::json!(all));
+    }
+    let mut out = std::io::stdout();
+    writeln!(
+        out,
+        "{:<21} {:>9} {:>8} {:>9} {:>8} {:>9} {:>6}",
+        "time", "elevation", "azimuth", "sun lx", "sky lx", "both lx", "EV"
+    )?;
+    for (time, sun, [direct, sky]) in rows {
+        let time = time.map_or("-".into(), |t| t.to_string());
+        writeln!(
+            out,
+            "{time:<21} {:>8.2}° {:>7.2}° {direct:>9.0} {sky:>8.4$} {:>9.4$} {:>6.1}",
+            sun.elevation.to_degrees(),
+            sun.azimuth.to_degrees(),
+            direct + sky,
+            ev(direct + sky),
+            if direct + sky < 10.0 { 3 } else { 0 },
+        )?;
+    }
+    writeln!(out, "on level ground under a clear sky; EV: of a grey card (18 %) lying there, ISO 100")?;
+    Ok(())
+}
