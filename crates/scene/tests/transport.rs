@@ -5,7 +5,9 @@ use diopter_light::{Ray, Spectrum, Wavelengths};
 use diopter_scene::light::Environment;
 use diopter_scene::light::{Punctual, PunctualKind, SpotEdge};
 use diopter_scene::material::conductor::FacetBounces;
-use diopter_scene::material::{Conductor, Emission, EmissionColor, Material, Principled, Scattering, Transmission};
+use diopter_scene::material::{
+    CoatedConductor, Conductor, Emission, EmissionColor, Material, Principled, Scattering, Transmission,
+};
 use diopter_scene::shape::{Mesh, Quad, Sphere};
 use diopter_scene::texture::{Color, Scalar};
 use diopter_scene::{Description, Object, PathSettings, Scene, Shape};
@@ -99,6 +101,9 @@ fn white_materials() -> Vec<(String, Material)> {
                 p.kind = Transmission::Solid;
             }),
         ));
+        let Scattering::Conductor(perfect) = mirror(0.04 + 0.3 * r * r).scattering else { panic!("a metal") };
+        let lacquered = CoatedConductor::new(perfect, 1.5, s(r));
+        all.push((format!("lacquered {r}"), Material::new("l", Scattering::Coated(Box::new(lacquered)))));
         all.push((
             format!("coated {r}"),
             principled(|p| {

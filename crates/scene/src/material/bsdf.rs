@@ -1,5 +1,6 @@
 //! The scattering function at one point: evaluated, drawn from, with its density.
 
+use super::coated::CoatedLobes;
 use super::conductor::ConductorLobe;
 use super::diffuse;
 use super::principled::PrincipledLobes;
@@ -36,6 +37,7 @@ pub(super) struct LocalScatter {
 pub(super) enum Lobes<'a> {
     Diffuse { albedo: Sampled },
     Conductor(ConductorLobe),
+    Coated(CoatedLobes<'a>),
     Principled(PrincipledLobes<'a>),
     DiffuseTransmission { reflectance: Sampled, transmittance: Sampled },
 }
@@ -84,6 +86,7 @@ impl<'a> Bsdf<'a> {
         match &self.lobes {
             Lobes::Diffuse { albedo } => diffuse::eval(*albedo, local),
             Lobes::Conductor(lobe) => lobe.eval(self.wo, local),
+            Lobes::Coated(lobes) => lobes.eval(self.wo, local),
             Lobes::Principled(lobes) => lobes.eval(self.wo, local),
             Lobes::DiffuseTransmission { reflectance, transmittance } => diffuse::eval_both(*reflectance, *transmittance, local),
         }
@@ -95,6 +98,7 @@ impl<'a> Bsdf<'a> {
         let s = match &self.lobes {
             Lobes::Diffuse { albedo } => Some(diffuse::sample(*albedo, u)),
             Lobes::Conductor(lobe) => lobe.sample(self.wo, u),
+            Lobes::Coated(lobes) => lobes.sample(self.wo, u),
             Lobes::Principled(lobes) => lobes.sample(self.wo, u),
             Lobes::DiffuseTransmission { reflectance, transmittance } => diffuse::sample_both(*reflectance, *transmittance, u),
         }?;

@@ -74,6 +74,20 @@ pub(super) struct ConductorLobe {
 }
 
 impl ConductorLobe {
+    /// The metal as it is seen from within a dielectric.
+    pub(super) fn within(self, ior: f32) -> Self {
+        ConductorLobe { n: self.n / ior, k: self.k / ior, ..self }
+    }
+
+    pub(super) fn alpha(&self) -> f32 {
+        self.alpha
+    }
+
+    /// Reflectance of a smooth surface at a cosine.
+    pub(super) fn normal(&self, cos: f32) -> Sampled {
+        fresnel_conductor(cos, self.n, self.k)
+    }
+
     /// Fresnel reflectance, with what bounces between facets.
     fn reflectance(&self, wo: Vec3, h: Vec3) -> Sampled {
         let f = fresnel_conductor(wo.dot(h), self.n, self.k);

@@ -157,6 +157,50 @@ impl Interface {
     }
 }
 
+/// How much of what a perfect rough mirror below a smooth coat of an index scatters leaves the coat at once.
+#[derive(Debug)]
+pub struct Escape {
+    share: Table,
+    /// Mean of it under light from everywhere outside, by roughness.
+    average: Vec<f32>,
+}
+
+impl Escape {
+    /// The tables of an index; made once for each index in the program.
+    pub fn of(ior: f32) -> Arc<Escape> {
+        static KNOWN: Mutex<Vec<(u32, Arc<Escape>)>> = Mutex::new(Vec::new());
+        let mut known = KNOWN.lock().unwrap_or_else(|e| e.into_inner());
+        if let Some((_, tables)) = known.iter().find(|(bits, _)| *bits == ior.to_bits()) {
+            return tables.clone();
+        }
+        let share = Table::new(|mu, r| {
+            let r = r.max(FIRST_ROUGHNESS);
+            // Over the direction outside: within the coat the share falls steeply near the critical angle.
+            let mu = (1.0 - (1.0 - mu * mu) / (ior * ior)).sqrt();
+            let leaves = |wo: Vec3, h: Vec3| {
+                let wi = reflect(wo, h);
+                reflected(wo, h, r * r) * (1.0 - fresnel_dielectric(wi.z, 1.0 / ior))
+            };
+            integrate(mu, r * r, CUT_LATTICE, leaves)
+                / integrate(mu, r * r, CUT_LATTICE, |wo, h| reflected(wo, h, r * r)).max(1e-6)
+        });
+        let tables = Arc::new(Escape { average: share.average(), share });
+        known.push((ior.to_bits(), tables.clone()));
+        tables
+    }
+
+    /// The share of light that came from a direction (its cosine outside), and the share of what was held back once already: the same where the metal is
+    /// smooth, that of light from everywhere where it is rough.
+    pub fn at(&self, mu: f32, alpha: f32) -> [f32; 2] {
+        let roughness = alpha.sqrt();
+        let own = self.share.at(mu, roughness);
+        let x = roughness.clamp(0.0, 1.0) * (NODES - 1) as f32;
+        let i = (x as usize).min(NODES - 2);
+        let all = self.average[i] + (self.average[i + 1] - self.average[i]) * (x - i as f32);
+        [own, own + (all - own) * (4.0 * alpha).min(1.0)]
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -1,9 +1,10 @@
 //! What surfaces are made of: descriptions ([`Material`]) that become scattering functions ([`Bsdf`]) at a point.
 //!
-//! One file a family: [`diffuse`], [`conductor`] (measured n and k), [`principled`] (glTF's metallic-roughness with
+//! One file a family: [`diffuse`], [`conductor`] (measured n and k), [`coated`] (metal under a clear coat), [`principled`] (glTF's metallic-roughness with
 //! transmission, volume and clear coat; also clear glass). Shared physics: [`microfacet`], [`energy`].
 
 pub mod bsdf;
+pub mod coated;
 pub mod conductor;
 pub mod diffuse;
 pub mod energy;
@@ -11,6 +12,7 @@ pub mod microfacet;
 pub mod principled;
 
 pub use bsdf::{Bsdf, Scatter};
+pub use coated::CoatedConductor;
 pub use conductor::Conductor;
 pub use principled::{Principled, Transmission};
 
@@ -67,6 +69,8 @@ pub enum Scattering {
     Diffuse(Color),
     /// A metal by its optical constants.
     Conductor(Conductor),
+    /// A metal under a clear coat.
+    Coated(Box<CoatedConductor>),
     /// glTF's material model.
     Principled(Box<Principled>),
     /// Lambertian reflection and transmission: paper, leaves.
@@ -108,6 +112,7 @@ impl Scattering {
             Scattering::Black | Scattering::Interface => Vec3::ZERO,
             Scattering::Diffuse(color) => color.linear_srgb(surface),
             Scattering::Conductor(conductor) => conductor.normal_reflectance(),
+            Scattering::Coated(coated) => coated.normal_reflectance(),
             Scattering::Principled(principled) => principled.base_color.linear_srgb(surface),
             Scattering::DiffuseTransmission(colors) => colors[0].linear_srgb(surface) + colors[1].linear_srgb(surface),
             Scattering::Mix(mix) => {
@@ -259,6 +264,7 @@ impl Material {
             }
             Scattering::Diffuse(color) => bsdf::Lobes::Diffuse { albedo: color.sample(surface, wavelengths) },
             Scattering::Conductor(conductor) => bsdf::Lobes::Conductor(conductor.at(surface, wavelengths)),
+            Scattering::Coated(coated) => bsdf::Lobes::Coated(coated.at(surface, wavelengths)),
             Scattering::Principled(principled) => {
                 bsdf::Lobes::Principled(principled.at(surface, wo, wavelengths, hero_only, around))
             }

@@ -6,7 +6,7 @@ use super::textures::Textures;
 use super::world::World;
 use super::{Fault, Place};
 use crate::material::conductor::FacetBounces;
-use crate::material::{Conductor, DEEPEST_MIX, Material, Principled, Scattering, Transmission};
+use crate::material::{CoatedConductor, Conductor, DEEPEST_MIX, Material, Principled, Scattering, Transmission};
 use crate::texture::{Codes, Color, Graph, Interpolation, Scalar, Texture, Wrap};
 use diopter_light::Spectrum;
 use glam::{Affine2, Vec2};
@@ -75,17 +75,7 @@ impl Materials {
             "" | "none" | "interface" => return Ok(Made { material: None }),
             "diffuse" => Scattering::Diffuse(textures.color(world, p, "reflectance", 0.5)?),
             "coateddiffuse" => {
-                for (name, default) in [("albedo", 0.0), ("g", 0.0)] {
-                    if let Some(param) = p.get(name)
-                        && param.values != super::params::Values::Numbers(vec![default])
-                    {
-                        let place = param.place;
-                        world.warn(place, format!("\"{name}\" of a coateddiffuse (a medium between its layers) is not supported: it is taken for clear"));
-                    }
-                }
-                for name in ["thickness", "maxdepth", "nsamples"] {
-                    p.get(name);
-                }
+                clear_between_layers(world, p);
                 let base = textures.color(world, p, "reflectance", 0.5)?;
                 let eta = index(world, p, "eta", 1.5)?;
                 let roughness = root_of_alpha(world, textures, p, "")?;
@@ -93,8 +83,17 @@ impl Materials {
             }
             "conductor" => {
                 let alpha = alpha(world, textures, p, "")?;
-                let (n, k) = metal(world, p)?;
+                let (n, k) = metal(world, p, "")?;
                 Scattering::Conductor(Conductor { n, k, alpha, bounces: FacetBounces::Lost })
+            }
+            "coatedconductor" => {
+                clear_between_layers(world, p);
+                let alpha = alpha(world, textures, p, "conductor.")?;
+                let (n, k) = metal(world, p, "conductor.")?;
+                let metal = Conductor { n, k, alpha, bounces: FacetBounces::Lost };
+                let eta = index(world, p, "interface.eta", 1.5)?;
+                let roughness = root_of_alpha(world, textures, p, "interface.")?;
+                Scattering::Coated(Box::new(CoatedConductor::new(metal, eta.at(550.0), roughness)))
             }
             "dielectric" | "thindielectric" => {
                 let eta = index(world, p, "eta", 1.5)?;
@@ -149,7 +148,7 @@ impl Materials {
                 Scattering::Mix(Box::new((parts, amount)))
             }
             other => {
-                let known = "diffuse, coateddiffuse, conductor, dielectric, thindielectric, diffusetransmission, mix or interface: others are not supported yet";
+                let known = "diffuse, coateddiffuse, conductor, coatedconductor, dielectric, thindielectric, diffusetransmission, mix or interface: others are not supported yet";
                 return Err(p.place.fault(format!("material \"{other}\""), known));
             }
         };
@@ -161,6 +160,24 @@ impl Materials {
             world.warn(place, "displacement (bumps of a material) is not supported: its surfaces are shown without");
         }
         Ok(Made { material: Some(material) })
+    }
+}
+
+/// Says what is left out of a medium between two layers.
+fn clear_between_layers(world: &mut World, p: &Params) {
+    for (name, default) in [("albedo", 0.0), ("g", 0.0)] {
+        if let Some(param) = p.get(name)
+            && param.values != super::params::Values::Numbers(vec![default])
+        {
+            let place = param.place;
+            world.warn(
+                place,
+                format!("\"{name}\" of a layered material (a medium between its layers) is not supported: it is taken for clear"),
+            );
+        }
+    }
+    for name in ["thickness", "maxdepth", "nsamples", "interface.thickness"] {
+        p.get(name);
     }
 }
 
@@ -190,9 +207,11 @@ fn index(world: &World, p: &Params, name: &str, default: f32) -> Result<Spectrum
     }
 }
 
-fn metal(world: &World, p: &Params) -> Result<(Spectrum, Spectrum), Fault> {
+/// n and k of a metal; the names of its parameters may have a prefix, but `reflectance` has none.
+fn metal(world: &World, p: &Params, prefix: &str) -> Result<(Spectrum, Spectrum), Fault> {
+    let [eta, k] = ["eta", "k"].map(|name| format!("{prefix}{name}"));
     if let Some(reflectance) = p.get("reflectance") {
-        if p.get("eta").is_some() || p.get("k").is_some() {
+        if p.get(&eta).is_some() || p.get(&k).is_some() {
             return Err(p.place.fault("a conductor with reflectance and eta or k", "one of the two"));
         }
         let r = spectra::of(world, reflectance, Use::Albedo)?;
@@ -205,8 +224,8 @@ fn metal(world: &World, p: &Params) -> Result<(Spectrum, Spectrum), Fault> {
         return Ok((Spectrum::Constant(1.0), Spectrum::Table(table)));
     }
     let copper = |which: &str| spectra::named_or_nothing(&format!("metal-Cu-{which}"));
-    let n = spectra::get(world, p, "eta", Use::Unbounded, copper("eta"))?;
-    let k = spectra::get(world, p, "k", Use::Unbounded, copper("k"))?;
+    let n = spectra::get(world, p, &eta, Use::Unbounded, copper("eta"))?;
+    let k = spectra::get(world, p, &k, Use::Unbounded, copper("k"))?;
     Ok((n, k))
 }
 

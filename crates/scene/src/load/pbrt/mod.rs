@@ -13,6 +13,7 @@ mod camera;
 mod lex;
 mod lights;
 mod materials;
+mod media;
 mod params;
 mod shapes;
 mod spectra;

@@ -4,18 +4,21 @@ use super::camera;
 use super::lex::{Lexer, Token};
 use super::lights;
 use super::materials::{Made, Materials};
+use super::media;
 use super::params::{self, Param, Params};
 use super::shapes::{self, Form};
 use super::textures::Textures;
 use super::{Fault, Place};
 use crate::SceneError;
 use crate::load::{Fetch, ply, unzipped};
-use crate::material::Coverage;
+use crate::material::{Coverage, Interior, Material, Scattering};
+use crate::medium::{Air, Medium};
 use crate::scene::{Description, Object, Shape, Viewpoint};
 use crate::shape::Mesh;
 use crate::texture::Scalar;
 use glam::{Affine3A, DMat4, DVec3, Mat4, Vec3};
 use std::collections::HashMap;
+use std::sync::Arc;
 
 /// Most files that include each other.
 const DEEPEST: usize = 64;
@@ -59,6 +62,8 @@ struct Met {
     material: MaterialName,
     area_light: Option<Params>,
     alpha: Option<Scalar>,
+    /// Media inside and outside.
+    media: [String; 2],
     place: Place,
 }
 
@@ -78,6 +83,9 @@ pub(super) struct World<'a> {
     max_depth: Option<u32>,
     textures: Textures,
     materials: Materials,
+    media: HashMap<String, Arc<Medium>>,
+    /// What the camera is in, and where that was said.
+    around_camera: (String, Place),
     met: Vec<Met>,
     objects: HashMap<String, Vec<Met>>,
     /// The object that is being defined.
@@ -117,6 +125,8 @@ impl<'a> World<'a> {
             max_depth: None,
             textures: Textures::default(),
             materials: Materials::new(),
+            media: HashMap::new(),
+            around_camera: Default::default(),
             met: vec![],
             objects: HashMap::new(),
             defining: None,
@@ -342,6 +352,7 @@ impl<'a> World<'a> {
                     self.warn(place, "the camera moves: it is taken where it is when the shutter opens");
                 }
                 self.camera = Some((p, kind, from_world));
+                self.around_camera = (self.state.media[1].clone(), place);
             }
             "Film" => {
                 let (kind, p) = self.typed(lexer, place)?;
@@ -396,10 +407,12 @@ impl<'a> World<'a> {
             }
             "MakeNamedMedium" => {
                 let name = Self::text(lexer, place, "a name")?;
-                params::read(lexer, place)?;
-                return Err(
-                    place.fault(format!("medium \"{name}\""), "a scene without media: fog and smoke are not supported yet")
-                );
+                let p = params::read(lexer, place)?.over(&self.state.medium);
+                let medium = media::make(self, &name, &p)?;
+                self.say_unused(&p);
+                if self.media.insert(name.clone(), Arc::new(medium)).is_some() {
+                    return Err(place.fault(format!("a second medium \"{name}\""), "one of each name"));
+                }
             }
             "MediumInterface" => {
                 let inside = Self::text(lexer, place, "the name of a medium")?;
@@ -507,9 +520,6 @@ impl<'a> World<'a> {
                 place.fault("a shape that moves", "one that stands still: ActiveTransform is not supported for shapes yet")
             );
         }
-        if self.state.media.iter().any(|m| !m.is_empty()) {
-            return Err(place.fault("a shape with media", "a scene without media"));
-        }
         let textures = std::mem::take(&mut self.textures);
         let alpha = textures.scalar(self, p, "alpha", 1.0);
         self.textures = textures;
@@ -543,6 +553,7 @@ impl<'a> World<'a> {
             material: self.state.material.clone(),
             area_light: self.state.area_light.clone(),
             alpha,
+            media: self.state.media.clone(),
             place,
         };
         match &mut self.defining {
@@ -614,12 +625,25 @@ impl<'a> World<'a> {
                 material: m.material.clone(),
                 area_light: None,
                 alpha: m.alpha.clone(),
+                media: m.media.clone(),
                 place,
             };
             self.met.push(copy);
         }
         self.objects.insert(name.to_owned(), met);
         Ok(())
+    }
+
+    /// A medium by name; the empty name is a vacuum.
+    fn medium(&self, name: &str, place: Place) -> Result<Option<Arc<Medium>>, Fault> {
+        if name.is_empty() {
+            return Ok(None);
+        }
+        self.media.get(name).cloned().map(Some).ok_or_else(|| {
+            let near = diopter_light::names::nearest(name, self.media.keys().map(String::as_str));
+            let hint = near.map_or("a medium that is defined somewhere".into(), |n| format!("a medium (did you mean \"{n}\"?)"));
+            place.fault(format!("medium \"{name}\""), hint)
+        })
     }
 
     /// All names are known: materials are given to shapes, lights to materials, the camera to the world.
@@ -631,7 +655,7 @@ impl<'a> World<'a> {
     fn settle(&mut self) -> Result<(), Fault> {
         let met = std::mem::take(&mut self.met);
         // Numbers in the description of materials that shapes share: those without a light or an alpha of their own.
-        let mut plain: HashMap<usize, u32> = HashMap::new();
+        let mut plain: HashMap<(usize, [String; 2]), u32> = HashMap::new();
         for m in met {
             let number = match &m.material {
                 MaterialName::Number(n) => *n,
@@ -642,20 +666,39 @@ impl<'a> World<'a> {
                     m.place.fault(format!("material \"{name}\""), hint)
                 })?,
             };
-            if let (Some(known), None, None) = (plain.get(&number), &m.area_light, &m.alpha) {
+            let key = (number, m.media.clone());
+            if let (Some(known), None, None) = (plain.get(&key), &m.area_light, &m.alpha) {
                 self.description.objects.push(Object::new(m.name, m.shape, *known));
                 continue;
             }
-            // No surface at all.
-            let Some(mut material) = self.materials.made(number).material.clone() else {
-                if m.area_light.is_some() {
-                    self.warn(m.place, "an area light without a surface is left out, as in pbrt");
+            // The same on both sides: whatever light is in goes on.
+            let interior = match m.media[0] == m.media[1] {
+                true => Interior::Same,
+                false => Interior::Sides([self.medium(&m.media[0], m.place)?, self.medium(&m.media[1], m.place)?]),
+            };
+            let mut material = match self.materials.made(number).material.clone() {
+                Some(material) => Material { interior, ..material },
+                None => {
+                    if m.area_light.is_some() {
+                        self.warn(m.place, "an area light without a surface is left out, as in pbrt");
+                    }
+                    // No surface, and nothing begins there either.
+                    if matches!(interior, Interior::Same) {
+                        continue;
+                    }
+                    if m.alpha.is_some() {
+                        self.warn(m.place, "alpha of a shape without a surface is not used");
+                    }
+                    self.description.materials.push(Material { interior, ..Material::new("interface", Scattering::Interface) });
+                    let own = self.description.materials.len() as u32 - 1;
+                    plain.insert(key, own);
+                    self.description.objects.push(Object::new(m.name, m.shape, own));
+                    continue;
                 }
-                continue;
             };
             let own = self.description.materials.len() as u32;
             if m.area_light.is_none() && m.alpha.is_none() {
-                plain.insert(number, own);
+                plain.insert(key, own);
             }
             if let Some(p) = &m.area_light {
                 material.emission = Some(lights::emission(self, p, area(&m.shape, &self.description.meshes))?);
@@ -668,6 +711,10 @@ impl<'a> World<'a> {
             self.description.objects.push(Object::new(m.name, m.shape, own));
         }
         self.description.max_depth = self.max_depth;
+        let (name, place) = self.around_camera.clone();
+        if let Some(medium) = self.medium(&name, place)? {
+            self.description.air = Some(Air { medium: (*medium).clone(), bounds: None });
+        }
         let (film, kind) = self.film.take().unwrap_or_default();
         let film = camera::film(self, &film, &kind)?;
         let (p, kind, camera_from_world) =

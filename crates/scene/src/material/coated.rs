@@ -1,0 +1,145 @@
+//! A clear coat over metal: light is bent into the coat, meets the metal, and is bent out again.
+//!
+//! Directions within the coat are those through a smooth surface, roughness blurs only what the coat itself reflects. What the coat holds back
+//! and the metal scatters again is added in the shape of what comes out at once: exact where both are smooth, and whatever the roughness a
+//! coat over a perfect metal loses nothing. Source of the change of variables: A. Weidlich, A. Wilkie 2007, "Arbitrarily Layered Micro-Facet
+//! Surfaces".
+
+use super::bsdf::LocalScatter;
+use super::conductor::{Conductor, ConductorLobe};
+use super::energy::{Escape, Interface};
+use super::microfacet::{SMOOTH, fresnel_dielectric, ggx_d, ggx_g1, ggx_g2, reflect, refract, sample_visible_normal};
+use crate::shape::Surface;
+use crate::texture::Scalar;
+use diopter_light::{Sampled, Wavelengths};
+use glam::Vec3;
+use std::sync::Arc;
+
+/// Metal under a clear dielectric.
+#[derive(Clone, Debug)]
+pub struct CoatedConductor {
+    /// The metal; its constants are against vacuum.
+    pub metal: Conductor,
+    /// √α of the coat's GGX distribution.
+    pub roughness: Scalar,
+    ior: f32,
+    interface: Arc<Interface>,
+    escape: Arc<Escape>,
+}
+
+impl CoatedConductor {
+    /// A coat of an index (above 1) over a metal.
+    pub fn new(metal: Conductor, ior: f32, roughness: Scalar) -> Self {
+        let ior = ior.max(1.0001);
+        CoatedConductor { metal, roughness, ior, interface: Interface::of(ior), escape: Escape::of(ior) }
+    }
+
+    pub(super) fn at(&self, surface: &Surface, wavelengths: &Wavelengths) -> CoatedLobes<'_> {
+        let metal = self.metal.at(surface, wavelengths).within(self.ior);
+        let roughness = self.roughness.at(surface).clamp(0.0, 1.0);
+        CoatedLobes { metal, ior: self.ior, roughness, interface: &self.interface, escape: &self.escape }
+    }
+
+    /// Reflectance at normal incidence in red, green and blue.
+    pub fn normal_reflectance(&self) -> Vec3 {
+        let (f, r) = (fresnel_dielectric(1.0, self.ior), self.metal.normal_reflectance());
+        Vec3::splat(f) + r * ((1.0 - f) * (1.0 - f)) / (Vec3::ONE - r * f)
+    }
+}
+
+/// The model at a point.
+pub(super) struct CoatedLobes<'a> {
+    metal: ConductorLobe,
+    ior: f32,
+    roughness: f32,
+    interface: &'a Interface,
+    escape: &'a Escape,
+}
+
+impl CoatedLobes<'_> {
+    fn alpha(&self) -> f32 {
+        self.roughness * self.roughness
+    }
+
+    /// Share that the coat reflects of light from a direction.
+    fn reflected(&self, cos: f32) -> f32 {
+        if self.alpha() < SMOOTH { fresnel_dielectric(cos, self.ior) } else { self.interface.reflected.at(cos, self.roughness) }
+    }
+
+    /// Probability of looking at the coat.
+    fn choice(&self, wo: Vec3) -> f32 {
+        self.reflected(wo.z).clamp(0.1, 0.9)
+    }
+
+    /// The direction within the coat, on the side of the normal.
+    fn bent(&self, w: Vec3) -> Option<Vec3> {
+        refract(w, Vec3::Z, self.ior).map(|t| -t)
+    }
+
+    /// What is left of light on its way in and out, with what goes to and fro; `inner_o` is the direction of view within the coat.
+    fn through(&self, wo: Vec3, wi: Vec3, inner_o: Vec3) -> Sampled {
+        let r = self.metal.normal(inner_o.z);
+        let alpha = self.metal.alpha();
+        let [escapes, mean] = match alpha < SMOOTH {
+            true => [1.0 - fresnel_dielectric(wo.z, self.ior); 2],
+            false => self.escape.at(wo.z, alpha),
+        };
+        let held = (1.0 - escapes) * mean / escapes.max(1e-3);
+        let again = Sampled::ONE + r * held / (Sampled::ONE - r * (1.0 - mean)).max(Sampled::splat(1e-3));
+        again * ((1.0 - self.reflected(wo.z)) * (1.0 - fresnel_dielectric(wi.z, self.ior)))
+    }
+
+    pub(super) fn eval(&self, wo: Vec3, wi: Vec3) -> (Sampled, f32) {
+        if wi.z <= 0.0 {
+            return (Sampled::ZERO, 0.0);
+        }
+        let choice = self.choice(wo);
+        let (mut f, mut pdf) = (Sampled::ZERO, 0.0);
+        if self.alpha() >= SMOOTH {
+            let h = (wo + wi).normalize();
+            let d = ggx_d(h, self.alpha()) / (4.0 * wo.z);
+            f += Sampled::splat(fresnel_dielectric(wo.dot(h), self.ior) * d * ggx_g2(wo, wi, self.alpha()));
+            pdf += choice * d * ggx_g1(wo, self.alpha());
+        }
+        if let (Some(inner_o), Some(inner_i)) = (self.bent(wo), self.bent(wi)) {
+            let (value, density) = self.metal.eval(inner_o, inner_i);
+            // Solid angles are smaller within: dω' / dω.
+            let squeeze = wi.z / (self.ior * self.ior * inner_i.z);
+            f += value * squeeze * self.through(wo, wi, inner_o);
+            pdf += (1.0 - choice) * density * squeeze;
+        }
+        (f, pdf)
+    }
+
+    pub(super) fn sample(&self, wo: Vec3, u: [f32; 4]) -> Option<LocalScatter> {
+        let choice = self.choice(wo);
+        let wi = if u[2] < choice {
+            if self.alpha() < SMOOTH {
+                let weight = Sampled::splat(self.reflected(wo.z) / choice);
+                return Some(LocalScatter {
+                    wi: Vec3::new(-wo.x, -wo.y, wo.z),
+                    weight,
+                    pdf: choice,
+                    specular: true,
+                    disperses: false,
+                });
+            }
+            reflect(wo, sample_visible_normal(wo, self.alpha(), [u[0], u[1]]))
+        } else {
+            let inner_o = self.bent(wo)?;
+            let s = self.metal.sample(inner_o, u)?;
+            // Out of the coat, unless it is held back by total reflection.
+            let wi = refract(s.wi, Vec3::Z, 1.0 / self.ior).map(|t| -t)?;
+            if s.specular {
+                let weight = s.weight * self.through(wo, wi, inner_o) / (1.0 - choice);
+                return Some(LocalScatter { wi, weight, pdf: 1.0 - choice, specular: true, disperses: false });
+            }
+            wi
+        };
+        if wi.z <= 0.0 {
+            return None;
+        }
+        let (f, pdf) = self.eval(wo, wi);
+        (pdf > 0.0).then(|| LocalScatter { wi, weight: f / pdf, pdf, specular: false, disperses: false })
+    }
+}
