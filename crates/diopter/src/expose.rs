@@ -12,7 +12,7 @@ use diopter_lens::batch::single::LANES;
 use diopter_lens::compound::{Aim, CompoundLens, Exits, Samples, Scratch};
 use diopter_lens::microlens::{Aimed, Behind};
 use diopter_lens::pupil::PupilTable;
-use diopter_lens::{Lens, LensRay};
+use diopter_lens::{Lens, LensRay, Projection};
 use diopter_light::random::{Sampler, SamplerKind, Set};
 use diopter_light::spectrum::Table;
 use diopter_light::wavelength::{FIRST_NM, RGB_NM, WavelengthSampler, Wavelengths};
@@ -623,6 +623,8 @@ impl Unit<'_> {
 fn truth(scene: &Scene, camera: &Camera, shutter: &Shutter) -> Truth {
     let (width, height) = (camera.film.columns, camera.film.rows);
     let mut truth = Truth::empty(width, height);
+    // All around there is no axis: depth is distance.
+    let all_around = matches!(&camera.lens, Lens::Pinhole(p) if matches!(p.projection, Projection::Panorama { .. }));
     let behind = camera.film.microlenses.map(|m| m.behind(&camera.lens));
     let rows: Vec<Vec<_>> = (0..height)
         .into_par_iter()
@@ -642,7 +644,7 @@ fn truth(scene: &Scene, camera: &Camera, shutter: &Shutter) -> Truth {
                     };
                     let ray = ray.ok().filter(diopter_light::Ray::is_finite)?;
                     let s = scene.first_surface(&ray)?;
-                    Some((s.distance * camera.cosine_to_axis(ray.direction, time), s))
+                    Some((s.distance * if all_around { 1.0 } else { camera.cosine_to_axis(ray.direction, time) }, s))
                 })
                 .collect()
         })

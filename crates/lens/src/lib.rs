@@ -33,7 +33,7 @@ pub use iris::Iris;
 pub use lenses::{embedded, embedded_names};
 pub use prescription::{Coating, Prescription, PrescriptionError};
 pub use system::{State, System};
-pub use thin::{Pinhole, ThinLens};
+pub use thin::{Pinhole, Projection, ThinLens};
 
 use diopter_light::units::Millimeters;
 use glam::{DVec2, DVec3};
@@ -172,7 +172,9 @@ impl Lens {
     /// The same lens at another f-number. Fails where it opens no wider.
     pub fn stopped(&self, f_number: f64) -> Result<Lens, LensError> {
         Ok(match self {
-            Lens::Pinhole(lens) => Lens::Pinhole(Pinhole::new(lens.film_distance, f_number)?),
+            Lens::Pinhole(lens) => {
+                Lens::Pinhole(Pinhole { projection: lens.projection, ..Pinhole::new(lens.film_distance, f_number)? })
+            }
             Lens::Thin(lens) => Lens::Thin(ThinLens::new(lens.focal_length, f_number, lens.iris.clone(), lens.focus)?),
             Lens::Compound(lens) => Lens::Compound(Box::new(lens.stopped(f_number)?)),
         })

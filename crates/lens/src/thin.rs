@@ -5,7 +5,7 @@
 use crate::{Blocked, BlockedBy, Focus, Iris, LensError, LensRay, require};
 use diopter_light::units::Millimeters;
 use glam::{DVec2, DVec3, Vec2};
-use std::f64::consts::PI;
+use std::f64::consts::{PI, TAU};
 
 /// A hole at the origin. It has no size for rays; for light it has the area of its f-number.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -14,19 +14,50 @@ pub struct Pinhole {
     pub film_distance: Millimeters,
     /// Film distance over diameter of the hole that would let in as much light.
     pub f_number: f64,
+    /// Which way a film point looks.
+    pub projection: Projection,
+}
+
+/// How a camera without a lens maps the world onto the film.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub enum Projection {
+    /// Straight lines stay straight: a hole.
+    #[default]
+    Rectilinear,
+    /// Along parallel lines: what is far is as large as what is near.
+    Orthographic {
+        /// Size of things over the size of their pictures.
+        reduction: f64,
+    },
+    /// All around: longitude across, latitude up, straight ahead in the middle (equirectangular).
+    Panorama {
+        /// Size of the film, mm.
+        film_mm: [f64; 2],
+    },
 }
 
 impl Pinhole {
     /// Fails unless both are positive.
     pub fn new(film_distance: Millimeters, f_number: f64) -> Result<Self, LensError> {
         check(film_distance, f_number)?;
-        Ok(Pinhole { film_distance, f_number })
+        Ok(Pinhole { film_distance, f_number, projection: Projection::Rectilinear })
     }
 
     pub(crate) fn ray(&self, film_mm: DVec2) -> LensRay {
         let d = self.film_distance.0;
-        let to_film = film_mm.extend(d);
         let area = PI * (0.5 * d / self.f_number).powi(2);
+        let even = |origin_mm: DVec3, direction: DVec3| LensRay { origin_mm, direction, weight_sr: area / (d * d) };
+        match self.projection {
+            Projection::Rectilinear => {}
+            // The picture on the film is upside down.
+            Projection::Orthographic { reduction } => return even((-film_mm * reduction).extend(0.0), DVec3::NEG_Z),
+            Projection::Panorama { film_mm: [width, height] } => {
+                let (longitude, latitude) = (-film_mm.x / width * TAU, -film_mm.y / height * PI);
+                let (sin, cos) = longitude.sin_cos();
+                return even(DVec3::ZERO, DVec3::new(latitude.cos() * sin, latitude.sin(), -latitude.cos() * cos));
+            }
+        }
+        let to_film = film_mm.extend(d);
         LensRay {
             origin_mm: DVec3::ZERO,
             direction: -to_film.normalize(),
@@ -144,6 +175,23 @@ mod tests {
 
     fn thin(f: f64, n: f64, s: f64) -> ThinLens {
         ThinLens::new(Millimeters(f), n, Iris::Round, Focus::Distance(Millimeters(s))).unwrap()
+    }
+
+    #[test]
+    fn projections_look_where_they_should() {
+        let hole = Pinhole::new(Millimeters(50.0), 8.0).unwrap();
+        let panorama = Pinhole { projection: Projection::Panorama { film_mm: [36.0, 18.0] }, ..hole };
+        let near = |a: DVec3, b: DVec3| assert!((a - b).length() < 1e-12, "{a} {b}");
+        near(panorama.ray(DVec2::ZERO).direction, DVec3::NEG_Z);
+        // On the film right is left.
+        near(panorama.ray(DVec2::new(-9.0, 0.0)).direction, DVec3::X);
+        near(panorama.ray(DVec2::new(9.0, 0.0)).direction, DVec3::NEG_X);
+        near(panorama.ray(DVec2::new(3.0, -9.0)).direction, DVec3::Y);
+        let parallel = Pinhole { projection: Projection::Orthographic { reduction: 100.0 }, ..hole }.ray(DVec2::new(-2.0, 1.0));
+        near(parallel.origin_mm, DVec3::new(200.0, -100.0, 0.0));
+        near(parallel.direction, DVec3::NEG_Z);
+        // As much light everywhere as the hole has in the middle.
+        assert!((parallel.weight_sr / hole.ray(DVec2::ZERO).weight_sr - 1.0).abs() < 1e-12);
     }
 
     #[test]

@@ -13,6 +13,7 @@ pub mod material;
 pub mod medium;
 pub mod motion;
 mod movers;
+pub mod noise;
 pub mod radiance;
 pub mod scene;
 pub mod shape;

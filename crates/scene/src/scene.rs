@@ -119,14 +119,69 @@ pub struct Viewpoint {
     pub name: String,
     /// Looks along −Z, +Y up.
     pub world_from_camera: Affine3A,
-    /// Vertical angle of view, rad; `None` for an orthographic camera.
-    pub vertical_fov: Option<f32>,
-    /// Columns and rows of the picture that its file asks for.
-    pub size: Option<[usize; 2]>,
+    /// How much of the world it sees.
+    pub sight: Sight,
     /// Radius of the lens (0 of a pinhole) and distance of what is sharp, m, where the file says so.
     pub lens: Option<[f32; 2]>,
+    /// What its file says of the film.
+    pub film: FilmHints,
     /// The node it hangs on; `world_from_camera` is that node's place at rest, without its scale.
     pub node: Option<u32>,
+}
+
+/// How much of the world a camera sees.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Sight {
+    /// As through a small hole.
+    Perspective {
+        /// Vertical angle of view, rad.
+        vertical_fov: f32,
+    },
+    /// Along parallel lines.
+    Orthographic {
+        /// Height of what is seen, m.
+        height: f32,
+    },
+    /// All around.
+    Panorama,
+    /// Through a lens that a table describes, surface by surface.
+    Table(LensTable),
+}
+
+/// A lens as a scene file has it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct LensTable {
+    /// Name of the file of surfaces, relative to the scene's: pbrt's `.dat`.
+    pub file: String,
+    /// What is in it.
+    pub bytes: Vec<u8>,
+    /// Diameter of the stop, mm.
+    pub stop_mm: f64,
+    /// What is sharp, m from the film.
+    pub focus_m: f64,
+}
+
+impl Viewpoint {
+    /// Vertical angle of view, rad, where it has one of its own.
+    pub fn vertical_fov(&self) -> Option<f32> {
+        match self.sight {
+            Sight::Perspective { vertical_fov } => Some(vertical_fov),
+            _ => None,
+        }
+    }
+}
+
+/// What a scene file says of its camera's film.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct FilmHints {
+    /// Columns and rows of the picture.
+    pub size: Option<[usize; 2]>,
+    /// Diagonal, mm.
+    pub diagonal_mm: Option<f64>,
+    /// Name of the sensor.
+    pub sensor: Option<String>,
+    /// ISO speed.
+    pub iso: Option<f64>,
 }
 
 /// A scene ready to be photographed.

@@ -2,11 +2,13 @@
 //!
 //! Texture coordinates follow glTF: (0, 0) is the upper left corner of the image, v runs down.
 
+use crate::noise;
 use crate::shape::Surface;
 use diopter_light::color::srgb_decode;
 use diopter_light::upsample::Sigmoid;
 use diopter_light::{Sampled, Wavelengths};
-use glam::{Affine2, Vec2, Vec3, Vec4};
+use glam::{Affine2, Affine3A, Vec2, Vec3, Vec4};
+use std::f32::consts::{PI, TAU};
 use std::sync::{Arc, OnceLock};
 
 /// How the 8-bit codes of an image relate to numbers.
@@ -152,6 +154,8 @@ pub enum Graph {
         invert: bool,
         /// Weights of colours and of alpha where it stands for a number.
         as_number: Option<[Vec3; 2]>,
+        /// Coordinates (v up) made of the place in space instead of the mesh's.
+        mapping: Option<Mapping>,
     },
     /// One times the other.
     Scale(Arc<Graph>, Arc<Graph>),
@@ -161,8 +165,8 @@ pub enum Graph {
     Power(Arc<Graph>, f32),
     /// Squares of the texture coordinates.
     Checkerboard {
-        /// Factor and offset of both coordinates.
-        place: [[f32; 2]; 2],
+        /// Coordinates.
+        place: Mapping,
         /// Where the sum of whole coordinates is even.
         even: Arc<Graph>,
         /// Elsewhere.
@@ -170,11 +174,86 @@ pub enum Graph {
     },
     /// Between four corners: (0, 0), (0, 1), (1, 0), (1, 1).
     Bilinear {
-        /// Factor and offset of both coordinates.
-        place: [[f32; 2]; 2],
+        /// Coordinates.
+        place: Mapping,
         /// Values there.
         corners: [Vec3; 4],
     },
+    /// Dots strewn over the texture coordinates.
+    Dots {
+        /// Coordinates.
+        place: Mapping,
+        /// In the dots.
+        inside: Arc<Graph>,
+        /// Around them.
+        outside: Arc<Graph>,
+    },
+    /// Cubes in space.
+    Cubes {
+        /// The texture's space from the world's.
+        texture_from_world: Affine3A,
+        /// Where the sum of whole coordinates is even.
+        even: Arc<Graph>,
+        /// Elsewhere.
+        odd: Arc<Graph>,
+    },
+    /// A pattern of noise in space.
+    Noise {
+        /// The texture's space from the world's.
+        texture_from_world: Affine3A,
+        /// Which.
+        pattern: NoisePattern,
+    },
+}
+
+/// Patterns of [`crate::noise`].
+#[derive(Clone, Copy, Debug)]
+pub enum NoisePattern {
+    /// Octaves, and how much weaker each is than the one before.
+    Fbm(u32, f32),
+    /// The same of its magnitude.
+    Wrinkled(u32, f32),
+    /// Waves raised by gusts.
+    Windy,
+    /// Octaves, roughness, and how much they bend the veins.
+    Marble(u32, f32, f32),
+}
+
+/// Two coordinates of a picture.
+#[derive(Clone, Copy, Debug)]
+pub enum Mapping {
+    /// Factor and offset of the mesh's own.
+    Uv([[f32; 2]; 2]),
+    /// Angle from z and around it, as shares of a half and a whole turn.
+    Spherical(Affine3A),
+    /// Around z as a share of a turn, and along it.
+    Cylindrical(Affine3A),
+    /// Lengths along two vectors of the texture's space, and offsets.
+    Planar(Affine3A, [Vec3; 2], Vec2),
+}
+
+impl Mapping {
+    fn at(&self, uv: &[Vec2; 2], point: Vec3) -> Vec2 {
+        match self {
+            Mapping::Uv([u, v]) => Vec2::new(u[0] * uv[0].x + u[1], v[0] * uv[0].y + v[1]),
+            Mapping::Spherical(place) => {
+                let p = place.transform_point3(point);
+                Vec2::new(p.x.hypot(p.y).atan2(p.z) / PI, p.y.atan2(p.x).rem_euclid(TAU) / TAU)
+            }
+            Mapping::Cylindrical(place) => {
+                let p = place.transform_point3(point);
+                Vec2::new((PI + p.y.atan2(p.x)) / TAU, p.z)
+            }
+            Mapping::Planar(place, [s, t], offset) => {
+                let p = place.transform_point3(point);
+                Vec2::new(p.dot(*s), p.dot(*t)) + *offset
+            }
+        }
+    }
+
+    fn is_in_space(&self) -> bool {
+        !matches!(self, Mapping::Uv(_))
+    }
 }
 
 impl Graph {
@@ -189,40 +268,77 @@ impl Graph {
     /// How many pictures are looked up for one value.
     pub fn lookups(&self) -> usize {
         1 + match self {
-            Graph::Constant(_) | Graph::Image { .. } | Graph::Bilinear { .. } => 0,
+            Graph::Constant(_) | Graph::Image { .. } | Graph::Bilinear { .. } | Graph::Noise { .. } => 0,
             Graph::Power(a, _) => a.lookups(),
             Graph::Scale(a, b) => a.lookups() + b.lookups(),
-            Graph::Checkerboard { even, odd, .. } => even.lookups() + odd.lookups(),
+            Graph::Checkerboard { even: a, odd: b, .. }
+            | Graph::Cubes { even: a, odd: b, .. }
+            | Graph::Dots { inside: a, outside: b, .. } => a.lookups() + b.lookups(),
             Graph::Mix(a, b, amount) => a.lookups() + b.lookups() + amount.lookups(),
         }
     }
 
-    /// The value at texture coordinates.
-    pub fn at_uv(&self, uv: &[Vec2; 2]) -> Vec3 {
-        let placed = |place: &[[f32; 2]; 2]| Vec2::new(place[0][0] * uv[0].x + place[0][1], place[1][0] * uv[0].y + place[1][1]);
+    /// Whether it asks where in space a point is.
+    pub fn is_in_space(&self) -> bool {
+        match self {
+            Graph::Constant(_) => false,
+            Graph::Noise { .. } | Graph::Cubes { .. } => true,
+            Graph::Image { mapping, .. } => mapping.is_some_and(|m| m.is_in_space()),
+            Graph::Bilinear { place, .. } => place.is_in_space(),
+            Graph::Power(a, _) => a.is_in_space(),
+            Graph::Scale(a, b) => a.is_in_space() || b.is_in_space(),
+            Graph::Checkerboard { place, even: a, odd: b } | Graph::Dots { place, inside: a, outside: b } => {
+                place.is_in_space() || a.is_in_space() || b.is_in_space()
+            }
+            Graph::Mix(a, b, amount) => a.is_in_space() || b.is_in_space() || amount.is_in_space(),
+        }
+    }
+
+    /// The value at texture coordinates and a place in the world.
+    pub fn at(&self, uv: &[Vec2; 2], point: Vec3) -> Vec3 {
         match self {
             Graph::Constant(c) => *c,
-            Graph::Image { texture, scale, invert, as_number } => {
-                let texel = texture.at(uv);
+            Graph::Image { texture, scale, invert, as_number, mapping } => {
+                let texel = match mapping {
+                    None => texture.at(uv),
+                    Some(m) => texture.at(&[m.at(uv, point); 2]),
+                };
                 let value = match as_number {
                     None => texel.truncate(),
                     Some([colors, alpha]) => Vec3::splat(texel.truncate().dot(*colors)) + *alpha * texel.w,
                 } * *scale;
                 if *invert { (1.0 - value).max(Vec3::ZERO) } else { value }
             }
-            Graph::Scale(a, b) => a.at_uv(uv) * b.at_uv(uv),
+            Graph::Scale(a, b) => a.at(uv, point) * b.at(uv, point),
             Graph::Mix(a, b, amount) => {
-                let t = amount.at_uv(uv);
-                a.at_uv(uv) * (1.0 - t) + b.at_uv(uv) * t
+                let t = amount.at(uv, point);
+                a.at(uv, point) * (1.0 - t) + b.at(uv, point) * t
             }
-            Graph::Power(a, exponent) => a.at_uv(uv).max(Vec3::ZERO).powf(*exponent),
+            Graph::Power(a, exponent) => a.at(uv, point).max(Vec3::ZERO).powf(*exponent),
             Graph::Checkerboard { place, even, odd } => {
-                let p = placed(place).floor();
-                if (p.x + p.y).rem_euclid(2.0) < 0.5 { even.at_uv(uv) } else { odd.at_uv(uv) }
+                let p = place.at(uv, point).floor();
+                if (p.x + p.y).rem_euclid(2.0) < 0.5 { even.at(uv, point) } else { odd.at(uv, point) }
+            }
+            Graph::Cubes { texture_from_world, even, odd } => {
+                let p = texture_from_world.transform_point3(point).floor();
+                if (p.x + p.y + p.z).rem_euclid(2.0) < 0.5 { even.at(uv, point) } else { odd.at(uv, point) }
+            }
+            Graph::Dots { place, inside, outside } => {
+                let p = place.at(uv, point);
+                if noise::dotted(p.x, p.y) { inside.at(uv, point) } else { outside.at(uv, point) }
             }
             Graph::Bilinear { place, corners: [a, b, c, d] } => {
-                let p = placed(place);
+                let p = place.at(uv, point);
                 a.lerp(*b, p.y).lerp(c.lerp(*d, p.y), p.x)
+            }
+            Graph::Noise { texture_from_world, pattern } => {
+                let p = texture_from_world.transform_point3(point);
+                match *pattern {
+                    NoisePattern::Fbm(octaves, roughness) => Vec3::splat(noise::fbm(p, roughness, octaves)),
+                    NoisePattern::Wrinkled(octaves, roughness) => Vec3::splat(noise::wrinkled(p, roughness, octaves)),
+                    NoisePattern::Windy => Vec3::splat(noise::windy(p)),
+                    NoisePattern::Marble(octaves, roughness, variation) => noise::marble(p, roughness, octaves, variation),
+                }
             }
         }
     }
@@ -275,7 +391,7 @@ impl Color {
             Color::Constant { rgb, .. } => *rgb * surface.color.truncate(),
             Color::Spectrum(spectrum) => spectrum_rgb(spectrum),
             Color::Textured { factor, texture } => *factor * texture.at(&surface.uv).truncate() * surface.color.truncate(),
-            Color::Graph(graph) => graph.at_uv(&surface.uv) * surface.color.truncate(),
+            Color::Graph(graph) => graph.at(&surface.uv, surface.point) * surface.color.truncate(),
         }
     }
 }
@@ -309,16 +425,16 @@ impl Scalar {
     /// The number at a surface point.
     #[inline]
     pub fn at(&self, surface: &Surface) -> f32 {
-        self.at_uv(&surface.uv)
+        self.at_uv(&surface.uv, surface.point)
     }
 
-    /// The number at texture coordinates.
+    /// The number at texture coordinates and a place in the world.
     #[inline]
-    pub fn at_uv(&self, uv: &[Vec2; 2]) -> f32 {
+    pub fn at_uv(&self, uv: &[Vec2; 2], point: Vec3) -> f32 {
         match self {
             Scalar::Constant(value) => *value,
             Scalar::Textured { factor, texture, channel } => factor * texture.at(uv)[*channel],
-            Scalar::Graph(graph) => graph.at_uv(uv).x,
+            Scalar::Graph(graph) => graph.at(uv, point).x,
         }
     }
 }

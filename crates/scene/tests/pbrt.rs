@@ -40,7 +40,7 @@ fn luminance(scene: &Scene, ray: Ray, samples: u32) -> f64 {
 
 /// The ray through a place of the picture, −1 to 1 across and up, of a square picture.
 fn through(view: &Viewpoint, x: f32, y: f32) -> Ray {
-    let tan = (0.5 * view.vertical_fov.unwrap()).tan();
+    let tan = (0.5 * view.vertical_fov().unwrap()).tan();
     let m = view.world_from_camera;
     let direction = m.transform_vector3(Vec3::new(x * tan, y * tan, -1.0)).normalize();
     Ray { origin: m.translation.into(), direction, time_s: 0.0 }

@@ -3,6 +3,7 @@
 use super::print_json;
 use crate::args::SceneVerb;
 use diopter::scene::light::PunctualKind;
+use diopter::scene::scene::Sight;
 use diopter::scene::{Scene, builtin};
 use diopter::shot::read_scene;
 use std::fmt::Write as _;
@@ -33,7 +34,7 @@ fn info(name: &str, json: bool) -> anyhow::Result<()> {
     let kind = |wanted: fn(&PunctualKind) -> bool| d.punctual.iter().filter(|p| wanted(&p.kind)).count();
     let points = kind(|k| matches!(k, PunctualKind::Point { .. }));
     let spots = kind(|k| matches!(k, PunctualKind::Spot { .. }));
-    let directional = kind(|k| matches!(k, PunctualKind::Directional { .. }));
+    let directional = kind(|k| matches!(k, PunctualKind::Directional { .. } | PunctualKind::Disc { .. }));
     let power: f64 =
         scene.lights().area.iter().map(|l| (l.luminance * l.area()) as f64 * std::f64::consts::PI).sum::<f64>() + 0.0;
     let environment = d.environment.as_ref().map(|e| e.mean_luminance());
@@ -44,7 +45,7 @@ fn info(name: &str, json: bool) -> anyhow::Result<()> {
             .iter()
             .map(|c| {
                 serde_json::json!({
-                    "name": c.name, "position_m": c.world_from_camera.translation.to_array(), "vertical_fov_rad": c.vertical_fov,
+                    "name": c.name, "position_m": c.world_from_camera.translation.to_array(), "vertical_fov_rad": c.vertical_fov(), "sight": sight(c),
                 })
             })
             .collect();
@@ -76,8 +77,7 @@ fn info(name: &str, json: bool) -> anyhow::Result<()> {
     )?;
     line("environment", environment.map_or("none".into(), |l| format!("mean {l:.1} cd/m²")))?;
     for c in &d.cameras {
-        let fov = c.vertical_fov.map_or("orthographic".into(), |f| format!("{:.1}° high", f.to_degrees()));
-        line("camera", format!("\"{}\" at {} m, {fov}", c.name, glam_point(c)))?;
+        line("camera", format!("\"{}\" at {} m, {}", c.name, glam_point(c), sight(c)))?;
     }
     for a in &d.animations {
         let end = a.channels.iter().flat_map(|c| c.times_s.last()).copied().fold(0.0, f32::max);
@@ -94,4 +94,13 @@ fn info(name: &str, json: bool) -> anyhow::Result<()> {
 fn glam_point(c: &diopter::scene::scene::Viewpoint) -> String {
     let [x, y, z] = c.world_from_camera.translation.to_array();
     format!("[{x:.3}, {y:.3}, {z:.3}]")
+}
+
+fn sight(c: &diopter::scene::scene::Viewpoint) -> String {
+    match &c.sight {
+        Sight::Perspective { vertical_fov } => format!("{:.1}° high", vertical_fov.to_degrees()),
+        Sight::Orthographic { height } => format!("orthographic, {height} m high"),
+        Sight::Panorama => "all around".into(),
+        Sight::Table(lens) => format!("through {} focused at {} m", lens.file, lens.focus_m),
+    }
 }

@@ -31,7 +31,7 @@ use diopter_develop::lut::Lut;
 use diopter_develop::{Recipe, RecipeError, denoise, develop};
 use diopter_image::focal_plane::Truth;
 use diopter_image::{ExposureFacts, FocalPlane, Picture, Raster, RawImage};
-use diopter_lens::{Lens, LensError};
+use diopter_lens::{Lens, LensError, Projection};
 use diopter_light::cie;
 use diopter_light::random::SamplerKind;
 use diopter_scene::light::Modulation;
@@ -170,16 +170,8 @@ impl Shot {
         // Cheap checks before anything is read.
         let mut file = file.clone();
         file.mean_true_stops();
-        let file = file;
         let settings = settings(&file.render)?;
-        let sensor = read_body(file.camera.body.as_deref().unwrap_or("canon-5d-mark-iv"))?;
-        let exposing = Exposing::new(&file, &sensor)?;
-        let iso = match (exposing.auto_iso, file.exposure.iso) {
-            (Some([lowest, _]), _) => lowest,
-            (None, Some(choice)) => choice.fixed().unwrap_or(DEFAULT_ISO),
-            (None, None) => sensor.nearest_iso(DEFAULT_ISO),
-        };
-        sensor.at_iso(iso)?;
+        let (mut sensor, mut exposing, mut iso) = body_and_speed(&file)?;
         let white = file.exposure.white.clone().unwrap_or_else(|| "D65".into());
         white_point(&white)?;
         if let Some(Seconds(t)) = file.exposure.shutter
@@ -211,12 +203,18 @@ impl Shot {
         }
         Timing::new(&file, &sensor, None)?;
 
-        let name = file.scene.file.as_deref().unwrap_or("still-life");
+        let name = file.scene.file.clone().unwrap_or_else(|| "still-life".into());
         staging::film(&file, &sensor, None)?;
-        let mut description = read_scene(name)?;
-        let wanted = staging::view(&file, &description)?.and_then(|v| v.size);
-        let film = staging::film(&file, &sensor, wanted)?;
-        let mut timing = Timing::new(&file, &sensor, wanted)?;
+        let mut description = read_scene(&name)?;
+        let view = staging::view(&file, &description)?;
+        if let Some(hints) = view.map(|v| &v.film).filter(|_| file.camera.look_from.is_none())
+            && staging::take_hints(&mut file, hints, warn)
+        {
+            (sensor, exposing, iso) = body_and_speed(&file)?;
+        }
+        let file = file;
+        let film = staging::film(&file, &sensor, view)?;
+        let mut timing = Timing::new(&file, &sensor, view)?;
         let focusing = Focusing::new(&file, film.width_mm.hypot(film.height_mm), warn)?;
         timing.play(&mut description, &file.scene)?;
         surroundings::put(&mut description, &file.scene, timing.flash.is_some(), warn)?;
@@ -228,7 +226,7 @@ impl Shot {
         if let Some(flash) = &timing.flash {
             flash.put_into(&mut description);
         }
-        let framing = builtin::framing(name);
+        let framing = builtin::framing(&name);
         let mut scene = Scene::build(description)?;
         scene.pose(timing.at_s, 0.0);
         scene.description().warnings.iter().for_each(|w| warn(w));
@@ -547,6 +545,19 @@ impl Shot {
     }
 }
 
+/// The body, how it is exposed, and its ISO speed to begin with.
+fn body_and_speed(file: &ShotFile) -> Result<(Sensor, Exposing, f64), ShotError> {
+    let sensor = read_body(file.camera.body.as_deref().unwrap_or("canon-5d-mark-iv"))?;
+    let exposing = Exposing::new(file, &sensor)?;
+    let iso = match (exposing.auto_iso, file.exposure.iso) {
+        (Some([lowest, _]), _) => lowest,
+        (None, Some(choice)) => choice.fixed().unwrap_or(DEFAULT_ISO),
+        (None, None) => sensor.nearest_iso(DEFAULT_ISO),
+    };
+    sensor.at_iso(iso)?;
+    Ok((sensor, exposing, iso))
+}
+
 /// The exposure of a film that no light reaches.
 fn darkness(film: &Film, response: &Response, settings: &Settings, facts: ExposureFacts) -> FocalPlane {
     let (width, height, bands) = (film.columns, film.rows, response.bands.len());
@@ -662,7 +673,11 @@ const DEFAULT_HIGHEST_ISO: f64 = 6400.0;
 /// What is known of an exposure from its lens.
 fn lens_facts(camera: &Camera, sensor: &Sensor) -> ExposureFacts {
     let lens_name = match &camera.lens {
-        Lens::Pinhole(_) => "pinhole".to_owned(),
+        Lens::Pinhole(hole) => match hole.projection {
+            Projection::Rectilinear => "pinhole".to_owned(),
+            Projection::Orthographic { .. } => "orthographic".to_owned(),
+            Projection::Panorama { .. } => "panorama".to_owned(),
+        },
         Lens::Thin(l) => {
             let iris = with_comma(l.iris.describe());
             format!("thin lens {:.4} mm{iris}", l.focal_length.0).replace(".0000", "")

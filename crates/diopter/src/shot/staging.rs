@@ -6,13 +6,13 @@ use super::sources::{read_file, read_lens};
 use super::{LARGEST_SIDE, ShotError, light_field, value};
 use crate::camera::{Camera, Film, look_at};
 use crate::camera_way::CameraWay;
-use crate::quantity::Size;
+use crate::quantity::{Iso, IsoChoice, Size};
 use diopter_lens::compound::{CompoundLens, Setting};
-use diopter_lens::{Iris, Lens, Pinhole, ThinLens};
+use diopter_lens::{Focus, Iris, Lens, LensError, Pinhole, Projection, ThinLens, import};
 use diopter_light::units::Millimeters;
 use diopter_scene::bvh::Bounds;
 use diopter_scene::material::{Material, Scattering};
-use diopter_scene::scene::Viewpoint;
+use diopter_scene::scene::{FilmHints, LensTable, Sight, Viewpoint};
 use diopter_scene::shape::Quad;
 use diopter_scene::texture::Color;
 use diopter_scene::{Description, Object, Scene, Shape, builtin};
@@ -63,9 +63,16 @@ pub(super) fn subject_bounds(scene: &Scene, at_s: f64) -> Bounds {
     }
 }
 
-/// The film; `wanted`: columns and rows that the scene's camera asks for.
-pub(super) fn film(file: &ShotFile, sensor: &Sensor, wanted: Option<[usize; 2]>) -> Result<Film, ShotError> {
+/// The film; `view`: the scene's camera, which may ask for a size.
+pub(super) fn film(file: &ShotFile, sensor: &Sensor, view: Option<&Viewpoint>) -> Result<Film, ShotError> {
+    let wanted = view.and_then(|v| v.film.size);
     let [mut width_mm, mut height_mm] = sensor.format_mm;
+    let own = view.filter(|v| matches!(v.sight, Sight::Table(_)) && file.camera.lens.is_none());
+    if let Some(diagonal) = own.and_then(|v| v.film.diagonal_mm) {
+        // The scene's own film, in the shape of its picture.
+        let [w, h] = wanted.map_or([width_mm, height_mm], |s| s.map(|n| n as f64));
+        (width_mm, height_mm) = (diagonal * w / w.hypot(h), diagonal * h / w.hypot(h));
+    }
     if let Some(name) = &file.camera.format {
         let named = Format::parse(name);
         let Some(f) = named else {
@@ -104,6 +111,33 @@ pub(super) fn film(file: &ShotFile, sensor: &Sensor, wanted: Option<[usize; 2]>)
     })
 }
 
+/// Names of sensors in pbrt-v4 and the bodies that have them here.
+const SENSORS: [(&str, &str); 4] = [
+    ("canon_eos_5d", "canon-5d"),
+    ("canon_eos_5d_mkii", "canon-5d-mark-ii"),
+    ("canon_eos_5d_mkiv", "canon-5d-mark-iv"),
+    ("nikon_d850", "nikon-d850"),
+];
+
+/// Takes body and ISO speed from the scene's film where the shot says nothing; whether anything changed.
+pub(super) fn take_hints(file: &mut ShotFile, hints: &FilmHints, warn: &mut dyn FnMut(&str)) -> bool {
+    let mut changed = false;
+    if let (None, Some(name)) = (&file.camera.body, &hints.sensor) {
+        match SENSORS.iter().find(|s| s.0 == name) {
+            Some((_, body)) => {
+                file.camera.body = Some((*body).to_owned());
+                changed = true;
+            }
+            None => warn(&format!("the scene's sensor \"{name}\" is not known here: give --body for another than the usual one")),
+        }
+    }
+    if let (None, Some(iso), Some(_)) = (file.exposure.iso, hints.iso, &hints.sensor) {
+        file.exposure.iso = Some(IsoChoice::Fixed(Iso(iso)));
+        changed = true;
+    }
+    changed
+}
+
 /// The camera of the scene that a shot looks through.
 pub(super) fn view<'a>(file: &ShotFile, scene: &'a Description) -> Result<Option<&'a Viewpoint>, ShotError> {
     let views = &scene.cameras;
@@ -130,11 +164,8 @@ pub(super) fn camera(
 ) -> Result<(Camera, Option<u32>), ShotError> {
     let c = &file.camera;
     let view = view(file, scene.description())?;
-    if view.is_some_and(|v| v.vertical_fov.is_none()) {
-        warn("the scene's camera is orthographic; its place is used with a perspective lens");
-    }
     let from_fov = |fov: f32| format::focal_length_for(film.height_mm, fov as f64);
-    let focal_mm = match (c.focal_length, view.and_then(|v| v.vertical_fov), framing) {
+    let focal_mm = match (c.focal_length, view.and_then(Viewpoint::vertical_fov), framing) {
         (Some(f), ..) => f.0,
         (None, Some(fov), _) if c.look_from.is_none() => from_fov(fov),
         (None, _, Some(framing)) => framing.focal_length_mm,
@@ -149,7 +180,7 @@ pub(super) fn camera(
     };
     let up = c.up.map_or(Vec3::Y, Vec3::from_array);
     let mut carrier = None;
-    let (place, subject_m) = if let Some(stop) = c.path.first() {
+    let (mut place, subject_m) = if let Some(stop) = c.path.first() {
         let at = stop.look_at.or(c.look_at).map_or(center, Vec3::from_array);
         let from = Vec3::from_array(stop.look_from);
         (look_at(from, at, stop.up.map_or(up, Vec3::from_array))?, (at - from).length() as f64)
@@ -187,7 +218,22 @@ pub(super) fn camera(
     let subject_m = own.filter(|[radius, _]| *radius > 0.0).map_or(subject_m, |[_, distance]| f64::from(distance));
     let focus = focusing.first(subject_m);
     let sharp = own.is_some_and(|[radius, _]| radius == 0.0) && file.exposure.aperture.is_none();
+    let of_file = view.filter(|_| c.lens.is_none() && c.look_from.is_none()).map(|v| &v.sight);
+    let hole =
+        |projection| Ok::<_, LensError>(Lens::Pinhole(Pinhole { projection, ..Pinhole::new(Millimeters(focal_mm), f_number)? }));
+    let panorama = Projection::Panorama { film_mm: [film.width_mm, film.height_mm] };
     let lens = match c.lens.as_deref() {
+        None if let Some(Sight::Table(table)) = of_file => {
+            let (lens, behind_m) = lens_of_table(file, table, &film, focusing, warn)?;
+            // The file's camera stands where its film is.
+            place.translation += place.matrix3 * glam::Vec3A::NEG_Z * behind_m as f32;
+            Lens::Compound(Box::new(lens))
+        }
+        None if let Some(Sight::Orthographic { height }) = of_file => {
+            hole(Projection::Orthographic { reduction: f64::from(*height) * 1000.0 / film.height_mm })?
+        }
+        None if let Some(Sight::Panorama) = of_file => hole(panorama)?,
+        Some("panorama") => hole(panorama)?,
         None if sharp => Lens::Pinhole(Pinhole::new(Millimeters(focal_mm), f_number)?),
         Some("pinhole") => Lens::Pinhole(Pinhole::new(Millimeters(focal_mm), f_number)?),
         None | Some("thin") => Lens::Thin(ThinLens::new(Millimeters(focal_mm), f_number, iris(c)?.unwrap_or_default(), focus)?),
@@ -231,4 +277,56 @@ pub(super) fn camera(
     let camera = Camera { lens, film, way: CameraWay::still(place) };
     light_field::warn_of_pupils(&camera, warn);
     Ok((camera, carrier))
+}
+
+/// The lens of a scene file, and how far its film lies behind its entrance pupil, m.
+fn lens_of_table(
+    file: &ShotFile,
+    table: &LensTable,
+    film: &Film,
+    focusing: &Focusing,
+    warn: &mut dyn FnMut(&str),
+) -> Result<(CompoundLens, f64), ShotError> {
+    let name = &table.file;
+    let format = import::Format::of(name).unwrap_or(import::Format::PbrtDat);
+    let mut prescription = import::read(&table.bytes, format, name).map_err(LensError::from)?;
+    prescription.notes.iter().for_each(|n| warn(&format!("{name}: {n}")));
+    if file.exposure.aperture.is_none()
+        && let Some(stop) = prescription.surfaces.iter_mut().find(|s| s.stop)
+    {
+        // As wide as the file says, but no wider than the lens has it.
+        let widest = stop.semi_diameter.unwrap_or(f64::INFINITY);
+        if 0.5 * table.stop_mm > widest * 1.001 {
+            warn(&format!(
+                "{name}: an aperture of {} mm is wider than the lens's {:.2} mm: fully open",
+                table.stop_mm,
+                2.0 * widest
+            ));
+        }
+        stop.semi_diameter = Some(widest.min(0.5 * table.stop_mm));
+    }
+    let prescription = std::sync::Arc::new(prescription);
+    let focused = |focus: Focus| {
+        let setting = Setting {
+            focal_length: None,
+            f_number: file.exposure.aperture.map(|a| a.0),
+            focus,
+            iris: iris(&file.camera)?,
+            film_mm: [film.width_mm, film.height_mm],
+        };
+        Ok::<_, ShotError>(CompoundLens::new(prescription.clone(), &setting)?)
+    };
+    let behind = |lens: &CompoundLens| (lens.system().film_z - lens.first_order().entrance_pupil_z) * 1e-3;
+    // Its distance counts from the film, which moves with it.
+    let mut lens = focused(Focus::Infinity)?;
+    for _ in 0..4 {
+        let distance = table.focus_m - behind(&lens);
+        if !(distance > 0.0) {
+            let found = format!("{} m from the film", table.focus_m);
+            return Err(value("focusdistance", found, format!("a plane before the lens, which is {:.3} m long", behind(&lens))));
+        }
+        lens = focused(focusing.first(distance))?;
+    }
+    let behind = behind(&lens);
+    Ok((lens, behind))
 }

@@ -9,6 +9,7 @@ use crate::quantity::Seconds;
 use crate::shutter::{Direction, Mechanism, Shutter};
 use diopter_scene::light::Modulation;
 use diopter_scene::motion::{Ending, Playing};
+use diopter_scene::scene::Viewpoint;
 use diopter_scene::{Description, Scene};
 use diopter_sensor::{Sensor, nearest};
 use glam::{Affine3A, Vec3};
@@ -52,8 +53,8 @@ fn time(what: &'static str, given: Option<Seconds>, default: f64) -> Result<f64,
 }
 
 impl Timing {
-    /// `wanted`: columns and rows that the scene's camera asks for.
-    pub fn new(file: &ShotFile, sensor: &Sensor, wanted: Option<[usize; 2]>) -> Result<Self, ShotError> {
+    /// `view`: the scene's camera.
+    pub fn new(file: &ShotFile, sensor: &Sensor, view: Option<&Viewpoint>) -> Result<Self, ShotError> {
         let at_s = time("at", file.scene.at, 0.0)?;
         let s = &file.shutter;
         let direction = match s.direction.as_deref() {
@@ -105,7 +106,7 @@ impl Timing {
                 if s.line_time.is_some() && s.readout.is_some() {
                     return Err(value("readout", s.readout.unwrap_or(Seconds(0.0)), "either line_time or readout, not both"));
                 }
-                let size = super::staging::film(file, sensor, wanted)?;
+                let size = super::staging::film(file, sensor, view)?;
                 let lines = if direction.is_vertical() { size.rows } else { size.columns } as f64;
                 let readout_s = match s.line_time {
                     Some(_) => time("line_time", s.line_time, 0.0)? * lines,

@@ -13,7 +13,7 @@ use crate::load::{Fetch, read_picture};
 use crate::material::{Coverage, Emission, EmissionColor, Interior, Material, Principled, Scattering, Transmission};
 use crate::medium::Medium;
 use crate::motion::Motion;
-use crate::scene::{Description, Object, Shape, Viewpoint};
+use crate::scene::{Description, FilmHints, Object, Shape, Sight, Viewpoint};
 use crate::shape::Mesh;
 use crate::texture::{Codes, Color, Image, Interpolation, Scalar, Texture, Wrap};
 use diopter_light::Spectrum;
@@ -142,16 +142,16 @@ impl<'a> Loader<'a> {
         if let Some(camera) = node.camera() {
             // Scale of a camera's node has no meaning.
             let (_, rotation, translation) = placed.to_scale_rotation_translation();
-            let vertical_fov = match camera.projection() {
-                gltf::camera::Projection::Perspective(p) => Some(p.yfov()),
-                gltf::camera::Projection::Orthographic(_) => None,
+            let sight = match camera.projection() {
+                gltf::camera::Projection::Perspective(p) => Sight::Perspective { vertical_fov: p.yfov() },
+                gltf::camera::Projection::Orthographic(o) => Sight::Orthographic { height: 2.0 * o.ymag() },
             };
             self.description.cameras.push(Viewpoint {
                 name: camera.name().unwrap_or(&name).to_owned(),
                 world_from_camera: Affine3A::from_rotation_translation(rotation, translation),
-                vertical_fov,
-                size: None,
+                sight,
                 lens: None,
+                film: FilmHints::default(),
                 node: Some(node.index() as u32),
             });
         }

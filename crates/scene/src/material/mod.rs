@@ -178,7 +178,7 @@ impl Emission {
     }
 }
 
-/// Where a surface is there at all.
+/// Where a surface is there at all: by its texture coordinates, not by its place in space.
 #[derive(Clone, Debug)]
 pub enum Coverage {
     /// Everywhere.
@@ -199,8 +199,8 @@ impl Coverage {
     pub fn share(&self, uv: &[Vec2; 2]) -> f32 {
         match self {
             Coverage::Full => 1.0,
-            Coverage::Mask { alpha, cutoff } => (alpha.at_uv(uv) >= *cutoff) as u32 as f32,
-            Coverage::Blend(alpha) => alpha.at_uv(uv).clamp(0.0, 1.0),
+            Coverage::Mask { alpha, cutoff } => (alpha.at_uv(uv, Vec3::ZERO) >= *cutoff) as u32 as f32,
+            Coverage::Blend(alpha) => alpha.at_uv(uv, Vec3::ZERO).clamp(0.0, 1.0),
         }
     }
 
@@ -208,8 +208,8 @@ impl Coverage {
     pub fn accepts(&self, uv: &[Vec2; 2], vertex_alpha: f32, u: f32) -> bool {
         match self {
             Coverage::Full => true,
-            Coverage::Mask { alpha, cutoff } => alpha.at_uv(uv) * vertex_alpha >= *cutoff,
-            Coverage::Blend(alpha) => u < alpha.at_uv(uv) * vertex_alpha,
+            Coverage::Mask { alpha, cutoff } => alpha.at_uv(uv, Vec3::ZERO) * vertex_alpha >= *cutoff,
+            Coverage::Blend(alpha) => u < alpha.at_uv(uv, Vec3::ZERO) * vertex_alpha,
         }
     }
 }

@@ -3,21 +3,15 @@
 use super::Fault;
 use super::params::Params;
 use super::world::{World, affine};
-use crate::scene::Viewpoint;
+use crate::scene::{FilmHints, LensTable, Sight, Viewpoint};
 use glam::{DMat4, DVec3};
-
-/// What is taken over from a film.
-pub struct Film {
-    /// Columns and rows, if they are to be taken over.
-    pub size: Option<[usize; 2]>,
-}
 
 /// Most pixels of a picture that nobody asked for on the command line.
 const MOST_PIXELS: usize = 100_000_000;
 /// Most pixels a side.
 const LARGEST_SIDE: i64 = 65_535;
 
-pub fn film(world: &mut World, p: &Params, kind: &str) -> Result<Film, Fault> {
+pub fn film(world: &mut World, p: &Params, kind: &str) -> Result<FilmHints, Fault> {
     if !matches!(kind, "" | "rgb" | "gbuffer" | "spectral") {
         return Err(p.place.fault(format!("film \"{kind}\""), "rgb, gbuffer or spectral"));
     }
@@ -44,13 +38,26 @@ pub fn film(world: &mut World, p: &Params, kind: &str) -> Result<Film, Fault> {
     if !whole("cropwindow") || !whole("pixelbounds") {
         world.warn(p.place, "the film is cropped: all of it is shown");
     }
-    if p.get("sensor").is_some() || p.get("iso").is_some() {
-        world.warn(p.place, "sensor and iso of the film are not used: give --body and --iso");
+    let diagonal = p.float("diagonal", 35.0)?;
+    if !(0.1..=2000.0).contains(&diagonal) {
+        return Err(p.place.fault(format!("a film diagonal of {diagonal}"), "0.1 to 2000 mm"));
     }
-    Ok(Film { size })
+    // Without a real sensor pbrt's film records light itself.
+    let sensor = p.text("sensor")?.filter(|s| *s != "cie1931").map(str::to_owned);
+    let iso = match p.get("iso") {
+        Some(_) => Some(p.float("iso", 100.0)?).filter(|iso| *iso > 0.0 && iso.is_finite()),
+        None => None,
+    };
+    Ok(FilmHints { size, diagonal_mm: Some(diagonal), sensor, iso })
 }
 
-pub fn viewpoint(p: &Params, kind: &str, camera_from_world: DMat4, film: &Film) -> Result<Viewpoint, Fault> {
+pub fn viewpoint(
+    world: &mut World,
+    p: &Params,
+    kind: &str,
+    camera_from_world: DMat4,
+    film: FilmHints,
+) -> Result<Viewpoint, Fault> {
     let [w, h] = film.size.unwrap_or([3, 2]).map(|n| n as f64);
     for name in ["shutteropen", "shutterclose"] {
         p.get(name);
@@ -77,23 +84,51 @@ pub fn viewpoint(p: &Params, kind: &str, camera_from_world: DMat4, film: &Film) 
             .place
             .fault(format!("lensradius {lens_radius}, focaldistance {focus}"), "a radius of at least 0 and a distance above 0"));
     }
-    let vertical_fov = match kind {
+    let world_from_camera = camera_from_world.inverse();
+    let sight = match kind {
         "perspective" => {
             let fov = p.float("fov", 90.0)?;
             if !(0.001..180.0).contains(&fov) {
                 return Err(p.place.fault(format!("fov {fov}"), "an angle from 0.001 to below 180 degrees"));
             }
-            Some((2.0 * ((0.5 * fov).to_radians().tan() * window[3]).atan()) as f32)
+            Sight::Perspective { vertical_fov: (2.0 * ((0.5 * fov).to_radians().tan() * window[3]).atan()) as f32 }
         }
-        "orthographic" => None,
+        "orthographic" => {
+            if lens_radius > 0.0 {
+                world.warn(p.place, "an orthographic camera with a lens: everything is sharp");
+            }
+            Sight::Orthographic { height: (2.0 * window[3] * world_from_camera.y_axis.truncate().length()) as f32 }
+        }
+        "spherical" => {
+            if p.text("mapping")? != Some("equirectangular") {
+                return Err(p
+                    .place
+                    .fault("a spherical camera in the equal-area mapping", "\"string mapping\" \"equirectangular\""));
+            }
+            world.warn(p.place, "straight ahead is in the middle of the picture and left is left, unlike in pbrt's");
+            Sight::Panorama
+        }
+        "realistic" => {
+            let file =
+                p.text("lensfile")?.ok_or_else(|| p.place.fault("a realistic camera without lensfile", "\"string lensfile\""))?;
+            let (stop_mm, focus_m) = (p.float("aperturediameter", 1.0)?, p.float("focusdistance", 10.0)?);
+            if !(stop_mm > 0.0 && stop_mm.is_finite() && focus_m > 0.0) {
+                return Err(p.place.fault(
+                    format!("aperturediameter {stop_mm}, focusdistance {focus_m}"),
+                    "lengths above 0: mm and scene units",
+                ));
+            }
+            if p.text("aperture")?.is_some() {
+                world.warn(p.place, "the shape of the aperture is round: give --blades or --aperture-image");
+            }
+            Sight::Table(LensTable { file: file.to_owned(), bytes: world.file(file, p.place)?, stop_mm, focus_m })
+        }
         other => {
-            return Err(p
-                .place
-                .fault(format!("camera \"{other}\""), "perspective (or orthographic): others are not supported yet"));
+            return Err(p.place.fault(format!("camera \"{other}\""), "perspective, orthographic, spherical or realistic"));
         }
     };
     // It looks along +z; ours along −z.
-    let world_from_camera = camera_from_world.inverse() * DMat4::from_scale(DVec3::new(1.0, 1.0, -1.0));
+    let world_from_camera = world_from_camera * DMat4::from_scale(DVec3::new(1.0, 1.0, -1.0));
     // Scale of a camera's space has no meaning for where it looks.
     let unit = |v: glam::DVec4| v.truncate().normalize_or_zero().extend(0.0);
     let m = world_from_camera;
@@ -101,9 +136,9 @@ pub fn viewpoint(p: &Params, kind: &str, camera_from_world: DMat4, film: &Film) 
     Ok(Viewpoint {
         name: "camera".into(),
         world_from_camera: affine(world_from_camera),
-        vertical_fov,
+        lens: matches!(sight, Sight::Perspective { .. }).then_some([lens_radius as f32, focus as f32]),
+        sight,
+        film,
         node: None,
-        size: film.size,
-        lens: Some([lens_radius as f32, focus as f32]),
     })
 }

@@ -4,9 +4,9 @@ use super::params::{Params, Values};
 use super::spectra::{self, Use};
 use super::world::World;
 use super::{Fault, Place};
-use crate::texture::{Codes, Color, Graph, Image, Interpolation, Scalar, Texture, Wrap};
+use crate::texture::{Codes, Color, Graph, Image, Interpolation, Mapping, NoisePattern, Scalar, Texture, Wrap};
 use diopter_light::Spectrum;
-use glam::{Affine2, Vec2, Vec3};
+use glam::{Affine2, Affine3A, Vec2, Vec3};
 use std::collections::HashMap;
 use std::sync::Arc;
 
@@ -65,15 +65,21 @@ impl Textures {
                 self.part(world, true, p, "amount", 0.5)?,
             ),
             "checkerboard" => {
-                if p.integer("dimension", 2)? != 2 {
-                    return Err(p.place.fault("a checkerboard of three dimensions", "dimension 2: others are not supported"));
+                let texture_from_world = world.texture_from_world();
+                match p.integer("dimension", 2)? {
+                    2 => (),
+                    3 => {
+                        let (even, odd) = (of(self, world, "tex1", 1.0)?, of(self, world, "tex2", 0.0)?);
+                        return Ok(Graph::Cubes { texture_from_world, even, odd });
+                    }
+                    n => return Err(p.place.fault(format!("a checkerboard of {n} dimensions"), "2 or 3")),
                 }
-                let place = uv_mapping(p)?;
+                let place = mapping(world, p)?;
                 Graph::Checkerboard { place, even: of(self, world, "tex1", 1.0)?, odd: of(self, world, "tex2", 0.0)? }
             }
             "bilerp" => {
                 let corners = [("v00", 0.0), ("v01", 1.0), ("v10", 0.0), ("v11", 1.0)];
-                let place = uv_mapping(p)?;
+                let place = mapping(world, p)?;
                 let mut found = Vec::new();
                 for (name, default) in corners {
                     let part = of(self, world, name, default)?;
@@ -82,8 +88,34 @@ impl Textures {
                 Graph::Bilinear { place, corners: [found[0], found[1], found[2], found[3]] }
             }
             "imagemap" => self.image_map(world, float, p)?,
+            "dots" => {
+                let place = mapping(world, p)?;
+                Graph::Dots { place, inside: of(self, world, "inside", 1.0)?, outside: of(self, world, "outside", 0.0)? }
+            }
+            "fbm" | "wrinkled" | "windy" | "marble" => {
+                let octaves = || {
+                    let n = p.integer("octaves", 8)?;
+                    let n = u32::try_from(n).ok().filter(|n| *n <= 32);
+                    let roughness = p.float("roughness", 0.5)? as f32;
+                    n.map(|n| (n, roughness)).ok_or_else(|| p.place.fault("octaves out of range", "0 to 32"))
+                };
+                let mut texture_from_world = world.texture_from_world();
+                let pattern = match class {
+                    "windy" => NoisePattern::Windy,
+                    "fbm" => octaves().map(|(n, r)| NoisePattern::Fbm(n, r))?,
+                    "wrinkled" => octaves().map(|(n, r)| NoisePattern::Wrinkled(n, r))?,
+                    _ if float => return Err(p.place.fault("marble as a number", "a spectrum texture: marble has colours")),
+                    _ => {
+                        texture_from_world =
+                            Affine3A::from_scale(Vec3::splat(p.float("scale", 1.0)? as f32)) * texture_from_world;
+                        let variation = p.float("variation", 0.2)? as f32;
+                        octaves().map(|(n, r)| NoisePattern::Marble(n, r, variation))?
+                    }
+                };
+                Graph::Noise { texture_from_world, pattern }
+            }
             other => {
-                let known = "constant, scale, mix, checkerboard, bilerp or imagemap: others are not supported yet";
+                let known = "constant, scale, mix, checkerboard, bilerp, imagemap, dots, fbm, wrinkled, windy or marble";
                 return Err(p.place.fault(format!("texture \"{other}\""), known));
             }
         })
@@ -156,7 +188,10 @@ impl Textures {
             }
         };
         // Rows count from below.
-        let [s, t] = uv_mapping(p)?;
+        let (mapping, [s, t]) = match mapping(world, p)? {
+            Mapping::Uv(factors) => (None, factors),
+            other => (Some(other), [[1.0, 0.0]; 2]),
+        };
         let image_from_uv = Affine2::from_scale_angle_translation(Vec2::new(s[0], -t[0]), 0.0, Vec2::new(s[1], 1.0 - t[1]));
         // As a number a picture is its alpha where it has any, else the mean of its colours.
         let alpha = float && image.pixels.iter().any(|p| p[3] != 255);
@@ -166,7 +201,7 @@ impl Textures {
             (true, false) => Some([MEAN, Vec3::ZERO]),
         };
         let texture = Texture { image, codes, wrap: [wrap; 2], interpolation, uv_set: 0, image_from_uv };
-        Ok(Graph::Image { texture, scale, invert, as_number: weights })
+        Ok(Graph::Image { texture, scale, invert, as_number: weights, mapping })
     }
 
     /// A number of a material or shape that may be a texture.
@@ -203,12 +238,20 @@ impl Textures {
     }
 }
 
-/// Factor and offset of u and of v.
-fn uv_mapping(p: &Params) -> Result<[[f32; 2]; 2], Fault> {
-    match p.text("mapping")? {
-        None | Some("uv") => (),
-        Some(other) => return Err(p.place.fault(format!("mapping \"{other}\""), "uv: others are not supported yet")),
-    }
+/// How a texture's coordinates are found.
+fn mapping(world: &World, p: &Params) -> Result<Mapping, Fault> {
     let number = |name: &str, default: f64| p.float(name, default).map(|v| v as f32);
-    Ok([[number("uscale", 1.0)?, number("udelta", 0.0)?], [number("vscale", 1.0)?, number("vdelta", 0.0)?]])
+    let place = world.texture_from_world();
+    Ok(match p.text("mapping")? {
+        None | Some("uv") => {
+            Mapping::Uv([[number("uscale", 1.0)?, number("udelta", 0.0)?], [number("vscale", 1.0)?, number("vdelta", 0.0)?]])
+        }
+        Some("spherical") => Mapping::Spherical(place),
+        Some("cylindrical") => Mapping::Cylindrical(place),
+        Some("planar") => {
+            let axes = [p.vector("v1", Vec3::X)?, p.vector("v2", Vec3::Y)?];
+            Mapping::Planar(place, axes, Vec2::new(number("udelta", 0.0)?, number("vdelta", 0.0)?))
+        }
+        Some(other) => return Err(p.place.fault(format!("mapping \"{other}\""), "uv, spherical, cylindrical or planar")),
+    })
 }

@@ -13,10 +13,11 @@ use crate::SceneError;
 use crate::load::{Fetch, ply, unzipped};
 use crate::material::{Coverage, Interior, Material, Scattering};
 use crate::medium::{Air, Medium};
+use crate::motion::{AnimatedProperty, Animation, Channel, Ending, KeyInterpolation, Local, Motion, Node, Parts, Playing};
 use crate::scene::{Description, Object, Shape, Viewpoint};
 use crate::shape::Mesh;
 use crate::texture::Scalar;
-use glam::{Affine3A, DMat4, DVec3, Mat4, Vec3};
+use glam::{Affine3A, DMat4, DVec3, Vec3};
 use std::collections::HashMap;
 use std::sync::Arc;
 
@@ -59,6 +60,8 @@ enum Block {
 struct Met {
     name: String,
     shape: Shape,
+    /// What it moves with.
+    node: Option<u32>,
     material: MaterialName,
     area_light: Option<Params>,
     alpha: Option<Scalar>,
@@ -90,6 +93,8 @@ pub(super) struct World<'a> {
     objects: HashMap<String, Vec<Met>>,
     /// The object that is being defined.
     defining: Option<(String, Vec<Met>)>,
+    /// When the first and the second of two transforms hold, s.
+    times_s: [f64; 2],
     /// Numbers of the meshes of files, by name and whether they were reversed.
     ply: HashMap<(String, bool), u32>,
     warned: Vec<String>,
@@ -130,6 +135,7 @@ impl<'a> World<'a> {
             met: vec![],
             objects: HashMap::new(),
             defining: None,
+            times_s: [0.0, 1.0],
             ply: HashMap::new(),
             warned: vec![],
         }
@@ -316,7 +322,11 @@ impl<'a> World<'a> {
                 _ => return Err(place.fault("ActiveTransform of something else", "StartTime, EndTime or All")),
             },
             "TransformTimes" => {
-                Self::numbers::<2>(lexer, place, word)?;
+                let times = Self::numbers::<2>(lexer, place, word)?;
+                if times[0] >= times[1] {
+                    return Err(place.fault(format!("TransformTimes {} {}", times[0], times[1]), "a start before the end"));
+                }
+                self.times_s = times;
             }
             "ColorSpace" => {
                 let name = Self::text(lexer, place, "a colour space")?;
@@ -515,10 +525,8 @@ impl<'a> World<'a> {
         if !self.in_world {
             return Err(place.fault("a Shape before WorldBegin", "shapes in the world"));
         }
-        if self.moves() {
-            return Err(
-                place.fault("a shape that moves", "one that stands still: ActiveTransform is not supported for shapes yet")
-            );
+        if self.moves() && self.defining.is_some() {
+            return Err(place.fault("a shape that moves within an object", "objects whose instances move"));
         }
         let textures = std::mem::take(&mut self.textures);
         let alpha = textures.scalar(self, p, "alpha", 1.0);
@@ -530,6 +538,9 @@ impl<'a> World<'a> {
                 self.say_unused(p);
                 return Ok(());
             }
+            Scalar::Graph(graph) if graph.is_in_space() => {
+                return Err(place.fault("an alpha that depends on the place in space", "a texture by texture coordinates"));
+            }
             other => Some(other),
         };
         let world_from_shape = self.state.place[0];
@@ -537,7 +548,12 @@ impl<'a> World<'a> {
             "plymesh" => self.ply_mesh(p, place)?,
             _ => match shapes::make(kind, p, place)? {
                 Form::Sphere(radius) => match shapes::sphere_in_world(radius, world_from_shape) {
-                    Some(sphere) if !self.state.reversed && world_from_shape.determinant() > 0.0 && self.defining.is_none() => {
+                    Some(sphere)
+                        if !self.state.reversed
+                            && world_from_shape.determinant() > 0.0
+                            && self.defining.is_none()
+                            && !self.moves() =>
+                    {
                         Shape::Sphere(sphere)
                     }
                     // Squeezed, turned inside out or instanced: many triangles.
@@ -547,9 +563,11 @@ impl<'a> World<'a> {
             },
         };
         self.say_unused(p);
+        let node = if self.moves() { Some(self.moving_node(place)?) } else { None };
         let met = Met {
             name: format!("{kind} {}", self.met.len()),
             shape,
+            node,
             material: self.state.material.clone(),
             area_light: self.state.area_light.clone(),
             alpha,
@@ -561,6 +579,53 @@ impl<'a> World<'a> {
             None => self.met.push(met),
         }
         Ok(())
+    }
+
+    /// The space that holds now from the world as it will be: mirrored if the camera's is of the other hand.
+    pub fn texture_from_world(&self) -> Affine3A {
+        let inverse = affine(self.state.place[0].inverse());
+        if self.is_mirrored() { inverse * flip() } else { inverse }
+    }
+
+    /// The camera looks along +z with x to the right: a world in which that is no turn of ours is mirrored.
+    fn is_mirrored(&self) -> bool {
+        self.camera.as_ref().is_none_or(|(_, _, camera_from_world)| camera_from_world.determinant() > 0.0)
+    }
+
+    /// A node that goes from the first to the second of the transforms that hold now; straight, and turning evenly.
+    fn moving_node(&mut self, place: Place) -> Result<u32, Fault> {
+        let [from, to] = self.state.place;
+        let parts = |m: DMat4| {
+            let (scale, rotation, translation) = m.to_scale_rotation_translation();
+            let again = DMat4::from_scale_rotation_translation(scale, rotation, translation);
+            let off = (again - m).abs().to_cols_array().into_iter().fold(0.0, f64::max);
+            let size = m.abs().to_cols_array().into_iter().fold(0.0, f64::max);
+            if !(off <= 1e-4 * size) {
+                return Err(place.fault("a moving thing that is sheared", "a transform of scales, turns and shifts"));
+            }
+            Ok(Parts { scale: scale.as_vec3(), rotation: rotation.as_quat(), translation: translation.as_vec3() })
+        };
+        let (from, to) = (parts(from)?, parts(to)?);
+        let number = self.description.nodes.len();
+        self.description.nodes.push(Node { rest: Local::Parts(from), ..Node::new(&format!("moving {number}")) });
+        let channel = |property, values: Vec<f32>| Channel {
+            node: number,
+            property,
+            interpolation: KeyInterpolation::Linear,
+            times_s: self.times_s.map(|t| t as f32).to_vec(),
+            values,
+        };
+        let channels = [
+            channel(AnimatedProperty::Translation, [from.translation.to_array(), to.translation.to_array()].concat()),
+            channel(AnimatedProperty::Rotation, [from.rotation.to_array(), to.rotation.to_array()].concat()),
+            channel(AnimatedProperty::Scale, [from.scale.to_array(), to.scale.to_array()].concat()),
+        ];
+        if self.description.animations.is_empty() {
+            self.description.animations.push(Animation { name: "transforms".into(), channels: vec![] });
+            self.description.playing = Playing { animations: vec![0], ending: Ending::Clamp, frozen_at_s: None };
+        }
+        self.description.animations[0].channels.extend(channels);
+        Ok(number as u32)
     }
 
     /// Adds a mesh, placed where things stand now.
@@ -607,21 +672,24 @@ impl<'a> World<'a> {
                 near.map_or("an object that was defined before".to_owned(), |n| format!("an object (did you mean \"{n}\"?)"));
             return Err(place.fault(format!("object \"{name}\""), hint));
         };
-        if self.moves() {
-            return Err(
-                place.fault("an instance that moves", "one that stands still: ActiveTransform is not supported for shapes yet")
-            );
-        }
         let at = affine(self.state.place[0]);
+        let carrier = if self.moves() { Some(self.moving_node(place)?) } else { None };
         for m in &met {
             if m.area_light.is_some() {
                 self.warn(place, "area lights in objects do not shine, as in pbrt");
             }
             let Shape::Mesh { mesh, world_from_mesh } = m.shape else { continue };
             let shape = Shape::Mesh { mesh, world_from_mesh: at * world_from_mesh };
+            // Where the part is in the object, hung on what moves the object.
+            let node = carrier.map(|parent| {
+                let rest = Local::Matrix(world_from_mesh);
+                self.description.nodes.push(Node { parent: Some(parent), rest, ..Node::new(&m.name) });
+                self.description.nodes.len() as u32 - 1
+            });
             let copy = Met {
                 name: m.name.clone(),
                 shape,
+                node,
                 material: m.material.clone(),
                 area_light: None,
                 alpha: m.alpha.clone(),
@@ -668,7 +736,7 @@ impl<'a> World<'a> {
             };
             let key = (number, m.media.clone());
             if let (Some(known), None, None) = (plain.get(&key), &m.area_light, &m.alpha) {
-                self.description.objects.push(Object::new(m.name, m.shape, *known));
+                self.description.objects.push(object(m.name, m.shape, *known, m.node));
                 continue;
             }
             // The same on both sides: whatever light is in goes on.
@@ -692,7 +760,7 @@ impl<'a> World<'a> {
                     self.description.materials.push(Material { interior, ..Material::new("interface", Scattering::Interface) });
                     let own = self.description.materials.len() as u32 - 1;
                     plain.insert(key, own);
-                    self.description.objects.push(Object::new(m.name, m.shape, own));
+                    self.description.objects.push(object(m.name, m.shape, own, m.node));
                     continue;
                 }
             };
@@ -708,22 +776,22 @@ impl<'a> World<'a> {
                 material.coverage = Coverage::Blend(alpha);
             }
             self.description.materials.push(material);
-            self.description.objects.push(Object::new(m.name, m.shape, own));
+            self.description.objects.push(object(m.name, m.shape, own, m.node));
         }
         self.description.max_depth = self.max_depth;
         let (name, place) = self.around_camera.clone();
         if let Some(medium) = self.medium(&name, place)? {
             self.description.air = Some(Air { medium: (*medium).clone(), bounds: None });
         }
+        let mirrored = self.is_mirrored();
         let (film, kind) = self.film.take().unwrap_or_default();
         let film = camera::film(self, &film, &kind)?;
         let (p, kind, camera_from_world) =
             self.camera.take().unwrap_or_else(|| (Params::default(), "perspective".into(), DMat4::IDENTITY));
-        let view: Viewpoint = camera::viewpoint(&p, &kind, camera_from_world, &film)?;
+        let view: Viewpoint = camera::viewpoint(self, &p, &kind, camera_from_world, film)?;
         self.say_unused(&p);
         self.description.cameras.push(view);
-        // The camera looks along +z with x to the right: a world in which that is no turn of ours is mirrored.
-        if camera_from_world.determinant() > 0.0 {
+        if mirrored {
             mirror(&mut self.description);
         }
         Ok(())
@@ -783,6 +851,12 @@ fn look_at(v: &[f64; 9]) -> Option<DMat4> {
     Some(world_from_camera.inverse())
 }
 
+/// A thing that stands still or hangs on a node.
+fn object(name: String, shape: Shape, material: u32, node: Option<u32>) -> Object {
+    let motion = node.map_or(Motion::Still, |node| Motion::Carried { node });
+    Object { motion, ..Object::new(name, shape, material) }
+}
+
 pub(super) fn affine(m: DMat4) -> Affine3A {
     Affine3A::from_mat4(m.as_mat4())
 }
@@ -803,9 +877,13 @@ fn area(shape: &Shape, meshes: &[Mesh]) -> f32 {
     }
 }
 
+fn flip() -> Affine3A {
+    Affine3A::from_scale(Vec3::new(1.0, 1.0, -1.0))
+}
+
 /// Turns the world into its mirror image, z → −z.
 fn mirror(d: &mut Description) {
-    let flip = Affine3A::from_mat4(Mat4::from_scale(Vec3::new(1.0, 1.0, -1.0)));
+    let flip = flip();
     for object in &mut d.objects {
         match &mut object.shape {
             Shape::Mesh { world_from_mesh, .. } => *world_from_mesh = flip * *world_from_mesh,
@@ -818,6 +896,12 @@ fn mirror(d: &mut Description) {
     }
     for light in &mut d.punctual {
         *light = light.mirrored();
+    }
+    // What moves hangs on a mirror.
+    if !d.nodes.is_empty() {
+        let mirror = d.nodes.len() as u32;
+        d.nodes.iter_mut().filter(|n| n.parent.is_none()).for_each(|n| n.parent = Some(mirror));
+        d.nodes.push(Node { rest: Local::Matrix(flip), ..Node::new("mirror") });
     }
     if let Some(environment) = &mut d.environment {
         environment.mirror();
