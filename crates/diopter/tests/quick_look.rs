@@ -20,7 +20,7 @@ fn checks() -> Texture {
     let n = 512;
     let tone = |i: usize| if (i % n / 32 + i / n / 32).is_multiple_of(2) { 230 } else { 90 };
     let pixels = (0..n * n).map(|i| [tone(i), tone(i), tone(i), 255]).collect();
-    Texture::color(Arc::new(Image { width: n, height: n, pixels }))
+    Texture::color(Arc::new(Image::new(n, n, pixels)))
 }
 
 /// A floor that runs away from the camera, a wall behind it; balls on it or not.

@@ -20,7 +20,7 @@ pub enum Codes {
     Linear,
 }
 
-/// Pixels, 8 bits a channel.
+/// A picture.
 #[derive(Clone, Debug)]
 pub struct Image {
     /// Pixels a row.
@@ -28,7 +28,31 @@ pub struct Image {
     /// Rows.
     pub height: usize,
     /// RGBA, row by row from the top.
-    pub pixels: Vec<[u8; 4]>,
+    pub texels: Texels,
+}
+
+/// Pixels as they are stored.
+#[derive(Clone, Debug)]
+pub enum Texels {
+    /// 8 bits a channel.
+    Codes(Vec<[u8; 4]>),
+    /// Linear numbers of any size.
+    Linear(Vec<[f32; 4]>),
+}
+
+impl Image {
+    /// From codes of 8 bits.
+    pub fn new(width: usize, height: usize, pixels: Vec<[u8; 4]>) -> Self {
+        Image { width, height, texels: Texels::Codes(pixels) }
+    }
+
+    /// Whether any pixel is not opaque.
+    pub fn has_alpha(&self) -> bool {
+        match &self.texels {
+            Texels::Codes(all) => all.iter().any(|p| p[3] != 255),
+            Texels::Linear(all) => all.iter().any(|p| p[3] != 1.0),
+        }
+    }
 }
 
 /// What happens beyond the edge of an image.
@@ -109,7 +133,11 @@ impl Texture {
         }
         let column = self.wrap[0].index(x, self.image.width as i64);
         let row = self.wrap[1].index(y, self.image.height as i64);
-        let [r, g, b, a] = self.image.pixels[row * self.image.width + column];
+        let at = row * self.image.width + column;
+        let [r, g, b, a] = match &self.image.texels {
+            Texels::Codes(codes) => codes[at],
+            Texels::Linear(all) => return Vec4::from_array(all[at]),
+        };
         match self.codes {
             Codes::Srgb => {
                 let t = srgb_table();
@@ -445,7 +473,7 @@ mod tests {
 
     fn texture(wrap: Wrap, interpolation: Interpolation) -> Texture {
         let pixels = vec![[0, 0, 0, 255], [255, 255, 255, 255]];
-        let image = Arc::new(Image { width: 2, height: 1, pixels });
+        let image = Arc::new(Image::new(2, 1, pixels));
         Texture { wrap: [wrap; 2], interpolation, codes: Codes::Linear, ..Texture::color(image) }
     }
 

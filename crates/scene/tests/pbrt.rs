@@ -226,8 +226,13 @@ fn wrong_files_say_where_and_what() {
         ("LightSource \"point\" \"float scale\" -3", 5, "at least 0"),
         ("LightSource \"spot\" \"float coneangle\" 400", 5, "180"),
         ("Material \"diffuse\" \"texture reflectance\" \"t\"", 5, "\"t\""),
-        ("LightSource \"goniometric\"", 5, "point, spot"),
-        ("MakeNamedMedium \"fog\" \"string type\" \"homogeneous\"", 5, "media"),
+        ("LightSource \"goniometric\"", 5, "filename"),
+        ("LightSource \"laser\"", 5, "point, spot"),
+        ("MakeNamedMedium \"fog\" \"string type\" \"cloud\"", 5, "homogeneous"),
+        ("MakeNamedMedium \"fog\" \"string type\" \"homogeneous\" \"rgb sigma_a\" [1 -1 0]", 5, "at least 0"),
+        ("MediumInterface \"fog\" \"\" Shape \"sphere\"", 5, "\"fog\""),
+        ("Texture \"m\" \"float\" \"marble\"", 5, "colours"),
+        ("Shape \"sphere\" \"texture alpha\" \"x\"", 5, "\"x\""),
         ("Shape \"sphere", 5, "never closed"),
         ("ObjectInstance \"tree\"", 5, "tree"),
     ] {
@@ -270,4 +275,161 @@ fn the_last_of_several_values_counts() {
     assert!(
         matches!(&d.materials[0].scattering, Scattering::Diffuse(diopter_scene::texture::Color::Constant { rgb, .. }) if rgb.y == 0.25)
     );
+}
+
+#[test]
+fn media_take_their_share_inside_and_around() {
+    // A wall of light of 1 cd/m² at z = 10 behind a ball of smoke of radius 1, and the same in air that absorbs.
+    let wall = "AttributeBegin AreaLightSource \"diffuse\" \"bool twosided\" true Shape \"bilinearmesh\" \"point3 P\" [-99 -99 10 99 -99 10 -99 99 10 99 99 10] AttributeEnd";
+    let smoke = "MakeNamedMedium \"smoke\" \"string type\" \"homogeneous\" \"float scale\" 0.5 \"spectrum sigma_a\" [400 1 700 1] \"rgb sigma_s\" [0 0 0]";
+    let ball =
+        "AttributeBegin Translate 0 0 5 MediumInterface \"smoke\" \"\" Material \"interface\" Shape \"sphere\" AttributeEnd";
+    let seen = |text: String| {
+        let scene = Scene::build(load(&text)).unwrap();
+        luminance(&scene, through(&scene.description().cameras[0], 0.0, 0.0), 64)
+    };
+    let clear = seen(format!("{HEAD}WorldBegin {wall}"));
+    let within = seen(format!("{HEAD}WorldBegin {smoke} {wall} {ball}")) / clear;
+    assert!((within - (-1.0f64).exp()).abs() < 0.01, "{within}");
+    let glass = ball.replace("\"interface\"", "\"dielectric\" \"float eta\" 1.0");
+    let filled = seen(format!("{HEAD}WorldBegin {smoke} {wall} {glass}")) / clear;
+    assert!((filled - (-1.0f64).exp()).abs() < 0.01, "{filled}");
+    let thin = smoke.replace("0.5", "0.1");
+    let around = HEAD.replace("Camera", &format!("{thin} MediumInterface \"\" \"smoke\" Camera"));
+    let through_air = seen(format!("{around}WorldBegin {wall}")) / clear;
+    assert!((through_air - (-1.0f64).exp()).abs() < 0.01, "{through_air}");
+    // The same medium on both sides is no face at all; an unused one does no harm.
+    let same = ball.replace("\"smoke\" \"\"", "\"smoke\" \"smoke\"");
+    assert!((seen(format!("{HEAD}WorldBegin {smoke} {wall} {same}")) / clear - 1.0).abs() < 1e-6);
+    assert!(
+        load(&format!(
+            "{HEAD}WorldBegin MakeNamedMedium \"m\" \"string type\" \"homogeneous\" \"string preset\" \"Ketchup\" {wall}"
+        ))
+        .warnings
+        .is_empty()
+    );
+}
+
+#[test]
+fn patterns_in_space_follow_their_own_transform_in_mirrored_worlds_too() {
+    use diopter_scene::noise::marble;
+    let world = "Texture \"m\" \"spectrum\" \"marble\" \"float scale\" 2 Material \"diffuse\" \"texture reflectance\" \"m\"";
+    let quad = "Shape \"bilinearmesh\" \"point3 P\" [-9 -9 2  9 -9 2  -9 9 2  9 9 2]";
+    for (head, mirrored) in [(HEAD.to_owned(), true), (HEAD.replace("LookAt", "Scale -1 1 1\nLookAt"), false)] {
+        let text = format!("{head}WorldBegin AttributeBegin Translate 0.3 0.1 0.7 {world} Identity {quad} AttributeEnd");
+        let scene = Scene::build(load(&text)).unwrap();
+        for (x, y) in [(0.2, 0.4), (-0.5, 0.1), (0.3, -0.6)] {
+            let seen = scene.first_surface(&through(&scene.description().cameras[0], x, y)).unwrap().albedo;
+            // A picture's x is the world's, or its opposite in a world of the other hand.
+            let at = Vec3::new(if mirrored { 2.0 * x } else { -2.0 * x }, 2.0 * y, 2.0);
+            let expected = marble((at - Vec3::new(0.3, 0.1, 0.7)) * 2.0, 0.5, 8, 0.2);
+            assert!((seen - expected).abs().max_element() < 1e-3, "{x} {y}: {seen} {expected}");
+        }
+    }
+}
+
+fn png(width: u32, height: u32, pixel: impl Fn(u32, u32) -> [u8; 3]) -> Vec<u8> {
+    let picture = image::RgbImage::from_fn(width, height, |x, y| image::Rgb(pixel(x, y)));
+    let mut bytes = Vec::new();
+    picture.write_to(&mut std::io::Cursor::new(&mut bytes), image::ImageFormat::Png).unwrap();
+    bytes
+}
+
+#[test]
+fn projectors_throw_their_picture_upright() {
+    // Left half white, right half black but for its upper quarter.
+    let picture = png(8, 8, |x, y| if x < 4 || y < 2 { [255; 3] } else { [0; 3] });
+    let text = format!(
+        "{HEAD}WorldBegin LightSource \"projection\" \"string filename\" \"p.png\" \"float fov\" 90 \"float scale\" 40\n\
+         Material \"diffuse\" \"rgb reflectance\" [1 1 1] Shape \"bilinearmesh\" \"point3 P\" [-9 -9 2  9 -9 2  -9 9 2  9 9 2]"
+    );
+    let d = load_with(&text, &[("p.png", &picture)]).unwrap();
+    let scene = Scene::build(d).unwrap();
+    let seen = |x: f32, y: f32| luminance(&scene, through(&scene.description().cameras[0], x, y), 16);
+    assert!(seen(0.5, -0.3) < 1e-6 && seen(0.5, 0.8) > 0.1 && seen(-0.5, -0.8) > 0.1);
+    // 40 cd at 2 m on a white wall, cos³ off the axis.
+    let (x, y) = (-0.4f64, 0.3f64);
+    let expected = 40.0 / 4.0 / std::f64::consts::PI / (1.0 + x * x + y * y).powf(1.5);
+    assert!((seen(x as f32, y as f32) / expected - 1.0).abs() < 0.02, "{} {expected}", seen(x as f32, y as f32));
+    // So many lumens, all of them on the wall: the mean illuminance of a full picture on 4 × 4 m is the 16th part.
+    let white = png(4, 4, |_, _| [255; 3]);
+    let scene =
+        Scene::build(load_with(&text.replace("float scale\" 40", "float power\" 800"), &[("p.png", &white)]).unwrap()).unwrap();
+    let n = 24;
+    let mean: f64 = (0..n * n)
+        .map(|i| {
+            let at = |k: i32| (k as f32 + 0.5) / n as f32 * 1.998 - 0.999;
+            luminance(&scene, through(&scene.description().cameras[0], at(i % n), at(i / n)), 4) * std::f64::consts::PI
+        })
+        .sum::<f64>()
+        / f64::from(n * n);
+    assert!((mean / 50.0 - 1.0).abs() < 0.02, "{mean}");
+}
+
+#[test]
+fn measured_lights_shine_by_their_picture() {
+    // The middle of the square is the light's axis, y in pbrt: bright up, dark down.
+    let picture = png(64, 64, |x, y| {
+        let (dx, dy) = (f64::from(x) - 31.5, f64::from(y) - 31.5);
+        if dx.abs() + dy.abs() < 32.0 { [255; 3] } else { [0; 3] }
+    });
+    let text = |y: f32| {
+        format!(
+            "{HEAD}WorldBegin AttributeBegin Translate 0 0 5 LightSource \"goniometric\" \"string filename\" \"g.png\" AttributeEnd\n\
+             Material \"diffuse\" \"rgb reflectance\" [1 1 1] Shape \"bilinearmesh\" \"point3 P\" [-9 {y} 0  9 {y} 0  -9 {y} 9  9 {y} 9]"
+        )
+    };
+    let seen = |y: f32| {
+        let scene = Scene::build(load_with(&text(y), &[("g.png", &picture)]).unwrap()).unwrap();
+        // Straight below or above the lamp.
+        luminance(&scene, through(&scene.description().cameras[0], 0.0, y / 5.0), 16)
+    };
+    // 1 cd at 2 m.
+    assert!((seen(2.0) * std::f64::consts::PI / 0.25 - 1.0).abs() < 0.02, "{}", seen(2.0));
+    assert!(seen(-2.0) < 1e-6);
+}
+
+#[test]
+fn two_skies_add_up_and_lamps_may_be_pictures() {
+    let sky = "LightSource \"infinite\" \"rgb L\" [1 1 1]";
+    let scene =
+        Scene::build(load(&format!("{HEAD}WorldBegin {sky} {sky} \"float scale\" 2 Shape \"sphere\" \"float radius\" 0.1")))
+            .unwrap();
+    let up = Ray { origin: Vec3::Y, direction: Vec3::Y, time_s: 0.0 };
+    assert!((luminance(&scene, up, 64) - 3.0).abs() < 0.03);
+    // The upper half of a screen is white.
+    let picture = png(2, 2, |_, y| if y == 0 { [255; 3] } else { [0; 3] });
+    let text = format!(
+        "{HEAD}WorldBegin AreaLightSource \"diffuse\" \"string filename\" \"p.png\" \"float scale\" 7 \"bool twosided\" true\n\
+         Shape \"bilinearmesh\" \"point3 P\" [-2 -2 2  2 -2 2  -2 2 2  2 2 2] \"point2 uv\" [0 0 1 0 0 1 1 1]"
+    );
+    let scene = Scene::build(load_with(&text, &[("p.png", &picture)]).unwrap()).unwrap();
+    let seen = |y: f32| luminance(&scene, through(&scene.description().cameras[0], 0.3, y), 64);
+    assert!((seen(0.5) / 7.0 - 1.0).abs() < 0.02 && seen(-0.5) < 1e-6, "{} {}", seen(0.5), seen(-0.5));
+}
+
+#[test]
+fn things_move_between_two_transforms() {
+    let text = format!(
+        "{}WorldBegin\n\
+         ObjectBegin \"ball\" Translate 0 0 5 Shape \"sphere\" ObjectEnd\n\
+         AttributeBegin ActiveTransform EndTime Translate 4 0 0 ActiveTransform All Translate 0 0 8 Shape \"sphere\" AttributeEnd\n\
+         AttributeBegin ActiveTransform EndTime Rotate 90 0 1 0 ActiveTransform All ObjectInstance \"ball\" AttributeEnd",
+        HEAD.replace("LookAt", "TransformTimes 0 2\nLookAt")
+    );
+    let d = load(&text);
+    let middle = |i: usize, t: f64| {
+        let only = |o: &diopter_scene::Object| std::ptr::eq(o, &d.objects[i]);
+        d.bounds_at(t, only).center()
+    };
+    // The world was mirrored.
+    let near = |a: Vec3, b: Vec3| assert!((a - b).length() < 1e-3, "{a} {b}");
+    near(middle(0, 0.0), Vec3::new(0.0, 0.0, -8.0));
+    near(middle(0, 1.0), Vec3::new(2.0, 0.0, -8.0));
+    near(middle(0, 2.0), Vec3::new(4.0, 0.0, -8.0));
+    near(middle(1, 0.0), Vec3::new(0.0, 0.0, -5.0));
+    // A turn about y takes z to x.
+    near(middle(1, 2.0), Vec3::new(5.0, 0.0, 0.0));
+    near(middle(1, 1.0), Vec3::new(5.0 / 2f32.sqrt(), 0.0, -5.0 / 2f32.sqrt()));
+    Scene::build(d).unwrap();
 }

@@ -101,7 +101,7 @@ fn tone(pattern: Pattern, x: usize, y: usize) -> f32 {
 fn texture(pattern: Pattern) -> Texture {
     let grey = |i: usize| code(tone(pattern, i % TEXELS, i / TEXELS));
     let pixels = (0..TEXELS * TEXELS).map(|i| [grey(i), grey(i), grey(i), 255]).collect();
-    Texture::color(Arc::new(Image { width: TEXELS, height: TEXELS, pixels }))
+    Texture::color(Arc::new(Image::new(TEXELS, TEXELS, pixels)))
 }
 
 /// Cards: pattern, distance (m), piece of the picture that they cover (−1 to 1 across and up; left, right, bottom, top).

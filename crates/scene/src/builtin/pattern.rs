@@ -18,7 +18,7 @@ pub fn paint(width: usize, height: usize, color: impl Fn(Vec2) -> Vec3 + Sync) -
             [code(c.x), code(c.y), code(c.z), 255]
         })
         .collect();
-    Arc::new(Image { width, height, pixels })
+    Arc::new(Image::new(width, height, pixels))
 }
 
 /// Smooth noise in −1..1 on an integer lattice, repeating after 2^`period_bits` cells.

@@ -67,6 +67,21 @@ impl Environment {
         Environment::new(map, Mat3::IDENTITY, 1.0)
     }
 
+    /// Both together, on the finer of the two maps.
+    pub fn plus(&self, other: &Environment) -> Environment {
+        let (fine, coarse) = if self.map.width >= other.map.width { (self, other) } else { (other, self) };
+        let (w, h) = (fine.map.width, fine.map.height);
+        let mut map = Raster::new(w, h, 3);
+        for row in 0..h {
+            for column in 0..w {
+                let place = Vec2::new((column as f32 + 0.5) / w as f32, (row as f32 + 0.5) / h as f32);
+                let sum = fine.rgb_at(place) + coarse.rgb(fine.world_from_map * direction(place));
+                map.pixel_mut(column, row).copy_from_slice(&sum.to_array());
+            }
+        }
+        Environment::new(map, fine.world_from_map, 1.0)
+    }
+
     /// Mean luminance over all directions, cd/m².
     pub fn mean_luminance(&self) -> f32 {
         self.mean_luminance
@@ -122,9 +137,7 @@ impl Environment {
 
     pub(super) fn aim(&self, u: [f32; 2]) -> Option<Aim> {
         let (p, density) = self.grid.sample(u);
-        let (theta, phi) = (p.y * PI, (p.x - 0.5) * TAU);
-        let sin = theta.sin();
-        let d = Vec3::new(sin * phi.sin(), theta.cos(), -sin * phi.cos());
+        let (d, sin) = (direction(p), (p.y * PI).sin());
         let pdf = density / (2.0 * PI * PI * sin);
         let wi = self.world_from_map * d;
         (pdf > 0.0 && pdf.is_finite()).then_some(Aim {
@@ -142,6 +155,12 @@ impl Environment {
         let sin = (p.y * PI).sin();
         if sin > 0.0 { self.grid.pdf(p) / (2.0 * PI * PI * sin) } else { 0.0 }
     }
+}
+
+/// The direction, in the map's own frame, of a place on it.
+fn direction(place: Vec2) -> Vec3 {
+    let (theta, phi) = (place.y * PI, (place.x - 0.5) * TAU);
+    Vec3::new(theta.sin() * phi.sin(), theta.cos(), -theta.sin() * phi.cos())
 }
 
 #[cfg(test)]

@@ -2,9 +2,12 @@
 
 use super::{Aim, Modulation, Spot, tree::LightBounds};
 use crate::bvh::Bounds;
+use diopter_image::Raster;
+use diopter_light::upsample::Sigmoid;
 use diopter_light::{Sampled, Spectrum, Wavelengths, sampling};
-use glam::{Affine3A, Vec3};
+use glam::{Affine3A, Mat3, Vec3};
 use std::f32::consts::{PI, TAU};
+use std::sync::Arc;
 
 /// A light in a point or at infinity.
 #[derive(Clone, Debug)]
@@ -19,6 +22,68 @@ pub struct Punctual {
     pub carrier: Option<u32>,
     /// How it changes with time.
     pub modulation: Modulation,
+    /// How its light differs by direction, beyond what its kind says.
+    pub pattern: Option<Arc<Pattern>>,
+}
+
+/// A picture that a point light shines by.
+#[derive(Clone, Debug)]
+pub struct Pattern {
+    /// Linear sRGB; multiplies the light.
+    pub picture: Raster<f32>,
+    /// The light's directions from the world's.
+    pub light_from_world: Mat3,
+    /// Where on the picture directions lie.
+    pub spread: Spread,
+}
+
+/// How directions lie on the picture of a [`Pattern`].
+#[derive(Clone, Copy, Debug)]
+pub enum Spread {
+    /// All directions on a square of equal areas (P. Clarberg 2008).
+    Sphere,
+    /// Those ahead (+z) as a projector throws them: tangents of half the angles, to the right and up.
+    Frame([f32; 2]),
+}
+
+impl Pattern {
+    /// Factor on light that goes in a direction of the world.
+    fn at(&self, direction: Vec3) -> Vec3 {
+        let d = self.light_from_world * direction;
+        let [u, v] = match self.spread {
+            Spread::Sphere => square_of(d),
+            Spread::Frame([x, y]) => {
+                if d.z <= 1e-6 {
+                    return Vec3::ZERO;
+                }
+                [0.5 + 0.5 * d.x / (d.z * x), 0.5 - 0.5 * d.y / (d.z * y)]
+            }
+        };
+        if !((0.0..=1.0).contains(&u) && (0.0..=1.0).contains(&v)) {
+            return Vec3::ZERO;
+        }
+        let place = |t: f32, n: usize| ((t * n as f32) as usize).min(n - 1);
+        Vec3::from_slice(self.picture.pixel(place(u, self.picture.width), place(v, self.picture.height)))
+    }
+
+    /// Mean luminance of the picture: of a light of 1 cd for each 1 in it.
+    pub fn mean(&self) -> f32 {
+        let all = self.picture.data.as_chunks::<3>().0;
+        let y = |p: &[f32; 3]| f64::from(Vec3::from_array(*p).dot(Vec3::new(0.2126, 0.7152, 0.0722)));
+        (all.iter().map(y).sum::<f64>() / all.len().max(1) as f64) as f32
+    }
+}
+
+/// The place of a direction on a square, areas kept: the middle is +z, the corners −z. Source: P. Clarberg 2008, "Fast equal-area mapping of the
+/// (hemi)sphere using SIMD".
+pub(crate) fn square_of(d: Vec3) -> [f32; 2] {
+    let d = d.normalize_or_zero();
+    let r = (1.0 - d.z.abs()).max(0.0).sqrt();
+    let phi = d.y.abs().atan2(d.x.abs()) * std::f32::consts::FRAC_2_PI;
+    let v = r * phi;
+    let u = r - v;
+    let (u, v) = if d.z < 0.0 { (1.0 - v, 1.0 - u) } else { (u, v) };
+    [0.5 * (u.copysign(d.x) + 1.0), 0.5 * (v.copysign(d.y) + 1.0)]
 }
 
 /// How the light of a spot falls off from its inner to its outer cone.
@@ -68,7 +133,7 @@ pub enum PunctualKind {
 impl Punctual {
     /// A steady light that stands still.
     pub fn new(name: &str, power: Spectrum, kind: PunctualKind) -> Self {
-        Punctual { name: name.into(), power, kind, carrier: None, modulation: Modulation::Steady }
+        Punctual { name: name.into(), power, kind, carrier: None, modulation: Modulation::Steady, pattern: None }
     }
 
     /// The light when its space is placed in the world.
@@ -86,7 +151,11 @@ impl Punctual {
             PunctualKind::Directional { direction } => PunctualKind::Directional { direction: turned(direction) },
             PunctualKind::Disc { direction, half_angle } => PunctualKind::Disc { direction: turned(direction), half_angle },
         };
-        Punctual { kind, ..self.clone() }
+        let pattern = self.pattern.as_ref().map(|p| {
+            let m = Mat3::from(place.matrix3);
+            Arc::new(Pattern { light_from_world: p.light_from_world * m.inverse(), ..(**p).clone() })
+        });
+        Punctual { kind, pattern, ..self.clone() }
     }
 
     /// Whether it is infinitely far away.
@@ -105,7 +174,7 @@ impl Punctual {
     }
 
     pub(crate) fn bounds(&self) -> Option<LightBounds> {
-        let candela = self.illuminance();
+        let candela = self.illuminance() * self.pattern.as_ref().map_or(1.0, |p| p.mean());
         match self.kind {
             PunctualKind::Point { position } => {
                 let here = Bounds { min: position, max: position };
@@ -160,7 +229,13 @@ impl Punctual {
         match self.kind {
             PunctualKind::Directional { .. } => power,
             PunctualKind::Disc { half_angle, .. } => power / disc_sr(half_angle),
-            PunctualKind::Point { .. } => power / (aim.distance * aim.distance),
+            PunctualKind::Point { .. } => {
+                let power = match &self.pattern {
+                    Some(pattern) => power * tint(pattern.at(-aim.wi), wavelengths),
+                    None => power,
+                };
+                power / (aim.distance * aim.distance)
+            }
             PunctualKind::Spot { direction, cos_inner, cos_outer, edge, .. } => {
                 // KHR_lights_punctual, "Inner and Outer Cone Angles": squared linear ramp in the cosine.
                 let cos = -direction.dot(aim.wi);
@@ -173,6 +248,15 @@ impl Punctual {
             }
         }
     }
+}
+
+/// A colour of any brightness as a factor on light.
+fn tint(rgb: Vec3, wavelengths: &Wavelengths) -> Sampled {
+    if wavelengths.is_rgb() {
+        return Wavelengths::lanes(rgb);
+    }
+    let scale = 2.0 * rgb.max_element();
+    if scale > 0.0 { Sigmoid::from_rgb(rgb / scale).sample(wavelengths) * scale } else { Sampled::ZERO }
 }
 
 /// Projected solid angle of a disc on a plane that faces it: what its radiance is to its irradiance.

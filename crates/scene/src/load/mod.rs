@@ -6,7 +6,7 @@ pub mod pbrt;
 pub mod ply;
 
 use crate::SceneError;
-use crate::texture::Image;
+use crate::texture::{Image, Texels};
 use diopter_image::Raster;
 use std::io::{Cursor, Read};
 
@@ -41,7 +41,22 @@ fn read_picture(bytes: &[u8]) -> Result<Image, String> {
         return Err(format!("it has {width} × {height} pixels"));
     }
     let pixels = decoded.into_raw().chunks_exact(4).map(|p| [p[0], p[1], p[2], p[3]]).collect();
-    Ok(Image { width, height, pixels })
+    Ok(Image::new(width, height, pixels))
+}
+
+/// Reads a picture for a texture: EXR and Radiance as linear numbers, others as 8-bit codes.
+fn read_texture(bytes: &[u8]) -> Result<Image, String> {
+    if !is_light(bytes) {
+        return read_picture(bytes);
+    }
+    let picture = read_light_picture(bytes)?;
+    let texels = picture.data.as_chunks::<3>().0.iter().map(|[r, g, b]| [*r, *g, *b, 1.0]).collect();
+    Ok(Image { width: picture.width, height: picture.height, texels: Texels::Linear(texels) })
+}
+
+/// Whether a picture is one of EXR's or Radiance's.
+fn is_light(bytes: &[u8]) -> bool {
+    bytes.starts_with(&[0x76, 0x2f, 0x31, 0x01]) || bytes.starts_with(b"#?")
 }
 
 /// Reads a picture of light as linear RGB: EXR or Radiance as it is, others by the sRGB function.
@@ -52,10 +67,12 @@ fn read_light_picture(bytes: &[u8]) -> Result<Raster<f32>, String> {
     if bytes.starts_with(b"#?") {
         return read_hdr(bytes).map_err(|e| e.to_string());
     }
-    let image = read_picture(bytes)?;
+    let Image { width, height, texels: Texels::Codes(pixels) } = read_picture(bytes)? else {
+        return Err("it is no picture of 8-bit codes".into());
+    };
     let linear = |c: &u8| diopter_light::color::srgb_decode(f32::from(*c) / 255.0);
-    let data = image.pixels.iter().flat_map(|p| [linear(&p[0]), linear(&p[1]), linear(&p[2])]).collect();
-    Ok(Raster { width: image.width, height: image.height, channels: 3, data })
+    let data = pixels.iter().flat_map(|p| [linear(&p[0]), linear(&p[1]), linear(&p[2])]).collect();
+    Ok(Raster { width, height, channels: 3, data })
 }
 
 /// Reads a Radiance `.hdr` picture as linear RGB.

@@ -4,13 +4,16 @@ use super::Fault;
 use super::params::Params;
 use super::spectra::{self, Use};
 use super::world::World;
+use crate::light::punctual::{Pattern, Spread, square_of};
 use crate::light::{Environment, Modulation, Punctual, PunctualKind, SpotEdge};
 use crate::material::{Emission, EmissionColor};
+use crate::texture::{Interpolation, Texture};
 use diopter_image::Raster;
 use diopter_light::spectrum::Table;
 use diopter_light::{Spectrum, color};
-use glam::{DMat4, Mat3, Vec3};
+use glam::{Affine2, DMat4, DVec4, Mat3, Vec2, Vec3};
 use std::f64::consts::PI;
+use std::sync::Arc;
 
 /// Columns of the lat-long map that an equal-area picture becomes.
 const MOST_COLUMNS: usize = 8192;
@@ -69,6 +72,51 @@ pub fn make(world: &mut World, kind: &str, p: &Params, world_from_light: DMat4) 
             let name = format!("light {}", world.description.punctual.len());
             world.description.punctual.push(Punctual::new(&name, times(&spectrum, factor), kind));
         }
+        "goniometric" | "projection" => {
+            let name = p
+                .text("filename")?
+                .ok_or_else(|| place.fault(format!("a {kind} light without filename"), "\"string filename\""))?;
+            let picture = crate::load::read_light_picture(&world.file(name, place)?)
+                .map_err(|e| place.fault(format!("{name}: {e}"), "a picture (EXR, HDR, PNG)"))?;
+            let spectrum = match kind {
+                "goniometric" => spectra::get(world, p, "I", Use::Light, white)?,
+                _ => white,
+            };
+            let turned = match kind {
+                // pbrt's measured lights have their axis along y.
+                "goniometric" => world_from_light * DMat4::from_cols(DVec4::X, DVec4::Z, DVec4::Y, DVec4::W),
+                _ => world_from_light,
+            };
+            let spread = match kind {
+                "goniometric" => {
+                    if picture.width != picture.height {
+                        let found = format!("{name}: {} × {} pixels", picture.width, picture.height);
+                        return Err(place.fault(found, "a square picture in the equal-area octahedral mapping"));
+                    }
+                    Spread::Sphere
+                }
+                _ => {
+                    let fov = p.float("fov", 90.0)?;
+                    if !(0.001..180.0).contains(&fov) {
+                        return Err(place.fault(format!("fov {fov}"), "an angle from 0.001 to below 180 degrees"));
+                    }
+                    let (tan, aspect) = ((0.5 * fov).to_radians().tan() as f32, picture.width as f32 / picture.height as f32);
+                    Spread::Frame(if aspect > 1.0 { [tan * aspect, tan] } else { [tan, tan / aspect] })
+                }
+            };
+            let light_from_world = glam::DMat3::from_mat4(turned).inverse().as_mat3();
+            let pattern = Pattern { picture, light_from_world, spread };
+            let power = at_least_0("power")?;
+            let lumens = match spread {
+                Spread::Sphere => 4.0 * PI * f64::from(pattern.mean()),
+                Spread::Frame(half) => frame_lumens(&pattern.picture, half),
+            };
+            let factor = scale * if power > 0.0 { power / lumens.max(1e-30) } else { 1.0 };
+            let at = PunctualKind::Point { position: point(Vec3::ZERO) };
+            let name = format!("light {}", world.description.punctual.len());
+            let light = Punctual::new(&name, times(&spectrum, factor), at);
+            world.description.punctual.push(Punctual { pattern: Some(Arc::new(pattern)), ..light });
+        }
         "infinite" => {
             if p.get("portal").is_some() {
                 world.warn(place, "a portal only guides pbrt's sampling: it is not used");
@@ -99,15 +147,13 @@ pub fn make(world: &mut World, kind: &str, p: &Params, world_from_light: DMat4) 
                     Environment::new(lat_long(&picture), turn(world_from_light), factor as f32)
                 }
             };
-            if world.description.environment.is_some() {
-                return Err(place.fault("a second infinite light", "one: their sum is not supported yet"));
-            }
-            world.description.environment = Some(environment);
+            world.description.environment = Some(match world.description.environment.take() {
+                Some(first) => first.plus(&environment),
+                None => environment,
+            });
         }
         other => {
-            return Err(
-                place.fault(format!("light \"{other}\""), "point, spot, distant or infinite: others are not supported yet")
-            );
+            return Err(place.fault(format!("light \"{other}\""), "point, spot, distant, infinite, goniometric or projection"));
         }
     }
     Ok(())
@@ -129,9 +175,16 @@ fn times(spectrum: &Spectrum, factor: f64) -> Spectrum {
 
 /// What an area light adds to the material of a shape of an area (m²).
 pub fn emission(world: &mut World, p: &Params, area: f32) -> Result<Emission, Fault> {
-    if p.get("filename").is_some() {
-        return Err(p.place.fault("an area light with a picture", "one of a single colour: pictures are not supported yet"));
-    }
+    let picture = match p.text("filename")? {
+        None => None,
+        Some(name) => {
+            let image = crate::load::read_texture(&world.file(name, p.place)?)
+                .map_err(|e| p.place.fault(format!("{name}: {e}"), "a picture (PNG, JPEG, EXR, HDR)"))?;
+            // Rows count from below.
+            let image_from_uv = Affine2::from_scale_angle_translation(Vec2::new(1.0, -1.0), 0.0, Vec2::Y);
+            Some(Texture { image_from_uv, interpolation: Interpolation::Nearest, ..Texture::color(Arc::new(image)) })
+        }
+    };
     let spectrum = spectra::get(world, p, "L", Use::Light, Spectrum::light_from_rgb(Vec3::ONE))?;
     let two_sided = p.bool("twosided", false)?;
     let (mut factor, power) = (p.float("scale", 1.0)?, p.float("power", -1.0)?);
@@ -143,22 +196,24 @@ pub fn emission(world: &mut World, p: &Params, area: f32) -> Result<Emission, Fa
     if !(factor >= 0.0 && factor.is_finite()) {
         return Err(p.place.fault(format!("a light of {factor}"), "a scale of at least 0"));
     }
-    Ok(Emission {
-        radiance: EmissionColor::Constant(times(&spectrum, factor)),
-        two_sided,
-        is_light: true,
-        modulation: Modulation::Steady,
-    })
+    let radiance = match picture {
+        Some(texture) => EmissionColor::Textured { factor: Vec3::splat(factor as f32), texture },
+        None => EmissionColor::Constant(times(&spectrum, factor)),
+    };
+    Ok(Emission { radiance, two_sided, is_light: true, modulation: Modulation::Steady })
 }
 
-/// The square of a direction. Source: P. Clarberg 2008, "Fast equal-area mapping of the (hemi)sphere using SIMD".
-fn square_of(d: Vec3) -> [f32; 2] {
-    let r = (1.0 - d.z.abs()).max(0.0).sqrt();
-    let phi = d.y.abs().atan2(d.x.abs()) * std::f32::consts::FRAC_2_PI;
-    let v = r * phi;
-    let u = r - v;
-    let (u, v) = if d.z < 0.0 { (1.0 - v, 1.0 - u) } else { (u, v) };
-    [0.5 * (u.copysign(d.x) + 1.0), 0.5 * (v.copysign(d.y) + 1.0)]
+/// Luminous flux of a projector of 1 cd for each 1 of its picture.
+fn frame_lumens(picture: &Raster<f32>, [x, y]: [f32; 2]) -> f64 {
+    let (w, h) = (picture.width, picture.height);
+    let area = f64::from(4.0 * x * y) / (w * h) as f64;
+    (0..w * h)
+        .map(|i| {
+            let (u, v) = (((i % w) as f32 + 0.5) / w as f32 * 2.0 - 1.0, ((i / w) as f32 + 0.5) / h as f32 * 2.0 - 1.0);
+            let cos3 = f64::from(1.0 + (u * x).powi(2) + (v * y).powi(2)).powf(-1.5);
+            f64::from(Vec3::from_slice(picture.pixel(i % w, i / w)).dot(Vec3::new(0.2126, 0.7152, 0.0722))) * area * cos3
+        })
+        .sum()
 }
 
 /// Illuminance of the upper half (about +z) on a level plane.

@@ -180,8 +180,8 @@ impl Textures {
             Some(image) => image.clone(),
             None => {
                 let bytes = world.file(&name, p.place)?;
-                let image = crate::load::read_picture(&bytes)
-                    .map_err(|e| p.place.fault(format!("{name}: {e}"), "a picture (PNG, JPEG)"))?;
+                let image = crate::load::read_texture(&bytes)
+                    .map_err(|e| p.place.fault(format!("{name}: {e}"), "a picture (PNG, JPEG, EXR, HDR)"))?;
                 let image = Arc::new(image);
                 self.images.insert((name.clone(), float), image.clone());
                 image
@@ -194,7 +194,7 @@ impl Textures {
         };
         let image_from_uv = Affine2::from_scale_angle_translation(Vec2::new(s[0], -t[0]), 0.0, Vec2::new(s[1], 1.0 - t[1]));
         // As a number a picture is its alpha where it has any, else the mean of its colours.
-        let alpha = float && image.pixels.iter().any(|p| p[3] != 255);
+        let alpha = float && image.has_alpha();
         let weights = match (float, alpha) {
             (false, _) => None,
             (true, true) => Some([Vec3::ZERO, Vec3::ONE]),
