@@ -13,6 +13,10 @@ use rayon::prelude::*;
 /// Primitives a chunk. 2 M triangles make some eighty: few are alive at a time, so the peak of memory stays low (at four times
 /// the size it was 13 % higher); the rate of rays on the bumpy spheres was the same within noise.
 pub(super) const CHUNK: usize = 1 << 15;
+/// Chunks that are built at a time, for each thread.
+const BATCH: usize = 4;
+/// Primitives of a cluster.
+const CLUSTER: usize = 256;
 /// Bins of the split above the chunks.
 const BINS: usize = 32;
 /// Coordinate of boxes that nothing meets, m.
@@ -27,16 +31,11 @@ impl Bvh {
             return Bvh::default();
         }
         let mut indices: Vec<u32> = (0..primitives.len() as u32).collect();
-        let mut tree = Split::Chunk(0, indices.len());
-        if indices.len() > CHUNK {
-            // Kept only while splitting asks for each box again and again.
-            let bounds: Vec<Bounds> = (0..primitives.len()).into_par_iter().map(|i| bounds_of(primitives, i)).collect();
-            tree = split(&mut indices, 0, &|i| bounds[i as usize]);
-        }
-        // A few chunks at a time, each put away before the next are begun: the peak of memory stays near the result.
+        let tree = if indices.len() > CHUNK { split(&mut indices, primitives) } else { Split::Chunk(0, indices.len()) };
+        // Some chunks at a time, each batch put away before the next is begun: the peak of memory stays near the result.
         let mut joined = Joints::new(&tree, primitives.len(), primitives.moves());
         let chunks = tree.chunks();
-        for batch in chunks.chunks(rayon::current_num_threads().max(1)) {
+        for batch in chunks.chunks(BATCH * rayon::current_num_threads().max(1)) {
             let parts: Vec<_> =
                 batch.into_par_iter().map(|(start, end)| build_chunk(primitives, &indices[*start..*end])).collect();
             parts.into_iter().for_each(|(part, part_bounds)| joined.hang(part, part_bounds));
@@ -81,31 +80,79 @@ impl Split {
     }
 }
 
-/// Splits at the best of `BINS` planes across the longest axis of the centres, until chunks are small enough.
-fn split(indices: &mut [u32], start: usize, bounds_of: &(impl Fn(u32) -> Bounds + Sync)) -> Split {
-    if indices.len() <= CHUNK {
-        return Split::Chunk(start, start + indices.len());
+/// Neighbours in space, by a curve through it, that are not taken apart by the splits above the chunks.
+#[derive(Clone, Copy)]
+struct Cluster {
+    bounds: Bounds,
+    /// Where they stand in the sorted list.
+    from: u32,
+    count: u32,
+}
+
+/// Orders primitives chunk by chunk.
+fn split(indices: &mut Vec<u32>, primitives: &impl Primitives) -> Split {
+    let bounds: Vec<Bounds> = (0..primitives.len()).into_par_iter().map(|i| bounds_of(primitives, i)).collect();
+    let centers =
+        bounds.par_chunks(1 << 14).map(|c| Bounds::around(c.iter().map(Bounds::center))).reduce(|| Bounds::EMPTY, Bounds::union);
+    let scale = 1023.0 / centers.size().max(Vec3::splat(f32::MIN_POSITIVE));
+    let code = |i: usize| morton((bounds[i].center() - centers.min) * scale);
+    // Code and number side by side: sorted as one.
+    let mut sorted: Vec<u64> = (0..bounds.len()).into_par_iter().map(|i| u64::from(code(i)) << 32 | i as u64).collect();
+    sorted.par_sort_unstable();
+    let number = |key: u64| key as u32;
+    let mut clusters: Vec<Cluster> = sorted
+        .par_chunks(CLUSTER)
+        .enumerate()
+        .map(|(k, keys)| Cluster {
+            bounds: keys.iter().fold(Bounds::EMPTY, |b, key| b.union(bounds[number(*key) as usize])),
+            from: (k * CLUSTER) as u32,
+            count: keys.len() as u32,
+        })
+        .collect();
+    drop(bounds);
+    let tree = split_clusters(&mut clusters, 0);
+    let mut out: Vec<&mut [u32]> = Vec::with_capacity(clusters.len());
+    let mut rest = &mut indices[..];
+    for cluster in &clusters {
+        let (part, after) = rest.split_at_mut(cluster.count as usize);
+        out.push(part);
+        rest = after;
     }
-    let centers = indices
-        .par_chunks(1 << 14)
-        .map(|c| Bounds::around(c.iter().map(|i| bounds_of(*i).center())))
-        .reduce(|| Bounds::EMPTY, Bounds::union);
+    out.into_par_iter().zip(&clusters).for_each(|(part, cluster)| {
+        let from = cluster.from as usize;
+        part.iter_mut().zip(&sorted[from..]).for_each(|(to, key)| *to = number(*key));
+    });
+    tree
+}
+
+/// Bits of three numbers from 0 to 1023 in turn.
+fn morton(p: Vec3) -> u32 {
+    let spread = |v: f32| {
+        let mut x = v.clamp(0.0, 1023.0) as u32;
+        x = (x | x << 16) & 0x0300_00ff;
+        x = (x | x << 8) & 0x0300_f00f;
+        x = (x | x << 4) & 0x030c_30c3;
+        (x | x << 2) & 0x0924_9249
+    };
+    spread(p.x) << 2 | spread(p.y) << 1 | spread(p.z)
+}
+
+/// Splits at the best of `BINS` planes across the longest axis of the centres, until chunks are small enough. `start`: how many primitives stand
+/// before them.
+fn split_clusters(clusters: &mut [Cluster], start: usize) -> Split {
+    let total: usize = clusters.iter().map(|c| c.count as usize).sum();
+    if total <= CHUNK || clusters.len() < 2 {
+        return Split::Chunk(start, start + total);
+    }
+    let centers = Bounds::around(clusters.iter().map(|c| c.bounds.center()));
     let axis = centers.size().max_position();
     let scale = BINS as f32 / centers.size()[axis].max(f32::MIN_POSITIVE);
     let bin_of = |b: &Bounds| (((b.center()[axis] - centers.min[axis]) * scale).max(0.0) as usize).min(BINS - 1);
-    let empty = || [(Bounds::EMPTY, 0usize); BINS];
-    let bins = indices
-        .par_chunks(1 << 14)
-        .map(|chunk| {
-            chunk.iter().fold(empty(), |mut bins, i| {
-                let b = bounds_of(*i);
-                let bin = &mut bins[bin_of(&b)];
-                *bin = (bin.0.union(b), bin.1 + 1);
-                bins
-            })
-        })
-        .reduce(empty, |a, b| std::array::from_fn(|i| (a[i].0.union(b[i].0), a[i].1 + b[i].1)));
-
+    let mut bins = [(Bounds::EMPTY, 0usize); BINS];
+    for c in clusters.iter() {
+        let bin = &mut bins[bin_of(&c.bounds)];
+        *bin = (bin.0.union(c.bounds), bin.1 + c.count as usize);
+    }
     // Cost of splitting before each bin; halves that are too uneven do not help to share out the work.
     let side = |range: std::ops::Range<usize>| {
         let (b, n) = bins[range].iter().fold((Bounds::EMPTY, 0), |a, b| (a.0.union(b.0), a.1 + b.1));
@@ -113,23 +160,18 @@ fn split(indices: &mut [u32], start: usize, bounds_of: &(impl Fn(u32) -> Bounds 
     };
     let best = (1..BINS)
         .map(|k| (k, side(0..k), side(k..BINS)))
-        .filter(|(_, a, b)| a.1.min(b.1) * 16 > indices.len())
+        .filter(|(_, a, b)| a.1.min(b.1) * 16 > total)
         .min_by(|x, y| (x.1.0 + x.2.0).total_cmp(&(y.1.0 + y.2.0)));
     let middle = match best {
-        Some((k, ..)) => partition(indices, |i| bin_of(&bounds_of(i)) < k),
-        None => indices.len() / 2,
+        Some((k, ..)) => {
+            clusters.sort_by_key(|c| bin_of(&c.bounds) >= k);
+            clusters.partition_point(|c| bin_of(&c.bounds) < k)
+        }
+        None => clusters.len() / 2,
     };
-    let (a, b) = indices.split_at_mut(middle);
-    let (a, b) = rayon::join(|| split(a, start, bounds_of), || split(b, start + middle, bounds_of));
-    Split::Pair(Box::new(a), Box::new(b))
-}
-
-/// Moves the entries for which `first` holds to the front, keeping their order; returns how many they are.
-fn partition(indices: &mut [u32], first: impl Fn(u32) -> bool) -> usize {
-    let (a, b): (Vec<u32>, Vec<u32>) = indices.iter().partition(|i| first(**i));
-    indices[..a.len()].copy_from_slice(&a);
-    indices[a.len()..].copy_from_slice(&b);
-    a.len()
+    let (a, b) = clusters.split_at_mut(middle);
+    let first: usize = a.iter().map(|c| c.count as usize).sum();
+    Split::Pair(Box::new(split_clusters(a, start)), Box::new(split_clusters(b, start + first)))
 }
 
 /// One chunk: its hierarchy and its box.
@@ -235,9 +277,12 @@ impl<'a, P: Primitives> Collapse<'a, P> {
         // A tree that fits one block still gets a root node above it.
         let mut work = vec![(0usize, 0usize)];
         while let Some((node, at)) = work.pop() {
-            let children = if self.tree.nodes[node].is_leaf() || self.weight[node] <= 8 { vec![node] } else { self.open(node) };
+            let (mut children, mut count) = ([node; 8], 1);
+            if !self.tree.nodes[node].is_leaf() && self.weight[node] > 8 {
+                (children, count) = self.open(node);
+            }
             let (mut wide, mut wide_end) = (Node::absent(), Node::absent());
-            for (i, &child) in children.iter().enumerate() {
+            for (i, &child) in children[..count].iter().enumerate() {
                 let to = if self.is_other(child) {
                     let Primitive::Other { id, .. } = self.primitive(child) else { unreachable!("checked above") };
                     Child::other(id)
@@ -262,20 +307,32 @@ impl<'a, P: Primitives> Collapse<'a, P> {
         (self.bvh, root)
     }
 
-    /// Up to eight descendants that cover a node: the largest is opened again and again.
-    fn open(&self, node: usize) -> Vec<usize> {
+    /// Up to eight descendants that cover a node, and how many: the largest is opened again and again.
+    fn open(&self, node: usize) -> ([usize; 8], usize) {
+        let mut children = [0; 8];
+        // Of those that can be opened.
+        let mut areas = [-1.0f32; 8];
+        let area = |child: usize| if self.weight[child] > 8 { self.bounds(child).half_area() } else { -1.0 };
         let first = self.tree.nodes[node].first_index as usize;
-        let mut children = vec![first, first + 1];
-        while children.len() < 8 {
-            let largest = (0..children.len())
-                .filter(|i| self.weight[children[*i]] > 8)
-                .max_by(|a, b| self.bounds(children[*a]).half_area().total_cmp(&self.bounds(children[*b]).half_area()));
-            let Some(largest) = largest else { break };
+        (children[0], children[1]) = (first, first + 1);
+        (areas[0], areas[1]) = (area(first), area(first + 1));
+        let mut count = 2;
+        while count < 8 {
+            let mut largest = 0;
+            for i in 1..count {
+                if areas[i] >= areas[largest] {
+                    largest = i;
+                }
+            }
+            if areas[largest] < 0.0 {
+                break;
+            }
             let first = self.tree.nodes[children[largest]].first_index as usize;
-            children[largest] = first;
-            children.push(first + 1);
+            (children[largest], children[count]) = (first, first + 1);
+            (areas[largest], areas[count]) = (area(first), area(first + 1));
+            count += 1;
         }
-        children
+        (children, count)
     }
 
     /// Gathers the triangles below a node into one block.
@@ -283,11 +340,16 @@ impl<'a, P: Primitives> Collapse<'a, P> {
         let mut block = Block { corners: [[[0.0; 8]; 3]; 3], id: [u32::MAX; 8], filtered: 0 };
         let mut end = [[[0.0; 8]; 3]; 3];
         let mut lane = 0;
-        let mut stack = vec![node];
-        while let Some(n) = stack.pop() {
+        // At most eight leaves: never more than eight wait.
+        let mut stack = [node; 9];
+        let mut waiting = 1;
+        while waiting > 0 {
+            waiting -= 1;
+            let n = stack[waiting];
             if !self.tree.nodes[n].is_leaf() {
                 let child = self.tree.nodes[n].first_index as usize;
-                stack.extend([child + 1, child]);
+                (stack[waiting], stack[waiting + 1]) = (child + 1, child);
+                waiting += 2;
                 continue;
             }
             let Primitive::Triangle { corners, id, filtered } = self.primitive(n) else { unreachable!("others stand alone") };

@@ -4,6 +4,7 @@
 
 use crate::shape::Mesh;
 use glam::{Vec2, Vec3, Vec4};
+use rayon::prelude::*;
 
 /// What is wrong with a file.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -135,7 +136,8 @@ pub fn read(bytes: &[u8]) -> Result<Read, PlyError> {
         return Err(wrong("no vertices", "an element \"vertex\" with x, y and z"));
     }
     let count = mesh.positions.len();
-    if let Some(i) = mesh.triangles.iter().flatten().find(|i| **i as usize >= count) {
+    if let Some(t) = mesh.triangles.par_iter().find_any(|t| t.iter().any(|i| *i as usize >= count)) {
+        let i = t.iter().max().unwrap_or(&0);
         return Err(wrong(format!("corner number {i}"), format!("less than {count}, the number of vertices")));
     }
     let warning = (skipped > 0).then(|| format!("{skipped} faces with fewer than three corners are left out"));
@@ -287,6 +289,23 @@ fn vertices(body: &mut Body, element: &Element, mesh: &mut Mesh) -> Result<(), P
     let uvs = count_of(|w| matches!(w, Goes::Uv(_))) == 2;
     let colors = count_of(|w| matches!(w, Goes::Color(..))) >= 3;
     mesh.positions.reserve(element.count);
+    let stride: usize = element.properties.iter().map(|p| p.kind.size()).sum();
+    if body.layout != Layout::Text && element.properties.iter().all(|p| p.list.is_none()) && !(normals || uvs || colors) {
+        // Places alone, each as long as the next: all at once.
+        let big = body.layout == Layout::Big;
+        let mut at = [(0, Number::F32); 3];
+        let mut offset = 0;
+        for (property, way) in element.properties.iter().zip(&ways) {
+            if let Goes::Position(i) = way {
+                at[*i] = (offset, property.kind);
+            }
+            offset += property.kind.size();
+        }
+        let bytes = body.take(element.count.saturating_mul(stride))?;
+        let place = |row: &[u8]| Vec3::from_array(at.map(|(offset, kind)| kind.of(&row[offset..], big) as f32));
+        mesh.positions.par_extend(bytes.par_chunks_exact(stride).map(place));
+        return Ok(());
+    }
     for _ in 0..element.count {
         let (mut position, mut normal, mut uv, mut color) = (Vec3::ZERO, Vec3::ZERO, Vec2::ZERO, Vec4::ONE);
         for (property, way) in element.properties.iter().zip(&ways) {
@@ -326,6 +345,27 @@ fn faces(body: &mut Body, element: &Element, mesh: &mut Mesh) -> Result<usize, P
     }
     let mut skipped = 0;
     mesh.triangles.reserve(element.count);
+    if let ([Property { list: Some(Number::U8), kind, .. }], true) = (&element.properties[..], body.layout != Layout::Text)
+        && matches!(kind, Number::I32 | Number::U32)
+    {
+        // Triangles alone, if they are: all at once.
+        const STRIDE: usize = 13;
+        let big = body.layout == Layout::Big;
+        let all = body.bytes.get(body.at..body.at + element.count.saturating_mul(STRIDE).min(body.bytes.len()));
+        if let Some(all) = all.filter(|a| a.len() == element.count * STRIDE && a.par_chunks_exact(STRIDE).all(|t| t[0] == 3)) {
+            let corner = |b: &[u8]| {
+                let b = [b[0], b[1], b[2], b[3]];
+                if big { u32::from_be_bytes(b) } else { u32::from_le_bytes(b) }
+            };
+            mesh.triangles.par_extend(all.par_chunks_exact(STRIDE).map(|t| [corner(&t[1..]), corner(&t[5..]), corner(&t[9..])]));
+            body.at += all.len();
+            let beyond = |t: &&[u32; 3]| t.iter().any(|i| *i > i32::MAX as u32);
+            if let Some(t) = mesh.triangles.par_iter().find_any(beyond) {
+                return Err(wrong(format!("corner numbers {t:?}"), "0 to 2147483647"));
+            }
+            return Ok(0);
+        }
+    }
     let mut corners: Vec<u32> = Vec::with_capacity(4);
     for _ in 0..element.count {
         for property in &element.properties {

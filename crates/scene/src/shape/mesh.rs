@@ -1,6 +1,7 @@
 //! Triangle meshes, stored once in their own space.
 
 use glam::{Vec2, Vec3, Vec4};
+use rayon::prelude::*;
 
 /// Triangles and what is known at their corners. All lists but `triangles` are empty or as long as `positions`.
 #[derive(Clone, Debug, Default)]
@@ -53,7 +54,11 @@ impl Mesh {
     pub fn drop_broken_triangles(&mut self) -> usize {
         let before = self.triangles.len();
         let positions = &self.positions;
-        self.triangles.retain(|t| t.iter().all(|i| positions.get(*i as usize).is_some_and(|p| p.is_finite())));
+        let whole = |t: &[u32; 3]| t.iter().all(|i| positions.get(*i as usize).is_some_and(|p| p.is_finite()));
+        if self.triangles.par_iter().all(whole) {
+            return 0;
+        }
+        self.triangles.retain(whole);
         before - self.triangles.len()
     }
 
@@ -62,10 +67,13 @@ impl Mesh {
         let before = self.triangles.len();
         self.drop_broken_triangles();
         let positions = &self.positions;
-        self.triangles.retain(|t| {
+        let has_area = |t: &[u32; 3]| {
             let [a, b, c] = t.map(|i| positions[i as usize].as_dvec3());
             (b - a).cross(c - a).length_squared() > 0.0
-        });
+        };
+        if !self.triangles.par_iter().all(has_area) {
+            self.triangles.retain(has_area);
+        }
         before - self.triangles.len()
     }
 }
