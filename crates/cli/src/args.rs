@@ -280,6 +280,9 @@ pub struct Taking {
     /// Embedded scene, a scene file (.pbrt, .gltf, .glb, .obj, .ply, .stl), or a .toml shot file.
     #[arg(value_name = "SCENE|SHOT.toml")]
     pub subject: Option<String>,
+    /// Which of the sets of materials that a glTF file offers.
+    #[arg(long, value_name = "NAME")]
+    pub variant: Option<String>,
     /// Light from all around: a lat-long .hdr or .exr.
     #[arg(long, value_name = "FILE")]
     pub environment: Option<PathBuf>,
@@ -1035,6 +1038,7 @@ impl Taking {
             }
         }
         let (scene, camera, exposure, render) = (&mut shot.scene, &mut shot.camera, &mut shot.exposure, &mut shot.render);
+        over(&mut scene.variant, &self.variant);
         over(&mut scene.environment, &self.environment);
         over(&mut scene.environment_rotation_deg, &self.environment_rotation);
         if self.daylight.is_some() || self.sun.is_some() {

@@ -42,6 +42,8 @@ pub struct Description {
     pub playing: Playing,
     /// Meshes that bend.
     pub deformers: Vec<Deformer>,
+    /// Other sets of materials that the file offers.
+    pub variants: Vec<Variant>,
     /// How many times its file wants light to be scattered at most.
     pub max_depth: Option<u32>,
     /// What was found odd on the way.
@@ -52,6 +54,24 @@ impl Description {
     /// Where its nodes are at any moment.
     pub fn timeline(&self) -> Timeline<'_> {
         Timeline::new(&self.nodes, &self.animations, &self.playing)
+    }
+
+    /// Gives objects the materials of a variant; fails with what there is.
+    pub fn choose_variant(&mut self, name: &str) -> Result<(), String> {
+        let Some(variant) = self.variants.iter().find(|v| v.name == name) else {
+            let names: Vec<&str> = self.variants.iter().map(|v| v.name.as_str()).collect();
+            return Err(if names.is_empty() {
+                "the scene has no variants".into()
+            } else {
+                format!("one of {}", names.join(", "))
+            });
+        };
+        for (object, material) in &variant.materials {
+            if let Some(object) = self.objects.get_mut(*object as usize) {
+                object.material = *material;
+            }
+        }
+        Ok(())
     }
 
     /// The box around the objects that are counted, at a moment, s; what hangs on free nodes is left out.
@@ -74,6 +94,15 @@ impl Description {
         };
         self.objects.iter().filter(|o| counted(o)).fold(Bounds::EMPTY, |b, o| b.union(around(o)))
     }
+}
+
+/// A set of materials that a file offers.
+#[derive(Clone, Debug, Default)]
+pub struct Variant {
+    /// Its name.
+    pub name: String,
+    /// Numbers of objects and of the materials they then have.
+    pub materials: Vec<(u32, u32)>,
 }
 
 /// A thing in the world.

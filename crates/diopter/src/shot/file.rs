@@ -8,6 +8,7 @@ use crate::stops;
 use diopter_develop::Recipe;
 use diopter_scene::builtin;
 use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 /// What a shot file says; everything may be left out.
@@ -44,6 +45,12 @@ pub struct SceneSection {
     /// An embedded scene's name, or a `.gltf` or `.glb` file (relative to the shot file).
     #[serde(skip_serializing_if = "Option::is_none")]
     pub file: Option<String>,
+    /// Which of the sets of materials that the file offers.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub variant: Option<String>,
+    /// Numbers of bodies that overlap, by the name of their material: where they do, the one with the highest is there.
+    #[serde(skip_serializing_if = "BTreeMap::is_empty")]
+    pub priority: BTreeMap<String, i32>,
     /// A lat-long `.hdr` or `.exr` around the scene.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub environment: Option<PathBuf>,

@@ -217,6 +217,7 @@ impl Shot {
         let mut timing = Timing::new(&file, &sensor, view)?;
         let focusing = Focusing::new(&file, film.width_mm.hypot(film.height_mm), warn)?;
         timing.play(&mut description, &file.scene)?;
+        staging::choose_materials(&mut description, &file.scene)?;
         surroundings::put(&mut description, &file.scene, timing.flash.is_some(), warn)?;
         if let Some(albedo) = file.scene.ground {
             staging::put_ground(&mut description, albedo, timing.at_s)?;

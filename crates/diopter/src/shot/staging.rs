@@ -1,6 +1,6 @@
 //! Before the camera: the floor, the film, where the camera stands and what it is aimed at.
 
-use super::file::{CameraSection, ShotFile};
+use super::file::{CameraSection, SceneSection, ShotFile};
 use super::focusing::Focusing;
 use super::sources::{read_file, read_lens};
 use super::{LARGEST_SIDE, ShotError, light_field, value};
@@ -11,7 +11,7 @@ use diopter_lens::compound::{CompoundLens, Setting};
 use diopter_lens::{Focus, Iris, Lens, LensError, Pinhole, Projection, ThinLens, import};
 use diopter_light::units::Millimeters;
 use diopter_scene::bvh::Bounds;
-use diopter_scene::material::{Material, Scattering};
+use diopter_scene::material::{Interior, Material, Scattering, Transmission};
 use diopter_scene::scene::{FilmHints, LensTable, Sight, Viewpoint};
 use diopter_scene::shape::Quad;
 use diopter_scene::texture::Color;
@@ -109,6 +109,42 @@ pub(super) fn film(file: &ShotFile, sensor: &Sensor, view: Option<&Viewpoint>) -
         middle_mm: [0.0; 2],
         microlenses: None,
     })
+}
+
+/// The variant of the materials, and which of the bodies are there where they overlap.
+pub(super) fn choose_materials(scene: &mut Description, section: &SceneSection) -> Result<(), ShotError> {
+    if let Some(name) = &section.variant {
+        scene.choose_variant(name).map_err(|expected| value("variant", format!("\"{name}\""), expected))?;
+    }
+    for (name, number) in &section.priority {
+        let mut found = false;
+        for material in scene.materials.iter_mut().filter(|m| m.name == *name) {
+            let medium = match &material.interior {
+                Interior::Body { medium, .. } => medium.clone(),
+                Interior::Sides([inside, _]) => inside.clone(),
+                Interior::Same => None,
+            };
+            let solid = matches!(&material.scattering, Scattering::Principled(p) if matches!(p.kind, Transmission::Solid));
+            if !solid && !matches!(material.scattering, Scattering::Interface) {
+                return Err(value(
+                    "priority",
+                    format!("\"{name}\""),
+                    "a material that light goes into: a body of glass, or the face of a medium",
+                ));
+            }
+            material.interior = Interior::Body { medium, priority: Some(*number) };
+            found = true;
+        }
+        if !found {
+            let names: Vec<&str> = scene.materials.iter().map(|m| m.name.as_str()).collect();
+            let expected = match nearest(name, names.iter().copied()) {
+                Some(near) => format!("the name of a material (did you mean \"{near}\"?)"),
+                None => format!("one of {}", names.join(", ")),
+            };
+            return Err(value("priority", format!("\"{name}\""), expected));
+        }
+    }
+    Ok(())
 }
 
 /// Names of sensors in pbrt-v4 and the bodies that have them here.

@@ -90,7 +90,7 @@ struct Cluster {
 }
 
 /// Orders primitives chunk by chunk.
-fn split(indices: &mut Vec<u32>, primitives: &impl Primitives) -> Split {
+fn split(indices: &mut [u32], primitives: &impl Primitives) -> Split {
     let bounds: Vec<Bounds> = (0..primitives.len()).into_par_iter().map(|i| bounds_of(primitives, i)).collect();
     let centers =
         bounds.par_chunks(1 << 14).map(|c| Bounds::around(c.iter().map(Bounds::center))).reduce(|| Bounds::EMPTY, Bounds::union);
@@ -112,7 +112,7 @@ fn split(indices: &mut Vec<u32>, primitives: &impl Primitives) -> Split {
     drop(bounds);
     let tree = split_clusters(&mut clusters, 0);
     let mut out: Vec<&mut [u32]> = Vec::with_capacity(clusters.len());
-    let mut rest = &mut indices[..];
+    let mut rest = indices;
     for cluster in &clusters {
         let (part, after) = rest.split_at_mut(cluster.count as usize);
         out.push(part);

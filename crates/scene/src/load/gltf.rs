@@ -1,27 +1,30 @@
 //! glTF 2.0: `.gltf` and `.glb` into a [`Description`].
 //!
 //! Units are glTF's: metres, candela, lux, cd/m² for emission. Nodes, animations, skins and morph targets are read by `motion`. Extensions:
-//! KHR_lights_punctual, KHR_materials_{emissive_strength, ior, transmission, clearcoat, unlit, volume},
-//! KHR_texture_transform; another one that a file requires is an error, one it only uses a warning. Files are opened by the
+//! KHR_lights_punctual, KHR_materials_{emissive_strength, ior, transmission, clearcoat, unlit, volume, dispersion, variants, specular, sheen,
+//! iridescence}, KHR_texture_transform, EXT_mesh_gpu_instancing, and what `packed` unpacks; another one that a file requires is an error, one it only uses a warning. Files are opened by the
 //! caller: `fetch` gets the URIs of buffers and images.
 
 mod motion;
+mod packed;
 
 use crate::SceneError;
 use crate::light::{Modulation, Punctual, PunctualKind, SpotEdge};
 use crate::load::{Fetch, read_picture};
 use crate::material::{Coverage, Emission, EmissionColor, Interior, Material, Principled, Scattering, Transmission};
 use crate::medium::Medium;
-use crate::motion::Motion;
-use crate::scene::{Description, FilmHints, Object, Shape, Sight, Viewpoint};
+use crate::motion::{Local, Motion, Node};
+use crate::scene::{Description, FilmHints, Object, Shape, Sight, Variant, Viewpoint};
 use crate::shape::Mesh;
 use crate::texture::{Codes, Color, Image, Interpolation, Scalar, Texture, Wrap};
 use diopter_light::Spectrum;
+use diopter_light::spectrum::Table;
 use diopter_light::upsample::Sigmoid;
-use glam::{Affine2, Affine3A, Mat2, Mat4, Vec2, Vec3, Vec4};
+use glam::{Affine2, Affine3A, Mat2, Mat4, Quat, Vec2, Vec3, Vec4};
 use rayon::prelude::*;
 use serde_json::Value;
 use std::collections::HashMap;
+use std::ops::Range;
 use std::sync::Arc;
 
 const SUPPORTED: &[&str] = &[
@@ -32,7 +35,10 @@ const SUPPORTED: &[&str] = &[
     "KHR_materials_clearcoat",
     "KHR_materials_unlit",
     "KHR_materials_volume",
+    "KHR_materials_dispersion",
+    "KHR_materials_variants",
     "KHR_texture_transform",
+    "EXT_mesh_gpu_instancing",
 ];
 
 /// Reads a scene. `name` stands for the file in messages.
@@ -58,12 +64,50 @@ fn error(name: &str, place: &str, found: impl Into<String>, expected: impl Into<
 impl<'a> Loader<'a> {
     fn new(bytes: &[u8], name: &'a str, fetch: Fetch) -> Result<Self, SceneError> {
         check_container(bytes, name)?;
-        let gltf = gltf::Gltf::from_slice_without_validation(bytes)
-            .map_err(|e| error(name, "JSON", e.to_string(), "expected a glTF 2.0 file (.gltf or .glb)"))?;
-        check_extensions(&gltf.document, name)?;
-        let json = gltf.document.clone().into_json();
-        check_attributes(&json, name)?;
-        let document = gltf::Document::from_json(json).map_err(|e| {
+        let broken = |e: String| error(name, "JSON", e, "expected a glTF 2.0 file (.gltf or .glb)");
+        let (text, mut blob) = match bytes.starts_with(b"glTF") {
+            true => {
+                let glb = gltf::binary::Glb::from_slice(bytes).map_err(|e| broken(e.to_string()))?;
+                (glb.json.into_owned(), glb.bin.map(std::borrow::Cow::into_owned))
+            }
+            false => (bytes.to_vec(), None),
+        };
+        let mut json: Value = serde_json::from_slice(&text).map_err(|e| broken(e.to_string()))?;
+        drop(text);
+        let listed = |json: &Value, key: &str| -> Vec<String> {
+            json.get(key).and_then(Value::as_array).into_iter().flatten().filter_map(Value::as_str).map(str::to_owned).collect()
+        };
+        let used = listed(&json, "extensionsUsed");
+        check_extensions(&listed(&json, "extensionsRequired"), name)?;
+        if let Some(root) = json.as_object_mut() {
+            root.remove("extensionsRequired");
+        }
+        let mut buffers = Vec::new();
+        for (i, buffer) in json.get("buffers").and_then(Value::as_array).into_iter().flatten().enumerate() {
+            let place = format!("buffer {i}");
+            let data = match buffer.get("uri").map(|u| u.as_str().unwrap_or_default()) {
+                Some(uri) => fetch_uri(uri, name, &place, fetch)?,
+                None if packed::is_stand_in(buffer) => {
+                    buffers.push(Vec::new());
+                    continue;
+                }
+                None => blob
+                    .take()
+                    .ok_or_else(|| error(name, &place, "the binary chunk is missing", "expected a .glb with a BIN chunk"))?,
+            };
+            let length = buffer.get("byteLength").and_then(Value::as_u64).unwrap_or(0);
+            if (data.len() as u64) < length {
+                let found = format!("{} bytes are there", data.len());
+                return Err(error(name, &place, found, format!("expected {length}: the file is cut short")));
+            }
+            buffers.push(data);
+        }
+        if used.iter().any(|e| packed::EXTENSIONS.contains(&e.as_str())) {
+            packed::unpack(&mut json, &mut buffers, name)?;
+        }
+        let root: gltf::json::Root = serde_json::from_value(json).map_err(|e| broken(e.to_string()))?;
+        check_attributes(&root, name)?;
+        let document = gltf::Document::from_json(root).map_err(|e| {
             error(
                 name,
                 "contents",
@@ -71,28 +115,12 @@ impl<'a> Loader<'a> {
                 "expected what the glTF 2.0 specification allows; an index may be out of range",
             )
         })?;
-        let mut blob = gltf.blob;
-        let mut buffers = Vec::new();
-        for buffer in document.buffers() {
-            let place = format!("buffer {}", buffer.index());
-            let data = match buffer.source() {
-                gltf::buffer::Source::Bin => blob
-                    .take()
-                    .ok_or_else(|| error(name, &place, "the binary chunk is missing", "expected a .glb with a BIN chunk"))?,
-                gltf::buffer::Source::Uri(uri) => fetch_uri(uri, name, &place, fetch)?,
-            };
-            if data.len() < buffer.length() {
-                let found = format!("{} bytes are there", data.len());
-                return Err(error(name, &place, found, format!("expected {}: the file is cut short", buffer.length())));
-            }
-            buffers.push(data);
-        }
         check_accessors(&document, &buffers, name)?;
         let sources: Vec<_> = document.images().collect();
         let images =
             sources.into_par_iter().map(|image| read_image(&image, &buffers, name, fetch)).collect::<Result<Vec<_>, _>>()?;
         let mut description = Description { name: name.to_owned(), ..Default::default() };
-        for extension in document.extensions_used().filter(|e| !SUPPORTED.contains(e)) {
+        for extension in used.iter().filter(|e| !is_supported(e)) {
             description.warnings.push(format!("{name}: extension {extension} is not supported; the scene is shown without it"));
         }
         Ok(Loader { name, document, buffers, images, description, meshes: HashMap::new(), default_material: None })
@@ -103,6 +131,12 @@ impl<'a> Loader<'a> {
         for material in document.materials() {
             let material = self.material(&material)?;
             self.description.materials.push(material);
+        }
+        let variants =
+            document.extension_value("KHR_materials_variants").and_then(|e| e.get("variants")).and_then(Value::as_array);
+        for variant in variants.into_iter().flatten() {
+            let name = variant.get("name").and_then(Value::as_str).unwrap_or_default().to_owned();
+            self.description.variants.push(Variant { name, materials: vec![] });
         }
         let scene = document.default_scene().or_else(|| document.scenes().next());
         let Some(scene) = scene else {
@@ -159,6 +193,7 @@ impl<'a> Loader<'a> {
             self.description.punctual.push(punctual(&light, light.name().unwrap_or(&name), node.index() as u32));
         }
         let Some(mesh) = node.mesh() else { return Ok(()) };
+        let instances = self.instances(node)?;
         for primitive in mesh.primitives() {
             if !matches!(
                 primitive.mode(),
@@ -177,7 +212,84 @@ impl<'a> Loader<'a> {
                 None => Motion::Carried { node: node.index() as u32 },
             };
             let shape = Shape::Mesh { mesh: number, world_from_mesh: placed };
-            self.description.objects.push(Object { name: name.clone(), shape, material, motion });
+            let first = self.description.objects.len() as u32;
+            match (&instances, motion) {
+                (Some(all), Motion::Carried { node: parent }) => {
+                    for place in all {
+                        let own = self.description.nodes.len() as u32;
+                        let rest = Local::Matrix(*place);
+                        self.description.nodes.push(Node { parent: Some(parent), rest, ..Node::new(&name) });
+                        let shape = Shape::Mesh { mesh: number, world_from_mesh: placed * *place };
+                        let motion = Motion::Carried { node: own };
+                        self.description.objects.push(Object { name: name.clone(), shape, material, motion });
+                    }
+                }
+                _ => self.description.objects.push(Object { name: name.clone(), shape, material, motion }),
+            }
+            let objects = first..self.description.objects.len() as u32;
+            self.other_materials(&primitive, objects)?;
+        }
+        Ok(())
+    }
+
+    /// Places of the copies of a node's mesh (EXT_mesh_gpu_instancing).
+    fn instances(&self, node: &gltf::Node) -> Result<Option<Vec<Affine3A>>, SceneError> {
+        let Some(attributes) = node.extension_value("EXT_mesh_gpu_instancing").and_then(|e| e.get("attributes")) else {
+            return Ok(None);
+        };
+        let place = format!("node {} (instances)", node.index());
+        let numbers = |key: &str, width: usize| -> Result<Option<Vec<f32>>, SceneError> {
+            let Some(number) = attributes.get(key).and_then(Value::as_u64) else { return Ok(None) };
+            let accessor = self.document.accessors().nth(number as usize);
+            let kind = if width == 3 { gltf::accessor::Dimensions::Vec3 } else { gltf::accessor::Dimensions::Vec4 };
+            let accessor =
+                accessor.filter(|a| a.dimensions() == kind && a.data_type() == gltf::accessor::DataType::F32).ok_or_else(
+                    || error(self.name, &place, format!("{key} {number}"), "expected an accessor of vectors of numbers"),
+                )?;
+            let data = |b: gltf::Buffer| self.buffers.get(b.index()).map(Vec::as_slice);
+            let read: Option<Vec<f32>> = match width {
+                3 => gltf::accessor::Iter::<[f32; 3]>::new(accessor, data).map(|it| it.flatten().collect()),
+                _ => gltf::accessor::Iter::<[f32; 4]>::new(accessor, data).map(|it| it.flatten().collect()),
+            };
+            Ok(Some(read.unwrap_or_default()))
+        };
+        let (shifts, turns, scales) = (numbers("TRANSLATION", 3)?, numbers("ROTATION", 4)?, numbers("SCALE", 3)?);
+        let counts =
+            [shifts.as_ref().map(|v| v.len() / 3), turns.as_ref().map(|v| v.len() / 4), scales.as_ref().map(|v| v.len() / 3)];
+        let count = counts.into_iter().flatten().next().unwrap_or(0);
+        if counts.into_iter().flatten().any(|c| c != count) {
+            return Err(error(self.name, &place, format!("{counts:?} places, turns and scales"), "expected as many of each"));
+        }
+        let one = |i: usize| {
+            let shift = shifts.as_ref().map_or(Vec3::ZERO, |v| Vec3::from_slice(&v[3 * i..]));
+            let turn = turns.as_ref().map_or(Quat::IDENTITY, |v| Quat::from_slice(&v[4 * i..]));
+            let scale = scales.as_ref().map_or(Vec3::ONE, |v| Vec3::from_slice(&v[3 * i..]));
+            let turn = if turn.length_squared() > 0.0 { turn.normalize() } else { Quat::IDENTITY };
+            Affine3A::from_scale_rotation_translation(scale, turn, shift)
+        };
+        Ok(Some((0..count).map(one).collect()))
+    }
+
+    /// Notes which materials the variants of a file give to objects (KHR_materials_variants).
+    fn other_materials(&mut self, primitive: &gltf::Primitive, objects: Range<u32>) -> Result<(), SceneError> {
+        let mappings =
+            primitive.extension_value("KHR_materials_variants").and_then(|e| e.get("mappings")).and_then(Value::as_array);
+        for mapping in mappings.into_iter().flatten() {
+            let material = mapping.get("material").and_then(Value::as_u64).unwrap_or(u64::MAX);
+            if material >= self.document.materials().count() as u64 {
+                let found = format!("material {material} of a variant");
+                return Err(error(
+                    self.name,
+                    "variants",
+                    found,
+                    format!("expected less than {}", self.document.materials().count()),
+                ));
+            }
+            for variant in mapping.get("variants").and_then(Value::as_array).into_iter().flatten().filter_map(Value::as_u64) {
+                if let Some(variant) = self.description.variants.get_mut(variant as usize) {
+                    variant.materials.extend(objects.clone().map(|o| (o, material as u32)));
+                }
+            }
         }
         Ok(())
     }
@@ -343,7 +455,17 @@ impl<'a> Loader<'a> {
             let color = Sigmoid::from_rgb(Vec3::from_array(v.attenuation_color()));
             principled.kind = Transmission::Solid;
             let medium = absorbs.then(|| Arc::new(Medium::tint(color, distance)));
-            interior = Interior::Body { medium, priority: None };
+            let priority = m.extras().as_ref().and_then(|e| serde_json::from_str::<Value>(e.get()).ok());
+            let priority = priority.and_then(|e| e.get("priority").and_then(Value::as_i64)).map(|p| p as i32);
+            interior = Interior::Body { medium, priority };
+            let spread = m.extension_value("KHR_materials_dispersion").and_then(|d| d.get("dispersion")).and_then(Value::as_f64);
+            if let Some(spread) = spread.filter(|d| *d > 0.0) {
+                // 20 over Abbe's number.
+                let (nd, abbe) = (f64::from(principled.ior), 20.0 / spread);
+                let index = |nm: f64| (nd + (nd - 1.0) / abbe * (523_655.0 / (nm * nm) - 1.5168)).max(1.0) as f32;
+                let table = Table::new(380.0, 5.0, (0..=80).map(|i| index(380.0 + 5.0 * f64::from(i))).collect());
+                principled.dispersion = Some(Spectrum::Table(table));
+            }
         }
         if let Some(coat) = m.extension_value("KHR_materials_clearcoat") {
             let number = |key: &str| coat.get(key).and_then(Value::as_f64).unwrap_or(0.0) as f32;
@@ -490,10 +612,15 @@ fn check_attributes(json: &gltf::json::Root, name: &str) -> Result<(), SceneErro
     Ok(())
 }
 
-fn check_extensions(document: &gltf::Document, name: &str) -> Result<(), SceneError> {
-    match document.extensions_required().find(|e| !SUPPORTED.contains(e)) {
+fn is_supported(extension: &str) -> bool {
+    SUPPORTED.contains(&extension) || packed::EXTENSIONS.contains(&extension)
+}
+
+fn check_extensions(required: &[String], name: &str) -> Result<(), SceneError> {
+    match required.iter().find(|e| !is_supported(e)) {
         Some(extension) => {
-            let hint = format!("supported are {}; export the scene without it", SUPPORTED.join(", "));
+            let all = [SUPPORTED, &packed::EXTENSIONS].concat();
+            let hint = format!("supported are {}; export the scene without it", all.join(", "));
             Err(error(name, "extensionsRequired", format!("{extension} is not supported"), hint))
         }
         None => Ok(()),
@@ -610,7 +737,8 @@ fn read_image(image: &gltf::Image, buffers: &[Vec<u8>], name: &str, fetch: Fetch
         }
         gltf::image::Source::Uri { uri, .. } => fetch_uri(uri, name, &place, fetch)?,
     };
-    let image = read_picture(&bytes).map_err(|e| error(name, &place, e, "expected a whole PNG or JPEG picture"))?;
+    let read = if packed::is_ktx2(&bytes) { packed::read_ktx2(&bytes) } else { read_picture(&bytes) };
+    let image = read.map_err(|e| error(name, &place, e, "expected a whole PNG, JPEG, WebP or KTX 2 picture"))?;
     Ok(Some(Arc::new(image)))
 }
 
@@ -693,10 +821,7 @@ mod tests {
     #[test]
     fn bad_files_are_told_where_and_what() {
         let cases: &[(&[(&str, &str)], &str)] = &[
-            (
-                &[("\"asset\"", "\"extensionsRequired\":[\"KHR_draco_mesh_compression\"],\"asset\"")],
-                "KHR_draco_mesh_compression is not supported",
-            ),
+            (&[("\"asset\"", "\"extensionsRequired\":[\"KHR_xmp\"],\"asset\"")], "KHR_xmp is not supported"),
             (&[("\"nodes\":[{\"mesh\":0}]", "\"nodes\":[{\"mesh\":0,\"children\":[1]},{\"children\":[0]}]")], "reached twice"),
             (&[("\"byteLength\":42", "\"byteLength\":4200")], "cut short"),
             (&[("\"count\":3,\"type\":\"SCALAR\"", "\"count\":30,\"type\":\"SCALAR\"")], "accessor 1"),
