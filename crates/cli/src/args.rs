@@ -89,6 +89,14 @@ pub enum SceneVerb {
         /// Embedded scene, or a file: .pbrt, .gltf, .glb, .obj, .ply, .stl.
         scene: String,
     },
+    /// Write a scene as glTF 2.0 for other programs.
+    Convert {
+        /// Embedded scene, or a file: .pbrt, .gltf, .glb, .obj, .ply, .stl.
+        scene: String,
+        /// .glb, or .gltf with a .bin beside it.
+        #[arg(short, long, value_name = "FILE")]
+        output: PathBuf,
+    },
 }
 
 #[derive(Subcommand, Debug)]

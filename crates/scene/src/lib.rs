@@ -15,6 +15,7 @@ pub mod motion;
 mod movers;
 pub mod noise;
 pub mod radiance;
+pub mod save;
 pub mod scene;
 pub mod shape;
 pub mod texture;

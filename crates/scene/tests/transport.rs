@@ -65,6 +65,13 @@ fn white_materials() -> Vec<(String, Material)> {
         ));
         all.push((format!("plastic {r}"), principled(|p| p.roughness = s(r))));
         all.push((
+            format!("half gloss {r}"),
+            principled(|p| {
+                p.roughness = s(r);
+                (p.specular, p.tinted) = (s(0.5), true);
+            }),
+        ));
+        all.push((
             format!("layered {r}"),
             principled(|p| {
                 p.layered = true;

@@ -1,18 +1,23 @@
-//! `scene list` and `scene info`.
+//! `scene list`, `scene info` and `scene convert`.
 
 use super::print_json;
+use crate::AskedWrongly;
 use crate::args::SceneVerb;
+use crate::output::Output;
+use anyhow::anyhow;
 use diopter::scene::light::PunctualKind;
 use diopter::scene::scene::Sight;
-use diopter::scene::{Scene, builtin};
+use diopter::scene::{Scene, Shape, builtin};
 use diopter::shot::read_scene;
 use std::fmt::Write as _;
 use std::io::Write;
+use std::path::{Path, PathBuf};
 
 pub fn run(verb: &SceneVerb, json: bool) -> anyhow::Result<()> {
     match verb {
         SceneVerb::List => list(json),
         SceneVerb::Info { scene } => info(scene, json),
+        SceneVerb::Convert { scene, output } => convert(scene, output, json),
     }
 }
 
@@ -31,63 +36,186 @@ fn info(name: &str, json: bool) -> anyhow::Result<()> {
     let scene = Scene::build(read_scene(name)?).map_err(diopter::shot::ShotError::from)?;
     let d = scene.description();
     let b = scene.bounds();
-    let kind = |wanted: fn(&PunctualKind) -> bool| d.punctual.iter().filter(|p| wanted(&p.kind)).count();
-    let points = kind(|k| matches!(k, PunctualKind::Point { .. }));
-    let spots = kind(|k| matches!(k, PunctualKind::Spot { .. }));
-    let directional = kind(|k| matches!(k, PunctualKind::Directional { .. } | PunctualKind::Disc { .. }));
-    let power: f64 =
-        scene.lights().area.iter().map(|l| (l.luminance * l.area()) as f64 * std::f64::consts::PI).sum::<f64>() + 0.0;
+    let lights = lights(&scene);
     let environment = d.environment.as_ref().map(|e| e.mean_luminance());
     let (meshes, hierarchy) = scene.memory();
+    let in_place: usize = d.objects.iter().map(|o| triangles(&scene, o)).sum();
+    let view = suggested(b);
     if json {
         let cameras: Vec<_> = d
             .cameras
             .iter()
             .map(|c| {
                 serde_json::json!({
-                    "name": c.name, "position_m": c.world_from_camera.translation.to_array(), "vertical_fov_rad": c.vertical_fov(), "sight": sight(c),
+                    "name": c.name, "position_m": c.world_from_camera.translation.to_array(), "vertical_fov_rad": c.vertical_fov(),
+                    "sight": sight(c), "size": c.film.size,
                 })
             })
             .collect();
+        let lights: Vec<_> = lights
+            .iter()
+            .map(|l| serde_json::json!({ "name": l.name, "kind": l.kind, "count": l.count, "amount": l.amount, "unit": l.unit }))
+            .collect();
         return print_json(&serde_json::json!({
-            "name": d.name, "triangles": scene.triangle_count(), "meshes": d.meshes.len(), "objects": d.objects.len(),
+            "name": d.name, "triangles": scene.triangle_count(), "triangles_in_place": in_place,
+            "meshes": d.meshes.len(), "objects": d.objects.len(),
             "materials": d.materials.iter().map(|m| &m.name).collect::<Vec<_>>(),
+            "variants": d.variants.iter().map(|v| &v.name).collect::<Vec<_>>(),
             "bounds_m": (!b.is_empty()).then(|| [b.min.to_array(), b.max.to_array()]),
-            "lights": { "emissive_surfaces": scene.lights().area.len(), "emissive_lm": power, "points": points, "spots": spots,
-                "directional": directional, "environment_mean_cd_m2": environment },
+            "lights": lights, "environment_mean_cd_m2": environment, "max_depth": d.max_depth,
             "cameras": cameras, "animations": d.animations.iter().map(|a| &a.name).collect::<Vec<_>>(),
+            "suggested": view.map(|[from, at]| serde_json::json!({ "look_from": from.to_array(), "look_at": at.to_array() })),
             "memory_bytes": { "meshes": meshes, "hierarchy": hierarchy }, "warnings": d.warnings,
         }));
     }
     let mut text = String::new();
     let mut line = |what: &str, value: String| writeln!(text, "{what:<12} {value}");
     line("scene", d.name.clone())?;
-    line("geometry", format!("{} triangles in {} meshes, {} objects", scene.triangle_count(), d.meshes.len(), d.objects.len()))?;
+    let copies = if in_place == scene.triangle_count() { String::new() } else { format!(" ({in_place} with all copies)") };
+    line(
+        "geometry",
+        format!("{} triangles in {} meshes, {} objects{copies}", scene.triangle_count(), d.meshes.len(), d.objects.len()),
+    )?;
     if !b.is_empty() {
         line("bounds", format!("{} to {} m", b.min, b.max))?;
     }
     let names: Vec<&str> = d.materials.iter().map(|m| m.name.as_str()).collect();
     line("materials", format!("{}: {}", names.len(), names.join(", ")))?;
-    line(
-        "lights",
-        format!(
-            "{} emissive surfaces ({power:.0} lm), {points} points, {spots} spots, {directional} directional",
-            scene.lights().area.len()
-        ),
-    )?;
-    line("environment", environment.map_or("none".into(), |l| format!("mean {l:.1} cd/m²")))?;
+    if !d.variants.is_empty() {
+        let names: Vec<&str> = d.variants.iter().map(|v| v.name.as_str()).collect();
+        line("variants", names.join(", "))?;
+    }
+    if lights.is_empty() && environment.is_none() {
+        line("lights", "none: give --environment, --daylight or --sun".into())?;
+    }
+    for l in lights.iter().take(MOST_LIGHTS) {
+        let count = if l.count > 1 { format!(" ({} surfaces)", l.count) } else { String::new() };
+        line("light", format!("\"{}\", {}{count}, {} {}", l.name, l.kind, shown(l.amount), l.unit))?;
+    }
+    if lights.len() > MOST_LIGHTS {
+        line("", format!("and {} more lights", lights.len() - MOST_LIGHTS))?;
+    }
+    line("environment", environment.map_or("none".into(), |l| format!("mean {} cd/m²", shown(f64::from(l)))))?;
+    if let Some(air) = &d.air {
+        let name = if air.medium.name.is_empty() { "a medium" } else { &air.medium.name };
+        line("air", format!("filled with {name}"))?;
+    }
     for c in &d.cameras {
-        line("camera", format!("\"{}\" at {} m, {}", c.name, glam_point(c), sight(c)))?;
+        let size = c.film.size.map_or(String::new(), |[w, h]| format!(", {w}x{h}"));
+        line("camera", format!("\"{}\" at {} m, {}{size}", c.name, glam_point(c), sight(c)))?;
+    }
+    if let Some([from, at]) = view.filter(|_| d.cameras.is_empty()) {
+        let text = |v: glam::Vec3| format!("{},{},{}", shown(v.x.into()), shown(v.y.into()), shown(v.z.into()));
+        line("suggested", format!("--look-from {} --look-at {}", text(from), text(at)))?;
     }
     for a in &d.animations {
         let end = a.channels.iter().flat_map(|c| c.times_s.last()).copied().fold(0.0, f32::max);
         line("animation", format!("\"{}\", {} channels, {end:.2} s", a.name, a.channels.len()))?;
+    }
+    if let Some(depth) = d.max_depth {
+        line("max depth", format!("{depth}: what the file asks for; give --max-depth for another than ours"))?;
     }
     line("memory", format!("{:.1} MB meshes, {:.1} MB hierarchy", meshes as f64 / 1e6, hierarchy as f64 / 1e6))?;
     for w in &d.warnings {
         line("warning", w.clone())?;
     }
     write!(std::io::stdout(), "{text}")?;
+    Ok(())
+}
+
+/// Most lights that are listed one by one.
+const MOST_LIGHTS: usize = 20;
+
+/// Four digits.
+fn shown(v: f64) -> String {
+    if v == 0.0 || (1e-2..1e6).contains(&v.abs()) {
+        let decimals = (3 - v.abs().max(1e-9).log10().floor() as i32).clamp(0, 4) as usize;
+        let text = format!("{v:.decimals$}");
+        return if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.').to_owned() } else { text };
+    }
+    format!("{v:.3e}")
+}
+
+/// What shines, and how much.
+struct Shining {
+    name: String,
+    kind: &'static str,
+    count: usize,
+    amount: f64,
+    unit: &'static str,
+}
+
+fn lights(scene: &Scene) -> Vec<Shining> {
+    let d = scene.description();
+    // Lamps by material: flux of Lambert's emitters is π L A.
+    let mut by_material: std::collections::BTreeMap<u32, (usize, f64)> = Default::default();
+    for light in &scene.lights().area {
+        let sides = if light.two_sided { 2.0 } else { 1.0 };
+        let entry = by_material.entry(light.material).or_default();
+        entry.0 += 1;
+        entry.1 += f64::from(light.luminance * light.area()) * std::f64::consts::PI * sides;
+    }
+    let areas = by_material.into_iter().map(|(material, (count, lumens))| Shining {
+        name: d.materials[material as usize].name.clone(),
+        kind: "area",
+        count,
+        amount: lumens,
+        unit: "lm",
+    });
+    let punctual = d.punctual.iter().map(|p| {
+        let (kind, unit) = match p.kind {
+            PunctualKind::Point { .. } if p.pattern.is_some() => ("picture", "cd"),
+            PunctualKind::Point { .. } => ("point", "cd"),
+            PunctualKind::Spot { .. } => ("spot", "cd"),
+            PunctualKind::Directional { .. } => ("directional", "lx"),
+            PunctualKind::Disc { .. } => ("sun", "lx"),
+        };
+        Shining { name: p.name.clone(), kind, count: 1, amount: f64::from(p.illuminance()), unit }
+    });
+    areas.chain(punctual).collect()
+}
+
+fn triangles(scene: &Scene, object: &diopter::scene::Object) -> usize {
+    match object.shape {
+        Shape::Mesh { mesh, .. } => scene.description().meshes[mesh as usize].triangles.len(),
+        _ => 0,
+    }
+}
+
+/// A three-quarter view of all of it with a 50 mm lens on 36 × 24 mm: from where, at what.
+fn suggested(b: diopter::scene::bvh::Bounds) -> Option<[glam::Vec3; 2]> {
+    if b.is_empty() {
+        return None;
+    }
+    let (at, radius) = (b.center(), (0.5 * b.size().length()).max(1e-3));
+    Some([at + glam::Vec3::new(0.45, 0.25, 1.0).normalize() * (radius / (12.0f32 / 50.0).atan().sin() * 1.05), at])
+}
+
+fn convert(name: &str, output: &Path, json: bool) -> anyhow::Result<()> {
+    let description = read_scene(name)?;
+    let warnings = description.warnings.clone();
+    let written = diopter::scene::save::gltf(&description);
+    let ending = output.extension().map(|e| e.to_string_lossy().to_lowercase());
+    let files: Vec<(PathBuf, Vec<u8>)> = match ending.as_deref() {
+        Some("glb") => vec![(output.to_owned(), written.container())],
+        Some("gltf") => {
+            let binary = output.with_extension("bin");
+            let beside = binary.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
+            vec![(output.to_owned(), written.text(&beside).into_bytes()), (binary, written.binary.clone())]
+        }
+        _ => return Err(AskedWrongly(anyhow!("output {}: expected a name that ends in .glb or .gltf", output.display())).into()),
+    };
+    for w in warnings.iter().chain(&written.warnings) {
+        eprintln!("warning: {w}");
+    }
+    for (path, bytes) in &files {
+        Output::prepare(path)?.commit(|to| Ok(to.write_all(bytes)?))?;
+    }
+    let names: Vec<String> = files.iter().map(|f| f.0.display().to_string()).collect();
+    if json {
+        return print_json(&serde_json::json!({ "files": names, "warnings": written.warnings }));
+    }
+    writeln!(std::io::stdout(), "wrote {}", names.join(" and "))?;
     Ok(())
 }
 

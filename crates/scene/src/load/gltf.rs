@@ -1,8 +1,8 @@
 //! glTF 2.0: `.gltf` and `.glb` into a [`Description`].
 //!
 //! Units are glTF's: metres, candela, lux, cd/m² for emission. Nodes, animations, skins and morph targets are read by `motion`. Extensions:
-//! KHR_lights_punctual, KHR_materials_{emissive_strength, ior, transmission, clearcoat, unlit, volume, dispersion, variants, specular, sheen,
-//! iridescence}, KHR_texture_transform, EXT_mesh_gpu_instancing, and what `packed` unpacks; another one that a file requires is an error, one it only uses a warning. Files are opened by the
+//! KHR_lights_punctual, KHR_materials_{emissive_strength, ior, transmission, clearcoat, unlit, volume, dispersion, variants, specular},
+//! KHR_texture_transform, EXT_mesh_gpu_instancing, and what `packed` unpacks; another one that a file requires is an error, one it only uses a warning. Files are opened by the
 //! caller: `fetch` gets the URIs of buffers and images.
 
 mod motion;
@@ -36,6 +36,7 @@ const SUPPORTED: &[&str] = &[
     "KHR_materials_unlit",
     "KHR_materials_volume",
     "KHR_materials_dispersion",
+    "KHR_materials_specular",
     "KHR_materials_variants",
     "KHR_texture_transform",
     "EXT_mesh_gpu_instancing",
@@ -466,6 +467,19 @@ impl<'a> Loader<'a> {
                 let table = Table::new(380.0, 5.0, (0..=80).map(|i| index(380.0 + 5.0 * f64::from(i))).collect());
                 principled.dispersion = Some(Spectrum::Table(table));
             }
+        }
+        if let Some(specular) = m.extension_value("KHR_materials_specular") {
+            let texture = |key: &str, codes| self.json_texture(specular.get(key), codes);
+            let factor = specular.get("specularFactor").and_then(Value::as_f64).unwrap_or(1.0) as f32;
+            principled.specular = scalar(factor, texture("specularTexture", Codes::Linear), 3);
+            let tint =
+                |i: usize| specular.pointer(&format!("/specularColorFactor/{i}")).and_then(Value::as_f64).unwrap_or(1.0) as f32;
+            principled.specular_color = match texture("specularColorTexture", Codes::Srgb) {
+                Some(texture) => Color::Textured { factor: Vec3::new(tint(0), tint(1), tint(2)), texture },
+                // Beyond 1 it may be more than an albedo.
+                None => Color::rgb(tint(0), tint(1), tint(2)),
+            };
+            principled.tinted = true;
         }
         if let Some(coat) = m.extension_value("KHR_materials_clearcoat") {
             let number = |key: &str| coat.get(key).and_then(Value::as_f64).unwrap_or(0.0) as f32;

@@ -131,7 +131,7 @@ pub fn obj(bytes: &[u8], name: &str, fetch: Fetch) -> Result<Description, SceneE
             continue;
         }
         let triples = |v: &[f32]| v.chunks_exact(3).map(Vec3::from_slice).collect::<Vec<_>>();
-        let mesh = Mesh {
+        let mut mesh = Mesh {
             positions: triples(&m.positions),
             normals: triples(&m.normals).into_iter().map(|n| n.normalize_or(Vec3::Z)).collect(),
             uvs: [m.texcoords.chunks_exact(2).map(Vec2::from_slice).collect(), vec![]],
@@ -139,6 +139,9 @@ pub fn obj(bytes: &[u8], name: &str, fetch: Fetch) -> Result<Description, SceneE
             triangles: m.indices.as_chunks::<3>().0.to_vec(),
             tangents: vec![],
         };
+        if mesh.drop_partial_lists() {
+            d.warnings.push(format!("{name}: \"{}\": what only some of the corners have is left out", model.name));
+        }
         let material = m.material_id.filter(|i| *i < materials.len()).unwrap_or(materials.len()) as u32;
         d.meshes.push(mesh);
         let shape = Shape::Mesh { mesh: d.meshes.len() as u32 - 1, world_from_mesh: Affine3A::IDENTITY };
@@ -258,6 +261,21 @@ fn material(
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn what_only_some_corners_have_is_left_out() {
+        let gone = |_: &str| Err("not there".to_owned());
+        if let Ok(d) = obj(b"v 0 0 0\nv 1 0 0\nv 1 1 0 0.5 0.5 0.5\nf 1 2 3\nv 1 1 0 0 0\nf 1 2 1\nf -2 0 06 1\n", "a.obj", &gone)
+        {
+            crate::Scene::build(d).unwrap();
+        }
+        let twice = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\nproperty float nx\n\
+            property float ny\nproperty float nz\nelement vertex 1\nproperty float x\nproperty float y\nproperty float z\nelement face 1\n\
+            property list uchar int vertex_indices\nend_header\n0 0 0 0 0 1\n1 0 0 0 0 1\n0 1 0 0 0 1\n5 5 5\n3 0 1 2\n";
+        let d = ply(twice.as_bytes().to_vec(), "a.ply").unwrap();
+        assert!(d.warnings[0].contains("only some"), "{:?}", d.warnings);
+        crate::Scene::build(d).unwrap();
+    }
 
     #[test]
     fn objects_have_their_materials() {

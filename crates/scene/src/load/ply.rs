@@ -140,7 +140,15 @@ pub fn read(bytes: &[u8]) -> Result<Read, PlyError> {
         let i = t.iter().max().unwrap_or(&0);
         return Err(wrong(format!("corner number {i}"), format!("less than {count}, the number of vertices")));
     }
-    let warning = (skipped > 0).then(|| format!("{skipped} faces with fewer than three corners are left out"));
+    let mut warnings = Vec::new();
+    if skipped > 0 {
+        warnings.push(format!("{skipped} faces with fewer than three corners are left out"));
+    }
+    // Vertices may come in two parts that say different things.
+    if mesh.drop_partial_lists() {
+        warnings.push("what only some of the vertices have is left out".to_owned());
+    }
+    let warning = (!warnings.is_empty()).then(|| warnings.join("; "));
     Ok(Read { mesh, warning })
 }
 

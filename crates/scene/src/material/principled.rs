@@ -4,7 +4,7 @@
 //! (thin: straight through, blurred by roughness; solid: refraction), clear coat. What a layer reflects, the layers below
 //! do not get; what single scattering loses between facets is given back ([`super::energy`]). A white material therefore
 //! neither gains nor loses light. Source: Khronos glTF 2.0 §3.9 and appendix B; KHR_materials_ior, _transmission, _volume,
-//! _clearcoat. We depart from appendix B in the exact Fresnel term and in the energy compensation.
+//! _clearcoat, _specular. We depart from appendix B in the exact Fresnel term and in the energy compensation.
 
 use super::bsdf::LocalScatter;
 use super::energy::{Interface, Side, mirror_albedo};
@@ -53,6 +53,12 @@ pub struct Principled {
     pub clearcoat: Scalar,
     /// √α of the coat.
     pub clearcoat_roughness: Scalar,
+    /// Strength of the dielectric's reflection; not of bodies that transmit.
+    pub specular: Scalar,
+    /// Tint of what it reflects at normal incidence.
+    pub specular_color: Color,
+    /// Whether the two differ from 1.
+    pub tinted: bool,
     pub(crate) interface: Arc<Interface>,
     pub(crate) coat: Arc<Interface>,
 }
@@ -75,6 +81,9 @@ impl Principled {
             layered: false,
             clearcoat: Scalar::Constant(0.0),
             clearcoat_roughness: Scalar::Constant(0.0),
+            specular: Scalar::Constant(1.0),
+            specular_color: Color::rgb(1.0, 1.0, 1.0),
+            tinted: false,
             interface: Interface::of(ior),
             coat: Interface::of(COAT_IOR),
         }
@@ -146,6 +155,11 @@ impl Principled {
             dispersive,
             coat: if inside { 0.0 } else { self.clearcoat.at(surface).clamp(0.0, 1.0) },
             coat_roughness: self.clearcoat_roughness.at(surface).clamp(0.04, 1.0),
+            tint: (self.tinted && !solid).then(|| {
+                let f0 = ((self.ior - 1.0) / (self.ior + 1.0)).powi(2);
+                let (w, color) = (self.specular.at(surface).clamp(0.0, 1.0), self.specular_color.sample(surface, wavelengths));
+                Tint { weight: w, f0, normal: (color * f0).min(Sampled::ONE) * w }
+            }),
             interface: &self.interface,
             between,
             coat_interface: &self.coat,
@@ -174,9 +188,26 @@ pub(super) struct PrincipledLobes<'a> {
     coat: f32,
     coat_roughness: f32,
     interface: &'a Interface,
+    tint: Option<Tint>,
     /// The interface against what is around, if that is no vacuum.
     between: Option<Arc<Interface>>,
     coat_interface: &'a Interface,
+}
+
+/// A dielectric's reflection made weaker or coloured (KHR_materials_specular): at normal incidence it is `normal`, at grazing `weight`.
+struct Tint {
+    weight: f32,
+    /// Of the dielectric itself.
+    f0: f32,
+    normal: Sampled,
+}
+
+impl Tint {
+    fn of(&self, reflected: f32) -> Sampled {
+        // Below 0 where rough facets lose light: a weight alone then stays a factor.
+        let rise = (reflected - self.f0) / (1.0 - self.f0);
+        (self.normal + (Sampled::splat(self.weight) - self.normal) * rise).max(Sampled::ZERO)
+    }
 }
 
 /// What depends on the direction of view only.
@@ -199,6 +230,16 @@ impl PrincipledLobes<'_> {
         if self.pane { 2.0 * r / (1.0 + r) } else { r }
     }
 
+    /// What the dielectric's reflectance is with its tint: at the four wavelengths.
+    fn tinted(&self, reflected: f32) -> Sampled {
+        self.tint.as_ref().map_or(Sampled::splat(reflected), |t| t.of(reflected))
+    }
+
+    /// The largest of that: what layers below go without.
+    fn taken(&self, reflected: f32) -> f32 {
+        self.tint.as_ref().map_or(reflected, |t| t.of(reflected).max_element())
+    }
+
     fn interface(&self) -> &Interface {
         self.between.as_deref().unwrap_or(self.interface)
     }
@@ -213,6 +254,7 @@ impl PrincipledLobes<'_> {
             true => self.fresnel(wo.z),
             false => self.interface().reflected.at(wo.z, self.roughness),
         };
+        let reflected = self.taken(reflected);
         let glass = if self.smooth() || self.transmission == 0.0 || !self.solid {
             1.0
         } else {
@@ -274,9 +316,8 @@ impl PrincipledLobes<'_> {
     /// Reflectance of a facet, everything but the distribution of facets.
     fn facet_reflectance(&self, view: &View, cos: f32) -> Sampled {
         let solid = if self.solid { self.transmission } else { 0.0 };
-        let dielectric = self.fresnel(cos) * (1.0 - solid + solid * view.glass_gain);
-        (fresnel_schlick(cos, self.base) * view.metal_gain * self.metallic + Sampled::splat((1.0 - self.metallic) * dielectric))
-            * view.below_coat
+        let dielectric = self.tinted(self.fresnel(cos)) * (1.0 - solid + solid * view.glass_gain);
+        (fresnel_schlick(cos, self.base) * view.metal_gain * self.metallic + dielectric * (1.0 - self.metallic)) * view.below_coat
     }
 
     pub(super) fn eval(&self, wo: Vec3, wi: Vec3) -> (Sampled, f32) {
@@ -297,8 +338,8 @@ impl PrincipledLobes<'_> {
             }
             if p_diffuse > 0.0 {
                 let r = if self.smooth() { 0.0 } else { self.roughness };
-                let into = 1.0 - self.interface().reflected.at(wi.z, r);
-                let share = (1.0 - view.reflected) * into / (1.0 - self.interface().average_reflected(r));
+                let into = 1.0 - self.taken(self.interface().reflected.at(wi.z, r));
+                let share = (1.0 - view.reflected) * into / (1.0 - self.taken(self.interface().average_reflected(r)));
                 let amount = view.below_coat * (1.0 - self.metallic) * (1.0 - self.transmission) * share;
                 f += self.under * (amount * wi.z * FRAC_1_PI);
                 pdf += p_diffuse * wi.z * FRAC_1_PI;

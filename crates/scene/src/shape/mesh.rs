@@ -50,6 +50,30 @@ impl Mesh {
             + self.triangles.len() * 12
     }
 
+    /// Empties lists that are not as long as the positions; whether there were any.
+    pub fn drop_partial_lists(&mut self) -> bool {
+        let n = self.positions.len();
+        let mut dropped = false;
+        let mut whole = |len: usize| {
+            let fits = len == 0 || len == n;
+            dropped |= !fits;
+            fits
+        };
+        let keep = [whole(self.normals.len()), whole(self.tangents.len()), whole(self.colors.len())];
+        let uvs = [0, 1].map(|i: usize| whole(self.uvs[i].len()));
+        if !keep[0] {
+            self.normals.clear();
+        }
+        if !keep[1] {
+            self.tangents.clear();
+        }
+        if !keep[2] {
+            self.colors.clear();
+        }
+        self.uvs.iter_mut().zip(uvs).filter(|(_, keep)| !keep).for_each(|(uvs, _)| uvs.clear());
+        dropped
+    }
+
     /// Removes triangles whose corners are out of range or not finite. Returns how many.
     pub fn drop_broken_triangles(&mut self) -> usize {
         let before = self.triangles.len();

@@ -1,0 +1,691 @@
+//! A [`Description`] as glTF 2.0, so that what came in another format can go on to other programs.
+//!
+//! Written: meshes (balls and parallelograms as triangles), materials as glTF can say them, pictures, lights, cameras, places at the beginning
+//! of time. What glTF cannot say is simplified and told: motion, media that scatter, spectra (as linear sRGB), surroundings.
+
+use crate::light::{Punctual, PunctualKind};
+use crate::material::{Coverage, EmissionColor, Interior, Material, Principled, Scattering, Transmission};
+use crate::medium::Coefficient;
+use crate::motion::Motion;
+use crate::scene::{Description, Shape, Sight};
+use crate::shape::Mesh;
+use crate::texture::{Codes, Color, Image, Interpolation, Scalar, Texels, Texture, Wrap, spectrum_rgb};
+use diopter_light::Spectrum;
+use diopter_light::color::{self, RgbSpace, srgb_encode};
+use diopter_light::units::LUMINOUS_EFFICACY;
+use glam::{Affine3A, Mat4, Vec2, Vec3, Vec4};
+use serde_json::{Value, json};
+use std::collections::{BTreeSet, HashMap};
+use std::f32::consts::{PI, TAU};
+use std::sync::Arc;
+
+/// A scene in glTF's two parts.
+#[derive(Debug)]
+pub struct Gltf {
+    /// The text; its one buffer has no name yet.
+    pub json: Value,
+    /// The buffer.
+    pub binary: Vec<u8>,
+    /// What could not be said.
+    pub warnings: Vec<String>,
+}
+
+impl Gltf {
+    /// Both in one `.glb`.
+    pub fn container(&self) -> Vec<u8> {
+        let mut text = self.json.to_string().into_bytes();
+        text.resize(text.len().next_multiple_of(4), b' ');
+        let mut binary = self.binary.clone();
+        binary.resize(binary.len().next_multiple_of(4), 0);
+        let mut out = Vec::with_capacity(28 + text.len() + binary.len());
+        let total = 28 + text.len() + binary.len();
+        let word = |out: &mut Vec<u8>, v: usize| out.extend((v as u32).to_le_bytes());
+        out.extend(b"glTF");
+        word(&mut out, 2);
+        word(&mut out, total);
+        word(&mut out, text.len());
+        out.extend(b"JSON");
+        out.extend(text);
+        word(&mut out, binary.len());
+        out.extend(b"BIN\0");
+        out.extend(binary);
+        out
+    }
+
+    /// The text with the buffer under a name beside it.
+    pub fn text(&self, buffer: &str) -> String {
+        let mut json = self.json.clone();
+        json["buffers"][0]["uri"] = json!(buffer);
+        serde_json::to_string_pretty(&json).unwrap_or_default()
+    }
+}
+
+#[derive(Default)]
+struct Writer {
+    binary: Vec<u8>,
+    views: Vec<Value>,
+    accessors: Vec<Value>,
+    images: Vec<Value>,
+    textures: Vec<Value>,
+    samplers: Vec<Value>,
+    extensions: BTreeSet<&'static str>,
+    /// Numbers of pictures that were written already.
+    known: HashMap<usize, usize>,
+    warnings: BTreeSet<String>,
+}
+
+/// Turns a scene into glTF.
+pub fn gltf(d: &Description) -> Gltf {
+    let mut w = Writer::default();
+    let timeline = d.timeline();
+    let materials: Vec<Value> = d.materials.iter().map(|m| w.material(m)).collect();
+    let (mut meshes, mut nodes): (Vec<Value>, Vec<Value>) = (Vec::new(), Vec::new());
+    // A mesh of glTF for each of ours with each material.
+    let mut numbers: HashMap<(u32, u32), usize> = HashMap::new();
+    let mut attributes: HashMap<u32, Value> = HashMap::new();
+    for object in &d.objects {
+        let (mesh, place) = match object.shape {
+            Shape::Mesh { mesh, world_from_mesh } => {
+                let place = match object.motion {
+                    Motion::Still => world_from_mesh,
+                    Motion::Carried { node } => {
+                        if timeline.moves(node) {
+                            w.warn("motion is not written: all stands as it does at the beginning");
+                        }
+                        timeline.world(node, 0.0)
+                    }
+                    Motion::Deformed { .. } => {
+                        w.warn("meshes that bend are written at rest");
+                        world_from_mesh
+                    }
+                };
+                let number = *numbers.entry((mesh, object.material)).or_insert_with(|| {
+                    let written = attributes.entry(mesh).or_insert_with(|| w.mesh(&d.meshes[mesh as usize])).clone();
+                    meshes.push(primitive(written, object.material, &object.name));
+                    meshes.len() - 1
+                });
+                (number, place)
+            }
+            Shape::Sphere(s) => {
+                let written = w.mesh(&ball());
+                meshes.push(primitive(written, object.material, &object.name));
+                let place = Affine3A::from_scale_rotation_translation(Vec3::splat(s.radius), glam::Quat::IDENTITY, s.center);
+                (meshes.len() - 1, place)
+            }
+            Shape::Quad(q) => {
+                let at = |u: f32, v: f32| q.point(Vec2::new(u, v));
+                let uv = vec![Vec2::ZERO, Vec2::X, Vec2::ONE, Vec2::Y];
+                let mesh = Mesh {
+                    positions: vec![at(0.0, 0.0), at(1.0, 0.0), at(1.0, 1.0), at(0.0, 1.0)],
+                    uvs: [uv, vec![]],
+                    triangles: vec![[0, 1, 2], [0, 2, 3]],
+                    ..Default::default()
+                };
+                let written = w.mesh(&mesh);
+                meshes.push(primitive(written, object.material, &object.name));
+                (meshes.len() - 1, Affine3A::IDENTITY)
+            }
+        };
+        nodes.push(json!({ "name": object.name, "mesh": mesh, "matrix": Mat4::from(place).to_cols_array() }));
+    }
+    let mut lights = Vec::new();
+    for light in &d.punctual {
+        let carried = light.carrier.map(|node| light.placed(&timeline.world(node, 0.0)));
+        let (light_json, place) = w.light(carried.as_ref().unwrap_or(light));
+        nodes.push(json!({ "name": light.name, "matrix": Mat4::from(place).to_cols_array(),
+            "extensions": { "KHR_lights_punctual": { "light": lights.len() } } }));
+        lights.push(light_json);
+    }
+    let mut cameras = Vec::new();
+    for view in &d.cameras {
+        let camera = match &view.sight {
+            Sight::Perspective { vertical_fov } => {
+                json!({ "type": "perspective", "perspective": { "yfov": vertical_fov, "znear": 0.01 } })
+            }
+            Sight::Orthographic { height } => {
+                let ymag = 0.5 * height;
+                json!({ "type": "orthographic", "orthographic": { "xmag": ymag * 1.5, "ymag": ymag, "znear": 0.01, "zfar": 1e4 } })
+            }
+            Sight::Panorama | Sight::Table(_) => {
+                w.warn("a camera that glTF has no words for is written with an angle of view of 40°");
+                json!({ "type": "perspective", "perspective": { "yfov": 40f32.to_radians(), "znear": 0.01 } })
+            }
+        };
+        let place = view.node.map_or(view.world_from_camera, |node| timeline.world(node, 0.0));
+        nodes.push(json!({ "name": view.name, "camera": cameras.len(), "matrix": Mat4::from(place).to_cols_array() }));
+        cameras.push(camera);
+    }
+    if d.environment.is_some() {
+        w.warn("surroundings are not written: glTF has no agreed words for them");
+    }
+    if d.air.is_some() {
+        w.warn("what fills the air is not written");
+    }
+    if !lights.is_empty() {
+        w.extensions.insert("KHR_lights_punctual");
+    }
+    let mut json = json!({
+        "asset": { "version": "2.0", "generator": concat!("diopter ", env!("CARGO_PKG_VERSION")) },
+        "scene": 0, "scenes": [{ "name": d.name, "nodes": (0..nodes.len()).collect::<Vec<_>>() }],
+        "nodes": nodes,
+    });
+    let parts = [
+        ("meshes", meshes),
+        ("materials", materials),
+        ("accessors", w.accessors),
+        ("bufferViews", w.views),
+        ("images", w.images),
+        ("textures", w.textures),
+        ("samplers", w.samplers),
+        ("cameras", cameras),
+    ];
+    for (key, list) in parts {
+        if !list.is_empty() {
+            json[key] = Value::Array(list);
+        }
+    }
+    if !w.binary.is_empty() {
+        json["buffers"] = json!([{ "byteLength": w.binary.len() }]);
+    }
+    if !lights.is_empty() {
+        json["extensions"] = json!({ "KHR_lights_punctual": { "lights": lights } });
+    }
+    if !w.extensions.is_empty() {
+        json["extensionsUsed"] = json!(w.extensions);
+    }
+    Gltf { json, binary: w.binary, warnings: w.warnings.into_iter().collect() }
+}
+
+fn primitive(mut written: Value, material: u32, name: &str) -> Value {
+    written["material"] = json!(material);
+    json!({ "name": name, "primitives": [written] })
+}
+
+/// A ball of radius 1, fine enough to be taken for round; texture coordinates are those of our spheres.
+fn ball() -> Mesh {
+    const AROUND: usize = 128;
+    let mut mesh = Mesh::default();
+    for j in 0..=AROUND / 2 {
+        for i in 0..=AROUND {
+            let (u, v) = (i as f32 / AROUND as f32, j as f32 / (AROUND / 2) as f32);
+            let (phi, theta) = ((u - 0.5) * TAU, v * PI);
+            let n = Vec3::new(theta.sin() * phi.sin(), theta.cos(), -theta.sin() * phi.cos());
+            mesh.positions.push(n);
+            mesh.normals.push(n);
+            mesh.uvs[0].push(Vec2::new(u, v));
+        }
+    }
+    let at = |i: usize, j: usize| (j * (AROUND + 1) + i) as u32;
+    for j in 0..AROUND / 2 {
+        for i in 0..AROUND {
+            let [a, b, c, d] = [at(i, j), at(i + 1, j), at(i + 1, j + 1), at(i, j + 1)];
+            mesh.triangles.extend([[a, b, c], [a, c, d]]);
+        }
+    }
+    mesh.drop_unusable_triangles();
+    mesh
+}
+
+/// Linear sRGB of light, cd/m² (or cd, lx).
+fn light_rgb(spectrum: &Spectrum) -> Vec3 {
+    let xyz = color::xyz_of(|nm| spectrum.at(nm)) * LUMINOUS_EFFICACY;
+    (RgbSpace::Srgb.xyz_from_rgb().inverse() * xyz).as_vec3().max(Vec3::ZERO)
+}
+
+fn clamped(rgb: Vec3) -> [f32; 3] {
+    rgb.clamp(Vec3::ZERO, Vec3::ONE).to_array()
+}
+
+impl Writer {
+    fn warn(&mut self, text: &str) {
+        self.warnings.insert(text.to_owned());
+    }
+
+    fn view(&mut self, bytes: impl IntoIterator<Item = u8>, target: Option<u32>) -> usize {
+        let offset = self.binary.len().next_multiple_of(4);
+        self.binary.resize(offset, 0);
+        self.binary.extend(bytes);
+        let mut view = json!({ "buffer": 0, "byteOffset": offset, "byteLength": self.binary.len() - offset });
+        if let Some(target) = target {
+            view["target"] = json!(target);
+        }
+        self.views.push(view);
+        self.views.len() - 1
+    }
+
+    fn vectors<const N: usize>(&mut self, values: &[[f32; N]]) -> usize {
+        let view = self.view(values.iter().flatten().flat_map(|v| v.to_le_bytes()), Some(34_962));
+        self.accessors
+            .push(json!({ "bufferView": view, "componentType": 5126, "count": values.len(), "type": format!("VEC{N}") }));
+        self.accessors.len() - 1
+    }
+
+    fn mesh(&mut self, mesh: &Mesh) -> Value {
+        let positions: Vec<[f32; 3]> = mesh.positions.iter().map(|p| p.to_array()).collect();
+        let position = self.vectors(&positions);
+        let bounds = crate::bvh::Bounds::around(mesh.positions.iter().copied());
+        self.accessors[position]["min"] = json!(bounds.min.to_array());
+        self.accessors[position]["max"] = json!(bounds.max.to_array());
+        let mut attributes = json!({ "POSITION": position });
+        if !mesh.normals.is_empty() {
+            attributes["NORMAL"] = json!(self.vectors(&mesh.normals.iter().map(|n| n.to_array()).collect::<Vec<_>>()));
+        }
+        if !mesh.tangents.is_empty() {
+            attributes["TANGENT"] = json!(self.vectors(&mesh.tangents.iter().map(|n| n.to_array()).collect::<Vec<_>>()));
+        }
+        for (set, uvs) in mesh.uvs.iter().enumerate().filter(|(_, uvs)| !uvs.is_empty()) {
+            attributes[format!("TEXCOORD_{set}")] = json!(self.vectors(&uvs.iter().map(|n| n.to_array()).collect::<Vec<_>>()));
+        }
+        if !mesh.colors.is_empty() {
+            attributes["COLOR_0"] = json!(self.vectors(&mesh.colors.iter().map(|n| n.to_array()).collect::<Vec<_>>()));
+        }
+        let view = self.view(mesh.triangles.iter().flatten().flat_map(|i| i.to_le_bytes()), Some(34_963));
+        let count = 3 * mesh.triangles.len();
+        self.accessors.push(json!({ "bufferView": view, "componentType": 5125, "count": count, "type": "SCALAR" }));
+        json!({ "attributes": attributes, "indices": self.accessors.len() - 1 })
+    }
+
+    fn light(&mut self, light: &Punctual) -> (Value, Affine3A) {
+        let rgb = light_rgb(&light.power);
+        let intensity = rgb.max_element();
+        let mut json = json!({ "name": light.name, "color": clamped(rgb / intensity.max(1e-30)), "intensity": intensity });
+        if light.pattern.is_some() {
+            self.warn("a light that shines by a picture is written as one that shines evenly");
+        }
+        let towards = |direction: Vec3, position: Vec3| {
+            Affine3A::from_rotation_translation(glam::Quat::from_rotation_arc(Vec3::NEG_Z, direction), position)
+        };
+        let (kind, place) = match light.kind {
+            PunctualKind::Point { position } => ("point", Affine3A::from_translation(position)),
+            PunctualKind::Spot { position, direction, cos_inner, cos_outer, .. } => {
+                let outer = cos_outer.acos().min(PI / 2.0);
+                json["spot"] = json!({ "innerConeAngle": cos_inner.acos().min(outer - 1e-4).max(0.0), "outerConeAngle": outer });
+                ("spot", towards(direction, position))
+            }
+            PunctualKind::Directional { direction } => ("directional", towards(direction, Vec3::ZERO)),
+            PunctualKind::Disc { direction, .. } => {
+                self.warn("the sun is written without its size");
+                ("directional", towards(direction, Vec3::ZERO))
+            }
+        };
+        json["type"] = json!(kind);
+        (json, place)
+    }
+
+    /// The number of a picture as PNG.
+    fn image(&mut self, image: &Arc<Image>) -> usize {
+        let key = Arc::as_ptr(image) as usize;
+        if let Some(number) = self.known.get(&key) {
+            return *number;
+        }
+        let pixels: Vec<u8> = match &image.texels {
+            Texels::Codes(codes) => codes.iter().flatten().copied().collect(),
+            Texels::Linear(all) => {
+                self.warn("pictures brighter than white are cut off at white");
+                let code = |v: f32| (srgb_encode(v.clamp(0.0, 1.0)) * 255.0 + 0.5) as u8;
+                all.iter().flat_map(|[r, g, b, a]| [code(*r), code(*g), code(*b), (a * 255.0) as u8]).collect()
+            }
+        };
+        let number = self.png(image.width, image.height, pixels);
+        self.known.insert(key, number);
+        number
+    }
+
+    fn png(&mut self, width: usize, height: usize, rgba: Vec<u8>) -> usize {
+        let mut bytes = Vec::new();
+        if let Some(picture) = image::RgbaImage::from_raw(width as u32, height as u32, rgba)
+            && let Err(e) = picture.write_to(&mut std::io::Cursor::new(&mut bytes), image::ImageFormat::Png)
+        {
+            self.warn(&format!("a picture could not be written: {e}"));
+        }
+        let view = self.view(bytes, None);
+        self.images.push(json!({ "bufferView": view, "mimeType": "image/png" }));
+        self.images.len() - 1
+    }
+
+    /// A reference to a picture with its wrapping and its transform.
+    fn texture(&mut self, texture: &Texture) -> Value {
+        let source = self.image(&texture.image);
+        let mut wrap = |w: Wrap| match w {
+            Wrap::Repeat => 10_497,
+            Wrap::Mirror => 33_648,
+            Wrap::Clamp => 33_071,
+            Wrap::Black => {
+                self.warnings.insert("black around a picture is written as its edge going on".into());
+                33_071
+            }
+        };
+        let (s, t) = (wrap(texture.wrap[0]), wrap(texture.wrap[1]));
+        let filter = if texture.interpolation == Interpolation::Nearest { 9728 } else { 9729 };
+        self.samplers.push(json!({ "wrapS": s, "wrapT": t, "magFilter": filter, "minFilter": filter }));
+        self.textures.push(json!({ "source": source, "sampler": self.samplers.len() - 1 }));
+        let mut info = json!({ "index": self.textures.len() - 1, "texCoord": texture.uv_set.min(1) });
+        let m = texture.image_from_uv;
+        if m != glam::Affine2::IDENTITY {
+            let (x, y) = (m.matrix2.x_axis, m.matrix2.y_axis);
+            let rotation = (-x.y).atan2(x.x);
+            let (sin, cos) = rotation.sin_cos();
+            let scale = [x.length(), y.dot(Vec2::new(sin, cos))];
+            self.extensions.insert("KHR_texture_transform");
+            info["extensions"] =
+                json!({ "KHR_texture_transform": { "offset": m.translation.to_array(), "rotation": rotation, "scale": scale } });
+        }
+        info
+    }
+
+    /// A picture of what a function has over the unit square of texture coordinates; codes by the sRGB function, or as they are.
+    fn baked(&mut self, codes: Codes, f: impl Fn(&[Vec2; 2]) -> Vec4) -> Value {
+        const SIDE: usize = 512;
+        let encode = |v: f32| match codes {
+            Codes::Srgb => srgb_encode(v.clamp(0.0, 1.0)),
+            Codes::Linear => v.clamp(0.0, 1.0),
+        };
+        let mut rgba = Vec::with_capacity(SIDE * SIDE * 4);
+        for y in 0..SIDE {
+            for x in 0..SIDE {
+                let uv = Vec2::new((x as f32 + 0.5) / SIDE as f32, (y as f32 + 0.5) / SIDE as f32);
+                let c = f(&[uv; 2]);
+                rgba.extend([encode(c.x), encode(c.y), encode(c.z), c.w.clamp(0.0, 1.0)].map(|v| (v * 255.0 + 0.5) as u8));
+            }
+        }
+        let source = self.png(SIDE, SIDE, rgba);
+        self.textures.push(json!({ "source": source }));
+        json!({ "index": self.textures.len() - 1 })
+    }
+
+    /// Factor and picture of a colour.
+    fn color(&mut self, color: &Color) -> (Vec3, Option<Value>) {
+        match color {
+            Color::Constant { rgb, .. } => (*rgb, None),
+            Color::Spectrum(spectrum) => (spectrum_rgb(spectrum), None),
+            Color::Textured { factor, texture } => (*factor, Some(self.texture(texture))),
+            Color::Graph(graph) if graph.is_in_space() => {
+                self.warn("patterns in space are written as their colour in one place");
+                (graph.at(&[Vec2::splat(0.5); 2], Vec3::ZERO), None)
+            }
+            Color::Graph(graph) => {
+                self.warn("patterns are written as pictures of one repetition");
+                (Vec3::ONE, Some(self.baked(Codes::Srgb, |uv| graph.at(uv, Vec3::ZERO).extend(1.0))))
+            }
+        }
+    }
+
+    fn number(&mut self, scalar: &Scalar) -> f32 {
+        match scalar {
+            Scalar::Constant(v) => *v,
+            other => {
+                self.warn("a number of a material that differs from place to place is written as its mean");
+                let all: Vec<f32> = (0..256)
+                    .map(|i| other.at_uv(&[Vec2::new((i % 16) as f32 / 16.0, (i / 16) as f32 / 16.0); 2], Vec3::ZERO))
+                    .collect();
+                all.iter().sum::<f32>() / 256.0
+            }
+        }
+    }
+
+    fn material(&mut self, m: &Material) -> Value {
+        let mut json = json!({ "name": m.name });
+        let mut extensions = json!({});
+        self.scattering(m, &m.scattering, &mut json, &mut extensions);
+        if let Some((texture, scale)) = &m.normal_map {
+            json["normalTexture"] = self.texture(texture);
+            json["normalTexture"]["scale"] = json!(scale);
+        }
+        if let Some(emission) = &m.emission {
+            let (rgb, picture) = match &emission.radiance {
+                EmissionColor::Constant(spectrum) => (light_rgb(spectrum), None),
+                EmissionColor::Textured { factor, texture } => (*factor, Some(self.texture(texture))),
+            };
+            let strength = rgb.max_element().max(1e-30);
+            json["emissiveFactor"] = json!(clamped(rgb / strength));
+            if let Some(picture) = picture {
+                json["emissiveTexture"] = picture;
+            }
+            self.extensions.insert("KHR_materials_emissive_strength");
+            extensions["KHR_materials_emissive_strength"] = json!({ "emissiveStrength": strength });
+            json["doubleSided"] = json!(emission.two_sided);
+        }
+        match &m.coverage {
+            Coverage::Full => {}
+            Coverage::Mask { alpha, cutoff } => {
+                json["alphaMode"] = json!("MASK");
+                json["alphaCutoff"] = json!(cutoff);
+                self.alpha(alpha, &mut json);
+            }
+            Coverage::Blend(alpha) => {
+                json["alphaMode"] = json!("BLEND");
+                self.alpha(alpha, &mut json);
+            }
+        }
+        if extensions.as_object().is_some_and(|e| !e.is_empty()) {
+            json["extensions"] = extensions;
+        }
+        json
+    }
+
+    fn alpha(&mut self, alpha: &Scalar, json: &mut Value) {
+        let pbr = &mut json["pbrMetallicRoughness"];
+        let (factor, in_picture) = match alpha {
+            Scalar::Constant(a) => (*a, true),
+            Scalar::Textured { factor, channel: 3, .. } => (*factor, !pbr["baseColorTexture"].is_null()),
+            _ => (1.0, false),
+        };
+        if !in_picture {
+            self.warnings.insert("holes by a picture of their own are not written".into());
+        }
+        if pbr["baseColorFactor"].is_array() {
+            pbr["baseColorFactor"][3] = json!(factor);
+        }
+    }
+
+    fn scattering(&mut self, m: &Material, scattering: &Scattering, json: &mut Value, extensions: &mut Value) {
+        let mut plain = |rgb: Vec3, picture: Option<Value>, metallic: f32, roughness: f32| {
+            let [r, g, b] = clamped(rgb);
+            json["pbrMetallicRoughness"] = json!({ "baseColorFactor": [r, g, b, 1.0], "metallicFactor": metallic.clamp(0.0, 1.0), "roughnessFactor": roughness.clamp(0.0, 1.0) });
+            if let Some(picture) = picture {
+                json["pbrMetallicRoughness"]["baseColorTexture"] = picture;
+            }
+        };
+        match scattering {
+            Scattering::Black => {
+                plain(Vec3::ZERO, None, 0.0, 1.0);
+                self.matte(extensions);
+            }
+            Scattering::Interface => {
+                plain(Vec3::ONE, None, 0.0, 0.0);
+                self.extensions.extend(["KHR_materials_transmission", "KHR_materials_volume", "KHR_materials_ior"]);
+                extensions["KHR_materials_transmission"] = json!({ "transmissionFactor": 1.0 });
+                extensions["KHR_materials_ior"] = json!({ "ior": 1.0 });
+                self.volume(m, extensions);
+            }
+            Scattering::Diffuse(color) => {
+                let (rgb, picture) = self.color(color);
+                plain(rgb, picture, 0.0, 1.0);
+                self.matte(extensions);
+            }
+            Scattering::DiffuseTransmission(colors) => {
+                self.warn("light that comes through paper and leaves is not written");
+                let (rgb, picture) = self.color(&colors[0]);
+                plain(rgb, picture, 0.0, 1.0);
+            }
+            Scattering::Conductor(c) => {
+                let roughness = self.number(&c.alpha).max(0.0).sqrt();
+                plain(c.normal_reflectance(), None, 1.0, roughness);
+            }
+            Scattering::Coated(c) => {
+                let roughness = self.number(&c.metal.alpha).max(0.0).sqrt();
+                plain(c.metal.normal_reflectance(), None, 1.0, roughness);
+                let coat = self.number(&c.roughness);
+                self.extensions.insert("KHR_materials_clearcoat");
+                extensions["KHR_materials_clearcoat"] = json!({ "clearcoatFactor": 1.0, "clearcoatRoughnessFactor": coat });
+            }
+            Scattering::Mix(mix) => {
+                let ([a, b], amount) = &**mix;
+                self.warn("of a mixture of materials the larger part is written");
+                let larger = if self.number(amount) < 0.5 { a } else { b };
+                self.scattering(m, larger, json, extensions);
+            }
+            Scattering::Principled(p) => {
+                let (rgb, picture) = self.color(&p.base_color);
+                let (metallic, roughness) = (self.factor(&p.metallic), self.factor(&p.roughness));
+                plain(rgb, picture, metallic, roughness);
+                self.surfaces(p, json);
+                self.principled(m, p, extensions);
+            }
+        }
+    }
+
+    /// Without any gloss.
+    fn matte(&mut self, extensions: &mut Value) {
+        self.extensions.insert("KHR_materials_specular");
+        extensions["KHR_materials_specular"] = json!({ "specularFactor": 0.0 });
+    }
+
+    /// The constant part of a number that may be a picture.
+    fn factor(&self, scalar: &Scalar) -> f32 {
+        if let Scalar::Constant(v) = scalar { *v } else { 1.0 }
+    }
+
+    /// Metal and roughness of pictures.
+    fn surfaces(&mut self, p: &Principled, json: &mut Value) {
+        if let (Scalar::Constant(_), Scalar::Constant(_)) = (&p.metallic, &p.roughness) {
+            return;
+        }
+        let shared = match (&p.metallic, &p.roughness) {
+            (Scalar::Textured { factor: m, texture: a, channel: 2 }, Scalar::Textured { factor: r, texture: b, channel: 1 }) => {
+                Arc::ptr_eq(&a.image, &b.image).then(|| (a.clone(), *m, *r))
+            }
+            _ => None,
+        };
+        let (info, metallic, roughness) = match shared {
+            Some((texture, m, r)) => (self.texture(&texture), m, r),
+            None => {
+                let at = |s: &Scalar, uv: &[Vec2; 2]| s.at_uv(uv, Vec3::ZERO);
+                (self.baked(Codes::Linear, |uv| Vec4::new(0.0, at(&p.roughness, uv), at(&p.metallic, uv), 1.0)), 1.0, 1.0)
+            }
+        };
+        let pbr = &mut json["pbrMetallicRoughness"];
+        pbr["metallicRoughnessTexture"] = info;
+        (pbr["metallicFactor"], pbr["roughnessFactor"]) = (json!(metallic), json!(roughness));
+    }
+
+    fn principled(&mut self, m: &Material, p: &Principled, extensions: &mut Value) {
+        if (p.ior - 1.5).abs() > 1e-4 {
+            self.extensions.insert("KHR_materials_ior");
+            extensions["KHR_materials_ior"] = json!({ "ior": p.ior });
+        }
+        let transmission = self.number(&p.transmission);
+        if transmission > 0.0 {
+            self.extensions.insert("KHR_materials_transmission");
+            extensions["KHR_materials_transmission"] = json!({ "transmissionFactor": transmission });
+        }
+        if matches!(p.kind, Transmission::Solid) {
+            self.volume(m, extensions);
+            if let Some(n) = &p.dispersion {
+                let abbe = (n.at(587.56) - 1.0) / (n.at(486.13) - n.at(656.27)).max(1e-6);
+                self.extensions.insert("KHR_materials_dispersion");
+                extensions["KHR_materials_dispersion"] = json!({ "dispersion": (20.0 / abbe).max(0.0) });
+            }
+        }
+        if p.tinted {
+            let (weight, (tint, _)) = (self.number(&p.specular), self.color(&p.specular_color));
+            self.extensions.insert("KHR_materials_specular");
+            extensions["KHR_materials_specular"] = json!({ "specularFactor": weight, "specularColorFactor": tint.to_array() });
+        }
+        let coat = self.number(&p.clearcoat);
+        if coat > 0.0 {
+            let roughness = self.number(&p.clearcoat_roughness);
+            self.extensions.insert("KHR_materials_clearcoat");
+            extensions["KHR_materials_clearcoat"] = json!({ "clearcoatFactor": coat, "clearcoatRoughnessFactor": roughness });
+        }
+    }
+
+    fn volume(&mut self, m: &Material, extensions: &mut Value) {
+        self.extensions.insert("KHR_materials_volume");
+        // A thickness says that there is a body; path tracers take its true shape.
+        let mut volume = json!({ "thicknessFactor": 1.0 });
+        let medium = match &m.interior {
+            Interior::Body { medium, .. } => medium.clone(),
+            Interior::Sides([inside, _]) => inside.clone(),
+            Interior::Same => None,
+        };
+        if let Some(medium) = medium {
+            match (&medium.absorption, &medium.scattering) {
+                (Coefficient::Tint { color, distance_m }, _) => {
+                    volume["attenuationColor"] = json!(clamped(spectrum_rgb(&Spectrum::Sigmoid(*color))));
+                    volume["attenuationDistance"] = json!(distance_m);
+                }
+                (Coefficient::Scaled(scale, spectrum), _) if *scale > 0.0 => {
+                    // The colour after a metre.
+                    let left = |nm: f32| (-scale * spectrum.at(nm)).exp();
+                    let table =
+                        diopter_light::spectrum::Table::new(380.0, 5.0, (0..=80).map(|i| left(380.0 + 5.0 * i as f32)).collect());
+                    volume["attenuationColor"] = json!(clamped(spectrum_rgb(&Spectrum::Table(table))));
+                    volume["attenuationDistance"] = json!(1.0);
+                }
+                _ => {}
+            }
+            if !matches!(medium.scattering, Coefficient::Scaled(0.0, _)) || medium.emission.is_some() {
+                self.warn("media that scatter or shine are written as if they only absorbed");
+            }
+        }
+        extensions["KHR_materials_volume"] = volume;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{PathSettings, Scene, builtin, load};
+
+    #[test]
+    fn what_is_written_is_read_back_as_the_same_scene() {
+        for name in ["still-life", "cornell", "color-chart"] {
+            let Some(before) = builtin::named(name) else { continue };
+            let written = gltf(&before);
+            let none = |_: &str| Err("no files".to_owned());
+            let after = load::gltf::load(&written.container(), "x.glb", &none).unwrap();
+            assert_eq!(after.objects.len(), before.objects.len());
+            assert!(after.warnings.is_empty(), "{:?}", after.warnings);
+            let of = |d: &Description| d.bounds_at(0.0, |_| true);
+            assert!(
+                (of(&before).min - of(&after).min).length() < 1e-3 && (of(&before).max - of(&after).max).length() < 1e-3,
+                "{name}"
+            );
+            let lamps = |d: Description| {
+                let scene = Scene::build(d).unwrap();
+                scene.lights().area.iter().map(|l| f64::from(l.luminance * l.area())).sum::<f64>()
+            };
+            let (a, b) = (lamps(before), lamps(after));
+            assert!((a - b).abs() <= 0.01 * a, "{name}: {a} {b}");
+        }
+    }
+
+    #[test]
+    fn light_along_rays_stays_what_it_was() {
+        use diopter_light::random::{Sampler, SamplerKind};
+        let before = builtin::named("cornell").unwrap();
+        let written = gltf(&before);
+        let files = written.binary.clone();
+        let fetch = |name: &str| if name == "x.bin" { Ok(files.clone()) } else { Err("not there".to_owned()) };
+        let after = load::gltf::load(written.text("x.bin").as_bytes(), "x.gltf", &fetch).unwrap();
+        let view = before.cameras[0].world_from_camera;
+        let (before, after) = (Scene::build(before).unwrap(), Scene::build(after).unwrap());
+        let mean = |scene: &Scene, x: f32, y: f32| {
+            let direction = view.transform_vector3(Vec3::new(x, y, -1.0)).normalize();
+            let ray = diopter_light::Ray { origin: view.translation.into(), direction, time_s: 0.0 };
+            let rgb = diopter_light::Wavelengths::rgb();
+            (0..512)
+                .map(|i| {
+                    scene.radiance(ray, &rgb, &Sampler::new(SamplerKind::Sobol, 1, (0, 0), i, 512), &PathSettings::default()).y
+                })
+                .sum::<f32>()
+                / 512.0
+        };
+        for (x, y) in [(0.0, 0.0), (0.2, -0.25), (-0.3, 0.1)] {
+            let (a, b) = (mean(&before, x, y), mean(&after, x, y));
+            // Spectra become colours: a few percent.
+            assert!((a / b - 1.0).abs() < 0.08 && a > 0.0, "{x} {y}: {a} {b}");
+        }
+    }
+}
