@@ -309,8 +309,8 @@ pub struct Taking {
     /// Haze of daylight: 1 pure air, 3 clear, 10 thick.
     #[arg(long, value_name = "T")]
     pub turbidity: Option<f64>,
-    /// Fog in which one sees this far.
-    #[arg(long, value_name = "DISTANCE")]
+    /// Fog in which one sees this far; it ends so far around the scene and the camera where light comes from the sky.
+    #[arg(long, value_name = "DISTANCE", allow_hyphen_values = true)]
     pub fog: Option<Distance>,
     /// Put a large matte floor of this albedo (0 to 1) under the scene.
     #[arg(long, value_name = "ALBEDO")]

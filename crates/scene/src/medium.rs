@@ -126,6 +126,8 @@ impl Sigma {
     /// ∫ e^(−σt s) ds over a distance, m.
     pub fn depth(&self, distance: f32) -> Sampled {
         let one = |s: f32| match s * distance {
+            // What neither absorbs nor scatters does not shine either, however deep it is.
+            _ if s <= 0.0 => 0.0,
             x if x < 1e-4 => distance,
             x => (1.0 - (-x).exp()) / s,
         };
@@ -269,6 +271,18 @@ mod tests {
             let left = (-t * 0.8).exp();
             assert!((through[k] - left).abs() < 0.01, "{k}: {} {left}", through[k]);
             assert!((scattered[k] - s / t * (1.0 - left)).abs() < 0.01, "{k}: {}", scattered[k]);
+        }
+    }
+
+    #[test]
+    fn depths_are_integrals_even_where_nothing_is_met() {
+        let sigma =
+            |v: f32| Medium { absorption: Coefficient::grey(v), ..Medium::fog(1.0, 0.0, 0.0) }.at(&Wavelengths::fixed(NM));
+        for (s, distance, expected) in
+            [(0.5f32, 2.0f32, 2.0 * (1.0 - (-1.0f32).exp())), (0.5, f32::INFINITY, 2.0), (0.0, f32::INFINITY, 0.0)]
+        {
+            let depth = sigma(s).depth(distance);
+            assert!((depth.x - expected).abs() < 1e-5, "{s} {distance}: {depth}");
         }
     }
 

@@ -6,7 +6,7 @@ use crate::args::SceneVerb;
 use crate::output::Output;
 use anyhow::anyhow;
 use diopter::scene::light::PunctualKind;
-use diopter::scene::scene::Sight;
+use diopter::scene::scene::{Sight, Viewpoint};
 use diopter::scene::{Scene, Shape, builtin};
 use diopter::shot::read_scene;
 use std::fmt::Write as _;
@@ -192,7 +192,20 @@ fn suggested(b: diopter::scene::bvh::Bounds) -> Option<[glam::Vec3; 2]> {
 }
 
 fn convert(name: &str, output: &Path, json: bool) -> anyhow::Result<()> {
-    let description = read_scene(name)?;
+    let mut description = read_scene(name)?;
+    if let Some(f) = builtin::framing(name).filter(|_| description.cameras.is_empty()) {
+        // Embedded scenes have a view, not a camera.
+        let place = diopter::camera::look_at(f.look_from, f.look_at, glam::Vec3::Y).map_err(diopter::shot::ShotError::from)?;
+        let vertical_fov = 2.0 * (12.0 / f.focal_length_mm as f32).atan();
+        description.cameras.push(Viewpoint {
+            name: "view".into(),
+            world_from_camera: place,
+            sight: Sight::Perspective { vertical_fov },
+            lens: None,
+            film: Default::default(),
+            node: None,
+        });
+    }
     let warnings = description.warnings.clone();
     let written = diopter::scene::save::gltf(&description);
     let ending = output.extension().map(|e| e.to_string_lossy().to_lowercase());
@@ -205,6 +218,22 @@ fn convert(name: &str, output: &Path, json: bool) -> anyhow::Result<()> {
         }
         _ => return Err(AskedWrongly(anyhow!("output {}: expected a name that ends in .glb or .gltf", output.display())).into()),
     };
+    // A scene of several files may be any of those around it: none of them is written over.
+    let source = Path::new(name).canonicalize().ok();
+    for (path, _) in &files {
+        let beside = source.as_ref().is_some_and(|s| {
+            path.canonicalize().is_ok_and(|p| {
+                p == *s || p.parent() == s.parent() && p != *output && p.extension().is_some_and(|e| e == "bin") && p.exists()
+            })
+        });
+        if beside {
+            return Err(AskedWrongly(anyhow!(
+                "output {}: it is there already and belongs to the scene that is read: choose another name",
+                path.display()
+            ))
+            .into());
+        }
+    }
     for w in warnings.iter().chain(&written.warnings) {
         eprintln!("warning: {w}");
     }

@@ -34,8 +34,10 @@ pub(super) fn put(
         }
         scene.environment = Some(read_environment(path, rotation, scale)?);
     }
-    if let Some(section) = &section.daylight {
-        let day = daylight(section)?;
+    if let Some(daylight_section) = &section.daylight {
+        // The endless ground is that under the scene, if nothing else is said.
+        let ground = daylight_section.ground.or(section.ground.map(f64::from));
+        let day = daylight(&DaylightSection { ground, ..daylight_section.clone() })?;
         let elevation = day.sun.elevation.to_degrees();
         if elevation < 0.0 {
             warn(&format!(
@@ -43,8 +45,10 @@ pub(super) fn put(
                 -elevation
             ));
         }
-        if scene.environment.is_some() {
-            warn("daylight takes the place of the scene's own environment");
+        let before = scene.punctual.len();
+        scene.punctual.retain(|l| !l.is_infinite());
+        if scene.environment.is_some() || scene.punctual.len() < before {
+            warn("daylight takes the place of the scene's own environment and suns");
         }
         day.put_into(scene);
     }

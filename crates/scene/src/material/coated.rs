@@ -2,7 +2,7 @@
 //!
 //! Directions within the coat are those through a smooth surface, roughness blurs only what the coat itself reflects. What the coat holds back
 //! and the metal scatters again is added in the shape of what comes out at once: exact where both are smooth, and whatever the roughness a
-//! coat over a perfect metal loses nothing. Source of the change of variables: A. Weidlich, A. Wilkie 2007, "Arbitrarily Layered Micro-Facet
+//! coat over a perfect metal whose facets lose nothing ([`super::conductor::FacetBounces`]) loses nothing. Source of the change of variables: A. Weidlich, A. Wilkie 2007, "Arbitrarily Layered Micro-Facet
 //! Surfaces".
 
 use super::bsdf::LocalScatter;

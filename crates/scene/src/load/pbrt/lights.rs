@@ -188,6 +188,9 @@ pub fn emission(world: &mut World, p: &Params, area: f32) -> Result<Emission, Fa
     let spectrum = spectra::get(world, p, "L", Use::Light, Spectrum::light_from_rgb(Vec3::ONE))?;
     let two_sided = p.bool("twosided", false)?;
     let (mut factor, power) = (p.float("scale", 1.0)?, p.float("power", -1.0)?);
+    if let Some(mean) = picture.as_ref().map(mean_luminance).filter(|m| *m > 0.0 && power > 0.0) {
+        factor /= mean;
+    }
     if power > 0.0 {
         // pbrt gives the power to each triangle; a lamp of so many lumens is meant.
         let sides = if two_sided { 2.0 } else { 1.0 };
@@ -201,6 +204,13 @@ pub fn emission(world: &mut World, p: &Params, area: f32) -> Result<Emission, Fa
         None => EmissionColor::Constant(times(&spectrum, factor)),
     };
     Ok(Emission { radiance, two_sided, is_light: true, modulation: Modulation::Steady })
+}
+
+/// Mean luminance of a picture.
+fn mean_luminance(texture: &Texture) -> f64 {
+    let n = 256;
+    let at = |i: usize| texture.at(&[Vec2::new((i % n) as f32 + 0.5, (i / n) as f32 + 0.5) / n as f32; 2]).truncate();
+    (0..n * n).map(|i| f64::from(at(i).dot(Vec3::new(0.2126, 0.7152, 0.0722)))).sum::<f64>() / (n * n) as f64
 }
 
 /// Luminous flux of a projector of 1 cd for each 1 of its picture.
