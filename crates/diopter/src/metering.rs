@@ -158,6 +158,9 @@ pub struct Meter<'a> {
     pub filter: f64,
 }
 
+/// Share of the white level from which a cell counts as saturated.
+const SATURATED: f64 = 0.99;
+
 /// Cells of a picture as a meter sees them.
 struct Cells {
     columns: usize,
@@ -189,12 +192,14 @@ impl Meter<'_> {
         let Ok(step) = self.sensor.at_iso(iso) else { return Ok(None) };
         let mut time = shutter_for(10.0, t_number, iso);
         let mut last = None;
+        let mut brightest = Vec::new();
         for k in 0..MOST_READINGS {
             plane.mean.data.iter_mut().zip(&per_second).for_each(|(v, e)| *v = (f64::from(*e) * time) as f32);
             plane.facts.exposure_s = time;
             let reading = Reading { seed: self.reading.seed.wrapping_add(k << 32 | 0x3e7e5), ..self.reading.clone() };
             let Ok(raw) = read_out(&plane, self.sensor, &reading, white) else { return Ok(None) };
-            let cells = Cells::new(&raw, &scale, step.gain_e_per_dn / time);
+            let mut cells = Cells::new(&raw, &scale, step.gain_e_per_dn / time);
+            cells.remember(&mut brightest);
             let wanted = self.wanted_time(&cells, time, t_number);
             let Some(wanted) = wanted else {
                 // Nothing but noise: look longer.
@@ -282,6 +287,21 @@ impl Cells {
             }
         }
         Cells { columns, rows, shape: raw.mosaic.height as f64 / raw.mosaic.width as f64, luminance, level }
+    }
+
+    /// What is saturated is at least as bright as a shorter reading found: without that, a small lamp in the dark would count for less and less as
+    /// readings grow longer, without end.
+    fn remember(&mut self, brightest: &mut Vec<f64>) {
+        if brightest.is_empty() {
+            brightest.clone_from(&self.luminance);
+            return;
+        }
+        for ((now, level), before) in self.luminance.iter_mut().zip(&self.level).zip(brightest) {
+            if *level >= SATURATED {
+                *now = now.max(*before);
+            }
+            *before = *now;
+        }
     }
 
     /// Mean by a pattern's weights.

@@ -217,3 +217,28 @@ fn surroundings_that_make_no_sense_are_refused() {
         assert!(e.contains(word), "{section}: {e}");
     }
 }
+
+#[test]
+fn a_small_lamp_in_the_dark_does_not_lead_the_meter_astray() {
+    let folder = Folder::new("lamp");
+    for nits in [10.0, 10_000.0] {
+        let file = folder.write(
+            "lamp.pbrt",
+            &format!(
+                "LookAt 0 0 0  0 0 1  0 1 0\nCamera \"perspective\" \"float fov\" 40\nWorldBegin\n\
+                 AttributeBegin AreaLightSource \"diffuse\" \"rgb L\" [1 1 1] \"float scale\" {nits} \"bool twosided\" true\n\
+                 Shape \"bilinearmesh\" \"point3 P\" [-0.2 -0.15 2  0.2 -0.15 2  -0.2 0.15 2  0.2 0.15 2] AttributeEnd\n"
+            ),
+        );
+        for metering in ["average", "matrix", "centre-weighted"] {
+            let mut shot = shot(&format!(
+                "[scene]\nfile = \"{file}\"\n[exposure]\naperture = \"f/5.6\"\nmetering = \"{metering}\"\n[render]\nspp = 16\nsize = \"60x40\""
+            ));
+            let watch = Watch { cancel: &AtomicBool::new(false), progress: &|_| {} };
+            shot.meter(&watch, &mut |_| {}).unwrap();
+            // Four percent of the picture, darkness around it, of which a matrix makes more than a mean does. It was a day, not minutes.
+            let time = shot.shutter.unwrap();
+            assert!((1e-4..300.0).contains(&time), "{nits} cd/m², {metering}: {time} s");
+        }
+    }
+}
