@@ -1,10 +1,12 @@
 //! Light from all around: one colour, or a lat-long map.
 //!
 //! The map's middle row is the horizon of its own frame: +y up, column 0 at −z turning through −x ... as seen from inside
-//! (u = atan2(x, −z)/2π + ½, v = acos(y)/π). Directions are drawn in proportion to luminance × sin θ.
+//! (u = atan2(x, −z)/2π + ½, v = acos(y)/π). Directions are drawn in proportion to what exceeds the mean luminance, × sin θ; an even map is not
+//! aimed at: scattered rays find it better.
 
 use super::{Aim, Spot};
 use diopter_image::Raster;
+use diopter_light::color::SRGB_LUMINANCE;
 use diopter_light::sampling::Grid2;
 use diopter_light::{Sampled, Spectrum, Wavelengths};
 use glam::{Mat3, Vec2, Vec3};
@@ -17,13 +19,14 @@ pub struct Environment {
     /// Turns directions of the map into directions of the world.
     world_from_map: Mat3,
     scale: f32,
-    grid: Grid2,
+    /// What there is to aim at.
+    grid: Option<Grid2>,
+    /// Light of a map of one colour, at a scale of 1.
+    even: Option<Spectrum>,
     mean_luminance: f32,
     /// Mean luminance of what is aimed at.
     aimed_luminance: f32,
 }
-
-const LUMINANCE: Vec3 = Vec3::new(0.2126, 0.7152, 0.0722);
 
 impl Environment {
     /// From a lat-long map of linear sRGB in cd/m², times `scale`. Numbers that are negative or not finite count as 0.
@@ -31,16 +34,16 @@ impl Environment {
         map.data.iter_mut().filter(|v| !(**v >= 0.0 && v.is_finite())).for_each(|v| *v = 0.0);
         let (width, height) = (map.width, map.height);
         let mut weights = Vec::with_capacity(width * height);
-        let luminance = |c: usize, r: usize| Vec3::from_slice(map.pixel(c, r)).dot(LUMINANCE);
+        let luminance = |c: usize, r: usize| Vec3::from_slice(map.pixel(c, r)).dot(SRGB_LUMINANCE);
         let sine = |row: usize| (PI * (row as f32 + 0.5) / height as f32).sin();
         let total: f64 = (0..height).map(|r| sine(r) as f64 * width as f64).sum();
         let sum: f64 =
             (0..height).flat_map(|r| (0..width).map(move |c| (r, c))).map(|(r, c)| (luminance(c, r) * sine(r)) as f64).sum();
         let mean = (sum / total.max(1e-30)) as f32;
         // Aim only at what is brighter than the mean: the even rest is found better by scattered rays, and multiple
-        // importance sampling puts both together (Karlík et al. 2019, "MIS Compensation"). An even map keeps its weights.
-        let brightest = map.data.chunks_exact(3).map(|p| Vec3::from_slice(p).dot(LUMINANCE)).fold(0.0, f32::max);
-        let floor = if brightest > 1.05 * mean { mean } else { 0.0 };
+        // importance sampling puts both together (Karlík et al. 2019, "MIS Compensation").
+        let brightest = map.data.chunks_exact(3).map(|p| Vec3::from_slice(p).dot(SRGB_LUMINANCE)).fold(0.0, f32::max);
+        let aimed = brightest > EVEN * mean;
         for row in 0..height {
             for column in 0..width {
                 // Bilinear lookup reaches into the neighbours: so must the weight.
@@ -52,12 +55,14 @@ impl Environment {
                 ];
                 let here = luminance(column, row);
                 let reach = around.iter().map(|(c, r)| luminance(*c, *r)).fold(here, f32::max);
-                weights.push((0.75 * here + 0.25 * reach - floor).max(0.0) * sine(row));
+                weights.push((0.75 * here + 0.25 * reach - mean).max(0.0) * sine(row));
             }
         }
-        let grid = Grid2::new(&weights, width);
-        let excess = (weights.iter().map(|w| *w as f64).sum::<f64>() / total.max(1e-30)) as f32;
-        Environment { map, world_from_map, scale, grid, mean_luminance: mean * scale, aimed_luminance: excess * scale }
+        let grid = aimed.then(|| Grid2::new(&weights, width));
+        let excess = if aimed { (weights.iter().map(|w| *w as f64).sum::<f64>() / total.max(1e-30)) as f32 } else { 0.0 };
+        let first = map.pixel(0, 0);
+        let even = map.data.chunks_exact(3).all(|p| p == first).then(|| Spectrum::light_from_rgb(Vec3::from_slice(first)));
+        Environment { map, world_from_map, scale, grid, even, mean_luminance: mean * scale, aimed_luminance: excess * scale }
     }
 
     /// The same linear sRGB colour (cd/m²) from everywhere.
@@ -132,11 +137,14 @@ impl Environment {
     /// Spectral radiance from a direction.
     #[inline]
     pub fn radiance(&self, direction: Vec3, wavelengths: &Wavelengths) -> Sampled {
-        Spectrum::light_from_rgb(self.rgb(direction)).sample(wavelengths)
+        match &self.even {
+            Some(light) => light.sample(wavelengths) * self.scale,
+            None => Spectrum::light_from_rgb(self.rgb(direction)).sample(wavelengths),
+        }
     }
 
     pub(super) fn aim(&self, u: [f32; 2]) -> Option<Aim> {
-        let (p, density) = self.grid.sample(u);
+        let (p, density) = self.grid.as_ref()?.sample(u);
         let (d, sin) = (direction(p), (p.y * PI).sin());
         let pdf = density / (2.0 * PI * PI * sin);
         let wi = self.world_from_map * d;
@@ -149,16 +157,20 @@ impl Environment {
         })
     }
 
-    /// Density in solid angle with which a direction is drawn.
+    /// Density in solid angle with which a direction is drawn; 0 where none is.
     pub fn pdf(&self, direction: Vec3) -> f32 {
+        let Some(grid) = &self.grid else { return 0.0 };
         let p = self.place(direction);
         let sin = (p.y * PI).sin();
-        if sin > 0.0 { self.grid.pdf(p) / (2.0 * PI * PI * sin) } else { 0.0 }
+        if sin > 0.0 { grid.pdf(p) / (2.0 * PI * PI * sin) } else { 0.0 }
     }
 }
 
+/// A map whose brightest place is less than so many times its mean is even.
+const EVEN: f32 = 1.05;
+
 /// The direction, in the map's own frame, of a place on it.
-fn direction(place: Vec2) -> Vec3 {
+pub(crate) fn direction(place: Vec2) -> Vec3 {
     let (theta, phi) = (place.y * PI, (place.x - 0.5) * TAU);
     Vec3::new(theta.sin() * phi.sin(), theta.cos(), -theta.sin() * phi.cos())
 }
