@@ -1,10 +1,6 @@
-//! Any bytes as a mesh file: an error or a scene that can be built, never a panic.
+//! Any bytes as a STL file: an error or a scene that can be built, never a panic.
 #![no_main]
 
-use diopter_scene::{Scene, load::mesh};
+use diopter_scene::load::mesh;
 
-libfuzzer_sys::fuzz_target!(|data: &[u8]| {
-    if let Ok(description) = mesh::stl(data, "fuzz.stl") {
-        let _ = Scene::build(description);
-    }
-});
+libfuzzer_sys::fuzz_target!(|data: &[u8]| diopter_fuzz::scene(mesh::stl(data, "fuzz.stl")));

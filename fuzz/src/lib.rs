@@ -1,9 +1,10 @@
-//! What a lens that was read must be able to do.
+//! What a lens or a scene that was read must be able to do.
 
 use diopter_lens::import::{Format, read};
 use diopter_lens::paraxial::FirstOrder;
 use diopter_lens::trace::{Apertures, TracedRay, Way};
 use diopter_lens::{Prescription, PrescriptionError, State, System};
+use diopter_scene::{Description, Scene, SceneError};
 
 /// Traces a ray, takes the first order, writes the lens and reads it back.
 pub fn lens(read_lens: Result<Prescription, PrescriptionError>) {
@@ -17,5 +18,14 @@ pub fn lens(read_lens: Result<Prescription, PrescriptionError>) {
     let text = p.to_toml();
     if let Err(e) = read(text.as_bytes(), Format::Toml, "again") {
         panic!("a lens that was read cannot be written and read again: {e}\n{text}");
+    }
+}
+
+/// Builds a scene. Large ones are slow to build, not different.
+pub fn scene(read: Result<Description, SceneError>) {
+    let Ok(description) = read else { return };
+    let triangles: usize = description.meshes.iter().map(|m| m.triangles.len()).sum();
+    if triangles < 1 << 16 && description.objects.len() < 256 {
+        let _ = Scene::build(description);
     }
 }

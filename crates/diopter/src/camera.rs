@@ -133,6 +133,12 @@ pub enum PlacementError {
     NotFinite(Vec3),
 }
 
+/// From the middle of a ball to where a camera sees all of it, in a three-quarter view from a little above, by the half of its smaller angle of
+/// view, rad.
+pub fn three_quarter_view(radius: f32, half_angle: f32) -> Vec3 {
+    Vec3::new(0.45, 0.25, 1.0).normalize() * (radius / half_angle.sin() * 1.05)
+}
+
 /// Places a camera at `from`, looking at `at`, with `up` upwards in the picture.
 pub fn look_at(from: Vec3, at: Vec3, up: Vec3) -> Result<Affine3A, PlacementError> {
     if let Some(bad) = [from, at, up].into_iter().find(|v| !v.is_finite()) {

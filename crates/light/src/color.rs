@@ -5,7 +5,7 @@
 
 use crate::cie::observer;
 use crate::units::LUMINOUS_EFFICACY;
-use glam::{DMat3, DVec3};
+use glam::{DMat3, DVec3, Vec3};
 
 /// CIE xy of the D65 white point as the RGB standards round it.
 pub const D65_XY: (f64, f64) = (0.3127, 0.3290);
@@ -15,6 +15,14 @@ pub const D50_XY: (f64, f64) = (0.345_67, 0.358_50);
 pub const AP0_PRIMARIES: [(f64, f64); 3] = [(0.7347, 0.2653), (0.0, 1.0), (0.0001, -0.0770)];
 /// CIE xy of the ACES white point.
 pub const ACES_XY: (f64, f64) = (0.321_68, 0.337_67);
+
+/// Luminance of linear sRGB (Rec.709) by component. Source: ITU-R BT.709.
+pub const SRGB_LUMINANCE: Vec3 = Vec3::new(0.2126, 0.7152, 0.0722);
+
+/// Linear sRGB of light over wavelength (nm), in its photometric unit: cd/m² of a spectral radiance, cd, lx. May be negative.
+pub fn srgb_of_light(spectrum: impl Fn(f32) -> f32) -> Vec3 {
+    (RgbSpace::Srgb.xyz_from_rgb().inverse() * (xyz_of(spectrum) * LUMINOUS_EFFICACY)).as_vec3()
+}
 
 /// An RGB space with linear components.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

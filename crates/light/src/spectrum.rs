@@ -90,8 +90,7 @@ impl Spectrum {
     pub fn sample_light(&self, wavelengths: &Wavelengths) -> Sampled {
         match self {
             Spectrum::Table(_) | Spectrum::Constant(_) if wavelengths.is_rgb() => {
-                let xyz = crate::color::xyz_of(|nm| self.at(nm)) * crate::units::LUMINOUS_EFFICACY;
-                Wavelengths::lanes((crate::color::RgbSpace::Srgb.xyz_from_rgb().inverse() * xyz).as_vec3())
+                Wavelengths::lanes(crate::color::srgb_of_light(|nm| self.at(nm)))
             }
             _ => self.sample(wavelengths),
         }

@@ -427,8 +427,7 @@ impl Color {
 pub(crate) fn spectrum_rgb(spectrum: &diopter_light::Spectrum) -> Vec3 {
     use diopter_light::{cie::d65_one_nit, color};
     let d65 = d65_one_nit();
-    let xyz = color::xyz_of(|nm| spectrum.at(nm) * d65.at(nm)) * diopter_light::units::LUMINOUS_EFFICACY;
-    (color::RgbSpace::Srgb.xyz_from_rgb().inverse() * xyz).as_vec3()
+    color::srgb_of_light(|nm| spectrum.at(nm) * d65.at(nm))
 }
 
 /// A number of a material, possibly from a channel of an image.

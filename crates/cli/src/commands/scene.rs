@@ -3,8 +3,9 @@
 use super::print_json;
 use crate::AskedWrongly;
 use crate::args::SceneVerb;
-use crate::output::Output;
+use crate::output::{Output, distinct};
 use anyhow::anyhow;
+use diopter::camera::{look_at, three_quarter_view};
 use diopter::scene::light::PunctualKind;
 use diopter::scene::scene::{Sight, Viewpoint};
 use diopter::scene::{Scene, Shape, builtin};
@@ -187,15 +188,15 @@ fn suggested(b: diopter::scene::bvh::Bounds) -> Option<[glam::Vec3; 2]> {
     if b.is_empty() {
         return None;
     }
-    let (at, radius) = (b.center(), (0.5 * b.size().length()).max(1e-3));
-    Some([at + glam::Vec3::new(0.45, 0.25, 1.0).normalize() * (radius / (12.0f32 / 50.0).atan().sin() * 1.05), at])
+    let radius = (0.5 * b.size().length()).max(1e-3);
+    Some([b.center() + three_quarter_view(radius, (12.0f32 / 50.0).atan()), b.center()])
 }
 
 fn convert(name: &str, output: &Path, json: bool) -> anyhow::Result<()> {
     let mut description = read_scene(name)?;
     if let Some(f) = builtin::framing(name).filter(|_| description.cameras.is_empty()) {
         // Embedded scenes have a view, not a camera.
-        let place = diopter::camera::look_at(f.look_from, f.look_at, glam::Vec3::Y).map_err(diopter::shot::ShotError::from)?;
+        let place = look_at(f.look_from, f.look_at, glam::Vec3::Y).map_err(diopter::shot::ShotError::from)?;
         let vertical_fov = 2.0 * (12.0 / f.focal_length_mm as f32).atan();
         description.cameras.push(Viewpoint {
             name: "view".into(),
@@ -218,27 +219,20 @@ fn convert(name: &str, output: &Path, json: bool) -> anyhow::Result<()> {
         }
         _ => return Err(AskedWrongly(anyhow!("output {}: expected a name that ends in .glb or .gltf", output.display())).into()),
     };
-    // A scene of several files may be any of those around it: none of them is written over.
-    let source = Path::new(name).canonicalize().ok();
-    for (path, _) in &files {
-        let beside = source.as_ref().is_some_and(|s| {
-            path.canonicalize().is_ok_and(|p| {
-                p == *s || p.parent() == s.parent() && p != *output && p.extension().is_some_and(|e| e == "bin") && p.exists()
-            })
-        });
-        if beside {
-            return Err(AskedWrongly(anyhow!(
-                "output {}: it is there already and belongs to the scene that is read: choose another name",
-                path.display()
-            ))
-            .into());
-        }
+    let source = Path::new(name);
+    let mut read = vec![source.to_owned()];
+    if source.extension().is_some_and(|e| e.eq_ignore_ascii_case("gltf")) {
+        // Buffers beside it may be its own.
+        let beside = std::fs::read_dir(source.with_file_name(".")).into_iter().flatten().flatten().map(|e| e.path());
+        read.extend(beside.filter(|p| p.extension().is_some_and(|e| e.eq_ignore_ascii_case("bin"))));
     }
+    distinct(read.iter().map(PathBuf::as_path), files.iter().map(|f| f.0.as_path()))?;
+    let prepared = files.iter().map(|(path, _)| Output::prepare(path)).collect::<Result<Vec<_>, _>>()?;
     for w in warnings.iter().chain(&written.warnings) {
         eprintln!("warning: {w}");
     }
-    for (path, bytes) in &files {
-        Output::prepare(path)?.commit(|to| Ok(to.write_all(bytes)?))?;
+    for (output, (_, bytes)) in prepared.into_iter().zip(&files) {
+        output.commit(|to| Ok(to.write_all(bytes)?))?;
     }
     let names: Vec<String> = files.iter().map(|f| f.0.display().to_string()).collect();
     if json {

@@ -4,7 +4,7 @@ use super::file::{CameraSection, SceneSection, ShotFile};
 use super::focusing::Focusing;
 use super::sources::{read_file, read_lens};
 use super::{LARGEST_SIDE, ShotError, light_field, value};
-use crate::camera::{Camera, Film, look_at};
+use crate::camera::{Camera, Film, look_at, three_quarter_view};
 use crate::camera_way::CameraWay;
 use crate::quantity::{Iso, IsoChoice, Size};
 use diopter_lens::compound::{CompoundLens, Setting};
@@ -224,9 +224,8 @@ pub(super) fn camera(
         let at = c.look_at.map_or(center, Vec3::from_array);
         let from = c.look_from.map_or_else(
             || {
-                // A three-quarter view from a little above, far enough for all of it.
                 let half = (0.5 * film.width_mm.min(film.height_mm) / focal_mm).atan() as f32;
-                at + Vec3::new(0.45, 0.25, 1.0).normalize() * (radius / half.sin() * 1.05)
+                at + three_quarter_view(radius, half)
             },
             Vec3::from_array,
         );

@@ -3,6 +3,7 @@
 use super::{Aim, Modulation, Spot, tree::LightBounds};
 use crate::bvh::Bounds;
 use diopter_image::Raster;
+use diopter_light::color::SRGB_LUMINANCE;
 use diopter_light::upsample::Sigmoid;
 use diopter_light::{Sampled, Spectrum, Wavelengths, sampling};
 use glam::{Affine3A, Mat3, Vec3};
@@ -69,7 +70,7 @@ impl Pattern {
     /// Mean luminance of the picture: of a light of 1 cd for each 1 in it.
     pub fn mean(&self) -> f32 {
         let all = self.picture.data.as_chunks::<3>().0;
-        let y = |p: &[f32; 3]| f64::from(Vec3::from_array(*p).dot(Vec3::new(0.2126, 0.7152, 0.0722)));
+        let y = |p: &[f32; 3]| f64::from(Vec3::from_array(*p).dot(SRGB_LUMINANCE));
         (all.iter().map(y).sum::<f64>() / all.len().max(1) as f64) as f32
     }
 }

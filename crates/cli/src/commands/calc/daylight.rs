@@ -2,13 +2,12 @@
 
 use crate::args::DaylightArgs;
 use crate::commands::print_json;
+use diopter::metering::ev100_of_luminance;
 use diopter::quantity::Moment;
 use diopter::shot::daylight;
 use diopter::shot::file::DaylightSection;
 use std::io::Write;
 
-/// K of reflected-light meters (ISO 2720).
-const METER_K: f64 = 12.5;
 /// Reflectance of a grey card.
 const GREY: f64 = 0.18;
 
@@ -33,7 +32,7 @@ pub fn run(args: &DaylightArgs, json: bool) -> anyhow::Result<()> {
         (time, _) => rows(vec![time])?,
     };
     // A grey card lying on the ground.
-    let ev = |lux: f64| (lux * GREY / std::f64::consts::PI * 100.0 / METER_K).log2();
+    let ev = |lux: f64| ev100_of_luminance(lux * GREY / std::f64::consts::PI);
     if json {
         let all: Vec<_> = rows
             .iter()
@@ -51,7 +50,7 @@ pub fn run(args: &DaylightArgs, json: bool) -> anyhow::Result<()> {
     writeln!(
         out,
         "{:<21} {:>9} {:>8} {:>9} {:>8} {:>9} {:>6}",
-        "time", "elevation", "azimuth", "sun lx", "sky lx", "both lx", "EV"
+        "universal time", "elevation", "azimuth", "sun lx", "sky lx", "both lx", "EV"
     )?;
     for (time, sun, [direct, sky]) in rows {
         let time = time.map_or("-".into(), |t| t.to_string());

@@ -22,7 +22,7 @@ pub const GREY: f32 = 0.18;
 pub const GREY_GAIN: f32 = 0.18 * 78.0 / 10.0;
 
 /// Luminance of Rec.709.
-pub const LUMA: Vec3 = Vec3::new(0.2126, 0.7152, 0.0722);
+pub const LUMA: Vec3 = diopter_light::color::SRGB_LUMINANCE;
 
 /// A curve made ready.
 pub struct ToneCurve {

@@ -4,13 +4,15 @@ use super::Fault;
 use super::params::Params;
 use super::spectra::{self, Use};
 use super::world::World;
+use crate::light::environment::direction;
 use crate::light::punctual::{Pattern, Spread, square_of};
 use crate::light::{Environment, Modulation, Punctual, PunctualKind, SpotEdge};
 use crate::material::{Emission, EmissionColor};
 use crate::texture::{Interpolation, Texture};
 use diopter_image::Raster;
+use diopter_light::Spectrum;
+use diopter_light::color::{self, SRGB_LUMINANCE};
 use diopter_light::spectrum::Table;
-use diopter_light::{Spectrum, color};
 use glam::{Affine2, DMat4, DVec4, Mat3, Vec2, Vec3};
 use std::f64::consts::PI;
 use std::sync::Arc;
@@ -131,7 +133,7 @@ pub fn make(world: &mut World, kind: &str, p: &Params, world_from_light: DMat4) 
                 None => {
                     let spectrum = spectra::get(world, p, "L", Use::Light, white)?;
                     let factor = scale * if lux > 0.0 { lux / PI } else { 1.0 };
-                    Environment::uniform(rgb_of(&spectrum) * factor as f32)
+                    Environment::uniform(color::srgb_of_light(|nm| spectrum.at(nm)).max(Vec3::ZERO) * factor as f32)
                 }
                 Some(name) => {
                     let name = name.to_owned();
@@ -157,12 +159,6 @@ pub fn make(world: &mut World, kind: &str, p: &Params, world_from_light: DMat4) 
         }
     }
     Ok(())
-}
-
-/// Linear sRGB (cd/m²) of light.
-fn rgb_of(spectrum: &Spectrum) -> Vec3 {
-    let xyz = color::xyz_of(|nm| spectrum.at(nm)) * diopter_light::units::LUMINOUS_EFFICACY;
-    (color::RgbSpace::Srgb.xyz_from_rgb().inverse() * xyz).as_vec3().max(Vec3::ZERO)
 }
 
 /// A light times a factor.
@@ -210,7 +206,7 @@ pub fn emission(world: &mut World, p: &Params, area: f32) -> Result<Emission, Fa
 fn mean_luminance(texture: &Texture) -> f64 {
     let n = 256;
     let at = |i: usize| texture.at(&[Vec2::new((i % n) as f32 + 0.5, (i / n) as f32 + 0.5) / n as f32; 2]).truncate();
-    (0..n * n).map(|i| f64::from(at(i).dot(Vec3::new(0.2126, 0.7152, 0.0722)))).sum::<f64>() / (n * n) as f64
+    (0..n * n).map(|i| f64::from(at(i).dot(SRGB_LUMINANCE))).sum::<f64>() / (n * n) as f64
 }
 
 /// Luminous flux of a projector of 1 cd for each 1 of its picture.
@@ -221,7 +217,7 @@ fn frame_lumens(picture: &Raster<f32>, [x, y]: [f32; 2]) -> f64 {
         .map(|i| {
             let (u, v) = (((i % w) as f32 + 0.5) / w as f32 * 2.0 - 1.0, ((i / w) as f32 + 0.5) / h as f32 * 2.0 - 1.0);
             let cos3 = f64::from(1.0 + (u * x).powi(2) + (v * y).powi(2)).powf(-1.5);
-            f64::from(Vec3::from_slice(picture.pixel(i % w, i / w)).dot(Vec3::new(0.2126, 0.7152, 0.0722))) * area * cos3
+            f64::from(Vec3::from_slice(picture.pixel(i % w, i / w)).dot(SRGB_LUMINANCE)) * area * cos3
         })
         .sum()
 }
@@ -238,7 +234,7 @@ fn upward(picture: &Raster<f32>) -> f64 {
             let phi = std::f32::consts::TAU * (i as f32 + 0.5) / steps as f32;
             let r = (1.0 - z * z).sqrt();
             let [x, y] = square_of(Vec3::new(r * phi.cos(), r * phi.sin(), z)).map(|v| ((v * n as f32) as usize).min(n - 1));
-            sum += f64::from(Vec3::from_slice(picture.pixel(x, y)).dot(Vec3::new(0.2126, 0.7152, 0.0722)) * z);
+            sum += f64::from(Vec3::from_slice(picture.pixel(x, y)).dot(SRGB_LUMINANCE) * z);
             count += 1.0;
         }
     }
@@ -253,10 +249,7 @@ fn lat_long(picture: &Raster<f32>) -> Raster<f32> {
     let mut map = Raster::new(columns, rows, 3);
     for row in 0..rows {
         for column in 0..columns {
-            // u = atan2(x, −z) / 2π + ½, v = acos(y) / π.
-            let phi = (column as f32 + 0.5) / columns as f32 * std::f32::consts::TAU - std::f32::consts::PI;
-            let theta = (row as f32 + 0.5) / rows as f32 * std::f32::consts::PI;
-            let d = Vec3::new(theta.sin() * phi.sin(), theta.cos(), -theta.sin() * phi.cos());
+            let d = direction(Vec2::new((column as f32 + 0.5) / columns as f32, (row as f32 + 0.5) / rows as f32));
             let [x, y] = square_of(d).map(|v| ((v * n as f32) as usize).min(n - 1));
             map.pixel_mut(column, row).copy_from_slice(picture.pixel(x, y));
         }
