@@ -75,6 +75,8 @@ impl Scene {
         let mut within = Within::new(self.air());
         let mut last: Option<Aimed> = None;
         let (mut vertex, mut leg) = (0, 0);
+        // What radiance within a body was divided by: no reason to give a path up.
+        let mut squeezed = 1.0;
         let (time_s, flash) = (ray.time_s, self.flash_burns(ray.time_s));
         loop {
             let surface = self.intersect(&ray, f32::INFINITY);
@@ -110,7 +112,7 @@ impl Scene {
                         let (direction, pdf) = scattered(ray.direction, g, [u[0], u[1]]);
                         last = Some(Aimed { point, normal: Vec3::ZERO, density: pdf, gone: 0.0 });
                         vertex += 1;
-                        if !survives(&mut throughput, vertex, u[3], settings) {
+                        if !survives(&mut throughput, squeezed, vertex, u[3], settings) {
                             return radiance;
                         }
                         ray = Ray { origin: point, direction, time_s };
@@ -187,8 +189,9 @@ impl Scene {
             if scatter.transmitted {
                 within.cross(material, entering);
             }
+            squeezed *= scatter.squeeze;
             vertex += 1;
-            if !survives(&mut throughput, vertex, u[3], settings) {
+            if !survives(&mut throughput, squeezed, vertex, u[3], settings) {
                 return radiance;
             }
             let normal = if scatter.transmitted { -ng } else { ng };
@@ -295,11 +298,11 @@ fn past(surface: &Surface, direction: Vec3) -> Vec3 {
 
 /// Russian roulette on what a path can still bring.
 #[inline]
-fn survives(throughput: &mut Sampled, vertex: u32, u: f32, settings: &PathSettings) -> bool {
+fn survives(throughput: &mut Sampled, squeezed: f32, vertex: u32, u: f32, settings: &PathSettings) -> bool {
     if vertex < settings.roulette_depth {
         return true;
     }
-    let survival = throughput.max_element().clamp(0.0, 0.95);
+    let survival = (throughput.max_element() * squeezed).clamp(0.0, 0.95);
     *throughput /= survival;
     u < survival
 }

@@ -3,21 +3,21 @@
 //! Written: meshes (balls and parallelograms as triangles), materials as glTF can say them, pictures, lights, cameras, places at the beginning
 //! of time. What glTF cannot say is simplified and told: motion, media that scatter, spectra (as linear sRGB), surroundings.
 
+use crate::light::environment::direction;
 use crate::light::punctual::Spread;
 use crate::light::{Punctual, PunctualKind};
-use crate::material::{Coverage, EmissionColor, Interior, Material, Principled, Scattering, Transmission};
+use crate::material::{Coverage, EmissionColor, Grain, Interior, Material, Principled, Scattering, Transmission};
 use crate::medium::Coefficient;
 use crate::motion::Motion;
 use crate::scene::{Description, Shape, Sight};
 use crate::shape::Mesh;
 use crate::texture::{Codes, Color, Image, Interpolation, Scalar, Texels, Texture, Wrap, spectrum_rgb};
 use diopter_light::Spectrum;
-use diopter_light::color::{self, RgbSpace, srgb_encode};
-use diopter_light::units::LUMINOUS_EFFICACY;
+use diopter_light::color::{srgb_encode, srgb_of_light};
 use glam::{Affine3A, Mat4, Vec2, Vec3, Vec4};
 use serde_json::{Value, json};
 use std::collections::{BTreeSet, HashMap};
-use std::f32::consts::{PI, TAU};
+use std::f32::consts::PI;
 use std::sync::Arc;
 
 /// A scene in glTF's two parts.
@@ -218,8 +218,7 @@ fn ball() -> Mesh {
     for j in 0..=AROUND / 2 {
         for i in 0..=AROUND {
             let (u, v) = (i as f32 / AROUND as f32, j as f32 / (AROUND / 2) as f32);
-            let (phi, theta) = ((u - 0.5) * TAU, v * PI);
-            let n = Vec3::new(theta.sin() * phi.sin(), theta.cos(), -theta.sin() * phi.cos());
+            let n = direction(Vec2::new(u, v));
             mesh.positions.push(n);
             mesh.normals.push(n);
             mesh.uvs[0].push(Vec2::new(u, v));
@@ -236,10 +235,9 @@ fn ball() -> Mesh {
     mesh
 }
 
-/// Linear sRGB of light, cd/m² (or cd, lx).
+/// Linear sRGB of light, cd/m² (or cd, lx), as glTF has it: not negative.
 fn light_rgb(spectrum: &Spectrum) -> Vec3 {
-    let xyz = color::xyz_of(|nm| spectrum.at(nm)) * LUMINOUS_EFFICACY;
-    (RgbSpace::Srgb.xyz_from_rgb().inverse() * xyz).as_vec3().max(Vec3::ZERO)
+    srgb_of_light(|nm| spectrum.at(nm)).max(Vec3::ZERO)
 }
 
 fn clamped(rgb: Vec3) -> [f32; 3] {
@@ -531,12 +529,20 @@ impl Writer {
                 plain(rgb, picture, 0.0, 1.0);
             }
             Scattering::Conductor(c) => {
-                let roughness = self.number(&c.alpha).max(0.0).sqrt();
-                plain(c.normal_reflectance(), None, 1.0, roughness);
+                let [along, across] = [Some(&c.alpha), c.across.as_ref()].map(|a| a.map(|a| self.number(a).max(0.0).sqrt()));
+                let along = along.unwrap_or(0.0);
+                plain(c.normal_reflectance(), None, 1.0, across.map_or(along, |r| r.min(along)));
+                self.grain(along, across, extensions);
             }
             Scattering::Coated(c) => {
-                let roughness = self.number(&c.metal.alpha).max(0.0).sqrt();
-                plain(c.metal.normal_reflectance(), None, 1.0, roughness);
+                let metal = [Some(&c.metal.alpha), c.metal.across.as_ref()];
+                let [along, across] = metal.map(|a| a.map(|a| self.number(a).max(0.0).sqrt()));
+                let along = along.unwrap_or(0.0);
+                plain(c.metal.normal_reflectance(), None, 1.0, across.map_or(along, |r| r.min(along)));
+                self.grain(along, across, extensions);
+                if c.across.is_some() {
+                    self.warn("of coats that are rougher one way than the other the roughness along the tangent is written");
+                }
                 let coat = self.number(&c.roughness);
                 self.extensions.insert("KHR_materials_clearcoat");
                 extensions["KHR_materials_clearcoat"] = json!({ "clearcoatFactor": 1.0, "clearcoatRoughnessFactor": coat });
@@ -552,6 +558,11 @@ impl Writer {
                 let (metallic, roughness) = (self.factor(&p.metallic), self.factor(&p.roughness));
                 plain(rgb, picture, metallic, roughness);
                 self.surfaces(p, json);
+                if let Some(Grain::Across(across)) = p.grain.as_deref() {
+                    let (along, across) = (self.number(&p.roughness), self.number(across));
+                    json["pbrMetallicRoughness"]["roughnessFactor"] = json!(along.min(across).clamp(0.0, 1.0));
+                    self.grain(along, Some(across), extensions);
+                }
                 self.principled(m, p, extensions);
             }
         }
@@ -561,6 +572,16 @@ impl Writer {
     fn matte(&mut self, extensions: &mut Value) {
         self.extensions.insert("KHR_materials_specular");
         extensions["KHR_materials_specular"] = json!({ "specularFactor": 0.0 });
+    }
+
+    /// Roughness (√α) along the tangent and across it as glTF says it: the wider of the two, and how much wider.
+    fn grain(&mut self, along: f32, across: Option<f32>, extensions: &mut Value) {
+        let Some(across) = across.filter(|a| (a - along).abs() > 1e-4) else { return };
+        let [narrow, wide] = [along.min(across), along.max(across)].map(|r| r.clamp(0.0, 1.0).powi(2));
+        let strength = ((wide - narrow) / (1.0 - narrow).max(1e-6)).clamp(0.0, 1.0).sqrt();
+        let rotation = if along > across { 0.0 } else { std::f32::consts::FRAC_PI_2 };
+        self.extensions.insert("KHR_materials_anisotropy");
+        extensions["KHR_materials_anisotropy"] = json!({ "anisotropyStrength": strength, "anisotropyRotation": rotation });
     }
 
     /// The constant part of a number that may be a picture.
@@ -613,6 +634,50 @@ impl Writer {
             let (weight, (tint, _)) = (self.number(&p.specular), self.color(&p.specular_color));
             self.extensions.insert("KHR_materials_specular");
             extensions["KHR_materials_specular"] = json!({ "specularFactor": weight, "specularColorFactor": tint.to_array() });
+        }
+        if let Some(Grain::Brushed { strength, rotation, texture }) = p.grain.as_deref() {
+            self.extensions.insert("KHR_materials_anisotropy");
+            let mut grain = json!({ "anisotropyStrength": strength, "anisotropyRotation": rotation });
+            if let Some(texture) = texture {
+                grain["anisotropyTexture"] = self.texture(texture);
+            }
+            extensions["KHR_materials_anisotropy"] = grain;
+        }
+        if let Some(sheen) = &p.sheen {
+            self.extensions.insert("KHR_materials_sheen");
+            let (rgb, picture) = self.color(&sheen.color);
+            let mut json = json!({ "sheenColorFactor": clamped(rgb), "sheenRoughnessFactor": self.factor(&sheen.roughness) });
+            if let Some(picture) = picture {
+                json["sheenColorTexture"] = picture;
+            }
+            if let Scalar::Textured { factor, texture, channel: 3 } = &sheen.roughness {
+                json["sheenRoughnessFactor"] = json!(factor);
+                json["sheenRoughnessTexture"] = self.texture(texture);
+            }
+            extensions["KHR_materials_sheen"] = json;
+        }
+        if let Some(film) = &p.film {
+            self.extensions.insert("KHR_materials_iridescence");
+            let [thin, thick] = film.between_nm;
+            let mut json = json!({
+                "iridescenceFactor": self.factor(&film.share),
+                "iridescenceIor": film.ior,
+                "iridescenceThicknessMinimum": thin,
+                "iridescenceThicknessMaximum": thick,
+            });
+            for (scalar, channel, name) in
+                [(&film.share, 0, "iridescenceTexture"), (&film.thickness, 1, "iridescenceThicknessTexture")]
+            {
+                if let Scalar::Textured { factor, texture, channel: c } = scalar
+                    && *c == channel
+                {
+                    json[name] = self.texture(texture);
+                    if channel == 0 {
+                        json["iridescenceFactor"] = json!(factor);
+                    }
+                }
+            }
+            extensions["KHR_materials_iridescence"] = json;
         }
         let coat = self.number(&p.clearcoat);
         if coat > 0.0 {

@@ -1,4 +1,4 @@
-//! glTF extensions: packed data, copies, variants, dispersion. The packed files were made by Google's Draco (a pyramid), Binomial's Basis
+//! glTF extensions: packed data, copies, variants, dispersion, cloth, grain and films. The packed files were made by Google's Draco (a pyramid), Binomial's Basis
 //! Universal encoder and libwebp (gradients).
 
 use base64::Engine;
@@ -267,4 +267,47 @@ fn glass_disperses_by_its_abbe_number() {
     let n = p.dispersion.as_ref().unwrap();
     let abbe = (n.at(587.56) - 1.0) / (n.at(486.13) - n.at(656.27));
     assert!((n.at(587.56) - 1.5).abs() < 1e-3 && (abbe - 40.0).abs() < 0.5, "{abbe}");
+}
+
+#[test]
+fn cloth_grain_and_films_are_read_and_written_again() {
+    use diopter_scene::material::Grain;
+    use diopter_scene::texture::Scalar;
+    let extensions = json!({
+        "KHR_materials_sheen": {"sheenColorFactor": [0.5, 0.25, 1.0], "sheenRoughnessFactor": 0.3, "sheenRoughnessTexture": {"index": 0}},
+        "KHR_materials_anisotropy": {"anisotropyStrength": 0.6, "anisotropyRotation": 0.5, "anisotropyTexture": {"index": 0}},
+        "KHR_materials_iridescence": {
+            "iridescenceFactor": 0.9, "iridescenceIor": 1.8, "iridescenceThicknessMinimum": 50, "iridescenceThicknessMaximum": 700,
+            "iridescenceThicknessTexture": {"index": 0}
+        },
+    });
+    let names: Vec<&str> = extensions.as_object().unwrap().keys().map(String::as_str).chain(["EXT_texture_webp"]).collect();
+    let json = file(
+        &[floats(&[0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0]), WEBP.to_vec()].concat(),
+        json!([{"buffer": 0, "byteLength": 36}, {"buffer": 0, "byteOffset": 36, "byteLength": WEBP.len()}]),
+        json!([{"bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC3", "min": [0, 0, 0], "max": [1, 1, 0]}]),
+        json!({"attributes": {"POSITION": 0}, "material": 0}),
+        &[
+            ("materials", json!([{"extensions": extensions}])),
+            ("textures", json!([{"extensions": {"EXT_texture_webp": {"source": 0}}}])),
+            ("images", json!([{"bufferView": 1, "mimeType": "image/webp"}])),
+            ("extensionsUsed", json!(names)),
+        ],
+    );
+    let first = load(&json).unwrap();
+    assert!(first.warnings.is_empty(), "{:?}", first.warnings);
+    let saved = diopter_scene::save::gltf(&first);
+    let mut again = saved.json.clone();
+    again["buffers"][0]["uri"] = json!(uri(&saved.binary));
+    for d in [first, load(&again).unwrap()] {
+        let Scattering::Principled(p) = &d.materials[0].scattering else { panic!("a material of glTF") };
+        let (sheen, film) = (p.sheen.as_ref().unwrap(), p.film.as_ref().unwrap());
+        assert!(matches!(&sheen.color, Color::Constant { rgb, .. } if (*rgb - Vec3::new(0.5, 0.25, 1.0)).length() < 1e-6));
+        assert!(matches!(&sheen.roughness, Scalar::Textured { factor, channel: 3, .. } if (factor - 0.3).abs() < 1e-6));
+        let Some(Grain::Brushed { strength, rotation, texture: Some(_) }) = p.grain.as_deref() else { panic!("{:?}", p.grain) };
+        assert!((strength - 0.6).abs() < 1e-6 && (rotation - 0.5).abs() < 1e-6);
+        assert!((film.ior - 1.8).abs() < 1e-6 && film.between_nm == [50.0, 700.0]);
+        assert!(matches!(film.share, Scalar::Constant(s) if (s - 0.9).abs() < 1e-6));
+        assert!(matches!(&film.thickness, Scalar::Textured { channel: 1, .. }));
+    }
 }

@@ -144,6 +144,33 @@ fn textures_and_materials_are_found_by_name() {
 }
 
 #[test]
+fn roughness_may_differ_in_u_and_v() {
+    use diopter_scene::material::Grain;
+    use diopter_scene::texture::Scalar;
+    let text = format!(
+        "{HEAD}WorldBegin\n\
+         Material \"conductor\" \"float uroughness\" 0.04 \"float vroughness\" 0.25 Shape \"sphere\"\n\
+         Material \"dielectric\" \"float vroughness\" 0.09 \"bool remaproughness\" false Shape \"disk\"\n\
+         Material \"coatedconductor\" \"float interface.roughness\" 0.0001 \"float conductor.uroughness\" 0.16 Shape \"cylinder\"\n\
+         Material \"coateddiffuse\" \"float roughness\" 0.25 \"float uroughness\" 0.25 Shape \"sphere\""
+    );
+    let d = load(&text);
+    assert!(d.warnings.is_empty(), "{:?}", d.warnings);
+    let scattering = |i: usize| &d.materials[d.objects[i].material as usize].scattering;
+    let is = |s: &Scalar, expected: f32| matches!(s, Scalar::Constant(a) if (a - expected).abs() < 1e-5);
+    let Scattering::Conductor(c) = scattering(0) else { panic!("a metal") };
+    assert!(is(&c.alpha, 0.2) && is(c.across.as_ref().unwrap(), 0.5), "{c:?}");
+    // What is not said is smooth; the model of glass takes √α.
+    let Scattering::Principled(p) = scattering(1) else { panic!("glass") };
+    let Some(Grain::Across(across)) = p.grain.as_deref() else { panic!("{:?}", p.grain) };
+    assert!(is(&p.roughness, 0.0) && is(across, 0.3));
+    let Scattering::Coated(c) = scattering(2) else { panic!("a coat") };
+    assert!(is(&c.metal.alpha, 0.4) && is(c.metal.across.as_ref().unwrap(), 0.0) && c.across.is_none());
+    let Scattering::Principled(p) = scattering(3) else { panic!("plastic") };
+    assert!(p.grain.is_none() && is(&p.roughness, 0.25f32.sqrt().sqrt()));
+}
+
+#[test]
 fn subdivided_and_round_shapes_have_their_size() {
     // An octahedron subdivided is nearly a sphere; its limit lies within.
     let octahedron = "\"integer indices\" [0 2 4 2 1 4 1 3 4 3 0 4 2 0 5 1 2 5 3 1 5 0 3 5] \"point3 P\" [1 0 0 -1 0 0 0 1 0 0 -1 0 0 0 1 0 0 -1]";

@@ -6,7 +6,7 @@ use diopter_scene::light::Environment;
 use diopter_scene::light::{Punctual, PunctualKind, SpotEdge};
 use diopter_scene::material::conductor::FacetBounces;
 use diopter_scene::material::{
-    CoatedConductor, Conductor, Emission, EmissionColor, Material, Principled, Scattering, Transmission,
+    CoatedConductor, Conductor, Emission, EmissionColor, Film, Grain, Material, Principled, Scattering, Sheen, Transmission,
 };
 use diopter_scene::shape::{Mesh, Quad, Sphere};
 use diopter_scene::texture::{Color, Scalar};
@@ -46,8 +46,8 @@ fn principled(change: impl FnOnce(&mut Principled)) -> Material {
 /// A metal that reflects everything: k → ∞.
 fn mirror(alpha: f32) -> Material {
     let constant = |v| Spectrum::Constant(v);
-    let c =
-        Conductor { n: constant(0.0), k: constant(1000.0), alpha: Scalar::Constant(alpha), bounces: FacetBounces::Compensated };
+    let (n, k, bounces) = (constant(0.0), constant(1000.0), FacetBounces::Compensated);
+    let c = Conductor { n, k, alpha: Scalar::Constant(alpha), across: None, bounces };
     Material::new("mirror", Scattering::Conductor(c))
 }
 
@@ -111,6 +111,28 @@ fn white_materials() -> Vec<(String, Material)> {
         let Scattering::Conductor(perfect) = mirror(0.04 + 0.3 * r * r).scattering else { panic!("a metal") };
         let lacquered = CoatedConductor::new(perfect, 1.5, s(r));
         all.push((format!("lacquered {r}"), Material::new("l", Scattering::Coated(Box::new(lacquered)))));
+        let film = || Some(Box::new(film(1.35, 500.0)));
+        all.push((
+            format!("oily {r}"),
+            principled(|p| {
+                p.roughness = s(r);
+                p.film = film();
+            }),
+        ));
+        all.push((
+            format!("bubble {r}"),
+            principled(|p| {
+                *p = Principled::new(Color::rgb(1.0, 1.0, 1.0), 1.33);
+                (p.transmission, p.roughness, p.film) = (s(1.0), s(r), film());
+            }),
+        ));
+        all.push((
+            format!("coated lens {r}"),
+            principled(|p| {
+                (p.transmission, p.kind, p.roughness) = (s(1.0), Transmission::Solid, s(r));
+                p.film = film();
+            }),
+        ));
         all.push((
             format!("coated {r}"),
             principled(|p| {
@@ -133,6 +155,199 @@ fn white_materials() -> Vec<(String, Material)> {
     let parts = [mirror(0.0).scattering, Scattering::Diffuse(Color::rgb(1.0, 1.0, 1.0))];
     all.push(("mixed".into(), Material::new("m", Scattering::Mix(Box::new((parts, Scalar::Constant(0.3)))))));
     all
+}
+
+fn film(ior: f32, thickness_nm: f32) -> Film {
+    let share = Scalar::Constant(1.0);
+    Film { share, ior, between_nm: [0.0, thickness_nm], thickness: Scalar::Constant(1.0) }
+}
+
+/// Materials that are wider one way than the other, and cloth: what the furnace does not ask about.
+fn grained_and_woven() -> Vec<(String, Material)> {
+    let s = |v| Scalar::Constant(v);
+    let mut all = Vec::new();
+    for (along, across) in [(0.3f32, 0.6f32), (0.7, 0.35), (0.4, 0.9)] {
+        let across_of = |a: f32| Some(Box::new(Grain::Across(s(a))));
+        let Scattering::Conductor(mut c) = mirror(along * along).scattering else { panic!("a metal") };
+        c.across = Some(s(across * across));
+        let mut lacquered = CoatedConductor::new(c.clone(), 1.5, s(along));
+        lacquered.across = Some(s(across));
+        all.push((format!("brushed {along} {across}"), Material::new("m", Scattering::Conductor(c))));
+        all.push((format!("lacquered {along} {across}"), Material::new("l", Scattering::Coated(Box::new(lacquered)))));
+        for (name, metallic, transmission) in [("metal", 1.0, 0.0), ("plastic", 0.0, 0.0), ("glass", 0.0, 1.0)] {
+            let material = principled(|p| {
+                (p.roughness, p.grain) = (s(along), across_of(across));
+                (p.metallic, p.transmission, p.kind) = (s(metallic), s(transmission), Transmission::Solid);
+            });
+            all.push((format!("{name} {along} {across}"), material));
+        }
+    }
+    for roughness in [0.1, 0.3, 0.6, 1.0] {
+        let cloth = |coat: f32| {
+            principled(|p| {
+                p.roughness = s(0.6);
+                p.clearcoat = s(coat);
+                p.clearcoat_roughness = s(0.3);
+                p.sheen = Some(Box::new(Sheen { color: Color::rgb(0.9, 0.9, 0.9), roughness: s(roughness) }));
+            })
+        };
+        all.push((format!("cloth {roughness}"), cloth(0.0)));
+        all.push((format!("varnished cloth {roughness}"), cloth(1.0)));
+    }
+    all
+}
+
+/// What a material does with light, by its values at directions all around and by what it draws: albedo of both, the integral of the
+/// density and the share of draws that are kept. `None` where some of it is a mirror's.
+fn both_ways(material: &Material, wo: Vec3) -> Option<[f64; 4]> {
+    use diopter_light::random::{mix, to_unit};
+    let surface = diopter_scene::shape::Surface {
+        point: Vec3::ZERO,
+        t: 1.0,
+        ng: Vec3::Z,
+        ns: Vec3::Z,
+        tangent: Vec3::X,
+        handedness: 1.0,
+        uv: [glam::Vec2::ZERO; 2],
+        color: glam::Vec4::ONE,
+        object: 0,
+        triangle: 0,
+    };
+    let wavelengths = Wavelengths::fixed(NM);
+    let bsdf = material.bsdf(&surface, wo, &wavelengths, false, None)?;
+    let (n, mut sums) = (400u32, [0.0f64; 4]);
+    for i in 0..n * n {
+        let [a, b] = [0, 1].map(|k| to_unit(mix(i ^ (k * 0x9e37_79b9))));
+        let u = [((i % n) as f32 + a) / n as f32, ((i / n) as f32 + b) / n as f32];
+        let (f, pdf) = bsdf.eval(diopter_light::sampling::sphere(u));
+        let solid = 4.0 * std::f64::consts::PI / f64::from(n * n);
+        sums[0] += f64::from(f.y) * solid;
+        sums[2] += f64::from(pdf) * solid;
+        if let Some(s) = bsdf.sample([u[0], u[1], to_unit(mix(i ^ 0x55aa)), 0.5]) {
+            if s.specular {
+                return None;
+            }
+            sums[1] += f64::from(s.weight.y) / f64::from(n * n);
+            sums[3] += 1.0 / f64::from(n * n);
+        }
+    }
+    Some(sums)
+}
+
+#[test]
+fn what_is_drawn_is_what_there_is() {
+    let (mut wrong, mut asked) = (Vec::new(), 0);
+    for (name, material) in white_materials().into_iter().chain(grained_and_woven()) {
+        // Too narrow for an even grid.
+        if name.ends_with(" 0.15") || name == "coated 0" {
+            continue;
+        }
+        for wo in [Vec3::new(0.1, 0.2, 0.97), Vec3::new(0.6, 0.5, 0.62), Vec3::new(-0.3, 0.85, 0.3)] {
+            let Some([value, drawn, density, kept]) = both_ways(&material, wo.normalize()) else { continue };
+            asked += 1;
+            // Draws that are thrown away (facets that send light below) are part of no density; narrow lobes are hard on an even grid.
+            if (value - drawn).abs() > 0.015 || (density - kept).abs() > 0.015 {
+                wrong.push(format!("{name} {wo}: albedo {value:.3} {drawn:.3}, density {density:.3} {kept:.3}"));
+            }
+        }
+    }
+    assert!(wrong.is_empty() && asked > 200, "{asked}: {wrong:#?}");
+}
+
+#[test]
+fn grain_and_fibres_neither_make_nor_lose_much() {
+    let mut wrong = Vec::new();
+    // The tables are those of even distributions as wide as a direction sees them: 6 %. Fibres only take: what they do not send on is lost.
+    for (name, material) in grained_and_woven() {
+        for wo in [Vec3::new(0.0, 0.1, 0.99), Vec3::new(0.6, 0.0, 0.8), Vec3::new(0.0, 0.85, 0.5), Vec3::new(0.9, 0.0, 0.3)] {
+            let Some([_, albedo, ..]) = both_ways(&material, wo.normalize()) else { continue };
+            // How much escapes from under a coat is tabulated for even metals only.
+            let (least, most) = match name.split(' ').next().unwrap_or_default() {
+                "cloth" | "varnished" => (0.8, 1.01),
+                "lacquered" => (0.75, 1.13),
+                // Seen alone a face of glass gives back (1 / n)² of what it lets through.
+                "glass" => (0.44, 0.65),
+                _ => (0.94, 1.06),
+            };
+            if !(albedo > least && albedo < most) {
+                wrong.push(format!("{name} {wo}: {albedo:.3}"));
+            }
+        }
+    }
+    assert!(wrong.is_empty(), "{wrong:#?}");
+}
+
+#[test]
+fn a_bubble_shows_the_colours_of_its_thickness() {
+    // Along the normal a film of 1.33 in air is dark where 2 n d is a whole number of waves, brightest half a wave off.
+    let nm = NM[1];
+    for (waves, expected) in [(1.0, 0.0), (0.5, 4.0 * 0.020_06 / (1.020_06f64 * 1.020_06)), (1.5, 0.077_12)] {
+        let bubble = principled(|p| {
+            // Nothing but the film: air on both sides.
+            *p = Principled::new(Color::rgb(1.0, 1.0, 1.0), 1.0001);
+            p.film = Some(Box::new(film(1.33, waves * nm / 2.0 / 1.33)));
+            (p.transmission, p.roughness) = (Scalar::Constant(1.0), Scalar::Constant(0.0));
+        });
+        // A lamp behind the camera is seen in the film, nothing through it.
+        let quad = |z: f32, z_edge: f32| {
+            Shape::Quad(Quad { corner: Vec3::new(-9.0, -9.0 * z_edge, z), edges: [Vec3::X * 18.0, Vec3::Y * 18.0 * z_edge] })
+        };
+        let d = Description {
+            materials: vec![bubble, Material::lamp("lamp", Spectrum::light_from_rgb(Vec3::ONE))],
+            objects: vec![Object::new("film", quad(0.0, 1.0), 0), Object::new("lamp", quad(3.0, -1.0), 1)],
+            ..Default::default()
+        };
+        let l = mean(&Scene::build(d).unwrap(), Vec3::Z, Vec3::NEG_Z, 4096, &PathSettings::default())[1];
+        assert!((l - expected).abs() < 2e-3, "{waves}: {l} {expected}");
+    }
+}
+
+#[test]
+fn highlights_are_as_wide_as_their_grain() {
+    // Facets of 0.2 along x and 0.05 across (few enough send light below): the half vector's slopes spread so, read from what is drawn.
+    let Scattering::Conductor(mut c) = mirror(0.2).scattering else { panic!("a metal") };
+    c.across = Some(Scalar::Constant(0.05));
+    let brushed = principled(|p| {
+        (p.metallic, p.roughness) = (Scalar::Constant(1.0), Scalar::Constant(0.05f32.sqrt()));
+        // glTF: α along is 0.05 + 0.95 s², here 0.2; turned by a right angle.
+        let strength = (0.15f32 / 0.95).sqrt();
+        p.grain = Some(Box::new(Grain::Brushed { strength, rotation: std::f32::consts::FRAC_PI_2, texture: None }));
+    });
+    for (material, wide) in [(Material::new("m", Scattering::Conductor(c)), 0), (brushed, 1)] {
+        let surface = diopter_scene::shape::Surface {
+            point: Vec3::ZERO,
+            t: 1.0,
+            ng: Vec3::Z,
+            ns: Vec3::Z,
+            tangent: Vec3::X,
+            handedness: 1.0,
+            uv: [glam::Vec2::ZERO; 2],
+            color: glam::Vec4::ONE,
+            object: 0,
+            triangle: 0,
+        };
+        let wavelengths = Wavelengths::fixed(NM);
+        let bsdf = material.bsdf(&surface, Vec3::Z, &wavelengths, false, None).unwrap();
+        let n = 200;
+        let mut slopes: [Vec<f32>; 2] = Default::default();
+        for i in 0..n * n {
+            let u = [((i % n) as f32 + 0.5) / n as f32, ((i / n) as f32 + 0.5) / n as f32, 0.2, 0.5];
+            let Some(s) = bsdf.sample(u) else { continue };
+            let h = (s.wi + Vec3::Z).normalize();
+            slopes[0].push((h.x / h.z).abs());
+            slopes[1].push((h.y / h.z).abs());
+        }
+        // GGX along the normal: half of the slopes along an axis of width α are below α / √3 (its marginal is Student's t of two degrees of freedom).
+        let median = slopes.map(|mut s| {
+            s.sort_by(f32::total_cmp);
+            s[s.len() / 2]
+        });
+        for axis in 0..2 {
+            let alpha = if axis == wide { 0.2 } else { 0.05 };
+            let expected = alpha / 3f32.sqrt();
+            assert!((median[axis] / expected - 1.0).abs() < 0.1, "{wide} {axis}: {} {expected}", median[axis]);
+        }
+    }
 }
 
 #[test]
@@ -209,7 +424,13 @@ fn white_furnace_gives_back_what_it_got_with_every_material() {
         for offset in [0.0f32, 0.5, 0.85, 0.97] {
             let l = mean(&scene, Vec3::new(offset, 0.0, 3.0), Vec3::NEG_Z, 65_536, &deep);
             let off = l.iter().map(|l| (l - 1.0).abs()).fold(0.0, f64::max);
-            if off > 0.01 {
+            // Films on rough surfaces take their angle from the bare interface, and solid glass its losses between facets.
+            let allowed = match name.split(' ').next() {
+                Some("oily" | "bubble") => 0.015,
+                Some("coated") if name.contains("lens") => 0.04,
+                _ => 0.01,
+            };
+            if off > allowed {
                 worst.push(format!("{name} at {offset}: {:.4}", l[1]));
             }
         }

@@ -1,25 +1,23 @@
 //! glTF 2.0: `.gltf` and `.glb` into a [`Description`].
 //!
 //! Units are glTF's: metres, candela, lux, cd/m² for emission. Nodes, animations, skins and morph targets are read by `motion`. Extensions:
-//! KHR_lights_punctual, KHR_materials_{emissive_strength, ior, transmission, clearcoat, unlit, volume, dispersion, variants, specular},
+//! KHR_lights_punctual, KHR_materials_{emissive_strength, ior, transmission, clearcoat, unlit, volume, dispersion, variants, specular, sheen, anisotropy, iridescence},
 //! KHR_texture_transform, EXT_mesh_gpu_instancing, and what `packed` unpacks; another one that a file requires is an error, one it only uses a warning. Files are opened by the
 //! caller: `fetch` gets the URIs of buffers and images.
 
+mod materials;
 mod motion;
 mod packed;
 
 use crate::SceneError;
-use crate::light::{Modulation, Punctual, PunctualKind, SpotEdge};
+use crate::light::{Punctual, PunctualKind, SpotEdge};
 use crate::load::{Fetch, read_picture};
-use crate::material::{Coverage, Emission, EmissionColor, Interior, Material, Principled, Scattering, Transmission};
-use crate::medium::Medium;
+use crate::material::{Material, Principled, Scattering};
 use crate::motion::{Local, Motion, Node};
 use crate::scene::{Description, FilmHints, Object, Shape, Sight, Variant, Viewpoint};
 use crate::shape::Mesh;
 use crate::texture::{Codes, Color, Image, Interpolation, Scalar, Texture, Wrap};
 use diopter_light::Spectrum;
-use diopter_light::spectrum::Table;
-use diopter_light::upsample::Sigmoid;
 use glam::{Affine2, Affine3A, Mat2, Mat4, Quat, Vec2, Vec3, Vec4};
 use rayon::prelude::*;
 use serde_json::Value;
@@ -37,6 +35,9 @@ const SUPPORTED: &[&str] = &[
     "KHR_materials_volume",
     "KHR_materials_dispersion",
     "KHR_materials_specular",
+    "KHR_materials_sheen",
+    "KHR_materials_anisotropy",
+    "KHR_materials_iridescence",
     "KHR_materials_variants",
     "KHR_texture_transform",
     "EXT_mesh_gpu_instancing",
@@ -409,106 +410,6 @@ impl<'a> Loader<'a> {
         let (set, matrix) = json_transform(value.get("extensions"), set);
         self.texture(&texture, codes, set, matrix)
     }
-
-    fn material(&self, m: &gltf::Material) -> Result<Material, SceneError> {
-        let name = m.name().map_or_else(|| format!("material {}", m.index().unwrap_or(0)), str::to_owned);
-        let pbr = m.pbr_metallic_roughness();
-        let [r, g, b, alpha] = pbr.base_color_factor();
-        let factor = Vec3::new(r, g, b);
-        let base_texture = self.info(pbr.base_color_texture(), Codes::Srgb);
-        let color = |factor: Vec3, texture: Option<Texture>| match texture {
-            Some(texture) => Color::Textured { factor, texture },
-            None => Color::rgb(factor.x, factor.y, factor.z),
-        };
-        let scalar = |factor: f32, texture: Option<Texture>, channel: usize| match texture {
-            Some(texture) => Scalar::Textured { factor, texture, channel },
-            None => Scalar::Constant(factor),
-        };
-        let alpha = scalar(alpha, base_texture.clone(), 3);
-        let coverage = match m.alpha_mode() {
-            gltf::material::AlphaMode::Opaque => Coverage::Full,
-            gltf::material::AlphaMode::Mask => Coverage::Mask { alpha, cutoff: m.alpha_cutoff().unwrap_or(0.5) },
-            gltf::material::AlphaMode::Blend => Coverage::Blend(alpha),
-        };
-        if m.unlit() {
-            // The colour is what is seen: radiance in cd/m², not a lamp to light others by.
-            let radiance = match base_texture {
-                Some(texture) => EmissionColor::Textured { factor, texture },
-                None => EmissionColor::Constant(Spectrum::light_from_rgb(factor)),
-            };
-            let emission = Some(Emission { radiance, two_sided: true, is_light: false, modulation: Modulation::Steady });
-            return Ok(Material { emission, coverage, ..Material::new(&name, Scattering::Black) });
-        }
-
-        let metal_rough = self.info(pbr.metallic_roughness_texture(), Codes::Linear);
-        let mut principled = Principled {
-            metallic: scalar(pbr.metallic_factor(), metal_rough.clone(), 2),
-            roughness: scalar(pbr.roughness_factor(), metal_rough, 1),
-            ..Principled::new(color(factor, base_texture), m.ior().unwrap_or(1.5))
-        };
-        if let Some(t) = m.transmission() {
-            principled.transmission = scalar(t.transmission_factor(), self.info(t.transmission_texture(), Codes::Linear), 0);
-        }
-        let mut interior = Interior::Same;
-        if let Some(v) = m.volume().filter(|v| v.thickness_factor() > 0.0) {
-            let distance = v.attenuation_distance();
-            let absorbs = distance.is_finite() && distance > 0.0;
-            let color = Sigmoid::from_rgb(Vec3::from_array(v.attenuation_color()));
-            principled.kind = Transmission::Solid;
-            let medium = absorbs.then(|| Arc::new(Medium::tint(color, distance)));
-            let priority = m.extras().as_ref().and_then(|e| serde_json::from_str::<Value>(e.get()).ok());
-            let priority = priority.and_then(|e| e.get("priority").and_then(Value::as_i64)).map(|p| p as i32);
-            interior = Interior::Body { medium, priority };
-            let spread = m.extension_value("KHR_materials_dispersion").and_then(|d| d.get("dispersion")).and_then(Value::as_f64);
-            if let Some(spread) = spread.filter(|d| *d > 0.0) {
-                // 20 over Abbe's number.
-                let (nd, abbe) = (f64::from(principled.ior), 20.0 / spread);
-                let index = |nm: f64| (nd + (nd - 1.0) / abbe * (523_655.0 / (nm * nm) - 1.5168)).max(1.0) as f32;
-                let table = Table::new(380.0, 5.0, (0..=80).map(|i| index(380.0 + 5.0 * f64::from(i))).collect());
-                principled.dispersion = Some(Spectrum::Table(table));
-            }
-        }
-        if let Some(specular) = m.extension_value("KHR_materials_specular") {
-            let texture = |key: &str, codes| self.json_texture(specular.get(key), codes);
-            let factor = specular.get("specularFactor").and_then(Value::as_f64).unwrap_or(1.0) as f32;
-            principled.specular = scalar(factor, texture("specularTexture", Codes::Linear), 3);
-            let tint =
-                |i: usize| specular.pointer(&format!("/specularColorFactor/{i}")).and_then(Value::as_f64).unwrap_or(1.0) as f32;
-            principled.specular_color = match texture("specularColorTexture", Codes::Srgb) {
-                Some(texture) => Color::Textured { factor: Vec3::new(tint(0), tint(1), tint(2)), texture },
-                // Beyond 1 it may be more than an albedo.
-                None => Color::rgb(tint(0), tint(1), tint(2)),
-            };
-            principled.tinted = true;
-        }
-        if let Some(coat) = m.extension_value("KHR_materials_clearcoat") {
-            let number = |key: &str| coat.get(key).and_then(Value::as_f64).unwrap_or(0.0) as f32;
-            let texture = |key: &str| self.json_texture(coat.get(key), Codes::Linear);
-            principled.clearcoat = scalar(number("clearcoatFactor"), texture("clearcoatTexture"), 0);
-            principled.clearcoat_roughness = scalar(number("clearcoatRoughnessFactor"), texture("clearcoatRoughnessTexture"), 1);
-        }
-
-        let strength = m.emissive_strength().unwrap_or(1.0);
-        let glow = Vec3::from_array(m.emissive_factor()) * strength;
-        let emission = (glow.max_element() > 0.0).then(|| Emission {
-            radiance: match self.info(m.emissive_texture(), Codes::Srgb) {
-                Some(texture) => EmissionColor::Textured { factor: glow, texture },
-                None => EmissionColor::Constant(Spectrum::light_from_rgb(glow)),
-            },
-            two_sided: m.double_sided(),
-            is_light: true,
-            modulation: Modulation::Steady,
-        });
-        let normal_map = m.normal_texture().and_then(|n| {
-            let (set, matrix) = match n.extension_value("KHR_texture_transform") {
-                Some(t) => json_transform(Some(&serde_json::json!({ "KHR_texture_transform": t })), n.tex_coord()),
-                None => (n.tex_coord(), Affine2::IDENTITY),
-            };
-            Some((self.texture(&n.texture(), Codes::Linear, set, matrix)?, n.scale()))
-        });
-        let scattering = Scattering::Principled(Box::new(principled));
-        Ok(Material { name, scattering, emission, normal_map, coverage, interior })
-    }
 }
 
 fn label(name: Option<&str>) -> String {
@@ -859,9 +760,9 @@ mod tests {
 
     #[test]
     fn an_unknown_optional_extension_is_a_warning() {
-        let text = triangle(&[("\"asset\"", "\"extensionsUsed\":[\"KHR_materials_sheen\"],\"asset\"")]);
+        let text = triangle(&[("\"asset\"", "\"extensionsUsed\":[\"KHR_materials_sparkle\"],\"asset\"")]);
         let d = load(text.as_bytes(), "t.gltf", &none).unwrap();
-        assert!(d.warnings[0].contains("KHR_materials_sheen"));
+        assert!(d.warnings[0].contains("KHR_materials_sparkle"));
     }
 
     #[test]

@@ -227,6 +227,7 @@ fn material(
         let rgb = Vec3::new(k(0), k(1), k(2));
         let points = [(460.0, rgb.z), (545.0, rgb.y), (610.0, rgb.x)];
         Scattering::Conductor(Conductor {
+            across: None,
             n: Spectrum::Constant(1.0),
             k: Spectrum::Table(diopter_light::spectrum::Table::from_points(&points)),
             alpha: Scalar::Constant(roughness * roughness),

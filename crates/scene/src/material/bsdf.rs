@@ -23,6 +23,8 @@ pub struct Scatter {
     pub transmitted: bool,
     /// Whether only the hero wavelength takes this direction.
     pub disperses: bool,
+    /// What radiance was divided by where light was bent, (n beyond / n before)²: it comes back where the path leaves the body.
+    pub squeeze: f32,
 }
 
 /// What families give in the local frame (z on the side of `wo`).
@@ -53,7 +55,8 @@ pub struct Bsdf<'a> {
 }
 
 impl<'a> Bsdf<'a> {
-    pub(super) fn new(lobes: Lobes<'a>, surface: &Surface, ns: Vec3, wo: Vec3) -> Self {
+    /// `along`: the direction that is to be the local x, as far as it lies in the surface; any without.
+    pub(super) fn new(lobes: Lobes<'a>, surface: &Surface, ns: Vec3, wo: Vec3, along: Option<Vec3>) -> Self {
         let side = if surface.ng.dot(wo) < 0.0 { -1.0 } else { 1.0 };
         let mut z = ns * side;
         // An interpolated normal can turn away from the viewer: tilt it back just enough to be seen.
@@ -62,7 +65,8 @@ impl<'a> Bsdf<'a> {
         if cos < LEAST_COSINE {
             z = (z + wo * (LEAST_COSINE - cos)).normalize();
         }
-        let (x, y) = sampling::frame(z);
+        let along = along.and_then(|a| (a - z * z.dot(a)).try_normalize());
+        let (x, y) = along.map_or_else(|| sampling::frame(z), |x| (x, z.cross(x)));
         Bsdf { lobes, frame: [x, y, z], ng: surface.ng * side, wo: Vec3::new(x.dot(wo), y.dot(wo), z.dot(wo)) }
     }
 
@@ -107,6 +111,10 @@ impl<'a> Bsdf<'a> {
         if (self.ng.dot(wi) < 0.0) != transmitted || !(s.weight.max_element() > 0.0) {
             return None;
         }
-        Some(Scatter { wi, weight: s.weight, pdf: s.pdf, specular: s.specular, transmitted, disperses: s.disperses })
+        let squeeze = match &self.lobes {
+            Lobes::Principled(lobes) if transmitted => lobes.squeeze(),
+            _ => 1.0,
+        };
+        Some(Scatter { wi, weight: s.weight, pdf: s.pdf, specular: s.specular, transmitted, disperses: s.disperses, squeeze })
     }
 }

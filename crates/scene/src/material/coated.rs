@@ -7,8 +7,8 @@
 
 use super::bsdf::LocalScatter;
 use super::conductor::{Conductor, ConductorLobe};
-use super::energy::{Escape, Interface};
-use super::microfacet::{SMOOTH, fresnel_dielectric, ggx_d, ggx_g1, ggx_g2, reflect, refract, sample_visible_normal};
+use super::energy::{Escape, Interface, grain_factor};
+use super::microfacet::{Ggx, fresnel_dielectric, reflect, refract};
 use crate::shape::Surface;
 use crate::texture::Scalar;
 use diopter_light::{Sampled, Wavelengths};
@@ -22,6 +22,8 @@ pub struct CoatedConductor {
     pub metal: Conductor,
     /// √α of the coat's GGX distribution.
     pub roughness: Scalar,
+    /// That across the tangent, where it is another.
+    pub across: Option<Scalar>,
     ior: f32,
     interface: Arc<Interface>,
     escape: Arc<Escape>,
@@ -31,13 +33,15 @@ impl CoatedConductor {
     /// A coat of an index (above 1) over a metal.
     pub fn new(metal: Conductor, ior: f32, roughness: Scalar) -> Self {
         let ior = ior.max(1.0001);
-        CoatedConductor { metal, roughness, ior, interface: Interface::of(ior), escape: Escape::of(ior) }
+        CoatedConductor { metal, roughness, across: None, ior, interface: Interface::of(ior), escape: Escape::of(ior) }
     }
 
     pub(super) fn at(&self, surface: &Surface, wavelengths: &Wavelengths) -> CoatedLobes<'_> {
         let metal = self.metal.at(surface, wavelengths).within(self.ior);
-        let roughness = self.roughness.at(surface).clamp(0.0, 1.0);
-        CoatedLobes { metal, ior: self.ior, roughness, interface: &self.interface, escape: &self.escape }
+        let along = self.roughness.at(surface).clamp(0.0, 1.0);
+        let across = self.across.as_ref().map_or(along, |r| r.at(surface).clamp(0.0, 1.0));
+        let facets = Ggx::new(along * along, across * across);
+        CoatedLobes { metal, ior: self.ior, facets, interface: &self.interface, escape: &self.escape }
     }
 
     /// Reflectance at normal incidence in red, green and blue.
@@ -51,24 +55,23 @@ impl CoatedConductor {
 pub(super) struct CoatedLobes<'a> {
     metal: ConductorLobe,
     ior: f32,
-    roughness: f32,
+    facets: Ggx,
     interface: &'a Interface,
     escape: &'a Escape,
 }
 
 impl CoatedLobes<'_> {
-    fn alpha(&self) -> f32 {
-        self.roughness * self.roughness
-    }
-
     /// Share that the coat reflects of light from a direction.
-    fn reflected(&self, cos: f32) -> f32 {
-        if self.alpha() < SMOOTH { fresnel_dielectric(cos, self.ior) } else { self.interface.reflected.at(cos, self.roughness) }
+    fn reflected(&self, w: Vec3) -> f32 {
+        match self.facets.is_smooth() {
+            true => fresnel_dielectric(w.z, self.ior),
+            false => self.interface.reflected.at(w.z, self.facets.roughness()) * grain_factor(self.facets, w),
+        }
     }
 
     /// Probability of looking at the coat.
     fn choice(&self, wo: Vec3) -> f32 {
-        self.reflected(wo.z).clamp(0.1, 0.9)
+        self.reflected(wo).clamp(0.1, 0.9)
     }
 
     /// The direction within the coat, on the side of the normal.
@@ -79,14 +82,14 @@ impl CoatedLobes<'_> {
     /// What is left of light on its way in and out, with what goes to and fro; `inner_o` is the direction of view within the coat.
     fn through(&self, wo: Vec3, wi: Vec3, inner_o: Vec3) -> Sampled {
         let r = self.metal.normal(inner_o.z);
-        let alpha = self.metal.alpha();
-        let [escapes, mean] = match alpha < SMOOTH {
+        let facets = self.metal.facets();
+        let [escapes, mean] = match facets.is_smooth() {
             true => [1.0 - fresnel_dielectric(wo.z, self.ior); 2],
-            false => self.escape.at(wo.z, alpha),
+            false => self.escape.at(wo.z, facets.roughness_aside(wo)),
         };
         let held = (1.0 - escapes) * mean / escapes.max(1e-3);
         let again = Sampled::ONE + r * held / (Sampled::ONE - r * (1.0 - mean)).max(Sampled::splat(1e-3));
-        again * ((1.0 - self.reflected(wo.z)) * (1.0 - fresnel_dielectric(wi.z, self.ior)))
+        again * ((1.0 - self.reflected(wo)) * (1.0 - fresnel_dielectric(wi.z, self.ior)))
     }
 
     pub(super) fn eval(&self, wo: Vec3, wi: Vec3) -> (Sampled, f32) {
@@ -95,11 +98,11 @@ impl CoatedLobes<'_> {
         }
         let choice = self.choice(wo);
         let (mut f, mut pdf) = (Sampled::ZERO, 0.0);
-        if self.alpha() >= SMOOTH {
+        if !self.facets.is_smooth() {
             let h = (wo + wi).normalize();
-            let d = ggx_d(h, self.alpha()) / (4.0 * wo.z);
-            f += Sampled::splat(fresnel_dielectric(wo.dot(h), self.ior) * d * ggx_g2(wo, wi, self.alpha()));
-            pdf += choice * d * ggx_g1(wo, self.alpha());
+            let d = self.facets.d(h) / (4.0 * wo.z);
+            f += Sampled::splat(fresnel_dielectric(wo.dot(h), self.ior) * d * self.facets.g2(wo, wi));
+            pdf += choice * d * self.facets.g1(wo);
         }
         if let (Some(inner_o), Some(inner_i)) = (self.bent(wo), self.bent(wi)) {
             let (value, density) = self.metal.eval(inner_o, inner_i);
@@ -114,8 +117,8 @@ impl CoatedLobes<'_> {
     pub(super) fn sample(&self, wo: Vec3, u: [f32; 4]) -> Option<LocalScatter> {
         let choice = self.choice(wo);
         let wi = if u[2] < choice {
-            if self.alpha() < SMOOTH {
-                let weight = Sampled::splat(self.reflected(wo.z) / choice);
+            if self.facets.is_smooth() {
+                let weight = Sampled::splat(self.reflected(wo) / choice);
                 return Some(LocalScatter {
                     wi: Vec3::new(-wo.x, -wo.y, wo.z),
                     weight,
@@ -124,7 +127,7 @@ impl CoatedLobes<'_> {
                     disperses: false,
                 });
             }
-            reflect(wo, sample_visible_normal(wo, self.alpha(), [u[0], u[1]]))
+            reflect(wo, self.facets.sample_visible(wo, [u[0], u[1]]))
         } else {
             let inner_o = self.bent(wo)?;
             let s = self.metal.sample(inner_o, u)?;

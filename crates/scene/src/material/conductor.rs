@@ -1,8 +1,8 @@
 //! Metals by their complex index of refraction, smooth or rough (GGX).
 
 use super::bsdf::LocalScatter;
-use super::energy::mirror_albedo;
-use super::microfacet::{SMOOTH, fresnel_conductor, ggx_d, ggx_g1, ggx_g2, reflect, sample_visible_normal};
+use super::energy::kept;
+use super::microfacet::{Ggx, fresnel_conductor, reflect};
 use crate::shape::Surface;
 use crate::texture::Scalar;
 use diopter_light::spectrum::Table;
@@ -19,6 +19,8 @@ pub struct Conductor {
     pub k: Spectrum,
     /// Width of the GGX distribution (the square of glTF's roughness); below 0.001 a mirror.
     pub alpha: Scalar,
+    /// The width across the tangent, where it is another: `alpha` then is that along it.
+    pub across: Option<Scalar>,
     /// What happens to light that meets several facets.
     pub bounces: FacetBounces,
 }
@@ -49,13 +51,16 @@ impl Conductor {
             n: curve(column),
             k: curve(column + 1),
             alpha: Scalar::Constant(alpha),
+            across: None,
             bounces: FacetBounces::Compensated,
         })
     }
 
     pub(super) fn at(&self, surface: &Surface, wavelengths: &Wavelengths) -> ConductorLobe {
         let (n, k) = (self.n.sample(wavelengths), self.k.sample(wavelengths));
-        ConductorLobe { n, k, alpha: self.alpha.at(surface).clamp(0.0, 1.0), bounces: self.bounces }
+        let along = self.alpha.at(surface).clamp(0.0, 1.0);
+        let across = self.across.as_ref().map_or(along, |a| a.at(surface).clamp(0.0, 1.0));
+        ConductorLobe { n, k, facets: Ggx::new(along, across), bounces: self.bounces }
     }
 
     /// Reflectance at normal incidence at [`RGB_NM`].
@@ -69,7 +74,7 @@ impl Conductor {
 pub(super) struct ConductorLobe {
     n: Sampled,
     k: Sampled,
-    alpha: f32,
+    facets: Ggx,
     bounces: FacetBounces,
 }
 
@@ -79,8 +84,8 @@ impl ConductorLobe {
         ConductorLobe { n: self.n / ior, k: self.k / ior, ..self }
     }
 
-    pub(super) fn alpha(&self) -> f32 {
-        self.alpha
+    pub(super) fn facets(&self) -> Ggx {
+        self.facets
     }
 
     /// Reflectance of a smooth surface at a cosine.
@@ -91,36 +96,36 @@ impl ConductorLobe {
     /// Fresnel reflectance, with what bounces between facets.
     fn reflectance(&self, wo: Vec3, h: Vec3) -> Sampled {
         let f = fresnel_conductor(wo.dot(h), self.n, self.k);
-        if self.bounces == FacetBounces::Lost || self.alpha < SMOOTH {
+        if self.bounces == FacetBounces::Lost || self.facets.is_smooth() {
             return f;
         }
-        let e = mirror_albedo().at(wo.z, self.alpha.sqrt());
+        let e = kept(self.facets, wo);
         f * (Sampled::ONE + fresnel_conductor(1.0, self.n, self.k) * ((1.0 - e) / e))
     }
 
     pub(super) fn eval(&self, wo: Vec3, wi: Vec3) -> (Sampled, f32) {
-        if wi.z <= 0.0 || self.alpha < SMOOTH {
+        if wi.z <= 0.0 || self.facets.is_smooth() {
             return (Sampled::ZERO, 0.0);
         }
         let h = (wo + wi).normalize();
-        let d = ggx_d(h, self.alpha) / (4.0 * wo.z);
-        (self.reflectance(wo, h) * (d * ggx_g2(wo, wi, self.alpha)), d * ggx_g1(wo, self.alpha))
+        let d = self.facets.d(h) / (4.0 * wo.z);
+        (self.reflectance(wo, h) * (d * self.facets.g2(wo, wi)), d * self.facets.g1(wo))
     }
 
     pub(super) fn sample(&self, wo: Vec3, u: [f32; 4]) -> Option<LocalScatter> {
-        if self.alpha < SMOOTH {
+        if self.facets.is_smooth() {
             let wi = Vec3::new(-wo.x, -wo.y, wo.z);
             let weight = fresnel_conductor(wo.z, self.n, self.k);
             return Some(LocalScatter { wi, weight, pdf: 1.0, specular: true, disperses: false });
         }
-        let h = sample_visible_normal(wo, self.alpha, [u[0], u[1]]);
+        let h = self.facets.sample_visible(wo, [u[0], u[1]]);
         let wi = reflect(wo, h);
         if wi.z <= 0.0 {
             return None;
         }
-        let g1 = ggx_g1(wo, self.alpha);
-        let weight = self.reflectance(wo, h) * (ggx_g2(wo, wi, self.alpha) / g1);
-        let pdf = g1 * ggx_d(h, self.alpha) / (4.0 * wo.z);
+        let g1 = self.facets.g1(wo);
+        let weight = self.reflectance(wo, h) * (self.facets.g2(wo, wi) / g1);
+        let pdf = g1 * self.facets.d(h) / (4.0 * wo.z);
         Some(LocalScatter { wi, weight, pdf, specular: false, disperses: false })
     }
 }

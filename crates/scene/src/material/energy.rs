@@ -4,7 +4,7 @@
 //! let what a layer does not reflect reach the layer below (Kulla & Conty 2017). Both need the directional albedo E(μ, r),
 //! μ the cosine of the angle of incidence, r = √α. Tables are integrated once with visible-normal sampling.
 
-use super::microfacet::{fresnel_dielectric, ggx_g1, ggx_g2, reflect, refract, sample_visible_normal};
+use super::microfacet::{Ggx, fresnel_dielectric, reflect, refract};
 use glam::Vec3;
 use rayon::prelude::*;
 use std::sync::{Arc, Mutex, OnceLock};
@@ -23,7 +23,8 @@ const FIRST_ROUGHNESS: f32 = 1e-2;
 pub struct Table(Vec<f32>);
 
 impl Table {
-    fn new(f: impl Fn(f32, f32) -> f32 + Sync) -> Self {
+    /// Of a function of a cosine and a roughness.
+    pub(super) fn new(f: impl Fn(f32, f32) -> f32 + Sync) -> Self {
         let node = |i: usize| i as f32 / (NODES - 1) as f32;
         Table((0..NODES * NODES).into_par_iter().map(|n| f(node(n % NODES).powi(2).max(1e-4), node(n / NODES))).collect())
     }
@@ -63,17 +64,17 @@ impl Table {
 fn integrate(mu: f32, alpha: f32, (n, generator): (usize, usize), weight: impl Fn(Vec3, Vec3) -> f32) -> f32 {
     let wo = Vec3::new((1.0 - mu * mu).max(0.0).sqrt(), 0.0, mu);
     let point = |k: usize| [(k as f32 + 0.5) / n as f32, ((k * generator % n) as f32 + 0.5) / n as f32];
-    (0..n).map(|k| weight(wo, sample_visible_normal(wo, alpha, point(k)))).sum::<f32>() / n as f32
+    (0..n).map(|k| weight(wo, Ggx::even(alpha).sample_visible(wo, point(k)))).sum::<f32>() / n as f32
 }
 
 fn reflected(wo: Vec3, h: Vec3, alpha: f32) -> f32 {
     let wi = reflect(wo, h);
-    if wi.z > 0.0 { ggx_g2(wo, wi, alpha) / ggx_g1(wo, alpha) } else { 0.0 }
+    if wi.z > 0.0 { Ggx::even(alpha).g2(wo, wi) / Ggx::even(alpha).g1(wo) } else { 0.0 }
 }
 
 fn transmitted(wo: Vec3, h: Vec3, eta: f32, alpha: f32) -> f32 {
     match refract(wo, h, eta) {
-        Some(wi) if wi.z < 0.0 => ggx_g2(wo, Vec3::new(wi.x, wi.y, -wi.z), alpha) / ggx_g1(wo, alpha),
+        Some(wi) if wi.z < 0.0 => Ggx::even(alpha).g2(wo, Vec3::new(wi.x, wi.y, -wi.z)) / Ggx::even(alpha).g1(wo),
         _ => 0.0,
     }
 }
@@ -87,6 +88,79 @@ pub fn mirror_albedo() -> &'static Table {
             integrate(mu, r * r, SMOOTH_LATTICE, |wo, h| reflected(wo, h, r * r))
         })
     })
+}
+
+/// Share that a perfect mirror of facets reflects at once of light from a direction.
+#[inline]
+pub fn kept(facets: Ggx, w: Vec3) -> f32 {
+    match (facets.is_smooth(), facets.x == facets.y) {
+        (true, _) => 1.0,
+        (_, true) => mirror_albedo().at(w.z, facets.roughness()),
+        _ => grained().at(facets, w),
+    }
+}
+
+/// That of facets that are wider one way than the other over that of even ones of the same [`Ggx::roughness`]: 1 where they are even.
+#[inline]
+pub fn grain_factor(facets: Ggx, w: Vec3) -> f32 {
+    if facets.x == facets.y { 1.0 } else { kept(facets, w) / mirror_albedo().at(w.z, facets.roughness()) }
+}
+
+/// Albedo of perfect mirrors by √μ, azimuth from x (a quarter turn) and √α along x and y.
+struct Grained(Vec<f32>);
+
+/// Nodes of its axes.
+const GRAINED: [usize; 4] = [10, 5, 10, 10];
+
+fn grained() -> &'static Grained {
+    static TABLE: OnceLock<Grained> = OnceLock::new();
+    TABLE.get_or_init(|| {
+        let node = |i: usize, axis: usize| i as f32 / (GRAINED[axis] - 1) as f32;
+        let at = |n: usize| {
+            let [a, b, c, _] = GRAINED;
+            let mu = node(n % a, 0).powi(2).max(1e-4);
+            let (sin, phi) = ((1.0 - mu * mu).sqrt(), node(n / a % b, 1) * std::f32::consts::FRAC_PI_2);
+            let width = |i: usize, axis: usize| node(i, axis).max(FIRST_ROUGHNESS).powi(2);
+            let facets = Ggx::new(width(n / (a * b) % c, 2), width(n / (a * b * c), 3));
+            let wo = Vec3::new(sin * phi.cos(), sin * phi.sin(), mu);
+            let (points, generator) = SMOOTH_LATTICE;
+            let one = |k: usize| {
+                let u = [(k as f32 + 0.5) / points as f32, ((k * generator % points) as f32 + 0.5) / points as f32];
+                let wi = reflect(wo, facets.sample_visible(wo, u));
+                if wi.z > 0.0 { facets.g2(wo, wi) / facets.g1(wo) } else { 0.0 }
+            };
+            (0..points).map(one).sum::<f32>() / points as f32
+        };
+        Grained((0..GRAINED.iter().product()).into_par_iter().map(at).collect())
+    })
+}
+
+impl Grained {
+    /// Linear along each axis.
+    fn at(&self, facets: Ggx, w: Vec3) -> f32 {
+        let phi = w.y.abs().atan2(w.x.abs()) / std::f32::consts::FRAC_PI_2;
+        let places = [w.z.clamp(0.0, 1.0).sqrt(), phi, facets.x.sqrt(), facets.y.sqrt()];
+        let (mut index, mut share, mut step, mut steps) = (0, [0.0f32; 4], 1, [0; 4]);
+        for axis in 0..4 {
+            let x = places[axis].clamp(0.0, 1.0) * (GRAINED[axis] - 1) as f32;
+            let i = (x as usize).min(GRAINED[axis] - 2);
+            share[axis] = x - i as f32;
+            index += i * step;
+            steps[axis] = step;
+            step *= GRAINED[axis];
+        }
+        let mut sum = 0.0;
+        for corner in 0..16usize {
+            let (mut at, mut weight) = (index, 1.0);
+            for axis in 0..4 {
+                let beyond = corner >> axis & 1 == 1;
+                at += if beyond { steps[axis] } else { 0 };
+                weight *= if beyond { share[axis] } else { 1.0 - share[axis] };
+            }
+            sum += self.0[at] * weight;
+        }
+        sum
+    }
 }
 
 /// What a rough interface of relative index `eta` does with light.
@@ -191,13 +265,12 @@ impl Escape {
 
     /// The share of light that came from a direction (its cosine outside), and the share of what was held back once already: the same where the metal is
     /// smooth, that of light from everywhere where it is rough.
-    pub fn at(&self, mu: f32, alpha: f32) -> [f32; 2] {
-        let roughness = alpha.sqrt();
+    pub fn at(&self, mu: f32, roughness: f32) -> [f32; 2] {
         let own = self.share.at(mu, roughness);
         let x = roughness.clamp(0.0, 1.0) * (NODES - 1) as f32;
         let i = (x as usize).min(NODES - 2);
         let all = self.average[i] + (self.average[i + 1] - self.average[i]) * (x - i as f32);
-        [own, own + (all - own) * (4.0 * alpha).min(1.0)]
+        [own, own + (all - own) * (4.0 * roughness * roughness).min(1.0)]
     }
 }
 

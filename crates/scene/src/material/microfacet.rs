@@ -2,7 +2,7 @@
 //!
 //! Sources: Walter et al. 2007 (refraction), Heitz 2014 (height-correlated shadowing), Dupuy & Benyoub 2023, "Sampling
 //! Visible GGX Normals with Spherical Caps", Turquin 2019, "Practical multiple scattering compensation for microfacet
-//! models". `alpha` is the width of the distribution (the square of glTF's roughness).
+//! models". α is the width of the distribution (the square of glTF's roughness).
 
 use diopter_light::Sampled;
 use glam::Vec3;
@@ -55,50 +55,95 @@ pub fn fresnel_schlick(cos_i: f32, f0: Sampled) -> Sampled {
     f0 + (Sampled::ONE - f0) * m5
 }
 
-/// Density of normals D(h).
-#[inline]
-pub fn ggx_d(h: Vec3, alpha: f32) -> f32 {
-    let a2 = alpha * alpha;
-    let t = h.x * h.x + h.y * h.y + a2 * h.z * h.z;
-    a2 / (PI * t * t)
+/// The GGX distribution of facets' normals: its widths α along the frame's x and y.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Ggx {
+    /// Along x.
+    pub x: f32,
+    /// Along y.
+    pub y: f32,
 }
 
-#[inline]
-fn lambda(w: Vec3, alpha: f32) -> f32 {
-    let z2 = w.z * w.z;
-    if z2 == 0.0 {
-        return f32::INFINITY;
+impl Ggx {
+    /// The same width in all directions.
+    #[inline]
+    pub fn even(alpha: f32) -> Self {
+        Ggx { x: alpha, y: alpha }
     }
-    0.5 * ((1.0 + alpha * alpha * (w.x * w.x + w.y * w.y) / z2).sqrt() - 1.0)
-}
 
-/// Share of microfacets with normal in the half space of `w` that are visible from it.
-#[inline]
-pub fn ggx_g1(w: Vec3, alpha: f32) -> f32 {
-    1.0 / (1.0 + lambda(w, alpha))
-}
+    /// Of two widths; a mirror is one in both directions or in none.
+    #[inline]
+    pub fn new(x: f32, y: f32) -> Self {
+        if x.max(y) < SMOOTH { Ggx { x, y } } else { Ggx { x: x.max(SMOOTH), y: y.max(SMOOTH) } }
+    }
 
-/// Share visible from both, height-correlated.
-#[inline]
-pub fn ggx_g2(wo: Vec3, wi: Vec3, alpha: f32) -> f32 {
-    1.0 / (1.0 + lambda(wo, alpha) + lambda(wi, alpha))
-}
+    /// Whether this is a perfect mirror.
+    #[inline]
+    pub fn is_smooth(&self) -> bool {
+        self.x.max(self.y) < SMOOTH
+    }
 
-/// Normal drawn in proportion to its visibility from `wo` (z > 0); density `G1 D max(wo·h, 0) / wo.z`.
-#[inline]
-pub fn sample_visible_normal(wo: Vec3, alpha: f32, u: [f32; 2]) -> Vec3 {
-    let v = Vec3::new(wo.x * alpha, wo.y * alpha, wo.z).normalize();
-    let phi = TAU * u[0];
-    let z = (1.0 - u[1]) * (1.0 + v.z) - v.z;
-    let r = (1.0 - z * z).clamp(0.0, 1.0).sqrt();
-    let h = Vec3::new(r * phi.cos(), r * phi.sin(), z) + v;
-    Vec3::new(h.x * alpha, h.y * alpha, h.z.max(1e-7)).normalize()
-}
+    /// √α of an even distribution that is about as wide: by the geometric mean.
+    #[inline]
+    pub fn roughness(&self) -> f32 {
+        if self.x == self.y { self.x.sqrt() } else { (self.x * self.y).sqrt().sqrt() }
+    }
 
-/// Density of [`sample_visible_normal`].
-#[inline]
-pub fn visible_normal_pdf(wo: Vec3, h: Vec3, alpha: f32) -> f32 {
-    ggx_g1(wo, alpha) * ggx_d(h, alpha) * wo.dot(h).max(0.0) / wo.z.abs().max(1e-7)
+    /// √α sideways of a direction, where it is oblique: tilts that way always bend light farther from the normal.
+    pub fn roughness_aside(&self, w: Vec3) -> f32 {
+        if self.x == self.y {
+            return self.x.sqrt();
+        }
+        ((self.y * w.x).powi(2) + (self.x * w.y).powi(2) + self.x * self.y * w.z * w.z).sqrt().sqrt()
+    }
+
+    /// Density of normals D(h).
+    #[inline]
+    pub fn d(&self, h: Vec3) -> f32 {
+        let product = self.x * self.y;
+        let (x2, y2) = if self.x == self.y { (1.0, 1.0) } else { (self.y / self.x, self.x / self.y) };
+        let t = x2 * h.x * h.x + y2 * h.y * h.y + product * h.z * h.z;
+        product / (PI * t * t)
+    }
+
+    #[inline]
+    fn lambda(&self, w: Vec3) -> f32 {
+        let z2 = w.z * w.z;
+        if z2 == 0.0 {
+            return f32::INFINITY;
+        }
+        let (x, y) = (self.x * w.x, self.y * w.y);
+        0.5 * ((1.0 + (x * x + y * y) / z2).sqrt() - 1.0)
+    }
+
+    /// Share of microfacets with normal in the half space of `w` that are visible from it.
+    #[inline]
+    pub fn g1(&self, w: Vec3) -> f32 {
+        1.0 / (1.0 + self.lambda(w))
+    }
+
+    /// Share visible from both, height-correlated.
+    #[inline]
+    pub fn g2(&self, wo: Vec3, wi: Vec3) -> f32 {
+        1.0 / (1.0 + self.lambda(wo) + self.lambda(wi))
+    }
+
+    /// Normal drawn in proportion to its visibility from `wo` (z > 0); density `G1 D max(wo·h, 0) / wo.z`.
+    #[inline]
+    pub fn sample_visible(&self, wo: Vec3, u: [f32; 2]) -> Vec3 {
+        let v = Vec3::new(wo.x * self.x, wo.y * self.y, wo.z).normalize();
+        let phi = TAU * u[0];
+        let z = (1.0 - u[1]) * (1.0 + v.z) - v.z;
+        let r = (1.0 - z * z).clamp(0.0, 1.0).sqrt();
+        let h = Vec3::new(r * phi.cos(), r * phi.sin(), z) + v;
+        Vec3::new(h.x * self.x, h.y * self.y, h.z.max(1e-7)).normalize()
+    }
+
+    /// Density of [`Ggx::sample_visible`].
+    #[inline]
+    pub fn visible_pdf(&self, wo: Vec3, h: Vec3) -> f32 {
+        self.g1(wo) * self.d(h) * wo.dot(h).max(0.0) / wo.z.abs().max(1e-7)
+    }
 }
 
 /// Mirror direction of `w` about `h`.
@@ -142,25 +187,27 @@ mod tests {
     #[test]
     fn projected_normals_integrate_to_one() {
         // ∫ D(h) cos h dh = 1, in the projected hemisphere.
-        for alpha in [0.05, 0.3, 1.0] {
+        for facets in [Ggx::even(0.05), Ggx::even(0.3), Ggx::even(1.0), Ggx::new(0.1, 0.5), Ggx::new(0.9, 0.2)] {
             let n = 600;
             let mut sum = 0.0;
             for i in 0..n {
                 for j in 0..n {
                     let h = sampling::cosine_hemisphere([(i as f32 + 0.5) / n as f32, (j as f32 + 0.5) / n as f32]);
-                    sum += (ggx_d(h, alpha) * PI) as f64;
+                    sum += (facets.d(h) * PI) as f64;
                 }
             }
             let integral = sum / (n * n) as f64;
-            assert!((integral - 1.0).abs() < 0.02, "α {alpha}: {integral}");
+            assert!((integral - 1.0).abs() < 0.02, "{facets:?}: {integral}");
         }
     }
 
     #[test]
     fn visible_normals_follow_their_density() {
         // χ² over 12 × 24 bins of (cos θ, φ); the expected counts by midpoint integration within each bin.
-        for (cos_o, alpha) in [(0.9f32, 0.2f32), (0.4, 0.6), (0.1, 1.0)] {
-            let wo = Vec3::new((1.0 - cos_o * cos_o).sqrt(), 0.0, cos_o);
+        let cases = [(0.9f32, Ggx::even(0.2)), (0.4, Ggx::even(0.6)), (0.1, Ggx::even(1.0)), (0.6, Ggx::new(0.15, 0.6))];
+        for (cos_o, facets) in cases {
+            let sin = (1.0 - cos_o * cos_o).sqrt();
+            let wo = Vec3::new(0.8 * sin, 0.6 * sin, cos_o);
             let (nz, nphi, draws) = (12, 24, 200);
             let mut counts = vec![0.0f64; nz * nphi];
             for i in 0..draws {
@@ -168,7 +215,7 @@ mod tests {
                     let s = diopter_light::random::mix(i * draws + j);
                     let u =
                         [diopter_light::random::to_unit(s), diopter_light::random::to_unit(diopter_light::random::mix(s ^ 77))];
-                    let h = sample_visible_normal(wo, alpha, u);
+                    let h = facets.sample_visible(wo, u);
                     let phi = h.y.atan2(h.x).rem_euclid(TAU);
                     counts
                         [((h.z * nz as f32) as usize).min(nz - 1) * nphi + ((phi / TAU * nphi as f32) as usize).min(nphi - 1)] +=
@@ -184,7 +231,7 @@ mod tests {
                         let z = ((b / nphi) as f32 + (a as f32 + 0.5) / sub as f32) / nz as f32;
                         let phi = ((b % nphi) as f32 + (c as f32 + 0.5) / sub as f32) / nphi as f32 * TAU;
                         let r = (1.0 - z * z).sqrt();
-                        p += visible_normal_pdf(wo, Vec3::new(r * phi.cos(), r * phi.sin(), z), alpha) as f64;
+                        p += facets.visible_pdf(wo, Vec3::new(r * phi.cos(), r * phi.sin(), z)) as f64;
                     }
                 }
                 let expected = p / (sub * sub) as f64 * TAU as f64 / (nz * nphi) as f64 * (draws * draws) as f64;
@@ -194,7 +241,7 @@ mod tests {
                 }
             }
             let nu = bins as f64;
-            assert!(chi2 < nu + 4.0 * (2.0 * nu).sqrt() + 8.0, "cos {cos_o} α {alpha}: χ² {chi2} of {nu} bins");
+            assert!(chi2 < nu + 4.0 * (2.0 * nu).sqrt() + 8.0, "cos {cos_o} {facets:?}: χ² {chi2} of {nu} bins");
         }
     }
 

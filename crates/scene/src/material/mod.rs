@@ -1,20 +1,26 @@
 //! What surfaces are made of: descriptions ([`Material`]) that become scattering functions ([`Bsdf`]) at a point.
 //!
 //! One file a family: [`diffuse`], [`conductor`] (measured n and k), [`coated`] (metal under a clear coat), [`principled`] (glTF's metallic-roughness with
-//! transmission, volume and clear coat; also clear glass). Shared physics: [`microfacet`], [`energy`].
+//! transmission, volume and clear coat; also clear glass). Shared physics: [`microfacet`], [`energy`], [`film`], [`sheen`], [`grain`].
 
 pub mod bsdf;
 pub mod coated;
 pub mod conductor;
 pub mod diffuse;
 pub mod energy;
+pub mod film;
+pub mod grain;
 pub mod microfacet;
 pub mod principled;
+pub mod sheen;
 
 pub use bsdf::{Bsdf, Scatter};
 pub use coated::CoatedConductor;
 pub use conductor::Conductor;
+pub use film::Film;
+pub use grain::Grain;
 pub use principled::{Principled, Transmission};
+pub use sheen::Sheen;
 
 use crate::light::Modulation;
 use crate::medium::Medium;
@@ -107,6 +113,16 @@ impl Scattering {
         at
     }
 
+    /// The direction in which facets are wider or narrower than across it, if they are; `ns` is the outer shading normal.
+    fn grain(&self, surface: &Surface, ns: Vec3) -> Option<Vec3> {
+        match self {
+            Scattering::Principled(p) => p.grain.as_ref()?.direction(surface, ns),
+            Scattering::Conductor(c) if c.across.is_some() => grain::tangent(surface, ns),
+            Scattering::Coated(c) if c.across.is_some() || c.metal.across.is_some() => grain::tangent(surface, ns),
+            _ => None,
+        }
+    }
+
     fn albedo(&self, surface: &Surface) -> Vec3 {
         match self {
             Scattering::Black | Scattering::Interface => Vec3::ZERO,
@@ -172,7 +188,7 @@ impl Emission {
         match &self.radiance {
             EmissionColor::Constant(spectrum) => diopter_light::color::luminance(|nm| spectrum.at(nm)) as f32,
             EmissionColor::Textured { factor, texture } => {
-                (*factor * texture.at(uv).truncate()).dot(Vec3::new(0.2126, 0.7152, 0.0722))
+                (*factor * texture.at(uv).truncate()).dot(diopter_light::color::SRGB_LUMINANCE)
             }
         }
     }
@@ -256,7 +272,8 @@ impl Material {
         hero_only: bool,
         around: Option<&Principled>,
     ) -> Option<Bsdf<'_>> {
-        let lobes = match self.scattering.chosen(surface, wo) {
+        let scattering = self.scattering.chosen(surface, wo);
+        let lobes = match scattering {
             Scattering::Black | Scattering::Interface | Scattering::Mix(_) => return None,
             Scattering::DiffuseTransmission(colors) => {
                 let [reflectance, transmittance] = [0, 1].map(|i: usize| colors[i].sample(surface, wavelengths));
@@ -269,7 +286,8 @@ impl Material {
                 bsdf::Lobes::Principled(principled.at(surface, wo, wavelengths, hero_only, around))
             }
         };
-        Some(Bsdf::new(lobes, surface, self.shading_normal(surface), wo))
+        let ns = self.shading_normal(surface);
+        Some(Bsdf::new(lobes, surface, ns, wo, scattering.grain(surface, ns)))
     }
 
     /// Share of white light reflected or passed on, linear sRGB: for the albedo plane.

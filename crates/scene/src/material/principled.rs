@@ -4,19 +4,19 @@
 //! (thin: straight through, blurred by roughness; solid: refraction), clear coat. What a layer reflects, the layers below
 //! do not get; what single scattering loses between facets is given back ([`super::energy`]). A white material therefore
 //! neither gains nor loses light. Source: Khronos glTF 2.0 §3.9 and appendix B; KHR_materials_ior, _transmission, _volume,
-//! _clearcoat, _specular. We depart from appendix B in the exact Fresnel term and in the energy compensation.
+//! _clearcoat, _specular, _sheen ([`super::sheen`]), _iridescence ([`super::film`]), _anisotropy ([`super::grain`]). We depart from appendix B in the exact Fresnel term and in the energy compensation.
 
 use super::bsdf::LocalScatter;
-use super::energy::{Interface, Side, mirror_albedo};
-use super::microfacet::{
-    SMOOTH, fresnel_dielectric, fresnel_schlick, ggx_d, ggx_g1, ggx_g2, reflect, refract, sample_visible_normal,
-    visible_normal_pdf,
-};
+use super::energy::{Interface, Side, grain_factor, kept};
+use super::film::{self, Film, FilmLayer, index_of};
+use super::grain::Grain;
+use super::microfacet::{Ggx, SMOOTH, fresnel_dielectric, fresnel_schlick, reflect, refract};
+use super::sheen::{Fibres, Sheen};
 use crate::shape::Surface;
 use crate::texture::{Color, Scalar};
 use diopter_light::{Sampled, Spectrum, Wavelengths, sampling};
 use glam::Vec3;
-use std::f32::consts::FRAC_1_PI;
+use std::f32::consts::{FRAC_1_PI, TAU};
 use std::sync::Arc;
 
 /// What is behind a transmitting surface.
@@ -37,6 +37,8 @@ pub struct Principled {
     pub metallic: Scalar,
     /// √α of the GGX distribution.
     pub roughness: Scalar,
+    /// How that differs from one direction to another; not of the coat.
+    pub grain: Option<Box<Grain>>,
     /// Index of refraction of the dielectric.
     pub ior: f32,
     /// Index over wavelength, where transmitted light is to be dispersed; reflectances use `ior`.
@@ -59,6 +61,10 @@ pub struct Principled {
     pub specular_color: Color,
     /// Whether the two differ from 1.
     pub tinted: bool,
+    /// A thin film between the coat and what is below.
+    pub film: Option<Box<Film>>,
+    /// Fibres under the coat.
+    pub sheen: Option<Box<Sheen>>,
     pub(crate) interface: Arc<Interface>,
     pub(crate) coat: Arc<Interface>,
 }
@@ -73,6 +79,7 @@ impl Principled {
             base_color,
             metallic: Scalar::Constant(0.0),
             roughness: Scalar::Constant(1.0),
+            grain: None,
             ior,
             dispersion: None,
             transmission: Scalar::Constant(0.0),
@@ -84,6 +91,8 @@ impl Principled {
             specular: Scalar::Constant(1.0),
             specular_color: Color::rgb(1.0, 1.0, 1.0),
             tinted: false,
+            film: None,
+            sheen: None,
             interface: Interface::of(ior),
             coat: Interface::of(COAT_IOR),
         }
@@ -139,14 +148,34 @@ impl Principled {
         let between = around.map(|_| Interface::of(n.max(1.0 / n).max(1.0001)));
         let inside_denser = inside == (n >= 1.0);
         let roughness = self.roughness.at(surface).clamp(0.0, 1.0);
+        let facets = match &self.grain {
+            None => Ggx::even(roughness * roughness),
+            Some(grain) => grain.facets(roughness, surface),
+        };
+        let roughness = if self.grain.is_some() { facets.roughness() } else { roughness };
         let base = self.base_color.sample(surface, wavelengths);
+        let tint = (self.tinted && !solid).then(|| {
+            let f0 = ((self.ior - 1.0) / (self.ior + 1.0)).powi(2);
+            let (w, color) = (self.specular.at(surface).clamp(0.0, 1.0), self.specular_color.sample(surface, wavelengths));
+            Tint { weight: w, f0, normal: (color * f0).min(Sampled::ONE) * w }
+        });
+        let film = self.film.as_ref().and_then(|film| film.at(surface, wavelengths)).map(|layer| {
+            let below = tint.as_ref().map_or(Sampled::splat(n), |t| index_of(t.normal));
+            OverFilm {
+                layer,
+                below,
+                metal: index_of(base),
+                outer_sin: if inside { n } else { 1.0 },
+                average: layer.average(below, &self.interface, self.ior, facets),
+            }
+        });
         PrincipledLobes {
             base,
             under: if self.layered { self.seen_through(base, roughness) } else { base },
             pane: self.pane,
             metallic,
             roughness,
-            alpha: roughness * roughness,
+            facets,
             transmission,
             solid,
             inside_denser,
@@ -155,11 +184,9 @@ impl Principled {
             dispersive,
             coat: if inside { 0.0 } else { self.clearcoat.at(surface).clamp(0.0, 1.0) },
             coat_roughness: self.clearcoat_roughness.at(surface).clamp(0.04, 1.0),
-            tint: (self.tinted && !solid).then(|| {
-                let f0 = ((self.ior - 1.0) / (self.ior + 1.0)).powi(2);
-                let (w, color) = (self.specular.at(surface).clamp(0.0, 1.0), self.specular_color.sample(surface, wavelengths));
-                Tint { weight: w, f0, normal: (color * f0).min(Sampled::ONE) * w }
-            }),
+            tint,
+            film,
+            fibres: if inside { None } else { self.sheen.as_ref().and_then(|s| s.at(surface, wavelengths)) },
             interface: &self.interface,
             between,
             coat_interface: &self.coat,
@@ -175,7 +202,7 @@ pub(super) struct PrincipledLobes<'a> {
     pane: bool,
     metallic: f32,
     roughness: f32,
-    alpha: f32,
+    facets: Ggx,
     transmission: f32,
     solid: bool,
     /// Whether light is seen from the denser side.
@@ -189,6 +216,8 @@ pub(super) struct PrincipledLobes<'a> {
     coat_roughness: f32,
     interface: &'a Interface,
     tint: Option<Tint>,
+    film: Option<OverFilm>,
+    fibres: Option<Fibres>,
     /// The interface against what is around, if that is no vacuum.
     between: Option<Arc<Interface>>,
     coat_interface: &'a Interface,
@@ -210,56 +239,110 @@ impl Tint {
     }
 }
 
+/// A film and the bases under it.
+struct OverFilm {
+    layer: FilmLayer,
+    /// Index of the dielectric.
+    below: Sampled,
+    /// Of a real one that reflects as much as the metal.
+    metal: Sampled,
+    /// Sine outside over sine on the side of view.
+    outer_sin: f32,
+    /// What the dielectric reflects of light from everywhere.
+    average: Sampled,
+}
+
+impl OverFilm {
+    fn reflectance(&self, cos: f32, base: Sampled) -> Sampled {
+        let outer = 1.0 - (1.0 - cos * cos) * self.outer_sin * self.outer_sin;
+        if outer <= 0.0 { Sampled::ONE } else { self.layer.reflectance(outer.sqrt(), base) }
+    }
+}
+
 /// What depends on the direction of view only.
 struct View {
-    /// Share the dielectric layer reflects.
-    reflected: f32,
+    /// Share the dielectric layer reflects, or keeps from what is below.
+    reflected: Sampled,
     /// Factor that gives back what single scattering loses: metal, solid glass.
     metal_gain: Sampled,
     glass_gain: f32,
     /// What the coat lets through, and reflects.
     below_coat: f32,
-    /// Probabilities of the lobes: specular, diffuse, transmission, coat.
-    choice: [f32; 4],
+    /// Probabilities of the lobes: specular, diffuse, transmission, coat, fibres.
+    choice: [f32; 5],
 }
 
 impl PrincipledLobes<'_> {
-    /// Share of light that is reflected at a cosine: by one face, or by both of a pane. Source: pbrt, §9.5.1: R + T² R / (1 − R²).
-    fn fresnel(&self, cos: f32) -> f32 {
+    /// Share of light that the dielectric reflects at a cosine, with its tint and film: by one face, or by both of a pane. Source: pbrt, §9.5.1:
+    /// R + T² R / (1 − R²).
+    fn dielectric(&self, cos: f32) -> Sampled {
         let r = fresnel_dielectric(cos, self.eta);
-        if self.pane { 2.0 * r / (1.0 + r) } else { r }
+        let bare = if self.pane { 2.0 * r / (1.0 + r) } else { r };
+        let bare = self.tint.as_ref().map_or(Sampled::splat(bare), |t| t.of(bare));
+        let Some(film) = &self.film else { return bare };
+        let r = film.reflectance(cos, film.below);
+        let covered = if self.pane { r * 2.0 / (Sampled::ONE + r) } else { r };
+        bare.lerp(covered, film.layer.share)
     }
 
-    /// What the dielectric's reflectance is with its tint: at the four wavelengths.
-    fn tinted(&self, reflected: f32) -> Sampled {
-        self.tint.as_ref().map_or(Sampled::splat(reflected), |t| t.of(reflected))
+    /// Reflectance of the metal at a cosine.
+    fn metal(&self, cos: f32) -> Sampled {
+        let bare = fresnel_schlick(cos, self.base);
+        match &self.film {
+            Some(film) => bare.lerp(film.reflectance(cos, film.metal), film.layer.share),
+            None => bare,
+        }
     }
 
-    /// The largest of that: what layers below go without.
-    fn taken(&self, reflected: f32) -> f32 {
-        self.tint.as_ref().map_or(reflected, |t| t.of(reflected).max_element())
+    /// What layers below go without in a direction: the largest of a tint's colours, of films each wavelength's own.
+    fn taken(&self, w: Vec3) -> Sampled {
+        let cos = w.z;
+        let reflected = match self.smooth() {
+            true => fresnel_dielectric(cos, self.eta),
+            false => self.interface().reflected.at(cos, self.roughness) * grain_factor(self.facets, w),
+        };
+        let bare = self.tint.as_ref().map_or(reflected, |t| t.of(reflected).max_element());
+        let Some(film) = &self.film else { return Sampled::splat(bare) };
+        let kept = self.kept(w);
+        let cos = if self.smooth() { cos } else { film::cosine_of(reflected / kept, self.eta) };
+        Sampled::splat(bare).lerp(film.reflectance(cos, film.below) * kept, film.layer.share)
+    }
+
+    /// The same of light from everywhere.
+    fn taken_on_average(&self, roughness: f32) -> Sampled {
+        let reflected = self.interface().average_reflected(roughness);
+        let bare = self.tint.as_ref().map_or(reflected, |t| t.of(reflected).max_element());
+        let Some(film) = &self.film else { return Sampled::splat(bare) };
+        Sampled::splat(bare).lerp(film.average, film.layer.share)
+    }
+
+    /// Share that a perfect mirror of these facets reflects at once.
+    fn kept(&self, w: Vec3) -> f32 {
+        kept(self.facets, w)
     }
 
     fn interface(&self) -> &Interface {
         self.between.as_deref().unwrap_or(self.interface)
     }
 
+    /// What transmitted radiance is divided by.
+    pub(super) fn squeeze(&self) -> f32 {
+        if self.solid { self.bend * self.bend } else { 1.0 }
+    }
+
     fn smooth(&self) -> bool {
-        self.alpha < SMOOTH
+        self.facets.is_smooth()
     }
 
     fn view(&self, wo: Vec3) -> View {
-        let mirror = if self.smooth() { 1.0 } else { mirror_albedo().at(wo.z, self.roughness) };
-        let reflected = match self.smooth() {
-            true => self.fresnel(wo.z),
-            false => self.interface().reflected.at(wo.z, self.roughness),
-        };
-        let reflected = self.taken(reflected);
+        let mirror = self.kept(wo);
+        // A pane keeps what both of its faces reflect.
+        let reflected = if self.pane { self.dielectric(wo.z) } else { self.taken(wo) };
         let glass = if self.smooth() || self.transmission == 0.0 || !self.solid {
             1.0
         } else {
             let side = if self.inside_denser { Side::Inside } else { Side::Outside };
-            self.interface().whole(side).at(wo.z, self.roughness)
+            self.interface().whole(side).at(wo.z, self.roughness) * grain_factor(self.facets, wo)
         };
         let coat_reflected =
             if self.coat > 0.0 { self.coat * self.coat_interface.reflected.at(wo.z, self.coat_roughness) } else { 0.0 };
@@ -267,25 +350,33 @@ impl PrincipledLobes<'_> {
 
         let base = self.base.element_sum() * 0.25;
         let dielectric = 1.0 - self.metallic;
-        let fresnel = self.fresnel(wo.z);
+        let mean = |s: Sampled| s.element_sum() * 0.25;
+        let (fresnel, reflected_mean) = (mean(self.dielectric(wo.z)), mean(reflected));
         let (first, second) = if self.solid {
-            (reflected * (1.0 - self.transmission) + fresnel * self.transmission, 1.0 - fresnel)
+            (reflected_mean * (1.0 - self.transmission) + fresnel * self.transmission, 1.0 - fresnel)
         } else {
-            (reflected, 1.0 - reflected)
+            (reflected_mean, 1.0 - reflected_mean)
         };
-        let weights = [
-            below_coat * (self.metallic * base.max(0.04) + dielectric * first),
-            below_coat * dielectric * (1.0 - self.transmission) * (1.0 - reflected) * base,
-            below_coat * dielectric * self.transmission * second * base,
+        let taken = self.fibres.map_or(0.0, |f| f.taken(wo.z).min(1.0));
+        let below = below_coat * (1.0 - taken);
+        let metal = if self.film.is_some() { mean(self.metal(wo.z)) } else { base };
+        let mut weights = [
+            below * (self.metallic * metal.max(0.04) + dielectric * first),
+            below * dielectric * (1.0 - self.transmission) * (1.0 - reflected_mean) * base,
+            below * dielectric * self.transmission * second * base,
             coat_reflected,
+            below_coat * taken,
         ];
-        let mut weights = weights;
+        // Beside a diffuse base, whose direct light is aimed at anyway, reflections are looked at more often than by their share: they show lamps.
+        for reflection in [0, 3] {
+            weights[reflection] = (weights[reflection] * (weights[reflection] + weights[1])).sqrt();
+        }
         if self.by_facet() {
             weights[0] += weights[2];
             weights[2] = 0.0;
         }
         let total: f32 = weights.iter().sum();
-        let choice = if total > 0.0 { weights.map(|w| w / total) } else { [1.0, 0.0, 0.0, 0.0] };
+        let choice = if total > 0.0 { weights.map(|w| w / total) } else { [1.0, 0.0, 0.0, 0.0, 0.0] };
         View {
             reflected,
             metal_gain: Sampled::ONE + self.base * ((1.0 - mirror) / mirror),
@@ -309,15 +400,24 @@ impl PrincipledLobes<'_> {
         let mean = |s: Sampled| s.element_sum() * 0.25;
         let reflects = mean(self.facet_reflectance(view, cos));
         let amount = view.below_coat * (1.0 - self.metallic) * self.transmission * view.glass_gain;
-        let transmits = amount * (1.0 - fresnel_dielectric(cos, self.eta)) * mean(self.base);
+        let transmits = amount * mean((Sampled::ONE - self.dielectric(cos)) * self.base);
         if transmits > 0.0 { reflects / (reflects + transmits) } else { 1.0 }
+    }
+
+    fn coat_facets(&self) -> Ggx {
+        Ggx::even(self.coat_roughness * self.coat_roughness)
+    }
+
+    /// What fibres let through on the way in and out.
+    fn past_fibres(&self, wo: Vec3, wi: Vec3) -> f32 {
+        self.fibres.map_or(1.0, |f| f.through(wo, wi))
     }
 
     /// Reflectance of a facet, everything but the distribution of facets.
     fn facet_reflectance(&self, view: &View, cos: f32) -> Sampled {
         let solid = if self.solid { self.transmission } else { 0.0 };
-        let dielectric = self.tinted(self.fresnel(cos)) * (1.0 - solid + solid * view.glass_gain);
-        (fresnel_schlick(cos, self.base) * view.metal_gain * self.metallic + dielectric * (1.0 - self.metallic)) * view.below_coat
+        let dielectric = self.dielectric(cos) * (1.0 - solid + solid * view.glass_gain);
+        (self.metal(cos) * view.metal_gain * self.metallic + dielectric * (1.0 - self.metallic)) * view.below_coat
     }
 
     pub(super) fn eval(&self, wo: Vec3, wi: Vec3) -> (Sampled, f32) {
@@ -326,51 +426,56 @@ impl PrincipledLobes<'_> {
     }
 
     fn eval_view(&self, view: &View, wo: Vec3, wi: Vec3) -> (Sampled, f32) {
-        let [p_specular, p_diffuse, p_transmission, p_coat] = view.choice;
+        let [p_specular, p_diffuse, p_transmission, p_coat, p_fibres] = view.choice;
         let (mut f, mut pdf) = (Sampled::ZERO, 0.0);
         if wi.z > 0.0 {
             let h = (wo + wi).normalize();
             let cos = wo.dot(h);
             if !self.smooth() {
-                let d = ggx_d(h, self.alpha) / (4.0 * wo.z);
-                f += self.facet_reflectance(view, cos) * (d * ggx_g2(wo, wi, self.alpha));
-                pdf += p_specular * self.reflected_share(view, cos) * d * ggx_g1(wo, self.alpha);
+                let d = self.facets.d(h) / (4.0 * wo.z);
+                f += self.facet_reflectance(view, cos) * (d * self.facets.g2(wo, wi));
+                pdf += p_specular * self.reflected_share(view, cos) * d * self.facets.g1(wo);
             }
             if p_diffuse > 0.0 {
                 let r = if self.smooth() { 0.0 } else { self.roughness };
-                let into = 1.0 - self.taken(self.interface().reflected.at(wi.z, r));
-                let share = (1.0 - view.reflected) * into / (1.0 - self.taken(self.interface().average_reflected(r)));
-                let amount = view.below_coat * (1.0 - self.metallic) * (1.0 - self.transmission) * share;
-                f += self.under * (amount * wi.z * FRAC_1_PI);
+                let into = Sampled::ONE - self.taken(wi);
+                let share =
+                    (Sampled::ONE - view.reflected) * into / (Sampled::ONE - self.taken_on_average(r)).max(Sampled::splat(1e-3));
+                let amount = view.below_coat * (1.0 - self.metallic) * (1.0 - self.transmission);
+                f += self.under * share * (amount * wi.z * FRAC_1_PI);
                 pdf += p_diffuse * wi.z * FRAC_1_PI;
             }
+            if let Some(fibres) = &self.fibres {
+                f = f * fibres.through(wo, wi) + fibres.eval(wo, wi) * view.below_coat;
+                pdf += p_fibres / TAU;
+            }
             if p_coat > 0.0 {
-                let alpha = self.coat_roughness * self.coat_roughness;
-                let d = ggx_d(h, alpha) / (4.0 * wo.z);
-                f += Sampled::splat(self.coat * fresnel_dielectric(cos, COAT_IOR) * d * ggx_g2(wo, wi, alpha));
-                pdf += p_coat * d * ggx_g1(wo, alpha);
+                let facets = self.coat_facets();
+                let d = facets.d(h) / (4.0 * wo.z);
+                f += Sampled::splat(self.coat * fresnel_dielectric(cos, COAT_IOR) * d * facets.g2(wo, wi));
+                pdf += p_coat * d * facets.g1(wo);
             }
         } else if (p_transmission > 0.0 || self.by_facet()) && !self.smooth() && wi.z < 0.0 {
-            let amount = view.below_coat * (1.0 - self.metallic) * self.transmission;
+            let amount = view.below_coat * (1.0 - self.metallic) * self.transmission * self.past_fibres(wo, wi);
             if self.solid {
                 let (value, density, cos) = self.eval_refraction(wo, wi);
                 let only_hero = if self.dispersive { Sampled::new(4.0, 0.0, 0.0, 0.0) } else { Sampled::ONE };
-                f += self.base * only_hero * (amount * view.glass_gain * value);
+                f += self.base * only_hero * (Sampled::ONE - self.dielectric(cos)) * (amount * view.glass_gain * value);
                 pdf += p_specular * (1.0 - self.reflected_share(view, cos)) * density;
             } else {
                 // A blurred view straight through: the mirror lobe folded to the other side.
                 let wi = Vec3::new(wi.x, wi.y, -wi.z);
                 let h = (wo + wi).normalize();
-                let d = ggx_d(h, self.alpha) / (4.0 * wo.z);
-                let gain = (1.0 - view.reflected) / mirror_albedo().at(wo.z, self.roughness);
-                f += self.base * (amount * gain * d * ggx_g2(wo, wi, self.alpha));
-                pdf += p_transmission * d * ggx_g1(wo, self.alpha);
+                let d = self.facets.d(h) / (4.0 * wo.z);
+                let gain = (Sampled::ONE - view.reflected) / self.kept(wo);
+                f += self.base * gain * (amount * d * self.facets.g2(wo, wi));
+                pdf += p_transmission * d * self.facets.g1(wo);
             }
         }
         (f, pdf)
     }
 
-    /// (1 − F) D G … of rough refraction times cos θi, its density, and wo·h. Source: Walter et al. 2007 eq. 21; PBR 9.7.
+    /// D G … of rough refraction times cos θi (without 1 − F), its density, and wo·h. Source: Walter et al. 2007 eq. 21; PBR 9.7.
     fn eval_refraction(&self, wo: Vec3, wi: Vec3) -> (f32, f32, f32) {
         let Some(h) = (wi * self.bend + wo).try_normalize() else { return (0.0, 0.0, 1.0) };
         let h = if h.z < 0.0 { -h } else { h };
@@ -380,27 +485,26 @@ impl PrincipledLobes<'_> {
         }
         let denominator = (cos_i + cos_o / self.bend).powi(2);
         let jacobian = cos_i.abs() / denominator;
-        let pdf = visible_normal_pdf(wo, h, self.alpha) * jacobian;
-        let g = ggx_g2(wo, Vec3::new(wi.x, wi.y, -wi.z), self.alpha);
-        let f =
-            (1.0 - fresnel_dielectric(cos_o, self.eta)) * ggx_d(h, self.alpha) * g * (cos_i * cos_o / (wo.z * denominator)).abs();
+        let pdf = self.facets.visible_pdf(wo, h) * jacobian;
+        let g = self.facets.g2(wo, Vec3::new(wi.x, wi.y, -wi.z));
+        let f = self.facets.d(h) * g * (cos_i * cos_o / (wo.z * denominator)).abs();
         // Radiance is squeezed into a smaller cone on the denser side: (n_i / n_t)² along the path from the camera.
         (f / (self.bend * self.bend), pdf, cos_o)
     }
 
     pub(super) fn sample(&self, wo: Vec3, u: [f32; 4]) -> Option<LocalScatter> {
         let view = self.view(wo);
-        let [p_specular, p_diffuse, p_transmission, _] = view.choice;
+        let [p_specular, p_diffuse, p_transmission, p_coat, _] = view.choice;
         let amount = view.below_coat * (1.0 - self.metallic) * self.transmission;
         let direction = [u[0], u[1]];
         let mut disperses = false;
         let wi = if u[2] < p_specular {
             if self.smooth() {
                 let wi = Vec3::new(-wo.x, -wo.y, wo.z);
-                let weight = self.facet_reflectance(&view, wo.z) / p_specular;
+                let weight = self.facet_reflectance(&view, wo.z) * (self.past_fibres(wo, wi) / p_specular);
                 return Some(LocalScatter { wi, weight, pdf: p_specular, specular: true, disperses });
             }
-            let h = sample_visible_normal(wo, self.alpha, direction);
+            let h = self.facets.sample_visible(wo, direction);
             if u[2] < p_specular * self.reflected_share(&view, wo.dot(h)) {
                 above(reflect(wo, h))?
             } else {
@@ -412,23 +516,28 @@ impl PrincipledLobes<'_> {
         } else if u[2] < p_specular + p_diffuse + p_transmission {
             if self.smooth() {
                 disperses = self.dispersive && self.solid;
-                let share = amount * (1.0 - self.fresnel(wo.z)) / p_transmission;
                 let (wi, scale) = match self.solid {
                     true => (refract(wo, Vec3::Z, self.bend)?, 1.0 / (self.bend * self.bend)),
                     false => (-wo, 1.0),
                 };
+                let share = (Sampled::ONE - self.dielectric(wo.z)) * (amount * self.past_fibres(wo, wi) / p_transmission);
                 return Some(LocalScatter {
                     wi,
-                    weight: self.base * (share * scale),
+                    weight: self.base * share * scale,
                     pdf: p_transmission,
                     specular: true,
                     disperses,
                 });
             }
-            let wi = above(reflect(wo, sample_visible_normal(wo, self.alpha, direction)))?;
+            let wi = above(reflect(wo, self.facets.sample_visible(wo, direction)))?;
             Vec3::new(wi.x, wi.y, -wi.z)
+        } else if u[2] < p_specular + p_diffuse + p_transmission + p_coat || self.fibres.is_none() {
+            above(reflect(wo, self.coat_facets().sample_visible(wo, direction)))?
         } else {
-            above(reflect(wo, sample_visible_normal(wo, self.coat_roughness * self.coat_roughness, direction)))?
+            // Evenly over the hemisphere: fibres shine most at grazing angles.
+            let (z, phi) = (direction[0], TAU * direction[1]);
+            let r = (1.0 - z * z).sqrt();
+            above(Vec3::new(r * phi.cos(), r * phi.sin(), z))?
         };
         let (f, pdf) = self.eval_view(&view, wo, wi);
         if !(pdf > 0.0) {

@@ -6,7 +6,7 @@ use super::textures::Textures;
 use super::world::World;
 use super::{Fault, Place};
 use crate::material::conductor::FacetBounces;
-use crate::material::{CoatedConductor, Conductor, DEEPEST_MIX, Material, Principled, Scattering, Transmission};
+use crate::material::{CoatedConductor, Conductor, DEEPEST_MIX, Grain, Material, Principled, Scattering, Transmission};
 use crate::texture::{Codes, Color, Graph, Interpolation, Scalar, Texture, Wrap};
 use diopter_light::Spectrum;
 use glam::{Affine2, Vec2};
@@ -78,22 +78,25 @@ impl Materials {
                 clear_between_layers(world, p);
                 let base = textures.color(world, p, "reflectance", 0.5)?;
                 let eta = index(world, p, "eta", 1.5)?;
-                let roughness = root_of_alpha(world, textures, p, "")?;
-                Scattering::Principled(Box::new(Principled { roughness, layered: true, ..Principled::new(base, eta.at(550.0)) }))
+                let (roughness, grain) = root_of_alpha(world, textures, p, "")?;
+                let coat = Principled::new(base, eta.at(550.0));
+                Scattering::Principled(Box::new(Principled { roughness, grain, layered: true, ..coat }))
             }
             "conductor" => {
-                let alpha = alpha(world, textures, p, "")?;
+                let (alpha, across) = alpha(world, textures, p, "")?;
                 let (n, k) = metal(world, p, "")?;
-                Scattering::Conductor(Conductor { n, k, alpha, bounces: FacetBounces::Lost })
+                Scattering::Conductor(Conductor { n, k, alpha, across, bounces: FacetBounces::Lost })
             }
             "coatedconductor" => {
                 clear_between_layers(world, p);
-                let alpha = alpha(world, textures, p, "conductor.")?;
+                let (alpha, across) = alpha(world, textures, p, "conductor.")?;
                 let (n, k) = metal(world, p, "conductor.")?;
-                let metal = Conductor { n, k, alpha, bounces: FacetBounces::Lost };
+                let metal = Conductor { n, k, alpha, across, bounces: FacetBounces::Lost };
                 let eta = index(world, p, "interface.eta", 1.5)?;
-                let roughness = root_of_alpha(world, textures, p, "interface.")?;
-                Scattering::Coated(Box::new(CoatedConductor::new(metal, eta.at(550.0), roughness)))
+                let (roughness, across) = roots(world, textures, p, "interface.")?;
+                let mut coated = CoatedConductor::new(metal, eta.at(550.0), roughness);
+                coated.across = across;
+                Scattering::Coated(Box::new(coated))
             }
             "dielectric" | "thindielectric" => {
                 let eta = index(world, p, "eta", 1.5)?;
@@ -102,11 +105,8 @@ impl Materials {
                     "thindielectric" => Principled { kind: Transmission::Thin, pane: true, ..glass },
                     _ => {
                         let disperses = !matches!(eta, Spectrum::Constant(_));
-                        Principled {
-                            roughness: root_of_alpha(world, textures, p, "")?,
-                            dispersion: disperses.then_some(eta),
-                            ..glass
-                        }
+                        let (roughness, grain) = root_of_alpha(world, textures, p, "")?;
+                        Principled { roughness, grain, dispersion: disperses.then_some(eta), ..glass }
                     }
                 };
                 Scattering::Principled(Box::new(own))
@@ -229,45 +229,55 @@ fn metal(world: &World, p: &Params, prefix: &str) -> Result<(Spectrum, Spectrum)
     Ok((n, k))
 }
 
-/// α of GGX: the roots of what files say, or just that.
-fn alpha(world: &mut World, textures: &Textures, p: &Params, prefix: &str) -> Result<Scalar, Fault> {
-    let remap = p.bool("remaproughness", true)?;
-    Ok(power(roughness(world, textures, p, prefix)?, if remap { 0.5 } else { 1.0 }))
+/// α of GGX along u, and across it where that differs: the roots of what files say, or just that.
+fn alpha(world: &mut World, textures: &Textures, p: &Params, prefix: &str) -> Result<(Scalar, Option<Scalar>), Fault> {
+    let exponent = if p.bool("remaproughness", true)? { 0.5 } else { 1.0 };
+    let (along, across) = roughness(world, textures, p, prefix)?;
+    Ok((power(along, exponent), across.map(|r| power(r, exponent))))
 }
 
 /// √α, which glTF's model calls roughness.
-fn root_of_alpha(world: &mut World, textures: &Textures, p: &Params, prefix: &str) -> Result<Scalar, Fault> {
-    let remap = p.bool("remaproughness", true)?;
-    Ok(match power(roughness(world, textures, p, prefix)?, if remap { 0.25 } else { 0.5 }) {
-        Scalar::Constant(r) if r * r < SMOOTH => Scalar::Constant(0.0),
+fn root_of_alpha(
+    world: &mut World,
+    textures: &Textures,
+    p: &Params,
+    prefix: &str,
+) -> Result<(Scalar, Option<Box<Grain>>), Fault> {
+    let (along, across) = roots(world, textures, p, prefix)?;
+    Ok((along, across.map(|r| Box::new(Grain::Across(r)))))
+}
+
+fn roots(world: &mut World, textures: &Textures, p: &Params, prefix: &str) -> Result<(Scalar, Option<Scalar>), Fault> {
+    let exponent = if p.bool("remaproughness", true)? { 0.25 } else { 0.5 };
+    let (along, across) = roughness(world, textures, p, prefix)?;
+    let root = |r: Scalar| power(r, exponent);
+    Ok(match (root(along), across.map(root)) {
+        (Scalar::Constant(r), None) if r * r < SMOOTH => (Scalar::Constant(0.0), None),
         other => other,
     })
 }
 
-fn roughness(world: &mut World, textures: &Textures, p: &Params, prefix: &str) -> Result<Scalar, Fault> {
-    match roughness_as_said(world, textures, p, prefix)? {
-        Scalar::Constant(r) if !(0.0..=1e3).contains(&r) => Err(p.place.fault(format!("a roughness of {r}"), "0 (smooth) to 1")),
-        other => Ok(other),
-    }
-}
-
-fn roughness_as_said(world: &mut World, textures: &Textures, p: &Params, prefix: &str) -> Result<Scalar, Fault> {
+/// Roughness as files say it: along u, and across it where that differs.
+fn roughness(world: &mut World, textures: &Textures, p: &Params, prefix: &str) -> Result<(Scalar, Option<Scalar>), Fault> {
     let [both, u, v] = ["roughness", "uroughness", "vroughness"].map(|n| format!("{prefix}{n}"));
+    // What is not said of one direction is what is said of both.
+    let mut checked = |name: &str| {
+        let name = if p.get(name).is_some() { name } else { both.as_str() };
+        match textures.scalar(world, p, name, 0.0)? {
+            Scalar::Constant(r) if !(0.0..=1e3).contains(&r) => {
+                Err(p.get(name).map_or(p.place, |p| p.place).fault(format!("a roughness of {r}"), "0 (smooth) to 1"))
+            }
+            other => Ok(other),
+        }
+    };
+    let along = checked(&u)?;
     if p.get(&u).is_none() && p.get(&v).is_none() {
-        return textures.scalar(world, p, &both, 0.0);
+        return Ok((along, None));
     }
-    p.get(&both);
-    match (textures.scalar(world, p, &u, 0.0)?, textures.scalar(world, p, &v, 0.0)?) {
-        (Scalar::Constant(u), Scalar::Constant(v)) if u == v => Ok(Scalar::Constant(u)),
-        (Scalar::Constant(u), Scalar::Constant(v)) => {
-            world.warn(p.place, "a roughness that differs in u and v is not supported: their geometric mean is taken");
-            Ok(Scalar::Constant((u * v).sqrt()))
-        }
-        (first, _) => {
-            world.warn(p.place, "of textured roughness in u and v that in u is taken for both");
-            Ok(first)
-        }
-    }
+    Ok(match (along, checked(&v)?) {
+        (Scalar::Constant(u), Scalar::Constant(v)) if u == v => (Scalar::Constant(u), None),
+        (u, v) => (u, Some(v)),
+    })
 }
 
 fn power(value: Scalar, exponent: f32) -> Scalar {

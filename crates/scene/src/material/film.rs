@@ -1,0 +1,160 @@
+//! Thin films: colours of soap bubbles, oil and oxide by interference.
+//!
+//! Airy's sum for one layer between air and a base, exact for both polarisations at each wavelength of a path, so that no colour matching is
+//! built into it; bases are taken for real indices. Source: M. Born, E. Wolf, "Principles of Optics", §7.6; parameters from
+//! KHR_materials_iridescence (whose own formula, of L. Belcour and P. Barla 2017, stands for the same sum in three colours).
+
+use super::energy::{Interface, mirror_albedo};
+use super::microfacet::{Ggx, fresnel_dielectric};
+use crate::shape::Surface;
+use crate::texture::Scalar;
+use diopter_light::{Sampled, Wavelengths};
+use std::f32::consts::PI;
+
+/// A film over a surface.
+#[derive(Clone, Debug)]
+pub struct Film {
+    /// Share of the surface that has it.
+    pub share: Scalar,
+    /// Its index of refraction.
+    pub ior: f32,
+    /// Thickness where `thickness` is 0 and 1, nm.
+    pub between_nm: [f32; 2],
+    /// Where between the two.
+    pub thickness: Scalar,
+}
+
+impl Film {
+    pub(super) fn at(&self, surface: &Surface, wavelengths: &Wavelengths) -> Option<FilmLayer> {
+        let share = self.share.at(surface).clamp(0.0, 1.0);
+        let [thin, thick] = self.between_nm;
+        let thickness = (thin + (thick - thin) * self.thickness.at(surface)).max(0.0);
+        let blur = if wavelengths.is_rgb() { BAND_NM } else { 0.0 };
+        (share > 0.0).then(|| FilmLayer { share, ior: self.ior.max(1.0), thickness, nm: wavelengths.nm, blur })
+    }
+}
+
+/// Standard deviation of what a colour of an RGB path sees of the spectrum, nm.
+const BAND_NM: f32 = 35.0;
+
+/// A film at a point.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct FilmLayer {
+    pub(super) share: f32,
+    ior: f32,
+    thickness: f32,
+    nm: Sampled,
+    blur: f32,
+}
+
+impl FilmLayer {
+    /// Reflectance at a cosine outside, over a base of indices.
+    pub(super) fn reflectance(&self, cos: f32, base: Sampled) -> Sampled {
+        let cos = cos.abs().min(1.0);
+        let sin2 = 1.0 - cos * cos;
+        let n = self.ior;
+        let within = (1.0 - sin2 / (n * n)).max(0.0).sqrt();
+        let one = |nm: f32, below: f32| {
+            let beyond = (1.0 - sin2 / (below * below)).max(0.0).sqrt();
+            let phase = 4.0 * PI * n * self.thickness * within / nm;
+            // Over a band of wavelengths fringes fade.
+            let fade = if self.blur > 0.0 { (-0.5 * (phase * self.blur / nm).powi(2)).exp() } else { 1.0 };
+            let turn = fade * phase.cos();
+            let airy = |upper: f32, lower: f32| {
+                let (u2, l2, both) = (upper * upper, lower * lower, 2.0 * upper * lower * turn);
+                (u2 + l2 + both) / (1.0 + u2 * l2 + both)
+            };
+            let ratio = |a: f32, b: f32| if a + b > 0.0 { (a - b) / (a + b) } else { -1.0 };
+            let s = airy(ratio(cos, n * within), ratio(n * within, below * beyond));
+            let p = airy(ratio(n * cos, within), ratio(below * within, n * beyond));
+            (0.5 * (s + p)).clamp(0.0, 1.0)
+        };
+        Sampled::new(one(self.nm.x, base.x), one(self.nm.y, base.y), one(self.nm.z, base.z), one(self.nm.w, base.w))
+    }
+
+    /// Mean under light from everywhere, of what a surface of facets sends on at once; `interface` is that of the bare base, of index `ior`.
+    pub(super) fn average(&self, base: Sampled, interface: &Interface, ior: f32, facets: Ggx) -> Sampled {
+        let at = |mu: f32| match facets.is_smooth() {
+            true => self.reflectance(mu, base),
+            false => {
+                let kept = mirror_albedo().at(mu, facets.roughness());
+                let cos = cosine_of(interface.reflected.at(mu, facets.roughness()) / kept, ior);
+                self.reflectance(cos, base) * kept
+            }
+        };
+        GAUSS.into_iter().map(|(mu, weight)| at(mu) * (2.0 * mu * weight)).sum()
+    }
+}
+
+/// The cosine at which a smooth dielectric reflects a share: the angle at which facets of a rough one are met on the whole, by what it reflects.
+pub(super) fn cosine_of(reflected: f32, ior: f32) -> f32 {
+    let (mut low, mut high) = (0.0f32, 1.0f32);
+    for _ in 0..10 {
+        let middle = 0.5 * (low + high);
+        if fresnel_dielectric(middle, ior) > reflected { low = middle } else { high = middle }
+    }
+    0.5 * (low + high)
+}
+
+/// Index of a base by its reflectance at normal incidence.
+pub(super) fn index_of(f0: Sampled) -> Sampled {
+    let root = f0.clamp(Sampled::ZERO, Sampled::splat(0.9999)).to_array().map(f32::sqrt);
+    Sampled::from_array(root.map(|r| (1.0 + r) / (1.0 - r)))
+}
+
+/// Points and weights of Gauss and Legendre over 0 to 1.
+const GAUSS: [(f32, f32); 6] = [
+    (0.033_765_243, 0.085_662_246),
+    (0.169_395_31, 0.180_380_787),
+    (0.380_690_407, 0.233_956_967),
+    (0.619_309_593, 0.233_956_967),
+    (0.830_604_69, 0.180_380_787),
+    (0.966_234_757, 0.085_662_246),
+];
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn film(ior: f32, thickness: f32, nm: f32) -> FilmLayer {
+        FilmLayer { share: 1.0, ior, thickness, nm: Sampled::splat(nm), blur: 0.0 }
+    }
+
+    #[test]
+    fn a_quarter_wave_is_the_textbook_coating() {
+        // Magnesium fluoride on crown glass: ((n² − nₛ)/(n² + nₛ))² = 1.26 % (Hecht, "Optics", §9.7).
+        let quarter = film(1.38, 550.0 / 4.0 / 1.38, 550.0);
+        let r = quarter.reflectance(1.0, Sampled::splat(1.52)).x;
+        let expected = ((1.38f32 * 1.38 - 1.52) / (1.38 * 1.38 + 1.52)).powi(2);
+        assert!((r - expected).abs() < 1e-6 && (r - 0.0126).abs() < 1e-4, "{r}");
+        // A half wave changes nothing, nor does a film that is not there; at any angle.
+        for cos in [1.0, 0.6, 0.2, 0.01f32] {
+            let bare = fresnel_dielectric(cos, 1.52);
+            let within = (1.0 - (1.0 - cos * cos) / (1.38f32 * 1.38)).sqrt();
+            for d in [0.0, 550.0 / 2.0 / 1.38 / within] {
+                let r = film(1.38, d, 550.0).reflectance(cos, Sampled::splat(1.52)).x;
+                assert!((r - bare).abs() < 2e-5, "{cos} {d}: {r} {bare}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_black_film_reflects_nothing_and_a_soap_film_four_times_one_face() {
+        // Between air on both sides: no thickness, no light; a quarter wave gives 4 R / (1 + R)².
+        let soap = |d: f32| film(1.33, d, 500.0).reflectance(1.0, Sampled::ONE).x;
+        let r = ((1.33f32 - 1.0) / 2.33).powi(2);
+        assert!(soap(0.0) < 1e-6);
+        assert!((soap(500.0 / 4.0 / 1.33) - 4.0 * r / (1.0 + r).powi(2)).abs() < 1e-5);
+    }
+
+    #[test]
+    fn indices_and_averages() {
+        let n = index_of(Sampled::splat(0.04));
+        assert!((n.x - 1.5).abs() < 1e-5);
+        // No film: the mean Fresnel reflectance of n = 1.5 (Judd 1942).
+        let mean = film(1.3, 0.0, 550.0).average(n, &Interface::of(1.5), 1.5, Ggx::even(0.0)).x;
+        assert!((mean - 0.0918).abs() < 1e-3, "{mean}");
+        let cos = cosine_of(fresnel_dielectric(0.4, 1.5), 1.5);
+        assert!((cos - 0.4).abs() < 1e-3, "{cos}");
+    }
+}
