@@ -159,7 +159,8 @@ impl Scene {
 
             // Aim at a light.
             let u = sampler.get(Set::Light(vertex));
-            if let Some((light, probability)) = self.lights().choose(surface.point, ng, u[2], flash)
+            if !bsdf.is_specular()
+                && let Some((light, probability)) = self.lights().choose(surface.point, ng, u[2], flash)
                 && let Some(aim) = self.aim(light, surface.point, [u[0], u[1]], time_s)
             {
                 let (f, pdf) = bsdf.eval(aim.wi);

@@ -23,6 +23,10 @@ const BINS: usize = 32;
 const NOWHERE: f32 = 1e30;
 /// Share of the nodes the reinsertion optimiser tries: doubles as the quality dial of the build.
 const REINSERTION: f32 = 0.02;
+/// The same where there are few enough primitives that nobody waits for it.
+const REINSERTION_OF_FEW: f32 = 0.15;
+/// So many are few.
+const FEW: usize = 1 << 17;
 
 impl Bvh {
     /// Builds the hierarchy over primitives. Triangles with corners that are not finite must have been sorted out.
@@ -185,7 +189,8 @@ fn build_chunk(primitives: &impl Primitives, indices: &[u32]) -> (Bvh, [Bounds; 
     let mut tree =
         PlocBuilder::with_capacity(boxes.len()).build(PlocSearchDistance::Medium, &boxes, order, SortPrecision::U64, 2);
     drop(boxes);
-    ReinsertionOptimizer::default().run(&mut tree, REINSERTION, None);
+    let share = if primitives.len() <= FEW { REINSERTION_OF_FEW } else { REINSERTION };
+    ReinsertionOptimizer::default().run(&mut tree, share, None);
     Collapse::new(primitives, indices, &tree).run()
 }
 

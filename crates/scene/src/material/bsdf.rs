@@ -56,7 +56,7 @@ pub struct Bsdf<'a> {
 
 impl<'a> Bsdf<'a> {
     /// `along`: the direction that is to be the local x, as far as it lies in the surface; any without.
-    pub(super) fn new(lobes: Lobes<'a>, surface: &Surface, ns: Vec3, wo: Vec3, along: Option<Vec3>) -> Self {
+    pub(super) fn new(mut lobes: Lobes<'a>, surface: &Surface, ns: Vec3, wo: Vec3, along: Option<Vec3>) -> Self {
         let side = if surface.ng.dot(wo) < 0.0 { -1.0 } else { 1.0 };
         let mut z = ns * side;
         // An interpolated normal can turn away from the viewer: tilt it back just enough to be seen.
@@ -67,12 +67,26 @@ impl<'a> Bsdf<'a> {
         }
         let along = along.and_then(|a| (a - z * z.dot(a)).try_normalize());
         let (x, y) = along.map_or_else(|| sampling::frame(z), |x| (x, z.cross(x)));
-        Bsdf { lobes, frame: [x, y, z], ng: surface.ng * side, wo: Vec3::new(x.dot(wo), y.dot(wo), z.dot(wo)) }
+        let wo = Vec3::new(x.dot(wo), y.dot(wo), z.dot(wo));
+        if let Lobes::Principled(lobes) = &mut lobes {
+            lobes.look_from(wo);
+        }
+        Bsdf { lobes, frame: [x, y, z], ng: surface.ng * side, wo }
     }
 
     /// The geometric normal on the side light is seen from.
     pub fn side_normal(&self) -> Vec3 {
         self.ng
+    }
+
+    /// Whether light that is aimed at could not come this way: mirrors and clear glass.
+    pub fn is_specular(&self) -> bool {
+        match &self.lobes {
+            Lobes::Diffuse { .. } | Lobes::DiffuseTransmission { .. } => false,
+            Lobes::Conductor(lobe) => lobe.facets().is_smooth(),
+            Lobes::Coated(lobes) => lobes.is_specular(),
+            Lobes::Principled(lobes) => lobes.is_specular(),
+        }
     }
 
     fn local(&self, w: Vec3) -> Vec3 {

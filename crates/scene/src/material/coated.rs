@@ -92,6 +92,11 @@ impl CoatedLobes<'_> {
         again * ((1.0 - self.reflected(wo)) * (1.0 - fresnel_dielectric(wi.z, self.ior)))
     }
 
+    /// Whether all it does is to mirror.
+    pub(super) fn is_specular(&self) -> bool {
+        self.facets.is_smooth() && self.metal.facets().is_smooth()
+    }
+
     pub(super) fn eval(&self, wo: Vec3, wi: Vec3) -> (Sampled, f32) {
         if wi.z <= 0.0 {
             return (Sampled::ZERO, 0.0);

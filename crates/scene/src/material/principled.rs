@@ -190,6 +190,7 @@ impl Principled {
             interface: &self.interface,
             between,
             coat_interface: &self.coat,
+            seen: View::default(),
         }
     }
 }
@@ -221,6 +222,7 @@ pub(super) struct PrincipledLobes<'a> {
     /// The interface against what is around, if that is no vacuum.
     between: Option<Arc<Interface>>,
     coat_interface: &'a Interface,
+    seen: View,
 }
 
 /// A dielectric's reflection made weaker or coloured (KHR_materials_specular): at normal incidence it is `normal`, at grazing `weight`.
@@ -260,6 +262,7 @@ impl OverFilm {
 }
 
 /// What depends on the direction of view only.
+#[derive(Clone, Copy, Default)]
 struct View {
     /// Share the dielectric layer reflects, or keeps from what is below.
     reflected: Sampled,
@@ -420,12 +423,19 @@ impl PrincipledLobes<'_> {
         (self.metal(cos) * view.metal_gain * self.metallic + dielectric * (1.0 - self.metallic)) * view.below_coat
     }
 
-    pub(super) fn eval(&self, wo: Vec3, wi: Vec3) -> (Sampled, f32) {
-        let view = self.view(wo);
-        self.eval_view(&view, wo, wi)
+    /// Gets ready to be seen from a direction; everything below is asked for that one.
+    pub(super) fn look_from(&mut self, wo: Vec3) {
+        self.seen = self.view(wo);
     }
 
-    fn eval_view(&self, view: &View, wo: Vec3, wi: Vec3) -> (Sampled, f32) {
+    /// Whether all it does is to mirror and to let through.
+    pub(super) fn is_specular(&self) -> bool {
+        let [_, diffuse, _, coat, fibres] = self.seen.choice;
+        self.smooth() && diffuse == 0.0 && coat == 0.0 && fibres == 0.0
+    }
+
+    pub(super) fn eval(&self, wo: Vec3, wi: Vec3) -> (Sampled, f32) {
+        let view = &self.seen;
         let [p_specular, p_diffuse, p_transmission, p_coat, p_fibres] = view.choice;
         let (mut f, mut pdf) = (Sampled::ZERO, 0.0);
         if wi.z > 0.0 {
@@ -493,7 +503,7 @@ impl PrincipledLobes<'_> {
     }
 
     pub(super) fn sample(&self, wo: Vec3, u: [f32; 4]) -> Option<LocalScatter> {
-        let view = self.view(wo);
+        let view = &self.seen;
         let [p_specular, p_diffuse, p_transmission, p_coat, _] = view.choice;
         let amount = view.below_coat * (1.0 - self.metallic) * self.transmission;
         let direction = [u[0], u[1]];
@@ -501,11 +511,11 @@ impl PrincipledLobes<'_> {
         let wi = if u[2] < p_specular {
             if self.smooth() {
                 let wi = Vec3::new(-wo.x, -wo.y, wo.z);
-                let weight = self.facet_reflectance(&view, wo.z) * (self.past_fibres(wo, wi) / p_specular);
+                let weight = self.facet_reflectance(view, wo.z) * (self.past_fibres(wo, wi) / p_specular);
                 return Some(LocalScatter { wi, weight, pdf: p_specular, specular: true, disperses });
             }
             let h = self.facets.sample_visible(wo, direction);
-            if u[2] < p_specular * self.reflected_share(&view, wo.dot(h)) {
+            if u[2] < p_specular * self.reflected_share(view, wo.dot(h)) {
                 above(reflect(wo, h))?
             } else {
                 disperses = self.dispersive;
@@ -539,7 +549,7 @@ impl PrincipledLobes<'_> {
             let r = (1.0 - z * z).sqrt();
             above(Vec3::new(r * phi.cos(), r * phi.sin(), z))?
         };
-        let (f, pdf) = self.eval_view(&view, wo, wi);
+        let (f, pdf) = self.eval(wo, wi);
         if !(pdf > 0.0) {
             return None;
         }
