@@ -15,6 +15,9 @@ use args::{Args, Verb};
 use clap::Parser;
 use std::process::ExitCode;
 
+#[global_allocator]
+static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
+
 /// A failure whose cause is the request itself: exit code 2.
 #[derive(Debug)]
 struct AskedWrongly(anyhow::Error);

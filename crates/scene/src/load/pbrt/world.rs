@@ -18,6 +18,7 @@ use crate::scene::{Description, Object, Shape, Viewpoint};
 use crate::shape::Mesh;
 use crate::texture::Scalar;
 use glam::{Affine3A, DMat4, DVec3, Vec3};
+use rayon::prelude::*;
 use std::collections::HashMap;
 use std::sync::Arc;
 
@@ -70,6 +71,21 @@ struct Met {
     place: Place,
 }
 
+/// A file that another one names at a place, unpacked.
+fn fetched(fetch: Fetch, name: &str, place: Place) -> Result<Vec<u8>, Fault> {
+    let told = |reason: String| place.fault(format!("{name}: {reason}"), "a file that can be read");
+    unzipped(fetch(name).map_err(told)?).map_err(told)
+}
+
+/// A mesh in a file of its own that is to be read.
+struct Awaited {
+    /// Its number in the description.
+    mesh: u32,
+    name: String,
+    reversed: bool,
+    place: Place,
+}
+
 /// The scene in the making.
 pub(super) struct World<'a> {
     name: String,
@@ -97,6 +113,8 @@ pub(super) struct World<'a> {
     times_s: [f64; 2],
     /// Numbers of the meshes of files, by name and whether they were reversed.
     ply: HashMap<(String, bool), u32>,
+    /// Those that are still to be read.
+    awaited: Vec<Awaited>,
     warned: Vec<String>,
 }
 
@@ -137,6 +155,7 @@ impl<'a> World<'a> {
             defining: None,
             times_s: [0.0, 1.0],
             ply: HashMap::new(),
+            awaited: Vec::new(),
             warned: vec![],
         }
     }
@@ -160,8 +179,7 @@ impl<'a> World<'a> {
 
     /// Bytes of a file that the scene names; `.gz` is taken apart.
     pub fn file(&self, name: &str, place: Place) -> Result<Vec<u8>, Fault> {
-        let told = |reason: String| place.fault(format!("{name}: {reason}"), "a file that can be read");
-        unzipped((self.fetch)(name).map_err(told)?).map_err(told)
+        fetched(self.fetch, name, place)
     }
 
     pub fn read_main(&mut self, bytes: &[u8]) -> Result<(), Fault> {
@@ -652,17 +670,39 @@ impl<'a> World<'a> {
         if let Some(mesh) = self.ply.get(&key) {
             return Ok(self.placed(*mesh));
         }
-        let name = &key.0;
-        let read = ply::read(&self.file(name, place)?);
-        let read = read.map_err(|e| place.fault(format!("{name}: {}", e.found), e.expected))?;
-        if let Some(warning) = read.warning {
-            self.warn(place, format!("{name}: {warning}"));
+        // Its triangles come with those of all others.
+        let mesh = self.description.meshes.len() as u32;
+        self.description.meshes.push(Mesh::default());
+        let (name, reversed) = key.clone();
+        self.awaited.push(Awaited { mesh, name, reversed, place });
+        self.ply.insert(key, mesh);
+        Ok(self.placed(mesh))
+    }
+
+    /// Reads all meshes that are files of their own, several at a time.
+    fn read_meshes(&mut self) -> Result<(), Fault> {
+        let awaited = std::mem::take(&mut self.awaited);
+        let fetch = self.fetch;
+        let read = |a: &Awaited| {
+            let read = ply::read(&fetched(fetch, &a.name, a.place)?);
+            let mut read = read.map_err(|e| a.place.fault(format!("{}: {}", a.name, e.found), e.expected))?;
+            shapes::agree_with_normals(&mut read.mesh);
+            shapes::default_uvs(&mut read.mesh);
+            if a.reversed {
+                shapes::reverse(&mut read.mesh);
+            }
+            Ok(read)
+        };
+        let all: Vec<Result<ply::Read, Fault>> = awaited.par_iter().map(read).collect();
+        // Of several faults the first in the file is told.
+        for (a, read) in awaited.iter().zip(all) {
+            let read = read?;
+            if let Some(warning) = read.warning {
+                self.warn(a.place, format!("{}: {warning}", a.name));
+            }
+            self.description.meshes[a.mesh as usize] = read.mesh;
         }
-        let mut mesh = read.mesh;
-        shapes::agree_with_normals(&mut mesh);
-        shapes::default_uvs(&mut mesh);
-        self.ply.insert(key, self.description.meshes.len() as u32);
-        Ok(self.keep(mesh))
+        Ok(())
     }
 
     fn instance(&mut self, name: &str, place: Place) -> Result<(), Fault> {
@@ -721,6 +761,7 @@ impl<'a> World<'a> {
     }
 
     fn settle(&mut self) -> Result<(), Fault> {
+        self.read_meshes()?;
         let met = std::mem::take(&mut self.met);
         // Numbers in the description of materials that shapes share: those without a light or an alpha of their own.
         let mut plain: HashMap<(usize, [String; 2]), u32> = HashMap::new();
