@@ -4,7 +4,7 @@
 //! heuristic) and Russian roulette. Four wavelengths ride together (Wilkie et al. 2014); densities do not depend on the
 //! wavelength except where a body disperses, and there the path goes on with its hero alone. Light goes from lights to the
 //! camera; paths are followed the other way. In media distances are drawn by extinction and directions by the phase function, with the same
-//! estimation of lights. Limits: caustics of small lights through glass are left to chance; a path begins outside all bodies.
+//! estimation of lights. Light that is aimed at comes through smooth thin sheets (panes, bubbles). Limits: caustics of small lights through bodies of glass are left to chance; a path begins outside all bodies.
 
 use crate::light::Aim;
 use crate::material::{Material, Scattering};
@@ -106,7 +106,8 @@ impl Scene {
                             let weight = if aim.has_extent { mis(density, pdf) } else { 1.0 };
                             let light = self.arriving(&aim, wavelengths, time_s);
                             let contribution = throughput * light * (pdf * weight / density);
-                            radiance += self.arrives(contribution, point, point, &aim, within, wavelengths, time_s);
+                            let sheets = settings.max_depth - vertex - 1;
+                            radiance += self.arrives(contribution, point, point, &aim, within, wavelengths, time_s, sheets);
                         }
                         let u = sampler.get(Set::Scatter(vertex));
                         let (direction, pdf) = scattered(ray.direction, g, [u[0], u[1]]);
@@ -174,7 +175,8 @@ impl Scene {
                         beyond.cross(material, entering);
                     }
                     let contribution = throughput * f * self.arriving(&aim, wavelengths, time_s) * (weight / density);
-                    radiance += self.arrives(contribution, surface.point, origin, &aim, beyond, wavelengths, time_s);
+                    let sheets = settings.max_depth - vertex - 1;
+                    radiance += self.arrives(contribution, surface.point, origin, &aim, beyond, wavelengths, time_s, sheets);
                 }
             }
 
@@ -186,7 +188,14 @@ impl Scene {
                 throughput = Sampled::new(4.0 * throughput.x, 0.0, 0.0, 0.0);
                 hero_only = true;
             }
-            last = (!scatter.specular).then_some(Aimed { point: surface.point, normal: ng, density: scatter.pdf, gone: 0.0 });
+            last = match scatter.specular {
+                false => Some(Aimed { point: surface.point, normal: ng, density: scatter.pdf, gone: 0.0 }),
+                // Aims go through thin sheets, too.
+                true if scatter.transmitted && bsdf.straight_through().is_some() => {
+                    last.map(|l| Aimed { gone: l.gone + surface.t, ..l })
+                }
+                true => None,
+            };
             if scatter.transmitted {
                 within.cross(material, entering);
             }
@@ -201,7 +210,7 @@ impl Scene {
     }
 
     fn is_interface(&self, surface: &Surface) -> bool {
-        self.has_interfaces() && matches!(self.material(surface.object).scattering, Scattering::Interface)
+        self.has_clear() && matches!(self.material(surface.object).scattering, Scattering::Interface)
     }
 
     /// Radiance a surface sends back along the ray by itself, weighted against having been aimed at.
@@ -229,7 +238,8 @@ impl Scene {
         emission.sample(&surface.uv, wavelengths) * (weight * self.modulation(material, ray.time_s))
     }
 
-    /// What is left of light that was aimed at from `point`, on its way from there (`origin`: the point, moved off its surface).
+    /// What is left of light that was aimed at from `point`, on its way from there (`origin`: the point, moved off its surface), through faces of
+    /// media and up to so many thin sheets.
     #[allow(clippy::too_many_arguments)]
     fn arrives<'a>(
         &'a self,
@@ -240,6 +250,7 @@ impl Scene {
         mut within: Within<'a>,
         wavelengths: &Wavelengths,
         time_s: f32,
+        mut sheets: u32,
     ) -> Sampled {
         if light == Sampled::ZERO {
             return light;
@@ -257,13 +268,21 @@ impl Scene {
         let mut left = light;
         for _ in 0..MOST_FACES {
             let ray = Ray { origin, direction, time_s };
-            let face = match self.has_interfaces() {
+            let face = match self.has_clear() {
                 false if self.occluded(&ray, reach) => return Sampled::ZERO,
                 false => None,
                 true => self.intersect(&ray, reach),
             };
-            if face.as_ref().is_some_and(|f| !self.is_interface(f)) {
-                return Sampled::ZERO;
+            if let Some(face) = face.as_ref().filter(|f| !self.is_interface(f)) {
+                let material = self.material(face.object);
+                // Sheets are scattering events as others are.
+                if sheets == 0 || !material.may_be_clear() {
+                    return Sampled::ZERO;
+                }
+                sheets -= 1;
+                let bsdf = material.bsdf(face, -direction, wavelengths, false, None);
+                let Some(through) = bsdf.and_then(|b| b.straight_through()) else { return Sampled::ZERO };
+                left *= through;
             }
             if let Some((medium, [near, far])) = within.span(&ray, face.as_ref().map_or(reach, |f| f.t)) {
                 left *= medium.at(wavelengths).transmittance(far - near);

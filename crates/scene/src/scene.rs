@@ -6,7 +6,7 @@ use crate::light::area::AreaShape;
 use crate::light::tree::LightBounds;
 use crate::light::{Aim, LightRef, Modulation, Placed, Spot};
 use crate::light::{AreaLight, Environment, Lights, Punctual};
-use crate::material::{Coverage, Emission, EmissionColor, Material, Scattering};
+use crate::material::{Coverage, Emission, EmissionColor, Material};
 use crate::medium::Air;
 use crate::motion::{Animation, Deformer, Local, Motion, Node, Playing, Timeline};
 use crate::movers::Movers;
@@ -233,8 +233,8 @@ pub struct Scene {
     movers: Movers,
     /// When that exposure begins, s.
     open_s: f64,
-    /// Whether there are faces that light does not meet.
-    has_interfaces: bool,
+    /// Whether light may go straight through a face: of media, of thin sheets.
+    has_clear: bool,
     /// Whether a lamp's light changes with time.
     flickers: bool,
     /// When flashes burn.
@@ -344,8 +344,7 @@ impl Scene {
         let mut all = Lights::default();
         (all.area, all.punctual, all.environment) = (lights, d.punctual.clone(), d.environment.clone());
         let (movers, open_s, flickers, flashes) = (Movers::default(), 0.0, false, Vec::new());
-        let has_interfaces =
-            d.objects.iter().any(|o| matches!(d.materials[o.material as usize].scattering, Scattering::Interface));
+        let has_clear = d.objects.iter().any(|o| d.materials[o.material as usize].may_be_clear());
         let mut scene = Scene {
             top,
             shared,
@@ -356,7 +355,7 @@ impl Scene {
             light_ways,
             movers,
             open_s,
-            has_interfaces,
+            has_clear,
             flickers,
             flashes,
             description,
@@ -587,8 +586,8 @@ impl Scene {
     }
 
     /// Whether some of its surfaces are the faces of media and nothing else.
-    pub(crate) fn has_interfaces(&self) -> bool {
-        self.has_interfaces
+    pub(crate) fn has_clear(&self) -> bool {
+        self.has_clear
     }
 
     /// Whether anything is met before `t_max`.

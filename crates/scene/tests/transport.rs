@@ -545,6 +545,45 @@ fn each_kind_of_light_gives_its_irradiance() {
 }
 
 #[test]
+fn lamps_light_through_panes() {
+    let white = || Spectrum::light_from_rgb(Vec3::ONE);
+    let pane = |d: &mut Description, y: f32| {
+        let mut glass = Principled::new(Color::rgb(0.8, 0.8, 0.8), 1.5);
+        (glass.transmission, glass.roughness, glass.pane) = (Scalar::Constant(1.0), Scalar::Constant(0.0), true);
+        d.materials.push(Material::new("pane", Scattering::Principled(Box::new(glass))));
+        let quad = Quad { corner: Vec3::new(-50.0, y, 50.0), edges: [Vec3::X * 100.0, Vec3::NEG_Z * 100.0] };
+        d.objects.push(Object::new("pane", Shape::Quad(quad), d.materials.len() as u32 - 1));
+    };
+    // A lamp that only aims find, and one that both ways find; right above, a tinted pane lets 0.8 (1 − 0.08 / 1.04) through.
+    let point = |d: &mut Description| {
+        d.punctual.push(Punctual::new("a", white(), PunctualKind::Point { position: Vec3::Y * 3.0 }));
+    };
+    let ball = |d: &mut Description| {
+        d.materials.push(Material::lamp("lamp", white()));
+        let ball = Shape::Sphere(Sphere { center: Vec3::Y * 3.0, radius: 0.3 });
+        d.objects.push(Object::new("lamp", ball, d.materials.len() as u32 - 1));
+    };
+    let look = |scene: &Scene, depth: u32| {
+        mean(scene, Vec3::new(0.0, 0.5, 0.0), Vec3::NEG_Y, 16_384, &PathSettings { max_depth: depth, roulette_depth: 9 })[1]
+    };
+    for (name, lamp) in [("point", &point as &dyn Fn(&mut Description)), ("ball", &ball)] {
+        let free = look(&floor_with(lamp), 1);
+        for panes in 0..3u32 {
+            let scene = floor_with(|d| {
+                lamp(d);
+                (0..panes).for_each(|i| pane(d, 1.0 + i as f32 * 0.5));
+            });
+            // Each pane is an event, and the floor one.
+            assert!(panes == 0 || look(&scene, panes) == 0.0, "{name}, {panes} panes: too deep");
+            // Not deep enough for light that goes to and fro between panes and floor.
+            let left = look(&scene, panes + 1) / free;
+            let expected = (0.8f64 * (1.0 - 0.08 / 1.04)).powi(panes as i32);
+            assert!((left / expected - 1.0).abs() < 0.01, "{name}, {panes} panes: {left} {expected}");
+        }
+    }
+}
+
+#[test]
 fn a_lamp_is_as_bright_as_mesh_quad_or_instances() {
     // The same square lamp as a quad, as a mesh, and as two meshes of a shared mesh placed side by side.
     let half = |x: f32| Mesh {

@@ -89,6 +89,14 @@ impl<'a> Bsdf<'a> {
         }
     }
 
+    /// Share of light that goes through without being bent or blurred: of smooth thin sheets.
+    pub fn straight_through(&self) -> Option<Sampled> {
+        match &self.lobes {
+            Lobes::Principled(lobes) => lobes.straight_through(self.wo),
+            _ => None,
+        }
+    }
+
     fn local(&self, w: Vec3) -> Vec3 {
         Vec3::from_array(self.frame.map(|axis| axis.dot(w)))
     }

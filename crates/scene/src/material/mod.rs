@@ -290,6 +290,19 @@ impl Material {
         Some(Bsdf::new(lobes, surface, ns, wo, scattering.grain(surface, ns)))
     }
 
+    /// Whether light may go through it as if it were not there, or only dimmer: faces of media, smooth thin sheets.
+    pub fn may_be_clear(&self) -> bool {
+        fn of(scattering: &Scattering) -> bool {
+            match scattering {
+                Scattering::Interface => true,
+                Scattering::Principled(p) => p.may_be_clear(),
+                Scattering::Mix(mix) => mix.0.iter().any(of),
+                _ => false,
+            }
+        }
+        of(&self.scattering)
+    }
+
     /// Share of white light reflected or passed on, linear sRGB: for the albedo plane.
     pub fn albedo(&self, surface: &Surface) -> Vec3 {
         self.scattering.albedo(surface)

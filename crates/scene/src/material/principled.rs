@@ -108,6 +108,15 @@ impl Principled {
         }
     }
 
+    /// Whether it may be a smooth thin sheet that lets light through.
+    pub(super) fn may_be_clear(&self) -> bool {
+        let smooth = match &self.roughness {
+            Scalar::Constant(r) => r * r < SMOOTH,
+            _ => true,
+        };
+        matches!(self.kind, Transmission::Thin) && smooth && !matches!(self.transmission, Scalar::Constant(t) if t <= 0.0)
+    }
+
     /// A base whose light is thrown back at the interface from within, again and again: ρ (1 − F) / (n² (1 − ρ F')), F being what the interface
     /// reflects of light from everywhere outside and F' = 1 − (1 − F) / n² from within. Source: the plastic of W. Jakob's Mitsuba and of
     /// pbrt's layered materials in closed form; F' by reciprocity (Walter et al. 2007).
@@ -426,6 +435,15 @@ impl PrincipledLobes<'_> {
     /// Gets ready to be seen from a direction; everything below is asked for that one.
     pub(super) fn look_from(&mut self, wo: Vec3) {
         self.seen = self.view(wo);
+    }
+
+    /// What a smooth thin sheet lets straight through.
+    pub(super) fn straight_through(&self, wo: Vec3) -> Option<Sampled> {
+        if self.solid || !self.smooth() || self.transmission <= 0.0 {
+            return None;
+        }
+        let amount = self.seen.below_coat * (1.0 - self.metallic) * self.transmission * self.past_fibres(wo, -wo);
+        Some(self.base * (Sampled::ONE - self.dielectric(wo.z)) * amount)
     }
 
     /// Whether all it does is to mirror and to let through.
