@@ -11,7 +11,7 @@ use crate::medium::Coefficient;
 use crate::motion::Motion;
 use crate::scene::{Description, Shape, Sight};
 use crate::shape::Mesh;
-use crate::texture::{Codes, Color, Image, Interpolation, Scalar, Texels, Texture, Wrap, spectrum_rgb};
+use crate::texture::{Codes, Color, Image, Interpolation, Scalar, Texel, Texture, Wrap, spectrum_rgb};
 use diopter_light::Spectrum;
 use diopter_light::color::{srgb_encode, srgb_of_light};
 use glam::{Affine3A, Mat4, Vec2, Vec3, Vec4};
@@ -335,14 +335,21 @@ impl Writer {
         if let Some(number) = self.known.get(&key) {
             return *number;
         }
-        let pixels: Vec<u8> = match &image.texels {
-            Texels::Codes(codes) => codes.iter().flatten().copied().collect(),
-            Texels::Linear(all) => {
-                self.warn("pictures brighter than white are cut off at white");
-                let code = |v: f32| (srgb_encode(v.clamp(0.0, 1.0)) * 255.0 + 0.5) as u8;
-                all.iter().flat_map(|[r, g, b, a]| [code(*r), code(*g), code(*b), (a * 255.0) as u8]).collect()
+        let code = |v: f32| (srgb_encode(v.clamp(0.0, 1.0)) * 255.0 + 0.5) as u8;
+        let mut pixels = Vec::with_capacity(image.width * image.height * 4);
+        for row in 0..image.height {
+            for column in 0..image.width {
+                pixels.extend(match image.texel(column, row) {
+                    Texel::Codes(codes) => codes,
+                    Texel::Linear([r, g, b, a]) => {
+                        if r.max(g).max(b) > 1.0 {
+                            self.warn("pictures brighter than white are cut off at white");
+                        }
+                        [code(r), code(g), code(b), (a * 255.0) as u8]
+                    }
+                });
             }
-        };
+        }
         let number = self.png(image.width, image.height, pixels);
         self.known.insert(key, number);
         number

@@ -673,10 +673,7 @@ impl Scene {
             None => mesh.mix(&mesh.tangents, i, weights),
             Some(bent) => mixed(&bent.tangents, weights),
         };
-        let (tangent, handedness) = match mesh.uvs[0].is_empty() {
-            true => (Vec3::ZERO, 1.0),
-            false => tangent(mesh, i, given, corners, placement, ng),
-        };
+        let (tangent, handedness) = tangent(mesh, i, given, corners, placement, ng);
         Surface {
             point: a * weights[0] + b * weights[1] + c * weights[2],
             t: hit.t,
@@ -746,7 +743,7 @@ impl Placement {
     }
 }
 
-/// Tangent from the mesh or from how its texture coordinates run, in world space, and the frame's handedness.
+/// Tangent from the mesh or from how its texture coordinates run (0 without either), in world space, and the frame's handedness.
 fn tangent(
     mesh: &Mesh,
     triangle: usize,
@@ -760,6 +757,9 @@ fn tangent(
             placement.world_from_object.transform_vector3(t.truncate()),
             if (t.w < 0.0) != placement.mirrored { -1.0 } else { 1.0 },
         );
+    }
+    if mesh.uvs[0].is_empty() {
+        return (Vec3::ZERO, 1.0);
     }
     let [ua, ub, uc] = mesh.triangles[triangle].map(|i| mesh.uvs[0][i as usize]);
     let ((e1, e2), (d1, d2)) = ((corners[1] - corners[0], corners[2] - corners[0]), (ub - ua, uc - ua));

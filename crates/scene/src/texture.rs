@@ -2,12 +2,17 @@
 //!
 //! Texture coordinates follow glTF: (0, 0) is the upper left corner of the image, v runs down.
 
+mod paged;
+
+pub use paged::{Paged, RESIDENT};
+
 use crate::noise;
 use crate::shape::Surface;
 use diopter_light::color::srgb_decode;
 use diopter_light::upsample::Sigmoid;
 use diopter_light::{Sampled, Wavelengths};
 use glam::{Affine2, Affine3A, Vec2, Vec3, Vec4};
+use paged::Held;
 use std::f32::consts::{PI, TAU};
 use std::sync::{Arc, OnceLock};
 
@@ -29,6 +34,8 @@ pub struct Image {
     pub height: usize,
     /// RGBA, row by row from the top.
     pub texels: Texels,
+    /// What it counts for in memory.
+    held: Option<Arc<Held>>,
 }
 
 /// Pixels as they are stored.
@@ -38,20 +45,77 @@ pub enum Texels {
     Codes(Vec<[u8; 4]>),
     /// Linear numbers of any size.
     Linear(Vec<[f32; 4]>),
+    /// Either, on the disk.
+    Paged(Arc<Paged>),
+}
+
+/// A pixel.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Texel {
+    /// 8 bits a channel.
+    Codes([u8; 4]),
+    /// Linear numbers.
+    Linear([f32; 4]),
+}
+
+impl Texels {
+    fn is_opaque(&self) -> bool {
+        match self {
+            Texels::Codes(all) => all.iter().all(|p| p[3] == 255),
+            Texels::Linear(all) => all.iter().all(|p| p[3] == 1.0),
+            Texels::Paged(paged) => paged.is_opaque(),
+        }
+    }
 }
 
 impl Image {
     /// From codes of 8 bits.
     pub fn new(width: usize, height: usize, pixels: Vec<[u8; 4]>) -> Self {
-        Image { width, height, texels: Texels::Codes(pixels) }
+        Image { width, height, texels: Texels::Codes(pixels), held: None }
+    }
+
+    /// From linear numbers.
+    pub fn linear(width: usize, height: usize, pixels: Vec<[f32; 4]>) -> Self {
+        Image { width, height, texels: Texels::Linear(pixels), held: None }
     }
 
     /// Whether any pixel is not opaque.
     pub fn has_alpha(&self) -> bool {
+        !self.texels.is_opaque()
+    }
+
+    /// A pixel.
+    #[inline]
+    pub fn texel(&self, column: usize, row: usize) -> Texel {
         match &self.texels {
-            Texels::Codes(all) => all.iter().any(|p| p[3] != 255),
-            Texels::Linear(all) => all.iter().any(|p| p[3] != 1.0),
+            Texels::Codes(codes) => Texel::Codes(codes[row * self.width + column]),
+            Texels::Linear(all) => Texel::Linear(all[row * self.width + column]),
+            Texels::Paged(paged) => match paged.codes(column, row) {
+                Some(codes) => Texel::Codes(codes),
+                None => Texel::Linear(paged.linear(column, row)),
+            },
         }
+    }
+
+    /// The picture as it is kept: in memory while there is room ([`RESIDENT`]), on the disk beyond.
+    pub(crate) fn kept(self) -> Self {
+        self.kept_below(RESIDENT)
+    }
+
+    fn kept_below(mut self, most: u64) -> Self {
+        let bytes = match &self.texels {
+            Texels::Codes(all) => all.len() * 4,
+            Texels::Linear(all) => all.len() * 16,
+            Texels::Paged(_) => return self,
+        };
+        self.held = Held::claim(bytes as u64, most).map(Arc::new);
+        // Without a place for temporary files it stays in memory.
+        if self.held.is_none()
+            && let Ok(paged) = Paged::new(&self.texels, self.width, self.height, None)
+        {
+            self.texels = Texels::Paged(Arc::new(paged));
+        }
+        self
     }
 }
 
@@ -133,10 +197,9 @@ impl Texture {
         }
         let column = self.wrap[0].index(x, self.image.width as i64);
         let row = self.wrap[1].index(y, self.image.height as i64);
-        let at = row * self.image.width + column;
-        let [r, g, b, a] = match &self.image.texels {
-            Texels::Codes(codes) => codes[at],
-            Texels::Linear(all) => return Vec4::from_array(all[at]),
+        let [r, g, b, a] = match self.image.texel(column, row) {
+            Texel::Codes(codes) => codes,
+            Texel::Linear(numbers) => return Vec4::from_array(numbers),
         };
         match self.codes {
             Codes::Srgb => {

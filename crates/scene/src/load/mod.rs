@@ -34,6 +34,9 @@ fn read_picture(bytes: &[u8]) -> Result<Image, String> {
     let mut reader = image::ImageReader::new(Cursor::new(bytes)).with_guessed_format().map_err(|e| e.to_string())?;
     let mut limits = image::Limits::default();
     (limits.max_image_width, limits.max_image_height) = (Some(LARGEST_IMAGE), Some(LARGEST_IMAGE));
+    // A file cannot hold more than its bytes can become: deflate packs at most 1032 to 1.
+    let most = (bytes.len() as u64).saturating_mul(1100).max(512 << 20);
+    limits.max_alloc = Some(most.min(u64::from(LARGEST_IMAGE) * u64::from(LARGEST_IMAGE) * 8));
     reader.limits(limits);
     let decoded = reader.decode().map_err(|e| e.to_string())?.into_rgba8();
     let (width, height) = (decoded.width() as usize, decoded.height() as usize);
@@ -44,14 +47,19 @@ fn read_picture(bytes: &[u8]) -> Result<Image, String> {
     Ok(Image::new(width, height, pixels))
 }
 
+/// Reads a picture of codes for a texture.
+fn read_codes(bytes: &[u8]) -> Result<Image, String> {
+    read_picture(bytes).map(Image::kept)
+}
+
 /// Reads a picture for a texture: EXR and Radiance as linear numbers, others as 8-bit codes.
 fn read_texture(bytes: &[u8]) -> Result<Image, String> {
     if !is_light(bytes) {
-        return read_picture(bytes);
+        return read_codes(bytes);
     }
     let picture = read_light_picture(bytes)?;
     let texels = picture.data.as_chunks::<3>().0.iter().map(|[r, g, b]| [*r, *g, *b, 1.0]).collect();
-    Ok(Image { width: picture.width, height: picture.height, texels: Texels::Linear(texels) })
+    Ok(Image::linear(picture.width, picture.height, texels).kept())
 }
 
 /// Whether a picture is one of EXR's or Radiance's.
@@ -67,7 +75,7 @@ fn read_light_picture(bytes: &[u8]) -> Result<Raster<f32>, String> {
     if bytes.starts_with(b"#?") {
         return read_hdr(bytes).map_err(|e| e.to_string());
     }
-    let Image { width, height, texels: Texels::Codes(pixels) } = read_picture(bytes)? else {
+    let Image { width, height, texels: Texels::Codes(pixels), .. } = read_picture(bytes)? else {
         return Err("it is no picture of 8-bit codes".into());
     };
     let linear = |c: &u8| diopter_light::color::srgb_decode(f32::from(*c) / 255.0);

@@ -36,6 +36,8 @@ pub(super) struct LocalScatter {
     pub disperses: bool,
 }
 
+// The largest is also the most common: on the stack it costs less than a box would.
+#[allow(clippy::large_enum_variant)]
 pub(super) enum Lobes<'a> {
     Diffuse { albedo: Sampled },
     Conductor(ConductorLobe),

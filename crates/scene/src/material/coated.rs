@@ -7,7 +7,7 @@
 
 use super::bsdf::LocalScatter;
 use super::conductor::{Conductor, ConductorLobe};
-use super::energy::{Escape, Interface, grain_factor};
+use super::energy::{Escape, Interface};
 use super::microfacet::{Ggx, fresnel_dielectric, reflect, refract};
 use crate::shape::Surface;
 use crate::texture::Scalar;
@@ -65,7 +65,7 @@ impl CoatedLobes<'_> {
     fn reflected(&self, w: Vec3) -> f32 {
         match self.facets.is_smooth() {
             true => fresnel_dielectric(w.z, self.ior),
-            false => self.interface.reflected.at(w.z, self.facets.roughness()) * grain_factor(self.facets, w),
+            false => self.interface.reflected(self.facets, w),
         }
     }
 

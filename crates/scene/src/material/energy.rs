@@ -100,21 +100,27 @@ pub fn kept(facets: Ggx, w: Vec3) -> f32 {
     }
 }
 
-/// That of facets that are wider one way than the other over that of even ones of the same [`Ggx::roughness`]: 1 where they are even.
-#[inline]
-pub fn grain_factor(facets: Ggx, w: Vec3) -> f32 {
-    if facets.x == facets.y { 1.0 } else { kept(facets, w) / mirror_albedo().at(w.z, facets.roughness()) }
-}
-
-/// Albedo of perfect mirrors by √μ, azimuth from x (a quarter turn) and √α along x and y.
+/// What facets that are wider one way than the other do with light at once: by √μ, azimuth from x (a quarter turn) and √α along x and y.
+#[derive(Debug)]
 struct Grained(Vec<f32>);
 
 /// Nodes of its axes.
 const GRAINED: [usize; 4] = [10, 5, 10, 10];
 
+/// Of perfect mirrors.
 fn grained() -> &'static Grained {
     static TABLE: OnceLock<Grained> = OnceLock::new();
     TABLE.get_or_init(|| {
+        Grained::new(SMOOTH_LATTICE, |facets, wo, h| {
+            let wi = reflect(wo, h);
+            if wi.z > 0.0 { facets.g2(wo, wi) / facets.g1(wo) } else { 0.0 }
+        })
+    })
+}
+
+impl Grained {
+    /// Mean of `weight(facets, wo, h)` over visible normals h.
+    fn new((points, generator): (usize, usize), weight: impl Fn(Ggx, Vec3, Vec3) -> f32 + Sync) -> Self {
         let node = |i: usize, axis: usize| i as f32 / (GRAINED[axis] - 1) as f32;
         let at = |n: usize| {
             let [a, b, c, _] = GRAINED;
@@ -123,19 +129,15 @@ fn grained() -> &'static Grained {
             let width = |i: usize, axis: usize| node(i, axis).max(FIRST_ROUGHNESS).powi(2);
             let facets = Ggx::new(width(n / (a * b) % c, 2), width(n / (a * b * c), 3));
             let wo = Vec3::new(sin * phi.cos(), sin * phi.sin(), mu);
-            let (points, generator) = SMOOTH_LATTICE;
             let one = |k: usize| {
                 let u = [(k as f32 + 0.5) / points as f32, ((k * generator % points) as f32 + 0.5) / points as f32];
-                let wi = reflect(wo, facets.sample_visible(wo, u));
-                if wi.z > 0.0 { facets.g2(wo, wi) / facets.g1(wo) } else { 0.0 }
+                weight(facets, wo, facets.sample_visible(wo, u))
             };
             (0..points).map(one).sum::<f32>() / points as f32
         };
         Grained((0..GRAINED.iter().product()).into_par_iter().map(at).collect())
-    })
-}
+    }
 
-impl Grained {
     /// Linear along each axis.
     fn at(&self, facets: Ggx, w: Vec3) -> f32 {
         let phi = w.y.abs().atan2(w.x.abs()) / std::f32::consts::FRAC_PI_2;
@@ -167,12 +169,15 @@ impl Grained {
 #[derive(Debug)]
 pub struct Interface {
     eta: f32,
-    /// Reflected share, seen from outside.
-    pub reflected: Table,
+    /// Reflected share, seen from outside, of even facets.
+    reflected: Table,
     /// Mean of `reflected` under light from everywhere, by roughness.
     average: Vec<f32>,
     /// Reflected and transmitted share, from outside and from inside; only bodies of rough glass ask for them.
     whole: [OnceLock<Table>; 2],
+    /// Both of facets that are wider one way than the other.
+    whole_grained: [OnceLock<Grained>; 2],
+    reflected_grained: OnceLock<Grained>,
 }
 
 /// Side of an interface that light comes from.
@@ -192,20 +197,68 @@ impl Interface {
             }
             integrate(mu, r * r, SMOOTH_LATTICE, |wo, h| fresnel_dielectric(wo.dot(h), eta) * reflected(wo, h, r * r))
         });
-        Interface { eta, average: reflected.average(), reflected, whole: Default::default() }
+        let average = reflected.average();
+        Interface {
+            eta,
+            average,
+            reflected,
+            whole: Default::default(),
+            whole_grained: Default::default(),
+            reflected_grained: OnceLock::new(),
+        }
     }
 
-    /// Share of light that is reflected or transmitted after one encounter, the rest being lost between facets.
+    /// Reflected share of light from a direction outside.
     #[inline]
-    pub fn whole(&self, side: Side) -> &Table {
+    pub fn reflected(&self, facets: Ggx, w: Vec3) -> f32 {
+        if facets.x == facets.y {
+            return self.reflected.at(w.z, facets.roughness());
+        }
+        let grained = self.reflected_grained.get_or_init(|| {
+            Grained::new(SMOOTH_LATTICE, |facets, wo, h| {
+                let wi = reflect(wo, h);
+                if wi.z > 0.0 { fresnel_dielectric(wo.dot(h), self.eta) * facets.g2(wo, wi) / facets.g1(wo) } else { 0.0 }
+            })
+        });
+        grained.at(facets, w)
+    }
+
+    fn seen_from(&self, side: Side) -> f32 {
+        if side == Side::Outside { self.eta } else { 1.0 / self.eta }
+    }
+
+    /// Share of light from a direction that is reflected or transmitted after one encounter, the rest being lost between facets.
+    #[inline]
+    pub fn whole(&self, side: Side, facets: Ggx, w: Vec3) -> f32 {
+        if facets.x == facets.y { self.even(side).at(w.z, facets.roughness()) } else { self.grained(side).at(facets, w) }
+    }
+
+    fn even(&self, side: Side) -> &Table {
         self.whole[side as usize].get_or_init(|| {
-            let eta = if side == Side::Outside { self.eta } else { 1.0 / self.eta };
+            let eta = self.seen_from(side);
             Table::new(move |mu, r| {
                 let alpha = r.max(FIRST_ROUGHNESS).powi(2);
                 integrate(mu, alpha, CUT_LATTICE, |wo, h| {
                     let f = fresnel_dielectric(wo.dot(h), eta);
                     f * reflected(wo, h, alpha) + (1.0 - f) * transmitted(wo, h, eta, alpha)
                 })
+            })
+        })
+    }
+
+    fn grained(&self, side: Side) -> &Grained {
+        self.whole_grained[side as usize].get_or_init(|| {
+            let eta = self.seen_from(side);
+            Grained::new(CUT_LATTICE, move |facets, wo, h| {
+                let f = fresnel_dielectric(wo.dot(h), eta);
+                let passed = |wi: Vec3| facets.g2(wo, wi) / facets.g1(wo);
+                let mirrored = reflect(wo, h);
+                let back = if mirrored.z > 0.0 { passed(mirrored) } else { 0.0 };
+                let through = match refract(wo, h, eta) {
+                    Some(wi) if wi.z < 0.0 => passed(Vec3::new(wi.x, wi.y, -wi.z)),
+                    _ => 0.0,
+                };
+                f * back + (1.0 - f) * through
             })
         })
     }
@@ -285,8 +338,8 @@ mod tests {
         let rough = mirror_albedo().at(1.0, 1.0);
         assert!((rough - (1.0 - 2f32.ln())).abs() < 4e-3, "{rough}");
         let glass = Interface::of(1.5);
-        assert!((glass.whole(Side::Outside).at(0.8, 0.05) - 1.0).abs() < 0.01);
-        assert!((glass.reflected.at(1.0, 0.0) - 0.04).abs() < 1e-3);
+        assert!((glass.whole(Side::Outside, Ggx::even(0.0025), Vec3::new(0.6, 0.0, 0.8)) - 1.0).abs() < 0.01);
+        assert!((glass.reflected(Ggx::even(0.0), Vec3::Z) - 0.04).abs() < 1e-3);
         // Mean Fresnel reflectance of n = 1.5 under diffuse light: 0.0918 (Judd 1942).
         assert!((glass.average_reflected(0.0) - 0.0918).abs() < 2e-3, "{}", glass.average_reflected(0.0));
     }

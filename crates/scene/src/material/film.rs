@@ -4,11 +4,12 @@
 //! built into it; bases are taken for real indices. Source: M. Born, E. Wolf, "Principles of Optics", §7.6; parameters from
 //! KHR_materials_iridescence (whose own formula, of L. Belcour and P. Barla 2017, stands for the same sum in three colours).
 
-use super::energy::{Interface, mirror_albedo};
+use super::energy::{Interface, kept};
 use super::microfacet::{Ggx, fresnel_dielectric};
 use crate::shape::Surface;
 use crate::texture::Scalar;
 use diopter_light::{Sampled, Wavelengths};
+use glam::Vec3;
 use std::f32::consts::PI;
 
 /// A film over a surface.
@@ -28,11 +29,14 @@ impl Film {
     pub(super) fn at(&self, surface: &Surface, wavelengths: &Wavelengths) -> Option<FilmLayer> {
         let share = self.share.at(surface).clamp(0.0, 1.0);
         let [thin, thick] = self.between_nm;
-        let thickness = (thin + (thick - thin) * self.thickness.at(surface)).max(0.0);
+        let thickness = (thin + (thick - thin) * self.thickness.at(surface)).clamp(0.0, THICKEST_NM);
         let blur = if wavelengths.is_rgb() { BAND_NM } else { 0.0 };
-        (share > 0.0).then(|| FilmLayer { share, ior: self.ior.max(1.0), thickness, nm: wavelengths.nm, blur })
+        (share > 0.0).then(|| FilmLayer { share, ior: self.ior.clamp(1.0, 10.0), thickness, nm: wavelengths.nm, blur })
     }
 }
+
+/// A film of this thickness, nm, has no colours left.
+pub(crate) const THICKEST_NM: f32 = 1e6;
 
 /// Standard deviation of what a colour of an RGB path sees of the spectrum, nm.
 const BAND_NM: f32 = 35.0;
@@ -77,8 +81,9 @@ impl FilmLayer {
         let at = |mu: f32| match facets.is_smooth() {
             true => self.reflectance(mu, base),
             false => {
-                let kept = mirror_albedo().at(mu, facets.roughness());
-                let cos = cosine_of(interface.reflected.at(mu, facets.roughness()) / kept, ior);
+                let (even, w) = (Ggx::even(facets.roughness().powi(2)), Vec3::new((1.0 - mu * mu).sqrt(), 0.0, mu));
+                let kept = kept(even, w);
+                let cos = cosine_of(interface.reflected(even, w) / kept, ior);
                 self.reflectance(cos, base) * kept
             }
         };

@@ -3,11 +3,11 @@
 //! Lobes: specular reflection (GGX; metal with Schlick's Fresnel, dielectric with the exact one), diffuse base, transmission
 //! (thin: straight through, blurred by roughness; solid: refraction), clear coat. What a layer reflects, the layers below
 //! do not get; what single scattering loses between facets is given back ([`super::energy`]). A white material therefore
-//! neither gains nor loses light. Source: Khronos glTF 2.0 §3.9 and appendix B; KHR_materials_ior, _transmission, _volume,
+//! neither gains nor loses light (under fibres it loses some, by the rule of KHR_materials_sheen). Source: Khronos glTF 2.0 §3.9 and appendix B; KHR_materials_ior, _transmission, _volume,
 //! _clearcoat, _specular, _sheen ([`super::sheen`]), _iridescence ([`super::film`]), _anisotropy ([`super::grain`]). We depart from appendix B in the exact Fresnel term and in the energy compensation.
 
 use super::bsdf::LocalScatter;
-use super::energy::{Interface, Side, grain_factor, kept};
+use super::energy::{Interface, Side, kept};
 use super::film::{self, Film, FilmLayer, index_of};
 use super::grain::Grain;
 use super::microfacet::{Ggx, SMOOTH, fresnel_dielectric, fresnel_schlick, reflect, refract};
@@ -311,7 +311,7 @@ impl PrincipledLobes<'_> {
         let cos = w.z;
         let reflected = match self.smooth() {
             true => fresnel_dielectric(cos, self.eta),
-            false => self.interface().reflected.at(cos, self.roughness) * grain_factor(self.facets, w),
+            false => self.interface().reflected(self.facets, w),
         };
         let bare = self.tint.as_ref().map_or(reflected, |t| t.of(reflected).max_element());
         let Some(film) = &self.film else { return Sampled::splat(bare) };
@@ -354,10 +354,10 @@ impl PrincipledLobes<'_> {
             1.0
         } else {
             let side = if self.inside_denser { Side::Inside } else { Side::Outside };
-            self.interface().whole(side).at(wo.z, self.roughness) * grain_factor(self.facets, wo)
+            self.interface().whole(side, self.facets, wo)
         };
         let coat_reflected =
-            if self.coat > 0.0 { self.coat * self.coat_interface.reflected.at(wo.z, self.coat_roughness) } else { 0.0 };
+            if self.coat > 0.0 { self.coat * self.coat_interface.reflected(self.coat_facets(), wo) } else { 0.0 };
         let below_coat = 1.0 - coat_reflected;
 
         let base = self.base.element_sum() * 0.25;

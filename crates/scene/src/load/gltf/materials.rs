@@ -3,6 +3,7 @@
 use super::{Loader, json_transform};
 use crate::SceneError;
 use crate::light::Modulation;
+use crate::material::film::THICKEST_NM;
 use crate::material::{
     Coverage, Emission, EmissionColor, Film, Grain, Interior, Material, Principled, Scattering, Sheen, Transmission,
 };
@@ -31,7 +32,7 @@ fn scalar(factor: f32, texture: Option<Texture>, channel: usize) -> Scalar {
 
 /// A number of an extension.
 fn number(extension: &Value, key: &str, default: f32) -> f32 {
-    extension.get(key).and_then(Value::as_f64).map_or(default, |v| v as f32)
+    extension.get(key).and_then(Value::as_f64).map(|v| v as f32).filter(|v| v.is_finite()).unwrap_or(default)
 }
 
 /// Three numbers of an extension.
@@ -125,7 +126,7 @@ impl Loader<'_> {
                 share: scalar(number(film, "iridescenceFactor", 0.0), texture("iridescenceTexture"), 0),
                 ior: number(film, "iridescenceIor", 1.3),
                 between_nm: [("Minimum", 100.0), ("Maximum", 400.0)]
-                    .map(|(end, default)| number(film, &format!("iridescenceThickness{end}"), default)),
+                    .map(|(end, default)| number(film, &format!("iridescenceThickness{end}"), default).clamp(0.0, THICKEST_NM)),
                 thickness: scalar(1.0, texture("iridescenceThicknessTexture"), 1),
             })
         });

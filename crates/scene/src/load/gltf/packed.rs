@@ -394,7 +394,7 @@ pub(super) fn read_ktx2(bytes: &[u8]) -> Result<Image, String> {
     if pixels.len() != width * height * 4 {
         return Err(format!("{} bytes for {width} × {height} pixels", pixels.len()));
     }
-    Ok(Image::new(width, height, pixels.as_chunks::<4>().0.to_vec()))
+    Ok(Image::new(width, height, pixels.as_chunks::<4>().0.to_vec()).kept())
 }
 
 /// Whether bytes are a KTX 2 file.

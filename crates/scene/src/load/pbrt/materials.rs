@@ -182,7 +182,7 @@ fn clear_between_layers(world: &mut World, p: &Params) {
 }
 
 fn normal_map(world: &World, name: &str, place: Place) -> Result<Texture, Fault> {
-    let image = crate::load::read_picture(&world.file(name, place)?)
+    let image = crate::load::read_codes(&world.file(name, place)?)
         .map_err(|e| place.fault(format!("{name}: {e}"), "a picture (PNG, JPEG)"))?;
     // Rows count from below.
     let image_from_uv = Affine2::from_scale_angle_translation(Vec2::new(1.0, -1.0), 0.0, Vec2::Y);
@@ -260,7 +260,8 @@ fn roots(world: &mut World, textures: &Textures, p: &Params, prefix: &str) -> Re
 /// Roughness as files say it: along u, and across it where that differs.
 fn roughness(world: &mut World, textures: &Textures, p: &Params, prefix: &str) -> Result<(Scalar, Option<Scalar>), Fault> {
     let [both, u, v] = ["roughness", "uroughness", "vroughness"].map(|n| format!("{prefix}{n}"));
-    // What is not said of one direction is what is said of both.
+    // What is not said of one direction is what is said of both; of both directions, it says nothing.
+    p.get(&both);
     let mut checked = |name: &str| {
         let name = if p.get(name).is_some() { name } else { both.as_str() };
         match textures.scalar(world, p, name, 0.0)? {
