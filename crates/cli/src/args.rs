@@ -291,7 +291,7 @@ pub struct Taking {
     /// Which of the sets of materials that a glTF file offers.
     #[arg(long, value_name = "NAME")]
     pub variant: Option<String>,
-    /// Light from all around: a lat-long .hdr or .exr.
+    /// Light from all around: a lat-long .hdr, .exr or .pfm.
     #[arg(long, value_name = "FILE")]
     pub environment: Option<PathBuf>,
     /// Turn the environment about the vertical, degrees.

@@ -84,15 +84,14 @@ pub fn read_body(name: &str) -> Result<Sensor, ShotError> {
     Ok(Sensor::parse(&text, name)?)
 }
 
-/// Reads a `.hdr` or `.exr` as an environment.
+/// Reads a `.hdr`, `.exr` or `.pfm` as an environment.
 pub fn read_environment(path: &Path, rotation_deg: f32, scale: f32) -> Result<Environment, ShotError> {
     let bytes = read_file(path)?;
     let ending = path.extension().map(|e| e.to_string_lossy().to_lowercase());
     let told = |reason: String| ShotError::Read { path: path.display().to_string(), reason };
     let map = match ending.as_deref() {
-        Some("hdr") => load::read_hdr(&bytes).map_err(|e| told(e.to_string()))?,
-        Some("exr") => diopter_image::exr::read_rgb(std::io::Cursor::new(&bytes)).map_err(|e| told(e.to_string()))?,
-        _ => return Err(value("environment", path.display(), "a .hdr or .exr file")),
+        Some("hdr" | "exr" | "pfm") => load::read_light(&bytes).map_err(told)?,
+        _ => return Err(value("environment", path.display(), "a .hdr, .exr or .pfm file")),
     };
     if map.width == 0 || map.height == 0 {
         return Err(told("it has no pixels".into()));

@@ -1,7 +1,7 @@
 //! Meshes without a scene around them: OBJ with its materials, PLY, STL. They stand as they are in an even white sky, or in what the shot
 //! puts around them.
 
-use super::{Fetch, ply, read_codes, unzipped};
+use super::{Fetch, ply, read_texture, unzipped};
 use crate::SceneError;
 use crate::material::{Conductor, Coverage, Emission, Material, Principled, Scattering};
 use crate::scene::{Description, Object, Shape};
@@ -187,7 +187,7 @@ fn material(
             .or_insert_with(|| {
                 // Options such as "-s 1 1 1" come before the name.
                 let path = file.split_ascii_whitespace().last().unwrap_or(file).replace('\\', "/");
-                match fetch(&path).and_then(|b| read_codes(&b)) {
+                match fetch(&path).and_then(|b| read_texture(&b)) {
                     Ok(image) => Some(Arc::new(image)),
                     Err(e) => {
                         warnings.push(format!("{name}: texture {path}: {e}: shown without"));

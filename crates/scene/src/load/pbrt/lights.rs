@@ -175,7 +175,7 @@ pub fn emission(world: &mut World, p: &Params, area: f32) -> Result<Emission, Fa
         None => None,
         Some(name) => {
             let image = crate::load::read_texture(&world.file(name, p.place)?)
-                .map_err(|e| p.place.fault(format!("{name}: {e}"), "a picture (PNG, JPEG, EXR, HDR)"))?;
+                .map_err(|e| p.place.fault(format!("{name}: {e}"), "a picture (PNG, JPEG, EXR, HDR, PFM, Targa ...)"))?;
             // Rows count from below.
             let image_from_uv = Affine2::from_scale_angle_translation(Vec2::new(1.0, -1.0), 0.0, Vec2::Y);
             Some(Texture { image_from_uv, interpolation: Interpolation::Nearest, ..Texture::color(Arc::new(image)) })

@@ -181,7 +181,7 @@ impl Textures {
             None => {
                 let bytes = world.file(&name, p.place)?;
                 let image = crate::load::read_texture(&bytes)
-                    .map_err(|e| p.place.fault(format!("{name}: {e}"), "a picture (PNG, JPEG, EXR, HDR)"))?;
+                    .map_err(|e| p.place.fault(format!("{name}: {e}"), "a picture (PNG, JPEG, EXR, HDR, PFM, Targa ...)"))?;
                 let image = Arc::new(image);
                 self.images.insert((name.clone(), float), image.clone());
                 image

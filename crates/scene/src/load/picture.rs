@@ -1,0 +1,170 @@
+//! Pictures for textures and of light.
+
+use crate::SceneError;
+use crate::texture::{Image, Texels};
+use diopter_image::Raster;
+use image::ImageFormat;
+use std::io::Cursor;
+
+/// Most pixels a side of a texture.
+const LARGEST_IMAGE: u32 = 32_768;
+
+/// Reads a picture of 8-bit codes. Targa files have no mark of their own: what is nothing else is tried as one.
+fn read_picture(bytes: &[u8]) -> Result<Image, String> {
+    let format = image::guess_format(bytes).unwrap_or(ImageFormat::Tga);
+    let mut reader = image::ImageReader::with_format(Cursor::new(bytes), format);
+    let mut limits = image::Limits::default();
+    (limits.max_image_width, limits.max_image_height) = (Some(LARGEST_IMAGE), Some(LARGEST_IMAGE));
+    // A file cannot hold more than its bytes can become: deflate packs at most 1032 to 1.
+    let most = (bytes.len() as u64).saturating_mul(1100).max(512 << 20);
+    limits.max_alloc = Some(most.min(u64::from(LARGEST_IMAGE) * u64::from(LARGEST_IMAGE) * 8));
+    reader.limits(limits);
+    let unknown = "it is none of PNG, JPEG, WebP, Targa, BMP, TIFF, QOI, EXR, HDR, PFM";
+    let decoded =
+        reader.decode().map_err(|e| if format == ImageFormat::Tga { unknown.to_owned() } else { e.to_string() })?.into_rgba8();
+    let (width, height) = (decoded.width() as usize, decoded.height() as usize);
+    if width == 0 || height == 0 {
+        return Err(format!("it has {width} × {height} pixels"));
+    }
+    let pixels = decoded.into_raw().chunks_exact(4).map(|p| [p[0], p[1], p[2], p[3]]).collect();
+    Ok(Image::new(width, height, pixels))
+}
+
+/// Reads a picture of codes for a texture.
+pub(super) fn read_codes(bytes: &[u8]) -> Result<Image, String> {
+    read_picture(bytes).map(Image::kept)
+}
+
+/// Reads a picture for a texture: EXR, Radiance and PFM as linear numbers, others as 8-bit codes.
+pub(super) fn read_texture(bytes: &[u8]) -> Result<Image, String> {
+    if !is_light(bytes) {
+        return read_codes(bytes);
+    }
+    let picture = read_light_picture(bytes)?;
+    let texels = picture.data.as_chunks::<3>().0.iter().map(|[r, g, b]| [*r, *g, *b, 1.0]).collect();
+    Ok(Image::linear(picture.width, picture.height, texels).kept())
+}
+
+/// Whether a picture is one of EXR's, Radiance's or PFM's.
+fn is_light(bytes: &[u8]) -> bool {
+    bytes.starts_with(&[0x76, 0x2f, 0x31, 0x01]) || bytes.starts_with(b"#?") || is_pfm(bytes)
+}
+
+fn is_pfm(bytes: &[u8]) -> bool {
+    matches!(bytes, [b'P', b'F' | b'f', white, ..] if white.is_ascii_whitespace())
+}
+
+/// Reads a picture of light as linear RGB: EXR, Radiance or PFM.
+pub fn read_light(bytes: &[u8]) -> Result<Raster<f32>, String> {
+    if is_light(bytes) { read_light_picture(bytes) } else { Err("it is none of EXR, Radiance HDR, PFM".into()) }
+}
+
+/// Reads a portable float map (P. Debevec): "PF" or "Pf", width, height, a scale whose sign tells the order of bytes (negative: little-endian), rows from
+/// the bottom. The scale itself is not applied, as nobody does.
+fn read_pfm(bytes: &[u8]) -> Result<Raster<f32>, String> {
+    let mut at = 0;
+    let mut word = || {
+        let start = at + bytes[at..].iter().take_while(|b| b.is_ascii_whitespace()).count();
+        let end = start + bytes[start..].iter().take_while(|b| !b.is_ascii_whitespace()).count();
+        at = end;
+        std::str::from_utf8(&bytes[start..end]).unwrap_or_default()
+    };
+    let channels = if word() == "PF" { 3 } else { 1 };
+    let side = |text: &str| text.parse::<usize>().ok().filter(|n| (1..=LARGEST_IMAGE as usize).contains(n));
+    let wrong = |what: &str, text: &str| format!("a PFM picture whose {what} is \"{text}\"");
+    let text = word();
+    let width = side(text).ok_or_else(|| wrong("width", text))?;
+    let text = word();
+    let height = side(text).ok_or_else(|| wrong("height", text))?;
+    let text = word();
+    let scale = text.parse::<f32>().ok().filter(|s| *s != 0.0 && s.is_finite()).ok_or_else(|| wrong("scale", text))?;
+    // One white space ends the header.
+    let data = bytes.get(at + 1..).unwrap_or_default().as_chunks::<4>().0;
+    if data.len() < width * height * channels {
+        return Err(format!("a PFM picture that ends early: {} of {} numbers", data.len(), width * height * channels));
+    }
+    let number = |i: usize| if scale < 0.0 { f32::from_le_bytes(data[i]) } else { f32::from_be_bytes(data[i]) };
+    let mut picture = Raster::new(width, height, 3);
+    for row in 0..height {
+        for column in 0..width {
+            let start = ((height - 1 - row) * width + column) * channels;
+            let pixel = std::array::from_fn::<f32, 3, _>(|c| number(start + c.min(channels - 1)));
+            picture.pixel_mut(column, row).copy_from_slice(&pixel);
+        }
+    }
+    Ok(picture)
+}
+
+/// Reads a picture of light as linear RGB: EXR, Radiance or PFM as it is, others by the sRGB function.
+pub(super) fn read_light_picture(bytes: &[u8]) -> Result<Raster<f32>, String> {
+    if bytes.starts_with(&[0x76, 0x2f, 0x31, 0x01]) {
+        return diopter_image::exr::read_rgb(Cursor::new(bytes)).map_err(|e| e.to_string());
+    }
+    if bytes.starts_with(b"#?") {
+        return read_hdr(bytes).map_err(|e| e.to_string());
+    }
+    if is_pfm(bytes) {
+        return read_pfm(bytes);
+    }
+    let Image { width, height, texels: Texels::Codes(pixels), .. } = read_picture(bytes)? else {
+        return Err("it is no picture of 8-bit codes".into());
+    };
+    let linear = |c: &u8| diopter_light::color::srgb_decode(f32::from(*c) / 255.0);
+    let data = pixels.iter().flat_map(|p| [linear(&p[0]), linear(&p[1]), linear(&p[2])]).collect();
+    Ok(Raster { width, height, channels: 3, data })
+}
+
+/// Reads a Radiance `.hdr` picture as linear RGB.
+pub fn read_hdr(bytes: &[u8]) -> Result<Raster<f32>, SceneError> {
+    let malformed = |e: image::ImageError| SceneError::File {
+        place: "environment map".into(),
+        found: e.to_string(),
+        expected: "expected a Radiance .hdr picture".into(),
+    };
+    let decoder = image::codecs::hdr::HdrDecoder::new(Cursor::new(bytes)).map_err(malformed)?;
+    let picture = image::DynamicImage::from_decoder(decoder).map_err(malformed)?.into_rgb32f();
+    let (width, height) = (picture.width() as usize, picture.height() as usize);
+    Ok(Raster { width, height, channels: 3, data: picture.into_raw() })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn float_maps_are_read_from_the_bottom_in_both_orders() {
+        // Two columns, two rows: the lower row first.
+        let numbers: Vec<f32> = (0..12).map(|i| i as f32 * 0.5).collect();
+        let little: Vec<u8> = numbers.iter().flat_map(|v| v.to_le_bytes()).collect();
+        let big: Vec<u8> = numbers.iter().flat_map(|v| v.to_be_bytes()).collect();
+        for (scale, data) in [("-1.0", &little), ("2", &big)] {
+            let bytes = [format!("PF\n2 2\n{scale}\n").as_bytes(), data].concat();
+            let picture = read_light_picture(&bytes).unwrap();
+            assert_eq!((picture.width, picture.height), (2, 2));
+            assert_eq!(picture.pixel(0, 1), [0.0, 0.5, 1.0]);
+            assert_eq!(picture.pixel(1, 0), [4.5, 5.0, 5.5]);
+            assert!(matches!(read_texture(&bytes).unwrap().texels, Texels::Linear(_)));
+            for cut in 0..bytes.len() {
+                assert!(read_light_picture(&bytes[..cut]).is_err(), "{cut}");
+            }
+        }
+        let grey = [b"Pf 1 1 -1\n".as_slice(), &7f32.to_le_bytes()].concat();
+        assert_eq!(read_light_picture(&grey).unwrap().data, [7.0; 3]);
+        for wrong in ["PF 0 1 -1\n", "PF 1 99999999 -1\n", "PF 2 2 0\n", "PF 2 x 1\n", "PF"] {
+            assert!(read_pfm(wrong.as_bytes()).is_err(), "{wrong}");
+        }
+    }
+
+    #[test]
+    fn codes_come_in_many_formats() {
+        let picture = image::RgbaImage::from_fn(3, 2, |x, y| image::Rgba([x as u8 * 80, y as u8 * 200, 9, 255]));
+        for format in [ImageFormat::Png, ImageFormat::Tga, ImageFormat::Bmp, ImageFormat::Tiff, ImageFormat::Qoi] {
+            let mut bytes = Vec::new();
+            picture.write_to(&mut Cursor::new(&mut bytes), format).unwrap();
+            let read = read_texture(&bytes).unwrap();
+            let Texels::Codes(codes) = &read.texels else { panic!("codes") };
+            assert_eq!((read.width, read.height, codes[4]), (3, 2, [80, 200, 9, 255]), "{format:?}");
+        }
+        assert!(read_texture(b"what is this").unwrap_err().contains("none of"));
+    }
+}
