@@ -624,6 +624,9 @@ impl Writer {
             self.extensions.insert("KHR_materials_ior");
             extensions["KHR_materials_ior"] = json!({ "ior": p.ior });
         }
+        if p.layered {
+            self.warn("light that goes to and fro below a coat of plastic is not written: bright plastics become paler");
+        }
         let transmission = self.number(&p.transmission);
         if transmission > 0.0 {
             self.extensions.insert("KHR_materials_transmission");
