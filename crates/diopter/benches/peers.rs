@@ -125,7 +125,7 @@ fn describe(json: &Value, folder: &Path) -> Description {
         d.objects.push(Object::new(name, shape, material));
     }
     if let Some(hdr) = json["env"]["hdr"].as_str() {
-        let map = diopter::scene::load::read_hdr(&std::fs::read(folder.join(hdr)).expect("readable")).expect("an HDR file");
+        let map = diopter::scene::load::read_light(&std::fs::read(folder.join(hdr)).expect("readable")).expect("an HDR file");
         // The peers' worlds have z up.
         d.environment = Some(Environment::new(map, Mat3::from_rotation_x(std::f32::consts::FRAC_PI_2), 1.0));
     }

@@ -8,7 +8,7 @@ use diopter_scene::material::conductor::FacetBounces;
 use diopter_scene::material::{
     CoatedConductor, Conductor, Emission, EmissionColor, Film, Grain, Material, Principled, Scattering, Sheen, Transmission,
 };
-use diopter_scene::shape::{Mesh, Quad, Sphere};
+use diopter_scene::shape::{Mesh, Quad, Sphere, Surface};
 use diopter_scene::texture::{Color, Scalar};
 use diopter_scene::{Description, Object, PathSettings, Scene, Shape};
 use glam::{Affine3A, Vec3};
@@ -210,11 +210,9 @@ fn grained_and_woven() -> Vec<(String, Material)> {
     all
 }
 
-/// What a material does with light, by its values at directions all around and by what it draws: albedo of both, the integral of the
-/// density and the share of draws that are kept. `None` where some of it is a mirror's.
-fn both_ways(material: &Material, wo: Vec3) -> Option<[f64; 4]> {
-    use diopter_light::random::{mix, to_unit};
-    let surface = diopter_scene::shape::Surface {
+/// A point of the plane z = 0 whose tangent is x.
+fn level() -> Surface {
+    Surface {
         point: Vec3::ZERO,
         t: 1.0,
         ng: Vec3::Z,
@@ -225,7 +223,14 @@ fn both_ways(material: &Material, wo: Vec3) -> Option<[f64; 4]> {
         color: glam::Vec4::ONE,
         object: 0,
         triangle: 0,
-    };
+    }
+}
+
+/// What a material does with light, by its values at directions all around and by what it draws: albedo of both, the integral of the
+/// density and the share of draws that are kept. `None` where some of it is a mirror's.
+fn both_ways(material: &Material, wo: Vec3) -> Option<[f64; 4]> {
+    use diopter_light::random::{mix, to_unit};
+    let surface = level();
     let wavelengths = Wavelengths::fixed(NM);
     let bsdf = material.bsdf(&surface, wo, &wavelengths, false, None)?;
     let (n, mut sums) = (400u32, [0.0f64; 4]);
@@ -327,18 +332,7 @@ fn highlights_are_as_wide_as_their_grain() {
         p.grain = Some(Box::new(Grain::Brushed { strength, rotation: std::f32::consts::FRAC_PI_2, texture: None }));
     });
     for (material, wide) in [(Material::new("m", Scattering::Conductor(c)), 0), (brushed, 1)] {
-        let surface = diopter_scene::shape::Surface {
-            point: Vec3::ZERO,
-            t: 1.0,
-            ng: Vec3::Z,
-            ns: Vec3::Z,
-            tangent: Vec3::X,
-            handedness: 1.0,
-            uv: [glam::Vec2::ZERO; 2],
-            color: glam::Vec4::ONE,
-            object: 0,
-            triangle: 0,
-        };
+        let surface = level();
         let wavelengths = Wavelengths::fixed(NM);
         let bsdf = material.bsdf(&surface, Vec3::Z, &wavelengths, false, None).unwrap();
         let n = 200;

@@ -11,7 +11,7 @@ mod packed;
 
 use crate::SceneError;
 use crate::light::{Punctual, PunctualKind, SpotEdge};
-use crate::load::{Fetch, read_codes};
+use crate::load::{Fetch, read_texture};
 use crate::material::{Material, Principled, Scattering};
 use crate::motion::{Local, Motion, Node};
 use crate::scene::{Description, FilmHints, Object, Shape, Sight, Variant, Viewpoint};
@@ -652,7 +652,7 @@ fn read_image(image: &gltf::Image, buffers: &[Vec<u8>], name: &str, fetch: Fetch
         }
         gltf::image::Source::Uri { uri, .. } => fetch_uri(uri, name, &place, fetch)?,
     };
-    let read = if packed::is_ktx2(&bytes) { packed::read_ktx2(&bytes) } else { read_codes(&bytes) };
+    let read = if packed::is_ktx2(&bytes) { packed::read_ktx2(&bytes) } else { read_texture(&bytes) };
     let image = read.map_err(|e| error(name, &place, e, "expected a whole PNG, JPEG, WebP or KTX 2 picture"))?;
     Ok(Some(Arc::new(image)))
 }

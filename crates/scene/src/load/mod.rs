@@ -6,9 +6,9 @@ pub mod pbrt;
 mod picture;
 pub mod ply;
 
-pub use picture::{read_hdr, read_light};
+pub use picture::read_light;
 
-use picture::{read_codes, read_light_picture, read_texture};
+use picture::{read_light_picture, read_texture};
 use std::io::Read;
 
 /// Gives the bytes behind a name that a scene file refers to (relative to it), or says why not.

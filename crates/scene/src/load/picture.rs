@@ -1,6 +1,5 @@
 //! Pictures for textures and of light.
 
-use crate::SceneError;
 use crate::texture::{Image, Texels};
 use diopter_image::Raster;
 use image::ImageFormat;
@@ -30,15 +29,10 @@ fn read_picture(bytes: &[u8]) -> Result<Image, String> {
     Ok(Image::new(width, height, pixels))
 }
 
-/// Reads a picture of codes for a texture.
-pub(super) fn read_codes(bytes: &[u8]) -> Result<Image, String> {
-    read_picture(bytes).map(Image::kept)
-}
-
 /// Reads a picture for a texture: EXR, Radiance and PFM as linear numbers, others as 8-bit codes.
 pub(super) fn read_texture(bytes: &[u8]) -> Result<Image, String> {
     if !is_light(bytes) {
-        return read_codes(bytes);
+        return read_picture(bytes).map(Image::kept);
     }
     let picture = read_light_picture(bytes)?;
     let texels = picture.data.as_chunks::<3>().0.iter().map(|[r, g, b]| [*r, *g, *b, 1.0]).collect();
@@ -60,7 +54,7 @@ pub fn read_light(bytes: &[u8]) -> Result<Raster<f32>, String> {
 }
 
 /// Reads a portable float map (P. Debevec): "PF" or "Pf", width, height, a scale whose sign tells the order of bytes (negative: little-endian), rows from
-/// the bottom. The scale itself is not applied, as nobody does.
+/// the bottom. Numbers are multiplied by the scale's magnitude, as pbrt does.
 fn read_pfm(bytes: &[u8]) -> Result<Raster<f32>, String> {
     let mut at = 0;
     let mut word = || {
@@ -83,7 +77,7 @@ fn read_pfm(bytes: &[u8]) -> Result<Raster<f32>, String> {
     if data.len() < width * height * channels {
         return Err(format!("a PFM picture that ends early: {} of {} numbers", data.len(), width * height * channels));
     }
-    let number = |i: usize| if scale < 0.0 { f32::from_le_bytes(data[i]) } else { f32::from_be_bytes(data[i]) };
+    let number = |i: usize| scale.abs() * if scale < 0.0 { f32::from_le_bytes(data[i]) } else { f32::from_be_bytes(data[i]) };
     let mut picture = Raster::new(width, height, 3);
     for row in 0..height {
         for column in 0..width {
@@ -101,7 +95,7 @@ pub(super) fn read_light_picture(bytes: &[u8]) -> Result<Raster<f32>, String> {
         return diopter_image::exr::read_rgb(Cursor::new(bytes)).map_err(|e| e.to_string());
     }
     if bytes.starts_with(b"#?") {
-        return read_hdr(bytes).map_err(|e| e.to_string());
+        return read_hdr(bytes);
     }
     if is_pfm(bytes) {
         return read_pfm(bytes);
@@ -115,14 +109,9 @@ pub(super) fn read_light_picture(bytes: &[u8]) -> Result<Raster<f32>, String> {
 }
 
 /// Reads a Radiance `.hdr` picture as linear RGB.
-pub fn read_hdr(bytes: &[u8]) -> Result<Raster<f32>, SceneError> {
-    let malformed = |e: image::ImageError| SceneError::File {
-        place: "environment map".into(),
-        found: e.to_string(),
-        expected: "expected a Radiance .hdr picture".into(),
-    };
-    let decoder = image::codecs::hdr::HdrDecoder::new(Cursor::new(bytes)).map_err(malformed)?;
-    let picture = image::DynamicImage::from_decoder(decoder).map_err(malformed)?.into_rgb32f();
+fn read_hdr(bytes: &[u8]) -> Result<Raster<f32>, String> {
+    let decoder = image::codecs::hdr::HdrDecoder::new(Cursor::new(bytes)).map_err(|e| e.to_string())?;
+    let picture = image::DynamicImage::from_decoder(decoder).map_err(|e| e.to_string())?.into_rgb32f();
     let (width, height) = (picture.width() as usize, picture.height() as usize);
     Ok(Raster { width, height, channels: 3, data: picture.into_raw() })
 }
@@ -137,12 +126,12 @@ mod tests {
         let numbers: Vec<f32> = (0..12).map(|i| i as f32 * 0.5).collect();
         let little: Vec<u8> = numbers.iter().flat_map(|v| v.to_le_bytes()).collect();
         let big: Vec<u8> = numbers.iter().flat_map(|v| v.to_be_bytes()).collect();
-        for (scale, data) in [("-1.0", &little), ("2", &big)] {
+        for (scale, factor, data) in [("-1.0", 1.0, &little), ("2", 2.0, &big)] {
             let bytes = [format!("PF\n2 2\n{scale}\n").as_bytes(), data].concat();
             let picture = read_light_picture(&bytes).unwrap();
             assert_eq!((picture.width, picture.height), (2, 2));
-            assert_eq!(picture.pixel(0, 1), [0.0, 0.5, 1.0]);
-            assert_eq!(picture.pixel(1, 0), [4.5, 5.0, 5.5]);
+            assert_eq!(picture.pixel(0, 1), [0.0, 0.5, 1.0].map(|v| v * factor));
+            assert_eq!(picture.pixel(1, 0), [4.5, 5.0, 5.5].map(|v| v * factor));
             assert!(matches!(read_texture(&bytes).unwrap().texels, Texels::Linear(_)));
             for cut in 0..bytes.len() {
                 assert!(read_light_picture(&bytes[..cut]).is_err(), "{cut}");

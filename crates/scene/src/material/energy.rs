@@ -61,22 +61,39 @@ impl Table {
 }
 
 /// Mean of `weight(wo, h)` over visible normals h.
-fn integrate(mu: f32, alpha: f32, (n, generator): (usize, usize), weight: impl Fn(Vec3, Vec3) -> f32) -> f32 {
-    let wo = Vec3::new((1.0 - mu * mu).max(0.0).sqrt(), 0.0, mu);
+fn integrate(facets: Ggx, wo: Vec3, (n, generator): (usize, usize), weight: impl Fn(Vec3, Vec3) -> f32) -> f32 {
     let point = |k: usize| [(k as f32 + 0.5) / n as f32, ((k * generator % n) as f32 + 0.5) / n as f32];
-    (0..n).map(|k| weight(wo, Ggx::even(alpha).sample_visible(wo, point(k)))).sum::<f32>() / n as f32
+    (0..n).map(|k| weight(wo, facets.sample_visible(wo, point(k)))).sum::<f32>() / n as f32
 }
 
-fn reflected(wo: Vec3, h: Vec3, alpha: f32) -> f32 {
+/// A direction of a cosine, in the plane of x.
+fn towards(mu: f32) -> Vec3 {
+    Vec3::new((1.0 - mu * mu).max(0.0).sqrt(), 0.0, mu)
+}
+
+/// Even facets of a roughness, none of them too narrow to be integrated.
+fn even(roughness: f32) -> Ggx {
+    Ggx::even(roughness.max(FIRST_ROUGHNESS).powi(2))
+}
+
+/// Share of what a facet mirrors that is not blocked by others.
+fn reflected(facets: Ggx, wo: Vec3, h: Vec3) -> f32 {
     let wi = reflect(wo, h);
-    if wi.z > 0.0 { Ggx::even(alpha).g2(wo, wi) / Ggx::even(alpha).g1(wo) } else { 0.0 }
+    if wi.z > 0.0 { facets.g2(wo, wi) / facets.g1(wo) } else { 0.0 }
 }
 
-fn transmitted(wo: Vec3, h: Vec3, eta: f32, alpha: f32) -> f32 {
+/// The same of what it refracts.
+fn transmitted(facets: Ggx, wo: Vec3, h: Vec3, eta: f32) -> f32 {
     match refract(wo, h, eta) {
-        Some(wi) if wi.z < 0.0 => Ggx::even(alpha).g2(wo, Vec3::new(wi.x, wi.y, -wi.z)) / Ggx::even(alpha).g1(wo),
+        Some(wi) if wi.z < 0.0 => facets.g2(wo, Vec3::new(wi.x, wi.y, -wi.z)) / facets.g1(wo),
         _ => 0.0,
     }
+}
+
+/// Both, of a dielectric.
+fn handed_on(facets: Ggx, wo: Vec3, h: Vec3, eta: f32) -> f32 {
+    let f = fresnel_dielectric(wo.dot(h), eta);
+    f * reflected(facets, wo, h) + (1.0 - f) * transmitted(facets, wo, h, eta)
 }
 
 /// E(μ, r) of a perfectly reflecting rough surface.
@@ -84,8 +101,8 @@ pub fn mirror_albedo() -> &'static Table {
     static TABLE: OnceLock<Table> = OnceLock::new();
     TABLE.get_or_init(|| {
         Table::new(|mu, r| {
-            let r = r.max(FIRST_ROUGHNESS);
-            integrate(mu, r * r, SMOOTH_LATTICE, |wo, h| reflected(wo, h, r * r))
+            let facets = even(r);
+            integrate(facets, towards(mu), SMOOTH_LATTICE, |wo, h| reflected(facets, wo, h))
         })
     })
 }
@@ -110,17 +127,12 @@ const GRAINED: [usize; 4] = [10, 5, 10, 10];
 /// Of perfect mirrors.
 fn grained() -> &'static Grained {
     static TABLE: OnceLock<Grained> = OnceLock::new();
-    TABLE.get_or_init(|| {
-        Grained::new(SMOOTH_LATTICE, |facets, wo, h| {
-            let wi = reflect(wo, h);
-            if wi.z > 0.0 { facets.g2(wo, wi) / facets.g1(wo) } else { 0.0 }
-        })
-    })
+    TABLE.get_or_init(|| Grained::new(SMOOTH_LATTICE, reflected))
 }
 
 impl Grained {
     /// Mean of `weight(facets, wo, h)` over visible normals h.
-    fn new((points, generator): (usize, usize), weight: impl Fn(Ggx, Vec3, Vec3) -> f32 + Sync) -> Self {
+    fn new(lattice: (usize, usize), weight: impl Fn(Ggx, Vec3, Vec3) -> f32 + Sync) -> Self {
         let node = |i: usize, axis: usize| i as f32 / (GRAINED[axis] - 1) as f32;
         let at = |n: usize| {
             let [a, b, c, _] = GRAINED;
@@ -129,11 +141,7 @@ impl Grained {
             let width = |i: usize, axis: usize| node(i, axis).max(FIRST_ROUGHNESS).powi(2);
             let facets = Ggx::new(width(n / (a * b) % c, 2), width(n / (a * b * c), 3));
             let wo = Vec3::new(sin * phi.cos(), sin * phi.sin(), mu);
-            let one = |k: usize| {
-                let u = [(k as f32 + 0.5) / points as f32, ((k * generator % points) as f32 + 0.5) / points as f32];
-                weight(facets, wo, facets.sample_visible(wo, u))
-            };
-            (0..points).map(one).sum::<f32>() / points as f32
+            integrate(facets, wo, lattice, |wo, h| weight(facets, wo, h))
         };
         Grained((0..GRAINED.iter().product()).into_par_iter().map(at).collect())
     }
@@ -195,7 +203,9 @@ impl Interface {
             if r < FIRST_ROUGHNESS {
                 return fresnel_dielectric(mu, eta);
             }
-            integrate(mu, r * r, SMOOTH_LATTICE, |wo, h| fresnel_dielectric(wo.dot(h), eta) * reflected(wo, h, r * r))
+            let facets = even(r);
+            let share = |wo: Vec3, h: Vec3| fresnel_dielectric(wo.dot(h), eta) * reflected(facets, wo, h);
+            integrate(facets, towards(mu), SMOOTH_LATTICE, share)
         });
         let average = reflected.average();
         Interface {
@@ -215,10 +225,7 @@ impl Interface {
             return self.reflected.at(w.z, facets.roughness());
         }
         let grained = self.reflected_grained.get_or_init(|| {
-            Grained::new(SMOOTH_LATTICE, |facets, wo, h| {
-                let wi = reflect(wo, h);
-                if wi.z > 0.0 { fresnel_dielectric(wo.dot(h), self.eta) * facets.g2(wo, wi) / facets.g1(wo) } else { 0.0 }
-            })
+            Grained::new(SMOOTH_LATTICE, |facets, wo, h| fresnel_dielectric(wo.dot(h), self.eta) * reflected(facets, wo, h))
         });
         grained.at(facets, w)
     }
@@ -237,11 +244,8 @@ impl Interface {
         self.whole[side as usize].get_or_init(|| {
             let eta = self.seen_from(side);
             Table::new(move |mu, r| {
-                let alpha = r.max(FIRST_ROUGHNESS).powi(2);
-                integrate(mu, alpha, CUT_LATTICE, |wo, h| {
-                    let f = fresnel_dielectric(wo.dot(h), eta);
-                    f * reflected(wo, h, alpha) + (1.0 - f) * transmitted(wo, h, eta, alpha)
-                })
+                let facets = even(r);
+                integrate(facets, towards(mu), CUT_LATTICE, |wo, h| handed_on(facets, wo, h, eta))
             })
         })
     }
@@ -249,17 +253,7 @@ impl Interface {
     fn grained(&self, side: Side) -> &Grained {
         self.whole_grained[side as usize].get_or_init(|| {
             let eta = self.seen_from(side);
-            Grained::new(CUT_LATTICE, move |facets, wo, h| {
-                let f = fresnel_dielectric(wo.dot(h), eta);
-                let passed = |wi: Vec3| facets.g2(wo, wi) / facets.g1(wo);
-                let mirrored = reflect(wo, h);
-                let back = if mirrored.z > 0.0 { passed(mirrored) } else { 0.0 };
-                let through = match refract(wo, h, eta) {
-                    Some(wi) if wi.z < 0.0 => passed(Vec3::new(wi.x, wi.y, -wi.z)),
-                    _ => 0.0,
-                };
-                f * back + (1.0 - f) * through
-            })
+            Grained::new(CUT_LATTICE, move |facets, wo, h| handed_on(facets, wo, h, eta))
         })
     }
 
@@ -301,15 +295,12 @@ impl Escape {
             return tables.clone();
         }
         let share = Table::new(|mu, r| {
-            let r = r.max(FIRST_ROUGHNESS);
+            let facets = even(r);
             // Over the direction outside: within the coat the share falls steeply near the critical angle.
-            let mu = (1.0 - (1.0 - mu * mu) / (ior * ior)).sqrt();
-            let leaves = |wo: Vec3, h: Vec3| {
-                let wi = reflect(wo, h);
-                reflected(wo, h, r * r) * (1.0 - fresnel_dielectric(wi.z, 1.0 / ior))
-            };
-            integrate(mu, r * r, CUT_LATTICE, leaves)
-                / integrate(mu, r * r, CUT_LATTICE, |wo, h| reflected(wo, h, r * r)).max(1e-6)
+            let wo = towards((1.0 - (1.0 - mu * mu) / (ior * ior)).sqrt());
+            let leaves = |wo: Vec3, h: Vec3| reflected(facets, wo, h) * (1.0 - fresnel_dielectric(reflect(wo, h).z, 1.0 / ior));
+            integrate(facets, wo, CUT_LATTICE, leaves)
+                / integrate(facets, wo, CUT_LATTICE, |wo, h| reflected(facets, wo, h)).max(1e-6)
         });
         let tables = Arc::new(Escape { average: share.average(), share });
         known.push((ior.to_bits(), tables.clone()));

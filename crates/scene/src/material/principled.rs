@@ -3,8 +3,10 @@
 //! Lobes: specular reflection (GGX; metal with Schlick's Fresnel, dielectric with the exact one), diffuse base, transmission
 //! (thin: straight through, blurred by roughness; solid: refraction), clear coat. What a layer reflects, the layers below
 //! do not get; what single scattering loses between facets is given back ([`super::energy`]). A white material therefore
-//! neither gains nor loses light (under fibres it loses some, by the rule of KHR_materials_sheen). Source: Khronos glTF 2.0 §3.9 and appendix B; KHR_materials_ior, _transmission, _volume,
-//! _clearcoat, _specular, _sheen ([`super::sheen`]), _iridescence ([`super::film`]), _anisotropy ([`super::grain`]). We depart from appendix B in the exact Fresnel term and in the energy compensation.
+//! neither gains nor loses light (under fibres it loses some, by the rule of KHR_materials_sheen). Source: Khronos glTF 2.0 §3.9
+//! and appendix B; KHR_materials_ior, _transmission, _volume, _clearcoat, _specular, _sheen ([`super::sheen`]), _iridescence
+//! ([`super::film`]), _anisotropy ([`super::grain`]). We depart from appendix B in the exact Fresnel term and in the energy
+//! compensation.
 
 use super::bsdf::LocalScatter;
 use super::energy::{Interface, Side, kept};

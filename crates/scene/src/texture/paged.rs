@@ -12,8 +12,8 @@ use std::sync::{Arc, Mutex, OnceLock};
 pub const RESIDENT: u64 = 4 << 30;
 /// Bytes of tiles that are kept of all others.
 const CACHE: usize = 512 << 20;
-/// Pixels a side of a tile.
-const TILE: usize = 64;
+/// Bytes of a tile: 64 x 64 pixels of codes, 32 x 32 of numbers.
+const TILE: usize = 64 * 64 * 4;
 
 /// Bytes of pictures in memory.
 static HELD: AtomicU64 = AtomicU64::new(0);
@@ -52,7 +52,7 @@ impl Cache {
     /// The one of the program.
     fn shared() -> Arc<Cache> {
         static SHARED: OnceLock<Arc<Cache>> = OnceLock::new();
-        SHARED.get_or_init(|| Arc::new(Cache::new(CACHE / (TILE * TILE * 4)))).clone()
+        SHARED.get_or_init(|| Arc::new(Cache::new(CACHE / TILE))).clone()
     }
 
     fn get(&self, key: u64, read: impl FnOnce() -> Tile) -> Tile {
@@ -79,6 +79,8 @@ pub struct Paged {
     across: usize,
     /// Bytes of a pixel.
     size: usize,
+    /// Pixels a side of a tile.
+    side: usize,
     opaque: bool,
 }
 
@@ -97,21 +99,23 @@ impl Paged {
             Texels::Linear(_) => 16,
             Texels::Paged(p) => p.size,
         };
+        let side = (TILE / size).isqrt();
         let mut paged = Paged {
             file: Mutex::new(tempfile::tempfile()?),
             cache: cache.unwrap_or_else(Cache::shared),
             number: NEXT.fetch_add(1, Ordering::Relaxed),
-            across: width.div_ceil(TILE),
+            across: width.div_ceil(side),
             size,
+            side,
             opaque: texels.is_opaque(),
         };
         let mut out = BufWriter::with_capacity(1 << 20, paged.file.get_mut().unwrap_or_else(|e| e.into_inner()));
-        for row in (0..height).step_by(TILE) {
-            for column in (0..width).step_by(TILE) {
-                for y in row..row + TILE {
+        for row in (0..height).step_by(side) {
+            for column in (0..width).step_by(side) {
+                for y in row..row + side {
                     // Tiles at the edge are filled up: all are of one size.
                     let start = y.min(height - 1) * width;
-                    for x in column..column + TILE {
+                    for x in column..column + side {
                         let at = start + x.min(width - 1);
                         match texels {
                             Texels::Codes(all) => out.write_all(&all[at])?,
@@ -133,9 +137,10 @@ impl Paged {
 
     /// The bytes of a pixel, handed to `f`.
     fn pixel<T>(&self, column: usize, row: usize, f: impl FnOnce(&[u8]) -> T) -> T {
-        let number = row / TILE * self.across + column / TILE;
+        let side = self.side;
+        let number = row / side * self.across + column / side;
         let tile = self.cache.get(self.number << 32 | number as u64, || {
-            let mut bytes = vec![0; TILE * TILE * self.size];
+            let mut bytes = vec![0; TILE];
             let mut file = self.file.lock().unwrap_or_else(|e| e.into_inner());
             let start = (number * bytes.len()) as u64;
             // A disk that fails leaves black: there is no one to tell.
@@ -144,7 +149,7 @@ impl Paged {
             }
             Arc::new(bytes)
         });
-        let at = (row % TILE * TILE + column % TILE) * self.size;
+        let at = (row % side * side + column % side) * self.size;
         f(&tile[at..at + self.size])
     }
 

@@ -78,9 +78,9 @@ impl Materials {
                 clear_between_layers(world, p);
                 let base = textures.color(world, p, "reflectance", 0.5)?;
                 let eta = index(world, p, "eta", 1.5)?;
-                let (roughness, grain) = root_of_alpha(world, textures, p, "")?;
+                let (roughness, across) = root_of_alpha(world, textures, p, "")?;
                 let coat = Principled::new(base, eta.at(550.0));
-                Scattering::Principled(Box::new(Principled { roughness, grain, layered: true, ..coat }))
+                Scattering::Principled(Box::new(Principled { roughness, grain: grain(across), layered: true, ..coat }))
             }
             "conductor" => {
                 let (alpha, across) = alpha(world, textures, p, "")?;
@@ -93,7 +93,7 @@ impl Materials {
                 let (n, k) = metal(world, p, "conductor.")?;
                 let metal = Conductor { n, k, alpha, across, bounces: FacetBounces::Lost };
                 let eta = index(world, p, "interface.eta", 1.5)?;
-                let (roughness, across) = roots(world, textures, p, "interface.")?;
+                let (roughness, across) = root_of_alpha(world, textures, p, "interface.")?;
                 let mut coated = CoatedConductor::new(metal, eta.at(550.0), roughness);
                 coated.across = across;
                 Scattering::Coated(Box::new(coated))
@@ -105,8 +105,8 @@ impl Materials {
                     "thindielectric" => Principled { kind: Transmission::Thin, pane: true, ..glass },
                     _ => {
                         let disperses = !matches!(eta, Spectrum::Constant(_));
-                        let (roughness, grain) = root_of_alpha(world, textures, p, "")?;
-                        Principled { roughness, grain, dispersion: disperses.then_some(eta), ..glass }
+                        let (roughness, across) = root_of_alpha(world, textures, p, "")?;
+                        Principled { roughness, grain: grain(across), dispersion: disperses.then_some(eta), ..glass }
                     }
                 };
                 Scattering::Principled(Box::new(own))
@@ -182,7 +182,7 @@ fn clear_between_layers(world: &mut World, p: &Params) {
 }
 
 fn normal_map(world: &World, name: &str, place: Place) -> Result<Texture, Fault> {
-    let image = crate::load::read_codes(&world.file(name, place)?)
+    let image = crate::load::read_texture(&world.file(name, place)?)
         .map_err(|e| place.fault(format!("{name}: {e}"), "a picture (PNG, JPEG)"))?;
     // Rows count from below.
     let image_from_uv = Affine2::from_scale_angle_translation(Vec2::new(1.0, -1.0), 0.0, Vec2::Y);
@@ -229,36 +229,34 @@ fn metal(world: &World, p: &Params, prefix: &str) -> Result<(Spectrum, Spectrum)
     Ok((n, k))
 }
 
-/// α of GGX along u, and across it where that differs: the roots of what files say, or just that.
-fn alpha(world: &mut World, textures: &Textures, p: &Params, prefix: &str) -> Result<(Scalar, Option<Scalar>), Fault> {
-    let exponent = if p.bool("remaproughness", true)? { 0.5 } else { 1.0 };
+/// Roughness along u, and across it where that differs.
+type Widths = (Scalar, Option<Scalar>);
+
+/// α of GGX to a power: the root of what files say, or just that.
+fn widths(world: &mut World, textures: &Textures, p: &Params, prefix: &str, exponent: f32) -> Result<Widths, Fault> {
+    let exponent = if p.bool("remaproughness", true)? { 0.5 * exponent } else { exponent };
     let (along, across) = roughness(world, textures, p, prefix)?;
     Ok((power(along, exponent), across.map(|r| power(r, exponent))))
 }
 
-/// √α, which glTF's model calls roughness.
-fn root_of_alpha(
-    world: &mut World,
-    textures: &Textures,
-    p: &Params,
-    prefix: &str,
-) -> Result<(Scalar, Option<Box<Grain>>), Fault> {
-    let (along, across) = roots(world, textures, p, prefix)?;
-    Ok((along, across.map(|r| Box::new(Grain::Across(r)))))
+fn alpha(world: &mut World, textures: &Textures, p: &Params, prefix: &str) -> Result<Widths, Fault> {
+    widths(world, textures, p, prefix, 1.0)
 }
 
-fn roots(world: &mut World, textures: &Textures, p: &Params, prefix: &str) -> Result<(Scalar, Option<Scalar>), Fault> {
-    let exponent = if p.bool("remaproughness", true)? { 0.25 } else { 0.5 };
-    let (along, across) = roughness(world, textures, p, prefix)?;
-    let root = |r: Scalar| power(r, exponent);
-    Ok(match (root(along), across.map(root)) {
+/// √α, which glTF's model calls roughness; 0 where pbrt takes the surface for smooth.
+fn root_of_alpha(world: &mut World, textures: &Textures, p: &Params, prefix: &str) -> Result<Widths, Fault> {
+    Ok(match widths(world, textures, p, prefix, 0.5)? {
         (Scalar::Constant(r), None) if r * r < SMOOTH => (Scalar::Constant(0.0), None),
         other => other,
     })
 }
 
+fn grain(across: Option<Scalar>) -> Option<Box<Grain>> {
+    across.map(|r| Box::new(Grain::Across(r)))
+}
+
 /// Roughness as files say it: along u, and across it where that differs.
-fn roughness(world: &mut World, textures: &Textures, p: &Params, prefix: &str) -> Result<(Scalar, Option<Scalar>), Fault> {
+fn roughness(world: &mut World, textures: &Textures, p: &Params, prefix: &str) -> Result<Widths, Fault> {
     let [both, u, v] = ["roughness", "uroughness", "vroughness"].map(|n| format!("{prefix}{n}"));
     // What is not said of one direction is what is said of both; of both directions, it says nothing.
     p.get(&both);
