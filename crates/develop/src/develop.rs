@@ -18,7 +18,6 @@ use diopter_image::{Encoding, ExposureFacts, Picture, PictureSource, RawImage};
 use diopter_light::color::RgbSpace;
 use glam::Vec3;
 use rayon::prelude::*;
-use std::sync::OnceLock;
 
 /// The steps, in their order.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -126,8 +125,8 @@ pub struct Developer<'a> {
     neighbours: Option<defects::Neighbours>,
     cast: Option<highlights::Cast>,
     demosaicer: Demosaicer,
-    /// A light field of which a picture is to be made, and that picture once it is asked for.
-    light_field: Option<(LightField, OnceLock<Planes>)>,
+    /// A light field of which a picture is made, and that picture. Made before any tile: workers of a pool must not wait for one of them.
+    light_field: Option<(LightField, Planes)>,
     reducer: Option<noise::Reducer>,
     correction: Option<lens::Correction>,
     srgb_of_channel: Vec<Vec3>,
@@ -205,7 +204,7 @@ impl<'a> Developer<'a> {
         let turned = h.framing.orientation.transposes();
         let shown = swapped([frame.width, frame.height], turned);
         let resized = swapped(resize::target(shown, &recipe.resize), turned);
-        Ok(Developer {
+        let developer = Developer {
             raw,
             facts: match &light_field {
                 Some(field) => field.facts_of(&h.facts, &recipe.light_field),
@@ -227,20 +226,43 @@ impl<'a> Developer<'a> {
             encoder: encode::Encoder::new(&recipe.output),
             gains,
             demosaicer,
-            light_field: light_field.map(|f| (f, OnceLock::new())),
+            light_field: None,
             srgb_of_channel,
             exposure,
             size,
             frame,
             resized,
+        };
+        Ok(match light_field {
+            Some(field) => developer.with_light_field(field),
+            None => developer,
         })
+    }
+
+    /// With the picture of a light field made, as far as the steps go.
+    fn with_light_field(mut self, field: LightField) -> Self {
+        let mosaic = self.mosaic(Region::whole(self.raw.mosaic.width, self.raw.mosaic.height));
+        let f_number = self.raw.header.facts.f_number;
+        let settings = match self.until < Step::LightField {
+            // The middle of each lens's image.
+            true => crate::recipe::LightField { view: Some([0.0; 2]), ..Default::default() },
+            false => self.recipe.light_field.clone(),
+        };
+        let decoder = Decoder { field: &field, mosaic };
+        let picture =
+            decoder.picture(&settings, f_number).unwrap_or_else(|e| unreachable!("settings were checked: {e}"));
+        self.light_field = Some((field, picture));
+        self
     }
 
     /// The same picture after only the steps up to one: camera channels and light are shown by the sRGB function. Before a picture was made
     /// of it, of a light field the middle of each microlens's image is shown.
     pub fn until(mut self, step: Step) -> Self {
         self.until = step;
-        self
+        match self.light_field.take() {
+            Some((field, _)) => self.with_light_field(field),
+            None => self,
+        }
     }
 
     /// The geometry of a light field of which a picture is made.
@@ -317,18 +339,7 @@ impl<'a> Developer<'a> {
     }
 
     /// A part of the picture of a light field, edges repeated.
-    fn refocused(&self, field: &LightField, made: &OnceLock<Planes>, region: Region) -> Planes {
-        let whole = made.get_or_init(|| {
-            let mosaic = self.mosaic(Region::whole(self.raw.mosaic.width, self.raw.mosaic.height));
-            let f_number = self.raw.header.facts.f_number;
-            let settings = match self.until < Step::LightField {
-                // The middle of each lens's image.
-                true => crate::recipe::LightField { view: Some([0.0; 2]), ..Default::default() },
-                false => self.recipe.light_field.clone(),
-            };
-            let decoder = Decoder { field, mosaic };
-            decoder.picture(&settings, f_number).unwrap_or_else(|e| unreachable!("settings were checked: {e}"))
-        });
+    fn refocused(&self, whole: &Planes, region: Region) -> Planes {
         let [w, h] = self.size;
         let mut planes = vec![Vec::with_capacity(region.area()); whole.planes.len()];
         for y in region.top..region.bottom() {
@@ -342,8 +353,8 @@ impl<'a> Developer<'a> {
     }
 
     fn demosaiced(&self, region: Region) -> Planes {
-        if let Some((field, made)) = &self.light_field {
-            return self.refocused(field, made, region);
+        if let Some((_, picture)) = &self.light_field {
+            return self.refocused(picture, region);
         }
         let [cx, cy] = self.demosaicer.cell(&self.raw.header.cfa);
         let of_cells = Region {

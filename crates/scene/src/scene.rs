@@ -277,6 +277,7 @@ impl Scene {
         check(&description)?;
         settle(&mut description);
         clean(&mut description)?;
+        crate::material::prepare(&mut description.materials);
         let d = &description;
         let mut uses = vec![0u32; d.meshes.len()];
         for object in &d.objects {

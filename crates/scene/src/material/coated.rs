@@ -7,7 +7,7 @@
 
 use super::bsdf::LocalScatter;
 use super::conductor::{Conductor, ConductorLobe};
-use super::energy::{Escape, Interface};
+use super::energy::{Escape, Interface, prepare_mirrors};
 use super::microfacet::{Ggx, fresnel_dielectric, reflect, refract};
 use crate::shape::Surface;
 use crate::texture::Scalar;
@@ -34,6 +34,13 @@ impl CoatedConductor {
     pub fn new(metal: Conductor, ior: f32, roughness: Scalar) -> Self {
         let ior = ior.max(1.0001);
         CoatedConductor { metal, roughness, across: None, ior, interface: Interface::of(ior), escape: Escape::of(ior) }
+    }
+
+    /// Computes every table that rays will ask for.
+    pub(super) fn prepare(&self) {
+        self.metal.prepare();
+        prepare_mirrors(self.across.is_some());
+        self.interface.prepare(self.across.is_some(), false);
     }
 
     pub(super) fn at(&self, surface: &Surface, wavelengths: &Wavelengths) -> CoatedLobes<'_> {

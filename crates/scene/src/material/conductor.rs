@@ -1,7 +1,7 @@
 //! Metals by their complex index of refraction, smooth or rough (GGX).
 
 use super::bsdf::LocalScatter;
-use super::energy::kept;
+use super::energy::{kept, prepare_mirrors};
 use super::microfacet::{Ggx, fresnel_conductor, reflect};
 use crate::shape::Surface;
 use crate::texture::Scalar;
@@ -39,6 +39,11 @@ pub enum FacetBounces {
 const METALS_CSV: &str = include_str!("metals.csv");
 
 impl Conductor {
+    /// Computes every table that rays will ask for.
+    pub(super) fn prepare(&self) {
+        prepare_mirrors(self.across.is_some());
+    }
+
     /// Names of the metals whose optical constants are known.
     pub const METALS: [&str; 5] = ["silver", "gold", "copper", "aluminium", "chromium"];
 

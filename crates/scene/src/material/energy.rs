@@ -96,10 +96,45 @@ fn handed_on(facets: Ggx, wo: Vec3, h: Vec3, eta: f32) -> f32 {
     f * reflected(facets, wo, h) + (1.0 - f) * transmitted(facets, wo, h, eta)
 }
 
+/// The value of a cell, computed at first need and never while its lock is held: `compute` may use the thread pool, and a worker that waits
+/// for the pool may run a job that asks for the same cell. Where two threads meet, both compute the same value and the first one stays.
+pub(super) fn computed<T>(cell: &OnceLock<T>, compute: impl FnOnce() -> T) -> &T {
+    match cell.get() {
+        Some(value) => value,
+        None => {
+            let value = compute();
+            cell.get_or_init(|| value)
+        }
+    }
+}
+
+/// Tables by the bits of an index of refraction: each computed once in the program. Like [`computed`], never computes under the lock.
+struct Shared<T>(Mutex<Vec<(u32, Arc<T>)>>);
+
+impl<T> Shared<T> {
+    const fn new() -> Self {
+        Shared(Mutex::new(Vec::new()))
+    }
+
+    fn of(&self, ior: f32, compute: impl FnOnce(f32) -> T) -> Arc<T> {
+        let find = |known: &[(u32, Arc<T>)]| known.iter().find(|(bits, _)| *bits == ior.to_bits()).map(|(_, t)| t.clone());
+        if let Some(tables) = find(&self.0.lock().unwrap_or_else(|e| e.into_inner())) {
+            return tables;
+        }
+        let tables = Arc::new(compute(ior));
+        let mut known = self.0.lock().unwrap_or_else(|e| e.into_inner());
+        if let Some(earlier) = find(&known) {
+            return earlier;
+        }
+        known.push((ior.to_bits(), tables.clone()));
+        tables
+    }
+}
+
 /// E(μ, r) of a perfectly reflecting rough surface.
 pub fn mirror_albedo() -> &'static Table {
     static TABLE: OnceLock<Table> = OnceLock::new();
-    TABLE.get_or_init(|| {
+    computed(&TABLE, || {
         Table::new(|mu, r| {
             let facets = even(r);
             integrate(facets, towards(mu), SMOOTH_LATTICE, |wo, h| reflected(facets, wo, h))
@@ -127,7 +162,15 @@ const GRAINED: [usize; 4] = [10, 5, 10, 10];
 /// Of perfect mirrors.
 fn grained() -> &'static Grained {
     static TABLE: OnceLock<Grained> = OnceLock::new();
-    TABLE.get_or_init(|| Grained::new(SMOOTH_LATTICE, reflected))
+    computed(&TABLE, || Grained::new(SMOOTH_LATTICE, reflected))
+}
+
+/// Computes the tables behind [`kept`], so that no ray has to.
+pub(super) fn prepare_mirrors(anisotropic: bool) {
+    mirror_albedo();
+    if anisotropic {
+        grained();
+    }
 }
 
 impl Grained {
@@ -224,10 +267,26 @@ impl Interface {
         if facets.x == facets.y {
             return self.reflected.at(w.z, facets.roughness());
         }
-        let grained = self.reflected_grained.get_or_init(|| {
+        self.reflected_grained().at(facets, w)
+    }
+
+    fn reflected_grained(&self) -> &Grained {
+        computed(&self.reflected_grained, || {
             Grained::new(SMOOTH_LATTICE, |facets, wo, h| fresnel_dielectric(wo.dot(h), self.eta) * reflected(facets, wo, h))
-        });
-        grained.at(facets, w)
+        })
+    }
+
+    /// Computes the tables that rays will ask for, so that no ray has to: of anisotropic facets, of bodies of rough glass.
+    pub(super) fn prepare(&self, anisotropic: bool, rough_body: bool) {
+        if anisotropic {
+            self.reflected_grained();
+        }
+        for side in [Side::Outside, Side::Inside].into_iter().filter(|_| rough_body) {
+            self.even(side);
+            if anisotropic {
+                self.grained(side);
+            }
+        }
     }
 
     fn seen_from(&self, side: Side) -> f32 {
@@ -241,7 +300,7 @@ impl Interface {
     }
 
     fn even(&self, side: Side) -> &Table {
-        self.whole[side as usize].get_or_init(|| {
+        computed(&self.whole[side as usize], || {
             let eta = self.seen_from(side);
             Table::new(move |mu, r| {
                 let facets = even(r);
@@ -251,22 +310,16 @@ impl Interface {
     }
 
     fn grained(&self, side: Side) -> &Grained {
-        self.whole_grained[side as usize].get_or_init(|| {
+        computed(&self.whole_grained[side as usize], || {
             let eta = self.seen_from(side);
             Grained::new(CUT_LATTICE, move |facets, wo, h| handed_on(facets, wo, h, eta))
         })
     }
 
-    /// The tables of an index; made once for each index in the program.
+    /// The tables of an index; computed once for each index in the program.
     pub fn of(eta: f32) -> Arc<Interface> {
-        static KNOWN: Mutex<Vec<(u32, Arc<Interface>)>> = Mutex::new(Vec::new());
-        let mut known = KNOWN.lock().unwrap_or_else(|e| e.into_inner());
-        if let Some((_, tables)) = known.iter().find(|(bits, _)| *bits == eta.to_bits()) {
-            return tables.clone();
-        }
-        let tables = Arc::new(Interface::new(eta));
-        known.push((eta.to_bits(), tables.clone()));
-        tables
+        static KNOWN: Shared<Interface> = Shared::new();
+        KNOWN.of(eta, Interface::new)
     }
 
     /// Mean reflected share under light from everywhere.
@@ -287,13 +340,13 @@ pub struct Escape {
 }
 
 impl Escape {
-    /// The tables of an index; made once for each index in the program.
+    /// The tables of an index; computed once for each index in the program.
     pub fn of(ior: f32) -> Arc<Escape> {
-        static KNOWN: Mutex<Vec<(u32, Arc<Escape>)>> = Mutex::new(Vec::new());
-        let mut known = KNOWN.lock().unwrap_or_else(|e| e.into_inner());
-        if let Some((_, tables)) = known.iter().find(|(bits, _)| *bits == ior.to_bits()) {
-            return tables.clone();
-        }
+        static KNOWN: Shared<Escape> = Shared::new();
+        KNOWN.of(ior, Escape::new)
+    }
+
+    fn new(ior: f32) -> Self {
         let share = Table::new(|mu, r| {
             let facets = even(r);
             // Over the direction outside: within the coat the share falls steeply near the critical angle.
@@ -302,9 +355,7 @@ impl Escape {
             integrate(facets, wo, CUT_LATTICE, leaves)
                 / integrate(facets, wo, CUT_LATTICE, |wo, h| reflected(facets, wo, h)).max(1e-6)
         });
-        let tables = Arc::new(Escape { average: share.average(), share });
-        known.push((ior.to_bits(), tables.clone()));
-        tables
+        Escape { average: share.average(), share }
     }
 
     /// The share of light that came from a direction (its cosine outside), and the share of what was held back once already: the same where the metal is

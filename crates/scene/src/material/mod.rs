@@ -100,6 +100,17 @@ impl Scattering {
         }
     }
 
+    /// Computes every table that rays will ask for; `around`: indices of the bodies that it may lie in or touch.
+    fn prepare(&mut self, around: &[f32]) {
+        match self {
+            Scattering::Black | Scattering::Interface | Scattering::Diffuse(_) | Scattering::DiffuseTransmission(_) => {}
+            Scattering::Conductor(conductor) => conductor.prepare(),
+            Scattering::Coated(coated) => coated.prepare(),
+            Scattering::Principled(principled) => principled.prepare(around),
+            Scattering::Mix(mix) => mix.0.iter_mut().for_each(|part| part.prepare(around)),
+        }
+    }
+
     /// The part of a mixture that a ray meets at a point: a different one for each point and direction, the same whenever asked again.
     fn chosen(&self, surface: &Surface, wo: Vec3) -> &Scattering {
         let mut at = self;
@@ -136,6 +147,24 @@ impl Scattering {
                 a.albedo(surface).lerp(b.albedo(surface), amount.at(surface).clamp(0.0, 1.0))
             }
         }
+    }
+}
+
+/// Computes the tables of all materials of a scene before the first ray: rays are traced by the workers of a pool, and one that computed a
+/// table there would wait for the pool.
+pub(crate) fn prepare(materials: &mut [Material]) {
+    let nested = |m: &Material| matches!(m.interior, Interior::Body { priority: Some(_), .. });
+    let mut indices: Vec<f32> = Vec::new();
+    for material in materials.iter().filter(|m| nested(m)) {
+        if let Scattering::Principled(p) = &material.scattering
+            && !indices.contains(&p.ior)
+        {
+            indices.push(p.ior);
+        }
+    }
+    for material in materials {
+        let around: &[f32] = if nested(material) { &indices } else { &[] };
+        material.scattering.prepare(around);
     }
 }
 

@@ -9,11 +9,11 @@
 //! compensation.
 
 use super::bsdf::LocalScatter;
-use super::energy::{Interface, Side, kept};
+use super::energy::{Interface, Side, kept, prepare_mirrors};
 use super::film::{self, Film, FilmLayer, index_of};
 use super::grain::Grain;
 use super::microfacet::{Ggx, SMOOTH, fresnel_dielectric, fresnel_schlick, reflect, refract};
-use super::sheen::{Fibres, Sheen};
+use super::sheen::{self, Fibres, Sheen};
 use crate::shape::Surface;
 use crate::texture::{Color, Scalar};
 use diopter_light::{Sampled, Spectrum, Wavelengths, sampling};
@@ -69,6 +69,8 @@ pub struct Principled {
     pub sheen: Option<Box<Sheen>>,
     pub(crate) interface: Arc<Interface>,
     pub(crate) coat: Arc<Interface>,
+    /// Interfaces against the bodies around it, by the bits of their index; see [`Principled::prepare`].
+    pub(crate) against: Vec<(u32, Arc<Interface>)>,
 }
 
 const COAT_IOR: f32 = 1.5;
@@ -97,7 +99,32 @@ impl Principled {
             sheen: None,
             interface: Interface::of(ior),
             coat: Interface::of(COAT_IOR),
+            against: Vec::new(),
         }
+    }
+
+    /// Computes every table that rays will ask for; `around`: indices of the bodies that it may lie in or touch. Without it the first
+    /// rays compute them.
+    pub(super) fn prepare(&mut self, around: &[f32]) {
+        let anisotropic = self.grain.is_some();
+        let smooth = matches!(self.roughness, Scalar::Constant(r) if r * r < SMOOTH) && !anisotropic;
+        let body = matches!(self.kind, Transmission::Solid) && !matches!(self.transmission, Scalar::Constant(t) if t <= 0.0);
+        prepare_mirrors(anisotropic);
+        if self.sheen.is_some() {
+            sheen::albedo();
+        }
+        if body {
+            self.against = around.iter().map(|outer| (outer.to_bits(), Interface::of(between(self.ior, *outer)))).collect();
+        }
+        for interface in std::iter::once(&self.interface).chain(self.against.iter().map(|(_, i)| i)) {
+            interface.prepare(anisotropic, body && !smooth);
+        }
+    }
+
+    /// The interface against a body of an index.
+    fn against(&self, outer: f32) -> Against<'_> {
+        let prepared = self.against.iter().find(|(bits, _)| *bits == outer.to_bits());
+        prepared.map_or_else(|| Against::Looked(Interface::of(between(self.ior, outer))), |(_, i)| Against::Prepared(i))
     }
 
     /// Clear, smooth glass of an index: a solid body.
@@ -156,7 +183,7 @@ impl Principled {
         };
         // Tables are of the denser side against the thinner.
         let n = self.ior / outer_ior;
-        let between = around.map(|_| Interface::of(n.max(1.0 / n).max(1.0001)));
+        let between = around.map(|a| self.against(a.ior));
         let inside_denser = inside == (n >= 1.0);
         let roughness = self.roughness.at(surface).clamp(0.0, 1.0);
         let facets = match &self.grain {
@@ -206,6 +233,18 @@ impl Principled {
     }
 }
 
+/// Tables of the interface between two bodies: those of the material, or looked up where nothing was prepared.
+enum Against<'a> {
+    Prepared(&'a Interface),
+    Looked(Arc<Interface>),
+}
+
+/// Index of the table of two media: of the denser one against the thinner.
+fn between(ior: f32, outer: f32) -> f32 {
+    let n = ior / outer;
+    n.max(1.0 / n).max(1.0001)
+}
+
 /// The model at a point.
 pub(super) struct PrincipledLobes<'a> {
     base: Sampled,
@@ -231,7 +270,7 @@ pub(super) struct PrincipledLobes<'a> {
     film: Option<OverFilm>,
     fibres: Option<Fibres>,
     /// The interface against what is around, if that is no vacuum.
-    between: Option<Arc<Interface>>,
+    between: Option<Against<'a>>,
     coat_interface: &'a Interface,
     seen: View,
 }
@@ -336,7 +375,11 @@ impl PrincipledLobes<'_> {
     }
 
     fn interface(&self) -> &Interface {
-        self.between.as_deref().unwrap_or(self.interface)
+        match &self.between {
+            None => self.interface,
+            Some(Against::Prepared(interface)) => interface,
+            Some(Against::Looked(interface)) => interface,
+        }
     }
 
     /// What transmitted radiance is divided by.

@@ -3,7 +3,7 @@
 //! Source: A. Estevez, C. Kulla, "Production Friendly Microfacet Sheen BRDF" (SIGGRAPH 2017 course): distribution and fitted shadowing, as
 //! KHR_materials_sheen asks for. What the fibres reflect the layers below go without, by the albedo in the direction of view or of light, whichever is larger.
 
-use super::energy::Table;
+use super::energy::{Table, computed};
 use crate::shape::Surface;
 use crate::texture::{Color, Scalar};
 use diopter_light::{Sampled, Wavelengths};
@@ -82,9 +82,9 @@ fn lambda(cos: f32, alpha: f32) -> f32 {
 }
 
 /// Directional albedo of white fibres.
-fn albedo() -> &'static Table {
+pub(super) fn albedo() -> &'static Table {
     static TABLE: OnceLock<Table> = OnceLock::new();
-    TABLE.get_or_init(|| {
+    computed(&TABLE, || {
         Table::new(|mu, r| {
             let wo = Vec3::new((1.0 - mu * mu).sqrt(), 0.0, mu);
             // Over the half circle of azimuths, by a lattice of Fibonacci's numbers.

@@ -6,7 +6,7 @@ use super::Texels;
 use std::fs::File;
 use std::io::{BufWriter, Read, Seek, SeekFrom, Write};
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::{Arc, Mutex, OnceLock};
+use std::sync::{Arc, Mutex, OnceLock, TryLockError};
 
 /// Bytes of pictures that are kept in memory whole.
 pub const RESIDENT: u64 = 4 << 30;
@@ -58,14 +58,21 @@ impl Cache {
     fn get(&self, key: u64, read: impl FnOnce() -> Tile) -> Tile {
         let place =
             diopter_light::random::mix(key as u32 ^ diopter_light::random::mix((key >> 32) as u32)) as usize % self.slots.len();
-        let mut slot = self.slots[place].lock().unwrap_or_else(|e| e.into_inner());
-        if let Some((known, tile)) = &*slot
+        // Never waits: whoever finds a place taken reads the tile for itself.
+        let claim = || match self.slots[place].try_lock() {
+            Ok(slot) => Some(slot),
+            Err(TryLockError::Poisoned(e)) => Some(e.into_inner()),
+            Err(TryLockError::WouldBlock) => None,
+        };
+        if let Some((known, tile)) = claim().as_deref().and_then(Option::as_ref)
             && *known == key
         {
             return tile.clone();
         }
         let tile = read();
-        *slot = Some((key, tile.clone()));
+        if let Some(mut slot) = claim() {
+            *slot = Some((key, tile.clone()));
+        }
         tile
     }
 }
