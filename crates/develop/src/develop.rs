@@ -249,8 +249,7 @@ impl<'a> Developer<'a> {
             false => self.recipe.light_field.clone(),
         };
         let decoder = Decoder { field: &field, mosaic };
-        let picture =
-            decoder.picture(&settings, f_number).unwrap_or_else(|e| unreachable!("settings were checked: {e}"));
+        let picture = decoder.picture(&settings, f_number).unwrap_or_else(|e| unreachable!("settings were checked: {e}"));
         self.light_field = Some((field, picture));
         self
     }

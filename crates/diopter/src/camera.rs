@@ -64,6 +64,22 @@ impl Film {
         DVec2::new(x.abs() + 0.5 * self.width_mm, y.abs() + 0.5 * self.height_mm)
     }
 
+    /// Whether light that would arrive at a film point (mm), were there no low-pass filter, is collected: not beyond the film, not in the gaps
+    /// between pixels.
+    #[inline]
+    pub(crate) fn collects(&self, at: DVec2) -> bool {
+        let at = at + DVec2::from_array(self.middle_mm);
+        if at.x.abs() > 0.5 * self.width_mm || at.y.abs() > 0.5 * self.height_mm {
+            return false;
+        }
+        // How far from the middle of its pixel, in pixels.
+        let open = |at: f64, length: f64, n: usize, gap: f64| {
+            let place = (at / length + 0.5) * n as f64;
+            gap == 0.0 || (place - place.floor() - 0.5).abs() <= 0.5 * (1.0 - gap * n as f64 / length)
+        };
+        open(at.x, self.width_mm, self.columns, self.gap_mm[0]) && open(at.y, self.height_mm, self.rows, self.gap_mm[1])
+    }
+
     /// Where in a pixel (0 to 1 across and down) light is collected, by two even numbers: between the gaps.
     pub(crate) fn within_pixel(&self, [u, v]: [f32; 2]) -> [f64; 2] {
         let share = |gap: f64, length: f64, n: usize| 1.0 - gap * n as f64 / length;

@@ -3,7 +3,7 @@
 //! Tiles are shared out over the threads of the current rayon pool. A pixel's numbers depend on nothing but seed, pixel and
 //! sample, and are summed in order of samples, so the result is the same for any number of threads.
 
-use crate::camera::Camera;
+use crate::camera::{Camera, Film};
 use crate::mount::M2_PER_MM2;
 use crate::shutter::{Moments, Place, Shutter};
 use diopter_image::focal_plane::{Band, BandUnit, Truth};
@@ -195,7 +195,10 @@ impl Curves {
 /// Exposes a film to a scene, which must have been posed ([`Scene::pose`]) for the whole time the shutter takes.
 ///
 /// `facts` is passed on, with samples and seed filled in. The mean of a band in electrons is what one pixel of area
-/// [`crate::Film::pixel_area_mm2`] collects; of a band in radiance, the mean over the pixel and the pupil.
+/// [`crate::Film::pixel_area_mm2`] collects; of a band in radiance, the
+/// mean over all rays from the pixel's area and the pupil that the lens lets pass, drawn evenly: a lossless view of the scene through this lens, in
+/// which neither vignetting nor transmittance shows; 0 where nothing passes. A pixel at the edge of the image circle reads the mean of its lit
+/// part; what passes less than a tenth of the pupil reads up to 0.1 % low, and darker places lower still.
 pub fn expose(
     scene: &Scene,
     camera: &Camera,
@@ -323,8 +326,11 @@ impl Accumulator {
     }
 }
 
-/// Most times that a sample is drawn again.
+/// Most times that a sample of a probe is drawn again.
 const REDRAWS: u32 = 8;
+
+/// The same of a sample of radiance: where light passes a tenth of the pupil, one of a thousand is lost.
+const RADIANCE_REDRAWS: u32 = 64;
 
 /// Another place of the unit square for a sample: steps of the plastic number (M. Roberts 2018, "The unreasonable effectiveness of
 /// quasirandom sequences").
@@ -333,11 +339,19 @@ fn drawn_again([u, v]: [f32; 2], attempt: u32) -> [f32; 2] {
     [(u + 0.754_877_7 * a).fract(), (v + 0.569_840_3 * a).fract()]
 }
 
+/// Another place in a pixel: steps of the same kind in four dimensions, two of them.
+fn drawn_again_in_pixel([u, v]: [f32; 2], attempt: u32) -> [f32; 2] {
+    let a = attempt as f32;
+    [(u + 0.856_674_9 * a).fract(), (v + 0.628_726_7 * a).fract()]
+}
+
 /// Rays from places of the sensor through a microlens array.
 struct FromSensor<'a> {
     behind: &'a Behind,
     rays: [Option<Aimed>; LANES],
-    film_half: glam::DVec2,
+    film: &'a Film,
+    /// Shift of each lane by the low-pass filter, mm.
+    shifts: [glam::DVec2; LANES],
 }
 
 impl Aim for FromSensor<'_> {
@@ -345,9 +359,9 @@ impl Aim for FromSensor<'_> {
         self.rays[lane].map(|r| (r.slope, r.density))
     }
 
-    fn density(&self, _: &PupilTable, film: glam::DVec2, slope: glam::DVec2) -> f64 {
+    fn density(&self, _: &PupilTable, lane: usize, film: glam::DVec2, slope: glam::DVec2) -> f64 {
         let sensor = self.behind.lands(film, slope);
-        match sensor.x.abs() <= self.film_half.x && sensor.y.abs() <= self.film_half.y {
+        match self.film.collects(sensor + self.shifts[lane]) {
             true => self.behind.density(sensor),
             false => 0.0,
         }
@@ -412,12 +426,13 @@ impl Unit<'_> {
         let (right, bottom) = ((column + width + MARGIN).min(film.columns), (row + height + MARGIN).min(film.rows));
         let mut sums = vec![[[0.0f64; 2]; 4]; (right - left) * (bottom - top)];
         let mut strays: BTreeMap<usize, [[f64; 2]; 4]> = BTreeMap::new();
-        let film_half = film.reach();
-        let radiance_only = self.response.bands[0].unit == BandUnit::Radiance;
+        let radiance_only = self.in_radiance();
+        let attempts = self.attempts();
         let (mut packet, mut exits, mut scratch) = (Samples::default(), Exits::default(), Scratch::default());
-        let (mut again, mut drawn_pupil) = (Exits::default(), [[0.5f32; 2]; LANES]);
-        let mut from_sensor = self.behind.as_ref().map(|behind| FromSensor { behind, rays: [None; LANES], film_half });
-        let mut drawn: Vec<(usize, usize, Sampler, Wavelengths, f32, glam::DVec2)> = Vec::with_capacity(LANES);
+        let (mut again, mut places) = (Exits::default(), [[0.5f32; 4]; LANES]);
+        let mut shifts = [glam::DVec2::ZERO; LANES];
+        let mut from_sensor = self.behind.as_ref().map(|behind| FromSensor { behind, rays: [None; LANES], film, shifts });
+        let mut drawn: Vec<(usize, usize, Sampler, Wavelengths, f32)> = Vec::with_capacity(LANES);
         let spp = samples.len();
         let total = width * height * spp;
         let mut first = 0;
@@ -432,36 +447,44 @@ impl Unit<'_> {
                 let [u, v, pu, pv] = sampler.get(Set::Camera);
                 let [w, t, spot @ ..] = sampler.get(Set::Time);
                 let wavelengths = self.wavelengths.sample(w);
-                let [u, v] = film.within_pixel([u, v]);
-                let shift = film.low_pass_shift(spot);
-                packet.film[k] = self.camera.film_point(x as f64 + u, y as f64 + v) - shift;
-                packet.pupil[k] = [pu, pv];
-                drawn_pupil[k] = [pu, pv];
+                shifts[k] = film.low_pass_shift(spot);
+                places[k] = [u, v, pu, pv];
                 packet.nm[k] = wavelengths.nm.to_array();
-                drawn.push((x, y, sampler, wavelengths, t, shift));
-                if let Some(from) = &mut from_sensor {
-                    from.rays[k] = from.behind.draw(packet.film[k], [pu, pv]);
-                    packet.film[k] = from.rays[k].map_or(packet.film[k], |r| r.at);
-                }
+                drawn.push((x, y, sampler, wavelengths, t));
             }
-            match &from_sensor {
-                Some(from) => lens.exits_aimed(&packet, from, &mut scratch, &mut exits),
-                None => lens.exits(&packet, film_half, &mut scratch, &mut exits),
-            }
-            self.refuse_other_half(&packet, &mut exits);
-            for attempt in 1..=if self.settings.redraw && from_sensor.is_none() { REDRAWS } else { 0 } {
+            for attempt in 0..=attempts {
                 if exits.passed.count_ones() as usize >= count {
                     break;
                 }
                 for k in 0..count {
-                    packet.pupil[k] = drawn_again(drawn_pupil[k], attempt);
+                    let (x, y, ..) = drawn[k];
+                    let (at, pupil) = self.place(places[k], attempt);
+                    packet.film[k] = self.camera.film_point(x as f64 + at[0], y as f64 + at[1]) - shifts[k];
+                    packet.pupil[k] = pupil;
+                    if let Some(from) = &mut from_sensor {
+                        from.shifts[k] = shifts[k];
+                        from.rays[k] = from.behind.draw(packet.film[k], pupil);
+                        packet.film[k] = from.rays[k].map_or(packet.film[k], |r| r.at);
+                    }
                 }
-                lens.exits(&packet, film_half, &mut scratch, &mut again);
-                self.refuse_other_half(&packet, &mut again);
-                exits.take_missing(&again);
+                let out = if attempt == 0 { &mut exits } else { &mut again };
+                match &from_sensor {
+                    Some(from) => lens.exits_aimed(&packet, from, &mut scratch, out),
+                    None => lens.exits(&packet, |k, at| film.collects(at + shifts[k]), &mut scratch, out),
+                }
+                self.block_other_half(&packet, out);
+                if attempt > 0 {
+                    exits.take_missing(&again);
+                }
             }
             for k in (0..count).filter(|k| exits.passed >> k & 1 == 1) {
-                let (x, y, ref sampler, ref wavelengths, t, shift) = drawn[k];
+                let (x, y, ref sampler, wavelengths, t) = drawn[k];
+                let shift = shifts[k];
+                // What is not spread is drawn and counted alike at all wavelengths.
+                let wavelengths = match exits.spread && !radiance_only {
+                    true => wavelengths.with_densities(exits.density[k]),
+                    false => wavelengths,
+                };
                 let pupil = match self.needs_pupil() {
                     true => {
                         let at = |v: [f32; 3]| glam::Vec3::from_array(v).as_dvec3();
@@ -482,7 +505,10 @@ impl Unit<'_> {
                                 behind.lands(at, slope).as_vec2().to_array()
                             }
                         };
-                        self.camera.pixel_of([x + shift.x as f32, y + shift.y as f32])
+                        let at = [x + shift.x as f32, y + shift.y as f32];
+                        // The hero is where it was drawn; between pixels nothing of the others is collected.
+                        let collected = c == 0 || film.collects(glam::Vec2::from_array(at).as_dvec2());
+                        self.camera.pixel_of(at).filter(|_| collected)
                     }),
                 };
                 let windows = lands.map(|p| p.map(|(x, y)| self.window(x, y, pupil)));
@@ -495,7 +521,7 @@ impl Unit<'_> {
                 if !ray.is_finite() {
                     continue;
                 }
-                let radiance = self.scene.radiance(ray, wavelengths, sampler, &self.settings.path);
+                let radiance = self.scene.radiance(ray, &wavelengths, sampler, &self.settings.path);
                 let weighted = (radiance * wavelengths.weight).to_array();
                 // One bad number must not poison a pixel.
                 if !weighted.iter().all(|v| v.is_finite()) {
@@ -513,8 +539,8 @@ impl Unit<'_> {
                 };
                 let scale = match radiance_only {
                     // The mean over what passes, where it was asked for.
-                    true => self.settings.light_scale / lens.passing(packet.film[k]).max(1e-3) * seconds / (all.1 - all.0),
-                    false => film.pixel_area_mm2 * M2_PER_MM2 * seconds * self.settings.light_scale,
+                    true => self.settings.light_scale * seconds / (all.1 - all.0),
+                    false => film.pixel_area_mm2 * M2_PER_MM2 * seconds * self.settings.light_scale * self.half_of_light(),
                 } as f32;
                 if !spread {
                     // All colours where the sample was asked for.
@@ -542,8 +568,34 @@ impl Unit<'_> {
         Tile { column: left, row: top, width: right - left, sums, strays }
     }
 
-    /// Takes what goes through the half of the pupil that does not count for blocked.
-    fn refuse_other_half(&self, packet: &Samples, exits: &mut Exits) {
+    /// Whether the film records radiance.
+    fn in_radiance(&self) -> bool {
+        self.response.bands[0].unit == BandUnit::Radiance
+    }
+
+    /// How often a sample that the lens blocks is drawn again.
+    fn attempts(&self) -> u32 {
+        match (self.in_radiance(), self.settings.redraw && self.behind.is_none()) {
+            (true, _) => RADIANCE_REDRAWS,
+            (_, true) => REDRAWS,
+            _ => 0,
+        }
+    }
+
+    /// Place in the pixel (0 to 1 across and down) and in the pupil (unit square) of a sample at an attempt. Radiance is the mean over all of the
+    /// pixel that sees anything; a probe keeps its film points.
+    fn place(&self, [u, v, pu, pv]: [f32; 4], attempt: u32) -> ([f64; 2], [f32; 2]) {
+        let at = if self.in_radiance() { drawn_again_in_pixel([u, v], attempt) } else { [u, v] };
+        (self.camera.film.within_pixel(at), drawn_again([pu, pv], attempt))
+    }
+
+    /// Fraction of a sample's light that counts: drawn again until they pass, samples through half a pupil stand for half of the light.
+    fn half_of_light(&self) -> f64 {
+        if self.settings.half.is_some() && self.attempts() > 0 { 0.5 } else { 1.0 }
+    }
+
+    /// Marks rays through the half of the pupil that does not count as blocked.
+    fn block_other_half(&self, packet: &Samples, exits: &mut Exits) {
         if let Some(half) = self.settings.half {
             let curvature = self.camera.lens.exit_curvature();
             let place = |k: usize| f64::from(exits.slopes[k][0][0]) + packet.film[k].x * curvature;
@@ -575,19 +627,21 @@ impl Unit<'_> {
     fn sample(&self, column: usize, row: usize, sampler: &Sampler) -> glam::Vec4 {
         let [x, y, pu, pv] = sampler.get(Set::Camera);
         let [w, t, spot @ ..] = sampler.get(Set::Time);
-        let film = &self.camera.film;
-        let [x, y] = film.within_pixel([x, y]);
-        let film = self.camera.film_point(column as f64 + x, row as f64 + y) - film.low_pass_shift(spot);
-        let attempts = if self.settings.redraw { REDRAWS } else { 0 };
+        let shift = self.camera.film.low_pass_shift(spot);
         let passes = |r: &LensRay| self.settings.half.is_none_or(|h| h.holds(r.origin_mm.x));
-        let mut rays = (0..=attempts).map(|a| self.camera.lens.ray(film, drawn_again([pu, pv], a)));
-        let lens_ray = match &self.behind {
-            None => rays.find_map(|r| r.ok().filter(passes)),
-            Some(behind) => behind.draw(film, [pu, pv]).and_then(|aimed| {
-                let ray = self.camera.lens.ray_along(aimed.at, aimed.slope).ok()?;
-                Some(LensRay { weight_sr: ray.weight_sr / aimed.density, ..ray })
-            }),
-        };
+        let lens_ray = (0..=self.attempts()).find_map(|attempt| {
+            let (at, pupil) = self.place([x, y, pu, pv], attempt);
+            let film = self.camera.film_point(column as f64 + at[0], row as f64 + at[1]) - shift;
+            let ray = match &self.behind {
+                None => self.camera.lens.ray(film, pupil).ok()?,
+                Some(behind) => {
+                    let aimed = behind.draw(film, pupil)?;
+                    let ray = self.camera.lens.ray_along(aimed.at, aimed.slope).ok()?;
+                    LensRay { weight_sr: ray.weight_sr / aimed.density, ..ray }
+                }
+            };
+            passes(&ray).then_some(ray)
+        });
         let Some(lens_ray) = lens_ray else { return glam::Vec4::ZERO };
         let pupil = if self.needs_pupil() { self.camera.pupil_radius(lens_ray.origin_mm, lens_ray.direction) } else { 0.0 };
         let (open, close) = self.window(column, row, pupil);
@@ -613,7 +667,9 @@ impl Unit<'_> {
         }
         let exposure = match self.response.bands[0].unit {
             BandUnit::Radiance => seconds / (close - open),
-            BandUnit::Electrons => lens_ray.weight_sr * self.camera.film.pixel_area_mm2 * M2_PER_MM2 * seconds,
+            BandUnit::Electrons => {
+                lens_ray.weight_sr * self.camera.film.pixel_area_mm2 * M2_PER_MM2 * seconds * self.half_of_light()
+            }
         };
         value * (exposure * self.settings.light_scale) as f32
     }

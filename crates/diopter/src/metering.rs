@@ -137,11 +137,22 @@ fn probe(
     expose(scene, &probe, &Shutter::global(1.0), response, &settings, &ExposureFacts::default(), &quiet)
 }
 
-/// Mean luminance of the scene as framed, cd/m²: what a scene without a scale is scaled by, not what a camera meters. Fails when
-/// cancelled.
+/// Mean luminance of the scene as framed, cd/m²: what a scene without a scale is scaled by, not what a camera meters. Only what the lens shows
+/// counts, not the dark beyond its image circle. 0 where it shows nothing. Fails when cancelled.
 pub fn mean_luminance(scene: &Scene, camera: &Camera, settings: &Settings, watch: &Watch) -> Result<f64, ExposeError> {
-    let plane = probe(scene, camera, settings, &Response::luminance(), watch)?;
-    Ok(plane.mean.data.iter().map(|v| *v as f64).sum::<f64>() / plane.mean.data.len() as f64)
+    let plane = probe(scene, camera, settings, &Response::luminance(), watch)?.mean;
+    let film = Film { columns: plane.width, rows: plane.height, ..camera.film };
+    let probe = Camera { film, ..camera.clone() };
+    let (mut sum, mut lit) = (0.0, 0u32);
+    for (i, luminance) in plane.data.iter().enumerate() {
+        let (column, row) = ((i % plane.width) as f64, (i / plane.width) as f64);
+        // A cell without light may be a dark part of the scene.
+        if *luminance != 0.0 || probe.lens_shows([column, row]) {
+            sum += f64::from(*luminance);
+            lit += 1;
+        }
+    }
+    Ok(if lit == 0 { 0.0 } else { sum / f64::from(lit) })
 }
 
 /// A camera's meter.

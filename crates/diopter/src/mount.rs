@@ -33,6 +33,16 @@ impl Camera {
         inside.then_some((column as usize, row as usize))
     }
 
+    /// Whether any light can reach a pixel, by rays from a grid over its area and the pupil.
+    pub(crate) fn lens_shows(&self, [column, row]: [f64; 2]) -> bool {
+        const SIDE: usize = 4;
+        let middle = |i: usize| (i % SIDE) as f64 / SIDE as f64 + 0.5 / SIDE as f64;
+        (0..SIDE.pow(4)).any(|i| {
+            let [x, y, u, v] = [i, i / SIDE, i / SIDE.pow(2), i / SIDE.pow(3)].map(middle);
+            self.lens.ray(self.film_point(column + x, row + y), [u as f32, v as f32]).is_ok()
+        })
+    }
+
     /// World ray of what leaves a lens in single precision: mm from its pupil, unit direction.
     pub(crate) fn world_ray_of(&self, origin_mm: [f32; 3], direction: [f32; 3], time_s: f64) -> Ray {
         let place = self.way.at(time_s);

@@ -203,3 +203,177 @@ fn dispersion_costs_no_colour_noise() {
     println!("variance of band ratios: {with:.3e} with dispersion, {without:.3e} without");
     assert!(with < 1.3 * without, "{with} {without}");
 }
+
+/// Glass F11 over wavelength: n_d 1.6206, V_d 36.4; Cauchy's two terms through F and C (Schott catalogue of 1967).
+fn f11() -> diopter::light::Spectrum {
+    let (b, a) = {
+        let (nd, vd) = (1.6206, 36.37);
+        let [f, d, c] = [486.1f32, 587.6, 656.3].map(|nm| (nm * 1e-3).powi(-2));
+        let b = (nd - 1.0) / vd / (f - c);
+        (b, nd - b * d)
+    };
+    let at = |i: usize| a + b * ((380.0 + i as f32) * 1e-3).powi(-2);
+    diopter::light::Spectrum::Table(diopter::light::spectrum::Table::new(380.0, 1.0, (0..=400).map(at).collect()))
+}
+
+/// An even field of 1 with a ball of glass that fills the view.
+fn ball_in_a_furnace(roughness: f32) -> Scene {
+    use diopter::scene::material::{Interior, Material, Principled, Scattering};
+    use diopter::scene::shape::Sphere;
+    use diopter::scene::texture::Scalar;
+    let mut glass = Principled::glass(1.6206);
+    glass.dispersion = Some(f11());
+    glass.roughness = Scalar::Constant(roughness);
+    let material = Material {
+        interior: Interior::Body { medium: None, priority: None },
+        ..Material::new("F11", Scattering::Principled(Box::new(glass)))
+    };
+    let ball = Sphere { center: Vec3::new(0.0, 0.0, -3.0), radius: 2.5 };
+    Scene::build(Description {
+        environment: Some(Environment::uniform(Vec3::splat(1.0))),
+        materials: vec![material],
+        objects: vec![diopter::scene::Object::new("ball", diopter::scene::Shape::Sphere(ball), 0)],
+        ..Default::default()
+    })
+    .unwrap()
+}
+
+#[test]
+fn a_furnace_hides_bodies_with_dispersion_behind_every_kind_of_lens() {
+    // Lossless glass in an even field is not seen. Where the ball disperses, the path goes on with its hero alone; behind a lens that
+    // disperses too, each of the four wavelengths would have drawn the ray with a density of its own.
+    let film = Film { pixel_area_mm2: 1e-4, ..Film::new(24.0, 16.0, 3, 2) };
+    let thin = diopter::lens::ThinLens::new(Millimeters(50.0), 1.4, Iris::Round, Focus::Infinity).unwrap();
+    let real = |name: &str| lens(name, None, Focus::Infinity, None, &film);
+    let smooth = ball_in_a_furnace(0.0);
+    for (name, lens, scene, spp) in [
+        ("thin", Lens::Thin(thin), &smooth, 1 << 16),
+        ("planar", real("planar-50mm-f1.4"), &smooth, 1 << 16),
+        ("mirror", real("reflex-500mm-f8"), &smooth, 1 << 17),
+        ("anamorphic", real("anamorphic-31mm"), &smooth, 1 << 16),
+        ("planar, rough ball", real("planar-50mm-f1.4"), &ball_in_a_furnace(0.3), 1 << 16),
+    ] {
+        let camera = before(lens, film);
+        let settings = Settings { truth: false, ..Settings::new(spp) };
+        let (seen, even) = (take(scene, &camera, &settings), take(&even(1.0), &camera, &settings));
+        for band in 0..3 {
+            let sum = |plane: &FocalPlane| plane.mean.data.iter().skip(band).step_by(3).map(|v| f64::from(*v)).sum::<f64>();
+            let variance = |plane: &FocalPlane| {
+                plane.half_difference.data.iter().skip(band).step_by(3).map(|v| f64::from(*v).powi(2)).sum::<f64>()
+            };
+            let ratio = sum(&seen) / sum(&even) - 1.0;
+            let deviation = (variance(&seen) + variance(&even)).sqrt() / sum(&even);
+            assert!(deviation < 1.5e-3, "{name}, band {band}: {deviation} says nothing");
+            // Rough glass: tables of 32 nodes.
+            let exact = if name.contains("rough") { 0.01 } else { 0.001 };
+            assert!(ratio.abs() < exact + 3.0 * deviation, "{name}, band {band}: {ratio} ± {deviation}");
+        }
+    }
+}
+
+#[test]
+fn an_even_field_has_its_radiance_behind_every_lens() {
+    let scene = even(1000.0);
+    let watch = Watch { cancel: &AtomicBool::new(false), progress: &|_| () };
+    for (name, f_number, size) in [
+        ("planar-50mm-f1.4", None, [36.0, 24.0]),
+        ("planar-50mm-f1.4", Some(8.0), [36.0, 24.0]),
+        // A film larger than the image circle.
+        ("kit-zoom-18-55mm", None, [48.0, 36.0]),
+        ("compact-6mm-f1.9", None, [24.0, 16.0]),
+        ("fisheye-10mm", None, [36.0, 24.0]),
+        ("anamorphic-31mm", None, [22.0, 16.0]),
+        ("reflex-500mm-f8", None, [36.0, 24.0]),
+    ] {
+        let film = Film::new(size[0], size[1], 24, 16);
+        let camera = before(lens(name, f_number, Focus::Infinity, None, &film), film);
+        let settings = Settings { truth: false, ..Settings::new(256) };
+        let facts = ExposureFacts::default();
+        let plane = expose(&scene, &camera, &Shutter::global(0.01), &Response::luminance(), &settings, &facts, &watch).unwrap();
+        let mut lit = 0;
+        for (i, luminance) in plane.mean.data.iter().enumerate() {
+            let (column, row) = (i % 24, i / 24);
+            // Where the circle ends within a pixel, little passes: never more light than there is.
+            assert!(*luminance < 1003.0, "{name} at {column}, {row}: {luminance} cd/m²");
+            lit += u32::from((*luminance - 1000.0).abs() < 3.0);
+        }
+        let middle = plane.mean.pixel(11, 7)[0];
+        assert!((middle - 1000.0).abs() < 3.0 || name.starts_with("reflex"), "{name}: {middle} cd/m² in the middle");
+        let other = plane.mean.data.iter().filter(|v| **v > 0.0 && (**v - 1000.0).abs() >= 3.0).count();
+        // The rim of a circle of so many cells, 2 √(π lit).
+        assert!(lit > 20 && other as f64 <= 4.0 * f64::from(lit).sqrt(), "{name}: {lit} lit, {other} partly");
+        let mean = diopter::metering::mean_luminance(&scene, &camera, &settings, &watch).unwrap();
+        assert!((mean / 1000.0 - 1.0).abs() < 0.01, "{name}: {mean} cd/m² on the mean");
+    }
+}
+
+#[test]
+fn half_a_pupil_gathers_half_the_electrons() {
+    use diopter::expose::Half;
+    let film = Film { pixel_area_mm2: 1e-4, ..Film::new(2.0, 2.0, 4, 4) };
+    let thin = diopter::lens::ThinLens::new(Millimeters(50.0), 2.0, Iris::Round, Focus::Infinity).unwrap();
+    for lens in [Lens::Thin(thin), lens("planar-50mm-f1.4", Some(2.8), Focus::Infinity, None, &film)] {
+        let camera = before(lens, film);
+        let light = |half: Option<Half>, redraw: bool| {
+            let settings = Settings { truth: false, half, redraw, ..Settings::new(1024) };
+            take(&even(100.0), &camera, &settings).mean.data.iter().map(|v| f64::from(*v)).sum::<f64>()
+        };
+        for redraw in [false, true] {
+            let whole = light(None, redraw);
+            for half in [Half::Left, Half::Right] {
+                let share = light(Some(half), redraw) / whole;
+                // Near the axis a round pupil is cut in two equal parts; stratified points cut it to some thousandths.
+                assert!((share - 0.5).abs() < 0.005, "{half:?}, redraw {redraw}: {share}");
+            }
+        }
+    }
+}
+
+/// An even sky, black to the right of where tan = 0.205.
+fn edge() -> Scene {
+    use diopter::scene::material::{Material, Scattering};
+    let quad = diopter::scene::shape::Quad {
+        corner: Vec3::new(20.5, -50.0, -100.0),
+        edges: [Vec3::new(80.0, 0.0, 0.0), Vec3::new(0.0, 100.0, 0.0)],
+    };
+    Scene::build(Description {
+        environment: Some(Environment::uniform(Vec3::splat(100.0))),
+        materials: vec![Material::new("black", Scattering::Black)],
+        objects: vec![diopter::scene::Object::new("edge", diopter::scene::Shape::Quad(quad), 0)],
+        ..Default::default()
+    })
+    .unwrap()
+}
+
+#[test]
+fn gaps_between_pixels_collect_no_wavelength() {
+    // Pixels whose middle half collects, beside a film of pixels of a quarter of the pitch, of which the middle two are added.
+    let (columns, width) = (12, 0.12);
+    let fine = Film { pixel_area_mm2: 1e-6, ..Film::new(width, 0.02, 4 * columns, 1) };
+    let fine = fine.piece([0.0, 0.0, 1.0, 1.0], 4 * columns, 1);
+    let shifted = |film: Film| Film { middle_mm: [2.0, 0.0], ..film };
+    let (fine, pitch) = (shifted(fine), width / columns as f64);
+    let coarse = Film { gap_mm: [0.5 * pitch, 0.0], ..shifted(Film::new(width, 0.02, columns, 1)) };
+    let [fine, coarse] = [fine, coarse].map(|f| Film { pixel_area_mm2: 1e-6, ..f });
+    // A simple lens, 2 mm off its axis, and a black edge.
+    let lens = |film: &Film| {
+        let film = Film { width_mm: 5.0, height_mm: 5.0, ..*film };
+        lens("landscape-10mm", None, Focus::Infinity, None, &film)
+    };
+    let scene = edge();
+    let take = |film: Film, spp| take(&scene, &before(lens(&film), film), &Settings { truth: false, ..Settings::new(spp) });
+    let (a, b) = (take(coarse, 1 << 14), take(fine, 1 << 14));
+    let mut seen = 0;
+    for column in 0..columns {
+        for band in 0..3 {
+            let value = |p: &FocalPlane, c: usize| f64::from(p.mean.pixel(c, 0)[band]);
+            let error = |p: &FocalPlane, c: usize| f64::from(p.half_difference.pixel(c, 0)[band]).powi(2);
+            let expected = 0.5 * (value(&b, 4 * column + 1) + value(&b, 4 * column + 2));
+            let sigma = (error(&a, column) + 0.25 * (error(&b, 4 * column + 1) + error(&b, 4 * column + 2))).sqrt();
+            let (got, most) = (value(&a, column), value(&b, 0).max(value(&b, 4 * columns - 1)));
+            assert!((got - expected).abs() < 0.004 * most + 4.0 * sigma, "{column}, band {band}: {got} {expected} ± {sigma}");
+            seen += usize::from(expected > 0.1 * most && expected < 0.9 * most);
+        }
+    }
+    assert!(seen > 2, "the edge is not in the picture: {seen}");
+}

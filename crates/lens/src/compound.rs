@@ -109,6 +109,8 @@ pub struct Exits {
     /// Weight of each wavelength, sr; 0 where it does not come through. The irradiance of the film is the sum over samples of
     /// radiance × weight / (samples per area).
     pub weight: [[f32; 4]; LANES],
+    /// Density with which each wavelength, as the hero, would have drawn this ray, 1 / (mm² sr) of étendue; 0 where it could not have.
+    pub density: [[f32; 4]; LANES],
 }
 
 impl Default for Exits {
@@ -121,6 +123,7 @@ impl Default for Exits {
             lands: [[[0.0; 2]; 4]; LANES],
             slopes: [[[0.0; 2]; 4]; LANES],
             weight: [[0.0; 4]; LANES],
+            density: [[0.0; 4]; LANES],
         }
     }
 }
@@ -136,6 +139,7 @@ impl Exits {
             self.lands[k] = other.lands[k];
             self.slopes[k] = other.slopes[k];
             self.weight[k] = other.weight[k];
+            self.density[k] = other.density[k];
         }
     }
 }
@@ -146,17 +150,17 @@ pub trait Aim {
     /// where no light can come from.
     fn draw(&self, pupils: &PupilTable, lane: usize, film: DVec2) -> Option<(DVec2, f64)>;
 
-    /// The same number for any film point and slope; 0 where nothing is drawn.
-    fn density(&self, pupils: &PupilTable, film: DVec2, slope: DVec2) -> f64;
+    /// The same number for any film point and slope of a lane; 0 where nothing is drawn.
+    fn density(&self, pupils: &PupilTable, lane: usize, film: DVec2, slope: DVec2) -> f64;
 }
 
-/// Even over the part of the pupil that light passes, from film points all over a film.
-struct ThroughPupil<'a> {
+/// Even over the part of the pupil that light passes, from film points all over what collects light.
+struct ThroughPupil<'a, F> {
     places: &'a [[f32; 2]; LANES],
-    film_half: DVec2,
+    collects: F,
 }
 
-impl Aim for ThroughPupil<'_> {
+impl<F: Fn(usize, DVec2) -> bool> Aim for ThroughPupil<'_, F> {
     #[inline]
     fn draw(&self, pupils: &PupilTable, lane: usize, film: DVec2) -> Option<(DVec2, f64)> {
         let (region, turn) = pupils.region(film);
@@ -165,9 +169,8 @@ impl Aim for ThroughPupil<'_> {
     }
 
     #[inline]
-    fn density(&self, pupils: &PupilTable, film: DVec2, _: DVec2) -> f64 {
-        let inside = film.x.abs() <= self.film_half.x && film.y.abs() <= self.film_half.y;
-        let area = if inside { pupils.region(film).0.fan.area() } else { 0.0 };
+    fn density(&self, pupils: &PupilTable, lane: usize, film: DVec2, _: DVec2) -> f64 {
+        let area = if (self.collects)(lane, film) { pupils.region(film).0.fan.area() } else { 0.0 };
         if area > 0.0 { 1.0 / area } else { 0.0 }
     }
 }
@@ -465,17 +468,17 @@ impl CompoundLens {
         Ok(LensRay { origin_mm: self.relative_to_pupil(out.position), direction: out.direction, weight_sr })
     }
 
-    /// A packet of samples at once: what [`CompoundLens::ray`] answers, for four wavelengths each. `film_half`: beyond it no sample
-    /// starts, so no density is counted there.
-    pub fn exits(&self, samples: &Samples, film_half: DVec2, scratch: &mut Scratch, out: &mut Exits) {
-        self.exits_aimed(samples, &ThroughPupil { places: &samples.pupil, film_half }, scratch, out);
+    /// A packet of samples at once: what [`CompoundLens::ray`] answers, for four wavelengths each. `collects`: whether samples start at a
+    /// film point (mm; by lane); elsewhere no density is counted.
+    pub fn exits(&self, samples: &Samples, collects: impl Fn(usize, DVec2) -> bool, scratch: &mut Scratch, out: &mut Exits) {
+        self.exits_aimed(samples, &ThroughPupil { places: &samples.pupil, collects }, scratch, out);
     }
 
     /// The same with directions drawn otherwise.
     pub fn exits_aimed(&self, samples: &Samples, aim: &impl Aim, scratch: &mut Scratch, out: &mut Exits) {
         let Scratch { packet, forward, n, n_forward } = scratch;
         let film_z = self.system.film_z;
-        let mut density = [[0.0f32; 4]; LANES];
+        let density = &mut out.density;
         let mut hero_nm = [0.0; LANES];
         for i in 0..LANES {
             let film = samples.film[i];
@@ -483,7 +486,7 @@ impl CompoundLens {
             out.slopes[i] = [slope.as_vec2().to_array(); 4];
             pupil::start(packet, i, film, film_z, slope);
             let cos2 = packet.dz[i] * packet.dz[i];
-            density[i][0] = drawn as f32 / (cos2 * cos2);
+            density[i] = [drawn as f32 / (cos2 * cos2), 0.0, 0.0, 0.0];
             hero_nm[i] = samples.nm[i][0];
         }
         self.batch.indices(&hero_nm, n);
@@ -507,6 +510,7 @@ impl CompoundLens {
             // One path for all: only what glass and surfaces take may differ, and for such glasses it is the same.
             for i in 0..LANES {
                 if out.passed >> i & 1 == 1 {
+                    density[i] = [density[i][0]; 4];
                     out.weight[i] = [packet.share[i] / density[i][0]; 4];
                 }
             }
@@ -538,7 +542,7 @@ impl CompoundLens {
                 shares[i][k] = forward.share[i];
                 let [at, slope] = [land, slope].map(|v| Vec2::from_array(v).as_dvec2());
                 let cos2 = forward.dz[i] * forward.dz[i];
-                density[i][k] = aim.density(&self.pupils, at, slope) as f32 / (cos2 * cos2);
+                density[i][k] = aim.density(&self.pupils, i, at, slope) as f32 / (cos2 * cos2);
             }
         }
         for i in 0..LANES {
@@ -547,11 +551,6 @@ impl CompoundLens {
                 out.weight[i][k] = if shares[i][k] > 0.0 { shares[i][k] / mean } else { 0.0 };
             }
         }
-    }
-
-    /// Share of pupil samples of a film point that reach the scene.
-    pub fn passing(&self, film: DVec2) -> f64 {
-        self.pupils.region(film).0.passing
     }
 }
 

@@ -29,8 +29,6 @@ const POLAR_BINS: [usize; 2] = [44, 8];
 const CELLS: [usize; 2] = [20, 14];
 /// Growth that covers shapes which are not quite convex and single precision.
 const MARGIN: f64 = 1.002;
-/// Samples a side that measure how much of a region passes.
-const MEASURE: usize = 16;
 
 /// Shape of the pupil for a part of the film.
 #[derive(Clone, Debug)]
@@ -38,8 +36,6 @@ pub struct Region {
     /// Polygon in q. For a round iris in a round lens in the frame whose x axis goes through the film point; for another iris in
     /// the film's frame, turned by whole periods.
     pub fan: Fan,
-    /// Share of it that light passes, at 550 nm in the middle of the bin.
-    pub passing: f64,
 }
 
 #[derive(Clone, Debug)]
@@ -123,12 +119,10 @@ impl PupilTable {
                 for a in 0..angles {
                     let ends = if round { vec![0] } else { vec![a, a + 1] };
                     let points = ends.iter().flat_map(|e| outlines[r][*e].iter().chain(&outlines[r + 1][*e])).copied().collect();
-                    let angle = g.iris_period * (a as f64 + 0.5) / angles as f64;
-                    let film = DVec2::from_angle(angle) * (radius * share((r as f64 + 0.5) / bins as f64));
-                    regions.push(search.region(points, film));
+                    regions.push(region(points));
                 }
             }
-            regions.push(Region { fan: Fan::new(DVec2::ZERO, vec![]), passing: 0.0 });
+            regions.push(Region { fan: Fan::new(DVec2::ZERO, vec![]) });
             let periods = if round { 0 } else { (std::f64::consts::TAU / g.iris_period).round() as usize };
             let turns = (0..periods).map(|k| DVec2::from_angle(g.iris_period * k as f64)).collect();
             (Layout::Polar { radius, bins, period: g.iris_period, angles, turns }, regions)
@@ -152,7 +146,7 @@ impl PupilTable {
                     let at = |i: usize, j: usize| &outlines[j * (nx + 1) + i];
                     let all = [at(i, j), at(i + 1, j), at(i, j + 1), at(i + 1, j + 1)];
                     let points = all.into_iter().flatten().copied().collect();
-                    regions.push(search.region(points, film(i as f64 + 0.5, j as f64 + 0.5)));
+                    regions.push(region(points));
                 }
             }
             (Layout::Cells { half: g.film_half, counts: [nx, ny], mirrored }, regions)
@@ -176,7 +170,7 @@ impl PupilTable {
         let region = |r: &Region| {
             let center = r.fan.center() * scale;
             let outline = r.fan.outline().iter().map(|p| center + (*p * scale - center) * ROOM).collect();
-            Region { fan: Fan::new(center, outline), passing: r.passing / (ROOM * ROOM) }
+            Region { fan: Fan::new(center, outline) }
         };
         PupilTable { layout, regions: self.regions.iter().map(region).collect(), curvature: self.curvature * scale }
     }
@@ -362,26 +356,13 @@ impl Search<'_> {
         let hull = convex_hull(outer);
         hull.into_iter().map(|p| center + (p - center) * MARGIN).collect()
     }
+}
 
-    /// The region around points, measured at a film point of the same frame.
-    fn region(&mut self, points: Vec<DVec2>, film: DVec2) -> Region {
-        let hull = convex_hull(points);
-        let center = if hull.is_empty() { DVec2::ZERO } else { hull.iter().sum::<DVec2>() / hull.len() as f64 };
-        let fan = Fan::new(center, hull);
-        if fan.area() <= 0.0 {
-            return Region { fan, passing: 0.0 };
-        }
-        let mut passed = 0;
-        for row in 0..MEASURE {
-            let v = (row as f32 + 0.5) / MEASURE as f32;
-            let q: [DVec2; LANES] = std::array::from_fn(|i| {
-                let u = (i as f32 + 0.5) / LANES as f32;
-                fan.sample([u, v])
-            });
-            passed += self.passes(film, &q, &[1]).count_ones();
-        }
-        Region { passing: passed as f64 / (MEASURE * LANES) as f64, fan }
-    }
+/// The region around points.
+fn region(points: Vec<DVec2>) -> Region {
+    let hull = convex_hull(points);
+    let center = if hull.is_empty() { DVec2::ZERO } else { hull.iter().sum::<DVec2>() / hull.len() as f64 };
+    Region { fan: Fan::new(center, hull) }
 }
 
 /// Packs film point, slope and wavelength of lanes: for [`Batch::trace_light`] from the film.

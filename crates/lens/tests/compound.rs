@@ -31,7 +31,7 @@ fn irradiance(lens: &CompoundLens, film: DVec2, nm: f32, side: usize) -> (f64, f
             samples.film[i] = film;
             samples.pupil[i] = [(k % side) as f32 + 0.5, (k / side) as f32 + 0.5].map(|v| v / side as f32);
         }
-        lens.exits(&samples, DVec2::splat(100.0), &mut scratch, &mut out);
+        lens.exits(&samples, |_, film| film.abs().max_element() <= 100.0, &mut scratch, &mut out);
         passed += out.passed.count_ones();
         sum += out.weight.iter().map(|w| w[0] as f64).sum::<f64>();
     }

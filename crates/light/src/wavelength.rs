@@ -28,6 +28,8 @@ pub struct Wavelengths {
     /// Monte Carlo weight 1 / (4 pdf), nm: ∫ f dλ ≈ Σ f(nmᵢ) weightᵢ.
     pub weight: Vec4,
     d65: Vec4,
+    /// Factor on the hero alone once the other wavelengths are given up, see [`Wavelengths::hero_only`].
+    hero_factor: f32,
     /// The lanes stand for red, green, blue (and green again, which counts nothing).
     rgb: bool,
 }
@@ -43,13 +45,36 @@ impl Wavelengths {
 
     fn new(nm: Vec4, weight: Vec4) -> Self {
         let white = d65_one_nit();
-        Wavelengths { nm, weight, d65: Vec4::new(white.at(nm.x), white.at(nm.y), white.at(nm.z), white.at(nm.w)), rgb: false }
+        let d65 = Vec4::new(white.at(nm.x), white.at(nm.y), white.at(nm.z), white.at(nm.w));
+        Wavelengths { nm, weight, d65, hero_factor: 4.0, rgb: false }
+    }
+
+    /// The same wavelengths on a ray that each of them, as the hero, would have drawn with a density of its own (any common unit; the first
+    /// is positive): as behind a lens with dispersion, whose weights hold 1 over the mean of the four densities.
+    pub fn with_densities(self, densities: [f32; 4]) -> Self {
+        let [hero, ..] = densities;
+        let factor = densities.iter().sum::<f32>() / hero;
+        Wavelengths { hero_factor: if factor.is_finite() { factor } else { 4.0 }, ..self }
+    }
+
+    /// What the throughput is multiplied by where a body disperses and the path goes on with its hero alone: of the four ways to draw this
+    /// path only the hero's is left, so the balance heuristic's weight, the hero's density over the sum of all, is divided out. 4 where
+    /// all had the same density. Source: Wilkie et al. 2014, eq. 5; pbrt-v4's `TerminateSecondary` is the case of equal densities.
+    #[inline]
+    pub fn hero_only(&self) -> Sampled {
+        Vec4::new(self.hero_factor, 0.0, 0.0, 0.0)
     }
 
     /// Three colours instead of wavelengths, as RGB renderers compute: to compare with them.
     pub fn rgb() -> Self {
         let [r, g, b] = RGB_NM;
-        Wavelengths { nm: Vec4::new(r, g, b, g), weight: Vec4::new(1.0, 1.0, 1.0, 0.0), d65: Vec4::ONE, rgb: true }
+        Wavelengths {
+            nm: Vec4::new(r, g, b, g),
+            weight: Vec4::new(1.0, 1.0, 1.0, 0.0),
+            d65: Vec4::ONE,
+            hero_factor: 4.0,
+            rgb: true,
+        }
     }
 
     /// Whether the lanes are colours ([`Wavelengths::rgb`]).

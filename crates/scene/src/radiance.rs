@@ -185,7 +185,7 @@ impl Scene {
             let Some(scatter) = bsdf.sample(u) else { return radiance };
             throughput *= scatter.weight;
             if scatter.disperses && !hero_only {
-                throughput = Sampled::new(4.0 * throughput.x, 0.0, 0.0, 0.0);
+                throughput *= wavelengths.hero_only();
                 hero_only = true;
             }
             last = match scatter.specular {

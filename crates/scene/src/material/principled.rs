@@ -220,6 +220,7 @@ impl Principled {
             bend,
             eta: relative(self.ior, outer_ior),
             dispersive,
+            dispersed: if dispersive { wavelengths.hero_only() } else { Sampled::ONE },
             coat: if inside { 0.0 } else { self.clearcoat.at(surface).clamp(0.0, 1.0) },
             coat_roughness: self.clearcoat_roughness.at(surface).clamp(0.04, 1.0),
             tint,
@@ -263,6 +264,8 @@ pub(super) struct PrincipledLobes<'a> {
     /// Relative index for reflectances.
     eta: f32,
     dispersive: bool,
+    /// Factor on refracted light: all wavelengths, or the hero alone.
+    dispersed: Sampled,
     coat: f32,
     coat_roughness: f32,
     interface: &'a Interface,
@@ -532,8 +535,7 @@ impl PrincipledLobes<'_> {
             let amount = view.below_coat * (1.0 - self.metallic) * self.transmission * self.past_fibres(wo, wi);
             if self.solid {
                 let (value, density, cos) = self.eval_refraction(wo, wi);
-                let only_hero = if self.dispersive { Sampled::new(4.0, 0.0, 0.0, 0.0) } else { Sampled::ONE };
-                f += self.base * only_hero * (Sampled::ONE - self.dielectric(cos)) * (amount * view.glass_gain * value);
+                f += self.base * self.dispersed * (Sampled::ONE - self.dielectric(cos)) * (amount * view.glass_gain * value);
                 pdf += p_specular * (1.0 - self.reflected_share(view, cos)) * density;
             } else {
                 // A blurred view straight through: the mirror lobe folded to the other side.
@@ -617,7 +619,7 @@ impl PrincipledLobes<'_> {
             return None;
         }
         // `eval` gives the dispersed lobe to the hero alone already; the path must not do so again.
-        let weight = if disperses { Sampled::splat(f.x * 0.25) } else { f } / pdf;
+        let weight = if disperses { Sampled::splat(f.x / self.dispersed.x) } else { f } / pdf;
         Some(LocalScatter { wi, weight, pdf, specular: false, disperses })
     }
 }
