@@ -255,18 +255,21 @@ impl Scene {
         if light == Sampled::ZERO {
             return light;
         }
-        let (mut direction, mut reach) = (aim.wi, aim.distance);
-        if reach.is_finite() {
-            // The start was moved: aim anew at the same place, and stop just short of the lamp itself.
-            let to = point + aim.wi * aim.distance - origin;
-            let distance = to.length();
-            if distance == 0.0 {
-                return light;
-            }
-            (direction, reach) = (to / distance, distance * (1.0 - 1e-4));
-        }
+        let end = point + aim.wi * aim.distance;
         let mut left = light;
         for _ in 0..MOST_FACES {
+            // The start was moved off its surface: look at the same place of the lamp from there, and end before the lamp itself.
+            let (direction, reach) = match aim.distance.is_finite() {
+                true => {
+                    let to = end - origin;
+                    let distance = to.length();
+                    if distance <= aim.clearance {
+                        return left;
+                    }
+                    (to / distance, distance - aim.clearance)
+                }
+                false => (aim.wi, f32::INFINITY),
+            };
             let ray = Ray { origin, direction, time_s };
             let face = match self.has_clear() {
                 false if self.occluded(&ray, reach) => return Sampled::ZERO,
@@ -289,7 +292,6 @@ impl Scene {
             }
             let Some(face) = face else { return left };
             within.cross(self.material(face.object), face.ng.dot(direction) < 0.0);
-            reach -= face.t;
             origin = past(&face, direction);
         }
         Sampled::ZERO

@@ -48,17 +48,15 @@ impl<'a> Within<'a> {
         }
     }
 
-    /// Whether a face is not there because a stronger body is.
+    /// Whether a face is not there: because a stronger body is, or because the same matter is on both sides, where bodies of one material
+    /// overlap.
     pub fn hides(&self, material: &Material, entering: bool) -> bool {
         let Some(own) = priority(material) else { return false };
+        let held = self.bodies().filter(|b| std::ptr::eq(*b, material)).count();
         match entering {
-            true => self.bodies().any(|b| priority(b) > Some(own)),
-            false => self.strongest().is_some_and(|b| !std::ptr::eq(b, material)) && self.holds(material),
+            true => held > 0 || self.bodies().any(|b| priority(b) > Some(own)),
+            false => held > 1 || (held == 1 && self.strongest().is_some_and(|b| !std::ptr::eq(b, material))),
         }
-    }
-
-    fn holds(&self, material: &Material) -> bool {
-        self.bodies().any(|b| std::ptr::eq(b, material))
     }
 
     /// The dielectric on the outer side of a body's face, where both have priorities.

@@ -209,40 +209,61 @@ fn hot_gas_shines_as_deep_as_it_is() {
     assert_near(mean(&scene, Vec3::Z * 3.0, Vec3::NEG_Z, 16, &DEEP), [expected; 4], "gas");
 }
 
+/// A body of an index, grey absorption (1/m) and priority.
+fn tinted_body(name: &str, ior: f32, tint: f32, priority: Option<i32>) -> Material {
+    let medium = Medium { absorption: Coefficient::grey(tint), ..Medium::fog(1.0, 0.0, 0.0) };
+    let medium = Medium { scattering: Coefficient::NONE, ..medium };
+    Material { interior: Interior::Body { medium: Some(Arc::new(medium)), priority }, ..Material::glass(name, ior, None) }
+}
+
+/// A lamp of radiance 1 that covers the floor z = −3.
+fn shining_floor(material: u32) -> (Material, Object) {
+    let shine = Emission {
+        radiance: EmissionColor::Constant(Spectrum::light_from_rgb(Vec3::ONE)),
+        two_sided: true,
+        is_light: false,
+        modulation: Modulation::Steady,
+    };
+    let lamp = Material { emission: Some(shine), ..Material::new("lamp", Scattering::Black) };
+    let floor = Quad { corner: Vec3::new(-5.0, -5.0, -3.0), edges: [Vec3::X * 10.0, Vec3::Y * 10.0] };
+    (lamp, Object::new("lamp", Shape::Quad(floor), material))
+}
+
+#[test]
+fn bodies_of_one_material_and_priority_are_one_body_where_they_overlap() {
+    // From z = 0 to 1 and from −1 to 0.3, both of one material: two faces and 2 m of it, not four and 2.3 m.
+    let half = Vec3::new(5.0, 5.0, 0.0);
+    let (lamp, floor) = shining_floor(1);
+    let mesh = |mesh| Shape::Mesh { mesh, world_from_mesh: Affine3A::IDENTITY };
+    let scene = Scene::build(Description {
+        meshes: vec![box_mesh(-half, half + Vec3::Z), box_mesh(-half + Vec3::NEG_Z, half + Vec3::Z * 0.3)],
+        materials: vec![tinted_body("glass", 1.5, 0.4, Some(1)), lamp],
+        objects: vec![Object::new("upper", mesh(0), 0), Object::new("lower", mesh(1), 0), floor],
+        ..Default::default()
+    })
+    .unwrap();
+    let settings = PathSettings { max_depth: 2, roulette_depth: 100 };
+    let found = mean(&scene, Vec3::new(0.3, 0.2, 4.0), Vec3::NEG_Z, 40_000, &settings);
+    assert_near(found, [(1.0 - 0.04f64).powi(2) * (-0.4f64 * 2.0).exp(); 4], "one body");
+}
+
 #[test]
 fn where_bodies_overlap_the_stronger_one_is() {
     // Glass from z = 0 to 1, water from −1 to 0.3, a lamp far below; the way straight down.
     let half = Vec3::new(5.0, 5.0, 0.0);
     let transmitted = |a: f64, b: f64| 1.0 - ((a - b) / (a + b)).powi(2);
-    for (glass_first, rough) in [(Some(true), false), (Some(false), false), (None, false)] {
+    for glass_first in [Some(true), Some(false), None] {
         let (glass, water) = match glass_first {
             Some(true) => (Some(2), Some(1)),
             Some(false) => (Some(1), Some(2)),
             None => (None, None),
         };
-        let with = |name: &str, ior: f32, tint: f32, priority: Option<i32>| {
-            let medium = Medium { absorption: Coefficient::grey(tint), ..Medium::fog(1.0, 0.0, 0.0) };
-            let medium = Medium { scattering: Coefficient::NONE, ..medium };
-            Material { interior: Interior::Body { medium: Some(Arc::new(medium)), priority }, ..Material::glass(name, ior, None) }
-        };
-        assert!(!rough);
-        let shine = Emission {
-            radiance: EmissionColor::Constant(Spectrum::light_from_rgb(Vec3::ONE)),
-            two_sided: true,
-            is_light: false,
-            modulation: Modulation::Steady,
-        };
-        let lamp = Material { emission: Some(shine), ..Material::new("lamp", Scattering::Black) };
-        let floor = Quad { corner: Vec3::new(-5.0, -5.0, -3.0), edges: [Vec3::X * 10.0, Vec3::Y * 10.0] };
+        let (lamp, floor) = shining_floor(2);
         let mesh = |mesh| Shape::Mesh { mesh, world_from_mesh: Affine3A::IDENTITY };
         let scene = Scene::build(Description {
             meshes: vec![box_mesh(-half, half + Vec3::Z), box_mesh(-half + Vec3::NEG_Z, half + Vec3::Z * 0.3)],
-            materials: vec![with("glass", 1.5, 0.1, glass), with("water", 1.33, 0.9, water), lamp],
-            objects: vec![
-                Object::new("glass", mesh(0), 0),
-                Object::new("water", mesh(1), 1),
-                Object::new("lamp", Shape::Quad(floor), 2),
-            ],
+            materials: vec![tinted_body("glass", 1.5, 0.1, glass), tinted_body("water", 1.33, 0.9, water), lamp],
+            objects: vec![Object::new("glass", mesh(0), 0), Object::new("water", mesh(1), 1), floor],
             ..Default::default()
         })
         .unwrap();

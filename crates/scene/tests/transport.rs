@@ -555,6 +555,40 @@ fn each_kind_of_light_gives_its_irradiance() {
 }
 
 #[test]
+fn walls_just_before_a_far_lamp_keep_its_light_back() {
+    // Lamps 200 m away, each behind a wall 2 mm before it: one hundred-thousandth of the way.
+    let wall = |d: &mut Description| {
+        d.materials.push(Material::new("wall", Scattering::Black));
+        let quad = Quad { corner: Vec3::new(-5.0, 199.998, 5.0), edges: [Vec3::X * 10.0, Vec3::NEG_Z * 10.0] };
+        d.objects.push(Object::new("wall", Shape::Quad(quad), 1));
+    };
+    let point = Punctual::new("a", Spectrum::light_from_rgb(Vec3::splat(1e5)), PunctualKind::Point { position: Vec3::Y * 200.0 });
+    let lamp = |d: &mut Description| {
+        let radiance = Spectrum::light_from_rgb(Vec3::splat(1e3));
+        d.materials.push(Material { emission: Some(Emission::one_sided(radiance)), ..Material::new("lamp", Scattering::Black) });
+        let quad = Quad { corner: Vec3::new(-2.0, 200.0, -2.0), edges: [Vec3::X * 4.0, Vec3::Z * 4.0] };
+        d.objects.push(Object::new("lamp", Shape::Quad(quad), d.materials.len() as u32 - 1));
+    };
+    for (with_wall, lit) in [(false, true), (true, false)] {
+        let behind_point = floor_with(|d| {
+            d.punctual.push(point.clone());
+            if with_wall {
+                wall(d);
+            }
+        });
+        let behind_lamp = floor_with(|d| {
+            if with_wall {
+                wall(d);
+            }
+            lamp(d);
+        });
+        for scene in [behind_point, behind_lamp] {
+            assert_eq!(look_down(&scene, 200)[0] > 0.0, lit, "wall: {with_wall}");
+        }
+    }
+}
+
+#[test]
 fn lamps_light_through_panes() {
     let white = || Spectrum::light_from_rgb(Vec3::ONE);
     let pane = |d: &mut Description, y: f32| {

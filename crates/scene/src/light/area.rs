@@ -3,7 +3,7 @@
 //! Sources: Ureña, Fajardo & King 2013, "An Area-Preserving Parametrization for Spherical Rectangles" (EGSR); PBR 6.2.4 and
 //! 12.4 (cone of a sphere). Other parallelograms and triangles are sampled by area.
 
-use super::{Aim, Spot, tree::LightBounds};
+use super::{Aim, Spot, clearance, tree::LightBounds};
 use crate::bvh::Bounds;
 use crate::material::Material;
 use crate::shape::{Quad, Sphere};
@@ -131,7 +131,7 @@ impl AreaLight {
             return None;
         }
         let pdf = d2 / (cos.abs() * self.area);
-        Some(Aim { wi, distance, pdf, has_extent: true, spot: Spot::Area(number, place) })
+        Some(Aim { wi, distance, pdf, has_extent: true, spot: Spot::Area(number, place), clearance: clearance(p, p + to, cos) })
     }
 
     /// Density with which `aim` would have aimed from `p` along `wi`, which meets the surface at `distance`.
@@ -170,7 +170,11 @@ fn aim_at_sphere(sphere: &Sphere, p: Vec3, u: [f32; 2], number: u32) -> Option<A
     // Rounding can make the ray just miss: then the nearest point stands for the hit.
     let distance = sphere.intersect(p, wi, f32::INFINITY).unwrap_or_else(|| (sphere.center - p).dot(wi));
     let pdf = 1.0 / (TAU * one_minus_cos_max);
-    Some(Aim { wi, distance, pdf, has_extent: true, spot: Spot::Area(number, Vec2::ZERO) })
+    // Where a ray meets a sphere is rounded by the square of its distance over the radius, too.
+    let end = p + wi * distance;
+    let cos = (end - sphere.center).dot(wi) / sphere.radius;
+    let clearance = clearance(p, end, cos) * (1.0 + distance / sphere.radius);
+    Some(Aim { wi, distance, pdf, has_extent: true, spot: Spot::Area(number, Vec2::ZERO), clearance })
 }
 
 /// Area over squared distance (sr) below which rectangles are sampled by area.

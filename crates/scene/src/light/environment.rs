@@ -154,6 +154,7 @@ impl Environment {
             pdf,
             has_extent: true,
             spot: Spot::Environment(p),
+            clearance: 0.0,
         })
     }
 

@@ -31,6 +31,16 @@ pub struct Aim {
     pub has_extent: bool,
     /// Where on the light, for its radiance.
     pub spot: Spot,
+    /// Distance before the light at which a shadow ray ends, m: more than rounding moves the light's surface along the ray.
+    pub clearance: f32,
+}
+
+/// Relative rounding of the place where a ray meets a flat surface: some units of 2⁻²³.
+const ROUNDING: f32 = 1e-6;
+
+/// [`Aim::clearance`] of a flat surface at `end` seen from `p` under a cosine.
+fn clearance(p: Vec3, end: Vec3, cos: f32) -> f32 {
+    ROUNDING * (p.abs().max(end.abs()).max_element() + (end - p).length()) / cos.abs().max(1e-2)
 }
 
 /// A place on a light.

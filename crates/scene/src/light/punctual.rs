@@ -199,7 +199,7 @@ impl Punctual {
                 let (x, y) = sampling::frame(-direction);
                 let wi = (x * (sin * phi.cos()) + y * (sin * phi.sin()) - direction * cos).normalize();
                 let (distance, pdf) = (f32::INFINITY, disc_density(half_angle));
-                return Some(Aim { wi, distance, pdf, has_extent: true, spot: Spot::Punctual(number) });
+                return Some(Aim { wi, distance, pdf, has_extent: true, spot: Spot::Punctual(number), clearance: 0.0 });
             }
             PunctualKind::Directional { direction } => (-direction, f32::INFINITY),
             PunctualKind::Point { position } | PunctualKind::Spot { position, .. } => {
@@ -211,7 +211,8 @@ impl Punctual {
                 (to / distance, distance)
             }
         };
-        Some(Aim { wi, distance, pdf: 1.0, has_extent: false, spot: Spot::Punctual(number) })
+        let clearance = if distance.is_finite() { super::clearance(p, p + wi * distance, 1.0) } else { 0.0 };
+        Some(Aim { wi, distance, pdf: 1.0, has_extent: false, spot: Spot::Punctual(number), clearance })
     }
 
     /// Radiance of a disc seen in a direction, and the density of [`Punctual::aim`] for that; `None` beside it, or for other lights.
