@@ -102,6 +102,10 @@ impl Table {
         if let Some(bad) = wavelengths.iter().find(|w| !(300.0..=2500.0).contains(*w)) {
             return Err(AskedWrongly(anyhow!("wavelength {bad} nm: expected 300 to 2500")).into());
         }
+        // The file's own wavelengths have their notes already.
+        if asked.wavelength.is_some() {
+            prescription.extrapolated(&wavelengths).iter().for_each(|sentence| say(&format!("note: {sentence}")));
+        }
         let reference = match asked.wavelength {
             None if !prescription.usage.wavelengths_nm.is_empty() => wavelengths[prescription.usage.reference],
             _ => wavelengths[wavelengths.len() / 2],

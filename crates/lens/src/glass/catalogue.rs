@@ -8,7 +8,7 @@ use std::collections::HashMap;
 use std::sync::OnceLock;
 
 /// Vendors in the order in which an ambiguous name is looked up.
-const VENDORS: [&str; 9] = ["schott", "ohara", "hoya", "hikari", "sumita", "cdgm", "lzos", "material", "plastic"];
+pub(super) const VENDORS: [&str; 9] = ["schott", "ohara", "hoya", "hikari", "sumita", "cdgm", "lzos", "material", "plastic"];
 
 struct Catalogue {
     /// Lines of both tables.
@@ -52,7 +52,7 @@ fn catalogue() -> &'static Catalogue {
 }
 
 /// Upper case letters and digits only.
-fn plain(name: &str) -> String {
+pub(super) fn plain(name: &str) -> String {
     name.chars().filter(|c| c.is_alphanumeric()).map(|c| c.to_ascii_uppercase()).collect()
 }
 

@@ -5,9 +5,11 @@
 //! and nF − nC with the partial dispersion P_gF = 0.6438 − 0.001682 Vd of the normal glasses (Schott TIE-29), which reports
 //! call a model glass.
 
+mod alias;
 mod catalogue;
 mod dispersion;
 
+pub(crate) use alias::parse_foreign;
 pub use catalogue::{entry_names, find};
 
 use diopter_light::names::nearest;
@@ -227,6 +229,34 @@ impl Glass {
         }
     }
 
+    /// Wavelengths over which the index is known, nm: the printed range of a formula; [`VISIBLE_NM`] of a curve through nd and Vd,
+    /// which says nothing about the infrared. `None` where nothing limits it (air, a constant index).
+    pub fn range_nm(&self) -> Option<[f64; 2]> {
+        match &self.kind {
+            GlassKind::Air | GlassKind::Constant(_) => None,
+            GlassKind::Model { .. } => Some(VISIBLE_NM),
+            GlassKind::Catalogue { range_nm, .. } => Some(*range_nm),
+        }
+    }
+
+    /// A sentence where the index at a wavelength lies beyond [`Glass::range_nm`] and is extrapolated.
+    pub fn extrapolated(&self, nm: f64) -> Option<String> {
+        let [short, long] = self.range_nm()?;
+        // Ranges are printed to a few nm.
+        if nm >= short - 2.0 && nm <= long + 2.0 {
+            return None;
+        }
+        let known = match &self.kind {
+            GlassKind::Model { .. } => "a curve through nd and Vd",
+            _ => "its dispersion formula",
+        };
+        let found = match self.index(nm) {
+            n if n.is_finite() && n > 0.0 => format!("the index {n:.4} at {nm} nm is extrapolated"),
+            _ => format!("there is no index at {nm} nm"),
+        };
+        Some(format!("glass {}: {found}: {known} holds from {short:.0} to {long:.0} nm", self.written()))
+    }
+
     /// Abbe number (nd − 1)/(nF − nC); infinite without dispersion.
     pub fn abbe(&self) -> f64 {
         (self.index(D_NM) - 1.0) / (self.index(F_NM) - self.index(C_NM))
@@ -372,6 +402,18 @@ mod tests {
                 assert!((real.index(nm) - measured.index(nm)).abs() < 5e-4, "{name} {nm}");
             }
         }
+    }
+
+    #[test]
+    fn an_index_beyond_what_is_known_says_so() {
+        let model = Glass::parse("1.5168/64.17").unwrap();
+        assert_eq!(model.extrapolated(587.6), None);
+        let note = model.extrapolated(1550.0).unwrap();
+        assert!(note.contains("1550 nm is extrapolated") && note.contains("380 to 780 nm"), "{note}");
+        assert_eq!(Glass::parse("N-BK7").unwrap().extrapolated(1550.0), None);
+        let note = Glass::parse("GERMANIUM").unwrap().extrapolated(587.6).unwrap();
+        assert!(note.contains("2500 to 12000 nm"), "{note}");
+        assert_eq!(Glass::constant(1.5).unwrap().extrapolated(10_000.0), None);
     }
 
     #[test]

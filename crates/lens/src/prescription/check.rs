@@ -147,13 +147,39 @@ impl Prescription {
         self.infer_film();
         self.infer_semi_diameters(file)?;
         self.check_gaps(file)?;
+        let extrapolated = self.extrapolated(&self.usage.wavelengths_nm);
+        self.notes.extend(extrapolated);
         Ok(self)
+    }
+
+    /// A sentence for each glass and wavelength (nm) where the index lies beyond what is known of the glass
+    /// ([`crate::glass::Glass::extrapolated`]); each once, at most 40.
+    pub fn extrapolated(&self, wavelengths_nm: &[f64]) -> Vec<String> {
+        let mut found: Vec<String> = vec![];
+        for nm in wavelengths_nm {
+            for sentence in self.surfaces.iter().filter_map(|s| s.glass.extrapolated(*nm)) {
+                if found.len() < 40 && !found.contains(&sentence) {
+                    found.push(sentence);
+                }
+            }
+        }
+        found
+    }
+
+    /// The wavelength at which missing figures are inferred, nm: the d line, or the stated reference where a glass has no index there.
+    fn inference_nm(&self) -> f64 {
+        let index_exists = |nm: f64| self.surfaces.iter().all(|s| s.glass.index(nm) > 0.0);
+        let reference = self.usage.wavelengths_nm.get(self.usage.reference).copied();
+        match reference {
+            Some(nm) if !index_exists(crate::glass::D_NM) => nm,
+            _ => crate::glass::D_NM,
+        }
     }
 
     /// The surface whose rim the axial beam touches first.
     fn infer_stop(&self) -> usize {
         let system = System::at(self, State::default());
-        let heights = paraxial::Trace::axial(&system, &system.indices(crate::glass::D_NM)).heights;
+        let heights = paraxial::Trace::axial(&system, &system.indices(self.inference_nm())).heights;
         let ratio = |i: &usize| {
             let sd = self.surfaces[*i].semi_diameter.unwrap_or(f64::INFINITY);
             sd / heights[*i].abs().max(1e-12)
@@ -168,7 +194,7 @@ impl Prescription {
             return;
         }
         let system = System::at(self, State::default());
-        let bfl = paraxial::FirstOrder::of(&system, &system.indices(crate::glass::D_NM)).bfl;
+        let bfl = paraxial::FirstOrder::of(&system, &system.indices(self.inference_nm())).bfl;
         if bfl > 0.0 && bfl < LARGEST {
             self.surfaces[last].gap = super::Gap::fixed(bfl);
             self.notes.push(format!("no gap behind the last surface: the film stands in the paraxial focus, {bfl:.4} mm"));
@@ -182,7 +208,7 @@ impl Prescription {
             return Ok(());
         }
         let system = System::at(self, State::default());
-        let n = system.indices(crate::glass::D_NM);
+        let n = system.indices(self.inference_nm());
         let first = paraxial::FirstOrder::of(&system, &n);
         let stop = self.stop();
         let pupil = match self.usage.aperture {
