@@ -215,6 +215,8 @@ macro_rules! batch {
                 Conic,
                 Asphere(Vec<$float>),
                 Toroid(Vec<$float>),
+                /// Conic constant in x.
+                Biconic($float),
             }
 
             #[derive(Clone, Debug)]
@@ -268,6 +270,7 @@ macro_rules! batch {
                                 Profile::Conic { c, k } => (Shape::Conic, *c, *k),
                                 Profile::Asphere(a) => (Shape::Asphere(poly(a)), a.c, a.k),
                                 Profile::Toroid { y, .. } => (Shape::Toroid(poly(y)), y.c, y.k),
+                                Profile::Biconic { k_x, c_y, k_y, .. } => (Shape::Biconic(*k_x as $float), *c_y, *k_y),
                             };
                             let frame = s.frame.as_ref().map(|f| {
                                 let m = f.1.matrix3;
@@ -533,6 +536,38 @@ macro_rules! batch {
                                 gy = over_y * y * b / root;
                                 residual = z - height;
                                 on = real & root2.simd_gt(zero);
+                                if pass < NEWTON_STEPS {
+                                    s = s - residual / (dz - gx * dx - gy * dy);
+                                }
+                                pass += 1;
+                            }
+                            t = s;
+                            (hx, hy, hz) = (px + dx * t, py + dy * t, pz + dz * t);
+                            let length = (gx * gx + gy * gy + one).sqrt();
+                            (nx, ny, nz) = (-gx / length, -gy / length, one / length);
+                            let scale = $vector::splat(simd, RESIDUAL) * (one + t.abs());
+                            hit = on & residual.abs().simd_lt(scale);
+                        }
+                        Shape::Biconic(k_x) => {
+                            let (kx1, ky1) = (one + $vector::splat(simd, *k_x), one + $vector::splat(simd, step.k));
+                            let cx = $vector::splat(simd, step.c_x);
+                            let mut s = -pz / dz;
+                            let mut residual = one;
+                            let (mut gx, mut gy) = (zero, zero);
+                            let mut on = alive;
+                            let mut pass = 0;
+                            while pass <= NEWTON_STEPS {
+                                let (x, y, z) = (px + dx * s, py + dy * s, pz + dz * s);
+                                let (ax, ay) = (cx * x, c * y);
+                                let root2 = one - kx1 * ax * ax - ky1 * ay * ay;
+                                let root = root2.max($vector::splat(simd, 1e-12)).sqrt();
+                                let inverse = one / (one + root);
+                                let height = (ax * x + ay * y) * inverse;
+                                let bend = height / root;
+                                gx = (two * ax + bend * kx1 * cx * ax) * inverse;
+                                gy = (two * ay + bend * ky1 * c * ay) * inverse;
+                                residual = z - height;
+                                on = root2.simd_gt(zero);
                                 if pass < NEWTON_STEPS {
                                     s = s - residual / (dz - gx * dx - gy * dy);
                                 }

@@ -3,7 +3,9 @@
 //!
 //! Conventions: curvature c = 1/R, positive when the centre lies at +z; conic constant k (−1 parabola); aspheres
 //! z = c r² / (1 + √(1 − (1+k) c² r²)) + Σ Aᵢ rⁱ for any powers i ≥ 1, even or odd; a toroid is a curve of that kind in the y–z
-//! plane turned about an axis parallel to y at x-radius R_x (ISO 10110-12, Zemax "toroidal").
+//! plane turned about an axis parallel to y at x-radius R_x (ISO 10110-12, Zemax "toroidal"); a biconic has a curvature and a
+//! conic constant of its own in x and in y, z = (c_x x² + c_y y²) / (1 + √(1 − (1+k_x) c_x² x² − (1+k_y) c_y² y²)) (ISO 10110-12,
+//! Zemax "biconic", CODE V "anamorphic asphere").
 
 use glam::DVec3;
 
@@ -29,6 +31,17 @@ pub enum Profile {
         y: Asphere,
         /// Curvature in x at the vertex; 0 for a cylinder that is straight along x.
         c_x: f64,
+    },
+    /// A curvature and a conic constant in x, others in y.
+    Biconic {
+        /// Curvature in x, 1/mm.
+        c_x: f64,
+        /// Conic constant in x.
+        k_x: f64,
+        /// Curvature in y, 1/mm.
+        c_y: f64,
+        /// Conic constant in y.
+        k_y: f64,
     },
 }
 
@@ -97,20 +110,21 @@ impl Profile {
             Profile::Plane => 0.0,
             Profile::Sphere(c) | Profile::Conic { c, .. } => *c,
             Profile::Asphere(a) | Profile::Toroid { y: a, .. } => a.vertex_curvature(),
+            Profile::Biconic { c_y, .. } => *c_y,
         }
     }
 
     /// Curvature in the x–z plane at the vertex.
     pub fn curvature_x(&self) -> f64 {
         match self {
-            Profile::Toroid { c_x, .. } => *c_x,
+            Profile::Toroid { c_x, .. } | Profile::Biconic { c_x, .. } => *c_x,
             other => other.curvature(),
         }
     }
 
     /// Whether the surface looks the same from all sides.
     pub fn is_rotational(&self) -> bool {
-        !matches!(self, Profile::Toroid { .. })
+        !matches!(self, Profile::Toroid { .. } | Profile::Biconic { .. })
     }
 
     /// z at a place; `None` where the surface does not reach.
@@ -126,6 +140,7 @@ impl Profile {
             Profile::Conic { c, k } => conic(*c, *k),
             Profile::Asphere(a) => a.sag(x.hypot(y)).map(|s| s.0),
             Profile::Toroid { y: a, c_x } => toroid(a, *c_x, x, y).map(|s| s.0),
+            Profile::Biconic { c_x, k_x, c_y, k_y } => biconic([*c_x, *k_x], [*c_y, *k_y], x, y).map(|s| s.0),
         }
     }
 
@@ -160,6 +175,9 @@ impl Profile {
             Profile::Toroid { y: a, c_x } => {
                 meet_graph(o, d, None, |p| toroid(a, *c_x, p.x, p.y).map(|(z, zx, zy)| (z, slope_vector(zx, zy))))
             }
+            Profile::Biconic { c_x, k_x, c_y, k_y } => meet_graph(o, d, None, |p| {
+                biconic([*c_x, *k_x], [*c_y, *k_y], p.x, p.y).map(|(z, zx, zy)| (z, slope_vector(zx, zy)))
+            }),
         }
     }
 }
@@ -186,6 +204,21 @@ fn toroid(a: &Asphere, c_x: f64, x: f64, y: f64) -> Option<(f64, f64, f64)> {
     // z = (1 − root)/c_x = f + (b − root)/c_x = f + c_x x² / (b + root)
     let z = f + c_x * x * x / (b + root);
     Some((z, c_x * x / root, slope * b / root))
+}
+
+/// Sag and slopes of a biconic, from curvature and conic constant in x and in y.
+fn biconic([c_x, k_x]: [f64; 2], [c_y, k_y]: [f64; 2], x: f64, y: f64) -> Option<(f64, f64, f64)> {
+    let (ax, ay) = (c_x * x, c_y * y);
+    let root2 = 1.0 - (1.0 + k_x) * ax * ax - (1.0 + k_y) * ay * ay;
+    if root2 <= 0.0 {
+        return None;
+    }
+    let root = root2.sqrt();
+    let z = (ax * x + ay * y) / (1.0 + root);
+    // dz = (d(c_x x² + c_y y²) − z d root) / (1 + root)
+    let bend = z / root;
+    let slope = |a: f64, c: f64, k: f64| (2.0 * a + bend * (1.0 + k) * c * a) / (1.0 + root);
+    Some((z, slope(ax, c_x, k_x), slope(ay, c_y, k_y)))
 }
 
 /// Root of c (x² + y² + (1+k) z²) − 2z = 0 along the ray.
@@ -292,6 +325,8 @@ mod tests {
             Profile::Asphere(a(0.2, 0.5, &[0.0, 0.0, 0.0, 0.0, -2e-3])),
             Profile::Toroid { y: a(0.03, 0.0, &[]), c_x: 0.0 },
             Profile::Toroid { y: a(0.03, -1.0, &[0.0, 0.0, 0.0, 0.0, 1e-6]), c_x: -0.02 },
+            Profile::Biconic { c_x: 0.01, k_x: -3.0, c_y: 0.04, k_y: 0.5 },
+            Profile::Biconic { c_x: -0.05, k_x: 0.0, c_y: 0.0, k_y: 0.0 },
         ];
         for shape in &shapes {
             let mut met = 0;
@@ -319,6 +354,25 @@ mod tests {
             }
             assert!(met > 250, "{shape:?}: {met}");
         }
+    }
+
+    #[test]
+    fn a_biconic_of_equal_sections_is_the_conic_and_is_no_toroid_else() {
+        let same = Profile::Biconic { c_x: 0.05, k_x: -0.7, c_y: 0.05, k_y: -0.7 };
+        let conic = Profile::Conic { c: 0.05, k: -0.7 };
+        for (x, y) in [(0.0, 0.0), (3.0, 0.0), (0.0, -4.0), (5.0, 2.0)] {
+            assert!((same.sag(x, y).unwrap() - conic.sag(x, y).unwrap()).abs() < 1e-14);
+        }
+        // By hand at x = 6, y = 8, c_x = 1/100, c_y = 1/50, no conic constants: (0.36 + 1.28) / (1 + √(1 − 0.0036 − 0.0256)).
+        let biconic = Profile::Biconic { c_x: 0.01, k_x: 0.0, c_y: 0.02, k_y: 0.0 };
+        let z = biconic.sag(6.0, 8.0).unwrap();
+        assert!((z - 1.64 / (1.0 + 0.9708f64.sqrt())).abs() < 1e-14, "{z}");
+        // The toroid of the same radii lies micrometres beside it.
+        let toroid = Profile::Toroid { y: Asphere { c: 0.02, k: 0.0, a: vec![] }, c_x: 0.01 };
+        let apart = (toroid.sag(6.0, 8.0).unwrap() - z).abs();
+        assert!(apart > 1e-4 && apart < 1e-1, "{apart}");
+        // It ends where the root does.
+        assert!(biconic.sag(0.0, 50.1).is_none() && biconic.sag(0.0, 49.9).is_some());
     }
 
     #[test]

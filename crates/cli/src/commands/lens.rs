@@ -310,7 +310,7 @@ fn info(asked: &Asked, json: bool) -> anyhow::Result<()> {
         let radius = match &s.profile {
             Profile::Plane => "plane".into(),
             other if other.curvature() == 0.0 && other.is_rotational() => "asphere".into(),
-            Profile::Toroid { .. } => {
+            Profile::Toroid { .. } | Profile::Biconic { .. } => {
                 let r = |c: f64| if c == 0.0 { "inf".to_owned() } else { format!("{:.2}", 1.0 / c) };
                 format!("{}/{}", r(s.profile.curvature_x()), r(s.profile.curvature()))
             }

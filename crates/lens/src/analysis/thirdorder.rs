@@ -62,6 +62,7 @@ impl ThirdOrder {
                 let g = match profile {
                     crate::surface::Profile::Conic { c, k } => k * c.powi(3) / 8.0,
                     crate::surface::Profile::Asphere(a) => a.fourth_order(),
+                    crate::surface::Profile::Biconic { c_y, k_y, .. } => k_y * c_y.powi(3) / 8.0,
                     _ => 0.0,
                 };
                 let s = 8.0 * g * (n1 - n0);

@@ -39,6 +39,11 @@ impl Prescription {
             {
                 return Err(wrong("a conic constant that is not a number".into()));
             }
+            if let Profile::Biconic { k_x, k_y, .. } = &s.profile
+                && !(k_x.is_finite() && k_y.is_finite())
+            {
+                return Err(wrong("a conic constant that is not a number".into()));
+            }
             if let Profile::Asphere(a) | Profile::Toroid { y: a, .. } = &s.profile
                 && (!a.k.is_finite() || a.a.iter().any(|v| !v.is_finite()))
             {

@@ -6,8 +6,8 @@
 mod check;
 mod sheet;
 
-pub(crate) use sheet::profile;
 pub use sheet::read_toml;
+pub(crate) use sheet::{biconic, profile};
 
 use crate::glass::Glass;
 use crate::iris::Iris;

@@ -13,7 +13,7 @@
 //! ```
 //!
 //! A surface without `radius` is a plane, a gap without `glass` is air. `gap` is a number, a list over the positions of `zoom`,
-//! or `{ infinity, close }` of either. Other keys: `radius_x` (toroid), `mirror`, `obstruction`, `absorption` (1/mm), `decenter`,
+//! or `{ infinity, close }` of either. Other keys: `radius_x` (toroid; with `conic_x` biconic), `mirror`, `obstruction`, `absorption` (1/mm), `decenter`,
 //! `tilt_deg`; `[iris]`, `[[element]]` (decentre and tilt of several surfaces), `coating`.
 
 use super::{ApertureKind, Coating, Gap, Misalignment, Prescription, PrescriptionError, Surface, Usage};
@@ -104,6 +104,7 @@ struct SheetSurface {
     radius_x: Option<f64>,
     #[serde(default)]
     conic: f64,
+    conic_x: Option<f64>,
     #[serde(default)]
     asphere: BTreeMap<String, f64>,
     gap: Option<SheetGap>,
@@ -249,7 +250,15 @@ fn surface(s: SheetSurface, line: usize) -> Result<Surface, String> {
         a.resize(a.len().max(power as usize + 1), 0.0);
         a[power as usize] = *value;
     }
-    let profile = profile(c, s.conic, a, s.radius_x.map(|r| curvature(Some(r), "radius_x")).transpose()?);
+    let c_x = s.radius_x.map(|r| curvature(Some(r), "radius_x")).transpose()?;
+    let profile = match (s.conic_x, c_x) {
+        (None, c_x) => profile(c, s.conic, a, c_x),
+        (Some(k_x), None) => return Err(format!("conic_x {k_x} without radius_x: a biconic needs both")),
+        (Some(_), Some(_)) if a.iter().any(|v| *v != 0.0) => {
+            return Err("conic_x with asphere: a biconic has no polynomial terms".into());
+        }
+        (Some(k_x), Some(c_x)) => biconic([c_x, k_x], [c, s.conic]),
+    };
     let mut glass = Glass::parse(s.glass.as_deref().unwrap_or("air")).map_err(|e| e.to_string())?;
     if let Some(alpha) = s.absorption {
         if !(alpha >= 0.0 && alpha.is_finite()) {
@@ -288,6 +297,14 @@ pub(crate) fn profile(c: f64, k: f64, a: Vec<f64>, c_x: Option<f64>) -> Profile 
         _ if k == 0.0 => Profile::Sphere(c),
         _ => Profile::Conic { c, k },
     }
+}
+
+/// A biconic from curvature and conic constant in x and in y; the simpler profile where they are the same.
+pub(crate) fn biconic([c_x, k_x]: [f64; 2], [c_y, k_y]: [f64; 2]) -> Profile {
+    // Conic constants of planes mean nothing.
+    let of_plane = |c: f64, k: f64| if c == 0.0 { 0.0 } else { k };
+    let (k_x, k_y) = (of_plane(c_x, k_x), of_plane(c_y, k_y));
+    if (c_x, k_x) == (c_y, k_y) { profile(c_y, k_y, vec![], None) } else { Profile::Biconic { c_x, k_x, c_y, k_y } }
 }
 
 impl Prescription {
@@ -413,6 +430,11 @@ fn surface_fields(s: &Surface) -> Vec<String> {
         Profile::Toroid { y, c_x } => {
             shape(y.c, y.k, &y.a);
             f.push(format!("radius_x = {}", if *c_x == 0.0 { "inf".into() } else { radius_x(*c_x) }));
+        }
+        Profile::Biconic { c_x, k_x, c_y, k_y } => {
+            shape(*c_y, *k_y, &[]);
+            f.push(format!("radius_x = {}", if *c_x == 0.0 { "inf".into() } else { radius_x(*c_x) }));
+            f.push(format!("conic_x = {}", number(*k_x)));
         }
     }
     if s.stop {
