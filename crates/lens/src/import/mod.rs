@@ -5,6 +5,7 @@
 
 mod codev;
 mod iset;
+mod layout;
 mod pbrt;
 mod zemax;
 

@@ -1,27 +1,49 @@
 //! Zemax OpticStudio lens files (.zmx): keyword lines, a block a surface.
 //!
-//! Written from the format as its files show it and as ray-optics and optiland read it. Surface types: STANDARD, EVENASPH,
-//! ODDASPHE, XASPHERE, TOROIDAL, BICONICX; DIAM is a semi-diameter.
+//! Written from the format as its files show it and as ray-optics and optiland read it. DIAM is a semi-diameter.
+//!
+//! | keyword | what is done |
+//! |---|---|
+//! | MODE, NAME, UNIT, ENPD, FNUM, OBNA, FLOA, YFLN, VCYN, WAVM, PWAV, GCAT | read |
+//! | FTYP | angles are read; heights and fields in x (XFLN) are left out, with a note |
+//! | TYPE STANDARD, EVENASPH, ODDASPHE, XASPHERE, TOROIDAL, BICONICX | read |
+//! | TYPE COORDBRK | read: decentre x, y; tilt about x, y, z; order (Zemax manual, "Coordinate Break"); see layout.rs |
+//! | other TYPE: gratings, paraxial and diffractive surfaces, gradient indices, user surfaces | error |
+//! | CURV, CONI, PARM, XDAT, DISZ, STOP, DIAM, CLAP, OBSC from 0 | read |
+//! | OBSC of a ring, OBDC (aperture beside the vertex) | error |
+//! | SQAP, ELAP, SQOB, ELOB, SPID | approximated by the circle of DIAM, with a note |
+//! | GLAS | the catalogue's glass; an alias with a note (glass/alias.rs); the line's nd and Vd where neither is known, but for the placeholder 1.5, 40 |
+//! | GLAS MIRROR | a mirror; plane ones that fold the axis are unfolded |
+//! | SCBD (tilt of a surface of its own) | left out, with a note where it is not zero |
+//! | MNUM above 1 | the configuration in which the surfaces stand; with a note |
+//! | curved image surface | taken for plane, with a note |
+//! | coatings, solves, pickups, tolerances, drawing, weights, ray aiming (`HARMLESS`, `HARMLESS_HEAD`) | ignored: rays do not change |
+//! | all others | skipped, named in a note |
 
+use super::layout::{Placed, ahead, lay_out, moved_then_turned, turned_then_moved};
 use super::{Skipped, drop_dummies, stem};
-use crate::glass::{Glass, GlassError};
+use crate::glass::{D_NM, Glass, GlassError, parse_foreign};
 use crate::prescription::{ApertureKind, Prescription, PrescriptionError, Surface};
 use crate::surface::{Asphere, Profile};
+use glam::{DAffine3, DVec3};
 use std::collections::BTreeMap;
+
+/// What Zemax writes as nd and Vd of a glass that it takes from a catalogue.
+const PLACEHOLDER: (f64, f64) = (1.5, 40.0);
 
 /// Keywords of surfaces that do not change its shape, place or medium.
 const HARMLESS: &[&str] = &[
-    "COMM", "HIDE", "MIRR", "SLAB", "POPS", "COAT", "PZUP", "MAZH", "FLAP", "BLNK", "SCBD", "MEMA", "PPAR", "VPAR", "PKUP",
-    "PARP", "DIAP", "GLCZ", "OPDX", "USAP", "UDAP", "FIMP", "TOL", "TOLE", "NOTE", "SDRW", "HLGT", "CONF", "MOFF", "REAY",
-    "EFLY", "EFFL", "WRSG", "CLRF", "SSAM", "ELDX", "PICB", "BORD", "FACE", "CONI",
+    "COMM", "HIDE", "MIRR", "SLAB", "POPS", "COAT", "PZUP", "MAZH", "FLAP", "BLNK", "MEMA", "PPAR", "VPAR", "PKUP", "PARP",
+    "DIAP", "GLCZ", "OPDX", "USAP", "UDAP", "FIMP", "TOL", "TOLE", "NOTE", "SDRW", "HLGT", "CONF", "MOFF", "REAY", "EFLY",
+    "EFFL", "WRSG", "CLRF", "SSAM", "ELDX", "PICB", "BORD", "FACE", "CONI",
 ];
 /// Keywords of the head that do not change the lens.
 const HARMLESS_HEAD: &[&str] = &[
-    "VERS", "NOTE", "PFIL", "LANG", "ENVD", "GFAC", "RAIM", "PUSH", "SDMA", "ROPD", "PICB", "XFLN", "FWGN", "VDXN", "VDYN",
-    "VCXN", "VANN", "POLS", "GLRS", "GSTD", "NSCD", "COFN", "COFP", "FCOM", "FTYP", "WWGT", "WWGN", "ZVDX", "ZVDY", "ZVCX",
-    "ZVAN", "ZVCY", "XFLD", "FWGT", "VCXN", "RSCE", "RWRE", "CMSG", "EFFL", "TOL", "MNUM", "MOFF", "WAVL", "WAVN", "SWCN",
-    "PUPD", "PUPZ", "EYES", "GRPH", "TCMM", "TCED", "MCED", "MEID", "BLNK", "AUTH", "PSEQ", "NSCS", "IMAG", "ZCUS", "REAY",
-    "EFLY", "LOPT", "ISNA",
+    "VERS", "NOTE", "PFIL", "LANG", "ENVD", "GFAC", "RAIM", "PUSH", "SDMA", "ROPD", "PICB", "FWGN", "VDXN", "VDYN", "VCXN",
+    "VANN", "POLS", "GLRS", "GSTD", "NSCD", "COFN", "COFP", "FCOM", "FTYP", "WWGT", "WWGN", "ZVDX", "ZVDY", "ZVCX", "ZVAN",
+    "ZVCY", "FWGT", "VCXN", "RSCE", "RWRE", "CMSG", "EFFL", "TOL", "MNUM", "MOFF", "WAVL", "WAVN", "SWCN", "PUPD", "PUPZ",
+    "EYES", "GRPH", "TCMM", "TCED", "MCED", "MEID", "BLNK", "AUTH", "PSEQ", "NSCS", "IMAG", "ZCUS", "REAY", "EFLY", "LOPT",
+    "ISNA",
 ];
 
 #[derive(Default)]
@@ -38,8 +60,16 @@ struct Block {
     semi_diameter: Option<f64>,
     obstruction: f64,
     clear: Option<f64>,
+    /// Its semi-diameter is set, not computed from rays.
+    fixed: bool,
     parameters: BTreeMap<u32, f64>,
     extra: BTreeMap<u32, f64>,
+}
+
+impl Block {
+    fn is_break(&self) -> bool {
+        self.kind.as_deref() == Some("COORDBRK")
+    }
 }
 
 pub fn read(text: &str, file: &str) -> Result<Prescription, PrescriptionError> {
@@ -97,6 +127,11 @@ pub fn read(text: &str, file: &str) -> Result<Prescription, PrescriptionError> {
                 "FLOA" => {}
                 "FTYP" => field_kind = value(0).unwrap_or(0.0),
                 "YFLN" | "YFLD" => fields = numbers(),
+                "XFLN" | "XFLD" => {
+                    if numbers().iter().any(|x| *x != 0.0) {
+                        notes.push("fields in x are not taken over, only those in y".into());
+                    }
+                }
                 "VCYN" => vignetting = numbers(),
                 "WAVM" => {
                     waves.insert(value(0)? as usize, value(1)?);
@@ -114,7 +149,10 @@ pub fn read(text: &str, file: &str) -> Result<Prescription, PrescriptionError> {
             "CONI" => block.conic = value(0)?,
             "DISZ" if rest.first() == Some(&"INFINITY") => block.infinite = true,
             "DISZ" => block.gap = value(0)?,
-            "DIAM" => block.semi_diameter = Some(value(0)?).filter(|d| *d > 0.0),
+            "DIAM" => {
+                block.semi_diameter = Some(value(0)?).filter(|d| *d > 0.0);
+                block.fixed = rest.get(1) == Some(&"1");
+            }
             "STOP" => block.stop = true,
             "PARM" => {
                 block.parameters.insert(value(0)? as u32, value(1)?);
@@ -137,33 +175,29 @@ pub fn read(text: &str, file: &str) -> Result<Prescription, PrescriptionError> {
                     (block.obstruction, block.clear) = (inner.max(0.0), Some(outer));
                 }
             }
+            "OBDC" => {
+                if numbers().iter().any(|v| *v != 0.0) {
+                    return Err(wrong(format!("OBDC {}: an aperture beside the vertex is not read", rest.join(" "))));
+                }
+            }
+            "SCBD" => {
+                if numbers().iter().any(|v| *v != 0.0) {
+                    let number = surface.unwrap_or(0);
+                    notes.push(format!(
+                        "surface {number}: SCBD (a tilt or decentre of its own) is left out; write COORDBRK instead"
+                    ));
+                }
+            }
             "SQAP" | "ELAP" | "SQOB" | "ELOB" | "SPID" => {
                 notes.push(format!("surface {}: aperture {key} is not round; its circle is used", surface.unwrap_or(0)));
             }
             "GLAS" => {
-                let name = rest.first().copied().unwrap_or("");
-                if name == "MIRROR" {
+                if rest.first() == Some(&"MIRROR") {
                     block.mirror = true;
                     continue;
                 }
-                let n = numbers_from(&rest, 1);
-                // "GLAS name solve pickup nd Vd ...": the file's own figures serve where the name is in no catalogue.
-                let (nd, vd) = (n.get(2).copied().unwrap_or(0.0), n.get(3).copied().unwrap_or(0.0));
-                let off_line = n.get(4).copied().filter(|d| d.abs() < 0.2).unwrap_or(0.0);
-                let figures = || Glass::model(nd, vd, off_line);
                 let preferred: Vec<&str> = vendors.iter().map(String::as_str).collect();
-                let glass = if name.starts_with("___") || name == "BLANK" {
-                    figures()
-                } else {
-                    match Glass::parse_preferring(name, &preferred) {
-                        Err(GlassError::Unknown { .. } | GlassError::NoFigures(_)) if nd > 1.0 && vd > 10.0 => {
-                            notes.push(format!("glass \"{name}\" is in no catalogue: the file's nd {nd}, Vd {vd} are used"));
-                            figures()
-                        }
-                        found => found,
-                    }
-                };
-                block.glass = Some(glass.map_err(|e| wrong(e.to_string()))?);
+                block.glass = Some(glass(&rest, &preferred, &mut notes).map_err(wrong)?);
             }
             "MNUM" => {
                 if let Some(count) = numbers().first().filter(|n| **n > 1.0) {
@@ -183,26 +217,44 @@ pub fn read(text: &str, file: &str) -> Result<Prescription, PrescriptionError> {
         p.usage.object_distance = Some(object.gap * scale);
     }
     let last = blocks.len() - 1;
+    // Where each surface stands, through the coordinate breaks.
+    let mut rows: Vec<Placed> = vec![];
+    let mut here = DAffine3::IDENTITY;
+    let breaks = blocks[1..last].iter().any(Block::is_break);
     for (i, b) in blocks[1..last].iter().enumerate() {
         let wrong = |what: String| PrescriptionError::at(file, b.line, what).surface(i + 1);
         if b.infinite {
             return Err(wrong("an infinite gap inside the lens".into()));
         }
-        let profile = profile(b, scale).map_err(wrong)?;
-        let medium = match (&b.glass, b.mirror) {
-            (Some(g), _) => g.clone(),
+        let before = rows.last().map_or(Glass::air(), |r| r.surface.glass.clone());
+        let (shape, medium) = match (&b.glass, b.mirror) {
+            // A coordinate break bends nothing.
+            _ if b.is_break() => (Profile::Plane, before),
+            (Some(g), _) => (profile(b, scale).map_err(wrong)?, g.clone()),
             // A mirror goes on in what was before it.
-            (None, true) => p.surfaces.last().map_or(Glass::air(), |s: &Surface| s.glass.clone()),
-            (None, false) => Glass::air(),
+            (None, true) => (profile(b, scale).map_err(wrong)?, before),
+            (None, false) => (profile(b, scale).map_err(wrong)?, Glass::air()),
         };
-        p.surfaces.push(Surface {
-            line: b.line,
-            semi_diameter: b.clear.or(b.semi_diameter).map(|d| d * scale),
-            obstruction: b.obstruction * scale,
-            stop: b.stop,
-            mirror: b.mirror,
-            ..Surface::new(profile, b.gap * scale, medium)
-        });
+        if b.is_break() {
+            here *= coordinate_break(b, scale);
+        }
+        if !b.is_break() || b.stop {
+            let surface = Surface {
+                line: b.line,
+                semi_diameter: b.clear.or(b.semi_diameter).map(|d| d * scale),
+                obstruction: b.obstruction * scale,
+                stop: b.stop,
+                mirror: b.mirror && !b.is_break(),
+                ..Surface::new(shape, b.gap * scale, medium)
+            };
+            rows.push(Placed { surface, frame: here, rim: b.mirror && (b.clear.is_some() || b.fixed) });
+        }
+        here *= ahead(b.gap * scale);
+    }
+    if breaks {
+        lay_out(rows, here, &mut p).map_err(|(line, what)| PrescriptionError::at(file, line, what))?;
+    } else {
+        p.surfaces = rows.into_iter().map(|r| r.surface).collect();
     }
     if blocks[last].curvature != 0.0 {
         notes.push("the image surface is curved in the file; the film is flat".into());
@@ -230,13 +282,69 @@ pub fn read(text: &str, file: &str) -> Result<Prescription, PrescriptionError> {
     } else {
         notes.push("fields are given as heights in the file; they are not taken over".into());
     }
-    p.notes = notes;
+    p.notes.extend(notes);
     skipped.note(&mut p);
     if p.source.is_empty() {
         p.source = format!("{}, Zemax file", stem(file));
     }
-    drop_dummies(&mut p);
+    if !breaks {
+        drop_dummies(&mut p);
+    }
     p.checked(file)
+}
+
+/// The coordinate system after a break, seen from the one before it: decentre, then tilts about x, y and z; with the order flag tilts
+/// about z, y and x, then decentre. Angles follow the right hand (Zemax, "Rotation Matrix and Tilt About X/Y/Z in OpticStudio").
+fn coordinate_break(b: &Block, scale: f64) -> DAffine3 {
+    let parameter = |i: u32| b.parameters.get(&i).copied().unwrap_or(0.0);
+    let decenter = DVec3::new(parameter(1), parameter(2), 0.0) * scale;
+    let tilt = [parameter(3), parameter(4), parameter(5)];
+    if parameter(6) == 0.0 { moved_then_turned(decenter, tilt) } else { turned_then_moved(decenter, tilt) }
+}
+
+/// The glass of a line "GLAS name model pickup nd Vd dPgF ...".
+fn glass(rest: &[&str], vendors: &[&str], notes: &mut Vec<String>) -> Result<Glass, String> {
+    let name = rest.first().copied().unwrap_or("");
+    let n = numbers_from(rest, 1);
+    let figure = |i: usize| n.get(i).copied().unwrap_or(0.0);
+    let (nd, vd) = (figure(2), figure(3));
+    let off_line = Some(figure(4)).filter(|d| d.abs() < 0.2).unwrap_or(0.0);
+    let stated = nd > 1.0 && vd > 10.0 && (nd, vd) != PLACEHOLDER;
+    let figures = || Glass::model(nd, vd, off_line).map_err(|e| e.to_string());
+    if name.starts_with("___") || name == "BLANK" {
+        let model = figure(0) == 1.0;
+        if !stated && !model {
+            return Err(format!("glass \"{name}\": expected a name, or the model flag with nd and Vd"));
+        }
+        return figures();
+    }
+    match parse_foreign(name, vendors) {
+        Ok((found, note)) => {
+            let (n_found, v_found) = (found.index(D_NM), found.abbe());
+            let differs = stated && ((n_found - nd).abs() > 1e-3 || (v_found - vd).abs() > 0.5);
+            match note {
+                // Another glass of that name, then.
+                Some(_) if differs => {
+                    notes.push(format!("glass \"{name}\" is in no catalogue: the file's nd {nd}, Vd {vd} are used"));
+                    return figures();
+                }
+                Some(note) if !notes.contains(&note) => notes.push(note),
+                None if differs => notes.push(format!(
+                    "glass \"{name}\": the file says nd {nd}, Vd {vd}; the catalogue's {n_found:.5}, {v_found:.2} are used"
+                )),
+                _ => {}
+            }
+            Ok(found)
+        }
+        Err(GlassError::Unknown { .. } | GlassError::NoFigures(_)) if stated => {
+            notes.push(format!("glass \"{name}\" is in no catalogue: the file's nd {nd}, Vd {vd} are used"));
+            figures()
+        }
+        Err(e) if (nd, vd) == PLACEHOLDER => {
+            Err(format!("{e} (nd 1.5, Vd 40 on this line are what Zemax writes for any catalogue glass, not its figures)"))
+        }
+        Err(e) => Err(e.to_string()),
+    }
 }
 
 fn numbers_from(words: &[&str], from: usize) -> Vec<f64> {
@@ -276,6 +384,9 @@ fn profile(b: &Block, scale: f64) -> Result<Profile, String> {
         }
         // A curve in y–z (even powers of y) turned about an axis at the radius of parameter 1; 0 there is a cylinder.
         "TOROIDAL" => {
+            if let Some(terms) = b.extra.get(&1).filter(|t| **t > 0.0) {
+                return Err(format!("TOROIDAL: {terms} Zernike terms: expected none"));
+            }
             let mut a = vec![];
             for i in 2..=8 {
                 if parameter(i) != 0.0 {
@@ -291,10 +402,24 @@ fn profile(b: &Block, scale: f64) -> Result<Profile, String> {
                 Profile::Toroid { y: Asphere { c, k: b.conic, a }, c_x }
             }
         }
-        "BICONICX" if b.conic == 0.0 && parameter(2) == 0.0 => {
+        // Radius and conic constant in x are parameters 1 and 2; radius 0 is a plane in x.
+        "BICONICX" => {
             let c_x = if parameter(1) == 0.0 { 0.0 } else { 1.0 / (parameter(1) * scale) };
-            crate::prescription::profile(c, 0.0, vec![], Some(c_x))
+            crate::prescription::biconic([c_x, parameter(2)], [c, b.conic])
         }
-        other => return Err(format!("surface type {other}: expected STANDARD, EVENASPH, ODDASPHE, XASPHERE or TOROIDAL")),
+        other => return Err(refused(other)),
     })
+}
+
+/// Why a type of surface is not read.
+fn refused(kind: &str) -> String {
+    let why = match kind {
+        k if k.contains("PARAX") => "an ideal lens has no glass to trace: give its real surfaces, or use the lens `thin`",
+        k if k.contains("GRAT") || k.contains("ELLIPGR") => "diffraction gratings are not traced",
+        k if k.starts_with("BINARY") || k.contains("HOLO") => "diffractive surfaces are not traced",
+        k if k.starts_with("GRIN") || k == "GRADIUM" => "gradient-index glass is not traced",
+        k if k.starts_with("NONSEQ") => "only sequential lenses are read",
+        _ => "this shape is not known",
+    };
+    format!("surface type {kind}: {why}; expected STANDARD, EVENASPH, ODDASPHE, XASPHERE, TOROIDAL, BICONICX or COORDBRK")
 }

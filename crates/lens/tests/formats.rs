@@ -1,0 +1,183 @@
+//! What lens files of Zemax and CODE V mean, on short files written for these tests.
+
+use diopter_lens::batch::double::{Batch, Indices, LANES, Packet};
+use diopter_lens::glass::D_NM;
+use diopter_lens::import::{self, Format};
+use diopter_lens::paraxial::FirstOrder;
+use diopter_lens::surface::Profile;
+use diopter_lens::trace::{Apertures, TracedRay, Way, at_plane};
+use diopter_lens::{Prescription, State, System};
+use glam::DVec3;
+
+fn read(format: Format, text: &str) -> Prescription {
+    import::read(text.as_bytes(), format, "test").unwrap_or_else(|e| panic!("{e}\n{text}"))
+}
+
+fn error(format: Format, text: &str) -> String {
+    match import::read(text.as_bytes(), format, "test") {
+        Ok(_) => panic!("accepted:\n{text}"),
+        Err(e) => e.to_string(),
+    }
+}
+
+fn system(p: &Prescription) -> System {
+    System::at(p, State::default())
+}
+
+fn efl(p: &Prescription) -> f64 {
+    let s = system(p);
+    FirstOrder::of(&s, &s.indices(D_NM)).efl
+}
+
+/// Where a ray that starts 10 mm before the first vertex meets the film, millimetres.
+fn landing(s: &System, x: f64, y: f64, slope: f64) -> DVec3 {
+    let ray = TracedRay { position: DVec3::new(x, y, -10.0), direction: DVec3::new(0.0, slope, 1.0).normalize() };
+    at_plane(&s.trace(ray, &s.indices(D_NM), Way::ToFilm, Apertures::Ignore).unwrap(), s.film_z)
+}
+
+/// A Zemax file: head, object at infinity, these surfaces, a plane image.
+fn zemax(surfaces: &[&str]) -> String {
+    let mut text = String::from("MODE SEQ\nUNIT MM\nENPD 5\nWAVM 1 0.5876 1\nPWAV 1\nSURF 0\n TYPE STANDARD\n DISZ INFINITY\n");
+    for (i, s) in surfaces.iter().enumerate() {
+        text += &format!("SURF {}\n{}\n", i + 1, s.replace("; ", "\n"));
+    }
+    text + &format!("SURF {}\n TYPE STANDARD\n DISZ 0\n", surfaces.len() + 1)
+}
+
+#[test]
+fn zemax_placeholders_are_no_glass_data() {
+    let lens = |glass: &str| {
+        zemax(&[
+            &format!(" STOP; TYPE STANDARD; CURV 0.02; DISZ 4; GLAS {glass}; DIAM 6"),
+            " TYPE STANDARD; CURV -0.02; DISZ 45; DIAM 6",
+        ])
+    };
+    let index = |p: &Prescription| p.surfaces[0].glass.index(D_NM);
+    // A name that nobody knows, with figures, then with the placeholder.
+    let p = read(Format::Zemax, &lens("XYZ1 0 0 1.7 30 0"));
+    assert!((index(&p) - 1.7).abs() < 1e-9 && p.notes.iter().any(|n| n.contains("nd 1.7, Vd 30")), "{:?}", p.notes);
+    assert!(error(Format::Zemax, &lens("XYZ1 0 0 1.5 40 0")).contains("unknown glass \"XYZ1\""));
+    // The model flag makes them figures.
+    assert!((index(&read(Format::Zemax, &lens("___BLANK 1 0 1.5 40 0"))) - 1.5).abs() < 1e-9);
+    // An alias takes the catalogue's figures beside the placeholder, and says so; other figures are another glass of that name.
+    let p = read(Format::Zemax, &lens("BK7 0 0 1.5 40 0 0 0"));
+    assert!((index(&p) - 1.5168).abs() < 1e-5 && p.notes.iter().any(|n| n.contains("\"BK7\" is taken for schott/N-BK7")));
+    assert!((index(&read(Format::Zemax, &lens("BK7 0 0 1.6 50 0 0 0"))) - 1.6).abs() < 1e-9);
+}
+
+#[test]
+fn indices_beyond_what_is_known_are_noted() {
+    let lens = |glass: &str| format!("RDM; EPD 5; WL 1550; SO 0 1e12; S 50 4 {glass}; STO; S -50 45; SI 0 0");
+    let p = read(Format::CodeV, &lens("1.49:57.4"));
+    assert!(p.notes.iter().any(|n| n.contains("1550 nm is extrapolated")), "{:?}", p.notes);
+    let p = read(Format::CodeV, &lens("NBK7_SCHOTT"));
+    assert!(!p.notes.iter().any(|n| n.contains("extrapolated")), "{:?}", p.notes);
+}
+
+#[test]
+fn a_zemax_biconic_has_its_sag_and_traces_alike_in_packets() {
+    let text = zemax(&[
+        " STOP; TYPE BICONICX; CURV 0.02; CONI -1; PARM 1 100; PARM 2 0.5; DISZ 4; GLAS N-BK7 0 0; DIAM 6",
+        " TYPE STANDARD; CURV -0.02; DISZ 60; DIAM 6",
+    ]);
+    let p = read(Format::Zemax, &text);
+    assert_eq!(p.surfaces[0].profile, Profile::Biconic { c_x: 0.01, k_x: 0.5, c_y: 0.02, k_y: -1.0 });
+    // The formula by hand: x = 3, y = 4; the conic of y is a parabola, which leaves the root to x.
+    let expected = (0.09 + 0.32) / (1.0 + (1.0f64 - 1.5 * 1e-4 * 9.0).sqrt());
+    assert!((p.surfaces[0].profile.sag(3.0, 4.0).unwrap() - expected).abs() < 1e-14);
+    // Our own form keeps it.
+    let again = import::read(p.to_toml().as_bytes(), Format::Toml, "again.toml").unwrap();
+    assert_eq!(again.surfaces[0].profile, p.surfaces[0].profile);
+    // Plain and packet trace.
+    let s = system(&p);
+    let (batch, mut n) = (Batch::new(&s), Indices::default());
+    batch.indices(&[D_NM; LANES], &mut n);
+    let mut packet = Packet::default();
+    let ray = |i: usize| {
+        let (x, y) = ((i % 4) as f64 * 2.0 - 3.0, (i / 4) as f64 * 2.0 - 3.0);
+        TracedRay { position: DVec3::new(x, y, -10.0), direction: DVec3::new(0.02, -0.03, 1.0).normalize() }
+    };
+    for i in 0..LANES {
+        packet.set(i, ray(i).position.to_array(), ray(i).direction.to_array());
+    }
+    let mask = batch.trace(&mut packet, &n, Way::ToFilm);
+    for i in 0..LANES {
+        let plain = s.trace(ray(i), &s.indices(D_NM), Way::ToFilm, Apertures::Clip).unwrap();
+        assert!(mask >> i & 1 == 1, "{i}");
+        let direction = DVec3::new(packet.dx[i], packet.dy[i], packet.dz[i]);
+        assert!((direction - plain.direction).length() < 1e-6, "{i}: {direction} {}", plain.direction);
+    }
+}
+
+#[test]
+fn zemax_coordinate_breaks_turn_and_fold() {
+    let front = " STOP; TYPE STANDARD; CURV 0.02; DISZ 4; GLAS N-BK7 0 0; DIAM 6";
+    let straight = read(Format::Zemax, &zemax(&[front, " TYPE STANDARD; CURV 0; DISZ 90; DIAM 6"]));
+    // A mirror at 45 degrees between lens and film: the same lens, unfolded.
+    let folded = read(
+        Format::Zemax,
+        &zemax(&[
+            front,
+            " TYPE STANDARD; CURV 0; DISZ 40; DIAM 6",
+            " TYPE COORDBRK; PARM 3 45; DISZ 0",
+            " TYPE STANDARD; GLAS MIRROR 0 0 1.5 40; DISZ 0; DIAM 9",
+            " TYPE COORDBRK; PARM 3 45; DISZ -50",
+        ]),
+    );
+    assert!((efl(&folded) - efl(&straight)).abs() < 1e-9);
+    assert!(system(&folded).is_rotational() && folded.notes.iter().any(|n| n.contains("1 plane mirror")), "{:?}", folded.notes);
+    for y in [0.0, 2.0, 4.0] {
+        let apart = landing(&system(&folded), 0.5, y, 0.05) - landing(&system(&straight), 0.5, y, 0.05);
+        assert!(apart.truncate().length() < 1e-9, "{apart}");
+    }
+    // An element decentred by (0, 1) and set back by the second break: both its surfaces are.
+    let decentred = read(
+        Format::Zemax,
+        &zemax(&[
+            " STOP; TYPE STANDARD; DISZ 5; DIAM 4",
+            " TYPE COORDBRK; PARM 2 1; DISZ 0",
+            " TYPE STANDARD; CURV 0.02; DISZ 4; GLAS N-BK7 0 0; DIAM 8",
+            " TYPE STANDARD; CURV 0; DISZ 0; DIAM 8",
+            " TYPE COORDBRK; PARM 2 -1; DISZ 90",
+        ]),
+    );
+    let places: Vec<[f64; 2]> = decentred.surfaces.iter().map(|s| s.decenter).collect();
+    assert_eq!(places, [[0.0, 0.0], [0.0, 1.0], [0.0, 1.0]]);
+    let total: f64 = decentred.surfaces.iter().map(|s| s.gap.at(0.0, 0.0)).sum();
+    assert!((total - 99.0).abs() < 1e-9, "{total}");
+    // A plane-parallel plate at 30 degrees shifts the axial ray by t sin a (1 - cos a / sqrt(n^2 - sin^2 a)); Born & Wolf 4.7.
+    let plate = read(
+        Format::Zemax,
+        &zemax(&[
+            " STOP; TYPE STANDARD; DISZ 20; DIAM 4",
+            " TYPE COORDBRK; PARM 3 30; DISZ 0",
+            " TYPE STANDARD; DISZ 6; GLAS N-BK7 0 0; DIAM 12",
+            " TYPE STANDARD; DISZ 0; DIAM 12",
+            " TYPE COORDBRK; PARM 3 -30; DISZ 20",
+        ]),
+    );
+    let (n, a) = (plate.surfaces[1].glass.index(D_NM), 30f64.to_radians());
+    let shift = 6.0 * a.sin() * (1.0 - a.cos() / (n * n - a.sin().powi(2)).sqrt());
+    let s = system(&plate);
+    let ray = TracedRay { position: DVec3::new(0.0, 0.0, -10.0), direction: DVec3::Z };
+    let out = s.trace(ray, &s.indices(D_NM), Way::ToFilm, Apertures::Ignore).unwrap();
+    assert!((out.direction - DVec3::Z).length() < 1e-12 && out.position.x.abs() < 1e-12, "{out:?}");
+    // The axis of the last break went on inside the plate along its normal; the film's middle is where that left it.
+    let offset = plate.misalignments.first().map_or(0.0, |m| m.decenter[1].abs()) + plate.surfaces[0].decenter[1].abs();
+    assert!((offset - 6.0 * a.sin()).abs() < 1e-9, "{offset}");
+    let axis = s.surfaces[0].to_lens(DVec3::ZERO, DVec3::Z).0.y;
+    let ray = TracedRay { position: DVec3::new(0.0, axis, -10.0), direction: DVec3::Z };
+    let landed = s.trace(ray, &s.indices(D_NM), Way::ToFilm, Apertures::Ignore).unwrap().position.y;
+    assert!(((landed - axis).abs() - shift).abs() < 1e-9, "{landed} {axis} {shift}");
+    // A plane mirror that turns nothing else stays a mirror; one that folds by a curved one is refused.
+    let e = error(
+        Format::Zemax,
+        &zemax(&[
+            " STOP; TYPE STANDARD; DISZ 50; DIAM 4",
+            " TYPE COORDBRK; PARM 3 45; DISZ 0",
+            " TYPE STANDARD; CURV -0.005; GLAS MIRROR 0 0 1.5 40; DISZ 0; DIAM 9",
+            " TYPE COORDBRK; PARM 3 45; DISZ -100",
+        ]),
+    );
+    assert!(e.contains("folded by 90.0 degrees"), "{e}");
+}
