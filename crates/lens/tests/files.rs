@@ -119,7 +119,24 @@ fn wrong_files_are_refused_with_place_and_reason() {
         (Format::Zemax, zemax(" TYPE STANDARD\n CURV 0.02\n DISZ 5\n GLAS NOGLASS 0 0"), "unknown glass \"NOGLASS\""),
         (Format::Zemax, zemax(" TYPE STANDARD\n CURV x\n DISZ 5"), "CURV x: expected a number"),
         (Format::CodeV, "EPD 5\nSO 0 1e11\nS 50 5 BK7_SCHOT\n".into(), "unknown glass"),
-        (Format::CodeV, "RDM\nEPD 5\nS 50 5 NBK7_SCHOTT\nADE 3\nS -50 45\nSTO\nSI 0 0".into(), "without DAR"),
+        (
+            Format::CodeV,
+            "RDM\nEPD 5\nS 50 5 NBK7_SCHOTT\nAAS; AR 1e-6\nS -50 45\nSTO\nSI 0 0".into(),
+            "AR 0.000001: terms of an anamorphic",
+        ),
+        (
+            Format::CodeV,
+            "RDM\nEPD 5\nS 50 5 NBK7_SCHOTT\nXYZ 1\nS -50 45\nSTO\nSI 0 0".into(),
+            "x.seq:4: surface 1: unknown command XYZ",
+        ),
+        (Format::CodeV, "RDM\nEPD 5\nS 50 5 NBK7_SCHOTT\nCUY UMY -0.2\nS -50 45\nSTO\nSI 0 0".into(), "\"UMY\" is not read"),
+        (Format::CodeV, "RDM\nEPD 5\nS 50 5 NBK7_SCHOTT\nADY 3\nS -50 45\nSTO\nSI 0 0".into(), "an aperture that is shifted"),
+        (Format::CodeV, "RDM\nEPD 5\nS 50 5 NBK7_SCHOTT\nREX OBS 3\nS -50 45\nSTO\nSI 0 0".into(), "only round obstructions"),
+        (
+            Format::CodeV,
+            "RDM\nEPD 5\nS 50 5 NBK7_SCHOTT\nS -50 45\nSTO\nSI 0 0\nS 30 1".into(),
+            "a surface after the image surface",
+        ),
         (
             Format::CodeV,
             "RDM\nEPD 5\nS 50 5 NBK7_SCHOTT\nK S7 -1\nS -50 45\n".into(),

@@ -181,3 +181,57 @@ fn zemax_coordinate_breaks_turn_and_fold() {
     );
     assert!(e.contains("folded by 90.0 degrees"), "{e}");
 }
+
+#[test]
+fn code_v_commands_after_the_image_leave_the_last_surface_alone() {
+    let lens = |object: &str, glass: &str, after: &str| {
+        format!("RDM; EPD 5; SO 0 {object}; S 50 4 {glass}; STO; S -50 45; SI 0 0.25; {after}; GO")
+    };
+    let plain = read(Format::CodeV, &lens("1e12", "1.5168:64.17", "THC 0"));
+    let glass = &plain.surfaces[0].glass;
+    assert!((glass.index(D_NM) - 1.5168).abs() < 1e-9 && (glass.abbe() - 64.17).abs() < 1e-6);
+    assert_eq!((plain.usage.object_distance, plain.usage.defocus), (None, 0.25));
+    for object in ["inf", "INFINITY", "1e13"] {
+        assert_eq!(read(Format::CodeV, &lens(object, "1.5168:64.17", "THC 0")).usage.object_distance, None);
+    }
+    // Shape, size and stop commands after SI are the image's.
+    let after = read(Format::CodeV, &lens("1e12", "1.5168:64.17", "CUY 0.01; CIR 3; K -1; THI 0.5"));
+    assert_eq!(after.surfaces[1].profile, plain.surfaces[1].profile);
+    assert_eq!((after.surfaces[1].semi_diameter, after.usage.defocus), (plain.surfaces[1].semi_diameter, 0.5));
+    assert!(after.notes.iter().any(|n| n.contains("image surface is curved")), "{:?}", after.notes);
+    // But a surface that is named is meant.
+    let named = read(Format::CodeV, &lens("1e12", "1.5168:64.17", "K S2 -1"));
+    assert_eq!(named.surfaces[1].profile, Profile::Conic { c: -0.02, k: -1.0 });
+}
+
+#[test]
+fn code_v_anamorphic_aspheres_are_biconics() {
+    let text = "EPD 5; SO 0 1e12; S 0.02 4 NBK7_SCHOTT; STO; AAS; CUX 0.01; KY -1; KX 0.5; AR 0.0; AP 0.3; S -0.02 45; SI 0 0";
+    let p = read(Format::CodeV, text);
+    assert_eq!(p.surfaces[0].profile, Profile::Biconic { c_x: 0.01, k_x: 0.5, c_y: 0.02, k_y: -1.0 });
+    assert!(error(Format::CodeV, &text.replace("AAS; ", "")).contains("KX without AAS"));
+}
+
+#[test]
+fn code_v_decenters_turn_return_reverse_and_bend() {
+    let lens = |inside: &str| format!("RDM; EPD 5; SO 0 1e12; S 50 4 NBK7_SCHOTT; STO; S -50 20; {inside}; SI 0 0");
+    let straight = read(Format::CodeV, &lens("S 0 30"));
+    // BEN at 45 degrees is the straight lens.
+    let bent = read(Format::CodeV, &lens("S 0 -30 REFL; ADE 45; BEN"));
+    assert!((efl(&bent) - efl(&straight)).abs() < 1e-9 && bent.notes.iter().any(|n| n.contains("1 plane mirror")));
+    for y in [0.0, 1.0, 2.0] {
+        let apart = landing(&system(&bent), 0.3, y, 0.04) - landing(&system(&straight), 0.3, y, 0.04);
+        assert!(apart.truncate().length() < 1e-9, "{apart}");
+    }
+    // DAR moves one surface, and the next is back in place. A positive ADE turns the axis towards +y (left hand).
+    let returned = read(Format::CodeV, &lens("S 30 4 NBK7_SCHOTT; YDE 1; ADE 2; DAR; S 0 26"));
+    let s = &returned.surfaces[2];
+    assert!((s.decenter[1] - 1.0).abs() < 1e-12 && (s.tilt[0] + 2.0).abs() < 1e-9, "{s:?}");
+    assert_eq!((returned.surfaces[3].decenter, returned.surfaces[3].tilt), ([0.0; 2], [0.0; 3]));
+    let axis = system(&returned).surfaces[2].to_lens(DVec3::ZERO, DVec3::Z).1;
+    assert!((axis.y - 2f64.to_radians().sin()).abs() < 1e-12, "{axis}");
+    // A decenter without DAR moves what follows; REV with the same figures takes it back.
+    let reversed = read(Format::CodeV, &lens("S 60 0 NBK7_SCHOTT; YDE 1; ADE 2; S 0 26; REV; YDE 1; ADE 2; S 0 0.5"));
+    assert!((reversed.surfaces[3].decenter[1] - 1.0).abs() < 1e-12 && (reversed.surfaces[3].tilt[0] + 2.0).abs() < 1e-9);
+    assert!(reversed.misalignments.is_empty(), "{:?}", reversed.misalignments);
+}

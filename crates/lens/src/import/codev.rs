@@ -1,32 +1,139 @@
 //! CODE V sequence files (.seq): commands, `;` between them, `!` before comments, `&` before a continued line.
 //!
 //! Written from the command names as the files show them and as ray-optics reads them. Without `RDM` (or with `RDM N`) surfaces
-//! carry curvatures, with it radii.
+//! carry curvatures, with it radii. Words of more than three letters are known by their first three (`TITLE`, `STOP`).
+//!
+//! | command | what is done |
+//! |---|---|
+//! | RDM, TIT, DIM, EPD, FNO, NAO, WL, REF, YAN, VUY, VLY, PRV PWL END | read |
+//! | NA | read as the f-number 1/(2 NA) |
+//! | SO, S, SI; STO, RDY, CUY, THI, GLA, RMD | read; a distance may be `inf` or `infinity` |
+//! | SPH, CON, ASP with K, A to J | read |
+//! | CYL, YTO with RDX or CUX | read |
+//! | AAS with K or KY, KX | read as a biconic; its higher terms AR, BR, CR, DR: error unless 0 |
+//! | XDE, YDE, ZDE, ADE, BDE, CDE with DAR, REV, BEN or alone | read, on SI too; see layout.rs. ADE and BDE follow the left hand |
+//! | CIR, CIR OBS, CIR HOL | read; a hole blocks, since light that passes it is not followed |
+//! | REX REY, ELX ELY | approximated by the circle around them, with a note; as OBS or HOL: error |
+//! | names NAME_VENDOR; codes 517.642, 517642.1, 1.5168:64.17; private glasses | read; aliases with a note (glass/alias.rs) |
+//! | XAN, YIM, YOB, XIM, XOB, XRI, YRI | left out (fields in x, or heights), with a note where it matters |
+//! | PUI, PUX, PUY, TEL | left out, with a note |
+//! | curvature of SI | taken for plane, with a note |
+//! | solves, couplings, weights, tolerances, drawing, coatings (`HARMLESS`) | ignored: rays do not change |
+//! | after GO | commands that are not read are skipped, named in a note |
+//! | ZOO, AFI; all others | error |
 
+use super::layout::{Placed, ahead, lay_out, moved_then_turned};
 use super::{Skipped, drop_dummies, stem};
-use crate::glass::Glass;
+use crate::glass::{Glass, parse_foreign};
 use crate::prescription::{ApertureKind, Prescription, PrescriptionError, Surface};
 use crate::surface::Profile;
+use glam::{DAffine3, DVec3};
 use std::collections::HashMap;
 
-/// Commands that do not change the lens: solves, variables, tolerances, drawing, weights.
+/// Commands that do not change the lens: solves that have been solved, couplings, variables, tolerances, drawing, weights.
 const HARMLESS: &[&str] = &[
-    "LEN", "INI", "WTW", "WTF", "VUX", "VLX", "CCY", "THC", "CUM", "THM", "PIM", "SLB", "DER", "VAL", "GO", "XAN", "XIM", "XOB",
-    "TEM", "CLS", "PIK", "CA", "GLC", "CON", "KC", "AC", "BC", "CC", "DC", "EC", "FC", "GC", "HC", "JC", "XDC", "YDC", "ZDC",
-    "ADC", "BDC", "CDC", "PRE", "POL", "PFR", "SET", "EDI", "UNI", "AFC", "CRT", "CVY", "IMG", "WID", "YRI", "XRI", "RAY", "LIN",
-    "WTX", "WTY", "SAV", "LIS", "FTY", "XFN", "PTP", "MFL", "DSP", "CIN", "CIX", "GL1", "CTE", "COM", "TIT",
+    "LEN", "INI", "WTW", "WTF", "WTX", "WTY", "VUX", "VLX", "CUM", "THM", "PIM", "PIB", "PIK", "SLB", "DER", "VAL", "TEM", "PRE",
+    "CLS", "CWL", "CA", "CCY", "CCX", "CUC", "RDC", "THC", "GLC", "KC", "KXC", "KYC", "AC", "BC", "CC", "DC", "EC", "FC", "GC",
+    "HC", "JC", "ARC", "BRC", "CRC", "DRC", "APC", "BPC", "CPC", "DPC", "XDC", "YDC", "ZDC", "ADC", "BDC", "CDC", "XOC", "YOC",
+    "ZOC", "POL", "PFR", "SET", "EDI", "UNI", "AFC", "CRT", "CVY", "IMG", "WID", "RAY", "LIN", "SAV", "LIS", "FTY", "XFN", "PTP",
+    "MFL", "DSP", "CIN", "CIX", "GL1", "CTE", "COM", "DLT", "DLF", "DLR", "DLN", "DLX", "DLY", "DLZ", "DLA", "DLB", "DLG", "DLS",
+    "DLV", "DLC", "BTX", "BTY", "CMP", "MNT", "MXT", "MNE", "MXE",
 ];
+/// Commands of shapes and places that are not read, and what they are.
+const REFUSED: &[(&str, &str)] = &[
+    ("ZOO", "zoomed CODE V lenses are not read: save one position"),
+    ("AFI", "an afocal lens has no film"),
+    ("GRI", "gradient-index glass is not traced"),
+    ("DIF", "diffractive surfaces are not traced"),
+    ("HOE", "diffractive surfaces are not traced"),
+    ("GRT", "diffraction gratings are not traced"),
+    ("SPS", "special surfaces are not read"),
+    ("XTO", "a toroid with its polynomial in x is not read: turn the lens and write YTO"),
+    ("ZRN", "Zernike surfaces are not read"),
+    ("NSS", "only sequential lenses are read"),
+    ("GLB", "global coordinates are not read: write decenters of each surface"),
+    ("RET", "a return to another surface's coordinates is not read: write REV with the same figures"),
+    ("CIG", "grouped apertures are not read"),
+    ("REG", "grouped apertures are not read"),
+    ("ELG", "grouped apertures are not read"),
+];
+
+/// What a decenter does to the surfaces after it.
+#[derive(Clone, Copy, PartialEq)]
+enum Decenter {
+    /// They follow.
+    Stays,
+    /// They do not (DAR).
+    Returns,
+    /// The surface itself stays, what follows is turned back (REV).
+    Reverses,
+    /// For mirrors: the tilt acts once more after the surface (BEN).
+    Bends,
+}
+
+/// Decentre and tilts of a surface as the file gives them, and what they do.
+#[derive(Clone, Copy)]
+struct Place {
+    decenter: DVec3,
+    /// ADE, BDE, CDE, degrees.
+    tilt: [f64; 3],
+    kind: Decenter,
+    given: bool,
+}
+
+impl Place {
+    const NONE: Place = Place { decenter: DVec3::ZERO, tilt: [0.0; 3], kind: Decenter::Stays, given: false };
+
+    /// Turns about x and y follow the left hand, about z the right.
+    fn turn(&self, decenter: DVec3) -> DAffine3 {
+        let [a, b, c] = self.tilt;
+        moved_then_turned(decenter, [-a, -b, c])
+    }
+
+    /// Where the surface stands and where its gap starts, seen from the coordinate system before it.
+    fn around(&self, scale: f64) -> (DAffine3, DAffine3) {
+        let whole = self.turn(self.decenter * scale);
+        match self.kind {
+            Decenter::Stays => (whole, whole),
+            Decenter::Returns => (whole, DAffine3::IDENTITY),
+            Decenter::Reverses => (DAffine3::IDENTITY, whole.inverse()),
+            Decenter::Bends => (whole, whole * self.turn(DVec3::ZERO)),
+        }
+    }
+}
+
+/// Shape that a surface is said to have.
+#[derive(Clone, Copy, PartialEq)]
+enum Kind {
+    Rotational,
+    /// CYL, YTO: a curvature in x of its own.
+    Toroid,
+    /// AAS: a curvature and a conic constant in x of their own.
+    Anamorphic,
+}
 
 struct Current {
     surface: Surface,
     c: f64,
     k: f64,
     a: Vec<f64>,
+    kind: Kind,
     c_x: Option<f64>,
-    returns: bool,
-    tilted: bool,
+    k_x: f64,
+    place: Place,
+    /// Half widths in x and y of an aperture that is not round.
+    half_widths: [f64; 2],
     /// A curvature or (true) radius given by name.
     written: Option<(f64, bool)>,
+}
+
+/// What a command is about.
+#[derive(Clone, Copy)]
+enum Target {
+    Nothing,
+    Object,
+    Image,
+    Row(usize),
 }
 
 pub fn read(text: &str, file: &str) -> Result<Prescription, PrescriptionError> {
@@ -37,6 +144,10 @@ pub fn read(text: &str, file: &str) -> Result<Prescription, PrescriptionError> {
     let mut rows: Vec<Current> = vec![];
     let mut object: Option<f64> = None;
     let mut image: Option<f64> = None;
+    let mut image_place = Place::NONE;
+    let mut image_curved = false;
+    // Whether SI and GO have been read.
+    let (mut ended, mut gone) = (false, false);
     let (mut upper, mut lower): (Vec<f64>, Vec<f64>) = (vec![], vec![]);
     let mut fields_are_angles = false;
     // Private catalogue: wavelengths, then names with indices.
@@ -45,71 +156,105 @@ pub fn read(text: &str, file: &str) -> Result<Prescription, PrescriptionError> {
     for (number, command) in commands(text) {
         let words = words(&command);
         let Some(first) = words.first() else { continue };
-        let key = first.to_uppercase();
         let rest = &words[1..];
         let at_surface = rows.len();
         let wrong = |what: String| {
             let e = PrescriptionError::at(file, number, what);
             if at_surface > 0 { e.surface(at_surface) } else { e }
         };
-        let parse = |w: &String| {
-            w.parse::<f64>().ok().filter(|v| v.is_finite()).ok_or_else(|| wrong(format!("{key} {w}: expected a number")))
-        };
-        // The last word, after qualifiers such as S3 or Z1.
-        let value = || parse(rest.last().ok_or_else(|| wrong(format!("{key}: expected a number after it")))?);
-        let numbers = || rest.iter().filter_map(|w| w.parse::<f64>().ok()).collect::<Vec<f64>>();
+        let whole_key = first.to_uppercase();
         if in_private {
-            match key.as_str() {
+            match whole_key.as_str() {
                 "END" => in_private = false,
-                "PWL" => private_nm = numbers(),
+                "PWL" => private_nm = rest.iter().filter_map(|w| w.parse().ok()).collect(),
                 _ => {
-                    let n: Vec<f64> = rest.iter().map(parse).collect::<Result<_, _>>()?;
-                    private.insert(key.trim_matches('\'').to_owned(), n);
+                    let parse = |w: &String| distance(w).filter(|v| v.is_finite());
+                    let n: Option<Vec<f64>> = rest.iter().map(parse).collect();
+                    let n = n.ok_or_else(|| {
+                        wrong(format!("private glass {first}: expected indices, one for each wavelength of PWL"))
+                    })?;
+                    private.insert(whole_key.trim_matches('\'').to_owned(), n);
                 }
             }
             continue;
         }
+        let surface_row = whole_key == "S" || (whole_key.len() > 1 && surface_number(&whole_key).is_some());
+        let key: String = if surface_row { "S".into() } else { whole_key.chars().take(3).collect() };
         let number_of = |w: &str, what: &str| {
-            w.parse::<f64>().ok().filter(|v| v.is_finite()).ok_or_else(|| wrong(format!("{what} \"{w}\": expected a number")))
+            distance(w).filter(|v| v.is_finite()).ok_or_else(|| wrong(format!("{what} \"{w}\": expected a number")))
         };
-        let surface_row = key == "S" || (key.len() > 1 && key.starts_with('S') && key[1..].chars().all(|c| c.is_ascii_digit()));
+        // The last word; before it only which surface, zoom position or aperture is meant. A solve would have other words there.
+        let value = || {
+            let Some((last, before)) = rest.split_last() else {
+                return Err(wrong(format!("{key}: expected a number after it")));
+            };
+            match before.iter().find(|w| !is_qualifier(w)) {
+                Some(odd) => {
+                    Err(wrong(format!("{key} {}: \"{odd}\" is not read: expected one number, no solve", rest.join(" "))))
+                }
+                None => number_of(last, &key),
+            }
+        };
+        let numbers = || rest.iter().filter_map(|w| w.parse::<f64>().ok()).collect::<Vec<f64>>();
         match key.as_str() {
             "RDM" => radii = Some(rest.first().is_none_or(|w| !w.to_uppercase().starts_with('N'))),
-            "TITLE" | "TIT" => p.name = rest.join(" ").trim_matches(['\'', '"']).to_owned(),
+            "TIT" => p.name = rest.join(" ").trim_matches(['\'', '"']).to_owned(),
             "DIM" => {
                 scale = match rest.first().map(|w| w.to_uppercase()).as_deref() {
-                    Some("M") | None => 1.0,
-                    Some("C") => 10.0,
-                    Some("I") => 25.4,
+                    Some("M" | "MM") | None => 1.0,
+                    Some("C" | "CM") => 10.0,
+                    Some("I" | "IN") => 25.4,
                     Some(other) => return Err(wrong(format!("DIM {other}: expected M, C or I"))),
                 }
             }
             "EPD" => p.usage.aperture = Some(ApertureKind::EntrancePupil(value()?)),
             "FNO" => p.usage.aperture = Some(ApertureKind::FNumber(value()?)),
+            "NA" => p.usage.aperture = Some(ApertureKind::FNumber(0.5 / value()?)),
             "NAO" => p.usage.aperture = Some(ApertureKind::ObjectNa(value()?)),
             "WL" => p.usage.wavelengths_nm = numbers(),
             "REF" => p.usage.reference = (value()? as usize).saturating_sub(1),
             "YAN" => (p.usage.field_angles_deg, fields_are_angles) = (numbers(), true),
-            "YIM" | "YOB" => fields_are_angles = false,
+            "YIM" | "YOB" | "YRI" => {
+                fields_are_angles = false;
+                note(&mut p, "fields are given as heights in the file; they are not taken over");
+            }
+            "XAN" | "XIM" | "XOB" | "XRI" => {
+                if numbers().iter().any(|x| *x != 0.0) {
+                    note(&mut p, "fields in x are not taken over, only those in y");
+                }
+            }
+            "PUI" | "PUX" | "PUY" => note(&mut p, "the pupil's apodisation (PUI, PUX, PUY) is left out"),
+            "TEL" => note(&mut p, "TEL is left out: the stop alone says which rays pass"),
             "VUY" => upper = numbers(),
             "VLY" => lower = numbers(),
             "PRV" => in_private = true,
-            "SO" => object = rest.get(1).map(|w| number_of(w, "object distance")).transpose()?,
-            "SI" => image = rest.get(1).map(|w| number_of(w, "image gap")).transpose()?,
-            "ZOO" => return Err(wrong("ZOO: zoomed CODE V lenses are not read: save one position".into())),
-            _ if surface_row => {
+            "GO" => gone = true,
+            "SO" => {
+                object = rest
+                    .get(1)
+                    .map(|w| distance(w).ok_or_else(|| wrong(format!("object distance \"{w}\": expected a number or inf"))))
+                    .transpose()?
+            }
+            "SI" => {
+                ended = true;
+                image = rest.get(1).map(|w| number_of(w, "image gap")).transpose()?;
+                image_curved |= rest.first().map(|w| radius_or_curvature(w, &number_of)).transpose()?.is_some_and(|c| c != 0.0);
+            }
+            "S" => {
+                if ended {
+                    return Err(wrong("a surface after the image surface SI".into()));
+                }
                 if rows.len() >= crate::prescription::MOST_SURFACES {
                     return Err(wrong(format!("more than {} surfaces", crate::prescription::MOST_SURFACES)));
                 }
-                let shape = rest.first().map_or(Ok(0.0), |w| number_of(w, "curvature"))?;
+                let shape = rest.first().map_or(Ok(0.0), |w| radius_or_curvature(w, &number_of))?;
                 let gap = rest.get(1).map_or(Ok(0.0), |w| number_of(w, "gap"))?;
-                let medium = rows.last().map_or(Glass::air(), |r| r.surface.glass.clone());
                 let (mut glass, mut mirror) = (Glass::air(), false);
                 for name in rest.iter().skip(2) {
                     match name.to_uppercase().as_str() {
-                        "REFL" => (mirror, glass) = (true, medium.clone()),
+                        "REFL" => mirror = true,
                         "REFR" => {}
-                        upper => glass = self::glass(upper, &private, &private_nm).map_err(&wrong)?,
+                        upper => glass = self::glass(upper, &private, &private_nm, &mut p).map_err(&wrong)?,
                     }
                 }
                 let surface = Surface { line: number, mirror, ..Surface::new(Profile::Plane, gap, glass) };
@@ -118,37 +263,57 @@ pub fn read(text: &str, file: &str) -> Result<Prescription, PrescriptionError> {
                     c: shape,
                     k: 0.0,
                     a: vec![],
+                    kind: Kind::Rotational,
                     c_x: None,
-                    returns: false,
-                    tilted: false,
+                    k_x: 0.0,
+                    place: Place::NONE,
+                    half_widths: [0.0; 2],
                     written: None,
                 });
             }
+            other if HARMLESS.contains(&other) => {}
             other => {
-                // "K S1 -1" means surface 1 whatever was read last.
-                let named = rest.iter().find_map(|w| surface_number(w));
-                let count = rows.len();
-                let target = match named {
-                    None => rows.last_mut(),
-                    Some(_) if HARMLESS.contains(&other) => rows.last_mut(),
-                    Some(i) if (1..=count).contains(&i) => rows.get_mut(i - 1),
-                    Some(i) => return Err(wrong(format!("{other} S{i}: the surfaces read so far are 1 to {count}"))),
-                };
-                let Some(row) = target else {
-                    if !HARMLESS.contains(&other) {
-                        skipped.add(other);
+                if let Some((_, why)) = REFUSED.iter().find(|r| r.0 == other) {
+                    return Err(wrong(format!("{other}: {why}")));
+                }
+                let target = target(rest, rows.len(), ended).map_err(|what| wrong(format!("{other} {what}")))?;
+                let row = match target {
+                    Target::Row(i) => &mut rows[i],
+                    Target::Image => {
+                        match other {
+                            "THI" => image = Some(value()?),
+                            "CUY" | "CUX" | "RDY" | "RDX" | "K" | "A" | "B" | "C" | "D" => image_curved |= value()? != 0.0,
+                            "SPH" | "CON" | "ASP" | "CIR" | "REX" | "REY" | "ELX" | "ELY" | "ADX" | "ADY" => {}
+                            _ if place(&mut image_place, other, &value)? => {}
+                            _ if gone => skipped.add(other),
+                            _ => return Err(wrong(format!("{other}: not read for the image surface"))),
+                        }
+                        continue;
                     }
-                    continue;
+                    Target::Object if other == "THI" => {
+                        let last = rest.last().map_or("", String::as_str);
+                        object = Some(distance(last).ok_or_else(|| wrong(format!("THI \"{last}\": expected a number or inf")))?);
+                        continue;
+                    }
+                    Target::Object | Target::Nothing if gone => {
+                        skipped.add(other);
+                        continue;
+                    }
+                    Target::Object => return Err(wrong(format!("{other}: not read for the object surface"))),
+                    Target::Nothing => return Err(wrong(unknown(other))),
                 };
                 let power = |row: &mut Current, power: usize| -> Result<(), PrescriptionError> {
                     row.a.resize(row.a.len().max(power + 1), 0.0);
                     row.a[power] = value()?;
                     Ok(())
                 };
+                let upper_rest: Vec<String> = rest.iter().map(|w| w.to_uppercase()).collect();
+                let says = |word: &str| upper_rest.iter().any(|w| w == word);
                 match other {
                     "STO" => row.surface.stop = true,
-                    "K" => row.k = value()?,
-                    "ASP" | "SPH" => {}
+                    "K" | "KY" => row.k = value()?,
+                    "KX" => row.k_x = value()?,
+                    "ASP" | "SPH" | "CON" => {}
                     "A" => power(row, 4)?,
                     "B" => power(row, 6)?,
                     "C" => power(row, 8)?,
@@ -165,35 +330,66 @@ pub fn read(text: &str, file: &str) -> Result<Prescription, PrescriptionError> {
                     "THI" => row.surface.gap = crate::prescription::Gap::fixed(value()?),
                     "GLA" => {
                         let name = rest.last().map_or(String::new(), |w| w.to_uppercase());
-                        row.surface.glass = self::glass(&name, &private, &private_nm).map_err(wrong)?;
+                        row.surface.glass = self::glass(&name, &private, &private_nm, &mut p).map_err(wrong)?;
                     }
-                    // A cylinder or toroid: curvature or radius in x.
-                    "CYL" => row.c_x = Some(0.0),
+                    "RMD" => row.surface.mirror = says("REFL"),
+                    // A cylinder is straight along x unless it is told otherwise.
+                    "CYL" => {
+                        row.kind = Kind::Toroid;
+                        row.c_x = row.c_x.or(Some(0.0));
+                    }
+                    "YTO" => row.kind = Kind::Toroid,
+                    "AAS" => row.kind = Kind::Anamorphic,
                     "CUX" => row.c_x = Some(value()?),
-                    "RDX" => row.c_x = Some(1.0 / value()?),
-                    "XDE" => row.surface.decenter[0] = value()?,
-                    "YDE" => row.surface.decenter[1] = value()?,
-                    "ADE" => (row.surface.tilt[0], row.tilted) = (-value()?, true),
-                    "BDE" => (row.surface.tilt[1], row.tilted) = (-value()?, true),
-                    "CDE" => (row.surface.tilt[2], row.tilted) = (value()?, true),
-                    "DAR" => row.returns = true,
+                    "RDX" => {
+                        let r = value()?;
+                        row.c_x = Some(if r == 0.0 { 0.0 } else { 1.0 / r });
+                    }
+                    // Terms of an anamorphic asphere beyond the biconic, and the Fresnel base of an asphere.
+                    "AR" | "BR" | "CR" | "DR" | "CUF" | "XOD" | "YOD" | "ZOD" | "ADX" | "ADY" | "ARO" => {
+                        let v = value()?;
+                        if v != 0.0 {
+                            let what = match other {
+                                "CUF" => "Fresnel surfaces are not traced",
+                                "XOD" | "YOD" | "ZOD" => "a pivot beside the vertex is not read",
+                                "ADX" | "ADY" | "ARO" => "an aperture that is shifted or turned is not read",
+                                _ => "terms of an anamorphic asphere beyond the biconic are not read",
+                            };
+                            return Err(wrong(format!("{other} {v}: {what}: expected 0")));
+                        }
+                    }
+                    // How those terms depend on the direction: nothing without them.
+                    "AP" | "BP" | "CP" | "DP" => {}
                     "CIR" => {
-                        let upper: Vec<String> = rest.iter().map(|w| w.to_uppercase()).collect();
-                        if upper.iter().any(|w| w == "OBS") {
-                            row.surface.obstruction = value()?;
-                        } else if upper.iter().any(|w| w == "HOL") {
+                        if says("OBS") || says("HOL") {
                             // Nothing is there: light passes the hole beside the reflected path, or is lost.
                             row.surface.obstruction = value()?;
-                        } else if !upper.iter().any(|w| w == "EDG") {
+                        } else if !says("EDG") {
                             row.surface.semi_diameter = Some(value()?);
                         }
                     }
-                    "GRI" | "DIF" | "HOE" | "SPS" | "XTO" | "ZRN" | "NSS" | "DEC" | "BEN" | "REV" | "GLB" | "RAD" | "DDM"
-                    | "ZDE" | "REX" | "REY" | "ADX" | "ADY" | "ELX" | "ELY" => {
-                        return Err(wrong(format!("{other}: this kind of surface is not read")));
+                    "REX" | "REY" | "ELX" | "ELY" => {
+                        if says("OBS") || says("HOL") {
+                            return Err(wrong(format!("{other} {}: only round obstructions are read (CIR OBS)", rest.join(" "))));
+                        }
+                        if !says("EDG") {
+                            row.half_widths[usize::from(other.ends_with('Y'))] = value()?;
+                            let [x, y] = row.half_widths;
+                            // A rectangle reaches its corners, an ellipse its longer half axis.
+                            let around = if other.starts_with('R') { x.hypot(y) } else { x.max(y) };
+                            row.surface.semi_diameter = Some(around);
+                            if let Target::Row(i) = target {
+                                let number = i + 1;
+                                note(
+                                    &mut p,
+                                    &format!("surface {number}: its aperture is not round; the circle around it is used"),
+                                );
+                            }
+                        }
                     }
-                    _ if HARMLESS.contains(&other) => {}
-                    _ => skipped.add(other),
+                    _ if place(&mut row.place, other, &value)? => {}
+                    _ if gone => skipped.add(other),
+                    _ => return Err(wrong(unknown(other))),
                 }
             }
         }
@@ -210,22 +406,49 @@ pub fn read(text: &str, file: &str) -> Result<Prescription, PrescriptionError> {
         }
         radii
     });
+    p.usage.object_distance = object.map(|d| d * scale).filter(|d| *d < 1e9);
+    // Where each surface stands, through the decenters.
+    let moved = image_place.given || rows.iter().any(|r| r.place.given);
+    let mut placed: Vec<Placed> = vec![];
+    let mut here = DAffine3::IDENTITY;
     for r in rows {
-        let wrong = |what: &str| PrescriptionError::at(file, r.surface.line, what).surface(p.surfaces.len() + 1);
-        let moved = r.surface.decenter != [0.0; 2] || r.tilted;
-        if moved && !r.returns {
-            return Err(wrong("decentre or tilt without DAR: surfaces after it would follow, which is not read"));
-        }
+        let wrong = |what: &str| PrescriptionError::at(file, r.surface.line, what).surface(placed.len() + 1);
         let (figure, is_radius) = r.written.unwrap_or((r.c, by_radius));
         let c = if is_radius && figure != 0.0 { 1.0 / figure } else { figure } / scale;
+        let c_x = r.c_x.map(|c| c / scale);
         let a: Vec<f64> = r.a.iter().enumerate().map(|(i, v)| v * f64::powi(scale, 1 - i as i32)).collect();
+        let profile = match r.kind {
+            Kind::Anamorphic if a.iter().any(|v| *v != 0.0) => {
+                return Err(wrong("AAS with A, B, ...: an anamorphic asphere has AR, BR, ..."));
+            }
+            Kind::Anamorphic => crate::prescription::biconic([c_x.unwrap_or(c), r.k_x], [c, r.k]),
+            Kind::Toroid if c_x.is_none() => return Err(wrong("YTO without RDX or CUX: expected its radius in x")),
+            _ if r.k_x != 0.0 => return Err(wrong("KX without AAS: only an anamorphic asphere has a conic constant in x")),
+            _ => crate::prescription::profile(c, r.k, a, c_x),
+        };
         let mut s = r.surface;
-        s.profile = crate::prescription::profile(c, r.k, a, r.c_x.map(|c| c / scale));
+        s.profile = profile;
+        if s.mirror {
+            // A mirror goes on in what was before it.
+            s.glass = placed.last().map_or(Glass::air(), |before| before.surface.glass.clone());
+        }
         s.gap.values[0][0] *= scale;
         s.semi_diameter = s.semi_diameter.map(|d| d * scale);
         s.obstruction *= scale;
-        s.decenter = s.decenter.map(|d| d * scale);
-        p.surfaces.push(s);
+        let (at, after) = r.place.around(scale);
+        let gap = s.gap.at(0.0, 0.0);
+        let rim = s.mirror && s.semi_diameter.is_some();
+        placed.push(Placed { surface: s, frame: here * at, rim });
+        here *= after * ahead(gap);
+    }
+    if moved {
+        let film = here * image_place.around(scale).0;
+        lay_out(placed, film, &mut p).map_err(|(line, what)| PrescriptionError::at(file, line, what))?;
+    } else {
+        p.surfaces = placed.into_iter().map(|r| r.surface).collect();
+    }
+    if image_curved {
+        p.notes.push("the image surface is curved in the file; the film is flat".into());
     }
     if p.usage.reference >= p.usage.wavelengths_nm.len() {
         p.usage.reference = 0;
@@ -240,14 +463,94 @@ pub fn read(text: &str, file: &str) -> Result<Prescription, PrescriptionError> {
         ApertureKind::EntrancePupil(d) => ApertureKind::EntrancePupil(d * scale),
         other => other,
     });
-    p.usage.object_distance = object.map(|d| d * scale).filter(|d| *d < 1e9);
     p.usage.defocus = image.unwrap_or(0.0) * scale;
     if p.source.is_empty() {
         p.source = format!("{}, CODE V file", stem(file));
     }
     skipped.note(&mut p);
-    drop_dummies(&mut p);
+    if !moved {
+        drop_dummies(&mut p);
+    }
     p.checked(file)
+}
+
+/// Adds a note once.
+fn note(p: &mut Prescription, text: &str) {
+    if !p.notes.iter().any(|n| n == text) {
+        p.notes.push(text.to_owned());
+    }
+}
+
+fn unknown(command: &str) -> String {
+    format!("unknown command {command}: it may change the lens; leave it out if it does not")
+}
+
+/// Takes a command of decentre or tilt into `place`; whether it was one.
+fn place<E>(place: &mut Place, command: &str, value: impl Fn() -> Result<f64, E>) -> Result<bool, E> {
+    match command {
+        "XDE" => place.decenter.x = value()?,
+        "YDE" => place.decenter.y = value()?,
+        "ZDE" => place.decenter.z = value()?,
+        "ADE" => place.tilt[0] = value()?,
+        "BDE" => place.tilt[1] = value()?,
+        "CDE" => place.tilt[2] = value()?,
+        "DEC" => place.kind = Decenter::Stays,
+        "DAR" => place.kind = Decenter::Returns,
+        "REV" => place.kind = Decenter::Reverses,
+        "BEN" => place.kind = Decenter::Bends,
+        _ => return Ok(false),
+    }
+    place.given = true;
+    Ok(true)
+}
+
+/// A number; "inf" and "infinity" are infinite.
+fn distance(word: &str) -> Option<f64> {
+    word.parse::<f64>().ok().filter(|v| !v.is_nan())
+}
+
+/// The first figure of a surface line: infinite radii are planes.
+fn radius_or_curvature<E>(word: &str, number_of: &impl Fn(&str, &str) -> Result<f64, E>) -> Result<f64, E> {
+    match distance(word) {
+        Some(r) if r.is_infinite() => Ok(0.0),
+        _ => number_of(word, "curvature"),
+    }
+}
+
+/// Words that say which surface, zoom position, wavelength or aperture is meant.
+fn is_qualifier(word: &str) -> bool {
+    let upper = word.to_uppercase();
+    let counted = |digits: &str| !digits.is_empty() && digits.chars().all(|c| c.is_ascii_digit());
+    matches!(upper.as_str(), "CLR" | "EDG" | "OBS" | "HOL" | "SO" | "SI" | "SS")
+        || upper.strip_prefix(['S', 'Z', 'W', 'C', 'L']).is_some_and(counted)
+        || upper.strip_prefix('L').is_some_and(|label| label.starts_with(['\'', '"']))
+}
+
+/// What a command's words refer to: "S3" is surface 3 whatever was read last; without one it is the surface read last.
+fn target(rest: &[String], count: usize, ended: bool) -> Result<Target, String> {
+    for word in rest {
+        let upper = word.to_uppercase();
+        match upper.as_str() {
+            "SI" => return Ok(Target::Image),
+            "SO" | "S0" => return Ok(Target::Object),
+            "SA" => return Err("SA: all surfaces at once are not read: name each".into()),
+            _ if upper.starts_with('S') && upper.contains("..") => {
+                return Err(format!("{upper}: a range of surfaces is not read: name each"));
+            }
+            _ => {}
+        }
+        if let Some(i) = surface_number(word) {
+            return match i {
+                _ if (1..=count).contains(&i) => Ok(Target::Row(i - 1)),
+                _ => Err(format!("S{i}: the surfaces read so far are 1 to {count}")),
+            };
+        }
+    }
+    Ok(match count.checked_sub(1) {
+        _ if ended => Target::Image,
+        Some(last) => Target::Row(last),
+        None => Target::Nothing,
+    })
 }
 
 /// n of "Sn".
@@ -339,8 +642,8 @@ fn words(command: &str) -> Vec<String> {
     words
 }
 
-/// A catalogue name, a private glass, or a six-digit code "517.642" (nd 1.517, Vd 64.2).
-fn glass(name: &str, private: &HashMap<String, Vec<f64>>, private_nm: &[f64]) -> Result<Glass, String> {
+/// A catalogue name, a private glass, or a code: "517.642" (nd 1.517, Vd 64.2), or figures "1.5168:64.17". Aliases are noted.
+fn glass(name: &str, private: &HashMap<String, Vec<f64>>, private_nm: &[f64], p: &mut Prescription) -> Result<Glass, String> {
     let name = name.trim_matches('\'');
     if name == "AIR" {
         return Ok(Glass::air());
@@ -359,14 +662,21 @@ fn glass(name: &str, private: &HashMap<String, Vec<f64>>, private_nm: &[f64]) ->
         };
     }
     let coded = |digits: &str| {
-        let (n, v) = digits.split_once('.').or_else(|| digits.split_once(':'))?;
-        let number = |t: &str| (t.len() >= 3 && t.chars().all(|c| c.is_ascii_digit())).then(|| t.parse::<f64>().ok()).flatten();
-        let (nd, vd) = (number(n)?, number(v)?);
-        Some((1.0 + nd / 10f64.powi(n.len() as i32), vd / 10f64.powi(v.len() as i32 - 2)))
+        // With a colon either side may be written out.
+        let (n, v) = digits.split_once(':').or_else(|| digits.split_once('.'))?;
+        let whole = |t: &str| (t.len() >= 3 && t.chars().all(|c| c.is_ascii_digit())).then(|| t.parse::<f64>().ok()).flatten();
+        let figure = |t: &str| t.contains('.').then(|| t.parse::<f64>().ok()).flatten();
+        let nd = figure(n).or_else(|| Some(1.0 + whole(n)? / 10f64.powi(n.len() as i32)))?;
+        let vd = figure(v).or_else(|| Some(whole(v)? / 10f64.powi(v.len() as i32 - 2)))?;
+        Some((nd, vd))
     };
     // "1.5168" is an index, not nd 1.1 and Vd 51.68.
     if let Some((nd, vd)) = coded(name) {
         return Glass::model(nd, vd, 0.0).map_err(|e| e.to_string());
     }
-    Glass::parse(name).map_err(|e| e.to_string())
+    let (glass, alias) = parse_foreign(name, &[]).map_err(|e| e.to_string())?;
+    if let Some(alias) = alias {
+        note(p, &alias);
+    }
+    Ok(glass)
 }
