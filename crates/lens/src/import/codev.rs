@@ -540,10 +540,10 @@ fn target(rest: &[String], count: usize, ended: bool) -> Result<Target, String> 
             _ => {}
         }
         if let Some(i) = surface_number(word) {
-            return match i {
-                _ if (1..=count).contains(&i) => Ok(Target::Row(i - 1)),
-                _ => Err(format!("S{i}: the surfaces read so far are 1 to {count}")),
-            };
+            if (1..=count).contains(&i) {
+                return Ok(Target::Row(i - 1));
+            }
+            return Err(format!("S{i}: the surfaces read so far are 1 to {count}"));
         }
     }
     Ok(match count.checked_sub(1) {
