@@ -167,7 +167,7 @@ pub struct CameraSection {
     /// A film format by name or as "36x24" mm, instead of the body's.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub format: Option<String>,
-    /// `thin`, `pinhole`, an embedded lens's name or a lens file.
+    /// `thin`, `pinhole`, `panorama`, an embedded lens's name or a lens file.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub lens: Option<String>,
     /// Focal length; of a zoom, where it is set.
@@ -457,7 +457,7 @@ impl ShotFile {
         let place = path.display().to_string();
         let text = std::fs::read_to_string(path).map_err(|e| ShotError::Read { path: place.clone(), reason: e.to_string() })?;
         let mut shot: ShotFile =
-            toml::from_str(&text).map_err(|e| ShotError::Read { path: place, reason: e.to_string().trim_end().to_owned() })?;
+            toml::from_str(&text).map_err(|e| ShotError::Syntax { path: place, reason: e.to_string().trim_end().to_owned() })?;
         let folder = path.parent().unwrap_or(Path::new(""));
         let relative = |p: &Path| if p.is_absolute() { p.to_owned() } else { folder.join(p) };
         if let Some(file) = &mut shot.scene.file

@@ -60,6 +60,14 @@ pub enum ShotError {
         /// What the system or the parser says.
         reason: String,
     },
+    /// A shot file that is no shot file: its grammar, a misspelt key, a value of another kind.
+    #[error("{path}: {reason}")]
+    Syntax {
+        /// The file.
+        path: String,
+        /// What the parser says, with line and hint.
+        reason: String,
+    },
     /// A value outside its range or a name nobody knows.
     #[error("{what} {found}: expected {expected}")]
     Value {

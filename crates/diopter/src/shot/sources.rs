@@ -64,10 +64,10 @@ pub fn read_lens(name: &str) -> Result<Prescription, ShotError> {
     match import::Format::of(name) {
         Some(format) => Ok(import::read(&read_file(path)?, format, name).map_err(LensError::from)?),
         _ => {
-            let expected = match nearest(name, diopter_lens::embedded_names().chain(["thin", "pinhole"])) {
+            let expected = match nearest(name, diopter_lens::embedded_names().chain(["thin", "pinhole", "panorama"])) {
                 Some(near) => format!("a lens (did you mean \"{near}\"?)"),
                 None if path.exists() => format!("a lens file: {}", import::Format::ENDINGS),
-                None => format!("thin, pinhole, a name of `lens list`, or a file: {}", import::Format::ENDINGS),
+                None => format!("thin, pinhole, panorama, a name of `lens list`, or a file: {}", import::Format::ENDINGS),
             };
             Err(value("lens", format!("\"{name}\""), expected))
         }
