@@ -1,4 +1,4 @@
-//! What can be typed: the one source of help, man page and completions.
+//! What can be typed: the one source of help, manual pages and completions. [`crate::help`] puts the flags of a photograph under headings.
 
 use clap::{Parser, Subcommand};
 use diopter::image::dng::Storage;
@@ -10,9 +10,9 @@ use std::path::{Path, PathBuf};
 
 /// Photographs of 3D scenes the way a real camera takes them.
 #[derive(Parser, Debug)]
-#[command(name = "diopter", version, propagate_version = true)]
+#[command(name = "diopter", version, propagate_version = true, args_override_self = true)]
 pub struct Args {
-    /// Print machine-readable results on standard output.
+    /// Print machine-readable results and errors on standard output.
     #[arg(long, global = true)]
     pub json: bool,
     /// Threads to use; all without. The result does not depend on it.
@@ -76,8 +76,14 @@ pub enum Verb {
         /// bash, zsh, fish, elvish or powershell.
         shell: clap_complete::Shell,
     },
-    /// Print the manual page.
-    Man,
+    /// Print a manual page, or write those of all verbs.
+    Man {
+        /// A verb, such as "shoot" or "lens draw"; the program without.
+        verb: Vec<String>,
+        /// Write the pages of all verbs into this folder (made if it is not there): diopter.1, diopter-shoot.1 ...
+        #[arg(short, long, value_name = "FOLDER", conflicts_with = "verb")]
+        output: Option<PathBuf>,
+    },
 }
 
 #[derive(Subcommand, Debug)]
@@ -303,7 +309,9 @@ pub struct Taking {
     /// Where on earth --daylight is: latitude and longitude, degrees, north and east positive.
     #[arg(long, value_name = "LAT,LON", allow_hyphen_values = true, value_parser = pair, requires = "daylight")]
     pub place: Option<[f64; 2]>,
-    /// Sun and clear sky with the sun at this elevation and azimuth (from north, -z, towards east, +x), degrees.
+    /// Sun and clear sky with the sun at this elevation and azimuth, degrees.
+    ///
+    /// The azimuth counts from north, -z, towards east, +x.
     #[arg(long, value_name = "ELEV,AZ", allow_hyphen_values = true, value_parser = pair)]
     pub sun: Option<[f64; 2]>,
     /// Haze of daylight: 1 pure air, 3 clear, 10 thick.
@@ -324,7 +332,7 @@ pub struct Taking {
     /// Film format instead of the body's: a name ("full frame", "APS-C", "4/3") or mm ("36x24").
     #[arg(long, value_name = "NAME|MM")]
     pub format: Option<String>,
-    /// Lens: thin, pinhole, a name from `lens list`, or a file (.toml, .dat, .zmx, .seq, .json).
+    /// Lens: thin, pinhole, panorama, a name from `lens list`, or a file (.toml, .dat, .zmx, .seq, .json).
     #[arg(long, value_name = "NAME|FILE")]
     pub lens: Option<String>,
     /// Focal length: "50 mm"; of a zoom, where it is set.
@@ -384,7 +392,9 @@ pub struct Taking {
     /// The slowest time --iso auto keeps to and the program turns at; one over the focal length without.
     #[arg(long, value_name = "TIME", allow_hyphen_values = true)]
     pub slowest: Option<Seconds>,
-    /// M (manual), A (aperture priority), S (shutter priority), P (program); without, M if a time is given and A if not.
+    /// M (manual), A (aperture priority), S (shutter priority) or P (program).
+    ///
+    /// Without, M if a time is given and A if not.
     #[arg(long, value_name = "M|A|S|P")]
     pub mode: Option<String>,
     /// average, centre-weighted, spot, matrix or highlight.
@@ -462,8 +472,10 @@ pub struct Taking {
     /// Leave the cap on the lens: a dark frame.
     #[arg(long)]
     pub lens_cap: bool,
-    /// What is sharp: "2.5m", "inf", "auto", "at 0.4,0.6" (a place in the picture), "on NAME" (a thing of the scene, followed),
-    /// "hyperfocal"; without, what the camera is aimed at.
+    /// What is sharp: "2.5m", "inf", "auto", "at 0.4,0.6", "on NAME", "hyperfocal".
+    ///
+    /// "at 0.4,0.6" is a place in the picture, "on NAME" an object of the scene (`scene info` lists them), which is followed. Without,
+    /// what the camera is aimed at.
     #[arg(long, value_name = "WHAT", allow_hyphen_values = true)]
     pub focus: Option<FocusTo>,
     /// Where autofocus looks: one, nine, or boxes "x,y,width,height;..." (shares of the picture).
@@ -505,7 +517,7 @@ pub struct Taking {
     /// A quick look: blur made from one sharp exposure and its depth instead of rays through the lens.
     #[arg(long)]
     pub quick: bool,
-    /// Reduce the renderer's own noise (on), or leave the exposure as it was computed (off).
+    /// Reduce the renderer's own noise (on), or leave the exposure as computed (off).
     #[arg(long, value_name = "on|off", num_args = 0..=1, default_missing_value = "on", value_parser = on_off)]
     pub denoise: Option<bool>,
     /// Stop after about so long: "10s".

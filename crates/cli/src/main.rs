@@ -1,10 +1,12 @@
 //! diopter: photographs of 3D scenes the way a real camera takes them.
 //!
 //! Thin: reads arguments ([`args`]), runs one verb ([`commands`]), writes files beside and renames them ([`output`]).
-//! Results go to standard output, progress and messages to standard error. Exit codes: 0 done, 1 failed, 2 asked wrongly.
+//! [`help`] lays the arguments out. Results go to standard output, progress and messages to standard error; with `--json` errors
+//! are on standard output, too. Exit codes: 0 done, 1 failed, 2 asked wrongly.
 
 mod args;
 mod commands;
+mod help;
 mod output;
 mod paint;
 mod sheet;
@@ -12,7 +14,7 @@ mod views;
 mod watch;
 
 use args::{Args, Verb};
-use clap::Parser;
+use diopter::shot::ShotError;
 use std::process::ExitCode;
 
 #[global_allocator]
@@ -32,7 +34,17 @@ impl std::fmt::Display for AskedWrongly {
 impl std::error::Error for AskedWrongly {}
 
 fn main() -> ExitCode {
-    let args = Args::parse_from(args::joined_focus(std::env::args_os()));
+    let typed = args::joined_focus(std::env::args_os());
+    let json = help::wants_json(&typed);
+    let args = match help::parse(&typed) {
+        Ok(args) => args,
+        Err(e) => {
+            if json && e.use_stderr() {
+                print_error(&help::as_json(&e));
+            }
+            e.exit()
+        }
+    };
     watch::install();
     match run(args) {
         Ok(()) => ExitCode::SUCCESS,
@@ -42,10 +54,35 @@ fn main() -> ExitCode {
         }
         Err(e) => {
             eprintln!("diopter: {e:#}");
-            let request = e.is::<AskedWrongly>() || e.downcast_ref::<diopter::shot::ShotError>().is_some_and(|e| e.is_request());
-            ExitCode::from(if request { 2 } else { 1 })
+            let request = e.is::<AskedWrongly>() || e.downcast_ref::<ShotError>().is_some_and(ShotError::is_request);
+            let code = if request { 2 } else { 1 };
+            if json {
+                print_error(&error_json(&e, code));
+            }
+            ExitCode::from(code)
         }
     }
+}
+
+/// An error for machines: `{"error": {"message", "place", "found", "expected", "exit_code"}}`; what is not known apart is null.
+fn error_json(e: &anyhow::Error, code: u8) -> serde_json::Value {
+    let [place, found, expected] = match e.downcast_ref::<ShotError>() {
+        Some(ShotError::Read { path, .. } | ShotError::Syntax { path, .. }) => [Some(path.clone()), None, None],
+        Some(ShotError::Value { what, found, expected }) => {
+            [Some((*what).to_owned()), Some(found.clone()), Some(expected.clone())]
+        }
+        Some(ShotError::Recipe(e)) => [Some(e.place.clone()), Some(e.found.clone()), Some(e.expected.clone())],
+        _ => [None, None, None],
+    };
+    serde_json::json!({ "error": {
+        "message": format!("{e:#}"), "place": place, "found": found, "expected": expected, "exit_code": code,
+    } })
+}
+
+/// Prints an error where results for machines go. Nothing can be done when nobody reads it: the exit code says it, too.
+fn print_error(error: &serde_json::Value) {
+    use std::io::Write;
+    let _ = writeln!(std::io::stdout(), "{error:#}");
 }
 
 fn run(args: Args) -> anyhow::Result<()> {
@@ -68,6 +105,6 @@ fn run(args: Args) -> anyhow::Result<()> {
         Verb::Lens { verb } => commands::lens::run(&verb, json),
         Verb::Body { verb } => commands::body::run(&verb, json),
         Verb::Completions { shell } => commands::manual::completions(shell),
-        Verb::Man => commands::manual::man(),
+        Verb::Man { verb, output } => commands::manual::man(&verb, output.as_deref(), json),
     }
 }

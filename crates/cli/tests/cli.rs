@@ -383,6 +383,36 @@ fn lists_and_sheets_are_printed() {
     assert_eq!(sheet["pixels"], serde_json::json!([5616, 3744]));
     assert!(text(&["completions", "bash"]).contains("diopter"));
     assert!(text(&["man"]).contains(".TH"));
+    assert!(text(&["man", "lens", "draw"]).contains("lens draw"));
+    f.ok(&["man", "-o", "pages"]);
+    assert!(std::fs::read_to_string(f.path("pages/diopter-shoot.1")).unwrap().contains(".SH EXPOSURE"));
+}
+
+#[test]
+fn errors_are_told_to_machines_and_the_last_flag_wins() {
+    let f = Folder::new("errors");
+    std::fs::write(f.path("shot.toml"), "[exposure]\naperature = \"f/4\"\n").unwrap();
+    let told = |args: &[&str]| -> serde_json::Value {
+        let output = f.run(args);
+        let json: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap_or_else(|e| panic!("{args:?}: {e}"));
+        assert_eq!(json["error"]["exit_code"].as_i64(), output.status.code().map(i64::from), "{args:?}: {json}");
+        assert!(!output.stderr.is_empty(), "{args:?}: people are told, too");
+        json["error"].clone()
+    };
+    let e = told(&["shoot", "shot.toml", "--json"]);
+    assert_eq!((e["exit_code"].as_i64(), e["place"].as_str()), (Some(2), Some("shot.toml")), "{e}");
+    assert!(e["message"].as_str().unwrap().contains("aperature") && e["message"].as_str().unwrap().contains("line 2"), "{e}");
+    let e = told(&["shoot", "--json", "--lens", "panorame"]);
+    assert_eq!((e["place"].as_str(), e["found"].as_str()), (Some("lens"), Some("\"panorame\"")), "{e}");
+    assert!(e["expected"].as_str().unwrap().contains("panorama"), "{e}");
+    let e = told(&["--json", "shoot", "--spp", "many"]);
+    assert_eq!((e["exit_code"].as_i64(), e["found"].as_str()), (Some(2), Some("many")), "{e}");
+    let e = told(&["develop", "none.dng", "-o", "a.png", "--json"]);
+    assert_eq!(e["exit_code"].as_i64(), Some(1), "{e}");
+    // A flag given twice.
+    let shot = f.ok(&["shoot", "--json", "--size", "900x600", "--size", "24x16", "--spp", "64", "--spp", "1", "-o", "a.png"]);
+    let shot: serde_json::Value = serde_json::from_slice(&shot.stdout).unwrap();
+    assert_eq!(shot["size"], serde_json::json!([24, 16]));
 }
 
 #[test]

@@ -1,0 +1,228 @@
+//! How the command line is read and shown: headings of the flags of `shoot` and `expose`, the short help (`-h`), errors for machines.
+//!
+//! [`Args`] says which flags there are. Here they are put under headings in the order a photographer decides, and all but the most
+//! used are left out of `-h`; `--help` and the manual pages show every flag.
+
+use crate::args::Args;
+use clap::error::{ContextKind, ContextValue};
+use clap::{Command, CommandFactory, FromArgMatches};
+use std::ffi::OsString;
+
+/// Flags under a heading.
+struct Group {
+    heading: &'static str,
+    /// Flags that `-h` shows, too.
+    common: &'static [&'static str],
+    /// Flags that only `--help` shows.
+    other: &'static [&'static str],
+}
+
+/// Verbs with so many flags that they need headings.
+const GROUPED: [&str; 2] = ["shoot", "expose"];
+
+/// Flags of these verbs by their long names, in the order in which help shows them.
+const GROUPS: [Group; 10] = [
+    Group {
+        heading: "Scene",
+        common: &["environment", "sun", "ground"],
+        other: &["variant", "environment-rotation", "daylight", "place", "turbidity", "fog", "ambient-ev"],
+    },
+    Group { heading: "Camera", common: &["body", "look-from", "look-at", "viewpoint"], other: &["format", "up", "shake"] },
+    Group {
+        heading: "Lens",
+        common: &["lens", "focal-length"],
+        other: &[
+            "blades",
+            "blade-curvature",
+            "blade-rotation",
+            "aperture-image",
+            "plenoptic",
+            "microlens-focal-length",
+            "microlens-gap",
+            "microlens-arrangement",
+        ],
+    },
+    Group {
+        heading: "Exposure",
+        common: &["mode", "aperture", "shutter", "iso", "compensation", "flash"],
+        other: &[
+            "iso-min",
+            "iso-max",
+            "slowest",
+            "metering",
+            "metering-at",
+            "nd",
+            "dial",
+            "true-stops",
+            "flash-power",
+            "flash-pulse",
+            "flash-sync",
+            "lens-cap",
+            "bracket",
+            "step",
+        ],
+    },
+    Group {
+        heading: "Focus",
+        common: &["focus"],
+        other: &[
+            "focus-zones",
+            "focus-priority",
+            "focus-method",
+            "focus-measure",
+            "focus-motor",
+            "require-focus",
+            "focus-bracket",
+            "focus-step",
+            "plot-focus",
+        ],
+    },
+    Group {
+        heading: "Time",
+        common: &["at"],
+        other: &[
+            "animation",
+            "animation-end",
+            "frozen",
+            "flicker",
+            "shutter-type",
+            "shutter-direction",
+            "travel",
+            "line-time",
+            "readout",
+            "reset",
+            "ramp",
+            "frames",
+            "fps",
+            "shutter-angle",
+        ],
+    },
+    Group { heading: "Sensor", common: &[], other: &["white", "temperature", "serial", "dng", "radiance", "rgb"] },
+    Group { heading: "Development", common: &["preset", "exposure-ev"], other: &["recipe", "set", "tone", "demosaic", "lut"] },
+    Group {
+        heading: "Rendering",
+        common: &["size", "spp", "time-limit", "denoise", "quick"],
+        other: &["samples", "seed", "sampler", "max-depth"],
+    },
+    Group { heading: "Output", common: &["output"], other: &["keep-plane", "truth", "merge", "stack", "save-shot"] },
+];
+
+/// The whole command line, with headings.
+pub fn command() -> Command {
+    Args::command().mut_subcommands(|verb| if GROUPED.contains(&verb.get_name()) { grouped(verb) } else { verb })
+}
+
+/// Puts the flags of a verb under their headings.
+fn grouped(mut verb: Command) -> Command {
+    for group in &GROUPS {
+        let flags = group.common.iter().map(|f| (*f, false)).chain(group.other.iter().map(|f| (*f, true)));
+        for (order, (flag, rare)) in flags.enumerate() {
+            let found = verb.get_arguments().find(|a| a.get_long() == Some(flag)).map(|a| a.get_id().to_string());
+            // `expose` has not all flags of `shoot`. A changed argument goes to the end: headings come in the order of the groups.
+            if let Some(id) = found {
+                verb = verb.mut_arg(id, |a| a.help_heading(group.heading).display_order(order).hide_short_help(rare));
+            }
+        }
+    }
+    verb
+}
+
+/// Reads what was typed.
+pub fn parse(typed: &[OsString]) -> Result<Args, clap::Error> {
+    let mut command = command();
+    let mut matches = command.try_get_matches_from_mut(typed)?;
+    Args::from_arg_matches_mut(&mut matches).map_err(|e| e.format(&mut command))
+}
+
+/// Whether results are wanted for machines; asked before the arguments are known to be good.
+pub fn wants_json(typed: &[OsString]) -> bool {
+    typed.iter().take_while(|a| *a != "--").any(|a| a == "--json")
+}
+
+/// An error of the command line as JSON.
+pub fn as_json(e: &clap::Error) -> serde_json::Value {
+    // Without the title, which is for terminals: the usage and hints below stay.
+    let text = e.render().to_string();
+    let message = text.trim().strip_prefix("error: ").unwrap_or(text.trim());
+    let told = |kind| match e.get(kind) {
+        Some(ContextValue::String(text)) => Some(text.clone()),
+        Some(ContextValue::Strings(texts)) => Some(texts.join(", ")),
+        _ => None,
+    };
+    serde_json::json!({ "error": {
+        "message": message,
+        "place": told(ContextKind::InvalidArg).or_else(|| told(ContextKind::InvalidSubcommand)),
+        "found": told(ContextKind::InvalidValue),
+        "expected": told(ContextKind::ValidValue).filter(|v| !v.is_empty()),
+        "exit_code": e.exit_code(),
+    } })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::args::Verb;
+
+    fn words(text: &str) -> Vec<OsString> {
+        text.split_whitespace().map(OsString::from).collect()
+    }
+
+    fn help(verb: &str, flag: &str) -> String {
+        let e = parse(&words(&format!("diopter {verb} {flag}"))).expect_err("help ends the parsing");
+        e.render().to_string()
+    }
+
+    #[test]
+    fn every_flag_of_a_photograph_is_under_a_heading() {
+        let command = command();
+        for name in GROUPED {
+            let verb = command.find_subcommand(name).unwrap();
+            for a in verb.get_arguments().filter(|a| !a.is_positional()) {
+                assert!(a.get_help_heading().is_some(), "{name} --{}: name it in GROUPS", a.get_id());
+            }
+        }
+        // And no heading names a flag that is no more.
+        let known = |flag: &str| {
+            let has = |verb: &str| command.find_subcommand(verb).unwrap().get_arguments().any(|a| a.get_long() == Some(flag));
+            has(GROUPED[0]) || has(GROUPED[1])
+        };
+        for flag in GROUPS.iter().flat_map(|g| g.common.iter().chain(g.other).copied()) {
+            assert!(known(flag), "--{flag} is no flag");
+        }
+    }
+
+    #[test]
+    fn short_help_is_short_and_long_help_has_everything_in_order() {
+        let (short, long) = (help("shoot", "-h"), help("shoot", "--help"));
+        assert!(short.lines().count() <= 65, "{short}");
+        let of_flags = short.lines().filter(|l| l.trim_start().starts_with('-'));
+        for line in of_flags {
+            assert!(line.chars().count() <= 130, "{line}");
+        }
+        assert!(short.contains("--lens ") && !short.contains("--microlens-gap"));
+        assert!(long.contains("--lens ") && long.contains("--microlens-gap"));
+        let places: Vec<usize> = GROUPS.iter().map(|g| long.find(&format!("\n{}:\n", g.heading)).expect(g.heading)).collect();
+        assert!(places.is_sorted(), "{places:?}");
+    }
+
+    #[test]
+    fn the_last_of_a_flag_given_twice_wins_and_lists_grow() {
+        let args =
+            parse(&words("diopter shoot --lens thin --quick --quick --lens pinhole -o a.jpg -o b.png --spp 1 --spp 2")).unwrap();
+        let Verb::Shoot(shoot) = args.verb else { panic!("it is shoot") };
+        assert_eq!((shoot.taking.lens.as_deref(), shoot.taking.spp, shoot.taking.quick), (Some("pinhole"), Some(2), true));
+        assert_eq!(shoot.output.len(), 2);
+    }
+
+    #[test]
+    fn errors_of_the_command_line_are_told_to_machines() {
+        let typed = words("diopter shoot --json --spp many");
+        assert!(wants_json(&typed) && !wants_json(&words("diopter shoot -- --json")));
+        let e = as_json(&parse(&typed).unwrap_err());
+        let e = &e["error"];
+        assert_eq!((e["exit_code"].as_i64(), e["found"].as_str()), (Some(2), Some("many")), "{e}");
+        assert!(e["place"].as_str().unwrap().contains("--spp") && e["message"].as_str().unwrap().contains("many"), "{e}");
+        let e = as_json(&parse(&words("diopter shot --json")).unwrap_err());
+        assert!(e["error"]["message"].as_str().unwrap().contains("shoot"), "{e}");
+    }
+}
