@@ -111,7 +111,7 @@ pub enum LensVerb {
     List,
     /// First-order data, Seidel sums, glasses, sources; -o draws the lens.
     Info(Bench),
-    /// The lens in section, with rays.
+    /// The lens in section, with rays; of "thin" the ideal lens.
     Draw(Bench),
     /// One ray, surface by surface.
     Trace {
@@ -514,7 +514,9 @@ pub struct Taking {
     /// Most scattering events of a path.
     #[arg(long, value_name = "N")]
     pub max_depth: Option<u32>,
-    /// A quick look: blur made from one sharp exposure and its depth instead of rays through the lens.
+    /// A quick look: blur made from one sharp exposure and its depth.
+    ///
+    /// No rays are traced through the lens.
     #[arg(long)]
     pub quick: bool,
     /// Reduce the renderer's own noise (on), or leave the exposure as computed (off).

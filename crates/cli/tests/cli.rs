@@ -422,6 +422,10 @@ fn lenses_are_shown_plotted_and_converted() {
         serde_json::from_slice(&f.ok(args).stdout).unwrap_or_else(|e| panic!("{args:?}: {e}"))
     };
     assert!(json(&["lens", "list", "--json"]).as_array().unwrap().len() >= 30);
+    f.ok(&["lens", "draw", "thin", "--focal-length", "35mm", "--focus", "1m", "-o", "thin.svg"]);
+    assert!(std::fs::read_to_string(f.path("thin.svg")).unwrap().contains("thin lens"));
+    let (code, message) = f.fails(&["lens", "info", "thin"]);
+    assert!(code == 2 && message.contains("lens draw thin"), "{message}");
     let info = json(&["lens", "info", "tessar-50mm-f2.8", "--json"]);
     assert!((info["effective_focal_length_mm"].as_f64().unwrap() - 49.9966).abs() < 1e-4, "{info}");
     // Small stops and obstructions have light too, and less of it with glass than without.

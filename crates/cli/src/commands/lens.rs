@@ -14,7 +14,8 @@ use diopter::lens::paraxial::FirstOrder;
 use diopter::lens::prescription::{ApertureKind, Coating};
 use diopter::lens::surface::Profile;
 use diopter::lens::trace::{Apertures, Way, at_plane};
-use diopter::lens::{Focus, Prescription, State, System, embedded, embedded_names};
+use diopter::lens::{Focus, Iris, Prescription, State, System, ThinLens, embedded, embedded_names};
+use diopter::light::units::Millimeters;
 use diopter::shot::{ShotError, read_lens};
 use serde_json::{Value, json};
 use std::fmt::Write as _;
@@ -125,8 +126,7 @@ impl Table {
             None if prescription.usage.field_angles_deg.len() > 1 => prescription.usage.field_angles_deg.clone(),
             None => {
                 let height = prescription.image_circle.map_or(0.36 * set.efl, |c| 0.5 * c);
-                let most = bench.field_of_height(height);
-                vec![0.0, 0.7 * most, 0.98 * most]
+                fields_to(bench.field_of_height(height))
             }
         };
         if let Some(bad) = fields.iter().find(|f| f.abs() > 120.0) {
@@ -361,6 +361,9 @@ fn drawing(asked: &Asked, json: bool) -> anyhow::Result<()> {
     if asked.output.is_empty() {
         return Err(AskedWrongly(anyhow!("lens draw: expected -o FILE.svg or FILE.png")).into());
     }
+    if asked.lens == "thin" {
+        return thin_drawing(asked, json);
+    }
     let outputs = paint::prepare(&asked.output)?;
     let table = Table::new(asked)?;
     let written = paint::write(outputs, &layout(&table))?;
@@ -369,6 +372,32 @@ fn drawing(asked: &Asked, json: bool) -> anyhow::Result<()> {
         print_json(&json!({ "files": written, "fields_deg": table.fields, "wavelength_nm": table.reference }))?;
     }
     Ok(())
+}
+
+/// The thin lens has no surfaces: of all verbs only this one shows it.
+fn thin_drawing(asked: &Asked, json: bool) -> anyhow::Result<()> {
+    let focal = asked.focal_length.map_or(50.0, |f| f.0);
+    let f_number = asked.aperture.map_or(5.6, |a| a.0);
+    let focus = asked.focus.map_or(Focus::Infinity, |f| Focus::at_mm(f.0 * 1000.0));
+    let lens = ThinLens::new(Millimeters(focal), f_number, Iris::default(), focus).map_err(ShotError::from)?;
+    let fields = asked.field.as_ref().map_or_else(|| fields_to(0.36f64.atan().to_degrees()), |list| list.0.clone());
+    if let Some(bad) = fields.iter().find(|f| f.abs() >= 89.0) {
+        return Err(AskedWrongly(anyhow!("field {bad}: expected an angle within 89 degrees")).into());
+    }
+    let at = lens.focus_distance().map_or(String::new(), |d| format!(", object at {:.2} m", d.0 / 1000.0));
+    let title = format!("thin lens   {focal} mm f/{f_number}{at}");
+    let outputs = paint::prepare(&asked.output)?;
+    let written = paint::write(outputs, &draw::thin_layout(&lens, &title, &fields, 800.0))?;
+    written.iter().for_each(|p| say(&format!("wrote {}", p.display())));
+    if json {
+        print_json(&json!({ "files": written, "fields_deg": fields }))?;
+    }
+    Ok(())
+}
+
+/// Field angles that are shown when nobody says: the axis, 0.7 of the field and nearly all of it.
+fn fields_to(most: f64) -> Vec<f64> {
+    vec![0.0, 0.7 * most, 0.98 * most]
 }
 
 fn no_light(field: f64) -> anyhow::Error {

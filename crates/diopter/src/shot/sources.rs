@@ -55,8 +55,16 @@ pub(super) fn is_lens_file(name: &str) -> bool {
     import::Format::of(name).is_some() && diopter_lens::embedded(name).is_none()
 }
 
+/// Lenses without surfaces.
+const IDEAL: [&str; 3] = ["thin", "pinhole", "panorama"];
+
 /// Reads a lens by the name of an embedded one or from a file.
 pub fn read_lens(name: &str) -> Result<Prescription, ShotError> {
+    if IDEAL.contains(&name) {
+        let expected =
+            "a lens with surfaces, from `lens list` or a file: an ideal one has none (`lens draw thin` draws the thin lens)";
+        return Err(value("lens", format!("\"{name}\""), expected));
+    }
     if let Some(lens) = diopter_lens::embedded(name) {
         return Ok(lens);
     }
@@ -64,7 +72,7 @@ pub fn read_lens(name: &str) -> Result<Prescription, ShotError> {
     match import::Format::of(name) {
         Some(format) => Ok(import::read(&read_file(path)?, format, name).map_err(LensError::from)?),
         _ => {
-            let expected = match nearest(name, diopter_lens::embedded_names().chain(["thin", "pinhole", "panorama"])) {
+            let expected = match nearest(name, diopter_lens::embedded_names().chain(IDEAL)) {
                 Some(near) => format!("a lens (did you mean \"{near}\"?)"),
                 None if path.exists() => format!("a lens file: {}", import::Format::ENDINGS),
                 None => format!("thin, pinhole, panorama, a name of `lens list`, or a file: {}", import::Format::ENDINGS),

@@ -6,8 +6,10 @@ mod chart;
 mod figure;
 mod layout;
 mod plots;
+mod thin;
 
 pub use chart::{Axis, Chart, Line, Style};
 pub use figure::{Anchor, Color, Figure, Item};
 pub use layout::{LayoutOptions, layout};
 pub use plots::{color_plot, distortion_plot, fan_plot, mtf_over_plot, mtf_plot, spot_plot, vignetting_plot, wavelength_color};
+pub use thin::thin_layout;
