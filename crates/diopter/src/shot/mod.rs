@@ -352,6 +352,15 @@ impl Shot {
                     if off > 0.0 { "light" } else { "dark" }
                 ));
             }
+            let chosen_time = matches!(e.mode, Mode::AperturePriority | Mode::Program);
+            if let Some(ev) = metered.filter(|_| chosen_time && marked > LONG_S) {
+                warn(&format!(
+                    "there is little light (EV {ev:.1}): mode {} takes {}, longer than cameras choose by themselves ({LONG_S} s); \
+                     give the scene light (--sun 30,120, --environment FILE or --flash 40), open the lens, or take --iso auto",
+                    e.mode.name(),
+                    long_time(marked)
+                ));
+            }
         }
         self.stand_ready(warn)
     }
@@ -585,6 +594,16 @@ pub fn white_point(name: &str) -> Result<diopter_light::spectrum::Table, ShotErr
         .ok_or_else(|| value("white", format!("\"{name}\""), format!("one of {}", cie::illuminant_names().join(", "))))
 }
 
+/// A long time as one says it: "45 s", "10397 s (2.9 h)".
+fn long_time(s: f64) -> String {
+    match s {
+        s if s < 120.0 => format!("{s:.0} s"),
+        s if s < 7200.0 => format!("{s:.0} s ({:.0} min)", s / 60.0),
+        s if s < 172_800.0 => format!("{s:.0} s ({:.1} h)", s / 3600.0),
+        s => format!("{s:.0} s ({:.1} days)", s / 86_400.0),
+    }
+}
+
 /// ", text" or nothing.
 fn with_comma(text: String) -> String {
     if text.is_empty() { text } else { format!(", {text}") }
@@ -594,6 +613,8 @@ fn with_comma(text: String) -> String {
 const SMALLEST_STOP: f64 = 22.0;
 /// Times that a dial has, s.
 const DIAL_TIMES_S: [f64; 2] = [1.0 / 8192.0, 32.0];
+/// A time that the camera chooses is said to be long from here on, s: the longest that cameras for 35 mm time by themselves.
+const LONG_S: f64 = 30.0;
 /// Compensation and filters that are taken for meant.
 const COMPENSATION_EV: RangeInclusive<f64> = -20.0..=20.0;
 const FILTER_STOPS: RangeInclusive<f64> = 0.0..=40.0;
