@@ -378,6 +378,12 @@ fn lists_and_sheets_are_printed() {
     let text = |args: &[&str]| String::from_utf8(f.ok(args).stdout).unwrap();
     assert!(text(&["scene", "list"]).contains("cornell"));
     assert!(text(&["scene", "info", "cornell"]).contains("30 triangles"));
+    let info = text(&["scene", "info", "still-life"]);
+    // What --focus on takes, and the view from which the scene is photographed.
+    assert!(info.contains("wine glass") && info.contains("--look-from 0.05,0.23,0.86 --look-at 0,0.075,0"), "{info}");
+    let info: serde_json::Value = serde_json::from_str(&text(&["scene", "info", "still-life", "--json"])).unwrap();
+    assert!(info["object_names"].as_array().unwrap().contains(&"vase".into()), "{info}");
+    assert!(text(&["calc", "exposure", "f/8", "1/500"]).contains("right for 4000 cd/m²"));
     assert!(text(&["body", "list"]).contains("Nikon D850"));
     let sheet: serde_json::Value = serde_json::from_str(&text(&["body", "info", "canon-5d-mark-ii", "--json"])).unwrap();
     assert_eq!(sheet["pixels"], serde_json::json!([5616, 3744]));

@@ -36,3 +36,35 @@ fn print_json(value: &serde_json::Value) -> anyhow::Result<()> {
     writeln!(std::io::stdout(), "{value:#}")?;
     Ok(())
 }
+
+/// A number with four digits: "4000", "12.34", "1.250e-3".
+fn shown(v: f64) -> String {
+    if v == 0.0 || (1e-2..1e6).contains(&v.abs()) {
+        let decimals = (3 - v.abs().max(1e-9).log10().floor() as i32).clamp(0, 4) as usize;
+        let text = format!("{v:.decimals$}");
+        return if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.').to_owned() } else { text };
+    }
+    format!("{v:.3e}")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_are_shown_with_four_digits() {
+        for (value, text) in [
+            (4000.0, "4000"),
+            (39.9999, "40"),
+            (12.3456, "12.35"),
+            (0.1, "0.1"),
+            (0.0, "0"),
+            (123_456.7, "123457"),
+            (-2.5, "-2.5"),
+            (1.25e-3, "1.250e-3"),
+            (4e9, "4.000e9"),
+        ] {
+            assert_eq!(shown(value), text);
+        }
+    }
+}

@@ -1,6 +1,6 @@
 //! `scene list`, `scene info` and `scene convert`.
 
-use super::print_json;
+use super::{print_json, shown};
 use crate::AskedWrongly;
 use crate::args::SceneVerb;
 use crate::output::{Output, distinct};
@@ -8,8 +8,9 @@ use anyhow::anyhow;
 use diopter::camera::{look_at, three_quarter_view};
 use diopter::scene::light::PunctualKind;
 use diopter::scene::scene::{Sight, Viewpoint};
-use diopter::scene::{Scene, Shape, builtin};
+use diopter::scene::{Description, Scene, Shape, builtin};
 use diopter::shot::read_scene;
+use std::collections::HashMap;
 use std::fmt::Write as _;
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -41,7 +42,9 @@ fn info(name: &str, json: bool) -> anyhow::Result<()> {
     let environment = d.environment.as_ref().map(|e| e.mean_luminance());
     let (meshes, hierarchy) = scene.memory();
     let in_place: usize = d.objects.iter().map(|o| triangles(&scene, o)).sum();
-    let view = suggested(b);
+    // Around a room the three-quarter view would stand behind its wall: embedded scenes know better.
+    let view = builtin::framing(name).map(|f| [f.look_from, f.look_at]).or_else(|| suggested(b));
+    let names_of_objects = names(d);
     if json {
         let cameras: Vec<_> = d
             .cameras
@@ -60,6 +63,7 @@ fn info(name: &str, json: bool) -> anyhow::Result<()> {
         return print_json(&serde_json::json!({
             "name": d.name, "triangles": scene.triangle_count(), "triangles_in_place": in_place,
             "meshes": d.meshes.len(), "objects": d.objects.len(),
+            "object_names": names_of_objects.iter().map(|n| n.0).collect::<Vec<_>>(),
             "materials": d.materials.iter().map(|m| &m.name).collect::<Vec<_>>(),
             "variants": d.variants.iter().map(|v| &v.name).collect::<Vec<_>>(),
             "bounds_m": (!b.is_empty()).then(|| [b.min.to_array(), b.max.to_array()]),
@@ -82,6 +86,18 @@ fn info(name: &str, json: bool) -> anyhow::Result<()> {
     }
     let names: Vec<&str> = d.materials.iter().map(|m| m.name.as_str()).collect();
     line("materials", format!("{}: {}", names.len(), names.join(", ")))?;
+    if !names_of_objects.is_empty() {
+        let more = names_of_objects.len().saturating_sub(MOST_NAMES);
+        let mut listed: Vec<String> = names_of_objects
+            .iter()
+            .take(MOST_NAMES)
+            .map(|(name, count)| if *count > 1 { format!("{name} ({count})") } else { (*name).to_owned() })
+            .collect();
+        if more > 0 {
+            listed.push(format!("and {more} more (--json lists all)"));
+        }
+        line("objects", listed.join(", "))?;
+    }
     if !d.variants.is_empty() {
         let names: Vec<&str> = d.variants.iter().map(|v| v.name.as_str()).collect();
         line("variants", names.join(", "))?;
@@ -127,14 +143,23 @@ fn info(name: &str, json: bool) -> anyhow::Result<()> {
 /// Most lights that are listed one by one.
 const MOST_LIGHTS: usize = 20;
 
-/// Four digits.
-fn shown(v: f64) -> String {
-    if v == 0.0 || (1e-2..1e6).contains(&v.abs()) {
-        let decimals = (3 - v.abs().max(1e-9).log10().floor() as i32).clamp(0, 4) as usize;
-        let text = format!("{v:.decimals$}");
-        return if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.').to_owned() } else { text };
+/// Most names of objects that are listed.
+const MOST_NAMES: usize = 40;
+
+/// Names that `--focus on` takes, in the order of the file, and how many objects have each: of objects, then of other nodes.
+fn names(d: &Description) -> Vec<(&str, usize)> {
+    let mut found: Vec<(&str, usize)> = Vec::new();
+    let mut place: HashMap<&str, usize> = HashMap::new();
+    let objects = d.objects.iter().map(|o| (o.name.as_str(), 1));
+    let nodes = d.nodes.iter().map(|n| (n.name.as_str(), 0));
+    for (name, count) in objects.chain(nodes).filter(|n| !n.0.is_empty()) {
+        let at = *place.entry(name).or_insert(found.len());
+        if at == found.len() {
+            found.push((name, 0));
+        }
+        found[at].1 += count;
     }
-    format!("{v:.3e}")
+    found
 }
 
 /// What shines, and how much.

@@ -2,7 +2,7 @@
 
 use crate::AskedWrongly;
 use crate::args::Equivalent;
-use crate::commands::print_json;
+use crate::commands::{print_json, shown};
 use crate::paint;
 use crate::watch::say;
 use anyhow::anyhow;
@@ -51,8 +51,9 @@ pub fn value(aperture: FNumber, time: Seconds, iso: Iso, true_stops: bool, json:
     let mut out = std::io::stdout();
     writeln!(out, "{}   {}   {}", FNumber((n * 1e4).round() / 1e4), Seconds(t), Iso(s))?;
     writeln!(out, "EV {ev:.2}   at ISO 100: EV {ev100:.2}")?;
-    writeln!(out, "right for {luminance:.4} cd/m² (K = {K}), or {illuminance:.4} lx on the subject (C = {})", diopter::flash::C)?;
-    writeln!(out, "light on the film {lux_seconds:.6} lx·s")?;
+    let (luminance, illuminance) = (shown(luminance), shown(illuminance));
+    writeln!(out, "right for {luminance} cd/m² (K = {K}), or {illuminance} lx on the subject (C = {})", diopter::flash::C)?;
+    writeln!(out, "light on the film {} lx·s", shown(lux_seconds))?;
     Ok(())
 }
 
