@@ -17,7 +17,7 @@ mod sensor;
 mod sheet;
 
 pub use read_out::{ReadOut, Reading, Window, read_out};
-pub use sensor::{DarkCurrent, HotPixels, IsoStep, Plenoptic, SecondReading, Sensor, TwoStage, saturation_capacity};
+pub use sensor::{BodyLens, DarkCurrent, HotPixels, IsoStep, Plenoptic, SecondReading, Sensor, TwoStage, saturation_capacity};
 
 /// What can be wrong with a sensor or what is asked of it.
 #[derive(Debug, thiserror::Error)]

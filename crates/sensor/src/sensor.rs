@@ -95,6 +95,15 @@ pub struct Plenoptic {
     pub arrangement: String,
 }
 
+/// The lens that a body has of its own or is commonly used with, as an ideal lens.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct BodyLens {
+    /// Focal length, mm.
+    pub focal_length_mm: f64,
+    /// f-number.
+    pub f_number: f64,
+}
+
 /// A body's sensor. Symbols and order follow EMVA 1288.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Sensor {
@@ -146,6 +155,8 @@ pub struct Sensor {
     pub second_reading: Option<SecondReading>,
     /// A microlens array, if it has one.
     pub plenoptic: Option<Plenoptic>,
+    /// The body's own lens, where no other is put on it.
+    pub lens: Option<BodyLens>,
     /// Where the numbers come from.
     pub sources: BTreeMap<String, String>,
 }

@@ -1,7 +1,7 @@
 //! Data sheets as TOML: read, checked, turned into a [`Sensor`].
 
 use crate::data::RESPONSES;
-use crate::sensor::{DarkCurrent, HotPixels, IsoStep, Plenoptic, SecondReading, saturation_capacity};
+use crate::sensor::{BodyLens, DarkCurrent, HotPixels, IsoStep, Plenoptic, SecondReading, saturation_capacity};
 use crate::{Sensor, SensorError};
 use diopter_image::Cfa;
 use diopter_image::raw::Filter;
@@ -75,6 +75,7 @@ struct Sheet {
     crosstalk_percent: f64,
     second_reading: Option<Second>,
     plenoptic: Option<Microlenses>,
+    lens: Option<OwnLens>,
     sources: BTreeMap<String, String>,
 }
 
@@ -109,6 +110,13 @@ struct Microlenses {
     gap_um: Option<f64>,
     #[serde(default)]
     arrangement: String,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct OwnLens {
+    focal_length_mm: f64,
+    f_number: f64,
 }
 
 #[derive(Deserialize)]
@@ -344,6 +352,11 @@ pub(crate) fn parse(text: &str, place: &str) -> Result<Sensor, SensorError> {
         let known = m.arrangement.is_empty() || Arrangement::named(&m.arrangement).is_some();
         check.that(known, "plenoptic.arrangement", format!("\"{}\"", m.arrangement), "square or hexagonal")?;
     }
+    if let Some(l) = &s.lens {
+        check.positive(l.focal_length_mm, "lens.focal_length_mm")?;
+        check.that((0.5..=64.0).contains(&l.f_number), "lens.f_number", l.f_number, "0.5 to 64")?;
+        check.that(s.sources.contains_key("lens"), "sources.lens", "is missing", "where the numbers of the lens come from")?;
+    }
     Ok(Sensor {
         model: if s.model.is_empty() { s.name.clone() } else { s.model },
         make: s.make,
@@ -374,6 +387,7 @@ pub(crate) fn parse(text: &str, place: &str) -> Result<Sensor, SensorError> {
             gap_mm: m.gap_um.map(|v| v * 1e-3),
             arrangement: m.arrangement,
         }),
+        lens: s.lens.map(|l| BodyLens { focal_length_mm: l.focal_length_mm, f_number: l.f_number }),
         sources: s.sources,
     })
 }
@@ -590,6 +604,8 @@ iso = [[100, 2.5, 3.0]]
             ("[sources]", "dark_current = [[20, -1]]\n[sources]", "dark_current"),
             ("[sources]", "crosstalk_percent = 30\n[sources]", "0 to 20"),
             ("[sources]", "typo = 1\n[sources]", "typo"),
+            ("[sources]", "[lens]\nfocal_length_mm = 0\nf_number = 2\n[sources]\nlens = \"x\"", "lens.focal_length_mm"),
+            ("[sources]", "[lens]\nfocal_length_mm = 4\nf_number = 2\n[sources]", "sources.lens"),
         ] {
             let e = parse(&GOOD.replace(from, to), "sheet.toml").expect_err(to).to_string();
             assert!(e.contains(named) && e.starts_with("sheet.toml"), "{to}: {e}");
@@ -601,6 +617,17 @@ iso = [[100, 2.5, 3.0]]
         let s = parse(&GOOD.replace("full_well_e", "saturation_capacity_e"), "x").unwrap();
         assert!((s.full_well_e / 10_000.0 - 1.028).abs() < 5e-3, "{}", s.full_well_e);
         assert!((saturation_capacity(s.full_well_e, 3.0) / 10_000.0 - 1.0).abs() < 5e-4);
+    }
+
+    #[test]
+    fn a_body_may_have_a_lens_of_its_own() {
+        assert_eq!(parse(GOOD, "x").unwrap().lens, None);
+        let text = GOOD.replace("[sources]", "[lens]\nfocal_length_mm = 4.4\nf_number = 1.7\n[sources]\nlens = \"its maker\"");
+        assert_eq!(parse(&text, "x").unwrap().lens, Some(BodyLens { focal_length_mm: 4.4, f_number: 1.7 }));
+        // The embedded ones look as wide as their sources say: 77° across the diagonal.
+        let phone = Sensor::named("pixel-4a").unwrap();
+        let half = 0.5 * phone.format_mm[0].hypot(phone.format_mm[1]) / phone.lens.unwrap().focal_length_mm;
+        assert!((2.0 * half.atan().to_degrees() - 77.0).abs() < 0.1);
     }
 
     #[test]

@@ -82,6 +82,7 @@ fn info(name: &str, json: bool) -> anyhow::Result<()> {
             "plenoptic": s.plenoptic.as_ref().map(|m| serde_json::json!({
                 "pitch_mm": m.pitch_mm, "focal_length_mm": m.focal_length_mm, "gap_mm": m.gap_mm, "arrangement": m.arrangement,
             })),
+            "lens": s.lens.map(|l| serde_json::json!({ "focal_length_mm": l.focal_length_mm, "f_number": l.f_number })),
             "fill_factor": s.fill_factor, "crosstalk": s.crosstalk, "mtf_nyquist": s.mtf(0.5), "mtf_half_nyquist": s.mtf(0.25),
             "iso": iso, "sources": s.sources,
         }));
@@ -103,6 +104,15 @@ fn info(name: &str, json: bool) -> anyhow::Result<()> {
         let um = |mm: Option<f64>| mm.map_or("matched to the lens".to_owned(), |v| format!("{:.3} µm", 1e3 * v));
         let kind = if m.arrangement.is_empty() { "square" } else { &m.arrangement };
         writeln!(t, "  microlenses   {kind}, pitch {}, focal length {}", um(m.pitch_mm), um(m.focal_length_mm))?;
+    }
+    if let Some(l) = &s.lens {
+        writeln!(
+            t,
+            "  lens          {} mm f/{} ({:.0} mm equiv.), ideal",
+            l.focal_length_mm,
+            l.f_number,
+            l.focal_length_mm * crop
+        )?;
     }
     writeln!(t, "  converter     {} bit", s.adc_bits)?;
     if s.prnu > 0.0 || s.dsnu_e > 0.0 {

@@ -17,7 +17,7 @@ use diopter_scene::shape::Quad;
 use diopter_scene::texture::Color;
 use diopter_scene::{Description, Object, Scene, Shape, builtin};
 use diopter_sensor::format::{self, Format};
-use diopter_sensor::{Sensor, nearest};
+use diopter_sensor::{BodyLens, Sensor, nearest};
 use glam::{Affine3A, Vec3};
 
 const DEFAULT_WIDTH: usize = 960;
@@ -201,11 +201,14 @@ pub(super) fn camera(
     let c = &file.camera;
     let view = view(file, scene.description())?;
     let from_fov = |fov: f32| format::focal_length_for(film.height_mm, fov as f64);
-    let focal_mm = match (c.focal_length, view.and_then(Viewpoint::vertical_fov), framing) {
-        (Some(f), ..) => f.0,
-        (None, Some(fov), _) if c.look_from.is_none() => from_fov(fov),
-        (None, _, Some(framing)) => framing.focal_length_mm,
-        _ => 50.0,
+    // The body's own lens, unless another lens or film is asked for.
+    let ideal = c.lens.as_deref().is_none_or(|l| matches!(l, "thin" | "pinhole"));
+    let own_lens = sensor.lens.filter(|_| ideal && c.focal_length.is_none() && c.format.is_none());
+    let (focal_mm, own_f_number) = match (c.focal_length, view.and_then(Viewpoint::vertical_fov), own_lens) {
+        (Some(f), ..) => (f.0, None),
+        (None, Some(fov), _) if c.look_from.is_none() => (from_fov(fov), None),
+        (None, _, Some(own)) => (own.focal_length_mm, Some(own.f_number)),
+        (None, _, None) => (usual_focal_length(framing.map_or(50.0, |f| f.focal_length_mm), c, sensor), None),
     };
 
     // Where the camera stands, and how far along its axis the subject is.
@@ -249,7 +252,8 @@ pub(super) fn camera(
     // What the scene's own camera says of its lens counts where the shot says nothing.
     let own = view.and_then(|v| v.lens).filter(|_| c.lens.is_none() && c.look_from.is_none());
     let of_view = own.filter(|[radius, _]| *radius > 0.0).map(|[radius, _]| focal_mm / (2000.0 * f64::from(radius)));
-    let f_number = file.exposure.aperture.map(|a| a.0).or(of_view).unwrap_or(framing.map_or(5.6, |f| f.f_number));
+    let f_number =
+        file.exposure.aperture.map(|a| a.0).or(of_view).or(own_f_number).unwrap_or(framing.map_or(5.6, |f| f.f_number));
     let subject_m = own.filter(|[radius, _]| *radius > 0.0).map_or(subject_m, |[_, distance]| f64::from(distance));
     let focus = focusing.first(subject_m);
     let sharp = own.is_some_and(|[radius, _]| radius == 0.0) && file.exposure.aperture.is_none();
@@ -301,6 +305,9 @@ pub(super) fn camera(
             Lens::Compound(Box::new(lens))
         }
     };
+    if let Some(own) = sensor.lens.filter(|_| !ideal || c.focal_length.is_some()) {
+        warn_of_long_lens(&lens, own, &film, warn);
+    }
     film.microlenses = light_field::array(c.plenoptic.as_ref(), sensor, &film, lens.f_number())?;
     if film.microlenses.is_some() && matches!(lens, Lens::Pinhole(_)) {
         return Err(value(
@@ -312,6 +319,39 @@ pub(super) fn camera(
     let camera = Camera { lens, film, way: CameraWay::still(place) };
     light_field::warn_of_pupils(&camera, warn);
     Ok((camera, carrier))
+}
+
+/// Diagonal of the smallest film that lenses for 35 mm are put on, mm: that of Four Thirds is 21.6 mm.
+const SMALLEST_INTERCHANGEABLE_MM: f64 = 21.0;
+/// From so many times the focal length of a body's own lens on another is said to be long.
+const LONG_LENS: f64 = 3.0;
+
+/// The focal length (mm) that is meant when nobody says, by that on 36 × 24 mm: the same on films that take the same lenses, the one of
+/// the same angle of view on smaller ones.
+fn usual_focal_length(on_full_frame_mm: f64, c: &CameraSection, sensor: &Sensor) -> f64 {
+    let format = c.format.as_deref().and_then(Format::parse);
+    let [width_mm, height_mm] = format.map_or(sensor.format_mm, |f| [f.width_mm, f.height_mm]);
+    let diagonal = width_mm.hypot(height_mm);
+    if diagonal < SMALLEST_INTERCHANGEABLE_MM {
+        on_full_frame_mm * diagonal / format::FULL_FRAME_DIAGONAL_MM
+    } else {
+        on_full_frame_mm
+    }
+}
+
+/// Says when a lens is very long for a body that has one of its own: 50 mm is a strong telephoto lens before the sensor of a phone.
+fn warn_of_long_lens(lens: &Lens, own: BodyLens, film: &Film, warn: &mut dyn FnMut(&str)) {
+    let (focal, diagonal) = (lens.focal_length().0, film.width_mm.hypot(film.height_mm));
+    let all_around = matches!(lens, Lens::Pinhole(hole) if hole.projection != Projection::Rectilinear);
+    if focal > LONG_LENS * own.focal_length_mm && !all_around {
+        warn(&format!(
+            "{focal:.1} mm before a film of {diagonal:.1} mm across sees as narrow an angle as {:.0} mm on 36 × 24 mm; the body's own lens \
+             is {} mm ({:.0} mm equivalent): leave --lens and --focal-length out for it",
+            format::equivalent_35mm(focal, diagonal),
+            own.focal_length_mm,
+            format::equivalent_35mm(own.focal_length_mm, diagonal)
+        ));
+    }
 }
 
 /// The lens of a scene file, and how far its film lies behind its entrance pupil, m.
