@@ -294,6 +294,9 @@ pub struct Taking {
     /// Embedded scene, a scene file (.pbrt, .gltf, .glb, .obj, .ply, .stl), or a .toml shot file.
     #[arg(value_name = "SCENE|SHOT.toml")]
     pub subject: Option<String>,
+    /// Metres in a unit of length of the scene file: 0.001 for millimetres, 0.01 for centimetres.
+    #[arg(long, value_name = "FACTOR", allow_negative_numbers = true)]
+    pub scale: Option<f64>,
     /// Which of the sets of materials that a glTF file offers.
     #[arg(long, value_name = "NAME")]
     pub variant: Option<String>,
@@ -1060,6 +1063,7 @@ impl Taking {
             }
         }
         let (scene, camera, exposure, render) = (&mut shot.scene, &mut shot.camera, &mut shot.exposure, &mut shot.render);
+        over(&mut scene.scale, &self.scale);
         over(&mut scene.variant, &self.variant);
         over(&mut scene.environment, &self.environment);
         over(&mut scene.environment_rotation_deg, &self.environment_rotation);

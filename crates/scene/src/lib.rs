@@ -16,6 +16,7 @@ mod movers;
 pub mod noise;
 pub mod radiance;
 pub mod save;
+mod scale;
 pub mod scene;
 pub mod shape;
 pub mod texture;

@@ -9,7 +9,7 @@ use diopter::camera::{look_at, three_quarter_view};
 use diopter::scene::light::PunctualKind;
 use diopter::scene::scene::{Sight, Viewpoint};
 use diopter::scene::{Description, Scene, Shape, builtin};
-use diopter::shot::read_scene;
+use diopter::shot::{odd_size, read_scene};
 use std::collections::HashMap;
 use std::fmt::Write as _;
 use std::io::Write;
@@ -133,7 +133,7 @@ fn info(name: &str, json: bool) -> anyhow::Result<()> {
         line("max depth", format!("{depth}: what the file asks for; give --max-depth for another than ours"))?;
     }
     line("memory", format!("{:.1} MB meshes, {:.1} MB hierarchy", meshes as f64 / 1e6, hierarchy as f64 / 1e6))?;
-    for w in &d.warnings {
+    for w in d.warnings.iter().chain(&odd_size(name, d)) {
         line("warning", w.clone())?;
     }
     write!(std::io::stdout(), "{text}")?;

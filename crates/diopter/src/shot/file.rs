@@ -45,6 +45,9 @@ pub struct SceneSection {
     /// An embedded scene's name, or a `.gltf` or `.glb` file (relative to the shot file).
     #[serde(skip_serializing_if = "Option::is_none")]
     pub file: Option<String>,
+    /// Metres in a unit of length of the file: 0.001 for one in millimetres. Places in this shot file are metres all the same.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub scale: Option<f64>,
     /// Which of the sets of materials that the file offers.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub variant: Option<String>,

@@ -15,7 +15,7 @@ mod timing;
 
 pub use file::ShotFile;
 pub use sequence::{Sequence, Vary};
-pub use sources::{read_body, read_environment, read_lens, read_scene};
+pub use sources::{odd_size, read_body, read_environment, read_lens, read_scene};
 pub use surroundings::daylight;
 
 use crate::camera::{Camera, Film, PlacementError};
@@ -213,7 +213,7 @@ impl Shot {
 
         let name = file.scene.file.clone().unwrap_or_else(|| "still-life".into());
         staging::film(&file, &sensor, None)?;
-        let mut description = read_scene(&name)?;
+        let mut description = sources::read_scaled(&name, file.scene.scale, warn)?;
         let view = staging::view(&file, &description)?;
         if let Some(hints) = view.map(|v| &v.film).filter(|_| file.camera.look_from.is_none())
             && staging::take_hints(&mut file, hints, warn)

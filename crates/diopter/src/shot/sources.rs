@@ -6,6 +6,7 @@ use diopter_scene::light::Environment;
 use diopter_scene::{Description, builtin, load};
 use diopter_sensor::{Sensor, nearest};
 use glam::Mat3;
+use std::ops::RangeInclusive;
 use std::path::Path;
 
 /// Reads a scene by the name of an embedded one or from a file.
@@ -45,6 +46,71 @@ pub fn read_scene(name: &str) -> Result<Description, ShotError> {
         Some("stl") => load::mesh::stl(&bytes()?, name)?,
         _ => return Err(value("scene", format!("\"{name}\""), format!("a file: {SCENE_FILES} (or a .toml shot file)"))),
     })
+}
+
+/// Sides of a model of metres that nobody doubts, m.
+const PLAUSIBLE_M: RangeInclusive<f32> = 1e-3..=100.0;
+/// Factors that turn a file's unit into metres.
+const SCALE: RangeInclusive<f64> = 1e-9..=1e9;
+
+/// Reads a scene whose unit of length is `scale` metres; a metre without it, and `warn` is told when that makes a model implausibly large
+/// or small.
+pub(super) fn read_scaled(name: &str, scale: Option<f64>, warn: &mut dyn FnMut(&str)) -> Result<Description, ShotError> {
+    if let Some(factor) = scale
+        && !SCALE.contains(&factor)
+    {
+        return Err(value("scale", factor, "metres in a unit of the file, above 0: 0.001 for millimetres"));
+    }
+    if scale.is_some() && builtin::is_embedded(name) {
+        return Err(value("scale", format!("of \"{name}\""), "a scene file: embedded scenes are in metres"));
+    }
+    let mut description = read_scene(name)?;
+    match scale {
+        Some(factor) => description.scale(factor as f32),
+        None => odd_size(name, &description).iter().for_each(|hint| warn(hint)),
+    }
+    Ok(description)
+}
+
+/// What is to be said of a model that is implausibly large or small, if it is one: which unit was assumed, and what others would make of it.
+/// Of scenes of pbrt nothing is said: they bring their own camera, and no unit.
+pub fn odd_size(name: &str, description: &Description) -> Option<String> {
+    let ending = Path::new(name).extension()?.to_string_lossy().to_lowercase();
+    if !matches!(ending.as_str(), "obj" | "stl" | "ply" | "gltf" | "glb") {
+        return None;
+    }
+    let bounds = description.bounds_at(0.0, |_| true);
+    if bounds.is_empty() {
+        return None;
+    }
+    let side = bounds.size().max_element();
+    if PLAUSIBLE_M.contains(&side) || !(side.is_finite() && side > 0.0) {
+        return None;
+    }
+    let would = |unit: &str, factor: f32| format!("--scale {factor} for {unit} ({})", length(side * factor));
+    let hint = match side > 1.0 {
+        true => format!("{} or {}", would("centimetres", 0.01), would("millimetres", 0.001)),
+        false => would("kilometres", 1000.0),
+    };
+    Some(format!(
+        "{name} is {} across when its unit is taken for the metre, as it is: if that is wrong, give {hint}",
+        length(side)
+    ))
+}
+
+/// A length with three digits: "15.5 m", "2 mm".
+fn length(m: f32) -> String {
+    let (value, unit) = match m {
+        m if m >= 1000.0 => (m / 1000.0, "km"),
+        m if m >= 1.0 => (m, "m"),
+        m if m >= 0.01 => (m * 100.0, "cm"),
+        m if m >= 0.001 => (m * 1000.0, "mm"),
+        m => (m * 1e6, "µm"),
+    };
+    let decimals = (2 - value.max(1e-3).log10().floor() as i32).clamp(0, 3) as usize;
+    let text = format!("{value:.decimals$}");
+    let text = if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.') } else { &text };
+    format!("{text} {unit}")
 }
 
 /// Endings of scene files.
