@@ -241,6 +241,28 @@ fn a_saved_shot_repeats_the_photograph() {
     f.ok(&with(&["shoot", "cornell", "--iso", "ISO 200"], &["-o", "a.png", "--save-shot", "shot.toml"]));
     f.ok(&["shoot", "shot.toml", "-o", "b.png"]);
     assert!(pixels(&f.path("a.png")) == pixels(&f.path("b.png")), "the pictures differ");
+    // What nobody asked for is written, too.
+    f.ok(&with(&["shoot"], &["-o", "c.png", "--save-shot", "all.toml"]));
+    let saved = std::fs::read_to_string(f.path("all.toml")).unwrap();
+    for (key, value) in [
+        ("file", "\"still-life\""),
+        ("body", "\"canon-5d-mark-iv\""),
+        ("serial", ""),
+        ("lens", "\"thin\""),
+        ("focal_length", "\"50 mm\""),
+        ("look_from", "["),
+        ("aperture", "\"f/2\""),
+        ("distance", "\"0.83 m\""),
+        ("kind", "\"global\""),
+        ("white", "\"D65\""),
+        ("seed", "1"),
+        ("sampler", "\"sobol\""),
+        ("max_depth", ""),
+    ] {
+        assert!(saved.lines().any(|l| l.starts_with(&format!("{key} = {value}"))), "{key}: {saved}");
+    }
+    f.ok(&["shoot", "all.toml", "-o", "d.png"]);
+    assert!(pixels(&f.path("c.png")) == pixels(&f.path("d.png")), "the pictures differ");
 }
 
 #[test]

@@ -23,7 +23,7 @@ use crate::expose::{ExposeError, Response, Settings, Watch, expose};
 use crate::flash::Flash;
 use crate::metering::{self, Meter, Pattern};
 use crate::program::{self, Chosen, Limits, Mode};
-use crate::quantity::{FNumber, FocusTo, LengthMm, Seconds};
+use crate::quantity::{Distance, FNumber, FocusTo, LengthMm, Seconds, Size};
 use crate::quick_look::{self, Optics};
 use crate::shutter::{Moments, Shutter};
 use crate::{lens_profile, recipe_file};
@@ -31,7 +31,7 @@ use diopter_develop::lut::Lut;
 use diopter_develop::{Recipe, RecipeError, denoise, develop};
 use diopter_image::focal_plane::Truth;
 use diopter_image::{ExposureFacts, FocalPlane, Picture, Raster, RawImage};
-use diopter_lens::{Lens, LensError, Projection};
+use diopter_lens::{Focus, Lens, LensError, Projection};
 use diopter_light::cie;
 use diopter_light::random::SamplerKind;
 use diopter_scene::light::Modulation;
@@ -48,6 +48,9 @@ use timing::Timing;
 pub const LARGEST_SIDE: usize = 65_535;
 const DEFAULT_SPP: u32 = 64;
 const DEFAULT_ISO: f64 = 100.0;
+const DEFAULT_SEED: u64 = 1;
+const DEFAULT_SCENE: &str = "still-life";
+const DEFAULT_BODY: &str = "canon-5d-mark-iv";
 
 /// Why a photograph cannot be taken.
 #[derive(Debug, thiserror::Error)]
@@ -211,7 +214,7 @@ impl Shot {
         }
         Timing::new(&file, &sensor, None)?;
 
-        let name = file.scene.file.clone().unwrap_or_else(|| "still-life".into());
+        let name = file.scene.file.clone().unwrap_or_else(|| DEFAULT_SCENE.into());
         staging::film(&file, &sensor, None)?;
         let mut description = sources::read_scaled(&name, file.scene.scale, warn)?;
         let view = staging::view(&file, &description)?;
@@ -450,7 +453,7 @@ impl Shot {
     /// own.
     pub fn turn_to(&mut self, at_s: f64, frame: u64, warn: &mut dyn FnMut(&str)) -> Result<(), ShotError> {
         self.timing.at_s = at_s;
-        let seed = self.file.render.seed.unwrap_or(1);
+        let seed = self.file.render.seed.unwrap_or(DEFAULT_SEED);
         self.settings.seed = seed.wrapping_add(frame);
         self.reading.seed = seed.wrapping_add(frame);
         self.stand_ready(warn)?;
@@ -506,6 +509,63 @@ impl Shot {
         e.iso = Some(crate::quantity::IsoChoice::Fixed(crate::quantity::Iso(self.reading.iso)));
         // All is set now; engraved numbers have become what they stand for.
         (e.mode, e.true_stops, e.iso_min, e.iso_max) = (Some(Mode::Manual.name().into()), None, None, None);
+        self.write_defaults(file);
+    }
+
+    /// Writes into a shot file what nobody had asked for and was used, so that it holds whatever the defaults become. What follows from the
+    /// scene alone (a view around a model without cameras) stays out: it is found again.
+    fn write_defaults(&self, file: &mut ShotFile) {
+        let scene_name = file.scene.file.get_or_insert_with(|| DEFAULT_SCENE.into()).clone();
+        file.scene.at.get_or_insert(Seconds(self.begun_s()));
+        let c = &mut file.camera;
+        c.body.get_or_insert_with(|| self.file.camera.body.clone().unwrap_or_else(|| DEFAULT_BODY.into()));
+        c.serial.get_or_insert_with(|| self.reading.serial.clone());
+        let placed = c.look_from.is_some() || c.look_at.is_some() || !c.path.is_empty();
+        let first = self.scene.description().cameras.first();
+        if let Some(framing) = builtin::framing(&scene_name).filter(|_| !placed && first.is_none() && c.up.is_none()) {
+            c.look_from = Some(framing.look_from.to_array());
+            c.look_at = Some(framing.look_at.to_array());
+            file.focus.distance.get_or_insert(FocusTo::Distance(Distance(framing.focus_m)));
+        } else if let Some(view) = first.filter(|_| !placed) {
+            c.viewpoint.get_or_insert_with(|| if view.name.is_empty() { "0".into() } else { view.name.clone() });
+        }
+        // Ideal lenses; real ones are named by the shot or belong to the scene.
+        let ideal = match &self.camera.lens {
+            Lens::Thin(lens) => {
+                let metres = match lens.focus {
+                    Focus::Infinity => Some(f64::INFINITY),
+                    Focus::Distance(mm) => metres_of(mm.0),
+                    Focus::Extension(_) => None,
+                };
+                if let (None, Some(m)) = (&file.focus.distance, metres) {
+                    file.focus.distance = Some(FocusTo::Distance(Distance(m)));
+                }
+                Some("thin")
+            }
+            Lens::Pinhole(hole) if hole.projection == Projection::Rectilinear => Some("pinhole"),
+            _ => None,
+        };
+        if let Some(name) = ideal {
+            c.lens.get_or_insert_with(|| name.into());
+            c.focal_length.get_or_insert(LengthMm(self.facts.focal_length_mm));
+            file.exposure.aperture = Some(FNumber(self.facts.f_number));
+        }
+        if let Some(facts) = &self.facts.shutter {
+            file.shutter.kind.get_or_insert_with(|| facts.kind.clone());
+        }
+        let e = &mut file.exposure;
+        e.metering.get_or_insert_with(|| self.exposing.pattern.name().into());
+        e.white.get_or_insert_with(|| self.reading.white.clone());
+        e.temperature_c.get_or_insert(self.sensor.temperature_c);
+        let r = &mut file.render;
+        r.size.get_or_insert(Size { width: self.camera.film.columns, height: self.camera.film.rows });
+        if r.time_limit.is_none() {
+            r.spp.get_or_insert(self.settings.spp);
+        }
+        r.seed.get_or_insert(DEFAULT_SEED);
+        r.sampler.get_or_insert_with(|| "sobol".into());
+        r.max_depth.get_or_insert(self.settings.path.max_depth);
+        r.denoise.get_or_insert(self.denoise);
     }
 
     /// The moment the first exposure of a sequence begins, s of scene time.
@@ -565,7 +625,7 @@ impl Shot {
 
 /// The body, how it is exposed, and its ISO speed to begin with.
 fn body_and_speed(file: &ShotFile) -> Result<(Sensor, Exposing, f64), ShotError> {
-    let sensor = read_body(file.camera.body.as_deref().unwrap_or("canon-5d-mark-iv"))?;
+    let sensor = read_body(file.camera.body.as_deref().unwrap_or(DEFAULT_BODY))?;
     let exposing = Exposing::new(file, &sensor)?;
     let iso = match (exposing.auto_iso, file.exposure.iso) {
         (Some([lowest, _]), _) => lowest,
@@ -602,6 +662,12 @@ fn long_time(s: f64) -> String {
         s if s < 172_800.0 => format!("{s:.0} s ({:.1} h)", s / 3600.0),
         s => format!("{s:.0} s ({:.1} days)", s / 86_400.0),
     }
+}
+
+/// The distance in metres that is just this one in millimetres when it is multiplied by 1000.
+fn metres_of(mm: f64) -> Option<f64> {
+    let m = mm / 1000.0;
+    [m, m.next_up(), m.next_down()].into_iter().find(|m| m * 1000.0 == mm)
 }
 
 /// ", text" or nothing.
@@ -765,7 +831,7 @@ fn settings(r: &RenderSection) -> Result<Settings, ShotError> {
     Ok(Settings {
         samples,
         sampler,
-        seed: r.seed.unwrap_or(1),
+        seed: r.seed.unwrap_or(DEFAULT_SEED),
         path: PathSettings { max_depth: r.max_depth.unwrap_or(default.max_depth), ..default },
         time_limit_s: limit,
         ..Settings::new(spp)
