@@ -33,19 +33,25 @@ pub fn circle_mm(focal_mm: f64, f_number: f64, subject_m: f64, distance_m: f64) 
 mod tests {
     use super::*;
 
-    /// Rows of a table of truths, header left out; empty where the file is not at hand.
-    fn rows(name: &str) -> Vec<Vec<String>> {
-        let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data/truths").join(name);
-        let Ok(text) = std::fs::read_to_string(path) else {
-            println!("{name} is not at hand");
-            return vec![];
-        };
-        text.lines().skip(1).map(|l| l.split(',').map(str::to_owned).collect()).collect()
+    // Closed forms, evaluated in Python; see `tests/data/README.md`.
+    const DEPTHS: &str = include_str!("../tests/data/dof_table.csv");
+    const FIELDS: &str = include_str!("../tests/data/fov_table.csv");
+
+    /// Rows of a table, header left out.
+    fn rows(table: &str) -> Vec<Vec<String>> {
+        table.lines().skip(1).map(|l| l.split(',').map(str::to_owned).collect()).collect()
+    }
+
+    #[test]
+    fn tables_are_the_ones_that_were_checked() {
+        let sum = |t: &str| t.bytes().fold(0xcbf2_9ce4_8422_2325u64, |h, b| (h ^ u64::from(b)).wrapping_mul(0x100_0000_01b3));
+        assert_eq!((sum(DEPTHS), rows(DEPTHS).len()), (0xe8ae_d386_7e5c_05c8, 1134));
+        assert_eq!((sum(FIELDS), rows(FIELDS).len()), (0xfad2_0b62_6361_1fbb, 96));
     }
 
     #[test]
     fn every_row_of_the_table_of_depths_is_met() {
-        for row in rows("dof_table.csv") {
+        for row in rows(DEPTHS) {
             let v: Vec<f64> = row.iter().map(|t| if t == "inf" { f64::INFINITY } else { t.parse().unwrap() }).collect();
             let [c, f, n, s, h, near, far, dof, at_infinity] = v[..] else { panic!("{row:?}") };
             let (a, b) = limits_m(f, n, c, s / 1000.0);
@@ -62,7 +68,7 @@ mod tests {
     #[test]
     fn every_row_of_the_table_of_fields_is_met() {
         use diopter_sensor::format::{equivalent_35mm, field_of_view};
-        for row in rows("fov_table.csv") {
+        for row in rows(FIELDS) {
             let v: Vec<f64> = row[1..].iter().map(|t| t.parse().unwrap()).collect();
             let [w, h, f, horizontal, vertical, diagonal, crop, equivalent] = v[..] else { panic!("{row:?}") };
             for (side, angle) in [(w, horizontal), (h, vertical), (w.hypot(h), diagonal)] {
