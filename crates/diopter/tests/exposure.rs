@@ -64,29 +64,34 @@ fn halves_merge_to_the_whole() {
 }
 
 #[test]
-fn the_claimed_variance_is_the_one_seen_over_a_hundred_seeds() {
+fn the_claimed_variance_is_the_one_seen_over_many_seeds() {
     // Each pixel's mean claim over its seen variance, averaged over the picture so that the few pixels at the lamp's edge do
-    // not decide alone. A ratio scatters by 0.2 (1 degree of freedom a seed, 100 seeds), their mean over 768 by 0.7 %.
+    // not decide alone. With n seeds a ratio scatters by 2 / √n whatever the distribution (its fourth moments cancel: both halves enter both
+    // sides), and is (n − 1) / (n − 3) on average, since its denominator is an estimate. 400 seeds: 0.1; the mean over 256 pixels, whose bands
+    // share their paths: at most 0.6 %, tested at 3 σ.
+    const SEEDS: u64 = 400;
+    let n_seeds = SEEDS as f64;
     let (scene, camera) = cornell(16, 16);
     for sampler in [SamplerKind::Sobol, SamplerKind::Independent, SamplerKind::Jittered] {
-        let shots: Vec<FocalPlane> = (0..100)
+        let shots: Vec<FocalPlane> = (0..SEEDS)
             .map(|seed| {
-                take(&scene, &camera, &Response::linear_srgb(), &Settings { seed, sampler, truth: false, ..Settings::new(16) })
+                take(&scene, &camera, &Response::linear_srgb(), &Settings { seed, sampler, truth: false, ..Settings::new(8) })
             })
             .collect();
         let n = shots[0].mean.data.len();
         let (mut ratios, mut count) = (0.0f64, 0.0f64);
         for i in 0..n {
             let values: Vec<f64> = shots.iter().map(|s| s.mean.data[i] as f64).collect();
-            let mean = values.iter().sum::<f64>() / 100.0;
-            let seen = values.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / 99.0;
-            let claimed = shots.iter().map(|s| (s.half_difference.data[i] as f64).powi(2)).sum::<f64>() / 100.0;
+            let mean = values.iter().sum::<f64>() / n_seeds;
+            let seen = values.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / (n_seeds - 1.0);
+            let claimed = shots.iter().map(|s| (s.half_difference.data[i] as f64).powi(2)).sum::<f64>() / n_seeds;
             if seen > 0.0 {
                 ratios += claimed / seen;
                 count += 1.0;
             }
         }
-        assert!(count > 0.9 * n as f64 && (ratios / count - 1.0).abs() < 0.1, "{sampler:?}: {}", ratios / count);
+        let ratio = ratios / count * (n_seeds - 3.0) / (n_seeds - 1.0);
+        assert!(count > 0.9 * n as f64 && (ratio - 1.0).abs() < 0.02, "{sampler:?}: {ratio}");
     }
 }
 
@@ -124,8 +129,9 @@ fn electrons_of_an_even_field_are_the_product_of_the_parts() {
                 * 100.0;
         let expected = radiance * std::f64::consts::PI / (4.0 * n * n) * pitch * pitch * 1e-6;
         let got = plane.mean.pixel(0, 0)[band] as f64;
-        // The finite pupil makes sin² of tan²: 0.4 % at f/8.
-        assert!((got / expected - 1.0).abs() < 0.008, "band {band}: {got} {expected}");
+        // Only wavelengths are drawn: two nets of 2048 strata of the cumulative response, whose error falls with n^1.5 (below 1e-4). Our
+        // ideal lens keeps the sine condition, so that f/8 is not a small-angle approximation.
+        assert!((got / expected - 1.0).abs() < 1e-3, "band {band}: {got} {expected}");
     }
     // Halving the area of the aperture halves the electrons.
     let smaller = Lens::Thin(
@@ -133,7 +139,8 @@ fn electrons_of_an_even_field_are_the_product_of_the_parts() {
     );
     let half = take(&scene, &Camera { lens: smaller, ..camera }, &Response::sensor(&sensor), &Settings::new(4096));
     let ratio = half.mean.pixel(0, 0)[1] / plane.mean.pixel(0, 0)[1];
-    assert!((ratio - 0.5).abs() < 0.002, "{ratio}");
+    // The same samples and an iris of the same area by its definition.
+    assert!((ratio - 0.5).abs() < 5e-4, "{ratio}");
 }
 
 #[test]
@@ -149,9 +156,18 @@ fn an_even_grey_field_has_its_luminance_and_colour() {
         film: Film::new(36.0, 24.0, 3, 2),
         way: CameraWay::still(look_at(Vec3::ZERO, Vec3::NEG_Z, Vec3::Y).unwrap()),
     };
-    let plane = take(&scene, &camera, &Response::linear_srgb(), &Settings::new(1024));
-    for (got, expected) in plane.mean.pixel(1, 1).iter().zip([20.0, 50.0, 80.0]) {
-        assert!((got / expected - 1.0).abs() < 0.01, "{got} {expected}");
+    let response = Response::linear_srgb();
+    let plane = take(&scene, &camera, &response, &Settings::new(4096));
+    let spectrum = diopter::light::Spectrum::light_from_rgb(Vec3::new(20.0, 50.0, 80.0));
+    for (band, rgb) in [20.0, 50.0, 80.0].into_iter().enumerate() {
+        let got = f64::from(plane.mean.pixel(1, 1)[band]);
+        let integral: f64 = (0..4000)
+            .map(|i| 380.05 + 0.1 * i as f32)
+            .map(|nm| f64::from(spectrum.at(nm) * response.curves[band].at(nm)) * 0.1)
+            .sum();
+        // What is drawn is the integral of the spectrum; the spectrum has its colour to within the fit (ΔE below ½: 1 %).
+        assert!((got / integral - 1.0).abs() < 1e-3, "band {band}: {got} {integral}");
+        assert!((integral / rgb - 1.0).abs() < 0.01, "band {band}: {integral} {rgb}");
     }
 }
 
