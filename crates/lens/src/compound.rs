@@ -15,6 +15,7 @@
 //! ending the secondary ones at the lens costs four times the samples for the same colour noise. Measured on the Cornell box through a 13-surface Planar: the variance of
 //! the ratio of two bands is 1.18 times that of the same lens without dispersion (a test holds it below 1.3).
 
+use crate::axial_beam;
 use crate::batch::single::{Batch, Indices, LANES, Packet};
 use crate::focusing::best_film_z;
 use crate::glass::D_NM;
@@ -663,38 +664,16 @@ pub fn zoom_position(p: &Prescription, focal_length: Option<f64>) -> Result<f64,
 
 /// Smallest f-number at which an axial beam from infinity passes every rim; not smaller than the prescription states.
 fn widest_f_number(p: &Prescription, system: &System, efl: f64) -> Option<f64> {
-    let n = system.indices(REFERENCE_NM);
-    let passes = |h: f64| {
-        let ray = TracedRay { position: DVec3::new(0.0, h, 0.0), direction: DVec3::Z };
-        system.trace(ray, &n, Way::ToFilm, Apertures::IgnoreIris).is_ok()
-    };
-    let most = system.surfaces.iter().map(|s| s.semi_diameter).filter(|s| *s < 1e8).fold(0.0, f64::max);
-    const STEPS: usize = 400;
-    let mut height = (1..=STEPS).rev().map(|i| most * i as f64 / STEPS as f64).find(|h| passes(*h))?;
-    let mut above = height + most / STEPS as f64;
-    for _ in 0..40 {
-        let mid = 0.5 * (height + above);
-        if passes(mid) { height = mid } else { above = mid }
-    }
-    let rims = efl.abs() / (2.0 * height);
+    let radius = axial_beam::widest_radius(system, &system.indices(REFERENCE_NM), efl)?;
+    let rims = efl.abs() / (2.0 * radius);
     // Zooms state the f-number of one end: the other is as its rims say.
     let stated = p.f_number.filter(|_| p.zoom.len() < 2 || rims < p.f_number.unwrap_or(0.0));
     Some(stated.map_or(rims, |stated| rims.max(stated)))
 }
 
-/// Radius at the stop of the real axial ray of an f-number.
+/// Radius at the stop of the real axial beam of an f-number.
 fn stop_radius(system: &System, efl: f64, f_number: f64) -> Option<f64> {
-    let n = system.indices(REFERENCE_NM);
-    let ray = TracedRay { position: DVec3::new(0.0, 0.5 * efl.abs() / f_number, 0.0), direction: DVec3::Z };
-    let mut radius = None;
-    let traced = system.trace_with(ray, &n, Way::ToFilm, Apertures::Ignore, |e| {
-        if e.surface == system.stop {
-            radius = Some(system.surfaces[e.surface].to_local(e.point, DVec3::Z).0.y.abs());
-        }
-    });
-    // A ray that fails behind the stop has told what was asked.
-    let _ = traced;
-    radius
+    axial_beam::stop_radius(system, &system.indices(REFERENCE_NM), efl, 0.5 * efl.abs() / f_number)
 }
 
 /// The opening of a stop: blades that are drawn back behind its rim leave a round hole.

@@ -4,6 +4,7 @@
 //! again when it is stopped down. What is minimised is the root mean square distance of the rays from their mean, over the
 //! pupil as it stands and four wavelengths weighted as the eye weighs them.
 
+use crate::axial_beam;
 use crate::paraxial::FirstOrder;
 use crate::system::System;
 use crate::trace::{Apertures, TracedRay, Way};
@@ -31,11 +32,9 @@ fn bundle(system: &System, object_z: Option<f64>) -> Bundle {
         let first = FirstOrder::of(system, &n);
         // Wider than the paraxial pupil: what the iris does not let through drops out.
         let reach = first.entrance_pupil_radius() * system.iris.shape.reach() * 1.15;
-        for i in 0..ACROSS * ACROSS {
-            let u = (i % ACROSS) as f64 / (ACROSS - 1) as f64 * 2.0 - 1.0;
-            let v = (i / ACROSS) as f64 / (ACROSS - 1) as f64 * 2.0 - 1.0;
-            let target = DVec3::new(u * reach, v * reach, first.entrance_pupil_z);
-            let ray = match object_z {
+        let ray_to = |place: DVec2| {
+            let target = place.extend(first.entrance_pupil_z);
+            match object_z {
                 None => TracedRay { position: target.with_z(0.0), direction: DVec3::Z },
                 Some(o) => {
                     let object = DVec3::new(0.0, 0.0, o);
@@ -44,7 +43,14 @@ fn bundle(system: &System, object_z: Option<f64>) -> Bundle {
                     let position = if o < -NEAR_MM { object + direction * ((-NEAR_MM - o) / direction.z) } else { object };
                     TracedRay { position, direction: direction * direction.z.signum() }
                 }
-            };
+            }
+        };
+        // About the ray through the middle of the stop, which may be decentred.
+        let middle = axial_beam::chief_of(system, &n, ray_to).unwrap_or(DVec2::ZERO);
+        for i in 0..ACROSS * ACROSS {
+            let u = (i % ACROSS) as f64 / (ACROSS - 1) as f64 * 2.0 - 1.0;
+            let v = (i / ACROSS) as f64 / (ACROSS - 1) as f64 * 2.0 - 1.0;
+            let ray = ray_to(middle + DVec2::new(u, v) * reach);
             if let Ok(r) = system.trace(ray, &n, Way::ToFilm, Apertures::Clip) {
                 let slope = DVec2::new(r.direction.x, r.direction.y) / r.direction.z;
                 let place = DVec2::new(r.position.x, r.position.y) + slope * (z - r.position.z);

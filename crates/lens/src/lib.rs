@@ -9,6 +9,7 @@
 //! [`batch`] the fast one. Not here: diffraction in pictures, polarisation, ghosts, gradient-index and diffractive surfaces.
 
 pub mod analysis;
+mod axial_beam;
 pub mod batch;
 pub mod compound;
 pub mod draw;

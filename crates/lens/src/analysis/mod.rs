@@ -125,16 +125,24 @@ impl<'a> Bench<'a> {
         None
     }
 
+    /// Where the chief ray of the axial beam stands in the plane of the entrance pupil, mm: beside the axis where the stop is decentred.
+    fn pupil_axis(&self, nm: f64) -> DVec2 {
+        let first = self.first_order(nm);
+        let ray = |at: DVec2| TracedRay { position: at.extend(first.entrance_pupil_z), direction: DVec3::Z };
+        crate::axial_beam::chief_of(self.system, &self.system.indices(nm), ray).unwrap_or(DVec2::ZERO)
+    }
+
     /// A beam whose lit part is not looked for.
     fn chief_beam(&self, field_deg: f64, nm: f64) -> Option<Beam> {
         let system = self.system;
         let near = self.chief(field_deg.to_radians(), nm)?;
         let direction = near.direction;
-        // Where it crosses the axis, or comes nearest to it.
+        // Where it crosses the axis of the entrance pupil, or comes nearest to it.
         let flat = direction.truncate();
+        let axis = self.pupil_axis(nm);
         let pupil = match flat.length_squared() > 1e-14 {
-            true => near.position - direction * (near.position.truncate().dot(flat) / flat.length_squared()),
-            false => DVec3::new(0.0, 0.0, self.first_order(nm).entrance_pupil_z),
+            true => near.position - direction * ((near.position.truncate() - axis).dot(flat) / flat.length_squared()),
+            false => axis.extend(self.first_order(nm).entrance_pupil_z),
         };
         let position = match self.object_distance {
             Some(d) => pupil + direction * ((-d - pupil.z) / direction.z),
