@@ -199,12 +199,14 @@ impl CompoundLens {
         let n = system.indices(REFERENCE_NM);
         let first = FirstOrder::of(&system, &n);
         let batch = Batch::new(&system);
-        let distance = system.film_z - first.exit_pupil_z;
+        // Distances count from the film towards the lens, whichever way the light comes.
+        let run = system.film_run();
+        let distance = (system.film_z - first.exit_pupil_z) * run;
         let curvature = if distance.is_finite() && distance.abs() > 1e-6 { 1.0 / distance } else { 0.0 };
         let rim = system.surfaces.last().map_or(([1.0, 1.0], 1.0), |s| {
             let sag = s.profile.sag(0.0, s.semi_diameter * (1.0 - 1e-9)).unwrap_or(0.0);
             let shift = s.frame.as_ref().map_or(0.0, |f| f.0.translation.truncate().length() + 0.1 * s.semi_diameter);
-            let (vertex, edge) = (system.film_z - s.z, system.film_z - s.z - sag);
+            let (vertex, edge) = ((system.film_z - s.z) * run, (system.film_z - s.z - sag) * run);
             ([vertex.min(edge) - shift, vertex.max(edge) + shift], s.semi_diameter + shift)
         });
         if rim.0[0] <= 0.0 {
@@ -213,6 +215,7 @@ impl CompoundLens {
         let pupils = PupilTable::new(&Geometry {
             batch: &batch,
             film_z: system.film_z,
+            film_run: run,
             curvature,
             slope: (first.exit_pupil_radius() / distance).abs().clamp(1e-4, 2.0),
             rim,
@@ -276,9 +279,10 @@ impl CompoundLens {
             Focus::Distance(_) => f64::NAN,
         };
         let focus = Focus::Extension(Millimeters(extension));
-        let film_z = self.system.film_z + extension - from;
+        let run = self.system.film_run();
+        let film_z = self.system.film_z + (extension - from) * run;
         let moved_as_a_whole = self.state.focus == 0.0 && !(self.prescription.has_focus_data() && extension > 0.0);
-        if !(moved_as_a_whole && film_z > self.system.last_z()) {
+        if !(moved_as_a_whole && (film_z - self.system.last_z()) * run > 0.0) {
             return self.refocused(focus);
         }
         let mut lens = self.clone();
@@ -395,7 +399,7 @@ impl CompoundLens {
     }
 
     fn film_ray(&self, film: DVec2, slope: DVec2) -> TracedRay {
-        TracedRay { position: film.extend(self.system.film_z), direction: slope.extend(-1.0).normalize() }
+        TracedRay { position: film.extend(self.system.film_z), direction: self.system.film_direction(slope) }
     }
 
     /// The plain answer: film point and pupil sample → ray and weight at one wavelength, losses in glass and at surfaces
@@ -478,14 +482,14 @@ impl CompoundLens {
     /// The same with directions drawn otherwise.
     pub fn exits_aimed(&self, samples: &Samples, aim: &impl Aim, scratch: &mut Scratch, out: &mut Exits) {
         let Scratch { packet, forward, n, n_forward } = scratch;
-        let film_z = self.system.film_z;
+        let (film_z, run) = (self.system.film_z, self.system.film_run() as f32);
         let density = &mut out.density;
         let mut hero_nm = [0.0; LANES];
         for i in 0..LANES {
             let film = samples.film[i];
             let (slope, drawn) = aim.draw(&self.pupils, i, film).unwrap_or((DVec2::ZERO, 0.0));
             out.slopes[i] = [slope.as_vec2().to_array(); 4];
-            pupil::start(packet, i, film, film_z, slope);
+            pupil::start(packet, i, film, film_z, self.system.film_direction(slope));
             let cos2 = packet.dz[i] * packet.dz[i];
             density[i] = [drawn as f32 / (cos2 * cos2), 0.0, 0.0, 0.0];
             hero_nm[i] = samples.nm[i][0];
@@ -538,7 +542,8 @@ impl CompoundLens {
                 }
                 let t = (film_z as f32 - forward.z[i]) / forward.dz[i];
                 let land = [forward.x[i] + forward.dx[i] * t, forward.y[i] + forward.dy[i] * t];
-                let slope = [-forward.dx[i] / forward.dz[i], -forward.dy[i] / forward.dz[i]];
+                let towards = -run / forward.dz[i];
+                let slope = [forward.dx[i] * towards, forward.dy[i] * towards];
                 (out.lands[i][k], out.slopes[i][k]) = (land, slope);
                 shares[i][k] = forward.share[i];
                 let [at, slope] = [land, slope].map(|v| Vec2::from_array(v).as_dvec2());
@@ -715,7 +720,7 @@ fn distance_of(first: &FirstOrder, extension: f64) -> f64 {
 pub fn nearest_focus(p: &Prescription, zoom: f64) -> Option<f64> {
     let s = System::at(p, State { zoom, focus: 1.0 });
     let f = FirstOrder::of(&s, &s.indices(REFERENCE_NM));
-    let behind = s.film_z - s.last_z() - f.bfl;
+    let behind = (s.film_z - s.last_z() - f.bfl) * s.film_run();
     // Newton: x x' = f², counted from the focal points.
     let distance = f.entrance_pupil_z - f.ffl + f.efl * f.efl / behind;
     (p.has_focus_data() && behind > 0.0 && distance > 0.0).then_some(distance)
@@ -739,7 +744,7 @@ fn focused(p: &Prescription, zoom: f64, iris: &crate::system::StopOpening, focus
             return focused(p, zoom, iris, Focus::Distance(Millimeters(distance)));
         }
         let (mut system, state) = focused(p, zoom, iris, Focus::Infinity)?;
-        system.film_z += e;
+        system.film_z += e * system.film_run();
         return Ok((system, state));
     }
     let impossible = |expected: String| LensError::Setting {
@@ -750,25 +755,31 @@ fn focused(p: &Prescription, zoom: f64, iris: &crate::system::StopOpening, focus
         },
         expected,
     };
-    // Best film place less the place the data gives it, and the former.
+    // How far behind the place the data gives the film, along the light, the best place lies; and that place.
     let offset = |s: &System| {
         let object = match focus {
             Focus::Infinity | Focus::Extension(_) => None,
             Focus::Distance(Millimeters(d)) => Some(FirstOrder::of(s, &s.indices(REFERENCE_NM)).entrance_pupil_z - d),
         };
         let (z, _) = best_film_z(s, object)?;
-        (z > s.last_z()).then_some((z - s.film_z, z))
+        let run = s.film_run();
+        ((z - s.last_z()) * run > 0.0).then_some(((z - s.film_z) * run, z))
     };
     if let Focus::Distance(Millimeters(d)) = focus
         && !(d > 0.0 && d.is_finite())
     {
         return Err(impossible("a positive distance such as 2.5m, or inf".into()));
     }
-    let no_image = || {
-        let s = at(0.0);
-        let f = FirstOrder::of(&s, &s.indices(REFERENCE_NM));
-        let nearest = f.entrance_pupil_z - f.ffl;
-        impossible(format!("more than about {nearest:.0} mm from the lens: nearer planes have no image"))
+    let no_image = || match focus {
+        Focus::Distance(_) => {
+            let s = at(0.0);
+            let f = FirstOrder::of(&s, &s.indices(REFERENCE_NM));
+            let nearest = f.entrance_pupil_z - f.ffl;
+            impossible(format!("more than about {nearest:.0} mm from the lens: nearer planes have no image"))
+        }
+        Focus::Infinity | Focus::Extension(_) => {
+            impossible("a lens that forms a real image of distant objects behind its last surface".into())
+        }
     };
     let mut t = 0.0;
     if p.has_focus_data() && focus != Focus::Infinity {
@@ -801,7 +812,7 @@ fn focused(p: &Prescription, zoom: f64, iris: &crate::system::StopOpening, focus
     }
     let mut system = at(t);
     let (_, z) = offset(&system).ok_or_else(no_image)?;
-    if z - system.last_z() > 50.0 * (FirstOrder::of(&system, &system.indices(REFERENCE_NM)).efl.abs() + 1.0) {
+    if (z - system.last_z()).abs() > 50.0 * (FirstOrder::of(&system, &system.indices(REFERENCE_NM)).efl.abs() + 1.0) {
         return Err(no_image());
     }
     system.film_z = z;

@@ -13,7 +13,7 @@
 use crate::batch::single::{Batch, Indices, LANES, Packet};
 use crate::fan::{Fan, convex_hull};
 use crate::trace::Way;
-use glam::DVec2;
+use glam::{DVec2, DVec3};
 
 /// Wavelengths at which shapes are looked for, nm.
 const COLORS_NM: [f32; 3] = [400.0, 550.0, 700.0];
@@ -76,6 +76,8 @@ pub struct Geometry<'a> {
     pub batch: &'a Batch,
     /// Film plane, mm from the first vertex.
     pub film_z: f64,
+    /// Way of the light at the film ([`crate::System::film_run`]).
+    pub film_run: f64,
     /// 1 / distance from the film to the exit pupil.
     pub curvature: f64,
     /// Radius of the exit pupil over its distance: 1/(2N) on the axis.
@@ -244,7 +246,7 @@ impl Search<'_> {
         for &color in colors {
             for (i, q) in q.iter().enumerate() {
                 let s = *q - film * self.g.curvature;
-                let d = s.extend(-1.0).normalize().as_vec3();
+                let d = s.extend(-self.g.film_run).normalize().as_vec3();
                 self.packet.set(i, [film.x as f32, film.y as f32, self.g.film_z as f32], d.to_array());
             }
             mask |= self.g.batch.trace(&mut self.packet, &self.n[color], Way::ToObject);
@@ -365,9 +367,8 @@ fn region(points: Vec<DVec2>) -> Region {
     Region { fan: Fan::new(center, hull) }
 }
 
-/// Packs film point, slope and wavelength of lanes: for [`Batch::trace_light`] from the film.
+/// Puts a ray from the film into a lane: for [`Batch::trace_light`] towards the object.
 #[inline]
-pub(crate) fn start(packet: &mut Packet, lane: usize, film: DVec2, film_z: f64, slope: DVec2) {
-    let d = slope.extend(-1.0).normalize();
+pub(crate) fn start(packet: &mut Packet, lane: usize, film: DVec2, film_z: f64, d: DVec3) {
     packet.set(lane, [film.x as f32, film.y as f32, film_z as f32], [d.x as f32, d.y as f32, d.z as f32]);
 }

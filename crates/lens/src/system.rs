@@ -4,7 +4,7 @@ use crate::glass::Glass;
 use crate::iris::Iris;
 use crate::prescription::{Coating, Prescription};
 use crate::surface::Profile;
-use glam::{DAffine3, DMat3, DVec3, EulerRot};
+use glam::{DAffine3, DMat3, DVec2, DVec3, EulerRot};
 
 /// Where focus and zoom stand.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -165,6 +165,17 @@ impl System {
             // Cement does not need a coating.
             _ => fresnel(n0, n1, cosines),
         }
+    }
+
+    /// Way of the light at the film: +1 along +z, −1 where an odd number of mirrors sends it back towards the object.
+    pub fn film_run(&self) -> f64 {
+        self.runs.last().copied().unwrap_or(1.0)
+    }
+
+    /// Unit direction of a ray from the film with a slope: change of x and y over the way along the axis towards the lens.
+    #[inline]
+    pub fn film_direction(&self, slope: DVec2) -> DVec3 {
+        slope.extend(-self.film_run()).normalize()
     }
 
     /// Last vertex, mm.

@@ -1,7 +1,9 @@
 //! Real lenses in front of the film: light counted right, nothing left out, little drawn in vain.
 
+use diopter_lens::analysis::Bench;
 use diopter_lens::batch::{double, single};
 use diopter_lens::compound::{Exits, Samples, Scratch, Setting};
+use diopter_lens::prescription::read_toml;
 use diopter_lens::trace::{Apertures, TracedRay, Way};
 use diopter_lens::{CompoundLens, Focus, Iris, State, System, embedded, embedded_names};
 use glam::{DVec2, DVec3};
@@ -188,6 +190,73 @@ fn packets_agree_with_the_plain_trace_and_rays_run_back() {
         // What index fit and single precision leave after up to 43 surfaces.
         assert!(far < 1e-5 && far64 < 1e-5, "{name}: {far} {far64}");
         assert!(back < 1e-9 * system.film_z.abs().max(1.0), "{name}: {back}");
+    }
+}
+
+/// Prime-focus telescope and Schmidt camera: one mirror, so that light runs towards the object at the film.
+const ONE_MIRROR: [(&str, &str); 2] = [
+    (
+        "paraboloid",
+        "name = \"Newton\"\nsurfaces = [\n\
+         { radius = -400, conic = -1, mirror = true, stop = true, gap = -200, semi_diameter = 25 },\n]\n",
+    ),
+    (
+        "Schmidt",
+        // The plate's r⁴ term is 1 / (4 (n − 1) R³) (B. Schmidt 1931; Schroeder, Astronomical Optics, §7.3).
+        "name = \"Schmidt camera\"\nsurfaces = [\n\
+         { stop = true, gap = 4, glass = \"N-BK7\", semi_diameter = 25 },\n\
+         { asphere = { 4 = 7.56e-9 }, gap = 396, semi_diameter = 26 },\n\
+         { radius = -400, mirror = true, gap = -200, semi_diameter = 60 },\n]\n",
+    ),
+];
+
+#[test]
+fn behind_an_odd_number_of_mirrors_the_film_looks_the_other_way() {
+    for (name, text) in ONE_MIRROR {
+        let p = Arc::new(read_toml(text, name).unwrap());
+        let set = |focus| {
+            let setting = Setting { focal_length: None, f_number: None, focus, iris: None, film_mm: [24.0, 16.0] };
+            CompoundLens::new(p.clone(), &setting).unwrap_or_else(|e| panic!("{name}: {e}"))
+        };
+        let lens = set(Focus::Infinity);
+        let system = lens.system();
+        assert!(system.film_run() == -1.0 && system.film_z < system.last_z(), "{name}: film at {}", system.film_z);
+        assert!((lens.focal_length().0 - 200.0).abs() < 1.5 && (lens.f_number() - 4.0).abs() < 0.05, "{name}: {lens:?}");
+        // The bench and the camera count the same light, and that of a beam of half angle u: π sin² u, tan(u/2) = h / 2f at the
+        // paraboloid.
+        let bench = Bench::at_infinity(system);
+        for height in [0.0, 5.0, 10.0] {
+            let expected = bench.illumination(height, 550.0);
+            let (found, passed) = irradiance(&lens, DVec2::new(0.0, height), 550.0, 128);
+            assert!((found / expected.with_losses - 1.0).abs() < 5e-3, "{name} at {height} mm: {found} {expected:?}");
+            assert!(passed > 0.95, "{name} at {height} mm: {passed}");
+            if height == 0.0 {
+                let closed = std::f64::consts::PI * (2.0 * (25.0f64 / 400.0).atan()).sin().powi(2);
+                assert!((expected.geometric / closed - 1.0).abs() < 0.02, "{name}: {expected:?} {closed}");
+            }
+        }
+        // A place above the axis sees what is below it, as behind a lens; colours land where they left.
+        let chief = lens.chief_ray(DVec2::new(0.0, 5.0)).unwrap();
+        let slope = chief.direction.y / -chief.direction.z;
+        assert!(chief.direction.z < 0.0 && (slope * 200.0 / -5.0 - 1.0).abs() < 0.02, "{name}: {chief:?}");
+        let (mut samples, mut out, mut scratch) = (Samples::default(), Exits::default(), Scratch::default());
+        samples.film = [DVec2::new(0.0, 5.0); single::LANES];
+        samples.nm = [[550.0, 450.0, 600.0, 650.0]; single::LANES];
+        lens.exits(&samples, DVec2::splat(100.0), &mut scratch, &mut out);
+        assert_eq!(out.passed, u32::MAX, "{name}");
+        for k in 0..4 {
+            let (at, slope) = (out.lands[0][k], out.slopes[0][k]);
+            assert!((at[1] - 5.0).abs() < 0.05 && (slope[1] - out.slopes[0][0][1]).abs() < 1e-3, "{name}: {at:?} {slope:?}");
+        }
+        // Nearer things are sharp farther from the mirror, by Newton's f² / x.
+        let near = set(Focus::at_mm(8000.0));
+        let moved = (near.system().film_z - system.film_z) * system.film_run();
+        assert!((moved / near.extension().0 - 1.0).abs() < 0.05 && moved > 0.0, "{name}: {moved} {:?}", near.extension());
+        let quick = lens.with_extension(moved).unwrap();
+        assert!((quick.system().film_z - near.system().film_z).abs() < 1e-9, "{name}");
+        // The bench's figures are of the same handedness.
+        let point = bench.field_point(1.0, 550.0).unwrap();
+        assert!((point.height / point.ideal_height - 1.0).abs() < 0.01 && point.height > 3.0, "{name}: {point:?}");
     }
 }
 

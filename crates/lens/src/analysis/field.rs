@@ -14,7 +14,7 @@ pub struct FieldPoint {
     /// Where an undistorted (rectilinear) image would put it, mm: f tan θ, moved along the chief ray by what the film is out
     /// of the paraxial focus.
     pub ideal_height: f64,
-    /// Tangential and sagittal focus, mm behind the film, from rays close to the chief ray.
+    /// Tangential and sagittal focus, mm behind the film (along the light), from rays close to the chief ray.
     pub focus: [f64; 2],
 }
 
@@ -76,7 +76,7 @@ impl Bench<'_> {
             Some(d) => {
                 // By the magnification of the paraxial conjugate.
                 let m = first.efl / (d + first.ffl);
-                let image_z = self.system.last_z() + first.bfl + first.efl * m;
+                let image_z = self.system.last_z() + first.bfl + first.efl * m * self.system.film_run();
                 m * tan * (d + first.entrance_pupil_z) + slope * (self.system.film_z - image_z)
             }
         };
@@ -91,7 +91,7 @@ impl Bench<'_> {
                 if along_y { (p.y, r.direction.y / r.direction.z) } else { (p.x, r.direction.x / r.direction.z) }
             };
             let ((pa, sa), (pb, sb)) = (part(&a), part(&b));
-            Some(-(pa - pb) / (sa - sb))
+            Some(-(pa - pb) / (sa - sb) * self.system.film_run())
         };
         let focus = [meet(DVec2::new(0.0, small), true)?, meet(DVec2::new(small, 0.0), false)?];
         Some(FieldPoint { field_deg, height, ideal_height, focus })
@@ -104,7 +104,7 @@ impl Bench<'_> {
         let Some(rim) = self.system.surfaces.last() else {
             return Illumination { height, geometric: 0.0, with_losses: 0.0 };
         };
-        let ray = |s: DVec2| TracedRay { position: film, direction: s.extend(-1.0).normalize() };
+        let ray = |s: DVec2| TracedRay { position: film, direction: self.system.film_direction(s) };
         let lit = |low: DVec2, high: DVec2, side: usize| {
             let cell = (high - low) / side as f64;
             let (mut lit_low, mut lit_high) = (DVec2::MAX, DVec2::MIN);
@@ -118,12 +118,13 @@ impl Bench<'_> {
         };
         // Where the paraxial exit pupil is seen; else anywhere on the rim of the last surface, more and more finely.
         let first = self.first_order(nm);
-        let away = self.system.film_z - first.exit_pupil_z;
+        let run = self.system.film_run();
+        let away = (self.system.film_z - first.exit_pupil_z) * run;
         let center = -film.truncate() / away;
         let half = 2.0 * first.exit_pupil_radius() / away.abs();
         let sag = rim.profile.sag(0.0, rim.semi_diameter * (1.0 - 1e-9)).unwrap_or(0.0);
         let (mut low, mut high) = (DVec2::MAX, DVec2::MIN);
-        for d in [self.system.film_z - rim.z, self.system.film_z - rim.z - sag] {
+        for d in [(self.system.film_z - rim.z) * run, (self.system.film_z - rim.z - sag) * run] {
             for corner in [DVec2::splat(-1.0), DVec2::splat(1.0)] {
                 let s = (corner * rim.semi_diameter - film.truncate()) / d;
                 (low, high) = (low.min(s), high.max(s));
@@ -198,7 +199,7 @@ impl Bench<'_> {
 
     /// Axial colour, and lateral colour at some fields (degrees).
     pub fn color(&self, wavelengths: &[f64], reference_nm: f64, fields_deg: &[f64]) -> ColorCurves {
-        let focus = |nm: f64| self.first_order(nm).bfl;
+        let focus = |nm: f64| self.first_order(nm).bfl * self.system.film_run();
         let height = |field: f64, nm: f64| self.chief_beam(field, nm).map(|b| self.on_film(&b.image, 0.0).y);
         let lateral = |field: f64| {
             let reference = height(field, reference_nm);

@@ -201,9 +201,9 @@ impl<'a> Bench<'a> {
             .collect()
     }
 
-    /// Film point of a ray behind the lens, mm, `defocus` behind the film.
+    /// Film point of a ray behind the lens, mm, `defocus` behind the film, along the light.
     fn on_film(&self, ray: &TracedRay, defocus: f64) -> DVec2 {
-        at_plane(ray, self.system.film_z + defocus).truncate()
+        at_plane(ray, self.system.film_z + defocus * self.system.film_run()).truncate()
     }
 
     /// Largest field angle (degrees) whose chief ray lands within a height on the film; searched in steps up to 130°.
@@ -245,7 +245,10 @@ impl<'a> Bench<'a> {
         let height = |angle: f64| {
             let beam = infinite.beam(angle, nm)?;
             let rays = infinite.grid(&beam, nm, 41);
-            Some(rays.iter().map(|r| infinite.on_film(&r.1, z - self.system.film_z)).sum::<DVec2>().y / rays.len() as f64)
+            Some(
+                rays.iter().map(|r| infinite.on_film(&r.1, (z - self.system.film_z) * self.system.film_run())).sum::<DVec2>().y
+                    / rays.len() as f64,
+            )
         };
         Some((height(angle)? - height(-angle)?) / (2.0 * angle.to_radians().tan()))
     }

@@ -95,7 +95,7 @@ impl Bench<'_> {
     pub fn diffraction_mtf(&self, field_deg: f64, colors: &[(f64, f64)], frequencies: &[f64], defocus: f64) -> Option<Mtf> {
         let reference = colors.get(colors.len() / 2)?.0;
         let beam = self.beam(field_deg, reference)?;
-        let film_z = self.system.film_z + defocus;
+        let film_z = self.system.film_z + defocus * self.system.film_run();
         let image = crate::trace::at_plane(&beam.image, film_z);
         // Direction cosines of all light, seen from the film.
         let rays = self.grid(&beam, reference, 41);
@@ -111,7 +111,7 @@ impl Bench<'_> {
         (low, high) = (low - pad, high + pad);
         let (middle, size) = (0.5 * (low + high), (high - low).max_element());
         let batch = Batch::new(self.system);
-        let back = (self.system.last_z() - film_z).signum();
+        let back = -self.system.film_run();
         let mut sums = vec![[[0.0f64; 2]; 2]; frequencies.len()];
         let mut total = 0.0;
         for &(nm, weight) in colors {

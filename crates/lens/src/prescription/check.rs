@@ -200,7 +200,8 @@ impl Prescription {
         }
         let system = System::at(self, State::default());
         let bfl = paraxial::FirstOrder::of(&system, &system.indices(self.inference_nm())).bfl;
-        if bfl > 0.0 && bfl < LARGEST {
+        // After an odd number of mirrors light runs towards the object, and lengths along it count negative.
+        if bfl * system.film_run() > 0.0 && bfl.abs() < LARGEST {
             self.surfaces[last].gap = super::Gap::fixed(bfl);
             self.notes.push(format!("no gap behind the last surface: the film stands in the paraxial focus, {bfl:.4} mm"));
         }
