@@ -180,6 +180,9 @@ pub struct Bench {
     /// Where a zoom is set: "35 mm".
     #[arg(long, value_name = "LENGTH")]
     pub focal_length: Option<LengthMm>,
+    /// A zoom position that the prescription prints, 1 the first.
+    #[arg(long, value_name = "N", conflicts_with = "focal_length")]
+    pub zoom_position: Option<usize>,
     /// f-number; as the file says, or fully open, without.
     #[arg(long, value_name = "F")]
     pub aperture: Option<FNumber>,
@@ -341,6 +344,9 @@ pub struct Taking {
     /// Focal length: "50 mm"; of a zoom, where it is set.
     #[arg(long, value_name = "LENGTH")]
     pub focal_length: Option<LengthMm>,
+    /// A zoom position that the lens's prescription prints, 1 the first.
+    #[arg(long, value_name = "N", conflicts_with = "focal_length")]
+    pub zoom_position: Option<usize>,
     /// Blades of the iris; without, the lens's own, or round.
     #[arg(long, value_name = "N")]
     pub blades: Option<u32>,
@@ -1082,7 +1088,10 @@ impl Taking {
         over(&mut camera.body, &self.body);
         over(&mut camera.format, &self.format);
         over(&mut camera.lens, &self.lens);
-        over(&mut camera.focal_length, &self.focal_length);
+        // One says where the zoom is set: the other, from a file, no longer counts.
+        if self.focal_length.is_some() || self.zoom_position.is_some() {
+            (camera.focal_length, camera.zoom_position) = (self.focal_length, self.zoom_position);
+        }
         over(&mut camera.blades, &self.blades);
         over(&mut camera.blade_rotation_deg, &self.blade_rotation);
         over(&mut camera.blade_curvature, &self.blade_curvature);

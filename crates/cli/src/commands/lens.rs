@@ -7,7 +7,7 @@ use crate::watch::say;
 use crate::{AskedWrongly, paint};
 use anyhow::anyhow;
 use diopter::lens::analysis::{Bench, Illumination, Mtf, ThirdOrder, VISUAL_NM, airy_mtf};
-use diopter::lens::compound::{Configured, FilmPlace, configure, nearest_focus};
+use diopter::lens::compound::{Configured, FilmPlace, configure, nearest_focus, printed_focal_length, printed_focal_lengths};
 use diopter::lens::draw::{self, Figure, LayoutOptions};
 use diopter::lens::glass::{D_NM, GlassKind};
 use diopter::lens::paraxial::FirstOrder;
@@ -88,7 +88,10 @@ impl Table {
         let focus = asked.focus.map(|f| Focus::at_mm(f.0 * 1000.0));
         let film = focus.map_or(FilmPlace::AsPublished, FilmPlace::Focused);
         let aperture = asked.aperture.map(|a| a.0);
-        let focal_length = asked.focal_length.map(|f| f.0);
+        let focal_length = match asked.zoom_position {
+            Some(position) => Some(printed_focal_length(&prescription, position).map_err(ShotError::from)?),
+            None => asked.focal_length.map(|f| f.0),
+        };
         let set = match configure(&prescription, focal_length, aperture.or(stated), None, film) {
             // The file's own aperture may be more than its rims let through.
             Err(_) if aperture.is_none() && stated.is_some() => configure(&prescription, focal_length, None, None, film),
@@ -243,7 +246,7 @@ fn info(asked: &Asked, json: bool) -> anyhow::Result<()> {
             .collect();
         return print_json(&json!({
             "name": p.name, "patent": p.patent, "source": p.source, "notes": p.notes, "wavelength_nm": table.reference,
-            "surfaces": p.surfaces.len(), "stop": p.stop() + 1, "zoom": p.zoom, "close_focus_mm": p.close_focus,
+            "surfaces": p.surfaces.len(), "stop": p.stop() + 1, "zoom": p.zoom, "zoom_position": (!p.zoom.is_empty()).then_some(table.set.state.zoom + 1.0), "close_focus_mm": p.close_focus,
             "effective_focal_length_mm": f.efl, "measured_focal_length_mm": measured,
             "back_focal_length_mm": f.bfl, "front_focal_length_mm": f.ffl,
             "front_principal_z_mm": f.front_principal_z, "rear_principal_z_mm": f.rear_principal_z,
@@ -303,7 +306,9 @@ fn info(asked: &Asked, json: bool) -> anyhow::Result<()> {
         writeln!(t, "  nearest focus     {nearest:.0} mm from the entrance pupil")?;
     }
     if !p.zoom.is_empty() {
-        writeln!(t, "  zoom positions    {}", p.zoom.iter().map(|z| format!("{z:.2}")).collect::<Vec<_>>().join(", "))?;
+        let position = |(i, f): (usize, f64)| format!("{} ({f:.2} mm)", i + 1);
+        let printed: Vec<String> = printed_focal_lengths(p).into_iter().enumerate().map(position).collect();
+        writeln!(t, "  zoom positions    {}; here {:.3}", printed.join(", "), table.set.state.zoom + 1.0)?;
     }
     writeln!(t, "\n  {:>3} {:>12} {:>10} {:>9}  glass", "", "radius", "gap", "semi-dia")?;
     for (i, s) in p.surfaces.iter().enumerate() {

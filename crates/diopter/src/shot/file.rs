@@ -176,6 +176,9 @@ pub struct CameraSection {
     /// Focal length; of a zoom, where it is set.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub focal_length: Option<LengthMm>,
+    /// A zoom position that the lens's prescription prints, 1 the first; instead of `focal_length`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub zoom_position: Option<usize>,
     /// Blades of the iris; without, the lens's own, or round.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub blades: Option<u32>,

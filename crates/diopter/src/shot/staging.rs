@@ -7,7 +7,7 @@ use super::{LARGEST_SIDE, ShotError, light_field, value};
 use crate::camera::{Camera, Film, look_at, three_quarter_view};
 use crate::camera_way::CameraWay;
 use crate::quantity::{Iso, IsoChoice, Size};
-use diopter_lens::compound::{CompoundLens, Setting};
+use diopter_lens::compound::{CompoundLens, Setting, printed_focal_length};
 use diopter_lens::{Focus, Iris, Lens, LensError, Pinhole, Projection, ThinLens, import};
 use diopter_light::units::Millimeters;
 use diopter_scene::bvh::Bounds;
@@ -199,6 +199,18 @@ pub(super) fn camera(
     warn: &mut dyn FnMut(&str),
 ) -> Result<(Camera, Option<u32>), ShotError> {
     let c = &file.camera;
+    if let Some(position) = c.zoom_position {
+        if c.focal_length.is_some() {
+            return Err(value("zoom_position", position, "either a zoom position or a focal length, not both"));
+        }
+        if matches!(c.lens.as_deref(), None | Some("thin" | "pinhole" | "panorama")) {
+            return Err(value(
+                "zoom_position",
+                position,
+                "a zoom lens with printed positions, such as lens = \"kit-zoom-18-55mm\"",
+            ));
+        }
+    }
     let view = view(file, scene.description())?;
     let from_fov = |fov: f32| format::focal_length_for(film.height_mm, fov as f64);
     // The body's own lens, unless another lens or film is asked for.
@@ -280,8 +292,9 @@ pub(super) fn camera(
             let prescription = read_lens(name)?;
             prescription.notes.iter().for_each(|n| warn(&format!("{name}: {n}")));
             let circle = prescription.image_circle;
+            let printed = c.zoom_position.map(|position| printed_focal_length(&prescription, position)).transpose()?;
             let mut setting = Setting {
-                focal_length: c.focal_length.map(|f| f.0),
+                focal_length: printed.or(c.focal_length.map(|f| f.0)),
                 f_number: Some(f_number),
                 focus,
                 iris: iris(c)?,
