@@ -44,7 +44,8 @@ pub(crate) fn chief_of(system: &System, n: &[f64], ray: impl Fn(DVec2) -> Traced
     if is_centered(system) {
         return Some(DVec2::ZERO);
     }
-    let scale = system.iris.radius;
+    // Before semi-diameters are inferred a stop may be as wide as can be.
+    let scale = if system.iris.radius < 1e6 { system.iris.radius } else { 1.0 };
     let miss = |at: DVec2| place_at_stop(system, n, ray(at));
     let mut at = DVec2::ZERO;
     for _ in 0..40 {
@@ -100,6 +101,13 @@ pub(crate) fn widest_radius(system: &System, n: &[f64], efl: f64) -> Option<f64>
     let directions = (0..ANGLES).map(|i| DVec2::from_angle(TAU * i as f64 / ANGLES as f64));
     let mean_square = directions.map(|d| edge(center, d).unwrap_or(0.0).powi(2)).sum::<f64>() / ANGLES as f64;
     (mean_square > 0.0).then(|| (mean_square * section_ratio(system, n, efl)).sqrt())
+}
+
+/// Number of the surface whose rim stops the meridional ray of an axial beam of a radius (mm, before the lens), the iris fully open.
+pub(crate) fn clipping_surface(system: &System, n: &[f64], radius: f64) -> Option<usize> {
+    let center = chief_of(system, n, parallel).unwrap_or(DVec2::ZERO);
+    let ray = parallel(center + DVec2::Y * radius);
+    system.trace(ray, n, Way::ToFilm, Apertures::IgnoreIris).err().map(|blocked| blocked.surface)
 }
 
 /// Radius at the stop (mm) of the axial beam of a radius before the lens, from real rays that no rim stops; where that is not round that of

@@ -189,7 +189,7 @@ impl CompoundLens {
     /// Sets a lens. Fails on what it cannot do, saying what it can.
     pub fn new(prescription: Arc<Prescription>, setting: &Setting) -> Result<CompoundLens, LensError> {
         let range = |what, found: String, expected: String| Err(LensError::Setting { what, found, expected });
-        let Configured { system, state, efl, f_number, widest } = configure(
+        let Configured { system, state, efl, f_number, widest, beam_radius } = configure(
             &prescription,
             setting.focal_length,
             setting.f_number,
@@ -197,7 +197,8 @@ impl CompoundLens {
             FilmPlace::Focused(setting.focus),
         )?;
         let n = system.indices(REFERENCE_NM);
-        let first = FirstOrder::of(&system, &n);
+        // Its pupils are those of the axial beam, which the f-number measures.
+        let first = FirstOrder { stop_radius: beam_radius, ..FirstOrder::of(&system, &n) };
         let batch = Batch::new(&system);
         // Distances count from the film towards the lens, whichever way the light comes.
         let run = system.film_run();
@@ -582,6 +583,8 @@ pub struct Configured {
     pub f_number: f64,
     /// f-number fully open.
     pub widest: f64,
+    /// Radius of the axial beam at the stop, mm; less than the iris's where a rim limits the beam.
+    pub beam_radius: f64,
 }
 
 /// Sets zoom (mm), aperture (f-number; fully open without), iris shape and film. Fails on what the lens cannot do, saying what it
@@ -604,7 +607,7 @@ pub fn configure(
         let expected = "a lens that makes a real image: its focal length is negative";
         return range("lens", format!("\"{}\" ({efl:.2} mm)", p.name), expected.into());
     }
-    let widest = widest_f_number(p, &far, efl).ok_or_else(|| LensError::Setting {
+    let (widest, by_rims) = widest_f_number(p, &far, efl).ok_or_else(|| LensError::Setting {
         what: "lens",
         found: format!("\"{}\"", p.name),
         expected: "a lens that light on the axis can pass".into(),
@@ -628,13 +631,16 @@ pub fn configure(
     if let Some(shape) = iris {
         opening.shape = shape.clone();
     }
-    let radius = stop_radius(&far, efl, f_number).unwrap_or(opening.radius).min(opening.radius);
+    let beam_radius = stop_radius(&far, efl, f_number).unwrap_or(opening.radius).min(opening.radius);
+    // Fully open a rim may limit the axial beam: the iris is then drawn back to the prescription's own stop, which beams from beside the
+    // axis fill further than the axial beam does.
+    let radius = if by_rims && f_number <= widest { opening.radius } else { beam_radius };
     let opening = self::opening(opening.shape, radius, far.surfaces[far.stop].semi_diameter);
     let (system, state) = match film {
         FilmPlace::Focused(focus) => focused(p, zoom, &opening, focus)?,
         FilmPlace::AsPublished => (System { iris: opening, ..far }, State { zoom, focus: 0.0 }),
     };
-    Ok(Configured { system, state, efl, f_number, widest })
+    Ok(Configured { system, state, efl, f_number, widest, beam_radius })
 }
 
 /// Focal length (mm) of each zoom position that the prescription prints; of a prime its one.
@@ -713,13 +719,14 @@ pub fn zoom_position(p: &Prescription, focal_length: Option<f64>) -> Result<f64,
     Ok(0.5 * (low + high))
 }
 
-/// Smallest f-number at which an axial beam from infinity passes every rim; not smaller than the prescription states.
-fn widest_f_number(p: &Prescription, system: &System, efl: f64) -> Option<f64> {
+/// Smallest f-number at which an axial beam from infinity passes every rim, not smaller than the prescription states; and whether it is the
+/// rims that set it.
+fn widest_f_number(p: &Prescription, system: &System, efl: f64) -> Option<(f64, bool)> {
     let radius = axial_beam::widest_radius(system, &system.indices(REFERENCE_NM), efl)?;
     let rims = efl.abs() / (2.0 * radius);
     // Zooms state the f-number of one end: the other is as its rims say.
     let stated = p.f_number.filter(|_| p.zoom.len() < 2 || rims < p.f_number.unwrap_or(0.0));
-    Some(stated.map_or(rims, |stated| rims.max(stated)))
+    Some(stated.map_or((rims, true), |stated| (rims.max(stated), rims >= stated)))
 }
 
 /// Radius at the stop of the real axial beam of an f-number.

@@ -98,6 +98,9 @@ impl Table {
             other => other,
         }
         .map_err(ShotError::from)?;
+        if let Some(asked) = aperture.filter(|a| set.f_number > a * 1.005) {
+            say(&format!("note: fully open it is f/{:.2}, which is what f/{asked} stands for", set.f_number));
+        }
         let wavelengths = match &asked.wavelength {
             Some(list) => list.0.clone(),
             None if !prescription.usage.wavelengths_nm.is_empty() => prescription.usage.wavelengths_nm.clone(),

@@ -1,6 +1,7 @@
 //! What every prescription must be, wherever it came from; and what may be inferred.
 
 use super::{ApertureKind, MOST_SURFACES, Prescription, PrescriptionError};
+use crate::axial_beam;
 use crate::paraxial;
 use crate::surface::Profile;
 use crate::system::{State, System};
@@ -154,6 +155,7 @@ impl Prescription {
         self.check_gaps(file)?;
         let extrapolated = self.extrapolated(&self.usage.wavelengths_nm);
         self.notes.extend(extrapolated);
+        self.note_clipped_aperture();
         Ok(self)
     }
 
@@ -258,14 +260,14 @@ impl Prescription {
                 }
             }
         }
-        for i in missing {
-            // The stop is as large as the axial beam; rims get a hair more than the light needs.
+        for &i in &missing {
+            // The stop is as large as the real axial beam; rims get a hair more than the light needs.
             let axial = || {
                 let axial = paraxial::Trace::axial(&system, &n).heights;
                 (axial[i] * pupil / axial[0].abs().max(1e-12)).abs()
             };
-            let wanted = if i == stop && self.surfaces[i].profile == Profile::Plane { axial() } else { height[i] * 1.0001 };
-            let wanted = if wanted > 0.0 { wanted } else { axial() };
+            let real = if i == stop { self.marginal_radius(&system, &n, &first, pupil) } else { Some(height[i] * 1.0001) };
+            let wanted = real.filter(|r| *r > 0.0).unwrap_or_else(axial);
             // A millionth of a millimetre is more than anyone grinds.
             let wanted = (wanted * 1e6).ceil() / 1e6;
             let sd = wanted.min(reach(&self.surfaces[i].profile, wanted));
@@ -281,7 +283,111 @@ impl Prescription {
             self.surfaces[i].semi_diameter = Some(sd);
         }
         self.notes.push("semi-diameters that the file does not give are inferred from its aperture and fields".into());
+        self.clip_crossing_rims(&missing);
         Ok(())
+    }
+
+    /// Radius at the stop of the axial beam that fills an entrance pupil of a radius (mm), by real rays.
+    fn marginal_radius(&self, system: &System, n: &[f64], first: &paraxial::FirstOrder, pupil: f64) -> Option<f64> {
+        let near = self.usage.object_distance.filter(|d| d.is_finite() && *d < 1e9);
+        if near.is_none() {
+            return axial_beam::stop_radius(system, n, first.efl, pupil);
+        }
+        let mut radius = None;
+        let ray = entrance_ray(first, near, 0.0, [0.0, pupil]);
+        // A ray that fails behind the stop has told what was asked.
+        let _ = system.trace_with(ray, n, Way::ToFilm, Apertures::Ignore, |e| {
+            if e.surface == system.stop {
+                let p = system.surfaces[e.surface].to_local(e.point, DVec3::Z).0;
+                radius = Some(p.x.hypot(p.y));
+            }
+        });
+        radius
+    }
+
+    /// Clips semi-diameters that were inferred at the height where two surfaces cross: beams that need more would pass where there is no
+    /// glass (or, between elements, no air).
+    fn clip_crossing_rims(&mut self, inferred: &[usize]) {
+        let zooms = self.zoom.len().max(1);
+        let mut run = 1.0;
+        for i in 0..self.surfaces.len() - 1 {
+            if self.surfaces[i].mirror {
+                run = -run;
+            }
+            if self.is_free_stop(i) || self.is_free_stop(i + 1) {
+                continue;
+            }
+            for (zoom, focus) in (0..zooms).flat_map(|z| [(z as f64, 0.0), (z as f64, 1.0)]) {
+                let (front, back) = (&self.surfaces[i], &self.surfaces[i + 1]);
+                let (Some(a), Some(b)) = (front.semi_diameter, back.semi_diameter) else { continue };
+                let gap = front.gap.at(zoom, focus) * run;
+                let edge = |h: f64| Some(gap + run * (back.profile.sag(0.0, h)? - front.profile.sag(0.0, h)?));
+                let rim = a.min(b) * (1.0 - 1e-6);
+                if gap <= 0.0 || edge(rim).is_none_or(|e| e >= -overlap(rim)) {
+                    continue;
+                }
+                // The first height, from the axis, at which nothing is left between them.
+                const STEPS: usize = 200;
+                let bare = |h: f64| edge(h).is_some_and(|e| e < 0.0);
+                let Some(k) = (1..=STEPS).find(|k| bare(rim * *k as f64 / STEPS as f64)) else { continue };
+                let (mut low, mut high) = (rim * (k - 1) as f64 / STEPS as f64, rim * k as f64 / STEPS as f64);
+                for _ in 0..60 {
+                    let mid = 0.5 * (low + high);
+                    if bare(mid) { high = mid } else { low = mid }
+                }
+                let mut clipped = vec![];
+                for k in [i, i + 1] {
+                    let s = &mut self.surfaces[k];
+                    if inferred.contains(&k) && s.obstruction < low && s.semi_diameter.is_some_and(|sd| sd > low) {
+                        s.semi_diameter = Some(low);
+                        clipped.push(format!("{}", k + 1));
+                    }
+                }
+                if !clipped.is_empty() {
+                    self.notes.push(format!(
+                        "surfaces {} and {} cross at a height of {low:.4} mm: the inferred semi-diameter of surface {} ends there",
+                        i + 1,
+                        i + 2,
+                        clipped.join(" and ")
+                    ));
+                }
+            }
+        }
+    }
+
+    /// Notes an aperture of the file that rims let through in part only.
+    fn note_clipped_aperture(&mut self) {
+        if self.usage.object_distance.is_some_and(|d| d.is_finite() && d < 1e9) {
+            return;
+        }
+        let system = System::at(self, State::default());
+        let n = system.indices(crate::glass::D_NM);
+        let efl = paraxial::FirstOrder::of(&system, &n).efl;
+        let wanted = match self.usage.aperture {
+            Some(ApertureKind::EntrancePupil(d)) => 0.5 * d,
+            Some(ApertureKind::FNumber(f)) => 0.5 * efl.abs() / f,
+            Some(ApertureKind::ObjectNa(_)) | None => return,
+        };
+        // Less than this is the rounding of the figures.
+        const ROUNDING: f64 = 0.99;
+        if let Some(found) = axial_beam::widest_radius(&system, &n, efl).filter(|r| *r < ROUNDING * wanted) {
+            let by =
+                axial_beam::clipping_surface(&system, &n, wanted).map_or(String::new(), |s| format!(" of surface {}", s + 1));
+            self.notes.push(format!(
+                "the file's entrance pupil of {:.4} mm (f/{:.2}) is clipped to {:.4} mm (f/{:.2}) by the rim{by}",
+                2.0 * wanted,
+                efl.abs() / (2.0 * wanted),
+                2.0 * found,
+                efl.abs() / (2.0 * found)
+            ));
+        }
+    }
+
+    /// A plane stop in air has no thickness: tables may put it behind a vertex it stands beside.
+    fn is_free_stop(&self, k: usize) -> bool {
+        let air = |k: usize| self.surfaces[k].glass == crate::glass::Glass::air();
+        let s = &self.surfaces[k];
+        s.stop && s.profile == Profile::Plane && air(k) && (k == 0 || air(k - 1))
     }
 
     /// Gaps must not be negative where light runs forward, and neighbours must not cross where light can pass.
@@ -306,21 +412,15 @@ impl Prescription {
                         }
                         continue;
                     };
-                    // A plane stop in air has no thickness: tables may put it behind a vertex it stands beside.
-                    let air = |k: usize| self.surfaces[k].glass == crate::glass::Glass::air();
-                    let free = |k: usize| {
-                        let s = &self.surfaces[k];
-                        s.stop && s.profile == Profile::Plane && air(k) && (k == 0 || air(k - 1))
-                    };
-                    if gap < -1e-9 && !free(i) && !free(i + 1) {
+                    let free = self.is_free_stop(i) || self.is_free_stop(i + 1);
+                    if gap < -1e-9 && !free {
                         return Err(wrong(format!("gap {}: {sign}", s.gap.at(zoom, focus))));
                     }
-                    // At the height both rims reach. Published semi-diameters are often estimates: a tenth of a millimetre
-                    // of overlap at the rim is their inexactness, not a wrong lens.
+                    // At the height both rims reach.
                     let h = s.semi_diameter.unwrap_or(0.0).min(next.semi_diameter.unwrap_or(0.0)) * (1.0 - 1e-6);
                     if let (Some(a), Some(b)) = (s.profile.sag(0.0, h), next.profile.sag(0.0, h)) {
                         let edge = gap + run * (b - a);
-                        if edge < -0.1 - 0.02 * h && !free(i) && !free(i + 1) {
+                        if edge < -overlap(h) && !free {
                             return Err(wrong(format!(
                                 "it crosses surface {} at a height of {h:.3} mm (edge thickness {edge:.3} mm): \
                                  a gap too small or semi-diameters too large",
@@ -333,6 +433,12 @@ impl Prescription {
         }
         Ok(())
     }
+}
+
+/// How far (mm) surfaces may overlap at a rim of a height: published semi-diameters are often estimates, and a tenth of a millimetre is
+/// their inexactness, not a wrong lens.
+fn overlap(height: f64) -> f64 {
+    0.1 + 0.02 * height
 }
 
 /// Largest height up to `wanted` at which a surface exists.
@@ -369,5 +475,97 @@ pub(crate) fn entrance_ray(
             let direction = DVec3::new(0.0, slope, 1.0).normalize();
             TracedRay { position: target - direction * (target.z / direction.z), direction }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::analysis::Bench;
+    use crate::compound::{FilmPlace, configure};
+    use crate::glass::D_NM;
+    use crate::prescription::{ApertureKind, Surface, read_toml};
+    use crate::surface::Profile;
+    use crate::{Focus, Prescription, embedded};
+
+    #[test]
+    fn inferred_rims_end_where_surfaces_cross() {
+        // Two spheres of 50 mm, 1 mm apart: 2 (50 − √(50² − h²)) = 1 at h = 7.0534 mm; f/2 would need 12.5 mm.
+        let text = |rim: &str| {
+            format!(
+                "name = \"x\"\nf_number = 2\nsurfaces = [\n{{ stop = true, gap = 1, semi_diameter = 14 }},\n\
+                 {{ radius = 50, gap = 1, glass = \"1.5\"{rim} }},\n{{ radius = -50, gap = 49{rim} }},\n]\n"
+            )
+        };
+        let p = read_toml(&text(""), "x.toml").unwrap();
+        let height = (50.0f64.powi(2) - 49.5f64.powi(2)).sqrt();
+        for s in &p.surfaces[1..] {
+            assert!((s.semi_diameter.unwrap() - height).abs() < 1e-6, "{:?} {height}", s.semi_diameter);
+        }
+        let note = p.notes.iter().find(|n| n.contains("surfaces 2 and 3 cross at a height of 7.0534 mm"));
+        assert!(note.is_some_and(|n| n.contains("of surface 2 and 3 ends there")), "{:?}", p.notes);
+        // Rims that a file gives are wrong, not estimates.
+        let wrong = read_toml(&text(", semi_diameter = 12"), "x.toml").unwrap_err().to_string();
+        assert!(wrong.contains("it crosses surface 3"), "{wrong}");
+    }
+
+    /// The double Gauss with an aperture of its file and without semi-diameters of some surfaces.
+    fn double_gauss(aperture: ApertureKind, missing: &[usize]) -> Prescription {
+        let mut p = embedded("double-gauss-50mm").unwrap();
+        p.f_number = None;
+        p.usage.aperture = Some(aperture);
+        missing.iter().for_each(|i| p.surfaces[*i].semi_diameter = None);
+        p.checked("test").unwrap()
+    }
+
+    #[test]
+    fn an_entrance_pupil_that_rims_clip_is_noted() {
+        let clipped = double_gauss(ApertureKind::EntrancePupil(30.0), &[]);
+        let note = clipped.notes.iter().find(|n| n.contains("entrance pupil of 30.0000 mm"));
+        assert!(
+            note.is_some_and(|n| n.contains("is clipped to 2") && n.contains("by the rim of surface")),
+            "{:?}",
+            clipped.notes
+        );
+        assert!(double_gauss(ApertureKind::EntrancePupil(20.0), &[]).notes.is_empty());
+    }
+
+    #[test]
+    fn an_inferred_stop_lets_the_files_entrance_pupil_through() {
+        // By real rays: the paraxial height at the stop is 0.65 % more than the real one at f/2.5.
+        let stop = embedded("double-gauss-50mm").unwrap().stop();
+        let p = double_gauss(ApertureKind::EntrancePupil(20.0), &[stop]);
+        let set = configure(&p, None, None, None, FilmPlace::Focused(Focus::Infinity)).unwrap();
+        assert!((set.efl / set.widest / 20.0 - 1.0).abs() < 1e-5, "{} {}", set.efl, set.widest);
+    }
+
+    #[test]
+    fn fully_open_the_iris_is_the_prescriptions_own_stop() {
+        // A rim of 8 mm before a stop of 9 mm limits the axial beam.
+        let glass = crate::glass::Glass::air();
+        let mut front = Surface::new(Profile::Plane, 30.0, glass.clone());
+        front.semi_diameter = Some(8.0);
+        let mut stop = Surface::new(Profile::Plane, 1.0, glass.clone());
+        (stop.stop, stop.semi_diameter) = (true, Some(9.0));
+        let mut mirror = Surface::new(Profile::Conic { c: -1.0 / 200.0, k: -1.0 }, -100.0, glass);
+        (mirror.mirror, mirror.semi_diameter) = (true, Some(30.0));
+        let p = Prescription::new("rim", vec![front, stop, mirror]).checked("test").unwrap();
+        let open = configure(&p, None, None, None, FilmPlace::Focused(Focus::Infinity)).unwrap();
+        assert!((open.f_number - 100.0 / 16.0).abs() < 1e-6 && open.system.iris.radius == 9.0, "{open:?}");
+        assert!((open.beam_radius - 8.0).abs() < 1e-6, "{}", open.beam_radius);
+        // Beside the axis the rim shadows one side of the stop; the other is as wide as the stop: two disks of 8 and 9 mm whose middles are
+        // 30 tan θ apart at the stop.
+        let bench = Bench::at_infinity(&open.system);
+        let theta = 5.0f64.to_radians();
+        let d = 30.0 * theta.tan();
+        let (r, s) = (8.0f64, 9.0f64);
+        let half = |a: f64, b: f64| a * a * ((d * d + a * a - b * b) / (2.0 * d * a)).acos();
+        let kite = 0.5 * ((-d + r + s) * (d + r - s) * (d - r + s) * (d + r + s)).sqrt();
+        let lens_area = half(r, s) + half(s, r) - kite;
+        let expected = lens_area * theta.cos() / (std::f64::consts::PI * r * r);
+        let found = bench.vignetting(5.0, D_NM).unwrap();
+        assert!((found / expected - 1.0).abs() < 0.01, "{found} {expected}");
+        // Stopped down, the iris is the axial beam's.
+        let stopped = configure(&p, None, Some(10.0), None, FilmPlace::Focused(Focus::Infinity)).unwrap();
+        assert!((stopped.system.iris.radius - 5.0).abs() < 1e-6, "{}", stopped.system.iris.radius);
     }
 }
