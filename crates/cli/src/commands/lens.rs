@@ -60,6 +60,9 @@ pub fn run(verb: &LensVerb, json: bool) -> anyhow::Result<()> {
     }
 }
 
+/// Fields from here on, degrees, have no third-order sums: the tangent of the angle grows without bound.
+const STEEPEST_FIELD: f64 = 89.0;
+
 /// A lens as the command asks for it.
 struct Table {
     prescription: Prescription,
@@ -154,6 +157,23 @@ impl Table {
             .replacen(".0000 mm", " mm", 1)
     }
 
+    /// Focal length at the reference wavelength over that at the d line, focused at infinity: f-numbers go with it.
+    fn dispersion_of_focal_length(&self) -> f64 {
+        let far = System::at(&self.prescription, State { focus: 0.0, ..self.set.state });
+        FirstOrder::of(&far, &far.indices(self.reference)).efl / self.set.efl
+    }
+
+    /// f-number as set at the reference wavelength: its focal length over the diameter of the axial beam.
+    fn f_number(&self) -> f64 {
+        self.set.f_number * self.dispersion_of_focal_length()
+    }
+
+    /// Field angle that third-order sums are taken for: the largest one that has a tangent (below 90°) of those asked, degrees.
+    fn third_order_field(&self) -> f64 {
+        let below = self.fields.iter().map(|f| f.abs()).filter(|f| *f < STEEPEST_FIELD).fold(f64::NAN, f64::max);
+        if below.is_nan() { STEEPEST_FIELD } else { below }
+    }
+
     fn largest_field(&self) -> f64 {
         self.fields.iter().copied().fold(0.0, |a, b| f64::max(a, b.abs()))
     }
@@ -227,7 +247,9 @@ fn info(asked: &Asked, json: bool) -> anyhow::Result<()> {
     };
     let dispersion: Vec<f64> = system.indices(short).iter().zip(system.indices(long)).map(|(a, b)| a - b).collect();
     let height = 0.5 * table.set.efl / table.set.f_number;
-    let slope = table.largest_field().min(80.0).to_radians().tan();
+    let third_field = table.third_order_field();
+    let slope = third_field.to_radians().tan();
+    let (f_number, widest) = (table.f_number(), table.set.widest * table.dispersion_of_focal_length());
     let third = ThirdOrder::of(system, &n, &dispersion, height, slope);
     let axis = bench.illumination(0.0, table.reference);
     let transmittance = axis.with_losses / axis.geometric;
@@ -255,10 +277,10 @@ fn info(asked: &Asked, json: bool) -> anyhow::Result<()> {
             "front_principal_z_mm": f.front_principal_z, "rear_principal_z_mm": f.rear_principal_z,
             "entrance_pupil_z_mm": f.entrance_pupil_z, "entrance_pupil_diameter_mm": 2.0 * f.entrance_pupil_radius(),
             "exit_pupil_z_mm": f.exit_pupil_z, "exit_pupil_from_last_mm": f.exit_pupil_z - last, "exit_pupil_diameter_mm": 2.0 * f.exit_pupil_radius(),
-            "f_number": table.set.f_number, "widest_f_number": table.set.widest, "paraxial_f_number": f.f_number(),
+            "f_number": f_number, "widest_f_number": widest, "paraxial_f_number": f.f_number(),
             "working_f_number": working, "t_number": t_number, "transmittance": transmittance,
             "magnification": magnification, "petzval_sum_per_mm": f.petzval_sum, "length_mm": length, "film_z_mm": system.film_z,
-            "third_order": { "field_deg": table.largest_field(), "by_surface": by_surface, "seidel_mm": sum.seidel, "chromatic_mm": sum.chromatic, "transverse_mm": third.transverse(&sum) },
+            "third_order": { "field_deg": third_field, "by_surface": by_surface, "seidel_mm": sum.seidel, "chromatic_mm": sum.chromatic, "transverse_mm": third.transverse(&sum) },
             "glasses": glasses,
         }));
     }
@@ -290,7 +312,7 @@ fn info(asked: &Asked, json: bool) -> anyhow::Result<()> {
     writeln!(
         t,
         "  f-number          {:.4} (opens to {:.4}), working {working:.4}, T-stop {t_number:.4} (transmittance {transmittance:.4})",
-        table.set.f_number, table.set.widest
+        f_number, widest
     )?;
     if magnification != 0.0 {
         writeln!(t, "  magnification     {magnification:.6}")?;
@@ -338,7 +360,8 @@ fn info(asked: &Asked, json: bool) -> anyhow::Result<()> {
     if !system.is_rotational() {
         writeln!(t, "\n  the lens is not round: first and third order are of its y-z section, tilts left out")?;
     }
-    writeln!(t, "\n  third order at f/{:.2} and {:.2}°, transverse, mm", table.set.f_number, table.largest_field())?;
+    let note = if third_field < table.largest_field() { " (larger fields have no third-order sums)" } else { "" };
+    writeln!(t, "\n  third order at f/{f_number:.2} and {third_field:.2}°, transverse, mm{note}")?;
     writeln!(
         t,
         "  {:>3} {:>10} {:>10} {:>10} {:>10} {:>10} {:>10} {:>10} {:>10}",
@@ -568,25 +591,33 @@ fn mtf(asked: &Asked, over: MtfOver, frequencies: Option<&[f64]>, geometric: boo
         true => bench.geometric_mtf(field, &colors, frequencies, defocus),
         false => bench.diffraction_mtf(field, &colors, frequencies, defocus),
     };
-    let kind = if geometric { "geometric MTF" } else { "diffraction MTF" };
+    // What stands in where the wavefront is too steep is not called diffraction.
+    let title = |curves: &[Mtf]| {
+        let geometric = curves.iter().filter(|m| m.geometric).count();
+        table.title(match geometric {
+            0 => "diffraction MTF",
+            all if all == curves.len() => "geometric MTF",
+            _ => "MTF with diffraction, geometric where the wavefront is too steep for it to matter",
+        })
+    };
     let mut t = String::new();
     let mut values = vec![];
-    let title = table.title(kind);
-    writeln!(t, "{title}")?;
     let highest = frequencies.and_then(|f| f.last().copied()).unwrap_or(100.0);
     let curves: Vec<Mtf>;
     let figure = match over {
         MtfOver::Frequency => {
             let steps: Vec<f64> = (0..=80).map(|i| highest * i as f64 / 80.0).collect();
             curves = table.fields.iter().filter_map(|f| at(*f, &steps, 0.0)).collect();
+            writeln!(t, "{}", title(&curves))?;
             for m in &curves {
-                writeln!(t, "  field {:.2}°\n  {:>10} {:>11} {:>9}", m.field_deg, "cycles/mm", "tangential", "sagittal")?;
+                let kind = if m.geometric { ", geometric" } else { "" };
+                writeln!(t, "  field {:.2}°{kind}\n  {:>10} {:>11} {:>9}", m.field_deg, "cycles/mm", "tangential", "sagittal")?;
                 for i in (0..steps.len()).step_by(8) {
                     writeln!(t, "  {:>10.2} {:>11.4} {:>9.4}", steps[i], m.tangential[i], m.sagittal[i])?;
                 }
             }
-            let limit: Vec<f64> = steps.iter().map(|f| airy_mtf(*f, table.reference, table.set.f_number)).collect();
-            draw::mtf_plot(&title, &curves, Some(&limit))
+            let limit: Vec<f64> = steps.iter().map(|f| airy_mtf(*f, table.reference, table.f_number())).collect();
+            draw::mtf_plot(&title(&curves), &curves, Some(&limit))
         }
         MtfOver::Field | MtfOver::Focus => {
             let wanted = frequencies.unwrap_or(&[10.0, 30.0]).to_vec();
@@ -599,6 +630,8 @@ fn mtf(asked: &Asked, over: MtfOver, frequencies: Option<&[f64]>, geometric: boo
             };
             let label = if over == MtfOver::Field { "field angle, degrees" } else { "defocus, mm" };
             let each: Vec<(f64, Mtf)> = steps.iter().filter_map(|(x, f, d)| Some((*x, at(*f, &wanted, *d)?))).collect();
+            curves = each.iter().map(|e| e.1.clone()).collect();
+            writeln!(t, "{}", title(&curves))?;
             writeln!(
                 t,
                 "  {label:>20} {}",
@@ -607,14 +640,14 @@ fn mtf(asked: &Asked, over: MtfOver, frequencies: Option<&[f64]>, geometric: boo
             for (x, m) in &each {
                 let cells: String =
                     (0..wanted.len()).map(|i| format!("{:>9.4} {:>9.4}", m.tangential[i], m.sagittal[i])).collect();
-                writeln!(t, "  {x:>20.4} {cells}")?;
+                writeln!(t, "  {x:>20.4} {cells}{}", if m.geometric { "  geometric" } else { "" })?;
             }
-            curves = each.iter().map(|e| e.1.clone()).collect();
-            draw::mtf_over_plot(&title, label, &wanted, &each)
+            draw::mtf_over_plot(&title(&curves), label, &wanted, &each)
         }
     };
     for m in &curves {
-        values.push(json!({ "field_deg": m.field_deg, "frequency_per_mm": m.frequencies, "tangential": m.tangential, "sagittal": m.sagittal }));
+        let kind = if m.geometric { "geometric" } else { "diffraction" };
+        values.push(json!({ "field_deg": m.field_deg, "kind": kind, "frequency_per_mm": m.frequencies, "tangential": m.tangential, "sagittal": m.sagittal }));
     }
     if values.is_empty() {
         return Err(no_light(table.fields[0]));

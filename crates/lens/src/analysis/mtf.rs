@@ -2,13 +2,15 @@
 //!
 //! The diffraction MTF traces rays from the image point back through the lens on an even grid of image-space direction cosines
 //! (l, m): in them the optical transfer function at frequency ν is exactly the autocorrelation of the pupil function at a shift
-//! λν (Hopkins 1955), without mapping from the entrance pupil. The pupil's phase is the path to a plane across the field's
+//! λν (Hopkins 1955), without mapping from the entrance pupil. For every frequency a second grid is traced, moved by just that shift:
+//! nothing is interpolated between cells, however coarse the frequency. The pupil's phase is the path to a plane across the field's
 //! direction (a near object: to the object point), so that colours of one image point keep their lateral shifts when they are
 //! added.
 
-use super::{Bench, Spot};
+use super::{Beam, Bench, Spot};
 use crate::batch::double::{Batch, Indices, LANES, Packet};
 use crate::trace::Way;
+use glam::{DVec2, DVec3};
 use std::f64::consts::{PI, TAU};
 
 /// Rays across the pupil: as many as the wavefront needs, from the first to the last.
@@ -16,10 +18,22 @@ const ACROSS: [usize; 3] = [128, 256, 512];
 /// Largest step of phase from ray to ray, rad, that sampling still follows.
 const LARGEST_STEP: f64 = 2.0;
 
-/// Pupil function on a square grid: rows along m.
+/// Phase of the pupil function (rad) on a square grid, rows along m; `None` where nothing passes.
 struct Pupil {
     phase: Vec<Option<f64>>,
     across: usize,
+}
+
+/// How the pupil function of a colour is traced.
+struct Sampling<'a> {
+    batch: &'a Batch,
+    n: Indices,
+    beam: &'a Beam,
+    /// Image point.
+    image: DVec3,
+    /// Way from the image towards the lens: +1 along +z.
+    back: f64,
+    nm: f64,
 }
 
 impl Pupil {
@@ -51,6 +65,8 @@ pub struct Mtf {
     pub tangential: Vec<f64>,
     /// For lines along it.
     pub sagittal: Vec<f64>,
+    /// Of the spot alone, without diffraction.
+    pub geometric: bool,
 }
 
 /// MTF of a perfect lens with a round pupil: 2/π (acos x − x √(1 − x²)), x = frequency over cut-off 1/(λN).
@@ -88,10 +104,12 @@ impl Bench<'_> {
             frequencies: frequencies.to_vec(),
             tangential: frequencies.iter().map(|f| at(*f, true)).collect(),
             sagittal: frequencies.iter().map(|f| at(*f, false)).collect(),
+            geometric: true,
         })
     }
 
-    /// Diffraction MTF of several colours (nm, weight) at frequencies in cycles/mm, `defocus` mm behind the film.
+    /// Diffraction MTF of several colours (nm, weight) at frequencies in cycles/mm, `defocus` mm behind the film. Where the wavefront is
+    /// too steep for the finest grid (hundreds of waves) the geometric one stands in, and [`Mtf::geometric`] says so.
     pub fn diffraction_mtf(&self, field_deg: f64, colors: &[(f64, f64)], frequencies: &[f64], defocus: f64) -> Option<Mtf> {
         let reference = colors.get(colors.len() / 2)?.0;
         let beam = self.beam(field_deg, reference)?;
@@ -99,7 +117,7 @@ impl Bench<'_> {
         let image = crate::trace::at_plane(&beam.image, film_z);
         // Direction cosines of all light, seen from the film.
         let rays = self.grid(&beam, reference, 41);
-        let (mut low, mut high) = (glam::DVec2::MAX, glam::DVec2::MIN);
+        let (mut low, mut high) = (DVec2::MAX, DVec2::MIN);
         for (_, r) in &rays {
             let d = (r.position - image).normalize().truncate();
             (low, high) = (low.min(d), high.max(d));
@@ -109,16 +127,20 @@ impl Bench<'_> {
         }
         let pad = (high - low) * 0.06;
         (low, high) = (low - pad, high + pad);
-        let (middle, size) = (0.5 * (low + high), (high - low).max_element());
+        let size = (high - low).max_element();
+        let corner = 0.5 * (low + high) - 0.5 * size;
         let batch = Batch::new(self.system);
         let back = -self.system.film_run();
         let mut sums = vec![[[0.0f64; 2]; 2]; frequencies.len()];
         let mut total = 0.0;
         for &(nm, weight) in colors {
+            let mut n = Indices::default();
+            batch.indices(&[nm; LANES], &mut n);
+            let sampling = Sampling { batch: &batch, n, beam: &beam, image, back, nm };
             let mut sampled = None;
             for across in ACROSS {
                 let step = size / across as f64;
-                let pupil = self.pupil_function(&batch, &beam, image, middle - 0.5 * size, step, across, back, nm);
+                let pupil = sampling.pupil(corner, step, across);
                 let fine = pupil.largest_step() < LARGEST_STEP;
                 sampled = Some((pupil, step, fine));
                 if fine {
@@ -136,9 +158,12 @@ impl Bench<'_> {
             }
             total += weight;
             for (f, sum) in frequencies.iter().zip(&mut sums) {
-                let shift = f * nm * 1e-6 / step;
-                for (axis, sum) in sum.iter_mut().enumerate() {
-                    let (re, im) = autocorrelation(&pupil, shift, axis == 0);
+                let shift = f * nm * 1e-6;
+                if shift >= size {
+                    continue;
+                }
+                for (direction, sum) in [DVec2::Y, DVec2::X].into_iter().zip(sum) {
+                    let [re, im] = correlation(&pupil, &sampling.pupil(corner + direction * shift, step, pupil.across));
                     sum[0] += weight * re / energy;
                     sum[1] += weight * im / energy;
                 }
@@ -148,84 +173,49 @@ impl Bench<'_> {
             return None;
         }
         let contrast = |axis: usize| sums.iter().map(|s| f64::hypot(s[axis][0], s[axis][1]) / total).collect();
-        Some(Mtf { field_deg, frequencies: frequencies.to_vec(), tangential: contrast(0), sagittal: contrast(1) })
+        let (tangential, sagittal) = (contrast(0), contrast(1));
+        Some(Mtf { field_deg, frequencies: frequencies.to_vec(), tangential, sagittal, geometric: false })
     }
+}
 
-    /// Phase in rad over the grid of direction cosines (rows along m), `None` where nothing passes.
-    fn pupil_function(
-        &self,
-        batch: &Batch,
-        beam: &super::Beam,
-        image: glam::DVec3,
-        low: glam::DVec2,
-        step: f64,
-        across: usize,
-        back: f64,
-        nm: f64,
-    ) -> Pupil {
-        let mut n = Indices::default();
-        batch.indices(&[nm; LANES], &mut n);
-        let mut pupil = Vec::with_capacity(across * across);
+impl Sampling<'_> {
+    /// On a grid of `across` cells a side of `step`, its corner at the direction cosines `low`.
+    fn pupil(&self, low: DVec2, step: f64, across: usize) -> Pupil {
+        let mut phase = Vec::with_capacity(across * across);
         let mut packet = Packet::default();
-        let object = beam.finite.then_some(beam.chief.position);
+        let object = self.beam.finite.then_some(self.beam.chief.position);
         for start in (0..across * across).step_by(LANES) {
             for lane in 0..LANES {
                 let i = start + lane;
                 let l = low.x + step * ((i % across) as f64 + 0.5);
                 let m = low.y + step * ((i / across) as f64 + 0.5);
-                let dz = (1.0 - l * l - m * m).max(0.0).sqrt() * back;
-                packet.set(lane, image.to_array(), [l, m, dz]);
+                let dz = (1.0 - l * l - m * m).max(0.0).sqrt() * self.back;
+                packet.set(lane, self.image.to_array(), [l, m, dz]);
             }
-            let mask = batch.trace(&mut packet, &n, Way::ToObject);
+            let mask = self.batch.trace(&mut packet, &self.n, Way::ToObject);
             for lane in 0..LANES {
                 let passed = mask >> lane & 1 == 1;
-                let p = glam::DVec3::new(packet.x[lane], packet.y[lane], packet.z[lane]);
+                let p = DVec3::new(packet.x[lane], packet.y[lane], packet.z[lane]);
                 let path = packet.path[lane]
                     + match object {
                         // Minus: from the object point on both sides the path is counted along the ray.
                         Some(o) => (p - o).length(),
-                        None => (p - beam.chief.position).dot(beam.chief.direction),
+                        None => (p - self.beam.chief.position).dot(self.beam.chief.direction),
                     };
-                pupil.push(passed.then_some(TAU * path / (nm * 1e-6)));
+                phase.push(passed.then_some(TAU * path / (self.nm * 1e-6)));
             }
         }
-        // Large phases lose digits in their cosines: take the middle as zero.
-        let zero = pupil.iter().flatten().next().copied().unwrap_or(0.0);
-        pupil.iter_mut().flatten().for_each(|p| *p -= zero);
-        Pupil { phase: pupil, across }
+        Pupil { phase, across }
     }
 }
 
-/// Autocorrelation at a shift (in cells, along m or l), between whole cells by interpolation.
-fn autocorrelation(pupil: &Pupil, shift: f64, along_m: bool) -> (f64, f64) {
-    let (across, phase) = (pupil.across, &pupil.phase);
-    let whole = shift.floor();
-    let at = |cells: usize| {
-        let (mut re, mut im) = (0.0, 0.0);
-        if cells >= across {
-            return (0.0, 0.0);
-        }
-        for row in 0..across {
-            for column in 0..across {
-                let (r, c) = if along_m { (row + cells, column) } else { (row, column + cells) };
-                if r >= across || c >= across {
-                    continue;
-                }
-                if let (Some(a), Some(b)) = (phase[row * across + column], phase[r * across + c]) {
-                    re += (b - a).cos();
-                    im += (b - a).sin();
-                }
-            }
-        }
-        (re, im)
-    };
-    let (a, b, t) = (at(whole as usize), at(whole as usize + 1), shift - whole);
-    // Magnitude and phase are smooth where real and imaginary parts turn: interpolate those.
-    let (ma, mb) = (f64::hypot(a.0, a.1), f64::hypot(b.0, b.1));
-    let (pa, pb) = (f64::atan2(a.1, a.0), f64::atan2(b.1, b.0));
-    let turn = (pb - pa + PI).rem_euclid(TAU) - PI;
-    let (m, p) = (ma + (mb - ma) * t, pa + turn * t);
-    (m * p.cos(), m * p.sin())
+/// Sum of P*(p) P(p + shift) over the points p of a grid, from the pupil there and the pupil on the shifted grid: real, imaginary.
+fn correlation(pupil: &Pupil, shifted: &Pupil) -> [f64; 2] {
+    pupil.phase.iter().zip(&shifted.phase).fold([0.0; 2], |[re, im], pair| match pair {
+        // Differences first: large phases lose digits in their cosines.
+        (Some(a), Some(b)) => [re + (b - a).cos(), im + (b - a).sin()],
+        _ => [re, im],
+    })
 }
 
 #[cfg(test)]
@@ -264,6 +254,34 @@ mod tests {
         let sharp = airy_mtf(100.0, 550.0, 8.0);
         assert!(blurred.tangential[0] < 0.85 * sharp && blurred.tangential[0] > 0.5 * sharp, "{blurred:?} {sharp}");
         assert!(bench.wavefront_rms(0.0, 550.0, 41).unwrap() < 1e-4);
+    }
+
+    #[test]
+    fn coarse_frequencies_are_not_interpolated() {
+        // Defocus of W waves at the edge: (4/π) ∫₀^(1−s) √(1 − (x + s)²) cos(8π W s x) dx, s = frequency over cut-off (Hopkins 1955).
+        let system = parabola(200.0, 25.0);
+        let bench = Bench::at_infinity(&system);
+        let defocus = 0.8;
+        let waves = defocus * (1.0 - (1.0f64 / 16.0).asin().cos()) / 550e-6;
+        let frequencies = [0.3, 0.7, 1.36, 2.1, 5.0];
+        let mtf = bench.diffraction_mtf(0.0, &[(550.0, 1.0)], &frequencies, defocus).unwrap();
+        assert!(!mtf.geometric);
+        for (i, f) in frequencies.iter().enumerate() {
+            let s = f * 550e-6 * 8.0;
+            const STEPS: usize = 4000;
+            let width = (1.0 - s) / STEPS as f64;
+            let value = |x: f64| (1.0 - (x + s).powi(2)).max(0.0).sqrt() * (8.0 * PI * waves * s * x).cos();
+            let exact = 4.0 / PI * (0..STEPS).map(|k| value((k as f64 + 0.5) * width) * width).sum::<f64>();
+            assert!((mtf.tangential[i] - exact.abs()).abs() < 2e-3, "{f}: {} {exact}", mtf.tangential[i]);
+            assert!((mtf.sagittal[i] - exact.abs()).abs() < 2e-3, "{f}: {} {exact}", mtf.sagittal[i]);
+        }
+    }
+
+    #[test]
+    fn a_wavefront_too_steep_to_sample_is_called_geometric() {
+        let system = parabola(200.0, 100.0);
+        let mtf = Bench::at_infinity(&system).diffraction_mtf(0.0, &[(550.0, 1.0)], &[1.0], 20.0).unwrap();
+        assert!(mtf.geometric);
     }
 
     #[test]

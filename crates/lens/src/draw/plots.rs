@@ -101,8 +101,9 @@ pub fn mtf_plot(title: &str, curves: &[Mtf], limit: Option<&[f64]>) -> Figure {
     for (i, m) in curves.iter().enumerate() {
         let color = FIELD_COLORS[i % FIELD_COLORS.len()];
         let points = |v: &[f64]| m.frequencies.iter().zip(v).map(|(f, m)| DVec2::new(*f, *m)).collect::<Vec<_>>();
-        lines.push(line(format!("{:.1}° tangential", m.field_deg), color, Style::Full, points(&m.tangential)));
-        lines.push(line(format!("{:.1}° sagittal", m.field_deg), color, Style::Broken, points(&m.sagittal)));
+        let kind = if m.geometric { ", geometric" } else { "" };
+        lines.push(line(format!("{:.1}° tangential{kind}", m.field_deg), color, Style::Full, points(&m.tangential)));
+        lines.push(line(format!("{:.1}° sagittal{kind}", m.field_deg), color, Style::Broken, points(&m.sagittal)));
     }
     let highest = curves.first().and_then(|m| m.frequencies.last()).copied().unwrap_or(1.0);
     let x = Axis { label: "spatial frequency, cycles/mm".into(), range: [0.0, highest] };
