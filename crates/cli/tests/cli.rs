@@ -310,6 +310,9 @@ fn wrong_requests_exit_with_2_and_a_hint() {
         (&["lens", "info", "tesar-50mm-f2.8"], "did you mean \"tessar-50mm-f2.8\"?"),
         (&["lens", "info", "tessar-50mm-f2.8", "--aperture", "f/1"], "this lens opens no wider"),
         (&["lens", "info", "kit-zoom-18-55mm", "--focal-length", "80mm"], "18.7 to 53.3 mm"),
+        (&["lens", "info", "kit-zoom-18-55mm", "--zoom-position", "9"], "expected one of the printed positions 1 (18."),
+        (&["lens", "info", "tessar-50mm-f2.8", "--zoom-position", "1"], "is not a zoom"),
+        (&["shoot", "--zoom-position", "1"], "a zoom lens with printed positions"),
         (&["lens", "info", "nokton-50mm-f1", "--focus", "0.55m"], "or more: the lens focuses no nearer"),
         (&["lens", "draw", "tessar-50mm-f2.8"], "-o FILE.svg or FILE.png"),
         (&["lens", "spot", "tessar-50mm-f2.8", "-o", "spot.pdf"], ".svg or .png"),
@@ -459,6 +462,11 @@ fn lenses_are_shown_plotted_and_converted() {
     assert!(code == 2 && message.contains("lens draw thin"), "{message}");
     let info = json(&["lens", "info", "tessar-50mm-f2.8", "--json"]);
     assert!((info["effective_focal_length_mm"].as_f64().unwrap() - 49.9966).abs() < 1e-4, "{info}");
+    let zoom = json(&["lens", "info", "kit-zoom-18-55mm", "--zoom-position", "2", "--json"]);
+    assert_eq!(zoom["zoom_position"].as_f64(), Some(2.0), "{zoom}");
+    // Third-order sums are those of the field asked, not of 80°.
+    let wide = json(&["lens", "info", "fisheye-10mm", "--field", "0,85", "--json"]);
+    assert_eq!(wide["third_order"]["field_deg"].as_f64(), Some(85.0), "{wide}");
     // Small stops and obstructions have light too, and less of it with glass than without.
     for (name, aperture) in [("phone-5.6mm-f3.5", "f/3.5"), ("hologon-15mm-f8", "f/16"), ("reflex-500mm-f8", "f/6.7")] {
         let info = json(&["lens", "info", name, "--aperture", aperture, "--json"]);
@@ -468,8 +476,8 @@ fn lenses_are_shown_plotted_and_converted() {
     for (verb, keys) in [
         ("spot", vec!["rms_mm"]),
         ("fan", vec!["tangential", "sagittal"]),
-        ("mtf", vec!["frequency_per_mm"]),
-        ("distortion", vec!["distortion_percent"]),
+        ("mtf", vec!["frequency_per_mm", "kind"]),
+        ("distortion", vec!["distortion_percent", "equidistant_percent"]),
     ] {
         let value = json(&["lens", verb, "triplet-50mm-f4", "--json", "-o", "plot.svg", "-o", "plot.png"]);
         assert!(keys.iter().all(|k| !value[0][k].is_null()), "{verb}: {value}");

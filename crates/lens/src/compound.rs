@@ -38,7 +38,7 @@ pub const REFERENCE_NM: f64 = D_NM;
 /// What is set on the lens.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Setting {
-    /// Focal length of a zoom, mm; the shortest without.
+    /// Focal length of a zoom, mm; the shortest without. [`printed_focal_length`] gives that of a printed position.
     pub focal_length: Option<f64>,
     /// f-number; fully open without.
     pub f_number: Option<f64>,
@@ -633,8 +633,9 @@ pub fn configure(
     }
     let beam_radius = stop_radius(&far, efl, f_number).unwrap_or(opening.radius).min(opening.radius);
     // Fully open a rim may limit the axial beam: the iris is then drawn back to the prescription's own stop, which beams from beside the
-    // axis fill further than the axial beam does.
-    let radius = if by_rims && f_number <= widest { opening.radius } else { beam_radius };
+    // axis fill further than the axial beam does. An aperture picture stays around the disk of the f-number.
+    let picture = matches!(opening.shape, Iris::Image(_));
+    let radius = if by_rims && f_number <= widest && !picture { opening.radius } else { beam_radius };
     let opening = self::opening(opening.shape, radius, far.surfaces[far.stop].semi_diameter);
     let (system, state) = match film {
         FilmPlace::Focused(focus) => focused(p, zoom, &opening, focus)?,

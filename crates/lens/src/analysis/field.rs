@@ -12,8 +12,10 @@ pub struct FieldPoint {
     /// Chief ray on the film, mm.
     pub height: f64,
     /// Where an undistorted (rectilinear) image would put it, mm: f tan θ, moved along the chief ray by what the film is out
-    /// of the paraxial focus.
+    /// of the paraxial focus. No number from 90° on, where no such image exists.
     pub ideal_height: f64,
+    /// Where an equidistant image (the usual mapping of fisheyes) would put it, mm: f θ instead of f tan θ.
+    pub equidistant_height: f64,
     /// Tangential and sagittal focus, mm behind the film (along the light), from rays close to the chief ray.
     pub focus: [f64; 2],
 }
@@ -22,6 +24,11 @@ impl FieldPoint {
     /// Distortion, per cent of the ideal height.
     pub fn distortion_percent(&self) -> f64 {
         if self.ideal_height == 0.0 { 0.0 } else { (self.height / self.ideal_height - 1.0) * 100.0 }
+    }
+
+    /// Departure from f θ, per cent of it.
+    pub fn equidistant_percent(&self) -> f64 {
+        if self.equidistant_height == 0.0 { 0.0 } else { (self.height / self.equidistant_height - 1.0) * 100.0 }
     }
 }
 
@@ -67,19 +74,22 @@ impl Bench<'_> {
         let image = beam.image;
         let height = self.on_film(&image, 0.0).y;
         let slope = image.direction.y / image.direction.z;
-        let tan = field_deg.to_radians().tan();
-        let ideal_height = match self.object_distance {
+        let angle = field_deg.to_radians();
+        let tan = if angle.abs() < std::f64::consts::FRAC_PI_2 - 1e-9 { angle.tan() } else { f64::NAN };
+        // Height of an image that maps angles to f `mapped`.
+        let image_height = |mapped: f64| match self.object_distance {
             None => {
                 let out = self.system.film_z - self.system.last_z() - first.bfl;
-                first.efl * tan + slope * out
+                first.efl * mapped + slope * out
             }
             Some(d) => {
                 // By the magnification of the paraxial conjugate.
                 let m = first.efl / (d + first.ffl);
                 let image_z = self.system.last_z() + first.bfl + first.efl * m * self.system.film_run();
-                m * tan * (d + first.entrance_pupil_z) + slope * (self.system.film_z - image_z)
+                m * mapped * (d + first.entrance_pupil_z) + slope * (self.system.film_z - image_z)
             }
         };
+        let (ideal_height, equidistant_height) = (image_height(tan), image_height(angle));
         // Two rays beside the chief ray meet where their distance is nought.
         let small = 1e-3 * first.entrance_pupil_radius().max(1e-3);
         let meet = |offset: DVec2, along_y: bool| {
@@ -94,7 +104,7 @@ impl Bench<'_> {
             Some(-(pa - pb) / (sa - sb) * self.system.film_run())
         };
         let focus = [meet(DVec2::new(0.0, small), true)?, meet(DVec2::new(small, 0.0), false)?];
-        Some(FieldPoint { field_deg, height, ideal_height, focus })
+        Some(FieldPoint { field_deg, height, ideal_height, equidistant_height, focus })
     }
 
     /// Light at a film point at a height above the axis, by tracing from the film.
@@ -211,5 +221,31 @@ impl Bench<'_> {
             axial: wavelengths.iter().map(|nm| focus(*nm) - focus(reference_nm)).collect(),
             lateral: fields_deg.iter().map(|f| lateral(*f)).collect(),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::embedded;
+    use crate::glass::D_NM;
+    use crate::system::{State, System};
+
+    #[test]
+    fn fisheyes_are_held_against_f_theta() {
+        let system = System::at(&embedded("fisheye-10mm").unwrap(), State::default());
+        let bench = Bench::at_infinity(&system);
+        let f = bench.first_order(D_NM).efl;
+        for field in [10.0f64, 45.0, 60.0] {
+            let p = bench.field_point(field, D_NM).unwrap();
+            // The film stands in the paraxial focus: nothing is added to f θ and f tan θ.
+            let out = system.film_z - system.last_z() - bench.first_order(D_NM).bfl;
+            assert!((p.equidistant_height - f * field.to_radians()).abs() < 1e-9 + 2.0 * out.abs(), "{p:?} {f} {out}");
+            assert!((p.ideal_height - f * field.to_radians().tan()).abs() < 1e-9 + 2.0 * out.abs(), "{p:?} {f} {out}");
+            assert!(p.equidistant_percent().abs() < p.distortion_percent().abs(), "{p:?}");
+        }
+        // 60° off the axis f tan θ is 65 % more than f θ.
+        let p = bench.field_point(60.0, D_NM).unwrap();
+        assert!(p.equidistant_percent().abs() < 1.0 && p.distortion_percent() < -35.0, "{p:?}");
     }
 }

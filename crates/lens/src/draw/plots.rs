@@ -137,9 +137,21 @@ pub fn distortion_plot(title: &str, points: &[FieldPoint]) -> Figure {
     let mut figure = sheet(title, 2, 1, cell);
     let field = Axis { label: "field angle, degrees".into(), range: [0.0, points.last().map_or(1.0, |p| p.field_deg)] };
     let over = |value: &dyn Fn(&FieldPoint) -> f64| points.iter().map(|p| DVec2::new(value(p), p.field_deg)).collect::<Vec<_>>();
-    let distortion = over(&|p| p.distortion_percent());
-    let x = Axis::around("distortion, %", distortion.iter().map(|p| p.x), true);
-    let lines = vec![line(String::new(), FIELD_COLORS[0], Style::Full, distortion)];
+    // Against f tan θ there is none from 90° on; a lens that is nearer to f θ (a fisheye) is held against that too.
+    let finite = |points: Vec<DVec2>| points.into_iter().filter(|p| p.x.is_finite()).collect::<Vec<_>>();
+    let (rectilinear, equidistant) = (finite(over(&|p| p.distortion_percent())), finite(over(&|p| p.equidistant_percent())));
+    let edge = |v: &[DVec2]| v.last().map_or(0.0, |p| p.x.abs());
+    let fisheye = rectilinear.len() < points.len() || edge(&rectilinear) > edge(&equidistant).max(5.0);
+    let (shown, label) = if fisheye { (equidistant.clone(), "departure, %") } else { (rectilinear.clone(), "distortion, %") };
+    let reach = if fisheye { shown.iter().chain(&rectilinear) } else { shown.iter().chain(&shown[..0]) };
+    let x = Axis::around(label, reach.map(|p| p.x), true);
+    let lines = match fisheye {
+        false => vec![line(String::new(), FIELD_COLORS[0], Style::Full, rectilinear)],
+        true => vec![
+            line("from f θ".into(), FIELD_COLORS[0], Style::Full, equidistant),
+            line("from f tan θ".into(), FIELD_COLORS[2], Style::Broken, rectilinear),
+        ],
+    };
     Chart { title: "distortion".into(), x, y: field.clone(), lines }.draw(&mut figure, DVec2::new(0.0, 24.0), cell);
     let (t, s) = (over(&|p| p.focus[0]), over(&|p| p.focus[1]));
     let x = Axis::around("focus behind the film, mm", t.iter().chain(&s).map(|p| p.x), true);
