@@ -3,6 +3,7 @@
 use crate::units::{BOLTZMANN, PLANCK, SPEED_OF_LIGHT};
 use crate::upsample::Sigmoid;
 use crate::wavelength::{Sampled, Wavelengths};
+use glam::Vec3;
 use std::sync::Arc;
 
 /// A spectrum sampled at equal steps of wavelength, linear between samples and constant beyond the ends.
@@ -72,6 +73,14 @@ pub enum Spectrum {
     },
     /// Measured values.
     Table(Table),
+    /// Values derived from three numbers that are no light, such as an index of refraction given as RGB: a table over wavelength, and the
+    /// numbers themselves, which RGB lanes use as they are.
+    TableOfRgb {
+        /// Values over wavelength.
+        table: Table,
+        /// Red, green, blue; of any size.
+        rgb: Vec3,
+    },
 }
 
 impl Spectrum {
@@ -81,7 +90,7 @@ impl Spectrum {
             Spectrum::Constant(value) => *value,
             Spectrum::Sigmoid(sigmoid) => sigmoid.at(nm),
             Spectrum::RgbLight { scale, color } => scale * color.at(nm) * crate::cie::d65_one_nit().at(nm),
-            Spectrum::Table(table) => table.at(nm),
+            Spectrum::Table(table) | Spectrum::TableOfRgb { table, .. } => table.at(nm),
         }
     }
 
@@ -103,7 +112,8 @@ impl Spectrum {
             Spectrum::Constant(value) => Sampled::splat(*value),
             Spectrum::Sigmoid(sigmoid) => sigmoid.sample(wavelengths),
             Spectrum::RgbLight { scale, color } => color.sample(wavelengths) * (wavelengths.d65_one_nit() * *scale),
-            Spectrum::Table(table) => {
+            Spectrum::TableOfRgb { rgb, .. } if wavelengths.is_rgb() => Wavelengths::lanes(*rgb),
+            Spectrum::Table(table) | Spectrum::TableOfRgb { table, .. } => {
                 let nm = wavelengths.nm;
                 Sampled::new(table.at(nm.x), table.at(nm.y), table.at(nm.z), table.at(nm.w))
             }
@@ -145,6 +155,14 @@ mod tests {
             let at_peak = blackbody(peak_nm, kelvin);
             assert!(blackbody(peak_nm * 0.99, kelvin) < at_peak && blackbody(peak_nm * 1.01, kelvin) < at_peak);
         }
+    }
+
+    #[test]
+    fn rgb_lanes_take_the_numbers_of_a_table_as_they_are() {
+        let spectrum = Spectrum::TableOfRgb { table: Table::new(400.0, 100.0, vec![1.0, 3.0]), rgb: Vec3::new(0.2, 0.9, 4.5) };
+        assert_eq!(spectrum.sample(&Wavelengths::rgb()), Sampled::new(0.2, 0.9, 4.5, 0.9));
+        assert_eq!(spectrum.sample(&Wavelengths::fixed([400.0, 450.0, 500.0, 600.0])), Sampled::new(1.0, 2.0, 3.0, 3.0));
+        assert_eq!(spectrum.at(450.0), 2.0);
     }
 
     #[test]

@@ -144,6 +144,29 @@ fn textures_and_materials_are_found_by_name() {
 }
 
 #[test]
+fn metals_given_as_rgb_reflect_what_fresnel_has_for_each_number() {
+    use diopter_light::Wavelengths;
+    let text = format!(
+        "{HEAD}WorldBegin\n\
+         Material \"conductor\" \"rgb eta\" [0.2 0.924 1.102] \"rgb k\" [3.912 2.447 2.137] Shape \"sphere\"\n\
+         Material \"conductor\" \"rgb reflectance\" [0.9 0.5 0.1] Shape \"disk\""
+    );
+    let d = load(&text);
+    let metal = |i: usize| match &d.materials[d.objects[i].material as usize].scattering {
+        Scattering::Conductor(c) => c.clone(),
+        _ => panic!("a metal"),
+    };
+    let copper = metal(0);
+    let lanes = |s: &diopter_light::Spectrum| s.sample(&Wavelengths::rgb()).truncate();
+    assert_eq!([lanes(&copper.n), lanes(&copper.k)], [Vec3::new(0.2, 0.924, 1.102), Vec3::new(3.912, 2.447, 2.137)]);
+    // At normal incidence ((n − 1)² + k²) / ((n + 1)² + k²): 0.952, 0.619, 0.509.
+    for (metal, expected) in [(copper, Vec3::new(0.9522, 0.6186, 0.5094)), (metal(1), Vec3::new(0.9, 0.5, 0.1))] {
+        let seen = metal.normal_reflectance();
+        assert!((seen - expected).abs().max_element() < 1e-3, "{seen} {expected}");
+    }
+}
+
+#[test]
 fn roughness_may_differ_in_u_and_v() {
     use diopter_scene::material::Grain;
     use diopter_scene::texture::Scalar;

@@ -229,7 +229,7 @@ fn material(
         Scattering::Conductor(Conductor {
             across: None,
             n: Spectrum::Constant(1.0),
-            k: Spectrum::Table(diopter_light::spectrum::Table::from_points(&points)),
+            k: Spectrum::TableOfRgb { table: diopter_light::spectrum::Table::from_points(&points), rgb },
             alpha: Scalar::Constant(roughness * roughness),
             bounces: crate::material::conductor::FacetBounces::Compensated,
         })

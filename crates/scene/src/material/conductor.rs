@@ -6,9 +6,8 @@ use super::microfacet::{Ggx, fresnel_conductor, reflect};
 use crate::shape::Surface;
 use crate::texture::Scalar;
 use diopter_light::spectrum::Table;
-use diopter_light::wavelength::RGB_NM;
 use diopter_light::{Sampled, Spectrum, Wavelengths};
-use glam::{Vec3, Vec4};
+use glam::Vec3;
 
 /// A metal.
 #[derive(Clone, Debug)]
@@ -68,11 +67,10 @@ impl Conductor {
         ConductorLobe { n, k, facets: Ggx::new(along, across), bounces: self.bounces }
     }
 
-    /// Reflectance at normal incidence at [`RGB_NM`].
+    /// Reflectance at normal incidence in red, green and blue ([`Wavelengths::rgb`]).
     pub fn normal_reflectance(&self) -> Vec3 {
-        let [r, g, b] = RGB_NM;
-        let at = |s: &Spectrum| Vec4::from_array([r, g, b, g].map(|nm| s.at(nm)));
-        fresnel_conductor(1.0, at(&self.n), at(&self.k)).truncate()
+        let rgb = Wavelengths::rgb();
+        fresnel_conductor(1.0, self.n.sample(&rgb), self.k.sample(&rgb)).truncate()
     }
 }
 

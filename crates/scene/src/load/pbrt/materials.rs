@@ -215,13 +215,18 @@ fn metal(world: &World, p: &Params, prefix: &str) -> Result<(Spectrum, Spectrum)
             return Err(p.place.fault("a conductor with reflectance and eta or k", "one of the two"));
         }
         let r = spectra::of(world, reflectance, Use::Albedo)?;
-        // Of an index of 1 the reflectance k² / (4 + k²), turned around.
-        let k = |nm: f32| {
-            let r = r.at(nm).clamp(0.0, 0.9999);
+        // Of an index of 1 the reflectance k² / (4 + k²), solved for k.
+        let k = |r: f32| {
+            let r = r.clamp(0.0, 0.9999);
             2.0 * r.sqrt() / (1.0 - r).sqrt()
         };
-        let table = diopter_light::spectrum::Table::new(380.0, 5.0, (0..=80).map(|i| k(380.0 + 5.0 * i as f32)).collect());
-        return Ok((Spectrum::Constant(1.0), Spectrum::Table(table)));
+        let values = (0..=80).map(|i| k(r.at(380.0 + 5.0 * i as f32))).collect();
+        let table = diopter_light::spectrum::Table::new(380.0, 5.0, values);
+        let k = match &r {
+            Spectrum::Sigmoid(sigmoid) => Spectrum::TableOfRgb { table, rgb: sigmoid.rgb.map(k) },
+            _ => Spectrum::Table(table),
+        };
+        return Ok((Spectrum::Constant(1.0), k));
     }
     let copper = |which: &str| spectra::named_or_nothing(&format!("metal-Cu-{which}"));
     let n = spectra::get(world, p, &eta, Use::Unbounded, copper("eta"))?;

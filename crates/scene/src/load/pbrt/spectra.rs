@@ -110,14 +110,16 @@ pub fn get(world: &World, params: &Params, name: &str, purpose: Use, default: Sp
     params.get(name).map_or(Ok(default), |p| of(world, p, purpose))
 }
 
-/// Through a colour of any brightness.
+/// An RGB triple without upper bound as a spectrum: a scaled sigmoid over wavelength (pbrt-v4's `RGBUnboundedSpectrum`, PBR 4ed §4.6.6), the
+/// numbers themselves in RGB lanes.
 fn unbounded(rgb: Vec3) -> Spectrum {
     let scale = 2.0 * rgb.max_element();
     if scale <= 0.0 {
         return Spectrum::Constant(0.0);
     }
-    let sigmoid = Spectrum::Sigmoid(Sigmoid::from_rgb(rgb / scale));
-    Spectrum::Table(Table::new(380.0, 5.0, (0..=80).map(|i| scale * sigmoid.at(380.0 + 5.0 * i as f32)).collect()))
+    let sigmoid = Sigmoid::from_rgb(rgb / scale);
+    let table = Table::new(380.0, 5.0, (0..=80).map(|i| scale * sigmoid.at(380.0 + 5.0 * i as f32)).collect());
+    Spectrum::TableOfRgb { table, rgb }
 }
 
 /// Light is divided by its own luminance: only its colour counts.
@@ -210,6 +212,19 @@ mod tests {
         assert_eq!(sum, CHECKED, "a table changed: compare it with its source, then update the checksum");
     }
     const CHECKED: u64 = 14148113310364826428;
+
+    #[test]
+    fn unbounded_colours_keep_their_three_numbers_and_a_smooth_spectrum() {
+        use diopter_light::Wavelengths;
+        // Copper's n and k as RGB.
+        let rgb = Vec3::new(0.2, 0.924, 2.45);
+        let spectrum = unbounded(rgb);
+        assert_eq!(spectrum.sample(&Wavelengths::rgb()).truncate(), rgb);
+        // At one wavelength a value of the spectrum, which is not a number of the triple.
+        let at = spectrum.sample(&Wavelengths::fixed([460.0, 550.0, 620.0, 700.0]));
+        assert!(at.x > at.y && at.y > at.z && at.z > 0.0 && at.x < 4.9, "{at}");
+        assert_eq!(unbounded(Vec3::ZERO), Spectrum::Constant(0.0));
+    }
 
     #[test]
     fn lists_end_at_their_ends() {
