@@ -290,6 +290,15 @@ fn wrong_files_say_where_and_what() {
         assert!(e.contains(&format!("line {line}")) && e.contains(word), "{world}: {e}");
     }
     assert!(load_with("Film \"rgb\"", &[]).unwrap_err().contains("WorldBegin"));
+    for world in [
+        "",
+        "LightSource \"infinite\"",
+        "Material \"interface\" Shape \"sphere\"",
+        "ObjectBegin \"x\" Shape \"sphere\" ObjectEnd",
+    ] {
+        let e = load_with(&format!("{HEAD}WorldBegin {world}"), &[]).unwrap_err();
+        assert!(e.starts_with("test.pbrt: no surface") && e.contains("Shape"), "{world}: {e}");
+    }
 }
 
 #[test]
@@ -298,7 +307,7 @@ fn what_grows_without_end_is_refused() {
         let lines: Vec<String> = (1..n).map(line).collect();
         load_with(
             &format!(
-                "{HEAD}WorldBegin\nTexture \"t0\" \"spectrum\" \"constant\"\nMakeNamedMaterial \"m0\" \"string type\" \"diffuse\"\n{}",
+                "{HEAD}WorldBegin\nTexture \"t0\" \"spectrum\" \"constant\"\nMakeNamedMaterial \"m0\" \"string type\" \"diffuse\"\nShape \"sphere\"\n{}",
                 lines.join("\n")
             ),
             &[],

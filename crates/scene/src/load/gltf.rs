@@ -11,7 +11,7 @@ mod packed;
 
 use crate::SceneError;
 use crate::light::{Punctual, PunctualKind, SpotEdge};
-use crate::load::{Fetch, read_texture};
+use crate::load::{Fetch, read_texture, with_surface};
 use crate::material::{Material, Principled, Scattering};
 use crate::motion::{Local, Motion, Node};
 use crate::scene::{Description, FilmHints, Object, Shape, Sight, Variant, Viewpoint};
@@ -45,7 +45,8 @@ const SUPPORTED: &[&str] = &[
 
 /// Reads a scene. `name` stands for the file in messages.
 pub fn load(bytes: &[u8], name: &str, fetch: Fetch) -> Result<Description, SceneError> {
-    Loader::new(bytes, name, fetch)?.run()
+    let description = Loader::new(bytes, name, fetch)?.run()?;
+    with_surface(description, name, "a node of the scene with a mesh of triangles (points and lines are not drawn)")
 }
 
 struct Loader<'a> {
@@ -756,6 +757,18 @@ mod tests {
         assert!(load(&index.as_bytes()[..index.len() / 2], "t.gltf", &none).is_err());
         assert!(load(b"glTF\x02\0\0\0\xff\0\0\0", "t.glb", &none).unwrap_err().to_string().contains("cut short"));
         assert!(load(b"", "t.glb", &none).is_err());
+    }
+
+    #[test]
+    fn a_scene_without_a_surface_is_an_error() {
+        for replace in [
+            ("\"nodes\":[{\"mesh\":0}]", "\"nodes\":[{\"name\":\"empty\"}]"),
+            ("\"scenes\":[{\"nodes\":[0]}]", "\"scenes\":[{}]"),
+            ("\"indices\":1", "\"indices\":1,\"mode\":1"),
+        ] {
+            let text = message(&[replace]);
+            assert!(text.starts_with("t.gltf: no surface") && text.contains("triangles"), "{text}");
+        }
     }
 
     #[test]

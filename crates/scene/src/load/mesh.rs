@@ -36,6 +36,10 @@ fn alone(name: &str, mesh: Mesh, warnings: Vec<String>) -> Description {
 pub fn ply(bytes: Vec<u8>, name: &str) -> Result<Description, SceneError> {
     let bytes = unzipped(bytes).map_err(|e| error(name.into(), e, "a PLY file or a .gz of it"))?;
     let read = ply::read(&bytes).map_err(|e| error(name.into(), e.found, e.expected))?;
+    if read.mesh.triangles.is_empty() {
+        let found = format!("no surface: {} vertices without a face", read.mesh.positions.len());
+        return Err(error(name.into(), found, "an element \"face\" or \"tristrips\" (point clouds are not drawn)"));
+    }
     Ok(alone(name, read.mesh, read.warning.map(|w| format!("{name}: {w}")).into_iter().collect()))
 }
 
@@ -148,7 +152,7 @@ pub fn obj(bytes: &[u8], name: &str, fetch: Fetch) -> Result<Description, SceneE
         d.objects.push(Object::new(model.name, shape, material));
     }
     if d.objects.is_empty() {
-        return Err(error(name.into(), "no faces", "an OBJ file with faces (f ...)"));
+        return Err(error(name.into(), "no surface: it has no faces", "an OBJ file with faces (f ...)"));
     }
     Ok(d)
 }
@@ -298,6 +302,27 @@ mod tests {
         let alone = obj(text.as_bytes(), "a.obj", &|_: &str| Err("there is no such file".into())).unwrap();
         assert!(!alone.objects.is_empty() && alone.warnings.iter().any(|w| w.contains("a.mtl")), "{:?}", alone.warnings);
         assert!(obj(b"v 0 0 0\nf 1 2 x\n", "a.obj", &fetch).is_err() && obj(b"", "a.obj", &fetch).is_err());
+    }
+
+    #[test]
+    fn a_mesh_without_a_surface_is_an_error_that_names_the_file() {
+        let head = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n";
+        let corners = "0 0 0\n1 0 0\n0 1 0\n";
+        let faces = "property list uchar int vertex_indices\nend_header\n";
+        for text in [
+            format!("{head}end_header\n{corners}"),
+            format!("{head}element face 0\n{faces}{corners}"),
+            format!("{head}element face 1\n{faces}{corners}2 0 1\n"),
+            format!("{head}element tristrips 1\n{faces}{corners}2 0 1\n"),
+        ] {
+            let e = ply(text.clone().into_bytes(), "a.ply").unwrap_err().to_string();
+            assert!(e.starts_with("a.ply: ") && e.contains("no surface") && e.contains("3 vertices"), "{text}: {e}");
+        }
+        let whole = ply(format!("{head}element face 1\n{faces}{corners}3 0 1 2\n").into_bytes(), "a.ply").unwrap();
+        assert_eq!(whole.meshes[0].triangles, [[0, 1, 2]]);
+        let none = |_: &str| Err("there is no such file".to_owned());
+        let e = obj(b"v 0 0 0\nv 1 0 0\nv 0 1 0\nl 1 2\n", "a.obj", &none).unwrap_err().to_string();
+        assert!(e.starts_with("a.obj: ") && e.contains("no surface"), "{e}");
     }
 
     #[test]

@@ -8,6 +8,8 @@ pub mod ply;
 
 pub use picture::read_light;
 
+use crate::SceneError;
+use crate::scene::{Description, Object, Shape};
 use picture::{read_light_picture, read_texture};
 use std::io::Read;
 
@@ -26,4 +28,20 @@ fn unzipped(bytes: Vec<u8>) -> Result<Vec<u8>, String> {
     let mut limited = flate2::read::MultiGzDecoder::new(&bytes[..]).take(LARGEST_FILE);
     limited.read_to_end(&mut out).map_err(|e| format!("gzip: {e}"))?;
     Ok(out)
+}
+
+/// Fails where a file describes no surface at all: a picture of it would be empty. `expected` says what its format calls one.
+fn with_surface(description: Description, name: &str, expected: &str) -> Result<Description, SceneError> {
+    let is_surface = |o: &Object| match o.shape {
+        Shape::Mesh { mesh, .. } => description.meshes.get(mesh as usize).is_some_and(|m| !m.triangles.is_empty()),
+        Shape::Sphere(_) | Shape::Quad(_) => true,
+    };
+    if description.objects.iter().any(is_surface) {
+        return Ok(description);
+    }
+    let found = match description.objects.len() {
+        0 => "no surface".to_owned(),
+        n => format!("no surface: its {n} objects have no triangles"),
+    };
+    Err(SceneError::File { place: name.to_owned(), found, expected: format!("expected {expected}") })
 }

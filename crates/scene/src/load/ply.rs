@@ -1,6 +1,7 @@
 //! PLY: polygons as text or numbers, little- or big-endian.
 //!
-//! Source: G. Turk 1994, "The PLY polygon file format". Properties of any type and order; faces of any number of corners (cut into fans).
+//! Source: G. Turk 1994, "The PLY polygon file format". Properties of any type and order; faces of any number of corners (cut into fans);
+//! triangle strips as the models of the Stanford 3D Scanning Repository have them.
 
 use crate::shape::Mesh;
 use glam::{Vec2, Vec3, Vec4};
@@ -122,7 +123,8 @@ pub fn read(bytes: &[u8]) -> Result<Read, PlyError> {
         }
         match element.name.as_str() {
             "vertex" => vertices(&mut body, element, &mut mesh)?,
-            "face" | "tristrips" if element.name == "face" => skipped += faces(&mut body, element, &mut mesh)?,
+            "face" => skipped += faces(&mut body, element, &mut mesh)?,
+            "tristrips" => strips(&mut body, element, &mut mesh)?,
             _ => {
                 for _ in 0..element.count {
                     for property in &element.properties {
@@ -143,6 +145,9 @@ pub fn read(bytes: &[u8]) -> Result<Read, PlyError> {
     let mut warnings = Vec::new();
     if skipped > 0 {
         warnings.push(format!("{skipped} faces with fewer than three corners are left out"));
+    }
+    if mesh.triangles.is_empty() {
+        warnings.push("it has no faces: nothing of it is seen".to_owned());
     }
     // Vertices may come in two parts that say different things.
     if mesh.drop_partial_lists() {
@@ -345,9 +350,56 @@ fn vertices(body: &mut Body, element: &Element, mesh: &mut Mesh) -> Result<(), P
     Ok(())
 }
 
+/// Whether a property lists the corners of a face or strip.
+fn is_corners(p: &Property) -> bool {
+    p.list.is_some() && matches!(p.name.as_str(), "vertex_indices" | "vertex_index")
+}
+
+/// Number of a vertex.
+fn corner(number: f64) -> Result<u32, PlyError> {
+    if !(0.0..2_147_483_648.0).contains(&number) || number.fract() != 0.0 {
+        return Err(wrong(format!("corner number {number}"), "0 to 2147483647"));
+    }
+    Ok(number as u32)
+}
+
+/// Reads triangle strips: each corner after the second makes a triangle with the two before it, of alternating winding; −1 begins a new strip.
+/// Triangles that name a corner twice only join parts of a strip and are left out.
+fn strips(body: &mut Body, element: &Element, mesh: &mut Mesh) -> Result<(), PlyError> {
+    if !element.properties.iter().any(is_corners) && element.count > 0 {
+        return Err(wrong("triangle strips without corners", "a list \"vertex_indices\""));
+    }
+    for _ in 0..element.count {
+        for property in &element.properties {
+            let Some(length) = property.list.filter(|_| is_corners(property)) else {
+                body.skip(property)?;
+                continue;
+            };
+            // −1 as an unsigned number of 32 bits is its largest.
+            let restart = if property.kind == Number::U32 { f64::from(u32::MAX) } else { -1.0 };
+            let mut last = [0u32; 2];
+            let mut seen = 0usize;
+            for _ in 0..body.length(length)? {
+                let number = body.number(property.kind)?;
+                if number == restart {
+                    seen = 0;
+                    continue;
+                }
+                let next = corner(number)?;
+                let [a, b] = last;
+                if seen >= 2 && a != b && b != next && a != next {
+                    mesh.triangles.push(if seen % 2 == 0 { [a, b, next] } else { [b, a, next] });
+                }
+                last = [b, next];
+                seen += 1;
+            }
+        }
+    }
+    Ok(())
+}
+
 /// Reads polygons; how many had fewer than three corners.
 fn faces(body: &mut Body, element: &Element, mesh: &mut Mesh) -> Result<usize, PlyError> {
-    let is_corners = |p: &Property| p.list.is_some() && matches!(p.name.as_str(), "vertex_indices" | "vertex_index");
     if !element.properties.iter().any(is_corners) && element.count > 0 {
         return Err(wrong("faces without corners", "a list \"vertex_indices\""));
     }
@@ -361,11 +413,11 @@ fn faces(body: &mut Body, element: &Element, mesh: &mut Mesh) -> Result<usize, P
         let big = body.layout == Layout::Big;
         let all = body.bytes.get(body.at..body.at + element.count.saturating_mul(STRIDE).min(body.bytes.len()));
         if let Some(all) = all.filter(|a| a.len() == element.count * STRIDE && a.par_chunks_exact(STRIDE).all(|t| t[0] == 3)) {
-            let corner = |b: &[u8]| {
+            let index = |b: &[u8]| {
                 let b = [b[0], b[1], b[2], b[3]];
                 if big { u32::from_be_bytes(b) } else { u32::from_le_bytes(b) }
             };
-            mesh.triangles.par_extend(all.par_chunks_exact(STRIDE).map(|t| [corner(&t[1..]), corner(&t[5..]), corner(&t[9..])]));
+            mesh.triangles.par_extend(all.par_chunks_exact(STRIDE).map(|t| [index(&t[1..]), index(&t[5..]), index(&t[9..])]));
             body.at += all.len();
             let beyond = |t: &&[u32; 3]| t.iter().any(|i| *i > i32::MAX as u32);
             if let Some(t) = mesh.triangles.par_iter().find_any(beyond) {
@@ -384,11 +436,7 @@ fn faces(body: &mut Body, element: &Element, mesh: &mut Mesh) -> Result<usize, P
             let n = body.length(length)?;
             corners.clear();
             for _ in 0..n {
-                let i = body.number(property.kind)?;
-                if !(0.0..2_147_483_648.0).contains(&i) || i.fract() != 0.0 {
-                    return Err(wrong(format!("corner number {i}"), "0 to 2147483647"));
-                }
-                corners.push(i as u32);
+                corners.push(corner(body.number(property.kind)?)?);
             }
             skipped += usize::from(n < 3);
             for k in 1..n.saturating_sub(1) {
@@ -436,6 +484,36 @@ mod tests {
             let found = read(&bytes).unwrap();
             assert_eq!((found.mesh.positions, found.mesh.triangles), (text.mesh.positions.clone(), text.mesh.triangles.clone()));
             assert!(read(&bytes[..bytes.len() - 1]).is_err());
+        }
+    }
+
+    #[test]
+    fn triangle_strips_alternate_their_winding_and_begin_again() {
+        let head = "element vertex 6\nproperty float x\nproperty float y\nproperty float z\nelement tristrips 1\n";
+        // Two strips; the second has a triangle that names a corner twice, and the winding goes on past it.
+        let corners: [i32; 11] = [0, 1, 2, 3, -1, 2, 3, 4, 4, 5, 0];
+        let expected = [[0, 1, 2], [2, 1, 3], [2, 3, 4], [5, 4, 0]];
+        let positions = "0 0 0\n1 0 0\n0 1 0\n1 1 0\n0 2 0\n1 2 0\n";
+        let list: Vec<String> = corners.iter().map(i32::to_string).collect();
+        let text = format!(
+            "ply\nformat ascii 1.0\n{head}property list int int vertex_indices\nend_header\n{positions}{} {}\n",
+            corners.len(),
+            list.join(" ")
+        );
+        assert_eq!(read(text.as_bytes()).unwrap().mesh.triangles, expected);
+        for kind in ["int", "uint"] {
+            let mut bytes =
+                format!("ply\nformat binary_little_endian 1.0\n{head}property list int {kind} vertex_indices\nend_header\n")
+                    .into_bytes();
+            positions.split_whitespace().for_each(|v| bytes.extend(v.parse::<f32>().unwrap().to_le_bytes()));
+            bytes.extend((corners.len() as i32).to_le_bytes());
+            corners.iter().for_each(|i| bytes.extend(i.to_le_bytes()));
+            assert_eq!(read(&bytes).unwrap().mesh.triangles, expected, "{kind}");
+            assert!(read(&bytes[..bytes.len() - 1]).is_err());
+        }
+        for (from, to, word) in [(" 5 0", " 5 9", "less than 6"), ("-1", "-2", "2147483647"), ("vertex_indices", "x", "strips")] {
+            let e = read(text.replacen(from, to, 1).as_bytes()).unwrap_err();
+            assert!(format!("{} {}", e.found, e.expected).contains(word), "{to}: {e:?}");
         }
     }
 

@@ -21,7 +21,7 @@ mod textures;
 mod world;
 
 use crate::SceneError;
-use crate::load::Fetch;
+use crate::load::{Fetch, with_surface};
 use crate::scene::Description;
 
 /// Number of a file among those read, and a line in it.
@@ -48,8 +48,9 @@ impl Place {
 /// Reads a scene. `name` stands for the main file in messages; `fetch` gets files by the names in it.
 pub fn load(bytes: &[u8], name: &str, fetch: Fetch) -> Result<Description, SceneError> {
     let mut world = world::World::new(name, fetch);
-    match world.read_main(bytes) {
-        Ok(()) => world.finish(),
-        Err(fault) => Err(world.error(fault)),
-    }
+    let description = match world.read_main(bytes) {
+        Ok(()) => world.finish()?,
+        Err(fault) => return Err(world.error(fault)),
+    };
+    with_surface(description, name, "a Shape with a material after WorldBegin")
 }

@@ -113,10 +113,11 @@ pub fn get(world: &World, params: &Params, name: &str, purpose: Use, default: Sp
 /// An RGB triple without upper bound as a spectrum: a scaled sigmoid over wavelength (pbrt-v4's `RGBUnboundedSpectrum`, PBR 4ed §4.6.6), the
 /// numbers themselves in RGB lanes.
 fn unbounded(rgb: Vec3) -> Spectrum {
-    let scale = 2.0 * rgb.max_element();
-    if scale <= 0.0 {
-        return Spectrum::Constant(0.0);
+    // A grey is the same at every wavelength.
+    if rgb.x == rgb.y && rgb.y == rgb.z {
+        return Spectrum::Constant(rgb.x);
     }
+    let scale = 2.0 * rgb.max_element();
     let sigmoid = Sigmoid::from_rgb(rgb / scale);
     let table = Table::new(380.0, 5.0, (0..=80).map(|i| scale * sigmoid.at(380.0 + 5.0 * i as f32)).collect());
     Spectrum::TableOfRgb { table, rgb }
@@ -223,7 +224,7 @@ mod tests {
         // At one wavelength a value of the spectrum, which is not a number of the triple.
         let at = spectrum.sample(&Wavelengths::fixed([460.0, 550.0, 620.0, 700.0]));
         assert!(at.x > at.y && at.y > at.z && at.z > 0.0 && at.x < 4.9, "{at}");
-        assert_eq!(unbounded(Vec3::ZERO), Spectrum::Constant(0.0));
+        assert_eq!([0.0, 1.5].map(|v| unbounded(Vec3::splat(v))), [0.0, 1.5].map(Spectrum::Constant));
     }
 
     #[test]
