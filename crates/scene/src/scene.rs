@@ -841,6 +841,34 @@ fn settle(d: &mut Description) {
     }
 }
 
+/// Most meshes that a warning lists by name.
+const MOST_NAMED: usize = 6;
+
+/// One warning for all triangles that were dropped: `losses` are numbers of meshes and how many each lost. Meshes bear the name of the first object
+/// made of them; those that lost most come first.
+fn dropped_triangles(losses: &[(usize, usize)], objects: &[Object]) -> String {
+    let mut names = std::collections::HashMap::new();
+    for object in objects {
+        if let Shape::Mesh { mesh, .. } = object.shape {
+            names.entry(mesh as usize).or_insert(object.name.as_str());
+        }
+    }
+    let mut sorted = losses.to_vec();
+    sorted.sort_by_key(|(mesh, count)| (std::cmp::Reverse(*count), *mesh));
+    let named = sorted.iter().take(MOST_NAMED).map(|(mesh, count)| match names.get(mesh) {
+        Some(name) if !name.is_empty() => format!("\"{name}\": {count}"),
+        _ => format!("mesh {mesh}: {count}"),
+    });
+    let mut list = named.collect::<Vec<_>>().join(", ");
+    if sorted.len() > MOST_NAMED {
+        list += &format!(", {} more", sorted.len() - MOST_NAMED);
+    }
+    let total: usize = losses.iter().map(|l| l.1).sum();
+    let meshes = if losses.len() == 1 { "1 mesh".to_owned() } else { format!("{} meshes", losses.len()) };
+    let triangles = if total == 1 { "triangle" } else { "triangles" };
+    format!("{total} {triangles} of {meshes} without area or with corners that are not finite were left out ({list})")
+}
+
 /// Leaves out what no ray can meet.
 fn clean(d: &mut Description) -> Result<(), SceneError> {
     let mut bends = vec![false; d.meshes.len()];
@@ -849,6 +877,7 @@ fn clean(d: &mut Description) -> Result<(), SceneError> {
             bends[mesh as usize] = true;
         }
     }
+    let mut losses = Vec::new();
     for (i, mesh) in d.meshes.iter_mut().enumerate() {
         let n = mesh.positions.len();
         let whole = |len: usize| len == 0 || len == n;
@@ -862,9 +891,12 @@ fn clean(d: &mut Description) -> Result<(), SceneError> {
         // What is flat at rest may unfold.
         let dropped = if bends[i] { mesh.drop_broken_triangles() } else { mesh.drop_unusable_triangles() };
         if dropped > 0 {
-            d.warnings
-                .push(format!("mesh {i}: {dropped} triangles without area or with corners that are not finite were left out"));
+            losses.push((i, dropped));
         }
+    }
+    if !losses.is_empty() {
+        let text = dropped_triangles(&losses, &d.objects);
+        d.warnings.push(text);
     }
     // A placement that flattens (scale 0) or is not finite cannot be seen or inverted.
     let (warnings, before) = (&mut d.warnings, d.objects.len());
@@ -1152,4 +1184,41 @@ fn parallelogram(t0: [Vec3; 3], t1: [Vec3; 3]) -> Option<Quad> {
         }
     }
     None
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::material::Scattering;
+    use crate::texture::Color;
+
+    #[test]
+    fn triangles_without_area_make_one_warning_with_count_and_names() {
+        // Mesh n has one triangle with area and n without.
+        let mesh = |flat: usize| {
+            let mut triangles = vec![[0, 1, 2]];
+            triangles.resize(1 + flat, [0, 1, 1]);
+            Mesh { positions: vec![Vec3::ZERO, Vec3::X, Vec3::Y], triangles, ..Default::default() }
+        };
+        let scene = |count: usize| {
+            let object = |n: usize| {
+                let shape = Shape::Mesh { mesh: n as u32, world_from_mesh: Affine3A::IDENTITY };
+                Object::new(format!("part {n}"), shape, 0)
+            };
+            let description = Description {
+                meshes: (0..count).map(mesh).collect(),
+                materials: vec![Material::new("grey", Scattering::Diffuse(Color::rgb(0.5, 0.5, 0.5)))],
+                objects: (0..count).map(object).collect(),
+                ..Default::default()
+            };
+            Scene::build(description).unwrap().description().warnings.clone()
+        };
+        assert!(scene(1).is_empty());
+        let (two, many) = (scene(2), scene(10));
+        assert_eq!([two.len(), many.len()], [1, 1]);
+        let (two, many) = (&two[0], &many[0]);
+        assert!(two.starts_with("1 triangle of 1 mesh ") && two.ends_with("(\"part 1\": 1)"), "{two}");
+        assert!(many.starts_with("45 triangles of 9 meshes ") && many.contains("\"part 9\": 9, \"part 8\": 8"), "{many}");
+        assert!(many.ends_with(", 3 more)") && !many.contains("part 3"), "{many}");
+    }
 }
