@@ -94,6 +94,9 @@ pub enum SceneVerb {
     Info {
         /// Embedded scene, or a file: .pbrt, .gltf, .glb, .obj, .ply, .stl.
         scene: String,
+        /// Fail when a texture cannot be read, instead of showing magenta in its place.
+        #[arg(long)]
+        strict: bool,
     },
     /// Write a scene as glTF 2.0 for other programs.
     Convert {
@@ -102,6 +105,9 @@ pub enum SceneVerb {
         /// .glb, or .gltf with a .bin beside it.
         #[arg(short, long, value_name = "FILE")]
         output: PathBuf,
+        /// Fail when a texture cannot be read, instead of writing magenta in its place.
+        #[arg(long)]
+        strict: bool,
     },
 }
 
@@ -303,6 +309,9 @@ pub struct Taking {
     /// Which of the sets of materials that a glTF file offers.
     #[arg(long, value_name = "NAME")]
     pub variant: Option<String>,
+    /// Fail when a texture of the scene cannot be read, instead of showing magenta in its place.
+    #[arg(long)]
+    pub strict: bool,
     /// Light from all around: a lat-long .hdr, .exr or .pfm.
     #[arg(long, value_name = "FILE")]
     pub environment: Option<PathBuf>,
@@ -1071,6 +1080,7 @@ impl Taking {
         let (scene, camera, exposure, render) = (&mut shot.scene, &mut shot.camera, &mut shot.exposure, &mut shot.render);
         over(&mut scene.scale, &self.scale);
         over(&mut scene.variant, &self.variant);
+        scene.strict |= self.strict;
         over(&mut scene.environment, &self.environment);
         over(&mut scene.environment_rotation_deg, &self.environment_rotation);
         if self.daylight.is_some() || self.sun.is_some() {

@@ -381,10 +381,19 @@ fn failures_exit_with_1_and_leave_nothing() {
     std::fs::write(f.path("text.gltf"), b"not json").unwrap();
     std::fs::write(f.path("text.exr"), b"not exr").unwrap();
     std::fs::write(f.path("text.hdr"), b"not hdr").unwrap();
+    std::fs::write(f.path("t.mtl"), "newmtl a\nmap_Kd gone.png\n").unwrap();
+    std::fs::write(f.path("t.obj"), "mtllib t.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl a\nf 1 2 3\n").unwrap();
+    let points =
+        "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\nproperty float z\nend_header\n0 0 0\n";
+    std::fs::write(f.path("points.ply"), points).unwrap();
     let cases: &[(&[&str], &str)] = &[
         (&["shoot", "missing.glb"], "no such file"),
         (&["shoot", "short.glb"], "cut short"),
         (&["shoot", "text.gltf"], "text.gltf"),
+        (&["shoot", "points.ply"], "points.ply: no surface"),
+        (&["shoot", "t.obj", "--strict"], "gone.png (there is no such file)"),
+        (&["scene", "info", "t.obj", "--strict"], "gone.png"),
+        (&["scene", "convert", "t.obj", "--strict", "-o", "t.glb"], "gone.png"),
         (&["shoot", "missing.toml"], "missing.toml"),
         (&["shoot", "--environment", "text.hdr"], "text.hdr"),
         (&["shoot", "-o", "no/such/folder/photo.jpg"], "cannot be written"),

@@ -48,6 +48,18 @@ pub struct Description {
     pub max_depth: Option<u32>,
     /// What was found odd on the way.
     pub warnings: Vec<String>,
+    /// Pictures that its file names and that could not be read.
+    pub missing_textures: Vec<MissingTexture>,
+}
+
+/// A picture that a scene's file names and that could not be read. Where it would give a colour, [`crate::load::STAND_IN`] is shown; a map of
+/// numbers (normals, roughness, coverage) is left out.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct MissingTexture {
+    /// Its name in the file.
+    pub name: String,
+    /// Why it could not be read.
+    pub reason: String,
 }
 
 impl Description {

@@ -144,6 +144,31 @@ fn textures_and_materials_are_found_by_name() {
 }
 
 #[test]
+fn a_missing_texture_is_a_warning_and_magenta_stands_in_for_it() {
+    use diopter_scene::load::STAND_IN;
+    use diopter_scene::texture::Color;
+    let text = format!(
+        "{HEAD}WorldBegin\n\
+         Texture \"c\" \"spectrum\" \"imagemap\" \"string filename\" \"c.png\" \"bool invert\" true \"float uscale\" 3\n\
+         Texture \"r\" \"float\" \"imagemap\" \"string filename\" \"r.png\"\n\
+         Material \"diffuse\" \"texture reflectance\" \"c\" \"string normalmap\" \"n.png\" Shape \"sphere\" \"texture alpha\" \"r\"\n\
+         AreaLightSource \"diffuse\" \"string filename\" \"c.png\" Shape \"disk\""
+    );
+    let d = load_with(&text, &[("r.png", b"no picture")]).unwrap();
+    let missing: Vec<&str> = d.missing_textures.iter().map(|m| m.name.as_str()).collect();
+    assert_eq!(missing, ["c.png", "r.png", "n.png"]);
+    assert_eq!(d.warnings.len(), 1, "{:?}", d.warnings);
+    for part in ["test.pbrt: 3 textures", "c.png (there is no such file)", "r.png (it is none of", "magenta"] {
+        assert!(d.warnings[0].contains(part), "{part}: {}", d.warnings[0]);
+    }
+    let material = |i: usize| &d.materials[d.objects[i].material as usize];
+    assert!(matches!(&material(0).scattering, Scattering::Diffuse(Color::Constant { rgb, .. }) if *rgb == STAND_IN));
+    assert!(material(0).normal_map.is_none());
+    assert!(matches!(&material(0).coverage, diopter_scene::material::Coverage::Full));
+    assert!(material(1).emission.is_some());
+}
+
+#[test]
 fn metals_given_as_rgb_reflect_what_fresnel_has_for_each_number() {
     use diopter_light::Wavelengths;
     let text = format!(

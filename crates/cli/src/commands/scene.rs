@@ -18,8 +18,8 @@ use std::path::{Path, PathBuf};
 pub fn run(verb: &SceneVerb, json: bool) -> anyhow::Result<()> {
     match verb {
         SceneVerb::List => list(json),
-        SceneVerb::Info { scene } => info(scene, json),
-        SceneVerb::Convert { scene, output } => convert(scene, output, json),
+        SceneVerb::Info { scene, strict } => info(scene, *strict, json),
+        SceneVerb::Convert { scene, output, strict } => convert(scene, output, *strict, json),
     }
 }
 
@@ -34,8 +34,8 @@ fn list(json: bool) -> anyhow::Result<()> {
     Ok(())
 }
 
-fn info(name: &str, json: bool) -> anyhow::Result<()> {
-    let scene = Scene::build(read_scene(name)?).map_err(diopter::shot::ShotError::from)?;
+fn info(name: &str, strict: bool, json: bool) -> anyhow::Result<()> {
+    let scene = Scene::build(read_scene(name, strict)?).map_err(diopter::shot::ShotError::from)?;
     let d = scene.description();
     let b = scene.bounds();
     let lights = lights(&scene);
@@ -217,8 +217,8 @@ fn suggested(b: diopter::scene::bvh::Bounds) -> Option<[glam::Vec3; 2]> {
     Some([b.center() + three_quarter_view(radius, (12.0f32 / 50.0).atan()), b.center()])
 }
 
-fn convert(name: &str, output: &Path, json: bool) -> anyhow::Result<()> {
-    let mut description = read_scene(name)?;
+fn convert(name: &str, output: &Path, strict: bool, json: bool) -> anyhow::Result<()> {
+    let mut description = read_scene(name, strict)?;
     if let Some(f) = builtin::framing(name).filter(|_| description.cameras.is_empty()) {
         // Embedded scenes have a view, not a camera.
         let place = look_at(f.look_from, f.look_at, glam::Vec3::Y).map_err(diopter::shot::ShotError::from)?;

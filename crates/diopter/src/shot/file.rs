@@ -51,6 +51,9 @@ pub struct SceneSection {
     /// Which of the sets of materials that the file offers.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub variant: Option<String>,
+    /// A texture that cannot be read is an error; without, magenta stands in for it and a warning lists it.
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    pub strict: bool,
     /// Numbers of bodies that overlap, by the name of their material: where they do, the one with the highest is there.
     #[serde(skip_serializing_if = "BTreeMap::is_empty")]
     pub priority: BTreeMap<String, i32>,

@@ -216,7 +216,7 @@ impl Shot {
 
         let name = file.scene.file.clone().unwrap_or_else(|| DEFAULT_SCENE.into());
         staging::film(&file, &sensor, None)?;
-        let mut description = sources::read_scaled(&name, file.scene.scale, warn)?;
+        let mut description = sources::read_scaled(&name, file.scene.scale, file.scene.strict, warn)?;
         let view = staging::view(&file, &description)?;
         if let Some(hints) = view.map(|v| &v.film).filter(|_| file.camera.look_from.is_none())
             && staging::take_hints(&mut file, hints, warn)

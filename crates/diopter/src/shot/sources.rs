@@ -3,14 +3,14 @@
 use super::{ShotError, value};
 use diopter_lens::{LensError, Prescription, import};
 use diopter_scene::light::Environment;
-use diopter_scene::{Description, builtin, load};
+use diopter_scene::{Description, SceneError, builtin, load};
 use diopter_sensor::{Sensor, nearest};
 use glam::Mat3;
 use std::ops::RangeInclusive;
 use std::path::Path;
 
-/// Reads a scene by the name of an embedded one or from a file.
-pub fn read_scene(name: &str) -> Result<Description, ShotError> {
+/// Reads a scene by the name of an embedded one or from a file. `strict`: a texture that cannot be read is an error instead of a warning.
+pub fn read_scene(name: &str, strict: bool) -> Result<Description, ShotError> {
     if let Some(description) = builtin::named(name) {
         return Ok(description);
     }
@@ -38,14 +38,23 @@ pub fn read_scene(name: &str) -> Result<Description, ShotError> {
         })
     };
     let bytes = || read_file(path);
-    Ok(match ending.as_deref() {
+    let description = match ending.as_deref() {
         Some("gltf" | "glb") => load::gltf::load(&bytes()?, name, &fetch)?,
         Some("pbrt") => load::pbrt::load(&bytes()?, name, &fetch)?,
         Some("ply") => load::mesh::ply(bytes()?, name)?,
         Some("obj") => load::mesh::obj(&bytes()?, name, &fetch)?,
         Some("stl") => load::mesh::stl(&bytes()?, name)?,
         _ => return Err(value("scene", format!("\"{name}\""), format!("a file: {SCENE_FILES} (or a .toml shot file)"))),
-    })
+    };
+    if strict && !description.missing_textures.is_empty() {
+        let list: Vec<String> = description.missing_textures.iter().map(|m| format!("{} ({})", m.name, m.reason)).collect();
+        return Err(ShotError::Scene(SceneError::File {
+            place: name.to_owned(),
+            found: format!("textures that could not be read: {}", list.join(", ")),
+            expected: "expected all of them (without strict, magenta stands in)".into(),
+        }));
+    }
+    Ok(description)
 }
 
 /// Sides of a model of metres that nobody doubts, m.
@@ -55,7 +64,12 @@ const SCALE: RangeInclusive<f64> = 1e-9..=1e9;
 
 /// Reads a scene whose unit of length is `scale` metres; a metre without it, and `warn` is told when that makes a model implausibly large
 /// or small.
-pub(super) fn read_scaled(name: &str, scale: Option<f64>, warn: &mut dyn FnMut(&str)) -> Result<Description, ShotError> {
+pub(super) fn read_scaled(
+    name: &str,
+    scale: Option<f64>,
+    strict: bool,
+    warn: &mut dyn FnMut(&str),
+) -> Result<Description, ShotError> {
     if let Some(factor) = scale
         && !SCALE.contains(&factor)
     {
@@ -64,7 +78,7 @@ pub(super) fn read_scaled(name: &str, scale: Option<f64>, warn: &mut dyn FnMut(&
     if scale.is_some() && builtin::is_embedded(name) {
         return Err(value("scale", format!("of \"{name}\""), "a scene file: embedded scenes are in metres"));
     }
-    let mut description = read_scene(name)?;
+    let mut description = read_scene(name, strict)?;
     match scale {
         Some(factor) => description.scale(factor as f32),
         None => odd_size(name, &description).iter().for_each(|hint| warn(hint)),

@@ -11,10 +11,10 @@ mod packed;
 
 use crate::SceneError;
 use crate::light::{Punctual, PunctualKind, SpotEdge};
-use crate::load::{Fetch, read_texture, with_surface};
+use crate::load::{Fetch, finished, note_missing, read_texture, stand_in};
 use crate::material::{Material, Principled, Scattering};
 use crate::motion::{Local, Motion, Node};
-use crate::scene::{Description, FilmHints, Object, Shape, Sight, Variant, Viewpoint};
+use crate::scene::{Description, FilmHints, MissingTexture, Object, Shape, Sight, Variant, Viewpoint};
 use crate::shape::Mesh;
 use crate::texture::{Codes, Color, Image, Interpolation, Scalar, Texture, Wrap};
 use diopter_light::Spectrum;
@@ -46,13 +46,14 @@ const SUPPORTED: &[&str] = &[
 /// Reads a scene. `name` stands for the file in messages.
 pub fn load(bytes: &[u8], name: &str, fetch: Fetch) -> Result<Description, SceneError> {
     let description = Loader::new(bytes, name, fetch)?.run()?;
-    with_surface(description, name, "a node of the scene with a mesh of triangles (points and lines are not drawn)")
+    finished(description, name, "a node of the scene with a mesh of triangles (points and lines are not drawn)")
 }
 
 struct Loader<'a> {
     name: &'a str,
     document: gltf::Document,
     buffers: Vec<Vec<u8>>,
+    /// Pictures; none where one is missing.
     images: Vec<Option<Arc<Image>>>,
     description: Description,
     /// Meshes of the description by (glTF mesh, primitive).
@@ -120,9 +121,11 @@ impl<'a> Loader<'a> {
         })?;
         check_accessors(&document, &buffers, name)?;
         let sources: Vec<_> = document.images().collect();
-        let images =
+        let read =
             sources.into_par_iter().map(|image| read_image(&image, &buffers, name, fetch)).collect::<Result<Vec<_>, _>>()?;
         let mut description = Description { name: name.to_owned(), ..Default::default() };
+        let missing = &mut description.missing_textures;
+        let images = read.into_iter().map(|r| r.map_err(|m| note_missing(missing, &m.name, m.reason)).ok()).collect();
         for extension in used.iter().filter(|e| !is_supported(e)) {
             description.warnings.push(format!("{name}: extension {extension} is not supported; the scene is shown without it"));
         }
@@ -380,7 +383,12 @@ impl<'a> Loader<'a> {
     }
 
     fn texture(&self, texture: &gltf::Texture, codes: Codes, uv_set: u32, image_from_uv: Affine2) -> Option<Texture> {
-        let image = self.images.get(texture.source().index())?.clone()?;
+        let image = match (self.images.get(texture.source().index())?, codes) {
+            (Some(image), _) => image.clone(),
+            (None, Codes::Srgb) => stand_in(),
+            // A map of numbers that is missing is left out: the factors alone count.
+            (None, Codes::Linear) => return None,
+        };
         let sampler = texture.sampler();
         let wrap = |w: gltf::texture::WrappingMode| match w {
             gltf::texture::WrappingMode::ClampToEdge => Wrap::Clamp,
@@ -611,24 +619,35 @@ fn check_accessors(document: &gltf::Document, buffers: &[Vec<u8>], name: &str) -
 }
 
 fn fetch_uri(uri: &str, name: &str, place: &str, fetch: Fetch) -> Result<Vec<u8>, SceneError> {
+    uri_bytes(uri, fetch).map_err(|e| {
+        let found = e.path.map_or_else(|| e.reason.clone(), |path| format!("\"{path}\": {}", e.reason));
+        error(name, place, found, e.expected)
+    })
+}
+
+/// Why the bytes of a URI cannot be had.
+struct NoBytes {
+    /// The file, unless it is a data URI.
+    path: Option<String>,
+    reason: String,
+    expected: &'static str,
+}
+
+fn uri_bytes(uri: &str, fetch: Fetch) -> Result<Vec<u8>, NoBytes> {
     use base64::Engine;
     if let Some(rest) = uri.strip_prefix("data:") {
         let data = rest.split_once(";base64,").map(|(_, d)| d);
         let decoded = data.and_then(|d| base64::engine::general_purpose::STANDARD.decode(d).ok());
-        return decoded.ok_or_else(|| error(name, place, "its data URI cannot be decoded", "expected data:<type>;base64,<data>"));
+        let reason = "its data URI cannot be decoded".to_owned();
+        return decoded.ok_or(NoBytes { path: None, reason, expected: "expected data:<type>;base64,<data>" });
     }
     let path = percent_decode(uri);
     let leaves = path.split(['/', '\\']).any(|part| part == "..") || path.starts_with(['/', '\\']) || path.contains(':');
     if leaves {
-        return Err(error(
-            name,
-            place,
-            format!("\"{uri}\" leads out of the scene's folder"),
-            "expected a path below the file, without \"..\"",
-        ));
+        let reason = "it leads out of the scene's folder".to_owned();
+        return Err(NoBytes { path: Some(path), reason, expected: "expected a path below the file, without \"..\"" });
     }
-    fetch(&path)
-        .map_err(|reason| error(name, place, format!("\"{path}\": {reason}"), "expected a readable file beside the scene"))
+    fetch(&path).map_err(|reason| NoBytes { path: Some(path), reason, expected: "expected a readable file beside the scene" })
 }
 
 fn percent_decode(uri: &str) -> String {
@@ -643,19 +662,29 @@ fn percent_decode(uri: &str) -> String {
     String::from_utf8_lossy(&out).into_owned()
 }
 
-fn read_image(image: &gltf::Image, buffers: &[Vec<u8>], name: &str, fetch: Fetch) -> Result<Option<Arc<Image>>, SceneError> {
+/// Reads a picture. One that cannot be had or read is missing, which is no error yet.
+fn read_image(
+    image: &gltf::Image,
+    buffers: &[Vec<u8>],
+    name: &str,
+    fetch: Fetch,
+) -> Result<Result<Arc<Image>, MissingTexture>, SceneError> {
     let place = format!("image {}{}", image.index(), label(image.name()));
-    let bytes = match image.source() {
+    let missing = |name: Option<String>, reason: String| MissingTexture { name: name.unwrap_or_else(|| place.clone()), reason };
+    let (bytes, file) = match image.source() {
         gltf::image::Source::View { view, .. } => {
             let data = buffers.get(view.buffer().index()).and_then(|b| b.get(view.offset()..view.offset() + view.length()));
-            data.ok_or_else(|| error(name, &place, "its buffer view is out of range", "expected bytes within the buffer"))?
-                .to_vec()
+            let data =
+                data.ok_or_else(|| error(name, &place, "its buffer view is out of range", "expected bytes within the buffer"))?;
+            (data.to_vec(), None)
         }
-        gltf::image::Source::Uri { uri, .. } => fetch_uri(uri, name, &place, fetch)?,
+        gltf::image::Source::Uri { uri, .. } => match uri_bytes(uri, fetch) {
+            Ok(bytes) => (bytes, (!uri.starts_with("data:")).then(|| percent_decode(uri))),
+            Err(e) => return Ok(Err(missing(e.path, e.reason))),
+        },
     };
     let read = if packed::is_ktx2(&bytes) { packed::read_ktx2(&bytes) } else { read_texture(&bytes) };
-    let image = read.map_err(|e| error(name, &place, e, "expected a whole PNG, JPEG, WebP or KTX 2 picture"))?;
-    Ok(Some(Arc::new(image)))
+    Ok(read.map(Arc::new).map_err(|reason| missing(file, reason)))
 }
 
 /// Source: KHR_texture_transform: translation × rotation × scale, rotation counter-clockwise in UV space.
@@ -757,6 +786,34 @@ mod tests {
         assert!(load(&index.as_bytes()[..index.len() / 2], "t.gltf", &none).is_err());
         assert!(load(b"glTF\x02\0\0\0\xff\0\0\0", "t.glb", &none).unwrap_err().to_string().contains("cut short"));
         assert!(load(b"", "t.glb", &none).is_err());
+    }
+
+    #[test]
+    fn a_missing_texture_is_a_warning_and_magenta_stands_in_for_it() {
+        let text = triangle(&[
+            ("\"indices\":1", "\"indices\":1,\"material\":0"),
+            (
+                "\"asset\"",
+                r#""images":[{"uri":"a%20b.png"},{"uri":"../c.png"},{"uri":"data:;base64,AAAA","name":"d"}],
+                "textures":[{"source":0},{"source":1},{"source":2}],
+                "materials":[{"pbrMetallicRoughness":{"baseColorTexture":{"index":0},"metallicRoughnessTexture":{"index":1}},
+                              "normalTexture":{"index":2}}],"asset""#,
+            ),
+        ]);
+        let d = load(text.as_bytes(), "t.gltf", &none).unwrap();
+        let [warning] = &d.warnings[..] else { panic!("{:?}", d.warnings) };
+        for part in ["3 textures", "a b.png (no files here)", "../c.png (it leads out", "image 2 \"d\" (it is none of", "magenta"]
+        {
+            assert!(warning.contains(part), "{part}: {warning}");
+        }
+        let names: Vec<&str> = d.missing_textures.iter().map(|m| m.name.as_str()).collect();
+        assert_eq!(names, ["a b.png", "../c.png", "image 2 \"d\""]);
+        let Scattering::Principled(p) = &d.materials[0].scattering else { panic!("a material of glTF") };
+        let Color::Textured { texture, .. } = &p.base_color else { panic!("a picture") };
+        assert!((texture.at(&[Vec2::splat(0.4); 2]) - crate::load::STAND_IN.extend(1.0)).length() < 1e-5);
+        // Maps of numbers are left out.
+        assert!(matches!((&p.roughness, &p.metallic), (Scalar::Constant(_), Scalar::Constant(_))));
+        assert!(d.materials[0].normal_map.is_none());
     }
 
     #[test]

@@ -1,10 +1,10 @@
 //! Meshes without a scene around them: OBJ with its materials, PLY, STL. They stand as they are in an even white sky, or in what the shot
 //! puts around them.
 
-use super::{Fetch, ply, read_texture, unzipped};
+use super::{Fetch, finished, note_missing, ply, read_texture, stand_in, unzipped};
 use crate::SceneError;
 use crate::material::{Conductor, Coverage, Emission, Material, Principled, Scattering};
-use crate::scene::{Description, Object, Shape};
+use crate::scene::{Description, MissingTexture, Object, Shape};
 use crate::shape::Mesh;
 use crate::texture::{Codes, Color, Image, Scalar, Texture};
 use diopter_light::Spectrum;
@@ -12,6 +12,9 @@ use glam::{Affine2, Affine3A, Vec2, Vec3, Vec4};
 use std::collections::HashMap;
 use std::io::Cursor;
 use std::sync::Arc;
+
+/// What an OBJ file is expected to have.
+const FACES: &str = "an OBJ file with faces (f ...)";
 
 /// Reflectance of what says nothing of itself.
 const GREY: f32 = 0.6;
@@ -125,7 +128,7 @@ pub fn obj(bytes: &[u8], name: &str, fetch: Fetch) -> Result<Description, SceneE
     let mut d = Description { name: name.to_owned(), warnings, ..Default::default() };
     let mut images: HashMap<String, Option<Arc<Image>>> = HashMap::new();
     for m in &materials {
-        let made = material(m, name, fetch, &mut images, &mut d.warnings);
+        let made = material(m, fetch, &mut images, &mut d.missing_textures);
         d.materials.push(made);
     }
     d.materials.push(Material::new("grey", Scattering::Diffuse(Color::rgb(GREY, GREY, GREY))));
@@ -152,9 +155,9 @@ pub fn obj(bytes: &[u8], name: &str, fetch: Fetch) -> Result<Description, SceneE
         d.objects.push(Object::new(model.name, shape, material));
     }
     if d.objects.is_empty() {
-        return Err(error(name.into(), "no surface: it has no faces", "an OBJ file with faces (f ...)"));
+        return Err(error(name.into(), "no surface: it has no faces", FACES));
     }
-    Ok(d)
+    finished(d, name, FACES)
 }
 
 /// A .mtl file whose colours all have three numbers: of one number all three are meant, others are left out.
@@ -180,10 +183,9 @@ fn whole_colors(bytes: &[u8]) -> Vec<u8> {
 /// A material of a .mtl file. Source: Wavefront's MTL specification (1995) and its physically based extension (Pr, Pm, Ke).
 fn material(
     m: &tobj::Material,
-    name: &str,
     fetch: Fetch,
     images: &mut HashMap<String, Option<Arc<Image>>>,
-    warnings: &mut Vec<String>,
+    missing: &mut Vec<MissingTexture>,
 ) -> Material {
     let mut image = |file: &str| {
         images
@@ -194,7 +196,7 @@ fn material(
                 match fetch(&path).and_then(|b| read_texture(&b)) {
                     Ok(image) => Some(Arc::new(image)),
                     Err(e) => {
-                        warnings.push(format!("{name}: texture {path}: {e}: shown without"));
+                        note_missing(missing, &path, e);
                         None
                     }
                 }
@@ -209,11 +211,13 @@ fn material(
     };
     let number = |key: &str| m.unknown_param.get(key).and_then(|v| v.split_ascii_whitespace().next()?.parse::<f32>().ok());
     let diffuse = Vec3::from_array(m.diffuse.unwrap_or([GREY; 3])).clamp(Vec3::ZERO, Vec3::ONE);
-    let color = match m.diffuse_texture.as_deref().and_then(&mut image) {
+    let color = match m.diffuse_texture.as_deref().map(|file| image(file).ok_or_else(stand_in)) {
         // Kd multiplies its picture; many files leave it at 0 and mean the picture.
-        Some(i) => {
+        Some(Ok(i)) => {
             Color::Textured { factor: if diffuse == Vec3::ZERO { Vec3::ONE } else { diffuse }, texture: texture(i, Codes::Srgb) }
         }
+        // Whatever Kd is, what stands in for the picture is seen.
+        Some(Err(i)) => Color::Textured { factor: Vec3::ONE, texture: texture(i, Codes::Srgb) },
         None => Color::rgb(diffuse.x, diffuse.y, diffuse.z),
     };
     let specular = Vec3::from_array(m.specular.unwrap_or([0.0; 3])).clamp(Vec3::ZERO, Vec3::ONE);
@@ -297,7 +301,15 @@ mod tests {
         assert!(matches!(&of(0).scattering, Scattering::Diffuse(Color::Constant { rgb, .. }) if rgb.x == 0.8));
         assert!(matches!(&of(1).scattering, Scattering::Principled(p) if p.ior == 1.6));
         assert!(of(2).emission.is_some());
-        assert!(d.warnings.iter().any(|w| w.contains("gone.png")), "{:?}", d.warnings);
+        let listed =
+            |w: &&String| w.contains("gone.png (there is no such file)") && w.contains("none.png") && w.contains("magenta");
+        assert_eq!(d.warnings.iter().filter(listed).count(), 1, "{:?}", d.warnings);
+        assert_eq!(d.missing_textures.len(), 2);
+        // What stands in for a picture is seen; without its bumps the red one is as it was.
+        let Scattering::Diffuse(Color::Textured { factor, texture }) = &of(2).scattering else { panic!("a picture") };
+        let shown = *factor * texture.at(&[Vec2::splat(0.3); 2]).truncate();
+        assert!((shown - crate::load::STAND_IN).length() < 1e-5, "{shown}");
+        assert!(of(0).normal_map.is_none());
         // Without its materials it is grey, and says so.
         let alone = obj(text.as_bytes(), "a.obj", &|_: &str| Err("there is no such file".into())).unwrap();
         assert!(!alone.objects.is_empty() && alone.warnings.iter().any(|w| w.contains("a.mtl")), "{:?}", alone.warnings);

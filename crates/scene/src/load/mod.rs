@@ -9,9 +9,15 @@ pub mod ply;
 pub use picture::read_light;
 
 use crate::SceneError;
-use crate::scene::{Description, Object, Shape};
+use crate::scene::{Description, MissingTexture, Object, Shape};
+use crate::texture::Image;
+use glam::Vec3;
 use picture::{read_light_picture, read_texture};
 use std::io::Read;
+use std::sync::Arc;
+
+/// Linear sRGB that is shown where a texture is missing: a magenta that nobody takes for the real colour.
+pub const STAND_IN: Vec3 = Vec3::new(1.0, 0.0, 1.0);
 
 /// Gives the bytes behind a name that a scene file refers to (relative to it), or says why not.
 pub type Fetch<'a> = &'a (dyn Fn(&str) -> Result<Vec<u8>, String> + Sync);
@@ -30,8 +36,31 @@ fn unzipped(bytes: Vec<u8>) -> Result<Vec<u8>, String> {
     Ok(out)
 }
 
-/// Fails where a file describes no surface at all: a picture of it would be empty. `expected` says what its format calls one.
-fn with_surface(description: Description, name: &str, expected: &str) -> Result<Description, SceneError> {
+/// [`STAND_IN`] as a picture.
+fn stand_in() -> Arc<Image> {
+    Arc::new(Image::new(1, 1, vec![[255, 0, 255, 255]]))
+}
+
+/// Notes a picture that cannot be read, once.
+fn note_missing(all: &mut Vec<MissingTexture>, name: &str, reason: String) {
+    if all.iter().all(|m| m.name != name) {
+        all.push(MissingTexture { name: name.to_owned(), reason });
+    }
+}
+
+/// What every reader of scenes ends with: missing textures become one warning, and a file that describes no surface at all is an error, as a picture
+/// of it would be empty. `expected` says what its format calls a surface.
+fn finished(mut description: Description, name: &str, expected: &str) -> Result<Description, SceneError> {
+    let missing = &description.missing_textures;
+    if !missing.is_empty() {
+        let list: Vec<String> = missing.iter().map(|m| format!("{} ({})", m.name, m.reason)).collect();
+        let count = if list.len() == 1 { "1 texture".to_owned() } else { format!("{} textures", list.len()) };
+        let text = format!(
+            "{name}: {count} could not be read: {}; magenta stands in for colours, maps of numbers are left out",
+            list.join(", ")
+        );
+        description.warnings.push(text);
+    }
     let is_surface = |o: &Object| match o.shape {
         Shape::Mesh { mesh, .. } => description.meshes.get(mesh as usize).is_some_and(|m| !m.triangles.is_empty()),
         Shape::Sphere(_) | Shape::Quad(_) => true,

@@ -174,11 +174,10 @@ pub fn emission(world: &mut World, p: &Params, area: f32) -> Result<Emission, Fa
     let picture = match p.text("filename")? {
         None => None,
         Some(name) => {
-            let image = crate::load::read_texture(&world.file(name, p.place)?)
-                .map_err(|e| p.place.fault(format!("{name}: {e}"), "a picture (PNG, JPEG, EXR, HDR, PFM, Targa ...)"))?;
+            let image = world.picture(name).map_or_else(crate::load::stand_in, Arc::new);
             // Rows count from below.
             let image_from_uv = Affine2::from_scale_angle_translation(Vec2::new(1.0, -1.0), 0.0, Vec2::Y);
-            Some(Texture { image_from_uv, interpolation: Interpolation::Nearest, ..Texture::color(Arc::new(image)) })
+            Some(Texture { image_from_uv, interpolation: Interpolation::Nearest, ..Texture::color(image) })
         }
     };
     let spectrum = spectra::get(world, p, "L", Use::Light, Spectrum::light_from_rgb(Vec3::ONE))?;

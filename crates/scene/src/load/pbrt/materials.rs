@@ -1,10 +1,10 @@
 //! Materials by number and name.
 
+use super::Fault;
 use super::params::Params;
 use super::spectra::{self, Use};
 use super::textures::Textures;
 use super::world::World;
-use super::{Fault, Place};
 use crate::material::conductor::FacetBounces;
 use crate::material::{CoatedConductor, Conductor, DEEPEST_MIX, Grain, Material, Principled, Scattering, Transmission};
 use crate::texture::{Codes, Color, Graph, Interpolation, Scalar, Texture, Wrap};
@@ -154,7 +154,7 @@ impl Materials {
         };
         let mut material = Material::new(kind, scattering);
         if let Some(name) = p.text("normalmap")? {
-            material.normal_map = Some((normal_map(world, name, p.place)?, 1.0));
+            material.normal_map = normal_map(world, name).map(|map| (map, 1.0));
         }
         if let Some(place) = p.get("displacement").map(|d| d.place) {
             world.warn(place, "displacement (bumps of a material) is not supported: its surfaces are shown without");
@@ -181,12 +181,12 @@ fn clear_between_layers(world: &mut World, p: &Params) {
     }
 }
 
-fn normal_map(world: &World, name: &str, place: Place) -> Result<Texture, Fault> {
-    let image = crate::load::read_texture(&world.file(name, place)?)
-        .map_err(|e| place.fault(format!("{name}: {e}"), "a picture (PNG, JPEG)"))?;
+/// A picture of normals; none where it is missing.
+fn normal_map(world: &mut World, name: &str) -> Option<Texture> {
+    let image = world.picture(name)?;
     // Rows count from below.
     let image_from_uv = Affine2::from_scale_angle_translation(Vec2::new(1.0, -1.0), 0.0, Vec2::Y);
-    Ok(Texture {
+    Some(Texture {
         image: Arc::new(image),
         codes: Codes::Linear,
         wrap: [Wrap::Repeat; 2],

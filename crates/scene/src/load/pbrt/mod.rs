@@ -21,7 +21,7 @@ mod textures;
 mod world;
 
 use crate::SceneError;
-use crate::load::{Fetch, with_surface};
+use crate::load::{Fetch, finished};
 use crate::scene::Description;
 
 /// Number of a file among those read, and a line in it.
@@ -52,5 +52,5 @@ pub fn load(bytes: &[u8], name: &str, fetch: Fetch) -> Result<Description, Scene
         Ok(()) => world.finish()?,
         Err(fault) => return Err(world.error(fault)),
     };
-    with_surface(description, name, "a Shape with a material after WorldBegin")
+    finished(description, name, "a Shape with a material after WorldBegin")
 }

@@ -4,6 +4,7 @@ use super::params::{Params, Values};
 use super::spectra::{self, Use};
 use super::world::World;
 use super::{Fault, Place};
+use crate::load::STAND_IN;
 use crate::texture::{Codes, Color, Graph, Image, Interpolation, Mapping, NoisePattern, Scalar, Texture, Wrap};
 use diopter_light::Spectrum;
 use glam::{Affine2, Affine3A, Vec2, Vec3};
@@ -176,19 +177,20 @@ impl Textures {
         };
         p.get("maxanisotropy");
         let (scale, invert) = (p.float("scale", 1.0)? as f32, p.bool("invert", false)?);
+        let place = mapping(world, p)?;
         let image = match self.images.get(&(name.clone(), float)) {
             Some(image) => image.clone(),
             None => {
-                let bytes = world.file(&name, p.place)?;
-                let image = crate::load::read_texture(&bytes)
-                    .map_err(|e| p.place.fault(format!("{name}: {e}"), "a picture (PNG, JPEG, EXR, HDR, PFM, Targa ...)"))?;
-                let image = Arc::new(image);
+                let Some(image) = world.picture(&name).map(Arc::new) else {
+                    // A number without its picture is 1: fully opaque, fully rough.
+                    return Ok(Graph::Constant(if float { Vec3::ONE } else { STAND_IN }));
+                };
                 self.images.insert((name.clone(), float), image.clone());
                 image
             }
         };
         // Rows count from below.
-        let (mapping, [s, t]) = match mapping(world, p)? {
+        let (mapping, [s, t]) = match place {
             Mapping::Uv(factors) => (None, factors),
             other => (Some(other), [[1.0, 0.0]; 2]),
         };

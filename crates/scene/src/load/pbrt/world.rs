@@ -10,13 +10,13 @@ use super::shapes::{self, Form};
 use super::textures::Textures;
 use super::{Fault, Place};
 use crate::SceneError;
-use crate::load::{Fetch, ply, unzipped};
+use crate::load::{Fetch, note_missing, ply, read_texture, unzipped};
 use crate::material::{Coverage, Interior, Material, Scattering};
 use crate::medium::{Air, Medium};
 use crate::motion::{AnimatedProperty, Animation, Channel, Ending, KeyInterpolation, Local, Motion, Node, Parts, Playing};
 use crate::scene::{Description, Object, Shape, Viewpoint};
 use crate::shape::Mesh;
-use crate::texture::Scalar;
+use crate::texture::{Image, Scalar};
 use glam::{Affine3A, DMat4, DVec3, Vec3};
 use rayon::prelude::*;
 use std::collections::HashMap;
@@ -180,6 +180,12 @@ impl<'a> World<'a> {
     /// Bytes of a file that the scene names; `.gz` is taken apart.
     pub fn file(&self, name: &str, place: Place) -> Result<Vec<u8>, Fault> {
         fetched(self.fetch, name, place)
+    }
+
+    /// A picture that a texture names. Where it cannot be read that is noted: something stands in for it.
+    pub fn picture(&mut self, name: &str) -> Option<Image> {
+        let read = (self.fetch)(name).and_then(unzipped).and_then(|bytes| read_texture(&bytes));
+        read.map_err(|reason| note_missing(&mut self.description.missing_textures, name, reason)).ok()
     }
 
     pub fn read_main(&mut self, bytes: &[u8]) -> Result<(), Fault> {
