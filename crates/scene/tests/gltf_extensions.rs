@@ -175,6 +175,15 @@ fn pictures_of_other_formats_are_read() {
         let Texels::Codes(codes) = &texture.image.texels else { panic!("codes") };
         let off = codes[pixel].iter().zip(near).map(|(a, b): (&u8, u8)| a.abs_diff(b)).max().unwrap();
         assert!(off <= 14, "{extension}: {:?} {near:?}", codes[pixel]);
+        // The same in a file that does not list the extension.
+        let mut unlisted = json.clone();
+        (unlisted["extensionsUsed"], unlisted["extensionsRequired"]) = (json!([]), json!([]));
+        let d = load(&unlisted).unwrap();
+        assert!(d.missing_textures.is_empty(), "{:?}", d.missing_textures);
+        let mut other = json.clone();
+        other["textures"] = json!([{"extensions": {"MSFT_texture_dds": {"source": 0}}}]);
+        let e = load(&other).unwrap_err();
+        assert!(e.contains("texture 0") && e.contains("unknown extension") && e.contains("KHR_texture_basisu"), "{e}");
         // Whatever is changed in the file, there is an answer.
         for i in 0..bytes.len() {
             let mut broken = bytes.to_vec();

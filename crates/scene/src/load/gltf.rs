@@ -106,10 +106,11 @@ impl<'a> Loader<'a> {
             }
             buffers.push(data);
         }
-        if used.iter().any(|e| packed::EXTENSIONS.contains(&e.as_str())) {
+        if used.iter().any(|e| packed::EXTENSIONS.contains(&e.as_str())) || packed::has_pictures(&json) {
             packed::unpack(&mut json, &mut buffers, name)?;
         }
         let root: gltf::json::Root = serde_json::from_value(json).map_err(|e| broken(e.to_string()))?;
+        check_sources(&root, name)?;
         check_attributes(&root, name)?;
         let document = gltf::Document::from_json(root).map_err(|e| {
             error(
@@ -432,6 +433,24 @@ fn check_container(bytes: &[u8], name: &str) -> Result<(), SceneError> {
         if length.is_none_or(|l| l > bytes.len()) {
             let expected = length.map_or("expected a header of 12 bytes".to_owned(), |l| format!("expected {l}"));
             return Err(error(name, "header", format!("the file has {} bytes and is cut short", bytes.len()), expected));
+        }
+    }
+    Ok(())
+}
+
+/// A texture without a picture has it in an extension that is not known: that one is named.
+fn check_sources(json: &gltf::json::Root, name: &str) -> Result<(), SceneError> {
+    for (i, texture) in json.textures.iter().enumerate() {
+        if texture.source.value() >= json.images.len() {
+            let found = match texture.source.value() as u32 {
+                u32::MAX => {
+                    "it has no picture that can be read (its picture is in an unknown extension, such as MSFT_texture_dds)".into()
+                }
+                n => format!("image {n} is not there"),
+            };
+            let expected =
+                format!("expected a source below {}, or one in EXT_texture_webp or KHR_texture_basisu", json.images.len());
+            return Err(error(name, &format!("texture {i}"), found, expected));
         }
     }
     Ok(())

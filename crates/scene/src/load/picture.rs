@@ -8,8 +8,20 @@ use std::io::Cursor;
 /// Most pixels a side of a texture.
 const LARGEST_IMAGE: u32 = 32_768;
 
+/// What a picture is that is read elsewhere or not at all, where its first bytes tell. Source: Khronos KTX File Format Specifications 1.0 and 2.0.
+fn other_format(bytes: &[u8]) -> Option<&'static str> {
+    match bytes {
+        [0xab, b'K', b'T', b'X', b' ', b'2', b'0', 0xbb, ..] => Some("a KTX 2 picture, which is read in glTF files alone"),
+        [0xab, b'K', b'T', b'X', b' ', b'1', b'1', 0xbb, ..] => Some("a KTX 1 picture"),
+        _ => None,
+    }
+}
+
 /// Reads a picture of 8-bit codes. Targa files have no mark of their own: what is nothing else is tried as one.
 fn read_picture(bytes: &[u8]) -> Result<Image, String> {
+    if let Some(what) = other_format(bytes) {
+        return Err(format!("it is {what}, none of PNG, JPEG, WebP, Targa, BMP, TIFF, QOI, EXR, HDR, PFM"));
+    }
     let format = image::guess_format(bytes).unwrap_or(ImageFormat::Tga);
     let mut reader = image::ImageReader::with_format(Cursor::new(bytes), format);
     let mut limits = image::Limits::default();
@@ -155,5 +167,9 @@ mod tests {
             assert_eq!((read.width, read.height, codes[4]), (3, 2, [80, 200, 9, 255]), "{format:?}");
         }
         assert!(read_texture(b"what is this").unwrap_err().contains("none of"));
+        for (version, name) in [("20", "KTX 2"), ("11", "KTX 1")] {
+            let bytes = [b"\xabKTX ".as_slice(), version.as_bytes(), b"\xbb\r\n\x1a\n"].concat();
+            assert!(read_texture(&bytes).unwrap_err().contains(name));
+        }
     }
 }

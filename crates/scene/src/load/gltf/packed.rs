@@ -30,6 +30,11 @@ pub(super) fn is_stand_in(buffer: &Value) -> bool {
     MESHOPT.iter().any(|m| buffer.pointer(&format!("/extensions/{m}")).is_some())
 }
 
+/// Whether a texture has its picture in an extension, listed as used by the file or not.
+pub(super) fn has_pictures(json: &Value) -> bool {
+    array(json, "textures").iter().any(|t| PICTURES.iter().any(|p| t.pointer(&format!("/extensions/{p}/source")).is_some()))
+}
+
 /// Unpacks everything; new buffers are added behind those there are.
 pub(super) fn unpack(json: &mut Value, buffers: &mut Vec<Vec<u8>>, name: &str) -> Result<(), SceneError> {
     let mut unpacker = Unpacker { name, json, buffers };
@@ -385,16 +390,48 @@ fn scale_of(accessor: &Value) -> Option<f32> {
 
 /// A KTX 2 picture in one of the Basis Universal formats.
 pub(super) fn read_ktx2(bytes: &[u8]) -> Result<Image, String> {
-    let (width, height) = sane(bytes).ok_or("a header that its data does not bear out")?;
+    let (width, height) = ktx2_size(bytes)?;
+    // What cannot be decoded is told with what it is: KTX 2 holds any format of a graphics card.
+    let told = |e: String| format!("{}: {e}; Basis Universal (ETC1S, UASTC) can be read", ktx2_kind(bytes));
     let pixels = catch_unwind(|| {
         let basis = basisu::Transcoder::new(bytes).map_err(|e| format!("{e:?}"))?;
         basis.transcode(0, basisu::TargetFormat::Rgba32, basisu::DecodeFlags::NONE).map_err(|e| format!("{e:?}"))
     });
-    let pixels = pixels.map_err(|_| "data that cannot be decoded".to_owned())??;
+    let pixels = pixels.map_err(|_| told("data that cannot be decoded".to_owned()))?.map_err(told)?;
     if pixels.len() != width * height * 4 {
-        return Err(format!("{} bytes for {width} × {height} pixels", pixels.len()));
+        return Err(told(format!("{} bytes for {width} × {height} pixels", pixels.len())));
     }
     Ok(Image::new(width, height, pixels.as_chunks::<4>().0.to_vec()).kept())
+}
+
+/// A number of 32 bits of a KTX 2 header.
+fn ktx2_word(bytes: &[u8], at: usize) -> Option<u32> {
+    bytes.get(at..at + 4).map(|b| u32::from_le_bytes([b[0], b[1], b[2], b[3]]))
+}
+
+/// Name of a KTX 2 supercompression scheme. Source: Khronos KTX File Format Specification 2.0, §3.8.
+fn ktx2_scheme(scheme: u32) -> String {
+    match scheme {
+        0 => "none".into(),
+        1 => "BasisLZ".into(),
+        2 => "Zstandard".into(),
+        3 => "ZLIB".into(),
+        other => format!("number {other}, which is unknown"),
+    }
+}
+
+/// What a KTX 2 picture is: its format and supercompression. Numbers of formats are those of Vulkan's `VkFormat`.
+fn ktx2_kind(bytes: &[u8]) -> String {
+    let format = match ktx2_word(bytes, 12).unwrap_or_default() {
+        0 => "Basis Universal or another format without a number".to_owned(),
+        37 => "plain RGBA of 8 bits".to_owned(),
+        43 => "plain sRGB of 8 bits".to_owned(),
+        n @ 131..=146 => format!("BC blocks (VkFormat {n})"),
+        n @ 147..=156 => format!("ETC2 or EAC blocks (VkFormat {n})"),
+        n @ 157..=184 => format!("ASTC blocks (VkFormat {n})"),
+        n => format!("VkFormat {n}"),
+    };
+    format!("a KTX 2 picture of {format}, supercompression {}", ktx2_scheme(ktx2_word(bytes, 44).unwrap_or_default()))
 }
 
 /// Whether bytes are a KTX 2 file.
@@ -403,22 +440,71 @@ pub(super) fn is_ktx2(bytes: &[u8]) -> bool {
 }
 
 /// Width and height, if the sizes in the header agree with each other and with the file: decoders take them on trust.
-fn sane(bytes: &[u8]) -> Option<(usize, usize)> {
-    let word = |at: usize| bytes.get(at..at + 4).map(|b| u32::from_le_bytes([b[0], b[1], b[2], b[3]]));
-    let long = |at: usize| Some(u64::from(word(at)?) | u64::from(word(at + 4)?) << 32);
+fn ktx2_size(bytes: &[u8]) -> Result<(usize, usize), String> {
+    let short = || format!("a KTX 2 picture of {} bytes whose header is cut short", bytes.len());
+    let word = |at: usize| ktx2_word(bytes, at).ok_or_else(short);
+    let long = |at: usize| Ok::<u64, String>(u64::from(word(at)?) | u64::from(word(at + 4)?) << 32);
     let (width, height) = (word(20)?, word(24)?);
     let (depth, layers, faces, levels, scheme) = (word(28)?, word(32)?, word(36)?, word(40)?.max(1), word(44)?);
+    if scheme > 2 {
+        return Err(format!(
+            "a KTX 2 picture with supercompression {}; none, BasisLZ and Zstandard can be read",
+            ktx2_scheme(scheme)
+        ));
+    }
+    if depth != 0 || layers > 1 || faces != 1 {
+        return Err(format!(
+            "a KTX 2 volume, array or cube ({depth} deep, {layers} layers, {faces} faces); flat pictures can be read"
+        ));
+    }
     let fits = (1..=16_384).contains(&width) && (1..=16_384).contains(&height);
-    if !fits || depth != 0 || layers > 1 || faces != 1 || levels > 32 - width.max(height).leading_zeros() || scheme > 2 {
-        return None;
+    if !fits || levels > 32 - width.max(height).leading_zeros() {
+        return Err(format!("a KTX 2 picture of {width} × {height} pixels in {levels} levels; up to 16 384 a side can be read"));
     }
     for level in 0..levels {
         let at = 80 + 24 * level as usize;
         let (offset, length, unpacked) = (long(at)?, long(at + 8)?, long(at + 16)?);
         let blocks = u64::from((width >> level).max(1).div_ceil(4)) * u64::from((height >> level).max(1).div_ceil(4));
-        if offset.checked_add(length)? > bytes.len() as u64 || (scheme == 2 && unpacked != blocks * 16) {
-            return None;
+        // With Zstandard a level unpacks to blocks of 16 bytes (UASTC).
+        if offset.checked_add(length).is_none_or(|end| end > bytes.len() as u64) || (scheme == 2 && unpacked != blocks * 16) {
+            let sizes =
+                format!("level {level} has {length} bytes from byte {offset}, {unpacked} unpacked, in a file of {}", bytes.len());
+            return Err(format!("{}: {sizes}; it is cut short, or no Basis Universal", ktx2_kind(bytes)));
         }
     }
-    Some((width as usize, height as usize))
+    Ok((width as usize, height as usize))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const KTX: &[u8] = include_bytes!("../../../tests/packed/etc1s_rgb.ktx2");
+
+    #[test]
+    fn pictures_that_cannot_be_read_are_told_with_what_they_are() {
+        assert!(is_ktx2(KTX) && read_ktx2(KTX).is_ok());
+        let with = |at: usize, value: u32| {
+            let mut bytes = KTX.to_vec();
+            bytes[at..at + 4].copy_from_slice(&value.to_le_bytes());
+            read_ktx2(&bytes).unwrap_err()
+        };
+        for (at, value, word) in [
+            (44, 3, "ZLIB"),
+            (44, 77, "number 77, which is unknown"),
+            (28, 4, "4 deep"),
+            (36, 6, "6 faces"),
+            (20, 0, "0 × 48 pixels"),
+            (80, 1 << 30, "cut short"),
+        ] {
+            let e = with(at, value);
+            assert!(e.contains("KTX 2") && e.contains(word), "{e}");
+        }
+        assert!(read_ktx2(&KTX[..60]).unwrap_err().contains("cut short"));
+        // What the level holds is not what its header says: the format is named.
+        let mut plain = KTX.to_vec();
+        plain[12..16].copy_from_slice(&37u32.to_le_bytes());
+        plain[44..48].copy_from_slice(&2u32.to_le_bytes());
+        assert!(read_ktx2(&plain).unwrap_err().contains("plain RGBA of 8 bits"));
+    }
 }
