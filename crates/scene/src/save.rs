@@ -621,8 +621,11 @@ impl Writer {
 
     fn principled(&mut self, m: &Material, p: &Principled, extensions: &mut Value) {
         if (p.ior - 1.5).abs() > 1e-4 {
+            if p.ior < 1.0 {
+                self.warn("glTF has no index of refraction below 1: bodies thinner than what is around them are written with 1");
+            }
             self.extensions.insert("KHR_materials_ior");
-            extensions["KHR_materials_ior"] = json!({ "ior": p.ior });
+            extensions["KHR_materials_ior"] = json!({ "ior": p.ior.max(1.0) });
         }
         if p.layered {
             self.warn("light that goes to and fro below a coat of plastic is not written: bright plastics become paler");

@@ -169,6 +169,21 @@ fn a_missing_texture_is_a_warning_and_magenta_stands_in_for_it() {
 }
 
 #[test]
+fn bodies_thinner_than_what_is_around_them_are_read() {
+    let text = format!(
+        "{HEAD}WorldBegin\n\
+         Material \"dielectric\" \"float eta\" 0.763 Shape \"sphere\"\n\
+         Material \"thindielectric\" \"float eta\" 0.5 Shape \"disk\""
+    );
+    let d = load(&text);
+    assert!(d.warnings.is_empty(), "{:?}", d.warnings);
+    for (object, expected) in [(0, 0.763f32), (1, 0.5)] {
+        let Scattering::Principled(p) = &d.materials[d.objects[object].material as usize].scattering else { panic!("glass") };
+        assert_eq!(p.ior, expected);
+    }
+}
+
+#[test]
 fn metals_given_as_rgb_reflect_what_fresnel_has_for_each_number() {
     use diopter_light::Wavelengths;
     let text = format!(
@@ -296,7 +311,8 @@ fn wrong_files_say_where_and_what() {
         ("Material \"velvet\"", 5, "velvet"),
         ("Material \"diffuse\" \"rgb reflectance\" [2 0 0]", 5, "0 to 1"),
         ("Material \"diffuse\" \"spectrum reflectance\" [300 5 900 5]", 5, "0 to 1"),
-        ("Material \"dielectric\" \"float eta\" 0.5", 5, "1 to 10"),
+        ("Material \"dielectric\" \"float eta\" 0.05", 5, "0.1 to 10"),
+        ("Material \"coateddiffuse\" \"float eta\" 0.5", 5, "expected 1 to 10"),
         ("Material \"conductor\" \"float roughness\" -1", 5, "roughness"),
         ("LightSource \"point\" \"float scale\" -3", 5, "at least 0"),
         ("LightSource \"spot\" \"float coneangle\" 400", 5, "180"),

@@ -101,6 +101,13 @@ fn white_materials() -> Vec<(String, Material)> {
             }),
         ));
         all.push((
+            format!("thinner {r}"),
+            principled(|p| {
+                *p = Principled::new(Color::rgb(1.0, 1.0, 1.0), 0.763);
+                (p.transmission, p.roughness, p.kind) = (s(1.0), s(r), Transmission::Solid);
+            }),
+        ));
+        all.push((
             format!("half solid {r}"),
             principled(|p| {
                 p.transmission = s(0.5);
@@ -354,6 +361,57 @@ fn highlights_are_as_wide_as_their_grain() {
             let expected = alpha / 3f32.sqrt();
             assert!((median[axis] / expected - 1.0).abs() < 0.1, "{wide} {axis}: {} {expected}", median[axis]);
         }
+    }
+}
+
+#[test]
+fn a_body_thinner_than_what_is_around_it_reflects_totally_from_outside() {
+    let (surface, wavelengths, n) = (level(), Wavelengths::fixed(NM), 0.763f32);
+    let at = |degrees: f32, side: f32| Vec3::new(degrees.to_radians().sin(), 0.0, side * degrees.to_radians().cos());
+    // Fresnel's formulas for unpolarised light from an index of 1 into one of `eta`.
+    let fresnel = |cos: f32, eta: f32| {
+        let sin2 = (1.0 - cos * cos) / (eta * eta);
+        if sin2 >= 1.0 {
+            return 1.0;
+        }
+        let t = (1.0 - sin2).sqrt();
+        0.5 * (((eta * cos - t) / (eta * cos + t)).powi(2) + ((cos - eta * t) / (cos + eta * t)).powi(2))
+    };
+    assert!((fresnel(1.0, n) - 0.018_07).abs() < 1e-4);
+    let smooth = Material::glass("air in water", n, None);
+    // The critical angle is 49.7° from outside; from inside all light leaves.
+    for (degrees, side) in
+        [(0.0, 1.0), (30.0, 1.0), (49.0, 1.0), (50.5, 1.0), (80.0, 1.0), (0.0, -1.0), (60.0, -1.0), (85.0, -1.0)]
+    {
+        let wo = at(degrees, side);
+        let bsdf = smooth.bsdf(&surface, wo, &wavelengths, false, None).unwrap();
+        let eta = if side > 0.0 { n } else { 1.0 / n };
+        let reflectance = fresnel(wo.z.abs(), eta);
+        let [reflected, transmitted] = [1e-6f32, 0.999_999].map(|u| bsdf.sample([0.5, 0.5, u, 0.5]).unwrap());
+        assert!(!reflected.transmitted && (reflected.weight.x * reflected.pdf - reflectance).abs() < 1e-4, "{degrees} {side}");
+        if reflectance == 1.0 {
+            assert!(degrees > 49.0 && side > 0.0 && !transmitted.transmitted, "{degrees} {side}");
+            continue;
+        }
+        // Snell's law, and radiance that changes by the square of the index.
+        assert!(transmitted.transmitted && (transmitted.wi.x.abs() - wo.x / eta).abs() < 1e-4, "{degrees} {side}");
+        let expected = (1.0 - reflectance) / (eta * eta);
+        assert!((transmitted.weight.x * transmitted.pdf - expected).abs() < 1e-4 * expected.max(1.0), "{degrees} {side}");
+    }
+    // Rough (α = 0.09): R / (R + T) of single scattering by Monte Carlo over visible normals (Heitz 2018), apart from this code.
+    let mut p = Principled::glass(n);
+    p.roughness = Scalar::Constant(0.3);
+    let rough = Material::new("rough", Scattering::Principled(Box::new(p)));
+    for (degrees, expected) in [(20.0, 0.0218), (40.0, 0.0989), (60.0, 0.9463), (75.0, 0.9852)] {
+        let bsdf = rough.bsdf(&surface, at(degrees, 1.0), &wavelengths, false, None).unwrap();
+        let side = 128u32;
+        let draw = |i: u32| {
+            let u = [(i % side) as f32 + 0.5, (i / side) as f32 + 0.5].map(|v| v / side as f32);
+            let choice = diopter_light::random::to_unit(diopter_light::random::mix(i));
+            bsdf.sample([u[0], u[1], choice, 0.5]).filter(|s| !s.transmitted).map_or(0.0, |s| s.weight.x)
+        };
+        let share = (0..side * side).map(draw).sum::<f32>() / (side * side) as f32;
+        assert!((share - expected).abs() < 0.01, "{degrees}: {share} {expected}");
     }
 }
 

@@ -41,7 +41,7 @@ pub struct Principled {
     pub roughness: Scalar,
     /// How that differs from one direction to another; not of the coat.
     pub grain: Option<Box<Grain>>,
-    /// Index of refraction of the dielectric.
+    /// Index of refraction of the dielectric relative to what is around; below 1 of a body that is thinner, such as air in ice.
     pub ior: f32,
     /// Index over wavelength, where transmitted light is to be dispersed; reflectances use `ior`.
     pub dispersion: Option<Spectrum>,
@@ -76,9 +76,10 @@ pub struct Principled {
 const COAT_IOR: f32 = 1.5;
 
 impl Principled {
-    /// A dielectric of an index with a diffuse base of a colour, fully rough; change what differs.
+    /// A dielectric of an index with a diffuse base of a colour, fully rough; change what differs. An index below 1 is for bodies that transmit: they
+    /// reflect totally from outside. It is at least 0.1, and 1 itself is taken for 1.0001.
     pub fn new(base_color: Color, ior: f32) -> Self {
-        let ior = ior.max(1.0001);
+        let ior = if ior < 1.0 { ior.clamp(0.1, 0.9999) } else { ior.max(1.0001) };
         Principled {
             base_color,
             metallic: Scalar::Constant(0.0),
@@ -97,7 +98,8 @@ impl Principled {
             tinted: false,
             film: None,
             sheen: None,
-            interface: Interface::of(ior),
+            // Tables are of the denser side against the thinner, whichever the body is.
+            interface: Interface::of(ior.max(1.0 / ior)),
             coat: Interface::of(COAT_IOR),
             against: Vec::new(),
         }

@@ -68,7 +68,7 @@ impl Loader<'_> {
         let mut principled = Principled {
             metallic: scalar(pbr.metallic_factor(), metal_rough.clone(), 2),
             roughness: scalar(pbr.roughness_factor(), metal_rough, 1),
-            ..Principled::new(color(factor, base_texture), m.ior().unwrap_or(1.5))
+            ..Principled::new(color(factor, base_texture), m.ior().unwrap_or(1.5).max(1.0))
         };
         if let Some(t) = m.transmission() {
             principled.transmission = scalar(t.transmission_factor(), self.info(t.transmission_texture(), Codes::Linear), 0);

@@ -77,7 +77,7 @@ impl Materials {
             "coateddiffuse" => {
                 clear_between_layers(world, p);
                 let base = textures.color(world, p, "reflectance", 0.5)?;
-                let eta = index(world, p, "eta", 1.5)?;
+                let eta = index(world, p, "eta", 1.5, COAT)?;
                 let (roughness, across) = root_of_alpha(world, textures, p, "")?;
                 let coat = Principled::new(base, eta.at(550.0));
                 Scattering::Principled(Box::new(Principled { roughness, grain: grain(across), layered: true, ..coat }))
@@ -92,14 +92,14 @@ impl Materials {
                 let (alpha, across) = alpha(world, textures, p, "conductor.")?;
                 let (n, k) = metal(world, p, "conductor.")?;
                 let metal = Conductor { n, k, alpha, across, bounces: FacetBounces::Lost };
-                let eta = index(world, p, "interface.eta", 1.5)?;
+                let eta = index(world, p, "interface.eta", 1.5, COAT)?;
                 let (roughness, across) = root_of_alpha(world, textures, p, "interface.")?;
                 let mut coated = CoatedConductor::new(metal, eta.at(550.0), roughness);
                 coated.across = across;
                 Scattering::Coated(Box::new(coated))
             }
             "dielectric" | "thindielectric" => {
-                let eta = index(world, p, "eta", 1.5)?;
+                let eta = index(world, p, "eta", 1.5, BODY)?;
                 let glass = Principled::glass(eta.at(550.0));
                 let own = match kind {
                     "thindielectric" => Principled { kind: Transmission::Thin, pane: true, ..glass },
@@ -196,14 +196,20 @@ fn normal_map(world: &mut World, name: &str) -> Option<Texture> {
     })
 }
 
+/// Least index of a coat.
+const COAT: f32 = 1.0;
+/// Least index of a body: one below 1 is thinner than what is around it, such as air in ice.
+const BODY: f32 = 0.1;
+
 /// An index of refraction: a number or a spectrum.
-fn index(world: &World, p: &Params, name: &str, default: f32) -> Result<Spectrum, Fault> {
+fn index(world: &World, p: &Params, name: &str, default: f32, least: f32) -> Result<Spectrum, Fault> {
     let index = spectra::get(world, p, name, Use::Unbounded, Spectrum::Constant(default))?;
-    let all = || (0..=80).map(|i| index.at(380.0 + 5.0 * i as f32));
-    let n = all().find(|n| !(1.0..=10.0).contains(n)).unwrap_or(1.0);
-    match all().all(|n| (1.0..=10.0).contains(&n)) {
-        true => Ok(index),
-        false => Err(p.get(name).map_or(p.place, |p| p.place).fault(format!("an index of refraction of {n}"), "1 to 10")),
+    match (0..=80).map(|i| index.at(380.0 + 5.0 * i as f32)).find(|n| !(least..=10.0).contains(n)) {
+        None => Ok(index),
+        Some(n) => {
+            let place = p.get(name).map_or(p.place, |p| p.place);
+            Err(place.fault(format!("an index of refraction of {n}"), format!("{least} to 10")))
+        }
     }
 }
 
