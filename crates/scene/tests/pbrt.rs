@@ -184,6 +184,36 @@ fn bodies_thinner_than_what_is_around_them_are_read() {
 }
 
 #[test]
+fn files_of_pbrt_3_are_read_where_they_mean_the_same_and_else_named() {
+    let head = HEAD.replace("\"rgb\"", "\"image\"");
+    let text = format!(
+        "{head}Integrator \"directlighting\" \"integer maxdepth\" 7\nWorldBegin\n\
+         Material \"matte\" \"rgb Kd\" [0.5 0.25 0.125] \"float sigma\" 0 Shape \"sphere\"\n\
+         Material \"glass\" \"float index\" 1.33 \"rgb Kr\" [1 1 1] Shape \"sphere\" WorldEnd"
+    );
+    let d = load(&text);
+    assert_eq!((d.max_depth, d.cameras[0].film.size), (Some(7), Some([100, 100])));
+    assert!(d.warnings.iter().any(|w| w.contains("directlighting") && w.contains("pbrt-v3")), "{:?}", d.warnings);
+    let scattering = |i: usize| &d.materials[d.objects[i].material as usize].scattering;
+    assert!(matches!(scattering(0), Scattering::Diffuse(diopter_scene::texture::Color::Constant { rgb, .. }) if rgb.y == 0.25));
+    assert!(matches!(scattering(1), Scattering::Principled(p) if p.ior == 1.33 && p.dispersion.is_none()));
+    for world in [
+        "Material \"uber\" \"rgb Kd\" [1 1 1]",
+        "Material \"matte\" \"float sigma\" 20",
+        "Material \"glass\" \"rgb Kt\" [1 0.5 0.5]",
+        "Material \"glass\" \"float uroughness\" 0.1",
+        "Material \"mix\" \"string namedmaterial1\" \"a\" \"string namedmaterial2\" \"b\"",
+        "LightSource \"infinite\" \"color L\" [1 1 1]",
+        "LightSource \"infinite\" \"string mapname\" \"sky.exr\"",
+    ] {
+        let e = load_with(&format!("{HEAD}WorldBegin\n{world} Shape \"sphere\""), &[]).unwrap_err();
+        assert!(e.contains("line 5") && e.contains("this is pbrt-v3") && e.contains("pbrt --upgrade"), "{world}: {e}");
+    }
+    let mixed = "Texture \"t\" \"spectrum\" \"directionmix\" Shape \"sphere\"";
+    assert!(load_with(&format!("{HEAD}WorldBegin\n{mixed}"), &[]).unwrap_err().contains("faces"));
+}
+
+#[test]
 fn metals_given_as_rgb_reflect_what_fresnel_has_for_each_number() {
     use diopter_light::Wavelengths;
     let text = format!(

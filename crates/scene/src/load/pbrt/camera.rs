@@ -12,7 +12,9 @@ const MOST_PIXELS: usize = 100_000_000;
 const LARGEST_SIDE: i64 = 65_535;
 
 pub fn film(world: &mut World, p: &Params, kind: &str) -> Result<FilmHints, Fault> {
-    if !matches!(kind, "" | "rgb" | "gbuffer" | "spectral") {
+    if kind == "image" {
+        world.warn(p.place, "film \"image\" is of pbrt-v3: its resolution is read");
+    } else if !matches!(kind, "" | "rgb" | "gbuffer" | "spectral") {
         return Err(p.place.fault(format!("film \"{kind}\""), "rgb, gbuffer or spectral"));
     }
     let side = |name: &str, default: i64| {

@@ -23,6 +23,9 @@ const MOST_COLUMNS: usize = 8192;
 /// A `LightSource`.
 pub fn make(world: &mut World, kind: &str, p: &Params, world_from_light: DMat4) -> Result<(), Fault> {
     let place = p.place;
+    if p.get("mapname").is_some() {
+        return Err(place.version_3(format!("light \"{kind}\" with mapname")));
+    }
     let point = |v: Vec3| world_from_light.transform_point3(v.as_dvec3()).as_vec3();
     let direction = |from: Vec3, to: Vec3| {
         let d = world_from_light.transform_vector3((to - from).as_dvec3());

@@ -1,7 +1,7 @@
 //! Materials by number and name.
 
 use super::Fault;
-use super::params::Params;
+use super::params::{Param, Params, Values};
 use super::spectra::{self, Use};
 use super::textures::Textures;
 use super::world::World;
@@ -25,6 +25,15 @@ pub struct Made {
 pub struct Materials {
     all: Vec<Made>,
     names: HashMap<String, usize>,
+}
+
+/// Materials of pbrt-v3 that pbrt-v4 has not, beside those that are read.
+const V3_ONLY: [&str; 9] =
+    ["plastic", "metal", "uber", "substrate", "mirror", "translucent", "disney", "fourier", "kdsubsurface"];
+
+/// Whether all numbers of a parameter are one.
+fn is_even(p: &Param, number: f64) -> bool {
+    matches!(&p.values, Values::Numbers(all) if all.iter().all(|n| *n == number))
 }
 
 /// Most materials in a mixture.
@@ -122,6 +131,9 @@ impl Materials {
                 Scattering::DiffuseTransmission(Box::new([reflectance, transmittance]))
             }
             "mix" => {
+                if p.get("namedmaterial1").is_some() {
+                    return Err(p.place.version_3("a mix of namedmaterial1 and namedmaterial2"));
+                }
                 let names = match p.get("materials").map(|m| (&m.values, m.place)) {
                     Some((super::params::Values::Texts(t), _)) if t.len() == 2 => t.clone(),
                     Some((_, place)) => return Err(place.fault("the materials of a mix", "two names")),
@@ -147,6 +159,28 @@ impl Materials {
                 }
                 Scattering::Mix(Box::new((parts, amount)))
             }
+            // pbrt-v3's Lambertian surface, by the names of its parameters.
+            "matte" => {
+                let lambertian = matches!(textures.scalar(world, p, "sigma", 0.0)?, Scalar::Constant(s) if s == 0.0);
+                if !lambertian {
+                    return Err(p.place.version_3("a matte material with sigma (Oren and Nayar's model)"));
+                }
+                Scattering::Diffuse(textures.color(world, p, "Kd", 0.5)?)
+            }
+            // pbrt-v3's smooth clear glass; what is coloured or rough is not the same in pbrt-v4.
+            "glass" => {
+                for name in ["Kr", "Kt", "uroughness", "vroughness"] {
+                    let plain = if name.starts_with('K') { 1.0 } else { 0.0 };
+                    if p.get(name).is_some_and(|v| !is_even(v, plain)) {
+                        return Err(p.place.version_3(format!("a glass material with {name}")));
+                    }
+                }
+                p.get("remaproughness");
+                let name = if p.get("index").is_some() { "index" } else { "eta" };
+                let glass = Principled::glass(index(world, p, name, 1.5, BODY)?.at(550.0));
+                Scattering::Principled(Box::new(glass))
+            }
+            other if V3_ONLY.contains(&other) => return Err(p.place.version_3(format!("material \"{other}\""))),
             other => {
                 let known = "diffuse, coateddiffuse, conductor, coatedconductor, dielectric, thindielectric, diffusetransmission, mix or interface: others are not supported yet";
                 return Err(p.place.fault(format!("material \"{other}\""), known));

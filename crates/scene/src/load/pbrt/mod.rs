@@ -43,6 +43,12 @@ impl Place {
     fn fault(self, found: impl Into<String>, expected: impl Into<String>) -> Fault {
         Fault { place: self, found: found.into(), expected: expected.into() }
     }
+
+    /// What only files of pbrt-v3 have, and what converts them. Source: pbrt-v4's `parser.cpp` (`FormattingParserTarget`).
+    fn version_3(self, found: impl Into<String>) -> Fault {
+        let converter = "pbrt-v4; its own program converts: pbrt --upgrade old.pbrt > new.pbrt";
+        self.fault(format!("{}: this is pbrt-v3", found.into()), converter)
+    }
 }
 
 /// Reads a scene. `name` stands for the main file in messages; `fetch` gets files by the names in it.

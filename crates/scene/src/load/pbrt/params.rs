@@ -67,6 +67,9 @@ pub fn read(lexer: &mut Lexer, place: Place) -> Result<Params, Fault> {
         let (Some(kind), Some(name), None) = (words.next(), words.next(), words.next()) else {
             return Err(place.fault(format!("\"{declared}\""), "a type and a name, such as \"float radius\""));
         };
+        if kind == "color" {
+            return Err(place.version_3(format!("\"{declared}\"")));
+        }
         if !KINDS.contains(&kind) {
             return Err(place.fault(format!("a parameter of type {kind}"), format!("one of {}", KINDS.join(", "))));
         }

@@ -115,6 +115,10 @@ impl Textures {
                 };
                 Graph::Noise { texture_from_world, pattern }
             }
+            "directionmix" => {
+                let found = "texture \"directionmix\", which depends on where a surface faces";
+                return Err(p.place.fault(found, "a texture by coordinates or place; mix takes an amount instead of dir"));
+            }
             other => {
                 let known = "constant, scale, mix, checkerboard, bilerp, imagemap, dots, fbm, wrinkled, windy or marble";
                 return Err(p.place.fault(format!("texture \"{other}\""), known));

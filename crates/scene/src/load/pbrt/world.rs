@@ -393,7 +393,10 @@ impl<'a> World<'a> {
                 self.film = Some((p, kind));
             }
             "Integrator" => {
-                let (_, p) = self.typed(lexer, place)?;
+                let (kind, p) = self.typed(lexer, place)?;
+                if matches!(kind.as_str(), "directlighting" | "whitted") {
+                    self.warn(place, format!("integrator \"{kind}\" is of pbrt-v3: only its maxdepth is read"));
+                }
                 self.max_depth = Some(p.integer("maxdepth", 5)?.clamp(0, 1 << 20) as u32);
             }
             "Sampler" | "PixelFilter" | "Accelerator" => {
