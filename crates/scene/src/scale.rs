@@ -78,6 +78,7 @@ fn times(spectrum: &Spectrum, factor: f32) -> Spectrum {
         Spectrum::Constant(value) => Spectrum::Constant(value * factor),
         Spectrum::RgbLight { scale, color } => Spectrum::RgbLight { scale: scale * factor, color: *color },
         Spectrum::Table(table) => Spectrum::Table(table.scaled(factor)),
+        Spectrum::TableOfRgb { table, rgb } => Spectrum::TableOfRgb { table: table.scaled(factor), rgb: *rgb * factor },
         Spectrum::Sigmoid(sigmoid) => {
             Spectrum::Table(Table::new(380.0, 5.0, (0..=80).map(|i| sigmoid.at(380.0 + 5.0 * i as f32) * factor).collect()))
         }
