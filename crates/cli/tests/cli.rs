@@ -180,6 +180,16 @@ fn parts_of_an_exposure_are_merged() {
     let (code, message) = f.fails(&["merge", "a.exr", "a.exr", "-o", "twice.exr"]);
     assert_eq!(code, 2);
     assert!(message.contains("samples 0..4"), "{message}");
+    // Metered parts, too, whatever their ranges; so does what a time limit left over.
+    let metered = |extra: &[&str]| {
+        f.ok(&[&["expose", "cornell", "--size", "32x32"], extra].concat());
+    };
+    metered(&["--spp", "16", "--samples", "0..2", "-o", "a.exr"]);
+    metered(&["--spp", "16", "--samples", "2..16", "-o", "b.exr"]);
+    f.ok(&["merge", "a.exr", "b.exr", "-o", "whole.exr"]);
+    metered(&["--time-limit", "0.1s", "-o", "first.exr"]);
+    metered(&["--spp", "65536", "--samples", "65532..65536", "-o", "rest.exr"]);
+    f.ok(&["merge", "first.exr", "rest.exr", "-o", "whole.exr"]);
 }
 
 #[test]

@@ -232,12 +232,10 @@ fn cards_land_on_their_target(all: Vec<View>) {
             expose(&scene, &truth, &Shutter::global(1.0), &Response::luminance(), &fine, &ExposureFacts::default(), &watch)
                 .unwrap();
         let truth = ev100_of_luminance(plane.mean.data.iter().map(|v| f64::from(*v)).sum::<f64>() / plane.mean.data.len() as f64);
-        // Probes are small beside a real picture: ask for as many samples as one has.
-        let probing = Settings { spp: 1024, samples: 0..1024, ..settings.clone() };
         let read = |pattern, seed: u64| {
             let reading = Reading::new(100.0, seed);
             let meter = Meter { sensor: &sensor, reading: &reading, pattern, at: [0.5; 2], filter: 1.0 };
-            meter.read(&scene, &camera, &Settings { seed, ..probing.clone() }, &white, &watch).unwrap()
+            meter.read(&scene, &camera, &Settings { seed, ..settings.clone() }, &white, &watch).unwrap()
         };
         // A spot sees some 1800 samples, 0.035 EV of noise; the mean of eight leaves 0.012.
         let spot = (1..=8).map(|seed| read(Pattern::Spot, seed).unwrap()).sum::<f64>() / 8.0;
@@ -292,4 +290,31 @@ fn every_pattern_agrees_on_an_even_card_over_twenty_ev() {
     let meter = Meter { sensor: &sensor, reading: &reading, pattern: Pattern::Average, at: [0.5; 2], filter: 1.0 };
     let found = meter.read(&scene, &camera, &settings, &cie::illuminant("D65").unwrap(), &watch).unwrap();
     assert!(found.is_none_or(|ev| ev < -14.0), "{found:?}");
+}
+
+#[test]
+fn the_reading_does_not_depend_on_the_samples_of_the_picture() {
+    let stop = AtomicBool::new(false);
+    let watch = Watch { cancel: &stop, progress: &|_| () };
+    let d = builtin::named("cornell").unwrap();
+    let way = CameraWay::still(d.cameras[0].world_from_camera);
+    let scene = Scene::build(d).unwrap();
+    let sensor = Sensor::named("canon-5d-mark-iv").unwrap();
+    let white = cie::illuminant("D65").unwrap();
+    let lens = Lens::Pinhole(Pinhole::new(Millimeters(35.0), 8.0).unwrap());
+    let reading = Reading::new(100.0, 1);
+    let meter = Meter { sensor: &sensor, reading: &reading, pattern: Pattern::Matrix, at: [0.5; 2], filter: 1.0 };
+    let read = |size: usize, spp: u32, samples: std::ops::Range<u32>| {
+        let film = Film { pixel_area_mm2: 5.36e-3f64.powi(2), ..Film::new(25.0, 25.0, size, size) };
+        let camera = Camera { way: way.clone(), lens: lens.clone(), film };
+        let settings = Settings { samples, ..Settings::new(spp) };
+        let luminance = mean_luminance(&scene, &camera, &settings, &watch).unwrap();
+        (meter.read(&scene, &camera, &settings, &white, &watch).unwrap().unwrap(), luminance)
+    };
+    let whole = read(600, 128, 0..128);
+    for (size, spp, samples) in
+        [(600, 128, 0..16), (600, 128, 16..128), (600, 1, 0..1), (600, 1 << 16, 0..1 << 16), (32, 2, 0..2)]
+    {
+        assert_eq!(read(size, spp, samples.clone()), whole, "{size} pixels, samples {samples:?} of {spp}");
+    }
 }

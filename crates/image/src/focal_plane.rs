@@ -127,8 +127,7 @@ impl FocalPlane {
             if a.facts.seed != b.facts.seed {
                 return mismatch(format!("seeds {} and {} differ", a.facts.seed, b.facts.seed));
             }
-            let shot = |p: &FocalPlane| ExposureFacts { first_sample: 0, samples: 0, ..p.facts.clone() };
-            if shot(a) != shot(b) {
+            if a.facts.of_picture() != b.facts.of_picture() {
                 return mismatch("they were not taken with the same scene, camera and exposure".into());
             }
             let end = a.facts.first_sample + a.facts.samples;
@@ -175,6 +174,20 @@ mod tests {
         let whole = FocalPlane::merge(&[part(10, 30, 2.0), part(0, 10, 1.0)]).unwrap();
         assert_eq!(whole.mean.data, [1.75, 1.75]);
         assert_eq!((whole.facts.first_sample, whole.facts.samples), (0, 40));
+    }
+
+    #[test]
+    fn how_an_exposure_was_chosen_does_not_keep_parts_apart() {
+        let mut a = part(0, 10, 1.0);
+        (a.facts.exposure_s, a.facts.scene) = (0.01, "room".into());
+        let mut b = FocalPlane { facts: ExposureFacts { first_sample: 10, ..a.facts.clone() }, ..a.clone() };
+        (b.facts.metered_ev100, b.facts.metering, b.facts.mode) = (Some(9.1), "spot".into(), "A".into());
+        (b.facts.compensation_ev, b.facts.iso_set, b.facts.focus_mode) = (1.0, 800.0, "auto (phase)".into());
+        assert!(FocalPlane::merge(&[a.clone(), b.clone()]).is_ok());
+        b.facts.exposure_s = 0.02;
+        assert!(FocalPlane::merge(&[a.clone(), b.clone()]).is_err());
+        (b.facts.exposure_s, b.facts.scene) = (0.01, "garden".into());
+        assert!(FocalPlane::merge(&[a, b]).is_err());
     }
 
     #[test]

@@ -83,6 +83,31 @@ pub struct ExposureFacts {
     pub light_field: Option<LightFieldFacts>,
 }
 
+impl ExposureFacts {
+    /// The facts that define the picture on the film: two exposures that agree in them show the same light, and hold samples of one picture.
+    ///
+    /// Left out is which samples they hold, how the exposure was chosen (mode, metering, compensation, focusing) and what only the read-out
+    /// uses (ISO speed, temperature, noise, white, date).
+    pub fn of_picture(&self) -> ExposureFacts {
+        ExposureFacts {
+            focus_mode: String::new(),
+            iso: 0.0,
+            iso_set: 0.0,
+            temperature_c: None,
+            noise_seed: 0,
+            white: String::new(),
+            date: None,
+            metered_ev100: None,
+            mode: String::new(),
+            metering: String::new(),
+            compensation_ev: 0.0,
+            first_sample: 0,
+            samples: 0,
+            ..self.clone()
+        }
+    }
+}
+
 /// A microlens array and the lens before it: what it takes to decode a raw light field.
 ///
 /// Lengths on the film in mm from its middle, to the right and down as the picture shows it. The image of the pupil behind the lens at c
