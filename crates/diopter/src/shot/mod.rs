@@ -596,7 +596,9 @@ impl Shot {
         let mut settings = self.settings.clone();
         settings.rgb = self.rgb && self.radiance;
         settings.light_scale *= (-self.exposing.nd_stops).exp2();
-        let mut plane = match Optics::of(&self.camera).filter(|_| self.file.render.quick) {
+        // The shapes of the blur cost seconds through a real lens: only a quick look asks for them.
+        let optics = if self.file.render.quick { Optics::of(&self.camera) } else { None };
+        let mut plane = match optics {
             None => expose(&self.scene, &self.camera, &self.shutter(), &response, &settings, &facts, watch)?,
             Some(optics) => {
                 let sharp = quick_look::sharp_camera(&self.camera);
