@@ -540,7 +540,7 @@ pub struct Taking {
     /// Reduce the renderer's own noise (on), or leave the exposure as computed (off).
     #[arg(long, value_name = "on|off", num_args = 0..=1, default_missing_value = "on", value_parser = on_off)]
     pub denoise: Option<bool>,
-    /// Stop after about so long: "10s".
+    /// Take about so long in all, with focusing, metering and denoising: "10s". Of a sequence, for each picture.
     #[arg(long, value_name = "TIME")]
     pub time_limit: Option<Seconds>,
 }

@@ -285,6 +285,12 @@ fn time_limits_and_threads_are_kept() {
     f.ok(&["shoot", "cornell", "--size", "64x64", "--time-limit", "1s", "--threads", "2", "-o", "a.png"]);
     // Metering, tables and start-up come on top; a limit that is ignored would take minutes.
     assert!(started.elapsed().as_secs() < 20);
+    // One sample of these pixels takes 0.1 s, denoising them 3 s or more on two cores: it is counted before the samples.
+    let output =
+        f.ok(&["shoot", "cornell", "--size", "320x200", "--time-limit", "2s", "--denoise", "on", "-o", "b.png", "--json"]);
+    let told: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert!(told["facts"]["samples"].as_u64().unwrap() >= 2);
+    assert!(told["total_s"].as_f64().unwrap() < 40.0, "{told}");
 }
 
 #[test]

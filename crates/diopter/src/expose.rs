@@ -82,7 +82,7 @@ pub struct Settings {
     pub path: PathSettings,
     /// Factor on all light of the scene.
     pub light_scale: f64,
-    /// Stop after about so much time, s; the samples that are done then make the picture.
+    /// Stop after about so much time, s, the truth included; the samples that are done then (two at least) make the picture.
     pub time_limit_s: Option<f64>,
     /// Record depth, normals, albedo and ids.
     pub truth: bool,
@@ -215,6 +215,9 @@ pub fn expose(
         return Err(ExposeError::Nothing);
     }
     let started = Instant::now();
+    // Before the samples: a time limit then knows how long it takes.
+    let truth = if settings.truth { truth(scene, camera, shutter) } else { Truth::empty(width, height) };
+    let sampling = Instant::now();
     let (curves, wavelengths) = match settings.rgb {
         false => (Curves::new(&response.curves), WavelengthSampler::for_bands(&response.curves)),
         true => (Curves::rgb(), WavelengthSampler::rgb()),
@@ -233,7 +236,7 @@ pub fn expose(
                 let spent = started.elapsed().as_secs_f64();
                 let affordable = match so_far {
                     0 => 2,
-                    n => ((limit - spent) / (spent / n as f64)) as i64,
+                    n => ((limit - spent) / (sampling.elapsed().as_secs_f64() / n as f64)) as i64,
                 };
                 if affordable < 1 {
                     break;
@@ -268,7 +271,6 @@ pub fn expose(
         done = pass.end;
     }
 
-    let truth = if settings.truth { truth(scene, camera, shutter) } else { Truth::empty(width, height) };
     let (mean, half_difference) = sums.finish(bands);
     let facts = ExposureFacts {
         seed: settings.seed,

@@ -11,6 +11,7 @@ mod sequence;
 mod sources;
 mod staging;
 mod surroundings;
+mod time_limit;
 mod timing;
 
 pub use file::ShotFile;
@@ -42,6 +43,7 @@ use file::RenderSection;
 use focusing::Focusing;
 use glam::{Affine3A, Vec3};
 use std::ops::RangeInclusive;
+use std::time::Instant;
 use timing::Timing;
 
 /// Most pixels a side of a picture.
@@ -131,7 +133,7 @@ pub struct Shot {
     pub date: Option<String>,
     /// No light reaches the film.
     pub lens_cap: bool,
-    /// Sampling.
+    /// Sampling. A time limit counts from [`Shot::prepare`] on and holds for all of the photograph; of a sequence, for each picture.
     pub settings: Settings,
     /// Expose linear sRGB (cd/m²) of the light that arrives instead of the sensor's electrons.
     pub radiance: bool,
@@ -143,6 +145,8 @@ pub struct Shot {
     pub recipe: Recipe,
     /// The look-up table that the recipe names.
     pub lut: Option<Lut>,
+    /// When this picture was begun.
+    begun: Instant,
     /// Where the camera stands if nothing moves it.
     placed: Affine3A,
     /// What was asked.
@@ -178,6 +182,7 @@ struct Exposing {
 impl Shot {
     /// Checks a request, reads its files and builds the scene. `warn` gets what was found odd.
     pub fn prepare(file: &ShotFile, warn: &mut dyn FnMut(&str)) -> Result<Shot, ShotError> {
+        let begun = Instant::now();
         // Cheap checks before anything is read.
         let mut file = file.clone();
         file.mean_true_stops();
@@ -294,6 +299,7 @@ impl Shot {
             recipe: file.develop.clone(),
             lut,
             ambient_ev: file.scene.ambient_ev,
+            begun,
             placed,
             file,
             exposing,
@@ -452,6 +458,9 @@ impl Shot {
     /// Makes the shot ready for another moment (s) of the scene, with everything set as it is: a frame of a sequence, with noise of its
     /// own.
     pub fn turn_to(&mut self, at_s: f64, frame: u64, warn: &mut dyn FnMut(&str)) -> Result<(), ShotError> {
+        if frame > 0 {
+            self.begun = Instant::now();
+        }
         self.timing.at_s = at_s;
         let seed = self.file.render.seed.unwrap_or(DEFAULT_SEED);
         self.settings.seed = seed.wrapping_add(frame);
@@ -596,6 +605,7 @@ impl Shot {
         let mut settings = self.settings.clone();
         settings.rgb = self.rgb && self.radiance;
         settings.light_scale *= (-self.exposing.nd_stops).exp2();
+        settings.time_limit_s = self.time_left_s(response.bands.len());
         // The shapes of the blur cost seconds through a real lens: only a quick look asks for them.
         let optics = if self.file.render.quick { Optics::of(&self.camera) } else { None };
         let mut plane = match optics {

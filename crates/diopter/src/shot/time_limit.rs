@@ -1,0 +1,75 @@
+//! A time limit holds for the whole photograph: what preparing, focusing and metering took is gone, and what comes after the exposure is held back.
+//!
+//! What comes after is estimated so:
+//! * Denoising: measured. A small plane of noise, one tile for each thread, is denoised on this machine; the cost of a pixel depends on the number
+//!   of bands and hardly on what is seen (every pixel regresses over its whole window).
+//! * Read-out, development and files: [`FINISHING_S_PER_PIXEL`].
+//!
+//! Planes of depth, normals and albedo are computed before the samples ([`crate::expose()`]): their time is measured like that of metering.
+
+use super::Shot;
+use diopter_develop::denoise;
+use diopter_image::focal_plane::{Band, BandUnit};
+use diopter_image::{ExposureFacts, FocalPlane};
+use diopter_light::random::{mix, to_unit};
+use std::time::Instant;
+
+/// Read-out and development of a pixel, s: 24 megapixels take 0.95 and 1.94 s on two cores (docs/performance.md), with a quarter on top
+/// for planes that are written.
+const FINISHING_S_PER_PIXEL: f64 = 0.15e-6;
+/// The plane that is denoised to see how long it takes: pixels across and down for each thread. Tiles are 64 pixels high; half as wide, so that
+/// the measure takes 0.2 s of a core that does 1e4 pixels a second.
+const TRIAL: [usize; 2] = [32, 64];
+/// What windows lose at the borders of so small a plane (17 pixels wide, they have 14.8 × 14.8 to 17 × 17 pixels there), and some reserve.
+const TRIAL_RESERVE: f64 = 1.4;
+
+impl Shot {
+    /// What is left of the time limit for the exposure, s; `None` without a limit. May be 0: an exposure then takes its fewest samples.
+    pub(super) fn time_left_s(&self, bands: usize) -> Option<f64> {
+        let limit = self.settings.time_limit_s?;
+        let size = [self.camera.film.columns, self.camera.film.rows];
+        let denoising = if self.denoise { denoising_s(size, bands) } else { 0.0 };
+        Some(left_s(limit, self.begun.elapsed().as_secs_f64(), denoising, size))
+    }
+}
+
+fn left_s(limit: f64, spent: f64, denoising: f64, [width, height]: [usize; 2]) -> f64 {
+    (limit - spent - denoising - FINISHING_S_PER_PIXEL * width as f64 * height as f64).max(0.0)
+}
+
+/// How long a plane will take to be denoised, s, by a trial with all threads.
+fn denoising_s([width, height]: [usize; 2], bands: usize) -> f64 {
+    let size = [TRIAL[0].min(width), (TRIAL[1] * rayon::current_num_threads()).min(height)];
+    let band = |b: usize| Band { name: b.to_string(), unit: BandUnit::Electrons };
+    let facts = ExposureFacts::default();
+    let mut plane = FocalPlane::even((0..bands).map(band).collect(), &vec![0.0; bands], size, facts);
+    for (i, (mean, half)) in plane.mean.data.iter_mut().zip(&mut plane.half_difference.data).enumerate() {
+        *mean = 1.0 + to_unit(mix(2 * i as u32));
+        *half = 0.1 * (to_unit(mix(2 * i as u32 + 1)) - 0.5);
+    }
+    let begun = Instant::now();
+    let out = denoise(&plane);
+    let seconds = begun.elapsed().as_secs_f64();
+    debug_assert!(out.facts.denoised);
+    let trial = (size[0] * size[1]) as f64;
+    let whole = width as f64 * height as f64;
+    TRIAL_RESERVE * seconds * (whole / trial).max(1.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_was_spent_and_what_comes_after_is_taken_off() {
+        assert!((left_s(20.0, 3.0, 5.0, [1000, 1000]) - 11.85).abs() < 1e-9);
+        assert_eq!(left_s(20.0, 3.0, 18.0, [1000, 1000]), 0.0);
+    }
+
+    #[test]
+    fn denoising_is_estimated_by_pixels() {
+        // Trials of one size, so that only the number of pixels differs; each is timed anew, hence the wide bound.
+        let (small, large) = (denoising_s([64, 4096], 1), denoising_s([6400, 4096], 1));
+        assert!(small > 0.0 && large > 10.0 * small, "{small} {large}");
+    }
+}
