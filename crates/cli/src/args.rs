@@ -2,7 +2,9 @@
 
 use clap::{Parser, Subcommand};
 use diopter::image::dng::Storage;
-use diopter::quantity::{Distance, Ev, FNumber, Filter, FocusTo, Hertz, Iso, IsoChoice, LengthMm, Moment, Seconds, Size};
+use diopter::quantity::{
+    Distance, Ev, FNumber, Filter, FocusTo, Hertz, Iso, IsoChoice, LengthMm, Moment, Seconds, Size, SpectralBands,
+};
 use diopter::shot::ShotFile;
 use diopter::shot::file::{FlashSection, FlickerSection, Zones};
 use std::num::NonZeroUsize;
@@ -607,6 +609,9 @@ pub struct Expose {
     /// With --radiance: compute with red, green and blue as RGB renderers do, instead of spectra, to compare with them.
     #[arg(long, requires = "radiance")]
     pub rgb: bool,
+    /// Mean spectral radiance in narrow bands, W/(m² sr nm), instead of the sensor's electrons: "400..700/10nm" (hyperspectral).
+    #[arg(long, value_name = "FROM..TO/STEP", conflicts_with = "radiance")]
+    pub bands: Option<SpectralBands>,
     /// Focal plane to write (.exr).
     #[arg(short, long, value_name = "FILE")]
     pub output: PathBuf,

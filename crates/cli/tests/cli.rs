@@ -180,6 +180,27 @@ fn parts_of_an_exposure_are_merged() {
     let (code, message) = f.fails(&["merge", "a.exr", "a.exr", "-o", "twice.exr"]);
     assert_eq!(code, 2);
     assert!(message.contains("samples 0..4"), "{message}");
+    // Of any number of bands.
+    for (samples, out) in [("0..1", "s0.exr"), ("1..2", "s1.exr")] {
+        f.ok(&[
+            "expose",
+            "cornell",
+            "--size",
+            "16x16",
+            "--spp",
+            "2",
+            "--samples",
+            samples,
+            "--bands",
+            "395..705/10nm",
+            "-o",
+            out,
+        ]);
+    }
+    let merged = f.ok(&["merge", "s0.exr", "s1.exr", "-o", "spectral.exr", "--json"]);
+    assert!(String::from_utf8_lossy(&merged.stderr).contains("2 samples"));
+    let (code, message) = f.fails(&["read-out", "spectral.exr", "-o", "raw.dng"]);
+    assert!(code == 2 && message.contains("S0.400,0nm"), "{message}");
     // Metered parts, too, whatever their ranges; so does what a time limit left over.
     let metered = |extra: &[&str]| {
         f.ok(&[&["expose", "cornell", "--size", "32x32"], extra].concat());

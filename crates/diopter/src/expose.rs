@@ -5,6 +5,7 @@
 
 use crate::camera::{Camera, Film};
 use crate::mount::M2_PER_MM2;
+use crate::quantity::SpectralBands;
 use crate::shutter::{Moments, Place, Shutter};
 use diopter_image::focal_plane::{Band, BandUnit, Truth};
 use diopter_image::{ExposureFacts, FocalPlane, Raster};
@@ -15,7 +16,7 @@ use diopter_lens::pupil::PupilTable;
 use diopter_lens::{Lens, LensRay, Projection};
 use diopter_light::random::{Sampler, SamplerKind, Set};
 use diopter_light::spectrum::Table;
-use diopter_light::wavelength::{FIRST_NM, RGB_NM, WavelengthSampler, Wavelengths};
+use diopter_light::wavelength::{FIRST_NM, LAST_NM, RGB_NM, WavelengthSampler, Wavelengths};
 use diopter_scene::{PathSettings, Scene};
 use rayon::prelude::*;
 use std::collections::BTreeMap;
@@ -58,6 +59,36 @@ impl Response {
         };
         let band = |name: &str| Band { name: name.into(), unit: BandUnit::Radiance };
         Response { bands: ["R", "G", "B"].map(band).to_vec(), curves: (0..3).map(curve).collect() }
+    }
+
+    /// Mean spectral radiance in equal narrow bands, W·m⁻²·sr⁻¹·nm⁻¹: what a hyperspectral camera measures.
+    ///
+    /// A band counts fully between its limits, by half at them, and nothing from 1 nm beyond: bands side by side add up to one everywhere.
+    /// Names are those of Fichet, Pacanowski & Wilkie 2021, "An OpenEXR layout for spectral images" (JCGT 10(3)): `S0.405,0nm`, by the middle.
+    pub fn spectral(bands: &SpectralBands) -> Self {
+        let [first, last] = [FIRST_NM as u32, LAST_NM as u32];
+        let curve = |[from, to]: [u32; 2]| {
+            let mean = 1.0 / (to - from) as f32;
+            let at = |nm: u32| {
+                // Light beyond the ends is not carried: there is no other half.
+                let at_limit = (nm == from && nm > first) || (nm == to && nm < last);
+                let within = (from..=to).contains(&nm);
+                if at_limit {
+                    0.5 * mean
+                } else if within {
+                    mean
+                } else {
+                    0.0
+                }
+            };
+            Table::new(first as f32, 1.0, (first..=last + 1).map(at).collect())
+        };
+        let name =
+            |[from, to]: [u32; 2]| format!("S0.{},{}nm", (from + to) / 2, if (from + to).is_multiple_of(2) { 0 } else { 5 });
+        Response {
+            bands: bands.limits().map(|b| Band { name: name(b), unit: BandUnit::Radiance }).collect(),
+            curves: bands.limits().map(curve).collect(),
+        }
     }
 
     /// Luminance in cd/m².
@@ -161,34 +192,99 @@ struct Accumulator {
     counts: [u32; 2],
 }
 
-/// Response curves at 1 nm, bands side by side: one look-up a wavelength.
+/// Bands of one vector.
+const GROUP: usize = 4;
+
+/// Response curves at 1 nm, four bands side by side: one look-up a wavelength and group of bands.
 struct Curves {
-    /// `[nm][band]`, padded to four bands.
-    rows: Vec<[f32; 4]>,
+    /// `[group][nm][band]`, the last group padded to four bands.
+    groups: Vec<Vec<[f32; GROUP]>>,
 }
 
 impl Curves {
     fn new(curves: &[Table]) -> Self {
-        assert!((1..=4).contains(&curves.len()), "{} bands", curves.len());
-        let row = |nm: f32| std::array::from_fn(|b| curves.get(b).map_or(0.0, |c| c.at(nm)));
-        Curves { rows: (0..=401).map(|i| row(FIRST_NM + i as f32)).collect() }
+        assert!(!curves.is_empty(), "a film without bands");
+        let group = |four: &[Table]| {
+            let row = |nm: f32| std::array::from_fn(|b| four.get(b).map_or(0.0, |c| c.at(nm)));
+            (0..=401).map(|i| row(FIRST_NM + i as f32)).collect()
+        };
+        Curves { groups: curves.chunks(GROUP).map(group).collect() }
     }
 
     /// Red, green and blue of paths that carry colours: each where it stands.
     fn rgb() -> Self {
-        let mut rows = vec![[0.0; 4]; 402];
+        let mut rows = vec![[0.0; GROUP]; 402];
         for (c, nm) in RGB_NM.into_iter().enumerate() {
             rows[(nm - FIRST_NM) as usize][c] = 1.0;
         }
-        Curves { rows }
+        Curves { groups: vec![rows] }
     }
 
+    /// Four bands at a wavelength.
     #[inline]
-    fn at(&self, nm: f32) -> glam::Vec4 {
+    fn at(&self, group: usize, nm: f32) -> glam::Vec4 {
+        let rows = &self.groups[group];
         let x = nm - FIRST_NM;
         let i = (x as usize).min(400);
-        let (a, b) = (glam::Vec4::from_array(self.rows[i]), glam::Vec4::from_array(self.rows[i + 1]));
+        let (a, b) = (glam::Vec4::from_array(rows[i]), glam::Vec4::from_array(rows[i + 1]));
         a + (b - a) * (x - i as f32)
+    }
+
+    /// What the four wavelengths of a path are worth in four bands.
+    #[inline]
+    fn value(&self, group: usize, nm: [f32; 4], weighted: [f32; 4]) -> glam::Vec4 {
+        let mut value = glam::Vec4::ZERO;
+        for c in 0..4 {
+            value += self.at(group, nm[c]) * weighted[c];
+        }
+        value
+    }
+}
+
+/// Adds the values of a group of bands to the sums of a pixel, `[band][half]`; the last group may have fewer than four.
+#[inline]
+fn add_to(bands: &mut [[f64; 2]], half: usize, value: glam::Vec4) {
+    for (sum, v) in bands.iter_mut().zip(value.to_array()) {
+        sum[half] += v as f64;
+    }
+}
+
+/// What a sample of a pixel brings.
+struct Arrival {
+    /// nm.
+    nm: [f32; 4],
+    /// Radiance over the density of each wavelength.
+    weighted: [f32; 4],
+    /// Exposure that it stands for, in the unit of the bands.
+    exposure: f32,
+}
+
+/// The light that landed on a part of the film, and on single pixels elsewhere.
+struct Landed {
+    left: usize,
+    top: usize,
+    right: usize,
+    bottom: usize,
+    /// Pixels a row of the whole film.
+    columns: usize,
+    bands: usize,
+    /// `[row][column][band][half]`
+    sums: Vec<[f64; 2]>,
+    /// Pixel number → `[band][half]`.
+    strays: BTreeMap<usize, Vec<[f64; 2]>>,
+}
+
+impl Landed {
+    /// The sums of a pixel of the film.
+    #[inline]
+    fn pixel(&mut self, x: usize, y: usize) -> &mut [[f64; 2]] {
+        let bands = self.bands;
+        if (self.left..self.right).contains(&x) && (self.top..self.bottom).contains(&y) {
+            let start = ((y - self.top) * (self.right - self.left) + x - self.left) * bands;
+            &mut self.sums[start..start + bands]
+        } else {
+            self.strays.entry(y * self.columns + x).or_insert_with(|| vec![[0.0; 2]; bands])
+        }
     }
 }
 
@@ -289,7 +385,7 @@ struct Tile {
     width: usize,
     sums: Vec<f32>,
     /// What landed elsewhere: pixel number → sums `[band][half]`.
-    strays: BTreeMap<usize, [[f64; 2]; 4]>,
+    strays: BTreeMap<usize, Vec<[f64; 2]>>,
 }
 
 impl Accumulator {
@@ -403,17 +499,22 @@ impl Unit<'_> {
     fn plain_tile(&self, [column, row, width, height]: [usize; 4], samples: Range<u32>) -> Tile {
         let bands = self.curves_len();
         let mut sums = Vec::with_capacity(width * height * bands * 2);
+        let mut pixel = vec![[0.0f64; 2]; bands];
         for y in row..row + height {
             for x in column..column + width {
-                let mut pixel = [[0.0f64; 2]; 4];
+                pixel.fill([0.0; 2]);
                 for i in samples.clone() {
                     let sampler = self.sampler(x, y, i);
-                    let value = self.sample(x, y, &sampler).to_array();
-                    for b in 0..bands {
-                        pixel[b][sampler.replicate()] += value[b] as f64;
+                    let Some(arrival) = self.sample(x, y, &sampler) else { continue };
+                    for (group, bands) in pixel.chunks_mut(GROUP).enumerate() {
+                        let value = self.curves.value(group, arrival.nm, arrival.weighted);
+                        // One bad number must not poison a pixel.
+                        if value.is_finite() {
+                            add_to(bands, sampler.replicate(), value * arrival.exposure);
+                        }
                     }
                 }
-                sums.extend(pixel[..bands].iter().flatten().map(|v| *v as f32));
+                sums.extend(pixel.iter().flatten().map(|v| *v as f32));
             }
         }
         Tile { column, row, width, sums, strays: BTreeMap::new() }
@@ -426,8 +527,8 @@ impl Unit<'_> {
         let bands = self.curves_len();
         let (left, top) = (column.saturating_sub(MARGIN), row.saturating_sub(MARGIN));
         let (right, bottom) = ((column + width + MARGIN).min(film.columns), (row + height + MARGIN).min(film.rows));
-        let mut sums = vec![[[0.0f64; 2]; 4]; (right - left) * (bottom - top)];
-        let mut strays: BTreeMap<usize, [[f64; 2]; 4]> = BTreeMap::new();
+        let sums = vec![[0.0f64; 2]; (right - left) * (bottom - top) * bands];
+        let mut landed = Landed { left, top, right, bottom, columns: film.columns, bands, sums, strays: BTreeMap::new() };
         let radiance_only = self.in_radiance();
         let attempts = self.attempts();
         let (mut packet, mut exits, mut scratch) = (Samples::default(), Exits::default(), Scratch::default());
@@ -530,15 +631,7 @@ impl Unit<'_> {
                     continue;
                 }
                 let half = sampler.replicate();
-                let mut add = |(px, py): (usize, usize), value: glam::Vec4| {
-                    let pixel = match (left..right).contains(&px) && (top..bottom).contains(&py) {
-                        true => &mut sums[(py - top) * (right - left) + px - left],
-                        false => strays.entry(py * film.columns + px).or_default(),
-                    };
-                    for b in 0..bands {
-                        pixel[b][half] += value[b] as f64;
-                    }
-                };
+                let nm = wavelengths.nm.to_array();
                 let scale = match radiance_only {
                     // The mean over what passes, where it was asked for.
                     true => self.settings.light_scale * seconds / (all.1 - all.0),
@@ -547,27 +640,27 @@ impl Unit<'_> {
                 if !spread {
                     // All colours where the sample was asked for.
                     let weight = if radiance_only { 1.0 } else { exits.weight[k][0] };
-                    let mut value = glam::Vec4::ZERO;
-                    for c in 0..4 {
-                        value += self.curves.at(wavelengths.nm[c]) * weighted[c];
+                    for (group, bands) in landed.pixel(x, y).chunks_mut(GROUP).enumerate() {
+                        add_to(bands, half, self.curves.value(group, nm, weighted) * (weight * scale));
                     }
-                    add((x, y), value * (weight * scale));
                     continue;
                 }
                 for c in 0..4 {
                     let weight = exits.weight[k][c];
-                    if let (Some(pixel), Some((open, close))) = (lands[c], windows[c])
+                    if let (Some((px, py)), Some((open, close))) = (lands[c], windows[c])
                         && weight > 0.0
                         && (open..=close).contains(&time)
                     {
-                        add(pixel, self.curves.at(wavelengths.nm[c]) * (weighted[c] * weight * scale));
+                        for (group, bands) in landed.pixel(px, py).chunks_mut(GROUP).enumerate() {
+                            add_to(bands, half, self.curves.at(group, nm[c]) * (weighted[c] * weight * scale));
+                        }
                     }
                 }
             }
             first += count;
         }
-        let sums = sums.iter().flat_map(|p| p[..bands].iter().flatten().map(|v| *v as f32)).collect();
-        Tile { column: left, row: top, width: right - left, sums, strays }
+        let sums = landed.sums.iter().flatten().map(|v| *v as f32).collect();
+        Tile { column: left, row: top, width: right - left, sums, strays: landed.strays }
     }
 
     /// Whether the film records radiance.
@@ -624,9 +717,9 @@ impl Unit<'_> {
         self.response.curves.len()
     }
 
-    /// One sample of a pixel, in the units of each band.
+    /// One sample of a pixel; `None` where no light comes through.
     #[inline]
-    fn sample(&self, column: usize, row: usize, sampler: &Sampler) -> glam::Vec4 {
+    fn sample(&self, column: usize, row: usize, sampler: &Sampler) -> Option<Arrival> {
         let [x, y, pu, pv] = sampler.get(Set::Camera);
         let [w, t, spot @ ..] = sampler.get(Set::Time);
         let shift = self.camera.film.low_pass_shift(spot);
@@ -643,37 +736,30 @@ impl Unit<'_> {
                 }
             };
             passes(&ray).then_some(ray)
-        });
-        let Some(lens_ray) = lens_ray else { return glam::Vec4::ZERO };
+        })?;
         let pupil = if self.needs_pupil() { self.camera.pupil_radius(lens_ray.origin_mm, lens_ray.direction) } else { 0.0 };
         let (open, close) = self.window(column, row, pupil);
         if open >= close {
-            return glam::Vec4::ZERO;
+            return None;
         }
         let (time, seconds) = self.settings.moments.draw((open, close), t as f64);
         let ray = self.camera.to_world(&lens_ray, time);
         if !ray.is_finite() {
-            return glam::Vec4::ZERO;
+            return None;
         }
         let wavelengths = self.wavelengths.sample(w);
         let radiance = self.scene.radiance(ray, &wavelengths, sampler, &self.settings.path);
-        let weighted = (radiance * wavelengths.weight).to_array();
-        let nm = wavelengths.nm.to_array();
-        let mut value = glam::Vec4::ZERO;
-        for i in 0..4 {
-            value += self.curves.at(nm[i]) * weighted[i];
-        }
-        // One bad number must not poison a pixel.
-        if !value.is_finite() {
-            return glam::Vec4::ZERO;
-        }
         let exposure = match self.response.bands[0].unit {
             BandUnit::Radiance => seconds / (close - open),
             BandUnit::Electrons => {
                 lens_ray.weight_sr * self.camera.film.pixel_area_mm2 * M2_PER_MM2 * seconds * self.half_of_light()
             }
         };
-        value * (exposure * self.settings.light_scale) as f32
+        Some(Arrival {
+            nm: wavelengths.nm.to_array(),
+            weighted: (radiance * wavelengths.weight).to_array(),
+            exposure: (exposure * self.settings.light_scale) as f32,
+        })
     }
 }
 

@@ -383,9 +383,69 @@ impl Serialize for Size {
     }
 }
 
+/// Equal bands of wavelengths side by side: "400..700/10nm" is 30 bands, the first from 400 to 410 nm.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct SpectralBands {
+    first_nm: u32,
+    last_nm: u32,
+    step_nm: u32,
+}
+
+impl SpectralBands {
+    /// Wavelengths that light has, nm.
+    const CARRIED_NM: std::ops::RangeInclusive<u32> = 380..=780;
+
+    /// Bands of `step_nm` from `first_nm` to `last_nm`; `None` unless they are one or more whole bands within 380 to 780 nm.
+    pub fn new(first_nm: u32, last_nm: u32, step_nm: u32) -> Option<Self> {
+        let carried = Self::CARRIED_NM.contains(&first_nm) && Self::CARRIED_NM.contains(&last_nm);
+        let whole = first_nm < last_nm && step_nm > 0 && (last_nm - first_nm).is_multiple_of(step_nm);
+        (carried && whole).then_some(SpectralBands { first_nm, last_nm, step_nm })
+    }
+
+    /// Both limits of each band, nm, from the shortest wavelengths on.
+    pub fn limits(self) -> impl Iterator<Item = [u32; 2]> {
+        (self.first_nm..self.last_nm).step_by(self.step_nm as usize).map(move |nm| [nm, nm + self.step_nm])
+    }
+}
+
+impl FromStr for SpectralBands {
+    type Err = QuantityError;
+    fn from_str(text: &str) -> Result<Self, QuantityError> {
+        let whole = |s: &str| s.trim().parse::<u32>().ok();
+        let parts = || {
+            let (range, step) = text.trim().trim_end_matches("nm").split_once('/')?;
+            let (first, last) = range.split_once("..")?;
+            SpectralBands::new(whole(first)?, whole(last.trim().trim_end_matches("nm"))?, whole(step)?)
+        };
+        parts().ok_or_else(|| wrong(text, "whole bands of wavelengths within 380 to 780 nm, such as 400..700/10nm"))
+    }
+}
+
+impl fmt::Display for SpectralBands {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        write!(f, "{}..{}/{}nm", self.first_nm, self.last_nm, self.step_nm)
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn bands_are_whole_and_within_the_light() {
+        let bands: SpectralBands = "395..705/10nm".parse().unwrap();
+        assert_eq!(
+            (bands.limits().count(), bands.limits().next(), bands.limits().last()),
+            (31, Some([395, 405]), Some([695, 705]))
+        );
+        assert_eq!(bands.to_string().parse::<SpectralBands>(), Ok(bands));
+        assert_eq!("400..700nm / 5 nm".parse::<SpectralBands>(), Ok(SpectralBands::new(400, 700, 5).unwrap()));
+        for bad in
+            ["", "400..700", "400..700/0", "400..700/7", "700..400/10", "300..700/10", "400..790/10", "400..700/2.5", "4..4/1"]
+        {
+            assert!(bad.parse::<SpectralBands>().is_err(), "{bad}");
+        }
+    }
 
     #[test]
     fn quantities_read_as_people_write_them() {

@@ -207,3 +207,57 @@ fn blur_of_a_point_is_as_wide_as_the_thin_lens_says() {
     let expected = (circle * circle + 0.0254f64.powi(2)).sqrt();
     assert!((diameter_mm / expected - 1.0).abs() < 0.02, "{diameter_mm} {expected}");
 }
+
+#[test]
+fn any_number_of_bands_is_exposed_and_written() {
+    let (scene, camera) = cornell(20, 18);
+    let settings = Settings::new(4);
+    let three = take(&scene, &camera, &Response::linear_srgb(), &settings);
+    // The same bands twice, so that wavelengths are drawn as before: green and blue of the second half lie in another group of four.
+    let mut twice = Response::linear_srgb();
+    twice.curves.extend(Response::linear_srgb().curves);
+    twice
+        .bands
+        .extend(["R2", "G2", "B2"].map(|n| diopter::image::focal_plane::Band { name: n.into(), ..three.bands[0].clone() }));
+    let six = take(&scene, &camera, &twice, &settings);
+    for (a, b) in three.mean.data.chunks(3).zip(six.mean.data.chunks(6)) {
+        assert_eq!(b[..3], b[3..]);
+        assert!(a.iter().zip(b).all(|(a, b)| (a - b).abs() <= 1e-4 * a.abs().max(1.0)), "{a:?} {b:?}");
+    }
+    let bands = "395..705/10nm".parse().unwrap();
+    let plane = take(&scene, &camera, &Response::spectral(&bands), &settings);
+    assert_eq!(
+        (plane.bands.len(), plane.bands[0].name.as_str(), plane.bands[30].name.as_str()),
+        (31, "S0.400,0nm", "S0.700,0nm")
+    );
+    let mut file = std::io::Cursor::new(Vec::new());
+    diopter::image::exr::write_focal_plane(&plane, &mut file).unwrap();
+    file.set_position(0);
+    assert_eq!(diopter::image::exr::read_focal_plane(file).unwrap(), plane);
+    let part = |samples| take(&scene, &camera, &Response::spectral(&bands), &Settings { samples, ..settings.clone() });
+    let merged = FocalPlane::merge(&[part(0..2), part(2..4)]).unwrap();
+    for (a, b) in plane.mean.data.iter().zip(&merged.mean.data) {
+        assert!((a - b).abs() <= 1e-5 * a.abs().max(1e-3), "{a} {b}");
+    }
+}
+
+#[test]
+fn spectral_bands_hold_the_mean_radiance_between_their_limits() {
+    let description =
+        diopter::scene::Description { environment: Some(Environment::uniform(Vec3::splat(100.0))), ..Default::default() };
+    let scene = Scene::build(description).unwrap();
+    let lens = Lens::Pinhole(Pinhole::new(Millimeters(50.0), 8.0).unwrap());
+    let way = CameraWay::still(look_at(Vec3::ZERO, Vec3::NEG_Z, Vec3::Y).unwrap());
+    let camera = Camera { lens, film: Film::new(36.0, 24.0, 6, 4), way };
+    let bands: diopter::quantity::SpectralBands = "380..780/20nm".parse().unwrap();
+    let plane = take(&scene, &camera, &Response::spectral(&bands), &Settings { truth: false, ..Settings::new(1024) });
+    let d65 = diopter::light::cie::d65_one_nit();
+    for (b, [from, to]) in bands.limits().enumerate() {
+        let steps = (to - from) * 10;
+        let at = |i: u32| 100.0 * f64::from(d65.at(from as f32 + (i as f32 + 0.5) / 10.0));
+        let expected = (0..steps).map(at).sum::<f64>() / f64::from(steps);
+        let got = plane.mean.channel(b).iter().map(|v| f64::from(*v)).sum::<f64>() / 24.0;
+        // Edges are 2 nm wide ramps, and 24 × 1024 paths of four wavelengths: 0.3 % in a band of a twentieth of the light.
+        assert!((got / expected - 1.0).abs() < 0.01, "{from}..{to}: {got} {expected}");
+    }
+}

@@ -146,6 +146,29 @@ fn threads_and_parts_do_not_matter_where_colours_part() {
 }
 
 #[test]
+fn more_than_four_bands_land_where_four_do() {
+    let film = Film::new(36.0, 24.0, 24, 16);
+    // Blue and red land pixels apart, some far from their tile.
+    let camera = before(lens("landscape-10mm", None, Focus::Distance(Millimeters(1000.0)), None, &film), film);
+    let scene = even(100.0);
+    let with = |copies: usize| {
+        let one = Response::sensor(&Sensor::named("canon-5d-mark-iv").unwrap());
+        let response = Response {
+            bands: (0..copies).flat_map(|_| one.bands.clone()).collect(),
+            curves: (0..copies).flat_map(|_| one.curves.clone()).collect(),
+        };
+        let watch = Watch { cancel: &AtomicBool::new(false), progress: &|_| () };
+        let (shutter, settings) = (Shutter::global(1.0), Settings { truth: false, ..Settings::new(8) });
+        expose(&scene, &camera, &shutter, &response, &settings, &ExposureFacts::default(), &watch).unwrap()
+    };
+    let (once, twice) = (with(1), with(2));
+    for (a, b) in once.mean.data.chunks(3).zip(twice.mean.data.chunks(6)) {
+        assert_eq!(b[..3], b[3..]);
+        assert!(a.iter().zip(b).all(|(a, b)| (a - b).abs() <= 1e-3 * a.abs().max(1.0)), "{a:?} {b:?}");
+    }
+}
+
+#[test]
 fn the_distance_asked_for_is_the_sharp_one() {
     // Rays of an axial film point meet on the axis at the distance from the entrance pupil that focus names.
     let film = Film::new(36.0, 24.0, 3, 2);

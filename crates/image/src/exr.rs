@@ -2,7 +2,8 @@
 //!
 //! Channels of a focal plane: the bands (`R`, `G`, `B` ...), `variance.<band>` (for readers) and `half_difference.<band>`
 //! (what it is computed from, see [`FocalPlane`]), `Z` (depth, m), `normal.X/Y/Z`, `albedo.R/G/B`, `id` (unsigned). The
-//! bands and the facts of the exposure are JSON in the attribute `diopter`.
+//! bands and the facts of the exposure are JSON in the attribute `diopter`. Spectral bands are named `S0.405,0nm` and marked as such for
+//! other programs: Fichet, Pacanowski & Wilkie 2021, "An OpenEXR layout for spectral images" (JCGT 10(3)).
 
 use crate::focal_plane::{Band, Truth};
 use crate::picture::in_bands;
@@ -158,6 +159,12 @@ pub fn write_focal_plane(plane: &FocalPlane, to: impl Write + Seek) -> std::resu
     let set = |_: &mut ImageAttributes, layer: &mut LayerAttributes| {
         layer.software_name = Text::new_or_none(&plane.facts.software);
         layer.other.insert(Text::from(ATTRIBUTE), AttributeValue::Text(Text::from(ascii(&json).as_str())));
+        if plane.bands.iter().any(|b| b.name.starts_with("S0.")) {
+            // Values are per nm, the unit is written as the layout has it.
+            for (name, text) in [("spectralLayoutVersion", "1.0"), ("emissiveUnits", "W.m^-2.sr^-1")] {
+                layer.other.insert(Text::from(name), AttributeValue::Text(Text::from(text)));
+            }
+        }
     };
     write_channels((plane.width(), plane.height()), channels, set, to)
 }

@@ -19,7 +19,7 @@ pub fn run(args: &Expose, json: bool) -> anyhow::Result<()> {
     }
     let output = output::prepare_exr(&args.output)?;
     let mut shot = Shot::prepare(&file, &mut warn)?;
-    (shot.radiance, shot.rgb) = (args.radiance, args.rgb);
+    (shot.radiance, shot.rgb, shot.spectral) = (args.radiance, args.rgb, args.bands);
     watched("focusing", |w| shot.focus(w, &mut warn))?;
     watched("metering", |w| shot.meter(w, &mut warn))?;
     let started = Instant::now();

@@ -24,7 +24,7 @@ use crate::expose::{ExposeError, Response, Settings, Watch, expose};
 use crate::flash::Flash;
 use crate::metering::{self, Meter, Pattern};
 use crate::program::{self, Chosen, Limits, Mode};
-use crate::quantity::{Distance, FNumber, FocusTo, LengthMm, Seconds, Size};
+use crate::quantity::{Distance, FNumber, FocusTo, LengthMm, Seconds, Size, SpectralBands};
 use crate::quick_look::{self, Optics};
 use crate::shutter::{Moments, Shutter};
 use crate::{lens_profile, recipe_file};
@@ -137,7 +137,9 @@ pub struct Shot {
     pub settings: Settings,
     /// Expose linear sRGB (cd/m²) of the light that arrives instead of the sensor's electrons.
     pub radiance: bool,
-    /// Compute that with red, green and blue instead of wavelengths, as RGB renderers do.
+    /// Expose the mean spectral radiance of these bands instead.
+    pub spectral: Option<SpectralBands>,
+    /// Compute that of [`Shot::radiance`] with red, green and blue instead of wavelengths, as RGB renderers do.
     pub rgb: bool,
     /// Reduce the renderer's own noise.
     pub denoise: bool,
@@ -294,6 +296,7 @@ impl Shot {
             lens_cap: file.exposure.lens_cap,
             settings,
             radiance: false,
+            spectral: None,
             rgb: false,
             denoise: file.render.denoise.unwrap_or(false),
             recipe: file.develop.clone(),
@@ -592,18 +595,26 @@ impl Shot {
         ExposureFacts { exposure_s: self.shutter.unwrap_or(0.0), iso: self.reading.iso, ..self.facts.clone() }
     }
 
+    /// What the film records.
+    fn response(&self) -> Response {
+        match &self.spectral {
+            Some(bands) => Response::spectral(bands),
+            None if self.radiance => Response::linear_srgb(),
+            None => Response::sensor(&self.sensor),
+        }
+    }
+
     /// Exposes the film. [`Shot::meter`] must have been called.
     pub fn expose(&self, watch: &Watch) -> Result<FocalPlane, ShotError> {
         // The speed is the read-out's; what the camera was set to goes with the plane.
         let facts = ExposureFacts { iso: 0.0, iso_set: self.reading.iso, ..self.facts() };
+        let response = self.response();
         if self.lens_cap {
-            let response = if self.radiance { Response::linear_srgb() } else { Response::sensor(&self.sensor) };
             return Ok(darkness(&self.camera.film, &response, &self.settings, facts));
         }
-        let response = if self.radiance { Response::linear_srgb() } else { Response::sensor(&self.sensor) };
         // What a filter takes is one factor on all light: the plane's facts keep it apart from the scene's own scale.
         let mut settings = self.settings.clone();
-        settings.rgb = self.rgb && self.radiance;
+        settings.rgb = self.rgb && self.radiance && self.spectral.is_none();
         settings.light_scale *= (-self.exposing.nd_stops).exp2();
         settings.time_limit_s = self.time_left_s(response.bands.len());
         // The shapes of the blur cost seconds through a real lens: only a quick look asks for them.
