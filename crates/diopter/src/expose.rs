@@ -205,8 +205,8 @@ impl Curves {
     fn new(curves: &[Table]) -> Self {
         assert!(!curves.is_empty(), "a film without bands");
         let group = |four: &[Table]| {
-            let row = |nm: f32| std::array::from_fn(|b| four.get(b).map_or(0.0, |c| c.at(nm)));
-            (0..=401).map(|i| row(FIRST_NM + i as f32)).collect()
+            let row = |nm: f32| -> [f32; GROUP] { std::array::from_fn(|b| four.get(b).map_or(0.0, |c| c.at(nm))) };
+            (0..=401).map(|i| row(FIRST_NM + i as f32)).collect::<Vec<_>>()
         };
         Curves { groups: curves.chunks(GROUP).map(group).collect() }
     }
