@@ -1,7 +1,8 @@
 //! The exposure: pixels × samples of light through lens and shutter onto the film.
 //!
 //! Tiles are shared out over the threads of the current rayon pool. A pixel's numbers depend on nothing but seed, pixel and
-//! sample, and are summed in order of samples, so the result is the same for any number of threads.
+//! sample, and are summed in double precision in an order that is always the same, so the result is the same for any number of threads and
+//! however often it was interrupted ([`Sums`]).
 
 use crate::camera::{Camera, Film};
 use crate::mount::M2_PER_MM2;
@@ -183,13 +184,51 @@ pub enum ExposeError {
     /// No pixel or no sample.
     #[error("an exposure needs at least one pixel and one sample")]
     Nothing,
+    /// The sums to go on from are of another size, of other bands or samples.
+    #[error("the samples to go on from belong to another exposure")]
+    Foreign,
 }
 
-/// Sums of the two halves of the samples.
-struct Accumulator {
-    /// `[row][column][band][half]`
-    sums: Raster<f32>,
-    counts: [u32; 2],
+/// What is exposed with what: the arguments of [`expose()`].
+#[derive(Clone, Copy)]
+pub struct Exposure<'a> {
+    /// Posed for the whole time the shutter takes.
+    pub scene: &'a Scene,
+    /// Lens, film and place.
+    pub camera: &'a Camera,
+    /// When which part of the film is open.
+    pub shutter: &'a Shutter,
+    /// What the film records.
+    pub response: &'a Response,
+    /// How it is computed.
+    pub settings: &'a Settings,
+    /// What is known of the exposure.
+    pub facts: &'a ExposureFacts,
+}
+
+/// What became of an exposure.
+#[derive(Clone, Debug)]
+pub struct Exposed {
+    /// All samples that were taken.
+    pub plane: FocalPlane,
+    /// Whether it was stopped before the last sample that was asked for.
+    pub stopped: bool,
+}
+
+/// An exposure under way: the sums of its samples. Going on from them gives, bit for bit, what the exposure would have given without a pause.
+///
+/// Samples are taken in passes over the whole film, tile by tile: every pixel has the samples of the finished passes, and the first tiles those of
+/// the pass under way.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Sums {
+    /// `[row][column][band][replicate]`
+    pub(crate) sums: Raster<f64>,
+    /// Samples of the finished passes.
+    pub(crate) samples: Range<u32>,
+    /// Where the pass under way ends; where the last one ended if none is.
+    pub(crate) pass_end: u32,
+    /// Tiles that have the samples of the pass under way.
+    pub(crate) tiles: usize,
 }
 
 /// Bands of one vector.
@@ -304,78 +343,140 @@ pub fn expose(
     facts: &ExposureFacts,
     watch: &Watch,
 ) -> Result<FocalPlane, ExposeError> {
-    let film = &camera.film;
-    let (width, height, bands) = (film.columns, film.rows, response.curves.len());
-    let wanted = settings.samples.start..settings.samples.end.min(settings.spp);
-    if width == 0 || height == 0 || wanted.is_empty() {
-        return Err(ExposeError::Nothing);
-    }
-    let started = Instant::now();
-    // Before the samples: a time limit then knows how long it takes.
-    let truth = if settings.truth { truth(scene, camera, shutter) } else { Truth::empty(width, height) };
-    let sampling = Instant::now();
-    let (curves, wavelengths) = match settings.rgb {
-        false => (Curves::new(&response.curves), WavelengthSampler::for_bands(&response.curves)),
-        true => (Curves::rgb(), WavelengthSampler::rgb()),
-    };
-    let mut sums = Accumulator { sums: Raster::new(width, height, bands * 2), counts: [0; 2] };
-    let tiles_done = AtomicUsize::new(0);
-    let tiles = width.div_ceil(TILE) * height.div_ceil(TILE);
+    let exposed = Exposure { scene, camera, shutter, response, settings, facts }.run(watch, None, None)?;
+    Ok(exposed.plane)
+}
 
-    let mut done = wanted.start;
-    while done < wanted.end {
-        // Without a limit one pass does it all; with one, passes grow as long as time is left.
-        let pass = match settings.time_limit_s {
-            None => done..wanted.end,
-            Some(limit) => {
-                let so_far = done - wanted.start;
-                let spent = started.elapsed().as_secs_f64();
-                let affordable = match so_far {
-                    0 => 2,
-                    n => ((limit - spent) / (sampling.elapsed().as_secs_f64() / n as f64)) as i64,
-                };
-                if affordable < 1 {
-                    break;
-                }
-                done..(done + (affordable as u32).min(so_far.max(2))).min(wanted.end)
-            }
+/// Paths of a pass over the film, if that makes a number of samples between 2 and 256: some seconds of two cores.
+const PASS_PATHS: usize = 1 << 22;
+/// Tiles for each thread that are computed before their sums are added: enough that threads hardly wait for each other.
+const TILES_AT_ONCE: usize = 64;
+
+/// Where the pass ends that begins with a sample. Passes end at multiples of a power of two that depends on the number of pixels alone, so that sums
+/// are added in the same order however an exposure is interrupted.
+fn pass_end(first: u32, pixels: usize) -> u32 {
+    let length = 1u32 << (PASS_PATHS / pixels.max(1)).max(1).ilog2().clamp(1, 8);
+    (first / length + 1).saturating_mul(length)
+}
+
+impl Exposure<'_> {
+    /// Exposes from the beginning, or goes on from where `start` stands.
+    ///
+    /// `keep` gets the sums again and again, tens to hundreds of milliseconds apart, to save them if it likes. Without it [`Watch::cancel`] gives
+    /// [`ExposeError::Cancelled`]; with it the pass under way is finished, and its samples and those before are the result.
+    pub fn run(
+        &self,
+        watch: &Watch,
+        start: Option<Sums>,
+        mut keep: Option<&mut dyn FnMut(&Sums)>,
+    ) -> Result<Exposed, ExposeError> {
+        let Exposure { scene, camera, shutter, response, settings, facts } = *self;
+        let film = &camera.film;
+        let (width, height, bands) = (film.columns, film.rows, response.curves.len());
+        let wanted = settings.samples.start..settings.samples.end.min(settings.spp);
+        if width == 0 || height == 0 || wanted.is_empty() {
+            return Err(ExposeError::Nothing);
+        }
+        let mut sums = match start {
+            Some(sums) if !sums.belong_to([width, height, bands], &wanted) => return Err(ExposeError::Foreign),
+            Some(sums) => sums,
+            None => Sums::new([width, height, bands], wanted.start),
         };
-        let share = |tile: usize| match settings.time_limit_s {
-            None => tile as f64 / tiles as f64,
-            Some(limit) => (started.elapsed().as_secs_f64() / limit).min(1.0),
+        let started = Instant::now();
+        // Before the samples: a time limit then knows how long it takes.
+        let truth = if settings.truth { truth(scene, camera, shutter) } else { Truth::empty(width, height) };
+        let sampling = Instant::now();
+        let (curves, wavelengths) = match settings.rgb {
+            false => (Curves::new(&response.curves), WavelengthSampler::for_bands(&response.curves)),
+            true => (Curves::rgb(), WavelengthSampler::rgb()),
         };
         let behind = camera.film.microlenses.map(|m| m.behind(&camera.lens));
         let unit = Unit { scene, camera, shutter, curves: &curves, response, wavelengths: &wavelengths, settings, behind };
-        tiles_done.store(0, Ordering::Relaxed);
-        let results: Vec<Option<Tile>> = (0..tiles)
-            .into_par_iter()
-            .map(|index| {
-                if watch.cancel.load(Ordering::Relaxed) {
-                    return None;
-                }
-                let tile = unit.tile(index, pass.clone());
-                (watch.progress)(share(tiles_done.fetch_add(1, Ordering::Relaxed) + 1));
-                Some(tile)
-            })
-            .collect();
-        for tile in results {
-            sums.add(tile.ok_or(ExposeError::Cancelled)?);
-        }
-        for i in pass.clone() {
-            sums.counts[(i & 1) as usize] += 1;
-        }
-        done = pass.end;
-    }
+        let tiles = width.div_ceil(TILE) * height.div_ceil(TILE);
+        let at_once = TILES_AT_ONCE * rayon::current_num_threads().max(1);
+        let tiles_done = AtomicUsize::new(0);
+        let resumed = sums.samples.end;
+        let stopped = || watch.cancel.load(Ordering::Relaxed);
+        let at_once_if_stopped = keep.is_none();
 
-    let (mean, half_difference) = sums.finish(bands);
-    let facts = ExposureFacts {
-        seed: settings.seed,
-        first_sample: wanted.start,
-        samples: done - wanted.start,
-        light_scale: settings.light_scale,
-        ..facts.clone()
-    };
-    Ok(FocalPlane { bands: response.bands.clone(), mean, half_difference, truth, facts })
+        while sums.samples.end < wanted.end {
+            let done = sums.samples.end;
+            if sums.pass_end == done {
+                // Without a limit passes are as they are; with one, they grow as long as time is left.
+                let end = pass_end(done, width * height).min(wanted.end);
+                sums.pass_end = match settings.time_limit_s {
+                    None => end,
+                    Some(limit) => {
+                        let so_far = done - resumed;
+                        let spent = started.elapsed().as_secs_f64();
+                        let affordable = match so_far {
+                            0 => 2,
+                            n => ((limit - spent) / (sampling.elapsed().as_secs_f64() / n as f64)) as i64,
+                        };
+                        if affordable < 1 {
+                            break;
+                        }
+                        (done + affordable.min(i64::from(so_far.max(2))) as u32).min(end)
+                    }
+                };
+            }
+            let pass = done..sums.pass_end;
+            tiles_done.store(sums.tiles, Ordering::Relaxed);
+            let share = |tile: usize| match settings.time_limit_s {
+                None => {
+                    let samples = (done - wanted.start) as f64 + pass.len() as f64 * tile as f64 / tiles as f64;
+                    samples / wanted.len() as f64
+                }
+                Some(limit) => (started.elapsed().as_secs_f64() / limit).min(1.0),
+            };
+            while sums.tiles < tiles {
+                let batch = sums.tiles..(sums.tiles + at_once).min(tiles);
+                let results: Vec<Option<Tile>> = batch
+                    .clone()
+                    .into_par_iter()
+                    .map(|index| {
+                        if at_once_if_stopped && stopped() {
+                            return None;
+                        }
+                        let tile = unit.tile(index, pass.clone(), &sums.sums);
+                        (watch.progress)(share(tiles_done.fetch_add(1, Ordering::Relaxed) + 1));
+                        Some(tile)
+                    })
+                    .collect();
+                for tile in results {
+                    sums.add(tile.ok_or(ExposeError::Cancelled)?);
+                }
+                sums.tiles = batch.end;
+                if sums.tiles == tiles {
+                    sums.samples.end = pass.end;
+                    sums.tiles = 0;
+                }
+                if let Some(keep) = &mut keep
+                    && sums.samples.end < wanted.end
+                {
+                    keep(&sums);
+                }
+                if sums.samples.end == pass.end {
+                    break;
+                }
+            }
+            if stopped() && !at_once_if_stopped {
+                break;
+            }
+        }
+
+        let done = sums.samples.end;
+        let (mean, half_difference) = sums.finish(bands);
+        let facts = ExposureFacts {
+            seed: settings.seed,
+            first_sample: wanted.start,
+            samples: done - wanted.start,
+            light_scale: settings.light_scale,
+            ..facts.clone()
+        };
+        let plane = FocalPlane { bands: response.bands.clone(), mean, half_difference, truth, facts };
+        Ok(Exposed { plane, stopped: done < wanted.end && stopped() })
+    }
 }
 
 /// A rectangle of the film and its sums.
@@ -383,41 +484,71 @@ struct Tile {
     column: usize,
     row: usize,
     width: usize,
-    sums: Vec<f32>,
-    /// What landed elsewhere: pixel number → sums `[band][half]`.
+    /// `[row][column][band][replicate]`
+    sums: Vec<f64>,
+    /// Whether these are the sums of all samples so far, or only of this pass.
+    whole: bool,
+    /// What landed elsewhere: pixel number → sums `[band][replicate]`.
     strays: BTreeMap<usize, Vec<[f64; 2]>>,
 }
 
-impl Accumulator {
+impl Sums {
+    fn new([width, height, bands]: [usize; 3], first: u32) -> Self {
+        Sums { sums: Raster::new(width, height, bands * 2), samples: first..first, pass_end: first, tiles: 0 }
+    }
+
+    /// Whether an exposure of a size (pixels a row, rows, bands) and samples can go on from here.
+    fn belong_to(&self, [width, height, bands]: [usize; 3], wanted: &Range<u32>) -> bool {
+        let tiles = width.div_ceil(TILE) * height.div_ceil(TILE);
+        (self.sums.width, self.sums.height, self.sums.channels) == (width, height, 2 * bands)
+            && self.sums.data.len() == width * height * 2 * bands
+            && self.samples.start == wanted.start
+            && (self.samples.start..=self.pass_end).contains(&self.samples.end)
+            && self.pass_end <= wanted.end
+            && self.tiles < tiles
+            && (self.tiles == 0 || self.pass_end > self.samples.end)
+    }
+
+    /// The samples that every pixel has.
+    pub fn samples(&self) -> Range<u32> {
+        self.samples.clone()
+    }
+
     fn add(&mut self, tile: Tile) {
         let stride = tile.width * self.sums.channels;
         for (i, line) in tile.sums.chunks_exact(stride).enumerate() {
             let start = ((tile.row + i) * self.sums.width + tile.column) * self.sums.channels;
-            self.sums.data[start..start + stride].iter_mut().zip(line).for_each(|(a, b)| *a += b);
+            let to = &mut self.sums.data[start..start + stride];
+            match tile.whole {
+                true => to.copy_from_slice(line),
+                false => to.iter_mut().zip(line).for_each(|(a, b)| *a += b),
+            }
         }
-        let bands = self.sums.channels / 2;
         for (pixel, sums) in tile.strays {
             let start = pixel * self.sums.channels;
-            for (a, b) in self.sums.data[start..start + 2 * bands].iter_mut().zip(sums.iter().flatten()) {
-                *a += *b as f32;
+            for (a, b) in self.sums.data[start..start + self.sums.channels].iter_mut().zip(sums.iter().flatten()) {
+                *a += b;
             }
         }
     }
 
-    /// Mean and half difference of the halves.
+    /// Mean and half difference of the replicates.
     fn finish(self, bands: usize) -> (Raster<f32>, Raster<f32>) {
         let (width, height) = (self.sums.width, self.sums.height);
         let (mut mean, mut half) = (Raster::new(width, height, bands), Raster::new(width, height, bands));
-        let [a, b] = self.counts.map(f64::from);
+        // Even samples are of the first replicate, odd ones of the second.
+        let odd = (self.samples.end / 2 - self.samples.start / 2) as f64;
+        let even = self.samples.len() as f64 - odd;
         for (i, pair) in self.sums.data.chunks_exact(2).enumerate() {
-            let (sa, sb) = (pair[0] as f64, pair[1] as f64);
-            mean.data[i] = ((sa + sb) / (a + b)) as f32;
+            // Rounded as sums of single precision are: a plane has no more.
+            let (sa, sb) = (f64::from(pair[0] as f32), f64::from(pair[1] as f32));
+            mean.data[i] = ((sa + sb) / (even + odd)) as f32;
             // A part of one half only says nothing about its own error: call it 100 %, with the sign that makes parts of
             // both halves merge to their difference.
-            half.data[i] = match (a == 0.0, b == 0.0) {
+            half.data[i] = match (even == 0.0, odd == 0.0) {
                 (_, true) => mean.data[i],
                 (true, _) => -mean.data[i],
-                _ => (0.5 * (sa / a - sb / b)) as f32,
+                _ => (0.5 * (sa / even - sb / odd)) as f32,
             };
         }
         (mean, half)
@@ -480,14 +611,15 @@ struct Unit<'a> {
 }
 
 impl Unit<'_> {
-    fn tile(&self, index: usize, samples: Range<u32>) -> Tile {
+    /// The samples of a pass in a tile, on top of the sums so far.
+    fn tile(&self, index: usize, samples: Range<u32>, so_far: &Raster<f64>) -> Tile {
         let film = &self.camera.film;
         let across = film.columns.div_ceil(TILE);
         let (column, row) = (index % across * TILE, index / across * TILE);
         let (width, height) = (TILE.min(film.columns - column), TILE.min(film.rows - row));
         match &self.camera.lens {
             Lens::Compound(lens) => self.compound_tile(lens, [column, row, width, height], samples),
-            _ => self.plain_tile([column, row, width, height], samples),
+            _ => self.plain_tile([column, row, width, height], samples, so_far),
         }
     }
 
@@ -496,13 +628,15 @@ impl Unit<'_> {
     }
 
     /// Through an ideal lens: every sample counts in its own pixel.
-    fn plain_tile(&self, [column, row, width, height]: [usize; 4], samples: Range<u32>) -> Tile {
+    fn plain_tile(&self, [column, row, width, height]: [usize; 4], samples: Range<u32>, so_far: &Raster<f64>) -> Tile {
         let bands = self.curves_len();
         let mut sums = Vec::with_capacity(width * height * bands * 2);
         let mut pixel = vec![[0.0f64; 2]; bands];
         for y in row..row + height {
             for x in column..column + width {
-                pixel.fill([0.0; 2]);
+                for (sums, before) in pixel.iter_mut().zip(so_far.pixel(x, y).chunks_exact(2)) {
+                    sums.copy_from_slice(before);
+                }
                 for i in samples.clone() {
                     let sampler = self.sampler(x, y, i);
                     let Some(arrival) = self.sample(x, y, &sampler) else { continue };
@@ -514,10 +648,10 @@ impl Unit<'_> {
                         }
                     }
                 }
-                sums.extend(pixel.iter().flatten().map(|v| *v as f32));
+                sums.extend(pixel.iter().flatten());
             }
         }
-        Tile { column, row, width, sums, strays: BTreeMap::new() }
+        Tile { column, row, width, sums, whole: true, strays: BTreeMap::new() }
     }
 
     /// Through a real lens, a packet of samples at a time; each wavelength counts in the pixel where it lands
@@ -659,8 +793,8 @@ impl Unit<'_> {
             }
             first += count;
         }
-        let sums = landed.sums.iter().flatten().map(|v| *v as f32).collect();
-        Tile { column: left, row: top, width: right - left, sums, strays: landed.strays }
+        let sums = landed.sums.into_iter().flatten().collect();
+        Tile { column: left, row: top, width: right - left, sums, whole: false, strays: landed.strays }
     }
 
     /// Whether the film records radiance.

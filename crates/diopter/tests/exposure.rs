@@ -261,3 +261,43 @@ fn spectral_bands_hold_the_mean_radiance_between_their_limits() {
         assert!((got / expected - 1.0).abs() < 0.01, "{from}..{to}: {got} {expected}");
     }
 }
+
+#[test]
+fn an_interrupted_exposure_goes_on_bit_for_bit() {
+    use diopter::expose::{ExposeError, Exposure};
+    // More tiles than one thread computes at once, and samples of two passes.
+    let (scene, camera) = cornell(144, 128);
+    let settings = Settings { samples: 254..258, truth: false, ..Settings::new(512) };
+    let (response, facts) = (Response::linear_srgb(), ExposureFacts::default());
+    let exposure =
+        Exposure { scene: &scene, camera: &camera, shutter: &SECOND, response: &response, settings: &settings, facts: &facts };
+    let whole = take(&scene, &camera, &response, &settings);
+    let (go, stop) = (AtomicBool::new(false), AtomicBool::new(false));
+    let pool = |threads: usize| rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+    let mut kept = Vec::new();
+    pool(1).install(|| {
+        let watch = Watch { cancel: &go, progress: &|_| () };
+        let exposed = exposure.run(&watch, None, Some(&mut |sums| kept.push(sums.clone()))).unwrap();
+        assert!(!exposed.stopped && exposed.plane == whole);
+    });
+    assert!(kept.len() >= 3, "{}", kept.len());
+    assert!(kept.iter().any(|sums| sums.samples() == (254..254)) && kept.iter().any(|sums| sums.samples() == (254..256)));
+    for sums in &kept {
+        let watch = Watch { cancel: &go, progress: &|_| () };
+        let exposed = pool(3).install(|| exposure.run(&watch, Some(sums.clone()), None)).unwrap();
+        assert!(!exposed.stopped && exposed.plane == whole, "from {:?}", sums.samples());
+    }
+    // Stopped in the first pass: that is finished, and is all there is.
+    pool(1).install(|| {
+        let watch = Watch { cancel: &stop, progress: &|_| () };
+        let mut on_stop = |_: &diopter::expose::Sums| stop.store(true, std::sync::atomic::Ordering::Relaxed);
+        let exposed = exposure.run(&watch, None, Some(&mut on_stop)).unwrap();
+        let part = take(&scene, &camera, &response, &Settings { samples: 254..256, ..settings.clone() });
+        assert!(exposed.stopped && exposed.plane == part);
+        assert_eq!(exposure.run(&watch, None, None).unwrap_err(), ExposeError::Cancelled);
+    });
+    let other = Settings { samples: 0..4, ..settings.clone() };
+    let watch = Watch { cancel: &go, progress: &|_| () };
+    let foreign = Exposure { settings: &other, ..exposure }.run(&watch, Some(kept[0].clone()), None);
+    assert_eq!(foreign.unwrap_err(), ExposeError::Foreign);
+}

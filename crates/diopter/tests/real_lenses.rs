@@ -146,6 +146,27 @@ fn threads_and_parts_do_not_matter_where_colours_part() {
 }
 
 #[test]
+fn interrupted_exposures_go_on_where_colours_land_in_other_tiles() {
+    use diopter::expose::Exposure;
+    let film = Film::new(36.0, 24.0, 144, 128);
+    let camera = before(lens("landscape-10mm", None, Focus::Distance(Millimeters(1000.0)), None, &film), film);
+    let (scene, shutter, facts) = (even(100.0), Shutter::global(1.0), ExposureFacts::default());
+    let response = Response::sensor(&Sensor::named("canon-5d-mark-iv").unwrap());
+    let settings = Settings { samples: 127..130, truth: false, ..Settings::new(256) };
+    let exposure =
+        Exposure { scene: &scene, camera: &camera, shutter: &shutter, response: &response, settings: &settings, facts: &facts };
+    let stop = AtomicBool::new(false);
+    let watch = Watch { cancel: &stop, progress: &|_| () };
+    let with = |threads: usize| rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+    let mut kept = Vec::new();
+    let whole = with(1).install(|| exposure.run(&watch, None, Some(&mut |sums| kept.push(sums.clone())))).unwrap().plane;
+    assert!(kept.len() >= 3 && whole.mean.data.iter().any(|v| *v > 0.0));
+    for sums in kept {
+        assert!(with(2).install(|| exposure.run(&watch, Some(sums), None)).unwrap().plane == whole);
+    }
+}
+
+#[test]
 fn more_than_four_bands_land_where_four_do() {
     let film = Film::new(36.0, 24.0, 24, 16);
     // Blue and red land pixels apart, some far from their tile.
