@@ -2,7 +2,7 @@
 //!
 //! A file is the line `diopter checkpoint 1`, eight little-endian numbers of 64 bits (identity of the exposure, pixels a row, rows, sums a pixel, first
 //! sample, end of the finished passes, end of the pass under way, tiles of it), the sums as 64-bit floats `[row][column][band][replicate]`, and a
-//! checksum of all numbers. Hashes are FNV-1a (Fowler, Noll & Vo, RFC 9923), over 64-bit words.
+//! checksum of all numbers. Hashes are FNV-1a (Fowler, Noll & Vo 1991), over 64-bit words with their halves folded.
 
 use crate::expose::Sums;
 use diopter_image::Raster;

@@ -7,6 +7,7 @@
 pub mod file;
 mod focusing;
 mod light_field;
+mod resume;
 mod sequence;
 mod sources;
 mod staging;
@@ -20,7 +21,7 @@ pub use sources::{odd_size, read_body, read_environment, read_lens, read_scene};
 pub use surroundings::daylight;
 
 use crate::camera::{Camera, Film, PlacementError};
-use crate::expose::{ExposeError, Response, Settings, Watch, expose};
+use crate::expose::{ExposeError, Exposed, Exposure, Response, Settings, Sums, Watch};
 use crate::flash::Flash;
 use crate::metering::{self, Meter, Pattern};
 use crate::program::{self, Chosen, Limits, Mode};
@@ -606,11 +607,22 @@ impl Shot {
 
     /// Exposes the film. [`Shot::meter`] must have been called.
     pub fn expose(&self, watch: &Watch) -> Result<FocalPlane, ShotError> {
+        Ok(self.expose_from(None, watch, None)?.plane)
+    }
+
+    /// Exposes the film, or goes on from where `start` stands. `keep` and being stopped: see [`Exposure::run`]. What was stopped is not denoised.
+    pub fn expose_from(
+        &self,
+        start: Option<Sums>,
+        watch: &Watch,
+        keep: Option<&mut dyn FnMut(&Sums)>,
+    ) -> Result<Exposed, ShotError> {
         // The speed is the read-out's; what the camera was set to goes with the plane.
         let facts = ExposureFacts { iso: 0.0, iso_set: self.reading.iso, ..self.facts() };
         let response = self.response();
         if self.lens_cap {
-            return Ok(darkness(&self.camera.film, &response, &self.settings, facts));
+            let plane = darkness(&self.camera.film, &response, &self.settings, facts);
+            return Ok(Exposed { plane, stopped: false });
         }
         // What a filter takes is one factor on all light: the plane's facts keep it apart from the scene's own scale.
         let mut settings = self.settings.clone();
@@ -619,17 +631,25 @@ impl Shot {
         settings.time_limit_s = self.time_left_s(response.bands.len());
         // The shapes of the blur cost seconds through a real lens: only a quick look asks for them.
         let optics = if self.file.render.quick { Optics::of(&self.camera) } else { None };
-        let mut plane = match optics {
-            None => expose(&self.scene, &self.camera, &self.shutter(), &response, &settings, &facts, watch)?,
-            Some(optics) => {
-                let sharp = quick_look::sharp_camera(&self.camera);
-                let plane = expose(&self.scene, &sharp, &self.shutter(), &response, &settings, &facts, watch)?;
-                // The denoiser's guides are sharp: it comes before the blur.
-                quick_look::of_plane(&if self.denoise { denoise(&plane) } else { plane }, &optics)
-            }
+        let sharp = optics.is_some().then(|| quick_look::sharp_camera(&self.camera));
+        let exposure = Exposure {
+            scene: &self.scene,
+            camera: sharp.as_ref().unwrap_or(&self.camera),
+            shutter: &self.shutter(),
+            response: &response,
+            settings: &settings,
+            facts: &facts,
         };
+        let Exposed { mut plane, stopped } = exposure.run(watch, start, keep)?;
+        if self.denoise && !stopped {
+            plane = denoise(&plane);
+        }
+        // After denoising, whose guides are sharp.
+        if let Some(optics) = optics {
+            plane = quick_look::of_plane(&plane, &optics);
+        }
         plane.facts.light_scale = self.settings.light_scale;
-        Ok(if self.denoise && !self.file.render.quick { denoise(&plane) } else { plane })
+        Ok(Exposed { plane, stopped })
     }
 
     /// Reads the film out.

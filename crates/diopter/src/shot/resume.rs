@@ -1,0 +1,39 @@
+//! What tells one exposure from another, so that it goes on from its own checkpoint only.
+
+use super::{Shot, ShotError};
+use crate::camera::{Camera, Film};
+use crate::checkpoint::Fnv;
+use crate::expose::{Settings, Watch, expose};
+use diopter_image::ExposureFacts;
+
+/// Pixels across the small exposure that stands for what the scene looks like.
+const COLUMNS: usize = 64;
+
+impl Shot {
+    /// A number that stands for this exposure: what was asked, what was metered and found, and how the scene looks through the camera. [`Shot::meter`]
+    /// must have been called.
+    ///
+    /// The look is an exposure of 64 pixels across with one sample each: files are known by what they show, not by their names and dates. Two
+    /// scenes that differ in none of these paths are not told apart.
+    pub fn identity(&self, watch: &Watch) -> Result<u64, ShotError> {
+        let response = self.response();
+        let settings = Settings { time_limit_s: None, ..self.settings.clone() };
+        let film = &self.camera.film;
+        let file = &self.file;
+        let mut hash = Fnv::new();
+        let asked = (&file.scene, &file.camera, &file.shutter, &file.flash, file.render.quick);
+        let found = (self.facts().of_picture(), self.lens_cap, self.rgb, film);
+        for byte in format!("{asked:?} {found:?} {settings:?} {:?}", response.bands).bytes() {
+            hash.add(u64::from(byte));
+        }
+        if !self.lens_cap {
+            let rows = (COLUMNS * film.rows).div_ceil(film.columns).clamp(1, 4 * COLUMNS);
+            let camera = Camera { film: Film { columns: COLUMNS, rows, ..*film }, ..self.camera.clone() };
+            let look = Settings { spp: 1, samples: 0..1, truth: false, ..settings };
+            let quiet = Watch { cancel: watch.cancel, progress: &|_| () };
+            let plane = expose(&self.scene, &camera, &self.shutter(), &response, &look, &ExposureFacts::default(), &quiet)?;
+            plane.mean.data.iter().for_each(|v| hash.add(u64::from(v.to_bits())));
+        }
+        Ok(hash.finish())
+    }
+}
