@@ -545,6 +545,25 @@ pub struct Taking {
     /// Take about so long in all, with focusing, metering and denoising: "10s". Of a sequence, for each picture.
     #[arg(long, value_name = "TIME")]
     pub time_limit: Option<Seconds>,
+    /// How often a long exposure is saved beside its output (FILE.checkpoint), to go on after being stopped or killed; without, every 30 s
+    /// of exposures above a minute.
+    #[arg(long, value_name = "TIME|off", value_parser = checkpoint)]
+    pub checkpoint: Option<Checkpoint>,
+    /// Go on from this exposure's checkpoint, and fail if there is none; without, it goes on if there is one.
+    #[arg(long)]
+    pub resume: bool,
+    /// Begin anew even if there is a checkpoint.
+    #[arg(long, conflicts_with = "resume")]
+    pub no_resume: bool,
+}
+
+/// When checkpoints are written.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Checkpoint {
+    /// Never.
+    Off,
+    /// From one to the next, s.
+    Every(f64),
 }
 
 #[derive(clap::Args, Debug)]
@@ -1048,6 +1067,15 @@ fn flicker(text: &str) -> Result<FlickerSection, String> {
     }
     let (depth, duty) = if kind == "pwm" { (None, amount) } else { (amount, None) };
     Ok(FlickerSection { kind, frequency, depth, duty, ..Default::default() })
+}
+
+/// "30s" or "off".
+fn checkpoint(text: &str) -> Result<Checkpoint, String> {
+    match text.parse::<Seconds>() {
+        _ if text.trim() == "off" => Ok(Checkpoint::Off),
+        Ok(Seconds(s)) if s > 0.0 => Ok(Checkpoint::Every(s)),
+        _ => Err(format!("\"{text}\" is neither a time above 0, such as 30s, nor off")),
+    }
 }
 
 /// "on" or "off".

@@ -2,9 +2,11 @@
 //!
 //! Thin: reads arguments ([`args`]), runs one verb ([`commands`]), writes files beside and renames them ([`output`]).
 //! [`help`] lays the arguments out. Results go to standard output, progress and messages to standard error; with `--json` errors
-//! are on standard output, too. Exit codes: 0 done, 1 failed, 2 asked wrongly.
+//! are on standard output, too. Exit codes: 0 done, 1 failed (or stopped by a signal, with what was done written), 2 asked wrongly,
+//! 130 ended at once by a signal.
 
 mod args;
+mod checkpoint;
 mod commands;
 mod help;
 mod output;

@@ -11,6 +11,15 @@ use diopter::shot::ShotError;
 use std::fs::File;
 use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
+use std::sync::{Mutex, OnceLock, PoisonError};
+
+/// Files that are being written, under the names they have meanwhile.
+static PARTS: Mutex<Vec<PathBuf>> = Mutex::new(Vec::new());
+/// Folders that were searched for what dead processes left.
+#[cfg(target_os = "linux")]
+static SEARCHED: Mutex<Vec<PathBuf>> = Mutex::new(Vec::new());
+/// Most bytes of a file's name that the name of its part repeats: with what is added, no more than file systems take.
+const PART_NAME: usize = 200;
 
 /// JPEG quality: high, because the pictures are looked at.
 pub const JPEG_QUALITY: u8 = 92;
@@ -52,8 +61,10 @@ impl Output {
         if path.is_dir() {
             return Err(AskedWrongly(anyhow!("{}: this is a folder; expected the name of a file", path.display())).into());
         }
-        let part = path.with_file_name(format!(".{}.{}.part", name.to_string_lossy(), std::process::id()));
+        let part = path.with_file_name(part_name(&name.to_string_lossy(), machine(), std::process::id()));
+        remove_orphans(path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new(".")));
         let file = File::create(&part).with_context(|| format!("{}: cannot be written", path.display()))?;
+        PARTS.lock().unwrap_or_else(PoisonError::into_inner).push(part.clone());
         Ok(Output { path: path.to_owned(), part, file: Some(file) })
     }
 
@@ -73,10 +84,68 @@ impl Output {
 impl Drop for Output {
     fn drop(&mut self) {
         self.file = None;
+        PARTS.lock().unwrap_or_else(PoisonError::into_inner).retain(|p| *p != self.part);
         // Renamed files are no longer there; nothing can be done about one that cannot be removed.
         let _ = std::fs::remove_file(&self.part);
     }
 }
+
+/// Removes what is being written: for a process that ends at once.
+pub fn remove_parts() {
+    for part in PARTS.lock().unwrap_or_else(PoisonError::into_inner).drain(..) {
+        let _ = std::fs::remove_file(part);
+    }
+}
+
+/// The name of a file while it is written: whose it is, by machine and process.
+fn part_name(name: &str, machine: &str, process: u32) -> String {
+    let end = name.floor_char_boundary(PART_NAME);
+    format!(".{}.{machine}-{process}.part", &name[..end])
+}
+
+/// The process of this machine that a part belongs to.
+fn owner(name: &str, machine: &str) -> Option<u32> {
+    let (_, who) = name.strip_prefix('.')?.strip_suffix(".part")?.rsplit_once('.')?;
+    who.strip_prefix(machine)?.strip_prefix('-')?.parse().ok()
+}
+
+/// Stands for this machine and its process numbers (containers have their own): folders are shared over networks, where a process that is not here may
+/// well be alive.
+fn machine() -> &'static str {
+    static NAME: OnceLock<String> = OnceLock::new();
+    NAME.get_or_init(|| {
+        let read = |path: &str| std::fs::read_to_string(path).unwrap_or_default();
+        let numbers = std::fs::read_link("/proc/self/ns/pid").unwrap_or_default();
+        let text = format!("{} {} {}", read("/etc/machine-id"), read("/proc/sys/kernel/hostname"), numbers.display());
+        // FNV-1a of 32 bits (Fowler, Noll & Vo 1991).
+        let hash = text.bytes().fold(0x811c_9dc5u32, |h, b| (h ^ u32::from(b)).wrapping_mul(0x0100_0193));
+        format!("{hash:08x}")
+    })
+}
+
+/// Removes the parts in a folder that processes of this machine and user left when they were killed; once for each folder.
+#[cfg(target_os = "linux")]
+fn remove_orphans(folder: &Path) {
+    use std::os::unix::fs::MetadataExt;
+    let mut searched = SEARCHED.lock().unwrap_or_else(PoisonError::into_inner);
+    if searched.iter().any(|f| f == folder) {
+        return;
+    }
+    searched.push(folder.to_owned());
+    // A process of another user may be hidden; one of this user is not.
+    let (Ok(own), Ok(entries)) = (std::fs::metadata("/proc/self"), std::fs::read_dir(folder)) else { return };
+    for entry in entries.flatten() {
+        let Some(process) = entry.file_name().to_str().and_then(|name| owner(name, machine())) else { continue };
+        let dead = !Path::new(&format!("/proc/{process}")).exists();
+        if dead && entry.metadata().is_ok_and(|m| m.is_file() && m.uid() == own.uid()) {
+            let _ = std::fs::remove_file(entry.path());
+        }
+    }
+}
+
+/// Elsewhere nothing tells whether a process is alive: parts stay.
+#[cfg(not(target_os = "linux"))]
+fn remove_orphans(_: &Path) {}
 
 /// Names of several files from one: a number before the ending.
 pub fn numbered(path: &Path, count: usize) -> Vec<PathBuf> {
@@ -215,4 +284,42 @@ pub fn now() -> String {
     // 2026-11-21T13:01:36Z
     let text = humantime::format_rfc3339_seconds(time).to_string();
     text.trim_end_matches('Z').replace('-', ":").replace('T', " ")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn parts_know_whose_they_are() {
+        let name = part_name("a photo.jpg", "0123abcd", 77);
+        assert_eq!(
+            (name.as_str(), owner(&name, "0123abcd"), owner(&name, "0123abce")),
+            (".a photo.jpg.0123abcd-77.part", Some(77), None)
+        );
+        assert!(part_name(&"ü".repeat(121), "0123abcd", u32::MAX).len() <= 255);
+        for other in
+            ["photo.jpg", ".photo.jpg.77.part", ".photo.jpg.0123abcd-.part", "photo.jpg.0123abcd-77.part", ".0123abcd-77.part"]
+        {
+            assert_eq!(owner(other, "0123abcd"), None, "{other}");
+        }
+    }
+
+    #[cfg(target_os = "linux")]
+    #[test]
+    fn what_dead_processes_left_is_removed() {
+        let folder = std::env::temp_dir().join(format!("diopter-orphans-{}", std::process::id()));
+        std::fs::create_dir_all(&folder).unwrap();
+        // Process numbers end at 2^22.
+        let [dead, alive, away] =
+            [part_name("a.jpg", machine(), 1 << 23), part_name("a.jpg", machine(), 1), part_name("a.jpg", "elsewhere", 1 << 23)]
+                .map(|name| folder.join(name));
+        for part in [&dead, &alive, &away] {
+            std::fs::write(part, b"part").unwrap();
+        }
+        drop(Output::prepare(&folder.join("b.jpg")).unwrap());
+        let left = [&dead, &alive, &away].map(|p| p.exists());
+        std::fs::remove_dir_all(&folder).unwrap();
+        assert_eq!(left, [false, true, true]);
+    }
 }

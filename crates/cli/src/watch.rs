@@ -1,25 +1,52 @@
-//! Progress on the terminal and Ctrl-C.
+//! Progress on the terminal, and being stopped: by Ctrl-C, SIGTERM or a closed terminal (SIGHUP).
 
+use crate::output;
 use diopter::expose::Watch;
 use indicatif::{ProgressBar, ProgressStyle};
 use std::io::IsTerminal;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
 static STOP: AtomicBool = AtomicBool::new(false);
+/// Commands and loops that look at `STOP` and end by themselves.
+static HELD: AtomicUsize = AtomicUsize::new(0);
+/// Exit code of who is stopped at once, as shells give it for Ctrl-C.
+const STOPPED: i32 = 130;
 
-/// Makes Ctrl-C ask for a clean stop; a second one ends the program at once.
+/// Makes a signal ask for a clean stop where one is possible; elsewhere, and the second time, it ends the program at once.
 pub fn install() {
-    // Where no handler can be installed, Ctrl-C simply ends the program.
+    // Where no handler can be installed, signals simply end the program.
     let _ = ctrlc::set_handler(|| {
-        if STOP.swap(true, Ordering::Relaxed) {
-            std::process::exit(130);
+        if STOP.swap(true, Ordering::Relaxed) || HELD.load(Ordering::Relaxed) == 0 {
+            output::remove_parts();
+            std::process::exit(STOPPED);
         }
     });
+}
+
+/// While this lives, the first signal is only noted.
+pub struct Held(());
+
+/// For commands that end cleanly by themselves when they are stopped.
+pub fn hold() -> Held {
+    HELD.fetch_add(1, Ordering::Relaxed);
+    Held(())
+}
+
+impl Drop for Held {
+    fn drop(&mut self) {
+        HELD.fetch_sub(1, Ordering::Relaxed);
+    }
+}
+
+/// Whether a signal has asked to stop.
+pub fn stopping() -> bool {
+    STOP.load(Ordering::Relaxed)
 }
 
 /// Runs something long with a progress bar and time left; the bar only where somebody sees it.
 pub fn watched<T>(what: &'static str, run: impl FnOnce(&Watch) -> T) -> T {
     const STEPS: u64 = 1000;
+    let _held = hold();
     let bar = if std::io::stderr().is_terminal() { ProgressBar::new(STEPS) } else { ProgressBar::hidden() };
     let style =
         ProgressStyle::with_template("{msg} {wide_bar} {percent}%  {eta} left").unwrap_or_else(|_| ProgressStyle::default_bar());

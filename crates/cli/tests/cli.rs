@@ -827,3 +827,52 @@ fn calculators_answer_with_published_numbers() {
     let (code, message) = f.fails(&["calc", "dof", "--focal-length", "50mm", "--focus", "2cm"]);
     assert!(code == 2 && message.contains("focal length"), "{code} {message}");
 }
+
+#[cfg(target_os = "linux")]
+#[test]
+fn stopped_and_killed_exposures_go_on() {
+    let f = Folder::new("checkpoint");
+    let args = ["expose", "cornell", "--size", "32x32", "--spp", "2048", "--shutter", "1/30", "--checkpoint", "10ms", "-o"];
+    let start = |out: &str| {
+        let child = Command::new(env!("CARGO_BIN_EXE_diopter"))
+            .args(args)
+            .arg(out)
+            .current_dir(&f.0)
+            .stderr(std::process::Stdio::piped())
+            .spawn()
+            .unwrap();
+        let checkpoint = f.path(&format!("{out}.checkpoint"));
+        let begun = std::time::Instant::now();
+        while !checkpoint.exists() && begun.elapsed().as_secs() < 100 {
+            std::thread::sleep(std::time::Duration::from_millis(2));
+        }
+        assert!(checkpoint.exists(), "no checkpoint");
+        child
+    };
+    f.ok(&[&args[..], &["whole.exr", "--no-resume"]].concat());
+    let whole = std::fs::read(f.path("whole.exr")).unwrap();
+    // Killed: nothing but the checkpoint and a part is left.
+    let mut child = start("killed.exr");
+    child.kill().unwrap();
+    child.wait().unwrap();
+    assert!(!f.path("killed.exr").exists());
+    let output = f.ok(&[&args[..], &["killed.exr", "--resume"]].concat());
+    assert!(String::from_utf8_lossy(&output.stderr).contains("going on from killed.exr.checkpoint"));
+    assert!(std::fs::read(f.path("killed.exr")).unwrap() == whole);
+    // Stopped by SIGTERM: what was done is written.
+    let child = start("stopped.exr");
+    assert!(Command::new("kill").args(["-TERM", &child.id().to_string()]).status().unwrap().success());
+    let output = child.wait_with_output().unwrap();
+    let message = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(output.status.code() == Some(1) && message.contains("of 2048 samples a pixel"), "{message}");
+    assert!(f.path("stopped.exr").exists());
+    // Another exposure does not take it.
+    let (code, message) = f.fails(&["expose", "cornell", "--size", "32x32", "--spp", "8", "--resume", "-o", "stopped.exr"]);
+    assert!(code == 2 && message.contains("another exposure"), "{message}");
+    f.ok(&[&args[..], &["stopped.exr"]].concat());
+    assert!(std::fs::read(f.path("stopped.exr")).unwrap() == whole);
+    let (code, message) = f.fails(&[&args[..], &["stopped.exr", "--resume"]].concat());
+    assert!(code == 2 && message.contains("expected the checkpoint"), "{message}");
+    // Neither checkpoints nor parts of the dead are left.
+    assert_eq!(f.files(), [f.path("killed.exr"), f.path("stopped.exr"), f.path("whole.exr")]);
+}

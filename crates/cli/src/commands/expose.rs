@@ -3,14 +3,16 @@
 use super::print_json;
 use crate::AskedWrongly;
 use crate::args::Expose;
+use crate::checkpoint;
 use crate::commands::shoot::display;
 use crate::output;
-use crate::watch::{say, warn, watched};
+use crate::watch::{self, say, warn, watched};
 use anyhow::anyhow;
 use diopter::shot::{Sequence, Shot};
 use std::time::Instant;
 
 pub fn run(args: &Expose, json: bool) -> anyhow::Result<()> {
+    let _held = watch::hold();
     let mut file = args.taking.shot_file()?;
     if Sequence::new(&mut file)?.count() > 1 {
         return Err(
@@ -23,16 +25,19 @@ pub fn run(args: &Expose, json: bool) -> anyhow::Result<()> {
     watched("focusing", |w| shot.focus(w, &mut warn))?;
     watched("metering", |w| shot.meter(w, &mut warn))?;
     let started = Instant::now();
-    let plane = watched("exposing", |w| shot.expose(w))?;
+    let taken = checkpoint::expose(&shot, &args.taking, Some(&args.output), "exposing")?;
+    let plane = &taken.exposed.plane;
     let seconds = started.elapsed().as_secs_f64();
-    let path = output::write_plane(output, &plane)?;
+    let path = output::write_plane(output, plane)?;
+    let stopped = taken.finish();
     say(&display(&plane.facts, plane.width(), plane.height(), seconds));
     say(&format!("wrote {}", path.display()));
     if json {
         let bands: Vec<&str> = plane.bands.iter().map(|b| b.name.as_str()).collect();
         print_json(&serde_json::json!({
             "files": [path], "facts": plane.facts, "size": [plane.width(), plane.height()], "bands": bands, "expose_s": seconds,
+            "stopped": stopped.is_some(),
         }))?;
     }
-    Ok(())
+    stopped.map_or(Ok(()), |how| Err(anyhow!(how)))
 }

@@ -3,9 +3,10 @@
 use super::{print_json, stack};
 use crate::AskedWrongly;
 use crate::args::Shoot;
+use crate::checkpoint;
 use crate::output::{self, Format, Output};
 use crate::paint;
-use crate::watch::{say, warn, watched};
+use crate::watch::{self, say, warn, watched};
 use anyhow::anyhow;
 use diopter::focus::Report;
 use diopter::hdr;
@@ -20,6 +21,7 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 pub fn run(args: &Shoot, json: bool) -> anyhow::Result<()> {
+    let _held = watch::hold();
     let started = Instant::now();
     let mut file = args.taking.shot_file()?;
     args.developing.apply(&mut file.develop)?;
@@ -72,6 +74,9 @@ pub fn run(args: &Shoot, json: bool) -> anyhow::Result<()> {
     };
     // The first proves that the others can be written; thousands are not opened at once.
     let mut ready = Some(prepare(0)?);
+    // A picture that is only joined or looked at has no file of its own: its checkpoint takes the name of what it goes into.
+    let main = file.output.files.first().or(args.keep_plane.as_ref()).or(args.merge.as_ref()).or(args.stack.as_ref());
+    let kept_beside: Vec<PathBuf> = main.map(named).unwrap_or_default();
     let merged_file = args.merge.as_ref().map(|p| output::prepare_pictures(std::slice::from_ref(p))).transpose()?;
     let stacked_file = args.stack.as_ref().map(|p| stack::prepare(std::slice::from_ref(p))).transpose()?;
     let plot_file = args.plot_focus.as_ref().map(|p| paint::prepare(std::slice::from_ref(p))).transpose()?;
@@ -103,6 +108,7 @@ pub fn run(args: &Shoot, json: bool) -> anyhow::Result<()> {
 
     let (mut written, mut raws, mut all_facts) = (Vec::new(), Vec::<RawImage>::new(), Vec::new());
     let (mut size, mut expose_s) = ([0, 0], 0.0);
+    let mut stopped = None;
     for k in 0..count {
         if count > 1 {
             let mut quiet = |_: &str| ();
@@ -115,18 +121,19 @@ pub fn run(args: &Shoot, json: bool) -> anyhow::Result<()> {
         };
         let begun = Instant::now();
         let what = if count > 1 { "exposing (each)" } else { "exposing" };
-        let plane = watched(what, |w| shot.expose(w))?;
+        let taken = checkpoint::expose(&shot, &args.taking, kept_beside.get(k).map(PathBuf::as_path), what)?;
+        let plane = &taken.exposed.plane;
         let seconds = begun.elapsed().as_secs_f64();
         expose_s += seconds;
         size = [plane.width(), plane.height()];
-        let raw = shot.read_out(&plane)?;
+        let raw = shot.read_out(plane)?;
         let mut of_this = Vec::new();
         if let Some(output) = plane_file {
-            of_this.push(output::write_plane(output, &plane)?);
+            of_this.push(output::write_plane(output, plane)?);
         }
         if let Some(output) = truth_file {
             let reader = ReadOut::new(&shot.sensor, &shot.reading, size, &plane.bands, plane.facts.exposure_s)?;
-            of_this.push(output.commit(|to| Ok(truth::write(&plane, &reader, &raw, to)?))?);
+            of_this.push(output.commit(|to| Ok(truth::write(plane, &reader, &raw, to)?))?);
         }
         let format = Format { storage: args.raw.storage(), ..Format::default() };
         of_this.extend(output::write_pictures(pictures, &raw, &shot.recipe, shot.lut.as_ref(), format)?);
@@ -141,7 +148,16 @@ pub fn run(args: &Shoot, json: bool) -> anyhow::Result<()> {
         if merged_file.is_some() || stacked_file.is_some() {
             raws.push(raw);
         }
+        stopped = taken.finish();
+        if stopped.is_none() && k + 1 < count && watch::stopping() {
+            stopped = Some(format!("stopped after {} of {count} pictures", k + 1));
+        }
+        if stopped.is_some() {
+            break;
+        }
     }
+    // A series that is not whole is not joined.
+    let (stacked_file, merged_file) = if stopped.is_some() { (None, None) } else { (stacked_file, merged_file) };
     if let Some(outputs) = stacked_file {
         for path in stack::write(outputs, &raws, &shot.recipe, shot.lut.as_ref())? {
             say(&format!("wrote {}", path.display()));
@@ -166,13 +182,14 @@ pub fn run(args: &Shoot, json: bool) -> anyhow::Result<()> {
             "focus": report,
             "expose_s": expose_s,
             "total_s": started.elapsed().as_secs_f64(),
+            "stopped": stopped.is_some(),
         });
         if count > 1 {
             result["frames"] = serde_json::json!(all_facts);
         }
         print_json(&result)?;
     }
-    Ok(())
+    stopped.map_or(Ok(()), |how| Err(anyhow!(how)))
 }
 
 /// What autofocus did, in a line or two.

@@ -605,6 +605,11 @@ impl Shot {
         }
     }
 
+    /// Bands that the film records.
+    pub fn bands(&self) -> usize {
+        self.response().bands.len()
+    }
+
     /// Exposes the film. [`Shot::meter`] must have been called.
     pub fn expose(&self, watch: &Watch) -> Result<FocalPlane, ShotError> {
         Ok(self.expose_from(None, watch, None)?.plane)
