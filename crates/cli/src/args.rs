@@ -1,5 +1,6 @@
 //! What can be typed: the one source of help, manual pages and completions. [`crate::help`] puts the flags of a photograph under headings.
 
+use crate::memory::Bytes;
 use clap::{Parser, Subcommand};
 use diopter::image::dng::Storage;
 use diopter::quantity::{
@@ -545,6 +546,9 @@ pub struct Taking {
     /// Take about so long in all, with focusing, metering and denoising: "10s". Of a sequence, for each picture.
     #[arg(long, value_name = "TIME")]
     pub time_limit: Option<Seconds>,
+    /// Refuse pictures that take more memory than this ("4GB"); without, more than is free.
+    #[arg(long, value_name = "SIZE")]
+    pub max_memory: Option<Bytes>,
     /// How often a long exposure is saved beside its output (FILE.checkpoint), to go on after being stopped or killed; without, every 30 s
     /// of exposures above a minute.
     #[arg(long, value_name = "TIME|off", value_parser = checkpoint)]

@@ -9,6 +9,7 @@ mod args;
 mod checkpoint;
 mod commands;
 mod help;
+mod memory;
 mod output;
 mod paint;
 mod sheet;

@@ -412,6 +412,16 @@ fn wrong_requests_exit_with_2_and_a_hint() {
 }
 
 #[test]
+fn pictures_that_memory_cannot_hold_are_refused_with_the_size_that_would_fit() {
+    let f = Folder::new("memory");
+    let limits = ["--max-memory", "3GB", "--threads", "2", "--spp", "1"];
+    let huge = ["expose", "cornell", "--lens", "pinhole", "-o", "a.exr", "--size", "20000x20000"];
+    let (code, message) = f.fails(&[&huge[..], &limits[..]].concat());
+    let fits: usize = message.rsplit("--size ").next().unwrap().split('x').next().unwrap().parse().unwrap();
+    assert!(code == 2 && (2000..6000).contains(&fits), "{message}");
+}
+
+#[test]
 fn failures_exit_with_1_and_leave_nothing() {
     let f = Folder::new("failures");
     std::fs::write(f.path("short.glb"), b"glTF\x02\0\0\0\xff\xff\0\0").unwrap();

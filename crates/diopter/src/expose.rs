@@ -352,6 +352,18 @@ const PASS_PATHS: usize = 1 << 22;
 /// Tiles for each thread that are computed before their sums are added: enough that threads hardly wait for each other.
 const TILES_AT_ONCE: usize = 64;
 
+/// Bytes that exposing takes at most beside the scene: for each pixel, and for the tiles that all threads work on.
+///
+/// A pixel has two sums in double precision a band, its mean and half difference when they are done, and depth, normal, albedo and id.
+pub fn bytes_needed(bands: usize) -> (usize, usize) {
+    let (sums, plane) = (2 * 8 * bands, 2 * 4 * bands + TRUTH_BYTES);
+    let tile = (TILE + 2 * MARGIN).pow(2) * sums;
+    (sums + plane, TILES_AT_ONCE * rayon::current_num_threads().max(1) * tile)
+}
+
+/// Bytes of a pixel of the truth: depth, three of the normal, three of the albedo, id.
+pub(crate) const TRUTH_BYTES: usize = 4 * 8;
+
 /// Where the pass ends that begins with a sample. Passes end at multiples of a power of two that depends on the number of pixels alone, so that sums
 /// are added in the same order however an exposure is interrupted.
 fn pass_end(first: u32, pixels: usize) -> u32 {
@@ -904,37 +916,34 @@ fn truth(scene: &Scene, camera: &Camera, shutter: &Shutter) -> Truth {
     // All around there is no axis: depth is distance.
     let all_around = matches!(&camera.lens, Lens::Pinhole(p) if matches!(p.projection, Projection::Panorama { .. }));
     let behind = camera.film.microlenses.map(|m| m.behind(&camera.lens));
-    let rows: Vec<Vec<_>> = (0..height)
-        .into_par_iter()
-        .map(|row| {
-            (0..width)
-                .map(|column| {
-                    let (open, close) = shutter.window(&Place { pixel: [column, row], size: [width, height], pupil: 0.0 });
-                    let time = 0.5 * (open + close);
-                    let film = camera.film_point(column as f64 + 0.5, row as f64 + 0.5);
-                    let ray = match &behind {
-                        None => camera.chief_ray(film, time),
-                        // What a pixel behind a microlens sees through its middle.
-                        Some(behind) => {
-                            let aimed = behind.middle(film);
-                            camera.lens.ray_along(aimed.at, aimed.slope).map(|ray| camera.to_world(&ray, time))
-                        }
-                    };
-                    let ray = ray.ok().filter(diopter_light::Ray::is_finite)?;
-                    let s = scene.first_surface(&ray)?;
-                    Some((s.distance * if all_around { 1.0 } else { camera.cosine_to_axis(ray.direction, time) }, s))
-                })
-                .collect()
-        })
-        .collect();
-    for (row, line) in rows.into_iter().enumerate() {
-        for (column, found) in line.into_iter().enumerate() {
-            let Some((depth, s)) = found else { continue };
-            truth.depth.pixel_mut(column, row)[0] = depth;
-            truth.normal.pixel_mut(column, row).copy_from_slice(&s.normal.to_array());
-            truth.albedo.pixel_mut(column, row).copy_from_slice(&s.albedo.to_array());
-            truth.id.pixel_mut(column, row)[0] = s.object + 1;
+    let first = |column: usize, row: usize| {
+        let (open, close) = shutter.window(&Place { pixel: [column, row], size: [width, height], pupil: 0.0 });
+        let time = 0.5 * (open + close);
+        let film = camera.film_point(column as f64 + 0.5, row as f64 + 0.5);
+        let ray = match &behind {
+            None => camera.chief_ray(film, time),
+            // What a pixel behind a microlens sees through its middle.
+            Some(behind) => {
+                let aimed = behind.middle(film);
+                camera.lens.ray_along(aimed.at, aimed.slope).map(|ray| camera.to_world(&ray, time))
+            }
+        };
+        let ray = ray.ok().filter(diopter_light::Ray::is_finite)?;
+        let s = scene.first_surface(&ray)?;
+        Some((s.distance * if all_around { 1.0 } else { camera.cosine_to_axis(ray.direction, time) }, s))
+    };
+    // Each row where it belongs: no second copy of the planes.
+    let Truth { depth, normal, albedo, id } = &mut truth;
+    let guides = normal.data.par_chunks_mut(3 * width).zip(albedo.data.par_chunks_mut(3 * width));
+    let planes = depth.data.par_chunks_mut(width).zip(id.data.par_chunks_mut(width)).zip(guides);
+    planes.enumerate().for_each(|(row, ((depth, id), (normal, albedo)))| {
+        for column in 0..width {
+            let Some((distance, s)) = first(column, row) else { continue };
+            depth[column] = distance;
+            normal[3 * column..3 * column + 3].copy_from_slice(&s.normal.to_array());
+            albedo[3 * column..3 * column + 3].copy_from_slice(&s.albedo.to_array());
+            id[column] = s.object + 1;
         }
-    }
+    });
     truth
 }

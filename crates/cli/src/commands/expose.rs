@@ -5,10 +5,11 @@ use crate::AskedWrongly;
 use crate::args::Expose;
 use crate::checkpoint;
 use crate::commands::shoot::display;
+use crate::memory;
 use crate::output;
 use crate::watch::{self, say, warn, watched};
 use anyhow::anyhow;
-use diopter::shot::{Sequence, Shot};
+use diopter::shot::{Kept, Sequence, Shot};
 use std::time::Instant;
 
 pub fn run(args: &Expose, json: bool) -> anyhow::Result<()> {
@@ -22,6 +23,7 @@ pub fn run(args: &Expose, json: bool) -> anyhow::Result<()> {
     let output = output::prepare_exr(&args.output)?;
     let mut shot = Shot::prepare(&file, &mut warn)?;
     (shot.radiance, shot.rgb, shot.spectral) = (args.radiance, args.rgb, args.bands);
+    memory::check(&shot, Kept::Plane, args.taking.max_memory)?;
     watched("focusing", |w| shot.focus(w, &mut warn))?;
     watched("metering", |w| shot.meter(w, &mut warn))?;
     let started = Instant::now();

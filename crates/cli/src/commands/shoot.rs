@@ -4,6 +4,7 @@ use super::{print_json, stack};
 use crate::AskedWrongly;
 use crate::args::Shoot;
 use crate::checkpoint;
+use crate::memory;
 use crate::output::{self, Format, Output};
 use crate::paint;
 use crate::watch::{self, say, warn, watched};
@@ -15,7 +16,7 @@ use diopter::lens::draw::{Axis, Chart, Color, Figure, Line, Style};
 use diopter::metering::ev100_of_setting;
 use diopter::quantity::FNumber;
 use diopter::sensor::ReadOut;
-use diopter::shot::{Sequence, Shot};
+use diopter::shot::{Kept, Sequence, Shot};
 use diopter::truth;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -83,6 +84,8 @@ pub fn run(args: &Shoot, json: bool) -> anyhow::Result<()> {
     let shot_file = args.save_shot.as_deref().map(Output::prepare).transpose()?;
 
     let mut shot = Shot::prepare(&file, &mut warn)?;
+    let kept = if planes.is_empty() && truths.is_empty() { Kept::ReadOut } else { Kept::Plane };
+    memory::check(&shot, kept, args.taking.max_memory)?;
     shot.date = Some(output::now());
     let begun = Instant::now();
     let report = watched("focusing", |w| shot.focus(w, &mut warn))?;

@@ -7,6 +7,7 @@
 pub mod file;
 mod focusing;
 mod light_field;
+mod memory;
 mod resume;
 mod sequence;
 mod sources;
@@ -16,6 +17,7 @@ mod time_limit;
 mod timing;
 
 pub use file::ShotFile;
+pub use memory::Kept;
 pub use sequence::{Sequence, Vary};
 pub use sources::{odd_size, read_body, read_environment, read_lens, read_scene};
 pub use surroundings::daylight;
