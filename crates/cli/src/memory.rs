@@ -6,27 +6,29 @@ use diopter::shot::{Kept, Shot};
 
 /// Refuses a shot that takes more memory than `allowed`, or than is free when nobody says.
 pub fn check(shot: &Shot, kept: Kept, allowed: Option<Bytes>) -> anyhow::Result<()> {
-    let (available, source) = match (allowed, free()) {
-        (Some(Bytes(bytes)), _) => (bytes, "--max-memory allows"),
-        (None, Some(bytes)) => (bytes, "is free; --max-memory sets another limit"),
+    let available = match (allowed, free()) {
+        (Some(Bytes(bytes)), _) | (None, Some(bytes)) => bytes,
         (None, None) => return Ok(()),
     };
     let needed = shot.bytes_needed(kept);
     if needed <= available {
         return Ok(());
     }
+    let limit = match allowed {
+        Some(bytes) => format!("--max-memory allows {bytes}"),
+        None => format!("{} are free (--max-memory sets another limit)", Bytes(available)),
+    };
     let film = &shot.camera.film;
     let fits = match shot.largest_size(available, kept) {
         Some([width, height]) => format!("at most --size {width}x{height}"),
         None => "more memory".into(),
     };
     Err(AskedWrongly(anyhow!(
-        "size {}x{} in {} bands: the exposure takes {}, and {} {source}: expected {fits}",
+        "size {}x{} in {} bands: the exposure takes {}, {limit}: expected {fits}",
         film.columns,
         film.rows,
         shot.bands(),
         Bytes(needed),
-        Bytes(available),
     ))
     .into())
 }
