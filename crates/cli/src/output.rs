@@ -100,7 +100,14 @@ pub fn remove_parts() {
 /// The name of a file while it is written: whose it is, by machine and process.
 fn part_name(name: &str, machine: &str, process: u32) -> String {
     let end = name.floor_char_boundary(PART_NAME);
-    format!(".{}.{machine}-{process}.part", &name[..end])
+    // Names that differ behind that differ by this.
+    let rest = if end < name.len() { format!("~{:08x}", hash(name)) } else { String::new() };
+    format!(".{}{rest}.{machine}-{process}.part", &name[..end])
+}
+
+/// FNV-1a of 32 bits (Fowler, Noll & Vo 1991).
+fn hash(text: &str) -> u32 {
+    text.bytes().fold(0x811c_9dc5, |h: u32, b| (h ^ u32::from(b)).wrapping_mul(0x0100_0193))
 }
 
 /// The process of this machine that a part belongs to.
@@ -117,9 +124,7 @@ fn machine() -> &'static str {
         let read = |path: &str| std::fs::read_to_string(path).unwrap_or_default();
         let numbers = std::fs::read_link("/proc/self/ns/pid").unwrap_or_default();
         let text = format!("{} {} {}", read("/etc/machine-id"), read("/proc/sys/kernel/hostname"), numbers.display());
-        // FNV-1a of 32 bits (Fowler, Noll & Vo 1991).
-        let hash = text.bytes().fold(0x811c_9dc5u32, |h, b| (h ^ u32::from(b)).wrapping_mul(0x0100_0193));
-        format!("{hash:08x}")
+        format!("{:08x}", hash(&text))
     })
 }
 
@@ -298,6 +303,8 @@ mod tests {
             (".a photo.jpg.0123abcd-77.part", Some(77), None)
         );
         assert!(part_name(&"ü".repeat(121), "0123abcd", u32::MAX).len() <= 255);
+        let long = |end: char| part_name(&format!("{}{end}", "a".repeat(240)), "0123abcd", 1);
+        assert!(long('1') != long('2') && long('1').len() <= 255);
         for other in
             ["photo.jpg", ".photo.jpg.77.part", ".photo.jpg.0123abcd-.part", "photo.jpg.0123abcd-77.part", ".0123abcd-77.part"]
         {
