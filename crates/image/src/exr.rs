@@ -10,7 +10,7 @@ use crate::picture::in_bands;
 use crate::{Encoding, ExposureFacts, FocalPlane, ImageError, PictureSource, Raster};
 use diopter_light::color::RgbSpace;
 use exr::prelude::*;
-use std::io::{Read, Seek, Write};
+use std::io::{Read, Seek, SeekFrom, Write};
 
 const ATTRIBUTE: &str = "diopter";
 
@@ -179,6 +179,18 @@ fn description(attributes: &LayerAttributes) -> std::result::Result<Description,
     serde_json::from_str(&json.to_string()).map_err(|e| ImageError::Malformed { format: "focal plane", reason: e.to_string() })
 }
 
+/// Each band has a channel of its own, so there are no more bands than channels: memory is asked for by the number of bands.
+fn few_bands(description: &Description, channels: usize) -> std::result::Result<(), ImageError> {
+    let bands = description.bands.len();
+    match bands <= channels {
+        true => Ok(()),
+        false => Err(ImageError::Malformed {
+            format: "focal plane",
+            reason: format!("{bands} bands are announced, and the file has {channels} channels: expected a channel for each"),
+        }),
+    }
+}
+
 /// Planes of one pixel raster by name: floating point, and whole numbers.
 pub fn write_planes(
     [width, height]: [usize; 2],
@@ -202,6 +214,7 @@ pub fn read_focal_plane(from: impl Read + Seek) -> std::result::Result<FocalPlan
     let layer = read_layer(from)?;
     let (width, height) = (layer.size.0, layer.size.1);
     let description = description(&layer.attributes)?;
+    few_bands(&description, layer.channel_data.list.len())?;
     let find = |name: &str| {
         layer.channel_data.list.iter().find(|c| c.name == *name).ok_or_else(|| ImageError::Missing {
             what: format!("the channel \"{name}\""),
@@ -255,10 +268,11 @@ pub struct FocalPlaneRows {
 impl FocalPlaneRows {
     /// Opens a focal plane that [`write_focal_plane`] wrote.
     pub fn open(from: impl Read + Seek + 'static) -> std::result::Result<Self, ImageError> {
-        let reader = exr::block::read(std::io::BufReader::new(from), false).map_err(malformed)?;
+        let reader = open(from)?;
         let header =
             reader.headers().first().ok_or_else(|| ImageError::Malformed { format: "EXR", reason: "no layer".into() })?;
         let description = description(&header.own_attributes)?;
+        few_bands(&description, header.channels.list.len())?;
         let size = [header.layer_size.0, header.layer_size.1];
         let find = |b: &Band| {
             let place = header.channels.list.iter().position(|c| c.name == *b.name.as_str() && c.sample_type == SampleType::F32);
@@ -350,9 +364,76 @@ fn read_layer(from: impl Read + Seek) -> std::result::Result<Layer<AnyChannels<F
         .all_channels()
         .first_valid_layer()
         .all_attributes()
-        .from_buffered(std::io::BufReader::new(from))
+        .from_chunks(open(from)?)
         .map_err(malformed)?;
     Ok(image.layer_data)
+}
+
+/// Most bytes of one block (a tile, or the rows that are compressed together) that need not be part of the picture: blocks are unpacked
+/// whole. A tile of 2048 × 2048 pixels of four 32-bit numbers.
+const LARGEST_BLOCK: usize = 64 << 20;
+
+/// Reads the headers, and holds the pixels that they announce against the bytes of the file: before any memory is asked for.
+fn open<R: Read + Seek>(from: R) -> std::result::Result<exr::block::reader::Reader<std::io::BufReader<R>>, ImageError> {
+    let mut from = std::io::BufReader::new(from);
+    let start = from.stream_position()?;
+    let length = from.seek(SeekFrom::End(0))?.saturating_sub(start);
+    from.seek(SeekFrom::Start(start))?;
+    let reader = exr::block::read(from, false).map_err(malformed)?;
+    reader.headers().iter().try_for_each(|header| within_file(header, length))?;
+    Ok(reader)
+}
+
+/// Most bytes of pixels that a byte of a file can become.
+///
+/// Run lengths: 128 equal bytes from 2. Deflate: 258 bytes from 2 bits (RFC 1951). PXR24: deflate of 24 of 32 bits. PIZ: Huffman codes of which
+/// a run of 255 numbers of 16 bits takes 9 bits at least. B44: 16 numbers of 16 bits from 3 bytes. DWA: 64 numbers of 32 bits from two
+/// numbers of 16 bits (a constant and the end of its block), deflated. Source: OpenEXR, "Technical Introduction" and its `ImfPizCompressor`,
+/// `ImfB44Compressor`, `ImfDwaCompressor`. `None`: not readable here.
+fn largest_expansion(compression: Compression) -> Option<usize> {
+    Some(match compression {
+        Compression::Uncompressed => 1,
+        Compression::RLE => 64,
+        Compression::ZIP1 | Compression::ZIP16 => 1032,
+        Compression::PXR24 => 1376,
+        Compression::PIZ => 454,
+        Compression::B44 | Compression::B44A => 11,
+        Compression::DWAA(_) | Compression::DWAB(_) => 66_048,
+        _ => return None,
+    })
+}
+
+/// Whether a file of `length` bytes can hold the pixels that a header announces.
+fn within_file(header: &exr::meta::header::Header, length: u64) -> std::result::Result<(), ImageError> {
+    let wrong = |reason: String| Err(ImageError::Malformed { format: "EXR", reason });
+    let Some(expansion) = largest_expansion(header.compression) else {
+        return wrong(format!("its pixels have {}: expected none, RLE, ZIP, PIZ, PXR24, B44 or DWA", header.compression));
+    };
+    let pixel = header.channels.list.iter().map(|c| c.sample_type.bytes_per_sample()).sum::<usize>();
+    let bytes = |Vec2(width, height): Vec2<usize>| width.checked_mul(height).and_then(|n| n.checked_mul(pixel));
+    let whole = bytes(header.layer_size);
+    let most = usize::try_from(length).unwrap_or(usize::MAX).saturating_mul(expansion);
+    let Vec2(width, height) = header.layer_size;
+    if whole.is_none_or(|n| n > most) {
+        return wrong(format!(
+            "{width} × {height} pixels of {pixel} bytes are announced, and with {} its {length} bytes can become {most} at most: it is \
+             cut short or damaged",
+            header.compression
+        ));
+    }
+    let block = match header.blocks {
+        exr::meta::BlockDescription::Tiles(tiles) => tiles.tile_size,
+        exr::meta::BlockDescription::ScanLines => Vec2(width, header.compression.scan_lines_per_block()),
+    };
+    if bytes(block).is_none_or(|n| n > whole.unwrap_or(0).max(LARGEST_BLOCK)) {
+        return wrong(format!(
+            "blocks of {} × {} pixels of {pixel} bytes: expected at most {} MiB, or the {width} × {height} pixels of the picture",
+            block.0,
+            block.1,
+            LARGEST_BLOCK >> 20
+        ));
+    }
+    Ok(())
 }
 
 /// Reads one channel of any EXR by name, as floating point, row by row.
@@ -442,6 +523,72 @@ mod tests {
         for length in [0, 3, 40, bytes.len() / 2, bytes.len() - 9] {
             assert!(read_focal_plane(Cursor::new(&bytes[..length])).is_err(), "{length}");
         }
+    }
+
+    /// A file of three half-precision channels with any window, compression and tiles, and 64 bytes in the place of its pixels.
+    fn announcing([width, height]: [i32; 2], compression: u8, tile: Option<[u32; 2]>) -> Vec<u8> {
+        let mut bytes = vec![0x76, 0x2f, 0x31, 0x01, 2, if tile.is_some() { 2 } else { 0 }, 0, 0];
+        let mut attribute = |name: &str, kind: &str, value: Vec<u8>| {
+            [name, kind].iter().for_each(|text| bytes.extend([text.as_bytes(), &[0]].concat()));
+            bytes.extend((value.len() as u32).to_le_bytes());
+            bytes.extend(value);
+        };
+        let words = |values: &[i32]| values.iter().flat_map(|v| v.to_le_bytes()).collect::<Vec<u8>>();
+        // A name, the type (half), linear or not with three bytes of padding, the sampling.
+        let channel = |name: u8| [vec![name, 0], words(&[1, 0, 1, 1])].concat();
+        attribute("channels", "chlist", [channel(b'B'), channel(b'G'), channel(b'R'), vec![0]].concat());
+        attribute("compression", "compression", vec![compression]);
+        attribute("dataWindow", "box2i", words(&[0, 0, width - 1, height - 1]));
+        attribute("displayWindow", "box2i", words(&[0, 0, width - 1, height - 1]));
+        attribute("lineOrder", "lineOrder", vec![0]);
+        attribute("pixelAspectRatio", "float", 1f32.to_le_bytes().to_vec());
+        attribute("screenWindowCenter", "v2f", vec![0; 8]);
+        attribute("screenWindowWidth", "float", 1f32.to_le_bytes().to_vec());
+        if let Some([across, down]) = tile {
+            let level_mode = vec![0];
+            attribute("tiles", "tiledesc", [across.to_le_bytes().to_vec(), down.to_le_bytes().to_vec(), level_mode].concat());
+        }
+        bytes.push(0);
+        bytes.extend([0; 64]);
+        bytes
+    }
+
+    #[test]
+    fn more_pixels_than_the_bytes_can_become_are_refused() {
+        for compression in 0..10 {
+            for size in [[30_000, 30_000], [1_000_000_000, 1], [1_000_000_000, 1_000_000_000]] {
+                let bytes = announcing(size, compression, None);
+                assert!(bytes.len() < 500);
+                let e = read_rgb(Cursor::new(&bytes)).unwrap_err().to_string();
+                assert!(e.contains("announced"), "compression {compression}, {size:?}: {e}");
+                assert!(read_plane(Cursor::new(&bytes), "R").is_err());
+                assert!(FocalPlaneRows::open(Cursor::new(bytes)).is_err());
+            }
+        }
+        // What the bytes could become passes, and is found to be nonsense later.
+        let small = read_rgb(Cursor::new(announcing([8, 8], 3, None))).unwrap_err().to_string();
+        assert!(!small.contains("announced"), "{small}");
+        let tiles = read_rgb(Cursor::new(announcing([8, 8], 3, Some([1 << 20, 1 << 20])))).unwrap_err().to_string();
+        assert!(tiles.contains("blocks of"), "{tiles}");
+    }
+
+    #[test]
+    fn bands_without_channels_are_refused() {
+        let mut many = plane();
+        let facts = many.facts.clone();
+        many.bands = (0..20).map(|_| many.bands[0].clone()).collect();
+        let json = serde_json::to_string(&Description { bands: many.bands, facts }).unwrap();
+        let set = |_: &mut ImageAttributes, layer: &mut LayerAttributes| {
+            layer.other.insert(Text::from(ATTRIBUTE), AttributeValue::Text(Text::from(ascii(&json).as_str())));
+        };
+        let mut file = Cursor::new(Vec::new());
+        let channel = AnyChannel::new("R", FlatSamples::F32(vec![0.0; 15]));
+        write_channels((5, 3), vec![channel], set, &mut file).unwrap();
+        file.set_position(0);
+        let e = read_focal_plane(&mut file).unwrap_err().to_string();
+        assert!(e.contains("20 bands"), "{e}");
+        file.set_position(0);
+        assert!(FocalPlaneRows::open(file).is_err());
     }
 
     #[test]
