@@ -585,6 +585,7 @@ fn check_accessors(document: &gltf::Document, buffers: &[Vec<u8>], name: &str) -
         );
         Err(error(name, place, found, format!("expected at most {length}")))
     };
+    let most_zeros = packed::most_zeros(buffers);
     for view in document.views() {
         view_end(&view, &format!("bufferView {}", view.index()), 0)?;
     }
@@ -617,6 +618,9 @@ fn check_accessors(document: &gltf::Document, buffers: &[Vec<u8>], name: &str) -
                     ));
                 }
             }
+        } else if accessor.sparse().is_some() && accessor.count() > most_zeros {
+            let found = format!("{} elements without data", accessor.count());
+            return Err(error(name, &place, found, format!("expected at most {most_zeros}, as many as the file has bytes")));
         }
         if let Some(sparse) = accessor.sparse() {
             let (indices, values) = (sparse.indices(), sparse.values());
@@ -844,6 +848,22 @@ mod tests {
         ] {
             let text = message(&[replace]);
             assert!(text.starts_with("t.gltf: no surface") && text.contains("triangles"), "{text}");
+        }
+    }
+
+    #[test]
+    fn lists_of_zeros_are_no_longer_than_the_file_bears() {
+        // The positions are zeros but for one; a target of a thousand million corners.
+        let sparse = "{\"componentType\":5126,\"count\":N,\"type\":\"VEC3\",\"min\":[0,0,0],\"max\":[1,1,0],\"sparse\":{\"count\":1,\
+            \"indices\":{\"bufferView\":1,\"componentType\":5123},\"values\":{\"bufferView\":0}}}";
+        let whole = "{\"bufferView\":0,\"componentType\":5126,\"count\":3,\"type\":\"VEC3\",\"min\":[0,0,0],\"max\":[1,1,0]}";
+        assert!(load(triangle(&[(whole, &sparse.replace('N', "3"))]).as_bytes(), "t.gltf", &none).is_ok());
+        let (asset, used) = ("\"asset\"", "\"extensionsUsed\":[\"KHR_mesh_quantization\"],\"asset\"");
+        // As numbers of single precision, and as whole numbers that are unpacked first.
+        for (count, kind, uses) in [("1000000000", "5126", asset), ("70000", "5126", used), ("70000", "5122", used)] {
+            let sparse = sparse.replace('N', count).replace("5126", kind);
+            let text = message(&[(whole, &sparse), (asset, uses)]);
+            assert!(text.contains("without data"), "{count}: {text}");
         }
     }
 

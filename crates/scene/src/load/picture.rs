@@ -2,10 +2,10 @@
 
 use crate::texture::{Image, Texels};
 use diopter_image::Raster;
-use image::ImageFormat;
+use image::{DynamicImage, ExtendedColorType, ImageDecoder, ImageFormat};
 use std::io::Cursor;
 
-/// Most pixels a side of a texture.
+/// Most pixels a side of a picture.
 const LARGEST_IMAGE: u32 = 32_768;
 
 /// What a picture is that is read elsewhere or not at all, where its first bytes tell. Source: Khronos KTX File Format Specifications 1.0 and 2.0.
@@ -17,26 +17,72 @@ fn other_format(bytes: &[u8]) -> Option<&'static str> {
     }
 }
 
+/// Pixels that any file may announce, however short it is: 4 MiB as 8-bit codes.
+const ALWAYS: u64 = 1 << 20;
+
+/// The same of formats in which a picture of one colour takes some bytes at any size (lossless WebP, Basis Universal, fax): 64 MiB.
+const ALWAYS_PACKED: u64 = 1 << 24;
+
+/// Most pixels for each byte of a file in those formats, beyond what is always read: an explicit limit, since the formats have none.
+const PACKED: u64 = 16_384;
+
+/// Pixels of a picture that are at most kept for each byte of its file, and those that are always.
+///
+/// PNG: deflate makes 258 bytes of 2 bits (RFC 1951), of 8 pixels each. JPEG: each block of 8 × 8 numbers takes a bit at least, and two components
+/// at a quarter of the resolution in one direction each share 1024 pixels between 9 blocks. Targa: 128 pixels from 2 bytes. BMP: a row of
+/// 32768 pixels that ends at once from 2 bytes. TIFF: LZW makes 4096 bytes of 12 bits at best, of 8 pixels each; of black and white a row of fax is
+/// a bit, which is limited as the packed formats are. QOI: 62 pixels from a byte.
+fn most_pixels(format: ImageFormat, colors: ExtendedColorType) -> (u64, u64) {
+    match format {
+        ImageFormat::Jpeg => (1024, ALWAYS),
+        ImageFormat::WebP => (PACKED, ALWAYS_PACKED),
+        ImageFormat::Tga => (64, ALWAYS),
+        ImageFormat::Bmp => (16_384, ALWAYS),
+        ImageFormat::Qoi => (62, ALWAYS),
+        ImageFormat::Tiff if colors == ExtendedColorType::L1 => (PACKED, ALWAYS_PACKED),
+        ImageFormat::Tiff => (8 * 2731, ALWAYS),
+        _ => (8 * 1032, ALWAYS),
+    }
+}
+
+/// Holds the size that a header announces against the length of its file, before memory is asked for.
+fn check_size([width, height]: [u32; 2], length: usize, (for_each, always): (u64, u64)) -> Result<(), String> {
+    if !(1..=LARGEST_IMAGE).contains(&width) || !(1..=LARGEST_IMAGE).contains(&height) {
+        return Err(format!("it has {width} × {height} pixels: expected 1 to {LARGEST_IMAGE} a side"));
+    }
+    let most = (length as u64).saturating_mul(for_each).max(always);
+    if u64::from(width) * u64::from(height) > most {
+        return Err(format!(
+            "{width} × {height} pixels are announced, and {length} bytes of this format can become {most} at most: it is cut short or \
+             damaged"
+        ));
+    }
+    Ok(())
+}
+
+/// Holds the size of a picture in a format of Basis Universal against the length of its file.
+pub(super) fn check_packed(size: [u32; 2], length: usize) -> Result<(), String> {
+    check_size(size, length, (PACKED, ALWAYS_PACKED))
+}
+
 /// Reads a picture of 8-bit codes. Targa files have no mark of their own: what is nothing else is tried as one.
 fn read_picture(bytes: &[u8]) -> Result<Image, String> {
     if let Some(what) = other_format(bytes) {
         return Err(format!("it is {what}, none of PNG, JPEG, WebP, Targa, BMP, TIFF, QOI, EXR, HDR, PFM"));
     }
     let format = image::guess_format(bytes).unwrap_or(ImageFormat::Tga);
-    let mut reader = image::ImageReader::with_format(Cursor::new(bytes), format);
-    let mut limits = image::Limits::default();
-    (limits.max_image_width, limits.max_image_height) = (Some(LARGEST_IMAGE), Some(LARGEST_IMAGE));
-    // A file cannot hold more than its bytes can become: deflate packs at most 1032 to 1.
-    let most = (bytes.len() as u64).saturating_mul(1100).max(512 << 20);
-    limits.max_alloc = Some(most.min(u64::from(LARGEST_IMAGE) * u64::from(LARGEST_IMAGE) * 8));
-    reader.limits(limits);
     let unknown = "it is none of PNG, JPEG, WebP, Targa, BMP, TIFF, QOI, EXR, HDR, PFM";
-    let decoded =
-        reader.decode().map_err(|e| if format == ImageFormat::Tga { unknown.to_owned() } else { e.to_string() })?.into_rgba8();
+    let wrong = |e: image::ImageError| if format == ImageFormat::Tga { unknown.to_owned() } else { e.to_string() };
+    let mut reader = image::ImageReader::with_format(Cursor::new(bytes), format);
+    let mut limits = image::Limits::no_limits();
+    // The largest picture of 16-bit numbers.
+    limits.max_alloc = Some(u64::from(LARGEST_IMAGE) * u64::from(LARGEST_IMAGE) * 8);
+    reader.limits(limits);
+    let decoder = reader.into_decoder().map_err(wrong)?;
+    let (width, height) = decoder.dimensions();
+    check_size([width, height], bytes.len(), most_pixels(format, decoder.original_color_type()))?;
+    let decoded = DynamicImage::from_decoder(decoder).map_err(wrong)?.into_rgba8();
     let (width, height) = (decoded.width() as usize, decoded.height() as usize);
-    if width == 0 || height == 0 {
-        return Err(format!("it has {width} × {height} pixels"));
-    }
     let pixels = decoded.into_raw().chunks_exact(4).map(|p| [p[0], p[1], p[2], p[3]]).collect();
     Ok(Image::new(width, height, pixels))
 }
@@ -123,7 +169,16 @@ pub(super) fn read_light_picture(bytes: &[u8]) -> Result<Raster<f32>, String> {
 /// Reads a Radiance `.hdr` picture as linear RGB.
 fn read_hdr(bytes: &[u8]) -> Result<Raster<f32>, String> {
     let decoder = image::codecs::hdr::HdrDecoder::new(Cursor::new(bytes)).map_err(|e| e.to_string())?;
-    let picture = image::DynamicImage::from_decoder(decoder).map_err(|e| e.to_string())?.into_rgb32f();
+    let (width, height) = decoder.dimensions();
+    // A row takes a pixel of 4 bytes, and for more than one pixel a run of 4 bytes, which repeats it at most 255 times; a second run that follows
+    // repeats it 256 times as often. Source: G. Ward, `color.c` of Radiance.
+    let row = match width {
+        0..=1 => 4,
+        2..=256 => 8,
+        _ => 12,
+    };
+    check_size([width, height], bytes.len(), (u64::from(width.div_ceil(row)), 0))?;
+    let picture = DynamicImage::from_decoder(decoder).map_err(|e| e.to_string())?.into_rgb32f();
     let (width, height) = (picture.width() as usize, picture.height() as usize);
     Ok(Raster { width, height, channels: 3, data: picture.into_raw() })
 }
@@ -153,6 +208,58 @@ mod tests {
         assert_eq!(read_light_picture(&grey).unwrap().data, [7.0; 3]);
         for wrong in ["PF 0 1 -1\n", "PF 1 99999999 -1\n", "PF 2 2 0\n", "PF 2 x 1\n", "PF"] {
             assert!(read_pfm(wrong.as_bytes()).is_err(), "{wrong}");
+        }
+    }
+
+    #[test]
+    fn sizes_that_the_bytes_cannot_become_are_refused() {
+        let hdr = |size: &str| format!("#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n{size}\n\u{1}\u{1}\u{1}\u{1}").into_bytes();
+        for size in ["-Y 1 +X 2000000000", "-Y 2000000000 +X 1", "-Y 30000 +X 30000", "-Y 65535 +X 65535", "-Y 200 +X 3"] {
+            let e = read_light_picture(&hdr(size)).unwrap_err();
+            assert!(e.contains("pixels"), "{size}: {e}");
+        }
+        assert!(
+            read_light_picture(&[b"PF\n32768 32768\n-1\n".as_slice(), &[0; 64]].concat()).unwrap_err().contains("ends early")
+        );
+
+        let word = |v: u32| v.to_le_bytes();
+        // BMP: header of the file, header of the picture (40 bytes, 24 bits a pixel).
+        let mut bmp = b"BM".to_vec();
+        [400, 0, 54, 40, 30_000, 30_000, 1 | 24 << 16, 0, 0, 0, 0, 0, 0].iter().for_each(|v| bmp.extend(word(*v)));
+        // Targa: of true colour, in runs, 24 bits.
+        let mut tga = vec![0, 0, 10, 0, 0, 0, 0, 0, 0, 0, 0, 0];
+        tga.extend([30_000u16.to_le_bytes(), 30_000u16.to_le_bytes()].concat());
+        tga.extend([24, 0]);
+        let qoi = [b"qoif".as_slice(), &30_000u32.to_be_bytes(), &30_000u32.to_be_bytes(), &[4, 0]].concat();
+        // TIFF as the encoder writes a small picture, with another size.
+        let mut tiff = Vec::new();
+        image::RgbImage::new(4, 4).write_to(&mut Cursor::new(&mut tiff), ImageFormat::Tiff).unwrap();
+        let directory = u32::from_le_bytes([tiff[4], tiff[5], tiff[6], tiff[7]]) as usize;
+        let fields = u16::from_le_bytes([tiff[directory], tiff[directory + 1]]) as usize;
+        for field in 0..fields {
+            let at = directory + 2 + 12 * field;
+            // Width and height as numbers of 32 bits.
+            if matches!(u16::from_le_bytes([tiff[at], tiff[at + 1]]), 256 | 257) {
+                tiff[at + 2..at + 4].copy_from_slice(&[4, 0]);
+                tiff[at + 8..at + 12].copy_from_slice(&word(30_000));
+            }
+        }
+        for (name, mut bytes) in [("bmp", bmp), ("tga", tga), ("qoi", qoi), ("tiff", tiff)] {
+            bytes.resize(bytes.len().max(400), 0);
+            assert!(read_texture(&bytes).is_err(), "{name}");
+            assert!(read_light_picture(&bytes).is_err(), "{name}");
+        }
+        for (size, length, rule, fine) in [
+            ([30_000, 30_000], 400, most_pixels(ImageFormat::Png, ExtendedColorType::Rgb8), false),
+            ([30_000, 30_000], 110_000, most_pixels(ImageFormat::Png, ExtendedColorType::L1), true),
+            ([1000, 1000], 100, most_pixels(ImageFormat::Jpeg, ExtendedColorType::Rgb8), true),
+            ([10_000, 10_000], 100, most_pixels(ImageFormat::Jpeg, ExtendedColorType::Rgb8), false),
+            ([4096, 4096], 30, most_pixels(ImageFormat::WebP, ExtendedColorType::Rgb8), true),
+            ([16_383, 16_383], 30, most_pixels(ImageFormat::WebP, ExtendedColorType::Rgb8), false),
+            ([0, 5], 400, most_pixels(ImageFormat::Qoi, ExtendedColorType::Rgb8), false),
+            ([40_000, 1], 1 << 30, most_pixels(ImageFormat::Qoi, ExtendedColorType::Rgb8), false),
+        ] {
+            assert_eq!(check_size(size, length, rule).is_ok(), fine, "{size:?} in {length} bytes");
         }
     }
 

@@ -4,6 +4,7 @@
 
 use super::error;
 use crate::SceneError;
+use crate::load::picture::check_packed;
 use crate::texture::Image;
 use draco_gltf::meshopt::{MeshoptFilter, MeshoptMode, decode_buffer_view};
 use serde_json::{Value, json};
@@ -18,6 +19,15 @@ pub(super) const EXTENSIONS: [&str; 6] = [MESHOPT[0], MESHOPT[1], DRACO, "KHR_me
 
 /// Most that one part may become, bytes: more is a mistake or an attack.
 const LARGEST: usize = 8 << 30;
+
+/// Elements of a list of zeros that any file may announce.
+const ALWAYS: usize = 1 << 16;
+
+/// Most elements of an accessor without data of its own, which stands for zeros. It lies beside others of as many elements (the corners of one
+/// mesh), which take a byte each at least.
+pub(super) fn most_zeros(buffers: &[Vec<u8>]) -> usize {
+    buffers.iter().map(Vec::len).sum::<usize>().max(ALWAYS)
+}
 
 struct Unpacker<'a> {
     name: &'a str,
@@ -163,9 +173,16 @@ impl Unpacker<'_> {
         let wrong = |found: &str, expected: &str| error(self.name, &place, found, expected);
         let bytes = index(packed.get("bufferView")).and_then(|v| self.view(v));
         let bytes = bytes.ok_or_else(|| wrong("its bufferView is not there", "expected bytes within a buffer"))?;
+        // Codes of connectivity and of numbers may take far less than a bit: an explicit limit, beyond what is always read.
+        let limits = draco_core::DecodeLimits::default();
+        let of_length = |least: u64, most: u64| (bytes.len() as u64).saturating_mul(1024).clamp(least, most);
+        let limits = limits
+            .with_max_faces(of_length(1 << 20, limits.max_faces))
+            .with_max_points(of_length(1 << 20, limits.max_points))
+            .with_max_decoded_bytes(of_length(64 << 20, limits.max_decoded_bytes));
         let decoded = catch_unwind(|| {
             let mut mesh = draco_core::Mesh::new();
-            let mut buffer = draco_core::DecoderBuffer::new(bytes);
+            let mut buffer = draco_core::DecoderBuffer::new(bytes).with_limits(limits);
             draco_core::MeshDecoder::new().decode(&mut buffer, &mut mesh).map(|()| mesh).map_err(|e| format!("{e:?}"))
         });
         let mesh = decoded
@@ -299,7 +316,13 @@ impl Unpacker<'_> {
             let whole = whole.ok_or_else(|| wrong(&format!("{count} elements"), "expected as many as the file holds"))?;
             let mut out = Vec::new();
             match index(a.get("bufferView")) {
-                None => out = vec![0.0f32; if whole <= 1 << 28 { whole } else { 0 }],
+                None => {
+                    let most = most_zeros(self.buffers);
+                    if count > most {
+                        return Err(wrong(&format!("{count} elements without data"), &format!("expected at most {most}")));
+                    }
+                    out = vec![0.0f32; whole];
+                }
                 Some(view) => {
                     let stride = array(self.json, "bufferViews").get(view).and_then(|v| index(v.get("byteStride")));
                     let stride = stride.unwrap_or(components * size);
@@ -391,6 +414,7 @@ fn scale_of(accessor: &Value) -> Option<f32> {
 /// A KTX 2 picture in one of the Basis Universal formats.
 pub(super) fn read_ktx2(bytes: &[u8]) -> Result<Image, String> {
     let (width, height) = ktx2_size(bytes)?;
+    check_packed([width as u32, height as u32], bytes.len())?;
     // What cannot be decoded is told with what it is: KTX 2 holds any format of a graphics card.
     let told = |e: String| format!("{}: {e}; Basis Universal (ETC1S, UASTC) can be read", ktx2_kind(bytes));
     let pixels = catch_unwind(|| {
