@@ -458,7 +458,7 @@ impl Scene {
                 Some(way) => self.moved_light(&self.lights.area[i as usize], *way, self.movers.share(time_s)).aim(p, u, i),
             },
             LightRef::Punctual(i) => match self.movers.lights.get(i as usize) {
-                Some(Some(track)) => self.lights.punctual[i as usize].placed(&track.at(self.movers.share(time_s))).aim(p, u, i),
+                Some(Some(track)) => self.lights.punctual[i as usize].aim_placed(&track.at(self.movers.share(time_s)), p, u, i),
                 _ => self.lights.aim(light, p, u),
             },
             LightRef::Environment => self.lights.aim(light, p, u),
@@ -471,7 +471,8 @@ impl Scene {
         let arriving = match aim.spot {
             Spot::Punctual(i) => match self.movers.lights.get(i as usize) {
                 Some(Some(track)) => {
-                    self.lights.punctual[i as usize].placed(&track.at(self.movers.share(time_s))).arriving(aim, wavelengths)
+                    let place = track.at(self.movers.share(time_s));
+                    self.lights.punctual[i as usize].arriving_placed(&place, aim, wavelengths)
                 }
                 _ => self.lights.arriving(aim, &self.description.materials, wavelengths),
             },

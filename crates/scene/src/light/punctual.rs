@@ -131,16 +131,11 @@ pub enum PunctualKind {
     },
 }
 
-impl Punctual {
-    /// A steady light that stands still.
-    pub fn new(name: &str, power: Spectrum, kind: PunctualKind) -> Self {
-        Punctual { name: name.into(), power, kind, carrier: None, modulation: Modulation::Steady, pattern: None }
-    }
-
-    /// The light when its space is placed in the world.
-    pub(crate) fn placed(&self, place: &Affine3A) -> Punctual {
+impl PunctualKind {
+    /// The geometry when its space is placed in the world.
+    fn placed(self, place: &Affine3A) -> PunctualKind {
         let turned = |d: Vec3| place.transform_vector3(d).try_normalize().unwrap_or(d);
-        let kind = match self.kind {
+        match self {
             PunctualKind::Point { position } => PunctualKind::Point { position: place.transform_point3(position) },
             PunctualKind::Spot { position, direction, cos_inner, cos_outer, edge } => PunctualKind::Spot {
                 position: place.transform_point3(position),
@@ -151,12 +146,48 @@ impl Punctual {
             },
             PunctualKind::Directional { direction } => PunctualKind::Directional { direction: turned(direction) },
             PunctualKind::Disc { direction, half_angle } => PunctualKind::Disc { direction: turned(direction), half_angle },
+        }
+    }
+
+    fn aim(self, p: Vec3, u: [f32; 2], number: u32) -> Option<Aim> {
+        let (wi, distance) = match self {
+            PunctualKind::Disc { direction, half_angle } => {
+                // Even over the cone.
+                let (drop, phi) = (u[0] * 2.0 * (0.5 * half_angle).sin().powi(2), TAU * u[1]);
+                let (cos, sin) = (1.0 - drop, (drop * (2.0 - drop)).sqrt());
+                let (x, y) = sampling::frame(-direction);
+                let wi = (x * (sin * phi.cos()) + y * (sin * phi.sin()) - direction * cos).normalize();
+                let (distance, pdf) = (f32::INFINITY, disc_density(half_angle));
+                return Some(Aim { wi, distance, pdf, has_extent: true, spot: Spot::Punctual(number), clearance: 0.0 });
+            }
+            PunctualKind::Directional { direction } => (-direction, f32::INFINITY),
+            PunctualKind::Point { position } | PunctualKind::Spot { position, .. } => {
+                let to = position - p;
+                let distance = to.length();
+                if !(distance > 0.0) {
+                    return None;
+                }
+                (to / distance, distance)
+            }
         };
+        let clearance = if distance.is_finite() { super::clearance(p, p + wi * distance, 1.0) } else { 0.0 };
+        Some(Aim { wi, distance, pdf: 1.0, has_extent: false, spot: Spot::Punctual(number), clearance })
+    }
+}
+
+impl Punctual {
+    /// A steady light that stands still.
+    pub fn new(name: &str, power: Spectrum, kind: PunctualKind) -> Self {
+        Punctual { name: name.into(), power, kind, carrier: None, modulation: Modulation::Steady, pattern: None }
+    }
+
+    /// The light when its space is placed in the world.
+    pub(crate) fn placed(&self, place: &Affine3A) -> Punctual {
         let pattern = self.pattern.as_ref().map(|p| {
             let m = Mat3::from(place.matrix3);
             Arc::new(Pattern { light_from_world: p.light_from_world * m.inverse(), ..(**p).clone() })
         });
-        Punctual { kind, pattern, ..self.clone() }
+        Punctual { kind: self.kind.placed(place), pattern, ..self.clone() }
     }
 
     /// Whether it is infinitely far away.
@@ -191,28 +222,12 @@ impl Punctual {
     }
 
     pub(crate) fn aim(&self, p: Vec3, u: [f32; 2], number: u32) -> Option<Aim> {
-        let (wi, distance) = match self.kind {
-            PunctualKind::Disc { direction, half_angle } => {
-                // Even over the cone.
-                let (drop, phi) = (u[0] * 2.0 * (0.5 * half_angle).sin().powi(2), TAU * u[1]);
-                let (cos, sin) = (1.0 - drop, (drop * (2.0 - drop)).sqrt());
-                let (x, y) = sampling::frame(-direction);
-                let wi = (x * (sin * phi.cos()) + y * (sin * phi.sin()) - direction * cos).normalize();
-                let (distance, pdf) = (f32::INFINITY, disc_density(half_angle));
-                return Some(Aim { wi, distance, pdf, has_extent: true, spot: Spot::Punctual(number), clearance: 0.0 });
-            }
-            PunctualKind::Directional { direction } => (-direction, f32::INFINITY),
-            PunctualKind::Point { position } | PunctualKind::Spot { position, .. } => {
-                let to = position - p;
-                let distance = to.length();
-                if !(distance > 0.0) {
-                    return None;
-                }
-                (to / distance, distance)
-            }
-        };
-        let clearance = if distance.is_finite() { super::clearance(p, p + wi * distance, 1.0) } else { 0.0 };
-        Some(Aim { wi, distance, pdf: 1.0, has_extent: false, spot: Spot::Punctual(number), clearance })
+        self.kind.aim(p, u, number)
+    }
+
+    /// What [`Punctual::aim`] of the light would be where its space is placed in the world.
+    pub(crate) fn aim_placed(&self, place: &Affine3A, p: Vec3, u: [f32; 2], number: u32) -> Option<Aim> {
+        self.kind.placed(place).aim(p, u, number)
     }
 
     /// Radiance of a disc seen in a direction, and the density of [`Punctual::aim`] for that; `None` beside it, or for other lights.
@@ -227,13 +242,28 @@ impl Punctual {
 
     /// Irradiance on a plane facing the light; of a disc, its radiance.
     pub(crate) fn arriving(&self, aim: &Aim, wavelengths: &Wavelengths) -> Sampled {
+        self.arriving_from(self.kind, -aim.wi, aim, wavelengths)
+    }
+
+    /// What [`Punctual::arriving`] of the light would be where its space is placed in the world. Nothing is copied: the picture of a
+    /// light can be large.
+    pub(crate) fn arriving_placed(&self, place: &Affine3A, aim: &Aim, wavelengths: &Wavelengths) -> Sampled {
+        let own = match self.pattern {
+            Some(_) => Mat3::from(place.matrix3).inverse() * -aim.wi,
+            None => -aim.wi,
+        };
+        self.arriving_from(self.kind.placed(place), own, aim, wavelengths)
+    }
+
+    /// Light of a kind in the world; `own`: its direction in the space in which the light's picture stands.
+    fn arriving_from(&self, kind: PunctualKind, own: Vec3, aim: &Aim, wavelengths: &Wavelengths) -> Sampled {
         let power = self.power.sample_light(wavelengths);
-        match self.kind {
+        match kind {
             PunctualKind::Directional { .. } => power,
             PunctualKind::Disc { half_angle, .. } => power / disc_sr(half_angle),
             PunctualKind::Point { .. } => {
                 let power = match &self.pattern {
-                    Some(pattern) => power * tint(pattern.at(-aim.wi), wavelengths),
+                    Some(pattern) => power * tint(pattern.at(own), wavelengths),
                     None => power,
                 };
                 power / (aim.distance * aim.distance)
@@ -274,4 +304,46 @@ fn disc_density(half_angle: f32) -> f32 {
 /// sin² of half the angle between two unit vectors: it keeps its digits where the cosine has none left.
 fn half_sine2(a: Vec3, b: Vec3) -> f32 {
     0.25 * (a - b).length_squared()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_light_that_is_carried_is_the_light_where_it_stands() {
+        let place = Affine3A::from_scale_rotation_translation(
+            Vec3::splat(0.7),
+            glam::Quat::from_rotation_y(0.8) * glam::Quat::from_rotation_x(-0.3),
+            Vec3::new(1.0, -2.0, 0.5),
+        );
+        let picture = Raster { width: 8, height: 8, channels: 3, data: (0..192).map(|i| 0.2 + i as f32 * 0.01).collect() };
+        let (position, direction) = (Vec3::new(0.2, 0.1, -0.3), Vec3::NEG_Z);
+        let kinds = [
+            PunctualKind::Point { position },
+            PunctualKind::Spot { position, direction, cos_inner: 0.9, cos_outer: -0.5, edge: SpotEdge::Smooth },
+            PunctualKind::Directional { direction },
+            PunctualKind::Disc { direction, half_angle: 0.1 },
+        ];
+        let wavelengths = Wavelengths::fixed([450.0, 520.0, 590.0, 660.0]);
+        let mut seen = Vec::new();
+        for kind in kinds {
+            let mut light = Punctual::new("lamp", Spectrum::Constant(3.0), kind);
+            light.pattern =
+                Some(Arc::new(Pattern { picture: picture.clone(), light_from_world: Mat3::IDENTITY, spread: Spread::Sphere }));
+            let whole = light.placed(&place);
+            for p in [Vec3::ZERO, Vec3::new(3.0, 1.0, 2.0), Vec3::new(-1.0, -4.0, 0.0)] {
+                let [a, b] = [light.aim_placed(&place, p, [0.3, 0.6], 0), whole.aim(p, [0.3, 0.6], 0)].map(Option::unwrap);
+                assert_eq!((a.wi, a.distance, a.pdf), (b.wi, b.distance, b.pdf), "{kind:?}");
+                let [x, y] = [light.arriving_placed(&place, &a, &wavelengths), whole.arriving(&b, &wavelengths)];
+                for (x, y) in x.to_array().into_iter().zip(y.to_array()) {
+                    assert!((x - y).abs() <= 1e-5 * y.abs(), "{kind:?}: {x} {y}");
+                }
+                if matches!(kind, PunctualKind::Point { .. }) {
+                    seen.push(x.to_array()[0] * a.distance * a.distance);
+                }
+            }
+        }
+        assert!(seen.iter().any(|v| (v / seen[0] - 1.0).abs() > 0.01), "the picture differs by direction: {seen:?}");
+    }
 }
