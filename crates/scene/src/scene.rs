@@ -444,7 +444,7 @@ impl Scene {
                     (b, c) = (c, b);
                 }
                 let shape = AreaShape::Triangle(Quad { corner: a, edges: [b - a, c - a] });
-                AreaLight::new(shape, light.material, light.uv, light.two_sided, light.luminance)
+                AreaLight::new(shape, light.material, light.uv, light.two_sided, light.luminance).with_alpha(light.alpha)
             }
         }
     }
@@ -1100,21 +1100,22 @@ fn area_lights(d: &Description) -> AreaLights {
                 })
             };
             let start = light_of.len() as u32;
-            let mut push = |shape, uv: [[Vec2; 3]; 2], way: LightWay| {
+            let mut push = |shape, uv: [[Vec2; 3]; 2], alpha: [f32; 3], way: LightWay| {
                 let luminance = luminance(&uv);
                 // A textured lamp may be dark at the seven places looked at: keep it, with little weight.
                 if luminance == 0.0 && constant[object.material as usize].is_some() {
                     return NO_LIGHT;
                 }
-                lights.push(AreaLight::new(shape, object.material, uv, emission.two_sided, luminance.max(1e-6)));
+                let light = AreaLight::new(shape, object.material, uv, emission.two_sided, luminance.max(1e-6));
+                lights.push(light.with_alpha(alpha));
                 ways.push(way);
                 lights.len() as u32 - 1
             };
             match object.shape {
-                Shape::Sphere(s) => light_of.push(push(AreaShape::Sphere(s), Default::default(), LightWay::Still)),
+                Shape::Sphere(s) => light_of.push(push(AreaShape::Sphere(s), Default::default(), [1.0; 3], LightWay::Still)),
                 Shape::Quad(q) => {
                     let corners = [Vec2::ZERO, Vec2::X, Vec2::Y];
-                    light_of.push(push(AreaShape::Parallelogram(q), [corners; 2], LightWay::Still));
+                    light_of.push(push(AreaShape::Parallelogram(q), [corners; 2], [1.0; 3], LightWay::Still));
                 }
                 Shape::Mesh { mesh, world_from_mesh } => {
                     let mesh = &d.meshes[mesh as usize];
@@ -1134,7 +1135,7 @@ fn area_lights(d: &Description) -> AreaLights {
                         let merged = whole && !bends && t + 1 < mesh.triangles.len();
                         if let Some(quad) = merged.then(|| parallelogram(world(t), world(t + 1))).flatten() {
                             let quad = if outside_differs(mesh, t, mirrored) { flipped(quad) } else { quad };
-                            let light = push(AreaShape::Parallelogram(quad), Default::default(), way);
+                            let light = push(AreaShape::Parallelogram(quad), Default::default(), [1.0; 3], way);
                             light_of.extend([light, light]);
                             t += 2;
                             continue;
@@ -1144,16 +1145,20 @@ fn area_lights(d: &Description) -> AreaLights {
                             true => [Vec2::ZERO; 3],
                             false => mesh.triangles[t].map(|i| mesh.uvs[s][i as usize]),
                         });
+                        let alpha = match mesh.colors.is_empty() {
+                            true => [1.0; 3],
+                            false => mesh.triangles[t].map(|i| mesh.colors[i as usize].w),
+                        };
                         let flipped = outside_differs(mesh, t, mirrored);
-                        let (b, c, uv) = match flipped {
-                            true => (c, b, uv.map(|[x, y, z]| [x, z, y])),
-                            false => (b, c, uv),
+                        let (b, c, uv, alpha) = match flipped {
+                            true => (c, b, uv.map(|[x, y, z]| [x, z, y]), [alpha[0], alpha[2], alpha[1]]),
+                            false => (b, c, uv, alpha),
                         };
                         let way = match way {
                             LightWay::Bending { object, .. } => LightWay::Bending { object, triangle: t as u32, flipped },
                             way => way,
                         };
-                        light_of.push(push(AreaShape::Triangle(Quad { corner: a, edges: [b - a, c - a] }), uv, way));
+                        light_of.push(push(AreaShape::Triangle(Quad { corner: a, edges: [b - a, c - a] }), uv, alpha, way));
                         t += 1;
                     }
                 }

@@ -6,12 +6,13 @@ use diopter_scene::light::Environment;
 use diopter_scene::light::{Punctual, PunctualKind, SpotEdge};
 use diopter_scene::material::conductor::FacetBounces;
 use diopter_scene::material::{
-    CoatedConductor, Conductor, Emission, EmissionColor, Film, Grain, Material, Principled, Scattering, Sheen, Transmission,
+    CoatedConductor, Conductor, Coverage, Emission, EmissionColor, Film, Grain, Material, Principled, Scattering, Sheen,
+    Transmission,
 };
 use diopter_scene::shape::{Mesh, Quad, Sphere, Surface};
 use diopter_scene::texture::{Color, Scalar};
 use diopter_scene::{Description, Object, PathSettings, Scene, Shape};
-use glam::{Affine3A, Vec3};
+use glam::{Affine3A, Vec3, Vec4};
 
 const NM: [f32; 4] = [450.0, 520.0, 590.0, 660.0];
 
@@ -718,6 +719,49 @@ fn a_lamp_is_as_bright_as_mesh_quad_or_instances() {
     for v in &values[1..] {
         assert!((v / values[0] - 1.0).abs() < 0.01, "{values:?}");
     }
+}
+
+#[test]
+fn a_lamp_with_holes_lights_as_much_as_it_is_seen() {
+    // A lamp whose coverage and corners' alpha let rays through, against a whole lamp that is as much dimmer: as a light that is
+    // aimed at, and as a surface that rays meet.
+    let mesh = |alpha: f32| Mesh {
+        positions: [[-1., -1.], [1., -1.], [1., 1.], [-1., 1.]].map(|[a, b]| Vec3::new(a, 2.0, b)).to_vec(),
+        triangles: vec![[0, 1, 2], [0, 2, 3]],
+        colors: vec![Vec4::new(1.0, 1.0, 1.0, alpha); 4],
+        ..Default::default()
+    };
+    let scene = |alpha: f32, coverage: Coverage, luminance: f32| {
+        floor_with(|d| {
+            let emission = Spectrum::light_from_rgb(Vec3::splat(luminance));
+            d.materials.push(Material { coverage, ..Material::lamp("lamp", emission) });
+            d.meshes = vec![mesh(alpha)];
+            let shape = Shape::Mesh { mesh: 0, world_from_mesh: Affine3A::IDENTITY };
+            d.objects.push(Object::new("lamp", shape, 1));
+        })
+    };
+    let blend = |v: f32| Coverage::Blend(Scalar::Constant(v));
+    let whole = scene(1.0, Coverage::Full, 0.3);
+    let (lit, seen) = (look_down(&whole, 65_536)[1], look_up(&whole));
+    assert!(lit > 0.05 && seen > 0.29, "{lit} {seen}");
+    for (name, s) in [
+        ("coverage", scene(1.0, blend(0.3), 1.0)),
+        ("corners", scene(0.3, blend(1.0), 1.0)),
+        ("both", scene(0.6, blend(0.5), 1.0)),
+    ] {
+        let (l, v) = (look_down(&s, 65_536)[1], look_up(&s));
+        assert!((l / lit - 1.0).abs() < 0.02, "{name}: lights {l}, expected {lit}");
+        assert!((v / seen - 1.0).abs() < 0.05, "{name}: is seen at {v}, expected {seen}");
+    }
+}
+
+/// Mean of green along many parallel rays that meet the lamp of the test above at different places.
+fn look_up(scene: &Scene) -> f64 {
+    let settings = PathSettings { max_depth: 1, roulette_depth: 9 };
+    let n = 160;
+    let at = |i: i32| (i as f32 + 0.5) / n as f32 - 0.5;
+    let ray = |i: i32| mean(scene, Vec3::new(at(i % n), 0.5, at(i / n)), Vec3::Y, 1, &settings)[1];
+    (0..n * n).map(ray).sum::<f64>() / f64::from(n * n)
 }
 
 #[test]

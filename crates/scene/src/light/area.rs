@@ -20,6 +20,8 @@ pub struct AreaLight {
     pub material: u32,
     /// Texture coordinates at the corners of a triangle.
     pub uv: [[Vec2; 3]; 2],
+    /// Alpha of a triangle's corners: multiplies the coverage of its material, as it does where rays hit.
+    pub alpha: [f32; 3],
     /// Whether the back shines too.
     pub two_sided: bool,
     /// Mean luminance, cd/m²; steers the choice among lights.
@@ -49,7 +51,13 @@ impl AreaLight {
             AreaShape::Parallelogram(q) => (q.normal(), q.area()),
             AreaShape::Sphere(s) => (Vec3::ZERO, 4.0 * PI * s.radius * s.radius),
         };
-        AreaLight { shape, material, uv, two_sided, luminance, normal, area }
+        AreaLight { shape, material, uv, alpha: [1.0; 3], two_sided, luminance, normal, area }
+    }
+
+    /// The same light with other alphas of its corners.
+    #[must_use]
+    pub fn with_alpha(self, alpha: [f32; 3]) -> Self {
+        AreaLight { alpha, ..self }
     }
 
     /// The light when its space is placed in the world. Flat shapes only.
@@ -61,7 +69,7 @@ impl AreaLight {
             AreaShape::Parallelogram(q) => AreaShape::Parallelogram(quad(q)),
             AreaShape::Sphere(s) => AreaShape::Sphere(*s),
         };
-        let mut light = AreaLight::new(shape, self.material, self.uv, self.two_sided, self.luminance);
+        let mut light = AreaLight::new(shape, self.material, self.uv, self.two_sided, self.luminance).with_alpha(self.alpha);
         if place.matrix3.determinant() < 0.0 {
             light.normal = -light.normal;
         }
@@ -88,12 +96,16 @@ impl AreaLight {
 
     /// Radiance at a place of the surface.
     pub fn radiance(&self, place: Vec2, materials: &[Material], wavelengths: &Wavelengths) -> Sampled {
-        let uv = self.uv.map(|[a, b, c]| a * (1.0 - place.x - place.y) + b * place.x + c * place.y);
+        let first = 1.0 - place.x - place.y;
+        let uv = self.uv.map(|[a, b, c]| a * first + b * place.x + c * place.y);
         let material = &materials[self.material as usize];
         let Some(emission) = &material.emission else { return Sampled::ZERO };
         // Where a triangle has holes it does not shine either; spheres and quads have none.
         let share = match self.shape {
-            AreaShape::Triangle(_) => material.coverage.share(&uv),
+            AreaShape::Triangle(_) => {
+                let [a, b, c] = self.alpha;
+                material.coverage.share(&uv, a * first + b * place.x + c * place.y)
+            }
             _ => 1.0,
         };
         emission.sample(&uv, wavelengths) * share
@@ -242,6 +254,9 @@ impl SphericalRectangle {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::material::Coverage;
+    use crate::texture::Scalar;
+    use diopter_light::Spectrum;
     use diopter_light::random::{mix, to_unit};
 
     fn light(shape: AreaShape) -> AreaLight {
@@ -297,6 +312,29 @@ mod tests {
         let sphere = Sphere { center: Vec3::new(0.0, 0.0, 2.0), radius: 0.5 };
         let got = irradiance(&light(AreaShape::Sphere(sphere)), 200);
         assert!((got / (std::f64::consts::PI / 16.0) - 1.0).abs() < 2e-3, "{got}");
+    }
+
+    #[test]
+    fn a_lamp_shines_as_often_as_rays_meet_it() {
+        // Coverage by a number and by the alpha of the corners: what is aimed at is the mean of what is hit.
+        let q = Quad { corner: Vec3::new(-1.0, -1.0, 1.0), edges: [Vec3::X * 2.0, Vec3::Y * 2.0] };
+        let alpha = [1.0, 0.2, 0.6];
+        let lamp = light(AreaShape::Triangle(q)).with_alpha(alpha);
+        let wavelengths = Wavelengths::fixed([450.0, 520.0, 590.0, 660.0]);
+        let half = || Scalar::Constant(0.5);
+        for coverage in [Coverage::Full, Coverage::Blend(half()), Coverage::Mask { alpha: half(), cutoff: 0.3 }] {
+            let material = Material { coverage, ..Material::lamp("lamp", Spectrum::Constant(1.0)) };
+            let full = Material::lamp("lamp", Spectrum::Constant(1.0));
+            for place in [Vec2::ZERO, Vec2::X, Vec2::Y, Vec2::splat(0.25)] {
+                let vertex = alpha[0] * (1.0 - place.x - place.y) + alpha[1] * place.x + alpha[2] * place.y;
+                let n = 1000;
+                let hits = (0..n).filter(|i| material.coverage.accepts(&[Vec2::ZERO; 2], vertex, (*i as f32 + 0.5) / n as f32));
+                let met = hits.count() as f32 / n as f32;
+                let whole = lamp.radiance(place, std::slice::from_ref(&full), &wavelengths);
+                let part = lamp.radiance(place, std::slice::from_ref(&material), &wavelengths);
+                assert!((part - whole * met).abs().max_element() < 2e-3 * whole.max_element(), "{part} {whole} {met}");
+            }
+        }
     }
 
     #[test]

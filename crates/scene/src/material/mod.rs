@@ -240,12 +240,12 @@ pub enum Coverage {
 }
 
 impl Coverage {
-    /// Share of rays that meet the surface at these texture coordinates.
-    pub fn share(&self, uv: &[Vec2; 2]) -> f32 {
+    /// Fraction of rays that meet the surface at these texture coordinates: the mean of [`Coverage::accepts`]; `vertex_alpha` multiplies.
+    pub fn share(&self, uv: &[Vec2; 2], vertex_alpha: f32) -> f32 {
         match self {
             Coverage::Full => 1.0,
-            Coverage::Mask { alpha, cutoff } => (alpha.at_uv(uv, Vec3::ZERO) >= *cutoff) as u32 as f32,
-            Coverage::Blend(alpha) => alpha.at_uv(uv, Vec3::ZERO).clamp(0.0, 1.0),
+            Coverage::Mask { alpha, cutoff } => (alpha.at_uv(uv, Vec3::ZERO) * vertex_alpha >= *cutoff) as u32 as f32,
+            Coverage::Blend(alpha) => (alpha.at_uv(uv, Vec3::ZERO) * vertex_alpha).clamp(0.0, 1.0),
         }
     }
 
