@@ -12,7 +12,7 @@ use crate::pattern::Pattern;
 use crate::sensor::{IsoStep, SecondReading};
 use crate::{Sensor, SensorError};
 use diopter_image::focal_plane::{Band, BandUnit};
-use diopter_image::{ExposureFacts, FocalPlane, Raster, RawHeader, RawImage};
+use diopter_image::{ExposureFacts, FocalPlane, Raster, RawHeader, RawImage, RowTimes};
 use diopter_light::spectrum::Table;
 use rayon::prelude::*;
 
@@ -59,8 +59,12 @@ pub struct ReadOut<'a> {
     /// How, with the temperature settled.
     reading: Reading,
     pattern: Pattern,
-    /// Mean electrons that leak during the exposure.
-    dark_e: f64,
+    /// Mean electrons that leak in a second.
+    dark_e_per_s: f64,
+    /// How long pixels gather charge, s.
+    exposure_s: f64,
+    /// The same by row or column, where these differ.
+    lines: Option<RowTimes>,
     /// Electrons a well holds; infinite where the converter is full first.
     well_e: f64,
     /// The same of all readings together.
@@ -128,7 +132,9 @@ impl<'a> ReadOut<'a> {
             false => step.white_level_dn,
         };
         Ok(ReadOut {
-            dark_e: sensor.dark_current.at(celsius) * exposure_s.max(0.0),
+            dark_e_per_s: sensor.dark_current.at(celsius),
+            exposure_s: exposure_s.max(0.0),
+            lines: None,
             pattern: Pattern::new(sensor, &reading.serial, width),
             well_e: if well_first { sensor.full_well_e } else { f64::INFINITY },
             full_e: if well_first { full_e } else { f64::INFINITY },
@@ -139,6 +145,27 @@ impl<'a> ReadOut<'a> {
             width,
             height,
         })
+    }
+
+    /// Lets each row (or column) gather dark current for as long as it is open by the facts of the plane. Of a sensor whose rows are reset all
+    /// at once and read one after the other the last gather longest; mechanical shutters leave all rows their exposure time.
+    #[must_use]
+    pub fn with_rows_of(mut self, facts: &ExposureFacts) -> Self {
+        let rolling = facts.shutter.as_ref().filter(|s| s.kind == "rolling");
+        self.lines = rolling.map(|s| s.rows).filter(|rows| rows.open_s[1] != rows.close_s[1]);
+        self
+    }
+
+    /// Mean electrons that leak into a pixel that leaks as the mean does.
+    fn dark_e(&self, column: usize, row: usize) -> f64 {
+        let seconds = match &self.lines {
+            None => self.exposure_s,
+            Some(lines) => {
+                let (open, close) = lines.of(if lines.columns { column } else { row });
+                (close - open).max(0.0)
+            }
+        };
+        self.dark_e_per_s * seconds
     }
 
     /// What the raw file says. `facts` are the plane's; `white` is the spectrum of [`Reading::white`].
@@ -208,7 +235,7 @@ impl<'a> ReadOut<'a> {
         self.light(window, row, &mut to.first);
         for (c, v) in to.first.iter_mut().enumerate() {
             let p = self.pattern.pixel(c, row);
-            let mean = *v * p.response + self.dark_e * p.leak;
+            let mean = *v * p.response + self.dark_e(c, row) * p.leak;
             *v = poisson_quantile(mean, self.uniform(SHOT, row, c));
             if let Some(second) = &self.sensor.second_reading {
                 // Photons of its own.
@@ -304,7 +331,7 @@ impl<'a> ReadOut<'a> {
         let row_e = self.pattern.row_e(row);
         let of = |(c, v): (usize, &f64)| {
             let p = self.pattern.pixel(c, row);
-            let (electrons, dark) = (v * p.response, self.dark_e * p.leak);
+            let (electrons, dark) = (v * p.response, self.dark_e(c, row) * p.leak);
             let (total, clipped) = (electrons + dark, electrons + dark >= limit);
             let shot = |mean: f64| if clipped { 0.0 } else { mean };
             let mut offset = row_e + self.pattern.offset_e(c, row);
@@ -375,7 +402,7 @@ fn bloom(electrons: &mut [f32], width: usize, full_well: f32) {
 /// Reads a whole exposure out. `white` is the spectrum of [`Reading::white`].
 pub fn read_out(plane: &FocalPlane, sensor: &Sensor, reading: &Reading, white: &Table) -> Result<RawImage, SensorError> {
     let (width, height) = (plane.width(), plane.height());
-    let reader = ReadOut::new(sensor, reading, [width, height], &plane.bands, plane.facts.exposure_s)?;
+    let reader = ReadOut::new(sensor, reading, [width, height], &plane.bands, plane.facts.exposure_s)?.with_rows_of(&plane.facts);
     let mut mosaic = Raster::<u16>::new(width, height, 1);
     let window = Window { first: 0, data: &plane.mean.data };
     match sensor.blooming {
@@ -501,6 +528,38 @@ mod tests {
         let hot = raw.mosaic.data.iter().filter(|d| **d as f64 * 1.83111 > 1500.0).count() as f64 / 40_000.0;
         // Of an exponential of mean 50 · 1000 e⁻, 99 % are above 500.
         assert!((hot / 0.0099 - 1.0).abs() < 0.15, "{hot}");
+    }
+
+    #[test]
+    fn rows_that_are_open_longer_leak_longer() {
+        let mut sensor = plain("ideal");
+        sensor.dark_current = crate::sensor::DarkCurrent { points: vec![[20.0, 100.0]], doubling_c: 6.0 };
+        let gain = sensor.at_iso(100.0).unwrap().gain_e_per_dn;
+        let (n, exposure_s, read_s) = (100usize, 10.0, 40.0);
+        // Reset all at once, read one after the other, from the bottom; and as columns.
+        for (kind, reset_s, columns) in
+            [("rolling", 0.0, false), ("rolling", 0.0, true), ("rolling", read_s, false), ("leaf", 0.0, false)]
+        {
+            let step = |s: f64| s / n as f64;
+            let rows = RowTimes::running(true, n as f64, [0.0, step(reset_s)], [exposure_s, step(read_s)]).of_columns(columns);
+            let mut plane = flat(&sensor, 0.0, exposure_s, [n, n]);
+            plane.facts.shutter = Some(diopter_image::ShutterFacts { kind: kind.into(), rows, ..Default::default() });
+            let reading = Reading { temperature_c: Some(20.0), ..Reading::new(100.0, 1) };
+            let raw = read(&sensor, &plane, &reading);
+            let electrons = |line: usize| {
+                let at = |i: usize| if columns { i * n + line } else { line * n + i };
+                (0..n).map(|i| f64::from(raw.mosaic.data[at(i)])).sum::<f64>() / n as f64 * gain
+            };
+            let longer = if kind == "rolling" && reset_s == 0.0 { read_s } else { 0.0 };
+            for line in [0, 50, 99] {
+                // 100 e⁻/s; the last line is read first. 100 pixels of 1000 to 5000 e⁻ give 0.3 % and less.
+                let expected = 100.0 * (exposure_s + longer * (n - 1 - line) as f64 / n as f64);
+                assert!((electrons(line) / expected - 1.0).abs() < 0.02, "{kind} {line}: {} {expected}", electrons(line));
+            }
+            let reader = ReadOut::new(&sensor, &reading, [n, n], &plane.bands, exposure_s).unwrap().with_rows_of(&plane.facts);
+            let told = f64::from(reader.expected(&Window { first: 0, data: &plane.mean.data }, 0)[0].dark);
+            assert!((told / (100.0 * (exposure_s + longer * 0.99)) - 1.0).abs() < 1e-5, "{told}");
+        }
     }
 
     #[test]

@@ -43,7 +43,8 @@ pub fn run(args: &ReadOut, json: bool) -> anyhow::Result<()> {
     let date = now();
     let prepare = |k: usize| {
         let time = first.facts().exposure_s;
-        diopter::sensor::ReadOut::new(&sensor, &reading(k), first.size(), first.bands(), time).map_err(asked)
+        let reader = diopter::sensor::ReadOut::new(&sensor, &reading(k), first.size(), first.bands(), time).map_err(asked)?;
+        anyhow::Ok(reader.with_rows_of(first.facts()))
     };
     prepare(0)?;
 
