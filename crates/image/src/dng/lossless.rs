@@ -341,6 +341,14 @@ fn scan(
 ) -> Result<Vec<u16>, ImageError> {
     let n = tables.len();
     let stride = width * n;
+    // No code is shorter than a bit.
+    let most = bytes.len().saturating_mul(8);
+    if stride * height > most {
+        return Err(malformed(format!(
+            "{width} × {height} pixels of {n} numbers are announced, and its {} bytes can become {most} numbers at most",
+            bytes.len()
+        )));
+    }
     let mut source = Bits { bytes, held: 0, count: 0, missing: 0 };
     let mut data = vec![0u16; stride * height];
     for row in 0..height {
@@ -397,6 +405,18 @@ mod tests {
             }
             assert!(encode(&smooth, 64, bits).len() < 64 * 20);
         }
+    }
+
+    #[test]
+    fn more_numbers_than_bits_are_refused() {
+        let mut bytes = encode(&[7u16; 64 * 20], 64, 14);
+        let frame = bytes.windows(2).position(|w| w == [0xff, 0xc3]).unwrap();
+        // After the marker: length, bits, height, width.
+        for side in [5, 7] {
+            bytes[frame + side..frame + side + 2].copy_from_slice(&30_000u16.to_be_bytes());
+        }
+        let e = decode(&bytes, 1 << 30).err().unwrap().to_string();
+        assert!(e.contains("announced"), "{e}");
     }
 
     #[test]

@@ -180,6 +180,28 @@ mod tests {
     }
 
     #[test]
+    fn more_pixels_than_the_bytes_can_become_are_refused() {
+        for storage in [Storage::Sixteen, Storage::Packed, Storage::Lossless] {
+            let mut file = Cursor::new(Vec::new());
+            write_image(&image("RG/GB", 14, 64, 40), storage, None, &mut file).unwrap();
+            let mut bytes = file.into_inner();
+            // Fields of directories: tag, type, count of one, value. The picture becomes one part of 30000 × 30000.
+            for at in (8..bytes.len() - 12).step_by(2) {
+                let short = |i: usize| u16::from_le_bytes([bytes[at + i], bytes[at + i + 1]]);
+                let (name, count, value) = (short(0), short(4), short(8));
+                let size = [tag::WIDTH, tag::HEIGHT].contains(&name) && [64, 40].contains(&value);
+                let part = [tag::TILE_WIDTH, tag::TILE_LENGTH, tag::ROWS_PER_STRIP].contains(&name);
+                if (size || part) && [3, 4].contains(&short(2)) && count == 1 {
+                    bytes[at + 2..at + 4].copy_from_slice(&[4, 0]);
+                    bytes[at + 8..at + 12].copy_from_slice(&30_000u32.to_le_bytes());
+                }
+            }
+            let e = read(Cursor::new(bytes)).unwrap_err().to_string();
+            assert!(e.contains("announced"), "{storage:?}: {e}");
+        }
+    }
+
+    #[test]
     fn files_cut_short_or_damaged_are_errors() {
         for storage in [Storage::Sixteen, Storage::Packed, Storage::Lossless] {
             let mut file = Cursor::new(Vec::new());

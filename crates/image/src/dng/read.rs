@@ -175,6 +175,20 @@ fn pixels<R: Read + Seek>(file: &mut File<R>, raw: &Directory, bits: u32) -> Res
     if places.len() < needed || counts.len() < needed {
         return Err(malformed(format!("{} parts of the picture of {needed}", places.len().min(counts.len()))));
     }
+    // Parts do not overlap, and no number takes less than a bit: of no more pixels than that is memory asked for.
+    let stored: f64 = counts[..needed].iter().sum();
+    let length = file.decoder.inner().seek(SeekFrom::End(0))?;
+    if stored > length as f64 {
+        return Err(malformed(format!(
+            "it ends early: the parts of the picture have {stored} bytes, and the file {length}: cut short"
+        )));
+    }
+    if width as f64 * height as f64 > 8.0 * stored {
+        return Err(malformed(format!(
+            "{width} × {height} pixels are announced, and their {stored} bytes can become {} at most: damaged",
+            8.0 * stored
+        )));
+    }
     let order = file.decoder.byte_order();
     // Rows are added as their data are found: a file that lies about its size takes no memory for it.
     let mut data: Vec<u16> = Vec::new();
