@@ -8,6 +8,7 @@ use diopter::image::dng::Storage;
 use diopter::image::{Encoding, FocalPlane, Picture, RawImage, exr, gain_map, jpeg, png, tiff_file};
 use diopter::raw_file;
 use diopter::shot::ShotError;
+use std::collections::HashMap;
 use std::fs::File;
 use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
@@ -174,14 +175,12 @@ pub fn distinct<'a>(
         let folder = folder.canonicalize().unwrap_or_else(|_| folder.to_owned());
         path.canonicalize().unwrap_or_else(|_| folder.join(path.file_name().unwrap_or_default()))
     };
-    let mut taken: Vec<(PathBuf, &str)> =
+    let mut taken: HashMap<PathBuf, &str> =
         inputs.into_iter().map(|p| (place(p), "it is read here; expected another name")).collect();
     for path in outputs {
-        let here = place(path);
-        if let Some((_, why)) = taken.iter().find(|t| t.0 == here) {
+        if let Some(why) = taken.insert(place(path), "it is to be written twice; expected different names") {
             return Err(AskedWrongly(anyhow!("{}: {why}", path.display())).into());
         }
-        taken.push((here, "it is to be written twice; expected different names"));
     }
     Ok(())
 }

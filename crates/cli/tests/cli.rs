@@ -129,6 +129,8 @@ fn one_exposure_gives_many_raw_files_and_the_truth() {
         let (code, message) = f.fails(&[&["read-out", "plane.exr", "-o", "no.dng"], &args[..]].concat());
         assert!(code == 2 && message.contains("plane.exr") && message.contains(said), "{args:?}: {message}");
     }
+    let (code, message) = f.fails(&["read-out", "plane.exr", "--shots", "99999999999", "-o", "no.dng"]);
+    assert!(code == 2 && message.contains("1 to 1000000"), "{message}");
     std::fs::write(f.path("cut.exr"), &read("plane.exr")[..read("plane.exr").len() - 3000]).unwrap();
     let (code, message) = f.fails(&["read-out", "cut.exr", "-o", "no.dng"]);
     assert!(code == 1 && message.contains("cut.exr") && !message.contains("no.dng"), "{message}");

@@ -1,10 +1,11 @@
 //! `read-out`: a focal plane into raw files.
 
 use super::{open, print_json, read_plane};
+use crate::AskedWrongly;
 use crate::args::ReadOut;
 use crate::output::{self, now};
 use crate::watch::say;
-use anyhow::Context;
+use anyhow::{Context, anyhow};
 use diopter::develop::Recipe;
 use diopter::image::dng;
 use diopter::image::exr::FocalPlaneRows;
@@ -20,7 +21,15 @@ const KEPT_PIXELS: usize = 50_000_000;
 /// Rows beyond those that are read out, for what neighbours give.
 const HALO: usize = 1;
 
+/// Most raw files of one run: as many as a film has frames.
+const MOST_SHOTS: usize = 1_000_000;
+
 pub fn run(args: &ReadOut, json: bool) -> anyhow::Result<()> {
+    if args.shots.get() > MOST_SHOTS {
+        let wrong =
+            anyhow!("shots {}: expected 1 to {MOST_SHOTS}; more are several runs, each with a --seed of its own", args.shots);
+        return Err(AskedWrongly(wrong).into());
+    }
     let names = output::numbered(&args.output, args.shots.get());
     output::distinct([args.plane.as_path()], names.iter().chain(&args.truth).map(|p| p.as_path()))?;
     // One proves that the others can be written; thousands are not opened at once.
@@ -39,7 +48,7 @@ pub fn run(args: &ReadOut, json: bool) -> anyhow::Result<()> {
         temperature_c: args.raw.temperature,
         white: args.white.clone(),
     };
-    let asked = |e| anyhow::Error::from(crate::AskedWrongly(anyhow::Error::from(e).context(place())));
+    let asked = |e| anyhow::Error::from(AskedWrongly(anyhow::Error::from(e).context(place())));
     let date = now();
     let prepare = |k: usize| {
         let time = first.facts().exposure_s;
