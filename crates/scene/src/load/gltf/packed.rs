@@ -532,3 +532,37 @@ mod tests {
         assert!(read_ktx2(&plain).unwrap_err().contains("plain RGBA of 8 bits"));
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn textures_larger_than_their_file_can_be_are_refused() {
+        let mut bytes = vec![0xab, b'K', b'T', b'X', b' ', b'2', b'0', 0xbb, 13, 10, 26, 10];
+        // Format, type size, width, height, depth, layers, faces, levels, no supercompression; then tables, and one level.
+        [0u32, 1, 16_384, 16_384, 0, 0, 1, 1, 0].iter().for_each(|v| bytes.extend(v.to_le_bytes()));
+        bytes.resize(80, 0);
+        [104u64, 16, 0].iter().for_each(|v| bytes.extend(v.to_le_bytes()));
+        bytes.resize(120, 0);
+        assert!(is_ktx2(&bytes));
+        let e = read_ktx2(&bytes).unwrap_err();
+        assert!(e.contains("announced"), "{e}");
+    }
+
+    #[test]
+    fn parts_larger_than_their_data_can_become_are_refused() {
+        // Meshopt: four thousand million elements from 16 bytes.
+        let mut json = json!({ "buffers": [{ "byteLength": 16 }], "bufferViews": [{ "buffer": 0, "byteLength": 4, "extensions": {
+            "EXT_meshopt_compression": { "buffer": 0, "byteLength": 16, "byteStride": 16, "count": 4_000_000_000u64, "mode": "ATTRIBUTES" } } }] });
+        let e = unpack(&mut json, &mut vec![vec![0xa0; 16]], "a.gltf").unwrap_err().to_string();
+        assert!(e.contains("as many as the data can hold"), "{e}");
+        // Draco 2.2, a mesh of sequential connectivity: a thousand million faces and points as numbers of seven bits a byte.
+        let varint: [u8; 5] = [0x80, 0x94, 0xeb, 0xdc, 0x03];
+        let bytes = [b"DRACO".as_slice(), &[2, 2, 1, 0, 0, 0], &varint, &varint, &[0; 16]].concat();
+        let mut json = json!({ "buffers": [{ "byteLength": bytes.len() }], "bufferViews": [{ "buffer": 0, "byteLength": bytes.len() }],
+            "meshes": [{ "primitives": [{ "extensions": { "KHR_draco_mesh_compression": { "bufferView": 0, "attributes": {} } } }] }] });
+        let e = unpack(&mut json, &mut vec![bytes], "a.gltf").unwrap_err().to_string();
+        assert!(e.contains("mesh 0 primitive 0 (Draco)"), "{e}");
+    }
+}
