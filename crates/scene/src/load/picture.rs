@@ -80,7 +80,8 @@ fn read_picture(bytes: &[u8]) -> Result<Image, String> {
     reader.limits(limits);
     let decoder = reader.into_decoder().map_err(wrong)?;
     let (width, height) = decoder.dimensions();
-    check_size([width, height], bytes.len(), most_pixels(format, decoder.original_color_type()))?;
+    let size = check_size([width, height], bytes.len(), most_pixels(format, decoder.original_color_type()));
+    size.map_err(|e| if format == ImageFormat::Tga { format!("{unknown} (as Targa: {e})") } else { e })?;
     let decoded = DynamicImage::from_decoder(decoder).map_err(wrong)?.into_rgba8();
     let (width, height) = (decoded.width() as usize, decoded.height() as usize);
     let pixels = decoded.into_raw().chunks_exact(4).map(|p| [p[0], p[1], p[2], p[3]]).collect();
