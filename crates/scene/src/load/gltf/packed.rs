@@ -531,11 +531,6 @@ mod tests {
         plain[44..48].copy_from_slice(&2u32.to_le_bytes());
         assert!(read_ktx2(&plain).unwrap_err().contains("plain RGBA of 8 bits"));
     }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
 
     #[test]
     fn textures_larger_than_their_file_can_be_are_refused() {
