@@ -56,7 +56,7 @@ fn main() -> ExitCode {
             ExitCode::SUCCESS
         }
         Err(e) => {
-            eprintln!("diopter: {e:#}");
+            watch::say(&format!("diopter: {e:#}"));
             let request = e.is::<AskedWrongly>() || e.downcast_ref::<ShotError>().is_some_and(ShotError::is_request);
             let code = if request { 2 } else { 1 };
             if json {

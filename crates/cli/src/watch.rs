@@ -3,7 +3,7 @@
 use crate::output;
 use diopter::expose::Watch;
 use indicatif::{ProgressBar, ProgressStyle};
-use std::io::IsTerminal;
+use std::io::{IsTerminal, Write};
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
 static STOP: AtomicBool = AtomicBool::new(false);
@@ -57,12 +57,13 @@ pub fn watched<T>(what: &'static str, run: impl FnOnce(&Watch) -> T) -> T {
     result
 }
 
-/// A line for the user.
+/// A line for the user on standard error. Where that cannot be written (closed, a full disk) nothing is said: `eprintln!` would panic, and a
+/// photograph is not lost for a message.
 pub fn say(text: &str) {
-    eprintln!("{text}");
+    let _ = writeln!(std::io::stderr(), "{text}");
 }
 
 /// Something odd the user should know.
 pub fn warn(text: &str) {
-    eprintln!("warning: {text}");
+    say(&format!("warning: {text}"));
 }

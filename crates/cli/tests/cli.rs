@@ -888,3 +888,20 @@ fn stopped_and_killed_exposures_go_on() {
     // Neither checkpoints nor parts of the dead are left.
     assert_eq!(f.files(), [f.path("killed.exr"), f.path("stopped.exr"), f.path("whole.exr")]);
 }
+
+#[test]
+#[cfg(target_os = "linux")]
+fn a_standard_error_that_cannot_be_written_changes_nothing() {
+    let f = Folder::new("full");
+    let run = |args: &[&str]| {
+        let full = std::fs::OpenOptions::new().write(true).open("/dev/full").unwrap();
+        let mut command = Command::new(env!("CARGO_BIN_EXE_diopter"));
+        command.args(args).current_dir(&f.0).stderr(full).stdout(std::process::Stdio::null());
+        command.status().unwrap().code()
+    };
+    // What is said about a success, and about failures of both kinds.
+    assert_eq!(run(&["lens", "convert", "triplet-50mm-f4", "-o", "mine.toml"]), Some(0));
+    assert!(f.path("mine.toml").exists());
+    assert_eq!(run(&["lens", "info", "missing.zmx"]), Some(1));
+    assert_eq!(run(&["develop", "a.dng", "-o", "b.dng"]), Some(2));
+}

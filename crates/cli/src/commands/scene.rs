@@ -4,6 +4,7 @@ use super::{print_json, shown};
 use crate::AskedWrongly;
 use crate::args::SceneVerb;
 use crate::output::{Output, distinct};
+use crate::watch::warn;
 use anyhow::anyhow;
 use diopter::camera::{look_at, three_quarter_view};
 use diopter::scene::light::PunctualKind;
@@ -254,7 +255,7 @@ fn convert(name: &str, output: &Path, strict: bool, json: bool) -> anyhow::Resul
     distinct(read.iter().map(PathBuf::as_path), files.iter().map(|f| f.0.as_path()))?;
     let prepared = files.iter().map(|(path, _)| Output::prepare(path)).collect::<Result<Vec<_>, _>>()?;
     for w in warnings.iter().chain(&written.warnings) {
-        eprintln!("warning: {w}");
+        warn(w);
     }
     for (output, (_, bytes)) in prepared.into_iter().zip(&files) {
         output.commit(|to| Ok(to.write_all(bytes)?))?;
