@@ -320,6 +320,7 @@ fn time_limits_and_threads_are_kept() {
 fn wrong_requests_exit_with_2_and_a_hint() {
     let f = Folder::new("wrong");
     std::fs::write(f.path("bad.toml"), "[exposure]\napperture = \"f/2\"\n").unwrap();
+    std::fs::write(f.path("l.toml"), "name = \"a lens\"\n").unwrap();
     let cases: &[(&[&str], &str)] = &[
         (&["read-out", "plane.exr", "-o", "raw.exr"], "ends in .dng"),
         (&["shoot", "--truth", "k.exr", "--keep-plane", "./k.exr", "-o", "k.png"], "written twice"),
@@ -359,6 +360,7 @@ fn wrong_requests_exit_with_2_and_a_hint() {
         (&["lens", "mtf", "tessar-50mm-f2.8", "--wavelength", "12"], "300 to 2500"),
         (&["lens", "mtf", "tessar-50mm-f2.8", "--field", "a"], "list of numbers"),
         (&["lens", "convert", "tessar-50mm-f2.8", "-o", "a.zmx"], ".toml"),
+        (&["lens", "convert", "l.toml", "-o", "./l.toml"], "it is read here"),
         (&["shoot", "--white", "D66"], "D65"),
         (&["shoot", "--tone", "filmy"], "aces-fit"),
         (&["shoot", "--sampler", "halton"], "sobol, jittered"),

@@ -2,7 +2,7 @@
 
 use super::print_json;
 use crate::args::{Bench as Asked, LensVerb, MtfOver};
-use crate::output::Output;
+use crate::output::{Output, distinct};
 use crate::watch::say;
 use crate::{AskedWrongly, paint};
 use anyhow::anyhow;
@@ -20,6 +20,7 @@ use diopter::shot::{ShotError, read_lens};
 use serde_json::{Value, json};
 use std::fmt::Write as _;
 use std::io::Write;
+use std::path::Path;
 
 pub fn run(verb: &LensVerb, json: bool) -> anyhow::Result<()> {
     match verb {
@@ -36,6 +37,8 @@ pub fn run(verb: &LensVerb, json: bool) -> anyhow::Result<()> {
         LensVerb::Vignetting(asked) => vignetting(asked, json),
         LensVerb::Color(asked) => color(asked, json),
         LensVerb::Convert { lens, output } => {
+            // A name of an embedded lens is no file here.
+            distinct([Path::new(lens)], output.as_deref())?;
             let prescription = read_lens(lens)?;
             for note in &prescription.notes {
                 say(&format!("note: {note}"));
