@@ -442,7 +442,7 @@ pub const SETTINGS: &[Setting] = &[
     other(
         "demosaic.method",
         Allowed::Names(METHODS),
-        "gbtf has the least error on charts; rcd is faster; linear serves any pattern; half gives one pixel for each period of the pattern, with nothing guessed",
+        "gbtf has the least error on charts; malvar-he-cutler and bilinear are faster; linear serves any pattern; half gives one pixel for each period of the pattern, with nothing guessed",
     ),
     number(
         "noise.luminance",
