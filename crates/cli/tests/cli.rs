@@ -335,6 +335,8 @@ fn wrong_requests_exit_with_2_and_a_hint() {
         (&["body", "emva", "imx249", "--size", "2x2"], "16 to 4096"),
         (&["body", "iso", "canon-t2i", "--iso", "50"], "100 to 6400"),
         (&["shoot", "--aperture", "f/0"], "above 0"),
+        (&["shoot", "--aperture", "f/1e-20"], "from f/0.1 to f/100000"),
+        (&["calc", "exposure", "f/1e-20", "1/60"], "from f/0.1 to f/100000"),
         (&["shoot", "--iso", "-100"], "ISO"),
         (&["shoot", "--spp", "0"], "1 to"),
         (&["shoot", "--shutter", "0"], "above 0"),

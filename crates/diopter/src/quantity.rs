@@ -5,6 +5,7 @@
 use serde::de::{self, Deserialize, Deserializer, Visitor};
 use serde::{Serialize, Serializer};
 use std::fmt;
+use std::ops::RangeInclusive;
 use std::str::FromStr;
 
 /// Text that is not the quantity it should be.
@@ -132,6 +133,15 @@ quantity!(
     },
     |v| format!("f/{v}")
 );
+impl FNumber {
+    /// What an aperture can be. A lens in air that keeps the sine condition is no brighter than f/0.5 (N = 1 / (2 sin θ'), ISO 517); ideal lenses
+    /// and the smallest holes get some room.
+    pub const RANGE: RangeInclusive<f64> = 0.1..=1e5;
+
+    /// [`FNumber::RANGE`], for messages.
+    pub const EXPECTED: &str = "a number above 0, from f/0.1 to f/100000, such as f/2.8";
+}
+
 quantity!(
     /// A time, s.
     Seconds, "a time such as \"1/125 s\" or \"8 ms\"",

@@ -9,6 +9,7 @@ use anyhow::{Context, anyhow};
 use diopter::image::{Encoding, ImageError, Picture, exr};
 use diopter::lens::Iris;
 use diopter::light::color::RgbSpace;
+use diopter::quantity::FNumber;
 use diopter::quick_look::{Optics, of_plane, quick_look};
 use diopter::sensor::format::{FORMATS, Format};
 use diopter::shot::ShotError;
@@ -43,6 +44,9 @@ pub fn run(args: &QuickLook, json: bool) -> anyhow::Result<()> {
         (None, Some(p)) => p.facts.focal_length_mm,
         (None, None) => return Err(wrong("a picture without facts: expected --focal-length, such as 50mm".into())),
     };
+    if !FNumber::RANGE.contains(&args.aperture.0) {
+        return Err(wrong(format!("aperture {}: expected {}", args.aperture, FNumber::EXPECTED)));
+    }
     if !(focal > 0.0 && args.aperture.0 > 0.0 && 1000.0 * args.focus.0 > focal) {
         return Err(wrong(format!(
             "{focal} mm f/{} focused at {}: expected a focal length and an f-number above 0 and a focus beyond the focal length",

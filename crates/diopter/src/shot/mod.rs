@@ -205,9 +205,9 @@ impl Shot {
             return Err(value("temperature", format!("{celsius} °C"), "-273 to 200 °C"));
         }
         if let Some(FNumber(n)) = file.exposure.aperture
-            && !(n > 0.0)
+            && !FNumber::RANGE.contains(&n)
         {
-            return Err(value("aperture", FNumber(n), "a number above 0, such as f/2.8"));
+            return Err(value("aperture", FNumber(n), FNumber::EXPECTED));
         }
         file.develop.check()?;
         let lut = recipe_file::lut(&file.develop)?;

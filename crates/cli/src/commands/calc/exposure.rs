@@ -29,10 +29,18 @@ pub(super) fn positive(what: &str, v: f64) -> anyhow::Result<f64> {
     }
 }
 
+/// An aperture that can be.
+pub(super) fn f_number(asked: FNumber) -> anyhow::Result<f64> {
+    match FNumber::RANGE.contains(&asked.0) {
+        true => Ok(asked.0),
+        false => Err(AskedWrongly(anyhow!("aperture {asked}: expected {}", FNumber::EXPECTED)).into()),
+    }
+}
+
 /// EV of a setting and the luminance and illuminance it is right for.
 pub fn value(aperture: FNumber, time: Seconds, iso: Iso, true_stops: bool, json: bool) -> anyhow::Result<()> {
     let mean = |v: f64, of: fn(f64, Option<Step>) -> f64| if true_stops { of(v, None) } else { v };
-    let n = mean(positive("aperture", aperture.0)?, stops::true_aperture);
+    let n = mean(f_number(aperture)?, stops::true_aperture);
     let t = mean(positive("time", time.0)?, stops::true_time);
     let s = mean(positive("iso", iso.0)?, stops::true_speed);
     let ev = (n * n / t).log2();
@@ -70,7 +78,7 @@ struct Row {
 }
 
 pub fn equivalent(args: &Equivalent, json: bool) -> anyhow::Result<()> {
-    let n0 = stops::true_aperture(positive("aperture", args.aperture.0)?, None);
+    let n0 = stops::true_aperture(f_number(args.aperture)?, None);
     let t0 = stops::true_time(positive("time", args.time.0)?, None);
     let focal = positive("focal length", args.focal_length.0)?;
     let distance = positive("focus", args.focus.0.min(1e9))?;
@@ -165,7 +173,7 @@ pub fn equivalent(args: &Equivalent, json: bool) -> anyhow::Result<()> {
 
 /// The program line over EV at ISO 100.
 pub fn program(widest: FNumber, focal: LengthMm, iso: IsoChoice, output: &[PathBuf], json: bool) -> anyhow::Result<()> {
-    let (widest, focal) = (positive("aperture", widest.0)?, positive("focal length", focal.0)?);
+    let (widest, focal) = (f_number(widest)?, positive("focal length", focal.0)?);
     let outputs = paint::prepare(output)?;
     let limits = Limits {
         aperture: [widest, widest.max(22.0)],

@@ -1,7 +1,7 @@
 //! `calc dof`, `calc hyperfocal`, `calc fov`, `calc equivalent-format`: what is sharp and what is seen, by closed forms, and by traced rays
 //! beside them for a real lens.
 
-use super::exposure::positive;
+use super::exposure::{f_number, positive};
 use crate::AskedWrongly;
 use crate::args::{DepthOfField, Field, FormatArgs};
 use crate::commands::print_json;
@@ -96,7 +96,7 @@ fn finite(v: f64) -> Option<f64> {
 pub fn depth(args: &DepthOfField, json: bool) -> anyhow::Result<()> {
     let format = format_named(&args.format)?;
     let c = circle(args.circle, &format)?;
-    let aperture = positive("aperture", args.aperture.0)?;
+    let aperture = f_number(args.aperture)?;
     let lens = |focus_m: f64| match args.lens.as_deref() {
         None => Ok(None),
         Some(name) => real(name, args.focal_length.map(|f| f.0), aperture, Focus::at_mm(1000.0 * focus_m), &format).map(Some),
@@ -225,7 +225,7 @@ pub fn hyperfocal(
     let format = format_named(format)?;
     let (f, c) = (positive("focal length", focal.0)?, circle(given, &format)?);
     let stops = match aperture {
-        Some(n) => vec![positive("aperture", n.0)?],
+        Some(n) => vec![f_number(n)?],
         None => vec![1.4, 2.0, 2.8, 4.0, 5.6, 8.0, 11.0, 16.0, 22.0],
     };
     let rows: Vec<(f64, f64)> = stops.iter().map(|n| (*n, hyperfocal_m(f, *n, c))).collect();
@@ -301,7 +301,7 @@ pub fn field(args: &Field, json: bool) -> anyhow::Result<()> {
 pub fn equivalent(args: &FormatArgs, json: bool) -> anyhow::Result<()> {
     let (from, to) = (format_named(&args.from)?, format_named(&args.to)?);
     let ratio = to.diagonal_mm() / from.diagonal_mm();
-    let (f, n) = (positive("focal length", args.focal_length.0)? * ratio, positive("aperture", args.aperture.0)? * ratio);
+    let (f, n) = (positive("focal length", args.focal_length.0)? * ratio, f_number(args.aperture)? * ratio);
     let iso = positive("iso", args.iso.0)? * ratio * ratio;
     if !(1000.0 * args.focus.0 > args.focal_length.0.max(f)) {
         return Err(AskedWrongly(anyhow!(
