@@ -671,7 +671,7 @@ pub struct ReadOut {
 
 #[derive(clap::Args, Debug)]
 pub struct Develop {
-    /// Raw files (.dng).
+    /// Raw files (.dng); - for standard input.
     #[arg(required_unless_present_any = ["settings", "save_recipe"])]
     pub raw: Vec<PathBuf>,
     #[command(flatten)]

@@ -909,3 +909,31 @@ fn a_standard_error_that_cannot_be_written_changes_nothing() {
     assert_eq!(run(&["lens", "info", "missing.zmx"]), Some(1));
     assert_eq!(run(&["develop", "a.dng", "-o", "b.dng"]), Some(2));
 }
+
+#[test]
+fn a_pipe_on_standard_input_is_a_file() {
+    use std::io::Write;
+    use std::process::Stdio;
+    let f = Folder::new("pipe");
+    f.ok(&["shoot", "cornell", "--size", "24x16", "--spp", "2", "--shutter", "1/30", "-o", "a.dng", "--keep-plane", "a.exr"]);
+    f.ok(&["develop", "a.dng", "-o", "a.png"]);
+    f.ok(&["read-out", "a.exr", "-o", "b.dng"]);
+    let piped = |args: &[&str], file: &str| {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_diopter"));
+        command.args(args).current_dir(&f.0).env("SOURCE_DATE_EPOCH", "1790000000").stderr(Stdio::piped());
+        let mut child = command.stdin(Stdio::piped()).spawn().unwrap();
+        child.stdin.take().unwrap().write_all(&std::fs::read(f.path(file)).unwrap()).unwrap();
+        let output = child.wait_with_output().unwrap();
+        assert!(output.status.success(), "{args:?}: {}", String::from_utf8_lossy(&output.stderr));
+    };
+    piped(&["develop", "-", "-o", "piped.png"], "a.dng");
+    assert_eq!(pixels(&f.path("piped.png")), pixels(&f.path("a.png")));
+    // A plane that is opened several times.
+    piped(&["read-out", "-", "-o", "piped.dng", "--truth", "truth.exr"], "a.exr");
+    assert!(f.path("piped.dng").exists() && f.path("truth.exr").exists());
+    // A scene or a lens is told by its ending, which a stream has not.
+    for args in [&["shoot", "-", "-o", "x.png"][..], &["lens", "info", "-"]] {
+        let (code, message) = f.fails(args);
+        assert!(code == 2 && message.contains("expected"), "{args:?}: {code} {message}");
+    }
+}

@@ -9,6 +9,7 @@ pub mod camera_way;
 pub mod checkpoint;
 pub mod depth_of_field;
 pub mod expose;
+pub mod files;
 pub mod flash;
 pub mod focus;
 pub mod hdr;

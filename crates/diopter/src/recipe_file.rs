@@ -1,5 +1,6 @@
 //! Recipes and look-up tables from files.
 
+use crate::files;
 use crate::shot::ShotError;
 use diopter_develop::lut::Lut;
 use diopter_develop::{Recipe, RecipeError};
@@ -14,7 +15,7 @@ fn told(path: &Path, reason: String) -> ShotError {
 
 /// Reads a recipe; the path of its table is relative to it.
 pub fn read(path: &Path) -> Result<Recipe, ShotError> {
-    let text = std::fs::read_to_string(path).map_err(|e| told(path, e.to_string()))?;
+    let text = files::read_text(path).map_err(|e| told(path, e.to_string()))?;
     let mut recipe = Recipe::from_toml(&text).map_err(|e| told(path, e.to_string()))?;
     place_lut(&mut recipe, path.parent().unwrap_or(Path::new("")));
     Ok(recipe)
@@ -39,7 +40,7 @@ pub fn read_lut(path: &Path) -> Result<Lut, ShotError> {
     if size > MOST_BYTES {
         return Err(told(path, format!("{size} bytes: no .cube file is larger than {MOST_BYTES}")));
     }
-    let bytes = std::fs::read(path).map_err(|e| told(path, e.to_string()))?;
+    let bytes = files::read(path).map_err(|e| told(path, e.to_string()))?;
     Lut::parse(&String::from_utf8_lossy(&bytes)).map_err(|e| told(path, e.to_string()))
 }
 

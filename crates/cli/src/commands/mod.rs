@@ -16,14 +16,13 @@ pub mod shoot;
 pub mod stack;
 
 use anyhow::Context;
+use diopter::files::{self, Source};
 use diopter::image::{FocalPlane, exr};
-use std::fs::File;
-use std::io::BufReader;
 use std::path::Path;
 
-/// Opens a file for reading, naming it in errors.
-fn open(path: &Path) -> anyhow::Result<BufReader<File>> {
-    Ok(BufReader::new(File::open(path).with_context(|| path.display().to_string())?))
+/// Opens a file or stream for reading, naming it in errors.
+fn open(path: &Path) -> anyhow::Result<Source> {
+    files::open(path).with_context(|| path.display().to_string())
 }
 
 fn read_plane(path: &Path) -> anyhow::Result<FocalPlane> {

@@ -2,6 +2,7 @@
 
 use super::ShotError;
 use super::sources::is_lens_file;
+use crate::files;
 use crate::quantity::{Distance, Ev, FNumber, Filter, FocusTo, Hertz, Iso, IsoChoice, LengthMm, Moment, Seconds, Size};
 use crate::recipe_file;
 use crate::stops;
@@ -464,7 +465,7 @@ impl ShotFile {
     /// Reads a shot file; paths in it are relative to it.
     pub fn read(path: &Path) -> Result<ShotFile, ShotError> {
         let place = path.display().to_string();
-        let text = std::fs::read_to_string(path).map_err(|e| ShotError::Read { path: place.clone(), reason: e.to_string() })?;
+        let text = files::read_text(path).map_err(|e| ShotError::Read { path: place.clone(), reason: e.to_string() })?;
         let mut shot: ShotFile =
             toml::from_str(&text).map_err(|e| ShotError::Syntax { path: place, reason: e.to_string().trim_end().to_owned() })?;
         let folder = path.parent().unwrap_or(Path::new(""));

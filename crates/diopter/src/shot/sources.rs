@@ -1,6 +1,7 @@
 //! Files and names that a shot refers to: scenes, lenses, bodies, environments.
 
 use super::{ShotError, value};
+use crate::files;
 use diopter_lens::{LensError, Prescription, import};
 use diopter_scene::light::Environment;
 use diopter_scene::{Description, SceneError, builtin, load};
@@ -32,7 +33,7 @@ pub fn read_scene(name: &str, strict: bool) -> Result<Description, ShotError> {
     let folder = path.parent().unwrap_or(Path::new("")).to_owned();
     let fetch = move |uri: &str| {
         let found = folder.join(uri);
-        std::fs::read(&found).map_err(|e| match e.kind() {
+        files::read(&found).map_err(|e| match e.kind() {
             std::io::ErrorKind::NotFound => "there is no such file".into(),
             _ => e.to_string(),
         })
@@ -188,7 +189,7 @@ pub fn read_environment(path: &Path, rotation_deg: f32, scale: f32) -> Result<En
 }
 
 pub(super) fn read_file(path: &Path) -> Result<Vec<u8>, ShotError> {
-    std::fs::read(path).map_err(|e| {
+    files::read(path).map_err(|e| {
         let reason = match e.kind() {
             std::io::ErrorKind::NotFound => "there is no such file".into(),
             _ => e.to_string(),

@@ -1,0 +1,152 @@
+//! Files and streams as they are given by name: regular files at any size, everything else (pipes, devices, `-` for standard input) up to a
+//! bound.
+//!
+//! A stream can be read once only and cannot be sought in. It is therefore read whole into memory, and kept until the program ends: whoever
+//! opens the same name again sees the same bytes.
+
+use std::fs::File;
+use std::io::{self, BufRead, BufReader, Cursor, IsTerminal, Read, Seek, SeekFrom};
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex, PoisonError};
+
+/// The name of standard input.
+const STANDARD_INPUT: &str = "-";
+
+/// Most bytes that are read of what is no regular file: `/dev/zero` and its like never end.
+pub const MOST_STREAM_BYTES: u64 = 1 << 30;
+
+/// Streams that have been read.
+static STREAMS: Mutex<Vec<(PathBuf, Arc<[u8]>)>> = Mutex::new(Vec::new());
+
+/// An open file, or a stream in memory.
+pub enum Source {
+    /// A regular file.
+    File(BufReader<File>),
+    /// What a stream held.
+    Stream(Cursor<Arc<[u8]>>),
+}
+
+impl Read for Source {
+    fn read(&mut self, to: &mut [u8]) -> io::Result<usize> {
+        match self {
+            Source::File(file) => file.read(to),
+            Source::Stream(bytes) => bytes.read(to),
+        }
+    }
+}
+
+impl BufRead for Source {
+    fn fill_buf(&mut self) -> io::Result<&[u8]> {
+        match self {
+            Source::File(file) => file.fill_buf(),
+            Source::Stream(bytes) => bytes.fill_buf(),
+        }
+    }
+
+    fn consume(&mut self, amount: usize) {
+        match self {
+            Source::File(file) => file.consume(amount),
+            Source::Stream(bytes) => bytes.consume(amount),
+        }
+    }
+}
+
+impl Seek for Source {
+    fn seek(&mut self, to: SeekFrom) -> io::Result<u64> {
+        match self {
+            Source::File(file) => file.seek(to),
+            Source::Stream(bytes) => bytes.seek(to),
+        }
+    }
+}
+
+/// Opens a file, or a stream (`-`: standard input) of at most [`MOST_STREAM_BYTES`].
+pub fn open(path: &Path) -> io::Result<Source> {
+    let standard_input = path == Path::new(STANDARD_INPUT);
+    if !standard_input {
+        let told = std::fs::metadata(path)?;
+        if told.is_dir() {
+            return Err(io::Error::new(io::ErrorKind::IsADirectory, "this is a folder; expected a file"));
+        }
+        if told.is_file() {
+            return Ok(Source::File(BufReader::new(File::open(path)?)));
+        }
+    }
+    let mut streams = STREAMS.lock().unwrap_or_else(PoisonError::into_inner);
+    if let Some((_, bytes)) = streams.iter().find(|s| s.0 == path) {
+        return Ok(Source::Stream(Cursor::new(bytes.clone())));
+    }
+    if standard_input && io::stdin().is_terminal() {
+        let what = "standard input is the terminal; expected a pipe or a file, such as: diopter ... - < FILE";
+        return Err(io::Error::new(io::ErrorKind::InvalidInput, what));
+    }
+    let bytes = match standard_input {
+        true => bounded(io::stdin().lock(), MOST_STREAM_BYTES)?,
+        false => bounded(File::open(path)?, MOST_STREAM_BYTES)?,
+    };
+    let bytes: Arc<[u8]> = bytes.into();
+    streams.push((path.to_owned(), bytes.clone()));
+    Ok(Source::Stream(Cursor::new(bytes)))
+}
+
+/// All bytes of a file or stream.
+pub fn read(path: &Path) -> io::Result<Vec<u8>> {
+    match open(path)? {
+        Source::File(file) => {
+            // Knows the length, and asks for the memory at once.
+            let mut bytes = Vec::new();
+            file.into_inner().read_to_end(&mut bytes)?;
+            Ok(bytes)
+        }
+        Source::Stream(bytes) => Ok(bytes.into_inner().to_vec()),
+    }
+}
+
+/// All text of a file or stream.
+pub fn read_text(path: &Path) -> io::Result<String> {
+    String::from_utf8(read(path)?).map_err(|_| io::Error::new(io::ErrorKind::InvalidData, "it is not text (UTF-8)"))
+}
+
+/// All bytes of a stream; an error where there are more than `most`.
+fn bounded(stream: impl Read, most: u64) -> io::Result<Vec<u8>> {
+    let mut bytes = Vec::new();
+    stream.take(most + 1).read_to_end(&mut bytes)?;
+    match bytes.len() as u64 > most {
+        true => Err(io::Error::new(
+            io::ErrorKind::FileTooLarge,
+            format!("this is no file but a stream, and holds more than {most} bytes; save it as a file first"),
+        )),
+        false => Ok(bytes),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn streams_without_an_end_are_refused() {
+        assert_eq!(bounded(&b"12345"[..], 5).unwrap(), b"12345");
+        let error = bounded(io::repeat(0), 1000).unwrap_err();
+        assert!(error.to_string().contains("more than 1000 bytes"), "{error}");
+    }
+
+    #[test]
+    fn files_are_read_and_folders_named() {
+        let folder = std::env::temp_dir().join(format!("diopter-files-{}", std::process::id()));
+        std::fs::create_dir_all(&folder).unwrap();
+        let path = folder.join("a.txt");
+        std::fs::write(&path, "text").unwrap();
+        assert_eq!(read_text(&path).unwrap(), "text");
+        let mut source = open(&path).unwrap();
+        source.seek(SeekFrom::Start(2)).unwrap();
+        let mut rest = String::new();
+        source.read_to_string(&mut rest).unwrap();
+        assert_eq!(rest, "xt");
+        std::fs::write(&path, [0xff, 0xfe, 0]).unwrap();
+        assert!(read_text(&path).unwrap_err().to_string().contains("not text"));
+        assert!(open(&folder).err().unwrap().to_string().contains("folder"));
+        assert_eq!(open(&folder.join("b")).err().unwrap().kind(), io::ErrorKind::NotFound);
+        std::fs::remove_dir_all(&folder).unwrap();
+    }
+}
