@@ -293,7 +293,10 @@ impl<'a> Developer<'a> {
             Step::Defects => self.neighbours.is_some(),
             Step::Highlights => self.cast.is_some() || self.recipe.highlights.method == crate::HighlightMethod::Clip,
             Step::LightField => self.light_field.is_some(),
-            Step::Demosaic => !self.raw.header.cfa.is_monochrome() && self.light_field.is_none(),
+            Step::Demosaic => {
+                let cfa = &self.raw.header.cfa;
+                !cfa.is_monochrome() && !cfa.has_all_channels() && self.light_field.is_none()
+            }
             Step::NoiseReduction => self.reducer.is_some(),
             Step::LensCorrection => self.correction.is_some(),
             Step::LocalTone => self.local.is_some(),
@@ -363,7 +366,7 @@ impl<'a> Developer<'a> {
             height: region.height * cy,
         };
         let mosaic = self.mosaic(of_cells.grown(self.demosaicer.reach()));
-        if self.until < Step::Demosaic {
+        if self.until < Step::Demosaic && !mosaic.cfa.has_all_channels() {
             return mosaic_as_seen(&mosaic, of_cells, region);
         }
         let mut planes = self.demosaicer.run(&mosaic, region);
@@ -620,6 +623,47 @@ mod tests {
             let picture = develop(&image, &Recipe::preset(name).unwrap(), None).unwrap();
             let code = picture.pixels.pixel(32, 32);
             assert!((code[1] - 0.4614).abs() < 0.01, "{name} {code:?}");
+        }
+    }
+
+    /// A raw image with all channels in every pixel, of the tests' levels (black 100, saturated at 1100).
+    fn linear(width: usize, height: usize, dn: impl Fn(usize, usize, usize) -> f64) -> RawImage {
+        // Numbers of "mono" are placed freely.
+        let mut image = raw(3 * width, height, "mono", |x, y| dn(x / 3, y, x % 3));
+        image.header.cfa = Cfa::linear_rgb();
+        image.header.as_shot_neutral = vec![1.0; 3];
+        image
+    }
+
+    #[test]
+    fn linear_images_are_developed_without_a_demosaic() {
+        let dn = |x: usize, y: usize, c: usize| 100.0 + 200.0 * c as f64 + ((x * 7 + y * 13) % 50) as f64;
+        let image = linear(40, 30, dn);
+        let recipe = Recipe::preset("plain").unwrap();
+        let developer = Developer::new(&image, &recipe, None).unwrap();
+        assert_eq!(developer.size(), [40, 30]);
+        assert!(!developer.does(Step::Demosaic));
+        // Camera channels as they are, shown by the sRGB function.
+        let seen = Developer::new(&image, &recipe, None).unwrap().until(Step::LensCorrection).whole().pixels;
+        for (x, y) in [(0, 0), (39, 29), (17, 5)] {
+            let expected = encode::srgb_codes(Vec3::from_array(std::array::from_fn(|c| (dn(x, y, c) / 1000.0) as f32)));
+            for (c, v) in seen.pixel(x, y).iter().enumerate() {
+                assert!((v - expected[c]).abs() < 2e-3, "{x} {y} {c}: {v} {}", expected[c]);
+            }
+        }
+        // All steps work on it, and halving it gives half the sides.
+        let mut all = Recipe::default();
+        (all.noise.luminance, all.defects.threshold, all.row_noise.amount, all.local.compression) = (0.5, 3.0, 1.0, 0.3);
+        all.white.balance = "auto".into();
+        for size in [[1, 1], [2, 3], [40, 30]] {
+            let image = linear(size[0], size[1], |x, y, c| ((x * 37 + y * 91 + c * 300) % 1200) as f64);
+            for method in crate::steps::demosaic::tests::ALL {
+                all.demosaic.method = method;
+                let picture = develop(&image, &all, None).unwrap();
+                assert!(picture.pixels.data.iter().all(|v| (0.0..=1.0).contains(v)), "{size:?} {method:?}");
+                let expected = if method == Demosaic::Half { size.map(|n| (n / 2).max(1)) } else { size };
+                assert_eq!([picture.pixels.width, picture.pixels.height], expected, "{method:?}");
+            }
         }
     }
 

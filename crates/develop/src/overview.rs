@@ -24,8 +24,8 @@ pub struct Overview {
     pub width: usize,
     /// Rows of cells.
     pub height: usize,
-    /// Pixels a side of a cell.
-    pub side: usize,
+    /// Numbers of the mosaic a cell is wide, and rows it is high.
+    pub side: [usize; 2],
     pixels: [usize; 2],
     channels: usize,
     /// `[row][column][channel]`.
@@ -38,10 +38,12 @@ impl Overview {
     pub fn new(raw: &RawImage) -> Overview {
         let cfa = &raw.header.cfa;
         let (w, h, n) = (raw.mosaic.width, raw.mosaic.height, cfa.channel_count());
-        // Whole patterns, so that every cell sees all channels.
-        let pattern = cfa.columns().max(cfa.rows());
-        let side = w.max(h).div_ceil(CELLS).next_multiple_of(pattern);
-        let (width, height) = (w.div_ceil(side), h.div_ceil(side));
+        // Whole patterns, so that every cell sees all channels; square in pixels.
+        let samples = cfa.samples_per_pixel();
+        let pattern = (cfa.columns() / samples).max(cfa.rows());
+        let pixels = (w / samples).max(h).div_ceil(CELLS).next_multiple_of(pattern);
+        let (side, rows_of_cell) = (pixels * samples, pixels);
+        let (width, height) = (w.div_ceil(side), h.div_ceil(rows_of_cell));
         let scale = 1.0 / (raw.header.white_level - raw.header.black_level);
         let full = raw.header.black_level + f64::from(SATURATED) * (raw.header.white_level - raw.header.black_level);
         let rows: Vec<(Vec<f32>, Vec<bool>)> = (0..height)
@@ -49,7 +51,7 @@ impl Overview {
             .map(|row| {
                 let mut sums = vec![(0u64, 0u64); width * n];
                 let mut saturated = vec![false; width];
-                for y in row * side..((row + 1) * side).min(h) {
+                for y in row * rows_of_cell..((row + 1) * rows_of_cell).min(h) {
                     let line = &raw.mosaic.data[y * w..(y + 1) * w];
                     let channels: Vec<usize> = (0..cfa.columns()).map(|x| cfa.channel_at(x, y)).collect();
                     for (cell, part) in line.chunks(side).enumerate() {
@@ -69,7 +71,15 @@ impl Overview {
             })
             .collect();
         let (signal, saturated): (Vec<_>, Vec<_>) = rows.into_iter().unzip();
-        Overview { width, height, side, pixels: [w, h], channels: n, signal: signal.concat(), saturated: saturated.concat() }
+        Overview {
+            width,
+            height,
+            side: [side, rows_of_cell],
+            pixels: [w, h],
+            channels: n,
+            signal: signal.concat(),
+            saturated: saturated.concat(),
+        }
     }
 
     /// Pixels of the mosaic.
@@ -85,16 +95,16 @@ impl Overview {
     /// Mean of the cells in a part of the picture: left, top, width, height as shares. At least one cell.
     pub fn mean(&self, [left, top, width, height]: [f64; 4]) -> Vec<f64> {
         // The cells that lie inside; at least the one in the middle.
-        let range = |from: f64, length: f64, n: usize, pixels: usize| {
-            let cell = |share: f64| share * pixels as f64 / self.side as f64;
+        let range = |from: f64, length: f64, n: usize, axis: usize| {
+            let cell = |share: f64| share * self.pixels[axis] as f64 / self.side[axis] as f64;
             let (first, end) = ((cell(from) - 1e-6).ceil() as usize, (cell(from + length) + 1e-6) as usize);
             let middle = (cell(from + 0.5 * length) as usize).min(n - 1);
             if first < end.min(n) { first..end.min(n) } else { middle..middle + 1 }
         };
         let mut sums = vec![0.0; self.channels];
         let mut count = 0.0;
-        for y in range(top, height, self.height, self.pixels[1]) {
-            for x in range(left, width, self.width, self.pixels[0]) {
+        for y in range(top, height, self.height, 1) {
+            for x in range(left, width, self.width, 0) {
                 let i = y * self.width + x;
                 if !self.saturated[i] {
                     let cell = &self.signal[i * self.channels..][..self.channels];

@@ -47,6 +47,8 @@ pub struct Cfa {
     channels: Vec<u8>,
     /// The filters of the channels.
     filters: Vec<Filter>,
+    /// Whether the cells of one period are the samples of one pixel.
+    all_channels: bool,
 }
 
 impl Cfa {
@@ -64,12 +66,29 @@ impl Cfa {
         }
         let filters: Vec<Filter> = Filter::ALL.into_iter().filter(|f| cells.contains(f)).collect();
         let channels = cells.iter().map(|c| filters.iter().position(|f| f == c).unwrap_or(0) as u8).collect();
-        Some(Cfa { columns, cells, channels, filters })
+        Some(Cfa { columns, cells, channels, filters, all_channels: false })
     }
 
     /// No filter anywhere.
     pub fn monochrome() -> Self {
-        Cfa { columns: 1, cells: vec![Filter::Clear], channels: vec![0], filters: vec![Filter::Clear] }
+        Cfa { columns: 1, cells: vec![Filter::Clear], channels: vec![0], filters: vec![Filter::Clear], all_channels: false }
+    }
+
+    /// No mosaic: every pixel has a red, a green and a blue sample, side by side in a row, as in a linear DNG. A row of such a raw image holds
+    /// three numbers a pixel, so that whatever treats numbers by their channel needs not know.
+    pub fn linear_rgb() -> Self {
+        let cells = Filter::ALL[..3].to_vec();
+        Cfa { columns: 3, filters: cells.clone(), cells, channels: vec![0, 1, 2], all_channels: true }
+    }
+
+    /// Whether every pixel has all channels: nothing is to be demosaiced.
+    pub fn has_all_channels(&self) -> bool {
+        self.all_channels
+    }
+
+    /// Numbers a pixel: 1 of a mosaic, the number of channels where every pixel has all.
+    pub fn samples_per_pixel(&self) -> usize {
+        if self.all_channels { self.columns } else { 1 }
     }
 
     /// A pattern by name or by its letters, rows parted by `/`: `RG/GB`, `quad`, `x-trans`, `mono`. `None` when rows are
@@ -305,10 +324,17 @@ impl Orientation {
 /// A raw photograph, in digital numbers (DN).
 #[derive(Clone, Debug, PartialEq)]
 pub struct RawImage {
-    /// DN of each pixel.
+    /// DN of each pixel; where every pixel has all channels ([`Cfa::has_all_channels`]), its samples side by side: a row is as many times as wide.
     pub mosaic: Raster<u16>,
     /// All else.
     pub header: RawHeader,
+}
+
+impl RawImage {
+    /// Pixels a row, and rows.
+    pub fn size(&self) -> [usize; 2] {
+        [self.mosaic.width / self.header.cfa.samples_per_pixel(), self.mosaic.height]
+    }
 }
 
 #[cfg(test)]

@@ -61,7 +61,7 @@ pub fn run(args: &Develop, json: bool) -> anyhow::Result<()> {
                 Ok((written, raw)) => {
                     written.iter().for_each(|path| say(&format!("wrote {}", path.display())));
                     reports.push(serde_json::json!({
-                        "files": written, "facts": raw.header.facts, "size": [raw.mosaic.width, raw.mosaic.height]
+                        "files": written, "facts": raw.header.facts, "size": raw.size()
                     }));
                 }
                 // One file that cannot be developed is no reason to leave the others.

@@ -24,7 +24,9 @@ impl Neighbours {
                 let mut same: Vec<[i64; 2]> = square
                     .filter(|d| *d != [0, 0] && cfa.channel_beyond(x + d[0], y + d[1]) == cfa.channel_beyond(x, y))
                     .collect();
-                same.sort_by_key(|d| d[0] * d[0] + d[1] * d[1]);
+                // Distances in pixels.
+                let samples = cfa.samples_per_pixel() as i64;
+                same.sort_by_key(|d| (d[0] / samples).pow(2) + d[1] * d[1]);
                 same.truncate(NEAREST);
                 offsets.push(same);
             }
@@ -81,8 +83,8 @@ mod tests {
 
     #[test]
     fn single_pixels_are_mended_and_edges_are_not() {
-        for pattern in ["RG/GB", "x-trans", "mono", "quad"] {
-            let cfa = Cfa::parse(pattern).unwrap();
+        for pattern in ["RG/GB", "x-trans", "mono", "quad", "linear"] {
+            let cfa = Cfa::parse(pattern).unwrap_or_else(Cfa::linear_rgb);
             let neighbours = Neighbours::new(&cfa);
             let mut data: Vec<f32> = (0..40 * 40).map(|i| if i % 40 < 20 { 0.2 } else { 0.6 }).collect();
             let clean = data.clone();

@@ -19,7 +19,14 @@ const CELL: usize = 8;
 
 /// How far around a pixel the other colours are taken from: enough for every pattern to have them all.
 pub fn reach(cfa: &Cfa) -> usize {
-    if cfa.is_bayer() { 1 } else { cfa.columns().max(cfa.rows()) / 2 }
+    if cfa.is_bayer() {
+        1
+    } else if cfa.has_all_channels() {
+        // The samples of the pixel itself and of its neighbours.
+        cfa.channel_count() - 1
+    } else {
+        cfa.columns().max(cfa.rows()) / 2
+    }
 }
 
 /// Balanced value at which a channel saturates.

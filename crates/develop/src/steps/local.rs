@@ -18,7 +18,7 @@ const LEAST: f32 = 1e-5;
 pub struct LocalTone {
     width: usize,
     height: usize,
-    side: f32,
+    side: [f32; 2],
     /// base = a · log + b, a pair a cell.
     line: Vec<[f32; 2]>,
     compression: f32,
@@ -48,7 +48,7 @@ impl LocalTone {
         Some(LocalTone {
             width: w,
             height: h,
-            side: overview.side as f32,
+            side: overview.side.map(|n| n as f32),
             line: a.into_iter().zip(b).map(|(a, b)| [a, b]).collect(),
             compression: settings.compression as f32,
             detail: settings.detail as f32,
@@ -57,12 +57,12 @@ impl LocalTone {
 
     /// Light of the pixel at a place of the mosaic, with the contrast changed.
     pub fn apply(&self, c: Vec3, x: f32, y: f32) -> Vec3 {
-        let place = |v: f32, n: usize| {
-            let p = ((v + 0.5) / self.side - 0.5).clamp(0.0, (n - 1) as f32);
+        let place = |v: f32, n: usize, side: f32| {
+            let p = ((v + 0.5) / side - 0.5).clamp(0.0, (n - 1) as f32);
             let i = (p as usize).min(n.saturating_sub(2));
             (i, p - i as f32)
         };
-        let ((ix, tx), (iy, ty)) = (place(x, self.width), place(y, self.height));
+        let ((ix, tx), (iy, ty)) = (place(x, self.width, self.side[0]), place(y, self.height, self.side[1]));
         let at = |dx: usize, dy: usize| self.line[(iy + dy).min(self.height - 1) * self.width + (ix + dx).min(self.width - 1)];
         let between = |k: usize| {
             let top = at(0, 0)[k] + tx * (at(1, 0)[k] - at(0, 0)[k]);

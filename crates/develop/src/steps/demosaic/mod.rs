@@ -31,6 +31,8 @@ impl Mosaic<'_> {
 pub enum Demosaicer {
     /// One channel: nothing is missing.
     Monochrome,
+    /// All channels in every pixel: nothing is missing.
+    AllChannels,
     /// Means of neighbours.
     Bilinear(bilinear::Neighbours),
     /// Bayer: 5 × 5 filters.
@@ -49,6 +51,7 @@ impl Demosaicer {
     /// The method for a pattern: those made for Bayer give way to linear filters elsewhere.
     pub fn new(method: Demosaic, cfa: &Cfa) -> Self {
         match method {
+            _ if cfa.has_all_channels() && method != Demosaic::Half => Demosaicer::AllChannels,
             _ if cfa.is_monochrome() && method != Demosaic::Half => Demosaicer::Monochrome,
             Demosaic::Half => Demosaicer::Half,
             Demosaic::Bilinear => Demosaicer::Bilinear(bilinear::Neighbours::new(cfa)),
@@ -63,6 +66,8 @@ impl Demosaicer {
     /// Pixels of the mosaic a side of a pixel of the result stands for.
     pub fn cell(&self, cfa: &Cfa) -> [usize; 2] {
         match self {
+            Demosaicer::AllChannels => [cfa.columns(), 1],
+            Demosaicer::Half if cfa.has_all_channels() => [2 * cfa.columns(), 2],
             // A monochrome mosaic is halved as a Bayer one is.
             Demosaicer::Half => [cfa.columns().max(2), cfa.rows().max(2)],
             _ => [1, 1],
@@ -72,7 +77,7 @@ impl Demosaicer {
     /// How far around a pixel the mosaic is looked at.
     pub fn reach(&self) -> usize {
         match self {
-            Demosaicer::Monochrome | Demosaicer::Half => 0,
+            Demosaicer::Monochrome | Demosaicer::AllChannels | Demosaicer::Half => 0,
             Demosaicer::Bilinear(n) => n.reach(),
             Demosaicer::Malvar => 2,
             Demosaicer::Gbtf => gbtf::REACH,
@@ -85,6 +90,7 @@ impl Demosaicer {
     /// that of all its cells).
     pub fn run(&self, mosaic: &Mosaic, region: Region) -> Planes {
         let planes = match self {
+            Demosaicer::AllChannels => parted(mosaic, region),
             Demosaicer::Monochrome => vec![cut(&mosaic.data, mosaic.region, region)],
             Demosaicer::Bilinear(n) => n.run(mosaic, region),
             Demosaicer::Malvar => malvar::run(mosaic, region),
@@ -95,6 +101,19 @@ impl Demosaicer {
         };
         Planes { region, planes }
     }
+}
+
+/// Samples that stand side by side, a plane each.
+fn parted(mosaic: &Mosaic, region: Region) -> Vec<Vec<f32>> {
+    let n = mosaic.cfa.channel_count();
+    let rows = mosaic.data.chunks_exact(mosaic.region.width).take(region.height);
+    let mut planes = vec![Vec::with_capacity(region.area()); n];
+    for row in rows {
+        for pixel in row.chunks_exact(n).take(region.width) {
+            planes.iter_mut().zip(pixel).for_each(|(plane, v)| plane.push(*v));
+        }
+    }
+    planes
 }
 
 /// Means of the channels in each cell.
