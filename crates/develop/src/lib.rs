@@ -40,6 +40,8 @@ mod tests {
                 calibrations: vec![],
                 baseline_ev: 0.0,
                 framing: Default::default(),
+                opcodes: vec![],
+                warnings: vec![],
                 noise: vec![],
                 facts: ExposureFacts::default(),
             },

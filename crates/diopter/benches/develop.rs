@@ -33,6 +33,8 @@ fn mosaic() -> RawImage {
             calibrations: vec![],
             baseline_ev: 0.0,
             framing: Default::default(),
+            opcodes: vec![],
+            warnings: vec![],
             noise: vec![[1e-4, 1e-7]; 3],
             facts: ExposureFacts::default(),
         },

@@ -82,6 +82,8 @@ mod tests {
             white_level: 4095.0,
             baseline_ev: 0.0,
             framing: Default::default(),
+            opcodes: vec![],
+            warnings: vec![],
             as_shot_neutral: vec![1.0; 3],
             calibrations: vec![],
             noise: vec![],

@@ -47,6 +47,8 @@ fn differences(body: &str, light: &str, white_balance: &str) -> Vec<f64> {
         calibrations: calibration::calibrations(&sensor),
         baseline_ev: 0.0,
         framing: Default::default(),
+        opcodes: vec![],
+        warnings: vec![],
         noise: vec![[0.0, 0.0]; n],
         facts: ExposureFacts::default(),
     };

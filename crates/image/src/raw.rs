@@ -1,5 +1,6 @@
 //! What the sensor hands out: one number a pixel, and what it takes to make colours of them.
 
+use crate::dng::opcode::Opcode;
 use crate::{ExposureFacts, Raster};
 
 /// What a pixel sees through.
@@ -270,6 +271,11 @@ pub struct RawHeader {
     pub baseline_ev: f64,
     /// What is shown of the mosaic, and how it is held.
     pub framing: Framing,
+    /// What is still to be corrected once the picture is demosaiced: opcode list 3 of a DNG, with one warp at most. Places are in pixels of
+    /// [`RawImage::size`].
+    pub opcodes: Vec<Opcode>,
+    /// What the reader of the file had to leave out or assume, for the user.
+    pub warnings: Vec<String>,
     /// Noise of each channel: the variance of (DN − black) / (white − black) = x is `[0]`·x + `[1]`, as DNG's NoiseProfile.
     pub noise: Vec<[f64; 2]>,
     /// How it was made.
@@ -277,12 +283,20 @@ pub struct RawHeader {
 }
 
 /// What is shown of a mosaic, and how it is held.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Framing {
-    /// Left, top, width, height in pixels of the mosaic; all of it without.
+    /// Left, top, width, height in numbers of the mosaic's rows and in rows; all of it without.
     pub crop: Option<[usize; 4]>,
     /// How it is turned.
     pub orientation: Orientation,
+    /// Pixels of the picture for one of the mosaic, across and down, before it is turned: 1 where pixels are square. DNG's DefaultScale.
+    pub scale: [f64; 2],
+}
+
+impl Default for Framing {
+    fn default() -> Self {
+        Framing { crop: None, orientation: Orientation::default(), scale: [1.0; 2] }
+    }
 }
 
 /// How a picture is turned: EXIF's tag Orientation, 1 to 8.

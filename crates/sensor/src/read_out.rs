@@ -181,6 +181,8 @@ impl<'a> ReadOut<'a> {
             white_level: self.white_level,
             baseline_ev: 0.0,
             framing: Default::default(),
+            opcodes: vec![],
+            warnings: vec![],
             as_shot_neutral: neutral(sensor, white),
             calibrations: calibrations(sensor),
             noise: vec![[1.0 / (step.gain_e_per_dn * range), floor / (range * range)]; sensor.cfa.channel_count()],

@@ -129,6 +129,8 @@ mod tests {
             white_level: 1000.0,
             baseline_ev: 0.0,
             framing: Default::default(),
+            opcodes: vec![],
+            warnings: vec![],
             as_shot_neutral: neutral,
             calibrations: vec![calibration(LightSource::A, 1.0), calibration(LightSource::D65, 0.0)],
             noise: vec![],

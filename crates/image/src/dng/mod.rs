@@ -5,7 +5,9 @@
 
 mod disguise;
 pub mod lossless;
+pub mod opcode;
 mod packing;
+mod parts;
 mod read;
 mod write;
 
@@ -28,11 +30,13 @@ mod tag {
     pub const Y_RESOLUTION: u16 = 283;
     pub const PLANAR: u16 = 284;
     pub const RESOLUTION_UNIT: u16 = 296;
+    pub const PREDICTOR: u16 = 317;
     pub const TILE_WIDTH: u16 = 322;
     pub const TILE_LENGTH: u16 = 323;
     pub const TILE_OFFSETS: u16 = 324;
     pub const TILE_BYTE_COUNTS: u16 = 325;
     pub const SUB_IFDS: u16 = 330;
+    pub const SAMPLE_FORMAT: u16 = 339;
     pub const YCBCR_SUBSAMPLING: u16 = 530;
     pub const YCBCR_POSITIONING: u16 = 531;
     pub const REFERENCE_BLACK_WHITE: u16 = 532;
@@ -70,6 +74,7 @@ mod tag {
     pub const FORWARD_MATRIX: [u16; 2] = [50964, 50965];
     pub const PREVIEW_SOFTWARE: u16 = 50966;
     pub const PREVIEW_COLOR_SPACE: u16 = 50970;
+    pub const OPCODE_LIST: [u16; 3] = [51008, 51009, 51022];
     pub const NOISE_PROFILE: u16 = 51041;
 }
 
@@ -77,6 +82,10 @@ mod tag {
 mod compression {
     pub const NONE: u16 = 1;
     pub const JPEG: u16 = 7;
+    pub const DEFLATE: u16 = 8;
+    /// Deflate under its older number.
+    pub const OLD_DEFLATE: u16 = 32946;
+    pub const LOSSY_JPEG: u16 = 34892;
 }
 
 /// Values of the tag PhotometricInterpretation.
@@ -100,13 +109,14 @@ const XMP_NAMESPACE: &str = "urn:diopter:1.0";
 mod tests {
     use super::*;
     use crate::raw::{Cfa, ColorCalibration, LightSource, RawHeader, RawImage};
+    use crate::tags::{Field, put};
     use crate::{ExposureFacts, Raster};
     use std::io::Cursor;
 
     pub(super) fn image(pattern: &str, bits: u32, width: usize, height: usize) -> RawImage {
-        let cfa = Cfa::parse(pattern).unwrap();
+        let cfa = if pattern == "linear" { Cfa::linear_rgb() } else { Cfa::parse(pattern).unwrap() };
         let n = cfa.channel_count();
-        let mut mosaic = Raster::new(width, height, 1);
+        let mut mosaic = Raster::new(width * cfa.samples_per_pixel(), height, 1);
         let top = ((1u64 << bits) - 1) as u32;
         let value = |i: usize| (i as u32).wrapping_mul(2_654_435_761) % (top + 1);
         mosaic.data.iter_mut().enumerate().for_each(|(i, v)| *v = value(i) as u16);
@@ -128,6 +138,8 @@ mod tests {
                 },
                 baseline_ev: 0.0,
                 framing: Default::default(),
+                opcodes: vec![],
+                warnings: vec![],
                 as_shot_neutral: (0..n).map(|c| 1.0 / (1.0 + c as f64)).collect(),
                 noise: (0..n).map(|c| [1e-4 * (1 + c) as f64, 1e-7]).collect(),
                 cfa,
@@ -151,9 +163,16 @@ mod tests {
 
     #[test]
     fn every_storage_and_pattern_gives_back_each_number() {
-        for (pattern, bits) in
-            [("RG/GB", 14), ("GB/RG", 12), ("x-trans", 16), ("quad", 10), ("rgbw", 12), ("rccc", 12), ("mono", 16)]
-        {
+        for (pattern, bits) in [
+            ("RG/GB", 14),
+            ("GB/RG", 12),
+            ("x-trans", 16),
+            ("quad", 10),
+            ("rgbw", 12),
+            ("rccc", 12),
+            ("mono", 16),
+            ("linear", 12),
+        ] {
             for storage in [Storage::Sixteen, Storage::Packed, Storage::Lossless] {
                 for (width, height) in [(37, 23), (300, 270), (1, 1), (512, 16)] {
                     let raw = image(pattern, bits, width, height);
@@ -163,6 +182,7 @@ mod tests {
                     let back = read(&mut file).unwrap();
                     assert_eq!(back.mosaic.data, raw.mosaic.data, "{pattern} {storage:?} {width} × {height}");
                     assert_eq!(back.header.cfa, raw.header.cfa);
+                    assert!(back.size() == [width, height] && back.header.warnings.is_empty());
                     assert_eq!(back.header.facts, raw.header.facts);
                     let close = |a: &[f64], b: &[f64]| a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-6 * (1.0 + b.abs()));
                     assert!(close(&back.header.as_shot_neutral, &raw.header.as_shot_neutral));
@@ -177,6 +197,141 @@ mod tests {
                 }
             }
         }
+    }
+
+    /// A DNG of one strip with these fields besides: 16 bits, black 0, white 40 000, a camera whose channels are XYZ.
+    fn tiny(size: [usize; 2], samples: usize, pixels: &[u8], fields: Vec<(u16, Field)>) -> Vec<u8> {
+        let mut file = Cursor::new(Vec::new());
+        let mut tiff = tiff::encoder::TiffEncoder::new(&mut file).unwrap();
+        let mut directory = tiff.image_directory().unwrap();
+        let place = directory.write_data(pixels).unwrap() as u32;
+        if pixels.len() % 2 == 1 {
+            directory.write_data(0u8).unwrap();
+        }
+        let photometric = if samples == 1 { photometric::CFA } else { photometric::LINEAR_RAW };
+        let mut all = vec![
+            (tag::NEW_SUBFILE_TYPE, Field::long(0)),
+            (tag::WIDTH, Field::long(size[0] as u32)),
+            (tag::HEIGHT, Field::long(size[1] as u32)),
+            (tag::BITS_PER_SAMPLE, Field::Shorts(vec![16; samples])),
+            (tag::COMPRESSION, Field::short(compression::NONE)),
+            (tag::PHOTOMETRIC, Field::short(photometric)),
+            (tag::STRIP_OFFSETS, Field::long(place)),
+            (tag::SAMPLES_PER_PIXEL, Field::short(samples as u16)),
+            (tag::ROWS_PER_STRIP, Field::long(size[1] as u32)),
+            (tag::STRIP_BYTE_COUNTS, Field::long(pixels.len() as u32)),
+            (tag::CFA_REPEAT, Field::Shorts(vec![2, 2])),
+            (tag::CFA_PATTERN, Field::Bytes(vec![0, 1, 1, 2])),
+            (tag::DNG_VERSION, Field::Bytes(vec![1, 4, 0, 0])),
+            (tag::WHITE_LEVEL, Field::long(40_000)),
+            (tag::COLOR_MATRIX[0], Field::SRationals(vec![1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0])),
+            (tag::CALIBRATION_ILLUMINANT[0], Field::short(21)),
+        ];
+        all.retain(|(tag, _)| fields.iter().all(|f| f.0 != *tag));
+        all.extend(fields);
+        put(&mut directory, &all).unwrap();
+        directory.finish().unwrap();
+        file.into_inner()
+    }
+
+    fn shorts(values: &[u16]) -> Vec<u8> {
+        values.iter().flat_map(|v| v.to_ne_bytes()).collect()
+    }
+
+    fn white(values: Vec<f64>) -> (u16, Field) {
+        (tag::AS_SHOT_NEUTRAL, Field::Rationals(values))
+    }
+
+    #[test]
+    fn linear_files_are_read_with_all_their_samples() {
+        let dn: Vec<u16> = (0..6 * 4 * 3).map(|i| 500 * (i % 70) as u16).collect();
+        let area = (tag::ACTIVE_AREA, Field::Longs(vec![1, 2, 4, 6]));
+        let black = (tag::BLACK_LEVEL, Field::Rationals(vec![100.0, 200.0, 300.0]));
+        let crop = [(tag::CROP_ORIGIN, Field::Longs(vec![1, 0])), (tag::CROP_SIZE, Field::Longs(vec![2, 3]))];
+        let fields = [vec![white(vec![0.5, 1.0, 0.8]), area, black], crop.to_vec()].concat();
+        let raw = read(Cursor::new(tiny([6, 4], 3, &shorts(&dn), fields))).unwrap();
+        assert!(raw.header.cfa.has_all_channels() && raw.size() == [4, 3] && raw.header.warnings.is_empty());
+        assert_eq!(raw.header.framing.crop, Some([3, 0, 6, 3]));
+        assert_eq!(raw.header.black_level, 200.0);
+        for (x, y, c) in [(0, 0, 0), (3, 2, 2), (1, 1, 1)] {
+            // What its own black has more than the mean is taken off.
+            let told = f64::from(dn[((y + 1) * 6 + x + 2) * 3 + c]);
+            let expected = (told - (100.0 * c as f64 - 100.0)).max(0.0);
+            assert_eq!(f64::from(raw.mosaic.data[y * raw.mosaic.width + x * 3 + c]), expected, "{x} {y} {c}");
+        }
+        let error = |fields| read(Cursor::new(tiny([6, 4], 3, &shorts(&dn), fields))).unwrap_err().to_string();
+        assert!(error(vec![(tag::PHOTOMETRIC, Field::short(photometric::CFA))]).contains("3 samples"));
+        assert!(error(vec![(tag::PLANAR, Field::short(2))]).contains("PlanarConfiguration"));
+        assert!(error(vec![(tag::COMPRESSION, Field::short(52546))]).contains("JPEG XL"));
+    }
+
+    #[test]
+    fn opcodes_are_applied_where_they_belong() {
+        use opcode::tests::{corners, doubles, floats, list_of, longs, opcode};
+        // One bad pixel in a grey field (list 1), corners that are dark by half (list 2), a warp and a factor for later (list 3).
+        let mut dn = vec![10_000u16; 8 * 6];
+        dn[2 * 8 + 3] = 0;
+        let all = longs(&[0, 0, 6, 8, 0, 1, 1, 1]);
+        let first = list_of(&[opcode(4, false, &longs(&[0, 0]))]);
+        let second = list_of(&[
+            opcode(9, false, &corners([8, 6], [1.0, 2.0, 1.0, 2.0])),
+            opcode(8, true, &[all.clone(), longs(&[1]), doubles(&[0.0, 0.5])].concat()),
+            opcode(99, false, &[]),
+            opcode(6, false, &longs(&[1, 1, 6, 8])),
+        ]);
+        let warp = [longs(&[1]), doubles(&[0.99, 0.01, 0.0, 0.0, 0.0, 0.0, 0.5, 0.5])].concat();
+        let third = list_of(&[
+            opcode(12, false, &[all, longs(&[6]), floats(&[2.0; 6])].concat()),
+            opcode(1, false, &warp),
+            opcode(1, false, &warp),
+        ]);
+        let lists = [first, second, third];
+        let mut fields = vec![white(vec![1.0; 3]), (tag::DEFAULT_SCALE, Field::Rationals(vec![1.0, 2.0]))];
+        fields.extend(lists.into_iter().enumerate().map(|(k, l)| (tag::OPCODE_LIST[k], Field::Undefined(l))));
+        let raw = read(Cursor::new(tiny([8, 6], 1, &shorts(&dn), fields.clone()))).unwrap();
+        let h = &raw.header;
+        for (x, y) in [(0, 0), (3, 2), (7, 5)] {
+            let value = (f64::from(raw.mosaic.pixel(x, y)[0]) - h.black_level) / (h.white_level - h.black_level);
+            let expected = 0.25 * 0.5 * (1.0 + (x as f64 + 0.5) / 8.0);
+            assert!((value - expected).abs() < 2e-5, "{x} {y}: {value} {expected}");
+        }
+        assert_eq!(h.framing, crate::raw::Framing { crop: Some([1, 1, 7, 5]), scale: [1.0, 2.0], ..Default::default() });
+        assert_eq!(h.opcodes.iter().map(|o| o.to_string()).collect::<Vec<_>>(), ["ScalePerRow", "WarpRectilinear"]);
+        assert_eq!(h.warnings.len(), 2, "{:?}", h.warnings);
+        assert!(h.warnings[0].contains("opcode 99") && h.warnings[1].contains("one warp"), "{:?}", h.warnings);
+        // Damage to a list is an error that names it.
+        fields.pop();
+        fields.push((tag::OPCODE_LIST[2], Field::Undefined(vec![0, 0, 0, 9, 1])));
+        let error = read(Cursor::new(tiny([8, 6], 1, &shorts(&dn), fields))).unwrap_err().to_string();
+        assert!(error.contains("OpcodeList3") && error.contains("opcode 1 of 9"), "{error}");
+    }
+
+    #[test]
+    fn files_that_do_not_tell_their_white_are_of_daylight() {
+        let raw = read(Cursor::new(tiny([4, 4], 1, &shorts(&[1000; 16]), vec![]))).unwrap();
+        // White of D55 in XYZ, largest 1 (CIE 15: X 95.68, Z 92.14).
+        let off = raw.header.as_shot_neutral.iter().zip([0.9568, 1.0, 0.9214]).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+        assert!(off < 1e-3, "{:?}", raw.header.as_shot_neutral);
+        assert!(raw.header.warnings.len() == 1 && raw.header.warnings[0].contains("daylight"), "{:?}", raw.header.warnings);
+    }
+
+    #[test]
+    fn floating_point_files_get_numbers_of_16_bits() {
+        let values: Vec<f32> = (0..12).map(|i| i as f32 / 11.0 * 2.0 - 0.01).collect();
+        let bytes: Vec<u8> = values.iter().flat_map(|v| v.to_ne_bytes()).collect();
+        let fields = vec![
+            white(vec![1.0; 3]),
+            (tag::BITS_PER_SAMPLE, Field::Shorts(vec![32; 3])),
+            (tag::SAMPLE_FORMAT, Field::Shorts(vec![3; 3])),
+            (tag::WHITE_LEVEL, Field::long(2)),
+        ];
+        let raw = read(Cursor::new(tiny([2, 2], 3, &bytes, fields))).unwrap();
+        let h = &raw.header;
+        for (dn, v) in raw.mosaic.data.iter().zip(&values) {
+            let got = (f64::from(*dn) - h.black_level) / (h.white_level - h.black_level);
+            assert!((got - f64::from(*v) / 2.0).abs() < 1e-5, "{got} {v}");
+        }
+        assert_eq!(h.warnings.len(), 1);
     }
 
     #[test]

@@ -1,19 +1,33 @@
-//! Reading: our own files and others' with one sample a pixel, uncompressed (8 to 16 bits) or in lossless JPEG, in strips or tiles.
+//! Reading: our own files and others': mosaics and linear files (three samples a pixel), uncompressed, deflated, in lossless or 8-bit lossy JPEG, in
+//! strips or tiles, of 8 to 16 bits or floating point. Corrections of the opcode lists 1 and 2 are applied here, those of list 3 handed on. How numbers
+//! become linear values: DNG 1.6, chapter 5.
 
 use super::disguise::Disguised;
-use super::{FILTER_NUMBERS, XMP_NAMESPACE, compression, lossless, packing, photometric, tag};
+use super::opcode::{self, Action, Opcode, SHORT, Values};
+use super::parts::{self, Storage};
+use super::{FILTER_NUMBERS, XMP_NAMESPACE, photometric, tag};
 use crate::exif::EXIF_DIRECTORY;
 use crate::raw::{Cfa, ColorCalibration, Filter, Framing, LightSource, Orientation, RawHeader};
 use crate::{ExposureFacts, ImageError, Raster, RawImage};
 use std::io::{Read, Seek, SeekFrom};
 use tiff::Directory;
 use tiff::decoder::{Decoder, ifd::Value};
-use tiff::tags::{ByteOrder, IfdPointer, Tag};
+use tiff::tags::{IfdPointer, Tag};
 
-/// Most pixels that are read.
-const MOST_PIXELS: usize = 1 << 30;
+/// Most numbers that are read.
+const MOST_NUMBERS: usize = 1 << 30;
 
-fn malformed(reason: impl Into<String>) -> ImageError {
+/// Black and white of numbers that are made here, of floating-point samples and of what opcodes have changed: noise below black has room.
+const MADE_LEVELS: [f64; 2] = [2048.0, 65_535.0];
+
+/// Daylight for files that do not tell their white: chromaticity and temperature of D55. Source: CIE 15:2018, table T.3.
+const DAYLIGHT_XY: [f64; 2] = [0.332_43, 0.347_44];
+const DAYLIGHT_KELVIN: f64 = 5503.0;
+
+/// Longest way of a warp that is believed, as a part of the diagonal: no lens that makes a picture moves light further.
+const LONGEST_WARP: f64 = 0.5;
+
+pub(super) fn malformed(reason: impl Into<String>) -> ImageError {
     let reason = reason.into();
     // What the reader says when the bytes run out.
     let reason = match reason.contains("failed to fill whole buffer") || reason.contains("end of file") {
@@ -110,29 +124,196 @@ pub fn read(from: impl Read + Seek) -> Result<RawImage, ImageError> {
             break;
         }
     }
-    let (raw, kind) = raw.ok_or_else(|| missing("a picture behind a colour filter array"))?;
-    let samples = file.number(&raw, tag::SAMPLES_PER_PIXEL)?.unwrap_or(1.0);
-    if samples != 1.0 {
-        return Err(malformed(format!("{samples} samples a pixel: only files with one, not yet demosaiced, can be developed")));
+    let (raw, kind) = raw.ok_or_else(|| missing("a picture of raw numbers (a mosaic, or LinearRaw)"))?;
+    let storage = storage(&mut file, &raw)?;
+    let cfa = match (kind == f64::from(photometric::CFA), storage.samples) {
+        (true, 1) => pattern(&mut file, &raw)?,
+        (false, 1) => Cfa::monochrome(),
+        (false, 3) => Cfa::linear_rgb(),
+        (mosaic, n) => {
+            let kind = if mosaic { "a mosaic" } else { "a linear raw image" };
+            return Err(malformed(format!("{n} samples a pixel in {kind}: expected 1, or 3 (red, green, blue) of a linear one")));
+        }
+    };
+    let [black, white] = levels(&mut file, &raw, &storage)?;
+    let mut warnings = Vec::new();
+    let mut mosaic = pixels(&mut file, &raw, &storage, [black, white])?;
+    let area = active_area(&mut file, &raw, [mosaic.width / storage.samples, mosaic.height])?;
+    if storage.float {
+        warnings.push("floating-point samples are read with 16 bits between black and white".into());
     }
-    let cfa = if kind == f64::from(photometric::CFA) { pattern(&mut file, &raw)? } else { Cfa::monochrome() };
-    let bits = file.number(&raw, tag::BITS_PER_SAMPLE)?.unwrap_or(16.0);
-    if !(8.0..=16.0).contains(&bits) {
-        return Err(malformed(format!("{bits} bits a number: expected 8 to 16")));
-    }
-    let mut mosaic = pixels(&mut file, &raw, bits as u32)?;
+    let first = opcodes(&mut file, &raw, 1, &storage, &mut warnings)?;
+    raw_corrections(&mut mosaic, &first, &cfa, area, &mut warnings);
     let table = file.numbers(&raw, tag::LINEARIZATION_TABLE)?;
-    if let Some(last) = table.len().checked_sub(1) {
+    if let Some(last) = table.len().checked_sub(1)
+        && !storage.float
+    {
         mosaic.data.iter_mut().for_each(|v| *v = table[(*v as usize).min(last)] as u16);
     }
-    let mut header = header(&mut file, &main, &raw, cfa, bits as u32)?;
-    let mut mosaic = cropped(&mut file, &raw, mosaic)?;
-    even_black(&mut file, &raw, &mut mosaic, &header)?;
+    let mut header = header(&mut file, &main, &raw, cfa, &storage, &mut warnings)?;
+    let mut mosaic = cropped(mosaic, area, storage.samples);
+    even_black(&mut file, &raw, &mut mosaic, &storage, [black, white])?;
+    let size = [mosaic.width / storage.samples, mosaic.height];
+    let mut crop = crop(&mut file, &raw, size)?;
+    let second = opcodes(&mut file, &raw, 2, &storage, &mut warnings)?;
+    let third = opcodes(&mut file, &raw, 3, &storage, &mut warnings)?;
+    // Where nothing is to be demosaiced, what follows a warp of list 2 can as well be done with list 3.
+    let whole = header.cfa.has_all_channels() || header.cfa.is_monochrome();
+    let warp = second.iter().position(|o| matches!(o.action, Action::Warp(_))).filter(|_| whole).unwrap_or(second.len());
+    let (now, later) = second.split_at(warp);
+    for opcode in now.iter().filter(|o| !o.optional && matches!(o.action, Action::Warp(_))) {
+        warnings.push(format!("OpcodeList2: {opcode} of a mosaic was left out; distortion remains"));
+    }
+    linear_corrections(&mut mosaic, &mut header, now, &mut warnings);
+    for opcode in second.iter().chain(&third) {
+        if let Action::TrimBounds(bounds) = opcode.action {
+            crop = trimmed(crop, bounds, size);
+        }
+    }
+    header.opcodes = handed_on(later.iter().chain(&third), size, &mut warnings);
+    // Rows hold the samples of a pixel side by side.
+    let in_numbers = |[x, y, w, h]: [usize; 4]| [x * storage.samples, y, w * storage.samples, h];
+    let scale = file.numbers(&main, tag::DEFAULT_SCALE)?;
+    let scale = if scale.is_empty() { file.numbers(&raw, tag::DEFAULT_SCALE)? } else { scale };
     header.framing = Framing {
-        crop: crop(&mut file, &raw, &mosaic)?,
+        crop: crop.map(in_numbers),
         orientation: Orientation::from_exif(file.number(&main, tag::ORIENTATION)?.unwrap_or(1.0) as u16),
+        scale: match scale[..] {
+            [x, y] if [x, y].iter().all(|v| (0.1..=10.0).contains(v)) => [x, y],
+            _ => [1.0; 2],
+        },
     };
+    header.warnings = warnings;
     Ok(RawImage { mosaic, header })
+}
+
+/// How the numbers are stored.
+fn storage<R: Read + Seek>(file: &mut File<R>, raw: &Directory) -> Result<Storage, ImageError> {
+    let samples = file.number(raw, tag::SAMPLES_PER_PIXEL)?.unwrap_or(1.0);
+    if !(1.0..=4.0).contains(&samples) {
+        return Err(malformed(format!("{samples} samples a pixel: expected 1 or 3")));
+    }
+    if samples > 1.0 && file.number(raw, tag::PLANAR)?.unwrap_or(1.0) != 1.0 {
+        return Err(malformed("samples of a pixel in planes of their own (PlanarConfiguration 2): expected side by side (1)"));
+    }
+    let float = file.number(raw, tag::SAMPLE_FORMAT)?.unwrap_or(1.0) == 3.0;
+    let all = file.numbers(raw, tag::BITS_PER_SAMPLE)?;
+    let bits = all.first().copied().unwrap_or(16.0);
+    let expected = if float { "16, 24 or 32 of floating point" } else { "8 to 16" };
+    let fine = if float { [16.0, 24.0, 32.0].contains(&bits) } else { (8.0..=16.0).contains(&bits) };
+    if !fine || all.iter().any(|b| *b != bits) {
+        return Err(malformed(format!("{all:?} bits a number: expected {expected}, the same for all samples")));
+    }
+    Ok(Storage {
+        samples: samples as usize,
+        bits: bits as u32,
+        float,
+        compression: file.number(raw, tag::COMPRESSION)?.unwrap_or(1.0) as u16,
+        predictor: file.number(raw, tag::PREDICTOR)?.unwrap_or(1.0) as u16,
+        order: file.decoder.byte_order(),
+    })
+}
+
+/// Black (the mean of all cells) and white of the numbers as the file has them.
+fn levels<R: Read + Seek>(file: &mut File<R>, raw: &Directory, storage: &Storage) -> Result<[f64; 2], ImageError> {
+    let cells = file.numbers(raw, tag::BLACK_LEVEL)?;
+    let black = if cells.is_empty() { 0.0 } else { cells.iter().sum::<f64>() / cells.len() as f64 };
+    let top = if storage.float { 1.0 } else { f64::from((1u32 << storage.bits) - 1) };
+    let white = file.number(raw, tag::WHITE_LEVEL)?.unwrap_or(top);
+    let fine = black < white && white.is_finite() && black.is_finite();
+    match fine && (storage.float || black >= 0.0 && white <= 65_535.0) {
+        true => Ok([black, white]),
+        false => Err(malformed(format!("black level {black} and white level {white} contradict each other"))),
+    }
+}
+
+/// An opcode list; empty where the file has none.
+fn opcodes<R: Read + Seek>(
+    file: &mut File<R>,
+    raw: &Directory,
+    number: usize,
+    storage: &Storage,
+    warnings: &mut Vec<String>,
+) -> Result<Vec<Opcode>, ImageError> {
+    let bytes: Vec<u8> = file.numbers(raw, tag::OPCODE_LIST[number - 1])?.into_iter().map(|v| v as u8).collect();
+    if bytes.is_empty() { Ok(Vec::new()) } else { opcode::list(&bytes, number, storage.float, warnings) }
+}
+
+/// Opcode list 1, on the numbers as read. `area`: top, left, bottom, right of the active area, at whose corner the pattern begins.
+fn raw_corrections(mosaic: &mut Raster<u16>, opcodes: &[Opcode], cfa: &Cfa, area: [usize; 4], warnings: &mut Vec<String>) {
+    for opcode in opcodes.iter().filter(|o| !o.optional && matches!(o.action, Action::Warp(_) | Action::TrimBounds(_))) {
+        warnings.push(format!("OpcodeList1: {opcode} of raw numbers was left out"));
+    }
+    if opcodes.is_empty() {
+        return;
+    }
+    let mut values = Values {
+        data: mosaic.data.iter().map(|v| f32::from(*v) / SHORT).collect(),
+        size: [mosaic.width / cfa.samples_per_pixel(), mosaic.height],
+        cfa,
+        phase: [area[1], area[0]],
+    };
+    values.apply(opcodes, warnings);
+    mosaic.data.iter_mut().zip(&values.data).for_each(|(to, v)| *to = (v * SHORT).round().clamp(0.0, SHORT) as u16);
+}
+
+/// Opcode list 2, on linear values. The numbers get other levels, in which they are finer.
+fn linear_corrections(mosaic: &mut Raster<u16>, header: &mut RawHeader, opcodes: &[Opcode], warnings: &mut Vec<String>) {
+    if opcodes.iter().all(|o| matches!(o.action, Action::Warp(_) | Action::TrimBounds(_))) {
+        return;
+    }
+    let (black, range) = (header.black_level, header.white_level - header.black_level);
+    let mut values = Values {
+        data: mosaic.data.iter().map(|v| ((f64::from(*v) - black) / range) as f32).collect(),
+        size: [mosaic.width / header.cfa.samples_per_pixel(), mosaic.height],
+        cfa: &header.cfa,
+        phase: [0, 0],
+    };
+    values.apply(opcodes, warnings);
+    mosaic.data.iter_mut().zip(&values.data).for_each(|(to, v)| *to = made(f64::from(*v)));
+    header.bits = 16;
+    [header.black_level, header.white_level] = MADE_LEVELS;
+}
+
+/// The number of a linear value (0 black, 1 white) at [`MADE_LEVELS`].
+fn made(value: f64) -> u16 {
+    let [black, white] = MADE_LEVELS;
+    (black + value * (white - black)).round().clamp(0.0, 65_535.0) as u16
+}
+
+/// What is left to be done behind the demosaic: corrections of pixels, and one warp.
+fn handed_on<'a>(opcodes: impl Iterator<Item = &'a Opcode>, size: [usize; 2], warnings: &mut Vec<String>) -> Vec<Opcode> {
+    let mut kept: Vec<Opcode> = Vec::new();
+    let mut warped = false;
+    for opcode in opcodes {
+        let why = match &opcode.action {
+            Action::TrimBounds(_) => continue,
+            Action::Warp(_) if warped => "was left out: one warp is applied",
+            Action::Warp(warp) if !(warp.reach(size) <= LONGEST_WARP) => {
+                "was left out: it moves pixels by more than half the diagonal, as no lens does"
+            }
+            Action::FixBadPixelsConstant(_) | Action::FixBadPixelsList { .. } => {
+                "was left out: bad pixels are repaired in a mosaic"
+            }
+            action => {
+                warped |= matches!(action, Action::Warp(_));
+                kept.push(opcode.clone());
+                continue;
+            }
+        };
+        if !opcode.optional {
+            warnings.push(format!("OpcodeList3: {opcode} {why}"));
+        }
+    }
+    kept
+}
+
+/// The part of a crop that lies inside bounds (top, left, bottom, right); as it was where none does.
+fn trimmed(crop: Option<[usize; 4]>, [top, left, bottom, right]: [u32; 4], [width, height]: [usize; 2]) -> Option<[usize; 4]> {
+    let [x, y, w, h] = crop.unwrap_or([0, 0, width, height]);
+    let (x1, y1) = ((x + w).min(right as usize), (y + h).min(bottom as usize));
+    let (x0, y0) = (x.max(left as usize), y.max(top as usize));
+    if x0 < x1 && y0 < y1 { Some([x0, y0, x1 - x0, y1 - y0]) } else { crop }
 }
 
 fn pattern<R: Read + Seek>(file: &mut File<R>, raw: &Directory) -> Result<Cfa, ImageError> {
@@ -147,7 +328,13 @@ fn pattern<R: Read + Seek>(file: &mut File<R>, raw: &Directory) -> Result<Cfa, I
     cfa.ok_or_else(|| malformed(format!("the colour filter array is no rectangle: {repeat:?} of {} cells", cells.len())))
 }
 
-fn pixels<R: Read + Seek>(file: &mut File<R>, raw: &Directory, bits: u32) -> Result<Raster<u16>, ImageError> {
+/// All numbers of the picture, row by row. `levels`: black and white of floating-point ones.
+fn pixels<R: Read + Seek>(
+    file: &mut File<R>,
+    raw: &Directory,
+    storage: &Storage,
+    levels: [f64; 2],
+) -> Result<Raster<u16>, ImageError> {
     let mut side = |t: u16, what: &str| -> Result<usize, ImageError> {
         let told = file.number(raw, t)?.ok_or_else(|| missing(what))?;
         match (1.0..=1e6).contains(&told) {
@@ -156,10 +343,10 @@ fn pixels<R: Read + Seek>(file: &mut File<R>, raw: &Directory, bits: u32) -> Res
         }
     };
     let (width, height) = (side(tag::WIDTH, "the width")?, side(tag::HEIGHT, "the height")?);
-    if width * height > MOST_PIXELS {
+    let samples = storage.samples;
+    if width * height * samples > MOST_NUMBERS {
         return Err(malformed(format!("{width} × {height} pixels are more than can be read")));
     }
-    let method = file.number(raw, tag::COMPRESSION)?.unwrap_or(1.0);
     let tiled = raw.contains(Tag::from_u16_exhaustive(tag::TILE_OFFSETS));
     let (places, counts) = match tiled {
         true => (file.numbers(raw, tag::TILE_OFFSETS)?, file.numbers(raw, tag::TILE_BYTE_COUNTS)?),
@@ -175,7 +362,10 @@ fn pixels<R: Read + Seek>(file: &mut File<R>, raw: &Directory, bits: u32) -> Res
     if places.len() < needed || counts.len() < needed {
         return Err(malformed(format!("{} parts of the picture of {needed}", places.len().min(counts.len()))));
     }
-    // Parts do not overlap, and no number takes less than a bit: of no more pixels than that is memory asked for.
+    if part_width.checked_mul(part_height * samples).is_none_or(|n| n > MOST_NUMBERS) {
+        return Err(malformed("a tile is too large"));
+    }
+    // Parts do not overlap, and their bytes become so many numbers at most: of no more pixels than that is memory asked for.
     let stored: f64 = counts[..needed].iter().sum();
     let length = file.decoder.inner().seek(SeekFrom::End(0))?;
     if stored > length as f64 {
@@ -183,122 +373,111 @@ fn pixels<R: Read + Seek>(file: &mut File<R>, raw: &Directory, bits: u32) -> Res
             "it ends early: the parts of the picture have {stored} bytes, and the file {length}: cut short"
         )));
     }
-    if width as f64 * height as f64 > 8.0 * stored {
+    let most = parts::most_numbers_a_byte(storage) * stored;
+    if (width * height * samples) as f64 > most {
         return Err(malformed(format!(
-            "{width} × {height} pixels are announced, and their {stored} bytes can become {} at most: damaged",
-            8.0 * stored
+            "{width} × {height} pixels are announced, and their {stored} bytes can become {most} numbers at most: damaged"
         )));
     }
-    let order = file.decoder.byte_order();
+    let linear = |v: f32| made((f64::from(v) - levels[0]) / (levels[1] - levels[0]));
     // Rows are added as their data are found: a file that lies about its size takes no memory for it.
     let mut data: Vec<u16> = Vec::new();
+    let (row, part_row) = (width * samples, part_width * samples);
     for i in 0..needed {
-        let (left, top) = (i % across * part_width, i / across * part_height);
+        let (left, top) = (i % across * part_row, i / across * part_height);
         let rows = part_height.min(height - top);
         let source = file.decoder.inner();
         source.seek(SeekFrom::Start(places[i] as u64))?;
         let mut bytes = Vec::new();
         source.take(counts[i] as u64).read_to_end(&mut bytes)?;
-        let short = || malformed(format!("it ends early: part {} of {needed} of the picture is cut short", i + 1));
         if (bytes.len() as f64) < counts[i] {
-            return Err(short());
+            return Err(malformed(format!("it ends early: part {} of {needed} of the picture is cut short", i + 1)));
         }
-        let whole =
-            part_width.checked_mul(part_height).filter(|n| *n <= MOST_PIXELS).ok_or_else(|| malformed("a tile is too large"))?;
-        let part: Vec<u16> = match method as u16 {
-            compression::NONE => {
-                let stride = packing::row_bytes(part_width, bits);
-                if bytes.len() < stride * rows {
-                    return Err(short());
-                }
-                let mut part = vec![0u16; part_width * rows];
-                for (row, from) in part.chunks_mut(part_width).zip(bytes.chunks(stride)) {
-                    match (bits, order) {
-                        (16, ByteOrder::LittleEndian) => {
-                            row.iter_mut().zip(from.as_chunks().0).for_each(|(v, b)| *v = u16::from_le_bytes(*b))
-                        }
-                        (16, ByteOrder::BigEndian) => {
-                            row.iter_mut().zip(from.as_chunks().0).for_each(|(v, b)| *v = u16::from_be_bytes(*b))
-                        }
-                        _ => packing::unpack(from, bits, row),
-                    }
-                }
-                part
-            }
-            compression::JPEG => {
-                let decoded = lossless::decode(&bytes, whole)?;
-                // Some cameras put two rows side by side; numbers follow each other in either case.
-                if decoded.data.len() < part_width * rows {
-                    return Err(malformed(format!(
-                        "a part of {} × {} where {part_width} × {rows} belong",
-                        decoded.width, decoded.height
-                    )));
-                }
-                decoded.data
-            }
-            other => return Err(malformed(format!("compression {other}: expected none (1) or lossless JPEG (7)"))),
-        };
+        let part = parts::numbers(&bytes, storage, [part_width, part_height, rows], linear)
+            .map_err(|e| malformed(format!("part {} of {needed} of the picture: {e}", i + 1)))?;
         if left == 0 {
-            data.resize((top + rows) * width, 0);
+            data.resize((top + rows) * row, 0);
         }
-        let w = part_width.min(width - left);
-        for row in 0..rows {
-            let to = (top + row) * width + left;
-            data[to..to + w].copy_from_slice(&part[row * part_width..row * part_width + w]);
+        let w = part_row.min(row - left);
+        for k in 0..rows {
+            let to = (top + k) * row + left;
+            data[to..to + w].copy_from_slice(&part[k * part_row..k * part_row + w]);
         }
     }
-    Ok(Raster { width, height, channels: 1, data })
+    Ok(Raster { width: row, height, channels: 1, data })
 }
 
-/// The active area; the pattern of a DNG begins at its corner.
-fn cropped<R: Read + Seek>(file: &mut File<R>, raw: &Directory, mosaic: Raster<u16>) -> Result<Raster<u16>, ImageError> {
+/// Top, left, bottom, right of the active area in pixels; the pattern of a DNG begins at its corner.
+fn active_area<R: Read + Seek>(
+    file: &mut File<R>,
+    raw: &Directory,
+    [width, height]: [usize; 2],
+) -> Result<[usize; 4], ImageError> {
     let area = file.numbers(raw, tag::ACTIVE_AREA)?;
-    let [top, left, bottom, right] = area[..] else { return Ok(mosaic) };
+    let [top, left, bottom, right] = area[..] else { return Ok([0, 0, height, width]) };
     let [top, left, bottom, right] = [top, left, bottom, right].map(|v| v.max(0.0) as usize);
-    let (bottom, right) = (bottom.min(mosaic.height), right.min(mosaic.width));
+    let (bottom, right) = (bottom.min(height), right.min(width));
     if top >= bottom || left >= right {
         return Err(malformed(format!("the active area {area:?} is empty")));
     }
-    if (top, left, bottom, right) == (0, 0, mosaic.height, mosaic.width) {
-        return Ok(mosaic);
-    }
-    let data = (top..bottom).flat_map(|r| mosaic.data[r * mosaic.width + left..r * mosaic.width + right].to_vec()).collect();
-    Ok(Raster { width: right - left, height: bottom - top, channels: 1, data })
+    Ok([top, left, bottom, right])
 }
 
-/// Black levels that differ by place are brought to their mean: what a cell or a row or column has more is taken off its numbers.
+/// The active area of the numbers.
+fn cropped(mosaic: Raster<u16>, [top, left, bottom, right]: [usize; 4], samples: usize) -> Raster<u16> {
+    let (left, right) = (left * samples, right * samples);
+    if (top, left, bottom, right) == (0, 0, mosaic.height, mosaic.width) {
+        return mosaic;
+    }
+    let data = (top..bottom).flat_map(|r| mosaic.data[r * mosaic.width + left..r * mosaic.width + right].to_vec()).collect();
+    Raster { width: right - left, height: bottom - top, channels: 1, data }
+}
+
+/// Black levels that differ by place or sample are brought to their mean: what a cell or a row or column has more is taken off its numbers.
+/// `levels`: black and white as the file has them.
 fn even_black<R: Read + Seek>(
     file: &mut File<R>,
     raw: &Directory,
     mosaic: &mut Raster<u16>,
-    header: &RawHeader,
+    storage: &Storage,
+    levels: [f64; 2],
 ) -> Result<(), ImageError> {
+    let samples = storage.samples;
     let cells = file.numbers(raw, tag::BLACK_LEVEL)?;
     let repeat = file.numbers(raw, tag::BLACK_REPEAT)?;
     let [rows, columns] = match repeat[..] {
-        [r, c] if r >= 1.0 && c >= 1.0 && r * c == cells.len() as f64 => [r as usize, c as usize],
+        [r, c] if r >= 1.0 && c >= 1.0 && r * c * samples as f64 == cells.len() as f64 => [r as usize, c as usize],
         _ => [1, 1],
     };
     let [across, down] = [file.numbers(raw, tag::BLACK_DELTA[0])?, file.numbers(raw, tag::BLACK_DELTA[1])?];
-    let mean = header.black_level;
-    let differ = rows * columns > 1 && cells.iter().any(|b| *b != mean);
+    let differ = rows * columns * samples == cells.len() && cells.iter().any(|b| *b != levels[0]);
     if !differ && across.iter().chain(&down).all(|d| *d == 0.0) {
         return Ok(());
     }
+    // Floating-point samples have other levels by now.
+    let unit = if storage.float { (MADE_LEVELS[1] - MADE_LEVELS[0]) / (levels[1] - levels[0]) } else { 1.0 };
     let width = mosaic.width;
     for (y, line) in mosaic.data.chunks_exact_mut(width).enumerate() {
         let of_row = down.get(y).copied().unwrap_or(0.0);
-        for (x, dn) in line.iter_mut().enumerate() {
-            let cell = if differ { cells[y % rows * columns + x % columns] - mean } else { 0.0 };
+        for (i, dn) in line.iter_mut().enumerate() {
+            let (x, sample) = (i / samples, i % samples);
+            let cell = match differ {
+                true => cells[(y % rows * columns + x % columns) * samples + sample] - levels[0],
+                false => 0.0,
+            };
             let more = cell + of_row + across.get(x).copied().unwrap_or(0.0);
-            *dn = (f64::from(*dn) - more).round().clamp(0.0, 65_535.0) as u16;
+            *dn = (f64::from(*dn) - more * unit).round().clamp(0.0, 65_535.0) as u16;
         }
     }
     Ok(())
 }
 
-/// What is to be shown of the active area.
-fn crop<R: Read + Seek>(file: &mut File<R>, raw: &Directory, mosaic: &Raster<u16>) -> Result<Option<[usize; 4]>, ImageError> {
+/// What is to be shown of the active area (`size` pixels): left, top, width, height; `None` where all is.
+fn crop<R: Read + Seek>(
+    file: &mut File<R>,
+    raw: &Directory,
+    [width, height]: [usize; 2],
+) -> Result<Option<[usize; 4]>, ImageError> {
     let (origin, size) = (file.numbers(raw, tag::CROP_ORIGIN)?, file.numbers(raw, tag::CROP_SIZE)?);
     let ([x, y], [w, h]) = (
         match origin[..] {
@@ -311,8 +490,8 @@ fn crop<R: Read + Seek>(file: &mut File<R>, raw: &Directory, mosaic: &Raster<u16
         },
     );
     let [x, y, w, h] = [x, y, w, h].map(|v| v.round().max(0.0) as usize);
-    let inside = w > 0 && h > 0 && x.saturating_add(w) <= mosaic.width && y.saturating_add(h) <= mosaic.height;
-    Ok((inside && [x, y, w, h] != [0, 0, mosaic.width, mosaic.height]).then_some([x, y, w, h]))
+    let inside = w > 0 && h > 0 && x.saturating_add(w) <= width && y.saturating_add(h) <= height;
+    Ok((inside && [x, y, w, h] != [0, 0, width, height]).then_some([x, y, w, h]))
 }
 
 /// Whether the rows of a matrix of three columns lie in a plane, or its numbers are no camera's: then colours cannot be made of it.
@@ -335,16 +514,11 @@ fn header<R: Read + Seek>(
     main: &Directory,
     raw: &Directory,
     cfa: Cfa,
-    bits: u32,
+    storage: &Storage,
+    warnings: &mut Vec<String>,
 ) -> Result<RawHeader, ImageError> {
     let n = cfa.channel_count();
-    let top = f64::from((1u32 << bits) - 1);
-    let black = file.numbers(raw, tag::BLACK_LEVEL)?;
-    let black_level = if black.is_empty() { 0.0 } else { black.iter().sum::<f64>() / black.len() as f64 };
-    let white_level = file.number(raw, tag::WHITE_LEVEL)?.unwrap_or(top);
-    if !(black_level >= 0.0 && black_level < white_level && white_level <= 65_535.0) {
-        return Err(malformed(format!("black level {black_level} and white level {white_level} contradict each other")));
-    }
+    let [black_level, white_level] = if storage.float { MADE_LEVELS } else { levels(file, raw, storage)? };
     let mut calibrations = Vec::new();
     if !cfa.is_monochrome() {
         for k in 0..2 {
@@ -379,7 +553,7 @@ fn header<R: Read + Seek>(
             });
         }
     }
-    let neutral = neutral(file, main, n, calibrations.last())?;
+    let neutral = neutral(file, main, n, &calibrations, warnings)?;
     let largest = neutral.iter().fold(0.0f64, |a, b| a.max(*b));
     let baseline = file.number(main, tag::BASELINE_EXPOSURE)?.filter(|v| v.abs() <= 10.0).unwrap_or(0.0);
     let noise = file.numbers(raw, tag::NOISE_PROFILE)?;
@@ -389,13 +563,15 @@ fn header<R: Read + Seek>(
     let noise = if fine { noise.as_chunks::<2>().0.to_vec() } else { Vec::new() };
     Ok(RawHeader {
         cfa,
-        bits,
+        bits: if storage.float { 16 } else { storage.bits },
         black_level,
         white_level,
         as_shot_neutral: neutral.iter().map(|v| v / largest).collect(),
         calibrations,
         baseline_ev: baseline,
         framing: Framing::default(),
+        opcodes: Vec::new(),
+        warnings: Vec::new(),
         noise,
         facts: facts(file, main)?,
     })
@@ -412,12 +588,13 @@ fn calibrated<R: Read + Seek>(file: &mut File<R>, main: &Directory, k: usize, n:
     Ok((0..n * n).map(|i| balance[i / n] * own[i]).collect())
 }
 
-/// Camera signals of white: told, or from its chromaticity, or all the same.
+/// Camera signals of white: told, or from its chromaticity, or of daylight, with a warning; all the same where there is no matrix.
 fn neutral<R: Read + Seek>(
     file: &mut File<R>,
     main: &Directory,
     n: usize,
-    calibration: Option<&ColorCalibration>,
+    calibrations: &[ColorCalibration],
+    warnings: &mut Vec<String>,
 ) -> Result<Vec<f64>, ImageError> {
     // No channel of a camera sees a millionth of another's white.
     let least = |v: &[f64]| 1e-6 * v.iter().fold(0.0f64, |a, b| a.max(*b));
@@ -429,15 +606,28 @@ fn neutral<R: Read + Seek>(
     if !told.is_empty() {
         return Err(malformed(format!("AsShotNeutral is {told:?}: expected {n} numbers above 0, none a millionth of another")));
     }
-    if let ([x, y], Some(c)) = (&file.numbers(main, tag::AS_SHOT_WHITE_XY)?[..], calibration)
+    // The calibration whose light is nearest to daylight.
+    let off = |c: &ColorCalibration| c.light.kelvin().map_or(f64::MAX, |k| (1.0 / k - 1.0 / DAYLIGHT_KELVIN).abs());
+    let Some(nearest) = calibrations.iter().min_by(|a, b| off(a).total_cmp(&off(b))) else { return Ok(vec![1.0; n]) };
+    let signal = |c: &ColorCalibration, [x, y]: [f64; 2]| -> Vec<f64> {
+        let xyz = [x / y, 1.0, (1.0 - x - y) / y];
+        c.camera_from_xyz.iter().map(|row| row.iter().zip(xyz).map(|(a, b)| a * b).sum()).collect()
+    };
+    if let ([x, y], Some(c)) = (&file.numbers(main, tag::AS_SHOT_WHITE_XY)?[..], calibrations.last())
         && *y > 0.0
     {
-        let xyz = [x / y, 1.0, (1.0 - x - y) / y];
-        let signal: Vec<f64> = c.camera_from_xyz.iter().map(|row| row.iter().zip(xyz).map(|(a, b)| a * b).sum()).collect();
+        let signal = signal(c, [*x, *y]);
         if fine(&signal) {
             return Ok(signal);
         }
     }
+    let daylight = signal(nearest, DAYLIGHT_XY);
+    let told = "the file does not say what was white (AsShotNeutral)";
+    if fine(&daylight) {
+        warnings.push(format!("{told}: daylight was taken (D55, by its colour matrix); --white sets another"));
+        return Ok(daylight);
+    }
+    warnings.push(format!("{told}, and its colour matrix gives no white: all channels were taken alike"));
     Ok(vec![1.0; n])
 }
 

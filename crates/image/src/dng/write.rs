@@ -16,7 +16,7 @@ pub enum Storage {
     Sixteen,
     /// As many bits as the converter has.
     Packed,
-    /// Lossless JPEG.
+    /// Lossless JPEG; images with all channels in every pixel are packed instead.
     Lossless,
 }
 
@@ -49,7 +49,7 @@ pub fn rows_of(mosaic: &Raster<u16>) -> impl FnMut(usize, &mut [u16]) -> Result<
     }
 }
 
-/// Writes a raw image whose rows are asked for in turn, from the top, and whose preview is asked for after them.
+/// Writes a raw image whose rows are asked for in turn, from the top, and whose preview is asked for after them. `width`: numbers a row.
 pub fn write(
     header: &RawHeader,
     [width, height]: [usize; 2],
@@ -66,6 +66,8 @@ pub fn write(
     if width * height > (u32::MAX as usize / 20) * 9 {
         return Err(ImageError::Size { format: "DNG", width, height, limit: 43_000 });
     }
+    // Tiles are whole pixels of a mosaic.
+    let storage = if storage == Storage::Lossless && header.cfa.has_all_channels() { Storage::Packed } else { storage };
     let mut tiff = TiffEncoder::new(to).map_err(written)?;
 
     // The mosaic.
@@ -195,24 +197,26 @@ fn tile(band: &[u16], width: usize, left: usize, [across, down]: [usize; 2]) -> 
 
 fn mosaic_fields(header: &RawHeader, [width, height]: [usize; 2], bits: u32) -> Vec<(u16, Field)> {
     let cfa = &header.cfa;
+    let samples = cfa.samples_per_pixel();
+    let width = width / samples;
     let number = |f: &crate::raw::Filter| FILTER_NUMBERS.iter().find(|n| n.0 == *f).map_or(0, |n| n.1);
     let mut fields = vec![
         (tag::NEW_SUBFILE_TYPE, Field::long(0)),
         (tag::WIDTH, Field::long(width as u32)),
         (tag::HEIGHT, Field::long(height as u32)),
-        (tag::BITS_PER_SAMPLE, Field::short(bits as u16)),
-        (tag::SAMPLES_PER_PIXEL, Field::short(1)),
+        (tag::BITS_PER_SAMPLE, Field::Shorts(vec![bits as u16; samples])),
+        (tag::SAMPLES_PER_PIXEL, Field::short(samples as u16)),
         (tag::PLANAR, Field::short(1)),
         (tag::BLACK_REPEAT, Field::Shorts(vec![1, 1])),
-        (tag::BLACK_LEVEL, Field::rational(header.black_level)),
-        (tag::WHITE_LEVEL, Field::long(header.white_level.round() as u32)),
-        (tag::DEFAULT_SCALE, Field::Rationals(vec![1.0, 1.0])),
+        (tag::BLACK_LEVEL, Field::Rationals(vec![header.black_level; samples])),
+        (tag::WHITE_LEVEL, Field::Longs(vec![header.white_level.round() as u32; samples])),
+        (tag::DEFAULT_SCALE, Field::Rationals(header.framing.scale.to_vec())),
         (tag::CROP_ORIGIN, Field::Longs(vec![0, 0])),
         (tag::CROP_SIZE, Field::Longs(vec![width as u32, height as u32])),
         (tag::ACTIVE_AREA, Field::Longs(vec![0, 0, height as u32, width as u32])),
         (tag::NOISE_PROFILE, Field::Doubles(header.noise.as_flattened().to_vec())),
     ];
-    if cfa.is_monochrome() {
+    if cfa.is_monochrome() || cfa.has_all_channels() {
         fields.push((tag::PHOTOMETRIC, Field::short(photometric::LINEAR_RAW)));
     } else {
         let cells = (0..cfa.rows()).flat_map(|r| (0..cfa.columns()).map(move |c| cfa.filter_at(c, r)));

@@ -1,0 +1,734 @@
+//! Opcode lists: corrections that a DNG leaves to its reader.
+//!
+//! Source: Adobe, Digital Negative Specification 1.6.0.0, chapter 7 "Opcode List Processing". List 1 is for the raw numbers as read, list 2 for
+//! linear reference values (0 black, 1 white), list 3 for the picture once it is demosaiced. All numbers are big-endian, whatever the file is. What the text leaves
+//! open follows Adobe's DNG SDK 1.7: offsets are in the unit of 16-bit numbers; values below black are mirrored by what is no straight line; a
+//! table's last entry goes on.
+
+use crate::ImageError;
+use crate::raw::Cfa;
+use rayon::prelude::*;
+use std::fmt;
+
+/// The unit of 16-bit numbers.
+pub(super) const SHORT: f32 = 65_535.0;
+
+/// Most terms of a polynomial, as in the DNG SDK.
+const MOST_DEGREE: u32 = 8;
+
+/// How far around a bad pixel good ones are looked for.
+const BAD_REACH: i64 = 8;
+
+/// A part of a picture: every so many rows and columns of some planes.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Area {
+    /// Top, left, bottom, right; the last two are outside.
+    bounds: [u32; 4],
+    /// First plane.
+    plane: u32,
+    /// Number of planes.
+    planes: u32,
+    /// Rows and columns from one to the next.
+    pitch: [u32; 2],
+}
+
+impl Area {
+    /// Row and column of a pixel among those of the area; `None` outside.
+    fn index(&self, plane: usize, [x, y]: [usize; 2]) -> Option<[usize; 2]> {
+        let [top, left, bottom, right] = self.bounds.map(|v| v as usize);
+        let [rows, columns] = self.pitch.map(|v| v as usize);
+        let planes = self.plane as usize..self.plane as usize + self.planes as usize;
+        if !planes.contains(&plane) || !(top..bottom).contains(&y) || !(left..right).contains(&x) {
+            return None;
+        }
+        let (row, column) = (y - top, x - left);
+        (row.is_multiple_of(rows) && column.is_multiple_of(columns)).then_some([row / rows, column / columns])
+    }
+}
+
+/// Factors on a grid over the picture.
+#[derive(Clone, Debug, PartialEq)]
+pub struct GainMap {
+    area: Area,
+    /// Points down and across.
+    points: [usize; 2],
+    /// From one point to the next, and the place of the first: down and across, of the picture's sides.
+    spacing: [f64; 2],
+    origin: [f64; 2],
+    planes: usize,
+    /// `[row][column][plane]`.
+    factors: Vec<f32>,
+}
+
+impl GainMap {
+    /// Bilinear between points, constant beyond them.
+    fn at(&self, [width, height]: [usize; 2], plane: usize, [x, y]: [usize; 2]) -> f32 {
+        let place = |v: usize, side: usize, axis: usize| {
+            let last = (self.points[axis] - 1) as f64;
+            let p = (((v as f64 + 0.5) / side as f64 - self.origin[axis]) / self.spacing[axis]).clamp(0.0, last);
+            let first = (p as usize).min(self.points[axis].saturating_sub(2));
+            (first, (first + 1).min(self.points[axis] - 1), (p - first as f64) as f32)
+        };
+        let ((top, bottom, down), (left, right, along)) = (place(y, height, 0), place(x, width, 1));
+        let plane = plane.min(self.planes - 1);
+        let factor = |row: usize, column: usize| self.factors[(row * self.points[1] + column) * self.planes + plane];
+        let between = |row: usize| factor(row, left) + along * (factor(row, right) - factor(row, left));
+        between(top) + down * (between(bottom) - between(top))
+    }
+}
+
+/// A mapping of places, the same or another for each plane.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Warp {
+    /// Radial terms of each plane, in the order of the specification; the last are those of all further planes.
+    pub radial: Vec<[f64; 4]>,
+    /// Tangential terms of each plane; all 0 of a fisheye.
+    pub tangential: Vec<[f64; 2]>,
+    /// The optical centre, across and down, of the picture's sides.
+    pub center: [f64; 2],
+    /// Whether the radial terms are over the angle (WarpFisheye).
+    pub fisheye: bool,
+}
+
+/// The optical centre in pixels, and its distance to the furthest corner: the unit of radii.
+fn normalisation([width, height]: [usize; 2], center: [f64; 2]) -> ([f64; 2], f64) {
+    let (w, h) = ((width.max(1) - 1) as f64, (height.max(1) - 1) as f64);
+    let [x, y] = [center[0] * w, center[1] * h];
+    ([x, y], x.max(w - x).hypot(y.max(h - y)).max(0.5))
+}
+
+impl Warp {
+    /// Where a place of the corrected picture (`size` pixels) lies in the taken one. Both in pixels.
+    pub fn source(&self, size: [usize; 2], plane: usize, [x, y]: [f64; 2]) -> [f64; 2] {
+        let ([cx, cy], unit) = normalisation(size, self.center);
+        let (dx, dy) = ((x - cx) / unit, (y - cy) / unit);
+        let r2 = dx * dx + dy * dy;
+        // Without terms nothing moves.
+        let [k0, k1, k2, k3] = self.radial.get(plane).or(self.radial.last()).copied().unwrap_or([1.0, 0.0, 0.0, 0.0]);
+        let [t0, t1] = self.tangential.get(plane).or(self.tangential.last()).copied().unwrap_or([0.0; 2]);
+        let factor = match self.fisheye {
+            false => k0 + r2 * (k1 + r2 * (k2 + r2 * k3)),
+            true => {
+                let r = r2.sqrt();
+                let angle = r.atan();
+                let a2 = angle * angle;
+                // Where r vanishes the angle is r.
+                let over_r = if r > 1e-9 { angle / r } else { 1.0 };
+                over_r * (k0 + a2 * (k1 + a2 * (k2 + a2 * k3)))
+            }
+        };
+        let tangential = [2.0 * t0 * dx * dy + t1 * (r2 + 2.0 * dx * dx), 2.0 * t1 * dx * dy + t0 * (r2 + 2.0 * dy * dy)];
+        [cx + unit * (factor * dx + tangential[0]), cy + unit * (factor * dy + tangential[1])]
+    }
+
+    /// Longest way of any pixel, as a part of the diagonal; infinite for terms that are no lens's.
+    pub fn reach(&self, [width, height]: [usize; 2]) -> f64 {
+        const STEPS: usize = 32;
+        let at = |k: usize, side: usize| k as f64 / STEPS as f64 * (side.max(1) - 1) as f64;
+        let mut longest = 0.0f64;
+        for plane in 0..self.radial.len() {
+            for (row, column) in (0..=STEPS).flat_map(|r| (0..=STEPS).map(move |c| (r, c))) {
+                let place = [at(column, width), at(row, height)];
+                let [x, y] = self.source([width, height], plane, place);
+                let way = (x - place[0]).hypot(y - place[1]);
+                longest = if way.is_finite() { longest.max(way) } else { f64::INFINITY };
+            }
+        }
+        longest / (width as f64).hypot(height as f64)
+    }
+}
+
+/// What an opcode does.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Action {
+    /// Places of pixels, of lenses that are not fisheyes (id 1) or are (id 2).
+    Warp(Warp),
+    /// Brightness over the distance from the optical centre: 1 + k0 r² + k1 r⁴ + … + k4 r¹⁰ (id 3).
+    FixVignetteRadial {
+        /// k0 to k4.
+        terms: [f64; 5],
+        /// The optical centre, across and down, of the picture's sides.
+        center: [f64; 2],
+    },
+    /// Pixels of this number are bad (id 4).
+    FixBadPixelsConstant(u32),
+    /// Bad pixels (row, column) and rectangles (top, left, bottom, right) of them (id 5).
+    FixBadPixelsList {
+        /// Single pixels.
+        points: Vec<[u32; 2]>,
+        /// Rectangles.
+        rectangles: Vec<[u32; 4]>,
+    },
+    /// Only this part of the picture remains: top, left, bottom, right (id 6).
+    TrimBounds([u32; 4]),
+    /// Numbers by a table over 16-bit numbers (id 7).
+    MapTable(Area, Vec<u16>),
+    /// Values by a polynomial, from the constant on (id 8).
+    MapPolynomial(Area, Vec<f64>),
+    /// Factors on a grid (id 9).
+    GainMap(GainMap),
+    /// What is added to rows, values between 0 and 1 (id 10).
+    DeltaPerRow(Area, Vec<f32>),
+    /// What is added to columns (id 11).
+    DeltaPerColumn(Area, Vec<f32>),
+    /// Factors of rows (id 12).
+    ScalePerRow(Area, Vec<f32>),
+    /// Factors of columns (id 13).
+    ScalePerColumn(Area, Vec<f32>),
+}
+
+/// One correction of a list.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Opcode {
+    /// Whether the picture is right, if not best, without it.
+    pub optional: bool,
+    /// What it does.
+    pub action: Action,
+}
+
+/// Names by number: DNG 1.6, chapter 7.
+fn name(id: u32) -> &'static str {
+    match id {
+        1 => "WarpRectilinear",
+        2 => "WarpFisheye",
+        3 => "FixVignetteRadial",
+        4 => "FixBadPixelsConstant",
+        5 => "FixBadPixelsList",
+        6 => "TrimBounds",
+        7 => "MapTable",
+        8 => "MapPolynomial",
+        9 => "GainMap",
+        10 => "DeltaPerRow",
+        11 => "DeltaPerColumn",
+        12 => "ScalePerRow",
+        13 => "ScalePerColumn",
+        14 => "WarpRectilinear2",
+        _ => "unknown",
+    }
+}
+
+impl fmt::Display for Opcode {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        let id = match &self.action {
+            Action::Warp(Warp { fisheye: false, .. }) => 1,
+            Action::Warp(_) => 2,
+            Action::FixVignetteRadial { .. } => 3,
+            Action::FixBadPixelsConstant(_) => 4,
+            Action::FixBadPixelsList { .. } => 5,
+            Action::TrimBounds(_) => 6,
+            Action::MapTable(..) => 7,
+            Action::MapPolynomial(..) => 8,
+            Action::GainMap(_) => 9,
+            Action::DeltaPerRow(..) => 10,
+            Action::DeltaPerColumn(..) => 11,
+            Action::ScalePerRow(..) => 12,
+            Action::ScalePerColumn(..) => 13,
+        };
+        f.write_str(name(id))
+    }
+}
+
+/// A straight line is kept below 0, where only noise is; what bends is mirrored about its value there.
+fn mirrored(v: f32, f: impl Fn(f32) -> f32) -> f32 {
+    if v < 0.0 { 2.0 * f(0.0) - f(-v) } else { f(v) }
+}
+
+impl Opcode {
+    /// Whether it changes values pixel by pixel: [`Opcode::value`] is all of it.
+    pub fn is_of_pixels(&self) -> bool {
+        !matches!(
+            self.action,
+            Action::Warp(_) | Action::FixBadPixelsConstant(_) | Action::FixBadPixelsList { .. } | Action::TrimBounds(_)
+        )
+    }
+
+    /// A value (0 black, 1 white) of a plane at a place (column, row) of a picture of `size` pixels, corrected. Results above 1 are kept.
+    pub fn value(&self, size: [usize; 2], plane: usize, place: [usize; 2], v: f32) -> f32 {
+        match &self.action {
+            Action::FixVignetteRadial { terms, center } => {
+                let ([cx, cy], unit) = normalisation(size, *center);
+                let (dx, dy) = ((place[0] as f64 - cx) / unit, (place[1] as f64 - cy) / unit);
+                let r2 = dx * dx + dy * dy;
+                v * (1.0 + r2 * terms.iter().rev().fold(0.0, |sum, k| sum * r2 + k)) as f32
+            }
+            Action::GainMap(map) => match map.area.index(plane, place) {
+                Some(_) => v * map.at(size, plane, place),
+                None => v,
+            },
+            Action::MapTable(area, table) => match area.index(plane, place) {
+                Some(_) => mirrored(v, |v| {
+                    let entry = ((v * SHORT + 0.5) as usize).min(table.len() - 1);
+                    f32::from(table[entry]) / SHORT
+                }),
+                None => v,
+            },
+            Action::MapPolynomial(area, terms) => match area.index(plane, place) {
+                Some(_) => mirrored(v, |v| terms.iter().rev().fold(0.0, |sum, k| sum * f64::from(v) + k) as f32),
+                None => v,
+            },
+            Action::DeltaPerRow(area, deltas) => area.index(plane, place).map_or(v, |i| v + deltas[i[0]]),
+            Action::DeltaPerColumn(area, deltas) => area.index(plane, place).map_or(v, |i| v + deltas[i[1]]),
+            Action::ScalePerRow(area, scales) => area.index(plane, place).map_or(v, |i| v * scales[i[0]]),
+            Action::ScalePerColumn(area, scales) => area.index(plane, place).map_or(v, |i| v * scales[i[1]]),
+            Action::Warp(_) | Action::FixBadPixelsConstant(_) | Action::FixBadPixelsList { .. } | Action::TrimBounds(_) => v,
+        }
+    }
+
+    /// The same on numbers as the file has them, for list 1: a polynomial is then one of the numbers themselves.
+    fn of_numbers(mut self) -> Self {
+        if let Action::MapPolynomial(_, terms) = &mut self.action {
+            let mut factor = 1.0 / f64::from(SHORT);
+            for term in terms {
+                *term *= factor;
+                factor *= f64::from(SHORT);
+            }
+        }
+        self
+    }
+}
+
+/// Bytes of an opcode, from the front; `None` where they end.
+struct Bytes<'a>(&'a [u8]);
+
+impl<'a> Bytes<'a> {
+    fn take<const N: usize>(&mut self) -> Option<[u8; N]> {
+        let (first, rest) = self.0.split_first_chunk::<N>()?;
+        self.0 = rest;
+        Some(*first)
+    }
+
+    fn part(&mut self, length: usize) -> Option<&'a [u8]> {
+        let (first, rest) = self.0.split_at_checked(length)?;
+        self.0 = rest;
+        Some(first)
+    }
+
+    fn u32(&mut self) -> Option<u32> {
+        self.take().map(u32::from_be_bytes)
+    }
+
+    fn u32s<const N: usize>(&mut self) -> Option<[u32; N]> {
+        let mut all = [0; N];
+        for v in &mut all {
+            *v = self.u32()?;
+        }
+        Some(all)
+    }
+
+    /// Finite ones only, as all numbers of opcodes are.
+    fn f64s<const N: usize>(&mut self) -> Option<[f64; N]> {
+        let mut all = [0.0; N];
+        for v in &mut all {
+            *v = f64::from_be_bytes(self.take()?);
+        }
+        all.iter().all(|v| v.is_finite()).then_some(all)
+    }
+
+    fn f32s(&mut self, count: usize) -> Option<Vec<f32>> {
+        let bytes = self.part(count.checked_mul(4)?)?;
+        let all: Vec<f32> = bytes.as_chunks().0.iter().map(|b| f32::from_be_bytes(*b)).collect();
+        all.iter().all(|v| v.is_finite()).then_some(all)
+    }
+
+    fn area(&mut self) -> Option<Area> {
+        let [top, left, bottom, right, plane, planes, rows, columns] = self.u32s::<8>()?;
+        let fine = top <= bottom && left <= right && rows > 0 && columns > 0 && planes > 0;
+        fine.then_some(Area { bounds: [top, left, bottom, right], plane, planes, pitch: [rows, columns] })
+    }
+
+    /// An area, and a number for each of its rows (axis 0) or columns (axis 1).
+    fn lines(&mut self, axis: usize) -> Option<(Area, Vec<f32>)> {
+        let area = self.area()?;
+        let needed = (area.bounds[axis + 2] - area.bounds[axis]).div_ceil(area.pitch[axis]);
+        if self.u32()? != needed {
+            return None;
+        }
+        let numbers = self.f32s(needed as usize)?;
+        Some((area, numbers))
+    }
+
+    fn warp(&mut self, fisheye: bool) -> Option<Warp> {
+        let planes = self.u32()?;
+        // More planes than a picture can have is damage.
+        if !(1..=16).contains(&planes) {
+            return None;
+        }
+        let (mut radial, mut tangential): (Vec<[f64; 4]>, Vec<[f64; 2]>) = (Vec::new(), Vec::new());
+        for _ in 0..planes {
+            radial.push(self.f64s()?);
+            tangential.push(if fisheye { [0.0; 2] } else { self.f64s()? });
+        }
+        Some(Warp { radial, tangential, center: self.center()?, fisheye })
+    }
+
+    /// The optical centre, which lies in the picture.
+    fn center(&mut self) -> Option<[f64; 2]> {
+        self.f64s::<2>().filter(|c| c.iter().all(|v| (0.0..=1.0).contains(v)))
+    }
+
+    fn gain_map(&mut self) -> Option<GainMap> {
+        let area = self.area()?;
+        let points = self.u32s::<2>()?.map(|n: u32| n as usize);
+        let (spacing, origin) = (self.f64s::<2>()?, self.f64s::<2>()?);
+        let planes = self.u32()? as usize;
+        // The spacing of a single point means nothing.
+        let spacing = [0, 1].map(|axis| if points[axis] == 1 { 1.0 } else { spacing[axis] });
+        if points.contains(&0) || planes == 0 || spacing.iter().any(|s| *s <= 0.0) {
+            return None;
+        }
+        let factors = self.f32s(points[0].checked_mul(points[1])?.checked_mul(planes)?)?;
+        Some(GainMap { area, points, spacing, origin, planes, factors })
+    }
+
+    fn table(&mut self) -> Option<(Area, Vec<u16>)> {
+        let area = self.area()?;
+        let entries = self.u32()? as usize;
+        if !(1..=65_536).contains(&entries) {
+            return None;
+        }
+        let bytes = self.part(2 * entries)?;
+        Some((area, bytes.as_chunks().0.iter().map(|b| u16::from_be_bytes(*b)).collect()))
+    }
+
+    fn polynomial(&mut self) -> Option<(Area, Vec<f64>)> {
+        let area = self.area()?;
+        let degree = self.u32().filter(|d| *d <= MOST_DEGREE)?;
+        let mut terms = Vec::new();
+        for _ in 0..=degree {
+            let [term] = self.f64s::<1>()?;
+            terms.push(term);
+        }
+        Some((area, terms))
+    }
+
+    fn bad_pixels(&mut self) -> Option<Action> {
+        // The phase of the filters is known from their pattern.
+        let [_phase, points, rectangles] = self.u32s::<3>()?;
+        let mut of = |count: u32, size: usize| -> Option<Vec<u32>> {
+            let bytes = self.part((count as usize).checked_mul(4 * size)?)?;
+            Some(bytes.as_chunks().0.iter().map(|b| u32::from_be_bytes(*b)).collect())
+        };
+        let (points, rectangles) = (of(points, 2)?, of(rectangles, 4)?);
+        Some(Action::FixBadPixelsList { points: points.as_chunks().0.to_vec(), rectangles: rectangles.as_chunks().0.to_vec() })
+    }
+}
+
+/// Reads one opcode. `Ok(None)`: its number is unknown; `Err(())`: its bytes are not what they should be. `unit`: of offsets.
+fn action(id: u32, bytes: &[u8], unit: f32) -> Result<Option<Action>, ()> {
+    let mut b = Bytes(bytes);
+    let scaled = |(area, v): (Area, Vec<f32>)| (area, v.into_iter().map(|v| v * unit).collect::<Vec<f32>>());
+    let read = match id {
+        1 => b.warp(false).map(Action::Warp),
+        2 => b.warp(true).map(Action::Warp),
+        3 => b.f64s::<5>().and_then(|terms| Some(Action::FixVignetteRadial { terms, center: b.center()? })),
+        4 => b.u32s::<2>().map(|[constant, _phase]| Action::FixBadPixelsConstant(constant)),
+        5 => b.bad_pixels(),
+        6 => b.u32s::<4>().filter(|[top, left, bottom, right]| top < bottom && left < right).map(Action::TrimBounds),
+        7 => b.table().map(|(area, table)| Action::MapTable(area, table)),
+        8 => b.polynomial().map(|(area, terms)| Action::MapPolynomial(area, terms)),
+        9 => b.gain_map().map(Action::GainMap),
+        10 => b.lines(0).map(scaled).map(|(area, v)| Action::DeltaPerRow(area, v)),
+        11 => b.lines(1).map(scaled).map(|(area, v)| Action::DeltaPerColumn(area, v)),
+        12 => b.lines(0).map(|(area, v)| Action::ScalePerRow(area, v)),
+        13 => b.lines(1).map(|(area, v)| Action::ScalePerColumn(area, v)),
+        _ => return Ok(None),
+    };
+    read.map(Some).ok_or(())
+}
+
+/// Reads an opcode list (`number` 1 to 3). `float`: whether the picture is of floating-point numbers, whose offsets have the unit 1. What is left out
+/// though the picture needs it is told in `warnings`; damage to what it needs is an error.
+pub(super) fn list(bytes: &[u8], number: usize, float: bool, warnings: &mut Vec<String>) -> Result<Vec<Opcode>, ImageError> {
+    let malformed = |what: String| ImageError::Malformed { format: "DNG", reason: format!("OpcodeList{number}: {what}") };
+    let mut b = Bytes(bytes);
+    let count = b.u32().ok_or_else(|| malformed("it ends before its count".into()))?;
+    let mut all = Vec::new();
+    for k in 1..=count {
+        let head = b.u32s::<4>().and_then(|[id, _version, flags, length]| Some((id, flags, b.part(length as usize)?)));
+        let (id, flags, data) = head.ok_or_else(|| malformed(format!("it ends early, in opcode {k} of {count}")))?;
+        let optional = flags & 1 != 0;
+        match action(id, data, if float { 1.0 } else { 1.0 / SHORT }) {
+            Ok(Some(action)) => {
+                let opcode = Opcode { optional, action };
+                all.push(if number == 1 && !float { opcode.of_numbers() } else { opcode });
+            }
+            Err(()) if !optional => {
+                return Err(malformed(format!(
+                    "opcode {k} of {count}, {}: its {} bytes are not what the specification says",
+                    name(id),
+                    data.len()
+                )));
+            }
+            Ok(None) if !optional => warnings.push(format!(
+                "OpcodeList{number}: opcode {id} ({}) is not known here and was left out; what it corrects remains in the picture",
+                name(id)
+            )),
+            Ok(None) | Err(()) => {}
+        }
+    }
+    Ok(all)
+}
+
+/// Numbers of a raw image between 0 and 1 while opcodes are applied to them.
+pub(super) struct Values<'a> {
+    /// Rows of samples.
+    pub data: Vec<f32>,
+    /// Pixels a row, and rows.
+    pub size: [usize; 2],
+    /// The pattern, and the pixel at which it begins.
+    pub cfa: &'a Cfa,
+    pub phase: [usize; 2],
+}
+
+impl Values<'_> {
+    /// Applies one list in its order. Of what is not done here (warps, bounds) nothing is said.
+    pub fn apply(&mut self, opcodes: &[Opcode], warnings: &mut Vec<String>) {
+        for opcode in opcodes {
+            match &opcode.action {
+                Action::FixBadPixelsConstant(constant) => {
+                    let bad = self.data.iter().map(|v| f64::from(*v * SHORT).round() == f64::from(*constant)).collect();
+                    self.repair(bad, opcode, warnings);
+                }
+                Action::FixBadPixelsList { points, rectangles } => {
+                    let bad = self.marked(points, rectangles);
+                    self.repair(bad, opcode, warnings);
+                }
+                _ if opcode.is_of_pixels() => {
+                    let (size, samples) = (self.size, self.cfa.samples_per_pixel());
+                    self.data.par_chunks_mut((size[0] * samples).max(1)).enumerate().for_each(|(y, line)| {
+                        for (i, v) in line.iter_mut().enumerate() {
+                            *v = opcode.value(size, i % samples, [i / samples, y], *v);
+                        }
+                    });
+                }
+                _ => {}
+            }
+        }
+    }
+
+    /// Marks listed pixels, with all their samples.
+    fn marked(&self, points: &[[u32; 2]], rectangles: &[[u32; 4]]) -> Vec<bool> {
+        let ([width, height], samples) = (self.size, self.cfa.samples_per_pixel());
+        let mut bad = vec![false; self.data.len()];
+        let single = points.iter().map(|&[row, column]| [row, column, row.saturating_add(1), column.saturating_add(1)]);
+        for [top, left, bottom, right] in single.chain(rectangles.iter().copied()) {
+            let (left, right) = ((left as usize).min(width), (right as usize).min(width));
+            for row in top as usize..(bottom as usize).min(height) {
+                if left < right {
+                    bad[(row * width + left) * samples..(row * width + right) * samples].fill(true);
+                }
+            }
+        }
+        bad
+    }
+
+    /// Bad pixels become the mean of the nearest good ones of their colour.
+    fn repair(&mut self, bad: Vec<bool>, opcode: &Opcode, warnings: &mut Vec<String>) {
+        let count = bad.iter().filter(|b| **b).count();
+        if count > self.data.len() / 10 {
+            warnings.push(format!("{opcode}: {count} of {} numbers would be bad; they were left as they are", self.data.len()));
+            return;
+        }
+        let ([width, height], samples) = (self.size, self.cfa.samples_per_pixel());
+        let color = |x: i64, y: i64| self.cfa.channel_beyond(x - self.phase[0] as i64, y - self.phase[1] as i64);
+        let data = &self.data;
+        let mean = |i: usize| {
+            let (sample, x, y) = (i % samples, (i / samples % width) as i64, (i / samples / width) as i64);
+            (1..=BAD_REACH).find_map(|r| {
+                let (mut sum, mut n) = (0.0, 0.0f32);
+                for dy in -r..=r {
+                    for dx in -r..=r {
+                        let (px, py) = (x + dx, y + dy);
+                        // The ring at this distance, inside the picture.
+                        let ring = dx.abs().max(dy.abs()) == r;
+                        if !ring || !(0..width as i64).contains(&px) || !(0..height as i64).contains(&py) {
+                            continue;
+                        }
+                        let other = (py as usize * width + px as usize) * samples + sample;
+                        if !bad[other] && (samples > 1 || color(px, py) == color(x, y)) {
+                            sum += data[other];
+                            n += 1.0;
+                        }
+                    }
+                }
+                (n > 0.0).then(|| sum / n)
+            })
+        };
+        let repaired: Vec<(usize, f32)> = (0..bad.len()).filter(|i| bad[*i]).filter_map(|i| mean(i).map(|v| (i, v))).collect();
+        for (i, v) in repaired {
+            self.data[i] = v;
+        }
+    }
+}
+
+#[cfg(test)]
+pub(super) mod tests {
+    use super::*;
+
+    /// The bytes of an opcode: id, whether it is optional, and its numbers.
+    pub fn opcode(id: u32, optional: bool, parameters: &[u8]) -> Vec<u8> {
+        let head = [id, 0x0103_0000, u32::from(optional), parameters.len() as u32];
+        [&longs(&head)[..], parameters].concat()
+    }
+
+    /// The bytes of a list.
+    pub fn list_of(opcodes: &[Vec<u8>]) -> Vec<u8> {
+        [longs(&[opcodes.len() as u32]), opcodes.concat()].concat()
+    }
+
+    pub fn longs(values: &[u32]) -> Vec<u8> {
+        values.iter().flat_map(|v| v.to_be_bytes()).collect()
+    }
+
+    pub fn doubles(values: &[f64]) -> Vec<u8> {
+        values.iter().flat_map(|v| v.to_be_bytes()).collect()
+    }
+
+    pub fn floats(values: &[f32]) -> Vec<u8> {
+        values.iter().flat_map(|v| v.to_be_bytes()).collect()
+    }
+
+    /// A gain map of all of a picture: factors `[row][column]` at its corners.
+    pub fn corners(size: [u32; 2], factors: [f32; 4]) -> Vec<u8> {
+        let area = longs(&[0, 0, size[1], size[0], 0, 1, 1, 1]);
+        let grid = [longs(&[2, 2]), doubles(&[1.0, 1.0, 0.0, 0.0]), longs(&[1])].concat();
+        [area, grid, floats(&factors)].concat()
+    }
+
+    fn one(id: u32, parameters: &[u8], number: usize) -> Opcode {
+        let mut warnings = Vec::new();
+        let mut all = list(&list_of(&[opcode(id, false, parameters)]), number, false, &mut warnings).unwrap();
+        assert!(warnings.is_empty() && all.len() == 1);
+        all.remove(0)
+    }
+
+    #[test]
+    fn gain_maps_are_bilinear_over_the_picture() {
+        let map = one(9, &corners([10, 20], [1.0, 2.0, 3.0, 4.0]), 2);
+        for (x, y) in [(0, 0), (9, 0), (4, 13), (9, 19)] {
+            // Middles of pixels, of the sides.
+            let (u, v) = ((x as f32 + 0.5) / 10.0, (y as f32 + 0.5) / 20.0);
+            let expected = 0.5 * (1.0 + u + 2.0 * v);
+            let got = map.value([10, 20], 0, [x, y], 0.5);
+            assert!((got - expected).abs() < 1e-6, "{x} {y}: {got} {expected}");
+        }
+        // Another plane is not of its area.
+        assert_eq!(map.value([10, 20], 1, [3, 3], 0.5), 0.5);
+    }
+
+    #[test]
+    fn every_kind_of_value_is_what_the_specification_says() {
+        let area = longs(&[2, 1, 6, 9, 0, 1, 2, 3]);
+        let with = |rest: &[u8]| [&area[..], rest].concat();
+        let size = [10, 8];
+        // Rows 2 and 4, columns 1, 4 and 7.
+        let rows = with(&[longs(&[2]), floats(&[655.35, -1310.7])].concat());
+        let columns = with(&[longs(&[3]), floats(&[2.0, 3.0, 4.0])].concat());
+        let near = |got: f32, expected: f32| assert!((got - expected).abs() < 1e-5, "{got} {expected}");
+        near(one(10, &rows, 2).value(size, 0, [4, 2], 0.5), 0.51);
+        near(one(10, &rows, 2).value(size, 0, [4, 4], 0.5), 0.48);
+        near(one(10, &rows, 2).value(size, 0, [4, 3], 0.5), 0.5);
+        near(one(10, &rows, 2).value(size, 0, [5, 4], 0.5), 0.5);
+        near(one(13, &columns, 2).value(size, 0, [7, 4], 0.1), 0.4);
+        near(one(13, &columns, 2).value(size, 0, [8, 4], 0.1), 0.1);
+        // x + 2 x² of shares, and of numbers; mirrored below 0.
+        let square = with(&[longs(&[2]), doubles(&[0.0, 1.0, 2.0])].concat());
+        near(one(8, &square, 2).value(size, 0, [1, 2], 0.25), 0.375);
+        near(one(8, &square, 2).value(size, 0, [1, 2], -0.25), -0.375);
+        let number = 10.0 / SHORT;
+        near(one(8, &square, 1).value(size, 0, [1, 2], number) * SHORT, 210.0);
+        // A table whose last entry goes on.
+        let table = with(&[longs(&[3]), [0u16, 100, 50].iter().flat_map(|v| v.to_be_bytes()).collect()].concat());
+        near(one(7, &table, 1).value(size, 0, [1, 2], 1.0 / SHORT) * SHORT, 100.0);
+        near(one(7, &table, 1).value(size, 0, [1, 2], 0.9) * SHORT, 50.0);
+        // Radii are of the furthest corner.
+        let vignette = one(3, &doubles(&[0.5, 0.25, 0.0, 0.0, 0.0, 0.5, 0.5]), 3);
+        near(vignette.value([11, 21], 0, [0, 0], 0.4), 0.4 * 1.75);
+        near(vignette.value([11, 21], 2, [5, 10], 0.4), 0.4);
+    }
+
+    #[test]
+    fn warps_move_pixels_as_the_specification_says() {
+        let size = [101, 81];
+        let radial = [longs(&[1]), doubles(&[0.98, 0.03, -0.01, 0.002, 0.0, 0.0, 0.5, 0.5])].concat();
+        let Action::Warp(warp) = one(1, &radial, 3).action else { panic!("a warp") };
+        let unit = 50f64.hypot(40.0);
+        let r = 30.0 / unit;
+        let factor = 0.98 + 0.03 * r.powi(2) - 0.01 * r.powi(4) + 0.002 * r.powi(6);
+        let [x, y] = warp.source(size, 2, [80.0, 40.0]);
+        assert!((x - (50.0 + 30.0 * factor)).abs() < 1e-9 && (y - 40.0).abs() < 1e-9, "{x} {y}");
+        assert!(warp.reach(size) < 0.02);
+        let tangential = [longs(&[1]), doubles(&[1.0, 0.0, 0.0, 0.0, 0.01, 0.02, 0.5, 0.5])].concat();
+        let Action::Warp(warp) = one(1, &tangential, 3).action else { panic!("a warp") };
+        let [x, y] = warp.source(size, 0, [80.0, 60.0]);
+        let (dx, dy) = (30.0 / unit, 20.0 / unit);
+        let r2 = dx * dx + dy * dy;
+        assert!((x - 80.0 - unit * (0.01 * 2.0 * dx * dy + 0.02 * (r2 + 2.0 * dx * dx))).abs() < 1e-9, "{x}");
+        assert!((y - 60.0 - unit * (0.02 * 2.0 * dx * dy + 0.01 * (r2 + 2.0 * dy * dy))).abs() < 1e-9, "{y}");
+        // A fisheye whose terms are those of the tangent is none.
+        let fisheye = [longs(&[1]), doubles(&[1.0, 1.0 / 3.0, 2.0 / 15.0, 17.0 / 315.0, 0.5, 0.5])].concat();
+        let Action::Warp(warp) = one(2, &fisheye, 3).action else { panic!("a warp") };
+        let [x, _] = warp.source(size, 0, [60.0, 40.0]);
+        assert!((x - 60.0).abs() < 1e-4, "{x}");
+        let wild = [longs(&[1]), doubles(&[1e9, 0.0, 0.0, 0.0, 0.0, 0.0, 0.5, 0.5])].concat();
+        let Action::Warp(warp) = one(1, &wild, 3).action else { panic!("a warp") };
+        assert!(warp.reach(size) > 1.0);
+    }
+
+    #[test]
+    fn bad_pixels_take_the_mean_of_their_colour() {
+        let cfa = Cfa::parse("RG/GB").unwrap();
+        let size = [12, 10];
+        let phase = [1, 0];
+        let clean: Vec<f32> =
+            (0..120).map(|i| 0.1 + 0.2 * cfa.channel_beyond((i % 12) as i64 - 1, (i / 12) as i64) as f32).collect();
+        let mut data = clean.clone();
+        for (row, column) in [(0, 0), (5, 6), (7, 2), (7, 3)] {
+            data[row * 12 + column] = 0.0;
+        }
+        let points = longs(&[1, 2, 1, 0, 0, 5, 6, 7, 2, 8, 4]);
+        let mut values = Values { data: data.clone(), size, cfa: &cfa, phase };
+        values.apply(&[one(5, &points, 1)], &mut Vec::new());
+        let worst = values.data.iter().zip(&clean).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+        assert!(worst < 1e-6, "{worst}");
+        // By their number.
+        let mut values = Values { data, size, cfa: &cfa, phase };
+        values.apply(&[one(4, &longs(&[0, 0]), 1)], &mut Vec::new());
+        assert!(values.data.iter().zip(&clean).all(|(a, b)| (a - b).abs() < 1e-6));
+        // Where all is bad nothing can be done.
+        let mut warnings = Vec::new();
+        let mut values = Values { data: vec![0.0; 120], size, cfa: &cfa, phase };
+        values.apply(&[one(4, &longs(&[0, 0]), 1)], &mut warnings);
+        assert!(warnings.len() == 1 && warnings[0].contains("FixBadPixelsConstant"), "{warnings:?}");
+    }
+
+    #[test]
+    fn lists_are_held_against_their_bytes() {
+        let fine = list_of(&[opcode(9, false, &corners([4, 4], [1.0; 4])), opcode(6, false, &longs(&[0, 0, 4, 4]))]);
+        let mut warnings = Vec::new();
+        assert_eq!(list(&fine, 2, false, &mut warnings).unwrap().len(), 2);
+        for length in 0..fine.len() {
+            assert!(list(&fine[..length], 2, false, &mut warnings).is_err(), "{length}");
+        }
+        // Every damaged byte is read or refused, never more.
+        for place in 0..fine.len() {
+            for value in [0, 1, 0x7f, 0xff] {
+                let mut damaged = fine.clone();
+                damaged[place] = value;
+                for opcode in list(&damaged, 1, false, &mut Vec::new()).into_iter().flatten() {
+                    let _ = opcode.value([4, 4], 0, [3, 3], 0.5);
+                }
+            }
+        }
+        assert!(warnings.is_empty());
+        // Damage to what may be left out is left out; what is unknown is told unless it may.
+        let short = |optional| list_of(&[opcode(9, optional, &[0; 8])]);
+        let error = list(&short(false), 2, false, &mut warnings).unwrap_err().to_string();
+        assert!(error.contains("OpcodeList2") && error.contains("GainMap"), "{error}");
+        assert!(list(&short(true), 2, false, &mut warnings).unwrap().is_empty() && warnings.is_empty());
+        let unknown = |optional| list_of(&[opcode(14, optional, &[0; 8])]);
+        assert!(list(&unknown(true), 3, false, &mut warnings).unwrap().is_empty() && warnings.is_empty());
+        assert!(list(&unknown(false), 3, false, &mut warnings).unwrap().is_empty());
+        assert!(warnings.len() == 1 && warnings[0].contains("WarpRectilinear2"), "{warnings:?}");
+    }
+}
