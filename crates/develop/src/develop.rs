@@ -11,9 +11,10 @@ use crate::recipe::{Demosaic, Recipe, RecipeError};
 use crate::region::{Planes, Region, inside};
 use crate::steps::demosaic::{Demosaicer, Mosaic};
 use crate::steps::{
-    black_level, camera_matrix, defects, encode, exposure, highlights, lens, local, noise, resize, row_noise, sharpen,
+    black_level, camera_matrix, defects, encode, exposure, highlights, lens, local, noise, resize, row_noise, sharpen, warp,
     white_balance,
 };
+use diopter_image::dng::opcode::{Action, Opcode, Warp};
 use diopter_image::{Encoding, ExposureFacts, Picture, PictureSource, RawImage};
 use diopter_light::color::RgbSpace;
 use glam::Vec3;
@@ -128,6 +129,10 @@ pub struct Developer<'a> {
     /// A light field of which a picture is made, and that picture. Made before any tile: workers of a pool must not wait for one of them.
     light_field: Option<(LightField, Planes)>,
     reducer: Option<noise::Reducer>,
+    /// Corrections of pixels that the file asks for: before its warp, and behind it.
+    file_corrections: [&'a [Opcode]; 2],
+    /// The warp that the file asks for.
+    warp: Option<&'a Warp>,
     correction: Option<lens::Correction>,
     srgb_of_channel: Vec<Vec3>,
     exposure: f32,
@@ -189,6 +194,17 @@ impl<'a> Developer<'a> {
                 expected: "a raw file taken here through a prescription (not an ideal lens, nor one with cylinders)".into(),
             });
         }
+        let (before, rest) = match light_field.is_some() {
+            true => (&h.opcodes[..0], &h.opcodes[..0]),
+            false => {
+                let first = h.opcodes.iter().position(|o| matches!(o.action, Action::Warp(_)));
+                h.opcodes.split_at(first.unwrap_or(h.opcodes.len()))
+            }
+        };
+        let (warp, after) = match rest.split_first() {
+            Some((Opcode { action: Action::Warp(warp), .. }, after)) => (Some(warp), after),
+            _ => (None, rest),
+        };
         let cell = if light_field.is_some() { [1, 1] } else { demosaicer.cell(&h.cfa) };
         let size = match &light_field {
             Some(field) => field.size(),
@@ -202,7 +218,10 @@ impl<'a> Developer<'a> {
         };
         let swapped = |[w, h]: [usize; 2], swap: bool| if swap { [h, w] } else { [w, h] };
         let turned = h.framing.orientation.transposes();
-        let shown = swapped([frame.width, frame.height], turned);
+        // Pixels that are not square become so, as the file says.
+        let scale = h.framing.scale;
+        let scaled = |n: usize, scale: f64| ((n as f64 * scale).round() as usize).max(1);
+        let shown = swapped([scaled(frame.width, scale[0]), scaled(frame.height, scale[1])], turned);
         let resized = swapped(resize::target(shown, &recipe.resize), turned);
         let developer = Developer {
             raw,
@@ -220,6 +239,8 @@ impl<'a> Developer<'a> {
                 Some(field) => r.with_noise_of(field.samples_a_pixel(&recipe.light_field, h.facts.f_number) as f32),
                 None => r,
             }),
+            file_corrections: [before, after],
+            warp,
             correction,
             local: local::LocalTone::new(&recipe.local, overview, light),
             look: Look::new(recipe, lut),
@@ -298,7 +319,7 @@ impl<'a> Developer<'a> {
                 !cfa.is_monochrome() && !cfa.has_all_channels() && self.light_field.is_none()
             }
             Step::NoiseReduction => self.reducer.is_some(),
-            Step::LensCorrection => self.correction.is_some(),
+            Step::LensCorrection => self.correction.is_some() || self.warp.is_some(),
             Step::LocalTone => self.local.is_some(),
             Step::Grade => self.recipe.grade != Default::default(),
             Step::Lut => !self.recipe.lut.file.is_empty(),
@@ -370,6 +391,9 @@ impl<'a> Developer<'a> {
             return mosaic_as_seen(&mosaic, of_cells, region);
         }
         let mut planes = self.demosaicer.run(&mosaic, region);
+        if self.until >= Step::Demosaic {
+            self.correct_pixels(&mut planes, self.file_corrections[0]);
+        }
         if self.recipe.highlights.method == crate::HighlightMethod::Clip {
             planes.planes.iter_mut().for_each(|p| p.iter_mut().for_each(|v| *v = v.min(1.0)));
         }
@@ -383,10 +407,43 @@ impl<'a> Developer<'a> {
         }
     }
 
+    /// What the file asks for pixel by pixel. Its values are those before the white balance.
+    fn correct_pixels(&self, planes: &mut Planes, opcodes: &[Opcode]) {
+        if opcodes.is_empty() {
+            return;
+        }
+        let (region, size) = (planes.region, self.raw.size());
+        let cell = self.demosaicer.cell(&self.raw.header.cfa);
+        let pixels = [cell[0] / self.raw.header.cfa.samples_per_pixel(), cell[1]];
+        // The pixel of the file in the middle of one of the picture.
+        let place = |i: i64, axis: usize| {
+            (inside(i, self.size[axis], 1) * pixels[axis] + pixels[axis] / 2).min(size[axis].saturating_sub(1))
+        };
+        for (channel, plane) in planes.planes.iter_mut().enumerate() {
+            let gain = self.gains[channel];
+            for (row, line) in plane.chunks_exact_mut(region.width).enumerate() {
+                let y = place(region.top + row as i64, 1);
+                for (column, v) in line.iter_mut().enumerate() {
+                    let at = [place(region.left + column as i64, 0), y];
+                    *v = gain * opcodes.iter().fold(*v / gain, |v, opcode| opcode.value(size, channel, at, v));
+                }
+            }
+        }
+    }
+
+    /// The warp of the file, and what it asks for behind it.
+    fn warped(&self, region: Region) -> Planes {
+        let Some(warp) = self.warp.filter(|_| self.until >= Step::LensCorrection) else { return self.denoised(region) };
+        let from = self.denoised(warp::source(warp, region, self.size));
+        let mut planes = warp::apply(warp, &from, region, self.size);
+        self.correct_pixels(&mut planes, self.file_corrections[1]);
+        planes
+    }
+
     fn corrected(&self, region: Region) -> Planes {
         match self.correction.as_ref().filter(|_| self.until >= Step::LensCorrection) {
-            Some(c) => c.apply(self.denoised(c.source(region, self.size)), region, self.size),
-            None => self.denoised(region),
+            Some(c) => c.apply(self.warped(c.source(region, self.size)), region, self.size),
+            None => self.warped(region),
         }
     }
 
@@ -606,7 +663,7 @@ mod tests {
             [(1, [0, 0]), (2, [1, 0]), (3, [1, 1]), (4, [0, 1]), (5, [0, 0]), (6, [1, 0]), (7, [1, 1]), (8, [0, 1])]
         {
             let mut turned = image.clone();
-            turned.header.framing = Framing { crop: None, orientation: Orientation::from_exif(number) };
+            turned.header.framing = Framing { orientation: Orientation::from_exif(number), ..Framing::default() };
             let got = develop(&turned, &recipe, None).unwrap().pixels;
             let expected = if number >= 5 { [300, 700] } else { [700, 300] };
             assert_eq!([got.width, got.height], expected, "{number}");
@@ -633,6 +690,58 @@ mod tests {
         image.header.cfa = Cfa::linear_rgb();
         image.header.as_shot_neutral = vec![1.0; 3];
         image
+    }
+
+    #[test]
+    fn corrections_of_the_file_come_behind_the_demosaic() {
+        let terms = [1.0, 0.0, 0.0, 0.0, 0.0];
+        let vignette = Opcode { optional: false, action: Action::FixVignetteRadial { terms, center: [0.5, 0.5] } };
+        // A warp that shows half of the picture: twice as large.
+        let halves = Warp { radial: vec![[0.5, 0.0, 0.0, 0.0]], tangential: vec![[0.0; 2]], center: [0.5, 0.5], fisheye: false };
+        let warp = Opcode { optional: false, action: Action::Warp(halves) };
+        let recipe = Recipe::preset("plain").unwrap();
+        let level = |x: usize| 100.0 + 2.0 * x as f64;
+        for pattern in ["RG/GB", "mono"] {
+            for half in [false, true] {
+                let mut recipe = recipe.clone();
+                recipe.demosaic.method = if half { Demosaic::Half } else { Demosaic::Linear };
+                let seen = |opcodes: Vec<Opcode>, x: usize| {
+                    let mut image = raw(81, 61, pattern, |x, _| level(x));
+                    image.header.as_shot_neutral[0] = 0.5;
+                    image.header.opcodes = opcodes;
+                    let developer = Developer::new(&image, &recipe, None).unwrap();
+                    // Camera channels, shown by the sRGB function.
+                    let picture = developer.until(Step::LensCorrection).whole().pixels;
+                    let (x, y) = if half { (x / 2, 15) } else { (x, 30) };
+                    f64::from(encode::srgb_light(Vec3::splat(picture.pixel(x, y)[1])).x)
+                };
+                let plain = |x: usize| seen(vec![], x);
+                let unit = 40f64.hypot(30.0);
+                for x in [10, 40, 66] {
+                    let r2 = ((x as f64 + if half { 1.0 } else { 0.0 } - 40.0) / unit).powi(2);
+                    let bright = seen(vec![vignette.clone()], x);
+                    assert!((bright / plain(x) / (1.0 + r2) - 1.0).abs() < 0.01, "{pattern} {half} {x}: {bright}");
+                    let moved = seen(vec![warp.clone()], x);
+                    let from = plain((40.0 + 0.5 * (x as f64 - 40.0)).round() as usize);
+                    assert!((moved / from - 1.0).abs() < 0.03, "{pattern} {half} {x}: {moved} {from}");
+                    // Behind the warp brightness is by the place in the warped picture.
+                    let both = seen(vec![warp.clone(), vignette.clone()], x);
+                    assert!((both / moved / (1.0 + r2) - 1.0).abs() < 0.01, "{pattern} {half} {x}: {both}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn pixels_that_are_not_square_become_so() {
+        let mut image = photo();
+        image.header.framing.scale = [1.0, 2.0];
+        let size = |image: &RawImage| Developer::new(image, &Recipe::default(), None).unwrap().size();
+        assert_eq!(size(&image), [700, 600]);
+        image.header.framing.orientation = Orientation::from_exif(6);
+        assert_eq!(size(&image), [600, 700]);
+        let picture = develop(&image, &Recipe::default(), None).unwrap().pixels;
+        assert_eq!([picture.width, picture.height], [600, 700]);
     }
 
     #[test]

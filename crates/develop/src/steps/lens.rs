@@ -139,7 +139,7 @@ fn weights(t: f32) -> [f32; 4] {
 }
 
 /// A plane between its pixels.
-fn cubic(plane: &[f32], region: Region, x: f32, y: f32) -> f32 {
+pub(super) fn cubic(plane: &[f32], region: Region, x: f32, y: f32) -> f32 {
     let (fx, fy) = (x.floor(), y.floor());
     let (wx, wy) = (weights(x - fx), weights(y - fy));
     let left = (fx as i64 - region.left - 1).clamp(0, region.width as i64 - 4) as usize;

@@ -15,4 +15,5 @@ pub mod resize;
 pub mod row_noise;
 pub mod sharpen;
 pub mod tone;
+pub mod warp;
 pub mod white_balance;
