@@ -1,6 +1,7 @@
 //! Files to write: proved writable before the work, written beside, renamed when whole.
 
 use crate::AskedWrongly;
+use crate::watch::warn;
 use anyhow::{Context, anyhow};
 use diopter::develop::lut::Lut;
 use diopter::develop::{Developer, Recipe};
@@ -236,6 +237,14 @@ pub fn write_pictures(
 ) -> anyhow::Result<Vec<PathBuf>> {
     let write = |(kind, output): (Kind, Output)| {
         if kind == Kind::Dng {
+            if !raw.header.opcodes.is_empty() {
+                let names: Vec<String> = raw.header.opcodes.iter().map(|o| o.to_string()).collect();
+                let path = output.path.display();
+                warn(&format!(
+                    "{path}: corrections of the raw file that come behind its demosaic are not written: {}",
+                    names.join(", ")
+                ));
+            }
             return output.commit(|to| Ok(raw_file::write_image(raw, format.storage, &Recipe::default(), to)?));
         }
         let light = recipe.linear_light();

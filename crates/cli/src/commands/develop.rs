@@ -1,6 +1,6 @@
 //! `develop`: raw images into pictures.
 
-use super::{open, print_json};
+use super::{print_json, read_raw};
 use crate::args::Develop;
 use crate::output::{self, Format, Kind, Output};
 use crate::watch::{say, watched};
@@ -8,7 +8,7 @@ use crate::{AskedWrongly, sheet, views};
 use anyhow::{Context, anyhow};
 use diopter::develop::lut::Lut;
 use diopter::develop::{Recipe, SETTINGS};
-use diopter::image::{Encoding, RawImage, dng, png};
+use diopter::image::{Encoding, RawImage, png};
 use diopter::recipe_file;
 use diopter::shot::ShotError;
 use std::io::Write;
@@ -157,7 +157,7 @@ fn one(
 ) -> anyhow::Result<(Vec<PathBuf>, RawImage)> {
     let outputs = output::prepare_pictures(&job.outputs)?;
     let place = || job.raw.display().to_string();
-    let raw = dng::read(open(&job.raw)?).with_context(place)?;
+    let raw = read_raw(&job.raw)?;
     let mut written = output::write_pictures(outputs, &raw, recipe, lut, format).with_context(place)?;
     if let Some(folder) = &args.steps {
         written.extend(sheet::write_steps(&raw, recipe, lut, folder)?);

@@ -1,14 +1,14 @@
 //! `merge`: parts of an exposure into the whole, or an exposure series into one picture of more range.
 
-use super::{open, print_json, read_plane};
+use super::{print_json, read_plane, read_raw};
 use crate::AskedWrongly;
 use crate::args::Merge;
 use crate::output::{self, Format, Kind};
 use crate::watch::say;
-use anyhow::{Context, anyhow};
+use anyhow::anyhow;
 use diopter::develop::Recipe;
 use diopter::hdr;
-use diopter::image::{FocalPlane, RawImage, dng};
+use diopter::image::{FocalPlane, RawImage};
 
 pub fn run(args: &Merge, json: bool) -> anyhow::Result<()> {
     output::distinct(args.parts.iter().map(|p| p.as_path()), [args.output.as_path()])?;
@@ -37,8 +37,7 @@ pub fn run(args: &Merge, json: bool) -> anyhow::Result<()> {
 
 fn series(args: &Merge, json: bool) -> anyhow::Result<()> {
     let outputs = output::prepare_pictures(std::slice::from_ref(&args.output))?;
-    let read = |p: &std::path::PathBuf| dng::read(open(p)?).with_context(|| p.display().to_string());
-    let raws: Vec<RawImage> = args.parts.iter().map(read).collect::<anyhow::Result<_>>()?;
+    let raws: Vec<RawImage> = args.parts.iter().map(|p| read_raw(p)).collect::<anyhow::Result<_>>()?;
     let merged = hdr::merge(&raws).map_err(|e| AskedWrongly(e.into()))?;
     let written = output::write_pictures(outputs, &merged, &Recipe::default(), None, Format::default())?;
     say(&format!("{} pictures, {:.1} EV more range than one", raws.len(), extra_range(&raws)));

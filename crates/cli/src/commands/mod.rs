@@ -15,14 +15,23 @@ pub mod scene;
 pub mod shoot;
 pub mod stack;
 
+use crate::watch::warn;
 use anyhow::Context;
 use diopter::files::{self, Source};
-use diopter::image::{FocalPlane, exr};
+use diopter::image::{FocalPlane, RawImage, dng, exr};
 use std::path::Path;
 
 /// Opens a file or stream for reading, naming it in errors.
 fn open(path: &Path) -> anyhow::Result<Source> {
     files::open(path).with_context(|| path.display().to_string())
+}
+
+/// Reads a raw file and says what its reader had to leave out or assume.
+fn read_raw(path: &Path) -> anyhow::Result<RawImage> {
+    let place = || path.display().to_string();
+    let raw = dng::read(open(path)?).with_context(place)?;
+    raw.header.warnings.iter().for_each(|w| warn(&format!("{}: {w}", path.display())));
+    Ok(raw)
 }
 
 fn read_plane(path: &Path) -> anyhow::Result<FocalPlane> {

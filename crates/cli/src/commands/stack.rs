@@ -1,15 +1,15 @@
 //! `stack`: a focus series into one picture that is sharp all over.
 
-use super::{open, print_json};
+use super::{print_json, read_raw};
 use crate::AskedWrongly;
 use crate::args::Stack;
 use crate::output::{self, Kind, Output};
 use crate::watch::say;
-use anyhow::{Context, anyhow};
+use anyhow::anyhow;
 use diopter::develop::lut::Lut;
 use diopter::develop::stack::{StackError, stack};
 use diopter::develop::{Recipe, develop};
-use diopter::image::{Picture, RawImage, dng};
+use diopter::image::{Picture, RawImage};
 use diopter::shot::ShotError;
 use std::path::PathBuf;
 
@@ -19,8 +19,7 @@ pub fn run(args: &Stack, json: bool) -> anyhow::Result<()> {
     let mut recipe = Recipe::default();
     args.developing.apply(&mut recipe)?;
     let lut = diopter::recipe_file::lut(&recipe)?;
-    let read = |p: &PathBuf| dng::read(open(p)?).with_context(|| p.display().to_string());
-    let raws: Vec<RawImage> = args.raw.iter().map(read).collect::<anyhow::Result<_>>()?;
+    let raws: Vec<RawImage> = args.raw.iter().map(|p| read_raw(p)).collect::<anyhow::Result<_>>()?;
     let written = write(outputs, &raws, &recipe, lut.as_ref())?;
     say(&format!("{} pictures", raws.len()));
     written.iter().for_each(|p| say(&format!("wrote {}", p.display())));
