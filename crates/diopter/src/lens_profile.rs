@@ -105,6 +105,18 @@ mod tests {
     }
 
     #[test]
+    fn the_facts_of_a_zoom_hold_its_range() {
+        let zoom = shot("kit-zoom-18-55mm", Some("30 mm")).facts();
+        let [[short, wide], [long, tele]] = zoom.lens_range.unwrap();
+        // The focal lengths of the ends as the sheet states them; f/3.5 at the short one, as far as the rims allow.
+        assert!((short - 18.693).abs() < 0.05 && (long - 53.3).abs() < 0.05, "{short} {long}");
+        assert!((3.4..4.2).contains(&wide) && tele > wide, "{wide} {tele}");
+        let prime = shot("double-gauss-50mm", None).facts();
+        let [a, b] = prime.lens_range.unwrap();
+        assert!(a == b && (a[0] - prime.focal_length_mm).abs() < 0.01, "{a:?} {b:?}");
+    }
+
+    #[test]
     fn profiles_are_smooth_and_corners_darker() {
         for name in ["kit-zoom-18-55mm", "double-gauss-50mm", "fisheye-15mm-f2.8", "reflex-500mm-f8", "telephoto-250mm"] {
             let p = shot(name, None).facts().lens_profile.unwrap_or_else(|| panic!("{name} has a profile"));

@@ -75,6 +75,10 @@ pub struct ExposureFacts {
     pub samples: u32,
     /// Whether the renderer's noise was reduced: the mean is then an estimate, no longer the truth within its variance.
     pub denoised: bool,
+    /// What the lens can be set to: focal length (mm) and f-number fully open, at its shortest and at its longest; of a prime both are the same.
+    /// `None` of ideal lenses and where it is not known.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub lens_range: Option<[[f64; 2]; 2]>,
     /// What the lens does to a picture; `None` where it is not known or does nothing.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub lens_profile: Option<LensProfile>,

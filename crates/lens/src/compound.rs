@@ -346,6 +346,19 @@ impl CompoundLens {
         self.widest
     }
 
+    /// Focal length (mm) and f-number fully open, at the shortest and at the longest of its zoom positions; of a prime twice the same.
+    pub fn range(&self) -> [[f64; 2]; 2] {
+        let at = |position: usize| {
+            let system = System::at(&self.prescription, State { zoom: position as f64, focus: 0.0 });
+            let efl = FirstOrder::of(&system, &system.indices(REFERENCE_NM)).efl.abs();
+            [efl, widest_f_number(&self.prescription, &system, efl).unwrap_or(self.widest)]
+        };
+        let all = (0..self.prescription.zoom.len().max(1)).map(at);
+        all.fold([[f64::INFINITY, 0.0], [0.0, 0.0]], |[short, long], end| {
+            [if end[0] < short[0] { end } else { short }, if end[0] > long[0] { end } else { long }]
+        })
+    }
+
     /// f-number of a lossless, unobstructed lens as bright on the axis.
     pub fn t_number(&self) -> f64 {
         self.f_number / self.transmittance.sqrt()

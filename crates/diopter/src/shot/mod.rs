@@ -841,6 +841,10 @@ fn lens_facts(camera: &Camera, sensor: &Sensor) -> ExposureFacts {
         t_number: camera.lens.t_number(),
         focus_distance_m: camera.lens.focus_distance().map(|d| d.0 / 1000.0),
         extension_mm: camera.lens.extension().0,
+        lens_range: match &camera.lens {
+            Lens::Compound(l) => Some(l.range()),
+            _ => None,
+        },
         lens_profile: match &camera.lens {
             Lens::Compound(l) => lens_profile::profile(l, sensor, 0.5 * camera.film.width_mm.hypot(camera.film.height_mm)),
             _ => None,

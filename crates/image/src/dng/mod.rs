@@ -357,6 +357,27 @@ mod tests {
     }
 
     #[test]
+    fn the_lens_of_a_zoom_is_its_range() {
+        use tiff::decoder::ifd::Value;
+        let written = |range: Option<[[f64; 2]; 2]>| {
+            let mut raw = image("RG/GB", 12, 16, 16);
+            (raw.header.facts.focal_length_mm, raw.header.facts.lens_range) = (32.0, range);
+            let mut file = Cursor::new(Vec::new());
+            write_image(&raw, Storage::Sixteen, None, &mut file).unwrap();
+            let mut decoder = tiff::decoder::Decoder::new(Cursor::new(file.into_inner())).unwrap();
+            let found = decoder.find_tag(tiff::tags::Tag::from_u16_exhaustive(tag::LENS_INFO)).unwrap().unwrap();
+            let Value::List(numbers) = found else { panic!("four numbers") };
+            let number = |v: &Value| match v {
+                Value::Rational(n, d) => f64::from(*n) / f64::from(*d),
+                other => panic!("{other:?}"),
+            };
+            numbers.iter().map(number).collect::<Vec<f64>>()
+        };
+        assert_eq!(written(Some([[18.0, 3.5], [55.0, 5.6]])), [18.0, 55.0, 3.5, 5.6]);
+        assert_eq!(written(None), [32.0, 32.0, 2.828, 2.828]);
+    }
+
+    #[test]
     fn files_cut_short_or_damaged_are_errors() {
         for storage in [Storage::Sixteen, Storage::Packed, Storage::Lossless] {
             let mut file = Cursor::new(Vec::new());

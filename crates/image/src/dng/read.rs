@@ -624,7 +624,7 @@ fn neutral<R: Read + Seek>(
     let daylight = signal(nearest, DAYLIGHT_XY);
     let told = "the file does not say what was white (AsShotNeutral)";
     if fine(&daylight) {
-        warnings.push(format!("{told}: daylight was taken (D55, by its colour matrix); --white sets another"));
+        warnings.push(format!("{told}: daylight was taken (D55, by its colour matrix); the setting white.balance takes another"));
         return Ok(daylight);
     }
     warnings.push(format!("{told}, and its colour matrix gives no white: all channels were taken alike"));

@@ -247,9 +247,11 @@ fn color_fields(header: &RawHeader) -> Vec<(u16, Field)> {
         fields.push((tag::CAMERA_SERIAL, Field::text(&facts.serial)));
     }
     if facts.focal_length_mm > 0.0 {
-        let f = (facts.focal_length_mm * 1e3).round() / 1e3;
-        let n = (facts.f_number * 1e3).round() / 1e3;
-        fields.push((tag::LENS_INFO, Field::Rationals(vec![f, f, n, n])));
+        // Focal lengths, then the f-numbers there.
+        let set = [facts.focal_length_mm, facts.f_number];
+        let [[short, wide], [long, tele]] = facts.lens_range.unwrap_or([set; 2]);
+        let info = [short, long, wide, tele].map(|v| (v * 1e3).round() / 1e3);
+        fields.push((tag::LENS_INFO, Field::Rationals(info.to_vec())));
     }
     if header.cfa.is_monochrome() {
         return fields;
