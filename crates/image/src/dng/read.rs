@@ -151,6 +151,10 @@ pub fn read(from: impl Read + Seek) -> Result<RawImage, ImageError> {
         mosaic.data.iter_mut().for_each(|v| *v = table[(*v as usize).min(last)] as u16);
     }
     let mut header = header(&mut file, &main, &raw, cfa, &storage, &mut warnings)?;
+    if !table.is_empty() {
+        // Its entries have 16 bits.
+        header.bits = 16;
+    }
     let mut mosaic = cropped(mosaic, area, storage.samples);
     even_black(&mut file, &raw, &mut mosaic, &storage, [black, white])?;
     let size = [mosaic.width / storage.samples, mosaic.height];
