@@ -351,7 +351,7 @@ impl CompoundLens {
         let at = |position: usize| {
             let system = System::at(&self.prescription, State { zoom: position as f64, focus: 0.0 });
             let efl = FirstOrder::of(&system, &system.indices(REFERENCE_NM)).efl.abs();
-            [efl, widest_f_number(&self.prescription, &system, efl).unwrap_or(self.widest)]
+            [efl, widest_f_number(&self.prescription, &system, efl).map_or(self.widest, |(widest, _)| widest)]
         };
         let all = (0..self.prescription.zoom.len().max(1)).map(at);
         all.fold([[f64::INFINITY, 0.0], [0.0, 0.0]], |[short, long], end| {
