@@ -25,13 +25,14 @@ const GROUPS: [Group; 10] = [
     Group {
         heading: "Scene",
         common: &["environment", "sun", "ground", "scale"],
-        other: &["variant", "environment-rotation", "daylight", "place", "turbidity", "fog", "ambient-ev"],
+        other: &["variant", "environment-rotation", "daylight", "place", "turbidity", "fog", "ambient-ev", "strict"],
     },
     Group { heading: "Camera", common: &["body", "look-from", "look-at", "viewpoint"], other: &["format", "up", "shake"] },
     Group {
         heading: "Lens",
         common: &["lens", "focal-length"],
         other: &[
+            "zoom-position",
             "blades",
             "blade-curvature",
             "blade-rotation",
@@ -97,12 +98,12 @@ const GROUPS: [Group; 10] = [
             "shutter-angle",
         ],
     },
-    Group { heading: "Sensor", common: &[], other: &["white", "temperature", "serial", "dng", "radiance", "rgb"] },
+    Group { heading: "Sensor", common: &[], other: &["white", "temperature", "serial", "dng", "radiance", "bands", "rgb"] },
     Group { heading: "Development", common: &["preset", "exposure-ev"], other: &["recipe", "set", "tone", "demosaic", "lut"] },
     Group {
         heading: "Rendering",
         common: &["size", "spp", "time-limit", "denoise", "quick"],
-        other: &["samples", "seed", "sampler", "max-depth"],
+        other: &["samples", "seed", "sampler", "max-depth", "checkpoint", "resume", "no-resume", "max-memory"],
     },
     Group { heading: "Output", common: &["output"], other: &["keep-plane", "truth", "merge", "stack", "save-shot"] },
 ];
