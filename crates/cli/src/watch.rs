@@ -4,7 +4,9 @@ use crate::output;
 use diopter::expose::Watch;
 use indicatif::{ProgressBar, ProgressStyle};
 use std::io::{IsTerminal, Write};
-use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
+use std::sync::mpsc::{self, RecvTimeoutError};
+use std::time::Duration;
 
 static STOP: AtomicBool = AtomicBool::new(false);
 /// Commands and loops that look at `STOP` and end by themselves.
@@ -43,7 +45,11 @@ pub fn stopping() -> bool {
     STOP.load(Ordering::Relaxed)
 }
 
-/// Runs something long with a progress bar and time left; the bar only where somebody sees it.
+/// How often the progress bar is drawn.
+const TICK: Duration = Duration::from_millis(100);
+
+/// Runs something long with a progress bar and time left; the bar only where somebody sees it. Workers only store a number: the bar has a lock, and
+/// a thread of its own that takes it.
 pub fn watched<T>(what: &'static str, run: impl FnOnce(&Watch) -> T) -> T {
     const STEPS: u64 = 1000;
     let _held = hold();
@@ -52,7 +58,20 @@ pub fn watched<T>(what: &'static str, run: impl FnOnce(&Watch) -> T) -> T {
         ProgressStyle::with_template("{msg} {wide_bar} {percent}%  {eta} left").unwrap_or_else(|_| ProgressStyle::default_bar());
     bar.set_style(style);
     bar.set_message(what);
-    let result = run(&Watch { cancel: &STOP, progress: &|done| bar.set_position((done * STEPS as f64) as u64) });
+    let position = AtomicU64::new(0);
+    let result = std::thread::scope(|threads| {
+        // Dropped at the end, also by a panic: then the drawing ends.
+        let (_running, ended) = mpsc::channel::<()>();
+        if !bar.is_hidden() {
+            threads.spawn(|| {
+                let ended = ended;
+                while ended.recv_timeout(TICK) == Err(RecvTimeoutError::Timeout) {
+                    bar.set_position(position.load(Ordering::Relaxed));
+                }
+            });
+        }
+        run(&Watch { cancel: &STOP, progress: &|done| position.store((done * STEPS as f64) as u64, Ordering::Relaxed) })
+    });
     bar.finish_and_clear();
     result
 }
