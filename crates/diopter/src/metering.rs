@@ -4,7 +4,9 @@
 //! 13.4; Canon, Nikon and Sekonic use 12.5. The meter looks through the lens: a lens that loses light, or stands far out for a near
 //! subject, or a filter, makes the scene darker for it. Light of a scene is gathered once, on few pixels; then the sensor reads it out
 //! again and again, with its noise and its limits, at the exposure that the last reading asked for, until two agree. Pixels that are
-//! full count as what they can hold: a lamp in the frame does not darken the picture without bound. Never looks at scene depth.
+//! full count as what they can hold: a lamp in the frame does not darken the picture without bound. Never looks at scene depth. Where a
+//! scene is a void (no surface, no surroundings, no air) there is nothing to expose for: patterns are means over the rest, as if the photographer
+//! metered the subject. No real frame has such a place.
 //!
 //! Sources: ISO 2720;
 //! Nikon, D810 manual (12 mm circle, 75 %; spot 4 mm). The matrix pattern is our own, makers keep theirs to themselves.
@@ -19,6 +21,7 @@ use diopter_light::spectrum::{Table, blackbody};
 use diopter_scene::Scene;
 use diopter_sensor::{Reading, Sensor, calibration, read_out};
 use glam::{DMat4, DVec4};
+use rayon::prelude::*;
 
 /// Reflected-light meter constant, cd·s/(m²·lx·s), as most makers use it. Source: ISO 2720.
 pub const K: f64 = 12.5;
@@ -135,22 +138,40 @@ fn probe(
     expose(scene, &probe, &Shutter::global(1.0), response, &settings, &ExposureFacts::default(), &quiet)
 }
 
+/// Share of each of a camera's pixels (`[row][column]`) where there is something to see, by the chief ray of its middle: 0 in a void, 1
+/// elsewhere, also where the lens shows nothing. 1 everywhere where no pixel sees anything, and in scenes with surroundings or air.
+pub(crate) fn seen(scene: &Scene, camera: &Camera) -> Vec<f64> {
+    let (columns, rows) = (camera.film.columns, camera.film.rows);
+    let full = vec![1.0; columns * rows];
+    if scene.lights().environment.is_some() || scene.air().is_some() {
+        return full;
+    }
+    let sees = |i: usize| {
+        let at = camera.film_point((i % columns) as f64 + 0.5, (i / columns) as f64 + 0.5);
+        // Beyond the image circle the picture is dark whatever the scene is.
+        let Ok(ray) = camera.lens.chief_ray(at) else { return 1.0 };
+        f64::from(u8::from(scene.intersect(&camera.to_world(&ray, 0.0), f32::INFINITY).is_some()))
+    };
+    let seen: Vec<f64> = (0..columns * rows).into_par_iter().map(sees).collect();
+    if seen.contains(&1.0) { seen } else { full }
+}
+
 /// Mean luminance of the scene as framed, cd/m²: what a scene without a scale is scaled by, not what a camera meters. Only what the lens shows
-/// counts, not the dark beyond its image circle. 0 where it shows nothing. Fails when cancelled.
+/// counts, not the dark beyond its image circle and not a void. 0 where it shows nothing. Fails when cancelled.
 pub fn mean_luminance(scene: &Scene, camera: &Camera, settings: &Settings, watch: &Watch) -> Result<f64, ExposeError> {
     let plane = probe(scene, camera, settings, &Response::luminance(), watch)?.mean;
     let film = Film { columns: plane.width, rows: plane.height, ..camera.film };
     let probe = Camera { film, ..camera.clone() };
-    let (mut sum, mut lit) = (0.0, 0u32);
-    for (i, luminance) in plane.data.iter().enumerate() {
+    let (mut sum, mut lit) = (0.0, 0.0);
+    for ((i, luminance), seen) in plane.data.iter().enumerate().zip(seen(scene, &probe)) {
         let (column, row) = ((i % plane.width) as f64, (i / plane.width) as f64);
         // A cell without light may be a dark part of the scene.
         if *luminance != 0.0 || probe.lens_shows([column, row]) {
             sum += f64::from(*luminance);
-            lit += 1;
+            lit += seen;
         }
     }
-    Ok(if lit == 0 { 0.0 } else { sum / f64::from(lit) })
+    Ok(if lit == 0.0 { 0.0 } else { sum / lit })
 }
 
 /// A camera's meter.
@@ -180,6 +201,8 @@ struct Cells {
     luminance: Vec<f64>,
     /// Largest share of saturation that a channel has.
     level: Vec<f64>,
+    /// Share of the cell that is no void.
+    seen: Vec<f64>,
 }
 
 impl Meter<'_> {
@@ -195,6 +218,8 @@ impl Meter<'_> {
         let mut plane = probe(scene, camera, settings, &Response::sensor(self.sensor), watch)?;
         plane.mean.data.iter_mut().for_each(|v| *v *= self.filter as f32);
         let per_second = plane.mean.data.clone();
+        let film = Film { columns: plane.width(), rows: plane.height(), microlenses: None, ..camera.film };
+        let seen = seen(scene, &Camera { film, ..camera.clone() });
         let t_number = camera.lens.t_number();
         let scale = self.luminance_of_channels(camera, t_number);
         let iso = self.reading.iso;
@@ -207,7 +232,7 @@ impl Meter<'_> {
             plane.facts.exposure_s = time;
             let reading = Reading { seed: self.reading.seed.wrapping_add(k << 32 | 0x3e7e5), ..self.reading.clone() };
             let Ok(raw) = read_out(&plane, self.sensor, &reading, white) else { return Ok(None) };
-            let mut cells = Cells::new(&raw, &scale, step.gain_e_per_dn / time);
+            let mut cells = Cells::new(&raw, &seen, &scale, step.gain_e_per_dn / time);
             cells.remember(&mut brightest);
             let wanted = self.wanted_time(&cells, time, t_number);
             let Some(wanted) = wanted else {
@@ -260,7 +285,11 @@ impl Meter<'_> {
     /// The exposure time that a reading taken at `time` asks for; `None` when it has seen nothing.
     fn wanted_time(&self, cells: &Cells, time: f64, t_number: f64) -> Option<f64> {
         if self.pattern == Pattern::Highlight {
-            let mut levels = cells.level.clone();
+            let mut levels: Vec<f64> =
+                cells.level.iter().zip(&cells.seen).filter(|(_, seen)| **seen > 0.0).map(|(l, _)| *l).collect();
+            if levels.is_empty() {
+                return None;
+            }
             levels.sort_by(f64::total_cmp);
             let level = levels[((1.0 - HIGHLIGHT_SHARE) * (levels.len() - 1) as f64) as usize];
             let full = level >= 0.999;
@@ -273,29 +302,33 @@ impl Meter<'_> {
 
 impl Cells {
     /// Cells as large as the colour pattern, at least 2 × 2 pixels. `scale`: cd/m² an electron a second stands for, a channel each;
-    /// `per_dn`: electrons a second that a DN stands for.
-    fn new(raw: &RawImage, scale: &[f64], per_dn: f64) -> Cells {
+    /// `per_dn`: electrons a second that a DN stands for; `seen`: share of each pixel that is no void.
+    fn new(raw: &RawImage, seen: &[f64], scale: &[f64], per_dn: f64) -> Cells {
         let h = &raw.header;
         let side = h.cfa.columns().max(h.cfa.rows()).max(2);
         let (columns, rows) = ((raw.mosaic.width / side).max(1), (raw.mosaic.height / side).max(1));
         let n = h.cfa.channel_count();
-        let (mut luminance, mut level) = (Vec::new(), Vec::new());
+        let (mut luminance, mut level, mut shares) = (Vec::new(), Vec::new(), Vec::new());
         for row in 0..rows {
             for column in 0..columns {
                 let (mut sums, mut counts) = ([0.0; 4], [0.0; 4]);
+                let mut there = 0.0;
                 for y in (row * side..(row + 1) * side).filter(|y| *y < raw.mosaic.height) {
                     for x in (column * side..(column + 1) * side).filter(|x| *x < raw.mosaic.width) {
                         let c = h.cfa.channel_at(x, y);
                         sums[c] += f64::from(raw.mosaic.data[y * raw.mosaic.width + x]) - h.black_level;
                         counts[c] += 1.0;
+                        there += seen.get(y * raw.mosaic.width + x).copied().unwrap_or(1.0);
                     }
                 }
                 let mean: Vec<f64> = (0..n).map(|c| if counts[c] > 0.0 { sums[c] / counts[c] } else { 0.0 }).collect();
                 luminance.push(mean.iter().zip(scale).map(|(dn, s)| dn * per_dn * s).sum());
                 level.push(mean.iter().fold(0.0, |a: f64, m| a.max(m / (h.white_level - h.black_level))));
+                shares.push(there / counts.iter().sum::<f64>().max(1.0));
             }
         }
-        Cells { columns, rows, shape: raw.mosaic.height as f64 / raw.mosaic.width as f64, luminance, level }
+        let shape = raw.mosaic.height as f64 / raw.mosaic.width as f64;
+        Cells { columns, rows, shape, luminance, level, seen: shares }
     }
 
     /// What is saturated is at least as bright as a shorter reading found: without that, a small lamp in the dark would count for less and less as
@@ -313,7 +346,9 @@ impl Cells {
         }
     }
 
-    /// Mean by a pattern's weights.
+    /// Mean by a pattern's weights over what is no void; the plain one where a pattern looks at nothing else.
+    ///
+    /// A cell that is partly void is as dark as its luminance says but counts by its share alone: the mean is a quotient of two sums.
     fn luminance_by(&self, pattern: Pattern, at: [f64; 2]) -> f64 {
         let middle = if pattern == Pattern::Spot { at } else { [0.5; 2] };
         // Distance from the middle in widths of the picture.
@@ -323,15 +358,23 @@ impl Cells {
             (x / self.columns as f64 - middle[0]).hypot((y / self.rows as f64 - middle[1]) * self.shape)
         };
         let all = 0..self.luminance.len();
+        // Luminance of the part of a cell that is there.
+        let plain = |i: usize| if self.seen[i] > 0.0 { self.luminance[i] / self.seen[i] } else { 0.0 };
         let mean = |weight: &dyn Fn(usize) -> f64, value: &dyn Fn(usize) -> f64| {
-            let (sum, total) = all.clone().fold((0.0, 0.0), |(s, t), i| (s + weight(i) * value(i), t + weight(i)));
+            let (sum, total) = all.clone().filter(|i| self.seen[*i] > 0.0).fold((0.0, 0.0), |(s, t), i| {
+                let weight = weight(i) * self.seen[i];
+                (s + weight * value(i), t + weight)
+            });
             (total > 0.0).then(|| sum / total)
         };
-        let plain = |i: usize| self.luminance[i];
-        let nearest = || all.clone().min_by(|a, b| distance(*a).total_cmp(&distance(*b))).map_or(0.0, plain);
+        let average = || mean(&|_| 1.0, &plain).unwrap_or(0.0);
+        let nearest = || {
+            let nearest = all.clone().min_by(|a, b| distance(*a).total_cmp(&distance(*b)));
+            nearest.filter(|i| self.seen[*i] > 0.0).map_or_else(average, plain)
+        };
         let within = |circle: f64| move |i: usize| f64::from(u8::from(distance(i) <= 0.5 * circle));
         match pattern {
-            Pattern::Average | Pattern::Highlight => mean(&|_| 1.0, &plain).unwrap_or(0.0),
+            Pattern::Average | Pattern::Highlight => average(),
             Pattern::Spot => mean(&within(SPOT_CIRCLE), &plain).unwrap_or_else(nearest),
             Pattern::CentreWeighted => {
                 let inside = mean(&within(CENTRE_CIRCLE), &plain).unwrap_or_else(nearest);
@@ -339,13 +382,13 @@ impl Cells {
                 CENTRE_WEIGHT * inside + (1.0 - CENTRE_WEIGHT) * outside
             }
             Pattern::Matrix => {
-                let mut sorted = self.luminance.clone();
+                let mut sorted: Vec<f64> = all.clone().filter(|i| self.seen[*i] > 0.0).map(plain).collect();
                 sorted.sort_by(f64::total_cmp);
+                let median = sorted.get(sorted.len() / 2).copied().unwrap_or(0.0);
                 // In a frame that is mostly black (a stage, the night) the median says nothing: twice the mean always counts.
-                let plain_mean = mean(&|_| 1.0, &plain).unwrap_or(0.0);
-                let limit = (sorted[sorted.len() / 2] * MATRIX_LIMIT_EV.exp2()).max(2.0 * plain_mean);
+                let limit = (median * MATRIX_LIMIT_EV.exp2()).max(2.0 * average());
                 let weight = |i: usize| MATRIX_FLOOR + (-0.5 * (distance(i) / MATRIX_SPREAD).powi(2)).exp();
-                mean(&weight, &|i| self.luminance[i].min(limit)).unwrap_or(0.0)
+                mean(&weight, &|i| plain(i).min(limit)).unwrap_or(0.0)
             }
         }
     }
@@ -377,7 +420,8 @@ mod tests {
                 }
             })
             .collect();
-        let cells = Cells { columns, rows, shape: 32.0 / 48.0, level: vec![0.0; luminance.len()], luminance };
+        let n = luminance.len();
+        let cells = Cells { columns, rows, shape: 32.0 / 48.0, level: vec![0.0; n], luminance, seen: vec![1.0; n] };
         assert_eq!(cells.luminance_by(Pattern::Spot, [0.8, 0.5]), 100.0);
         assert_eq!(cells.luminance_by(Pattern::Spot, [0.2, 0.5]), 400.0);
         assert!((cells.luminance_by(Pattern::Matrix, [0.5; 2]) - 250.0).abs() < 2.0);
@@ -385,5 +429,30 @@ mod tests {
         let average = cells.luminance_by(Pattern::Average, [0.5; 2]);
         assert!(average > 890.0 && centre > 400.0 && centre < 450.0, "{average} {centre}");
         assert_eq!(Pattern::named("Center weighted"), Some(Pattern::CentreWeighted));
+    }
+
+    #[test]
+    fn cells_in_a_void_do_not_count() {
+        // A square of 200 cd/m² in black nothing; cells at its rim are half void.
+        let (columns, rows) = (48, 32);
+        let seen = |i: usize| match ((i % columns).abs_diff(14), (i / columns).abs_diff(12)) {
+            (..4, ..4) => 1.0,
+            (..5, ..5) => 0.5,
+            _ => 0.0,
+        };
+        let seen: Vec<f64> = (0..columns * rows).map(seen).collect();
+        let luminance = seen.iter().map(|s| 200.0 * s).collect();
+        let cells = Cells { columns, rows, shape: 32.0 / 48.0, luminance, level: vec![0.0; columns * rows], seen };
+        for (pattern, at) in [
+            (Pattern::Average, [0.5; 2]),
+            (Pattern::CentreWeighted, [0.5; 2]),
+            (Pattern::Matrix, [0.5; 2]),
+            (Pattern::Spot, [0.3, 0.4]),
+            // Where there is nothing, the whole of what is there counts.
+            (Pattern::Spot, [0.9, 0.9]),
+        ] {
+            let found = cells.luminance_by(pattern, at);
+            assert!((found - 200.0).abs() < 1e-6, "{} at {at:?}: {found}", pattern.name());
+        }
     }
 }
