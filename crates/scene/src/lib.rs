@@ -19,6 +19,7 @@ pub mod save;
 mod scale;
 pub mod scene;
 pub mod shape;
+pub mod studio;
 pub mod texture;
 mod within;
 

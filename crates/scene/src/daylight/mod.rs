@@ -6,6 +6,7 @@
 //! blue. There is no moon.
 
 pub mod beam;
+pub mod overcast;
 pub mod sun;
 
 use crate::light::environment::direction;
