@@ -315,6 +315,12 @@ pub struct Taking {
     /// Fail when a texture of the scene cannot be read, instead of showing magenta in its place.
     #[arg(long)]
     pub strict: bool,
+    /// What lights it: studio, sun, overcast, none (only its own light) or a lat-long .hdr, .exr or .pfm.
+    ///
+    /// studio: soft boxes of 1500 lx (key), 500 lx (fill) and 1000 lx (rim) and a grey sweep to stand on; what a scene without light of its own gets.
+    /// sun: a clear day, the sun behind the camera to its left. overcast: a grey sky of 10 000 lx. Both put a ground under the scene.
+    #[arg(long, value_name = "KIND|FILE")]
+    pub light: Option<String>,
     /// Light from all around: a lat-long .hdr, .exr or .pfm.
     #[arg(long, value_name = "FILE")]
     pub environment: Option<PathBuf>,
@@ -1118,6 +1124,7 @@ impl Taking {
         over(&mut scene.scale, &self.scale);
         over(&mut scene.variant, &self.variant);
         scene.strict |= self.strict;
+        over(&mut scene.light, &self.light);
         over(&mut scene.environment, &self.environment);
         over(&mut scene.environment_rotation_deg, &self.environment_rotation);
         if self.daylight.is_some() || self.sun.is_some() {

@@ -24,7 +24,7 @@ const GROUPED: [&str; 2] = ["shoot", "expose"];
 const GROUPS: [Group; 10] = [
     Group {
         heading: "Scene",
-        common: &["environment", "sun", "ground", "scale"],
+        common: &["light", "environment", "sun", "ground", "scale"],
         other: &["variant", "environment-rotation", "daylight", "place", "turbidity", "fog", "ambient-ev", "strict"],
     },
     Group { heading: "Camera", common: &["body", "look-from", "look-at", "viewpoint"], other: &["format", "up", "shake"] },

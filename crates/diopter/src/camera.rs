@@ -149,10 +149,16 @@ pub enum PlacementError {
     NotFinite(Vec3),
 }
 
+/// Unit direction from a thing to a camera that takes it in a three-quarter view: 30° to the right of its front (+Z), 17.5° from above.
+pub fn three_quarter_direction() -> Vec3 {
+    let (azimuth, elevation) = (30f32.to_radians(), 17.5f32.to_radians());
+    Vec3::new(azimuth.sin() * elevation.cos(), elevation.sin(), azimuth.cos() * elevation.cos())
+}
+
 /// From the middle of a ball to where a camera sees all of it, in a three-quarter view from a little above, by the half of its smaller angle of
 /// view, rad.
 pub fn three_quarter_view(radius: f32, half_angle: f32) -> Vec3 {
-    Vec3::new(0.45, 0.25, 1.0).normalize() * (radius / half_angle.sin() * 1.05)
+    three_quarter_direction() * (radius / half_angle.sin() * 1.05)
 }
 
 /// Places a camera at `from`, looking at `at`, with `up` upwards in the picture.

@@ -106,6 +106,49 @@ impl Description {
         };
         self.objects.iter().filter(|o| counted(o)).fold(Bounds::EMPTY, |b, o| b.union(around(o)))
     }
+
+    /// For each direction the point of the objects that are counted which lies farthest along it, at a moment, s: their support points, which say
+    /// what a frame must hold. Empty where there is nothing; what hangs on free nodes is left out.
+    pub fn support_points(&self, time_s: f64, directions: &[Vec3], counted: impl Fn(&Object) -> bool) -> Vec<Vec3> {
+        let timeline = self.timeline();
+        let mut farthest = vec![None; directions.len()];
+        for o in self.objects.iter().filter(|o| counted(o)) {
+            match (o.shape, o.motion) {
+                (Shape::Mesh { .. }, Motion::Carried { node }) if self.nodes[node as usize].free => {}
+                (Shape::Mesh { mesh, .. }, Motion::Deformed { deformer }) => {
+                    let pose = timeline.pose(&self.deformers[deformer as usize], &self.meshes[mesh as usize], time_s);
+                    offer(&mut farthest, directions, pose.positions.into_iter());
+                }
+                (Shape::Mesh { mesh, world_from_mesh }, motion) => {
+                    let place = match motion {
+                        Motion::Carried { node } => timeline.world(node, time_s),
+                        _ => world_from_mesh,
+                    };
+                    let positions = self.meshes.get(mesh as usize).map_or(&[][..], |m| &m.positions);
+                    offer(&mut farthest, directions, positions.iter().map(|p| place.transform_point3(*p)));
+                }
+                (Shape::Sphere(s), _) => {
+                    offer(&mut farthest, directions, directions.iter().map(|d| s.center + d.normalize_or_zero() * s.radius));
+                }
+                (Shape::Quad(q), _) => {
+                    offer(&mut farthest, directions, [Vec2::ZERO, Vec2::X, Vec2::Y, Vec2::ONE].into_iter().map(|p| q.point(p)))
+                }
+            }
+        }
+        farthest.into_iter().flatten().map(|(_, p)| p).collect()
+    }
+}
+
+/// Keeps of points the farthest along each direction.
+fn offer(farthest: &mut [Option<(f32, Vec3)>], directions: &[Vec3], points: impl Iterator<Item = Vec3>) {
+    for p in points.filter(|p| p.is_finite()) {
+        for (best, direction) in farthest.iter_mut().zip(directions) {
+            let along = p.dot(*direction);
+            if best.is_none_or(|(most, _)| along > most) {
+                *best = Some((along, p));
+            }
+        }
+    }
 }
 
 /// A set of materials that a file offers.

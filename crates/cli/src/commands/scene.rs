@@ -104,7 +104,7 @@ fn info(name: &str, strict: bool, json: bool) -> anyhow::Result<()> {
         line("variants", names.join(", "))?;
     }
     if lights.is_empty() && environment.is_none() {
-        line("lights", "none: give --environment, --daylight or --sun".into())?;
+        line("lights", "none: shoot puts a studio around it (--light, --environment, --daylight or --sun for another)".into())?;
     }
     for l in lights.iter().take(MOST_LIGHTS) {
         let count = if l.count > 1 { format!(" ({} surfaces)", l.count) } else { String::new() };

@@ -1,7 +1,7 @@
 //! The shot file: a photograph as a user asks for it, in TOML.
 
 use super::ShotError;
-use super::sources::is_lens_file;
+use super::sources::{is_lens_file, is_light_file};
 use crate::files;
 use crate::quantity::{Distance, Ev, FNumber, Filter, FocusTo, Hertz, Iso, IsoChoice, LengthMm, Moment, Seconds, Size};
 use crate::recipe_file;
@@ -58,6 +58,10 @@ pub struct SceneSection {
     /// Numbers of bodies that overlap, by the name of their material: where they do, the one with the highest is there.
     #[serde(skip_serializing_if = "BTreeMap::is_empty")]
     pub priority: BTreeMap<String, i32>,
+    /// What lights it: `studio` (soft boxes and a grey sweep), `sun` (with a clear sky), `overcast`, `none` (its own light alone), or a lat-long
+    /// `.hdr`, `.exr` or `.pfm`. Without, the studio where it has no light of its own.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub light: Option<String>,
     /// A lat-long `.hdr` or `.exr` around the scene.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub environment: Option<PathBuf>,
@@ -478,6 +482,9 @@ impl ShotFile {
         if let Some(environment) = &mut shot.scene.environment {
             *environment = relative(environment);
         }
+        if let Some(light) = shot.scene.light.as_mut().filter(|l| is_light_file(l)) {
+            *light = relative(Path::new(light.as_str())).display().to_string();
+        }
         if let Some(body) = &mut shot.camera.body
             && body.ends_with(".toml")
         {
@@ -522,6 +529,9 @@ impl ShotFile {
         }
         if let Some(environment) = &mut self.scene.environment {
             *environment = whole(environment);
+        }
+        if let Some(light) = self.scene.light.as_mut().filter(|l| is_light_file(l)) {
+            *light = text(light);
         }
         if let Some(body) = self.camera.body.as_mut().filter(|b| b.ends_with(".toml")) {
             *body = text(body);

@@ -6,6 +6,7 @@
 
 pub mod file;
 mod focusing;
+mod framing;
 mod light_field;
 mod memory;
 mod resume;
@@ -38,7 +39,9 @@ use diopter_image::{ExposureFacts, FocalPlane, Picture, Raster, RawImage};
 use diopter_lens::{Focus, Lens, LensError, Projection};
 use diopter_light::cie;
 use diopter_light::random::SamplerKind;
+use diopter_scene::bvh::Bounds;
 use diopter_scene::light::Modulation;
+use diopter_scene::studio::Studio;
 use diopter_scene::{PathSettings, Scene, SceneError, builtin};
 use diopter_sensor::format;
 use diopter_sensor::{Reading, Sensor, SensorError, read_out};
@@ -223,6 +226,7 @@ impl Shot {
             warn(&format!("in mode {} the camera chooses the aperture: the one given is not used", exposing.mode.name()));
         }
         Timing::new(&file, &sensor, None)?;
+        surroundings::check(&file.scene)?;
 
         let name = file.scene.file.clone().unwrap_or_else(|| DEFAULT_SCENE.into());
         staging::film(&file, &sensor, None)?;
@@ -239,8 +243,10 @@ impl Shot {
         let focusing = Focusing::new(&file, film.width_mm.hypot(film.height_mm), warn)?;
         timing.play(&mut description, &file.scene)?;
         staging::choose_materials(&mut description, &file.scene)?;
-        surroundings::put(&mut description, &file.scene, timing.flash.is_some(), warn)?;
-        if let Some(albedo) = file.scene.ground {
+        // Lamps and ground are put where they suit the camera: it is placed first.
+        let stand = staging::stand(&file, &description, timing.at_s, &sensor, &film, builtin::framing(&name))?;
+        let flash = timing.flash.is_some();
+        if let Some(albedo) = surroundings::put(&mut description, &file.scene, flash, &stand, warn)? {
             staging::put_ground(&mut description, albedo, timing.at_s)?;
         }
         let scene_name = description.name.clone();
@@ -248,7 +254,6 @@ impl Shot {
         if let Some(flash) = &timing.flash {
             flash.put_into(&mut description);
         }
-        let framing = builtin::framing(&name);
         let mut scene = Scene::build(description)?;
         scene.pose(timing.at_s, 0.0);
         scene.description().warnings.iter().for_each(|w| warn(w));
@@ -261,8 +266,13 @@ impl Shot {
         if file.camera.look_from.is_some() && !file.camera.path.is_empty() {
             warn("the camera is on a path: look_from is not used");
         }
-        let (camera, carrier) = staging::camera(&file, &scene, timing.at_s, &sensor, film, &focusing, framing.as_ref(), warn)?;
-        timing.carrier = carrier;
+        let camera = staging::camera(&file, &scene, timing.at_s, &sensor, film, &focusing, &stand, warn)?;
+        timing.carrier = stand.carrier;
+        if file.scene.light.is_none() && !flash && sources::is_model(&name) && staging::is_in_void(&scene, &camera) {
+            warn(
+                "the scene has light of its own in a black void, which the meter leaves out: --light studio lights it all, --light none says that it is meant",
+            );
+        }
         if let Some(fog) = &file.scene.fog {
             surroundings::put_fog(&mut scene, fog, camera.way.at(0.0).translation.into())?;
         }
@@ -371,7 +381,7 @@ impl Shot {
             if let Some(ev) = metered.filter(|_| chosen_time && marked > LONG_S) {
                 warn(&format!(
                     "there is little light (EV {ev:.1}): mode {} takes {}, longer than cameras choose by themselves ({LONG_S} s); \
-                     give the scene light (--sun 30,120, --environment FILE or --flash 40), open the lens, or take --iso auto",
+                     give the scene light (--light studio, --sun 30,120, --environment FILE or --flash 40), open the lens, or take --iso auto",
                     e.mode.name(),
                     long_time(marked)
                 ));
@@ -532,6 +542,9 @@ impl Shot {
     fn write_defaults(&self, file: &mut ShotFile) {
         let scene_name = file.scene.file.get_or_insert_with(|| DEFAULT_SCENE.into()).clone();
         file.scene.at.get_or_insert(Seconds(self.begun_s()));
+        if self.scene.description().objects.iter().any(Studio::is_part) {
+            file.scene.light.get_or_insert_with(|| "studio".into());
+        }
         let c = &mut file.camera;
         c.body.get_or_insert_with(|| self.file.camera.body.clone().unwrap_or_else(|| DEFAULT_BODY.into()));
         c.serial.get_or_insert_with(|| self.reading.serial.clone());
@@ -581,6 +594,11 @@ impl Shot {
         r.sampler.get_or_insert_with(|| "sobol".into());
         r.max_depth.get_or_insert(self.settings.path.max_depth);
         r.denoise.get_or_insert(self.denoise);
+    }
+
+    /// The box around what is photographed, without ground and studio that were put there for it.
+    pub fn subject_bounds(&self) -> Bounds {
+        staging::subject_bounds(&self.scene, self.timing.at_s)
     }
 
     /// The moment the first exposure of a sequence begins, s of scene time.

@@ -87,11 +87,16 @@ pub(super) fn read_scaled(
     Ok(description)
 }
 
+/// Whether a scene file is of a kind that holds models, often without light, ground or camera.
+pub(super) fn is_model(name: &str) -> bool {
+    let ending = Path::new(name).extension().map(|e| e.to_string_lossy().to_lowercase());
+    matches!(ending.as_deref(), Some("obj" | "stl" | "ply" | "gltf" | "glb"))
+}
+
 /// What is to be said of a model that is implausibly large or small, if it is one: which unit was assumed, and what others would make of it.
 /// Of scenes of pbrt nothing is said: they bring their own camera, and no unit.
 pub fn odd_size(name: &str, description: &Description) -> Option<String> {
-    let ending = Path::new(name).extension()?.to_string_lossy().to_lowercase();
-    if !matches!(ending.as_str(), "obj" | "stl" | "ply" | "gltf" | "glb") {
+    if !is_model(name) {
         return None;
     }
     let bounds = description.bounds_at(0.0, |_| true);
@@ -130,6 +135,12 @@ fn length(m: f32) -> String {
 
 /// Endings of scene files.
 const SCENE_FILES: &str = ".gltf, .glb, .pbrt, .obj, .ply or .stl";
+
+/// Whether a light is given as a file and not by name: a picture of surroundings.
+pub(super) fn is_light_file(name: &str) -> bool {
+    let ending = Path::new(name).extension().map(|e| e.to_string_lossy().to_lowercase());
+    matches!(ending.as_deref(), Some("hdr" | "exr" | "pfm"))
+}
 
 /// Whether a lens is given as a file and not by name.
 pub(super) fn is_lens_file(name: &str) -> bool {

@@ -2,23 +2,29 @@
 
 use super::file::{CameraSection, SceneSection, ShotFile};
 use super::focusing::Focusing;
+use super::framing::{self, Angle, Framed};
 use super::sources::{read_file, read_lens};
 use super::{LARGEST_SIDE, ShotError, light_field, value};
-use crate::camera::{Camera, Film, look_at, three_quarter_view};
+use crate::camera::{Camera, Film, look_at};
 use crate::camera_way::CameraWay;
-use crate::quantity::{Iso, IsoChoice, Size};
+use crate::depth_of_field::{CIRCLE_OF_DIAGONAL, circle_mm};
+use crate::metering;
+use crate::quantity::{FocusTo, Iso, IsoChoice, Size};
 use diopter_lens::compound::{CompoundLens, Setting, printed_focal_length};
 use diopter_lens::{Focus, Iris, Lens, LensError, Pinhole, Projection, ThinLens, import};
+use diopter_light::Ray;
 use diopter_light::units::Millimeters;
 use diopter_scene::bvh::Bounds;
 use diopter_scene::material::{Interior, Material, Scattering, Transmission};
+use diopter_scene::motion::Motion;
 use diopter_scene::scene::{FilmHints, LensTable, Sight, Viewpoint};
 use diopter_scene::shape::Quad;
+use diopter_scene::studio::Studio;
 use diopter_scene::texture::Color;
 use diopter_scene::{Description, Object, Scene, Shape, builtin};
 use diopter_sensor::format::{self, Format};
 use diopter_sensor::{BodyLens, Sensor, nearest};
-use glam::{Affine3A, Vec3};
+use glam::{Affine3A, DVec2, Vec3};
 
 const DEFAULT_WIDTH: usize = 960;
 /// Name of the floor.
@@ -54,12 +60,16 @@ pub(super) fn put_ground(d: &mut Description, albedo: f32, at_s: f64) -> Result<
     Ok(())
 }
 
-/// The box around everything but a floor that was put under it and a flash.
+/// Whether an object was put into the scene for the photograph: a floor, parts of a studio.
+fn is_staging(o: &Object) -> bool {
+    (o.name == GROUND && matches!(o.shape, Shape::Quad(_))) || Studio::is_part(o)
+}
+
+/// The box around everything but what was put there for the photograph and a flash.
 pub(super) fn subject_bounds(scene: &Scene, at_s: f64) -> Bounds {
-    let floor = |o: &Object| o.name == GROUND && matches!(o.shape, Shape::Quad(_));
-    match scene.description().objects.iter().any(floor) {
+    match scene.description().objects.iter().any(is_staging) {
         false => scene.bounds(),
-        true => scene.description().bounds_at(at_s, |o| !floor(o)),
+        true => scene.description().bounds_at(at_s, |o| !is_staging(o)),
     }
 }
 
@@ -187,17 +197,74 @@ pub(super) fn view<'a>(file: &ShotFile, scene: &'a Description) -> Result<Option
     found.map(Some).ok_or_else(|| value("viewpoint", format!("\"{wanted}\""), expected))
 }
 
-/// The camera in its place, and the node of the scene that carries it, if one does.
-pub(super) fn camera(
+/// Where the camera stands, by the shot and the scene's description.
+pub(super) struct Stand {
+    /// World from camera.
+    pub place: Affine3A,
+    /// The node of the scene that carries the camera, if one does.
+    pub carrier: Option<u32>,
+    /// The box around what is photographed.
+    pub bounds: Bounds,
+    /// Tangents of half the angles of view, across and up, as far as they are known without focusing.
+    pub tan_half: [f32; 2],
+    /// How an embedded scene likes to be photographed.
+    framing: Option<builtin::Framing>,
+    /// Along the axis to what it is aimed at, m; `None` for the scene's own camera.
+    subject_m: Option<f64>,
+    /// Set where nobody said where the camera stands.
+    framed: Option<Framed>,
+    focal_mm: f64,
+    own_f_number: Option<f64>,
+}
+
+impl Stand {
+    /// Whether the camera is inside the box of what it photographs, as in a room.
+    pub fn is_within(&self) -> bool {
+        let (eye, bounds) = (Vec3::from(self.place.translation), self.bounds);
+        eye.cmpge(bounds.min).all() && eye.cmple(bounds.max).all()
+    }
+}
+
+/// Tangents beyond which an angle of view counts as all around.
+const WIDEST_TAN: f64 = 20.0;
+
+/// The angle of view of the lens that is asked for; `focal_mm`: of an ideal one.
+fn angle(c: &CameraSection, film: &Film, focal_mm: f64) -> Result<Angle, ShotError> {
+    let half = [0.5 * film.width_mm, 0.5 * film.height_mm];
+    let ideal = Angle { tan_half: half.map(|h| h / focal_mm), focal_m: Some(focal_mm * 1e-3), real: false };
+    let name = match c.lens.as_deref() {
+        None | Some("thin") => return Ok(ideal),
+        Some("pinhole" | "panorama") => return Ok(Angle { focal_m: None, ..ideal }),
+        Some(name) => name,
+    };
+    let setting = Setting {
+        focal_length: c.focal_length.map(|f| f.0),
+        f_number: None,
+        focus: Focus::Infinity,
+        iris: None,
+        film_mm: [film.width_mm, film.height_mm],
+    };
+    // What is wrong with it is said when it is set.
+    let Ok(lens) = CompoundLens::new(std::sync::Arc::new(read_lens(name)?), &setting) else { return Ok(ideal) };
+    let focal_mm = lens.focal_length().0;
+    let tangent = |at: DVec2| match lens.chief_ray(at) {
+        Ok(ray) if ray.direction.z < 0.0 => (ray.direction.truncate().length() / -ray.direction.z).min(WIDEST_TAN),
+        Ok(_) => WIDEST_TAN,
+        Err(_) => at.length() / focal_mm,
+    };
+    let tan_half = [tangent(DVec2::X * half[0]), tangent(DVec2::Y * half[1])];
+    Ok(Angle { tan_half, focal_m: Some(focal_mm * 1e-3), real: true })
+}
+
+/// Finds where the camera stands, before the scene has lamps or ground put into it.
+pub(super) fn stand(
     file: &ShotFile,
-    scene: &Scene,
+    description: &Description,
     at_s: f64,
     sensor: &Sensor,
-    mut film: Film,
-    focusing: &Focusing,
-    framing: Option<&builtin::Framing>,
-    warn: &mut dyn FnMut(&str),
-) -> Result<(Camera, Option<u32>), ShotError> {
+    film: &Film,
+    framing: Option<builtin::Framing>,
+) -> Result<Stand, ShotError> {
     let c = &file.camera;
     if let Some(position) = c.zoom_position {
         if c.focal_length.is_some() {
@@ -211,11 +278,10 @@ pub(super) fn camera(
             ));
         }
     }
-    let view = view(file, scene.description())?;
+    let view = view(file, description)?;
     let from_fov = |fov: f32| format::focal_length_for(film.height_mm, fov as f64);
     // The body's own lens, unless another lens or film is asked for.
-    let ideal = c.lens.as_deref().is_none_or(|l| matches!(l, "thin" | "pinhole"));
-    let own_lens = sensor.lens.filter(|_| ideal && c.focal_length.is_none() && c.format.is_none());
+    let own_lens = sensor.lens.filter(|_| is_ideal(c) && c.focal_length.is_none() && c.format.is_none());
     let (focal_mm, own_f_number) = match (c.focal_length, view.and_then(Viewpoint::vertical_fov), own_lens) {
         (Some(f), ..) => (f.0, None),
         (None, Some(fov), _) if c.look_from.is_none() => (from_fov(fov), None),
@@ -223,39 +289,130 @@ pub(super) fn camera(
         (None, _, None) => (usual_focal_length(framing.map_or(50.0, |f| f.focal_length_mm), c, sensor), None),
     };
 
-    // Where the camera stands, and how far along its axis the subject is.
-    let bounds = subject_bounds(scene, at_s);
-    let (center, radius) = match bounds.is_empty() {
-        true => (Vec3::ZERO, 1.0),
-        false => (bounds.center(), (0.5 * bounds.size().length()).max(1e-3)),
-    };
+    let bounds = description.bounds_at(at_s, |_| true);
+    let center = if bounds.is_empty() { Vec3::ZERO } else { bounds.center() };
     let up = c.up.map_or(Vec3::Y, Vec3::from_array);
-    let mut carrier = None;
-    let (mut place, subject_m) = if let Some(stop) = c.path.first() {
+    let (mut carrier, mut framed, mut tan_half) = (None, None, None);
+    let (place, subject_m) = if let Some(stop) = c.path.first() {
         let at = stop.look_at.or(c.look_at).map_or(center, Vec3::from_array);
         let from = Vec3::from_array(stop.look_from);
-        (look_at(from, at, stop.up.map_or(up, Vec3::from_array))?, (at - from).length() as f64)
-    } else if c.look_from.is_some() || c.look_at.is_some() || (view.is_none() && framing.is_none()) {
+        (look_at(from, at, stop.up.map_or(up, Vec3::from_array))?, Some((at - from).length() as f64))
+    } else if let Some(from) = c.look_from.map(Vec3::from_array) {
         let at = c.look_at.map_or(center, Vec3::from_array);
-        let from = c.look_from.map_or_else(
-            || {
-                let half = (0.5 * film.width_mm.min(film.height_mm) / focal_mm).atan() as f32;
-                at + three_quarter_view(radius, half)
-            },
-            Vec3::from_array,
-        );
-        (look_at(from, at, up)?, (at - from).length() as f64)
+        (look_at(from, at, up)?, Some((at - from).length() as f64))
+    } else if c.look_at.is_some() || (view.is_none() && framing.is_none()) {
+        let angle = angle(c, film, focal_mm)?;
+        let support = |directions: &[Vec3]| description.support_points(at_s, directions, |_| true);
+        let found = framing::framed(center, c.look_at.map(Vec3::from_array), up, &angle, support)?;
+        tan_half = Some(angle.tan_half);
+        framed = Some(found);
+        (found.place, Some(found.middle_m))
     } else if let Some(framing) = framing {
-        (look_at(framing.look_from, framing.look_at, Vec3::Y)?, framing.focus_m)
+        (look_at(framing.look_from, framing.look_at, Vec3::Y)?, Some(framing.focus_m))
     } else {
         carrier = view.and_then(|v| v.node);
         let place = match (carrier, view) {
             // Scale of a camera's node has no meaning.
-            (Some(node), _) => CameraWay::still(scene.description().timeline().world(node, at_s)).at(0.0),
+            (Some(node), _) => CameraWay::still(description.timeline().world(node, at_s)).at(0.0),
             (None, view) => view.map_or(Affine3A::IDENTITY, |v| v.world_from_camera),
         };
-        let ahead = (center - Vec3::from(place.translation)).dot(place.transform_vector3(Vec3::NEG_Z));
-        (place, ahead.max(0.1 * radius) as f64)
+        (place, None)
+    };
+    let tan_half = tan_half.unwrap_or_else(|| {
+        let real = c.lens.as_deref().filter(|_| !is_ideal(c) && c.focal_length.is_none());
+        let stated = real.and_then(|name| read_lens(name).ok()).and_then(|p| p.focal_length.or(p.zoom.first().copied()));
+        [film.width_mm, film.height_mm].map(|side| 0.5 * side / stated.unwrap_or(focal_mm))
+    });
+    let tan_half = tan_half.map(|t| t as f32);
+    Ok(Stand { place, carrier, bounds, tan_half, framing, subject_m, framed, focal_mm, own_f_number })
+}
+
+/// Whether the lens is none with surfaces.
+fn is_ideal(c: &CameraSection) -> bool {
+    c.lens.as_deref().is_none_or(|l| matches!(l, "thin" | "pinhole"))
+}
+
+/// Rays across the part of the picture where focus is looked for, and the parts: the middle, then more of it.
+const FOCUS_RAYS: u8 = 12;
+const FOCUS_PARTS: [f32; 3] = [0.15, 0.4, 1.0];
+
+/// Along the camera's axis to the nearest point of the subject in the middle of the picture, m; where it has a hole there, in more of it.
+fn nearest_in_the_middle(scene: &Scene, stand: &Stand) -> Option<f64> {
+    let d = scene.description();
+    let free = |o: &Object| matches!(o.motion, Motion::Carried { node } if d.nodes[node as usize].free);
+    let ahead = stand.place.transform_vector3(Vec3::NEG_Z);
+    let across = |k: u8, part: f32, tan: f32| (2.0 * f32::from(k) / f32::from(FOCUS_RAYS) - 1.0) * part * tan;
+    let depth = |x: f32, y: f32| {
+        let direction = stand.place.transform_vector3(Vec3::new(x, y, -1.0)).normalize();
+        let seen = scene.first_surface(&Ray { origin: stand.place.translation.into(), direction, time_s: 0.0 })?;
+        d.objects.get(seen.object as usize).filter(|o| !is_staging(o) && !free(o))?;
+        Some(f64::from(seen.distance * direction.dot(ahead)))
+    };
+    FOCUS_PARTS.into_iter().find_map(|part| {
+        let [tan_x, tan_y] = stand.tan_half;
+        let places = (0..=FOCUS_RAYS).flat_map(|i| (0..=FOCUS_RAYS).map(move |j| (i, j)));
+        places.filter_map(|(i, j)| depth(across(i, part, tan_x), across(j, part, tan_y))).min_by(f64::total_cmp)
+    })
+}
+
+/// Places across and down at which a void is looked for, and the part of the picture from which it is one.
+const VOID_GRID: [usize; 2] = [24, 16];
+const VOID_PART: f64 = 0.25;
+
+/// Whether much of the picture shows neither a surface nor surroundings.
+pub(super) fn is_in_void(scene: &Scene, camera: &Camera) -> bool {
+    let [columns, rows] = VOID_GRID;
+    let film = Film { columns, rows, microlenses: None, ..camera.film };
+    let seen = metering::seen(scene, &Camera { film, ..camera.clone() });
+    seen.iter().sum::<f64>() < (1.0 - VOID_PART) * seen.len() as f64
+}
+
+/// Apertures that a subject is photographed with when nobody says.
+const STOPS: [f64; 5] = [5.6, 8.0, 11.0, 16.0, 22.0];
+
+/// The widest of [`STOPS`] with which all between two distances (m) looks sharp, or the smallest of them.
+fn stop_for(focal_mm: f64, film: &Film, focused_m: f64, depths_m: [f64; 2]) -> f64 {
+    let circle = film.width_mm.hypot(film.height_mm) * CIRCLE_OF_DIAGONAL;
+    let real = |m: f64| 1000.0 * m > 1.001 * focal_mm;
+    let smallest = STOPS[STOPS.len() - 1];
+    if !real(focused_m) || !depths_m.into_iter().all(real) {
+        return smallest;
+    }
+    // Blur is inversely proportional to the f-number.
+    let wanted = depths_m.map(|m| circle_mm(focal_mm, 1.0, focused_m, m) / circle);
+    STOPS.into_iter().find(|n| *n >= wanted[0].max(wanted[1])).unwrap_or(smallest)
+}
+
+/// The camera in its place.
+pub(super) fn camera(
+    file: &ShotFile,
+    scene: &Scene,
+    at_s: f64,
+    sensor: &Sensor,
+    mut film: Film,
+    focusing: &Focusing,
+    stand: &Stand,
+    warn: &mut dyn FnMut(&str),
+) -> Result<Camera, ShotError> {
+    let c = &file.camera;
+    let view = view(file, scene.description())?;
+    let ideal = is_ideal(c);
+    let (focal_mm, own_f_number, framing) = (stand.focal_mm, stand.own_f_number, stand.framing);
+    let mut place = stand.place;
+
+    // How far along its axis the subject is.
+    let subject_m = match (stand.framed, stand.subject_m) {
+        (Some(framed), _) => nearest_in_the_middle(scene, stand).unwrap_or(framed.middle_m),
+        (None, Some(distance)) => distance,
+        (None, None) => {
+            let bounds = subject_bounds(scene, at_s);
+            let (center, radius) = match bounds.is_empty() {
+                true => (Vec3::ZERO, 1.0),
+                false => (bounds.center(), (0.5 * bounds.size().length()).max(1e-3)),
+            };
+            let ahead = (center - Vec3::from(place.translation)).dot(place.transform_vector3(Vec3::NEG_Z));
+            f64::from(ahead.max(0.1 * radius))
+        }
     };
     if !place.is_finite() {
         return Err(value("viewpoint", "the scene's camera", "a place that is finite"));
@@ -264,8 +421,14 @@ pub(super) fn camera(
     // What the scene's own camera says of its lens counts where the shot says nothing.
     let own = view.and_then(|v| v.lens).filter(|_| c.lens.is_none() && c.look_from.is_none());
     let of_view = own.filter(|[radius, _]| *radius > 0.0).map(|[radius, _]| focal_mm / (2000.0 * f64::from(radius)));
-    let f_number =
-        file.exposure.aperture.map(|a| a.0).or(of_view).or(own_f_number).unwrap_or(framing.map_or(5.6, |f| f.f_number));
+    let known = file.exposure.aperture.map(|a| a.0).or(of_view).or(own_f_number).or(framing.map(|f| f.f_number));
+    let deep =
+        stand.framed.filter(|_| c.plenoptic.is_none() && sensor.plenoptic.is_none() && c.lens.as_deref() != Some("pinhole"));
+    let f_number = known.unwrap_or_else(|| match (deep, &focusing.to) {
+        (Some(framed), Some(FocusTo::Distance(d))) => stop_for(focal_mm, &film, d.0, framed.depths_m),
+        (Some(framed), _) => stop_for(focal_mm, &film, subject_m, framed.depths_m),
+        (None, _) => STOPS[0],
+    });
     let subject_m = own.filter(|[radius, _]| *radius > 0.0).map_or(subject_m, |[_, distance]| f64::from(distance));
     let focus = focusing.first(subject_m);
     let sharp = own.is_some_and(|[radius, _]| radius == 0.0) && file.exposure.aperture.is_none();
@@ -329,9 +492,12 @@ pub(super) fn camera(
             "a lens with an aperture, such as thin: a hole has no views",
         ));
     }
+    if let Some(view) = view.filter(|_| c.look_from.is_none() && c.path.is_empty() && (!ideal || c.focal_length.is_some())) {
+        warn_of_angle(view, &lens, &film, warn);
+    }
     let camera = Camera { lens, film, way: CameraWay::still(place) };
     light_field::warn_of_pupils(&camera, warn);
-    Ok((camera, carrier))
+    Ok(camera)
 }
 
 /// Diagonal of the smallest film that lenses for 35 mm are put on, mm: that of Four Thirds is 21.6 mm.
@@ -365,6 +531,64 @@ fn warn_of_long_lens(lens: &Lens, own: BodyLens, film: &Film, warn: &mut dyn FnM
             format::equivalent_35mm(own.focal_length_mm, diagonal)
         ));
     }
+}
+
+/// Tangents of angles of view that differ by less than this factor are taken for the same.
+const SAME_ANGLE: f64 = 1.1;
+
+/// Says when the scene's camera sees much more or less than the lens that is used instead, and which embedded lens comes near.
+fn warn_of_angle(view: &Viewpoint, lens: &Lens, film: &Film, warn: &mut dyn FnMut(&str)) {
+    let Some(fov) = view.vertical_fov() else { return };
+    let wanted = (0.5 * f64::from(fov)).tan();
+    let tangent = match lens.chief_ray(DVec2::Y * (0.5 * film.height_mm)) {
+        Ok(ray) if ray.direction.z < 0.0 => ray.direction.truncate().length() / -ray.direction.z,
+        _ => return,
+    };
+    if !(wanted > 0.0 && tangent > 0.0) || (wanted / tangent).ln().abs() < SAME_ANGLE.ln() {
+        return;
+    }
+    let degrees = |tan: f64| 2.0 * tan.atan().to_degrees();
+    let hint = match lens_of_angle(wanted, film) {
+        Some((name, found)) if (found / wanted).ln().abs() < SAME_ANGLE.ln() => format!("; try --lens {name}"),
+        Some((name, found)) => format!("; the nearest embedded lens is --lens {name} ({:.0}°)", degrees(found)),
+        None => String::new(),
+    };
+    warn(&format!(
+        "the file's camera sees {:.0}° from top to bottom, this lens {:.0}°{hint}, or leave --lens and --focal-length out for the file's angle",
+        degrees(wanted),
+        degrees(tangent)
+    ));
+}
+
+/// The embedded lens whose vertical angle of view on a film comes nearest to a tangent of half of it, as flags say it, and its own tangent. Of
+/// lenses that cover the film; not fisheyes, whose pictures are others.
+fn lens_of_angle(tangent: f64, film: &Film) -> Option<(String, f64)> {
+    let (half, diagonal) = (0.5 * film.height_mm, film.width_mm.hypot(film.height_mm));
+    let wanted_mm = half / tangent;
+    let off = |focal: f64| (focal / wanted_mm).ln().abs();
+    let mut best: Option<(String, f64)> = None;
+    for name in diopter_lens::embedded_names().filter(|n| !n.contains("fisheye")) {
+        let Some(p) = diopter_lens::embedded(name) else { continue };
+        if p.image_circle.is_none_or(|circle| circle < 0.99 * diagonal) {
+            continue;
+        }
+        let ends = p.zoom.iter().copied().fold([f64::INFINITY, 0.0], |[a, b], f| [f.min(a), f.max(b)]);
+        let (text, focal) = match p.focal_length {
+            Some(focal) => (name.to_owned(), focal),
+            None if ends[1] > 0.0 => {
+                let focal = wanted_mm.clamp(ends[0], ends[1]);
+                (format!("{name} --focal-length {focal:.0}mm"), focal)
+            }
+            None => continue,
+        };
+        // A zoom, which is asked for in two flags, only where it comes much nearer.
+        let handicap = |text: &str| if text.contains(' ') { 0.5 * SAME_ANGLE.ln() } else { 0.0 };
+        let better = best.as_ref().is_none_or(|(other, at)| off(focal) + handicap(&text) < off(half / at) + handicap(other));
+        if better {
+            best = Some((text, half / focal));
+        }
+    }
+    best
 }
 
 /// The lens of a scene file, and how far its film lies behind its entrance pupil, m.

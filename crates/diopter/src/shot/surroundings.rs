@@ -1,26 +1,92 @@
-//! What is around a scene: a picture of surroundings, sun and sky, fog.
+//! What is around a scene: a studio, a picture of surroundings, sun and sky, fog.
 
 use super::file::{DaylightSection, FogSection, SceneSection};
+use super::sources::is_light_file;
+use super::staging::Stand;
 use super::{ShotError, read_environment, value};
 use crate::quantity::Moment;
 use diopter_scene::bvh::Bounds;
-use diopter_scene::daylight::{Daylight, sun};
+use diopter_scene::daylight::{Daylight, overcast, sun};
 use diopter_scene::light::Environment;
 use diopter_scene::medium::{Air, Medium};
+use diopter_scene::studio::{self, Studio};
 use diopter_scene::{Description, Scene};
+use diopter_sensor::nearest;
 use glam::Vec3;
+use std::path::Path;
 
-/// Luminance of the sky that a scene without any light gets, cd/m².
+/// Luminance of the sky around a scene without any light that the camera stands in, cd/m².
 const PLAIN_SKY: f32 = 2000.0;
+/// Elevation of the sun of `light = "sun"`, and how far it stands to the left of the camera, degrees: form and shadows as photographers like them.
+const SUN_DEG: [f64; 2] = [40.0, 50.0];
+/// Albedo of the ground under sun and sky where nobody says, that of dry soil and grass.
+const GROUND: f32 = 0.2;
 
-/// Puts surroundings around a scene. `flash`: whether the camera brings light.
+/// Light that a shot asks for by `light`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Light<'a> {
+    Studio,
+    Sun,
+    Overcast,
+    Own,
+    File(&'a Path),
+}
+
+impl Light<'_> {
+    const NAMES: [(&'static str, Light<'static>); 4] =
+        [("studio", Light::Studio), ("sun", Light::Sun), ("overcast", Light::Overcast), ("none", Light::Own)];
+
+    fn parse(text: &str) -> Result<Light<'_>, ShotError> {
+        let named = Self::NAMES.iter().find(|n| n.0 == text.trim().to_lowercase()).map(|n| n.1);
+        match named {
+            Some(light) => Ok(light),
+            None if is_light_file(text) => Ok(Light::File(Path::new(text))),
+            None => {
+                let expected = match nearest(text, Self::NAMES.iter().map(|n| n.0)) {
+                    Some(near) => format!("a light (did you mean \"{near}\"?)"),
+                    None => "studio, sun, overcast, none, or a .hdr, .exr or .pfm file".to_owned(),
+                };
+                Err(value("light", format!("\"{text}\""), expected))
+            }
+        }
+    }
+}
+
+/// Checks `light` before any file is read.
+pub(super) fn check(section: &SceneSection) -> Result<(), ShotError> {
+    let Some(text) = section.light.as_deref() else { return Ok(()) };
+    let light = Light::parse(text)?;
+    if section.environment.is_some() {
+        return Err(value("light", format!("\"{text}\" beside an environment"), "one of the two"));
+    }
+    let placed = |day: &DaylightSection| day.sun.is_some() || day.time.is_some() || day.place.is_some();
+    match &section.daylight {
+        Some(_) if light != Light::Sun => {
+            Err(value("light", format!("\"{text}\" beside daylight"), "one of the two, or light = \"sun\""))
+        }
+        Some(day) if placed(day) => {
+            Err(value("light", format!("\"{text}\" beside a sun, or a time and a place"), "one of the two"))
+        }
+        _ => Ok(()),
+    }
+}
+
+/// Puts surroundings around a scene, and answers with the albedo of the floor that belongs under it, if one does. `flash`: whether the camera brings
+/// light; `stand`: where it is.
 pub(super) fn put(
     scene: &mut Description,
     section: &SceneSection,
     flash: bool,
+    stand: &Stand,
     warn: &mut dyn FnMut(&str),
-) -> Result<(), ShotError> {
-    if let Some(path) = &section.environment {
+) -> Result<Option<f32>, ShotError> {
+    check(section)?;
+    let asked = section.light.as_deref().map(Light::parse).transpose()?;
+    let picture = match asked {
+        Some(Light::File(path)) => Some(path),
+        _ => section.environment.as_deref(),
+    };
+    if let Some(path) = picture {
         if section.daylight.is_some() {
             return Err(value("daylight", "an environment and daylight", "one of the two"));
         }
@@ -34,10 +100,14 @@ pub(super) fn put(
         }
         scene.environment = Some(read_environment(path, rotation, scale)?);
     }
-    if let Some(daylight_section) = &section.daylight {
+    let day = match asked {
+        Some(Light::Sun) => Some(DaylightSection { sun: Some(sun_for(stand)), ..section.daylight.clone().unwrap_or_default() }),
+        _ => section.daylight.clone(),
+    };
+    if let Some(daylight_section) = day {
         // The endless ground is that under the scene, if nothing else is said.
         let ground = daylight_section.ground.or(section.ground.map(f64::from));
-        let day = daylight(&DaylightSection { ground, ..daylight_section.clone() })?;
+        let day = daylight(&DaylightSection { ground, ..daylight_section })?;
         let elevation = day.sun.elevation.to_degrees();
         if elevation < 0.0 {
             warn(&format!(
@@ -45,24 +115,86 @@ pub(super) fn put(
                 -elevation
             ));
         }
-        let before = scene.punctual.len();
-        scene.punctual.retain(|l| !l.is_infinite());
-        if scene.environment.is_some() || scene.punctual.len() < before {
-            warn("daylight takes the place of the scene's own environment and suns");
-        }
+        take_away_sky(scene, "daylight", warn);
         day.put_into(scene);
     }
+    // A floor nobody asked for is not put where it would hide what stands above it from a camera below.
+    let stands = !stand.bounds.is_empty() && stand.place.translation.y > stand.bounds.min.y;
+    let ground = section.ground.or(stands.then_some(GROUND));
     let dark = scene.environment.is_none()
         && scene.punctual.is_empty()
         && !scene.materials.iter().any(|m| m.emission.is_some())
         && !flash;
-    if dark {
-        warn(
-            "the scene has no light: an even white sky of 2000 cd/m² is put around it (for another give --environment, --sun 40,135 or --daylight)",
-        );
-        scene.environment = Some(Environment::uniform(Vec3::splat(PLAIN_SKY)));
+    match asked {
+        Some(Light::Sun) => return Ok(ground),
+        Some(Light::Overcast) => {
+            take_away_sky(scene, "the overcast sky", warn);
+            scene.environment = Some(overcast::sky(overcast::ILLUMINANCE_LX, ground.unwrap_or(GROUND)));
+            return Ok(ground);
+        }
+        Some(Light::Studio) => {
+            if stand.bounds.is_empty() {
+                return Err(value("light", "\"studio\" of a scene without a surface", "something that it can light"));
+            }
+            if stand.is_within() {
+                warn("the camera stands within the scene, the lamps of the studio outside: walls will keep their light away");
+            }
+            take_away_sky(scene, "the studio", warn);
+            put_studio(scene, section, stand)?;
+            return Ok(None);
+        }
+        Some(Light::Own) if dark => warn("the scene has no light of its own, and none was put there: the picture will be black"),
+        None if dark && stand.bounds.is_empty() => {}
+        None if dark && stand.is_within() => {
+            warn(
+                "the scene has no light, and the camera stands within it: an even white sky of 2000 cd/m² is put around it (for another give \
+                 --light, --environment, --sun 40,135 or --daylight)",
+            );
+            scene.environment = Some(Environment::uniform(Vec3::splat(PLAIN_SKY)));
+        }
+        None if dark => {
+            warn("the scene has no light of its own: a studio lights it (--light sun, overcast, FILE.hdr or none for another)");
+            put_studio(scene, section, stand)?;
+            return Ok(None);
+        }
+        _ => {}
     }
+    Ok(section.ground)
+}
+
+/// Takes away what shines from infinity.
+fn take_away_sky(scene: &mut Description, what: &str, warn: &mut dyn FnMut(&str)) {
+    let before = scene.punctual.len();
+    scene.punctual.retain(|l| !l.is_infinite());
+    if scene.environment.take().is_some() || scene.punctual.len() < before {
+        warn(&format!("{what} takes the place of the scene's own environment and suns"));
+    }
+}
+
+/// Puts a studio around a scene; its sweep has the albedo of the ground that is asked for.
+fn put_studio(scene: &mut Description, section: &SceneSection, stand: &Stand) -> Result<(), ShotError> {
+    let albedo = section.ground.unwrap_or(studio::ALBEDO);
+    if !(0.0..=1.0).contains(&albedo) {
+        return Err(value("ground", albedo, "an albedo from 0 to 1"));
+    }
+    studio(stand, albedo).put_into(scene);
     Ok(())
+}
+
+fn studio(stand: &Stand, albedo: f32) -> Studio {
+    let view = studio::View { world_from_camera: stand.place, tan_half: stand.tan_half };
+    Studio { subject: stand.bounds, view, albedo }
+}
+
+/// Elevation and azimuth of a sun to the left behind the camera, degrees.
+fn sun_for(stand: &Stand) -> [f64; 2] {
+    let to = match stand.bounds.is_empty() {
+        true => Vec3::from(stand.place.matrix3.z_axis),
+        false => studio(stand, 0.0).facing(),
+    };
+    // From north, -z, towards east, +x: clockwise seen from above, as from the camera to its left.
+    let azimuth = f64::from(to.x).atan2(f64::from(-to.z)).to_degrees() + SUN_DEG[1];
+    [SUN_DEG[0], (azimuth + 180.0).rem_euclid(360.0) - 180.0]
 }
 
 /// Sun and sky as a shot asks for them.
