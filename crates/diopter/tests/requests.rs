@@ -1,6 +1,7 @@
 //! What a shot file asks for, and what the camera says to it.
 
 use diopter::expose::Watch;
+use diopter::lens::Lens;
 use diopter::shot::{Shot, ShotFile};
 use std::sync::atomic::AtomicBool;
 
@@ -49,6 +50,18 @@ impl Model {
     }
 }
 
+/// A box of a size (m) that stands on a height of 3 m, in an OBJ file of its own.
+fn block(name: &str, [x, y, z]: [f32; 3]) -> Model {
+    let model = Model::new(name, 1.0);
+    let corner = |i: usize| [[-0.5, 0.5][i & 1] * x, 3.0 + [0.0, y][i >> 1 & 1], [-0.5, 0.5][i >> 2] * z];
+    let mut text: String = (0..8).map(corner).map(|[x, y, z]| format!("v {x} {y} {z}\n")).collect();
+    for [a, b, c, d] in [[1, 3, 4, 2], [5, 6, 8, 7], [1, 2, 6, 5], [3, 7, 8, 4], [1, 5, 7, 3], [2, 4, 8, 6]] {
+        text.push_str(&format!("f {a} {b} {c} {d}\n"));
+    }
+    std::fs::write(&model.0, text).unwrap();
+    model
+}
+
 impl Drop for Model {
     fn drop(&mut self) {
         std::fs::remove_file(&self.0).ok();
@@ -65,10 +78,11 @@ fn a_model_in_centimetres_is_asked_about_and_scaled() {
     // Everything follows: size, the place of the camera, what it is focused at.
     let (small, said) = told(&fox.shot("scale = 0.01\n"));
     assert_eq!(unit(&said), None);
-    let size = |shot: &Shot| shot.scene.bounds().size().x;
+    let size = |shot: &Shot| shot.subject_bounds().size().x;
     assert!((size(&small) - 1.55).abs() < 1e-3, "{}", size(&small));
     let focus = |shot: &Shot| shot.camera.lens.focus_distance().unwrap().0;
-    assert!((focus(&large) / focus(&small) - 100.0).abs() < 0.5, "{} {}", focus(&large), focus(&small));
+    // Focused nearer, a lens sees a little less: it stands relatively farther away.
+    assert!((98.0..100.5).contains(&(focus(&large) / focus(&small))), "{} {}", focus(&large), focus(&small));
     let tiny = Model::new("tiny", 4e-4);
     assert!(unit(&told(&tiny.shot("")).1).expect("0.4 mm is odd").contains("400 µm"));
     let chair = Model::new("chair", 0.8);
@@ -107,4 +121,117 @@ fn small_sensors_are_not_given_the_lens_of_a_full_frame() {
     for body in ["canon-40d", "canon-5d", "gsense6510bsi"] {
         assert_eq!(focal(&format!("[camera]\nbody = \"{body}\"")).0, 50.0, "{body}");
     }
+}
+
+/// Part of the frame that the box around the subject fills, across and up, and how far its middle is off the frame's.
+fn filled(shot: &Shot) -> ([f64; 2], [f64; 2]) {
+    let Lens::Thin(lens) = &shot.camera.lens else { panic!("a thin lens") };
+    let film = &shot.camera.film;
+    let camera_from_world = shot.camera.way.at(0.0).inverse();
+    let (mut least, mut most) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
+    for corner in shot.subject_bounds().corners() {
+        let p = camera_from_world.transform_point3(corner).as_dvec3();
+        assert!(p.z < 0.0, "behind the camera");
+        for (k, v) in [p.x / film.width_mm, p.y / film.height_mm].into_iter().enumerate() {
+            let seen = v * lens.film_distance().0 / -p.z;
+            (least[k], most[k]) = (least[k].min(seen), most[k].max(seen));
+        }
+    }
+    ([most[0] - least[0], most[1] - least[1]], [most[0] + least[0], most[1] + least[1]])
+}
+
+#[test]
+fn a_bare_model_is_framed_lit_and_sharp() {
+    for (name, size) in [("tall", [0.3, 2.0, 0.3]), ("flat", [3.0, 0.1, 2.0]), ("cube", [0.5, 0.5, 0.5])] {
+        let model = block(name, size);
+        for camera in ["", "[camera]\nfocal_length = \"24mm\"\n", "[camera]\nformat = \"24x36\"\n"] {
+            let toml = if camera.contains("24x36") { model.shot(camera).replace("24x16", "16x24") } else { model.shot(camera) };
+            let (shot, said) = told(&toml);
+            let (filled, off) = filled(&shot);
+            let larger = filled[0].max(filled[1]);
+            assert!((0.65..0.75).contains(&larger) && off.iter().all(|o| o.abs() < 0.05), "{name} {camera}: {filled:?} {off:?}");
+            // Lamps, sweep, a dim rest; and it is said.
+            let objects = &shot.scene.description().objects;
+            for part in ["studio key light", "studio fill light", "studio rim light", "studio backdrop"] {
+                assert!(objects.iter().any(|o| o.name == part), "{part} is missing");
+            }
+            assert!(shot.scene.lights().environment.is_some() && said.iter().any(|s| s.contains("--light")), "{said:?}");
+            // Focused on its front, not behind its middle, and stopped down.
+            let place = shot.camera.way.at(0.0);
+            let middle = -place.inverse().transform_point3(shot.subject_bounds().center()).z;
+            let focus = shot.camera.lens.focus_distance().unwrap().0 / 1000.0;
+            assert!(focus < f64::from(middle) + 1e-3 && focus > 0.3 * f64::from(middle), "{name}: {focus} {middle}");
+            assert!((5.6..=22.0).contains(&shot.camera.lens.f_number()), "{}", shot.camera.lens.f_number());
+        }
+        // An aperture that is asked for is taken.
+        let (shot, _) = told(&model.shot("[exposure]\naperture = \"f/2\"\n"));
+        assert_eq!(shot.camera.lens.f_number(), 2.0);
+    }
+}
+
+#[test]
+fn a_studio_lights_small_and_large_models_alike() {
+    // f/16, ISO 100: grey in some 1500 lx is EV 9 to 11.
+    let ev = |side: f32| {
+        let model = block(&format!("alike-{side}"), [side; 3]);
+        let (shot, _) = metered(&model.shot("light = \"studio\"\n[exposure]\naperture = \"f/16\"\n"));
+        (256.0 / shot.shutter.unwrap()).log2()
+    };
+    let (small, large) = (ev(0.05), ev(20.0));
+    assert!((7.0..11.0).contains(&large), "EV {large}");
+    // A near subject takes light by its extension.
+    assert!((-0.1..1.5).contains(&(large - small)), "{small} {large}");
+}
+
+#[test]
+fn light_is_chosen_by_name() {
+    let model = block("light", [0.4; 3]);
+    let floor = |shot: &Shot| shot.scene.description().objects.iter().any(|o| o.name == "ground");
+    let (overcast, _) = told(&model.shot("light = \"overcast\"\n"));
+    assert!(floor(&overcast) && overcast.scene.lights().environment.is_some() && overcast.scene.lights().punctual.is_empty());
+    let (sun, _) = told(&model.shot("light = \"sun\"\n"));
+    assert!(floor(&sun) && sun.scene.lights().punctual.len() == 1);
+    let (dark, said) = told(&model.shot("light = \"none\"\n"));
+    assert!(!floor(&dark) && dark.scene.lights().environment.is_none() && said.iter().any(|s| s.contains("black")), "{said:?}");
+    let refused = |more: &str| match Shot::prepare(&toml::from_str(&model.shot(more)).unwrap(), &mut |_| {}) {
+        Ok(_) => panic!("{more} was taken"),
+        Err(e) => e.to_string(),
+    };
+    assert!(refused("light = \"studo\"\n").contains("did you mean \"studio\"?"));
+    assert!(refused("light = \"candle.jpg\"\n").contains("overcast"));
+    assert!(refused("light = \"studio\"\nenvironment = \"a.hdr\"\n").contains("one of the two"));
+    assert!(refused("light = \"overcast\"\n[scene.daylight]\nsun = [40.0, 100.0]\n").contains("one of the two"));
+    assert!(refused("light = \"missing.hdr\"\n").contains("no such file"));
+}
+
+#[test]
+fn a_saved_shot_keeps_the_studio() {
+    let model = block("saved", [0.4; 3]);
+    let text = model.shot("");
+    let mut file: ShotFile = toml::from_str(&text).unwrap();
+    let (shot, _) = metered(&text);
+    shot.settle(&mut file);
+    assert_eq!(file.scene.light.as_deref(), Some("studio"));
+    let (again, said) = told(&file.to_toml());
+    assert_eq!(again.camera.way.at(0.0), shot.camera.way.at(0.0));
+    assert_eq!(again.camera.lens.f_number(), shot.camera.lens.f_number());
+    assert_eq!(again.camera.lens.focus_distance(), shot.camera.lens.focus_distance());
+    assert!(!said.iter().any(|s| s.contains("studio")), "{said:?}");
+}
+
+#[test]
+fn a_lamp_in_a_void_is_told_of_the_studio() {
+    let model = block("glowing", [0.4; 3]);
+    let materials = model.0.with_extension("mtl");
+    std::fs::write(&materials, "newmtl lamp\nKd 0 0 0\nKe 100 100 100\n").unwrap();
+    let text = std::fs::read_to_string(&model.0).unwrap();
+    let library = materials.file_name().unwrap().to_string_lossy().into_owned();
+    std::fs::write(&model.0, format!("mtllib {library}\nusemtl lamp\n{text}")).unwrap();
+    let hint = |said: &[String]| said.iter().any(|s| s.contains("void") && s.contains("--light studio"));
+    let (own, said) = told(&model.shot(""));
+    assert!(hint(&said) && own.scene.lights().environment.is_none(), "{said:?}");
+    assert!(!hint(&told(&model.shot("light = \"none\"\n")).1));
+    let (lit, said) = told(&model.shot("light = \"studio\"\n"));
+    assert!(!hint(&said) && lit.scene.lights().environment.is_some(), "{said:?}");
+    std::fs::remove_file(materials).ok();
 }

@@ -242,3 +242,48 @@ fn a_small_lamp_in_the_dark_does_not_lead_the_meter_astray() {
         }
     }
 }
+
+#[test]
+fn meters_leave_out_a_void() {
+    // A lamp of 100 cd/m² on a twenty-fifth of the picture, and nothing else: EV log2(100 · 100 / 12.5).
+    let folder = Folder::new("void");
+    let head = "LookAt 0 0 0  0 0 1  0 1 0\nCamera \"perspective\" \"float fov\" 40\nWorldBegin\n";
+    let lamp = "AttributeBegin AreaLightSource \"diffuse\" \"rgb L\" [100 100 100] \"bool twosided\" true\n\
+         Shape \"bilinearmesh\" \"point3 P\" [-0.2 -0.15 2  0.2 -0.15 2  -0.2 0.15 2  0.2 0.15 2] AttributeEnd\n";
+    // The same before a black wall, which is something.
+    let wall = "Material \"diffuse\" \"rgb reflectance\" [0 0 0]\nShape \"bilinearmesh\" \"point3 P\" [-9 -9 3  9 -9 3  -9 9 3  9 9 3]\n";
+    let ev = |name: &str, world: &str, metering: &str| {
+        let file = folder.write(name, world);
+        let mut shot = shot(&format!(
+            "[scene]\nfile = \"{file}\"\n[exposure]\naperture = \"f/5.6\"\nmetering = \"{metering}\"\n[render]\nspp = 16\nsize = \"60x40\""
+        ));
+        let watch = Watch { cancel: &AtomicBool::new(false), progress: &|_| {} };
+        shot.meter(&watch, &mut |_| {}).unwrap();
+        (5.6f64.powi(2) / shot.shutter.unwrap()).log2()
+    };
+    let expected = (100.0f64 * 100.0 / 12.5).log2();
+    for metering in ["average", "matrix", "centre-weighted", "spot"] {
+        let found = ev("void.pbrt", &format!("{head}{lamp}"), metering);
+        assert!((found - expected).abs() < 0.25, "{metering}: EV {found}, expected {expected}");
+    }
+    let before_a_wall = ev("wall.pbrt", &format!("{head}{lamp}{wall}"), "average");
+    assert!(before_a_wall < expected - 3.0, "{before_a_wall}");
+}
+
+#[test]
+fn a_lens_of_another_angle_than_the_files_camera_names_one_that_fits() {
+    let folder = Folder::new("angle");
+    let said = |fov: f64, more: &str| {
+        let file = folder.write("wide.pbrt", &format!("Camera \"perspective\" \"float fov\" {fov}\n{WORLD}"));
+        let toml = format!("[scene]\nfile = \"{file}\"\n[render]\nsize = \"24x16\"\n[camera]\n{more}\n");
+        let mut said = Vec::new();
+        Shot::prepare(&toml::from_str(&toml).unwrap(), &mut |w| said.push(w.to_owned())).unwrap_or_else(|e| panic!("{e}"));
+        said.into_iter().find(|s| s.contains("the file's camera sees"))
+    };
+    let warning = said(70.0, "lens = \"double-gauss-50mm\"").expect("27° are not 70°");
+    assert!(warning.contains("70°") && warning.contains("27°") && warning.contains("--lens rf-16mm-f2.8"), "{warning}");
+    assert!(said(70.0, "focal_length = \"50mm\"").is_some());
+    // The same angle, or no lens asked for: nothing to say.
+    assert_eq!(said(27.0, "lens = \"double-gauss-50mm\""), None);
+    assert_eq!(said(70.0, ""), None);
+}

@@ -402,7 +402,10 @@ pub(super) fn camera(
 
     // How far along its axis the subject is.
     let subject_m = match (stand.framed, stand.subject_m) {
-        (Some(framed), _) => nearest_in_the_middle(scene, stand).unwrap_or(framed.middle_m),
+        // What is nearer than the focal length has no image.
+        (Some(framed), _) => {
+            nearest_in_the_middle(scene, stand).filter(|m| 1000.0 * m > 1.01 * focal_mm).unwrap_or(framed.middle_m)
+        }
         (None, Some(distance)) => distance,
         (None, None) => {
             let bounds = subject_bounds(scene, at_s);
