@@ -549,7 +549,9 @@ pub struct Taking {
     /// Reduce the renderer's own noise (on), or leave the exposure as computed (off).
     #[arg(long, value_name = "on|off", num_args = 0..=1, default_missing_value = "on", value_parser = on_off)]
     pub denoise: Option<bool>,
-    /// Take about so long in all, with focusing, metering and denoising: "10s". Of a sequence, for each picture.
+    /// Take about so long in all: "10s".
+    ///
+    /// With focusing, metering and denoising. Of a sequence, for each picture.
     #[arg(long, value_name = "TIME")]
     pub time_limit: Option<Seconds>,
     /// Refuse pictures that take more memory than this ("4GB"); without, more than is free.

@@ -156,6 +156,9 @@ pub(crate) fn seen(scene: &Scene, camera: &Camera) -> Vec<f64> {
     if seen.contains(&1.0) { seen } else { full }
 }
 
+/// Fraction of the rays of a cell that the lens must let pass for it to count; below, radiance is uncertain ([`expose`]).
+const LIT: f64 = 0.1;
+
 /// Mean luminance of the scene as framed, cd/m²: what a scene without a scale is scaled by, not what a camera meters. Only what the lens shows
 /// counts, not the dark beyond its image circle and not a void. 0 where it shows nothing. Fails when cancelled.
 pub fn mean_luminance(scene: &Scene, camera: &Camera, settings: &Settings, watch: &Watch) -> Result<f64, ExposeError> {
@@ -166,7 +169,7 @@ pub fn mean_luminance(scene: &Scene, camera: &Camera, settings: &Settings, watch
     for ((i, luminance), seen) in plane.data.iter().enumerate().zip(seen(scene, &probe)) {
         let (column, row) = ((i % plane.width) as f64, (i / plane.width) as f64);
         // A cell without light may be a dark part of the scene.
-        if *luminance != 0.0 || probe.lens_shows([column, row]) {
+        if probe.passing([column, row]) >= LIT {
             sum += f64::from(*luminance);
             lit += seen;
         }

@@ -281,7 +281,9 @@ fn a_lens_of_another_angle_than_the_files_camera_names_one_that_fits() {
         said.into_iter().find(|s| s.contains("the file's camera sees"))
     };
     let warning = said(70.0, "lens = \"double-gauss-50mm\"").expect("27° are not 70°");
-    assert!(warning.contains("70°") && warning.contains("27°") && warning.contains("--lens rf-16mm-f2.8"), "{warning}");
+    // 2 atan(12 mm / 50.4 mm) = 26.8°, a little less where it is focused near.
+    assert!(warning.contains("26°") || warning.contains("27°"), "{warning}");
+    assert!(warning.contains("70°") && warning.contains("--lens rf-16mm-f2.8"), "{warning}");
     assert!(said(70.0, "focal_length = \"50mm\"").is_some());
     // The same angle, or no lens asked for: nothing to say.
     assert_eq!(said(27.0, "lens = \"double-gauss-50mm\""), None);

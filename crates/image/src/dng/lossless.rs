@@ -415,7 +415,7 @@ mod tests {
         for side in [5, 7] {
             bytes[frame + side..frame + side + 2].copy_from_slice(&30_000u16.to_be_bytes());
         }
-        let e = decode(&bytes, 1 << 30).err().unwrap().to_string();
+        let e = decode(&bytes, 1 << 40).err().unwrap().to_string();
         assert!(e.contains("announced"), "{e}");
     }
 

@@ -843,7 +843,7 @@ mod tests {
     fn a_scene_without_a_surface_is_an_error() {
         for replace in [
             ("\"nodes\":[{\"mesh\":0}]", "\"nodes\":[{\"name\":\"empty\"}]"),
-            ("\"scenes\":[{\"nodes\":[0]}]", "\"scenes\":[{}]"),
+            ("\"scenes\":[{\"nodes\":[0]}]", "\"scenes\":[{\"nodes\":[]}]"),
             ("\"indices\":1", "\"indices\":1,\"mode\":1"),
         ] {
             let text = message(&[replace]);
