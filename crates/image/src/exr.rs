@@ -12,6 +12,10 @@ use diopter_light::color::RgbSpace;
 use exr::prelude::*;
 use std::io::{Read, Seek, SeekFrom, Write};
 
+mod strips;
+
+pub use strips::{FocalPlaneRows, FocalPlaneStrips, write_focal_plane, write_strips};
+
 const ATTRIBUTE: &str = "diopter";
 
 /// Bits of the floating-point numbers of a picture.
@@ -59,16 +63,25 @@ fn ascii(json: &str) -> String {
     text
 }
 
+/// A file of one layer.
+fn image_of(
+    size: (usize, usize),
+    channels: Vec<AnyChannel<FlatSamples>>,
+    set: impl FnOnce(&mut ImageAttributes, &mut LayerAttributes),
+) -> Image<Layer<AnyChannels<FlatSamples>>> {
+    let layer = Layer::new(size, LayerAttributes::default(), block_layout(), AnyChannels::sort(channels.into_iter().collect()));
+    let mut image = Image::from_layer(layer);
+    set(&mut image.attributes, &mut image.layer_data.attributes);
+    image
+}
+
 fn write_channels(
     size: (usize, usize),
     channels: Vec<AnyChannel<FlatSamples>>,
     set: impl FnOnce(&mut ImageAttributes, &mut LayerAttributes),
     to: impl Write + Seek,
 ) -> std::result::Result<(), ImageError> {
-    let layer = Layer::new(size, LayerAttributes::default(), block_layout(), AnyChannels::sort(channels.into_iter().collect()));
-    let mut image = Image::from_layer(layer);
-    set(&mut image.attributes, &mut image.layer_data.attributes);
-    image.write().to_buffered(to).map_err(written)
+    image_of(size, channels, set).write().to_buffered(to).map_err(written)
 }
 
 /// Compression and block layout of what we write.
@@ -136,37 +149,18 @@ impl Planes {
     }
 }
 
-/// Writes a focal plane with all its planes, 32-bit floats.
-pub fn write_focal_plane(plane: &FocalPlane, to: impl Write + Seek) -> std::result::Result<(), ImageError> {
-    let mut channels = Vec::new();
-    let mut float = |name: String, values: Vec<f32>| channels.push(AnyChannel::new(name.as_str(), FlatSamples::F32(values)));
-    let variance = plane.variance();
-    for (b, band) in plane.bands.iter().enumerate() {
-        float(band.name.clone(), plane.mean.channel(b));
-        float(format!("variance.{}", band.name), variance.channel(b));
-        float(format!("half_difference.{}", band.name), plane.half_difference.channel(b));
-    }
-    float("Z".into(), plane.truth.depth.data.clone());
-    for (c, axis) in ["X", "Y", "Z"].iter().enumerate() {
-        float(format!("normal.{axis}"), plane.truth.normal.channel(c));
-    }
-    for (c, name) in ["R", "G", "B"].iter().enumerate() {
-        float(format!("albedo.{name}"), plane.truth.albedo.channel(c));
-    }
-    channels.push(AnyChannel::new("id", FlatSamples::U32(plane.truth.id.data.clone())));
-    let description = Description { bands: plane.bands.clone(), facts: plane.facts.clone() };
+/// Describes a focal plane in the attributes of its layer.
+fn describe(bands: &[Band], facts: &ExposureFacts, layer: &mut LayerAttributes) {
+    let description = Description { bands: bands.to_vec(), facts: facts.clone() };
     let json = serde_json::to_string(&description).expect("plain data becomes JSON");
-    let set = |_: &mut ImageAttributes, layer: &mut LayerAttributes| {
-        layer.software_name = Text::new_or_none(&plane.facts.software);
-        layer.other.insert(Text::from(ATTRIBUTE), AttributeValue::Text(Text::from(ascii(&json).as_str())));
-        if plane.bands.iter().any(|b| b.name.starts_with("S0.")) {
-            // Values are per nm, the unit is written as the layout has it.
-            for (name, text) in [("spectralLayoutVersion", "1.0"), ("emissiveUnits", "W.m^-2.sr^-1")] {
-                layer.other.insert(Text::from(name), AttributeValue::Text(Text::from(text)));
-            }
+    layer.software_name = Text::new_or_none(&facts.software);
+    layer.other.insert(Text::from(ATTRIBUTE), AttributeValue::Text(Text::from(ascii(&json).as_str())));
+    if bands.iter().any(|b| b.name.starts_with("S0.")) {
+        // Values are per nm, the unit is written as the layout has it.
+        for (name, text) in [("spectralLayoutVersion", "1.0"), ("emissiveUnits", "W.m^-2.sr^-1")] {
+            layer.other.insert(Text::from(name), AttributeValue::Text(Text::from(text)));
         }
-    };
-    write_channels((plane.width(), plane.height()), channels, set, to)
+    }
 }
 
 fn description(attributes: &LayerAttributes) -> std::result::Result<Description, ImageError> {
@@ -248,113 +242,6 @@ pub fn read_focal_plane(from: impl Read + Seek) -> std::result::Result<FocalPlan
         bands: description.bands,
         facts: description.facts,
     })
-}
-
-/// A focal plane read row by row: no more of it is in memory than is asked for.
-pub struct FocalPlaneRows {
-    chunks: Box<dyn Iterator<Item = exr::error::Result<exr::block::chunk::Chunk>>>,
-    meta: exr::meta::MetaData,
-    bands: Vec<Band>,
-    facts: ExposureFacts,
-    size: [usize; 2],
-    /// Place of each band among the channels of the file.
-    channels: Vec<usize>,
-    /// Numbers `[row][column][band]` that were read but not asked for yet.
-    ready: Vec<f32>,
-    /// Rows that were read.
-    read: usize,
-}
-
-impl FocalPlaneRows {
-    /// Opens a focal plane that [`write_focal_plane`] wrote.
-    pub fn open(from: impl Read + Seek + 'static) -> std::result::Result<Self, ImageError> {
-        let reader = open(from)?;
-        let header =
-            reader.headers().first().ok_or_else(|| ImageError::Malformed { format: "EXR", reason: "no layer".into() })?;
-        let description = description(&header.own_attributes)?;
-        few_bands(&description, header.channels.list.len())?;
-        let size = [header.layer_size.0, header.layer_size.1];
-        let find = |b: &Band| {
-            let place = header.channels.list.iter().position(|c| c.name == *b.name.as_str() && c.sample_type == SampleType::F32);
-            place.ok_or_else(|| ImageError::Missing {
-                what: format!("the channel \"{}\" of 32-bit numbers", b.name),
-                hint: "the file was written or cut by another program".into(),
-            })
-        };
-        let channels = description.bands.iter().map(find).collect::<std::result::Result<Vec<_>, _>>()?;
-        if header.deep || !matches!(header.blocks, exr::meta::BlockDescription::ScanLines) || channels.is_empty() {
-            return Err(ImageError::Malformed { format: "focal plane", reason: "it is not stored in rows".into() });
-        }
-        let meta = reader.meta_data().clone();
-        let chunks = Box::new(reader.all_chunks(false).map_err(malformed)?);
-        Ok(FocalPlaneRows {
-            chunks,
-            meta,
-            bands: description.bands,
-            facts: description.facts,
-            size,
-            channels,
-            ready: Vec::new(),
-            read: 0,
-        })
-    }
-
-    /// Its bands.
-    pub fn bands(&self) -> &[Band] {
-        &self.bands
-    }
-
-    /// Its facts.
-    pub fn facts(&self) -> &ExposureFacts {
-        &self.facts
-    }
-
-    /// Pixels a row, rows.
-    pub fn size(&self) -> [usize; 2] {
-        self.size
-    }
-
-    /// The next rows, `[row][column][band]`.
-    pub fn next(&mut self, rows: usize) -> std::result::Result<Vec<f32>, ImageError> {
-        use rayon::prelude::*;
-        let stride = self.size[0] * self.bands.len();
-        let early = || ImageError::Malformed { format: "focal plane", reason: "it ends early".into() };
-        while self.ready.len() < rows * stride {
-            // Some blocks at a time, unpacked by all threads.
-            let chunks: Vec<_> = self
-                .chunks
-                .by_ref()
-                .take(2 * rayon::current_num_threads())
-                .collect::<exr::error::Result<_>>()
-                .map_err(malformed)?;
-            if chunks.is_empty() {
-                return Err(early());
-            }
-            let unpack = |chunk| exr::block::UncompressedBlock::decompress_chunk(chunk, &self.meta, false);
-            let blocks: Vec<_> = chunks.into_par_iter().map(unpack).collect::<exr::error::Result<_>>().map_err(malformed)?;
-            for block in blocks {
-                let first = block.index.pixel_position.1;
-                if first != self.read || block.index.layer != 0 {
-                    return Err(ImageError::Malformed {
-                        format: "focal plane",
-                        reason: "its rows are not in order from the top".into(),
-                    });
-                }
-                let height = block.index.pixel_size.1;
-                let start = self.ready.len();
-                self.ready.resize(start + height * stride, 0.0);
-                for line in block.lines(&self.meta.headers[0].channels) {
-                    let Some(band) = self.channels.iter().position(|c| *c == line.location.channel) else { continue };
-                    let row = start + (line.location.position.1 - first) * stride;
-                    for (column, value) in line.read_samples::<f32>().enumerate() {
-                        self.ready[row + column * self.bands.len() + band] = value.map_err(malformed)?;
-                    }
-                }
-                self.read += height;
-            }
-        }
-        Ok(self.ready.drain(..rows * stride).collect())
-    }
 }
 
 fn read_layer(from: impl Read + Seek) -> std::result::Result<Layer<AnyChannels<FlatSamples>>, ImageError> {

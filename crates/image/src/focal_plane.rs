@@ -2,6 +2,7 @@
 
 use crate::{ExposureFacts, ImageError, Raster};
 use serde::{Deserialize, Serialize};
+use std::ops::Range;
 
 /// What the numbers of a focal plane count.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -100,55 +101,228 @@ impl FocalPlane {
         variance
     }
 
+    /// Some of its rows.
+    pub fn rows(&self, rows: Range<usize>) -> FocalPlane {
+        FocalPlane {
+            bands: self.bands.clone(),
+            mean: self.mean.rows(rows.clone()),
+            half_difference: self.half_difference.rows(rows.clone()),
+            truth: Truth {
+                depth: self.truth.depth.rows(rows.clone()),
+                normal: self.truth.normal.rows(rows.clone()),
+                albedo: self.truth.albedo.rows(rows.clone()),
+                id: self.truth.id.rows(rows),
+            },
+            facts: self.facts.clone(),
+        }
+    }
+
+    /// Puts the rows of a plane of the same width and bands below its own.
+    pub fn append(&mut self, below: &FocalPlane) {
+        self.mean.append(&below.mean);
+        self.half_difference.append(&below.half_difference);
+        self.truth.depth.append(&below.truth.depth);
+        self.truth.normal.append(&below.truth.normal);
+        self.truth.albedo.append(&below.truth.albedo);
+        self.truth.id.append(&below.truth.id);
+    }
+
+    /// The plane strip by strip.
+    pub fn strips(&self) -> Strips<'_> {
+        Strips { plane: self, next: 0 }
+    }
+
     /// Joins exposures of different samples of the same picture, weighted by their numbers of samples.
     ///
     /// Fails when sizes, bands, seeds or cameras differ, or when two parts hold the same samples.
     pub fn merge(parts: &[FocalPlane]) -> Result<FocalPlane, ImageError> {
+        let mut merged = Merged::new(parts.iter().map(FocalPlane::strips).collect())?;
+        let [_, height] = merged.size();
+        let mut whole = FocalPlane { facts: merged.facts().clone(), ..parts[0].clone() };
+        for first in (0..height).step_by(STRIP_STEP) {
+            let strip = merged.next_rows(STRIP_STEP.min(height - first))?;
+            let start = first * whole.mean.width * whole.mean.channels;
+            let place = start..start + strip.mean.data.len();
+            whole.mean.data[place.clone()].copy_from_slice(&strip.mean.data);
+            whole.half_difference.data[place].copy_from_slice(&strip.half_difference.data);
+        }
+        Ok(whole)
+    }
+}
+
+/// Rows of a strip are a multiple of this, but for the last: the rows that our files compress together.
+pub const STRIP_STEP: usize = 16;
+
+/// Bytes that a strip takes at most when nobody says: small beside a picture, large enough for all threads to have work.
+pub const STRIP_BYTES: usize = 256 << 20;
+
+/// Rows of a strip for which so many bytes are enough: a multiple of [`STRIP_STEP`], one step at least.
+pub fn rows_within(bytes: usize, width: usize, bytes_a_pixel: usize) -> usize {
+    let rows = bytes / width.saturating_mul(bytes_a_pixel).max(1);
+    (rows / STRIP_STEP).max(1) * STRIP_STEP
+}
+
+/// Bytes of a pixel of a focal plane in memory: mean and half difference of each band, depth, normal, albedo and id.
+pub fn bytes_a_pixel(bands: usize) -> usize {
+    2 * 4 * bands + 4 * 8
+}
+
+/// A focal plane that is read or made from the top, strip by strip: no more of it is in memory than is asked for.
+pub trait FocalPlaneSource {
+    /// Its bands.
+    fn bands(&self) -> &[Band];
+
+    /// Its facts.
+    fn facts(&self) -> &ExposureFacts;
+
+    /// Pixels a row, rows.
+    fn size(&self) -> [usize; 2];
+
+    /// Rows that are best asked for at once: a multiple of [`STRIP_STEP`].
+    fn rows_at_once(&self) -> usize {
+        rows_within(STRIP_BYTES, self.size()[0], bytes_a_pixel(self.bands().len()))
+    }
+
+    /// The next rows. Fails when there are fewer.
+    fn next_rows(&mut self, rows: usize) -> Result<FocalPlane, ImageError>;
+}
+
+/// More rows were asked for than there are.
+pub(crate) fn ends_early() -> ImageError {
+    ImageError::Malformed { format: "focal plane", reason: "it ends early".into() }
+}
+
+/// A focal plane in memory as a [`FocalPlaneSource`].
+#[derive(Clone, Debug)]
+pub struct Strips<'a> {
+    plane: &'a FocalPlane,
+    /// Rows that were taken.
+    next: usize,
+}
+
+impl FocalPlaneSource for Strips<'_> {
+    fn bands(&self) -> &[Band] {
+        &self.plane.bands
+    }
+
+    fn facts(&self) -> &ExposureFacts {
+        &self.plane.facts
+    }
+
+    fn size(&self) -> [usize; 2] {
+        [self.plane.width(), self.plane.height()]
+    }
+
+    fn next_rows(&mut self, rows: usize) -> Result<FocalPlane, ImageError> {
+        if rows > self.plane.height() - self.next {
+            return Err(ends_early());
+        }
+        let strip = self.plane.rows(self.next..self.next + rows);
+        self.next += rows;
+        Ok(strip)
+    }
+}
+
+/// Exposures of different samples of the same picture, joined strip by strip: weighted by their numbers of samples, in the order of these. The
+/// truth is that of the part that was given first.
+#[derive(Debug)]
+pub struct Merged<S> {
+    /// In the order of their samples.
+    parts: Vec<S>,
+    /// Which of them was given first.
+    first: usize,
+    facts: ExposureFacts,
+    /// Samples of all parts.
+    total: f64,
+}
+
+impl<S: FocalPlaneSource> Merged<S> {
+    /// Fails when sizes, bands, seeds or cameras differ, or when two parts hold the same samples.
+    pub fn new(parts: Vec<S>) -> Result<Self, ImageError> {
         let mismatch = |what: String| Err(ImageError::Mismatch(what));
-        let Some(first) = parts.first() else {
+        let mut parts: Vec<(usize, S)> = parts.into_iter().enumerate().collect();
+        parts.sort_by_key(|(_, p)| p.facts().first_sample);
+        let Some(first) = parts.iter().position(|(given, _)| *given == 0) else {
             return mismatch("no files were given".into());
         };
-        let mut parts: Vec<&FocalPlane> = parts.iter().collect();
-        parts.sort_by_key(|p| p.facts.first_sample);
+        let parts: Vec<S> = parts.into_iter().map(|(_, part)| part).collect();
         for pair in parts.windows(2) {
-            let (a, b) = (pair[0], pair[1]);
-            let same = |x: &FocalPlane| (x.width(), x.height(), x.bands.clone());
-            if same(a) != same(b) {
+            let (a, b) = (&pair[0], &pair[1]);
+            if (a.size(), a.bands()) != (b.size(), b.bands()) {
                 return mismatch(format!(
                     "one has {} × {} pixels in {} bands, another {} × {} in {}",
-                    a.width(),
-                    a.height(),
-                    a.bands.len(),
-                    b.width(),
-                    b.height(),
-                    b.bands.len()
+                    a.size()[0],
+                    a.size()[1],
+                    a.bands().len(),
+                    b.size()[0],
+                    b.size()[1],
+                    b.bands().len()
                 ));
             }
-            if a.facts.seed != b.facts.seed {
-                return mismatch(format!("seeds {} and {} differ", a.facts.seed, b.facts.seed));
+            if a.facts().seed != b.facts().seed {
+                return mismatch(format!("seeds {} and {} differ", a.facts().seed, b.facts().seed));
             }
-            if a.facts.of_picture() != b.facts.of_picture() {
+            if a.facts().of_picture() != b.facts().of_picture() {
                 return mismatch("they were not taken with the same scene, camera and exposure".into());
             }
-            let end = a.facts.first_sample + a.facts.samples;
-            if b.facts.first_sample < end {
-                return mismatch(format!("samples {}..{end} are in two of them", b.facts.first_sample));
+            let end = a.facts().first_sample + a.facts().samples;
+            if b.facts().first_sample < end {
+                return mismatch(format!("samples {}..{end} are in two of them", b.facts().first_sample));
             }
         }
-        let total: f64 = parts.iter().map(|p| p.facts.samples as f64).sum();
+        let total: f64 = parts.iter().map(|p| f64::from(p.facts().samples)).sum();
         if total == 0.0 {
             return mismatch("they hold no samples".into());
         }
-        let mut whole = first.clone();
-        let sum = |field: &dyn Fn(&FocalPlane) -> &Vec<f32>, i: usize| {
-            (parts.iter().map(|p| field(p)[i] as f64 * p.facts.samples as f64).sum::<f64>() / total) as f32
-        };
-        for i in 0..whole.mean.data.len() {
-            whole.mean.data[i] = sum(&|p| &p.mean.data, i);
-            whole.half_difference.data[i] = sum(&|p| &p.half_difference.data, i);
+        let facts =
+            ExposureFacts { first_sample: parts[0].facts().first_sample, samples: total as u32, ..parts[first].facts().clone() };
+        Ok(Merged { parts, first, facts, total })
+    }
+
+    /// Parts that are merged.
+    pub fn parts(&self) -> usize {
+        self.parts.len()
+    }
+}
+
+impl<S: FocalPlaneSource> FocalPlaneSource for Merged<S> {
+    fn bands(&self) -> &[Band] {
+        self.parts[self.first].bands()
+    }
+
+    fn facts(&self) -> &ExposureFacts {
+        &self.facts
+    }
+
+    fn size(&self) -> [usize; 2] {
+        self.parts[self.first].size()
+    }
+
+    fn rows_at_once(&self) -> usize {
+        // The sums, the part that was given first and the one that is read.
+        let bands = self.bands().len();
+        rows_within(STRIP_BYTES, self.size()[0], 2 * 8 * bands + 2 * bytes_a_pixel(bands))
+    }
+
+    fn next_rows(&mut self, rows: usize) -> Result<FocalPlane, ImageError> {
+        let numbers = self.size()[0] * rows * self.bands().len();
+        let mut sums = [vec![-0.0f64; numbers], vec![-0.0f64; numbers]];
+        let mut whole = None;
+        for (k, part) in self.parts.iter_mut().enumerate() {
+            let strip = part.next_rows(rows)?;
+            let samples = f64::from(part.facts().samples);
+            for (sums, values) in sums.iter_mut().zip([&strip.mean, &strip.half_difference]) {
+                sums.iter_mut().zip(&values.data).for_each(|(sum, v)| *sum += f64::from(*v) * samples);
+            }
+            if k == self.first {
+                whole = Some(strip);
+            }
         }
-        whole.facts.first_sample = parts[0].facts.first_sample;
-        whole.facts.samples = total as u32;
+        let mut whole = whole.expect("the part that was given first is one of the parts");
+        for (sums, values) in sums.iter().zip([&mut whole.mean, &mut whole.half_difference]) {
+            values.data.iter_mut().zip(sums).for_each(|(v, sum)| *v = (sum / self.total) as f32);
+        }
+        whole.facts = self.facts.clone();
         Ok(whole)
     }
 }
@@ -188,6 +362,43 @@ mod tests {
         assert!(FocalPlane::merge(&[a.clone(), b.clone()]).is_err());
         (b.facts.exposure_s, b.facts.scene) = (0.01, "garden".into());
         assert!(FocalPlane::merge(&[a, b]).is_err());
+    }
+
+    #[test]
+    fn strips_merge_to_what_the_wholes_merge_to() {
+        let part = |first_sample: u32, samples: u32| {
+            let raster = |phase: f64| {
+                let mut raster = Raster::<f32>::new(3, 37, 2);
+                let wave = |i: usize| (i as f64 * 0.7 + phase + f64::from(first_sample)).sin() as f32;
+                raster.data.iter_mut().enumerate().for_each(|(i, v)| *v = wave(i));
+                raster
+            };
+            let mut truth = Truth::empty(3, 37);
+            truth.id.data.fill(first_sample + 1);
+            FocalPlane {
+                bands: ["A", "B"].map(|n| Band { name: n.into(), unit: BandUnit::Electrons }).to_vec(),
+                mean: raster(0.0),
+                half_difference: raster(2.0),
+                truth,
+                facts: ExposureFacts { first_sample, samples, ..Default::default() },
+            }
+        };
+        let parts = [part(7, 3), part(0, 5), part(5, 2)];
+        let whole = FocalPlane::merge(&parts).unwrap();
+        let mut merged = Merged::new(parts.iter().map(FocalPlane::strips).collect()).unwrap();
+        let mut strips = merged.next_rows(1).unwrap();
+        for rows in [16, 20] {
+            strips.append(&merged.next_rows(rows).unwrap());
+        }
+        assert!(merged.next_rows(1).is_err());
+        assert_eq!(strips, whole);
+        // Truth of the part that was given first, and by hand the number of a pixel.
+        assert_eq!((whole.truth.id.data[0], whole.facts.first_sample, whole.facts.samples), (8, 0, 10));
+        let by_hand = (f64::from(parts[1].mean.data[50]) * 5.0
+            + f64::from(parts[2].mean.data[50]) * 2.0
+            + f64::from(parts[0].mean.data[50]) * 3.0)
+            / 10.0;
+        assert_eq!(whole.mean.data[50], by_hand as f32);
     }
 
     #[test]

@@ -37,4 +37,18 @@ impl<T: Copy + Default> Raster<T> {
     pub fn channel(&self, channel: usize) -> Vec<T> {
         self.data.iter().skip(channel).step_by(self.channels).copied().collect()
     }
+
+    /// Some of its rows.
+    pub fn rows(&self, rows: std::ops::Range<usize>) -> Self {
+        let stride = self.width * self.channels;
+        let data = self.data[rows.start * stride..rows.end * stride].to_vec();
+        Raster { width: self.width, height: rows.len(), channels: self.channels, data }
+    }
+
+    /// Puts the rows of a raster of the same width and channels below its own.
+    pub fn append(&mut self, below: &Self) {
+        assert_eq!((self.width, self.channels), (below.width, below.channels), "rows of another raster");
+        self.data.extend_from_slice(&below.data);
+        self.height += below.height;
+    }
 }
