@@ -6,6 +6,7 @@ use anyhow::{Context, anyhow};
 use diopter::develop::lut::Lut;
 use diopter::develop::{Developer, Recipe};
 use diopter::image::dng::Storage;
+use diopter::image::focal_plane::FocalPlaneSource;
 use diopter::image::{Encoding, FocalPlane, Picture, RawImage, exr, gain_map, jpeg, png, tiff_file};
 use diopter::raw_file;
 use diopter::shot::ShotError;
@@ -288,6 +289,11 @@ pub fn write_picture(kind: Kind, output: Output, picture: &Picture) -> anyhow::R
 /// Writes a focal plane.
 pub fn write_plane(output: Output, plane: &FocalPlane) -> anyhow::Result<PathBuf> {
     output.commit(|to| Ok(exr::write_focal_plane(plane, to)?))
+}
+
+/// Writes a focal plane that comes strip by strip.
+pub fn write_strips(output: Output, source: &mut impl FocalPlaneSource) -> anyhow::Result<PathBuf> {
+    output.commit(|to| Ok(exr::write_strips(source, to)?))
 }
 
 /// The time, as EXIF writes it (UTC); `SOURCE_DATE_EPOCH` (seconds) wins, for files that are the same each time.

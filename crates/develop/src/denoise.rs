@@ -6,7 +6,8 @@
 //! Knaus & Zwicker 2012, "Adaptive rendering with non-local means filtering" (TOG 31), for the distance of patches.
 
 use crate::region::Region;
-use diopter_image::FocalPlane;
+use diopter_image::focal_plane::{Band, FocalPlaneSource, STRIP_STEP, rows_within};
+use diopter_image::{ExposureFacts, FocalPlane, ImageError};
 use rayon::prelude::*;
 
 /// Neighbours up to this far away count, px.
@@ -28,9 +29,115 @@ const SPARK: f32 = 2.0;
 /// Pixels a side of a tile.
 const TILE: usize = 64;
 
+/// Rows around a row that its result depends on: fractions of the candidates are means over neighbours 1 px away, of choices by errors that are means
+/// over 2 px; the filter reaches by its window and half a patch; the variance that it takes is a mean over 2 px of what was divided by a mean over 1 px
+/// of calm halves, for which single pixels were compared with their neighbours.
+const REACH: usize = 1 + 2 + (WINDOW as usize + PATCH) + 2 + 1 + 1;
+/// Bytes that denoising a strip takes at most: a few hundred rows of the widest pictures, so that little is computed twice.
+const MEMORY: usize = 2 << 30;
+
 /// An exposure without most of its Monte Carlo noise. Its mean is biased a little, and its half difference says less than the
 /// truth about the error that is left; `facts.denoised` tells.
 pub fn denoise(plane: &FocalPlane) -> FocalPlane {
+    denoise_rows(plane, farthest_of(plane))
+}
+
+/// Bytes of a pixel that denoising takes: the replicates, calm ones, variance and two filtered pairs, a plane at work; seven features, three fractions
+/// and errors; the old plane and the new one.
+pub fn bytes_a_pixel(bands: usize) -> usize {
+    let plane = diopter_image::focal_plane::bytes_a_pixel(bands);
+    4 * bands * (2 + 2 + 1 + 4 + 2) + 4 * (FEATURES + 3 + 3) + 2 * plane
+}
+
+/// Rows that [`Denoised`] computes at once, for pictures of so many pixels a row and bands.
+pub fn rows_at_once(width: usize, bands: usize) -> usize {
+    let around = 2 * REACH * width.saturating_mul(bytes_a_pixel(bands));
+    rows_within(MEMORY.saturating_sub(around), width, bytes_a_pixel(bands))
+}
+
+/// Log of the largest finite depth (m) of an exposure that is read strip by strip; `None` if nothing is hit.
+pub fn farthest_log_depth(source: &mut impl FocalPlaneSource) -> Result<Option<f32>, ImageError> {
+    let ([_, height], rows) = (source.size(), source.rows_at_once());
+    let mut farthest: Option<f32> = None;
+    for first in (0..height).step_by(rows) {
+        let strip = source.next_rows(rows.min(height - first))?;
+        farthest = farthest.into_iter().chain(farthest_of(&strip)).reduce(f32::max);
+    }
+    Ok(farthest)
+}
+
+/// An exposure without most of its Monte Carlo noise, strip by strip: what [`denoise`] makes of the whole, in bounded memory.
+pub struct Denoised<S> {
+    source: S,
+    farthest: Option<f32>,
+    facts: ExposureFacts,
+    /// Rows that were read and are still needed.
+    rows: Option<FocalPlane>,
+    /// The first of them.
+    first: usize,
+    /// Rows that were taken.
+    next: usize,
+    /// Rows that are computed at once.
+    at_once: usize,
+}
+
+impl<S: FocalPlaneSource> Denoised<S> {
+    /// `farthest`: [`farthest_log_depth`] of the same exposure. It is not asked for when all rows are computed at once ([`rows_at_once`]).
+    pub fn new(source: S, farthest: Option<f32>) -> Self {
+        let at_once = rows_at_once(source.size()[0], source.bands().len());
+        Self::by_rows(source, farthest, at_once)
+    }
+
+    fn by_rows(source: S, farthest: Option<f32>, at_once: usize) -> Self {
+        let facts = ExposureFacts { denoised: true, ..source.facts().clone() };
+        Denoised { source, farthest, facts, rows: None, first: 0, next: 0, at_once }
+    }
+}
+
+impl<S: FocalPlaneSource> FocalPlaneSource for Denoised<S> {
+    fn bands(&self) -> &[Band] {
+        self.source.bands()
+    }
+
+    fn facts(&self) -> &ExposureFacts {
+        &self.facts
+    }
+
+    fn size(&self) -> [usize; 2] {
+        self.source.size()
+    }
+
+    fn rows_at_once(&self) -> usize {
+        self.at_once.max(STRIP_STEP)
+    }
+
+    fn next_rows(&mut self, rows: usize) -> Result<FocalPlane, ImageError> {
+        let [_, height] = self.size();
+        let (from, to) = (self.next, self.next + rows);
+        // Read what the strip depends on.
+        let read = self.first + self.rows.as_ref().map_or(0, FocalPlane::height);
+        let below = self.source.next_rows((to + REACH).min(height).max(to) - read)?;
+        let kept = match self.rows.take() {
+            Some(mut kept) => {
+                kept.append(&below);
+                kept
+            }
+            None => below,
+        };
+        // A picture that is computed at once knows its farthest depth.
+        let farthest = if kept.height() == height { farthest_of(&kept) } else { self.farthest };
+        let mut strip = denoise_rows(&kept, farthest).rows(from - self.first..to - self.first);
+        strip.facts = self.facts.clone();
+        // Keep what the next one depends on.
+        let first = to.saturating_sub(REACH).max(self.first);
+        let next = kept.rows(first - self.first..kept.height());
+        (self.rows, self.first, self.next) = (Some(next), first, to);
+        Ok(strip)
+    }
+}
+
+/// All or some rows of an exposure; `farthest` is the log of the largest depth of all of it.
+fn denoise_rows(plane: &FocalPlane, farthest: Option<f32>) -> FocalPlane {
     let (w, h, n) = (plane.width(), plane.height(), plane.bands.len());
     if w * h == 0 || n == 0 {
         return plane.clone();
@@ -44,7 +151,7 @@ pub fn denoise(plane: &FocalPlane) -> FocalPlane {
     };
     let halves = [half(1.0), half(-1.0)];
     let calm = without_sparks(&halves, w);
-    let features = features(plane);
+    let features = features(plane, farthest);
     // Variance of one half: twice that of the mean, over some neighbours, since a pixel's own has one degree of freedom.
     let variance: Vec<Vec<f32>> = (0..n)
         .map(|b| {
@@ -114,14 +221,21 @@ fn without_sparks(halves: &[Vec<Vec<f32>>; 2], w: usize) -> [Vec<Vec<f32>>; 2] {
     })
 }
 
+/// Log of a depth; not a number where nothing is hit.
+fn log_depth(depth: f32) -> f32 {
+    if depth.is_finite() { depth.max(1e-6).ln() } else { f32::NAN }
+}
+
+fn farthest_of(plane: &FocalPlane) -> Option<f32> {
+    plane.truth.depth.data.iter().map(|d| log_depth(*d)).filter(|d| d.is_finite()).reduce(f32::max)
+}
+
 /// What the scene is like at each pixel, in units of about one.
-fn features(plane: &FocalPlane) -> Vec<Vec<f32>> {
+fn features(plane: &FocalPlane, farthest: Option<f32>) -> Vec<Vec<f32>> {
     let t = &plane.truth;
-    let depth: Vec<f32> = t.depth.data.iter().map(|d| if d.is_finite() { d.max(1e-6).ln() } else { f32::NAN }).collect();
     // What is hit nowhere lies a little behind the farthest thing.
-    let farthest = depth.iter().copied().filter(|d| d.is_finite()).fold(f32::MIN, f32::max);
-    let farthest = if farthest > f32::MIN { farthest } else { 0.0 };
-    let depth: Vec<f32> = depth.iter().map(|d| if d.is_finite() { *d } else { farthest + 0.5 }).collect();
+    let nowhere = farthest.unwrap_or(0.0) + 0.5;
+    let depth: Vec<f32> = t.depth.data.iter().map(|d| if d.is_finite() { log_depth(*d) } else { nowhere }).collect();
     let all = (0..3).map(|c| t.normal.channel(c)).chain((0..3).map(|c| t.albedo.channel(c))).chain([depth]);
     all.collect()
 }
@@ -417,6 +531,40 @@ mod tests {
         let (plane, clean) = scene(0.0);
         let out = denoise(&plane);
         assert!(error(&out.mean.data, &clean) < 1e-5, "{}", error(&out.mean.data, &clean));
+    }
+
+    #[test]
+    fn strips_are_the_rows_of_the_whole() {
+        let (mut plane, _) = scene(0.3);
+        // Sparks at any height, and a sky that is behind the farthest thing of the whole.
+        for i in (7..plane.mean.data.len()).step_by(131) {
+            plane.mean.data[i] *= 40.0;
+            plane.half_difference.data[i] *= 40.0;
+        }
+        for i in (0..plane.truth.depth.data.len()).filter(|i| i % SIZE[0] < 20) {
+            plane.truth.depth.data[i] = f32::INFINITY;
+        }
+        let whole = denoise(&plane);
+        let farthest = farthest_log_depth(&mut plane.strips()).unwrap();
+        assert!(farthest.is_some_and(|f| (f - (3.0f32 + 79.0 / 40.0).ln()).abs() < 1e-6));
+        for rows in [7, 16, 30] {
+            let mut strips = Denoised::by_rows(plane.strips(), farthest, rows);
+            for first in (0..SIZE[1]).step_by(rows) {
+                let count = rows.min(SIZE[1] - first);
+                assert_eq!(strips.next_rows(count).unwrap(), whole.rows(first..first + count), "{rows} {first}");
+            }
+            assert!(strips.next_rows(1).is_err());
+        }
+    }
+
+    #[test]
+    fn strips_fit_into_the_memory() {
+        for (width, bands) in [(20_000, 3), (20_000, 31), (100, 3)] {
+            let rows = rows_at_once(width, bands);
+            assert!(rows >= STRIP_STEP && rows.is_multiple_of(STRIP_STEP));
+            assert!(rows == STRIP_STEP || (rows + 2 * REACH) * width * bytes_a_pixel(bands) <= MEMORY);
+        }
+        assert!(rows_at_once(20_000, 3) >= 256);
     }
 
     #[test]

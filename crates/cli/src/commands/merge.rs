@@ -1,6 +1,6 @@
 //! `merge`: parts of an exposure into the whole, or an exposure series into one picture of more range.
 
-use super::{print_json, read_plane, read_raw};
+use super::{PlaneFile, print_json, read_raw};
 use crate::AskedWrongly;
 use crate::args::Merge;
 use crate::output::{self, Format, Kind};
@@ -8,7 +8,8 @@ use crate::watch::say;
 use anyhow::anyhow;
 use diopter::develop::Recipe;
 use diopter::hdr;
-use diopter::image::{FocalPlane, RawImage};
+use diopter::image::RawImage;
+use diopter::image::focal_plane::{FocalPlaneSource, Merged};
 
 pub fn run(args: &Merge, json: bool) -> anyhow::Result<()> {
     output::distinct(args.parts.iter().map(|p| p.as_path()), [args.output.as_path()])?;
@@ -24,13 +25,14 @@ pub fn run(args: &Merge, json: bool) -> anyhow::Result<()> {
         .into());
     }
     let output = output::prepare_exr(&args.output)?;
-    let parts = args.parts.iter().map(|p| read_plane(p)).collect::<anyhow::Result<Vec<_>>>()?;
-    let whole = FocalPlane::merge(&parts).map_err(|e| AskedWrongly(e.into()))?;
-    let path = output::write_plane(output, &whole)?;
-    let end = whole.facts.first_sample + whole.facts.samples;
-    say(&format!("{} parts, {} samples a pixel\nwrote {}", parts.len(), whole.facts.samples, path.display()));
+    let parts = args.parts.iter().map(|p| PlaneFile::open(p)).collect::<anyhow::Result<Vec<_>>>()?;
+    let mut whole = Merged::new(parts).map_err(|e| AskedWrongly(e.into()))?;
+    let path = output::write_strips(output, &mut whole)?;
+    let facts = whole.facts();
+    let end = facts.first_sample + facts.samples;
+    say(&format!("{} parts, {} samples a pixel\nwrote {}", whole.parts(), facts.samples, path.display()));
     if json {
-        print_json(&serde_json::json!({ "files": [path], "facts": whole.facts, "samples": [whole.facts.first_sample, end] }))?;
+        print_json(&serde_json::json!({ "files": [path], "facts": facts, "samples": [facts.first_sample, end] }))?;
     }
     Ok(())
 }

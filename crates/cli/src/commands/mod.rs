@@ -18,7 +18,9 @@ pub mod stack;
 use crate::watch::warn;
 use anyhow::Context;
 use diopter::files::{self, Source};
-use diopter::image::{FocalPlane, RawImage, dng, exr};
+use diopter::image::exr::FocalPlaneStrips;
+use diopter::image::focal_plane::{Band, FocalPlaneSource};
+use diopter::image::{ExposureFacts, FocalPlane, ImageError, RawImage, dng, exr};
 use std::path::Path;
 
 /// Opens a file or stream for reading, naming it in errors.
@@ -36,6 +38,47 @@ fn read_raw(path: &Path) -> anyhow::Result<RawImage> {
 
 fn read_plane(path: &Path) -> anyhow::Result<FocalPlane> {
     exr::read_focal_plane(open(path)?).with_context(|| path.display().to_string())
+}
+
+/// A focal plane that is read strip by strip, naming its file in errors.
+struct PlaneFile {
+    name: String,
+    strips: FocalPlaneStrips,
+}
+
+impl PlaneFile {
+    fn open(path: &Path) -> anyhow::Result<Self> {
+        let name = path.display().to_string();
+        let strips = FocalPlaneStrips::open(open(path)?).with_context(|| name.clone())?;
+        Ok(PlaneFile { name, strips })
+    }
+}
+
+impl FocalPlaneSource for PlaneFile {
+    fn bands(&self) -> &[Band] {
+        self.strips.bands()
+    }
+
+    fn facts(&self) -> &ExposureFacts {
+        self.strips.facts()
+    }
+
+    fn size(&self) -> [usize; 2] {
+        self.strips.size()
+    }
+
+    fn rows_at_once(&self) -> usize {
+        self.strips.rows_at_once()
+    }
+
+    fn next_rows(&mut self, rows: usize) -> Result<FocalPlane, ImageError> {
+        let name = &self.name;
+        self.strips.next_rows(rows).map_err(|e| match e {
+            ImageError::Malformed { format, reason } => ImageError::Malformed { format, reason: format!("{name}: {reason}") },
+            ImageError::Io(e) => ImageError::Io(std::io::Error::new(e.kind(), format!("{name}: {e}"))),
+            other => other,
+        })
+    }
 }
 
 /// Prints JSON for machines.
