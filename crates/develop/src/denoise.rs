@@ -39,7 +39,7 @@ const MEMORY: usize = 2 << 30;
 /// An exposure without most of its Monte Carlo noise. Its mean is biased a little, and its half difference says less than the
 /// truth about the error that is left; `facts.denoised` tells.
 pub fn denoise(plane: &FocalPlane) -> FocalPlane {
-    denoise_rows(plane, farthest_of(plane))
+    denoise_rows(plane, farthest_log_depth_of(&plane.truth.depth.data))
 }
 
 /// Bytes of a pixel that denoising takes: the replicates, calm ones, variance and two filtered pairs, a plane at work; seven features, three fractions
@@ -61,7 +61,7 @@ pub fn farthest_log_depth(source: &mut impl FocalPlaneSource) -> Result<Option<f
     let mut farthest: Option<f32> = None;
     for first in (0..height).step_by(rows) {
         let strip = source.next_rows(rows.min(height - first))?;
-        farthest = farthest.into_iter().chain(farthest_of(&strip)).reduce(f32::max);
+        farthest = farthest.into_iter().chain(farthest_log_depth_of(&strip.truth.depth.data)).reduce(f32::max);
     }
     Ok(farthest)
 }
@@ -125,7 +125,7 @@ impl<S: FocalPlaneSource> FocalPlaneSource for Denoised<S> {
             None => below,
         };
         // A picture that is computed at once knows its farthest depth.
-        let farthest = if kept.height() == height { farthest_of(&kept) } else { self.farthest };
+        let farthest = if kept.height() == height { farthest_log_depth_of(&kept.truth.depth.data) } else { self.farthest };
         let mut strip = denoise_rows(&kept, farthest).rows(from - self.first..to - self.first);
         strip.facts = self.facts.clone();
         // Keep what the next one depends on.
@@ -226,8 +226,9 @@ fn log_depth(depth: f32) -> f32 {
     if depth.is_finite() { depth.max(1e-6).ln() } else { f32::NAN }
 }
 
-fn farthest_of(plane: &FocalPlane) -> Option<f32> {
-    plane.truth.depth.data.iter().map(|d| log_depth(*d)).filter(|d| d.is_finite()).reduce(f32::max)
+/// Log of the largest finite depth, m; `None` if there is none.
+pub fn farthest_log_depth_of(depth: &[f32]) -> Option<f32> {
+    depth.iter().map(|d| log_depth(*d)).filter(|d| d.is_finite()).reduce(f32::max)
 }
 
 /// What the scene is like at each pixel, in units of about one.

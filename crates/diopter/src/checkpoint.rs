@@ -5,6 +5,7 @@
 //! checksum of all numbers. Hashes are FNV-1a (Fowler, Noll & Vo 1991), over 64-bit words with their halves folded.
 
 use crate::expose::Sums;
+use crate::row_store::RowStore;
 use diopter_image::Raster;
 use std::io::{Read, Write};
 
@@ -50,7 +51,7 @@ impl Fnv {
 }
 
 /// Writes the sums of the exposure that `identity` stands for.
-pub fn write(sums: &Sums, identity: u64, to: &mut impl Write) -> Result<(), CheckpointError> {
+pub fn write<S: RowStore>(sums: &Sums<S>, identity: u64, to: &mut impl Write) -> Result<(), CheckpointError> {
     to.write_all(TITLE)?;
     let mut hash = Fnv::new();
     for number in head(sums, identity) {
@@ -58,13 +59,18 @@ pub fn write(sums: &Sums, identity: u64, to: &mut impl Write) -> Result<(), Chec
         to.write_all(&number.to_le_bytes())?;
     }
     let mut bytes = Vec::with_capacity(8 * BLOCK);
-    for block in sums.sums.data.chunks(BLOCK) {
-        bytes.clear();
-        for value in block {
-            hash.add(value.to_bits());
-            bytes.extend(value.to_le_bytes());
+    let [width, height, channels] = sums.sums.size();
+    let mut numbers = vec![0.0; width * channels];
+    for row in 0..height {
+        sums.sums.copy_row(row, &mut numbers)?;
+        for block in numbers.chunks(BLOCK) {
+            bytes.clear();
+            for value in block {
+                hash.add(value.to_bits());
+                bytes.extend(value.to_le_bytes());
+            }
+            to.write_all(&bytes)?;
         }
-        to.write_all(&bytes)?;
     }
     to.write_all(&hash.finish().to_le_bytes())?;
     Ok(())
@@ -73,6 +79,16 @@ pub fn write(sums: &Sums, identity: u64, to: &mut impl Write) -> Result<(), Chec
 /// Reads the sums of the exposure that `identity` stands for, of a size: pixels a row, rows, bands. No more memory is asked for than that size
 /// needs, whatever the file says.
 pub fn read(from: &mut impl Read, identity: u64, [width, height, bands]: [usize; 3]) -> Result<Sums, CheckpointError> {
+    read_into(from, identity, [width, height, bands], |[width, height, numbers]| Ok(Raster::new(width, height, numbers)))
+}
+
+/// The same with the sums in rows of zeros that `rows` makes, of a size: pixels a row, rows, numbers a pixel.
+pub fn read_into<S: RowStore>(
+    from: &mut impl Read,
+    identity: u64,
+    [width, height, bands]: [usize; 3],
+    rows: impl FnOnce([usize; 3]) -> std::io::Result<S>,
+) -> Result<Sums<S>, CheckpointError> {
     let mut title = [0; TITLE.len()];
     whole(from.read_exact(&mut title))?;
     if title != TITLE {
@@ -91,14 +107,16 @@ pub fn read(from: &mut impl Read, identity: u64, [width, height, bands]: [usize;
     let sample = |number: u64| u32::try_from(number).map_err(|_| CheckpointError::Damaged);
     let (first, end, pass_end) = (sample(first)?, sample(end)?, sample(pass_end)?);
     let tiles = usize::try_from(tiles).map_err(|_| CheckpointError::Damaged)?;
-    let mut sums = Raster::<f64>::new(width, height, 2 * bands);
+    let mut sums = rows([width, height, 2 * bands])?;
     let mut bytes = vec![0; 8 * BLOCK];
-    for block in sums.data.chunks_mut(BLOCK) {
-        let bytes = &mut bytes[..8 * block.len()];
-        whole(from.read_exact(bytes))?;
-        for (value, bytes) in block.iter_mut().zip(bytes.as_chunks::<8>().0) {
-            *value = f64::from_le_bytes(*bytes);
-            hash.add(value.to_bits());
+    for row in 0..height {
+        for block in sums.row_mut(row)?.chunks_mut(BLOCK) {
+            let bytes = &mut bytes[..8 * block.len()];
+            whole(from.read_exact(bytes))?;
+            for (value, bytes) in block.iter_mut().zip(bytes.as_chunks::<8>().0) {
+                *value = f64::from_le_bytes(*bytes);
+                hash.add(value.to_bits());
+            }
         }
     }
     if word(from)? != hash.finish() {
@@ -107,9 +125,8 @@ pub fn read(from: &mut impl Read, identity: u64, [width, height, bands]: [usize;
     Ok(Sums { sums, samples: first..end, pass_end, tiles })
 }
 
-fn head(sums: &Sums, identity: u64) -> [u64; 8] {
-    let s = &sums.sums;
-    let size = [s.width, s.height, s.channels].map(|v| v as u64);
+fn head<S: RowStore>(sums: &Sums<S>, identity: u64) -> [u64; 8] {
+    let size = sums.sums.size().map(|v| v as u64);
     let samples = [sums.samples.start, sums.samples.end, sums.pass_end].map(u64::from);
     [identity, size[0], size[1], size[2], samples[0], samples[1], samples[2], sums.tiles as u64]
 }
@@ -145,6 +162,18 @@ mod tests {
         assert_eq!(read(&mut file.as_slice(), 0x1234_5678_9abc_def0, [70, 41, 3]).unwrap(), sums());
         assert!(matches!(read(&mut file.as_slice(), 7, [70, 41, 3]), Err(CheckpointError::Foreign)));
         assert!(matches!(read(&mut file.as_slice(), 0x1234_5678_9abc_def0, [41, 70, 3]), Err(CheckpointError::Foreign)));
+    }
+
+    #[test]
+    fn sums_on_the_disk_make_the_same_file() {
+        let paged = |size: [usize; 3]| crate::row_store::PagedRows::new(size, 0, &std::env::temp_dir());
+        let mut file = Vec::new();
+        write(&sums(), 5, &mut file).unwrap();
+        let read = read_into(&mut file.as_slice(), 5, [70, 41, 3], paged).unwrap();
+        assert_eq!((read.samples.clone(), read.pass_end, read.tiles), (16..32, 48, 3));
+        let mut again = Vec::new();
+        write(&read, 5, &mut again).unwrap();
+        assert_eq!(again, file);
     }
 
     #[test]

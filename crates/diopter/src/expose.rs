@@ -7,9 +7,11 @@
 use crate::camera::{Camera, Film};
 use crate::mount::M2_PER_MM2;
 use crate::quantity::SpectralBands;
+use crate::row_store::{PagedRows, RowStore};
 use crate::shutter::{Moments, Place, Shutter};
-use diopter_image::focal_plane::{Band, BandUnit, Truth};
-use diopter_image::{ExposureFacts, FocalPlane, Raster};
+use diopter_develop::denoise::farthest_log_depth_of;
+use diopter_image::focal_plane::{Band, BandUnit, FocalPlaneSource, STRIP_STEP, Truth};
+use diopter_image::{ExposureFacts, FocalPlane, ImageError, Raster};
 use diopter_lens::batch::single::LANES;
 use diopter_lens::compound::{Aim, CompoundLens, Exits, Samples, Scratch};
 use diopter_lens::microlens::{Aimed, Behind};
@@ -22,6 +24,7 @@ use diopter_scene::{PathSettings, Scene};
 use rayon::prelude::*;
 use std::collections::BTreeMap;
 use std::ops::Range;
+use std::path::Path;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::time::Instant;
 
@@ -187,6 +190,17 @@ pub enum ExposeError {
     /// The sums to go on from are of another size, of other bands or samples.
     #[error("the samples to go on from belong to another exposure")]
     Foreign,
+    /// The temporary file of an exposure larger than memory.
+    #[error(
+        "the temporary file for the sums of this exposure cannot be written or read ({0}): expected room for 16 bytes a pixel and band"
+    )]
+    Disk(std::io::ErrorKind),
+}
+
+impl From<std::io::Error> for ExposeError {
+    fn from(e: std::io::Error) -> Self {
+        ExposeError::Disk(e.kind())
+    }
 }
 
 /// What is exposed with what: the arguments of [`expose()`].
@@ -220,9 +234,9 @@ pub struct Exposed {
 /// Samples are taken in passes over the whole film, tile by tile: every pixel has the samples of the finished passes, and the first tiles those of
 /// the pass under way.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Sums {
+pub struct Sums<S = Raster<f64>> {
     /// `[row][column][band][replicate]`
-    pub(crate) sums: Raster<f64>,
+    pub(crate) sums: S,
     /// Samples of the finished passes.
     pub(crate) samples: Range<u32>,
     /// Where the pass under way ends; where the last one ended if none is.
@@ -371,32 +385,116 @@ fn pass_end(first: u32, pixels: usize) -> u32 {
     (first / length + 1).saturating_mul(length)
 }
 
-impl Exposure<'_> {
+impl<'a> Exposure<'a> {
     /// Exposes from the beginning, or goes on from where `start` stands.
     ///
     /// `keep` gets the sums again and again, tens to hundreds of milliseconds apart, to save them if it likes. Without it [`Watch::cancel`] gives
     /// [`ExposeError::Cancelled`]; with it the pass under way is finished, and its samples and those before are the result.
-    pub fn run(
+    pub fn run(&self, watch: &Watch, start: Option<Sums>, keep: Option<&mut dyn FnMut(&Sums)>) -> Result<Exposed, ExposeError> {
+        let mut sums = self.begin(start, |[width, height, numbers]| Ok(Raster::new(width, height, numbers)))?;
+        let started = Instant::now();
+        let film = &self.camera.film;
+        // Before the samples: a time limit then knows how long it takes.
+        let truth = match self.settings.truth {
+            true => truth(self.scene, self.camera, self.shutter, 0..film.rows),
+            false => Truth::empty(film.columns, film.rows),
+        };
+        let stopped = self.take_samples(watch, &mut sums, keep, started, self.settings.time_limit_s)?;
+        let facts = self.facts_of(&sums);
+        let (mean, half_difference) = sums.finish(self.response.curves.len());
+        let plane = FocalPlane { bands: self.response.bands.clone(), mean, half_difference, truth, facts };
+        Ok(Exposed { plane, stopped })
+    }
+
+    /// The same for planes that memory cannot hold: about `memory` bytes of the sums are in memory, the others in a temporary file in `folder`. The
+    /// truth is computed when the rows are asked for; a time limit leaves time for it.
+    pub fn run_paged(
         &self,
         watch: &Watch,
-        start: Option<Sums>,
-        mut keep: Option<&mut dyn FnMut(&Sums)>,
-    ) -> Result<Exposed, ExposeError> {
-        let Exposure { scene, camera, shutter, response, settings, facts } = *self;
-        let film = &camera.film;
-        let (width, height, bands) = (film.columns, film.rows, response.curves.len());
-        let wanted = settings.samples.start..settings.samples.end.min(settings.spp);
+        start: Option<Sums<PagedRows>>,
+        keep: Option<&mut dyn FnMut(&Sums<PagedRows>)>,
+        memory: usize,
+        folder: &Path,
+    ) -> Result<ExposedRows<'a>, ExposeError> {
+        let mut sums = self.begin(start, |size| PagedRows::new(size, memory, folder))?;
+        let started = Instant::now();
+        let film = &self.camera.film;
+        let limit = self.settings.time_limit_s.map(|limit| {
+            if !self.settings.truth {
+                return limit;
+            }
+            // Some rows in the middle stand for all.
+            let trial = film.rows / 2..(film.rows / 2 + STRIP_STEP).min(film.rows);
+            let share = film.rows as f64 / trial.len() as f64;
+            truth(self.scene, self.camera, self.shutter, trial);
+            (limit - started.elapsed().as_secs_f64() * share).max(0.0)
+        });
+        let stopped = self.take_samples(watch, &mut sums, keep, started, limit)?;
+        Ok(ExposedRows {
+            scene: self.scene,
+            camera: self.camera.clone(),
+            shutter: *self.shutter,
+            truth: self.settings.truth,
+            bands: self.response.bands.clone(),
+            facts: self.facts_of(&sums),
+            sums,
+            stopped,
+            next: 0,
+        })
+    }
+
+    /// The samples that are asked for.
+    fn wanted(&self) -> Range<u32> {
+        self.settings.samples.start..self.settings.samples.end.min(self.settings.spp)
+    }
+
+    /// The sums to go on from, or new ones.
+    fn begin<S: RowStore>(
+        &self,
+        start: Option<Sums<S>>,
+        rows: impl FnOnce([usize; 3]) -> std::io::Result<S>,
+    ) -> Result<Sums<S>, ExposeError> {
+        let film = &self.camera.film;
+        let (width, height, bands) = (film.columns, film.rows, self.response.curves.len());
+        let wanted = self.wanted();
         if width == 0 || height == 0 || wanted.is_empty() {
             return Err(ExposeError::Nothing);
         }
-        let mut sums = match start {
-            Some(sums) if !sums.belong_to([width, height, bands], &wanted) => return Err(ExposeError::Foreign),
-            Some(sums) => sums,
-            None => Sums::new([width, height, bands], wanted.start),
-        };
-        let started = Instant::now();
-        // Before the samples: a time limit then knows how long it takes.
-        let truth = if settings.truth { truth(scene, camera, shutter) } else { Truth::empty(width, height) };
+        match start {
+            Some(sums) if !sums.belong_to([width, height, bands], &wanted) => Err(ExposeError::Foreign),
+            Some(sums) => Ok(sums),
+            None => Ok(Sums {
+                sums: rows([width, height, 2 * bands])?,
+                samples: wanted.start..wanted.start,
+                pass_end: wanted.start,
+                tiles: 0,
+            }),
+        }
+    }
+
+    fn facts_of<S>(&self, sums: &Sums<S>) -> ExposureFacts {
+        ExposureFacts {
+            seed: self.settings.seed,
+            first_sample: sums.samples.start,
+            samples: sums.samples.len() as u32,
+            light_scale: self.settings.light_scale,
+            ..self.facts.clone()
+        }
+    }
+
+    /// Takes the samples that are still wanted; whether it was stopped before the last of them.
+    fn take_samples<S: RowStore>(
+        &self,
+        watch: &Watch,
+        sums: &mut Sums<S>,
+        mut keep: Option<&mut dyn FnMut(&Sums<S>)>,
+        started: Instant,
+        time_limit_s: Option<f64>,
+    ) -> Result<bool, ExposeError> {
+        let Exposure { scene, camera, shutter, response, settings, .. } = *self;
+        let film = &camera.film;
+        let (width, height) = (film.columns, film.rows);
+        let wanted = self.wanted();
         let sampling = Instant::now();
         let (curves, wavelengths) = match settings.rgb {
             false => (Curves::new(&response.curves), WavelengthSampler::for_bands(&response.curves)),
@@ -416,7 +514,7 @@ impl Exposure<'_> {
             if sums.pass_end == done {
                 // Without a limit passes are as they are; with one, they grow as long as time is left.
                 let end = pass_end(done, width * height).min(wanted.end);
-                sums.pass_end = match settings.time_limit_s {
+                sums.pass_end = match time_limit_s {
                     None => end,
                     Some(limit) => {
                         let so_far = done - resumed;
@@ -434,7 +532,7 @@ impl Exposure<'_> {
             }
             let pass = done..sums.pass_end;
             tiles_done.store(sums.tiles, Ordering::Relaxed);
-            let share = |tile: usize| match settings.time_limit_s {
+            let share = |tile: usize| match time_limit_s {
                 None => {
                     let samples = (done - wanted.start) as f64 + pass.len() as f64 * tile as f64 / tiles as f64;
                     samples / wanted.len() as f64
@@ -443,20 +541,21 @@ impl Exposure<'_> {
             };
             while sums.tiles < tiles {
                 let batch = sums.tiles..(sums.tiles + at_once).min(tiles);
-                let results: Vec<Option<Tile>> = batch
-                    .clone()
+                let before = batch.clone().map(|index| unit.before(index, sums)).collect::<Result<Vec<_>, _>>()?;
+                let results: Vec<Option<Tile>> = before
                     .into_par_iter()
-                    .map(|index| {
+                    .zip(batch.clone())
+                    .map(|(before, index)| {
                         if at_once_if_stopped && stopped() {
                             return None;
                         }
-                        let tile = unit.tile(index, pass.clone(), &sums.sums);
+                        let tile = unit.tile(index, pass.clone(), before);
                         (watch.progress)(share(tiles_done.fetch_add(1, Ordering::Relaxed) + 1));
                         Some(tile)
                     })
                     .collect();
                 for tile in results {
-                    sums.add(tile.ok_or(ExposeError::Cancelled)?);
+                    sums.add(tile.ok_or(ExposeError::Cancelled)?)?;
                 }
                 sums.tiles = batch.end;
                 if sums.tiles == tiles {
@@ -466,7 +565,7 @@ impl Exposure<'_> {
                 if let Some(keep) = &mut keep
                     && sums.samples.end < wanted.end
                 {
-                    keep(&sums);
+                    keep(sums);
                 }
                 if sums.samples.end == pass.end {
                     break;
@@ -476,18 +575,82 @@ impl Exposure<'_> {
                 break;
             }
         }
+        Ok(sums.samples.end < wanted.end && stopped())
+    }
+}
 
-        let done = sums.samples.end;
-        let (mean, half_difference) = sums.finish(bands);
-        let facts = ExposureFacts {
-            seed: settings.seed,
-            first_sample: wanted.start,
-            samples: done - wanted.start,
-            light_scale: settings.light_scale,
-            ..facts.clone()
-        };
-        let plane = FocalPlane { bands: response.bands.clone(), mean, half_difference, truth, facts };
-        Ok(Exposed { plane, stopped: done < wanted.end && stopped() })
+/// An exposure that memory cannot hold, handed out row by row: mean and half difference of its sums, with the truth of the rows.
+#[derive(Debug)]
+pub struct ExposedRows<'a> {
+    scene: &'a Scene,
+    camera: Camera,
+    shutter: Shutter,
+    /// Whether the truth is wanted.
+    truth: bool,
+    bands: Vec<Band>,
+    facts: ExposureFacts,
+    sums: Sums<PagedRows>,
+    stopped: bool,
+    /// Rows that were taken.
+    next: usize,
+}
+
+impl ExposedRows<'_> {
+    /// Whether it was stopped before the last sample that was asked for.
+    pub fn stopped(&self) -> bool {
+        self.stopped
+    }
+
+    /// Its facts, to complete.
+    pub fn facts_mut(&mut self) -> &mut ExposureFacts {
+        &mut self.facts
+    }
+
+    /// Log of the largest finite depth, m, which denoising asks for; `None` if nothing is hit.
+    pub fn farthest_log_depth(&self) -> Option<f32> {
+        let (rows, step) = (self.camera.film.rows, self.rows_at_once());
+        let strips = (0..rows).step_by(step).map(|first| self.truth_of(first..(first + step).min(rows)));
+        strips.filter_map(|truth| farthest_log_depth_of(&truth.depth.data)).reduce(f32::max)
+    }
+
+    fn truth_of(&self, rows: Range<usize>) -> Truth {
+        match self.truth {
+            true => truth(self.scene, &self.camera, &self.shutter, rows),
+            false => Truth::empty(self.camera.film.columns, rows.len()),
+        }
+    }
+}
+
+impl FocalPlaneSource for ExposedRows<'_> {
+    fn bands(&self) -> &[Band] {
+        &self.bands
+    }
+
+    fn facts(&self) -> &ExposureFacts {
+        &self.facts
+    }
+
+    fn size(&self) -> [usize; 2] {
+        [self.camera.film.columns, self.camera.film.rows]
+    }
+
+    fn next_rows(&mut self, rows: usize) -> Result<FocalPlane, ImageError> {
+        let ([width, height], bands) = (self.size(), self.bands.len());
+        if rows > height - self.next {
+            let reason = "it has fewer rows".to_owned();
+            return Err(ImageError::Malformed { format: "focal plane", reason });
+        }
+        let range = self.next..self.next + rows;
+        let (mut mean, mut half_difference) = (Raster::new(width, rows, bands), Raster::new(width, rows, bands));
+        let stride = width * bands;
+        for (k, row) in range.clone().enumerate() {
+            let place = k * stride..(k + 1) * stride;
+            let numbers = self.sums.sums.row(row)?;
+            means(&self.sums.samples, numbers, &mut mean.data[place.clone()], &mut half_difference.data[place]);
+        }
+        let truth = self.truth_of(range.clone());
+        self.next = range.end;
+        Ok(FocalPlane { bands: self.bands.clone(), mean, half_difference, truth, facts: self.facts.clone() })
     }
 }
 
@@ -504,16 +667,18 @@ struct Tile {
     strays: BTreeMap<usize, Vec<[f64; 2]>>,
 }
 
-impl Sums {
-    fn new([width, height, bands]: [usize; 3], first: u32) -> Self {
-        Sums { sums: Raster::new(width, height, bands * 2), samples: first..first, pass_end: first, tiles: 0 }
+impl<S> Sums<S> {
+    /// The samples that every pixel has.
+    pub fn samples(&self) -> Range<u32> {
+        self.samples.clone()
     }
+}
 
+impl<S: RowStore> Sums<S> {
     /// Whether an exposure of a size (pixels a row, rows, bands) and samples can go on from here.
     fn belong_to(&self, [width, height, bands]: [usize; 3], wanted: &Range<u32>) -> bool {
         let tiles = width.div_ceil(TILE) * height.div_ceil(TILE);
-        (self.sums.width, self.sums.height, self.sums.channels) == (width, height, 2 * bands)
-            && self.sums.data.len() == width * height * 2 * bands
+        self.sums.size() == [width, height, 2 * bands]
             && self.samples.start == wanted.start
             && (self.samples.start..=self.pass_end).contains(&self.samples.end)
             && self.pass_end <= wanted.end
@@ -521,49 +686,52 @@ impl Sums {
             && (self.tiles == 0 || self.pass_end > self.samples.end)
     }
 
-    /// The samples that every pixel has.
-    pub fn samples(&self) -> Range<u32> {
-        self.samples.clone()
-    }
-
-    fn add(&mut self, tile: Tile) {
-        let stride = tile.width * self.sums.channels;
+    fn add(&mut self, tile: Tile) -> std::io::Result<()> {
+        let [width, _, channels] = self.sums.size();
+        let stride = tile.width * channels;
         for (i, line) in tile.sums.chunks_exact(stride).enumerate() {
-            let start = ((tile.row + i) * self.sums.width + tile.column) * self.sums.channels;
-            let to = &mut self.sums.data[start..start + stride];
+            let start = tile.column * channels;
+            let to = &mut self.sums.row_mut(tile.row + i)?[start..start + stride];
             match tile.whole {
                 true => to.copy_from_slice(line),
                 false => to.iter_mut().zip(line).for_each(|(a, b)| *a += b),
             }
         }
         for (pixel, sums) in tile.strays {
-            let start = pixel * self.sums.channels;
-            for (a, b) in self.sums.data[start..start + self.sums.channels].iter_mut().zip(sums.iter().flatten()) {
-                *a += b;
-            }
+            let start = pixel % width * channels;
+            let to = &mut self.sums.row_mut(pixel / width)?[start..start + channels];
+            to.iter_mut().zip(sums.iter().flatten()).for_each(|(a, b)| *a += b);
         }
+        Ok(())
     }
+}
 
+impl Sums {
     /// Mean and half difference of the replicates.
     fn finish(self, bands: usize) -> (Raster<f32>, Raster<f32>) {
         let (width, height) = (self.sums.width, self.sums.height);
         let (mut mean, mut half) = (Raster::new(width, height, bands), Raster::new(width, height, bands));
-        // Even samples are of the first replicate, odd ones of the second.
-        let odd = (self.samples.end / 2 - self.samples.start / 2) as f64;
-        let even = self.samples.len() as f64 - odd;
-        for (i, pair) in self.sums.data.chunks_exact(2).enumerate() {
-            // Rounded as sums of single precision are: a plane has no more.
-            let (sa, sb) = (f64::from(pair[0] as f32), f64::from(pair[1] as f32));
-            mean.data[i] = ((sa + sb) / (even + odd)) as f32;
-            // A part of one half only says nothing about its own error: call it 100 %, with the sign that makes parts of
-            // both halves merge to their difference.
-            half.data[i] = match (even == 0.0, odd == 0.0) {
-                (_, true) => mean.data[i],
-                (true, _) => -mean.data[i],
-                _ => (0.5 * (sa / even - sb / odd)) as f32,
-            };
-        }
+        means(&self.samples, &self.sums.data, &mut mean.data, &mut half.data);
         (mean, half)
+    }
+}
+
+/// Mean and half difference of the replicates of some pixels after some samples.
+fn means(samples: &Range<u32>, sums: &[f64], mean: &mut [f32], half_difference: &mut [f32]) {
+    // Even samples are of the first replicate, odd ones of the second.
+    let odd = (samples.end / 2 - samples.start / 2) as f64;
+    let even = samples.len() as f64 - odd;
+    for ((pair, mean), half) in sums.as_chunks::<2>().0.iter().zip(mean).zip(half_difference) {
+        // Rounded as sums of single precision are: a plane has no more.
+        let (sa, sb) = (f64::from(pair[0] as f32), f64::from(pair[1] as f32));
+        *mean = ((sa + sb) / (even + odd)) as f32;
+        // A part of one half only says nothing about its own error: call it 100 %, with the sign that makes parts of
+        // both halves merge to their difference.
+        *half = match (even == 0.0, odd == 0.0) {
+            (_, true) => *mean,
+            (true, _) => -*mean,
+            _ => (0.5 * (sa / even - sb / odd)) as f32,
+        };
     }
 }
 
@@ -623,15 +791,34 @@ struct Unit<'a> {
 }
 
 impl Unit<'_> {
-    /// The samples of a pass in a tile, on top of the sums so far.
-    fn tile(&self, index: usize, samples: Range<u32>, so_far: &Raster<f64>) -> Tile {
+    /// Column, row, width and height of a tile.
+    fn rectangle(&self, index: usize) -> [usize; 4] {
         let film = &self.camera.film;
         let across = film.columns.div_ceil(TILE);
         let (column, row) = (index % across * TILE, index / across * TILE);
-        let (width, height) = (TILE.min(film.columns - column), TILE.min(film.rows - row));
+        [column, row, TILE.min(film.columns - column), TILE.min(film.rows - row)]
+    }
+
+    /// The sums so far that the samples of a tile are added to one by one; none where they are summed apart.
+    fn before<S: RowStore>(&self, index: usize, sums: &mut Sums<S>) -> std::io::Result<Vec<f64>> {
+        if matches!(self.camera.lens, Lens::Compound(_)) {
+            return Ok(Vec::new());
+        }
+        let [column, row, width, height] = self.rectangle(index);
+        let channels = 2 * self.curves_len();
+        let mut before = Vec::with_capacity(width * height * channels);
+        for y in row..row + height {
+            before.extend_from_slice(&sums.sums.row(y)?[column * channels..(column + width) * channels]);
+        }
+        Ok(before)
+    }
+
+    /// The samples of a pass in a tile, on top of what [`Unit::before`] gave.
+    fn tile(&self, index: usize, samples: Range<u32>, before: Vec<f64>) -> Tile {
+        let rectangle = self.rectangle(index);
         match &self.camera.lens {
-            Lens::Compound(lens) => self.compound_tile(lens, [column, row, width, height], samples),
-            _ => self.plain_tile([column, row, width, height], samples, so_far),
+            Lens::Compound(lens) => self.compound_tile(lens, rectangle, samples),
+            _ => self.plain_tile(rectangle, samples, before),
         }
     }
 
@@ -640,15 +827,14 @@ impl Unit<'_> {
     }
 
     /// Through an ideal lens: every sample counts in its own pixel.
-    fn plain_tile(&self, [column, row, width, height]: [usize; 4], samples: Range<u32>, so_far: &Raster<f64>) -> Tile {
+    fn plain_tile(&self, [column, row, width, height]: [usize; 4], samples: Range<u32>, mut sums: Vec<f64>) -> Tile {
         let bands = self.curves_len();
-        let mut sums = Vec::with_capacity(width * height * bands * 2);
+        let mut so_far = sums.chunks_exact_mut(2 * bands);
         let mut pixel = vec![[0.0f64; 2]; bands];
         for y in row..row + height {
             for x in column..column + width {
-                for (sums, before) in pixel.iter_mut().zip(so_far.pixel(x, y).chunks_exact(2)) {
-                    sums.copy_from_slice(before);
-                }
+                let Some(so_far) = so_far.next() else { continue };
+                pixel.as_flattened_mut().copy_from_slice(so_far);
                 for i in samples.clone() {
                     let sampler = self.sampler(x, y, i);
                     let Some(arrival) = self.sample(x, y, &sampler) else { continue };
@@ -660,7 +846,7 @@ impl Unit<'_> {
                         }
                     }
                 }
-                sums.extend(pixel.iter().flatten());
+                so_far.copy_from_slice(pixel.as_flattened());
             }
         }
         Tile { column, row, width, sums, whole: true, strays: BTreeMap::new() }
@@ -909,10 +1095,10 @@ impl Unit<'_> {
     }
 }
 
-/// Ground truth along chief rays, in the middle of the time each pixel is open.
-fn truth(scene: &Scene, camera: &Camera, shutter: &Shutter) -> Truth {
+/// Ground truth of some rows along chief rays, in the middle of the time each pixel is open.
+fn truth(scene: &Scene, camera: &Camera, shutter: &Shutter, rows: Range<usize>) -> Truth {
     let (width, height) = (camera.film.columns, camera.film.rows);
-    let mut truth = Truth::empty(width, height);
+    let mut truth = Truth::empty(width, rows.len());
     // All around there is no axis: depth is distance.
     let all_around = matches!(&camera.lens, Lens::Pinhole(p) if matches!(p.projection, Projection::Panorama { .. }));
     let behind = camera.film.microlenses.map(|m| m.behind(&camera.lens));
@@ -938,7 +1124,7 @@ fn truth(scene: &Scene, camera: &Camera, shutter: &Shutter) -> Truth {
     let planes = depth.data.par_chunks_mut(width).zip(id.data.par_chunks_mut(width)).zip(guides);
     planes.enumerate().for_each(|(row, ((depth, id), (normal, albedo)))| {
         for column in 0..width {
-            let Some((distance, s)) = first(column, row) else { continue };
+            let Some((distance, s)) = first(column, rows.start + row) else { continue };
             depth[column] = distance;
             normal[3 * column..3 * column + 3].copy_from_slice(&s.normal.to_array());
             albedo[3 * column..3 * column + 3].copy_from_slice(&s.albedo.to_array());

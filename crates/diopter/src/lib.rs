@@ -22,6 +22,7 @@ pub mod quantity;
 pub mod quick_look;
 pub mod raw_file;
 pub mod recipe_file;
+pub mod row_store;
 pub mod shot;
 pub mod shutter;
 pub mod stops;
