@@ -7,7 +7,9 @@ use crate::watch::{self, say, warn, watched};
 use anyhow::{Context, anyhow};
 use diopter::checkpoint;
 use diopter::expose::{Exposed, Sums};
-use diopter::shot::Shot;
+use diopter::image::Raster;
+use diopter::row_store::{PagedRows, RowStore};
+use diopter::shot::{ExposedStrips, Shot};
 use std::fs::File;
 use std::io::{BufReader, ErrorKind, Write};
 use std::path::{Path, PathBuf};
@@ -23,68 +25,129 @@ const SHARE: f64 = 0.05;
 pub struct Taken {
     /// What came of it.
     pub exposed: Exposed,
+    kept: Kept,
+}
+
+/// Where the checkpoints of an exposure are.
+pub struct Kept {
     file: Option<PathBuf>,
+    identity: u64,
     /// Samples that were asked for.
     wanted: u32,
 }
 
 /// Exposes a shot that is metered; `output` is the file that the exposure is for. Goes on from its checkpoint if there is one.
 pub fn expose(shot: &Shot, taking: &Taking, output: Option<&Path>, what: &'static str) -> anyhow::Result<Taken> {
-    let wanted = shot.settings.samples.len() as u32;
-    let file = output.filter(|_| taking.checkpoint != Some(Checkpoint::Off) && !shot.lens_cap).map(beside);
-    let identity = if file.is_some() { watched(what, |w| shot.identity(w))? } else { 0 };
-    let start = match &file {
-        Some(file) if !taking.no_resume => resumed(shot, file, identity, taking.resume)?,
-        _ => None,
-    };
-    let (mut next, every) = match taking.checkpoint {
-        Some(Checkpoint::Every(s)) => (s, s),
-        _ => (FIRST_S, EVERY_S),
-    };
-    let begun = Instant::now();
-    let mut told = false;
-    let mut saved_on_stop = None;
-    let mut keep_from = file.as_deref();
-    let mut keep = |sums: &Sums| {
+    let kept = Kept::of(shot, taking, output, what)?;
+    let start = kept.start(shot, taking, |[width, height, numbers]| Ok(Raster::new(width, height, numbers)))?;
+    let mut keeper = kept.keeper(taking);
+    let exposed = watched(what, |w| shot.expose_from(start, w, Some(&mut |sums| keeper.keep(sums))))?;
+    Ok(Taken { exposed, kept })
+}
+
+/// The same for a focal plane that memory cannot hold: its sums lie beside the output, `cache` bytes of them in memory.
+pub fn expose_rows<'a>(
+    shot: &'a Shot,
+    taking: &Taking,
+    output: &Path,
+    what: &'static str,
+    cache: usize,
+) -> anyhow::Result<(ExposedStrips<'a>, Kept)> {
+    let folder = output.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let kept = Kept::of(shot, taking, Some(output), what)?;
+    let start = kept.start(shot, taking, |size| PagedRows::new(size, cache, folder))?;
+    let mut keeper = kept.keeper(taking);
+    let exposed = watched(what, |w| shot.expose_rows(start, w, Some(&mut |sums| keeper.keep(sums)), cache, folder))
+        .with_context(|| folder.display().to_string())?;
+    Ok((exposed, kept))
+}
+
+/// Saves an exposure under way.
+struct Keeper<'a> {
+    file: Option<&'a Path>,
+    identity: u64,
+    begun: Instant,
+    /// Seconds after which it is saved next, and from then to the next.
+    next: f64,
+    every: f64,
+    /// Whether it was said that the exposure is stopping.
+    told: bool,
+    saved_on_stop: Option<u32>,
+}
+
+impl Keeper<'_> {
+    fn keep<S: RowStore>(&mut self, sums: &Sums<S>) {
         let stopping = watch::stopping();
-        if stopping && !told {
-            told = true;
+        if stopping && !self.told {
+            self.told = true;
             say("stopping: the samples under way are finished, which takes seconds; once more ends at once");
         }
-        let Some(file) = keep_from else { return };
+        let Some(file) = self.file else { return };
         // When stopped at once, for who is killed soon after, and when the pass is finished.
-        let on_stop = stopping && saved_on_stop != Some(sums.samples().end);
-        if !on_stop && begun.elapsed().as_secs_f64() < next {
+        let on_stop = stopping && self.saved_on_stop != Some(sums.samples().end);
+        if !on_stop && self.begun.elapsed().as_secs_f64() < self.next {
             return;
         }
         if stopping {
-            saved_on_stop = Some(sums.samples().end);
+            self.saved_on_stop = Some(sums.samples().end);
         }
         let writing = Instant::now();
-        if let Err(e) = save(file, sums, identity) {
+        if let Err(e) = save(file, sums, self.identity) {
             warn(&format!("{e:#}: this exposure has no more checkpoints"));
-            keep_from = None;
+            self.file = None;
         }
-        next = begun.elapsed().as_secs_f64() + every.max(writing.elapsed().as_secs_f64() / SHARE);
-    };
-    let exposed = watched(what, |w| shot.expose_from(start, w, Some(&mut keep)))?;
-    Ok(Taken { exposed, file, wanted })
+        self.next = self.begun.elapsed().as_secs_f64() + self.every.max(writing.elapsed().as_secs_f64() / SHARE);
+    }
 }
 
-impl Taken {
-    /// Removes the checkpoint of a whole exposure, now that its files are written. Of one that was stopped, says how far it came.
-    pub fn finish(&self) -> Option<String> {
+impl Kept {
+    fn of(shot: &Shot, taking: &Taking, output: Option<&Path>, what: &'static str) -> anyhow::Result<Self> {
+        let file = output.filter(|_| taking.checkpoint != Some(Checkpoint::Off) && !shot.lens_cap).map(beside);
+        let identity = if file.is_some() { watched(what, |w| shot.identity(w))? } else { 0 };
+        Ok(Kept { file, identity, wanted: shot.settings.samples.len() as u32 })
+    }
+
+    /// The sums to go on from, in rows that `rows` makes.
+    fn start<S: RowStore>(
+        &self,
+        shot: &Shot,
+        taking: &Taking,
+        rows: impl FnOnce([usize; 3]) -> std::io::Result<S>,
+    ) -> anyhow::Result<Option<Sums<S>>> {
+        match &self.file {
+            Some(file) if !taking.no_resume => resumed(shot, file, self.identity, taking.resume, rows),
+            _ => Ok(None),
+        }
+    }
+
+    fn keeper(&self, taking: &Taking) -> Keeper<'_> {
+        let (next, every) = match taking.checkpoint {
+            Some(Checkpoint::Every(s)) => (s, s),
+            _ => (FIRST_S, EVERY_S),
+        };
+        let (file, identity) = (self.file.as_deref(), self.identity);
+        Keeper { file, identity, begun: Instant::now(), next, every, told: false, saved_on_stop: None }
+    }
+
+    /// Removes the checkpoint of a whole exposure, now that its files are written. Of one that was stopped after `taken` samples, says how far it came.
+    pub fn finish(&self, stopped: bool, taken: u32) -> Option<String> {
         let file = self.file.as_deref().filter(|f| f.exists());
-        if !self.exposed.stopped {
+        if !stopped {
             if let Some(file) = file {
                 // Nothing can be done about one that cannot be removed.
                 let _ = std::fs::remove_file(file);
             }
             return None;
         }
-        let taken = self.exposed.plane.facts.samples;
         let further = file.map_or(String::new(), |f| format!("; the same command goes on from {}", f.display()));
         Some(format!("stopped after {taken} of {} samples a pixel: what was written holds these{further}", self.wanted))
+    }
+}
+
+impl Taken {
+    /// [`Kept::finish`] of what was taken.
+    pub fn finish(&self) -> Option<String> {
+        self.kept.finish(self.exposed.stopped, self.exposed.plane.facts.samples)
     }
 }
 
@@ -96,7 +159,13 @@ fn beside(output: &Path) -> PathBuf {
 }
 
 /// The sums that a checkpoint holds, if it is of this exposure. `must`: else it is an error.
-fn resumed(shot: &Shot, path: &Path, identity: u64, must: bool) -> anyhow::Result<Option<Sums>> {
+fn resumed<S: RowStore>(
+    shot: &Shot,
+    path: &Path,
+    identity: u64,
+    must: bool,
+    rows: impl FnOnce([usize; 3]) -> std::io::Result<S>,
+) -> anyhow::Result<Option<Sums<S>>> {
     let file = match File::open(path) {
         Ok(file) => file,
         Err(e) if e.kind() == ErrorKind::NotFound && !must => return Ok(None),
@@ -108,7 +177,7 @@ fn resumed(shot: &Shot, path: &Path, identity: u64, must: bool) -> anyhow::Resul
         Err(e) => return Err(e).with_context(|| path.display().to_string()),
     };
     let film = &shot.camera.film;
-    match checkpoint::read(&mut BufReader::new(file), identity, [film.columns, film.rows, shot.bands()]) {
+    match checkpoint::read_into(&mut BufReader::new(file), identity, [film.columns, film.rows, shot.bands()], rows) {
         Ok(sums) => {
             let all = &shot.settings.samples;
             let done = sums.samples().len();
@@ -123,7 +192,7 @@ fn resumed(shot: &Shot, path: &Path, identity: u64, must: bool) -> anyhow::Resul
     }
 }
 
-fn save(path: &Path, sums: &Sums, identity: u64) -> anyhow::Result<()> {
+fn save<S: RowStore>(path: &Path, sums: &Sums<S>, identity: u64) -> anyhow::Result<()> {
     Output::prepare(path)?.commit(|to| {
         checkpoint::write(sums, identity, to)?;
         to.flush()?;

@@ -4,12 +4,35 @@ use crate::AskedWrongly;
 use anyhow::anyhow;
 use diopter::shot::{Kept, Shot};
 
+/// Where a focal plane has room while it is exposed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Room {
+    /// In memory.
+    Memory,
+    /// In a temporary file, with so many bytes of it in memory.
+    Disk(usize),
+}
+
+/// Finds room for a focal plane: in memory if it fits into what is `allowed` (or free when nobody says). Refuses what has no room anywhere.
+pub fn room(shot: &Shot, allowed: Option<Bytes>) -> anyhow::Result<Room> {
+    if let Some(available) = available(allowed)
+        && shot.bytes_needed(Kept::Plane) > available
+        && shot.can_expose_rows()
+        && shot.bytes_needed(Kept::Strips) <= available
+    {
+        return Ok(Room::Disk(shot.cache_within(available)));
+    }
+    check(shot, Kept::Plane, allowed)?;
+    Ok(Room::Memory)
+}
+
+fn available(allowed: Option<Bytes>) -> Option<u64> {
+    allowed.map(|Bytes(bytes)| bytes).or_else(free)
+}
+
 /// Refuses a shot that takes more memory than `allowed`, or than is free when nobody says.
 pub fn check(shot: &Shot, kept: Kept, allowed: Option<Bytes>) -> anyhow::Result<()> {
-    let available = match (allowed, free()) {
-        (Some(Bytes(bytes)), _) | (None, Some(bytes)) => bytes,
-        (None, None) => return Ok(()),
-    };
+    let Some(available) = available(allowed) else { return Ok(()) };
     let needed = shot.bytes_needed(kept);
     if needed <= available {
         return Ok(());

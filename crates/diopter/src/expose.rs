@@ -385,7 +385,7 @@ fn pass_end(first: u32, pixels: usize) -> u32 {
     (first / length + 1).saturating_mul(length)
 }
 
-impl<'a> Exposure<'a> {
+impl Exposure<'_> {
     /// Exposes from the beginning, or goes on from where `start` stands.
     ///
     /// `keep` gets the sums again and again, tens to hundreds of milliseconds apart, to save them if it likes. Without it [`Watch::cancel`] gives
@@ -415,7 +415,7 @@ impl<'a> Exposure<'a> {
         keep: Option<&mut dyn FnMut(&Sums<PagedRows>)>,
         memory: usize,
         folder: &Path,
-    ) -> Result<ExposedRows<'a>, ExposeError> {
+    ) -> Result<ExposedPaged, ExposeError> {
         let mut sums = self.begin(start, |size| PagedRows::new(size, memory, folder))?;
         let started = Instant::now();
         let film = &self.camera.film;
@@ -430,8 +430,7 @@ impl<'a> Exposure<'a> {
             (limit - started.elapsed().as_secs_f64() * share).max(0.0)
         });
         let stopped = self.take_samples(watch, &mut sums, keep, started, limit)?;
-        Ok(ExposedRows {
-            scene: self.scene,
+        Ok(ExposedPaged {
             camera: self.camera.clone(),
             shutter: *self.shutter,
             truth: self.settings.truth,
@@ -439,7 +438,6 @@ impl<'a> Exposure<'a> {
             facts: self.facts_of(&sums),
             sums,
             stopped,
-            next: 0,
         })
     }
 
@@ -579,63 +577,68 @@ impl<'a> Exposure<'a> {
     }
 }
 
-/// An exposure that memory cannot hold, handed out row by row: mean and half difference of its sums, with the truth of the rows.
+/// What became of an exposure that memory cannot hold.
 #[derive(Debug)]
-pub struct ExposedRows<'a> {
-    scene: &'a Scene,
+pub struct ExposedPaged {
+    /// Its facts.
+    pub facts: ExposureFacts,
+    /// Whether it was stopped before the last sample that was asked for.
+    pub stopped: bool,
     camera: Camera,
     shutter: Shutter,
     /// Whether the truth is wanted.
     truth: bool,
     bands: Vec<Band>,
-    facts: ExposureFacts,
     sums: Sums<PagedRows>,
-    stopped: bool,
+}
+
+impl ExposedPaged {
+    /// The focal plane row by row: mean and half difference of the sums, with the truth of the rows in the scene that was exposed.
+    pub fn rows(self, scene: &Scene) -> ExposedRows<'_> {
+        ExposedRows { scene, exposed: self, next: 0 }
+    }
+}
+
+/// An exposure that memory cannot hold, handed out row by row.
+#[derive(Debug)]
+pub struct ExposedRows<'a> {
+    scene: &'a Scene,
+    exposed: ExposedPaged,
     /// Rows that were taken.
     next: usize,
 }
 
 impl ExposedRows<'_> {
-    /// Whether it was stopped before the last sample that was asked for.
-    pub fn stopped(&self) -> bool {
-        self.stopped
-    }
-
-    /// Its facts, to complete.
-    pub fn facts_mut(&mut self) -> &mut ExposureFacts {
-        &mut self.facts
-    }
-
     /// Log of the largest finite depth, m, which denoising asks for; `None` if nothing is hit.
     pub fn farthest_log_depth(&self) -> Option<f32> {
-        let (rows, step) = (self.camera.film.rows, self.rows_at_once());
+        let (rows, step) = (self.exposed.camera.film.rows, self.rows_at_once());
         let strips = (0..rows).step_by(step).map(|first| self.truth_of(first..(first + step).min(rows)));
         strips.filter_map(|truth| farthest_log_depth_of(&truth.depth.data)).reduce(f32::max)
     }
 
     fn truth_of(&self, rows: Range<usize>) -> Truth {
-        match self.truth {
-            true => truth(self.scene, &self.camera, &self.shutter, rows),
-            false => Truth::empty(self.camera.film.columns, rows.len()),
+        match self.exposed.truth {
+            true => truth(self.scene, &self.exposed.camera, &self.exposed.shutter, rows),
+            false => Truth::empty(self.exposed.camera.film.columns, rows.len()),
         }
     }
 }
 
 impl FocalPlaneSource for ExposedRows<'_> {
     fn bands(&self) -> &[Band] {
-        &self.bands
+        &self.exposed.bands
     }
 
     fn facts(&self) -> &ExposureFacts {
-        &self.facts
+        &self.exposed.facts
     }
 
     fn size(&self) -> [usize; 2] {
-        [self.camera.film.columns, self.camera.film.rows]
+        [self.exposed.camera.film.columns, self.exposed.camera.film.rows]
     }
 
     fn next_rows(&mut self, rows: usize) -> Result<FocalPlane, ImageError> {
-        let ([width, height], bands) = (self.size(), self.bands.len());
+        let ([width, height], bands) = (self.size(), self.exposed.bands.len());
         if rows > height - self.next {
             let reason = "it has fewer rows".to_owned();
             return Err(ImageError::Malformed { format: "focal plane", reason });
@@ -645,12 +648,12 @@ impl FocalPlaneSource for ExposedRows<'_> {
         let stride = width * bands;
         for (k, row) in range.clone().enumerate() {
             let place = k * stride..(k + 1) * stride;
-            let numbers = self.sums.sums.row(row)?;
-            means(&self.sums.samples, numbers, &mut mean.data[place.clone()], &mut half_difference.data[place]);
+            let numbers = self.exposed.sums.sums.row(row)?;
+            means(&self.exposed.sums.samples, numbers, &mut mean.data[place.clone()], &mut half_difference.data[place]);
         }
         let truth = self.truth_of(range.clone());
         self.next = range.end;
-        Ok(FocalPlane { bands: self.bands.clone(), mean, half_difference, truth, facts: self.facts.clone() })
+        Ok(FocalPlane { bands: self.exposed.bands.clone(), mean, half_difference, truth, facts: self.exposed.facts.clone() })
     }
 }
 

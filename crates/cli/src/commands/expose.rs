@@ -5,11 +5,12 @@ use crate::AskedWrongly;
 use crate::args::Expose;
 use crate::checkpoint;
 use crate::commands::shoot::display;
-use crate::memory;
+use crate::memory::{self, Room};
 use crate::output;
 use crate::watch::{self, say, warn, watched};
 use anyhow::anyhow;
-use diopter::shot::{Kept, Sequence, Shot};
+use diopter::image::focal_plane::FocalPlaneSource;
+use diopter::shot::{Sequence, Shot};
 use std::time::Instant;
 
 pub fn run(args: &Expose, json: bool) -> anyhow::Result<()> {
@@ -23,22 +24,36 @@ pub fn run(args: &Expose, json: bool) -> anyhow::Result<()> {
     let output = output::prepare_exr(&args.output)?;
     let mut shot = Shot::prepare(&file, &mut warn)?;
     (shot.radiance, shot.rgb, shot.spectral) = (args.radiance, args.rgb, args.bands);
-    memory::check(&shot, Kept::Plane, args.taking.max_memory)?;
+    let room = memory::room(&shot, args.taking.max_memory)?;
     watched("focusing", |w| shot.focus(w, &mut warn))?;
     watched("metering", |w| shot.meter(w, &mut warn))?;
     let started = Instant::now();
-    let taken = checkpoint::expose(&shot, &args.taking, Some(&args.output), "exposing")?;
-    let plane = &taken.exposed.plane;
-    let seconds = started.elapsed().as_secs_f64();
-    let path = output::write_plane(output, plane)?;
-    let stopped = taken.finish();
-    say(&display(&plane.facts, plane.width(), plane.height(), seconds));
+    let (path, facts, size, bands, seconds, stopped) = match room {
+        Room::Memory => {
+            let taken = checkpoint::expose(&shot, &args.taking, Some(&args.output), "exposing")?;
+            let plane = &taken.exposed.plane;
+            let seconds = started.elapsed().as_secs_f64();
+            let path = output::write_plane(output, plane)?;
+            let size = [plane.width(), plane.height()];
+            (path, plane.facts.clone(), size, plane.bands.clone(), seconds, taken.finish())
+        }
+        Room::Disk(cache) => {
+            say("the exposure is larger than memory: its sums are in a temporary file beside the output");
+            let (mut exposed, kept) = checkpoint::expose_rows(&shot, &args.taking, &args.output, "exposing", cache)?;
+            let seconds = started.elapsed().as_secs_f64();
+            let path = output::write_strips(output, &mut *exposed.plane)?;
+            let plane = &exposed.plane;
+            let facts = plane.facts().clone();
+            let stopped = kept.finish(exposed.stopped, facts.samples);
+            (path, facts, plane.size(), plane.bands().to_vec(), seconds, stopped)
+        }
+    };
+    say(&display(&facts, size[0], size[1], seconds));
     say(&format!("wrote {}", path.display()));
     if json {
-        let bands: Vec<&str> = plane.bands.iter().map(|b| b.name.as_str()).collect();
+        let bands: Vec<&str> = bands.iter().map(|b| b.name.as_str()).collect();
         print_json(&serde_json::json!({
-            "files": [path], "facts": plane.facts, "size": [plane.width(), plane.height()], "bands": bands, "expose_s": seconds,
-            "stopped": stopped.is_some(),
+            "files": [path], "facts": facts, "size": size, "bands": bands, "expose_s": seconds, "stopped": stopped.is_some(),
         }))?;
     }
     stopped.map_or(Ok(()), |how| Err(anyhow!(how)))

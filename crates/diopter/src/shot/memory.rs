@@ -2,15 +2,24 @@
 
 use super::Shot;
 use crate::expose::{TRUTH_BYTES, bytes_needed};
+use diopter_develop::denoise;
+use diopter_image::focal_plane::STRIP_BYTES;
 
 /// What is done with an exposure when it is taken.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kept {
     /// It is read out and developed, by bands of rows.
     ReadOut,
-    /// It is written as a focal plane too, all channels at once.
+    /// It is written as a focal plane too.
     Plane,
+    /// It is written as a focal plane strip by strip, and never in memory as a whole ([`Shot::expose_rows`]).
+    Strips,
 }
+
+/// Most bytes of the sums of an exposure by strips that are in memory: with these, denoising and writing, 4 GB are enough beside the scene.
+const LARGEST_CACHE: u64 = 1 << 30;
+/// Fewest of them.
+const SMALLEST_CACHE: u64 = 1 << 26;
 
 impl Shot {
     /// Bytes that exposing, denoising and writing take at most.
@@ -25,6 +34,12 @@ impl Shot {
         largest(size, bytes(self.bands(), self.denoise, kept), available)
     }
 
+    /// Bytes of the sums that an exposure by strips may have in memory, when so many are available in all.
+    pub fn cache_within(&self, available: u64) -> usize {
+        let left = available.saturating_sub(self.bytes_needed(Kept::Strips)) + SMALLEST_CACHE;
+        usize::try_from(left.min(LARGEST_CACHE)).unwrap_or(usize::MAX)
+    }
+
     fn pixels(&self) -> u64 {
         self.camera.film.columns as u64 * self.camera.film.rows as u64
     }
@@ -34,15 +49,20 @@ impl Shot {
 fn bytes(bands: usize, denoise: bool, kept: Kept) -> (u64, u64) {
     let (exposing, tiles) = bytes_needed(bands);
     let plane = 2 * 4 * bands + TRUTH_BYTES;
+    if kept == Kept::Strips {
+        // The strip that is written, the one before the filter, and blocks of the file as they are and packed.
+        let writing = 4 * STRIP_BYTES as u64;
+        let denoising = if denoise { denoise::STRIP_MEMORY as u64 } else { 0 };
+        return (0, SMALLEST_CACHE + tiles as u64 + writing + denoising);
+    }
     // Mosaic, and what the writers keep of a picture.
     let read_out = plane + 2 + 6;
     let written = match kept {
-        Kept::ReadOut => 0,
-        // The variance, then a copy of it, the mean, the half difference and the truth as channels.
-        Kept::Plane => plane + 4 * bands + 3 * 4 * bands + TRUTH_BYTES,
+        Kept::ReadOut | Kept::Strips => 0,
+        // Written by blocks of rows, without a copy.
+        Kept::Plane => plane,
     };
-    // The replicates, calm ones, variance and two filtered pairs, a plane at work; seven features, three shares; the new plane.
-    let denoising = if denoise { plane + 4 * bands * (2 + 2 + 1 + 4 + 2) + 4 * (7 + 3) + plane } else { 0 };
+    let denoising = if denoise { denoise::bytes_a_pixel(bands) } else { 0 };
     (exposing.max(read_out).max(written).max(denoising) as u64, tiles as u64)
 }
 
@@ -56,6 +76,16 @@ fn largest(size: [usize; 2], (a_pixel, fixed): (u64, u64), available: u64) -> Op
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn strips_of_any_picture_fit_into_four_gigabytes() {
+        for (bands, denoise) in [(3, false), (3, true), (4, true)] {
+            let (a_pixel, fixed) = bytes(bands, denoise, Kept::Strips);
+            // But for the tiles that all threads of a machine work on.
+            let most = fixed - bytes_needed(bands).1 as u64 - SMALLEST_CACHE + LARGEST_CACHE;
+            assert!(a_pixel == 0 && most < 3_900_000_000, "{bands} {denoise} {most}");
+        }
+    }
 
     #[test]
     fn what_is_said_to_fit_does_and_is_hardly_smaller_than_could_be() {

@@ -30,11 +30,13 @@ use crate::metering::{self, Meter, Pattern};
 use crate::program::{self, Chosen, Limits, Mode};
 use crate::quantity::{Distance, FNumber, FocusTo, LengthMm, Seconds, Size, SpectralBands};
 use crate::quick_look::{self, Optics};
+use crate::row_store::PagedRows;
 use crate::shutter::{Moments, Shutter};
 use crate::{lens_profile, recipe_file};
+use diopter_develop::denoise::Denoised;
 use diopter_develop::lut::Lut;
 use diopter_develop::{Recipe, RecipeError, denoise, develop};
-use diopter_image::focal_plane::Truth;
+use diopter_image::focal_plane::{FocalPlaneSource, Truth};
 use diopter_image::{ExposureFacts, FocalPlane, Picture, Raster, RawImage};
 use diopter_lens::{Focus, Lens, LensError, Projection};
 use diopter_light::cie;
@@ -49,6 +51,7 @@ use file::RenderSection;
 use focusing::Focusing;
 use glam::{Affine3A, Vec3};
 use std::ops::RangeInclusive;
+use std::path::Path;
 use std::time::Instant;
 use timing::Timing;
 
@@ -121,6 +124,14 @@ impl ShotError {
 
 pub(crate) fn value(what: &'static str, found: impl ToString, expected: impl Into<String>) -> ShotError {
     ShotError::Value { what, found: found.to_string(), expected: expected.into() }
+}
+
+/// An exposure that memory cannot hold, to be written strip by strip.
+pub struct ExposedStrips<'a> {
+    /// All samples that were taken.
+    pub plane: Box<dyn FocalPlaneSource + 'a>,
+    /// Whether it was stopped before the last sample that was asked for.
+    pub stopped: bool,
 }
 
 /// A photograph ready to be taken.
@@ -642,18 +653,13 @@ impl Shot {
         watch: &Watch,
         keep: Option<&mut dyn FnMut(&Sums)>,
     ) -> Result<Exposed, ShotError> {
-        // The speed is the read-out's; what the camera was set to goes with the plane.
-        let facts = ExposureFacts { iso: 0.0, iso_set: self.reading.iso, ..self.facts() };
+        let facts = self.plane_facts();
         let response = self.response();
         if self.lens_cap {
             let plane = darkness(&self.camera.film, &response, &self.settings, facts);
             return Ok(Exposed { plane, stopped: false });
         }
-        // What a filter takes is one factor on all light: the plane's facts keep it apart from the scene's own scale.
-        let mut settings = self.settings.clone();
-        settings.rgb = self.rgb && self.radiance && self.spectral.is_none();
-        settings.light_scale *= (-self.exposing.nd_stops).exp2();
-        settings.time_limit_s = self.time_left_s(response.bands.len());
+        let settings = self.light_settings(response.bands.len());
         // The shapes of the blur cost seconds through a real lens: only a quick look asks for them.
         let optics = if self.file.render.quick { Optics::of(&self.camera) } else { None };
         let sharp = optics.is_some().then(|| quick_look::sharp_camera(&self.camera));
@@ -675,6 +681,60 @@ impl Shot {
         }
         plane.facts.light_scale = self.settings.light_scale;
         Ok(Exposed { plane, stopped })
+    }
+
+    /// Whether [`Shot::expose_rows`] can take this exposure: a quick look works on the whole plane, and a lens cap needs no light.
+    pub fn can_expose_rows(&self) -> bool {
+        !self.lens_cap && !self.file.render.quick
+    }
+
+    /// The same for planes that memory cannot hold, in about `memory` bytes beside what [`Shot::bytes_needed`] says: the sums lie in a temporary file in
+    /// `folder`. [`Shot::can_expose_rows`] must hold.
+    pub fn expose_rows(
+        &self,
+        start: Option<Sums<PagedRows>>,
+        watch: &Watch,
+        keep: Option<&mut dyn FnMut(&Sums<PagedRows>)>,
+        memory: usize,
+        folder: &Path,
+    ) -> Result<ExposedStrips<'_>, ShotError> {
+        let (facts, response) = (self.plane_facts(), self.response());
+        let settings = self.light_settings(response.bands.len());
+        let shutter = self.shutter();
+        let exposure = Exposure {
+            scene: &self.scene,
+            camera: &self.camera,
+            shutter: &shutter,
+            response: &response,
+            settings: &settings,
+            facts: &facts,
+        };
+        let mut exposed = exposure.run_paged(watch, start, keep, memory, folder)?;
+        exposed.facts.light_scale = self.settings.light_scale;
+        let stopped = exposed.stopped;
+        let rows = exposed.rows(&self.scene);
+        let plane: Box<dyn FocalPlaneSource + '_> = match self.denoise && !stopped {
+            true => {
+                let farthest = rows.farthest_log_depth();
+                Box::new(Denoised::new(rows, farthest))
+            }
+            false => Box::new(rows),
+        };
+        Ok(ExposedStrips { plane, stopped })
+    }
+
+    /// Facts of a focal plane: the speed is the read-out's; what the camera was set to goes with the plane.
+    fn plane_facts(&self) -> ExposureFacts {
+        ExposureFacts { iso: 0.0, iso_set: self.reading.iso, ..self.facts() }
+    }
+
+    /// Settings of the exposure itself. What a filter takes is one factor on all light: the plane's facts keep it apart from the scene's own scale.
+    fn light_settings(&self, bands: usize) -> Settings {
+        let mut settings = self.settings.clone();
+        settings.rgb = self.rgb && self.radiance && self.spectral.is_none();
+        settings.light_scale *= (-self.exposing.nd_stops).exp2();
+        settings.time_limit_s = self.time_left_s(bands);
+        settings
     }
 
     /// Reads the film out.
