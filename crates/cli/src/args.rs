@@ -554,7 +554,8 @@ pub struct Taking {
     /// With focusing, metering and denoising. Of a sequence, for each picture.
     #[arg(long, value_name = "TIME")]
     pub time_limit: Option<Seconds>,
-    /// Refuse pictures that take more memory than this ("4GB"); without, more than is free.
+    /// Take no more memory than this ("4GB"); without, than is free. `expose` puts what is left into a temporary file beside its output, where it needs
+    /// 16 bytes a pixel and band; others refuse what is too large.
     #[arg(long, value_name = "SIZE")]
     pub max_memory: Option<Bytes>,
     /// How often a long exposure is saved beside its output (FILE.checkpoint), to go on after being stopped or killed; without, every 30 s

@@ -39,7 +39,7 @@ pub struct Kept {
 /// Exposes a shot that is metered; `output` is the file that the exposure is for. Goes on from its checkpoint if there is one.
 pub fn expose(shot: &Shot, taking: &Taking, output: Option<&Path>, what: &'static str) -> anyhow::Result<Taken> {
     let kept = Kept::of(shot, taking, output, what)?;
-    let start = kept.start(shot, taking, |[width, height, numbers]| Ok(Raster::new(width, height, numbers)))?;
+    let start = kept.start(shot, taking, |[width, height, numbers]| Ok(Raster::<f64>::new(width, height, numbers)))?;
     let mut keeper = kept.keeper(taking);
     let exposed = watched(what, |w| shot.expose_from(start, w, Some(&mut |sums| keeper.keep(sums))))?;
     Ok(Taken { exposed, kept })
@@ -57,8 +57,7 @@ pub fn expose_rows<'a>(
     let kept = Kept::of(shot, taking, Some(output), what)?;
     let start = kept.start(shot, taking, |size| PagedRows::new(size, cache, folder))?;
     let mut keeper = kept.keeper(taking);
-    let exposed = watched(what, |w| shot.expose_rows(start, w, Some(&mut |sums| keeper.keep(sums)), cache, folder))
-        .with_context(|| folder.display().to_string())?;
+    let exposed = watched(what, |w| shot.expose_rows(start, w, Some(&mut |sums| keeper.keep(sums)), cache, folder))?;
     Ok((exposed, kept))
 }
 

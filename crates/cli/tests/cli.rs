@@ -421,10 +421,32 @@ fn wrong_requests_exit_with_2_and_a_hint() {
 fn pictures_that_memory_cannot_hold_are_refused_with_the_size_that_would_fit() {
     let f = Folder::new("memory");
     let limits = ["--max-memory", "3GB", "--threads", "2", "--spp", "1"];
-    let huge = ["expose", "cornell", "--lens", "pinhole", "-o", "a.exr", "--size", "20000x20000"];
+    let huge = ["shoot", "cornell", "--lens", "pinhole", "-o", "a.jpg", "--size", "20000x20000"];
     let (code, message) = f.fails(&[&huge[..], &limits[..]].concat());
     let fits: usize = message.rsplit("--size ").next().unwrap().split('x').next().unwrap().parse().unwrap();
     assert!(code == 2 && (2000..6000).contains(&fits), "{message}");
+    // A focal plane is written by strips; where these have no room either, it is refused as well.
+    let little = ["expose", "cornell", "--lens", "pinhole", "-o", "a.exr", "--size", "20000x20000", "--max-memory", "100MB"];
+    let (code, message) = f.fails(&little);
+    assert!(code == 2 && message.contains("at most --size"), "{message}");
+}
+
+#[test]
+fn merging_and_denoising_name_the_file_that_is_damaged() {
+    let f = Folder::new("damaged");
+    let expose = |samples: &str, name: &str| {
+        f.ok(&["expose", "cornell", "--lens", "pinhole", "--size", "40x70", "--spp", "4", "--samples", samples, "-o", name]);
+    };
+    expose("0..2", "a.exr");
+    expose("2..4", "b.exr");
+    f.ok(&["merge", "a.exr", "b.exr", "-o", "whole.exr"]);
+    f.ok(&["denoise", "whole.exr", "-o", "calm.exr"]);
+    let bytes = std::fs::read(f.path("b.exr")).unwrap();
+    std::fs::write(f.path("b.exr"), &bytes[..bytes.len() - 100]).unwrap();
+    for args in [&["merge", "a.exr", "b.exr", "-o", "c.exr"][..], &["denoise", "b.exr", "-o", "c.exr"]] {
+        let (code, message) = f.fails(args);
+        assert!(code == 1 && message.contains("b.exr"), "{args:?}: {code} {message}");
+    }
 }
 
 #[test]

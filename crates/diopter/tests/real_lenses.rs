@@ -167,6 +167,75 @@ fn interrupted_exposures_go_on_where_colours_land_in_other_tiles() {
 }
 
 #[test]
+fn exposures_on_the_disk_make_the_files_of_exposures_in_memory() {
+    use diopter::checkpoint;
+    use diopter::expose::Exposure;
+    use diopter::image::{exr, focal_plane::FocalPlaneSource};
+    use diopter::lens::ThinLens;
+    use diopter::row_store::PagedRows;
+    use std::io::Cursor;
+
+    let description = builtin::named("cornell").unwrap();
+    let place = description.cameras[0].world_from_camera;
+    let scene = Scene::build(description).unwrap();
+    // Eight strips of rows, of which four are in memory; blue and red of a simple lens land outside the margins of tiles.
+    let film = || Film::new(36.0, 24.0, 144, 128);
+    let focus = Focus::Distance(Millimeters(1000.0));
+    let lenses = [
+        Lens::Thin(ThinLens::new(Millimeters(35.0), 2.0, Iris::Round, focus).unwrap()),
+        lens("planar-50mm-f1.4", None, focus, None, &film()),
+        lens("landscape-10mm", None, focus, None, &film()),
+    ];
+    let (shutter, facts, folder) = (Shutter::global(1.0), ExposureFacts::default(), std::env::temp_dir());
+    let response = Response::sensor(&Sensor::named("canon-5d-mark-iv").unwrap());
+    // Two passes.
+    let settings = Settings { samples: 127..130, ..Settings::new(256) };
+    let stop = AtomicBool::new(false);
+    let watch = Watch { cancel: &stop, progress: &|_| () };
+    let one_thread = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
+    for lens in lenses {
+        let camera = Camera { lens, film: film(), way: CameraWay::still(place) };
+        let exposure = Exposure {
+            scene: &scene,
+            camera: &camera,
+            shutter: &shutter,
+            response: &response,
+            settings: &settings,
+            facts: &facts,
+        };
+        let whole = exposure.run(&watch, None, None).unwrap().plane;
+        assert!(whole.mean.data.iter().any(|v| *v > 0.0) && whole.truth.depth.data.iter().any(|d| d.is_finite()));
+        let mut checkpoints = Vec::new();
+        let paged = one_thread.install(|| {
+            let mut keep = |sums: &diopter::expose::Sums<PagedRows>| {
+                let mut bytes = Vec::new();
+                checkpoint::write(sums, 1, &mut bytes).unwrap();
+                checkpoints.push(bytes);
+            };
+            exposure.run_paged(&watch, None, Some(&mut keep), 0, &folder).unwrap()
+        });
+        assert!(!paged.stopped);
+        let (mut plain, mut strips) = (Cursor::new(Vec::new()), Cursor::new(Vec::new()));
+        exr::write_focal_plane(&whole, &mut plain).unwrap();
+        exr::write_strips(&mut paged.rows(&scene), &mut strips).unwrap();
+        assert!(plain.into_inner() == strips.into_inner());
+
+        // Within the first pass and behind it.
+        assert!(checkpoints.len() >= 3, "{}", checkpoints.len());
+        for bytes in &checkpoints[..2] {
+            let size = [144, 128, response.bands.len()];
+            let rows = |size: [usize; 3]| PagedRows::new(size, 0, &folder);
+            let start = checkpoint::read_into(&mut bytes.as_slice(), 1, size, rows).unwrap();
+            let again = exposure.run_paged(&watch, Some(start), None, 0, &folder).unwrap();
+            assert!(again.rows(&scene).next_rows(128).unwrap() == whole);
+            // A checkpoint of what was larger than memory goes on in memory, too.
+            let start = checkpoint::read(&mut bytes.as_slice(), 1, size).unwrap();
+            assert!(exposure.run(&watch, Some(start), None).unwrap().plane == whole);
+        }
+    }
+}
+
+#[test]
 fn more_than_four_bands_land_where_four_do() {
     let film = Film::new(36.0, 24.0, 24, 16);
     // Blue and red land pixels apart, some far from their tile.

@@ -84,7 +84,11 @@ pub fn run(args: &Shoot, json: bool) -> anyhow::Result<()> {
     let shot_file = args.save_shot.as_deref().map(Output::prepare).transpose()?;
 
     let mut shot = Shot::prepare(&file, &mut warn)?;
-    let kept = if planes.is_empty() && truths.is_empty() { Kept::ReadOut } else { Kept::Plane };
+    let kept = match (truths.is_empty(), planes.is_empty()) {
+        (false, _) => Kept::Truth,
+        (true, false) => Kept::Plane,
+        (true, true) => Kept::ReadOut,
+    };
     memory::check(&shot, kept, args.taking.max_memory)?;
     shot.date = Some(output::now());
     let begun = Instant::now();

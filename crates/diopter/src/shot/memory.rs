@@ -12,6 +12,8 @@ pub enum Kept {
     ReadOut,
     /// It is written as a focal plane too.
     Plane,
+    /// Its truth is written too, all channels at once.
+    Truth,
     /// It is written as a focal plane strip by strip, and never in memory as a whole ([`Shot::expose_rows`]).
     Strips,
 }
@@ -61,6 +63,8 @@ fn bytes(bands: usize, denoise: bool, kept: Kept) -> (u64, u64) {
         Kept::ReadOut | Kept::Strips => 0,
         // Written by blocks of rows, without a copy.
         Kept::Plane => plane,
+        // The variance, then a copy of it, the mean, the half difference and the truth as channels.
+        Kept::Truth => plane + 4 * bands + 3 * 4 * bands + TRUTH_BYTES,
     };
     let denoising = if denoise { denoise::bytes_a_pixel(bands) } else { 0 };
     (exposing.max(read_out).max(written).max(denoising) as u64, tiles as u64)
@@ -89,7 +93,7 @@ mod tests {
 
     #[test]
     fn what_is_said_to_fit_does_and_is_hardly_smaller_than_could_be() {
-        for (bands, denoise, kept) in [(3, false, Kept::ReadOut), (3, true, Kept::Plane), (31, false, Kept::Plane)] {
+        for (bands, denoise, kept) in [(3, false, Kept::ReadOut), (3, true, Kept::Plane), (31, false, Kept::Truth)] {
             let (a_pixel, fixed) = bytes(bands, denoise, kept);
             assert!(a_pixel >= 24 * bands as u64 + 32);
             let available = fixed + 3_000_000_000;
