@@ -317,15 +317,17 @@ pub struct FocalPlaneStrips {
 /// Where the pixels of a focal plane come from.
 enum Pixels {
     /// A file with blocks of rows from the top.
-    Rows {
-        blocks: Blocks,
-        /// Channels of the file and what they hold.
-        planes: Vec<(usize, Plane)>,
-        /// Blocks of which not all rows were taken.
-        ready: VecDeque<UncompressedBlock>,
-    },
+    Rows(Box<RowsOfFile>),
     /// Another program's file in another order, read as a whole.
     Whole(Box<FocalPlane>),
+}
+
+struct RowsOfFile {
+    blocks: Blocks,
+    /// Channels of the file and what they hold.
+    planes: Vec<(usize, Plane)>,
+    /// Blocks of which not all rows were taken.
+    ready: VecDeque<UncompressedBlock>,
 }
 
 impl FocalPlaneStrips {
@@ -363,7 +365,7 @@ impl FocalPlaneStrips {
             }
         }
         let size = [header.layer_size.0, header.layer_size.1];
-        let pixels = Pixels::Rows { blocks: Blocks::new(reader)?, planes, ready: VecDeque::new() };
+        let pixels = Pixels::Rows(Box::new(RowsOfFile { blocks: Blocks::new(reader)?, planes, ready: VecDeque::new() }));
         Ok(FocalPlaneStrips { pixels, bands: description.bands, facts: description.facts, size, next: 0 })
     }
 }
@@ -395,7 +397,8 @@ impl FocalPlaneSource for FocalPlaneStrips {
         let (first, end) = (self.next, self.next + rows);
         let strip = match &mut self.pixels {
             Pixels::Whole(plane) => FocalPlane { bands: self.bands.clone(), facts: self.facts.clone(), ..plane.rows(first..end) },
-            Pixels::Rows { blocks, planes, ready } => {
+            Pixels::Rows(file) => {
+                let RowsOfFile { blocks, planes, ready } = file.as_mut();
                 let mut strip = FocalPlane {
                     bands: self.bands.clone(),
                     mean: Raster::new(width, rows, self.bands.len()),
