@@ -82,12 +82,12 @@ pub fn read(from: &mut impl Read, identity: u64, [width, height, bands]: [usize;
     read_into(from, identity, [width, height, bands], |[width, height, numbers]| Ok(Raster::new(width, height, numbers)))
 }
 
-/// The same with the sums in rows of zeros that `rows` makes, of a size: pixels a row, rows, numbers a pixel.
+/// The same with the sums in rows of zeros that `zeros` makes, of a size: pixels a row, rows, numbers a pixel.
 pub fn read_into<S: RowStore>(
     from: &mut impl Read,
     identity: u64,
     [width, height, bands]: [usize; 3],
-    rows: impl FnOnce([usize; 3]) -> std::io::Result<S>,
+    zeros: impl FnOnce([usize; 3]) -> std::io::Result<S>,
 ) -> Result<Sums<S>, CheckpointError> {
     let mut title = [0; TITLE.len()];
     whole(from.read_exact(&mut title))?;
@@ -107,7 +107,7 @@ pub fn read_into<S: RowStore>(
     let sample = |number: u64| u32::try_from(number).map_err(|_| CheckpointError::Damaged);
     let (first, end, pass_end) = (sample(first)?, sample(end)?, sample(pass_end)?);
     let tiles = usize::try_from(tiles).map_err(|_| CheckpointError::Damaged)?;
-    let mut sums = rows([width, height, 2 * bands])?;
+    let mut sums = zeros([width, height, 2 * bands])?;
     let mut bytes = vec![0; 8 * BLOCK];
     for row in 0..height {
         for block in sums.row_mut(row)?.chunks_mut(BLOCK) {

@@ -9,7 +9,6 @@ use crate::memory::{self, Room};
 use crate::output;
 use crate::watch::{self, say, warn, watched};
 use anyhow::anyhow;
-use diopter::image::focal_plane::FocalPlaneSource;
 use diopter::shot::{Sequence, Shot};
 use std::time::Instant;
 
