@@ -79,7 +79,7 @@ impl Keeper<'_> {
         let stopping = watch::stopping();
         if stopping && !self.told {
             self.told = true;
-            say("stopping: the samples under way are finished, which takes seconds; once more ends at once");
+            say("stopping: the samples under way are finished, which may take minutes in large pictures; once more ends at once");
         }
         let Some(file) = self.file else { return };
         // When stopped at once, for who is killed soon after, and when the pass is finished.

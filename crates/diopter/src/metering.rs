@@ -166,10 +166,11 @@ pub fn mean_luminance(scene: &Scene, camera: &Camera, settings: &Settings, watch
     let film = Film { columns: plane.width, rows: plane.height, ..camera.film };
     let probe = Camera { film, ..camera.clone() };
     let (mut sum, mut lit) = (0.0, 0.0);
-    for ((i, luminance), seen) in plane.data.iter().enumerate().zip(seen(scene, &probe)) {
-        let (column, row) = ((i % plane.width) as f64, (i / plane.width) as f64);
-        // A cell without light may be a dark part of the scene.
-        if probe.passing([column, row]) >= LIT {
+    // A cell without light may be a dark part of the scene: only the lens tells.
+    let place = |i: usize| [(i % plane.width) as f64, (i / plane.width) as f64];
+    let shown: Vec<bool> = (0..plane.data.len()).into_par_iter().map(|i| probe.passing(place(i), LIT)).collect();
+    for ((luminance, shown), seen) in plane.data.iter().zip(shown).zip(seen(scene, &probe)) {
+        if shown {
             sum += f64::from(*luminance);
             lit += seen;
         }

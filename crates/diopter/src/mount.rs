@@ -33,15 +33,16 @@ impl Camera {
         inside.then_some((column as usize, row as usize))
     }
 
-    /// Fraction of the rays from a grid over a pixel's area and the pupil that the lens lets pass.
-    pub(crate) fn passing(&self, [column, row]: [f64; 2]) -> f64 {
+    /// Whether the lens lets pass at least a fraction of the rays from a grid over a pixel's area and the pupil.
+    pub(crate) fn passing(&self, [column, row]: [f64; 2], fraction: f64) -> bool {
         const SIDE: usize = 4;
         let middle = |i: usize| (i % SIDE) as f64 / SIDE as f64 + 0.5 / SIDE as f64;
         let passed = (0..SIDE.pow(4)).filter(|i| {
             let [x, y, u, v] = [*i, i / SIDE, i / SIDE.pow(2), i / SIDE.pow(3)].map(middle);
             self.lens.ray(self.film_point(column + x, row + y), [u as f32, v as f32]).is_ok()
         });
-        passed.count() as f64 / SIDE.pow(4) as f64
+        let needed = (fraction * SIDE.pow(4) as f64).ceil() as usize;
+        passed.take(needed).count() == needed
     }
 
     /// World ray of what leaves a lens in single precision: mm from its pupil, unit direction.

@@ -490,3 +490,47 @@ fn gaps_between_pixels_collect_no_wavelength() {
     }
     assert!(seen > 2, "the edge is not in the picture: {seen}");
 }
+
+#[test]
+fn radiance_counts_all_of_the_pupil_alike() {
+    // A scene whose radiance differs over the pupil: a step edge far out of focus behind a lens with an obstruction, and in the vignetted corner of a
+    // fast one. The truth: the mean over the rays that pass, of an even grid over the pixel and the pupil.
+    let facts = ExposureFacts::default();
+    let watch = Watch { cancel: &AtomicBool::new(false), progress: &|_| () };
+    for (name, middle, edge_x) in [("reflex-500mm-f8", [0.0, 0.0], 0.0085), ("planar-50mm-f1.4", [17.0, 11.0], 0.346)] {
+        // One pixel; the scene's half plane is 1 m away where the lens is focused at infinity.
+        let film = Film { middle_mm: middle, ..Film::new(0.05, 0.05, 1, 1) };
+        let whole = Film::new(36.0, 24.0, 1, 1);
+        let lens = lens(name, None, Focus::Infinity, None, &whole);
+        let corner = Vec3::new(edge_x, -5.0, -1.0);
+        let half_plane = diopter::scene::shape::Quad { corner, edges: [Vec3::X * 10.0, Vec3::Y * 10.0] };
+        let scene = Scene::build(Description {
+            environment: Some(Environment::uniform(Vec3::splat(1000.0))),
+            materials: vec![diopter::scene::material::Material::new("black", diopter::scene::material::Scattering::Black)],
+            objects: vec![diopter::scene::Object::new("edge", diopter::scene::Shape::Quad(half_plane), 0)],
+            ..Default::default()
+        })
+        .unwrap();
+        let n = 48;
+        let at = |i: usize| ((i % n) as f64 + 0.5) / n as f64;
+        let (mut lit, mut passed) = (0.0, 0.0);
+        for i in 0..n * n {
+            for j in 0..4 {
+                let place = [0.25 + 0.5 * (j % 2) as f64, 0.25 + 0.5 * (j / 2) as f64];
+                let point = DVec2::new((0.5 - place[0]) * 0.05, (place[1] - 0.5) * 0.05) - DVec2::from_array(middle);
+                let Ok(ray) = lens.ray(point, [at(i) as f32, at(i / n) as f32]) else { continue };
+                let t = (-1000.0 - ray.origin_mm.z) / ray.direction.z;
+                passed += 1.0;
+                lit += f64::from(ray.origin_mm.x + ray.direction.x * t < 1000.0 * f64::from(edge_x));
+            }
+        }
+        let expected = 1000.0 * lit / passed;
+        let camera = before(lens, film);
+        let settings = Settings { truth: false, ..Settings::new(1 << 16) };
+        let plane = expose(&scene, &camera, &Shutter::global(1.0), &Response::luminance(), &settings, &facts, &watch).unwrap();
+        let found = f64::from(plane.mean.data[0]);
+        println!("{name}: {found} {expected}");
+        assert!((200.0..800.0).contains(&expected), "{name}: the edge does not cut the pupil: {expected}");
+        assert!((found / expected - 1.0).abs() < 0.02, "{name}: {found} {expected}");
+    }
+}

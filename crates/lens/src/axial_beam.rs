@@ -71,8 +71,8 @@ fn section_ratio(system: &System, n: &[f64], efl: f64) -> f64 {
     }
     let mut section = system.clone();
     for s in &mut section.surfaces {
-        if let Profile::Toroid { c_x, .. } = s.profile {
-            s.profile = Profile::Sphere(c_x);
+        if !s.profile.is_rotational() {
+            s.profile = Profile::Sphere(s.profile.curvature_x());
         }
     }
     let ratio = (efl / FirstOrder::of(&section, n).efl).abs();

@@ -628,7 +628,19 @@ fn walls_just_before_a_far_lamp_keep_its_light_back() {
         let quad = Quad { corner: Vec3::new(-2.0, 200.0, -2.0), edges: [Vec3::X * 4.0, Vec3::Z * 4.0] };
         d.objects.push(Object::new("lamp", Shape::Quad(quad), d.materials.len() as u32 - 1));
     };
+    let ball = |d: &mut Description| {
+        let radiance = Spectrum::light_from_rgb(Vec3::splat(1e7));
+        d.materials.push(Material { emission: Some(Emission::one_sided(radiance)), ..Material::new("ball", Scattering::Black) });
+        let sphere = Sphere { center: Vec3::Y * 200.05, radius: 0.05 };
+        d.objects.push(Object::new("ball", Shape::Sphere(sphere), d.materials.len() as u32 - 1));
+    };
     for (with_wall, lit) in [(false, true), (true, false)] {
+        let behind_ball = floor_with(|d| {
+            if with_wall {
+                wall(d);
+            }
+            ball(d);
+        });
         let behind_point = floor_with(|d| {
             d.punctual.push(point.clone());
             if with_wall {
@@ -641,7 +653,7 @@ fn walls_just_before_a_far_lamp_keep_its_light_back() {
             }
             lamp(d);
         });
-        for scene in [behind_point, behind_lamp] {
+        for scene in [behind_point, behind_lamp, behind_ball] {
             assert_eq!(look_down(&scene, 200)[0] > 0.0, lit, "wall: {with_wall}");
         }
     }

@@ -213,7 +213,10 @@ pub(super) struct Stand {
     subject_m: Option<f64>,
     /// Set where nobody said where the camera stands.
     framed: Option<Framed>,
+    /// Focal length of an ideal lens, mm.
     focal_mm: f64,
+    /// That of the lens that is asked for, where the camera was placed by it.
+    lens_mm: f64,
     own_f_number: Option<f64>,
 }
 
@@ -237,15 +240,16 @@ fn angle(c: &CameraSection, film: &Film, focal_mm: f64) -> Result<Angle, ShotErr
         Some("pinhole" | "panorama") => return Ok(Angle { focal_m: None, ..ideal }),
         Some(name) => name,
     };
+    let prescription = read_lens(name)?;
     let setting = Setting {
-        focal_length: c.focal_length.map(|f| f.0),
+        focal_length: stated_focal_length(c, &prescription)?,
         f_number: None,
         focus: Focus::Infinity,
         iris: None,
         film_mm: [film.width_mm, film.height_mm],
     };
     // What is wrong with it is said when it is set.
-    let Ok(lens) = CompoundLens::new(std::sync::Arc::new(read_lens(name)?), &setting) else { return Ok(ideal) };
+    let Ok(lens) = CompoundLens::new(std::sync::Arc::new(prescription), &setting) else { return Ok(ideal) };
     let focal_mm = lens.focal_length().0;
     let tangent = |at: DVec2| match lens.chief_ray(at) {
         Ok(ray) if ray.direction.z < 0.0 => (ray.direction.truncate().length() / -ray.direction.z).min(WIDEST_TAN),
@@ -254,6 +258,15 @@ fn angle(c: &CameraSection, film: &Film, focal_mm: f64) -> Result<Angle, ShotErr
     };
     let tan_half = [tangent(DVec2::X * half[0]), tangent(DVec2::Y * half[1])];
     Ok(Angle { tan_half, focal_m: Some(focal_mm * 1e-3), real: true })
+}
+
+/// Focal length (mm) that is asked of a real lens, by itself or by a printed zoom position. Fails on a position that is not printed.
+fn stated_focal_length(
+    c: &CameraSection,
+    prescription: &diopter_lens::prescription::Prescription,
+) -> Result<Option<f64>, ShotError> {
+    let printed = c.zoom_position.map(|position| printed_focal_length(prescription, position)).transpose()?;
+    Ok(printed.or(c.focal_length.map(|f| f.0)))
 }
 
 /// Finds where the camera stands, before the scene has lamps or ground put into it.
@@ -292,7 +305,7 @@ pub(super) fn stand(
     let bounds = description.bounds_at(at_s, |_| true);
     let center = if bounds.is_empty() { Vec3::ZERO } else { bounds.center() };
     let up = c.up.map_or(Vec3::Y, Vec3::from_array);
-    let (mut carrier, mut framed, mut tan_half) = (None, None, None);
+    let (mut carrier, mut framed, mut tan_half, mut lens_mm) = (None, None, None, focal_mm);
     let (place, subject_m) = if let Some(stop) = c.path.first() {
         let at = stop.look_at.or(c.look_at).map_or(center, Vec3::from_array);
         let from = Vec3::from_array(stop.look_from);
@@ -305,6 +318,7 @@ pub(super) fn stand(
         let support = |directions: &[Vec3]| description.support_points(at_s, directions, |_| true);
         let found = framing::framed(center, c.look_at.map(Vec3::from_array), up, &angle, support)?;
         tan_half = Some(angle.tan_half);
+        lens_mm = angle.focal_m.map_or(focal_mm, |f| 1e3 * f);
         framed = Some(found);
         (found.place, Some(found.middle_m))
     } else if let Some(framing) = framing {
@@ -320,11 +334,14 @@ pub(super) fn stand(
     };
     let tan_half = tan_half.unwrap_or_else(|| {
         let real = c.lens.as_deref().filter(|_| !is_ideal(c) && c.focal_length.is_none());
-        let stated = real.and_then(|name| read_lens(name).ok()).and_then(|p| p.focal_length.or(p.zoom.first().copied()));
+        let stated = real.and_then(|name| read_lens(name).ok()).and_then(|p| {
+            let asked = stated_focal_length(c, &p).ok().flatten();
+            asked.or(p.focal_length).or(p.zoom.first().copied())
+        });
         [film.width_mm, film.height_mm].map(|side| 0.5 * side / stated.unwrap_or(focal_mm))
     });
     let tan_half = tan_half.map(|t| t as f32);
-    Ok(Stand { place, carrier, bounds, tan_half, framing, subject_m, framed, focal_mm, own_f_number })
+    Ok(Stand { place, carrier, bounds, tan_half, framing, subject_m, framed, focal_mm, lens_mm, own_f_number })
 }
 
 /// Whether the lens is none with surfaces.
@@ -404,7 +421,7 @@ pub(super) fn camera(
     let subject_m = match (stand.framed, stand.subject_m) {
         // What is nearer than the focal length has no image.
         (Some(framed), _) => {
-            nearest_in_the_middle(scene, stand).filter(|m| 1000.0 * m > 1.01 * focal_mm).unwrap_or(framed.middle_m)
+            nearest_in_the_middle(scene, stand).filter(|m| 1000.0 * m > 1.01 * stand.lens_mm).unwrap_or(framed.middle_m)
         }
         (None, Some(distance)) => distance,
         (None, None) => {
@@ -428,8 +445,8 @@ pub(super) fn camera(
     let deep =
         stand.framed.filter(|_| c.plenoptic.is_none() && sensor.plenoptic.is_none() && c.lens.as_deref() != Some("pinhole"));
     let f_number = known.unwrap_or_else(|| match (deep, &focusing.to) {
-        (Some(framed), Some(FocusTo::Distance(d))) => stop_for(focal_mm, &film, d.0, framed.depths_m),
-        (Some(framed), _) => stop_for(focal_mm, &film, subject_m, framed.depths_m),
+        (Some(framed), Some(FocusTo::Distance(d))) => stop_for(stand.lens_mm, &film, d.0, framed.depths_m),
+        (Some(framed), _) => stop_for(stand.lens_mm, &film, subject_m, framed.depths_m),
         (None, _) => STOPS[0],
     });
     let subject_m = own.filter(|[radius, _]| *radius > 0.0).map_or(subject_m, |[_, distance]| f64::from(distance));

@@ -143,7 +143,7 @@ pub fn read(from: impl Read + Seek) -> Result<RawImage, ImageError> {
         warnings.push("floating-point samples are read with 16 bits between black and white".into());
     }
     let first = opcodes(&mut file, &raw, 1, &storage, &mut warnings)?;
-    raw_corrections(&mut mosaic, &first, &cfa, area, &mut warnings);
+    raw_corrections(&mut mosaic, &first, &cfa, area, storage.float, &mut warnings);
     let table = file.numbers(&raw, tag::LINEARIZATION_TABLE)?;
     if let Some(last) = table.len().checked_sub(1)
         && !storage.float
@@ -174,7 +174,7 @@ pub fn read(from: impl Read + Seek) -> Result<RawImage, ImageError> {
             crop = trimmed(crop, bounds, size);
         }
     }
-    header.opcodes = handed_on(later.iter().chain(&third), size, &mut warnings);
+    header.opcodes = remaining(later.iter().chain(&third), size, &mut warnings);
     // Rows hold the samples of a pixel side by side.
     let in_numbers = |[x, y, w, h]: [usize; 4]| [x * storage.samples, y, w * storage.samples, h];
     let scale = file.numbers(&main, tag::DEFAULT_SCALE)?;
@@ -243,22 +243,33 @@ fn opcodes<R: Read + Seek>(
     if bytes.is_empty() { Ok(Vec::new()) } else { opcode::list(&bytes, number, storage.float, warnings) }
 }
 
-/// Opcode list 1, on the numbers as read. `area`: top, left, bottom, right of the active area, at whose corner the pattern begins.
-fn raw_corrections(mosaic: &mut Raster<u16>, opcodes: &[Opcode], cfa: &Cfa, area: [usize; 4], warnings: &mut Vec<String>) {
+/// Opcode list 1, on the numbers as read; `float`: whether those are floating point. `area`: top, left, bottom, right of the active area, at whose corner the pattern begins.
+fn raw_corrections(
+    mosaic: &mut Raster<u16>,
+    opcodes: &[Opcode],
+    cfa: &Cfa,
+    area: [usize; 4],
+    float: bool,
+    warnings: &mut Vec<String>,
+) {
     for opcode in opcodes.iter().filter(|o| !o.optional && matches!(o.action, Action::Warp(_) | Action::TrimBounds(_))) {
         warnings.push(format!("OpcodeList1: {opcode} of raw numbers was left out"));
     }
     if opcodes.is_empty() {
         return;
     }
+    // Floating-point numbers stand at levels of our own; opcodes mean the numbers of the file.
+    let [black, white] = MADE_LEVELS;
+    let read = |v: &u16| if float { ((f64::from(*v) - black) / (white - black)) as f32 } else { f32::from(*v) / SHORT };
     let mut values = Values {
-        data: mosaic.data.iter().map(|v| f32::from(*v) / SHORT).collect(),
+        data: mosaic.data.iter().map(read).collect(),
         size: [mosaic.width / cfa.samples_per_pixel(), mosaic.height],
         cfa,
         phase: [area[1], area[0]],
     };
     values.apply(opcodes, warnings);
-    mosaic.data.iter_mut().zip(&values.data).for_each(|(to, v)| *to = (v * SHORT).round().clamp(0.0, SHORT) as u16);
+    let written = |v: f32| if float { made(f64::from(v)) } else { (v * SHORT).round().clamp(0.0, SHORT) as u16 };
+    mosaic.data.iter_mut().zip(&values.data).for_each(|(to, v)| *to = written(*v));
 }
 
 /// Opcode list 2, on linear values. The numbers get other levels, in which they are finer.
@@ -286,7 +297,7 @@ fn made(value: f64) -> u16 {
 }
 
 /// What is left to be done behind the demosaic: corrections of pixels, and one warp.
-fn handed_on<'a>(opcodes: impl Iterator<Item = &'a Opcode>, size: [usize; 2], warnings: &mut Vec<String>) -> Vec<Opcode> {
+fn remaining<'a>(opcodes: impl Iterator<Item = &'a Opcode>, size: [usize; 2], warnings: &mut Vec<String>) -> Vec<Opcode> {
     let mut kept: Vec<Opcode> = Vec::new();
     let mut warped = false;
     for opcode in opcodes {
@@ -306,7 +317,7 @@ fn handed_on<'a>(opcodes: impl Iterator<Item = &'a Opcode>, size: [usize; 2], wa
             }
         };
         if !opcode.optional {
-            warnings.push(format!("OpcodeList3: {opcode} {why}"));
+            warnings.push(format!("opcode list: {opcode} {why}"));
         }
     }
     kept

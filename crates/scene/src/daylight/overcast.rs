@@ -17,20 +17,19 @@ const SIZE: [usize; 2] = [8, 256];
 
 /// The sky that makes `illuminance_lx` on the level ground, over an endless ground of an albedo.
 pub fn sky(illuminance_lx: f32, ground: f32) -> Environment {
-    let zenith = 9.0 * illuminance_lx / (7.0 * PI);
     let below = ground * illuminance_lx / PI;
     let [columns, rows] = SIZE;
     let mut map = Raster::new(columns, rows, 3);
     for row in 0..rows {
-        let sine = direction(Vec2::new(0.5, (row as f32 + 0.5) / rows as f32)).y;
-        let luminance = if sine > 0.0 { zenith * (1.0 + 2.0 * sine) / 3.0 } else { below };
+        let towards = direction(Vec2::new(0.5, (row as f32 + 0.5) / rows as f32));
+        let luminance = if towards.y > 0.0 { luminance(illuminance_lx, towards) } else { below };
         (0..columns).for_each(|column| map.pixel_mut(column, row).fill(luminance));
     }
     Environment::new(map, Mat3::IDENTITY, 1.0)
 }
 
 /// Luminance of that sky towards a direction above the horizon, cd/m².
-pub fn luminance(illuminance_lx: f32, towards: Vec3) -> f32 {
+fn luminance(illuminance_lx: f32, towards: Vec3) -> f32 {
     let sine = towards.normalize_or_zero().y.max(0.0);
     9.0 * illuminance_lx / (7.0 * PI) * (1.0 + 2.0 * sine) / 3.0
 }
@@ -67,7 +66,10 @@ mod tests {
             Vec3::new(0.6 * e.cos(), e.sin(), -0.8 * e.cos())
         };
         for elevation in [2.0, 10.0, 30.0, 60.0, 90.0] {
-            let (found, expected) = (sky.rgb(at(elevation)).dot(SRGB_LUMINANCE), luminance(10_000.0, at(elevation)));
+            // Illuminance of the level ground is 7π/9 of the zenith's luminance.
+            let sine = elevation.to_radians().sin();
+            let expected = 10_000.0 / (7.0 * PI / 9.0) * (1.0 + 2.0 * sine) / 3.0;
+            let found = sky.rgb(at(elevation)).dot(SRGB_LUMINANCE);
             assert!((found / expected - 1.0).abs() < 5e-3, "{elevation}°: {found} {expected}");
         }
         assert!((luminance(1.0, Vec3::Y) / luminance(1.0, Vec3::X) - 3.0).abs() < 1e-5);

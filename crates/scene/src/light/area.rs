@@ -182,10 +182,9 @@ fn aim_at_sphere(sphere: &Sphere, p: Vec3, u: [f32; 2], number: u32) -> Option<A
     // Rounding can make the ray just miss: then the nearest point stands for the hit.
     let distance = sphere.intersect(p, wi, f32::INFINITY).unwrap_or_else(|| (sphere.center - p).dot(wi));
     let pdf = 1.0 / (TAU * one_minus_cos_max);
-    // Where a ray meets a sphere is rounded by the square of its distance over the radius, too.
     let end = p + wi * distance;
     let cos = (end - sphere.center).dot(wi) / sphere.radius;
-    let clearance = clearance(p, end, cos) * (1.0 + distance / sphere.radius);
+    let clearance = clearance(p, end, cos);
     Some(Aim { wi, distance, pdf, has_extent: true, spot: Spot::Area(number, Vec2::ZERO), clearance })
 }
 

@@ -1,5 +1,5 @@
-//! Meshes without a scene around them: OBJ with its materials, PLY, STL. They stand as they are in an even white sky, or in what the shot
-//! puts around them.
+//! Meshes without a scene around them: OBJ with its materials, PLY, STL. They bring no light: the shot adds a
+//! studio, a sky or a map.
 
 use super::{Fetch, finished, note_missing, ply, read_texture, stand_in, unzipped};
 use crate::SceneError;
