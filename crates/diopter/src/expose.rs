@@ -390,7 +390,7 @@ impl Exposure<'_> {
     ///
     /// `keep` gets the sums again and again, tens to hundreds of milliseconds apart, to save them if it likes. Without it [`Watch::cancel`] gives
     /// [`ExposeError::Cancelled`]; with it the pass under way is finished, and its samples and those before are the result.
-    pub fn run(&self, watch: &Watch, start: Option<Sums>, keep: Option<&mut dyn FnMut(&Sums)>) -> Result<Exposed, ExposeError> {
+    pub fn run(&self, watch: &Watch, start: Option<Sums>, keep: Option<Keep>) -> Result<Exposed, ExposeError> {
         let mut sums = self.begin(start, |[width, height, numbers]| Ok(Raster::new(width, height, numbers)))?;
         let started = Instant::now();
         let film = &self.camera.film;
@@ -412,7 +412,7 @@ impl Exposure<'_> {
         &self,
         watch: &Watch,
         start: Option<Sums<PagedRows>>,
-        keep: Option<&mut dyn FnMut(&Sums<PagedRows>)>,
+        keep: Option<Keep<PagedRows>>,
         memory: usize,
         folder: &Path,
     ) -> Result<ExposedPaged, ExposeError> {
@@ -485,7 +485,7 @@ impl Exposure<'_> {
         &self,
         watch: &Watch,
         sums: &mut Sums<S>,
-        mut keep: Option<&mut dyn FnMut(&Sums<S>)>,
+        mut keep: Option<Keep<S>>,
         started: Instant,
         time_limit_s: Option<f64>,
     ) -> Result<bool, ExposeError> {
@@ -737,6 +737,9 @@ fn means(samples: &Range<u32>, sums: &[f64], mean: &mut [f32], half_difference: 
         };
     }
 }
+
+/// Told the sums so far, to keep them.
+pub type Keep<'a, S = Raster<f64>> = &'a mut dyn FnMut(&Sums<S>);
 
 /// Most times that a sample of a probe is drawn again.
 const REDRAWS: u32 = 8;

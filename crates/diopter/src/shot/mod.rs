@@ -24,7 +24,7 @@ pub use sources::{odd_size, read_body, read_environment, read_lens, read_scene};
 pub use surroundings::daylight;
 
 use crate::camera::{Camera, Film, PlacementError};
-use crate::expose::{ExposeError, Exposed, Exposure, Response, Settings, Sums, Watch};
+use crate::expose::{ExposeError, Exposed, Exposure, Keep, Response, Settings, Sums, Watch};
 use crate::flash::Flash;
 use crate::metering::{self, Meter, Pattern};
 use crate::program::{self, Chosen, Limits, Mode};
@@ -647,12 +647,7 @@ impl Shot {
     }
 
     /// Exposes the film, or goes on from where `start` stands. `keep` and being stopped: see [`Exposure::run`]. What was stopped is not denoised.
-    pub fn expose_from(
-        &self,
-        start: Option<Sums>,
-        watch: &Watch,
-        keep: Option<&mut dyn FnMut(&Sums)>,
-    ) -> Result<Exposed, ShotError> {
+    pub fn expose_from(&self, start: Option<Sums>, watch: &Watch, keep: Option<Keep>) -> Result<Exposed, ShotError> {
         let facts = self.plane_facts();
         let response = self.response();
         if self.lens_cap {
@@ -694,7 +689,7 @@ impl Shot {
         &self,
         start: Option<Sums<PagedRows>>,
         watch: &Watch,
-        keep: Option<&mut dyn FnMut(&Sums<PagedRows>)>,
+        keep: Option<Keep<PagedRows>>,
         memory: usize,
         folder: &Path,
     ) -> Result<ExposedStrips<'_>, ShotError> {

@@ -284,7 +284,7 @@ pub fn read(text: &str, file: &str) -> Result<Prescription, PrescriptionError> {
                             "THI" => image = Some(value()?),
                             "CUY" | "CUX" | "RDY" | "RDX" | "K" | "A" | "B" | "C" | "D" => image_curved |= value()? != 0.0,
                             "SPH" | "CON" | "ASP" | "CIR" | "REX" | "REY" | "ELX" | "ELY" | "ADX" | "ADY" => {}
-                            _ if place(&mut image_place, other, &value)? => {}
+                            _ if place(&mut image_place, other, value)? => {}
                             _ if gone => skipped.add(other),
                             _ => return Err(wrong(format!("{other}: not read for the image surface"))),
                         }
@@ -387,7 +387,7 @@ pub fn read(text: &str, file: &str) -> Result<Prescription, PrescriptionError> {
                             }
                         }
                     }
-                    _ if place(&mut row.place, other, &value)? => {}
+                    _ if place(&mut row.place, other, value)? => {}
                     _ if gone => skipped.add(other),
                     _ => return Err(wrong(unknown(other))),
                 }

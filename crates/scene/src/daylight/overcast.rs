@@ -65,7 +65,7 @@ mod tests {
             let e = elevation_deg.to_radians();
             Vec3::new(0.6 * e.cos(), e.sin(), -0.8 * e.cos())
         };
-        for elevation in [2.0, 10.0, 30.0, 60.0, 90.0] {
+        for elevation in [2.0f32, 10.0, 30.0, 60.0, 90.0] {
             // Illuminance of the level ground is 7π/9 of the zenith's luminance.
             let sine = elevation.to_radians().sin();
             let expected = 10_000.0 / (7.0 * PI / 9.0) * (1.0 + 2.0 * sine) / 3.0;

@@ -388,7 +388,7 @@ fn strips(body: &mut Body, element: &Element, mesh: &mut Mesh) -> Result<(), Ply
                 let next = corner(number)?;
                 let [a, b] = last;
                 if seen >= 2 && a != b && b != next && a != next {
-                    mesh.triangles.push(if seen % 2 == 0 { [a, b, next] } else { [b, a, next] });
+                    mesh.triangles.push(if seen.is_multiple_of(2) { [a, b, next] } else { [b, a, next] });
                 }
                 last = [b, next];
                 seen += 1;
