@@ -17,7 +17,7 @@ use diopter_lens::compound::{Aim, CompoundLens, Exits, Samples, Scratch};
 use diopter_lens::microlens::{Aimed, Behind};
 use diopter_lens::pupil::PupilTable;
 use diopter_lens::{Lens, LensRay, Projection};
-use diopter_light::random::{Sampler, SamplerKind, Set, mix, to_unit};
+use diopter_light::random::{Sampler, SamplerKind, Set};
 use diopter_light::spectrum::Table;
 use diopter_light::wavelength::{FIRST_NM, LAST_NM, RGB_NM, WavelengthSampler, Wavelengths};
 use diopter_scene::{PathSettings, Scene};
@@ -747,14 +747,10 @@ const REDRAWS: u32 = 8;
 /// The same of a sample of radiance: where light passes a tenth of the pupil, one of a thousand is lost.
 const RADIANCE_REDRAWS: u32 = 64;
 
-/// The numbers of a sample of a pixel at an attempt: new ones each time, independent of those before, so that what passes at last is even over all that
-/// passes (rejection sampling). Steps of a low-discrepancy sequence would not be: they prefer what is first reached from the blocked part.
-fn drawn_again(numbers: [f32; 4], [x, y]: [usize; 2], attempt: u32) -> [f32; 4] {
-    if attempt == 0 {
-        return numbers;
-    }
-    let key = numbers.iter().fold(mix(x as u32 ^ mix(y as u32)), |key, u| mix(key ^ u.to_bits()));
-    std::array::from_fn(|k| to_unit(mix(key ^ mix(4 * attempt + k as u32))))
+/// The numbers of a sample at an attempt: new ones each time, independent of those before, so that what passes at last is even over all that passes
+/// (rejection sampling). Steps of a low-discrepancy sequence would not be: they prefer what is first reached from the blocked part.
+fn drawn_again(numbers: [f32; 4], sampler: &Sampler, attempt: u32) -> [f32; 4] {
+    if attempt == 0 { numbers } else { sampler.get(Set::Redraw(attempt)) }
 }
 
 /// Rays from places of the sensor through a microlens array.
@@ -897,8 +893,8 @@ impl Unit<'_> {
                     break;
                 }
                 for k in 0..count {
-                    let (x, y, ..) = drawn[k];
-                    let (at, pupil) = self.place(places[k], [x, y], attempt);
+                    let (x, y, ref sampler, ..) = drawn[k];
+                    let (at, pupil) = self.place(places[k], sampler, attempt);
                     packet.film[k] = self.camera.film_point(x as f64 + at[0], y as f64 + at[1]) - shifts[k];
                     packet.pupil[k] = pupil;
                     if let Some(from) = &mut from_sensor {
@@ -1016,8 +1012,8 @@ impl Unit<'_> {
 
     /// Place in the pixel (0 to 1 across and down) and in the pupil (unit square) of a sample at an attempt. Radiance is the mean over all of the
     /// pixel that sees anything; a probe keeps its film points.
-    fn place(&self, numbers: [f32; 4], pixel: [usize; 2], attempt: u32) -> ([f64; 2], [f32; 2]) {
-        let [u, v, pu, pv] = drawn_again(numbers, pixel, attempt);
+    fn place(&self, numbers: [f32; 4], sampler: &Sampler, attempt: u32) -> ([f64; 2], [f32; 2]) {
+        let [u, v, pu, pv] = drawn_again(numbers, sampler, attempt);
         let at = if self.in_radiance() { [u, v] } else { [numbers[0], numbers[1]] };
         (self.camera.film.within_pixel(at), [pu, pv])
     }
@@ -1063,7 +1059,7 @@ impl Unit<'_> {
         let shift = self.camera.film.low_pass_shift(spot);
         let passes = |r: &LensRay| self.settings.half.is_none_or(|h| h.holds(r.origin_mm.x));
         let lens_ray = (0..=self.attempts()).find_map(|attempt| {
-            let (at, pupil) = self.place([x, y, pu, pv], [column, row], attempt);
+            let (at, pupil) = self.place([x, y, pu, pv], sampler, attempt);
             let film = self.camera.film_point(column as f64 + at[0], row as f64 + at[1]) - shift;
             let ray = match &self.behind {
                 None => self.camera.lens.ray(film, pupil).ok()?,

@@ -40,6 +40,8 @@ pub enum Set {
     Scatter(u32),
     /// How far light goes through a medium, on the given leg of the path.
     Medium(u32),
+    /// The numbers of [`Set::Camera`] once more, where those before met nothing, at the given attempt (from 1).
+    Redraw(u32),
 }
 
 impl Set {
@@ -50,6 +52,7 @@ impl Set {
             Set::Light(vertex) => 2 + 2 * vertex,
             Set::Scatter(vertex) => 3 + 2 * vertex,
             Set::Medium(leg) => (1 << 24) + leg,
+            Set::Redraw(attempt) => (1 << 25) + attempt,
         }
     }
 }
