@@ -2,10 +2,10 @@
 
 use crate::AskedWrongly;
 use crate::args::{Checkpoint, Taking};
-use crate::output::Output;
+use crate::output::{self, Output};
 use crate::watch::{self, say, warn, watched};
 use anyhow::{Context, anyhow};
-use diopter::checkpoint;
+use diopter::checkpoint::{self, CheckpointError};
 use diopter::expose::{Exposed, Sums};
 use diopter::image::Raster;
 use diopter::row_store::{PagedRows, RowStore};
@@ -13,6 +13,7 @@ use diopter::shot::{ExposedStrips, Shot};
 use std::fs::File;
 use std::io::{BufReader, ErrorKind, Write};
 use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
 /// Seconds from one checkpoint to the next when nobody says, and before the first: what is shorter is soon done again.
@@ -34,6 +35,8 @@ pub struct Kept {
     identity: u64,
     /// Samples that were asked for.
     wanted: u32,
+    /// Whether the file is of this exposure: read or written by it. Others are never removed.
+    ours: AtomicBool,
 }
 
 /// Exposes a shot that is metered; `output` is the file that the exposure is for. Goes on from its checkpoint if there is one.
@@ -64,6 +67,7 @@ pub fn expose_rows<'a>(
 /// Saves an exposure under way.
 struct Keeper<'a> {
     file: Option<&'a Path>,
+    ours: &'a AtomicBool,
     identity: u64,
     begun: Instant,
     /// Seconds after which it is saved next, and from then to the next.
@@ -91,9 +95,12 @@ impl Keeper<'_> {
             self.saved_on_stop = Some(sums.samples().end);
         }
         let writing = Instant::now();
-        if let Err(e) = save(file, sums, self.identity) {
-            warn(&format!("{e:#}: this exposure has no more checkpoints"));
-            self.file = None;
+        match save(file, sums, self.identity) {
+            Ok(()) => self.ours.store(true, Ordering::Relaxed),
+            Err(e) => {
+                warn(&format!("{e:#}: this exposure has no more checkpoints"));
+                self.file = None;
+            }
         }
         self.next = self.begun.elapsed().as_secs_f64() + self.every.max(writing.elapsed().as_secs_f64() / SHARE);
     }
@@ -103,7 +110,7 @@ impl Kept {
     fn of(shot: &Shot, taking: &Taking, output: Option<&Path>, what: &'static str) -> anyhow::Result<Self> {
         let file = output.filter(|_| taking.checkpoint != Some(Checkpoint::Off) && !shot.lens_cap).map(beside);
         let identity = if file.is_some() { watched(what, |w| shot.identity(w))? } else { 0 };
-        Ok(Kept { file, identity, wanted: shot.settings.samples.len() as u32 })
+        Ok(Kept { file, identity, wanted: shot.settings.samples.len() as u32, ours: AtomicBool::new(false) })
     }
 
     /// The sums to go on from, in rows that `rows` makes.
@@ -114,7 +121,11 @@ impl Kept {
         rows: impl FnOnce([usize; 3]) -> std::io::Result<S>,
     ) -> anyhow::Result<Option<Sums<S>>> {
         match &self.file {
-            Some(file) if !taking.no_resume => resumed(shot, file, self.identity, taking.resume, rows),
+            Some(file) if !taking.no_resume => {
+                let sums = resumed(shot, file, self.identity, taking.resume, rows)?;
+                self.ours.store(sums.is_some(), Ordering::Relaxed);
+                Ok(sums)
+            }
             _ => Ok(None),
         }
     }
@@ -125,12 +136,12 @@ impl Kept {
             _ => (FIRST_S, EVERY_S),
         };
         let (file, identity) = (self.file.as_deref(), self.identity);
-        Keeper { file, identity, begun: Instant::now(), next, every, told: false, saved_on_stop: None }
+        Keeper { file, ours: &self.ours, identity, begun: Instant::now(), next, every, told: false, saved_on_stop: None }
     }
 
     /// Removes the checkpoint of a whole exposure, now that its files are written. Of one that was stopped after `taken` samples, says how far it came.
     pub fn finish(&self, stopped: bool, taken: u32) -> Option<String> {
-        let file = self.file.as_deref().filter(|f| f.exists());
+        let file = self.file.as_deref().filter(|f| self.ours.load(Ordering::Relaxed) && f.exists());
         if !stopped {
             if let Some(file) = file {
                 // Nothing can be done about one that cannot be removed.
@@ -150,11 +161,10 @@ impl Taken {
     }
 }
 
-/// The name of a checkpoint.
+/// The name of a checkpoint: that of the output with an ending, cut where file systems do not take so many bytes.
 fn beside(output: &Path) -> PathBuf {
-    let mut name = output.as_os_str().to_owned();
-    name.push(".checkpoint");
-    name.into()
+    let name = output.file_name().unwrap_or_default().to_string_lossy();
+    output.with_file_name(output::cut(&name) + ".checkpoint")
 }
 
 /// The sums that a checkpoint holds, if it is of this exposure. `must`: else it is an error.
@@ -182,6 +192,11 @@ fn resumed<S: RowStore>(
             let done = sums.samples().len();
             say(&format!("going on from {}: {done} of {} samples a pixel are done", path.display(), all.len()));
             Ok(Some(sums))
+        }
+        // Hours of another exposure may lie in it, or what is not ours at all.
+        Err(e @ (CheckpointError::Foreign | CheckpointError::Unknown)) if !must => {
+            let hint = "give another -o, move it away, or --no-resume to begin anew and replace it";
+            Err(AskedWrongly(anyhow!("{}: {e}; {hint}", path.display())).into())
         }
         Err(e) if must => Err(AskedWrongly(anyhow!("{}: {e}; without --resume the exposure begins anew", path.display())).into()),
         Err(e) => {

@@ -88,8 +88,15 @@ fn print_error(error: &serde_json::Value) {
     let _ = writeln!(std::io::stdout(), "{error:#}");
 }
 
+/// More than any machine has; each takes memory for its stack.
+const MOST_THREADS: usize = 1024;
+
 fn run(args: Args) -> anyhow::Result<()> {
     if let Some(threads) = args.threads {
+        if threads.get() > MOST_THREADS {
+            let wrong = anyhow::anyhow!("--threads {threads}: expected 1 to {MOST_THREADS}");
+            return Err(AskedWrongly(wrong).into());
+        }
         rayon::ThreadPoolBuilder::new().num_threads(threads.get()).build_global()?;
     }
     let json = args.json;

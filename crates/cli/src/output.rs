@@ -102,10 +102,14 @@ pub fn remove_parts() {
 
 /// The name of a file while it is written: whose it is, by machine and process.
 fn part_name(name: &str, machine: &str, process: u32) -> String {
+    format!(".{}.{machine}-{process}.part", cut(name))
+}
+
+/// A name that something can be added to: no longer than [`PART_NAME`] and a hash, which tells names apart that differ behind.
+pub fn cut(name: &str) -> String {
     let end = name.floor_char_boundary(PART_NAME);
-    // Names that differ behind that differ by this.
     let rest = if end < name.len() { format!("~{:08x}", hash(name)) } else { String::new() };
-    format!(".{}{rest}.{machine}-{process}.part", &name[..end])
+    format!("{}{rest}", &name[..end])
 }
 
 /// FNV-1a of 32 bits (Fowler, Noll & Vo 1991).

@@ -68,6 +68,14 @@ impl Description {
         Timeline::new(&self.nodes, &self.animations, &self.playing)
     }
 
+    /// Whether there is anything that light could meet.
+    pub fn has_surface(&self) -> bool {
+        self.objects.iter().any(|o| match o.shape {
+            Shape::Mesh { mesh, .. } => self.meshes.get(mesh as usize).is_some_and(|m| !m.triangles.is_empty()),
+            Shape::Sphere(_) | Shape::Quad(_) => true,
+        })
+    }
+
     /// Gives objects the materials of a variant; fails with what there is.
     pub fn choose_variant(&mut self, name: &str) -> Result<(), String> {
         let Some(variant) = self.variants.iter().find(|v| v.name == name) else {
@@ -331,7 +339,15 @@ impl Scene {
     pub fn build(mut description: Description) -> Result<Scene, SceneError> {
         check(&description)?;
         settle(&mut description);
+        let had_surface = description.has_surface();
         clean(&mut description)?;
+        if had_surface && !description.has_surface() {
+            return Err(SceneError::File {
+                place: description.name.clone(),
+                found: "no surface: all its triangles are without area or not finite".into(),
+                expected: "expected a triangle with an area".into(),
+            });
+        }
         crate::material::prepare(&mut description.materials);
         let d = &description;
         let mut uses = vec![0u32; d.meshes.len()];

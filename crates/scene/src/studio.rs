@@ -215,7 +215,7 @@ impl Studio {
                 height = height.max((1.2 * (eye.y - floor + reach * d.y)).min(most));
             }
         }
-        let front = (-to_eye.dot(back) + 2.0 * radius).clamp(6.0 * radius, most);
+        let front = (-to_eye.dot(back) + 2.0 * radius).min(most).max(6.0 * radius);
         // Profile: how far back, how high, and the normal there.
         let (at, r) = (CURVE_AT * radius, CURVE_RADIUS * radius);
         let mut profile = vec![([-front, 0.0], [0.0, 1.0])];

@@ -269,6 +269,9 @@ fn stated_focal_length(
     Ok(printed.or(c.focal_length.map(|f| f.0)))
 }
 
+/// Farthest from the origin that anything may be, m: squares of distances stay within single precision.
+const LARGEST_M: f32 = 1e12;
+
 /// Finds where the camera stands, before the scene has lamps or ground put into it.
 pub(super) fn stand(
     file: &ShotFile,
@@ -303,6 +306,10 @@ pub(super) fn stand(
     };
 
     let bounds = description.bounds_at(at_s, |_| true);
+    if !bounds.is_empty() && !(bounds.min.abs().max(bounds.max.abs()).max_element() <= LARGEST_M) {
+        let found = format!("with a surface from {} to {} m", bounds.min, bounds.max);
+        return Err(value("scene", found, "coordinates within 1e12 m of the origin"));
+    }
     let center = if bounds.is_empty() { Vec3::ZERO } else { bounds.center() };
     let up = c.up.map_or(Vec3::Y, Vec3::from_array);
     let (mut carrier, mut framed, mut tan_half, mut lens_mm) = (None, None, None, focal_mm);

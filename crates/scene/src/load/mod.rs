@@ -9,7 +9,7 @@ pub mod ply;
 pub use picture::read_light;
 
 use crate::SceneError;
-use crate::scene::{Description, MissingTexture, Object, Shape};
+use crate::scene::{Description, MissingTexture};
 use crate::texture::Image;
 use glam::Vec3;
 use picture::{read_light_picture, read_texture};
@@ -61,11 +61,7 @@ fn finished(mut description: Description, name: &str, expected: &str) -> Result<
         );
         description.warnings.push(text);
     }
-    let is_surface = |o: &Object| match o.shape {
-        Shape::Mesh { mesh, .. } => description.meshes.get(mesh as usize).is_some_and(|m| !m.triangles.is_empty()),
-        Shape::Sphere(_) | Shape::Quad(_) => true,
-    };
-    if description.objects.iter().any(is_surface) {
+    if description.has_surface() {
         return Ok(description);
     }
     let found = match description.objects.len() {
