@@ -180,7 +180,10 @@ mod tests {
     fn damage_is_seen() {
         let mut file = Vec::new();
         write(&sums(), 1, &mut file).unwrap();
-        for length in [0, 5, TITLE.len(), TITLE.len() + 60, file.len() / 2, file.len() - 1] {
+        for length in [0, 5] {
+            assert!(matches!(read(&mut &file[..length], 1, [70, 41, 3]), Err(CheckpointError::Unknown)), "{length}");
+        }
+        for length in [TITLE.len(), TITLE.len() + 60, file.len() / 2, file.len() - 1] {
             assert!(matches!(read(&mut &file[..length], 1, [70, 41, 3]), Err(CheckpointError::Damaged)), "{length}");
         }
         for place in [TITLE.len() + 40, TITLE.len() + 64, file.len() / 2, file.len() - 3] {
