@@ -1,0 +1,92 @@
+//! Exposures that memory cannot hold, handed out row by row.
+
+use super::sums::{Sums, means};
+use super::truth;
+use crate::camera::Camera;
+use crate::row_store::{PagedRows, RowStore};
+use crate::shutter::Shutter;
+use diopter_develop::denoise::farthest_log_depth_of;
+use diopter_image::focal_plane::{Band, FocalPlaneSource, Truth};
+use diopter_image::{ExposureFacts, FocalPlane, ImageError, Raster};
+use diopter_scene::Scene;
+use std::ops::Range;
+
+/// What became of an exposure that memory cannot hold.
+#[derive(Debug)]
+pub struct ExposedPaged {
+    /// Its facts.
+    pub facts: ExposureFacts,
+    /// Whether it was stopped before the last sample that was asked for.
+    pub stopped: bool,
+    pub(super) camera: Camera,
+    pub(super) shutter: Shutter,
+    /// Whether the truth is wanted.
+    pub(super) truth: bool,
+    pub(super) bands: Vec<Band>,
+    pub(super) sums: Sums<PagedRows>,
+}
+
+impl ExposedPaged {
+    /// The focal plane row by row: mean and half difference of the sums, with the truth of the rows in the scene that was exposed.
+    pub fn rows(self, scene: &Scene) -> ExposedRows<'_> {
+        ExposedRows { scene, exposed: self, next: 0 }
+    }
+}
+
+/// An exposure that memory cannot hold, handed out row by row.
+#[derive(Debug)]
+pub struct ExposedRows<'a> {
+    scene: &'a Scene,
+    exposed: ExposedPaged,
+    /// Rows that were taken.
+    next: usize,
+}
+
+impl ExposedRows<'_> {
+    /// Log of the largest finite depth, m, which denoising asks for; `None` if nothing is hit.
+    pub fn farthest_log_depth(&self) -> Option<f32> {
+        let (rows, step) = (self.exposed.camera.film.rows, self.rows_at_once());
+        let strips = (0..rows).step_by(step).map(|first| self.truth_of(first..(first + step).min(rows)));
+        strips.filter_map(|truth| farthest_log_depth_of(&truth.depth.data)).reduce(f32::max)
+    }
+
+    fn truth_of(&self, rows: Range<usize>) -> Truth {
+        match self.exposed.truth {
+            true => truth(self.scene, &self.exposed.camera, &self.exposed.shutter, rows),
+            false => Truth::empty(self.exposed.camera.film.columns, rows.len()),
+        }
+    }
+}
+
+impl FocalPlaneSource for ExposedRows<'_> {
+    fn bands(&self) -> &[Band] {
+        &self.exposed.bands
+    }
+
+    fn facts(&self) -> &ExposureFacts {
+        &self.exposed.facts
+    }
+
+    fn size(&self) -> [usize; 2] {
+        [self.exposed.camera.film.columns, self.exposed.camera.film.rows]
+    }
+
+    fn next_rows(&mut self, rows: usize) -> Result<FocalPlane, ImageError> {
+        let ([width, height], bands) = (self.size(), self.exposed.bands.len());
+        if rows > height - self.next {
+            let reason = "it has fewer rows".to_owned();
+            return Err(ImageError::Malformed { format: "focal plane", reason });
+        }
+        let range = self.next..self.next + rows;
+        let (mut mean, mut half_difference) = (Raster::new(width, rows, bands), Raster::new(width, rows, bands));
+        let stride = width * bands;
+        for (k, row) in range.clone().enumerate() {
+            let place = k * stride..(k + 1) * stride;
+            let numbers = self.exposed.sums.sums.row(row)?;
+            means(&self.exposed.sums.samples, numbers, &mut mean.data[place.clone()], &mut half_difference.data[place]);
+        }
+        let truth = self.truth_of(range.clone());
+        self.next = range.end;
+        Ok(FocalPlane { bands: self.exposed.bands.clone(), mean, half_difference, truth, facts: self.exposed.facts.clone() })
+    }
+}

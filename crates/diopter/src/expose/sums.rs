@@ -1,0 +1,107 @@
+//! The sums of an exposure under way, and what comes of them.
+
+use super::TILE;
+use crate::row_store::RowStore;
+use diopter_image::Raster;
+use std::collections::BTreeMap;
+use std::ops::Range;
+
+/// An exposure under way: the sums of its samples. Going on from them gives, bit for bit, what the exposure would have given without a pause.
+///
+/// Samples are taken in passes over the whole film, tile by tile: every pixel has the samples of the finished passes, and the first tiles those of
+/// the pass under way.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Sums<S = Raster<f64>> {
+    /// `[row][column][band][replicate]`
+    pub(crate) sums: S,
+    /// Samples of the finished passes.
+    pub(crate) samples: Range<u32>,
+    /// Where the pass under way ends; where the last one ended if none is.
+    pub(crate) pass_end: u32,
+    /// Tiles that have the samples of the pass under way.
+    pub(crate) tiles: usize,
+}
+
+/// Told the sums so far, to keep them.
+pub type Keep<'a, S = Raster<f64>> = &'a mut dyn FnMut(&Sums<S>);
+
+/// A rectangle of the film and its sums.
+pub(super) struct Tile {
+    pub column: usize,
+    pub row: usize,
+    pub width: usize,
+    /// `[row][column][band][replicate]`
+    pub sums: Vec<f64>,
+    /// Whether these are the sums of all samples so far, or only of this pass.
+    pub whole: bool,
+    /// Pixels that wavelengths reach elsewhere: pixel number → sums `[band][replicate]`.
+    pub strays: BTreeMap<usize, Vec<[f64; 2]>>,
+}
+
+impl<S> Sums<S> {
+    /// The samples that every pixel has.
+    pub fn samples(&self) -> Range<u32> {
+        self.samples.clone()
+    }
+}
+
+impl<S: RowStore> Sums<S> {
+    /// Whether an exposure of a size (pixels a row, rows, bands) and samples can go on from here.
+    pub(super) fn belong_to(&self, [width, height, bands]: [usize; 3], wanted: &Range<u32>) -> bool {
+        let tiles = width.div_ceil(TILE) * height.div_ceil(TILE);
+        self.sums.size() == [width, height, 2 * bands]
+            && self.samples.start == wanted.start
+            && (self.samples.start..=self.pass_end).contains(&self.samples.end)
+            && self.pass_end <= wanted.end
+            && self.tiles < tiles
+            && (self.tiles == 0 || self.pass_end > self.samples.end)
+    }
+
+    pub(super) fn add(&mut self, tile: Tile) -> std::io::Result<()> {
+        let [width, _, channels] = self.sums.size();
+        let stride = tile.width * channels;
+        for (i, line) in tile.sums.chunks_exact(stride).enumerate() {
+            let start = tile.column * channels;
+            let to = &mut self.sums.row_mut(tile.row + i)?[start..start + stride];
+            match tile.whole {
+                true => to.copy_from_slice(line),
+                false => to.iter_mut().zip(line).for_each(|(a, b)| *a += b),
+            }
+        }
+        for (pixel, sums) in tile.strays {
+            let start = pixel % width * channels;
+            let to = &mut self.sums.row_mut(pixel / width)?[start..start + channels];
+            to.iter_mut().zip(sums.iter().flatten()).for_each(|(a, b)| *a += b);
+        }
+        Ok(())
+    }
+}
+
+impl Sums {
+    /// Mean and half difference of the replicates.
+    pub(super) fn finish(self, bands: usize) -> (Raster<f32>, Raster<f32>) {
+        let (width, height) = (self.sums.width, self.sums.height);
+        let (mut mean, mut half) = (Raster::new(width, height, bands), Raster::new(width, height, bands));
+        means(&self.samples, &self.sums.data, &mut mean.data, &mut half.data);
+        (mean, half)
+    }
+}
+
+/// Mean and half difference of the replicates of some pixels after some samples.
+pub(super) fn means(samples: &Range<u32>, sums: &[f64], mean: &mut [f32], half_difference: &mut [f32]) {
+    // Even samples are of the first replicate, odd ones of the second.
+    let odd = (samples.end / 2 - samples.start / 2) as f64;
+    let even = samples.len() as f64 - odd;
+    for ((pair, mean), half) in sums.as_chunks::<2>().0.iter().zip(mean).zip(half_difference) {
+        // Rounded as sums of single precision are: a plane has no more.
+        let (sa, sb) = (f64::from(pair[0] as f32), f64::from(pair[1] as f32));
+        *mean = ((sa + sb) / (even + odd)) as f32;
+        // A part of one half only says nothing about its own error: call it 100 %, with the sign that makes parts of
+        // both halves merge to their difference.
+        *half = match (even == 0.0, odd == 0.0) {
+            (_, true) => *mean,
+            (true, _) => -*mean,
+            _ => (0.5 * (sa / even - sb / odd)) as f32,
+        };
+    }
+}

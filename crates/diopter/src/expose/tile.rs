@@ -1,0 +1,415 @@
+//! Samples of the pixels of a tile: film and pupil to rays, rays to radiance, radiance to bands.
+
+use super::response::{Curves, GROUP, Response, add_to};
+use super::sums::{Sums, Tile};
+use super::{MARGIN, Settings, TILE};
+use crate::camera::{Camera, Film};
+use crate::mount::M2_PER_MM2;
+use crate::row_store::RowStore;
+use crate::shutter::{Place, Shutter};
+use diopter_image::focal_plane::BandUnit;
+use diopter_lens::batch::single::LANES;
+use diopter_lens::compound::{Aim, CompoundLens, Exits, Samples, Scratch};
+use diopter_lens::microlens::{Aimed, Behind};
+use diopter_lens::pupil::PupilTable;
+use diopter_lens::{Lens, LensRay};
+use diopter_light::random::{Sampler, Set};
+use diopter_light::wavelength::{WavelengthSampler, Wavelengths};
+use diopter_scene::Scene;
+use std::collections::BTreeMap;
+use std::ops::Range;
+
+/// What a sample of a pixel brings.
+struct PathSample {
+    /// nm.
+    nm: [f32; 4],
+    /// Radiance over the density of each wavelength.
+    weighted: [f32; 4],
+    /// Exposure that it stands for, in the unit of the bands.
+    exposure: f32,
+}
+
+/// Sums of a tile with its margin, and of single pixels farther away that wavelengths reach.
+struct TileSums {
+    left: usize,
+    top: usize,
+    right: usize,
+    bottom: usize,
+    /// Pixels a row of the whole film.
+    columns: usize,
+    bands: usize,
+    /// `[row][column][band][half]`
+    sums: Vec<[f64; 2]>,
+    /// Pixel number → `[band][half]`.
+    strays: BTreeMap<usize, Vec<[f64; 2]>>,
+}
+
+impl TileSums {
+    /// The sums of a pixel of the film.
+    #[inline]
+    fn pixel(&mut self, x: usize, y: usize) -> &mut [[f64; 2]] {
+        let bands = self.bands;
+        if (self.left..self.right).contains(&x) && (self.top..self.bottom).contains(&y) {
+            let start = ((y - self.top) * (self.right - self.left) + x - self.left) * bands;
+            &mut self.sums[start..start + bands]
+        } else {
+            self.strays.entry(y * self.columns + x).or_insert_with(|| vec![[0.0; 2]; bands])
+        }
+    }
+}
+
+/// Most times that a sample of a probe is drawn again.
+const REDRAWS: u32 = 8;
+
+/// The same of a sample of radiance: where light passes a tenth of the pupil, one of a thousand is lost.
+const RADIANCE_REDRAWS: u32 = 64;
+
+/// The numbers of a sample at an attempt: new ones each time, independent of those before, so that what passes at last is even over all that passes
+/// (rejection sampling). Steps of a low-discrepancy sequence would not be: they prefer what is first reached from the blocked part.
+fn drawn_again(numbers: [f32; 4], sampler: &Sampler, attempt: u32) -> [f32; 4] {
+    if attempt == 0 { numbers } else { sampler.get(Set::Redraw(attempt)) }
+}
+
+/// Rays from places of the sensor through a microlens array.
+struct FromSensor<'a> {
+    behind: &'a Behind,
+    rays: [Option<Aimed>; LANES],
+    film: &'a Film,
+    /// Shift of each lane by the low-pass filter, mm.
+    shifts: [glam::DVec2; LANES],
+}
+
+impl Aim for FromSensor<'_> {
+    fn draw(&self, _: &PupilTable, lane: usize, _: glam::DVec2) -> Option<(glam::DVec2, f64)> {
+        self.rays[lane].map(|r| (r.slope, r.density))
+    }
+
+    fn density(&self, _: &PupilTable, lane: usize, film: glam::DVec2, slope: glam::DVec2) -> f64 {
+        let sensor = self.behind.lands(film, slope);
+        match self.film.collects(sensor + self.shifts[lane]) {
+            true => self.behind.density(sensor),
+            false => 0.0,
+        }
+    }
+}
+
+/// What all tiles share.
+pub(super) struct Unit<'a> {
+    pub scene: &'a Scene,
+    pub camera: &'a Camera,
+    pub shutter: &'a Shutter,
+    pub curves: &'a Curves,
+    pub response: &'a Response,
+    pub wavelengths: &'a WavelengthSampler,
+    pub settings: &'a Settings,
+    /// The microlens array, if there is one.
+    pub behind: Option<Behind>,
+}
+
+impl Unit<'_> {
+    /// Column, row, width and height of a tile.
+    fn rectangle(&self, index: usize) -> [usize; 4] {
+        let film = &self.camera.film;
+        let across = film.columns.div_ceil(TILE);
+        let (column, row) = (index % across * TILE, index / across * TILE);
+        [column, row, TILE.min(film.columns - column), TILE.min(film.rows - row)]
+    }
+
+    /// The sums so far that the samples of a tile are added to one by one; none where they are summed apart.
+    pub(super) fn before<S: RowStore>(&self, index: usize, sums: &mut Sums<S>) -> std::io::Result<Vec<f64>> {
+        if matches!(self.camera.lens, Lens::Compound(_)) {
+            return Ok(Vec::new());
+        }
+        let [column, row, width, height] = self.rectangle(index);
+        let channels = 2 * self.curves_len();
+        let mut before = Vec::with_capacity(width * height * channels);
+        for y in row..row + height {
+            before.extend_from_slice(&sums.sums.row(y)?[column * channels..(column + width) * channels]);
+        }
+        Ok(before)
+    }
+
+    /// The samples of a pass in a tile, on top of what [`Unit::before`] gave.
+    pub(super) fn tile(&self, index: usize, samples: Range<u32>, before: Vec<f64>) -> Tile {
+        let rectangle = self.rectangle(index);
+        match &self.camera.lens {
+            Lens::Compound(lens) => self.compound_tile(lens, rectangle, samples),
+            _ => self.plain_tile(rectangle, samples, before),
+        }
+    }
+
+    fn sampler(&self, x: usize, y: usize, sample: u32) -> Sampler {
+        Sampler::new(self.settings.sampler, self.settings.seed, (x as u32, y as u32), sample, self.settings.spp)
+    }
+
+    /// Through an ideal lens: every sample counts in its own pixel.
+    fn plain_tile(&self, [column, row, width, height]: [usize; 4], samples: Range<u32>, mut sums: Vec<f64>) -> Tile {
+        let bands = self.curves_len();
+        let mut so_far = sums.chunks_exact_mut(2 * bands);
+        let mut pixel = vec![[0.0f64; 2]; bands];
+        for y in row..row + height {
+            for x in column..column + width {
+                let Some(so_far) = so_far.next() else { continue };
+                pixel.as_flattened_mut().copy_from_slice(so_far);
+                for i in samples.clone() {
+                    let sampler = self.sampler(x, y, i);
+                    let Some(arrival) = self.sample(x, y, &sampler) else { continue };
+                    for (group, bands) in pixel.chunks_mut(GROUP).enumerate() {
+                        let value = self.curves.value(group, arrival.nm, arrival.weighted);
+                        // One bad number must not poison a pixel.
+                        if value.is_finite() {
+                            add_to(bands, sampler.replicate(), value * arrival.exposure);
+                        }
+                    }
+                }
+                so_far.copy_from_slice(pixel.as_flattened());
+            }
+        }
+        Tile { column, row, width, sums, whole: true, strays: BTreeMap::new() }
+    }
+
+    /// Through a real lens, a packet of samples at a time; each wavelength counts in the pixel where it lands
+    /// ([`diopter_lens::compound`]).
+    fn compound_tile(&self, lens: &CompoundLens, [column, row, width, height]: [usize; 4], samples: Range<u32>) -> Tile {
+        let film = &self.camera.film;
+        let bands = self.curves_len();
+        let (left, top) = (column.saturating_sub(MARGIN), row.saturating_sub(MARGIN));
+        let (right, bottom) = ((column + width + MARGIN).min(film.columns), (row + height + MARGIN).min(film.rows));
+        let sums = vec![[0.0f64; 2]; (right - left) * (bottom - top) * bands];
+        let mut tile_sums = TileSums { left, top, right, bottom, columns: film.columns, bands, sums, strays: BTreeMap::new() };
+        let radiance_only = self.in_radiance();
+        let attempts = self.attempts();
+        let (mut packet, mut exits, mut scratch) = (Samples::default(), Exits::default(), Scratch::default());
+        let (mut again, mut places) = (Exits::default(), [[0.5f32; 4]; LANES]);
+        let mut shifts = [glam::DVec2::ZERO; LANES];
+        let mut from_sensor = self.behind.as_ref().map(|behind| FromSensor { behind, rays: [None; LANES], film, shifts });
+        let mut drawn: Vec<(usize, usize, Sampler, Wavelengths, f32)> = Vec::with_capacity(LANES);
+        let spp = samples.len();
+        let total = width * height * spp;
+        let mut first = 0;
+        while first < total {
+            let count = LANES.min(total - first);
+            drawn.clear();
+            exits.passed = 0;
+            for k in 0..count {
+                let (pixel, sample) = ((first + k) / spp, (first + k) % spp);
+                let (x, y) = (column + pixel % width, row + pixel / width);
+                let sampler = self.sampler(x, y, samples.start + sample as u32);
+                let [u, v, pu, pv] = sampler.get(Set::Camera);
+                let [w, t, spot @ ..] = sampler.get(Set::Time);
+                let wavelengths = self.wavelengths.sample(w);
+                shifts[k] = film.low_pass_shift(spot);
+                places[k] = [u, v, pu, pv];
+                packet.nm[k] = wavelengths.nm.to_array();
+                drawn.push((x, y, sampler, wavelengths, t));
+            }
+            // Lanes beyond hold rays of the packet before.
+            let own = ((1u64 << count) - 1) as u32;
+            for attempt in 0..=attempts {
+                if exits.passed & own == own {
+                    break;
+                }
+                for k in 0..count {
+                    let (x, y, ref sampler, ..) = drawn[k];
+                    let (at, pupil) = self.place(places[k], sampler, attempt);
+                    packet.film[k] = self.camera.film_point(x as f64 + at[0], y as f64 + at[1]) - shifts[k];
+                    packet.pupil[k] = pupil;
+                    if let Some(from) = &mut from_sensor {
+                        from.shifts[k] = shifts[k];
+                        from.rays[k] = from.behind.draw(packet.film[k], pupil);
+                        packet.film[k] = from.rays[k].map_or(packet.film[k], |r| r.at);
+                    }
+                }
+                let out = if attempt == 0 { &mut exits } else { &mut again };
+                match &from_sensor {
+                    Some(from) => lens.exits_aimed(&packet, from, &mut scratch, out),
+                    None => lens.exits(&packet, |k, at| film.collects(at + shifts[k]), &mut scratch, out),
+                }
+                self.block_other_half(&packet, out);
+                if attempt > 0 {
+                    exits.take_missing(&again);
+                }
+            }
+            for k in (0..count).filter(|k| exits.passed >> k & 1 == 1) {
+                let (x, y, ref sampler, wavelengths, t) = drawn[k];
+                let shift = shifts[k];
+                // What is not spread is drawn and counted alike at all wavelengths.
+                let wavelengths = match exits.spread && !radiance_only {
+                    true => wavelengths.with_densities(exits.density[k]),
+                    false => wavelengths,
+                };
+                let pupil = match self.needs_pupil() {
+                    true => {
+                        let at = |v: [f32; 3]| glam::Vec3::from_array(v).as_dvec3();
+                        self.camera.pupil_radius(at(exits.origin[k]), at(exits.direction[k]))
+                    }
+                    false => 0.0,
+                };
+                // Colours may land in rows that are open at other times: the moment is drawn from the time of all of them.
+                let spread = exits.spread && !radiance_only;
+                let lands: [Option<(usize, usize)>; 4] = match spread {
+                    false => [Some((x, y)); 4],
+                    true => std::array::from_fn(|c| {
+                        let [x, y] = match &self.behind {
+                            None => exits.lands[k][c],
+                            Some(behind) => {
+                                let [at, slope] = [exits.lands[k][c], exits.slopes[k][c]];
+                                let [at, slope] = [at, slope].map(|v| glam::Vec2::from_array(v).as_dvec2());
+                                behind.lands(at, slope).as_vec2().to_array()
+                            }
+                        };
+                        let at = [x + shift.x as f32, y + shift.y as f32];
+                        // The hero is where it was drawn; between pixels nothing of the others is collected.
+                        let collected = c == 0 || film.collects(glam::Vec2::from_array(at).as_dvec2());
+                        self.camera.pixel_of(at).filter(|_| collected)
+                    }),
+                };
+                let windows = lands.map(|p| p.map(|(x, y)| self.window(x, y, pupil)));
+                let all = windows.iter().flatten().fold((f64::INFINITY, f64::NEG_INFINITY), |a, w| (a.0.min(w.0), a.1.max(w.1)));
+                if all.0 >= all.1 {
+                    continue;
+                }
+                let (time, seconds) = self.settings.moments.draw(all, t as f64);
+                let ray = self.camera.world_ray_of(exits.origin[k], exits.direction[k], time);
+                if !ray.is_finite() {
+                    continue;
+                }
+                let radiance = self.scene.radiance(ray, &wavelengths, sampler, &self.settings.path);
+                let weighted = (radiance * wavelengths.weight).to_array();
+                // One bad number must not poison a pixel.
+                if !weighted.iter().all(|v| v.is_finite()) {
+                    continue;
+                }
+                let half = sampler.replicate();
+                let nm = wavelengths.nm.to_array();
+                let scale = match radiance_only {
+                    // The mean over what passes, where it was asked for.
+                    true => self.settings.light_scale * seconds / (all.1 - all.0),
+                    false => film.pixel_area_mm2 * M2_PER_MM2 * seconds * self.settings.light_scale * self.half_of_light(),
+                } as f32;
+                if !spread {
+                    // All colours where the sample was asked for.
+                    let weight = if radiance_only { 1.0 } else { exits.weight[k][0] };
+                    for (group, bands) in tile_sums.pixel(x, y).chunks_mut(GROUP).enumerate() {
+                        add_to(bands, half, self.curves.value(group, nm, weighted) * (weight * scale));
+                    }
+                    continue;
+                }
+                for c in 0..4 {
+                    let weight = exits.weight[k][c];
+                    if let (Some((px, py)), Some((open, close))) = (lands[c], windows[c])
+                        && weight > 0.0
+                        && (open..=close).contains(&time)
+                    {
+                        for (group, bands) in tile_sums.pixel(px, py).chunks_mut(GROUP).enumerate() {
+                            add_to(bands, half, self.curves.at(group, nm[c]) * (weighted[c] * weight * scale));
+                        }
+                    }
+                }
+            }
+            first += count;
+        }
+        let sums = tile_sums.sums.into_iter().flatten().collect();
+        Tile { column: left, row: top, width: right - left, sums, whole: false, strays: tile_sums.strays }
+    }
+
+    /// Whether the film records radiance.
+    fn in_radiance(&self) -> bool {
+        self.response.bands[0].unit == BandUnit::Radiance
+    }
+
+    /// How often a sample that the lens blocks is drawn again.
+    fn attempts(&self) -> u32 {
+        match (self.in_radiance(), self.settings.redraw && self.behind.is_none()) {
+            (true, _) => RADIANCE_REDRAWS,
+            (_, true) => REDRAWS,
+            _ => 0,
+        }
+    }
+
+    /// Place in the pixel (0 to 1 across and down) and in the pupil (unit square) of a sample at an attempt. Radiance is the mean over all of the
+    /// pixel that sees anything; a probe keeps its film points.
+    fn place(&self, numbers: [f32; 4], sampler: &Sampler, attempt: u32) -> ([f64; 2], [f32; 2]) {
+        let [u, v, pu, pv] = drawn_again(numbers, sampler, attempt);
+        let at = if self.in_radiance() { [u, v] } else { [numbers[0], numbers[1]] };
+        (self.camera.film.within_pixel(at), [pu, pv])
+    }
+
+    /// Fraction of a sample's light that counts: drawn again until they pass, samples through half a pupil stand for half of the light.
+    fn half_of_light(&self) -> f64 {
+        if self.settings.half.is_some() && self.attempts() > 0 { 0.5 } else { 1.0 }
+    }
+
+    /// Marks rays through the half of the pupil that does not count as blocked.
+    fn block_other_half(&self, packet: &Samples, exits: &mut Exits) {
+        if let Some(half) = self.settings.half {
+            let curvature = self.camera.lens.exit_curvature();
+            let place = |k: usize| f64::from(exits.slopes[k][0][0]) + packet.film[k].x * curvature;
+            for k in (0..LANES).filter(|k| !half.holds(place(*k))).collect::<Vec<_>>() {
+                exits.passed &= !(1 << k);
+            }
+        }
+    }
+
+    /// When a pixel is open to light through a place of the pupil.
+    #[inline]
+    fn window(&self, column: usize, row: usize, pupil: f64) -> (f64, f64) {
+        let film = &self.camera.film;
+        self.shutter.window(&Place { pixel: [column, row], size: [film.columns, film.rows], pupil })
+    }
+
+    /// Whether the shutter asks where in the pupil light passes.
+    #[inline]
+    fn needs_pupil(&self) -> bool {
+        matches!(self.shutter.mechanism, crate::shutter::Mechanism::Leaf { .. })
+    }
+
+    fn curves_len(&self) -> usize {
+        self.response.curves.len()
+    }
+
+    /// One sample of a pixel; `None` where no light comes through.
+    #[inline]
+    fn sample(&self, column: usize, row: usize, sampler: &Sampler) -> Option<PathSample> {
+        let [x, y, pu, pv] = sampler.get(Set::Camera);
+        let [w, t, spot @ ..] = sampler.get(Set::Time);
+        let shift = self.camera.film.low_pass_shift(spot);
+        let passes = |r: &LensRay| self.settings.half.is_none_or(|h| h.holds(r.origin_mm.x));
+        let lens_ray = (0..=self.attempts()).find_map(|attempt| {
+            let (at, pupil) = self.place([x, y, pu, pv], sampler, attempt);
+            let film = self.camera.film_point(column as f64 + at[0], row as f64 + at[1]) - shift;
+            let ray = match &self.behind {
+                None => self.camera.lens.ray(film, pupil).ok()?,
+                Some(behind) => {
+                    let aimed = behind.draw(film, pupil)?;
+                    let ray = self.camera.lens.ray_along(aimed.at, aimed.slope).ok()?;
+                    LensRay { weight_sr: ray.weight_sr / aimed.density, ..ray }
+                }
+            };
+            passes(&ray).then_some(ray)
+        })?;
+        let pupil = if self.needs_pupil() { self.camera.pupil_radius(lens_ray.origin_mm, lens_ray.direction) } else { 0.0 };
+        let (open, close) = self.window(column, row, pupil);
+        if open >= close {
+            return None;
+        }
+        let (time, seconds) = self.settings.moments.draw((open, close), t as f64);
+        let ray = self.camera.to_world(&lens_ray, time);
+        if !ray.is_finite() {
+            return None;
+        }
+        let wavelengths = self.wavelengths.sample(w);
+        let radiance = self.scene.radiance(ray, &wavelengths, sampler, &self.settings.path);
+        let exposure = match self.response.bands[0].unit {
+            BandUnit::Radiance => seconds / (close - open),
+            BandUnit::Electrons => {
+                lens_ray.weight_sr * self.camera.film.pixel_area_mm2 * M2_PER_MM2 * seconds * self.half_of_light()
+            }
+        };
+        Some(PathSample {
+            nm: wavelengths.nm.to_array(),
+            weighted: (radiance * wavelengths.weight).to_array(),
+            exposure: (exposure * self.settings.light_scale) as f32,
+        })
+    }
+}
