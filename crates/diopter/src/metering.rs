@@ -114,7 +114,14 @@ pub fn ev100_of_setting(f_number: f64, exposure_s: f64, iso: f64) -> f64 {
     (f_number * f_number / exposure_s * 100.0 / iso).log2()
 }
 
-/// How a probe of a camera's picture is exposed: few pixels, few samples, for `exposure_s` of light at once.
+/// The camera with the few large pixels by which it is metered.
+fn probing(camera: &Camera) -> Camera {
+    let rows = (PROBE_COLUMNS * camera.film.rows).div_ceil(camera.film.columns).clamp(1, 4 * PROBE_COLUMNS);
+    let film = Film { columns: PROBE_COLUMNS, rows, microlenses: None, ..camera.film };
+    Camera { film, ..camera.clone() }
+}
+
+/// What a [`probing`] camera sees: few samples, a second of light at once.
 fn probe(
     scene: &Scene,
     camera: &Camera,
@@ -122,9 +129,6 @@ fn probe(
     response: &Response,
     watch: &Watch,
 ) -> Result<FocalPlane, ExposeError> {
-    let rows = (PROBE_COLUMNS * camera.film.rows).div_ceil(camera.film.columns).clamp(1, 4 * PROBE_COLUMNS);
-    let film = Film { columns: PROBE_COLUMNS, rows, microlenses: None, ..camera.film };
-    let probe = Camera { film, ..camera.clone() };
     let settings = Settings {
         spp: PROBE_SAMPLES,
         samples: 0..PROBE_SAMPLES,
@@ -135,10 +139,10 @@ fn probe(
     };
     let quiet = Watch { cancel: watch.cancel, progress: &|_| () };
     // As if the scene stood still for a second: what it shows at this moment.
-    expose(scene, &probe, &Shutter::global(1.0), response, &settings, &ExposureFacts::default(), &quiet)
+    expose(scene, camera, &Shutter::global(1.0), response, &settings, &ExposureFacts::default(), &quiet)
 }
 
-/// Share of each of a camera's pixels (`[row][column]`) where there is something to see, by the chief ray of its middle: 0 in a void, 1
+/// Fraction of each of a camera's pixels (`[row][column]`) where there is something to see, by the chief ray of its middle: 0 in a void, 1
 /// elsewhere, also where the lens shows nothing. 1 everywhere where no pixel sees anything, and in scenes with surroundings or air.
 pub(crate) fn seen(scene: &Scene, camera: &Camera) -> Vec<f64> {
     let (columns, rows) = (camera.film.columns, camera.film.rows);
@@ -162,14 +166,13 @@ const LIT: f64 = 0.1;
 /// Mean luminance of the scene as framed, cd/m²: what a scene without a scale is scaled by, not what a camera meters. Only what the lens shows
 /// counts, not the dark beyond its image circle and not a void. 0 where it shows nothing. Fails when cancelled.
 pub fn mean_luminance(scene: &Scene, camera: &Camera, settings: &Settings, watch: &Watch) -> Result<f64, ExposeError> {
-    let plane = probe(scene, camera, settings, &Response::luminance(), watch)?.mean;
-    let film = Film { columns: plane.width, rows: plane.height, ..camera.film };
-    let probe = Camera { film, ..camera.clone() };
+    let camera = probing(camera);
+    let plane = probe(scene, &camera, settings, &Response::luminance(), watch)?.mean;
     let (mut sum, mut lit) = (0.0, 0.0);
     // A cell without light may be a dark part of the scene: only the lens tells.
     let place = |i: usize| [(i % plane.width) as f64, (i / plane.width) as f64];
-    let shown: Vec<bool> = (0..plane.data.len()).into_par_iter().map(|i| probe.passing(place(i), LIT)).collect();
-    for ((luminance, shown), seen) in plane.data.iter().zip(shown).zip(seen(scene, &probe)) {
+    let shown: Vec<bool> = (0..plane.data.len()).into_par_iter().map(|i| camera.passing(place(i), LIT)).collect();
+    for ((luminance, shown), seen) in plane.data.iter().zip(shown).zip(seen(scene, &camera)) {
         if shown {
             sum += f64::from(*luminance);
             lit += seen;
@@ -205,7 +208,7 @@ struct Cells {
     luminance: Vec<f64>,
     /// Largest share of saturation that a channel has.
     level: Vec<f64>,
-    /// Share of the cell that is no void.
+    /// Fraction of the cell that is no void.
     seen: Vec<f64>,
 }
 
@@ -219,11 +222,11 @@ impl Meter<'_> {
         white: &Table,
         watch: &Watch,
     ) -> Result<Option<f64>, ExposeError> {
-        let mut plane = probe(scene, camera, settings, &Response::sensor(self.sensor), watch)?;
+        let probing = probing(camera);
+        let mut plane = probe(scene, &probing, settings, &Response::sensor(self.sensor), watch)?;
         plane.mean.data.iter_mut().for_each(|v| *v *= self.filter as f32);
         let per_second = plane.mean.data.clone();
-        let film = Film { columns: plane.width(), rows: plane.height(), microlenses: None, ..camera.film };
-        let seen = seen(scene, &Camera { film, ..camera.clone() });
+        let seen = seen(scene, &probing);
         let t_number = camera.lens.t_number();
         let scale = self.luminance_of_channels(camera, t_number);
         let iso = self.reading.iso;
@@ -306,7 +309,7 @@ impl Meter<'_> {
 
 impl Cells {
     /// Cells as large as the colour pattern, at least 2 × 2 pixels. `scale`: cd/m² an electron a second stands for, a channel each;
-    /// `per_dn`: electrons a second that a DN stands for; `seen`: share of each pixel that is no void.
+    /// `per_dn`: electrons a second that a DN stands for; `seen`: fraction of each pixel that is no void.
     fn new(raw: &RawImage, seen: &[f64], scale: &[f64], per_dn: f64) -> Cells {
         let h = &raw.header;
         let side = h.cfa.columns().max(h.cfa.rows()).max(2);
