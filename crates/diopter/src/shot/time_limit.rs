@@ -48,12 +48,14 @@ fn denoising_s([width, height]: [usize; 2], bands: usize) -> f64 {
         *half = 0.1 * (to_unit(mix(2 * i as u32 + 1)) - 0.5);
     }
     let begun = Instant::now();
-    let out = denoise(&plane);
-    let seconds = begun.elapsed().as_secs_f64();
-    debug_assert!(out.facts.denoised);
-    let trial = (size[0] * size[1]) as f64;
-    let whole = width as f64 * height as f64;
-    TRIAL_RESERVE * seconds * (whole / trial).max(1.0)
+    let _ = denoise(&plane);
+    by_pixels(begun.elapsed().as_secs_f64(), size, [width, height])
+}
+
+/// Seconds for a picture, by those of a trial of a size.
+fn by_pixels(seconds: f64, trial: [usize; 2], picture: [usize; 2]) -> f64 {
+    let [trial, picture] = [trial, picture].map(|[width, height]| width as f64 * height as f64);
+    TRIAL_RESERVE * seconds * (picture / trial).max(1.0)
 }
 
 #[cfg(test)]
@@ -68,8 +70,9 @@ mod tests {
 
     #[test]
     fn denoising_is_estimated_by_pixels() {
-        // Trials of one size, so that only the number of pixels differs; each is timed anew, hence the wide bound.
-        let (small, large) = (denoising_s([64, 4096], 1), denoising_s([6400, 4096], 1));
-        assert!(small > 0.0 && large > 10.0 * small, "{small} {large}");
+        assert!((by_pixels(0.2, [32, 128], [320, 1280]) - 100.0 * 0.2 * TRIAL_RESERVE).abs() < 1e-12);
+        // What is smaller than the trial takes as long.
+        assert_eq!(by_pixels(0.2, [32, 128], [8, 8]), 0.2 * TRIAL_RESERVE);
+        assert!(denoising_s([16, 16], 1) > 0.0);
     }
 }
