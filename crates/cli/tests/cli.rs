@@ -1,8 +1,10 @@
 //! The program as a user meets it.
 
-use std::path::{Path, PathBuf};
-use std::process::{Command, Output};
+use common::Folder;
+use std::path::Path;
+use std::process::Command;
 
+mod common;
 #[path = "../../diopter/tests/common/generated.rs"]
 mod generated;
 
@@ -19,58 +21,6 @@ fn pixels(path: &Path) -> Vec<u8> {
     }
     assert!(!data.is_empty());
     data
-}
-
-/// A folder of its own, removed at the end.
-struct Folder(PathBuf);
-
-impl Folder {
-    fn new(name: &str) -> Self {
-        let path = std::env::temp_dir().join(format!("diopter-{name}-{}", std::process::id()));
-        std::fs::create_dir_all(&path).unwrap();
-        Folder(path)
-    }
-
-    fn run(&self, args: &[&str]) -> Output {
-        Command::new(env!("CARGO_BIN_EXE_diopter"))
-            .args(args)
-            .current_dir(&self.0)
-            .env("SOURCE_DATE_EPOCH", "1790000000")
-            .output()
-            .unwrap()
-    }
-
-    fn ok(&self, args: &[&str]) -> Output {
-        let output = self.run(args);
-        assert!(output.status.success(), "{args:?}: {}", String::from_utf8_lossy(&output.stderr));
-        output
-    }
-
-    /// Runs what must fail: its exit code and message. Nothing may be left in the folder that was not there.
-    fn fails(&self, args: &[&str]) -> (i32, String) {
-        let before = self.files();
-        let output = self.run(args);
-        let message = String::from_utf8_lossy(&output.stderr).into_owned();
-        assert!(!message.contains("panicked"), "{args:?}: {message}");
-        assert_eq!(before, self.files(), "{args:?} left files behind");
-        (output.status.code().unwrap(), message)
-    }
-
-    fn files(&self) -> Vec<PathBuf> {
-        let mut files: Vec<PathBuf> = std::fs::read_dir(&self.0).unwrap().map(|e| e.unwrap().path()).collect();
-        files.sort();
-        files
-    }
-
-    fn path(&self, name: &str) -> PathBuf {
-        self.0.join(name)
-    }
-}
-
-impl Drop for Folder {
-    fn drop(&mut self) {
-        let _ = std::fs::remove_dir_all(&self.0);
-    }
 }
 
 const SMALL: &[&str] = &["--size", "48x32", "--spp", "2"];

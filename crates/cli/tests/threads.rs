@@ -3,8 +3,11 @@
 //!
 //! Each process has its tables still to compute: threads of one process would find them ready after the first picture.
 
+mod common;
+
+use common::Folder;
 use serde_json::{Value, json};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::{Child, Command, ExitStatus, Stdio};
 use std::time::{Duration, Instant};
 
@@ -12,27 +15,6 @@ use std::time::{Duration, Instant};
 const DEADLOCK_AFTER: Duration = Duration::from_secs(60);
 /// Fresh processes a scene.
 const PROCESSES: usize = 15;
-
-/// A folder of its own, removed at the end.
-struct Folder(PathBuf);
-
-impl Folder {
-    fn new(name: &str) -> Self {
-        let path = std::env::temp_dir().join(format!("diopter-{name}-{}", std::process::id()));
-        std::fs::create_dir_all(&path).unwrap();
-        Folder(path)
-    }
-
-    fn read(&self, name: &str) -> Vec<u8> {
-        std::fs::read(self.0.join(name)).unwrap_or_else(|e| panic!("{name}: {e}"))
-    }
-}
-
-impl Drop for Folder {
-    fn drop(&mut self) {
-        let _ = std::fs::remove_dir_all(&self.0);
-    }
-}
 
 /// Waits for a process, no longer than `limit`; `None` when it had to be killed.
 fn wait(child: &mut Child, limit: Duration) -> Option<ExitStatus> {
