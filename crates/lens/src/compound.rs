@@ -644,7 +644,14 @@ pub fn configure(
     if let Some(shape) = iris {
         opening.shape = shape.clone();
     }
-    let beam_radius = stop_radius(&far, efl, f_number).unwrap_or(opening.radius).min(opening.radius);
+    let beam_radius = match stop_radius(&far, efl, f_number) {
+        Some(radius) => radius.min(opening.radius),
+        None if f_number <= widest => opening.radius,
+        None => {
+            let expected = "a lens whose axial beam meets its stop: it is too far off the axis to be closed";
+            return range("aperture", format!("f/{f_number}"), expected.into());
+        }
+    };
     // Fully open a rim may limit the axial beam: the iris is then drawn back to the prescription's own stop, which beams from beside the
     // axis fill further than the axial beam does. An aperture picture stays around the disk of the f-number.
     let picture = matches!(opening.shape, Iris::Image(_));
