@@ -347,7 +347,9 @@ pub struct Taking {
     /// Put a large matte floor of this albedo (0 to 1) under the scene.
     #[arg(long, value_name = "ALBEDO")]
     pub ground: Option<f32>,
-    /// Scale all light so that the scene as framed meters at this EV (ISO 100).
+    /// Scale all light so that the mean luminance of what the lens shows is that of this EV (ISO 100).
+    ///
+    /// A meter may read less: it sees dark corners and clipped highlights.
     #[arg(long, value_name = "EV", allow_negative_numbers = true)]
     pub ambient_ev: Option<f64>,
     /// Camera body: a name from `body list` or a TOML file.
@@ -639,7 +641,7 @@ pub struct Expose {
     #[arg(long)]
     pub radiance: bool,
     /// With --radiance: compute with red, green and blue as RGB renderers do, instead of spectra, to compare with them.
-    #[arg(long, requires = "radiance")]
+    #[arg(long, requires = "radiance", conflicts_with = "bands")]
     pub rgb: bool,
     /// Mean spectral radiance in narrow bands, W/(m² sr nm), instead of the sensor's electrons: "400..700/10nm" (hyperspectral).
     #[arg(long, value_name = "FROM..TO/STEP", conflicts_with = "radiance")]
