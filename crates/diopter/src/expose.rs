@@ -16,7 +16,7 @@ pub use sums::{Keep, Sums};
 use crate::camera::Camera;
 use crate::row_store::{PagedRows, RowStore};
 use crate::shutter::{Moments, Place, Shutter};
-use diopter_image::focal_plane::{STRIP_STEP, Truth};
+use diopter_image::focal_plane::{STRIP_STEP, Truth, bytes_a_pixel};
 use diopter_image::{ExposureFacts, FocalPlane, Raster};
 use diopter_lens::{Lens, Projection};
 use diopter_light::random::SamplerKind;
@@ -194,13 +194,10 @@ const TILES_AT_ONCE: usize = 64;
 ///
 /// A pixel has two sums in double precision a band, its mean and half difference when they are done, and depth, normal, albedo and id.
 pub fn bytes_needed(bands: usize) -> (usize, usize) {
-    let (sums, plane) = (2 * 8 * bands, 2 * 4 * bands + TRUTH_BYTES);
+    let (sums, plane) = (2 * 8 * bands, bytes_a_pixel(bands));
     let tile = (TILE + 2 * MARGIN).pow(2) * sums;
     (sums + plane, TILES_AT_ONCE * rayon::current_num_threads().max(1) * tile)
 }
-
-/// Bytes of a pixel of the truth: depth, three of the normal, three of the albedo, id.
-pub(crate) const TRUTH_BYTES: usize = 4 * 8;
 
 /// Where the pass ends that begins with a sample. Passes end at multiples of a power of two that depends on the number of pixels alone, so that sums
 /// are added in the same order however an exposure is interrupted.

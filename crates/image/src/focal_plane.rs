@@ -162,9 +162,12 @@ pub fn rows_within(bytes: usize, width: usize, bytes_a_pixel: usize) -> usize {
     (rows / STRIP_STEP).max(1) * STRIP_STEP
 }
 
-/// Bytes of a pixel of a focal plane in memory: mean and half difference of each band, depth, normal, albedo and id.
+/// Bytes of a pixel of the truth in memory: depth, three of the normal, three of the albedo, id.
+pub const TRUTH_BYTES: usize = 4 * 8;
+
+/// Bytes of a pixel of a focal plane in memory: mean and half difference of each band, and the truth.
 pub fn bytes_a_pixel(bands: usize) -> usize {
-    2 * 4 * bands + 4 * 8
+    2 * 4 * bands + TRUTH_BYTES
 }
 
 /// A focal plane that is read or made from the top, strip by strip: no more of it is in memory than is asked for.
@@ -187,8 +190,8 @@ pub trait FocalPlaneSource {
     fn next_rows(&mut self, rows: usize) -> Result<FocalPlane, ImageError>;
 }
 
-/// More rows were asked for than there are.
-pub(crate) fn ends_early() -> ImageError {
+/// The error of a [`FocalPlaneSource`] of which more rows are asked for than there are.
+pub fn ends_early() -> ImageError {
     ImageError::Malformed { format: "focal plane", reason: "it ends early".into() }
 }
 

@@ -6,7 +6,7 @@ use crate::camera::Camera;
 use crate::row_store::{PagedRows, RowStore};
 use crate::shutter::Shutter;
 use diopter_develop::denoise::farthest_log_depth_of;
-use diopter_image::focal_plane::{Band, FocalPlaneSource, Truth};
+use diopter_image::focal_plane::{Band, FocalPlaneSource, Truth, ends_early};
 use diopter_image::{ExposureFacts, FocalPlane, ImageError, Raster};
 use diopter_scene::Scene;
 use std::ops::Range;
@@ -74,8 +74,7 @@ impl FocalPlaneSource for ExposedRows<'_> {
     fn next_rows(&mut self, rows: usize) -> Result<FocalPlane, ImageError> {
         let ([width, height], bands) = (self.size(), self.exposed.bands.len());
         if rows > height - self.next {
-            let reason = "it has fewer rows".to_owned();
-            return Err(ImageError::Malformed { format: "focal plane", reason });
+            return Err(ends_early());
         }
         let range = self.next..self.next + rows;
         let (mut mean, mut half_difference) = (Raster::new(width, rows, bands), Raster::new(width, rows, bands));

@@ -1,9 +1,9 @@
 //! How much memory a photograph takes, beside the scene: known before anything is metered.
 
 use super::Shot;
-use crate::expose::{TRUTH_BYTES, bytes_needed};
+use crate::expose::bytes_needed;
 use diopter_develop::denoise;
-use diopter_image::focal_plane::STRIP_BYTES;
+use diopter_image::focal_plane::{STRIP_BYTES, TRUTH_BYTES, bytes_a_pixel};
 
 /// What is done with an exposure when it is taken.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -50,7 +50,7 @@ impl Shot {
 /// Bytes a pixel, and all others.
 fn bytes(bands: usize, denoise: bool, kept: Kept) -> (u64, u64) {
     let (exposing, tiles) = bytes_needed(bands);
-    let plane = 2 * 4 * bands + TRUTH_BYTES;
+    let plane = bytes_a_pixel(bands);
     if kept == Kept::Strips {
         // The strip that is written, the one before the filter, and blocks of the file as they are and packed.
         let writing = 4 * STRIP_BYTES as u64;
