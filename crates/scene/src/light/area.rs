@@ -143,7 +143,14 @@ impl AreaLight {
             return None;
         }
         let pdf = d2 / (cos.abs() * self.area);
-        Some(Aim { wi, distance, pdf, has_extent: true, spot: Spot::Area(number, place), clearance: clearance(p, p + to, cos) })
+        Some(Aim {
+            wi,
+            distance,
+            pdf,
+            has_extent: true,
+            spot: Spot::Area(number, place),
+            clearance: clearance(p, p + to, distance, cos),
+        })
     }
 
     /// Density with which `aim` would have aimed from `p` along `wi`, which meets the surface at `distance`.
@@ -184,7 +191,7 @@ fn aim_at_sphere(sphere: &Sphere, p: Vec3, u: [f32; 2], number: u32) -> Option<A
     let pdf = 1.0 / (TAU * one_minus_cos_max);
     let end = p + wi * distance;
     let cos = (end - sphere.center).dot(wi) / sphere.radius;
-    let clearance = clearance(p, end, cos);
+    let clearance = clearance(p, end, distance, cos);
     Some(Aim { wi, distance, pdf, has_extent: true, spot: Spot::Area(number, Vec2::ZERO), clearance })
 }
 

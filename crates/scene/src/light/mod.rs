@@ -38,9 +38,10 @@ pub struct Aim {
 /// Relative rounding of the place where a ray meets a flat surface: some units of 2⁻²³.
 const ROUNDING: f32 = 1e-6;
 
-/// [`Aim::clearance`] of a flat surface at `end` seen from `p` under a cosine.
-fn clearance(p: Vec3, end: Vec3, cos: f32) -> f32 {
-    ROUNDING * (p.abs().max(end.abs()).max_element() + (end - p).length()) / cos.abs().max(1e-2)
+/// [`Aim::clearance`] of a flat surface at `end` seen from `p`, so far away, under a cosine.
+#[inline]
+fn clearance(p: Vec3, end: Vec3, distance: f32, cos: f32) -> f32 {
+    ROUNDING * (p.abs().max(end.abs()).max_element() + distance) / cos.abs().max(1e-2)
 }
 
 /// A place on a light.

@@ -170,7 +170,7 @@ impl PunctualKind {
                 (to / distance, distance)
             }
         };
-        let clearance = if distance.is_finite() { super::clearance(p, p + wi * distance, 1.0) } else { 0.0 };
+        let clearance = if distance.is_finite() { super::clearance(p, p + wi * distance, distance, 1.0) } else { 0.0 };
         Some(Aim { wi, distance, pdf: 1.0, has_extent: false, spot: Spot::Punctual(number), clearance })
     }
 }
