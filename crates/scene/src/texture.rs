@@ -445,8 +445,13 @@ pub enum Color {
         /// Its spectrum.
         sigmoid: Sigmoid,
     },
-    /// A measured reflectance.
-    Spectrum(diopter_light::Spectrum),
+    /// A measured reflectance; made by [`Color::spectrum`].
+    Spectrum {
+        /// Reflectance over wavelength, 0 to 1.
+        spectrum: diopter_light::Spectrum,
+        /// Its linear sRGB under D65: integrals take hundreds of times as long as a look-up.
+        rgb: Vec3,
+    },
     /// An image times a factor (linear sRGB).
     Textured {
         /// Multiplies the image.
@@ -465,12 +470,18 @@ impl Color {
         Color::Constant { rgb, sigmoid: Sigmoid::from_rgb(rgb) }
     }
 
+    /// A measured reflectance, 0 to 1, and its linear sRGB under D65.
+    pub fn spectrum(spectrum: diopter_light::Spectrum) -> Self {
+        let rgb = spectrum_rgb(&spectrum);
+        Color::Spectrum { spectrum, rgb }
+    }
+
     /// Reflectance at the wavelengths of a path; the colours of the mesh's vertices multiply it.
     #[inline]
     pub fn sample(&self, surface: &Surface, wavelengths: &Wavelengths) -> Sampled {
         match self {
             Color::Constant { sigmoid, .. } if surface.color == Vec4::ONE => sigmoid.sample(wavelengths),
-            Color::Spectrum(spectrum) if !wavelengths.is_rgb() => spectrum.sample(wavelengths),
+            Color::Spectrum { spectrum, .. } if !wavelengths.is_rgb() => spectrum.sample(wavelengths),
             _ if wavelengths.is_rgb() => Wavelengths::lanes(self.linear_srgb(surface).clamp(Vec3::ZERO, Vec3::ONE)),
             _ => Sigmoid::from_rgb(self.linear_srgb(surface)).sample(wavelengths),
         }
@@ -480,7 +491,7 @@ impl Color {
     pub fn linear_srgb(&self, surface: &Surface) -> Vec3 {
         match self {
             Color::Constant { rgb, .. } => *rgb * surface.color.truncate(),
-            Color::Spectrum(spectrum) => spectrum_rgb(spectrum),
+            Color::Spectrum { rgb, .. } => *rgb,
             Color::Textured { factor, texture } => *factor * texture.at(&surface.uv).truncate() * surface.color.truncate(),
             Color::Graph(graph) => graph.at(&surface.uv, surface.point) * surface.color.truncate(),
         }

@@ -105,7 +105,7 @@ impl Curves {
     pub(super) fn at(&self, group: usize, nm: f32) -> glam::Vec4 {
         let rows = &self.groups[group];
         let x = nm - FIRST_NM;
-        let i = (x as usize).min(400);
+        let i = (x as u32 as usize).min(400);
         let (a, b) = (glam::Vec4::from_array(rows[i]), glam::Vec4::from_array(rows[i + 1]));
         a + (b - a) * (x - i as f32)
     }

@@ -36,9 +36,9 @@ pub fn description(name: &str, light: &str) -> Option<Description> {
     let patches = colorchecker();
     let mut materials: Vec<Material> = patches
         .iter()
-        .map(|p| Material::new(&p.name, Scattering::Diffuse(Color::Spectrum(Spectrum::Table(p.reflectance.clone())))))
+        .map(|p| Material::new(&p.name, Scattering::Diffuse(Color::spectrum(Spectrum::Table(p.reflectance.clone())))))
         .collect();
-    materials.push(Material::new("frame", Scattering::Diffuse(Color::Spectrum(Spectrum::Constant(0.03)))));
+    materials.push(Material::new("frame", Scattering::Diffuse(Color::spectrum(Spectrum::Constant(0.03)))));
     let quad = |x: f32, y: f32, z: f32, width: f32, height: f32| {
         Shape::Quad(Quad { corner: Vec3::new(x, y, z), edges: [Vec3::X * width, Vec3::Y * height] })
     };

@@ -50,7 +50,7 @@ pub fn description() -> Description {
     };
     let reflectance = |column: usize| {
         let points: Vec<(f32, f32)> = rows.iter().map(|r| (r[0] as f32, r[column] as f32)).collect();
-        Color::Spectrum(Spectrum::Table(Table::from_points(&points)))
+        Color::spectrum(Spectrum::Table(Table::from_points(&points)))
     };
     let lamp = Table::from_points(&LAMP);
     let luminance = diopter_light::color::luminance(|nm| lamp.at(nm)) as f32;
@@ -69,7 +69,7 @@ pub fn description() -> Description {
             material("green", 4),
             Material {
                 // The lamp reflects 78 % (same source).
-                scattering: Scattering::Diffuse(Color::Spectrum(Spectrum::Constant(0.78))),
+                scattering: Scattering::Diffuse(Color::spectrum(Spectrum::Constant(0.78))),
                 ..Material::lamp("lamp", Spectrum::Table(lamp.scaled(LAMP_LUMINANCE / luminance)))
             },
         ],

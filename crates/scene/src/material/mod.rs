@@ -302,21 +302,28 @@ impl Material {
         around: Option<&Principled>,
     ) -> Option<Bsdf<'_>> {
         let scattering = self.scattering.chosen(surface, wo);
-        let lobes = match scattering {
+        if matches!(scattering, Scattering::Black | Scattering::Interface | Scattering::Mix(_)) {
+            return None;
+        }
+        let ns = self.shading_normal(surface);
+        let frame = bsdf::LocalFrame::new(surface, ns, wo, scattering.grain(surface, ns));
+        Some(match scattering {
             Scattering::Black | Scattering::Interface | Scattering::Mix(_) => return None,
+            Scattering::Diffuse(color) => {
+                Bsdf { lobes: bsdf::Lobes::Diffuse { albedo: color.sample(surface, wavelengths) }, frame }
+            }
             Scattering::DiffuseTransmission(colors) => {
                 let [reflectance, transmittance] = [0, 1].map(|i: usize| colors[i].sample(surface, wavelengths));
-                bsdf::Lobes::DiffuseTransmission { reflectance, transmittance }
+                Bsdf { lobes: bsdf::Lobes::DiffuseTransmission { reflectance, transmittance }, frame }
             }
-            Scattering::Diffuse(color) => bsdf::Lobes::Diffuse { albedo: color.sample(surface, wavelengths) },
-            Scattering::Conductor(conductor) => bsdf::Lobes::Conductor(conductor.at(surface, wavelengths)),
-            Scattering::Coated(coated) => bsdf::Lobes::Coated(coated.at(surface, wavelengths)),
+            Scattering::Conductor(conductor) => Bsdf { lobes: bsdf::Lobes::Conductor(conductor.at(surface, wavelengths)), frame },
+            Scattering::Coated(coated) => Bsdf { lobes: bsdf::Lobes::Coated(coated.at(surface, wavelengths)), frame },
             Scattering::Principled(principled) => {
-                bsdf::Lobes::Principled(principled.at(surface, wo, wavelengths, hero_only, around))
+                let mut lobes = principled.at(surface, wo, wavelengths, hero_only, around);
+                lobes.look_from(frame.wo);
+                Bsdf { lobes: bsdf::Lobes::Principled(lobes), frame }
             }
-        };
-        let ns = self.shading_normal(surface);
-        Some(Bsdf::new(lobes, surface, ns, wo, scattering.grain(surface, ns)))
+        })
     }
 
     /// Whether light may go through it as if it were not there, or only dimmer: faces of media, smooth thin sheets.

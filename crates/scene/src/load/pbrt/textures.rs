@@ -239,7 +239,7 @@ impl Textures {
                 _ => Color::rgb(default, default, default),
             },
             Spectrum::Constant(v) => Color::rgb(v, v, v),
-            spectrum => Color::Spectrum(spectrum),
+            spectrum => Color::spectrum(spectrum),
         })
     }
 }
