@@ -26,7 +26,7 @@ use serde::Serialize;
 /// How the sharpest position is searched for.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Method {
-    /// Phase; contrast where it fails.
+    /// Phase; contrast where that finds nothing in any zone: as in cameras, a zone without a phase signal does not hold up the others.
     #[default]
     Hybrid,
     /// By the halves of the pupil alone.
@@ -299,19 +299,18 @@ pub fn autofocus(view: &View, af: &Autofocus) -> Result<Report, ExposeError> {
         let found = match af.method {
             Method::Contrast => contrast::fast(&mut prober, af, *zone, range)?,
             Method::Exhaustive => contrast::exhaustive(&mut prober, af, *zone, range)?,
-            Method::Phase => phase::search(&mut prober, af, *zone, range)?,
-            Method::Hybrid => {
-                let found = phase::search(&mut prober, af, *zone, range)?;
-                match found.failure {
-                    None => found,
-                    Some(_) => contrast::fast(&mut prober, af, *zone, range)?,
-                }
-            }
+            Method::Phase | Method::Hybrid => phase::search(&mut prober, af, *zone, range)?,
         };
         zones.push(found);
     }
     let depth = 2.0 * view.camera.lens.f_number() * af.circle_mm;
-    let chosen = choose(&zones, af.priority, depth);
+    let mut chosen = choose(&zones, af.priority, depth);
+    if chosen.is_none() && af.method == Method::Hybrid {
+        for found in &mut zones {
+            *found = contrast::fast(&mut prober, af, found.zone, range)?;
+        }
+        chosen = choose(&zones, af.priority, depth);
+    }
     let extension_mm = match chosen {
         Some((_, at)) => at,
         // As a snapshot is taken: from half the hyperfocal distance to infinity all is about sharp.
