@@ -4,21 +4,29 @@ use crate::units::{BOLTZMANN, PLANCK, SPEED_OF_LIGHT};
 use crate::upsample::Sigmoid;
 use crate::wavelength::{Sampled, Wavelengths};
 use glam::Vec3;
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 /// A spectrum sampled at equal steps of wavelength, linear between samples and constant beyond the ends.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug)]
 pub struct Table {
     first_nm: f32,
     per_nm: f32,
     values: Arc<[f32]>,
+    /// [`Table::srgb_of_light`], once somebody asked: integrals take microseconds, and paths that carry colours ask at every lamp.
+    srgb_of_light: Arc<OnceLock<Vec3>>,
+}
+
+impl PartialEq for Table {
+    fn eq(&self, other: &Self) -> bool {
+        self.first_nm == other.first_nm && self.per_nm == other.per_nm && self.values == other.values
+    }
 }
 
 impl Table {
     /// `values[i]` holds at `first_nm + i * step_nm`. Panics when there are no values or the step is not positive.
     pub fn new(first_nm: f32, step_nm: f32, values: Vec<f32>) -> Self {
         assert!(!values.is_empty() && step_nm > 0.0, "{} values in steps of {step_nm} nm", values.len());
-        Table { first_nm, per_nm: 1.0 / step_nm, values: values.into() }
+        Table { first_nm, per_nm: 1.0 / step_nm, values: values.into(), srgb_of_light: Arc::default() }
     }
 
     /// A table at 5 nm, 380–780 nm, through unevenly spaced `(nm, value)` points in rising order.
@@ -49,7 +57,12 @@ impl Table {
 
     /// The same spectrum times a factor.
     pub fn scaled(&self, factor: f32) -> Self {
-        Table { values: self.values.iter().map(|v| v * factor).collect(), ..self.clone() }
+        Table { values: self.values.iter().map(|v| v * factor).collect(), srgb_of_light: Arc::default(), ..self.clone() }
+    }
+
+    /// Linear sRGB of light of this spectrum, see [`crate::color::srgb_of_light`].
+    pub fn srgb_of_light(&self) -> Vec3 {
+        *self.srgb_of_light.get_or_init(|| crate::color::srgb_of_light(|nm| self.at(nm)))
     }
 
     /// The largest value.
@@ -99,8 +112,10 @@ impl Spectrum {
     #[inline]
     pub fn sample_light(&self, wavelengths: &Wavelengths) -> Sampled {
         match self {
-            Spectrum::Table(_) | Spectrum::Constant(_) if wavelengths.is_rgb() => {
-                Wavelengths::lanes(crate::color::srgb_of_light(|nm| self.at(nm)))
+            Spectrum::Table(table) if wavelengths.is_rgb() => Wavelengths::lanes(table.srgb_of_light()),
+            Spectrum::Constant(value) if wavelengths.is_rgb() => {
+                static OF_ONE: OnceLock<Vec3> = OnceLock::new();
+                Wavelengths::lanes(*OF_ONE.get_or_init(|| crate::color::srgb_of_light(|_| 1.0)) * *value)
             }
             _ => self.sample(wavelengths),
         }

@@ -421,7 +421,7 @@ impl Writer {
     fn color(&mut self, color: &Color) -> (Vec3, Option<Value>) {
         match color {
             Color::Constant { rgb, .. } => (*rgb, None),
-            Color::Spectrum { rgb, .. } => (*rgb, None),
+            Color::Spectrum(measured) => (measured.rgb, None),
             Color::Textured { factor, texture } => (*factor, Some(self.texture(texture))),
             Color::Graph(graph) if graph.is_in_space() => {
                 self.warn("patterns in space are written as their colour in one place");

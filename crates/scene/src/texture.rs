@@ -446,12 +446,7 @@ pub enum Color {
         sigmoid: Sigmoid,
     },
     /// A measured reflectance; made by [`Color::spectrum`].
-    Spectrum {
-        /// Reflectance over wavelength, 0 to 1.
-        spectrum: diopter_light::Spectrum,
-        /// Its linear sRGB under D65: integrals take hundreds of times as long as a look-up.
-        rgb: Vec3,
-    },
+    Spectrum(Arc<MeasuredColor>),
     /// An image times a factor (linear sRGB).
     Textured {
         /// Multiplies the image.
@@ -461,6 +456,15 @@ pub enum Color {
     },
     /// A picture made of others.
     Graph(Arc<Graph>),
+}
+
+/// A measured reflectance.
+#[derive(Clone, Debug)]
+pub struct MeasuredColor {
+    /// Over wavelength, 0 to 1.
+    pub spectrum: diopter_light::Spectrum,
+    /// Linear sRGB under D65: integrals take hundreds of times as long as a look-up.
+    pub rgb: Vec3,
 }
 
 impl Color {
@@ -473,7 +477,7 @@ impl Color {
     /// A measured reflectance, 0 to 1, and its linear sRGB under D65.
     pub fn spectrum(spectrum: diopter_light::Spectrum) -> Self {
         let rgb = spectrum_rgb(&spectrum);
-        Color::Spectrum { spectrum, rgb }
+        Color::Spectrum(Arc::new(MeasuredColor { spectrum, rgb }))
     }
 
     /// Reflectance at the wavelengths of a path; the colours of the mesh's vertices multiply it.
@@ -481,7 +485,7 @@ impl Color {
     pub fn sample(&self, surface: &Surface, wavelengths: &Wavelengths) -> Sampled {
         match self {
             Color::Constant { sigmoid, .. } if surface.color == Vec4::ONE => sigmoid.sample(wavelengths),
-            Color::Spectrum { spectrum, .. } if !wavelengths.is_rgb() => spectrum.sample(wavelengths),
+            Color::Spectrum(measured) if !wavelengths.is_rgb() => measured.spectrum.sample(wavelengths),
             _ if wavelengths.is_rgb() => Wavelengths::lanes(self.linear_srgb(surface).clamp(Vec3::ZERO, Vec3::ONE)),
             _ => Sigmoid::from_rgb(self.linear_srgb(surface)).sample(wavelengths),
         }
@@ -491,7 +495,7 @@ impl Color {
     pub fn linear_srgb(&self, surface: &Surface) -> Vec3 {
         match self {
             Color::Constant { rgb, .. } => *rgb * surface.color.truncate(),
-            Color::Spectrum { rgb, .. } => *rgb,
+            Color::Spectrum(measured) => measured.rgb,
             Color::Textured { factor, texture } => *factor * texture.at(&surface.uv).truncate() * surface.color.truncate(),
             Color::Graph(graph) => graph.at(&surface.uv, surface.point) * surface.color.truncate(),
         }
