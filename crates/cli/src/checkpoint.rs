@@ -56,7 +56,11 @@ pub fn expose_rows<'a>(
     what: &'static str,
     cache: usize,
 ) -> anyhow::Result<(ExposedStrips<'a>, Kept)> {
-    let folder = output.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let temporary = std::env::temp_dir();
+    let folder = match output::is_stream(output) {
+        true => &temporary,
+        false => output.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new(".")),
+    };
     let kept = Kept::of(shot, taking, Some(output), what)?;
     let start = kept.start(shot, taking, |size| PagedRows::new(size, cache, folder))?;
     let mut keeper = kept.keeper(taking);
@@ -108,7 +112,9 @@ impl Keeper<'_> {
 
 impl Kept {
     fn of(shot: &Shot, taking: &Taking, output: Option<&Path>, what: &'static str) -> anyhow::Result<Self> {
-        let file = output.filter(|_| taking.checkpoint != Some(Checkpoint::Off) && !shot.lens_cap).map(beside);
+        // Beside a pipe or a device there is nowhere to keep anything.
+        let wanted = taking.checkpoint != Some(Checkpoint::Off) && !shot.lens_cap;
+        let file = output.filter(|o| wanted && !output::is_stream(o)).map(beside);
         let identity = if file.is_some() { watched(what, |w| shot.identity(w))? } else { 0 };
         Ok(Kept { file, identity, wanted: shot.settings.samples.len() as u32, ours: AtomicBool::new(false) })
     }

@@ -1,4 +1,4 @@
-//! Files to write: proved writable before the work, written beside, renamed when whole.
+//! Files to write: proved writable before the work, written beside, renamed when whole. Pipes and devices are written when all is known.
 
 use crate::AskedWrongly;
 use crate::watch::warn;
@@ -11,9 +11,10 @@ use diopter::image::{Encoding, FocalPlane, Picture, RawImage, exr, gain_map, jpe
 use diopter::raw_file;
 use diopter::shot::ShotError;
 use std::collections::HashMap;
-use std::fs::File;
-use std::io::{BufWriter, Write};
+use std::fs::{File, OpenOptions};
+use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Mutex, OnceLock, PoisonError};
 
 /// Files that are being written, under the names they have meanwhile.
@@ -29,9 +30,19 @@ pub const JPEG_QUALITY: u8 = 92;
 
 /// A file that is going to be written. Dropped without [`Output::commit`], it leaves no trace.
 pub struct Output {
+    /// As it was given.
     path: PathBuf,
     part: PathBuf,
+    target: Target,
     file: Option<File>,
+}
+
+/// What becomes of a part once it is whole.
+enum Target {
+    /// It is renamed to this: the file that was named, or what symbolic links make of it.
+    File(PathBuf),
+    /// It is copied into a pipe or a device, which can neither be renamed nor, as some formats need, be sought in.
+    Stream(File),
 }
 
 /// What a file's ending says it is.
@@ -53,25 +64,56 @@ pub fn kind(path: &Path) -> anyhow::Result<Kind> {
         Some("tif" | "tiff") => Ok(Kind::Tiff),
         Some("exr") => Ok(Kind::Exr),
         Some("dng") => Ok(Kind::Dng),
+        // `-o /dev/stdout`: what cameras write when nobody says.
+        None if is_stream(path) => Ok(Kind::Jpeg),
         _ => Err(AskedWrongly(anyhow!("{}: expected a name that ends in .jpg, .png, .tif, .exr or .dng", path.display())).into()),
     }
 }
 
 impl Output {
-    /// Opens the file beside; fails now if it cannot be written.
+    /// Opens the file beside; fails now if it cannot be written. A name that is a symbolic link stands for what it points to, which need not be there
+    /// yet. A named pipe waits for its reader here.
     pub fn prepare(path: &Path) -> anyhow::Result<Self> {
+        let place = || format!("{}: cannot be written", path.display());
         let name = path.file_name().ok_or_else(|| AskedWrongly(anyhow!("{}: expected the name of a file", path.display())))?;
-        if path.is_dir() {
+        let told = std::fs::metadata(path);
+        if told.as_ref().is_ok_and(|m| m.is_dir()) {
             return Err(AskedWrongly(anyhow!("{}: this is a folder; expected the name of a file", path.display())).into());
         }
-        let part = path.with_file_name(part_name(&name.to_string_lossy(), machine(), std::process::id()));
-        remove_orphans(path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new(".")));
-        let file = File::create(&part).with_context(|| format!("{}: cannot be written", path.display()))?;
+        // Links in a circle, folders that may not be entered.
+        if let Err(e) = told
+            && e.kind() != io::ErrorKind::NotFound
+        {
+            return Err(e).with_context(place);
+        }
+        let name = name.to_string_lossy();
+        let (part, target, file) = if is_stream(path) {
+            let stream = open_stream(path).with_context(place)?;
+            let folder = std::env::temp_dir();
+            remove_orphans(&folder);
+            // Streams of one name may lie in several folders; a temporary folder is everybody's: only a new file is ours.
+            static STREAMS: AtomicUsize = AtomicUsize::new(0);
+            let name = format!("diopter-{}-{}", STREAMS.fetch_add(1, Ordering::Relaxed), cut(&name));
+            let part = folder.join(part_name(&name, machine(), std::process::id()));
+            let file = OpenOptions::new().write(true).create_new(true).open(&part);
+            let file = file.with_context(|| format!("{}: the temporary file {}", path.display(), part.display()))?;
+            (part, Target::Stream(stream), file)
+        } else {
+            let target = links(path).pop().unwrap_or_else(|| path.to_owned());
+            let name = target.file_name().unwrap_or_default().to_string_lossy();
+            let part = target.with_file_name(part_name(&name, machine(), std::process::id()));
+            remove_orphans(target.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new(".")));
+            let file = File::create(&part).with_context(|| match target == path {
+                true => place(),
+                false => format!("{} (a link to {}): cannot be written", path.display(), target.display()),
+            })?;
+            (part, Target::File(target), file)
+        };
         PARTS.lock().unwrap_or_else(PoisonError::into_inner).push(part.clone());
-        Ok(Output { path: path.to_owned(), part, file: Some(file) })
+        Ok(Output { path: path.to_owned(), part, target, file: Some(file) })
     }
 
-    /// Writes the file by a function and gives it its name.
+    /// Writes the file by a function and gives it its name, or passes it on to its pipe or device.
     pub fn commit(mut self, write: impl FnOnce(&mut BufWriter<File>) -> anyhow::Result<()>) -> anyhow::Result<PathBuf> {
         let file = self.file.take().expect("an output is committed once");
         let mut writer = BufWriter::new(file);
@@ -79,7 +121,13 @@ impl Output {
         write(&mut writer).with_context(place)?;
         writer.flush().with_context(place)?;
         drop(writer);
-        std::fs::rename(&self.part, &self.path).with_context(place)?;
+        match &mut self.target {
+            Target::File(target) => std::fs::rename(&self.part, target).with_context(place)?,
+            Target::Stream(stream) => {
+                let mut whole = File::open(&self.part).with_context(place)?;
+                io::copy(&mut whole, stream).with_context(place)?;
+            }
+        }
         Ok(self.path.clone())
     }
 }
@@ -91,6 +139,68 @@ impl Drop for Output {
         // Renamed files are no longer there; nothing can be done about one that cannot be removed.
         let _ = std::fs::remove_file(&self.part);
     }
+}
+
+/// A name, and what symbolic links make of it, one after another.
+fn links(path: &Path) -> Vec<PathBuf> {
+    /// As many as Linux follows (path_resolution(7)).
+    const MOST: usize = 40;
+    let to = |from: &PathBuf| Some(from.parent()?.join(std::fs::read_link(from).ok()?));
+    std::iter::successors(Some(path.to_owned()), to).take(MOST + 1).collect()
+}
+
+/// Standard output and standard error by their names.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Standard {
+    Output,
+    Error,
+}
+
+impl Standard {
+    fn named(path: &Path) -> Option<Self> {
+        const NAMES: [(&str, Standard); 6] = [
+            ("/dev/stdout", Standard::Output),
+            ("/dev/fd/1", Standard::Output),
+            ("/proc/self/fd/1", Standard::Output),
+            ("/dev/stderr", Standard::Error),
+            ("/dev/fd/2", Standard::Error),
+            ("/proc/self/fd/2", Standard::Error),
+        ];
+        links(path).iter().find_map(|p| NAMES.iter().find(|n| Path::new(n.0) == p).map(|n| n.1))
+    }
+}
+
+/// Whether a name is that of a pipe or a device, or of standard output: there is nothing to rename, and nothing to write beside.
+pub fn is_stream(path: &Path) -> bool {
+    Standard::named(path).is_some() || std::fs::metadata(path).is_ok_and(|m| !m.is_file() && !m.is_dir())
+}
+
+/// Opens a pipe or a device. Standard output goes on where it is: opened anew, a file behind it would be written from its beginning.
+#[cfg(unix)]
+fn open_stream(path: &Path) -> io::Result<File> {
+    use std::os::fd::AsFd;
+    match Standard::named(path) {
+        Some(Standard::Output) => Ok(io::stdout().as_fd().try_clone_to_owned()?.into()),
+        Some(Standard::Error) => Ok(io::stderr().as_fd().try_clone_to_owned()?.into()),
+        None => OpenOptions::new().write(true).open(path),
+    }
+}
+
+#[cfg(not(unix))]
+fn open_stream(path: &Path) -> io::Result<File> {
+    OpenOptions::new().write(true).open(path)
+}
+
+/// Whether it takes any number of files and keeps none: `/dev/null`.
+#[cfg(unix)]
+fn is_device(path: &Path) -> bool {
+    use std::os::unix::fs::FileTypeExt;
+    std::fs::metadata(path).is_ok_and(|m| m.file_type().is_char_device())
+}
+
+#[cfg(not(unix))]
+fn is_device(_: &Path) -> bool {
+    false
 }
 
 /// Removes what is being written: for a process that ends at once.
@@ -183,7 +293,7 @@ pub fn distinct<'a>(
     };
     let mut taken: HashMap<PathBuf, &str> =
         inputs.into_iter().map(|p| (place(p), "it is read here; expected another name")).collect();
-    for path in outputs {
+    for path in outputs.into_iter().filter(|p| !is_device(p)) {
         if let Some(why) = taken.insert(place(path), "it is to be written twice; expected different names") {
             return Err(AskedWrongly(anyhow!("{}: {why}", path.display())).into());
         }
@@ -201,6 +311,7 @@ pub fn prepare_pictures(paths: &[PathBuf]) -> anyhow::Result<Vec<(Kind, Output)>
 pub fn prepare_dng(path: &Path) -> anyhow::Result<Output> {
     match kind(path)? {
         Kind::Dng => Output::prepare(path),
+        _ if path.extension().is_none() => Output::prepare(path),
         _ => Err(AskedWrongly(anyhow!("{}: expected a name that ends in .dng", path.display())).into()),
     }
 }
@@ -209,6 +320,7 @@ pub fn prepare_dng(path: &Path) -> anyhow::Result<Output> {
 pub fn prepare_exr(path: &Path) -> anyhow::Result<Output> {
     match kind(path)? {
         Kind::Exr => Output::prepare(path),
+        _ if path.extension().is_none() => Output::prepare(path),
         _ => Err(AskedWrongly(anyhow!("{}: expected a name that ends in .exr", path.display())).into()),
     }
 }
@@ -328,6 +440,53 @@ mod tests {
         {
             assert_eq!(owner(other, "0123abcd"), None, "{other}");
         }
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn what_a_link_points_to_is_written() {
+        let folder = std::env::temp_dir().join(format!("diopter-links-{}", std::process::id()));
+        std::fs::create_dir_all(folder.join("away")).unwrap();
+        let at = |name: &str| folder.join(name);
+        let link = |to: &str, name: &str| std::os::unix::fs::symlink(to, at(name)).unwrap();
+        std::fs::write(at("away/old.jpg"), b"old").unwrap();
+        link("away/old.jpg", "a.jpg");
+        link("a.jpg", "b.jpg");
+        // What it points to is not there yet.
+        link("away/new.jpg", "c.jpg");
+        link("circle.jpg", "circle.jpg");
+        for (name, target) in [("b.jpg", "away/old.jpg"), ("c.jpg", "away/new.jpg")] {
+            let written = Output::prepare(&at(name)).unwrap().commit(|w| Ok(w.write_all(b"new")?)).unwrap();
+            assert_eq!(written, at(name));
+            assert_eq!(std::fs::read(at(target)).unwrap(), b"new", "{name}");
+            assert!(std::fs::symlink_metadata(at(name)).unwrap().is_symlink(), "{name}");
+        }
+        let circle = Output::prepare(&at("circle.jpg")).err().unwrap();
+        let left = std::fs::read_dir(at("away")).unwrap().count();
+        std::fs::remove_dir_all(&folder).unwrap();
+        assert!(format!("{circle:#}").contains("circle.jpg: cannot be written"), "{circle:#}");
+        assert_eq!(left, 2, "parts are left");
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn devices_are_written_into_and_stay() {
+        use std::os::unix::fs::FileTypeExt;
+        let null = Path::new("/dev/null");
+        assert!(is_stream(null) && is_device(null) && is_stream(Path::new("/dev/stdout")));
+        assert_eq!(kind(null).unwrap(), Kind::Jpeg);
+        assert_eq!(Standard::named(Path::new("/dev/fd/2")), Some(Standard::Error));
+        let output = Output::prepare(null).unwrap();
+        let part = output.part.clone();
+        assert!(part.exists() && !part.starts_with("/dev"));
+        output.commit(|w| Ok(w.write_all(b"gone")?)).unwrap();
+        assert!(!part.exists() && std::fs::metadata(null).unwrap().file_type().is_char_device());
+        // Any number of files may go there, but not two to one file.
+        assert!(distinct([], [null, null]).is_ok());
+        assert!(distinct([], [Path::new("a.jpg"), Path::new("./a.jpg")]).is_err());
+        assert!(!is_stream(Path::new("Cargo.toml")) && !is_stream(Path::new("/")));
+        let folder = Output::prepare(Path::new("/")).err().unwrap().to_string();
+        assert!(folder.contains("expected the name of a file"), "{folder}");
     }
 
     #[cfg(target_os = "linux")]
