@@ -210,14 +210,15 @@ impl Exposure<'_> {
     /// Exposes from the beginning, or goes on from where `start` stands.
     ///
     /// `keep` gets the sums again and again, tens to hundreds of milliseconds apart, to save them if it likes. Without it [`Watch::cancel`] gives
-    /// [`ExposeError::Cancelled`]; with it the pass under way is finished, and its samples and those before are the result.
+    /// [`ExposeError::Cancelled`]; with it the pass under way is finished, and its samples and those before are the result. While the truth is computed,
+    /// before the first sample, [`Watch::cancel`] gives [`ExposeError::Cancelled`] in both cases.
     pub fn run(&self, watch: &Watch, start: Option<Sums>, keep: Option<Keep>) -> Result<Exposed, ExposeError> {
         let mut sums = self.begin(start, |[width, height, numbers]| Ok(Raster::new(width, height, numbers)))?;
         let started = Instant::now();
         let film = &self.camera.film;
         // Before the samples: a time limit then knows how long it takes.
         let truth = match self.settings.truth {
-            true => truth(self.scene, self.camera, self.shutter, 0..film.rows),
+            true => truth(self.scene, self.camera, self.shutter, 0..film.rows, watch.cancel).ok_or(ExposeError::Cancelled)?,
             false => Truth::empty(film.columns, film.rows),
         };
         let stopped = self.take_samples(watch, &mut sums, keep, started, self.settings.time_limit_s)?;
@@ -240,16 +241,17 @@ impl Exposure<'_> {
         let mut sums = self.begin(start, |size| PagedRows::new(size, memory, folder))?;
         let started = Instant::now();
         let film = &self.camera.film;
-        let limit = self.settings.time_limit_s.map(|limit| {
+        let limit = self.settings.time_limit_s.map(|limit| -> Result<f64, ExposeError> {
             if !self.settings.truth {
-                return limit;
+                return Ok(limit);
             }
             // Some rows in the middle stand for all.
             let trial = film.rows / 2..(film.rows / 2 + STRIP_STEP).min(film.rows);
             let share = film.rows as f64 / trial.len() as f64;
-            truth(self.scene, self.camera, self.shutter, trial);
-            (limit - started.elapsed().as_secs_f64() * share).max(0.0)
+            truth(self.scene, self.camera, self.shutter, trial, watch.cancel).ok_or(ExposeError::Cancelled)?;
+            Ok((limit - started.elapsed().as_secs_f64() * share).max(0.0))
         });
+        let limit = limit.transpose()?;
         let stopped = self.take_samples(watch, &mut sums, keep, started, limit)?;
         Ok(ExposedPaged {
             camera: self.camera.clone(),
@@ -398,8 +400,8 @@ impl Exposure<'_> {
     }
 }
 
-/// Ground truth of some rows along chief rays, in the middle of the time each pixel is open.
-fn truth(scene: &Scene, camera: &Camera, shutter: &Shutter, rows: Range<usize>) -> Truth {
+/// Ground truth of some rows along chief rays, in the middle of the time each pixel is open; `None` once `cancel` is set.
+fn truth(scene: &Scene, camera: &Camera, shutter: &Shutter, rows: Range<usize>, cancel: &AtomicBool) -> Option<Truth> {
     let (width, height) = (camera.film.columns, camera.film.rows);
     let mut truth = Truth::empty(width, rows.len());
     // All around there is no axis: depth is distance.
@@ -425,7 +427,10 @@ fn truth(scene: &Scene, camera: &Camera, shutter: &Shutter, rows: Range<usize>) 
     let Truth { depth, normal, albedo, id } = &mut truth;
     let guides = normal.data.par_chunks_mut(3 * width).zip(albedo.data.par_chunks_mut(3 * width));
     let planes = depth.data.par_chunks_mut(width).zip(id.data.par_chunks_mut(width)).zip(guides);
-    planes.enumerate().for_each(|(row, ((depth, id), (normal, albedo)))| {
+    let whole = planes.enumerate().try_for_each(|(row, ((depth, id), (normal, albedo)))| {
+        if cancel.load(Ordering::Relaxed) {
+            return None;
+        }
         for column in 0..width {
             let Some((distance, s)) = first(column, rows.start + row) else { continue };
             depth[column] = distance;
@@ -433,6 +438,7 @@ fn truth(scene: &Scene, camera: &Camera, shutter: &Shutter, rows: Range<usize>) 
             albedo[3 * column..3 * column + 3].copy_from_slice(&s.albedo.to_array());
             id[column] = s.object + 1;
         }
+        Some(())
     });
-    truth
+    whole.map(|()| truth)
 }

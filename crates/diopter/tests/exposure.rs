@@ -295,6 +295,11 @@ fn an_interrupted_exposure_goes_on_bit_for_bit() {
         let part = take(&scene, &camera, &response, &Settings { samples: 254..256, ..settings.clone() });
         assert!(exposed.stopped && exposed.plane == part);
         assert_eq!(exposure.run(&watch, None, None).unwrap_err(), ExposeError::Cancelled);
+        // The truth comes before the first sample: there is nothing to finish.
+        let with_truth = Settings { truth: true, ..settings.clone() };
+        let mut count = 0;
+        let stopped = Exposure { settings: &with_truth, ..exposure }.run(&watch, None, Some(&mut |_| count += 1));
+        assert_eq!((stopped.unwrap_err(), count), (ExposeError::Cancelled, 0));
     });
     let other = Settings { samples: 0..4, ..settings.clone() };
     let watch = Watch { cancel: &go, progress: &|_| () };

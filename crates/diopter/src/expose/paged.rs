@@ -10,6 +10,7 @@ use diopter_image::focal_plane::{Band, FocalPlaneSource, Truth, ends_early};
 use diopter_image::{ExposureFacts, FocalPlane, ImageError, Raster};
 use diopter_scene::Scene;
 use std::ops::Range;
+use std::sync::atomic::AtomicBool;
 
 /// What became of an exposure that memory cannot hold.
 #[derive(Debug)]
@@ -51,10 +52,12 @@ impl ExposedRows<'_> {
     }
 
     fn truth_of(&self, rows: Range<usize>) -> Truth {
-        match self.exposed.truth {
-            true => truth(self.scene, &self.exposed.camera, &self.exposed.shutter, rows),
-            false => Truth::empty(self.exposed.camera.film.columns, rows.len()),
+        let empty = Truth::empty(self.exposed.camera.film.columns, rows.len());
+        if !self.exposed.truth {
+            return empty;
         }
+        // What was exposed is written whole, also when it was stopped.
+        truth(self.scene, &self.exposed.camera, &self.exposed.shutter, rows, &AtomicBool::new(false)).unwrap_or(empty)
     }
 }
 
