@@ -12,6 +12,7 @@ use diopter::row_store::{PagedRows, RowStore};
 use diopter::shot::{ExposedStrips, Shot};
 use std::fs::File;
 use std::io::{BufReader, ErrorKind, Write};
+use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
@@ -44,7 +45,14 @@ pub fn expose(shot: &Shot, taking: &Taking, output: Option<&Path>, what: &'stati
     let kept = Kept::of(shot, taking, output, what)?;
     let start = kept.start(shot, taking, |[width, height, numbers]| Ok(Raster::<f64>::new(width, height, numbers)))?;
     let mut keeper = kept.keeper(taking);
-    let exposed = watched(what, |w| shot.expose_from(start, w, Some(&mut |sums| keeper.keep(sums))))?;
+    let exposed = watched(what, |w| {
+        let mut keep = |sums: &Sums| {
+            keeper.keep(sums);
+            // A pass of what fits into memory takes seconds: it is finished, and the picture written.
+            ControlFlow::Continue(())
+        };
+        shot.expose_from(start, w, Some(&mut keep))
+    })?;
     Ok(Taken { exposed, kept })
 }
 
@@ -58,14 +66,34 @@ pub fn expose_rows<'a>(
 ) -> anyhow::Result<(ExposedStrips<'a>, Kept)> {
     let temporary = std::env::temp_dir();
     let folder = match output::is_stream(output) {
-        true => &temporary,
+        true => temporary.as_path(),
         false => output.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new(".")),
     };
     let kept = Kept::of(shot, taking, Some(output), what)?;
     let start = kept.start(shot, taking, |size| PagedRows::new(size, cache, folder))?;
     let mut keeper = kept.keeper(taking);
-    let exposed = watched(what, |w| shot.expose_rows(start, w, Some(&mut |sums| keeper.keep(sums)), cache, folder))?;
-    Ok((exposed, kept))
+    // Samples of all pixels, those of a pass under way included, when it ended within one.
+    let mut ended = None;
+    let exposed = watched(what, |w| {
+        let mut keep = |sums: &Sums<PagedRows>| match keeper.keep(sums) {
+            // A pass may take hours, and what would be written is worth little without it.
+            Saved::OnStop => {
+                ended = Some(sums.mean_samples());
+                ControlFlow::Break(())
+            }
+            Saved::No => ControlFlow::Continue(()),
+        };
+        shot.expose_rows(start, w, Some(&mut keep), cache, folder)
+    });
+    if let (Err(_), Some(done), Some(file)) = (&exposed, ended, &kept.file) {
+        return Err(anyhow!(
+            "stopped: {} holds {done:.2} of {} samples a pixel, and the same command goes on from it; {} was not written",
+            file.display(),
+            kept.wanted,
+            output.display()
+        ));
+    }
+    Ok((exposed?, kept))
 }
 
 /// Saves an exposure under way.
@@ -82,31 +110,42 @@ struct Keeper<'a> {
     saved_on_stop: Option<u32>,
 }
 
+/// Whether the sums were saved because the exposure is to stop: they may then be given up in memory.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Saved {
+    OnStop,
+    No,
+}
+
 impl Keeper<'_> {
-    fn keep<S: RowStore>(&mut self, sums: &Sums<S>) {
+    fn keep<S: RowStore>(&mut self, sums: &Sums<S>) -> Saved {
         let stopping = watch::stopping();
         if stopping && !self.told {
             self.told = true;
-            say("stopping: the samples under way are finished, which may take minutes in large pictures; once more ends at once");
+            say(
+                "stopping: the work under way is finished and saved, which may take minutes in large pictures; once more ends at once",
+            );
         }
-        let Some(file) = self.file else { return };
+        let Some(file) = self.file else { return Saved::No };
         // When stopped at once, for who is killed soon after, and when the pass is finished.
         let on_stop = stopping && self.saved_on_stop != Some(sums.samples().end);
         if !on_stop && self.begun.elapsed().as_secs_f64() < self.next {
-            return;
+            return Saved::No;
         }
         if stopping {
             self.saved_on_stop = Some(sums.samples().end);
         }
         let writing = Instant::now();
-        match save(file, sums, self.identity) {
+        let saved = save(file, sums, self.identity);
+        self.next = self.begun.elapsed().as_secs_f64() + self.every.max(writing.elapsed().as_secs_f64() / SHARE);
+        match saved {
             Ok(()) => self.ours.store(true, Ordering::Relaxed),
             Err(e) => {
                 warn(&format!("{e:#}: this exposure has no more checkpoints"));
                 self.file = None;
             }
         }
-        self.next = self.begun.elapsed().as_secs_f64() + self.every.max(writing.elapsed().as_secs_f64() / SHARE);
+        if stopping && self.file.is_some() { Saved::OnStop } else { Saved::No }
     }
 }
 
@@ -195,7 +234,9 @@ fn resumed<S: RowStore>(
     match checkpoint::read_into(&mut BufReader::new(file), identity, [film.columns, film.rows, shot.bands()], rows) {
         Ok(sums) => {
             let all = &shot.settings.samples;
-            let done = sums.samples().len();
+            // Of a pass under way the first tiles are done: "0.35 of 16".
+            let text = format!("{:.2}", sums.mean_samples());
+            let done = text.trim_end_matches('0').trim_end_matches('.');
             say(&format!("going on from {}: {done} of {} samples a pixel are done", path.display(), all.len()));
             Ok(Some(sums))
         }

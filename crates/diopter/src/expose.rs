@@ -211,7 +211,7 @@ impl Exposure<'_> {
     ///
     /// `keep` gets the sums again and again, tens to hundreds of milliseconds apart, to save them if it likes. Without it [`Watch::cancel`] gives
     /// [`ExposeError::Cancelled`]; with it the pass under way is finished, and its samples and those before are the result. While the truth is computed,
-    /// before the first sample, [`Watch::cancel`] gives [`ExposeError::Cancelled`] in both cases.
+    /// before the first sample, [`Watch::cancel`] gives [`ExposeError::Cancelled`] in both cases, and so does a `keep` that breaks.
     pub fn run(&self, watch: &Watch, start: Option<Sums>, keep: Option<Keep>) -> Result<Exposed, ExposeError> {
         let mut sums = self.begin(start, |[width, height, numbers]| Ok(Raster::new(width, height, numbers)))?;
         let started = Instant::now();
@@ -385,8 +385,9 @@ impl Exposure<'_> {
                 }
                 if let Some(keep) = &mut keep
                     && sums.samples.end < wanted.end
+                    && keep(sums).is_break()
                 {
-                    keep(sums);
+                    return Err(ExposeError::Cancelled);
                 }
                 if sums.samples.end == pass.end {
                     break;

@@ -265,6 +265,7 @@ fn spectral_bands_hold_the_mean_radiance_between_their_limits() {
 #[test]
 fn an_interrupted_exposure_goes_on_bit_for_bit() {
     use diopter::expose::{ExposeError, Exposure};
+    use std::ops::ControlFlow;
     // More tiles than one thread computes at once, and samples of two passes.
     let (scene, camera) = cornell(144, 128);
     let settings = Settings { samples: 254..258, truth: false, ..Settings::new(512) };
@@ -277,7 +278,16 @@ fn an_interrupted_exposure_goes_on_bit_for_bit() {
     let mut kept = Vec::new();
     pool(1).install(|| {
         let watch = Watch { cancel: &go, progress: &|_| () };
-        let exposed = exposure.run(&watch, None, Some(&mut |sums| kept.push(sums.clone()))).unwrap();
+        let exposed = exposure
+            .run(
+                &watch,
+                None,
+                Some(&mut |sums| {
+                    kept.push(sums.clone());
+                    ControlFlow::Continue(())
+                }),
+            )
+            .unwrap();
         assert!(!exposed.stopped && exposed.plane == whole);
     });
     assert!(kept.len() >= 3, "{}", kept.len());
@@ -290,7 +300,10 @@ fn an_interrupted_exposure_goes_on_bit_for_bit() {
     // Stopped in the first pass: that is finished, and is all there is.
     pool(1).install(|| {
         let watch = Watch { cancel: &stop, progress: &|_| () };
-        let mut on_stop = |_: &diopter::expose::Sums| stop.store(true, std::sync::atomic::Ordering::Relaxed);
+        let mut on_stop = |_: &diopter::expose::Sums| {
+            stop.store(true, std::sync::atomic::Ordering::Relaxed);
+            ControlFlow::Continue(())
+        };
         let exposed = exposure.run(&watch, None, Some(&mut on_stop)).unwrap();
         let part = take(&scene, &camera, &response, &Settings { samples: 254..256, ..settings.clone() });
         assert!(exposed.stopped && exposed.plane == part);
@@ -298,9 +311,27 @@ fn an_interrupted_exposure_goes_on_bit_for_bit() {
         // The truth comes before the first sample: there is nothing to finish.
         let with_truth = Settings { truth: true, ..settings.clone() };
         let mut count = 0;
-        let stopped = Exposure { settings: &with_truth, ..exposure }.run(&watch, None, Some(&mut |_| count += 1));
+        let stopped = Exposure { settings: &with_truth, ..exposure }.run(
+            &watch,
+            None,
+            Some(&mut |_| {
+                count += 1;
+                ControlFlow::Continue(())
+            }),
+        );
         assert_eq!((stopped.unwrap_err(), count), (ExposeError::Cancelled, 0));
     });
+    // Who has kept the sums may end it within a pass: with the first tiles of the first one, and no sample of all pixels.
+    let watch = Watch { cancel: &go, progress: &|_| () };
+    let mut first = None;
+    let mut keep_and_end = |sums: &diopter::expose::Sums| {
+        first = Some((sums.samples().len(), sums.mean_samples()));
+        ControlFlow::Break(())
+    };
+    let ended = pool(1).install(|| exposure.run(&watch, None, Some(&mut keep_and_end)));
+    assert_eq!(ended.unwrap_err(), ExposeError::Cancelled);
+    // 64 of the 9 × 8 tiles have both samples of the pass.
+    assert_eq!(first, Some((0, 2.0 * 64.0 / 72.0)));
     let other = Settings { samples: 0..4, ..settings.clone() };
     let watch = Watch { cancel: &go, progress: &|_| () };
     let foreign = Exposure { settings: &other, ..exposure }.run(&watch, Some(kept[0].clone()), None);

@@ -9,6 +9,7 @@ use diopter::scene::{Description, Scene, builtin};
 use diopter::sensor::Sensor;
 use diopter::{Camera, CameraWay, Film, Response, Settings, Shutter, camera::look_at, expose, expose::Watch};
 use glam::{DVec2, Vec3};
+use std::ops::ControlFlow;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
@@ -159,7 +160,19 @@ fn interrupted_exposures_go_on_where_colours_land_in_other_tiles() {
     let watch = Watch { cancel: &stop, progress: &|_| () };
     let with = |threads: usize| rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
     let mut kept = Vec::new();
-    let whole = with(1).install(|| exposure.run(&watch, None, Some(&mut |sums| kept.push(sums.clone())))).unwrap().plane;
+    let whole = with(1)
+        .install(|| {
+            exposure.run(
+                &watch,
+                None,
+                Some(&mut |sums| {
+                    kept.push(sums.clone());
+                    ControlFlow::Continue(())
+                }),
+            )
+        })
+        .unwrap()
+        .plane;
     assert!(kept.len() >= 3 && whole.mean.data.iter().any(|v| *v > 0.0));
     for sums in kept {
         assert!(with(2).install(|| exposure.run(&watch, Some(sums), None)).unwrap().plane == whole);
@@ -211,6 +224,7 @@ fn exposures_on_the_disk_make_the_files_of_exposures_in_memory() {
                 let mut bytes = Vec::new();
                 checkpoint::write(sums, 1, &mut bytes).unwrap();
                 checkpoints.push(bytes);
+                ControlFlow::Continue(())
             };
             exposure.run_paged(&watch, None, Some(&mut keep), 0, &folder).unwrap()
         });

@@ -4,7 +4,7 @@ use super::TILE;
 use crate::row_store::RowStore;
 use diopter_image::Raster;
 use std::collections::BTreeMap;
-use std::ops::Range;
+use std::ops::{ControlFlow, Range};
 
 /// An exposure under way: the sums of its samples. Going on from them gives, bit for bit, what the exposure would have given without a pause.
 ///
@@ -22,8 +22,9 @@ pub struct Sums<S = Raster<f64>> {
     pub(crate) tiles: usize,
 }
 
-/// Told the sums so far, to keep them.
-pub type Keep<'a, S = Raster<f64>> = &'a mut dyn FnMut(&Sums<S>);
+/// Told the sums so far, to keep them. [`ControlFlow::Break`]: they are kept elsewhere, and the exposure ends at once with
+/// [`super::ExposeError::Cancelled`], within a pass or not.
+pub type Keep<'a, S = Raster<f64>> = &'a mut dyn FnMut(&Sums<S>) -> ControlFlow<()>;
 
 /// A rectangle of the film and its sums.
 pub(super) struct Tile {
@@ -42,6 +43,16 @@ impl<S> Sums<S> {
     /// The samples that every pixel has.
     pub fn samples(&self) -> Range<u32> {
         self.samples.clone()
+    }
+}
+
+impl<S: RowStore> Sums<S> {
+    /// Mean number of samples of a pixel, those of the pass under way included.
+    pub fn mean_samples(&self) -> f64 {
+        let [width, height, _] = self.sums.size();
+        let tiles = width.div_ceil(TILE) * height.div_ceil(TILE);
+        let under_way = f64::from(self.pass_end.saturating_sub(self.samples.end)) * self.tiles as f64 / tiles.max(1) as f64;
+        self.samples.len() as f64 + under_way
     }
 }
 
