@@ -841,9 +841,9 @@ pub struct DepthOfField {
     /// Focal length: "50 mm"; of a zoom, where it is set.
     #[arg(long, value_name = "LENGTH")]
     pub focal_length: Option<LengthMm>,
-    /// f-number.
-    #[arg(long, value_name = "F", default_value = "f/2.8")]
-    pub aperture: FNumber,
+    /// f-number; without, that of --lens fully open, or f/2.8.
+    #[arg(long, value_name = "F")]
+    pub aperture: Option<FNumber>,
     /// Distance in focus; a table over distances without.
     #[arg(long, value_name = "DISTANCE")]
     pub focus: Option<Distance>,

@@ -812,6 +812,14 @@ fn calculators_answer_with_published_numbers() {
     // A real lens beside it: stopped down it is the thin lens.
     let real = ["--json", "calc", "dof", "--lens", "double-gauss-50mm", "--aperture", "f/8", "--focus", "3m"];
     assert!((number(&real, "/rows/0/traced_near_m") / number(&real, "/rows/0/near_m") - 1.0).abs() < 0.01);
+    // Without an aperture it is fully open, which is said: not the f/2.8 of no lens at all.
+    let open = ["--json", "calc", "dof", "--lens", "double-gauss-50mm", "--focus", "3m"];
+    let widest = number(&["--json", "lens", "info", "double-gauss-50mm"], "/widest_f_number");
+    // `lens info` tells it at another wavelength.
+    assert!((number(&open, "/f_number") / widest - 1.0).abs() < 0.01, "{widest}");
+    let text = String::from_utf8(f.ok(&open[1..]).stdout).unwrap();
+    assert!(text.contains("(fully open)"), "{text}");
+    assert_eq!(number(&["--json", "calc", "dof", "--focus", "3m"], "/f_number"), 2.8);
     let (code, message) = f.fails(&["calc", "dof", "--focal-length", "50mm", "--focus", "2cm"]);
     assert!(code == 2 && message.contains("focal length"), "{code} {message}");
 }

@@ -21,6 +21,9 @@ use std::fmt::Write as _;
 use std::io::Write as _;
 use std::sync::Arc;
 
+/// What a lens is set to when nobody says, and no real one is named.
+const DEFAULT_F_NUMBER: f64 = 2.8;
+
 fn format_named(name: &str) -> anyhow::Result<Format> {
     Format::parse(name).ok_or_else(|| {
         let names: Vec<&str> = format::FORMATS.iter().map(|f| f.names[0]).collect();
@@ -38,10 +41,10 @@ fn circle(given: Option<LengthMm>, format: &Format) -> anyhow::Result<f64> {
 }
 
 /// A real lens set on the bench of a calculator.
-fn real(name: &str, focal: Option<f64>, aperture: f64, focus: Focus, format: &Format) -> anyhow::Result<CompoundLens> {
+fn real(name: &str, focal: Option<f64>, aperture: Option<f64>, focus: Focus, format: &Format) -> anyhow::Result<CompoundLens> {
     let setting = Setting {
         focal_length: focal,
-        f_number: Some(aperture),
+        f_number: aperture,
         focus,
         iris: None,
         film_mm: [format.width_mm, format.height_mm],
@@ -96,15 +99,21 @@ fn finite(v: f64) -> Option<f64> {
 pub fn depth(args: &DepthOfField, json: bool) -> anyhow::Result<()> {
     let format = format_named(&args.format)?;
     let c = circle(args.circle, &format)?;
-    let aperture = f_number(args.aperture)?;
+    let given = args.aperture.map(f_number).transpose()?;
     let lens = |focus_m: f64| match args.lens.as_deref() {
         None => Ok(None),
-        Some(name) => real(name, args.focal_length.map(|f| f.0), aperture, Focus::at_mm(1000.0 * focus_m), &format).map(Some),
+        Some(name) => real(name, args.focal_length.map(|f| f.0), given, Focus::at_mm(1000.0 * focus_m), &format).map(Some),
     };
-    let focal = match (lens(f64::INFINITY)?, args.focal_length) {
-        (Some(lens), _) => lens.focal_length().0,
-        (None, given) => positive("focal length", given.map_or(50.0, |f| f.0))?,
+    let (focal, aperture) = match lens(f64::INFINITY)? {
+        // As it is set: a lens fully open may be wider than asked for, or than nothing was.
+        Some(lens) => (lens.focal_length().0, given.unwrap_or(lens.f_number())),
+        None => {
+            let focal = positive("focal length", args.focal_length.map_or(50.0, |f| f.0))?;
+            (focal, given.unwrap_or(DEFAULT_F_NUMBER))
+        }
     };
+    // Said with the result, since a lens was asked for and no aperture.
+    let fully_open = args.lens.is_some() && given.is_none();
     let outputs = paint::prepare(&args.output)?;
     let distances: Vec<f64> = match args.focus {
         Some(d) => vec![d.0],
@@ -156,12 +165,14 @@ pub fn depth(args: &DepthOfField, json: bool) -> anyhow::Result<()> {
             })
         };
         return print_json(&serde_json::json!({
-            "focal_length_mm": focal, "f_number": aperture, "circle_mm": c, "hyperfocal_m": hyperfocal,
+            "focal_length_mm": focal, "f_number": aperture, "fully_open": fully_open, "circle_mm": c, "hyperfocal_m": hyperfocal,
             "rows": rows.iter().map(row).collect::<Vec<_>>(),
         }));
     }
     let mut text = String::new();
-    writeln!(text, "{focal:.2} mm   {}   circle of confusion {c:.4} mm   hyperfocal {}", FNumber(aperture), metres(hyperfocal))?;
+    let shown = FNumber((aperture * 100.0).round() / 100.0);
+    let open = if fully_open { " (fully open)" } else { "" };
+    writeln!(text, "{focal:.2} mm   {shown}{open}   circle of confusion {c:.4} mm   hyperfocal {}", metres(hyperfocal))?;
     write!(text, "{:>10}  {:>10}  {:>10}  {:>10}  {:>14}", "focus", "near", "far", "depth", "blur at inf")?;
     writeln!(text, "{}", if args.lens.is_some() { "    traced near         far    sharpest blur" } else { "" })?;
     for (s, near, far, at_infinity, traced) in &rows {
@@ -205,7 +216,7 @@ fn plot(focal: f64, aperture: f64, c: f64, focus: f64, lens: Option<&CompoundLen
     lines.iter_mut().for_each(|l| l.points.retain(|p| p.y <= top));
     let mut figure = Figure::new(520.0, 360.0);
     Chart {
-        title: format!("{focal:.0} mm {} focused at {}", FNumber(aperture), metres(focus)),
+        title: format!("{focal:.0} mm {} focused at {}", FNumber((aperture * 100.0).round() / 100.0), metres(focus)),
         x: Axis { label: "distance, m".into(), range: [places[0], places[places.len() - 1]] },
         y: Axis { label: "diameter of the blur, mm".into(), range: [0.0, top] },
         lines,
