@@ -16,6 +16,12 @@ pub(super) const SHORT: f32 = 65_535.0;
 /// Most terms of a polynomial, as in the DNG SDK.
 const MOST_DEGREE: u32 = 8;
 
+/// Most opcodes of a list: files in use have some tens. Each is work over all of the picture, asked for by as little as 24 bytes.
+const MOST_OPCODES: u32 = 256;
+
+/// Most numbers of a picture that the opcodes of a list may call bad: 1 / so many.
+const BAD_FRACTION: usize = 10;
+
 /// How far around a bad pixel good ones are looked for.
 const BAD_REACH: i64 = 8;
 
@@ -442,6 +448,9 @@ pub(super) fn list(bytes: &[u8], number: usize, float: bool, warnings: &mut Vec<
     let malformed = |what: String| ImageError::Malformed { format: "DNG", reason: format!("OpcodeList{number}: {what}") };
     let mut b = Bytes(bytes);
     let count = b.u32().ok_or_else(|| malformed("it ends before its count".into()))?;
+    if count > MOST_OPCODES {
+        return Err(malformed(format!("it holds {count} opcodes: expected at most {MOST_OPCODES}")));
+    }
     let mut all = Vec::new();
     for k in 1..=count {
         let head = b.u32s::<4>().and_then(|[id, _version, flags, length]| Some((id, flags, b.part(length as usize)?)));
@@ -483,16 +492,19 @@ pub(super) struct Values<'a> {
 impl Values<'_> {
     /// Applies one list in its order. Of what is not done here (warps, bounds) nothing is said.
     pub fn apply(&mut self, opcodes: &[Opcode], warnings: &mut Vec<String>) {
+        let mut most_bad = self.data.len() / BAD_FRACTION;
         for opcode in opcodes {
             match &opcode.action {
                 Action::FixBadPixelsConstant(constant) => {
                     let bad = self.data.iter().map(|v| f64::from(*v * SHORT).round() == f64::from(*constant)).collect();
-                    self.repair(bad, opcode, warnings);
+                    self.repair(bad, opcode, &mut most_bad, warnings);
                 }
-                Action::FixBadPixelsList { points, rectangles } => {
-                    let bad = self.marked(points, rectangles);
-                    self.repair(bad, opcode, warnings);
-                }
+                Action::FixBadPixelsList { points, rectangles } => match self.marked(points, rectangles) {
+                    Some(bad) => self.repair(bad, opcode, &mut most_bad, warnings),
+                    None => warnings.push(format!(
+                        "{opcode}: its pixels and rectangles together are larger than the picture; all were left as they are"
+                    )),
+                },
                 _ if opcode.is_of_pixels() => {
                     let (size, samples) = (self.size, self.cfa.samples_per_pixel());
                     self.data.par_chunks_mut((size[0] * samples).max(1)).enumerate().for_each(|(y, line)| {
@@ -506,29 +518,38 @@ impl Values<'_> {
         }
     }
 
-    /// Marks listed pixels, with all their samples.
-    fn marked(&self, points: &[[u32; 2]], rectangles: &[[u32; 4]]) -> Vec<bool> {
+    /// Marks listed pixels, with all their samples; `None` where the areas, also those that overlap, come to more than the picture: some kilobytes of
+    /// rectangles could ask for hours.
+    fn marked(&self, points: &[[u32; 2]], rectangles: &[[u32; 4]]) -> Option<Vec<bool>> {
         let ([width, height], samples) = (self.size, self.cfa.samples_per_pixel());
         let mut bad = vec![false; self.data.len()];
+        let mut left_over = width * height;
         let single = points.iter().map(|&[row, column]| [row, column, row.saturating_add(1), column.saturating_add(1)]);
         for [top, left, bottom, right] in single.chain(rectangles.iter().copied()) {
             let (left, right) = ((left as usize).min(width), (right as usize).min(width));
-            for row in top as usize..(bottom as usize).min(height) {
-                if left < right {
-                    bad[(row * width + left) * samples..(row * width + right) * samples].fill(true);
-                }
+            let (top, bottom) = ((top as usize).min(height), (bottom as usize).min(height));
+            if left >= right || top >= bottom {
+                continue;
+            }
+            left_over = left_over.checked_sub((right - left) * (bottom - top))?;
+            for row in top..bottom {
+                bad[(row * width + left) * samples..(row * width + right) * samples].fill(true);
             }
         }
-        bad
+        Some(bad)
     }
 
-    /// Bad pixels become the mean of the nearest good ones of their colour.
-    fn repair(&mut self, bad: Vec<bool>, opcode: &Opcode, warnings: &mut Vec<String>) {
+    /// Bad pixels become the mean of the nearest good ones of their colour. No more than `most` of them, which grows less by those of this opcode.
+    fn repair(&mut self, bad: Vec<bool>, opcode: &Opcode, most: &mut usize, warnings: &mut Vec<String>) {
         let count = bad.iter().filter(|b| **b).count();
-        if count > self.data.len() / 10 {
-            warnings.push(format!("{opcode}: {count} of {} numbers would be bad; they were left as they are", self.data.len()));
+        let Some(left) = most.checked_sub(count) else {
+            let all = self.data.len();
+            let earlier = all / BAD_FRACTION - *most;
+            let before = if earlier > 0 { format!(" beside the {earlier} of opcodes before") } else { String::new() };
+            warnings.push(format!("{opcode}: {count} of {all} numbers would be bad{before}; they were left as they are"));
             return;
-        }
+        };
+        *most = left;
         let ([width, height], samples) = (self.size, self.cfa.samples_per_pixel());
         let color = |x: i64, y: i64| self.cfa.channel_beyond(x - self.phase[0] as i64, y - self.phase[1] as i64);
         let data = &self.data;
@@ -554,7 +575,8 @@ impl Values<'_> {
                 (n > 0.0).then(|| sum / n)
             })
         };
-        let repaired: Vec<(usize, f32)> = (0..bad.len()).filter(|i| bad[*i]).filter_map(|i| mean(i).map(|v| (i, v))).collect();
+        let listed = (0..bad.len()).into_par_iter().filter(|i| bad[*i]);
+        let repaired: Vec<(usize, f32)> = listed.filter_map(|i| mean(i).map(|v| (i, v))).collect();
         for (i, v) in repaired {
             self.data[i] = v;
         }
@@ -700,6 +722,36 @@ pub(super) mod tests {
         let mut values = Values { data: vec![0.0; 120], size, cfa: &cfa, phase };
         values.apply(&[one(4, &longs(&[0, 0]), 1)], &mut warnings);
         assert!(warnings.len() == 1 && warnings[0].contains("FixBadPixelsConstant"), "{warnings:?}");
+    }
+
+    #[test]
+    fn the_work_of_a_list_is_bounded() {
+        let cfa = Cfa::parse("RG/GB").unwrap();
+        let (size, phase) = ([12, 10], [0, 0]);
+        let clean: Vec<f32> = (0..120).map(|i| i as f32 / 120.0).collect();
+        let applied = |opcodes: &[Opcode]| {
+            let mut warnings = Vec::new();
+            let mut values = Values { data: clean.clone(), size, cfa: &cfa, phase };
+            values.apply(opcodes, &mut warnings);
+            (values.data, warnings)
+        };
+        // A thousand times all of the picture in 16 kilobytes; sides outside of it cost nothing.
+        let whole: Vec<u8> = longs(&[1, 0, 1000]).into_iter().chain(longs(&[0, 0, u32::MAX, u32::MAX]).repeat(1000)).collect();
+        let (data, warnings) = applied(&[one(5, &whole, 1)]);
+        assert!(data == clean && warnings.len() == 1 && warnings[0].contains("larger than the picture"), "{warnings:?}");
+        let outside = [longs(&[1, 0, 2000]), longs(&[20, 0, u32::MAX, 5]).repeat(2000)].concat();
+        assert_eq!(applied(&[one(5, &outside, 1)]), (clean.clone(), vec![]));
+        // A tenth of the picture may be bad, in one opcode or in two: 12 numbers, then 8 and 8.
+        let row = |top: u32, columns: u32| one(5, &[longs(&[1, 0, 1]), longs(&[top, 0, top + 1, columns])].concat(), 1);
+        assert!(applied(&[row(3, 12)]).1.is_empty());
+        let (_, warnings) = applied(&[row(3, 8), row(7, 8)]);
+        assert!(warnings.len() == 1 && warnings[0].contains("beside the 8"), "{warnings:?}");
+        // And no list is longer than 256.
+        let trim = opcode(6, false, &longs(&[0, 0, 4, 4]));
+        let list_with = |count: usize| list(&list_of(&vec![trim.clone(); count]), 1, false, &mut Vec::new());
+        assert_eq!(list_with(256).unwrap().len(), 256);
+        let error = list_with(257).unwrap_err().to_string();
+        assert!(error.contains("257 opcodes: expected at most 256"), "{error}");
     }
 
     #[test]
