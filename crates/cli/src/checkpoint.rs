@@ -151,6 +151,12 @@ impl Keeper<'_> {
 
 impl Kept {
     fn of(shot: &Shot, taking: &Taking, output: Option<&Path>, what: &'static str) -> anyhow::Result<Self> {
+        if taking.resume && taking.checkpoint == Some(Checkpoint::Off) {
+            let wrong = anyhow!(
+                "--resume beside --checkpoint off: expected one of the two, as without checkpoints there is nothing to go on from"
+            );
+            return Err(AskedWrongly(wrong).into());
+        }
         // Beside a pipe or a device there is nowhere to keep anything.
         let wanted = taking.checkpoint != Some(Checkpoint::Off) && !shot.lens_cap;
         let file = output.filter(|o| wanted && !output::is_stream(o)).map(beside);

@@ -6,6 +6,7 @@
 use crate::args::Args;
 use clap::error::{ContextKind, ContextValue};
 use clap::{Command, CommandFactory, FromArgMatches};
+use std::collections::HashSet;
 use std::ffi::OsString;
 
 /// Flags under a heading.
@@ -128,9 +129,42 @@ fn grouped(mut verb: Command) -> Command {
     verb
 }
 
+/// Negative values of flags: "--focal-length -5mm" is "--focal-length=-5mm". No flag begins with a digit; what is wrong with a value is then said of the
+/// value, and clap gives no tip that leads nowhere.
+fn joined_negatives(typed: &[OsString], command: &Command) -> Vec<OsString> {
+    fn with_values(command: &Command, to: &mut HashSet<String>) {
+        let flags = command.get_arguments().filter(|a| a.get_action().takes_values()).filter_map(|a| a.get_long());
+        to.extend(flags.map(|long| format!("--{long}")));
+        command.get_subcommands().for_each(|c| with_values(c, to));
+    }
+    let mut known = HashSet::new();
+    with_values(command, &mut known);
+    let negative = |word: &&OsString| {
+        let rest = word.to_str().and_then(|w| w.strip_prefix('-'));
+        rest.is_some_and(|r| r.starts_with(|c: char| c.is_ascii_digit() || c == '.'))
+    };
+    let mut joined = Vec::with_capacity(typed.len());
+    let mut words = typed.iter().peekable();
+    let mut all_values = false;
+    while let Some(word) = words.next() {
+        let mut word = word.clone();
+        all_values |= word == "--";
+        if !all_values
+            && word.to_str().is_some_and(|w| known.contains(w))
+            && let Some(value) = words.next_if(negative)
+        {
+            word.push("=");
+            word.push(value);
+        }
+        joined.push(word);
+    }
+    joined
+}
+
 /// Reads what was typed.
 pub fn parse(typed: &[OsString]) -> Result<Args, clap::Error> {
     let mut command = command();
+    let typed = joined_negatives(typed, &command);
     let mut matches = command.try_get_matches_from_mut(typed)?;
     Args::from_arg_matches_mut(&mut matches).map_err(|e| e.format(&mut command))
 }
@@ -171,6 +205,21 @@ mod tests {
     fn help(verb: &str, flag: &str) -> String {
         let e = parse(&words(&format!("diopter {verb} {flag}"))).expect_err("help ends the parsing");
         e.render().to_string()
+    }
+
+    #[test]
+    fn negative_values_reach_their_flags() {
+        let taken = parse(&words("diopter shoot --focal-length -5mm --time-limit -1s --compensation -1/3")).unwrap();
+        let Verb::Shoot(shoot) = taken.verb else { panic!("shoot") };
+        assert_eq!(shoot.taking.focal_length.unwrap().0, -5.0);
+        assert_eq!(shoot.taking.time_limit.unwrap().0, -1.0);
+        assert_eq!(shoot.taking.compensation.unwrap().0, -1.0 / 3.0);
+        // What is wrong is the value, and no tip says to write it behind "--".
+        let e = parse(&words("diopter shoot --spp -4")).unwrap_err().to_string();
+        assert!(e.contains("invalid value '-4'") && !e.contains("-- -4"), "{e}");
+        // A flag without a value, another flag and what follows "--" stay as they are.
+        let typed = words("diopter shoot --strict -5 --lens --spp 4 -- --lens -5");
+        assert_eq!(joined_negatives(&typed, &command()), typed);
     }
 
     #[test]

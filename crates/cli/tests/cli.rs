@@ -812,6 +812,14 @@ fn calculators_answer_with_published_numbers() {
     // A real lens beside it: stopped down it is the thin lens.
     let real = ["--json", "calc", "dof", "--lens", "double-gauss-50mm", "--aperture", "f/8", "--focus", "3m"];
     assert!((number(&real, "/rows/0/traced_near_m") / number(&real, "/rows/0/near_m") - 1.0).abs() < 0.01);
+    let (code, message) = f.fails(&["lens", "mtf", "double-gauss-50mm", "--over", "field", "--field", "0"]);
+    assert!(code == 2 && message.contains("above 0"), "{code} {message}");
+    let (code, message) = f.fails(&["lens", "mtf", "double-gauss-50mm", "--frequency", "0"]);
+    assert!(code == 2 && message.contains("above 0, and at most 10000"), "{code} {message}");
+    let fields: serde_json::Value =
+        serde_json::from_slice(&f.ok(&["--json", "lens", "vignetting", "double-gauss-50mm", "--field", "3,7"]).stdout).unwrap();
+    let told: Vec<f64> = fields["beam_area"].as_array().unwrap().iter().map(|b| b["field_deg"].as_f64().unwrap()).collect();
+    assert_eq!((told, fields["illumination"].as_array().unwrap().len()), (vec![3.0, 7.0], 2));
     // Without an aperture it is fully open, which is said: not the f/2.8 of no lens at all.
     let open = ["--json", "calc", "dof", "--lens", "double-gauss-50mm", "--focus", "3m"];
     let widest = number(&["--json", "lens", "info", "double-gauss-50mm"], "/widest_f_number");

@@ -278,7 +278,7 @@ fn a_lens_of_another_angle_than_the_files_camera_names_one_that_fits() {
         let toml = format!("[scene]\nfile = \"{file}\"\n[render]\nsize = \"24x16\"\n[camera]\n{more}\n");
         let mut said = Vec::new();
         Shot::prepare(&toml::from_str(&toml).unwrap(), &mut |w| said.push(w.to_owned())).unwrap_or_else(|e| panic!("{e}"));
-        said.into_iter().find(|s| s.contains("the file's camera sees"))
+        said.into_iter().find(|s| s.contains("the scene's camera sees"))
     };
     let warning = said(70.0, "lens = \"double-gauss-50mm\"").expect("27° are not 70°");
     // 2 atan(12 mm / 50.4 mm) = 26.8°, a little less where it is focused near.

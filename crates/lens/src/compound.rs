@@ -825,7 +825,8 @@ fn focused(p: &Prescription, zoom: f64, iris: &crate::system::StopOpening, focus
         what: "focus",
         found: match focus {
             Focus::Infinity => "infinity".into(),
-            Focus::Distance(d) | Focus::Extension(d) => format!("{} mm", d.0),
+            // To a micrometre: distances that were found have all digits.
+            Focus::Distance(d) | Focus::Extension(d) => format!("{} mm", (d.0 * 1e3).round() / 1e3),
         },
         expected,
     };

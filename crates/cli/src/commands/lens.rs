@@ -434,6 +434,22 @@ fn fields_to(most: f64) -> Vec<f64> {
     vec![0.0, 0.7 * most, 0.98 * most]
 }
 
+/// Whether several fields were asked for: then it is these that are shown, and not all up to the largest.
+fn is_list(asked: &Asked) -> bool {
+    asked.field.as_ref().is_some_and(|list| list.0.len() > 1)
+}
+
+/// Fields that something is shown over: those asked for where there are several, else so many equal steps from the axis to the largest.
+fn over_fields(asked: &Asked, most: f64, steps: usize) -> anyhow::Result<Vec<f64>> {
+    match &asked.field {
+        Some(list) if list.0.len() > 1 => Ok(list.0.clone()),
+        Some(_) if most == 0.0 => {
+            Err(AskedWrongly(anyhow!("field 0: expected an angle above 0 to go up to, or several: 0,10,14")).into())
+        }
+        _ => Ok((0..=steps).map(|i| most * i as f64 / steps as f64).collect()),
+    }
+}
+
 fn no_light(field: f64) -> anyhow::Error {
     anyhow!("field {field}°: no light comes through the lens at this angle")
 }
@@ -585,7 +601,7 @@ fn fan(asked: &Asked, json: bool) -> anyhow::Result<()> {
 
 fn mtf(asked: &Asked, over: MtfOver, frequencies: Option<&[f64]>, geometric: bool, json: bool) -> anyhow::Result<()> {
     if let Some(bad) = frequencies.and_then(|f| f.iter().find(|f| !(**f > 0.0 && **f <= 10_000.0))) {
-        return Err(AskedWrongly(anyhow!("frequency {bad}: expected 0 to 10000 cycles/mm")).into());
+        return Err(AskedWrongly(anyhow!("frequency {bad}: expected above 0, and at most 10000 cycles/mm")).into());
     }
     let table = Table::new(asked)?;
     let bench = table.bench();
@@ -628,7 +644,7 @@ fn mtf(asked: &Asked, over: MtfOver, frequencies: Option<&[f64]>, geometric: boo
             // Through focus: as far as the geometric blur at f/N covers a period of the lowest frequency.
             let depth = 0.5 * table.set.f_number / wanted[0];
             let steps: Vec<(f64, f64, f64)> = match over {
-                MtfOver::Field => (0..=14).map(|i| (most * i as f64 / 14.0, most * i as f64 / 14.0, 0.0)).collect(),
+                MtfOver::Field => over_fields(asked, most, 14)?.into_iter().map(|f| (f, f, 0.0)).collect(),
                 _ => (-12..=12).map(|i| (depth * i as f64 / 12.0, table.fields[0], depth * i as f64 / 12.0)).collect(),
             };
             let label = if over == MtfOver::Field { "field angle, degrees" } else { "defocus, mm" };
@@ -703,11 +719,19 @@ fn vignetting(asked: &Asked, json: bool) -> anyhow::Result<()> {
     let table = Table::new(asked)?;
     let bench = table.bench();
     let most = table.largest_field();
-    let height = bench.field_point(most, table.reference).map_or(0.36 * table.set.efl, |p| p.height.abs());
-    let light: Vec<Illumination> = (0..=20).map(|i| bench.illumination(height * i as f64 / 20.0, table.reference)).collect();
-    let beams: Vec<(f64, f64)> =
-        (0..=14).map(|i| most * i as f64 / 14.0).filter_map(|f| Some((f, bench.vignetting(f, table.reference)?))).collect();
-    let axis = light[0];
+    let fields = over_fields(asked, most, 14)?;
+    let height_of = |field: f64| bench.field_point(field, table.reference).map(|p| p.height.abs());
+    let heights: Vec<f64> = match is_list(asked) {
+        // The places on the film where the fields that were asked for are seen.
+        true => fields.iter().filter_map(|f| height_of(*f)).collect(),
+        false => {
+            let height = height_of(most).unwrap_or(0.36 * table.set.efl);
+            (0..=20).map(|i| height * i as f64 / 20.0).collect()
+        }
+    };
+    let light: Vec<Illumination> = heights.iter().map(|h| bench.illumination(*h, table.reference)).collect();
+    let beams: Vec<(f64, f64)> = fields.into_iter().filter_map(|f| Some((f, bench.vignetting(f, table.reference)?))).collect();
+    let axis = bench.illumination(0.0, table.reference);
     if axis.geometric <= 0.0 {
         return Err(no_light(0.0));
     }

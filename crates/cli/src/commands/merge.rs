@@ -30,7 +30,8 @@ pub fn run(args: &Merge, json: bool) -> anyhow::Result<()> {
     let path = output::write_strips(output, &mut whole)?;
     let facts = whole.facts();
     let end = facts.first_sample + facts.samples;
-    say(&format!("{} parts, {} samples a pixel\nwrote {}", whole.parts(), facts.samples, path.display()));
+    let parts = if whole.parts() == 1 { "1 part".to_owned() } else { format!("{} parts", whole.parts()) };
+    say(&format!("{parts}, {} samples a pixel\nwrote {}", facts.samples, path.display()));
     if json {
         print_json(&serde_json::json!({ "files": [path], "facts": facts, "samples": [facts.first_sample, end] }))?;
     }

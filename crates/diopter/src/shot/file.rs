@@ -39,6 +39,22 @@ pub struct ShotFile {
     pub output: OutputSection,
 }
 
+/// What is wrong with a text that is no shot file: files of other kinds are told by keys that shot files have not.
+fn wrong_kind(text: &str, path: &str, parser: &str) -> String {
+    let keys: toml::Table = toml::from_str(text).unwrap_or_default();
+    let other = match (keys.contains_key("surfaces"), keys.contains_key("full_well_e") || keys.contains_key("pixels")) {
+        (true, _) => Some(("lens", "--lens")),
+        (_, true) => Some(("camera body", "--body")),
+        _ => None,
+    };
+    match other {
+        Some((kind, flag)) => {
+            format!("this is the file of a {kind}; expected a shot file or a scene, and {flag} {path} beside it")
+        }
+        None => parser.trim_end().to_owned(),
+    }
+}
+
 /// `[scene]`
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
@@ -470,8 +486,8 @@ impl ShotFile {
     pub fn read(path: &Path) -> Result<ShotFile, ShotError> {
         let place = path.display().to_string();
         let text = files::read_text(path).map_err(|e| ShotError::Read { path: place.clone(), reason: e.to_string() })?;
-        let mut shot: ShotFile =
-            toml::from_str(&text).map_err(|e| ShotError::Syntax { path: place, reason: e.to_string().trim_end().to_owned() })?;
+        let mut shot: ShotFile = toml::from_str(&text)
+            .map_err(|e| ShotError::Syntax { reason: wrong_kind(&text, &place, &e.to_string()), path: place })?;
         let folder = path.parent().unwrap_or(Path::new(""));
         let relative = |p: &Path| if p.is_absolute() { p.to_owned() } else { folder.join(p) };
         if let Some(file) = &mut shot.scene.file

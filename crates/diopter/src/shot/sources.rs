@@ -74,7 +74,7 @@ pub(super) fn read_scaled(
     if let Some(factor) = scale
         && !SCALE.contains(&factor)
     {
-        return Err(value("scale", factor, "metres in a unit of the file, above 0: 0.001 for millimetres"));
+        return Err(value("scale", factor, "metres in a unit of the file, from 1e-9 to 1e9: 0.001 for millimetres"));
     }
     if scale.is_some() && builtin::is_embedded(name) {
         return Err(value("scale", format!("of \"{name}\""), "a scene file: embedded scenes are in metres"));

@@ -581,7 +581,7 @@ fn warn_of_angle(view: &Viewpoint, lens: &Lens, film: &Film, warn: &mut dyn FnMu
         None => String::new(),
     };
     warn(&format!(
-        "the file's camera sees {:.0}° from top to bottom, this lens {:.0}°{hint}, or leave --lens and --focal-length out for the file's angle",
+        "the scene's camera sees {:.0}° from top to bottom, this lens {:.0}°{hint}, or leave --lens and --focal-length out for the scene's angle",
         degrees(wanted),
         degrees(tangent)
     ));

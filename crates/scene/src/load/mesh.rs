@@ -116,7 +116,10 @@ pub fn obj(bytes: &[u8], name: &str, fetch: Fetch) -> Result<Description, SceneE
     };
     let read = std::cell::RefCell::new(read);
     let loaded = tobj::load_obj_buf(&mut Cursor::new(bytes), &options, |p| (read.borrow_mut())(p));
-    let (models, materials) = loaded.map_err(|e| error(name.to_owned(), e.to_string(), "an OBJ file"))?;
+    let (models, materials) = loaded.map_err(|e| match bad_line(bytes) {
+        Some((line, text, expected)) => error(format!("{name}: line {line}"), format!("\"{text}\""), expected),
+        None => error(name.to_owned(), e.to_string(), "an OBJ file"),
+    })?;
     warnings.append(&mut missing);
     let materials = match materials {
         Ok(m) => m,
@@ -158,6 +161,42 @@ pub fn obj(bytes: &[u8], name: &str, fetch: Fetch) -> Result<Description, SceneE
         return Err(error(name.into(), "no surface: it has no faces", FACES));
     }
     finished(d, name, FACES)
+}
+
+/// The first line of an OBJ file that cannot be read: its number, what stands there, what belongs there. The reader itself tells no lines.
+/// Source: Wavefront's OBJ specification (1995).
+fn bad_line(bytes: &[u8]) -> Option<(usize, String, &'static str)> {
+    let lines = || bytes.split(|c| *c == b'\n').map(String::from_utf8_lossy);
+    let key_of = |line: &str| line.split_whitespace().next().unwrap_or_default().to_owned();
+    // Vertices, texture coordinates and normals, which faces count from 1, or backwards from -1.
+    let mut counts = [0i64; 3];
+    for line in lines() {
+        let kind = ["v", "vt", "vn"].iter().position(|k| key_of(&line) == *k);
+        kind.into_iter().for_each(|k| counts[k] += 1);
+    }
+    let is_corner = |word: &str| {
+        let numbers = word.split('/').zip(counts);
+        word.split('/').count() <= 3
+            && numbers.enumerate().all(|(i, (text, count))| match text.parse::<i64>() {
+                Ok(number) => number != 0 && number.abs() <= count,
+                // "1//3": without texture coordinates.
+                Err(_) => text.is_empty() && i > 0,
+            })
+    };
+    for (i, line) in lines().enumerate() {
+        let mut words = line.split_whitespace();
+        let numbers = |most: usize, words: std::str::SplitWhitespace| {
+            words.clone().count() >= most && words.take(most).all(|w| w.parse::<f32>().is_ok())
+        };
+        let expected = match words.next().unwrap_or_default() {
+            "v" | "vn" if !numbers(3, words.clone()) => "three numbers behind v and vn",
+            "vt" if !numbers(1, words.clone()) => "numbers behind vt",
+            "f" if !words.clone().all(is_corner) => "corners of vertices that the file has behind f: 1, 1/1, 1//1 or 1/1/1",
+            _ => continue,
+        };
+        return Some((i + 1, line.trim().chars().take(80).collect(), expected));
+    }
+    None
 }
 
 /// A .mtl file whose colours all have three numbers: of one number all three are meant, others are left out.
@@ -284,6 +323,18 @@ mod tests {
         let d = ply(twice.as_bytes().to_vec(), "a.ply").unwrap();
         assert!(d.warnings[0].contains("only some"), "{:?}", d.warnings);
         crate::Scene::build(d).unwrap();
+    }
+
+    #[test]
+    fn obj_errors_name_their_line() {
+        let gone = |_: &str| Err("not there".to_owned());
+        let head = "v 0 0 0\nv 1 0 0\n# a note\nv 0 1 0\n";
+        for (last, expected) in [("v 1 x 0\nf 1 2 3", "three numbers"), ("f 1 2 9", "corners"), ("f 1 2 three", "corners")] {
+            let e = obj(format!("{head}{last}\n").as_bytes(), "a.obj", &gone).unwrap_err().to_string();
+            let what = last.lines().next().unwrap();
+            assert!(e.starts_with(&format!("a.obj: line 5: \"{what}\"")) && e.contains(expected), "{e}");
+        }
+        assert_eq!(bad_line(b"v 0 0 0\nvt 0\nvn 0 0 1\nf 1 1/1 1//1 1/1/1 -1\n"), None);
     }
 
     #[test]
