@@ -319,9 +319,10 @@ pub struct Taking {
     ///
     /// studio: soft boxes of 1500 lx (key), 500 lx (fill) and 1000 lx (rim) and a grey sweep to stand on; what a scene without light of its own gets.
     /// sun: a clear day, the sun behind the camera to its left. overcast: a grey sky of 10 000 lx. Both put a ground under the scene.
+    /// A file: its numbers are taken for relative, and scaled to 10 000 lx on average; --environment takes them for cd/m².
     #[arg(long, value_name = "KIND|FILE")]
     pub light: Option<String>,
-    /// Light from all around: a lat-long .hdr, .exr or .pfm.
+    /// Light from all around, in cd/m²: a lat-long .hdr, .exr or .pfm; as --light, its numbers are relative.
     #[arg(long, value_name = "FILE")]
     pub environment: Option<PathBuf>,
     /// Turn the environment about the vertical, degrees.

@@ -236,3 +236,32 @@ fn a_lamp_in_a_void_is_told_of_the_studio() {
     assert!(!hint(&said) && lit.scene.lights().environment.is_some(), "{said:?}");
     std::fs::remove_file(materials).ok();
 }
+
+#[test]
+fn pictures_of_light_without_a_scale_are_as_bright_as_a_day() {
+    let model = block("picture", [0.5; 3]);
+    let path = std::env::temp_dir().join(format!("diopter-requests-light-{}.pfm", std::process::id()));
+    let write = |numbers: [f32; 6]| {
+        let pixels = numbers.iter().flat_map(|v| [v.to_le_bytes(); 3].concat());
+        std::fs::write(&path, b"PF\n3 2\n-1\n".iter().copied().chain(pixels).collect::<Vec<u8>>()).unwrap();
+    };
+    let as_flag = |key: &str, more: &str| model.shot(&format!("{key} = \"{}\"\n{more}", path.display()));
+    let mean = |shot: &Shot| shot.scene.lights().environment.as_ref().unwrap().mean_luminance();
+    write([1.0, 2.0, f32::NAN, -1.0, 3.0, 0.5]);
+    let (shot, said) = told(&as_flag("light", ""));
+    // π times the mean luminance: 10 000 lx on average.
+    assert!((mean(&shot) * std::f32::consts::PI / 10_000.0 - 1.0).abs() < 1e-4, "{}", mean(&shot));
+    assert!(said.iter().any(|s| s.contains("2 of 6 pixels")) && said.iter().any(|s| s.contains("--ambient-ev")), "{said:?}");
+    // As cd/m², or with a scale, the numbers are taken as they are: both rows are seen under the same angles.
+    for (key, more, scale) in [("environment", "", 1.0), ("light", "environment_scale = 100.0\n", 100.0)] {
+        let (shot, said) = told(&as_flag(key, more));
+        assert!((mean(&shot) / scale - 6.5 / 6.0).abs() < 1e-4, "{key}: {}", mean(&shot));
+        assert!(!said.iter().any(|s| s.contains("taken for relative")), "{said:?}");
+    }
+    write([0.0, -1.0, f32::NAN, f32::INFINITY, 0.0, 0.0]);
+    for key in ["light", "environment"] {
+        let error = Shot::prepare(&toml::from_str(&as_flag(key, "")).unwrap(), &mut |_| {}).err().unwrap().to_string();
+        assert!(error.contains("black everywhere") && error.contains("no other"), "{error}");
+    }
+    std::fs::remove_file(&path).unwrap();
+}

@@ -75,7 +75,8 @@ pub struct SceneSection {
     #[serde(skip_serializing_if = "BTreeMap::is_empty")]
     pub priority: BTreeMap<String, i32>,
     /// What lights it: `studio` (soft boxes and a grey sweep), `sun` (with a clear sky), `overcast`, `none` (its own light alone), or a lat-long
-    /// `.hdr`, `.exr` or `.pfm`. Without, the studio where it has no light of its own.
+    /// `.hdr`, `.exr` or `.pfm`, whose numbers are relative unless `environment_scale` is given: 10 000 lx on average. Without, the studio where it
+    /// has no light of its own.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub light: Option<String>,
     /// A lat-long `.hdr` or `.exr` around the scene.

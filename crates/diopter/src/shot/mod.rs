@@ -390,9 +390,19 @@ impl Shot {
             }
             let chosen_time = matches!(e.mode, Mode::AperturePriority | Mode::Program);
             if let Some(ev) = metered.filter(|_| chosen_time && marked > LONG_S) {
+                let scene = &self.file.scene;
+                // A picture around the scene is light enough, if its numbers are no cd/m².
+                let relative = scene.environment.is_some() && scene.environment_scale.is_none() && scene.ambient_ev.is_none();
+                let hint = match relative {
+                    true => {
+                        "the numbers of --environment count as cd/m²: if they are relative, give the file as --light, or say how bright it is by --ambient-ev 12"
+                    }
+                    false => {
+                        "give the scene light (--light studio, --sun 30,120, --light FILE.hdr or --flash 40), open the lens, or take --iso auto"
+                    }
+                };
                 warn(&format!(
-                    "there is little light (EV {ev:.1}): mode {} takes {}, longer than cameras choose by themselves ({LONG_S} s); \
-                     give the scene light (--light studio, --sun 30,120, --environment FILE or --flash 40), open the lens, or take --iso auto",
+                    "there is little light (EV {ev:.1}): mode {} takes {}, longer than cameras choose by themselves ({LONG_S} s); {hint}",
                     e.mode.name(),
                     long_time(marked)
                 ));

@@ -17,6 +17,9 @@ use std::path::Path;
 
 /// Luminance of the sky around a scene without any light that the camera stands in, cd/m².
 const PLAIN_SKY: f32 = 2000.0;
+/// Mean illuminance of a `light` that is a picture without a scale, over all ways a surface can face, lx: that of a bright overcast day, as of
+/// [`overcast::ILLUMINANCE_LX`]. Pictures of light for rendering rarely say their unit; most have 1 for something white in them.
+const PICTURE_LX: f32 = 10_000.0;
 /// Elevation of the sun of `light = "sun"`, and how far it stands to the left of the camera, degrees: form and shadows as photographers like them.
 const SUN_DEG: [f64; 2] = [40.0, 50.0];
 /// Albedo of the ground under sun and sky where nobody says, that of dry soil and grass.
@@ -90,6 +93,10 @@ pub(super) fn put(
         if section.daylight.is_some() {
             return Err(value("daylight", "an environment and daylight", "one of the two"));
         }
+        let (what, relative) = match asked {
+            Some(Light::File(_)) => ("light", section.environment_scale.is_none()),
+            _ => ("environment", false),
+        };
         let (rotation, scale) = (section.environment_rotation_deg.unwrap_or(0.0), section.environment_scale.unwrap_or(1.0));
         if !(scale >= 0.0 && scale.is_finite() && rotation.is_finite()) {
             return Err(value(
@@ -98,7 +105,37 @@ pub(super) fn put(
                 "finite numbers, the scale not negative",
             ));
         }
-        scene.environment = Some(read_environment(path, rotation, scale)?);
+        let own = has_lamps(scene) || flash;
+        let mut environment = read_environment(path, rotation, scale)?;
+        let place = path.display();
+        if environment.invalid_pixels() > 0 {
+            let (invalid, all) = (environment.invalid_pixels(), environment.pixels());
+            warn(&format!("{place}: {invalid} of {all} pixels are negative or not finite in a colour: 0 is taken there"));
+        }
+        if scale > 0.0 && environment.mean_luminance() == 0.0 {
+            if !own {
+                return Err(value(
+                    what,
+                    format!("{place}, black everywhere,"),
+                    "a picture with light in it: the scene has no other",
+                ));
+            }
+            warn(&format!("{place}: it is black everywhere and lights nothing"));
+        } else if relative {
+            // A surface sees π times the mean luminance of the half before it; over all ways it can face, of the whole.
+            let factor = PICTURE_LX / (std::f32::consts::PI * environment.mean_luminance());
+            if factor.is_finite() && factor > 0.0 {
+                environment.scale_light(factor);
+            }
+            if section.ambient_ev.is_none() {
+                warn(&format!(
+                    "{place}: its numbers are taken for relative, and scaled by {factor:.3e} to light the scene with {PICTURE_LX} lx on average, as an \
+                     overcast day does (--environment FILE takes them for cd/m²; --ambient-ev EV, or environment_scale in a shot file, says how bright \
+                     it is)"
+                ));
+            }
+        }
+        scene.environment = Some(environment);
     }
     let day = match asked {
         Some(Light::Sun) => Some(DaylightSection { sun: Some(sun_for(stand)), ..section.daylight.clone().unwrap_or_default() }),
@@ -121,10 +158,7 @@ pub(super) fn put(
     // A floor nobody asked for is not put where it would hide what stands above it from a camera below.
     let stands = !stand.bounds.is_empty() && stand.place.translation.y > stand.bounds.min.y;
     let ground = section.ground.or(stands.then_some(GROUND));
-    let dark = scene.environment.is_none()
-        && scene.punctual.is_empty()
-        && !scene.materials.iter().any(|m| m.emission.is_some())
-        && !flash;
+    let dark = scene.environment.is_none() && !has_lamps(scene) && !flash;
     match asked {
         Some(Light::Sun) => return Ok(ground),
         Some(Light::Overcast) => {
@@ -160,6 +194,11 @@ pub(super) fn put(
         _ => {}
     }
     Ok(section.ground)
+}
+
+/// Whether anything in a scene shines, beside its environment.
+fn has_lamps(scene: &Description) -> bool {
+    !scene.punctual.is_empty() || scene.materials.iter().any(|m| m.emission.is_some())
 }
 
 /// Takes away what shines from infinity.

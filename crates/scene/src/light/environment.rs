@@ -26,12 +26,16 @@ pub struct Environment {
     mean_luminance: f32,
     /// Mean luminance of what is aimed at.
     aimed_luminance: f32,
+    /// Pixels with a number that counts as 0.
+    invalid: usize,
 }
 
 impl Environment {
     /// From a lat-long map of linear sRGB in cd/m², times `scale`. Numbers that are negative or not finite count as 0.
     pub fn new(mut map: Raster<f32>, world_from_map: Mat3, scale: f32) -> Self {
-        map.data.iter_mut().filter(|v| !(**v >= 0.0 && v.is_finite())).for_each(|v| *v = 0.0);
+        let valid = |v: &f32| *v >= 0.0 && v.is_finite();
+        let invalid = map.data.chunks_exact(3).filter(|p| !p.iter().all(valid)).count();
+        map.data.iter_mut().filter(|v| !valid(v)).for_each(|v| *v = 0.0);
         let (width, height) = (map.width, map.height);
         let mut weights = Vec::with_capacity(width * height);
         let luminance = |c: usize, r: usize| Vec3::from_slice(map.pixel(c, r)).dot(SRGB_LUMINANCE);
@@ -62,7 +66,8 @@ impl Environment {
         let excess = if aimed { (weights.iter().map(|w| *w as f64).sum::<f64>() / total.max(1e-30)) as f32 } else { 0.0 };
         let first = map.pixel(0, 0);
         let even = map.data.chunks_exact(3).all(|p| p == first).then(|| Spectrum::light_from_rgb(Vec3::from_slice(first)));
-        Environment { map, world_from_map, scale, grid, even, mean_luminance: mean * scale, aimed_luminance: excess * scale }
+        let (mean_luminance, aimed_luminance) = (mean * scale, excess * scale);
+        Environment { map, world_from_map, scale, grid, even, mean_luminance, aimed_luminance, invalid }
     }
 
     /// The same linear sRGB colour (cd/m²) from everywhere.
@@ -85,6 +90,16 @@ impl Environment {
             }
         }
         Environment::new(map, fine.world_from_map, 1.0)
+    }
+
+    /// Pixels of the map that were given with a number that is negative or not finite, which counts as 0.
+    pub fn invalid_pixels(&self) -> usize {
+        self.invalid
+    }
+
+    /// Pixels of the map.
+    pub fn pixels(&self) -> usize {
+        self.map.width * self.map.height
     }
 
     /// Mean luminance over all directions, cd/m².
@@ -222,6 +237,20 @@ mod tests {
         let sine = |r: f32| (PI * (r + 0.5) / 4.0).sin();
         let expected = 8.0 * sine(0.0) / (0..4).map(|r| sine(r as f32)).sum::<f32>();
         assert!((Environment::new(map, Mat3::IDENTITY, 1.0).mean_luminance() - expected).abs() < 1e-4);
+    }
+
+    #[test]
+    fn pixels_that_are_no_light_are_counted() {
+        let mut map = Raster::new(8, 4, 3);
+        map.data.fill(2.0);
+        map.pixel_mut(1, 1)[2] = f32::NAN;
+        map.pixel_mut(2, 1).fill(f32::INFINITY);
+        map.pixel_mut(3, 1)[0] = -1.0;
+        let env = Environment::new(map, Mat3::IDENTITY, 1.0);
+        assert_eq!((env.invalid_pixels(), env.pixels()), (3, 32));
+        let middle = |column: usize| env.rgb_at(Vec2::new((column as f32 + 0.5) / 8.0, 1.5 / 4.0));
+        assert_eq!([middle(1), middle(2)], [Vec3::new(2.0, 2.0, 0.0), Vec3::ZERO]);
+        assert!(env.mean_luminance().is_finite());
     }
 
     #[test]
