@@ -554,7 +554,7 @@ pub struct Taking {
     pub denoise: Option<bool>,
     /// Take about so long in all: "10s".
     ///
-    /// With focusing, metering and denoising. Of a sequence, for each picture.
+    /// With focusing, metering and denoising, which is left out where it does not fit. Of a sequence, for each picture.
     #[arg(long, value_name = "TIME")]
     pub time_limit: Option<Seconds>,
     /// Take no more memory than this ("4GB"); without, than is free. `expose` puts what is left into a temporary file beside its output, where it needs

@@ -178,6 +178,8 @@ pub struct Shot {
     held_back_ev: f64,
     /// Whether the light of a scene without a scale has got one.
     light_settled: bool,
+    /// What denoising will take by a trial, s; known after metering with a time limit.
+    denoising_s: Option<f64>,
     timing: Timing,
     facts: ExposureFacts,
 }
@@ -333,6 +335,7 @@ impl Shot {
             focusing,
             held_back_ev: 0.0,
             light_settled: false,
+            denoising_s: None,
             timing,
             facts,
         })
@@ -408,7 +411,9 @@ impl Shot {
                 ));
             }
         }
-        self.stand_ready(warn)
+        self.stand_ready(warn)?;
+        self.keep_to_time_limit(warn);
+        Ok(())
     }
 
     /// What is set by hand, apertures as T-stops.

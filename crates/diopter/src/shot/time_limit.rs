@@ -5,6 +5,9 @@
 //!   of bands and hardly on what is seen (every pixel regresses over its whole window).
 //! * Read-out, development and files: [`FINISHING_S_PER_PIXEL`].
 //!
+//! Denoising that does not fit into what is left of the limit is left out, which a warning says with the estimate: a picture in time is wanted more than
+//! a smooth one, and whoever wants both gives more time or fewer pixels. Of a sequence the first picture decides for all, so that they look alike.
+//!
 //! Planes of depth, normals and albedo are computed before the samples ([`crate::expose()`]): their time is measured like that of metering.
 
 use super::Shot;
@@ -28,9 +31,42 @@ impl Shot {
     pub(super) fn time_left_s(&self, bands: usize) -> Option<f64> {
         let limit = self.settings.time_limit_s?;
         let size = [self.camera.film.columns, self.camera.film.rows];
-        let denoising = if self.denoise { denoising_s(size, bands) } else { 0.0 };
+        let denoising = if self.denoise { self.denoising_s.unwrap_or_else(|| denoising_s(size, bands)) } else { 0.0 };
         Some(left_s(limit, self.begun.elapsed().as_secs_f64(), denoising, size))
     }
+
+    /// Estimates what comes after the exposure, leaves denoising out if there is no time for it, and warns of that, and of a picture that cannot be
+    /// finished within the limit at all.
+    pub(super) fn keep_to_time_limit(&mut self, warn: &mut dyn FnMut(&str)) {
+        let Some(limit) = self.settings.time_limit_s else { return };
+        let size = [self.camera.film.columns, self.camera.film.rows];
+        let denoising = if self.denoise { denoising_s(size, self.bands()) } else { 0.0 };
+        self.denoising_s = Some(denoising);
+        let (keep, said) = fitting(limit, self.begun.elapsed().as_secs_f64(), denoising, size);
+        self.denoise &= keep;
+        said.iter().for_each(|s| warn(s));
+    }
+}
+
+/// Whether there is time for denoising, and what is to be said of the limit.
+fn fitting(limit: f64, spent: f64, denoising: f64, size: [usize; 2]) -> (bool, Vec<String>) {
+    let finishing = FINISHING_S_PER_PIXEL * size[0] as f64 * size[1] as f64;
+    let mut said = Vec::new();
+    let keep = denoising == 0.0 || spent + denoising + finishing < limit;
+    if !keep {
+        said.push(format!(
+            "denoising takes about {denoising:.1} s, and {:.1} s of the time limit of {limit:.1} s are left for it: it is left out (give a longer \
+             --time-limit, a smaller --size, or denoise the focal plane later)",
+            (limit - spent - finishing).max(0.0)
+        ));
+    }
+    if spent + finishing >= limit {
+        said.push(format!(
+            "the time limit of {limit:.1} s is shorter than all but the exposure: {spent:.1} s until now, and about {finishing:.1} s for read-out, \
+             development and files; the exposure takes its fewest samples"
+        ));
+    }
+    (keep, said)
 }
 
 fn left_s(limit: f64, spent: f64, denoising: f64, [width, height]: [usize; 2]) -> f64 {
@@ -66,6 +102,20 @@ mod tests {
     fn what_was_spent_and_what_comes_after_is_taken_off() {
         assert!((left_s(20.0, 3.0, 5.0, [1000, 1000]) - 11.85).abs() < 1e-9);
         assert_eq!(left_s(20.0, 3.0, 18.0, [1000, 1000]), 0.0);
+    }
+
+    #[test]
+    fn denoising_that_does_not_fit_is_left_out_and_said() {
+        // 1 megapixel takes 0.15 s to finish.
+        let size = [1000, 1000];
+        assert_eq!(fitting(20.0, 3.0, 16.0, size), (true, vec![]));
+        assert_eq!(fitting(20.0, 3.0, 0.0, size), (true, vec![]));
+        let (keep, said) = fitting(20.0, 3.0, 17.0, size);
+        assert!(!keep && said.len() == 1 && said[0].contains("17.0 s") && said[0].contains("16.9 s"), "{said:?}");
+        // Too late for anything.
+        let (keep, said) = fitting(2.0, 3.0, 0.0, size);
+        assert!(keep && said.len() == 1 && said[0].contains("fewest samples"), "{said:?}");
+        assert_eq!(fitting(2.0, 3.0, 1.0, size).1.len(), 2);
     }
 
     #[test]
