@@ -184,11 +184,15 @@ pub fn as_json(e: &clap::Error) -> serde_json::Value {
         Some(ContextValue::Strings(texts)) => Some(texts.join(", ")),
         _ => None,
     };
+    // Values that our own types refuse: "... is not a time such as 8 ms".
+    let refused = std::error::Error::source(e).map(|source| source.to_string());
+    let expected = refused.and_then(|text| Some(text.split_once(" is not ")?.1.to_owned()));
     serde_json::json!({ "error": {
         "message": message,
         "place": told(ContextKind::InvalidArg).or_else(|| told(ContextKind::InvalidSubcommand)),
         "found": told(ContextKind::InvalidValue),
-        "expected": told(ContextKind::ValidValue).filter(|v| !v.is_empty()),
+        "expected": told(ContextKind::ValidValue).filter(|v| !v.is_empty()).or(expected),
+        "hint": [ContextKind::SuggestedArg, ContextKind::SuggestedValue, ContextKind::SuggestedSubcommand].into_iter().find_map(told),
         "exit_code": e.exit_code(),
     } })
 }
@@ -205,6 +209,15 @@ mod tests {
     fn help(verb: &str, flag: &str) -> String {
         let e = parse(&words(&format!("diopter {verb} {flag}"))).expect_err("help ends the parsing");
         e.render().to_string()
+    }
+
+    #[test]
+    fn errors_of_values_say_what_was_expected() {
+        let error = |line: &str| as_json(&parse(&words(line)).unwrap_err())["error"].clone();
+        let time = error("diopter shoot --shutter fast");
+        assert_eq!((&time["found"], &time["exit_code"]), (&serde_json::json!("fast"), &serde_json::json!(2)));
+        assert!(time["expected"].as_str().unwrap().starts_with("a time such as"), "{time}");
+        assert!(error("diopter shoot --apperture f/2")["hint"].as_str().unwrap().contains("aperture"));
     }
 
     #[test]

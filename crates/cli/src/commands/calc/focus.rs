@@ -42,13 +42,8 @@ fn circle(given: Option<LengthMm>, format: &Format) -> anyhow::Result<f64> {
 
 /// A real lens set on the bench of a calculator.
 fn real(name: &str, focal: Option<f64>, aperture: Option<f64>, focus: Focus, format: &Format) -> anyhow::Result<CompoundLens> {
-    let setting = Setting {
-        focal_length: focal,
-        f_number: aperture,
-        focus,
-        iris: None,
-        film_mm: [format.width_mm, format.height_mm],
-    };
+    let setting =
+        Setting { focal_length: focal, f_number: aperture, focus, iris: None, film_mm: [format.width_mm, format.height_mm] };
     Ok(CompoundLens::new(Arc::new(read_lens(name)?), &setting).map_err(ShotError::from)?)
 }
 
