@@ -2,6 +2,7 @@
 
 use crate::memory::Bytes;
 use clap::{Parser, Subcommand};
+use diopter::files;
 use diopter::image::dng::Storage;
 use diopter::quantity::{
     Distance, Ev, FNumber, Filter, FocusTo, Hertz, Iso, IsoChoice, LengthMm, Moment, Seconds, Size, SpectralBands,
@@ -303,7 +304,7 @@ pub struct Raw {
 /// What is photographed and how; shared by `shoot` and `expose`. Flags win over the shot file.
 #[derive(clap::Args, Debug)]
 pub struct Taking {
-    /// Embedded scene, a scene file (.pbrt, .gltf, .glb, .obj, .ply, .stl), or a .toml shot file.
+    /// Embedded scene, a scene file (.pbrt, .gltf, .glb, .obj, .ply, .stl), or a .toml shot file; - for a shot file on standard input.
     #[arg(value_name = "SCENE|SHOT.toml")]
     pub subject: Option<String>,
     /// Metres in a unit of length of the scene file: 0.001 for millimetres, 0.01 for centimetres.
@@ -1113,7 +1114,7 @@ impl Taking {
     /// The shot file that is meant: the one given, with the flags on top.
     pub fn shot_file(&self) -> Result<ShotFile, diopter::shot::ShotError> {
         let mut shot = match &self.subject {
-            Some(path) if path.ends_with(".toml") => ShotFile::read(Path::new(path))?,
+            Some(path) if path.ends_with(".toml") || path == files::STANDARD_INPUT => ShotFile::read(Path::new(path))?,
             Some(scene) => {
                 let mut shot = ShotFile::default();
                 shot.scene.file = Some(scene.clone());

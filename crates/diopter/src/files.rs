@@ -10,7 +10,7 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 
 /// The name of standard input.
-const STANDARD_INPUT: &str = "-";
+pub const STANDARD_INPUT: &str = "-";
 
 /// Most bytes that are read of what is no regular file: `/dev/zero` and its like never end.
 pub const MOST_STREAM_BYTES: u64 = 1 << 30;

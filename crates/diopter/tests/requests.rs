@@ -202,6 +202,8 @@ fn light_is_chosen_by_name() {
     assert!(refused("light = \"studio\"\nenvironment = \"a.hdr\"\n").contains("one of the two"));
     assert!(refused("light = \"overcast\"\n[scene.daylight]\nsun = [40.0, 100.0]\n").contains("one of the two"));
     assert!(refused("light = \"missing.hdr\"\n").contains("no such file"));
+    let from_stream = diopter::shot::read_scene("-", false).err().unwrap().to_string();
+    assert!(from_stream.contains("ending") && from_stream.contains("shot file"), "{from_stream}");
 }
 
 #[test]

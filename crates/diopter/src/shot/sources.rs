@@ -18,6 +18,11 @@ pub fn read_scene(name: &str, strict: bool) -> Result<Description, ShotError> {
     let path = Path::new(name);
     let known: Vec<&str> = builtin::NAMES.iter().map(|n| n.0).collect();
     let ending = path.extension().map(|e| e.to_string_lossy().to_lowercase());
+    if name == files::STANDARD_INPUT {
+        let expected =
+            "the name of a file, whose ending tells its format, for scenes; a shot file (TOML) can come from standard input";
+        return Err(value("scene", "\"-\" (standard input)", expected));
+    }
     if !path.exists() && ending.is_none() {
         let hint = match nearest(name, known.iter().copied()) {
             Some(near) => format!("a scene (did you mean \"{near}\"?)"),
