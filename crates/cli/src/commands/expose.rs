@@ -4,7 +4,7 @@ use super::print_json;
 use crate::AskedWrongly;
 use crate::args::Expose;
 use crate::checkpoint;
-use crate::commands::shoot::display;
+use crate::commands::shoot::{display, say_ambient};
 use crate::memory::{self, Room};
 use crate::output;
 use crate::watch::{self, say, warn, watched};
@@ -26,6 +26,7 @@ pub fn run(args: &Expose, json: bool) -> anyhow::Result<()> {
     let room = memory::room(&shot, args.taking.max_memory)?;
     watched("focusing", |w| shot.focus(w, &mut warn))?;
     watched("metering", |w| shot.meter(w, &mut warn))?;
+    say_ambient(file.scene.ambient_ev, &shot.facts());
     let started = Instant::now();
     let (path, facts, size, bands, seconds, stopped) = match room {
         Room::Memory => {

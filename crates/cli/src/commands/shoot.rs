@@ -104,6 +104,7 @@ pub fn run(args: &Shoot, json: bool) -> anyhow::Result<()> {
         say(&told(report));
     }
     watched("metering", |w| shot.meter(w, &mut warn))?;
+    say_ambient(file.scene.ambient_ev, &shot.facts());
     let prepared = started.elapsed().as_secs_f64();
     if let Some(output) = shot_file {
         use std::io::Write;
@@ -277,6 +278,20 @@ fn speed(f: &ExposureFacts) -> f64 {
         (true, _) => f.iso,
         (false, true) => f.iso_set,
         _ => 100.0,
+    }
+}
+
+/// Says what a meter reads of light that was scaled by its mean luminance, where that is not the same.
+pub fn say_ambient(ambient_ev: Option<f64>, facts: &ExposureFacts) {
+    /// What is shown of an EV.
+    const DIGIT: f64 = 0.1;
+    if let (Some(mean), Some(read)) = (ambient_ev, facts.metered_ev100)
+        && (mean - read).abs() >= DIGIT
+    {
+        say(&format!(
+            "note: the mean luminance is that of EV {mean:.1}, as --ambient-ev asks; the meter ({}) reads EV {read:.1}",
+            facts.metering
+        ));
     }
 }
 
