@@ -187,12 +187,14 @@ pub fn as_json(e: &clap::Error) -> serde_json::Value {
     // Values that our own types refuse: "... is not a time such as 8 ms".
     let refused = std::error::Error::source(e).map(|source| source.to_string());
     let expected = refused.and_then(|text| Some(text.split_once(" is not ")?.1.to_owned()));
+    let hint =
+        [ContextKind::SuggestedArg, ContextKind::SuggestedValue, ContextKind::SuggestedSubcommand].into_iter().find_map(told);
     serde_json::json!({ "error": {
         "message": message,
         "place": told(ContextKind::InvalidArg).or_else(|| told(ContextKind::InvalidSubcommand)),
         "found": told(ContextKind::InvalidValue),
         "expected": told(ContextKind::ValidValue).filter(|v| !v.is_empty()).or(expected),
-        "hint": [ContextKind::SuggestedArg, ContextKind::SuggestedValue, ContextKind::SuggestedSubcommand].into_iter().find_map(told),
+        "hint": hint,
         "exit_code": e.exit_code(),
     } })
 }
