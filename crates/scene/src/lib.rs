@@ -7,6 +7,7 @@
 pub mod builtin;
 pub mod bvh;
 pub mod daylight;
+pub mod guide;
 pub mod light;
 pub mod load;
 pub mod material;
@@ -23,6 +24,7 @@ pub mod studio;
 pub mod texture;
 mod within;
 
+pub use guide::{Guide, GuideMode};
 pub use radiance::{FirstSurface, PathSettings};
 pub use scene::{Description, Object, Scene, Shape};
 

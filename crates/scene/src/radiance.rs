@@ -4,8 +4,9 @@
 //! heuristic) and Russian roulette. Four wavelengths ride together (Wilkie et al. 2014); densities do not depend on the
 //! wavelength except where a body disperses, and there the path goes on with its hero alone. Light goes from lights to the
 //! camera; paths are followed the other way. In media distances are drawn by extinction and directions by the phase function, with the same
-//! estimation of lights. Light that is aimed at comes through smooth thin sheets (panes, bubbles). Limits: caustics of small lights through bodies of glass are left to chance; a path begins outside all bodies.
+//! estimation of lights. Directions at surfaces may be guided ([`crate::guide`]). Light that is aimed at comes through smooth thin sheets (panes, bubbles). Limits: caustics of small lights through bodies of glass are left to chance; a path begins outside all bodies.
 
+use crate::guide::{Drawn, Guide, PathRecord, Vertex};
 use crate::light::Aim;
 use crate::material::{Material, Scattering};
 use crate::medium::{Flight, phase, scattered};
@@ -67,7 +68,33 @@ impl Scene {
 
     /// Spectral radiance that arrives at the ray's origin from its direction, W·m⁻²·sr⁻¹·nm⁻¹ at the four wavelengths; one
     /// random estimate, whose mean is the true value.
-    pub fn radiance(&self, mut ray: Ray, wavelengths: &Wavelengths, sampler: &Sampler, settings: &PathSettings) -> Sampled {
+    pub fn radiance(&self, ray: Ray, wavelengths: &Wavelengths, sampler: &Sampler, settings: &PathSettings) -> Sampled {
+        self.trace(ray, wavelengths, sampler, settings, None, None)
+    }
+
+    /// The same with directions at surfaces drawn by a guide, too: of the same mean, and of less noise where light comes from where the surfaces
+    /// alone do not look for it.
+    pub fn radiance_guided(
+        &self,
+        ray: Ray,
+        wavelengths: &Wavelengths,
+        sampler: &Sampler,
+        settings: &PathSettings,
+        guide: Option<&Guide>,
+    ) -> Sampled {
+        self.trace(ray, wavelengths, sampler, settings, guide, None)
+    }
+
+    /// Follows a path; `record` is told where it goes, for the training of a guide.
+    pub(crate) fn trace(
+        &self,
+        mut ray: Ray,
+        wavelengths: &Wavelengths,
+        sampler: &Sampler,
+        settings: &PathSettings,
+        guide: Option<&Guide>,
+        mut record: Option<&mut PathRecord>,
+    ) -> Sampled {
         let mut radiance = Sampled::ZERO;
         let mut throughput = Sampled::ONE;
         // Colours do not part.
@@ -75,13 +102,16 @@ impl Scene {
         let mut within = Within::new(self.air());
         let mut last: Option<Aimed> = None;
         let (mut vertex, mut leg) = (0, 0);
-        // What radiance within a body was divided by: no reason to give a path up.
+        // What radiance within a body was divided by, and what guides divided weights by: no reason to give a path up.
         let mut squeezed = 1.0;
         let (time_s, flash) = (ray.time_s, self.flash_burns(ray.time_s));
         loop {
             let surface = self.intersect(&ray, f32::INFINITY);
             let reach = surface.as_ref().map_or(f32::INFINITY, |s| s.t);
             leg += 1;
+            if let Some(record) = &mut record {
+                record.segments = leg;
+            }
             if let Some((medium, [near, far])) = within.span(&ray, reach) {
                 let sigma = medium.at(wavelengths);
                 if let Some(emission) = &medium.emission {
@@ -157,6 +187,7 @@ impl Scene {
             let around = within.around(material);
             let Some(bsdf) = material.bsdf(&surface, wo, wavelengths, hero_only, around) else { return radiance };
             let ng = bsdf.side_normal();
+            let mixture = guide.and_then(|g| g.mixture(surface.point, ng, &bsdf));
 
             // Aim at a light.
             let u = sampler.get(Set::Light(vertex));
@@ -167,6 +198,7 @@ impl Scene {
                 let (f, pdf) = bsdf.eval(aim.wi);
                 if f != Sampled::ZERO {
                     let density = probability * aim.pdf;
+                    let pdf = mixture.map_or(pdf, |m| m.pdf(aim.wi, pdf));
                     let weight = if aim.has_extent { mis(density, pdf) } else { 1.0 };
                     let through = aim.wi.dot(ng) < 0.0;
                     let origin = offset_origin(surface.point, if through { -ng } else { ng });
@@ -182,8 +214,16 @@ impl Scene {
 
             // Go on in a direction light may have come from.
             let u = sampler.get(Set::Scatter(vertex));
-            let Some(scatter) = bsdf.sample(u) else { return radiance };
+            let drawn = match &mixture {
+                None => bsdf.sample(u).map(Drawn::unguided),
+                Some(mixture) => mixture.sample(&bsdf, u),
+            };
+            let Some(Drawn { scatter, bsdf_pdf, roulette_factor }) = drawn else { return radiance };
             throughput *= scatter.weight;
+            if let Some(record) = record.as_deref_mut().filter(|_| !scatter.specular && Guide::may_guide(&bsdf)) {
+                let (point, direction, weight) = (surface.point, scatter.wi, scatter.weight);
+                record.push(Vertex { point, normal: ng, direction, pdf: scatter.pdf, bsdf_pdf, weight, throughput, radiance });
+            }
             if scatter.disperses && !hero_only {
                 throughput *= wavelengths.hero_only();
                 hero_only = true;
@@ -199,7 +239,7 @@ impl Scene {
             if scatter.transmitted {
                 within.cross(material, entering);
             }
-            squeezed *= scatter.squeeze;
+            squeezed *= scatter.squeeze * roulette_factor;
             vertex += 1;
             if !survives(&mut throughput, squeezed, vertex, u[3], settings) {
                 return radiance;

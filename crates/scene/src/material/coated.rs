@@ -104,6 +104,12 @@ impl CoatedLobes<'_> {
         self.facets.is_smooth() && self.metal.facets().is_smooth()
     }
 
+    /// Probability of a broad lobe.
+    pub(super) fn broad_fraction(&self, wo: Vec3) -> f32 {
+        let choice = self.choice(wo);
+        choice * self.facets.breadth() + (1.0 - choice) * self.metal.facets().breadth()
+    }
+
     pub(super) fn eval(&self, wo: Vec3, wi: Vec3) -> (Sampled, f32) {
         if wi.z <= 0.0 {
             return (Sampled::ZERO, 0.0);
