@@ -4,6 +4,7 @@
 //! sample, and are summed in double precision in an order that is always the same, so the result is the same for any number of threads and
 //! however often it was interrupted ([`Sums`]).
 
+mod guiding;
 mod paged;
 mod response;
 mod sums;
@@ -21,7 +22,8 @@ use diopter_image::{ExposureFacts, FocalPlane, Raster};
 use diopter_lens::{Lens, Projection};
 use diopter_light::random::SamplerKind;
 use diopter_light::wavelength::WavelengthSampler;
-use diopter_scene::{PathSettings, Scene};
+use diopter_scene::{Guide, GuideMode, PathSettings, Scene};
+use guiding::Guided;
 use rayon::prelude::*;
 use response::Curves;
 use std::ops::Range;
@@ -51,6 +53,9 @@ pub struct Settings {
     pub seed: u64,
     /// How far paths go.
     pub path: PathSettings,
+    /// Whether paths are guided to where light was found to come from ([`diopter_scene::guide`]). Training follows about an eighth as many paths as
+    /// the whole exposure has (all of `spp`, whichever are rendered), and comes before the samples.
+    pub guide: GuideMode,
     /// Factor on all light of the scene.
     pub light_scale: f64,
     /// Stop after about so much time, s, the truth included; the samples that are done then (two at least) make the picture.
@@ -87,7 +92,7 @@ impl Half {
 }
 
 impl Settings {
-    /// `spp` Sobol samples, seed 1, no limits.
+    /// `spp` Sobol samples, seed 1, no limits, not guided.
     pub fn new(spp: u32) -> Self {
         Settings {
             spp,
@@ -95,6 +100,7 @@ impl Settings {
             sampler: SamplerKind::Sobol,
             seed: 1,
             path: PathSettings::default(),
+            guide: GuideMode::Off,
             light_scale: 1.0,
             time_limit_s: None,
             truth: true,
@@ -221,8 +227,9 @@ impl Exposure<'_> {
             true => truth(self.scene, self.camera, self.shutter, 0..film.rows, watch.cancel).ok_or(ExposeError::Cancelled)?,
             false => Truth::empty(film.columns, film.rows),
         };
-        let stopped = self.take_samples(watch, &mut sums, keep, started, self.settings.time_limit_s)?;
-        let facts = self.facts_of(&sums);
+        let guided = self.train(watch, &sums)?;
+        let stopped = self.take_samples(watch, &mut sums, keep, started, self.settings.time_limit_s, &guided)?;
+        let facts = self.facts_of(&sums, &guided);
         let (mean, half_difference) = sums.finish(self.response.curves.len());
         let plane = FocalPlane { bands: self.response.bands.clone(), mean, half_difference, truth, facts };
         Ok(Exposed { plane, stopped })
@@ -252,16 +259,32 @@ impl Exposure<'_> {
             Ok((limit - started.elapsed().as_secs_f64() * share).max(0.0))
         });
         let limit = limit.transpose()?;
-        let stopped = self.take_samples(watch, &mut sums, keep, started, limit)?;
+        let guided = self.train(watch, &sums)?;
+        let stopped = self.take_samples(watch, &mut sums, keep, started, limit, &guided)?;
         Ok(ExposedPaged {
             camera: self.camera.clone(),
             shutter: *self.shutter,
             truth: self.settings.truth,
             bands: self.response.bands.clone(),
-            facts: self.facts_of(&sums),
+            facts: self.facts_of(&sums, &guided),
             sums,
             stopped,
         })
+    }
+
+    /// What wavelengths count for, and how they are drawn.
+    fn curves(&self) -> (Curves, WavelengthSampler) {
+        match self.settings.rgb {
+            false => (Curves::new(&self.response.curves), WavelengthSampler::for_bands(&self.response.curves)),
+            true => (Curves::rgb(), WavelengthSampler::rgb()),
+        }
+    }
+
+    /// What tiles are computed with.
+    fn unit<'a>(&'a self, curves: &'a Curves, wavelengths: &'a WavelengthSampler, guide: Option<&'a Guide>) -> Unit<'a> {
+        let Exposure { scene, camera, shutter, response, settings, .. } = *self;
+        let behind = camera.film.microlenses.map(|m| m.behind(&camera.lens));
+        Unit { scene, camera, shutter, curves, response, wavelengths, settings, guide, behind }
     }
 
     /// The samples that are asked for.
@@ -293,12 +316,13 @@ impl Exposure<'_> {
         }
     }
 
-    fn facts_of<S>(&self, sums: &Sums<S>) -> ExposureFacts {
+    fn facts_of<S>(&self, sums: &Sums<S>, guided: &Guided) -> ExposureFacts {
         ExposureFacts {
             seed: self.settings.seed,
             first_sample: sums.samples.start,
             samples: sums.samples.len() as u32,
             light_scale: self.settings.light_scale,
+            guide: guided.facts.clone(),
             ..self.facts.clone()
         }
     }
@@ -311,18 +335,14 @@ impl Exposure<'_> {
         mut keep: Option<Keep<S>>,
         started: Instant,
         time_limit_s: Option<f64>,
+        guided: &Guided,
     ) -> Result<bool, ExposeError> {
-        let Exposure { scene, camera, shutter, response, settings, .. } = *self;
-        let film = &camera.film;
+        let film = &self.camera.film;
         let (width, height) = (film.columns, film.rows);
         let wanted = self.wanted();
         let sampling = Instant::now();
-        let (curves, wavelengths) = match settings.rgb {
-            false => (Curves::new(&response.curves), WavelengthSampler::for_bands(&response.curves)),
-            true => (Curves::rgb(), WavelengthSampler::rgb()),
-        };
-        let behind = camera.film.microlenses.map(|m| m.behind(&camera.lens));
-        let unit = Unit { scene, camera, shutter, curves: &curves, response, wavelengths: &wavelengths, settings, behind };
+        let (curves, wavelengths) = self.curves();
+        let unit = self.unit(&curves, &wavelengths, guided.guide.as_ref());
         let tiles = width.div_ceil(TILE) * height.div_ceil(TILE);
         let at_once = TILES_AT_ONCE * rayon::current_num_threads().max(1);
         let tiles_done = AtomicUsize::new(0);
@@ -356,7 +376,7 @@ impl Exposure<'_> {
             let share = |tile: usize| match time_limit_s {
                 None => {
                     let samples = (done - wanted.start) as f64 + pass.len() as f64 * tile as f64 / tiles as f64;
-                    samples / wanted.len() as f64
+                    guided.share + (1.0 - guided.share) * samples / wanted.len() as f64
                 }
                 Some(limit) => (started.elapsed().as_secs_f64() / limit).min(1.0),
             };

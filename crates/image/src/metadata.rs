@@ -75,6 +75,9 @@ pub struct ExposureFacts {
     pub samples: u32,
     /// Whether the renderer's noise was reduced: the mean is then an estimate, no longer the truth within its variance.
     pub denoised: bool,
+    /// How paths were guided; `None` where no guide was trained.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub guide: Option<GuideFacts>,
     /// What the lens can be set to: focal length (mm) and f-number fully open, at its shortest and at its longest; of a prime both are the same.
     /// `None` of ideal lenses and where it is not known.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -90,8 +93,8 @@ pub struct ExposureFacts {
 impl ExposureFacts {
     /// The facts that define the picture on the film: two exposures that agree in them show the same light, and hold samples of one picture.
     ///
-    /// Left out is which samples they hold, how the exposure was chosen (mode, metering, compensation, focusing) and what only the read-out
-    /// uses (ISO speed, temperature, noise, white, date).
+    /// Left out is which samples they hold, how the exposure was chosen (mode, metering, compensation, focusing), whether paths were guided, and
+    /// what only the read-out uses (ISO speed, temperature, noise, white, date).
     pub fn of_picture(&self) -> ExposureFacts {
         ExposureFacts {
             focus_mode: String::new(),
@@ -107,9 +110,22 @@ impl ExposureFacts {
             compensation_ev: 0.0,
             first_sample: 0,
             samples: 0,
+            guide: None,
             ..self.clone()
         }
     }
+}
+
+/// What the training of a guide (path guiding: directions drawn where light was found to come from) came to.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct GuideFacts {
+    /// Whether the exposure used the guide.
+    pub used: bool,
+    /// Variance times cost of paths without it over the same with it, as found in training; `None` where training found no light.
+    pub gain: Option<f64>,
+    /// Paths that training followed.
+    pub paths: u64,
 }
 
 /// A microlens array and the lens before it: what it takes to decode a raw light field.

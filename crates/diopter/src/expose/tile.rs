@@ -13,9 +13,10 @@ use diopter_lens::compound::{Aim, CompoundLens, Exits, Samples, Scratch};
 use diopter_lens::microlens::{Aimed, Behind};
 use diopter_lens::pupil::PupilTable;
 use diopter_lens::{Lens, LensRay};
+use diopter_light::Ray;
 use diopter_light::random::{Sampler, Set};
 use diopter_light::wavelength::{WavelengthSampler, Wavelengths};
-use diopter_scene::Scene;
+use diopter_scene::{Guide, Scene};
 use std::collections::BTreeMap;
 use std::ops::Range;
 
@@ -27,6 +28,14 @@ struct PathSample {
     weighted: [f32; 4],
     /// Exposure that it stands for, in the unit of the bands.
     exposure: f32,
+}
+
+/// The ray of a sample into the scene, and what its light counts for.
+pub(super) struct CameraRay {
+    pub ray: Ray,
+    pub wavelengths: Wavelengths,
+    /// Exposure that a radiance stands for, in the unit of the bands.
+    exposure: f64,
 }
 
 /// Sums of a tile with its margin, and of single pixels farther away that wavelengths reach.
@@ -102,6 +111,8 @@ pub(super) struct Unit<'a> {
     pub response: &'a Response,
     pub wavelengths: &'a WavelengthSampler,
     pub settings: &'a Settings,
+    /// What paths are guided by, if they are.
+    pub guide: Option<&'a Guide>,
     /// The microlens array, if there is one.
     pub behind: Option<Behind>,
 }
@@ -274,7 +285,7 @@ impl Unit<'_> {
                 if !ray.is_finite() {
                     continue;
                 }
-                let radiance = self.scene.radiance(ray, &wavelengths, sampler, &self.settings.path);
+                let radiance = self.scene.radiance_guided(ray, &wavelengths, sampler, &self.settings.path, self.guide);
                 let weighted = (radiance * wavelengths.weight).to_array();
                 // One bad number must not poison a pixel.
                 if !weighted.iter().all(|v| v.is_finite()) {
@@ -371,6 +382,18 @@ impl Unit<'_> {
     /// One sample of a pixel; `None` where no light comes through.
     #[inline]
     fn sample(&self, column: usize, row: usize, sampler: &Sampler) -> Option<PathSample> {
+        let CameraRay { ray, wavelengths, exposure } = self.camera_ray(column, row, sampler)?;
+        let radiance = self.scene.radiance_guided(ray, &wavelengths, sampler, &self.settings.path, self.guide);
+        Some(PathSample {
+            nm: wavelengths.nm.to_array(),
+            weighted: (radiance * wavelengths.weight).to_array(),
+            exposure: (exposure * self.settings.light_scale) as f32,
+        })
+    }
+
+    /// The ray of one sample of a pixel through any lens, all wavelengths along that of the lens's reference; `None` where no light comes through.
+    #[inline]
+    pub(super) fn camera_ray(&self, column: usize, row: usize, sampler: &Sampler) -> Option<CameraRay> {
         let [x, y, pu, pv] = sampler.get(Set::Camera);
         let [w, t, spot @ ..] = sampler.get(Set::Time);
         let shift = self.camera.film.low_pass_shift(spot);
@@ -399,17 +422,12 @@ impl Unit<'_> {
             return None;
         }
         let wavelengths = self.wavelengths.sample(w);
-        let radiance = self.scene.radiance(ray, &wavelengths, sampler, &self.settings.path);
         let exposure = match self.response.bands[0].unit {
             BandUnit::Radiance => seconds / (close - open),
             BandUnit::Electrons => {
                 lens_ray.weight_sr * self.camera.film.pixel_area_mm2 * M2_PER_MM2 * seconds * self.half_of_light()
             }
         };
-        Some(PathSample {
-            nm: wavelengths.nm.to_array(),
-            weighted: (radiance * wavelengths.weight).to_array(),
-            exposure: (exposure * self.settings.light_scale) as f32,
-        })
+        Some(CameraRay { ray, wavelengths, exposure })
     }
 }

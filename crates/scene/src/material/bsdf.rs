@@ -112,7 +112,7 @@ impl Bsdf<'_> {
         match &self.lobes {
             Lobes::Diffuse { .. } | Lobes::DiffuseTransmission { .. } => 1.0,
             Lobes::Conductor(lobe) => lobe.facets().breadth(),
-            Lobes::Coated(lobes) => lobes.broad_fraction(self.wo),
+            Lobes::Coated(lobes) => lobes.broad_fraction(self.frame.wo),
             Lobes::Principled(lobes) => lobes.broad_fraction(),
         }
     }
@@ -129,7 +129,7 @@ impl Bsdf<'_> {
         if !(weight.max_element() > 0.0) {
             return None;
         }
-        let transmitted = self.ng.dot(wi) < 0.0;
+        let transmitted = self.frame.ng.dot(wi) < 0.0;
         let squeeze = self.squeeze(transmitted);
         Some(Scatter { wi, weight, pdf, specular: false, transmitted, disperses: false, squeeze })
     }
