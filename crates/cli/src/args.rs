@@ -545,6 +545,12 @@ pub struct Taking {
     /// Most scattering events of a path.
     #[arg(long, value_name = "N")]
     pub max_depth: Option<u32>,
+    /// Path guiding: auto (if it pays), on or off.
+    ///
+    /// About an eighth as many paths as the exposure has are followed first, to learn where light comes from: rooms through windows, lamps behind
+    /// shades. Parts of --samples learn the same.
+    #[arg(long, value_name = "auto|on|off")]
+    pub guide: Option<String>,
     /// A quick look: blur made from one sharp exposure and its depth.
     ///
     /// No rays are traced through the lens.
@@ -1236,6 +1242,7 @@ impl Taking {
         over(&mut render.seed, &self.seed);
         over(&mut render.sampler, &self.sampler);
         over(&mut render.max_depth, &self.max_depth);
+        over(&mut render.guide, &self.guide);
         over(&mut render.time_limit, &self.time_limit);
         over(&mut render.denoise, &self.denoise);
         render.quick |= self.quick;

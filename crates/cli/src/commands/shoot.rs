@@ -320,6 +320,10 @@ pub fn display(f: &ExposureFacts, width: usize, height: usize, seconds: f64) -> 
     if let Some(s) = f.shutter.as_ref().filter(|s| s.kind != "global") {
         extras.push_str(&format!("   {} shutter, {:.2} ms in all", s.kind, s.total_s * 1e3));
     }
+    if let Some(guide) = &f.guide {
+        let gain = guide.gain.map_or("no light found".to_owned(), |g| format!("gain {g:.2}"));
+        extras.push_str(&format!("   guide {} ({gain})", if guide.used { "used" } else { "not used" }));
+    }
     let scaled = if f.light_scale == 1.0 { String::new() } else { format!("   light × {:.3e}", f.light_scale) };
     let setting = setting(f);
     format!(

@@ -464,6 +464,9 @@ pub struct RenderSection {
     /// Most scattering events of a path.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub max_depth: Option<u32>,
+    /// Path guiding, which learns where light comes from before the samples are taken: `auto` (without; if it pays), `on` or `off`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub guide: Option<String>,
     /// Stop after about so long.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub time_limit: Option<Seconds>,

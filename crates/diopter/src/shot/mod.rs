@@ -44,7 +44,7 @@ use diopter_light::random::SamplerKind;
 use diopter_scene::bvh::Bounds;
 use diopter_scene::light::Modulation;
 use diopter_scene::studio::Studio;
-use diopter_scene::{PathSettings, Scene, SceneError, builtin};
+use diopter_scene::{GuideMode, PathSettings, Scene, SceneError, builtin};
 use diopter_sensor::format;
 use diopter_sensor::{Reading, Sensor, SensorError, read_out};
 use file::RenderSection;
@@ -619,6 +619,7 @@ impl Shot {
         r.seed.get_or_insert(DEFAULT_SEED);
         r.sampler.get_or_insert_with(|| "sobol".into());
         r.max_depth.get_or_insert(self.settings.path.max_depth);
+        r.guide.get_or_insert_with(|| self.settings.guide.name().into());
         r.denoise.get_or_insert(self.denoise);
     }
 
@@ -962,6 +963,10 @@ fn settings(r: &RenderSection) -> Result<Settings, ShotError> {
         Some("independent") => SamplerKind::Independent,
         Some(other) => return Err(value("sampler", format!("\"{other}\""), "sobol, jittered, grid or independent")),
     };
+    let guide = match r.guide.as_deref() {
+        None => GuideMode::default(),
+        Some(name) => GuideMode::named(name).ok_or_else(|| value("guide", format!("\"{name}\""), "auto, on or off"))?,
+    };
     let limit = r.time_limit.map(|s| s.0);
     if limit.is_some_and(|l| !(l > 0.0)) {
         return Err(value("time-limit", r.time_limit.map_or(String::new(), |l| l.to_string()), "a time above 0"));
@@ -975,6 +980,7 @@ fn settings(r: &RenderSection) -> Result<Settings, ShotError> {
         sampler,
         seed: r.seed.unwrap_or(DEFAULT_SEED),
         path: PathSettings { max_depth: r.max_depth.unwrap_or(default.max_depth), ..default },
+        guide,
         time_limit_s: limit,
         ..Settings::new(spp)
     })
