@@ -3,7 +3,7 @@
 //! A [`Guide`] holds a density of directions for each region of the scene ([`spatial`], [`quadtree`]). At a surface that is not narrow like a mirror the next
 //! direction is drawn from a mixture of it and of the scattering function, with the fraction of the latter learnt for each region (T. Müller, M. Gross,
 //! J. Novák 2017, "Practical Path Guiding for Efficient Light-Transport Simulation"; learnt fractions: J. Vorba et al. 2019, "Path Guiding in
-//! Production", §10.5.3, here the best of a few candidates by the second moment that each would have had). The density of the mixture stands in all weights
+//! Production", here the best of a few candidates by the second moment that each would have had). The density of the mixture stands in all weights
 //! of multiple importance sampling, so a guide of any quality gives the same mean; only the variance differs.
 //!
 //! [`Training`] learns a guide from paths of its own, which depend on seed, scene, camera and film alone, so that every part of an exposure learns

@@ -2,8 +2,8 @@
 //!
 //! The sphere is mapped to the unit square by a cylindrical equal-area projection about z, (x, y) = ((1 + cos θ) / 2, φ / 2π). Cells are refined
 //! where the density is large, so that each holds about the same mass. Source: T. Müller, M. Gross, J. Novák 2017, "Practical Path Guiding
-//! for Efficient Light-Transport Simulation" (§3.2), with the density proportional to the square root of the second moment of the light, which
-//! has the least variance when estimates of the light are noisy (A. Rath et al. 2020, "Variance-Aware Path Guiding", eq. 9). Limit: the density is
+//! for Efficient Light-Transport Simulation", with the density proportional to the square root of the second moment of the light, which
+//! has the least variance when estimates of the light are noisy (A. Rath et al. 2020, "Variance-Aware Path Guiding"). Limit: the density is
 //! constant within a cell.
 
 use glam::Vec3;
@@ -205,7 +205,7 @@ impl Moments {
     }
 
     /// Adds L² / pdf of a record, somewhere within half a cell of its place: a stochastic filter, against the cells' borders (T. Müller 2019, "Practical
-    /// Path Guiding in Production", course notes §10.5.1). `jitter` is uniform in [0, 1)².
+    /// Path Guiding in Production", course notes). `jitter` is uniform in [0, 1)².
     pub fn add(&mut self, tree: &Quadtree, place: [f32; 2], value: f32, jitter: [f32; 2]) {
         let size = tree.cell(place).2;
         let x = place[0] + size * (jitter[0] - 0.5);

@@ -3,8 +3,8 @@
 //! A region is divided at the mean of its records across the dimension in which they vary most, so that regions follow the surfaces that
 //! paths meet, however large the scene around them is. Light depends on the position alone; but surfaces of different orientation at the same
 //! place can use different halves of it, therefore normals are dimensions, too: unlike orientations are parted where a region is about a quarter
-//! of the scene wide. Sources: T. Müller et al. 2017 (§3.1; halves of the longest side in turn), L. Ruppert et al. 2020, "Robust Fitting of
-//! Parallax-Aware Mixtures for Path Guiding" (§5: splits at the mean across the largest variance).
+//! of the scene wide. Sources: T. Müller et al. 2017 (halves of the sides in turn), L. Ruppert et al. 2020, "Robust Fitting of
+//! Parallax-Aware Mixtures for Path Guiding" (splits at the mean across the largest variance).
 
 use glam::Vec3;
 

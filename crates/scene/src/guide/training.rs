@@ -5,7 +5,7 @@
 //! At a pixel two guided and two unguided paths are followed; their differences tell what guiding gains, and a guide that does not pay is
 //! given up, after a quarter of the training or at its end.
 //!
-//! Sources: T. Müller et al. 2017 (§3.3: growing iterations, division of regions by their records), T. Müller 2019, "Practical Path Guiding in
+//! Sources: T. Müller et al. 2017 (growing iterations, division of regions by their records), T. Müller 2019, "Practical Path Guiding in
 //! Production" (stochastic filters; what was learnt before is kept), A. Rath et al. 2020 (second moments). Densities that have drawn a record are
 //! bounded from below where it is learnt from: tails of lobes would else shout down the rest. That bends the guide, never the picture.
 
