@@ -40,6 +40,8 @@ pub enum Set {
     Scatter(u32),
     /// How far light goes through a medium, on the given leg of the path.
     Medium(u32),
+    /// Light that is scattered into the given leg of the path: choice of a light, distance along the leg, point on the light.
+    Inscatter(u32),
     /// The numbers of [`Set::Camera`] once more, where those before met nothing, at the given attempt (from 1).
     Redraw(u32),
 }
@@ -53,6 +55,7 @@ impl Set {
             Set::Scatter(vertex) => 3 + 2 * vertex,
             Set::Medium(leg) => (1 << 24) + leg,
             Set::Redraw(attempt) => (1 << 25) + attempt,
+            Set::Inscatter(leg) => (5 << 24) + leg,
         }
     }
 }

@@ -101,8 +101,8 @@ impl Medium {
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Sigma {
     pub absorption: Sampled,
-    scattering: Sampled,
-    extinction: Sampled,
+    pub scattering: Sampled,
+    pub extinction: Sampled,
 }
 
 /// How a flight through a medium ended; the weight is what it does to the light of the path.
@@ -132,6 +132,12 @@ impl Sigma {
             x => (1.0 - (-x).exp()) / s,
         };
         Sampled::from_array(self.extinction.to_array().map(one))
+    }
+
+    /// Density (1/m) with which [`Sigma::fly`] draws a distance (m) for a path of a throughput.
+    #[inline]
+    pub fn density(&self, distance: f32, throughput: Sampled) -> f32 {
+        (throughput / throughput.element_sum()).dot(self.extinction * self.transmittance(distance))
     }
 
     /// Flies over a distance (m) by two numbers, for a path of a throughput.

@@ -3,19 +3,22 @@
 //! Unidirectional, with next-event estimation to every kind of light, multiple importance sampling (Veach 1997, power
 //! heuristic) and Russian roulette. Four wavelengths ride together (Wilkie et al. 2014); densities do not depend on the
 //! wavelength except where a body disperses, and there the path goes on with its hero alone. Light goes from lights to the
-//! camera; paths are followed the other way. In media distances are drawn by extinction and directions by the phase function, with the same
-//! estimation of lights. Directions at surfaces may be guided ([`crate::guide`]). Light that is aimed at comes through smooth thin sheets (panes, bubbles). Limits: caustics of small lights through bodies of glass are left to chance; a path begins outside all bodies.
+//! camera; paths are followed the other way. In media ([`media`]) distances are drawn by extinction and as lamps see the ray, directions by the phase
+//! function. Directions at surfaces may be guided ([`crate::guide`]). Light that is aimed at comes through smooth thin sheets (panes, bubbles).
+//! Limits: caustics of small lights through bodies of glass are left to chance; a path begins outside all bodies.
+
+mod media;
 
 use crate::guide::{Drawn, Guide, PathRecord, Vertex};
-use crate::light::Aim;
+use crate::light::{Aim, LightRef};
 use crate::material::{Material, Scattering};
-use crate::medium::{Flight, phase, scattered};
 use crate::scene::Scene;
 use crate::shape::{Surface, offset_origin};
 use crate::within::Within;
 use diopter_light::random::{Sampler, Set};
 use diopter_light::{Ray, Sampled, Wavelengths};
 use glam::Vec3;
+use media::{After, MediumSegment, ScatteredOn};
 
 /// How far paths are followed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -101,6 +104,8 @@ impl Scene {
         let mut hero_only = wavelengths.is_rgb();
         let mut within = Within::new(self.air());
         let mut last: Option<Aimed> = None;
+        // Where `last` is a vertex in a medium: the segment on which it lies.
+        let mut scattered_on: Option<ScatteredOn> = None;
         let (mut vertex, mut leg) = (0, 0);
         // What radiance within a body was divided by, and what guides divided weights by: no reason to give a path up.
         let mut squeezed = 1.0;
@@ -113,40 +118,26 @@ impl Scene {
                 record.segments = leg;
             }
             if let Some((medium, [near, far])) = within.span(&ray, reach) {
-                let sigma = medium.at(wavelengths);
-                if let Some(emission) = &medium.emission {
-                    radiance += throughput * emission.sample_light(wavelengths) * sigma.absorption * sigma.depth(far - near);
-                }
-                let [u, v, ..] = sampler.get(Set::Medium(leg));
-                match sigma.fly(far - near, [u, v], throughput) {
-                    Flight::Through(weight) => throughput *= weight,
-                    Flight::Scattered(distance, weight) => {
-                        throughput *= weight;
-                        if vertex >= settings.max_depth || !(throughput.max_element() > 0.0) {
-                            return radiance;
-                        }
-                        let point = ray.at(near + distance);
-                        let g = medium.asymmetry;
-                        let u = sampler.get(Set::Light(vertex));
-                        if let Some((light, probability)) = self.lights().choose(point, Vec3::ZERO, u[2], flash)
-                            && let Some(aim) = self.aim(light, point, [u[0], u[1]], time_s)
-                        {
-                            let pdf = phase(ray.direction.dot(aim.wi), g);
-                            let density = probability * aim.pdf;
-                            let weight = if aim.has_extent { mis(density, pdf) } else { 1.0 };
-                            let light = self.arriving(&aim, wavelengths, time_s);
-                            let contribution = throughput * light * (pdf * weight / density);
-                            let sheets = settings.max_depth - vertex - 1;
-                            radiance += self.arrives(contribution, point, point, &aim, within, wavelengths, time_s, sheets);
-                        }
-                        let u = sampler.get(Set::Scatter(vertex));
-                        let (direction, pdf) = scattered(ray.direction, g, [u[0], u[1]]);
-                        last = Some(Aimed { point, normal: Vec3::ZERO, density: pdf, gone: 0.0 });
+                let span = [near, far];
+                let segment = MediumSegment {
+                    scene: self,
+                    medium,
+                    span,
+                    ray: &ray,
+                    within,
+                    wavelengths,
+                    sampler,
+                    settings,
+                    vertex,
+                    leg,
+                    flash,
+                };
+                match segment.take(&mut throughput, squeezed, &mut radiance) {
+                    After::Through => {}
+                    After::Ended => return radiance,
+                    After::Scattered { ray: onward, last: here, on } => {
+                        (ray, last, scattered_on) = (onward, Some(here), Some(on));
                         vertex += 1;
-                        if !survives(&mut throughput, squeezed, vertex, u[3], settings) {
-                            return radiance;
-                        }
-                        ray = Ray { origin: point, direction, time_s };
                         continue;
                     }
                 }
@@ -178,7 +169,7 @@ impl Scene {
                 ray.origin = past(&surface, ray.direction);
                 continue;
             }
-            radiance += throughput * self.emitted(material, &surface, &ray, wavelengths, last, flash);
+            radiance += throughput * self.emitted(material, &surface, &ray, wavelengths, last, &scattered_on, flash);
 
             if vertex >= settings.max_depth {
                 return radiance;
@@ -255,6 +246,7 @@ impl Scene {
 
     /// Radiance a surface sends back along the ray by itself, weighted against having been aimed at.
     #[inline]
+    #[allow(clippy::too_many_arguments)]
     fn emitted(
         &self,
         material: &Material,
@@ -262,6 +254,7 @@ impl Scene {
         ray: &Ray,
         wavelengths: &Wavelengths,
         last: Option<Aimed>,
+        scattered_on: &Option<ScatteredOn>,
         flash: bool,
     ) -> Sampled {
         let Some(emission) = &material.emission else { return Sampled::ZERO };
@@ -271,7 +264,13 @@ impl Scene {
         let weight = match (last, self.light_at(surface)) {
             (Some(l), Some(light)) => {
                 let aimed = self.aimed_density(light, l.point, ray.direction, l.gone + surface.t, ray.time_s);
-                mis(l.density, self.lights().area_probability(l.point, l.normal, light, flash) * aimed)
+                let by_light = self.lights().area_probability(l.point, l.normal, light, flash) * aimed;
+                match scattered_on {
+                    Some(on) if l.normal == Vec3::ZERO => {
+                        mis(l.density, by_light.hypot(on.equiangular(self, LightRef::Area(light)) * aimed))
+                    }
+                    _ => mis(l.density, by_light),
+                }
             }
             _ => 1.0,
         };

@@ -3,6 +3,7 @@
 use crate::SceneError;
 use crate::bvh::{Bounds, Bvh, Filter, Hit, Primitive, Primitives};
 use crate::light::area::AreaShape;
+use crate::light::segment::Pivot;
 use crate::light::tree::LightBounds;
 use crate::light::{Aim, LightRef, Modulation, Placed, Spot};
 use crate::light::{AreaLight, Environment, Lights, Punctual};
@@ -521,6 +522,22 @@ impl Scene {
                 _ => self.lights.aim(light, p, u),
             },
             LightRef::Environment => self.lights.aim(light, p, u),
+        }
+    }
+
+    /// What equi-angular sampling needs to know of a light at a time of the exposure; `None` at infinity.
+    #[inline]
+    pub(crate) fn pivot(&self, light: LightRef, time_s: f32) -> Option<Pivot> {
+        match light {
+            LightRef::Area(i) => match self.light_ways.get(i as usize) {
+                None | Some(LightWay::Still) => self.lights.pivot(light),
+                Some(way) => Some(self.moved_light(&self.lights.area[i as usize], *way, self.movers.share(time_s)).pivot()),
+            },
+            LightRef::Punctual(i) => match self.movers.lights.get(i as usize) {
+                Some(Some(track)) => self.lights.punctual[i as usize].kind.placed(&track.at(self.movers.share(time_s))).pivot(),
+                _ => self.lights.pivot(light),
+            },
+            LightRef::Environment => None,
         }
     }
 

@@ -4,7 +4,7 @@ use diopter_light::random::{Sampler, SamplerKind};
 use diopter_light::spectrum::Table;
 use diopter_light::{Ray, Spectrum, Wavelengths};
 use diopter_scene::bvh::Bounds;
-use diopter_scene::light::{Environment, Modulation, Punctual, PunctualKind};
+use diopter_scene::light::{Environment, Modulation, Punctual, PunctualKind, SpotEdge};
 use diopter_scene::material::{Emission, EmissionColor, Interior, Material, Scattering};
 use diopter_scene::medium::{Air, Coefficient, Medium};
 use diopter_scene::shape::{Mesh, Quad, Sphere};
@@ -147,6 +147,182 @@ fn fog_shows_lamps_as_single_scattering_says() {
     // The same in a box that holds all of it: the way to the camera before the box is clear.
     let around = Bounds { min: Vec3::new(0.0, -50.0, -50.0), max: Vec3::splat(50.0) };
     assert_near(mean(&scene(Some(around)), Vec3::X * -5.0, Vec3::X, 200_000, &settings), expected, "fog in a box");
+}
+
+const ONCE: PathSettings = PathSettings { max_depth: 1, roulette_depth: 10 };
+
+/// Variance of one sample of the same light where distances are drawn by extinction alone, for each of the wavelengths: ∫ f²/p dt − (∫ f dt)².
+fn variance_by_extinction(lamp: Vec3, length: f64, sigma_s: [f64; 4], sigma_a: f64, g: f64) -> [f64; 4] {
+    let n = 200_000;
+    let step = length / n as f64;
+    let (mut sum, mut squares) = ([0.0f64; 4], [0.0f64; 4]);
+    for i in 0..n {
+        let t = (i as f64 + 0.5) * step;
+        let to = lamp.as_dvec3() - glam::DVec3::X * t;
+        let r = to.length();
+        let phase = (1.0 - g * g) / (4.0 * std::f64::consts::PI * (1.0 + g * g - 2.0 * g * to.x / r).powf(1.5));
+        let density: f64 = sigma_s.iter().map(|s| (s + sigma_a) * (-(s + sigma_a) * t).exp() / 4.0).sum();
+        for k in 0..4 {
+            let f = sigma_s[k] * phase * (-(sigma_s[k] + sigma_a) * (t + r)).exp() / (r * r);
+            (sum[k], squares[k]) = (sum[k] + f * step, squares[k] + f * f / density * step);
+        }
+    }
+    std::array::from_fn(|k| squares[k] - sum[k] * sum[k])
+}
+
+#[test]
+fn lamps_in_fog_leave_no_single_bright_samples() {
+    // A lamp 11 cm beside the ray, 4 m ahead: by extinction alone the variance is above eight times the square of the mean.
+    let lamp = Vec3::new(4.0, 0.05, 0.1);
+    let (sigma_s, sigma_a, g) = (0.12f32, 0.05f32, 0.6f32);
+    let fog = Medium {
+        name: "fog".into(),
+        absorption: Coefficient::grey(sigma_a),
+        scattering: Coefficient::Scaled(sigma_s, colored()),
+        asymmetry: g,
+        emission: None,
+    };
+    let wall = Quad { corner: Vec3::new(8.0, -9.0, -9.0), edges: [Vec3::Y * 18.0, Vec3::Z * 18.0] };
+    let kind = PunctualKind::Point { position: lamp };
+    let scene = Scene::build(Description {
+        materials: vec![Material::new("wall", Scattering::Black)],
+        objects: vec![Object::new("wall", Shape::Quad(wall), 0)],
+        punctual: vec![Punctual::new("lamp", Spectrum::light_from_rgb(Vec3::ONE), kind)],
+        air: Some(Air { medium: fog, bounds: None }),
+        ..Default::default()
+    })
+    .unwrap();
+    let scattering = NM.map(|nm| f64::from(sigma_s * colored().at(nm)));
+    let expected = scattering.map(|s| once(lamp, 8.0, s, s + f64::from(sigma_a), f64::from(g)));
+    let plain = variance_by_extinction(lamp, 8.0, scattering, f64::from(sigma_a), f64::from(g));
+    let n = 20_000;
+    let (found, error) = mean(&scene, Vec3::ZERO, Vec3::X, n, &ONCE);
+    for k in 0..4 {
+        assert!(
+            (found[k] - expected[k]).abs() < 3.0 * error[k],
+            "{} nm: {} ± {}, expected {}",
+            NM[k],
+            found[k],
+            error[k],
+            expected[k]
+        );
+        // Integrating the weighted strategies gives 0.024 of the variance and 0.20 of the square of the mean.
+        let variance = error[k].powi(2) * f64::from(n);
+        assert!(variance < 0.05 * plain[k], "{} nm: variance {variance}, by extinction alone {}", NM[k], plain[k]);
+        assert!(variance < 0.3 * expected[k].powi(2), "{} nm: variance {variance}, mean {}", NM[k], expected[k]);
+    }
+}
+
+#[test]
+fn a_lamp_in_a_body_of_fog_lights_only_the_body() {
+    // A ball of fog of 2 m without a surface, in clear air, and a lamp within: the camera and what is behind are in the clear.
+    let lamp = Vec3::new(0.2, 0.3, 0.1);
+    let fog = Medium { absorption: Coefficient::grey(0.1), scattering: Coefficient::grey(0.4), ..Medium::fog(1.0, 1.0, 0.3) };
+    let scene = Scene::build(Description {
+        materials: vec![face(Interior::Body { medium: Some(Arc::new(fog)), priority: None })],
+        objects: vec![ball(0, 2.0)],
+        punctual: vec![Punctual::new("lamp", Spectrum::light_from_rgb(Vec3::ONE), PunctualKind::Point { position: lamp })],
+        ..Default::default()
+    })
+    .unwrap();
+    // Seen from where the ray enters the ball.
+    let expected = once(lamp + Vec3::X * 2.0, 4.0, 0.4, 0.5, 0.3);
+    assert_near(mean(&scene, Vec3::X * -7.0, Vec3::X, 40_000, &ONCE), [expected; 4], "a body of fog");
+}
+
+#[test]
+fn the_beam_of_a_spot_in_fog_is_where_its_cone_is() {
+    // Across the ray, and against it like a headlamp.
+    let fog = Medium { absorption: Coefficient::grey(0.02), scattering: Coefficient::grey(0.1), ..Medium::fog(1.0, 1.0, 0.5) };
+    let (cos_inner, cos_outer) = (0.97f32, 0.9f32);
+    for (position, toward) in
+        [(Vec3::new(5.0, 2.0, 0.4), Vec3::new(0.1, -1.0, -0.2)), (Vec3::new(9.0, 0.3, 0.0), Vec3::new(-1.0, -0.05, 0.0))]
+    {
+        let direction = toward.normalize();
+        let kind = PunctualKind::Spot { position, direction, cos_inner, cos_outer, edge: SpotEdge::Squared };
+        let scene = Scene::build(Description {
+            materials: vec![Material::new("far", Scattering::Black)],
+            objects: vec![Object::new("far", Shape::Sphere(Sphere { center: Vec3::Z * 1000.0, radius: 1.0 }), 0)],
+            punctual: vec![Punctual::new("lamp", Spectrum::light_from_rgb(Vec3::ONE), kind)],
+            air: Some(Air { medium: fog.clone(), bounds: None }),
+            ..Default::default()
+        })
+        .unwrap();
+        let (length, n) = (120.0, 400_000);
+        let expected: f64 = (0..n)
+            .map(|i| {
+                let s = (f64::from(i) + 0.5) / f64::from(n) * length;
+                let to = position.as_dvec3() - glam::DVec3::X * s;
+                let r = to.length();
+                let cos = -direction.as_dvec3().dot(to) / r;
+                let ramp = ((cos - f64::from(cos_outer)) / f64::from(cos_inner - cos_outer)).clamp(0.0, 1.0);
+                let phase = 0.75 / (4.0 * std::f64::consts::PI * (1.25 - to.x / r).powf(1.5));
+                0.1 * phase * ramp * ramp * (-0.12 * (s + r)).exp() / (r * r) * length / f64::from(n)
+            })
+            .sum();
+        let found = mean(&scene, Vec3::ZERO, Vec3::X, 40_000, &ONCE);
+        assert!(found.1[0] < 0.01 * found.0[0], "{found:?}");
+        assert_near(found, [expected; 4], "a spot");
+    }
+}
+
+#[test]
+fn all_ways_to_a_lamp_with_extent_add_up_to_its_light() {
+    // Smoke that only scatters is invisible within walls of one radiance, however deep: a box of six lamps, which the three strategies find with very
+    // different densities.
+    let [e, f] = [2.0f32, 1.0];
+    let walls = [
+        (Vec3::new(-e, -f, -f), [Vec3::Y, Vec3::Z]),
+        (Vec3::new(e, -f, -f), [Vec3::Z, Vec3::Y]),
+        (Vec3::new(-e, -f, -f), [Vec3::Z, Vec3::X]),
+        (Vec3::new(-e, f, -f), [Vec3::X, Vec3::Z]),
+        (Vec3::new(-e, -f, -f), [Vec3::X, Vec3::Y]),
+        (Vec3::new(-e, -f, f), [Vec3::Y, Vec3::X]),
+    ];
+    let size = Vec3::new(2.0 * e, 2.0 * f, 2.0 * f);
+    for g in [-0.3, 0.0, 0.8] {
+        let smoke = Medium {
+            name: "smoke".into(),
+            absorption: Coefficient::NONE,
+            scattering: Coefficient::Scaled(0.7, colored()),
+            asymmetry: g,
+            emission: None,
+        };
+        let scene = Scene::build(Description {
+            materials: vec![Material::lamp("wall", Spectrum::light_from_rgb(Vec3::ONE))],
+            objects: walls
+                .iter()
+                .map(|(corner, edges)| {
+                    Object::new("wall", Shape::Quad(Quad { corner: *corner, edges: edges.map(|v| v * size) }), 0)
+                })
+                .collect(),
+            air: Some(Air { medium: smoke, bounds: None }),
+            ..Default::default()
+        })
+        .unwrap();
+        let found = mean(&scene, Vec3::new(-1.5, 0.3, 0.2), Vec3::new(1.0, 0.1, -0.2), 10_000, &DEEP);
+        assert!(found.1[0] < 0.02, "{found:?}");
+        assert_near(found, [1.0; 4], &format!("g {g}"));
+    }
+}
+
+#[test]
+fn small_round_lamps_in_fog_are_as_points() {
+    // A ball of 1 cd: radiance 1 / (π r²).
+    let (center, radius) = (Vec3::new(4.0, 0.5, 0.2), 0.02f32);
+    let fog = Medium { absorption: Coefficient::grey(0.05), scattering: Coefficient::grey(0.2), ..Medium::fog(1.0, 1.0, 0.6) };
+    let radiance = 1.0 / (std::f32::consts::PI * radius * radius);
+    let scene = Scene::build(Description {
+        materials: vec![Material::lamp("ball", Spectrum::light_from_rgb(Vec3::splat(radiance)))],
+        objects: vec![Object::new("ball", Shape::Sphere(Sphere { center, radius }), 0)],
+        air: Some(Air { medium: fog, bounds: None }),
+        ..Default::default()
+    })
+    .unwrap();
+    let found = mean(&scene, Vec3::ZERO, Vec3::X, 40_000, &ONCE);
+    // Noise of equi-angular samples: about half of the mean a sample.
+    assert!(found.1[0] < 0.005 * found.0[0], "{found:?}");
+    assert_near(found, [once(center, 60.0, 0.2, 0.25, 0.6); 4], "a small ball");
 }
 
 #[test]

@@ -3,7 +3,7 @@
 //! Sources: Ureña, Fajardo & King 2013, "An Area-Preserving Parametrization for Spherical Rectangles" (EGSR); PBR 6.2.4 and
 //! 12.4 (cone of a sphere). Other parallelograms and triangles are sampled by area.
 
-use super::{Aim, Spot, clearance, tree::LightBounds};
+use super::{Aim, Spot, clearance, segment::Pivot, tree::LightBounds};
 use crate::bvh::Bounds;
 use crate::material::Material;
 use crate::shape::{Quad, Sphere};
@@ -92,6 +92,16 @@ impl AreaLight {
             AreaShape::Sphere(s) => (Bounds { min: s.center - s.radius, max: s.center + s.radius }, Vec3::Z, PI),
         };
         LightBounds::new(bounds, axis, spread, PI / 2.0, self.two_sided, power)
+    }
+
+    /// What equi-angular sampling needs to know.
+    pub(crate) fn pivot(&self) -> Pivot {
+        let (middle, area) = match &self.shape {
+            AreaShape::Triangle(q) => (q.corner + (q.edges[0] + q.edges[1]) / 3.0, self.area),
+            AreaShape::Parallelogram(q) => (q.point(Vec2::splat(0.5)), self.area),
+            AreaShape::Sphere(s) => return Pivot::of_area(s.center, PI * s.radius * s.radius, None),
+        };
+        Pivot::of_area(middle, area, (!self.two_sided).then_some((self.normal, 0.0)))
     }
 
     /// Radiance at a place of the surface.

@@ -1,12 +1,14 @@
 //! Things that send out light, and how a point decides which of them to aim at.
 //!
 //! [`area`] (emissive triangles, parallelograms, spheres), [`punctual`] (glTF's point, spot and directional lights),
-//! [`environment`] (a lat-long map around everything), [`tree`] (many lights, chosen by what they can contribute).
+//! [`environment`] (a lat-long map around everything), [`tree`] (many lights, chosen by what they can contribute), [`segment`] (lights seen from a
+//! ray in a medium).
 
 pub mod area;
 pub mod environment;
 pub mod modulation;
 pub mod punctual;
+pub mod segment;
 pub mod tree;
 
 pub use area::AreaLight;
@@ -16,6 +18,7 @@ pub use punctual::{Punctual, PunctualKind, SpotEdge};
 
 use diopter_light::Sampled;
 use glam::Vec3;
+use segment::{Pivot, Segment};
 use tree::{LightBounds, Tree};
 
 /// A direction towards a light, seen from a point.
@@ -78,6 +81,8 @@ pub struct Lights {
     tree: Tree,
     /// Leaf of the tree of each area light; `NOWHERE` for flashes.
     area_leaf: Vec<u32>,
+    /// The same of each punctual light; `NOWHERE` for flashes and lights at infinity.
+    punctual_leaf: Vec<u32>,
     tree_lights: Vec<LightRef>,
     /// Directional lights and the environment, with an estimate of the irradiance each gives.
     infinite: Vec<(LightRef, f32)>,
@@ -115,7 +120,7 @@ impl Lights {
         let mut tree_lights = Vec::new();
         let mut infinite = Vec::new();
         let mut flashes = Vec::new();
-        let mut area_place = vec![NOWHERE; area.len()];
+        let (mut area_place, mut punctual_place) = (vec![NOWHERE; area.len()], vec![NOWHERE; punctual.len()]);
         for (i, (light, placed)) in area.iter().zip(placed_area).enumerate() {
             let light_ref = LightRef::Area(i as u32);
             if placed.flash {
@@ -133,6 +138,7 @@ impl Lights {
             }
             match placed.bounds.or_else(|| light.bounds()) {
                 Some(b) => {
+                    punctual_place[i] = bounds.len() as u32;
                     bounds.push(b);
                     tree_lights.push(LightRef::Punctual(i as u32));
                 }
@@ -150,13 +156,33 @@ impl Lights {
         let discs =
             (0..punctual.len() as u32).filter(|i| matches!(punctual[*i as usize].kind, PunctualKind::Disc { .. })).collect();
         let (tree, leaves) = Tree::new(&bounds);
-        let area_leaf = area_place.into_iter().map(|p| leaves.get(p as usize).copied().unwrap_or(NOWHERE)).collect();
-        Lights { area, punctual, environment, tree, area_leaf, tree_lights, infinite, infinite_total, discs, flashes }
+        let leaves_of =
+            |places: Vec<u32>| places.into_iter().map(|p| leaves.get(p as usize).copied().unwrap_or(NOWHERE)).collect();
+        let (area_leaf, punctual_leaf) = (leaves_of(area_place), leaves_of(punctual_place));
+        Lights {
+            area,
+            punctual,
+            environment,
+            tree,
+            area_leaf,
+            punctual_leaf,
+            tree_lights,
+            infinite,
+            infinite_total,
+            discs,
+            flashes,
+        }
     }
 
     /// Whether there is no light to aim at.
     pub fn is_empty(&self) -> bool {
         self.tree_lights.is_empty() && self.infinite.is_empty() && self.flashes.is_empty()
+    }
+
+    /// Whether there are lights that [`Lights::choose_along`] may give.
+    #[inline]
+    pub(crate) fn has_finite(&self, flash_burns: bool) -> bool {
+        !self.tree_lights.is_empty() || (flash_burns && !self.flashes.is_empty())
     }
 
     /// Share of the aims that go to flashes.
@@ -222,6 +248,73 @@ impl Lights {
         match self.area_leaf[light as usize] {
             NOWHERE => flash / self.flashes.len() as f32,
             leaf => (1.0 - flash) * self.finite_share(p, n) * self.tree.probability(p, n, leaf),
+        }
+    }
+
+    /// Probability with which [`Lights::choose`] finds a light that [`Lights::choose_along`] gave from a point in a medium.
+    #[inline]
+    pub(crate) fn finite_probability(&self, p: Vec3, light: LightRef, flash_burns: bool) -> f32 {
+        let leaf = self.leaf(light);
+        let flash = self.flash_share(flash_burns);
+        match leaf {
+            NOWHERE => flash / self.flashes.len().max(1) as f32,
+            leaf => (1.0 - flash) * self.finite_share(p, Vec3::ZERO) * self.tree.probability(p, Vec3::ZERO, leaf),
+        }
+    }
+
+    /// Leaf of a light that is not at infinity; `NOWHERE` for flashes.
+    #[inline]
+    fn leaf(&self, light: LightRef) -> u32 {
+        match light {
+            LightRef::Area(i) => self.area_leaf[i as usize],
+            LightRef::Punctual(i) => self.punctual_leaf[i as usize],
+            LightRef::Environment => NOWHERE,
+        }
+    }
+
+    /// Share of the choices along a segment that go to flashes.
+    #[inline]
+    fn flash_share_along(&self, flash_burns: bool) -> f32 {
+        match flash_burns && !self.flashes.is_empty() {
+            false => 0.0,
+            true if self.tree_lights.is_empty() => 1.0,
+            true => FLASH_SHARE,
+        }
+    }
+
+    /// Chooses one of the lights that are not at infinity for a segment of a ray in a medium by the number `u`: the light and its probability. (A
+    /// flash may be at infinity nevertheless: it has no [`Pivot`].)
+    #[inline]
+    pub(crate) fn choose_along(&self, segment: &Segment, u: f32, flash_burns: bool) -> Option<(LightRef, f32)> {
+        let flash = self.flash_share_along(flash_burns);
+        if u < flash {
+            let each = flash / self.flashes.len() as f32;
+            return Some((self.flashes[((u / each) as usize).min(self.flashes.len() - 1)], each));
+        }
+        let (leaf, probability) = match self.tree_lights.len() {
+            0 => return None,
+            _ => self.tree.choose_along(segment, (u - flash) / (1.0 - flash))?,
+        };
+        Some((self.tree_lights[leaf], probability * (1.0 - flash)))
+    }
+
+    /// Probability with which [`Lights::choose_along`] finds a light that is not at infinity.
+    #[inline]
+    pub(crate) fn probability_along(&self, segment: &Segment, light: LightRef, flash_burns: bool) -> f32 {
+        let flash = self.flash_share_along(flash_burns);
+        match self.leaf(light) {
+            NOWHERE => flash / self.flashes.len().max(1) as f32,
+            leaf => (1.0 - flash) * self.tree.probability_along(segment, leaf),
+        }
+    }
+
+    /// What equi-angular sampling needs to know of a light that stands still; `None` at infinity.
+    #[inline]
+    pub(crate) fn pivot(&self, light: LightRef) -> Option<Pivot> {
+        match light {
+            LightRef::Area(i) => Some(self.area[i as usize].pivot()),
+            LightRef::Punctual(i) => self.punctual[i as usize].kind.pivot(),
+            LightRef::Environment => None,
         }
     }
 

@@ -1,6 +1,6 @@
 //! Lights without extent (glTF's KHR_lights_punctual), and discs at infinity such as the sun.
 
-use super::{Aim, Modulation, Spot, tree::LightBounds};
+use super::{Aim, Modulation, Spot, segment::Pivot, tree::LightBounds};
 use crate::bvh::Bounds;
 use diopter_image::Raster;
 use diopter_light::color::SRGB_LUMINANCE;
@@ -133,7 +133,7 @@ pub enum PunctualKind {
 
 impl PunctualKind {
     /// The geometry when its space is placed in the world.
-    fn placed(self, place: &Affine3A) -> PunctualKind {
+    pub(crate) fn placed(self, place: &Affine3A) -> PunctualKind {
         let turned = |d: Vec3| place.transform_vector3(d).try_normalize().unwrap_or(d);
         match self {
             PunctualKind::Point { position } => PunctualKind::Point { position: place.transform_point3(position) },
@@ -146,6 +146,17 @@ impl PunctualKind {
             },
             PunctualKind::Directional { direction } => PunctualKind::Directional { direction: turned(direction) },
             PunctualKind::Disc { direction, half_angle } => PunctualKind::Disc { direction: turned(direction), half_angle },
+        }
+    }
+
+    /// What equi-angular sampling needs to know; `None` at infinity.
+    pub(crate) fn pivot(self) -> Option<Pivot> {
+        match self {
+            PunctualKind::Point { position } => Some(Pivot::point(position)),
+            PunctualKind::Spot { position, direction, cos_outer, .. } => {
+                Some(Pivot { cone: Some((direction, cos_outer)), ..Pivot::point(position) })
+            }
+            PunctualKind::Directional { .. } | PunctualKind::Disc { .. } => None,
         }
     }
 

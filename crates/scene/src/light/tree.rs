@@ -1,8 +1,9 @@
 //! A tree over lights: each step goes to the half that can contribute more to the point in question.
 //!
 //! Source: Conty Estevez & Kulla 2018, "Importance Sampling of Many Lights with Adaptive Tree Splitting" (without the
-//! splitting), in the form of PBR 12.6.3.
+//! splitting), in the form of PBR 12.6.3. For a segment of a ray in a scattering medium: by what reaches all of it.
 
+use super::segment::Segment;
 use crate::bvh::Bounds;
 use glam::Vec3;
 use std::f32::consts::PI;
@@ -49,6 +50,56 @@ impl LightBounds {
         }
     }
 
+    /// Estimate of what these lights scatter into a segment of a ray, up to a constant factor: ∫ Φ/r² dt is Φ times the angle of the segment over the
+    /// distance from its line (C. Kulla, M. Fajardo 2012), times what extinction leaves on the shortest way.
+    fn importance_along(&self, s: &Segment) -> f32 {
+        let center = self.bounds.center();
+        let radius2 = self.bounds.size().length_squared() * 0.25;
+        let (t, d2) = s.nearest(center);
+        let offset = (d2 + radius2).max(1e-12).sqrt();
+        let angle = s.angle(s.far, t, offset);
+        let at = t.clamp(s.near, s.far);
+        let d2_near = d2 + (t - at) * (t - at);
+        let cos_out = if d2_near <= radius2 || self.cos_spread <= -1.0 {
+            1.0
+        } else {
+            let sin_b = (radius2 / d2_near).sqrt();
+            let cos_b = (1.0 - radius2 / d2_near).sqrt();
+            let cos_w = self.most_toward(s, center);
+            let (cos_x, sin_x) = cos_sin_less((cos_w, sin_of(cos_w)), (self.cos_spread, sin_of(self.cos_spread)));
+            cos_sin_less((cos_x, sin_x), (cos_b, sin_b)).0
+        };
+        if cos_out <= self.cos_emission {
+            return 0.0;
+        }
+        let way = at - s.near + (d2_near.sqrt() - radius2.sqrt()).max(0.0);
+        self.power * cos_out.max(0.0) * angle / offset * (-s.extinction * way).exp()
+    }
+
+    /// Greatest cosine between the axis of the normals and the directions from a point to a segment.
+    fn most_toward(&self, s: &Segment, center: Vec3) -> f32 {
+        let direction_to = |t: f32| match t.is_finite() {
+            true => (s.origin + s.direction * t - center).normalize_or_zero(),
+            false => s.direction,
+        };
+        let (a, b) = (direction_to(s.near), direction_to(s.far));
+        let most = |axis: Vec3| {
+            let ends = axis.dot(a).max(axis.dot(b));
+            // The directions are an arc: the axis may be nearest to a place within it.
+            let turn = a.cross(b);
+            let length2 = turn.length_squared();
+            if length2 < 1e-12 {
+                return ends;
+            }
+            let flat = axis - turn * (axis.dot(turn) / length2);
+            match a.cross(flat).dot(turn) >= 0.0 && flat.cross(b).dot(turn) >= 0.0 {
+                true => flat.length(),
+                false => ends,
+            }
+        };
+        if self.two_sided { most(self.axis).max(most(-self.axis)) } else { most(self.axis) }
+    }
+
     /// Upper estimate of what these lights can contribute at `p` with normal `n`, up to a constant factor.
     fn importance(&self, p: Vec3, n: Vec3) -> f32 {
         let center = self.bounds.center();
@@ -83,6 +134,15 @@ impl LightBounds {
         }
         importance
     }
+}
+
+fn sin_of(cos: f32) -> f32 {
+    (1.0 - cos * cos).max(0.0).sqrt()
+}
+
+/// Cosine and sine of max(0, a − b), of angles given so.
+fn cos_sin_less((cos_a, sin_a): (f32, f32), (cos_b, sin_b): (f32, f32)) -> (f32, f32) {
+    if cos_a > cos_b { (1.0, 0.0) } else { (cos_a * cos_b + sin_a * sin_b, sin_a * cos_b - cos_a * sin_b) }
 }
 
 /// The smallest cone around two, as axis and cosine of the half angle.
@@ -156,14 +216,24 @@ impl Tree {
 
     /// Probability of the first child of an inner node.
     #[inline]
-    fn first_share(&self, node: u32, p: Vec3, n: Vec3) -> Option<f32> {
-        let a = self.nodes[node as usize + 1].lights.importance(p, n);
-        let b = self.nodes[self.nodes[node as usize].second as usize].lights.importance(p, n);
+    fn first_share(&self, node: u32, importance: impl Fn(&LightBounds) -> f32) -> Option<f32> {
+        let a = importance(&self.nodes[node as usize + 1].lights);
+        let b = importance(&self.nodes[self.nodes[node as usize].second as usize].lights);
         (a + b > 0.0).then(|| a / (a + b))
     }
 
     /// A light for the point and its probability. `None` where no light can contribute.
-    pub fn choose(&self, p: Vec3, n: Vec3, mut u: f32) -> Option<(usize, f32)> {
+    pub fn choose(&self, p: Vec3, n: Vec3, u: f32) -> Option<(usize, f32)> {
+        self.choose_by(u, |lights| lights.importance(p, n))
+    }
+
+    /// A light for a segment of a ray and its probability. `None` where no light can contribute.
+    pub fn choose_along(&self, segment: &Segment, u: f32) -> Option<(usize, f32)> {
+        self.choose_by(u, |lights| lights.importance_along(segment))
+    }
+
+    #[inline]
+    fn choose_by(&self, mut u: f32, importance: impl Fn(&LightBounds) -> f32 + Copy) -> Option<(usize, f32)> {
         let mut node = 0u32;
         let mut probability = 1.0;
         loop {
@@ -171,7 +241,7 @@ impl Tree {
             if here.second == 0 {
                 return Some((here.light as usize, probability));
             }
-            let share = self.first_share(node, p, n)?;
+            let share = self.first_share(node, importance)?;
             if u < share {
                 u /= share;
                 probability *= share;
@@ -186,11 +256,21 @@ impl Tree {
 
     /// Probability with which [`Tree::choose`] ends at a leaf.
     pub fn probability(&self, p: Vec3, n: Vec3, leaf: u32) -> f32 {
+        self.probability_by(leaf, |lights| lights.importance(p, n))
+    }
+
+    /// Probability with which [`Tree::choose_along`] ends at a leaf.
+    pub fn probability_along(&self, segment: &Segment, leaf: u32) -> f32 {
+        self.probability_by(leaf, |lights| lights.importance_along(segment))
+    }
+
+    #[inline]
+    fn probability_by(&self, leaf: u32, importance: impl Fn(&LightBounds) -> f32 + Copy) -> f32 {
         let mut probability = 1.0;
         let mut node = leaf;
         while self.nodes[node as usize].parent != u32::MAX {
             let parent = self.nodes[node as usize].parent;
-            let Some(share) = self.first_share(parent, p, n) else { return 0.0 };
+            let Some(share) = self.first_share(parent, importance) else { return 0.0 };
             probability *= if node == parent + 1 { share } else { 1.0 - share };
             node = parent;
         }
@@ -270,6 +350,47 @@ mod tests {
                 assert!((tree.probability(p, n, leaves[light]) / probability - 1.0).abs() < 1e-3);
             }
         }
+    }
+
+    #[test]
+    fn probabilities_along_segments_add_up_and_match_the_choice() {
+        let (tree, leaves) = Tree::new(&lamps(100));
+        for (far, extinction) in [(12.0, 0.0), (12.0, 0.5), (f32::INFINITY, 0.1)] {
+            let (origin, direction) = (Vec3::new(-1.0, 1.0, 2.0), Vec3::new(0.8, 0.0, 0.6));
+            let segment = Segment { origin, direction, near: 0.5, far, extinction };
+            let sum: f32 = leaves.iter().map(|l| tree.probability_along(&segment, *l)).sum();
+            assert!((sum - 1.0).abs() < 1e-3, "{sum}");
+            for i in 0..200 {
+                let (light, probability) = tree.choose_along(&segment, (i as f32 + 0.5) / 200.0).unwrap();
+                assert!((tree.probability_along(&segment, leaves[light]) / probability - 1.0).abs() < 1e-3);
+            }
+        }
+    }
+
+    #[test]
+    fn lights_are_chosen_by_the_integral_of_the_inverse_square_along_a_segment() {
+        let at = |p: Vec3| LightBounds::new(Bounds { min: p, max: p }, Vec3::Z, PI, PI / 2.0, false, 1.0);
+        let places = [Vec3::new(3.0, 0.5, 0.0), Vec3::new(-2.0, 1.0, 0.0)];
+        let (tree, leaves) = Tree::new(&places.map(at));
+        let segment = Segment { origin: Vec3::ZERO, direction: Vec3::X, near: 0.0, far: 5.0, extinction: 0.0 };
+        let integral = |p: Vec3| {
+            let n = 20_000;
+            (0..n).map(|i| 1.0 / p.distance_squared(Vec3::X * ((i as f32 + 0.5) / n as f32 * 5.0))).sum::<f32>() / n as f32
+        };
+        let [a, b] = places.map(integral);
+        let found = tree.probability_along(&segment, leaves[0]);
+        assert!((found - a / (a + b)).abs() < 1e-3, "{found} {a} {b}");
+    }
+
+    #[test]
+    fn lights_that_face_away_from_a_whole_segment_are_not_chosen_for_it() {
+        let segment = Segment { origin: Vec3::ZERO, direction: Vec3::X, near: 0.0, far: 4.0, extinction: 0.0 };
+        let p = Vec3::new(2.0, 1.0, 0.0);
+        let facing = |axis: Vec3, angle: f32| LightBounds::new(Bounds { min: p, max: p }, axis, 0.0, angle, false, 1.0);
+        assert_eq!(facing(Vec3::Y, PI / 2.0).importance_along(&segment), 0.0);
+        // A narrow cone that meets the middle of the segment, but neither of its ends.
+        assert!(facing(Vec3::NEG_Y, 0.2).importance_along(&segment) > 0.0);
+        assert_eq!(facing(Vec3::Z, 0.2).importance_along(&segment), 0.0);
     }
 
     #[test]

@@ -1,0 +1,225 @@
+//! One segment of a path through a homogeneous medium: what it emits, the light of lamps that it scatters into the ray, and where the path goes on.
+//!
+//! Light that arrives from a lamp after one scattering is estimated by three strategies, joined by the power heuristic (E. Veach 1997):
+//!
+//! * distance: a scattering vertex by extinction, there a light and a point on it (next-event estimation);
+//! * phase: the same vertex, a direction by the phase function that meets the lamp;
+//! * equi-angular: a light for the whole segment, the distance as that light sees it ([`crate::light::segment`]; C. Kulla, M. Fajardo 2012), from there a
+//!   point on the light. Near a lamp 1/r² stands in its density, so that lamps in fog leave no single bright samples.
+//!
+//! Densities are compared per metre of the segment and per solid angle at the place of scattering. All strategies draw a point of a light by the same
+//! density, which therefore cancels between the first and the last. Lights at infinity are left to the first two.
+
+use super::{Aimed, PathSettings, mis, survives};
+use crate::light::LightRef;
+use crate::light::segment::{EquiAngular, Pivot, Segment};
+use crate::medium::{Flight, Medium, Sigma, phase, scattered};
+use crate::scene::Scene;
+use crate::within::Within;
+use diopter_light::random::{Sampler, Set};
+use diopter_light::{Ray, Sampled, Wavelengths};
+use glam::Vec3;
+
+/// Optical depth beyond which lights are left to the other strategies: 1e-7 of the light is left there.
+const DEEPEST: f32 = 16.0;
+
+/// Optical depth from which most of what a segment scatters towards the camera comes.
+const USUAL_DEPTH: f32 = 6.0;
+
+/// Angle (rad) under which a light must see the segment for an equi-angular sample to be taken always. The irradiance changes little along what is seen
+/// under less, and samples by extinction do as well.
+const WIDE: f32 = 0.5;
+
+/// Least fraction of the segments on which a sample is taken: what makes it rare must not make it bright.
+const RAREST: f32 = 0.05;
+
+/// A segment of a path in a medium, ready to be taken.
+pub(super) struct MediumSegment<'a> {
+    pub scene: &'a Scene,
+    pub medium: &'a Medium,
+    /// The part of the ray in the medium, m.
+    pub span: [f32; 2],
+    pub ray: &'a Ray,
+    pub within: Within<'a>,
+    pub wavelengths: &'a Wavelengths,
+    pub sampler: &'a Sampler,
+    pub settings: &'a PathSettings,
+    /// Scattering events so far.
+    pub vertex: u32,
+    /// Number of the segment of the path.
+    pub leg: u32,
+    /// Whether a flash is burning.
+    pub flash: bool,
+}
+
+/// How a path goes on behind a segment in a medium.
+pub(super) enum After {
+    /// It reaches the end of the segment.
+    Through,
+    /// It goes on elsewhere.
+    Scattered {
+        /// The ray that it goes on with.
+        ray: Ray,
+        /// The vertex.
+        last: Aimed,
+        /// The segment on which the vertex lies.
+        on: ScatteredOn,
+    },
+    /// It brings no more.
+    Ended,
+}
+
+/// A segment as equi-angular samples see it.
+#[derive(Clone, Copy)]
+struct Inscatter {
+    segment: Segment,
+    asymmetry: f32,
+    /// Whether a sample is taken whatever the light sees of the segment.
+    always: bool,
+    time_s: f32,
+    flash: bool,
+}
+
+/// A segment on which a path was scattered: what equi-angular sampling would have done there.
+#[derive(Clone, Copy)]
+pub(super) struct ScatteredOn {
+    inscatter: Option<Inscatter>,
+    /// Distance of the vertex, m.
+    distance: f32,
+    /// Density of that distance by extinction, 1/m.
+    density: f32,
+}
+
+impl ScatteredOn {
+    /// Density of an equi-angular sample of a light at the vertex over that of the vertex, the density of the direction not included.
+    #[inline]
+    pub fn equiangular(&self, scene: &Scene, light: LightRef) -> f32 {
+        self.inscatter.map_or(0.0, |i| i.density(scene, light, self.distance) / self.density)
+    }
+}
+
+impl Inscatter {
+    /// Fraction of the segments on which a sample of a light is taken.
+    fn fraction(&self, light: &Pivot) -> f32 {
+        if self.always {
+            return 1.0;
+        }
+        let s = &self.segment;
+        (light.angle(s, s.near + USUAL_DEPTH / s.extinction) / WIDE).clamp(RAREST, 1.0)
+    }
+
+    /// Density of a distance along the ray by equi-angular samples of a light, the choice of the light included, 1/m.
+    fn density(&self, scene: &Scene, light: LightRef, distance: f32) -> f32 {
+        let Some(pivot) = scene.pivot(light, self.time_s) else { return 0.0 };
+        let Some(distances) = EquiAngular::new(&self.segment, &pivot, self.asymmetry) else { return 0.0 };
+        match distances.density(distance) {
+            0.0 => 0.0,
+            density => scene.lights().probability_along(&self.segment, light, self.flash) * self.fraction(&pivot) * density,
+        }
+    }
+}
+
+impl MediumSegment<'_> {
+    /// Adds the light of the segment to `radiance`, and takes the path on.
+    pub fn take(&self, throughput: &mut Sampled, squeezed: f32, radiance: &mut Sampled) -> After {
+        let [near, far] = self.span;
+        let sigma = self.medium.at(self.wavelengths);
+        if let Some(emission) = &self.medium.emission {
+            *radiance += *throughput * emission.sample_light(self.wavelengths) * sigma.absorption * sigma.depth(far - near);
+        }
+        let before = *throughput;
+        let inscatter = self.inscatter(&sigma, before);
+        let [u, v, w, _] = self.sampler.get(Set::Medium(self.leg));
+        if let Some(inscatter) = &inscatter {
+            *radiance += self.equiangular(inscatter, &sigma, before, w).unwrap_or(Sampled::ZERO);
+        }
+        let distance = match sigma.fly(far - near, [u, v], before) {
+            Flight::Through(weight) => {
+                *throughput *= weight;
+                return After::Through;
+            }
+            Flight::Scattered(distance, weight) => {
+                *throughput *= weight;
+                distance
+            }
+        };
+        if self.vertex >= self.settings.max_depth || !(throughput.max_element() > 0.0) {
+            return After::Ended;
+        }
+        let on = ScatteredOn { inscatter, distance: near + distance, density: sigma.density(distance, before) };
+        let point = self.ray.at(near + distance);
+        *radiance += self.lit(&on, point, *throughput).unwrap_or(Sampled::ZERO);
+        let u = self.sampler.get(Set::Scatter(self.vertex));
+        let (direction, density) = scattered(self.ray.direction, self.medium.asymmetry, [u[0], u[1]]);
+        if !survives(throughput, squeezed, self.vertex + 1, u[3], self.settings) {
+            return After::Ended;
+        }
+        let last = Aimed { point, normal: Vec3::ZERO, density, gone: 0.0 };
+        After::Scattered { ray: Ray { origin: point, direction, time_s: self.ray.time_s }, last, on }
+    }
+
+    /// The segment for equi-angular samples; `None` where there is nothing to sample.
+    fn inscatter(&self, sigma: &Sigma, throughput: Sampled) -> Option<Inscatter> {
+        let worth = throughput.element_sum() > 0.0 && self.vertex < self.settings.max_depth;
+        if sigma.scattering == Sampled::ZERO || !worth || !self.scene.lights().has_finite(self.flash) {
+            return None;
+        }
+        let [near, far] = self.span;
+        let extinction = (throughput / throughput.element_sum()).dot(sigma.extinction);
+        let far = far.min(near + DEEPEST / sigma.extinction.min_element());
+        if !(near < far && extinction > 0.0) {
+            return None;
+        }
+        let segment = Segment { origin: self.ray.origin, direction: self.ray.direction, near, far, extinction };
+        let (asymmetry, time_s, flash) = (self.medium.asymmetry, self.ray.time_s, self.flash);
+        Some(Inscatter { segment, asymmetry, always: self.vertex == 0, time_s, flash })
+    }
+
+    /// Light of a lamp that is scattered into the ray, by an equi-angular sample; `None` where there is none. `u` decides whether it is taken.
+    fn equiangular(&self, inscatter: &Inscatter, sigma: &Sigma, throughput: Sampled, u: f32) -> Option<Sampled> {
+        let (scene, segment) = (self.scene, &inscatter.segment);
+        let [choice, along, place @ ..] = self.sampler.get(Set::Inscatter(self.leg));
+        let (light, chosen) = scene.lights().choose_along(segment, choice, self.flash)?;
+        let pivot = scene.pivot(light, self.ray.time_s)?;
+        let fraction = inscatter.fraction(&pivot);
+        if u >= fraction {
+            return None;
+        }
+        let distances = EquiAngular::new(segment, &pivot, inscatter.asymmetry)?;
+        let distance = distances.sample(along);
+        let density = chosen * fraction * distances.density(distance);
+        let point = self.ray.at(distance);
+        let aim = scene.aim(light, point, place, self.ray.time_s)?;
+        if !(density > 0.0) {
+            return None;
+        }
+        let phase = phase(self.ray.direction.dot(aim.wi), inscatter.asymmetry);
+        let by_extinction = sigma.density(distance - segment.near, throughput);
+        let by_light = by_extinction * scene.lights().finite_probability(point, light, self.flash);
+        let by_phase = if aim.has_extent { by_extinction * phase / aim.pdf } else { 0.0 };
+        let weight = mis(density, by_light.hypot(by_phase));
+        let left = throughput * sigma.scattering * sigma.transmittance(distance - segment.near);
+        let light = scene.arriving(&aim, self.wavelengths, self.ray.time_s);
+        Some(self.arriving_at(point, left * light * (phase * weight / (density * aim.pdf)), &aim))
+    }
+
+    /// Light that arrives at a scattering vertex, by next-event estimation; `None` where there is none.
+    fn lit(&self, on: &ScatteredOn, point: Vec3, throughput: Sampled) -> Option<Sampled> {
+        let scene = self.scene;
+        let u = self.sampler.get(Set::Light(self.vertex));
+        let (light, probability) = scene.lights().choose(point, Vec3::ZERO, u[2], self.flash)?;
+        let aim = scene.aim(light, point, [u[0], u[1]], self.ray.time_s)?;
+        let phase = phase(self.ray.direction.dot(aim.wi), self.medium.asymmetry);
+        let density = probability * aim.pdf;
+        let by_phase = if aim.has_extent { phase } else { 0.0 };
+        let weight = mis(density, by_phase.hypot(on.equiangular(scene, light) * aim.pdf));
+        let light = scene.arriving(&aim, self.wavelengths, self.ray.time_s);
+        Some(self.arriving_at(point, throughput * light * (phase * weight / density), &aim))
+    }
+
+    /// What is left of light from a lamp at a place of the segment.
+    fn arriving_at(&self, point: Vec3, light: Sampled, aim: &crate::light::Aim) -> Sampled {
+        let sheets = self.settings.max_depth - self.vertex - 1;
+        self.scene.arrives(light, point, point, aim, self.within, self.wavelengths, self.ray.time_s, sheets)
+    }
+}
