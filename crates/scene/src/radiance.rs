@@ -3,7 +3,7 @@
 //! Unidirectional, with next-event estimation to every kind of light, multiple importance sampling (Veach 1997, power
 //! heuristic) and Russian roulette. Four wavelengths ride together (Wilkie et al. 2014); densities do not depend on the
 //! wavelength except where a body disperses, and there the path goes on with its hero alone. Light goes from lights to the
-//! camera; paths are followed the other way. In media ([`media`]) distances are drawn by extinction and as lamps see the ray, directions by the phase
+//! camera; paths are followed the other way. In media (`radiance/media.rs`) distances are drawn by extinction and as lamps see the ray, directions by the phase
 //! function. Directions at surfaces may be guided ([`crate::guide`]). Light that is aimed at comes through smooth thin sheets (panes, bubbles).
 //! Limits: caustics of small lights through bodies of glass are left to chance; a path begins outside all bodies.
 
@@ -124,7 +124,7 @@ impl Scene {
                     medium,
                     span,
                     ray: &ray,
-                    within,
+                    within: &within,
                     wavelengths,
                     sampler,
                     settings,

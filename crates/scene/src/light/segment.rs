@@ -225,7 +225,7 @@ mod tests {
                 let d = EquiAngular::new(&s, pivot, g).unwrap();
                 let [from, to] = pivot.clipped(&s).unwrap();
                 // Bins of equal probability by summing the density finely; no sample lies elsewhere.
-                let steps = 200_000;
+                let steps = 60_000;
                 let width = (to - from) as f64 / steps as f64;
                 let at = |k: usize| (from as f64 + (k as f64 + 0.5) * width) as f32;
                 let mut cumulative = vec![0.0f64];

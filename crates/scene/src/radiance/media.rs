@@ -40,7 +40,7 @@ pub(super) struct MediumSegment<'a> {
     /// The part of the ray in the medium, m.
     pub span: [f32; 2],
     pub ray: &'a Ray,
-    pub within: Within<'a>,
+    pub within: &'a Within<'a>,
     pub wavelengths: &'a Wavelengths,
     pub sampler: &'a Sampler,
     pub settings: &'a PathSettings,
@@ -220,6 +220,6 @@ impl MediumSegment<'_> {
     /// What is left of light from a lamp at a place of the segment.
     fn arriving_at(&self, point: Vec3, light: Sampled, aim: &crate::light::Aim) -> Sampled {
         let sheets = self.settings.max_depth - self.vertex - 1;
-        self.scene.arrives(light, point, point, aim, self.within, self.wavelengths, self.ray.time_s, sheets)
+        self.scene.arrives(light, point, point, aim, *self.within, self.wavelengths, self.ray.time_s, sheets)
     }
 }
