@@ -559,6 +559,12 @@ pub struct Taking {
     /// Reduce the renderer's own noise (on), or leave the exposure as computed (off).
     #[arg(long, value_name = "on|off", num_args = 0..=1, default_missing_value = "on", value_parser = on_off)]
     pub denoise: Option<bool>,
+    /// Outliers that remain when the samples end: count them less (reweight), or leave them as computed (keep).
+    ///
+    /// Without it, shoot re-weights where all files are pictures (JPEG, PNG, TIFF), and keeps where one is an exposure (DNG, EXR, --truth, ...); expose keeps.
+    /// The fraction of the light that was taken away is told. Parts of the samples and exposures larger than memory keep.
+    #[arg(long, value_name = "keep|reweight")]
+    pub fireflies: Option<diopter::shot::FireflyChoice>,
     /// Take about so long in all: "10s".
     ///
     /// With focusing, metering and denoising, which is left out where it does not fit. Of a sequence, for each picture.
@@ -1245,6 +1251,7 @@ impl Taking {
         over(&mut render.guide, &self.guide);
         over(&mut render.time_limit, &self.time_limit);
         over(&mut render.denoise, &self.denoise);
+        over(&mut render.fireflies, &self.fireflies);
         render.quick |= self.quick;
         Ok(shot)
     }

@@ -237,7 +237,7 @@ fn resumed<S: RowStore>(
         Err(e) => return Err(e).with_context(|| path.display().to_string()),
     };
     let film = &shot.camera.film;
-    match checkpoint::read_into(&mut BufReader::new(file), identity, [film.columns, film.rows, shot.bands()], rows) {
+    match checkpoint::read_into(&mut BufReader::new(file), identity, [film.columns, film.rows, shot.summed_bands()], rows) {
         Ok(sums) => {
             let all = &shot.settings.samples;
             // Of a pass under way the first tiles are done: "0.35 of 16".

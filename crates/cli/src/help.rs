@@ -104,7 +104,18 @@ const GROUPS: [Group; 10] = [
     Group {
         heading: "Rendering",
         common: &["size", "spp", "time-limit", "denoise", "quick"],
-        other: &["samples", "seed", "sampler", "max-depth", "guide", "checkpoint", "resume", "no-resume", "max-memory"],
+        other: &[
+            "samples",
+            "seed",
+            "sampler",
+            "max-depth",
+            "guide",
+            "fireflies",
+            "checkpoint",
+            "resume",
+            "no-resume",
+            "max-memory",
+        ],
     },
     Group { heading: "Output", common: &["output"], other: &["keep-plane", "truth", "merge", "stack", "save-shot"] },
 ];

@@ -1,8 +1,9 @@
 //! Pictures that memory cannot hold are refused before the work begins.
 
 use crate::AskedWrongly;
+use crate::watch::warn;
 use anyhow::anyhow;
-use diopter::shot::{Kept, Shot};
+use diopter::shot::{FireflyChoice, Kept, Shot};
 
 /// Where a focal plane has room while it is exposed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -14,7 +15,9 @@ pub enum Room {
 }
 
 /// Finds room for a focal plane: in memory if it fits into what is `allowed` (or free when nobody says). Refuses what has no room anywhere.
-pub fn room(shot: &Shot, allowed: Option<Bytes>) -> anyhow::Result<Room> {
+/// Fireflies are kept where the memory to re-weight them is not there.
+pub fn room(shot: &mut Shot, allowed: Option<Bytes>) -> anyhow::Result<Room> {
+    settle_fireflies(shot, Kept::Plane, allowed);
     if let Some(available) = available(allowed)
         && shot.bytes_needed(Kept::Plane) > available
         && shot.can_expose_rows()
@@ -28,6 +31,20 @@ pub fn room(shot: &Shot, allowed: Option<Bytes>) -> anyhow::Result<Room> {
 
 fn available(allowed: Option<Bytes>) -> Option<u64> {
     allowed.map(|Bytes(bytes)| bytes).or_else(free)
+}
+
+/// Keeps fireflies, and says so, where only without re-weighting them there is memory enough.
+pub fn settle_fireflies(shot: &mut Shot, kept: Kept, allowed: Option<Bytes>) {
+    let Some(available) = available(allowed) else { return };
+    let needed = shot.bytes_needed(kept);
+    if !shot.reweights() || needed <= available {
+        return;
+    }
+    shot.fireflies = FireflyChoice::Keep;
+    if shot.bytes_needed(kept) <= available {
+        let [needed, available] = [needed, available].map(Bytes);
+        warn(&format!("fireflies are kept: re-weighting them takes {needed} of memory, and {available} can be had"));
+    }
 }
 
 /// Refuses a shot that takes more memory than `allowed`, or than is free when nobody says.

@@ -252,6 +252,27 @@ fn a_saved_shot_repeats_the_photograph() {
 }
 
 #[test]
+fn fireflies_are_re_weighted_in_pictures_and_kept_in_exposures() {
+    let f = Folder::new("fireflies");
+    let removed = |args: &[&str]| {
+        let small = ["--size", "24x16", "--spp", "8", "--shutter", "1/30", "--json"];
+        let told = f.ok(&[args, &small[..]].concat());
+        let json: serde_json::Value = serde_json::from_slice(&told.stdout).unwrap();
+        json["facts"]["fireflies_removed"].as_f64()
+    };
+    let fraction = removed(&["shoot", "-o", "a.png"]).unwrap();
+    assert!((0.0..0.5).contains(&fraction), "{fraction}");
+    assert_eq!(removed(&["shoot", "-o", "b.png", "-o", "b.dng"]), None);
+    assert_eq!(removed(&["shoot", "-o", "c.png", "--fireflies", "keep"]), None);
+    assert_eq!(removed(&["shoot", "-o", "d.png", "--samples", "0..4"]), None);
+    assert_eq!(removed(&["shoot", "-o", "e.dng", "--fireflies", "reweight"]), Some(fraction));
+    assert_eq!(removed(&["expose", "still-life", "-o", "f.exr"]), None);
+    assert_eq!(removed(&["expose", "still-life", "-o", "g.exr", "--fireflies", "reweight"]), Some(fraction));
+    let (code, message) = f.fails(&["shoot", "--fireflies", "clamp", "-o", "h.png"]);
+    assert!(code == 2 && message.contains("neither keep nor reweight"), "{message}");
+}
+
+#[test]
 fn time_limits_and_threads_are_kept() {
     let f = Folder::new("limit");
     let started = std::time::Instant::now();

@@ -4,12 +4,14 @@
 //! sample, and are summed in double precision in an order that is always the same, so the result is the same for any number of threads and
 //! however often it was interrupted ([`Sums`]).
 
+mod fireflies;
 mod guiding;
 mod paged;
 mod response;
 mod sums;
 mod tile;
 
+pub use fireflies::{Fireflies, SUMS_WITH_CASCADE};
 pub use paged::{ExposedPaged, ExposedRows};
 pub use response::Response;
 pub use sums::{Keep, Sums};
@@ -17,12 +19,13 @@ pub use sums::{Keep, Sums};
 use crate::camera::Camera;
 use crate::row_store::{PagedRows, RowStore};
 use crate::shutter::{Moments, Place, Shutter};
-use diopter_image::focal_plane::{STRIP_STEP, Truth, bytes_a_pixel};
+use diopter_image::focal_plane::{BandUnit, STRIP_STEP, Truth, bytes_a_pixel};
 use diopter_image::{ExposureFacts, FocalPlane, Raster};
 use diopter_lens::{Lens, Projection};
 use diopter_light::random::SamplerKind;
 use diopter_light::wavelength::WavelengthSampler;
 use diopter_scene::{Guide, GuideMode, PathSettings, Scene};
+use fireflies::Cascade;
 use guiding::Guided;
 use rayon::prelude::*;
 use response::Curves;
@@ -72,6 +75,8 @@ pub struct Settings {
     /// Samples that the lens blocks (or that go through the other half) are drawn again: vignetting is not shown, nor is its noise. For
     /// probes that look for detail.
     pub redraw: bool,
+    /// What becomes of outliers when the samples end. Only an exposure in electrons of all `spp` samples at once re-weights them; parts keep them.
+    pub fireflies: Fireflies,
 }
 
 /// A half of the pupil, as seen from behind the camera.
@@ -108,7 +113,13 @@ impl Settings {
             half: None,
             rgb: false,
             redraw: false,
+            fireflies: Fireflies::Keep,
         }
+    }
+
+    /// Whether all samples are rendered, not a part of them.
+    pub fn is_whole(&self) -> bool {
+        self.samples.start == 0 && self.samples.end >= self.spp
     }
 }
 
@@ -198,9 +209,10 @@ const TILES_AT_ONCE: usize = 64;
 
 /// Bytes that exposing takes at most beside the scene: for each pixel, and for the tiles that all threads work on.
 ///
-/// A pixel has two sums in double precision a band, its mean and half difference when they are done, and depth, normal, albedo and id.
-pub fn bytes_needed(bands: usize) -> (usize, usize) {
-    let (sums, plane) = (2 * 8 * bands, bytes_a_pixel(bands));
+/// A pixel has two sums in double precision a band, its mean and half difference when they are done, and depth, normal, albedo and id. `summed`: bands
+/// that are summed, [`SUMS_WITH_CASCADE`] times as many as there are where fireflies are re-weighted.
+pub fn bytes_needed(bands: usize, summed: usize) -> (usize, usize) {
+    let (sums, plane) = (2 * 8 * summed, bytes_a_pixel(bands));
     let tile = (TILE + 2 * MARGIN).pow(2) * sums;
     (sums + plane, TILES_AT_ONCE * rayon::current_num_threads().max(1) * tile)
 }
@@ -229,14 +241,15 @@ impl Exposure<'_> {
         };
         let guided = self.train(watch, &sums)?;
         let stopped = self.take_samples(watch, &mut sums, keep, started, self.settings.time_limit_s, &guided)?;
-        let facts = self.facts_of(&sums, &guided);
-        let (mean, half_difference) = sums.finish(self.response.curves.len());
+        let mut facts = self.facts_of(&sums, &guided);
+        let (mean, half_difference, removed) = sums.finish(self.response.curves.len(), self.cascade());
+        facts.fireflies_removed = removed;
         let plane = FocalPlane { bands: self.response.bands.clone(), mean, half_difference, truth, facts };
         Ok(Exposed { plane, stopped })
     }
 
     /// The same for planes that memory cannot hold: about `memory` bytes of the sums are in memory, the others in a temporary file in `folder`. The
-    /// truth is computed when the rows are asked for; a time limit leaves time for it.
+    /// truth is computed when the rows are asked for; a time limit leaves time for it. Fireflies are kept: the cascade would take six times the room.
     pub fn run_paged(
         &self,
         watch: &Watch,
@@ -245,6 +258,10 @@ impl Exposure<'_> {
         memory: usize,
         folder: &Path,
     ) -> Result<ExposedPaged, ExposeError> {
+        if self.settings.fireflies != Fireflies::Keep {
+            let settings = Settings { fireflies: Fireflies::Keep, ..self.settings.clone() };
+            return Exposure { settings: &settings, ..*self }.run_paged(watch, start, keep, memory, folder);
+        }
         let mut sums = self.begin(start, |size| PagedRows::new(size, memory, folder))?;
         let started = Instant::now();
         let film = &self.camera.film;
@@ -284,12 +301,26 @@ impl Exposure<'_> {
     fn unit<'a>(&'a self, curves: &'a Curves, wavelengths: &'a WavelengthSampler, guide: Option<&'a Guide>) -> Unit<'a> {
         let Exposure { scene, camera, shutter, response, settings, .. } = *self;
         let behind = camera.film.microlenses.map(|m| m.behind(&camera.lens));
-        Unit { scene, camera, shutter, curves, response, wavelengths, settings, guide, behind }
+        Unit { scene, camera, shutter, curves, response, wavelengths, settings, guide, behind, cascade: self.cascade() }
     }
 
     /// The samples that are asked for.
     fn wanted(&self) -> Range<u32> {
         self.settings.samples.start..self.settings.samples.end.min(self.settings.spp)
+    }
+
+    /// The cascade by which fireflies are re-weighted; `None` where they are kept.
+    fn cascade(&self) -> Option<Cascade> {
+        let electrons = self.response.bands.iter().all(|b| b.unit == BandUnit::Electrons);
+        match self.settings.fireflies {
+            Fireflies::Reweight { white_e } if electrons && self.settings.is_whole() => Some(Cascade::new(white_e)),
+            _ => None,
+        }
+    }
+
+    /// Bands that are summed: those of the film, and of each buffer of the cascade.
+    fn summed_bands(&self) -> usize {
+        self.response.curves.len() * if self.cascade().is_some() { SUMS_WITH_CASCADE } else { 1 }
     }
 
     /// The sums to go on from, or new ones.
@@ -299,7 +330,7 @@ impl Exposure<'_> {
         rows: impl FnOnce([usize; 3]) -> std::io::Result<S>,
     ) -> Result<Sums<S>, ExposeError> {
         let film = &self.camera.film;
-        let (width, height, bands) = (film.columns, film.rows, self.response.curves.len());
+        let (width, height, bands) = (film.columns, film.rows, self.summed_bands());
         let wanted = self.wanted();
         if width == 0 || height == 0 || wanted.is_empty() {
             return Err(ExposeError::Nothing);

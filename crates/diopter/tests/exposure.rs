@@ -365,3 +365,43 @@ fn an_interrupted_exposure_goes_on_bit_for_bit() {
     let foreign = Exposure { settings: &other, ..exposure }.run(&watch, Some(kept[0].clone()), None);
     assert_eq!(foreign.unwrap_err(), ExposeError::Foreign);
 }
+
+#[test]
+fn re_weighted_exposures_have_the_same_bits_for_any_threads_and_after_a_pause() {
+    use diopter::expose::{Exposure, Fireflies};
+    let (scene, camera) = cornell(144, 128);
+    let response = Response::sensor(&Sensor::named("canon-5d-mark-iv").unwrap());
+    let mut settings = Settings { truth: false, ..Settings::new(8) };
+    let kept = take(&scene, &camera, &response, &settings);
+    // A white far below the brightest samples, so that there is something to take away.
+    let brightest = kept.mean.data.iter().copied().fold(0.0, f32::max);
+    settings.fireflies = Fireflies::Reweight { white_e: f64::from(brightest) * 0.02 };
+    let facts = ExposureFacts::default();
+    let exposure =
+        Exposure { scene: &scene, camera: &camera, shutter: &SECOND, response: &response, settings: &settings, facts: &facts };
+    let go = AtomicBool::new(false);
+    let pool = |threads: usize| rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+    let mut sums = Vec::new();
+    let whole = pool(1).install(|| {
+        let watch = Watch { cancel: &go, progress: &|_| () };
+        let mut keep = |s: &diopter::expose::Sums| {
+            sums.push(s.clone());
+            std::ops::ControlFlow::Continue(())
+        };
+        exposure.run(&watch, None, Some(&mut keep)).unwrap().plane
+    });
+    assert_eq!(pool(3).install(|| take(&scene, &camera, &response, &settings)), whole);
+    let watch = Watch { cancel: &go, progress: &|_| () };
+    let start = sums.first().expect("more tiles than one thread takes at once").clone();
+    assert_eq!(exposure.run(&watch, Some(start), None).unwrap().plane, whole);
+    // What is reported is what is missing; single precision of the planes: 1e-6.
+    let light = |plane: &FocalPlane| plane.mean.data.iter().map(|v| f64::from(*v)).sum::<f64>();
+    let removed = whole.facts.fireflies_removed.unwrap();
+    assert!(removed > 0.0 && (removed - (1.0 - light(&whole) / light(&kept))).abs() < 1e-5, "{removed}");
+    assert_eq!(kept.facts.fireflies_removed, None);
+    // Parts keep what they find, and merge to the whole.
+    let part = |samples| take(&scene, &camera, &response, &Settings { samples, ..settings.clone() });
+    let merged = FocalPlane::merge(&[part(0..4), part(4..8)]).unwrap();
+    assert_eq!(merged.facts.fireflies_removed, None);
+    assert!((light(&merged) / light(&kept) - 1.0).abs() < 1e-6);
+}

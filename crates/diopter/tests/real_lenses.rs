@@ -548,3 +548,17 @@ fn radiance_counts_all_of_the_pupil_alike() {
         assert!((found / expected - 1.0).abs() < 0.02, "{name}: {found} {expected}");
     }
 }
+
+#[test]
+fn an_even_field_is_not_re_weighted_however_bright_it_is() {
+    // Each of the four wavelengths of a path lands where its colour does: all are in doubt by their brightness, and support one another.
+    use diopter::expose::Fireflies;
+    let film = Film::new(36.0, 24.0, 24, 16);
+    let camera = before(lens("double-gauss-50mm", Some(2.0), Focus::Infinity, None, &film), film);
+    let scene = even(1.0);
+    let settings = Settings { truth: false, ..Settings::new(16) };
+    let kept = take(&scene, &camera, &settings);
+    let fireflies = Fireflies::Reweight { white_e: 1e-9 };
+    let same = take(&scene, &camera, &Settings { fireflies, ..settings });
+    assert_eq!((same.mean, same.half_difference, same.facts.fireflies_removed), (kept.mean, kept.half_difference, Some(0.0)));
+}

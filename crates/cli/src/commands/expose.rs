@@ -9,7 +9,7 @@ use crate::memory::{self, Room};
 use crate::output;
 use crate::watch::{self, say, warn, watched};
 use anyhow::anyhow;
-use diopter::shot::{Sequence, Shot};
+use diopter::shot::{FireflyChoice, Sequence, Shot};
 use std::time::Instant;
 
 pub fn run(args: &Expose, json: bool) -> anyhow::Result<()> {
@@ -23,7 +23,10 @@ pub fn run(args: &Expose, json: bool) -> anyhow::Result<()> {
     let output = output::prepare_exr(&args.output)?;
     let mut shot = Shot::prepare(&file, &mut warn)?;
     (shot.radiance, shot.rgb, shot.spectral) = (args.radiance, args.rgb, args.bands);
-    let room = memory::room(&shot, args.taking.max_memory)?;
+    if file.render.fireflies == Some(FireflyChoice::Reweight) && !shot.reweights() {
+        warn("fireflies are kept: only all samples at once of an exposure in electrons can be re-weighted");
+    }
+    let room = memory::room(&mut shot, args.taking.max_memory)?;
     watched("focusing", |w| shot.focus(w, &mut warn))?;
     watched("metering", |w| shot.meter(w, &mut warn))?;
     say_ambient(file.scene.ambient_ev, &shot.facts());
@@ -39,6 +42,9 @@ pub fn run(args: &Expose, json: bool) -> anyhow::Result<()> {
         }
         Room::Disk(cache) => {
             say("the exposure is larger than memory: its sums are in a temporary file beside the output");
+            if file.render.fireflies == Some(FireflyChoice::Reweight) {
+                warn("fireflies are kept: what is larger than memory is not re-weighted");
+            }
             let (mut exposed, kept) = checkpoint::expose_rows(&shot, &args.taking, &args.output, "exposing", cache)?;
             let seconds = started.elapsed().as_secs_f64();
             let path = output::write_strips(output, &mut *exposed.plane)?;

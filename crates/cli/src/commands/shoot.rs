@@ -5,7 +5,7 @@ use crate::AskedWrongly;
 use crate::args::Shoot;
 use crate::checkpoint;
 use crate::memory;
-use crate::output::{self, Format, Output};
+use crate::output::{self, Format, Kind, Output};
 use crate::paint;
 use crate::watch::{self, say, warn, watched};
 use anyhow::anyhow;
@@ -16,7 +16,7 @@ use diopter::lens::draw::{Axis, Chart, Color, Figure, Line, Style};
 use diopter::metering::ev100_of_setting;
 use diopter::quantity::FNumber;
 use diopter::sensor::ReadOut;
-use diopter::shot::{Kept, Sequence, Shot};
+use diopter::shot::{FireflyChoice, Kept, Sequence, Shot};
 use diopter::truth;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -89,6 +89,10 @@ pub fn run(args: &Shoot, json: bool) -> anyhow::Result<()> {
         (true, false) => Kept::Plane,
         (true, true) => Kept::ReadOut,
     };
+    let all = file.output.files.iter().chain(&args.merge).chain(&args.stack);
+    let exposures = kept != Kept::ReadOut || all.map(|p| output::kind(p)).any(|k| matches!(k, Ok(Kind::Exr | Kind::Dng)));
+    choose_fireflies(&mut shot, file.render.fireflies, exposures);
+    memory::settle_fireflies(&mut shot, kept, args.taking.max_memory);
     memory::check(&shot, kept, args.taking.max_memory)?;
     shot.date = Some(output::now());
     let begun = Instant::now();
@@ -199,6 +203,15 @@ pub fn run(args: &Shoot, json: bool) -> anyhow::Result<()> {
         print_json(&result)?;
     }
     stopped.map_or(Ok(()), |how| Err(anyhow!(how)))
+}
+
+/// Whether fireflies are re-weighted: as asked; else in pictures, but not where the same light is also written as an exposure (DNG, EXR, focal plane,
+/// truth), which is to be what was computed. All files of a shot show the same light.
+fn choose_fireflies(shot: &mut Shot, asked: Option<FireflyChoice>, exposures: bool) {
+    shot.fireflies = asked.unwrap_or(if exposures { FireflyChoice::Keep } else { FireflyChoice::Reweight });
+    if asked == Some(FireflyChoice::Reweight) && !shot.reweights() && !shot.lens_cap {
+        warn("fireflies are kept: only all samples at once of an exposure in electrons can be re-weighted");
+    }
 }
 
 /// What autofocus did, in a line or two.
@@ -323,6 +336,9 @@ pub fn display(f: &ExposureFacts, width: usize, height: usize, seconds: f64) -> 
     if let Some(guide) = &f.guide {
         let gain = guide.gain.map_or("no light found".to_owned(), |g| format!("gain {g:.2}"));
         extras.push_str(&format!("   guide {} ({gain})", if guide.used { "used" } else { "not used" }));
+    }
+    if let Some(removed) = f.fireflies_removed {
+        extras.push_str(&format!("   fireflies: {:.2} % of the light taken away", 100.0 * removed));
     }
     let scaled = if f.light_scale == 1.0 { String::new() } else { format!("   light × {:.3e}", f.light_scale) };
     let setting = setting(f);

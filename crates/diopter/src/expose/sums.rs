@@ -1,8 +1,10 @@
 //! The sums of an exposure under way, and what comes of them.
 
 use super::TILE;
+use super::fireflies::Cascade;
 use crate::row_store::RowStore;
 use diopter_image::Raster;
+use rayon::prelude::*;
 use std::collections::BTreeMap;
 use std::ops::{ControlFlow, Range};
 
@@ -12,7 +14,7 @@ use std::ops::{ControlFlow, Range};
 /// the pass under way.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Sums<S = Raster<f64>> {
-    /// `[row][column][band][replicate]`
+    /// `[row][column][band][replicate]`; where fireflies are re-weighted, after the bands those of the buffers of the cascade.
     pub(crate) sums: S,
     /// Samples of the finished passes.
     pub(crate) samples: Range<u32>,
@@ -89,12 +91,28 @@ impl<S: RowStore> Sums<S> {
 }
 
 impl Sums {
-    /// Mean and half difference of the replicates.
-    pub(super) fn finish(self, bands: usize) -> (Raster<f32>, Raster<f32>) {
+    /// Mean and half difference of the replicates; where fireflies are re-weighted, the fraction of all light that this took away.
+    pub(super) fn finish(self, bands: usize, cascade: Option<Cascade>) -> (Raster<f32>, Raster<f32>, Option<f64>) {
         let (width, height) = (self.sums.width, self.sums.height);
         let (mut mean, mut half) = (Raster::new(width, height, bands), Raster::new(width, height, bands));
-        means(&self.samples, &self.sums.data, &mut mean.data, &mut half.data);
-        (mean, half)
+        let Some(cascade) = cascade else {
+            means(&self.samples, &self.sums.data, &mut mean.data, &mut half.data);
+            return (mean, half, None);
+        };
+        let stride = width * bands;
+        let rows = mean.data.par_chunks_mut(stride).zip(half.data.par_chunks_mut(stride));
+        let light: Vec<[f64; 2]> = rows
+            .enumerate()
+            .map(|(row, (mean, half))| {
+                let (sums, light) = cascade.row(&self.sums, bands, row, self.samples.len());
+                means(&self.samples, &sums, mean, half);
+                light
+            })
+            .collect();
+        // Row by row: the same for any number of threads.
+        let [before, after] = light.iter().fold([0.0; 2], |sum, l| [sum[0] + l[0], sum[1] + l[1]]);
+        let removed = if before > 0.0 { (before - after) / before } else { 0.0 };
+        (mean, half, Some(removed))
     }
 }
 

@@ -1,5 +1,6 @@
 //! Samples of the pixels of a tile: film and pupil to rays, rays to radiance, radiance to bands.
 
+use super::fireflies::{Cascade, SUMS_WITH_CASCADE};
 use super::response::{Curves, GROUP, Response, add_to};
 use super::sums::{Sums, Tile};
 use super::{MARGIN, Settings, TILE};
@@ -115,6 +116,8 @@ pub(super) struct Unit<'a> {
     pub guide: Option<&'a Guide>,
     /// The microlens array, if there is one.
     pub behind: Option<Behind>,
+    /// Where fireflies are re-weighted.
+    pub cascade: Option<Cascade>,
 }
 
 impl Unit<'_> {
@@ -132,7 +135,7 @@ impl Unit<'_> {
             return Ok(Vec::new());
         }
         let [column, row, width, height] = self.rectangle(index);
-        let channels = 2 * self.curves_len();
+        let channels = 2 * self.summed_bands();
         let mut before = Vec::with_capacity(width * height * channels);
         for y in row..row + height {
             before.extend_from_slice(&sums.sums.row(y)?[column * channels..(column + width) * channels]);
@@ -155,7 +158,7 @@ impl Unit<'_> {
 
     /// Through an ideal lens: every sample counts in its own pixel.
     fn plain_tile(&self, [column, row, width, height]: [usize; 4], samples: Range<u32>, mut sums: Vec<f64>) -> Tile {
-        let bands = self.curves_len();
+        let bands = self.summed_bands();
         let mut so_far = sums.chunks_exact_mut(2 * bands);
         let mut pixel = vec![[0.0f64; 2]; bands];
         for y in row..row + height {
@@ -165,13 +168,8 @@ impl Unit<'_> {
                 for i in samples.clone() {
                     let sampler = self.sampler(x, y, i);
                     let Some(arrival) = self.sample(x, y, &sampler) else { continue };
-                    for (group, bands) in pixel.chunks_mut(GROUP).enumerate() {
-                        let value = self.curves.value(group, arrival.nm, arrival.weighted);
-                        // One bad number must not poison a pixel.
-                        if value.is_finite() {
-                            add_to(bands, sampler.replicate(), value * arrival.exposure);
-                        }
-                    }
+                    let value = |group: usize| self.curves.value(group, arrival.nm, arrival.weighted) * arrival.exposure;
+                    self.add(&mut pixel, sampler.replicate(), 1.0, value);
                 }
                 so_far.copy_from_slice(pixel.as_flattened());
             }
@@ -183,7 +181,7 @@ impl Unit<'_> {
     /// ([`diopter_lens::compound`]).
     fn compound_tile(&self, lens: &CompoundLens, [column, row, width, height]: [usize; 4], samples: Range<u32>) -> Tile {
         let film = &self.camera.film;
-        let bands = self.curves_len();
+        let bands = self.summed_bands();
         let (left, top) = (column.saturating_sub(MARGIN), row.saturating_sub(MARGIN));
         let (right, bottom) = ((column + width + MARGIN).min(film.columns), (row + height + MARGIN).min(film.rows));
         let sums = vec![[0.0f64; 2]; (right - left) * (bottom - top) * bands];
@@ -301,9 +299,8 @@ impl Unit<'_> {
                 if !spread {
                     // All colours where the sample was asked for.
                     let weight = if radiance_only { 1.0 } else { exits.weight[k][0] };
-                    for (group, bands) in tile_sums.pixel(x, y).chunks_mut(GROUP).enumerate() {
-                        add_to(bands, half, self.curves.value(group, nm, weighted) * (weight * scale));
-                    }
+                    let value = |group: usize| self.curves.value(group, nm, weighted) * (weight * scale);
+                    self.add(tile_sums.pixel(x, y), half, 1.0, value);
                     continue;
                 }
                 for c in 0..4 {
@@ -312,9 +309,9 @@ impl Unit<'_> {
                         && weight > 0.0
                         && (open..=close).contains(&time)
                     {
-                        for (group, bands) in tile_sums.pixel(px, py).chunks_mut(GROUP).enumerate() {
-                            add_to(bands, half, self.curves.at(group, nm[c]) * (weighted[c] * weight * scale));
-                        }
+                        // A quarter of the sample: all of it would be four times as bright.
+                        let value = |group: usize| self.curves.at(group, nm[c]) * (weighted[c] * weight * scale);
+                        self.add(tile_sums.pixel(px, py), half, 4.0, value);
                     }
                 }
             }
@@ -322,6 +319,30 @@ impl Unit<'_> {
         }
         let sums = tile_sums.sums.into_iter().flatten().collect();
         Tile { column: left, row: top, width: right - left, sums, whole: false, strays: tile_sums.strays }
+    }
+
+    /// Adds a part of a sample to the sums of a pixel. `value`: what it adds to a group of bands; `parts`: how many such parts make a sample.
+    #[inline]
+    fn add(&self, pixel: &mut [[f64; 2]], half: usize, parts: f32, value: impl Fn(usize) -> glam::Vec4) {
+        let bands = self.curves_len();
+        let (signal, buffers) = pixel.split_at_mut(bands);
+        let mut brightest = 0.0f32;
+        for (group, bands) in signal.chunks_mut(GROUP).enumerate() {
+            let value = value(group);
+            // One bad number must not poison a pixel.
+            if value.is_finite() {
+                add_to(bands, half, value);
+                brightest = brightest.max(value.max_element());
+            }
+        }
+        if let Some(cascade) = &self.cascade {
+            cascade.add(buffers, bands, half, brightest * parts, value);
+        }
+    }
+
+    /// Bands that are summed: those of the film, and of each buffer of the cascade.
+    fn summed_bands(&self) -> usize {
+        self.curves_len() * if self.cascade.is_some() { SUMS_WITH_CASCADE } else { 1 }
     }
 
     /// Whether the film records radiance.

@@ -475,6 +475,31 @@ pub struct RenderSection {
     pub quick: bool,
     /// Reduce the renderer's own noise; off without.
     pub denoise: Option<bool>,
+    /// What becomes of outliers when the samples end: `keep` or `reweight`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub fireflies: Option<FireflyChoice>,
+}
+
+/// What becomes of outliers when the samples end.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum FireflyChoice {
+    /// Every sample counts as it is.
+    #[default]
+    Keep,
+    /// Samples that those around do not support count less.
+    Reweight,
+}
+
+impl std::str::FromStr for FireflyChoice {
+    type Err = String;
+    fn from_str(text: &str) -> Result<Self, String> {
+        match text {
+            "keep" => Ok(FireflyChoice::Keep),
+            "reweight" => Ok(FireflyChoice::Reweight),
+            _ => Err(format!("\"{text}\" is neither keep nor reweight")),
+        }
+    }
 }
 
 /// `[output]`

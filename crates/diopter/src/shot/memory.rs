@@ -26,14 +26,14 @@ const SMALLEST_CACHE: u64 = 1 << 26;
 impl Shot {
     /// Bytes that exposing, denoising and writing take at most.
     pub fn bytes_needed(&self, kept: Kept) -> u64 {
-        let (a_pixel, fixed) = bytes(self.bands(), self.denoise, kept);
+        let (a_pixel, fixed) = bytes([self.bands(), self.summed_bands()], self.denoise, kept);
         self.pixels() * a_pixel + fixed
     }
 
     /// The largest picture of this shape that so many bytes are enough for; `None` if they are not enough for any.
     pub fn largest_size(&self, available: u64, kept: Kept) -> Option<[usize; 2]> {
         let size = [self.camera.film.columns, self.camera.film.rows];
-        largest(size, bytes(self.bands(), self.denoise, kept), available)
+        largest(size, bytes([self.bands(), self.summed_bands()], self.denoise, kept), available)
     }
 
     /// Bytes of the sums that an exposure by strips may have in memory, when so many are available in all.
@@ -47,9 +47,9 @@ impl Shot {
     }
 }
 
-/// Bytes a pixel, and all others.
-fn bytes(bands: usize, denoise: bool, kept: Kept) -> (u64, u64) {
-    let (exposing, tiles) = bytes_needed(bands);
+/// Bytes a pixel, and all others; of bands of the film, and bands that are summed.
+fn bytes([bands, summed]: [usize; 2], denoise: bool, kept: Kept) -> (u64, u64) {
+    let (exposing, tiles) = bytes_needed(bands, if kept == Kept::Strips { bands } else { summed });
     let plane = bytes_a_pixel(bands);
     if kept == Kept::Strips {
         // The strip that is written, the one before the filter, and blocks of the file as they are and packed.
@@ -80,13 +80,14 @@ fn largest(size: [usize; 2], (a_pixel, fixed): (u64, u64), available: u64) -> Op
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::expose::SUMS_WITH_CASCADE;
 
     #[test]
     fn strips_of_any_picture_fit_into_four_gigabytes() {
         for (bands, denoise) in [(3, false), (3, true), (4, true)] {
-            let (a_pixel, fixed) = bytes(bands, denoise, Kept::Strips);
+            let (a_pixel, fixed) = bytes([bands; 2], denoise, Kept::Strips);
             // But for the tiles that all threads of a machine work on.
-            let most = fixed - bytes_needed(bands).1 as u64 - SMALLEST_CACHE + LARGEST_CACHE;
+            let most = fixed - bytes_needed(bands, bands).1 as u64 - SMALLEST_CACHE + LARGEST_CACHE;
             assert!(a_pixel == 0 && most < 3_900_000_000, "{bands} {denoise} {most}");
         }
     }
@@ -94,8 +95,9 @@ mod tests {
     #[test]
     fn what_is_said_to_fit_does_and_is_hardly_smaller_than_could_be() {
         for (bands, denoise, kept) in [(3, false, Kept::ReadOut), (3, true, Kept::Plane), (31, false, Kept::Truth)] {
-            let (a_pixel, fixed) = bytes(bands, denoise, kept);
-            assert!(a_pixel >= 24 * bands as u64 + 32);
+            let (a_pixel, fixed) = bytes([bands, SUMS_WITH_CASCADE * bands], denoise, kept);
+            assert!(a_pixel >= (8 + 16 * SUMS_WITH_CASCADE) as u64 * bands as u64 + 32);
+            assert!(bytes([bands; 2], denoise, kept).0 < a_pixel);
             let available = fixed + 3_000_000_000;
             let [w, h] = largest([20_000, 15_000], (a_pixel, fixed), available).unwrap();
             let needed = |w: usize, h: usize| (w * h) as u64 * a_pixel + fixed;

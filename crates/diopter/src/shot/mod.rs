@@ -17,14 +17,14 @@ mod surroundings;
 mod time_limit;
 mod timing;
 
-pub use file::ShotFile;
+pub use file::{FireflyChoice, ShotFile};
 pub use memory::Kept;
 pub use sequence::{Sequence, Vary};
 pub use sources::{odd_size, read_body, read_environment, read_lens, read_scene};
 pub use surroundings::daylight;
 
 use crate::camera::{Camera, Film, PlacementError};
-use crate::expose::{ExposeError, Exposed, Exposure, Keep, Response, Settings, Sums, Watch};
+use crate::expose::{ExposeError, Exposed, Exposure, Fireflies, Keep, Response, SUMS_WITH_CASCADE, Settings, Sums, Watch};
 use crate::flash::Flash;
 use crate::metering::{self, Meter, Pattern};
 use crate::program::{self, Chosen, Limits, Mode};
@@ -160,6 +160,8 @@ pub struct Shot {
     pub rgb: bool,
     /// Reduce the renderer's own noise.
     pub denoise: bool,
+    /// What becomes of outliers when the samples end: kept, if nobody says. See [`Shot::reweights`].
+    pub fireflies: FireflyChoice,
     /// Development.
     pub recipe: Recipe,
     /// The look-up table that the recipe names.
@@ -325,6 +327,7 @@ impl Shot {
             spectral: None,
             rgb: false,
             denoise: file.render.denoise.unwrap_or(false),
+            fireflies: file.render.fireflies.unwrap_or_default(),
             recipe: file.develop.clone(),
             lut,
             ambient_ev: file.scene.ambient_ev,
@@ -657,6 +660,18 @@ impl Shot {
         self.response().bands.len()
     }
 
+    /// Whether fireflies are re-weighted: if that was asked for, the film counts electrons and all samples are taken at once (parts and what they merge
+    /// to keep them).
+    pub fn reweights(&self) -> bool {
+        let electrons = !self.radiance && self.spectral.is_none();
+        self.fireflies == FireflyChoice::Reweight && electrons && !self.lens_cap && self.settings.is_whole()
+    }
+
+    /// Bands that the sums of the exposure hold: those of the film, and more where fireflies are re-weighted.
+    pub fn summed_bands(&self) -> usize {
+        self.bands() * if self.reweights() { SUMS_WITH_CASCADE } else { 1 }
+    }
+
     /// Exposes the film. [`Shot::meter`] must have been called.
     pub fn expose(&self, watch: &Watch) -> Result<FocalPlane, ShotError> {
         Ok(self.expose_from(None, watch, None)?.plane)
@@ -745,6 +760,11 @@ impl Shot {
         settings.rgb = self.rgb && self.radiance && self.spectral.is_none();
         settings.light_scale *= (-self.exposing.nd_stops).exp2();
         settings.time_limit_s = self.time_left_s(bands);
+        if self.reweights() {
+            let white_e =
+                self.sensor.at_iso(self.reading.iso).map_or(self.sensor.full_well_e, |step| self.sensor.saturation_e(&step));
+            settings.fireflies = Fireflies::Reweight { white_e };
+        }
         settings
     }
 

@@ -24,7 +24,9 @@ impl Shot {
         let mut hash = Fnv::new();
         let asked = (&file.scene, &file.camera, &file.shutter, &file.flash, file.render.quick);
         let found = (self.facts().of_picture(), self.lens_cap, self.rgb, film);
-        for byte in format!("{asked:?} {found:?} {settings:?} {:?}", response.bands).bytes() {
+        // Sums with a cascade are other sums than those without.
+        let summed = self.summed_bands();
+        for byte in format!("{asked:?} {found:?} {settings:?} {summed} {:?}", response.bands).bytes() {
             hash.add(u64::from(byte));
         }
         if !self.lens_cap {
