@@ -848,6 +848,59 @@ pub enum CalcVerb {
         #[arg(default_value = "third")]
         step: String,
     },
+    /// Thin lens: from two of focal length, object distance, image distance and magnification, the others.
+    ///
+    /// The focal length alone gives a table over object distances; with -o it draws the image with its rays, or the image distance over the object distance.
+    ThinLens(ThinLensArgs),
+    /// f-number, focal length and aperture diameter: from two of them, the third; from the focal length alone, the full stops.
+    Stop(StopArgs),
+    /// Film formats: width, height, area, diagonal, crop factor.
+    Formats {
+        /// Only these: names ("full frame", "APS-C", "4/3") or mm ("36x24").
+        #[arg(value_name = "NAME|MM")]
+        names: Vec<String>,
+    },
+}
+
+#[derive(clap::Args, Debug)]
+pub struct ThinLensArgs {
+    /// Focal length f; negative of a diverging lens.
+    #[arg(long, value_name = "LENGTH")]
+    pub focal_length: Option<LengthMm>,
+    /// Distance z_o of the object before the lens: "2.5m", "inf".
+    #[arg(long, value_name = "DISTANCE")]
+    pub object: Option<Distance>,
+    /// Distance z_i of the image behind the lens: "52mm", "inf"; negative of a virtual image.
+    #[arg(long, value_name = "DISTANCE")]
+    pub image: Option<Distance>,
+    /// Magnification m: image height over object height, negative upside down (what a film catches): -0.5 is half as large.
+    #[arg(long, value_name = "M", allow_negative_numbers = true)]
+    pub magnification: Option<f64>,
+    /// f-number: tells the circle of confusion of another distance, too.
+    #[arg(long, value_name = "F")]
+    pub aperture: Option<FNumber>,
+    /// The other distance.
+    #[arg(long, value_name = "DISTANCE", default_value = "inf", requires = "aperture")]
+    pub distance: Distance,
+    /// Drawing or plot to write: .svg or .png; may be given several times.
+    #[arg(short, long, value_name = "FILE")]
+    pub output: Vec<PathBuf>,
+}
+
+#[derive(clap::Args, Debug)]
+pub struct StopArgs {
+    /// f-number N.
+    #[arg(long, value_name = "F")]
+    pub aperture: Option<FNumber>,
+    /// Focal length f.
+    #[arg(long, value_name = "LENGTH")]
+    pub focal_length: Option<LengthMm>,
+    /// Diameter D of the aperture (of the entrance pupil).
+    #[arg(long, value_name = "LENGTH")]
+    pub diameter: Option<LengthMm>,
+    /// Drawing of the openings to write: .svg or .png; may be given several times.
+    #[arg(short, long, value_name = "FILE")]
+    pub output: Vec<PathBuf>,
 }
 
 #[derive(clap::Args, Debug)]

@@ -12,6 +12,7 @@ pub mod analysis;
 mod axial_beam;
 pub mod batch;
 pub mod compound;
+pub mod conjugates;
 pub mod draw;
 mod fan;
 pub mod focusing;

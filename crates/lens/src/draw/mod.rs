@@ -3,12 +3,14 @@
 //! A [`Figure`] is a list of lines and texts with a size in points; it writes itself as SVG, and doors may paint it as pixels.
 
 mod chart;
+mod conjugates;
 mod figure;
 mod layout;
 mod plots;
 mod thin;
 
 pub use chart::{Axis, Chart, Line, Style};
+pub use conjugates::conjugates_figure;
 pub use figure::{Anchor, Color, Figure, Item};
 pub use layout::{LayoutOptions, layout};
 pub use plots::{color_plot, distortion_plot, fan_plot, mtf_over_plot, mtf_plot, spot_plot, vignetting_plot, wavelength_color};

@@ -24,7 +24,7 @@ use std::sync::Arc;
 /// What a lens is set to when nobody says, and no real one is named.
 const DEFAULT_F_NUMBER: f64 = 2.8;
 
-fn format_named(name: &str) -> anyhow::Result<Format> {
+pub(super) fn format_named(name: &str) -> anyhow::Result<Format> {
     Format::parse(name).ok_or_else(|| {
         let names: Vec<&str> = format::FORMATS.iter().map(|f| f.names[0]).collect();
         AskedWrongly(anyhow!("format \"{name}\": expected one of {}, or width x height in mm such as 36x24", names.join(", ")))
@@ -78,7 +78,7 @@ fn traced_limits(lens: &CompoundLens, focus_m: f64, circle: f64) -> Option<(f64,
     Some((near, far))
 }
 
-fn metres(m: f64) -> String {
+pub(super) fn metres(m: f64) -> String {
     match m {
         m if m.is_infinite() => "inf".into(),
         m if m < 10.0 => format!("{m:.3} m"),
@@ -86,7 +86,7 @@ fn metres(m: f64) -> String {
     }
 }
 
-fn finite(v: f64) -> Option<f64> {
+pub(super) fn finite(v: f64) -> Option<f64> {
     v.is_finite().then_some(v)
 }
 

@@ -3,6 +3,9 @@
 mod daylight;
 mod exposure;
 mod focus;
+mod formats;
+mod stop;
+mod thin_lens;
 mod tone;
 
 use crate::args::CalcVerb;
@@ -21,5 +24,8 @@ pub fn run(verb: &CalcVerb, json: bool) -> anyhow::Result<()> {
         CalcVerb::EquivalentFormat(args) => focus::equivalent(args, json),
         CalcVerb::Daylight(args) => daylight::run(args, json),
         CalcVerb::Stops { step } => exposure::stops(step, json),
+        CalcVerb::ThinLens(args) => thin_lens::run(args, json),
+        CalcVerb::Stop(args) => stop::run(args, json),
+        CalcVerb::Formats { names } => formats::run(names, json),
     }
 }
