@@ -1079,6 +1079,9 @@ pub struct Developing {
     /// A look from a .cube file.
     #[arg(long, value_name = "FILE")]
     pub lut: Option<PathBuf>,
+    /// How codes relate to light: a power of 1/1.8, 1/2.2 or 1/2.4, or the sRGB curve. Files carry a profile that says so.
+    #[arg(long, value_name = "1.8|2.2|2.4|srgb", value_parser = gamma)]
+    pub gamma: Option<&'static str>,
 }
 
 impl Raw {
@@ -1157,6 +1160,17 @@ fn checkpoint(text: &str) -> Result<Checkpoint, String> {
         _ if text.trim() == "off" => Ok(Checkpoint::Off),
         Ok(Seconds(s)) if s > 0.0 => Ok(Checkpoint::Every(s)),
         _ => Err(format!("\"{text}\" is neither a time above 0, such as 30s, nor off")),
+    }
+}
+
+/// A display's gamma, as the recipe names its encoding.
+fn gamma(text: &str) -> Result<&'static str, String> {
+    match text.trim() {
+        "1.8" => Ok("gamma-1.8"),
+        "2.2" => Ok("gamma-2.2"),
+        "2.4" => Ok("gamma-2.4"),
+        "srgb" | "sRGB" => Ok("srgb"),
+        _ => Err(format!("\"{text}\" is not a gamma: 1.8, 2.2, 2.4 or srgb")),
     }
 }
 
@@ -1330,9 +1344,14 @@ impl Developing {
         }
         let ev = self.exposure_ev.map(|ev| ev.to_string());
         let lut = self.lut.as_ref().map(|p| p.display().to_string());
-        for (name, value) in
-            [("exposure.ev", &ev), ("tone.curve", &self.tone), ("demosaic.method", &self.demosaic), ("lut.file", &lut)]
-        {
+        let encoding = self.gamma.map(str::to_owned);
+        for (name, value) in [
+            ("exposure.ev", &ev),
+            ("tone.curve", &self.tone),
+            ("demosaic.method", &self.demosaic),
+            ("lut.file", &lut),
+            ("output.encoding", &encoding),
+        ] {
             if let Some(value) = value {
                 *recipe = recipe.with(name, value)?;
             }

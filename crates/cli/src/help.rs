@@ -100,7 +100,7 @@ const GROUPS: [Group; 10] = [
         ],
     },
     Group { heading: "Sensor", common: &[], other: &["white", "temperature", "serial", "dng", "radiance", "bands", "rgb"] },
-    Group { heading: "Development", common: &["preset", "exposure-ev"], other: &["recipe", "set", "tone", "demosaic", "lut"] },
+    Group { heading: "Development", common: &["preset", "exposure-ev"], other: &["recipe", "set", "tone", "demosaic", "lut", "gamma"] },
     Group {
         heading: "Rendering",
         common: &["size", "spp", "time-limit", "denoise", "quick"],

@@ -22,9 +22,15 @@ pub enum Encoding {
     Linear,
     /// The sRGB transfer function.
     Srgb,
+    /// A power of 1/1.8: displays of old Macintosh computers.
+    #[serde(rename = "gamma-1.8")]
+    Gamma18,
     /// A power of 1/2.2.
     #[serde(rename = "gamma-2.2")]
     Gamma22,
+    /// A power of 1/2.4: the display of ITU-R BT.1886 with a black of 0.
+    #[serde(rename = "gamma-2.4")]
+    Gamma24,
     /// Perceptual quantizer: absolute, white at 203 cd/m².
     Pq,
     /// Hybrid log-gamma: what a display of 1000 cd/m² shows, white at 203 cd/m² (75 %). The function acts on colours, not channels: see
@@ -34,7 +40,15 @@ pub enum Encoding {
 
 impl Encoding {
     /// All of them.
-    pub const ALL: [Encoding; 5] = [Encoding::Linear, Encoding::Srgb, Encoding::Gamma22, Encoding::Pq, Encoding::Hlg];
+    pub const ALL: [Encoding; 7] = [
+        Encoding::Linear,
+        Encoding::Srgb,
+        Encoding::Gamma18,
+        Encoding::Gamma22,
+        Encoding::Gamma24,
+        Encoding::Pq,
+        Encoding::Hlg,
+    ];
 
     /// Whether light above white can be told.
     pub fn is_hdr(self) -> bool {
@@ -46,7 +60,9 @@ impl Encoding {
         match self {
             Encoding::Linear => linear,
             Encoding::Srgb => srgb_encode(linear.clamp(0.0, 1.0)),
+            Encoding::Gamma18 => linear.clamp(0.0, 1.0).powf(1.0 / 1.8),
             Encoding::Gamma22 => linear.clamp(0.0, 1.0).powf(1.0 / 2.2),
+            Encoding::Gamma24 => linear.clamp(0.0, 1.0).powf(1.0 / 2.4),
             Encoding::Pq => pq_encode(linear * HDR_WHITE_NITS),
             Encoding::Hlg => self.encode_pixel([linear; 3], [1.0 / 3.0; 3])[0],
         }
@@ -80,7 +96,9 @@ impl Encoding {
         match self {
             Encoding::Linear => code,
             Encoding::Srgb => srgb_decode(code),
+            Encoding::Gamma18 => code.max(0.0).powf(1.8),
             Encoding::Gamma22 => code.max(0.0).powf(2.2),
+            Encoding::Gamma24 => code.max(0.0).powf(2.4),
             Encoding::Pq => pq_decode(code) / HDR_WHITE_NITS,
             Encoding::Hlg => self.decode_pixel([code; 3], [1.0 / 3.0; 3])[0],
         }
@@ -136,6 +154,15 @@ mod tests {
             assert!((got - code).abs() < 5e-3, "{nits} {got}");
         }
         assert!((Encoding::Pq.encode(1.0) - 0.580_688_9).abs() < 1e-6);
+    }
+
+    #[test]
+    fn gammas_are_powers() {
+        for (encoding, gamma) in [(Encoding::Gamma18, 1.8f32), (Encoding::Gamma22, 2.2), (Encoding::Gamma24, 2.4)] {
+            assert_eq!((encoding.encode(0.0), encoding.encode(1.0)), (0.0, 1.0));
+            // Grey of 18 %: 0.386, 0.459, 0.489.
+            assert!((encoding.encode(0.18).ln() - 0.18f32.ln() / gamma).abs() < 1e-5, "{encoding:?}");
+        }
     }
 
     #[test]

@@ -19,6 +19,8 @@ pub fn code_points(space: RgbSpace, encoding: Encoding) -> Option<[u8; 4]> {
         Encoding::Srgb => 13,
         Encoding::Linear => 8,
         Encoding::Gamma22 => 4,
+        // H.273 knows no display of these powers.
+        Encoding::Gamma18 | Encoding::Gamma24 => return None,
         Encoding::Pq => 16,
         Encoding::Hlg => 18,
     };
@@ -42,7 +44,9 @@ pub fn profile(space: RgbSpace, encoding: Encoding) -> Result<Vec<u8>, ImageErro
         ToneReprCurve::Lut((0..CURVE_POINTS).map(at).collect())
     };
     let (curve, function) = match encoding {
+        Encoding::Gamma18 => (ToneReprCurve::Parametric(vec![1.8]), "gamma 1.8"),
         Encoding::Gamma22 => (ToneReprCurve::Parametric(vec![2.2]), "gamma 2.2"),
+        Encoding::Gamma24 => (ToneReprCurve::Parametric(vec![2.4]), "gamma 2.4"),
         Encoding::Linear => (ToneReprCurve::Parametric(vec![1.0]), "linear"),
         // Type 3 of ICC.1 §10.18: (a x + b)^g above d, c x below.
         Encoding::Srgb => (ToneReprCurve::Parametric(vec![2.4, 1.0 / 1.055, 0.055 / 1.055, 1.0 / 12.92, 0.040_45]), "sRGB curve"),
