@@ -500,7 +500,11 @@ pub const SETTINGS: &[Setting] = &[
     number("resize.height", "px", 1.0, 65_535.0, "height"),
     number("resize.long_edge", "px", 1.0, 65_535.0, "the longer side"),
     other("output.space", Allowed::Names(&["srgb", "display-p3", "rec2020"]), "primaries; files carry a profile"),
-    other("output.encoding", Allowed::Names(&["srgb", "gamma-1.8", "gamma-2.2", "gamma-2.4", "linear", "pq", "hlg"]), "transfer function"),
+    other(
+        "output.encoding",
+        Allowed::Names(&["srgb", "gamma-1.8", "gamma-2.2", "gamma-2.4", "linear", "pq", "hlg"]),
+        "transfer function",
+    ),
     number("output.peak", "diffuse whites", 1.0, 49.26, "brightest light of an HDR picture: 1000 of 203 cd/m²"),
 ];
 

@@ -40,15 +40,8 @@ pub enum Encoding {
 
 impl Encoding {
     /// All of them.
-    pub const ALL: [Encoding; 7] = [
-        Encoding::Linear,
-        Encoding::Srgb,
-        Encoding::Gamma18,
-        Encoding::Gamma22,
-        Encoding::Gamma24,
-        Encoding::Pq,
-        Encoding::Hlg,
-    ];
+    pub const ALL: [Encoding; 7] =
+        [Encoding::Linear, Encoding::Srgb, Encoding::Gamma18, Encoding::Gamma22, Encoding::Gamma24, Encoding::Pq, Encoding::Hlg];
 
     /// Whether light above white can be told.
     pub fn is_hdr(self) -> bool {
