@@ -7,6 +7,7 @@ use diopter::image::dng::Storage;
 use diopter::quantity::{
     Distance, Ev, FNumber, Filter, FocusTo, Hertz, Iso, IsoChoice, LengthMm, Moment, Seconds, Size, SpectralBands,
 };
+use diopter::sheet::Axis;
 use diopter::shot::ShotFile;
 use diopter::shot::file::{FlashSection, FlickerSection, Zones};
 use std::num::NonZeroUsize;
@@ -60,6 +61,8 @@ pub enum Verb {
     QuickLook(QuickLook),
     /// Join a focus series into one picture that is sharp all over.
     Stack(Stack),
+    /// A contact sheet: one shot with a setting varied, pictures side by side with what changed.
+    Sheet(Sheet),
     /// Embedded scenes, and what is in a scene file.
     Scene {
         #[command(subcommand)]
@@ -639,6 +642,30 @@ pub struct Shoot {
     /// Exposure time of a frame as part of its duration, degrees: 180 is half of it.
     #[arg(long, value_name = "DEG", allow_negative_numbers = true)]
     pub shutter_angle: Option<f64>,
+    /// Vary a setting of the shot: "iso=100,400,1600"; a second goes down the sheet.
+    ///
+    /// A flag's name without dashes, a setting of the development (tone.curve), or a key of the shot file. Settings that change together:
+    /// "aperture:shutter=f/2:1/60,f/4:1/15". Values that have commas are separated by semicolons.
+    #[arg(long, value_name = "NAME=A,B,C", requires = "sheet")]
+    pub vary: Vec<Axis>,
+    /// Contact sheet of the varied shots: .png, .jpg or .html; may be given several times.
+    #[arg(long, value_name = "FILE", requires = "vary", conflicts_with_all = ["output", "truth", "keep_plane", "bracket", "merge", "focus_bracket", "stack", "plot_focus", "frames", "save_shot"])]
+    pub sheet: Vec<PathBuf>,
+    /// Also show a part of each picture at 100 %: its middle, "x,y", 0 to 1 across and down the picture.
+    #[arg(long, value_name = "X,Y", value_parser = pair, requires = "sheet")]
+    pub sheet_crop: Option<[f64; 2]>,
+    /// Also show the histogram of each picture.
+    #[arg(long, requires = "sheet")]
+    pub sheet_histogram: bool,
+    /// Longer side of the pictures on the sheet, px; larger ones are reduced. 480 without.
+    #[arg(long, value_name = "PX", requires = "sheet")]
+    pub sheet_cell: Option<usize>,
+    /// Pictures beside each other on the sheet.
+    #[arg(long, value_name = "N", requires = "sheet")]
+    pub sheet_columns: Option<usize>,
+    /// Title of the sheet.
+    #[arg(long, value_name = "TEXT", requires = "sheet")]
+    pub sheet_title: Option<String>,
     /// Write what is being shot as a shot file.
     #[arg(long, value_name = "FILE")]
     pub save_shot: Option<PathBuf>,
@@ -1024,6 +1051,24 @@ pub struct QuickLook {
     /// File to write: of a focal plane, another (.exr); of another picture .exr (linear light).
     #[arg(short, long, value_name = "FILE")]
     pub output: PathBuf,
+}
+
+#[derive(clap::Args, Debug)]
+pub struct Sheet {
+    /// What is varied, and the shot (.toml): [[vary]] with name and values, [shot] as in a shot file.
+    pub sheet: PathBuf,
+    /// Pixels of the pictures, instead of the shot's.
+    #[arg(long, value_name = "WxH")]
+    pub size: Option<Size>,
+    /// Samples a pixel, instead of the shot's.
+    #[arg(long, value_name = "N")]
+    pub spp: Option<u32>,
+    /// Take no more memory than this ("4GB"); without, than is free.
+    #[arg(long, value_name = "SIZE")]
+    pub max_memory: Option<Bytes>,
+    /// Sheet to write: .png, .jpg or .html (one file with all pictures); may be given several times.
+    #[arg(short, long, value_name = "FILE", required = true)]
+    pub output: Vec<PathBuf>,
 }
 
 #[derive(clap::Args, Debug)]

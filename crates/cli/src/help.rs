@@ -22,7 +22,7 @@ struct Group {
 const GROUPED: [&str; 2] = ["shoot", "expose"];
 
 /// Flags of these verbs by their long names, in the order in which help shows them.
-const GROUPS: [Group; 10] = [
+const GROUPS: [Group; 11] = [
     Group {
         heading: "Scene",
         common: &["light", "environment", "sun", "ground", "scale"],
@@ -100,7 +100,11 @@ const GROUPS: [Group; 10] = [
         ],
     },
     Group { heading: "Sensor", common: &[], other: &["white", "temperature", "serial", "dng", "radiance", "bands", "rgb"] },
-    Group { heading: "Development", common: &["preset", "exposure-ev"], other: &["recipe", "set", "tone", "demosaic", "lut", "gamma"] },
+    Group {
+        heading: "Development",
+        common: &["preset", "exposure-ev"],
+        other: &["recipe", "set", "tone", "demosaic", "lut", "gamma"],
+    },
     Group {
         heading: "Rendering",
         common: &["size", "spp", "time-limit", "denoise", "quick"],
@@ -118,6 +122,11 @@ const GROUPS: [Group; 10] = [
         ],
     },
     Group { heading: "Output", common: &["output"], other: &["keep-plane", "truth", "merge", "stack", "save-shot"] },
+    Group {
+        heading: "Contact sheet",
+        common: &["vary", "sheet"],
+        other: &["sheet-crop", "sheet-histogram", "sheet-cell", "sheet-columns", "sheet-title"],
+    },
 ];
 
 /// The whole command line, with headings.

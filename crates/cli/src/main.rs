@@ -8,6 +8,7 @@
 mod args;
 mod checkpoint;
 mod commands;
+mod contact_sheet;
 mod help;
 mod memory;
 mod output;
@@ -149,6 +150,7 @@ fn run(args: Args) -> anyhow::Result<()> {
         Verb::Merge(merge) => commands::merge::run(&merge, json),
         Verb::QuickLook(look) => commands::quick_look::run(&look, json),
         Verb::Stack(stack) => commands::stack::run(&stack, json),
+        Verb::Sheet(sheet) => commands::sheet::run(&sheet, json),
         Verb::Scene { verb } => commands::scene::run(&verb, json),
         Verb::Lens { verb } => commands::lens::run(&verb, json),
         Verb::Body { verb } => commands::body::run(&verb, json),

@@ -4,8 +4,9 @@ use crate::AskedWrongly;
 use crate::output::Output;
 use ab_glyph::{Font, FontRef, OutlineCurve, ScaleFont};
 use anyhow::{Context, anyhow};
-use diopter::image::Picture;
+use diopter::image::{Encoding, Picture, Raster};
 use diopter::lens::draw::{Anchor, Color, Figure, Item};
+use diopter::light::color::RgbSpace;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use tiny_skia::{FillRule, Paint, PathBuilder, Pixmap, Stroke, StrokeDash, Transform};
@@ -119,6 +120,22 @@ impl Page {
             self.0.fill_path(&path, &ink([225, 225, 225], 1.0), FillRule::Winding, Transform::from_translate(x, y), None);
         }
         Ok(())
+    }
+
+    /// Writes letters as [`Page::text`], smaller where they would be wider than `width` px.
+    pub fn text_within(&mut self, x: f32, y: f32, text: &str, size: f32, width: f32) -> anyhow::Result<()> {
+        let font = FontRef::try_from_slice(dejavu::sans::regular()).context("the embedded font")?;
+        let wide = letters(&font, text, size).1;
+        self.text(x, y, text, if wide > width { size * width / wide } else { size })
+    }
+
+    /// The page as a picture.
+    pub fn to_picture(&self) -> Picture {
+        // The page is opaque: premultiplied colours are the colours.
+        let data = self.0.data().as_chunks::<4>().0.iter().flat_map(|p| [p[0], p[1], p[2]].map(|v| f32::from(v) / 255.0));
+        let (width, height) = (self.0.width() as usize, self.0.height() as usize);
+        let pixels = Raster { width, height, channels: 3, data: data.collect() };
+        Picture { pixels, space: RgbSpace::Srgb, encoding: Encoding::Srgb, facts: None }
     }
 
     /// The page as a file.

@@ -57,7 +57,7 @@ pub fn write_steps(raw: &RawImage, recipe: &Recipe, lut: Option<&Lut>, folder: &
 }
 
 /// Counts of codes as bars of the three colours, light on black: `[row][column][3]`.
-fn histogram(picture: &Picture, width: usize, height: usize) -> Vec<f32> {
+pub fn histogram(picture: &Picture, width: usize, height: usize) -> Vec<f32> {
     let mut counts = [[0.0f64; BARS]; 3];
     for pixel in picture.pixels.data.as_chunks::<3>().0 {
         for (c, v) in pixel.iter().enumerate() {
@@ -80,7 +80,7 @@ fn histogram(picture: &Picture, width: usize, height: usize) -> Vec<f32> {
 }
 
 /// A picture with a strip below.
-fn under(picture: &Picture, strip: &[f32]) -> Picture {
+pub fn under(picture: &Picture, strip: &[f32]) -> Picture {
     let mut with = picture.clone();
     // Histograms count codes; whatever they mean, they are shown as they are.
     with.pixels.data.extend_from_slice(strip);

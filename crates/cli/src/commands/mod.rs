@@ -12,6 +12,7 @@ pub mod merge;
 pub mod quick_look;
 pub mod read_out;
 pub mod scene;
+pub mod sheet;
 pub mod shoot;
 pub mod stack;
 

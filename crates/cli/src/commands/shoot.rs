@@ -32,6 +32,9 @@ pub fn run(args: &Shoot, json: bool) -> anyhow::Result<()> {
     if args.raw.temperature.is_some() {
         file.exposure.temperature_c = args.raw.temperature;
     }
+    if !args.sheet.is_empty() {
+        return super::sheet::of_shot(args, file, json);
+    }
     if !args.output.is_empty() {
         file.output.files.clone_from(&args.output);
     }
@@ -278,7 +281,7 @@ fn focus_plot(r: &Report) -> Figure {
 }
 
 /// Time, aperture, speed.
-fn setting(f: &ExposureFacts) -> String {
+pub fn setting(f: &ExposureFacts) -> String {
     let time = if f.exposure_s < 0.3 { format!("1/{:.0} s", 1.0 / f.exposure_s) } else { format!("{:.1} s", f.exposure_s) };
     let aperture = FNumber((f.f_number * 100.0).round() / 100.0);
     let at = if f.at_s > 0.0 { format!("   at {:.4} s", f.at_s) } else { String::new() };

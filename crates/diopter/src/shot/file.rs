@@ -517,7 +517,13 @@ impl ShotFile {
         let text = files::read_text(path).map_err(|e| ShotError::Read { path: place.clone(), reason: e.to_string() })?;
         let mut shot: ShotFile = toml::from_str(&text)
             .map_err(|e| ShotError::Syntax { reason: wrong_kind(&text, &place, &e.to_string()), path: place })?;
-        let folder = path.parent().unwrap_or(Path::new(""));
+        shot.place_paths(path.parent().unwrap_or(Path::new("")));
+        Ok(shot)
+    }
+
+    /// Makes the paths of a shot that was written in a folder independent of it.
+    pub fn place_paths(&mut self, folder: &Path) {
+        let shot = self;
         let relative = |p: &Path| if p.is_absolute() { p.to_owned() } else { folder.join(p) };
         if let Some(file) = &mut shot.scene.file
             && !builtin::is_embedded(file)
@@ -542,7 +548,6 @@ impl ShotFile {
             *picture = relative(picture);
         }
         recipe_file::place_lut(&mut shot.develop, folder);
-        Ok(shot)
     }
 
     /// Puts what engraved numbers stand for in their place, if that was asked for.

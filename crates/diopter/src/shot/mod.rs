@@ -16,12 +16,14 @@ mod staging;
 mod surroundings;
 mod time_limit;
 mod timing;
+mod vary;
 
 pub use file::{FireflyChoice, ShotFile};
 pub use memory::Kept;
 pub use sequence::{Sequence, Vary};
-pub use sources::{odd_size, read_body, read_environment, read_lens, read_scene};
+pub use sources::{SceneStore, odd_size, read_body, read_environment, read_lens, read_scene};
 pub use surroundings::daylight;
+pub use vary::VARIABLES;
 
 use crate::camera::{Camera, Film, PlacementError};
 use crate::expose::{ExposeError, Exposed, Exposure, Fireflies, Keep, Response, SUMS_WITH_CASCADE, Settings, Sums, Watch};
@@ -205,6 +207,11 @@ struct Exposing {
 impl Shot {
     /// Checks a request, reads its files and builds the scene. `warn` gets what was found odd.
     pub fn prepare(file: &ShotFile, warn: &mut dyn FnMut(&str)) -> Result<Shot, ShotError> {
+        Shot::prepare_with(file, &mut SceneStore::default(), warn)
+    }
+
+    /// The same for one of several shots, which share what `scenes` keeps.
+    pub fn prepare_with(file: &ShotFile, scenes: &mut SceneStore, warn: &mut dyn FnMut(&str)) -> Result<Shot, ShotError> {
         let begun = Instant::now();
         // Cheap checks before anything is read.
         let mut file = file.clone();
@@ -245,7 +252,7 @@ impl Shot {
 
         let name = file.scene.file.clone().unwrap_or_else(|| DEFAULT_SCENE.into());
         staging::film(&file, &sensor, None)?;
-        let mut description = sources::read_scaled(&name, file.scene.scale, file.scene.strict, warn)?;
+        let mut description = scenes.read(&name, file.scene.scale, file.scene.strict, warn)?;
         let view = staging::view(&file, &description)?;
         if let Some(hints) = view.map(|v| &v.film).filter(|_| file.camera.look_from.is_none())
             && staging::take_hints(&mut file, hints, warn)

@@ -11,6 +11,22 @@ use diopter_scene::GuideMode;
 const COLUMNS: usize = 64;
 
 impl Shot {
+    /// What decides the light on the film, as text: shots that agree in it have the same focal plane, whatever their ISO speed, white balance, noise and
+    /// development are. [`Shot::meter`] must have been called. The scene counts by its name.
+    ///
+    /// Re-weighted fireflies count as the same, though the white they are measured by is that of the ISO speed: a series then has one threshold.
+    pub fn exposure_key(&self) -> String {
+        let file = &self.file;
+        // Of the body's parts the serial number only belongs to the read-out.
+        let mut camera = file.camera.clone();
+        camera.serial = None;
+        let asked = (&file.scene, camera, &file.shutter, &file.flash, file.render.quick);
+        let mut facts = self.facts().of_picture();
+        facts.serial.clear();
+        let found = (facts, self.lens_cap, self.rgb, &self.camera.film, self.denoise, self.fireflies);
+        format!("{asked:?} {found:?} {:?} {} {:?}", self.settings, self.summed_bands(), self.response().bands)
+    }
+
     /// A number that stands for this exposure: what was asked, what was metered and found, and how the scene looks through the camera. [`Shot::meter`]
     /// must have been called.
     ///

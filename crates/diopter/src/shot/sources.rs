@@ -92,6 +92,40 @@ pub(super) fn read_scaled(
     Ok(description)
 }
 
+/// A scene that is read once for several shots: the last one read is kept, where that was asked for.
+#[derive(Default)]
+pub struct SceneStore {
+    keeps: bool,
+    /// Name, scale and strictness it was read with.
+    last: Option<((String, Option<f64>, bool), Description)>,
+}
+
+impl SceneStore {
+    /// A store that keeps what it read; [`SceneStore::default`] does not, and needs no memory.
+    pub fn keeping() -> Self {
+        SceneStore { keeps: true, last: None }
+    }
+
+    /// [`read_scaled`], or the scene that is kept.
+    pub(super) fn read(
+        &mut self,
+        name: &str,
+        scale: Option<f64>,
+        strict: bool,
+        warn: &mut dyn FnMut(&str),
+    ) -> Result<Description, ShotError> {
+        let key = (name.to_owned(), scale, strict);
+        if let Some((_, description)) = self.last.as_ref().filter(|l| l.0 == key) {
+            return Ok(description.clone());
+        }
+        let description = read_scaled(name, scale, strict, warn)?;
+        if self.keeps {
+            self.last = Some((key, description.clone()));
+        }
+        Ok(description)
+    }
+}
+
 /// Whether a scene file is of a kind that holds models, often without light, ground or camera.
 pub(super) fn is_model(name: &str) -> bool {
     let ending = Path::new(name).extension().map(|e| e.to_string_lossy().to_lowercase());

@@ -1,0 +1,194 @@
+//! `sheet`, and `shoot --vary ... --sheet`: one shot with a setting varied, as a contact sheet. What pictures share is done once: the scene is read
+//! once, pictures that differ only in ISO speed, noise or white share an exposure, and those that differ only in their development a raw image.
+
+use super::print_json;
+use super::shoot::setting;
+use crate::AskedWrongly;
+use crate::args::{Sheet, Shoot};
+use crate::contact_sheet::{self, Cell, ContactSheet, Kind};
+use crate::memory;
+use crate::output::{self, Output};
+use crate::watch::{self, say, warn, watched};
+use anyhow::anyhow;
+use diopter::develop::Developer;
+use diopter::image::{ExposureFacts, FocalPlane, Picture, PictureSource, RawImage};
+use diopter::metering::ev100_of_setting;
+use diopter::sheet::{Cells, SheetFile};
+use diopter::shot::{FireflyChoice, Kept, SceneStore, Sequence, Shot, ShotError, ShotFile};
+use std::path::{Path, PathBuf};
+use std::rc::Rc;
+use std::time::Instant;
+
+/// Longer side of pictures when nobody says, px.
+const CELL: usize = 480;
+/// Numbers of focal planes that are kept for other pictures (16 bytes each with errors and truth).
+const KEPT_NUMBERS: usize = 50_000_000;
+
+/// Of a sheet file.
+pub fn run(args: &Sheet, json: bool) -> anyhow::Result<()> {
+    let _held = watch::hold();
+    let mut file = SheetFile::read(&args.sheet)?;
+    file.shot.render.size = args.size.or(file.shot.render.size);
+    file.shot.render.spp = args.spp.or(file.shot.render.spp);
+    output::distinct([args.sheet.as_path()], args.output.iter().map(PathBuf::as_path))?;
+    let cells = file.cells(args.sheet.parent())?;
+    let outputs = contact_sheet::prepare(&args.output)?;
+    make(&file, &cells, outputs, args.max_memory, json)
+}
+
+/// Of the flags of `shoot`; `shot` is what they say.
+pub fn of_shot(args: &Shoot, shot: ShotFile, json: bool) -> anyhow::Result<()> {
+    let file = SheetFile {
+        title: args.sheet_title.clone(),
+        columns: args.sheet_columns,
+        cell: args.sheet_cell,
+        crop: args.sheet_crop,
+        histogram: args.sheet_histogram,
+        vary: args.vary.clone(),
+        shot,
+        ..Default::default()
+    };
+    let subject = args.taking.subject.as_deref().map(Path::new);
+    output::distinct(subject, args.sheet.iter().map(PathBuf::as_path))?;
+    let cells = file.cells(None)?;
+    let outputs = contact_sheet::prepare(&args.sheet)?;
+    make(&file, &cells, outputs, args.taking.max_memory, json)
+}
+
+fn make(
+    file: &SheetFile,
+    cells: &Cells,
+    outputs: Vec<(Kind, Output)>,
+    max_memory: Option<memory::Bytes>,
+    json: bool,
+) -> anyhow::Result<()> {
+    let started = Instant::now();
+    let mut shared = Shared { scenes: SceneStore::keeping(), planes: Vec::new(), last: None, exposures: 0, max_memory };
+    let (mut painted, mut told) = (Vec::new(), Vec::new());
+    let count = cells.cells.len();
+    for (k, cell) in cells.cells.iter().enumerate() {
+        let (whole, reduced, facts) = shared.picture(&cell.shot, file.cell.unwrap_or(CELL), k == 0)?;
+        say(&format!("{} of {count}: {}   {}", k + 1, cell.label, setting(&facts)));
+        told.push(serde_json::json!({ "label": cell.label, "facts": facts, "size": [whole.pixels.width, whole.pixels.height] }));
+        let picture = contact_sheet::compose(reduced.as_ref().unwrap_or(&whole), &whole, file.crop, file.histogram);
+        painted.push(Cell { picture, label: cell.label.clone(), facts: caption(&facts) });
+    }
+    let title = file.title.clone().unwrap_or_default();
+    let sheet = ContactSheet { title, text: file.text.clone(), columns: cells.columns, cells: painted };
+    let columns = sheet.columns();
+    let written = sheet.write(outputs)?;
+    written.iter().for_each(|path| say(&format!("wrote {}", path.display())));
+    if json {
+        print_json(&serde_json::json!({
+            "files": written, "cells": told, "columns": columns, "exposures": shared.exposures,
+            "total_s": started.elapsed().as_secs_f64(),
+        }))?;
+    }
+    Ok(())
+}
+
+/// Time, aperture, speed and exposure value.
+fn caption(facts: &ExposureFacts) -> String {
+    // EV of the setting, whatever the ISO speed: log2 (N² / t) (ISO 2720).
+    let ev = ev100_of_setting(facts.f_number, facts.exposure_s, 100.0);
+    format!("{}   EV {ev:.1}", setting(facts))
+}
+
+/// What pictures of a sheet share.
+struct Shared {
+    scenes: SceneStore,
+    /// Exposures by what decides them, the latest last.
+    planes: Vec<(String, Rc<FocalPlane>)>,
+    /// What was shot last, without its development.
+    last: Option<(ShotFile, Shot, RawImage)>,
+    /// How many were exposed.
+    exposures: usize,
+    max_memory: Option<memory::Bytes>,
+}
+
+impl Shared {
+    /// The developed picture, the same reduced to `cell` px where it is larger, and how it was taken. `first`: warnings are told.
+    fn picture(
+        &mut self,
+        file: &ShotFile,
+        cell: usize,
+        first: bool,
+    ) -> anyhow::Result<(Picture, Option<Picture>, ExposureFacts)> {
+        let mut asked = file.clone();
+        asked.develop = Default::default();
+        asked.output = Default::default();
+        let same = self.last.take().filter(|l| l.0 == asked);
+        let (asked, shot, raw) = match same {
+            Some(last) => last,
+            None => {
+                let (shot, raw) = self.take(file, first)?;
+                (asked, shot, raw)
+            }
+        };
+        file.develop.check().map_err(ShotError::from)?;
+        let lut = diopter::recipe_file::lut(&file.develop)?;
+        let develop = |recipe: &diopter::develop::Recipe| -> anyhow::Result<Picture> {
+            Ok(Developer::new(&raw, recipe, lut.clone()).map_err(ShotError::from)?.whole())
+        };
+        let whole = develop(&file.develop)?;
+        let reduced = match whole.pixels.width.max(whole.pixels.height) > cell {
+            true => {
+                let mut small = file.develop.clone();
+                small.resize = Default::default();
+                small.resize.long_edge = Some(cell as u32);
+                Some(develop(&small)?)
+            }
+            false => None,
+        };
+        let facts = ExposureFacts { date: None, ..shot.facts() };
+        self.last = Some((asked, shot, raw));
+        Ok((whole, reduced, facts))
+    }
+
+    /// Exposes, unless that was done already, and reads out.
+    fn take(&mut self, file: &ShotFile, first: bool) -> anyhow::Result<(Shot, RawImage)> {
+        let mut file = file.clone();
+        if Sequence::new(&mut file)?.count() > 1 {
+            let wrong = anyhow!("the shot asks for a sequence: expected single pictures on a sheet; a varied --at shows moments");
+            return Err(AskedWrongly(wrong).into());
+        }
+        let mut told = |text: &str| {
+            if first {
+                warn(text);
+            }
+        };
+        let mut shot = Shot::prepare_with(&file, &mut self.scenes, &mut told)?;
+        // Pictures: as `shoot` does where no file is an exposure.
+        shot.fireflies = file.render.fireflies.unwrap_or(FireflyChoice::Reweight);
+        memory::settle_fireflies(&mut shot, Kept::ReadOut, self.max_memory);
+        memory::check(&shot, Kept::ReadOut, self.max_memory)?;
+        watched("focusing", |w| shot.focus(w, &mut told))?;
+        watched("metering", |w| shot.meter(w, &mut told))?;
+        let key = shot.exposure_key();
+        let kept = self.planes.iter().find(|p| p.0 == key).map(|p| p.1.clone());
+        let plane = match kept {
+            Some(plane) => plane,
+            None => {
+                let exposed = watched("exposing", |w| shot.expose_from(None, w, None))?;
+                if exposed.stopped || watch::stopping() {
+                    return Err(anyhow!("stopped: the sheet was not written"));
+                }
+                self.exposures += 1;
+                let plane = Rc::new(exposed.plane);
+                self.planes.push((key, plane.clone()));
+                self.forget();
+                plane
+            }
+        };
+        let raw = shot.read_out(&plane)?;
+        Ok((shot, raw))
+    }
+
+    /// Drops the oldest exposures where they take too much memory.
+    fn forget(&mut self) {
+        let numbers = |p: &FocalPlane| p.mean.data.len() + p.half_difference.data.len() + 8 * p.width() * p.height();
+        while self.planes.len() > 1 && self.planes.iter().map(|p| numbers(&p.1)).sum::<usize>() > KEPT_NUMBERS {
+            self.planes.remove(0);
+        }
+    }
+}

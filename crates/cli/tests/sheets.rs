@@ -1,0 +1,110 @@
+//! Contact sheets and lessons as a user meets them.
+
+use common::Folder;
+use serde_json::Value;
+
+mod common;
+
+/// Width and height of a PNG.
+fn size_of(png: &[u8]) -> [u32; 2] {
+    assert!(png.starts_with(b"\x89PNG"));
+    [16, 20].map(|at| u32::from_be_bytes(png[at..at + 4].try_into().unwrap()))
+}
+
+const SHOT: [&str; 10] = ["shoot", "cornell", "--size", "48x32", "--spp", "2", "--shutter", "1/30", "--aperture", "f/5.6"];
+
+fn sheet(f: &Folder, rest: &[&str]) -> Value {
+    serde_json::from_slice(&f.ok(&[&SHOT[..], rest, &["--json"]].concat()).stdout).unwrap()
+}
+
+#[test]
+fn iso_speeds_share_one_exposure() {
+    let f = Folder::new("sheet-iso");
+    let vary = ["--vary", "iso=100,400,1600", "--sheet", "iso.png", "--sheet", "iso.html"];
+    let told = sheet(&f, &vary);
+    assert_eq!((told["exposures"].as_u64(), told["columns"].as_u64()), (Some(1), Some(3)), "{told}");
+    let cells = told["cells"].as_array().unwrap();
+    let speeds: Vec<f64> = cells.iter().map(|c| c["facts"]["iso"].as_f64().unwrap()).collect();
+    assert_eq!(speeds, [100.0, 400.0, 1600.0]);
+    assert_eq!(cells[1]["label"], "iso 400");
+    // 12 px between and around pictures, 40 px of text under each row.
+    let png = f.read("iso.png");
+    assert_eq!(size_of(&png), [12 + 3 * 60, 12 + 32 + 40 + 12]);
+    let html = String::from_utf8(f.read("iso.html")).unwrap();
+    assert_eq!(html.matches("data:image/png;base64,").count(), 3);
+    assert!(html.contains("iso 1600") && !html.contains("src=\"iso"));
+    // The same bytes again, with any number of threads.
+    sheet(&f, &[&vary[..], &["--threads", "1"]].concat());
+    assert!(png == f.read("iso.png") && html.as_bytes() == f.read("iso.html"));
+}
+
+#[test]
+fn developments_share_one_raw_image_and_two_axes_make_rows() {
+    let f = Folder::new("sheet-axes");
+    let told = sheet(&f, &["--vary", "tone=linear,reinhard,agx", "--vary", "aperture=f/4,f/8", "--sheet", "two.png"]);
+    assert_eq!((told["exposures"].as_u64(), told["cells"].as_array().unwrap().len()), (Some(2), 6), "{told}");
+    assert_eq!(told["cells"][5]["label"], "tone agx, aperture f/8");
+    assert_eq!(size_of(&f.read("two.png")), [12 + 3 * 60, 12 + 2 * (32 + 40 + 12)]);
+    // Settings that change together; a title, crops and histograms.
+    let told = sheet(
+        &f,
+        &[
+            "--vary",
+            "aperture:shutter=f/4:1/60,f/8:1/15",
+            "--sheet",
+            "pairs.png",
+            "--sheet-title",
+            "Pairs",
+            "--sheet-histogram",
+            "--sheet-crop",
+            "0.5,0.5",
+            "--sheet-cell",
+            "24",
+        ],
+    );
+    let ev: Vec<f64> = told["cells"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|c| (c["facts"]["f_number"].as_f64().unwrap().powi(2) / c["facts"]["exposure_s"].as_f64().unwrap()).log2())
+        .collect();
+    assert!((ev[0] - ev[1]).abs() < 1e-9, "{ev:?}");
+    // A picture of 24 × 16, a gap of 6, a crop of 16 rows and a histogram of 64 rows; 34 px of title.
+    assert_eq!(size_of(&f.read("pairs.png")), [12 + 2 * 36, 34 + 12 + 16 + 6 + 16 + 64 + 40 + 12]);
+}
+
+#[test]
+fn sheet_files_are_taken() {
+    let f = Folder::new("sheet-file");
+    let text = "title = \"Gamma\"\ntext = [\"one\", \"two\"]\n[[vary]]\nname = \"gamma\"\nvalues = [\"1.8\", \"2.4\"]\n\
+                labels = [\"bright\", \"dark\"]\n[shot.scene]\nfile = \"cornell\"\n[shot.exposure]\nshutter = \"1/30\"\n";
+    std::fs::write(f.path("gamma.toml"), text).unwrap();
+    let args = ["sheet", "gamma.toml", "--size", "30x20", "--spp", "1", "-o", "gamma.jpg", "-o", "gamma.png", "--json"];
+    let told: Value = serde_json::from_slice(&f.ok(&args).stdout).unwrap();
+    assert_eq!((told["exposures"].as_u64(), &told["cells"][1]["label"]), (Some(1), &Value::from("dark")), "{told}");
+    assert!(f.read("gamma.jpg").starts_with(&[0xff, 0xd8]));
+    // A title and two lines above.
+    assert_eq!(size_of(&f.read("gamma.png")), [12 + 2 * 42, 34 + 40 + 12 + 20 + 40 + 12]);
+    std::fs::write(f.path("wrong.toml"), text.replace("labels", "label")).unwrap();
+    let (code, message) = f.fails(&["sheet", "wrong.toml", "-o", "x.png"]);
+    assert!(code == 2 && message.contains("wrong.toml") && message.contains("label"), "{message}");
+}
+
+#[test]
+fn what_makes_no_sheet_is_said() {
+    let f = Folder::new("sheet-wrong");
+    let cases: [(&[&str], &str); 8] = [
+        (&["--vary", "isso=100,200", "--sheet", "a.png"], "did you mean \"iso\""),
+        (&["--vary", "iso=fast,200", "--sheet", "a.png"], "ISO 400"),
+        (&["--vary", "iso", "--sheet", "a.png"], "iso=100,200,400"),
+        (&["--vary", "iso=100,200"], "--sheet"),
+        (&["--sheet", "a.png"], "--vary"),
+        (&["--vary", "iso=100,200", "--sheet", "a.gif"], ".png, .jpg or .html"),
+        (&["--vary", "iso=100,200", "--sheet", "a.png", "-o", "b.png"], "cannot be used with"),
+        (&["--vary", "iso=100,200", "--vary", "iso=400", "--sheet", "a.png"], "twice"),
+    ];
+    for (rest, said) in cases {
+        let (code, message) = f.fails(&[&SHOT[..], rest].concat());
+        assert!(code == 2 && message.contains(said), "{rest:?}: {code} {message}");
+    }
+}
