@@ -63,6 +63,8 @@ pub enum Verb {
     Stack(Stack),
     /// A contact sheet: one shot with a setting varied, pictures side by side with what changed.
     Sheet(Sheet),
+    /// Lessons on cameras: figures and tables with two lines of text each, and the commands that make them.
+    Lesson(LessonArgs),
     /// Embedded scenes, and what is in a scene file.
     Scene {
         #[command(subcommand)]
@@ -1051,6 +1053,18 @@ pub struct QuickLook {
     /// File to write: of a focal plane, another (.exr); of another picture .exr (linear light).
     #[arg(short, long, value_name = "FILE")]
     pub output: PathBuf,
+}
+
+#[derive(clap::Args, Debug)]
+pub struct LessonArgs {
+    /// A lesson, "all", or "list" for their names.
+    pub name: String,
+    /// Folder to write into (made if it is not there): a page NAME.md and its figures; of all, also index.md.
+    #[arg(short, long, value_name = "FOLDER")]
+    pub output: Option<PathBuf>,
+    /// Pixels of the photographs, instead of those that the lessons say.
+    #[arg(long, value_name = "WxH")]
+    pub size: Option<Size>,
 }
 
 #[derive(clap::Args, Debug)]

@@ -228,9 +228,9 @@ fn base64(bytes: &[u8]) -> String {
     const DIGITS: &[u8; 64] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
     let mut text = String::with_capacity(bytes.len().div_ceil(3) * 4);
     for three in bytes.chunks(3) {
-        let bits = three.iter().enumerate().fold(0u32, |all, (i, b)| all | u32::from(*b) << (16 - 8 * i));
+        let bits = three.iter().enumerate().fold(0u32, |all, (i, b)| all | (u32::from(*b) << (16 - 8 * i)));
         for k in 0..4 {
-            let digit = DIGITS[(bits >> (18 - 6 * k) & 63) as usize];
+            let digit = DIGITS[((bits >> (18 - 6 * k)) & 63) as usize];
             text.push(if k <= three.len() { char::from(digit) } else { '=' });
         }
     }
@@ -291,7 +291,7 @@ mod tests {
     fn pages_hold_their_pictures_and_escape_what_they_say() {
         let html = sheet(2, None).html().unwrap();
         assert_eq!(html.matches("data:image/png;base64,").count(), 2);
-        assert!(html.contains("<h1>A &amp; B</h1>") && html.contains("f/2 &lt;b&gt;") && !html.contains("http"), "{html}");
+        assert!(html.contains("<h1>A &amp; B</h1>") && html.contains("f/2 &lt;b&gt;") && !html.contains("http:"), "{html}");
     }
 
     #[test]

@@ -150,6 +150,7 @@ fn run(args: Args) -> anyhow::Result<()> {
         Verb::Merge(merge) => commands::merge::run(&merge, json),
         Verb::QuickLook(look) => commands::quick_look::run(&look, json),
         Verb::Stack(stack) => commands::stack::run(&stack, json),
+        Verb::Lesson(lesson) => commands::lesson::run(&lesson, args.threads, json),
         Verb::Sheet(sheet) => commands::sheet::run(&sheet, json),
         Verb::Scene { verb } => commands::scene::run(&verb, json),
         Verb::Lens { verb } => commands::lens::run(&verb, json),

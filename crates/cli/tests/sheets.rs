@@ -108,3 +108,35 @@ fn what_makes_no_sheet_is_said() {
         assert!(code == 2 && message.contains(said), "{rest:?}: {code} {message}");
     }
 }
+
+#[test]
+fn lessons_are_pages_with_figures_and_tables() {
+    let f = Folder::new("lesson");
+    let listed: Value = serde_json::from_slice(&f.ok(&["lesson", "list", "--json"]).stdout).unwrap();
+    assert!(listed.as_array().unwrap().len() >= 15, "{listed}");
+    let told: Value = serde_json::from_slice(&f.ok(&["lesson", "thin-lens", "-o", "out", "--json"]).stdout).unwrap();
+    for file in told["lessons"][0]["files"].as_array().unwrap() {
+        let path = f.path(file.as_str().unwrap());
+        assert!(path.is_file(), "{}", path.display());
+    }
+    let page = String::from_utf8(f.read("out/thin-lens.md")).unwrap();
+    assert!(page.contains("](thin-lens-equal.png)") && page.contains("diopter calc thin-lens"), "{page}");
+    // Photographs in another size; a table as it is printed.
+    f.ok(&["lesson", "gamma", "-o", "out", "--size", "24x16"]);
+    let figure = f.read("out/gamma-encodings.png");
+    assert_eq!(size_of(&figure)[0], 12 + 5 * 36);
+    f.ok(&["lesson", "gamma", "-o", "out", "--size", "24x16", "--threads", "1"]);
+    assert!(figure == f.read("out/gamma-encodings.png"), "the same lesson is another picture");
+    f.ok(&["lesson", "formats", "-o", "out"]);
+    let page = String::from_utf8(f.read("out/formats.md")).unwrap();
+    let table = String::from_utf8(f.ok(&["calc", "formats"]).stdout).unwrap();
+    assert!(page.contains(table.trim_end()), "{page}");
+    for (args, said) in [
+        (&["lesson", "gama", "-o", "x"][..], "did you mean \"gamma\""),
+        (&["lesson", "gamma"], "-o FOLDER"),
+        (&["lesson", "gamma", "-o", "out/gamma.md"], "a folder"),
+    ] {
+        let (code, message) = f.fails(args);
+        assert!(code == 2 && message.contains(said), "{args:?}: {message}");
+    }
+}

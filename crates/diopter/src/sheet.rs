@@ -149,7 +149,8 @@ impl FromStr for Axis {
         let (names, values) = text.split_once('=').ok_or_else(wrong)?;
         let names: Vec<String> = names.split(':').map(|n| n.trim().to_owned()).collect();
         let separator = if values.contains(';') { ';' } else { ',' };
-        let values: Vec<&str> = values.split(separator).map(str::trim).collect();
+        // A semicolon at the end makes one value of what has commas.
+        let values: Vec<&str> = values.trim().trim_end_matches(';').split(separator).map(str::trim).collect();
         if names.iter().any(String::is_empty) || values.iter().any(|v| v.is_empty()) {
             return Err(wrong());
         }
@@ -250,6 +251,8 @@ mod tests {
         // Values with commas.
         let sheet = SheetFile { vary: vec!["look-from=0,1,2;0,1,3".parse().unwrap()], ..Default::default() };
         assert_eq!(sheet.cells(None).unwrap().cells[1].shot.camera.look_from, Some([0.0, 1.0, 3.0]));
+        let one: Axis = "focus=at 0.4,0.6;".parse().unwrap();
+        assert_eq!(one.values, [toml::Value::String("at 0.4,0.6".into())]);
         for wrong in ["iso", "iso=", "=1,2", "iso=1,,2"] {
             assert!(wrong.parse::<Axis>().is_err(), "{wrong}");
         }

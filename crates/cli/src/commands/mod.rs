@@ -6,6 +6,7 @@ pub mod denoise;
 pub mod develop;
 pub mod expose;
 pub mod lens;
+pub mod lesson;
 pub mod lut;
 pub mod manual;
 pub mod merge;

@@ -1,0 +1,208 @@
+//! `lesson`: figures and tables of a subject with two lines of text each, made by the commands that a reader can type.
+//!
+//! A lesson is a data file (`lessons/*.toml`). Its commands are run by this program itself, one after another, in the folder that is written.
+
+use super::print_json;
+use crate::AskedWrongly;
+use crate::args::LessonArgs;
+use crate::output::Output;
+use crate::watch::{self, say};
+use anyhow::{Context, anyhow};
+use diopter::lesson::{Lesson, words};
+use diopter::sensor::nearest;
+use std::fmt::Write as _;
+use std::io::Write as _;
+use std::num::NonZeroUsize;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+use std::time::Instant;
+
+/// Names and texts of the lessons, in the order of a course.
+const LESSONS: &[(&str, &str)] = &[
+    ("thin-lens", include_str!("../lessons/thin-lens.toml")),
+    ("spherical-aberration", include_str!("../lessons/spherical-aberration.toml")),
+    ("field-of-view", include_str!("../lessons/field-of-view.toml")),
+    ("formats", include_str!("../lessons/formats.toml")),
+    ("exposure-triangle", include_str!("../lessons/exposure-triangle.toml")),
+    ("f-stops", include_str!("../lessons/f-stops.toml")),
+    ("equal-exposures", include_str!("../lessons/equal-exposures.toml")),
+    ("iso-ladder", include_str!("../lessons/iso-ladder.toml")),
+    ("circle-of-confusion", include_str!("../lessons/circle-of-confusion.toml")),
+    ("hyperfocal", include_str!("../lessons/hyperfocal.toml")),
+    ("autofocus", include_str!("../lessons/autofocus.toml")),
+    ("motion-blur", include_str!("../lessons/motion-blur.toml")),
+    ("high-speed", include_str!("../lessons/high-speed.toml")),
+    ("long-exposure", include_str!("../lessons/long-exposure.toml")),
+    ("rolling-shutter", include_str!("../lessons/rolling-shutter.toml")),
+    ("anti-aliasing", include_str!("../lessons/anti-aliasing.toml")),
+    ("tone-curves", include_str!("../lessons/tone-curves.toml")),
+    ("gamma", include_str!("../lessons/gamma.toml")),
+];
+
+/// Page that lists those of `lesson all`.
+const INDEX: &str = "index.md";
+
+pub fn run(args: &LessonArgs, threads: Option<NonZeroUsize>, json: bool) -> anyhow::Result<()> {
+    if args.name == "list" {
+        return list(json);
+    }
+    let chosen: Vec<_> = LESSONS.iter().filter(|l| args.name == "all" || args.name == l.0).collect();
+    if chosen.is_empty() {
+        let names = || LESSONS.iter().map(|l| l.0).chain(["list", "all"]);
+        let hint = nearest(&args.name, names()).map_or(String::new(), |n| format!(" (did you mean \"{n}\"?)"));
+        let all: Vec<&str> = names().collect();
+        return Err(AskedWrongly(anyhow!("lesson \"{}\": expected one of {}{hint}", args.name, all.join(", "))).into());
+    }
+    let Some(folder) = &args.output else {
+        return Err(AskedWrongly(anyhow!("lesson \"{}\": no folder; expected -o FOLDER to write it into", args.name)).into());
+    };
+    if folder.exists() && !folder.is_dir() {
+        return Err(AskedWrongly(anyhow!("{}: this is a file; expected a folder", folder.display())).into());
+    }
+    let _held = watch::hold();
+    let started = Instant::now();
+    std::fs::create_dir_all(folder).with_context(|| format!("{}: this folder cannot be made", folder.display()))?;
+    let program = std::env::current_exe().context("the program itself, which runs the commands of a lesson")?;
+    let runner = Runner { program, folder, size: args.size.map(|s| s.to_string()), threads };
+    let (mut told, mut index) = (Vec::new(), "# Lessons\n\n".to_owned());
+    for (name, text) in chosen.iter().copied() {
+        let begun = Instant::now();
+        let lesson = Lesson::parse(text, name)?;
+        let files = runner.lesson(name, &lesson)?;
+        writeln!(index, "- [{}]({name}.md): {}", lesson.title, lesson.text[0])?;
+        told.push(serde_json::json!({ "name": name, "files": files, "seconds": begun.elapsed().as_secs_f64() }));
+    }
+    if args.name == "all" {
+        let output = Output::prepare(&folder.join(INDEX))?;
+        output.commit(|to| Ok(to.write_all(index.as_bytes())?))?;
+    }
+    say(&format!("wrote {} lessons into {}", told.len(), folder.display()));
+    if json {
+        print_json(&serde_json::json!({ "lessons": told, "total_s": started.elapsed().as_secs_f64() }))?;
+    }
+    Ok(())
+}
+
+fn list(json: bool) -> anyhow::Result<()> {
+    let all = LESSONS.iter().map(|(name, text)| Ok((*name, Lesson::parse(text, name)?))).collect::<anyhow::Result<Vec<_>>>()?;
+    if json {
+        let row = |(name, l): &(&str, Lesson)| serde_json::json!({ "name": name, "title": l.title, "text": l.text });
+        return print_json(&serde_json::json!(all.iter().map(row).collect::<Vec<_>>()));
+    }
+    let mut out = std::io::stdout();
+    for (name, lesson) in all {
+        writeln!(out, "{name:<22} {}", lesson.title)?;
+    }
+    Ok(())
+}
+
+/// Runs the commands of lessons in a folder.
+struct Runner<'a> {
+    program: PathBuf,
+    folder: &'a Path,
+    /// Pixels of all photographs, instead of those that the lessons say.
+    size: Option<String>,
+    threads: Option<NonZeroUsize>,
+}
+
+impl Runner<'_> {
+    /// Makes all figures and tables, and the page that shows them.
+    fn lesson(&self, name: &str, lesson: &Lesson) -> anyhow::Result<Vec<PathBuf>> {
+        let mut page = format!("# {}\n\n{}\n{}\n", lesson.title, lesson.text[0], lesson.text[1]);
+        let mut files = Vec::new();
+        for figure in &lesson.figure {
+            let typed = self.typed(&figure.command);
+            self.command(name, &typed)?;
+            let path = self.folder.join(&figure.file);
+            if !path.is_file() {
+                return Err(anyhow!("lesson {name}: \"{typed}\" wrote no {}", figure.file));
+            }
+            write!(page, "\n![{0}]({1})\n\n*{0}*\n\n    diopter {typed}\n", figure.caption, figure.file)?;
+            files.push(path);
+        }
+        for table in &lesson.table {
+            let typed = self.typed(&table.command);
+            let text = self.command(name, &typed)?;
+            write!(page, "\n*{}*\n\n    diopter {typed}\n\n```\n{}\n```\n", table.caption, text.trim_end())?;
+        }
+        let output = Output::prepare(&self.folder.join(format!("{name}.md")))?;
+        files.push(output.commit(|to| Ok(to.write_all(page.as_bytes())?))?);
+        Ok(files)
+    }
+
+    /// A command as it is run and shown: with the size that was asked for.
+    fn typed(&self, command: &str) -> String {
+        match &self.size {
+            // The last of a flag given twice wins.
+            Some(size) if command.starts_with("shoot ") => format!("{command} --size {size}"),
+            _ => command.to_owned(),
+        }
+    }
+
+    /// Runs one command; what it prints. Fails with what it says.
+    fn command(&self, name: &str, typed: &str) -> anyhow::Result<String> {
+        if watch::stopping() {
+            return Err(anyhow!("stopped in lesson {name}: its page was not written"));
+        }
+        say(&format!("{name}: diopter {typed}"));
+        let mut command = Command::new(&self.program);
+        command.args(words(typed)).current_dir(self.folder).stdin(std::process::Stdio::null());
+        if let Some(threads) = self.threads {
+            command.arg("--threads").arg(threads.to_string());
+        }
+        let done = command.output().with_context(|| format!("lesson {name}: {}", self.program.display()))?;
+        if !done.status.success() {
+            let said = String::from_utf8_lossy(&done.stderr);
+            return Err(anyhow!("lesson {name}: \"diopter {typed}\" failed: {}", said.trim().lines().last().unwrap_or("")));
+        }
+        Ok(String::from_utf8_lossy(&done.stdout).into_owned())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::args::Verb;
+    use crate::help;
+    use std::ffi::OsString;
+
+    fn lessons() -> impl Iterator<Item = (&'static str, Lesson)> {
+        LESSONS.iter().map(|(name, text)| (*name, Lesson::parse(text, name).unwrap_or_else(|e| panic!("{e}"))))
+    }
+
+    #[test]
+    fn every_command_of_a_lesson_is_one_that_can_be_typed() {
+        for (name, lesson) in lessons() {
+            let commands = lesson.figure.iter().map(|f| &f.command).chain(lesson.table.iter().map(|t| &t.command));
+            for command in commands {
+                let typed: Vec<OsString> = ["diopter".to_owned()].into_iter().chain(words(command)).map(OsString::from).collect();
+                let args = help::parse(&typed).unwrap_or_else(|e| panic!("{name}: {command}: {e}"));
+                // Whatever is varied exists, too.
+                if let Verb::Shoot(shoot) = args.verb {
+                    let shot = shoot.taking.shot_file().unwrap();
+                    let sheet = diopter::sheet::SheetFile { vary: shoot.vary.clone(), shot, ..Default::default() };
+                    if !shoot.vary.is_empty() {
+                        sheet.cells(None).unwrap_or_else(|e| panic!("{name}: {command}: {e}"));
+                    }
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn figures_are_written_where_the_page_shows_them() {
+        let mut files = Vec::new();
+        for (name, lesson) in lessons() {
+            assert!(!lesson.figure.is_empty() || !lesson.table.is_empty(), "{name}");
+            for figure in &lesson.figure {
+                assert!(words(&figure.command).contains(&figure.file), "{name}: {}", figure.command);
+                assert!(figure.file.ends_with(".png") && figure.file.starts_with(name), "{}", figure.file);
+                files.push(figure.file.clone());
+            }
+        }
+        let count = files.len();
+        files.sort();
+        files.dedup();
+        assert_eq!(files.len(), count);
+    }
+}
