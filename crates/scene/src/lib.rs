@@ -9,6 +9,7 @@ pub mod bvh;
 pub mod daylight;
 pub mod guide;
 pub mod light;
+pub mod light_paths;
 pub mod load;
 pub mod material;
 pub mod medium;
@@ -25,7 +26,7 @@ pub mod texture;
 mod within;
 
 pub use guide::{Guide, GuideMode};
-pub use radiance::{FirstSurface, PathSettings};
+pub use radiance::{FirstSurface, PathSettings, Precomputed};
 pub use scene::{Description, Object, Scene, Shape};
 
 /// Why a scene cannot be had.
