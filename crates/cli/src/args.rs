@@ -551,6 +551,10 @@ pub struct Taking {
     /// shades. Parts of --samples learn the same.
     #[arg(long, value_name = "auto|on|off")]
     pub guide: Option<String>,
+    /// path: from the camera only. caustics: and photons from lamps over mirrors and through glass. auto: photons for small lamps where there is
+    /// smooth glass or metal.
+    #[arg(long, value_name = "NAME")]
+    pub integrator: Option<String>,
     /// A quick look: blur made from one sharp exposure and its depth.
     ///
     /// No rays are traced through the lens.
@@ -1249,6 +1253,7 @@ impl Taking {
         over(&mut render.sampler, &self.sampler);
         over(&mut render.max_depth, &self.max_depth);
         over(&mut render.guide, &self.guide);
+        over(&mut render.integrator, &self.integrator);
         over(&mut render.time_limit, &self.time_limit);
         over(&mut render.denoise, &self.denoise);
         over(&mut render.fireflies, &self.fireflies);

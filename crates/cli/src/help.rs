@@ -109,6 +109,7 @@ const GROUPS: [Group; 10] = [
             "seed",
             "sampler",
             "max-depth",
+            "integrator",
             "guide",
             "fireflies",
             "checkpoint",

@@ -6,12 +6,14 @@
 
 mod fireflies;
 mod guiding;
+mod integrator;
 mod paged;
 mod response;
 mod sums;
 mod tile;
 
 pub use fireflies::{Fireflies, SUMS_WITH_CASCADE};
+pub use integrator::Integrator;
 pub use paged::{ExposedPaged, ExposedRows};
 pub use response::Response;
 pub use sums::{Keep, Sums};
@@ -24,6 +26,7 @@ use diopter_image::{ExposureFacts, FocalPlane, Raster};
 use diopter_lens::{Lens, Projection};
 use diopter_light::random::SamplerKind;
 use diopter_light::wavelength::WavelengthSampler;
+use diopter_scene::light_paths::PhotonMap;
 use diopter_scene::{Guide, GuideMode, PathSettings, Scene};
 use fireflies::Cascade;
 use guiding::Guided;
@@ -59,6 +62,8 @@ pub struct Settings {
     /// Whether paths are guided to where light was found to come from ([`diopter_scene::guide`]). Training follows about an eighth as many paths as
     /// the whole exposure has (all of `spp`, whichever are rendered), and comes before the samples.
     pub guide: GuideMode,
+    /// How light transport is computed.
+    pub integrator: Integrator,
     /// Factor on all light of the scene.
     pub light_scale: f64,
     /// Stop after about so much time, s, the truth included; the samples that are done then (two at least) make the picture.
@@ -97,7 +102,7 @@ impl Half {
 }
 
 impl Settings {
-    /// `spp` Sobol samples, seed 1, no limits, not guided.
+    /// `spp` Sobol samples, seed 1, the integrator chosen by the scene, no limits, not guided.
     pub fn new(spp: u32) -> Self {
         Settings {
             spp,
@@ -106,6 +111,7 @@ impl Settings {
             seed: 1,
             path: PathSettings::default(),
             guide: GuideMode::Off,
+            integrator: Integrator::default(),
             light_scale: 1.0,
             time_limit_s: None,
             truth: true,
@@ -217,10 +223,14 @@ pub fn bytes_needed(bands: usize, summed: usize) -> (usize, usize) {
     (sums + plane, TILES_AT_ONCE * rayon::current_num_threads().max(1) * tile)
 }
 
-/// Where the pass ends that begins with a sample. Passes end at multiples of a power of two that depends on the number of pixels alone, so that sums
-/// are added in the same order however an exposure is interrupted.
-fn pass_end(first: u32, pixels: usize) -> u32 {
-    let length = 1u32 << (PASS_PATHS / pixels.max(1)).max(1).ilog2().clamp(1, 8);
+/// Samples of a pass: a power of two that depends on the number of pixels alone.
+fn pass_length(pixels: usize) -> u32 {
+    1u32 << (PASS_PATHS / pixels.max(1)).max(1).ilog2().clamp(1, 8)
+}
+
+/// Where the pass ends that begins with a sample: passes end at multiples of their length, so that sums are added in the same order however an
+/// exposure is interrupted.
+fn pass_end(first: u32, length: u32) -> u32 {
     (first / length + 1).saturating_mul(length)
 }
 
@@ -374,6 +384,12 @@ impl Exposure<'_> {
         let sampling = Instant::now();
         let (curves, wavelengths) = self.curves();
         let unit = self.unit(&curves, &wavelengths, guided.guide.as_ref());
+        let caustics = self.caustics();
+        let length = match &caustics {
+            None => pass_length(width * height),
+            Some(_) => integrator::map_samples(width * height),
+        };
+        let mut photons: Option<(u32, [PhotonMap; 2])> = None;
         let tiles = width.div_ceil(TILE) * height.div_ceil(TILE);
         let at_once = TILES_AT_ONCE * rayon::current_num_threads().max(1);
         let tiles_done = AtomicUsize::new(0);
@@ -385,7 +401,7 @@ impl Exposure<'_> {
             let done = sums.samples.end;
             if sums.pass_end == done {
                 // Without a limit passes are as they are; with one, they grow as long as time is left.
-                let end = pass_end(done, width * height).min(wanted.end);
+                let end = pass_end(done, length).min(wanted.end);
                 sums.pass_end = match time_limit_s {
                     None => end,
                     Some(limit) => {
@@ -403,6 +419,16 @@ impl Exposure<'_> {
                 };
             }
             let pass = done..sums.pass_end;
+            // A pass ends with the samples of its maps at the latest.
+            let map = done / length;
+            if let Some(caustics) = &caustics
+                && photons.as_ref().is_none_or(|(number, _)| *number != map)
+            {
+                // One pair at a time in memory.
+                drop(photons.take());
+                photons = Some((map, [0, 1].map(|replicate| caustics.map(map, replicate))));
+            }
+            let of_pass = photons.as_ref().map(|(_, maps)| maps);
             tiles_done.store(sums.tiles, Ordering::Relaxed);
             let share = |tile: usize| match time_limit_s {
                 None => {
@@ -421,7 +447,7 @@ impl Exposure<'_> {
                         if at_once_if_stopped && stopped() {
                             return None;
                         }
-                        let tile = unit.tile(index, pass.clone(), before);
+                        let tile = unit.tile(index, pass.clone(), before, of_pass);
                         (watch.progress)(share(tiles_done.fetch_add(1, Ordering::Relaxed) + 1));
                         Some(tile)
                     })

@@ -30,7 +30,7 @@ pub mod truth;
 
 pub use camera::{Camera, Film};
 pub use camera_way::CameraWay;
-pub use expose::{ExposeError, Half, Response, Settings, expose};
+pub use expose::{ExposeError, Half, Integrator, Response, Settings, expose};
 pub use shutter::Shutter;
 
 // The stages, under one roof for doors.

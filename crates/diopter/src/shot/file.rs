@@ -467,6 +467,9 @@ pub struct RenderSection {
     /// Path guiding, which learns where light comes from before the samples are taken: `auto` (without; if it pays), `on` or `off`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub guide: Option<String>,
+    /// `path`, `caustics` or `auto`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub integrator: Option<String>,
     /// Stop after about so long.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub time_limit: Option<Seconds>,

@@ -24,7 +24,9 @@ pub use sources::{odd_size, read_body, read_environment, read_lens, read_scene};
 pub use surroundings::daylight;
 
 use crate::camera::{Camera, Film, PlacementError};
-use crate::expose::{ExposeError, Exposed, Exposure, Fireflies, Keep, Response, SUMS_WITH_CASCADE, Settings, Sums, Watch};
+use crate::expose::{
+    ExposeError, Exposed, Exposure, Fireflies, Integrator, Keep, Response, SUMS_WITH_CASCADE, Settings, Sums, Watch,
+};
 use crate::flash::Flash;
 use crate::metering::{self, Meter, Pattern};
 use crate::program::{self, Chosen, Limits, Mode};
@@ -623,6 +625,7 @@ impl Shot {
         r.sampler.get_or_insert_with(|| "sobol".into());
         r.max_depth.get_or_insert(self.settings.path.max_depth);
         r.guide.get_or_insert_with(|| self.settings.guide.name().into());
+        r.integrator.get_or_insert_with(|| self.settings.integrator.name().into());
         r.denoise.get_or_insert(self.denoise);
     }
 
@@ -987,6 +990,12 @@ fn settings(r: &RenderSection) -> Result<Settings, ShotError> {
         None => GuideMode::default(),
         Some(name) => GuideMode::named(name).ok_or_else(|| value("guide", format!("\"{name}\""), "auto, on or off"))?,
     };
+    let integrator = match r.integrator.as_deref() {
+        None => Integrator::default(),
+        Some(name) => {
+            Integrator::by_name(name).ok_or_else(|| value("integrator", format!("\"{name}\""), "path, caustics or auto"))?
+        }
+    };
     let limit = r.time_limit.map(|s| s.0);
     if limit.is_some_and(|l| !(l > 0.0)) {
         return Err(value("time-limit", r.time_limit.map_or(String::new(), |l| l.to_string()), "a time above 0"));
@@ -1001,6 +1010,7 @@ fn settings(r: &RenderSection) -> Result<Settings, ShotError> {
         seed: r.seed.unwrap_or(DEFAULT_SEED),
         path: PathSettings { max_depth: r.max_depth.unwrap_or(default.max_depth), ..default },
         guide,
+        integrator,
         time_limit_s: limit,
         ..Settings::new(spp)
     })

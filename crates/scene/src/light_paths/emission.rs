@@ -19,9 +19,12 @@ use diopter_light::{Ray, Sampled, Spectrum, Wavelengths};
 use glam::Vec3;
 use std::f32::consts::{PI, TAU};
 
-/// Solid angle (sr) under which the casters may see a lamp at most that is left to photons when lamps are chosen by themselves: chance
-/// finds larger ones by one path of a hundred at least.
-const SMALL_LAMP_SR: f32 = 0.1;
+/// Solid angle (sr) up to which lamps are left to photons where lamps are chosen by the scene: of larger ones chance finds more than one path in
+/// twelve.
+const SMALL_LAMP_SR: f32 = 0.5;
+
+/// Least distance from which a lamp is judged, in radii of the scene: light of a bulb's filament lands far from its glass.
+const LEAST_DISTANCE: f32 = 0.2;
 
 /// The same of a disc at infinity: its half angle, rad. The sun's is 0.0047.
 const SMALL_DISC: f32 = 0.17;
@@ -105,7 +108,8 @@ impl<'a> Emission<'a> {
                 numbers.dedup();
                 let at = |n: &u32| &lights.area[*n as usize];
                 let whole: f32 = numbers.iter().map(|n| at(n).area()).sum();
-                let seen = |light: &AreaLight| whole / casters.distance(light.center()).powi(2);
+                let distance = |light: &AreaLight| casters.distance(light.center()).max(LEAST_DISTANCE * around.1);
+                let seen = |light: &AreaLight| whole / distance(light).powi(2);
                 let small = !numbers.is_empty() && numbers.iter().all(|n| seen(at(n)) < SMALL_LAMP_SR);
                 numbers.iter().for_each(|n| area[*n as usize] = small);
             }

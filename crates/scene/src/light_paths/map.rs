@@ -9,12 +9,17 @@ use diopter_light::random::mix;
 use diopter_light::{Sampled, Wavelengths};
 use glam::{IVec3, Vec3};
 use std::f32::consts::PI;
+use std::ops::Range;
 
 /// GGX width from which on lobes gather photons of lamps that rays can meet. Narrower ones see these lamps as mirrors do: by chance, as ever.
 pub(super) const BROAD_ALPHA: f32 = 0.04;
 
 /// Distance from the plane of the surface, in radii, beyond which photons belong to another surface.
 const THICKNESS: f32 = 0.3;
+
+/// Photons around a point from which on the disc is smaller: in a focus far more lie within the radius than are needed for a mean, and gathering
+/// them would take the time and the sharpness.
+const CROWD: u32 = 1024;
 
 /// Least cosine between the normals of a photon's surface and of the one that gathers it.
 const SAME_SIDE: f32 = 0.7;
@@ -73,13 +78,18 @@ impl<'a> PhotonMap<'a> {
         most_events: u32,
     ) -> Sampled {
         let mut sum = Sampled::ZERO;
-        let (r2, ng) = (self.radius * self.radius, surface.ng);
+        let crowd = self.grid.count(surface.point, self.radius);
+        if crowd == 0 {
+            return sum;
+        }
+        let radius = self.radius * (CROWD as f32 / crowd.max(CROWD) as f32).sqrt();
+        let (r2, ng) = (radius * radius, surface.ng);
         let (scene, lamps) = (self.caustics.scene, &self.caustics.emission.lamps);
         let mut last: Option<(u32, Sampled)> = None;
-        self.grid.around(surface.point, self.radius, |photon| {
+        self.grid.around(surface.point, radius, |photon| {
             let offset = photon.point - surface.point;
             let (d2, height) = (offset.length_squared(), offset.dot(ng));
-            if d2 >= r2 || height.abs() > THICKNESS * self.radius || u32::from(photon.events) > most_events {
+            if d2 >= r2 || height.abs() > THICKNESS * radius || u32::from(photon.events) > most_events {
                 return;
             }
             let in_time = match self.time_radius_s {
@@ -181,26 +191,32 @@ impl Grid {
         Grid { cell, photons, starts, bounds }
     }
 
+    /// The cells that a box of half an edge `reach` around a point touches, and where their photons are, with those of other cells.
+    #[inline]
+    fn cells(&self, p: Vec3, reach: f32) -> impl Iterator<Item = (IVec3, Range<usize>)> {
+        let outside = (p + reach).cmplt(self.bounds.min).any() || (p - reach).cmpgt(self.bounds.max).any();
+        let (low, high) = (cell_of(p - reach, self.cell), cell_of(p + reach, self.cell));
+        let columns = (low.x..=high.x).take(if outside { 0 } else { usize::MAX });
+        let cells =
+            columns.flat_map(move |x| (low.y..=high.y).flat_map(move |y| (low.z..=high.z).map(move |z| IVec3::new(x, y, z))));
+        cells.map(|cell| {
+            let bucket = hash(cell) as usize & (self.starts.len() - 2);
+            (cell, self.starts[bucket] as usize..self.starts[bucket + 1] as usize)
+        })
+    }
+
+    /// How many photons are in the cells around a point, about.
+    #[inline]
+    fn count(&self, p: Vec3, reach: f32) -> u32 {
+        self.cells(p, reach).map(|(_, range)| range.len() as u32).sum()
+    }
+
     /// Visits all photons in the cells that a box of half an edge `reach` (half a cell's at most) around a point touches, each once.
     #[inline]
     fn around(&self, p: Vec3, reach: f32, mut visit: impl FnMut(&Photon)) {
-        if (p + reach).cmplt(self.bounds.min).any() || (p - reach).cmpgt(self.bounds.max).any() {
-            return;
-        }
-        let (low, high) = (cell_of(p - reach, self.cell), cell_of(p + reach, self.cell));
-        for x in low.x..=high.x {
-            for y in low.y..=high.y {
-                for z in low.z..=high.z {
-                    let cell = IVec3::new(x, y, z);
-                    let bucket = hash(cell) as usize & (self.starts.len() - 2);
-                    for photon in &self.photons[self.starts[bucket] as usize..self.starts[bucket + 1] as usize] {
-                        // Other cells share the bucket.
-                        if cell_of(photon.point, self.cell) == cell {
-                            visit(photon);
-                        }
-                    }
-                }
-            }
+        for (cell, range) in self.cells(p, reach) {
+            // Other cells share the bucket.
+            self.photons[range].iter().filter(|photon| cell_of(photon.point, self.cell) == cell).for_each(&mut visit);
         }
     }
 }

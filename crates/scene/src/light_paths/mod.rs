@@ -24,15 +24,15 @@
 //! | `L …C… N …E`, point, spot, parallel light | photons: rays cannot meet such lamps |
 //! | lamps that no photons are emitted from, the environment, unlit surfaces | as without photons |
 //!
-//! The rows are disjoint, and together they are all paths that the path tracer alone has, and those of `L C D` with lamps without extent, which it
-//! does not have. Photons are weakened by the transmittance of media; what scatters there is the path tracer's. Both parts count the events of
+//! The rows are disjoint, and together they are all paths that the path tracer alone has, and the caustics of lamps without extent, which it does
+//! not have: chance hits of such lamps there are none, so their rows of chance hits stay dark as without photons. Photons are weakened by the transmittance of media; what scatters there is the path tracer's. Both parts count the events of
 //! the whole path against `max_depth`.
 //!
 //! # Bias
 //!
 //! Consistent, not unbiased: light is blurred over the disc, and lost where the disc reaches beyond an edge. The first disc holds about
 //! [`FIRST_NEIGHBOURS`] photons on average; map `m` has a radius of r₀ (m + 1)^(−1/6), the area so falls by (m + 1)^(−1/3) (α = 2/3 of Knaus &
-//! Zwicker), the error of the mean of all maps with it, while their noise falls by (m + 1)^(−1/3) in standard deviation. A caustic's
+//! Zwicker; in a focus it is smaller still), the error of the mean of all maps with it, while their noise falls by (m + 1)^(−1/3) in standard deviation. A caustic's
 //! total power is kept. Wavelengths of photons whose power differs by wavelength are joined over ±25 nm. In scenes that move a photon has its
 //! own moment, and is gathered within a quarter of the exposure on both sides in the first map, less later: caustics of moving things are
 //! blurred by so much more. The flicker of lamps is exact: it is applied at the moment of the camera path.
