@@ -9,7 +9,7 @@
 //! # Which path is found by whom
 //!
 //! Vertices from the lamp: `L` a lamp that photons are emitted from; `C` a specular event at a smooth body of glass or metal (a *caster*,
-//! see [`casters`]); `T` straight through a smooth thin sheet; `P` any other specular event (the polish of a plastic, the reflection of a pane);
+//! those of `casters.rs`); `T` straight through a smooth thin sheet; `P` any other specular event (the polish of a plastic, the reflection of a pane);
 //! `D` scattering by a lobe that is not specular, at a surface; `N` the same by a lobe narrower than `BROAD_ALPHA`; `M` in a medium; `E` the
 //! camera. Faces of media and hidden faces are no events.
 //!
