@@ -12,7 +12,12 @@ const ARROWS: &[(&str, &[&str])] = &[
     ("diopter-scene", &["diopter-light", "diopter-image"]),
     ("diopter-sensor", &["diopter-light", "diopter-image"]),
     ("diopter-develop", &["diopter-light", "diopter-image"]),
-    ("diopter", &["diopter-light", "diopter-image", "diopter-lens", "diopter-scene", "diopter-sensor", "diopter-develop"]),
+    // The binding of a C library: it knows none of us, and only the camera opens it.
+    ("diopter-oidn", &[]),
+    (
+        "diopter",
+        &["diopter-light", "diopter-image", "diopter-lens", "diopter-scene", "diopter-sensor", "diopter-develop", "diopter-oidn"],
+    ),
     ("diopter-cli", &["diopter"]),
 ];
 
