@@ -7,6 +7,7 @@
 pub mod builtin;
 pub mod bvh;
 pub mod daylight;
+mod features;
 pub mod guide;
 pub mod light;
 pub mod light_paths;
