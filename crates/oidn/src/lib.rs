@@ -15,17 +15,10 @@ use std::path::{Path, PathBuf};
 /// Why the library cannot be used.
 #[derive(Debug)]
 pub enum Error {
-    /// No library was found.
+    /// No library of version 2 was found.
     NotFound {
         /// Every name and file that was tried, with what the system says.
         tried: Vec<(PathBuf, String)>,
-    },
-    /// A library that lacks a function of version 2.
-    Function {
-        /// The library.
-        library: PathBuf,
-        /// The function.
-        name: &'static str,
     },
     /// What the library itself says.
     Device {
@@ -55,9 +48,6 @@ impl std::fmt::Display for Error {
                     write!(f, "{comma}{} ({reason})", path.display())?;
                 }
                 Ok(())
-            }
-            Error::Function { library, name } => {
-                write!(f, "{}: has no function {name}: expected Open Image Denoise 2.0 or later", library.display())
             }
             Error::Device { what, message } => write!(f, "Open Image Denoise: {what}: {message}"),
             Error::Size { image, found, expected } => write!(f, "{image} image has {found} numbers: expected {expected}"),
@@ -114,15 +104,17 @@ impl std::fmt::Debug for Denoiser {
 }
 
 impl Denoiser {
-    /// Opens the first library of `candidates` that can be opened: files, or bare names that the system looks up. The device uses `threads` threads
-    /// (0: as many as the machine has). A library that opens and then fails is an error, not a reason to try the next.
+    /// Opens the first library of `candidates` that can be opened and is of version 2: files, or bare names that the system looks up. The device uses
+    /// `threads` threads (0: as many as the machine has). A library that opens and then fails is an error, not a reason to try the next.
     pub fn open(candidates: &[PathBuf], threads: usize) -> Result<Self, Error> {
         let mut tried = Vec::new();
         for path in candidates {
             match Api::open(path) {
                 Ok(api) => return Self::with(api, path, threads),
                 Err(api::OpenError::Library(reason)) => tried.push((path.clone(), reason)),
-                Err(api::OpenError::Function(name)) => return Err(Error::Function { library: path.clone(), name }),
+                Err(api::OpenError::Function(name)) => {
+                    tried.push((path.clone(), format!("no function {name}: version 2 has it")))
+                }
             }
         }
         Err(Error::NotFound { tried })
@@ -225,13 +217,9 @@ mod tests {
 
     #[test]
     fn another_library_is_refused_by_the_function_it_lacks() {
-        // The C library is there on every Linux; elsewhere there is nothing to open.
-        if let Err(error) = Denoiser::open(&[PathBuf::from("libc.so.6")], 1) {
-            let text = error.to_string();
-            assert!(text.contains("oidn") || text.contains("not found"), "{text}");
-        } else {
-            panic!("the C library is no denoiser");
-        }
+        let error = Denoiser::open(&[PathBuf::from("libc.so.6")], 1).unwrap_err().to_string();
+        // The C library is there on Linux; elsewhere there is nothing to open.
+        assert!(!cfg!(all(target_os = "linux", target_env = "gnu")) || error.contains("no function oidn"), "{error}");
     }
 
     /// Runs where the library is installed: set `DIOPTER_OIDN` to its file.
