@@ -2,6 +2,7 @@
 
 use crate::memory::Bytes;
 use clap::{Parser, Subcommand};
+use diopter::denoising::Denoise;
 use diopter::files;
 use diopter::image::dng::Storage;
 use diopter::quantity::{
@@ -53,6 +54,12 @@ pub enum Verb {
         /// Focal plane to write (.exr).
         #[arg(short, long, value_name = "FILE")]
         output: PathBuf,
+        /// By what: on (Open Image Denoise where it is found, else the built-in filter), oidn or builtin.
+        #[arg(long, value_name = "WHICH", default_value_t = Denoise::On)]
+        by: Denoise,
+        /// Library of Intel Open Image Denoise, or its folder; without, DIOPTER_OIDN, the system's libraries and Python's package pyoidn are searched.
+        #[arg(long, value_name = "FILE")]
+        oidn: Option<PathBuf>,
     },
     /// Join focal planes that hold different samples of the same picture, or the raw files of an exposure series.
     Merge(Merge),
@@ -560,9 +567,16 @@ pub struct Taking {
     /// No rays are traced through the lens.
     #[arg(long)]
     pub quick: bool,
-    /// Reduce the renderer's own noise (on), or leave the exposure as computed (off).
-    #[arg(long, value_name = "on|off", num_args = 0..=1, default_missing_value = "on", value_parser = on_off)]
-    pub denoise: Option<bool>,
+    /// Reduce the renderer's own noise: auto, on, off, oidn or builtin.
+    ///
+    /// auto: in pictures to look at (JPEG, PNG, TIFF) of `shoot`; raw files (DNG), EXR and `expose` keep what was computed, also of the same shot. on: in
+    /// all files, by Intel Open Image Denoise where it is found, else by the built-in filter. oidn, builtin: in all files, by this one. The sensor's own
+    /// noise comes after it and stays.
+    #[arg(long, value_name = "WHICH", num_args = 0..=1, default_missing_value = "on")]
+    pub denoise: Option<Denoise>,
+    /// Library of Intel Open Image Denoise, or its folder; without, DIOPTER_OIDN, the system's libraries and Python's package pyoidn are searched.
+    #[arg(long, value_name = "FILE")]
+    pub oidn: Option<PathBuf>,
     /// Outliers that remain when the samples end: count them less (reweight), or leave them as computed (keep).
     ///
     /// Without it, shoot re-weights where all files are pictures (JPEG, PNG, TIFF), and keeps where one is an exposure (DNG, EXR, --truth, ...); expose keeps.
@@ -1111,15 +1125,6 @@ fn checkpoint(text: &str) -> Result<Checkpoint, String> {
     }
 }
 
-/// "on" or "off".
-fn on_off(text: &str) -> Result<bool, String> {
-    match text {
-        "on" => Ok(true),
-        "off" => Ok(false),
-        _ => Err(format!("\"{text}\" is neither on nor off (before a file write --denoise on)")),
-    }
-}
-
 /// "A..B".
 fn range(text: &str) -> Result<[u32; 2], String> {
     let ends = text.split_once("..").and_then(|(a, b)| Some([a.trim().parse().ok()?, b.trim().parse().ok()?]));
@@ -1257,6 +1262,7 @@ impl Taking {
         over(&mut render.time_limit, &self.time_limit);
         over(&mut render.denoise, &self.denoise);
         over(&mut render.fireflies, &self.fireflies);
+        over(&mut render.oidn, &self.oidn);
         render.quick |= self.quick;
         Ok(shot)
     }

@@ -112,6 +112,7 @@ const GROUPS: [Group; 10] = [
             "integrator",
             "guide",
             "fireflies",
+            "oidn",
             "checkpoint",
             "resume",
             "no-resume",

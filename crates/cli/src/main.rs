@@ -145,7 +145,7 @@ fn run(args: Args) -> anyhow::Result<()> {
         Verb::Develop(develop) => commands::develop::run(&develop, json),
         Verb::Lut { verb } => commands::lut::run(&verb, json),
         Verb::Calc { verb } => commands::calc::run(&verb, json),
-        Verb::Denoise { plane, output } => commands::denoise::run(&plane, &output, json),
+        Verb::Denoise { plane, output, by, oidn } => commands::denoise::run(&plane, &output, by, oidn.as_deref(), json),
         Verb::Merge(merge) => commands::merge::run(&merge, json),
         Verb::QuickLook(look) => commands::quick_look::run(&look, json),
         Verb::Stack(stack) => commands::stack::run(&stack, json),

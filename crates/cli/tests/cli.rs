@@ -44,7 +44,8 @@ fn shoot_without_a_scene_writes_photo_jpg() {
 #[test]
 fn the_steps_taken_apart_give_the_same_picture() {
     let f = Folder::new("steps");
-    f.ok(&with(&["shoot", "cornell", "--shutter", "1/30", "--seed", "7"], &["-o", "whole.png", "-o", "linear.exr"]));
+    let whole = ["shoot", "cornell", "--shutter", "1/30", "--seed", "7", "--denoise", "off"];
+    f.ok(&with(&whole, &["-o", "whole.png", "-o", "linear.exr"]));
     f.ok(&with(&["expose", "cornell", "--shutter", "1/30", "--seed", "7"], &["-o", "plane.exr"]));
     f.ok(&["read-out", "plane.exr", "--seed", "7", "-o", "raw.dng"]);
     f.ok(&["develop", "raw.dng", "-o", "parts.png"]);
@@ -53,6 +54,39 @@ fn the_steps_taken_apart_give_the_same_picture() {
     f.ok(&["read-out", "plane.exr", "--seed", "8", "-o", "raw.dng"]);
     f.ok(&["develop", "raw.dng", "-o", "other.png", "--tone", "reinhard"]);
     assert_ne!(std::fs::read(f.path("whole.png")).unwrap(), std::fs::read(f.path("other.png")).unwrap());
+}
+
+#[test]
+fn pictures_to_look_at_are_denoised_and_raw_files_are_not() {
+    let f = Folder::new("denoise");
+    let shoot = |which: &[&str], files: &[&str]| -> serde_json::Value {
+        let output = f.ok(&with(&["shoot", "cornell", "--shutter", "1/30", "--json"], &[which, files].concat()));
+        serde_json::from_slice(&output.stdout).unwrap()
+    };
+    let both = shoot(&[], &["-o", "auto.png", "-o", "auto.dng"]);
+    let off = shoot(&["--denoise", "off"], &["-o", "off.png", "-o", "off.dng"]);
+    let on = shoot(&["--denoise", "builtin"], &["-o", "on.png", "-o", "on.dng"]);
+    let one = shoot(&[], &["-o", "one.png"]);
+    // Facts of a shot are those of its raw file, if there is one.
+    assert_eq!((both["facts"]["denoised"].as_bool(), off["facts"]["denoised"].as_bool()), (Some(false), Some(false)));
+    assert_eq!((on["facts"]["denoised"].as_bool(), one["facts"]["denoised"].as_bool()), (Some(true), Some(true)));
+    assert_eq!(on["facts"]["denoiser"], "built-in regression");
+    assert!(one["facts"]["denoiser"].as_str().is_some_and(|d| !d.is_empty()));
+    assert!(f.read("auto.dng") == f.read("off.dng") && f.read("on.dng") != f.read("off.dng"));
+    assert!(
+        pixels(&f.path("auto.png")) != pixels(&f.path("off.png")) && pixels(&f.path("auto.png")) == pixels(&f.path("one.png"))
+    );
+    // An exposure is what was computed.
+    let exposed = f.ok(&with(&["expose", "cornell", "--json"], &["-o", "plane.exr"]));
+    let exposed: serde_json::Value = serde_json::from_slice(&exposed.stdout).unwrap();
+    assert_eq!(exposed["facts"]["denoised"], false);
+    f.ok(&["denoise", "plane.exr", "--by", "builtin", "-o", "calm.exr"]);
+    for args in [&["--denoise", "oidn"][..], &["--denoise", "on"], &[]] {
+        let (code, message) = f.fails(&with(&[&["shoot", "--oidn", "gone.so", "-o", "x.jpg"][..], args].concat(), &[]));
+        assert!(code == 1 && message.contains("gone.so") && message.contains("builtin"), "{args:?}: {code} {message}");
+    }
+    let (code, message) = f.fails(&["shoot", "--denoise", "maybe", "-o", "x.jpg"]);
+    assert!(code == 2 && message.contains("builtin"), "{code} {message}");
 }
 
 #[test]

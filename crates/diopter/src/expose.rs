@@ -24,10 +24,11 @@ use crate::shutter::{Moments, Place, Shutter};
 use diopter_image::focal_plane::{BandUnit, STRIP_STEP, Truth, bytes_a_pixel};
 use diopter_image::{ExposureFacts, FocalPlane, Raster};
 use diopter_lens::{Lens, Projection};
+use diopter_light::Ray;
 use diopter_light::random::SamplerKind;
 use diopter_light::wavelength::WavelengthSampler;
 use diopter_scene::light_paths::PhotonMap;
-use diopter_scene::{Guide, GuideMode, PathSettings, Scene};
+use diopter_scene::{FirstSurface, Guide, GuideMode, PathSettings, Scene};
 use fireflies::Cascade;
 use guiding::Guided;
 use rayon::prelude::*;
@@ -480,6 +481,20 @@ impl Exposure<'_> {
 
 /// Ground truth of some rows along chief rays, in the middle of the time each pixel is open; `None` once `cancel` is set.
 fn truth(scene: &Scene, camera: &Camera, shutter: &Shutter, rows: Range<usize>, cancel: &AtomicBool) -> Option<Truth> {
+    truth_of(&|ray| scene.first_surface(ray), camera, shutter, rows, cancel)
+}
+
+/// What denoisers are guided by: as the truth, but with albedo and normals of what smooth glass and mirrors show.
+pub(crate) fn features(scene: &Scene, camera: &Camera, shutter: &Shutter) -> Truth {
+    let go_on = AtomicBool::new(false);
+    let rows = camera.film.rows;
+    let look = |ray: &Ray| scene.first_rough_surface(ray);
+    truth_of(&look, camera, shutter, 0..rows, &go_on).unwrap_or_else(|| Truth::empty(camera.film.columns, rows))
+}
+
+type Look<'a> = &'a (dyn Fn(&Ray) -> Option<FirstSurface> + Sync);
+
+fn truth_of(look: Look, camera: &Camera, shutter: &Shutter, rows: Range<usize>, cancel: &AtomicBool) -> Option<Truth> {
     let (width, height) = (camera.film.columns, camera.film.rows);
     let mut truth = Truth::empty(width, rows.len());
     // All around there is no axis: depth is distance.
@@ -497,8 +512,8 @@ fn truth(scene: &Scene, camera: &Camera, shutter: &Shutter, rows: Range<usize>, 
                 camera.lens.ray_along(aimed.at, aimed.slope).map(|ray| camera.to_world(&ray, time))
             }
         };
-        let ray = ray.ok().filter(diopter_light::Ray::is_finite)?;
-        let s = scene.first_surface(&ray)?;
+        let ray = ray.ok().filter(Ray::is_finite)?;
+        let s = look(&ray)?;
         Some((s.distance * if all_around { 1.0 } else { camera.cosine_to_axis(ray.direction, time) }, s))
     };
     // Each row where it belongs: no second copy of the planes.

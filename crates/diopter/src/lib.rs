@@ -7,6 +7,7 @@
 pub mod camera;
 pub mod camera_way;
 pub mod checkpoint;
+pub mod denoising;
 pub mod depth_of_field;
 pub mod expose;
 pub mod files;

@@ -308,7 +308,11 @@ fn the_two_replicates_of_a_map_know_nothing_of_each_other() {
     for m in 1000..1000 + MAPS as u32 {
         let pair = [caustics.map(m, 0), caustics.map(m, 1)];
         for (i, ray) in points.iter().enumerate() {
-            let light = |map| f64::from(scene.radiance_with(Precomputed { photons: Some(map), guide: None }, *ray, &wavelengths, &sampler, &path).x);
+            let light = |map| {
+                f64::from(
+                    scene.radiance_with(Precomputed { photons: Some(map), guide: None }, *ray, &wavelengths, &sampler, &path).x,
+                )
+            };
             let [a, b] = pair.each_ref().map(light);
             sums[i] += 0.5 * (a + b);
             squares[i] += (0.5 * (a + b)).powi(2);

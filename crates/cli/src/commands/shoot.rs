@@ -84,6 +84,14 @@ pub fn run(args: &Shoot, json: bool) -> anyhow::Result<()> {
     let shot_file = args.save_shot.as_deref().map(Output::prepare).transpose()?;
 
     let mut shot = Shot::prepare(&file, &mut warn)?;
+    // Pictures to look at are without the renderer's noise; raw files and planes are as computed, unless it is asked for.
+    let looked_at = |path: &&PathBuf| output::kind(path).is_ok_and(Kind::is_looked_at);
+    let kept_files = || file.output.files.iter().chain(&args.merge).chain(&args.stack);
+    if kept_files().any(|p| looked_at(&p)) {
+        let raw_too = kept_files().any(|p| !looked_at(&p)) || !planes.is_empty() || !truths.is_empty();
+        shot.denoise_pictures(raw_too, &mut warn)?;
+    }
+    let series_is_looked_at = args.merge.iter().chain(&args.stack).all(|p| looked_at(&p));
     let kept = match (truths.is_empty(), planes.is_empty()) {
         (false, _) => Kept::Truth,
         (true, false) => Kept::Plane,
@@ -139,6 +147,8 @@ pub fn run(args: &Shoot, json: bool) -> anyhow::Result<()> {
         expose_s += seconds;
         size = [plane.width(), plane.height()];
         let raw = shot.read_out(plane)?;
+        // The same read-out of the same electrons without the renderer's noise.
+        let denoised = shot.for_pictures(&taken.exposed)?.map(|plane| shot.read_out(&plane)).transpose()?;
         let mut of_this = Vec::new();
         if let Some(output) = plane_file {
             of_this.push(output::write_plane(output, plane)?);
@@ -149,17 +159,21 @@ pub fn run(args: &Shoot, json: bool) -> anyhow::Result<()> {
             of_this.push(output.commit(|to| Ok(truth::write(plane, &reader, &raw, to)?))?);
         }
         let format = Format { storage: args.raw.storage(), ..Format::default() };
-        of_this.extend(output::write_pictures(pictures, &raw, &shot.recipe, shot.lut.as_ref(), format)?);
-        let facts = raw.header.facts.clone();
+        let only_looked_at = pictures.iter().all(|(kind, _)| kind.is_looked_at());
+        of_this.extend(output::write_pictures(pictures, &raw, denoised.as_ref(), &shot.recipe, shot.lut.as_ref(), format)?);
+        let facts = denoised.as_ref().filter(|_| only_looked_at).unwrap_or(&raw).header.facts.clone();
         match k {
             0 => say(&display(&facts, size[0], size[1], seconds)),
             _ => say(&setting(&facts)),
+        }
+        if let Some(denoised) = denoised.as_ref().filter(|_| k == 0 && !only_looked_at) {
+            say(&format!("pictures to look at are denoised ({}), the other files are not", denoised.header.facts.denoiser));
         }
         of_this.iter().for_each(|path| say(&format!("wrote {}", path.display())));
         written.extend(of_this);
         all_facts.push(facts);
         if merged_file.is_some() || stacked_file.is_some() {
-            raws.push(raw);
+            raws.push(denoised.filter(|_| series_is_looked_at).unwrap_or(raw));
         }
         stopped = taken.finish();
         if stopped.is_none() && k + 1 < count && watch::stopping() {
@@ -180,7 +194,7 @@ pub fn run(args: &Shoot, json: bool) -> anyhow::Result<()> {
     if let Some(outputs) = merged_file {
         let merged = hdr::merge(&raws).map_err(anyhow::Error::from)?;
         let format = Format { storage: args.raw.storage(), ..Format::default() };
-        for path in output::write_pictures(outputs, &merged, &shot.recipe, shot.lut.as_ref(), format)? {
+        for path in output::write_pictures(outputs, &merged, None, &shot.recipe, shot.lut.as_ref(), format)? {
             say(&format!("wrote {}", path.display()));
             written.push(path);
         }
@@ -339,6 +353,9 @@ pub fn display(f: &ExposureFacts, width: usize, height: usize, seconds: f64) -> 
     }
     if let Some(removed) = f.fireflies_removed {
         extras.push_str(&format!("   fireflies: {:.2} % of the light taken away", 100.0 * removed));
+    }
+    if f.denoised {
+        extras.push_str(&format!("   denoised ({})", f.denoiser));
     }
     let scaled = if f.light_scale == 1.0 { String::new() } else { format!("   light × {:.3e}", f.light_scale) };
     let setting = setting(f);

@@ -2,6 +2,7 @@
 
 use super::ShotError;
 use super::sources::{is_lens_file, is_light_file};
+use crate::denoising::Denoise;
 use crate::files;
 use crate::quantity::{Distance, Ev, FNumber, Filter, FocusTo, Hertz, Iso, IsoChoice, LengthMm, Moment, Seconds, Size};
 use crate::recipe_file;
@@ -476,8 +477,13 @@ pub struct RenderSection {
     /// Blur made from one sharp exposure and its depth instead of rays through the lens: a quick look.
     #[serde(skip_serializing_if = "std::ops::Not::not")]
     pub quick: bool,
-    /// Reduce the renderer's own noise; off without.
-    pub denoise: Option<bool>,
+    /// Reduce the renderer's own noise: `auto` (in developed pictures only, what holds without), `on`, `off`, `oidn` or `builtin`; true and false mean on
+    /// and off.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub denoise: Option<Denoise>,
+    /// File or folder of Open Image Denoise, where it is not found by itself.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub oidn: Option<PathBuf>,
     /// What becomes of outliers when the samples end: `keep` or `reweight`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub fireflies: Option<FireflyChoice>,
@@ -544,6 +550,9 @@ impl ShotFile {
         if let Some(picture) = &mut shot.camera.aperture_image {
             *picture = relative(picture);
         }
+        if let Some(library) = &mut shot.render.oidn {
+            *library = relative(library);
+        }
         recipe_file::place_lut(&mut shot.develop, folder);
         Ok(shot)
     }
@@ -589,6 +598,9 @@ impl ShotFile {
         }
         if let Some(picture) = &mut self.camera.aperture_image {
             *picture = whole(picture);
+        }
+        if let Some(library) = &mut self.render.oidn {
+            *library = whole(library);
         }
         if !self.develop.lut.file.is_empty() {
             self.develop.lut.file = text(&self.develop.lut.file);

@@ -24,8 +24,9 @@ pub use sources::{odd_size, read_body, read_environment, read_lens, read_scene};
 pub use surroundings::daylight;
 
 use crate::camera::{Camera, Film, PlacementError};
+use crate::denoising::{BUILT_IN, Denoise, Filter};
 use crate::expose::{
-    ExposeError, Exposed, Exposure, Fireflies, Integrator, Keep, Response, SUMS_WITH_CASCADE, Settings, Sums, Watch,
+    self, ExposeError, Exposed, Exposure, Fireflies, Integrator, Keep, Response, SUMS_WITH_CASCADE, Settings, Sums, Watch,
 };
 use crate::flash::Flash;
 use crate::metering::{self, Meter, Pattern};
@@ -37,7 +38,7 @@ use crate::shutter::{Moments, Shutter};
 use crate::{lens_profile, recipe_file};
 use diopter_develop::denoise::Denoised;
 use diopter_develop::lut::Lut;
-use diopter_develop::{Recipe, RecipeError, denoise, develop};
+use diopter_develop::{Recipe, RecipeError, develop};
 use diopter_image::focal_plane::{FocalPlaneSource, Truth};
 use diopter_image::{ExposureFacts, FocalPlane, Picture, Raster, RawImage};
 use diopter_lens::{Focus, Lens, LensError, Projection};
@@ -115,12 +116,16 @@ pub enum ShotError {
     /// Autofocus found nothing, and a picture out of focus is not wanted.
     #[error("autofocus failed: {0} (without --require-focus the picture is taken all the same)")]
     Focus(crate::focus::Failure),
+    /// The renderer's noise cannot be reduced as asked.
+    #[error("{0}")]
+    Denoise(String),
 }
 
 impl ShotError {
     /// Whether the user asked for something impossible (rather than something failing on the way).
     pub fn is_request(&self) -> bool {
-        !matches!(self, ShotError::Read { .. } | ShotError::Expose(_) | ShotError::Scene(_) | ShotError::Focus(_))
+        let failed = matches!(self, ShotError::Read { .. } | ShotError::Expose(_) | ShotError::Scene(_) | ShotError::Focus(_));
+        !failed && !matches!(self, ShotError::Denoise(_))
     }
 }
 
@@ -160,8 +165,10 @@ pub struct Shot {
     pub spectral: Option<SpectralBands>,
     /// Compute that of [`Shot::radiance`] with red, green and blue instead of wavelengths, as RGB renderers do.
     pub rgb: bool,
-    /// Reduce the renderer's own noise.
-    pub denoise: bool,
+    /// Whether the renderer's own noise is reduced.
+    denoise: Denoise,
+    /// By what; `None` where it is not, or not yet known ([`Shot::denoise_pictures`]).
+    filter: Option<Filter>,
     /// What becomes of outliers when the samples end: kept, if nobody says. See [`Shot::reweights`].
     pub fireflies: FireflyChoice,
     /// Development.
@@ -231,6 +238,12 @@ impl Shot {
         }
         file.develop.check()?;
         let lut = recipe_file::lut(&file.develop)?;
+        // Without a word the front end says whether there are pictures to look at.
+        let denoise = file.render.denoise.unwrap_or_default();
+        let filter = match denoise {
+            Denoise::Auto => None,
+            asked => Filter::open(asked, file.render.oidn.as_deref(), warn)?,
+        };
         if let Some(ev) = file.scene.ambient_ev
             && !(-30.0..=40.0).contains(&ev)
         {
@@ -328,7 +341,8 @@ impl Shot {
             radiance: false,
             spectral: None,
             rgb: false,
-            denoise: file.render.denoise.unwrap_or(false),
+            denoise,
+            filter,
             fireflies: file.render.fireflies.unwrap_or_default(),
             recipe: file.develop.clone(),
             lut,
@@ -680,7 +694,8 @@ impl Shot {
         Ok(self.expose_from(None, watch, None)?.plane)
     }
 
-    /// Exposes the film, or goes on from where `start` stands. `keep` and being stopped: see [`Exposure::run`]. What was stopped is not denoised.
+    /// Exposes the film, or goes on from where `start` stands. `keep` and being stopped: see [`Exposure::run`]. What was stopped is not denoised, nor what
+    /// is denoised for pictures alone ([`Shot::for_pictures`]).
     pub fn expose_from(&self, start: Option<Sums>, watch: &Watch, keep: Option<Keep>) -> Result<Exposed, ShotError> {
         let facts = self.plane_facts();
         let response = self.response();
@@ -701,8 +716,12 @@ impl Shot {
             facts: &facts,
         };
         let Exposed { mut plane, stopped } = exposure.run(watch, start, keep)?;
-        if self.denoise && !stopped {
-            plane = denoise(&plane);
+        if self.denoises_exposure()
+            && !stopped
+            && let Some(filter) = &self.filter
+        {
+            let features = self.features(exposure.camera);
+            plane = filter.denoise(&plane, features.as_ref())?;
         }
         // After denoising, whose guides are sharp.
         if let Some(optics) = optics {
@@ -712,9 +731,44 @@ impl Shot {
         Ok(Exposed { plane, stopped })
     }
 
-    /// Whether [`Shot::expose_rows`] can take this exposure: a quick look works on the whole plane, and a lens cap needs no light.
+    /// Whether [`Shot::expose_rows`] can take this exposure: a quick look and Open Image Denoise work on the whole plane, and a lens cap needs no light.
     pub fn can_expose_rows(&self) -> bool {
-        !self.lens_cap && !self.file.render.quick
+        !self.lens_cap && !self.file.render.quick && self.denoise != Denoise::Oidn
+    }
+
+    /// Says that pictures to look at are developed from this shot, beside raw files or planes if `raw_too`: where nobody said otherwise
+    /// ([`Denoise::Auto`]) they are denoised, by [`Shot::for_pictures`]. `warn` gets what is wrong with the filter.
+    ///
+    /// Light fields are left: behind microlenses neighbours see other parts of the scene. A quick look makes its blur from a sharp exposure, which is
+    /// the one that is denoised, unless raw files are made of it.
+    pub fn denoise_pictures(&mut self, raw_too: bool, warn: &mut dyn FnMut(&str)) -> Result<(), ShotError> {
+        let quick = self.file.render.quick;
+        if self.denoise == Denoise::Auto && self.camera.film.microlenses.is_none() && !self.lens_cap && !(quick && raw_too) {
+            self.filter = Filter::open(Denoise::Auto, self.file.render.oidn.as_deref(), warn)?;
+        }
+        Ok(())
+    }
+
+    /// Whether the exposure itself is denoised, and with it all that is made of it.
+    fn denoises_exposure(&self) -> bool {
+        self.filter.is_some() && (self.denoise != Denoise::Auto || self.file.render.quick)
+    }
+
+    /// What the filter is guided by instead of the truth: what is behind smooth glass and in mirrors, which networks have learnt from.
+    fn features(&self, camera: &Camera) -> Option<Truth> {
+        let network = matches!(&self.filter, Some(Filter::Oidn(_)));
+        network.then(|| expose::features(&self.scene, camera, &self.shutter()))
+    }
+
+    /// The exposure that pictures to look at are developed from, if it is another than `plane`: one without the renderer's noise. What was stopped is
+    /// not denoised.
+    pub fn for_pictures(&self, exposed: &Exposed) -> Result<Option<FocalPlane>, ShotError> {
+        match &self.filter {
+            Some(filter) if !self.denoises_exposure() && !exposed.stopped => {
+                Ok(Some(filter.denoise(&exposed.plane, self.features(&self.camera).as_ref())?))
+            }
+            _ => Ok(None),
+        }
     }
 
     /// The same for planes that memory cannot hold, in about `memory` bytes beside what [`Shot::bytes_needed`] says: the sums lie in a temporary file in
@@ -742,10 +796,10 @@ impl Shot {
         exposed.facts.light_scale = self.settings.light_scale;
         let stopped = exposed.stopped;
         let rows = exposed.rows(&self.scene);
-        let plane: Box<dyn FocalPlaneSource + '_> = match self.denoise && !stopped {
+        let plane: Box<dyn FocalPlaneSource + '_> = match self.denoises_exposure() && !stopped {
             true => {
                 let farthest = rows.farthest_log_depth();
-                Box::new(Denoised::new(rows, farthest))
+                Box::new(Denoised::new(rows, farthest).named(BUILT_IN))
             }
             false => Box::new(rows),
         };
