@@ -266,6 +266,8 @@ fn info(asked: &Asked, json: bool) -> anyhow::Result<()> {
     let measured = bench.measured_focal_length(table.reference);
     let glasses: Vec<String> = p.surfaces.iter().filter(|s| s.glass.kind != GlassKind::Air).map(|s| s.glass.describe()).collect();
     let sum = third.sum();
+    // The image circle that is stated, held against the trace.
+    let circle = p.image_circle.and_then(|circle| Some((circle, table.set.lit_radius(0.5 * circle)?)));
     if json {
         let by_surface: Vec<Value> = third
             .surfaces
@@ -283,6 +285,7 @@ fn info(asked: &Asked, json: bool) -> anyhow::Result<()> {
             "f_number": f_number, "widest_f_number": widest, "paraxial_f_number": f.f_number(),
             "working_f_number": working, "t_number": t_number, "transmittance": transmittance,
             "magnification": magnification, "petzval_sum_per_mm": f.petzval_sum, "length_mm": length, "film_z_mm": system.film_z,
+            "image_circle_mm": p.image_circle, "lit_radius_mm": circle.map(|c| c.1),
             "third_order": { "field_deg": third_field, "by_surface": by_surface, "seidel_mm": sum.seidel, "chromatic_mm": sum.chromatic, "transverse_mm": third.transverse(&sum) },
             "glasses": glasses,
         }));
@@ -321,6 +324,11 @@ fn info(asked: &Asked, json: bool) -> anyhow::Result<()> {
         writeln!(t, "  magnification     {magnification:.6}")?;
     }
     writeln!(t, "  length            {length:.4} mm, film at {:.4} mm", system.film_z)?;
+    if let Some((circle, lit)) = circle {
+        let radius = 0.5 * circle;
+        let dark = if lit < radius { ": the rims of the prescription stop all light beyond" } else { "" };
+        writeln!(t, "  image circle      {circle} mm stated; lit to {lit:.2} mm of {radius:.2} mm from its middle{dark}")?;
+    }
     writeln!(t, "  Petzval sum       {:.6} /mm (radius {:.2} mm)", f.petzval_sum, 1.0 / f.petzval_sum)?;
     if p.coating != Coating::None {
         let coating = match p.coating {

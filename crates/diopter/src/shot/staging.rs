@@ -505,6 +505,7 @@ pub(super) fn camera(
             if let Some(circle) = circle.filter(|c| diagonal > 1.05 * c) {
                 warn(&format!("{name} was made for pictures of {circle} mm across: the film ({diagonal:.1} mm) is larger"));
             }
+            warn_of_dark_corners(name, &lens, &film, warn);
             Lens::Compound(Box::new(lens))
         }
     };
@@ -584,6 +585,29 @@ fn warn_of_angle(view: &Viewpoint, lens: &Lens, film: &Film, warn: &mut dyn FnMu
         "the scene's camera sees {:.0}° from top to bottom, this lens {:.0}°{hint}, or leave --lens and --focal-length out for the scene's angle",
         degrees(wanted),
         degrees(tangent)
+    ));
+}
+
+/// Warns where no light reaches the corners of the film: a stated image circle says what a lens was sold for, the rims of its prescription
+/// what it lights.
+fn warn_of_dark_corners(name: &str, lens: &CompoundLens, film: &Film, warn: &mut dyn FnMut(&str)) {
+    let half = 0.5 * DVec2::new(film.width_mm, film.height_mm);
+    let corner = half.length();
+    let corners = [DVec2::ONE, DVec2::new(-1.0, 1.0), DVec2::NEG_ONE, DVec2::new(1.0, -1.0)];
+    let count = if lens.system().is_rotational() { 1 } else { corners.len() };
+    let lit = corners[..count].iter().map(|c| lens.lit_radius((half * *c).normalize(), corner)).fold(corner, f64::min);
+    if lit > 0.995 * corner {
+        return;
+    }
+    let remedy = format::FORMATS
+        .iter()
+        .filter(|f| 0.5 * f.diagonal_mm() <= lit)
+        .max_by(|a, b| a.diagonal_mm().total_cmp(&b.diagonal_mm()));
+    let remedy = remedy.map_or(String::new(), |f| {
+        format!("; a smaller film is lit all over: --format \"{}\"", f.names[0].trim_end_matches('"'))
+    });
+    warn(&format!(
+        "{name} lights the film to {lit:.1} mm from its middle, the corners are {corner:.1} mm away and stay dark: the rims of its prescription stop all light beyond{remedy}"
     ));
 }
 
