@@ -141,7 +141,8 @@ pub fn distortion_plot(title: &str, points: &[FieldPoint]) -> Figure {
     let finite = |points: Vec<DVec2>| points.into_iter().filter(|p| p.x.is_finite()).collect::<Vec<_>>();
     let (rectilinear, equidistant) = (finite(over(&|p| p.distortion_percent())), finite(over(&|p| p.equidistant_percent())));
     let edge = |v: &[DVec2]| v.last().map_or(0.0, |p| p.x.abs());
-    let fisheye = rectilinear.len() < points.len() || edge(&rectilinear) > edge(&equidistant).max(5.0);
+    let beyond = points.iter().any(|p| p.ideal_height.is_nan());
+    let fisheye = beyond || edge(&rectilinear) > edge(&equidistant).max(5.0);
     let (shown, label) = if fisheye { (equidistant.clone(), "departure, %") } else { (rectilinear.clone(), "distortion, %") };
     let reach = if fisheye { shown.iter().chain(&rectilinear) } else { shown.iter().chain(&shown[..0]) };
     let x = Axis::around(label, reach.map(|p| p.x), true);
