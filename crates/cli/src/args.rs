@@ -204,7 +204,7 @@ pub struct Bench {
     #[arg(long, value_name = "F")]
     pub aperture: Option<FNumber>,
     /// Focused at this distance from the entrance pupil ("2.5m", "inf"), the film in the plane of the smallest spot; without, the
-    /// film stands where the prescription puts it.
+    /// film stands where the prescription puts it, and between the printed positions of a zoom in that plane.
     #[arg(long, value_name = "DISTANCE")]
     pub focus: Option<Distance>,
     /// Field angles, degrees: "0,10,14".

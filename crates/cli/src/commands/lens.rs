@@ -98,7 +98,7 @@ impl Table {
             Some(position) => Some(printed_focal_length(&prescription, position).map_err(ShotError::from)?),
             None => asked.focal_length.map(|f| f.0),
         };
-        let set = match configure(&prescription, focal_length, aperture.or(stated), None, film) {
+        let mut set = match configure(&prescription, focal_length, aperture.or(stated), None, film) {
             // The file's own aperture may be more than its rims let through.
             Err(_) if aperture.is_none() && stated.is_some() => configure(&prescription, focal_length, None, None, film),
             other => other,
@@ -132,6 +132,14 @@ impl Table {
             Some(Focus::Infinity | Focus::Extension(_)) => None,
             None => prescription.usage.object_distance,
         };
+        if focus.is_none()
+            && let Some(moved) = set.refocus_between_positions(object_distance)
+        {
+            let [before, after] = [set.state.zoom.floor(), set.state.zoom.ceil()].map(|position| position + 1.0);
+            say(&format!(
+                "note: between the printed zoom positions {before} and {after} gaps are interpolated: the film is moved by {moved:+.4} mm to the plane of the smallest axial spot"
+            ));
+        }
         let bench = Bench { system: &set.system, object_distance };
         let fields = match &asked.field {
             Some(list) => list.0.clone(),
