@@ -145,6 +145,40 @@ pub enum LensVerb {
         /// Rays across the pupil.
         #[arg(long, value_name = "N", default_value_t = 40)]
         rays: usize,
+        /// Through focus: planes behind the film, mm: "-0.1,0,0.1".
+        #[arg(long, value_name = "LIST", value_parser = list, allow_hyphen_values = true)]
+        defocus: Option<List>,
+    },
+    /// The image of a point: diffraction or geometric, Strehl ratio, encircled energy, line and edge spread; -o also writes .exr.
+    Psf {
+        #[command(flatten)]
+        bench: Bench,
+        /// Planes behind the film, mm: "-0.1,0,0.1".
+        #[arg(long, value_name = "LIST", value_parser = list, allow_hyphen_values = true)]
+        defocus: Option<List>,
+        /// Size of a pixel, µm; half of what diffraction needs, without.
+        #[arg(long, value_name = "UM")]
+        pixel: Option<f64>,
+        /// Pixels across the images that are written; as many as the light needs, without.
+        #[arg(long, value_name = "N")]
+        pixels: Option<usize>,
+        /// From the rays alone, without diffraction.
+        #[arg(long)]
+        geometric: bool,
+    },
+    /// Wavefront: peak to valley, root mean square, Zernike coefficients; -o also writes maps as .exr.
+    Wavefront {
+        #[command(flatten)]
+        bench: Bench,
+        /// Order of the Zernike terms.
+        #[arg(long, value_name = "ORDER", default_value = "noll")]
+        zernikes: ZernikeOrder,
+        /// How many of them.
+        #[arg(long, value_name = "N", default_value_t = 37)]
+        terms: usize,
+        /// Rays across the pupil.
+        #[arg(long, value_name = "N", default_value_t = 64)]
+        rays: usize,
     },
     /// Ray fans and wavefront.
     Fan(Bench),
@@ -187,6 +221,15 @@ pub enum MtfOver {
     Field,
     /// Defocus.
     Focus,
+}
+
+/// Order and normalisation of Zernike terms.
+#[derive(clap::ValueEnum, Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ZernikeOrder {
+    /// Noll's: every term has the root mean square 1.
+    Noll,
+    /// Fringe: every term is 1 at the edge.
+    Fringe,
 }
 
 /// A lens and how it is set on the bench.

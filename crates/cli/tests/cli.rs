@@ -579,6 +579,26 @@ fn lenses_are_shown_plotted_and_converted() {
         assert!(svg.starts_with("<svg") && svg.trim_end().ends_with("</svg>"), "{verb}");
         assert!(std::fs::read(f.path("plot.png")).unwrap().starts_with(b"\x89PNG"), "{verb}");
     }
+    // The image of a point stopped far down is nearly perfect, its wavefront flat; both are written as EXR.
+    let stopped = ["triplet-50mm-f4", "--aperture", "f/16", "--focus", "inf", "--field", "0,5", "--wavelength", "588", "--json"];
+    let psf = json(&[&["lens", "psf"][..], &stopped, &["-o", "psf.exr", "-o", "psf.svg"]].concat());
+    let strehl = psf[0]["strehl"].as_f64().unwrap();
+    let energy = psf[0]["encircled_energy"].as_array().unwrap();
+    assert!((0.5..=1.0).contains(&strehl) && energy.last().unwrap().as_f64().unwrap() > 0.9, "{strehl}");
+    let waves = json(&[&["lens", "wavefront"][..], &stopped, &["--zernikes", "fringe", "-o", "map.exr"]].concat());
+    let rms = waves[0]["rms_without_tilt_waves"].as_f64().unwrap();
+    // Mahajan's approximation holds for small aberrations.
+    assert!(((-(std::f64::consts::TAU * rms).powi(2)).exp() - strehl).abs() < 0.05, "{rms} {strehl}");
+    assert_eq!(waves[1]["zernikes_waves"].as_array().unwrap().len(), 37);
+    assert!(["psf.exr", "map.exr"].iter().all(|n| std::fs::read(f.path(n)).unwrap().starts_with(&[0x76, 0x2f, 0x31, 0x01])));
+    assert!(f.fails(&["lens", "psf", "triplet-50mm-f4", "-o", "a.jpg"]).1.contains(".exr"));
+    assert_eq!(
+        json(&["lens", "spot", "triplet-50mm-f4", "--defocus", "-0.1,0,0.1", "--field", "0", "--wavelength", "588", "--json"])
+            .as_array()
+            .unwrap()
+            .len(),
+        3
+    );
     assert!(
         json(&["lens", "vignetting", "triplet-50mm-f4", "--json"])["illumination"][0]["geometric_sr"].as_f64().unwrap() > 0.0
     );

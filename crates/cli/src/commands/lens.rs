@@ -1,7 +1,9 @@
 //! `lens`: what a lens is and what it does.
 
+mod point_image;
+
 use super::print_json;
-use crate::args::{Bench as Asked, LensVerb, MtfOver};
+use crate::args::{Bench as Asked, LensVerb, List, MtfOver};
 use crate::output::{Output, distinct};
 use crate::watch::say;
 use crate::{AskedWrongly, paint};
@@ -28,7 +30,17 @@ pub fn run(verb: &LensVerb, json: bool) -> anyhow::Result<()> {
         LensVerb::Info(asked) => info(asked, json),
         LensVerb::Draw(asked) => drawing(asked, json),
         LensVerb::Trace { bench, pupil } => trace(bench, *pupil, json),
-        LensVerb::Spot { bench, rays } => spot(bench, *rays, json),
+        LensVerb::Spot { bench, rays, defocus } => spot(bench, *rays, defocus.as_ref(), json),
+        LensVerb::Psf { bench, defocus, pixel, pixels, geometric } => {
+            let asked = point_image::Psfs {
+                defocus: planes(defocus.as_ref())?,
+                pixel_um: *pixel,
+                pixels: *pixels,
+                geometric: *geometric,
+            };
+            point_image::psf(bench, &asked, json)
+        }
+        LensVerb::Wavefront { bench, zernikes, terms, rays } => point_image::wavefront(bench, *zernikes, *terms, *rays, json),
         LensVerb::Fan(asked) => fan(asked, json),
         LensVerb::Mtf { bench, over, frequency, geometric } => {
             mtf(bench, *over, frequency.as_ref().map(|f| &f.0[..]), *geometric, json)
@@ -538,24 +550,41 @@ fn glam_of(pupil: [f64; 2], reach: f64) -> diopter::lens::analysis::PupilPoint {
     diopter::lens::analysis::PupilPoint::new(pupil[0] * reach, pupil[1] * reach)
 }
 
-fn spot(asked: &Asked, rays: usize, json: bool) -> anyhow::Result<()> {
+/// Planes behind the film that were asked for, mm; the film itself without.
+fn planes(defocus: Option<&List>) -> anyhow::Result<Vec<f64>> {
+    let planes = defocus.map_or(vec![0.0], |list| list.0.clone());
+    match planes.iter().find(|d| d.abs() > 1000.0) {
+        Some(bad) => Err(AskedWrongly(anyhow!("defocus {bad} mm: expected a place within 1000 mm of the film")).into()),
+        None => Ok(planes),
+    }
+}
+
+fn spot(asked: &Asked, rays: usize, defocus: Option<&List>, json: bool) -> anyhow::Result<()> {
     if !(2..=1000).contains(&rays) {
         return Err(AskedWrongly(anyhow!("rays {rays}: expected 2 to 1000 across the pupil")).into());
     }
+    let planes = planes(defocus)?;
     let table = Table::new(asked)?;
     let bench = table.bench();
-    let fields: Vec<Vec<_>> = table
-        .fields
-        .iter()
-        .map(|f| table.wavelengths.iter().filter_map(|nm| bench.spot(*f, *nm, table.reference, rays, 0.0)).collect::<Vec<_>>())
-        .collect();
+    let colors = |field: f64, plane: f64| {
+        let spots = table.wavelengths.iter().filter_map(|nm| bench.spot(field, *nm, table.reference, rays, plane));
+        (plane, spots.collect::<Vec<_>>())
+    };
+    let fields: Vec<Vec<(f64, Vec<_>)>> =
+        table.fields.iter().map(|f| planes.iter().map(|plane| colors(*f, *plane)).collect()).collect();
     let mut t = format!("{}\n", table.title("spots"));
     let mut values = vec![];
-    writeln!(t, "  {:>7} {:>8} {:>12} {:>12} {:>14} {:>7}", "field °", "nm", "RMS µm", "largest µm", "centroid y mm", "rays")?;
-    for s in fields.iter().flatten() {
+    let through = if defocus.is_some() { format!(" {:>10}", "defocus mm") } else { String::new() };
+    writeln!(
+        t,
+        "  {:>7} {:>8}{through} {:>12} {:>12} {:>14} {:>7}",
+        "field °", "nm", "RMS µm", "largest µm", "centroid y mm", "rays"
+    )?;
+    for (plane, s) in fields.iter().flatten().flat_map(|(plane, spots)| spots.iter().map(move |s| (plane, s))) {
+        let through = if defocus.is_some() { format!(" {plane:>10.4}") } else { String::new() };
         writeln!(
             t,
-            "  {:>7.2} {:>8.1} {:>12.4} {:>12.4} {:>14.6} {:>7}",
+            "  {:>7.2} {:>8.1}{through} {:>12.4} {:>12.4} {:>14.6} {:>7}",
             s.field_deg,
             s.nm,
             s.rms * 1e3,
@@ -563,13 +592,20 @@ fn spot(asked: &Asked, rays: usize, json: bool) -> anyhow::Result<()> {
             s.centroid.y,
             s.points.len()
         )?;
-        values.push(json!({ "field_deg": s.field_deg, "wavelength_nm": s.nm, "rms_mm": s.rms, "geometric_mm": s.geometric,
+        values.push(json!({ "field_deg": s.field_deg, "wavelength_nm": s.nm, "defocus_mm": plane, "rms_mm": s.rms, "geometric_mm": s.geometric,
             "centroid_mm": s.centroid.to_array(), "points_mm": s.points.iter().map(|p| p.to_array()).collect::<Vec<_>>() }));
     }
     if values.is_empty() {
         return Err(no_light(table.fields[0]));
     }
-    finish(asked, || draw::spot_plot(&table.title("spot diagrams"), &fields), &t, &json!(values), json)
+    let plot = || match defocus {
+        Some(_) => draw::through_focus_plot(&table.title("spots through focus"), &fields),
+        None => {
+            let spots: Vec<Vec<_>> = fields.iter().flatten().map(|(_, spots)| spots.clone()).collect();
+            draw::spot_plot(&table.title("spot diagrams"), &spots)
+        }
+    };
+    finish(asked, plot, &t, &json!(values), json)
 }
 
 fn fan(asked: &Asked, json: bool) -> anyhow::Result<()> {
