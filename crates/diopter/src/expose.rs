@@ -498,7 +498,11 @@ fn truth_of(look: Look, camera: &Camera, shutter: &Shutter, rows: Range<usize>, 
     let (width, height) = (camera.film.columns, camera.film.rows);
     let mut truth = Truth::empty(width, rows.len());
     // All around there is no axis: depth is distance.
-    let all_around = matches!(&camera.lens, Lens::Pinhole(p) if matches!(p.projection, Projection::Panorama { .. }));
+    let all_around = match &camera.lens {
+        Lens::Pinhole(p) => matches!(p.projection, Projection::Panorama { .. }),
+        Lens::Calibrated(lens) => !lens.has_axis(),
+        _ => false,
+    };
     let behind = camera.film.microlenses.map(|m| m.behind(&camera.lens));
     let first = |column: usize, row: usize| {
         let (open, close) = shutter.window(&Place { pixel: [column, row], size: [width, height], pupil: 0.0 });

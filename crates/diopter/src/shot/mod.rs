@@ -997,6 +997,7 @@ fn lens_facts(camera: &Camera, sensor: &Sensor) -> ExposureFacts {
         Lens::Compound(l) => {
             format!("{}{}", l.prescription().name, with_comma(l.system().iris.shape.describe()))
         }
+        Lens::Calibrated(l) => l.name.clone(),
     };
     let focal = camera.lens.focal_length().0;
     ExposureFacts {
