@@ -4,6 +4,7 @@
 //! [`metering`] reads the light and [`program`] chooses by it; [`shot`] is a photograph as a user asks for it. This is the only crate that knows all stages, and `mount` the only place where
 //! millimetres meet metres and lens space meets world space.
 
+pub mod calibration;
 pub mod camera;
 pub mod camera_way;
 pub mod checkpoint;

@@ -205,6 +205,21 @@ pub struct CameraSection {
     /// A zoom position that the lens's prescription prints, 1 the first; instead of `focal_length`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub zoom_position: Option<usize>,
+    /// A calibration that the camera sees by, instead of a lens: OpenCV, COLMAP, nerfstudio, Kalibr, our JSON, an ST map or a ray table.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub calibration: Option<PathBuf>,
+    /// Angle of view of an ideal lens from the left to the right edge, degrees; instead of `focal_length`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub fov_deg: Option<f64>,
+    /// No perspective: the height that the picture shows, m.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub orthographic: Option<Distance>,
+    /// The lens is moved against the film, to the right and up as seen from behind the camera, mm: the picture shows more of that side.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub shift_mm: Option<[f64; 2]>,
+    /// The thin lens is turned against the film about its middle: forward (down), and to the right, degrees.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub tilt_deg: Option<[f64; 2]>,
     /// Blades of the iris; without, the lens's own, or round.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub blades: Option<u32>,
@@ -553,6 +568,9 @@ impl ShotFile {
         if let Some(library) = &mut shot.render.oidn {
             *library = relative(library);
         }
+        if let Some(calibration) = &mut shot.camera.calibration {
+            *calibration = relative(calibration);
+        }
         recipe_file::place_lut(&mut shot.develop, folder);
         Ok(shot)
     }
@@ -601,6 +619,9 @@ impl ShotFile {
         }
         if let Some(library) = &mut self.render.oidn {
             *library = whole(library);
+        }
+        if let Some(calibration) = &mut self.camera.calibration {
+            *calibration = whole(calibration);
         }
         if !self.develop.lut.file.is_empty() {
             self.develop.lut.file = text(&self.develop.lut.file);

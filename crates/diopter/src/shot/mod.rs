@@ -23,6 +23,7 @@ pub use sequence::{Sequence, Vary};
 pub use sources::{odd_size, read_body, read_environment, read_lens, read_scene};
 pub use surroundings::daylight;
 
+use crate::calibration::{self, Calibration, CalibrationError, Frame, PrincipalRay};
 use crate::camera::{Camera, Film, PlacementError};
 use crate::denoising::{BUILT_IN, Denoise, Filter};
 use crate::expose::{
@@ -110,6 +111,9 @@ pub enum ShotError {
     /// The development.
     #[error(transparent)]
     Recipe(RecipeError),
+    /// A calibration.
+    #[error(transparent)]
+    Calibration(#[from] CalibrationError),
     /// The exposure was stopped.
     #[error(transparent)]
     Expose(#[from] ExposeError),
@@ -267,14 +271,17 @@ impl Shot {
         {
             (sensor, exposing, iso) = body_and_speed(&file)?;
         }
+        let mut film = staging::film(&file, &sensor, view)?;
+        let calibrated = staging::calibrated(&mut file, &sensor, view, &mut film)?;
+        staging::take_angle_of_view(&mut file, &film)?;
         let file = file;
-        let film = staging::film(&file, &sensor, view)?;
         let mut timing = Timing::new(&file, &sensor, view)?;
         let focusing = Focusing::new(&file, film.width_mm.hypot(film.height_mm), warn)?;
         timing.play(&mut description, &file.scene)?;
         staging::choose_materials(&mut description, &file.scene)?;
         // Lamps and ground are put where they suit the camera: it is placed first.
-        let stand = staging::stand(&file, &description, timing.at_s, &sensor, &film, builtin::framing(&name))?;
+        let mut stand = staging::stand(&file, &description, timing.at_s, &sensor, &film, builtin::framing(&name))?;
+        stand.calibrated = calibrated;
         let flash = timing.flash.is_some();
         if let Some(albedo) = surroundings::put(&mut description, &file.scene, flash, &stand, warn)? {
             staging::put_ground(&mut description, albedo, timing.at_s)?;
@@ -308,6 +315,9 @@ impl Shot {
         }
         if file.render.quick && camera.film.microlenses.is_some() {
             return Err(value("plenoptic", "a microlens array", "no quick look: it has no light field"));
+        }
+        if file.render.quick && camera.film.middle_mm != [0.0; 2] {
+            return Err(value("shift", "a lens that is shifted", "no quick look: its blur is centred on the picture"));
         }
         if file.render.quick && quick_look::is_bent(&camera) {
             warn("a quick look keeps straight lines straight: how this lens bends them is not shown");
@@ -621,6 +631,8 @@ impl Shot {
         if let Some(name) = ideal {
             c.lens.get_or_insert_with(|| name.into());
             c.focal_length.get_or_insert(LengthMm(self.facts.focal_length_mm));
+            // The focal length now says it.
+            c.fov_deg = None;
             file.exposure.aperture = Some(FNumber(self.facts.f_number));
         }
         if let Some(facts) = &self.facts.shutter {
@@ -656,6 +668,22 @@ impl Shot {
     /// The moment the exposure begins, s of scene time.
     pub fn at_s(&self) -> f64 {
         self.timing.at_s
+    }
+
+    /// The calibration of the camera as it stands, with its places during this exposure; `picture`: the name of the picture's file. A model is fitted to a
+    /// lens that is none itself.
+    pub fn calibration(&self, picture: &str) -> Result<Calibration, CalibrationError> {
+        let mut calibration = calibration::of_camera(&self.camera, None, PrincipalRay::Chief)?;
+        (calibration.body, calibration.lens) = (self.facts.body.clone(), self.facts.lens.clone());
+        calibration.frames = vec![self.calibration_frame(picture)];
+        Ok(calibration)
+    }
+
+    /// Where the camera is during this exposure.
+    pub fn calibration_frame(&self, picture: &str) -> Frame {
+        let size = [self.camera.film.columns, self.camera.film.rows];
+        let times = self.shutter().facts(size, self.pupil()).rows;
+        Frame { picture: picture.into(), at_s: self.timing.at_s, poses: calibration::pose::poses(&self.camera.way, &times, size) }
     }
 
     /// Facts as known so far.
@@ -1013,6 +1041,8 @@ fn lens_facts(camera: &Camera, sensor: &Sensor) -> ExposureFacts {
             _ => None,
         },
         lens_profile: match &camera.lens {
+            // The corrections of the development are centred on the picture.
+            Lens::Compound(_) if camera.film.middle_mm != [0.0; 2] => None,
             Lens::Compound(l) => lens_profile::profile(l, sensor, 0.5 * camera.film.width_mm.hypot(camera.film.height_mm)),
             _ => None,
         },

@@ -2,6 +2,7 @@
 
 use super::{ShotError, value};
 use crate::files;
+use diopter_lens::camera_model::ModelKind;
 use diopter_lens::{LensError, Prescription, import};
 use diopter_scene::light::Environment;
 use diopter_scene::{Description, SceneError, builtin, load};
@@ -153,7 +154,15 @@ pub(super) fn is_lens_file(name: &str) -> bool {
 }
 
 /// Lenses without surfaces.
-const IDEAL: [&str; 3] = ["thin", "pinhole", "panorama"];
+const IDEAL: [&str; 7] =
+    ["thin", "pinhole", "panorama", "fisheye-equidistant", "fisheye-equisolid", "fisheye-stereographic", "fisheye-orthographic"];
+
+/// The projection of an ideal fisheye by the name of the lens.
+pub(super) fn ideal_fisheye(name: &str) -> Option<ModelKind> {
+    let kind = ModelKind::named(name.strip_prefix("fisheye-")?)?;
+    let ideal = [ModelKind::Equidistant, ModelKind::Equisolid, ModelKind::Stereographic, ModelKind::Orthographic];
+    ideal.contains(&kind).then_some(kind)
+}
 
 /// Reads a lens by the name of an embedded one or from a file.
 pub fn read_lens(name: &str) -> Result<Prescription, ShotError> {
@@ -172,7 +181,10 @@ pub fn read_lens(name: &str) -> Result<Prescription, ShotError> {
             let expected = match nearest(name, diopter_lens::embedded_names().chain(IDEAL)) {
                 Some(near) => format!("a lens (did you mean \"{near}\"?)"),
                 None if path.exists() => format!("a lens file: {}", import::Format::ENDINGS),
-                None => format!("thin, pinhole, panorama, a name of `lens list`, or a file: {}", import::Format::ENDINGS),
+                None => format!(
+                    "thin, pinhole, panorama, fisheye-equidistant (-equisolid, -stereographic, -orthographic), a name of `lens list`, or a file: {}",
+                    import::Format::ENDINGS
+                ),
             };
             Err(value("lens", format!("\"{name}\""), expected))
         }
