@@ -202,6 +202,8 @@ pub enum LensVerb {
     Vignetting(Bench),
     /// Axial and lateral colour.
     Color(Bench),
+    /// Camera models that say what the lens does, fitted to traced rays, for OpenCV, COLMAP, nerfstudio, Kalibr, lensfun; ST maps, ray tables.
+    Calibrate(Calibrate),
     /// Any lens file as TOML.
     Convert {
         /// Lens file (.dat, .zmx, .seq, .json, .toml) or the name of an embedded lens.
@@ -257,6 +259,52 @@ pub struct Bench {
     #[arg(long, value_name = "LIST", value_parser = list)]
     pub wavelength: Option<List>,
     /// Drawing or plot to write: .svg or .png; may be given several times.
+    #[arg(short, long, value_name = "FILE")]
+    pub output: Vec<PathBuf>,
+}
+
+/// A lens before a sensor, to be described for other programs.
+#[derive(clap::Args, Debug)]
+pub struct Calibrate {
+    /// A name from `lens list`, or a file (.toml, .dat, .zmx, .seq, .json).
+    pub lens: String,
+    /// Pixels of the picture.
+    #[arg(long, value_name = "WxH", default_value = "6000x4000")]
+    pub size: Size,
+    /// Camera body: its film; a name from `body list` or a TOML file. The usual one without.
+    #[arg(long, value_name = "NAME|FILE")]
+    pub body: Option<String>,
+    /// Film instead of the body's: a name ("full frame", "APS-C", "4/3") or mm ("36x24").
+    #[arg(long, value_name = "NAME|MM")]
+    pub film: Option<String>,
+    /// Where a zoom is set: "35 mm".
+    #[arg(long, value_name = "LENGTH")]
+    pub focal_length: Option<LengthMm>,
+    /// A zoom position that the prescription prints, 1 the first.
+    #[arg(long, value_name = "N", conflicts_with = "focal_length")]
+    pub zoom_position: Option<usize>,
+    /// f-number; fully open without.
+    #[arg(long, value_name = "F")]
+    pub aperture: Option<FNumber>,
+    /// Distance from the entrance pupil that is in focus: "2.5m"; infinity without.
+    #[arg(long, value_name = "DISTANCE")]
+    pub focus: Option<Distance>,
+    /// Camera model, or several ("opencv5,opencv-fisheye"; the first is written), or all.
+    ///
+    /// pinhole, simple-radial, radial, opencv4, opencv5, opencv8, opencv12, opencv14, opencv-fisheye, thin-prism-fisheye, f-theta, double-sphere,
+    /// division. Without, opencv5 for pictures within 60° of the axis and opencv-fisheye for wider ones.
+    #[arg(long, value_name = "NAMES")]
+    pub model: Option<String>,
+    /// Fit the mean direction of all light through the pupil instead of the chief ray.
+    #[arg(long)]
+    pub centroid: bool,
+    /// Format of the files, where their names do not say it: json, opencv, colmap, nerfstudio, kalibr, lensfun, st-map, st-map-undistort, ray-table.
+    #[arg(long, value_name = "NAME")]
+    pub format: Option<String>,
+    /// File to write; may be given several times.
+    ///
+    /// .json (everything), .yaml (OpenCV, ROS), cameras.txt (COLMAP), transforms.json (nerfstudio), camchain.yaml (Kalibr), .xml (lensfun), distort.exr and undistort.exr
+    /// (ST maps), rays.exr (a ray for each pixel).
     #[arg(short, long, value_name = "FILE")]
     pub output: Vec<PathBuf>,
 }
@@ -411,6 +459,8 @@ pub struct Taking {
     #[arg(long, value_name = "NAME|MM")]
     pub format: Option<String>,
     /// Lens: thin, pinhole, panorama, a name from `lens list`, or a file (.toml, .dat, .zmx, .seq, .json).
+    ///
+    /// Ideal fisheyes are fisheye-equidistant, fisheye-equisolid, fisheye-stereographic and fisheye-orthographic.
     #[arg(long, value_name = "NAME|FILE")]
     pub lens: Option<String>,
     /// Focal length: "50 mm"; of a zoom, where it is set.
@@ -419,6 +469,23 @@ pub struct Taking {
     /// A zoom position that the lens's prescription prints, 1 the first.
     #[arg(long, value_name = "N", conflicts_with = "focal_length")]
     pub zoom_position: Option<usize>,
+    /// See by a calibration instead of a lens: OpenCV (.yaml), COLMAP (cameras.txt), nerfstudio (transforms.json), Kalibr, our .json, an ST map or a ray table (.exr).
+    ///
+    /// Everything is sharp unless --aperture is given.
+    #[arg(long, value_name = "FILE")]
+    pub camera: Option<PathBuf>,
+    /// Angle of view of an ideal lens from the left to the right edge, instead of its focal length: "90deg".
+    #[arg(long, value_name = "ANGLE", value_parser = degrees, conflicts_with = "focal_length")]
+    pub fov: Option<f64>,
+    /// No perspective: the height that the picture shows, "2m".
+    #[arg(long, value_name = "HEIGHT", conflicts_with_all = ["camera", "fov"])]
+    pub orthographic: Option<Distance>,
+    /// Move the lens against the film, to the right and up: "5mm", "0,8mm". The picture shows more of that side.
+    #[arg(long, value_name = "X[,Y]", value_parser = shift, allow_hyphen_values = true)]
+    pub shift: Option<[f64; 2]>,
+    /// Turn the thin lens against the film, forward (down) and to the right: "8deg", "0,5deg". The view stays, the sharp plane turns.
+    #[arg(long, value_name = "X[,Y]", value_parser = tilt, allow_hyphen_values = true)]
+    pub tilt: Option<[f64; 2]>,
     /// Blades of the iris; without, the lens's own, or round.
     #[arg(long, value_name = "N")]
     pub blades: Option<u32>,
@@ -1111,6 +1178,31 @@ fn pair(text: &str) -> Result<[f64; 2], String> {
     list(text)?.0.try_into().map_err(|_| format!("\"{text}\" is not two numbers such as 0,0.7"))
 }
 
+/// "90", "90deg" or "90°".
+fn degrees(text: &str) -> Result<f64, String> {
+    let bare = text.trim();
+    let bare = bare.strip_suffix("deg").or_else(|| bare.strip_suffix('°')).unwrap_or(bare).trim();
+    bare.parse().ok().filter(|v: &f64| v.is_finite()).ok_or_else(|| format!("\"{text}\" is not an angle such as 90deg"))
+}
+
+/// "8deg" or "0,5deg".
+fn tilt(text: &str) -> Result<[f64; 2], String> {
+    let (x, y) = text.split_once(',').unwrap_or((text, "0"));
+    Ok([degrees(x)?, degrees(y)?])
+}
+
+/// "5mm", "5mm,-3mm" or "0,8mm".
+fn shift(text: &str) -> Result<[f64; 2], String> {
+    let length = |part: &str| match part.trim() {
+        "0" | "" => Some(0.0),
+        part => part
+            .strip_prefix('-')
+            .map_or_else(|| part.parse::<LengthMm>().ok().map(|l| l.0), |p| p.parse::<LengthMm>().ok().map(|l| -l.0)),
+    };
+    let (x, y) = text.split_once(',').unwrap_or((text, "0"));
+    length(x).zip(length(y)).map(|(x, y)| [x, y]).ok_or_else(|| format!("\"{text}\" is not a shift such as 5mm or 0,8mm"))
+}
+
 /// Three numbers.
 fn triple(text: &str) -> Result<[f64; 3], String> {
     list(text)?.0.try_into().map_err(|_| format!("\"{text}\" is not three numbers such as 0.01,0.04,20"))
@@ -1212,10 +1304,20 @@ impl Taking {
         over(&mut scene.ambient_ev, &self.ambient_ev);
         over(&mut camera.body, &self.body);
         over(&mut camera.format, &self.format);
-        over(&mut camera.lens, &self.lens);
+        // A lens or a calibration given here takes the place of the other from a file.
+        if self.lens.is_some() || self.camera.is_some() {
+            (camera.lens, camera.calibration) = (self.lens.clone(), self.camera.clone());
+        }
+        if self.fov.is_some() {
+            (camera.fov_deg, camera.focal_length) = (self.fov, None);
+        }
+        over(&mut camera.orthographic, &self.orthographic);
+        over(&mut camera.shift_mm, &self.shift);
+        over(&mut camera.tilt_deg, &self.tilt);
         // One says where the zoom is set: the other, from a file, no longer counts.
         if self.focal_length.is_some() || self.zoom_position.is_some() {
             (camera.focal_length, camera.zoom_position) = (self.focal_length, self.zoom_position);
+            camera.fov_deg = None;
         }
         over(&mut camera.blades, &self.blades);
         over(&mut camera.blade_rotation_deg, &self.blade_rotation);

@@ -34,6 +34,11 @@ const GROUPS: [Group; 10] = [
         common: &["lens", "focal-length"],
         other: &[
             "zoom-position",
+            "camera",
+            "fov",
+            "orthographic",
+            "shift",
+            "tilt",
             "blades",
             "blade-curvature",
             "blade-rotation",

@@ -48,6 +48,7 @@ pub fn run(verb: &LensVerb, json: bool) -> anyhow::Result<()> {
         LensVerb::Distortion(asked) => distortion(asked, json),
         LensVerb::Vignetting(asked) => vignetting(asked, json),
         LensVerb::Color(asked) => color(asked, json),
+        LensVerb::Calibrate(asked) => super::calibrate::run(asked, json),
         LensVerb::Convert { lens, output } => {
             // A name of an embedded lens is no file here.
             distinct([Path::new(lens)], output.as_deref())?;

@@ -2,6 +2,7 @@
 
 pub mod body;
 pub mod calc;
+pub mod calibrate;
 pub mod denoise;
 pub mod develop;
 pub mod expose;
