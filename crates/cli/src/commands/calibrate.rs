@@ -86,7 +86,7 @@ pub fn run(args: &Calibrate, json_wanted: bool) -> anyhow::Result<()> {
         let models: Vec<Value> = fits
             .iter()
             .map(|(kind, fit)| match fit {
-                Ok(fit) => json!({ "model": json::model(&fit.model), "fit": json::fit(fit, true) }),
+                Ok(fit) => json!({ "model": json::model(&fit.model), "fit": json::fit(fit) }),
                 Err(e) => json!({ "model": { "name": kind.name() }, "error": e.to_string() }),
             })
             .collect();

@@ -21,7 +21,7 @@ pub fn write(c: &Calibration) -> String {
         },
         "image": { "width": c.size[0], "height": c.size[1], "film_mm": c.film_mm },
         "model": model(&c.model),
-        "fit": c.fit.as_ref().map(|f| fit(f, true)),
+        "fit": c.fit.as_ref().map(fit),
         "relative_illumination": (!c.falloff.is_empty()).then(|| json!({
             "over": "distance from the middle of the picture, from 0 to half the diagonal, at equal steps",
             "values": c.falloff,
@@ -41,18 +41,15 @@ pub fn model(m: &CameraModel) -> Value {
     })
 }
 
-/// How well it fits; with the map of differences or without.
-pub fn fit(f: &Fit, with_map: bool) -> Value {
-    let mut value = json!({
+/// How well it fits, with the map of differences.
+pub fn fit(f: &Fit) -> Value {
+    let rows: Vec<Vec<Option<[f64; 2]>>> =
+        f.map.chunks(f.grid[0]).map(|row| row.iter().map(|d| d.map(|d| d.to_array())).collect()).collect();
+    json!({
         "rms_px": f.rms_px, "max_px": f.max_px, "fitted_angle_deg": f.fitted_angle.to_degrees(),
         "seen_angle_deg": f.seen_angle.to_degrees(), "points_fitted": f.fitted[0], "points_seen": f.fitted[1],
-    });
-    if with_map {
-        let rows: Vec<Vec<Option<[f64; 2]>>> =
-            f.map.chunks(f.grid[0]).map(|row| row.iter().map(|d| d.map(|d| d.to_array())).collect()).collect();
-        value["map"] = json!({ "columns": f.grid[0], "rows": f.grid[1], "model_minus_lens_px": rows });
-    }
-    value
+        "map": { "columns": f.grid[0], "rows": f.grid[1], "model_minus_lens_px": rows },
+    })
 }
 
 fn frame(f: &Frame) -> Value {

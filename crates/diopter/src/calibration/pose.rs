@@ -93,10 +93,11 @@ mod tests {
         // 10 m ahead, 2 m to the right, 1 m up.
         let world = at.transform_point3(Vec3::new(2.0, 1.0, -10.0)).as_dvec3();
         let (q, t) = pose.opencv();
-        assert!((q * world + t - DVec3::new(2.0, -1.0, 10.0)).length() < 1e-5 && q.w >= 0.0 && q.is_normalized());
+        // Cameras are placed in single precision: 1e-7 of 10 m, several times.
+        assert!((q * world + t - DVec3::new(2.0, -1.0, 10.0)).length() < 5e-5 && q.w >= 0.0 && q.is_normalized());
         let rows = pose.opengl_rows();
         let back = |i: usize| rows[i][0] * 2.0 + rows[i][1] - 10.0 * rows[i][2] + rows[i][3];
-        assert!((DVec3::new(back(0), back(1), back(2)) - world).length() < 1e-5 && rows[3] == [0.0, 0.0, 0.0, 1.0]);
+        assert!((DVec3::new(back(0), back(1), back(2)) - world).length() < 5e-5 && rows[3] == [0.0, 0.0, 0.0, 1.0]);
     }
 
     #[test]
