@@ -2,7 +2,7 @@
 
     python validation/calibration_peers.py [path/to/diopter]
 
-Needs numpy, opencv-python-headless and pycolmap. Directions come from the ST map that diopter traces; OpenCV and COLMAP project them with the files that diopter wrote, and the result has to be the
+Needs numpy, opencv-python-headless, pycolmap and OpenEXR. Directions come from the ST map that diopter traces; OpenCV and COLMAP project them with the files that diopter wrote, and the result has to be the
 pixel itself within the residual of the fit.
 """
 
@@ -12,10 +12,10 @@ import subprocess
 import sys
 import tempfile
 
-os.environ["OPENCV_IO_ENABLE_OPENEXR"] = "1"
-import cv2  # noqa: E402
-import numpy as np  # noqa: E402
-import pycolmap  # noqa: E402
+import cv2
+import numpy as np
+import OpenEXR
+import pycolmap
 
 DIOPTER = sys.argv[1] if len(sys.argv) > 1 else "target/release/diopter"
 SIZE = (600, 400)
@@ -29,10 +29,8 @@ def run(*words):
 
 def directions(path, matrix):
     """Pixels and their directions from an ST map that distorts."""
-    st = cv2.imread(path, cv2.IMREAD_UNCHANGED)
-    assert st is not None, f"{path}: OpenCV was built without OpenEXR"
-    # OpenCV gives B, G, R, A.
-    s, t, alpha = st[..., 2].astype(float), st[..., 1].astype(float), st[..., 3]
+    channels = OpenEXR.File(path, separate_channels=True).channels()
+    s, t, alpha = (channels[name].pixels.astype(float) for name in "RGA")
     h, w = s.shape
     v, u = np.nonzero(alpha > 0.5)
     x = (s[v, u] * w - 0.5 - matrix[0, 2]) / matrix[0, 0]

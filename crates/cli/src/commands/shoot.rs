@@ -155,7 +155,8 @@ pub fn run(args: &Shoot, json: bool) -> anyhow::Result<()> {
             None => prepare(k)?,
         };
         if !calibrations.is_empty() {
-            let picture = names.first().map_or(String::new(), |n| n[k].display().to_string());
+            let unnamed = || output::numbered(Path::new("photo.jpg"), count).swap_remove(k);
+            let picture = names.first().map_or_else(unnamed, |n| n[k].clone()).display().to_string();
             match &mut calibration {
                 None => {
                     let first = shot.calibration(&picture)?;
