@@ -1,12 +1,15 @@
 //! A photograph as a user asks for it: a shot file (TOML) or flags → checked → taken.
 //!
-//! [`ShotFile`] is what was written; [`Shot::prepare`] reads the scene, checks every number and fills in what was left open;
+//! [`ShotFile`] is what was written; [`Shot::prepare`] reads the scene, checks every number and fills in what was left open
+//! ([`Shot::prepare_with`] takes scene, lens and body from memory instead);
 //! [`Shot::meter`] lets the camera choose what it is to choose; [`Shot::expose`], [`Shot::read_out`] and [`Shot::develop`] are the
 //! photograph. [`Shot::turn_to`] takes the next one of a sequence.
 
+mod error_parts;
 pub mod file;
 mod focusing;
 mod framing;
+mod inputs;
 mod light_field;
 mod memory;
 mod resume;
@@ -17,7 +20,9 @@ mod surroundings;
 mod time_limit;
 mod timing;
 
+pub use error_parts::ErrorParts;
 pub use file::{FireflyChoice, ShotFile};
+pub use inputs::Inputs;
 pub use memory::Kept;
 pub use sequence::{Sequence, Vary};
 pub use sources::{odd_size, read_body, read_environment, read_lens, read_scene};
@@ -218,12 +223,19 @@ struct Exposing {
 impl Shot {
     /// Checks a request, reads its files and builds the scene. `warn` gets what was found odd.
     pub fn prepare(file: &ShotFile, warn: &mut dyn FnMut(&str)) -> Result<Shot, ShotError> {
+        Shot::prepare_with(file, Inputs::default(), warn)
+    }
+
+    /// The same with scene, lens or body from memory instead of by the names that the shot file has for them. [`Shot::settle`] writes names
+    /// only: a shot file cannot hold what was in memory.
+    pub fn prepare_with(file: &ShotFile, mut inputs: Inputs, warn: &mut dyn FnMut(&str)) -> Result<Shot, ShotError> {
         let begun = Instant::now();
         // Cheap checks before anything is read.
         let mut file = file.clone();
+        inputs.name_in(&mut file);
         file.mean_true_stops();
         let settings = settings(&file.render)?;
-        let (mut sensor, mut exposing, mut iso) = body_and_speed(&file)?;
+        let (mut sensor, mut exposing, mut iso) = body_and_speed(&file, &inputs)?;
         let white = file.exposure.white.clone().unwrap_or_else(|| "D65".into());
         white_point(&white)?;
         if let Some(Seconds(t)) = file.exposure.shutter
@@ -264,12 +276,12 @@ impl Shot {
 
         let name = file.scene.file.clone().unwrap_or_else(|| DEFAULT_SCENE.into());
         staging::film(&file, &sensor, None)?;
-        let mut description = sources::read_scaled(&name, file.scene.scale, file.scene.strict, warn)?;
+        let mut description = inputs.scene(&name, file.scene.scale, file.scene.strict, warn)?;
         let view = staging::view(&file, &description)?;
         if let Some(hints) = view.map(|v| &v.film).filter(|_| file.camera.look_from.is_none())
             && staging::take_hints(&mut file, hints, warn)
         {
-            (sensor, exposing, iso) = body_and_speed(&file)?;
+            (sensor, exposing, iso) = body_and_speed(&file, &inputs)?;
         }
         let mut film = staging::film(&file, &sensor, view)?;
         let calibrated = staging::calibrated(&mut file, &sensor, view, &mut film)?;
@@ -280,7 +292,8 @@ impl Shot {
         timing.play(&mut description, &file.scene)?;
         staging::choose_materials(&mut description, &file.scene)?;
         // Lamps and ground are put where they suit the camera: it is placed first.
-        let mut stand = staging::stand(&file, &description, timing.at_s, &sensor, &film, builtin::framing(&name))?;
+        let framing = builtin::framing(&name);
+        let mut stand = staging::stand(&file, &inputs, &description, timing.at_s, &sensor, &film, framing)?;
         stand.calibrated = calibrated;
         let flash = timing.flash.is_some();
         if let Some(albedo) = surroundings::put(&mut description, &file.scene, flash, &stand, warn)? {
@@ -303,7 +316,7 @@ impl Shot {
         if file.camera.look_from.is_some() && !file.camera.path.is_empty() {
             warn("the camera is on a path: look_from is not used");
         }
-        let camera = staging::camera(&file, &scene, timing.at_s, &sensor, film, &focusing, &stand, warn)?;
+        let camera = staging::camera(&file, &inputs, &scene, timing.at_s, &sensor, film, &focusing, &stand, warn)?;
         timing.carrier = stand.carrier;
         if file.scene.light.is_none() && !flash && sources::is_model(&name) && staging::is_in_void(&scene, &camera) {
             warn(
@@ -595,7 +608,8 @@ impl Shot {
     /// Writes into a shot file what nobody had asked for and was used, so that it holds whatever the defaults become. What follows from the
     /// scene alone (a view around a model without cameras) stays out: it is found again.
     fn write_defaults(&self, file: &mut ShotFile) {
-        let scene_name = file.scene.file.get_or_insert_with(|| DEFAULT_SCENE.into()).clone();
+        let scene_name =
+            file.scene.file.get_or_insert_with(|| self.file.scene.file.clone().unwrap_or_else(|| DEFAULT_SCENE.into())).clone();
         file.scene.at.get_or_insert(Seconds(self.begun_s()));
         if self.scene.description().objects.iter().any(Studio::is_part) {
             file.scene.light.get_or_insert_with(|| "studio".into());
@@ -868,8 +882,8 @@ impl Shot {
 }
 
 /// The body, how it is exposed, and its ISO speed to begin with.
-fn body_and_speed(file: &ShotFile) -> Result<(Sensor, Exposing, f64), ShotError> {
-    let sensor = read_body(file.camera.body.as_deref().unwrap_or(DEFAULT_BODY))?;
+fn body_and_speed(file: &ShotFile, inputs: &Inputs) -> Result<(Sensor, Exposing, f64), ShotError> {
+    let sensor = inputs.body(file.camera.body.as_deref().unwrap_or(DEFAULT_BODY))?;
     let exposing = Exposing::new(file, &sensor)?;
     let iso = match (exposing.auto_iso, file.exposure.iso) {
         (Some([lowest, _]), _) => lowest,

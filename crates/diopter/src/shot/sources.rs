@@ -69,6 +69,14 @@ const PLAUSIBLE_M: RangeInclusive<f32> = 1e-3..=100.0;
 /// Factors that turn a file's unit into metres.
 const SCALE: RangeInclusive<f64> = 1e-9..=1e9;
 
+/// Fails unless a unit of length is plausible.
+pub(super) fn check_scale(scale: Option<f64>) -> Result<(), ShotError> {
+    match scale.filter(|factor| !SCALE.contains(factor)) {
+        Some(factor) => Err(value("scale", factor, "metres in a unit of the file, from 1e-9 to 1e9: 0.001 for millimetres")),
+        None => Ok(()),
+    }
+}
+
 /// Reads a scene whose unit of length is `scale` metres; a metre without it, and `warn` is told when that makes a model implausibly large
 /// or small.
 pub(super) fn read_scaled(
@@ -77,11 +85,7 @@ pub(super) fn read_scaled(
     strict: bool,
     warn: &mut dyn FnMut(&str),
 ) -> Result<Description, ShotError> {
-    if let Some(factor) = scale
-        && !SCALE.contains(&factor)
-    {
-        return Err(value("scale", factor, "metres in a unit of the file, from 1e-9 to 1e9: 0.001 for millimetres"));
-    }
+    check_scale(scale)?;
     if scale.is_some() && builtin::is_embedded(name) {
         return Err(value("scale", format!("of \"{name}\""), "a scene file: embedded scenes are in metres"));
     }
@@ -154,7 +158,7 @@ pub(super) fn is_lens_file(name: &str) -> bool {
 }
 
 /// Lenses without surfaces.
-const IDEAL: [&str; 7] =
+pub(super) const IDEAL: [&str; 7] =
     ["thin", "pinhole", "panorama", "fisheye-equidistant", "fisheye-equisolid", "fisheye-stereographic", "fisheye-orthographic"];
 
 /// The projection of an ideal fisheye by the name of the lens.

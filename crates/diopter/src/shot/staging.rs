@@ -3,8 +3,8 @@
 use super::file::{CameraSection, SceneSection, ShotFile};
 use super::focusing::Focusing;
 use super::framing::{self, Angle, Framed};
-use super::sources::{ideal_fisheye, read_file, read_lens};
-use super::{LARGEST_SIDE, ShotError, light_field, value};
+use super::sources::{ideal_fisheye, read_file};
+use super::{Inputs, LARGEST_SIDE, ShotError, light_field, value};
 use crate::calibration::camera_file::{self, CameraFile, CameraSource};
 use crate::camera::{Camera, Film, look_at};
 use crate::camera_way::CameraWay;
@@ -336,7 +336,7 @@ impl Stand {
 const WIDEST_TAN: f64 = 20.0;
 
 /// The angle of view of the lens that is asked for; `focal_mm`: of an ideal one.
-fn angle(c: &CameraSection, film: &Film, focal_mm: f64) -> Result<Angle, ShotError> {
+fn angle(c: &CameraSection, inputs: &Inputs, film: &Film, focal_mm: f64) -> Result<Angle, ShotError> {
     let half = [0.5 * film.width_mm, 0.5 * film.height_mm];
     let ideal = Angle { tan_half: half.map(|h| h / focal_mm), focal_m: Some(focal_mm * 1e-3), real: false };
     let name = match c.lens.as_deref() {
@@ -357,7 +357,7 @@ fn angle(c: &CameraSection, film: &Film, focal_mm: f64) -> Result<Angle, ShotErr
         }
         Some(name) => name,
     };
-    let prescription = read_lens(name)?;
+    let prescription = inputs.lens(name)?;
     let setting = Setting {
         focal_length: stated_focal_length(c, &prescription)?,
         f_number: None,
@@ -392,6 +392,7 @@ const LARGEST_M: f32 = 1e12;
 /// Finds where the camera stands, before the scene has lamps or ground put into it.
 pub(super) fn stand(
     file: &ShotFile,
+    inputs: &Inputs,
     description: &Description,
     at_s: f64,
     sensor: &Sensor,
@@ -440,7 +441,7 @@ pub(super) fn stand(
         let at = c.look_at.map_or(center, Vec3::from_array);
         (look_at(from, at, up)?, Some((at - from).length() as f64))
     } else if c.look_at.is_some() || (view.is_none() && framing.is_none()) {
-        let angle = angle(c, film, focal_mm)?;
+        let angle = angle(c, inputs, film, focal_mm)?;
         let support = |directions: &[Vec3]| description.support_points(at_s, directions, |_| true);
         let found = framing::framed(center, c.look_at.map(Vec3::from_array), up, &angle, support)?;
         tan_half = Some(angle.tan_half);
@@ -460,7 +461,7 @@ pub(super) fn stand(
     };
     let tan_half = tan_half.unwrap_or_else(|| {
         let real = c.lens.as_deref().filter(|_| !is_ideal(c) && c.focal_length.is_none());
-        let stated = real.and_then(|name| read_lens(name).ok()).and_then(|p| {
+        let stated = real.and_then(|name| inputs.lens(name).ok()).and_then(|p| {
             let asked = stated_focal_length(c, &p).ok().flatten();
             asked.or(p.focal_length).or(p.zoom.first().copied())
         });
@@ -529,6 +530,7 @@ fn stop_for(focal_mm: f64, film: &Film, focused_m: f64, depths_m: [f64; 2]) -> f
 /// The camera in its place.
 pub(super) fn camera(
     file: &ShotFile,
+    inputs: &Inputs,
     scene: &Scene,
     at_s: f64,
     sensor: &Sensor,
@@ -621,7 +623,7 @@ pub(super) fn camera(
             Lens::Thin(thin.tilted(c.tilt_deg.unwrap_or([0.0; 2]).map(f64::to_radians))?)
         }
         Some(name) => {
-            let prescription = read_lens(name)?;
+            let prescription = inputs.lens(name)?;
             prescription.notes.iter().for_each(|n| warn(&format!("{name}: {n}")));
             let circle = prescription.image_circle;
             let printed = c.zoom_position.map(|position| printed_focal_length(&prescription, position)).transpose()?;
