@@ -1,7 +1,7 @@
-//! diopter: photographs of 3D scenes the way a real camera takes them.
+//! diopter on the command line, as a library: the program, and whoever else hands it on (the Python package), calls [`run`].
 //!
-//! Thin: reads arguments ([`args`]), runs one verb ([`commands`]), writes files beside and renames them ([`output`]).
-//! [`help`] lays the arguments out. Results go to standard output, progress and messages to standard error; with `--json` errors
+//! Thin: reads arguments (`args`), runs one verb (`commands`), writes files beside and renames them (`output`).
+//! `help` lays the arguments out. Results go to standard output, progress and messages to standard error; with `--json` errors
 //! are on standard output, too. Exit codes: 0 done, 1 failed (or stopped by a signal, with what was done written), 2 asked wrongly,
 //! 130 ended at once by a signal.
 
@@ -17,14 +17,8 @@ mod views;
 mod watch;
 
 use args::{Args, Verb};
-use diopter::lens::LensError;
-use diopter::scene::SceneError;
-use diopter::sensor::SensorError;
 use diopter::shot::ShotError;
-use std::process::ExitCode;
-
-#[global_allocator]
-static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
+use std::ffi::OsString;
 
 /// A failure whose cause is the request itself: exit code 2.
 #[derive(Debug)]
@@ -39,8 +33,11 @@ impl std::fmt::Display for AskedWrongly {
 
 impl std::error::Error for AskedWrongly {}
 
-fn main() -> ExitCode {
-    let typed = args::joined_focus(std::env::args_os());
+/// Runs one command; `typed` is the whole command line with the name of the program first. Answers with the exit code: see the top of this page.
+///
+/// Takes over the signals of the process (Ctrl-C), and may set the number of threads of rayon's global pool: to be called once, as all there is to do.
+pub fn run(typed: impl IntoIterator<Item = OsString>) -> u8 {
+    let typed = args::joined_focus(typed.into_iter());
     let json = help::wants_json(&typed);
     let args = match help::parse(&typed) {
         Ok(args) => args,
@@ -48,16 +45,16 @@ fn main() -> ExitCode {
             if json && e.use_stderr() {
                 print_error(&help::as_json(&e));
             }
-            e.exit()
+            // Help and versions go to standard output; where nobody reads, nothing can be said.
+            let _ = e.print();
+            return u8::try_from(e.exit_code()).unwrap_or(2);
         }
     };
     watch::install();
-    match run(args) {
-        Ok(()) => ExitCode::SUCCESS,
+    match run_verb(args) {
+        Ok(()) => 0,
         // Whoever reads our output has gone: nothing to say, nobody to say it to.
-        Err(e) if e.downcast_ref::<std::io::Error>().is_some_and(|e| e.kind() == std::io::ErrorKind::BrokenPipe) => {
-            ExitCode::SUCCESS
-        }
+        Err(e) if e.downcast_ref::<std::io::Error>().is_some_and(|e| e.kind() == std::io::ErrorKind::BrokenPipe) => 0,
         Err(e) => {
             watch::say(&format!("diopter: {e:#}"));
             let request = e.is::<AskedWrongly>() || e.downcast_ref::<ShotError>().is_some_and(ShotError::is_request);
@@ -65,7 +62,7 @@ fn main() -> ExitCode {
             if json {
                 print_error(&error_json(&e, code));
             }
-            ExitCode::from(code)
+            code
         }
     }
 }
@@ -73,33 +70,16 @@ fn main() -> ExitCode {
 /// An error for machines: `{"error": {"message", "place", "found", "expected", "hint", "exit_code"}}`; what is not known apart is null.
 fn error_json(e: &anyhow::Error, code: u8) -> serde_json::Value {
     let message = format!("{e:#}");
-    let all = |place: &dyn ToString, found: &dyn ToString, expected: &dyn ToString| {
-        [place, found, expected].map(|text| Some(text.to_string()))
-    };
-    let [place, found, expected] = match e.downcast_ref::<ShotError>() {
-        Some(ShotError::Read { path, reason } | ShotError::Syntax { path, reason }) => {
-            [Some(path.clone()), Some(reason.clone()), parts_of(&message)[2].clone()]
-        }
-        Some(ShotError::Value { what, found, expected }) => all(what, found, expected),
-        Some(ShotError::Recipe(e)) => all(&e.place, &e.found, &e.expected),
-        Some(ShotError::Scene(SceneError::File { place, found, expected })) => {
-            all(place, found, &expected.strip_prefix("expected ").unwrap_or(expected))
-        }
-        Some(ShotError::Lens(LensError::Range { what, found, expected })) => all(what, found, expected),
-        Some(ShotError::Lens(LensError::Setting { what, found, expected })) => all(what, found, expected),
-        Some(ShotError::Sensor(SensorError::Range { what, found, expected })) => all(what, found, expected),
-        Some(ShotError::Sensor(SensorError::Unknown { what, found, .. })) => {
-            [Some((*what).to_owned()), Some(found.clone()), parts_of(&message)[2].clone()]
-        }
-        _ => parts_of(&message),
-    };
+    let parts = e.downcast_ref::<ShotError>().map(ShotError::parts).unwrap_or_default();
+    let [place, found, expected] = parts_of(&message);
     // "(did you mean ...?)" with its brackets or without.
     let hint = message.find("did you mean").map(|at| match message[at..].find('?') {
         Some(end) => message[at..=at + end].to_owned(),
         None => message[at..].to_owned(),
     });
     serde_json::json!({ "error": {
-        "message": message, "place": place, "found": found, "expected": expected, "hint": hint, "exit_code": code,
+        "place": parts.place.or(place), "found": parts.found.or(found), "expected": parts.expected.or(expected), "hint": parts.hint.or(hint),
+        "message": message, "exit_code": code,
     } })
 }
 
@@ -129,7 +109,7 @@ fn print_error(error: &serde_json::Value) {
 /// More than any machine has; each takes memory for its stack.
 const MOST_THREADS: usize = 1024;
 
-fn run(args: Args) -> anyhow::Result<()> {
+fn run_verb(args: Args) -> anyhow::Result<()> {
     if let Some(threads) = args.threads {
         if threads.get() > MOST_THREADS {
             let wrong = anyhow::anyhow!("--threads {threads}: expected 1 to {MOST_THREADS}");
@@ -160,6 +140,8 @@ fn run(args: Args) -> anyhow::Result<()> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use diopter::lens::LensError;
+    use diopter::scene::SceneError;
 
     #[test]
     fn errors_for_machines_say_what_was_expected() {

@@ -48,7 +48,9 @@ impl ShotError {
             }
             ShotError::Value { what, found, expected } => ErrorParts::of_value(*what, found, expected),
             ShotError::Recipe(e) => ErrorParts::of_value(&e.place, &e.found, &e.expected),
-            ShotError::Scene(SceneError::File { place, found, expected }) => ErrorParts::of_value(place, found, expected),
+            ShotError::Scene(SceneError::File { place, found, expected }) => {
+                ErrorParts::of_value(place, found, expected.strip_prefix("expected ").unwrap_or(expected))
+            }
             ShotError::Scene(SceneError::Number { what, of, found, count }) => {
                 ErrorParts::of_value(of, format!("{what} {found}"), format!("a number below {count}"))
             }
