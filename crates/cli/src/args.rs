@@ -795,8 +795,17 @@ pub struct Expose {
 
 #[derive(clap::Args, Debug)]
 pub struct ReadOut {
-    /// Focal plane (.exr).
+    /// Focal plane (.exr), or a picture of light from elsewhere: R, G, B (and depth as Z).
     pub plane: PathBuf,
+    /// Of a picture of light: how long it is exposed; of our own --radiance, its time without.
+    #[arg(long, value_name = "TIME", allow_hyphen_values = true)]
+    pub exposure: Option<Seconds>,
+    /// Of a picture of radiance (cd/m²): the T-stop of the lens; of our own --radiance, its lens without.
+    #[arg(long, value_name = "N", conflicts_with = "irradiance")]
+    pub t_stop: Option<FNumber>,
+    /// The picture is the light on the sensor, lx.
+    #[arg(long)]
+    pub irradiance: bool,
     /// Camera body; the one it was exposed with, without.
     #[arg(long, value_name = "NAME|FILE")]
     pub body: Option<String>,

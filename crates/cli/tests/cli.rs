@@ -1005,3 +1005,28 @@ fn a_pipe_on_standard_input_is_a_file() {
         assert!(code == 2 && message.contains("expected"), "{args:?}: {code} {message}");
     }
 }
+
+#[test]
+fn light_from_elsewhere_is_read_out() {
+    let f = Folder::new("light");
+    let light = ["expose", "cornell", "--radiance", "--size", "24x16", "--spp", "4", "--shutter", "1/60", "--aperture", "f/4"];
+    f.ok(&[&light[..], &["-o", "light.exr"]].concat());
+    // Ours knows its lens, time and body.
+    let told = |args: &[&str]| -> serde_json::Value { serde_json::from_slice(&f.ok(args).stdout).unwrap() };
+    let own = told(&["read-out", "light.exr", "-o", "a.dng", "--iso", "400", "--truth", "a.exr", "--json"]);
+    assert_eq!((own["facts"]["exposure_s"].as_f64(), own["files"].as_array().unwrap().len()), (Some(1.0 / 60.0), 2), "{own}");
+    let longer = told(&["read-out", "light.exr", "-o", "b.dng", "--exposure", "1/30s", "--shots", "2", "--json"]);
+    assert_eq!(longer["files"].as_array().unwrap().len(), 2);
+    // A picture of another program: what it is must be said.
+    f.ok(&["shoot", "cornell", "--size", "24x16", "--spp", "1", "-o", "other.exr"]);
+    for (args, word) in [
+        (&["--body", "nikon-d850", "--t-stop", "f/4"][..], "--exposure"),
+        (&["--body", "nikon-d850", "--exposure", "1/100s"], "--irradiance"),
+        (&["--irradiance", "--exposure", "1/100s"], "--body"),
+    ] {
+        let (code, message) = f.fails(&[&["read-out", "other.exr", "-o", "c.dng"], args].concat());
+        assert!(code == 2 && message.contains(word), "{args:?}: {message}");
+    }
+    f.ok(&["read-out", "other.exr", "-o", "c.dng", "--body", "nikon-d850", "--exposure", "10 ms", "--t-stop", "2.8"]);
+    f.ok(&["develop", "c.dng", "-o", "c.png"]);
+}

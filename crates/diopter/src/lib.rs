@@ -14,6 +14,7 @@ pub mod expose;
 pub mod files;
 pub mod flash;
 pub mod focus;
+pub mod from_light;
 pub mod hdr;
 pub mod iso;
 pub mod lens_profile;

@@ -7,6 +7,7 @@ pub mod denoise;
 pub mod develop;
 pub mod expose;
 pub mod lens;
+mod light;
 pub mod lut;
 pub mod manual;
 pub mod merge;
