@@ -57,7 +57,7 @@ impl ShotError {
             ShotError::Sensor(SensorError::Range { what, found, expected }) => ErrorParts::of_value(what, found, expected),
             ShotError::Sensor(SensorError::Unknown { what, found, hint }) => ErrorParts {
                 found: Some(found.clone()),
-                hint: Some(hint.trim_start_matches("; ").to_owned()).filter(|h| !h.is_empty()),
+                hint: hint_in(hint).or_else(|| Some(hint.trim_start_matches("; ").to_owned()).filter(|h| !h.is_empty())),
                 ..ErrorParts::at(what)
             },
             ShotError::Sensor(SensorError::Parse { place, reason }) => {
@@ -86,7 +86,7 @@ mod tests {
         assert!(parts.hint.is_some_and(|h| h.contains("tessar-50mm-f2.8")));
         let parts = read_body("canon-5d-mark-v").err().unwrap().parts();
         assert_eq!(parts.found.as_deref(), Some("canon-5d-mark-v"));
-        assert!(parts.place.is_some() && parts.hint.is_some());
+        assert_eq!((parts.place.as_deref(), parts.hint.as_deref()), (Some("body"), Some("did you mean \"canon-5d-mark-iv\"?")));
         let parts = read_lens("nowhere.toml").unwrap_err().parts();
         assert_eq!(parts.place.as_deref(), Some("nowhere.toml"));
     }
