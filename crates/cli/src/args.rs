@@ -2,6 +2,7 @@
 
 use crate::memory::Bytes;
 use clap::{Parser, Subcommand};
+use diopter::denoising::Denoise;
 use diopter::files;
 use diopter::image::dng::Storage;
 use diopter::quantity::{
@@ -54,6 +55,12 @@ pub enum Verb {
         /// Focal plane to write (.exr).
         #[arg(short, long, value_name = "FILE")]
         output: PathBuf,
+        /// By what: on (Open Image Denoise where it is found, else the built-in filter), oidn or builtin.
+        #[arg(long, value_name = "WHICH", default_value_t = Denoise::On)]
+        by: Denoise,
+        /// Library of Intel Open Image Denoise, or its folder; without, DIOPTER_OIDN, the system's libraries and Python's package pyoidn are searched.
+        #[arg(long, value_name = "FILE")]
+        oidn: Option<PathBuf>,
     },
     /// Join focal planes that hold different samples of the same picture, or the raw files of an exposure series.
     Merge(Merge),
@@ -143,6 +150,40 @@ pub enum LensVerb {
         /// Rays across the pupil.
         #[arg(long, value_name = "N", default_value_t = 40)]
         rays: usize,
+        /// Through focus: planes behind the film, mm: "-0.1,0,0.1".
+        #[arg(long, value_name = "LIST", value_parser = list, allow_hyphen_values = true)]
+        defocus: Option<List>,
+    },
+    /// The image of a point: diffraction or geometric, Strehl ratio, encircled energy, line and edge spread; -o also writes .exr.
+    Psf {
+        #[command(flatten)]
+        bench: Bench,
+        /// Planes behind the film, mm: "-0.1,0,0.1".
+        #[arg(long, value_name = "LIST", value_parser = list, allow_hyphen_values = true)]
+        defocus: Option<List>,
+        /// Size of a pixel, µm; half of what diffraction needs, without.
+        #[arg(long, value_name = "UM")]
+        pixel: Option<f64>,
+        /// Pixels across the images that are written; as many as the light needs, without.
+        #[arg(long, value_name = "N")]
+        pixels: Option<usize>,
+        /// From the rays alone, without diffraction.
+        #[arg(long)]
+        geometric: bool,
+    },
+    /// Wavefront: peak to valley, root mean square, Zernike coefficients; -o also writes maps as .exr.
+    Wavefront {
+        #[command(flatten)]
+        bench: Bench,
+        /// Order of the Zernike terms.
+        #[arg(long, value_name = "ORDER", default_value = "noll")]
+        zernikes: ZernikeOrder,
+        /// How many of them.
+        #[arg(long, value_name = "N", default_value_t = 37)]
+        terms: usize,
+        /// Rays across the pupil.
+        #[arg(long, value_name = "N", default_value_t = 64)]
+        rays: usize,
     },
     /// Ray fans and wavefront.
     Fan(Bench),
@@ -166,6 +207,8 @@ pub enum LensVerb {
     Vignetting(Bench),
     /// Axial and lateral colour.
     Color(Bench),
+    /// Camera models that say what the lens does, fitted to traced rays, for OpenCV, COLMAP, nerfstudio, Kalibr, lensfun; ST maps, ray tables.
+    Calibrate(Calibrate),
     /// Any lens file as TOML.
     Convert {
         /// Lens file (.dat, .zmx, .seq, .json, .toml) or the name of an embedded lens.
@@ -187,6 +230,15 @@ pub enum MtfOver {
     Focus,
 }
 
+/// Order and normalisation of Zernike terms.
+#[derive(clap::ValueEnum, Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ZernikeOrder {
+    /// Noll's: every term has the root mean square 1.
+    Noll,
+    /// Fringe: every term is 1 at the edge.
+    Fringe,
+}
+
 /// A lens and how it is set on the bench.
 #[derive(clap::Args, Debug)]
 pub struct Bench {
@@ -202,7 +254,7 @@ pub struct Bench {
     #[arg(long, value_name = "F")]
     pub aperture: Option<FNumber>,
     /// Focused at this distance from the entrance pupil ("2.5m", "inf"), the film in the plane of the smallest spot; without, the
-    /// film stands where the prescription puts it.
+    /// film stands where the prescription puts it, and between the printed positions of a zoom in that plane.
     #[arg(long, value_name = "DISTANCE")]
     pub focus: Option<Distance>,
     /// Field angles, degrees: "0,10,14".
@@ -212,6 +264,52 @@ pub struct Bench {
     #[arg(long, value_name = "LIST", value_parser = list)]
     pub wavelength: Option<List>,
     /// Drawing or plot to write: .svg or .png; may be given several times.
+    #[arg(short, long, value_name = "FILE")]
+    pub output: Vec<PathBuf>,
+}
+
+/// A lens before a sensor, to be described for other programs.
+#[derive(clap::Args, Debug)]
+pub struct Calibrate {
+    /// A name from `lens list`, or a file (.toml, .dat, .zmx, .seq, .json).
+    pub lens: String,
+    /// Pixels of the picture.
+    #[arg(long, value_name = "WxH", default_value = "6000x4000")]
+    pub size: Size,
+    /// Camera body: its film; a name from `body list` or a TOML file. The usual one without.
+    #[arg(long, value_name = "NAME|FILE")]
+    pub body: Option<String>,
+    /// Film instead of the body's: a name ("full frame", "APS-C", "4/3") or mm ("36x24").
+    #[arg(long, value_name = "NAME|MM")]
+    pub film: Option<String>,
+    /// Where a zoom is set: "35 mm".
+    #[arg(long, value_name = "LENGTH")]
+    pub focal_length: Option<LengthMm>,
+    /// A zoom position that the prescription prints, 1 the first.
+    #[arg(long, value_name = "N", conflicts_with = "focal_length")]
+    pub zoom_position: Option<usize>,
+    /// f-number; fully open without.
+    #[arg(long, value_name = "F")]
+    pub aperture: Option<FNumber>,
+    /// Distance from the entrance pupil that is in focus: "2.5m"; infinity without.
+    #[arg(long, value_name = "DISTANCE")]
+    pub focus: Option<Distance>,
+    /// Camera model, or several ("opencv5,opencv-fisheye"; the first is written), or all.
+    ///
+    /// pinhole, simple-radial, radial, opencv4, opencv5, opencv8, opencv12, opencv14, opencv-fisheye, thin-prism-fisheye, f-theta, double-sphere,
+    /// division. Without, opencv5 for pictures within 60° of the axis and opencv-fisheye for wider ones.
+    #[arg(long, value_name = "NAMES")]
+    pub model: Option<String>,
+    /// Fit the mean direction of all light through the pupil instead of the chief ray.
+    #[arg(long)]
+    pub centroid: bool,
+    /// Format of the files, where their names do not say it: json, opencv, colmap, nerfstudio, kalibr, lensfun, st-map, st-map-undistort, ray-table.
+    #[arg(long, value_name = "NAME")]
+    pub format: Option<String>,
+    /// File to write; may be given several times.
+    ///
+    /// .json (everything), .yaml (OpenCV, ROS), cameras.txt (COLMAP), transforms.json (nerfstudio), camchain.yaml (Kalibr), .xml (lensfun), distort.exr and undistort.exr
+    /// (ST maps), rays.exr (a ray for each pixel).
     #[arg(short, long, value_name = "FILE")]
     pub output: Vec<PathBuf>,
 }
@@ -366,6 +464,8 @@ pub struct Taking {
     #[arg(long, value_name = "NAME|MM")]
     pub format: Option<String>,
     /// Lens: thin, pinhole, panorama, a name from `lens list`, or a file (.toml, .dat, .zmx, .seq, .json).
+    ///
+    /// Ideal fisheyes are fisheye-equidistant, fisheye-equisolid, fisheye-stereographic and fisheye-orthographic.
     #[arg(long, value_name = "NAME|FILE")]
     pub lens: Option<String>,
     /// Focal length: "50 mm"; of a zoom, where it is set.
@@ -374,6 +474,23 @@ pub struct Taking {
     /// A zoom position that the lens's prescription prints, 1 the first.
     #[arg(long, value_name = "N", conflicts_with = "focal_length")]
     pub zoom_position: Option<usize>,
+    /// See by a calibration instead of a lens: OpenCV (.yaml), COLMAP (cameras.txt), nerfstudio (transforms.json), Kalibr, our .json, an ST map or a ray table (.exr).
+    ///
+    /// Everything is sharp unless --aperture is given.
+    #[arg(long, value_name = "FILE")]
+    pub camera: Option<PathBuf>,
+    /// Angle of view of an ideal lens from the left to the right edge, instead of its focal length: "90deg".
+    #[arg(long, value_name = "ANGLE", value_parser = degrees, conflicts_with = "focal_length")]
+    pub fov: Option<f64>,
+    /// No perspective: the height that the picture shows, "2m".
+    #[arg(long, value_name = "HEIGHT", conflicts_with_all = ["camera", "fov"])]
+    pub orthographic: Option<Distance>,
+    /// Move the lens against the film, to the right and up: "5mm", "0,8mm". The picture shows more of that side.
+    #[arg(long, value_name = "X[,Y]", value_parser = shift, allow_hyphen_values = true)]
+    pub shift: Option<[f64; 2]>,
+    /// Turn the thin lens against the film, forward (down) and to the right: "8deg", "0,5deg". The view stays, the sharp plane turns.
+    #[arg(long, value_name = "X[,Y]", value_parser = tilt, allow_hyphen_values = true)]
+    pub tilt: Option<[f64; 2]>,
     /// Blades of the iris; without, the lens's own, or round.
     #[arg(long, value_name = "N")]
     pub blades: Option<u32>,
@@ -556,14 +673,25 @@ pub struct Taking {
     /// shades. Parts of --samples learn the same.
     #[arg(long, value_name = "auto|on|off")]
     pub guide: Option<String>,
+    /// path: from the camera only. caustics: and photons from lamps over mirrors and through glass. auto: photons for small lamps where there is
+    /// smooth glass or metal.
+    #[arg(long, value_name = "NAME")]
+    pub integrator: Option<String>,
     /// A quick look: blur made from one sharp exposure and its depth.
     ///
     /// No rays are traced through the lens.
     #[arg(long)]
     pub quick: bool,
-    /// Reduce the renderer's own noise (on), or leave the exposure as computed (off).
-    #[arg(long, value_name = "on|off", num_args = 0..=1, default_missing_value = "on", value_parser = on_off)]
-    pub denoise: Option<bool>,
+    /// Reduce the renderer's own noise: auto, on, off, oidn or builtin.
+    ///
+    /// auto: in pictures to look at (JPEG, PNG, TIFF) of `shoot`; raw files (DNG), EXR and `expose` keep what was computed, also of the same shot. on: in
+    /// all files, by Intel Open Image Denoise where it is found, else by the built-in filter. oidn, builtin: in all files, by this one. The sensor's own
+    /// noise comes after it and stays.
+    #[arg(long, value_name = "WHICH", num_args = 0..=1, default_missing_value = "on")]
+    pub denoise: Option<Denoise>,
+    /// Library of Intel Open Image Denoise, or its folder; without, DIOPTER_OIDN, the system's libraries and Python's package pyoidn are searched.
+    #[arg(long, value_name = "FILE")]
+    pub oidn: Option<PathBuf>,
     /// Outliers that remain when the samples end: count them less (reweight), or leave them as computed (keep).
     ///
     /// Without it, shoot re-weights where all files are pictures (JPEG, PNG, TIFF), and keeps where one is an exposure (DNG, EXR, --truth, ...); expose keeps.
@@ -696,8 +824,17 @@ pub struct Expose {
 
 #[derive(clap::Args, Debug)]
 pub struct ReadOut {
-    /// Focal plane (.exr).
+    /// Focal plane (.exr), or a picture of light from elsewhere: R, G, B (and depth as Z).
     pub plane: PathBuf,
+    /// Of a picture of light: how long it is exposed; of our own --radiance, its time without.
+    #[arg(long, value_name = "TIME", allow_hyphen_values = true)]
+    pub exposure: Option<Seconds>,
+    /// Of a picture of radiance (cd/m²): the T-stop of the lens; of our own --radiance, its lens without.
+    #[arg(long, value_name = "N", conflicts_with = "irradiance")]
+    pub t_stop: Option<FNumber>,
+    /// The picture is the light on the sensor, lx.
+    #[arg(long)]
+    pub irradiance: bool,
     /// Camera body; the one it was exposed with, without.
     #[arg(long, value_name = "NAME|FILE")]
     pub body: Option<String>,
@@ -1165,6 +1302,31 @@ fn pair(text: &str) -> Result<[f64; 2], String> {
     list(text)?.0.try_into().map_err(|_| format!("\"{text}\" is not two numbers such as 0,0.7"))
 }
 
+/// "90", "90deg" or "90°".
+fn degrees(text: &str) -> Result<f64, String> {
+    let bare = text.trim();
+    let bare = bare.strip_suffix("deg").or_else(|| bare.strip_suffix('°')).unwrap_or(bare).trim();
+    bare.parse().ok().filter(|v: &f64| v.is_finite()).ok_or_else(|| format!("\"{text}\" is not an angle such as 90deg"))
+}
+
+/// "8deg" or "0,5deg".
+fn tilt(text: &str) -> Result<[f64; 2], String> {
+    let (x, y) = text.split_once(',').unwrap_or((text, "0"));
+    Ok([degrees(x)?, degrees(y)?])
+}
+
+/// "5mm", "5mm,-3mm" or "0,8mm".
+fn shift(text: &str) -> Result<[f64; 2], String> {
+    let length = |part: &str| match part.trim() {
+        "0" | "" => Some(0.0),
+        part => part
+            .strip_prefix('-')
+            .map_or_else(|| part.parse::<LengthMm>().ok().map(|l| l.0), |p| p.parse::<LengthMm>().ok().map(|l| -l.0)),
+    };
+    let (x, y) = text.split_once(',').unwrap_or((text, "0"));
+    length(x).zip(length(y)).map(|(x, y)| [x, y]).ok_or_else(|| format!("\"{text}\" is not a shift such as 5mm or 0,8mm"))
+}
+
 /// Three numbers.
 fn triple(text: &str) -> Result<[f64; 3], String> {
     list(text)?.0.try_into().map_err(|_| format!("\"{text}\" is not three numbers such as 0.01,0.04,20"))
@@ -1233,15 +1395,6 @@ fn gamma(text: &str) -> Result<&'static str, String> {
     }
 }
 
-/// "on" or "off".
-fn on_off(text: &str) -> Result<bool, String> {
-    match text {
-        "on" => Ok(true),
-        "off" => Ok(false),
-        _ => Err(format!("\"{text}\" is neither on nor off (before a file write --denoise on)")),
-    }
-}
-
 /// "A..B".
 fn range(text: &str) -> Result<[u32; 2], String> {
     let ends = text.split_once("..").and_then(|(a, b)| Some([a.trim().parse().ok()?, b.trim().parse().ok()?]));
@@ -1286,10 +1439,20 @@ impl Taking {
         over(&mut scene.ambient_ev, &self.ambient_ev);
         over(&mut camera.body, &self.body);
         over(&mut camera.format, &self.format);
-        over(&mut camera.lens, &self.lens);
+        // A lens or a calibration given here takes the place of the other from a file.
+        if self.lens.is_some() || self.camera.is_some() {
+            (camera.lens, camera.calibration) = (self.lens.clone(), self.camera.clone());
+        }
+        if self.fov.is_some() {
+            (camera.fov_deg, camera.focal_length) = (self.fov, None);
+        }
+        over(&mut camera.orthographic, &self.orthographic);
+        over(&mut camera.shift_mm, &self.shift);
+        over(&mut camera.tilt_deg, &self.tilt);
         // One says where the zoom is set: the other, from a file, no longer counts.
         if self.focal_length.is_some() || self.zoom_position.is_some() {
             (camera.focal_length, camera.zoom_position) = (self.focal_length, self.zoom_position);
+            camera.fov_deg = None;
         }
         over(&mut camera.blades, &self.blades);
         over(&mut camera.blade_rotation_deg, &self.blade_rotation);
@@ -1375,9 +1538,11 @@ impl Taking {
         over(&mut render.sampler, &self.sampler);
         over(&mut render.max_depth, &self.max_depth);
         over(&mut render.guide, &self.guide);
+        over(&mut render.integrator, &self.integrator);
         over(&mut render.time_limit, &self.time_limit);
         over(&mut render.denoise, &self.denoise);
         over(&mut render.fireflies, &self.fireflies);
+        over(&mut render.oidn, &self.oidn);
         render.quick |= self.quick;
         Ok(shot)
     }

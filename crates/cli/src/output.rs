@@ -55,6 +55,16 @@ pub enum Kind {
     Dng,
 }
 
+impl Kind {
+    /// Whether files of this kind are pictures to look at, rather than light or electrons to work on.
+    pub fn is_looked_at(self) -> bool {
+        match self {
+            Kind::Jpeg | Kind::Png | Kind::Tiff => true,
+            Kind::Exr | Kind::Dng => false,
+        }
+    }
+}
+
 /// Kind of a picture file by its ending.
 pub fn kind(path: &Path) -> anyhow::Result<Kind> {
     let ending = path.extension().map(|e| e.to_string_lossy().to_lowercase());
@@ -344,15 +354,18 @@ impl Default for Format {
     }
 }
 
-/// Develops and writes all pictures, by rows. An EXR gets the light of the scene without a curve, a DNG the raw image.
+/// Develops and writes all pictures, by rows. An EXR gets the light of the scene without a curve, a DNG the raw image; pictures to look at are made of
+/// `denoised`, if it is there.
 pub fn write_pictures(
     outputs: Vec<(Kind, Output)>,
     raw: &RawImage,
+    denoised: Option<&RawImage>,
     recipe: &Recipe,
     lut: Option<&Lut>,
     format: Format,
 ) -> anyhow::Result<Vec<PathBuf>> {
     let write = |(kind, output): (Kind, Output)| {
+        let raw = denoised.filter(|_| kind.is_looked_at()).unwrap_or(raw);
         if kind == Kind::Dng {
             if !raw.header.opcodes.is_empty() {
                 let names: Vec<String> = raw.header.opcodes.iter().map(|o| o.to_string()).collect();

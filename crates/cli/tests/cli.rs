@@ -44,7 +44,8 @@ fn shoot_without_a_scene_writes_photo_jpg() {
 #[test]
 fn the_steps_taken_apart_give_the_same_picture() {
     let f = Folder::new("steps");
-    f.ok(&with(&["shoot", "cornell", "--shutter", "1/30", "--seed", "7"], &["-o", "whole.png", "-o", "linear.exr"]));
+    let whole = ["shoot", "cornell", "--shutter", "1/30", "--seed", "7", "--denoise", "off"];
+    f.ok(&with(&whole, &["-o", "whole.png", "-o", "linear.exr"]));
     f.ok(&with(&["expose", "cornell", "--shutter", "1/30", "--seed", "7"], &["-o", "plane.exr"]));
     f.ok(&["read-out", "plane.exr", "--seed", "7", "-o", "raw.dng"]);
     f.ok(&["develop", "raw.dng", "-o", "parts.png"]);
@@ -53,6 +54,39 @@ fn the_steps_taken_apart_give_the_same_picture() {
     f.ok(&["read-out", "plane.exr", "--seed", "8", "-o", "raw.dng"]);
     f.ok(&["develop", "raw.dng", "-o", "other.png", "--tone", "reinhard"]);
     assert_ne!(std::fs::read(f.path("whole.png")).unwrap(), std::fs::read(f.path("other.png")).unwrap());
+}
+
+#[test]
+fn pictures_to_look_at_are_denoised_and_raw_files_are_not() {
+    let f = Folder::new("denoise");
+    let shoot = |which: &[&str], files: &[&str]| -> serde_json::Value {
+        let output = f.ok(&with(&["shoot", "cornell", "--shutter", "1/30", "--json"], &[which, files].concat()));
+        serde_json::from_slice(&output.stdout).unwrap()
+    };
+    let both = shoot(&[], &["-o", "auto.png", "-o", "auto.dng"]);
+    let off = shoot(&["--denoise", "off"], &["-o", "off.png", "-o", "off.dng"]);
+    let on = shoot(&["--denoise", "builtin"], &["-o", "on.png", "-o", "on.dng"]);
+    let one = shoot(&[], &["-o", "one.png"]);
+    // Facts of a shot are those of its raw file, if there is one.
+    assert_eq!((both["facts"]["denoised"].as_bool(), off["facts"]["denoised"].as_bool()), (Some(false), Some(false)));
+    assert_eq!((on["facts"]["denoised"].as_bool(), one["facts"]["denoised"].as_bool()), (Some(true), Some(true)));
+    assert_eq!(on["facts"]["denoiser"], "built-in regression");
+    assert!(one["facts"]["denoiser"].as_str().is_some_and(|d| !d.is_empty()));
+    assert!(f.read("auto.dng") == f.read("off.dng") && f.read("on.dng") != f.read("off.dng"));
+    assert!(
+        pixels(&f.path("auto.png")) != pixels(&f.path("off.png")) && pixels(&f.path("auto.png")) == pixels(&f.path("one.png"))
+    );
+    // An exposure is what was computed.
+    let exposed = f.ok(&with(&["expose", "cornell", "--json"], &["-o", "plane.exr"]));
+    let exposed: serde_json::Value = serde_json::from_slice(&exposed.stdout).unwrap();
+    assert_eq!(exposed["facts"]["denoised"], false);
+    f.ok(&["denoise", "plane.exr", "--by", "builtin", "-o", "calm.exr"]);
+    for args in [&["--denoise", "oidn"][..], &["--denoise", "on"], &[]] {
+        let (code, message) = f.fails(&with(&[&["shoot", "--oidn", "gone.so", "-o", "x.jpg"][..], args].concat(), &[]));
+        assert!(code == 1 && message.contains("gone.so") && message.contains("builtin"), "{args:?}: {code} {message}");
+    }
+    let (code, message) = f.fails(&["shoot", "--denoise", "maybe", "-o", "x.jpg"]);
+    assert!(code == 2 && message.contains("builtin"), "{code} {message}");
 }
 
 #[test]
@@ -244,6 +278,7 @@ fn a_saved_shot_repeats_the_photograph() {
         ("seed", "1"),
         ("sampler", "\"sobol\""),
         ("max_depth", ""),
+        ("integrator", "\"auto\""),
     ] {
         assert!(saved.lines().any(|l| l.starts_with(&format!("{key} = {value}"))), "{key}: {saved}");
     }
@@ -310,6 +345,7 @@ fn wrong_requests_exit_with_2_and_a_hint() {
         (&["calc", "exposure", "f/1e-20", "1/60"], "from f/0.1 to f/100000"),
         (&["shoot", "--iso", "-100"], "ISO"),
         (&["shoot", "--spp", "0"], "1 to"),
+        (&["shoot", "--integrator", "bidirectional"], "path, caustics or auto"),
         (&["shoot", "--shutter", "0"], "above 0"),
         (&["shoot", "--size", "0x10"], "1 to 65535"),
         (&["shoot", "--size", "100000x100000"], "1 to 65535"),
@@ -535,11 +571,34 @@ fn lenses_are_shown_plotted_and_converted() {
         ("distortion", vec!["distortion_percent", "equidistant_percent"]),
     ] {
         let value = json(&["lens", verb, "triplet-50mm-f4", "--json", "-o", "plot.svg", "-o", "plot.png"]);
-        assert!(keys.iter().all(|k| !value[0][k].is_null()), "{verb}: {value}");
+        // Of distortion the first is the axis, which has none.
+        let last = value.as_array().and_then(|all| all.last()).unwrap_or(&value);
+        assert!(keys.iter().all(|k| !last[k].is_null()), "{verb}: {value}");
+        assert!(verb != "distortion" || value[0]["distortion_percent"].is_null(), "{value}");
         let svg = std::fs::read_to_string(f.path("plot.svg")).unwrap();
         assert!(svg.starts_with("<svg") && svg.trim_end().ends_with("</svg>"), "{verb}");
         assert!(std::fs::read(f.path("plot.png")).unwrap().starts_with(b"\x89PNG"), "{verb}");
     }
+    // The image of a point stopped far down is nearly perfect, its wavefront flat; both are written as EXR.
+    let stopped = ["triplet-50mm-f4", "--aperture", "f/16", "--focus", "inf", "--field", "0,5", "--wavelength", "588", "--json"];
+    let psf = json(&[&["lens", "psf"][..], &stopped, &["-o", "psf.exr", "-o", "psf.svg"]].concat());
+    let strehl = psf[0]["strehl"].as_f64().unwrap();
+    let energy = psf[0]["encircled_energy"].as_array().unwrap();
+    assert!((0.5..=1.0).contains(&strehl) && energy.last().unwrap().as_f64().unwrap() > 0.9, "{strehl}");
+    let waves = json(&[&["lens", "wavefront"][..], &stopped, &["--zernikes", "fringe", "-o", "map.exr"]].concat());
+    let rms = waves[0]["rms_without_tilt_waves"].as_f64().unwrap();
+    // Mahajan's approximation holds for small aberrations.
+    assert!(((-(std::f64::consts::TAU * rms).powi(2)).exp() - strehl).abs() < 0.05, "{rms} {strehl}");
+    assert_eq!(waves[1]["zernikes_waves"].as_array().unwrap().len(), 37);
+    assert!(["psf.exr", "map.exr"].iter().all(|n| std::fs::read(f.path(n)).unwrap().starts_with(&[0x76, 0x2f, 0x31, 0x01])));
+    assert!(f.fails(&["lens", "psf", "triplet-50mm-f4", "-o", "a.jpg"]).1.contains(".exr"));
+    assert_eq!(
+        json(&["lens", "spot", "triplet-50mm-f4", "--defocus", "-0.1,0,0.1", "--field", "0", "--wavelength", "588", "--json"])
+            .as_array()
+            .unwrap()
+            .len(),
+        3
+    );
     assert!(
         json(&["lens", "vignetting", "triplet-50mm-f4", "--json"])["illumination"][0]["geometric_sr"].as_f64().unwrap() > 0.0
     );
@@ -945,4 +1004,29 @@ fn a_pipe_on_standard_input_is_a_file() {
         let (code, message) = f.fails(args);
         assert!(code == 2 && message.contains("expected"), "{args:?}: {code} {message}");
     }
+}
+
+#[test]
+fn light_from_elsewhere_is_read_out() {
+    let f = Folder::new("light");
+    let light = ["expose", "cornell", "--radiance", "--size", "24x16", "--spp", "4", "--shutter", "1/60", "--aperture", "f/4"];
+    f.ok(&[&light[..], &["-o", "light.exr"]].concat());
+    // Ours knows its lens, time and body.
+    let told = |args: &[&str]| -> serde_json::Value { serde_json::from_slice(&f.ok(args).stdout).unwrap() };
+    let own = told(&["read-out", "light.exr", "-o", "a.dng", "--iso", "400", "--truth", "a.exr", "--json"]);
+    assert_eq!((own["facts"]["exposure_s"].as_f64(), own["files"].as_array().unwrap().len()), (Some(1.0 / 60.0), 2), "{own}");
+    let longer = told(&["read-out", "light.exr", "-o", "b.dng", "--exposure", "1/30s", "--shots", "2", "--json"]);
+    assert_eq!(longer["files"].as_array().unwrap().len(), 2);
+    // A picture of another program: what it is must be said.
+    f.ok(&["shoot", "cornell", "--size", "24x16", "--spp", "1", "-o", "other.exr"]);
+    for (args, word) in [
+        (&["--body", "nikon-d850", "--t-stop", "f/4"][..], "--exposure"),
+        (&["--body", "nikon-d850", "--exposure", "1/100s"], "--irradiance"),
+        (&["--irradiance", "--exposure", "1/100s"], "--body"),
+    ] {
+        let (code, message) = f.fails(&[&["read-out", "other.exr", "-o", "c.dng"], args].concat());
+        assert!(code == 2 && message.contains(word), "{args:?}: {message}");
+    }
+    f.ok(&["read-out", "other.exr", "-o", "c.dng", "--body", "nikon-d850", "--exposure", "10 ms", "--t-stop", "2.8"]);
+    f.ok(&["develop", "c.dng", "-o", "c.png"]);
 }

@@ -1,57 +1,59 @@
-//! The renderer's own noise, taken out of an exposure: weighted first-order regression on normals, albedo and depth.
+//! The renderer's own noise, taken out of an exposure by weighted first-order regression on normals, albedo and depth.
 //!
 //! Each half of the samples is regressed with weights that come from the other half alone, so that noise cannot choose its own neighbours; of two
-//! widths of the weights each place takes the one whose error, seen by the other half, is smaller. The sensor's noise is not touched: it is made
-//! later. Sources: Bitterli et al. 2016, "Nonlinearly weighted first-order regression for denoising Monte Carlo renderings" (CGF 35); Rousselle,
+//! widths of the weights each place takes the one whose error, seen by the other half, is smaller; then light that is missing is given back around
+//! ([`keep_light`]). The sensor's noise is not touched: it is made later. Sources: Bitterli et al. 2016, "Nonlinearly weighted first-order regression for denoising Monte Carlo renderings" (CGF 35); Rousselle,
 //! Knaus & Zwicker 2012, "Adaptive rendering with non-local means filtering" (TOG 31), for the distance of patches.
 
-use crate::region::Region;
+mod energy;
+mod regression;
+
+pub use energy::factors as keep_light;
+
 use diopter_image::focal_plane::{Band, FocalPlaneSource, STRIP_STEP, rows_within};
-use diopter_image::{ExposureFacts, FocalPlane, ImageError};
+use diopter_image::{ExposureFacts, FocalPlane, ImageError, Raster};
 use rayon::prelude::*;
 
-/// Neighbours up to this far away count, px.
-const WINDOW: i64 = 8;
-/// Half the side of the patches that are compared, px.
-const PATCH: usize = 3;
-/// Widths of the weights: how many deviations patches may differ.
-const WIDTHS: [f32; 2] = [0.5, 1.0];
 /// Keeps the distance of noise-free patches finite, of the square of the mean.
 const LEAST_VARIANCE: f32 = 1e-6;
-/// Ridge of the regression, of the sum of weights: features that hardly change say nothing.
-const RIDGE: f32 = 1e-5;
 /// Features: normal, albedo, log of depth.
 const FEATURES: usize = 7;
-/// Unknowns: the value itself and a slope a feature.
-const TERMS: usize = FEATURES + 1;
-/// How far a single pixel may stand out of its neighbours and the other half. Smaller values darken what is really fine and bright.
-const SPARK: f32 = 2.0;
-/// Pixels a side of a tile.
-const TILE: usize = 64;
+/// How far a single pixel may stand out of its neighbours and the other half: little more than they differ among themselves, since what is cut is given
+/// back around it, and what both halves show is kept.
+const SPARK: f32 = 1.1;
 
-/// Rows around a row that its result depends on: fractions of the candidates are means over neighbours 1 px away, of choices by errors that are means
-/// over 2 px; the filter reaches by its window and half a patch; the variance that it takes is a mean over 2 px of what was divided by a mean over 1 px
-/// of calm halves, for which single pixels were compared with their neighbours.
-const REACH: usize = 1 + 2 + (WINDOW as usize + PATCH) + 2 + 1 + 1;
+/// Pictures of one number a pixel: of each band or feature.
+type Planes = Vec<Vec<f32>>;
+
+/// Rows around a row that its filtered value depends on: fractions of the candidates are means over neighbours 1 px away, of choices by errors that
+/// are means over 2 px; the filter reaches by its window and half a patch; the variance that it takes is a mean over 2 px of what was divided by a mean
+/// over 1 px of calm halves, for which single pixels were compared with their neighbours.
+const REACH: usize = 1 + 2 + regression::REACH + 2 + 1 + 1;
 /// Bytes that denoising a strip takes at most: a few hundred rows of the widest pictures, so that little is computed twice.
 pub const STRIP_MEMORY: usize = 3 << 29;
 
-/// An exposure without most of its Monte Carlo noise. Its mean is biased a little, and its half difference says less than the
-/// truth about the error that is left; `facts.denoised` tells.
+/// An exposure without most of its Monte Carlo noise and with all of its light ([`keep_light`]). What is left of the noise is correlated between
+/// neighbours, and its half difference says less than the truth about the error: both halves share features and what they are made of.
+/// `facts.denoised` tells.
 pub fn denoise(plane: &FocalPlane) -> FocalPlane {
-    denoise_rows(plane, farthest_log_depth_of(&plane.truth.depth.data))
+    let mut out = filter_rows(plane, farthest_log_depth_of(&plane.truth.depth.data));
+    if plane.width() > 0 {
+        give_back(&plane.mean.data, &mut out);
+    }
+    out.facts.denoised = true;
+    out
 }
 
-/// Bytes of a pixel that denoising takes: the replicates, calm ones, variance and two filtered pairs, a plane at work; seven features, three fractions
+/// Bytes of a pixel that denoising takes: calm replicates, variance, two filtered pairs and those of a filter at work; seven features, three fractions
 /// and errors; the old plane and the new one.
 pub fn bytes_a_pixel(bands: usize) -> usize {
     let plane = diopter_image::focal_plane::bytes_a_pixel(bands);
-    4 * bands * (2 + 2 + 1 + 4 + 2) + 4 * (FEATURES + 3 + 3) + 2 * plane
+    4 * bands * (2 + 1 + 4 + 2) + 4 * (FEATURES + 3 + 3) + 2 * plane
 }
 
 /// Rows that [`Denoised`] computes at once, for pictures of so many pixels a row and bands.
 pub fn rows_at_once(width: usize, bands: usize) -> usize {
-    let around = 2 * REACH * width.saturating_mul(bytes_a_pixel(bands));
+    let around = (2 * REACH + energy::REACH) * width.saturating_mul(bytes_a_pixel(bands));
     rows_within(STRIP_MEMORY.saturating_sub(around), width, bytes_a_pixel(bands))
 }
 
@@ -75,6 +77,10 @@ pub struct Denoised<S> {
     rows: Option<FocalPlane>,
     /// The first of them.
     first: usize,
+    /// Rows that are filtered and still needed, their light not given back.
+    filtered: Option<FocalPlane>,
+    /// The first of them.
+    first_filtered: usize,
     /// Rows that were taken.
     next: usize,
     /// Rows that are computed at once.
@@ -88,9 +94,26 @@ impl<S: FocalPlaneSource> Denoised<S> {
         Self::by_rows(source, farthest, at_once)
     }
 
+    /// With what facts call the filter.
+    pub fn named(mut self, name: &str) -> Self {
+        self.facts.denoiser = name.into();
+        self
+    }
+
     fn by_rows(source: S, farthest: Option<f32>, at_once: usize) -> Self {
         let facts = ExposureFacts { denoised: true, ..source.facts().clone() };
-        Denoised { source, farthest, facts, rows: None, first: 0, next: 0, at_once }
+        Denoised { source, farthest, facts, rows: None, first: 0, filtered: None, first_filtered: 0, next: 0, at_once }
+    }
+}
+
+/// Rows behind those that are there, if any.
+fn below(above: Option<FocalPlane>, rows: FocalPlane) -> FocalPlane {
+    match above {
+        Some(mut above) => {
+            above.append(&rows);
+            above
+        }
+        None => rows,
     }
 }
 
@@ -114,46 +137,76 @@ impl<S: FocalPlaneSource> FocalPlaneSource for Denoised<S> {
     fn next_rows(&mut self, rows: usize) -> Result<FocalPlane, ImageError> {
         let [_, height] = self.size();
         let (from, to) = (self.next, self.next + rows);
-        // Read what the strip depends on.
+        // Read what the strip depends on. More rows than there are is an error of the source.
+        let filter_to = (to + energy::REACH).min(height).max(to);
         let read = self.first + self.rows.as_ref().map_or(0, FocalPlane::height);
-        let below = self.source.next_rows((to + REACH).min(height).max(to) - read)?;
-        let kept = match self.rows.take() {
-            Some(mut kept) => {
-                kept.append(&below);
-                kept
-            }
-            None => below,
-        };
+        let read_to = (filter_to + REACH).min(height).max(to);
+        let read = self.source.next_rows(read_to - read)?;
+        let source = below(self.rows.take(), read);
         // A picture that is computed at once knows its farthest depth.
-        let farthest = if kept.height() == height { farthest_log_depth_of(&kept.truth.depth.data) } else { self.farthest };
-        let mut strip = denoise_rows(&kept, farthest).rows(from - self.first..to - self.first);
+        let farthest = if source.height() == height { farthest_log_depth_of(&source.truth.depth.data) } else { self.farthest };
+        // Filter the rows that are not yet, by those around them.
+        let filtered_to = self.first_filtered + self.filtered.as_ref().map_or(0, FocalPlane::height);
+        let filtered = match self.filtered.take() {
+            Some(filtered) if filtered_to == filter_to => filtered,
+            above => {
+                let around = filtered_to.saturating_sub(REACH).max(self.first);
+                let strip = filter_rows(&source.rows(around - self.first..read_to - self.first), farthest);
+                below(above, strip.rows(filtered_to - around..filter_to - around))
+            }
+        };
+        // Give the light back.
+        let mut bright = filtered.clone();
+        let before = source.mean.rows(self.first_filtered - self.first..filter_to - self.first);
+        give_back(&before.data, &mut bright);
+        let mut strip = bright.rows(from - self.first_filtered..to - self.first_filtered);
         strip.facts = self.facts.clone();
         // Keep what the next one depends on.
-        let first = to.saturating_sub(REACH).max(self.first);
-        let next = kept.rows(first - self.first..kept.height());
-        (self.rows, self.first, self.next) = (Some(next), first, to);
+        let first_filtered = to.saturating_sub(energy::REACH).max(self.first_filtered);
+        let first = first_filtered.min(filter_to.saturating_sub(REACH)).max(self.first);
+        self.filtered = Some(filtered.rows(first_filtered - self.first_filtered..filtered.height()));
+        self.rows = Some(source.rows(first - self.first..source.height()));
+        (self.first_filtered, self.first, self.next) = (first_filtered, first, to);
         Ok(strip)
     }
 }
 
-/// All or some rows of an exposure; `farthest` is the log of the largest depth of all of it.
-fn denoise_rows(plane: &FocalPlane, farthest: Option<f32>) -> FocalPlane {
-    let (w, h, n) = (plane.width(), plane.height(), plane.bands.len());
-    if w * h == 0 || n == 0 {
-        return plane.clone();
+/// What is no number is taken for dark.
+fn finite(v: f32) -> f32 {
+    if v.is_finite() { v } else { 0.0 }
+}
+
+/// Gives filtered rows the light that the same rows had before, `[row][column][band]`.
+fn give_back(before: &[f32], plane: &mut FocalPlane) {
+    let (w, n) = (plane.width(), plane.bands.len());
+    for b in 0..n {
+        let before: Vec<f32> = before.iter().skip(b).step_by(n).map(|v| finite(*v)).collect();
+        let factors = energy::factors(&before, &plane.mean.channel(b), w);
+        for (i, factor) in factors.into_iter().enumerate() {
+            plane.mean.data[i * n + b] *= factor;
+            plane.half_difference.data[i * n + b] *= factor;
+        }
     }
-    let half = |sign: f32| -> Vec<Vec<f32>> {
+}
+
+/// All or some rows of an exposure, filtered; `farthest` is the log of the largest depth of all of it.
+fn filter_rows(plane: &FocalPlane, farthest: Option<f32>) -> FocalPlane {
+    let (w, h, n) = (plane.width(), plane.height(), plane.bands.len());
+    let mut out = plane.clone();
+    if w * h == 0 || n == 0 {
+        return out;
+    }
+    let half = |sign: f32| -> Planes {
         let band = |b: usize| {
             let (mean, difference) = (plane.mean.channel(b), plane.half_difference.channel(b));
-            mean.iter().zip(&difference).map(|(m, d)| m + sign * d).collect()
+            mean.iter().zip(&difference).map(|(m, d)| finite(*m) + sign * finite(*d)).collect()
         };
         (0..n).map(band).collect()
     };
-    let halves = [half(1.0), half(-1.0)];
-    let calm = without_sparks(&halves, w);
+    let calm = without_sparks(&[half(1.0), half(-1.0)], w);
     let features = features(plane, farthest);
     // Variance of one half: twice that of the mean, over some neighbours, since a pixel's own has one degree of freedom.
-    let variance: Vec<Vec<f32>> = (0..n)
+    let variance: Planes = (0..n)
         .map(|b| {
             // Relative to the square of the mean, so that a lamp's variance does not spread over the wall beside it.
             let both: Vec<f32> = calm[0][b].iter().zip(&calm[1][b]).map(|(a, b)| 0.5 * (a + b)).collect();
@@ -165,23 +218,17 @@ fn denoise_rows(plane: &FocalPlane, farthest: Option<f32>) -> FocalPlane {
             around.iter().zip(floor).map(|(v, f)| v + f + f32::MIN_POSITIVE).collect()
         })
         .collect();
-    // [width][half][band]
-    let filtered: Vec<[Vec<Vec<f32>>; 2]> =
-        WIDTHS.iter().map(|width| [0, 1].map(|k| filter(&calm[k], &calm[1 - k], &variance, &features, [w, h], *width))).collect();
+    // [half][width], then [width][half].
+    let [first, second] = [0, 1].map(|k| regression::filter(&calm[k], &calm[1 - k], &variance, &features, [w, h]));
+    let filtered: Vec<[Planes; 2]> = first.into_iter().zip(second).map(|(a, b)| [a, b]).collect();
     let choice = choose(&filtered, &calm, &variance, w);
-    let mut out = plane.clone();
-    out.facts.denoised = true;
     for b in 0..n {
         for i in 0..w * h {
-            let [a, c] = [0, 1].map(|k| {
-                let shares = choice[i];
-                shares[0] * calm[k][b][i] + shares[1] * filtered[0][k][b][i] + shares[2] * filtered[1][k][b][i]
-            });
+            let [none, wide, narrow] = choice[i];
+            let [a, c] = [0, 1].map(|k| none * calm[k][b][i] + wide * filtered[0][k][b][i] + narrow * filtered[1][k][b][i]);
             // Light is never negative; a fit may be.
-            let mean = (0.5 * (a + c)).max(0.0);
-            out.mean.data[i * n + b] = if mean.is_finite() { mean } else { plane.mean.data[i * n + b] };
-            let difference = 0.5 * (a - c);
-            out.half_difference.data[i * n + b] = if difference.is_finite() { difference } else { 0.0 };
+            out.mean.data[i * n + b] = finite(0.5 * (a + c)).max(0.0);
+            out.half_difference.data[i * n + b] = finite(0.5 * (a - c));
         }
     }
     out
@@ -237,7 +284,8 @@ fn features(plane: &FocalPlane, farthest: Option<f32>) -> Vec<Vec<f32>> {
     // What is hit nowhere lies a little behind the farthest thing.
     let nowhere = farthest.unwrap_or(0.0) + 0.5;
     let depth: Vec<f32> = t.depth.data.iter().map(|d| if d.is_finite() { log_depth(*d) } else { nowhere }).collect();
-    let all = (0..3).map(|c| t.normal.channel(c)).chain((0..3).map(|c| t.albedo.channel(c))).chain([depth]);
+    let channel = |raster: &Raster<f32>, c: usize| raster.channel(c).into_iter().map(finite).collect();
+    let all = (0..3).map(|c| channel(&t.normal, c)).chain((0..3).map(|c| channel(&t.albedo, c))).chain([depth]);
     all.collect()
 }
 
@@ -262,196 +310,6 @@ fn blurred(plane: &[f32], w: usize, r: usize) -> Vec<f32> {
     out
 }
 
-/// One half, filtered with weights from the other (`guide`).
-fn filter(
-    half: &[Vec<f32>],
-    guide: &[Vec<f32>],
-    variance: &[Vec<f32>],
-    features: &[Vec<f32>],
-    [w, h]: [usize; 2],
-    width: f32,
-) -> Vec<Vec<f32>> {
-    let n = half.len();
-    let tiles: Vec<Region> = (0..h.div_ceil(TILE))
-        .flat_map(|ty| (0..w.div_ceil(TILE)).map(move |tx| (tx * TILE, ty * TILE)))
-        .map(|(x, y)| Region { left: x as i64, top: y as i64, width: TILE.min(w - x), height: TILE.min(h - y) })
-        .collect();
-    let parts: Vec<Vec<Vec<f32>>> =
-        tiles.par_iter().map(|tile| filter_tile(half, guide, variance, features, [w, h], *tile, width)).collect();
-    let mut out = vec![vec![0.0; w * h]; n];
-    for (tile, part) in tiles.iter().zip(parts) {
-        for (to, from) in out.iter_mut().zip(part) {
-            for (row, line) in from.chunks_exact(tile.width).enumerate() {
-                let at = (tile.top as usize + row) * w + tile.left as usize;
-                to[at..at + tile.width].copy_from_slice(line);
-            }
-        }
-    }
-    out
-}
-
-/// A plane around a tile, its edges repeated.
-fn padded(plane: &[f32], [w, h]: [usize; 2], region: Region) -> Vec<f32> {
-    let mut to = Vec::with_capacity(region.area());
-    for y in region.top..region.bottom() {
-        let line = &plane[y.clamp(0, h as i64 - 1) as usize * w..][..w];
-        to.extend((region.left..region.right()).map(|x| line[x.clamp(0, w as i64 - 1) as usize]));
-    }
-    to
-}
-
-fn filter_tile(
-    half: &[Vec<f32>],
-    guide: &[Vec<f32>],
-    variance: &[Vec<f32>],
-    features: &[Vec<f32>],
-    size: [usize; 2],
-    tile: Region,
-    width: f32,
-) -> Vec<Vec<f32>> {
-    let n = half.len();
-    let reach = WINDOW as usize + PATCH;
-    let around = tile.grown(reach);
-    let pad = |planes: &[Vec<f32>]| planes.iter().map(|p| padded(p, size, around)).collect::<Vec<_>>();
-    let (half, guide, variance, features) = (pad(half), pad(guide), pad(variance), pad(features));
-    let stride = around.width;
-    // Distances are needed over the tile and the patches of its edge.
-    let inner = tile.grown(PATCH);
-    let area = tile.area();
-    // Sums of the normal equations, a plane an entry: upper triangle, then the right side of each band.
-    let pairs = TERMS * (TERMS + 1) / 2;
-    let mut sums = vec![vec![0.0f32; area]; pairs + TERMS * n];
-    let mut distance = vec![0.0f32; inner.area()];
-    let mut rows = vec![0.0f32; inner.width * tile.height];
-    let mut weight = vec![0.0f32; tile.width];
-    let mut steps = vec![vec![0.0f32; tile.width]; FEATURES];
-    let k2 = width * width;
-    let patch = (2 * PATCH + 1) as f32;
-    let scale = 1.0 / (patch * patch * n as f32);
-    for dy in -WINDOW..=WINDOW {
-        for dx in -WINDOW..=WINDOW {
-            let shift = dy * stride as i64 + dx;
-            distance.fill(0.0);
-            for (u, v) in guide.iter().zip(&variance) {
-                for row in 0..inner.height {
-                    let here = (row + reach - PATCH) * stride + reach - PATCH;
-                    let there = (here as i64 + shift) as usize;
-                    let line = &mut distance[row * inner.width..][..inner.width];
-                    let (u0, u1) = (&u[here..][..inner.width], &u[there..][..inner.width]);
-                    let (v0, v1) = (&v[here..][..inner.width], &v[there..][..inner.width]);
-                    for x in 0..inner.width {
-                        let d = u0[x] - u1[x];
-                        line[x] += (d * d - (v0[x] + v0[x].min(v1[x]))) / (k2 * (v0[x] + v1[x]));
-                    }
-                }
-            }
-            // Sums over patches.
-            for row in 0..tile.height {
-                let to = &mut rows[row * inner.width..][..inner.width];
-                to.fill(0.0);
-                for k in 0..=2 * PATCH {
-                    to.iter_mut().zip(&distance[(row + k) * inner.width..]).for_each(|(t, d)| *t += d);
-                }
-            }
-            for row in 0..tile.height {
-                let line = &rows[row * inner.width..][..inner.width];
-                // What lies outside the picture is no neighbour.
-                let y = tile.top + row as i64 + dy;
-                if y < 0 || y >= size[1] as i64 {
-                    continue;
-                }
-                for (x, to) in weight.iter_mut().enumerate() {
-                    let d: f32 = line[x..x + 2 * PATCH + 1].iter().sum::<f32>() * scale;
-                    let outside = tile.left + x as i64 + dx;
-                    let inside = outside >= 0 && outside < size[0] as i64;
-                    *to = if inside { (-d.clamp(0.0, 60.0)).exp() } else { 0.0 };
-                }
-                let here = (row + reach) * stride + reach;
-                let there = (here as i64 + shift) as usize;
-                for (step, f) in steps.iter_mut().zip(&features) {
-                    let (a, b) = (&f[here..][..tile.width], &f[there..][..tile.width]);
-                    step.iter_mut().zip(a.iter().zip(b)).for_each(|(s, (a, b))| *s = b - a);
-                }
-                let to = row * tile.width;
-                let mut entry = 0;
-                for i in 0..TERMS {
-                    // The first term is the constant.
-                    for j in i..TERMS {
-                        let sum = &mut sums[entry][to..to + tile.width];
-                        entry += 1;
-                        match (i, j) {
-                            (0, 0) => sum.iter_mut().zip(&weight).for_each(|(s, w)| *s += w),
-                            (0, j) => sum.iter_mut().zip(weight.iter().zip(&steps[j - 1])).for_each(|(s, (w, a))| *s += w * a),
-                            (i, j) => {
-                                let (a, b) = (&steps[i - 1], &steps[j - 1]);
-                                for x in 0..tile.width {
-                                    sum[x] += weight[x] * a[x] * b[x];
-                                }
-                            }
-                        }
-                    }
-                }
-                for (b, u) in half.iter().enumerate() {
-                    let u = &u[there..][..tile.width];
-                    for i in 0..TERMS {
-                        let sum = &mut sums[pairs + b * TERMS + i][to..to + tile.width];
-                        match i {
-                            0 => sum.iter_mut().zip(weight.iter().zip(u)).for_each(|(s, (w, v))| *s += w * v),
-                            i => {
-                                let a = &steps[i - 1];
-                                for x in 0..tile.width {
-                                    sum[x] += weight[x] * a[x] * u[x];
-                                }
-                            }
-                        }
-                    }
-                }
-            }
-        }
-    }
-    let mut out = vec![vec![0.0; area]; n];
-    let mut matrix = [[0.0f64; TERMS]; TERMS];
-    for i in 0..area {
-        let mut entry = 0;
-        for r in 0..TERMS {
-            for c in r..TERMS {
-                matrix[r][c] = f64::from(sums[entry][i]);
-                matrix[c][r] = matrix[r][c];
-                entry += 1;
-            }
-        }
-        let total = matrix[0][0];
-        (1..TERMS).for_each(|k| matrix[k][k] += f64::from(RIDGE) * total);
-        let first = first_row_of_inverse(&matrix);
-        for (b, plane) in out.iter_mut().enumerate() {
-            plane[i] = (0..TERMS).map(|k| first[k] * f64::from(sums[pairs + b * TERMS + k][i])).sum::<f64>() as f32;
-        }
-    }
-    out
-}
-
-/// First row of the inverse of a symmetric positive matrix: what makes the value at the pixel of the sums (Cholesky).
-fn first_row_of_inverse(m: &[[f64; TERMS]; TERMS]) -> [f64; TERMS] {
-    let mut l = [[0.0; TERMS]; TERMS];
-    for i in 0..TERMS {
-        for j in 0..=i {
-            let s: f64 = (0..j).map(|k| l[i][k] * l[j][k]).sum();
-            l[i][j] = if i == j { (m[i][i] - s).max(1e-30).sqrt() } else { (m[i][j] - s) / l[j][j] };
-        }
-    }
-    // L y = e₀, then Lᵀ x = y.
-    let mut x = [0.0; TERMS];
-    for i in 0..TERMS {
-        let s: f64 = (0..i).map(|k| l[i][k] * x[k]).sum();
-        x[i] = (f64::from(u8::from(i == 0)) - s) / l[i][i];
-    }
-    for i in (0..TERMS).rev() {
-        let s: f64 = (i + 1..TERMS).map(|k| l[k][i] * x[k]).sum();
-        x[i] = (x[i] - s) / l[i][i];
-    }
-    x
-}
-
 /// Shares of the unfiltered value, the narrow and the wide weights in each pixel: by the error of each, which the other half shows without bias.
 fn choose(filtered: &[[Vec<Vec<f32>>; 2]], halves: &[Vec<Vec<f32>>; 2], variance: &[Vec<f32>], w: usize) -> Vec<[f32; 3]> {
     let size = variance[0].len();
@@ -470,9 +328,10 @@ fn choose(filtered: &[[Vec<Vec<f32>>; 2]], halves: &[Vec<Vec<f32>>; 2], variance
     };
     let errors = [error(halves), error(&filtered[0]), error(&filtered[1])];
     let best = |i: usize| (0..3).min_by(|a, b| errors[*a][i].total_cmp(&errors[*b][i])).unwrap_or(1);
-    let chosen: Vec<usize> = (0..size).map(best).collect();
-    let shares: Vec<Vec<f32>> =
-        (0..3).map(|k| blurred(&chosen.iter().map(|c| f32::from(u8::from(*c == k))).collect::<Vec<_>>(), w, 1)).collect();
+    let chosen: Vec<u8> = (0..size).map(|i| best(i) as u8).collect();
+    let shares: Vec<Vec<f32>> = (0..3)
+        .map(|k| blurred(&chosen.iter().map(|c| f32::from(u8::from(usize::from(*c) == k))).collect::<Vec<_>>(), w, 1))
+        .collect();
     (0..size).map(|i| [shares[0][i], shares[1][i], shares[2][i]]).collect()
 }
 
@@ -480,8 +339,8 @@ fn choose(filtered: &[[Vec<Vec<f32>>; 2]], halves: &[Vec<Vec<f32>>; 2], variance
 mod tests {
     use super::*;
     use crate::tests::gaussian;
+    use diopter_image::focal_plane::Truth;
     use diopter_image::focal_plane::{Band, BandUnit};
-    use diopter_image::{ExposureFacts, Raster, focal_plane::Truth};
 
     const SIZE: [usize; 2] = [120, 80];
 
@@ -519,12 +378,65 @@ mod tests {
         let (plane, clean) = scene(0.2);
         let out = denoise(&plane);
         let (before, after) = (error(&plane.mean.data, &clean), error(&out.mean.data, &clean));
-        // As much as eight times the samples would give.
-        assert!(after < before / 8.0, "{after} of {before}");
+        // As much as four times the samples would give (4.7 here; scenes with less regular noise gain more).
+        assert!(after < before / 4.0, "{after} of {before}");
         assert!(out.facts.denoised && !plane.facts.denoised);
-        // The mean of the picture stays.
+        // The half difference tells the noise that is left; of the bias, most of the error at the edges of the texture, it knows nothing.
+        let claimed = out.half_difference.data.iter().zip(&clean).map(|(d, c)| (d / c).powi(2)).sum::<f32>() / clean.len() as f32;
+        assert!(claimed > 0.03 * after && claimed < 1.5 * after, "{claimed} {after}");
+    }
+
+    #[test]
+    fn light_is_kept_at_edges_gradients_texture_and_lamps() {
+        let (mut plane, mut clean) = scene(0.3);
         let sum = |v: &[f32]| v.iter().map(|v| f64::from(*v)).sum::<f64>();
-        assert!((sum(&out.mean.data) / sum(&clean) - 1.0).abs() < 0.01);
+        let kept = |plane: &FocalPlane| sum(&denoise(plane).mean.data) / sum(&plane.mean.data);
+        // Asked: 0.3 %.
+        assert!((kept(&plane) - 1.0).abs() < 3e-3, "{}", kept(&plane));
+        // A lamp of 3 × 3 pixels, ten thousand times as bright; then rare paths of great weight in one half elsewhere, a tenth of all light.
+        for y in 20..23 {
+            for x in 80..83 {
+                let i = y * SIZE[0] + x;
+                plane.mean.data[i] *= 1e4;
+                plane.half_difference.data[i] *= 1e4;
+                clean[i] *= 1e4;
+            }
+        }
+        assert!((kept(&plane) - 1.0).abs() < 3e-3, "{}", kept(&plane));
+        let (mut plane, clean) = scene(0.3);
+        for i in (40..clean.len()).step_by(409) {
+            plane.mean.data[i] += 1500.0;
+            plane.half_difference.data[i] += 1500.0;
+        }
+        assert!((kept(&plane) - 1.0).abs() < 3e-3, "{}", kept(&plane));
+        // Without sparks to look at all the same: none stands out of its neighbours by as much as it did.
+        let out = denoise(&plane);
+        let most = out.mean.data.iter().zip(&clean).map(|(a, b)| a / b).fold(0.0, f32::max);
+        assert!(most < 10.0, "{most}");
+    }
+
+    #[test]
+    fn the_same_numbers_for_any_number_of_threads() {
+        let (plane, _) = scene(0.2);
+        let by = |threads: usize| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            pool.install(|| denoise(&plane))
+        };
+        assert_eq!(by(1), by(4));
+    }
+
+    #[test]
+    fn what_is_no_number_harms_nothing_around() {
+        let (mut plane, clean) = scene(0.2);
+        plane.truth.normal.data[3 * 4000] = f32::NAN;
+        plane.truth.albedo.data[3 * 4100] = f32::INFINITY;
+        plane.truth.depth.data[4200] = f32::NAN;
+        plane.mean.data[4300] = f32::NAN;
+        plane.half_difference.data[4400] = f32::INFINITY;
+        let out = denoise(&plane);
+        assert!(out.mean.data.iter().chain(&out.half_difference.data).all(|v| v.is_finite()));
+        let (before, after) = (error(&scene(0.2).0.mean.data, &clean), error(&out.mean.data, &clean));
+        assert!(after < before / 4.0, "{after} of {before}");
     }
 
     #[test]
@@ -563,7 +475,7 @@ mod tests {
         for (width, bands) in [(20_000, 3), (20_000, 31), (100, 3)] {
             let rows = rows_at_once(width, bands);
             assert!(rows >= STRIP_STEP && rows.is_multiple_of(STRIP_STEP));
-            assert!(rows == STRIP_STEP || (rows + 2 * REACH) * width * bytes_a_pixel(bands) <= STRIP_MEMORY);
+            assert!(rows == STRIP_STEP || (rows + 2 * REACH + energy::REACH) * width * bytes_a_pixel(bands) <= STRIP_MEMORY);
         }
         assert!(rows_at_once(20_000, 3) >= 192);
     }

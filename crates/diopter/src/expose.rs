@@ -6,12 +6,14 @@
 
 mod fireflies;
 mod guiding;
+mod integrator;
 mod paged;
 mod response;
 mod sums;
 mod tile;
 
 pub use fireflies::{Fireflies, SUMS_WITH_CASCADE};
+pub use integrator::Integrator;
 pub use paged::{ExposedPaged, ExposedRows};
 pub use response::Response;
 pub use sums::{Keep, Sums};
@@ -22,9 +24,11 @@ use crate::shutter::{Moments, Place, Shutter};
 use diopter_image::focal_plane::{BandUnit, STRIP_STEP, Truth, bytes_a_pixel};
 use diopter_image::{ExposureFacts, FocalPlane, Raster};
 use diopter_lens::{Lens, Projection};
+use diopter_light::Ray;
 use diopter_light::random::SamplerKind;
 use diopter_light::wavelength::WavelengthSampler;
-use diopter_scene::{Guide, GuideMode, PathSettings, Scene};
+use diopter_scene::light_paths::PhotonMap;
+use diopter_scene::{FirstSurface, Guide, GuideMode, PathSettings, Scene};
 use fireflies::Cascade;
 use guiding::Guided;
 use rayon::prelude::*;
@@ -59,6 +63,8 @@ pub struct Settings {
     /// Whether paths are guided to where light was found to come from ([`diopter_scene::guide`]). Training follows about an eighth as many paths as
     /// the whole exposure has (all of `spp`, whichever are rendered), and comes before the samples.
     pub guide: GuideMode,
+    /// How light transport is computed.
+    pub integrator: Integrator,
     /// Factor on all light of the scene.
     pub light_scale: f64,
     /// Stop after about so much time, s, the truth included; the samples that are done then (two at least) make the picture.
@@ -97,7 +103,7 @@ impl Half {
 }
 
 impl Settings {
-    /// `spp` Sobol samples, seed 1, no limits, not guided.
+    /// `spp` Sobol samples, seed 1, the integrator chosen by the scene, no limits, not guided.
     pub fn new(spp: u32) -> Self {
         Settings {
             spp,
@@ -106,6 +112,7 @@ impl Settings {
             seed: 1,
             path: PathSettings::default(),
             guide: GuideMode::Off,
+            integrator: Integrator::default(),
             light_scale: 1.0,
             time_limit_s: None,
             truth: true,
@@ -217,10 +224,14 @@ pub fn bytes_needed(bands: usize, summed: usize) -> (usize, usize) {
     (sums + plane, TILES_AT_ONCE * rayon::current_num_threads().max(1) * tile)
 }
 
-/// Where the pass ends that begins with a sample. Passes end at multiples of a power of two that depends on the number of pixels alone, so that sums
-/// are added in the same order however an exposure is interrupted.
-fn pass_end(first: u32, pixels: usize) -> u32 {
-    let length = 1u32 << (PASS_PATHS / pixels.max(1)).max(1).ilog2().clamp(1, 8);
+/// Samples of a pass: a power of two that depends on the number of pixels alone.
+fn pass_length(pixels: usize) -> u32 {
+    1u32 << (PASS_PATHS / pixels.max(1)).max(1).ilog2().clamp(1, 8)
+}
+
+/// Where the pass ends that begins with a sample: passes end at multiples of their length, so that sums are added in the same order however an
+/// exposure is interrupted.
+fn pass_end(first: u32, length: u32) -> u32 {
     (first / length + 1).saturating_mul(length)
 }
 
@@ -374,6 +385,12 @@ impl Exposure<'_> {
         let sampling = Instant::now();
         let (curves, wavelengths) = self.curves();
         let unit = self.unit(&curves, &wavelengths, guided.guide.as_ref());
+        let caustics = self.caustics();
+        let length = match &caustics {
+            None => pass_length(width * height),
+            Some(_) => integrator::map_samples(width * height),
+        };
+        let mut photons: Option<(u32, [PhotonMap; 2])> = None;
         let tiles = width.div_ceil(TILE) * height.div_ceil(TILE);
         let at_once = TILES_AT_ONCE * rayon::current_num_threads().max(1);
         let tiles_done = AtomicUsize::new(0);
@@ -385,7 +402,7 @@ impl Exposure<'_> {
             let done = sums.samples.end;
             if sums.pass_end == done {
                 // Without a limit passes are as they are; with one, they grow as long as time is left.
-                let end = pass_end(done, width * height).min(wanted.end);
+                let end = pass_end(done, length).min(wanted.end);
                 sums.pass_end = match time_limit_s {
                     None => end,
                     Some(limit) => {
@@ -403,6 +420,16 @@ impl Exposure<'_> {
                 };
             }
             let pass = done..sums.pass_end;
+            // A pass ends with the samples of its maps at the latest.
+            let map = done / length;
+            if let Some(caustics) = &caustics
+                && photons.as_ref().is_none_or(|(number, _)| *number != map)
+            {
+                // One pair at a time in memory.
+                drop(photons.take());
+                photons = Some((map, [0, 1].map(|replicate| caustics.map(map, replicate))));
+            }
+            let of_pass = photons.as_ref().map(|(_, maps)| maps);
             tiles_done.store(sums.tiles, Ordering::Relaxed);
             let share = |tile: usize| match time_limit_s {
                 None => {
@@ -421,7 +448,7 @@ impl Exposure<'_> {
                         if at_once_if_stopped && stopped() {
                             return None;
                         }
-                        let tile = unit.tile(index, pass.clone(), before);
+                        let tile = unit.tile(index, pass.clone(), before, of_pass);
                         (watch.progress)(share(tiles_done.fetch_add(1, Ordering::Relaxed) + 1));
                         Some(tile)
                     })
@@ -454,10 +481,28 @@ impl Exposure<'_> {
 
 /// Ground truth of some rows along chief rays, in the middle of the time each pixel is open; `None` once `cancel` is set.
 fn truth(scene: &Scene, camera: &Camera, shutter: &Shutter, rows: Range<usize>, cancel: &AtomicBool) -> Option<Truth> {
+    truth_of(&|ray| scene.first_surface(ray), camera, shutter, rows, cancel)
+}
+
+/// What denoisers are guided by: as the truth, but with albedo and normals of what smooth glass and mirrors show.
+pub(crate) fn features(scene: &Scene, camera: &Camera, shutter: &Shutter) -> Truth {
+    let go_on = AtomicBool::new(false);
+    let rows = camera.film.rows;
+    let look = |ray: &Ray| scene.first_rough_surface(ray);
+    truth_of(&look, camera, shutter, 0..rows, &go_on).unwrap_or_else(|| Truth::empty(camera.film.columns, rows))
+}
+
+type Look<'a> = &'a (dyn Fn(&Ray) -> Option<FirstSurface> + Sync);
+
+fn truth_of(look: Look, camera: &Camera, shutter: &Shutter, rows: Range<usize>, cancel: &AtomicBool) -> Option<Truth> {
     let (width, height) = (camera.film.columns, camera.film.rows);
     let mut truth = Truth::empty(width, rows.len());
     // All around there is no axis: depth is distance.
-    let all_around = matches!(&camera.lens, Lens::Pinhole(p) if matches!(p.projection, Projection::Panorama { .. }));
+    let all_around = match &camera.lens {
+        Lens::Pinhole(p) => matches!(p.projection, Projection::Panorama { .. }),
+        Lens::Calibrated(lens) => !lens.has_axis(),
+        _ => false,
+    };
     let behind = camera.film.microlenses.map(|m| m.behind(&camera.lens));
     let first = |column: usize, row: usize| {
         let (open, close) = shutter.window(&Place { pixel: [column, row], size: [width, height], pupil: 0.0 });
@@ -471,8 +516,8 @@ fn truth(scene: &Scene, camera: &Camera, shutter: &Shutter, rows: Range<usize>, 
                 camera.lens.ray_along(aimed.at, aimed.slope).map(|ray| camera.to_world(&ray, time))
             }
         };
-        let ray = ray.ok().filter(diopter_light::Ray::is_finite)?;
-        let s = scene.first_surface(&ray)?;
+        let ray = ray.ok().filter(Ray::is_finite)?;
+        let s = look(&ray)?;
         Some((s.distance * if all_around { 1.0 } else { camera.cosine_to_axis(ray.direction, time) }, s))
     };
     // Each row where it belongs: no second copy of the planes.

@@ -4,14 +4,17 @@
 //! [`metering`] reads the light and [`program`] chooses by it; [`shot`] is a photograph as a user asks for it. This is the only crate that knows all stages, and `mount` the only place where
 //! millimetres meet metres and lens space meets world space.
 
+pub mod calibration;
 pub mod camera;
 pub mod camera_way;
 pub mod checkpoint;
+pub mod denoising;
 pub mod depth_of_field;
 pub mod expose;
 pub mod files;
 pub mod flash;
 pub mod focus;
+pub mod from_light;
 pub mod hdr;
 pub mod iso;
 pub mod lesson;
@@ -32,7 +35,7 @@ pub mod truth;
 
 pub use camera::{Camera, Film};
 pub use camera_way::CameraWay;
-pub use expose::{ExposeError, Half, Response, Settings, expose};
+pub use expose::{ExposeError, Half, Integrator, Response, Settings, expose};
 pub use shutter::Shutter;
 
 // The stages, under one roof for doors.

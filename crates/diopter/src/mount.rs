@@ -3,8 +3,8 @@
 //! The lens stands in the camera's frame with its plane (a real lens: the middle of its entrance pupil) at the camera's origin
 //! and its +z along the camera's +Z: light goes that way. The picture on the film is upside down and mirrored, so a pixel right of the middle lies at −x.
 
-use crate::camera::Camera;
-use diopter_lens::{Blocked, LensRay};
+use crate::camera::{Camera, Film};
+use diopter_lens::{Blocked, Lens, LensRay};
 use diopter_light::Ray;
 use glam::{DVec2, DVec3, Vec3};
 
@@ -14,13 +14,19 @@ const M_PER_MM: f64 = 1e-3;
 /// m² a mm².
 pub const M2_PER_MM2: f64 = M_PER_MM * M_PER_MM;
 
+impl Film {
+    /// Film point (mm, lens axes) of a place in the picture, in pixels from its upper left corner.
+    pub(crate) fn point(&self, column: f64, row: f64) -> DVec2 {
+        let at =
+            DVec2::new((0.5 - column / self.columns as f64) * self.width_mm, (row / self.rows as f64 - 0.5) * self.height_mm);
+        at - DVec2::from_array(self.middle_mm)
+    }
+}
+
 impl Camera {
     /// Film point (mm, lens axes) of a place in the picture, in pixels from its upper left corner.
     pub(crate) fn film_point(&self, column: f64, row: f64) -> DVec2 {
-        let film = &self.film;
-        let at =
-            DVec2::new((0.5 - column / film.columns as f64) * film.width_mm, (row / film.rows as f64 - 0.5) * film.height_mm);
-        at - DVec2::from_array(film.middle_mm)
+        self.film.point(column, row)
     }
 
     /// Pixel (column, row) that a film point (mm) lies in; `None` outside the film.
@@ -75,9 +81,13 @@ impl Camera {
     /// Distance of a ray from the middle of the pupil, 1 at the rim of the fully open lens. Blades of a shutter are taken to lie in
     /// the plane of the entrance pupil, that is near the stop.
     pub(crate) fn pupil_radius(&self, origin_mm: DVec3, direction: DVec3) -> f64 {
-        let at = origin_mm - direction * (origin_mm.z / direction.z);
         let rim = 0.5 * self.lens.focal_length().0 / self.lens.widest_f_number();
-        at.truncate().length() / rim
+        match &self.lens {
+            // Its pupil lies around the camera's place, whichever way it faces; without one all light passes the middle.
+            Lens::Calibrated(lens) if lens.pupil().is_some() => origin_mm.length() / rim,
+            Lens::Calibrated(_) => 0.0,
+            _ => (origin_mm - direction * (origin_mm.z / direction.z)).truncate().length() / rim,
+        }
     }
 }
 

@@ -70,7 +70,8 @@ impl Optics {
         let focus_m = lens.focus_distance().map_or(f64::INFINITY, |d| d.0 / 1000.0);
         let width = camera.film.width_mm;
         match lens {
-            Lens::Pinhole(_) => None,
+            // A calibrated camera is exposed as it is: its blur costs little.
+            Lens::Pinhole(_) | Lens::Calibrated(_) => None,
             Lens::Thin(thin) => Some(Optics::thin(focal, n, focus_m, width, &thin.iris)),
             Lens::Compound(_) => {
                 let radius = 0.5 * focal / n;

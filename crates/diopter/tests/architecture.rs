@@ -12,8 +12,16 @@ const ARROWS: &[(&str, &[&str])] = &[
     ("diopter-scene", &["diopter-light", "diopter-image"]),
     ("diopter-sensor", &["diopter-light", "diopter-image"]),
     ("diopter-develop", &["diopter-light", "diopter-image"]),
-    ("diopter", &["diopter-light", "diopter-image", "diopter-lens", "diopter-scene", "diopter-sensor", "diopter-develop"]),
+    // The binding of a C library: it knows none of us, and only the camera opens it.
+    ("diopter-oidn", &[]),
+    (
+        "diopter",
+        &["diopter-light", "diopter-image", "diopter-lens", "diopter-scene", "diopter-sensor", "diopter-develop", "diopter-oidn"],
+    ),
     ("diopter-cli", &["diopter"]),
+    // The wheel holds the program, too. One shared library has both: a second executable beside it would double the wheel and its build. The arrow is
+    // one function, `diopter_cli::run(arguments)`; nothing else of the command line is known.
+    ("diopter-py", &["diopter", "diopter-cli"]),
 ];
 
 #[test]

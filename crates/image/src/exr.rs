@@ -334,6 +334,58 @@ pub fn read_plane(from: impl Read + Seek, name: &str) -> std::result::Result<Vec
     Ok(channel.sample_data.values_as_f32().collect())
 }
 
+/// Channels of one raster in 32 bits, with texts as attributes: maps of places and directions.
+pub fn write_maps(
+    [width, height]: [usize; 2],
+    planes: Vec<(&str, Vec<f32>)>,
+    attributes: &[(&str, &str)],
+    to: impl Write + Seek,
+) -> std::result::Result<(), ImageError> {
+    let channels = planes.into_iter().map(|(n, v)| AnyChannel::new(n, FlatSamples::F32(v))).collect();
+    let set = |_: &mut ImageAttributes, layer: &mut LayerAttributes| {
+        for (name, text) in attributes {
+            layer.other.insert(Text::from(*name), AttributeValue::Text(Text::from(ascii(text).as_str())));
+        }
+    };
+    write_channels((width, height), channels, set, to)
+}
+
+/// Channels of an EXR by name, and its attributes.
+pub struct Maps {
+    /// Columns and rows.
+    pub size: [usize; 2],
+    /// In the order in which they were asked for.
+    pub planes: Vec<Vec<f32>>,
+    /// Attributes that are texts.
+    texts: Vec<(String, String)>,
+}
+
+impl Maps {
+    /// The text of an attribute.
+    pub fn attribute(&self, name: &str) -> Option<&str> {
+        self.texts.iter().find(|t| t.0 == name).map(|t| t.1.as_str())
+    }
+}
+
+/// Reads channels of any EXR by name, as floating point, row by row.
+pub fn read_maps(from: impl Read + Seek, names: &[&str]) -> std::result::Result<Maps, ImageError> {
+    let layer = read_layer(from)?;
+    let plane = |name: &&str| {
+        let found = layer.channel_data.list.iter().find(|c| c.name == **name);
+        let channel = found.ok_or_else(|| ImageError::Missing {
+            what: format!("the channel \"{name}\""),
+            hint: "see its list of channels".into(),
+        })?;
+        Ok::<_, ImageError>(channel.sample_data.values_as_f32().collect())
+    };
+    let planes = names.iter().map(plane).collect::<std::result::Result<Vec<Vec<f32>>, _>>()?;
+    let text = |(name, value): (&Text, &AttributeValue)| match value {
+        AttributeValue::Text(text) => Some((name.to_string(), text.to_string())),
+        _ => None,
+    };
+    Ok(Maps { size: [layer.size.0, layer.size.1], planes, texts: layer.attributes.other.iter().filter_map(text).collect() })
+}
+
 /// Reads the `R`, `G`, `B` channels of any EXR (or one channel three times), as linear numbers: environment maps.
 pub fn read_rgb(from: impl Read + Seek) -> std::result::Result<Raster<f32>, ImageError> {
     let layer = read_layer(from)?;

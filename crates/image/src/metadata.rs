@@ -81,6 +81,8 @@ pub struct ExposureFacts {
     /// Fraction of all light that re-weighting of outliers (fireflies) took away: the bias of the mean. `None` where every sample counts as it is.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub fireflies_removed: Option<f64>,
+    /// What reduced it, with its version; empty where nothing did.
+    pub denoiser: String,
     /// What the lens can be set to: focal length (mm) and f-number fully open, at its shortest and at its longest; of a prime both are the same.
     /// `None` of ideal lenses and where it is not known.
     #[serde(skip_serializing_if = "Option::is_none")]

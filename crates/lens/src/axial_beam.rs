@@ -22,7 +22,7 @@ fn parallel(at: DVec2) -> TracedRay {
 }
 
 /// Where a ray meets the stop, in the stop's own frame; rims are ignored. `None` where it does not get so far.
-fn place_at_stop(system: &System, n: &[f64], ray: TracedRay) -> Option<DVec2> {
+pub(crate) fn place_at_stop(system: &System, n: &[f64], ray: TracedRay) -> Option<DVec2> {
     let mut place = None;
     // A ray that fails behind the stop has told what was asked.
     let _ = system.trace_part(ray, n, Way::ToFilm, Apertures::Ignore, 0..system.stop + 1, |e| {

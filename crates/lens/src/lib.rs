@@ -11,9 +11,12 @@
 pub mod analysis;
 mod axial_beam;
 pub mod batch;
+pub mod calibrated;
+pub mod camera_model;
 pub mod compound;
 pub mod conjugates;
 pub mod draw;
+pub mod dual;
 mod fan;
 pub mod focusing;
 pub mod glass;
@@ -29,6 +32,7 @@ pub mod system;
 mod thin;
 pub mod trace;
 
+pub use calibrated::CalibratedLens;
 pub use compound::CompoundLens;
 pub use fan::Fan;
 pub use iris::Iris;
@@ -99,6 +103,8 @@ pub enum Lens {
     Thin(ThinLens),
     /// A prescription, surface by surface.
     Compound(Box<CompoundLens>),
+    /// An ideal camera that sees as a calibration says.
+    Calibrated(Box<CalibratedLens>),
 }
 
 impl Lens {
@@ -108,6 +114,7 @@ impl Lens {
             Lens::Pinhole(lens) => lens.film_distance,
             Lens::Thin(lens) => lens.focal_length,
             Lens::Compound(lens) => lens.focal_length(),
+            Lens::Calibrated(lens) => lens.focal_length(),
         }
     }
 
@@ -117,6 +124,7 @@ impl Lens {
             Lens::Pinhole(lens) => lens.f_number,
             Lens::Thin(lens) => lens.f_number,
             Lens::Compound(lens) => lens.f_number(),
+            Lens::Calibrated(lens) => lens.f_number(),
         }
     }
 
@@ -142,6 +150,16 @@ impl Lens {
             Lens::Pinhole(_) => None,
             Lens::Thin(lens) => lens.focus_distance(),
             Lens::Compound(lens) => lens.focus_distance(),
+            Lens::Calibrated(lens) => lens.focus_distance(),
+        }
+    }
+
+    /// Whether nothing is out of focus: a hole, or a calibrated camera without a pupil.
+    pub fn is_sharp_everywhere(&self) -> bool {
+        match self {
+            Lens::Pinhole(_) => true,
+            Lens::Calibrated(lens) => lens.pupil().is_none(),
+            Lens::Thin(_) | Lens::Compound(_) => false,
         }
     }
 
@@ -149,8 +167,9 @@ impl Lens {
     pub fn extension(&self) -> Millimeters {
         match self {
             Lens::Pinhole(_) => Millimeters(0.0),
-            Lens::Thin(lens) => Millimeters(lens.film_distance().0 - lens.focal_length.0),
+            Lens::Thin(lens) => Millimeters(lens.film_distance().0 - lens.film_at_infinity()),
             Lens::Compound(lens) => lens.extension(),
+            Lens::Calibrated(lens) => lens.extension(),
         }
     }
 
@@ -158,8 +177,12 @@ impl Lens {
     pub fn refocused(&self, focus: Focus) -> Result<Lens, LensError> {
         Ok(match self {
             Lens::Pinhole(lens) => Lens::Pinhole(*lens),
-            Lens::Thin(lens) => Lens::Thin(ThinLens::new(lens.focal_length, lens.f_number, lens.iris.clone(), focus)?),
+            Lens::Thin(lens) => {
+                let changed = ThinLens::new(lens.focal_length, lens.f_number, lens.iris.clone(), focus)?;
+                Lens::Thin(changed.tilted(lens.tilt)?)
+            }
             Lens::Compound(lens) => Lens::Compound(Box::new(lens.refocused(focus)?)),
+            Lens::Calibrated(lens) => Lens::Calibrated(Box::new(lens.refocused(focus)?)),
         })
     }
 
@@ -177,8 +200,12 @@ impl Lens {
             Lens::Pinhole(lens) => {
                 Lens::Pinhole(Pinhole { projection: lens.projection, ..Pinhole::new(lens.film_distance, f_number)? })
             }
-            Lens::Thin(lens) => Lens::Thin(ThinLens::new(lens.focal_length, f_number, lens.iris.clone(), lens.focus)?),
+            Lens::Thin(lens) => {
+                let changed = ThinLens::new(lens.focal_length, f_number, lens.iris.clone(), lens.focus)?;
+                Lens::Thin(changed.tilted(lens.tilt)?)
+            }
             Lens::Compound(lens) => Lens::Compound(Box::new(lens.stopped(f_number)?)),
+            Lens::Calibrated(lens) => Lens::Calibrated(Box::new(lens.stopped(f_number)?)),
         })
     }
 
@@ -189,6 +216,7 @@ impl Lens {
             Lens::Pinhole(lens) => 1.0 / lens.film_distance.0,
             Lens::Thin(lens) => 1.0 / lens.film_distance().0,
             Lens::Compound(lens) => lens.pupils().curvature,
+            Lens::Calibrated(lens) => 1.0 / lens.focal_length().0,
         }
     }
 
@@ -199,6 +227,7 @@ impl Lens {
             Lens::Pinhole(lens) => 0.5 / lens.f_number,
             Lens::Thin(lens) => lens.radius() * lens.iris.reach() / lens.film_distance().0,
             Lens::Compound(lens) => lens.pupils().reach(),
+            Lens::Calibrated(lens) => lens.pupil_reach(),
         }
     }
 
@@ -208,14 +237,16 @@ impl Lens {
             Lens::Pinhole(lens) => 0.5 / lens.f_number,
             Lens::Thin(lens) => lens.radius() / lens.film_distance().0,
             Lens::Compound(lens) => lens.pupil_slope(),
+            Lens::Calibrated(lens) => 0.5 / lens.f_number(),
         }
     }
 
     /// The ray from a film point in a direction, given as its slope towards the lens. Its weight counts for a unit of slope:
-    /// [`Lens::ray`]'s is the integral over all slopes that pass. A pinhole lets no such ray through.
+    /// [`Lens::ray`]'s is the integral over all slopes that pass. A pinhole lets no such ray through, nor does a calibrated camera, which
+    /// has no light between film and pupil.
     pub fn ray_along(&self, film_mm: DVec2, slope: DVec2) -> Result<LensRay, Blocked> {
         match self {
-            Lens::Pinhole(_) => Err(Blocked { surface: 0, why: BlockedBy::Clipped }),
+            Lens::Pinhole(_) | Lens::Calibrated(_) => Err(Blocked { surface: 0, why: BlockedBy::Clipped }),
             Lens::Thin(lens) => lens.ray_along(film_mm, slope),
             Lens::Compound(lens) => lens.ray_along(film_mm, slope, compound::REFERENCE_NM),
         }
@@ -228,6 +259,7 @@ impl Lens {
             Lens::Pinhole(lens) => Ok(lens.ray(film_mm)),
             Lens::Thin(lens) => Ok(lens.ray(film_mm, lens.iris.sample(u))),
             Lens::Compound(lens) => lens.ray(film_mm, u, compound::REFERENCE_NM),
+            Lens::Calibrated(lens) => lens.ray_of(film_mm, u),
         }
     }
 
@@ -237,6 +269,7 @@ impl Lens {
             Lens::Pinhole(lens) => Ok(lens.ray(film_mm)),
             Lens::Thin(lens) => Ok(lens.ray(film_mm, glam::Vec2::ZERO)),
             Lens::Compound(lens) => lens.chief_ray(film_mm),
+            Lens::Calibrated(lens) => lens.chief_ray(film_mm),
         }
     }
 }

@@ -94,17 +94,23 @@ pub struct Geometry<'a> {
     pub iris_period: f64,
 }
 
+/// Distance from the axis (mm) beyond which no light of any colour falls on the film in a direction (unit vector on the film), at most
+/// `most`; to `most` / 512. Light is found that fills at least 1/128 of the rim of the last surface, each way.
+pub fn lit_radius(g: &Geometry, towards: DVec2, most: f64) -> f64 {
+    Search::new(g).lit_radius(towards, most)
+}
+
 impl PupilTable {
     /// Looks for the shapes.
     pub fn new(g: &Geometry) -> PupilTable {
-        let mut search = Search { g, n: COLORS_NM.map(|nm| lane_indices(g.batch, nm)), packet: Packet::default() };
+        let mut search = Search::new(g);
         let diagonal = g.film_half.length();
         let (layout, regions) = if g.rotational {
             let round = g.iris_period == 0.0;
             let (bins, angles) = if round { (RADIAL_BINS, 1) } else { (POLAR_BINS[0], POLAR_BINS[1]) };
             let corners = if round { 1 } else { angles + 1 };
             // Where the picture of the lens ends, if it does so on the film: bins are not spent on the dark beyond.
-            let radius = search.lit_radius(diagonal);
+            let radius = search.lit_radius(DVec2::X, diagonal);
             let mut outlines: Vec<Vec<Vec<DVec2>>> = vec![vec![]; bins + 1];
             for a in 0..corners {
                 let angle = g.iris_period * a as f64 / angles as f64;
@@ -239,7 +245,11 @@ struct Search<'a> {
     packet: Packet,
 }
 
-impl Search<'_> {
+impl<'a> Search<'a> {
+    fn new(g: &'a Geometry<'a>) -> Self {
+        Search { g, n: COLORS_NM.map(|nm| lane_indices(g.batch, nm)), packet: Packet::default() }
+    }
+
     /// Which of some points in q let light of any colour pass from a film point.
     fn passes(&mut self, film: DVec2, q: &[DVec2; LANES], colors: &[usize]) -> u32 {
         let mut mask = 0;
@@ -278,15 +288,15 @@ impl Search<'_> {
         found
     }
 
-    /// Radius beyond which no light falls on the film, at most `diagonal`.
-    fn lit_radius(&mut self, diagonal: f64) -> f64 {
-        if !self.outline(DVec2::X * diagonal, None).is_empty() {
-            return diagonal;
+    /// Distance from the axis in a direction (unit vector on the film) beyond which no light falls on the film, at most `most`, mm.
+    fn lit_radius(&mut self, towards: DVec2, most: f64) -> f64 {
+        if !self.outline(towards * most, None).is_empty() {
+            return most;
         }
-        let (mut lit, mut dark) = (0.0, diagonal);
+        let (mut lit, mut dark) = (0.0, most);
         for _ in 0..9 {
             let middle = 0.5 * (lit + dark);
-            if self.outline(DVec2::X * middle, None).is_empty() { dark = middle } else { lit = middle }
+            if self.outline(towards * middle, None).is_empty() { dark = middle } else { lit = middle }
         }
         dark
     }

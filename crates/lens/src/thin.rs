@@ -4,7 +4,7 @@
 
 use crate::{Blocked, BlockedBy, Focus, Iris, LensError, LensRay, require};
 use diopter_light::units::Millimeters;
-use glam::{DVec2, DVec3, Vec2};
+use glam::{DQuat, DVec2, DVec3, Vec2};
 use std::f64::consts::{PI, TAU};
 
 /// A hole at the origin. It has no size for rays; for light it has the area of its f-number.
@@ -77,7 +77,12 @@ pub struct ThinLens {
     pub iris: Iris,
     /// Sharp plane.
     pub focus: Focus,
+    /// How the lens is turned against the film about its middle, rad: forward (its axis downward in the scene), and to the right.
+    pub tilt: [f64; 2],
 }
+
+/// Most that a lens is tilted, rad: view cameras reach 45°.
+const MOST_TILT: f64 = PI / 3.0;
 
 impl ThinLens {
     /// Fails unless focal length and f-number are positive and the focus lies beyond the focal length.
@@ -101,14 +106,48 @@ impl ThinLens {
                 "a length that leaves the film behind the lens",
             )?;
         }
-        Ok(ThinLens { focal_length, f_number, iris, focus })
+        Ok(ThinLens { focal_length, f_number, iris, focus, tilt: [0.0; 2] })
+    }
+
+    /// The same lens turned about its middle, the film staying: the view stays, the sharp plane turns (Scheimpflug 1904). A focus distance counts along the
+    /// camera's axis. Fails beyond 60°, and on planes that the lens, seen askew, has no image of.
+    pub fn tilted(self, tilt: [f64; 2]) -> Result<Self, LensError> {
+        let largest = tilt[0].abs().max(tilt[1].abs());
+        require(largest <= MOST_TILT, "tilt", largest.to_degrees(), "°", "60° or less each way")?;
+        let lens = ThinLens { tilt, ..self };
+        if let Focus::Distance(Millimeters(s)) = lens.focus {
+            let nearest = "more than the focal length over the cosine of the tilt: nearer planes have no image";
+            require(s * lens.foreshortening() > lens.focal_length.0, "focus distance", s, " mm", nearest)?;
+        }
+        Ok(lens)
+    }
+
+    /// Whether it is turned.
+    pub fn is_tilted(&self) -> bool {
+        self.tilt != [0.0; 2]
+    }
+
+    /// Lens axes as they stand before the film.
+    fn turn(&self) -> DQuat {
+        DQuat::from_rotation_y(-self.tilt[1]) * DQuat::from_rotation_x(-self.tilt[0])
+    }
+
+    /// Cosine between the lens's axis and the camera's.
+    fn foreshortening(&self) -> f64 {
+        self.tilt[0].cos() * self.tilt[1].cos()
+    }
+
+    /// Place of the film for infinity, mm: in the focal plane where the camera's axis meets it.
+    pub fn film_at_infinity(&self) -> f64 {
+        self.focal_length.0 / self.foreshortening()
     }
 
     /// Distance of the film, mm: 1 / (1/f − 1/s).
     pub fn film_distance(&self) -> Millimeters {
-        let f = self.focal_length.0;
+        // Along the camera's axis, depths along the lens's are shorter by the cosine: a lens of the focal length f / cos.
+        let f = self.film_at_infinity();
         match self.focus {
-            Focus::Infinity => self.focal_length,
+            Focus::Infinity => Millimeters(f),
             Focus::Distance(Millimeters(s)) => Millimeters(f * s / (s - f)),
             Focus::Extension(Millimeters(e)) => Millimeters(f + e),
         }
@@ -116,7 +155,7 @@ impl ThinLens {
 
     /// Distance of the sharp plane; `None` for infinity or beyond.
     pub fn focus_distance(&self) -> Option<Millimeters> {
-        let f = self.focal_length.0;
+        let f = self.film_at_infinity();
         match self.focus {
             Focus::Infinity => None,
             Focus::Distance(s) => Some(s),
@@ -143,7 +182,30 @@ impl ThinLens {
         Ok(LensRay { weight_sr: ray.weight_sr * share / full, ..ray })
     }
 
+    /// Through a turned lens. The film point F lies Z = −F·a behind the lens plane (a: unit axis towards the scene); its chief ray goes on straight, and its image is at
+    /// −F f / (Z − f).
+    fn tilted_ray(&self, film_mm: DVec2, pupil: Vec2) -> LensRay {
+        let (f, radius, turn) = (self.focal_length.0, self.radius(), self.turn());
+        let film = film_mm.extend(self.film_distance().0);
+        let depth = -film.dot(turn * DVec3::NEG_Z);
+        let origin = turn * (pupil.as_dvec2() * radius).extend(0.0);
+        let behind = depth - f;
+        let direction = match behind.abs() < 1e-12 * f {
+            true => -film,
+            // Beyond infinity rays would meet behind the lens.
+            false => (-film * (f / behind) - origin) * behind.signum(),
+        };
+        // The pupil is foreshortened by the lens's own axis, the film by the camera's.
+        let d2 = film.length_squared();
+        let cosines = depth.max(0.0) * film.z / d2;
+        let weight_sr = PI * radius * radius * self.iris.relative_area() * cosines / d2;
+        LensRay { origin_mm: origin, direction: direction.normalize(), weight_sr }
+    }
+
     pub(crate) fn ray(&self, film_mm: DVec2, pupil: Vec2) -> LensRay {
+        if self.is_tilted() {
+            return self.tilted_ray(film_mm, pupil);
+        }
         let v = self.film_distance().0;
         let radius = self.radius();
         let origin = (pupil.as_dvec2() * radius).extend(0.0);
@@ -238,6 +300,61 @@ mod tests {
             let half = mean(&thin(50.0, n * 2f64.sqrt(), 5000.0), DVec2::ZERO) / mean(&thin(50.0, n, 5000.0), DVec2::ZERO);
             assert!((half - 0.5).abs() < 1e-9, "{half}");
         }
+    }
+
+    /// Where rays of a film point through a tilted lens meet.
+    fn image(lens: &ThinLens, film: DVec2) -> DVec3 {
+        let [a, b] = [Vec2::new(0.9, 0.1), Vec2::new(-0.6, -0.7)].map(|p| lens.ray(film, p));
+        // Both in one plane: the place along the first that is nearest to the second.
+        let (d, e, w) = (a.direction, b.direction, a.origin_mm - b.origin_mm);
+        let (de, dw, ew) = (d.dot(e), d.dot(w), e.dot(w));
+        let t = (de * ew - dw) / (1.0 - de * de);
+        let at = a.origin_mm + d * t;
+        assert!((at - b.origin_mm).cross(e).length() < 1e-6 * at.length(), "{film}: rays do not meet");
+        at
+    }
+
+    #[test]
+    fn a_tilted_lens_keeps_scheimpflugs_and_the_hinge_rule() {
+        for tilt in [[0.14, 0.0], [-0.3, 0.0], [0.0, 0.2], [0.1, -0.15]] {
+            let s = 3000.0;
+            let lens = thin(90.0, 4.0, s).tilted(tilt).unwrap();
+            let v = lens.film_distance().0;
+            let axis = lens.turn() * DVec3::NEG_Z;
+            // The sharp plane, by three film points: it meets the camera's axis at the focus distance.
+            let [p, q, r] = [DVec2::ZERO, DVec2::new(9.0, 2.0), DVec2::new(-3.0, 11.0)].map(|film| image(&lens, film));
+            assert!((p - DVec3::new(0.0, 0.0, -s)).length() < 1e-6 * s, "{p}");
+            let normal = (q - p).cross(r - p).normalize();
+            let off = |x: DVec3| (x - p).dot(normal).abs();
+            let fourth = image(&lens, DVec2::new(-14.0, -8.0));
+            assert!(off(fourth) < 1e-6 * fourth.length());
+            // Lines in which planes meet: a point and its direction.
+            let along = axis.cross(DVec3::Z).normalize();
+            let across = along.cross(DVec3::Z);
+            // Film plane z = v and lens plane a·x = 0 (Scheimpflug); front focal plane a·x = f and z = 0 (hinge; Merklinger 1992).
+            let scheimpflug = DVec3::Z * v - across * (axis.z * v / axis.dot(across));
+            let hinge = across * (90.0 / axis.dot(across));
+            for line in [scheimpflug, hinge] {
+                assert!(off(line) < 1e-6 * s && off(line + along * 50.0) < 1e-6 * s, "{tilt:?}: {}", off(line));
+            }
+            // The view stays: chief rays go straight.
+            let chief = lens.ray(DVec2::new(5.0, -4.0), Vec2::ZERO).direction;
+            assert!((chief + DVec2::new(5.0, -4.0).extend(v).normalize()).length() < 1e-12);
+        }
+        // The limit of no tilt is the lens as it was, light included.
+        let (plain, nearly) = (thin(90.0, 4.0, 3000.0), thin(90.0, 4.0, 3000.0).tilted([1e-9, 0.0]).unwrap());
+        let film = DVec2::new(10.0, -7.0);
+        let (a, b) = (plain.ray(film, Vec2::new(0.3, 0.8)), nearly.ray(film, Vec2::new(0.3, 0.8)));
+        assert!((a.direction - b.direction).length() < 1e-8 && (a.weight_sr / b.weight_sr - 1.0).abs() < 1e-8);
+        assert!(thin(90.0, 4.0, 3000.0).tilted([1.2, 0.0]).is_err() && thin(90.0, 4.0, 91.0).tilted([0.5, 0.0]).is_err());
+        // Refocused and stopped down it stays tilted.
+        let lens = Lens::Thin(thin(90.0, 4.0, 3000.0).tilted([0.1, 0.0]).unwrap());
+        for changed in [lens.refocused(Focus::Infinity).unwrap(), lens.stopped(8.0).unwrap(), lens.with_extension(1.0).unwrap()] {
+            assert!(matches!(changed, Lens::Thin(l) if l.tilt == [0.1, 0.0]));
+        }
+        // A distance and its extension are the same place of the film.
+        let back = lens.refocused(Focus::Extension(lens.extension())).unwrap();
+        assert!((back.focus_distance().unwrap().0 / 3000.0 - 1.0).abs() < 1e-9);
     }
 
     #[test]

@@ -7,8 +7,10 @@
 pub mod builtin;
 pub mod bvh;
 pub mod daylight;
+mod features;
 pub mod guide;
 pub mod light;
+pub mod light_paths;
 pub mod load;
 pub mod material;
 pub mod medium;
@@ -25,7 +27,7 @@ pub mod texture;
 mod within;
 
 pub use guide::{Guide, GuideMode};
-pub use radiance::{FirstSurface, PathSettings};
+pub use radiance::{FirstSurface, PathSettings, Precomputed};
 pub use scene::{Description, Object, Scene, Shape};
 
 /// Why a scene cannot be had.

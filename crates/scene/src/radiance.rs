@@ -4,13 +4,14 @@
 //! heuristic) and Russian roulette. Four wavelengths ride together (Wilkie et al. 2014); densities do not depend on the
 //! wavelength except where a body disperses, and there the path goes on with its hero alone. Light goes from lights to the
 //! camera; paths are followed the other way. In media (`radiance/media.rs`) distances are drawn by extinction and as lamps see the ray, directions by the phase
-//! function. Directions at surfaces may be guided ([`crate::guide`]). Light that is aimed at comes through smooth thin sheets (panes, bubbles).
-//! Limits: caustics of small lights through bodies of glass are left to chance; a path begins outside all bodies.
+//! function. Directions at surfaces may be guided ([`crate::guide`]). Light that is aimed at comes through smooth thin sheets (panes, bubbles). Caustics
+//! of small lights are left to chance without photons ([`crate::light_paths`]). Limits: a path begins outside all bodies.
 
 mod media;
 
 use crate::guide::{Drawn, Guide, PathRecord, Vertex};
 use crate::light::{Aim, LightRef};
+use crate::light_paths::{PhotonMap, Tail};
 use crate::material::{Material, Scattering};
 use crate::scene::Scene;
 use crate::shape::{Surface, offset_origin};
@@ -50,6 +51,15 @@ pub struct FirstSurface {
     pub object: u32,
 }
 
+/// What was computed before the samples and helps their paths.
+#[derive(Clone, Copy, Default)]
+pub struct Precomputed<'a> {
+    /// Where light comes from ([`crate::guide`]): directions are drawn there, too.
+    pub guide: Option<&'a Guide>,
+    /// Light that came over mirrors and through glass ([`crate::light_paths`]).
+    pub photons: Option<&'a PhotonMap<'a>>,
+}
+
 impl Scene {
     /// The truth along a ray; `None` where it leaves the scene.
     pub fn first_surface(&self, ray: &Ray) -> Option<FirstSurface> {
@@ -72,33 +82,33 @@ impl Scene {
     /// Spectral radiance that arrives at the ray's origin from its direction, W·m⁻²·sr⁻¹·nm⁻¹ at the four wavelengths; one
     /// random estimate, whose mean is the true value.
     pub fn radiance(&self, ray: Ray, wavelengths: &Wavelengths, sampler: &Sampler, settings: &PathSettings) -> Sampled {
-        self.trace(ray, wavelengths, sampler, settings, None, None)
+        self.radiance_with(Precomputed::default(), ray, wavelengths, sampler, settings)
     }
 
-    /// The same with directions at surfaces drawn by a guide, too: of the same mean, and of less noise where light comes from where the surfaces
-    /// alone do not look for it.
-    pub fn radiance_guided(
+    /// The same with what was computed before the samples: a guide changes the noise alone, photons stand for what paths would find by chance.
+    pub fn radiance_with(
         &self,
+        precomputed: Precomputed,
         ray: Ray,
         wavelengths: &Wavelengths,
         sampler: &Sampler,
         settings: &PathSettings,
-        guide: Option<&Guide>,
     ) -> Sampled {
-        self.trace(ray, wavelengths, sampler, settings, guide, None)
+        self.trace(precomputed, ray, wavelengths, sampler, settings, None)
     }
 
     /// Follows a path; `record` is told where it goes, for the training of a guide.
     pub(crate) fn trace(
         &self,
+        Precomputed { guide, photons }: Precomputed,
         mut ray: Ray,
         wavelengths: &Wavelengths,
         sampler: &Sampler,
         settings: &PathSettings,
-        guide: Option<&Guide>,
         mut record: Option<&mut PathRecord>,
     ) -> Sampled {
         let mut radiance = Sampled::ZERO;
+        let mut tail = Tail::default();
         let mut throughput = Sampled::ONE;
         // Colours do not part.
         let mut hero_only = wavelengths.is_rgb();
@@ -137,6 +147,7 @@ impl Scene {
                     After::Ended => return radiance,
                     After::Scattered { ray: onward, last: here, on } => {
                         (ray, last, scattered_on) = (onward, Some(here), Some(on));
+                        tail = Tail::default();
                         vertex += 1;
                         continue;
                     }
@@ -151,8 +162,9 @@ impl Scene {
                     radiance += throughput * environment.radiance(ray.direction, wavelengths) * weight;
                 }
                 let from = last.map(|l| (l.point, l.normal));
-                for (disc, density) in self.lights().discs(ray.direction, from, wavelengths, flash) {
-                    radiance += throughput * disc * last.map_or(1.0, |l| mis(l.density, density));
+                for (number, disc, density) in self.lights().discs(ray.direction, from, wavelengths, flash) {
+                    let left = photons.map_or(Sampled::ONE, |p| p.left_of_punctual(&tail, number));
+                    radiance += throughput * left * disc * last.map_or(1.0, |l| mis(l.density, density));
                 }
                 return radiance;
             };
@@ -169,7 +181,10 @@ impl Scene {
                 ray.origin = past(&surface, ray.direction);
                 continue;
             }
-            radiance += throughput * self.emitted(material, &surface, &ray, wavelengths, last, &scattered_on, flash);
+            if material.emission.is_some() {
+                let left = photons.map_or(Sampled::ONE, |p| p.left_of_area(&tail, self.light_at(&surface)));
+                radiance += throughput * left * self.emitted(material, &surface, &ray, wavelengths, last, &scattered_on, flash);
+            }
 
             if vertex >= settings.max_depth {
                 return radiance;
@@ -179,6 +194,14 @@ impl Scene {
             let Some(bsdf) = material.bsdf(&surface, wo, wavelengths, hero_only, around) else { return radiance };
             let ng = bsdf.side_normal();
             let mixture = guide.and_then(|g| g.mixture(surface.point, ng, &bsdf));
+
+            // Light that comes over mirrors and through glass.
+            if let Some(photons) = photons
+                && !bsdf.is_specular()
+            {
+                let most_events = settings.max_depth - vertex - 1;
+                radiance += throughput * photons.gather(&surface, &bsdf, wavelengths, time_s, most_events);
+            }
 
             // Aim at a light.
             let u = sampler.get(Set::Light(vertex));
@@ -227,6 +250,13 @@ impl Scene {
                 }
                 true => None,
             };
+            if let Some(photons) = photons {
+                match scatter.specular {
+                    false => tail.scatter(&bsdf, scatter.wi),
+                    true if scatter.transmitted && bsdf.straight_through().is_some() => {}
+                    true => tail.bend(photons.casts(surface.object)),
+                }
+            }
             if scatter.transmitted {
                 within.cross(material, entering);
             }
@@ -338,7 +368,7 @@ impl Scene {
 }
 
 /// Most faces of media that a path goes through between two surfaces, and legs after which it is given up at such a face.
-const MOST_FACES: u32 = 4096;
+pub(crate) const MOST_FACES: u32 = 4096;
 
 /// The last place from which lights could have been aimed at.
 #[derive(Clone, Copy)]
@@ -353,7 +383,7 @@ struct Aimed {
 }
 
 /// A start just behind a face that a ray goes through.
-fn past(surface: &Surface, direction: Vec3) -> Vec3 {
+pub(crate) fn past(surface: &Surface, direction: Vec3) -> Vec3 {
     offset_origin(surface.point, if surface.ng.dot(direction) > 0.0 { surface.ng } else { -surface.ng })
 }
 

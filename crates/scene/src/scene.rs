@@ -15,6 +15,7 @@ use crate::shape::{Mesh, Quad, Sphere, Surface};
 use diopter_light::random::{mix, to_unit};
 use diopter_light::{Ray, Sampled, Wavelengths};
 use glam::{Affine3A, Mat3A, Vec2, Vec3, Vec3A, Vec4};
+use std::borrow::Cow;
 
 /// Everything a file or a program says about a scene.
 #[derive(Clone, Debug, Default)]
@@ -563,6 +564,43 @@ impl Scene {
             Spot::Environment(_) => Modulation::Steady,
         };
         arriving * modulation.at(self.open_s, time_s)
+    }
+
+    /// An area light where it is at a time of the exposure.
+    pub(crate) fn area_light_at(&self, light: u32, time_s: f32) -> Cow<'_, AreaLight> {
+        let still = &self.lights.area[light as usize];
+        match self.light_ways.get(light as usize) {
+            None | Some(LightWay::Still) => Cow::Borrowed(still),
+            Some(way) => Cow::Owned(self.moved_light(still, *way, self.movers.share(time_s))),
+        }
+    }
+
+    /// Where the space of a punctual light is at a time of the exposure; `None` of one that stands still.
+    pub(crate) fn punctual_place(&self, light: u32, time_s: f32) -> Option<Affine3A> {
+        let track = self.movers.lights.get(light as usize)?.as_ref()?;
+        Some(track.at(self.movers.share(time_s)))
+    }
+
+    /// Numbers of the area lights of an object, one for each of its emissive triangles; those of merged triangles come several times.
+    pub(crate) fn area_lights_of(&self, object: u32) -> impl Iterator<Item = u32> {
+        let triangles = match self.description.objects[object as usize].shape {
+            Shape::Mesh { mesh, .. } => self.description.meshes[mesh as usize].triangles.len(),
+            _ => 1,
+        };
+        let first = self.placements[object as usize].first_light.map(|f| f as usize);
+        let numbers = first.map_or(&[][..], |f| &self.light_of[f..f + triangles]);
+        numbers.iter().copied().filter(|n| *n != NO_LIGHT)
+    }
+
+    /// The box that a moving object stays in during the exposure; `None` of one that stands still.
+    pub(crate) fn swept_bounds(&self, object: u32) -> Option<Bounds> {
+        Some(self.movers.swept(self.movers.mover(object)?))
+    }
+
+    /// Factor of a modulation at a time of the exposure.
+    #[inline]
+    pub(crate) fn modulated(&self, modulation: &Modulation, time_s: f32) -> f32 {
+        modulation.at(self.open_s, time_s)
     }
 
     /// Factor on what a material emits at a time of the exposure.

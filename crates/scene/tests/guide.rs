@@ -8,7 +8,7 @@ use diopter_scene::material::conductor::FacetBounces;
 use diopter_scene::material::{Conductor, Emission, EmissionColor, Material, Principled, Scattering, Transmission};
 use diopter_scene::shape::{Quad, Sphere};
 use diopter_scene::texture::{Color, Scalar};
-use diopter_scene::{Description, Guide, GuideMode, Object, PathSettings, Scene, Shape};
+use diopter_scene::{Description, Guide, GuideMode, Object, PathSettings, Precomputed, Scene, Shape};
 use glam::Vec3;
 
 const NM: [f32; 4] = [450.0, 520.0, 590.0, 660.0];
@@ -49,7 +49,8 @@ fn expose(scene: &Scene, eye: Eye, guide: Option<&Guide>, n: u32, path: &PathSet
             let sampler = Sampler::new(SamplerKind::Independent, 21, (at[0], at[1]), i, n);
             let (ray, wavelengths) = eye.ray(at, &sampler).unwrap();
             let white = wavelengths.d65_one_nit().y;
-            let l = f64::from(scene.radiance_guided(ray, &wavelengths, &sampler, path, guide).y / white);
+            let l =
+                f64::from(scene.radiance_with(Precomputed { guide, photons: None }, ray, &wavelengths, &sampler, path).y / white);
             sum += l;
             squares += l * l;
         }

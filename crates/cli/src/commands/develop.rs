@@ -158,7 +158,7 @@ fn one(
     let outputs = output::prepare_pictures(&job.outputs)?;
     let place = || job.raw.display().to_string();
     let raw = read_raw(&job.raw)?;
-    let mut written = output::write_pictures(outputs, &raw, recipe, lut, format).with_context(place)?;
+    let mut written = output::write_pictures(outputs, &raw, None, recipe, lut, format).with_context(place)?;
     if let Some(folder) = &args.steps {
         written.extend(sheet::write_steps(&raw, recipe, lut, folder)?);
     }

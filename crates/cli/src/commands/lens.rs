@@ -1,7 +1,9 @@
 //! `lens`: what a lens is and what it does.
 
+mod point_image;
+
 use super::print_json;
-use crate::args::{Bench as Asked, LensVerb, MtfOver};
+use crate::args::{Bench as Asked, LensVerb, List, MtfOver};
 use crate::output::{Output, distinct};
 use crate::watch::say;
 use crate::{AskedWrongly, paint};
@@ -28,7 +30,17 @@ pub fn run(verb: &LensVerb, json: bool) -> anyhow::Result<()> {
         LensVerb::Info(asked) => info(asked, json),
         LensVerb::Draw(asked) => drawing(asked, json),
         LensVerb::Trace { bench, pupil } => trace(bench, *pupil, json),
-        LensVerb::Spot { bench, rays } => spot(bench, *rays, json),
+        LensVerb::Spot { bench, rays, defocus } => spot(bench, *rays, defocus.as_ref(), json),
+        LensVerb::Psf { bench, defocus, pixel, pixels, geometric } => {
+            let asked = point_image::Psfs {
+                defocus: planes(defocus.as_ref())?,
+                pixel_um: *pixel,
+                pixels: *pixels,
+                geometric: *geometric,
+            };
+            point_image::psf(bench, &asked, json)
+        }
+        LensVerb::Wavefront { bench, zernikes, terms, rays } => point_image::wavefront(bench, *zernikes, *terms, *rays, json),
         LensVerb::Fan(asked) => fan(asked, json),
         LensVerb::Mtf { bench, over, frequency, geometric } => {
             mtf(bench, *over, frequency.as_ref().map(|f| &f.0[..]), *geometric, json)
@@ -36,6 +48,7 @@ pub fn run(verb: &LensVerb, json: bool) -> anyhow::Result<()> {
         LensVerb::Distortion(asked) => distortion(asked, json),
         LensVerb::Vignetting(asked) => vignetting(asked, json),
         LensVerb::Color(asked) => color(asked, json),
+        LensVerb::Calibrate(asked) => super::calibrate::run(asked, json),
         LensVerb::Convert { lens, output } => {
             // A name of an embedded lens is no file here.
             distinct([Path::new(lens)], output.as_deref())?;
@@ -98,7 +111,7 @@ impl Table {
             Some(position) => Some(printed_focal_length(&prescription, position).map_err(ShotError::from)?),
             None => asked.focal_length.map(|f| f.0),
         };
-        let set = match configure(&prescription, focal_length, aperture.or(stated), None, film) {
+        let mut set = match configure(&prescription, focal_length, aperture.or(stated), None, film) {
             // The file's own aperture may be more than its rims let through.
             Err(_) if aperture.is_none() && stated.is_some() => configure(&prescription, focal_length, None, None, film),
             other => other,
@@ -132,6 +145,14 @@ impl Table {
             Some(Focus::Infinity | Focus::Extension(_)) => None,
             None => prescription.usage.object_distance,
         };
+        if focus.is_none()
+            && let Some(moved) = set.refocus_between_positions(object_distance)
+        {
+            let [before, after] = [set.state.zoom.floor(), set.state.zoom.ceil()].map(|position| position + 1.0);
+            say(&format!(
+                "note: between the printed zoom positions {before} and {after} gaps are interpolated: the film is moved by {moved:+.4} mm to the plane of the smallest axial spot"
+            ));
+        }
         let bench = Bench { system: &set.system, object_distance };
         let fields = match &asked.field {
             Some(list) => list.0.clone(),
@@ -266,6 +287,8 @@ fn info(asked: &Asked, json: bool) -> anyhow::Result<()> {
     let measured = bench.measured_focal_length(table.reference);
     let glasses: Vec<String> = p.surfaces.iter().filter(|s| s.glass.kind != GlassKind::Air).map(|s| s.glass.describe()).collect();
     let sum = third.sum();
+    // The image circle that is stated, held against the trace.
+    let circle = p.image_circle.and_then(|circle| Some((circle, table.set.lit_radius(0.5 * circle)?)));
     if json {
         let by_surface: Vec<Value> = third
             .surfaces
@@ -283,6 +306,7 @@ fn info(asked: &Asked, json: bool) -> anyhow::Result<()> {
             "f_number": f_number, "widest_f_number": widest, "paraxial_f_number": f.f_number(),
             "working_f_number": working, "t_number": t_number, "transmittance": transmittance,
             "magnification": magnification, "petzval_sum_per_mm": f.petzval_sum, "length_mm": length, "film_z_mm": system.film_z,
+            "image_circle_mm": p.image_circle, "lit_radius_mm": circle.map(|c| c.1),
             "third_order": { "field_deg": third_field, "by_surface": by_surface, "seidel_mm": sum.seidel, "chromatic_mm": sum.chromatic, "transverse_mm": third.transverse(&sum) },
             "glasses": glasses,
         }));
@@ -321,6 +345,11 @@ fn info(asked: &Asked, json: bool) -> anyhow::Result<()> {
         writeln!(t, "  magnification     {magnification:.6}")?;
     }
     writeln!(t, "  length            {length:.4} mm, film at {:.4} mm", system.film_z)?;
+    if let Some((circle, lit)) = circle {
+        let radius = 0.5 * circle;
+        let dark = if lit < radius { ": the rims of the prescription stop all light beyond" } else { "" };
+        writeln!(t, "  image circle      {circle} mm stated; lit to {lit:.2} mm of {radius:.2} mm from its middle{dark}")?;
+    }
     writeln!(t, "  Petzval sum       {:.6} /mm (radius {:.2} mm)", f.petzval_sum, 1.0 / f.petzval_sum)?;
     if p.coating != Coating::None {
         let coating = match p.coating {
@@ -522,24 +551,41 @@ fn glam_of(pupil: [f64; 2], reach: f64) -> diopter::lens::analysis::PupilPoint {
     diopter::lens::analysis::PupilPoint::new(pupil[0] * reach, pupil[1] * reach)
 }
 
-fn spot(asked: &Asked, rays: usize, json: bool) -> anyhow::Result<()> {
+/// Planes behind the film that were asked for, mm; the film itself without.
+fn planes(defocus: Option<&List>) -> anyhow::Result<Vec<f64>> {
+    let planes = defocus.map_or(vec![0.0], |list| list.0.clone());
+    match planes.iter().find(|d| d.abs() > 1000.0) {
+        Some(bad) => Err(AskedWrongly(anyhow!("defocus {bad} mm: expected a place within 1000 mm of the film")).into()),
+        None => Ok(planes),
+    }
+}
+
+fn spot(asked: &Asked, rays: usize, defocus: Option<&List>, json: bool) -> anyhow::Result<()> {
     if !(2..=1000).contains(&rays) {
         return Err(AskedWrongly(anyhow!("rays {rays}: expected 2 to 1000 across the pupil")).into());
     }
+    let planes = planes(defocus)?;
     let table = Table::new(asked)?;
     let bench = table.bench();
-    let fields: Vec<Vec<_>> = table
-        .fields
-        .iter()
-        .map(|f| table.wavelengths.iter().filter_map(|nm| bench.spot(*f, *nm, table.reference, rays, 0.0)).collect::<Vec<_>>())
-        .collect();
+    let colors = |field: f64, plane: f64| {
+        let spots = table.wavelengths.iter().filter_map(|nm| bench.spot(field, *nm, table.reference, rays, plane));
+        (plane, spots.collect::<Vec<_>>())
+    };
+    let fields: Vec<Vec<(f64, Vec<_>)>> =
+        table.fields.iter().map(|f| planes.iter().map(|plane| colors(*f, *plane)).collect()).collect();
     let mut t = format!("{}\n", table.title("spots"));
     let mut values = vec![];
-    writeln!(t, "  {:>7} {:>8} {:>12} {:>12} {:>14} {:>7}", "field °", "nm", "RMS µm", "largest µm", "centroid y mm", "rays")?;
-    for s in fields.iter().flatten() {
+    let through = if defocus.is_some() { format!(" {:>10}", "defocus mm") } else { String::new() };
+    writeln!(
+        t,
+        "  {:>7} {:>8}{through} {:>12} {:>12} {:>14} {:>7}",
+        "field °", "nm", "RMS µm", "largest µm", "centroid y mm", "rays"
+    )?;
+    for (plane, s) in fields.iter().flatten().flat_map(|(plane, spots)| spots.iter().map(move |s| (plane, s))) {
+        let through = if defocus.is_some() { format!(" {plane:>10.4}") } else { String::new() };
         writeln!(
             t,
-            "  {:>7.2} {:>8.1} {:>12.4} {:>12.4} {:>14.6} {:>7}",
+            "  {:>7.2} {:>8.1}{through} {:>12.4} {:>12.4} {:>14.6} {:>7}",
             s.field_deg,
             s.nm,
             s.rms * 1e3,
@@ -547,13 +593,20 @@ fn spot(asked: &Asked, rays: usize, json: bool) -> anyhow::Result<()> {
             s.centroid.y,
             s.points.len()
         )?;
-        values.push(json!({ "field_deg": s.field_deg, "wavelength_nm": s.nm, "rms_mm": s.rms, "geometric_mm": s.geometric,
+        values.push(json!({ "field_deg": s.field_deg, "wavelength_nm": s.nm, "defocus_mm": plane, "rms_mm": s.rms, "geometric_mm": s.geometric,
             "centroid_mm": s.centroid.to_array(), "points_mm": s.points.iter().map(|p| p.to_array()).collect::<Vec<_>>() }));
     }
     if values.is_empty() {
         return Err(no_light(table.fields[0]));
     }
-    finish(asked, || draw::spot_plot(&table.title("spot diagrams"), &fields), &t, &json!(values), json)
+    let plot = || match defocus {
+        Some(_) => draw::through_focus_plot(&table.title("spots through focus"), &fields),
+        None => {
+            let spots: Vec<Vec<_>> = fields.iter().flatten().map(|(_, spots)| spots.clone()).collect();
+            draw::spot_plot(&table.title("spot diagrams"), &spots)
+        }
+    };
+    finish(asked, plot, &t, &json!(values), json)
 }
 
 fn fan(asked: &Asked, json: bool) -> anyhow::Result<()> {
@@ -691,25 +744,29 @@ fn distortion(asked: &Asked, json: bool) -> anyhow::Result<()> {
         "  {:>8} {:>12} {:>12} {:>12} {:>12} {:>12} {:>14} {:>14}",
         "field °", "height mm", "f tan θ mm", "distortion %", "f θ mm", "from f θ %", "tang. focus mm", "sag. focus mm"
     )?;
-    // From 90° on there is no rectilinear image.
+    // From 90° on there is no rectilinear image, on the axis no distortion.
     let cell = |v: f64, digits: usize| if v.is_finite() { format!("{v:.digits$}") } else { "-".into() };
     for p in &points {
         writeln!(
             t,
-            "  {:>8.3} {:>12.5} {:>12} {:>12} {:>12.5} {:>12.4} {:>14.5} {:>14.5}",
+            "  {:>8.3} {:>12.5} {:>12} {:>12} {:>12.5} {:>12} {:>14.5} {:>14.5}",
             p.field_deg,
             p.height,
             cell(p.ideal_height, 5),
             cell(p.distortion_percent(), 4),
             p.equidistant_height,
-            p.equidistant_percent(),
+            cell(p.equidistant_percent(), 4),
             p.focus[0],
             p.focus[1]
         )?;
     }
+    if points[0].axial_height.abs() > 1e-6 {
+        let origin = points[0].axial_height;
+        writeln!(t, "  the axis is imaged at y {origin:.5} mm: ideal heights and distortion count from there")?;
+    }
     let values: Vec<Value> = points
         .iter()
-        .map(|p| json!({ "field_deg": p.field_deg, "height_mm": p.height, "ideal_height_mm": p.ideal_height, "distortion_percent": p.distortion_percent(),
+        .map(|p| json!({ "field_deg": p.field_deg, "height_mm": p.height, "axial_height_mm": p.axial_height, "ideal_height_mm": p.ideal_height, "distortion_percent": p.distortion_percent(),
             "equidistant_height_mm": p.equidistant_height, "equidistant_percent": p.equidistant_percent(), "focus_mm": p.focus }))
         .collect();
     finish(asked, || draw::distortion_plot(&table.title(""), &points), &t, &json!(values), json)

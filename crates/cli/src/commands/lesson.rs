@@ -62,8 +62,8 @@ pub fn run(args: &LessonArgs, threads: Option<NonZeroUsize>, json: bool) -> anyh
     let _held = watch::hold();
     let started = Instant::now();
     std::fs::create_dir_all(folder).with_context(|| format!("{}: this folder cannot be made", folder.display()))?;
-    let program = std::env::current_exe().context("the program itself, which runs the commands of a lesson")?;
-    let runner = Runner { program, folder, size: args.size.map(|s| s.to_string()), threads };
+    let (program, first) = this_program()?;
+    let runner = Runner { program, first, folder, size: args.size.map(|s| s.to_string()), threads };
     let (mut told, mut index) = (Vec::new(), "# Lessons\n\n".to_owned());
     for (name, text) in chosen.iter().copied() {
         let begun = Instant::now();
@@ -96,9 +96,18 @@ fn list(json: bool) -> anyhow::Result<()> {
     Ok(())
 }
 
+/// The program that runs, and what comes before its arguments: from the Python package it is a module of the interpreter.
+fn this_program() -> anyhow::Result<(PathBuf, &'static [&'static str])> {
+    let program = std::env::current_exe().context("the program itself, which runs the commands of a lesson")?;
+    let name = program.file_stem().unwrap_or_default().to_string_lossy().to_lowercase();
+    let interpreter = name.starts_with("python") || name.starts_with("pypy");
+    Ok((program, if interpreter { &["-m", "diopter"] } else { &[] }))
+}
+
 /// Runs the commands of lessons in a folder.
 struct Runner<'a> {
     program: PathBuf,
+    first: &'static [&'static str],
     folder: &'a Path,
     /// Pixels of all photographs, instead of those that the lessons say.
     size: Option<String>,
@@ -146,7 +155,7 @@ impl Runner<'_> {
         }
         say(&format!("{name}: diopter {typed}"));
         let mut command = Command::new(&self.program);
-        command.args(words(typed)).current_dir(self.folder).stdin(std::process::Stdio::null());
+        command.args(self.first).args(words(typed)).current_dir(self.folder).stdin(std::process::Stdio::null());
         if let Some(threads) = self.threads {
             command.arg("--threads").arg(threads.to_string());
         }

@@ -42,7 +42,7 @@ fn series(args: &Merge, json: bool) -> anyhow::Result<()> {
     let outputs = output::prepare_pictures(std::slice::from_ref(&args.output))?;
     let raws: Vec<RawImage> = args.parts.iter().map(|p| read_raw(p)).collect::<anyhow::Result<_>>()?;
     let merged = hdr::merge(&raws).map_err(|e| AskedWrongly(e.into()))?;
-    let written = output::write_pictures(outputs, &merged, &Recipe::default(), None, Format::default())?;
+    let written = output::write_pictures(outputs, &merged, None, &Recipe::default(), None, Format::default())?;
     say(&format!("{} pictures, {:.1} EV more range than one", raws.len(), extra_range(&raws)));
     written.iter().for_each(|p| say(&format!("wrote {}", p.display())));
     if json {

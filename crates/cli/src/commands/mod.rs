@@ -2,11 +2,13 @@
 
 pub mod body;
 pub mod calc;
+pub mod calibrate;
 pub mod denoise;
 pub mod develop;
 pub mod expose;
 pub mod lens;
 pub mod lesson;
+mod light;
 pub mod lut;
 pub mod manual;
 pub mod merge;

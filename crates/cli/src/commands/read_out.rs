@@ -1,6 +1,6 @@
 //! `read-out`: a focal plane into raw files.
 
-use super::{open, print_json, read_plane};
+use super::{light, open, print_json, read_plane};
 use crate::AskedWrongly;
 use crate::args::ReadOut;
 use crate::output::{self, now};
@@ -32,6 +32,9 @@ pub fn run(args: &ReadOut, json: bool) -> anyhow::Result<()> {
     }
     let names = output::numbered(&args.output, args.shots.get());
     output::distinct([args.plane.as_path()], names.iter().chain(&args.truth).map(|p| p.as_path()))?;
+    if light::is_asked(args) {
+        return light::run(args, &names, json);
+    }
     // One proves that the others can be written; thousands are not opened at once.
     let mut ready = Some(output::prepare_dng(&names[0])?);
     let truth_file = args.truth.as_deref().map(output::prepare_exr).transpose()?;
@@ -196,7 +199,7 @@ fn open_rows(path: &Path) -> anyhow::Result<FocalPlaneRows> {
 }
 
 /// The body that is asked for, or the one the plane was exposed with.
-fn body_of(args: &ReadOut, exposed_with: &str) -> anyhow::Result<Sensor> {
+pub fn body_of(args: &ReadOut, exposed_with: &str) -> anyhow::Result<Sensor> {
     if let Some(name) = &args.body {
         return Ok(read_body(name)?);
     }

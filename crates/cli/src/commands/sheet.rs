@@ -13,8 +13,9 @@ use anyhow::anyhow;
 use diopter::develop::Developer;
 use diopter::image::{ExposureFacts, FocalPlane, Picture, PictureSource, RawImage};
 use diopter::metering::ev100_of_setting;
+use diopter::scene::{Description, builtin};
 use diopter::sheet::{Cells, SheetFile};
-use diopter::shot::{FireflyChoice, Kept, SceneStore, Sequence, Shot, ShotError, ShotFile};
+use diopter::shot::{FireflyChoice, Inputs, Kept, Sequence, Shot, ShotError, ShotFile, read_scene};
 use std::path::{Path, PathBuf};
 use std::rc::Rc;
 use std::time::Instant;
@@ -63,7 +64,7 @@ fn make(
     json: bool,
 ) -> anyhow::Result<()> {
     let started = Instant::now();
-    let mut shared = Shared { scenes: SceneStore::keeping(), planes: Vec::new(), last: None, exposures: 0, max_memory };
+    let mut shared = Shared { scene: None, planes: Vec::new(), last: None, exposures: 0, max_memory };
     let (mut painted, mut told) = (Vec::new(), Vec::new());
     let count = cells.cells.len();
     for (k, cell) in cells.cells.iter().enumerate() {
@@ -96,7 +97,8 @@ fn caption(facts: &ExposureFacts) -> String {
 
 /// What pictures of a sheet share.
 struct Shared {
-    scenes: SceneStore,
+    /// The last scene file that was read, by its name and strictness.
+    scene: Option<((String, bool), Description)>,
     /// Exposures by what decides them, the latest last.
     planes: Vec<(String, Rc<FocalPlane>)>,
     /// What was shot last, without its development.
@@ -157,7 +159,9 @@ impl Shared {
                 warn(text);
             }
         };
-        let mut shot = Shot::prepare_with(&file, &mut self.scenes, &mut told)?;
+        let scene = self.scene_of(&file)?;
+        let mut shot = Shot::prepare_with(&file, Inputs { scene, ..Inputs::default() }, &mut told)?;
+        shot.denoise_pictures(false, &mut told)?;
         // Pictures: as `shoot` does where no file is an exposure.
         shot.fireflies = file.render.fireflies.unwrap_or(FireflyChoice::Reweight);
         memory::settle_fireflies(&mut shot, Kept::ReadOut, self.max_memory);
@@ -174,7 +178,7 @@ impl Shared {
                     return Err(anyhow!("stopped: the sheet was not written"));
                 }
                 self.exposures += 1;
-                let plane = Rc::new(exposed.plane);
+                let plane = Rc::new(shot.for_pictures(&exposed)?.unwrap_or(exposed.plane));
                 self.planes.push((key, plane.clone()));
                 self.forget();
                 plane
@@ -182,6 +186,17 @@ impl Shared {
         };
         let raw = shot.read_out(&plane)?;
         Ok((shot, raw))
+    }
+
+    /// The scene of a shot, where it is a file that bears its own name; embedded ones are made anew.
+    fn scene_of(&mut self, file: &ShotFile) -> anyhow::Result<Option<Description>> {
+        let Some(name) = file.scene.file.as_ref().filter(|n| !builtin::is_embedded(n)) else { return Ok(None) };
+        let key = (name.clone(), file.scene.strict);
+        if self.scene.as_ref().is_none_or(|s| s.0 != key) {
+            self.scene = Some((key, read_scene(name, file.scene.strict)?));
+        }
+        // What stands in for a file is known by its name: how it is lit depends on the kind of file.
+        Ok(self.scene.as_ref().filter(|s| s.1.name == *name).map(|s| s.1.clone()))
     }
 
     /// Drops the oldest exposures where they take too much memory.

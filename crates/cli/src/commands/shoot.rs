@@ -9,6 +9,7 @@ use crate::output::{self, Format, Kind, Output};
 use crate::paint;
 use crate::watch::{self, say, warn, watched};
 use anyhow::anyhow;
+use diopter::calibration::{Calibration, Format as CalibrationFormat};
 use diopter::focus::Report;
 use diopter::hdr;
 use diopter::image::{ExposureFacts, RawImage};
@@ -18,6 +19,7 @@ use diopter::quantity::FNumber;
 use diopter::sensor::ReadOut;
 use diopter::shot::{FireflyChoice, Kept, Sequence, Shot};
 use diopter::truth;
+use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
@@ -63,12 +65,21 @@ pub fn run(args: &Shoot, json: bool) -> anyhow::Result<()> {
     let count = sequence.count();
     // Whether the results can be written is known before the work, not after.
     let named = |path: &PathBuf| output::numbered(path, count);
-    let names: Vec<Vec<PathBuf>> = file.output.files.iter().map(named).collect();
+    // Calibrations are one file for all pictures.
+    let (calibrations, pictures): (Vec<PathBuf>, Vec<PathBuf>) =
+        file.output.files.iter().cloned().partition(|p| calibration_format(p).is_some());
+    let names: Vec<Vec<PathBuf>> = pictures.iter().map(named).collect();
     let planes = args.keep_plane.iter().flat_map(named).collect::<Vec<_>>();
     let truths = args.truth.iter().flat_map(named).collect::<Vec<_>>();
     let subject = args.taking.subject.as_deref().map(Path::new);
-    let beside =
-        planes.iter().chain(&truths).chain(&args.save_shot).chain(&args.merge).chain(&args.stack).chain(&args.plot_focus);
+    let beside = planes
+        .iter()
+        .chain(&truths)
+        .chain(&calibrations)
+        .chain(&args.save_shot)
+        .chain(&args.merge)
+        .chain(&args.stack)
+        .chain(&args.plot_focus);
     output::distinct(subject, names.iter().flatten().chain(beside).map(|p| p.as_path()))?;
     let of_frame = |k: usize| -> Vec<PathBuf> { names.iter().map(|n| n[k].clone()).collect() };
     let prepare = |k: usize| -> anyhow::Result<_> {
@@ -79,14 +90,23 @@ pub fn run(args: &Shoot, json: bool) -> anyhow::Result<()> {
     // The first proves that the others can be written; thousands are not opened at once.
     let mut ready = Some(prepare(0)?);
     // A picture that is only joined or looked at has no file of its own: its checkpoint takes the name of what it goes into.
-    let main = file.output.files.first().or(args.keep_plane.as_ref()).or(args.merge.as_ref()).or(args.stack.as_ref());
+    let main = pictures.first().or(args.keep_plane.as_ref()).or(args.merge.as_ref()).or(args.stack.as_ref());
     let kept_beside: Vec<PathBuf> = main.map(named).unwrap_or_default();
     let merged_file = args.merge.as_ref().map(|p| output::prepare_pictures(std::slice::from_ref(p))).transpose()?;
     let stacked_file = args.stack.as_ref().map(|p| stack::prepare(std::slice::from_ref(p))).transpose()?;
     let plot_file = args.plot_focus.as_ref().map(|p| paint::prepare(std::slice::from_ref(p))).transpose()?;
     let shot_file = args.save_shot.as_deref().map(Output::prepare).transpose()?;
+    let calibration_files = calibrations.iter().map(|p| Output::prepare(p)).collect::<anyhow::Result<Vec<_>>>()?;
 
     let mut shot = Shot::prepare(&file, &mut warn)?;
+    // Pictures to look at are without the renderer's noise; raw files and planes are as computed, unless it is asked for.
+    let looked_at = |path: &&PathBuf| output::kind(path).is_ok_and(Kind::is_looked_at);
+    let kept_files = || file.output.files.iter().chain(&args.merge).chain(&args.stack);
+    if kept_files().any(|p| looked_at(&p)) {
+        let raw_too = kept_files().any(|p| !looked_at(&p)) || !planes.is_empty() || !truths.is_empty();
+        shot.denoise_pictures(raw_too, &mut warn)?;
+    }
+    let series_is_looked_at = args.merge.iter().chain(&args.stack).all(|p| looked_at(&p));
     let kept = match (truths.is_empty(), planes.is_empty()) {
         (false, _) => Kept::Truth,
         (true, false) => Kept::Plane,
@@ -114,7 +134,6 @@ pub fn run(args: &Shoot, json: bool) -> anyhow::Result<()> {
     say_ambient(file.scene.ambient_ev, &shot.facts());
     let prepared = started.elapsed().as_secs_f64();
     if let Some(output) = shot_file {
-        use std::io::Write;
         // What was run: also what had been left open, and by paths that hold wherever the shot file lies.
         file.make_paths_absolute();
         shot.settle(&mut file);
@@ -124,6 +143,10 @@ pub fn run(args: &Shoot, json: bool) -> anyhow::Result<()> {
     let (mut written, mut raws, mut all_facts) = (Vec::new(), Vec::<RawImage>::new(), Vec::new());
     let (mut size, mut expose_s) = ([0, 0], 0.0);
     let mut stopped = None;
+    let mut calibration: Option<Calibration> = None;
+    // Without a picture nothing is exposed.
+    let only_calibrations =
+        pictures.is_empty() && planes.is_empty() && truths.is_empty() && merged_file.is_none() && stacked_file.is_none();
     for k in 0..count {
         if count > 1 {
             let mut quiet = |_: &str| ();
@@ -134,6 +157,26 @@ pub fn run(args: &Shoot, json: bool) -> anyhow::Result<()> {
             Some(files) => files,
             None => prepare(k)?,
         };
+        if !calibrations.is_empty() {
+            let unnamed = || output::numbered(Path::new("photo.jpg"), count).swap_remove(k);
+            let picture = names.first().map_or_else(unnamed, |n| n[k].clone()).display().to_string();
+            match &mut calibration {
+                None => {
+                    let first = shot.calibration(&picture)?;
+                    // What a format cannot say is known before the work.
+                    for format in calibrations.iter().filter_map(|p| calibration_format(p)) {
+                        first.text(format)?;
+                    }
+                    calibration = Some(first);
+                }
+                Some(whole) => whole.frames.push(shot.calibration_frame(&picture)),
+            }
+        }
+        if only_calibrations {
+            size = [shot.camera.film.columns, shot.camera.film.rows];
+            all_facts.push(shot.facts());
+            continue;
+        }
         let begun = Instant::now();
         let what = if count > 1 { "exposing (each)" } else { "exposing" };
         let taken = checkpoint::expose(&shot, &args.taking, kept_beside.get(k).map(PathBuf::as_path), what)?;
@@ -142,6 +185,8 @@ pub fn run(args: &Shoot, json: bool) -> anyhow::Result<()> {
         expose_s += seconds;
         size = [plane.width(), plane.height()];
         let raw = shot.read_out(plane)?;
+        // The same read-out of the same electrons without the renderer's noise.
+        let denoised = shot.for_pictures(&taken.exposed)?.map(|plane| shot.read_out(&plane)).transpose()?;
         let mut of_this = Vec::new();
         if let Some(output) = plane_file {
             of_this.push(output::write_plane(output, plane)?);
@@ -152,17 +197,21 @@ pub fn run(args: &Shoot, json: bool) -> anyhow::Result<()> {
             of_this.push(output.commit(|to| Ok(truth::write(plane, &reader, &raw, to)?))?);
         }
         let format = Format { storage: args.raw.storage(), ..Format::default() };
-        of_this.extend(output::write_pictures(pictures, &raw, &shot.recipe, shot.lut.as_ref(), format)?);
-        let facts = raw.header.facts.clone();
+        let only_looked_at = pictures.iter().all(|(kind, _)| kind.is_looked_at());
+        of_this.extend(output::write_pictures(pictures, &raw, denoised.as_ref(), &shot.recipe, shot.lut.as_ref(), format)?);
+        let facts = denoised.as_ref().filter(|_| only_looked_at).unwrap_or(&raw).header.facts.clone();
         match k {
             0 => say(&display(&facts, size[0], size[1], seconds)),
             _ => say(&setting(&facts)),
+        }
+        if let Some(denoised) = denoised.as_ref().filter(|_| k == 0 && !only_looked_at) {
+            say(&format!("pictures to look at are denoised ({}), the other files are not", denoised.header.facts.denoiser));
         }
         of_this.iter().for_each(|path| say(&format!("wrote {}", path.display())));
         written.extend(of_this);
         all_facts.push(facts);
         if merged_file.is_some() || stacked_file.is_some() {
-            raws.push(raw);
+            raws.push(denoised.filter(|_| series_is_looked_at).unwrap_or(raw));
         }
         stopped = taken.finish();
         if stopped.is_none() && k + 1 < count && watch::stopping() {
@@ -170,6 +219,14 @@ pub fn run(args: &Shoot, json: bool) -> anyhow::Result<()> {
         }
         if stopped.is_some() {
             break;
+        }
+    }
+    if let Some(calibration) = calibration {
+        for (path, output) in calibrations.iter().zip(calibration_files) {
+            let Some(format) = calibration_format(path) else { continue };
+            let text = calibration.text(format)?;
+            written.push(output.commit(|to| Ok(to.write_all(text.as_bytes())?))?);
+            say(&format!("wrote {}", path.display()));
         }
     }
     // A series that is not whole is not joined.
@@ -183,7 +240,7 @@ pub fn run(args: &Shoot, json: bool) -> anyhow::Result<()> {
     if let Some(outputs) = merged_file {
         let merged = hdr::merge(&raws).map_err(anyhow::Error::from)?;
         let format = Format { storage: args.raw.storage(), ..Format::default() };
-        for path in output::write_pictures(outputs, &merged, &shot.recipe, shot.lut.as_ref(), format)? {
+        for path in output::write_pictures(outputs, &merged, None, &shot.recipe, shot.lut.as_ref(), format)? {
             say(&format!("wrote {}", path.display()));
             written.push(path);
         }
@@ -215,6 +272,11 @@ fn choose_fireflies(shot: &mut Shot, asked: Option<FireflyChoice>, exposures: bo
     if asked == Some(FireflyChoice::Reweight) && !shot.reweights() && !shot.lens_cap {
         warn("fireflies are kept: only all samples at once of an exposure in electrons can be re-weighted");
     }
+}
+
+/// The kind of calibration that a name asks for; pictures and tables of pixels are none.
+fn calibration_format(path: &Path) -> Option<CalibrationFormat> {
+    CalibrationFormat::of(path).filter(|f| f.is_text())
 }
 
 /// What autofocus did, in a line or two.
@@ -342,6 +404,9 @@ pub fn display(f: &ExposureFacts, width: usize, height: usize, seconds: f64) -> 
     }
     if let Some(removed) = f.fireflies_removed {
         extras.push_str(&format!("   fireflies: {:.2} % of the light taken away", 100.0 * removed));
+    }
+    if f.denoised {
+        extras.push_str(&format!("   denoised ({})", f.denoiser));
     }
     let scaled = if f.light_scale == 1.0 { String::new() } else { format!("   light × {:.3e}", f.light_scale) };
     let setting = setting(f);

@@ -17,7 +17,8 @@ use diopter_lens::{Lens, LensRay};
 use diopter_light::Ray;
 use diopter_light::random::{Sampler, Set};
 use diopter_light::wavelength::{WavelengthSampler, Wavelengths};
-use diopter_scene::{Guide, Scene};
+use diopter_scene::light_paths::PhotonMap;
+use diopter_scene::{Guide, Precomputed, Scene};
 use std::collections::BTreeMap;
 use std::ops::Range;
 
@@ -120,6 +121,9 @@ pub(super) struct Unit<'a> {
     pub cascade: Option<Cascade>,
 }
 
+/// The photons of a pass, by replicate of the samples.
+pub(super) type Photons<'a> = Option<&'a [PhotonMap<'a>; 2]>;
+
 impl Unit<'_> {
     /// Column, row, width and height of a tile.
     fn rectangle(&self, index: usize) -> [usize; 4] {
@@ -144,11 +148,11 @@ impl Unit<'_> {
     }
 
     /// The samples of a pass in a tile, on top of what [`Unit::before`] gave.
-    pub(super) fn tile(&self, index: usize, samples: Range<u32>, before: Vec<f64>) -> Tile {
+    pub(super) fn tile(&self, index: usize, samples: Range<u32>, before: Vec<f64>, photons: Photons) -> Tile {
         let rectangle = self.rectangle(index);
         match &self.camera.lens {
-            Lens::Compound(lens) => self.compound_tile(lens, rectangle, samples),
-            _ => self.plain_tile(rectangle, samples, before),
+            Lens::Compound(lens) => self.compound_tile(lens, rectangle, samples, photons),
+            _ => self.plain_tile(rectangle, samples, before, photons),
         }
     }
 
@@ -157,7 +161,13 @@ impl Unit<'_> {
     }
 
     /// Through an ideal lens: every sample counts in its own pixel.
-    fn plain_tile(&self, [column, row, width, height]: [usize; 4], samples: Range<u32>, mut sums: Vec<f64>) -> Tile {
+    fn plain_tile(
+        &self,
+        [column, row, width, height]: [usize; 4],
+        samples: Range<u32>,
+        mut sums: Vec<f64>,
+        photons: Photons,
+    ) -> Tile {
         let bands = self.summed_bands();
         let mut so_far = sums.chunks_exact_mut(2 * bands);
         let mut pixel = vec![[0.0f64; 2]; bands];
@@ -167,7 +177,7 @@ impl Unit<'_> {
                 pixel.as_flattened_mut().copy_from_slice(so_far);
                 for i in samples.clone() {
                     let sampler = self.sampler(x, y, i);
-                    let Some(arrival) = self.sample(x, y, &sampler) else { continue };
+                    let Some(arrival) = self.sample(x, y, &sampler, photons) else { continue };
                     let value = |group: usize| self.curves.value(group, arrival.nm, arrival.weighted) * arrival.exposure;
                     self.add(&mut pixel, sampler.replicate(), 1.0, value);
                 }
@@ -179,7 +189,13 @@ impl Unit<'_> {
 
     /// Through a real lens, a packet of samples at a time; each wavelength counts in the pixel where it lands
     /// ([`diopter_lens::compound`]).
-    fn compound_tile(&self, lens: &CompoundLens, [column, row, width, height]: [usize; 4], samples: Range<u32>) -> Tile {
+    fn compound_tile(
+        &self,
+        lens: &CompoundLens,
+        [column, row, width, height]: [usize; 4],
+        samples: Range<u32>,
+        photons: Photons,
+    ) -> Tile {
         let film = &self.camera.film;
         let bands = self.summed_bands();
         let (left, top) = (column.saturating_sub(MARGIN), row.saturating_sub(MARGIN));
@@ -283,7 +299,8 @@ impl Unit<'_> {
                 if !ray.is_finite() {
                     continue;
                 }
-                let radiance = self.scene.radiance_guided(ray, &wavelengths, sampler, &self.settings.path, self.guide);
+                let precomputed = self.precomputed(photons, sampler);
+                let radiance = self.scene.radiance_with(precomputed, ray, &wavelengths, sampler, &self.settings.path);
                 let weighted = (radiance * wavelengths.weight).to_array();
                 // One bad number must not poison a pixel.
                 if !weighted.iter().all(|v| v.is_finite()) {
@@ -400,11 +417,17 @@ impl Unit<'_> {
         self.response.curves.len()
     }
 
+    /// What helps the paths of a sample.
+    fn precomputed<'a>(&'a self, photons: Photons<'a>, sampler: &Sampler) -> Precomputed<'a> {
+        Precomputed { guide: self.guide, photons: photons.map(|maps| &maps[sampler.replicate()]) }
+    }
+
     /// One sample of a pixel; `None` where no light comes through.
     #[inline]
-    fn sample(&self, column: usize, row: usize, sampler: &Sampler) -> Option<PathSample> {
+    fn sample(&self, column: usize, row: usize, sampler: &Sampler, photons: Photons) -> Option<PathSample> {
         let CameraRay { ray, wavelengths, exposure } = self.camera_ray(column, row, sampler)?;
-        let radiance = self.scene.radiance_guided(ray, &wavelengths, sampler, &self.settings.path, self.guide);
+        let precomputed = self.precomputed(photons, sampler);
+        let radiance = self.scene.radiance_with(precomputed, ray, &wavelengths, sampler, &self.settings.path);
         Some(PathSample {
             nm: wavelengths.nm.to_array(),
             weighted: (radiance * wavelengths.weight).to_array(),

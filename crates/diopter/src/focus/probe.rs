@@ -3,7 +3,7 @@
 use super::measure::Frame;
 use super::motor::{Drive, Motor};
 use crate::camera::Camera;
-use crate::expose::{ExposeError, Half, Response, Settings, Watch, expose};
+use crate::expose::{ExposeError, Half, Integrator, Response, Settings, Watch, expose};
 use crate::shutter::Shutter;
 use diopter_image::{ExposureFacts, FocalPlane};
 use diopter_lens::Lens;
@@ -89,6 +89,7 @@ impl<'a> Prober<'a> {
             moments: Default::default(),
             half,
             redraw: true,
+            integrator: Integrator::Path,
             // Samples of the halves of a pupil are each other's complement: of one seed, their errors would look like a shift.
             seed: view.settings.seed ^ if half == Some(Half::Right) { 0x5bd1_e995 } else { 0 },
             ..view.settings.clone()

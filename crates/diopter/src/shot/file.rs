@@ -2,6 +2,7 @@
 
 use super::ShotError;
 use super::sources::{is_lens_file, is_light_file};
+use crate::denoising::Denoise;
 use crate::files;
 use crate::quantity::{Distance, Ev, FNumber, Filter, FocusTo, Hertz, Iso, IsoChoice, LengthMm, Moment, Seconds, Size};
 use crate::recipe_file;
@@ -204,6 +205,21 @@ pub struct CameraSection {
     /// A zoom position that the lens's prescription prints, 1 the first; instead of `focal_length`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub zoom_position: Option<usize>,
+    /// A calibration that the camera sees by, instead of a lens: OpenCV, COLMAP, nerfstudio, Kalibr, our JSON, an ST map or a ray table.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub calibration: Option<PathBuf>,
+    /// Angle of view of an ideal lens from the left to the right edge, degrees; instead of `focal_length`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub fov_deg: Option<f64>,
+    /// No perspective: the height that the picture shows, m.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub orthographic: Option<Distance>,
+    /// The lens is moved against the film, to the right and up as seen from behind the camera, mm: the picture shows more of that side.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub shift_mm: Option<[f64; 2]>,
+    /// The thin lens is turned against the film about its middle: forward (down), and to the right, degrees.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub tilt_deg: Option<[f64; 2]>,
     /// Blades of the iris; without, the lens's own, or round.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub blades: Option<u32>,
@@ -467,14 +483,22 @@ pub struct RenderSection {
     /// Path guiding, which learns where light comes from before the samples are taken: `auto` (without; if it pays), `on` or `off`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub guide: Option<String>,
+    /// `path`, `caustics` or `auto`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub integrator: Option<String>,
     /// Stop after about so long.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub time_limit: Option<Seconds>,
     /// Blur made from one sharp exposure and its depth instead of rays through the lens: a quick look.
     #[serde(skip_serializing_if = "std::ops::Not::not")]
     pub quick: bool,
-    /// Reduce the renderer's own noise; off without.
-    pub denoise: Option<bool>,
+    /// Reduce the renderer's own noise: `auto` (in developed pictures only, what holds without), `on`, `off`, `oidn` or `builtin`; true and false mean on
+    /// and off.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub denoise: Option<Denoise>,
+    /// File or folder of Open Image Denoise, where it is not found by itself.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub oidn: Option<PathBuf>,
     /// What becomes of outliers when the samples end: `keep` or `reweight`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub fireflies: Option<FireflyChoice>,
@@ -547,6 +571,12 @@ impl ShotFile {
         if let Some(picture) = &mut shot.camera.aperture_image {
             *picture = relative(picture);
         }
+        if let Some(library) = &mut shot.render.oidn {
+            *library = relative(library);
+        }
+        if let Some(calibration) = &mut shot.camera.calibration {
+            *calibration = relative(calibration);
+        }
         recipe_file::place_lut(&mut shot.develop, folder);
     }
 
@@ -591,6 +621,12 @@ impl ShotFile {
         }
         if let Some(picture) = &mut self.camera.aperture_image {
             *picture = whole(picture);
+        }
+        if let Some(library) = &mut self.render.oidn {
+            *library = whole(library);
+        }
+        if let Some(calibration) = &mut self.camera.calibration {
+            *calibration = whole(calibration);
         }
         if !self.develop.lut.file.is_empty() {
             self.develop.lut.file = text(&self.develop.lut.file);

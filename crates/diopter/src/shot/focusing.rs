@@ -8,7 +8,7 @@ use crate::expose::Watch;
 use crate::focus::{self, Autofocus, Measure, Method, Motor, Priority, Report, View, autofocus};
 use crate::metering;
 use crate::quantity::FocusTo;
-use diopter_lens::{Focus, Lens, LensError};
+use diopter_lens::{Focus, LensError};
 use diopter_light::units::Millimeters;
 use diopter_scene::motion::Motion;
 use diopter_scene::{Object, Scene};
@@ -210,7 +210,7 @@ impl Shot {
                 warn("autofocus sees nothing with the cap on the lens");
                 Ok(None)
             }
-            Some(FocusTo::Auto | FocusTo::At(_)) if matches!(self.camera.lens, Lens::Pinhole(_)) => {
+            Some(FocusTo::Auto | FocusTo::At(_)) if self.camera.lens.is_sharp_everywhere() => {
                 warn("a pinhole has no focus: all is equally sharp");
                 Ok(None)
             }

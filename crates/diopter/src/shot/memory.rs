@@ -26,14 +26,27 @@ const SMALLEST_CACHE: u64 = 1 << 26;
 impl Shot {
     /// Bytes that exposing, denoising and writing take at most.
     pub fn bytes_needed(&self, kept: Kept) -> u64 {
-        let (a_pixel, fixed) = bytes([self.bands(), self.summed_bands()], self.denoise, kept);
-        self.pixels() * a_pixel + fixed
+        let of = |(a_pixel, fixed): (u64, u64)| self.pixels() * a_pixel + fixed;
+        let bands = [self.bands(), self.summed_bands()];
+        self.ways().into_iter().map(|denoising| of(bytes(bands, denoising, kept))).min().unwrap_or(0)
     }
 
     /// The largest picture of this shape that so many bytes are enough for; `None` if they are not enough for any.
     pub fn largest_size(&self, available: u64, kept: Kept) -> Option<[usize; 2]> {
         let size = [self.camera.film.columns, self.camera.film.rows];
-        largest(size, bytes([self.bands(), self.summed_bands()], self.denoise, kept), available)
+        let bands = [self.bands(), self.summed_bands()];
+        let fits = |denoising| largest(size, bytes(bands, denoising, kept), available);
+        self.ways().into_iter().filter_map(fits).max()
+    }
+
+    /// Ways to denoise the exposure, of which the one with less memory is taken: at once, or (by the built-in filter) by strips.
+    fn ways(&self) -> Vec<Option<Denoising>> {
+        match &self.filter {
+            None => vec![None],
+            Some(filter) => {
+                filter.bytes(self.bands()).into_iter().map(|(a_pixel, fixed)| Some(Denoising { a_pixel, fixed })).collect()
+            }
+        }
     }
 
     /// Bytes of the sums that an exposure by strips may have in memory, when so many are available in all.
@@ -47,14 +60,21 @@ impl Shot {
     }
 }
 
+/// What denoising takes: bytes a pixel, the exposure included, and all others.
+#[derive(Clone, Copy, Debug)]
+struct Denoising {
+    a_pixel: usize,
+    fixed: usize,
+}
+
 /// Bytes a pixel, and all others; of bands of the film, and bands that are summed.
-fn bytes([bands, summed]: [usize; 2], denoise: bool, kept: Kept) -> (u64, u64) {
+fn bytes([bands, summed]: [usize; 2], denoising: Option<Denoising>, kept: Kept) -> (u64, u64) {
     let (exposing, tiles) = bytes_needed(bands, if kept == Kept::Strips { bands } else { summed });
     let plane = bytes_a_pixel(bands);
     if kept == Kept::Strips {
         // The strip that is written, the one before the filter, and blocks of the file as they are and packed.
         let writing = 4 * STRIP_BYTES as u64;
-        let denoising = if denoise { denoise::STRIP_MEMORY as u64 } else { 0 };
+        let denoising = if denoising.is_some() { denoise::STRIP_MEMORY as u64 } else { 0 };
         return (0, SMALLEST_CACHE + tiles as u64 + writing + denoising);
     }
     // Mosaic, and what the writers keep of a picture.
@@ -66,8 +86,8 @@ fn bytes([bands, summed]: [usize; 2], denoise: bool, kept: Kept) -> (u64, u64) {
         // The variance, then a copy of it, the mean, the half difference and the truth as channels.
         Kept::Truth => plane + 4 * bands + 3 * 4 * bands + TRUTH_BYTES,
     };
-    let denoising = if denoise { denoise::bytes_a_pixel(bands) } else { 0 };
-    (exposing.max(read_out).max(written).max(denoising) as u64, tiles as u64)
+    let (a_pixel, fixed) = denoising.map_or((0, 0), |d| (d.a_pixel, d.fixed));
+    (exposing.max(read_out).max(written).max(a_pixel) as u64, tiles.max(fixed) as u64)
 }
 
 fn largest(size: [usize; 2], (a_pixel, fixed): (u64, u64), available: u64) -> Option<[usize; 2]> {
@@ -85,7 +105,8 @@ mod tests {
     #[test]
     fn strips_of_any_picture_fit_into_four_gigabytes() {
         for (bands, denoise) in [(3, false), (3, true), (4, true)] {
-            let (a_pixel, fixed) = bytes([bands; 2], denoise, Kept::Strips);
+            let denoising = denoise.then_some(Denoising { a_pixel: 0, fixed: denoise::STRIP_MEMORY });
+            let (a_pixel, fixed) = bytes([bands; 2], denoising, Kept::Strips);
             // But for the tiles that all threads of a machine work on.
             let most = fixed - bytes_needed(bands, bands).1 as u64 - SMALLEST_CACHE + LARGEST_CACHE;
             assert!(a_pixel == 0 && most < 3_900_000_000, "{bands} {denoise} {most}");
@@ -95,9 +116,10 @@ mod tests {
     #[test]
     fn what_is_said_to_fit_does_and_is_hardly_smaller_than_could_be() {
         for (bands, denoise, kept) in [(3, false, Kept::ReadOut), (3, true, Kept::Plane), (31, false, Kept::Truth)] {
-            let (a_pixel, fixed) = bytes([bands, SUMS_WITH_CASCADE * bands], denoise, kept);
+            let denoising = denoise.then(|| Denoising { a_pixel: denoise::bytes_a_pixel(bands), fixed: 0 });
+            let (a_pixel, fixed) = bytes([bands, SUMS_WITH_CASCADE * bands], denoising, kept);
             assert!(a_pixel >= (8 + 16 * SUMS_WITH_CASCADE) as u64 * bands as u64 + 32);
-            assert!(bytes([bands; 2], denoise, kept).0 < a_pixel);
+            assert!(bytes([bands; 2], denoising, kept).0 < a_pixel);
             let available = fixed + 3_000_000_000;
             let [w, h] = largest([20_000, 15_000], (a_pixel, fixed), available).unwrap();
             let needed = |w: usize, h: usize| (w * h) as u64 * a_pixel + fixed;

@@ -1,12 +1,15 @@
 //! A photograph as a user asks for it: a shot file (TOML) or flags → checked → taken.
 //!
-//! [`ShotFile`] is what was written; [`Shot::prepare`] reads the scene, checks every number and fills in what was left open;
+//! [`ShotFile`] is what was written; [`Shot::prepare`] reads the scene, checks every number and fills in what was left open
+//! ([`Shot::prepare_with`] takes scene, lens and body from memory instead);
 //! [`Shot::meter`] lets the camera choose what it is to choose; [`Shot::expose`], [`Shot::read_out`] and [`Shot::develop`] are the
 //! photograph. [`Shot::turn_to`] takes the next one of a sequence.
 
+mod error_parts;
 pub mod file;
 mod focusing;
 mod framing;
+mod inputs;
 mod light_field;
 mod memory;
 mod resume;
@@ -18,15 +21,21 @@ mod time_limit;
 mod timing;
 mod vary;
 
+pub use error_parts::ErrorParts;
 pub use file::{FireflyChoice, ShotFile};
+pub use inputs::Inputs;
 pub use memory::Kept;
 pub use sequence::{Sequence, Vary};
-pub use sources::{SceneStore, odd_size, read_body, read_environment, read_lens, read_scene};
+pub use sources::{odd_size, read_body, read_environment, read_lens, read_scene};
 pub use surroundings::daylight;
 pub use vary::VARIABLES;
 
+use crate::calibration::{self, Calibration, CalibrationError, Frame, PrincipalRay};
 use crate::camera::{Camera, Film, PlacementError};
-use crate::expose::{ExposeError, Exposed, Exposure, Fireflies, Keep, Response, SUMS_WITH_CASCADE, Settings, Sums, Watch};
+use crate::denoising::{BUILT_IN, Denoise, Filter};
+use crate::expose::{
+    self, ExposeError, Exposed, Exposure, Fireflies, Integrator, Keep, Response, SUMS_WITH_CASCADE, Settings, Sums, Watch,
+};
 use crate::flash::Flash;
 use crate::metering::{self, Meter, Pattern};
 use crate::program::{self, Chosen, Limits, Mode};
@@ -37,7 +46,7 @@ use crate::shutter::{Moments, Shutter};
 use crate::{lens_profile, recipe_file};
 use diopter_develop::denoise::Denoised;
 use diopter_develop::lut::Lut;
-use diopter_develop::{Recipe, RecipeError, denoise, develop};
+use diopter_develop::{Recipe, RecipeError, develop};
 use diopter_image::focal_plane::{FocalPlaneSource, Truth};
 use diopter_image::{ExposureFacts, FocalPlane, Picture, Raster, RawImage};
 use diopter_lens::{Focus, Lens, LensError, Projection};
@@ -109,18 +118,25 @@ pub enum ShotError {
     /// The development.
     #[error(transparent)]
     Recipe(RecipeError),
+    /// A calibration.
+    #[error(transparent)]
+    Calibration(#[from] CalibrationError),
     /// The exposure was stopped.
     #[error(transparent)]
     Expose(#[from] ExposeError),
     /// Autofocus found nothing, and a picture out of focus is not wanted.
     #[error("autofocus failed: {0} (without --require-focus the picture is taken all the same)")]
     Focus(crate::focus::Failure),
+    /// The renderer's noise cannot be reduced as asked.
+    #[error("{0}")]
+    Denoise(String),
 }
 
 impl ShotError {
     /// Whether the user asked for something impossible (rather than something failing on the way).
     pub fn is_request(&self) -> bool {
-        !matches!(self, ShotError::Read { .. } | ShotError::Expose(_) | ShotError::Scene(_) | ShotError::Focus(_))
+        let failed = matches!(self, ShotError::Read { .. } | ShotError::Expose(_) | ShotError::Scene(_) | ShotError::Focus(_));
+        !failed && !matches!(self, ShotError::Denoise(_))
     }
 }
 
@@ -160,8 +176,10 @@ pub struct Shot {
     pub spectral: Option<SpectralBands>,
     /// Compute that of [`Shot::radiance`] with red, green and blue instead of wavelengths, as RGB renderers do.
     pub rgb: bool,
-    /// Reduce the renderer's own noise.
-    pub denoise: bool,
+    /// Whether the renderer's own noise is reduced.
+    denoise: Denoise,
+    /// By what; `None` where it is not, or not yet known ([`Shot::denoise_pictures`]).
+    filter: Option<Filter>,
     /// What becomes of outliers when the samples end: kept, if nobody says. See [`Shot::reweights`].
     pub fireflies: FireflyChoice,
     /// Development.
@@ -207,17 +225,19 @@ struct Exposing {
 impl Shot {
     /// Checks a request, reads its files and builds the scene. `warn` gets what was found odd.
     pub fn prepare(file: &ShotFile, warn: &mut dyn FnMut(&str)) -> Result<Shot, ShotError> {
-        Shot::prepare_with(file, &mut SceneStore::default(), warn)
+        Shot::prepare_with(file, Inputs::default(), warn)
     }
 
-    /// The same for one of several shots, which share what `scenes` keeps.
-    pub fn prepare_with(file: &ShotFile, scenes: &mut SceneStore, warn: &mut dyn FnMut(&str)) -> Result<Shot, ShotError> {
+    /// The same with scene, lens or body from memory instead of by the names that the shot file has for them. [`Shot::settle`] writes names
+    /// only: a shot file cannot hold what was in memory.
+    pub fn prepare_with(file: &ShotFile, mut inputs: Inputs, warn: &mut dyn FnMut(&str)) -> Result<Shot, ShotError> {
         let begun = Instant::now();
         // Cheap checks before anything is read.
         let mut file = file.clone();
+        inputs.name_in(&mut file);
         file.mean_true_stops();
         let settings = settings(&file.render)?;
-        let (mut sensor, mut exposing, mut iso) = body_and_speed(&file)?;
+        let (mut sensor, mut exposing, mut iso) = body_and_speed(&file, &inputs)?;
         let white = file.exposure.white.clone().unwrap_or_else(|| "D65".into());
         white_point(&white)?;
         if let Some(Seconds(t)) = file.exposure.shutter
@@ -236,6 +256,12 @@ impl Shot {
         }
         file.develop.check()?;
         let lut = recipe_file::lut(&file.develop)?;
+        // Without a word the front end says whether there are pictures to look at.
+        let denoise = file.render.denoise.unwrap_or_default();
+        let filter = match denoise {
+            Denoise::Auto => None,
+            asked => Filter::open(asked, file.render.oidn.as_deref(), warn)?,
+        };
         if let Some(ev) = file.scene.ambient_ev
             && !(-30.0..=40.0).contains(&ev)
         {
@@ -252,21 +278,25 @@ impl Shot {
 
         let name = file.scene.file.clone().unwrap_or_else(|| DEFAULT_SCENE.into());
         staging::film(&file, &sensor, None)?;
-        let mut description = scenes.read(&name, file.scene.scale, file.scene.strict, warn)?;
+        let mut description = inputs.scene(&name, file.scene.scale, file.scene.strict, warn)?;
         let view = staging::view(&file, &description)?;
         if let Some(hints) = view.map(|v| &v.film).filter(|_| file.camera.look_from.is_none())
             && staging::take_hints(&mut file, hints, warn)
         {
-            (sensor, exposing, iso) = body_and_speed(&file)?;
+            (sensor, exposing, iso) = body_and_speed(&file, &inputs)?;
         }
+        let mut film = staging::film(&file, &sensor, view)?;
+        let calibrated = staging::calibrated(&mut file, &sensor, view, &mut film)?;
+        staging::take_angle_of_view(&mut file, &film)?;
         let file = file;
-        let film = staging::film(&file, &sensor, view)?;
         let mut timing = Timing::new(&file, &sensor, view)?;
         let focusing = Focusing::new(&file, film.width_mm.hypot(film.height_mm), warn)?;
         timing.play(&mut description, &file.scene)?;
         staging::choose_materials(&mut description, &file.scene)?;
         // Lamps and ground are put where they suit the camera: it is placed first.
-        let stand = staging::stand(&file, &description, timing.at_s, &sensor, &film, builtin::framing(&name))?;
+        let framing = builtin::framing(&name);
+        let mut stand = staging::stand(&file, &inputs, &description, timing.at_s, &sensor, &film, framing)?;
+        stand.calibrated = calibrated;
         let flash = timing.flash.is_some();
         if let Some(albedo) = surroundings::put(&mut description, &file.scene, flash, &stand, warn)? {
             staging::put_ground(&mut description, albedo, timing.at_s)?;
@@ -288,7 +318,7 @@ impl Shot {
         if file.camera.look_from.is_some() && !file.camera.path.is_empty() {
             warn("the camera is on a path: look_from is not used");
         }
-        let camera = staging::camera(&file, &scene, timing.at_s, &sensor, film, &focusing, &stand, warn)?;
+        let camera = staging::camera(&file, &inputs, &scene, timing.at_s, &sensor, film, &focusing, &stand, warn)?;
         timing.carrier = stand.carrier;
         if file.scene.light.is_none() && !flash && sources::is_model(&name) && staging::is_in_void(&scene, &camera) {
             warn(
@@ -300,6 +330,9 @@ impl Shot {
         }
         if file.render.quick && camera.film.microlenses.is_some() {
             return Err(value("plenoptic", "a microlens array", "no quick look: it has no light field"));
+        }
+        if file.render.quick && camera.film.middle_mm != [0.0; 2] {
+            return Err(value("shift", "a lens that is shifted", "no quick look: its blur is centred on the picture"));
         }
         if file.render.quick && quick_look::is_bent(&camera) {
             warn("a quick look keeps straight lines straight: how this lens bends them is not shown");
@@ -333,7 +366,8 @@ impl Shot {
             radiance: false,
             spectral: None,
             rgb: false,
-            denoise: file.render.denoise.unwrap_or(false),
+            denoise,
+            filter,
             fireflies: file.render.fireflies.unwrap_or_default(),
             recipe: file.develop.clone(),
             lut,
@@ -576,7 +610,8 @@ impl Shot {
     /// Writes into a shot file what nobody had asked for and was used, so that it holds whatever the defaults become. What follows from the
     /// scene alone (a view around a model without cameras) stays out: it is found again.
     fn write_defaults(&self, file: &mut ShotFile) {
-        let scene_name = file.scene.file.get_or_insert_with(|| DEFAULT_SCENE.into()).clone();
+        let scene_name =
+            file.scene.file.get_or_insert_with(|| self.file.scene.file.clone().unwrap_or_else(|| DEFAULT_SCENE.into())).clone();
         file.scene.at.get_or_insert(Seconds(self.begun_s()));
         if self.scene.description().objects.iter().any(Studio::is_part) {
             file.scene.light.get_or_insert_with(|| "studio".into());
@@ -612,6 +647,8 @@ impl Shot {
         if let Some(name) = ideal {
             c.lens.get_or_insert_with(|| name.into());
             c.focal_length.get_or_insert(LengthMm(self.facts.focal_length_mm));
+            // The focal length now says it.
+            c.fov_deg = None;
             file.exposure.aperture = Some(FNumber(self.facts.f_number));
         }
         if let Some(facts) = &self.facts.shutter {
@@ -630,6 +667,7 @@ impl Shot {
         r.sampler.get_or_insert_with(|| "sobol".into());
         r.max_depth.get_or_insert(self.settings.path.max_depth);
         r.guide.get_or_insert_with(|| self.settings.guide.name().into());
+        r.integrator.get_or_insert_with(|| self.settings.integrator.name().into());
         r.denoise.get_or_insert(self.denoise);
     }
 
@@ -646,6 +684,22 @@ impl Shot {
     /// The moment the exposure begins, s of scene time.
     pub fn at_s(&self) -> f64 {
         self.timing.at_s
+    }
+
+    /// The calibration of the camera as it stands, with its places during this exposure; `picture`: the name of the picture's file. A model is fitted to a
+    /// lens that is none itself.
+    pub fn calibration(&self, picture: &str) -> Result<Calibration, CalibrationError> {
+        let mut calibration = calibration::of_camera(&self.camera, None, PrincipalRay::Chief)?;
+        (calibration.body, calibration.lens) = (self.facts.body.clone(), self.facts.lens.clone());
+        calibration.frames = vec![self.calibration_frame(picture)];
+        Ok(calibration)
+    }
+
+    /// Where the camera is during this exposure.
+    pub fn calibration_frame(&self, picture: &str) -> Frame {
+        let size = [self.camera.film.columns, self.camera.film.rows];
+        let times = self.shutter().facts(size, self.pupil()).rows;
+        Frame { picture: picture.into(), at_s: self.timing.at_s, poses: calibration::pose::poses(&self.camera.way, &times, size) }
     }
 
     /// Facts as known so far.
@@ -684,7 +738,8 @@ impl Shot {
         Ok(self.expose_from(None, watch, None)?.plane)
     }
 
-    /// Exposes the film, or goes on from where `start` stands. `keep` and being stopped: see [`Exposure::run`]. What was stopped is not denoised.
+    /// Exposes the film, or goes on from where `start` stands. `keep` and being stopped: see [`Exposure::run`]. What was stopped is not denoised, nor what
+    /// is denoised for pictures alone ([`Shot::for_pictures`]).
     pub fn expose_from(&self, start: Option<Sums>, watch: &Watch, keep: Option<Keep>) -> Result<Exposed, ShotError> {
         let facts = self.plane_facts();
         let response = self.response();
@@ -705,8 +760,12 @@ impl Shot {
             facts: &facts,
         };
         let Exposed { mut plane, stopped } = exposure.run(watch, start, keep)?;
-        if self.denoise && !stopped {
-            plane = denoise(&plane);
+        if self.denoises_exposure()
+            && !stopped
+            && let Some(filter) = &self.filter
+        {
+            let features = self.features(exposure.camera);
+            plane = filter.denoise(&plane, features.as_ref())?;
         }
         // After denoising, whose guides are sharp.
         if let Some(optics) = optics {
@@ -716,9 +775,44 @@ impl Shot {
         Ok(Exposed { plane, stopped })
     }
 
-    /// Whether [`Shot::expose_rows`] can take this exposure: a quick look works on the whole plane, and a lens cap needs no light.
+    /// Whether [`Shot::expose_rows`] can take this exposure: a quick look and Open Image Denoise work on the whole plane, and a lens cap needs no light.
     pub fn can_expose_rows(&self) -> bool {
-        !self.lens_cap && !self.file.render.quick
+        !self.lens_cap && !self.file.render.quick && self.denoise != Denoise::Oidn
+    }
+
+    /// Says that pictures to look at are developed from this shot, beside raw files or planes if `raw_too`: where nobody said otherwise
+    /// ([`Denoise::Auto`]) they are denoised, by [`Shot::for_pictures`]. `warn` gets what is wrong with the filter.
+    ///
+    /// Light fields are left: behind microlenses neighbours see other parts of the scene. A quick look makes its blur from a sharp exposure, which is
+    /// the one that is denoised, unless raw files are made of it.
+    pub fn denoise_pictures(&mut self, raw_too: bool, warn: &mut dyn FnMut(&str)) -> Result<(), ShotError> {
+        let quick = self.file.render.quick;
+        if self.denoise == Denoise::Auto && self.camera.film.microlenses.is_none() && !self.lens_cap && !(quick && raw_too) {
+            self.filter = Filter::open(Denoise::Auto, self.file.render.oidn.as_deref(), warn)?;
+        }
+        Ok(())
+    }
+
+    /// Whether the exposure itself is denoised, and with it all that is made of it.
+    fn denoises_exposure(&self) -> bool {
+        self.filter.is_some() && (self.denoise != Denoise::Auto || self.file.render.quick)
+    }
+
+    /// What the filter is guided by instead of the truth: what is behind smooth glass and in mirrors, which networks have learnt from.
+    fn features(&self, camera: &Camera) -> Option<Truth> {
+        let network = matches!(&self.filter, Some(Filter::Oidn(_)));
+        network.then(|| expose::features(&self.scene, camera, &self.shutter()))
+    }
+
+    /// The exposure that pictures to look at are developed from, if it is another than `plane`: one without the renderer's noise. What was stopped is
+    /// not denoised.
+    pub fn for_pictures(&self, exposed: &Exposed) -> Result<Option<FocalPlane>, ShotError> {
+        match &self.filter {
+            Some(filter) if !self.denoises_exposure() && !exposed.stopped => {
+                Ok(Some(filter.denoise(&exposed.plane, self.features(&self.camera).as_ref())?))
+            }
+            _ => Ok(None),
+        }
     }
 
     /// The same for planes that memory cannot hold, in about `memory` bytes beside what [`Shot::bytes_needed`] says: the sums lie in a temporary file in
@@ -746,10 +840,10 @@ impl Shot {
         exposed.facts.light_scale = self.settings.light_scale;
         let stopped = exposed.stopped;
         let rows = exposed.rows(&self.scene);
-        let plane: Box<dyn FocalPlaneSource + '_> = match self.denoise && !stopped {
+        let plane: Box<dyn FocalPlaneSource + '_> = match self.denoises_exposure() && !stopped {
             true => {
                 let farthest = rows.farthest_log_depth();
-                Box::new(Denoised::new(rows, farthest))
+                Box::new(Denoised::new(rows, farthest).named(BUILT_IN))
             }
             false => Box::new(rows),
         };
@@ -790,8 +884,8 @@ impl Shot {
 }
 
 /// The body, how it is exposed, and its ISO speed to begin with.
-fn body_and_speed(file: &ShotFile) -> Result<(Sensor, Exposing, f64), ShotError> {
-    let sensor = read_body(file.camera.body.as_deref().unwrap_or(DEFAULT_BODY))?;
+fn body_and_speed(file: &ShotFile, inputs: &Inputs) -> Result<(Sensor, Exposing, f64), ShotError> {
+    let sensor = inputs.body(file.camera.body.as_deref().unwrap_or(DEFAULT_BODY))?;
     let exposing = Exposing::new(file, &sensor)?;
     let iso = match (exposing.auto_iso, file.exposure.iso) {
         (Some([lowest, _]), _) => lowest,
@@ -947,6 +1041,7 @@ fn lens_facts(camera: &Camera, sensor: &Sensor) -> ExposureFacts {
         Lens::Compound(l) => {
             format!("{}{}", l.prescription().name, with_comma(l.system().iris.shape.describe()))
         }
+        Lens::Calibrated(l) => l.name.clone(),
     };
     let focal = camera.lens.focal_length().0;
     ExposureFacts {
@@ -962,6 +1057,8 @@ fn lens_facts(camera: &Camera, sensor: &Sensor) -> ExposureFacts {
             _ => None,
         },
         lens_profile: match &camera.lens {
+            // The corrections of the development are centred on the picture.
+            Lens::Compound(_) if camera.film.middle_mm != [0.0; 2] => None,
             Lens::Compound(l) => lens_profile::profile(l, sensor, 0.5 * camera.film.width_mm.hypot(camera.film.height_mm)),
             _ => None,
         },
@@ -994,6 +1091,12 @@ fn settings(r: &RenderSection) -> Result<Settings, ShotError> {
         None => GuideMode::default(),
         Some(name) => GuideMode::named(name).ok_or_else(|| value("guide", format!("\"{name}\""), "auto, on or off"))?,
     };
+    let integrator = match r.integrator.as_deref() {
+        None => Integrator::default(),
+        Some(name) => {
+            Integrator::by_name(name).ok_or_else(|| value("integrator", format!("\"{name}\""), "path, caustics or auto"))?
+        }
+    };
     let limit = r.time_limit.map(|s| s.0);
     if limit.is_some_and(|l| !(l > 0.0)) {
         return Err(value("time-limit", r.time_limit.map_or(String::new(), |l| l.to_string()), "a time above 0"));
@@ -1008,6 +1111,7 @@ fn settings(r: &RenderSection) -> Result<Settings, ShotError> {
         seed: r.seed.unwrap_or(DEFAULT_SEED),
         path: PathSettings { max_depth: r.max_depth.unwrap_or(default.max_depth), ..default },
         guide,
+        integrator,
         time_limit_s: limit,
         ..Settings::new(spp)
     })

@@ -2,6 +2,7 @@
 
 use super::{ShotError, value};
 use crate::files;
+use diopter_lens::camera_model::ModelKind;
 use diopter_lens::{LensError, Prescription, import};
 use diopter_scene::light::Environment;
 use diopter_scene::{Description, SceneError, builtin, load};
@@ -68,6 +69,14 @@ const PLAUSIBLE_M: RangeInclusive<f32> = 1e-3..=100.0;
 /// Factors that turn a file's unit into metres.
 const SCALE: RangeInclusive<f64> = 1e-9..=1e9;
 
+/// Fails unless a unit of length is plausible.
+pub(super) fn check_scale(scale: Option<f64>) -> Result<(), ShotError> {
+    match scale.filter(|factor| !SCALE.contains(factor)) {
+        Some(factor) => Err(value("scale", factor, "metres in a unit of the file, from 1e-9 to 1e9: 0.001 for millimetres")),
+        None => Ok(()),
+    }
+}
+
 /// Reads a scene whose unit of length is `scale` metres; a metre without it, and `warn` is told when that makes a model implausibly large
 /// or small.
 pub(super) fn read_scaled(
@@ -76,11 +85,7 @@ pub(super) fn read_scaled(
     strict: bool,
     warn: &mut dyn FnMut(&str),
 ) -> Result<Description, ShotError> {
-    if let Some(factor) = scale
-        && !SCALE.contains(&factor)
-    {
-        return Err(value("scale", factor, "metres in a unit of the file, from 1e-9 to 1e9: 0.001 for millimetres"));
-    }
+    check_scale(scale)?;
     if scale.is_some() && builtin::is_embedded(name) {
         return Err(value("scale", format!("of \"{name}\""), "a scene file: embedded scenes are in metres"));
     }
@@ -90,40 +95,6 @@ pub(super) fn read_scaled(
         None => odd_size(name, &description).iter().for_each(|hint| warn(hint)),
     }
     Ok(description)
-}
-
-/// A scene that is read once for several shots: the last one read is kept, where that was asked for.
-#[derive(Default)]
-pub struct SceneStore {
-    keeps: bool,
-    /// Name, scale and strictness it was read with.
-    last: Option<((String, Option<f64>, bool), Description)>,
-}
-
-impl SceneStore {
-    /// A store that keeps what it read; [`SceneStore::default`] does not, and needs no memory.
-    pub fn keeping() -> Self {
-        SceneStore { keeps: true, last: None }
-    }
-
-    /// [`read_scaled`], or the scene that is kept.
-    pub(super) fn read(
-        &mut self,
-        name: &str,
-        scale: Option<f64>,
-        strict: bool,
-        warn: &mut dyn FnMut(&str),
-    ) -> Result<Description, ShotError> {
-        let key = (name.to_owned(), scale, strict);
-        if let Some((_, description)) = self.last.as_ref().filter(|l| l.0 == key) {
-            return Ok(description.clone());
-        }
-        let description = read_scaled(name, scale, strict, warn)?;
-        if self.keeps {
-            self.last = Some((key, description.clone()));
-        }
-        Ok(description)
-    }
 }
 
 /// Whether a scene file is of a kind that holds models, often without light, ground or camera.
@@ -187,7 +158,15 @@ pub(super) fn is_lens_file(name: &str) -> bool {
 }
 
 /// Lenses without surfaces.
-const IDEAL: [&str; 3] = ["thin", "pinhole", "panorama"];
+pub(super) const IDEAL: [&str; 7] =
+    ["thin", "pinhole", "panorama", "fisheye-equidistant", "fisheye-equisolid", "fisheye-stereographic", "fisheye-orthographic"];
+
+/// The projection of an ideal fisheye by the name of the lens.
+pub(super) fn ideal_fisheye(name: &str) -> Option<ModelKind> {
+    let kind = ModelKind::named(name.strip_prefix("fisheye-")?)?;
+    let ideal = [ModelKind::Equidistant, ModelKind::Equisolid, ModelKind::Stereographic, ModelKind::Orthographic];
+    ideal.contains(&kind).then_some(kind)
+}
 
 /// Reads a lens by the name of an embedded one or from a file.
 pub fn read_lens(name: &str) -> Result<Prescription, ShotError> {
@@ -206,7 +185,10 @@ pub fn read_lens(name: &str) -> Result<Prescription, ShotError> {
             let expected = match nearest(name, diopter_lens::embedded_names().chain(IDEAL)) {
                 Some(near) => format!("a lens (did you mean \"{near}\"?)"),
                 None if path.exists() => format!("a lens file: {}", import::Format::ENDINGS),
-                None => format!("thin, pinhole, panorama, a name of `lens list`, or a file: {}", import::Format::ENDINGS),
+                None => format!(
+                    "thin, pinhole, panorama, fisheye-equidistant (-equisolid, -stereographic, -orthographic), a name of `lens list`, or a file: {}",
+                    import::Format::ENDINGS
+                ),
             };
             Err(value("lens", format!("\"{name}\""), expected))
         }

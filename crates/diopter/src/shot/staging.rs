@@ -3,13 +3,16 @@
 use super::file::{CameraSection, SceneSection, ShotFile};
 use super::focusing::Focusing;
 use super::framing::{self, Angle, Framed};
-use super::sources::{read_file, read_lens};
-use super::{LARGEST_SIDE, ShotError, light_field, value};
+use super::sources::{ideal_fisheye, read_file};
+use super::{Inputs, LARGEST_SIDE, ShotError, light_field, value};
+use crate::calibration::camera_file::{self, CameraFile, CameraSource};
 use crate::camera::{Camera, Film, look_at};
 use crate::camera_way::CameraWay;
 use crate::depth_of_field::{CIRCLE_OF_DIAGONAL, circle_mm};
 use crate::metering;
-use crate::quantity::{FocusTo, Iso, IsoChoice, Size};
+use crate::quantity::{FocusTo, Iso, IsoChoice, LengthMm, Size};
+use diopter_lens::calibrated::{CalibratedLens, PixelGrid, Pupil, View};
+use diopter_lens::camera_model::{CameraModel, ModelKind};
 use diopter_lens::compound::{CompoundLens, Setting, printed_focal_length};
 use diopter_lens::{Focus, Iris, Lens, LensError, Pinhole, Projection, ThinLens, import};
 use diopter_light::Ray;
@@ -116,9 +119,108 @@ pub(super) fn film(file: &ShotFile, sensor: &Sensor, view: Option<&Viewpoint>) -
         pixel_area_mm2: px * py,
         low_pass_mm: sensor.low_pass_px * px,
         gap_mm: [gap * px, gap * py],
-        middle_mm: [0.0; 2],
+        middle_mm: shift(&file.camera, w.hypot(h))?,
         microlenses: None,
     })
+}
+
+/// How far the lens is moved against the film, which is `diagonal_mm` across.
+fn shift(c: &CameraSection, diagonal_mm: f64) -> Result<[f64; 2], ShotError> {
+    let shift = c.shift_mm.unwrap_or([0.0; 2]);
+    match shift.iter().all(|s| s.abs() <= diagonal_mm) {
+        true => Ok(shift),
+        false => Err(value(
+            "shift",
+            format!("{},{} mm", shift[0], shift[1]),
+            format!("at most the film's {diagonal_mm:.1} mm each way"),
+        )),
+    }
+}
+
+/// Reads the calibration that a shot sees by, and writes into the shot what it says: size, film and focal length.
+pub(super) fn calibrated(
+    file: &mut ShotFile,
+    sensor: &Sensor,
+    view: Option<&Viewpoint>,
+    film: &mut Film,
+) -> Result<Option<CameraSource>, ShotError> {
+    let Some(path) = file.camera.calibration.clone() else { return Ok(None) };
+    let c = &mut file.camera;
+    if c.lens.is_some() || c.orthographic.is_some() {
+        let found = c.lens.clone().unwrap_or_else(|| "orthographic".into());
+        return Err(value("lens", format!("\"{found}\""), "either a lens or a calibration, not both"));
+    }
+    let of_angle = c.fov_deg.map(|fov| 0.5 / (0.5 * fov.to_radians()).tan());
+    let focal_of_width = of_angle.or(c.focal_length.map(|f| f.0 / film.width_mm));
+    let source = camera_file::read(&path, focal_of_width)?;
+    let straight = matches!(&source, CameraSource::Rays(_));
+    if !straight && focal_of_width.is_some() {
+        let found = "beside a calibration";
+        return Err(value("focal length", found, "none: the calibration says where the camera looks"));
+    }
+    if let CameraSource::Model(CameraFile { film_mm: Some([w, h]), .. }) = &source
+        && c.format.is_none()
+        && c.body.is_none()
+    {
+        c.format = Some(format!("{w}x{h}"));
+    }
+    if let (None, Some([width, height])) = (file.render.size, source.size()) {
+        file.render.size = Some(Size { width, height });
+    }
+    *film = self::film(file, sensor, view)?;
+    let focal = source.focal_of_width(film.columns).map(|f| LengthMm(f * film.width_mm));
+    (file.camera.focal_length, file.camera.fov_deg) = (focal, None);
+    Ok(Some(source))
+}
+
+/// Turns an angle of view into the focal length of an ideal lens before a film.
+pub(super) fn take_angle_of_view(file: &mut ShotFile, film: &Film) -> Result<(), ShotError> {
+    let c = &mut file.camera;
+    let fisheye = c.lens.as_deref().and_then(ideal_fisheye);
+    if let Some(fov) = c.fov_deg {
+        if c.focal_length.is_some() || !(is_ideal(c) || fisheye.is_some()) {
+            let expected = "an ideal lens (thin, pinhole or a fisheye) without a focal length";
+            return Err(value("fov", format!("{fov}°"), expected));
+        }
+        let end = match fisheye {
+            None | Some(ModelKind::Orthographic) => 180.0,
+            Some(_) => 360.0,
+        };
+        if !(fov > 0.0 && fov < end) {
+            return Err(value("fov", format!("{fov}°"), format!("an angle above 0 and below {end}°")));
+        }
+        let half = 0.5 * fov.to_radians();
+        let radius = fisheye.map_or(half.tan(), |kind| height_of(kind, half));
+        c.focal_length = Some(LengthMm(0.5 * film.width_mm / radius));
+    } else if let Some(kind) = fisheye.filter(|_| c.focal_length.is_none()) {
+        // Half of the sky from corner to corner, as fisheyes that fill the film have it.
+        let diagonal = film.width_mm.hypot(film.height_mm);
+        c.focal_length = Some(LengthMm(0.5 * diagonal / height_of(kind, std::f64::consts::FRAC_PI_2)));
+    }
+    Ok(())
+}
+
+/// Height in the picture of an angle to the axis, of a focal length of 1.
+fn height_of(kind: ModelKind, angle: f64) -> f64 {
+    kind.normalized(&[], [angle.sin(), 0.0, angle.cos()])[0]
+}
+
+/// An ideal fisheye.
+fn fisheye(
+    kind: ModelKind,
+    name: &str,
+    film: &Film,
+    focal_mm: f64,
+    f_number: f64,
+    pupil: Option<Pupil>,
+) -> Result<CalibratedLens, LensError> {
+    let size = [film.columns, film.rows];
+    let film_mm = [film.width_mm, film.height_mm];
+    let per_mm = DVec2::new(size[0] as f64 / film_mm[0], size[1] as f64 / film_mm[1]);
+    let centre = 0.5 * DVec2::new(size[0] as f64, size[1] as f64) - 0.5;
+    let model = CameraModel::new(kind, per_mm * focal_mm, centre, Vec::new())?;
+    let name = format!("{name} {focal_mm:.4} mm").replace(".0000", "");
+    CalibratedLens::new(name, View::Model(model), PixelGrid { size, film_mm }, Millimeters(focal_mm), f_number, pupil, None)
 }
 
 /// The variant of the materials, and which of the bodies are there where they overlap.
@@ -218,6 +320,8 @@ pub(super) struct Stand {
     /// That of the lens that is asked for, where the camera was placed by it.
     lens_mm: f64,
     own_f_number: Option<f64>,
+    /// What the camera sees by, instead of a lens.
+    pub calibrated: Option<CameraSource>,
 }
 
 impl Stand {
@@ -232,15 +336,28 @@ impl Stand {
 const WIDEST_TAN: f64 = 20.0;
 
 /// The angle of view of the lens that is asked for; `focal_mm`: of an ideal one.
-fn angle(c: &CameraSection, film: &Film, focal_mm: f64) -> Result<Angle, ShotError> {
+fn angle(c: &CameraSection, inputs: &Inputs, film: &Film, focal_mm: f64) -> Result<Angle, ShotError> {
     let half = [0.5 * film.width_mm, 0.5 * film.height_mm];
     let ideal = Angle { tan_half: half.map(|h| h / focal_mm), focal_m: Some(focal_mm * 1e-3), real: false };
     let name = match c.lens.as_deref() {
         None | Some("thin") => return Ok(ideal),
         Some("pinhole" | "panorama") => return Ok(Angle { focal_m: None, ..ideal }),
+        Some(name) if let Some(kind) = ideal_fisheye(name) => {
+            let most = std::f64::consts::FRAC_PI_2;
+            let tangent = |height: f64| {
+                // The angle whose height is that of the edge.
+                let (mut low, mut high) = (0.0, most);
+                for _ in 0..40 {
+                    let middle = 0.5 * (low + high);
+                    if height_of(kind, middle) * focal_mm < height { low = middle } else { high = middle }
+                }
+                low.tan().min(WIDEST_TAN)
+            };
+            return Ok(Angle { tan_half: half.map(tangent), focal_m: None, ..ideal });
+        }
         Some(name) => name,
     };
-    let prescription = read_lens(name)?;
+    let prescription = inputs.lens(name)?;
     let setting = Setting {
         focal_length: stated_focal_length(c, &prescription)?,
         f_number: None,
@@ -275,6 +392,7 @@ const LARGEST_M: f32 = 1e12;
 /// Finds where the camera stands, before the scene has lamps or ground put into it.
 pub(super) fn stand(
     file: &ShotFile,
+    inputs: &Inputs,
     description: &Description,
     at_s: f64,
     sensor: &Sensor,
@@ -286,7 +404,9 @@ pub(super) fn stand(
         if c.focal_length.is_some() {
             return Err(value("zoom_position", position, "either a zoom position or a focal length, not both"));
         }
-        if matches!(c.lens.as_deref(), None | Some("thin" | "pinhole" | "panorama")) {
+        if matches!(c.lens.as_deref(), None | Some("thin" | "pinhole" | "panorama"))
+            || c.lens.as_deref().and_then(ideal_fisheye).is_some()
+        {
             return Err(value(
                 "zoom_position",
                 position,
@@ -321,7 +441,7 @@ pub(super) fn stand(
         let at = c.look_at.map_or(center, Vec3::from_array);
         (look_at(from, at, up)?, Some((at - from).length() as f64))
     } else if c.look_at.is_some() || (view.is_none() && framing.is_none()) {
-        let angle = angle(c, film, focal_mm)?;
+        let angle = angle(c, inputs, film, focal_mm)?;
         let support = |directions: &[Vec3]| description.support_points(at_s, directions, |_| true);
         let found = framing::framed(center, c.look_at.map(Vec3::from_array), up, &angle, support)?;
         tan_half = Some(angle.tan_half);
@@ -341,14 +461,14 @@ pub(super) fn stand(
     };
     let tan_half = tan_half.unwrap_or_else(|| {
         let real = c.lens.as_deref().filter(|_| !is_ideal(c) && c.focal_length.is_none());
-        let stated = real.and_then(|name| read_lens(name).ok()).and_then(|p| {
+        let stated = real.and_then(|name| inputs.lens(name).ok()).and_then(|p| {
             let asked = stated_focal_length(c, &p).ok().flatten();
             asked.or(p.focal_length).or(p.zoom.first().copied())
         });
         [film.width_mm, film.height_mm].map(|side| 0.5 * side / stated.unwrap_or(focal_mm))
     });
     let tan_half = tan_half.map(|t| t as f32);
-    Ok(Stand { place, carrier, bounds, tan_half, framing, subject_m, framed, focal_mm, lens_mm, own_f_number })
+    Ok(Stand { place, carrier, bounds, tan_half, framing, subject_m, framed, focal_mm, lens_mm, own_f_number, calibrated: None })
 }
 
 /// Whether the lens is none with surfaces.
@@ -410,6 +530,7 @@ fn stop_for(focal_mm: f64, film: &Film, focused_m: f64, depths_m: [f64; 2]) -> f
 /// The camera in its place.
 pub(super) fn camera(
     file: &ShotFile,
+    inputs: &Inputs,
     scene: &Scene,
     at_s: f64,
     sensor: &Sensor,
@@ -446,7 +567,8 @@ pub(super) fn camera(
     }
 
     // What the scene's own camera says of its lens counts where the shot says nothing.
-    let own = view.and_then(|v| v.lens).filter(|_| c.lens.is_none() && c.look_from.is_none());
+    let bare = c.lens.is_none() && stand.calibrated.is_none() && c.orthographic.is_none();
+    let own = view.and_then(|v| v.lens).filter(|_| bare && c.look_from.is_none());
     let of_view = own.filter(|[radius, _]| *radius > 0.0).map(|[radius, _]| focal_mm / (2000.0 * f64::from(radius)));
     let known = file.exposure.aperture.map(|a| a.0).or(of_view).or(own_f_number).or(framing.map(|f| f.f_number));
     let deep =
@@ -459,11 +581,30 @@ pub(super) fn camera(
     let subject_m = own.filter(|[radius, _]| *radius > 0.0).map_or(subject_m, |[_, distance]| f64::from(distance));
     let focus = focusing.first(subject_m);
     let sharp = own.is_some_and(|[radius, _]| radius == 0.0) && file.exposure.aperture.is_none();
-    let of_file = view.filter(|_| c.lens.is_none() && c.look_from.is_none()).map(|v| &v.sight);
+    let of_file = view.filter(|_| bare && c.look_from.is_none()).map(|v| &v.sight);
+    // Without an aperture that somebody asked for, cameras that are projections see everything sharp.
+    let blades = iris(c)?.unwrap_or_default();
+    let asked = file.exposure.aperture.is_some();
+    let calibrated = |source: &CameraSource| {
+        let name = c.calibration.as_ref().map_or(String::new(), |p| p.display().to_string());
+        source.lens(&name, &film, f_number, asked.then(|| (blades.clone(), focus)))
+    };
     let hole =
         |projection| Ok::<_, LensError>(Lens::Pinhole(Pinhole { projection, ..Pinhole::new(Millimeters(focal_mm), f_number)? }));
     let panorama = Projection::Panorama { film_mm: [film.width_mm, film.height_mm] };
     let lens = match c.lens.as_deref() {
+        None if let Some(source) = &stand.calibrated => Lens::Calibrated(Box::new(calibrated(source)?)),
+        _ if let Some(height) = c.orthographic => {
+            if c.lens.as_deref().is_some_and(|l| l != "pinhole") || !(height.0 > 0.0 && height.0.is_finite()) {
+                let found = format!("{} m high", height.0);
+                return Err(value("orthographic", found, "a height above 0, without a lens: parallel rays have no aperture"));
+            }
+            hole(Projection::Orthographic { reduction: height.0 * 1000.0 / film.height_mm })?
+        }
+        Some(name) if let Some(kind) = ideal_fisheye(name) => {
+            let pupil = asked.then(|| Pupil { iris: blades.clone(), focus });
+            Lens::Calibrated(Box::new(fisheye(kind, name, &film, focal_mm, f_number, pupil)?))
+        }
         None if let Some(Sight::Table(table)) = of_file => {
             let (lens, behind_m) = lens_of_table(file, table, &film, focusing, warn)?;
             // The file's camera stands where its film is.
@@ -477,9 +618,12 @@ pub(super) fn camera(
         Some("panorama") => hole(panorama)?,
         None if sharp => Lens::Pinhole(Pinhole::new(Millimeters(focal_mm), f_number)?),
         Some("pinhole") => Lens::Pinhole(Pinhole::new(Millimeters(focal_mm), f_number)?),
-        None | Some("thin") => Lens::Thin(ThinLens::new(Millimeters(focal_mm), f_number, iris(c)?.unwrap_or_default(), focus)?),
+        None | Some("thin") => {
+            let thin = ThinLens::new(Millimeters(focal_mm), f_number, iris(c)?.unwrap_or_default(), focus)?;
+            Lens::Thin(thin.tilted(c.tilt_deg.unwrap_or([0.0; 2]).map(f64::to_radians))?)
+        }
         Some(name) => {
-            let prescription = read_lens(name)?;
+            let prescription = inputs.lens(name)?;
             prescription.notes.iter().for_each(|n| warn(&format!("{name}: {n}")));
             let circle = prescription.image_circle;
             let printed = c.zoom_position.map(|position| printed_focal_length(&prescription, position)).transpose()?;
@@ -488,7 +632,7 @@ pub(super) fn camera(
                 f_number: Some(f_number),
                 focus,
                 iris: iris(c)?,
-                film_mm: [film.width_mm, film.height_mm],
+                film_mm: (2.0 * film.reach()).to_array(),
             };
             let prescription = std::sync::Arc::new(prescription);
             let mut lens = CompoundLens::new(prescription.clone(), &setting);
@@ -501,25 +645,39 @@ pub(super) fn camera(
             if let Some(asked) = file.exposure.aperture.filter(|a| lens.f_number() > a.0 * 1.005) {
                 warn(&format!("{name}: fully open it is f/{:.2}, which is what f/{} stands for", lens.f_number(), asked.0));
             }
-            let diagonal = film.width_mm.hypot(film.height_mm);
+            let diagonal = 2.0 * film.reach().length();
             if let Some(circle) = circle.filter(|c| diagonal > 1.05 * c) {
                 warn(&format!("{name} was made for pictures of {circle} mm across: the film ({diagonal:.1} mm) is larger"));
             }
+            warn_of_dark_corners(name, &lens, &film, warn);
             Lens::Compound(Box::new(lens))
         }
     };
     if let Some(own) = sensor.lens.filter(|_| !ideal || c.focal_length.is_some()) {
         warn_of_long_lens(&lens, own, &film, warn);
     }
+    if let Some([forward, right]) = c.tilt_deg.filter(|t| *t != [0.0; 2]) {
+        let found = format!("{forward},{right} degrees");
+        if !matches!(lens, Lens::Thin(_)) {
+            return Err(value("tilt", found, "the thin lens (--lens thin): others are not tilted here"));
+        }
+        if c.plenoptic.is_some() || sensor.plenoptic.is_some() {
+            return Err(value("tilt", found, "no microlenses behind a tilted lens"));
+        }
+        if file.render.quick {
+            return Err(value("tilt", found, "no quick look: its blur knows no tilted plane"));
+        }
+    }
     film.microlenses = light_field::array(c.plenoptic.as_ref(), sensor, &film, lens.f_number())?;
-    if film.microlenses.is_some() && matches!(lens, Lens::Pinhole(_)) {
+    if film.microlenses.is_some() && matches!(lens, Lens::Pinhole(_) | Lens::Calibrated(_)) {
         return Err(value(
             "plenoptic",
-            "a microlens array behind a pinhole",
+            "a microlens array behind a pinhole or a calibration",
             "a lens with an aperture, such as thin: a hole has no views",
         ));
     }
-    if let Some(view) = view.filter(|_| c.look_from.is_none() && c.path.is_empty() && (!ideal || c.focal_length.is_some())) {
+    let other_angle = stand.calibrated.is_none() && (!ideal || c.focal_length.is_some());
+    if let Some(view) = view.filter(|_| c.look_from.is_none() && c.path.is_empty() && other_angle) {
         warn_of_angle(view, &lens, &film, warn);
     }
     let camera = Camera { lens, film, way: CameraWay::still(place) };
@@ -548,7 +706,11 @@ fn usual_focal_length(on_full_frame_mm: f64, c: &CameraSection, sensor: &Sensor)
 /// Says when a lens is very long for a body that has one of its own: 50 mm is a strong telephoto lens before the sensor of a phone.
 fn warn_of_long_lens(lens: &Lens, own: BodyLens, film: &Film, warn: &mut dyn FnMut(&str)) {
     let (focal, diagonal) = (lens.focal_length().0, film.width_mm.hypot(film.height_mm));
-    let all_around = matches!(lens, Lens::Pinhole(hole) if hole.projection != Projection::Rectilinear);
+    let all_around = match lens {
+        Lens::Pinhole(hole) => hole.projection != Projection::Rectilinear,
+        Lens::Calibrated(_) => true,
+        _ => false,
+    };
     if focal > LONG_LENS * own.focal_length_mm && !all_around {
         warn(&format!(
             "{focal:.1} mm before a film of {diagonal:.1} mm across sees as narrow an angle as {:.0} mm on 36 × 24 mm; the body's own lens \
@@ -584,6 +746,29 @@ fn warn_of_angle(view: &Viewpoint, lens: &Lens, film: &Film, warn: &mut dyn FnMu
         "the scene's camera sees {:.0}° from top to bottom, this lens {:.0}°{hint}, or leave --lens and --focal-length out for the scene's angle",
         degrees(wanted),
         degrees(tangent)
+    ));
+}
+
+/// Warns where no light reaches the corners of the film: a stated image circle says what a lens was sold for, the rims of its prescription
+/// what it lights.
+fn warn_of_dark_corners(name: &str, lens: &CompoundLens, film: &Film, warn: &mut dyn FnMut(&str)) {
+    let half = 0.5 * DVec2::new(film.width_mm, film.height_mm);
+    let corner = half.length();
+    let corners = [DVec2::ONE, DVec2::new(-1.0, 1.0), DVec2::NEG_ONE, DVec2::new(1.0, -1.0)];
+    let count = if lens.system().is_rotational() { 1 } else { corners.len() };
+    let lit = corners[..count].iter().map(|c| lens.lit_radius((half * *c).normalize(), corner)).fold(corner, f64::min);
+    if lit > 0.995 * corner {
+        return;
+    }
+    let remedy = format::FORMATS
+        .iter()
+        .filter(|f| 0.5 * f.diagonal_mm() <= lit)
+        .max_by(|a, b| a.diagonal_mm().total_cmp(&b.diagonal_mm()));
+    let remedy = remedy.map_or(String::new(), |f| {
+        format!("; a smaller film is lit all over: --format \"{}\"", f.names[0].trim_end_matches('"'))
+    });
+    warn(&format!(
+        "{name} lights the film to {lit:.1} mm from its middle, the corners are {corner:.1} mm away and stay dark: the rims of its prescription stop all light beyond{remedy}"
     ));
 }
 
@@ -651,7 +836,7 @@ fn lens_of_table(
             f_number: file.exposure.aperture.map(|a| a.0),
             focus,
             iris: iris(&file.camera)?,
-            film_mm: [film.width_mm, film.height_mm],
+            film_mm: (2.0 * film.reach()).to_array(),
         };
         Ok::<_, ShotError>(CompoundLens::new(prescription.clone(), &setting)?)
     };

@@ -1,8 +1,8 @@
 //! A time limit holds for the whole photograph: what preparing, focusing and metering took is gone, and what comes after the exposure is held back.
 //!
 //! What comes after is estimated so:
-//! * Denoising: measured. A small plane of noise, one tile for each thread, is denoised on this machine; the cost of a pixel depends on the number
-//!   of bands and hardly on what is seen (every pixel regresses over its whole window).
+//! * Denoising: measured. A small plane of noise is denoised on this machine; the cost of a pixel depends on the number of bands and hardly on what is
+//!   seen (every pixel regresses over its whole window).
 //! * Read-out, development and files: [`FINISHING_S_PER_PIXEL`].
 //!
 //! Denoising that does not fit into what is left of the limit is left out, which a warning says with the estimate: a picture in time is wanted more than
@@ -11,7 +11,7 @@
 //! Planes of depth, normals and albedo are computed before the samples ([`crate::expose()`]): their time is measured like that of metering.
 
 use super::Shot;
-use diopter_develop::denoise;
+use crate::denoising::{Denoise, Filter};
 use diopter_image::focal_plane::{Band, BandUnit};
 use diopter_image::{ExposureFacts, FocalPlane};
 use diopter_light::random::{mix, to_unit};
@@ -20,10 +20,12 @@ use std::time::Instant;
 /// Read-out and development of a pixel, s: 24 megapixels take 0.95 and 1.94 s on two cores (docs/performance.md), with a quarter on top
 /// for planes that are written.
 const FINISHING_S_PER_PIXEL: f64 = 0.15e-6;
-/// The plane that is denoised to see how long it takes: pixels across and down for each thread. Tiles are 64 pixels high; half as wide, so that
-/// the measure takes 0.2 s of a core that does 1e4 pixels a second.
-const TRIAL: [usize; 2] = [32, 64];
-/// What windows lose at the borders of so small a plane (17 pixels wide, they have 14.8 × 14.8 to 17 × 17 pixels there), and some reserve.
+/// The plane that is denoised to see how long it takes: pixels across and down for each thread. Several tiles of the built-in filter; the measure takes
+/// 0.1 s of a core that does 1e5 pixels a second.
+const TRIAL: [usize; 2] = [128, 64];
+/// The same for Open Image Denoise, whose setting up would count too much in less: 0.1 to 0.2 s of a core.
+const LIBRARY_TRIAL: [usize; 2] = [256, 256];
+/// Some reserve: for borders, where windows of so small a plane lose some of their pixels, and for a machine that has other work.
 const TRIAL_RESERVE: f64 = 1.4;
 
 impl Shot {
@@ -31,8 +33,14 @@ impl Shot {
     pub(super) fn time_left_s(&self, bands: usize) -> Option<f64> {
         let limit = self.settings.time_limit_s?;
         let size = [self.camera.film.columns, self.camera.film.rows];
-        let denoising = if self.denoise { self.denoising_s.unwrap_or_else(|| denoising_s(size, bands)) } else { 0.0 };
+        let denoising = self.denoising_s.unwrap_or_else(|| self.denoising_s(bands));
         Some(left_s(limit, self.begun.elapsed().as_secs_f64(), denoising, size))
+    }
+
+    /// How long denoising will take, s; 0 without.
+    fn denoising_s(&self, bands: usize) -> f64 {
+        let size = [self.camera.film.columns, self.camera.film.rows];
+        self.filter.as_ref().map_or(0.0, |filter| denoising_s(filter, size, bands))
     }
 
     /// Estimates what comes after the exposure, leaves denoising out if there is no time for it, and warns of that, and of a picture that cannot be
@@ -40,10 +48,12 @@ impl Shot {
     pub(super) fn keep_to_time_limit(&mut self, warn: &mut dyn FnMut(&str)) {
         let Some(limit) = self.settings.time_limit_s else { return };
         let size = [self.camera.film.columns, self.camera.film.rows];
-        let denoising = if self.denoise { denoising_s(size, self.bands()) } else { 0.0 };
+        let denoising = self.denoising_s(self.bands());
         self.denoising_s = Some(denoising);
         let (keep, said) = fitting(limit, self.begun.elapsed().as_secs_f64(), denoising, size);
-        self.denoise &= keep;
+        if !keep {
+            (self.denoise, self.filter) = (Denoise::Off, None);
+        }
         said.iter().for_each(|s| warn(s));
     }
 }
@@ -74,8 +84,12 @@ fn left_s(limit: f64, spent: f64, denoising: f64, [width, height]: [usize; 2]) -
 }
 
 /// How long a plane will take to be denoised, s, by a trial with all threads.
-fn denoising_s([width, height]: [usize; 2], bands: usize) -> f64 {
-    let size = [TRIAL[0].min(width), (TRIAL[1] * rayon::current_num_threads()).min(height)];
+fn denoising_s(filter: &Filter, [width, height]: [usize; 2], bands: usize) -> f64 {
+    let trial = match filter {
+        Filter::BuiltIn => [TRIAL[0], TRIAL[1] * rayon::current_num_threads()],
+        Filter::Oidn(_) => LIBRARY_TRIAL,
+    };
+    let size = [trial[0].min(width), trial[1].min(height)];
     let band = |b: usize| Band { name: b.to_string(), unit: BandUnit::Electrons };
     let facts = ExposureFacts::default();
     let mut plane = FocalPlane::even((0..bands).map(band).collect(), &vec![0.0; bands], size, facts);
@@ -83,8 +97,13 @@ fn denoising_s([width, height]: [usize; 2], bands: usize) -> f64 {
         *mean = 1.0 + to_unit(mix(2 * i as u32));
         *half = 0.1 * (to_unit(mix(2 * i as u32 + 1)) - 0.5);
     }
+    if matches!(filter, Filter::Oidn(_)) {
+        // Its first picture takes longer.
+        let _ = filter.denoise(&plane.rows(0..size[1].min(16)), None);
+    }
     let begun = Instant::now();
-    let _ = denoise(&plane);
+    // What fails here fails again behind the exposure, and is told there.
+    let _ = filter.denoise(&plane, None);
     by_pixels(begun.elapsed().as_secs_f64(), size, [width, height])
 }
 
@@ -123,6 +142,6 @@ mod tests {
         assert!((by_pixels(0.2, [32, 128], [320, 1280]) - 100.0 * 0.2 * TRIAL_RESERVE).abs() < 1e-12);
         // What is smaller than the trial takes as long.
         assert_eq!(by_pixels(0.2, [32, 128], [8, 8]), 0.2 * TRIAL_RESERVE);
-        assert!(denoising_s([16, 16], 1) > 0.0);
+        assert!(denoising_s(&Filter::BuiltIn, [16, 16], 1) > 0.0);
     }
 }

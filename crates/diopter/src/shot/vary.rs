@@ -29,6 +29,7 @@ pub const VARIABLES: &[(&str, &str)] = &[
     ("format", "camera.format"),
     ("lens", "camera.lens"),
     ("focal-length", "camera.focal_length"),
+    ("fov", "camera.fov_deg"),
     ("zoom-position", "camera.zoom_position"),
     ("blades", "camera.blades"),
     ("blade-curvature", "camera.blade_curvature"),
@@ -71,6 +72,7 @@ pub const VARIABLES: &[(&str, &str)] = &[
     ("sampler", "render.sampler"),
     ("max-depth", "render.max_depth"),
     ("guide", "render.guide"),
+    ("integrator", "render.integrator"),
     ("quick", "render.quick"),
     ("denoise", "render.denoise"),
     ("fireflies", "render.fireflies"),
@@ -161,8 +163,9 @@ fn insert(all: &mut toml::Table, path: &str, to: toml::Value) -> bool {
         }
     }
     let replaced: &[&str] = match path {
-        "camera.focal_length" => &["zoom_position"],
-        "camera.zoom_position" => &["focal_length"],
+        "camera.focal_length" => &["zoom_position", "fov_deg"],
+        "camera.zoom_position" => &["focal_length", "fov_deg"],
+        "camera.fov_deg" => &["focal_length", "zoom_position"],
         "scene.daylight.sun" => &["time", "place"],
         "shutter.line_time" => &["readout"],
         "shutter.readout" => &["line_time"],

@@ -11,24 +11,36 @@ pub struct FieldPoint {
     pub field_deg: f64,
     /// Chief ray on the film, mm.
     pub height: f64,
-    /// Where an undistorted (rectilinear) image would put it, mm: f tan θ, moved along the chief ray by what the film is out
-    /// of the paraxial focus. No number from 90° on, where no such image exists.
+    /// Chief ray of field 0 on the film, mm: the origin of image heights. Not 0 where a group is decentred or tilted.
+    pub axial_height: f64,
+    /// How far from [`FieldPoint::axial_height`] an undistorted (rectilinear) image would put it, mm: f tan θ, moved along the chief ray
+    /// by what the film is out of the paraxial focus. No number from 90° on, where no such image exists.
     pub ideal_height: f64,
-    /// Where an equidistant image (the usual mapping of fisheyes) would put it, mm: f θ instead of f tan θ.
+    /// How far an equidistant image (the usual mapping of fisheyes) would put it, mm: f θ instead of f tan θ.
     pub equidistant_height: f64,
     /// Tangential and sagittal focus, mm behind the film (along the light), from rays close to the chief ray.
     pub focus: [f64; 2],
 }
 
+/// Image heights below this (mm) have no distortion: their ratio is that of rounding errors.
+const SMALLEST_HEIGHT: f64 = 1e-6;
+
 impl FieldPoint {
-    /// Distortion, per cent of the ideal height.
+    /// Distortion, per cent of the ideal height, both from the image of the axis. NaN where the ideal height is below 1e-6 mm.
     pub fn distortion_percent(&self) -> f64 {
-        if self.ideal_height == 0.0 { 0.0 } else { (self.height / self.ideal_height - 1.0) * 100.0 }
+        self.departure_percent(self.ideal_height)
     }
 
-    /// Departure from f θ, per cent of it.
+    /// Departure from f θ, per cent of it; NaN where it is below 1e-6 mm.
     pub fn equidistant_percent(&self) -> f64 {
-        if self.equidistant_height == 0.0 { 0.0 } else { (self.height / self.equidistant_height - 1.0) * 100.0 }
+        self.departure_percent(self.equidistant_height)
+    }
+
+    fn departure_percent(&self, expected: f64) -> f64 {
+        if expected.abs() < SMALLEST_HEIGHT {
+            return f64::NAN;
+        }
+        ((self.height - self.axial_height) / expected - 1.0) * 100.0
     }
 }
 
@@ -73,7 +85,16 @@ impl Bench<'_> {
         let first = self.first_order(nm);
         let image = beam.image;
         let height = self.on_film(&image, 0.0).y;
-        let slope = image.direction.y / image.direction.z;
+        let slope_of = |ray: &TracedRay| ray.direction.y / ray.direction.z;
+        // Heights count from the image of the axis, which a decentred group moves.
+        let (axial_height, axial_slope) = match self.system.surfaces.iter().all(|s| s.frame.is_none()) {
+            true => (0.0, 0.0),
+            false => {
+                let axial = self.chief_beam(0.0, nm)?.image;
+                (self.on_film(&axial, 0.0).y, slope_of(&axial))
+            }
+        };
+        let slope = slope_of(&image) - axial_slope;
         let angle = field_deg.to_radians();
         let tan = if angle.abs() < std::f64::consts::FRAC_PI_2 - 1e-9 { angle.tan() } else { f64::NAN };
         // Height of an image that maps angles to f `mapped`.
@@ -104,7 +125,7 @@ impl Bench<'_> {
             Some(-(pa - pb) / (sa - sb) * self.system.film_run())
         };
         let focus = [meet(DVec2::new(0.0, small), true)?, meet(DVec2::new(small, 0.0), false)?];
-        Some(FieldPoint { field_deg, height, ideal_height, equidistant_height, focus })
+        Some(FieldPoint { field_deg, height, axial_height, ideal_height, equidistant_height, focus })
     }
 
     /// Light at a film point at a height above the axis, by tracing from the film.
@@ -229,7 +250,32 @@ mod tests {
     use super::*;
     use crate::embedded;
     use crate::glass::D_NM;
+    use crate::prescription::Misalignment;
     use crate::system::{State, System};
+
+    #[test]
+    fn a_decentred_lens_is_held_against_the_image_of_the_axis() {
+        let plain = embedded("double-gauss-50mm").unwrap();
+        let mut moved = plain.clone();
+        let last = plain.surfaces.len() - 1;
+        moved.misalignments.push(Misalignment { first: 0, last, decenter: [0.0, 2.0, 0.0], tilt: [0.0; 3] });
+        let [plain, moved] = [plain, moved].map(|p| System::at(&p, State::default()));
+        for object_distance in [None, Some(1500.0)] {
+            let point = |system: &System, field: f64| Bench { system, object_distance }.field_point(field, D_NM).unwrap();
+            for field in [-15.0, 3.0, 15.0] {
+                // All of the lens moved by 2 mm: the picture moves with it and keeps its distortion.
+                let (a, b) = (point(&plain, field), point(&moved, field));
+                assert!((b.axial_height - 2.0).abs() < 1e-7 && (b.height - a.height - 2.0).abs() < 1e-7, "{a:?} {b:?}");
+                assert!((a.distortion_percent() - b.distortion_percent()).abs() < 1e-5, "{a:?} {b:?}");
+                assert!((a.equidistant_percent() - b.equidistant_percent()).abs() < 1e-5, "{a:?} {b:?}");
+            }
+            // The axis has no distortion, not one of rounding errors.
+            for system in [&plain, &moved] {
+                let axis = point(system, 0.0);
+                assert!(axis.distortion_percent().is_nan() && axis.equidistant_percent().is_nan(), "{axis:?}");
+            }
+        }
+    }
 
     #[test]
     fn fisheyes_are_held_against_f_theta() {

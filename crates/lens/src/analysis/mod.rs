@@ -1,20 +1,27 @@
-//! What a lens does, measured by tracing: spots, fans, wavefronts, MTF, distortion, colour, vignetting.
+//! What a lens does, measured by tracing: spots, fans, wavefronts, point spread, MTF, distortion, colour, vignetting.
 //!
 //! A [`Bench`] is a lens as it stands before an object at a distance; a [`Beam`] the light of one field point. Fields are angles
 //! of the chief ray in object space, in the y–z plane, positive upwards as the light comes from below: the image lies at +y.
 //! Chief rays are found from the middle of the stop outwards, so that fisheyes beyond 90° need no special case. Wavelengths in
 //! nm, lengths in mm.
 
+mod fft;
 mod field;
 mod mtf;
+mod psf;
 mod spot;
+#[cfg(test)]
+mod test_lenses;
 mod thirdorder;
 mod wavefront;
+pub mod zernike;
 
 pub use field::{ColorCurves, FieldPoint, Illumination, PupilShape};
 pub use mtf::{Mtf, airy_mtf};
+pub use psf::{Psf, Raster};
 pub use spot::{Fan, FanPoint, Spot};
 pub use thirdorder::{SurfaceSums, ThirdOrder};
+pub use wavefront::{Wavefront, WavefrontSample};
 
 use crate::glass::{C_NM, D_NM, F_NM};
 use crate::paraxial::FirstOrder;

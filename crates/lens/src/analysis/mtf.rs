@@ -16,29 +16,29 @@ use std::f64::consts::{PI, TAU};
 /// Rays across the pupil: as many as the wavefront needs, from the first to the last.
 const ACROSS: [usize; 3] = [128, 256, 512];
 /// Largest step of phase from ray to ray, rad, that sampling still follows.
-const LARGEST_STEP: f64 = 2.0;
+pub(super) const LARGEST_STEP: f64 = 2.0;
 
 /// Phase of the pupil function (rad) on a square grid, rows along m; `None` where nothing passes.
-struct Pupil {
-    phase: Vec<Option<f64>>,
-    across: usize,
+pub(super) struct Pupil {
+    pub(super) phase: Vec<Option<f64>>,
+    pub(super) across: usize,
 }
 
 /// How the pupil function of a colour is traced.
-struct Sampling<'a> {
-    batch: &'a Batch,
-    n: Indices,
-    beam: &'a Beam,
+pub(super) struct Sampling<'a> {
+    pub(super) batch: &'a Batch,
+    pub(super) n: Indices,
+    pub(super) beam: &'a Beam,
     /// Image point.
-    image: DVec3,
+    pub(super) image: DVec3,
     /// Way from the image towards the lens: +1 along +z.
-    back: f64,
-    nm: f64,
+    pub(super) back: f64,
+    pub(super) nm: f64,
 }
 
 impl Pupil {
     /// Largest step of phase between neighbours.
-    fn largest_step(&self) -> f64 {
+    pub(super) fn largest_step(&self) -> f64 {
         let at = |row: usize, column: usize| self.phase[row * self.across + column];
         let mut largest = 0.0f64;
         for row in 0..self.across {
@@ -108,6 +108,19 @@ impl Bench<'_> {
         })
     }
 
+    /// Direction cosines between which all light of a beam comes, seen from an image point: lower and upper corner, with a margin. `None` of
+    /// fewer than three rays.
+    pub(super) fn direction_cosines(&self, beam: &Beam, nm: f64, image: DVec3) -> Option<[DVec2; 2]> {
+        let rays = self.grid(beam, nm, 41);
+        let (mut low, mut high) = (DVec2::MAX, DVec2::MIN);
+        for (_, r) in &rays {
+            let d = (r.position - image).normalize().truncate();
+            (low, high) = (low.min(d), high.max(d));
+        }
+        let pad = (high - low) * 0.06;
+        (rays.len() >= 3).then_some([low - pad, high + pad])
+    }
+
     /// Diffraction MTF of several colours (nm, weight) at frequencies in cycles/mm, `defocus` mm behind the film. Where the wavefront is
     /// too steep for the finest grid (hundreds of waves) the geometric one stands in, and [`Mtf::geometric`] says so.
     pub fn diffraction_mtf(&self, field_deg: f64, colors: &[(f64, f64)], frequencies: &[f64], defocus: f64) -> Option<Mtf> {
@@ -115,18 +128,7 @@ impl Bench<'_> {
         let beam = self.beam(field_deg, reference)?;
         let film_z = self.system.film_z + defocus * self.system.film_run();
         let image = crate::trace::at_plane(&beam.image, film_z);
-        // Direction cosines of all light, seen from the film.
-        let rays = self.grid(&beam, reference, 41);
-        let (mut low, mut high) = (DVec2::MAX, DVec2::MIN);
-        for (_, r) in &rays {
-            let d = (r.position - image).normalize().truncate();
-            (low, high) = (low.min(d), high.max(d));
-        }
-        if rays.len() < 3 {
-            return None;
-        }
-        let pad = (high - low) * 0.06;
-        (low, high) = (low - pad, high + pad);
+        let [low, high] = self.direction_cosines(&beam, reference, image)?;
         let size = (high - low).max_element();
         let corner = 0.5 * (low + high) - 0.5 * size;
         let batch = Batch::new(self.system);
@@ -180,20 +182,25 @@ impl Bench<'_> {
 
 impl Sampling<'_> {
     /// On a grid of `across` cells a side of `step`, its corner at the direction cosines `low`.
-    fn pupil(&self, low: DVec2, step: f64, across: usize) -> Pupil {
-        let mut phase = Vec::with_capacity(across * across);
+    pub(super) fn pupil(&self, low: DVec2, step: f64, across: usize) -> Pupil {
+        let middle = |i: usize| low + step * DVec2::new((i % across) as f64 + 0.5, (i / across) as f64 + 0.5);
+        let places: Vec<DVec2> = (0..across * across).map(middle).collect();
+        Pupil { phase: self.phases(&places), across }
+    }
+
+    /// Phase (rad) at direction cosines seen from the image point; `None` where nothing passes.
+    pub(super) fn phases(&self, places: &[DVec2]) -> Vec<Option<f64>> {
+        let mut phase = Vec::with_capacity(places.len());
         let mut packet = Packet::default();
         let object = self.beam.finite.then_some(self.beam.chief.position);
-        for start in (0..across * across).step_by(LANES) {
+        for chunk in places.chunks(LANES) {
             for lane in 0..LANES {
-                let i = start + lane;
-                let l = low.x + step * ((i % across) as f64 + 0.5);
-                let m = low.y + step * ((i / across) as f64 + 0.5);
-                let dz = (1.0 - l * l - m * m).max(0.0).sqrt() * self.back;
-                packet.set(lane, self.image.to_array(), [l, m, dz]);
+                let d = chunk[lane.min(chunk.len() - 1)];
+                let dz = (1.0 - d.length_squared()).max(0.0).sqrt() * self.back;
+                packet.set(lane, self.image.to_array(), [d.x, d.y, dz]);
             }
             let mask = self.batch.trace(&mut packet, &self.n, Way::ToObject);
-            for lane in 0..LANES {
+            for lane in 0..chunk.len() {
                 let passed = mask >> lane & 1 == 1;
                 let p = DVec3::new(packet.x[lane], packet.y[lane], packet.z[lane]);
                 let path = packet.path[lane]
@@ -205,7 +212,7 @@ impl Sampling<'_> {
                 phase.push(passed.then_some(TAU * path / (self.nm * 1e-6)));
             }
         }
-        Pupil { phase, across }
+        phase
     }
 }
 
@@ -221,20 +228,7 @@ fn correlation(pupil: &Pupil, shifted: &Pupil) -> [f64; 2] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::glass::Glass;
-    use crate::prescription::{Prescription, Surface};
-    use crate::surface::Profile;
-    use crate::system::{State, System};
-
-    /// A parabolic mirror on the axis makes a perfect image.
-    fn parabola(f: f64, diameter: f64) -> System {
-        let c = -1.0 / (2.0 * f);
-        let mut stop = Surface::new(Profile::Plane, 2.0 * f, Glass::air());
-        (stop.stop, stop.semi_diameter) = (true, Some(0.5 * diameter));
-        let mut mirror = Surface::new(Profile::Conic { c, k: -1.0 }, -f, Glass::air());
-        (mirror.mirror, mirror.semi_diameter) = (true, Some(diameter));
-        System::at(&Prescription::new("parabola", vec![stop, mirror]).checked("test").unwrap(), State::default())
-    }
+    use crate::analysis::test_lenses::parabola;
 
     #[test]
     fn a_perfect_lens_has_the_airy_mtf() {

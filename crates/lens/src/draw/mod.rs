@@ -13,5 +13,8 @@ pub use chart::{Axis, Chart, Line, Style};
 pub use conjugates::conjugates_figure;
 pub use figure::{Anchor, Color, Figure, Item};
 pub use layout::{LayoutOptions, layout};
-pub use plots::{color_plot, distortion_plot, fan_plot, mtf_over_plot, mtf_plot, spot_plot, vignetting_plot, wavelength_color};
+pub use plots::{
+    PointImageCurves, color_plot, distortion_plot, fan_plot, mtf_over_plot, mtf_plot, psf_plot, spot_plot, through_focus_plot,
+    vignetting_plot, wavelength_color, zernike_plot,
+};
 pub use thin::thin_layout;

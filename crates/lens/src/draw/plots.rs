@@ -30,11 +30,25 @@ fn line(name: String, color: Color, style: Style, points: Vec<DVec2>) -> Line {
 
 /// Spot diagrams: a square a field, colours together, in µm around the centroid of the first colour.
 pub fn spot_plot(title: &str, fields: &[Vec<Spot>]) -> Figure {
+    spot_squares(title, &[fields.iter().map(|spots| (String::new(), spots.clone())).collect()])
+}
+
+/// Spot diagrams through focus: a row a field, its spots with the defocus (mm) of each square.
+pub fn through_focus_plot(title: &str, fields: &[Vec<(f64, Vec<Spot>)>]) -> Figure {
+    let label = |(defocus, spots): &(f64, Vec<Spot>)| (format!("{defocus:+.3} mm: "), spots.clone());
+    let rows: Vec<Vec<_>> = fields.iter().map(|row| row.iter().map(label).collect()).collect();
+    spot_squares(title, &rows)
+}
+
+/// Squares with a label each, all in one scale.
+fn spot_squares(title: &str, rows: &[Vec<(String, Vec<Spot>)>]) -> Figure {
     let cell = DVec2::new(230.0, 240.0);
-    let mut figure = sheet(title, fields.len().max(1), 1, cell);
-    let reach =
-        fields.iter().flatten().flat_map(|s| s.points.iter().map(|p| p.distance(s.centroid))).fold(1e-4, f64::max) * 1.1e3;
-    for (i, spots) in fields.iter().enumerate() {
+    let columns = rows.iter().map(Vec::len).max().unwrap_or(0).max(1);
+    let mut figure = sheet(title, columns, rows.len().max(1), cell);
+    let all = rows.iter().flatten().flat_map(|(_, spots)| spots.iter());
+    let reach = all.flat_map(|s| s.points.iter().map(|p| p.distance(s.centroid))).fold(1e-4, f64::max) * 1.1e3;
+    let squares = rows.iter().enumerate().flat_map(|(j, row)| row.iter().enumerate().map(move |(i, square)| (i, j, square)));
+    for (i, j, (label, spots)) in squares {
         let Some(first) = spots.first() else { continue };
         let at = |p: &DVec2| (*p - first.centroid) * 1e3;
         let lines = spots
@@ -43,9 +57,9 @@ pub fn spot_plot(title: &str, fields: &[Vec<Spot>]) -> Figure {
             .collect();
         let axis = |label: &str| Axis { label: label.into(), range: [-reach, reach] };
         let rms = spots.iter().map(|s| s.rms).fold(0.0, f64::max) * 1e3;
-        let title = format!("{:.1}°, {:.2} mm, RMS {rms:.1} µm", first.field_deg, first.centroid.y);
+        let title = format!("{label}{:.1}°, {:.2} mm, RMS {rms:.1} µm", first.field_deg, first.centroid.y);
         let chart = Chart { title, x: axis("x, µm"), y: axis("y, µm"), lines };
-        chart.draw(&mut figure, DVec2::new(cell.x * i as f64, 24.0), cell);
+        chart.draw(&mut figure, DVec2::new(cell.x * i as f64, 24.0 + cell.y * j as f64), cell);
     }
     figure
 }
@@ -86,6 +100,67 @@ pub fn fan_plot(title: &str, fields: &[Vec<Fan>]) -> Figure {
             chart.draw(&mut figure, DVec2::new(cell.x * column as f64, 24.0 + cell.y * row as f64), cell);
         }
     }
+    figure
+}
+
+/// What is plotted of the image of a point, in µm from the chief ray (of the energy: from the centroid).
+#[derive(Clone, Debug, PartialEq)]
+pub struct PointImageCurves {
+    /// For the legend.
+    pub name: String,
+    /// Radius, fraction of the light within.
+    pub energy: Vec<DVec2>,
+    /// Place, line spread of its largest; tangential, sagittal.
+    pub line: [Vec<DVec2>; 2],
+    /// Place, light of an edge; tangential, sagittal.
+    pub edge: [Vec<DVec2>; 2],
+}
+
+/// Encircled energy, line and edge spread: a colour an image, tangential full, sagittal broken.
+pub fn psf_plot(title: &str, images: &[PointImageCurves]) -> Figure {
+    let cell = DVec2::new(330.0, 280.0);
+    let mut figure = sheet(title, 3, 1, cell);
+    let color = |i: usize| FIELD_COLORS[i % FIELD_COLORS.len()];
+    let one = |label: &str| Axis { label: label.into(), range: [0.0, 1.05] };
+    let energy: Vec<Line> =
+        images.iter().enumerate().map(|(i, c)| line(c.name.clone(), color(i), Style::Full, c.energy.clone())).collect();
+    let x = Axis::around("radius, µm", energy.iter().flat_map(|l| l.points.iter().map(|p| p.x)), true);
+    Chart { title: "encircled energy".into(), x, y: one("fraction of the light"), lines: energy }.draw(
+        &mut figure,
+        DVec2::new(0.0, 24.0),
+        cell,
+    );
+    let spread = |curves: &dyn Fn(&PointImageCurves) -> &[Vec<DVec2>; 2]| {
+        let both = |(i, c): (usize, &PointImageCurves)| {
+            let [tangential, sagittal] = curves(c).clone();
+            [line(c.name.clone(), color(i), Style::Full, tangential), line(String::new(), color(i), Style::Broken, sagittal)]
+        };
+        images.iter().enumerate().flat_map(both).collect::<Vec<_>>()
+    };
+    let charts = [
+        ("line spread (full: tangential)", "of its largest", spread(&|c| &c.line)),
+        ("edge spread (full: tangential)", "fraction of the light", spread(&|c| &c.edge)),
+    ];
+    for (i, (title, label, lines)) in charts.into_iter().enumerate() {
+        let x = Axis::around("from the chief ray, µm", lines.iter().flat_map(|l| l.points.iter().map(|p| p.x)), true);
+        let at = DVec2::new(cell.x * (i + 1) as f64, 24.0);
+        Chart { title: title.into(), x, y: one(label), lines }.draw(&mut figure, at, cell);
+    }
+    figure
+}
+
+/// Zernike coefficients (waves) over their number: a colour a wavefront.
+pub fn zernike_plot(title: &str, wavefronts: &[(String, Vec<f64>)]) -> Figure {
+    let cell = DVec2::new(560.0, 340.0);
+    let mut figure = sheet(title, 1, 1, cell);
+    let points = |c: &[f64]| c.iter().enumerate().map(|(k, c)| DVec2::new((k + 1) as f64, *c)).collect::<Vec<_>>();
+    let curve = |(i, (name, c)): (usize, &(String, Vec<f64>))| {
+        line(name.clone(), FIELD_COLORS[i % FIELD_COLORS.len()], Style::Full, points(c))
+    };
+    let lines: Vec<Line> = wavefronts.iter().enumerate().map(curve).collect();
+    let x = Axis::around("number of the term", lines.iter().flat_map(|l| l.points.iter().map(|p| p.x)), true);
+    let y = Axis::around("coefficient, waves", lines.iter().flat_map(|l| l.points.iter().map(|p| p.y)), true);
+    Chart { title: String::new(), x, y, lines }.draw(&mut figure, DVec2::new(0.0, 24.0), cell);
     figure
 }
 
@@ -141,7 +216,8 @@ pub fn distortion_plot(title: &str, points: &[FieldPoint]) -> Figure {
     let finite = |points: Vec<DVec2>| points.into_iter().filter(|p| p.x.is_finite()).collect::<Vec<_>>();
     let (rectilinear, equidistant) = (finite(over(&|p| p.distortion_percent())), finite(over(&|p| p.equidistant_percent())));
     let edge = |v: &[DVec2]| v.last().map_or(0.0, |p| p.x.abs());
-    let fisheye = rectilinear.len() < points.len() || edge(&rectilinear) > edge(&equidistant).max(5.0);
+    let beyond = points.iter().any(|p| p.ideal_height.is_nan());
+    let fisheye = beyond || edge(&rectilinear) > edge(&equidistant).max(5.0);
     let (shown, label) = if fisheye { (equidistant.clone(), "departure, %") } else { (rectilinear.clone(), "distortion, %") };
     let reach = if fisheye { shown.iter().chain(&rectilinear) } else { shown.iter().chain(&shown[..0]) };
     let x = Axis::around(label, reach.map(|p| p.x), true);

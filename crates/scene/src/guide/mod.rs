@@ -56,7 +56,7 @@ const MOST_ROULETTE_FACTOR: f32 = 1e6;
 /// Least probability of broad lobes at which a surface is guided: narrower ones find their light themselves.
 const LEAST_BROAD: f32 = 0.05;
 
-/// Where light comes from, at every place of a scene: made by [`Training::run`], used by [`crate::Scene::radiance_guided`].
+/// Where light comes from, at every place of a scene: made by [`Training::run`], used by [`crate::Scene::radiance_with`].
 #[derive(Clone, Debug, PartialEq)]
 pub struct Guide {
     tree: SpatialTree,

@@ -13,7 +13,7 @@ use super::quadtree::{Moments, PER_STERADIAN};
 use super::record::{PathRecord, Record};
 use super::spatial::{Spread, width_of};
 use super::{Guide, GuideMode, Region};
-use crate::radiance::PathSettings;
+use crate::radiance::{PathSettings, Precomputed};
 use crate::scene::Scene;
 use diopter_light::random::{Sampler, SamplerKind, mix, to_unit};
 use diopter_light::{Ray, Wavelengths};
@@ -168,7 +168,8 @@ impl Training {
                 let guided = k < PATHS_OF_PIXEL / 2;
                 record.clear();
                 let guide = guided.then_some(&learner.guide);
-                let radiance = scene.trace(ray, &wavelengths, &sampler, &self.path, guide, Some(&mut record));
+                let precomputed = Precomputed { guide, photons: None };
+                let radiance = scene.trace(precomputed, ray, &wavelengths, &sampler, &self.path, Some(&mut record));
                 let value = 0.25 * radiance.element_sum();
                 if !value.is_finite() {
                     whole = false;

@@ -5,9 +5,9 @@
 
 use super::{Aim, Spot, clearance, segment::Pivot, tree::LightBounds};
 use crate::bvh::Bounds;
-use crate::material::Material;
+use crate::material::{Emission, EmissionColor, Material};
 use crate::shape::{Quad, Sphere};
-use diopter_light::{Sampled, Wavelengths, sampling};
+use diopter_light::{Sampled, Spectrum, Wavelengths, sampling};
 use glam::{Vec2, Vec3};
 use std::f32::consts::{PI, TAU};
 
@@ -106,10 +106,16 @@ impl AreaLight {
 
     /// Radiance at a place of the surface.
     pub fn radiance(&self, place: Vec2, materials: &[Material], wavelengths: &Wavelengths) -> Sampled {
-        let first = 1.0 - place.x - place.y;
-        let uv = self.uv.map(|[a, b, c]| a * first + b * place.x + c * place.y);
         let material = &materials[self.material as usize];
         let Some(emission) = &material.emission else { return Sampled::ZERO };
+        let (uv, share) = self.covered(place, material);
+        emission.sample(&uv, wavelengths) * share
+    }
+
+    /// Texture coordinates of a place, and the share of rays that meet the surface there.
+    fn covered(&self, place: Vec2, material: &Material) -> ([Vec2; 2], f32) {
+        let first = 1.0 - place.x - place.y;
+        let uv = self.uv.map(|[a, b, c]| a * first + b * place.x + c * place.y);
         // Where a triangle has holes it does not shine either; spheres and quads have none.
         let share = match self.shape {
             AreaShape::Triangle(_) => {
@@ -118,19 +124,65 @@ impl AreaLight {
             }
             _ => 1.0,
         };
-        emission.sample(&uv, wavelengths) * share
+        (uv, share)
+    }
+
+    /// [`AreaLight::radiance`] over the spectrum of [`AreaLight::carrier`].
+    pub(crate) fn relative_radiance(&self, place: Vec2, materials: &[Material], wavelengths: &Wavelengths) -> Sampled {
+        match self.carrier(materials) {
+            // A constant spectrum: what is left is the share that is there.
+            Some(_) => Sampled::splat(self.covered(place, &materials[self.material as usize]).1),
+            None => {
+                self.radiance(place, materials, wavelengths) / wavelengths.d65_one_nit().max(Sampled::splat(f32::MIN_POSITIVE))
+            }
+        }
+    }
+
+    /// The spectrum that all of its surface has; `None` where colours differ, which are times D65 of 1 cd/m².
+    pub(crate) fn carrier<'a>(&self, materials: &'a [Material]) -> Option<&'a Spectrum> {
+        match &materials[self.material as usize].emission {
+            Some(Emission { radiance: EmissionColor::Constant(spectrum), .. }) => Some(spectrum),
+            _ => None,
+        }
+    }
+
+    /// A point of the surface, uniform by area, its outer normal and its place for [`AreaLight::radiance`].
+    pub(crate) fn sample_surface(&self, u: [f32; 2]) -> (Vec3, Vec3, Vec2) {
+        match &self.shape {
+            AreaShape::Sphere(s) => {
+                let n = sampling::sphere(u);
+                (s.center + n * s.radius, n, Vec2::ZERO)
+            }
+            AreaShape::Triangle(quad) => {
+                let place = triangle_place(u);
+                (quad.point(place), self.normal, place)
+            }
+            AreaShape::Parallelogram(quad) => {
+                let place = Vec2::from(u);
+                (quad.point(place), self.normal, place)
+            }
+        }
+    }
+
+    /// Outer normal of a flat shape; `None` of a sphere.
+    pub(crate) fn normal(&self) -> Option<Vec3> {
+        (!matches!(self.shape, AreaShape::Sphere(_))).then_some(self.normal)
+    }
+
+    /// Its middle.
+    pub(crate) fn center(&self) -> Vec3 {
+        match &self.shape {
+            AreaShape::Sphere(s) => s.center,
+            AreaShape::Triangle(q) => q.point(Vec2::splat(1.0 / 3.0)),
+            AreaShape::Parallelogram(q) => q.point(Vec2::splat(0.5)),
+        }
     }
 
     /// Aims at the surface from a point.
     pub(crate) fn aim(&self, p: Vec3, u: [f32; 2], number: u32) -> Option<Aim> {
         match &self.shape {
             AreaShape::Sphere(sphere) => aim_at_sphere(sphere, p, u, number),
-            AreaShape::Triangle(quad) => {
-                // Uniform by area; keeps strata (Heitz 2019, "A Low-Distortion Map Between Triangle and Square").
-                let place =
-                    if u[1] > u[0] { Vec2::new(0.5 * u[0], u[1] - 0.5 * u[0]) } else { Vec2::new(u[0] - 0.5 * u[1], 0.5 * u[1]) };
-                self.aim_at_plane(quad, p, place, number)
-            }
+            AreaShape::Triangle(quad) => self.aim_at_plane(quad, p, triangle_place(u), number),
             AreaShape::Parallelogram(quad) => match SphericalRectangle::new(quad, self.area, p) {
                 Some(rectangle) => {
                     let place = rectangle.sample(u);
@@ -175,6 +227,11 @@ impl AreaLight {
             AreaShape::Sphere(s) => cone_of_sphere(s, p).map_or(0.0, |(_, one_minus_cos)| 1.0 / (TAU * one_minus_cos)),
         }
     }
+}
+
+/// Weights of the second and third corner, uniform by area; keeps strata (Heitz 2019, "A Low-Distortion Map Between Triangle and Square").
+fn triangle_place(u: [f32; 2]) -> Vec2 {
+    if u[1] > u[0] { Vec2::new(0.5 * u[0], u[1] - 0.5 * u[0]) } else { Vec2::new(u[0] - 0.5 * u[1], 0.5 * u[1]) }
 }
 
 /// sin² and 1 − cos of the half angle under which a sphere is seen; `None` from inside.
@@ -272,7 +329,6 @@ mod tests {
     use super::*;
     use crate::material::Coverage;
     use crate::texture::Scalar;
-    use diopter_light::Spectrum;
     use diopter_light::random::{mix, to_unit};
 
     fn light(shape: AreaShape) -> AreaLight {

@@ -331,7 +331,7 @@ impl Lights {
         (1.0 - self.flash_share(flash_burns)) * (1.0 - self.finite_share(p, n)) * importance / self.infinite_total
     }
 
-    /// Radiance of the discs at infinity in a direction; each with the density with which it would have been aimed at, the choice of light
+    /// Numbers and radiance of the discs at infinity in a direction; each with the density with which it would have been aimed at, the choice of light
     /// included, seen from `from`.
     pub(crate) fn discs(
         &self,
@@ -339,14 +339,14 @@ impl Lights {
         from: Option<(Vec3, Vec3)>,
         wavelengths: &diopter_light::Wavelengths,
         flash_burns: bool,
-    ) -> impl Iterator<Item = (Sampled, f32)> {
+    ) -> impl Iterator<Item = (u32, Sampled, f32)> {
         self.discs.iter().filter_map(move |i| {
             let (radiance, density) = self.punctual[*i as usize].disc(direction, wavelengths)?;
             let chosen = from.map_or(0.0, |(p, n)| {
                 let own = self.infinite.iter().find(|l| l.0 == LightRef::Punctual(*i));
                 own.map_or(0.0, |(_, importance)| self.infinite_probability(p, n, *importance, flash_burns))
             });
-            Some((radiance, chosen * density))
+            Some((*i, radiance, chosen * density))
         })
     }
 

@@ -160,6 +160,18 @@ impl PunctualKind {
         }
     }
 
+    /// Intensity of a spot in a direction over that of its middle; 1 of other lights.
+    fn spot_share(self, light_direction: Vec3) -> f32 {
+        let PunctualKind::Spot { direction, cos_inner, cos_outer, edge, .. } = self else { return 1.0 };
+        // KHR_lights_punctual, "Inner and Outer Cone Angles": squared linear ramp in the cosine.
+        let cos = direction.dot(light_direction);
+        let ramp = ((cos - cos_outer) / (cos_inner - cos_outer).max(1e-4)).clamp(0.0, 1.0);
+        match edge {
+            SpotEdge::Squared => ramp * ramp,
+            SpotEdge::Smooth => ramp * ramp * (3.0 - 2.0 * ramp),
+        }
+    }
+
     fn aim(self, p: Vec3, u: [f32; 2], number: u32) -> Option<Aim> {
         let (wi, distance) = match self {
             PunctualKind::Disc { direction, half_angle } => {
@@ -279,16 +291,19 @@ impl Punctual {
                 };
                 power / (aim.distance * aim.distance)
             }
-            PunctualKind::Spot { direction, cos_inner, cos_outer, edge, .. } => {
-                // KHR_lights_punctual, "Inner and Outer Cone Angles": squared linear ramp in the cosine.
-                let cos = -direction.dot(aim.wi);
-                let ramp = ((cos - cos_outer) / (cos_inner - cos_outer).max(1e-4)).clamp(0.0, 1.0);
-                let share = match edge {
-                    SpotEdge::Squared => ramp * ramp,
-                    SpotEdge::Smooth => ramp * ramp * (3.0 - 2.0 * ramp),
-                };
-                power * (share / (aim.distance * aim.distance))
+            PunctualKind::Spot { .. } => power * (kind.spot_share(-aim.wi) / (aim.distance * aim.distance)),
+        }
+    }
+
+    /// Intensity of a point or spot in a direction of the world over its power, its space placed in the world or not; 1 of other lights.
+    pub(crate) fn relative_intensity(&self, place: Option<&Affine3A>, direction: Vec3, wavelengths: &Wavelengths) -> Sampled {
+        let kind = place.map_or(self.kind, |p| self.kind.placed(p));
+        match (kind, &self.pattern) {
+            (PunctualKind::Point { .. }, Some(pattern)) => {
+                let own = place.map_or(direction, |p| Mat3::from(p.matrix3).inverse() * direction);
+                tint(pattern.at(own), wavelengths)
             }
+            _ => Sampled::splat(kind.spot_share(direction)),
         }
     }
 }
@@ -303,7 +318,7 @@ fn tint(rgb: Vec3, wavelengths: &Wavelengths) -> Sampled {
 }
 
 /// Projected solid angle of a disc on a plane that faces it: what its radiance is to its irradiance.
-fn disc_sr(half_angle: f32) -> f32 {
+pub(crate) fn disc_sr(half_angle: f32) -> f32 {
     PI * half_angle.sin().powi(2)
 }
 

@@ -27,6 +27,13 @@ pub struct Scatter {
     pub squeeze: f32,
 }
 
+/// Which lobes a scattering function has beside specular ones, by a width that tells broad ones from narrow ones.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Breadth {
+    pub broad: bool,
+    pub narrow: bool,
+}
+
 /// What families give in the local frame (z on the side of `wo`).
 pub(super) struct LocalScatter {
     pub wi: Vec3,
@@ -161,6 +168,43 @@ impl Bsdf<'_> {
             Lobes::Principled(lobes) => lobes.eval(self.frame.wo, local),
             Lobes::DiffuseTransmission { reflectance, transmittance } => diffuse::eval_both(*reflectance, *transmittance, local),
         }
+    }
+
+    /// Which lobes it has beside specular ones; microfacet lobes narrower than a GGX width count as narrow.
+    pub(crate) fn breadth(&self, least_alpha: f32) -> Breadth {
+        let one = |broad: bool, smooth: bool| Breadth { broad: broad && !smooth, narrow: !broad && !smooth };
+        match &self.lobes {
+            Lobes::Diffuse { .. } | Lobes::DiffuseTransmission { .. } => Breadth { broad: true, narrow: false },
+            Lobes::Conductor(lobe) => one(lobe.facets().is_wide(least_alpha), lobe.facets().is_smooth()),
+            Lobes::Coated(lobes) => one(lobes.is_wide(least_alpha), lobes.is_specular()),
+            Lobes::Principled(lobes) => lobes.breadth(least_alpha),
+        }
+    }
+
+    /// f cos θ of the broad lobes alone ([`Bsdf::breadth`]).
+    pub(crate) fn eval_broad(&self, wi: Vec3, least_alpha: f32) -> Sampled {
+        match &self.lobes {
+            Lobes::Principled(lobes) => {
+                let local = self.local(wi);
+                match (self.frame.ng.dot(wi) > 0.0) == (local.z > 0.0) {
+                    true => lobes.eval_lobes(self.frame.wo, local, least_alpha).0,
+                    false => Sampled::ZERO,
+                }
+            }
+            _ if self.breadth(least_alpha).broad => self.eval(wi).0,
+            _ => Sampled::ZERO,
+        }
+    }
+
+    /// What the power of a path from a lamp is multiplied by where it came from the direction of view and goes on along `wi`, beside the factor
+    /// that radiance the other way gets: |ns·wo| |ng·wi| / (|ng·wo| |ns·wi|), 1 where shading and geometric normals agree.
+    /// Source: Veach 1997, eq. 5.19.
+    pub(crate) fn shading_correction(&self, wi: Vec3) -> f32 {
+        const LEAST: f32 = 1e-4;
+        let LocalFrame { axes: [x, y, z], ng, wo: local } = self.frame;
+        let wo = x * local.x + y * local.y + z * local.z;
+        let (shading, geometric) = (local.z.abs() / z.dot(wi).abs().max(LEAST), ng.dot(wi).abs() / ng.dot(wo).abs().max(LEAST));
+        shading * geometric
     }
 
     /// Draws a direction; `u` = direction (2), choice of lobe, unused. `None` when light is absorbed.

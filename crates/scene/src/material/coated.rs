@@ -110,6 +110,11 @@ impl CoatedLobes<'_> {
         choice * self.facets.breadth() + (1.0 - choice) * self.metal.facets().breadth()
     }
 
+    /// Whether its lobes that are not specular are all as wide as `least_alpha`: judged as one.
+    pub(super) fn is_wide(&self, least_alpha: f32) -> bool {
+        [self.facets, self.metal.facets()].iter().all(|f| f.is_smooth() || f.is_wide(least_alpha))
+    }
+
     pub(super) fn eval(&self, wo: Vec3, wi: Vec3) -> (Sampled, f32) {
         if wi.z <= 0.0 {
             return (Sampled::ZERO, 0.0);

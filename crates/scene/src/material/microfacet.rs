@@ -89,6 +89,12 @@ impl Ggx {
         (((self.x * self.y).sqrt() - 0.02) / 0.18).clamp(0.0, 1.0)
     }
 
+    /// Whether both of its widths reach `least`.
+    #[inline]
+    pub fn is_wide(&self, least: f32) -> bool {
+        self.x.min(self.y) >= least
+    }
+
     /// √α of an even distribution that is about as wide: by the geometric mean.
     #[inline]
     pub fn roughness(&self) -> f32 {

@@ -8,7 +8,7 @@
 //! ([`super::film`]), _anisotropy ([`super::grain`]). We depart from appendix B in the exact Fresnel term and in the energy
 //! compensation.
 
-use super::bsdf::LocalScatter;
+use super::bsdf::{Breadth, LocalScatter};
 use super::energy::{Interface, Side, kept, prepare_mirrors};
 use super::film::{self, Film, FilmLayer, index_of};
 use super::grain::Grain;
@@ -514,13 +514,32 @@ impl PrincipledLobes<'_> {
     }
 
     pub(super) fn eval(&self, wo: Vec3, wi: Vec3) -> (Sampled, f32) {
+        self.eval_lobes(wo, wi, 0.0)
+    }
+
+    /// Which lobes it has, without those that are specular.
+    pub(super) fn breadth(&self, least_alpha: f32) -> Breadth {
+        let [_, diffuse, _, coat, fibres] = self.seen.choice;
+        let coat_facets = self.coat_facets();
+        let mut breadth = Breadth { broad: diffuse > 0.0 || fibres > 0.0, narrow: false };
+        for (present, facets) in [(!self.smooth(), self.facets), (coat > 0.0, coat_facets)] {
+            breadth.broad |= present && facets.is_wide(least_alpha);
+            breadth.narrow |= present && !facets.is_wide(least_alpha);
+        }
+        breadth
+    }
+
+    /// [`PrincipledLobes::eval`] without the lobes that are narrower than a GGX width.
+    #[inline]
+    pub(super) fn eval_lobes(&self, wo: Vec3, wi: Vec3, least_alpha: f32) -> (Sampled, f32) {
+        let wide = !self.smooth() && self.facets.is_wide(least_alpha);
         let view = &self.seen;
         let [p_specular, p_diffuse, p_transmission, p_coat, p_fibres] = view.choice;
         let (mut f, mut pdf) = (Sampled::ZERO, 0.0);
         if wi.z > 0.0 {
             let h = (wo + wi).normalize();
             let cos = wo.dot(h);
-            if !self.smooth() {
+            if wide {
                 let d = self.facets.d(h) / (4.0 * wo.z);
                 f += self.facet_reflectance(view, cos) * (d * self.facets.g2(wo, wi));
                 pdf += p_specular * self.reflected_share(view, cos) * d * self.facets.g1(wo);
@@ -538,13 +557,13 @@ impl PrincipledLobes<'_> {
                 f = f * fibres.through(wo, wi) + fibres.eval(wo, wi) * view.below_coat;
                 pdf += p_fibres / TAU;
             }
-            if p_coat > 0.0 {
-                let facets = self.coat_facets();
+            let facets = self.coat_facets();
+            if p_coat > 0.0 && facets.is_wide(least_alpha) {
                 let d = facets.d(h) / (4.0 * wo.z);
                 f += Sampled::splat(self.coat * fresnel_dielectric(cos, COAT_IOR) * d * facets.g2(wo, wi));
                 pdf += p_coat * d * facets.g1(wo);
             }
-        } else if (p_transmission > 0.0 || self.by_facet()) && !self.smooth() && wi.z < 0.0 {
+        } else if (p_transmission > 0.0 || self.by_facet()) && wide && wi.z < 0.0 {
             let amount = view.below_coat * (1.0 - self.metallic) * self.transmission * self.past_fibres(wo, wi);
             if self.solid {
                 let (value, density, cos) = self.eval_refraction(wo, wi);

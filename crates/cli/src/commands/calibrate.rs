@@ -1,0 +1,240 @@
+//! `lens calibrate`: what a traced lens does, as models and tables for other programs.
+
+use super::print_json;
+use crate::AskedWrongly;
+use crate::args::Calibrate;
+use crate::output::{Output, distinct};
+use crate::watch::say;
+use anyhow::anyhow;
+use diopter::Film;
+use diopter::calibration::observe::{falloff, observe, seen_from_camera};
+use diopter::calibration::st_map::{self, Straight, Way};
+use diopter::calibration::{Calibration, Fit, Format, ModelKind, PrincipalRay, fit, json, ray_table};
+use diopter::lens::calibrated::RayTable;
+use diopter::lens::compound::{Setting, printed_focal_length};
+use diopter::lens::{CompoundLens, Focus, Lens};
+use diopter::sensor::format;
+use diopter::shot::{LARGEST_SIDE, ShotError, read_body, read_lens};
+use serde_json::{Value, json};
+use std::fmt::Write as _;
+use std::io::Write;
+use std::path::Path;
+
+/// Models that `--model all` fits.
+const ALL: [ModelKind; 13] = [
+    ModelKind::Pinhole,
+    ModelKind::SimpleRadial,
+    ModelKind::Radial,
+    ModelKind::OpenCv4,
+    ModelKind::OpenCv5,
+    ModelKind::OpenCv8,
+    ModelKind::OpenCv12,
+    ModelKind::OpenCv14,
+    ModelKind::Fisheye,
+    ModelKind::ThinPrismFisheye,
+    ModelKind::FTheta,
+    ModelKind::DoubleSphere,
+    ModelKind::Division,
+];
+
+pub fn run(args: &Calibrate, json_wanted: bool) -> anyhow::Result<()> {
+    let formats = args.output.iter().map(|path| format_of(path, args)).collect::<anyhow::Result<Vec<_>>>()?;
+    distinct([Path::new(&args.lens)], args.output.iter().map(|p| p.as_path()))?;
+    let outputs = args.output.iter().map(|p| Output::prepare(p)).collect::<anyhow::Result<Vec<_>>>()?;
+    let film = film(args)?;
+    let lens = lens(args, &film)?;
+    let which = if args.centroid { PrincipalRay::Centroid } else { PrincipalRay::Chief };
+    let observed = observe(&lens, &film, which);
+    let kinds = match args.model.as_deref() {
+        None => vec![fit::suitable(&observed)],
+        Some("all") => ALL.to_vec(),
+        Some(list) => list.split(',').map(|name| named(name.trim())).collect::<anyhow::Result<_>>()?,
+    };
+    let fits: Vec<(ModelKind, Result<Fit, _>)> = kinds.iter().map(|kind| (*kind, fit::fit(*kind, &observed))).collect();
+    let Some(best) = fits.iter().find_map(|(_, fit)| fit.as_ref().ok()) else {
+        let (_, failed) = fits.into_iter().next().ok_or_else(|| anyhow!("no model"))?;
+        return Err(failed.err().map_or_else(|| anyhow!("no model fits"), anyhow::Error::from));
+    };
+    let body = read_body(args.body.as_deref().unwrap_or(DEFAULT_BODY))?.name;
+    let name = match &lens {
+        Lens::Compound(l) => l.prescription().name.clone(),
+        _ => args.lens.clone(),
+    };
+    // What is written is the first model that was asked for and fits.
+    let calibration = Calibration {
+        body,
+        lens: name,
+        size: [film.columns, film.rows],
+        film_mm: [film.width_mm, film.height_mm],
+        focal_length_mm: lens.focal_length().0,
+        f_number: lens.f_number(),
+        focus_distance_m: lens.focus_distance().map(|d| d.0 / 1000.0),
+        model: best.model.clone(),
+        fit: Some(best.clone()),
+        falloff: falloff(&lens, &film),
+        frames: Vec::new(),
+    };
+    let table = match formats.iter().any(|f| !f.is_text()) {
+        true => Some(ray_table::trace(&lens, &film, which)?),
+        false => None,
+    };
+    for (format, output) in formats.into_iter().zip(outputs) {
+        let path = write(format, output, &calibration, &lens, table.as_ref())?;
+        say(&format!("wrote {}", path.display()));
+    }
+    if json_wanted {
+        let models: Vec<Value> = fits
+            .iter()
+            .map(|(kind, fit)| match fit {
+                Ok(fit) => json!({ "model": json::model(&fit.model), "fit": json::fit(fit) }),
+                Err(e) => json!({ "model": { "name": kind.name() }, "error": e.to_string() }),
+            })
+            .collect();
+        return print_json(&json!({
+            "lens": calibration.lens, "body": calibration.body, "size": calibration.size, "film_mm": calibration.film_mm,
+            "focal_length_mm": calibration.focal_length_mm, "f_number": calibration.f_number,
+            "focus_distance_m": calibration.focus_distance_m, "ray": if args.centroid { "centroid" } else { "chief" },
+            "models": models, "files": args.output,
+        }));
+    }
+    write!(std::io::stdout(), "{}", told(&calibration, &fits)?)?;
+    Ok(())
+}
+
+/// Body whose film is used when nobody says.
+const DEFAULT_BODY: &str = "canon-5d-mark-iv";
+
+/// A table of how well models fit.
+fn told<E: std::fmt::Display>(c: &Calibration, fits: &[(ModelKind, Result<Fit, E>)]) -> anyhow::Result<String> {
+    let mut t = String::new();
+    let focus = c.focus_distance_m.map_or("∞".to_owned(), |d| format!("{d:.3} m"));
+    writeln!(
+        t,
+        "{}   {:.2} mm f/{:.2}   focus {focus}   {} × {} pixels on {:.2} × {:.2} mm",
+        c.lens, c.focal_length_mm, c.f_number, c.size[0], c.size[1], c.film_mm[0], c.film_mm[1]
+    )?;
+    writeln!(t, "{:<20} {:>10} {:>10} {:>9} {:>9} {:>9}", "model", "rms px", "max px", "fitted °", "seen °", "valid °")?;
+    for (kind, fit) in fits {
+        match fit {
+            Ok(f) => writeln!(
+                t,
+                "{:<20} {:>10.4} {:>10.4} {:>9.2} {:>9.2} {:>9.2}",
+                kind.name(),
+                f.rms_px,
+                f.max_px,
+                f.fitted_angle.to_degrees(),
+                f.seen_angle.to_degrees(),
+                f.model.largest_angle().to_degrees()
+            )?,
+            Err(e) => writeln!(t, "{:<20} {e}", kind.name())?,
+        }
+    }
+    let m = &c.model;
+    writeln!(
+        t,
+        "{}: fx {:.4}  fy {:.4}  cx {:.4}  cy {:.4}",
+        m.kind().name(),
+        m.focal().x,
+        m.focal().y,
+        m.centre().x,
+        m.centre().y
+    )?;
+    for (name, value) in m.kind().coefficients().iter().zip(m.coefficients()) {
+        writeln!(t, "  {name:<8} {value:.9}")?;
+    }
+    Ok(t)
+}
+
+fn named(name: &str) -> anyhow::Result<ModelKind> {
+    ModelKind::named(name).ok_or_else(|| {
+        let all = ModelKind::NAMES.map(|n| n.0).join(", ");
+        AskedWrongly(anyhow!("model \"{name}\": expected all, or one or several of {all}")).into()
+    })
+}
+
+/// What is written into a file.
+fn format_of(path: &Path, args: &Calibrate) -> anyhow::Result<Format> {
+    let format = match &args.format {
+        Some(name) => Format::named(name).map_err(|e| AskedWrongly(e.into()))?,
+        None => Format::of(path).ok_or_else(|| {
+            AskedWrongly(anyhow!(
+                "{}: expected a name that says the format (.json, .yaml, cameras.txt, transforms.json, camchain.yaml, .xml, distort.exr, \
+                 undistort.exr, rays.exr) or --format",
+                path.display()
+            ))
+        })?,
+    };
+    if format == Format::ColmapImages {
+        let what = "images.txt holds pictures: expected `shoot ... -o images.txt`, or cameras.txt here";
+        return Err(AskedWrongly(anyhow!("{}: {what}", path.display())).into());
+    }
+    Ok(format)
+}
+
+/// The film of the body or format, cut to the shape of the picture.
+fn film(args: &Calibrate) -> anyhow::Result<Film> {
+    let size = args.size;
+    if !(2..=LARGEST_SIDE).contains(&size.width) || !(2..=LARGEST_SIDE).contains(&size.height) {
+        return Err(AskedWrongly(anyhow!("size {size}: expected 2 to {LARGEST_SIDE} pixels a side")).into());
+    }
+    let [width, height] = match &args.film {
+        None => read_body(args.body.as_deref().unwrap_or(DEFAULT_BODY))?.format_mm,
+        Some(name) => {
+            let found = format::Format::parse(name);
+            let f = found
+                .ok_or_else(|| AskedWrongly(anyhow!("film \"{name}\": expected a format such as APS-C, or mm such as 36x24")))?;
+            [f.width_mm, f.height_mm]
+        }
+    };
+    let shape = size.width as f64 / size.height as f64;
+    let (w, h) = if shape > width / height { (width, width / shape) } else { (height * shape, height) };
+    Ok(Film::new(w, h, size.width, size.height))
+}
+
+/// The lens as it is set.
+fn lens(args: &Calibrate, film: &Film) -> anyhow::Result<Lens> {
+    let prescription = read_lens(&args.lens)?;
+    prescription.notes.iter().for_each(|note| say(&format!("note: {note}")));
+    let focal_length = match args.zoom_position {
+        Some(position) => Some(printed_focal_length(&prescription, position).map_err(ShotError::from)?),
+        None => args.focal_length.map(|f| f.0),
+    };
+    let setting = Setting {
+        focal_length,
+        f_number: args.aperture.map(|a| a.0),
+        focus: args.focus.map_or(Focus::Infinity, |f| Focus::at_mm(f.0 * 1000.0)),
+        iris: None,
+        film_mm: [film.width_mm, film.height_mm],
+    };
+    let lens = CompoundLens::new(std::sync::Arc::new(prescription), &setting).map_err(ShotError::from)?;
+    Ok(Lens::Compound(Box::new(lens)))
+}
+
+/// Writes one file.
+fn write(
+    format: Format,
+    output: Output,
+    calibration: &Calibration,
+    lens: &Lens,
+    table: Option<&RayTable>,
+) -> anyhow::Result<std::path::PathBuf> {
+    let Some(table) = table.filter(|_| !format.is_text()) else {
+        let text = calibration.text(format).map_err(|e| AskedWrongly(e.into()))?;
+        return output.commit(|to| Ok(to.write_all(text.as_bytes())?));
+    };
+    let straight = Straight::of(&calibration.model);
+    let seen = |ray| seen_from_camera(lens, ray);
+    output.commit(|to| {
+        match format {
+            Format::RayTable => ray_table::write(table, to)?,
+            Format::StDistort => {
+                st_map::write(&st_map::distort(table, &straight, seen), calibration.size, &straight, Way::Distort, to)?;
+            }
+            _ => {
+                let places = st_map::undistort(table, &straight, &calibration.model, seen);
+                st_map::write(&places, calibration.size, &straight, Way::Undistort, to)?;
+            }
+        }
+        Ok(())
+    })
+}

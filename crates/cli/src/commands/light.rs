@@ -1,0 +1,120 @@
+//! `read-out` of pictures of light: radiance or irradiance from other programs, or our own `expose --radiance`.
+
+use super::read_out::body_of;
+use super::{open, print_json, read_plane};
+use crate::AskedWrongly;
+use crate::args::ReadOut;
+use crate::output::{self, now};
+use crate::watch::say;
+use anyhow::{Context, anyhow};
+use diopter::develop::Recipe;
+use diopter::from_light::{Channels, Place, focal_plane, of_plane};
+use diopter::image::exr::{self, FocalPlaneRows};
+use diopter::image::focal_plane::BandUnit;
+use diopter::image::{FocalPlane, ImageError, RawImage};
+use diopter::sensor::{ReadOut as Reader, Reading, Sensor, read_out};
+use diopter::shot::white_point;
+use diopter::{raw_file, truth};
+use std::path::PathBuf;
+
+/// Whether the file is a picture of light: flags say so, or it is a plane in radiance.
+pub fn is_asked(args: &ReadOut) -> bool {
+    let own = || FocalPlaneRows::open(open(&args.plane).ok()?).ok();
+    args.exposure.is_some()
+        || args.t_stop.is_some()
+        || args.irradiance
+        || own().is_some_and(|rows| rows.bands().iter().all(|b| b.unit == BandUnit::Radiance))
+}
+
+/// The sensor and its electrons.
+fn exposed(args: &ReadOut) -> anyhow::Result<(Sensor, FocalPlane)> {
+    let place = || args.plane.display().to_string();
+    let (exposure_s, t_number) = (args.exposure.map(|s| s.0), args.t_stop.map(|n| n.0));
+    let wrong = |text: String| anyhow::Error::from(AskedWrongly(anyhow!("{}: {text}", place())));
+    // Ours tells what it is; light on the sensor it never is.
+    let ours = FocalPlaneRows::open(open(&args.plane)?).is_ok();
+    if ours {
+        if args.irradiance {
+            return Err(wrong("it was exposed by diopter, which writes radiance: expected no --irradiance".into()));
+        }
+        let plane = read_plane(&args.plane)?;
+        let sensor = body_of(args, &plane.facts.body)?;
+        let electrons = of_plane(&plane, &sensor, exposure_s, t_number).map_err(anyhow::Error::from).with_context(place)?;
+        return Ok((sensor, electrons));
+    }
+    let Some(exposure_s) = exposure_s else {
+        return Err(wrong("how long it is exposed is not known: expected --exposure, such as --exposure 1/100s".into()));
+    };
+    let light_at = match (t_number, args.irradiance) {
+        (Some(t_number), _) => Place::Scene { t_number },
+        (None, true) => Place::Sensor,
+        (None, false) => {
+            let expected =
+                "expected --t-stop (it is radiance, cd/m²; such as --t-stop f/4) or --irradiance (light on the sensor, lx)";
+            return Err(wrong(format!("what its numbers are is not known: {expected}")));
+        }
+    };
+    if args.body.is_none() {
+        return Err(wrong("whose sensor it falls on is not known: expected --body".into()));
+    }
+    let sensor = body_of(args, "")?;
+    let light = exr::read_rgb(open(&args.plane)?).with_context(place)?;
+    let depth = match exr::read_plane(open(&args.plane)?, "Z") {
+        Ok(depth) => Some(depth),
+        Err(ImageError::Missing { .. }) => None,
+        Err(e) => return Err(anyhow::Error::from(e).context(place())),
+    };
+    let electrons = focal_plane(&light, &Channels::LinearSrgb, light_at, depth.as_deref(), &sensor, exposure_s)
+        .map_err(anyhow::Error::from)
+        .with_context(place)?;
+    Ok((sensor, electrons))
+}
+
+/// Reads it out into raw files of these names.
+pub fn run(args: &ReadOut, names: &[PathBuf], json: bool) -> anyhow::Result<()> {
+    // One proves that the others can be written; thousands are not opened at once.
+    let mut ready = Some(output::prepare_dng(&names[0])?);
+    let truth_file = args.truth.as_deref().map(output::prepare_exr).transpose()?;
+    let white = white_point(&args.white)?;
+    let (sensor, plane) = exposed(args)?;
+    let reading = |k: usize| Reading {
+        iso: args.iso.map_or_else(|| sensor.nearest_iso(100.0), |i| i.0),
+        seed: args.seed.wrapping_add(k as u64),
+        serial: args.raw.serial.clone().unwrap_or_else(|| Reading::FIRST_SERIAL.into()),
+        temperature_c: args.raw.temperature,
+        white: args.white.clone(),
+    };
+    let date = now();
+    let taken = |k: usize| -> anyhow::Result<RawImage> {
+        let mut raw = read_out(&plane, &sensor, &reading(k), &white).map_err(|e| AskedWrongly(e.into()))?;
+        raw.header.facts.date = Some(date.clone());
+        Ok(raw)
+    };
+    let first = taken(0)?;
+    let mut written = Vec::new();
+    for (k, name) in names.iter().enumerate() {
+        let output = match ready.take() {
+            Some(output) => output,
+            None => output::prepare_dng(name)?,
+        };
+        let later = if k == 0 { None } else { Some(taken(k)?) };
+        let raw = later.as_ref().unwrap_or(&first);
+        written.push(output.commit(|to| Ok(raw_file::write_image(raw, args.raw.storage(), &Recipe::default(), to)?))?);
+    }
+    let header = &first.header;
+    if let Some(output) = truth_file {
+        let size = [plane.width(), plane.height()];
+        let reader = Reader::new(&sensor, &reading(0), size, &plane.bands, plane.facts.exposure_s)?;
+        let reader = reader.with_rows_of(&plane.facts);
+        written.push(output.commit(|to| Ok(truth::write(&plane, &reader, &first, to)?))?);
+    }
+    say(&format!("{}   ISO {:.0}   {} s   seed {}", sensor.name, header.facts.iso, header.facts.exposure_s, args.seed));
+    written.iter().for_each(|p| say(&format!("wrote {}", p.display())));
+    if json {
+        print_json(&serde_json::json!({
+            "files": written, "facts": header.facts, "black_level": header.black_level, "white_level": header.white_level,
+            "as_shot_neutral": header.as_shot_neutral, "noise_profile": header.noise, "cfa": header.cfa.letters(),
+        }))?;
+    }
+    Ok(())
+}

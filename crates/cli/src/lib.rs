@@ -1,0 +1,184 @@
+//! diopter on the command line, as a library: the program, and whoever else hands it on (the Python package), calls [`run`].
+//!
+//! Thin: reads arguments (`args`), runs one verb (`commands`), writes files beside and renames them (`output`).
+//! `help` lays the arguments out. Results go to standard output, progress and messages to standard error; with `--json` errors
+//! are on standard output, too. Exit codes: 0 done, 1 failed (or stopped by a signal, with what was done written), 2 asked wrongly,
+//! 130 ended at once by a signal.
+
+mod args;
+mod checkpoint;
+mod commands;
+mod contact_sheet;
+mod help;
+mod memory;
+mod output;
+mod paint;
+mod sheet;
+mod views;
+mod watch;
+
+use args::{Args, Verb};
+use diopter::shot::ShotError;
+use std::ffi::OsString;
+
+/// A failure whose cause is the request itself: exit code 2.
+#[derive(Debug)]
+struct AskedWrongly(anyhow::Error);
+
+impl std::fmt::Display for AskedWrongly {
+    fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
+        // With all that is known of the cause.
+        write!(f, "{:#}", self.0)
+    }
+}
+
+impl std::error::Error for AskedWrongly {}
+
+/// Runs one command; `typed` is the whole command line with the name of the program first. Answers with the exit code: see the top of this page.
+///
+/// Takes over the signals of the process (Ctrl-C), and may set the number of threads of rayon's global pool: to be called once, as all there is to do.
+pub fn run(typed: impl IntoIterator<Item = OsString>) -> u8 {
+    let typed = args::joined_focus(typed.into_iter());
+    let json = help::wants_json(&typed);
+    let args = match help::parse(&typed) {
+        Ok(args) => args,
+        Err(e) => {
+            if json && e.use_stderr() {
+                print_error(&help::as_json(&e));
+            }
+            // Help and versions go to standard output; where nobody reads, nothing can be said.
+            let _ = e.print();
+            return u8::try_from(e.exit_code()).unwrap_or(2);
+        }
+    };
+    watch::install();
+    match run_verb(args) {
+        Ok(()) => 0,
+        // Whoever reads our output has gone: nothing to say, nobody to say it to.
+        Err(e) if e.downcast_ref::<std::io::Error>().is_some_and(|e| e.kind() == std::io::ErrorKind::BrokenPipe) => 0,
+        Err(e) => {
+            watch::say(&format!("diopter: {e:#}"));
+            let request = e.is::<AskedWrongly>() || e.downcast_ref::<ShotError>().is_some_and(ShotError::is_request);
+            let code = if request { 2 } else { 1 };
+            if json {
+                print_error(&error_json(&e, code));
+            }
+            code
+        }
+    }
+}
+
+/// An error for machines: `{"error": {"message", "place", "found", "expected", "hint", "exit_code"}}`; what is not known apart is null.
+fn error_json(e: &anyhow::Error, code: u8) -> serde_json::Value {
+    let message = format!("{e:#}");
+    let parts = e.downcast_ref::<ShotError>().map(ShotError::parts).unwrap_or_default();
+    let [place, found, expected] = parts_of(&message);
+    // "(did you mean ...?)" with its brackets or without.
+    let hint = message.find("did you mean").map(|at| match message[at..].find('?') {
+        Some(end) => message[at..=at + end].to_owned(),
+        None => message[at..].to_owned(),
+    });
+    serde_json::json!({ "error": {
+        "place": parts.place.or(place), "found": parts.found.or(found), "expected": parts.expected.or(expected), "hint": parts.hint.or(hint),
+        "message": message, "exit_code": code,
+    } })
+}
+
+/// Place, found and expected of a message, by the form that ours have: "PLACE FOUND: expected WHAT" or "PLACE: FOUND; expected WHAT".
+fn parts_of(message: &str) -> [Option<String>; 3] {
+    let split =
+        [": expected ", "; expected ", ", expected "].iter().filter_map(|s| message.split_once(s)).min_by_key(|s| s.0.len());
+    let Some((before, expected)) = split else { return [None, None, None] };
+    let is_name = |word: &str| word.chars().all(|c| c.is_ascii_lowercase() || matches!(c, '-' | '_'));
+    let (place, found) = match before.split_once(": ") {
+        Some((place, found)) => (place, Some(found)),
+        // "wavelength 200 nm", but not the name of a file.
+        None => match before.split_once(' ') {
+            Some((place, found)) if is_name(place) => (place, Some(found)),
+            _ => (before, None),
+        },
+    };
+    [Some(place), found, Some(expected)].map(|text| text.map(str::to_owned))
+}
+
+/// Prints an error where results for machines go. Nothing can be done when nobody reads it: the exit code says it, too.
+fn print_error(error: &serde_json::Value) {
+    use std::io::Write;
+    let _ = writeln!(std::io::stdout(), "{error:#}");
+}
+
+/// More than any machine has; each takes memory for its stack.
+const MOST_THREADS: usize = 1024;
+
+fn run_verb(args: Args) -> anyhow::Result<()> {
+    if let Some(threads) = args.threads {
+        if threads.get() > MOST_THREADS {
+            let wrong = anyhow::anyhow!("--threads {threads}: expected 1 to {MOST_THREADS}");
+            return Err(AskedWrongly(wrong).into());
+        }
+        rayon::ThreadPoolBuilder::new().num_threads(threads.get()).build_global()?;
+    }
+    let json = args.json;
+    match args.verb {
+        Verb::Shoot(shoot) => commands::shoot::run(&shoot, json),
+        Verb::Expose(expose) => commands::expose::run(&expose, json),
+        Verb::ReadOut(read_out) => commands::read_out::run(&read_out, json),
+        Verb::Develop(develop) => commands::develop::run(&develop, json),
+        Verb::Lut { verb } => commands::lut::run(&verb, json),
+        Verb::Calc { verb } => commands::calc::run(&verb, json),
+        Verb::Denoise { plane, output, by, oidn } => commands::denoise::run(&plane, &output, by, oidn.as_deref(), json),
+        Verb::Merge(merge) => commands::merge::run(&merge, json),
+        Verb::QuickLook(look) => commands::quick_look::run(&look, json),
+        Verb::Stack(stack) => commands::stack::run(&stack, json),
+        Verb::Lesson(lesson) => commands::lesson::run(&lesson, args.threads, json),
+        Verb::Sheet(sheet) => commands::sheet::run(&sheet, json),
+        Verb::Scene { verb } => commands::scene::run(&verb, json),
+        Verb::Lens { verb } => commands::lens::run(&verb, json),
+        Verb::Body { verb } => commands::body::run(&verb, json),
+        Verb::Completions { shell } => commands::manual::completions(shell),
+        Verb::Man { verb, output } => commands::manual::man(&verb, output.as_deref(), json),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use diopter::lens::LensError;
+    use diopter::scene::SceneError;
+
+    #[test]
+    fn errors_for_machines_say_what_was_expected() {
+        let json = |e: anyhow::Error| error_json(&e, 2)["error"].clone();
+        let lens = LensError::Range { what: "aperture", found: "f/-1".into(), expected: "a number above 0" };
+        let scene =
+            SceneError::File { place: "a.obj: line 5".into(), found: "\"f 1\"".into(), expected: "expected corners".into() };
+        for (e, place, found, expected) in [
+            (anyhow::Error::from(ShotError::from(lens)), "aperture", Some("f/-1"), "a number above 0"),
+            (ShotError::from(scene).into(), "a.obj: line 5", Some("\"f 1\""), "corners"),
+            (
+                AskedWrongly(anyhow::anyhow!("wavelength 200 nm: expected 300 to 2500")).into(),
+                "wavelength",
+                Some("200 nm"),
+                "300 to 2500",
+            ),
+            (AskedWrongly(anyhow::anyhow!("my photo.xyz: expected a name")).into(), "my photo.xyz", None, "a name"),
+            (
+                AskedWrongly(anyhow::anyhow!("a: this is a folder; expected a file")).into(),
+                "a",
+                Some("this is a folder"),
+                "a file",
+            ),
+        ] {
+            let e = json(e);
+            assert_eq!(
+                (e["place"].as_str(), e["found"].as_str(), e["expected"].as_str()),
+                (Some(place), found, Some(expected)),
+                "{e}"
+            );
+        }
+        let near = json(AskedWrongly(anyhow::anyhow!("lens \"planr\": expected a lens (did you mean \"planar\"?)")).into());
+        assert_eq!(near["hint"], "did you mean \"planar\"?");
+        let other = json(anyhow::anyhow!("the exposure was stopped"));
+        assert!(other["expected"].is_null() && other["hint"].is_null() && other["message"] == "the exposure was stopped");
+    }
+}

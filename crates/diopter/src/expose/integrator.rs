@@ -1,0 +1,86 @@
+//! Which integrator computes an exposure, and how often caustics get new photons.
+
+use super::Exposure;
+use diopter_scene::light_paths::{CausticSettings, Caustics, Lamps};
+
+/// How light transport is computed.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Integrator {
+    /// Paths from the camera only.
+    Path,
+    /// And photons for the caustics of all lamps that are not the environment.
+    Caustics,
+    /// Photons for the caustics of small lamps where smooth bodies of glass or metal throw them; paths from the camera elsewhere.
+    #[default]
+    Auto,
+}
+
+impl Integrator {
+    /// Their names.
+    pub const NAMES: [(&'static str, Integrator); 3] =
+        [("path", Integrator::Path), ("caustics", Integrator::Caustics), ("auto", Integrator::Auto)];
+
+    /// By its name.
+    pub fn by_name(name: &str) -> Option<Self> {
+        Self::NAMES.iter().find(|n| n.0 == name).map(|n| n.1)
+    }
+
+    /// Its name.
+    pub fn name(self) -> &'static str {
+        Self::NAMES.iter().find(|n| n.1 == self).map_or("", |n| n.0)
+    }
+}
+
+/// Camera paths that share a pair of photon maps, if that makes a number of samples between 2 and 256: enough that tracing photons takes less time than
+/// paths do, and few enough that a picture of some samples sees many maps.
+const MAP_PATHS: usize = 1 << 19;
+
+/// Photons for each camera path.
+const PHOTONS_A_PATH: f64 = 0.25;
+
+/// Least and most photons that are emitted for a map. Landed photons take 52 bytes each.
+const PHOTONS: (u32, u32) = (1 << 15, 1 << 19);
+
+/// Samples of a pixel for which a pair of photon maps serves: a power of two that depends on the number of pixels alone.
+pub(super) fn map_samples(pixels: usize) -> u32 {
+    1u32 << (MAP_PATHS.div_ceil(pixels.max(1))).max(1).next_power_of_two().ilog2().clamp(1, 8)
+}
+
+impl Exposure<'_> {
+    /// What makes the photons, where the integrator and the scene ask for them.
+    pub(super) fn caustics(&self) -> Option<Caustics<'_>> {
+        let lamps = match self.settings.integrator {
+            Integrator::Path => return None,
+            Integrator::Caustics => Lamps::All,
+            Integrator::Auto => Lamps::Small,
+        };
+        let pixels = self.camera.film.columns * self.camera.film.rows;
+        let paths = pixels as f64 * f64::from(map_samples(pixels));
+        let photons = ((paths * PHOTONS_A_PATH) as u32).clamp(PHOTONS.0, PHOTONS.1);
+        let settings = CausticSettings {
+            lamps,
+            seed: self.settings.seed,
+            max_depth: self.settings.path.max_depth,
+            photons,
+            rgb: self.settings.rgb,
+            span_s: self.shutter.total_s(),
+        };
+        Caustics::new(self.scene, settings)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn maps_serve_a_power_of_two_of_samples() {
+        assert_eq!([1, 64 * 64, 256 * 256, 960 * 640, 6000 * 4000].map(map_samples), [256, 128, 8, 2, 2]);
+    }
+
+    #[test]
+    fn integrators_are_found_by_their_names() {
+        assert!(Integrator::NAMES.iter().all(|(name, i)| Integrator::by_name(name) == Some(*i) && i.name() == *name));
+        assert_eq!(Integrator::by_name("bidirectional"), None);
+    }
+}

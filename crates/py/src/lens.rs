@@ -1,0 +1,410 @@
+//! Lenses, and the bench: rays in, rays out, as arrays.
+
+use crate::arrays::slice;
+use crate::background;
+use crate::errors::Told;
+use diopter::lens::analysis::Bench as Analysis;
+use diopter::lens::batch::{double, single};
+use diopter::lens::compound::{Configured, FilmPlace, configure};
+use diopter::lens::paraxial::FirstOrder;
+use diopter::lens::trace::Way;
+use diopter::lens::{Focus, LensError, Prescription, embedded_names, import};
+use diopter::shot::read_lens;
+use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArrayDyn};
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+use rayon::prelude::*;
+use std::path::PathBuf;
+use std::sync::OnceLock;
+
+/// A lens with surfaces, as published.
+#[pyclass(frozen, module = "diopter._diopter")]
+pub struct Lens {
+    pub prescription: Prescription,
+}
+
+/// Names of the embedded lenses.
+#[pyfunction]
+pub fn lens_names() -> Vec<&'static str> {
+    embedded_names().collect()
+}
+
+#[pymethods]
+impl Lens {
+    /// By name or from a file.
+    #[staticmethod]
+    fn read(name: PathBuf) -> PyResult<Lens> {
+        Ok(Lens { prescription: read_lens(&name.to_string_lossy()).map_err(Told::from)? })
+    }
+
+    /// From the text of a lens file; its name says the format by its ending.
+    #[staticmethod]
+    fn parse(text: &str, file: &str) -> PyResult<Lens> {
+        let format = import::Format::of(file).ok_or_else(|| {
+            Told::value("lens", format!("\"{file}\""), format!("a name that ends in {}", import::Format::ENDINGS))
+        })?;
+        let read = import::read(text.as_bytes(), format, file).map_err(LensError::from);
+        Ok(Lens { prescription: read.map_err(Told::from)? })
+    }
+
+    fn to_toml(&self) -> String {
+        self.prescription.to_toml()
+    }
+
+    #[getter]
+    fn name(&self) -> String {
+        self.prescription.name.clone()
+    }
+
+    #[getter]
+    fn notes(&self) -> Vec<String> {
+        self.prescription.notes.clone()
+    }
+
+    #[getter]
+    fn source(&self) -> String {
+        self.prescription.source.clone()
+    }
+
+    #[getter]
+    fn f_number(&self) -> Option<f64> {
+        self.prescription.f_number
+    }
+
+    #[getter]
+    fn image_circle_mm(&self) -> Option<f64> {
+        self.prescription.image_circle
+    }
+
+    #[getter]
+    fn surfaces(&self) -> usize {
+        self.prescription.surfaces.len()
+    }
+
+    /// Sets the lens for the bench. `focus_m`: None as published, infinity or a distance from the entrance pupil.
+    #[pyo3(signature = (focal_length_mm=None, f_number=None, focus_m=None))]
+    fn bench(&self, focal_length_mm: Option<f64>, f_number: Option<f64>, focus_m: Option<f64>) -> PyResult<Bench> {
+        if let Some(m) = focus_m.filter(|m| !(*m > 0.0)) {
+            return Err(Told::value("focus", format!("{m} m"), "a distance above 0, or infinity").into());
+        }
+        let focus = focus_m.map(|m| Focus::at_mm(1000.0 * m));
+        let film = focus.map_or(FilmPlace::AsPublished, FilmPlace::Focused);
+        let set = configure(&self.prescription, focal_length_mm, f_number, None, film).map_err(Told::from)?;
+        let object_distance = match focus {
+            Some(Focus::Distance(mm)) => {
+                Some(mm.0 - FirstOrder::of(&set.system, &set.system.indices(REFERENCE_NM)).entrance_pupil_z)
+            }
+            Some(_) => None,
+            None => self.prescription.usage.object_distance,
+        };
+        Ok(Bench { set, object_distance, single: OnceLock::new(), double: OnceLock::new() })
+    }
+}
+
+/// Yellow-green helium line d, nm.
+const REFERENCE_NM: f64 = diopter::lens::compound::REFERENCE_NM;
+
+/// A lens with zoom, aperture and focus set.
+#[pyclass(frozen, module = "diopter._diopter")]
+pub struct Bench {
+    set: Configured,
+    /// From the object to the first vertex, mm; infinite without.
+    object_distance: Option<f64>,
+    /// Made at the first trace.
+    single: OnceLock<single::Batch>,
+    double: OnceLock<double::Batch>,
+}
+
+impl Bench {
+    fn analysis(&self) -> Analysis<'_> {
+        Analysis { system: &self.set.system, object_distance: self.object_distance }
+    }
+}
+
+/// Fails unless a glass of the lens has an index at the wavelength.
+fn check_nm(nm: f64) -> Result<(), Told> {
+    match (300.0..=2500.0).contains(&nm) {
+        true => Ok(()),
+        false => Err(Told::value("wavelength", format!("{nm} nm"), "300 to 2500 nm")),
+    }
+}
+
+fn check_field(field_deg: f64) -> Result<(), Told> {
+    match field_deg.abs() <= 120.0 {
+        true => Ok(()),
+        false => Err(Told::value("field", format!("{field_deg}°"), "an angle within 120 degrees")),
+    }
+}
+
+fn no_light(field_deg: f64) -> Told {
+    Told::value("field", format!("{field_deg}°"), "a field from which light reaches the film")
+}
+
+/// Rays that were traced: positions and directions `[ray][3]`, which came through, optical paths (mm) and fractions of the light.
+type Rays<'py, T> = (
+    Bound<'py, PyArray2<T>>,
+    Bound<'py, PyArray2<T>>,
+    Bound<'py, PyArray1<bool>>,
+    Bound<'py, PyArray1<T>>,
+    Bound<'py, PyArray1<T>>,
+);
+
+macro_rules! tracer {
+    ($name:ident, $module:ident, $float:ident) => {
+        /// Follows rays through a lens; those that are lost are NaN. `film_z`: to follow them to this plane, mm.
+        fn $name<'py>(
+            py: Python<'py>,
+            batch: &$module::Batch,
+            positions: &PyReadonlyArrayDyn<'py, $float>,
+            directions: &PyReadonlyArrayDyn<'py, $float>,
+            wavelengths: &PyReadonlyArrayDyn<'py, $float>,
+            way: Way,
+            film_z: Option<$float>,
+            light: bool,
+            threads: Option<usize>,
+        ) -> PyResult<Rays<'py, $float>> {
+            let (from, shape) = slice(positions, "positions", &[0, 3])?;
+            let count = shape[0];
+            let (to, _) = slice(directions, "directions", &[count, 3])?;
+            let (nm, shape) = slice(wavelengths, "wavelengths", &[0])?;
+            if shape[0] != 1 && shape[0] != count {
+                let found = format!("{} values for {count} rays", shape[0]);
+                return Err(Told::value("wavelengths", found, "one for all, or one a ray").into());
+            }
+            if let Some(bad) = nm.iter().find(|nm| !(300.0..=2500.0).contains(*nm)) {
+                check_nm(f64::from(*bad))?;
+            }
+            const LANES: usize = $module::LANES;
+            /// Rays of a task: some hundred microseconds of work.
+            const TASK: usize = 256 * LANES;
+            let traced = background::run(py, threads, None, |_| {
+                let (mut out_from, mut out_to) = (vec![0.0; 3 * count], vec![0.0; 3 * count]);
+                let (mut passed, mut path, mut share) = (vec![false; count], vec![0.0; count], vec![0.0; count]);
+                let of_one = |nm: $float| {
+                    let mut indices = $module::Indices::default();
+                    batch.indices(&[nm; LANES], &mut indices);
+                    indices
+                };
+                let common = (nm.len() == 1).then(|| of_one(nm[0]));
+                let inputs = from.par_chunks(3 * TASK).zip(to.par_chunks(3 * TASK));
+                let vectors = out_from.par_chunks_mut(3 * TASK).zip(out_to.par_chunks_mut(3 * TASK));
+                let numbers = passed.par_chunks_mut(TASK).zip(path.par_chunks_mut(TASK)).zip(share.par_chunks_mut(TASK));
+                inputs.zip(vectors).zip(numbers).enumerate().for_each(|(task, ((ins, outs), ((passed, path), share)))| {
+                    let ((from, to), (out_from, out_to)) = (ins, outs);
+                    let mut own = $module::Indices::default();
+                    let mut packet = $module::Packet::default();
+                    let rays = passed.len();
+                    for first in (0..rays).step_by(LANES) {
+                        let lanes = LANES.min(rays - first);
+                        for i in 0..lanes {
+                            let at = 3 * (first + i);
+                            let d = [to[at], to[at + 1], to[at + 2]];
+                            let length = (d[0] * d[0] + d[1] * d[1] + d[2] * d[2]).sqrt();
+                            packet.set(i, [from[at], from[at + 1], from[at + 2]], d.map(|v| v / length));
+                        }
+                        // Lanes without a ray repeat the first: numbers that the trace can work with.
+                        let (position, towards) =
+                            ([packet.x[0], packet.y[0], packet.z[0]], [packet.dx[0], packet.dy[0], packet.dz[0]]);
+                        (lanes..LANES).for_each(|i| packet.set(i, position, towards));
+                        let begin = task * TASK + first;
+                        let wavelength = |i: usize| if nm.len() == 1 { nm[0] } else { nm[begin + i.min(lanes - 1)] };
+                        let each: $module::Lanes = std::array::from_fn(wavelength);
+                        let indices = match &common {
+                            Some(common) => common,
+                            None => {
+                                batch.indices(&each, &mut own);
+                                &own
+                            }
+                        };
+                        let mask = match light {
+                            true => batch.trace_light(&mut packet, indices, &each, way),
+                            false => batch.trace(&mut packet, indices, way),
+                        };
+                        for i in 0..lanes {
+                            let through = mask & (1 << i) != 0;
+                            let at = 3 * (first + i);
+                            let p = &packet;
+                            let (mut point, mut d) = ([p.x[i], p.y[i], p.z[i]], [p.dx[i], p.dy[i], p.dz[i]]);
+                            let mut length = p.path[i];
+                            if let Some(z) = film_z {
+                                let step = (z - point[2]) / d[2];
+                                point = [point[0] + step * d[0], point[1] + step * d[1], z];
+                                length += step;
+                            }
+                            if !through {
+                                (point, d, length) = ([$float::NAN; 3], [$float::NAN; 3], $float::NAN);
+                            }
+                            out_from[at..at + 3].copy_from_slice(&point);
+                            out_to[at..at + 3].copy_from_slice(&d);
+                            passed[first + i] = through;
+                            path[first + i] = length;
+                            share[first + i] = if through { p.share[i] } else { 0.0 };
+                        }
+                    }
+                });
+                (out_from, out_to, passed, path, share)
+            })?;
+            let (from, to, passed, path, share) = traced;
+            let vectors = |v: Vec<$float>| PyArray1::from_vec(py, v).reshape([count, 3]);
+            let numbers = |v: Vec<$float>| PyArray1::from_vec(py, v);
+            Ok((vectors(from)?, vectors(to)?, PyArray1::from_vec(py, passed), numbers(path), numbers(share)))
+        }
+    };
+}
+
+tracer!(trace_single, single, f32);
+tracer!(trace_double, double, f64);
+
+#[pymethods]
+impl Bench {
+    /// What is known of the lens as set, at a wavelength.
+    fn info<'py>(&self, py: Python<'py>, nm: f64) -> PyResult<Bound<'py, PyDict>> {
+        check_nm(nm)?;
+        let system = &self.set.system;
+        let n = system.indices(nm);
+        if n.iter().any(|n| !n.is_finite()) {
+            return Err(
+                Told::value("wavelength", format!("{nm} nm"), "one at which all glasses of this lens have an index").into()
+            );
+        }
+        let first = FirstOrder::of(system, &n);
+        let axis = self.analysis().illumination(0.0, nm);
+        let numbers = [
+            ("wavelength_nm", nm),
+            ("effective_focal_length_mm", first.efl),
+            ("back_focal_length_mm", first.bfl),
+            ("front_focal_length_mm", first.ffl),
+            ("front_principal_z_mm", first.front_principal_z),
+            ("rear_principal_z_mm", first.rear_principal_z),
+            ("entrance_pupil_z_mm", first.entrance_pupil_z),
+            ("exit_pupil_z_mm", first.exit_pupil_z),
+            // The pupil of the real axial beam.
+            ("entrance_pupil_diameter_mm", self.set.efl / self.set.f_number),
+            ("f_number", self.set.f_number),
+            ("widest_f_number", self.set.widest),
+            ("t_number", (std::f64::consts::PI / (4.0 * axis.with_losses)).sqrt()),
+            ("transmittance", axis.with_losses / axis.geometric),
+            ("petzval_sum_per_mm", first.petzval_sum),
+            ("last_z_mm", system.last_z()),
+            ("film_z_mm", system.film_z),
+        ];
+        let dict = PyDict::new(py);
+        numbers.iter().try_for_each(|(name, v)| dict.set_item(name, v))?;
+        Ok(dict)
+    }
+
+    #[pyo3(signature = (positions, directions, wavelengths, to_film, until_film, light, threads=None))]
+    fn trace_single<'py>(
+        &self,
+        py: Python<'py>,
+        positions: PyReadonlyArrayDyn<'py, f32>,
+        directions: PyReadonlyArrayDyn<'py, f32>,
+        wavelengths: PyReadonlyArrayDyn<'py, f32>,
+        to_film: bool,
+        until_film: bool,
+        light: bool,
+        threads: Option<usize>,
+    ) -> PyResult<Rays<'py, f32>> {
+        let batch = self.single.get_or_init(|| single::Batch::new(&self.set.system));
+        let way = if to_film { Way::ToFilm } else { Way::ToObject };
+        let film_z = (to_film && until_film).then_some(self.set.system.film_z as f32);
+        trace_single(py, batch, &positions, &directions, &wavelengths, way, film_z, light, threads)
+    }
+
+    #[pyo3(signature = (positions, directions, wavelengths, to_film, until_film, light, threads=None))]
+    fn trace_double<'py>(
+        &self,
+        py: Python<'py>,
+        positions: PyReadonlyArrayDyn<'py, f64>,
+        directions: PyReadonlyArrayDyn<'py, f64>,
+        wavelengths: PyReadonlyArrayDyn<'py, f64>,
+        to_film: bool,
+        until_film: bool,
+        light: bool,
+        threads: Option<usize>,
+    ) -> PyResult<Rays<'py, f64>> {
+        let batch = self.double.get_or_init(|| double::Batch::new(&self.set.system));
+        let way = if to_film { Way::ToFilm } else { Way::ToObject };
+        let film_z = (to_film && until_film).then_some(self.set.system.film_z);
+        trace_double(py, batch, &positions, &directions, &wavelengths, way, film_z, light, threads)
+    }
+
+    /// Points `[ray][x, y]` (mm, from the chief ray's frame as the analysis has it), centroid, RMS and largest radius, fraction that passed.
+    fn spot<'py>(
+        &self,
+        py: Python<'py>,
+        field_deg: f64,
+        nm: f64,
+        across: usize,
+        defocus_mm: f64,
+    ) -> PyResult<(Bound<'py, PyArray2<f64>>, [f64; 2], f64, f64, f64)> {
+        check_nm(nm)?;
+        check_field(field_deg)?;
+        if !(2..=1000).contains(&across) {
+            return Err(Told::value("rays", across.to_string(), "2 to 1000 across the pupil").into());
+        }
+        let found = background::run(py, None, None, |_| self.analysis().spot(field_deg, nm, nm, across, defocus_mm))?;
+        let spot = found.ok_or_else(|| no_light(field_deg))?;
+        let points: Vec<f64> = spot.points.iter().flat_map(|p| p.to_array()).collect();
+        let points = PyArray1::from_vec(py, points).reshape([spot.points.len(), 2])?;
+        Ok((points, spot.centroid.to_array(), spot.rms, spot.geometric, spot.passed))
+    }
+
+    /// Tangential and sagittal contrast at the frequencies, and whether diffraction was left out.
+    fn mtf<'py>(
+        &self,
+        py: Python<'py>,
+        frequencies: Vec<f64>,
+        field_deg: f64,
+        wavelengths: Vec<f64>,
+        geometric: bool,
+        defocus_mm: f64,
+    ) -> PyResult<(Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<f64>>, bool)> {
+        check_field(field_deg)?;
+        wavelengths.iter().try_for_each(|nm| check_nm(*nm))?;
+        if wavelengths.is_empty() || frequencies.is_empty() {
+            return Err(Told::value("frequencies and wavelengths", "none", "one of each at least").into());
+        }
+        if let Some(bad) = frequencies.iter().find(|f| !(0.0..=10_000.0).contains(*f)) {
+            return Err(Told::value("frequency", bad.to_string(), "0 to 10000 cycles/mm").into());
+        }
+        let colors: Vec<(f64, f64)> = wavelengths.iter().map(|nm| (*nm, 1.0)).collect();
+        let found = background::run(py, None, None, |_| match geometric {
+            true => self.analysis().geometric_mtf(field_deg, &colors, &frequencies, defocus_mm),
+            false => self.analysis().diffraction_mtf(field_deg, &colors, &frequencies, defocus_mm),
+        })?;
+        let mtf = found.ok_or_else(|| no_light(field_deg))?;
+        Ok((PyArray1::from_vec(py, mtf.tangential), PyArray1::from_vec(py, mtf.sagittal), mtf.geometric))
+    }
+
+    /// A row a field: angle (°), height, height without distortion (f tan θ), distortion (%), tangential and sagittal focus (mm); NaN where no light
+    /// reaches the film.
+    fn distortion<'py>(&self, py: Python<'py>, fields_deg: Vec<f64>, nm: f64) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        check_nm(nm)?;
+        fields_deg.iter().try_for_each(|f| check_field(*f))?;
+        let rows = background::run(py, None, None, |_| {
+            let row = |field: &f64| match self.analysis().field_point(*field, nm) {
+                Some(p) => [*field, p.height, p.ideal_height, p.distortion_percent(), p.focus[0], p.focus[1]],
+                None => [*field, f64::NAN, f64::NAN, f64::NAN, f64::NAN, f64::NAN],
+            };
+            fields_deg.iter().flat_map(row).collect::<Vec<f64>>()
+        })?;
+        PyArray1::from_vec(py, rows).reshape([fields_deg.len(), 6])
+    }
+
+    /// A row a height on the film: height (mm), irradiance over radiance (sr) of the apertures alone, and with losses in glass and at surfaces.
+    fn vignetting<'py>(&self, py: Python<'py>, heights_mm: Vec<f64>, nm: f64) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        check_nm(nm)?;
+        if let Some(bad) = heights_mm.iter().find(|h| !h.is_finite()) {
+            return Err(Told::value("height", bad.to_string(), "finite numbers, mm").into());
+        }
+        let rows = background::run(py, None, None, |_| {
+            let row = |height: &f64| {
+                let light = self.analysis().illumination(*height, nm);
+                [*height, light.geometric, light.with_losses]
+            };
+            heights_mm.iter().flat_map(row).collect::<Vec<f64>>()
+        })?;
+        PyArray1::from_vec(py, rows).reshape([heights_mm.len(), 3])
+    }
+}

@@ -1,0 +1,239 @@
+//! Caustics by paths from the lamps: photons over mirrors and through glass onto surfaces, gathered by the path tracer.
+//!
+//! A path tracer finds the light of a small lamp behind a lens or over a mirror only by hitting the lamp by chance, and that of a point never.
+//! Here photons are traced from the lamp through specular scattering alone, kept where they land, and gathered within a small disc by each
+//! surface point that a camera path meets. Source: Jensen 1996, "Global Illumination using Photon Maps" (the caustic map); Hachisuka &
+//! Jensen 2009, "Stochastic Progressive Photon Mapping"; Knaus & Zwicker 2011, "Progressive Photon Mapping: A Probabilistic Approach"
+//! (new photons and a smaller disc in each pass).
+//!
+//! # Which path is found by whom
+//!
+//! Vertices from the lamp: `L` a lamp that photons are emitted from; `C` a specular event at a smooth body of glass or metal (a *caster*,
+//! those of `casters.rs`); `T` straight through a smooth thin sheet; `P` any other specular event (the polish of a plastic, the reflection of a pane);
+//! `D` scattering by a lobe that is not specular, at a surface; `N` the same by a lobe narrower than `BROAD_ALPHA`; `M` in a medium; `E` the
+//! camera. Faces of media and hidden faces are no events.
+//!
+//! | path | found by |
+//! |---|---|
+//! | `L T* C (C\|T)* D …E` | photons, only: a chance hit there counts nothing |
+//! | `L T* D …E`, `L T* M …E` | next-event estimation and chance hits, weighted (as without photons) |
+//! | `L (C\|T\|P)* E` | chance hits: a lamp seen directly, in a mirror or through glass |
+//! | `L …P… D …E` (a `P` before the first `D` or `M`) | chance hits |
+//! | `L …C… M …E` (scattered in a medium first) | chance hits |
+//! | `L …C… N …E`, lamp with extent | chance hits; a surface with lobes of both kinds counts each lobe's share |
+//! | `L …C… N …E`, point, spot, parallel light | photons: rays cannot meet such lamps |
+//! | lamps that no photons are emitted from, the environment, unlit surfaces | as without photons |
+//!
+//! The rows are disjoint, and together they are all paths that the path tracer alone has, and the caustics of lamps without extent, which it does
+//! not have: chance hits of such lamps there are none, so their rows of chance hits stay dark as without photons. Photons are weakened by the transmittance of media; what scatters there is the path tracer's. Both parts count the events of
+//! the whole path against `max_depth`.
+//!
+//! # Bias
+//!
+//! Consistent, not unbiased: light is blurred over the disc, and lost where the disc reaches beyond an edge. The first disc holds about
+//! [`FIRST_NEIGHBOURS`] photons on average; map `m` has a radius of r₀ (m + 1)^(−1/6), the area so falls by (m + 1)^(−1/3) (α = 2/3 of Knaus &
+//! Zwicker; in a focus it is smaller still), the error of the mean of all maps with it, while their noise falls by (m + 1)^(−1/3) in standard deviation. A caustic's
+//! total power is kept. Wavelengths of photons whose power differs by wavelength are joined over ±25 nm. In scenes that move a photon has its
+//! own moment, and is gathered within a quarter of the exposure on both sides in the first map, less later: caustics of moving things are
+//! blurred by so much more. The flicker of lamps is exact: it is applied at the moment of the camera path.
+//! Bodies that bend by another index than they reflect by (dispersion) reflect a little differently along a path from the lamp.
+//!
+//! # Numbers
+//!
+//! A map is drawn from the seed, its number, its replicate and the photon's number alone; even and odd samples of a pixel use maps of their own,
+//! so that their half difference sees the noise of photons, too.
+
+mod casters;
+mod emission;
+mod map;
+mod trace;
+
+pub use map::PhotonMap;
+
+use crate::bvh::Bounds;
+use crate::material::Bsdf;
+use crate::scene::Scene;
+use diopter_light::Sampled;
+use diopter_light::random::{Sampler, SamplerKind, Set};
+use diopter_light::wavelength::WavelengthSampler;
+use emission::Emission;
+use glam::Vec3;
+use map::BROAD_ALPHA;
+use rayon::prelude::*;
+use trace::Photon;
+
+/// Which lamps photons are emitted from.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Lamps {
+    /// Those that paths from the camera hardly ever find: points, spots, parallel light, small discs at infinity, and surfaces that are small as
+    /// seen from what throws caustics.
+    #[default]
+    Small,
+    /// All but the environment.
+    All,
+}
+
+/// How caustics are computed.
+#[derive(Clone, Debug)]
+pub struct CausticSettings {
+    /// From which lamps.
+    pub lamps: Lamps,
+    /// Seed.
+    pub seed: u64,
+    /// Most scattering events of a path, from lamp to camera.
+    pub max_depth: u32,
+    /// Photons that are emitted for each map.
+    pub photons: u32,
+    /// Photons carry red, green and blue instead of wavelengths.
+    pub rgb: bool,
+    /// How long the exposure takes, s.
+    pub span_s: f64,
+}
+
+impl Default for CausticSettings {
+    /// Small lamps, 2¹⁸ photons a map, depth 64, seed 1, no duration.
+    fn default() -> Self {
+        CausticSettings { lamps: Lamps::Small, seed: 1, max_depth: 64, photons: 1 << 18, rgb: false, span_s: 0.0 }
+    }
+}
+
+/// Photons that an average place of a caustic gathers from the first map.
+pub const FIRST_NEIGHBOURS: f32 = 12.0;
+
+/// Photons that are emitted to learn how densely they land.
+const PILOT: u32 = 1 << 14;
+/// Number of the map that they make: beyond all others.
+const PILOT_MAP: u32 = u32::MAX;
+/// Fewer of them that land are no caustic.
+const FEWEST: usize = 16;
+/// Photons of a cell, on average, at which the density of the pilot is read.
+const PILOT_NEIGHBOURS: f32 = 4.0;
+/// Photons that a thread traces at a time.
+const CHUNK: u32 = 4096;
+/// Shrinking of the radius from map to map: (m + 1) to this power; (α − 1) / 2 with α = 2/3.
+const SHRINK: f32 = -1.0 / 6.0;
+/// Half width of the first map's kernel in time, as a fraction of the exposure.
+const TIME_REACH: f32 = 0.25;
+
+/// What throws caustics in a scene, and by which lamps: makes maps of photons.
+pub struct Caustics<'a> {
+    scene: &'a Scene,
+    emission: Emission<'a>,
+    settings: CausticSettings,
+    wavelengths: WavelengthSampler,
+    /// Of the first map, m.
+    first_radius: f32,
+}
+
+impl<'a> Caustics<'a> {
+    /// Looks for caustics in a scene, which must be posed for the exposure. `None` where the path tracer does as well: without smooth bodies of glass or
+    /// metal, without lamps for them, or where hardly a photon lands.
+    pub fn new(scene: &'a Scene, settings: CausticSettings) -> Option<Caustics<'a>> {
+        let emission = Emission::new(scene, &settings)?;
+        let wavelengths = if settings.rgb { WavelengthSampler::rgb() } else { WavelengthSampler::uniform() };
+        let mut caustics = Caustics { scene, emission, settings, wavelengths, first_radius: 0.0 };
+        let landed = caustics.photons(PILOT_MAP, 0, PILOT);
+        if landed.len() < FEWEST {
+            return None;
+        }
+        let points: Vec<Vec3> = landed.iter().map(|p| p.point).collect();
+        let density = density(&points) * caustics.settings.photons.max(1) as f32 / PILOT as f32;
+        caustics.first_radius = (FIRST_NEIGHBOURS / (std::f32::consts::PI * density)).sqrt();
+        Some(caustics)
+    }
+
+    /// The photons of a map, for samples of a replicate (0 or 1, [`Sampler::replicate`]).
+    pub fn map(&self, number: u32, replicate: u32) -> PhotonMap<'_> {
+        let photons = self.photons(number, replicate, self.settings.photons.max(1));
+        let shrink = (number as f32 + 1.0).powf(SHRINK);
+        let time = self.scene.moves().then_some(TIME_REACH * self.emission.span_s() * shrink);
+        PhotonMap::new(self, photons, self.first_radius * shrink, time)
+    }
+
+    fn photons(&self, map: u32, replicate: u32, count: u32) -> Vec<Photon> {
+        // Numbers of their own beside those of pixels.
+        let seed = self.settings.seed ^ 0x6a09_e667_f3bc_c908;
+        let scale = 1.0 / count as f32;
+        let chunks: Vec<Vec<Photon>> = (0..count.div_ceil(CHUNK))
+            .into_par_iter()
+            .map(|chunk| {
+                let mut landed = Vec::new();
+                for photon in chunk * CHUNK..((chunk + 1) * CHUNK).min(count) {
+                    let sampler = Sampler::new(SamplerKind::Sobol, seed, (map, 0), 2 * photon + (replicate & 1), 2 * count);
+                    let wavelengths = self.wavelengths.sample(sampler.get(Set::Time)[0]);
+                    let depth = self.settings.max_depth;
+                    trace::trace(&self.emission, self.scene, &sampler, &wavelengths, depth, scale, &mut landed);
+                }
+                landed
+            })
+            .collect();
+        chunks.into_iter().flatten().collect()
+    }
+}
+
+/// Points per area (1/m²) where they are: the geometric mean of the densities of an average place with points and of an average point.
+fn density(points: &[Vec3]) -> f32 {
+    let bounds = Bounds::around(points.iter().copied());
+    let size = bounds.size().max_element();
+    // Below this, rounding of places would show.
+    let least = (1e-5 * size).max(4e-7 * bounds.min.abs().max(bounds.max.abs()).max_element()).max(1e-12);
+    let mut cell = (0.25 * size).max(least);
+    loop {
+        let mut cells: Vec<_> = points.iter().map(|p| ((*p - bounds.min) / cell).floor().as_ivec3().to_array()).collect();
+        cells.sort_unstable();
+        let (mut occupied, mut squares) = (0usize, 0.0f64);
+        for same in cells.chunk_by(|a, b| a == b) {
+            occupied += 1;
+            squares += (same.len() as f64).powi(2);
+        }
+        let mean = points.len() as f32 / occupied as f32;
+        if mean <= PILOT_NEIGHBOURS || cell <= least {
+            let of_points = (squares / points.len() as f64) as f32;
+            return (mean * of_points).sqrt() / (cell * cell);
+        }
+        cell = (cell * std::f32::consts::FRAC_1_SQRT_2).max(least);
+    }
+}
+
+/// What a camera path still counts where it meets a lamp that photons are emitted from: the end of the path, towards the lamp.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Tail {
+    /// What chance hits count after the last event that was not specular, at a surface; `None` from the camera or a medium on, and after specular
+    /// events that photons do not have.
+    at_surface: Option<Sampled>,
+    /// Whether a caster bent the path since.
+    is_bent: bool,
+}
+
+impl Tail {
+    /// The path was scattered along `wi` by a lobe that is not specular.
+    #[inline]
+    pub fn scatter(&mut self, bsdf: &Bsdf, wi: Vec3) {
+        let breadth = bsdf.breadth(BROAD_ALPHA);
+        let left = match (breadth.broad, breadth.narrow) {
+            (_, false) => Sampled::ZERO,
+            (false, true) => Sampled::ONE,
+            (true, true) => {
+                let (whole, broad) = (bsdf.eval(wi).0, bsdf.eval_broad(wi, BROAD_ALPHA));
+                let share = |k: usize| if whole[k] > 0.0 { (1.0 - broad[k] / whole[k]).clamp(0.0, 1.0) } else { 1.0 };
+                Sampled::new(share(0), share(1), share(2), share(3))
+            }
+        };
+        *self = Tail { at_surface: Some(left), is_bent: false };
+    }
+
+    /// The path went on by a specular event that is no straight passage through a thin sheet.
+    #[inline]
+    pub fn bend(&mut self, by_caster: bool) {
+        match by_caster {
+            true => self.is_bent = true,
+            false => *self = Tail::default(),
+        }
+    }
+
+    /// Share of what it meets that still counts.
+    #[inline]
+    fn left(&self) -> Sampled {
+        self.at_surface.filter(|_| self.is_bent).unwrap_or(Sampled::ONE)
+    }
+}

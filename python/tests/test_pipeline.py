@@ -1,0 +1,205 @@
+"""The pipeline: scene → focal plane → raw image → picture."""
+
+from __future__ import annotations
+
+import pickle
+import threading
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import diopter as dp
+
+SMALL: Any = {"size": (48, 32), "spp": 4, "seed": 3, "shutter": "1/60 s"}
+
+
+@pytest.fixture(scope="module")
+def scene() -> dp.Scene:
+    return dp.Scene.builtin("cornell")
+
+
+@pytest.fixture(scope="module")
+def plane(scene: dp.Scene) -> dp.FocalPlane:
+    return dp.expose(scene, dp.Camera(body="canon-5d-mark-iv"), **SMALL)
+
+
+def test_a_plane_is_arrays_without_a_copy(plane: dp.FocalPlane) -> None:
+    assert plane.size == (48, 32)
+    assert plane.bands == [("R", "electrons"), ("G", "electrons"), ("B", "electrons")]
+    assert plane.mean.shape == (32, 48, 3) and plane.mean.dtype == np.float32
+    assert plane.mean.mean() > 10
+    assert plane.mean.ctypes.data == plane.mean.ctypes.data, "two views of one memory"
+    assert not plane.mean.flags.writeable and not plane.mean.flags.owndata
+    assert plane.depth.shape == (32, 48) and plane.normal.shape == plane.albedo.shape == (32, 48, 3)
+    assert plane.object.dtype == np.uint32 and plane.object.max() > 0
+    np.testing.assert_allclose(plane.variance, plane.half_difference**2)
+    assert plane.metadata["seed"] == 3 and plane.metadata["samples"] == 4
+
+
+def test_a_view_outlives_its_plane(scene: dp.Scene) -> None:
+    plane = dp.expose(scene, **SMALL)
+    mean, copy = plane.mean, np.array(plane.mean)
+    del plane
+    np.testing.assert_array_equal(mean, copy)
+
+
+def test_threads_and_parts_change_no_bit(scene: dp.Scene, plane: dp.FocalPlane) -> None:
+    camera = dp.Camera(body="canon-5d-mark-iv")
+    one = dp.expose(scene, camera, threads=1, **SMALL)
+    np.testing.assert_array_equal(one.mean, plane.mean)
+    parts = [dp.expose(scene, camera, samples=part, **SMALL) for part in ((2, 4), (0, 2))]
+    whole = dp.merge(parts)
+    # Sums in another order: the last digits of single precision.
+    np.testing.assert_allclose(whole.mean, plane.mean, rtol=1e-6, atol=1e-6 * float(plane.mean.max()))
+    assert whole.metadata["samples"] == 4
+
+
+def test_read_out_and_develop(plane: dp.FocalPlane) -> None:
+    raw = dp.read_out(plane, iso=800, seed=3)
+    again = dp.read_out(plane, iso=800, seed=3, threads=1)
+    other = dp.read_out(plane, iso=800, seed=4)
+    assert raw.mosaic.shape == (32, 48) and raw.mosaic.dtype == np.uint16
+    np.testing.assert_array_equal(raw.mosaic, again.mosaic)
+    assert (raw.mosaic != other.mosaic).any()
+    assert raw.metadata["iso"] == 800 and raw.metadata["noise_seed"] == 3
+    assert raw.pattern.shape == (2, 2) and raw.channels[raw.pattern[0, 0]] == raw.channels[0]
+    picture = dp.develop(raw, tone="agx", exposure_ev=0.5, white={"balance": "daylight"})
+    assert picture.array.shape == (32, 48, 3) and picture.encoding == "srgb"
+    assert 0.0 < float(picture.array.mean()) < 1.0
+    assert picture.to_png().startswith(b"\x89PNG") and plane._repr_png_().startswith(b"\x89PNG")
+
+
+def test_the_expected_raw_image_is_the_mean_of_read_outs(plane: dp.FocalPlane) -> None:
+    truth = dp.expected(plane, iso=800)
+    raws = np.stack([dp.read_out(plane, iso=800, seed=seed).mosaic for seed in range(200)]).astype(float)
+    free = ~truth.clipped
+    off = raws.mean(axis=0) - truth.dn
+    # The mean of 200 has 0.07 of the noise of one; five deviations over 1536 pixels, and half a number of rounding.
+    assert np.abs(off[free]).max() < 5 * raws.std(axis=0)[free].max() / np.sqrt(200) + 0.5
+
+
+def test_shoot_is_the_stages_one_by_one(scene: dp.Scene, plane: dp.FocalPlane) -> None:
+    photograph = dp.shoot(scene, dp.Camera(body="canon-5d-mark-iv"), iso=400, **SMALL)
+    np.testing.assert_array_equal(photograph.plane.mean, plane.mean)
+    raw = dp.read_out(plane, iso=400, seed=3)
+    np.testing.assert_array_equal(photograph.raw.mosaic, raw.mosaic)
+    np.testing.assert_array_equal(photograph.picture.array, dp.develop(raw).array)
+
+
+def test_files_give_back_what_was_written(plane: dp.FocalPlane, tmp_path: Path) -> None:
+    plane.save(tmp_path / "a.exr")
+    read = dp.FocalPlane.load(tmp_path / "a.exr")
+    np.testing.assert_array_equal(read.mean, plane.mean)
+    np.testing.assert_array_equal(read.object, plane.object)
+    assert read.metadata == plane.metadata
+    raw = dp.read_out(read, seed=5)
+    np.testing.assert_array_equal(raw.mosaic, dp.read_out(plane, seed=5).mosaic)
+    raw.save(tmp_path / "a.dng", storage="lossless")
+    np.testing.assert_array_equal(dp.RawImage.load(str(tmp_path / "a.dng")).mosaic, raw.mosaic)
+    for name in ("a.jpg", "a.png", "a.tif", "a.exr"):
+        dp.develop(raw).save(tmp_path / ("b" + name))
+        assert (tmp_path / ("b" + name)).stat().st_size > 100
+    assert not list(tmp_path.glob(".diopter-*")), "nothing is left beside"
+
+
+def test_pickles(plane: dp.FocalPlane, scene: dp.Scene) -> None:
+    again = pickle.loads(pickle.dumps(plane))
+    np.testing.assert_array_equal(again.mean, plane.mean)
+    raw = dp.read_out(plane)
+    np.testing.assert_array_equal(pickle.loads(pickle.dumps(raw)).mosaic, raw.mosaic)
+    camera = dp.Camera(lens="tessar-50mm-f2.8", body="nikon-d850", aperture="f/4")
+    assert pickle.loads(pickle.dumps(camera)).lens == camera.lens
+    assert pickle.loads(pickle.dumps(scene)).objects == scene.objects
+
+
+def test_metering_and_autofocus(scene: dp.Scene) -> None:
+    camera = dp.Camera(lens="double-gauss-50mm", aperture="f/2.8")
+    with pytest.warns(dp.DiopterWarning, match="sees 39°"):
+        found = dp.meter(scene, camera, size=(48, 32), iso=200)
+    assert found["iso"] == 200 and found["exposure_s"] > 0 and found["metered_ev100"] is not None
+    report = dp.autofocus(dp.Scene.builtin(), camera)
+    assert report["chosen"] is not None and 0.2 < report["distance_m"] < 2
+
+
+def test_radiance_and_spectra(scene: dp.Scene) -> None:
+    light = dp.expose(scene, record="radiance", **SMALL)
+    assert [unit for _, unit in light.bands] == ["radiance"] * 3
+    spectral = dp.expose(scene, record="400..700/100nm", **SMALL)
+    assert len(spectral.bands) == 3
+    with pytest.raises(dp.DiopterError) as e:
+        dp.read_out(light)
+    assert e.value.place == "bands"
+    on = light.on_sensor("nikon-d850")
+    assert on.bands[0][1] == "electrons" and dp.read_out(on).mosaic.shape == (32, 48)
+    np.testing.assert_allclose(light.on_sensor("nikon-d850", shutter="1/30 s").mean, 2 * on.mean, rtol=1e-5)
+    np.testing.assert_array_equal(on.depth, light.depth)
+
+
+def test_light_from_elsewhere_counts_what_the_scene_gives() -> None:
+    # An even field: what is exposed through a lossless lens is what its radiance gives.
+    scene = dp.Scene("even").set_environment(1000.0)
+    camera = dp.Camera(lens="thin", body="nikon-d850", aperture="f/4", position=(0, 0, 0), look_at=(0, 0, -1), focus="inf")
+    plane = dp.expose(scene, camera, shutter="1/100 s", size=(15, 11), spp=64)
+    same = dp.FocalPlane.from_radiance(np.full((11, 15, 3), 1000.0), "nikon-d850", shutter="1/100 s", t_number="f/4")
+    # The middle of the picture, where the cosine's fourth power is 1; 64 samples.
+    np.testing.assert_allclose(plane.mean[5, 7], same.mean[5, 7], rtol=0.02)
+    assert dp.read_out(same, iso=100).mosaic.shape == (11, 15)
+    with pytest.raises(dp.DiopterError, match="4 channels"):
+        dp.FocalPlane.from_irradiance(np.ones((2, 2, 4)), "nikon-d850", shutter=0.01)
+
+
+def test_errors_have_parts(scene: dp.Scene) -> None:
+    with pytest.raises(dp.DiopterError) as e:
+        dp.Camera(lens="tessar-50mm-f2.7")
+    assert e.value.place == "lens" and e.value.found == '"tessar-50mm-f2.7"'
+    assert e.value.hint is not None and "tessar-50mm-f2.8" in e.value.hint
+    assert pickle.loads(pickle.dumps(e.value)).place == "lens"
+    with pytest.raises(dp.DiopterError) as e:
+        dp.expose(scene, shutter="soon", size=(8, 8))
+    assert e.value.place == "exposure.shutter" and "1/125 s" in str(e.value)
+    with pytest.raises(dp.DiopterError) as e:
+        dp.expose(scene, settings={"scene": {"fgo": {}}})
+    assert e.value.place == "scene.fgo"
+    with pytest.raises(TypeError, match='did you mean "shutter"'):
+        dp.expose(scene, shuter=1)  # type: ignore[call-arg]
+    with pytest.raises(dp.DiopterError):
+        dp.FocalPlane.load("nowhere.exr")
+    with pytest.raises(dp.DiopterError) as e:
+        dp.develop(dp.read_out(dp.expose(scene, **SMALL)), tone="agks")
+    assert e.value.place == "tone.curve"
+
+
+def test_progress_is_told_and_can_stop(scene: dp.Scene) -> None:
+    told: list[float] = []
+    dp.expose(scene, size=(240, 160), spp=16, shutter=0.01, progress=told.append)
+    assert told == sorted(told) and all(0 <= part <= 1 for part in told)
+
+    def stop(part: float) -> None:
+        raise KeyboardInterrupt
+
+    began = time.monotonic()
+    with pytest.raises(KeyboardInterrupt):
+        dp.expose(scene, size=(300, 200), spp=65536, shutter=0.01, progress=stop)
+    assert time.monotonic() - began < 30
+
+
+def test_other_python_threads_run_meanwhile(scene: dp.Scene) -> None:
+    ticks = 0
+    done = threading.Event()
+
+    def count() -> None:
+        nonlocal ticks
+        while not done.wait(0.005):
+            ticks += 1
+
+    thread = threading.Thread(target=count)
+    thread.start()
+    began = time.monotonic()
+    dp.expose(scene, size=(240, 160), spp=32, shutter=0.01)
+    seconds = time.monotonic() - began
+    done.set()
+    thread.join()
+    assert ticks > 0.1 * seconds / 0.005, f"{ticks} in {seconds} s"
