@@ -21,6 +21,7 @@ use std::time::Instant;
 const LESSONS: &[(&str, &str)] = &[
     ("thin-lens", include_str!("../lessons/thin-lens.toml")),
     ("spherical-aberration", include_str!("../lessons/spherical-aberration.toml")),
+    ("compound-lenses", include_str!("../lessons/compound-lenses.toml")),
     ("field-of-view", include_str!("../lessons/field-of-view.toml")),
     ("formats", include_str!("../lessons/formats.toml")),
     ("exposure-triangle", include_str!("../lessons/exposure-triangle.toml")),
@@ -28,6 +29,7 @@ const LESSONS: &[(&str, &str)] = &[
     ("equal-exposures", include_str!("../lessons/equal-exposures.toml")),
     ("iso-ladder", include_str!("../lessons/iso-ladder.toml")),
     ("circle-of-confusion", include_str!("../lessons/circle-of-confusion.toml")),
+    ("depth-from-picture", include_str!("../lessons/depth-from-picture.toml")),
     ("hyperfocal", include_str!("../lessons/hyperfocal.toml")),
     ("autofocus", include_str!("../lessons/autofocus.toml")),
     ("motion-blur", include_str!("../lessons/motion-blur.toml")),
