@@ -291,7 +291,7 @@ class Picture:
     Args:
         array: Codes, ``[row][column][3]``; 1.0 is white.
         space: ``srgb``, ``display-p3``, ``rec2020`` or ``acescg``.
-        encoding: ``srgb``, ``linear``, ``gamma-2.2``, ``pq`` or ``hlg``.
+        encoding: ``srgb``, ``linear``, ``gamma-1.8``, ``gamma-2.2``, ``gamma-2.4``, ``pq`` or ``hlg``.
     """
 
     __slots__ = ("_native",)
@@ -318,7 +318,7 @@ class Picture:
 
     @property
     def encoding(self) -> str:
-        """Transfer function: ``srgb``, ``linear``, ``gamma-2.2``, ``pq`` or ``hlg``."""
+        """Transfer function: ``srgb``, ``linear``, ``gamma-1.8``, ``gamma-2.2``, ``gamma-2.4``, ``pq`` or ``hlg``."""
         return self._native.encoding
 
     @property

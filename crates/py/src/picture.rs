@@ -23,10 +23,12 @@ pub struct Picture {
 
 const SPACES: [(&str, RgbSpace); 4] =
     [("srgb", RgbSpace::Srgb), ("display-p3", RgbSpace::DisplayP3), ("rec2020", RgbSpace::Rec2020), ("acescg", RgbSpace::AcesCg)];
-const ENCODINGS: [(&str, Encoding); 5] = [
+const ENCODINGS: [(&str, Encoding); 7] = [
     ("linear", Encoding::Linear),
     ("srgb", Encoding::Srgb),
+    ("gamma-1.8", Encoding::Gamma18),
     ("gamma-2.2", Encoding::Gamma22),
+    ("gamma-2.4", Encoding::Gamma24),
     ("pq", Encoding::Pq),
     ("hlg", Encoding::Hlg),
 ];
