@@ -71,17 +71,26 @@ pub fn prepare(paths: &[PathBuf]) -> anyhow::Result<Vec<(Kind, Output)>> {
     paths.iter().map(one).collect()
 }
 
-/// A picture as a cell shows it: reduced already, a crop at 100 % and a histogram of the whole below, if wanted.
-pub fn compose(reduced: &Picture, whole: &Picture, crop: Option<[f64; 2]>, with_histogram: bool) -> Picture {
+/// What is shown below a picture.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Below {
+    /// A part at 100 %: its middle, 0 to 1 across and down the picture.
+    pub crop: Option<[f64; 2]>,
+    /// The histogram.
+    pub histogram: bool,
+}
+
+/// A picture as a cell shows it: reduced already, and what is shown of the whole below it.
+pub fn compose(reduced: &Picture, whole: &Picture, below: Below) -> Picture {
     let mut shown = reduced.clone();
     shown.facts = None;
     let width = shown.pixels.width;
-    if let Some(middle) = crop {
+    if let Some(middle) = below.crop {
         shown = under(&shown, &vec![0.11; 3 * width * (GAP / 2)]);
         let rows = (2 * width).div_ceil(3).min(whole.pixels.height);
         shown = under(&shown, &cut(&whole.pixels, middle, [width, rows]));
     }
-    if with_histogram {
+    if below.histogram {
         shown = under(&shown, &histogram(whole, width, HISTOGRAM));
     }
     shown
@@ -300,7 +309,7 @@ mod tests {
         let part = cut(&whole.pixels, [0.5, 1.0], [60, 40]);
         // Around the middle across, and as far down as there is picture.
         assert_eq!(part[..3], whole.pixels.data[3 * (160 * 300 + 120)..][..3]);
-        let shown = compose(&picture(60, 40), &whole, Some([0.5, 0.5]), true);
+        let shown = compose(&picture(60, 40), &whole, Below { crop: Some([0.5, 0.5]), histogram: true });
         assert_eq!([shown.pixels.width, shown.pixels.height], [60, 40 + GAP / 2 + 40 + HISTOGRAM]);
         // Of a picture smaller than the crop nothing is left out.
         assert_eq!(cut(&picture(10, 10).pixels, [0.0, 0.0], [20, 10]).len(), 3 * 200);

@@ -5,7 +5,7 @@ use super::print_json;
 use super::shoot::setting;
 use crate::AskedWrongly;
 use crate::args::{Sheet, Shoot};
-use crate::contact_sheet::{self, Cell, ContactSheet, Kind};
+use crate::contact_sheet::{self, Below, Cell, ContactSheet, Kind};
 use crate::memory;
 use crate::output::{self, Output};
 use crate::watch::{self, say, warn, watched};
@@ -67,11 +67,14 @@ fn make(
     let mut shared = Shared { scene: None, planes: Vec::new(), last: None, exposures: 0, max_memory };
     let (mut painted, mut told) = (Vec::new(), Vec::new());
     let count = cells.cells.len();
+    let below = Below { crop: file.crop, histogram: file.histogram };
     for (k, cell) in cells.cells.iter().enumerate() {
-        let (whole, reduced, facts) = shared.picture(&cell.shot, file.cell.unwrap_or(CELL), k == 0)?;
+        let mut quiet = |_: &str| ();
+        let odd: &mut dyn FnMut(&str) = if k == 0 { &mut warn } else { &mut quiet };
+        let (whole, reduced, facts) = shared.picture(&cell.shot, file.cell.unwrap_or(CELL), odd)?;
         say(&format!("{} of {count}: {}   {}", k + 1, cell.label, setting(&facts)));
         told.push(serde_json::json!({ "label": cell.label, "facts": facts, "size": [whole.pixels.width, whole.pixels.height] }));
-        let picture = contact_sheet::compose(reduced.as_ref().unwrap_or(&whole), &whole, file.crop, file.histogram);
+        let picture = contact_sheet::compose(reduced.as_ref().unwrap_or(&whole), &whole, below);
         painted.push(Cell { picture, label: cell.label.clone(), facts: caption(&facts) });
     }
     let title = file.title.clone().unwrap_or_default();
@@ -109,12 +112,12 @@ struct Shared {
 }
 
 impl Shared {
-    /// The developed picture, the same reduced to `cell` px where it is larger, and how it was taken. `first`: warnings are told.
+    /// The developed picture, the same reduced to `cell` px where it is larger, and how it was taken. `warn` gets what was found odd.
     fn picture(
         &mut self,
         file: &ShotFile,
         cell: usize,
-        first: bool,
+        warn: &mut dyn FnMut(&str),
     ) -> anyhow::Result<(Picture, Option<Picture>, ExposureFacts)> {
         let mut asked = file.clone();
         asked.develop = Default::default();
@@ -123,7 +126,7 @@ impl Shared {
         let (asked, shot, raw) = match same {
             Some(last) => last,
             None => {
-                let (shot, raw) = self.take(file, first)?;
+                let (shot, raw) = self.take(file, warn)?;
                 (asked, shot, raw)
             }
         };
@@ -148,26 +151,21 @@ impl Shared {
     }
 
     /// Exposes, unless that was done already, and reads out.
-    fn take(&mut self, file: &ShotFile, first: bool) -> anyhow::Result<(Shot, RawImage)> {
+    fn take(&mut self, file: &ShotFile, warn: &mut dyn FnMut(&str)) -> anyhow::Result<(Shot, RawImage)> {
         let mut file = file.clone();
         if Sequence::new(&mut file)?.count() > 1 {
             let wrong = anyhow!("the shot asks for a sequence: expected single pictures on a sheet; a varied --at shows moments");
             return Err(AskedWrongly(wrong).into());
         }
-        let mut told = |text: &str| {
-            if first {
-                warn(text);
-            }
-        };
         let scene = self.scene_of(&file)?;
-        let mut shot = Shot::prepare_with(&file, Inputs { scene, ..Inputs::default() }, &mut told)?;
-        shot.denoise_pictures(false, &mut told)?;
+        let mut shot = Shot::prepare_with(&file, Inputs { scene, ..Inputs::default() }, warn)?;
+        shot.denoise_pictures(false, warn)?;
         // Pictures: as `shoot` does where no file is an exposure.
         shot.fireflies = file.render.fireflies.unwrap_or(FireflyChoice::Reweight);
         memory::settle_fireflies(&mut shot, Kept::ReadOut, self.max_memory);
         memory::check(&shot, Kept::ReadOut, self.max_memory)?;
-        watched("focusing", |w| shot.focus(w, &mut told))?;
-        watched("metering", |w| shot.meter(w, &mut told))?;
+        watched("focusing", |w| shot.focus(w, warn))?;
+        watched("metering", |w| shot.meter(w, warn))?;
         let key = shot.exposure_key();
         let kept = self.planes.iter().find(|p| p.0 == key).map(|p| p.1.clone());
         let plane = match kept {
