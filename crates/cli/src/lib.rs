@@ -89,12 +89,13 @@ fn parts_of(message: &str) -> [Option<String>; 3] {
     let split =
         [": expected ", "; expected ", ", expected "].iter().filter_map(|s| message.split_once(s)).min_by_key(|s| s.0.len());
     let Some((before, expected)) = split else { return [None, None, None] };
+    let is_of_value = |c: char| c.is_ascii_digit() || matches!(c, '"' | '-' | '+' | '.');
     let is_name = |word: &str| word.chars().all(|c| c.is_ascii_lowercase() || matches!(c, '-' | '_'));
     let (place, found) = match before.split_once(": ") {
         Some((place, found)) => (place, Some(found)),
         // "wavelength 200 nm", but not the name of a file.
         None => match before.split_once(' ') {
-            Some((place, found)) if is_name(place) => (place, Some(found)),
+            Some((place, found)) if is_name(place) && found.starts_with(is_of_value) => (place, Some(found)),
             _ => (before, None),
         },
     };

@@ -185,8 +185,9 @@ fn parts_of_an_exposure_are_merged() {
     }
     let merged = f.ok(&["merge", "s0.exr", "s1.exr", "-o", "spectral.exr", "--json"]);
     assert!(String::from_utf8_lossy(&merged.stderr).contains("2 samples"));
-    let (code, message) = f.fails(&["read-out", "spectral.exr", "-o", "raw.dng"]);
-    assert!(code == 2 && message.contains("S0.400,0nm"), "{message}");
+    // A sensor reads any number of bands.
+    f.ok(&["read-out", "spectral.exr", "-o", "spectral.dng"]);
+    assert!(f.path("spectral.dng").exists());
     // Metered parts, too, whatever their ranges; so does what a time limit left over.
     let metered = |extra: &[&str]| {
         f.ok(&[&["expose", "cornell", "--size", "32x32"], extra].concat());
@@ -806,7 +807,11 @@ fn a_saved_shot_keeps_what_autofocus_found() {
 #[test]
 fn focus_series_are_numbered_and_stacked() {
     let f = Folder::new("focus-series");
-    f.ok(&with(&["shoot", "--focus", "0.8m", "--focus-bracket", "3", "--stack", "all.png"], &["-o", "s.dng"]));
+    // The stack of the raw files is that of the shot where neither is denoised.
+    f.ok(&with(
+        &["shoot", "--focus", "0.8m", "--focus-bracket", "3", "--denoise", "off", "--stack", "all.png"],
+        &["-o", "s.dng"],
+    ));
     let names: Vec<String> = f.files().iter().map(|p| p.file_name().unwrap().to_string_lossy().into_owned()).collect();
     assert_eq!(names.len(), 4, "{names:?}");
     let raws: Vec<&str> = names.iter().map(|n| n.as_str()).filter(|n| n.ends_with(".dng")).collect();
@@ -999,11 +1004,9 @@ fn a_pipe_on_standard_input_is_a_file() {
     // A plane that is opened several times.
     piped(&["read-out", "-", "-o", "piped.dng", "--truth", "truth.exr"], "a.exr");
     assert!(f.path("piped.dng").exists() && f.path("truth.exr").exists());
-    // A scene or a lens is told by its ending, which a stream has not.
-    for args in [&["shoot", "-", "-o", "x.png"][..], &["lens", "info", "-"]] {
-        let (code, message) = f.fails(args);
-        assert!(code == 2 && message.contains("expected"), "{args:?}: {code} {message}");
-    }
+    // A lens is told by its ending, which a stream has not.
+    let (code, message) = f.fails(&["lens", "info", "-"]);
+    assert!(code == 2 && message.contains("expected"), "{code} {message}");
 }
 
 #[test]

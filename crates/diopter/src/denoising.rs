@@ -413,7 +413,7 @@ mod tests {
         values.iter().map(|v| (v - 100.0).powi(2)).sum::<f32>() / values.len() as f32
     }
 
-    fn takes_noise_and_keeps_light(filter: &Filter) {
+    fn takes_noise_and_keeps_light(filter: &Filter, most_left: f32) {
         for bands in [1, 3, 5] {
             let mut plane = noisy(bands);
             plane.truth.normal.data[7] = f32::NAN;
@@ -422,8 +422,7 @@ mod tests {
             assert!(out.facts.denoised && out.facts.denoiser == filter.name());
             assert_eq!(out.truth.id, plane.truth.id);
             let [before, after] = [&plane, &out].map(|p| p.mean.channel(0));
-            // An even field: a window of hundreds of pixels averages it; a tenth of the variance is far from that limit.
-            assert!(variance(&after) < 0.1 * variance(&before), "{bands}: {} of {}", variance(&after), variance(&before));
+            assert!(variance(&after) < most_left * variance(&before), "{bands}: {} of {}", variance(&after), variance(&before));
             let sum = |v: &[f32]| v.iter().map(|v| f64::from(*v)).sum::<f64>();
             assert!((sum(&after) / sum(&before) - 1.0).abs() < 3e-3, "{bands}: {}", sum(&after) / sum(&before));
             if bands > 1 {
@@ -438,14 +437,16 @@ mod tests {
 
     #[test]
     fn the_built_in_filter_takes_noise_and_keeps_light() {
-        takes_noise_and_keeps_light(&Filter::BuiltIn);
+        // An even field: a window of hundreds of pixels averages it; a tenth of the variance is far from that limit.
+        takes_noise_and_keeps_light(&Filter::BuiltIn, 0.1);
     }
 
     /// Runs where the library is installed.
     #[test]
     fn the_library_takes_noise_and_keeps_light() {
         if let Ok(Some(filter @ Filter::Oidn(_))) = Filter::open(Denoise::On, None, &mut |_| ()) {
-            takes_noise_and_keeps_light(&filter);
+            // The network takes a part of even noise for texture.
+            takes_noise_and_keeps_light(&filter, 0.5);
         }
     }
 }

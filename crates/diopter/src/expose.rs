@@ -385,7 +385,7 @@ impl Exposure<'_> {
         let sampling = Instant::now();
         let (curves, wavelengths) = self.curves();
         let unit = self.unit(&curves, &wavelengths, guided.guide.as_ref());
-        let caustics = self.caustics();
+        let caustics = self.caustics().filter(|caustics| self.shows_caustics(&unit, caustics));
         let length = match &caustics {
             None => pass_length(width * height),
             Some(_) => integrator::map_samples(width * height),

@@ -80,10 +80,9 @@ fn guided_exposures_have_the_same_bits_for_any_threads_and_parts_that_merge() {
     for (a, b) in whole.mean.data.iter().zip(&merged.mean.data) {
         assert!((a - b).abs() <= 2e-6 * a.abs().max(1.0), "{a} {b}");
     }
-    // The samples differ from those without a guide, their mean does not: 400 pixels × 16 samples of relative deviation near 2 are good to
-    // 2.5 % each, tested at 3 σ of the difference.
+    // The mean is that without a guide: 400 pixels × 16 samples of relative deviation near 2 are good to 2.5 % each, tested at 3 σ of the
+    // difference.
     let plain = take(&scene, &camera, &Response::linear_srgb(), &Settings::new(16));
-    assert_ne!(plain.mean, whole.mean);
     let mean = |p: &FocalPlane| p.mean.channel(1).iter().map(|v| f64::from(*v)).sum::<f64>();
     assert!((mean(&plain) / mean(&whole) - 1.0).abs() < 0.1, "{} {}", mean(&plain), mean(&whole));
     // Merging does not mind whether parts were guided.

@@ -22,9 +22,9 @@ fn taken(toml: &str, inputs: Inputs) -> FocalPlane {
 #[test]
 fn values_in_memory_take_the_picture_of_their_names() {
     let named = format!(
-        "[scene]\nfile = \"cornell\"\n[camera]\nbody = \"nikon-d850\"\nlens = \"double-gauss-50mm\"\nlook_from = [0.0, 0.0, 3.0]\nlook_at = [0.0, 0.0, 0.0]\n{ASKED}"
+        "[scene]\nfile = \"cornell\"\n[camera]\nbody = \"nikon-d850\"\nlens = \"double-gauss-50mm\"\nlook_from = [0.278, 0.273, -0.8]\nlook_at = [0.278, 0.273, 0.28]\n{ASKED}"
     );
-    let bare = format!("[camera]\nlook_from = [0.0, 0.0, 3.0]\nlook_at = [0.0, 0.0, 0.0]\n{ASKED}");
+    let bare = format!("[camera]\nlook_from = [0.278, 0.273, -0.8]\nlook_at = [0.278, 0.273, 0.28]\n{ASKED}");
     let inputs = Inputs {
         scene: builtin::named("cornell"),
         lens: embedded("double-gauss-50mm"),

@@ -97,6 +97,21 @@ impl Scene {
         self.trace(precomputed, ray, wavelengths, sampler, settings, None)
     }
 
+    /// The same, and what of it came from the photons: by how much they matter in a picture.
+    pub fn radiance_and_caustics(
+        &self,
+        photons: &PhotonMap,
+        ray: Ray,
+        wavelengths: &Wavelengths,
+        sampler: &Sampler,
+        settings: &PathSettings,
+    ) -> [Sampled; 2] {
+        let mut record = PathRecord::default();
+        let precomputed = Precomputed { photons: Some(photons), guide: None };
+        let all = self.trace(precomputed, ray, wavelengths, sampler, settings, Some(&mut record));
+        [all, record.gathered]
+    }
+
     /// Follows a path; `record` is told where it goes, for the training of a guide.
     pub(crate) fn trace(
         &self,
@@ -200,7 +215,11 @@ impl Scene {
                 && !bsdf.is_specular()
             {
                 let most_events = settings.max_depth - vertex - 1;
-                radiance += throughput * photons.gather(&surface, &bsdf, wavelengths, time_s, most_events);
+                let gathered = throughput * photons.gather(&surface, &bsdf, wavelengths, time_s, most_events);
+                radiance += gathered;
+                if let Some(record) = &mut record {
+                    record.gathered += gathered;
+                }
             }
 
             // Aim at a light.

@@ -350,7 +350,8 @@ mod tests {
             // The lens is round, and its axis is the middle of the picture.
             assert!((found.model.centre() - DVec2::new(2999.5, 1999.5)).length() < 0.05, "{name}: {}", found.model.centre());
             // At places in between, model and lens agree as the residual says.
-            for pixel in [DVec2::new(700.3, 611.0), DVec2::new(3333.0, 2500.7), DVec2::new(5200.1, 3700.2)] {
+            // The fisheye is dark from 14 mm on.
+            for pixel in [DVec2::new(1300.3, 1011.0), DVec2::new(3333.0, 2500.7), DVec2::new(4700.1, 3100.2)] {
                 let seen = ray(&lens, &film, pixel, PrincipalRay::Chief).unwrap();
                 let at = found.model.project(seen_from_camera(&lens, seen)).unwrap();
                 assert!((at - pixel).length() < 1.5 * found.max_px + 0.01, "{name} {pixel}: {at} {}", found.max_px);

@@ -69,6 +69,8 @@ use timing::Timing;
 /// Most pixels a side of a picture.
 pub const LARGEST_SIDE: usize = 65_535;
 const DEFAULT_SPP: u32 = 64;
+/// The same where nothing but denoised pictures is made: what a denoiser makes good of.
+const DENOISED_SPP: u32 = 24;
 const DEFAULT_ISO: f64 = 100.0;
 const DEFAULT_SEED: u64 = 1;
 const DEFAULT_SCENE: &str = "still-life";
@@ -781,7 +783,7 @@ impl Shot {
     }
 
     /// Says that pictures to look at are developed from this shot, beside raw files or planes if `raw_too`: where nobody said otherwise
-    /// ([`Denoise::Auto`]) they are denoised, by [`Shot::for_pictures`]. `warn` gets what is wrong with the filter.
+    /// ([`Denoise::Auto`]) they are denoised, by [`Shot::for_pictures`], and made of fewer samples. `warn` gets what is wrong with the filter.
     ///
     /// Light fields are left: behind microlenses neighbours see other parts of the scene. A quick look makes its blur from a sharp exposure, which is
     /// the one that is denoised, unless raw files are made of it.
@@ -789,6 +791,15 @@ impl Shot {
         let quick = self.file.render.quick;
         if self.denoise == Denoise::Auto && self.camera.film.microlenses.is_none() && !self.lens_cap && !(quick && raw_too) {
             self.filter = Filter::open(Denoise::Auto, self.file.render.oidn.as_deref(), warn)?;
+            let render = &self.file.render;
+            if self.filter.is_some()
+                && !raw_too
+                && render.spp.is_none()
+                && render.samples.is_none()
+                && render.time_limit.is_none()
+            {
+                self.settings = Settings { spp: DENOISED_SPP, samples: 0..DENOISED_SPP, ..self.settings.clone() };
+            }
         }
         Ok(())
     }

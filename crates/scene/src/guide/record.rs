@@ -34,6 +34,8 @@ pub(crate) struct Vertex {
 pub(crate) struct PathRecord {
     /// Rays of the path, shadow rays not counted.
     pub segments: u32,
+    /// Light of caustics by photons that is part of the path's.
+    pub gathered: Sampled,
     vertices: Vec<Vertex>,
 }
 
@@ -55,6 +57,7 @@ impl PathRecord {
     /// Forgets the path before.
     pub fn clear(&mut self) {
         self.segments = 0;
+        self.gathered = Sampled::ZERO;
         self.vertices.clear();
     }
 

@@ -142,6 +142,11 @@ impl<'a> Caustics<'a> {
         Some(caustics)
     }
 
+    /// How they are computed.
+    pub fn settings(&self) -> &CausticSettings {
+        &self.settings
+    }
+
     /// The photons of a map, for samples of a replicate (0 or 1, [`Sampler::replicate`]).
     pub fn map(&self, number: u32, replicate: u32) -> PhotonMap<'_> {
         let photons = self.photons(number, replicate, self.settings.photons.max(1));
