@@ -667,12 +667,6 @@ pub struct Taking {
     /// Most scattering events of a path.
     #[arg(long, value_name = "N")]
     pub max_depth: Option<u32>,
-    /// Path guiding: auto (if it pays), on or off.
-    ///
-    /// About an eighth as many paths as the exposure has are followed first, to learn where light comes from: rooms through windows, lamps behind
-    /// shades. Parts of --samples learn the same.
-    #[arg(long, value_name = "auto|on|off")]
-    pub guide: Option<String>,
     /// path: from the camera only. caustics: and photons from lamps over mirrors and through glass. auto: photons for small lamps where there is
     /// smooth glass or metal.
     #[arg(long, value_name = "NAME")]
@@ -1537,7 +1531,6 @@ impl Taking {
         over(&mut render.seed, &self.seed);
         over(&mut render.sampler, &self.sampler);
         over(&mut render.max_depth, &self.max_depth);
-        over(&mut render.guide, &self.guide);
         over(&mut render.integrator, &self.integrator);
         over(&mut render.time_limit, &self.time_limit);
         over(&mut render.denoise, &self.denoise);

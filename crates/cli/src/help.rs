@@ -119,7 +119,6 @@ const GROUPS: [Group; 11] = [
             "sampler",
             "max-depth",
             "integrator",
-            "guide",
             "fireflies",
             "oidn",
             "checkpoint",

@@ -25,7 +25,7 @@ use std::time::Instant;
 fn main() {
     let args: Vec<String> = std::env::args().skip(1).filter(|a| a != "--bench").collect();
     if args.len() < 3 {
-        println!("peers: FOLDER SCENE SPP [--out X.npy] [--seed N] [--sampler NAME] [--roulette N] [--guide auto] [--threads N]");
+        println!("peers: FOLDER SCENE SPP [--out X.npy] [--seed N] [--sampler NAME] [--roulette N] [--threads N]");
         return;
     }
     let option = |name: &str| args.iter().position(|a| a == name).map(|i| args[i + 1].clone());
@@ -56,9 +56,6 @@ fn main() {
     settings.path.max_depth = json["depth"].as_u64().expect("depth") as u32;
     if let Some(r) = option("--roulette") {
         settings.path.roulette_depth = r.parse().expect("a depth");
-    }
-    if let Some(name) = option("--guide") {
-        settings.guide = diopter::scene::GuideMode::named(&name).expect("auto, on or off");
     }
     settings.sampler = match option("--sampler").as_deref() {
         Some("independent") => SamplerKind::Independent,

@@ -5,7 +5,6 @@
 //! however often it was interrupted ([`Sums`]).
 
 mod fireflies;
-mod guiding;
 mod integrator;
 mod paged;
 mod response;
@@ -28,9 +27,8 @@ use diopter_light::Ray;
 use diopter_light::random::SamplerKind;
 use diopter_light::wavelength::WavelengthSampler;
 use diopter_scene::light_paths::PhotonMap;
-use diopter_scene::{FirstSurface, Guide, GuideMode, PathSettings, Scene};
+use diopter_scene::{FirstSurface, PathSettings, Scene};
 use fireflies::Cascade;
-use guiding::Guided;
 use rayon::prelude::*;
 use response::Curves;
 use std::ops::Range;
@@ -60,9 +58,6 @@ pub struct Settings {
     pub seed: u64,
     /// How far paths go.
     pub path: PathSettings,
-    /// Whether paths are guided to where light was found to come from ([`diopter_scene::guide`]). Training follows about an eighth as many paths as
-    /// the whole exposure has (all of `spp`, whichever are rendered), and comes before the samples.
-    pub guide: GuideMode,
     /// How light transport is computed.
     pub integrator: Integrator,
     /// Factor on all light of the scene.
@@ -103,7 +98,7 @@ impl Half {
 }
 
 impl Settings {
-    /// `spp` Sobol samples, seed 1, the integrator chosen by the scene, no limits, not guided.
+    /// `spp` Sobol samples, seed 1, the integrator chosen by the scene, no limits.
     pub fn new(spp: u32) -> Self {
         Settings {
             spp,
@@ -111,7 +106,6 @@ impl Settings {
             sampler: SamplerKind::Sobol,
             seed: 1,
             path: PathSettings::default(),
-            guide: GuideMode::Off,
             integrator: Integrator::default(),
             light_scale: 1.0,
             time_limit_s: None,
@@ -250,9 +244,8 @@ impl Exposure<'_> {
             true => truth(self.scene, self.camera, self.shutter, 0..film.rows, watch.cancel).ok_or(ExposeError::Cancelled)?,
             false => Truth::empty(film.columns, film.rows),
         };
-        let guided = self.train(watch, &sums)?;
-        let stopped = self.take_samples(watch, &mut sums, keep, started, self.settings.time_limit_s, &guided)?;
-        let mut facts = self.facts_of(&sums, &guided);
+        let stopped = self.take_samples(watch, &mut sums, keep, started, self.settings.time_limit_s)?;
+        let mut facts = self.facts_of(&sums);
         let (mean, half_difference, removed) = sums.finish(self.response.curves.len(), self.cascade());
         facts.fireflies_removed = removed;
         let plane = FocalPlane { bands: self.response.bands.clone(), mean, half_difference, truth, facts };
@@ -287,14 +280,13 @@ impl Exposure<'_> {
             Ok((limit - started.elapsed().as_secs_f64() * share).max(0.0))
         });
         let limit = limit.transpose()?;
-        let guided = self.train(watch, &sums)?;
-        let stopped = self.take_samples(watch, &mut sums, keep, started, limit, &guided)?;
+        let stopped = self.take_samples(watch, &mut sums, keep, started, limit)?;
         Ok(ExposedPaged {
             camera: self.camera.clone(),
             shutter: *self.shutter,
             truth: self.settings.truth,
             bands: self.response.bands.clone(),
-            facts: self.facts_of(&sums, &guided),
+            facts: self.facts_of(&sums),
             sums,
             stopped,
         })
@@ -309,10 +301,10 @@ impl Exposure<'_> {
     }
 
     /// What tiles are computed with.
-    fn unit<'a>(&'a self, curves: &'a Curves, wavelengths: &'a WavelengthSampler, guide: Option<&'a Guide>) -> Unit<'a> {
+    fn unit<'a>(&'a self, curves: &'a Curves, wavelengths: &'a WavelengthSampler) -> Unit<'a> {
         let Exposure { scene, camera, shutter, response, settings, .. } = *self;
         let behind = camera.film.microlenses.map(|m| m.behind(&camera.lens));
-        Unit { scene, camera, shutter, curves, response, wavelengths, settings, guide, behind, cascade: self.cascade() }
+        Unit { scene, camera, shutter, curves, response, wavelengths, settings, behind, cascade: self.cascade() }
     }
 
     /// The samples that are asked for.
@@ -358,13 +350,12 @@ impl Exposure<'_> {
         }
     }
 
-    fn facts_of<S>(&self, sums: &Sums<S>, guided: &Guided) -> ExposureFacts {
+    fn facts_of<S>(&self, sums: &Sums<S>) -> ExposureFacts {
         ExposureFacts {
             seed: self.settings.seed,
             first_sample: sums.samples.start,
             samples: sums.samples.len() as u32,
             light_scale: self.settings.light_scale,
-            guide: guided.facts.clone(),
             ..self.facts.clone()
         }
     }
@@ -377,14 +368,13 @@ impl Exposure<'_> {
         mut keep: Option<Keep<S>>,
         started: Instant,
         time_limit_s: Option<f64>,
-        guided: &Guided,
     ) -> Result<bool, ExposeError> {
         let film = &self.camera.film;
         let (width, height) = (film.columns, film.rows);
         let wanted = self.wanted();
         let sampling = Instant::now();
         let (curves, wavelengths) = self.curves();
-        let unit = self.unit(&curves, &wavelengths, guided.guide.as_ref());
+        let unit = self.unit(&curves, &wavelengths);
         let caustics = self.caustics().filter(|caustics| self.shows_caustics(&unit, caustics));
         let length = match &caustics {
             None => pass_length(width * height),
@@ -434,7 +424,7 @@ impl Exposure<'_> {
             let share = |tile: usize| match time_limit_s {
                 None => {
                     let samples = (done - wanted.start) as f64 + pass.len() as f64 * tile as f64 / tiles as f64;
-                    guided.share + (1.0 - guided.share) * samples / wanted.len() as f64
+                    samples / wanted.len() as f64
                 }
                 Some(limit) => (started.elapsed().as_secs_f64() / limit).min(1.0),
             };

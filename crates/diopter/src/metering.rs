@@ -18,7 +18,7 @@ use diopter_image::{ExposureFacts, FocalPlane, RawImage};
 use diopter_light::cie;
 use diopter_light::color::luminance;
 use diopter_light::spectrum::{Table, blackbody};
-use diopter_scene::{GuideMode, Scene};
+use diopter_scene::Scene;
 use diopter_sensor::{Reading, Sensor, calibration, read_out};
 use glam::{DMat4, DVec4};
 use rayon::prelude::*;
@@ -132,7 +132,6 @@ fn probe(
     let settings = Settings {
         spp: PROBE_SAMPLES,
         samples: 0..PROBE_SAMPLES,
-        guide: GuideMode::Off,
         time_limit_s: None,
         truth: false,
         moments: Default::default(),

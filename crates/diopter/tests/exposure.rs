@@ -6,7 +6,7 @@ use diopter::lens::{Focus, Iris, Lens, Pinhole, ThinLens};
 use diopter::light::random::SamplerKind;
 use diopter::light::units::Millimeters;
 use diopter::scene::light::Environment;
-use diopter::scene::{GuideMode, Scene, builtin};
+use diopter::scene::{Scene, builtin};
 use diopter::sensor::Sensor;
 use diopter::{Camera, CameraWay, Film, Response, Settings, Shutter, camera::look_at, expose, expose::Watch};
 use glam::Vec3;
@@ -61,33 +61,6 @@ fn halves_merge_to_the_whole() {
         assert_eq!(whole.truth, merged.truth);
         assert_eq!((merged.facts.first_sample, merged.facts.samples), (0, 16));
     }
-}
-
-#[test]
-fn guided_exposures_have_the_same_bits_for_any_threads_and_parts_that_merge() {
-    let (scene, camera) = cornell(20, 20);
-    let guided = |samples: std::ops::Range<u32>, threads: usize| {
-        let settings = Settings { samples, guide: GuideMode::On, ..Settings::new(16) };
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        pool.install(|| take(&scene, &camera, &Response::linear_srgb(), &settings))
-    };
-    let whole = guided(0..16, 1);
-    assert_eq!(whole, guided(0..16, 4));
-    let facts = whole.facts.guide.as_ref().expect("it was trained");
-    assert!(facts.used && facts.paths > 0);
-    let merged = FocalPlane::merge(&[guided(10..16, 2), guided(0..10, 2)]).unwrap();
-    // Single precision in the files: the mean agrees to its rounding.
-    for (a, b) in whole.mean.data.iter().zip(&merged.mean.data) {
-        assert!((a - b).abs() <= 2e-6 * a.abs().max(1.0), "{a} {b}");
-    }
-    // The mean is that without a guide: 400 pixels × 16 samples of relative deviation near 2 are good to 2.5 % each, tested at 3 σ of the
-    // difference.
-    let plain = take(&scene, &camera, &Response::linear_srgb(), &Settings::new(16));
-    let mean = |p: &FocalPlane| p.mean.channel(1).iter().map(|v| f64::from(*v)).sum::<f64>();
-    assert!((mean(&plain) / mean(&whole) - 1.0).abs() < 0.1, "{} {}", mean(&plain), mean(&whole));
-    // Merging does not mind whether parts were guided.
-    let half = take(&scene, &camera, &Response::linear_srgb(), &Settings { samples: 0..10, ..Settings::new(16) });
-    assert!(FocalPlane::merge(&[half, guided(10..16, 2)]).is_ok());
 }
 
 #[test]

@@ -22,7 +22,7 @@ pub mod tiff_file;
 
 pub use encoding::Encoding;
 pub use focal_plane::FocalPlane;
-pub use metadata::{ExposureFacts, GuideFacts, LensProfile, LightFieldFacts, RowTimes, ShutterFacts};
+pub use metadata::{ExposureFacts, LensProfile, LightFieldFacts, RowTimes, ShutterFacts};
 pub use picture::{Picture, PictureSource};
 pub use raster::Raster;
 pub use raw::{Cfa, RawHeader, RawImage};

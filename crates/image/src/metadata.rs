@@ -75,9 +75,6 @@ pub struct ExposureFacts {
     pub samples: u32,
     /// Whether the renderer's noise was reduced: the mean is then an estimate, no longer the truth within its variance.
     pub denoised: bool,
-    /// How paths were guided; `None` where no guide was trained.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub guide: Option<GuideFacts>,
     /// Fraction of all light that re-weighting of outliers (fireflies) took away: the bias of the mean. `None` where every sample counts as it is.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub fireflies_removed: Option<f64>,
@@ -98,7 +95,7 @@ pub struct ExposureFacts {
 impl ExposureFacts {
     /// The facts that define the picture on the film: two exposures that agree in them show the same light, and hold samples of one picture.
     ///
-    /// Left out is which samples they hold, how the exposure was chosen (mode, metering, compensation, focusing), whether paths were guided, and
+    /// Left out is which samples they hold, how the exposure was chosen (mode, metering, compensation, focusing), and
     /// what only the read-out uses (ISO speed, temperature, noise, white, date).
     pub fn of_picture(&self) -> ExposureFacts {
         ExposureFacts {
@@ -115,22 +112,9 @@ impl ExposureFacts {
             compensation_ev: 0.0,
             first_sample: 0,
             samples: 0,
-            guide: None,
             ..self.clone()
         }
     }
-}
-
-/// What the training of a guide (path guiding: directions drawn where light was found to come from) came to.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-#[serde(default)]
-pub struct GuideFacts {
-    /// Whether the exposure used the guide.
-    pub used: bool,
-    /// Variance times cost of paths without it over the same with it, as found in training; `None` where training found no light.
-    pub gain: Option<f64>,
-    /// Paths that training followed.
-    pub paths: u64,
 }
 
 /// A microlens array and the lens before it: what it takes to decode a raw light field.

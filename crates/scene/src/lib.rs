@@ -8,7 +8,6 @@ pub mod builtin;
 pub mod bvh;
 pub mod daylight;
 mod features;
-pub mod guide;
 pub mod light;
 pub mod light_paths;
 pub mod load;
@@ -26,8 +25,7 @@ pub mod studio;
 pub mod texture;
 mod within;
 
-pub use guide::{Guide, GuideMode};
-pub use radiance::{FirstSurface, PathSettings, Precomputed};
+pub use radiance::{FirstSurface, PathSettings};
 pub use scene::{Description, Object, Scene, Shape};
 
 /// Why a scene cannot be had.

@@ -4,12 +4,11 @@
 //! heuristic) and Russian roulette. Four wavelengths ride together (Wilkie et al. 2014); densities do not depend on the
 //! wavelength except where a body disperses, and there the path goes on with its hero alone. Light goes from lights to the
 //! camera; paths are followed the other way. In media (`radiance/media.rs`) distances are drawn by extinction and as lamps see the ray, directions by the phase
-//! function. Directions at surfaces may be guided ([`crate::guide`]). Light that is aimed at comes through smooth thin sheets (panes, bubbles). Caustics
+//! function. Light that is aimed at comes through smooth thin sheets (panes, bubbles). Caustics
 //! of small lights are left to chance without photons ([`crate::light_paths`]). Limits: a path begins outside all bodies.
 
 mod media;
 
-use crate::guide::{Drawn, Guide, PathRecord, Vertex};
 use crate::light::{Aim, LightRef};
 use crate::light_paths::{PhotonMap, Tail};
 use crate::material::{Material, Scattering};
@@ -51,15 +50,6 @@ pub struct FirstSurface {
     pub object: u32,
 }
 
-/// What was computed before the samples and helps their paths.
-#[derive(Clone, Copy, Default)]
-pub struct Precomputed<'a> {
-    /// Where light comes from ([`crate::guide`]): directions are drawn there, too.
-    pub guide: Option<&'a Guide>,
-    /// Light that came over mirrors and through glass ([`crate::light_paths`]).
-    pub photons: Option<&'a PhotonMap<'a>>,
-}
-
 impl Scene {
     /// The truth along a ray; `None` where it leaves the scene.
     pub fn first_surface(&self, ray: &Ray) -> Option<FirstSurface> {
@@ -82,19 +72,19 @@ impl Scene {
     /// Spectral radiance that arrives at the ray's origin from its direction, W·m⁻²·sr⁻¹·nm⁻¹ at the four wavelengths; one
     /// random estimate, whose mean is the true value.
     pub fn radiance(&self, ray: Ray, wavelengths: &Wavelengths, sampler: &Sampler, settings: &PathSettings) -> Sampled {
-        self.radiance_with(Precomputed::default(), ray, wavelengths, sampler, settings)
+        self.trace(None, ray, wavelengths, sampler, settings, None)
     }
 
-    /// The same with what was computed before the samples: a guide changes the noise alone, photons stand for what paths would find by chance.
+    /// The same with caustics by photons ([`crate::light_paths`]), which stand for what paths would find by chance there.
     pub fn radiance_with(
         &self,
-        precomputed: Precomputed,
+        photons: Option<&PhotonMap>,
         ray: Ray,
         wavelengths: &Wavelengths,
         sampler: &Sampler,
         settings: &PathSettings,
     ) -> Sampled {
-        self.trace(precomputed, ray, wavelengths, sampler, settings, None)
+        self.trace(photons, ray, wavelengths, sampler, settings, None)
     }
 
     /// The same, and what of it came from the photons: by how much they matter in a picture.
@@ -106,21 +96,20 @@ impl Scene {
         sampler: &Sampler,
         settings: &PathSettings,
     ) -> [Sampled; 2] {
-        let mut record = PathRecord::default();
-        let precomputed = Precomputed { photons: Some(photons), guide: None };
-        let all = self.trace(precomputed, ray, wavelengths, sampler, settings, Some(&mut record));
-        [all, record.gathered]
+        let mut gathered = Sampled::ZERO;
+        let all = self.trace(Some(photons), ray, wavelengths, sampler, settings, Some(&mut gathered));
+        [all, gathered]
     }
 
-    /// Follows a path; `record` is told where it goes, for the training of a guide.
-    pub(crate) fn trace(
+    /// Follows a path; `gathered` gets what of its light came from photons.
+    fn trace(
         &self,
-        Precomputed { guide, photons }: Precomputed,
+        photons: Option<&PhotonMap>,
         mut ray: Ray,
         wavelengths: &Wavelengths,
         sampler: &Sampler,
         settings: &PathSettings,
-        mut record: Option<&mut PathRecord>,
+        mut gathered: Option<&mut Sampled>,
     ) -> Sampled {
         let mut radiance = Sampled::ZERO;
         let mut tail = Tail::default();
@@ -132,16 +121,13 @@ impl Scene {
         // Where `last` is a vertex in a medium: the segment on which it lies.
         let mut scattered_on: Option<ScatteredOn> = None;
         let (mut vertex, mut leg) = (0, 0);
-        // What radiance within a body was divided by, and what guides divided weights by: no reason to give a path up.
+        // What radiance within a body was divided by: no reason to give a path up.
         let mut squeezed = 1.0;
         let (time_s, flash) = (ray.time_s, self.flash_burns(ray.time_s));
         loop {
             let surface = self.intersect(&ray, f32::INFINITY);
             let reach = surface.as_ref().map_or(f32::INFINITY, |s| s.t);
             leg += 1;
-            if let Some(record) = &mut record {
-                record.segments = leg;
-            }
             if let Some((medium, [near, far])) = within.span(&ray, reach) {
                 let span = [near, far];
                 let segment = MediumSegment {
@@ -208,17 +194,16 @@ impl Scene {
             let around = within.around(material);
             let Some(bsdf) = material.bsdf(&surface, wo, wavelengths, hero_only, around) else { return radiance };
             let ng = bsdf.side_normal();
-            let mixture = guide.and_then(|g| g.mixture(surface.point, ng, &bsdf));
 
             // Light that comes over mirrors and through glass.
             if let Some(photons) = photons
                 && !bsdf.is_specular()
             {
                 let most_events = settings.max_depth - vertex - 1;
-                let gathered = throughput * photons.gather(&surface, &bsdf, wavelengths, time_s, most_events);
-                radiance += gathered;
-                if let Some(record) = &mut record {
-                    record.gathered += gathered;
+                let light = throughput * photons.gather(&surface, &bsdf, wavelengths, time_s, most_events);
+                radiance += light;
+                if let Some(gathered) = &mut gathered {
+                    **gathered += light;
                 }
             }
 
@@ -231,7 +216,6 @@ impl Scene {
                 let (f, pdf) = bsdf.eval(aim.wi);
                 if f != Sampled::ZERO {
                     let density = probability * aim.pdf;
-                    let pdf = mixture.map_or(pdf, |m| m.pdf(aim.wi, pdf));
                     let weight = if aim.has_extent { mis(density, pdf) } else { 1.0 };
                     let through = aim.wi.dot(ng) < 0.0;
                     let origin = offset_origin(surface.point, if through { -ng } else { ng });
@@ -247,16 +231,8 @@ impl Scene {
 
             // Go on in a direction light may have come from.
             let u = sampler.get(Set::Scatter(vertex));
-            let drawn = match &mixture {
-                None => bsdf.sample(u).map(Drawn::unguided),
-                Some(mixture) => mixture.sample(&bsdf, u),
-            };
-            let Some(Drawn { scatter, bsdf_pdf, roulette_factor }) = drawn else { return radiance };
+            let Some(scatter) = bsdf.sample(u) else { return radiance };
             throughput *= scatter.weight;
-            if let Some(record) = record.as_deref_mut().filter(|_| !scatter.specular && Guide::may_guide(&bsdf)) {
-                let (point, direction, weight) = (surface.point, scatter.wi, scatter.weight);
-                record.push(Vertex { point, normal: ng, direction, pdf: scatter.pdf, bsdf_pdf, weight, throughput, radiance });
-            }
             if scatter.disperses && !hero_only {
                 throughput *= wavelengths.hero_only();
                 hero_only = true;
@@ -279,7 +255,7 @@ impl Scene {
             if scatter.transmitted {
                 within.cross(material, entering);
             }
-            squeezed *= scatter.squeeze * roulette_factor;
+            squeezed *= scatter.squeeze;
             vertex += 1;
             if !survives(&mut throughput, squeezed, vertex, u[3], settings) {
                 return radiance;

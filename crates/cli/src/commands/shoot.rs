@@ -398,10 +398,6 @@ pub fn display(f: &ExposureFacts, width: usize, height: usize, seconds: f64) -> 
     if let Some(s) = f.shutter.as_ref().filter(|s| s.kind != "global") {
         extras.push_str(&format!("   {} shutter, {:.2} ms in all", s.kind, s.total_s * 1e3));
     }
-    if let Some(guide) = &f.guide {
-        let gain = guide.gain.map_or("no light found".to_owned(), |g| format!("gain {g:.2}"));
-        extras.push_str(&format!("   guide {} ({gain})", if guide.used { "used" } else { "not used" }));
-    }
     if let Some(removed) = f.fireflies_removed {
         extras.push_str(&format!("   fireflies: {:.2} % of the light taken away", 100.0 * removed));
     }

@@ -17,8 +17,8 @@ use diopter_lens::{Lens, LensRay};
 use diopter_light::Ray;
 use diopter_light::random::{Sampler, Set};
 use diopter_light::wavelength::{WavelengthSampler, Wavelengths};
+use diopter_scene::Scene;
 use diopter_scene::light_paths::PhotonMap;
-use diopter_scene::{Guide, Precomputed, Scene};
 use std::collections::BTreeMap;
 use std::ops::Range;
 
@@ -113,8 +113,6 @@ pub(super) struct Unit<'a> {
     pub response: &'a Response,
     pub wavelengths: &'a WavelengthSampler,
     pub settings: &'a Settings,
-    /// What paths are guided by, if they are.
-    pub guide: Option<&'a Guide>,
     /// The microlens array, if there is one.
     pub behind: Option<Behind>,
     /// Where fireflies are re-weighted.
@@ -299,8 +297,8 @@ impl Unit<'_> {
                 if !ray.is_finite() {
                     continue;
                 }
-                let precomputed = self.precomputed(photons, sampler);
-                let radiance = self.scene.radiance_with(precomputed, ray, &wavelengths, sampler, &self.settings.path);
+                let photons = photons.map(|maps| &maps[sampler.replicate()]);
+                let radiance = self.scene.radiance_with(photons, ray, &wavelengths, sampler, &self.settings.path);
                 let weighted = (radiance * wavelengths.weight).to_array();
                 // One bad number must not poison a pixel.
                 if !weighted.iter().all(|v| v.is_finite()) {
@@ -417,17 +415,12 @@ impl Unit<'_> {
         self.response.curves.len()
     }
 
-    /// What helps the paths of a sample.
-    fn precomputed<'a>(&'a self, photons: Photons<'a>, sampler: &Sampler) -> Precomputed<'a> {
-        Precomputed { guide: self.guide, photons: photons.map(|maps| &maps[sampler.replicate()]) }
-    }
-
     /// One sample of a pixel; `None` where no light comes through.
     #[inline]
     fn sample(&self, column: usize, row: usize, sampler: &Sampler, photons: Photons) -> Option<PathSample> {
         let CameraRay { ray, wavelengths, exposure } = self.camera_ray(column, row, sampler)?;
-        let precomputed = self.precomputed(photons, sampler);
-        let radiance = self.scene.radiance_with(precomputed, ray, &wavelengths, sampler, &self.settings.path);
+        let photons = photons.map(|maps| &maps[sampler.replicate()]);
+        let radiance = self.scene.radiance_with(photons, ray, &wavelengths, sampler, &self.settings.path);
         Some(PathSample {
             nm: wavelengths.nm.to_array(),
             weighted: (radiance * wavelengths.weight).to_array(),

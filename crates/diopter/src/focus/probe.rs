@@ -7,7 +7,7 @@ use crate::expose::{ExposeError, Half, Integrator, Response, Settings, Watch, ex
 use crate::shutter::Shutter;
 use diopter_image::{ExposureFacts, FocalPlane};
 use diopter_lens::Lens;
-use diopter_scene::{GuideMode, Scene};
+use diopter_scene::Scene;
 use diopter_sensor::read_out::Window;
 use diopter_sensor::{ReadOut, Reading, Sensor};
 
@@ -83,7 +83,6 @@ impl<'a> Prober<'a> {
         let settings = Settings {
             spp,
             samples: 0..spp,
-            guide: GuideMode::Off,
             time_limit_s: None,
             truth: false,
             moments: Default::default(),

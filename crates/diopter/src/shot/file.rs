@@ -480,9 +480,6 @@ pub struct RenderSection {
     /// Most scattering events of a path.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub max_depth: Option<u32>,
-    /// Path guiding, which learns where light comes from before the samples are taken: `auto` (without; if it pays), `on` or `off`.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub guide: Option<String>,
     /// `path`, `caustics` or `auto`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub integrator: Option<String>,

@@ -55,7 +55,7 @@ use diopter_light::random::SamplerKind;
 use diopter_scene::bvh::Bounds;
 use diopter_scene::light::Modulation;
 use diopter_scene::studio::Studio;
-use diopter_scene::{GuideMode, PathSettings, Scene, SceneError, builtin};
+use diopter_scene::{PathSettings, Scene, SceneError, builtin};
 use diopter_sensor::format;
 use diopter_sensor::{Reading, Sensor, SensorError, read_out};
 use file::RenderSection;
@@ -668,7 +668,6 @@ impl Shot {
         r.seed.get_or_insert(DEFAULT_SEED);
         r.sampler.get_or_insert_with(|| "sobol".into());
         r.max_depth.get_or_insert(self.settings.path.max_depth);
-        r.guide.get_or_insert_with(|| self.settings.guide.name().into());
         r.integrator.get_or_insert_with(|| self.settings.integrator.name().into());
         r.denoise.get_or_insert(self.denoise);
     }
@@ -1098,10 +1097,6 @@ fn settings(r: &RenderSection) -> Result<Settings, ShotError> {
         Some("independent") => SamplerKind::Independent,
         Some(other) => return Err(value("sampler", format!("\"{other}\""), "sobol, jittered, grid or independent")),
     };
-    let guide = match r.guide.as_deref() {
-        None => GuideMode::default(),
-        Some(name) => GuideMode::named(name).ok_or_else(|| value("guide", format!("\"{name}\""), "auto, on or off"))?,
-    };
     let integrator = match r.integrator.as_deref() {
         None => Integrator::default(),
         Some(name) => {
@@ -1121,7 +1116,6 @@ fn settings(r: &RenderSection) -> Result<Settings, ShotError> {
         sampler,
         seed: r.seed.unwrap_or(DEFAULT_SEED),
         path: PathSettings { max_depth: r.max_depth.unwrap_or(default.max_depth), ..default },
-        guide,
         integrator,
         time_limit_s: limit,
         ..Settings::new(spp)

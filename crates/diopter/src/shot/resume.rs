@@ -5,7 +5,6 @@ use crate::camera::{Camera, Film};
 use crate::checkpoint::Fnv;
 use crate::expose::{Integrator, Settings, Watch, expose};
 use diopter_image::ExposureFacts;
-use diopter_scene::GuideMode;
 
 /// Pixels across the small exposure that stands for what the scene looks like.
 const COLUMNS: usize = 64;
@@ -48,8 +47,7 @@ impl Shot {
         if !self.lens_cap {
             let rows = (COLUMNS * film.rows).div_ceil(film.columns).clamp(1, 4 * COLUMNS);
             let camera = Camera { film: Film { columns: COLUMNS, rows, ..*film }, ..self.camera.clone() };
-            let look =
-                Settings { spp: 1, samples: 0..1, truth: false, guide: GuideMode::Off, integrator: Integrator::Path, ..settings };
+            let look = Settings { spp: 1, samples: 0..1, truth: false, integrator: Integrator::Path, ..settings };
             let quiet = Watch { cancel: watch.cancel, progress: &|_| () };
             let plane = expose(&self.scene, &camera, &self.shutter(), &response, &look, &ExposureFacts::default(), &quiet)?;
             plane.mean.data.iter().for_each(|v| hash.add(u64::from(v.to_bits())));

@@ -71,7 +71,6 @@ pub const VARIABLES: &[(&str, &str)] = &[
     ("seed", "render.seed"),
     ("sampler", "render.sampler"),
     ("max-depth", "render.max_depth"),
-    ("guide", "render.guide"),
     ("integrator", "render.integrator"),
     ("quick", "render.quick"),
     ("denoise", "render.denoise"),

@@ -113,34 +113,6 @@ impl Bsdf<'_> {
         }
     }
 
-    /// Probability that [`Bsdf::sample`] takes a broad lobe: 0 for mirrors and clear glass, 1 for matte surfaces, between where some lobes are narrow
-    /// (GGX widths from 0.02 to 0.2 count in proportion). An estimate to divide samples by, not used in any density.
-    pub fn broad_fraction(&self) -> f32 {
-        match &self.lobes {
-            Lobes::Diffuse { .. } | Lobes::DiffuseTransmission { .. } => 1.0,
-            Lobes::Conductor(lobe) => lobe.facets().breadth(),
-            Lobes::Coated(lobes) => lobes.broad_fraction(self.frame.wo),
-            Lobes::Principled(lobes) => lobes.broad_fraction(),
-        }
-    }
-
-    /// Whether some directions are for the hero wavelength alone: of bodies that disperse.
-    pub fn may_disperse(&self) -> bool {
-        matches!(&self.lobes, Lobes::Principled(lobes) if lobes.may_disperse())
-    }
-
-    /// Scattering into a given direction, as if [`Bsdf::sample`] had drawn it: `weight` is f cos θ, not divided by a density, `pdf` the density that
-    /// [`Bsdf::sample`] has for it. `None` where no light goes that way. Not for surfaces that disperse ([`Bsdf::may_disperse`]).
-    pub fn scatter_into(&self, wi: Vec3) -> Option<Scatter> {
-        let (weight, pdf) = self.eval(wi);
-        if !(weight.max_element() > 0.0) {
-            return None;
-        }
-        let transmitted = self.frame.ng.dot(wi) < 0.0;
-        let squeeze = self.squeeze(transmitted);
-        Some(Scatter { wi, weight, pdf, specular: false, transmitted, disperses: false, squeeze })
-    }
-
     /// What radiance is divided by on the way through.
     fn squeeze(&self, transmitted: bool) -> f32 {
         match &self.lobes {

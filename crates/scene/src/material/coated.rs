@@ -104,12 +104,6 @@ impl CoatedLobes<'_> {
         self.facets.is_smooth() && self.metal.facets().is_smooth()
     }
 
-    /// Probability of a broad lobe.
-    pub(super) fn broad_fraction(&self, wo: Vec3) -> f32 {
-        let choice = self.choice(wo);
-        choice * self.facets.breadth() + (1.0 - choice) * self.metal.facets().breadth()
-    }
-
     /// Whether its lobes that are not specular are all as wide as `least_alpha`: judged as one.
     pub(super) fn is_wide(&self, least_alpha: f32) -> bool {
         [self.facets, self.metal.facets()].iter().all(|f| f.is_smooth() || f.is_wide(least_alpha))

@@ -83,12 +83,6 @@ impl Ggx {
         self.x.max(self.y) < SMOOTH
     }
 
-    /// How broad reflections are: 0 up to a width α of 0.02 (a mirror image blurred by a few degrees), 1 from 0.2 on (the geometric mean of both
-    /// widths). Chosen, not tuned.
-    pub fn breadth(&self) -> f32 {
-        (((self.x * self.y).sqrt() - 0.02) / 0.18).clamp(0.0, 1.0)
-    }
-
     /// Whether both of its widths reach `least`.
     #[inline]
     pub fn is_wide(&self, least: f32) -> bool {

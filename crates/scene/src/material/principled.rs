@@ -502,17 +502,6 @@ impl PrincipledLobes<'_> {
         self.smooth() && diffuse == 0.0 && coat == 0.0 && fibres == 0.0
     }
 
-    /// Probability of a broad lobe.
-    pub(super) fn broad_fraction(&self) -> f32 {
-        let [specular, diffuse, transmission, coat, fibres] = self.seen.choice;
-        (specular + transmission) * self.facets.breadth() + coat * self.coat_facets().breadth() + diffuse + fibres
-    }
-
-    /// Whether what is transmitted is for the hero wavelength alone.
-    pub(super) fn may_disperse(&self) -> bool {
-        self.dispersive
-    }
-
     pub(super) fn eval(&self, wo: Vec3, wi: Vec3) -> (Sampled, f32) {
         self.eval_lobes(wo, wi, 0.0)
     }
