@@ -260,8 +260,8 @@ fn a_prism_bends_blue_farther_than_red() {
         let inside = f64::from(index(NM[k])) * f64::from(wedge).sin();
         let expected = (2.08 - 0.1 * f64::from(wedge).tan()) * (inside.asin() - f64::from(wedge)).tan();
         let found = moment[k] / sum[k];
-        // 2 cm lie between neighbours; some thousand photons of each wavelength over 20 cm.
-        assert!((found - expected).abs() < 0.006, "{} nm: {found} {expected}", NM[k]);
+        // 2 cm lie between neighbours; some hundred photons of each wavelength over 20 cm are good to 0.3 cm.
+        assert!((found - expected).abs() < 0.01, "{} nm: {found} {expected}", NM[k]);
     }
 }
 
