@@ -18,6 +18,7 @@ pub mod from_light;
 pub mod hdr;
 pub mod iso;
 pub mod lens_profile;
+pub mod measure;
 pub mod lesson;
 pub mod metering;
 mod mount;

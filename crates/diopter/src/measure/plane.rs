@@ -1,0 +1,279 @@
+//! What is measured: linear values of one channel of a picture, at the pixels where it was sampled.
+
+use super::MeasureError;
+use crate::files;
+use diopter_image::raw::Filter;
+use diopter_image::{Encoding, ExposureFacts, Raster, RawImage, dng, exr};
+use diopter_light::color::RgbSpace;
+use serde::Serialize;
+use std::io::Cursor;
+use std::path::Path;
+
+/// Most memory that a decoder of pictures may ask for, bytes: 65 535 pixels a side would be 24 GB and more.
+const MOST_DECODED_BYTES: u64 = 8 << 30;
+
+/// Which numbers of a picture are measured.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Channel {
+    /// Red; of a raw image the pixels behind red filters.
+    Red,
+    /// Green.
+    Green,
+    /// Blue.
+    Blue,
+    /// Pixels without a filter, or of a monochrome sensor.
+    Clear,
+    /// Luminance of a developed picture (Rec. 709 weights).
+    Luminance,
+}
+
+impl Channel {
+    /// Name in messages.
+    pub fn name(self) -> &'static str {
+        match self {
+            Channel::Red => "red",
+            Channel::Green => "green",
+            Channel::Blue => "blue",
+            Channel::Clear => "clear",
+            Channel::Luminance => "luminance",
+        }
+    }
+
+    fn filter(self) -> Option<Filter> {
+        match self {
+            Channel::Red => Some(Filter::Red),
+            Channel::Green => Some(Filter::Green),
+            Channel::Blue => Some(Filter::Blue),
+            Channel::Clear => Some(Filter::Clear),
+            Channel::Luminance => None,
+        }
+    }
+}
+
+/// A rectangle of pixels.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+pub struct Region {
+    /// First column.
+    pub x: usize,
+    /// First row.
+    pub y: usize,
+    /// Columns.
+    pub width: usize,
+    /// Rows.
+    pub height: usize,
+}
+
+impl std::fmt::Display for Region {
+    fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
+        write!(f, "region {},{},{},{}", self.x, self.y, self.width, self.height)
+    }
+}
+
+impl Region {
+    /// Whether two of them share pixels.
+    pub fn overlaps(&self, other: &Region) -> bool {
+        self.x < other.x + other.width
+            && other.x < self.x + self.width
+            && self.y < other.y + other.height
+            && other.y < self.y + self.height
+    }
+}
+
+/// Linear values of one channel on the pixel grid.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Plane {
+    /// Pixels a row.
+    pub width: usize,
+    /// Rows.
+    pub height: usize,
+    /// `[row][column]`, proportional to light; NaN where the channel was not sampled.
+    pub values: Vec<f32>,
+    /// Values at and beyond which they are clipped, below and above; infinite where they never are.
+    pub limits: [f32; 2],
+}
+
+impl Plane {
+    /// Value at a pixel; NaN where the channel was not sampled.
+    pub fn at(&self, column: usize, row: usize) -> f64 {
+        f64::from(self.values[row * self.width + column])
+    }
+
+    /// All of it.
+    pub fn whole(&self) -> Region {
+        Region { x: 0, y: 0, width: self.width, height: self.height }
+    }
+
+    /// The samples of a region.
+    pub fn samples(&self, region: Region) -> impl Iterator<Item = f64> + '_ {
+        (region.y..region.y + region.height)
+            .flat_map(move |y| (region.x..region.x + region.width).map(move |x| self.at(x, y)))
+            .filter(|v| !v.is_nan())
+    }
+
+    /// Fractions of the samples of a region that are clipped, below and above.
+    pub fn clipped(&self, region: Region) -> [f64; 2] {
+        let (mut low, mut high, mut count) = (0.0, 0.0, 0.0f64);
+        for v in self.samples(region) {
+            low += f64::from(v <= f64::from(self.limits[0]));
+            high += f64::from(v >= f64::from(self.limits[1]));
+            count += 1.0;
+        }
+        [low / count.max(1.0), high / count.max(1.0)]
+    }
+
+    /// Fails where a region does not lie within the picture, or is smaller than `least` pixels a side.
+    pub fn check(&self, region: Region, least: usize) -> Result<(), MeasureError> {
+        let inside = region.x.checked_add(region.width).is_some_and(|r| r <= self.width)
+            && region.y.checked_add(region.height).is_some_and(|b| b <= self.height);
+        if !inside || region.width < least || region.height < least {
+            return Err(MeasureError::unfit(
+                region.to_string(),
+                format!("the picture has {} × {} pixels", self.width, self.height),
+                format!("x,y,width,height within it, at least {least} pixels a side"),
+            ));
+        }
+        Ok(())
+    }
+}
+
+/// A picture file that is measured.
+pub enum Measured {
+    /// A raw image.
+    Raw(Box<RawImage>),
+    /// Linear values, all channels at every pixel.
+    Light {
+        /// Values.
+        pixels: Raster<f32>,
+        /// Names of its channels: `R`, `G`, `B`, `W`, `Y`.
+        bands: Vec<String>,
+        /// Where they are clipped.
+        limits: [f32; 2],
+        /// How it was taken, where the file says so.
+        facts: Option<Box<ExposureFacts>>,
+    },
+}
+
+impl Measured {
+    /// Reads a DNG, a focal plane or other EXR, or a picture (PNG, TIFF, JPEG ...) whose codes are decoded by `encoding`.
+    pub fn read(path: &Path, encoding: Encoding) -> Result<Measured, MeasureError> {
+        let wrong = |reason: String| MeasureError::Read { path: path.display().to_string(), reason };
+        let bytes = files::read(path).map_err(|e| wrong(e.to_string()))?;
+        Self::from_bytes(bytes, encoding, path.extension().is_some_and(|e| e.eq_ignore_ascii_case("dng"))).map_err(wrong)
+    }
+
+    fn from_bytes(bytes: Vec<u8>, encoding: Encoding, raw: bool) -> Result<Measured, String> {
+        const EXR: [u8; 4] = [0x76, 0x2f, 0x31, 0x01];
+        if raw {
+            let raw = dng::read(Cursor::new(bytes)).map_err(|e| e.to_string())?;
+            return Ok(Measured::Raw(Box::new(raw)));
+        }
+        let limits = [f32::NEG_INFINITY, f32::INFINITY];
+        if bytes.starts_with(&EXR) {
+            if let Ok(plane) = exr::read_focal_plane(Cursor::new(&bytes)) {
+                let bands = plane.bands.iter().map(|b| b.name.clone()).collect();
+                return Ok(Measured::Light { pixels: plane.mean, bands, limits, facts: Some(Box::new(plane.facts)) });
+            }
+            let pixels = exr::read_rgb(Cursor::new(&bytes)).map_err(|e| e.to_string())?;
+            return Ok(Measured::Light { pixels, bands: ["R", "G", "B"].map(str::to_owned).to_vec(), limits, facts: None });
+        }
+        let mut reader = image::ImageReader::new(Cursor::new(bytes)).with_guessed_format().map_err(|e| e.to_string())?;
+        let mut allowed = image::Limits::no_limits();
+        allowed.max_alloc = Some(MOST_DECODED_BYTES);
+        reader.limits(allowed);
+        let picture = reader.decode().map_err(|e| e.to_string())?.into_rgb32f();
+        let [width, height] = [picture.width() as usize, picture.height() as usize];
+        let luminance = RgbSpace::Srgb.xyz_from_rgb().row(1).to_array().map(|v| v as f32);
+        let mut data = picture.into_raw();
+        data.as_chunks_mut::<3>().0.iter_mut().for_each(|p| *p = encoding.decode_pixel(*p, luminance));
+        let top = encoding.decode(1.0);
+        let bands = ["R", "G", "B"].map(str::to_owned).to_vec();
+        Ok(Measured::Light { pixels: Raster { width, height, channels: 3, data }, bands, limits: [0.0, top], facts: None })
+    }
+
+    /// What is measured when nothing is asked for: green of a raw image (or its only channel), luminance of others.
+    pub fn usual_channel(&self) -> Channel {
+        match self {
+            Measured::Raw(raw) if raw.header.cfa.is_monochrome() => Channel::Clear,
+            Measured::Raw(_) => Channel::Green,
+            Measured::Light { bands, .. } if bands.len() == 1 => Channel::Clear,
+            // Electrons have no luminance.
+            Measured::Light { facts: Some(_), .. } => Channel::Green,
+            Measured::Light { .. } => Channel::Luminance,
+        }
+    }
+
+    /// How it was taken, where the file says so.
+    pub fn facts(&self) -> Option<&ExposureFacts> {
+        match self {
+            Measured::Raw(raw) => Some(&raw.header.facts),
+            Measured::Light { facts, .. } => facts.as_deref(),
+        }
+    }
+
+    /// The values of a channel.
+    pub fn plane(&self, channel: Channel) -> Result<Plane, MeasureError> {
+        match self {
+            Measured::Raw(raw) => plane_of_raw(raw, channel),
+            Measured::Light { pixels, bands, limits, .. } => {
+                let find = |name: &str| bands.iter().position(|b| b == name);
+                let missing = || {
+                    let expected = format!("one of its channels {}", bands.join(", "));
+                    MeasureError::unfit("channel", channel.name(), expected)
+                };
+                let values = match channel {
+                    Channel::Luminance => {
+                        let rgb = [find("R"), find("G"), find("B")];
+                        let [Some(r), Some(g), Some(b)] = rgb else { return Err(missing()) };
+                        let w = RgbSpace::Srgb.xyz_from_rgb().row(1).to_array().map(|v| v as f32);
+                        let y = |p: &[f32]| w[0] * p[r] + w[1] * p[g] + w[2] * p[b];
+                        pixels.data.chunks_exact(pixels.channels).map(y).collect()
+                    }
+                    Channel::Clear => pixels.channel(find("Y").or_else(|| find("W")).ok_or_else(missing)?),
+                    other => {
+                        let letter = other.filter().map_or('Y', Filter::letter).to_string();
+                        pixels.channel(find(&letter).ok_or_else(missing)?)
+                    }
+                };
+                Ok(Plane { width: pixels.width, height: pixels.height, values, limits: *limits })
+            }
+        }
+    }
+}
+
+/// The pixels behind one kind of filter: 0 is black, 1 the white level. Places are those of the mosaic, before any crop or turn.
+fn plane_of_raw(raw: &RawImage, channel: Channel) -> Result<Plane, MeasureError> {
+    let h = &raw.header;
+    let cfa = &h.cfa;
+    let wanted = channel.filter().and_then(|filter| cfa.filters().iter().position(|f| *f == filter));
+    let Some(wanted) = wanted else {
+        let names: Vec<&str> = cfa
+            .filters()
+            .iter()
+            .map(|f| match f {
+                Filter::Red => "red",
+                Filter::Green => "green",
+                Filter::Blue => "blue",
+                Filter::Clear => "clear",
+            })
+            .collect();
+        return Err(MeasureError::unfit(
+            "channel",
+            format!("a raw image has no {} before it is developed", channel.name()),
+            format!("one of {}; or `diopter develop` it first", names.join(", ")),
+        ));
+    };
+    let [width, height] = raw.size();
+    let samples = cfa.samples_per_pixel();
+    let range = (h.white_level - h.black_level).max(1e-9);
+    let linear = |dn: f64| ((dn - h.black_level) / range) as f32;
+    let mut values = vec![f32::NAN; width * height];
+    for (row, line) in raw.mosaic.data.chunks_exact(raw.mosaic.width).enumerate() {
+        for (column, dn) in line.iter().enumerate() {
+            if cfa.channel_at(column, row) == wanted {
+                values[row * width + column / samples] = linear(f64::from(*dn));
+            }
+        }
+    }
+    Ok(Plane { width, height, values, limits: [linear(0.0), linear(h.white_level)] })
+}
