@@ -6,6 +6,7 @@
 mod fit;
 pub mod mtf;
 pub mod plane;
+pub mod vignetting;
 
 pub use mtf::EdgeMtf;
 pub use plane::{Channel, Measured, Plane, Region};

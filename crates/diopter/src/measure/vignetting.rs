@@ -1,0 +1,150 @@
+//! Relative illumination over the image height, from the picture of a flat field.
+//!
+//! Light falls off from the middle by vignetting, by cos⁴ and by the pixels' own angles: all of it is measured together. Means over rings are
+//! fitted by an even polynomial, E(r) = E₀ (1 + a₁ r² + a₂ r⁴ + a₃ r⁶), r the image height over half of the diagonal (the form of DNG's
+//! FixVignetteRadial, DNG specification 1.7, opcode 3); E₀ is what all is relative to. The four corners are given apart: where they differ, the
+//! field was not even or the lens is not centred.
+
+use super::fit::least_squares;
+use super::{MeasureError, Plane, Region};
+use serde::Serialize;
+
+/// Rings.
+const RINGS: usize = 64;
+/// Side of the squares in the corners, of the shorter side of the picture.
+const CORNER: f64 = 0.05;
+/// Fraction of the samples that may be clipped.
+const MOST_CLIPPED: f64 = 0.01;
+/// Root mean square of what the fit leaves in the rings' means, of the mean, beyond which the picture shows more than a flat field.
+const MOST_RESIDUAL: f64 = 0.05;
+
+/// Illumination at an image height.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Ring {
+    /// Image height over half of the diagonal.
+    pub height: f64,
+    /// Mean of the ring over the fit's value in the middle.
+    pub illumination: f64,
+}
+
+/// How light falls off.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Vignetting {
+    /// From the middle outwards.
+    pub rings: Vec<Ring>,
+    /// a₁, a₂, a₃.
+    pub coefficients: [f64; 3],
+    /// Root mean square of what the fit leaves in the rings, relative to the middle.
+    pub residual: f64,
+    /// Illumination of the corners relative to the middle: upper left, upper right, lower left, lower right.
+    pub corners: [f64; 4],
+}
+
+impl Vignetting {
+    /// Illumination at an image height (over half of the diagonal) relative to the middle, by the fit.
+    pub fn at(&self, height: f64) -> f64 {
+        let r2 = height * height;
+        self.coefficients.iter().rev().fold(0.0, |sum, a| (sum + a) * r2) + 1.0
+    }
+
+    /// Loss in the corners on average, EV.
+    pub fn corner_ev(&self) -> f64 {
+        -(self.corners.iter().sum::<f64>() / 4.0).log2()
+    }
+}
+
+/// Measures the picture of a flat field.
+pub fn measure(plane: &Plane) -> Result<Vignetting, MeasureError> {
+    plane.check(plane.whole(), 32)?;
+    let [low, high] = plane.clipped(plane.whole());
+    if low.max(high) > MOST_CLIPPED {
+        return Err(MeasureError::unfit(
+            "flat field",
+            format!("{:.1} % of its pixels are clipped", 100.0 * low.max(high)),
+            "all of it between black and white: expose it otherwise",
+        ));
+    }
+    let (w, h) = (plane.width as f64, plane.height as f64);
+    let diagonal = 0.5 * w.hypot(h);
+    let mut rings = [(0.0, 0.0, 0.0f64); RINGS];
+    for (i, v) in plane.values.iter().enumerate().filter(|(_, v)| !v.is_nan()) {
+        let (x, y) = ((i % plane.width) as f64 + 0.5 - 0.5 * w, (i / plane.width) as f64 + 0.5 - 0.5 * h);
+        let height = x.hypot(y) / diagonal;
+        let ring = &mut rings[((height * RINGS as f64) as usize).min(RINGS - 1)];
+        (ring.0, ring.1, ring.2) = (ring.0 + height * height, ring.1 + f64::from(*v), ring.2 + 1.0);
+    }
+    // Mean of r² and of the light of each ring, and its samples.
+    let means: Vec<(f64, f64, f64)> = rings.iter().filter(|r| r.2 > 0.0).map(|r| (r.0 / r.2, r.1 / r.2, r.2)).collect();
+    let rows = means.iter().map(|(r2, light, n)| {
+        let weight = n.sqrt();
+        ([1.0, *r2, r2.powi(2), r2.powi(3)].map(|v| v * weight).to_vec(), light * weight)
+    });
+    let fit = least_squares(rows, 4).filter(|c| c[0] > 0.0);
+    let Some(c) = fit else {
+        return Err(MeasureError::unfit("flat field", "no light in its middle", "an evenly lit field that fills the picture"));
+    };
+    let coefficients = [c[1] / c[0], c[2] / c[0], c[3] / c[0]];
+    let rings = means.iter().map(|(r2, light, _)| Ring { height: r2.sqrt(), illumination: light / c[0] }).collect();
+    let side = ((CORNER * w.min(h)) as usize).max(4);
+    let [right, below] = [plane.width - side, plane.height - side];
+    let corners = [[0, 0], [right, 0], [0, below], [right, below]].map(|[x, y]| {
+        let (mut sum, mut count) = (0.0, 0.0f64);
+        plane.samples(Region { x, y, width: side, height: side }).for_each(|v| (sum, count) = (sum + v, count + 1.0));
+        sum / count.max(1.0) / c[0]
+    });
+    let mut found = Vignetting { rings, coefficients, residual: 0.0, corners };
+    let total: f64 = means.iter().map(|m| m.2).sum();
+    let squares = means.iter().map(|(r2, light, n)| n * (light / c[0] - found.at(r2.sqrt())).powi(2)).sum::<f64>();
+    found.residual = (squares / total).sqrt();
+    if !(found.residual < MOST_RESIDUAL) {
+        return Err(MeasureError::unfit(
+            "flat field",
+            format!("rings deviate by {:.1} % from a smooth fall-off", 100.0 * found.residual),
+            "an evenly lit field that fills the picture (\"flat-field\")",
+        ));
+    }
+    Ok(found)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn field(light: impl Fn(f64, f64) -> f64) -> Plane {
+        let (width, height) = (240, 160);
+        let diagonal = 0.5 * 240f64.hypot(160.0);
+        let value = |i: usize| {
+            let (x, y) = ((i % width) as f64 + 0.5 - 120.0, (i / width) as f64 + 0.5 - 80.0);
+            light(x / diagonal, y / diagonal) as f32
+        };
+        Plane { width, height, values: (0..width * height).map(value).collect(), limits: [0.0, 1.0] }
+    }
+
+    #[test]
+    fn a_known_fall_off_is_found() {
+        // cos⁴ at a field of 35° in the corners: not a polynomial, but within 0.1 % of one.
+        let cos4 = |r: f64| (1.0 + (r * 35f64.to_radians().tan()).powi(2)).powi(-2);
+        let found = measure(&field(|x, y| 0.6 * cos4(x.hypot(y)))).unwrap();
+        for r in [0.0, 0.3, 0.6, 0.9] {
+            assert!((found.at(r) - cos4(r)).abs() < 2e-3, "{r}: {} {}", found.at(r), cos4(r));
+        }
+        // Squares of 8 pixels: their middles lie at 0.972 of the half diagonal and their mean on either side of it.
+        assert!(found.corners.iter().all(|c| (c - cos4(0.965)).abs() < 0.01), "{:?}", found.corners);
+        assert!((found.corner_ev() + cos4(0.965).log2()).abs() < 0.04, "{}", found.corner_ev());
+    }
+
+    #[test]
+    fn raw_mosaics_are_measured_in_one_channel() {
+        let mut plane = field(|x, y| 0.5 - 0.2 * (x * x + y * y));
+        (0..240 * 160).filter(|i| (i % 240 + i / 240) % 2 == 0).for_each(|i| plane.values[i] = f32::NAN);
+        let found = measure(&plane).unwrap();
+        assert!((found.coefficients[0] + 0.4).abs() < 2e-3 && (found.at(1.0) - 0.6).abs() < 2e-3, "{found:?}");
+    }
+
+    #[test]
+    fn what_is_no_flat_field_is_refused() {
+        let told = |light: &dyn Fn(f64, f64) -> f64| measure(&field(light)).unwrap_err().to_string();
+        assert!(told(&|_, _| 1.0).contains("clipped"));
+        assert!(told(&|x, y| if (x * x + y * y) * 40.0 % 2.0 < 1.0 { 0.2 } else { 0.8 }).contains("smooth fall-off"));
+    }
+}
