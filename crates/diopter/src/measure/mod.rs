@@ -3,6 +3,7 @@
 //! One file a measurement. Each takes a [`Plane`] (linear values of one channel at the places where it was sampled, raw mosaics included) or
 //! raw images, and knows nothing of how the picture was made: pictures of other cameras are measured just so.
 
+pub mod color;
 pub mod distortion;
 mod fit;
 pub mod mtf;
