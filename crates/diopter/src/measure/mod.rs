@@ -7,6 +7,7 @@ pub mod color;
 pub mod distortion;
 mod fit;
 pub mod mtf;
+pub mod noise;
 pub mod plane;
 pub mod vignetting;
 
