@@ -87,6 +87,11 @@ pub enum Verb {
         #[command(subcommand)]
         verb: BodyVerb,
     },
+    /// Measure pictures as a laboratory does: resolution, noise, vignetting, distortion, colour.
+    Measure {
+        #[command(subcommand)]
+        verb: MeasureVerb,
+    },
     /// Print a completion script for a shell.
     Completions {
         /// bash, zsh, fish, elvish or powershell.
@@ -317,6 +322,138 @@ pub struct Calibrate {
 /// Numbers separated by commas.
 #[derive(Clone, Debug, PartialEq)]
 pub struct List(pub Vec<f64>);
+
+#[derive(Subcommand, Debug)]
+pub enum MeasureVerb {
+    /// Resolution from slanted edges (e-SFR, ISO 12233): MTF50, MTF10, contrast over frequency.
+    Mtf(MeasureMtf),
+    /// Photon transfer from pairs of raw files of flat fields: gain, dark noise, dynamic range.
+    Noise {
+        /// Raw files (.dng), two of each exposure: A1 B1 A2 B2 ...
+        #[arg(required = true, num_args = 2..)]
+        files: Vec<PathBuf>,
+        /// Part of the mosaic: "x,y,width,height", pixels; the middle half without.
+        #[arg(long, value_name = "X,Y,W,H", value_parser = rectangle)]
+        region: Option<[usize; 4]>,
+        /// Plot to write: .svg or .png; may be given several times.
+        #[arg(short, long, value_name = "FILE")]
+        output: Vec<PathBuf>,
+    },
+    /// Dynamic range of a body at its ISO speeds, by EMVA 1288.
+    DynamicRange {
+        /// Embedded body or TOML file.
+        body: String,
+        /// Settings: "100,200"; all of the sheet without.
+        #[arg(long, value_name = "LIST", value_parser = list)]
+        iso: Option<List>,
+        /// Plot to write: .svg or .png; may be given several times.
+        #[arg(short, long, value_name = "FILE")]
+        output: Vec<PathBuf>,
+    },
+    /// Relative illumination over the image height, from a flat field.
+    Vignetting(MeasureChart),
+    /// Distortion, from a grid of dots parallel to the film.
+    Distortion(MeasureChart),
+    /// Colour differences of the 24 ColorChecker patches in a developed picture.
+    Color {
+        /// Picture: .png, .tif, .jpg or .exr, in sRGB primaries.
+        file: PathBuf,
+        /// Outer corners of the patches, pixels: upper left (dark skin), upper right, lower right, lower left; where "color-chart" has them without.
+        #[arg(long, value_name = "X,Y,X,Y,X,Y,X,Y", value_parser = corners, allow_hyphen_values = true)]
+        corners: Option<[[f64; 2]; 4]>,
+        /// What lights the chart: D65, D50, A, FL2 ...
+        #[arg(long, value_name = "NAME", default_value = "D65")]
+        light: String,
+        /// Transfer function of the picture's codes; an .exr is linear.
+        #[arg(long, value_name = "NAME", default_value = "srgb")]
+        encoding: PictureEncoding,
+        /// Plot to write: .svg or .png; may be given several times.
+        #[arg(short, long, value_name = "FILE")]
+        output: Vec<PathBuf>,
+    },
+}
+
+#[derive(clap::Args, Debug)]
+pub struct MeasureMtf {
+    /// Picture: raw (.dng), focal plane or other .exr, .png, .tif, .jpg.
+    pub file: PathBuf,
+    /// The edge at this place: "x,y", pixels.
+    #[arg(long, value_name = "X,Y", value_parser = pair, conflicts_with = "region")]
+    pub at: Option<[f64; 2]>,
+    /// The edge in this part: "x,y,width,height", pixels. Without it and --at: all that are found.
+    #[arg(long, value_name = "X,Y,W,H", value_parser = rectangle)]
+    pub region: Option<[usize; 4]>,
+    /// What is measured; of raw files green, of others luminance, without. Raw channels are not demosaiced.
+    #[arg(long, value_name = "NAME")]
+    pub channel: Option<MeasuredChannel>,
+    /// Distance of pixels, µm: frequencies in cycles/mm, too.
+    #[arg(long, value_name = "UM")]
+    pub pitch: Option<f64>,
+    /// Order of the polynomial that the edge is fitted by: 1 straight, 2 and more for bent ones.
+    #[arg(long, value_name = "N", default_value_t = 2)]
+    pub order: usize,
+    /// Window of the line spread function.
+    #[arg(long, value_name = "NAME", default_value = "tukey")]
+    pub window: LsfWindow,
+    /// Transfer function of the codes of a .png, .tif or .jpg.
+    #[arg(long, value_name = "NAME", default_value = "srgb")]
+    pub encoding: PictureEncoding,
+    /// Plot to write: .svg or .png; may be given several times.
+    #[arg(short, long, value_name = "FILE")]
+    pub output: Vec<PathBuf>,
+}
+
+/// A picture of a chart.
+#[derive(clap::Args, Debug)]
+pub struct MeasureChart {
+    /// Picture: raw (.dng), focal plane or other .exr, .png, .tif, .jpg.
+    pub file: PathBuf,
+    /// What is measured; of raw files green, of others luminance, without.
+    #[arg(long, value_name = "NAME")]
+    pub channel: Option<MeasuredChannel>,
+    /// Transfer function of the codes of a .png, .tif or .jpg.
+    #[arg(long, value_name = "NAME", default_value = "srgb")]
+    pub encoding: PictureEncoding,
+    /// Plot to write: .svg or .png; may be given several times.
+    #[arg(short, long, value_name = "FILE")]
+    pub output: Vec<PathBuf>,
+}
+
+/// Which numbers of a picture are measured.
+#[derive(clap::ValueEnum, Clone, Copy, Debug, PartialEq, Eq)]
+pub enum MeasuredChannel {
+    #[value(alias = "raw-red")]
+    Red,
+    #[value(alias = "raw-green")]
+    Green,
+    #[value(alias = "raw-blue")]
+    Blue,
+    /// Pixels without a filter, or of a monochrome sensor.
+    #[value(alias = "raw-clear")]
+    Clear,
+    Luminance,
+}
+
+/// Windows of line spread functions.
+#[derive(clap::ValueEnum, Clone, Copy, Debug, PartialEq, Eq)]
+pub enum LsfWindow {
+    /// Flat in the middle half.
+    Tukey,
+    /// A Tukey window without a flat part.
+    Hann,
+    Hamming,
+}
+
+/// Transfer functions of pictures.
+#[derive(clap::ValueEnum, Clone, Copy, Debug, PartialEq, Eq)]
+pub enum PictureEncoding {
+    Srgb,
+    #[value(name = "gamma-2.2")]
+    Gamma22,
+    Linear,
+    Pq,
+    Hlg,
+}
 
 #[derive(Subcommand, Debug)]
 pub enum BodyVerb {
@@ -1340,6 +1477,20 @@ fn list(text: &str) -> Result<List, String> {
     let numbers: Option<Vec<f64>> = text.split(',').map(|n| n.trim().parse().ok().filter(|v: &f64| v.is_finite())).collect();
     let numbers = numbers.filter(|n| !n.is_empty() && n.len() <= 100);
     numbers.map(List).ok_or_else(|| format!("\"{text}\" is not a list of numbers such as 0,10,14"))
+}
+
+/// A part of a picture.
+fn rectangle(text: &str) -> Result<[usize; 4], String> {
+    let wrong = || format!("\"{text}\" is not four whole numbers x,y,width,height such as 300,200,64,64");
+    let numbers: Option<Vec<usize>> = text.split(',').map(|n| n.trim().parse().ok()).collect();
+    numbers.and_then(|n| n.try_into().ok()).ok_or_else(wrong)
+}
+
+/// Four corners.
+fn corners(text: &str) -> Result<[[f64; 2]; 4], String> {
+    let [a, b, c, d, e, f, g, h] =
+        list(text)?.0.try_into().map_err(|_| format!("\"{text}\" is not eight numbers: x,y of the four corners"))?;
+    Ok([[a, b], [c, d], [e, f], [g, h]])
 }
 
 /// A share: "0.25" or "1/4".

@@ -11,6 +11,7 @@ pub mod lesson;
 mod light;
 pub mod lut;
 pub mod manual;
+pub mod measure;
 pub mod merge;
 pub mod quick_look;
 pub mod read_out;

@@ -1,0 +1,419 @@
+//! `measure`: what pictures say of the camera that took them.
+
+use super::{print_json, read_raw};
+use crate::args::{List, LsfWindow, MeasureChart, MeasureMtf, MeasureVerb, MeasuredChannel, PictureEncoding};
+use crate::watch::say;
+use crate::{AskedWrongly, paint};
+use anyhow::anyhow;
+use diopter::image::Encoding;
+use diopter::lens::draw::{Axis, Chart, Color, Figure, Line, Style};
+use diopter::measure::mtf::{self, Options, Window};
+use diopter::measure::{Channel, EdgeMtf, Measured, Plane, Region, color, distortion, noise, vignetting};
+use diopter::sensor::emva::{self, Conditions};
+use diopter::shot::read_body;
+use glam::DVec2;
+use serde_json::{Value, json};
+use std::fmt::Write as _;
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+const COLORS: [Color; 6] = [[204, 51, 51], [34, 85, 170], [40, 140, 70], [150, 90, 160], [200, 130, 30], [90, 90, 90]];
+
+pub fn run(verb: &MeasureVerb, json: bool) -> anyhow::Result<()> {
+    match verb {
+        MeasureVerb::Mtf(asked) => resolution(asked, json),
+        MeasureVerb::Noise { files, region, output } => photon_transfer(files, *region, output, json),
+        MeasureVerb::DynamicRange { body, iso, output } => dynamic_range(body, iso.as_ref(), output, json),
+        MeasureVerb::Vignetting(asked) => fall_off(asked, json),
+        MeasureVerb::Distortion(asked) => bent_lines(asked, json),
+        MeasureVerb::Color { file, corners, light, encoding, output } => {
+            differences(file, *corners, light, encoding.decoded(), output, json)
+        }
+    }
+}
+
+impl PictureEncoding {
+    fn decoded(self) -> Encoding {
+        match self {
+            PictureEncoding::Srgb => Encoding::Srgb,
+            PictureEncoding::Gamma22 => Encoding::Gamma22,
+            PictureEncoding::Linear => Encoding::Linear,
+            PictureEncoding::Pq => Encoding::Pq,
+            PictureEncoding::Hlg => Encoding::Hlg,
+        }
+    }
+}
+
+impl MeasuredChannel {
+    fn measured(self) -> Channel {
+        match self {
+            MeasuredChannel::Red => Channel::Red,
+            MeasuredChannel::Green => Channel::Green,
+            MeasuredChannel::Blue => Channel::Blue,
+            MeasuredChannel::Clear => Channel::Clear,
+            MeasuredChannel::Luminance => Channel::Luminance,
+        }
+    }
+}
+
+fn region([x, y, width, height]: [usize; 4]) -> Region {
+    Region { x, y, width, height }
+}
+
+/// A channel of a picture file, and its name.
+fn plane(file: &Path, channel: Option<MeasuredChannel>, encoding: PictureEncoding) -> anyhow::Result<(Plane, Channel)> {
+    let picture = Measured::read(file, encoding.decoded())?;
+    let channel = channel.map_or_else(|| picture.usual_channel(), MeasuredChannel::measured);
+    Ok((picture.plane(channel)?, channel))
+}
+
+/// Writes the plot and prints the result.
+fn finish(
+    output: Vec<(bool, crate::output::Output)>,
+    figure: impl FnOnce() -> Figure,
+    text: &str,
+    value: &Value,
+    json: bool,
+) -> anyhow::Result<()> {
+    if !output.is_empty() {
+        paint::write(output, &figure())?.iter().for_each(|path| say(&format!("wrote {}", path.display())));
+    }
+    if json {
+        return print_json(value);
+    }
+    write!(std::io::stdout(), "{text}")?;
+    Ok(())
+}
+
+/// One chart on a sheet of its own.
+fn sheet(chart: &Chart) -> Figure {
+    let size = DVec2::new(560.0, 360.0);
+    let mut figure = Figure::new(size.x, size.y);
+    chart.draw(&mut figure, DVec2::ZERO, size);
+    figure
+}
+
+fn line(name: impl Into<String>, color: usize, style: Style, points: impl IntoIterator<Item = (f64, f64)>) -> Line {
+    let points = points.into_iter().map(|(x, y)| DVec2::new(x, y)).collect();
+    Line { name: name.into(), color: COLORS[color % COLORS.len()], style, points }
+}
+
+fn resolution(asked: &MeasureMtf, json: bool) -> anyhow::Result<()> {
+    if let Some(pitch) = asked.pitch.filter(|p| !(*p > 0.0 && *p < 1e4)) {
+        return Err(AskedWrongly(anyhow!("--pitch {pitch}: expected the distance of pixels in µm, such as 5.36")).into());
+    }
+    let outputs = paint::prepare(&asked.output)?;
+    let window = match asked.window {
+        LsfWindow::Tukey => Window::Tukey { alpha: 0.5 },
+        LsfWindow::Hann => Window::Tukey { alpha: 1.0 },
+        LsfWindow::Hamming => Window::Hamming,
+    };
+    let options = Options { order: asked.order, window };
+    let (plane, channel) = plane(&asked.file, asked.channel, asked.encoding)?;
+    let edges = match (asked.region, asked.at) {
+        (Some(r), _) => vec![mtf::measure(&plane, region(r), &options)?],
+        (_, Some(at)) => vec![mtf::measure_at(&plane, at, &options)?],
+        _ => mtf::find(&plane, &options)?,
+    };
+    // Cycles a mm in a cycle a pixel.
+    let per_mm = asked.pitch.map(|um| 1000.0 / um);
+    let value: Vec<Value> = edges
+        .iter()
+        .map(|e| {
+            let mut value = json!(e);
+            if let Some(per_mm) = per_mm {
+                let in_mm = |f: Option<f64>| f.map(|f| f * per_mm);
+                value["mtf50_per_mm"] = json!(in_mm(e.mtf50));
+                value["mtf10_per_mm"] = json!(in_mm(e.mtf10));
+                value["frequencies_per_mm"] = json!(e.frequencies.iter().map(|f| f * per_mm).collect::<Vec<_>>());
+            }
+            value["mtf50_line_widths_per_picture_height"] = json!(e.mtf50.map(|f| 2.0 * f * plane.height as f64));
+            value
+        })
+        .collect();
+    let value = json!({ "file": asked.file, "channel": channel.name(), "pitch_um": asked.pitch, "edges": value });
+    let text = resolution_text(asked, &edges, channel, per_mm, plane.height)?;
+    let figure = || {
+        let scale = per_mm.unwrap_or(1.0);
+        let lines = edges.iter().take(COLORS.len()).enumerate().map(|(k, e)| {
+            let name = format!("{:.0},{:.0}: {:.1}°", e.middle[0], e.middle[1], e.angle_deg);
+            line(name, k, Style::Full, e.frequencies.iter().zip(&e.mtf).map(|(f, m)| (f * scale, m.min(1.2))))
+        });
+        let unit = if per_mm.is_some() { "cycles/mm" } else { "cycles/pixel" };
+        let nyquist = line("", 5, Style::Broken, [(0.5 * scale, 0.0), (0.5 * scale, 1.2)]);
+        sheet(&Chart {
+            title: format!("e-SFR, {}, {}", name_of(&asked.file), channel.name()),
+            x: Axis { label: format!("spatial frequency across the edge, {unit}"), range: [0.0, scale] },
+            y: Axis { label: "contrast".into(), range: [0.0, 1.2] },
+            lines: lines.chain([nyquist]).collect(),
+        })
+    };
+    finish(outputs, figure, &text, &value, json)
+}
+
+fn name_of(path: &Path) -> String {
+    path.file_name().unwrap_or_default().to_string_lossy().into_owned()
+}
+
+fn resolution_text(
+    asked: &MeasureMtf,
+    edges: &[EdgeMtf],
+    channel: Channel,
+    per_mm: Option<f64>,
+    height: usize,
+) -> anyhow::Result<String> {
+    let mut t = String::new();
+    writeln!(t, "{}, {}   (e-SFR, ISO 12233; frequencies in cycles/pixel)", name_of(&asked.file), channel.name())?;
+    let mm = if per_mm.is_some() { format!(" {:>9}", "per mm") } else { String::new() };
+    writeln!(
+        t,
+        "  {:<22} {:>8} {:>9} {:>6} {:>7}{mm} {:>7} {:>7} {:>8}",
+        "region x,y,w,h", "angle", "contrast", "noise", "MTF50", "LW/PH", "MTF10", "Nyquist"
+    )?;
+    let number = |v: Option<f64>, digits: usize| v.map_or("-".to_owned(), |v| format!("{v:.digits$}"));
+    for e in edges {
+        let r = e.region;
+        let place = format!("{},{},{},{}", r.x, r.y, r.width, r.height);
+        let mm = per_mm.map_or(String::new(), |s| format!(" {:>9}", number(e.mtf50.map(|f| f * s), 2)));
+        writeln!(
+            t,
+            "  {place:<22} {:>7.2}{} {:>9.3} {:>5.1}% {:>7}{mm} {:>7} {:>7} {:>8.3}",
+            e.angle_deg,
+            if e.horizontal { "-" } else { "|" },
+            e.contrast,
+            100.0 * e.noise,
+            number(e.mtf50, 4),
+            number(e.mtf50.map(|f| 2.0 * f * height as f64), 0),
+            number(e.mtf10, 4),
+            e.at_nyquist
+        )?;
+    }
+    if let [only] = edges {
+        let mm = if per_mm.is_some() { "cycles/mm" } else { "" };
+        writeln!(t, "  {:>12} {:>9} {mm:>10}", "cycles/pixel", "contrast")?;
+        for k in 0..=20 {
+            let f = f64::from(k) * 0.05;
+            let mm = per_mm.map_or(String::new(), |s| format!("{:.2}", f * s));
+            writeln!(t, "  {f:>12.2} {:>9.4} {mm:>10}", only.at(f))?;
+        }
+    }
+    Ok(t)
+}
+
+fn photon_transfer(files: &[PathBuf], part: Option<[usize; 4]>, output: &[PathBuf], json: bool) -> anyhow::Result<()> {
+    if !files.len().is_multiple_of(2) {
+        let found = format!("{} files", files.len());
+        return Err(AskedWrongly(anyhow!(
+            "{found}: expected pairs, two raw files of each exposure: A1.dng B1.dng A2.dng B2.dng"
+        ))
+        .into());
+    }
+    let outputs = paint::prepare(output)?;
+    let pairs =
+        files.chunks_exact(2).map(|two| Ok((read_raw(&two[0])?, read_raw(&two[1])?))).collect::<anyhow::Result<Vec<_>>>()?;
+    let found = noise::measure(&pairs, part.map(region))?;
+    let mut t = String::new();
+    writeln!(t, "photon transfer of {} pair{}", pairs.len(), if pairs.len() == 1 { "" } else { "s" })?;
+    writeln!(
+        t,
+        "  {:<8} {:>11} {:>11} {:>11} {:>11} {:>8}",
+        "channel", "gain DN/e-", "gain e-/DN", "dark e-", "white e-", "stops"
+    )?;
+    let number = |v: Option<f64>| v.map_or("-".to_owned(), |v| format!("{v:.2}"));
+    for c in &found {
+        writeln!(
+            t,
+            "  {:<8} {:>11.4} {:>11.4} {:>11} {:>11.0} {:>8}",
+            c.channel,
+            c.gain_dn_per_e,
+            1.0 / c.gain_dn_per_e,
+            number(c.dark_noise_e),
+            c.white_e,
+            number(c.dynamic_range_stops)
+        )?;
+    }
+    writeln!(t, "  {:<8} {:>11} {:>13} {:>9}", "", "signal DN", "variance DN²", "SNR dB")?;
+    for c in &found {
+        for p in &c.pairs {
+            let snr = 20.0 * p.snr.max(1e-9).log10();
+            writeln!(t, "  {:<8} {:>11.2} {:>13.3} {snr:>9.2}", c.channel, p.signal_dn, p.variance_dn2)?;
+        }
+    }
+    let figure = || {
+        let points = |c: &noise::Transfer| c.pairs.iter().map(|p| (p.signal_dn, p.variance_dn2)).collect::<Vec<_>>();
+        let all: Vec<(f64, f64)> = found.iter().flat_map(points).collect();
+        let lines = found.iter().enumerate().flat_map(|(k, c)| {
+            let last = c.pairs.last().map_or(0.0, |p| p.signal_dn);
+            let dark = c.dark_noise_e.map_or(0.0, |d| (d * c.gain_dn_per_e).powi(2));
+            let fit = [(0.0, dark), (last, dark + c.gain_dn_per_e * last)];
+            let name = format!("{}: K = {:.4} DN/e-", c.channel, c.gain_dn_per_e);
+            [line(name, k, Style::Full, points(c)), line("", k, Style::Broken, fit)]
+        });
+        sheet(&Chart {
+            title: "photon transfer".into(),
+            x: Axis::around("signal less black, DN", all.iter().map(|p| p.0), true),
+            y: Axis::around("temporal variance, DN²", all.iter().map(|p| p.1), true),
+            lines: lines.collect(),
+        })
+    };
+    finish(outputs, figure, &t, &json!({ "files": files, "channels": found }), json)
+}
+
+/// Pixels a side of the pictures that a dynamic range is measured from, and pictures of its stacks: temporal figures need no more.
+const RANGE_SIDE: usize = 192;
+const RANGE_STACK: usize = 4;
+
+fn dynamic_range(body: &str, asked: Option<&List>, output: &[PathBuf], json: bool) -> anyhow::Result<()> {
+    let sensor = read_body(body)?;
+    let outputs = paint::prepare(output)?;
+    let settings: Vec<f64> = asked.map_or_else(|| sensor.iso.iter().map(|i| i.iso).collect(), |l| l.0.clone());
+    let most = |a: &usize, b: &usize| sensor.quantum_efficiency[*a].max().total_cmp(&sensor.quantum_efficiency[*b].max());
+    let channel = (0..sensor.quantum_efficiency.len()).max_by(most).unwrap_or(0);
+    let measured = |iso: &f64| {
+        let conditions = Conditions { iso: *iso, channel, size: [RANGE_SIDE; 2], stack: RANGE_STACK, ..Conditions::default() };
+        emva::measure(&sensor, &conditions, &mut |_| Ok(())).map(|r| (*iso, r)).map_err(|e| AskedWrongly(e.into()))
+    };
+    let rows = settings.iter().map(measured).collect::<Result<Vec<_>, _>>()?;
+    let mut t = String::new();
+    writeln!(
+        t,
+        "{}, {}   (EMVA 1288: saturation over the absolute sensitivity threshold)",
+        sensor.name,
+        sensor.cfa.channel_names()[channel]
+    )?;
+    writeln!(
+        t,
+        "  {:>8} {:>8} {:>10} {:>9} {:>13} {:>12} {:>11}",
+        "ISO", "stops", "data sheet", "dB", "saturation e-", "dark e-", "SNR max dB"
+    )?;
+    for (iso, r) in &rows {
+        let m = &r.measured;
+        writeln!(
+            t,
+            "  {iso:>8.0} {:>8.2} {:>10.2} {:>9.1} {:>13.0} {:>12.2} {:>11.1}",
+            m.dynamic_range.log2(),
+            r.sheet.dynamic_range.log2(),
+            m.dynamic_range_db(),
+            m.saturation_capacity_e,
+            m.dark_noise_e,
+            m.snr_max_db()
+        )?;
+    }
+    let value: Vec<Value> = rows
+        .iter()
+        .map(|(iso, r)| json!({ "iso": iso, "stops": r.measured.dynamic_range.log2(), "measured": r.measured, "sheet": r.sheet }))
+        .collect();
+    let figure = || {
+        let over = |of: &dyn Fn(&emva::Report) -> f64| rows.iter().map(|(iso, r)| (iso.log2(), of(r))).collect::<Vec<_>>();
+        let lines = vec![
+            line("measured", 0, Style::Full, over(&|r| r.measured.dynamic_range.log2())),
+            line("data sheet", 5, Style::Broken, over(&|r| r.sheet.dynamic_range.log2())),
+        ];
+        let all: Vec<DVec2> = lines.iter().flat_map(|l| l.points.clone()).collect();
+        sheet(&Chart {
+            title: format!("{}: dynamic range", sensor.name),
+            x: Axis::around("ISO speed, log2", all.iter().map(|p| p.x), false),
+            y: Axis::around("stops", all.iter().map(|p| p.y), true),
+            lines,
+        })
+    };
+    finish(outputs, figure, &t, &json!({ "body": sensor.name, "speeds": value }), json)
+}
+
+fn fall_off(asked: &MeasureChart, json: bool) -> anyhow::Result<()> {
+    let outputs = paint::prepare(&asked.output)?;
+    let (plane, channel) = plane(&asked.file, asked.channel, asked.encoding)?;
+    let found = vignetting::measure(&plane)?;
+    let mut t = String::new();
+    writeln!(t, "{}, {}   (heights over half of the diagonal)", name_of(&asked.file), channel.name())?;
+    writeln!(t, "  {:>7} {:>13} {:>8}", "height", "illumination", "EV")?;
+    for k in 0..=10 {
+        let height = f64::from(k) / 10.0;
+        let light = found.at(height);
+        writeln!(t, "  {height:>7.1} {light:>13.4} {:>8.3}", light.log2())?;
+    }
+    let [a, b, c, d] = found.corners;
+    writeln!(t, "  corners: {a:.3} {b:.3} / {c:.3} {d:.3}, on average {:.2} EV darker than the middle", found.corner_ev())?;
+    writeln!(t, "  rings deviate from the fit by {:.2} %", 100.0 * found.residual)?;
+    let figure = || {
+        let lines = vec![
+            line("rings", 0, Style::Full, found.rings.iter().map(|r| (r.height, r.illumination))),
+            line("fit", 5, Style::Broken, (0..=50).map(|k| f64::from(k) / 50.0).map(|h| (h, found.at(h)))),
+        ];
+        sheet(&Chart {
+            title: format!("relative illumination, {}", name_of(&asked.file)),
+            x: Axis { label: "image height over half of the diagonal".into(), range: [0.0, 1.0] },
+            y: Axis { label: "of the middle".into(), range: [0.0, 1.2] },
+            lines,
+        })
+    };
+    let value = json!({ "file": asked.file, "channel": channel.name(), "corner_ev": found.corner_ev(), "vignetting": found });
+    finish(outputs, figure, &t, &value, json)
+}
+
+fn bent_lines(asked: &MeasureChart, json: bool) -> anyhow::Result<()> {
+    let outputs = paint::prepare(&asked.output)?;
+    let (plane, channel) = plane(&asked.file, asked.channel, asked.encoding)?;
+    let found = distortion::measure(&plane)?;
+    let mut t = String::new();
+    writeln!(t, "{}, {}: {} dots   (heights over half of the diagonal)", name_of(&asked.file), channel.name(), found.dots.len())?;
+    writeln!(t, "  {:>7} {:>13}", "height", "distortion %")?;
+    let last = (10.0 * found.largest_height).floor() as u32;
+    for k in 1..=last {
+        let height = f64::from(k) / 10.0;
+        writeln!(t, "  {height:>7.1} {:>+13.3}", found.percent(height))?;
+    }
+    writeln!(t, "  TV distortion {:+.3} %; dots deviate from the fit by {:.3} pixels", found.tv_percent, found.residual_px)?;
+    let curve: Vec<(f64, f64)> =
+        (0..=50).map(|k| found.largest_height * f64::from(k) / 50.0).map(|h| (h, found.percent(h))).collect();
+    let figure = || {
+        sheet(&Chart {
+            title: format!("distortion, {}", name_of(&asked.file)),
+            x: Axis { label: "image height over half of the diagonal".into(), range: [0.0, 1.0] },
+            y: Axis::around("distortion, %", curve.iter().map(|p| p.1), true),
+            lines: vec![line("", 0, Style::Full, curve.iter().copied())],
+        })
+    };
+    let points: Vec<Value> = curve.iter().map(|(h, d)| json!({ "height": h, "percent": d })).collect();
+    let value = json!({ "file": asked.file, "channel": channel.name(), "distortion": found, "curve": points });
+    finish(outputs, figure, &t, &value, json)
+}
+
+fn differences(
+    file: &Path,
+    corners: Option<color::Corners>,
+    light: &str,
+    encoding: Encoding,
+    output: &[PathBuf],
+    json: bool,
+) -> anyhow::Result<()> {
+    let outputs = paint::prepare(output)?;
+    let found = color::measure(&Measured::read(file, encoding)?, corners, light)?;
+    let mut t = String::new();
+    writeln!(t, "{}   (CIEDE2000; CIELAB of D65, brightness by the grey patches: × {:.4})", name_of(file), found.scale)?;
+    writeln!(
+        t,
+        "  {:<16} {:>7} {:>7} {:>7}   {:>7} {:>7} {:>7} {:>7}",
+        "patch", "L*", "a*", "b*", "L* ref", "a* ref", "b* ref", "dE00"
+    )?;
+    for p in &found.patches {
+        let [l, a, b] = p.lab;
+        let [l0, a0, b0] = p.reference;
+        writeln!(t, "  {:<16} {l:>7.2} {a:>7.2} {b:>7.2}   {l0:>7.2} {a0:>7.2} {b0:>7.2} {:>7.2}", p.name, p.delta_e)?;
+    }
+    writeln!(t, "  mean {:.2}, largest {:.2}", found.mean, found.largest)?;
+    let figure = || {
+        // From the reference to what was measured, seen along L*.
+        let lines = found.patches.iter().flat_map(|p| {
+            let [from, to] = [p.reference, p.lab].map(|lab| (lab[1], lab[2]));
+            [line("", 5, Style::Full, [from, to]), line("", 0, Style::Dots, [to]), line("", 1, Style::Dots, [from])]
+        });
+        sheet(&Chart {
+            title: format!("colour, {}: CIEDE2000 {:.2} on average, {:.2} at most", name_of(file), found.mean, found.largest),
+            x: Axis { label: "a* (blue: reference, red: measured)".into(), range: [-70.0, 70.0] },
+            y: Axis { label: "b*".into(), range: [-70.0, 100.0] },
+            lines: lines.collect(),
+        })
+    };
+    finish(outputs, figure, &t, &json!({ "file": file, "light": light, "color": found }), json)
+}
