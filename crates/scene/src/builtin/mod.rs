@@ -1,6 +1,7 @@
 //! Scenes made by code: always at hand, nothing to download.
 
 mod builder;
+pub mod charts;
 pub mod color_chart;
 pub mod cornell;
 mod lathe;
@@ -19,6 +20,9 @@ use glam::Vec3;
 pub const NAMES: &[(&str, &str)] = &[
     ("still-life", "glass, metal, fruit and china on a table before small lights: depth, reflections, bokeh"),
     ("resolution-chart", "a zone plate, a star, sweeps of lines, slanted edges: what optics and demosaicing find hard"),
+    ("slanted-edges", "dark squares turned by 5°, all over: measures resolution (ISO 12233)"),
+    ("dot-grid", "dots in rows and columns: measures distortion"),
+    ("flat-field", "an even white board: measures vignetting and noise"),
     ("moving-bars", "two bars that move at 1 m/s, upright and level: what shutters do to edges"),
     ("propeller", "a propeller at 25 turns a second before the sky: rolling shutters, short times"),
     ("rolling-ball", "a striped ball with a small lamp rolls through a dim room: long times, flashes, curtains"),
@@ -51,6 +55,9 @@ pub fn named(name: &str) -> Option<Description> {
         "still-life" => Some(still_life::description()),
         "cornell" => Some(cornell::description()),
         "resolution-chart" => Some(resolution_chart::description()),
+        "slanted-edges" => Some(charts::slanted_edges()),
+        "dot-grid" => Some(charts::dot_grid()),
+        "flat-field" => Some(charts::flat_field()),
         "moving-bars" => Some(moving_bars::description()),
         "propeller" => Some(propeller::description()),
         "rolling-ball" => Some(rolling_ball::description()),
@@ -77,6 +84,7 @@ pub fn framing(name: &str) -> Option<Framing> {
     match name {
         "still-life" => Some(still_life::FRAMING),
         "resolution-chart" => Some(resolution_chart::FRAMING),
+        "slanted-edges" | "dot-grid" | "flat-field" => Some(charts::FRAMING),
         "moving-bars" => Some(moving_bars::FRAMING),
         "propeller" => Some(propeller::FRAMING),
         "rolling-ball" => Some(rolling_ball::FRAMING),
