@@ -395,6 +395,18 @@ pub struct MeasureMtf {
     /// Window of the line spread function.
     #[arg(long, value_name = "NAME", default_value = "tukey")]
     pub window: LsfWindow,
+    /// Compare with what this lens and --body should give: lens MTF, pixel aperture, low-pass filter, crosstalk.
+    ///
+    /// Aperture, focus and focal length are those that the file names; the chart is taken to lie where the lens is focused. For raw files (.dng) and
+    /// focal planes of ours: demosaicing, sharpening and tone curves are not predicted.
+    #[arg(long, value_name = "NAME|FILE", requires = "body")]
+    pub lens: Option<String>,
+    /// The body of --lens: a name from `body list` or a TOML file. Its pixels also say what a millimetre is.
+    #[arg(long, value_name = "NAME|FILE", requires = "lens", conflicts_with = "pitch")]
+    pub body: Option<String>,
+    /// What lights the chart, for --lens: D65, D50, A ...
+    #[arg(long, value_name = "NAME", default_value = "D65", requires = "lens")]
+    pub light: String,
     /// Transfer function of the codes of a .png, .tif or .jpg.
     #[arg(long, value_name = "NAME", default_value = "srgb")]
     pub encoding: PictureEncoding,

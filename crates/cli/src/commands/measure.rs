@@ -5,17 +5,22 @@ use crate::args::{List, LsfWindow, MeasureChart, MeasureMtf, MeasureVerb, Measur
 use crate::watch::say;
 use crate::{AskedWrongly, paint};
 use anyhow::anyhow;
-use diopter::image::Encoding;
+use diopter::image::{Encoding, ExposureFacts};
+use diopter::lens::compound::Setting;
 use diopter::lens::draw::{Axis, Chart, Color, Figure, Line, Style};
+use diopter::lens::{CompoundLens, Focus};
 use diopter::measure::mtf::{self, Options, Window};
+use diopter::measure::predict::{Chain, Prediction};
 use diopter::measure::{Channel, EdgeMtf, Measured, Plane, Region, color, distortion, noise, vignetting};
 use diopter::sensor::emva::{self, Conditions};
-use diopter::shot::read_body;
+use diopter::sensor::format::FULL_FRAME_DIAGONAL_MM;
+use diopter::shot::{ShotError, read_body, read_lens};
 use glam::DVec2;
 use serde_json::{Value, json};
 use std::fmt::Write as _;
 use std::io::Write;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 const COLORS: [Color; 6] = [[204, 51, 51], [34, 85, 170], [40, 140, 70], [150, 90, 160], [200, 130, 30], [90, 90, 90]];
 
@@ -109,18 +114,30 @@ fn resolution(asked: &MeasureMtf, json: bool) -> anyhow::Result<()> {
         LsfWindow::Hamming => Window::Hamming,
     };
     let options = Options { order: asked.order, window };
-    let (plane, channel) = plane(&asked.file, asked.channel, asked.encoding)?;
+    let picture = Measured::read(&asked.file, asked.encoding.decoded())?;
+    let channel = asked.channel.map_or_else(|| picture.usual_channel(), MeasuredChannel::measured);
+    let plane = picture.plane(channel)?;
     let edges = match (asked.region, asked.at) {
         (Some(r), _) => vec![mtf::measure(&plane, region(r), &options)?],
         (_, Some(at)) => vec![mtf::measure_at(&plane, at, &options)?],
         _ => mtf::find(&plane, &options)?,
     };
+    let size = [plane.width, plane.height];
+    let (predictions, pitch_mm) = match (&asked.lens, &asked.body) {
+        (Some(lens), Some(body)) => {
+            let (all, pitch) = predicted(asked, [lens, body], picture.facts(), channel, size, &edges)?;
+            (Some(all), Some(pitch))
+        }
+        _ => (None, asked.pitch.map(|um| um / 1000.0)),
+    };
     // Cycles a mm in a cycle a pixel.
-    let per_mm = asked.pitch.map(|um| 1000.0 / um);
+    let per_mm = pitch_mm.map(|mm| 1.0 / mm);
     let value: Vec<Value> = edges
         .iter()
-        .map(|e| {
+        .enumerate()
+        .map(|(k, e)| {
             let mut value = json!(e);
+            value["predicted"] = json!(predictions.as_ref().map(|p| &p[k]));
             if let Some(per_mm) = per_mm {
                 let in_mm = |f: Option<f64>| f.map(|f| f * per_mm);
                 value["mtf50_per_mm"] = json!(in_mm(e.mtf50));
@@ -131,13 +148,21 @@ fn resolution(asked: &MeasureMtf, json: bool) -> anyhow::Result<()> {
             value
         })
         .collect();
-    let value = json!({ "file": asked.file, "channel": channel.name(), "pitch_um": asked.pitch, "edges": value });
-    let text = resolution_text(asked, &edges, channel, per_mm, plane.height)?;
+    let value =
+        json!({ "file": asked.file, "channel": channel.name(), "pitch_um": pitch_mm.map(|mm| 1000.0 * mm), "edges": value });
+    let mut text = resolution_text(asked, &edges, channel, per_mm, plane.height)?;
+    if let Some(predictions) = &predictions {
+        text.push_str(&chain_text(&edges, predictions)?);
+    }
     let figure = || {
         let scale = per_mm.unwrap_or(1.0);
         let lines = edges.iter().take(COLORS.len()).enumerate().map(|(k, e)| {
             let name = format!("{:.0},{:.0}: {:.1}°", e.middle[0], e.middle[1], e.angle_deg);
             line(name, k, Style::Full, e.frequencies.iter().zip(&e.mtf).map(|(f, m)| (f * scale, m.min(1.2))))
+        });
+        let chains = predictions.iter().flatten().take(COLORS.len()).enumerate().map(|(k, p)| {
+            let name = if k == 0 { "predicted" } else { "" };
+            line(name, k, Style::Broken, p.frequencies.iter().zip(&p.product).map(|(f, m)| (f * scale, *m)))
         });
         let unit = if per_mm.is_some() { "cycles/mm" } else { "cycles/pixel" };
         let nyquist = line("", 5, Style::Broken, [(0.5 * scale, 0.0), (0.5 * scale, 1.2)]);
@@ -145,7 +170,7 @@ fn resolution(asked: &MeasureMtf, json: bool) -> anyhow::Result<()> {
             title: format!("e-SFR, {}, {}", name_of(&asked.file), channel.name()),
             x: Axis { label: format!("spatial frequency across the edge, {unit}"), range: [0.0, scale] },
             y: Axis { label: "contrast".into(), range: [0.0, 1.2] },
-            lines: lines.chain([nyquist]).collect(),
+            lines: lines.chain(chains).chain([nyquist]).collect(),
         })
     };
     finish(outputs, figure, &text, &value, json)
@@ -196,6 +221,90 @@ fn resolution_text(
             let mm = per_mm.map_or(String::new(), |s| format!("{:.2}", f * s));
             writeln!(t, "  {f:>12.2} {:>9.4} {mm:>10}", only.at(f))?;
         }
+    }
+    Ok(t)
+}
+
+/// What the chain of a lens and a body should make of edges, and the distance of pixels, mm.
+fn predicted(
+    asked: &MeasureMtf,
+    [lens, body]: [&str; 2],
+    facts: Option<&ExposureFacts>,
+    channel: Channel,
+    size: [usize; 2],
+    edges: &[EdgeMtf],
+) -> anyhow::Result<(Vec<Prediction>, f64)> {
+    let wrong = |what: String| anyhow::Error::from(AskedWrongly(anyhow!(what)));
+    let file = asked.file.display();
+    let complete = |f: &&ExposureFacts| f.f_number > 0.0 && f.focal_length_mm > 0.0 && f.focal_length_35mm_mm > 0.0;
+    let facts = facts.filter(complete).ok_or_else(|| {
+        wrong(format!(
+            "{file}: it does not say how it was taken; expected a raw file or a focal plane of `diopter` beside --lens"
+        ))
+    })?;
+    let sensor = read_body(body)?;
+    let names = sensor.cfa.channel_names();
+    let letters: &[&str] = match channel {
+        Channel::Red => &["R"],
+        Channel::Green => &["G"],
+        Channel::Blue => &["B"],
+        Channel::Clear => &["W", "Y"],
+        Channel::Luminance => &[],
+    };
+    let number = names
+        .iter()
+        .position(|n| letters.contains(n))
+        .ok_or_else(|| wrong(format!("channel {}: expected one of {} on {}", channel.name(), names.join(", "), sensor.name)))?;
+    // The film that was used, of square pixels.
+    let diagonal = FULL_FRAME_DIAGONAL_MM * facts.focal_length_mm / facts.focal_length_35mm_mm;
+    let [columns, rows] = size.map(|s| s as f64);
+    let pitch = diagonal / columns.hypot(rows);
+    let film_mm = [columns * pitch, rows * pitch];
+    let prescription = read_lens(lens)?;
+    let focal_length = (!prescription.zoom.is_empty()).then_some(facts.focal_length_mm);
+    let focus = facts.focus_distance_m.map_or(Focus::Infinity, |m| Focus::at_mm(1000.0 * m));
+    let prescription = Arc::new(prescription);
+    let set = |f_number: Option<f64>| {
+        let setting = Setting { focal_length, f_number, focus, iris: None, film_mm };
+        CompoundLens::new(prescription.clone(), &setting).map_err(ShotError::from)
+    };
+    let open = set(None)?;
+    // Fully open is what the file says to all its digits.
+    let lens = if facts.f_number > 1.001 * open.widest_f_number() { set(Some(facts.f_number))? } else { open };
+    let chain = Chain { lens: &lens, sensor: &sensor, channel: number, light: &asked.light, film_mm, size };
+    let all = edges.iter().map(|e| Ok(chain.predict(e)?)).collect::<anyhow::Result<Vec<_>>>()?;
+    Ok((all, pitch))
+}
+
+/// Measured beside predicted.
+fn chain_text(edges: &[EdgeMtf], predictions: &[Prediction]) -> anyhow::Result<String> {
+    let mut t = String::new();
+    if let ([edge], [p]) = (edges, predictions) {
+        writeln!(
+            t,
+            "  {:>12} {:>9} {:>9} {:>9} {:>9} {:>9} {:>9} {:>11}",
+            "cycles/pixel", "measured", "predicted", "lens", "aperture", "low-pass", "crosstalk", "difference"
+        )?;
+        for k in (0..p.frequencies.len()).step_by(5).filter(|k| p.frequencies[*k] <= 0.5) {
+            writeln!(
+                t,
+                "  {:>12.2} {:>9.4} {:>9.4} {:>9.4} {:>9.4} {:>9.4} {:>9.4} {:>+11.4}",
+                p.frequencies[k],
+                edge.mtf[k],
+                p.product[k],
+                p.lens[k],
+                p.aperture[k],
+                p.low_pass[k],
+                p.crosstalk[k],
+                edge.mtf[k] - p.product[k]
+            )?;
+        }
+    }
+    writeln!(t, "  measured less predicted, largest up to half a cycle a pixel:")?;
+    for (e, p) in edges.iter().zip(predictions) {
+        let [difference, at] = p.largest_difference;
+        let [x, y] = e.middle;
+        writeln!(t, "    edge at {x:.0},{y:.0} ({:.2} mm from the middle): {difference:+.4} at {at:.2}", p.height_mm)?;
     }
     Ok(t)
 }

@@ -9,6 +9,7 @@ mod fit;
 pub mod mtf;
 pub mod noise;
 pub mod plane;
+pub mod predict;
 pub mod vignetting;
 
 pub use mtf::EdgeMtf;

@@ -1,0 +1,210 @@
+//! What the optical chain makes of an edge: the product of the responses of lens, pixel aperture, low-pass filter and crosstalk.
+//!
+//! The lens's is the geometric one of its spots at the edge's place, along the direction across the edge, over the colours that the channel sees of
+//! the light; exposures know no diffraction. All of them are even functions of spatial frequency but for the lens's phase, which the magnitude of
+//! a product does not need. Left out: what moves, demosaicing and sharpening (raw channels have none), and the renderer's noise.
+
+use super::mtf::sinc;
+use super::{EdgeMtf, MeasureError};
+use diopter_lens::CompoundLens;
+use diopter_lens::Focus;
+use diopter_lens::analysis::Bench;
+use diopter_lens::glass::D_NM;
+use diopter_lens::paraxial::FirstOrder;
+use diopter_light::cie;
+use diopter_sensor::Sensor;
+use glam::DVec2;
+use serde::Serialize;
+use std::f64::consts::{PI, TAU};
+
+/// Colours that the lens is traced with, nm: from, to, step.
+const COLORS_NM: [i32; 3] = [400, 700, 20];
+/// Colours that matter less than this fraction of the strongest are left out.
+const LEAST_WEIGHT: f64 = 0.01;
+/// Heights below this fraction of the pixel are the middle of the picture, where no direction is radial.
+const MIDDLE_PX: f64 = 1.0;
+
+/// A camera whose pictures are predicted.
+pub struct Chain<'a> {
+    /// The lens as it is set; the chart lies where it is focused.
+    pub lens: &'a CompoundLens,
+    /// The body.
+    pub sensor: &'a Sensor,
+    /// Number of the sensor's channel.
+    pub channel: usize,
+    /// Illuminant of the chart: `D65`, `A` ...
+    pub light: &'a str,
+    /// Width and height of the film that the picture shows, mm.
+    pub film_mm: [f64; 2],
+    /// Pixels of the picture.
+    pub size: [usize; 2],
+}
+
+/// The response of each part at the frequencies of an edge.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Prediction {
+    /// Image height of the edge, mm.
+    pub height_mm: f64,
+    /// Cycles a pixel across the edge: those of the measured response.
+    pub frequencies: Vec<f64>,
+    /// Lens.
+    pub lens: Vec<f64>,
+    /// Light-sensitive part of the pixel.
+    pub aperture: Vec<f64>,
+    /// Optical low-pass filter.
+    pub low_pass: Vec<f64>,
+    /// Crosstalk between pixels.
+    pub crosstalk: Vec<f64>,
+    /// Their product.
+    pub product: Vec<f64>,
+    /// Largest difference of the measured response from the product up to half a cycle a pixel, and where.
+    pub largest_difference: [f64; 2],
+}
+
+impl Chain<'_> {
+    /// Predicts the response of an edge that was measured.
+    pub fn predict(&self, edge: &EdgeMtf) -> Result<Prediction, MeasureError> {
+        let unfit = |found: String, expected: &str| MeasureError::unfit("prediction", found, expected);
+        let light = cie::illuminant(self.light).ok_or_else(|| {
+            unfit(format!("light \"{}\"", self.light), &format!("one of {}", cie::illuminant_names().join(", ")))
+        })?;
+        let responses = self.sensor.band_responses();
+        if self.channel >= responses.len() {
+            return Err(unfit(format!("channel {}", self.channel), &format!("0 to {}", responses.len() - 1)));
+        }
+        let weight = |channel: usize, nm: i32| f64::from(responses[channel].at(nm as f32)) * f64::from(light.at(nm as f32));
+        let [from, to, step] = COLORS_NM;
+        let all: Vec<(f64, f64)> =
+            (from..=to).step_by(step as usize).map(|nm| (f64::from(nm), weight(self.channel, nm))).collect();
+        let strongest = all.iter().map(|c| c.1).fold(0.0, f64::max);
+        let colors: Vec<(f64, f64)> = all.into_iter().filter(|c| c.1 > LEAST_WEIGHT * strongest).collect();
+
+        // Place and direction on the film.
+        let pitch = [0, 1].map(|k| self.film_mm[k] / self.size[k] as f64);
+        let offset = DVec2::from_array([0, 1].map(|k| (edge.middle[k] - 0.5 * self.size[k] as f64) * pitch[k]));
+        let across = DVec2::from_array(edge.across);
+        let radial = if offset.length() > MIDDLE_PX * pitch[0] { offset.normalize() } else { DVec2::Y };
+        // Sagittal, tangential; the lens is symmetric about the plane of the field.
+        let direction = DVec2::new(across.dot(radial.perp()), across.dot(radial)).normalize();
+        let height_mm = offset.length();
+
+        let system = self.lens.system();
+        let object_distance = match self.lens.focus() {
+            Focus::Infinity => None,
+            _ => self.lens.focus_distance().map(|d| d.0 - FirstOrder::of(system, &system.indices(D_NM)).entrance_pupil_z),
+        };
+        let bench = Bench { system, object_distance };
+        let field = bench.field_of_height(height_mm);
+        let per_mm: Vec<f64> = edge.frequencies.iter().map(|f| f / pitch[0]).collect();
+        let lens = bench.geometric_contrast(field, &colors, &per_mm, direction, 0.0).ok_or_else(|| {
+            unfit(format!("no light {height_mm:.2} mm from the middle"), "an edge within the lens's image circle")
+        })?;
+
+        // Filters of the sensor keep their size in mm, whatever pixels the picture has.
+        let sensor = self.sensor;
+        let own = sensor.pitch_mm();
+        let gap = 1.0 - sensor.fill_factor.sqrt();
+        let open = [0, 1].map(|k| (1.0 - gap * own[k] / pitch[k]).max(0.0));
+        let shift = sensor.low_pass_px * own[0] / pitch[0];
+        let even: Vec<f64> = (0..responses.len()).map(|c| (from..=to).map(|nm| weight(c, nm)).sum()).collect();
+        let each = |of: &dyn Fn(DVec2) -> f64| edge.frequencies.iter().map(|f| of(across * *f)).collect::<Vec<_>>();
+        let aperture = each(&|f| (sinc(f.x * open[0]) * sinc(f.y * open[1])).abs());
+        let low_pass = each(&|f| ((PI * f.x * shift).cos() * (PI * f.y * shift).cos()).abs());
+        let crosstalk = each(&|f| self.crosstalk(f, &even));
+        let product: Vec<f64> = (0..lens.len()).map(|k| lens[k] * aperture[k] * low_pass[k] * crosstalk[k]).collect();
+        let mut largest_difference = [0.0; 2];
+        for (k, f) in edge.frequencies.iter().enumerate().filter(|(_, f)| **f <= 0.5) {
+            let difference = edge.mtf[k] - product[k];
+            if difference.abs() > f64::abs(largest_difference[0]) {
+                largest_difference = [difference, *f];
+            }
+        }
+        Ok(Prediction {
+            height_mm,
+            frequencies: edge.frequencies.clone(),
+            lens,
+            aperture,
+            low_pass,
+            crosstalk,
+            product,
+            largest_difference,
+        })
+    }
+
+    /// What neighbours add to the pixels of the channel: of other colours they see the same edge with signals of their own (`even`: those of an even
+    /// field).
+    fn crosstalk(&self, f: DVec2, even: &[f64]) -> f64 {
+        let (cfa, c) = (&self.sensor.cfa, self.sensor.crosstalk);
+        let [columns, rows] = [cfa.columns(), cfa.rows()];
+        let (mut sum, mut all) = (0.0, 0.0);
+        for i in (0..columns * rows).filter(|i| cfa.channel_at(i % columns, i / columns) == self.channel) {
+            let (x, y) = (i % columns, i / columns);
+            let of = |x: usize, y: usize| even[cfa.channel_at(x, y)];
+            let own = (1.0 - 4.0 * c) * of(x, y);
+            let beside = c * (of(x + 1, y) + of(x + columns - 1, y));
+            let above = c * (of(x, y + 1) + of(x, y + rows - 1));
+            sum += own + beside * (TAU * f.x).cos() + above * (TAU * f.y).cos();
+            all += own + beside + above;
+        }
+        (sum / all).abs()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::measure::Region;
+    use diopter_lens::compound::Setting;
+    use diopter_lens::embedded;
+    use std::sync::Arc;
+
+    fn edge(across: [f64; 2]) -> EdgeMtf {
+        EdgeMtf {
+            region: Region { x: 0, y: 0, width: 64, height: 64 },
+            horizontal: false,
+            angle_deg: 0.0,
+            across,
+            middle: [300.0, 200.0],
+            residual_px: 0.0,
+            bow_px: 0.0,
+            levels: [0.1, 0.4],
+            contrast: 0.6,
+            noise: 0.0,
+            frequencies: (0..=100).map(|k| f64::from(k) / 100.0).collect(),
+            mtf: vec![1.0; 101],
+            mtf50: None,
+            mtf10: None,
+            at_nyquist: 1.0,
+            esf: vec![],
+        }
+    }
+
+    #[test]
+    fn the_chain_is_the_product_of_its_parts() {
+        let setting =
+            Setting { focal_length: None, f_number: Some(4.0), focus: Focus::Infinity, iris: None, film_mm: [36.0, 24.0] };
+        let lens = CompoundLens::new(Arc::new(embedded("double-gauss-50mm").unwrap()), &setting).unwrap();
+        let mut sensor = Sensor::named("canon-t2i").unwrap();
+        (sensor.low_pass_px, sensor.crosstalk, sensor.fill_factor) = (0.5, 0.02, 0.81);
+        let [w, h] = sensor.pitch_mm();
+        let size = [600, 400];
+        let film_mm = [600.0 * w, 400.0 * h];
+        let chain = Chain { lens: &lens, sensor: &sensor, channel: 1, light: "D65", film_mm, size };
+        let p = chain.predict(&edge([1.0, 0.0])).unwrap();
+        assert!(p.height_mm < 1e-9 && p.product[0] == p.lens[0] && (p.lens[0] - 1.0).abs() < 1e-9);
+        // Nyquist: sinc(0.45), cos(π/4), and neighbours beside it that count against it. R and B lie beside green, as bright together as they are.
+        let half = 50;
+        assert!((p.aperture[half] - sinc(0.45)).abs() < 1e-12 && (p.low_pass[half] - (0.25 * PI).cos()).abs() < 1e-12);
+        assert!(p.crosstalk[half] < 1.0 && p.crosstalk[half] > 0.9, "{}", p.crosstalk[half]);
+        let product = p.lens[half] * p.aperture[half] * p.low_pass[half] * p.crosstalk[half];
+        assert!((p.product[half] - product).abs() < 1e-12);
+        // The edge that was "measured" has full contrast: the difference is largest where the chain leaves least.
+        assert!((p.largest_difference[0] - (1.0 - p.product[half])).abs() < 0.05, "{:?}", p.largest_difference);
+        // A sensor of one colour, all neighbours alike: 1 − 2c (1 − cos 2πf).
+        let mono = Sensor { crosstalk: 0.02, ..Sensor::named("imx249").unwrap() };
+        let chain = Chain { sensor: &mono, channel: 0, ..chain };
+        let p = chain.predict(&edge([1.0, 0.0])).unwrap();
+        assert!((p.crosstalk[half] - 0.92).abs() < 1e-9, "{}", p.crosstalk[half]);
+        assert!(Chain { light: "D64", ..chain }.predict(&edge([1.0, 0.0])).is_err());
+    }
+}
