@@ -267,7 +267,8 @@ fn count(dots: &[[f64; 2]], middle: [f64; 2]) -> Option<Vec<Dot>> {
             if distance(dots[found], wanted) > LEAST_MATCH * step[0].hypot(step[1]) {
                 continue;
             }
-            (used[found], _) = (true, taken.insert(next, found));
+            used[found] = true;
+            taken.insert(next, found);
             let mut around = steps;
             around[axis] = [0, 1].map(|k| (dots[found][k] - dots[dot][k]) * f64::from(sign));
             open.push_back((found, next, around));
