@@ -350,6 +350,8 @@ pub enum MeasureVerb {
         #[arg(short, long, value_name = "FILE")]
         output: Vec<PathBuf>,
     },
+    /// A lab report of a body and a lens on one page: resolution beside its prediction, distortion, vignetting, noise, dynamic range, colour.
+    Report(MeasureReport),
     /// Relative illumination over the image height, from a flat field.
     Vignetting(MeasureChart),
     /// Distortion, from a grid of dots parallel to the film.
@@ -413,6 +415,29 @@ pub struct MeasureMtf {
     /// Plot to write: .svg or .png; may be given several times.
     #[arg(short, long, value_name = "FILE")]
     pub output: Vec<PathBuf>,
+}
+
+#[derive(clap::Args, Debug)]
+pub struct MeasureReport {
+    /// Embedded body or TOML file.
+    pub body: String,
+    /// A name from `lens list`, or a file (.toml, .dat, .zmx, .seq, .json).
+    pub lens: String,
+    /// f-number; f/8 without (or as far as the lens opens).
+    #[arg(long, value_name = "F")]
+    pub aperture: Option<FNumber>,
+    /// Focal length of a zoom: "35 mm".
+    #[arg(long, value_name = "LENGTH")]
+    pub focal_length: Option<LengthMm>,
+    /// Pixels of the photographs.
+    #[arg(long, value_name = "WxH")]
+    pub size: Option<Size>,
+    /// Samples a pixel of the photographs.
+    #[arg(long, value_name = "N", default_value_t = 64)]
+    pub spp: u32,
+    /// Page to write (.html), with everything in it.
+    #[arg(short, long, value_name = "FILE")]
+    pub output: PathBuf,
 }
 
 /// A picture of a chart.

@@ -292,7 +292,7 @@ impl Export {
 }
 
 /// Photon transfer, and signal over noise.
-fn plot(title: &str, report: &Report) -> Figure {
+pub fn plot(title: &str, report: &Report) -> Figure {
     let cell = glam::DVec2::new(460.0, 320.0);
     let mut figure = Figure::new(2.0 * cell.x, cell.y + 24.0);
     let point = |x: f64, y: f64| glam::DVec2::new(x, y);

@@ -1,5 +1,7 @@
 //! `measure`: what pictures say of the camera that took them.
 
+mod report;
+
 use super::{print_json, read_raw};
 use crate::args::{List, LsfWindow, MeasureChart, MeasureMtf, MeasureVerb, MeasuredChannel, PictureEncoding};
 use crate::watch::say;
@@ -12,6 +14,8 @@ use diopter::lens::{CompoundLens, Focus};
 use diopter::measure::mtf::{self, Options, Window};
 use diopter::measure::predict::{Chain, Prediction};
 use diopter::measure::{Channel, EdgeMtf, Measured, Plane, Region, color, distortion, noise, vignetting};
+use diopter::measure::{color::ColorDifferences, distortion::Distortion, vignetting::Vignetting};
+use diopter::sensor::Sensor;
 use diopter::sensor::emva::{self, Conditions};
 use diopter::sensor::format::FULL_FRAME_DIAGONAL_MM;
 use diopter::shot::{ShotError, read_body, read_lens};
@@ -29,6 +33,7 @@ pub fn run(verb: &MeasureVerb, json: bool) -> anyhow::Result<()> {
         MeasureVerb::Mtf(asked) => resolution(asked, json),
         MeasureVerb::Noise { files, region, output } => photon_transfer(files, *region, output, json),
         MeasureVerb::DynamicRange { body, iso, output } => dynamic_range(body, iso.as_ref(), output, json),
+        MeasureVerb::Report(asked) => report::run(asked, json),
         MeasureVerb::Vignetting(asked) => fall_off(asked, json),
         MeasureVerb::Distortion(asked) => bent_lines(asked, json),
         MeasureVerb::Color { file, corners, light, encoding, output } => {
@@ -125,7 +130,7 @@ fn resolution(asked: &MeasureMtf, json: bool) -> anyhow::Result<()> {
     let size = [plane.width, plane.height];
     let (predictions, pitch_mm) = match (&asked.lens, &asked.body) {
         (Some(lens), Some(body)) => {
-            let (all, pitch) = predicted(asked, [lens, body], picture.facts(), channel, size, &edges)?;
+            let (all, pitch) = predicted(&asked.file, &asked.light, [lens, body], picture.facts(), channel, size, &edges)?;
             (Some(all), Some(pitch))
         }
         _ => (None, asked.pitch.map(|um| um / 1000.0)),
@@ -150,30 +155,34 @@ fn resolution(asked: &MeasureMtf, json: bool) -> anyhow::Result<()> {
         .collect();
     let value =
         json!({ "file": asked.file, "channel": channel.name(), "pitch_um": pitch_mm.map(|mm| 1000.0 * mm), "edges": value });
-    let mut text = resolution_text(asked, &edges, channel, per_mm, plane.height)?;
+    let mut text = resolution_text(&name_of(&asked.file), &edges, channel, per_mm, plane.height)?;
     if let Some(predictions) = &predictions {
         text.push_str(&chain_text(&edges, predictions)?);
     }
-    let figure = || {
-        let scale = per_mm.unwrap_or(1.0);
-        let lines = edges.iter().take(COLORS.len()).enumerate().map(|(k, e)| {
-            let name = format!("{:.0},{:.0}: {:.1}°", e.middle[0], e.middle[1], e.angle_deg);
-            line(name, k, Style::Full, e.frequencies.iter().zip(&e.mtf).map(|(f, m)| (f * scale, m.min(1.2))))
-        });
-        let chains = predictions.iter().flatten().take(COLORS.len()).enumerate().map(|(k, p)| {
-            let name = if k == 0 { "predicted" } else { "" };
-            line(name, k, Style::Broken, p.frequencies.iter().zip(&p.product).map(|(f, m)| (f * scale, *m)))
-        });
-        let unit = if per_mm.is_some() { "cycles/mm" } else { "cycles/pixel" };
-        let nyquist = line("", 5, Style::Broken, [(0.5 * scale, 0.0), (0.5 * scale, 1.2)]);
-        sheet(&Chart {
-            title: format!("e-SFR, {}, {}", name_of(&asked.file), channel.name()),
-            x: Axis { label: format!("spatial frequency across the edge, {unit}"), range: [0.0, scale] },
-            y: Axis { label: "contrast".into(), range: [0.0, 1.2] },
-            lines: lines.chain(chains).chain([nyquist]).collect(),
-        })
-    };
+    let predictions = predictions.unwrap_or_default();
+    let figure = || resolution_figure(&name_of(&asked.file), channel, per_mm, &edges, &predictions);
     finish(outputs, figure, &text, &value, json)
+}
+
+/// Responses of some edges, and what was predicted for them (the same number, or none).
+fn resolution_figure(name: &str, channel: Channel, per_mm: Option<f64>, edges: &[EdgeMtf], predictions: &[Prediction]) -> Figure {
+    let scale = per_mm.unwrap_or(1.0);
+    let lines = edges.iter().take(COLORS.len()).enumerate().map(|(k, e)| {
+        let name = format!("{:.0},{:.0}: {:.1}°", e.middle[0], e.middle[1], e.angle_deg);
+        line(name, k, Style::Full, e.frequencies.iter().zip(&e.mtf).map(|(f, m)| (f * scale, m.min(1.2))))
+    });
+    let chains = predictions.iter().take(COLORS.len()).enumerate().map(|(k, p)| {
+        let name = if k == 0 { "predicted" } else { "" };
+        line(name, k, Style::Broken, p.frequencies.iter().zip(&p.product).map(|(f, m)| (f * scale, *m)))
+    });
+    let unit = if per_mm.is_some() { "cycles/mm" } else { "cycles/pixel" };
+    let nyquist = line("", 5, Style::Broken, [(0.5 * scale, 0.0), (0.5 * scale, 1.2)]);
+    sheet(&Chart {
+        title: format!("e-SFR, {name}, {}", channel.name()),
+        x: Axis { label: format!("spatial frequency across the edge, {unit}"), range: [0.0, scale] },
+        y: Axis { label: "contrast".into(), range: [0.0, 1.2] },
+        lines: lines.chain(chains).chain([nyquist]).collect(),
+    })
 }
 
 fn name_of(path: &Path) -> String {
@@ -181,14 +190,14 @@ fn name_of(path: &Path) -> String {
 }
 
 fn resolution_text(
-    asked: &MeasureMtf,
+    name: &str,
     edges: &[EdgeMtf],
     channel: Channel,
     per_mm: Option<f64>,
     height: usize,
 ) -> anyhow::Result<String> {
     let mut t = String::new();
-    writeln!(t, "{}, {}   (e-SFR, ISO 12233; frequencies in cycles/pixel)", name_of(&asked.file), channel.name())?;
+    writeln!(t, "{name}, {}   (e-SFR, ISO 12233; frequencies in cycles/pixel)", channel.name())?;
     let mm = if per_mm.is_some() { format!(" {:>9}", "per mm") } else { String::new() };
     writeln!(
         t,
@@ -227,7 +236,8 @@ fn resolution_text(
 
 /// What the chain of a lens and a body should make of edges, and the distance of pixels, mm.
 fn predicted(
-    asked: &MeasureMtf,
+    file: &Path,
+    light: &str,
     [lens, body]: [&str; 2],
     facts: Option<&ExposureFacts>,
     channel: Channel,
@@ -235,7 +245,7 @@ fn predicted(
     edges: &[EdgeMtf],
 ) -> anyhow::Result<(Vec<Prediction>, f64)> {
     let wrong = |what: String| anyhow::Error::from(AskedWrongly(anyhow!(what)));
-    let file = asked.file.display();
+    let file = file.display();
     let complete = |f: &&ExposureFacts| f.f_number > 0.0 && f.focal_length_mm > 0.0 && f.focal_length_35mm_mm > 0.0;
     let facts = facts.filter(complete).ok_or_else(|| {
         wrong(format!(
@@ -271,7 +281,7 @@ fn predicted(
     let open = set(None)?;
     // Fully open is what the file says to all its digits.
     let lens = if facts.f_number > 1.001 * open.widest_f_number() { set(Some(facts.f_number))? } else { open };
-    let chain = Chain { lens: &lens, sensor: &sensor, channel: number, light: &asked.light, film_mm, size };
+    let chain = Chain { lens: &lens, sensor: &sensor, channel: number, light, film_mm, size };
     let all = edges.iter().map(|e| Ok(chain.predict(e)?)).collect::<anyhow::Result<Vec<_>>>()?;
     Ok((all, pitch))
 }
@@ -376,26 +386,41 @@ fn dynamic_range(body: &str, asked: Option<&List>, output: &[PathBuf], json: boo
     let sensor = read_body(body)?;
     let outputs = paint::prepare(output)?;
     let settings: Vec<f64> = asked.map_or_else(|| sensor.iso.iter().map(|i| i.iso).collect(), |l| l.0.clone());
+    let rows = ranges(&sensor, &settings)?;
+    let value: Vec<Value> = rows
+        .iter()
+        .map(|(iso, r)| json!({ "iso": iso, "stops": r.measured.dynamic_range.log2(), "measured": r.measured, "sheet": r.sheet }))
+        .collect();
+    let text = range_text(&sensor, &rows)?;
+    finish(outputs, || range_figure(&sensor, &rows), &text, &json!({ "body": sensor.name, "speeds": value }), json)
+}
+
+/// The channel that sees most.
+fn strongest_channel(sensor: &Sensor) -> usize {
     let most = |a: &usize, b: &usize| sensor.quantum_efficiency[*a].max().total_cmp(&sensor.quantum_efficiency[*b].max());
-    let channel = (0..sensor.quantum_efficiency.len()).max_by(most).unwrap_or(0);
+    (0..sensor.quantum_efficiency.len()).max_by(most).unwrap_or(0)
+}
+
+/// EMVA 1288 at several ISO speeds.
+fn ranges(sensor: &Sensor, settings: &[f64]) -> anyhow::Result<Vec<(f64, emva::Report)>> {
+    let channel = strongest_channel(sensor);
     let measured = |iso: &f64| {
         let conditions = Conditions { iso: *iso, channel, size: [RANGE_SIDE; 2], stack: RANGE_STACK, ..Conditions::default() };
-        emva::measure(&sensor, &conditions, &mut |_| Ok(())).map(|r| (*iso, r)).map_err(|e| AskedWrongly(e.into()))
+        emva::measure(sensor, &conditions, &mut |_| Ok(())).map(|r| (*iso, r)).map_err(|e| AskedWrongly(e.into()).into())
     };
-    let rows = settings.iter().map(measured).collect::<Result<Vec<_>, _>>()?;
+    settings.iter().map(measured).collect()
+}
+
+fn range_text(sensor: &Sensor, rows: &[(f64, emva::Report)]) -> anyhow::Result<String> {
     let mut t = String::new();
-    writeln!(
-        t,
-        "{}, {}   (EMVA 1288: saturation over the absolute sensitivity threshold)",
-        sensor.name,
-        sensor.cfa.channel_names()[channel]
-    )?;
+    let channel = sensor.cfa.channel_names()[strongest_channel(sensor)];
+    writeln!(t, "{}, {channel}   (EMVA 1288: saturation over the absolute sensitivity threshold)", sensor.name)?;
     writeln!(
         t,
         "  {:>8} {:>8} {:>10} {:>9} {:>13} {:>12} {:>11}",
         "ISO", "stops", "data sheet", "dB", "saturation e-", "dark e-", "SNR max dB"
     )?;
-    for (iso, r) in &rows {
+    for (iso, r) in rows {
         let m = &r.measured;
         writeln!(
             t,
@@ -408,33 +433,37 @@ fn dynamic_range(body: &str, asked: Option<&List>, output: &[PathBuf], json: boo
             m.snr_max_db()
         )?;
     }
-    let value: Vec<Value> = rows
-        .iter()
-        .map(|(iso, r)| json!({ "iso": iso, "stops": r.measured.dynamic_range.log2(), "measured": r.measured, "sheet": r.sheet }))
-        .collect();
-    let figure = || {
-        let over = |of: &dyn Fn(&emva::Report) -> f64| rows.iter().map(|(iso, r)| (iso.log2(), of(r))).collect::<Vec<_>>();
-        let lines = vec![
-            line("measured", 0, Style::Full, over(&|r| r.measured.dynamic_range.log2())),
-            line("data sheet", 5, Style::Broken, over(&|r| r.sheet.dynamic_range.log2())),
-        ];
-        let all: Vec<DVec2> = lines.iter().flat_map(|l| l.points.clone()).collect();
-        sheet(&Chart {
-            title: format!("{}: dynamic range", sensor.name),
-            x: Axis::around("ISO speed, log2", all.iter().map(|p| p.x), false),
-            y: Axis::around("stops", all.iter().map(|p| p.y), true),
-            lines,
-        })
-    };
-    finish(outputs, figure, &t, &json!({ "body": sensor.name, "speeds": value }), json)
+    Ok(t)
+}
+
+fn range_figure(sensor: &Sensor, rows: &[(f64, emva::Report)]) -> Figure {
+    let over = |of: &dyn Fn(&emva::Report) -> f64| rows.iter().map(|(iso, r)| (iso.log2(), of(r))).collect::<Vec<_>>();
+    let lines = vec![
+        line("measured", 0, Style::Full, over(&|r| r.measured.dynamic_range.log2())),
+        line("data sheet", 5, Style::Broken, over(&|r| r.sheet.dynamic_range.log2())),
+    ];
+    let all: Vec<DVec2> = lines.iter().flat_map(|l| l.points.clone()).collect();
+    sheet(&Chart {
+        title: format!("{}: dynamic range", sensor.name),
+        x: Axis::around("ISO speed, log2", all.iter().map(|p| p.x), false),
+        y: Axis::around("stops", all.iter().map(|p| p.y), true),
+        lines,
+    })
 }
 
 fn fall_off(asked: &MeasureChart, json: bool) -> anyhow::Result<()> {
     let outputs = paint::prepare(&asked.output)?;
     let (plane, channel) = plane(&asked.file, asked.channel, asked.encoding)?;
     let found = vignetting::measure(&plane)?;
+    let name = name_of(&asked.file);
+    let text = vignetting_text(&name, channel, &found)?;
+    let value = json!({ "file": asked.file, "channel": channel.name(), "corner_ev": found.corner_ev(), "vignetting": found });
+    finish(outputs, || vignetting_figure(&name, &found), &text, &value, json)
+}
+
+fn vignetting_text(name: &str, channel: Channel, found: &Vignetting) -> anyhow::Result<String> {
     let mut t = String::new();
-    writeln!(t, "{}, {}   (heights over half of the diagonal)", name_of(&asked.file), channel.name())?;
+    writeln!(t, "{name}, {}   (heights over half of the diagonal)", channel.name())?;
     writeln!(t, "  {:>7} {:>13} {:>8}", "height", "illumination", "EV")?;
     for k in 0..=10 {
         let height = f64::from(k) / 10.0;
@@ -444,28 +473,36 @@ fn fall_off(asked: &MeasureChart, json: bool) -> anyhow::Result<()> {
     let [a, b, c, d] = found.corners;
     writeln!(t, "  corners: {a:.3} {b:.3} / {c:.3} {d:.3}, on average {:.2} EV darker than the middle", found.corner_ev())?;
     writeln!(t, "  rings deviate from the fit by {:.2} %", 100.0 * found.residual)?;
-    let figure = || {
-        let lines = vec![
-            line("rings", 0, Style::Full, found.rings.iter().map(|r| (r.height, r.illumination))),
-            line("fit", 5, Style::Broken, (0..=50).map(|k| f64::from(k) / 50.0).map(|h| (h, found.at(h)))),
-        ];
-        sheet(&Chart {
-            title: format!("relative illumination, {}", name_of(&asked.file)),
-            x: Axis { label: "image height over half of the diagonal".into(), range: [0.0, 1.0] },
-            y: Axis { label: "of the middle".into(), range: [0.0, 1.2] },
-            lines,
-        })
-    };
-    let value = json!({ "file": asked.file, "channel": channel.name(), "corner_ev": found.corner_ev(), "vignetting": found });
-    finish(outputs, figure, &t, &value, json)
+    Ok(t)
+}
+
+fn vignetting_figure(name: &str, found: &Vignetting) -> Figure {
+    let lines = vec![
+        line("rings", 0, Style::Full, found.rings.iter().map(|r| (r.height, r.illumination))),
+        line("fit", 5, Style::Broken, (0..=50).map(|k| f64::from(k) / 50.0).map(|h| (h, found.at(h)))),
+    ];
+    sheet(&Chart {
+        title: format!("relative illumination, {name}"),
+        x: Axis { label: "image height over half of the diagonal".into(), range: [0.0, 1.0] },
+        y: Axis { label: "of the middle".into(), range: [0.0, 1.2] },
+        lines,
+    })
 }
 
 fn bent_lines(asked: &MeasureChart, json: bool) -> anyhow::Result<()> {
     let outputs = paint::prepare(&asked.output)?;
     let (plane, channel) = plane(&asked.file, asked.channel, asked.encoding)?;
     let found = distortion::measure(&plane)?;
+    let name = name_of(&asked.file);
+    let text = distortion_text(&name, channel, &found)?;
+    let points: Vec<Value> = curve(&found).iter().map(|(h, d)| json!({ "height": h, "percent": d })).collect();
+    let value = json!({ "file": asked.file, "channel": channel.name(), "distortion": found, "curve": points });
+    finish(outputs, || distortion_figure(&name, &found), &text, &value, json)
+}
+
+fn distortion_text(name: &str, channel: Channel, found: &Distortion) -> anyhow::Result<String> {
     let mut t = String::new();
-    writeln!(t, "{}, {}: {} dots   (heights over half of the diagonal)", name_of(&asked.file), channel.name(), found.dots.len())?;
+    writeln!(t, "{name}, {}: {} dots   (heights over half of the diagonal)", channel.name(), found.dots.len())?;
     writeln!(t, "  {:>7} {:>13}", "height", "distortion %")?;
     let last = (10.0 * found.largest_height).floor() as u32;
     for k in 1..=last {
@@ -473,19 +510,22 @@ fn bent_lines(asked: &MeasureChart, json: bool) -> anyhow::Result<()> {
         writeln!(t, "  {height:>7.1} {:>+13.3}", found.percent(height))?;
     }
     writeln!(t, "  TV distortion {:+.3} %; dots deviate from the fit by {:.3} pixels", found.tv_percent, found.residual_px)?;
-    let curve: Vec<(f64, f64)> =
-        (0..=50).map(|k| found.largest_height * f64::from(k) / 50.0).map(|h| (h, found.percent(h))).collect();
-    let figure = || {
-        sheet(&Chart {
-            title: format!("distortion, {}", name_of(&asked.file)),
-            x: Axis { label: "image height over half of the diagonal".into(), range: [0.0, 1.0] },
-            y: Axis::around("distortion, %", curve.iter().map(|p| p.1), true),
-            lines: vec![line("", 0, Style::Full, curve.iter().copied())],
-        })
-    };
-    let points: Vec<Value> = curve.iter().map(|(h, d)| json!({ "height": h, "percent": d })).collect();
-    let value = json!({ "file": asked.file, "channel": channel.name(), "distortion": found, "curve": points });
-    finish(outputs, figure, &t, &value, json)
+    Ok(t)
+}
+
+/// Distortion over the image height, as far as there are dots.
+fn curve(found: &Distortion) -> Vec<(f64, f64)> {
+    (0..=50).map(|k| found.largest_height * f64::from(k) / 50.0).map(|h| (h, found.percent(h))).collect()
+}
+
+fn distortion_figure(name: &str, found: &Distortion) -> Figure {
+    let points = curve(found);
+    sheet(&Chart {
+        title: format!("distortion, {name}"),
+        x: Axis { label: "image height over half of the diagonal".into(), range: [0.0, 1.0] },
+        y: Axis::around("distortion, %", points.iter().map(|p| p.1), true),
+        lines: vec![line("", 0, Style::Full, points.iter().copied())],
+    })
 }
 
 fn differences(
@@ -498,8 +538,15 @@ fn differences(
 ) -> anyhow::Result<()> {
     let outputs = paint::prepare(output)?;
     let found = color::measure(&Measured::read(file, encoding)?, corners, light)?;
+    let name = name_of(file);
+    let text = color_text(&name, &found)?;
+    let value = json!({ "file": file, "light": light, "color": found });
+    finish(outputs, || color_figure(&name, &found), &text, &value, json)
+}
+
+fn color_text(name: &str, found: &ColorDifferences) -> anyhow::Result<String> {
     let mut t = String::new();
-    writeln!(t, "{}   (CIEDE2000; CIELAB of D65, brightness by the grey patches: × {:.4})", name_of(file), found.scale)?;
+    writeln!(t, "{name}   (CIEDE2000; CIELAB of D65, brightness by the grey patches: × {:.4})", found.scale)?;
     writeln!(
         t,
         "  {:<16} {:>7} {:>7} {:>7}   {:>7} {:>7} {:>7} {:>7}",
@@ -511,18 +558,19 @@ fn differences(
         writeln!(t, "  {:<16} {l:>7.2} {a:>7.2} {b:>7.2}   {l0:>7.2} {a0:>7.2} {b0:>7.2} {:>7.2}", p.name, p.delta_e)?;
     }
     writeln!(t, "  mean {:.2}, largest {:.2}", found.mean, found.largest)?;
-    let figure = || {
-        // From the reference to what was measured, seen along L*.
-        let lines = found.patches.iter().flat_map(|p| {
-            let [from, to] = [p.reference, p.lab].map(|lab| (lab[1], lab[2]));
-            [line("", 5, Style::Full, [from, to]), line("", 0, Style::Dots, [to]), line("", 1, Style::Dots, [from])]
-        });
-        sheet(&Chart {
-            title: format!("colour, {}: CIEDE2000 {:.2} on average, {:.2} at most", name_of(file), found.mean, found.largest),
-            x: Axis { label: "a* (blue: reference, red: measured)".into(), range: [-70.0, 70.0] },
-            y: Axis { label: "b*".into(), range: [-70.0, 100.0] },
-            lines: lines.collect(),
-        })
-    };
-    finish(outputs, figure, &t, &json!({ "file": file, "light": light, "color": found }), json)
+    Ok(t)
+}
+
+fn color_figure(name: &str, found: &ColorDifferences) -> Figure {
+    // From the reference to what was measured, seen along L*.
+    let lines = found.patches.iter().flat_map(|p| {
+        let [from, to] = [p.reference, p.lab].map(|lab| (lab[1], lab[2]));
+        [line("", 5, Style::Full, [from, to]), line("", 0, Style::Dots, [to]), line("", 1, Style::Dots, [from])]
+    });
+    sheet(&Chart {
+        title: format!("colour, {name}: CIEDE2000 {:.2} on average, {:.2} at most", found.mean, found.largest),
+        x: Axis { label: "a* (blue: reference, red: measured)".into(), range: [-70.0, 70.0] },
+        y: Axis { label: "b*".into(), range: [-70.0, 100.0] },
+        lines: lines.collect(),
+    })
 }

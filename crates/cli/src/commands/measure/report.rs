@@ -1,0 +1,244 @@
+//! `measure report`: a body and a lens on one page, as a laboratory would print it.
+//!
+//! Photographs the embedded charts, measures them as any picture is measured, and sets what the optical bench and the data sheet say beside it. The
+//! page holds everything it shows: plots as SVG, tables as text.
+
+use super::{
+    Channel, Measured, chain_text, color, color_figure, color_text, distortion, distortion_figure, distortion_text, mtf,
+    predicted, range_figure, range_text, ranges, resolution_figure, resolution_text, strongest_channel, vignetting,
+    vignetting_figure, vignetting_text,
+};
+use crate::AskedWrongly;
+use crate::args::MeasureReport;
+use crate::commands::{body, print_json};
+use crate::output::Output;
+use crate::watch::{say, warn, watched};
+use anyhow::anyhow;
+use diopter::image::{ExposureFacts, Picture, RawImage};
+use diopter::lens::analysis::Bench;
+use diopter::lens::draw::Figure;
+use diopter::lens::glass::D_NM;
+use diopter::lens::paraxial::FirstOrder;
+use diopter::measure::{EdgeMtf, Plane};
+use diopter::shot::{Shot, ShotFile, read_body};
+use serde_json::json;
+use std::fmt::Write as _;
+use std::io::Write;
+use std::path::Path;
+
+/// Edges that are plotted: the one nearest to the middle, the farthest, and one between.
+const PLOTTED: usize = 3;
+
+/// A photograph of a chart.
+struct Photograph {
+    raw: RawImage,
+    picture: Picture,
+    facts: ExposureFacts,
+    /// Image height and distortion (%) that the optical bench gives, the height over half of the diagonal; empty of ideal lenses.
+    bench: Vec<(f64, f64)>,
+}
+
+pub fn run(asked: &MeasureReport, json: bool) -> anyhow::Result<()> {
+    if asked.output.extension().is_none_or(|e| !e.eq_ignore_ascii_case("html")) {
+        return Err(AskedWrongly(anyhow!("{}: expected a name that ends in .html", asked.output.display())).into());
+    }
+    let output = Output::prepare(&asked.output)?;
+    let sensor = read_body(&asked.body)?;
+    let mut page = Page::default();
+
+    let edges = photograph(asked, "slanted-edges", Some(&asked.lens))?;
+    let (plane, channel) = strongest_plane(&edges.raw)?;
+    let mut found = mtf::find(&plane, &mtf::Options::default())?;
+    let middle = [0.5 * plane.width as f64, 0.5 * plane.height as f64];
+    let height = |e: &EdgeMtf| (e.middle[0] - middle[0]).hypot(e.middle[1] - middle[1]);
+    found.sort_by(|a, b| height(a).total_cmp(&height(b)));
+    let f = &edges.facts;
+    page.title = format!("{}, {}", f.body, f.lens);
+    let focus = f.focus_distance_m.map_or("infinity".to_owned(), |d| format!("{d:.3} m"));
+    page.paragraph(&format!(
+        "{:.1} mm ({:.1} mm on 36 × 24 mm), f/{:.2} (T/{:.2}), focused at {focus}, ISO {:.0}; photographs of {} × {} pixels, {} samples a pixel. \
+         Charts under D65; raw values of the {} channel.",
+        f.focal_length_mm,
+        f.focal_length_35mm_mm,
+        f.f_number,
+        f.t_number,
+        f.iso,
+        plane.width,
+        plane.height,
+        asked.spp,
+        channel.name()
+    ));
+
+    // Resolution, beside the chain.
+    let size = [plane.width, plane.height];
+    let (predictions, pitch_mm) =
+        predicted(Path::new("slanted-edges"), "D65", [&asked.lens, &asked.body], Some(f), channel, size, &found)?;
+    let last = found.len() - 1;
+    let mut picks: Vec<usize> = (0..PLOTTED).map(|k| k * last / (PLOTTED - 1)).collect();
+    picks.dedup();
+    let shown: Vec<EdgeMtf> = picks.iter().map(|k| found[*k].clone()).collect();
+    let chains: Vec<_> = picks.iter().map(|k| predictions[*k].clone()).collect();
+    let per_mm = Some(1.0 / pitch_mm);
+    let text = resolution_text("slanted-edges", &found, channel, per_mm, plane.height)? + &chain_text(&found, &predictions)?;
+    page.section("Resolution", &[resolution_figure("slanted-edges", channel, per_mm, &shown, &chains)], &text);
+
+    // Distortion, beside the bench.
+    let dots = photograph(asked, "dot-grid", Some(&asked.lens))?;
+    let bent = distortion::measure(&strongest_plane(&dots.raw)?.0)?;
+    let mut text = distortion_text("dot-grid", channel, &bent)?;
+    if !dots.bench.is_empty() {
+        writeln!(text, "  {:>7} {:>13} {:>13}", "height", "measured %", "bench %")?;
+        for (h, percent) in dots.bench.iter().filter(|(h, _)| *h <= bent.largest_height) {
+            writeln!(text, "  {h:>7.1} {:>+13.3} {percent:>+13.3}", bent.percent(*h))?;
+        }
+    }
+    page.section("Distortion", &[distortion_figure("dot-grid", &bent)], &text);
+
+    // Vignetting.
+    let field = photograph(asked, "flat-field", Some(&asked.lens))?;
+    let light = vignetting::measure(&strongest_plane(&field.raw)?.0)?;
+    let text = vignetting_text("flat-field", channel, &light)?;
+    page.section("Relative illumination", &[vignetting_figure("flat-field", &light)], &text);
+
+    // The body alone.
+    let settings: Vec<f64> = sensor.iso.iter().map(|i| i.iso).collect();
+    let rows = ranges(&sensor, &settings)?;
+    if let Some((iso, first)) = rows.first() {
+        let name = sensor.cfa.channel_names()[strongest_channel(&sensor)];
+        let title = format!("{}, ISO {iso:.0}, {name} at {:.0} nm", sensor.name, first.nm);
+        page.section(
+            "Noise and dynamic range",
+            &[body::plot(&title, first), range_figure(&sensor, &rows)],
+            &range_text(&sensor, &rows)?,
+        );
+    }
+
+    // Colour: the body and its development; a thin lens frames the chart as it is meant to be.
+    let colors = if sensor.cfa.is_monochrome() {
+        page.paragraph("Colour: the sensor is monochrome.");
+        None
+    } else {
+        let chart = photograph(asked, "color-chart", None)?;
+        let pixels = linear(&chart.picture);
+        let bands = ["R", "G", "B"].map(str::to_owned).to_vec();
+        let limits = [f32::NEG_INFINITY, f32::INFINITY];
+        let found = color::measure(&Measured::Light { pixels, bands, limits, facts: None }, None, "D65")?;
+        page.section("Colour", &[color_figure("color-chart", &found)], &color_text("color-chart, default development", &found)?);
+        Some(found)
+    };
+
+    let path = output.commit(|to| Ok(to.write_all(page.html().as_bytes())?))?;
+    say(&format!("wrote {}", path.display()));
+    if json {
+        return print_json(&json!({
+            "file": path, "facts": edges.facts, "edges": found, "predicted": predictions, "distortion": bent, "vignetting": light,
+            "dynamic_range": rows.iter().map(|(iso, r)| json!({ "iso": iso, "emva": r })).collect::<Vec<_>>(), "color": colors,
+        }));
+    }
+    Ok(())
+}
+
+/// Takes a photograph of an embedded chart; with a thin lens where none is named.
+fn photograph(asked: &MeasureReport, chart: &str, lens: Option<&str>) -> anyhow::Result<Photograph> {
+    let mut file = ShotFile::default();
+    file.scene.file = Some(chart.into());
+    file.camera.body = Some(asked.body.clone());
+    file.camera.lens = Some(lens.unwrap_or("thin").into());
+    if lens.is_some() {
+        file.camera.focal_length = asked.focal_length;
+        file.exposure.aperture = asked.aperture;
+    }
+    file.render.size = asked.size;
+    file.render.spp = Some(asked.spp);
+    let mut shot = Shot::prepare(&file, &mut warn)?;
+    watched("focusing", |w| shot.focus(w, &mut warn))?;
+    watched("metering", |w| shot.meter(w, &mut warn))?;
+    say(&format!("photographing {chart}"));
+    let plane = watched("exposing", |w| shot.expose(w))?;
+    let raw = shot.read_out(&plane)?;
+    let picture = shot.develop(&raw)?;
+    let film = [shot.camera.film.width_mm, shot.camera.film.height_mm];
+    let bench = match &shot.camera.lens {
+        diopter::lens::Lens::Compound(lens) => {
+            // The chart lies where the lens is focused, counted from the entrance pupil.
+            let system = lens.system();
+            let pupil_mm = FirstOrder::of(system, &system.indices(D_NM)).entrance_pupil_z;
+            let bench = Bench { system, object_distance: lens.focus_distance().map(|d| d.0 - pupil_mm) };
+            let half = 0.5 * film[0].hypot(film[1]);
+            let at = |k: i32| {
+                let height = f64::from(k) / 10.0;
+                let point = bench.field_point(bench.field_of_height(height * half), D_NM)?;
+                Some((height, point.distortion_percent()))
+            };
+            (1..=10).filter_map(at).collect()
+        }
+        _ => vec![],
+    };
+    Ok(Photograph { facts: raw.header.facts.clone(), raw, picture, bench })
+}
+
+/// Raw values of the channel that there are most pixels of.
+fn strongest_plane(raw: &RawImage) -> anyhow::Result<(Plane, Channel)> {
+    let measured = Measured::Raw(Box::new(raw.clone()));
+    let channel = measured.usual_channel();
+    Ok((measured.plane(channel)?, channel))
+}
+
+/// Linear values of a picture.
+fn linear(picture: &Picture) -> diopter::image::Raster<f32> {
+    let luminance = picture.space.xyz_from_rgb().row(1).to_array().map(|v| v as f32);
+    let mut pixels = picture.pixels.clone();
+    pixels.data.as_chunks_mut::<3>().0.iter_mut().for_each(|p| *p = picture.encoding.decode_pixel(*p, luminance));
+    pixels
+}
+
+/// A page that needs no other file.
+#[derive(Default)]
+struct Page {
+    title: String,
+    body: String,
+}
+
+impl Page {
+    fn paragraph(&mut self, text: &str) {
+        self.body.push_str(&format!("<p>{}</p>\n", escaped(text)));
+    }
+
+    fn section(&mut self, heading: &str, figures: &[Figure], table: &str) {
+        self.body.push_str(&format!("<section>\n<h2>{}</h2>\n", escaped(heading)));
+        figures.iter().for_each(|f| self.body.push_str(&format!("<figure>{}</figure>\n", f.to_svg())));
+        self.body.push_str(&format!("<pre>{}</pre>\n</section>\n", escaped(table)));
+    }
+
+    fn html(&self) -> String {
+        let title = escaped(&self.title);
+        format!(
+            "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n<title>{title}</title>\n<style>\n\
+             body {{ font-family: sans-serif; max-width: 1000px; margin: 2em auto; padding: 0 1em; color: #222; }}\n\
+             figure {{ margin: 1em 0; }}\nsvg {{ max-width: 100%; height: auto; }}\n\
+             pre {{ background: #f5f5f5; padding: 1em; overflow-x: auto; font-size: 85%; }}\n</style>\n</head>\n<body>\n<h1>{title}</h1>\n{}\
+             <footer>diopter {}</footer>\n</body>\n</html>\n",
+            self.body,
+            env!("CARGO_PKG_VERSION")
+        )
+    }
+}
+
+/// Text as HTML.
+fn escaped(text: &str) -> String {
+    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_page_holds_its_plots_and_escapes_its_text() {
+        let mut page = Page { title: "A & B".into(), ..Page::default() };
+        page.section("MTF <50>", &[Figure::new(10.0, 10.0)], "a < b");
+        let html = page.html();
+        assert!(html.contains("<title>A &amp; B</title>") && html.contains("MTF &lt;50&gt;") && html.contains("a &lt; b"));
+        assert!(html.contains("<svg ") && !html.contains("src=") && !html.contains("href="));
+    }
+}

@@ -1,0 +1,113 @@
+//! Photographs of the laboratory's charts, measured, against what the chain of lens and sensor predicts.
+
+use diopter::camera::look_at;
+use diopter::expose::Watch;
+use diopter::image::{ExposureFacts, FocalPlane};
+use diopter::lens::compound::Setting;
+use diopter::lens::{CompoundLens, Focus, Lens, embedded};
+use diopter::measure::predict::Chain;
+use diopter::measure::{Channel, Measured, distortion, mtf, vignetting};
+use diopter::scene::Scene;
+use diopter::scene::builtin::{self, charts};
+use diopter::sensor::Sensor;
+use diopter::{Camera, CameraWay, Film, Response, Settings, Shutter, expose};
+use glam::Vec3;
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+
+/// From the entrance pupil to the chart, mm.
+const DISTANCE_MM: f64 = 1000.0;
+
+fn lens(name: &str, f_number: Option<f64>, film_mm: [f64; 2]) -> CompoundLens {
+    let setting = Setting { focal_length: None, f_number, focus: Focus::at_mm(DISTANCE_MM), iris: None, film_mm };
+    CompoundLens::new(Arc::new(embedded(name).unwrap()), &setting).unwrap()
+}
+
+/// A photograph of a chart in the bands of a sensor, before it is read out.
+fn photograph(chart: &str, lens: &CompoundLens, film: Film, sensor: &Sensor, spp: u32) -> Measured {
+    let scene = Scene::build(builtin::named(chart).unwrap()).unwrap();
+    let f = charts::FRAMING;
+    let place = look_at(f.look_from, f.look_at, Vec3::Y).unwrap();
+    let camera = Camera { lens: Lens::Compound(Box::new(lens.clone())), film, way: CameraWay::still(place) };
+    let response = Response { bands: sensor.bands(), curves: sensor.band_responses() };
+    let watch = Watch { cancel: &AtomicBool::new(false), progress: &|_| () };
+    let settings = Settings { truth: false, ..Settings::new(spp) };
+    let plane: FocalPlane =
+        expose(&scene, &camera, &Shutter::global(0.01), &response, &settings, &ExposureFacts::default(), &watch).unwrap();
+    let bands = plane.bands.iter().map(|b| b.name.clone()).collect();
+    let limits = [f32::NEG_INFINITY, f32::INFINITY];
+    Measured::Light { pixels: plane.mean, bands, limits, facts: Some(Box::new(plane.facts)) }
+}
+
+#[test]
+fn edges_of_a_photograph_have_the_response_of_the_chain() {
+    // The square in the middle of the chart, 3.2 mm wide in the picture, with pixels of 25 µm: 20 cycles/mm at half a cycle a pixel.
+    let (side, size) = (200, 5.0);
+    // A focal plane has no crosstalk: that comes with the read-out. Low-pass filter and gaps between pixels as if they belonged to these pixels.
+    let mut sensor = Sensor::named("canon-t2i").unwrap();
+    (sensor.crosstalk, sensor.low_pass_px, sensor.fill_factor) = (0.0, 2.0, 1.0);
+    let own = sensor.pitch_mm()[0];
+    let film = Film { low_pass_mm: 2.0 * own, ..Film::new(size, size, side, side) };
+    for (name, f_number) in [("double-gauss-50mm", None), ("tessar-50mm-f2.8", Some(4.0))] {
+        let lens = lens(name, f_number, [36.0, 24.0]);
+        let picture = photograph("slanted-edges", &lens, film, &sensor, 256);
+        let plane = picture.plane(Channel::Green).unwrap();
+        let edges = mtf::find(&plane, &mtf::Options::default()).unwrap();
+        assert!(edges.iter().any(|e| e.horizontal) && edges.iter().any(|e| !e.horizontal), "{name}: {} edges", edges.len());
+        let chain = Chain { lens: &lens, sensor: &sensor, channel: 1, light: "D65", film_mm: [size; 2], size: [side; 2] };
+        for edge in &edges {
+            let p = chain.predict(edge).unwrap();
+            println!(
+                "{name} {} {:.2}°: {:.4} {:.4} at 0.25, {:.4} {:.4} at 0.5; {:?}",
+                edge.region,
+                edge.angle_deg,
+                edge.at(0.25),
+                p.product[25],
+                edge.at_nyquist,
+                p.product[50],
+                p.largest_difference
+            );
+            assert!((edge.angle_deg.abs() - 5.0).abs() < 0.3, "{}", edge.angle_deg);
+            // What a laboratory asks for.
+            assert!(p.largest_difference[0].abs() < 0.02, "{name} {}: {:?}", edge.region, p.largest_difference);
+        }
+    }
+}
+
+#[test]
+fn the_dots_of_a_photograph_have_the_distortion_of_the_bench() {
+    // A zoom at its short end, on the film that it is made for, stopped down so that coma moves nothing.
+    let film_mm = [22.3, 14.9];
+    let lens = lens("kit-zoom-18-55mm", Some(16.0), film_mm);
+    let sensor = Sensor::named("canon-t2i").unwrap();
+    let film = Film::new(film_mm[0], film_mm[1], 720, 480);
+    let picture = photograph("dot-grid", &lens, film, &sensor, 16);
+    let found = distortion::measure(&picture.plane(Channel::Green).unwrap()).unwrap();
+    let system = lens.system();
+    let n = system.indices(550.0);
+    let pupil = diopter::lens::paraxial::FirstOrder::of(system, &n).entrance_pupil_z;
+    let bench = diopter::lens::analysis::Bench { system, object_distance: Some(DISTANCE_MM - pupil) };
+    let half = 0.5 * f64::hypot(film_mm[0], film_mm[1]);
+    for height in [0.4, 0.6, 0.8] {
+        let expected = bench.field_point(bench.field_of_height(height * half), 550.0).unwrap().distortion_percent();
+        let measured = found.percent(height);
+        println!("{height}: {measured:+.3} % {expected:+.3} %");
+        // A tenth of a pixel of the 340 at 0.8 is 0.03 %; colours of the band lie up to some micrometres apart.
+        assert!((measured - expected).abs() < 0.15, "{height}: {measured} {expected}");
+    }
+    assert!(found.dots.len() > 300 && found.percent(0.8).abs() > 0.5, "{} {}", found.dots.len(), found.percent(0.8));
+}
+
+#[test]
+fn a_flat_field_falls_off_as_the_bench_says() {
+    let film_mm = [36.0, 24.0];
+    let lens = lens("double-gauss-50mm", None, film_mm);
+    let sensor = Sensor::named("canon-t2i").unwrap();
+    let picture = photograph("flat-field", &lens, Film::new(film_mm[0], film_mm[1], 180, 120), &sensor, 64);
+    let found = vignetting::measure(&picture.plane(Channel::Green).unwrap()).unwrap();
+    // Fully open this lens loses light towards the corners, and alike in all four.
+    assert!(found.at(1.0) < 0.8 && found.at(0.5) > found.at(1.0), "{} {}", found.at(0.5), found.at(1.0));
+    let [low, high] = found.corners.iter().fold([f64::MAX, 0.0], |[a, b]: [f64; 2], v| [a.min(*v), b.max(*v)]);
+    // Squares of 6 × 6 pixels of 64 samples.
+    assert!(high - low < 0.03 * high, "{:?}", found.corners);
+}
