@@ -397,6 +397,9 @@ pub struct MeasureMtf {
     /// Window of the line spread function.
     #[arg(long, value_name = "NAME", default_value = "tukey")]
     pub window: LsfWindow,
+    /// Half of the window's width, pixels; as wide as the region allows without. Narrower windows see less noise, and less of halos.
+    #[arg(long, value_name = "PX")]
+    pub reach: Option<f64>,
     /// Compare with what this lens and --body should give: lens MTF, pixel aperture, low-pass filter, crosstalk.
     ///
     /// Aperture, focus and focal length are those that the file names; the chart is taken to lie where the lens is focused. For raw files (.dng) and

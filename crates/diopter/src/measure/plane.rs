@@ -71,6 +71,12 @@ impl std::fmt::Display for Region {
 }
 
 impl Region {
+    /// Whether a place (pixels) lies in it.
+    pub fn holds(&self, [x, y]: [f64; 2]) -> bool {
+        let within = |at: f64, from: usize, size: usize| at >= from as f64 && at < (from + size) as f64;
+        within(x, self.x, self.width) && within(y, self.y, self.height)
+    }
+
     /// Whether two of them share pixels.
     pub fn overlaps(&self, other: &Region) -> bool {
         self.x < other.x + other.width

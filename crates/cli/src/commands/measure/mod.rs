@@ -118,7 +118,7 @@ fn resolution(asked: &MeasureMtf, json: bool) -> anyhow::Result<()> {
         LsfWindow::Hann => Window::Tukey { alpha: 1.0 },
         LsfWindow::Hamming => Window::Hamming,
     };
-    let options = Options { order: asked.order, window };
+    let options = Options { order: asked.order, window, reach: asked.reach };
     let picture = Measured::read(&asked.file, asked.encoding.decoded())?;
     let channel = asked.channel.map_or_else(|| picture.usual_channel(), MeasuredChannel::measured);
     let plane = picture.plane(channel)?;

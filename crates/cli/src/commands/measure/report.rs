@@ -29,6 +29,9 @@ use std::path::Path;
 /// Edges that are plotted: the one nearest to the middle, the farthest, and one between.
 const PLOTTED: usize = 3;
 
+/// Half of the width of the window of line spread functions, pixels: raw values are noisy, and our pictures have no halos.
+const REACH_PX: f64 = 12.0;
+
 /// A photograph of a chart.
 struct Photograph {
     raw: RawImage,
@@ -48,7 +51,7 @@ pub fn run(asked: &MeasureReport, json: bool) -> anyhow::Result<()> {
 
     let edges = photograph(asked, "slanted-edges", Some(&asked.lens))?;
     let (plane, channel) = strongest_plane(&edges.raw)?;
-    let mut found = mtf::find(&plane, &mtf::Options::default())?;
+    let mut found = mtf::find(&plane, &mtf::Options { reach: Some(REACH_PX), ..mtf::Options::default() })?;
     let middle = [0.5 * plane.width as f64, 0.5 * plane.height as f64];
     let height = |e: &EdgeMtf| (e.middle[0] - middle[0]).hypot(e.middle[1] - middle[1]);
     found.sort_by(|a, b| height(a).total_cmp(&height(b)));

@@ -1,0 +1,68 @@
+//! `diopter measure` as a user meets it: charts photographed and measured.
+
+use common::Folder;
+use serde_json::Value;
+
+mod common;
+
+fn json(f: &Folder, args: &[&str]) -> Value {
+    serde_json::from_slice(&f.ok(&[args, &["--json"][..]].concat()).stdout).unwrap()
+}
+
+#[test]
+fn charts_are_photographed_and_measured() {
+    let f = Folder::new("measure");
+    f.ok(&["shoot", "slanted-edges", "--size", "600x400", "--spp", "8", "-o", "edges.dng"]);
+    let found = json(&f, &["measure", "mtf", "edges.dng", "--pitch", "60", "--reach", "10", "-o", "mtf.svg"]);
+    let edges = found["edges"].as_array().unwrap();
+    assert!(edges.len() > 4 && found["channel"] == "green", "{} edges", edges.len());
+    for edge in edges {
+        // Turned by 5° and seen from the front, over 32 noisy rows: 0.2° each. A sharp lens before square pixels.
+        assert!((edge["angle_deg"].as_f64().unwrap().abs() - 5.0).abs() < 1.5, "{}", edge["angle_deg"]);
+        let mtf50 = edge["mtf50"].as_f64().unwrap();
+        assert!((0.2..0.8).contains(&mtf50), "{mtf50}");
+        assert!((edge["mtf50_per_mm"].as_f64().unwrap() * 0.06 / mtf50 - 1.0).abs() < 1e-9);
+    }
+    assert!(String::from_utf8(f.read("mtf.svg")).unwrap().starts_with("<svg"));
+
+    let flat =
+        ["shoot", "flat-field", "--size", "240x160", "--spp", "4", "--aperture", "f/8", "--shutter", "1/30", "--iso", "100"];
+    f.ok(&[&flat[..], &["--seed", "1", "-o", "a.dng"]].concat());
+    f.ok(&[&flat[..], &["--seed", "2", "-o", "b.dng"]].concat());
+    let light = json(&f, &["measure", "vignetting", "a.dng"]);
+    let rings = light["vignetting"]["rings"].as_array().unwrap();
+    assert!(rings.len() > 10 && light["corner_ev"].as_f64().unwrap().abs() < 1.0, "{light}");
+    let noise = json(&f, &["measure", "noise", "a.dng", "b.dng"]);
+    let channels = noise["channels"].as_array().unwrap();
+    assert!(channels.len() == 3 && channels.iter().all(|c| c["gain_dn_per_e"].as_f64().unwrap() > 0.0), "{noise}");
+
+    f.ok(&["shoot", "color-chart", "--size", "300x200", "--spp", "8", "-o", "chart.png"]);
+    let color = json(&f, &["measure", "color", "chart.png"]);
+    assert_eq!(color["color"]["patches"].as_array().unwrap().len(), 24);
+    // The default development is made to please: some units, but none of 20 on average.
+    let mean = color["color"]["mean"].as_f64().unwrap();
+    assert!(mean > 0.1 && mean < 20.0, "{mean}");
+}
+
+#[test]
+fn what_cannot_be_measured_is_said() {
+    let f = Folder::new("measure-wrong");
+    f.ok(&["shoot", "flat-field", "--size", "96x64", "--spp", "2", "-o", "flat.png", "-o", "flat.dng"]);
+    for (args, code, wanted) in [
+        (&["measure", "mtf", "flat.png"][..], 1, "no slanted edge"),
+        (&["measure", "mtf", "flat.png", "--at", "500,20"], 1, "96 × 64 pixels"),
+        (&["measure", "mtf", "flat.png", "--region", "0,0,200,20"], 1, "96 × 64 pixels"),
+        (&["measure", "mtf", "flat.dng", "--channel", "luminance"], 1, "one of red, green, blue"),
+        (&["measure", "mtf", "flat.png", "--region", "1,2,3"], 2, "x,y,width,height"),
+        (&["measure", "mtf", "flat.png", "--lens", "tessar-50mm-f2.8"], 2, "--body"),
+        (&["measure", "mtf", "gone.png"], 1, "gone.png"),
+        (&["measure", "mtf", "flat.png", "-o", "plot.pdf"], 2, ".svg or .png"),
+        (&["measure", "distortion", "flat.png"], 1, "dots"),
+        (&["measure", "color", "flat.dng"], 1, "develop"),
+        (&["measure", "noise", "flat.dng", "flat.dng", "flat.dng"], 2, "pairs"),
+        (&["measure", "report", "canon-t2i", "tessar-50mm-f2.8", "-o", "report.pdf"], 2, ".html"),
+    ] {
+        let (found, message) = f.fails(args);
+        assert!(found == code && message.contains(wanted), "{args:?}: {found} {message}");
+    }
+}
