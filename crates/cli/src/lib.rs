@@ -137,6 +137,7 @@ fn run_verb(args: Args) -> anyhow::Result<()> {
         Verb::Lens { verb } => commands::lens::run(&verb, json),
         Verb::Body { verb } => commands::body::run(&verb, json),
         Verb::Completions { shell } => commands::manual::completions(shell),
+        Verb::Measure { verb } => commands::measure::run(&verb, json),
         Verb::Man { verb, output } => commands::manual::man(&verb, output.as_deref(), json),
     }
 }

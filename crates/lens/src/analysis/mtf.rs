@@ -292,7 +292,7 @@ mod tests {
 
     #[test]
     fn contrast_along_any_direction_lies_between_its_ends() {
-        let system = System::at(&crate::embedded("double-gauss-50mm").unwrap(), State::default());
+        let system = crate::System::at(&crate::embedded("double-gauss-50mm").unwrap(), crate::State::default());
         let bench = Bench::at_infinity(&system);
         let colors = [(550.0, 1.0)];
         let mtf = bench.geometric_mtf(12.0, &colors, &[10.0], 0.0).unwrap();
