@@ -208,6 +208,14 @@ macro_rules! batch {
                 inverse: Vec<Lanes>,
             }
 
+            impl Indices {
+                /// The same in all lanes: `n` as [`System::indices`], at any wavelength and not only where the fits hold.
+                pub fn uniform(n: &[f64]) -> Indices {
+                    let all = |f: fn(f64) -> f64| n.iter().map(|v| [f(*v) as $float; LANES]).collect();
+                    Indices { n: all(|v| v), inverse: all(|v| 1.0 / v) }
+                }
+            }
+
             #[derive(Clone, Debug)]
             enum Shape {
                 Plane,

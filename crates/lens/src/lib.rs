@@ -11,6 +11,7 @@
 pub mod analysis;
 mod axial_beam;
 pub mod batch;
+mod bundle;
 pub mod calibrated;
 pub mod camera_model;
 pub mod compound;
@@ -23,6 +24,7 @@ pub mod glass;
 pub mod import;
 mod iris;
 mod lenses;
+mod linear;
 pub mod microlens;
 pub mod paraxial;
 pub mod prescription;
@@ -30,6 +32,7 @@ pub mod pupil;
 pub mod surface;
 pub mod system;
 mod thin;
+pub mod tolerance;
 pub mod trace;
 
 pub use calibrated::CalibratedLens;

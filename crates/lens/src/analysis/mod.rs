@@ -140,7 +140,7 @@ impl<'a> Bench<'a> {
     }
 
     /// A beam whose lit part is not looked for.
-    fn chief_beam(&self, field_deg: f64, nm: f64) -> Option<Beam> {
+    pub(crate) fn chief_beam(&self, field_deg: f64, nm: f64) -> Option<Beam> {
         let system = self.system;
         let near = self.chief(field_deg.to_radians(), nm)?;
         let direction = near.direction;
