@@ -214,6 +214,10 @@ pub enum LensVerb {
     Color(Bench),
     /// Camera models that say what the lens does, fitted to traced rays, for OpenCV, COLMAP, nerfstudio, Kalibr, lensfun; ST maps, ray tables.
     Calibrate(Calibrate),
+    /// What the lens will be when it is built: sensitivities, Monte Carlo, yield against limits.
+    Tolerance(Tolerance),
+    /// One build of a tolerance sheet as a lens file, for `shoot --lens` and all other verbs.
+    Build(Build),
     /// Any lens file as TOML.
     Convert {
         /// Lens file (.dat, .zmx, .seq, .json, .toml) or the name of an embedded lens.
@@ -222,6 +226,42 @@ pub enum LensVerb {
         #[arg(short, long, value_name = "FILE")]
         output: Option<PathBuf>,
     },
+}
+
+#[derive(clap::Args, Debug)]
+pub struct Tolerance {
+    /// Tolerance sheet (.toml).
+    pub sheet: PathBuf,
+    /// The lens, instead of the one the sheet names: a name from `lens list`, or a file.
+    #[arg(long, value_name = "NAME|FILE")]
+    pub lens: Option<String>,
+    /// Builds that are drawn and measured.
+    #[arg(short = 'n', long, value_name = "N", default_value_t = 1000)]
+    pub builds: usize,
+    /// Seed of the builds, instead of the sheet's.
+    #[arg(long, value_name = "N")]
+    pub seed: Option<u64>,
+    /// Report (.html), all builds (.csv), everything (.json) or histograms (.svg, .png); may be given several times.
+    #[arg(short, long, value_name = "FILE")]
+    pub output: Vec<PathBuf>,
+}
+
+#[derive(clap::Args, Debug)]
+pub struct Build {
+    /// Tolerance sheet (.toml).
+    pub sheet: PathBuf,
+    /// The lens, instead of the one the sheet names: a name from `lens list`, or a file.
+    #[arg(long, value_name = "NAME|FILE")]
+    pub lens: Option<String>,
+    /// Which build: the same number is the same lens.
+    #[arg(long, value_name = "N")]
+    pub number: u64,
+    /// Seed of the builds, instead of the sheet's.
+    #[arg(long, value_name = "N")]
+    pub seed: Option<u64>,
+    /// Lens file to write (.toml); standard output without.
+    #[arg(short, long, value_name = "FILE")]
+    pub output: Option<PathBuf>,
 }
 
 /// What MTF is plotted over.

@@ -19,6 +19,7 @@ pub mod scene;
 pub mod sheet;
 pub mod shoot;
 pub mod stack;
+pub mod tolerance;
 
 use crate::watch::warn;
 use anyhow::Context;

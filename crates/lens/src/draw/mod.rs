@@ -5,6 +5,7 @@
 mod chart;
 mod conjugates;
 mod figure;
+mod histogram;
 mod layout;
 mod plots;
 mod thin;
@@ -12,6 +13,7 @@ mod thin;
 pub use chart::{Axis, Chart, Line, Style};
 pub use conjugates::conjugates_figure;
 pub use figure::{Anchor, Color, Figure, Item};
+pub use histogram::{Distributed, distribution_plot};
 pub use layout::{LayoutOptions, layout};
 pub use plots::{
     PointImageCurves, color_plot, distortion_plot, fan_plot, mtf_over_plot, mtf_plot, psf_plot, spot_plot, through_focus_plot,

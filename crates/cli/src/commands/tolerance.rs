@@ -1,0 +1,371 @@
+//! `lens tolerance` and `lens build`: what a lens will be when it is built.
+
+use super::print_json;
+use crate::args::{Build, Tolerance};
+use crate::output::{Output, distinct};
+use crate::watch::say;
+use crate::{AskedWrongly, paint};
+use anyhow::{Context, anyhow};
+use diopter::lens::draw::{Distributed, Figure, distribution_plot};
+use diopter::lens::tolerance::{QuantityKind, Sensitivity, Summary, ToleranceSheet, Toleranced, yield_of};
+use diopter::lens::{Prescription, embedded, import};
+use diopter::shot::{ShotError, read_lens};
+use rayon::prelude::*;
+use serde_json::{Value, json};
+use std::fmt::Write as _;
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+/// Most builds of a run.
+const MOST_BUILDS: usize = 1_000_000;
+/// Perturbations that the text names; files have all.
+const NAMED: usize = 12;
+
+/// Everything that was found out.
+struct Report {
+    toleranced: Toleranced,
+    sensitivities: Vec<Sensitivity>,
+    rss: Vec<f64>,
+    builds: Vec<Vec<f64>>,
+    summaries: Vec<Summary>,
+    good: Vec<bool>,
+    seed: u64,
+}
+
+/// Text of a sheet file.
+pub(super) fn read_sheet(path: &Path) -> anyhow::Result<String> {
+    std::fs::read_to_string(path).with_context(|| format!("{}: cannot be read", path.display()))
+}
+
+/// The lens that is asked for, else the one a sheet names; a file stands beside the sheet.
+pub(super) fn lens_of(asked: Option<&str>, named: Option<&str>, sheet: &Path) -> anyhow::Result<Prescription> {
+    let name = match (asked, named) {
+        (Some(asked), _) => asked.to_owned(),
+        (None, Some(named)) => {
+            let is_file = import::Format::of(named).is_some() && embedded(named).is_none();
+            let beside = sheet.parent().map(|folder| folder.join(named)).filter(|_| is_file);
+            beside.map_or(named.to_owned(), |path| path.to_string_lossy().into_owned())
+        }
+        (None, None) => {
+            let what = "no lens: expected lens = \"...\" in the file, or --lens NAME";
+            return Err(AskedWrongly(anyhow!("{}: {what}", sheet.display())).into());
+        }
+    };
+    let prescription = read_lens(&name)?;
+    prescription.notes.iter().for_each(|note| say(&format!("note: {note}")));
+    Ok(prescription)
+}
+
+fn toleranced(sheet: &Path, lens: Option<&str>, seed: Option<u64>) -> anyhow::Result<(Toleranced, u64)> {
+    let text = read_sheet(sheet)?;
+    let wrong = |e: diopter::lens::LensError| anyhow::Error::from(ShotError::from(e));
+    let mut parsed = ToleranceSheet::parse(&text, &sheet.display().to_string()).map_err(|e| wrong(e.into()))?;
+    parsed.seed = seed.unwrap_or(parsed.seed);
+    let prescription = lens_of(lens, parsed.lens.as_deref(), sheet)?;
+    Ok((Toleranced::new(&prescription, &parsed).map_err(wrong)?, parsed.seed))
+}
+
+/// Files that a report is written to.
+enum Target {
+    Text(Output, fn(&Report) -> anyhow::Result<String>),
+    Plot(PathBuf),
+}
+
+pub fn run(asked: &Tolerance, json: bool) -> anyhow::Result<()> {
+    if !(1..=MOST_BUILDS).contains(&asked.builds) {
+        return Err(AskedWrongly(anyhow!("builds {}: expected 1 to {MOST_BUILDS}", asked.builds)).into());
+    }
+    distinct([asked.sheet.as_path()], asked.output.iter().map(PathBuf::as_path))?;
+    // Whether files can be written is known before the work.
+    let target = |path: &PathBuf| {
+        let ending = path.extension().map(|e| e.to_string_lossy().to_lowercase());
+        let text: fn(&Report) -> anyhow::Result<String> = match ending.as_deref() {
+            Some("html") => |r| Ok(html(r)),
+            Some("csv") => |r| Ok(csv(r)),
+            Some("json") => |r| Ok(format!("{:#}\n", as_json(r))),
+            Some("svg" | "png") => return Ok(Target::Plot(path.clone())),
+            _ => {
+                let what = anyhow!("{}: expected a name that ends in .html, .csv, .json, .svg or .png", path.display());
+                return Err(AskedWrongly(what).into());
+            }
+        };
+        Ok(Target::Text(Output::prepare(path)?, text))
+    };
+    let targets: Vec<Target> = asked.output.iter().map(target).collect::<anyhow::Result<_>>()?;
+    let plots: Vec<PathBuf> =
+        targets.iter().filter_map(|t| if let Target::Plot(p) = t { Some(p.clone()) } else { None }).collect();
+    let plots = paint::prepare(&plots)?;
+    let (toleranced, seed) = toleranced(&asked.sheet, asked.lens.as_deref(), asked.seed)?;
+    // In the order of their numbers, however many threads there are.
+    let sensitivities: Vec<Sensitivity> =
+        (0..toleranced.parameters().len()).into_par_iter().map(|i| toleranced.sensitivity(i)).collect();
+    let builds: Vec<Vec<f64>> = (0..asked.builds as u64).into_par_iter().map(|number| toleranced.measure_build(number)).collect();
+    let summaries = (0..toleranced.quantities().len()).map(|q| Summary::of(builds.iter().map(|b| b[q]))).collect();
+    let good = builds.iter().map(|b| toleranced.is_good(b)).collect();
+    let rss = toleranced.root_sum_square(&sensitivities);
+    let report = Report { toleranced, sensitivities, rss, builds, summaries, good, seed };
+    for target in targets {
+        if let Target::Text(output, text) = target {
+            let text = text(&report)?;
+            let path = output.commit(|w| Ok(w.write_all(text.as_bytes())?))?;
+            say(&format!("wrote {}", path.display()));
+        }
+    }
+    for path in paint::write(plots, &histograms(&report))? {
+        say(&format!("wrote {}", path.display()));
+    }
+    if json {
+        return print_json(&as_json(&report));
+    }
+    write!(std::io::stdout(), "{}", text(&report)?)?;
+    Ok(())
+}
+
+pub fn build(asked: &Build, json: bool) -> anyhow::Result<()> {
+    distinct([asked.sheet.as_path()], asked.output.as_deref())?;
+    let output = match &asked.output {
+        Some(path) if path.extension().is_none_or(|e| e != "toml") => {
+            return Err(AskedWrongly(anyhow!("{}: expected a name that ends in .toml", path.display())).into());
+        }
+        Some(path) => Some(Output::prepare(path)?),
+        None => None,
+    };
+    let (toleranced, seed) = toleranced(&asked.sheet, asked.lens.as_deref(), asked.seed)?;
+    let lens = toleranced.build(asked.number).map_err(ShotError::from)?;
+    let text = lens.to_toml();
+    if let Some(output) = output {
+        let path = output.commit(|w| Ok(w.write_all(text.as_bytes())?))?;
+        say(&format!("wrote {}", path.display()));
+    }
+    if json {
+        let amounts = toleranced.amounts(asked.number);
+        let amounts: Vec<Value> = toleranced
+            .parameters()
+            .iter()
+            .zip(amounts)
+            .map(|(p, a)| json!({ "name": p.name(), "unit": p.unit(), "amount": a }))
+            .collect();
+        let values = toleranced.measure(&lens);
+        return print_json(&json!({ "number": asked.number, "seed": seed, "amounts": amounts,
+            "quantities": named(&toleranced, &values), "toml": text }));
+    }
+    if asked.output.is_none() {
+        write!(std::io::stdout(), "{text}")?;
+    }
+    Ok(())
+}
+
+/// Quantities by their names.
+fn named(toleranced: &Toleranced, values: &[f64]) -> Value {
+    toleranced.quantities().iter().zip(values).map(|(q, v)| (q.name(), json!(v))).collect::<serde_json::Map<_, _>>().into()
+}
+
+impl Report {
+    fn title(&self) -> String {
+        let t = &self.toleranced;
+        let builds = self.builds.len();
+        format!("{}: {builds} builds of seed {}, {} perturbations", t.design().name, self.seed, t.parameters().len())
+    }
+
+    /// Builds that keep all limits: fraction, and 95 % interval.
+    fn total_yield(&self) -> (f64, [f64; 2]) {
+        yield_of(self.good.iter().filter(|g| **g).count(), self.good.len())
+    }
+
+    /// Yield of each limit by itself.
+    fn yields(&self) -> Vec<(String, f64, [f64; 2])> {
+        let t = &self.toleranced;
+        let of = |(i, limit): (usize, &diopter::lens::tolerance::Limit)| {
+            let good = self.builds.iter().filter(|b| t.keeps(i, b)).count();
+            let (fraction, interval) = yield_of(good, self.builds.len());
+            (limit.name(), fraction, interval)
+        };
+        t.limits().iter().enumerate().map(of).collect()
+    }
+
+    /// Mean change of all quantities of a kind at one end of a perturbation.
+    fn change(&self, kind: QuantityKind, values: &[f64]) -> f64 {
+        let t = &self.toleranced;
+        let of: Vec<f64> =
+            (0..values.len()).filter(|q| t.quantities()[*q].kind == kind).map(|q| values[q] - t.nominal()[q]).collect();
+        of.iter().sum::<f64>() / of.len().max(1) as f64
+    }
+
+    /// Numbers of the perturbations, the one that costs most contrast first.
+    fn worst_first(&self) -> Vec<usize> {
+        let loss = |i: &usize| {
+            let s = &self.sensitivities[*i];
+            let worst = |v: &[f64]| self.change(QuantityKind::Mtf, v);
+            // A perturbation that lets no light through is the worst.
+            match worst(&s.plus).min(worst(&s.minus)) {
+                v if v.is_finite() => v,
+                _ => f64::NEG_INFINITY,
+            }
+        };
+        let mut order: Vec<usize> = (0..self.sensitivities.len()).collect();
+        order.sort_by(|a, b| loss(a).total_cmp(&loss(b)));
+        order
+    }
+}
+
+fn percent((fraction, [low, high]): (f64, [f64; 2])) -> String {
+    format!("{:.1} % (95 %: {:.1} to {:.1})", 100.0 * fraction, 100.0 * low, 100.0 * high)
+}
+
+fn text(r: &Report) -> anyhow::Result<String> {
+    let t = &r.toleranced;
+    let mut out = format!("{}\n", r.title());
+    writeln!(
+        out,
+        "  {:<40} {:>10} {:>10} {:>10} {:>10} {:>10} {:>10} {:>10}",
+        "", "design", "mean", "deviation", "RSS", "2 %", "50 %", "98 %"
+    )?;
+    for (q, s) in t.quantities().iter().zip(&r.summaries).enumerate().map(|(i, (q, s))| ((i, q), s)) {
+        let (i, q) = q;
+        let label = format!("{} {}", q.name(), q.kind.unit());
+        let [p2, _, p50, _, p98] = s.percentiles;
+        writeln!(
+            out,
+            "  {label:<40} {:>10.4} {:>10.4} {:>10.4} {:>10.4} {p2:>10.4} {p50:>10.4} {p98:>10.4}{}",
+            t.nominal()[i],
+            s.mean,
+            s.deviation,
+            r.rss[i],
+            if s.missing > 0 { format!("  ({} without light)", s.missing) } else { String::new() }
+        )?;
+    }
+    writeln!(
+        out,
+        "  {:<40} {:>12} {:>10} {:>10} {:>10} {:>10}",
+        "perturbations, mean change over fields", "amount", "mtf +", "mtf -", "spot µm +", "spot µm -"
+    )?;
+    for i in r.worst_first().into_iter().take(NAMED) {
+        let (p, s) = (&t.parameters()[i], &r.sensitivities[i]);
+        writeln!(
+            out,
+            "  {:<40} {:>12} {:>10.4} {:>10.4} {:>10.3} {:>10.3}",
+            p.name(),
+            format!("{:.4e} {}", p.half_range, p.unit()),
+            r.change(QuantityKind::Mtf, &s.plus),
+            r.change(QuantityKind::Mtf, &s.minus),
+            r.change(QuantityKind::Spot, &s.plus),
+            r.change(QuantityKind::Spot, &s.minus)
+        )?;
+    }
+    if r.sensitivities.len() > NAMED {
+        writeln!(out, "  ... and {} that cost less contrast (-o FILE.html or .json has all)", r.sensitivities.len() - NAMED)?;
+    }
+    for (name, fraction, interval) in r.yields() {
+        writeln!(out, "  limit {name}: {}", percent((fraction, interval)))?;
+    }
+    if !t.limits().is_empty() {
+        writeln!(out, "  yield: {}", percent(r.total_yield()))?;
+    }
+    Ok(out)
+}
+
+fn as_json(r: &Report) -> Value {
+    let t = &r.toleranced;
+    let quantities: Vec<Value> = t
+        .quantities()
+        .iter()
+        .enumerate()
+        .map(|(i, q)| {
+            let s = &r.summaries[i];
+            json!({ "name": q.name(), "quantity": q.kind.name(), "unit": q.kind.unit(), "field_deg": q.field_deg, "frequency_per_mm": q.frequency,
+                "design": t.nominal()[i], "mean": s.mean, "deviation": s.deviation, "rss": r.rss[i], "percents": Summary::PERCENTS,
+                "percentiles": s.percentiles, "range": s.range, "missing": s.missing })
+        })
+        .collect();
+    let perturbations: Vec<Value> = t
+        .parameters()
+        .iter()
+        .zip(&r.sensitivities)
+        .map(|(p, s)| json!({ "name": p.name(), "unit": p.unit(), "half_range": p.half_range, "plus": s.plus, "minus": s.minus }))
+        .collect();
+    let limits: Vec<Value> = r
+        .yields()
+        .into_iter()
+        .map(|(name, fraction, interval)| json!({ "name": name, "yield": fraction, "interval_95": interval }))
+        .collect();
+    let (fraction, interval) = r.total_yield();
+    json!({ "lens": t.design().name, "seed": r.seed, "quantities": quantities, "perturbations": perturbations, "limits": limits,
+        "yield": fraction, "yield_interval_95": interval, "builds": r.builds, "good": r.good })
+}
+
+fn csv(r: &Report) -> String {
+    // Names have commas: they are quoted.
+    let names: Vec<String> = r.toleranced.quantities().iter().map(|q| format!("\"{} {}\"", q.name(), q.kind.unit())).collect();
+    let mut out = format!("build,good,{}\n", names.join(","));
+    for (number, values) in r.builds.iter().enumerate() {
+        let values: Vec<String> = values.iter().map(f64::to_string).collect();
+        let _ = writeln!(out, "{number},{},{}", r.good[number], values.join(","));
+    }
+    out
+}
+
+fn histograms(r: &Report) -> Figure {
+    let t = &r.toleranced;
+    let of = |(i, q): (usize, &diopter::lens::tolerance::Quantity)| {
+        let matching = t.limits().iter().filter(|l| l.matches(q));
+        let limits = matching.flat_map(|l| [l.at_least, l.at_most]).flatten().collect();
+        let unit = q.kind.unit();
+        let label = if unit.is_empty() { q.name() } else { format!("{}, {unit}", q.name()) };
+        Distributed { label, values: r.builds.iter().map(|b| b[i]).collect(), nominal: t.nominal()[i], limits }
+    };
+    distribution_plot(&r.title(), &t.quantities().iter().enumerate().map(of).collect::<Vec<_>>())
+}
+
+/// Text within HTML.
+fn escaped(text: &str) -> String {
+    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;")
+}
+
+fn html(r: &Report) -> String {
+    let t = &r.toleranced;
+    let title = escaped(&r.title());
+    let mut out = format!(
+        "<!DOCTYPE html>\n<html lang=\"en\"><head><meta charset=\"utf-8\"><title>{title}</title><style>\n\
+         body {{ font: 14px sans-serif; margin: 2em; }} table {{ border-collapse: collapse; margin: 1em 0; }}\n\
+         td, th {{ padding: 2px 10px; text-align: right; border-bottom: 1px solid #ddd; }} td:first-child {{ text-align: left; }}\n\
+         </style></head><body>\n<h1>{title}</h1>\n"
+    );
+    let table = |out: &mut String, head: &[&str], rows: &mut dyn Iterator<Item = Vec<String>>| {
+        let cells = |tag: &str, row: &[String]| row.iter().map(|c| format!("<{tag}>{}</{tag}>", escaped(c))).collect::<String>();
+        let head: Vec<String> = head.iter().map(|h| (*h).to_owned()).collect();
+        let _ = writeln!(out, "<table><tr>{}</tr>", cells("th", &head));
+        rows.for_each(|row| {
+            let _ = writeln!(out, "<tr>{}</tr>", cells("td", &row));
+        });
+        out.push_str("</table>\n");
+    };
+    if !t.limits().is_empty() {
+        let _ = writeln!(out, "<h2>Yield: {}</h2>", escaped(&percent(r.total_yield())));
+        let mut rows = r.yields().into_iter().map(|(name, fraction, interval)| vec![name, percent((fraction, interval))]);
+        table(&mut out, &["limit", "yield"], &mut rows);
+    }
+    out.push_str("<h2>Quantities</h2>\n");
+    let mut rows = t.quantities().iter().enumerate().map(|(i, q)| {
+        let s = &r.summaries[i];
+        let mut row = vec![format!("{} {}", q.name(), q.kind.unit())];
+        row.extend([t.nominal()[i], s.mean, s.deviation, r.rss[i]].map(|v| format!("{v:.4}")));
+        row.extend(s.percentiles.map(|v| format!("{v:.4}")));
+        row.push(s.missing.to_string());
+        row
+    });
+    let head = ["", "design", "mean", "deviation", "RSS", "2 %", "10 %", "50 %", "90 %", "98 %", "without light"];
+    table(&mut out, &head, &mut rows);
+    out.push_str(&histograms(r).to_svg());
+    out.push_str("<h2>Perturbations, each alone: mean change over the fields</h2>\n");
+    let mut rows = r.worst_first().into_iter().map(|i| {
+        let (p, s) = (&t.parameters()[i], &r.sensitivities[i]);
+        let mut row = vec![p.name(), format!("±{:.4e} {}", p.half_range, p.unit())];
+        for kind in [QuantityKind::Mtf, QuantityKind::Spot, QuantityKind::Efl] {
+            row.extend([&s.plus, &s.minus].map(|v| format!("{:+.4}", r.change(kind, v))));
+        }
+        row
+    });
+    table(&mut out, &["", "amount", "mtf +", "mtf −", "spot µm +", "spot µm −", "efl mm +", "efl mm −"], &mut rows);
+    out.push_str("</body></html>\n");
+    out
+}
