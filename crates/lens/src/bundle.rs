@@ -224,11 +224,11 @@ impl Bundle {
                 return None;
             }
             let step = change.inverse() * error;
+            offset += step;
             // Rounding is all that is left.
             if step.length() < 1e-11 * (1.0 + offset.length()) {
                 break;
             }
-            offset += step;
             (place, change) = self.to_stop(tracer, reference, offset)?;
         }
         let matrix = match aim {

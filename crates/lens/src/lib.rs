@@ -26,6 +26,7 @@ mod iris;
 mod lenses;
 mod linear;
 pub mod microlens;
+pub mod optimise;
 pub mod paraxial;
 pub mod prescription;
 pub mod pupil;

@@ -353,7 +353,8 @@ impl Assessment {
         };
         let rays = &colors[self.reference];
         let centroid: DVec2 = rays.iter().map(|l| l.place * l.weight).sum();
-        out.push(wavefront_rms(&rays[1..], &paths(self.reference, centroid)) / (self.wavelengths[self.reference] * 1e-6));
+        let (rms, _) = wavefront_rms(&rays[1..], &paths(self.reference, centroid));
+        out.push(rms / (self.wavelengths[self.reference] * 1e-6));
         if has_distortion(field.bundle.field_deg) {
             out.push(self.distortion(field.bundle.field_deg, &rays[0], tracer, first, boresight));
         }
@@ -389,9 +390,9 @@ fn has_distortion(field_deg: f64) -> bool {
     field_deg != 0.0 && field_deg.abs() < STEEPEST_FIELD
 }
 
-/// Root mean square of paths (mm) about their best plane over the direction cosines: piston and tilt say where the image is, not
-/// how good.
-pub(crate) fn wavefront_rms(rays: &[Landing], paths: &[f64]) -> f64 {
+/// Paths (mm) less their best plane over the direction cosines, and the root mean square of that: piston and tilt say where the image
+/// is, not how good.
+pub(crate) fn wavefront_rms(rays: &[Landing], paths: &[f64]) -> (f64, Vec<f64>) {
     let mean = |f: &dyn Fn(usize) -> f64| rays.iter().enumerate().map(|(i, r)| r.weight * f(i)).sum::<f64>();
     let middle = DVec2::new(mean(&|i| rays[i].direction.x), mean(&|i| rays[i].direction.y));
     let path = mean(&|i| paths[i]);
@@ -403,5 +404,6 @@ pub(crate) fn wavefront_rms(rays: &[Landing], paths: &[f64]) -> f64 {
         true => DVec2::new((px * yy - py * xy) / det, (py * xx - px * xy) / det),
         false => DVec2::ZERO,
     };
-    mean(&|i| (paths[i] - path - tilt.dot(at(i))).powi(2)).max(0.0).sqrt()
+    let errors: Vec<f64> = (0..rays.len()).map(|i| paths[i] - path - tilt.dot(at(i))).collect();
+    (mean(&|i| errors[i] * errors[i]).max(0.0).sqrt(), errors)
 }

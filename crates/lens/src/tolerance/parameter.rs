@@ -213,7 +213,7 @@ pub(super) fn movable(glass: &Glass) -> Result<Glass, GlassError> {
 }
 
 /// The glass with another index at d, and its Abbe number changed by a fraction; absorption stays.
-fn shifted(glass: &Glass, index: f64, abbe: f64) -> Result<Glass, GlassError> {
+pub(crate) fn shifted(glass: &Glass, index: f64, abbe: f64) -> Result<Glass, GlassError> {
     if let GlassKind::Constant(n) = glass.kind {
         return Ok(copy_absorption(Glass::constant(n + index)?, glass));
     }

@@ -1,0 +1,599 @@
+//! Optimisation: a better lens from a given one, by what a merit file wants.
+//!
+//! A [`MeritSheet`] names variables and operands; [`Optimisation`] is a lens with it. Spots and wavefronts enter ray by ray, so that
+//! the least squares see how each ray moves (Kidger, "Intermediate Optical Design", ch. 2; Smith, "Modern Lens Design", ch. 2), on the
+//! few rays of a Gaussian quadrature ([`crate::bundle`]). Beams keep their size in the entrance pupil and are aimed at the middle of
+//! the stop of each lens that is tried; rims do not clip meanwhile, and are made large enough at the end. Derivatives are central
+//! differences of the f64 packet trace. Light goes from the object to the film.
+
+mod levenberg;
+mod sheet;
+
+pub use levenberg::Stop;
+pub use sheet::{Freedom, MeritSheet, Operand, OperandKind, Variable, Wanted};
+
+use crate::LensError;
+use crate::analysis::Bench;
+use crate::bundle::{Aim, Bundle, Landing, Sampling, Tracer, path_to_foot};
+use crate::compound::{Configured, FilmPlace, configure};
+use crate::glass::D_NM;
+use crate::paraxial::FirstOrder;
+use crate::prescription::{ApertureKind, Prescription, PrescriptionError};
+use crate::surface::{Asphere, Profile};
+use crate::system::{State, System};
+use crate::tolerance::{colors_of, fields_of, shifted, stated_aperture, wavefront_rms};
+use glam::DVec2;
+use levenberg::{Residuals, differential_evolution, levenberg_marquardt, merit};
+
+/// Rays of a beam: enough for the ninth order of aberrations.
+const SAMPLING: Sampling = Sampling { arms: 12, rings: 4 };
+/// Fields when nobody says, as fractions of the largest: a lens is the same on both sides of its axis.
+const FIELDS: [f64; 3] = [0.0, 0.7, 1.0];
+/// How much larger than the beam a rim is made, where it must grow.
+const RIM_MARGIN: f64 = 1.001;
+/// Steps of central differences move a surface at its rim by so much, mm: rounding (1e-13 mm) and the third derivative both stay below
+/// 1e-6 of the derivative.
+const SAG_STEP: f64 = 1e-5;
+
+/// A lens that can be optimised.
+pub struct Optimisation {
+    start: Prescription,
+    state: State,
+    object_distance: Option<f64>,
+    wavelengths: Vec<f64>,
+    weights: Vec<f64>,
+    reference: usize,
+    fields_deg: Vec<f64>,
+    fields: Vec<Bundle>,
+    axis: Bundle,
+    entrance_pupil: Option<f64>,
+    variables: Vec<Variable>,
+    bounds: Vec<[f64; 2]>,
+    steps: Vec<f64>,
+    operands: Vec<Operand>,
+    /// Largest height of the axial beam at the stop of the start, mm.
+    stop_height: f64,
+    /// Focal length that distortion is measured against, mm.
+    ideal_efl: Option<f64>,
+    file: String,
+    seed: u64,
+}
+
+/// An operand before and after.
+#[derive(Clone, Debug, PartialEq)]
+pub struct OperandReport {
+    /// What it is called.
+    pub name: String,
+    /// Its unit.
+    pub unit: &'static str,
+    /// What was wanted.
+    pub wanted: Wanted,
+    /// Its value in the start and in the result.
+    pub values: [f64; 2],
+    /// What it adds to the merit, in the start and in the result.
+    pub merits: [f64; 2],
+}
+
+/// What an optimisation came to.
+#[derive(Clone, Debug, PartialEq)]
+pub struct OptimisationReport {
+    /// The better lens.
+    pub lens: Prescription,
+    /// Merit of the start (infinite where rays are lost) and of the result.
+    pub merits: [f64; 2],
+    /// Operands in the order of the file.
+    pub operands: Vec<OperandReport>,
+    /// Variables: name, value before, value after, and whether it ends on a bound.
+    pub variables: Vec<(String, f64, f64, bool)>,
+    /// Steps that were taken.
+    pub iterations: usize,
+    /// Why it ended.
+    pub stop: Stop,
+}
+
+/// Whether distortion exists at a field.
+fn has_distortion(field_deg: f64) -> bool {
+    field_deg != 0.0 && field_deg.abs() < 89.0
+}
+
+/// The parts of a profile that is the same from all sides; `None` of any other.
+fn asphere_of(profile: &Profile) -> Option<Asphere> {
+    Some(match profile {
+        Profile::Plane => Asphere { c: 0.0, k: 0.0, a: vec![] },
+        Profile::Sphere(c) => Asphere { c: *c, k: 0.0, a: vec![] },
+        Profile::Conic { c, k } => Asphere { c: *c, k: *k, a: vec![] },
+        Profile::Asphere(a) => a.clone(),
+        Profile::Toroid { .. } | Profile::Biconic { .. } => return None,
+    })
+}
+
+/// Value of a variable in a lens.
+fn value_of(p: &Prescription, freedom: Freedom) -> f64 {
+    match freedom {
+        Freedom::Curvature { surface } => match &p.surfaces[surface].profile {
+            Profile::Asphere(a) | Profile::Toroid { y: a, .. } => a.c,
+            other => other.curvature(),
+        },
+        Freedom::Gap { surface } => p.surfaces[surface].gap.at(0.0, 0.0),
+        Freedom::Conic { surface } => asphere_of(&p.surfaces[surface].profile).map_or(0.0, |a| a.k),
+        Freedom::Asphere { surface, power } => {
+            asphere_of(&p.surfaces[surface].profile).and_then(|a| a.a.get(power).copied()).unwrap_or(0.0)
+        }
+        Freedom::Index { surface } => p.surfaces[surface].glass.index(D_NM),
+    }
+}
+
+/// Sets a variable. The result need not be a lens that can be made: whoever sets it looks.
+fn set_value(p: &mut Prescription, freedom: Freedom, value: f64) {
+    let before = value_of(p, freedom);
+    if value == before {
+        return;
+    }
+    let shape = |p: &mut Prescription, surface: usize, change: &dyn Fn(&mut Asphere)| {
+        if let Some(mut a) = asphere_of(&p.surfaces[surface].profile) {
+            change(&mut a);
+            p.surfaces[surface].profile = crate::prescription::profile(a.c, a.k, a.a, None);
+        }
+    };
+    match freedom {
+        Freedom::Curvature { surface } => match asphere_of(&p.surfaces[surface].profile) {
+            Some(_) => shape(p, surface, &|a| a.c = value),
+            // A toroid keeps the ratio of its curvatures, or their difference where there is no ratio.
+            None => {
+                let change = |c: f64| if before != 0.0 { c * (value / before) } else { c + value };
+                p.surfaces[surface].profile = crate::tolerance::bend(&p.surfaces[surface].profile, change);
+            }
+        },
+        // All positions of focus and zoom move alike.
+        Freedom::Gap { surface } => {
+            p.surfaces[surface].gap.values.iter_mut().flatten().for_each(|g| *g += value - before);
+        }
+        Freedom::Conic { surface } => shape(p, surface, &|a| a.k = value),
+        Freedom::Asphere { surface, power } => shape(p, surface, &|a| {
+            a.a.resize(a.a.len().max(power + 1), 0.0);
+            a.a[power] = value;
+        }),
+        Freedom::Index { surface } => {
+            let glass = &p.surfaces[surface].glass;
+            // Bounds hold it within what a glass can have.
+            if let Ok(glass) = shifted(glass, value - before, 0.0) {
+                p.surfaces[surface].glass = glass;
+            }
+        }
+    }
+}
+
+impl Optimisation {
+    /// Checks a merit file against a lens and finds its beams. Fails on surfaces that are not there, bounds that the lens is not
+    /// within, and fields without light.
+    pub fn new(lens: &Prescription, sheet: &MeritSheet) -> Result<Optimisation, LensError> {
+        let wrong = |what: String| LensError::from(PrescriptionError::at(&sheet.file, 0, what));
+        let variables = sheet.variables(lens)?;
+        // Round beams need no lens that makes an image: plane plates are a start, too.
+        let (system, state) = match sheet.entrance_pupil {
+            None => {
+                let aperture = sheet.aperture.or_else(|| stated_aperture(lens));
+                let Configured { system, state, .. } =
+                    configure(lens, sheet.focal_length, aperture, None, FilmPlace::AsPublished)?;
+                (system, state)
+            }
+            Some(_) => {
+                let zoom = match sheet.focal_length {
+                    Some(_) => configure(lens, sheet.focal_length, None, None, FilmPlace::AsPublished)?.state,
+                    None => State::default(),
+                };
+                (System::at(lens, zoom), zoom)
+            }
+        };
+        let (colors, reference) = colors_of(lens, sheet.wavelengths_nm.as_ref(), sheet.weights.as_ref());
+        let wavelengths: Vec<f64> = colors.iter().map(|c| c.0).collect();
+        let total: f64 = colors.iter().map(|c| c.1).sum();
+        let fields_deg = fields_of(lens, &system, sheet.fields_deg.as_ref(), &FIELDS);
+        let operands = sheet.operands(lens, &fields_deg)?;
+        let object_distance = lens.usage.object_distance.filter(|d| d.is_finite() && *d < 1e9);
+        let bench = Bench { system: &system, object_distance };
+        let nm = wavelengths[reference];
+        let bundle = |field: f64, vignetting: f64| match sheet.entrance_pupil {
+            None => Bundle::lit(&bench, field, nm, SAMPLING),
+            Some(d) => Bundle::round(&bench, field, nm, 0.5 * d, vignetting, SAMPLING),
+        };
+        let dark = |field: f64| wrong(format!("field {field}: no light comes through the start there; expected a smaller angle"));
+        let fields = fields_deg
+            .iter()
+            .enumerate()
+            .map(|(i, f)| bundle(*f, sheet.vignetting.as_ref().map_or(0.0, |v| v[i])).ok_or_else(|| dark(*f)))
+            .collect::<Result<Vec<_>, _>>()?;
+        let axis = bundle(0.0, 0.0).ok_or_else(|| dark(0.0))?;
+        let tracer = Tracer::new(&system, &wavelengths);
+        let stop_height = axis
+            .aim(&tracer, reference, Aim::Entrance)
+            .and_then(|aimed| axis.heights(&tracer, aimed, reference))
+            .map_or(0.0, |h| h[system.stop]);
+        // A step that moves the surface at its rim by SAG_STEP.
+        let step = |v: &Variable| {
+            let reach = |s: usize| lens.surfaces[s].semi_diameter.unwrap_or(1.0).max(1e-3);
+            match v.freedom {
+                Freedom::Curvature { surface } => 2.0 * SAG_STEP / reach(surface).powi(2),
+                Freedom::Gap { .. } => SAG_STEP,
+                Freedom::Conic { surface } => {
+                    let c = value_of(lens, Freedom::Curvature { surface });
+                    (8.0 * SAG_STEP / (c.abs().powi(3) * reach(surface).powi(4)).max(1e-12)).min(1e-3)
+                }
+                Freedom::Asphere { surface, power } => SAG_STEP / reach(surface).powi(power as i32),
+                Freedom::Index { .. } => SAG_STEP,
+            }
+        };
+        let ideal_efl = operands.iter().find_map(|o| match (o.kind, o.wanted) {
+            (OperandKind::Efl, Wanted::Target(t)) => Some(t),
+            _ => None,
+        });
+        Ok(Optimisation {
+            start: lens.clone(),
+            state,
+            object_distance,
+            weights: colors.iter().map(|c| c.1 / total).collect(),
+            wavelengths,
+            reference,
+            fields_deg,
+            fields,
+            axis,
+            entrance_pupil: sheet.entrance_pupil,
+            bounds: variables.iter().map(|v| v.bounds).collect(),
+            steps: variables.iter().map(step).collect(),
+            variables,
+            operands,
+            stop_height,
+            ideal_efl,
+            file: sheet.file.clone(),
+            seed: sheet.seed,
+        })
+    }
+
+    /// The lens with given values of its variables.
+    fn lens_at(&self, x: &[f64]) -> Prescription {
+        let mut lens = self.start.clone();
+        for (v, value) in self.variables.iter().zip(x) {
+            set_value(&mut lens, v.freedom, *value);
+        }
+        lens
+    }
+
+    /// Values of the variables in the start.
+    fn start_values(&self) -> Vec<f64> {
+        self.variables.iter().map(|v| value_of(&self.start, v.freedom)).collect()
+    }
+
+    /// Value and residuals of each operand; `None` where a ray does not arrive.
+    fn evaluate(&self, lens: &Prescription) -> Option<Vec<(f64, Vec<f64>)>> {
+        let system = System::at(lens, self.state);
+        let tracer = Tracer::new(&system, &self.wavelengths);
+        let landed: Vec<Vec<Vec<Landing>>> = self
+            .fields
+            .iter()
+            .map(|field| {
+                let aimed = field.aim(&tracer, self.reference, Aim::Entrance)?;
+                (0..self.wavelengths.len()).map(|color| field.trace(&tracer, aimed, color)).collect::<Option<_>>()
+            })
+            .collect::<Option<_>>()?;
+        let first = FirstOrder::of(&system, tracer.indices(self.reference));
+        self.operands.iter().map(|o| Some(self.operand(o, lens, &system, &tracer, &first, &landed))).collect()
+    }
+
+    fn operand(
+        &self,
+        o: &Operand,
+        lens: &Prescription,
+        system: &System,
+        tracer: &Tracer,
+        first: &FirstOrder,
+        landed: &[Vec<Vec<Landing>>],
+    ) -> (f64, Vec<f64>) {
+        let root = o.weight.sqrt();
+        let one = |value: f64| (value, vec![root * o.error(value)]);
+        let minimised = o.wanted == Wanted::Target(0.0);
+        let field = o.field.unwrap_or(0);
+        let chief = || &landed[field][self.reference][0];
+        match o.kind {
+            OperandKind::Spot => {
+                let colors = &landed[field];
+                let rays =
+                    || colors.iter().zip(&self.weights).flat_map(|(rays, w)| rays[1..].iter().map(move |l| (l, w * l.weight)));
+                let middle: DVec2 = rays().map(|(l, w)| l.place * w).sum();
+                // Ray by ray, in µm; together their squares are that of the RMS spot.
+                let errors: Vec<f64> = rays().flat_map(|(l, w)| ((l.place - middle) * (1e3 * w.sqrt())).to_array()).collect();
+                let rms = errors.iter().map(|e| e * e).sum::<f64>().sqrt();
+                if minimised { (rms, errors.into_iter().map(|e| root * e).collect()) } else { one(rms) }
+            }
+            OperandKind::Wavefront => {
+                let rays = &landed[field][self.reference];
+                let n = tracer.indices(self.reference).last().copied().unwrap_or(1.0);
+                let middle: DVec2 = rays.iter().map(|l| l.place * l.weight).sum();
+                let paths: Vec<f64> = rays[1..].iter().map(|l| path_to_foot(l, middle, n)).collect();
+                let waves = self.wavelengths[self.reference] * 1e-6;
+                let (rms, errors) = wavefront_rms(&rays[1..], &paths);
+                if minimised {
+                    let each = errors.iter().zip(&rays[1..]).map(|(e, l)| root * e * l.weight.sqrt() / waves);
+                    (rms / waves, each.collect())
+                } else {
+                    one(rms / waves)
+                }
+            }
+            OperandKind::Distortion => {
+                let tan = self.fields_deg[field].to_radians().tan();
+                let efl = self.ideal_efl.unwrap_or(first.efl);
+                let ideal = match self.object_distance {
+                    None => efl * tan,
+                    Some(d) => efl / (d + first.ffl) * tan * (d + first.entrance_pupil_z),
+                };
+                one((chief().place.y / ideal - 1.0) * 100.0)
+            }
+            OperandKind::ChiefAngle => one(chief().slope.length().atan().to_degrees()),
+            OperandKind::Efl => match o.wanted {
+                // By the power, which is finite for plane plates: near the target the same.
+                Wanted::Target(t) => (first.efl, vec![root * t * (1.0 - t / first.efl)]),
+                Wanted::Within(_) => one(first.efl),
+            },
+            OperandKind::Bfl => one(first.bfl),
+            OperandKind::Length => one((system.film_z).abs()),
+            OperandKind::Thickness => {
+                one(o.surface.map_or(0.0, |s| lens.surfaces[s].gap.at(self.state.zoom, self.state.focus).abs()))
+            }
+            OperandKind::Edge => one(o.surface.map_or(0.0, |s| self.edge(system, s))),
+        }
+    }
+
+    /// Gap after a surface at the smaller rim of its two, mm; where a surface does not reach that far, at the height where it ends.
+    fn edge(&self, system: &System, surface: usize) -> f64 {
+        let rim = |i: usize| self.start.surfaces[i].semi_diameter.unwrap_or(0.0);
+        let (front, back) = (&system.surfaces[surface], &system.surfaces[surface + 1]);
+        let run = system.runs[surface + 1];
+        let h = rim(surface).min(rim(surface + 1));
+        let sag = |p: &Profile| {
+            // Hemispheres end before their rim: the steepest sag stands in.
+            let c = p.curvature();
+            p.sag(0.0, h).unwrap_or_else(|| if c != 0.0 { 1.0 / c } else { 0.0 })
+        };
+        run * (back.z - front.z + sag(&back.profile) - sag(&front.profile))
+    }
+
+    /// Merit of the start; infinite where rays are lost.
+    pub fn start_merit(&self) -> f64 {
+        merit(self, &self.start_values())
+    }
+
+    /// Finds a better lens: `generations` of a global search first (0: none), then damped least squares of at most `iterations`
+    /// steps. Fails where no lens was found that light goes through, and where the result could not be built.
+    pub fn run(&self, generations: usize, iterations: usize) -> Result<OptimisationReport, LensError> {
+        let wrong = |what: String| LensError::from(PrescriptionError::at(&self.file, 0, what));
+        let start = self.start_values();
+        let from = match generations {
+            0 => start.clone(),
+            _ => differential_evolution(self, &start, generations, self.seed),
+        };
+        let found = levenberg_marquardt(self, &from, iterations).ok_or_else(|| {
+            let what = "rays of the start are lost or have no focus: expected smaller fields or aperture, or a global search";
+            wrong(what.into())
+        })?;
+        let before_merit = merit(self, &start);
+        let lens = self.finished(&found.x, [before_merit, found.merit]).map_err(|e| {
+            let what = "expected an [[operand]] of kind \"edge\" or \"thickness\" that keeps surfaces apart";
+            wrong(format!("the result cannot be built ({e}): {what}"))
+        })?;
+        let values = [self.evaluate(&self.start), self.evaluate(&self.lens_at(&found.x))];
+        let part = |v: &Option<Vec<(f64, Vec<f64>)>>, i: usize| {
+            v.as_ref().map_or((f64::NAN, f64::NAN), |v| (v[i].0, v[i].1.iter().map(|r| r * r).sum()))
+        };
+        let operands = self
+            .operands
+            .iter()
+            .enumerate()
+            .map(|(i, o)| {
+                let [a, b] = [0, 1].map(|k| part(&values[k], i));
+                let name = o.name(&self.fields_deg);
+                OperandReport { name, unit: o.kind.unit(), wanted: o.wanted, values: [a.0, b.0], merits: [a.1, b.1] }
+            })
+            .collect();
+        let variables = (0..self.variables.len())
+            .map(|i| {
+                let v = &self.variables[i];
+                (v.name(), start[i], found.x[i], v.bounds.contains(&found.x[i]))
+            })
+            .collect();
+        let merits = [before_merit, found.merit];
+        Ok(OptimisationReport { lens, merits, operands, variables, iterations: found.iterations, stop: found.stop })
+    }
+
+    /// The lens at given values with rims that let its beams through, its stop as large as the axial beam, checked.
+    fn finished(&self, x: &[f64], merits: [f64; 2]) -> Result<Prescription, LensError> {
+        let mut lens = self.lens_at(x);
+        let system = System::at(&lens, self.state);
+        let tracer = Tracer::new(&system, &self.wavelengths);
+        let mut needed = vec![0.0f64; lens.surfaces.len()];
+        for bundle in self.fields.iter().chain([&self.axis]) {
+            let heights =
+                bundle.aim(&tracer, self.reference, Aim::Entrance).and_then(|a| bundle.heights(&tracer, a, self.reference));
+            needed.iter_mut().zip(heights.unwrap_or_default()).for_each(|(n, h)| *n = n.max(h));
+        }
+        let stop = lens.stop();
+        let axial = self
+            .axis
+            .aim(&tracer, self.reference, Aim::Entrance)
+            .and_then(|a| self.axis.heights(&tracer, a, self.reference))
+            .map(|h| h[stop]);
+        for (i, s) in lens.surfaces.iter_mut().enumerate() {
+            let stated = s.semi_diameter.unwrap_or(0.0);
+            let reaches = s.profile.sag(0.0, stated).is_some();
+            if i == stop
+                && let Some(height) = axial.filter(|h| *h > 0.0)
+            {
+                // What the start's own iris leaves of its stop, the result leaves of its.
+                let scaled = if self.stop_height > 0.0 { stated * height / self.stop_height } else { height };
+                s.semi_diameter = Some(if self.entrance_pupil.is_some() { height } else { scaled });
+            } else if needed[i] > stated || !reaches && needed[i] > 0.0 {
+                s.semi_diameter = Some(needed[i] * RIM_MARGIN);
+            }
+        }
+        let efl = FirstOrder::of(&system, tracer.indices(self.reference)).efl;
+        if self.start.focal_length.is_some() || self.entrance_pupil.is_some() {
+            lens.focal_length = Some(efl).filter(|f| f.abs() > 1e-3 && f.abs() < 1e6);
+        }
+        if let Some(d) = self.entrance_pupil {
+            lens.usage.aperture = Some(ApertureKind::EntrancePupil(d));
+            lens.f_number = Some(efl.abs() / d).filter(|n| *n < 1e5);
+        }
+        let count = self.variables.len();
+        lens.name = format!("{}, optimised", self.start.name);
+        lens.notes.push(format!(
+            "optimised from \"{}\" by {}: {count} variables, {} operands, merit {:.6e} to {:.6e}",
+            self.start.name,
+            self.file,
+            self.operands.len(),
+            merits[0],
+            merits[1]
+        ));
+        Ok(lens.checked(&self.file)?)
+    }
+}
+
+impl Residuals for Optimisation {
+    fn at(&self, x: &[f64]) -> Option<Vec<f64>> {
+        let all: Vec<f64> = self.evaluate(&self.lens_at(x))?.into_iter().flat_map(|(_, r)| r).collect();
+        all.iter().all(|r| r.is_finite()).then_some(all)
+    }
+
+    fn bounds(&self) -> &[[f64; 2]] {
+        &self.bounds
+    }
+
+    fn steps(&self) -> &[f64] {
+        &self.steps
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::embedded;
+    use crate::prescription::read_toml;
+    use levenberg::jacobian;
+
+    fn optimisation(lens: &Prescription, sheet: &str) -> Optimisation {
+        Optimisation::new(lens, &MeritSheet::parse(sheet, "merit.toml").unwrap()).unwrap()
+    }
+
+    const GAUSS: &str = "entrance_pupil = 12.5\nfields_deg = [0, 10]\nwavelengths_nm = [587.56]\n\
+        [[variable]]\nsurfaces = \"all\"\nwhat = \"curvature\"\n[[variable]]\nsurfaces = 11\nwhat = \"gap\"\n\
+        [[operand]]\nkind = \"spot\"\n[[operand]]\nkind = \"efl\"\ntarget = 50\nweight = 1000\n\
+        [[operand]]\nkind = \"edge\"\nat_least = 0.1\nweight = 1e4\n";
+
+    #[test]
+    fn a_singlet_bends_to_the_least_spherical_aberration() {
+        // Thin lens, object at infinity: q = 2 (n² − 1)/(n + 2) with q = (c1 + c2)/(c1 − c2) (Jenkins & White, "Fundamentals of
+        // Optics", §9.5, their p = −1); f/50 and a thickness of f/5000 leave third order of a thin lens.
+        let singlet = read_toml(
+            "name = \"singlet\"\nsurfaces = [ { radius = 1000, gap = 0.2, glass = \"1.5\", semi_diameter = 10, stop = true },\n\
+             { radius = -1000, gap = 1000, semi_diameter = 10.1 } ]",
+            "singlet.toml",
+        )
+        .unwrap();
+        let o = optimisation(
+            &singlet,
+            "fields_deg = [0]\nwavelengths_nm = [587.56]\n[[variable]]\nsurfaces = \"all\"\nwhat = \"curvature\"\n[[variable]]\n\
+             surfaces = 2\nwhat = \"gap\"\nmin = 900\nmax = 1100\n[[operand]]\nkind = \"spot\"\nweight = 100\n\
+             [[operand]]\nkind = \"efl\"\ntarget = 1000",
+        );
+        let report = o.run(0, 500).unwrap();
+        let [c1, c2] = [0, 1].map(|i| report.lens.surfaces[i].profile.curvature());
+        let (q, expected) = ((c1 + c2) / (c1 - c2), 2.0 * (1.5f64 * 1.5 - 1.0) / 3.5);
+        assert!((q / expected - 1.0).abs() < 0.01, "{q} {expected} {report:?}");
+        assert!(report.merits[1] < report.merits[0] && report.lens.notes.iter().any(|n| n.contains("optimised from")));
+    }
+
+    #[test]
+    fn derivatives_do_not_depend_on_the_step() {
+        let lens = embedded("double-gauss-50mm").unwrap();
+        let o = optimisation(&lens, &format!("{GAUSS}[[variable]]\nsurfaces = [1, 11]\nwhat = \"asphere 4\"\n"));
+        let x = o.start_values();
+        let here = o.at(&x).unwrap();
+        let fine = jacobian(&o, &x, &here);
+        // Richardson: with twice the step the error of central differences is four times as large.
+        let coarse = Optimisation {
+            steps: o.steps.iter().map(|s| 2.0 * s).collect(),
+            ..optimisation(&lens, &format!("{GAUSS}[[variable]]\nsurfaces = [1, 11]\nwhat = \"asphere 4\"\n"))
+        };
+        let coarse = jacobian(&coarse, &x, &here);
+        for (i, (f, c)) in fine.iter().zip(&coarse).enumerate() {
+            let largest = f.iter().fold(0.0f64, |a, v| a.max(v.abs()));
+            let apart = f.iter().zip(c).map(|(f, c)| (f - c).abs() / 3.0).fold(0.0, f64::max);
+            assert!(largest > 0.0 && apart < 1e-6 * largest, "{}: {apart} of {largest}", o.variables[i].name());
+        }
+    }
+
+    #[test]
+    fn a_perturbed_double_gauss_comes_back() {
+        let lens = embedded("double-gauss-50mm").unwrap();
+        let best = optimisation(&lens, GAUSS).run(0, 300).unwrap();
+        assert!(best.merits[1] < best.merits[0], "{best:?}");
+        let mut moved = best.lens.clone();
+        for (i, s) in moved.surfaces.iter_mut().enumerate() {
+            let sign = if i % 3 == 0 { 1.0 } else { -1.0 };
+            s.profile = crate::tolerance::bend(&s.profile, |c| c * (1.0 + 0.004 * sign));
+        }
+        let again = optimisation(&moved, GAUSS).run(0, 600).unwrap();
+        assert!(again.merits[0] > 1.5 * best.merits[1], "the perturbation costs something: {:?}", again.merits);
+        assert!(again.merits[1] < 1.01 * best.merits[1], "{:?} {:?}", again.merits, best.merits);
+    }
+
+    #[test]
+    fn bounds_and_constraints_hold() {
+        let lens = embedded("double-gauss-50mm").unwrap();
+        let sheet = "aperture = 4\nfields_deg = [0, 10]\nwavelengths_nm = [587.56]\n\
+            [[variable]]\nsurfaces = 1\nwhat = \"curvature\"\nmin = 0.0335\nmax = 0.0342\n\
+            [[variable]]\nsurfaces = [2, 11]\nwhat = \"gap\"\n[[operand]]\nkind = \"spot\"\n\
+            [[operand]]\nkind = \"thickness\"\nsurfaces = 2\nat_least = 0.5\nweight = 1e8\n";
+        let report = optimisation(&lens, sheet).run(0, 60).unwrap();
+        let c = report.lens.surfaces[0].profile.curvature();
+        assert!((0.0335 - 1e-12..=0.0342 + 1e-12).contains(&c), "{c}");
+        // A penalty of 1e8 µm² a mm² leaves micrometres.
+        assert!(report.lens.surfaces[1].gap.at(0.0, 0.0) > 0.49, "{:?}", report.lens.surfaces[1].gap);
+        let gap = report.operands.iter().find(|o| o.name.starts_with("thickness")).unwrap();
+        assert!(gap.values[0] < 0.2 && gap.merits[1] < 1e-2 * gap.merits[0], "{gap:?}");
+    }
+
+    #[test]
+    fn wrong_merit_files_are_told_what_is_wrong() {
+        let lens = embedded("double-gauss-50mm").unwrap();
+        let error = |text: &str| match MeritSheet::parse(text, "m.toml") {
+            Err(e) => e.to_string(),
+            Ok(sheet) => Optimisation::new(&lens, &sheet).err().map(|e| e.to_string()).unwrap_or_default(),
+        };
+        let curvature = "[[variable]]\nsurfaces = 1\nwhat = \"curvature\"\n";
+        for (text, parts) in [
+            (String::new(), vec!["m.toml", "0 variables", "expected at least one [[variable]]"]),
+            (format!("{curvature}[[operand]]\nkind = \"spt\""), vec!["m.toml:4", "spt", "did you mean \"spot\"?"]),
+            (format!("{curvature}[[operand]]\nkind = \"efl\""), vec!["m.toml:4", "efl", "expected target"]),
+            (format!("{curvature}min = 1\nmax = 2\n[[operand]]\nkind = \"spot\""), vec!["m.toml:1", "expected a start within"]),
+            (format!("{curvature}{curvature}[[operand]]\nkind = \"spot\""), vec!["m.toml:4", "variable already"]),
+            (
+                "[[variable]]\nsurfaces = 6\nwhat = \"conic\"\n[[operand]]\nkind = \"spot\"".into(),
+                vec!["conic of surface 6", "expected a curved surface"],
+            ),
+            (
+                "[[variable]]\nsurfaces = 1\nwhat = \"bend\"\n[[operand]]\nkind = \"spot\"".into(),
+                vec!["\"bend\"", "expected curvature, gap"],
+            ),
+            (
+                format!("fields_deg = [0, 10]\n{curvature}[[operand]]\nkind = \"spot\"\nfield_deg = 11"),
+                vec!["field_deg 11", "expected one of the fields"],
+            ),
+            (format!("entrance_pupil = 10\naperture = 4\n{curvature}[[operand]]\nkind = \"spot\""), vec!["expected one of them"]),
+            (
+                format!("{curvature}[[operand]]\nkind = \"edge\"\nsurfaces = 11\nat_least = 1"),
+                vec!["edge after surface 11", "expected a surface before it"],
+            ),
+        ] {
+            let message = error(&text);
+            assert!(parts.iter().all(|p| message.contains(p)), "{text}\n{message}");
+        }
+    }
+}
