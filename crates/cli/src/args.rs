@@ -218,6 +218,8 @@ pub enum LensVerb {
     Tolerance(Tolerance),
     /// One build of a tolerance sheet as a lens file, for `shoot --lens` and all other verbs.
     Build(Build),
+    /// A better lens: variables and wishes from a merit file, damped least squares, a global search.
+    Optimise(Optimise),
     /// Any lens file as TOML.
     Convert {
         /// Lens file (.dat, .zmx, .seq, .json, .toml) or the name of an embedded lens.
@@ -244,6 +246,27 @@ pub struct Tolerance {
     /// Report (.html), all builds (.csv), everything (.json) or histograms (.svg, .png); may be given several times.
     #[arg(short, long, value_name = "FILE")]
     pub output: Vec<PathBuf>,
+}
+
+#[derive(clap::Args, Debug)]
+pub struct Optimise {
+    /// Merit file (.toml): variables, operands, fields.
+    pub merit: PathBuf,
+    /// The lens to start from, instead of the one the merit file names: a name from `lens list`, or a file.
+    #[arg(long, value_name = "NAME|FILE")]
+    pub lens: Option<String>,
+    /// Search the whole range of the variables first, by so many generations of differential evolution.
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    pub global: usize,
+    /// Most steps of the damped least squares.
+    #[arg(long, value_name = "N", default_value_t = 500)]
+    pub iterations: usize,
+    /// Seed of the global search, instead of the file's.
+    #[arg(long, value_name = "N")]
+    pub seed: Option<u64>,
+    /// Lens file to write (.toml).
+    #[arg(short, long, value_name = "FILE")]
+    pub output: Option<PathBuf>,
 }
 
 #[derive(clap::Args, Debug)]

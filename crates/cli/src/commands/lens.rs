@@ -50,6 +50,7 @@ pub fn run(verb: &LensVerb, json: bool) -> anyhow::Result<()> {
         LensVerb::Color(asked) => color(asked, json),
         LensVerb::Calibrate(asked) => super::calibrate::run(asked, json),
         LensVerb::Tolerance(asked) => super::tolerance::run(asked, json),
+        LensVerb::Optimise(asked) => super::optimise::run(asked, json),
         LensVerb::Build(asked) => super::tolerance::build(asked, json),
         LensVerb::Convert { lens, output } => {
             // A name of an embedded lens is no file here.

@@ -13,6 +13,7 @@ pub mod lut;
 pub mod manual;
 pub mod measure;
 pub mod merge;
+pub mod optimise;
 pub mod quick_look;
 pub mod read_out;
 pub mod scene;
