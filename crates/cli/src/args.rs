@@ -706,6 +706,7 @@ pub struct Taking {
     /// Lens: thin, pinhole, panorama, a name from `lens list`, or a file (.toml, .dat, .zmx, .seq, .json).
     ///
     /// Ideal fisheyes are fisheye-equidistant, fisheye-equisolid, fisheye-stereographic and fisheye-orthographic.
+    /// "sheet.toml#17" is build 17 of a tolerance sheet (`lens tolerance`).
     #[arg(long, value_name = "NAME|FILE")]
     pub lens: Option<String>,
     /// Focal length: "50 mm"; of a zoom, where it is set.

@@ -6,10 +6,10 @@ use crate::output::{Output, distinct};
 use crate::watch::say;
 use crate::{AskedWrongly, paint};
 use anyhow::{Context, anyhow};
+use diopter::lens::Prescription;
 use diopter::lens::draw::{Distributed, Figure, distribution_plot};
 use diopter::lens::tolerance::{QuantityKind, Sensitivity, Summary, ToleranceSheet, Toleranced, yield_of};
-use diopter::lens::{Prescription, embedded, import};
-use diopter::shot::{ShotError, read_lens};
+use diopter::shot::{ShotError, lens_beside, read_lens};
 use rayon::prelude::*;
 use serde_json::{Value, json};
 use std::fmt::Write as _;
@@ -41,11 +41,7 @@ pub(super) fn read_sheet(path: &Path) -> anyhow::Result<String> {
 pub(super) fn lens_of(asked: Option<&str>, named: Option<&str>, sheet: &Path) -> anyhow::Result<Prescription> {
     let name = match (asked, named) {
         (Some(asked), _) => asked.to_owned(),
-        (None, Some(named)) => {
-            let is_file = import::Format::of(named).is_some() && embedded(named).is_none();
-            let beside = sheet.parent().map(|folder| folder.join(named)).filter(|_| is_file);
-            beside.map_or(named.to_owned(), |path| path.to_string_lossy().into_owned())
-        }
+        (None, Some(named)) => lens_beside(named, sheet),
         (None, None) => {
             let what = "no lens: expected lens = \"...\" in the file, or --lens NAME";
             return Err(AskedWrongly(anyhow!("{}: {what}", sheet.display())).into());

@@ -26,7 +26,7 @@ pub use file::{FireflyChoice, ShotFile};
 pub use inputs::Inputs;
 pub use memory::Kept;
 pub use sequence::{Sequence, Vary};
-pub use sources::{odd_size, read_body, read_environment, read_lens, read_scene};
+pub use sources::{lens_beside, odd_size, read_body, read_environment, read_lens, read_scene};
 pub use surroundings::daylight;
 pub use vary::VARIABLES;
 

@@ -3,6 +3,7 @@
 use super::{ShotError, value};
 use crate::files;
 use diopter_lens::camera_model::ModelKind;
+use diopter_lens::tolerance::{ToleranceSheet, Toleranced};
 use diopter_lens::{LensError, Prescription, import};
 use diopter_scene::light::Environment;
 use diopter_scene::{Description, SceneError, builtin, load};
@@ -154,7 +155,36 @@ pub(super) fn is_light_file(name: &str) -> bool {
 
 /// Whether a lens is given as a file and not by name.
 pub(super) fn is_lens_file(name: &str) -> bool {
-    import::Format::of(name).is_some() && diopter_lens::embedded(name).is_none()
+    build_of(name).is_some() || import::Format::of(name).is_some() && diopter_lens::embedded(name).is_none()
+}
+
+/// Sheet and number where a lens is a build of a tolerance sheet: "sheet.toml#17".
+fn build_of(name: &str) -> Option<(&str, &str)> {
+    name.rsplit_once('#').filter(|(sheet, _)| sheet.ends_with(".toml"))
+}
+
+/// Name of a lens that a file names: another file stands beside that one.
+pub fn lens_beside(named: &str, file: &Path) -> String {
+    match file.parent().filter(|_| is_lens_file(named)) {
+        Some(folder) => folder.join(named).to_string_lossy().into_owned(),
+        None => named.to_owned(),
+    }
+}
+
+/// A build of a tolerance sheet.
+fn read_build(sheet: &str, number: &str) -> Result<Prescription, ShotError> {
+    let name = || format!("\"{sheet}#{number}\"");
+    let expected = "the number of a build after #, such as sheet.toml#17";
+    let build: u64 = number.parse().map_err(|_| value("lens", name(), expected))?;
+    let path = Path::new(sheet);
+    let text = String::from_utf8(read_file(path)?)
+        .map_err(|_| ShotError::Read { path: sheet.into(), reason: "it is not text".into() })?;
+    let tolerances = ToleranceSheet::parse(&text, sheet).map_err(LensError::from)?;
+    let Some(named) = tolerances.lens.as_deref().filter(|n| build_of(n).is_none()) else {
+        return Err(value("lens", name(), "a tolerance sheet that names its design: lens = \"...\" (a build is none)"));
+    };
+    let design = read_lens(&lens_beside(named, path))?;
+    Ok(Toleranced::new(&design, &tolerances)?.build(build)?)
 }
 
 /// Lenses without surfaces.
@@ -168,7 +198,7 @@ pub(super) fn ideal_fisheye(name: &str) -> Option<ModelKind> {
     ideal.contains(&kind).then_some(kind)
 }
 
-/// Reads a lens by the name of an embedded one or from a file.
+/// Reads a lens by the name of an embedded one or from a file; "sheet.toml#17" is a build of a tolerance sheet.
 pub fn read_lens(name: &str) -> Result<Prescription, ShotError> {
     if IDEAL.contains(&name) {
         let expected =
@@ -177,6 +207,9 @@ pub fn read_lens(name: &str) -> Result<Prescription, ShotError> {
     }
     if let Some(lens) = diopter_lens::embedded(name) {
         return Ok(lens);
+    }
+    if let Some((sheet, number)) = build_of(name) {
+        return read_build(sheet, number);
     }
     let path = Path::new(name);
     match import::Format::of(name) {
@@ -228,4 +261,32 @@ pub(super) fn read_file(path: &Path) -> Result<Vec<u8>, ShotError> {
         };
         ShotError::Read { path: path.display().to_string(), reason }
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_build_of_a_tolerance_sheet_is_a_lens() {
+        let folder = tempfile::tempdir().unwrap();
+        let write = |name: &str, lens: &str| {
+            let path = folder.path().join(name);
+            let text = format!("lens = \"{lens}\"\nfields_deg = [0]\n[[tolerance]]\nradius = \"0.1%\"\n");
+            std::fs::write(&path, text).unwrap();
+            path.display().to_string()
+        };
+        let sheet = write("sheet.toml", "double-gauss-50mm");
+        let read = |number: &str| read_lens(&format!("{sheet}#{number}"));
+        let (third, again, fourth) = (read("3").unwrap(), read("3").unwrap(), read("4").unwrap());
+        assert_eq!(third, again);
+        assert_ne!(third.surfaces, fourth.surfaces);
+        assert!(is_lens_file(&format!("{sheet}#3")) && third.name.contains("build 3"));
+        let error = read("x").unwrap_err().to_string();
+        assert!(error.contains("#x") && error.contains("expected the number of a build"), "{error}");
+        // A sheet for one of its own builds would go round in circles.
+        let round = write("round.toml", "round.toml#1");
+        let error = read_lens(&format!("{round}#1")).unwrap_err().to_string();
+        assert!(error.contains("a build is none"), "{error}");
+    }
 }

@@ -16,7 +16,7 @@ pub(super) trait Residuals {
 /// Why a search ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Stop {
-    /// The merit no longer becomes smaller: relative changes below 1e-10, several times.
+    /// The merit no longer becomes smaller: relative changes below 1e-8, several times.
     Converged,
     /// No step from here has a smaller merit: a minimum to rounding, or an edge beyond which rays are lost.
     NoBetterStep,
@@ -44,7 +44,7 @@ pub(super) struct Found {
 }
 
 /// Relative changes of the merit below this count as none.
-const SMALL: f64 = 1e-10;
+const SMALL: f64 = 1e-8;
 /// So many of them one after another, and it has converged.
 const PATIENCE: usize = 5;
 /// Damping beyond which steps are nothing.
