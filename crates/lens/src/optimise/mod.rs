@@ -21,7 +21,7 @@ use crate::paraxial::FirstOrder;
 use crate::prescription::{ApertureKind, Prescription, PrescriptionError};
 use crate::surface::{Asphere, Profile};
 use crate::system::{State, System};
-use crate::tolerance::{colors_of, fields_of, shifted, stated_aperture, wavefront_rms};
+use crate::tolerance::{colors_of, fields_of, lit_height, shifted, stated_aperture, wavefront_rms};
 use glam::DVec2;
 use levenberg::{Residuals, differential_evolution, levenberg_marquardt, merit};
 
@@ -170,25 +170,26 @@ impl Optimisation {
         let wrong = |what: String| LensError::from(PrescriptionError::at(&sheet.file, 0, what));
         let variables = sheet.variables(lens)?;
         // Round beams need no lens that makes an image: plane plates are a start, too.
-        let (system, state) = match sheet.entrance_pupil {
+        let (system, state, height) = match sheet.entrance_pupil {
             None => {
                 let aperture = sheet.aperture.or_else(|| stated_aperture(lens));
-                let Configured { system, state, .. } =
-                    configure(lens, sheet.focal_length, aperture, None, FilmPlace::AsPublished)?;
-                (system, state)
+                let set = configure(lens, sheet.focal_length, aperture, None, FilmPlace::AsPublished)?;
+                let height = lit_height(lens, &set);
+                let Configured { system, state, .. } = set;
+                (system, state, height)
             }
             Some(_) => {
-                let zoom = match sheet.focal_length {
+                let state = match sheet.focal_length {
                     Some(_) => configure(lens, sheet.focal_length, None, None, FilmPlace::AsPublished)?.state,
                     None => State::default(),
                 };
-                (System::at(lens, zoom), zoom)
+                (System::at(lens, state), state, lens.image_circle.map(|circle| 0.5 * circle))
             }
         };
         let (colors, reference) = colors_of(lens, sheet.wavelengths_nm.as_ref(), sheet.weights.as_ref());
         let wavelengths: Vec<f64> = colors.iter().map(|c| c.0).collect();
         let total: f64 = colors.iter().map(|c| c.1).sum();
-        let fields_deg = fields_of(lens, &system, sheet.fields_deg.as_ref(), &FIELDS);
+        let fields_deg = fields_of(lens, &system, height, sheet.fields_deg.as_ref(), &FIELDS);
         let operands = sheet.operands(lens, &fields_deg)?;
         let object_distance = lens.usage.object_distance.filter(|d| d.is_finite() && *d < 1e9);
         let bench = Bench { system: &system, object_distance };

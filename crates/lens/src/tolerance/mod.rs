@@ -31,8 +31,8 @@ use parameter::{movable, perturbed};
 
 /// Fields that are looked at when nobody says, as fractions of the largest.
 const FIELDS: [f64; 5] = [-1.0, -0.7, 0.0, 0.7, 1.0];
-/// Part of the image circle whose field angle is the largest looked at.
-const IMAGE_CIRCLE: f64 = 0.98;
+/// Part of the lit image circle whose field angle is the largest looked at: at its edge there is no light.
+const IMAGE_CIRCLE: f64 = 0.95;
 
 /// A design with its tolerances.
 pub struct Toleranced {
@@ -76,15 +76,27 @@ pub(crate) fn colors_of(p: &Prescription, asked: Option<&Vec<f64>>, weights: Opt
     (colors, reference)
 }
 
-/// Fields (degrees): as asked, else as the lens says, else a few up to its image circle; on both sides where `FIELDS` says so.
-pub(crate) fn fields_of(p: &Prescription, system: &System, asked: Option<&Vec<f64>>, fractions: &[f64]) -> Vec<f64> {
+/// Height (mm) up to which the film of a lens that is set is lit, at most the radius of its image circle; `None` where none is stated.
+pub(crate) fn lit_height(p: &Prescription, set: &Configured) -> Option<f64> {
+    let radius = 0.5 * p.image_circle?;
+    set.lit_radius(radius).or(Some(radius))
+}
+
+/// Fields (degrees): as asked, else as the lens says, else fractions of that of the largest image height (mm).
+pub(crate) fn fields_of(
+    p: &Prescription,
+    system: &System,
+    height: Option<f64>,
+    asked: Option<&Vec<f64>>,
+    fractions: &[f64],
+) -> Vec<f64> {
     if let Some(fields) = asked {
         return fields.clone();
     }
     let own = &p.usage.field_angles_deg;
-    let largest = match (own.iter().fold(0.0f64, |a, f| a.max(f.abs())), p.image_circle) {
+    let largest = match (own.iter().fold(0.0f64, |a, f| a.max(f.abs())), height) {
         (most, _) if most > 0.0 => most,
-        (_, Some(circle)) => Bench::at_infinity(system).field_of_height(0.5 * circle * IMAGE_CIRCLE),
+        (_, Some(height)) => Bench::at_infinity(system).field_of_height(height * IMAGE_CIRCLE),
         _ => 0.0,
     };
     match largest > 0.0 {
@@ -111,9 +123,11 @@ impl Toleranced {
             }
         }
         let aperture = sheet.aperture.or_else(|| stated_aperture(lens));
-        let Configured { system, state, .. } = configure(&design, sheet.focal_length, aperture, None, FilmPlace::AsPublished)?;
+        let set = configure(&design, sheet.focal_length, aperture, None, FilmPlace::AsPublished)?;
+        let height = lit_height(lens, &set);
+        let Configured { system, state, .. } = set;
         let (colors, reference) = colors_of(lens, sheet.wavelengths_nm.as_ref(), sheet.weights.as_ref());
-        let fields = fields_of(lens, &system, sheet.fields_deg.as_ref(), &FIELDS);
+        let fields = fields_of(lens, &system, height, sheet.fields_deg.as_ref(), &FIELDS);
         let distance = lens.usage.object_distance.filter(|d| d.is_finite() && *d < 1e9);
         let assessment =
             Assessment::new(&system, state, distance, &fields, &colors, reference, &sheet.frequencies, sheet.refocus)
