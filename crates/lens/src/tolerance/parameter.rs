@@ -212,7 +212,7 @@ pub(super) fn movable(glass: &Glass) -> Result<Glass, GlassError> {
     shifted(glass, 0.0, 0.0)
 }
 
-/// The glass with another index at d, and its Abbe number changed by a fraction; absorption stays.
+/// The glass with another index at d, and its Abbe number changed by a fraction; absorption stays that at 550 nm.
 pub(crate) fn shifted(glass: &Glass, index: f64, abbe: f64) -> Result<Glass, GlassError> {
     if let GlassKind::Constant(n) = glass.kind {
         return Ok(copy_absorption(Glass::constant(n + index)?, glass));
@@ -222,10 +222,12 @@ pub(crate) fn shifted(glass: &Glass, index: f64, abbe: f64) -> Result<Glass, Gla
     Ok(copy_absorption(Glass::measured(at(D_NM), at(C_NM), at(F_NM), at(G_NM))?, glass))
 }
 
+/// A prescription carries one absorption for all wavelengths: that of the green.
 fn copy_absorption(to: Glass, from: &Glass) -> Glass {
-    match from.own_absorption() {
-        Some(alpha) => to.with_absorption(vec![(550.0, alpha)]),
-        None => to,
+    const GREEN_NM: f64 = 550.0;
+    match from.knows_absorption() {
+        true => to.with_absorption(vec![(GREEN_NM, from.absorption(GREEN_NM))]),
+        false => to,
     }
 }
 
