@@ -430,7 +430,7 @@ mod tests {
             ("[[tolerance]]\nsurfaces = 2\nindex = 0.001", vec!["surface 2", "expected glass, found air"]),
             ("[[tolerance]]\nsurfaces = 2\nthickness = 0.2", vec!["0.2 mm", "0.12", "surface 2", "expected less"]),
             ("[[tolerance]]\nsurfaces = 1\nabbe = \"AN5\"", vec!["surface 1", "no dispersion"]),
-            ("[[tolerance]]\nform = \"5(1)\"", vec!["form \"5(1)\"", "expected", "3/5(1)"]),
+            ("[[tolerance]]\nform = \"5(1)\"", vec!["form \"5(1)\"", "expected", "3/3(1)"]),
             ("[[tolerance]]\nsurfaces = 1", vec!["s.toml:1", "nothing in this [[tolerance]]", "expected"]),
             ("fields_deg = [200]\n[[tolerance]]\nradius = 0.1", vec!["fields_deg 200", "expected -120 to 120"]),
             (
@@ -446,6 +446,18 @@ mod tests {
             let message = error(text);
             assert!(parts.iter().all(|p| message.contains(p)), "{text}\n{message}");
         }
+    }
+
+    #[test]
+    fn forms_in_fringes_and_in_nanometres_are_the_same() {
+        let form = |text: &str| {
+            gauss(&format!("fields_deg = [0]\n[[tolerance]]\nsurfaces = 1\nform = \"{text}\"")).parameters().to_vec()
+        };
+        let (fringes, nm) = (form("3/2(1)"), form("3/546.07(273.035) nm"));
+        // Power, and the two directions of irregularity; Δc = N λ / h² with h = 12.6 mm.
+        assert_eq!(fringes.len(), 3);
+        assert!((fringes[0].half_range / (2.0 * FRINGE_NM * 1e-6 / (12.6 * 12.6)) - 1.0).abs() < 1e-12);
+        assert!(fringes.iter().zip(&nm).all(|(a, b)| a.change == b.change && (a.half_range / b.half_range - 1.0).abs() < 1e-12));
     }
 
     #[test]

@@ -14,7 +14,7 @@
 //! [[tolerance]]
 //! surfaces = "all"                   # or 3, or [1, 2]
 //! radius = "0.1%"                    # or "0.02 mm", "3 fringes"
-//! form = "3/3(1)"                    # ISO 10110-5: power and irregularity in fringes
+//! form = "3/3(1)"                    # ISO 10110-5: power and irregularity in fringes; or "3/820(270) nm"
 //! thickness = "0.03 mm"
 //! index = "NP050"                    # ISO 12123: 50e-5; or 0.0005
 //! abbe = "AN5"                       # ISO 12123: 0.5 %; or "0.5%"
@@ -372,9 +372,17 @@ fn expand(entry: &Entry, p: &Prescription, out: &mut Vec<Parameter>) -> Result<(
     let curvature_of_fringes = |i: usize, fringes: f64| fringes * FRINGE_NM * 1e-6 / radius_of(i).powi(2);
     let (mut power, mut irregular) = (None, None);
     if let Some(text) = &entry.form {
-        let wrong =
-            || format!("form \"{text}\": expected power and irregularity in fringes as ISO 10110-5 writes them: \"3/5(1)\"");
+        let wrong = || {
+            let example =
+                "power and irregularity as ISO 10110-5 writes them, in fringes \"3/3(1)\" (up to 50) or \"3/820(270) nm\"";
+            format!("form \"{text}\": expected {example}")
+        };
         let body = text.trim().strip_prefix("3/").ok_or_else(wrong)?;
+        // A fringe is half a wave of the surface; drawings since 2015 are in nm.
+        let (body, fringe) = match body.strip_suffix("nm") {
+            Some(body) => (body.trim_end(), 0.5 * FRINGE_NM),
+            None => (body, 1.0),
+        };
         let (a, b) = match body.split_once('(') {
             Some((a, b)) => (a, Some(b.strip_suffix(')').ok_or_else(wrong)?)),
             None => (body, None),
@@ -382,7 +390,7 @@ fn expand(entry: &Entry, p: &Prescription, out: &mut Vec<Parameter>) -> Result<(
         let number = |t: &str| match t.trim() {
             // Nothing is said.
             "-" | "–" | "" => Ok(None),
-            t => t.parse::<f64>().ok().filter(|v| *v >= 0.0 && *v < 1e4).map(Some).ok_or_else(wrong),
+            t => t.parse::<f64>().ok().map(|v| v / fringe).filter(|v| *v >= 0.0 && *v <= 50.0).map(Some).ok_or_else(wrong),
         };
         power = number(a)?;
         irregular = b.map_or(Ok(None), number)?;
