@@ -62,7 +62,7 @@ impl Numbering {
                     n += 1;
                 }
                 let m = if n % 2 == 0 { 2 * place.div_ceil(2) } else { 2 * (place / 2) + 1 };
-                (n, if number % 2 == 0 { m as i32 } else { -(m as i32) })
+                (n, if number.is_multiple_of(2) { m as i32 } else { -(m as i32) })
             }
             // The 37th is the next spherical aberration, out of turn.
             Numbering::Fringe if number == 37 => (12, 0),
@@ -71,7 +71,7 @@ impl Numbering {
                 let s = (number - 1).isqrt();
                 let place = number - 1 - s * s;
                 let m = s - place / 2;
-                (2 * s - m, if place % 2 == 0 { m as i32 } else { -(m as i32) })
+                (2 * s - m, if place.is_multiple_of(2) { m as i32 } else { -(m as i32) })
             }
         };
         Some(Term { number, n: n as u32, m, numbering: self })

@@ -208,7 +208,7 @@ fn amount(key: &str, a: &Amount, usual: Unit, allowed: &[Unit], example: &str) -
             (value * factor, unit, found)
         }
     };
-    if !(value >= 0.0 && value < 1e6 && allowed.contains(&unit)) {
+    if !((0.0..1e6).contains(&value) && allowed.contains(&unit)) {
         return Err(wrong(&found));
     }
     Ok((value, unit))
@@ -449,7 +449,7 @@ fn expand(entry: &Entry, p: &Prescription, out: &mut Vec<Parameter>) -> Result<(
             let angle = angle.ok_or_else(|| format!("centring \"{text}\": expected {example}"))?;
             // A bare number is in minutes, as the standard has it.
             tilt = Some(match &angle {
-                Amount::Text(t) if t.trim().parse::<f64>().is_ok_and(|v| v >= 0.0 && v < 60.0) => {
+                Amount::Text(t) if t.trim().parse::<f64>().is_ok_and(|v| (0.0..60.0).contains(&v)) => {
                     t.trim().parse::<f64>().unwrap_or(0.0) / 60.0
                 }
                 other => amount("centring 4/", other, Unit::Degrees, &[Unit::Degrees], example)?.0,

@@ -205,8 +205,8 @@ impl<'a> Emission<'a> {
         let [from, to] = lamp.window;
         let time_s = from + (to - from) * t;
         let (origin, direction, relative) = match lamp.source {
-            Source::Area(i) => self.from_area(i, time_s, wavelengths, [a, b], choose_piece, [c, d])?,
-            Source::Punctual(i) => self.from_punctual(i, time_s, wavelengths, [a, b], choose_piece, [c, d])?,
+            Source::Area(i) => self.of_area(i, time_s, wavelengths, [a, b], choose_piece, [c, d])?,
+            Source::Punctual(i) => self.of_punctual(i, time_s, wavelengths, [a, b], choose_piece, [c, d])?,
         };
         let relative = relative / chance;
         let ray = Ray { origin, direction, time_s };
@@ -214,7 +214,7 @@ impl<'a> Emission<'a> {
         (bright && ray.is_finite()).then_some(Start { ray, lamp: number as u32, relative, within: lamp.within })
     }
 
-    fn from_area(
+    fn of_area(
         &self,
         light: u32,
         time_s: f32,
@@ -236,7 +236,7 @@ impl<'a> Emission<'a> {
         Some((origin, direction, radiance * (cos.abs() * light.area() / pdf)))
     }
 
-    fn from_punctual(
+    fn of_punctual(
         &self,
         number: u32,
         time_s: f32,
