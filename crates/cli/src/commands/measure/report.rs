@@ -20,6 +20,8 @@ use diopter::lens::draw::Figure;
 use diopter::lens::glass::D_NM;
 use diopter::lens::paraxial::FirstOrder;
 use diopter::measure::{EdgeMtf, Plane};
+use diopter::scene::builtin::color_chart;
+use diopter::sensor::format::FULL_FRAME_DIAGONAL_MM;
 use diopter::shot::{Shot, ShotFile, read_body};
 use serde_json::json;
 use std::fmt::Write as _;
@@ -116,18 +118,28 @@ pub fn run(asked: &MeasureReport, json: bool) -> anyhow::Result<()> {
         );
     }
 
-    // Colour: the body and its development; a thin lens frames the chart as it is meant to be.
+    // Colour: the body and its development, before a thin lens, which has no colour of its own.
     let colors = if sensor.cfa.is_monochrome() {
         page.paragraph("Colour: the sensor is monochrome.");
         None
     } else {
         let chart = photograph(asked, "color-chart", None)?;
         let pixels = linear(&chart.picture);
+        let corners = chart_corners(&chart.facts, [pixels.width, pixels.height]);
         let bands = ["R", "G", "B"].map(str::to_owned).to_vec();
         let limits = [f32::NEG_INFINITY, f32::INFINITY];
-        let found = color::measure(&Measured::Light { pixels, bands, limits, facts: None }, None, "D65")?;
-        page.section("Colour", &[color_figure("color-chart", &found)], &color_text("color-chart, default development", &found)?);
-        Some(found)
+        match color::measure(&Measured::Light { pixels, bands, limits, facts: None }, Some(corners), "D65") {
+            Ok(found) => {
+                let text = color_text("color-chart, default development", &found)?;
+                page.section("Colour", &[color_figure("color-chart", &found)], &text);
+                Some(found)
+            }
+            // A film of another shape may not show all of the chart.
+            Err(e) => {
+                page.paragraph(&format!("Colour: {e}"));
+                None
+            }
+        }
     };
 
     let path = output.commit(|to| Ok(to.write_all(page.html().as_bytes())?))?;
@@ -178,6 +190,16 @@ fn photograph(asked: &MeasureReport, chart: &str, lens: Option<&str>) -> anyhow:
         _ => vec![],
     };
     Ok(Photograph { facts: raw.header.facts.clone(), raw, picture, bench })
+}
+
+/// Outer corners of the patches of "color-chart" in its photograph with a thin lens, pixels: 0.26 × 0.172 m at the framing's distance.
+fn chart_corners(facts: &ExposureFacts, size: [usize; 2]) -> color::Corners {
+    let [columns, rows] = size.map(|s| s as f64);
+    let focal_mm = facts.focal_length_mm;
+    let pitch_mm = FULL_FRAME_DIAGONAL_MM * focal_mm / facts.focal_length_35mm_mm / columns.hypot(rows);
+    let magnification = focal_mm / (1000.0 * color_chart::FRAMING.focus_m - focal_mm);
+    let [x, y] = [130.0, 86.0].map(|half_mm| half_mm * magnification / pitch_mm);
+    [[-x, -y], [x, -y], [x, y], [-x, y]].map(|[a, b]| [0.5 * columns + a, 0.5 * rows + b])
 }
 
 /// Raw values of the channel that there are most pixels of.
@@ -235,6 +257,16 @@ fn escaped(text: &str) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn the_chart_lies_where_its_own_framing_puts_it() {
+        // 100 mm on 36 × 24 mm is the framing itself.
+        let facts = ExposureFacts { focal_length_mm: 100.0, focal_length_35mm_mm: 100.0, ..Default::default() };
+        let [found, framed] = [chart_corners(&facts, [960, 640]), color::framed([960, 640]).unwrap()];
+        for (a, b) in found.iter().zip(&framed) {
+            assert!((a[0] - b[0]).abs() < 0.5 && (a[1] - b[1]).abs() < 0.5, "{found:?} {framed:?}");
+        }
+    }
 
     #[test]
     fn a_page_holds_its_plots_and_escapes_its_text() {
