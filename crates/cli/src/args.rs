@@ -440,7 +440,8 @@ pub enum MeasureVerb {
 
 #[derive(clap::Args, Debug)]
 pub struct MeasureMtf {
-    /// Picture: raw (.dng), focal plane or other .exr, .png, .tif, .jpg.
+    /// Picture: raw (.dng), focal plane or other .exr, .png, .tif, .jpg; or an embedded scene, photographed with --lens and --body: slanted-edges.
+    #[arg(value_name = "FILE|SCENE")]
     pub file: PathBuf,
     /// The edge at this place: "x,y", pixels.
     #[arg(long, value_name = "X,Y", value_parser = pair, conflicts_with = "region")]
@@ -472,6 +473,18 @@ pub struct MeasureMtf {
     /// The body of --lens: a name from `body list` or a TOML file. Its pixels also say what a millimetre is.
     #[arg(long, value_name = "NAME|FILE", requires = "lens", conflicts_with = "pitch")]
     pub body: Option<String>,
+    /// f-number of the photograph of a scene.
+    #[arg(long, value_name = "F", requires = "lens")]
+    pub aperture: Option<FNumber>,
+    /// Focal length of a zoom, for the photograph of a scene: "35 mm".
+    #[arg(long, value_name = "LENGTH", requires = "lens")]
+    pub focal_length: Option<LengthMm>,
+    /// Pixels of the photograph of a scene.
+    #[arg(long, value_name = "WxH", requires = "lens")]
+    pub size: Option<Size>,
+    /// Samples a pixel of the photograph of a scene.
+    #[arg(long, value_name = "N", default_value_t = 64)]
+    pub spp: u32,
     /// What lights the chart, for --lens: D65, D50, A ...
     #[arg(long, value_name = "NAME", default_value = "D65", requires = "lens")]
     pub light: String,

@@ -55,6 +55,7 @@ fn what_cannot_be_measured_is_said() {
         (&["measure", "mtf", "flat.dng", "--channel", "luminance"], 1, "one of red, green, blue"),
         (&["measure", "mtf", "flat.png", "--region", "1,2,3"], 2, "x,y,width,height"),
         (&["measure", "mtf", "flat.png", "--lens", "tessar-50mm-f2.8"], 2, "--body"),
+        (&["measure", "mtf", "slanted-edges"], 2, "expected --lens and --body"),
         (&["measure", "mtf", "gone.png"], 1, "gone.png"),
         (&["measure", "mtf", "flat.png", "-o", "plot.pdf"], 2, ".svg or .png"),
         (&["measure", "distortion", "flat.png"], 1, "dots"),

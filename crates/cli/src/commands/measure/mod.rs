@@ -2,6 +2,8 @@
 
 mod report;
 
+use report::{Setup, photograph};
+
 use super::{print_json, read_raw};
 use crate::args::{List, LsfWindow, MeasureChart, MeasureMtf, MeasureVerb, MeasuredChannel, PictureEncoding};
 use crate::watch::say;
@@ -15,6 +17,7 @@ use diopter::measure::mtf::{self, Options, Window};
 use diopter::measure::predict::{Chain, Prediction};
 use diopter::measure::{Channel, EdgeMtf, Measured, Plane, Region, color, distortion, noise, vignetting};
 use diopter::measure::{color::ColorDifferences, distortion::Distortion, vignetting::Vignetting};
+use diopter::scene::builtin;
 use diopter::sensor::Sensor;
 use diopter::sensor::emva::{self, Conditions};
 use diopter::sensor::format::FULL_FRAME_DIAGONAL_MM;
@@ -119,7 +122,19 @@ fn resolution(asked: &MeasureMtf, json: bool) -> anyhow::Result<()> {
         LsfWindow::Hamming => Window::Hamming,
     };
     let options = Options { order: asked.order, window, reach: asked.reach };
-    let picture = Measured::read(&asked.file, asked.encoding.decoded())?;
+    let scene = asked.file.to_str().filter(|name| builtin::is_embedded(name) && !asked.file.exists());
+    let picture = match (scene, &asked.lens, &asked.body) {
+        (None, ..) => Measured::read(&asked.file, asked.encoding.decoded())?,
+        (Some(name), Some(lens), Some(body)) => {
+            let (aperture, focal_length) = (asked.aperture, asked.focal_length);
+            let setup = Setup { body, lens, aperture, focal_length, size: asked.size, spp: asked.spp };
+            Measured::Raw(Box::new(photograph(&setup, name)?.raw))
+        }
+        (Some(name), ..) => {
+            let what = anyhow!("{name}: this is an embedded scene; expected --lens and --body to photograph it with, or a file");
+            return Err(AskedWrongly(what).into());
+        }
+    };
     let channel = asked.channel.map_or_else(|| picture.usual_channel(), MeasuredChannel::measured);
     let plane = picture.plane(channel)?;
     let edges = match (asked.region, asked.at) {

@@ -20,6 +20,7 @@ use diopter::lens::draw::Figure;
 use diopter::lens::glass::D_NM;
 use diopter::lens::paraxial::FirstOrder;
 use diopter::measure::{EdgeMtf, Plane};
+use diopter::quantity::{FNumber, LengthMm, Size};
 use diopter::scene::builtin::color_chart;
 use diopter::sensor::format::FULL_FRAME_DIAGONAL_MM;
 use diopter::shot::{Shot, ShotFile, read_body};
@@ -34,9 +35,19 @@ const PLOTTED: usize = 3;
 /// Half of the width of the window of line spread functions, pixels: raw values are noisy, and our pictures have no halos.
 const REACH_PX: f64 = 12.0;
 
+/// With what charts are photographed.
+pub(super) struct Setup<'a> {
+    pub(super) body: &'a str,
+    pub(super) lens: &'a str,
+    pub(super) aperture: Option<FNumber>,
+    pub(super) focal_length: Option<LengthMm>,
+    pub(super) size: Option<Size>,
+    pub(super) spp: u32,
+}
+
 /// A photograph of a chart.
-struct Photograph {
-    raw: RawImage,
+pub(super) struct Photograph {
+    pub(super) raw: RawImage,
     picture: Picture,
     facts: ExposureFacts,
     /// Image height and distortion (%) that the optical bench gives, the height over half of the diagonal; empty of ideal lenses.
@@ -50,8 +61,16 @@ pub fn run(asked: &MeasureReport, json: bool) -> anyhow::Result<()> {
     let output = Output::prepare(&asked.output)?;
     let sensor = read_body(&asked.body)?;
     let mut page = Page::default();
+    let setup = Setup {
+        body: &asked.body,
+        lens: &asked.lens,
+        aperture: asked.aperture,
+        focal_length: asked.focal_length,
+        size: asked.size,
+        spp: asked.spp,
+    };
 
-    let edges = photograph(asked, "slanted-edges", Some(&asked.lens))?;
+    let edges = photograph(&setup, "slanted-edges")?;
     let (plane, channel) = strongest_plane(&edges.raw)?;
     let mut found = mtf::find(&plane, &mtf::Options { reach: Some(REACH_PX), ..mtf::Options::default() })?;
     let middle = [0.5 * plane.width as f64, 0.5 * plane.height as f64];
@@ -88,7 +107,7 @@ pub fn run(asked: &MeasureReport, json: bool) -> anyhow::Result<()> {
     page.section("Resolution", &[resolution_figure("slanted-edges", channel, per_mm, &shown, &chains)], &text);
 
     // Distortion, beside the bench.
-    let dots = photograph(asked, "dot-grid", Some(&asked.lens))?;
+    let dots = photograph(&setup, "dot-grid")?;
     let bent = distortion::measure(&strongest_plane(&dots.raw)?.0)?;
     let mut text = distortion_text("dot-grid", channel, &bent)?;
     if !dots.bench.is_empty() {
@@ -100,7 +119,7 @@ pub fn run(asked: &MeasureReport, json: bool) -> anyhow::Result<()> {
     page.section("Distortion", &[distortion_figure("dot-grid", &bent)], &text);
 
     // Vignetting.
-    let field = photograph(asked, "flat-field", Some(&asked.lens))?;
+    let field = photograph(&setup, "flat-field")?;
     let light = vignetting::measure(&strongest_plane(&field.raw)?.0)?;
     let text = vignetting_text("flat-field", channel, &light)?;
     page.section("Relative illumination", &[vignetting_figure("flat-field", &light)], &text);
@@ -123,7 +142,7 @@ pub fn run(asked: &MeasureReport, json: bool) -> anyhow::Result<()> {
         page.paragraph("Colour: the sensor is monochrome.");
         None
     } else {
-        let chart = photograph(asked, "color-chart", None)?;
+        let chart = photograph(&Setup { lens: "thin", aperture: None, focal_length: None, ..setup }, "color-chart")?;
         let pixels = linear(&chart.picture);
         let corners = chart_corners(&chart.facts, [pixels.width, pixels.height]);
         let bands = ["R", "G", "B"].map(str::to_owned).to_vec();
@@ -153,18 +172,16 @@ pub fn run(asked: &MeasureReport, json: bool) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// Takes a photograph of an embedded chart; with a thin lens where none is named.
-fn photograph(asked: &MeasureReport, chart: &str, lens: Option<&str>) -> anyhow::Result<Photograph> {
+/// Takes a photograph of an embedded chart.
+pub(super) fn photograph(setup: &Setup, chart: &str) -> anyhow::Result<Photograph> {
     let mut file = ShotFile::default();
     file.scene.file = Some(chart.into());
-    file.camera.body = Some(asked.body.clone());
-    file.camera.lens = Some(lens.unwrap_or("thin").into());
-    if lens.is_some() {
-        file.camera.focal_length = asked.focal_length;
-        file.exposure.aperture = asked.aperture;
-    }
-    file.render.size = asked.size;
-    file.render.spp = Some(asked.spp);
+    file.camera.body = Some(setup.body.into());
+    file.camera.lens = Some(setup.lens.into());
+    file.camera.focal_length = setup.focal_length;
+    file.exposure.aperture = setup.aperture;
+    file.render.size = setup.size;
+    file.render.spp = Some(setup.spp);
     let mut shot = Shot::prepare(&file, &mut warn)?;
     watched("focusing", |w| shot.focus(w, &mut warn))?;
     watched("metering", |w| shot.meter(w, &mut warn))?;
