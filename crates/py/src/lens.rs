@@ -17,6 +17,11 @@ use rayon::prelude::*;
 use std::path::PathBuf;
 use std::sync::OnceLock;
 
+/// Points, their centroid, and three sizes, as the stub names them.
+type Spot<'py> = (Bound<'py, PyArray2<f64>>, [f64; 2], f64, f64, f64);
+/// Sagittal and tangential contrast, and whether geometry stood in for diffraction.
+type Contrasts<'py> = (Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<f64>>, bool);
+
 /// A lens with surfaces, as published.
 #[pyclass(frozen, module = "diopter._diopter")]
 pub struct Lens {
@@ -330,14 +335,7 @@ impl Bench {
     }
 
     /// Points `[ray][x, y]` (mm, from the chief ray's frame as the analysis has it), centroid, RMS and largest radius, fraction that passed.
-    fn spot<'py>(
-        &self,
-        py: Python<'py>,
-        field_deg: f64,
-        nm: f64,
-        across: usize,
-        defocus_mm: f64,
-    ) -> PyResult<(Bound<'py, PyArray2<f64>>, [f64; 2], f64, f64, f64)> {
+    fn spot<'py>(&self, py: Python<'py>, field_deg: f64, nm: f64, across: usize, defocus_mm: f64) -> PyResult<Spot<'py>> {
         check_nm(nm)?;
         check_field(field_deg)?;
         if !(2..=1000).contains(&across) {
@@ -359,7 +357,7 @@ impl Bench {
         wavelengths: Vec<f64>,
         geometric: bool,
         defocus_mm: f64,
-    ) -> PyResult<(Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<f64>>, bool)> {
+    ) -> PyResult<Contrasts<'py>> {
         check_field(field_deg)?;
         wavelengths.iter().try_for_each(|nm| check_nm(*nm))?;
         if wavelengths.is_empty() || frequencies.is_empty() {

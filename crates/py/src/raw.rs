@@ -234,7 +234,7 @@ pub fn expected<'py>(
     })?;
     let rows = rows.map_err(Told::from)?;
     let all = || rows.iter().flatten();
-    let width = if size[1] > 0 { all().count() / size[1] } else { 0 };
+    let width = all().count().checked_div(size[1]).unwrap_or(0);
     let shape = [size[1], width];
     Ok((
         PyArray1::from_vec(py, all().map(|e| e.dn).collect()).reshape(shape)?,

@@ -290,7 +290,7 @@ impl Scene {
     fn add_sun(&mut self, name: &str, towards: [f32; 3], illuminance: [f32; 3], diameter_deg: f32) -> PyResult<()> {
         let direction = -direction("towards", towards)?;
         let kind = match diameter_deg {
-            d if d == 0.0 => PunctualKind::Directional { direction },
+            0.0 => PunctualKind::Directional { direction },
             d if d > 0.0 && d <= 90.0 => PunctualKind::Disc { direction, half_angle: 0.5 * d.to_radians() },
             d => return Err(Told::value("diameter_deg", d.to_string(), "0 to 90 degrees").into()),
         };

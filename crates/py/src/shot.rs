@@ -75,7 +75,7 @@ impl Request {
         match &self.records {
             Records::Electrons => {}
             Records::Luminance => shot.radiance = true,
-            Records::Spectral(bands) => shot.spectral = Some(bands.clone()),
+            Records::Spectral(bands) => shot.spectral = Some(*bands),
         }
         // The bar is the exposure's; these take moments.
         let quiet = Watch { cancel: watch.cancel, progress: &|_| () };

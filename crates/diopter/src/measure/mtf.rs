@@ -744,7 +744,7 @@ mod tests {
             (with(&|x, y| 0.2 + 0.6 * hash(x, y)), "no "),
             (with(&|x, _| if x < 32 { 0.2 } else { 0.8 }), "too upright"),
             (edge(64, 64, 44.0, 0.5, 0.0), "too steep"),
-            (with(&|x, y| good.values[y * 64 + x].min(0.75).max(0.5) * 2.0 - 0.5), "clipped"),
+            (with(&|x, y| good.values[y * 64 + x].clamp(0.5, 0.75) * 2.0 - 0.5), "clipped"),
             // The corner of a square: eight rows without an edge.
             (with(&|x, y| if y < 56 { good.values[y * 64 + x] } else { 0.8 }), "no straight edge|rows across|explains|no edge"),
             (with(&|x, y| if (x as f32 - 20.0 - 0.1 * y as f32).abs() < 4.0 { 0.8 } else { 0.2 }), "edge"),
