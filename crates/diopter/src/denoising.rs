@@ -1,5 +1,5 @@
 //! Which filter takes the renderer's own noise out of an exposure: Intel Open Image Denoise where it is installed, else our own
-//! ([`diopter_develop::denoise`]).
+//! ([`mod@diopter_develop::denoise`]).
 //!
 //! Either works on the electrons (or radiance) of the bands before the sensor sees them; the sensor's noise is made later, by the light that is then
 //! there, and is not touched. What a filter takes from the light of a place is given back around it ([`diopter_develop::denoise::keep_light`]).
@@ -90,7 +90,7 @@ impl TryFrom<Written> for Denoise {
 /// A filter ready for use.
 #[derive(Debug)]
 pub enum Filter {
-    /// Nonlinearly weighted first-order regression, [`diopter_develop::denoise`].
+    /// Nonlinearly weighted first-order regression, [`mod@diopter_develop::denoise`].
     BuiltIn,
     /// Open Image Denoise.
     Oidn(Box<Denoiser>),

@@ -2,7 +2,7 @@
 //!
 //! A [`MeritSheet`] names variables and operands; [`Optimisation`] is a lens with it. Spots and wavefronts enter ray by ray, so that
 //! the least squares see how each ray moves (Kidger, "Intermediate Optical Design", ch. 2; Smith, "Modern Lens Design", ch. 2), on the
-//! few rays of a Gaussian quadrature ([`crate::bundle`]). Beams keep their size in the entrance pupil and are aimed at the middle of
+//! few rays of a Gaussian quadrature (`bundle.rs`). Beams keep their size in the entrance pupil and are aimed at the middle of
 //! the stop of each lens that is tried; rims do not clip meanwhile, and are made large enough at the end. Derivatives are central
 //! differences of the f64 packet trace. Light goes from the object to the film.
 
