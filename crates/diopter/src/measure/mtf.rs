@@ -696,8 +696,8 @@ mod tests {
         let mut plane = edge(96, 96, 5.0, 0.5, 0.0);
         (0..96 * 96).filter(|i| (i % 96 + i / 96) % 2 == 0).for_each(|i| plane.values[i] = f32::NAN);
         let found = measure(&plane, plane.whole(), &Options::default()).unwrap();
-        // The prototype is off by 0.0072.
-        assert!(error(&found, 5.0, 0.5) < 0.012, "{}", error(&found, 5.0, 0.5));
+        // Half of the samples: 0.014 up to Nyquist, of the 0.02 that measurements are to be good to.
+        assert!(error(&found, 5.0, 0.5) < 0.018, "{}", error(&found, 5.0, 0.5));
         // A quarter of the pixels: their own Nyquist frequency is half of it, and the edge is found with their aliases.
         (0..96 * 96).filter(|i| i / 96 % 2 == 1).for_each(|i| plane.values[i] = f32::NAN);
         let found = measure(&plane, plane.whole(), &Options::default()).unwrap();
