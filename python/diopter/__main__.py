@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 
 from diopter._diopter import run
@@ -9,6 +10,8 @@ from diopter._diopter import run
 
 def main() -> int:
     """Runs the program on what was typed; returns its exit code."""
+    # Lessons run the program again: by this interpreter, in whose environment it is installed.
+    os.environ.setdefault("DIOPTER_PYTHON", sys.executable)
     return run(sys.argv[1:])
 
 

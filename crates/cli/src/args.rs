@@ -482,9 +482,9 @@ pub struct MeasureMtf {
     /// Pixels of the photograph of a scene.
     #[arg(long, value_name = "WxH", requires = "lens")]
     pub size: Option<Size>,
-    /// Samples a pixel of the photograph of a scene.
-    #[arg(long, value_name = "N", default_value_t = 64)]
-    pub spp: u32,
+    /// Samples a pixel of the photograph of a scene; 64 without.
+    #[arg(long, value_name = "N")]
+    pub spp: Option<u32>,
     /// What lights the chart, for --lens: D65, D50, A ...
     #[arg(long, value_name = "NAME", default_value = "D65", requires = "lens")]
     pub light: String,

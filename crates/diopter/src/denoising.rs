@@ -158,10 +158,14 @@ impl Filter {
             Filter::BuiltIn => vec![(built_in::bytes_a_pixel(bands), 0), (planes, built_in::STRIP_MEMORY)],
             // Images of three numbers: albedo, normal, a colour and a result, and all of them in half the size; sums of light. What the network takes itself is bounded by the library,
             // which works on tiles.
-            Filter::Oidn(_) => vec![(planes + 4 * 3 * 6 + 4 * 4, 0)],
+            // The exposure, its features, the exposure with them and the result are there at once.
+            Filter::Oidn(_) => vec![(2 * planes + 4 * 3 * 6 + 4 * 4, LIBRARY_MEMORY)],
         }
     }
 }
+
+/// What the network takes at most beside the images, bytes: it works on tiles within so much.
+const LIBRARY_MEMORY: usize = diopter_oidn::MEMORY_MB << 20;
 
 /// Where Open Image Denoise may be, in the order in which it is tried: `given` alone, if it is; else what lies beside this program, what the system
 /// finds by name, and what Python environments hold (package `pyoidn`).
@@ -190,6 +194,10 @@ fn site_packages() -> Vec<PathBuf> {
     let mut roots: Vec<PathBuf> = ["VIRTUAL_ENV", "CONDA_PREFIX"].iter().filter_map(|v| variable(v)).collect();
     // An interpreter lies in `bin` of its environment (links followed: a link points into it), on Windows beside `Lib`.
     for folder in std::env::var_os("PATH").iter().flat_map(std::env::split_paths) {
+        // What lies in the working folder is not opened unasked.
+        if !folder.is_absolute() {
+            continue;
+        }
         let python = folder.join(if cfg!(windows) { "python.exe" } else { "python3" });
         let Ok(real) = python.canonicalize() else { continue };
         roots.extend(

@@ -12,7 +12,7 @@
 //! Nikon, D810 manual (12 mm circle, 75 %; spot 4 mm). The matrix pattern is our own, makers keep theirs to themselves.
 
 use crate::camera::{Camera, Film};
-use crate::expose::{ExposeError, Integrator, Response, Settings, Watch, expose};
+use crate::expose::{ExposeError, Response, Settings, Watch, expose};
 use crate::shutter::Shutter;
 use diopter_image::{ExposureFacts, FocalPlane, RawImage};
 use diopter_light::cie;
@@ -135,7 +135,6 @@ fn probe(
         time_limit_s: None,
         truth: false,
         moments: Default::default(),
-        integrator: Integrator::Path,
         ..settings.clone()
     };
     let quiet = Watch { cancel: watch.cancel, progress: &|_| () };

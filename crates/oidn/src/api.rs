@@ -28,8 +28,8 @@ macro_rules! functions {
         /// The functions, which hold as long as the library is open.
         pub struct Api {
             $($field: unsafe extern "C" fn($($argument),*) $(-> $result)?,)*
-            // Last: closed after everything else is dropped.
-            _library: Library,
+            // Never closed: threads that it started may outlive its devices, and what they run must stay.
+            _library: std::mem::ManuallyDrop<Library>,
         }
 
         impl Api {
@@ -42,7 +42,7 @@ macro_rules! functions {
                     // SAFETY: the type is that of the header of version 2 for this name; the pointer is kept beside the library and not longer.
                     let $field = unsafe { *library.get($name.as_bytes()).map_err(|_| OpenError::Function($name))? };
                 )*
-                Ok(Api { $($field,)* _library: library })
+                Ok(Api { $($field,)* _library: std::mem::ManuallyDrop::new(library) })
             }
         }
     };

@@ -114,14 +114,14 @@ impl Scene {
         let mut radiance = Sampled::ZERO;
         let mut tail = Tail::default();
         let mut throughput = Sampled::ONE;
-        // Colours do not part.
+        // Lanes that carry colours never disperse.
         let mut hero_only = wavelengths.is_rgb();
         let mut within = Within::new(self.air());
         let mut last: Option<Aimed> = None;
         // Where `last` is a vertex in a medium: the segment on which it lies.
         let mut scattered_on: Option<ScatteredOn> = None;
         let (mut vertex, mut leg) = (0, 0);
-        // What radiance within a body was divided by: no reason to give a path up.
+        // Product of the η² by which refraction scaled radiance; Russian roulette leaves it out (pbrt's `etaScale`).
         let mut squeezed = 1.0;
         let (time_s, flash) = (ray.time_s, self.flash_burns(ray.time_s));
         loop {

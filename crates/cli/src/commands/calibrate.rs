@@ -51,7 +51,13 @@ pub fn run(args: &Calibrate, json_wanted: bool) -> anyhow::Result<()> {
         Some(list) => list.split(',').map(|name| named(name.trim())).collect::<anyhow::Result<_>>()?,
     };
     let fits: Vec<(ModelKind, Result<Fit, _>)> = kinds.iter().map(|kind| (*kind, fit::fit(*kind, &observed))).collect();
-    let Some(best) = fits.iter().find_map(|(_, fit)| fit.as_ref().ok()) else {
+    // Of all models the one that follows the lens most closely is written, of those that were asked for by name the first that fits.
+    let mut good = fits.iter().filter_map(|(_, fit)| fit.as_ref().ok());
+    let best = match args.model.as_deref() {
+        Some("all") => good.min_by(|a, b| a.rms_px.total_cmp(&b.rms_px)),
+        _ => good.next(),
+    };
+    let Some(best) = best else {
         let (_, failed) = fits.into_iter().next().ok_or_else(|| anyhow!("no model"))?;
         return Err(failed.err().map_or_else(|| anyhow!("no model fits"), anyhow::Error::from));
     };
@@ -60,7 +66,6 @@ pub fn run(args: &Calibrate, json_wanted: bool) -> anyhow::Result<()> {
         Lens::Compound(l) => l.prescription().name.clone(),
         _ => args.lens.clone(),
     };
-    // What is written is the first model that was asked for and fits.
     let calibration = Calibration {
         body,
         lens: name,

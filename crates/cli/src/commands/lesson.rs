@@ -100,6 +100,10 @@ fn list(json: bool) -> anyhow::Result<()> {
 
 /// The program that runs, and what comes before its arguments: from the Python package it is a module of the interpreter.
 fn this_program() -> anyhow::Result<(PathBuf, &'static [&'static str])> {
+    // Of a virtual environment, whose interpreter is a link: the process itself is the one it leads to.
+    if let Some(interpreter) = std::env::var_os("DIOPTER_PYTHON") {
+        return Ok((interpreter.into(), &["-m", "diopter"]));
+    }
     let program = std::env::current_exe().context("the program itself, which runs the commands of a lesson")?;
     let name = program.file_stem().unwrap_or_default().to_string_lossy().to_lowercase();
     let interpreter = name.starts_with("python") || name.starts_with("pypy");

@@ -16,8 +16,9 @@ use std::fmt::Write as _;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-/// Most builds of a run.
+/// Most builds of a run, and most numbers of all of them: they are in memory until they are written.
 const MOST_BUILDS: usize = 1_000_000;
+const MOST_NUMBERS: usize = 50_000_000;
 /// Perturbations that the text names; files have all.
 const NAMED: usize = 12;
 
@@ -92,6 +93,12 @@ pub fn run(asked: &Tolerance, json: bool) -> anyhow::Result<()> {
         targets.iter().filter_map(|t| if let Target::Plot(p) = t { Some(p.clone()) } else { None }).collect();
     let plots = paint::prepare(&plots)?;
     let (toleranced, seed) = toleranced(&asked.sheet, asked.lens.as_deref(), asked.seed)?;
+    let numbers = asked.builds.saturating_mul(toleranced.quantities().len());
+    if numbers > MOST_NUMBERS {
+        let most = MOST_NUMBERS / toleranced.quantities().len();
+        let found = format!("{} builds of {} quantities", asked.builds, toleranced.quantities().len());
+        return Err(AskedWrongly(anyhow!("-n: {found}; expected at most {most} builds, or fewer fields and frequencies")).into());
+    }
     // In the order of their numbers, however many threads there are.
     let sensitivities: Vec<Sensitivity> =
         (0..toleranced.parameters().len()).into_par_iter().map(|i| toleranced.sensitivity(i)).collect();
@@ -141,7 +148,8 @@ pub fn build(asked: &Build, json: bool) -> anyhow::Result<()> {
             .zip(amounts)
             .map(|(p, a)| json!({ "name": p.name(), "unit": p.unit(), "amount": a }))
             .collect();
-        let values = toleranced.measure(&lens);
+        // Of the build before its film was moved: that is one of the quantities.
+        let values = toleranced.measure_build(asked.number);
         return print_json(&json!({ "number": asked.number, "seed": seed, "amounts": amounts,
             "quantities": named(&toleranced, &values), "toml": text }));
     }

@@ -55,7 +55,7 @@ pub(super) fn read(v: &Value, name: &str) -> Result<CameraFile, CalibrationError
     let mut d = matrix(&["distortion_coefficients", "D", "dist_coeffs", "D1"]).unwrap_or_default();
     let says = v.get("distortion_model").and_then(Value::as_str).unwrap_or("");
     let fisheye = matches!(says, "equidistant" | "fisheye" | "kannala_brandt")
-        || v.get("fisheye_model").and_then(Value::as_i64).is_some_and(|n| n != 0);
+        || v.get("fisheye_model").is_some_and(|v| v.as_bool().unwrap_or_else(|| v.as_f64().is_some_and(|n| n != 0.0)));
     let kind = match (fisheye, d.len()) {
         (true, 4) => ModelKind::Fisheye,
         (false, 0) => ModelKind::Pinhole,

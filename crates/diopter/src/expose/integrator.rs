@@ -120,7 +120,9 @@ impl Exposure<'_> {
             sums
         };
         let blocks: Vec<[f64; 2]> = (0..TRIAL_BLOCKS * TRIAL_BLOCKS).into_par_iter().map(block).collect();
-        shows(&blocks)
+        // Without photons the light of lamps without extent would be missing, not noisy.
+        let gathered = blocks.iter().any(|b| b[1] > 0.0);
+        gathered && (caustics.has_delta_lamps() || shows(&blocks))
     }
 }
 

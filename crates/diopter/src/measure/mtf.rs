@@ -412,7 +412,10 @@ pub fn find(plane: &Plane, options: &Options) -> Result<Vec<EdgeMtf>, MeasureErr
         let good = |region: &Region| {
             let (n, sum, squares) = plane.samples(*region).fold((0.0, 0.0, 0.0), |(n, s, q), v| (n + 1.0, s + v, q + v * v));
             let mean = sum / f64::max(n, 1.0);
-            (squares / f64::max(n, 1.0) - mean * mean > least_variance).then(|| measure(plane, *region, options).ok())?
+            // What is still rising at the ends of the region is a gradient, such as vignetting.
+            let is_edge = |e: &EdgeMtf| e.mtf50.is_none_or(|f| f * side as f64 > 2.0);
+            let varies = squares / f64::max(n, 1.0) - mean * mean > least_variance;
+            varies.then(|| measure(plane, *region, options).ok().filter(is_edge))?
         };
         let mut found: Vec<EdgeMtf> = regions.par_iter().filter_map(good).collect();
         // The best of those that overlap is the one whose edge lies best within its region.

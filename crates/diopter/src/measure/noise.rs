@@ -56,18 +56,22 @@ pub fn measure(pairs: &[(RawImage, RawImage)], region: Option<Region>) -> Result
     let [width, height] = first.size();
     for (a, b) in pairs {
         for other in [a, b] {
-            let same = other.size() == first.size() && other.header.cfa == h.cfa && other.header.white_level == h.white_level;
+            let o = &other.header;
+            let levels = (o.white_level, o.black_level) == (h.white_level, h.black_level);
+            let same = levels && other.size() == first.size() && o.cfa == h.cfa;
+            let same = same && (&o.facts.body, o.facts.iso) == (&h.facts.body, h.facts.iso);
             if !same {
                 return Err(MeasureError::unfit(
                     "photon transfer",
-                    "pictures of different sizes, filters or white levels",
+                    "pictures of different sizes, filters, levels, bodies or ISO speeds",
                     "raw images of one camera at one ISO speed",
                 ));
             }
         }
     }
     let region = region.unwrap_or(Region { x: width / 4, y: height / 4, width: width / 2, height: height / 2 });
-    let fits = region.x + region.width <= width && region.y + region.height <= height;
+    let within = |at: usize, length: usize, all: usize| at.checked_add(length).is_some_and(|end| end <= all);
+    let fits = within(region.x, region.width, width) && within(region.y, region.height, height);
     if !fits || region.width.min(region.height) < 16 {
         return Err(MeasureError::unfit(
             region.to_string(),

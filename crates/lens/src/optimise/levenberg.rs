@@ -108,7 +108,9 @@ pub(super) fn levenberg_marquardt(problem: &impl Residuals, start: &[f64], most:
         }
         loop {
             if free.is_empty() || damping > MOST_DAMPING {
-                let stop = if small > 0 || free.is_empty() { Stop::Converged } else { Stop::NoBetterStep };
+                // A variable that neither side lets move, because rays are lost there, is no sign of a minimum.
+                let stuck = free.is_empty() && columns.iter().any(|c| c.iter().all(|v| *v == 0.0));
+                let stop = if (small > 0 || free.is_empty()) && !stuck { Stop::Converged } else { Stop::NoBetterStep };
                 return Some(Found { x, merit, iterations: iteration, stop });
             }
             let mut damped = normal.clone();

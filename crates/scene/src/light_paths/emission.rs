@@ -87,6 +87,11 @@ pub(super) struct Emission<'a> {
 }
 
 impl<'a> Emission<'a> {
+    /// Whether some lamps have no extent.
+    pub fn has_delta_lamps(&self) -> bool {
+        self.lamps.iter().any(|l| l.is_delta)
+    }
+
     /// `None` where nothing throws caustics, or no lamp that photons should be emitted from.
     pub fn new(scene: &'a Scene, settings: &CausticSettings) -> Option<Self> {
         let casters = Casters::new(scene)?;

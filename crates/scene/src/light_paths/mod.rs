@@ -142,6 +142,11 @@ impl<'a> Caustics<'a> {
         Some(caustics)
     }
 
+    /// Whether some of the light comes from lamps without extent, which no path from the camera can meet.
+    pub fn has_delta_lamps(&self) -> bool {
+        self.emission.has_delta_lamps()
+    }
+
     /// How they are computed.
     pub fn settings(&self) -> &CausticSettings {
         &self.settings

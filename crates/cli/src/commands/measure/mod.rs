@@ -111,6 +111,9 @@ fn line(name: impl Into<String>, color: usize, style: Style, points: impl IntoIt
     Line { name: name.into(), color: COLORS[color % COLORS.len()], style, points }
 }
 
+/// Samples a pixel of a chart that is photographed, if nobody says.
+const CHART_SPP: u32 = 64;
+
 fn resolution(asked: &MeasureMtf, json: bool) -> anyhow::Result<()> {
     if let Some(pitch) = asked.pitch.filter(|p| !(*p > 0.0 && *p < 1e4)) {
         return Err(AskedWrongly(anyhow!("--pitch {pitch}: expected the distance of pixels in µm, such as 5.36")).into());
@@ -124,10 +127,23 @@ fn resolution(asked: &MeasureMtf, json: bool) -> anyhow::Result<()> {
     let options = Options { order: asked.order, window, reach: asked.reach };
     let scene = asked.file.to_str().filter(|name| builtin::is_embedded(name) && !asked.file.exists());
     let picture = match (scene, &asked.lens, &asked.body) {
-        (None, ..) => Measured::read(&asked.file, asked.encoding.decoded())?,
+        (None, ..) => {
+            let taken = [asked.aperture.is_some(), asked.focal_length.is_some(), asked.size.is_some(), asked.spp.is_some()];
+            if let Some(flag) = taken.iter().position(|given| *given) {
+                let flag = ["--aperture", "--focal-length", "--size", "--spp"][flag];
+                let what = anyhow!(
+                    "{flag} {}: this is a picture, whose facts say how it was taken; expected an embedded scene",
+                    name_of(&asked.file)
+                );
+                return Err(AskedWrongly(what).into());
+            }
+            Measured::read(&asked.file, asked.encoding.decoded())?
+        }
         (Some(name), Some(lens), Some(body)) => {
             let (aperture, focal_length) = (asked.aperture, asked.focal_length);
-            let setup = Setup { body, lens, aperture, focal_length, size: asked.size, spp: asked.spp };
+            read_lens(lens)?;
+            let spp = asked.spp.unwrap_or(CHART_SPP);
+            let setup = Setup { body, lens, aperture, focal_length, size: asked.size, spp };
             Measured::Raw(Box::new(photograph(&setup, name)?.raw))
         }
         (Some(name), ..) => {

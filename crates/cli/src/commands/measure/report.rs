@@ -23,7 +23,7 @@ use diopter::measure::{EdgeMtf, Plane};
 use diopter::quantity::{FNumber, LengthMm, Size};
 use diopter::scene::builtin::color_chart;
 use diopter::sensor::format::FULL_FRAME_DIAGONAL_MM;
-use diopter::shot::{Shot, ShotFile, read_body};
+use diopter::shot::{Shot, ShotFile, read_body, read_lens};
 use serde_json::json;
 use std::fmt::Write as _;
 use std::io::Write;
@@ -60,6 +60,8 @@ pub fn run(asked: &MeasureReport, json: bool) -> anyhow::Result<()> {
     }
     let output = Output::prepare(&asked.output)?;
     let sensor = read_body(&asked.body)?;
+    // Before anything is photographed: the chain is predicted for lenses with surfaces.
+    read_lens(&asked.lens)?;
     let mut page = Page::default();
     let setup = Setup {
         body: &asked.body,
