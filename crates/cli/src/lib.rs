@@ -10,6 +10,7 @@ mod checkpoint;
 mod commands;
 mod contact_sheet;
 mod help;
+mod html;
 mod memory;
 mod output;
 mod paint;

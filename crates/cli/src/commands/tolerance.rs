@@ -2,6 +2,7 @@
 
 use super::print_json;
 use crate::args::{Build, Tolerance};
+use crate::html::escaped;
 use crate::output::{Output, distinct};
 use crate::watch::say;
 use crate::{AskedWrongly, paint};
@@ -318,11 +319,6 @@ fn histograms(r: &Report) -> Figure {
         Distributed { label, values: r.builds.iter().map(|b| b[i]).collect(), nominal: t.nominal()[i], limits }
     };
     distribution_plot(&r.title(), &t.quantities().iter().enumerate().map(of).collect::<Vec<_>>())
-}
-
-/// Text within HTML.
-fn escaped(text: &str) -> String {
-    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;")
 }
 
 fn html(r: &Report) -> String {

@@ -11,6 +11,7 @@ use super::{
 use crate::AskedWrongly;
 use crate::args::MeasureReport;
 use crate::commands::{body, print_json};
+use crate::html::escaped;
 use crate::output::Output;
 use crate::watch::{say, warn, watched};
 use anyhow::anyhow;
@@ -266,11 +267,6 @@ impl Page {
             env!("CARGO_PKG_VERSION")
         )
     }
-}
-
-/// Text as HTML.
-fn escaped(text: &str) -> String {
-    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;")
 }
 
 #[cfg(test)]
