@@ -95,9 +95,7 @@ impl Exposure<'_> {
         if self.settings.integrator == Integrator::Caustics {
             return true;
         }
-        let trial = Caustics::new(self.scene, CausticSettings { photons: TRIAL_PHOTONS, ..caustics.settings().clone() });
-        let Some(trial) = trial else { return false };
-        let map = trial.map(0, 0);
+        let map = caustics.trial_map(TRIAL_PHOTONS);
         let [columns, rows] = [self.camera.film.columns, self.camera.film.rows];
         let block = |number: usize| {
             let mut sums = [0.0f64; 2];

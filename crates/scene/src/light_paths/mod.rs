@@ -147,9 +147,12 @@ impl<'a> Caustics<'a> {
         self.emission.has_delta_lamps()
     }
 
-    /// How they are computed.
-    pub fn settings(&self) -> &CausticSettings {
-        &self.settings
+    /// A map of some photons only, to learn how much they bring: larger discs, of the same neighbours.
+    pub fn trial_map(&self, photons: u32) -> PhotonMap<'_> {
+        let photons = photons.max(1);
+        let radius = self.first_radius * (self.settings.photons.max(1) as f32 / photons as f32).sqrt();
+        let time = self.scene.moves().then_some(TIME_REACH * self.emission.span_s());
+        PhotonMap::new(self, self.photons(PILOT_MAP, 1, photons), radius, time)
     }
 
     /// The photons of a map, for samples of a replicate (0 or 1, [`Sampler::replicate`]).
