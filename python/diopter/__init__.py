@@ -41,12 +41,14 @@ from ._pipeline import (
 )
 from ._program import command
 from ._scene import Material, Scene
+from .dataset import Dataset
 
 __all__ = [
     "VISUAL_NM",
     "Bench",
     "Body",
     "Camera",
+    "Dataset",
     "DiopterError",
     "DiopterWarning",
     "Distortion",

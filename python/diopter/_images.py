@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 from typing import TYPE_CHECKING, Any, Literal, Sequence
@@ -80,6 +81,26 @@ class FocalPlane:
         """Object number + 1, ``uint32 [row][column]``; 0 where nothing is hit. Numbers are those of :attr:`diopter.Scene.objects`; what is put into
         the scene for the photograph (ground, studio, flash) comes behind."""
         return self._native.object
+
+    @property
+    def truth_channels(self) -> dict[str, str]:
+        """The truth channels that were recorded, and what each means: its unit, whether it is of the nearest sample or weighted by coverage."""
+        return {
+            name: f"{about} [{unit or 'no unit'}; {merge}]" for name, unit, merge, about in self._native.truth_channels
+        }
+
+    @property
+    def object_names(self) -> list[str]:
+        """Names of the scene's objects by number; :attr:`object` is that number + 1. Empty where no truth channels were asked for."""
+        return self._native.object_names
+
+    def truth(self, name: str) -> Float32 | npt.NDArray[np.uint32]:
+        """A truth channel by its name (:attr:`truth_channels`), ``[row][column]`` or ``[row][column][part]``. Channels beyond depth, normal, albedo
+        and id are recorded where they are asked for: ``expose(..., truth_channels="position,flow")``."""
+        values = self._native.truth(name)
+        if values is None:
+            raise KeyError(f"the truth channel {name!r} was not recorded: expected one of {', '.join(self.truth_channels)}")
+        return values
 
     @property
     def metadata(self) -> dict[str, Any]:
@@ -225,6 +246,23 @@ class RawImage:
         """Digital numbers, ``uint16 [row][column]`` (``[row][column][channel]`` where every pixel has all channels): a read-only view."""
         return self._native.mosaic
 
+    def __array__(self, dtype: npt.DTypeLike = None, copy: bool | None = None) -> npt.NDArray[Any]:
+        return _as_array(self.mosaic, dtype, copy)
+
+    def __dlpack__(
+        self,
+        *,
+        stream: None = None,
+        max_version: tuple[int, int] | None = None,
+        dl_device: tuple[int, int] | None = None,
+        copy: bool | None = None,
+    ) -> Any:
+        """The mosaic for ``torch.from_dlpack`` and its like."""
+        return _as_dlpack(self.mosaic, max_version, dl_device, copy)
+
+    def __dlpack_device__(self) -> tuple[int, int]:
+        return _DLPACK_CPU
+
     @property
     def pattern(self) -> npt.NDArray[np.intp]:
         """The filter pattern that repeats over the mosaic: numbers into :attr:`channels`, ``[row][column]``."""
@@ -311,6 +349,23 @@ class Picture:
         """Codes in :attr:`encoding`, ``float32 [row][column][3]``: a read-only view."""
         return self._native.array
 
+    def __array__(self, dtype: npt.DTypeLike = None, copy: bool | None = None) -> npt.NDArray[Any]:
+        return _as_array(self.array, dtype, copy)
+
+    def __dlpack__(
+        self,
+        *,
+        stream: None = None,
+        max_version: tuple[int, int] | None = None,
+        dl_device: tuple[int, int] | None = None,
+        copy: bool | None = None,
+    ) -> Any:
+        """The array for ``torch.from_dlpack`` and its like."""
+        return _as_dlpack(self.array, max_version, dl_device, copy)
+
+    def __dlpack_device__(self) -> tuple[int, int]:
+        return _DLPACK_CPU
+
     @property
     def space(self) -> str:
         """Primaries and white: ``srgb``, ``display-p3``, ``rec2020`` or ``acescg``."""
@@ -353,6 +408,37 @@ class Picture:
         import numpy as np
 
         return (Picture, (np.array(self.array), self.space, self.encoding))
+
+
+#: Memory of the processor, as DLPack numbers devices (``kDLCPU``).
+_DLPACK_CPU = (1, 0)
+
+
+def _as_array(view: npt.NDArray[Any], dtype: npt.DTypeLike, copy: bool | None) -> npt.NDArray[Any]:
+    """What ``numpy.asarray`` asks for: without a copy where no other type is wanted."""
+    import numpy as np
+
+    if copy:
+        return np.array(view, dtype=dtype)
+    if copy is False and dtype is not None and np.dtype(dtype) != view.dtype:
+        raise ValueError(f"{np.dtype(dtype)} of {view.dtype} without a copy: expected copy=None or copy=True")
+    return np.asarray(view, dtype=dtype)
+
+
+def _as_dlpack(
+    view: npt.NDArray[Any], max_version: tuple[int, int] | None, dl_device: tuple[int, int] | None, copy: bool | None
+) -> Any:
+    """A capsule of DLPack. Our memory is read-only, which DLPack says from version 1.0 on (and numpy from 2.1 on): others are given a copy."""
+    import numpy as np
+
+    if dl_device is not None and tuple(dl_device) != _DLPACK_CPU:
+        raise BufferError(f"device {dl_device}: expected {_DLPACK_CPU}, the memory of the processor")
+    if not copy and max_version is not None and max_version[0] >= 1:
+        with contextlib.suppress(TypeError, BufferError):
+            return view.__dlpack__(max_version=max_version)
+    if copy is False:
+        raise BufferError("read-only memory, of which DLPack before 1.0 and numpy before 2.1 know nothing: expected copy=None or copy=True")
+    return np.array(view).__dlpack__()
 
 
 def _facts(text: str) -> dict[str, Any]:

@@ -58,6 +58,8 @@ class ExposureSettings(TypedDict, total=False):
     sampler: str
     #: Most scattering events of a path.
     max_depth: int
+    #: Truth channels beyond depth, normal, albedo and id: ``"position,flow"`` or ``"all"``; see :meth:`diopter.FocalPlane.truth`.
+    truth_channels: str
     #: Stop after about so long, s.
     time_limit: float | str
     #: Reduce the renderer's own noise.
@@ -78,7 +80,7 @@ class ExposureSettings(TypedDict, total=False):
 
 _SECTIONS = {
     "exposure": ("shutter", "iso", "mode", "metering", "compensation", "nd", "white", "temperature_c", "lens_cap"),
-    "render": ("size", "spp", "samples", "seed", "sampler", "max_depth", "time_limit", "denoise", "quick"),
+    "render": ("size", "spp", "samples", "seed", "sampler", "max_depth", "truth_channels", "time_limit", "denoise", "quick"),
     "scene": ("light", "ambient_ev", "ground", "at"),
 }
 _SECTION_OF = {name: section for section, names in _SECTIONS.items() for name in names}
@@ -121,8 +123,14 @@ def _bar(progress: Progress, what: str) -> Iterator[Callable[[float], object] | 
     try:
         from tqdm.auto import tqdm
     except ImportError:
+        told = ""
+
         def line(part: float) -> None:
-            print(f"\r{what} {100 * part:3.0f} %", end="", file=sys.stderr, flush=True)
+            nonlocal told
+            text = f"\r{what} {100 * part:3.0f} %"
+            if text != told:
+                told = text
+                print(text, end="", file=sys.stderr, flush=True)
 
         yield line
         print("\r" + " " * (len(what) + 6), end="\r", file=sys.stderr, flush=True)

@@ -111,7 +111,7 @@ class Scene:
 
     @classmethod
     def load(cls, path: str | os.PathLike[str], *, strict: bool = False) -> Scene:
-        """Reads .gltf, .glb, .pbrt, .obj, .ply or .stl. ``strict``: a texture that cannot be read is an error; without, magenta stands in for it."""
+        """Reads .gltf, .glb, .usd (.usda, .usdc, .usdz), .pbrt, .xml (Mitsuba), .obj, .ply, .spz or .stl. ``strict``: a texture that cannot be read is an error; without, magenta stands in for it."""
         scene = cls.__new__(cls)
         name = os.fspath(path)
         scene._native = _diopter.Scene.read(name, strict)

@@ -13,7 +13,7 @@ import numpy as np
 import diopter as dp
 
 
-def main(folder: Path = Path("."), size: tuple[int, int] = (600, 400), spp: int = 64) -> dp.Picture:
+def main(folder: Path = Path("."), size: tuple[int, int] = (600, 400), spp: int = 16) -> dp.Picture:
     scene = dp.Scene.builtin("still-life")
     camera = dp.Camera(lens="double-gauss-50mm", body="nikon-d850", focus="auto", aperture="f/2.8")
 

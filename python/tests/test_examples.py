@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import ast
 import importlib.util
+import json
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 import numpy as np
 import pytest
@@ -42,3 +45,44 @@ def test_raw_and_truth(tmp_path: Path) -> None:
     assert item["mosaic"].shape == item["expected"].shape == item["depth"].shape == (16, 24)
     again = example("raw_and_truth").main(tmp_path / "again", count=1, size=(24, 16), spp=2)
     np.testing.assert_array_equal(np.load(again[0])["mosaic"], item["mosaic"])
+
+
+def test_torch_data_set(tmp_path: Path) -> None:
+    # Where torch is not installed, the example gives numpy arrays.
+    module = example("torch_data_set")
+    assert module.main(tmp_path / "set", count=5, size="24x16", spp=2, workers=2) == 5
+    sample = module.RawAndTruth(tmp_path / "set")[3]
+    assert tuple(sample["noisy"].shape) == tuple(sample["clean"].shape) == (4, 8, 12)
+
+
+def test_denoising_pairs(tmp_path: Path) -> None:
+    found = example("denoising_pairs").main(tmp_path / "pairs", count=2, size=(96, 64), spp=4)
+    # About 10 000 squares of unit variance: their mean is within 0.015 (one deviation), five of them and the fixed pattern's own rounding.
+    assert all(ratio == pytest.approx(1.0, abs=0.08) for ratio in found.values()), found
+    item = np.load(tmp_path / "pairs" / "iso400-0001.npz")
+    assert item["noisy"].shape == item["again"].shape == (64, 96) and (item["noisy"] != item["again"]).any()
+
+
+@pytest.mark.parametrize("path", sorted(EXAMPLES.glob("*.ipynb")), ids=lambda path: path.stem)
+def test_notebooks_run(path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Runs the code cells in order, as a kernel would without its magic; what a cell ends with is shown as a notebook shows it."""
+    monkeypatch.chdir(tmp_path)
+    notebook = json.loads(path.read_text(encoding="utf-8"))
+    assert notebook["nbformat"] == 4
+    names: dict[str, Any] = {"__name__": "__main__"}
+    ran = 0
+    for number, cell in enumerate(notebook["cells"]):
+        if cell["cell_type"] != "code":
+            continue
+        assert not cell["outputs"] and cell["execution_count"] is None, "notebooks are kept without outputs"
+        tree = ast.parse("".join(cell["source"]))
+        last = tree.body[-1] if tree.body else None
+        if isinstance(last, ast.Expr):
+            tree.body.pop()
+        exec(compile(tree, f"{path.name}[{number}]", "exec"), names)
+        if isinstance(last, ast.Expr):
+            value = eval(compile(ast.Expression(last.value), f"{path.name}[{number}]", "eval"), names)
+            if hasattr(value, "_repr_png_"):
+                assert value._repr_png_().startswith(b"\x89PNG")
+        ran += 1
+    assert ran >= 3

@@ -39,6 +39,19 @@ def test_a_plane_is_arrays_without_a_copy(plane: dp.FocalPlane) -> None:
     assert plane.metadata["seed"] == 3 and plane.metadata["samples"] == 4
 
 
+def test_truth_channels_are_arrays_by_name(scene: dp.Scene) -> None:
+    plane = dp.expose(scene, dp.Camera(body="canon-5d-mark-iv"), truth_channels="position,flow,crypto-object", **SMALL)
+    assert list(plane.truth_channels) == ["depth", "normal", "albedo", "id", "position", "flow", "crypto-object"]
+    assert plane.truth("position").shape == (32, 48, 3) and plane.truth("crypto-object").shape == (32, 48, 12)
+    np.testing.assert_array_equal(plane.truth("depth"), plane.depth)
+    # Nothing moves.
+    hit = np.isfinite(plane.depth)
+    assert hit.any() and np.abs(plane.truth("flow")[hit]).max() < 1e-2
+    assert len(plane.object_names) >= plane.object.max()
+    with pytest.raises(KeyError, match="motion"):
+        plane.truth("motion")
+
+
 def test_a_view_outlives_its_plane(scene: dp.Scene) -> None:
     plane = dp.expose(scene, **SMALL)
     mean, copy = plane.mean, np.array(plane.mean)
@@ -203,3 +216,42 @@ def test_other_python_threads_run_meanwhile(scene: dp.Scene) -> None:
     done.set()
     thread.join()
     assert ticks > 0.1 * seconds / 0.005, f"{ticks} in {seconds} s"
+
+
+def test_raw_images_and_pictures_are_arrays(plane: dp.FocalPlane) -> None:
+    raw = dp.read_out(plane, seed=3)
+    picture = dp.develop(raw)
+    for value, array in ((raw, raw.mosaic), (picture, picture.array)):
+        shared, copied = np.asarray(value), np.array(value)
+        np.testing.assert_array_equal(shared, array)
+        assert np.shares_memory(shared, array) and not shared.flags.writeable
+        assert copied.flags.writeable and not np.shares_memory(copied, array)
+        np.testing.assert_array_equal(np.asarray(value, dtype=np.float64), array.astype(np.float64))
+        assert value.__dlpack_device__() == (1, 0)
+        # Of a consumer that does not know of read-only memory: a copy.
+        assert "dltensor" in repr(value.__dlpack__())
+        with pytest.raises(BufferError, match="device"):
+            value.__dlpack__(dl_device=(2, 0))
+        if hasattr(np, "from_dlpack"):
+            np.testing.assert_array_equal(np.from_dlpack(value), array)
+    if np.lib.NumpyVersion(np.__version__) >= "2.1.0":
+        assert np.shares_memory(np.from_dlpack(picture), picture.array) and not np.from_dlpack(picture).flags.writeable
+
+
+def test_paths_need_not_be_text(plane: dp.FocalPlane, tmp_path: Path) -> None:
+    class Somewhere:
+        def __fspath__(self) -> str:
+            return str(tmp_path / "b.exr")
+
+    plane.save(Somewhere())
+    assert dp.FocalPlane.load(Somewhere()).size == plane.size
+
+
+def test_pictures_show_in_notebooks(plane: dp.FocalPlane) -> None:
+    raw = dp.read_out(plane)
+    taken = dp.Photograph(plane, raw, dp.develop(raw))
+    for value in (plane, raw, taken.picture, taken):
+        png = value._repr_png_()
+        assert png.startswith(b"\x89PNG")
+        width, height = int.from_bytes(png[16:20], "big"), int.from_bytes(png[20:24], "big")
+        assert (width, height) == (48, 32)

@@ -38,7 +38,10 @@ def test_the_program_exposes_the_same_bits(tmp_path: Path) -> None:
 
 @pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
 def test_ctrl_c_stops_an_exposure() -> None:
+    # Processes in the background of a shell begin with the signal ignored, and Python leaves it so.
     text = (
+        "import signal\n"
+        "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
         "import diopter as dp\n"
         "print('begun', flush=True)\n"
         "try:\n    dp.expose(size=(3000, 2000), spp=4096, shutter=0.01)\n"

@@ -70,6 +70,15 @@ pub enum Verb {
     Stack(Stack),
     /// A contact sheet: one shot with a setting varied, pictures side by side with what changed.
     Sheet(Sheet),
+    /// Several cameras on one frame: pictures of all of them, the calibration of the whole rig and what an IMU on it feels; see docs/rigs.md.
+    Rig(RigArgs),
+    /// What an event sensor sees of a scene: changes of light, pixel by pixel, with microsecond stamps; see docs/events.md.
+    Events(Box<EventsArgs>),
+    /// Data sets: many shots that differ as a specification says, as shards for training; see docs/datasets.md.
+    Dataset {
+        #[command(subcommand)]
+        verb: DatasetVerb,
+    },
     /// Lessons on cameras: figures and tables with two lines of text each, and the commands that make them.
     Lesson(LessonArgs),
     /// Embedded scenes, and what is in a scene file.
@@ -92,6 +101,10 @@ pub enum Verb {
         #[command(subcommand)]
         verb: MeasureVerb,
     },
+    /// Hold the camera in your hands: a viewfinder with dials, in the browser of this machine.
+    Viewfinder(Viewfinder),
+    /// Why a place of a picture is soft, bright and noisy, and what would change it.
+    Why(Why),
     /// Print a completion script for a shell.
     Completions {
         /// bash, zsh, fish, elvish or powershell.
@@ -113,7 +126,7 @@ pub enum SceneVerb {
     List,
     /// What a scene holds: triangles, materials, lights, cameras, warnings.
     Info {
-        /// Embedded scene, or a file: .pbrt, .gltf, .glb, .obj, .ply, .stl.
+        /// Embedded scene, or a file: .usd, .gltf, .glb, .pbrt, .xml (Mitsuba), .obj, .ply, .spz, .stl.
         scene: String,
         /// Fail when a texture cannot be read, instead of showing magenta in its place.
         #[arg(long)]
@@ -121,7 +134,7 @@ pub enum SceneVerb {
     },
     /// Write a scene as glTF 2.0 for other programs.
     Convert {
-        /// Embedded scene, or a file: .pbrt, .gltf, .glb, .obj, .ply, .stl.
+        /// Embedded scene, or a file: .usd, .gltf, .glb, .pbrt, .xml (Mitsuba), .obj, .ply, .spz, .stl.
         scene: String,
         /// .glb, or .gltf with a .bin beside it.
         #[arg(short, long, value_name = "FILE")]
@@ -212,6 +225,47 @@ pub enum LensVerb {
     Vignetting(Bench),
     /// Axial and lateral colour.
     Color(Bench),
+    /// One page about the lens, for paper: drawing, first and third order, contrast, spots, fans, distortion, illumination, glasses; -o
+    /// FILE.html or FILE.pdf.
+    Report(Bench),
+    /// Reflectance of the surfaces over wavelength and angle, layers, and what the lens lets through; -o also writes .csv and .json.
+    Coating {
+        /// A name from `lens list`, or a file (.toml, .dat, .zmx, .seq, .len, .json).
+        lens: String,
+        /// Only this surface, 1 the first; without, all that are between different media.
+        #[arg(long, value_name = "N")]
+        surface: Option<usize>,
+        /// Instead of the lens's own coating: none, MgF2, multi, perfect, single, V, broadband, modern, year.
+        #[arg(long, value_name = "NAME")]
+        coating: Option<String>,
+        /// Angles of incidence in the thinner medium, degrees: "0,30,45".
+        #[arg(long, value_name = "LIST", value_parser = list, default_value = "0,30,45,60")]
+        angle: List,
+        /// Chart (.svg, .png) or figures (.csv, .json) to write; may be given several times.
+        #[arg(short, long, value_name = "FILE")]
+        output: Vec<PathBuf>,
+    },
+    /// Ghosts: every pair of surfaces, and of a surface and the sensor, that throw light of a distant source onto the film; focus, size,
+    /// place, irradiance; -o also writes .json.
+    Ghosts {
+        #[command(flatten)]
+        bench: Bench,
+        /// Angle of the source to the axis, upwards in the scene: "10deg".
+        #[arg(long, value_name = "ANGLE", value_parser = degrees, default_value = "10deg", allow_hyphen_values = true)]
+        source: f64,
+        /// Instead of the lens's own coating: none, MgF2, multi, perfect, single, V, broadband, modern, year.
+        #[arg(long, value_name = "NAME")]
+        coating: Option<String>,
+        /// Fraction of the light that the sensor reflects.
+        #[arg(long, value_name = "FRACTION", default_value_t = 0.04)]
+        sensor_reflectance: f64,
+        /// Rays across the part of the front whose light makes a ghost.
+        #[arg(long, value_name = "N", default_value_t = 48)]
+        rays: usize,
+        /// Ghosts to list, the strongest first; 0 for all.
+        #[arg(long, value_name = "N", default_value_t = 25)]
+        top: usize,
+    },
     /// Camera models that say what the lens does, fitted to traced rays, for OpenCV, COLMAP, nerfstudio, Kalibr, lensfun; ST maps, ray tables.
     Calibrate(Calibrate),
     /// What the lens will be when it is built: sensitivities, Monte Carlo, yield against limits.
@@ -220,11 +274,11 @@ pub enum LensVerb {
     Build(Build),
     /// A better lens: variables and wishes from a merit file, damped least squares, a global search.
     Optimise(Optimise),
-    /// Any lens file as TOML.
+    /// Any lens file as TOML, Zemax or CODE V file.
     Convert {
-        /// Lens file (.dat, .zmx, .seq, .json, .toml) or the name of an embedded lens.
+        /// Lens file (.dat, .zmx, .seq, .len, .json, .toml) or the name of an embedded lens.
         lens: String,
-        /// File to write (.toml); standard output without.
+        /// File to write: .toml, .zmx (Zemax) or .seq (CODE V), at infinity and the first zoom position; TOML on standard output without.
         #[arg(short, long, value_name = "FILE")]
         output: Option<PathBuf>,
     },
@@ -310,7 +364,7 @@ pub enum ZernikeOrder {
 /// A lens and how it is set on the bench.
 #[derive(clap::Args, Debug)]
 pub struct Bench {
-    /// A name from `lens list`, or a file (.toml, .dat, .zmx, .seq, .json).
+    /// A name from `lens list`, or a file (.toml, .dat, .zmx, .seq, .len, .json).
     pub lens: String,
     /// Where a zoom is set: "35 mm".
     #[arg(long, value_name = "LENGTH")]
@@ -339,7 +393,7 @@ pub struct Bench {
 /// A lens before a sensor, to be described for other programs.
 #[derive(clap::Args, Debug)]
 pub struct Calibrate {
-    /// A name from `lens list`, or a file (.toml, .dat, .zmx, .seq, .json).
+    /// A name from `lens list`, or a file (.toml, .dat, .zmx, .seq, .len, .json).
     pub lens: String,
     /// Pixels of the picture.
     #[arg(long, value_name = "WxH", default_value = "6000x4000")]
@@ -415,10 +469,14 @@ pub enum MeasureVerb {
     },
     /// A lab report of a body and a lens on one page: resolution beside its prediction, distortion, vignetting, noise, dynamic range, colour.
     Report(MeasureReport),
+    /// Veiling glare index (ISO 9358, integral method): of a photograph with a black spot, and of a lens by its prescription.
+    Glare(MeasureGlare),
     /// Relative illumination over the image height, from a flat field.
     Vignetting(MeasureChart),
     /// Distortion, from a grid of dots parallel to the film.
     Distortion(MeasureChart),
+    /// Read-out time and direction of a rolling shutter, from a picture of a flickering lamp's light or of moving bars.
+    Rolling(MeasureRolling),
     /// Colour differences of the 24 ColorChecker patches in a developed picture.
     Color {
         /// Picture: .png, .tif, .jpg or .exr, in sRGB primaries.
@@ -500,7 +558,7 @@ pub struct MeasureMtf {
 pub struct MeasureReport {
     /// Embedded body or TOML file.
     pub body: String,
-    /// A name from `lens list`, or a file (.toml, .dat, .zmx, .seq, .json).
+    /// A name from `lens list`, or a file (.toml, .dat, .zmx, .seq, .len, .json).
     pub lens: String,
     /// f-number; f/8 without (or as far as the lens opens).
     #[arg(long, value_name = "F")]
@@ -514,9 +572,56 @@ pub struct MeasureReport {
     /// Samples a pixel of the photographs.
     #[arg(long, value_name = "N", default_value_t = 64)]
     pub spp: u32,
-    /// Page to write (.html), with everything in it.
+    /// Page to write (.html or .pdf), with everything in it.
     #[arg(short, long, value_name = "FILE")]
     pub output: PathBuf,
+}
+
+/// A picture with the marks of a rolling shutter.
+#[derive(clap::Args, Debug)]
+pub struct MeasureRolling {
+    #[command(flatten)]
+    pub chart: MeasureChart,
+    /// Frequency of the light of a lamp that lights an even field, Hz; on mains of 50 Hz it is 100 Hz.
+    #[arg(long, value_name = "HZ", required_unless_present = "speed")]
+    pub flicker: Option<f64>,
+    /// Speed of bright bars before a dark ground over the picture, to the right and downwards, pixels a second: "2400,0".
+    #[arg(long, value_name = "X,Y", value_parser = pair, conflicts_with = "flicker", allow_hyphen_values = true)]
+    pub speed: Option<[f64; 2]>,
+}
+
+#[derive(clap::Args, Debug)]
+pub struct MeasureGlare {
+    /// Picture of a black spot on a bright field, as of the scene glare-spot: raw (.dng), focal plane or other .exr, .png, .tif, .jpg.
+    #[arg(required_unless_present = "lens")]
+    pub file: Option<PathBuf>,
+    /// The black part of the spot: "x,y,width,height", pixels; found in the middle without.
+    #[arg(long, value_name = "X,Y,W,H", value_parser = rectangle, requires = "file")]
+    pub region: Option<[usize; 4]>,
+    /// What is measured; of raw files green, of others luminance, without.
+    #[arg(long, value_name = "NAME", requires = "file")]
+    pub channel: Option<MeasuredChannel>,
+    /// Transfer function of the codes of a .png, .tif or .jpg.
+    #[arg(long, value_name = "NAME", default_value = "srgb")]
+    pub encoding: PictureEncoding,
+    /// The index of this lens, and its glare spread function: a name from `lens list`, or a file.
+    #[arg(long, value_name = "NAME|FILE")]
+    pub lens: Option<String>,
+    /// f-number; fully open without.
+    #[arg(long, value_name = "F", requires = "lens")]
+    pub aperture: Option<FNumber>,
+    /// Focal length of a zoom: "35 mm".
+    #[arg(long, value_name = "LENGTH", requires = "lens")]
+    pub focal_length: Option<LengthMm>,
+    /// A hood of this length, instead of the sheet's own.
+    #[arg(long, value_name = "LENGTH", requires = "lens")]
+    pub hood: Option<LengthMm>,
+    /// Width and height of the film, mm.
+    #[arg(long, value_name = "W,H", value_parser = pair, default_value = "36,24")]
+    pub film: [f64; 2],
+    /// Rays from each place of the film.
+    #[arg(long, value_name = "N", default_value_t = 20_000)]
+    pub rays: usize,
 }
 
 /// A picture of a chart.
@@ -660,7 +765,7 @@ pub struct Raw {
 /// What is photographed and how; shared by `shoot` and `expose`. Flags win over the shot file.
 #[derive(clap::Args, Debug)]
 pub struct Taking {
-    /// Embedded scene, a scene file (.pbrt, .gltf, .glb, .obj, .ply, .stl), or a .toml shot file; - for a shot file on standard input.
+    /// Embedded scene, a scene file (.usd, .gltf, .glb, .pbrt, .xml (Mitsuba), .obj, .ply, .spz, .stl), or a .toml shot file; - for a shot file on standard input.
     #[arg(value_name = "SCENE|SHOT.toml")]
     pub subject: Option<String>,
     /// Metres in a unit of length of the scene file: 0.001 for millimetres, 0.01 for centimetres.
@@ -716,7 +821,7 @@ pub struct Taking {
     /// Film format instead of the body's: a name ("full frame", "APS-C", "4/3") or mm ("36x24").
     #[arg(long, value_name = "NAME|MM")]
     pub format: Option<String>,
-    /// Lens: thin, pinhole, panorama, a name from `lens list`, or a file (.toml, .dat, .zmx, .seq, .json).
+    /// Lens: thin, pinhole, panorama, name (`lens list`) or file (.toml, .dat, .zmx, .seq, .len, .json).
     ///
     /// Ideal fisheyes are fisheye-equidistant, fisheye-equisolid, fisheye-stereographic and fisheye-orthographic.
     /// "sheet.toml#17" is build 17 of a tolerance sheet (`lens tolerance`).
@@ -757,6 +862,11 @@ pub struct Taking {
     /// Turn the iris, degrees.
     #[arg(long, value_name = "DEG", allow_negative_numbers = true)]
     pub blade_rotation: Option<f32>,
+    /// A hood of this length before a real lens, as narrow as the picture allows: keeps light from beside off the front glass.
+    ///
+    /// It shows with --stray scatter. A lens sheet can have its own ([hood]).
+    #[arg(long, value_name = "LENGTH")]
+    pub hood: Option<LengthMm>,
     /// A plenoptic camera: a microlens array of this pitch before the sensor, such as 0.1mm.
     #[arg(long, value_name = "PITCH")]
     pub plenoptic: Option<LengthMm>,
@@ -858,14 +968,14 @@ pub struct Taking {
     /// Unsteady hands: angular speed (rms), deg/s; 0.6 is a steady hand.
     #[arg(long, value_name = "DEG/S", allow_negative_numbers = true)]
     pub shake: Option<f64>,
-    /// Lamps flicker: "mains 50 Hz" or "mains 50 Hz 0.8" (depth), "pwm 240 Hz 0.3" (share of time on).
+    /// Lamps flicker: "mains 50 Hz" or "mains 50 Hz 0.8" (depth), "pwm 240 Hz 0.3" (fraction of time on).
     #[arg(long, value_name = "HOW", value_parser = flicker)]
     pub flicker: Option<FlickerSection>,
     /// Fire a flash of this guide number (f-number × metres, ISO 100).
     #[arg(long, value_name = "GN", allow_negative_numbers = true)]
     pub flash: Option<f64>,
-    /// Its power, a share of full: "1/4".
-    #[arg(long, value_name = "SHARE", value_parser = share)]
+    /// Its power, a fraction of full: "1/4".
+    #[arg(long, value_name = "FRACTION", value_parser = fraction)]
     pub flash_power: Option<f64>,
     /// Length of its pulse.
     #[arg(long, value_name = "TIME", allow_hyphen_values = true)]
@@ -885,10 +995,10 @@ pub struct Taking {
     /// what the camera is aimed at.
     #[arg(long, value_name = "WHAT", allow_hyphen_values = true)]
     pub focus: Option<FocusTo>,
-    /// Where autofocus looks: one, nine, or boxes "x,y,width,height;..." (shares of the picture).
+    /// Where autofocus looks: one, nine, or boxes "x,y,width,height;..." (fractions of the picture).
     #[arg(long, value_name = "ZONES", value_parser = zones, allow_hyphen_values = true)]
     pub focus_zones: Option<Zones>,
-    /// Which zone counts: closest (macro), farthest (background), median, centre or most.
+    /// Which zone counts: closest (macro), farthest (background), median, front-median or back-median (of the nearer or farther half), centre or most.
     #[arg(long, value_name = "NAME")]
     pub focus_priority: Option<String>,
     /// hybrid (phase, then contrast), phase, contrast or exhaustive.
@@ -900,6 +1010,9 @@ pub struct Taking {
     /// The motor: "step,backlash,speed" in mm, mm, mm/s of the film.
     #[arg(long, value_name = "S,B,V", value_parser = triple, allow_hyphen_values = true)]
     pub focus_motor: Option<[f64; 3]>,
+    /// Autofocus looks at all positions of the film, in mm behind its place for infinity: "from,to,step", such as 0,10,0.1 (--plot-focus shows the curve).
+    #[arg(long, value_name = "FROM,TO,STEP", value_parser = triple, allow_hyphen_values = true)]
+    pub focus_sweep: Option<[f64; 3]>,
     /// No picture when autofocus fails (exit code 1).
     #[arg(long)]
     pub require_focus: bool,
@@ -921,10 +1034,17 @@ pub struct Taking {
     /// Most scattering events of a path.
     #[arg(long, value_name = "N")]
     pub max_depth: Option<u32>,
-    /// path: from the camera only. caustics: and photons from lamps over mirrors and through glass. auto: photons for small lamps where there is
-    /// smooth glass or metal.
+    /// path: from the camera only. caustics: and photons from lamps over mirrors and through glass, and light from small lamps out of focus. auto: photons for
+    /// small lamps where there is smooth glass or metal, and light from small lamps out of focus.
     #[arg(long, value_name = "NAME")]
     pub integrator: Option<String>,
+    /// Stray light: all, none, or some of ghosts, diffraction, scatter with commas between them.
+    ///
+    /// ghosts: light of lamps that pairs of surfaces, and the sensor, throw back and forth. scatter: veiling glare of surfaces, dust, barrel and edges. Both
+    /// only in real lenses. diffraction: as --diffraction auto; where --stray leaves it out, there is none, unless --diffraction says otherwise. Without
+    /// --stray: diffraction where it shows, no ghosts, no scatter. Meters and autofocus see no stray light.
+    #[arg(long, value_name = "LIST")]
+    pub stray: Option<String>,
     /// A quick look: blur made from one sharp exposure and its depth.
     ///
     /// No rays are traced through the lens.
@@ -946,6 +1066,20 @@ pub struct Taking {
     /// The fraction of the light that was taken away is told. Parts of the samples and exposures larger than memory keep.
     #[arg(long, value_name = "keep|reweight")]
     pub fireflies: Option<diopter::shot::FireflyChoice>,
+    /// Truth channels that are recorded beside depth, normal, albedo and id: "position,flow" or "all".
+    ///
+    /// They go into focal planes (`expose`, --keep-plane) and --truth. Through the lens as it is, at each row's own time. docs/truth.md has the table of them:
+    /// position, distance, uv, incidence, coc (circle of confusion), pupil (vignetting), motion, flow, backward-flow, transmitted (behind glass), coverage, crypto-object and
+    /// crypto-material (Cryptomatte). The next frame is that of the film (--fps); of a single picture, 1/24 s later.
+    #[arg(long, value_name = "LIST")]
+    pub truth_channels: Option<String>,
+    /// Diffraction at the aperture: auto, on or off.
+    ///
+    /// The picture of every point is spread by the Fraunhofer pattern of the aperture as it is (blades, picture, what rims leave of it), and lamps brighter than
+    /// white make stars. auto: where the Airy disk of green light is no smaller than a pixel of the picture. Not through a pinhole, behind microlenses or in a
+    /// quick look.
+    #[arg(long, value_name = "auto|on|off")]
+    pub diffraction: Option<diopter::shot::DiffractionChoice>,
     /// Take about so long in all: "10s".
     ///
     /// With focusing, metering and denoising, which is left out where it does not fit. Of a sequence, for each picture.
@@ -974,6 +1108,22 @@ pub enum Checkpoint {
     Off,
     /// From one to the next, s.
     Every(f64),
+}
+
+#[derive(clap::Args, Debug)]
+pub struct Viewfinder {
+    /// Embedded scene, a scene file (.usd, .gltf, .glb, .pbrt, .xml (Mitsuba), .obj, .ply, .spz, .stl), or a .toml shot file; the still life without.
+    #[arg(value_name = "SCENE|SHOT.toml")]
+    pub subject: Option<String>,
+    /// Folder with scenes, pictures of light, lenses and tables that the page may open; may be given several times. Without, only what is embedded.
+    #[arg(long, value_name = "FOLDER")]
+    pub folder: Vec<PathBuf>,
+    /// Port on 127.0.0.1; 0 for a free one.
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    pub port: u16,
+    /// Open the page in the browser, too; without, only its address is printed.
+    #[arg(long)]
+    pub open: bool,
 }
 
 #[derive(clap::Args, Debug)]
@@ -1026,7 +1176,7 @@ pub struct Shoot {
     /// "aperture:shutter=f/2:1/60,f/4:1/15". Values that have commas are separated by semicolons.
     #[arg(long, value_name = "NAME=A,B,C", requires = "sheet")]
     pub vary: Vec<Axis>,
-    /// Contact sheet of the varied shots: .png, .jpg or .html; may be given several times.
+    /// Contact sheet of the varied shots: .png, .jpg, .html or .pdf; may be given several times.
     #[arg(long, value_name = "FILE", requires = "vary", conflicts_with_all = ["output", "truth", "keep_plane", "bracket", "merge", "focus_bracket", "stack", "plot_focus", "frames", "save_shot"])]
     pub sheet: Vec<PathBuf>,
     /// Also show a part of each picture at 100 %: its middle, "x,y", 0 to 1 across and down the picture.
@@ -1268,12 +1418,50 @@ pub enum CalcVerb {
     ThinLens(ThinLensArgs),
     /// f-number, focal length and aperture diameter: from two of them, the third; from the focal length alone, the full stops.
     Stop(StopArgs),
+    /// The diameter at which a pinhole is sharpest, between the blur of its size and that of diffraction.
+    Pinhole(PinholeArgs),
+    /// When which part of the picture is open: the shutter in slow motion.
+    Shutter(ShutterArgs),
     /// Film formats: width, height, area, diagonal, crop factor.
     Formats {
         /// Only these: names ("full frame", "APS-C", "4/3") or mm ("36x24").
         #[arg(value_name = "NAME|MM")]
         names: Vec<String>,
     },
+}
+
+#[derive(clap::Args, Debug)]
+pub struct ShutterArgs {
+    /// Marked exposure time: "1/500".
+    pub time: Seconds,
+    /// global, leaf, focal-plane or rolling.
+    #[arg(long, value_name = "KIND", default_value = "focal-plane")]
+    pub shutter_type: String,
+    /// Time that a curtain takes across the picture, or a rolling shutter to read it, or blades to open.
+    #[arg(long, value_name = "TIME")]
+    pub travel: Option<Seconds>,
+    /// Which way curtains or rows run, as seen in the picture: down, up, right or left.
+    #[arg(long, value_name = "WAY", default_value = "down")]
+    pub shutter_direction: String,
+    /// Drawing to write: .svg or .png; may be given several times.
+    #[arg(short, long, value_name = "FILE")]
+    pub output: Vec<PathBuf>,
+}
+
+#[derive(clap::Args, Debug)]
+pub struct PinholeArgs {
+    /// Distance of the film behind the hole: "50mm".
+    #[arg(value_name = "LENGTH")]
+    pub distance: LengthMm,
+    /// Distance of the object before it: "2.5m", "inf".
+    #[arg(long, value_name = "DISTANCE", default_value = "inf")]
+    pub object: Distance,
+    /// Wavelength, nm.
+    #[arg(long, value_name = "NM", default_value_t = 550.0)]
+    pub wavelength: f64,
+    /// Plot of the resolution over the diameter to write: .svg or .png; may be given several times.
+    #[arg(short, long, value_name = "FILE")]
+    pub output: Vec<PathBuf>,
 }
 
 #[derive(clap::Args, Debug)]
@@ -1444,8 +1632,8 @@ pub struct QuickLook {
 pub struct LessonArgs {
     /// A lesson, "all", or "list" for their names.
     pub name: String,
-    /// Folder to write into (made if it is not there): a page NAME.md and its figures; of all, also index.md.
-    #[arg(short, long, value_name = "FOLDER")]
+    /// Folder to write into (made if it is not there): a page NAME.md and its figures; of all, also index.md. Or one file, .pdf.
+    #[arg(short, long, value_name = "FOLDER|FILE.pdf")]
     pub output: Option<PathBuf>,
     /// Pixels of the photographs, instead of those that the lessons say.
     #[arg(long, value_name = "WxH")]
@@ -1465,9 +1653,126 @@ pub struct Sheet {
     /// Take no more memory than this ("4GB"); without, than is free.
     #[arg(long, value_name = "SIZE")]
     pub max_memory: Option<Bytes>,
-    /// Sheet to write: .png, .jpg or .html (one file with all pictures); may be given several times.
+    /// Sheet to write: .png, .jpg, .html (one file with all pictures) or .pdf; may be given several times.
     #[arg(short, long, value_name = "FILE", required = true)]
     pub output: Vec<PathBuf>,
+}
+
+#[derive(clap::Args, Debug)]
+pub struct RigArgs {
+    /// The rig: cameras, way, frames, IMU (.toml).
+    #[arg(value_name = "RIG.toml")]
+    pub rig: PathBuf,
+    /// Folder for all files: a new or empty one.
+    #[arg(short, long, value_name = "FOLDER")]
+    pub output: PathBuf,
+}
+
+#[derive(clap::Args, Debug)]
+pub struct EventsArgs {
+    #[command(flatten)]
+    pub taking: Taking,
+    /// Event sensor: dvs128, davis346, ideal-events, or a TOML file.
+    #[arg(long, value_name = "NAME|FILE", default_value = "davis346")]
+    pub sensor: String,
+    /// How long events are taken, from --at on.
+    #[arg(long, value_name = "TIME", default_value = "100 ms")]
+    pub duration: Seconds,
+    /// From one moment of light that is computed to the next; nothing should move by more than about a pixel in it.
+    #[arg(long, value_name = "TIME", default_value = "1 ms")]
+    pub step: Seconds,
+    /// Halve a step, up to four times, in which the light of a pixel changes by more than this (natural logarithm).
+    #[arg(long, value_name = "CHANGE")]
+    pub most_change: Option<f64>,
+    /// Write the photocurrents that pixels were fed with, too (.npy: float32 [moment][row][column], e-/s).
+    #[arg(long, value_name = "FILE")]
+    pub keep_light: Option<PathBuf>,
+    /// File to write: .npy (structured array), .csv or .raw (EVT 2.0).
+    #[arg(short, long, value_name = "FILE", required = true)]
+    pub output: Vec<PathBuf>,
+}
+
+#[derive(Subcommand, Debug)]
+pub enum DatasetVerb {
+    /// Make a data set, or go on with one that was stopped; pack what is made.
+    Make {
+        /// What varies and what is written (.toml).
+        spec: PathBuf,
+        /// Folder of the data set: a new or empty one, or one that was begun with the same specification.
+        #[arg(short, long, value_name = "FOLDER")]
+        output: PathBuf,
+    },
+    /// Make single items and leave them in the folder to be packed by `make`: what one worker does. Several may work on one folder.
+    Item {
+        /// What varies and what is written (.toml).
+        spec: PathBuf,
+        #[command(flatten)]
+        which: WhichItems,
+        /// Folder of the data set.
+        #[arg(short, long, value_name = "FOLDER")]
+        output: PathBuf,
+    },
+    /// Check a specification, and list what differs in its items.
+    Info {
+        /// What varies and what is written (.toml).
+        spec: PathBuf,
+        /// First and one after the last item that are listed; the first ten without.
+        #[arg(long, value_name = "A..B", value_parser = items)]
+        items: Option<[u64; 2]>,
+    },
+    /// Write the job of a render farm that makes the data set: a template of Open Job Description (`openjd run job.yaml`).
+    Job {
+        /// What varies and what is written (.toml).
+        spec: PathBuf,
+        /// Template to write (.yaml).
+        #[arg(short, long, value_name = "FILE")]
+        output: PathBuf,
+        /// Folder of the data set, as the job's default; without, one with the name of the specification beside the template.
+        #[arg(long, value_name = "FOLDER")]
+        folder: Option<PathBuf>,
+        /// Items of a task: some minutes of work are well scheduled.
+        #[arg(long, value_name = "N", default_value_t = 16, value_parser = clap::value_parser!(u64).range(1..))]
+        items_per_task: u64,
+        /// Processor cores that a task asks for, and threads that it takes.
+        #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1024))]
+        cores: Option<u32>,
+        /// Memory that a task asks for ("4GB").
+        #[arg(long, value_name = "SIZE")]
+        memory: Option<Bytes>,
+        /// Time after which a task has failed ("30 min").
+        #[arg(long, value_name = "TIME")]
+        timeout: Option<Seconds>,
+    },
+}
+
+/// Which items are made.
+#[derive(clap::Args, Debug)]
+pub struct WhichItems {
+    /// An item by its number, from 0; with --count the first of several.
+    #[arg(long, value_name = "N", required_unless_present = "items")]
+    pub item: Option<u64>,
+    /// How many from --item on; those beyond the last item are left out.
+    #[arg(long, value_name = "N", requires = "item", default_value_t = 1)]
+    pub count: u64,
+    /// First and one after the last item.
+    #[arg(long, value_name = "A..B", conflicts_with = "item", value_parser = items)]
+    pub items: Option<[u64; 2]>,
+}
+
+#[derive(clap::Args, Debug)]
+pub struct Why {
+    /// A shot file (.toml), a raw file taken here (.dng) with its shot file beside it, or a scene as `shoot` takes it without flags.
+    #[arg(value_name = "SHOT.toml|PHOTO.dng|SCENE")]
+    pub subject: PathBuf,
+    /// The place: "x,y", 0 to 1 across and down the picture; without, where autofocus settled, else the middle.
+    #[arg(long, value_name = "X,Y", value_parser = pair, allow_hyphen_values = true)]
+    pub at: Option<[f64; 2]>,
+    /// The shot file of a raw file (`shoot --save-shot`); without, the one of its name that ends in .toml.
+    #[arg(long, value_name = "FILE")]
+    pub shot: Option<PathBuf>,
+    /// Page to write (.html or .pdf): the picture with the place marked, and all tables.
+    #[arg(short, long, value_name = "FILE")]
+    pub output: Option<PathBuf>,
 }
 
 #[derive(clap::Args, Debug)]
@@ -1610,9 +1915,9 @@ fn corners(text: &str) -> Result<[[f64; 2]; 4], String> {
     Ok([[a, b], [c, d], [e, f], [g, h]])
 }
 
-/// A share: "0.25" or "1/4".
-fn share(text: &str) -> Result<f64, String> {
-    diopter::quantity::number(text).ok_or_else(|| format!("\"{text}\" is not a share such as 0.25 or 1/4"))
+/// A fraction: "0.25" or "1/4".
+fn fraction(text: &str) -> Result<f64, String> {
+    diopter::quantity::number(text).ok_or_else(|| format!("\"{text}\" is not a fraction such as 0.25 or 1/4"))
 }
 
 /// "mains 50 Hz 0.8", "pwm 240 Hz 0.3".
@@ -1629,7 +1934,7 @@ fn flicker(text: &str) -> Result<FlickerSection, String> {
         words[0].push_str(&unit);
     }
     let frequency = words.first().map(|f| f.parse::<Hertz>()).transpose().map_err(|_| wrong())?;
-    let amount = words.get(1).map(|a| share(a)).transpose().map_err(|_| wrong())?;
+    let amount = words.get(1).map(|a| fraction(a)).transpose().map_err(|_| wrong())?;
     if words.len() > 2 || !matches!(kind.as_str(), "mains" | "pwm") {
         return Err(wrong());
     }
@@ -1658,23 +1963,32 @@ fn gamma(text: &str) -> Result<&'static str, String> {
 }
 
 /// "A..B".
+/// Numbers of items: "0..200".
+fn items(text: &str) -> Result<[u64; 2], String> {
+    let ends = text.split_once("..").and_then(|(a, b)| Some([a.trim().parse().ok()?, b.trim().parse().ok()?]));
+    ends.filter(|[a, b]| a < b).ok_or_else(|| format!("\"{text}\" is not a range of items such as 0..200"))
+}
+
 fn range(text: &str) -> Result<[u32; 2], String> {
     let ends = text.split_once("..").and_then(|(a, b)| Some([a.trim().parse().ok()?, b.trim().parse().ok()?]));
     ends.ok_or_else(|| format!("\"{text}\" is not a range such as 0..64"))
 }
 
+/// The shot file of what is photographed: a shot file, or one with a scene alone.
+pub fn shot_of(subject: Option<&str>) -> Result<ShotFile, diopter::shot::ShotError> {
+    let Some(subject) = subject else { return Ok(ShotFile::default()) };
+    if subject.ends_with(".toml") || subject == files::STANDARD_INPUT {
+        return ShotFile::read(Path::new(subject));
+    }
+    let mut shot = ShotFile::default();
+    shot.scene.file = Some(subject.to_owned());
+    Ok(shot)
+}
+
 impl Taking {
     /// The shot file that is meant: the one given, with the flags on top.
     pub fn shot_file(&self) -> Result<ShotFile, diopter::shot::ShotError> {
-        let mut shot = match &self.subject {
-            Some(path) if path.ends_with(".toml") || path == files::STANDARD_INPUT => ShotFile::read(Path::new(path))?,
-            Some(scene) => {
-                let mut shot = ShotFile::default();
-                shot.scene.file = Some(scene.clone());
-                shot
-            }
-            None => ShotFile::default(),
-        };
+        let mut shot = shot_of(self.subject.as_deref())?;
         fn over<T: Clone>(to: &mut Option<T>, from: &Option<T>) {
             if from.is_some() {
                 to.clone_from(from);
@@ -1720,6 +2034,7 @@ impl Taking {
         over(&mut camera.blade_rotation_deg, &self.blade_rotation);
         over(&mut camera.blade_curvature, &self.blade_curvature);
         over(&mut camera.aperture_image, &self.aperture_image);
+        over(&mut camera.hood, &self.hood);
         let lenses = (&self.plenoptic, &self.microlens_focal_length, &self.microlens_gap, &self.microlens_arrangement);
         if !matches!(lenses, (None, None, None, None)) {
             let array = camera.plenoptic.get_or_insert_default();
@@ -1792,6 +2107,7 @@ impl Taking {
         over(&mut shot.focus.method, &self.focus_method);
         over(&mut shot.focus.measure, &self.focus_measure);
         over(&mut shot.focus.motor, &self.focus_motor);
+        over(&mut shot.focus.sweep, &self.focus_sweep);
         shot.focus.require |= self.require_focus;
         over(&mut render.size, &self.size);
         over(&mut render.spp, &self.spp);
@@ -1800,9 +2116,12 @@ impl Taking {
         over(&mut render.sampler, &self.sampler);
         over(&mut render.max_depth, &self.max_depth);
         over(&mut render.integrator, &self.integrator);
+        over(&mut render.stray, &self.stray);
         over(&mut render.time_limit, &self.time_limit);
         over(&mut render.denoise, &self.denoise);
         over(&mut render.fireflies, &self.fireflies);
+        over(&mut render.truth_channels, &self.truth_channels);
+        over(&mut render.diffraction, &self.diffraction);
         over(&mut render.oidn, &self.oidn);
         render.quick |= self.quick;
         Ok(shot)

@@ -21,7 +21,7 @@ use std::time::Instant;
 const EVERY_S: f64 = 30.0;
 const FIRST_S: f64 = 60.0;
 /// Writing checkpoints takes at most this fraction of the time.
-const SHARE: f64 = 0.05;
+const TIME_FRACTION: f64 = 0.05;
 
 /// An exposure that was taken, with its checkpoint.
 pub struct Taken {
@@ -137,7 +137,7 @@ impl Keeper<'_> {
         }
         let writing = Instant::now();
         let saved = save(file, sums, self.identity);
-        self.next = self.begun.elapsed().as_secs_f64() + self.every.max(writing.elapsed().as_secs_f64() / SHARE);
+        self.next = self.begun.elapsed().as_secs_f64() + self.every.max(writing.elapsed().as_secs_f64() / TIME_FRACTION);
         match saved {
             Ok(()) => self.ours.store(true, Ordering::Relaxed),
             Err(e) => {

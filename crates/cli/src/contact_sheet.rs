@@ -1,6 +1,7 @@
-//! Contact sheets as files: pictures side by side with captions, on one picture (PNG, JPEG) or one self-contained HTML page.
+//! Contact sheets as files: pictures side by side with captions, on one picture (PNG, JPEG), one self-contained HTML page or paper (PDF).
 
 use crate::AskedWrongly;
+use crate::document::{Block, Document};
 use crate::html::escaped;
 use crate::output::{JPEG_QUALITY, Output};
 use crate::paint::Page;
@@ -57,6 +58,7 @@ pub enum Kind {
     Png,
     Jpeg,
     Html,
+    Pdf,
 }
 
 /// Files that a sheet goes to, proved writable.
@@ -67,7 +69,11 @@ pub fn prepare(paths: &[PathBuf]) -> anyhow::Result<Vec<(Kind, Output)>> {
             Some("png") => Kind::Png,
             Some("jpg" | "jpeg") => Kind::Jpeg,
             Some("html" | "htm") => Kind::Html,
-            _ => return Err(AskedWrongly(anyhow!("{}: expected a name that ends in .png, .jpg or .html", path.display())).into()),
+            Some("pdf") => Kind::Pdf,
+            _ => {
+                let wrong = anyhow!("{}: expected a name that ends in .png, .jpg, .html or .pdf", path.display());
+                return Err(AskedWrongly(wrong).into());
+            }
         };
         Ok((kind, Output::prepare(path)?))
     };
@@ -209,9 +215,17 @@ impl ContactSheet {
         Ok(page)
     }
 
+    /// The sheet on paper that lies on its side: pictures as they are, with their captions as text.
+    fn document(&self) -> Document {
+        let cells = self.cells.iter().map(|c| (c.picture.clone(), c.label.clone(), c.facts.clone())).collect();
+        let mut blocks: Vec<Block> = self.text.iter().map(|line| Block::Paragraph(line.clone())).collect();
+        blocks.push(Block::Contacts { columns: self.columns(), cells });
+        Document { title: self.title.clone(), blocks, wide: true }
+    }
+
     /// Writes the sheet to all files.
     pub fn write(&self, outputs: Vec<(Kind, Output)>) -> anyhow::Result<Vec<PathBuf>> {
-        let painted = outputs.iter().any(|o| o.0 != Kind::Html);
+        let painted = outputs.iter().any(|o| matches!(o.0, Kind::Png | Kind::Jpeg));
         let page = if painted { Some(self.page()?) } else { None };
         let mut written = Vec::new();
         for (kind, output) in outputs {
@@ -221,6 +235,10 @@ impl ContactSheet {
                     output.commit(|to| Ok(to.write_all(&bytes)?))?
                 }
                 (Kind::Jpeg, Some(page)) => output.commit(|to| Ok(jpeg::write(&page.to_picture(), JPEG_QUALITY, to)?))?,
+                (Kind::Pdf, _) => {
+                    let bytes = self.document().pdf()?;
+                    output.commit(|to| Ok(to.write_all(&bytes)?))?
+                }
                 _ => {
                     let text = self.html()?;
                     output.commit(|to| Ok(to.write_all(text.as_bytes())?))?

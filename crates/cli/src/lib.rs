@@ -9,11 +9,13 @@ mod args;
 mod checkpoint;
 mod commands;
 mod contact_sheet;
+mod document;
 mod help;
 mod html;
 mod memory;
 mod output;
 mod paint;
+mod pdf;
 mod sheet;
 mod views;
 mod watch;
@@ -132,13 +134,18 @@ fn run_verb(args: Args) -> anyhow::Result<()> {
         Verb::Merge(merge) => commands::merge::run(&merge, json),
         Verb::QuickLook(look) => commands::quick_look::run(&look, json),
         Verb::Stack(stack) => commands::stack::run(&stack, json),
+        Verb::Rig(rig) => commands::rig::run(&rig, json),
+        Verb::Events(events) => commands::events::run(&events, json),
+        Verb::Dataset { verb } => commands::dataset::run(&verb, json),
         Verb::Lesson(lesson) => commands::lesson::run(&lesson, args.threads, json),
         Verb::Sheet(sheet) => commands::sheet::run(&sheet, json),
         Verb::Scene { verb } => commands::scene::run(&verb, json),
         Verb::Lens { verb } => commands::lens::run(&verb, json),
         Verb::Body { verb } => commands::body::run(&verb, json),
+        Verb::Viewfinder(viewfinder) => commands::viewfinder::run(&viewfinder, json),
         Verb::Completions { shell } => commands::manual::completions(shell),
         Verb::Measure { verb } => commands::measure::run(&verb, json),
+        Verb::Why(why) => commands::why::run(&why, json),
         Verb::Man { verb, output } => commands::manual::man(&verb, output.as_deref(), json),
     }
 }

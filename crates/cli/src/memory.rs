@@ -33,17 +33,28 @@ fn available(allowed: Option<Bytes>) -> Option<u64> {
     allowed.map(|Bytes(bytes)| bytes).or_else(free)
 }
 
-/// Keeps fireflies, and says so, where only without re-weighting them there is memory enough.
+/// Keeps fireflies, and says so, where only without re-weighting them there is memory enough; then gathers the stars of lamps like all light, with their
+/// noise.
 pub fn settle_fireflies(shot: &mut Shot, kept: Kept, allowed: Option<Bytes>) {
     let Some(available) = available(allowed) else { return };
     let needed = shot.bytes_needed(kept);
-    if !shot.reweights() || needed <= available {
+    if needed <= available {
         return;
     }
+    let (reweighted, starred) = (shot.reweights(), shot.makes_stars());
     shot.fireflies = FireflyChoice::Keep;
-    if shot.bytes_needed(kept) <= available {
-        let [needed, available] = [needed, available].map(Bytes);
+    shot.stars = shot.bytes_needed(kept) <= available;
+    if shot.bytes_needed(kept) > available {
+        return;
+    }
+    let [needed, available] = [needed, available].map(Bytes);
+    if reweighted {
         warn(&format!("fireflies are kept: re-weighting them takes {needed} of memory, and {available} can be had"));
+    }
+    if starred && !shot.stars {
+        warn(&format!(
+            "stars of lamps are noisy: without that noise the picture takes {needed} of memory, and {available} can be had"
+        ));
     }
 }
 

@@ -131,6 +131,11 @@ impl Output {
         write(&mut writer).with_context(place)?;
         writer.flush().with_context(place)?;
         drop(writer);
+        if self.path.extension().is_some_and(|e| e.eq_ignore_ascii_case("exr")) {
+            // The same picture is the same bytes.
+            let mut file = OpenOptions::new().read(true).write(true).open(&self.part).with_context(place)?;
+            exr::sort_attributes_in(&mut file).with_context(place)?;
+        }
         match &mut self.target {
             Target::File(target) => std::fs::rename(&self.part, target).with_context(place)?,
             Target::Stream(stream) => {

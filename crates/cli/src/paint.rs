@@ -144,6 +144,11 @@ impl Page {
     }
 }
 
+/// A picture of ours (PNG, sRGB codes), as it was painted.
+pub fn read_png(bytes: &[u8]) -> anyhow::Result<Picture> {
+    Ok(Page(Pixmap::decode_png(bytes).context("a picture that was just written")?).to_picture())
+}
+
 fn ink(color: Color, opacity: f32) -> Paint<'static> {
     let mut paint = Paint::default();
     paint.set_color_rgba8(color[0], color[1], color[2], (opacity * 255.0) as u8);

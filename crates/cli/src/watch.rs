@@ -45,6 +45,11 @@ pub fn stopping() -> bool {
     STOP.load(Ordering::Relaxed)
 }
 
+/// Set when a signal asks to stop.
+pub fn stop() -> &'static AtomicBool {
+    &STOP
+}
+
 /// How often the progress bar is drawn.
 const TICK: Duration = Duration::from_millis(100);
 

@@ -1,6 +1,8 @@
 //! The program as a user meets it.
 
 use common::Folder;
+use diopter::image::channels::CHANNELS;
+use diopter::image::exr::read_focal_plane;
 use std::path::Path;
 use std::process::Command;
 
@@ -87,6 +89,41 @@ fn pictures_to_look_at_are_denoised_and_raw_files_are_not() {
     }
     let (code, message) = f.fails(&["shoot", "--denoise", "maybe", "-o", "x.jpg"]);
     assert!(code == 2 && message.contains("builtin"), "{code} {message}");
+}
+
+#[test]
+fn truth_channels_are_written_where_they_are_asked_for() {
+    let f = Folder::new("truth-channels");
+    let shot = ["expose", "moving-bars", "--size", "24x16", "--shutter", "1/60", "--spp", "4"];
+    let with = |more: &[&'static str]| [&shot[..], more].concat();
+    f.ok(&with(&["-o", "plain.exr"]));
+    f.ok(&with(&["--truth-channels", "all", "-o", "all.exr"]));
+    let plane = |name: &str| read_focal_plane(std::fs::File::open(f.path(name)).unwrap()).unwrap();
+    let (plain, all) = (plane("plain.exr"), plane("all.exr"));
+    assert_eq!((&plain.mean, plain.truth.depth(), plain.truth.id()), (&all.mean, all.truth.depth(), all.truth.id()));
+    assert!(plain.truth.recorded().more().is_empty() && plain.truth.float("flow").is_none());
+    let recorded = all.truth.recorded();
+    assert_eq!((recorded.channels().len(), recorded.samples), (CHANNELS.len(), 4));
+    assert!(!recorded.objects.is_empty() && recorded.manifests.len() == 2);
+    // The bars move to the right, the wall stands.
+    let flow = all.truth.float("flow").unwrap();
+    let moving = |x: &f32| x.is_finite() && x.abs() > 0.1;
+    let across = flow.channel(0);
+    assert!(across.iter().any(moving) && across.iter().any(|x| x.abs() < 1e-3), "{across:?}");
+    // Parts merge to the same coverage.
+    for (samples, name) in [("0..1", "a.exr"), ("1..4", "b.exr")] {
+        f.ok(&with(&["--samples", samples, "--truth-channels", "coverage,crypto-object", "-o", name]));
+    }
+    f.ok(&["merge", "a.exr", "b.exr", "-o", "merged.exr"]);
+    let merged = plane("merged.exr");
+    for (a, b) in merged.truth.float("coverage").unwrap().data.iter().zip(&all.truth.float("coverage").unwrap().data) {
+        assert!((a - b).abs() < 1e-6, "{a} {b}");
+    }
+    assert_eq!(merged.truth.recorded().samples, 4);
+    let (code, message) = f.fails(&with(&["--truth-channels", "deepness", "-o", "x.exr"]));
+    assert!(code == 2 && message.contains("\"deepness\"") && message.contains("backward-flow"), "{code} {message}");
+    let (code, message) = f.fails(&with(&["--truth-channels", "coc", "--quick", "-o", "x.exr"]));
+    assert!(code == 2 && message.contains("quick"), "{code} {message}");
 }
 
 #[test]
@@ -369,7 +406,9 @@ fn wrong_requests_exit_with_2_and_a_hint() {
         (&["lens", "spot", "tessar-50mm-f2.8", "--rays", "1"], "2 to 1000"),
         (&["lens", "mtf", "tessar-50mm-f2.8", "--wavelength", "12"], "300 to 2500"),
         (&["lens", "mtf", "tessar-50mm-f2.8", "--field", "a"], "list of numbers"),
-        (&["lens", "convert", "tessar-50mm-f2.8", "-o", "a.zmx"], ".toml"),
+        (&["lens", "convert", "tessar-50mm-f2.8", "-o", "a.dat"], ".toml"),
+        (&["lens", "report", "tessar-50mm-f2.8", "-o", "a.txt"], "-o FILE.html"),
+        (&["lens", "report", "tessar-50mm-f2.8"], "-o FILE.html"),
         (&["lens", "convert", "l.toml", "-o", "./l.toml"], "it is read here"),
         (&["shoot", "--white", "D66"], "D65"),
         (&["shoot", "--tone", "filmy"], "aces-fit"),
@@ -405,7 +444,7 @@ fn wrong_requests_exit_with_2_and_a_hint() {
         (&["shoot", "propeller", "--flicker", "strobe 50 Hz"], "mains 50 Hz"),
         (&["shoot", "--flash", "0"], "above 0"),
         (&["shoot", "--flash-sync", "second"], "--flash GN"),
-        (&["shoot", "--flash", "20", "--flash-power", "2"], "share of full power"),
+        (&["shoot", "--flash", "20", "--flash-power", "2"], "fraction of full power"),
         (&["shoot", "--bracket", "0"], "1 to 99"),
         (&["shoot", "--step", "1ev"], "bracket beside it"),
         (&["shoot", "--merge", "a.exr"], "--bracket beside it"),

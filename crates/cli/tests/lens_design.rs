@@ -63,3 +63,37 @@ fn an_optimised_lens_is_better_and_read_back() {
     let (code, message) = f.fails(&["lens", "optimise", "m.toml", "-o", "m.toml"]);
     assert!(code == 2 && message.contains("it is read here"), "{message}");
 }
+
+#[test]
+fn a_report_is_one_page_with_every_part_and_files_of_other_programs_give_the_same_lens() {
+    let f = Folder::new("report");
+    f.ok(&["lens", "report", "triplet-50mm-f4", "-o", "r.html"]);
+    let page = String::from_utf8(f.read("r.html")).unwrap();
+    let parts = [
+        "Layout",
+        "First order",
+        "Prescription",
+        "Third order",
+        "Contrast",
+        "Spots",
+        "Ray fans",
+        "Distortion",
+        "Relative",
+        "Colour",
+        "Glasses",
+    ];
+    for part in parts {
+        assert!(page.contains(&format!("<h2>{part}")), "{part}");
+    }
+    // Nothing comes from elsewhere.
+    assert!(page.matches("<svg").count() >= 10 && !page.contains("src=") && !page.contains("NaN"), "{}", page.len());
+    let efl = |lens: &str| -> f64 {
+        let info: Value =
+            serde_json::from_slice(&f.ok(&["lens", "info", lens, "--wavelength", "587.56", "--json"]).stdout).unwrap();
+        info["effective_focal_length_mm"].as_f64().unwrap()
+    };
+    for file in ["t.zmx", "t.seq"] {
+        f.ok(&["lens", "convert", "triplet-50mm-f4", "-o", file]);
+        assert!((efl(file) / efl("triplet-50mm-f4") - 1.0).abs() < 1e-9, "{file}");
+    }
+}

@@ -11,6 +11,11 @@ fn size_of(png: &[u8]) -> [u32; 2] {
     [16, 20].map(|at| u32::from_be_bytes(png[at..at + 4].try_into().unwrap()))
 }
 
+/// Pictures in a PDF.
+fn pictures(pdf: &[u8]) -> usize {
+    pdf.windows(15).filter(|w| *w == b"/Subtype /Image").count()
+}
+
 /// What is denoised may depend on a library that is found: bytes are compared without.
 const SHOT: [&str; 12] =
     ["shoot", "cornell", "--size", "48x32", "--spp", "2", "--shutter", "1/30", "--aperture", "f/5.6", "--denoise", "off"];
@@ -22,7 +27,7 @@ fn sheet(f: &Folder, rest: &[&str]) -> Value {
 #[test]
 fn iso_speeds_share_one_exposure() {
     let f = Folder::new("sheet-iso");
-    let vary = ["--vary", "iso=100,400,1600", "--sheet", "iso.png", "--sheet", "iso.html"];
+    let vary = ["--vary", "iso=100,400,1600", "--sheet", "iso.png", "--sheet", "iso.html", "--sheet", "iso.pdf"];
     let told = sheet(&f, &vary);
     assert_eq!((told["exposures"].as_u64(), told["columns"].as_u64()), (Some(1), Some(3)), "{told}");
     let cells = told["cells"].as_array().unwrap();
@@ -35,9 +40,11 @@ fn iso_speeds_share_one_exposure() {
     let html = String::from_utf8(f.read("iso.html")).unwrap();
     assert_eq!(html.matches("data:image/png;base64,").count(), 3);
     assert!(html.contains("iso 1600") && !html.contains("src=\"iso"));
+    let pdf = f.read("iso.pdf");
+    assert!(pdf.starts_with(b"%PDF-") && pictures(&pdf) == 3, "{}", pictures(&pdf));
     // The same bytes again, with any number of threads.
     sheet(&f, &[&vary[..], &["--threads", "1"]].concat());
-    assert!(png == f.read("iso.png") && html.as_bytes() == f.read("iso.html"));
+    assert!(png == f.read("iso.png") && html.as_bytes() == f.read("iso.html") && pdf == f.read("iso.pdf"));
 }
 
 #[test]
@@ -101,7 +108,7 @@ fn what_makes_no_sheet_is_said() {
         (&["--vary", "iso", "--sheet", "a.png"], "iso=100,200,400"),
         (&["--vary", "iso=100,200"], "--sheet"),
         (&["--sheet", "a.png"], "--vary"),
-        (&["--vary", "iso=100,200", "--sheet", "a.gif"], ".png, .jpg or .html"),
+        (&["--vary", "iso=100,200", "--sheet", "a.gif"], ".png, .jpg, .html or .pdf"),
         (&["--vary", "iso=100,200", "--sheet", "a.png", "-o", "b.png"], "cannot be used with"),
         (&["--vary", "iso=100,200", "--vary", "iso=400", "--sheet", "a.png"], "twice"),
     ];
@@ -121,6 +128,11 @@ fn lessons_are_pages_with_figures_and_tables() {
         let path = f.path(file.as_str().unwrap());
         assert!(path.is_file(), "{}", path.display());
     }
+    // The same on paper: a file, and nothing beside it.
+    f.ok(&["lesson", "thin-lens", "-o", "thin-lens.pdf"]);
+    let figures = told["lessons"][0]["files"].as_array().unwrap().len() - 1;
+    assert_eq!(pictures(&f.read("thin-lens.pdf")), figures);
+    assert!(!f.path("thin-lens-equal.png").exists());
     let page = String::from_utf8(f.read("out/thin-lens.md")).unwrap();
     assert!(page.contains("](thin-lens-equal.png)") && page.contains("diopter calc thin-lens"), "{page}");
     // Photographs in another size; a table as it is printed.

@@ -11,8 +11,10 @@ mod regression;
 pub use energy::factors as keep_light;
 
 use diopter_image::focal_plane::{Band, FocalPlaneSource, STRIP_STEP, rows_within};
+use diopter_image::truth::Recorded;
 use diopter_image::{ExposureFacts, FocalPlane, ImageError, Raster};
 use rayon::prelude::*;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 /// Keeps the distance of noise-free patches finite, of the square of the mean.
 const LEAST_VARIANCE: f32 = 1e-6;
@@ -36,13 +38,34 @@ pub const STRIP_MEMORY: usize = 3 << 29;
 /// neighbours, and its half difference says less than the truth about the error: both halves share features and what they are made of.
 /// `facts.denoised` tells.
 pub fn denoise(plane: &FocalPlane) -> FocalPlane {
-    let mut out = filter_rows(plane, farthest_log_depth_of(&plane.truth.depth.data));
+    denoise_unless(plane, &NEVER).unwrap_or_else(|| plane.clone())
+}
+
+/// [`denoise`], given up within milliseconds once `cancel` is set: `None` then.
+pub fn denoise_unless(plane: &FocalPlane, cancel: &AtomicBool) -> Option<FocalPlane> {
+    within(plane, regression::WINDOW, cancel)
+}
+
+/// [`denoise`] in a third of the time, by fewer neighbours: for small pictures that are looked at for a moment.
+pub fn denoise_coarsely(plane: &FocalPlane) -> FocalPlane {
+    within(plane, COARSE_WINDOW, &NEVER).unwrap_or_else(|| plane.clone())
+}
+
+/// How far away the neighbours of [`denoise_coarsely`] are at most, px.
+const COARSE_WINDOW: i64 = 3;
+
+/// [`denoise_unless`] by neighbours up to `window` px away.
+fn within(plane: &FocalPlane, window: i64, cancel: &AtomicBool) -> Option<FocalPlane> {
+    let mut out = filter_rows(plane, farthest_log_depth_of(&plane.truth.depth().data), window, cancel)?;
     if plane.width() > 0 {
         give_back(&plane.mean.data, &mut out);
     }
     out.facts.denoised = true;
-    out
+    (!cancel.load(Ordering::Relaxed)).then_some(out)
 }
+
+/// What is not given up.
+static NEVER: AtomicBool = AtomicBool::new(false);
 
 /// Bytes of a pixel that denoising takes: calm replicates, variance, two filtered pairs and those of a filter at work; seven features, three fractions
 /// and errors; the old plane and the new one.
@@ -51,10 +74,12 @@ pub fn bytes_a_pixel(bands: usize) -> usize {
     4 * bands * (2 + 1 + 4 + 2) + 4 * (FEATURES + 3 + 3) + 2 * plane
 }
 
-/// Rows that [`Denoised`] computes at once, for pictures of so many pixels a row and bands.
-pub fn rows_at_once(width: usize, bands: usize) -> usize {
-    let around = (2 * REACH + energy::REACH) * width.saturating_mul(bytes_a_pixel(bands));
-    rows_within(STRIP_MEMORY.saturating_sub(around), width, bytes_a_pixel(bands))
+/// Rows that [`Denoised`] computes at once, for pictures of so many pixels a row and bands, with so many bytes of a pixel of truth beyond what is always
+/// recorded ([`Recorded::more_bytes`]).
+pub fn rows_at_once(width: usize, bands: usize, more: usize) -> usize {
+    let a_pixel = bytes_a_pixel(bands) + 3 * more;
+    let around = (2 * REACH + energy::REACH) * width.saturating_mul(a_pixel);
+    rows_within(STRIP_MEMORY.saturating_sub(around), width, a_pixel)
 }
 
 /// Log of the largest finite depth (m) of an exposure that is read strip by strip; `None` if nothing is hit.
@@ -63,7 +88,7 @@ pub fn farthest_log_depth(source: &mut impl FocalPlaneSource) -> Result<Option<f
     let mut farthest: Option<f32> = None;
     for first in (0..height).step_by(rows) {
         let strip = source.next_rows(rows.min(height - first))?;
-        farthest = farthest.into_iter().chain(farthest_log_depth_of(&strip.truth.depth.data)).reduce(f32::max);
+        farthest = farthest.into_iter().chain(farthest_log_depth_of(&strip.truth.depth().data)).reduce(f32::max);
     }
     Ok(farthest)
 }
@@ -90,7 +115,7 @@ pub struct Denoised<S> {
 impl<S: FocalPlaneSource> Denoised<S> {
     /// `farthest`: [`farthest_log_depth`] of the same exposure. It is not asked for when all rows are computed at once ([`rows_at_once`]).
     pub fn new(source: S, farthest: Option<f32>) -> Self {
-        let at_once = rows_at_once(source.size()[0], source.bands().len());
+        let at_once = rows_at_once(source.size()[0], source.bands().len(), source.recorded().more_bytes());
         Self::by_rows(source, farthest, at_once)
     }
 
@@ -126,6 +151,10 @@ impl<S: FocalPlaneSource> FocalPlaneSource for Denoised<S> {
         &self.facts
     }
 
+    fn recorded(&self) -> &Recorded {
+        self.source.recorded()
+    }
+
     fn size(&self) -> [usize; 2] {
         self.source.size()
     }
@@ -144,14 +173,15 @@ impl<S: FocalPlaneSource> FocalPlaneSource for Denoised<S> {
         let read = self.source.next_rows(read_to - read)?;
         let source = below(self.rows.take(), read);
         // A picture that is computed at once knows its farthest depth.
-        let farthest = if source.height() == height { farthest_log_depth_of(&source.truth.depth.data) } else { self.farthest };
+        let farthest = if source.height() == height { farthest_log_depth_of(&source.truth.depth().data) } else { self.farthest };
         // Filter the rows that are not yet, by those around them.
         let filtered_to = self.first_filtered + self.filtered.as_ref().map_or(0, FocalPlane::height);
         let filtered = match self.filtered.take() {
             Some(filtered) if filtered_to == filter_to => filtered,
             above => {
                 let around = filtered_to.saturating_sub(REACH).max(self.first);
-                let strip = filter_rows(&source.rows(around - self.first..read_to - self.first), farthest);
+                let rows = source.rows(around - self.first..read_to - self.first);
+                let strip = filter_rows(&rows, farthest, regression::WINDOW, &NEVER).unwrap_or(rows);
                 below(above, strip.rows(filtered_to - around..filter_to - around))
             }
         };
@@ -189,12 +219,12 @@ fn give_back(before: &[f32], plane: &mut FocalPlane) {
     }
 }
 
-/// All or some rows of an exposure, filtered; `farthest` is the log of the largest depth of all of it.
-fn filter_rows(plane: &FocalPlane, farthest: Option<f32>) -> FocalPlane {
+/// All or some rows of an exposure, filtered; `farthest` is the log of the largest depth of all of it. `None` once `cancel` is set.
+fn filter_rows(plane: &FocalPlane, farthest: Option<f32>, window: i64, cancel: &AtomicBool) -> Option<FocalPlane> {
     let (w, h, n) = (plane.width(), plane.height(), plane.bands.len());
     let mut out = plane.clone();
     if w * h == 0 || n == 0 {
-        return out;
+        return Some(out);
     }
     let half = |sign: f32| -> Planes {
         let band = |b: usize| {
@@ -219,8 +249,9 @@ fn filter_rows(plane: &FocalPlane, farthest: Option<f32>) -> FocalPlane {
         })
         .collect();
     // [half][width], then [width][half].
-    let [first, second] = [0, 1].map(|k| regression::filter(&calm[k], &calm[1 - k], &variance, &features, [w, h]));
-    let filtered: Vec<[Planes; 2]> = first.into_iter().zip(second).map(|(a, b)| [a, b]).collect();
+    let [first, second] =
+        [0, 1].map(|k| regression::filter(&calm[k], &calm[1 - k], &variance, &features, [w, h], window, cancel));
+    let filtered: Vec<[Planes; 2]> = first?.into_iter().zip(second?).map(|(a, b)| [a, b]).collect();
     let choice = choose(&filtered, &calm, &variance, w);
     for b in 0..n {
         for i in 0..w * h {
@@ -231,7 +262,7 @@ fn filter_rows(plane: &FocalPlane, farthest: Option<f32>) -> FocalPlane {
             out.half_difference.data[i * n + b] = finite(0.5 * (a - c));
         }
     }
-    out
+    Some(out)
 }
 
 /// Single pixels that stand far out of their neighbours in one half and not in the other are brought down towards the brightest neighbour:
@@ -283,9 +314,9 @@ fn features(plane: &FocalPlane, farthest: Option<f32>) -> Vec<Vec<f32>> {
     let t = &plane.truth;
     // What is hit nowhere lies a little behind the farthest thing.
     let nowhere = farthest.unwrap_or(0.0) + 0.5;
-    let depth: Vec<f32> = t.depth.data.iter().map(|d| if d.is_finite() { log_depth(*d) } else { nowhere }).collect();
+    let depth: Vec<f32> = t.depth().data.iter().map(|d| if d.is_finite() { log_depth(*d) } else { nowhere }).collect();
     let channel = |raster: &Raster<f32>, c: usize| raster.channel(c).into_iter().map(finite).collect();
-    let all = (0..3).map(|c| channel(&t.normal, c)).chain((0..3).map(|c| channel(&t.albedo, c))).chain([depth]);
+    let all = (0..3).map(|c| channel(t.normal(), c)).chain((0..3).map(|c| channel(t.albedo(), c))).chain([depth]);
     all.collect()
 }
 
@@ -310,7 +341,7 @@ fn blurred(plane: &[f32], w: usize, r: usize) -> Vec<f32> {
     out
 }
 
-/// Shares of the unfiltered value, the narrow and the wide weights in each pixel: by the error of each, which the other half shows without bias.
+/// Fractions of the unfiltered value, the narrow and the wide weights in each pixel: by the error of each, which the other half shows without bias.
 fn choose(filtered: &[[Vec<Vec<f32>>; 2]], halves: &[Vec<Vec<f32>>; 2], variance: &[Vec<f32>], w: usize) -> Vec<[f32; 3]> {
     let size = variance[0].len();
     let error = |candidate: &[Vec<Vec<f32>>; 2]| -> Vec<f32> {
@@ -329,10 +360,10 @@ fn choose(filtered: &[[Vec<Vec<f32>>; 2]], halves: &[Vec<Vec<f32>>; 2], variance
     let errors = [error(halves), error(&filtered[0]), error(&filtered[1])];
     let best = |i: usize| (0..3).min_by(|a, b| errors[*a][i].total_cmp(&errors[*b][i])).unwrap_or(1);
     let chosen: Vec<u8> = (0..size).map(|i| best(i) as u8).collect();
-    let shares: Vec<Vec<f32>> = (0..3)
+    let fractions: Vec<Vec<f32>> = (0..3)
         .map(|k| blurred(&chosen.iter().map(|c| f32::from(u8::from(usize::from(*c) == k))).collect::<Vec<_>>(), w, 1))
         .collect();
-    (0..size).map(|i| [shares[0][i], shares[1][i], shares[2][i]]).collect()
+    (0..size).map(|i| [fractions[0][i], fractions[1][i], fractions[2][i]]).collect()
 }
 
 #[cfg(test)]
@@ -353,9 +384,9 @@ mod tests {
             let (x, y) = (i % w, i / w);
             let albedo = if (x / 6 + y / 6) % 2 == 0 { 0.7 } else { 0.3 };
             let left = x < 60;
-            truth.albedo.data[i * 3..i * 3 + 3].fill(albedo);
-            truth.normal.data[i * 3 + usize::from(left)] = 1.0;
-            truth.depth.data[i] = if left { 2.0 } else { 3.0 + y as f32 / 40.0 };
+            truth.albedo_mut().data[i * 3..i * 3 + 3].fill(albedo);
+            truth.normal_mut().data[i * 3 + usize::from(left)] = 1.0;
+            truth.depth_mut().data[i] = if left { 2.0 } else { 3.0 + y as f32 / 40.0 };
             clean.push(100.0 * albedo * (1.0 + 0.5 * (y as f32 / 30.0).sin()) * if left { 1.0 } else { 0.4 });
         }
         let bands = vec![Band { name: "Y".into(), unit: BandUnit::Electrons }];
@@ -428,9 +459,9 @@ mod tests {
     #[test]
     fn what_is_no_number_harms_nothing_around() {
         let (mut plane, clean) = scene(0.2);
-        plane.truth.normal.data[3 * 4000] = f32::NAN;
-        plane.truth.albedo.data[3 * 4100] = f32::INFINITY;
-        plane.truth.depth.data[4200] = f32::NAN;
+        plane.truth.normal_mut().data[3 * 4000] = f32::NAN;
+        plane.truth.albedo_mut().data[3 * 4100] = f32::INFINITY;
+        plane.truth.depth_mut().data[4200] = f32::NAN;
         plane.mean.data[4300] = f32::NAN;
         plane.half_difference.data[4400] = f32::INFINITY;
         let out = denoise(&plane);
@@ -454,8 +485,8 @@ mod tests {
             plane.mean.data[i] *= 40.0;
             plane.half_difference.data[i] *= 40.0;
         }
-        for i in (0..plane.truth.depth.data.len()).filter(|i| i % SIZE[0] < 20) {
-            plane.truth.depth.data[i] = f32::INFINITY;
+        for i in (0..plane.truth.depth().data.len()).filter(|i| i % SIZE[0] < 20) {
+            plane.truth.depth_mut().data[i] = f32::INFINITY;
         }
         let whole = denoise(&plane);
         let farthest = farthest_log_depth(&mut plane.strips()).unwrap();
@@ -473,11 +504,11 @@ mod tests {
     #[test]
     fn strips_fit_into_the_memory() {
         for (width, bands) in [(20_000, 3), (20_000, 31), (100, 3)] {
-            let rows = rows_at_once(width, bands);
+            let rows = rows_at_once(width, bands, 0);
             assert!(rows >= STRIP_STEP && rows.is_multiple_of(STRIP_STEP));
             assert!(rows == STRIP_STEP || (rows + 2 * REACH + energy::REACH) * width * bytes_a_pixel(bands) <= STRIP_MEMORY);
         }
-        assert!(rows_at_once(20_000, 3) >= 192);
+        assert!(rows_at_once(20_000, 3, 0) >= 192 && rows_at_once(20_000, 3, 80) < rows_at_once(20_000, 3, 0));
     }
 
     #[test]

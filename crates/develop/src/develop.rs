@@ -23,7 +23,7 @@ use rayon::prelude::*;
 /// The steps, in their order.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Step {
-    /// Numbers to shares of saturation.
+    /// Numbers to fractions of saturation.
     BlackLevel,
     /// Offsets of rows taken off.
     RowNoise,

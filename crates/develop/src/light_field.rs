@@ -331,7 +331,7 @@ impl Decoder<'_> {
             })
             .collect();
         // Light that the lens gathers on the image of the pupil was spread over the whole lens on a film.
-        let share = (std::f64::consts::PI * (f.facts.gap_mm * f.facts.pupil_slope).powi(2) / f.lattice.cell_area()) as f32;
+        let fraction = (std::f64::consts::PI * (f.facts.gap_mm * f.facts.pupil_slope).powi(2) / f.lattice.cell_area()) as f32;
         let plane = |i: usize, channel: usize| {
             let mut plane: Vec<[f32; 2]> = vec![[0.0; 2]; width * height];
             for sums in parts.iter().map(|p| &p[i]) {
@@ -343,7 +343,7 @@ impl Decoder<'_> {
                     to[1] += from[1];
                 }
             }
-            filled(plane, width).into_iter().map(|v| v * share).collect()
+            filled(plane, width).into_iter().map(|v| v * fraction).collect()
         };
         (0..through.len()).into_par_iter().map(|i| (0..channels).map(|c| plane(i, c)).collect()).collect()
     }
@@ -450,12 +450,13 @@ impl Decoder<'_> {
         for k in 0..shifts.len().div_ceil(PLANES_A_PICTURE) + 1 {
             let shift = shifts[0] + step * k as f64;
             // Between two planes their mean by distance.
-            let share: Vec<f32> = found.iter().map(|s| (1.0 - ((f64::from(*s) - shift) / step).abs()).max(0.0) as f32).collect();
-            if share.iter().all(|s| *s == 0.0) {
+            let fraction: Vec<f32> =
+                found.iter().map(|s| (1.0 - ((f64::from(*s) - shift) / step).abs()).max(0.0) as f32).collect();
+            if fraction.iter().all(|s| *s == 0.0) {
                 continue;
             }
             for (to, from) in out.iter_mut().zip(self.gather(through, shift)) {
-                to.iter_mut().zip(&from).zip(&share).for_each(|((to, v), s)| *to += v * s);
+                to.iter_mut().zip(&from).zip(&fraction).for_each(|((to, v), s)| *to += v * s);
             }
         }
         out
@@ -463,7 +464,7 @@ impl Decoder<'_> {
 }
 
 impl Sums {
-    /// Shares a sample among the four pixels around its place.
+    /// Distributes a sample over the four pixels around its place.
     #[inline]
     fn splat(&mut self, at: DVec2, width: usize, channels: usize, channel: usize, [value, weight]: [f32; 2]) {
         let (x, y) = (at.x - 0.5, at.y - 0.5 - self.first as f64);
@@ -483,7 +484,7 @@ impl Sums {
     }
 }
 
-/// Share of a pixel that the disk of a radius covers, from its distance to the middle, in radii of the pupil's image of so many pixels.
+/// Fraction of a pixel that the disk of a radius covers, from its distance to the middle, in radii of the pupil's image of so many pixels.
 fn covered(q: f32, radius: f32, radius_px: f32) -> f32 {
     (0.5 + (radius - q) * radius_px).clamp(0.0, 1.0)
 }

@@ -6,7 +6,7 @@ use rayon::prelude::*;
 /// Cells along the longer side.
 const CELLS: usize = 480;
 
-/// Share of saturation above which a pixel says little.
+/// Fraction of saturation above which a pixel says little.
 pub const SATURATED: f32 = 0.98;
 
 /// One cell: the mean of each channel, of saturation, unbalanced.
@@ -92,11 +92,11 @@ impl Overview {
         self.signal.chunks(self.channels).zip(&self.saturated).map(|(signal, s)| Cell { signal, saturated: *s })
     }
 
-    /// Mean of the cells in a part of the picture: left, top, width, height as shares. At least one cell.
+    /// Mean of the cells in a part of the picture: left, top, width, height as fractions. At least one cell.
     pub fn mean(&self, [left, top, width, height]: [f64; 4]) -> Vec<f64> {
         // The cells that lie inside; at least the one in the middle.
         let range = |from: f64, length: f64, n: usize, axis: usize| {
-            let cell = |share: f64| share * self.pixels[axis] as f64 / self.side[axis] as f64;
+            let cell = |fraction: f64| fraction * self.pixels[axis] as f64 / self.side[axis] as f64;
             let (first, end) = ((cell(from) - 1e-6).ceil() as usize, (cell(from + length) + 1e-6) as usize);
             let middle = (cell(from + 0.5 * length) as usize).min(n - 1);
             if first < end.min(n) { first..end.min(n) } else { middle..middle + 1 }

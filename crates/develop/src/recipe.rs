@@ -57,7 +57,7 @@ macro_rules! section {
 section! {
     /// Offsets of rows.
     RowNoise {
-        /// Share of what a row lies off its neighbours that is taken away.
+        /// Fraction of what a row lies off its neighbours that is taken away.
         amount: f64 = 0.0,
     }
 }
@@ -96,7 +96,7 @@ section! {
         balance: String = "as-shot".into(),
         /// Off the line of black bodies: greener below 0, more magenta above.
         tint: f64 = 0.0,
-        /// A part of the picture that is grey: left, top, width, height as shares of the picture. Wins over `balance`.
+        /// A part of the picture that is grey: left, top, width, height as fractions of the picture. Wins over `balance`.
         patch: Option<[f64; 4]> = None,
     }
 }
@@ -180,7 +180,7 @@ section! {
 section! {
     /// Contrast of large areas.
     Local {
-        /// Share of the contrast between large areas that is taken away.
+        /// Fraction of the contrast between large areas that is taken away.
         compression: f64 = 0.0,
         /// Factor of the contrast within areas.
         detail: f64 = 1.0,
@@ -395,7 +395,7 @@ pub const SETTINGS: &[Setting] = &[
         "",
         0.0,
         1.0,
-        "share of a row's offset from its neighbours that is taken away; off: it can take fine level lines for noise",
+        "fraction of a row's offset from its neighbours that is taken away; off: it can take fine level lines for noise",
     ),
     number(
         "defects.threshold",
@@ -417,7 +417,7 @@ pub const SETTINGS: &[Setting] = &[
     number("white.tint", "1/3000 of uv", -150.0, 150.0, "off the line of black bodies: greener below 0, more magenta above"),
     Setting {
         name: "white.patch",
-        unit: "share of the picture",
+        unit: "fraction of the picture",
         allowed: Allowed::Numbers(4, 0.0, 1.0),
         why: "left, top, width, height of a part that is grey; wins over white.balance",
     },
@@ -460,7 +460,7 @@ pub const SETTINGS: &[Setting] = &[
     other("lens.lateral_color", Allowed::Bool, "colours on top of each other, by the prescription"),
     other("lens.vignetting", Allowed::Bool, "corners as bright as the middle, by the prescription"),
     number("exposure.ev", "EV", -10.0, 10.0, "brightening; at 0 what was metered as 18 % grey is shown so"),
-    number("local.compression", "", 0.0, 1.0, "share of the contrast between large areas that is taken away"),
+    number("local.compression", "", 0.0, 1.0, "fraction of the contrast between large areas that is taken away"),
     number("local.detail", "", 0.0, 4.0, "factor of the contrast within areas"),
     number("local.radius", "of the longer side", 0.002, 0.25, "how large an area is"),
     other("tone.curve", Allowed::Names(CURVES), "from the light of the scene to that of a display"),

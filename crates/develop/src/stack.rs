@@ -90,9 +90,9 @@ impl Fused {
             if top {
                 // A running mean by weight.
                 let before = self.salience[i];
-                let share = s / (before + s);
+                let fraction = s / (before + s);
                 for k in cell {
-                    self.detail.data[k] += (level.data[k] - self.detail.data[k]) * share;
+                    self.detail.data[k] += (level.data[k] - self.detail.data[k]) * fraction;
                 }
                 self.salience[i] = before + s;
             } else if *s > self.salience[i] {

@@ -18,7 +18,7 @@ use diopter::scene::motion::{
 use diopter::scene::shape::Mesh;
 use diopter::scene::texture::Color;
 use diopter::scene::{Description, Object, Scene, Shape, builtin, load};
-use diopter::{Camera, CameraWay, Film, Response, Settings, Shutter, expose};
+use diopter::{Camera, CameraMotion, Film, Response, Settings, Shutter, expose};
 use glam::{Affine3A, Vec3};
 use std::path::Path;
 use std::sync::atomic::AtomicBool;
@@ -74,7 +74,7 @@ fn large(bends: bool) -> Description {
     };
     let shape = Shape::Mesh { mesh: 0, world_from_mesh: Affine3A::IDENTITY };
     d.objects = vec![Object { motion, ..Object::new("sphere", shape, 0) }];
-    d.meshes = vec![mesh];
+    d.meshes = vec![mesh.into()];
     d
 }
 
@@ -99,7 +99,7 @@ fn main() {
         let bounds = d.bounds_at(0.0, |_| true);
         let from = bounds.center() + Vec3::new(0.6, 0.3, 1.0).normalize() * bounds.size().length() * 1.2;
         let lens = Lens::Pinhole(Pinhole::new(Millimeters(35.0), 8.0).expect("a pinhole"));
-        let way = CameraWay::still(look_at(from, bounds.center(), Vec3::Y).expect("a place"));
+        let way = CameraMotion::still(look_at(from, bounds.center(), Vec3::Y).expect("a place"));
         let camera = Camera { lens, film: Film::new(36.0, 24.0, 360, 240), way };
         let mut frozen = d.clone();
         frozen.playing.frozen_at_s = Some(0.5 * time);

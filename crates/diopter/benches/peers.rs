@@ -15,7 +15,7 @@ use diopter::scene::material::{Conductor, Material, Scattering};
 use diopter::scene::shape::Mesh;
 use diopter::scene::texture::Color;
 use diopter::scene::{Description, Object, Scene, Shape};
-use diopter::{Camera, CameraWay, Film, Response, Settings, Shutter, camera::look_at, expose, expose::Watch};
+use diopter::{Camera, CameraMotion, Film, Response, Settings, Shutter, camera::look_at, expose, expose::Watch};
 use glam::{Affine3A, Mat3, Vec3};
 use serde_json::Value;
 use std::path::Path;
@@ -120,7 +120,7 @@ fn describe(json: &Value, folder: &Path) -> Description {
             }
         };
         let name = o["ply"].as_str().expect("a file");
-        d.meshes.push(read_ply(&folder.join(name)));
+        d.meshes.push(read_ply(&folder.join(name)).into());
         let shape = Shape::Mesh { mesh: d.meshes.len() as u32 - 1, world_from_mesh: Affine3A::IDENTITY };
         d.objects.push(Object::new(name, shape, material));
     }
@@ -189,7 +189,7 @@ fn camera(c: &Value, res: &Value) -> Camera {
     Camera {
         lens,
         film: Film::new(width, width * rows as f64 / columns as f64, columns, rows),
-        way: CameraWay::still(look_at(vec3(&c["origin"]), vec3(&c["target"]), vec3(&c["up"])).expect("a place")),
+        way: CameraMotion::still(look_at(vec3(&c["origin"]), vec3(&c["target"]), vec3(&c["up"])).expect("a place")),
     }
 }
 

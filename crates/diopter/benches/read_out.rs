@@ -20,8 +20,8 @@ fn plane(sensor: &Sensor) -> FocalPlane {
     let mut plane = FocalPlane::even(bands, &vec![0.0; n], SIZE, ExposureFacts { exposure_s: 1.0, ..Default::default() });
     let top = 2.0 * sensor.full_well_e as f32;
     for (i, pixel) in plane.mean.data.chunks_mut(n).enumerate() {
-        let share = (i % SIZE[0]) as f32 / SIZE[0] as f32;
-        pixel.fill(top * share.powi(4));
+        let fraction = (i % SIZE[0]) as f32 / SIZE[0] as f32;
+        pixel.fill(top * fraction.powi(4));
     }
     plane
 }

@@ -1,6 +1,6 @@
 //! A lens, a film and a place in the world.
 
-use crate::camera_way::CameraWay;
+use crate::camera_motion::CameraMotion;
 use diopter_image::LightFieldFacts;
 use diopter_lens::Lens;
 use diopter_lens::microlens::MicrolensArray;
@@ -32,7 +32,7 @@ pub struct Film {
 }
 
 impl Film {
-    /// A film whose pixels are as large as their share of the format.
+    /// A film whose pixels are as large as their fraction of the format.
     pub fn new(width_mm: f64, height_mm: f64, columns: usize, rows: usize) -> Self {
         let pixel_area_mm2 = width_mm * height_mm / (columns * rows) as f64;
         Film {
@@ -48,7 +48,7 @@ impl Film {
         }
     }
 
-    /// A piece of the film, `[left, top, width, height]` as shares of the picture, cut into its own cells.
+    /// A piece of the film, `[left, top, width, height]` as fractions of the picture, cut into its own cells.
     pub fn piece(&self, [left, top, width, height]: [f64; 4], columns: usize, rows: usize) -> Film {
         let (w, h) = (self.width_mm * width, self.height_mm * height);
         let middle = [left + 0.5 * width - 0.5, 0.5 - top - 0.5 * height];
@@ -80,11 +80,20 @@ impl Film {
         open(at.x, self.width_mm, self.columns, self.gap_mm[0]) && open(at.y, self.height_mm, self.rows, self.gap_mm[1])
     }
 
+    /// Area of a pixel on which light is collected before it is scaled to [`Film::pixel_area_mm2`], mm²: its cell without the gaps.
+    pub(crate) fn collecting_area_mm2(&self) -> f64 {
+        let side = |length: f64, n: usize, gap: f64| length / n as f64 - gap;
+        side(self.width_mm, self.columns, self.gap_mm[0]) * side(self.height_mm, self.rows, self.gap_mm[1])
+    }
+
     /// Where in a pixel (0 to 1 across and down) light is collected, by two even numbers: between the gaps.
     pub(crate) fn within_pixel(&self, [u, v]: [f32; 2]) -> [f64; 2] {
-        let share = |gap: f64, length: f64, n: usize| 1.0 - gap * n as f64 / length;
-        let place = |u: f32, share: f64| 0.5 + (f64::from(u) - 0.5) * share;
-        [place(u, share(self.gap_mm[0], self.width_mm, self.columns)), place(v, share(self.gap_mm[1], self.height_mm, self.rows))]
+        let fraction = |gap: f64, length: f64, n: usize| 1.0 - gap * n as f64 / length;
+        let place = |u: f32, fraction: f64| 0.5 + (f64::from(u) - 0.5) * fraction;
+        [
+            place(u, fraction(self.gap_mm[0], self.width_mm, self.columns)),
+            place(v, fraction(self.gap_mm[1], self.height_mm, self.rows)),
+        ]
     }
 
     /// How far (mm) the low-pass filter moved the light that arrives, by two even numbers: one of four spots.
@@ -102,7 +111,7 @@ pub struct Camera {
     /// Records it.
     pub film: Film,
     /// Where it is during the exposure; it looks along −Z with +Y up.
-    pub way: CameraWay,
+    pub way: CameraMotion,
 }
 
 impl Camera {

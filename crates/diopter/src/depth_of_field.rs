@@ -3,7 +3,7 @@
 //! H = f² / (N c) + f; near = s (H − f) / (H + s − 2f); far = s (H − f) / (H − s), from the lens. Source: Ray 2002, "Applied
 //! Photographic Optics", ch. 22; numbers of docs/validation.md.
 
-/// Circle of confusion that is taken for sharp, as a share of the diagonal: 0.03 mm on 36 × 24 mm.
+/// Circle of confusion that is taken for sharp, as a fraction of the diagonal: 0.03 mm on 36 × 24 mm.
 pub const CIRCLE_OF_DIAGONAL: f64 = 1.0 / 1442.0;
 
 /// Hyperfocal distance, m, of a focal length (mm), f-number and circle of confusion (mm).

@@ -4,39 +4,53 @@
 //! sample, and are summed in double precision in an order that is always the same, so the result is the same for any number of threads and
 //! however often it was interrupted ([`Sums`]).
 
+mod blur;
+mod diffraction;
 mod fireflies;
+mod frames;
 mod integrator;
+mod light_tracing;
 mod paged;
 mod response;
+mod stars;
 mod sums;
 mod tile;
+mod truth;
 
+pub use diffraction::{Diffraction, diffraction_shows};
 pub use fireflies::{Fireflies, SUMS_WITH_CASCADE};
+pub use frames::Frames;
 pub use integrator::Integrator;
 pub use paged::{ExposedPaged, ExposedRows};
 pub use response::Response;
 pub use sums::{Keep, Sums};
+pub(crate) use truth::features;
 
 use crate::camera::Camera;
 use crate::row_store::{PagedRows, RowStore};
-use crate::shutter::{Moments, Place, Shutter};
+use crate::shutter::{Shutter, ShutterTimes};
+use crate::stray::{Seen, Stray, StrayLight};
+use diffraction::Optics;
+use diopter_image::channels::Channel;
 use diopter_image::focal_plane::{BandUnit, STRIP_STEP, Truth, bytes_a_pixel};
 use diopter_image::{ExposureFacts, FocalPlane, Raster};
-use diopter_lens::{Lens, Projection};
-use diopter_light::Ray;
+use diopter_lens::Lens;
 use diopter_light::random::SamplerKind;
 use diopter_light::wavelength::WavelengthSampler;
 use diopter_scene::light_paths::PhotonMap;
-use diopter_scene::{FirstSurface, PathSettings, Scene};
+use diopter_scene::{PathSettings, Scene};
 use fireflies::Cascade;
 use rayon::prelude::*;
 use response::Curves;
+use stars::{Stars, star_sums};
 use std::ops::Range;
 use std::path::Path;
+use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::time::Instant;
-use sums::Tile;
-use tile::Unit;
+use sums::{Tile, means};
+use tile::{RADIANCE_REDRAWS, Unit};
+use truth::Recorder;
 
 /// Pixels a side of the squares that threads take.
 const TILE: usize = 16;
@@ -66,8 +80,12 @@ pub struct Settings {
     pub time_limit_s: Option<f64>,
     /// Record depth, normals, albedo and ids.
     pub truth: bool,
+    /// Truth channels that are recorded with them.
+    pub truth_channels: Vec<&'static Channel>,
+    /// The frames that motion and flow are measured to; without, these channels stay empty.
+    pub frames: Option<Arc<Frames>>,
     /// When samples are taken.
-    pub moments: Moments,
+    pub shutter_times: ShutterTimes,
     /// Only light through one half of the pupil counts, as in one half of a split pixel.
     pub half: Option<Half>,
     /// Paths carry red, green and blue instead of wavelengths, as those of RGB renderers: to compare with them. Only for
@@ -78,6 +96,10 @@ pub struct Settings {
     pub redraw: bool,
     /// What becomes of outliers when the samples end. Only an exposure in electrons of all `spp` samples at once re-weights them; parts keep them.
     pub fireflies: Fireflies,
+    /// Whether the aperture diffracts light.
+    pub diffraction: Diffraction,
+    /// Stray light that a shot adds to the mean ([`Exposure::stray_light`]); [`expose()`] itself adds none.
+    pub stray: Stray,
 }
 
 /// A half of the pupil, as seen from behind the camera.
@@ -110,11 +132,15 @@ impl Settings {
             light_scale: 1.0,
             time_limit_s: None,
             truth: true,
-            moments: Moments::default(),
+            truth_channels: Vec::new(),
+            frames: None,
+            shutter_times: ShutterTimes::default(),
             half: None,
             rgb: false,
             redraw: false,
             fireflies: Fireflies::Keep,
+            diffraction: Diffraction::Off,
+            stray: Stray::NONE,
         }
     }
 
@@ -128,7 +154,7 @@ impl Settings {
 pub struct Watch<'a> {
     /// Set to stop.
     pub cancel: &'a AtomicBool,
-    /// Called with the share that is done, 0 to 1.
+    /// Called with the fraction that is done, 0 to 1.
     pub progress: &'a (dyn Fn(f64) + Sync),
 }
 
@@ -181,6 +207,33 @@ pub struct Exposed {
     pub plane: FocalPlane,
     /// Whether it was stopped before the last sample that was asked for.
     pub stopped: bool,
+    /// Stray light that is part of the mean: with it taken away, the plane is that of a lens without.
+    pub stray: Option<Arc<StrayLight>>,
+}
+
+/// Some pixels of an exposure.
+pub(crate) struct PixelBlock {
+    left: usize,
+    top: usize,
+    width: usize,
+    bands: usize,
+    /// `[row][column][band]`
+    mean: Vec<f32>,
+    half_difference: Vec<f32>,
+}
+
+impl PixelBlock {
+    /// Mean of each band of a pixel of the film.
+    pub fn mean(&self, [column, row]: [usize; 2]) -> &[f32] {
+        let start = ((row - self.top) * self.width + column - self.left) * self.bands;
+        &self.mean[start..start + self.bands]
+    }
+
+    /// Variance of the mean of a band by the samples of the exposure, over all pixels of the block.
+    pub fn variance(&self, band: usize) -> f64 {
+        let values = self.half_difference.iter().skip(band).step_by(self.bands).map(|h| f64::from(*h).powi(2));
+        values.sum::<f64>() * self.bands as f64 / self.half_difference.len() as f64
+    }
 }
 
 /// Exposes a film to a scene, which must have been posed ([`Scene::pose`]) for the whole time the shutter takes.
@@ -211,11 +264,16 @@ const TILES_AT_ONCE: usize = 64;
 /// Bytes that exposing takes at most beside the scene: for each pixel, and for the tiles that all threads work on.
 ///
 /// A pixel has two sums in double precision a band, its mean and half difference when they are done, and depth, normal, albedo and id. `summed`: bands
-/// that are summed, [`SUMS_WITH_CASCADE`] times as many as there are where fireflies are re-weighted.
+/// that are summed ([`summed_bands`]).
 pub fn bytes_needed(bands: usize, summed: usize) -> (usize, usize) {
     let (sums, plane) = (2 * 8 * summed, bytes_a_pixel(bands));
     let tile = (TILE + 2 * MARGIN).pow(2) * sums;
     (sums + plane, TILES_AT_ONCE * rayon::current_num_threads().max(1) * tile)
+}
+
+/// Bands that the sums of an exposure hold, of so many that the film records: more where fireflies are re-weighted, and where lamps make stars.
+pub fn summed_bands(bands: usize, fireflies: bool, stars: bool) -> usize {
+    bands * if fireflies { SUMS_WITH_CASCADE } else { 1 } + if stars { star_sums(bands) } else { 0 }
 }
 
 /// Samples of a pass: a power of two that depends on the number of pixels alone.
@@ -241,19 +299,41 @@ impl Exposure<'_> {
         let film = &self.camera.film;
         // Before the samples: a time limit then knows how long it takes.
         let truth = match self.settings.truth {
-            true => truth(self.scene, self.camera, self.shutter, 0..film.rows, watch.cancel).ok_or(ExposeError::Cancelled)?,
-            false => Truth::empty(film.columns, film.rows),
+            true => self.recorder().rows(0..film.rows, watch.cancel).ok_or(ExposeError::Cancelled)?,
+            false => Truth::missing(self.recorder().recorded(), film.columns, film.rows),
         };
-        let stopped = self.take_samples(watch, &mut sums, keep, started, self.settings.time_limit_s)?;
+        let optics = self.optics();
+        let stopped = self.take_samples(watch, &mut sums, keep, started, self.settings.time_limit_s, optics.as_ref())?;
         let mut facts = self.facts_of(&sums);
-        let (mean, half_difference, removed) = sums.finish(self.response.curves.len(), self.cascade());
+        let bands = self.response.curves.len();
+        let stars = optics.as_ref().filter(|_| self.makes_stars()).map(|optics| Stars {
+            optics,
+            camera: self.camera,
+            seed: self.settings.seed,
+            bands,
+            before: summed_bands(bands, self.cascade().is_some(), false),
+            reweight: self.cascade().is_some(),
+        });
+        let (mean, half_difference, removed) = sums.finish(bands, self.cascade(), stars);
         facts.fireflies_removed = removed;
         let plane = FocalPlane { bands: self.response.bands.clone(), mean, half_difference, truth, facts };
-        Ok(Exposed { plane, stopped })
+        Ok(Exposed { plane, stopped, stray: None })
     }
 
-    /// The same for planes that memory cannot hold: about `memory` bytes of the sums are in memory, the others in a temporary file in `folder`. The
-    /// truth is computed when the rows are asked for; a time limit leaves time for it. Fireflies are kept: the cascade would take six times the room.
+    /// The stray light that the settings ask for, to be added to the mean once all else is done with it; `seen` gathers that mean. `None` where there is none.
+    pub fn stray_light(&self, seen: impl FnOnce(&mut Seen)) -> Option<Arc<StrayLight>> {
+        let of = |seen: Option<&Seen>| StrayLight::of(self.scene, self.camera, self.shutter, self.response, self.settings, seen);
+        if !self.settings.stray.scatter {
+            return of(None).map(Arc::new);
+        }
+        let mut gathered = Seen::new(&self.camera.film, self.response.bands.len());
+        seen(&mut gathered);
+        of(Some(&gathered)).map(Arc::new)
+    }
+
+    /// [`Exposure::run`] for planes that memory cannot hold: about `memory` bytes of the sums are in memory, the others in a temporary file in `folder`. The
+    /// truth is computed when the rows are asked for; a time limit leaves time for it. Fireflies are kept: the cascade would take six times the room; and
+    /// what lamps diffract far out is gathered as all light is, with its noise.
     pub fn run_paged(
         &self,
         watch: &Watch,
@@ -262,8 +342,12 @@ impl Exposure<'_> {
         memory: usize,
         folder: &Path,
     ) -> Result<ExposedPaged, ExposeError> {
-        if self.settings.fireflies != Fireflies::Keep {
-            let settings = Settings { fireflies: Fireflies::Keep, ..self.settings.clone() };
+        if self.settings.fireflies != Fireflies::Keep || self.makes_stars() {
+            let diffraction = match self.settings.diffraction {
+                Diffraction::Off => Diffraction::Off,
+                Diffraction::On { .. } => Diffraction::On { white_e: None },
+            };
+            let settings = Settings { fireflies: Fireflies::Keep, diffraction, ..self.settings.clone() };
             return Exposure { settings: &settings, ..*self }.run_paged(watch, start, keep, memory, folder);
         }
         let mut sums = self.begin(start, |size| PagedRows::new(size, memory, folder))?;
@@ -275,21 +359,70 @@ impl Exposure<'_> {
             }
             // Some rows in the middle stand for all.
             let trial = film.rows / 2..(film.rows / 2 + STRIP_STEP).min(film.rows);
-            let share = film.rows as f64 / trial.len() as f64;
-            truth(self.scene, self.camera, self.shutter, trial, watch.cancel).ok_or(ExposeError::Cancelled)?;
-            Ok((limit - started.elapsed().as_secs_f64() * share).max(0.0))
+            let fraction = film.rows as f64 / trial.len() as f64;
+            self.recorder().rows(trial, watch.cancel).ok_or(ExposeError::Cancelled)?;
+            Ok((limit - started.elapsed().as_secs_f64() * fraction).max(0.0))
         });
         let limit = limit.transpose()?;
-        let stopped = self.take_samples(watch, &mut sums, keep, started, limit)?;
+        let optics = self.optics();
+        let stopped = self.take_samples(watch, &mut sums, keep, started, limit, optics.as_ref())?;
         Ok(ExposedPaged {
             camera: self.camera.clone(),
             shutter: *self.shutter,
-            truth: self.settings.truth,
+            recorded: self.recorder().recorded(),
+            settings: self.settings.clone(),
             bands: self.response.bands.clone(),
             facts: self.facts_of(&sums),
             sums,
             stopped,
         })
+    }
+
+    /// The pixels of the tile that holds a pixel, alone: as a whole exposure has them, but that outliers are kept, and that what lamps diffract far out and what
+    /// light is traced from them is gathered along paths as all light is.
+    pub(crate) fn tile_around(&self, [column, row]: [usize; 2]) -> PixelBlock {
+        let diffraction = match self.settings.diffraction {
+            Diffraction::Off => Diffraction::Off,
+            Diffraction::On { .. } => Diffraction::On { white_e: None },
+        };
+        let settings = Settings { fireflies: Fireflies::Keep, diffraction, ..self.settings.clone() };
+        let exposure = Exposure { settings: &settings, ..*self };
+        let optics = exposure.optics();
+        let (curves, wavelengths) = exposure.curves();
+        let unit = exposure.unit(&curves, &wavelengths, optics.as_ref());
+        let (film, bands, wanted) = (&self.camera.film, self.response.curves.len(), self.wanted());
+        let (left, top) = (column / TILE * TILE, row / TILE * TILE);
+        let (width, height) = (TILE.min(film.columns - left), TILE.min(film.rows - top));
+        // Colours of samples of other tiles land here, too.
+        let around = if matches!(self.camera.lens, Lens::Compound(_)) { 1 } else { 0 };
+        let near = |at: usize, tiles: usize| (at / TILE).saturating_sub(around)..=(at / TILE + around).min(tiles - 1);
+        let (across, down) = (film.columns.div_ceil(TILE), film.rows.div_ceil(TILE));
+        let indices: Vec<usize> = near(row, down).flat_map(|y| near(column, across).map(move |x| y * across + x)).collect();
+        let own = width * height * 2 * bands;
+        let tiles: Vec<Tile> = indices.into_par_iter().map(|i| unit.tile(i, wanted.clone(), vec![0.0; own], None)).collect();
+        let mut sums = vec![0.0; own];
+        let mut add = |x: usize, y: usize, values: &[f64]| {
+            if (left..left + width).contains(&x) && (top..top + height).contains(&y) {
+                let start = ((y - top) * width + x - left) * 2 * bands;
+                sums[start..start + 2 * bands].iter_mut().zip(values).for_each(|(a, b)| *a += b);
+            }
+        };
+        for tile in tiles {
+            for (i, values) in tile.sums.chunks_exact(2 * bands).enumerate() {
+                add(tile.column + i % tile.width, tile.row + i / tile.width, values);
+            }
+            for (pixel, values) in &tile.strays {
+                add(pixel % film.columns, pixel / film.columns, values.as_flattened());
+            }
+        }
+        let mut block = PixelBlock { left, top, width, bands, mean: vec![0.0; own / 2], half_difference: vec![0.0; own / 2] };
+        means(&wanted, &sums, &mut block.mean, &mut block.half_difference);
+        block
+    }
+
+    /// Records the truth.
+    fn recorder(&self) -> Recorder<'_> {
+        Recorder::new(self.scene, self.camera, self.shutter, self.settings)
     }
 
     /// What wavelengths count for, and how they are drawn.
@@ -301,10 +434,39 @@ impl Exposure<'_> {
     }
 
     /// What tiles are computed with.
-    fn unit<'a>(&'a self, curves: &'a Curves, wavelengths: &'a WavelengthSampler) -> Unit<'a> {
+    fn unit<'a>(&'a self, curves: &'a Curves, wavelengths: &'a WavelengthSampler, optics: Option<&'a Optics>) -> Unit<'a> {
         let Exposure { scene, camera, shutter, response, settings, .. } = *self;
         let behind = camera.film.microlenses.map(|m| m.behind(&camera.lens));
-        Unit { scene, camera, shutter, curves, response, wavelengths, settings, behind, cascade: self.cascade() }
+        let stars = self.makes_stars();
+        Unit {
+            scene,
+            camera,
+            shutter,
+            curves,
+            response,
+            wavelengths,
+            settings,
+            behind,
+            cascade: self.cascade(),
+            optics,
+            stars,
+            lamps: None,
+        }
+    }
+
+    /// Whether the film counts electrons.
+    fn in_electrons(&self) -> bool {
+        self.response.bands.iter().all(|b| b.unit == BandUnit::Electrons)
+    }
+
+    /// Diffraction, where it is asked for and there is any.
+    fn optics(&self) -> Option<Optics> {
+        Optics::of(self.camera, self.settings.diffraction, self.in_electrons())
+    }
+
+    /// Whether the sums hold what lamps send far out.
+    fn makes_stars(&self) -> bool {
+        self.in_electrons() && matches!(self.settings.diffraction, Diffraction::On { white_e: Some(_) })
     }
 
     /// The samples that are asked for.
@@ -314,16 +476,15 @@ impl Exposure<'_> {
 
     /// The cascade by which fireflies are re-weighted; `None` where they are kept.
     fn cascade(&self) -> Option<Cascade> {
-        let electrons = self.response.bands.iter().all(|b| b.unit == BandUnit::Electrons);
         match self.settings.fireflies {
-            Fireflies::Reweight { white_e } if electrons && self.settings.is_whole() => Some(Cascade::new(white_e)),
+            Fireflies::Reweight { white_e } if self.in_electrons() && self.settings.is_whole() => Some(Cascade::new(white_e)),
             _ => None,
         }
     }
 
-    /// Bands that are summed: those of the film, and of each buffer of the cascade.
+    /// Bands that are summed: those of the film, of each buffer of the cascade, and of stars.
     fn summed_bands(&self) -> usize {
-        self.response.curves.len() * if self.cascade().is_some() { SUMS_WITH_CASCADE } else { 1 }
+        summed_bands(self.response.curves.len(), self.cascade().is_some(), self.makes_stars())
     }
 
     /// The sums to go on from, or new ones.
@@ -368,13 +529,16 @@ impl Exposure<'_> {
         mut keep: Option<Keep<S>>,
         started: Instant,
         time_limit_s: Option<f64>,
+        optics: Option<&Optics>,
     ) -> Result<bool, ExposeError> {
         let film = &self.camera.film;
         let (width, height) = (film.columns, film.rows);
         let wanted = self.wanted();
         let sampling = Instant::now();
         let (curves, wavelengths) = self.curves();
-        let unit = self.unit(&curves, &wavelengths);
+        let mut unit = self.unit(&curves, &wavelengths, optics);
+        unit.lamps = self.light_tracing(&unit);
+        let unit = unit;
         let caustics = self.caustics().filter(|caustics| self.shows_caustics(&unit, caustics));
         let length = match &caustics {
             None => pass_length(width * height),
@@ -421,7 +585,7 @@ impl Exposure<'_> {
             }
             let of_pass = photons.as_ref().map(|(_, maps)| maps);
             tiles_done.store(sums.tiles, Ordering::Relaxed);
-            let share = |tile: usize| match time_limit_s {
+            let fraction = |tile: usize| match time_limit_s {
                 None => {
                     let samples = (done - wanted.start) as f64 + pass.len() as f64 * tile as f64 / tiles as f64;
                     samples / wanted.len() as f64
@@ -439,7 +603,7 @@ impl Exposure<'_> {
                             return None;
                         }
                         let tile = unit.tile(index, pass.clone(), before, of_pass);
-                        (watch.progress)(share(tiles_done.fetch_add(1, Ordering::Relaxed) + 1));
+                        (watch.progress)(fraction(tiles_done.fetch_add(1, Ordering::Relaxed) + 1));
                         Some(tile)
                     })
                     .collect();
@@ -448,6 +612,11 @@ impl Exposure<'_> {
                 }
                 sums.tiles = batch.end;
                 if sums.tiles == tiles {
+                    if let Some(lamps) = &unit.lamps {
+                        let stop = || at_once_if_stopped && stopped();
+                        let traced = lamps.pass(&unit, pass.clone(), stop, |splats| sums.add_splats(splats))?;
+                        traced.ok_or(ExposeError::Cancelled)?;
+                    }
                     sums.samples.end = pass.end;
                     sums.tiles = 0;
                 }
@@ -467,65 +636,4 @@ impl Exposure<'_> {
         }
         Ok(sums.samples.end < wanted.end && stopped())
     }
-}
-
-/// Ground truth of some rows along chief rays, in the middle of the time each pixel is open; `None` once `cancel` is set.
-fn truth(scene: &Scene, camera: &Camera, shutter: &Shutter, rows: Range<usize>, cancel: &AtomicBool) -> Option<Truth> {
-    truth_of(&|ray| scene.first_surface(ray), camera, shutter, rows, cancel)
-}
-
-/// What denoisers are guided by: as the truth, but with albedo and normals of what smooth glass and mirrors show.
-pub(crate) fn features(scene: &Scene, camera: &Camera, shutter: &Shutter) -> Truth {
-    let go_on = AtomicBool::new(false);
-    let rows = camera.film.rows;
-    let look = |ray: &Ray| scene.first_rough_surface(ray);
-    truth_of(&look, camera, shutter, 0..rows, &go_on).unwrap_or_else(|| Truth::empty(camera.film.columns, rows))
-}
-
-type Look<'a> = &'a (dyn Fn(&Ray) -> Option<FirstSurface> + Sync);
-
-fn truth_of(look: Look, camera: &Camera, shutter: &Shutter, rows: Range<usize>, cancel: &AtomicBool) -> Option<Truth> {
-    let (width, height) = (camera.film.columns, camera.film.rows);
-    let mut truth = Truth::empty(width, rows.len());
-    // All around there is no axis: depth is distance.
-    let all_around = match &camera.lens {
-        Lens::Pinhole(p) => matches!(p.projection, Projection::Panorama { .. }),
-        Lens::Calibrated(lens) => !lens.has_axis(),
-        _ => false,
-    };
-    let behind = camera.film.microlenses.map(|m| m.behind(&camera.lens));
-    let first = |column: usize, row: usize| {
-        let (open, close) = shutter.window(&Place { pixel: [column, row], size: [width, height], pupil: 0.0 });
-        let time = 0.5 * (open + close);
-        let film = camera.film_point(column as f64 + 0.5, row as f64 + 0.5);
-        let ray = match &behind {
-            None => camera.chief_ray(film, time),
-            // What a pixel behind a microlens sees through its middle.
-            Some(behind) => {
-                let aimed = behind.middle(film);
-                camera.lens.ray_along(aimed.at, aimed.slope).map(|ray| camera.to_world(&ray, time))
-            }
-        };
-        let ray = ray.ok().filter(Ray::is_finite)?;
-        let s = look(&ray)?;
-        Some((s.distance * if all_around { 1.0 } else { camera.cosine_to_axis(ray.direction, time) }, s))
-    };
-    // Each row where it belongs: no second copy of the planes.
-    let Truth { depth, normal, albedo, id } = &mut truth;
-    let guides = normal.data.par_chunks_mut(3 * width).zip(albedo.data.par_chunks_mut(3 * width));
-    let planes = depth.data.par_chunks_mut(width).zip(id.data.par_chunks_mut(width)).zip(guides);
-    let whole = planes.enumerate().try_for_each(|(row, ((depth, id), (normal, albedo)))| {
-        if cancel.load(Ordering::Relaxed) {
-            return None;
-        }
-        for column in 0..width {
-            let Some((distance, s)) = first(column, rows.start + row) else { continue };
-            depth[column] = distance;
-            normal[3 * column..3 * column + 3].copy_from_slice(&s.normal.to_array());
-            albedo[3 * column..3 * column + 3].copy_from_slice(&s.albedo.to_array());
-            id[column] = s.object + 1;
-        }
-        Some(())
-    });
-    whole.map(|()| truth)
 }

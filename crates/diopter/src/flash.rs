@@ -16,6 +16,7 @@ use diopter_scene::motion::{Motion, Node};
 use diopter_scene::shape::Mesh;
 use diopter_scene::{Description, Object, Shape};
 use glam::{Affine3A, Vec3};
+use std::sync::Arc;
 
 /// Incident-light constant, lx·s: ISO 2720, flat receptor; Sekonic.
 pub const C: f64 = 250.0;
@@ -57,7 +58,7 @@ impl Sync {
 pub struct Flash {
     /// ISO 100, m.
     pub guide_number: f64,
-    /// Share of full power.
+    /// Fraction of full power.
     pub power: f64,
     /// s
     pub pulse_s: f64,
@@ -117,11 +118,11 @@ impl Flash {
         let (w, h) = (0.5 * HEAD_M[0], 0.5 * HEAD_M[1]);
         // Facing −Z.
         let corner = |x: f32, y: f32| self.offset_m + Vec3::new(x, y, 0.0);
-        d.meshes.push(Mesh {
+        d.meshes.push(Arc::new(Mesh {
             positions: vec![corner(w, -h), corner(-w, -h), corner(-w, h), corner(w, h)],
             triangles: vec![[0, 1, 2], [0, 2, 3]],
             ..Default::default()
-        });
+        }));
         let shape = Shape::Mesh { mesh: d.meshes.len() as u32 - 1, world_from_mesh: Affine3A::IDENTITY };
         let motion = Motion::Carried { node: d.nodes.len() as u32 - 1 };
         d.objects.push(Object { motion, ..Object::new(NAME, shape, d.materials.len() as u32 - 1) });

@@ -117,7 +117,7 @@ pub fn focal_plane(
     }
     let mut truth = Truth::empty(light.width, light.height);
     if let Some(depth) = depth {
-        truth.depth.data.copy_from_slice(depth);
+        truth.depth_mut().data.copy_from_slice(depth);
     }
     let (f_number, t_number) = match place {
         Place::Scene { t_number } => (t_number, t_number),

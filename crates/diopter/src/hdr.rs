@@ -9,7 +9,7 @@
 
 use diopter_image::{Raster, RawImage};
 
-/// Share of the range above which a pixel counts as full.
+/// Fraction of the range above which a pixel counts as full.
 const FULL: f32 = 0.95;
 /// Numbers of no light and of saturation.
 const BLACK: f64 = 1023.0;

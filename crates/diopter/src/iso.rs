@@ -50,7 +50,7 @@ impl Field<'_> {
         Ok(read_out(&plane, self.sensor, &self.reading, &white)?)
     }
 
-    /// Largest mean of a channel, as a share of the way from black to white.
+    /// Largest mean of a channel, as a fraction of the way from black to white.
     fn level(&self, lux_seconds: f64) -> Result<f64, ShotError> {
         let raw = self.picture(lux_seconds)?;
         let h = &raw.header;

@@ -59,8 +59,8 @@ pub fn profile(lens: &CompoundLens, sensor: &Sensor, half_diagonal_mm: f64) -> O
         seen.then_some(Arriving { tangents, light: weights[1] })
     };
     let corner = half_diagonal_mm;
-    let round = |share: f64| -> Option<bool> {
-        let [x, y] = [DVec2::X, DVec2::Y].map(|d| arriving(d * corner * share));
+    let round = |fraction: f64| -> Option<bool> {
+        let [x, y] = [DVec2::X, DVec2::Y].map(|d| arriving(d * corner * fraction));
         Some((x?.tangents[1] / y?.tangents[1] - 1.0).abs() < ROUND)
     };
     if !round(0.1)? {

@@ -11,12 +11,27 @@ pub struct Lesson {
     pub title: String,
     /// What is to be seen, in two lines.
     pub text: [String; 2],
+    /// Files that the commands read: lenses, look-up tables. Written first, to be opened and changed.
+    #[serde(default)]
+    pub input: Vec<Input>,
     /// Figures, in order.
     #[serde(default)]
     pub figure: Vec<Figure>,
     /// Tables, in order.
     #[serde(default)]
     pub table: Vec<Table>,
+}
+
+/// A small text file that commands read.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Input {
+    /// Its name.
+    pub file: String,
+    /// What it is.
+    pub caption: String,
+    /// What is in it.
+    pub text: String,
 }
 
 /// A picture or plot that a command writes.

@@ -6,10 +6,13 @@
 
 pub mod calibration;
 pub mod camera;
-pub mod camera_way;
+pub mod camera_motion;
 pub mod checkpoint;
+pub mod dataset;
 pub mod denoising;
 pub mod depth_of_field;
+pub mod event_file;
+pub mod events;
 pub mod expose;
 pub mod files;
 pub mod flash;
@@ -22,24 +25,30 @@ pub mod lesson;
 pub mod measure;
 pub mod metering;
 mod mount;
+mod npy;
 pub mod program;
+mod projection;
 pub mod quantity;
 pub mod quick_look;
 pub mod raw_file;
 pub mod recipe_file;
+pub mod rig;
 pub mod row_store;
 pub mod sheet;
 pub mod shot;
 pub mod shutter;
 pub mod stops;
+pub mod stray;
 pub mod truth;
+pub mod why;
 
 pub use camera::{Camera, Film};
-pub use camera_way::CameraWay;
+pub use camera_motion::CameraMotion;
 pub use expose::{ExposeError, Half, Integrator, Response, Settings, expose};
 pub use shutter::Shutter;
+pub use stray::Stray;
 
-// The stages, under one roof for doors.
+// The stages, under one roof for front ends.
 pub use diopter_develop as develop;
 pub use diopter_image as image;
 pub use diopter_lens as lens;

@@ -37,7 +37,7 @@ const AGREE_EV: f64 = 0.02;
 /// Most that the exposure changes between two readings, and the longest it becomes, s.
 const MOST_CHANGE: f64 = 64.0;
 const LONGEST_S: f64 = 4096.0;
-/// Circles of the patterns, as shares of the width of the picture: 12 mm and 4 mm of 36 mm.
+/// Circles of the patterns, as fractions of the width of the picture: 12 mm and 4 mm of 36 mm.
 const CENTRE_CIRCLE: f64 = 12.0 / 36.0;
 const CENTRE_WEIGHT: f64 = 0.75;
 const SPOT_CIRCLE: f64 = 4.0 / 36.0;
@@ -46,7 +46,7 @@ const SPOT_CIRCLE: f64 = 4.0 / 36.0;
 const MATRIX_SPREAD: f64 = 0.3;
 const MATRIX_FLOOR: f64 = 0.25;
 const MATRIX_LIMIT_EV: f64 = 2.5;
-/// The highlight pattern: this share of the cells is brighter than what it puts (EV) below saturation.
+/// The highlight pattern: this fraction of the cells is brighter than what it puts (EV) below saturation.
 const HIGHLIGHT_SHARE: f64 = 0.005;
 const HIGHLIGHT_BELOW_EV: f64 = 1.0 / 3.0;
 
@@ -54,7 +54,7 @@ const HIGHLIGHT_BELOW_EV: f64 = 1.0 / 3.0;
 const LIGHTS: [&str; 8] = ["A", "D50", "D65", "D75", "FL2", "FL11", "LED-B1", "LED-B3"];
 /// Temperatures of lamps warmer than the standard illuminants: embers, candles, old bulbs.
 const WARM_K: [f32; 2] = [1800.0, 2300.0];
-/// Keeps channels that see nearly the same from large weights of opposite sign, as a share of the largest square.
+/// Keeps channels that see nearly the same from large weights of opposite sign, as a fraction of the largest square.
 const RIDGE: f64 = 1e-4;
 
 /// What a meter looks at.
@@ -134,7 +134,7 @@ fn probe(
         samples: 0..PROBE_SAMPLES,
         time_limit_s: None,
         truth: false,
-        moments: Default::default(),
+        shutter_times: Default::default(),
         ..settings.clone()
     };
     let quiet = Watch { cancel: watch.cancel, progress: &|_| () };
@@ -191,11 +191,11 @@ pub struct Meter<'a> {
     pub pattern: Pattern,
     /// Middle of the spot, 0 to 1 across and down the picture.
     pub at: [f64; 2],
-    /// Share of the light that a filter before the lens lets through.
+    /// Fraction of the light that a filter before the lens lets through.
     pub filter: f64,
 }
 
-/// Share of the white level from which a cell counts as saturated.
+/// Fraction of the white level from which a cell counts as saturated.
 const SATURATED: f64 = 0.99;
 
 /// Cells of a picture as a meter sees them.
@@ -206,7 +206,7 @@ struct Cells {
     shape: f64,
     /// cd/m²; may be negative by noise.
     luminance: Vec<f64>,
-    /// Largest share of saturation that a channel has.
+    /// Largest fraction of saturation that a channel has.
     level: Vec<f64>,
     /// Fraction of the cell that is no void.
     seen: Vec<f64>,
@@ -315,7 +315,7 @@ impl Cells {
         let side = h.cfa.columns().max(h.cfa.rows()).max(2);
         let (columns, rows) = ((raw.mosaic.width / side).max(1), (raw.mosaic.height / side).max(1));
         let n = h.cfa.channel_count();
-        let (mut luminance, mut level, mut shares) = (Vec::new(), Vec::new(), Vec::new());
+        let (mut luminance, mut level, mut fractions) = (Vec::new(), Vec::new(), Vec::new());
         for row in 0..rows {
             for column in 0..columns {
                 let (mut sums, mut counts) = ([0.0; 4], [0.0; 4]);
@@ -331,11 +331,11 @@ impl Cells {
                 let mean: Vec<f64> = (0..n).map(|c| if counts[c] > 0.0 { sums[c] / counts[c] } else { 0.0 }).collect();
                 luminance.push(mean.iter().zip(scale).map(|(dn, s)| dn * per_dn * s).sum());
                 level.push(mean.iter().fold(0.0, |a: f64, m| a.max(m / (h.white_level - h.black_level))));
-                shares.push(there / counts.iter().sum::<f64>().max(1.0));
+                fractions.push(there / counts.iter().sum::<f64>().max(1.0));
             }
         }
         let shape = raw.mosaic.height as f64 / raw.mosaic.width as f64;
-        Cells { columns, rows, shape, luminance, level, seen: shares }
+        Cells { columns, rows, shape, luminance, level, seen: fractions }
     }
 
     /// What is saturated is at least as bright as a shorter reading found: without that, a small lamp in the dark would count for less and less as
@@ -355,7 +355,7 @@ impl Cells {
 
     /// Mean by a pattern's weights over what is no void; the plain one where a pattern looks at nothing else.
     ///
-    /// A cell that is partly void is as dark as its luminance says but counts by its share alone: the mean is a quotient of two sums.
+    /// A cell that is partly void is as dark as its luminance says but counts by its fraction alone: the mean is a quotient of two sums.
     fn luminance_by(&self, pattern: Pattern, at: [f64; 2]) -> f64 {
         let middle = if pattern == Pattern::Spot { at } else { [0.5; 2] };
         // Distance from the middle in widths of the picture.

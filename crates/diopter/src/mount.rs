@@ -6,7 +6,7 @@
 use crate::camera::{Camera, Film};
 use diopter_lens::{Blocked, Lens, LensRay};
 use diopter_light::Ray;
-use glam::{DVec2, DVec3, Vec3};
+use glam::{DVec2, DVec3, Vec3, Vec3A};
 
 /// Metres a millimetre.
 const M_PER_MM: f64 = 1e-3;
@@ -68,6 +68,22 @@ impl Camera {
         Ray { origin, direction, time_s: time_s as f32 }
     }
 
+    /// World point of a place in the camera's frame (mm from its entrance pupil) at a time of the exposure.
+    pub(crate) fn world_point(&self, mm: DVec3, time_s: f64) -> Vec3 {
+        self.way.at(time_s).transform_point3((mm * M_PER_MM).as_vec3())
+    }
+
+    /// The other way round.
+    pub(crate) fn place_of(&self, world: Vec3, time_s: f64) -> DVec3 {
+        self.way.at(time_s).inverse().transform_point3(world).as_dvec3() / M_PER_MM
+    }
+
+    /// Unit direction in the camera's frame of a world direction at a time of the exposure.
+    pub(crate) fn direction_of(&self, world: Vec3, time_s: f64) -> DVec3 {
+        let turned = self.way.at(time_s).matrix3.transpose() * Vec3A::from(world);
+        Vec3::from(turned).as_dvec3().normalize()
+    }
+
     /// World ray through the middle of the pupil.
     pub(crate) fn chief_ray(&self, film_mm: DVec2, time_s: f64) -> Result<Ray, Blocked> {
         Ok(self.to_world(&self.lens.chief_ray(film_mm)?, time_s))
@@ -94,7 +110,7 @@ impl Camera {
 #[cfg(test)]
 mod tests {
     use crate::camera::{Camera, Film, look_at};
-    use crate::camera_way::CameraWay;
+    use crate::camera_motion::CameraMotion;
     use diopter_lens::{Lens, Pinhole};
     use diopter_light::units::Millimeters;
     use glam::Vec3;
@@ -104,7 +120,7 @@ mod tests {
         let camera = Camera {
             lens: Lens::Pinhole(Pinhole::new(Millimeters(50.0), 8.0).unwrap()),
             film: Film::new(36.0, 24.0, 360, 240),
-            way: CameraWay::still(look_at(Vec3::new(0.0, 1.0, 3.0), Vec3::new(0.0, 1.0, 0.0), Vec3::Y).unwrap()),
+            way: CameraMotion::still(look_at(Vec3::new(0.0, 1.0, 3.0), Vec3::new(0.0, 1.0, 0.0), Vec3::Y).unwrap()),
         };
         let ray = camera.chief_ray(camera.film_point(0.0, 0.0), 0.0).unwrap();
         let at = ray.at(3.0 / -ray.direction.z);

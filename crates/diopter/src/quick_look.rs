@@ -24,7 +24,7 @@ const ROWS: usize = 256;
 /// Layers of depth, at most, and the blur (pixels) from one to the next, at least.
 const MOST_LAYERS: usize = 10;
 const LAYER_PX: f64 = 2.0;
-/// Largest radius that is drawn, as a share of the picture's width.
+/// Largest radius that is drawn, as a fraction of the picture's width.
 const LARGEST: f64 = 0.25;
 /// Half planes that stand for a shape.
 const SIDES: usize = 48;
@@ -207,7 +207,7 @@ struct Shapes {
 }
 
 impl Shapes {
-    /// Number of the shapes of a place: shares of half the diagonal from the middle, to the right and up.
+    /// Number of the shapes of a place: fractions of half the diagonal from the middle, to the right and up.
     fn index(&self, at: DVec2) -> usize {
         if self.places.len() == 1 {
             return 0;
@@ -248,7 +248,7 @@ impl Spans {
         for k in 0..radii {
             let (first, radius) = (rows.len(), radius_of(k));
             if radius < SMALL {
-                // A share a goes up and down each, and as much to the sides, all of it in the own row: second moment 2a.
+                // A fraction a goes up and down each, and as much to the sides, all of it in the own row: second moment 2a.
                 let a = radius * radius / 8.0;
                 let own = 0.5 / (1.0 - 2.0 * a / (1.0 - 2.0 * a));
                 let beside = own * a / (1.0 - 2.0 * a);
@@ -409,7 +409,7 @@ pub fn of_plane(plane: &FocalPlane, optics: &Optics) -> FocalPlane {
             for (to, from) in part.data.chunks_exact_mut(n).zip(raster.data.chunks_exact(raster.channels)) {
                 to.iter_mut().zip(&from[first..]).for_each(|(a, b)| *a = if signed { b.abs() } else { *b });
             }
-            let part = quick_look(&part, &plane.truth.depth.data, optics);
+            let part = quick_look(&part, &plane.truth.depth().data, optics);
             for (to, from) in out.data.chunks_exact_mut(raster.channels).zip(part.data.chunks_exact(n)) {
                 to[first..first + n].copy_from_slice(from);
             }

@@ -64,7 +64,7 @@ impl Default for Names {
 }
 
 impl Names {
-    fn list(&self) -> &[String] {
+    pub(crate) fn list(&self) -> &[String] {
         match self {
             Names::One(name) => std::slice::from_ref(name),
             Names::Several(names) => names,
@@ -91,7 +91,7 @@ pub struct Cells {
 }
 
 /// A value as it is typed.
-fn text_of(value: &toml::Value) -> String {
+pub(crate) fn text_of(value: &toml::Value) -> String {
     match value {
         toml::Value::String(text) => text.clone(),
         toml::Value::Array(list) => list.iter().map(text_of).collect::<Vec<_>>().join(","),

@@ -14,6 +14,13 @@
 
 use diopter_image::{RowTimes, ShutterFacts};
 
+/// Time of a curtain across the picture: Sony's A9 with its mechanical shutter, as measured by J. Kasson (about 3.5 ms).
+pub const TRAVEL_S: f64 = 3.5e-3;
+/// Read-out of a full frame: Nikon's Z 6, measured by horshack-dpreview (RollingShutter, full sensor).
+pub const READOUT_S: f64 = 50.81e-3;
+/// Blades of a leaf shutter, one way: a middle size; assumed (makers state 0.5 to 1.5 ms).
+pub const RAMP_S: f64 = 1e-3;
+
 /// Which way curtains or rows run, as seen in the picture.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Direction {
@@ -231,7 +238,7 @@ impl Shutter {
     }
 }
 
-/// Number of the row (or column), as a share of all of them, counted the way they run.
+/// Number of the row (or column), as a fraction of all of them, counted the way they run.
 fn row_number(direction: Direction, place: &Place) -> f64 {
     let [x, y] = place.pixel;
     let [columns, rows] = place.size;
@@ -247,21 +254,38 @@ fn row_number(direction: Direction, place: &Place) -> f64 {
 ///
 /// Most light of a flash comes in a moment that even draws over a long exposure would hardly ever find: half of the draws go there.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct Moments {
+pub struct ShutterTimes {
     /// When a flash burns, s.
     pub flash: Option<(f64, f64)>,
 }
 
-impl Moments {
+impl ShutterTimes {
+    /// The part of a window in which a flash burns, if it does so and not all the time.
+    fn flash_within(&self, (open, close): (f64, f64)) -> Option<(f64, f64)> {
+        let overlap = self.flash.map(|(a, b)| (a.max(open), b.min(close))).filter(|(a, b)| a < b);
+        overlap.filter(|(a, b)| b - a < close - open)
+    }
+
     /// A moment within a window (not empty) by an even number, and one over its density, s.
     #[inline]
     pub fn draw(&self, (open, close): (f64, f64), u: f64) -> (f64, f64) {
         let length = close - open;
-        let overlap = self.flash.map(|(a, b)| (a.max(open), b.min(close))).filter(|(a, b)| a < b);
-        let Some((a, b)) = overlap.filter(|(a, b)| b - a < length) else { return (open + length * u, length) };
-        let moment = if u < 0.5 { a + (b - a) * (2.0 * u) } else { open + length * (2.0 * u - 1.0) };
-        let burns = (a..b).contains(&moment);
-        (moment, 1.0 / (0.5 / length + if burns { 0.5 / (b - a) } else { 0.0 }))
+        let moment = match self.flash_within((open, close)) {
+            Some((a, b)) if u < 0.5 => a + (b - a) * (2.0 * u),
+            Some(_) => open + length * (2.0 * u - 1.0),
+            None => open + length * u,
+        };
+        (moment, self.seconds_at((open, close), moment))
+    }
+
+    /// One over the density with which [`ShutterTimes::draw`] draws a moment of a window, s.
+    #[inline]
+    pub fn seconds_at(&self, (open, close): (f64, f64), moment: f64) -> f64 {
+        let length = close - open;
+        match self.flash_within((open, close)) {
+            None => length,
+            Some((a, b)) => 1.0 / (0.5 / length + if (a..b).contains(&moment) { 0.5 / (b - a) } else { 0.0 }),
+        }
     }
 }
 
@@ -337,11 +361,11 @@ mod tests {
     fn moments_are_weighted_to_the_true_mean() {
         // Mean of t over the window, with and without a flash in it.
         for flash in [None, Some((0.7, 0.72)), Some((-1.0, 0.1)), Some((0.9, 3.0)), Some((5.0, 6.0)), Some((-1.0, 4.0))] {
-            let moments = Moments { flash };
+            let shutter_times = ShutterTimes { flash };
             let n = 100_000;
             let (mut mass, mut mean) = (0.0, 0.0);
             for i in 0..n {
-                let (t, weight) = moments.draw((0.0, 2.0), (i as f64 + 0.5) / n as f64);
+                let (t, weight) = shutter_times.draw((0.0, 2.0), (i as f64 + 0.5) / n as f64);
                 assert!((0.0..=2.0).contains(&t));
                 mass += weight / n as f64;
                 mean += t * weight / n as f64;

@@ -1,5 +1,6 @@
 //! What is true of each pixel of a raw file: for training and for tests, beside the noisy numbers.
 
+use diopter_image::truth::Values;
 use diopter_image::{FocalPlane, ImageError, RawImage, exr};
 use diopter_sensor::{ReadOut, Window};
 use std::io::{Seek, Write};
@@ -12,9 +13,9 @@ use std::io::{Seek, Write};
 ///   `electrons`, by the samples of the exposure, e⁻² (one degree of freedom a pixel);
 /// - `clipped`: 1 where this read-out (of several, the first) reached the white level, 2 where the mean does, 3 both;
 /// - each band of the plane (`R`, `G`, `B` ...): mean electrons through that filter at every pixel;
-/// - `Z` (m), `normal.X/Y/Z`, `albedo.R/G/B`, `id`.
+/// - the truth channels that the plane holds ([`diopter_image::channels`]): `Z` (m), `normal.X/Y/Z`, `albedo.R/G/B`, `id` ...
 ///
-/// All of it is in memory at once, about 80 bytes a pixel. What blooms from one pixel into others is not in it.
+/// All of it is in memory at once, about 80 bytes a pixel and what more truth was asked for. What blooms from one pixel into others is not in it.
 pub fn write(plane: &FocalPlane, reader: &ReadOut, raw: &RawImage, to: impl Write + Seek) -> Result<(), ImageError> {
     let (width, height) = (plane.width(), plane.height());
     let header = &raw.header;
@@ -35,13 +36,14 @@ pub fn write(plane: &FocalPlane, reader: &ReadOut, raw: &RawImage, to: impl Writ
     let names = ["electrons", "dark", "dn", "variance.sensor", "variance.monte_carlo"];
     let mut floats: Vec<(&str, Vec<f32>)> = names.into_iter().zip(planes).collect();
     floats.extend(plane.bands.iter().enumerate().map(|(b, band)| (band.name.as_str(), plane.mean.channel(b))));
-    floats.push(("Z", plane.truth.depth.data.clone()));
-    let normal = ["normal.X", "normal.Y", "normal.Z"];
-    let albedo = ["albedo.R", "albedo.G", "albedo.B"];
-    floats.extend(normal.iter().enumerate().map(|(c, name)| (*name, plane.truth.normal.channel(c))));
-    floats.extend(albedo.iter().enumerate().map(|(c, name)| (*name, plane.truth.albedo.channel(c))));
-    let whole = vec![("clipped", clipped), ("id", plane.truth.id.data.clone())];
-    exr::write_planes([width, height], floats, whole, &header.facts, to)
+    let mut whole = vec![("clipped", clipped)];
+    for (channel, values) in plane.truth.iter() {
+        match values {
+            Values::Float(raster) => floats.extend(channel.exr.iter().enumerate().map(|(c, name)| (*name, raster.channel(c)))),
+            Values::Whole(raster) => whole.extend(channel.exr.iter().enumerate().map(|(c, name)| (*name, raster.channel(c)))),
+        }
+    }
+    exr::write_truth([width, height], floats, whole, plane.truth.recorded(), &header.facts, to)
 }
 
 #[cfg(test)]

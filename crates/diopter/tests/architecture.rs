@@ -18,7 +18,9 @@ const ARROWS: &[(&str, &[&str])] = &[
         "diopter",
         &["diopter-light", "diopter-image", "diopter-lens", "diopter-scene", "diopter-sensor", "diopter-develop", "diopter-oidn"],
     ),
-    ("diopter-cli", &["diopter"]),
+    // A front end of its own, which the command line starts as a verb: one function, `diopter_viewfinder::serve(options)`.
+    ("diopter-viewfinder", &["diopter"]),
+    ("diopter-cli", &["diopter", "diopter-viewfinder"]),
     // The wheel holds the program, too. One shared library has both: a second executable beside it would double the wheel and its build. The arrow is
     // one function, `diopter_cli::run(arguments)`; nothing else of the command line is known.
     ("diopter-py", &["diopter", "diopter-cli"]),

@@ -9,7 +9,7 @@ use diopter::scene::material::{Material, Scattering};
 use diopter::scene::shape::{Quad, Sphere};
 use diopter::scene::texture::Color;
 use diopter::scene::{Description, Object, Scene, Shape};
-use diopter::{Camera, CameraWay, Film, Integrator, Response, Settings, Shutter, camera::look_at, expose, expose::Watch};
+use diopter::{Camera, CameraMotion, Film, Integrator, Response, Settings, Shutter, camera::look_at, expose, expose::Watch};
 use glam::Vec3;
 use std::sync::atomic::AtomicBool;
 
@@ -36,7 +36,7 @@ fn ball(columns: usize, rows: usize) -> (Scene, Camera) {
     };
     let lens = Lens::Pinhole(Pinhole::new(Millimeters(35.0), 8.0).unwrap());
     let place = look_at(Vec3::new(0.0, 1.2, 2.5), Vec3::ZERO, Vec3::Y).unwrap();
-    let camera = Camera { lens, film: Film::new(25.0, 25.0, columns, rows), way: CameraWay::still(place) };
+    let camera = Camera { lens, film: Film::new(25.0, 25.0, columns, rows), way: CameraMotion::still(place) };
     (Scene::build(description).unwrap(), camera)
 }
 

@@ -13,7 +13,7 @@ use glam::DVec3;
 
 const BODIES: [&str; 5] = ["canon-5d-mark-iv", "nikon-d850", "sony-a7s-ii", "pixel-4a", "canon-700d"];
 const LIGHTS: [&str; 6] = ["D65", "D50", "A", "FL2", "LED-B1", "LED-B3"];
-/// Share of saturation of the brightest channel for a perfect reflector, so that metered grey is shown as grey.
+/// Fraction of saturation of the brightest channel for a perfect reflector, so that metered grey is shown as grey.
 const WHITE: f64 = 10.0 / 78.0 / 0.18;
 /// Pixels a side of a patch.
 const SIDE: usize = 16;
@@ -33,8 +33,8 @@ fn differences(body: &str, light: &str, white_balance: &str) -> Vec<f64> {
         let signal = calibration::signals(&sensor, &responses, &|nm| in_range(nm) * patch.reflectance.at(nm));
         for y in 0..SIDE {
             for x in k * SIDE..(k + 1) * SIDE {
-                let share = WHITE * signal[sensor.cfa.channel_at(x, y)] / white.max_element();
-                mosaic.pixel_mut(x, y)[0] = (65_535.0 * share).round() as u16;
+                let fraction = WHITE * signal[sensor.cfa.channel_at(x, y)] / white.max_element();
+                mosaic.pixel_mut(x, y)[0] = (65_535.0 * fraction).round() as u16;
             }
         }
     }

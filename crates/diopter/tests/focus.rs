@@ -9,7 +9,7 @@ use diopter::focus::{Autofocus, Failure, Measure, Method, Motor, Priority, Repor
 use diopter::lens::{Focus, Lens};
 use diopter::scene::Scene;
 use diopter::sensor::{Reading, Sensor};
-use diopter::{Camera, CameraWay, Film, Settings};
+use diopter::{Camera, CameraMotion, Film, Settings};
 use glam::Vec3;
 use std::sync::atomic::AtomicBool;
 
@@ -28,7 +28,7 @@ fn focus(scene: &Scene, lens: &Lens, af: &Autofocus) -> Report {
     let camera = Camera {
         lens: lens.clone(),
         film: Film::new(FILM[0], FILM[1], 960, 640),
-        way: CameraWay::still(look_at(Vec3::ZERO, Vec3::NEG_Z, Vec3::Y).unwrap()),
+        way: CameraMotion::still(look_at(Vec3::ZERO, Vec3::NEG_Z, Vec3::Y).unwrap()),
     };
     let (sensor, cancel) = (Sensor::named("canon-5d-mark-iv").unwrap(), AtomicBool::new(false));
     let watch = Watch { cancel: &cancel, progress: &|_| () };

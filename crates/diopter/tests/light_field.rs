@@ -13,7 +13,7 @@ use diopter::light::lattice::Arrangement;
 use diopter::light::units::Millimeters;
 use diopter::scene::Scene;
 use diopter::sensor::{Reading, Sensor, read_out};
-use diopter::{Camera, CameraWay, Film, Response, Settings, Shutter, expose};
+use diopter::{Camera, CameraMotion, Film, Response, Settings, Shutter, expose};
 use glam::{DVec2, Vec3};
 use std::sync::atomic::AtomicBool;
 
@@ -34,7 +34,7 @@ const BAYER: &str = "canon-5d-mark-iv";
 const GREY: &str = "imx455";
 
 fn take(body: &str, scene: &Scene, lens: &Lens, film: Film, spp: u32) -> FocalPlane {
-    let way = CameraWay::still(look_at(Vec3::ZERO, Vec3::NEG_Z, Vec3::Y).unwrap());
+    let way = CameraMotion::still(look_at(Vec3::ZERO, Vec3::NEG_Z, Vec3::Y).unwrap());
     let camera = Camera { lens: lens.clone(), film, way };
     let sensor = Sensor::named(body).unwrap();
     let watch = Watch { cancel: &AtomicBool::new(false), progress: &|_| () };
@@ -73,9 +73,9 @@ fn under_lenses(plane: &FocalPlane, array: &MicrolensArray, lens: &Lens) -> Vec<
             let at = DVec2::new(x as f64 + 0.5, y as f64 + 0.5) * pixel - 0.5 * DVec2::from_array(PIECE);
             let lens = (at / magnification / PITCH + 0.5 * DVec2::new(LENSES[0] as f64, LENSES[1] as f64)).floor();
             let i = lens.y as usize * LENSES[0] + lens.x as usize;
-            let share = (pixel / PITCH).powi(2);
-            sums[i][0] += share * f64::from(plane.mean.pixel(x, y)[1]);
-            sums[i][1] += share * share * f64::from(variance.pixel(x, y)[1]);
+            let fraction = (pixel / PITCH).powi(2);
+            sums[i][0] += fraction * f64::from(plane.mean.pixel(x, y)[1]);
+            sums[i][1] += fraction * fraction * f64::from(variance.pixel(x, y)[1]);
         }
     }
     sums

@@ -10,7 +10,7 @@ use diopter::measure::{Channel, Measured, distortion, mtf, vignetting};
 use diopter::scene::Scene;
 use diopter::scene::builtin::{self, charts};
 use diopter::sensor::Sensor;
-use diopter::{Camera, CameraWay, Film, Response, Settings, Shutter, expose};
+use diopter::{Camera, CameraMotion, Film, Response, Settings, Shutter, expose};
 use glam::Vec3;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
@@ -25,13 +25,16 @@ fn lens(name: &str, f_number: Option<f64>, film_mm: [f64; 2]) -> CompoundLens {
 
 /// A photograph of a chart in the bands of a sensor, before it is read out.
 fn photograph(chart: &str, lens: &CompoundLens, film: Film, sensor: &Sensor, spp: u32) -> Measured {
+    expose_chart(chart, lens, film, sensor, Settings { truth: false, ..Settings::new(spp) })
+}
+
+fn expose_chart(chart: &str, lens: &CompoundLens, film: Film, sensor: &Sensor, settings: Settings) -> Measured {
     let scene = Scene::build(builtin::named(chart).unwrap()).unwrap();
     let f = charts::FRAMING;
     let place = look_at(f.look_from, f.look_at, Vec3::Y).unwrap();
-    let camera = Camera { lens: Lens::Compound(Box::new(lens.clone())), film, way: CameraWay::still(place) };
+    let camera = Camera { lens: Lens::Compound(Box::new(lens.clone())), film, way: CameraMotion::still(place) };
     let response = Response { bands: sensor.bands(), curves: sensor.band_responses() };
     let watch = Watch { cancel: &AtomicBool::new(false), progress: &|_| () };
-    let settings = Settings { truth: false, ..Settings::new(spp) };
     let plane: FocalPlane =
         expose(&scene, &camera, &Shutter::global(0.01), &response, &settings, &ExposureFacts::default(), &watch).unwrap();
     let bands = plane.bands.iter().map(|b| b.name.clone()).collect();
@@ -54,7 +57,15 @@ fn edges_of_a_photograph_have_the_response_of_the_chain() {
         let plane = picture.plane(Channel::Green).unwrap();
         let edges = mtf::find(&plane, &mtf::Options::default()).unwrap();
         assert!(edges.iter().any(|e| e.horizontal) && edges.iter().any(|e| !e.horizontal), "{name}: {} edges", edges.len());
-        let chain = Chain { lens: &lens, sensor: &sensor, channel: 1, light: "D65", film_mm: [size; 2], size: [side; 2] };
+        let chain = Chain {
+            lens: &lens,
+            sensor: &sensor,
+            channel: 1,
+            light: "D65",
+            film_mm: [size; 2],
+            size: [side; 2],
+            diffraction: false,
+        };
         let mut sums = [0.0; 51];
         for edge in &edges {
             let p = chain.predict(edge).unwrap();
@@ -79,6 +90,43 @@ fn edges_of_a_photograph_have_the_response_of_the_chain() {
         // everything reads up to 0.03 higher.
         for (k, sum) in sums.iter().enumerate() {
             assert!(sum.abs() < 0.035, "{name}: {sum} at {} cycles a pixel", 0.01 * k as f64);
+        }
+    }
+}
+
+#[test]
+fn stopped_down_edges_have_the_benchs_response_with_diffraction() {
+    // The edges of the square in the middle of the chart, 1.6 mm from the middle of the picture, in pixels of 4 µm at f/16: Airy radius 11 µm, half contrast
+    // at 46 cycles/mm = 0.18 cycles a pixel.
+    use diopter::expose::{Diffraction, diffraction_shows};
+    let mut sensor = Sensor::named("canon-t2i").unwrap();
+    (sensor.crosstalk, sensor.low_pass_px, sensor.fill_factor) = (0.0, 0.0, 1.0);
+    let (side, size) = (160usize, 0.64);
+    let lens = lens("double-gauss-50mm", Some(16.0), [36.0, 24.0]);
+    let film = Film { middle_mm: [1.6, 0.0], ..Film::new(size, size, side, side) };
+    assert!(diffraction_shows(&Lens::Compound(Box::new(lens.clone())), &film));
+    let settings = Settings { truth: false, diffraction: Diffraction::On { white_e: None }, ..Settings::new(256) };
+    let picture = expose_chart("slanted-edges", &lens, film, &sensor, settings);
+    let plane = picture.plane(Channel::Green).unwrap();
+    let edges = mtf::find(&plane, &mtf::Options::default()).unwrap();
+    assert!(!edges.is_empty());
+    let chain =
+        Chain { lens: &lens, sensor: &sensor, channel: 1, light: "D65", film_mm: [size; 2], size: [side; 2], diffraction: true };
+    for edge in &edges {
+        let p = chain.predict(edge).unwrap();
+        println!(
+            "{}: {:.4} {:.4} at 0.1, {:.4} {:.4} at 0.25; {:?}",
+            edge.region,
+            edge.at(0.1),
+            p.product[10],
+            edge.at(0.25),
+            p.product[25],
+            p.largest_difference
+        );
+        // To half of the cut-off; one edge of 160 rows at 256 samples, and 0.01 for the light beyond the region, whose contrast counts as 1.
+        for k in 0..=25 {
+            let off = edge.at(p.frequencies[k]) - p.product[k];
+            assert!(off.abs() < 0.04, "{}: {off} at {}", edge.region, p.frequencies[k]);
         }
     }
 }

@@ -14,15 +14,16 @@ use diopter::scene::texture::Color;
 use diopter::scene::{Description, Object, Scene, Shape, builtin, load};
 use diopter::sensor::{Reading, Sensor};
 use diopter::shot::read_environment;
-use diopter::{Camera, CameraWay, Film, Response, Settings, Shutter, expose};
+use diopter::{Camera, CameraMotion, Film, Response, Settings, Shutter, expose};
 use glam::{Affine3A, Mat3, Vec3};
 use std::path::Path;
+use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
 #[path = "common/generated.rs"]
 mod generated;
 
-/// Share of the picture's height that the card takes: a little more than the spot.
+/// Fraction of the picture's height that the card takes: a little more than the spot.
 const CARD: f32 = 0.3;
 const FOCAL_MM: f64 = 50.0;
 
@@ -179,11 +180,11 @@ fn with_card(mut d: Description, name: &str, place: &Affine3A) -> Description {
     };
     let half = 0.5 * CARD * 24.0 / FOCAL_MM as f32 * distance;
     let corner = |x: f32, y: f32| place.transform_point3(Vec3::new(x * half, y * half, -distance));
-    d.meshes.push(Mesh {
+    d.meshes.push(Arc::new(Mesh {
         positions: vec![corner(-1.0, -1.0), corner(1.0, -1.0), corner(1.0, 1.0), corner(-1.0, 1.0)],
         triangles: vec![[0, 1, 2], [0, 2, 3]],
         ..Default::default()
-    });
+    }));
     d.materials.push(Material::new("card", Scattering::Diffuse(Color::rgb(0.18, 0.18, 0.18))));
     let shape = Shape::Mesh { mesh: d.meshes.len() as u32 - 1, world_from_mesh: Affine3A::IDENTITY };
     d.objects.push(Object::new("card", shape, d.materials.len() as u32 - 1));
@@ -218,7 +219,7 @@ fn cards_land_on_their_target(all: Vec<View>) {
     for (k, (name, d, place)) in all.into_iter().enumerate() {
         let scene = Scene::build(with_card(d, &name, &place)).unwrap();
         let film = Film { pixel_area_mm2: 5.36e-3f64.powi(2), ..Film::new(36.0, 24.0, 96, 64) };
-        let camera = Camera { way: CameraWay::still(place), lens: lens.clone(), film };
+        let camera = Camera { way: CameraMotion::still(place), lens: lens.clone(), film };
         // From the night to snow in the sun.
         let wanted = -3.0 + 20.0 * k as f64 / (count - 1).max(1) as f64;
         let mut settings = Settings { truth: false, ..Settings::new(64) };
@@ -263,7 +264,7 @@ fn every_pattern_agrees_on_an_even_card_over_twenty_ev() {
         let sensor = Sensor::named(body).unwrap();
         let [w, h] = sensor.pitch_mm();
         let film = Film { pixel_area_mm2: w * h, ..Film::new(36.0, 24.0, 960, 640) };
-        let camera = Camera { way: CameraWay::still(place), lens: lens.clone(), film };
+        let camera = Camera { way: CameraMotion::still(place), lens: lens.clone(), film };
         for k in 0..=10 {
             let ev = -3.0 + 2.0 * f64::from(k);
             // Luminance of that EV.
@@ -285,7 +286,7 @@ fn every_pattern_agrees_on_an_even_card_over_twenty_ev() {
     // In darkness there is nothing to read.
     let settings = Settings { light_scale: 0.0, truth: false, ..Settings::new(16) };
     let sensor = Sensor::named("canon-5d-mark-iv").unwrap();
-    let camera = Camera { way: CameraWay::still(place), lens, film: Film::new(36.0, 24.0, 96, 64) };
+    let camera = Camera { way: CameraMotion::still(place), lens, film: Film::new(36.0, 24.0, 96, 64) };
     let reading = Reading::new(100.0, 1);
     let meter = Meter { sensor: &sensor, reading: &reading, pattern: Pattern::Average, at: [0.5; 2], filter: 1.0 };
     let found = meter.read(&scene, &camera, &settings, &cie::illuminant("D65").unwrap(), &watch).unwrap();
@@ -297,7 +298,7 @@ fn the_reading_does_not_depend_on_the_samples_of_the_picture() {
     let stop = AtomicBool::new(false);
     let watch = Watch { cancel: &stop, progress: &|_| () };
     let d = builtin::named("cornell").unwrap();
-    let way = CameraWay::still(d.cameras[0].world_from_camera);
+    let way = CameraMotion::still(d.cameras[0].world_from_camera);
     let scene = Scene::build(d).unwrap();
     let sensor = Sensor::named("canon-5d-mark-iv").unwrap();
     let white = cie::illuminant("D65").unwrap();

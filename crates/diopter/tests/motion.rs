@@ -14,9 +14,9 @@ use diopter::scene::shape::Quad;
 use diopter::scene::texture::Color;
 use diopter::scene::{Description, Object, Scene, Shape, load};
 use diopter::sensor::Sensor;
-use diopter::shutter::{Direction, Mechanism, Moments, Shutter};
+use diopter::shutter::{Direction, Mechanism, Shutter, ShutterTimes};
 use diopter::stops::{true_aperture, true_time};
-use diopter::{Camera, CameraWay, Film, Response, Settings, expose};
+use diopter::{Camera, CameraMotion, Film, Response, Settings, expose};
 use glam::{Affine3A, Vec3};
 use std::sync::atomic::AtomicBool;
 
@@ -30,7 +30,7 @@ fn take(scene: &Scene, camera: &Camera, shutter: &Shutter, response: &Response, 
 
 fn pinhole(film: Film, from: Vec3, at: Vec3, focal_mm: f64) -> Camera {
     let lens = Lens::Pinhole(Pinhole::new(Millimeters(focal_mm), 8.0).unwrap());
-    Camera { lens, film, way: CameraWay::still(look_at(from, at, Vec3::Y).unwrap()) }
+    Camera { lens, film, way: CameraMotion::still(look_at(from, at, Vec3::Y).unwrap()) }
 }
 
 /// A picture of the moving bars, row by row, 1 where a bar is and 0 where the wall is.
@@ -228,8 +228,8 @@ fn a_flash_exposes_as_its_guide_number_says() {
     scene.place_node(node, Affine3A::IDENTITY);
     scene.pose(0.0, 1.0);
     let camera = pinhole(Film::new(0.5, 0.5, 8, 8), Vec3::ZERO, Vec3::NEG_Z, 50.0);
-    let moments = Moments { flash: Some((from, to)) };
-    let plane = take(&scene, &camera, &shutter, &Response::luminance(), &Settings { moments, ..Settings::new(256) });
+    let shutter_times = ShutterTimes { flash: Some((from, to)) };
+    let plane = take(&scene, &camera, &shutter, &Response::luminance(), &Settings { shutter_times, ..Settings::new(256) });
     // Mean luminance over a second: ρ E t / π, E t = C (GN / d)² / 100.
     let expected = 0.5 * C / 100.0 * (guide_number / distance).powi(2) / std::f64::consts::PI;
     assert!((middle(&plane) / expected - 1.0).abs() < 0.01, "{} {expected}", middle(&plane));
@@ -249,8 +249,8 @@ fn too_fast_a_sync_leaves_a_band() {
     scene.place_node(node, Affine3A::IDENTITY);
     scene.pose(0.0, shutter.total_s());
     let camera = pinhole(Film::new(0.5, 0.5, 4, 64), Vec3::ZERO, Vec3::NEG_Z, 50.0);
-    let moments = Moments { flash: Some((from, to)) };
-    let plane = take(&scene, &camera, &shutter, &Response::luminance(), &Settings { moments, ..Settings::new(64) });
+    let shutter_times = ShutterTimes { flash: Some((from, to)) };
+    let plane = take(&scene, &camera, &shutter, &Response::luminance(), &Settings { shutter_times, ..Settings::new(64) });
     let dark = plane.mean.data.chunks(4).filter(|row| row.iter().all(|v| *v == 0.0)).count();
     // The first three quarters have closed when the last part opens.
     assert!((dark as f64 - 48.0).abs() <= 1.0, "{dark} rows of 64");
@@ -307,7 +307,7 @@ fn pairs_of_the_lecture_table_expose_alike() {
         .map(|(n, t)| {
             let focus = Focus::Distance(Millimeters(2000.0));
             let lens = Lens::Thin(ThinLens::new(Millimeters(50.0), true_aperture(*n, None), Iris::Round, focus).unwrap());
-            let camera = Camera { way: CameraWay::still(Affine3A::IDENTITY), lens, film: Film::new(36.0, 24.0, 24, 16) };
+            let camera = Camera { way: CameraMotion::still(Affine3A::IDENTITY), lens, film: Film::new(36.0, 24.0, 24, 16) };
             middle(&take(&scene, &camera, &Shutter::global(true_time(*t, None)), &Response::sensor(&sensor), &Settings::new(64)))
         })
         .collect();
@@ -336,7 +336,7 @@ fn a_leaf_shutter_lets_in_its_marked_time_and_more_when_stopped_down() {
         )
         .unwrap();
         let camera = Camera {
-            way: CameraWay::still(Affine3A::IDENTITY),
+            way: CameraMotion::still(Affine3A::IDENTITY),
             lens: Lens::Compound(Box::new(lens)),
             film: Film::new(4.0, 4.0, 8, 8),
         };

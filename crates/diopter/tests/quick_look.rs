@@ -11,7 +11,7 @@ use diopter::scene::material::{Material, Scattering};
 use diopter::scene::shape::{Quad, Sphere};
 use diopter::scene::texture::{Color, Image, Texture};
 use diopter::scene::{Description, Object, Scene, Shape};
-use diopter::{Camera, CameraWay, Film, Response, Settings, Shutter, expose};
+use diopter::{Camera, CameraMotion, Film, Response, Settings, Shutter, expose};
 use glam::Vec3;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
@@ -45,13 +45,13 @@ fn take(scene: &Scene, camera: &Camera, spp: u32) -> FocalPlane {
         .unwrap()
 }
 
-/// Mean absolute and root mean square difference, as shares of full scale.
+/// Mean absolute and root mean square difference, as fractions of full scale.
 fn differences(balls: bool, f_number: f64) -> [f64; 2] {
     let lens = ThinLens::new(Millimeters(50.0), f_number, Iris::Round, Focus::Distance(Millimeters(2200.0))).unwrap();
     let camera = Camera {
         lens: Lens::Thin(lens),
         film: Film::new(36.0, 24.0, 240, 160),
-        way: CameraWay::still(look_at(Vec3::ZERO, Vec3::new(0.0, -0.35, -2.0), Vec3::Y).unwrap()),
+        way: CameraMotion::still(look_at(Vec3::ZERO, Vec3::new(0.0, -0.35, -2.0), Vec3::Y).unwrap()),
     };
     let scene = scene(balls);
     let traced = take(&scene, &camera, 400);
@@ -84,7 +84,7 @@ fn the_sharp_camera_is_as_bright() {
     let camera = Camera {
         lens: Lens::Thin(lens),
         film: Film::new(36.0, 24.0, 12, 8),
-        way: CameraWay::still(look_at(Vec3::ZERO, Vec3::NEG_Z, Vec3::Y).unwrap()),
+        way: CameraMotion::still(look_at(Vec3::ZERO, Vec3::NEG_Z, Vec3::Y).unwrap()),
     };
     let d = Description { environment: Some(Environment::uniform(Vec3::splat(100.0))), ..Default::default() };
     let (scene, sensor) = (Scene::build(d).unwrap(), diopter::sensor::Sensor::named("canon-5d-mark-iv").unwrap());

@@ -7,7 +7,7 @@ use diopter::light::units::Millimeters;
 use diopter::scene::light::Environment;
 use diopter::scene::{Description, Scene, builtin};
 use diopter::sensor::Sensor;
-use diopter::{Camera, CameraWay, Film, Response, Settings, Shutter, camera::look_at, expose, expose::Watch};
+use diopter::{Camera, CameraMotion, Film, Response, Settings, Shutter, camera::look_at, expose, expose::Watch};
 use glam::{DVec2, Vec3};
 use std::ops::ControlFlow;
 use std::sync::Arc;
@@ -31,7 +31,7 @@ fn even(radiance: f32) -> Scene {
 }
 
 fn before(lens: Lens, film: Film) -> Camera {
-    Camera { lens, film, way: CameraWay::still(look_at(Vec3::ZERO, Vec3::NEG_Z, Vec3::Y).unwrap()) }
+    Camera { lens, film, way: CameraMotion::still(look_at(Vec3::ZERO, Vec3::NEG_Z, Vec3::Y).unwrap()) }
 }
 
 /// Irradiance over radiance at a film point and wavelength, by a grid over the last rim and the plain trace.
@@ -48,8 +48,8 @@ fn brute_force(lens: &CompoundLens, film: DVec2, nm: f64) -> f64 {
         .map(|i| {
             let p = DVec2::new((i % side) as f64 + 0.5, (i / side) as f64 + 0.5) * (2.0 * half / side as f64) - half;
             let ray = TracedRay { position: film.extend(system.film_z), direction: (p - film).extend(-distance).normalize() };
-            let share = system.transmittance(ray, &n, nm, Way::ToObject).unwrap_or(0.0);
-            share * cell * ray.direction.z.powi(4) / (distance * distance)
+            let fraction = system.transmittance(ray, &n, nm, Way::ToObject).unwrap_or(0.0);
+            fraction * cell * ray.direction.z.powi(4) / (distance * distance)
         })
         .sum()
 }
@@ -93,7 +93,7 @@ fn an_even_field_has_the_light_of_brute_force_in_every_colour_and_place() {
             };
             let lines = [420.0, 500.0, 580.0, 680.0];
             let each = lines.map(mean);
-            let shares = |nm: f64| {
+            let fractions = |nm: f64| {
                 let i = lines.windows(2).position(|w| nm < w[1]).unwrap_or(2);
                 let t = ((nm - lines[i]) / (lines[i + 1] - lines[i])).clamp(-0.5, 1.5);
                 each[i] + (each[i + 1] - each[i]) * t
@@ -101,7 +101,7 @@ fn an_even_field_has_the_light_of_brute_force_in_every_colour_and_place() {
             for (band, response) in sensor.band_responses().iter().enumerate() {
                 let expected: f64 = (380..780)
                     .map(|nm| nm as f32 + 0.5)
-                    .map(|nm| (response.at(nm) * d65.at(nm)) as f64 * shares(nm as f64) * 100.0 * 1e-10)
+                    .map(|nm| (response.at(nm) * d65.at(nm)) as f64 * fractions(nm as f64) * 100.0 * 1e-10)
                     .sum();
                 let got = plane.mean.pixel(column, row)[band] as f64;
                 println!("{name} {column},{row} band {band}: {got:.5e} {expected:.5e} {:+.2} %", (got / expected - 1.0) * 100.0);
@@ -132,7 +132,7 @@ fn threads_and_parts_do_not_matter_where_colours_part() {
     let film = Film::new(36.0, 24.0, 48, 32);
     // A simple lens: blue and red land pixels apart.
     let lens = lens("landscape-10mm", None, Focus::Distance(Millimeters(1000.0)), None, &film);
-    let camera = Camera { lens, film, way: CameraWay::still(place) };
+    let camera = Camera { lens, film, way: CameraMotion::still(place) };
     let with = |threads: usize, samples: std::ops::Range<u32>| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         pool.install(|| take(&scene, &camera, &Settings { samples, ..Settings::new(8) }))
@@ -207,7 +207,7 @@ fn exposures_on_the_disk_make_the_files_of_exposures_in_memory() {
     let watch = Watch { cancel: &stop, progress: &|_| () };
     let one_thread = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
     for lens in lenses {
-        let camera = Camera { lens, film: film(), way: CameraWay::still(place) };
+        let camera = Camera { lens, film: film(), way: CameraMotion::still(place) };
         let exposure = Exposure {
             scene: &scene,
             camera: &camera,
@@ -217,7 +217,7 @@ fn exposures_on_the_disk_make_the_files_of_exposures_in_memory() {
             facts: &facts,
         };
         let whole = exposure.run(&watch, None, None).unwrap().plane;
-        assert!(whole.mean.data.iter().any(|v| *v > 0.0) && whole.truth.depth.data.iter().any(|d| d.is_finite()));
+        assert!(whole.mean.data.iter().any(|v| *v > 0.0) && whole.truth.depth().data.iter().any(|d| d.is_finite()));
         let mut checkpoints = Vec::new();
         let paged = one_thread.install(|| {
             let mut keep = |sums: &diopter::expose::Sums<PagedRows>| {
@@ -314,7 +314,7 @@ fn dispersion_costs_no_colour_noise() {
         let focus = Focus::Distance(Millimeters(1000.0));
         let setting = Setting { focal_length: None, f_number: Some(2.8), focus, iris: None, film_mm: [24.0, 24.0] };
         let lens = Lens::Compound(Box::new(CompoundLens::new(Arc::new(p), &setting).unwrap()));
-        let camera = Camera { lens, film, way: CameraWay::still(place) };
+        let camera = Camera { lens, film, way: CameraMotion::still(place) };
         let plane = take(&scene, &camera, &Settings { truth: false, ..Settings::new(64) });
         let (mut sum, mut count) = (0.0, 0.0);
         for (mean, half) in plane.mean.data.chunks_exact(3).zip(plane.half_difference.data.chunks_exact(3)) {
@@ -448,9 +448,9 @@ fn half_a_pupil_gathers_half_the_electrons() {
         for redraw in [false, true] {
             let whole = light(None, redraw);
             for half in [Half::Left, Half::Right] {
-                let share = light(Some(half), redraw) / whole;
+                let fraction = light(Some(half), redraw) / whole;
                 // Near the axis a round pupil is cut in two equal parts; stratified points cut it to some thousandths.
-                assert!((share - 0.5).abs() < 0.005, "{half:?}, redraw {redraw}: {share}");
+                assert!((fraction - 0.5).abs() < 0.005, "{half:?}, redraw {redraw}: {fraction}");
             }
         }
     }

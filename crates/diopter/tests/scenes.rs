@@ -132,7 +132,7 @@ fn parallel_and_panoramic_cameras_see_what_they_should() {
     );
     let plane = exposed(shot(&format!("[scene]\nfile = \"{file}\"\n[render]\nspp = 1")));
     // 10 pixels a metre whatever the distance: two metres of foot line, one of half height.
-    let id = |x: usize, y: usize| plane.truth.id.pixel(x, y)[0] > 0;
+    let id = |x: usize, y: usize| plane.truth.id().pixel(x, y)[0] > 0;
     assert_eq!((0..60).filter(|x| id(*x, 29)).count(), 20);
     assert!((9..=11).contains(&(0..60).filter(|x| id(*x, 20)).count()));
     assert!((18..=20).contains(&(0..40).filter(|y| id(29, *y)).count()));
@@ -142,9 +142,9 @@ fn parallel_and_panoramic_cameras_see_what_they_should() {
     let plane = exposed(shot(&format!(
         "[scene]\nfile = \"{file}\"\n[camera]\nlens = \"panorama\"\nformat = \"36x18\"\n[render]\nspp = 1\nsize = \"80x40\""
     )));
-    let seen: Vec<usize> = (0..80).filter(|x| plane.truth.id.pixel(*x, 20)[0] > 0).collect();
+    let seen: Vec<usize> = (0..80).filter(|x| plane.truth.id().pixel(*x, 20)[0] > 0).collect();
     assert!(!seen.is_empty() && seen.iter().all(|x| (56..64).contains(x)), "{seen:?}");
-    assert!((plane.truth.depth.pixel(60, 20)[0] - 4.58).abs() < 0.03, "{:?}", plane.truth.depth.pixel(60, 20));
+    assert!((plane.truth.depth().pixel(60, 20)[0] - 4.58).abs() < 0.03, "{:?}", plane.truth.depth().pixel(60, 20));
 }
 
 #[test]

@@ -1,19 +1,25 @@
 //! OpenEXR: pictures, and focal planes with every plane as a named channel.
 //!
 //! Channels of a focal plane: the bands (`R`, `G`, `B` ...), `variance.<band>` (for readers) and `half_difference.<band>`
-//! (what it is computed from, see [`FocalPlane`]), `Z` (depth, m), `normal.X/Y/Z`, `albedo.R/G/B`, `id` (unsigned). The
+//! (what it is computed from, see [`FocalPlane`]), and the truth by the names of its table ([`crate::channels`]): `Z` (depth, m), `normal.X/Y/Z` ... The
 //! bands and the facts of the exposure are JSON in the attribute `diopter`. Spectral bands are named `S0.405,0nm` and marked as such for
 //! other programs: Fichet, Pacanowski & Wilkie 2021, "An OpenEXR layout for spectral images" (JCGT 10(3)).
 
+use crate::channels;
+use crate::cryptomatte;
 use crate::focal_plane::{Band, Truth};
 use crate::picture::in_bands;
+use crate::truth::{Recorded, Values};
 use crate::{Encoding, ExposureFacts, FocalPlane, ImageError, PictureSource, Raster};
 use diopter_light::color::RgbSpace;
 use exr::prelude::*;
 use std::io::{Read, Seek, SeekFrom, Write};
+use std::sync::Arc;
 
+mod attributes;
 mod strips;
 
+pub use attributes::{sort_attributes, sort_attributes_in};
 pub use strips::{FocalPlaneRows, FocalPlaneStrips, write_focal_plane, write_strips};
 
 const ATTRIBUTE: &str = "diopter";
@@ -31,6 +37,38 @@ pub enum Precision {
 struct Description {
     bands: Vec<Band>,
     facts: ExposureFacts,
+    /// [`Recorded::samples`]
+    #[serde(default, skip_serializing_if = "is_zero")]
+    truth_samples: u32,
+    /// [`Recorded::objects`]
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    objects: Vec<String>,
+}
+
+fn is_zero(n: &u32) -> bool {
+    *n == 0
+}
+
+impl Description {
+    /// The truth of a file with such channels.
+    fn recorded<C>(
+        &self,
+        attributes: &LayerAttributes,
+        channels: &[C],
+        name: impl Fn(&C) -> &Text,
+    ) -> std::result::Result<Recorded, ImageError> {
+        let found = channels::found_in(|wanted| channels.iter().any(|c| *name(c) == *wanted))?;
+        let mut recorded = Recorded::new(&found);
+        (recorded.samples, recorded.objects) = (self.truth_samples, Arc::new(self.objects.clone()));
+        let text = |(name, value): (&Text, &AttributeValue)| match value {
+            AttributeValue::Text(text) => Some((name.to_string(), text.to_string())),
+            _ => None,
+        };
+        let texts: Vec<(String, String)> =
+            attributes.other.iter().filter(|(name, _)| name.to_string().starts_with("cryptomatte/")).filter_map(text).collect();
+        recorded.manifests = Arc::new(cryptomatte::manifests(&texts));
+        Ok(recorded)
+    }
 }
 
 fn malformed(e: exr::error::Error) -> ImageError {
@@ -150,16 +188,34 @@ impl Planes {
 }
 
 /// Describes a focal plane in the attributes of its layer.
-fn describe(bands: &[Band], facts: &ExposureFacts, layer: &mut LayerAttributes) {
-    let description = Description { bands: bands.to_vec(), facts: facts.clone() };
+fn describe(bands: &[Band], recorded: &Recorded, facts: &ExposureFacts, layer: &mut LayerAttributes) {
+    let (truth_samples, objects) = (recorded.samples, recorded.objects.to_vec());
+    let description = Description { bands: bands.to_vec(), facts: facts.clone(), truth_samples, objects };
     let json = serde_json::to_string(&description).expect("plain data becomes JSON");
     layer.software_name = Text::new_or_none(&facts.software);
+    describe_mattes(recorded, layer);
     layer.other.insert(Text::from(ATTRIBUTE), AttributeValue::Text(Text::from(ascii(&json).as_str())));
     if bands.iter().any(|b| b.name.starts_with("S0.")) {
         // Values are per nm, the unit is written as the layout has it.
         for (name, text) in [("spectralLayoutVersion", "1.0"), ("emissiveUnits", "W.m^-2.sr^-1")] {
             layer.other.insert(Text::from(name), AttributeValue::Text(Text::from(text)));
         }
+    }
+}
+
+/// Says in the attributes of a layer what identifiers stand for.
+fn describe_names(recorded: &Recorded, layer: &mut LayerAttributes) {
+    if !recorded.objects.is_empty() {
+        let json = serde_json::to_string(recorded.objects.as_ref()).expect("texts become JSON");
+        layer.other.insert(Text::from("diopter.objects"), AttributeValue::Text(Text::from(ascii(&json).as_str())));
+    }
+    describe_mattes(recorded, layer);
+}
+
+/// Says what the identifiers of coverage stand for, as Cryptomatte has it.
+fn describe_mattes(recorded: &Recorded, layer: &mut LayerAttributes) {
+    for (name, text) in recorded.manifests.iter().flat_map(cryptomatte::metadata) {
+        layer.other.insert(Text::from(name.as_str()), AttributeValue::Text(Text::from(ascii(&text).as_str())));
     }
 }
 
@@ -187,9 +243,21 @@ fn few_bands(description: &Description, channels: usize) -> std::result::Result<
 
 /// Planes of one pixel raster by name: floating point, and whole numbers.
 pub fn write_planes(
+    size: [usize; 2],
+    floats: Vec<(&str, Vec<f32>)>,
+    whole: Vec<(&str, Vec<u32>)>,
+    facts: &ExposureFacts,
+    to: impl Write + Seek,
+) -> std::result::Result<(), ImageError> {
+    write_truth(size, floats, whole, &Recorded::default(), facts, to)
+}
+
+/// [`write_planes`] with truth among them: `recorded` says what its identifiers stand for.
+pub fn write_truth(
     [width, height]: [usize; 2],
     floats: Vec<(&str, Vec<f32>)>,
     whole: Vec<(&str, Vec<u32>)>,
+    recorded: &Recorded,
     facts: &ExposureFacts,
     to: impl Write + Seek,
 ) -> std::result::Result<(), ImageError> {
@@ -199,6 +267,7 @@ pub fn write_planes(
     let set = |_: &mut ImageAttributes, layer: &mut LayerAttributes| {
         layer.software_name = Text::new_or_none(&facts.software);
         layer.other.insert(Text::from("diopter.facts"), AttributeValue::Text(Text::from(ascii(&json).as_str())));
+        describe_names(recorded, layer);
     };
     write_channels((width, height), floats.chain(whole).collect(), set, to)
 }
@@ -225,20 +294,25 @@ pub fn read_focal_plane(from: impl Read + Seek) -> std::result::Result<FocalPlan
         Ok(raster)
     };
     let bands = |prefix: &str| description.bands.iter().map(|b| format!("{prefix}{}", b.name)).collect::<Vec<_>>();
-    let triple = |prefix: &str, letters: [&str; 3]| letters.iter().map(|l| format!("{prefix}.{l}")).collect::<Vec<_>>();
-    let mut id = Raster::new(width, height, 1);
-    if let FlatSamples::U32(values) = &find("id")?.sample_data {
-        id.data.copy_from_slice(values);
+    let recorded = description.recorded(&layer.attributes, &layer.channel_data.list, |channel| &channel.name)?;
+    let mut truth = Truth::missing(recorded, width, height);
+    for (channel, values) in truth.iter_mut() {
+        match values {
+            Values::Float(raster) => *raster = gather(channel.exr.iter().map(|name| (*name).to_owned()).collect())?,
+            Values::Whole(raster) => {
+                for (part, name) in channel.exr.iter().enumerate() {
+                    // What another program made floating numbers of is no object's number.
+                    let FlatSamples::U32(values) = &find(name)?.sample_data else { continue };
+                    let to = raster.data[part..].iter_mut().step_by(channel.parts());
+                    to.zip(values).for_each(|(to, value)| *to = *value);
+                }
+            }
+        }
     }
     Ok(FocalPlane {
         mean: gather(bands(""))?,
         half_difference: gather(bands("half_difference."))?,
-        truth: Truth {
-            depth: gather(vec!["Z".into()])?,
-            normal: gather(triple("normal", ["X", "Y", "Z"]))?,
-            albedo: gather(triple("albedo", ["R", "G", "B"]))?,
-            id,
-        },
+        truth,
         bands: description.bands,
         facts: description.facts,
     })
@@ -410,7 +484,9 @@ pub fn read_rgb(from: impl Read + Seek) -> std::result::Result<Raster<f32>, Imag
 mod tests {
     use super::*;
     use crate::Picture;
-    use crate::focal_plane::BandUnit;
+    use crate::channels::CHANNELS;
+    use crate::focal_plane::{BandUnit, FocalPlaneSource};
+    use crate::truth::Manifest;
     use std::io::Cursor;
 
     fn plane() -> FocalPlane {
@@ -419,7 +495,7 @@ mod tests {
         let mut half_difference = mean.clone();
         half_difference.data.iter_mut().for_each(|v| *v *= -0.1);
         let mut truth = Truth::empty(5, 3);
-        truth.id.data[7] = 4_000_000_000;
+        truth.id_mut().data[7] = 4_000_000_000;
         let band = |n: &str| Band { name: n.into(), unit: BandUnit::Electrons };
         FocalPlane {
             bands: ["R", "G", "B"].map(band).to_vec(),
@@ -436,6 +512,47 @@ mod tests {
         write_focal_plane(&plane(), &mut file).unwrap();
         file.set_position(0);
         assert_eq!(read_focal_plane(file).unwrap(), plane());
+    }
+
+    /// The plane with every truth channel, each value another one.
+    fn with_all_truth() -> FocalPlane {
+        let mut truth = Truth::missing(Recorded::new(&CHANNELS.iter().collect::<Vec<_>>()), 5, 3);
+        for (k, (_, values)) in truth.iter_mut().enumerate() {
+            match values {
+                Values::Float(raster) => {
+                    raster.data.iter_mut().enumerate().for_each(|(i, v)| *v = (i as f32 + 0.5) * 1.37f32.powi(k as i32))
+                }
+                Values::Whole(raster) => raster.data.iter_mut().enumerate().for_each(|(i, v)| *v = u32::MAX - i as u32),
+            }
+        }
+        let recorded = truth.recorded_mut();
+        recorded.samples = 64;
+        recorded.objects = Arc::new(vec!["Wände".into(), "bunny".into()]);
+        recorded.manifests =
+            Arc::new(vec![Manifest { layer: "CryptoObject".into(), names: vec!["Wände".into(), "bunny".into()] }]);
+        FocalPlane { truth, ..plane() }
+    }
+
+    #[test]
+    fn all_truth_survives_its_file_and_a_file_without_is_read_as_before() {
+        let plane = with_all_truth();
+        let mut file = Cursor::new(Vec::new());
+        write_focal_plane(&plane, &mut file).unwrap();
+        file.set_position(0);
+        assert_eq!(read_focal_plane(file.clone()).unwrap(), plane);
+        let mut strips = FocalPlaneStrips::open(file.clone()).unwrap();
+        assert_eq!(strips.recorded(), plane.truth.recorded());
+        assert_eq!(strips.next_rows(3).unwrap(), plane);
+        // Bits of identifiers stay.
+        let id = read_plane(file.clone(), "CryptoObject00.R").unwrap();
+        assert_eq!(id[2].to_bits(), plane.truth.float("crypto-object").unwrap().pixel(2, 0)[0].to_bits());
+        let manifest = read_maps(file, &["forward.u"]).unwrap();
+        assert_eq!(manifest.attribute("cryptomatte/3ae39a5/hash"), Some("MurmurHash3_32"));
+        assert!(manifest.attribute("cryptomatte/3ae39a5/manifest").unwrap().contains("\"bunny\":\"13851a76\""));
+        let mut without = Cursor::new(Vec::new());
+        write_focal_plane(&self::plane(), &mut without).unwrap();
+        without.set_position(0);
+        assert!(FocalPlaneStrips::open(without).unwrap().recorded().more().is_empty());
     }
 
     #[test]
@@ -516,7 +633,8 @@ mod tests {
         let mut many = plane();
         let facts = many.facts.clone();
         many.bands = (0..20).map(|_| many.bands[0].clone()).collect();
-        let json = serde_json::to_string(&Description { bands: many.bands, facts }).unwrap();
+        let json =
+            serde_json::to_string(&Description { bands: many.bands, facts, truth_samples: 0, objects: Vec::new() }).unwrap();
         let set = |_: &mut ImageAttributes, layer: &mut LayerAttributes| {
             layer.other.insert(Text::from(ATTRIBUTE), AttributeValue::Text(Text::from(ascii(&json).as_str())));
         };

@@ -1,5 +1,9 @@
 //! What light made on the film: the mean signal of each pixel and band, how sure it is, and the truth beside it.
 
+pub use crate::truth::Truth;
+
+use crate::channels::{ALWAYS, CHANNELS, Channel};
+use crate::truth::Recorded;
 use crate::{ExposureFacts, ImageError, Raster};
 use serde::{Deserialize, Serialize};
 use std::ops::Range;
@@ -23,33 +27,6 @@ pub struct Band {
     pub unit: BandUnit,
 }
 
-/// Ground truth along the chief ray of each pixel's centre (unblurred).
-#[derive(Clone, Debug, PartialEq)]
-pub struct Truth {
-    /// Distance along the camera's axis, m; infinite where nothing is hit.
-    pub depth: Raster<f32>,
-    /// World-space shading normal towards the camera; 0 where nothing is hit.
-    pub normal: Raster<f32>,
-    /// Albedo, linear sRGB.
-    pub albedo: Raster<f32>,
-    /// Object number + 1; 0 where nothing is hit.
-    pub id: Raster<u32>,
-}
-
-impl Truth {
-    /// Nothing hit anywhere.
-    pub fn empty(width: usize, height: usize) -> Self {
-        let mut depth = Raster::new(width, height, 1);
-        depth.data.fill(f32::INFINITY);
-        Truth {
-            depth,
-            normal: Raster::new(width, height, 3),
-            albedo: Raster::new(width, height, 3),
-            id: Raster::new(width, height, 1),
-        }
-    }
-}
-
 /// The exposure before any sensor noise.
 ///
 /// The samples of a pixel are drawn as two independent halves. `mean` is the mean of both, `half_difference` half their
@@ -64,7 +41,7 @@ pub struct FocalPlane {
     pub mean: Raster<f32>,
     /// Half the difference of the two half exposures `[row][column][band]`.
     pub half_difference: Raster<f32>,
-    /// Depth, normals, albedo, ids.
+    /// What is true of each pixel ([`crate::channels`]).
     pub truth: Truth,
     /// How it was made.
     pub facts: ExposureFacts,
@@ -107,12 +84,19 @@ impl FocalPlane {
             bands: self.bands.clone(),
             mean: self.mean.rows(rows.clone()),
             half_difference: self.half_difference.rows(rows.clone()),
-            truth: Truth {
-                depth: self.truth.depth.rows(rows.clone()),
-                normal: self.truth.normal.rows(rows.clone()),
-                albedo: self.truth.albedo.rows(rows.clone()),
-                id: self.truth.id.rows(rows),
-            },
+            truth: self.truth.rows(rows),
+            facts: self.facts.clone(),
+        }
+    }
+
+    /// A smaller plane to look at: means over blocks of `factor` × `factor` pixels, with the truth of the pixel in the middle of each. Its numbers are those
+    /// of one of the pixels before, not of a larger one: it is as bright.
+    pub fn reduced(&self, factor: usize) -> FocalPlane {
+        FocalPlane {
+            bands: self.bands.clone(),
+            mean: self.mean.reduced(factor),
+            half_difference: self.half_difference.reduced(factor),
+            truth: self.truth.thinned(factor),
             facts: self.facts.clone(),
         }
     }
@@ -121,10 +105,7 @@ impl FocalPlane {
     pub fn append(&mut self, below: &FocalPlane) {
         self.mean.append(&below.mean);
         self.half_difference.append(&below.half_difference);
-        self.truth.depth.append(&below.truth.depth);
-        self.truth.normal.append(&below.truth.normal);
-        self.truth.albedo.append(&below.truth.albedo);
-        self.truth.id.append(&below.truth.id);
+        self.truth.append(&below.truth);
     }
 
     /// The plane strip by strip.
@@ -138,13 +119,15 @@ impl FocalPlane {
     pub fn merge(parts: &[FocalPlane]) -> Result<FocalPlane, ImageError> {
         let mut merged = Merged::new(parts.iter().map(FocalPlane::strips).collect())?;
         let [_, height] = merged.size();
-        let mut whole = FocalPlane { facts: merged.facts().clone(), ..parts[0].clone() };
+        let truth = Truth::missing(merged.recorded().clone(), parts[0].width(), 0);
+        let mut whole = FocalPlane { facts: merged.facts().clone(), truth, ..parts[0].clone() };
         for first in (0..height).step_by(STRIP_STEP) {
             let strip = merged.next_rows(STRIP_STEP.min(height - first))?;
             let start = first * whole.mean.width * whole.mean.channels;
             let place = start..start + strip.mean.data.len();
             whole.mean.data[place.clone()].copy_from_slice(&strip.mean.data);
             whole.half_difference.data[place].copy_from_slice(&strip.half_difference.data);
+            whole.truth.append(&strip.truth);
         }
         Ok(whole)
     }
@@ -162,12 +145,11 @@ pub fn rows_within(bytes: usize, width: usize, bytes_a_pixel: usize) -> usize {
     (rows / STRIP_STEP).max(1) * STRIP_STEP
 }
 
-/// Bytes of a pixel of the truth in memory: depth, three of the normal, three of the albedo, id.
-pub const TRUTH_BYTES: usize = 4 * 8;
-
-/// Bytes of a pixel of a focal plane in memory: mean and half difference of each band, and the truth.
+/// Bytes of a pixel of a focal plane in memory: mean and half difference of each band, and the truth that is always recorded. What is asked for beyond it
+/// takes [`Recorded::more_bytes`] more.
 pub fn bytes_a_pixel(bands: usize) -> usize {
-    2 * 4 * bands + TRUTH_BYTES
+    let truth: usize = CHANNELS[..ALWAYS].iter().map(Channel::bytes).sum();
+    2 * 4 * bands + truth
 }
 
 /// A focal plane that is read or made from the top, strip by strip: no more of it is in memory than is asked for.
@@ -178,12 +160,15 @@ pub trait FocalPlaneSource {
     /// Its facts.
     fn facts(&self) -> &ExposureFacts;
 
+    /// Which truth channels it holds.
+    fn recorded(&self) -> &Recorded;
+
     /// Pixels a row, rows.
     fn size(&self) -> [usize; 2];
 
     /// Rows that are best asked for at once: a multiple of [`STRIP_STEP`].
     fn rows_at_once(&self) -> usize {
-        rows_within(STRIP_BYTES, self.size()[0], bytes_a_pixel(self.bands().len()))
+        rows_within(STRIP_BYTES, self.size()[0], bytes_a_pixel(self.bands().len()) + self.recorded().more_bytes())
     }
 
     /// The next rows. Fails when there are fewer.
@@ -212,6 +197,10 @@ impl FocalPlaneSource for Strips<'_> {
         &self.plane.facts
     }
 
+    fn recorded(&self) -> &Recorded {
+        self.plane.truth.recorded()
+    }
+
     fn size(&self) -> [usize; 2] {
         [self.plane.width(), self.plane.height()]
     }
@@ -226,8 +215,8 @@ impl FocalPlaneSource for Strips<'_> {
     }
 }
 
-/// Exposures of different samples of the same picture, joined strip by strip: weighted by their numbers of samples, in the order of these. The
-/// truth is that of the part that was given first.
+/// Exposures of different samples of the same picture, joined strip by strip: weighted by their numbers of samples, in the order of these. Truth
+/// along one ray is that of the part that was given first, truth by coverage is weighted as the light is; channels that a part lacks are left out.
 #[derive(Debug)]
 pub struct Merged<S> {
     /// In the order of their samples.
@@ -235,6 +224,8 @@ pub struct Merged<S> {
     /// Which of them was given first.
     first: usize,
     facts: ExposureFacts,
+    /// Truth channels that all parts hold.
+    recorded: Recorded,
     /// Samples of all parts.
     total: f64,
 }
@@ -279,7 +270,9 @@ impl<S: FocalPlaneSource> Merged<S> {
         }
         let facts =
             ExposureFacts { first_sample: parts[0].facts().first_sample, samples: total as u32, ..parts[first].facts().clone() };
-        Ok(Merged { parts, first, facts, total })
+        let mut recorded = parts.iter().fold(parts[first].recorded().clone(), |common, part| common.common(part.recorded()));
+        recorded.samples = parts.iter().map(|p| p.recorded().samples).sum();
+        Ok(Merged { parts, first, facts, recorded, total })
     }
 
     /// Parts that are merged.
@@ -297,6 +290,10 @@ impl<S: FocalPlaneSource> FocalPlaneSource for Merged<S> {
         &self.facts
     }
 
+    fn recorded(&self) -> &Recorded {
+        &self.recorded
+    }
+
     fn size(&self) -> [usize; 2] {
         self.parts[self.first].size()
     }
@@ -304,24 +301,36 @@ impl<S: FocalPlaneSource> FocalPlaneSource for Merged<S> {
     fn rows_at_once(&self) -> usize {
         // The sums, the part that was given first and the one that is read.
         let bands = self.bands().len();
-        rows_within(STRIP_BYTES, self.size()[0], 2 * 8 * bands + 2 * bytes_a_pixel(bands))
+        let more = self.parts.iter().map(|p| p.recorded().more_bytes()).max().unwrap_or(0);
+        rows_within(STRIP_BYTES, self.size()[0], 2 * 8 * bands + 2 * (bytes_a_pixel(bands) + more))
     }
 
     fn next_rows(&mut self, rows: usize) -> Result<FocalPlane, ImageError> {
         let numbers = self.size()[0] * rows * self.bands().len();
         let mut sums = [vec![-0.0f64; numbers], vec![-0.0f64; numbers]];
-        let mut whole = None;
+        let (mut whole, mut truth): (_, Option<Truth>) = (None, None);
         for (k, part) in self.parts.iter_mut().enumerate() {
-            let strip = part.next_rows(rows)?;
+            let mut strip = part.next_rows(rows)?;
             let samples = f64::from(part.facts().samples);
             for (sums, values) in sums.iter_mut().zip([&strip.mean, &strip.half_difference]) {
                 sums.iter_mut().zip(&values.data).for_each(|(sum, v)| *sum += f64::from(*v) * samples);
+            }
+            let own = std::mem::replace(&mut strip.truth, Truth::empty(0, 0)).only(&self.recorded);
+            match &mut truth {
+                None => truth = Some(own),
+                Some(truth) => {
+                    truth.merge(&own);
+                    if k == self.first {
+                        truth.take_nearest(&own);
+                    }
+                }
             }
             if k == self.first {
                 whole = Some(strip);
             }
         }
         let mut whole = whole.expect("the part that was given first is one of the parts");
+        whole.truth = truth.expect("there is a part");
         for (sums, values) in sums.iter().zip([&mut whole.mean, &mut whole.half_difference]) {
             values.data.iter_mut().zip(sums).for_each(|(v, sum)| *v = (sum / self.total) as f32);
         }
@@ -377,7 +386,7 @@ mod tests {
                 raster
             };
             let mut truth = Truth::empty(3, 37);
-            truth.id.data.fill(first_sample + 1);
+            truth.id_mut().data.fill(first_sample + 1);
             FocalPlane {
                 bands: ["A", "B"].map(|n| Band { name: n.into(), unit: BandUnit::Electrons }).to_vec(),
                 mean: raster(0.0),
@@ -396,7 +405,7 @@ mod tests {
         assert!(merged.next_rows(1).is_err());
         assert_eq!(strips, whole);
         // Truth of the part that was given first, and by hand the number of a pixel.
-        assert_eq!((whole.truth.id.data[0], whole.facts.first_sample, whole.facts.samples), (8, 0, 10));
+        assert_eq!((whole.truth.id().data[0], whole.facts.first_sample, whole.facts.samples), (8, 0, 10));
         let by_hand = (f64::from(parts[1].mean.data[50]) * 5.0
             + f64::from(parts[2].mean.data[50]) * 2.0
             + f64::from(parts[0].mean.data[50]) * 3.0)

@@ -30,6 +30,10 @@ pub fn code_points(space: RgbSpace, encoding: Encoding) -> Option<[u8; 4]> {
 /// Points of the curves of HDR profiles.
 const CURVE_POINTS: usize = 4096;
 
+/// Where the header of a profile says when it was made (ICC.1 §7.2.8): year, month, day, hours, minutes, seconds.
+const CREATED_AT: usize = 24;
+const CREATED: [u16; 6] = [2026, 1, 1, 0, 0, 0];
+
 /// An ICC profile of the codes that are written, named after what it describes. Light of HDR profiles is relative to their peak: 10 000 cd/m²
 /// of PQ, the nominal peak of HLG.
 pub fn profile(space: RgbSpace, encoding: Encoding) -> Result<Vec<u8>, ImageError> {
@@ -58,7 +62,12 @@ pub fn profile(space: RgbSpace, encoding: Encoding) -> Result<Vec<u8>, ImageErro
     p.description = Some(ProfileText::Localizable(vec![LocalizableString::new("en".into(), "US".into(), text)]));
     // A code point of another function would contradict the curve; pictures that need one have it beside the profile.
     p.cicp = None;
-    p.encode().map_err(|e| ImageError::Io(std::io::Error::other(format!("ICC profile: {e:?}"))))
+    let mut bytes = p.encode().map_err(|e| ImageError::Io(std::io::Error::other(format!("ICC profile: {e:?}"))))?;
+    // The library writes the time of the call: the same picture would not be the same bytes.
+    for (to, number) in bytes[CREATED_AT..].chunks_exact_mut(2).zip(CREATED) {
+        to.copy_from_slice(&number.to_be_bytes());
+    }
+    Ok(bytes)
 }
 
 #[cfg(test)]
@@ -71,6 +80,7 @@ mod tests {
         for space in [RgbSpace::Srgb, RgbSpace::DisplayP3, RgbSpace::Rec2020] {
             for encoding in Encoding::ALL {
                 let bytes = profile(space, encoding).unwrap();
+                assert_eq!(bytes[24..36], [7, 234, 0, 1, 0, 1, 0, 0, 0, 0, 0, 0], "not the time of the call");
                 let read = ColorProfile::new_from_slice(&bytes).unwrap();
                 let curve = read.red_trc.as_ref().unwrap();
                 let at = |code: f32| match curve {

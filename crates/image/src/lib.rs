@@ -4,6 +4,8 @@
 //! colour filter array) → [`Picture`] (RGB in a named space). All rasters are stored row by row from the top left of the
 //! picture as a viewer sees it: `[row][column][channel]`. Readers and writers work on streams, never on paths.
 
+pub mod channels;
+pub mod cryptomatte;
 pub mod dng;
 pub mod encoding;
 pub mod exif;
@@ -19,6 +21,7 @@ pub mod raster;
 pub mod raw;
 mod tags;
 pub mod tiff_file;
+pub mod truth;
 
 pub use encoding::Encoding;
 pub use focal_plane::FocalPlane;
@@ -26,6 +29,7 @@ pub use metadata::{ExposureFacts, LensProfile, LightFieldFacts, RowTimes, Shutte
 pub use picture::{Picture, PictureSource};
 pub use raster::Raster;
 pub use raw::{Cfa, RawHeader, RawImage};
+pub use truth::Truth;
 
 /// What can go wrong between pixels and bytes.
 #[derive(Debug, thiserror::Error)]

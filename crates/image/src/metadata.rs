@@ -191,7 +191,7 @@ impl RowTimes {
 
 /// What a lens does to a picture of its film, found by tracing rays: enough to undo distortion, lateral colour and vignetting.
 ///
-/// Tables run over the height on the film from 0 to `reach` in equal steps; heights are shares of half the diagonal of the whole film.
+/// Tables run over the height on the film from 0 to `reach` in equal steps; heights are fractions of half the diagonal of the whole film.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct LensProfile {
     /// Largest height that sees light from before the camera; 1 in the corner.

@@ -45,10 +45,64 @@ impl<T: Copy + Default> Raster<T> {
         Raster { width: self.width, height: rows.len(), channels: self.channels, data }
     }
 
+    /// A smaller raster, of the pixel in the middle of each block of `factor` × `factor`; blocks at the right and lower edge may be cut off.
+    pub fn thinned(&self, factor: usize) -> Self {
+        let [width, height] = [self.width, self.height].map(|n| n.div_ceil(factor));
+        let mut data = Vec::with_capacity(width * height * self.channels);
+        for row in 0..height {
+            for column in 0..width {
+                let [x, y] = [(column, self.width), (row, self.height)].map(|(i, n)| (i * factor + factor / 2).min(n - 1));
+                data.extend_from_slice(self.pixel(x, y));
+            }
+        }
+        Raster { width, height, channels: self.channels, data }
+    }
+
     /// Puts the rows of a raster of the same width and channels below its own.
     pub fn append(&mut self, below: &Self) {
         assert_eq!((self.width, self.channels), (below.width, below.channels), "rows of another raster");
         self.data.extend_from_slice(&below.data);
         self.height += below.height;
+    }
+}
+
+impl Raster<f32> {
+    /// A smaller raster, of the means over blocks of `factor` × `factor` pixels; blocks at the right and lower edge may be cut off.
+    pub fn reduced(&self, factor: usize) -> Self {
+        let (n, channels) = (factor.max(1), self.channels);
+        let mut to = Raster::new(self.width.div_ceil(n), self.height.div_ceil(n), channels);
+        let mut sums = vec![0f32; to.width * channels];
+        let blocks = self.data.chunks(n * self.width * channels).zip(to.data.chunks_mut(sums.len().max(1)));
+        for (rows, means) in blocks {
+            sums.fill(0.0);
+            for row in rows.chunks(self.width * channels) {
+                for (block, sum) in row.chunks(n * channels).zip(sums.chunks_mut(channels)) {
+                    block.chunks(channels).for_each(|pixel| sum.iter_mut().zip(pixel).for_each(|(s, v)| *s += v));
+                }
+            }
+            let down = rows.len() / (self.width * channels);
+            for (column, (mean, sum)) in means.chunks_mut(channels).zip(sums.chunks(channels)).enumerate() {
+                let across = n.min(self.width - column * n);
+                mean.iter_mut().zip(sum).for_each(|(m, s)| *m = s / (across * down) as f32);
+            }
+        }
+        to
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn smaller_rasters_hold_means_or_middle_pixels_of_their_blocks() {
+        let whole = Raster { width: 5, height: 3, channels: 2, data: (0..30).map(|i| i as f32).collect() };
+        let means = whole.reduced(2);
+        assert_eq!((means.width, means.height), (3, 2));
+        // First channel of the first block: 0, 2, 10, 12; the last is one pixel.
+        assert_eq!(means.data, [6.0, 7.0, 10.0, 11.0, 13.0, 14.0, 21.0, 22.0, 25.0, 26.0, 28.0, 29.0]);
+        assert_eq!(whole.reduced(1), whole);
+        assert_eq!(whole.thinned(2).data, [12.0, 13.0, 16.0, 17.0, 18.0, 19.0, 22.0, 23.0, 26.0, 27.0, 28.0, 29.0]);
+        assert_eq!(whole.thinned(1), whole);
     }
 }

@@ -4,6 +4,7 @@
 //! decentred or tilted the beam is not about the axis: its chief ray is the one that meets the middle of the stop (found in x and y), and
 //! its size is that of the disk of equal area, so that a lens moved along x and one moved along y have the same f-number.
 
+use crate::aperture::Aperture;
 use crate::paraxial::FirstOrder;
 use crate::surface::Profile;
 use crate::system::System;
@@ -66,11 +67,17 @@ pub(crate) fn chief_of(system: &System, n: &[f64], ray: impl Fn(DVec2) -> Traced
 
 /// Effective focal length over that of the section across it (x–z): what an anamorphic front makes of a round stop.
 fn section_ratio(system: &System, n: &[f64], efl: f64) -> f64 {
-    if system.surfaces.iter().all(|s| s.profile.is_rotational()) {
+    let round = |s: &crate::system::PlacedSurface| {
+        s.profile.is_rotational() && s.diffractive.as_ref().is_none_or(|d| d.phase().is_rotational())
+    };
+    if system.surfaces.iter().all(round) {
         return 1.0;
     }
     let mut section = system.clone();
     for s in &mut section.surfaces {
+        if let Some(d) = &mut s.diffractive {
+            *d = d.across();
+        }
         if !s.profile.is_rotational() {
             s.profile = Profile::Sphere(s.profile.curvature_x());
         }
@@ -83,6 +90,12 @@ fn section_ratio(system: &System, n: &[f64], efl: f64) -> f64 {
 /// the disk of equal area. `None` where nothing passes.
 pub(crate) fn widest_radius(system: &System, n: &[f64], efl: f64) -> Option<f64> {
     let most = system.surfaces.iter().map(|s| s.semi_diameter).filter(|s| *s < 1e8).fold(0.0, f64::max);
+    // Arms of a spider are no edge: in their directions nothing would pass.
+    let mut open = std::borrow::Cow::Borrowed(system);
+    if system.surfaces.iter().any(|s| s.apertures.iter().any(Aperture::blocks)) {
+        open.to_mut().surfaces.iter_mut().for_each(|s| s.apertures.retain(|a| !a.blocks()));
+    }
+    let system = &*open;
     let passes = |at: DVec2| system.trace(parallel(at), n, Way::ToFilm, Apertures::IgnoreIris).is_ok();
     // From outside inwards: an obstruction in the middle is not the edge.
     let edge = |center: DVec2, direction: DVec2| {
@@ -94,7 +107,7 @@ pub(crate) fn widest_radius(system: &System, n: &[f64], efl: f64) -> Option<f64>
         }
         Some(low)
     };
-    if is_centered(system) {
+    if is_centered(system) && system.surfaces.iter().all(|s| s.apertures.is_empty()) {
         return edge(DVec2::ZERO, DVec2::Y);
     }
     let center = chief_of(system, n, parallel).unwrap_or(DVec2::ZERO);

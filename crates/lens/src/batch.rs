@@ -5,14 +5,19 @@
 //! is cleared in the mask that comes back. Indices come from a Chebyshev fit of each glass in 1/λ², so that every lane may have
 //! its own wavelength.
 
+use crate::aperture::Aperture;
+use crate::coating::{LightTable, SurfaceCoating};
+use crate::diffractive::Diffractive;
+use crate::forbes::{Forbes, ForbesKind};
 use crate::glass::{Glass, GlassKind, VISIBLE_NM};
 use crate::iris::Iris;
-use crate::prescription::Coating;
+use crate::polynomial::Polynomial;
 use crate::surface::{Asphere, Profile};
-use crate::system::{FILM_NM, MGF2, MULTILAYER_REFLECTANCE, System};
-use crate::trace::Way;
+use crate::system::{FILM_NM, MGF2, System};
+use crate::trace::{TracedRay, Way};
 use fearless_simd::{Level, Simd, dispatch, prelude::*};
-use std::sync::OnceLock;
+use glam::DVec3;
+use std::sync::{Arc, OnceLock};
 
 /// Coefficients of the fit of an index: degree 7 leaves less than 1e-7.
 const TERMS: usize = 8;
@@ -35,6 +40,38 @@ fn fit(glass: &Glass) -> [f64; TERMS] {
             (0..TERMS).map(|j| value(node(j)) * (std::f64::consts::PI * k as f64 * (j as f64 + 0.5) / TERMS as f64).cos()).sum();
         sum * if k == 0 { 1.0 } else { 2.0 } / TERMS as f64
     })
+}
+
+/// What is on a surface, as packets need it.
+#[derive(Clone, Debug)]
+enum Coated {
+    Bare,
+    Perfect,
+    /// Lets this fraction through.
+    Flat(f64),
+    QuarterWave,
+    Table(Arc<LightTable>),
+}
+
+/// What is on each surface; surfaces with the same films between the same media share a table.
+fn coatings(system: &System) -> Vec<Coated> {
+    let mut tables: Vec<Arc<LightTable>> = vec![];
+    let coated = |(i, s): (usize, &crate::system::PlacedSurface)| match &s.coating {
+        SurfaceCoating::Bare => Coated::Bare,
+        SurfaceCoating::Perfect => Coated::Perfect,
+        SurfaceCoating::Flat(reflectance) => Coated::Flat(1.0 - reflectance),
+        SurfaceCoating::QuarterWave => Coated::QuarterWave,
+        SurfaceCoating::Layers(stack) => {
+            let media = [&system.glasses[i], &system.glasses[i + 1]];
+            let known = tables.iter().find(|t| t.serves(stack, media, s.mirror)).cloned();
+            Coated::Table(known.unwrap_or_else(|| {
+                let table = Arc::new(LightTable::new(stack, media, s.mirror));
+                tables.push(table.clone());
+                table
+            }))
+        }
+    };
+    system.surfaces.iter().enumerate().map(coated).collect()
 }
 
 /// Two vectors side by side, with the operations that the kernel needs.
@@ -177,14 +214,14 @@ macro_rules! batch {
                 pub dz: Lanes,
                 /// Optical path so far, mm.
                 pub path: Lanes,
-                /// Share of the light that is left; only [`Batch::trace_light`] changes it.
-                pub share: Lanes,
+                /// Fraction of the light that is left; only [`Batch::trace_light`] changes it.
+                pub fraction: Lanes,
             }
 
             impl Default for Packet {
                 fn default() -> Self {
                     let o = [0.0; LANES];
-                    Packet { x: o, y: o, z: o, dx: o, dy: o, dz: [1.0; LANES], path: o, share: [1.0; LANES] }
+                    Packet { x: o, y: o, z: o, dx: o, dy: o, dz: [1.0; LANES], path: o, fraction: [1.0; LANES] }
                 }
             }
 
@@ -195,14 +232,14 @@ macro_rules! batch {
                     [self.x[i], self.y[i], self.z[i]] = position;
                     [self.dx[i], self.dy[i], self.dz[i]] = direction;
                     self.path[i] = 0.0;
-                    self.share[i] = 1.0;
+                    self.fraction[i] = 1.0;
                 }
             }
 
             /// Index of every gap and its inverse, lane by lane.
             #[derive(Clone, Debug, Default, PartialEq)]
             pub struct Indices {
-                /// `[gap][lane]`
+                /// `[gap][lane]`; of a lens with diffractive surfaces the wavelengths behind them, mm.
                 pub n: Vec<Lanes>,
                 /// 1 / n
                 inverse: Vec<Lanes>,
@@ -222,9 +259,68 @@ macro_rules! batch {
                 Sphere,
                 Conic,
                 Asphere(Vec<$float>),
+                Forbes(QSeries),
                 Toroid(Vec<$float>),
                 /// Conic constant in x.
                 Biconic($float),
+                Freeform(Vec<$float>, PlaneSeries),
+                Fresnel(Vec<$float>),
+            }
+
+            /// A polynomial over the plane: [`Polynomial`].
+            #[derive(Clone, Debug)]
+            struct PlaneSeries {
+                /// 1 over the normalisation radius.
+                scale: $float,
+                /// Coefficients of ρ, ρ², ...
+                radial: Vec<$float>,
+                /// Rows of powers of v, each over powers of u.
+                rows: Vec<Vec<$float>>,
+                /// Azimuthal frequency, and weights and recurrence of each term.
+                rings: Vec<(usize, Vec<[$float; 5]>)>,
+            }
+
+            impl PlaneSeries {
+                fn new(p: &Polynomial) -> PlaneSeries {
+                    let all = |v: &Vec<f64>| v.iter().map(|v| *v as $float).collect::<Vec<_>>();
+                    PlaneSeries {
+                        scale: (1.0 / p.norm_mm()) as $float,
+                        radial: all(&p.terms().radial),
+                        rows: p.rows().iter().map(all).collect(),
+                        rings: p.rings().iter().map(|r| (r.m, r.terms.iter().map(|t| t.map(|v| v as $float)).collect())).collect(),
+                    }
+                }
+            }
+
+            /// A phase on a surface.
+            #[derive(Clone, Debug)]
+            struct Phase {
+                /// Order over 2π.
+                order: $float,
+                series: PlaneSeries,
+                /// What tells the efficiency, where it is not 1, with the step of the relief at the blaze.
+                blazed: Option<(Arc<Diffractive>, f64)>,
+            }
+
+            /// Polynomials of a Q-type asphere.
+            #[derive(Clone, Debug)]
+            struct QSeries {
+                kind: ForbesKind,
+                /// 1 over the square of the normalisation radius.
+                scale: $float,
+                first: $float,
+                /// Weight, then α, β, γ of the recurrence, of each term.
+                terms: Vec<[$float; 4]>,
+            }
+
+            impl QSeries {
+                fn new(f: &Forbes) -> QSeries {
+                    let (weights, first, recurrence) = f.series();
+                    let term = |(w, [a, b, g]): (&f64, &[f64; 3])| [*w, *a, *b, *g].map(|v| v as $float);
+                    let scale = (1.0 / (f.norm_mm() * f.norm_mm())) as $float;
+                    let terms = weights.iter().zip(recurrence).map(term).collect();
+                    QSeries { kind: f.kind(), scale, first: first as $float, terms }
+                }
             }
 
             #[derive(Clone, Debug)]
@@ -238,7 +334,11 @@ macro_rules! batch {
                 z: $float,
                 outer2: $float,
                 inner2: $float,
+                apertures: Vec<Aperture>,
                 mirror: bool,
+                ideal_focal_length: Option<$float>,
+                phase: Option<Phase>,
+                coating: Coated,
                 stop: bool,
                 /// Rows of the rotation into the local frame, and the place of the vertex.
                 frame: Option<([[$float; 3]; 3], [$float; 3])>,
@@ -260,12 +360,16 @@ macro_rules! batch {
                 /// Half planes of a bladed iris: normal and distance, in mm.
                 blades: Vec<[$float; 3]>,
                 image: Option<Iris>,
-                coating: Coating,
+                /// Whether any surface carries a phase.
+                diffractive: bool,
+                /// The system itself, where gaps have gradients: rays cross those one by one, as in the plain trace.
+                graded: Option<Arc<System>>,
             }
 
             impl Batch {
                 /// Prepares a system.
                 pub fn new(system: &System) -> Batch {
+                    let mut coatings = coatings(system).into_iter();
                     let steps = system
                         .surfaces
                         .iter()
@@ -277,8 +381,14 @@ macro_rules! batch {
                                 Profile::Sphere(c) => (Shape::Sphere, *c, 0.0),
                                 Profile::Conic { c, k } => (Shape::Conic, *c, *k),
                                 Profile::Asphere(a) => (Shape::Asphere(poly(a)), a.c, a.k),
+                                Profile::Forbes(f) => (Shape::Forbes(QSeries::new(f)), f.c(), f.k()),
                                 Profile::Toroid { y, .. } => (Shape::Toroid(poly(y)), y.c, y.k),
                                 Profile::Biconic { k_x, c_y, k_y, .. } => (Shape::Biconic(*k_x as $float), *c_y, *k_y),
+                                Profile::Freeform(f) => {
+                                    let b = &f.base;
+                                    (Shape::Freeform(poly(b), PlaneSeries::new(&f.departure)), b.c, b.k)
+                                }
+                                Profile::Fresnel(a) => (Shape::Fresnel(poly(a)), a.c, a.k),
                             };
                             let frame = s.frame.as_ref().map(|f| {
                                 let m = f.1.matrix3;
@@ -295,7 +405,15 @@ macro_rules! batch {
                                 z: s.z as $float,
                                 outer2: (s.semi_diameter * s.semi_diameter) as $float,
                                 inner2: (s.obstruction * s.obstruction) as $float,
+                                apertures: s.apertures.clone(),
                                 mirror: s.mirror,
+                                ideal_focal_length: s.ideal_focal_length.map(|f| f as $float),
+                                phase: s.diffractive.as_ref().map(|d| Phase {
+                                    order: d.path_per_phase(1.0) as $float,
+                                    series: PlaneSeries::new(d.phase()),
+                                    blazed: d.blaze().map(|_| (Arc::new(d.clone()), system.blaze_step(i))),
+                                }),
+                                coating: coatings.next().unwrap_or(Coated::Bare),
                                 stop: i == system.stop,
                                 frame,
                                 surface: i,
@@ -325,7 +443,8 @@ macro_rules! batch {
                         stop_radius: system.iris.radius as $float,
                         blades,
                         image: matches!(system.iris.shape, Iris::Image(_)).then(|| system.iris.shape.clone()),
-                        coating: system.coating,
+                        diffractive: system.has_diffractive(),
+                        graded: system.has_gradients().then(|| Arc::new(system.clone())),
                     }
                 }
 
@@ -339,7 +458,7 @@ macro_rules! batch {
                     dispatch!(level(), simd => trace::<_, false>(simd, self, packet, n, &[0.0; LANES], way))
                 }
 
-                /// The same, and what glass, surfaces and an aperture picture leave of the light: [`Packet::share`].
+                /// The same, and what glass, surfaces and an aperture picture leave of the light: [`Packet::fraction`].
                 pub fn trace_light(&self, packet: &mut Packet, n: &Indices, nm: &Lanes, way: Way) -> u32 {
                     dispatch!(level(), simd => trace::<_, true>(simd, self, packet, n, nm, way))
                 }
@@ -369,8 +488,12 @@ macro_rules! batch {
                 let nm = $vector::from_slice(simd, nm);
                 let x = scale / (nm * nm) - offset;
                 let twice = x + x;
-                out.n.resize(batch.glasses.len(), [1.0; LANES]);
-                out.inverse.resize(batch.glasses.len(), [1.0; LANES]);
+                let rows = batch.glasses.len() + usize::from(batch.diffractive);
+                out.n.resize(rows, [1.0; LANES]);
+                out.inverse.resize(rows, [1.0; LANES]);
+                if batch.diffractive {
+                    (nm * $vector::splat(simd, 1e-6)).store_slice(&mut out.n[rows - 1]);
+                }
                 for (fit, (n, inverse)) in batch.glasses.iter().zip(out.n.iter_mut().zip(out.inverse.iter_mut())) {
                     let mut value = one;
                     if let Some(fit) = fit {
@@ -416,6 +539,107 @@ macro_rules! batch {
                 (c * r2 / (one + root) + z * r, c / root + over_r, real)
             }
 
+            /// The same of a Q-type asphere: [`crate::forbes::Forbes::sag`].
+            #[inline(always)]
+            fn forbes_sag<S: Simd>(
+                simd: S,
+                c: $vector<S>,
+                k1: $vector<S>,
+                q: &QSeries,
+                r2: $vector<S>,
+            ) -> ($vector<S>, $vector<S>, $mask<S>) {
+                let (zero, one) = ($vector::splat(simd, 0.0), $vector::splat(simd, 1.0));
+                let root2 = one - k1 * c * c * r2;
+                let real = root2.simd_gt(zero);
+                let root = root2.max($vector::splat(simd, 1e-12)).sqrt();
+                let scale = $vector::splat(simd, q.scale);
+                let x = r2 * scale;
+                let (mut t, mut before) = ($vector::splat(simd, q.first), zero);
+                let (mut dt, mut d_before) = (zero, zero);
+                let (mut sum, mut by_x) = (zero, zero);
+                for [w, a, b, g] in &q.terms {
+                    let (w, b, g) = ($vector::splat(simd, *w), $vector::splat(simd, *b), $vector::splat(simd, *g));
+                    sum = sum + w * t;
+                    by_x = by_x + w * dt;
+                    let factor = $vector::splat(simd, *a) + b * x;
+                    let (next, d_next) = (factor * t - g * before, b * t + factor * dt - g * d_before);
+                    (t, before, dt, d_before) = (next, t, d_next, dt);
+                }
+                let twice = scale + scale;
+                let (z, over_r) = match q.kind {
+                    ForbesKind::Conic => (x * x * sum, twice * ((x + x) * sum + x * x * by_x)),
+                    ForbesKind::BestFitSphere => {
+                        let bump = x * (one - x);
+                        let slope = (one - x - x) * sum + bump * by_x;
+                        (bump * sum / root, (twice * slope + bump * sum * c * c / (root * root)) / root)
+                    }
+                };
+                (c * r2 / (one + root) + z, c / root + over_r, real)
+            }
+
+            /// Value and slopes in x and y of a polynomial over the plane: `Polynomial::at`.
+            #[inline(always)]
+            fn plane_series<S: Simd>(
+                simd: S,
+                p: &PlaneSeries,
+                x: $vector<S>,
+                y: $vector<S>,
+            ) -> ($vector<S>, $vector<S>, $vector<S>) {
+                let (zero, one) = ($vector::splat(simd, 0.0), $vector::splat(simd, 1.0));
+                let scale = $vector::splat(simd, p.scale);
+                let (u, v) = (x * scale, y * scale);
+                let rho = u * u + v * v;
+                let (mut sum, mut by_rho) = (zero, zero);
+                for a in p.radial.iter().rev() {
+                    let inner = sum + $vector::splat(simd, *a);
+                    by_rho = by_rho * rho + inner;
+                    sum = inner * rho;
+                }
+                let (mut by_u, mut by_v) = ((u + u) * by_rho, (v + v) * by_rho);
+                let (mut rows, mut rows_u, mut rows_v) = (zero, zero, zero);
+                for row in p.rows.iter().rev() {
+                    let (mut value, mut slope) = (zero, zero);
+                    for b in row.iter().rev() {
+                        slope = slope * u + value;
+                        value = value * u + $vector::splat(simd, *b);
+                    }
+                    rows_v = rows_v * v + rows;
+                    rows = rows * v + value;
+                    rows_u = rows_u * v + slope;
+                }
+                sum = sum + rows;
+                by_u = by_u + rows_u;
+                by_v = by_v + rows_v;
+                let (mut power_re, mut power_im, mut before_re, mut before_im, mut m) = (one, zero, zero, zero, 0);
+                for (frequency, terms) in &p.rings {
+                    while m < *frequency {
+                        (before_re, before_im) = (power_re, power_im);
+                        (power_re, power_im) = (u * before_re - v * before_im, u * before_im + v * before_re);
+                        m += 1;
+                    }
+                    let (mut q, mut before, mut dq, mut d_before) = (one, zero, zero, zero);
+                    let (mut c, mut s, mut dc, mut ds) = (zero, zero, zero, zero);
+                    for [wc, ws, a, b, g] in terms {
+                        let (wc, ws) = ($vector::splat(simd, *wc), $vector::splat(simd, *ws));
+                        c = c + wc * q;
+                        s = s + ws * q;
+                        dc = dc + wc * dq;
+                        ds = ds + ws * dq;
+                        let (b, g) = ($vector::splat(simd, *b), $vector::splat(simd, *g));
+                        let factor = $vector::splat(simd, *a) + b * rho;
+                        let (next, d_next) = (factor * q - g * before, b * q + factor * dq - g * d_before);
+                        (q, before, dq, d_before) = (next, q, d_next, dq);
+                    }
+                    let along = dc * power_re + ds * power_im;
+                    let along = along + along;
+                    let turn = $vector::splat(simd, m as $float);
+                    sum = sum + c * power_re + s * power_im;
+                    by_u = by_u + along * u + turn * (c * before_re + s * before_im);
+                    by_v = by_v + along * v + turn * (s * before_re - c * before_im);
+                }
+                (sum, by_u * scale, by_v * scale)
+            }
+
             #[inline(always)]
             fn trace<S: Simd, const LIGHT: bool>(
                 simd: S,
@@ -438,7 +662,7 @@ macro_rules! batch {
                     $vector::from_slice(simd, &packet.dz),
                 );
                 let mut path = zero;
-                let mut share = one;
+                let mut fraction = one;
                 let mut depth = zero;
                 let mut alive = one.simd_gt(zero);
                 // Positions are kept relative to the vertex of the surface last met: f32 has its digits where they count.
@@ -455,6 +679,32 @@ macro_rules! batch {
                         Way::ToObject => -batch.runs[before],
                     };
                     let sense = $vector::splat(simd, run);
+                    if let Some(system) = batch.graded.as_ref().filter(|s| s.gradients[before].is_some()) {
+                        let (mut x, mut y, mut z) = (ox.to_array(), oy.to_array(), oz.to_array());
+                        let (mut u, mut v, mut w) = (dx.to_array(), dy.to_array(), dz.to_array());
+                        let (mut added, mut there) = ([0.0; LANES], [0.0; LANES]);
+                        let (lanes, origin) = (alive.to_bitmask(), z_origin as f64);
+                        for lane in (0..LANES).filter(|lane| lanes >> lane & 1 == 1) {
+                            let position = DVec3::new(x[lane] as f64, y[lane] as f64, z[lane] as f64 + origin);
+                            let direction = DVec3::new(u[lane] as f64, v[lane] as f64, w[lane] as f64).normalize();
+                            let index = n.n[before][lane] as f64;
+                            let ray = TracedRay { position, direction };
+                            let Some((end, path)) = system.cross_gradient(before, index, i, ray, run as f64) else { continue };
+                            let (p, d) = (end.position, end.direction);
+                            (x[lane], y[lane], z[lane]) = (p.x as $float, p.y as $float, (p.z - origin) as $float);
+                            (u[lane], v[lane], w[lane]) = (d.x as $float, d.y as $float, d.z as $float);
+                            (added[lane], there[lane]) = (path as $float, 1.0);
+                        }
+                        let lanes = |v: &Lanes| $vector::from_slice(simd, v);
+                        (ox, oy, oz) = (lanes(&x), lanes(&y), lanes(&z));
+                        (dx, dy, dz) = (lanes(&u), lanes(&v), lanes(&w));
+                        alive = alive & lanes(&there).simd_gt(zero);
+                        path = path + lanes(&added);
+                        if LIGHT && !batch.absorption[before].is_empty() {
+                            depth = depth + lanes(&absorbed(&batch.absorption[before], nm)) * lanes(&added)
+                                / $vector::from_slice(simd, &n.n[before]);
+                        }
+                    }
                     let (mut px, mut py, mut pz) = (ox, oy, oz - $vector::splat(simd, step.z - z_origin));
                     z_origin = step.z;
                     if let Some((m, t)) = &step.frame {
@@ -493,7 +743,7 @@ macro_rules! batch {
                             (nx, ny, nz) = (gx / length, gy / length, along / length);
                             hit = real & along.simd_gt(zero);
                         }
-                        Shape::Asphere(a) => {
+                        Shape::Asphere(_) | Shape::Forbes(_) => {
                             let k = $vector::splat(simd, step.k);
                             let (t0, real) = conic(simd, c, k, px, py, pz, dx, dy, dz, sense);
                             let c1 = $vector::splat(simd, step.c_start);
@@ -507,7 +757,12 @@ macro_rules! batch {
                             let mut pass = 0;
                             while pass <= NEWTON_STEPS {
                                 let (x, y, z) = (px + dx * s, py + dy * s, pz + dz * s);
-                                let (height, over_r, real) = sag::<S>(simd, c, k1, a, x * x + y * y);
+                                let r2 = x * x + y * y;
+                                let (height, over_r, real) = match &step.shape {
+                                    Shape::Asphere(a) => sag::<S>(simd, c, k1, a, r2),
+                                    Shape::Forbes(q) => forbes_sag::<S>(simd, c, k1, q, r2),
+                                    _ => (zero, zero, real),
+                                };
                                 residual = z - height;
                                 slope = over_r;
                                 on = real;
@@ -524,6 +779,47 @@ macro_rules! batch {
                             (nx, ny, nz) = (gx / length, gy / length, one / length);
                             let scale = $vector::splat(simd, RESIDUAL) * (one + t.abs());
                             hit = on & residual.abs().simd_lt(scale);
+                        }
+                        Shape::Freeform(a, series) => {
+                            let k = $vector::splat(simd, step.k);
+                            let (t0, real) = conic(simd, c, k, px, py, pz, dx, dy, dz, sense);
+                            let c1 = $vector::splat(simd, step.c_start);
+                            let (t1, real1) = conic(simd, c1, zero, px, py, pz, dx, dy, dz, sense);
+                            let mut s = real.select(t0, real1.select(t1, -pz / dz));
+                            let k1 = one + k;
+                            let mut residual = one;
+                            let (mut gx, mut gy) = (zero, zero);
+                            let mut on = real;
+                            let mut pass = 0;
+                            while pass <= NEWTON_STEPS {
+                                let (x, y, z) = (px + dx * s, py + dy * s, pz + dz * s);
+                                let (height, over_r, real) = sag::<S>(simd, c, k1, a, x * x + y * y);
+                                let (more, by_x, by_y) = plane_series::<S>(simd, series, x, y);
+                                gx = x * over_r + by_x;
+                                gy = y * over_r + by_y;
+                                residual = z - height - more;
+                                on = real;
+                                if pass < NEWTON_STEPS {
+                                    s = s - residual / (dz - gx * dx - gy * dy);
+                                }
+                                pass += 1;
+                            }
+                            t = s;
+                            (hx, hy, hz) = (px + dx * t, py + dy * t, pz + dz * t);
+                            let length = (gx * gx + gy * gy + one).sqrt();
+                            (nx, ny, nz) = (-gx / length, -gy / length, one / length);
+                            let scale = $vector::splat(simd, RESIDUAL) * (one + t.abs());
+                            hit = on & residual.abs().simd_lt(scale);
+                        }
+                        Shape::Fresnel(a) => {
+                            t = -pz / dz;
+                            (hx, hy, hz) = (px + dx * t, py + dy * t, zero);
+                            let k1 = one + $vector::splat(simd, step.k);
+                            let (_, over_r, real) = sag::<S>(simd, c, k1, a, hx * hx + hy * hy);
+                            let (gx, gy) = (hx * over_r, hy * over_r);
+                            let length = (gx * gx + gy * gy + one).sqrt();
+                            (nx, ny, nz) = (-gx / length, -gy / length, one / length);
+                            hit = real & t.simd_eq(t);
                         }
                         Shape::Toroid(a) => {
                             let k1 = one + $vector::splat(simd, step.k);
@@ -594,6 +890,16 @@ macro_rules! batch {
                     if step.inner2 > 0.0 {
                         alive = alive & r2.simd_ge($vector::splat(simd, step.inner2));
                     }
+                    // Apertures that are no disks are asked lane by lane, by the same code as in the plain trace.
+                    if !step.apertures.is_empty() && alive.to_bitmask() != 0 {
+                        let (x, y) = (hx.to_array(), hy.to_array());
+                        let mut passes = [0.0; LANES];
+                        for lane in 0..LANES {
+                            let (x, y) = (x[lane] as f64, y[lane] as f64);
+                            passes[lane] = if step.apertures.iter().all(|a| a.lets_through(x, y)) { 1.0 } else { 0.0 };
+                        }
+                        alive = alive & $vector::from_slice(simd, &passes).simd_gt(zero);
+                    }
                     if step.stop {
                         if batch.blades.is_empty() && batch.image.is_none() {
                             alive = alive & r2.simd_le($vector::splat(simd, batch.stop_radius * batch.stop_radius));
@@ -611,61 +917,116 @@ macro_rules! batch {
                             }
                             let passes = $vector::from_slice(simd, &passes);
                             alive = alive & passes.simd_gt(zero);
-                            share = share * passes;
+                            fraction = fraction * passes;
                         }
                     }
-                    let n0 = $vector::from_slice(simd, &n.n[before]);
+                    let mut n0 = $vector::from_slice(simd, &n.n[before]);
+                    let mut n1 = $vector::from_slice(simd, &n.n[after]);
+                    let mut inverse1 = $vector::from_slice(simd, &n.inverse[after]);
+                    let is_graded = |s: &&Arc<System>| s.gradients[before].is_some() || s.gradients[after].is_some();
+                    if let Some(system) = batch.graded.as_ref().filter(is_graded) {
+                        let (x, y, z) = (hx.to_array(), hy.to_array(), hz.to_array());
+                        let mut indices = [[0.0; LANES]; 2];
+                        for lane in 0..LANES {
+                            let place = DVec3::new(x[lane] as f64, y[lane] as f64, z[lane] as f64);
+                            let point = system.surfaces[i].to_lens(place, DVec3::Z).0;
+                            for (side, gap) in [before, after].into_iter().enumerate() {
+                                indices[side][lane] = system.index_at(gap, n.n[gap][lane] as f64, point) as $float;
+                            }
+                        }
+                        n0 = $vector::from_slice(simd, &indices[0]);
+                        n1 = $vector::from_slice(simd, &indices[1]);
+                        inverse1 = one / n1;
+                    }
                     path = path + n0 * t;
                     let facing = dx * nx + dy * ny + dz * nz;
-                    if step.mirror {
+                    if let Some(focal) = step.ideal_focal_length {
+                        // As `ideal::bend`, with the way of the light in `sense`.
+                        let f = $vector::splat(simd, focal);
+                        let (sx, sy) = (dx / dz, dy / dz);
+                        let (ax, ay) = (sx - hx * sense / f, sy - hy * sense / f);
+                        alive = alive & (dz * sense).simd_gt(zero);
+                        let length = (ax * ax + ay * ay + one).sqrt();
+                        let (bx, by, bz) = (sense * ax / length, sense * ay / length, sense / length);
+                        // Slopes and direction on the object's side, as light runs there.
+                        let (ux, uy, gx, gy) = match way {
+                            Way::ToFilm => (sx * sense, sy * sense, dx, dy),
+                            Way::ToObject => (-(ax * sense), -(ay * sense), -bx, -by),
+                        };
+                        let (qx, qy) = (f * ux, f * uy);
+                        let whole = (qx * qx + qy * qy + f * f).sqrt();
+                        let (wx, wy) = (qx - hx, qy - hy);
+                        let sign = $vector::splat(simd, focal.signum());
+                        path = path + sign * (whole - (wx * wx + wy * wy + f * f).sqrt()) - (gx * hx + gy * hy);
+                        (dx, dy, dz) = (bx, by, bz);
+                    } else if let Some(phase) = &step.phase {
+                        // As `Diffractive::bend`.
+                        let wavelength = $vector::from_slice(simd, &n.n[count + 1]);
+                        let factor = $vector::splat(simd, phase.order) * wavelength;
+                        let (value, by_x, by_y) = plane_series::<S>(simd, &phase.series, hx, hy);
+                        let (qx, qy, qz) = (n0 * dx + factor * by_x, n0 * dy + factor * by_y, n0 * dz);
+                        let out = if step.mirror { n0 } else { n1 };
+                        let across = qx * nx + qy * ny + qz * nz;
+                        let (qx, qy, qz) = (qx - nx * across, qy - ny * across, qz - nz * across);
+                        let rest = out * out - (qx * qx + qy * qy + qz * qz);
+                        alive = alive & rest.simd_gt(zero);
+                        let onwards = facing.simd_ge(zero).select(one, -one);
+                        let onwards = if step.mirror { -onwards } else { onwards };
+                        let along = onwards * rest.max(zero).sqrt();
+                        let inverse = one / out;
+                        (dx, dy, dz) = ((qx + nx * along) * inverse, (qy + ny * along) * inverse, (qz + nz * along) * inverse);
+                        path = path + factor * value;
+                        if LIGHT {
+                            let (cos0, cos1) = (facing.abs(), along.abs() * inverse);
+                            if !step.mirror {
+                                fraction = fraction * passed(simd, &step.coating, n0, n1, cos0, cos1, nm, way);
+                            }
+                            if let Some((diffractive, at_blaze)) = &phase.blazed {
+                                let (before, after) = (n0.to_array(), n1.to_array());
+                                let mut efficiency = [0.0; LANES];
+                                for lane in 0..LANES {
+                                    let [n0, n1] = match way {
+                                        Way::ToFilm => [before[lane] as f64, after[lane] as f64],
+                                        Way::ToObject => [after[lane] as f64, before[lane] as f64],
+                                    };
+                                    let height = if step.mirror { 2.0 * n0 } else { n1 - n0 };
+                                    let nm = nm[lane] as f64;
+                                    efficiency[lane] = diffractive.efficiency(diffractive.order(), nm, [height, *at_blaze]) as $float;
+                                }
+                                fraction = fraction * $vector::from_slice(simd, &efficiency);
+                            }
+                        }
+                    } else if step.mirror {
                         let along = two * facing;
                         (dx, dy, dz) = (dx - nx * along, dy - ny * along, dz - nz * along);
                     } else {
-                        let mu = n0 * $vector::from_slice(simd, &n.inverse[after]);
+                        let mu = n0 * inverse1;
                         let cos2 = one - mu * mu * (one - facing * facing);
                         alive = alive & cos2.simd_ge(zero);
                         let cos1 = cos2.max(zero).sqrt();
                         let along = sense * cos1 - mu * facing;
                         (dx, dy, dz) = (dx * mu + nx * along, dy * mu + ny * along, dz * mu + nz * along);
                         if LIGHT {
-                            let n1 = $vector::from_slice(simd, &n.n[after]);
-                            let cos0 = facing.abs();
-                            match batch.coating {
-                                Coating::Perfect => {}
-                                Coating::Multilayer => {
-                                    let coated = batch.glasses[before].is_none() != batch.glasses[after].is_none();
-                                    if coated {
-                                        share = share * $vector::splat(simd, (1.0 - MULTILAYER_REFLECTANCE) as $float);
-                                    } else if batch.glasses[before].is_some() {
-                                        share = share * fresnel(simd, n0, n1, cos0, cos1);
-                                    }
-                                }
-                                Coating::MagnesiumFluoride
-                                    if batch.glasses[before].is_none() != batch.glasses[after].is_none() =>
-                                {
-                                    share = share * quarter_wave(simd, n0, n1, cos0, cos1, $vector::from_slice(simd, nm));
-                                }
-                                _ => share = share * fresnel(simd, n0, n1, cos0, cos1),
-                            }
+                            fraction = fraction * passed(simd, &step.coating, n0, n1, facing.abs(), cos1, nm, way);
                         }
                     }
                     if LIGHT {
                         if step.mirror {
                             let mut reflected = [0.0; LANES];
+                            let cosines = facing.to_array();
                             for lane in 0..LANES {
-                                reflected[lane] = crate::system::aluminium(nm[lane] as f64) as $float;
+                                reflected[lane] = match &step.coating {
+                                    Coated::Table(table) => {
+                                        LightTable::at(table.values(), nm[lane] as f32, cosines[lane].abs() as f32) as $float
+                                    }
+                                    _ => crate::system::aluminium(nm[lane] as f64) as $float,
+                                };
                             }
-                            share = share * $vector::from_slice(simd, &reflected);
+                            fraction = fraction * $vector::from_slice(simd, &reflected);
                         }
                         let table = &batch.absorption[before];
                         if !table.is_empty() {
-                            let mut alpha = [0.0; LANES];
-                            for lane in 0..LANES {
-                                let at = ((nm[lane] - 380.0) * 0.1).clamp(0.0, 39.999);
-                                let i = at as usize;
-                                alpha[lane] = table[i] + (table[i + 1] - table[i]) * (at - i as $float);
-                            }
-                            depth = depth + $vector::from_slice(simd, &alpha) * t.abs();
+                            depth = depth + $vector::from_slice(simd, &absorbed(table, nm)) * t.abs();
                         }
                     }
                     (ox, oy, oz) = (hx, hy, hz);
@@ -686,15 +1047,54 @@ macro_rules! batch {
                 dz.store_slice(&mut packet.dz);
                 path.store_slice(&mut packet.path);
                 if LIGHT {
-                    share.store_slice(&mut packet.share);
+                    fraction.store_slice(&mut packet.fraction);
                     let depth = depth.to_array();
                     if batch.absorption.iter().any(|a| !a.is_empty()) {
                         for lane in 0..LANES {
-                            packet.share[lane] *= (-depth[lane]).exp();
+                            packet.fraction[lane] *= (-depth[lane]).exp();
                         }
                     }
                 }
                 alive.to_bitmask() as u32
+            }
+
+            /// Fraction of the light that what is on a surface lets through.
+            #[inline(always)]
+            fn passed<S: Simd>(
+                simd: S,
+                coating: &Coated,
+                n0: $vector<S>,
+                n1: $vector<S>,
+                cos0: $vector<S>,
+                cos1: $vector<S>,
+                nm: &Lanes,
+                way: Way,
+            ) -> $vector<S> {
+                match coating {
+                    Coated::Perfect => $vector::splat(simd, 1.0),
+                    Coated::Flat(through) => $vector::splat(simd, *through as $float),
+                    Coated::QuarterWave => quarter_wave(simd, n0, n1, cos0, cos1, $vector::from_slice(simd, nm)),
+                    Coated::Bare => fresnel(simd, n0, n1, cos0, cos1),
+                    Coated::Table(table) => {
+                        let from_object = matches!(way, Way::ToFilm);
+                        let cosines = if table.is_by_object_side() == from_object { cos0 } else { cos1 }.to_array();
+                        let (values, mut through) = (table.values(), [0.0; LANES]);
+                        for lane in 0..LANES {
+                            through[lane] = LightTable::at(values, nm[lane] as f32, cosines[lane] as f32) as $float;
+                        }
+                        $vector::from_slice(simd, &through)
+                    }
+                }
+            }
+
+            /// Absorption (1/mm) at the wavelengths of the lanes, of a table at 380, 390, ... nm.
+            #[inline(always)]
+            fn absorbed(table: &[$float], nm: &Lanes) -> Lanes {
+                nm.map(|nm| {
+                    let at = ((nm - 380.0) * 0.1).clamp(0.0, 39.999);
+                    let i = at as usize;
+                    table[i] + (table[i + 1] - table[i]) * (at - i as $float)
+                })
             }
 
             /// Root of a t² + 2 b t + q nearest the vertex, as in the plain trace.
@@ -829,3 +1229,34 @@ macro_rules! batch {
 
 batch!(single, f32, 32, Single, SingleMask, "32 rays at once in f32.");
 batch!(double, f64, 16, Double, DoubleMask, "16 rays at once in f64.");
+
+/// Traces a packet of rays and each of them by the plain trace, which must agree: places and paths to `tolerance` mm, directions to a hundredth of it. Answers
+/// with the rays that come through, by their number, where they end, and their optical path.
+#[cfg(test)]
+pub(crate) fn agreement(
+    system: &crate::System,
+    n: &[f64],
+    ray: impl Fn(usize) -> crate::trace::TracedRay,
+    tolerance: f64,
+) -> Vec<(usize, crate::trace::TracedRay, f64)> {
+    use double::{Batch, Indices, LANES, Packet};
+    let mut packet = Packet::default();
+    for i in 0..LANES {
+        packet.set(i, ray(i).position.to_array(), ray(i).direction.to_array());
+    }
+    let mask = Batch::new(system).trace(&mut packet, &Indices::uniform(n), crate::trace::Way::ToFilm);
+    let mut through = Vec::new();
+    for i in 0..LANES {
+        let mut path = 0.0;
+        let (way, apertures) = (crate::trace::Way::ToFilm, crate::trace::Apertures::Clip);
+        let plain = system.trace_with(ray(i), n, way, apertures, |e| path += e.path);
+        assert_eq!(plain.is_ok(), mask >> i & 1 == 1, "{i}");
+        let Ok(plain) = plain else { continue };
+        assert!((glam::DVec3::new(packet.x[i], packet.y[i], packet.z[i]) - plain.position).length() < tolerance, "{i}");
+        let direction = glam::DVec3::new(packet.dx[i], packet.dy[i], packet.dz[i]);
+        assert!((direction - plain.direction).length() < 0.01 * tolerance, "{i}");
+        assert!((packet.path[i] - path).abs() < tolerance, "{i}: {} {path}", packet.path[i]);
+        through.push((i, plain, path));
+    }
+    through
+}

@@ -94,6 +94,7 @@ impl Tracer {
         for s in &mut system.surfaces {
             s.semi_diameter = UNLIMITED;
             s.obstruction = 0.0;
+            s.apertures.clear();
         }
         system.iris.shape = Iris::Round;
         system.iris.radius = UNLIMITED;
@@ -102,9 +103,14 @@ impl Tracer {
         Tracer { batch: Batch::new(&system), system, n, lanes }
     }
 
-    /// Index of every gap at a wavelength, by its number.
+    /// Index of every gap at a wavelength, by its number, as [`System::indices`].
     pub fn indices(&self, color: usize) -> &[f64] {
         &self.n[color]
+    }
+
+    /// Index behind the last surface at a wavelength, by its number.
+    pub fn image_index(&self, color: usize) -> f64 {
+        self.n[color][self.system.surfaces.len()]
     }
 
     /// Place in the stop's own frame of a ray before the lens.
@@ -247,7 +253,7 @@ impl Bundle {
     /// The same for other places across the chief ray, with weights.
     pub fn trace_places(&self, tracer: &Tracer, aimed: Aimed, color: usize, places: &[(DVec2, f64)]) -> Option<Vec<Landing>> {
         let film_z = tracer.system.film_z;
-        let n_image = tracer.n[color].last().copied().unwrap_or(1.0);
+        let n_image = tracer.image_index(color);
         let mut landings = Vec::with_capacity(places.len());
         let mut packet = Packet::default();
         for chunk in places.chunks(LANES) {

@@ -133,10 +133,10 @@ impl Vignetting {
         }
     }
 
-    /// At a distance from the middle, as a share of half the diagonal; beyond the table its last value.
-    pub fn at(&self, share: f64) -> f64 {
+    /// At a distance from the middle, as a fraction of half the diagonal; beyond the table its last value.
+    pub fn at(&self, fraction: f64) -> f64 {
         let last = self.falloff.len() - 1;
-        let place = (share * last as f64).clamp(0.0, last as f64);
+        let place = (fraction * last as f64).clamp(0.0, last as f64);
         let i = (place as usize).min(last - 1);
         self.falloff[i] + (self.falloff[i + 1] - self.falloff[i]) * (place - i as f64)
     }

@@ -11,7 +11,7 @@ pub struct Fan {
     center: DVec2,
     /// Counter-clockwise.
     outline: Vec<DVec2>,
-    /// Share of the area before each triangle; one more entry, 1.
+    /// Fraction of the area before each triangle; one more entry, 1.
     before: Vec<f64>,
     /// First triangle to look at for each 1/[`GUIDE`].
     guide: Vec<u16>,

@@ -56,6 +56,11 @@ impl Blades {
         x * a.cos() + (radius * radius - (x * a.sin()).powi(2)).sqrt()
     }
 
+    /// Corners, counter-clockwise, in units of the radius of the disk of equal area.
+    pub fn outline(&self) -> &[DVec2] {
+        self.fan.outline()
+    }
+
     /// The sides as half planes x·n ≤ distance: n and distance, in units of the radius of the disk of equal area.
     pub fn edges(&self) -> &[[f64; 3]] {
         &self.edges
@@ -128,7 +133,7 @@ impl Iris {
         Ok(Iris::Image(Arc::new(ApertureImage { width, height, values, grid, mean })))
     }
 
-    /// Share of light that a place lets through, in units of the radius of the disk of equal area; x to the right and y up as
+    /// Fraction of light that a place lets through, in units of the radius of the disk of equal area; x to the right and y up as
     /// seen from the film.
     #[inline]
     pub fn transmittance(&self, x: f64, y: f64) -> f32 {

@@ -6,21 +6,33 @@
 //!
 //! From a file to a picture: [`import`] or [`prescription`] → checked [`Prescription`] → [`System`] (a focus and zoom position,
 //! ready to trace) → [`CompoundLens`] (aperture and focus set, pupils known). [`trace`] is the plain trace and the reference;
-//! [`batch`] the fast one. Not here: diffraction in pictures, polarisation, ghosts, gradient-index and diffractive surfaces.
+//! [`batch`] the fast one; [`diffraction`] what the aperture does to the light on the film; [`coating`]: thin films on its surfaces; [`ghosts`]: light
+//! they throw back; [`glare`]: light they scatter. Not here: polarisation.
 
 pub mod analysis;
+pub mod aperture;
 mod axial_beam;
 pub mod batch;
 mod bundle;
 pub mod calibrated;
 pub mod camera_model;
+pub mod coating;
 pub mod compound;
 pub mod conjugates;
+pub mod diffraction;
+pub mod diffractive;
 pub mod draw;
 pub mod dual;
+pub mod export;
 mod fan;
 pub mod focusing;
+pub mod forbes;
+pub mod freeform;
+pub mod ghosts;
+pub mod glare;
 pub mod glass;
+pub mod gradient;
+pub mod ideal;
 pub mod import;
 mod iris;
 mod lenses;
@@ -28,6 +40,7 @@ mod linear;
 pub mod microlens;
 pub mod optimise;
 pub mod paraxial;
+pub mod polynomial;
 pub mod prescription;
 pub mod pupil;
 pub mod surface;
@@ -37,13 +50,15 @@ pub mod tolerance;
 pub mod trace;
 
 pub use calibrated::CalibratedLens;
+pub use coating::Coating;
 pub use compound::CompoundLens;
+pub use diffraction::Diffraction;
 pub use fan::Fan;
 pub use iris::Iris;
 pub use lenses::{embedded, embedded_names};
-pub use prescription::{Coating, Prescription, PrescriptionError};
+pub use prescription::{Prescription, PrescriptionError};
 pub use system::{State, System};
-pub use thin::{Pinhole, Projection, ThinLens};
+pub use thin::{Pinhole, Projection, ThinEntry, ThinLens};
 
 use diopter_light::units::Millimeters;
 use glam::{DVec2, DVec3};
@@ -94,7 +109,7 @@ pub enum BlockedBy {
     Clipped,
     /// It did not meet the surface.
     Missed,
-    /// Total internal reflection.
+    /// Total internal reflection, or an order that a diffractive surface does not send out.
     TotalReflection,
 }
 
@@ -158,12 +173,13 @@ impl Lens {
         }
     }
 
-    /// Whether nothing is out of focus: a hole, or a calibrated camera without a pupil.
+    /// Whether nothing is out of focus, or all is alike: a hole, openings alone, or a calibrated camera without a pupil.
     pub fn is_sharp_everywhere(&self) -> bool {
         match self {
             Lens::Pinhole(_) => true,
             Lens::Calibrated(lens) => lens.pupil().is_none(),
-            Lens::Thin(_) | Lens::Compound(_) => false,
+            Lens::Compound(lens) => lens.prescription().is_openings_alone(),
+            Lens::Thin(_) => false,
         }
     }
 

@@ -151,9 +151,9 @@ mod tests {
             let (mut drawn, mut passed) = (0.0, 0.0);
             for (i, u) in places(40_000).enumerate() {
                 // Even over whole periods of the images, around a place off the axis.
-                let share = DVec2::new((i % 200) as f64 + 0.5, (i / 200) as f64 + 0.5) / 200.0;
+                let fraction = DVec2::new((i % 200) as f64 + 0.5, (i / 200) as f64 + 0.5) / 200.0;
                 let period = DVec2::new(array.lattice.pitch, array.lattice.row_pitch()) * behind.magnification;
-                let sensor = DVec2::new(2.0, 1.0) + share * period * 6.0;
+                let sensor = DVec2::new(2.0, 1.0) + fraction * period * 6.0;
                 drawn += 1.0;
                 let Some(way) = behind.draw(sensor, u) else { continue };
                 assert!(behind.lands(way.at, way.slope).distance(sensor) < 1e-9);
@@ -162,8 +162,8 @@ mod tests {
             }
             // The sensor gets what the film would, on the larger area of the images.
             let film = lens.ray(DVec2::new(2.9, 1.9), [0.5, 0.5]).unwrap().weight_sr;
-            let share = passed / drawn * behind.magnification.powi(2) / film;
-            assert!((share - 1.0).abs() < 0.01, "{share}");
+            let fraction = passed / drawn * behind.magnification.powi(2) / film;
+            assert!((fraction - 1.0).abs() < 0.01, "{fraction}");
         }
     }
 }

@@ -4,6 +4,7 @@
 //! so that one formula serves refraction and reflection.
 
 use crate::system::System;
+use glam::DVec3;
 
 /// A paraxial ray at every surface.
 #[derive(Clone, Debug, PartialEq)]
@@ -22,10 +23,13 @@ impl Trace {
         let (mut y, mut u) = (y, u);
         for (i, s) in system.surfaces.iter().enumerate() {
             if i > 0 {
-                y += u * (s.z - system.surfaces[i - 1].z);
+                (y, u) = transfer(system, i, n[i], [y, u]);
             }
-            let (before, after) = (n[i] * system.runs[i], n[i + 1] * system.runs[i + 1]);
-            u = (before * u - y * s.profile.curvature() * (after - before)) / after;
+            let (before, after) = (index_before(system, i, n) * system.runs[i], n[i + 1] * system.runs[i + 1]);
+            let diffractive =
+                s.diffractive.as_ref().map_or(0.0, |d| -d.path_per_phase(system.wavelength_mm(n)) * d.phase().curvatures()[1]);
+            let power = s.profile.curvature() * (after - before) + s.ideal_focal_length.map_or(0.0, |f| 1.0 / f) + diffractive;
+            u = (before * u - y * power) / after;
             heights.push(y);
             angles.push(u);
         }
@@ -40,6 +44,52 @@ impl Trace {
     fn last(&self) -> (f64, f64) {
         (self.heights.last().copied().unwrap_or(0.0), self.angles.last().copied().unwrap_or(0.0))
     }
+}
+
+/// Index on the axis just before a surface.
+fn index_before(system: &System, i: usize, n: &[f64]) -> f64 {
+    match &system.gradients[i] {
+        None => n[i],
+        Some(g) => g.index(n[i], DVec3::new(0.0, 0.0, system.surfaces[i].z - system.surfaces[i - 1].z)),
+    }
+}
+
+/// Steps over a graded gap.
+const STEPS: usize = 400;
+
+/// Height and slope at surface `i` of a ray that left the one before it so. In a gradient: d/dz (N dy/dz) = 2 N₂ y for n = N(z) + N₂(z) r²
+/// (Sands 1970, J. Opt. Soc. Am. 60, 1436), by the classical Runge–Kutta scheme.
+fn transfer(system: &System, i: usize, n: f64, [y, u]: [f64; 2]) -> (f64, f64) {
+    let length = system.surfaces[i].z - system.surfaces[i - 1].z;
+    let Some(g) = &system.gradients[i] else { return (y + u * length, u) };
+    let index = |z: f64| g.index(n, DVec3::new(0.0, 0.0, z));
+    let slope = |z: f64, [y, w]: [f64; 2]| [w / index(z), 2.0 * g.axial_curvature(n, z) * y];
+    let h = length / STEPS as f64;
+    let along = |a: [f64; 2], b: [f64; 2], f: f64| [a[0] + b[0] * f, a[1] + b[1] * f];
+    let mut state = [y, u * index(0.0)];
+    for k in 0..STEPS {
+        let z = h * k as f64;
+        let a = slope(z, state);
+        let b = slope(z + 0.5 * h, along(state, a, 0.5 * h));
+        let c = slope(z + 0.5 * h, along(state, b, 0.5 * h));
+        let d = slope(z + h, along(state, c, h));
+        for (s, k) in state.iter_mut().zip([0, 1]) {
+            *s += h * (a[k] + 2.0 * b[k] + 2.0 * c[k] + d[k]) / 6.0;
+        }
+    }
+    (state[0], state[1] / index(length))
+}
+
+/// What the gradient in the gap before a surface adds to the Petzval sum: ∫ 2 N₂ / N² dz (Sands 1970).
+fn graded_petzval(system: &System, i: usize, n: &[f64]) -> f64 {
+    let Some(g) = &system.gradients[i] else { return 0.0 };
+    let length = system.surfaces[i].z - system.surfaces[i - 1].z;
+    let f = |k: f64| {
+        let z = length * k / STEPS as f64;
+        2.0 * g.axial_curvature(n[i], z) / g.index(n[i], DVec3::new(0.0, 0.0, z)).powi(2)
+    };
+    let sum: f64 = (0..STEPS).map(|k| k as f64).map(|k| (f(k) + 4.0 * f(k + 0.5) + f(k + 1.0)) / 6.0).sum();
+    sum * length / STEPS as f64
 }
 
 /// First-order data. Places in mm along the axis from the first vertex; distances as CODE V prints them.
@@ -92,15 +142,17 @@ impl FirstOrder {
         let exit_pupil_z = last_z - cy / cu;
         // Invariant: n u_chief × pupil radius is the same in all spaces. With slope 1 in front at n = 1, and the slope at the
         // stop known, radius ratios follow.
-        let stop_slope = chief_y * axial.angles[system.stop] + slanted.angles[system.stop];
-        let n_stop = n[system.stop] * system.runs[system.stop];
+        // In a graded gap the slope is known at its start: behind the stop it is the stop's.
+        let gap = if system.gradients[system.stop].is_some() { system.stop + 1 } else { system.stop };
+        let stop_slope = chief_y * axial.angles[gap] + slanted.angles[gap];
+        let n_stop = n[gap] * system.runs[gap];
         let n_last = n[system.surfaces.len()] * system.runs[system.surfaces.len()];
         let entrance_pupil_magnification = n_stop * stop_slope;
         let exit_pupil_magnification = n_stop * stop_slope / (n_last * cu);
         let petzval_sum = (0..system.surfaces.len())
             .map(|i| {
-                let (n0, n1) = (n[i] * system.runs[i], n[i + 1] * system.runs[i + 1]);
-                -(n1 - n0) * system.surfaces[i].profile.curvature() / (n0 * n1)
+                let (n0, n1) = (index_before(system, i, n) * system.runs[i], n[i + 1] * system.runs[i + 1]);
+                graded_petzval(system, i, n) - (n1 - n0) * system.surfaces[i].profile.curvature() / (n0 * n1)
             })
             .sum();
         FirstOrder {

@@ -27,8 +27,23 @@ const RADIAL_BINS: usize = 96;
 const POLAR_BINS: [usize; 2] = [44, 8];
 /// Cells over the film for a lens that is not round.
 const CELLS: [usize; 2] = [20, 14];
+/// The same numbers where [`PupilDetail::Draft`] is asked for.
+const DRAFT_RADIAL_BINS: usize = 24;
+const DRAFT_POLAR_BINS: [usize; 2] = [14, 4];
+const DRAFT_CELLS: [usize; 2] = [10, 8];
 /// Growth that covers shapes which are not quite convex and single precision.
 const MARGIN: f64 = 1.002;
+
+/// At how many places of the film the shapes of the pupil are found.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum PupilDetail {
+    /// As many as it takes that few rays are drawn in vain.
+    #[default]
+    Full,
+    /// About a seventh of them, for a lens that is set many times a second: more rays are drawn in vain where rims cut the pupil, and the shapes between
+    /// two places that are farther apart are their hull less exactly (the pupil turns by 1/32 of the iris' period between a place and the middle).
+    Draft,
+}
 
 /// Shape of the pupil for a part of the film.
 #[derive(Clone, Debug)]
@@ -102,12 +117,16 @@ pub fn lit_radius(g: &Geometry, towards: DVec2, most: f64) -> f64 {
 
 impl PupilTable {
     /// Looks for the shapes.
-    pub fn new(g: &Geometry) -> PupilTable {
+    pub fn new(g: &Geometry, detail: PupilDetail) -> PupilTable {
+        let (radial, polar, cells) = match detail {
+            PupilDetail::Full => (RADIAL_BINS, POLAR_BINS, CELLS),
+            PupilDetail::Draft => (DRAFT_RADIAL_BINS, DRAFT_POLAR_BINS, DRAFT_CELLS),
+        };
         let mut search = Search::new(g);
         let diagonal = g.film_half.length();
         let (layout, regions) = if g.rotational {
             let round = g.iris_period == 0.0;
-            let (bins, angles) = if round { (RADIAL_BINS, 1) } else { (POLAR_BINS[0], POLAR_BINS[1]) };
+            let (bins, angles) = if round { (radial, 1) } else { (polar[0], polar[1]) };
             let corners = if round { 1 } else { angles + 1 };
             // Where the picture of the lens ends, if it does so on the film: bins are not spent on the dark beyond.
             let radius = search.lit_radius(DVec2::X, diagonal);
@@ -116,7 +135,7 @@ impl PupilTable {
                 let angle = g.iris_period * a as f64 / angles as f64;
                 let mut before = None;
                 for r in 0..=bins {
-                    let film = DVec2::from_angle(angle) * (radius * share(r as f64 / bins as f64));
+                    let film = DVec2::from_angle(angle) * (radius * fraction(r as f64 / bins as f64));
                     let outline = search.outline(film, before.as_ref());
                     outlines[r].push(outline.clone());
                     before = Some(outline);
@@ -136,7 +155,7 @@ impl PupilTable {
             (Layout::Polar { radius, bins, period: g.iris_period, angles, turns }, regions)
         } else {
             let mirrored = g.mirrored && g.iris_period == 0.0;
-            let [nx, ny] = if mirrored { CELLS.map(|n| n / 2) } else { CELLS };
+            let [nx, ny] = if mirrored { cells.map(|n| n / 2) } else { cells };
             let film = |i: f64, j: f64| {
                 let at = DVec2::new(i / nx as f64, j / ny as f64);
                 (if mirrored { at } else { 2.0 * at - 1.0 }) * g.film_half
@@ -228,8 +247,8 @@ impl PupilTable {
     }
 }
 
-/// Radius at a share of the bins: they are narrow where rims cut the pupil away, at the edge.
-fn share(t: f64) -> f64 {
+/// Radius at a fraction of the bins: they are narrow where rims cut the pupil away, at the edge.
+fn fraction(t: f64) -> f64 {
     1.0 - (1.0 - t) * (1.0 - t)
 }
 

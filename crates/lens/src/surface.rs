@@ -5,8 +5,11 @@
 //! z = c r² / (1 + √(1 − (1+k) c² r²)) + Σ Aᵢ rⁱ for any powers i ≥ 1, even or odd; a toroid is a curve of that kind in the y–z
 //! plane turned about an axis parallel to y at x-radius R_x (ISO 10110-12, Zemax "toroidal"); a biconic has a curvature and a
 //! conic constant of its own in x and in y, z = (c_x x² + c_y y²) / (1 + √(1 − (1+k_x) c_x² x² − (1+k_y) c_y² y²)) (ISO 10110-12,
-//! Zemax "biconic", CODE V "anamorphic asphere").
+//! Zemax "biconic", CODE V "anamorphic asphere"); Q-type aspheres: [`crate::forbes`]; polynomials in x and y and Zernike sums:
+//! [`crate::freeform`]; a Fresnel surface lies in the plane z = 0 and has the slopes of an asphere.
 
+use crate::forbes::Forbes;
+use crate::freeform::Freeform;
 use glam::DVec3;
 
 /// Shape of a surface.
@@ -25,6 +28,13 @@ pub enum Profile {
     },
     /// Conic and polynomial.
     Asphere(Asphere),
+    /// Conic or sphere and orthogonal polynomials (Q-type).
+    Forbes(Forbes),
+    /// Asphere with a polynomial in x and y, or a Zernike sum.
+    Freeform(Box<Freeform>),
+    /// A plane of facets with the slopes of an asphere, infinitely narrow (Zemax "Fresnel"). Rays are bent as there; paths are those to the plane, so
+    /// that wavefronts behind it mean nothing.
+    Fresnel(Asphere),
     /// Another curvature in x than in y.
     Toroid {
         /// Profile in the y–z plane.
@@ -109,7 +119,9 @@ impl Profile {
         match self {
             Profile::Plane => 0.0,
             Profile::Sphere(c) | Profile::Conic { c, .. } => *c,
-            Profile::Asphere(a) | Profile::Toroid { y: a, .. } => a.vertex_curvature(),
+            Profile::Asphere(a) | Profile::Toroid { y: a, .. } | Profile::Fresnel(a) => a.vertex_curvature(),
+            Profile::Freeform(f) => f.vertex_curvatures()[1],
+            Profile::Forbes(f) => f.vertex_curvature(),
             Profile::Biconic { c_y, .. } => *c_y,
         }
     }
@@ -118,13 +130,18 @@ impl Profile {
     pub fn curvature_x(&self) -> f64 {
         match self {
             Profile::Toroid { c_x, .. } | Profile::Biconic { c_x, .. } => *c_x,
+            Profile::Freeform(f) => f.vertex_curvatures()[0],
             other => other.curvature(),
         }
     }
 
     /// Whether the surface looks the same from all sides.
     pub fn is_rotational(&self) -> bool {
-        !matches!(self, Profile::Toroid { .. } | Profile::Biconic { .. })
+        match self {
+            Profile::Toroid { .. } | Profile::Biconic { .. } => false,
+            Profile::Freeform(f) => f.departure.is_rotational(),
+            _ => true,
+        }
     }
 
     /// z at a place; `None` where the surface does not reach.
@@ -135,10 +152,12 @@ impl Profile {
             (root2 >= 0.0).then(|| c * r2 / (1.0 + root2.sqrt()))
         };
         match self {
-            Profile::Plane => Some(0.0),
+            Profile::Plane | Profile::Fresnel(_) => Some(0.0),
             Profile::Sphere(c) => conic(*c, 0.0),
             Profile::Conic { c, k } => conic(*c, *k),
             Profile::Asphere(a) => a.sag(x.hypot(y)).map(|s| s.0),
+            Profile::Forbes(f) => f.sag(x.hypot(y)).map(|s| s.0),
+            Profile::Freeform(f) => f.sag(x, y).map(|s| s.0),
             Profile::Toroid { y: a, c_x } => toroid(a, *c_x, x, y).map(|s| s.0),
             Profile::Biconic { c_x, k_x, c_y, k_y } => biconic([*c_x, *k_x], [*c_y, *k_y], x, y).map(|s| s.0),
         }
@@ -165,12 +184,25 @@ impl Profile {
             }
             Profile::Asphere(a) => {
                 let start = meet_conic(o, d, a.c, a.k, sense).or_else(|| meet_conic(o, d, a.vertex_curvature(), 0.0, sense));
-                meet_graph(o, d, start.map(|s| s.0), |p| {
-                    let r = p.x.hypot(p.y);
-                    let (z, slope) = a.sag(r)?;
-                    let over_r = if r > 0.0 { slope / r } else { 0.0 };
-                    Some((z, slope_vector(p.x * over_r, p.y * over_r)))
-                })
+                meet_graph(o, d, start.map(|s| s.0), |p| round_graph(p, |r| a.sag(r)))
+            }
+            Profile::Forbes(f) => {
+                let start = meet_conic(o, d, f.c(), f.k(), sense).or_else(|| meet_conic(o, d, f.vertex_curvature(), 0.0, sense));
+                meet_graph(o, d, start.map(|s| s.0), |p| round_graph(p, |r| f.sag(r)))
+            }
+            Profile::Freeform(f) => {
+                let base = &f.base;
+                let start = meet_conic(o, d, base.c, base.k, sense).or_else(|| meet_conic(o, d, self.curvature(), 0.0, sense));
+                meet_graph(o, d, start.map(|s| s.0), |p| f.sag(p.x, p.y).map(|(z, zx, zy)| (z, slope_vector(zx, zy))))
+            }
+            Profile::Fresnel(a) => {
+                let t = -o.z / d.z;
+                if !t.is_finite() {
+                    return None;
+                }
+                let point = o + d * t;
+                let slope = round_graph(point, |r| a.sag(r))?.1;
+                Some(Meeting { t, point, normal: DVec3::new(-slope.x, -slope.y, 1.0).normalize() })
             }
             Profile::Toroid { y: a, c_x } => {
                 meet_graph(o, d, None, |p| toroid(a, *c_x, p.x, p.y).map(|(z, zx, zy)| (z, slope_vector(zx, zy))))
@@ -180,6 +212,15 @@ impl Profile {
             }),
         }
     }
+}
+
+/// Sag and slope vector at a point of a surface of revolution, from z and dz/dr at a height.
+#[inline]
+fn round_graph(p: DVec3, sag: impl Fn(f64) -> Option<(f64, f64)>) -> Option<(f64, DVec3)> {
+    let r = p.x.hypot(p.y);
+    let (z, slope) = sag(r)?;
+    let over_r = if r > 0.0 { slope / r } else { 0.0 };
+    Some((z, slope_vector(p.x * over_r, p.y * over_r)))
 }
 
 /// (dz/dx, dz/dy, 0)
@@ -305,9 +346,34 @@ fn meet_graph(o: DVec3, d: DVec3, start: Option<f64>, f: impl Fn(DVec3) -> Optio
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::forbes::ForbesKind;
+    use crate::polynomial::{Polynomial, Terms};
 
     fn ray(x: f64, y: f64, dx: f64, dy: f64) -> (DVec3, DVec3) {
         (DVec3::new(x, y, -20.0), DVec3::new(dx, dy, 1.0).normalize())
+    }
+
+    fn freeform(c: f64, k: f64) -> Profile {
+        let xy = [((0, 1), 0.02), ((2, 0), -0.1), ((1, 1), 0.05), ((2, 1), 0.03), ((0, 4), -0.02)];
+        let terms = Terms {
+            radial: vec![0.03],
+            xy: xy.into(),
+            noll: vec![0.0, 0.0, 0.01, 0.0, 0.02, -0.03, 0.01, 0.02],
+            fringe: vec![0.0; 5],
+        };
+        let departure = Polynomial::new(5.0, terms).unwrap();
+        Profile::Freeform(Box::new(Freeform { base: Asphere { c, k, a: vec![0.0, 0.0, 0.0, 0.0, 1e-5] }, departure }))
+    }
+
+    #[test]
+    fn a_fresnel_surface_bends_in_its_plane_as_its_asphere_slopes() {
+        let asphere = Asphere { c: 0.04, k: -1.2, a: vec![0.0, 0.0, 0.0, 0.0, 1e-5] };
+        let m = Profile::Fresnel(asphere.clone())
+            .meet(DVec3::new(2.0, -3.0, -8.0), DVec3::new(0.1, 0.2, 1.0).normalize(), 1.0)
+            .unwrap();
+        assert!(m.point.z.abs() < 1e-14 && (m.point.truncate() - glam::DVec2::new(2.8, -1.4)).length() < 1e-13, "{m:?}");
+        let slope = asphere.sag(2.8f64.hypot(1.4)).unwrap().1 / 2.8f64.hypot(1.4);
+        assert!((m.normal - DVec3::new(-2.8 * slope, 1.4 * slope, 1.0).normalize()).length() < 1e-14);
     }
 
     #[test]
@@ -323,10 +389,14 @@ mod tests {
             Profile::Asphere(a(0.0, 0.0, &[0.0, 0.01, -0.003, 4e-4])),
             // A conic that ends at 4 mm with a polynomial on it, as phones have them.
             Profile::Asphere(a(0.2, 0.5, &[0.0, 0.0, 0.0, 0.0, -2e-3])),
+            Profile::Forbes(Forbes::new(ForbesKind::Conic, 0.03, -0.7, 5.0, vec![0.05, -0.02, 0.01, 0.004]).unwrap()),
+            Profile::Forbes(Forbes::new(ForbesKind::BestFitSphere, -0.04, 0.0, 6.0, vec![0.1, -0.05, 0.02]).unwrap()),
             Profile::Toroid { y: a(0.03, 0.0, &[]), c_x: 0.0 },
             Profile::Toroid { y: a(0.03, -1.0, &[0.0, 0.0, 0.0, 0.0, 1e-6]), c_x: -0.02 },
             Profile::Biconic { c_x: 0.01, k_x: -3.0, c_y: 0.04, k_y: 0.5 },
             Profile::Biconic { c_x: -0.05, k_x: 0.0, c_y: 0.0, k_y: 0.0 },
+            freeform(0.03, -0.6),
+            freeform(0.0, 0.0),
         ];
         for shape in &shapes {
             let mut met = 0;

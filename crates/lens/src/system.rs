@@ -1,9 +1,15 @@
 //! A prescription at one focus and zoom: surfaces at their places, ready to be traced.
 
+use crate::aperture::Aperture;
+use crate::coating::{self, Coating, SurfaceCoating};
+use crate::diffractive::Diffractive;
+use crate::glare::Finish;
 use crate::glass::Glass;
+use crate::gradient::{GradedRay, Gradient};
 use crate::iris::Iris;
-use crate::prescription::{Coating, Prescription};
+use crate::prescription::Prescription;
 use crate::surface::Profile;
+use crate::trace::{TracedRay, Way};
 use glam::{DAffine3, DMat3, DVec2, DVec3, EulerRot};
 
 /// Where focus and zoom stand.
@@ -26,8 +32,18 @@ pub struct PlacedSurface {
     pub semi_diameter: f64,
     /// Half the diameter of what is blocked in the middle, mm.
     pub obstruction: f64,
+    /// What else limits or blocks the light.
+    pub apertures: Vec<Aperture>,
     /// Reflects.
     pub mirror: bool,
+    /// Of an ideal thin lens in this plane, mm.
+    pub ideal_focal_length: Option<f64>,
+    /// Phase on it.
+    pub diffractive: Option<Diffractive>,
+    /// What is on it.
+    pub coating: SurfaceCoating,
+    /// How it scatters.
+    pub finish: Finish,
     /// Local frame where it is not simply moved to z: lens from local, and back.
     pub frame: Option<Box<(DAffine3, DAffine3)>>,
 }
@@ -51,11 +67,18 @@ impl PlacedSurface {
         }
     }
 
-    /// Whether the rim lets a local point pass.
+    /// Whether the rim and all apertures let a local point pass.
     #[inline]
     pub fn lets_through(&self, x: f64, y: f64) -> bool {
         let r2 = x * x + y * y;
-        r2 <= self.semi_diameter * self.semi_diameter && r2 >= self.obstruction * self.obstruction
+        r2 <= self.semi_diameter * self.semi_diameter
+            && r2 >= self.obstruction * self.obstruction
+            && self.apertures.iter().all(|a| a.lets_through(x, y))
+    }
+
+    /// Whether something inside its rim blocks light.
+    pub fn is_obscured(&self) -> bool {
+        self.obstruction > 0.0 || self.apertures.iter().any(Aperture::blocks)
     }
 }
 
@@ -69,7 +92,7 @@ pub struct StopOpening {
 }
 
 impl StopOpening {
-    /// Share of light that a place of the stop lets through, 0 to 1.
+    /// Fraction of light that a place of the stop lets through, 0 to 1.
     #[inline]
     pub fn transmittance(&self, x: f64, y: f64) -> f64 {
         self.shape.transmittance(x / self.radius, y / self.radius) as f64
@@ -83,6 +106,8 @@ pub struct System {
     pub surfaces: Vec<PlacedSurface>,
     /// What fills each gap: before the first surface, after the first, ... after the last.
     pub glasses: Vec<Glass>,
+    /// How the index of each gap departs from its glass's, in the frame of the surface before it.
+    pub gradients: Vec<Option<Gradient>>,
     /// +1 where light runs along +z in a gap, −1 where a mirror has turned it.
     pub runs: Vec<f64>,
     /// Number of the stop.
@@ -91,8 +116,8 @@ pub struct System {
     pub iris: StopOpening,
     /// Where the film stands, mm from the first vertex.
     pub film_z: f64,
-    /// On the glass.
-    pub coating: Coating,
+    /// What barrel, edges and blades throw back of the light that meets them, 0 to 1.
+    pub wall_reflectance: f64,
 }
 
 impl System {
@@ -102,20 +127,34 @@ impl System {
         let mut z = 0.0;
         let mut run = 1.0;
         let (mut surfaces, mut glasses, mut runs) = (vec![], vec![Glass::air()], vec![1.0]);
+        let mut gradients = vec![None];
         for s in &p.surfaces {
             let own = (s.decenter != [0.0; 2] || s.tilt != [0.0; 3]).then(|| place(s.decenter[0], s.decenter[1], z, s.tilt));
+            let before = glasses.last().unwrap_or(&s.glass);
+            let coating = match &s.coating {
+                // There is nothing that could reflect.
+                _ if s.ideal_focal_length.is_some() => SurfaceCoating::Perfect,
+                Some(own) => own.on(before, &s.glass, s.mirror, true),
+                None => p.coating.on(before, &s.glass, s.mirror, false),
+            };
             surfaces.push(PlacedSurface {
                 profile: s.profile.clone(),
                 z,
                 semi_diameter: s.semi_diameter.unwrap_or(1e9),
                 obstruction: s.obstruction,
+                apertures: s.apertures.clone(),
                 mirror: s.mirror,
+                ideal_focal_length: s.ideal_focal_length,
+                diffractive: s.diffractive.clone(),
+                coating,
+                finish: s.finish.unwrap_or(p.finish),
                 frame: own.map(|f| Box::new((f, f.inverse()))),
             });
             if s.mirror {
                 run = -run;
             }
             glasses.push(s.glass.clone());
+            gradients.push(s.gradient.clone());
             runs.push(run);
             z += s.gap.at(state.zoom, state.focus);
         }
@@ -131,12 +170,61 @@ impl System {
         }
         let stop = p.stop();
         let iris = StopOpening { shape: p.iris.clone(), radius: surfaces[stop].semi_diameter };
-        System { surfaces, glasses, runs, stop, iris, film_z: z + p.usage.defocus, coating: p.coating }
+        System {
+            surfaces,
+            glasses,
+            gradients,
+            runs,
+            stop,
+            iris,
+            film_z: z + p.usage.defocus,
+            wall_reflectance: p.wall_reflectance,
+        }
     }
 
-    /// Index of every gap at a wavelength.
+    /// Puts another coating on all surfaces, whatever they had.
+    pub fn recoat(&mut self, coating: &Coating) {
+        for (surface, media) in self.surfaces.iter_mut().zip(self.glasses.windows(2)) {
+            if surface.ideal_focal_length.is_none() {
+                surface.coating = coating.on(&media[0], &media[1], surface.mirror, false);
+            }
+        }
+    }
+
+    /// Index of every gap at a wavelength; of a lens with diffractive surfaces the wavelength itself behind them, mm.
     pub fn indices(&self, nm: f64) -> Vec<f64> {
-        self.glasses.iter().map(|g| g.index(nm)).collect()
+        let wavelength = self.has_diffractive().then_some(nm * 1e-6);
+        self.glasses.iter().map(|g| g.index(nm)).chain(wavelength).collect()
+    }
+
+    /// Whether any surface carries a phase.
+    pub fn has_diffractive(&self) -> bool {
+        self.surfaces.iter().any(|s| s.diffractive.is_some())
+    }
+
+    /// The wavelength (mm) that goes with [`System::indices`], of a lens with diffractive surfaces.
+    #[inline]
+    pub(crate) fn wavelength_mm(&self, n: &[f64]) -> f64 {
+        n[self.surfaces.len() + 1]
+    }
+
+    /// Fraction of the light of a wavelength (nm) that the phase of a surface sends into an order: [`Diffractive::efficiency`]. 1 for the order 0 of a
+    /// surface without a phase.
+    pub fn diffraction_efficiency(&self, surface: usize, order: i32, nm: f64) -> f64 {
+        let Some(phase) = &self.surfaces[surface].diffractive else { return if order == 0 { 1.0 } else { 0.0 } };
+        let at = |nm: f64| self.relief_step(surface, [self.glasses[surface].index(nm), self.glasses[surface + 1].index(nm)]);
+        phase.efficiency(order, nm, [at(nm), self.blaze_step(surface)])
+    }
+
+    /// What a height of glass adds to the path at a surface, for each unit.
+    fn relief_step(&self, surface: usize, n: [f64; 2]) -> f64 {
+        if self.surfaces[surface].mirror { 2.0 * n[0] } else { n[1] - n[0] }
+    }
+
+    /// The same at the wavelength of the blaze of a surface; 0 without one.
+    pub(crate) fn blaze_step(&self, surface: usize) -> f64 {
+        let blaze = self.surfaces[surface].diffractive.as_ref().and_then(Diffractive::blaze);
+        blaze.map_or(0.0, |b| self.relief_step(surface, [surface, surface + 1].map(|gap| self.glasses[gap].index(b.nm))))
     }
 
     /// Absorption of every gap at a wavelength, 1/mm.
@@ -146,25 +234,83 @@ impl System {
 
     /// Whether the lens, but for its iris, looks the same from all sides of the axis.
     pub fn is_rotational(&self) -> bool {
-        self.surfaces.iter().all(|s| s.frame.is_none() && s.profile.is_rotational())
+        self.surfaces.iter().all(|s| {
+            let round = s.diffractive.as_ref().is_none_or(|d| d.phase().is_rotational());
+            s.frame.is_none() && s.profile.is_rotational() && s.apertures.is_empty() && round
+        })
     }
 
-    /// Share of light that one surface lets on, by the cosines of incidence and refraction.
-    pub fn surface_transmittance(&self, surface: usize, n0: f64, n1: f64, cosines: [f64; 2], nm: f64) -> f64 {
-        if self.surfaces[surface].mirror {
-            return aluminium(nm);
+    /// Fraction of unpolarised light that one surface lets on, by the indices before and after it along the light (`n`) and the cosines of
+    /// incidence and refraction.
+    pub fn surface_transmittance(&self, surface: usize, way: Way, n: [f64; 2], cosines: [f64; 2], nm: f64) -> f64 {
+        let surface = &self.surfaces[surface];
+        if surface.mirror {
+            return match &surface.coating {
+                SurfaceCoating::Layers(stack) => coating::on_aluminium(stack, n[0], cosines[0], nm).unpolarised_reflectance(),
+                _ => aluminium(nm),
+            };
         }
-        if n0 == n1 {
+        match &surface.coating {
+            SurfaceCoating::Layers(stack) => stack.response(way, n[0], n[1].into(), cosines[0], nm).unpolarised_transmittance(),
+            _ if n[0] == n[1] => 1.0,
+            SurfaceCoating::Perfect => 1.0,
+            SurfaceCoating::Flat(reflectance) => 1.0 - reflectance,
+            SurfaceCoating::QuarterWave => quarter_wave(n[0], n[1], cosines, nm),
+            SurfaceCoating::Bare => fresnel(n[0], n[1], cosines),
+        }
+    }
+
+    /// Fraction of unpolarised light that one surface throws back, by the indices before and after it along the light (`n`) and the cosine
+    /// of incidence; all of it where the law of refraction has no solution. Mirrors as [`System::surface_transmittance`].
+    pub fn surface_reflectance(&self, surface: usize, way: Way, n: [f64; 2], cos: f64, nm: f64) -> f64 {
+        let placed = &self.surfaces[surface];
+        if let (SurfaceCoating::Layers(stack), false) = (&placed.coating, placed.mirror) {
+            return stack.response(way, n[0], n[1].into(), cos, nm).unpolarised_reflectance();
+        }
+        let cos2 = 1.0 - (n[0] / n[1]).powi(2) * (1.0 - cos * cos);
+        if cos2 <= 0.0 && !placed.mirror {
             return 1.0;
         }
-        let glass_to_glass = n0 > 1.0 && n1 > 1.0;
-        match self.coating {
-            Coating::Perfect => 1.0,
-            Coating::Multilayer if !glass_to_glass => 1.0 - MULTILAYER_REFLECTANCE,
-            Coating::MagnesiumFluoride if !glass_to_glass => quarter_wave(n0, n1, cosines, nm),
-            // Cement does not need a coating.
-            _ => fresnel(n0, n1, cosines),
+        let through = self.surface_transmittance(surface, way, n, [cos, cos2.max(0.0).sqrt()], nm);
+        if placed.mirror { through } else { 1.0 - through }
+    }
+
+    /// Whether the index of any gap depends on the place.
+    pub fn has_gradients(&self) -> bool {
+        self.gradients.iter().any(Option::is_some)
+    }
+
+    /// Index of a gap at a point in lens space; `n`: that of its glass.
+    pub(crate) fn index_at(&self, gap: usize, n: f64, point: DVec3) -> f64 {
+        match &self.gradients[gap] {
+            None => n,
+            Some(g) => g.index(n, self.surfaces[gap - 1].to_local(point, DVec3::Z).0),
         }
+    }
+
+    /// Follows a ray through a gap with a gradient to a surface, light running along `run` · z: point, direction, optical path (mm). `None`
+    /// where it does not get there. Source: [`crate::gradient`].
+    pub(crate) fn cross_gradient(
+        &self,
+        gap: usize,
+        n: f64,
+        surface: usize,
+        ray: TracedRay,
+        run: f64,
+    ) -> Option<(TracedRay, f64)> {
+        let gradient = self.gradients[gap].as_ref()?;
+        let (home, target) = (&self.surfaces[gap - 1], &self.surfaces[surface]);
+        let (position, direction) = home.to_local(ray.position, ray.direction);
+        let distance = |r: &GradedRay| {
+            let (o, d) = home.to_lens(r.position, r.direction);
+            let (o, d) = target.to_local(o, d);
+            target.profile.meet(o, d, run).map(|m| m.t)
+        };
+        // Rays that wind are longer than the gap, but not without end.
+        let most = 10.0 * (self.surfaces[gap].z - home.z).abs() + 50.0;
+        let (there, path) = gradient.follow(n, GradedRay { position, direction }, most, distance)?;
+        let (position, direction) = home.to_lens(there.position, there.direction);
+        Some((TracedRay { position, direction }, path))
     }
 
     /// Way of the light at the film: +1 along +z, −1 where an odd number of mirrors sends it back towards the object.
@@ -190,7 +336,7 @@ fn place(x: f64, y: f64, z: f64, tilt_deg: [f64; 3]) -> DAffine3 {
     DAffine3 { matrix3: DMat3::from_euler(EulerRot::XYZ, a, b, c), translation: DVec3::new(x, y, z) }
 }
 
-/// Fresnel's transmitted share of unpolarised light.
+/// Fresnel's transmitted fraction of unpolarised light.
 pub fn fresnel(n0: f64, n1: f64, [c0, c1]: [f64; 2]) -> f64 {
     let s = (n0 * c0 - n1 * c1) / (n0 * c0 + n1 * c1);
     let p = (n1 * c0 - n0 * c1) / (n1 * c0 + n0 * c1);
@@ -201,9 +347,6 @@ pub fn fresnel(n0: f64, n1: f64, [c0, c1]: [f64; 2]) -> f64 {
 pub(crate) const MGF2: f64 = 1.38;
 /// The wavelength whose quarter the film is thick, nm.
 pub(crate) const FILM_NM: f64 = 550.0;
-
-/// What a modern broadband coating reflects: vendors state an average below 0.4 % over 425–675 nm (Edmund Optics, "VIS 0°").
-pub(crate) const MULTILAYER_REFLECTANCE: f64 = 0.004;
 
 /// One film of MgF₂, a quarter wave at [`FILM_NM`] and normal incidence (Airy's sum; Born & Wolf §1.6).
 fn quarter_wave(n0: f64, n1: f64, [c0, c1]: [f64; 2], nm: f64) -> f64 {

@@ -81,6 +81,19 @@ pub struct ThinLens {
     pub tilt: [f64; 2],
 }
 
+/// A ray from the scene that a thin lens brings onto its film.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ThinEntry {
+    /// Film point, mm.
+    pub film: DVec2,
+    /// Where it passes the lens, mm.
+    pub origin_mm: DVec3,
+    /// Weight of a camera sample along it, sr, as [`LensRay::weight_sr`].
+    pub weight_sr: f64,
+    /// Density with which a camera sample draws it, of one a mm² of film, 1 / (mm² sr) of étendue dA cosθ dω on the side of the scene.
+    pub density: f64,
+}
+
 /// Most that a lens is tilted, rad: view cameras reach 45°.
 const MOST_TILT: f64 = PI / 3.0;
 
@@ -132,6 +145,11 @@ impl ThinLens {
         DQuat::from_rotation_y(-self.tilt[1]) * DQuat::from_rotation_x(-self.tilt[0])
     }
 
+    /// A direction of the lens's own axes as it stands before the film.
+    pub(crate) fn turned(&self, direction: DVec3) -> DVec3 {
+        self.turn() * direction
+    }
+
     /// Cosine between the lens's axis and the camera's.
     fn foreshortening(&self) -> f64 {
         self.tilt[0].cos() * self.tilt[1].cos()
@@ -173,13 +191,13 @@ impl ThinLens {
     pub(crate) fn ray_along(&self, film_mm: DVec2, slope: DVec2) -> Result<LensRay, Blocked> {
         let v = self.film_distance().0;
         let place = (film_mm + slope * v) / self.radius();
-        let share = f64::from(self.iris.transmittance(place.x, place.y));
-        if share <= 0.0 {
+        let fraction = f64::from(self.iris.transmittance(place.x, place.y));
+        if fraction <= 0.0 {
             return Err(Blocked { surface: 0, why: BlockedBy::Clipped });
         }
         let ray = self.ray(film_mm, place.as_vec2());
         let full = PI * self.radius().powi(2) * self.iris.relative_area() / (v * v);
-        Ok(LensRay { weight_sr: ray.weight_sr * share / full, ..ray })
+        Ok(LensRay { weight_sr: ray.weight_sr * fraction / full, ..ray })
     }
 
     /// Through a turned lens. The film point F lies Z = −F·a behind the lens plane (a: unit axis towards the scene); its chief ray goes on straight, and its image is at
@@ -200,6 +218,33 @@ impl ThinLens {
         let cosines = depth.max(0.0) * film.z / d2;
         let weight_sr = PI * radius * radius * self.iris.relative_area() * cosines / d2;
         LensRay { origin_mm: origin, direction: direction.normalize(), weight_sr }
+    }
+
+    /// Where a ray from the scene lands on the film, and what a camera sample along it would have counted: the other way round than [`crate::Lens::ray`].
+    /// `origin_mm`: a point on it; `direction`: towards the scene. `None` where it does not come through.
+    ///
+    /// The lens bends by −1/f of the distance from its middle. Camera samples are even over film and opening, so the density of a ray is |dF/dω| over
+    /// the area of the opening and over cosθ: t² / (A e cos⁴θ), with the film at t of the bent ray's (x, y, 1) in lens axes, and e its z along the
+    /// camera's axis; upright v² / (A cos⁴θ).
+    pub fn entry(&self, origin_mm: DVec3, direction: DVec3) -> Option<ThinEntry> {
+        let turn = self.turn();
+        let [o, d] = [origin_mm, -direction].map(|v| turn.conjugate() * v);
+        if !(d.z > 0.0) {
+            return None;
+        }
+        let at = (o - d * (o.z / d.z)).truncate();
+        let (place, f) = (at / self.radius(), self.focal_length.0);
+        let fraction = f64::from(self.iris.transmittance(place.x, place.y));
+        let bent = turn * (d.truncate() / d.z - at / f).extend(1.0);
+        let origin = turn * at.extend(0.0);
+        let t = (self.film_distance().0 - origin.z) / bent.z;
+        if !(fraction > 0.0 && bent.z > 0.0 && t > 0.0) {
+            return None;
+        }
+        let film = (origin + bent * t).truncate();
+        let area = PI * self.radius().powi(2) * self.iris.relative_area();
+        let density = fraction * t * t / (area * bent.z * d.z.powi(4));
+        Some(ThinEntry { film, origin_mm: origin, weight_sr: self.ray(film, place.as_vec2()).weight_sr, density })
     }
 
     pub(crate) fn ray(&self, film_mm: DVec2, pupil: Vec2) -> LensRay {
@@ -299,6 +344,40 @@ mod tests {
         for n in [1.0, 1.4, 8.0] {
             let half = mean(&thin(50.0, n * 2f64.sqrt(), 5000.0), DVec2::ZERO) / mean(&thin(50.0, n, 5000.0), DVec2::ZERO);
             assert!((half - 0.5).abs() < 1e-9, "{half}");
+        }
+    }
+
+    #[test]
+    fn rays_from_the_scene_land_where_camera_samples_draw_them() {
+        let upright = thin(50.0, 2.0, 1500.0);
+        let blades = Iris::blades(5, 0.2, 0.0).unwrap();
+        let far = ThinLens::new(Millimeters(35.0), 1.4, blades, Focus::Infinity).unwrap();
+        let beyond = ThinLens { focus: Focus::Extension(Millimeters(-0.4)), ..upright.clone() };
+        let tilted = thin(90.0, 4.0, 3000.0).tilted([0.12, -0.2]).unwrap();
+        for lens in [upright, far, beyond, tilted] {
+            for (film, u) in
+                [(DVec2::ZERO, [0.2, 0.7]), (DVec2::new(9.0, -6.0), [0.6, 0.1]), (DVec2::new(-15.0, 11.0), [0.9, 0.4])]
+            {
+                let ray = Lens::Thin(lens.clone()).ray(film, u).unwrap();
+                // From any point of the ray.
+                let back = lens.entry(ray.origin_mm + ray.direction * 700.0, ray.direction).unwrap();
+                assert!(
+                    (back.film - film).length() < 1e-6 && (back.origin_mm - ray.origin_mm).length() < 1e-9,
+                    "{back:?} {film}"
+                );
+                assert!((back.weight_sr / ray.weight_sr - 1.0).abs() < 1e-6);
+                // Film area a solid angle, by differences, at the same place of the lens: the plane of the opening sees it under the lens's own angle.
+                let (x, y) = ray.direction.any_orthonormal_pair();
+                let through = |step: DVec3| {
+                    let d = (ray.direction + step * 1e-5).normalize();
+                    lens.entry(ray.origin_mm, d).unwrap().film
+                };
+                let (dx, dy) = (through(x) - through(-x), through(y) - through(-y));
+                let per_sr = dx.perp_dot(dy).abs() / 4e-10;
+                let cos = (lens.turn() * DVec3::NEG_Z).dot(ray.direction);
+                let expected = per_sr / (PI * lens.radius().powi(2) * cos);
+                assert!((back.density / expected - 1.0).abs() < 1e-4, "{} {expected}", back.density);
+            }
         }
     }
 

@@ -3,6 +3,7 @@
 //! Snell in vector form; a ray ends as a ray or as [`Blocked`]. Directions are unit vectors; the path is optical (index ×
 //! length) and is what wavefronts are made of.
 
+use crate::ideal;
 use crate::system::System;
 use crate::{Blocked, BlockedBy};
 use glam::DVec3;
@@ -49,6 +50,8 @@ pub struct Event {
     pub path: f64,
     /// Cosines of incidence and refraction.
     pub cosines: [f64; 2],
+    /// Indices before and after it, where it is met.
+    pub indices: [f64; 2],
 }
 
 impl System {
@@ -89,6 +92,12 @@ impl System {
                 Way::ToFilm => self.runs[before],
                 Way::ToObject => -self.runs[before],
             };
+            let mut path = 0.0;
+            if self.gradients[before].is_some() {
+                let ray = TracedRay { position: o, direction: d };
+                let crossed = self.cross_gradient(before, n[before], i, ray, run).ok_or(blocked(BlockedBy::Missed))?;
+                (o, d, path) = (crossed.0.position, crossed.0.direction, crossed.1);
+            }
             let (local_o, local_d) = surface.to_local(o, d);
             let m = surface.profile.meet(local_o, local_d, run).ok_or(blocked(BlockedBy::Missed))?;
             if apertures != Apertures::Ignore && !surface.lets_through(m.point.x, m.point.y) {
@@ -97,11 +106,27 @@ impl System {
             if i == self.stop && apertures == Apertures::Clip && self.iris.transmittance(m.point.x, m.point.y) <= 0.0 {
                 return Err(blocked(BlockedBy::Clipped));
             }
-            let (n0, n1) = (n[before], n[after]);
+            let at = |gap: usize| match self.gradients[gap] {
+                None => n[gap],
+                Some(_) => self.index_at(gap, n[gap], surface.to_lens(m.point, local_d).0),
+            };
+            let (n0, n1) = (at(before), at(after));
             let facing = local_d.dot(m.normal);
             let normal = if facing < 0.0 { -m.normal } else { m.normal };
             let cos0 = facing.abs();
-            let (direction, cos1) = if surface.mirror {
+            path += n0 * m.t;
+            let (direction, cos1) = if let Some(focal) = surface.ideal_focal_length {
+                let place = m.point.truncate();
+                let bent = ideal::bend(focal, place, local_d, run, way == Way::ToFilm).ok_or(blocked(BlockedBy::Missed))?;
+                path += bent.path;
+                (bent.direction, bent.direction.z.abs())
+            } else if let Some(phase) = &surface.diffractive {
+                let (media, place) = ([n0, if surface.mirror { n0 } else { n1 }], m.point.truncate());
+                let bent = phase.bend(place, local_d, m.normal, media, surface.mirror, self.wavelength_mm(n));
+                let bent = bent.ok_or(blocked(BlockedBy::TotalReflection))?;
+                path += bent.path;
+                (bent.direction, bent.direction.dot(m.normal).abs())
+            } else if surface.mirror {
                 (local_d - normal * (2.0 * cos0), cos0)
             } else {
                 let mu = n0 / n1;
@@ -113,7 +138,7 @@ impl System {
                 (local_d * mu + normal * (cos1 - mu * cos0), cos1)
             };
             (o, d) = surface.to_lens(m.point, direction);
-            visit(Event { surface: i, point: o, direction: d, path: n0 * m.t, cosines: [cos0, cos1] });
+            visit(Event { surface: i, point: o, direction: d, path, cosines: [cos0, cos1], indices: [n0, n1] });
         }
         Ok(TracedRay { position: o, direction: d })
     }
@@ -123,21 +148,24 @@ impl System {
         self.trace_with(ray, n, way, apertures, |_| {})
     }
 
-    /// Share of the light that comes through: glass absorption, and reflection at every surface (Fresnel, unpolarised; a
-    /// coating as [`crate::Coating`] says).
+    /// Fraction of the light that comes through: glass absorption, and reflection at every surface (Fresnel, unpolarised; a
+    /// coating as [`crate::coating`] says).
     pub fn transmittance(&self, ray: TracedRay, n: &[f64], nm: f64, way: Way) -> Result<f64, Blocked> {
-        let mut share = 1.0;
+        let mut fraction = 1.0;
         let absorption = self.absorption(nm);
         self.trace_with(ray, n, way, Apertures::Clip, |e| {
-            let (before, after) = match way {
-                Way::ToFilm => (e.surface, e.surface + 1),
-                Way::ToObject => (e.surface + 1, e.surface),
+            let before = match way {
+                Way::ToFilm => e.surface,
+                Way::ToObject => e.surface + 1,
             };
-            share *= self.surface_transmittance(e.surface, n[before], n[after], e.cosines, nm);
-            share *= (-absorption[before] * (e.path / n[before]).abs()).exp();
+            fraction *= self.surface_transmittance(e.surface, way, e.indices, e.cosines, nm);
+            if let Some(phase) = &self.surfaces[e.surface].diffractive {
+                fraction *= self.diffraction_efficiency(e.surface, phase.order(), nm);
+            }
+            fraction *= (-absorption[before] * (e.path / n[before]).abs()).exp();
         })?;
         // The first and the last gap are the world and the way to the film: air.
-        Ok(share)
+        Ok(fraction)
     }
 }
 

@@ -55,9 +55,9 @@ fn brute_force(lens: &CompoundLens, film: DVec2, nm: f64, side: usize) -> f64 {
         let p = DVec2::new((i % side) as f64 + 0.5, (i / side) as f64 + 0.5) * (2.0 * half / side as f64) - half;
         let d = (p - film).extend(-distance);
         let ray = TracedRay { position: film.extend(system.film_z), direction: d.normalize() };
-        if let Ok(share) = system.transmittance(ray, &n, nm, Way::ToObject) {
+        if let Ok(fraction) = system.transmittance(ray, &n, nm, Way::ToObject) {
             // dω cosθ = dA cos⁴θ / distance²
-            sum += share * cell * ray.direction.z.powi(4) / (distance * distance);
+            sum += fraction * cell * ray.direction.z.powi(4) / (distance * distance);
         }
     }
     sum
@@ -267,6 +267,59 @@ fn the_t_stop_is_what_glass_and_surfaces_leave() {
     let system = lens.system();
     let n = system.indices(550.0);
     let product: f64 = n.windows(2).map(|p| 1.0 - ((p[0] - p[1]) / (p[0] + p[1])).powi(2)).product();
-    let share = (lens.f_number() / lens.t_number()).powi(2);
-    assert!((share / product - 1.0).abs() < 2e-3, "{share} {product}");
+    let fraction = (lens.f_number() / lens.t_number()).powi(2);
+    assert!((fraction / product - 1.0).abs() < 2e-3, "{fraction} {product}");
+}
+
+#[test]
+fn openings_alone_are_a_pinhole_with_its_thickness() {
+    // A hole of 0.3 mm through a plate of 0.1 mm, 50 mm before the film.
+    let text = "name = \"hole\"\nsource = \"test\"\nsurfaces = [\n  { semi_diameter = 0.15, gap = 0.1 },\n  { stop = true, semi_diameter = 0.15, gap = 50.0 },\n]\n";
+    let p = Arc::new(read_toml(text, "hole.toml").unwrap());
+    let setting = |f_number| Setting {
+        focal_length: None,
+        f_number,
+        focus: Focus::Distance(diopter_light::units::Millimeters(2000.0)),
+        iris: None,
+        film_mm: [36.0, 24.0],
+    };
+    let lens = CompoundLens::new(p.clone(), &setting(None)).unwrap();
+    // A plane of the prescription is 50 mm away, and stays there: nothing focuses.
+    assert!(
+        (lens.focal_length().0 - 50.0).abs() < 1e-12 && (lens.f_number() / (50.0 / 0.3) - 1.0).abs() < 1e-6,
+        "{}",
+        lens.f_number()
+    );
+    assert_eq!(lens.with_extension(3.0).unwrap().system().film_z, lens.system().film_z);
+    assert_eq!((lens.extension().0, diopter_lens::Lens::Compound(Box::new(lens.clone())).is_sharp_everywhere()), (0.0, true));
+    let side = 96;
+    for x in [0.0, 8.0, 20.0] {
+        let film = DVec2::new(x, 0.0);
+        // Light: the overlap of the two rims as the film point sees them, × cos⁴ / v². By brute force on the plane of the stop.
+        let (scale, shift) = (50.0 / 50.1, x * 0.1 / 50.1);
+        let cells = 400;
+        let inside = (0..cells * cells).filter(|i| {
+            let q = (DVec2::new((i % cells) as f64 + 0.5, (i / cells) as f64 + 0.5) / cells as f64 - 0.5) * 0.3;
+            q.length() <= 0.15 && (q - DVec2::new(shift, 0.0)).length() <= 0.15 * scale
+        });
+        let area = inside.count() as f64 * (0.3 / cells as f64).powi(2);
+        let cos = 50.0 / 50f64.hypot(x);
+        let expected = area * cos.powi(4) / 2500.0;
+        let (found, _) = irradiance(&lens, film, 550.0, side);
+        // 9216 samples within pupil bounds of a table.
+        assert!((found / expected - 1.0).abs() < 0.01, "{x}: {found} {expected}");
+        // Rays go straight on.
+        for u in [[0.5f32, 0.5], [0.1, 0.7]] {
+            if let Ok(ray) = lens.ray(film, u, 550.0) {
+                let system = lens.system();
+                let from_film = ray.origin_mm + DVec3::Z * lens.first_order().entrance_pupil_z - film.extend(system.film_z);
+                assert!(from_film.normalize().cross(ray.direction).length() < 1e-9, "{x} {u:?}");
+            }
+        }
+    }
+    // Closed further it is a smaller hole; wider it does not open.
+    let closed = CompoundLens::new(p.clone(), &setting(Some(400.0))).unwrap();
+    let ratio = irradiance(&closed, DVec2::ZERO, 550.0, side).0 / irradiance(&lens, DVec2::ZERO, 550.0, side).0;
+    assert!((ratio * (400.0f64 / (50.0 / 0.3)).powi(2) - 1.0).abs() < 0.01, "{ratio}");
+    assert!(CompoundLens::new(p, &setting(Some(100.0))).is_err());
 }

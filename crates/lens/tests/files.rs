@@ -94,9 +94,9 @@ fn wrong_files_are_refused_with_place_and_reason() {
         (Format::PbrtDat, "50 5 9.5 10\n".into(), "an index of 9.5"),
         (Format::Zemax, "MODE NSC".into(), "only sequential"),
         (Format::Zemax, "hello".into(), "expected SURF blocks"),
-        (Format::Zemax, zemax(" TYPE PARAXIAL\n PARM 1 50\n DISZ 5"), "surface type PARAXIAL: an ideal lens"),
-        (Format::Zemax, zemax(" TYPE DGRATING\n DISZ 5"), "surface type DGRATING: diffraction gratings are not traced"),
-        (Format::Zemax, zemax(" TYPE STANDARD\n OBDC 0 3\n DISZ 5"), "OBDC 0 3: an aperture beside the vertex"),
+        (Format::Zemax, zemax(" TYPE PARAX_XY\n PARM 1 50\n DISZ 5"), "surface type PARAX_XY: an ideal lens"),
+        (Format::Zemax, zemax(" TYPE ELLIPGR2\n DISZ 5"), "surface type ELLIPGR2: of gratings DGRATING is read"),
+        (Format::Zemax, zemax(" TYPE STANDARD\n SPID 0.5 0\n DISZ 5"), "SPID 0.5 0: expected a width"),
         (
             Format::Zemax,
             zemax(" TYPE STANDARD\n CURV 0.02\n DISZ 5\n GLAS NOGLASS 0 0 1.5 40 0"),
@@ -116,8 +116,12 @@ fn wrong_files_are_refused_with_place_and_reason() {
             "x.seq:4: surface 1: unknown command XYZ",
         ),
         (Format::CodeV, "RDM\nEPD 5\nS 50 5 NBK7_SCHOTT\nCUY UMY -0.2\nS -50 45\nSTO\nSI 0 0".into(), "\"UMY\" is not read"),
-        (Format::CodeV, "RDM\nEPD 5\nS 50 5 NBK7_SCHOTT\nADY 3\nS -50 45\nSTO\nSI 0 0".into(), "an aperture that is shifted"),
-        (Format::CodeV, "RDM\nEPD 5\nS 50 5 NBK7_SCHOTT\nREX OBS 3\nS -50 45\nSTO\nSI 0 0".into(), "only round obstructions"),
+        (Format::CodeV, "RDM\nEPD 5\nS 50 5 NBK7_SCHOTT\nARO 3\nS -50 45\nSTO\nSI 0 0".into(), "an aperture that is turned"),
+        (
+            Format::CodeV,
+            "RDM\nEPD 5\nS 50 5 NBK7_SCHOTT\nREX OBS 3\nS -50 45\nSTO\nSI 0 0".into(),
+            "an obscuration with one half width",
+        ),
         (
             Format::CodeV,
             "RDM\nEPD 5\nS 50 5 NBK7_SCHOTT\nS -50 45\nSTO\nSI 0 0\nS 30 1".into(),
@@ -128,7 +132,8 @@ fn wrong_files_are_refused_with_place_and_reason() {
             "RDM\nEPD 5\nS 50 5 NBK7_SCHOTT\nK S7 -1\nS -50 45\n".into(),
             "K S7: the surfaces read so far are 1 to 1",
         ),
-        (Format::CodeV, "ZOO 3".into(), "zoomed CODE V lenses"),
+        (Format::CodeV, "ZOO 300".into(), "expected 1 to 64 positions"),
+        (Format::Oslo, "LEN NEW \"x\" 1 2\nRD x".into(), "RD x: expected a number"),
         (Format::Iset, "{\"surfaces\": [{\"radius\": 1}]}".into(), "surface 1: no \"thickness\""),
         (Format::Iset, "[".repeat(100_000), "not JSON"),
         (Format::Iset, "{\"surfaces\": 5}".into(), "expected a list"),
@@ -138,6 +143,7 @@ fn wrong_files_are_refused_with_place_and_reason() {
             Format::PbrtDat => "x.dat",
             Format::Zemax => "x.zmx",
             Format::CodeV => "x.seq",
+            Format::Oslo => "x.len",
             Format::Iset => "x.json",
         };
         match import::read(text.as_bytes(), format, name) {
@@ -146,7 +152,7 @@ fn wrong_files_are_refused_with_place_and_reason() {
         }
     }
     for bytes in [&[0u8, 1, 2, 3, 0, 0, 200, 7][..], &[0xFF; 64], b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR"] {
-        for format in [Format::Toml, Format::PbrtDat, Format::Zemax, Format::CodeV, Format::Iset] {
+        for format in [Format::Toml, Format::PbrtDat, Format::Zemax, Format::CodeV, Format::Oslo, Format::Iset] {
             assert!(import::read(bytes, format, "x").is_err());
         }
     }

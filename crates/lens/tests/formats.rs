@@ -235,3 +235,106 @@ fn code_v_decenters_turn_return_reverse_and_bend() {
     assert!((reversed.surfaces[3].decenter[1] - 1.0).abs() < 1e-12 && (reversed.surfaces[3].tilt[0] + 2.0).abs() < 1e-9);
     assert!(reversed.misalignments.is_empty(), "{:?}", reversed.misalignments);
 }
+
+#[test]
+fn apertures_that_are_not_round_stop_light_as_the_file_says() {
+    // Through a plane window in air and a lens; where rays parallel to the axis pass.
+    let passes = |p: &Prescription, x: f64, y: f64| {
+        let s = system(p);
+        let ray = TracedRay { position: DVec3::new(x, y, -10.0), direction: DVec3::Z };
+        s.trace(ray, &s.indices(D_NM), Way::ToFilm, Apertures::Clip).is_ok()
+    };
+    let p = read(
+        Format::Zemax,
+        &zemax(&[
+            " TYPE STANDARD; DISZ 3; SQAP 4 2; OBDC 1 0; DIAM 1",
+            " STOP; TYPE STANDARD; CURV 0.02; DISZ 4; GLAS N-BK7 0 0; SPID 0.4 4; ELOB 1 0.5; DIAM 9",
+            " TYPE STANDARD; CURV -0.02; DISZ 45; OBSC 1.5 2; DIAM 9",
+        ]),
+    );
+    assert!(p.notes.iter().all(|n| !n.contains("not round")), "{:?}", p.notes);
+    assert!(passes(&p, 3.0, 1.9) && passes(&p, -2.9, 1.9), "inside the shifted rectangle");
+    assert!(!passes(&p, -3.1, 1.0) && !passes(&p, 3.0, 2.1), "outside");
+    assert!(!passes(&p, 3.0, 0.1) && passes(&p, 3.0, 0.3), "arm along x");
+    assert!(!passes(&p, 0.8, 0.25) && passes(&p, 0.95, 0.4), "ellipse of 1 and 0.5 mm, and beside it");
+    // Rays are a little nearer to the axis at the second surface: 0.97 times their height.
+    assert!(!passes(&p, 1.3, 1.3), "ring of 1.5 to 2 mm");
+    let text = "RDM; EPD 5; WL 587.6; SO 0 1e12; S 0 3; REX 4; REY 2; ADX 1; S 50 4 NBK7_SCHOTT; STO; CIR 9; \
+                ELX OBS 1; ELY OBS 0.5; S -50 45; CIR 9; SI 0 0";
+    let p = read(Format::CodeV, text);
+    assert!(passes(&p, 3.0, 1.9) && !passes(&p, -3.1, 1.0) && !passes(&p, 0.8, 0.25) && passes(&p, 0.95, 0.4));
+}
+
+#[test]
+fn q_type_aspheres_trace_alike_in_packets_and_come_back_from_toml() {
+    let text = "name = \"q\"\nsurfaces = [\n\
+        { radius = 30, conic = -0.5, gap = 5, glass = \"1.6\", semi_diameter = 9, stop = true, q_con = { radius = 10, terms = [0.05, -0.02, 0.01] } },\n\
+        { radius = -80, gap = 30, semi_diameter = 9, q_bfs = { radius = 9.5, terms = [-0.08, 0.03, 0.002, -0.001] } },\n]\n";
+    let p = read(Format::Toml, text);
+    assert_eq!(
+        read(Format::Toml, &p.to_toml()).surfaces.iter().map(|s| &s.profile).collect::<Vec<_>>(),
+        p.surfaces.iter().map(|s| &s.profile).collect::<Vec<_>>()
+    );
+    let s = system(&p);
+    assert!(s.is_rotational());
+    let n = s.indices(D_NM);
+    let (batch, lanes) = (Batch::new(&s), Indices::uniform(&n));
+    let mut packet = Packet::default();
+    let ray = |i: usize| TracedRay {
+        position: DVec3::new(-7.0 + i as f64, 0.3 * i as f64 - 2.0, -8.0),
+        direction: DVec3::new(0.02 * i as f64 - 0.1, 0.05, 1.0).normalize(),
+    };
+    for i in 0..LANES {
+        packet.set(i, ray(i).position.to_array(), ray(i).direction.to_array());
+    }
+    let mask = batch.trace(&mut packet, &lanes, Way::ToFilm);
+    let mut met = 0;
+    for i in 0..LANES {
+        let plain = s.trace(ray(i), &n, Way::ToFilm, Apertures::Clip);
+        assert_eq!(plain.is_ok(), mask >> i & 1 == 1, "{i}");
+        let Ok(plain) = plain else { continue };
+        met += 1;
+        let found = DVec3::new(packet.x[i], packet.y[i], packet.z[i]);
+        let direction = DVec3::new(packet.dx[i], packet.dy[i], packet.dz[i]);
+        assert!((found - plain.position).length() < 1e-9 && (direction - plain.direction).length() < 1e-11, "{i}");
+    }
+    assert!(met > 10, "{met}");
+    // A Q-con of one term is the asphere a₀ (r/10)⁴.
+    let one = read(Format::Toml, &text.replace("terms = [0.05, -0.02, 0.01]", "terms = [0.05]"));
+    let even =
+        read(Format::Toml, &text.replace("q_con = { radius = 10, terms = [0.05, -0.02, 0.01] }", "asphere = { 4 = 5e-6 }"));
+    let (a, b) = (landing(&system(&one), 1.0, 6.0, 0.05), landing(&system(&even), 1.0, 6.0, 0.05));
+    assert!((a - b).length() < 1e-11, "{a} {b}");
+    assert!(
+        error(Format::Toml, &text.replace("conic = -0.5,", "asphere = { 4 = 1e-6 },")).contains("expected one kind of departure")
+    );
+}
+
+#[test]
+fn a_zemax_paraxial_surface_is_an_ideal_lens() {
+    let p = read(Format::Zemax, &zemax(&[" STOP; TYPE PARAXIAL; PARM 1 40; PARM 2 1; DISZ 40; DIAM 5"]));
+    assert!((efl(&p) - 40.0).abs() < 1e-12 && p.surfaces[0].ideal_focal_length == Some(40.0));
+    let at = landing(&system(&p), 0.0, 3.0, 0.1);
+    assert!((at.y - 4.0).abs() < 1e-12, "{at}");
+    let e = error(Format::Zemax, &zemax(&[" STOP; TYPE PARAXIAL; DISZ 40; DIAM 5"]));
+    assert!(e.contains("ideal_focal_length 0"), "{e}");
+}
+
+#[test]
+fn zemax_gradients_bend_as_their_formulas_say() {
+    // A rod of n² = 2.56 − 0.0256 r² in each of the forms, to the order that counts for the focal length.
+    let rod = |kind: &str, parameters: &str| {
+        let first = format!(" STOP; TYPE {kind}; {parameters}; DISZ 12; DIAM 2");
+        read(Format::Zemax, &zemax(&[&first, " TYPE STANDARD; DISZ 8; DIAM 3"]))
+    };
+    let expected = 1.0 / (0.16 * 1.2f64.sin());
+    for p in [
+        rod("GRINSUR1", "PARM 1 0.1; PARM 2 1.6; PARM 3 -0.008"),
+        rod("GRINSUR2", "PARM 1 0.1; PARM 2 2.56; PARM 3 -0.0256"),
+        rod("GRINSUR3", "PARM 1 0.1; PARM 2 1.6; PARM 3 -0.008; PARM 4 -2e-5"),
+    ] {
+        assert!((efl(&p) / expected - 1.0).abs() < 1e-8, "{} {expected}", efl(&p));
+    }
+    let text = zemax(&[" STOP; TYPE GRINSUR5; DISZ 12; DIAM 2", " TYPE STANDARD; DISZ 8; DIAM 3"]);
+    assert!(error(Format::Zemax, &text).contains("GRINSUR1, GRINSUR2 and GRINSUR3 are read"));
+}

@@ -184,7 +184,7 @@ macro_rules! tracer {
             const TASK: usize = 256 * LANES;
             let traced = background::run(py, threads, None, |_| {
                 let (mut out_from, mut out_to) = (vec![0.0; 3 * count], vec![0.0; 3 * count]);
-                let (mut passed, mut path, mut share) = (vec![false; count], vec![0.0; count], vec![0.0; count]);
+                let (mut passed, mut path, mut fraction) = (vec![false; count], vec![0.0; count], vec![0.0; count]);
                 let of_one = |nm: $float| {
                     let mut indices = $module::Indices::default();
                     batch.indices(&[nm; LANES], &mut indices);
@@ -193,8 +193,8 @@ macro_rules! tracer {
                 let common = (nm.len() == 1).then(|| of_one(nm[0]));
                 let inputs = from.par_chunks(3 * TASK).zip(to.par_chunks(3 * TASK));
                 let vectors = out_from.par_chunks_mut(3 * TASK).zip(out_to.par_chunks_mut(3 * TASK));
-                let numbers = passed.par_chunks_mut(TASK).zip(path.par_chunks_mut(TASK)).zip(share.par_chunks_mut(TASK));
-                inputs.zip(vectors).zip(numbers).enumerate().for_each(|(task, ((ins, outs), ((passed, path), share)))| {
+                let numbers = passed.par_chunks_mut(TASK).zip(path.par_chunks_mut(TASK)).zip(fraction.par_chunks_mut(TASK));
+                inputs.zip(vectors).zip(numbers).enumerate().for_each(|(task, ((ins, outs), ((passed, path), fraction)))| {
                     let ((from, to), (out_from, out_to)) = (ins, outs);
                     let mut own = $module::Indices::default();
                     let mut packet = $module::Packet::default();
@@ -243,16 +243,16 @@ macro_rules! tracer {
                             out_to[at..at + 3].copy_from_slice(&d);
                             passed[first + i] = through;
                             path[first + i] = length;
-                            share[first + i] = if through { p.share[i] } else { 0.0 };
+                            fraction[first + i] = if through { p.fraction[i] } else { 0.0 };
                         }
                     }
                 });
-                (out_from, out_to, passed, path, share)
+                (out_from, out_to, passed, path, fraction)
             })?;
-            let (from, to, passed, path, share) = traced;
+            let (from, to, passed, path, fraction) = traced;
             let vectors = |v: Vec<$float>| PyArray1::from_vec(py, v).reshape([count, 3]);
             let numbers = |v: Vec<$float>| PyArray1::from_vec(py, v);
-            Ok((vectors(from)?, vectors(to)?, PyArray1::from_vec(py, passed), numbers(path), numbers(share)))
+            Ok((vectors(from)?, vectors(to)?, PyArray1::from_vec(py, passed), numbers(path), numbers(fraction)))
         }
     };
 }

@@ -7,6 +7,7 @@
 mod arrays;
 mod background;
 mod body;
+mod dataset;
 mod errors;
 mod files;
 mod lens;
@@ -38,6 +39,9 @@ fn _diopter(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_class::<plane::FocalPlane>()?;
     m.add_class::<raw::RawImage>()?;
     m.add_class::<picture::Picture>()?;
+    m.add_class::<dataset::Dataset>()?;
+    m.add_class::<dataset::DatasetFolder>()?;
+    m.add_function(wrap_pyfunction!(dataset::specification, m)?)?;
     m.add_function(wrap_pyfunction!(scene::scene_names, m)?)?;
     m.add_function(wrap_pyfunction!(lens::lens_names, m)?)?;
     m.add_function(wrap_pyfunction!(body::body_names, m)?)?;

@@ -9,6 +9,7 @@ use diopter::develop::denoise;
 use diopter::files::open;
 use diopter::from_light::{Channels, Place, focal_plane, of_plane};
 use diopter::image::focal_plane::BandUnit;
+use diopter::image::truth::Values;
 use diopter::image::{self, exr};
 use diopter::sensor::Sensor;
 use numpy::PyReadonlyArrayDyn;
@@ -64,22 +65,45 @@ impl FocalPlane {
 
     #[getter]
     fn depth<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
-        raster(py, self.plane.clone(), &self.plane.truth.depth, true)
+        raster(py, self.plane.clone(), self.plane.truth.depth(), true)
     }
 
     #[getter]
     fn normal<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
-        raster(py, self.plane.clone(), &self.plane.truth.normal, false)
+        raster(py, self.plane.clone(), self.plane.truth.normal(), false)
     }
 
     #[getter]
     fn albedo<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
-        raster(py, self.plane.clone(), &self.plane.truth.albedo, false)
+        raster(py, self.plane.clone(), self.plane.truth.albedo(), false)
     }
 
     #[getter]
     fn object<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
-        raster(py, self.plane.clone(), &self.plane.truth.id, true)
+        raster(py, self.plane.clone(), self.plane.truth.id(), true)
+    }
+
+    /// Name, unit, how samples merge and meaning of each truth channel.
+    #[getter]
+    fn truth_channels(&self) -> Vec<(&'static str, &'static str, &'static str, &'static str)> {
+        let channels = self.plane.truth.recorded().channels();
+        channels.iter().map(|c| (c.name, c.unit, c.merge.name(), c.about)).collect()
+    }
+
+    /// The values of a truth channel; None where it was not recorded.
+    fn truth<'py>(&self, py: Python<'py>, name: &str) -> PyResult<Option<Bound<'py, PyAny>>> {
+        let values = self.plane.truth.values(name);
+        let array = |values: &Values| match values {
+            Values::Float(values) => raster(py, self.plane.clone(), values, values.channels == 1),
+            Values::Whole(values) => raster(py, self.plane.clone(), values, values.channels == 1),
+        };
+        values.map(array).transpose()
+    }
+
+    /// Names of the scene's objects by number, where truth beyond what is always recorded was asked for.
+    #[getter]
+    fn object_names(&self) -> Vec<String> {
+        self.plane.truth.recorded().objects.to_vec()
     }
 
     /// With the renderer's noise reduced.

@@ -10,19 +10,21 @@ use diopter::scene::material::{Conductor, Emission, EmissionColor, Interior, Mat
 use diopter::scene::shape::{Mesh, Quad, Sphere};
 use diopter::scene::texture::{Color, Image, Scalar, Texture};
 use diopter::scene::{Description, Object, Shape, builtin};
-use diopter::shot::read_scene;
+use diopter::shot::{SceneCache, read_scene};
 use glam::{Affine3A, Mat3, Mat3A, Vec2, Vec3, Vec3A};
 use numpy::PyReadonlyArrayDyn;
 use pyo3::prelude::*;
 use std::collections::HashMap;
 use std::path::PathBuf;
-use std::sync::Arc;
+use std::sync::{Arc, Mutex};
 
 /// What a scene is made of, before it is built for an exposure.
 #[pyclass(module = "diopter._diopter")]
 pub struct Scene {
     /// Shared with exposures that are under way.
     pub description: Arc<Description>,
+    /// As it was built for the last exposure.
+    pub cache: Arc<Mutex<SceneCache>>,
 }
 
 /// Names of the embedded scenes.
@@ -50,6 +52,10 @@ fn direction(name: &str, v: [f32; 3]) -> Result<Vec3, Told> {
 }
 
 impl Scene {
+    fn of(description: Description) -> Scene {
+        Scene { description: Arc::new(description), cache: Arc::default() }
+    }
+
     fn edit(&mut self) -> &mut Description {
         Arc::make_mut(&mut self.description)
     }
@@ -73,7 +79,7 @@ impl Scene {
 impl Scene {
     #[new]
     fn new(name: String) -> Scene {
-        Scene { description: Arc::new(Description { name, ..Description::default() }) }
+        Scene::of(Description { name, ..Description::default() })
     }
 
     #[staticmethod]
@@ -81,7 +87,7 @@ impl Scene {
     fn read(py: Python<'_>, name: PathBuf, strict: bool) -> PyResult<Scene> {
         let description =
             background::run(py, None, None, |_| read_scene(&name.to_string_lossy(), strict))?.map_err(Told::from)?;
-        Ok(Scene { description: Arc::new(description) })
+        Ok(Scene::of(description))
     }
 
     #[getter]
@@ -256,7 +262,7 @@ impl Scene {
             }
         };
         let d = self.edit();
-        d.meshes.push(mesh);
+        d.meshes.push(mesh.into());
         let shape = Shape::Mesh { mesh: d.meshes.len() as u32 - 1, world_from_mesh };
         d.objects.push(Object::new(name, shape, material));
         Ok(())

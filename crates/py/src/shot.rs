@@ -14,15 +14,15 @@ use diopter::lens::Prescription;
 use diopter::quantity::SpectralBands;
 use diopter::scene::Description;
 use diopter::sensor::Sensor;
-use diopter::shot::{Inputs, Shot, ShotError, ShotFile};
+use diopter::shot::{Inputs, SceneCache, Shot, ShotError, ShotFile};
 use pyo3::prelude::*;
 use serde_json::Value;
-use std::sync::Arc;
+use std::sync::{Arc, Mutex};
 
 /// What is asked of an exposure.
 struct Request {
     file: ShotFile,
-    description: Option<Arc<Description>>,
+    scene: Option<(Arc<Description>, Arc<Mutex<SceneCache>>)>,
     lens: Option<Prescription>,
     sensor: Option<Arc<Sensor>>,
     records: Records,
@@ -56,7 +56,7 @@ impl Request {
         };
         Ok(Request {
             file: shot_file(settings)?,
-            description: scene.map(|s| s.borrow().description.clone()),
+            scene: scene.map(|s| (s.borrow().description.clone(), s.borrow().cache.clone())),
             lens: lens.map(|l| l.get().prescription.clone()),
             sensor: body.map(|b| b.get().sensor.clone()),
             records,
@@ -67,11 +67,19 @@ impl Request {
     fn prepared(&self, watch: &Watch, warnings: &mut Vec<String>) -> Result<(Shot, Option<Report>), ShotError> {
         let mut warn = |text: &str| warnings.push(text.to_owned());
         let inputs = Inputs {
-            scene: self.description.as_deref().cloned(),
+            scene: self.scene.as_ref().map(|s| s.0.clone()),
             lens: self.lens.clone(),
             sensor: self.sensor.as_deref().cloned(),
+            ..Default::default()
         };
-        let mut shot = Shot::prepare_with(&self.file, inputs, &mut warn)?;
+        // A scene that was exposed before is built already; a panic elsewhere leaves it whole.
+        let mut shot = match &self.scene {
+            Some((_, cache)) => {
+                let mut cache = cache.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
+                Shot::prepare_cached(&self.file, inputs, &mut cache, &mut warn)?
+            }
+            None => Shot::prepare_with(&self.file, inputs, &mut warn)?,
+        };
         match &self.records {
             Records::Electrons => {}
             Records::Luminance => shot.radiance = true,

@@ -1,7 +1,7 @@
 //! What a sample costs, and where it goes: `cargo bench -p diopter-scene --bench transport`; half a minute, one thread.
 //!
 //! For each scene: rays through a pinhole (primary), rays that scatter by cosine where those end (diffuse), rays from there to the lamps (shadow),
-//! in millions a second; whole paths of eight events; then the share of a path's time that each step takes when it is done alone, again and
+//! in millions a second; whole paths of eight events; then the fraction of a path's time that each step takes when it is done alone, again and
 //! again, as often as a path does it on average (what is left is bookkeeping, waiting for memory and textures). Without arguments a box of 36
 //! triangles and a sphere of two million; arguments name embedded scenes instead. Medians of five.
 
@@ -51,7 +51,7 @@ fn large() -> Description {
             })
         })
         .collect();
-    description.meshes.push(Mesh { positions, triangles, ..Default::default() });
+    description.meshes.push(Mesh { positions, triangles, ..Default::default() }.into());
     description.materials.push(Material::new("ball", Scattering::Diffuse(Color::rgb(0.6, 0.5, 0.4))));
     let shape = Shape::Mesh { mesh: description.meshes.len() as u32 - 1, world_from_mesh: Affine3A::IDENTITY };
     description.objects.push(Object::new("ball", shape, description.materials.len() as u32 - 1));
@@ -130,8 +130,11 @@ fn measure(title: &str, description: Description, [look_from, look_at]: [Vec3; 2
             let n = side(s, &primary[*i]);
             let [u, v, w, _] = sampler_of(*i as u32, 0).get(Set::Light(0));
             let (light, _) = scene.lights().choose(s.point, n, w, false)?;
-            let aim = scene.lights().aim(light, s.point, [u, v])?;
-            Some((Ray { origin: offset_origin(s.point, n), direction: aim.wi, time_s: 0.0 }, aim.distance * 0.999))
+            let light_sample = scene.lights().sample_li(light, s.point, [u, v])?;
+            Some((
+                Ray { origin: offset_origin(s.point, n), direction: light_sample.wi, time_s: 0.0 },
+                light_sample.distance * 0.999,
+            ))
         })
         .collect();
     let closest = |rays: &[Ray]| {
@@ -176,13 +179,13 @@ fn measure(title: &str, description: Description, [look_from, look_at]: [Vec3; 2
     );
 
     // Scattering events of a path: by how much each more costs.
-    let shares = [0, 1, 2, 4].map(|max_depth| paths(&|w| wavelengths.sample(w), &PathSettings { max_depth, ..settings }));
+    let fractions = [0, 1, 2, 4].map(|max_depth| paths(&|w| wavelengths.sample(w), &PathSettings { max_depth, ..settings }));
     println!(
         "  us a path by most events: 0: {:.2}, 1: {:.2}, 2: {:.2}, 4: {:.2}, {DEPTH}: {:.2}",
-        shares[0] * 1e6,
-        shares[1] * 1e6,
-        shares[2] * 1e6,
-        shares[3] * 1e6,
+        fractions[0] * 1e6,
+        fractions[1] * 1e6,
+        fractions[2] * 1e6,
+        fractions[3] * 1e6,
         path_s * 1e6
     );
     let events = mean_events(&scene, &primary, &wavelengths.sample(0.3), sampler_of);
@@ -206,7 +209,7 @@ fn measure(title: &str, description: Description, [look_from, look_at]: [Vec3; 2
         for (i, s) in &surfaces {
             let u = sampler_of(*i as u32, 0).get(Set::Light(0));
             let aimed = scene.lights().choose(s.point, side(s, &primary[*i]), u[2], false);
-            black_box(aimed.and_then(|(light, _)| scene.lights().aim(light, s.point, [u[0], u[1]])));
+            black_box(aimed.and_then(|(light, _)| scene.lights().sample_li(light, s.point, [u[0], u[1]])));
         }
     }) / surfaces.len().max(1) as f64;
     let percent = |each: f64, times: f64| 100.0 * each * times / path_s;

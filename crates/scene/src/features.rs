@@ -5,10 +5,9 @@
 //! first that is diffuse or glossy; what it shows is tinted by what lies before it.
 
 use crate::material::Scattering;
+use crate::medium_stack::MediumStack;
 use crate::radiance::FirstSurface;
 use crate::scene::Scene;
-use crate::shape::offset_origin;
-use crate::within::Within;
 use diopter_light::{Ray, Sampled, Wavelengths};
 use glam::Vec3;
 
@@ -21,27 +20,37 @@ impl Scene {
     /// The first surface along a ray that is neither mirror nor smooth glass; distance and object are those of [`Scene::first_surface`]. Albedo and
     /// normal are 0 where the path leaves the scene behind glass; `None` where the ray meets nothing.
     pub fn first_rough_surface(&self, ray: &Ray) -> Option<FirstSurface> {
+        self.first_rough(ray).map(|(surface, _)| surface)
+    }
+
+    /// Where the surface of [`Scene::first_rough_surface`] lies in world space, m; `None` where the path leaves the scene.
+    pub fn first_rough_point(&self, ray: &Ray) -> Option<Vec3> {
+        self.first_rough(ray)?.1
+    }
+
+    /// The surface, and where it lies unless the path leaves the scene.
+    fn first_rough(&self, ray: &Ray) -> Option<(FirstSurface, Option<Vec3>)> {
         let first = self.first_surface(ray)?;
         let wavelengths = Wavelengths::rgb();
         let mut ray = *ray;
-        let mut within = Within::new(self.air());
+        let mut medium_stack = MediumStack::new(self.air());
         let (mut tint, mut smooth) = (Sampled::ONE, 0);
         for _ in 0..MOST_SURFACES {
             let Some(surface) = self.intersect(&ray, f32::INFINITY) else {
-                return Some(FirstSurface { normal: Vec3::ZERO, albedo: Vec3::ZERO, ..first });
+                return Some((FirstSurface { normal: Vec3::ZERO, albedo: Vec3::ZERO, ..first }, None));
             };
             let material = self.material(surface.object);
             let entering = surface.ng.dot(ray.direction) < 0.0;
-            let beyond = offset_origin(surface.point, if entering { -surface.ng } else { surface.ng });
-            if within.hides(material, entering) || matches!(material.scattering, Scattering::Interface) {
-                within.cross(material, entering);
+            let beyond = surface.leave(if entering { -surface.ng } else { surface.ng }, ray.direction);
+            if medium_stack.hides(material, entering) || matches!(material.scattering, Scattering::Interface) {
+                medium_stack.cross(material, entering);
                 ray.origin = beyond;
                 continue;
             }
             let side = if entering { 1.0 } else { -1.0 };
             let albedo = tint.truncate().clamp(Vec3::ZERO, Vec3::ONE) * material.albedo(&surface);
-            let here = FirstSurface { normal: surface.ns * side, albedo, ..first };
-            let around = within.around(material);
+            let here = (FirstSurface { normal: surface.ns * side, albedo, ..first }, Some(surface.point));
+            let around = medium_stack.around(material);
             let Some(bsdf) = material.bsdf(&surface, -ray.direction, &wavelengths, false, around) else { return Some(here) };
             if !bsdf.is_specular() || smooth == MOST_SMOOTH {
                 return Some(here);
@@ -49,16 +58,16 @@ impl Scene {
             // The number 0.5 chooses the likelier of two ways.
             let Some(scatter) = bsdf.sample([0.5; 4]) else { return Some(here) };
             // Radiance scales with the square of the index, what is seen does not.
-            tint *= scatter.weight * scatter.squeeze;
+            tint *= scatter.weight * scatter.eta_scale;
             smooth += 1;
             if scatter.transmitted {
-                within.cross(material, entering);
+                medium_stack.cross(material, entering);
                 ray.origin = beyond;
             } else {
-                ray.origin = offset_origin(surface.point, if entering { surface.ng } else { -surface.ng });
+                ray.origin = surface.leave(if entering { surface.ng } else { -surface.ng }, scatter.wi);
             }
             ray.direction = scatter.wi;
         }
-        Some(first)
+        Some((first, None))
     }
 }

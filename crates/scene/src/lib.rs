@@ -4,6 +4,7 @@
 //! on. Its one answer is [`Scene::radiance`]. World space is right-handed, metres, +Y up; light is absolute:
 //! W·m⁻²·sr⁻¹·nm⁻¹. Nothing here knows of cameras, files on disk are opened only by the caller of [`load`].
 
+mod animated;
 pub mod builtin;
 pub mod bvh;
 pub mod daylight;
@@ -13,9 +14,10 @@ pub mod light_paths;
 pub mod load;
 pub mod material;
 pub mod medium;
+mod medium_stack;
 pub mod motion;
-mod movers;
 pub mod noise;
+mod other_exposure;
 pub mod radiance;
 pub mod save;
 mod scale;
@@ -23,8 +25,8 @@ pub mod scene;
 pub mod shape;
 pub mod studio;
 pub mod texture;
-mod within;
 
+pub use other_exposure::OtherExposure;
 pub use radiance::{FirstSurface, PathSettings};
 pub use scene::{Description, Object, Scene, Shape};
 

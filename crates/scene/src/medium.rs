@@ -1,12 +1,24 @@
-//! What light goes through between surfaces: air, fog, coloured glass, milk. The same everywhere within its bounds.
+//! What light goes through between surfaces: air, fog, coloured glass, milk, smoke. The same everywhere within its bounds, or different from place
+//! to place where it has a [`Volume`].
 //!
 //! Source: M. Pharr, W. Jakob, G. Humphreys, "Physically Based Rendering" 4th ed., §11.1–11.4 and 14.2.
 
+mod albedo;
+mod sparse;
+pub(crate) mod tracking;
+mod volume;
+
+pub use albedo::Orders;
+pub use sparse::{BLOCK, SparseGrid};
+pub use volume::{Cloud, Field, Glow, Grid, Scalars, Tint, Volume, VolumePlace};
+
 use crate::bvh::Bounds;
+use diopter_light::random::Stream;
 use diopter_light::upsample::Sigmoid;
 use diopter_light::{Ray, Sampled, Spectrum, Wavelengths, sampling};
 use glam::Vec3;
 use std::f32::consts::{PI, TAU};
+use tracking::Track;
 
 /// A coefficient over wavelength, 1/m.
 #[derive(Clone, Debug)]
@@ -48,7 +60,7 @@ impl Coefficient {
     }
 }
 
-/// A homogeneous medium.
+/// A medium: homogeneous, or with a volume.
 #[derive(Clone, Debug)]
 pub struct Medium {
     /// For messages.
@@ -61,23 +73,37 @@ pub struct Medium {
     pub asymmetry: f32,
     /// Radiance of an endless depth of it, W·m⁻²·sr⁻¹·nm⁻¹, where it shines by itself: σa times this is sent out a metre.
     pub emission: Option<Spectrum>,
+    /// What differs from place to place: factors on the coefficients above. Without one it is the same everywhere.
+    pub volume: Option<Box<Volume>>,
+    /// Whether it is the inside of a body that looks as a surface does, such as wax or skin. Scattering events in it are not counted among those
+    /// of a path, which would be cut off otherwise; and no lights are sampled from within, as its refracting surface hides them all.
+    pub is_subsurface: bool,
+}
+
+impl Default for Medium {
+    /// Nothing: without a name, without coefficients.
+    fn default() -> Self {
+        Medium {
+            name: String::new(),
+            absorption: Coefficient::NONE,
+            scattering: Coefficient::NONE,
+            asymmetry: 0.0,
+            emission: None,
+            volume: None,
+            is_subsurface: false,
+        }
+    }
 }
 
 impl Medium {
     /// One that only absorbs: white light has the colour after the distance (m).
     pub fn tint(color: Sigmoid, distance_m: f32) -> Self {
-        Medium {
-            name: String::new(),
-            absorption: Coefficient::Tint { color, distance_m },
-            scattering: Coefficient::NONE,
-            asymmetry: 0.0,
-            emission: None,
-        }
+        Medium { absorption: Coefficient::Tint { color, distance_m }, ..Medium::default() }
     }
 
     /// Fog in which dark things are seen against the sky up to `visibility_m` with a contrast of 2 %: σt = 3.912 / V (H. Koschmieder 1924).
     ///
-    /// `albedo`: share of what is met that is scattered. Droplets throw light forward: an `asymmetry` of about 0.85 (D. Deirmendjian 1969).
+    /// `albedo`: fraction of what is met that is scattered. Droplets throw light forward: an `asymmetry` of about 0.85 (D. Deirmendjian 1969).
     pub fn fog(visibility_m: f32, albedo: f32, asymmetry: f32) -> Self {
         let extinction = 3.912 / visibility_m;
         Medium {
@@ -85,10 +111,28 @@ impl Medium {
             absorption: Coefficient::grey(extinction * (1.0 - albedo)),
             scattering: Coefficient::grey(extinction * albedo),
             asymmetry,
-            emission: None,
+            ..Medium::default()
         }
     }
 
+    /// Fraction of light that is left along the part of a ray between two distances (m) at a moment of the scene, s; an estimate where the medium
+    /// differs from place to place, which takes its numbers from a stream.
+    #[inline]
+    pub(crate) fn transmittance<'s>(
+        &self,
+        ray: &Ray,
+        [near, far]: [f32; 2],
+        wavelengths: &Wavelengths,
+        time_s: f64,
+        stream: impl FnOnce() -> &'s mut Stream,
+    ) -> Sampled {
+        match &self.volume {
+            None => self.at(wavelengths).transmittance(far - near),
+            Some(volume) => Track::new(self, volume, ray, [near, far], wavelengths, time_s).transmittance(stream(), None),
+        }
+    }
+
+    /// Coefficients at the wavelengths of a path; of a volume, where its factors are 1.
     #[inline]
     pub(crate) fn at(&self, wavelengths: &Wavelengths) -> Sigma {
         let absorption = self.absorption.sample(wavelengths);
@@ -105,8 +149,8 @@ pub(crate) struct Sigma {
     pub extinction: Sampled,
 }
 
-/// How a flight through a medium ended; the weight is what it does to the light of the path.
-pub(crate) enum Flight {
+/// How a free flight through a medium ended; the weight is what it does to the light of the path.
+pub(crate) enum DistanceSample {
     /// At the far end.
     Through(Sampled),
     /// In between, after so many metres.
@@ -114,7 +158,7 @@ pub(crate) enum Flight {
 }
 
 impl Sigma {
-    /// Share of light that is left after a distance, m.
+    /// Fraction of light that is left after a distance, m.
     #[inline]
     pub fn transmittance(&self, distance: f32) -> Sampled {
         if distance.is_infinite() {
@@ -134,7 +178,7 @@ impl Sigma {
         Sampled::from_array(self.extinction.to_array().map(one))
     }
 
-    /// Density (1/m) with which [`Sigma::fly`] draws a distance (m) for a path of a throughput.
+    /// Density (1/m) with which [`Sigma::sample_distance`] draws a distance (m) for a path of a throughput.
     #[inline]
     pub fn density(&self, distance: f32, throughput: Sampled) -> f32 {
         (throughput / throughput.element_sum()).dot(self.extinction * self.transmittance(distance))
@@ -142,30 +186,30 @@ impl Sigma {
 
     /// Flies over a distance (m) by two numbers, for a path of a throughput.
     ///
-    /// The distance is drawn for one of the wavelengths, each with a probability as its share of the throughput; the density is the mean over
+    /// The distance is drawn for one of the wavelengths, each with a probability as its fraction of the throughput; the density is the mean over
     /// them (one-sample balance heuristic, Veach 1997; A. Wilkie et al. 2014).
     #[inline]
-    pub fn fly(&self, distance: f32, u: [f32; 2], throughput: Sampled) -> Flight {
+    pub fn sample_distance(&self, distance: f32, u: [f32; 2], throughput: Sampled) -> DistanceSample {
         let total = throughput.element_sum();
         if self.scattering == Sampled::ZERO || !(total > 0.0) {
-            return Flight::Through(self.transmittance(distance));
+            return DistanceSample::Through(self.transmittance(distance));
         }
-        let share = (throughput / total).to_array();
+        let fraction = (throughput / total).to_array();
         let mut lane = 0;
         let mut at = u[1];
-        while lane < 3 && at >= share[lane] {
-            at -= share[lane];
+        while lane < 3 && at >= fraction[lane] {
+            at -= fraction[lane];
             lane += 1;
         }
-        let share = Sampled::from_array(share);
+        let fraction = Sampled::from_array(fraction);
         let drawn = -(1.0 - u[0]).ln() / self.extinction[lane];
         if drawn < distance {
             let left = self.transmittance(drawn);
-            let density = share.dot(self.extinction * left);
-            return Flight::Scattered(drawn, self.scattering * left / density);
+            let density = fraction.dot(self.extinction * left);
+            return DistanceSample::Scattered(drawn, self.scattering * left / density);
         }
         let left = self.transmittance(distance);
-        Flight::Through(left / share.dot(left))
+        DistanceSample::Through(left / fraction.dot(left))
     }
 }
 
@@ -261,10 +305,10 @@ mod tests {
         let (mut through, mut scattered) = ([0.0f64; 4], [0.0f64; 4]);
         let n = 200_000;
         for i in 0..n {
-            let flight = sigma.fly(0.8, [uniform(i, 1), uniform(i, 2)], Sampled::new(1.0, 0.5, 2.0, 0.3));
-            let (sum, weight) = match flight {
-                Flight::Through(w) => (&mut through, w),
-                Flight::Scattered(t, w) => {
+            let distance_sample = sigma.sample_distance(0.8, [uniform(i, 1), uniform(i, 2)], Sampled::new(1.0, 0.5, 2.0, 0.3));
+            let (sum, weight) = match distance_sample {
+                DistanceSample::Through(w) => (&mut through, w),
+                DistanceSample::Scattered(t, w) => {
                     assert!((0.0..0.8).contains(&t));
                     (&mut scattered, w)
                 }

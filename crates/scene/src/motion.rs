@@ -1,7 +1,7 @@
 //! What moves, as files say it: a forest of nodes, key frames on their transforms, skins and morph targets.
 //!
 //! A [`Timeline`] answers where everything is at a moment; how that becomes something rays can meet is the business of
-//! `movers`. Source: Khronos, glTF 2.0 specification, §3.7.3 (skins), §3.7.2.2 (morph targets), §3.11 (animations) and
+//! `animated`. Source: Khronos, glTF 2.0 specification, §3.7.3 (skins), §3.7.2.2 (morph targets), §3.11 (animations) and
 //! appendix C (interpolation).
 
 use crate::shape::Mesh;

@@ -4,18 +4,21 @@
 //! heuristic) and Russian roulette. Four wavelengths ride together (Wilkie et al. 2014); densities do not depend on the
 //! wavelength except where a body disperses, and there the path goes on with its hero alone. Light goes from lights to the
 //! camera; paths are followed the other way. In media (`radiance/media.rs`) distances are drawn by extinction and as lamps see the ray, directions by the phase
-//! function. Light that is aimed at comes through smooth thin sheets (panes, bubbles). Caustics
+//! function; media that differ from place to place are tracked (`medium/tracking.rs`). Light that is sampled comes through smooth thin dielectrics (panes, bubbles). Caustics
 //! of small lights are left to chance without photons ([`crate::light_paths`]). Limits: a path begins outside all bodies.
 
+mod incident;
 mod media;
 
-use crate::light::{Aim, LightRef};
+pub use incident::Incident;
+
+use crate::light::{LightRef, LightSample, Shown};
 use crate::light_paths::{PhotonMap, Tail};
 use crate::material::{Material, Scattering};
+use crate::medium_stack::MediumStack;
 use crate::scene::Scene;
-use crate::shape::{Surface, offset_origin};
-use crate::within::Within;
-use diopter_light::random::{Sampler, Set};
+use crate::shape::Surface;
+use diopter_light::random::{Sampler, SamplerKind, Set, Stream, mix};
 use diopter_light::{Ray, Sampled, Wavelengths};
 use glam::Vec3;
 use media::{After, MediumSegment, ScatteredOn};
@@ -53,6 +56,14 @@ pub struct FirstSurface {
 impl Scene {
     /// The truth along a ray; `None` where it leaves the scene.
     pub fn first_surface(&self, ray: &Ray) -> Option<FirstSurface> {
+        let s = self.first_visible(ray)?;
+        let side = if s.ng.dot(ray.direction) > 0.0 { -1.0 } else { 1.0 };
+        let albedo = self.material(s.object).albedo(&s);
+        Some(FirstSurface { distance: s.t, normal: s.ns * side, albedo, object: s.object })
+    }
+
+    /// The first surface along a ray that can be seen, faces of media left out; `t` counts from the ray's origin. `None` where it leaves the scene.
+    pub fn first_visible(&self, ray: &Ray) -> Option<Surface> {
         let (mut s, mut start, mut gone) = (self.intersect(ray, f32::INFINITY)?, ray.origin, 0.0);
         // Faces of media are not seen.
         for _ in 0..MOST_FACES {
@@ -64,15 +75,13 @@ impl Scene {
             s = self.intersect(&Ray { origin: start, ..*ray }, f32::INFINITY)?;
         }
         s.t = if start == ray.origin { s.t } else { gone + s.t };
-        let side = if s.ng.dot(ray.direction) > 0.0 { -1.0 } else { 1.0 };
-        let albedo = self.material(s.object).albedo(&s);
-        Some(FirstSurface { distance: s.t, normal: s.ns * side, albedo, object: s.object })
+        Some(s)
     }
 
     /// Spectral radiance that arrives at the ray's origin from its direction, W·m⁻²·sr⁻¹·nm⁻¹ at the four wavelengths; one
     /// random estimate, whose mean is the true value.
     pub fn radiance(&self, ray: Ray, wavelengths: &Wavelengths, sampler: &Sampler, settings: &PathSettings) -> Sampled {
-        self.trace(None, ray, wavelengths, sampler, settings, None)
+        self.trace(None, ray, wavelengths, sampler, settings, None, None)
     }
 
     /// The same with caustics by photons ([`crate::light_paths`]), which stand for what paths would find by chance there.
@@ -84,7 +93,20 @@ impl Scene {
         sampler: &Sampler,
         settings: &PathSettings,
     ) -> Sampled {
-        self.trace(photons, ray, wavelengths, sampler, settings, None)
+        self.trace(photons, ray, wavelengths, sampler, settings, None, None)
+    }
+
+    /// The same, where another strategy brings a part of the light of surfaces that shine and are seen directly ([`Shown`]).
+    pub fn radiance_shown(
+        &self,
+        photons: Option<&PhotonMap>,
+        shown: Option<Shown>,
+        ray: Ray,
+        wavelengths: &Wavelengths,
+        sampler: &Sampler,
+        settings: &PathSettings,
+    ) -> Sampled {
+        self.trace(photons, ray, wavelengths, sampler, settings, shown, None)
     }
 
     /// The same, and what of it came from the photons: by how much they matter in a picture.
@@ -97,11 +119,12 @@ impl Scene {
         settings: &PathSettings,
     ) -> [Sampled; 2] {
         let mut gathered = Sampled::ZERO;
-        let all = self.trace(Some(photons), ray, wavelengths, sampler, settings, Some(&mut gathered));
+        let all = self.trace(Some(photons), ray, wavelengths, sampler, settings, None, Some(&mut gathered));
         [all, gathered]
     }
 
-    /// Follows a path; `gathered` gets what of its light came from photons.
+    /// Follows a path; `shown`: what it counts of what shines and is seen directly; `gathered` gets what of its light came from photons.
+    #[allow(clippy::too_many_arguments)]
     fn trace(
         &self,
         photons: Option<&PhotonMap>,
@@ -109,6 +132,7 @@ impl Scene {
         wavelengths: &Wavelengths,
         sampler: &Sampler,
         settings: &PathSettings,
+        mut shown: Option<Shown>,
         mut gathered: Option<&mut Sampled>,
     ) -> Sampled {
         let mut radiance = Sampled::ZERO;
@@ -116,40 +140,49 @@ impl Scene {
         let mut throughput = Sampled::ONE;
         // Lanes that carry colours never disperse.
         let mut hero_only = wavelengths.is_rgb();
-        let mut within = Within::new(self.air());
-        let mut last: Option<Aimed> = None;
+        let mut medium_stack = MediumStack::new(self.air());
+        let mut last: Option<PrevScatter> = None;
         // Where `last` is a vertex in a medium: the segment on which it lies.
         let mut scattered_on: Option<ScatteredOn> = None;
-        let (mut vertex, mut leg) = (0, 0);
+        let (mut vertex, mut segment_index) = (0, 0);
+        // Vertices within bodies, which do not count as scattering events.
+        let mut walked = 0;
         // Product of the η² by which refraction scaled radiance; Russian roulette leaves it out (pbrt's `etaScale`).
-        let mut squeezed = 1.0;
+        let mut eta_scale = 1.0;
         let (time_s, flash) = (ray.time_s, self.flash_burns(ray.time_s));
         loop {
             let surface = self.intersect(&ray, f32::INFINITY);
             let reach = surface.as_ref().map_or(f32::INFINITY, |s| s.t);
-            leg += 1;
-            if let Some((medium, [near, far])) = within.span(&ray, reach) {
+            segment_index += 1;
+            if let Some((medium, [near, far])) = medium_stack.span(&ray, reach) {
                 let span = [near, far];
                 let segment = MediumSegment {
                     scene: self,
                     medium,
                     span,
                     ray: &ray,
-                    within: &within,
+                    medium_stack: &medium_stack,
                     wavelengths,
                     sampler,
                     settings,
                     vertex,
-                    leg,
+                    depth: vertex - walked,
+                    segment_index,
                     flash,
                 };
-                match segment.take(&mut throughput, squeezed, &mut radiance) {
+                match segment.take(&mut throughput, eta_scale, &mut radiance) {
                     After::Through => {}
                     After::Ended => return radiance,
                     After::Scattered { ray: onward, last: here, on } => {
-                        (ray, last, scattered_on) = (onward, Some(here), Some(on));
-                        tail = Tail::default();
+                        (ray, last, scattered_on) = (onward, here, Some(on));
+                        (tail, shown) = (Tail::default(), None);
                         vertex += 1;
+                        if medium.is_subsurface {
+                            walked += 1;
+                            if walked > LONGEST_WALK {
+                                return radiance;
+                            }
+                        }
                         continue;
                     }
                 }
@@ -171,35 +204,39 @@ impl Scene {
             };
             let material = self.material(surface.object);
             let entering = surface.ng.dot(ray.direction) < 0.0;
-            let hidden = within.hides(material, entering);
+            let hidden = medium_stack.hides(material, entering);
             if hidden || matches!(material.scattering, Scattering::Interface) {
-                if leg > MOST_FACES {
+                if segment_index - walked > MOST_FACES {
                     return radiance;
                 }
-                within.cross(material, entering);
-                // A hidden face stands in the way of aims; then only chance finds the light.
-                last = last.filter(|_| !hidden).map(|l| Aimed { gone: l.gone + surface.t, ..l });
+                medium_stack.cross(material, entering);
+                // A hidden face stands in the way of light samples; then only chance finds the light.
+                shown = shown.filter(|_| !hidden);
+                last = last.filter(|_| !hidden).map(|l| PrevScatter { gone: l.gone + surface.t, ..l });
                 ray.origin = past(&surface, ray.direction);
                 continue;
             }
             if material.emission.is_some() {
                 let left = photons.map_or(Sampled::ONE, |p| p.left_of_area(&tail, self.light_at(&surface)));
-                radiance += throughput * left * self.emitted(material, &surface, &ray, wavelengths, last, &scattered_on, flash);
+                let counts = shown.as_ref().map_or(1.0, |s| s.counts(&surface));
+                let emitted = self.emitted(material, &surface, &ray, wavelengths, last, &scattered_on, flash);
+                radiance += throughput * left * emitted * counts;
             }
 
-            if vertex >= settings.max_depth {
+            if vertex - walked >= settings.max_depth {
                 return radiance;
             }
             let wo = -ray.direction;
-            let around = within.around(material);
+            let around = medium_stack.around(material);
             let Some(bsdf) = material.bsdf(&surface, wo, wavelengths, hero_only, around) else { return radiance };
             let ng = bsdf.side_normal();
 
             // Light that comes over mirrors and through glass.
             if let Some(photons) = photons
                 && !bsdf.is_specular()
+                && !surface.is_strand()
             {
-                let most_events = settings.max_depth - vertex - 1;
+                let most_events = settings.max_depth - (vertex - walked) - 1;
                 let light = throughput * photons.gather(&surface, &bsdf, wavelengths, time_s, most_events);
                 radiance += light;
                 if let Some(gathered) = &mut gathered {
@@ -207,25 +244,37 @@ impl Scene {
                 }
             }
 
-            // Aim at a light.
+            // Sample a light.
             let u = sampler.get(Set::Light(vertex));
             if !bsdf.is_specular()
-                && let Some((light, probability)) = self.lights().choose(surface.point, ng, u[2], flash)
-                && let Some(aim) = self.aim(light, surface.point, [u[0], u[1]], time_s)
+                && let Some((light, probability)) = self.lights().choose(surface.point, bsdf.light_normal(), u[2], flash)
+                && let Some(light_sample) = self.sample_li(light, surface.point, [u[0], u[1]], time_s)
             {
-                let (f, pdf) = bsdf.eval(aim.wi);
+                let (f, pdf) = bsdf.eval(light_sample.wi);
                 if f != Sampled::ZERO {
-                    let density = probability * aim.pdf;
-                    let weight = if aim.has_extent { mis(density, pdf) } else { 1.0 };
-                    let through = aim.wi.dot(ng) < 0.0;
-                    let origin = offset_origin(surface.point, if through { -ng } else { ng });
-                    let mut beyond = within;
+                    let density = probability * light_sample.pdf;
+                    let weight = if light_sample.has_extent { mis(density, pdf) } else { 1.0 };
+                    let through = light_sample.wi.dot(ng) < 0.0;
+                    let origin = surface.leave(if through { -ng } else { ng }, light_sample.wi);
+                    let mut beyond = medium_stack;
                     if through {
                         beyond.cross(material, entering);
                     }
-                    let contribution = throughput * f * self.arriving(&aim, wavelengths, time_s) * (weight / density);
-                    let sheets = settings.max_depth - vertex - 1;
-                    radiance += self.arrives(contribution, surface.point, origin, &aim, beyond, wavelengths, time_s, sheets);
+                    let contribution =
+                        throughput * f * self.incident_radiance(&light_sample, wavelengths, time_s) * (weight / density);
+                    let thin_dielectrics = settings.max_depth - (vertex - walked) - 1;
+                    let stream = || sampler.stream(Set::Transmittance(vertex));
+                    radiance += self.transmittance_to_light(
+                        contribution,
+                        surface.point,
+                        origin,
+                        &light_sample,
+                        beyond,
+                        wavelengths,
+                        time_s,
+                        thin_dielectrics,
+                        stream,
+                    );
                 }
             }
 
@@ -238,38 +287,49 @@ impl Scene {
                 hero_only = true;
             }
             last = match scatter.specular {
-                false => Some(Aimed { point: surface.point, normal: ng, density: scatter.pdf, gone: 0.0 }),
-                // Aims go through thin sheets, too.
+                false => {
+                    // A normal of 0 stands for media, too: there is no segment here.
+                    if bsdf.is_fiber() {
+                        scattered_on = None;
+                    }
+                    Some(PrevScatter { point: surface.point, normal: bsdf.light_normal(), density: scatter.pdf, gone: 0.0 })
+                }
+                // Light samples go through thin dielectrics, too.
                 true if scatter.transmitted && bsdf.straight_through().is_some() => {
-                    last.map(|l| Aimed { gone: l.gone + surface.t, ..l })
+                    last.map(|l| PrevScatter { gone: l.gone + surface.t, ..l })
                 }
                 true => None,
             };
+            if shown.is_some() && !(scatter.specular && scatter.transmitted && bsdf.straight_through().is_some()) {
+                shown = None;
+            }
             if let Some(photons) = photons {
                 match scatter.specular {
+                    // Photons do not land on strands.
+                    false if surface.is_strand() => tail = Tail::default(),
                     false => tail.scatter(&bsdf, scatter.wi),
                     true if scatter.transmitted && bsdf.straight_through().is_some() => {}
                     true => tail.bend(photons.casts(surface.object)),
                 }
             }
             if scatter.transmitted {
-                within.cross(material, entering);
+                medium_stack.cross(material, entering);
             }
-            squeezed *= scatter.squeeze;
+            eta_scale *= scatter.eta_scale;
             vertex += 1;
-            if !survives(&mut throughput, squeezed, vertex, u[3], settings) {
+            if !survives(&mut throughput, eta_scale, vertex, u[3], settings, MOST_SURVIVAL) {
                 return radiance;
             }
             let normal = if scatter.transmitted { -ng } else { ng };
-            ray = Ray { origin: offset_origin(surface.point, normal), direction: scatter.wi, time_s };
+            ray = Ray { origin: surface.leave(normal, scatter.wi), direction: scatter.wi, time_s };
         }
     }
 
     fn is_interface(&self, surface: &Surface) -> bool {
-        self.has_clear() && matches!(self.material(surface.object).scattering, Scattering::Interface)
+        self.has_straight_transmission() && matches!(self.material(surface.object).scattering, Scattering::Interface)
     }
 
-    /// Radiance a surface sends back along the ray by itself, weighted against having been aimed at.
+    /// Radiance a surface sends back along the ray by itself, weighted against having been sampled.
     #[inline]
     #[allow(clippy::too_many_arguments)]
     fn emitted(
@@ -278,7 +338,7 @@ impl Scene {
         surface: &Surface,
         ray: &Ray,
         wavelengths: &Wavelengths,
-        last: Option<Aimed>,
+        last: Option<PrevScatter>,
         scattered_on: &Option<ScatteredOn>,
         flash: bool,
     ) -> Sampled {
@@ -288,7 +348,7 @@ impl Scene {
         }
         let weight = match (last, self.light_at(surface)) {
             (Some(l), Some(light)) => {
-                let aimed = self.aimed_density(light, l.point, ray.direction, l.gone + surface.t, ray.time_s);
+                let aimed = self.pdf_li(light, l.point, ray.direction, l.gone + surface.t, ray.time_s);
                 let by_light = self.lights().area_probability(l.point, l.normal, light, flash) * aimed;
                 match scattered_on {
                     Some(on) if l.normal == Vec3::ZERO => {
@@ -299,77 +359,81 @@ impl Scene {
             }
             _ => 1.0,
         };
-        emission.sample(&surface.uv, wavelengths) * (weight * self.modulation(material, ray.time_s))
+        emission.at(surface, wavelengths) * (weight * self.modulation(material, ray.time_s))
     }
 
-    /// What is left of light that was aimed at from `point`, on its way from there (`origin`: the point, moved off its surface), through faces of
-    /// media and up to so many thin sheets.
+    /// What is left of light that was sampled from `point`, on its way from there (`origin`: the point, moved off its surface), through faces of
+    /// media and up to so many thin dielectrics. `stream` makes the numbers for media that differ from place to place.
     #[allow(clippy::too_many_arguments)]
-    fn arrives<'a>(
+    pub(crate) fn transmittance_to_light<'a>(
         &'a self,
         light: Sampled,
         point: Vec3,
         mut origin: Vec3,
-        aim: &Aim,
-        mut within: Within<'a>,
+        light_sample: &LightSample,
+        mut medium_stack: MediumStack<'a>,
         wavelengths: &Wavelengths,
         time_s: f32,
-        mut sheets: u32,
+        mut thin_dielectrics: u32,
+        stream: impl Fn() -> Stream,
     ) -> Sampled {
         if light == Sampled::ZERO {
             return light;
         }
-        let end = point + aim.wi * aim.distance;
+        let end = point + light_sample.wi * light_sample.distance;
         let mut left = light;
+        // One stream for all media on the way.
+        let mut numbers = None;
         for _ in 0..MOST_FACES {
             // The start was moved off its surface: look at the same place of the lamp from there, and end before the lamp itself.
-            let (direction, reach) = match aim.distance.is_finite() {
+            let (direction, reach) = match light_sample.distance.is_finite() {
                 true => {
                     let to = end - origin;
                     let distance = to.length();
-                    if distance <= aim.clearance {
+                    if distance <= light_sample.clearance {
                         return left;
                     }
-                    (to / distance, distance - aim.clearance)
+                    (to / distance, distance - light_sample.clearance)
                 }
-                false => (aim.wi, f32::INFINITY),
+                false => (light_sample.wi, f32::INFINITY),
             };
             let ray = Ray { origin, direction, time_s };
-            let face = match self.has_clear() {
+            let face = match self.has_straight_transmission() {
                 false if self.occluded(&ray, reach) => return Sampled::ZERO,
                 false => None,
                 true => self.intersect(&ray, reach),
             };
             if let Some(face) = face.as_ref().filter(|f| !self.is_interface(f)) {
                 let material = self.material(face.object);
-                // Sheets are scattering events as others are.
-                if sheets == 0 || !material.may_be_clear() {
+                // Thin dielectrics are scattering events as others are.
+                if thin_dielectrics == 0 || !material.may_transmit_straight() {
                     return Sampled::ZERO;
                 }
-                sheets -= 1;
+                thin_dielectrics -= 1;
                 let bsdf = material.bsdf(face, -direction, wavelengths, false, None);
                 let Some(through) = bsdf.and_then(|b| b.straight_through()) else { return Sampled::ZERO };
                 left *= through;
             }
-            if let Some((medium, [near, far])) = within.span(&ray, face.as_ref().map_or(reach, |f| f.t)) {
-                left *= medium.at(wavelengths).transmittance(far - near);
+            if let Some((medium, span)) = medium_stack.span(&ray, face.as_ref().map_or(reach, |f| f.t)) {
+                let moment_s = self.moment_s(time_s);
+                left *= medium.transmittance(&ray, span, wavelengths, moment_s, || numbers.get_or_insert_with(&stream));
             }
             let Some(face) = face else { return left };
-            within.cross(self.material(face.object), face.ng.dot(direction) < 0.0);
+            medium_stack.cross(self.material(face.object), face.ng.dot(direction) < 0.0);
             origin = past(&face, direction);
         }
         Sampled::ZERO
     }
 }
 
-/// Most faces of media that a path goes through between two surfaces, and legs after which it is given up at such a face.
+/// Most faces of media that a path goes through between two surfaces, and segments after which it is given up at such a face.
 pub(crate) const MOST_FACES: u32 = 4096;
 
-/// The last place from which lights could have been aimed at.
+/// The last place from which lights could have been sampled.
 #[derive(Clone, Copy)]
-struct Aimed {
+struct PrevScatter {
     point: Vec3,
-    /// Normal there; 0 in a medium.
+    /// Normal there; 0 in a medium and of fibres.
     normal: Vec3,
     /// Density of the direction that was taken instead, 1/sr.
     density: f32,
@@ -377,18 +441,32 @@ struct Aimed {
     gone: f32,
 }
 
-/// A start just behind a face that a ray goes through.
-pub(crate) fn past(surface: &Surface, direction: Vec3) -> Vec3 {
-    offset_origin(surface.point, if surface.ng.dot(direction) > 0.0 { surface.ng } else { -surface.ng })
+/// Numbers for the media on the way of light from a point that no sampler belongs to: by a hash of where the ray runs, as whether a surface with holes is
+/// met.
+pub(crate) fn stream_along(point: Vec3, direction: Vec3) -> Stream {
+    let hash = |v: Vec3| v.to_array().iter().fold(0, |h, x| mix(h ^ x.to_bits()));
+    let seed = u64::from(hash(point)) << 32 | u64::from(hash(direction));
+    Sampler::new(SamplerKind::Independent, seed, (0, 0), 0, 1).stream(Set::Transmittance(0))
 }
 
-/// Russian roulette on what a path can still bring.
+/// A start just behind a face that a ray goes through.
+pub(crate) fn past(surface: &Surface, direction: Vec3) -> Vec3 {
+    surface.leave(if surface.ng.dot(direction) > 0.0 { surface.ng } else { -surface.ng }, direction)
+}
+
+/// Scattering events within bodies after which a path is given up: of light in a half space that does not absorb one part in a hundred gets so far.
+const LONGEST_WALK: u32 = 8192;
+
+/// Largest probability with which a path goes on where Russian roulette decides, so that every path ends.
+const MOST_SURVIVAL: f32 = 0.95;
+
+/// Russian roulette on what a path can still bring; `most`: largest probability of going on.
 #[inline]
-fn survives(throughput: &mut Sampled, squeezed: f32, vertex: u32, u: f32, settings: &PathSettings) -> bool {
+fn survives(throughput: &mut Sampled, eta_scale: f32, vertex: u32, u: f32, settings: &PathSettings, most: f32) -> bool {
     if vertex < settings.roulette_depth {
         return true;
     }
-    let survival = (throughput.max_element() * squeezed).clamp(0.0, 0.95);
+    let survival = (throughput.max_element() * eta_scale).clamp(0.0, most);
     *throughput /= survival;
     u < survival
 }

@@ -6,7 +6,7 @@
 use crate::light::environment::direction;
 use crate::light::punctual::Spread;
 use crate::light::{Punctual, PunctualKind};
-use crate::material::{Coverage, EmissionColor, Grain, Interior, Material, Principled, Scattering, Transmission};
+use crate::material::{Anisotropy, Coverage, EmissionColor, Interior, Material, Principled, Scattering, Transmission};
 use crate::medium::Coefficient;
 use crate::motion::Motion;
 use crate::scene::{Description, Shape, Sight};
@@ -109,6 +109,14 @@ pub fn gltf(d: &Description) -> Gltf {
                     meshes.len() - 1
                 });
                 (number, place)
+            }
+            Shape::Curves { .. } => {
+                w.warn("curves (hair, fur, grass) are not written: glTF has none");
+                continue;
+            }
+            Shape::Splats { .. } => {
+                w.warn("Gaussian splats are not written: glTF has none");
+                continue;
             }
             Shape::Sphere(s) => {
                 // One ball for all.
@@ -298,9 +306,9 @@ impl Writer {
         let intensity = rgb.max_element();
         let mut json = json!({ "name": light.name, "color": clamped(rgb / intensity.max(1e-30)), "intensity": intensity });
         let spread = light.pattern.as_ref().map(|p| {
-            self.warn("a light that shines by a picture is written as one that shines evenly, as bright in the mean");
+            self.warn("a light that shines by a picture or by measured intensities is written as one that shines evenly, as bright in the mean");
             json["intensity"] = json!(intensity * p.mean());
-            (p.spread, p.light_from_world.inverse() * Vec3::Z)
+            (p.spread.clone(), p.light_from_world.inverse() * Vec3::Z)
         });
         let towards = |direction: Vec3, position: Vec3| {
             Affine3A::from_rotation_translation(glam::Quat::from_rotation_arc(Vec3::NEG_Z, direction), position)
@@ -451,6 +459,9 @@ impl Writer {
         let mut json = json!({ "name": m.name });
         let mut extensions = json!({});
         self.scattering(m, &m.scattering, &mut json, &mut extensions);
+        if m.bump.is_some() {
+            self.warn("bumps given by heights are not written: glTF has maps of normals");
+        }
         if let Some((texture, scale)) = &m.normal_map {
             json["normalTexture"] = self.texture(texture);
             json["normalTexture"]["scale"] = json!(scale);
@@ -459,6 +470,7 @@ impl Writer {
             let (rgb, picture) = match &emission.radiance {
                 EmissionColor::Constant(spectrum) => (light_rgb(spectrum), None),
                 EmissionColor::Textured { factor, texture } => (*factor, Some(self.texture(texture))),
+                EmissionColor::Captured { factor } => (Vec3::splat(*factor), None),
             };
             if !emission.is_light {
                 self.warn("what is only bright to look at, but lights nothing, is written as a lamp");
@@ -535,18 +547,26 @@ impl Writer {
                 let (rgb, picture) = self.color(&colors[0]);
                 plain(rgb, picture, 0.0, 1.0);
             }
+            Scattering::Hair(_) => {
+                self.warn("the scattering of hair is not written: what has it becomes grey");
+                plain(Vec3::splat(0.5), None, 0.0, 1.0);
+            }
+            Scattering::Measured(measured) => {
+                self.warn("measured materials are written as metals of their colour and roughness");
+                plain(measured.normal_reflectance(), None, 1.0, measured.alpha().sqrt());
+            }
             Scattering::Conductor(c) => {
                 let [along, across] = [Some(&c.alpha), c.across.as_ref()].map(|a| a.map(|a| self.number(a).max(0.0).sqrt()));
                 let along = along.unwrap_or(0.0);
                 plain(c.normal_reflectance(), None, 1.0, across.map_or(along, |r| r.min(along)));
-                self.grain(along, across, extensions);
+                self.anisotropy(along, across, extensions);
             }
             Scattering::Coated(c) => {
                 let metal = [Some(&c.metal.alpha), c.metal.across.as_ref()];
                 let [along, across] = metal.map(|a| a.map(|a| self.number(a).max(0.0).sqrt()));
                 let along = along.unwrap_or(0.0);
                 plain(c.metal.normal_reflectance(), None, 1.0, across.map_or(along, |r| r.min(along)));
-                self.grain(along, across, extensions);
+                self.anisotropy(along, across, extensions);
                 if c.across.is_some() {
                     self.warn("of coats that are rougher one way than the other the roughness along the tangent is written");
                 }
@@ -565,10 +585,10 @@ impl Writer {
                 let (metallic, roughness) = (self.factor(&p.metallic), self.factor(&p.roughness));
                 plain(rgb, picture, metallic, roughness);
                 self.surfaces(p, json);
-                if let Some(Grain::Across(across)) = p.grain.as_deref() {
+                if let Some(Anisotropy::Across(across)) = p.anisotropy.as_deref() {
                     let (along, across) = (self.number(&p.roughness), self.number(across));
                     json["pbrMetallicRoughness"]["roughnessFactor"] = json!(along.min(across).clamp(0.0, 1.0));
-                    self.grain(along, Some(across), extensions);
+                    self.anisotropy(along, Some(across), extensions);
                 }
                 self.principled(m, p, extensions);
             }
@@ -582,7 +602,7 @@ impl Writer {
     }
 
     /// Roughness (√α) along the tangent and across it as glTF says it: the wider of the two, and how much wider.
-    fn grain(&mut self, along: f32, across: Option<f32>, extensions: &mut Value) {
+    fn anisotropy(&mut self, along: f32, across: Option<f32>, extensions: &mut Value) {
         let Some(across) = across.filter(|a| (a - along).abs() > 1e-4) else { return };
         let [narrow, wide] = [along.min(across), along.max(across)].map(|r| r.clamp(0.0, 1.0).powi(2));
         let strength = ((wide - narrow) / (1.0 - narrow).max(1e-6)).clamp(0.0, 1.0).sqrt();
@@ -648,13 +668,13 @@ impl Writer {
             self.extensions.insert("KHR_materials_specular");
             extensions["KHR_materials_specular"] = json!({ "specularFactor": weight, "specularColorFactor": tint.to_array() });
         }
-        if let Some(Grain::Brushed { strength, rotation, texture }) = p.grain.as_deref() {
+        if let Some(Anisotropy::Brushed { strength, rotation, texture }) = p.anisotropy.as_deref() {
             self.extensions.insert("KHR_materials_anisotropy");
-            let mut grain = json!({ "anisotropyStrength": strength, "anisotropyRotation": rotation });
+            let mut anisotropy = json!({ "anisotropyStrength": strength, "anisotropyRotation": rotation });
             if let Some(texture) = texture {
-                grain["anisotropyTexture"] = self.texture(texture);
+                anisotropy["anisotropyTexture"] = self.texture(texture);
             }
-            extensions["KHR_materials_anisotropy"] = grain;
+            extensions["KHR_materials_anisotropy"] = anisotropy;
         }
         if let Some(sheen) = &p.sheen {
             self.extensions.insert("KHR_materials_sheen");
@@ -673,13 +693,13 @@ impl Writer {
             self.extensions.insert("KHR_materials_iridescence");
             let [thin, thick] = film.between_nm;
             let mut json = json!({
-                "iridescenceFactor": self.factor(&film.share),
+                "iridescenceFactor": self.factor(&film.fraction),
                 "iridescenceIor": film.ior,
                 "iridescenceThicknessMinimum": thin,
                 "iridescenceThicknessMaximum": thick,
             });
             for (scalar, channel, name) in
-                [(&film.share, 0, "iridescenceTexture"), (&film.thickness, 1, "iridescenceThicknessTexture")]
+                [(&film.fraction, 0, "iridescenceTexture"), (&film.thickness, 1, "iridescenceThicknessTexture")]
             {
                 if let Scalar::Textured { factor, texture, channel: c } = scalar
                     && *c == channel
@@ -711,6 +731,7 @@ impl Writer {
         };
         if let Some(medium) = medium {
             match (&medium.absorption, &medium.scattering) {
+                _ if medium.volume.is_some() => {}
                 (Coefficient::Tint { color, distance_m }, _) => {
                     volume["attenuationColor"] = json!(clamped(spectrum_rgb(&Spectrum::Sigmoid(*color))));
                     volume["attenuationDistance"] = json!(distance_m);
@@ -725,7 +746,9 @@ impl Writer {
                 }
                 _ => {}
             }
-            if !matches!(medium.scattering, Coefficient::Scaled(0.0, _)) || medium.emission.is_some() {
+            if medium.volume.is_some() {
+                self.warn("media that differ from place to place are left out");
+            } else if !matches!(medium.scattering, Coefficient::Scaled(0.0, _)) || medium.emission.is_some() {
                 self.warn("media that scatter or shine are written as if they only absorbed");
             }
         }

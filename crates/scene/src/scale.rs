@@ -6,7 +6,7 @@
 //! of the environment, roughness, thickness of thin films (nm).
 
 use crate::light::PunctualKind;
-use crate::material::{Coverage, Grain, Interior, Material, Scattering};
+use crate::material::{Anisotropy, BumpUnit, Coverage, Interior, Material, Pigment, Scattering};
 use crate::medium::{Coefficient, Medium};
 use crate::motion::{Local, Node, Parts};
 use crate::scene::{Description, Shape, Sight};
@@ -31,7 +31,9 @@ impl Description {
         }
         for object in &mut self.objects {
             match &mut object.shape {
-                Shape::Mesh { world_from_mesh, .. } => *world_from_mesh = whole * *world_from_mesh,
+                Shape::Mesh { world_from_mesh: place, .. }
+                | Shape::Curves { world_from_curves: place, .. }
+                | Shape::Splats { world_from_splats: place, .. } => *place = whole * *place,
                 Shape::Sphere(s) => (s.center, s.radius) = (s.center * factor, s.radius * factor),
                 Shape::Quad(q) => (q.corner, q.edges) = (q.corner * factor, q.edges.map(|e| e * factor)),
             }
@@ -91,7 +93,9 @@ fn thinned(medium: &Medium, factor: f32) -> Medium {
         Coefficient::Scaled(per_m, spectrum) => Coefficient::Scaled(per_m / factor, spectrum.clone()),
         Coefficient::Tint { color, distance_m } => Coefficient::Tint { color: *color, distance_m: distance_m * factor },
     };
-    Medium { absorption: coefficient(&medium.absorption), scattering: coefficient(&medium.scattering), ..medium.clone() }
+    let place = Affine3A::from_scale(Vec3::splat(factor));
+    let volume = medium.volume.as_ref().map(|v| Box::new(v.placed(place)));
+    Medium { absorption: coefficient(&medium.absorption), scattering: coefficient(&medium.scattering), volume, ..medium.clone() }
 }
 
 fn scale_material(material: &mut Material, factor: f32, media: &mut Media) {
@@ -109,15 +113,35 @@ fn scale_material(material: &mut Material, factor: f32, media: &mut Media) {
         Coverage::Full => {}
         Coverage::Mask { alpha, .. } | Coverage::Blend(alpha) => scale_scalar(alpha, factor),
     }
+    if let Some(bump) = material.bump.as_deref_mut() {
+        scale_scalar(&mut bump.height, factor);
+        match &mut bump.unit {
+            BumpUnit::Length(metres) => *metres *= factor,
+            BumpUnit::Extent(_) => {}
+        }
+    }
     scale_scattering(&mut material.scattering, factor);
 }
 
 /// Patterns that lie in space.
 fn scale_scattering(scattering: &mut Scattering, factor: f32) {
     match scattering {
-        Scattering::Black | Scattering::Interface => {}
+        Scattering::Black | Scattering::Interface | Scattering::Measured(_) => {}
         Scattering::Diffuse(color) => scale_color(color, factor),
         Scattering::DiffuseTransmission(colors) => colors.iter_mut().for_each(|c| scale_color(c, factor)),
+        Scattering::Hair(hair) => {
+            let hair = &mut **hair;
+            [&mut hair.beta_m, &mut hair.beta_n, &mut hair.alpha].into_iter().for_each(|s| scale_scalar(s, factor));
+            // Absorption counts by radii of the fibre.
+            match &mut hair.pigment {
+                Pigment::Absorption(_) => {}
+                Pigment::AbsorptionMap(graph) => *graph = scaled_graph(graph, factor),
+                Pigment::Reflectance(color) => scale_color(color, factor),
+                Pigment::Melanin { eumelanin, pheomelanin, .. } => {
+                    [eumelanin, pheomelanin].into_iter().for_each(|s| scale_scalar(s, factor));
+                }
+            }
+        }
         Scattering::Conductor(c) => {
             [Some(&mut c.alpha), c.across.as_mut()].into_iter().flatten().for_each(|s| scale_scalar(s, factor))
         }
@@ -138,11 +162,11 @@ fn scale_scattering(scattering: &mut Scattering, factor: f32) {
             ];
             numbers.into_iter().for_each(|s| scale_scalar(s, factor));
             [&mut p.base_color, &mut p.specular_color].into_iter().for_each(|c| scale_color(c, factor));
-            if let Some(Grain::Across(across)) = p.grain.as_deref_mut() {
+            if let Some(Anisotropy::Across(across)) = p.anisotropy.as_deref_mut() {
                 scale_scalar(across, factor);
             }
             if let Some(film) = p.film.as_deref_mut() {
-                [&mut film.share, &mut film.thickness].into_iter().for_each(|s| scale_scalar(s, factor));
+                [&mut film.fraction, &mut film.thickness].into_iter().for_each(|s| scale_scalar(s, factor));
             }
             if let Some(sheen) = p.sheen.as_deref_mut() {
                 scale_color(&mut sheen.color, factor);
@@ -236,7 +260,7 @@ mod tests {
         let sky = Raster { width: 2, height: 1, channels: 3, data: vec![100.0; 6] };
         Description {
             name: "world".into(),
-            meshes: vec![mesh],
+            meshes: vec![mesh.into()],
             materials: vec![Material::new("cubes", Scattering::Diffuse(Color::Graph(Arc::new(cubes))))],
             objects: vec![
                 carried,

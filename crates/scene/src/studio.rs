@@ -72,7 +72,7 @@ static PANELS: [Panel; 3] = [
 /// Steps in which a panel is raised, and how high it goes at most, degrees.
 const RAISE_DEG: f32 = 5.0;
 const HIGHEST_DEG: f32 = 85.0;
-/// A panel keeps so far out of the frame, as a share of half of it.
+/// A panel keeps so far out of the frame, as a fraction of half of it.
 const MARGIN: f32 = 0.1;
 
 /// Where the sweep begins to curve, behind the model's middle, and its radius there, in half diagonals.
@@ -144,7 +144,7 @@ impl Studio {
         match object.shape {
             Shape::Quad(_) => PANELS.iter().any(|p| p.name == object.name),
             Shape::Mesh { .. } => object.name == BACKDROP,
-            Shape::Sphere(_) => false,
+            Shape::Sphere(_) | Shape::Curves { .. } | Shape::Splats { .. } => false,
         }
     }
 
@@ -248,7 +248,7 @@ impl Studio {
             scene.objects.push(Object::new(panel.name, Shape::Quad(quad), scene.materials.len() as u32 - 1));
         }
         if let Some(mesh) = self.backdrop() {
-            scene.meshes.push(mesh);
+            scene.meshes.push(mesh.into());
             let color = Color::rgb(self.albedo, self.albedo, self.albedo);
             scene.materials.push(Material::new(BACKDROP, Scattering::Diffuse(color)));
             let shape = Shape::Mesh { mesh: scene.meshes.len() as u32 - 1, world_from_mesh: Affine3A::IDENTITY };

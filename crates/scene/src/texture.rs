@@ -84,6 +84,22 @@ impl Image {
         !self.texels.is_opaque()
     }
 
+    /// Whether it is without colours; a sample of its pixels is looked at.
+    pub fn is_grey(&self) -> bool {
+        /// Between channels, in codes: what compression of JPEG leaves.
+        const TOLERANCE: f32 = 8.0 / 255.0;
+        let (columns, rows) = (self.width.clamp(1, 64), self.height.clamp(1, 64));
+        let grey = |i: usize| {
+            let (column, row) = ((i % columns) * self.width / columns, (i / columns) * self.height / rows);
+            let rgb = match self.texel(column, row) {
+                Texel::Codes([r, g, b, _]) => Vec3::new(r as f32, g as f32, b as f32) / 255.0,
+                Texel::Linear([r, g, b, _]) => Vec3::new(r, g, b),
+            };
+            rgb.max_element() - rgb.min_element() <= TOLERANCE
+        };
+        (0..columns * rows).all(grey)
+    }
+
     /// A pixel.
     #[inline]
     pub fn texel(&self, column: usize, row: usize) -> Texel {
@@ -210,6 +226,13 @@ impl Texture {
         }
     }
 
+    /// Size of a texel along the narrower of its sides, in texture coordinates.
+    pub fn texel_size(&self) -> f32 {
+        let m = self.image_from_uv.matrix2;
+        let side = |scale: f32, n: usize| 1.0 / (scale * n as f32).max(1e-6);
+        side(m.row(0).length(), self.image.width).min(side(m.row(1).length(), self.image.height))
+    }
+
     /// RGBA at texture coordinates; linear.
     pub fn at(&self, uv: &[Vec2; 2]) -> Vec4 {
         let p = self.image_from_uv.transform_point2(uv[self.uv_set.min(1)]);
@@ -315,9 +338,9 @@ pub enum NoisePattern {
 pub enum Mapping {
     /// Factor and offset of the mesh's own.
     Uv([[f32; 2]; 2]),
-    /// Angle from z and around it, as shares of a half and a whole turn.
+    /// Angle from z and around it, as fractions of a half and a whole turn.
     Spherical(Affine3A),
-    /// Around z as a share of a turn, and along it.
+    /// Around z as a fraction of a turn, and along it.
     Cylindrical(Affine3A),
     /// Lengths along two vectors of the texture's space, and offsets.
     Planar(Affine3A, [Vec3; 2], Vec2),
@@ -382,6 +405,23 @@ impl Graph {
                 place.is_in_space() || a.is_in_space() || b.is_in_space()
             }
             Graph::Mix(a, b, amount) => a.is_in_space() || b.is_in_space() || amount.is_in_space(),
+        }
+    }
+
+    /// Size of a texel of its finest picture, in texture coordinates; 0 without one.
+    pub fn texel(&self) -> f32 {
+        let finest = |a: f32, b: f32| if a == 0.0 || (b > 0.0 && b < a) { b } else { a };
+        match self {
+            Graph::Constant(_) | Graph::Bilinear { .. } | Graph::Noise { .. } => 0.0,
+            Graph::Image { texture, mapping: None, .. } => texture.texel_size(),
+            // Coordinates of its own, of another size.
+            Graph::Image { .. } => 0.0,
+            Graph::Power(a, _) => a.texel(),
+            Graph::Scale(a, b) => finest(a.texel(), b.texel()),
+            Graph::Checkerboard { even: a, odd: b, .. }
+            | Graph::Cubes { even: a, odd: b, .. }
+            | Graph::Dots { inside: a, outside: b, .. } => finest(a.texel(), b.texel()),
+            Graph::Mix(a, b, amount) => finest(finest(a.texel(), b.texel()), amount.texel()),
         }
     }
 
@@ -527,6 +567,15 @@ pub enum Scalar {
 }
 
 impl Scalar {
+    /// Size of a texel of its finest picture, in texture coordinates; 0 without one.
+    pub fn texel(&self) -> f32 {
+        match self {
+            Scalar::Constant(_) => 0.0,
+            Scalar::Textured { texture, .. } => texture.texel_size(),
+            Scalar::Graph(graph) => graph.texel(),
+        }
+    }
+
     /// The number at a surface point.
     #[inline]
     pub fn at(&self, surface: &Surface) -> f32 {

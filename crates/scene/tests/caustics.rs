@@ -229,7 +229,7 @@ fn a_prism_bends_blue_farther_than_red() {
     let plain = Material::glass("glass", 1.55, None);
     let glass = Material { scattering: Scattering::Principled(Box::new(glass)), ..plain };
     let description = Description {
-        meshes: vec![body(std::array::from_fn(corner))],
+        meshes: vec![body(std::array::from_fn(corner)).into()],
         materials: vec![grey("floor"), glass],
         objects: vec![floor(4.0, 0), Object::new("prism", Shape::Mesh { mesh: 0, world_from_mesh: Affine3A::IDENTITY }, 1)],
         punctual: vec![Punctual::new("sun", ONE, down())],

@@ -121,7 +121,7 @@ fn meshopt_views_are_unpacked() {
 
 #[test]
 fn attributes_of_integers_are_numbers_with_sparse_parts_too() {
-    // Signed shares of 127, four bytes a corner; one corner is replaced.
+    // Signed fractions of 127, four bytes a corner; one corner is replaced.
     let bytes: Vec<u8> =
         [0i8, 0, 0, 0, 127, 0, -127, 0, 0, 64, 0, 0, /* place */ 2, 0, 0, 0, /* value */ 127, 127, 127, 0]
             .map(|v| v as u8)
@@ -280,7 +280,7 @@ fn glass_disperses_by_its_abbe_number() {
 
 #[test]
 fn cloth_grain_and_films_are_read_and_written_again() {
-    use diopter_scene::material::Grain;
+    use diopter_scene::material::Anisotropy;
     use diopter_scene::texture::Scalar;
     let extensions = json!({
         "KHR_materials_sheen": {"sheenColorFactor": [0.5, 0.25, 1.0], "sheenRoughnessFactor": 0.3, "sheenRoughnessTexture": {"index": 0}},
@@ -313,10 +313,12 @@ fn cloth_grain_and_films_are_read_and_written_again() {
         let (sheen, film) = (p.sheen.as_ref().unwrap(), p.film.as_ref().unwrap());
         assert!(matches!(&sheen.color, Color::Constant { rgb, .. } if (*rgb - Vec3::new(0.5, 0.25, 1.0)).length() < 1e-6));
         assert!(matches!(&sheen.roughness, Scalar::Textured { factor, channel: 3, .. } if (factor - 0.3).abs() < 1e-6));
-        let Some(Grain::Brushed { strength, rotation, texture: Some(_) }) = p.grain.as_deref() else { panic!("{:?}", p.grain) };
+        let Some(Anisotropy::Brushed { strength, rotation, texture: Some(_) }) = p.anisotropy.as_deref() else {
+            panic!("{:?}", p.anisotropy)
+        };
         assert!((strength - 0.6).abs() < 1e-6 && (rotation - 0.5).abs() < 1e-6);
         assert!((film.ior - 1.8).abs() < 1e-6 && film.between_nm == [50.0, 700.0]);
-        assert!(matches!(film.share, Scalar::Constant(s) if (s - 0.9).abs() < 1e-6));
+        assert!(matches!(film.fraction, Scalar::Constant(s) if (s - 0.9).abs() < 1e-6));
         assert!(matches!(&film.thickness, Scalar::Textured { channel: 1, .. }));
     }
 }

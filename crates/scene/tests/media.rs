@@ -1,8 +1,7 @@
 //! Light in fog and in bodies against closed forms.
 
-use diopter_light::random::{Sampler, SamplerKind};
+use diopter_light::Spectrum;
 use diopter_light::spectrum::Table;
-use diopter_light::{Ray, Spectrum, Wavelengths};
 use diopter_scene::bvh::Bounds;
 use diopter_scene::light::{Environment, Modulation, Punctual, PunctualKind, SpotEdge};
 use diopter_scene::material::{Emission, EmissionColor, Interior, Material, Scattering};
@@ -12,31 +11,12 @@ use diopter_scene::{Description, Object, PathSettings, Scene, Shape};
 use glam::{Affine3A, Vec3};
 use std::sync::Arc;
 
-const NM: [f32; 4] = [450.0, 520.0, 590.0, 660.0];
-const DEEP: PathSettings = PathSettings { max_depth: 4000, roulette_depth: 4000 };
+mod common;
 
-/// Mean of light along a ray, and its standard error, relative to RGB light of 1.
-fn mean(scene: &Scene, origin: Vec3, direction: Vec3, n: u32, settings: &PathSettings) -> ([f64; 4], [f64; 4]) {
-    let wavelengths = Wavelengths::fixed(NM);
-    let white = wavelengths.d65_one_nit();
-    let ray = Ray { origin, direction: direction.normalize(), time_s: 0.0 };
-    let (mut sum, mut squares) = ([0.0f64; 4], [0.0f64; 4]);
-    for i in 0..n {
-        let sampler = Sampler::new(SamplerKind::Independent, 5, (3, 4), i, n);
-        let l = (scene.radiance(ray, &wavelengths, &sampler, settings) / white).to_array().map(f64::from);
-        (0..4).for_each(|k| (sum[k], squares[k]) = (sum[k] + l[k], squares[k] + l[k] * l[k]));
-    }
-    let n = n as f64;
-    let error = |k: usize| ((squares[k] / n - (sum[k] / n).powi(2)).max(0.0) / n).sqrt();
-    (sum.map(|s| s / n), [error(0), error(1), error(2), error(3)])
-}
+use common::{DEEP, NM, assert_within, mean};
 
-/// As the claimed noise allows, or within a little.
-fn assert_near((found, error): ([f64; 4], [f64; 4]), expected: [f64; 4], what: &str) {
-    for k in 0..4 {
-        let (off, allowed) = ((found[k] - expected[k]).abs(), 4.0 * error[k] + 2e-3 * expected[k].abs());
-        assert!(off < allowed, "{what}, {} nm: {} ± {}, expected {}", NM[k], found[k], error[k], expected[k]);
-    }
+fn assert_near(found: ([f64; 4], [f64; 4]), expected: [f64; 4], what: &str) {
+    assert_within(found, expected, 2e-3, what);
 }
 
 fn colored() -> Spectrum {
@@ -68,7 +48,7 @@ fn what_only_scatters_is_invisible_in_even_light() {
             absorption: Coefficient::NONE,
             scattering: Coefficient::Scaled(1.0, colored()),
             asymmetry: g,
-            emission: None,
+            ..Default::default()
         };
         for interior in [
             Interior::Body { medium: Some(Arc::new(smoke.clone())), priority: None },
@@ -124,7 +104,7 @@ fn fog_shows_lamps_as_single_scattering_says() {
         absorption: Coefficient::grey(sigma_a),
         scattering: Coefficient::Scaled(sigma_s, colored()),
         asymmetry: g,
-        emission: None,
+        ..Default::default()
     };
     let kind = PunctualKind::Point { position: lamp };
     let wall = Quad { corner: Vec3::new(8.0, -9.0, -9.0), edges: [Vec3::Y * 18.0, Vec3::Z * 18.0] };
@@ -180,7 +160,7 @@ fn lamps_in_fog_leave_no_single_bright_samples() {
         absorption: Coefficient::grey(sigma_a),
         scattering: Coefficient::Scaled(sigma_s, colored()),
         asymmetry: g,
-        emission: None,
+        ..Default::default()
     };
     let wall = Quad { corner: Vec3::new(8.0, -9.0, -9.0), edges: [Vec3::Y * 18.0, Vec3::Z * 18.0] };
     let kind = PunctualKind::Point { position: lamp };
@@ -286,7 +266,7 @@ fn all_ways_to_a_lamp_with_extent_add_up_to_its_light() {
             absorption: Coefficient::NONE,
             scattering: Coefficient::Scaled(0.7, colored()),
             asymmetry: g,
-            emission: None,
+            ..Default::default()
         };
         let scene = Scene::build(Description {
             materials: vec![Material::lamp("wall", Spectrum::light_from_rgb(Vec3::ONE))],
@@ -374,6 +354,7 @@ fn hot_gas_shines_as_deep_as_it_is() {
         scattering: Coefficient::NONE,
         asymmetry: 0.0,
         emission: Some(Spectrum::light_from_rgb(Vec3::splat(5.0))),
+        ..Default::default()
     };
     let scene = Scene::build(Description {
         materials: vec![face(Interior::Body { medium: Some(Arc::new(gas)), priority: None })],
@@ -412,7 +393,7 @@ fn bodies_of_one_material_and_priority_are_one_body_where_they_overlap() {
     let (lamp, floor) = shining_floor(1);
     let mesh = |mesh| Shape::Mesh { mesh, world_from_mesh: Affine3A::IDENTITY };
     let scene = Scene::build(Description {
-        meshes: vec![box_mesh(-half, half + Vec3::Z), box_mesh(-half + Vec3::NEG_Z, half + Vec3::Z * 0.3)],
+        meshes: [box_mesh(-half, half + Vec3::Z), box_mesh(-half + Vec3::NEG_Z, half + Vec3::Z * 0.3)].map(Into::into).to_vec(),
         materials: vec![tinted_body("glass", 1.5, 0.4, Some(1)), lamp],
         objects: vec![Object::new("upper", mesh(0), 0), Object::new("lower", mesh(1), 0), floor],
         ..Default::default()
@@ -437,7 +418,9 @@ fn where_bodies_overlap_the_stronger_one_is() {
         let (lamp, floor) = shining_floor(2);
         let mesh = |mesh| Shape::Mesh { mesh, world_from_mesh: Affine3A::IDENTITY };
         let scene = Scene::build(Description {
-            meshes: vec![box_mesh(-half, half + Vec3::Z), box_mesh(-half + Vec3::NEG_Z, half + Vec3::Z * 0.3)],
+            meshes: [box_mesh(-half, half + Vec3::Z), box_mesh(-half + Vec3::NEG_Z, half + Vec3::Z * 0.3)]
+                .map(Into::into)
+                .to_vec(),
             materials: vec![tinted_body("glass", 1.5, 0.1, glass), tinted_body("water", 1.33, 0.9, water), lamp],
             objects: vec![Object::new("glass", mesh(0), 0), Object::new("water", mesh(1), 1), floor],
             ..Default::default()

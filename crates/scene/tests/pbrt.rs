@@ -238,7 +238,7 @@ fn metals_given_as_rgb_reflect_what_fresnel_has_for_each_number() {
 
 #[test]
 fn roughness_may_differ_in_u_and_v() {
-    use diopter_scene::material::Grain;
+    use diopter_scene::material::Anisotropy;
     use diopter_scene::texture::Scalar;
     let text = format!(
         "{HEAD}WorldBegin\n\
@@ -255,12 +255,12 @@ fn roughness_may_differ_in_u_and_v() {
     assert!(is(&c.alpha, 0.2) && is(c.across.as_ref().unwrap(), 0.5), "{c:?}");
     // What is not said is smooth; the model of glass takes √α.
     let Scattering::Principled(p) = scattering(1) else { panic!("glass") };
-    let Some(Grain::Across(across)) = p.grain.as_deref() else { panic!("{:?}", p.grain) };
+    let Some(Anisotropy::Across(across)) = p.anisotropy.as_deref() else { panic!("{:?}", p.anisotropy) };
     assert!(is(&p.roughness, 0.0) && is(across, 0.3));
     let Scattering::Coated(c) = scattering(2) else { panic!("a coat") };
     assert!(is(&c.metal.alpha, 0.4) && is(c.metal.across.as_ref().unwrap(), 0.0) && c.across.is_none());
     let Scattering::Principled(p) = scattering(3) else { panic!("plastic") };
-    assert!(p.grain.is_none() && is(&p.roughness, 0.25f32.sqrt().sqrt()));
+    assert!(p.anisotropy.is_none() && is(&p.roughness, 0.25f32.sqrt().sqrt()));
 }
 
 #[test]
@@ -349,7 +349,27 @@ fn wrong_files_say_where_and_what() {
         ("Material \"diffuse\" \"texture reflectance\" \"t\"", 5, "\"t\""),
         ("LightSource \"goniometric\"", 5, "filename"),
         ("LightSource \"laser\"", 5, "point, spot"),
-        ("MakeNamedMedium \"fog\" \"string type\" \"cloud\"", 5, "homogeneous"),
+        ("MakeNamedMedium \"fog\" \"string type\" \"grid\"", 5, "uniformgrid"),
+        ("MakeNamedMedium \"fog\" \"string type\" \"uniformgrid\"", 5, "without density"),
+        ("MakeNamedMedium \"f\" \"string type\" \"uniformgrid\" \"float density\" [1 2 3] \"integer nx\" 2", 5, "2 × 1 × 1"),
+        ("MakeNamedMedium \"f\" \"string type\" \"uniformgrid\" \"float density\" -1", 5, "at least 0"),
+        ("MakeNamedMedium \"f\" \"string type\" \"uniformgrid\" \"float density\" 1 \"integer ny\" -4", 5, "at least 1"),
+        (
+            "MakeNamedMedium \"f\" \"string type\" \"uniformgrid\" \"float density\" 1 \"integer nx\" 1e9 \"integer ny\" 1e9",
+            5,
+            "2^31",
+        ),
+        ("MakeNamedMedium \"f\" \"string type\" \"uniformgrid\" \"float density\" 1 \"point3 p1\" [1 0 1]", 5, "p0 and p1"),
+        (
+            "MakeNamedMedium \"f\" \"string type\" \"uniformgrid\" \"float density\" 1 \"float temperature\" 1 \"rgb Le\" [1 1 1]",
+            5,
+            "one of the two",
+        ),
+        ("MakeNamedMedium \"f\" \"string type\" \"rgbgrid\"", 5, "sigma_a"),
+        ("MakeNamedMedium \"f\" \"string type\" \"rgbgrid\" \"float sigma_a\" 1", 5, "rgb sigma_a"),
+        ("MakeNamedMedium \"f\" \"string type\" \"rgbgrid\" \"rgb sigma_s\" [1 1 1] \"rgb Le\" [1 1 1]", 5, "does not shine"),
+        ("MakeNamedMedium \"f\" \"string type\" \"cloud\" \"float density\" -1", 5, "density"),
+        ("MakeNamedMedium \"f\" \"string type\" \"nanovdb\"", 5, "filename"),
         ("MakeNamedMedium \"fog\" \"string type\" \"homogeneous\" \"rgb sigma_a\" [1 -1 0]", 5, "at least 0"),
         ("MediumInterface \"fog\" \"\" Shape \"sphere\"", 5, "\"fog\""),
         ("Texture \"m\" \"float\" \"marble\"", 5, "colours"),

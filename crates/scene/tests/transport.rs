@@ -6,10 +6,10 @@ use diopter_scene::light::Environment;
 use diopter_scene::light::{Punctual, PunctualKind, SpotEdge};
 use diopter_scene::material::conductor::FacetBounces;
 use diopter_scene::material::{
-    CoatedConductor, Conductor, Coverage, Emission, EmissionColor, Film, Grain, Material, Principled, Scattering, Sheen,
+    Anisotropy, CoatedConductor, Conductor, Coverage, Emission, EmissionColor, Film, Material, Principled, Scattering, Sheen,
     Transmission,
 };
-use diopter_scene::shape::{Mesh, Quad, Sphere, Surface};
+use diopter_scene::shape::{Detail, Mesh, Quad, Sphere, Surface};
 use diopter_scene::texture::{Color, Scalar};
 use diopter_scene::{Description, Object, PathSettings, Scene, Shape};
 use glam::{Affine3A, Vec3, Vec4};
@@ -121,16 +121,16 @@ fn white_materials() -> Vec<(String, Material)> {
         all.push((format!("lacquered {r}"), Material::new("l", Scattering::Coated(Box::new(lacquered)))));
         let film = || Some(Box::new(film(1.35, 500.0)));
         for across in [0.2f32, 0.9] {
-            let grained = |solid: bool| {
+            let anisotropic_mirror = |solid: bool| {
                 principled(|p| {
                     (p.transmission, p.roughness) = (s(1.0), s(r));
                     p.kind = if solid { Transmission::Solid } else { Transmission::Thin };
-                    p.grain = Some(Box::new(Grain::Across(s(across))));
+                    p.anisotropy = Some(Box::new(Anisotropy::Across(s(across))));
                 })
             };
             if r > 0.0 {
-                all.push((format!("grained glass {r} {across}"), grained(true)));
-                all.push((format!("grained pane {r} {across}"), grained(false)));
+                all.push((format!("grained glass {r} {across}"), anisotropic_mirror(true)));
+                all.push((format!("grained pane {r} {across}"), anisotropic_mirror(false)));
             }
         }
         all.push((
@@ -179,8 +179,8 @@ fn white_materials() -> Vec<(String, Material)> {
 }
 
 fn film(ior: f32, thickness_nm: f32) -> Film {
-    let share = Scalar::Constant(1.0);
-    Film { share, ior, between_nm: [0.0, thickness_nm], thickness: Scalar::Constant(1.0) }
+    let fraction = Scalar::Constant(1.0);
+    Film { fraction, ior, between_nm: [0.0, thickness_nm], thickness: Scalar::Constant(1.0) }
 }
 
 /// Materials that are wider one way than the other, and cloth: what the furnace does not ask about.
@@ -188,7 +188,7 @@ fn grained_and_woven() -> Vec<(String, Material)> {
     let s = |v| Scalar::Constant(v);
     let mut all = Vec::new();
     for (along, across) in [(0.3f32, 0.6f32), (0.7, 0.35), (0.4, 0.9)] {
-        let across_of = |a: f32| Some(Box::new(Grain::Across(s(a))));
+        let across_of = |a: f32| Some(Box::new(Anisotropy::Across(s(a))));
         let Scattering::Conductor(mut c) = mirror(along * along).scattering else { panic!("a metal") };
         c.across = Some(s(across * across));
         let mut lacquered = CoatedConductor::new(c.clone(), 1.5, s(along));
@@ -197,7 +197,7 @@ fn grained_and_woven() -> Vec<(String, Material)> {
         all.push((format!("lacquered {along} {across}"), Material::new("l", Scattering::Coated(Box::new(lacquered)))));
         for (name, metallic, transmission) in [("metal", 1.0, 0.0), ("plastic", 0.0, 0.0), ("glass", 0.0, 1.0)] {
             let material = principled(|p| {
-                (p.roughness, p.grain) = (s(along), across_of(across));
+                (p.roughness, p.anisotropy) = (s(along), across_of(across));
                 (p.metallic, p.transmission, p.kind) = (s(metallic), s(transmission), Transmission::Solid);
             });
             all.push((format!("{name} {along} {across}"), material));
@@ -231,11 +231,12 @@ fn level() -> Surface {
         color: glam::Vec4::ONE,
         object: 0,
         triangle: 0,
+        detail: Detail::None,
     }
 }
 
 /// What a material does with light, by its values at directions all around and by what it draws: albedo of both, the integral of the
-/// density and the share of draws that are kept. `None` where some of it is a mirror's.
+/// density and the fraction of draws that are kept. `None` where some of it is a mirror's.
 fn both_ways(material: &Material, wo: Vec3) -> Option<[f64; 4]> {
     use diopter_light::random::{mix, to_unit};
     let surface = level();
@@ -337,7 +338,7 @@ fn highlights_are_as_wide_as_their_grain() {
         (p.metallic, p.roughness) = (Scalar::Constant(1.0), Scalar::Constant(0.05f32.sqrt()));
         // glTF: α along is 0.05 + 0.95 s², here 0.2; turned by a right angle.
         let strength = (0.15f32 / 0.95).sqrt();
-        p.grain = Some(Box::new(Grain::Brushed { strength, rotation: std::f32::consts::FRAC_PI_2, texture: None }));
+        p.anisotropy = Some(Box::new(Anisotropy::Brushed { strength, rotation: std::f32::consts::FRAC_PI_2, texture: None }));
     });
     for (material, wide) in [(Material::new("m", Scattering::Conductor(c)), 0), (brushed, 1)] {
         let surface = level();
@@ -411,8 +412,8 @@ fn a_body_thinner_than_what_is_around_it_reflects_totally_from_outside() {
             let choice = diopter_light::random::to_unit(diopter_light::random::mix(i));
             bsdf.sample([u[0], u[1], choice, 0.5]).filter(|s| !s.transmitted).map_or(0.0, |s| s.weight.x)
         };
-        let share = (0..side * side).map(draw).sum::<f32>() / (side * side) as f32;
-        assert!((share - expected).abs() < 0.01, "{degrees}: {share} {expected}");
+        let fraction = (0..side * side).map(draw).sum::<f32>() / (side * side) as f32;
+        assert!((fraction - expected).abs() < 0.01, "{degrees}: {fraction} {expected}");
     }
 }
 
@@ -425,7 +426,7 @@ fn layers_panes_and_mixtures_have_their_albedo() {
     let mut smooth = Principled::new(grey(0.5), 1.5);
     (smooth.roughness, smooth.layered) = (Scalar::Constant(0.0), true);
     let parts = [Scattering::Diffuse(grey(0.2)), Scattering::Diffuse(grey(0.6))];
-    let mix = |share: f32| Scattering::Mix(Box::new((parts.clone(), Scalar::Constant(share))));
+    let mix = |fraction: f32| Scattering::Mix(Box::new((parts.clone(), Scalar::Constant(fraction))));
     for (name, scattering, expected) in [
         ("layered", Scattering::Principled(Box::new(smooth)), layered),
         ("mixed", mix(0.25), 0.3),
@@ -717,12 +718,12 @@ fn a_lamp_is_as_bright_as_mesh_quad_or_instances() {
         }),
         floor_with(|d| {
             d.materials.push(lamp());
-            d.meshes = vec![half(-1.0), half(0.0)];
+            d.meshes = vec![half(-1.0).into(), half(0.0).into()];
             d.objects.extend([object(placed(0, 0.0)), object(placed(1, 0.0))]);
         }),
         floor_with(|d| {
             d.materials.push(lamp());
-            d.meshes = vec![half(0.0)];
+            d.meshes = vec![half(0.0).into()];
             d.objects.extend([object(placed(0, -1.0)), object(placed(0, 0.0))]);
         }),
     ];
@@ -747,7 +748,7 @@ fn a_lamp_with_holes_lights_as_much_as_it_is_seen() {
         floor_with(|d| {
             let emission = Spectrum::light_from_rgb(Vec3::splat(luminance));
             d.materials.push(Material { coverage, ..Material::lamp("lamp", emission) });
-            d.meshes = vec![mesh(alpha)];
+            d.meshes = vec![mesh(alpha).into()];
             let shape = Shape::Mesh { mesh: 0, world_from_mesh: Affine3A::IDENTITY };
             d.objects.push(Object::new("lamp", shape, 1));
         })

@@ -301,13 +301,14 @@ pub fn measure(
 
     // What the sheet says.
     let celsius = c.temperature_c.unwrap_or(sensor.temperature_c);
-    let dark_rate = sensor.dark_current.at(celsius) * (1.0 + sensor.hot_pixels.share * sensor.hot_pixels.factor);
+    let dark_rate = sensor.dark_current.at(celsius) * (1.0 + sensor.hot_pixels.fraction * sensor.hot_pixels.factor);
     let dark_noise = (iso.read_noise_e.powi(2) + iso.row_noise_e.powi(2) + dark_rate * c.exposure_s).sqrt();
     let capacity = saturation_capacity(sensor.saturation_e(&iso), dark_noise);
     let rounding = (iso.gain_e_per_dn * iso.digital_gain).powi(2) / 12.0;
     let threshold = ((dark_noise.powi(2) + rounding).sqrt() + 0.5) / seen;
     // Hot pixels leak unevenly: an exponential deviates by its mean, twice that squared in all.
-    let hot = sensor.hot_pixels.share * 2.0 * (sensor.hot_pixels.factor * sensor.dark_current.at(celsius) * c.exposure_s).powi(2);
+    let hot =
+        sensor.hot_pixels.fraction * 2.0 * (sensor.hot_pixels.factor * sensor.dark_current.at(celsius) * c.exposure_s).powi(2);
     let sheet = Figures {
         gain_dn_per_e: 1.0 / iso.gain_e_per_dn,
         quantum_efficiency: seen,
@@ -340,10 +341,10 @@ pub fn measure(
     // Up to where most pixels have reached the limit, but not all: beyond there is nothing to be learned.
     let limit = sensor.saturation_e(&iso);
     let last = (limit + limit.sqrt() + dark_noise) / capacity;
-    let fine = (1..).map(|i| 0.9 + 0.005 * f64::from(i)).take_while(|share| *share <= last);
+    let fine = (1..).map(|i| 0.9 + 0.005 * f64::from(i)).take_while(|fraction| *fraction <= last);
     let mut points = Vec::new();
-    for share in faint.chain(coarse).chain(fine) {
-        let photons = full * share;
+    for fraction in faint.chain(coarse).chain(fine) {
+        let photons = full * fraction;
         let (mean, variance) = two(&mut bench, photons, c.exposure_s)?;
         let signal_dn = mean - dark_mean;
         points.push(Point {

@@ -9,6 +9,7 @@ pub use diopter_light::names::nearest;
 pub mod calibration;
 mod data;
 pub mod emva;
+pub mod events;
 pub mod format;
 pub mod noise;
 mod pattern;

@@ -25,7 +25,7 @@ pub fn key_of(text: &str) -> u64 {
     text.bytes().fold(0xcbf2_9ce4_8422_2325, |h, b| (h ^ u64::from(b)).wrapping_mul(0x100_0000_01b3))
 }
 
-/// The standard normal deviate below which a share `u` (0 to 1, both excluded) lies; 1e-15 exact.
+/// The standard normal deviate below which a fraction `u` (0 to 1, both excluded) lies; 1e-15 exact.
 /// Source: Wichura 1988, "Algorithm AS 241: the percentage points of the normal distribution", PPND16.
 #[inline]
 pub fn normal_quantile(u: f64) -> f64 {
@@ -118,7 +118,7 @@ fn polynomial<const N: usize>(coefficients: &[f64; N], x: f64) -> f64 {
 /// Mean from which counts are drawn by [`expanded`].
 const EXPANDED_FROM: f64 = 24.0;
 
-/// The count of a Poisson distribution below which a share `u` lies. Exact (to the 52 bits of `u`) for means below 24, by
+/// The count of a Poisson distribution below which a fraction `u` lies. Exact (to the 52 bits of `u`) for means below 24, by
 /// summing probabilities; by an expansion above.
 #[inline]
 pub fn poisson_quantile(mean: f64, u: f64) -> f64 {
@@ -221,7 +221,7 @@ mod tests {
 
     #[test]
     fn the_fast_path_agrees_with_the_exact_sums() {
-        // The share of u for which the two differ, by stepping through u: as stated at `expanded`.
+        // The fraction of u for which the two differ, by stepping through u: as stated at `expanded`.
         for (mean, most) in [(24.0, 1.5e-4), (100.0, 2e-5)] {
             let p = probabilities(mean, 0..400);
             let (mut n, mut sum, mut wrong) = (0, p[0], 0);

@@ -10,7 +10,7 @@ pub struct Pattern {
     prnu: f64,
     dsnu_e: f64,
     dsnu_row_e: f64,
-    hot_share: f64,
+    hot_fraction: f64,
     hot_factor: f64,
     /// Offset of each column, e⁻.
     columns: Vec<f64>,
@@ -35,7 +35,7 @@ impl Pattern {
             prnu: sensor.prnu,
             dsnu_e: sensor.dsnu_e,
             dsnu_row_e: sensor.dsnu_row_e,
-            hot_share: sensor.hot_pixels.share,
+            hot_fraction: sensor.hot_pixels.fraction,
             hot_factor: sensor.hot_pixels.factor,
             columns: if sensor.dsnu_column_e > 0.0 { (0..width).map(column).collect() } else { vec![0.0; width] },
         }
@@ -62,11 +62,11 @@ impl Pattern {
             // A pixel that sees less than nothing is dead.
             pixel.response = (1.0 + self.prnu * normal_quantile(unit(mix(self.key, place)))).max(0.0);
         }
-        if self.hot_share > 0.0 {
+        if self.hot_fraction > 0.0 {
             let u = unit(mix(self.key ^ 0x407, place));
-            if u < self.hot_share {
-                // What is left of the number, within its share, is even again.
-                pixel.leak = 1.0 - self.hot_factor * (u / self.hot_share).ln();
+            if u < self.hot_fraction {
+                // What is left of the number, within its fraction, is even again.
+                pixel.leak = 1.0 - self.hot_factor * (u / self.hot_fraction).ln();
             }
         }
         pixel

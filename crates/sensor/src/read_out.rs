@@ -214,13 +214,13 @@ impl<'a> ReadOut<'a> {
                 *v = f64::from(here[(offset + i) * bands + channels[i]]);
             }
         }
-        let share = self.sensor.crosstalk;
-        if share > 0.0 {
+        let fraction = self.sensor.crosstalk;
+        if fraction > 0.0 {
             let (above, below) = (row.saturating_sub(1), (row + 1).min(self.height - 1));
             for c in 0..self.width {
                 let (left, right) = (c.saturating_sub(1), (c + 1).min(self.width - 1));
                 let gained = alone(row, left) + alone(row, right) + alone(above, c) + alone(below, c);
-                to[c] = (1.0 - 4.0 * share) * alone(row, c) + share * gained;
+                to[c] = (1.0 - 4.0 * fraction) * alone(row, c) + fraction * gained;
             }
         }
     }
@@ -445,7 +445,7 @@ mod tests {
 
     fn plain(name: &str) -> Sensor {
         let mut s = Sensor::named(name).unwrap();
-        (s.prnu, s.dsnu_e, s.dsnu_row_e, s.dsnu_column_e, s.hot_pixels.share) = (0.0, 0.0, 0.0, 0.0, 0.0);
+        (s.prnu, s.dsnu_e, s.dsnu_row_e, s.dsnu_column_e, s.hot_pixels.fraction) = (0.0, 0.0, 0.0, 0.0, 0.0);
         s.iso.iter_mut().for_each(|i| i.row_noise_e = 0.0);
         s
     }
@@ -525,7 +525,7 @@ mod tests {
             let (e, v) = mean(seconds, celsius);
             assert!((e / expected - 1.0).abs() < 3e-3 && (v / expected - 1.0).abs() < 0.06, "{seconds} {celsius}: {e} {v}");
         }
-        sensor.hot_pixels = crate::sensor::HotPixels { share: 0.01, factor: 50.0 };
+        sensor.hot_pixels = crate::sensor::HotPixels { fraction: 0.01, factor: 50.0 };
         let raw = read(&sensor, &flat(&sensor, 0.0, 10.0, [200, 200]), &Reading::new(100.0, 1));
         let hot = raw.mosaic.data.iter().filter(|d| **d as f64 * 1.83111 > 1500.0).count() as f64 / 40_000.0;
         // Of an exponential of mean 50 · 1000 e⁻, 99 % are above 500.

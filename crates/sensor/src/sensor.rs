@@ -63,8 +63,8 @@ impl DarkCurrent {
 /// Pixels that leak more than others.
 #[derive(Clone, Copy, Debug, PartialEq, Default)]
 pub struct HotPixels {
-    /// Share of all pixels.
-    pub share: f64,
+    /// Fraction of all pixels.
+    pub fraction: f64,
     /// Mean of how many times the dark current they leak; exponentially distributed.
     pub factor: f64,
 }
@@ -72,13 +72,13 @@ pub struct HotPixels {
 /// A second reading of the same picture with less light, for scenes that are brighter than one reading holds.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SecondReading {
-    /// Light it gets, as a share of the first: of a small pixel beside the large one, or a short exposure after the long one.
+    /// Light it gets, as a fraction of the first: of a small pixel beside the large one, or a short exposure after the long one.
     pub relative_exposure: f64,
     /// Electrons it holds.
     pub full_well_e: f64,
     /// Its read noise, e⁻.
     pub read_noise_e: f64,
-    /// Share of the first's full well from which the second counts.
+    /// Fraction of the first's full well from which the second counts.
     pub switch_at: f64,
 }
 
@@ -131,7 +131,7 @@ pub struct Sensor {
     pub iso: Vec<IsoStep>,
     /// ISO from which on the pixel converts at its high gain, of a sensor with two.
     pub dual_gain_iso: Option<f64>,
-    /// Photo response non-uniformity, as a share.
+    /// Photo response non-uniformity, as a fraction.
     pub prnu: f64,
     /// Dark signal non-uniformity of single pixels, e⁻.
     pub dsnu_e: f64,
@@ -147,9 +147,9 @@ pub struct Sensor {
     pub temperature_c: f64,
     /// Distance between the two images an optical low-pass filter makes along each axis, pixels; 0 without one.
     pub low_pass_px: f64,
-    /// Share of the pixel's area that collects light.
+    /// Fraction of the pixel's area that collects light.
     pub fill_factor: f64,
-    /// Share of a pixel's charge that each of its four neighbours gets.
+    /// Fraction of a pixel's charge that each of its four neighbours gets.
     pub crosstalk: f64,
     /// A second reading, if it makes one.
     pub second_reading: Option<SecondReading>,
@@ -279,7 +279,7 @@ impl Sensor {
         iso.clamp(self.iso[0].iso, self.iso[self.iso.len() - 1].iso)
     }
 
-    /// The two-stage model nearest to the read noise of the settings, and how far the worst of them is from it (a share);
+    /// The two-stage model nearest to the read noise of the settings, and how far the worst of them is from it (a fraction);
     /// `None` with fewer than three settings. Least squares of relative variances.
     pub fn two_stage(&self) -> Option<(TwoStage, f64)> {
         let analog: Vec<&IsoStep> = self.iso.iter().filter(|s| s.digital_gain == 1.0 && s.read_noise_e > 0.0).collect();
@@ -329,7 +329,7 @@ pub fn saturation_capacity(limit_e: f64, dark_noise_e: f64) -> f64 {
     (0..=2400).map(grid).max_by(|a, b| variance(*a).total_cmp(&variance(*b))).unwrap_or(limit_e).max(0.0)
 }
 
-/// Share of a normal distribution above x. Source: Abramowitz & Stegun 26.2.17, 7.5e-8 exact.
+/// Fraction of a normal distribution above x. Source: Abramowitz & Stegun 26.2.17, 7.5e-8 exact.
 fn upper_tail(x: f64) -> f64 {
     if x < 0.0 {
         return 1.0 - upper_tail(-x);
@@ -353,7 +353,7 @@ mod tests {
             for (given, what) in [
                 (s.prnu > 0.0 || s.dsnu_e > 0.0, "nonuniformity"),
                 (!s.dark_current.points.is_empty(), "dark_current"),
-                (s.hot_pixels.share > 0.0, "hot_pixels"),
+                (s.hot_pixels.fraction > 0.0, "hot_pixels"),
                 (s.low_pass_px > 0.0 || s.crosstalk > 0.0 || s.fill_factor < 1.0, "blur"),
                 (s.second_reading.is_some(), "second_reading"),
             ] {

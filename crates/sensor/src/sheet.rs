@@ -61,8 +61,8 @@ struct Sheet {
     dark_current: Vec<[f64; 2]>,
     #[serde(default = "six_and_a_half")]
     dark_current_doubling_c: f64,
-    #[serde(default)]
-    hot_pixel_share: f64,
+    #[serde(default, alias = "hot_pixel_share")]
+    hot_pixel_fraction: f64,
     #[serde(default)]
     hot_pixel_factor: f64,
     #[serde(default = "twenty")]
@@ -225,9 +225,9 @@ pub(crate) fn parse(text: &str, place: &str) -> Result<Sensor, SensorError> {
         check.not_negative(value, what)?;
     }
     check.that((0.0..=20.0).contains(&s.prnu_percent), "prnu_percent", s.prnu_percent, "0 to 20")?;
-    check.that((0.0..=1.0).contains(&s.hot_pixel_share), "hot_pixel_share", s.hot_pixel_share, "a share, 0 to 1")?;
+    check.that((0.0..=1.0).contains(&s.hot_pixel_fraction), "hot_pixel_fraction", s.hot_pixel_fraction, "a fraction, 0 to 1")?;
     check.that(s.low_pass_px <= 8.0, "low_pass_px", s.low_pass_px, "up to 8 pixels")?;
-    check.that(s.fill_factor > 0.0 && s.fill_factor <= 1.0, "fill_factor", s.fill_factor, "a share above 0, at most 1")?;
+    check.that(s.fill_factor > 0.0 && s.fill_factor <= 1.0, "fill_factor", s.fill_factor, "a fraction above 0, at most 1")?;
     check.that(
         (0.0..=20.0).contains(&s.crosstalk_percent),
         "crosstalk_percent",
@@ -319,7 +319,7 @@ pub(crate) fn parse(text: &str, place: &str) -> Result<Sensor, SensorError> {
                 r.relative_exposure > 0.0 && r.relative_exposure < 1.0,
                 "second_reading.relative_exposure",
                 r.relative_exposure,
-                "a share of the light above 0, below 1",
+                "a fraction of the light above 0, below 1",
             )?;
             check.positive(r.full_well_e, "second_reading.full_well_e")?;
             check.not_negative(r.read_noise_e, "second_reading.read_noise_e")?;
@@ -334,7 +334,7 @@ pub(crate) fn parse(text: &str, place: &str) -> Result<Sensor, SensorError> {
                 r.switch_at > 0.0 && r.switch_at <= 1.0,
                 "second_reading.switch_at",
                 r.switch_at,
-                "a share above 0, at most 1",
+                "a fraction above 0, at most 1",
             )?;
             Some(SecondReading {
                 relative_exposure: r.relative_exposure,
@@ -375,7 +375,7 @@ pub(crate) fn parse(text: &str, place: &str) -> Result<Sensor, SensorError> {
         dsnu_row_e: s.dsnu_row_e,
         dsnu_column_e: s.dsnu_column_e,
         dark_current: DarkCurrent { points: s.dark_current, doubling_c: s.dark_current_doubling_c },
-        hot_pixels: HotPixels { share: s.hot_pixel_share, factor: s.hot_pixel_factor },
+        hot_pixels: HotPixels { fraction: s.hot_pixel_fraction, factor: s.hot_pixel_factor },
         temperature_c: s.temperature_c,
         low_pass_px: s.low_pass_px,
         fill_factor: s.fill_factor,

@@ -75,7 +75,7 @@ fn info(name: &str, json: bool) -> anyhow::Result<()> {
             "pitch_um": [pitch_x, pitch_y], "crop_factor": crop, "cfa": s.cfa.letters(), "channels": names,
             "peak_quantum_efficiency": qe, "full_well_e": s.full_well_e, "saturation_capacity_e": capacity,
             "adc_bits": s.adc_bits, "prnu_percent": s.prnu * 100.0, "dsnu_e": s.dsnu_e, "dark_current_e_per_s": dark,
-            "temperature_c": s.temperature_c, "hot_pixel_share": s.hot_pixels.share, "low_pass_px": s.low_pass_px,
+            "temperature_c": s.temperature_c, "hot_pixel_fraction": s.hot_pixels.fraction, "low_pass_px": s.low_pass_px,
             "two_stage": s.two_stage().map(|(m, off)| serde_json::json!({
                 "before_e": m.before_e, "after_dn": m.after_dn, "worst": off,
             })),
@@ -121,11 +121,11 @@ fn info(name: &str, json: bool) -> anyhow::Result<()> {
     if dark > 0.0 {
         writeln!(t, "  dark current  {dark:.4} e-/s at {:.0} °C, {:.4} at 35 °C", s.temperature_c, s.dark_current.at(35.0))?;
     }
-    if s.hot_pixels.share > 0.0 {
+    if s.hot_pixels.fraction > 0.0 {
         writeln!(
             t,
             "  hot pixels    {:.3} %, {} times the dark current on average",
-            s.hot_pixels.share * 100.0,
+            s.hot_pixels.fraction * 100.0,
             s.hot_pixels.factor
         )?;
     }

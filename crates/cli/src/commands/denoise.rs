@@ -21,7 +21,7 @@ pub fn run(input: &Path, output: &Path, by: Denoise, oidn: Option<&Path>, json: 
         return Err(AskedWrongly(anyhow!("--by {by}: expected on, oidn or builtin")).into());
     };
     let size = source.size();
-    let by_strips = denoise::rows_at_once(size[0], source.bands().len()) < size[1];
+    let by_strips = denoise::rows_at_once(size[0], source.bands().len(), source.recorded().more_bytes()) < size[1];
     let (path, name) = match filter {
         // A network sees the whole picture; the library is asked for it by name where that takes much memory.
         filter @ Filter::Oidn(_) if !by_strips || by == Denoise::Oidn => {

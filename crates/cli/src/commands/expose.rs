@@ -45,6 +45,9 @@ pub fn run(args: &Expose, json: bool) -> anyhow::Result<()> {
             if file.render.fireflies == Some(FireflyChoice::Reweight) {
                 warn("fireflies are kept: what is larger than memory is not re-weighted");
             }
+            if shot.diffracts() && !shot.radiance && shot.spectral.is_none() {
+                warn("stars of lamps are noisy: in what is larger than memory their light is gathered like all other");
+            }
             let (mut exposed, kept) = checkpoint::expose_rows(&shot, &args.taking, &args.output, "exposing", cache)?;
             let seconds = started.elapsed().as_secs_f64();
             let path = output::write_strips(output, &mut *exposed.plane)?;

@@ -1,6 +1,9 @@
 //! `lens`: what a lens is and what it does.
 
+mod coating;
+mod ghosts;
 mod point_image;
+mod report;
 
 use super::print_json;
 use crate::args::{Bench as Asked, LensVerb, List, MtfOver};
@@ -11,6 +14,7 @@ use anyhow::anyhow;
 use diopter::lens::analysis::{Bench, Illumination, Mtf, ThirdOrder, VISUAL_NM, airy_mtf};
 use diopter::lens::compound::{Configured, FilmPlace, configure, nearest_focus, printed_focal_length, printed_focal_lengths};
 use diopter::lens::draw::{self, Figure, LayoutOptions};
+use diopter::lens::export::{self, ExportFormat};
 use diopter::lens::glass::{D_NM, GlassKind};
 use diopter::lens::paraxial::FirstOrder;
 use diopter::lens::prescription::{ApertureKind, Coating};
@@ -48,6 +52,22 @@ pub fn run(verb: &LensVerb, json: bool) -> anyhow::Result<()> {
         LensVerb::Distortion(asked) => distortion(asked, json),
         LensVerb::Vignetting(asked) => vignetting(asked, json),
         LensVerb::Color(asked) => color(asked, json),
+        LensVerb::Report(asked) => report::run(asked, json),
+        LensVerb::Coating { lens, surface, coating, angle, output } => {
+            let asked = coating::Asked { lens, surface: *surface, coating: coating.as_deref(), angles: &angle.0, output };
+            coating::run(&asked, json)
+        }
+        LensVerb::Ghosts { bench, source, coating, sensor_reflectance, rays, top } => {
+            let asked = ghosts::Asked {
+                bench,
+                source_deg: *source,
+                coating: coating.as_deref(),
+                sensor_reflectance: *sensor_reflectance,
+                rays: *rays,
+                top: *top,
+            };
+            ghosts::run(&asked, json)
+        }
         LensVerb::Calibrate(asked) => super::calibrate::run(asked, json),
         LensVerb::Tolerance(asked) => super::tolerance::run(asked, json),
         LensVerb::Optimise(asked) => super::optimise::run(asked, json),
@@ -59,15 +79,23 @@ pub fn run(verb: &LensVerb, json: bool) -> anyhow::Result<()> {
             for note in &prescription.notes {
                 say(&format!("note: {note}"));
             }
-            let text = prescription.to_toml();
+            let format = output.as_deref().and_then(|path| ExportFormat::of(&path.to_string_lossy()));
+            let text = match format {
+                None => prescription.to_toml(),
+                Some(format) => {
+                    let exported = export::write(&prescription, State::default(), format)?;
+                    exported.notes.iter().for_each(|note| say(&format!("note: {note}")));
+                    exported.text
+                }
+            };
             if json && output.is_none() {
                 return print_json(&json!({ "name": prescription.name, "notes": prescription.notes, "toml": text }));
             }
             match output {
                 None => write!(std::io::stdout(), "{text}")?,
                 Some(path) => {
-                    if path.extension().is_none_or(|e| e != "toml") {
-                        let what = anyhow!("{}: expected a name that ends in .toml", path.display());
+                    if format.is_none() && path.extension().is_none_or(|e| e != "toml") {
+                        let what = anyhow!("{}: expected a name that ends in .toml, .zmx or .seq", path.display());
                         return Err(AskedWrongly(what).into());
                     }
                     Output::prepare(path)?.commit(|w| Ok(w.write_all(text.as_bytes())?))?;
@@ -355,12 +383,7 @@ fn info(asked: &Asked, json: bool) -> anyhow::Result<()> {
     }
     writeln!(t, "  Petzval sum       {:.6} /mm (radius {:.2} mm)", f.petzval_sum, 1.0 / f.petzval_sum)?;
     if p.coating != Coating::None {
-        let coating = match p.coating {
-            Coating::MagnesiumFluoride => "a quarter wave of MgF2",
-            Coating::Multilayer => "multilayer, 0.4 % a surface",
-            _ => "perfect",
-        };
-        writeln!(t, "  coating           {coating}")?;
+        writeln!(t, "  coating           {}", p.coating.describe())?;
     }
     if let Some(nearest) = nearest_focus(p, table.set.state.zoom) {
         writeln!(t, "  nearest focus     {nearest:.0} mm from the entrance pupil")?;
@@ -375,7 +398,7 @@ fn info(asked: &Asked, json: bool) -> anyhow::Result<()> {
         let radius = match &s.profile {
             Profile::Plane => "plane".into(),
             other if other.curvature() == 0.0 && other.is_rotational() => "asphere".into(),
-            Profile::Toroid { .. } | Profile::Biconic { .. } => {
+            Profile::Toroid { .. } | Profile::Biconic { .. } | Profile::Freeform(_) => {
                 let r = |c: f64| if c == 0.0 { "inf".to_owned() } else { format!("{:.2}", 1.0 / c) };
                 format!("{}/{}", r(s.profile.curvature_x()), r(s.profile.curvature()))
             }
@@ -385,12 +408,21 @@ fn info(asked: &Asked, json: bool) -> anyhow::Result<()> {
             (_, true, true) => " stop, mirror",
             (_, true, _) => " stop",
             (_, _, true) => " mirror",
-            (Profile::Asphere(_) | Profile::Conic { .. }, ..) => " asphere",
+            _ if s.diffractive.is_some() => " diffractive",
+            (Profile::Freeform(_), ..) => " freeform",
+            (Profile::Fresnel(_), ..) => " Fresnel",
+            (Profile::Asphere(_) | Profile::Forbes(_) | Profile::Conic { .. }, ..) => " asphere",
             _ => "",
         };
         let gap = s.gap.at(table.set.state.zoom, table.set.state.focus);
         let glass = if s.glass.kind == GlassKind::Air { String::new() } else { s.glass.describe() };
         writeln!(t, "  {:>3} {radius:>12} {gap:>10.4} {:>9.3}  {glass}{kind}", i + 1, s.semi_diameter.unwrap_or(0.0))?;
+    }
+    if system.has_gradients() {
+        writeln!(t, "\n  the lens has gradient-index media: third-order sums are not computed")?;
+    }
+    if system.has_diffractive() {
+        writeln!(t, "\n  the lens has diffractive surfaces: third-order sums are not computed; one order of each is followed")?;
     }
     if !system.is_rotational() {
         writeln!(t, "\n  the lens is not round: first and third order are of its y-z section, tilts left out")?;

@@ -5,7 +5,9 @@
 use super::print_json;
 use crate::AskedWrongly;
 use crate::args::LessonArgs;
+use crate::document::{self, Block, Document};
 use crate::output::Output;
+use crate::paint;
 use crate::watch::{self, say};
 use anyhow::{Context, anyhow};
 use diopter::lesson::{Lesson, words};
@@ -21,25 +23,33 @@ use std::time::Instant;
 const LESSONS: &[(&str, &str)] = &[
     ("thin-lens", include_str!("../lessons/thin-lens.toml")),
     ("spherical-aberration", include_str!("../lessons/spherical-aberration.toml")),
+    ("pinhole", include_str!("../lessons/pinhole.toml")),
     ("compound-lenses", include_str!("../lessons/compound-lenses.toml")),
     ("field-of-view", include_str!("../lessons/field-of-view.toml")),
     ("formats", include_str!("../lessons/formats.toml")),
     ("exposure-triangle", include_str!("../lessons/exposure-triangle.toml")),
     ("f-stops", include_str!("../lessons/f-stops.toml")),
+    ("exposure-experiment", include_str!("../lessons/exposure-experiment.toml")),
     ("equal-exposures", include_str!("../lessons/equal-exposures.toml")),
     ("iso-ladder", include_str!("../lessons/iso-ladder.toml")),
     ("circle-of-confusion", include_str!("../lessons/circle-of-confusion.toml")),
     ("depth-from-picture", include_str!("../lessons/depth-from-picture.toml")),
     ("hyperfocal", include_str!("../lessons/hyperfocal.toml")),
+    ("focus-measure", include_str!("../lessons/focus-measure.toml")),
     ("autofocus", include_str!("../lessons/autofocus.toml")),
     ("motion-blur", include_str!("../lessons/motion-blur.toml")),
     ("high-speed", include_str!("../lessons/high-speed.toml")),
     ("long-exposure", include_str!("../lessons/long-exposure.toml")),
+    ("shutter", include_str!("../lessons/shutter.toml")),
     ("rolling-shutter", include_str!("../lessons/rolling-shutter.toml")),
     ("anti-aliasing", include_str!("../lessons/anti-aliasing.toml")),
     ("tone-curves", include_str!("../lessons/tone-curves.toml")),
+    ("look-up-tables", include_str!("../lessons/look-up-tables.toml")),
     ("gamma", include_str!("../lessons/gamma.toml")),
 ];
+
+/// Lines of a file that a page shows.
+const EXCERPT: usize = 24;
 
 /// Page that lists those of `lesson all`.
 const INDEX: &str = "index.md";
@@ -58,29 +68,55 @@ pub fn run(args: &LessonArgs, threads: Option<NonZeroUsize>, json: bool) -> anyh
     let Some(folder) = &args.output else {
         return Err(AskedWrongly(anyhow!("lesson \"{}\": no folder; expected -o FOLDER to write it into", args.name)).into());
     };
-    if folder.exists() && !folder.is_dir() {
-        return Err(AskedWrongly(anyhow!("{}: this is a file; expected a folder", folder.display())).into());
+    let on_paper = document::kind(folder) == Some(document::Kind::Pdf);
+    if !on_paper && folder.exists() && !folder.is_dir() {
+        let wrong = anyhow!("{}: this is a file; expected a folder, or a name that ends in .pdf", folder.display());
+        return Err(AskedWrongly(wrong).into());
     }
+    let paper =
+        if on_paper { Some((document::prepare(folder)?, tempfile::tempdir().context("a temporary folder")?)) } else { None };
+    let folder = paper.as_ref().map_or(folder.as_path(), |p| p.1.path());
     let _held = watch::hold();
     let started = Instant::now();
     std::fs::create_dir_all(folder).with_context(|| format!("{}: this folder cannot be made", folder.display()))?;
     let (program, first) = this_program()?;
     let runner = Runner { program, first, folder, size: args.size.map(|s| s.to_string()), threads };
     let (mut told, mut index) = (Vec::new(), "# Lessons\n\n".to_owned());
+    let mut book = Document::default();
     for (name, text) in chosen.iter().copied() {
         let begun = Instant::now();
         let lesson = Lesson::parse(text, name)?;
-        let files = runner.lesson(name, &lesson)?;
+        let made = runner.lesson(name, &lesson)?;
+        let files = match &paper {
+            Some(_) => {
+                made.print(&lesson, &mut book)?;
+                vec![]
+            }
+            None => made.write(&runner, name, &lesson)?,
+        };
         writeln!(index, "- [{}]({name}.md): {}", lesson.title, lesson.text[0])?;
         told.push(serde_json::json!({ "name": name, "files": files, "seconds": begun.elapsed().as_secs_f64() }));
     }
-    if args.name == "all" {
-        let output = Output::prepare(&folder.join(INDEX))?;
-        output.commit(|to| Ok(to.write_all(index.as_bytes())?))?;
+    let mut file = None;
+    if let Some((output, _)) = paper {
+        book.title = if let [(_, text)] = chosen[..] { Lesson::parse(text, &args.name)?.title } else { "Lessons".into() };
+        if let [Block::Chapter(_), ..] = book.blocks[..]
+            && chosen.len() == 1
+        {
+            book.blocks.remove(0);
+        }
+        let path = book.write(output)?;
+        say(&format!("wrote {} lessons: {}", told.len(), path.display()));
+        file = Some(path);
+    } else {
+        if args.name == "all" {
+            let output = Output::prepare(&folder.join(INDEX))?;
+            output.commit(|to| Ok(to.write_all(index.as_bytes())?))?;
+        }
+        say(&format!("wrote {} lessons into {}", told.len(), folder.display()));
     }
-    say(&format!("wrote {} lessons into {}", told.len(), folder.display()));
     if json {
-        print_json(&serde_json::json!({ "lessons": told, "total_s": started.elapsed().as_secs_f64() }))?;
+        print_json(&serde_json::json!({ "lessons": told, "file": file, "total_s": started.elapsed().as_secs_f64() }))?;
     }
     Ok(())
 }
@@ -121,10 +157,13 @@ struct Runner<'a> {
 }
 
 impl Runner<'_> {
-    /// Makes all figures and tables, and the page that shows them.
-    fn lesson(&self, name: &str, lesson: &Lesson) -> anyhow::Result<Vec<PathBuf>> {
-        let mut page = format!("# {}\n\n{}\n{}\n", lesson.title, lesson.text[0], lesson.text[1]);
-        let mut files = Vec::new();
+    /// Makes all figures and tables.
+    fn lesson(&self, name: &str, lesson: &Lesson) -> anyhow::Result<Made> {
+        let mut made = Made { inputs: vec![], figures: vec![], tables: vec![] };
+        for input in &lesson.input {
+            let output = Output::prepare(&self.folder.join(&input.file))?;
+            made.inputs.push(output.commit(|to| Ok(to.write_all(input.text.as_bytes())?))?);
+        }
         for figure in &lesson.figure {
             let typed = self.typed(&figure.command);
             self.command(name, &typed)?;
@@ -132,17 +171,13 @@ impl Runner<'_> {
             if !path.is_file() {
                 return Err(anyhow!("lesson {name}: \"{typed}\" wrote no {}", figure.file));
             }
-            write!(page, "\n![{0}]({1})\n\n*{0}*\n\n    diopter {typed}\n", figure.caption, figure.file)?;
-            files.push(path);
+            made.figures.push((path, typed));
         }
         for table in &lesson.table {
             let typed = self.typed(&table.command);
-            let text = self.command(name, &typed)?;
-            write!(page, "\n*{}*\n\n    diopter {typed}\n\n```\n{}\n```\n", table.caption, text.trim_end())?;
+            made.tables.push((self.command(name, &typed)?, typed));
         }
-        let output = Output::prepare(&self.folder.join(format!("{name}.md")))?;
-        files.push(output.commit(|to| Ok(to.write_all(page.as_bytes())?))?);
-        Ok(files)
+        Ok(made)
     }
 
     /// A command as it is run and shown: with the size that was asked for.
@@ -171,6 +206,69 @@ impl Runner<'_> {
             return Err(anyhow!("lesson {name}: \"diopter {typed}\" failed: {}", said.trim().lines().last().unwrap_or("")));
         }
         Ok(String::from_utf8_lossy(&done.stdout).into_owned())
+    }
+}
+
+/// What the commands of a lesson made.
+struct Made {
+    /// Files that the commands read.
+    inputs: Vec<PathBuf>,
+    /// Files of figures, and their commands.
+    figures: Vec<(PathBuf, String)>,
+    /// Tables, and their commands.
+    tables: Vec<(String, String)>,
+}
+
+impl Made {
+    /// Writes the page (Markdown); all files of the lesson.
+    fn write(self, runner: &Runner, name: &str, lesson: &Lesson) -> anyhow::Result<Vec<PathBuf>> {
+        let mut page = format!("# {}\n\n{}\n{}\n", lesson.title, lesson.text[0], lesson.text[1]);
+        for input in &lesson.input {
+            write!(page, "\n*[{0}]({0}): {1}*\n\n```\n{2}\n```\n", input.file, input.caption, excerpt(&input.text))?;
+        }
+        for (figure, (_, typed)) in lesson.figure.iter().zip(&self.figures) {
+            write!(page, "\n![{0}]({1})\n\n*{0}*\n\n    diopter {typed}\n", figure.caption, figure.file)?;
+        }
+        for (table, (text, typed)) in lesson.table.iter().zip(&self.tables) {
+            write!(page, "\n*{}*\n\n    diopter {typed}\n\n```\n{}\n```\n", table.caption, text.trim_end())?;
+        }
+        let output = Output::prepare(&runner.folder.join(format!("{name}.md")))?;
+        let mut files = self.inputs;
+        files.extend(self.figures.into_iter().map(|f| f.0));
+        files.push(output.commit(|to| Ok(to.write_all(page.as_bytes())?))?);
+        Ok(files)
+    }
+
+    /// Appends the same to a document.
+    fn print(self, lesson: &Lesson, book: &mut Document) -> anyhow::Result<()> {
+        let blocks = &mut book.blocks;
+        blocks.push(Block::Chapter(lesson.title.clone()));
+        blocks.extend(lesson.text.iter().map(|line| Block::Paragraph(line.clone())));
+        for input in &lesson.input {
+            blocks.push(Block::Small(format!("{}: {}", input.file, input.caption)));
+            blocks.push(Block::Fixed(excerpt(&input.text)));
+        }
+        for (figure, (path, typed)) in lesson.figure.iter().zip(self.figures) {
+            let bytes = std::fs::read(&path).with_context(|| path.display().to_string())?;
+            blocks.push(Block::Picture { picture: paint::read_png(&bytes)?.into(), marked: None });
+            blocks.push(Block::Paragraph(figure.caption.clone()));
+            blocks.push(Block::Small(format!("diopter {typed}")));
+        }
+        for (table, (text, typed)) in lesson.table.iter().zip(self.tables) {
+            blocks.push(Block::Paragraph(table.caption.clone()));
+            blocks.push(Block::Small(format!("diopter {typed}")));
+            blocks.push(Block::Fixed(text.trim_end().to_owned()));
+        }
+        Ok(())
+    }
+}
+
+/// The beginning of a file, as a page shows it.
+fn excerpt(text: &str) -> String {
+    let lines: Vec<&str> = text.trim_end().lines().collect();
+    match lines.len() > EXCERPT {
+        true => format!("{}\n... {} more lines", lines[..EXCERPT].join("\n"), lines.len() - EXCERPT),
+        false => lines.join("\n"),
     }
 }
 
@@ -209,6 +307,10 @@ mod tests {
         let mut files = Vec::new();
         for (name, lesson) in lessons() {
             assert!(!lesson.figure.is_empty() || !lesson.table.is_empty(), "{name}");
+            for input in &lesson.input {
+                assert!(input.file.starts_with(name) && !input.text.trim().is_empty(), "{}", input.file);
+                files.push(input.file.clone());
+            }
             for figure in &lesson.figure {
                 assert!(words(&figure.command).contains(&figure.file), "{name}: {}", figure.command);
                 assert!(figure.file.ends_with(".png") && figure.file.starts_with(name), "{}", figure.file);

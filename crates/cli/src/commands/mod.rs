@@ -3,8 +3,10 @@
 pub mod body;
 pub mod calc;
 pub mod calibrate;
+pub mod dataset;
 pub mod denoise;
 pub mod develop;
+pub mod events;
 pub mod expose;
 pub mod lens;
 pub mod lesson;
@@ -16,17 +18,21 @@ pub mod merge;
 pub mod optimise;
 pub mod quick_look;
 pub mod read_out;
+pub mod rig;
 pub mod scene;
 pub mod sheet;
 pub mod shoot;
 pub mod stack;
 pub mod tolerance;
+pub mod viewfinder;
+pub mod why;
 
 use crate::watch::warn;
 use anyhow::Context;
 use diopter::files::{self, Source};
 use diopter::image::exr::FocalPlaneStrips;
 use diopter::image::focal_plane::{Band, FocalPlaneSource};
+use diopter::image::truth::Recorded;
 use diopter::image::{ExposureFacts, FocalPlane, ImageError, RawImage, dng, exr};
 use std::path::Path;
 
@@ -68,6 +74,10 @@ impl FocalPlaneSource for PlaneFile {
 
     fn facts(&self) -> &ExposureFacts {
         self.strips.facts()
+    }
+
+    fn recorded(&self) -> &Recorded {
+        self.strips.recorded()
     }
 
     fn size(&self) -> [usize; 2] {

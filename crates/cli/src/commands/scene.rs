@@ -63,6 +63,7 @@ fn info(name: &str, strict: bool, json: bool) -> anyhow::Result<()> {
             .collect();
         return print_json(&serde_json::json!({
             "name": d.name, "triangles": scene.triangle_count(), "triangles_in_place": in_place,
+            "curve_segments": scene.segment_count(), "splats": scene.splat_count(),
             "meshes": d.meshes.len(), "objects": d.objects.len(),
             "object_names": names_of_objects.iter().map(|n| n.0).collect::<Vec<_>>(),
             "materials": d.materials.iter().map(|m| &m.name).collect::<Vec<_>>(),
@@ -82,6 +83,12 @@ fn info(name: &str, strict: bool, json: bool) -> anyhow::Result<()> {
         "geometry",
         format!("{} triangles in {} meshes, {} objects{copies}", scene.triangle_count(), d.meshes.len(), d.objects.len()),
     )?;
+    if scene.segment_count() > 0 {
+        line("curves", format!("{} segments in {} sets", scene.segment_count(), d.curves.len()))?;
+    }
+    if scene.splat_count() > 0 {
+        line("splats", format!("{} Gaussians in {} sets", scene.splat_count(), d.splats.len()))?;
+    }
     if !b.is_empty() {
         line("bounds", format!("{} to {} m", b.min, b.max))?;
     }

@@ -13,9 +13,8 @@ use anyhow::anyhow;
 use diopter::develop::Developer;
 use diopter::image::{ExposureFacts, FocalPlane, Picture, PictureSource, RawImage};
 use diopter::metering::ev100_of_setting;
-use diopter::scene::{Description, builtin};
 use diopter::sheet::{Cells, SheetFile};
-use diopter::shot::{FireflyChoice, Inputs, Kept, Sequence, Shot, ShotError, ShotFile, read_scene};
+use diopter::shot::{FireflyChoice, Inputs, Kept, SceneCache, Sequence, Shot, ShotError, ShotFile};
 use std::path::{Path, PathBuf};
 use std::rc::Rc;
 use std::time::Instant;
@@ -64,7 +63,7 @@ fn make(
     json: bool,
 ) -> anyhow::Result<()> {
     let started = Instant::now();
-    let mut shared = Shared { scene: None, planes: Vec::new(), last: None, exposures: 0, max_memory };
+    let mut shared = Shared { scenes: SceneCache::new(), planes: Vec::new(), last: None, exposures: 0, max_memory };
     let (mut painted, mut told) = (Vec::new(), Vec::new());
     let count = cells.cells.len();
     let below = Below { crop: file.crop, histogram: file.histogram };
@@ -100,8 +99,8 @@ fn caption(facts: &ExposureFacts) -> String {
 
 /// What pictures of a sheet share.
 struct Shared {
-    /// The last scene file that was read, by its name and strictness.
-    scene: Option<((String, bool), Description)>,
+    /// The scene of the last picture, read and built.
+    scenes: SceneCache,
     /// Exposures by what decides them, the latest last.
     planes: Vec<(String, Rc<FocalPlane>)>,
     /// What was shot last, without its development.
@@ -157,8 +156,7 @@ impl Shared {
             let wrong = anyhow!("the shot asks for a sequence: expected single pictures on a sheet; a varied --at shows moments");
             return Err(AskedWrongly(wrong).into());
         }
-        let scene = self.scene_of(&file)?;
-        let mut shot = Shot::prepare_with(&file, Inputs { scene, ..Inputs::default() }, warn)?;
+        let mut shot = Shot::prepare_cached(&file, Inputs::default(), &mut self.scenes, warn)?;
         shot.denoise_pictures(false, warn)?;
         // Pictures: as `shoot` does where no file is an exposure.
         shot.fireflies = file.render.fireflies.unwrap_or(FireflyChoice::Reweight);
@@ -184,17 +182,6 @@ impl Shared {
         };
         let raw = shot.read_out(&plane)?;
         Ok((shot, raw))
-    }
-
-    /// The scene of a shot, where it is a file that bears its own name; embedded ones are made anew.
-    fn scene_of(&mut self, file: &ShotFile) -> anyhow::Result<Option<Description>> {
-        let Some(name) = file.scene.file.as_ref().filter(|n| !builtin::is_embedded(n)) else { return Ok(None) };
-        let key = (name.clone(), file.scene.strict);
-        if self.scene.as_ref().is_none_or(|s| s.0 != key) {
-            self.scene = Some((key, read_scene(name, file.scene.strict)?));
-        }
-        // What stands in for a file is known by its name: how it is lit depends on the kind of file.
-        Ok(self.scene.as_ref().filter(|s| s.1.name == *name).map(|s| s.1.clone()))
     }
 
     /// Drops the oldest exposures where they take too much memory.

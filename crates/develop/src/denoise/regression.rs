@@ -10,9 +10,10 @@
 use super::{FEATURES, Planes};
 use rayon::prelude::*;
 use std::array::from_fn;
+use std::sync::atomic::{AtomicBool, Ordering};
 
-/// Neighbours up to this far away count, px.
-const WINDOW: i64 = 8;
+/// Neighbours up to this far away count at most, px.
+pub const WINDOW: i64 = 8;
 /// Up to here all of them do, farther out every other one, px.
 const DENSE: i64 = 3;
 /// Half the side of the patches that are compared, px.
@@ -43,19 +44,31 @@ type Line = [f32; LINE];
 pub const WIDTHS: usize = 2;
 
 /// One exposure filtered by each width, `[width][band][pixel]`: weights come from `guide` alone, another exposure of the same noise. `variance` is
-/// that of either, positive; all of them `[band][pixel]` and finite.
-pub fn filter(half: &Planes, guide: &Planes, variance: &Planes, features: &Planes, size: [usize; 2]) -> [Planes; WIDTHS] {
+/// that of either, positive; all of them `[band][pixel]` and finite. Neighbours up to `window` px away count, [`WINDOW`] at most. `None` once `cancel` is set, which is looked at before each tile.
+pub fn filter(
+    half: &Planes,
+    guide: &Planes,
+    variance: &Planes,
+    features: &Planes,
+    size: [usize; 2],
+    window: i64,
+    cancel: &AtomicBool,
+) -> Option<[Planes; WIDTHS]> {
     let [w, h] = size;
     let n = half.len();
-    let offsets = offsets();
+    let offsets = offsets(window.min(WINDOW));
     let corners: Vec<[usize; 2]> =
         (0..h.div_ceil(ROWS)).flat_map(|y| (0..w.div_ceil(LINE)).map(move |x| [x * LINE, y * ROWS])).collect();
     let of_tile = |corner: &[usize; 2]| {
+        if cancel.load(Ordering::Relaxed) {
+            return None;
+        }
         let pad = |planes: &Planes| planes.iter().map(|p| padded(p, size, *corner)).collect::<Vec<_>>();
         let tile = Tile { half: pad(half), guide: pad(guide), variance: pad(variance), features: pad(features) };
-        tile.filtered(&offsets, size, *corner)
+        Some(tile.filtered(&offsets, size, *corner))
     };
-    let tiles: Vec<Vec<Line>> = corners.par_iter().map(of_tile).collect();
+    let tiles: Option<Vec<Vec<Line>>> = corners.par_iter().map(of_tile).collect();
+    let tiles = tiles?;
     let mut out: [Planes; WIDTHS] = from_fn(|_| vec![vec![0.0; w * h]; n]);
     for ([x, y], lines) in corners.into_iter().zip(tiles) {
         let (columns, rows) = (LINE.min(w - x), ROWS.min(h - y));
@@ -67,12 +80,12 @@ pub fn filter(half: &Planes, guide: &Planes, variance: &Planes, features: &Plane
             }
         }
     }
-    out
+    Some(out)
 }
 
 /// Neighbours of the window, the pixel itself among them.
-fn offsets() -> Vec<[i64; 2]> {
-    let all = (-WINDOW..=WINDOW).flat_map(|dy| (-WINDOW..=WINDOW).map(move |dx| [dx, dy]));
+fn offsets(window: i64) -> Vec<[i64; 2]> {
+    let all = (-window..=window).flat_map(|dy| (-window..=window).map(move |dx| [dx, dy]));
     all.filter(|[dx, dy]| (dx.abs() <= DENSE && dy.abs() <= DENSE) || (dx + dy) % 2 == 0).collect()
 }
 

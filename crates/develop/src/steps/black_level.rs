@@ -1,4 +1,4 @@
-//! Digital numbers to the share of saturation, (DN − black) / (white − black), times the gain of each channel. Negative noise stays.
+//! Digital numbers to the fraction of saturation, (DN − black) / (white − black), times the gain of each channel. Negative noise stays.
 
 use crate::region::{Region, inside};
 use diopter_image::RawImage;

@@ -29,7 +29,7 @@ pub fn apply(channels: &Planes, columns: &[Vec3]) -> Planes {
 }
 
 /// How much the first (warmest) of the calibrations counts at a temperature; `None` with fewer than two that have one.
-fn share(header: &RawHeader, kelvin: f64) -> Option<f64> {
+fn fraction(header: &RawHeader, kelvin: f64) -> Option<f64> {
     let [first, .., last] = header.calibrations.as_slice() else { return None };
     let (warm, cool) = (first.light.kelvin()?, last.light.kelvin()?);
     if warm == cool {
@@ -42,7 +42,7 @@ fn share(header: &RawHeader, kelvin: f64) -> Option<f64> {
 fn camera_from_xyz(header: &RawHeader, kelvin: f64) -> Option<Vec<DVec3>> {
     let rows = |c: &ColorCalibration| c.camera_from_xyz.iter().map(|r| DVec3::from_array(*r)).collect::<Vec<_>>();
     let last = header.calibrations.last()?;
-    let Some(s) = share(header, kelvin) else { return Some(rows(last)) };
+    let Some(s) = fraction(header, kelvin) else { return Some(rows(last)) };
     Some(rows(&header.calibrations[0]).iter().zip(rows(last)).map(|(a, b)| *a * s + b * (1.0 - s)).collect())
 }
 
@@ -73,9 +73,9 @@ pub fn forward(header: &RawHeader, neutral: &[f64]) -> Vec<DVec3> {
         // Without colour all channels are white together.
         return vec![xyz_from_xy(D50_XY) / n as f64; n];
     };
-    let Some(share) = share(header, kelvin_of(xy_of_neutral(header, neutral))) else { return matrix(last, neutral) };
+    let Some(fraction) = fraction(header, kelvin_of(xy_of_neutral(header, neutral))) else { return matrix(last, neutral) };
     let (a, b) = (matrix(&header.calibrations[0], neutral), matrix(last, neutral));
-    a.iter().zip(&b).map(|(a, b)| *a * share + *b * (1.0 - share)).collect()
+    a.iter().zip(&b).map(|(a, b)| *a * fraction + *b * (1.0 - fraction)).collect()
 }
 
 /// The forward matrix of a calibration; from the colour matrix where there is none.
@@ -141,13 +141,13 @@ mod tests {
     #[test]
     fn matrices_are_mixed_by_reciprocal_temperature() {
         // Whites of A, D50, D65 (CIE 15): the blue of the matrix says how much of A's is taken.
-        for (xyz, share) in [
+        for (xyz, fraction) in [
             ([1.0985, 1.0, 0.3558], 1.0),
             ([0.9642, 1.0, 0.8251], (1.0 / 5003.0 - 1.0 / 6504.0) / (1.0 / 2856.0 - 1.0 / 6504.0)),
             ([0.9505, 1.0, 1.0891], 0.0),
         ] {
             let got = forward(&header(xyz.to_vec()), &xyz)[2].z;
-            assert!((got - share).abs() < 0.01, "{xyz:?}: {got} {share}");
+            assert!((got - fraction).abs() < 0.01, "{xyz:?}: {got} {fraction}");
         }
     }
 

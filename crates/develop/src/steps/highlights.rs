@@ -57,7 +57,7 @@ fn around(
     sums
 }
 
-/// The mean of the other colours at a pixel, and the share of them that is saturated.
+/// The mean of the other colours at a pixel, and the fraction of them that is saturated.
 fn opposed(sums: &[(f32, f32, f32); 4], own: usize, channels: usize) -> (f32, f32) {
     let (mut root, mut n, mut saturated) = (0.0, 0.0f32, 0.0);
     for (c, (sum, count, full)) in sums.iter().enumerate().take(channels) {

@@ -194,7 +194,7 @@ fn measure(cfa: &Cfa, demosaicer: &Demosaicer, weights: &[f32]) -> Vec<[Vec<f32>
     power
 }
 
-/// Noise of a file that does not tell, of the unbalanced share of saturation: the calm parts of small blocks, a line through them.
+/// Noise of a file that does not tell, of the unbalanced fraction of saturation: the calm parts of small blocks, a line through them.
 fn estimate(raw: &RawImage) -> [f32; 2] {
     const BLOCK: usize = 16;
     let (w, h) = (raw.mosaic.width, raw.mosaic.height);
@@ -267,7 +267,7 @@ mod tests {
         let edge = |x: usize| if x < 150 { 100.0 } else { 400.0 };
         let mut image = raw(300, 300, "RG/GB", |x, y| noisy(edge(x), y * 300 + x));
         for told in [true, false] {
-            // Shares of saturation (1000 DN).
+            // Fractions of saturation (1000 DN).
             image.header.noise = if told { vec![[0.5 / 1000.0, 16.0 / 1e6]; 3] } else { vec![] };
             let demosaicer = Demosaicer::new(Demosaic::Gbtf, &image.header.cfa);
             let gains = [1.0; 3];

@@ -35,7 +35,7 @@ pub fn neutral(header: &RawHeader, white: &White, overview: &dyn Fn() -> Overvie
             return Err(RecipeError {
                 place: "white.patch".into(),
                 found: format!("{patch:?}"),
-                expected: "left, top, width, height of a part inside the picture, as shares of it".into(),
+                expected: "left, top, width, height of a part inside the picture, as fractions of it".into(),
             });
         }
         let signal = normalised(overview().mean(in_mosaic(patch, header, overview().size())));
@@ -79,7 +79,7 @@ pub fn check(white: &White) -> Result<(), RecipeError> {
     if fine { Ok(()) } else { Err(unknown(name)) }
 }
 
-/// A part of the picture as shown, in shares of the mosaic.
+/// A part of the picture as shown, in fractions of the mosaic.
 fn in_mosaic([left, top, width, height]: [f64; 4], header: &RawHeader, [w, h]: [usize; 2]) -> [f64; 4] {
     let o = header.framing.orientation;
     let [across, down] = o.mirrors();

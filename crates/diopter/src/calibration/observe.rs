@@ -91,8 +91,8 @@ pub fn observe(lens: &Lens, film: &Film, which: PrincipalRay) -> Observed {
     let points = (0..GRID * down)
         .into_par_iter()
         .map(|i| {
-            let share = |k: usize, n: usize| k as f64 / (n - 1) as f64;
-            let [x, y] = [share(i % GRID, GRID), share(i / GRID, down)];
+            let fraction = |k: usize, n: usize| k as f64 / (n - 1) as f64;
+            let [x, y] = [fraction(i % GRID, GRID), fraction(i / GRID, down)];
             let pixel = DVec2::new(x * (size[0] - 1) as f64, y * (size[1] - 1) as f64);
             let seen = ray(lens, film, pixel, which)?;
             Some(Observation { pixel, direction: seen_from_camera(lens, seen) })

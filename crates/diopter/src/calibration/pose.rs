@@ -3,7 +3,7 @@
 //! The world is the scene's: right-handed, metres, +Y up. diopter, OpenGL, glTF, Blender and nerfstudio have camera axes x right, y up, z backward; OpenCV, COLMAP and Kalibr x right,
 //! y down, z forward.
 
-use crate::camera_way::CameraWay;
+use crate::camera_motion::CameraMotion;
 use diopter_image::RowTimes;
 use glam::{Affine3A, DAffine3, DMat3, DMat4, DQuat, DVec3};
 
@@ -63,7 +63,7 @@ fn place(at: Affine3A) -> DAffine3 {
 }
 
 /// Start, middle and end of the time that is open: of all of the picture, or where rows follow each other, of its first, middle and last one.
-pub fn poses(way: &CameraWay, times: &RowTimes, size: [usize; 2]) -> Vec<Pose> {
+pub fn poses(way: &CameraMotion, times: &RowTimes, size: [usize; 2]) -> Vec<Pose> {
     let lines = size[usize::from(!times.columns)];
     let run = times.open_s[1] != 0.0 || times.close_s[1] != 0.0;
     let which: Vec<Option<usize>> =
@@ -102,7 +102,7 @@ mod tests {
 
     #[test]
     fn rows_that_follow_each_other_have_poses_of_their_own() {
-        let way = CameraWay::sampled(1.0, |t| Affine3A::from_translation(Vec3::X * t as f32));
+        let way = CameraMotion::sampled(1.0, |t| Affine3A::from_translation(Vec3::X * t as f32));
         let all = poses(&way, &RowTimes { open_s: [0.0, 0.1], close_s: [0.1, 0.1], columns: false }, [16, 9]);
         assert_eq!(all.len(), 9);
         let last = all[8];

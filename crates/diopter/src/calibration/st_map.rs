@@ -82,16 +82,16 @@ pub fn undistort(
                 return None;
             }
             // Halved until it comes nearer.
-            let mut share = 1.0;
+            let mut fraction = 1.0;
             loop {
-                let next = at - step * share;
+                let next = at - step * fraction;
                 match there(next).map(|p| p - wanted) {
                     Some(new) if new.length() < off.length() => {
                         (at, off) = (next, new);
                         break;
                     }
-                    _ if share < 1e-3 => return (off.length() < 1e-3).then_some(at),
-                    _ => share *= 0.5,
+                    _ if fraction < 1e-3 => return (off.length() < 1e-3).then_some(at),
+                    _ => fraction *= 0.5,
                 }
             }
         }
@@ -108,8 +108,8 @@ pub fn write(
     distorts: Way,
     to: impl Write + Seek,
 ) -> Result<(), ImageError> {
-    let share = |p: DVec2| [(p.x + 0.5) / width as f64, 1.0 - (p.y + 0.5) / height as f64];
-    let plane = |k: usize| places.iter().map(|p| p.map_or(-1.0, |p| share(p)[k] as f32)).collect::<Vec<f32>>();
+    let fraction = |p: DVec2| [(p.x + 0.5) / width as f64, 1.0 - (p.y + 0.5) / height as f64];
+    let plane = |k: usize| places.iter().map(|p| p.map_or(-1.0, |p| fraction(p)[k] as f32)).collect::<Vec<f32>>();
     let alpha = places.iter().map(|p| if p.is_some() { 1.0 } else { 0.0 }).collect();
     let (f, m) = (straight.focal, straight.centre);
     let way = if distorts == Way::Distort { "distort" } else { "undistort" };
@@ -220,7 +220,7 @@ mod tests {
         let read_back = read(file.get_ref(), "map.exr", None).unwrap();
         for (column, row) in [(0, 0), (239, 159), (100, 30)] {
             let (a, b) = (table.at(column, row).unwrap()[1], read_back.at(column, row).unwrap()[1]);
-            // 32 bits of a share: 1e-7 of 240 pixels over 150.
+            // 32 bits of a fraction: 1e-7 of 240 pixels over 150.
             assert!((a - b).length() < 1e-6, "{column} {row}");
         }
         let mut other = Cursor::new(Vec::new());

@@ -105,8 +105,8 @@ impl Cascade {
     /// Sums of a row of so many samples a pixel after re-weighting, `[column][band][replicate]`, and the light of the row before and after.
     pub fn row(&self, sums: &Raster<f64>, bands: usize, row: usize, samples: usize) -> (Vec<f64>, [f64; 2]) {
         let (width, stride) = (sums.width, sums.width * sums.channels);
-        let pixels =
-            |y: usize| sums.data[y * stride..(y + 1) * stride].as_chunks::<2>().0.chunks_exact(SUMS_WITH_CASCADE * bands);
+        // After those of the cascade a pixel may have sums for other things.
+        let pixels = |y: usize| sums.data[y * stride..(y + 1) * stride].as_chunks::<2>().0.chunks_exact(sums.channels / 2);
         // Counts of this row and those above and below, column by column.
         let mut columns = vec![[0.0f64; LEVELS + 1]; width];
         for y in row.saturating_sub(1)..(row + 2).min(sums.height) {

@@ -11,9 +11,10 @@ use rayon::prelude::*;
 pub enum Integrator {
     /// Paths from the camera only.
     Path,
-    /// And photons for the caustics of all lamps that are not the environment.
+    /// And photons for the caustics of all lamps that are not the environment, and light traced from small lamps out of focus.
     Caustics,
-    /// Photons for the caustics of small lamps where smooth bodies of glass or metal throw them; paths from the camera elsewhere.
+    /// Photons for the caustics of small lamps where smooth bodies of glass or metal throw them, light traced from small lamps out of focus; paths from
+    /// the camera elsewhere.
     #[default]
     Auto,
 }

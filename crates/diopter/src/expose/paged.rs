@@ -1,12 +1,15 @@
 //! Exposures that memory cannot hold, handed out row by row.
 
+use super::Settings;
 use super::sums::{Sums, means};
-use super::truth;
+use super::truth::Recorder;
 use crate::camera::Camera;
 use crate::row_store::{PagedRows, RowStore};
 use crate::shutter::Shutter;
+use crate::stray::Seen;
 use diopter_develop::denoise::farthest_log_depth_of;
 use diopter_image::focal_plane::{Band, FocalPlaneSource, Truth, ends_early};
+use diopter_image::truth::Recorded;
 use diopter_image::{ExposureFacts, FocalPlane, ImageError, Raster};
 use diopter_scene::Scene;
 use std::ops::Range;
@@ -21,13 +24,24 @@ pub struct ExposedPaged {
     pub stopped: bool,
     pub(super) camera: Camera,
     pub(super) shutter: Shutter,
-    /// Whether the truth is wanted.
-    pub(super) truth: bool,
+    pub(super) settings: Settings,
+    pub(super) recorded: Recorded,
     pub(super) bands: Vec<Band>,
     pub(super) sums: Sums<PagedRows>,
 }
 
 impl ExposedPaged {
+    /// Gathers the mean for stray light, row by row; what cannot be read is left dark, and fails when the rows are asked for.
+    pub fn gather(&mut self, seen: &mut Seen) {
+        let (width, bands) = (self.camera.film.columns, self.bands.len());
+        let (mut mean, mut half_difference) = (Raster::new(width, 1, bands), Raster::new(width, 1, bands));
+        for row in 0..self.camera.film.rows {
+            let Ok(numbers) = self.sums.sums.row(row) else { return };
+            means(&self.sums.samples, numbers, &mut mean.data, &mut half_difference.data);
+            seen.add_rows(&mean, row);
+        }
+    }
+
     /// The focal plane row by row: mean and half difference of the sums, with the truth of the rows in the scene that was exposed.
     pub fn rows(self, scene: &Scene) -> ExposedRows<'_> {
         ExposedRows { scene, exposed: self, next: 0 }
@@ -48,16 +62,17 @@ impl ExposedRows<'_> {
     pub fn farthest_log_depth(&self) -> Option<f32> {
         let (rows, step) = (self.exposed.camera.film.rows, self.rows_at_once());
         let strips = (0..rows).step_by(step).map(|first| self.truth_of(first..(first + step).min(rows)));
-        strips.filter_map(|truth| farthest_log_depth_of(&truth.depth.data)).reduce(f32::max)
+        strips.filter_map(|truth| farthest_log_depth_of(&truth.depth().data)).reduce(f32::max)
     }
 
     fn truth_of(&self, rows: Range<usize>) -> Truth {
-        let empty = Truth::empty(self.exposed.camera.film.columns, rows.len());
-        if !self.exposed.truth {
-            return empty;
+        let ExposedPaged { camera, shutter, settings, recorded, .. } = &self.exposed;
+        let missing = Truth::missing(recorded.clone(), camera.film.columns, rows.len());
+        if !settings.truth {
+            return missing;
         }
         // What was exposed is written whole, also when it was stopped.
-        truth(self.scene, &self.exposed.camera, &self.exposed.shutter, rows, &AtomicBool::new(false)).unwrap_or(empty)
+        Recorder::new(self.scene, camera, shutter, settings).rows(rows, &AtomicBool::new(false)).unwrap_or(missing)
     }
 }
 
@@ -68,6 +83,10 @@ impl FocalPlaneSource for ExposedRows<'_> {
 
     fn facts(&self) -> &ExposureFacts {
         &self.exposed.facts
+    }
+
+    fn recorded(&self) -> &Recorded {
+        &self.exposed.recorded
     }
 
     fn size(&self) -> [usize; 2] {

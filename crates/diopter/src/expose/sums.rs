@@ -2,6 +2,7 @@
 
 use super::TILE;
 use super::fireflies::Cascade;
+use super::stars::Stars;
 use crate::row_store::RowStore;
 use diopter_image::Raster;
 use rayon::prelude::*;
@@ -14,7 +15,8 @@ use std::ops::{ControlFlow, Range};
 /// the pass under way.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Sums<S = Raster<f64>> {
-    /// `[row][column][band][replicate]`; where fireflies are re-weighted, after the bands those of the buffers of the cascade.
+    /// `[row][column][band][replicate]`; where fireflies are re-weighted, after the bands those of the buffers of the cascade; where lamps make stars, after
+    /// these what they send out.
     pub(crate) sums: S,
     /// Samples of the finished passes.
     pub(crate) samples: Range<u32>,
@@ -39,6 +41,52 @@ pub(super) struct Tile {
     pub whole: bool,
     /// Pixels that wavelengths reach elsewhere: pixel number → sums `[band][replicate]`.
     pub strays: BTreeMap<usize, Vec<[f64; 2]>>,
+}
+
+/// Light that lands on pixels all over the film, of samples of one replicate.
+pub(super) struct Splats {
+    replicate: usize,
+    bands: usize,
+    pixels: Vec<u32>,
+    /// `[splat][band]`
+    values: Vec<f64>,
+}
+
+impl Splats {
+    pub fn new(replicate: usize, bands: usize) -> Self {
+        Splats { replicate, bands, pixels: Vec::new(), values: Vec::new() }
+    }
+
+    /// Adds light to a pixel, by groups of bands.
+    pub fn add(&mut self, pixel: usize, groups: impl Iterator<Item = glam::Vec4>) {
+        let start = self.values.len();
+        self.values.extend(groups.flat_map(|g| g.to_array()).map(f64::from));
+        self.values.truncate(start + self.bands);
+        // One bad number must not poison a pixel.
+        match self.values[start..].iter().all(|v| v.is_finite()) {
+            true => self.pixels.push(pixel as u32),
+            false => self.values.truncate(start),
+        }
+    }
+
+    /// Each pixel once, rising; its parts are added in the order in which they came.
+    pub fn sorted(self) -> Splats {
+        let mut order: Vec<u32> = (0..self.pixels.len() as u32).collect();
+        order.sort_unstable_by_key(|k| (self.pixels[*k as usize], *k));
+        let mut sorted = Splats::new(self.replicate, self.bands);
+        for k in order {
+            let k = k as usize;
+            let value = &self.values[k * self.bands..(k + 1) * self.bands];
+            if sorted.pixels.last() == Some(&self.pixels[k]) {
+                let last = sorted.values.len() - self.bands;
+                sorted.values[last..].iter_mut().zip(value).for_each(|(a, b)| *a += b);
+            } else {
+                sorted.pixels.push(self.pixels[k]);
+                sorted.values.extend_from_slice(value);
+            }
+        }
+        sorted
+    }
 }
 
 impl<S> Sums<S> {
@@ -90,13 +138,53 @@ impl<S: RowStore> Sums<S> {
     }
 }
 
+impl<S: RowStore> Sums<S> {
+    /// Adds light to the sums of the film's own bands: it is many small parts, and never an outlier.
+    pub(super) fn add_splats(&mut self, splats: &Splats) -> std::io::Result<()> {
+        let [width, _, channels] = self.sums.size();
+        let values = splats.pixels.iter().zip(splats.values.chunks_exact(splats.bands)).collect::<Vec<_>>();
+        for row in values.chunk_by(|a, b| *a.0 as usize / width == *b.0 as usize / width) {
+            let to = self.sums.row_mut(*row[0].0 as usize / width)?;
+            for (pixel, bands) in row {
+                let start = **pixel as usize % width * channels;
+                let pairs = to[start..start + 2 * splats.bands].as_chunks_mut::<2>().0;
+                pairs.iter_mut().zip(*bands).for_each(|(sum, v)| sum[splats.replicate] += v);
+            }
+        }
+        Ok(())
+    }
+}
+
 impl Sums {
-    /// Mean and half difference of the replicates; where fireflies are re-weighted, the fraction of all light that this took away.
-    pub(super) fn finish(self, bands: usize, cascade: Option<Cascade>) -> (Raster<f32>, Raster<f32>, Option<f64>) {
+    /// Mean and half difference of the replicates, with the stars of lamps; where fireflies are re-weighted, the fraction of all light that this took away.
+    pub(super) fn finish(
+        self,
+        bands: usize,
+        cascade: Option<Cascade>,
+        stars: Option<Stars>,
+    ) -> (Raster<f32>, Raster<f32>, Option<f64>) {
+        let (mut mean, mut half, removed) = self.without_stars(bands, cascade);
+        if let Some(stars) = stars {
+            stars.spread(&self.sums, &self.samples, &mut mean, &mut half);
+        }
+        (mean, half, removed)
+    }
+
+    fn without_stars(&self, bands: usize, cascade: Option<Cascade>) -> (Raster<f32>, Raster<f32>, Option<f64>) {
         let (width, height) = (self.sums.width, self.sums.height);
         let (mut mean, mut half) = (Raster::new(width, height, bands), Raster::new(width, height, bands));
         let Some(cascade) = cascade else {
-            means(&self.samples, &self.sums.data, &mut mean.data, &mut half.data);
+            match self.sums.channels == 2 * bands {
+                true => means(&self.samples, &self.sums.data, &mut mean.data, &mut half.data),
+                false => {
+                    let pixels = self.sums.data.par_chunks_exact(self.sums.channels);
+                    let planes = mean.data.par_chunks_mut(bands).zip(half.data.par_chunks_mut(bands));
+                    let of_pixel = |(sums, (mean, half)): (&[f64], (&mut [f32], &mut [f32]))| {
+                        means(&self.samples, &sums[..2 * bands], mean, half);
+                    };
+                    pixels.zip(planes).for_each(of_pixel);
+                }
+            }
             return (mean, half, None);
         };
         let stride = width * bands;

@@ -1,16 +1,19 @@
 //! Samples of the pixels of a tile: film and pupil to rays, rays to radiance, radiance to bands.
 
-use super::fireflies::{Cascade, SUMS_WITH_CASCADE};
+use super::diffraction::{Displaced, Optics};
+use super::fireflies::Cascade;
+use super::light_tracing::{CameraSample, LightTracing};
 use super::response::{Curves, GROUP, Response, add_to};
+use super::stars;
 use super::sums::{Sums, Tile};
-use super::{MARGIN, Settings, TILE};
+use super::{MARGIN, Settings, TILE, summed_bands};
 use crate::camera::{Camera, Film};
 use crate::mount::M2_PER_MM2;
 use crate::row_store::RowStore;
 use crate::shutter::{Place, Shutter};
 use diopter_image::focal_plane::BandUnit;
 use diopter_lens::batch::single::LANES;
-use diopter_lens::compound::{Aim, CompoundLens, Exits, Samples, Scratch};
+use diopter_lens::compound::{CompoundLens, Exits, PupilSampler, Samples, Scratch};
 use diopter_lens::microlens::{Aimed, Behind};
 use diopter_lens::pupil::PupilTable;
 use diopter_lens::{Lens, LensRay};
@@ -30,6 +33,12 @@ struct PathSample {
     weighted: [f32; 4],
     /// Exposure that it stands for, in the unit of the bands.
     exposure: f32,
+    /// What each wavelength counts beside that, where diffraction displaces them together.
+    factors: [f32; 4],
+    /// How, if so.
+    displaced: Option<Displaced>,
+    /// Film point where the light would have arrived without diffraction, mm.
+    arrived: glam::DVec2,
 }
 
 /// The ray of a sample into the scene, and what its light counts for.
@@ -38,6 +47,12 @@ pub(super) struct CameraRay {
     pub wavelengths: Wavelengths,
     /// Exposure that a radiance stands for, in the unit of the bands.
     exposure: f64,
+    lens_ray: LensRay,
+    /// When, s, and one over the density of that moment, s.
+    time: f64,
+    seconds: f64,
+    displaced: Option<Displaced>,
+    arrived: glam::DVec2,
 }
 
 /// Sums of a tile with its margin, and of single pixels farther away that wavelengths reach.
@@ -56,6 +71,19 @@ struct TileSums {
 }
 
 impl TileSums {
+    /// Of a tile of a film; `bands` are summed.
+    fn new(film: &Film, [column, row, width, height]: [usize; 4], bands: usize) -> TileSums {
+        let (left, top) = (column.saturating_sub(MARGIN), row.saturating_sub(MARGIN));
+        let (right, bottom) = ((column + width + MARGIN).min(film.columns), (row + height + MARGIN).min(film.rows));
+        let sums = vec![[0.0f64; 2]; (right - left) * (bottom - top) * bands];
+        TileSums { left, top, right, bottom, columns: film.columns, bands, sums, strays: BTreeMap::new() }
+    }
+
+    fn done(self) -> Tile {
+        let sums = self.sums.into_iter().flatten().collect();
+        Tile { column: self.left, row: self.top, width: self.right - self.left, sums, whole: false, strays: self.strays }
+    }
+
     /// The sums of a pixel of the film.
     #[inline]
     fn pixel(&mut self, x: usize, y: usize) -> &mut [[f64; 2]] {
@@ -73,7 +101,7 @@ impl TileSums {
 const REDRAWS: u32 = 8;
 
 /// The same of a sample of radiance: where light passes a tenth of the pupil, one of a thousand is lost.
-const RADIANCE_REDRAWS: u32 = 64;
+pub(super) const RADIANCE_REDRAWS: u32 = 64;
 
 /// The numbers of a sample at an attempt: new ones each time, independent of those before, so that what passes at last is even over all that passes
 /// (rejection sampling). Steps of a low-discrepancy sequence would not be: they prefer what is first reached from the blocked part.
@@ -90,7 +118,7 @@ struct FromSensor<'a> {
     shifts: [glam::DVec2; LANES],
 }
 
-impl Aim for FromSensor<'_> {
+impl PupilSampler for FromSensor<'_> {
     fn draw(&self, _: &PupilTable, lane: usize, _: glam::DVec2) -> Option<(glam::DVec2, f64)> {
         self.rays[lane].map(|r| (r.slope, r.density))
     }
@@ -102,6 +130,12 @@ impl Aim for FromSensor<'_> {
             false => 0.0,
         }
     }
+}
+
+/// Products of numbers of each wavelength.
+#[inline]
+fn times(a: [f32; 4], b: [f32; 4]) -> [f32; 4] {
+    std::array::from_fn(|k| a[k] * b[k])
 }
 
 /// What all tiles share.
@@ -117,6 +151,12 @@ pub(super) struct Unit<'a> {
     pub behind: Option<Behind>,
     /// Where fireflies are re-weighted.
     pub cascade: Option<Cascade>,
+    /// Where light is traced from lamps, too.
+    pub lamps: Option<LightTracing<'a>>,
+    /// Diffraction, if there is any.
+    pub optics: Option<&'a Optics>,
+    /// Whether pixels have sums for what lamps send far out.
+    pub stars: bool,
 }
 
 /// The photons of a pass, by replicate of the samples.
@@ -133,7 +173,7 @@ impl Unit<'_> {
 
     /// The sums so far that the samples of a tile are added to one by one; none where they are summed apart.
     pub(super) fn before<S: RowStore>(&self, index: usize, sums: &mut Sums<S>) -> std::io::Result<Vec<f64>> {
-        if matches!(self.camera.lens, Lens::Compound(_)) {
+        if matches!(self.camera.lens, Lens::Compound(_)) || self.stars {
             return Ok(Vec::new());
         }
         let [column, row, width, height] = self.rectangle(index);
@@ -150,6 +190,7 @@ impl Unit<'_> {
         let rectangle = self.rectangle(index);
         match &self.camera.lens {
             Lens::Compound(lens) => self.compound_tile(lens, rectangle, samples, photons),
+            _ if self.stars => self.starred_tile(rectangle, samples, photons),
             _ => self.plain_tile(rectangle, samples, before, photons),
         }
     }
@@ -176,13 +217,43 @@ impl Unit<'_> {
                 for i in samples.clone() {
                     let sampler = self.sampler(x, y, i);
                     let Some(arrival) = self.sample(x, y, &sampler, photons) else { continue };
-                    let value = |group: usize| self.curves.value(group, arrival.nm, arrival.weighted) * arrival.exposure;
+                    let weighted = times(arrival.weighted, arrival.factors);
+                    let value = |group: usize| self.curves.value(group, arrival.nm, weighted) * arrival.exposure;
                     self.add(&mut pixel, sampler.replicate(), 1.0, value);
                 }
                 so_far.copy_from_slice(pixel.as_flattened());
             }
         }
         Tile { column, row, width, sums, whole: true, strays: BTreeMap::new() }
+    }
+
+    /// Through an ideal lens whose aperture diffracts: what lamps send far out counts elsewhere.
+    fn starred_tile(&self, rectangle: [usize; 4], samples: Range<u32>, photons: Photons) -> Tile {
+        let [column, row, width, height] = rectangle;
+        let mut tile_sums = TileSums::new(&self.camera.film, rectangle, self.summed_bands());
+        for y in row..row + height {
+            for x in column..column + width {
+                for i in samples.clone() {
+                    let sampler = self.sampler(x, y, i);
+                    let Some(arrival) = self.sample(x, y, &sampler, photons) else { continue };
+                    let (half, nm) = (sampler.replicate(), arrival.nm);
+                    let whole = |group: usize| self.curves.value(group, nm, arrival.weighted) * arrival.exposure;
+                    let mut weighted = times(arrival.weighted, arrival.factors);
+                    if let Some(displaced) = arrival.displaced.filter(|_| self.is_lamp(whole)) {
+                        let sent = times(weighted, displaced.wings());
+                        let from = self.camera.pixel_of(arrival.arrived.as_vec2().to_array());
+                        for c in 0..4 {
+                            let value = |group: usize| self.curves.at(group, nm[c]) * (sent[c] * arrival.exposure);
+                            self.note_star(&mut tile_sums, from, half, nm[c], value);
+                        }
+                        weighted = times(weighted, displaced.gathered());
+                    }
+                    let value = |group: usize| self.curves.value(group, nm, weighted) * arrival.exposure;
+                    self.add(tile_sums.pixel(x, y), half, 1.0, value);
+                }
+            }
+        }
+        tile_sums.done()
     }
 
     /// Through a real lens, a packet of samples at a time; each wavelength counts in the pixel where it lands
@@ -195,16 +266,15 @@ impl Unit<'_> {
         photons: Photons,
     ) -> Tile {
         let film = &self.camera.film;
-        let bands = self.summed_bands();
-        let (left, top) = (column.saturating_sub(MARGIN), row.saturating_sub(MARGIN));
-        let (right, bottom) = ((column + width + MARGIN).min(film.columns), (row + height + MARGIN).min(film.rows));
-        let sums = vec![[0.0f64; 2]; (right - left) * (bottom - top) * bands];
-        let mut tile_sums = TileSums { left, top, right, bottom, columns: film.columns, bands, sums, strays: BTreeMap::new() };
+        let mut tile_sums = TileSums::new(film, [column, row, width, height], self.summed_bands());
         let radiance_only = self.in_radiance();
         let attempts = self.attempts();
         let (mut packet, mut exits, mut scratch) = (Samples::default(), Exits::default(), Scratch::default());
         let (mut again, mut places) = (Exits::default(), [[0.5f32; 4]; LANES]);
-        let mut shifts = [glam::DVec2::ZERO; LANES];
+        // How far the low-pass filter, and with it the diffraction of the hero, moves what arrives.
+        let (mut filter, mut moved, mut shifts) =
+            ([glam::DVec2::ZERO; LANES], [glam::DVec2::ZERO; LANES], [glam::DVec2::ZERO; LANES]);
+        let mut displaced: [Option<Displaced>; LANES] = [None; LANES];
         let mut from_sensor = self.behind.as_ref().map(|behind| FromSensor { behind, rays: [None; LANES], film, shifts });
         let mut drawn: Vec<(usize, usize, Sampler, Wavelengths, f32)> = Vec::with_capacity(LANES);
         let spp = samples.len();
@@ -220,8 +290,11 @@ impl Unit<'_> {
                 let sampler = self.sampler(x, y, samples.start + sample as u32);
                 let [u, v, pu, pv] = sampler.get(Set::Camera);
                 let [w, t, spot @ ..] = sampler.get(Set::Time);
-                let wavelengths = self.wavelengths.sample(w);
-                shifts[k] = film.low_pass_shift(spot);
+                let wavelengths = self.wavelengths.sample(self.wavelength_number(w, &sampler));
+                filter[k] = film.low_pass_shift(spot);
+                displaced[k] = self.displaced(x, y, &sampler, &wavelengths);
+                moved[k] = displaced[k].map_or(filter[k], |d| filter[k] + d.by);
+                shifts[k] = moved[k];
                 places[k] = [u, v, pu, pv];
                 packet.nm[k] = wavelengths.nm.to_array();
                 drawn.push((x, y, sampler, wavelengths, t));
@@ -235,7 +308,12 @@ impl Unit<'_> {
                 for k in 0..count {
                     let (x, y, ref sampler, ..) = drawn[k];
                     let (at, pupil) = self.place(places[k], sampler, attempt);
-                    packet.film[k] = self.camera.film_point(x as f64 + at[0], y as f64 + at[1]) - shifts[k];
+                    let point = self.camera.film_point(x as f64 + at[0], y as f64 + at[1]);
+                    packet.film[k] = point - moved[k];
+                    if let Some(optics) = self.optics {
+                        packet.film[k] = optics.lens.straightened(lens, optics.on_film(film, packet.film[k]), pupil);
+                        shifts[k] = point - packet.film[k];
+                    }
                     packet.pupil[k] = pupil;
                     if let Some(from) = &mut from_sensor {
                         from.shifts[k] = shifts[k];
@@ -257,9 +335,11 @@ impl Unit<'_> {
                 let (x, y, ref sampler, wavelengths, t) = drawn[k];
                 let shift = shifts[k];
                 // What is not spread is drawn and counted alike at all wavelengths.
-                let wavelengths = match exits.spread && !radiance_only {
-                    true => wavelengths.with_densities(exits.density[k]),
-                    false => wavelengths,
+                let own_densities = if exits.spread && !radiance_only { exits.density[k] } else { [1.0; 4] };
+                let (wavelengths, factors) = match displaced[k] {
+                    Some(d) => (wavelengths.with_densities(times(own_densities, d.densities)), d.factors(own_densities)),
+                    None if exits.spread && !radiance_only => (wavelengths.with_densities(own_densities), [1.0; 4]),
+                    None => (wavelengths, [1.0; 4]),
                 };
                 let pupil = match self.needs_pupil() {
                     true => {
@@ -292,13 +372,17 @@ impl Unit<'_> {
                 if all.0 >= all.1 {
                     continue;
                 }
-                let (time, seconds) = self.settings.moments.draw(all, t as f64);
+                let (time, seconds) = self.settings.shutter_times.draw(all, t as f64);
                 let ray = self.camera.world_ray_of(exits.origin[k], exits.direction[k], time);
                 if !ray.is_finite() {
                     continue;
                 }
-                let photons = photons.map(|maps| &maps[sampler.replicate()]);
-                let radiance = self.scene.radiance_with(photons, ray, &wavelengths, sampler, &self.settings.path);
+                let camera_sample = self.lamps.is_some().then(|| {
+                    let [origin, direction] = [exits.origin[k], exits.direction[k]].map(|v| glam::Vec3::from_array(v).as_dvec3());
+                    let density = 0.25 * f64::from(exits.density[k].iter().sum::<f32>());
+                    CameraSample { origin, direction, ray, time, seconds, density }
+                });
+                let radiance = self.radiance(photons, camera_sample, ray, &wavelengths, sampler);
                 let weighted = (radiance * wavelengths.weight).to_array();
                 // One bad number must not poison a pixel.
                 if !weighted.iter().all(|v| v.is_finite()) {
@@ -311,15 +395,39 @@ impl Unit<'_> {
                     true => self.settings.light_scale * seconds / (all.1 - all.0),
                     false => film.pixel_area_mm2 * M2_PER_MM2 * seconds * self.settings.light_scale * self.half_of_light(),
                 } as f32;
+                // Without the factors of the displacement: what a sample is must not depend on them.
+                let weights = match (spread, radiance_only) {
+                    (true, _) => exits.weight[k],
+                    (false, true) => [1.0; 4],
+                    (false, false) => [exits.weight[k][0]; 4],
+                };
+                let lamp = displaced[k].filter(|_| {
+                    let light = times(weighted, weights);
+                    self.stars && self.is_lamp(|group| self.curves.value(group, nm, light) * scale)
+                });
+                let mut counted = factors;
+                if let Some(displaced) = lamp {
+                    counted = times(factors, displaced.gathered());
+                    let sent = times(times(weighted, weights), times(factors, displaced.wings()));
+                    for c in 0..4 {
+                        let arrived = match spread {
+                            true => glam::Vec2::from_array(exits.lands[k][c]).as_dvec2() + filter[k],
+                            false => packet.film[k] + filter[k],
+                        };
+                        let from = self.camera.pixel_of(arrived.as_vec2().to_array());
+                        let value = |group: usize| self.curves.at(group, nm[c]) * (sent[c] * scale);
+                        self.note_star(&mut tile_sums, from, half, nm[c], value);
+                    }
+                }
                 if !spread {
                     // All colours where the sample was asked for.
-                    let weight = if radiance_only { 1.0 } else { exits.weight[k][0] };
-                    let value = |group: usize| self.curves.value(group, nm, weighted) * (weight * scale);
+                    let weighted = times(weighted, counted);
+                    let value = |group: usize| self.curves.value(group, nm, weighted) * (weights[0] * scale);
                     self.add(tile_sums.pixel(x, y), half, 1.0, value);
                     continue;
                 }
                 for c in 0..4 {
-                    let weight = exits.weight[k][c];
+                    let weight = exits.weight[k][c] * counted[c];
                     if let (Some((px, py)), Some((open, close))) = (lands[c], windows[c])
                         && weight > 0.0
                         && (open..=close).contains(&time)
@@ -332,8 +440,28 @@ impl Unit<'_> {
             }
             first += count;
         }
-        let sums = tile_sums.sums.into_iter().flatten().collect();
-        Tile { column: left, row: top, width: right - left, sums, whole: false, strays: tile_sums.strays }
+        tile_sums.done()
+    }
+
+    /// Radiance along a camera ray; of lamps seen directly what the camera sample counts beside light that is traced from them.
+    #[inline]
+    fn radiance(
+        &self,
+        photons: Photons,
+        sample: Option<CameraSample>,
+        ray: Ray,
+        wavelengths: &Wavelengths,
+        sampler: &Sampler,
+    ) -> glam::Vec4 {
+        let photons = photons.map(|maps| &maps[sampler.replicate()]);
+        let path = &self.settings.path;
+        match (&self.lamps, sample) {
+            (Some(lamps), Some(sample)) => {
+                let weight = |number: u32, met: glam::Vec3| lamps.weight(self, &sample, number, met);
+                self.scene.radiance_shown(photons, Some(lamps.shown(&weight)), ray, wavelengths, sampler, path)
+            }
+            _ => self.scene.radiance_with(photons, ray, wavelengths, sampler, path),
+        }
     }
 
     /// Adds a part of a sample to the sums of a pixel. `value`: what it adds to a group of bands; `parts`: how many such parts make a sample.
@@ -355,9 +483,48 @@ impl Unit<'_> {
         }
     }
 
-    /// Bands that are summed: those of the film, and of each buffer of the cascade.
+    /// Whether a sample is so bright that what it sends far out counts as a star. `value`: what it is in a group of bands.
+    fn is_lamp(&self, value: impl Fn(usize) -> glam::Vec4) -> bool {
+        let Some(white_e) = self.optics.and_then(|o| o.white_e) else { return false };
+        let groups = self.curves_len().div_ceil(GROUP);
+        (0..groups).any(|group| value(group).max_element() >= white_e)
+    }
+
+    /// Notes what a wavelength of a lamp sends far out, a quarter of a sample, in the pixel where it would have arrived. From beyond the film nothing is
+    /// sent.
+    fn note_star(
+        &self,
+        sums: &mut TileSums,
+        from: Option<(usize, usize)>,
+        half: usize,
+        nm: f32,
+        value: impl Fn(usize) -> glam::Vec4,
+    ) {
+        let Some((x, y)) = from else { return };
+        let bands = self.curves_len();
+        let before = summed_bands(bands, self.cascade.is_some(), false);
+        stars::note(&mut sums.pixel(x, y)[before..], bands, half, nm, 0.25, value);
+    }
+
+    /// The number that chooses the wavelengths: with diffraction one that is spread evenly together with those of the displacement, on which, with it, the
+    /// weights of the wavelengths depend.
+    #[inline]
+    fn wavelength_number(&self, number: f32, sampler: &Sampler) -> f32 {
+        if self.optics.is_some() { sampler.get(Set::Diffraction(0))[2] } else { number }
+    }
+
+    /// How diffraction displaces a sample of a pixel.
+    #[inline]
+    fn displaced(&self, column: usize, row: usize, sampler: &Sampler, wavelengths: &Wavelengths) -> Option<Displaced> {
+        let optics = self.optics?;
+        let [u, v, ..] = sampler.get(Set::Diffraction(0));
+        let middle = self.camera.film_point(column as f64 + 0.5, row as f64 + 0.5);
+        Some(optics.displaced(middle, wavelengths.nm.to_array(), [u, v]))
+    }
+
+    /// Bands that are summed: those of the film, of each buffer of the cascade, and of stars.
     fn summed_bands(&self) -> usize {
-        self.curves_len() * if self.cascade.is_some() { SUMS_WITH_CASCADE } else { 1 }
+        summed_bands(self.curves_len(), self.cascade.is_some(), self.stars)
     }
 
     /// Whether the film records radiance.
@@ -400,14 +567,14 @@ impl Unit<'_> {
 
     /// When a pixel is open to light through a place of the pupil.
     #[inline]
-    fn window(&self, column: usize, row: usize, pupil: f64) -> (f64, f64) {
+    pub(super) fn window(&self, column: usize, row: usize, pupil: f64) -> (f64, f64) {
         let film = &self.camera.film;
         self.shutter.window(&Place { pixel: [column, row], size: [film.columns, film.rows], pupil })
     }
 
     /// Whether the shutter asks where in the pupil light passes.
     #[inline]
-    fn needs_pupil(&self) -> bool {
+    pub(super) fn needs_pupil(&self) -> bool {
         matches!(self.shutter.mechanism, crate::shutter::Mechanism::Leaf { .. })
     }
 
@@ -418,13 +585,24 @@ impl Unit<'_> {
     /// One sample of a pixel; `None` where no light comes through.
     #[inline]
     fn sample(&self, column: usize, row: usize, sampler: &Sampler, photons: Photons) -> Option<PathSample> {
-        let CameraRay { ray, wavelengths, exposure } = self.camera_ray(column, row, sampler)?;
-        let photons = photons.map(|maps| &maps[sampler.replicate()]);
-        let radiance = self.scene.radiance_with(photons, ray, &wavelengths, sampler, &self.settings.path);
+        let CameraRay { ray, wavelengths, exposure, lens_ray, time, seconds, displaced, arrived } =
+            self.camera_ray(column, row, sampler)?;
+        let entry = match &self.camera.lens {
+            Lens::Thin(lens) if self.lamps.is_some() => lens.entry(lens_ray.origin_mm, lens_ray.direction),
+            _ => None,
+        };
+        let camera_sample = entry.map(|entry| {
+            let (origin, direction) = (lens_ray.origin_mm, lens_ray.direction);
+            CameraSample { origin, direction, ray, time, seconds, density: entry.density }
+        });
+        let radiance = self.radiance(photons, camera_sample, ray, &wavelengths, sampler);
         Some(PathSample {
             nm: wavelengths.nm.to_array(),
             weighted: (radiance * wavelengths.weight).to_array(),
             exposure: (exposure * self.settings.light_scale) as f32,
+            factors: displaced.map_or([1.0; 4], |d| d.factors([1.0; 4])),
+            displaced,
+            arrived,
         })
     }
 
@@ -433,11 +611,17 @@ impl Unit<'_> {
     pub(super) fn camera_ray(&self, column: usize, row: usize, sampler: &Sampler) -> Option<CameraRay> {
         let [x, y, pu, pv] = sampler.get(Set::Camera);
         let [w, t, spot @ ..] = sampler.get(Set::Time);
-        let shift = self.camera.film.low_pass_shift(spot);
+        let filter = self.camera.film.low_pass_shift(spot);
+        let wavelengths = self.wavelengths.sample(self.wavelength_number(w, sampler));
+        let displaced = self.displaced(column, row, sampler, &wavelengths);
+        let shift = displaced.map_or(filter, |d| filter + d.by);
+        let mut arrived = glam::DVec2::ZERO;
         let passes = |r: &LensRay| self.settings.half.is_none_or(|h| h.holds(r.origin_mm.x));
         let lens_ray = (0..=self.attempts()).find_map(|attempt| {
             let (at, pupil) = self.place([x, y, pu, pv], sampler, attempt);
             let film = self.camera.film_point(column as f64 + at[0], row as f64 + at[1]) - shift;
+            let film = self.optics.map_or(film, |optics| optics.on_film(&self.camera.film, film));
+            arrived = film + filter;
             let ray = match &self.behind {
                 None => self.camera.lens.ray(film, pupil).ok()?,
                 Some(behind) => {
@@ -453,18 +637,21 @@ impl Unit<'_> {
         if open >= close {
             return None;
         }
-        let (time, seconds) = self.settings.moments.draw((open, close), t as f64);
+        let (time, seconds) = self.settings.shutter_times.draw((open, close), t as f64);
         let ray = self.camera.to_world(&lens_ray, time);
         if !ray.is_finite() {
             return None;
         }
-        let wavelengths = self.wavelengths.sample(w);
+        let wavelengths = match displaced {
+            Some(d) => wavelengths.with_densities(d.densities),
+            None => wavelengths,
+        };
         let exposure = match self.response.bands[0].unit {
             BandUnit::Radiance => seconds / (close - open),
             BandUnit::Electrons => {
                 lens_ray.weight_sr * self.camera.film.pixel_area_mm2 * M2_PER_MM2 * seconds * self.half_of_light()
             }
         };
-        Some(CameraRay { ray, wavelengths, exposure })
+        Some(CameraRay { ray, wavelengths, exposure, lens_ray, time, seconds, displaced, arrived })
     }
 }

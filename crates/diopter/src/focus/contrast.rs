@@ -20,7 +20,7 @@ const MOST_PLACES: usize = 60;
 const BLUR_CELLS: f64 = 2.0;
 /// Deviations that detail must stand above noise, and a peak above its sides, to be believed.
 const SURE: f64 = 4.0;
-/// Share by which the sides of a peak must be lower.
+/// Fraction by which the sides of a peak must be lower.
 const DROP: f64 = 0.08;
 /// What is less sure than this is looked at again, with so many times the samples.
 const RETRY: f64 = 0.6;
@@ -313,13 +313,13 @@ pub(super) fn exhaustive(prober: &mut Prober, af: &Autofocus, zone: [f64; 4], ra
     // Every pixel of the picture, or cells as fine as the fast search's last ones.
     let fine = 1.2 * af.circle_mm;
     let pixels = [(film.columns, film.width_mm, zone[2]), (film.rows, film.height_mm, zone[3])];
-    let cells = pixels.map(|(n, mm, share)| ((n as f64 * share).max(mm * share / fine).round() as usize).max(8));
+    let cells = pixels.map(|(n, mm, fraction)| ((n as f64 * fraction).max(mm * fraction / fine).round() as usize).max(8));
     let whole = Look { piece: zone, cells, pitch_mm: film.width_mm * zone[2] / cells[0] as f64 };
     let mut s = Search::new(prober, af);
-    let step = af.step_mm.unwrap_or(s.f_number * af.circle_mm);
+    let step = af.sweep_mm.map(|[_, _, step]| step).or(af.step_mm).unwrap_or(s.f_number * af.circle_mm);
     let mut seen: Vec<(f64, Sharpness)> = Vec::new();
     let mut falls = 0;
-    let count = ((range.high - range.low) / step).ceil() as usize;
+    let count = ((range.high - range.low) / step - 1e-9).ceil() as usize;
     for k in 0..=count {
         let Some((at, frame)) = s.probe(whole, range.low + k as f64 * step, THOROUGH_SPP)? else { continue };
         let sharp = frame.sharpness(af.measure, 1);
@@ -327,7 +327,7 @@ pub(super) fn exhaustive(prober: &mut Prober, af: &Autofocus, zone: [f64; 4], ra
         falls = if seen.last().is_some_and(|l| sharp.value < l.1.value) { falls + 1 } else { 0 };
         seen.push((at, sharp));
         // A curve that has not risen above its noise has no peak to fall from.
-        if falls >= FALLS && highest(&seen).is_some() {
+        if af.sweep_mm.is_none() && falls >= FALLS && highest(&seen).is_some() {
             break;
         }
     }
@@ -339,7 +339,7 @@ pub(super) fn exhaustive(prober: &mut Prober, af: &Autofocus, zone: [f64; 4], ra
         i if i + 1 == seen.len() => Some(Failure::TooNear),
         _ => None,
     };
-    // A peak falls on both sides, by more than noise and by a share of itself.
+    // A peak falls on both sides, by more than noise and by a fraction of itself.
     let lowest = |part: &[(f64, Sharpness)]| part.iter().map(|p| p.1.value).fold(f64::INFINITY, f64::min);
     let drop = 1.0 - lowest(&seen[..i]).max(lowest(&seen[i + 1..])) / seen[i].1.value;
     let sure = (seen[i].1.significance() / (4.0 * SURE)).min(drop / (4.0 * DROP));

@@ -85,8 +85,8 @@ impl Frame {
                     }
                 }
             }
-            let share = 1.0 / (by * by) as f32;
-            to.iter_mut().for_each(|v| *v *= share);
+            let fraction = 1.0 / (by * by) as f32;
+            to.iter_mut().for_each(|v| *v *= fraction);
             to
         };
         Frame { columns, rows, readings: [bin(&self.readings[0]), bin(&self.readings[1])], ..*self }

@@ -57,6 +57,10 @@ pub enum Priority {
     Farthest,
     /// The middle one.
     Median,
+    /// The middle one of the nearer half.
+    FrontMedian,
+    /// The middle one of the farther half.
+    BackMedian,
     /// The zone nearest the middle of the picture.
     Centre,
     /// Where most zones agree within a depth of focus.
@@ -65,10 +69,12 @@ pub enum Priority {
 
 impl Priority {
     /// Names as people write them.
-    pub const NAMES: [(&'static str, Priority); 5] = [
+    pub const NAMES: [(&'static str, Priority); 7] = [
         ("closest", Priority::Closest),
         ("farthest", Priority::Farthest),
         ("median", Priority::Median),
+        ("front-median", Priority::FrontMedian),
+        ("back-median", Priority::BackMedian),
         ("centre", Priority::Centre),
         ("most", Priority::Most),
     ];
@@ -127,7 +133,7 @@ pub struct Autofocus {
     pub method: Method,
     /// What it takes for sharp.
     pub measure: Measure,
-    /// Where it looks: `[left, top, width, height]`, shares of the picture.
+    /// Where it looks: `[left, top, width, height]`, fractions of the picture.
     pub zones: Vec<[f64; 4]>,
     /// Which of them counts.
     pub priority: Priority,
@@ -139,6 +145,8 @@ pub struct Autofocus {
     pub step_mm: Option<f64>,
     /// Largest extension that is looked at, mm; as far as the lens goes without.
     pub reach_mm: Option<f64>,
+    /// All positions from one extension to another in steps, mm, whatever the contrast does meanwhile: its curve is what is asked for. `exhaustive` alone.
+    pub sweep_mm: Option<[f64; 3]>,
 }
 
 impl Autofocus {
@@ -153,11 +161,12 @@ impl Autofocus {
             circle_mm: diagonal_mm * CIRCLE_OF_DIAGONAL,
             step_mm: None,
             reach_mm: None,
+            sweep_mm: None,
         }
     }
 }
 
-/// Size of the zone in the middle, and of one about a point, as shares of the picture.
+/// Size of the zone in the middle, and of one about a point, as fractions of the picture.
 const ONE: [f64; 2] = [0.14, 0.18];
 const POINT: [f64; 2] = [0.06, 0.08];
 
@@ -235,7 +244,7 @@ pub struct Point {
 /// What was found in a zone.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Found {
-    /// Where it was looked: `[left, top, width, height]`, shares of the picture.
+    /// Where it was looked: `[left, top, width, height]`, fractions of the picture.
     pub zone: [f64; 4],
     /// Film displacement from infinity, mm.
     pub extension_mm: f64,
@@ -293,6 +302,9 @@ pub fn autofocus(view: &View, af: &Autofocus) -> Result<Report, ExposeError> {
         range.high = reach.max(range.low);
         range.near = range.near.min(range.high);
     }
+    if let Some([from, to, _]) = af.sweep_mm {
+        range = Range { low: from, high: to, near: to };
+    }
     let mut prober = Prober::new(view, af.motor, range.start());
     let mut zones = Vec::with_capacity(af.zones.len());
     for zone in &af.zones {
@@ -337,6 +349,11 @@ pub fn autofocus(view: &View, af: &Autofocus) -> Result<Report, ExposeError> {
     })
 }
 
+/// The middle one; of two the first.
+fn middle(sorted: &[usize]) -> Option<usize> {
+    sorted.get(sorted.len().checked_sub(1)? / 2).copied()
+}
+
 /// The zone that counts among those that are believed, and the position: that zone's, or the mean of those that agree with it.
 pub fn choose(zones: &[Found], priority: Priority, depth_mm: f64) -> Option<(usize, f64)> {
     let mut sure: Vec<usize> = (0..zones.len()).filter(|k| zones[*k].failure.is_none() && zones[*k].confidence >= 0.5).collect();
@@ -346,7 +363,10 @@ pub fn choose(zones: &[Found], priority: Priority, depth_mm: f64) -> Option<(usi
     match priority {
         Priority::Closest => sure.last().copied().map(own),
         Priority::Farthest => sure.first().copied().map(own),
-        Priority::Median => (!sure.is_empty()).then(|| own(sure[(sure.len() - 1) / 2])),
+        Priority::Median => middle(&sure).map(own),
+        // Of an odd number the middle one belongs to both halves.
+        Priority::FrontMedian => middle(&sure[sure.len() / 2..]).map(own),
+        Priority::BackMedian => middle(&sure[..sure.len().div_ceil(2)]).map(own),
         Priority::Centre => {
             let off = |k: &usize| {
                 let [x, y, w, h] = zones[*k].zone;
@@ -384,6 +404,11 @@ mod tests {
         assert_eq!(choose(&all, Priority::Closest, 0.1).unwrap(), (3, 1.5));
         assert_eq!(choose(&all, Priority::Farthest, 0.1).unwrap(), (7, 0.19));
         assert_eq!(choose(&all, Priority::Median, 0.1).unwrap(), (5, 0.22));
+        // Sorted: 0.19 0.2 0.21 0.22 | 0.5 0.9 1.4 1.5.
+        assert_eq!(choose(&all, Priority::FrontMedian, 0.1).unwrap(), (2, 0.9));
+        assert_eq!(choose(&all, Priority::BackMedian, 0.1).unwrap(), (0, 0.2));
+        assert_eq!(choose(&all[..1], Priority::FrontMedian, 0.1).unwrap(), (0, 0.2));
+        assert_eq!(choose(&all[..1], Priority::BackMedian, 0.1).unwrap(), (0, 0.2));
         assert_eq!(choose(&all, Priority::Centre, 0.1).unwrap(), (4, 0.5));
         let (k, at) = choose(&all, Priority::Most, 0.1).unwrap();
         assert!([0, 1, 5, 7].contains(&k) && (at - 0.205).abs() < 1e-9, "{k} {at}");

@@ -89,15 +89,15 @@ fn shift_of_means(left: &Frame, right: &Frame, over: usize) -> Option<Shift> {
                 // Each without its mean and slope: neither shading nor brightness is a likeness.
                 let count = (to - from) as f64;
                 let middle = 0.5 * (from + to - 1) as f64;
-                let moments = (from..to).fold([0.0; 4], |m, x| {
+                let sums = (from..to).fold([0.0; 4], |m, x| {
                     let (va, vb, d) = (value(&a, x), value(&b, x + k), x as f64 - middle);
                     [m[0] + va, m[1] + va * d, m[2] + vb, m[3] + vb * d]
                 });
                 let spread = count * (count * count - 1.0) / 12.0;
                 for x in from..to {
                     let d = x as f64 - middle;
-                    let va = value(&a, x) - moments[0] / count - moments[1] / spread * d;
-                    let vb = value(&b, x + k) - moments[2] / count - moments[3] / spread * d;
+                    let va = value(&a, x) - sums[0] / count - sums[1] / spread * d;
+                    let vb = value(&b, x + k) - sums[2] / count - sums[3] / spread * d;
                     ab += va * vb;
                     aa += va * va;
                     bb += vb * vb;

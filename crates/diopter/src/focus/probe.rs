@@ -13,7 +13,7 @@ use diopter_sensor::{ReadOut, Reading, Sensor};
 
 /// The longest that a probe gathers light, s: a slow viewfinder.
 const LONGEST_S: f64 = 1.0 / 15.0;
-/// Share of saturation that the brightest cells are to reach, and the most speed that is set for it.
+/// Fraction of saturation that the brightest cells are to reach, and the most speed that is set for it.
 const WANTED_LEVEL: f64 = 0.5;
 const MOST_SPEED: f64 = 6400.0;
 /// Pixels of the sensor a cell is averaged over, along each axis: the most.
@@ -33,7 +33,7 @@ pub struct View<'a> {
     pub reading: &'a Reading,
     /// How light is gathered; samples are autofocus's own.
     pub settings: &'a Settings,
-    /// Share of the light that a filter before the lens lets through.
+    /// Fraction of the light that a filter before the lens lets through.
     pub filter: f64,
     /// May stop it.
     pub watch: &'a Watch<'a>,
@@ -64,7 +64,7 @@ impl<'a> Prober<'a> {
         Prober { view, response: Response::sensor(view.sensor), lens, exposure: None, drive, rays: 0, probes: 0, readings: 0 }
     }
 
-    /// Exposes a piece of the picture (`[left, top, width, height]`, shares) on `columns` × `rows` cells where the drive stands, and reads
+    /// Exposes a piece of the picture (`[left, top, width, height]`, fractions) on `columns` × `rows` cells where the drive stands, and reads
     /// it twice. `None` where the lens cannot stand there.
     pub fn frame(
         &mut self,
@@ -85,7 +85,7 @@ impl<'a> Prober<'a> {
             samples: 0..spp,
             time_limit_s: None,
             truth: false,
-            moments: Default::default(),
+            shutter_times: Default::default(),
             half,
             redraw: true,
             integrator: Integrator::Path,
@@ -94,7 +94,7 @@ impl<'a> Prober<'a> {
             ..view.settings.clone()
         };
         let quiet = Watch { cancel: view.watch.cancel, progress: &|_| () };
-        // A second of light; the sensor's readings take their share of it.
+        // A second of light; the sensor's readings take their fraction of it.
         let mut plane =
             expose(view.scene, &camera, &Shutter::global(1.0), &self.response, &settings, &ExposureFacts::default(), &quiet)?;
         self.rays += (columns * rows) as u64 * u64::from(spp);
@@ -158,7 +158,7 @@ impl<'a> Prober<'a> {
         (time, iso)
     }
 
-    /// Electrons a pixel that a reading finds in every cell and channel, and the share of full cells.
+    /// Electrons a pixel that a reading finds in every cell and channel, and the fraction of full cells.
     fn read(
         &mut self,
         plane: &FocalPlane,

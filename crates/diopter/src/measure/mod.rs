@@ -6,10 +6,12 @@
 pub mod color;
 pub mod distortion;
 mod fit;
+pub mod glare;
 pub mod mtf;
 pub mod noise;
 pub mod plane;
 pub mod predict;
+pub mod rolling;
 pub mod vignetting;
 
 pub use mtf::EdgeMtf;

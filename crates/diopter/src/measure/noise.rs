@@ -195,9 +195,9 @@ mod tests {
             let sensor = Sensor::named(name).unwrap();
             let iso = sensor.at_iso(sensor.iso[0].iso).unwrap();
             let full = sensor.saturation_e(&iso) as f32;
-            let shares = [0.0, 0.02, 0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7];
+            let fractions = [0.0, 0.02, 0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7];
             let all = Region { x: 0, y: 0, width: 256, height: 256 };
-            let found = measure(&pairs(&sensor, &shares.map(|s| s * full)), Some(all)).unwrap();
+            let found = measure(&pairs(&sensor, &fractions.map(|s| s * full)), Some(all)).unwrap();
             assert_eq!(found.len(), sensor.bands().len());
             for t in &found {
                 let wanted = 1.0 / iso.gain_e_per_dn;

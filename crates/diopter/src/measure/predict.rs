@@ -1,7 +1,7 @@
 //! What the optical chain makes of an edge: the product of the responses of lens, pixel aperture, low-pass filter and crosstalk.
 //!
 //! The lens's is the geometric one of its spots at the edge's place, along the direction across the edge, over the colours that the channel sees of
-//! the light; exposures know no diffraction. All of them are even functions of spatial frequency but for the lens's phase, which the magnitude of
+//! the light, or where the exposure knew diffraction ([`crate::expose::diffraction_shows`]) that of its wavefronts. All of them are even functions of spatial frequency but for the lens's phase, which the magnitude of
 //! a product does not need. Left out: what moves, demosaicing and sharpening (raw channels have none), and the renderer's noise.
 
 use super::mtf::sinc;
@@ -38,6 +38,8 @@ pub struct Chain<'a> {
     pub film_mm: [f64; 2],
     /// Pixels of the picture.
     pub size: [usize; 2],
+    /// Whether the picture was exposed with diffraction at the aperture.
+    pub diffraction: bool,
 }
 
 /// The response of each part at the frequencies of an edge.
@@ -96,7 +98,15 @@ impl Chain<'_> {
         let bench = Bench { system, object_distance };
         let field = bench.field_of_height(height_mm);
         let per_mm: Vec<f64> = edge.frequencies.iter().map(|f| f / pitch[0]).collect();
-        let lens = bench.geometric_contrast(field, &colors, &per_mm, direction, 0.0).ok_or_else(|| {
+        let lens = match self.diffraction {
+            false => bench.geometric_contrast(field, &colors, &per_mm, direction, 0.0),
+            // Between sagittal and tangential by the squares of the direction's cosines: exact along both, and of a small astigmatism in between.
+            true => bench.diffraction_mtf(field, &colors, &per_mm, 0.0).map(|m| {
+                let parts = m.sagittal.iter().zip(&m.tangential);
+                parts.map(|(s, t)| s * direction.x * direction.x + t * direction.y * direction.y).collect()
+            }),
+        };
+        let lens: Vec<f64> = lens.ok_or_else(|| {
             unfit(format!("no light {height_mm:.2} mm from the middle"), "an edge within the lens's image circle")
         })?;
 
@@ -189,7 +199,7 @@ mod tests {
         let [w, h] = sensor.pitch_mm();
         let size = [600, 400];
         let film_mm = [600.0 * w, 400.0 * h];
-        let chain = Chain { lens: &lens, sensor: &sensor, channel: 1, light: "D65", film_mm, size };
+        let chain = Chain { lens: &lens, sensor: &sensor, channel: 1, light: "D65", film_mm, size, diffraction: false };
         let p = chain.predict(&edge([1.0, 0.0])).unwrap();
         assert!(p.height_mm < 1e-9 && p.product[0] == p.lens[0] && (p.lens[0] - 1.0).abs() < 1e-9);
         // Nyquist: sinc(0.45), cos(π/4), and neighbours beside it that count against it. R and B lie beside green, as bright together as they are.

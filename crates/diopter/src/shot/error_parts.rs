@@ -47,6 +47,7 @@ impl ShotError {
                 ErrorParts { found: Some(reason.clone()), hint: hint_in(reason), ..ErrorParts::at(path) }
             }
             ShotError::Value { what, found, expected } => ErrorParts::of_value(*what, found, expected),
+            ShotError::Entry { place, found, expected } => ErrorParts::of_value(place, found, expected),
             ShotError::Recipe(e) => ErrorParts::of_value(&e.place, &e.found, &e.expected),
             ShotError::Scene(SceneError::File { place, found, expected }) => {
                 ErrorParts::of_value(place, found, expected.strip_prefix("expected ").unwrap_or(expected))

@@ -149,7 +149,7 @@ pub struct FogSection {
     /// How far one sees in it (a contrast of 2 %); 100 m without.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub visibility: Option<Distance>,
-    /// Share of light that a droplet scatters and does not absorb; 1 without.
+    /// Fraction of light that a droplet scatters and does not absorb; 1 without.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub albedo: Option<f32>,
     /// Mean cosine of the angle of scattering; 0.85 without.
@@ -175,7 +175,7 @@ pub struct FlickerSection {
     /// Of mains: 0 steady to 1 dark once a period.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub depth: Option<f64>,
-    /// Of PWM: share of the period that the lamp is on.
+    /// Of PWM: fraction of the period that the lamp is on.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub duty: Option<f64>,
     /// How far into its period the lamp is at scene time 0, degrees.
@@ -232,6 +232,9 @@ pub struct CameraSection {
     /// Turns the iris, degrees.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub blade_rotation_deg: Option<f32>,
+    /// Length of a hood before a real lens, over what its sheet has.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub hood: Option<LengthMm>,
     /// A microlens array before the sensor, over what the body has.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub plenoptic: Option<PlenopticSection>,
@@ -322,7 +325,7 @@ pub struct ShutterSection {
 pub struct FlashSection {
     /// Guide number: f-number × distance (m) of a right exposure at ISO 100 and full power.
     pub guide_number: f64,
-    /// Share of full power, such as 0.25.
+    /// Fraction of full power, such as 0.25.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub power: Option<f64>,
     /// Length of the pulse.
@@ -428,10 +431,10 @@ pub struct FocusSection {
     /// infinity); without, the point the camera is aimed at.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub distance: Option<FocusTo>,
-    /// Where autofocus looks: `one`, `nine` or a list of `[x, y, width, height]`, shares of the picture.
+    /// Where autofocus looks: `one`, `nine` or a list of `[x, y, width, height]`, fractions of the picture.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub zones: Option<Zones>,
-    /// Which zone counts: `closest` (`macro`), `farthest` (`background`), `median`, `centre` or `most`.
+    /// Which zone counts: `closest` (`macro`), `farthest` (`background`), `median`, `front-median`, `back-median`, `centre` or `most`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub priority: Option<String>,
     /// `hybrid` (phase, then contrast), `phase`, `contrast` or `exhaustive`.
@@ -443,6 +446,9 @@ pub struct FocusSection {
     /// The motor: step (mm), backlash (mm), speed (mm/s) of the film; ideal without.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub motor: Option<[f64; 3]>,
+    /// Looks at all positions of the film from one to another in steps, mm behind its place for infinity: the curve of contrast.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub sweep: Option<[f64; 3]>,
     /// No picture when autofocus fails.
     #[serde(skip_serializing_if = "std::ops::Not::not")]
     pub require: bool,
@@ -454,7 +460,7 @@ pub struct FocusSection {
 pub enum Zones {
     /// `one` or `nine`.
     Named(String),
-    /// `[x, y, width, height]` each, shares of the picture.
+    /// `[x, y, width, height]` each, fractions of the picture.
     Boxes(Vec<[f64; 4]>),
 }
 
@@ -483,6 +489,9 @@ pub struct RenderSection {
     /// `path`, `caustics` or `auto`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub integrator: Option<String>,
+    /// Stray light in the lens: `all`, `none`, or some of `ghosts`, `diffraction`, `scatter` with commas between them.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub stray: Option<String>,
     /// Stop after about so long.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub time_limit: Option<Seconds>,
@@ -499,6 +508,37 @@ pub struct RenderSection {
     /// What becomes of outliers when the samples end: `keep` or `reweight`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub fireflies: Option<FireflyChoice>,
+    /// Truth channels beyond depth, normal, albedo and id, with commas between them; `all`: every one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub truth_channels: Option<String>,
+    /// Diffraction at the aperture: `auto` (where it shows in the picture), `on` or `off`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub diffraction: Option<DiffractionChoice>,
+}
+
+/// Whether light is diffracted at the aperture.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum DiffractionChoice {
+    /// Where the Airy disk is no smaller than a pixel of the picture ([`crate::expose::diffraction_shows`]).
+    #[default]
+    Auto,
+    /// Always.
+    On,
+    /// Rays only.
+    Off,
+}
+
+impl std::str::FromStr for DiffractionChoice {
+    type Err = String;
+    fn from_str(text: &str) -> Result<Self, String> {
+        match text {
+            "auto" => Ok(DiffractionChoice::Auto),
+            "on" => Ok(DiffractionChoice::On),
+            "off" => Ok(DiffractionChoice::Off),
+            _ => Err(format!("\"{text}\" is none of auto, on and off")),
+        }
+    }
 }
 
 /// What becomes of outliers when the samples end.

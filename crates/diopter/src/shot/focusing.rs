@@ -15,10 +15,13 @@ use diopter_scene::{Object, Scene};
 use diopter_sensor::nearest;
 use glam::Vec3;
 
-/// Smallest side of a zone, a share of the picture.
+/// Smallest side of a zone, a fraction of the picture.
 const SMALLEST_ZONE: f64 = 0.004;
 /// Most zones.
 const MOST_ZONES: usize = 400;
+
+/// Most positions of a sweep.
+const MOST_SWEEP_STEPS: f64 = 100_000.0;
 
 /// How a shot is focused.
 #[derive(Clone, Debug)]
@@ -52,7 +55,7 @@ impl Focusing {
                     "focus zones",
                     name,
                     focus::zones_named(name),
-                    &["one", "nine", "\"x,y,width,height\" (shares of the picture)"],
+                    &["one", "nine", "\"x,y,width,height\" (fractions of the picture)"],
                 )?,
                 Zones::Boxes(boxes) => boxes.clone(),
             };
@@ -74,10 +77,31 @@ impl Focusing {
             }
             af.motor = Motor { step_mm, backlash_mm, speed_mm_s };
         }
+        if let Some([from, to, step]) = f.sweep {
+            let count = (to - from) / step;
+            if !([from, to, step].iter().all(|v| v.is_finite()) && from < to && step > 0.0 && count <= MOST_SWEEP_STEPS) {
+                let expected = format!("from, to and step in mm, the first below the second, at most {MOST_SWEEP_STEPS} steps");
+                return Err(value("focus sweep", format!("{from},{to},{step}"), expected));
+            }
+            if f.method.is_some() && af.method != Method::Exhaustive {
+                let found = f.method.clone().unwrap_or_default();
+                return Err(value("focus method", found, "exhaustive, or nothing, beside a sweep, which looks at all positions"));
+            }
+            (af.method, af.sweep_mm) = (Method::Exhaustive, Some([from, to, step]));
+        }
         let auto = matches!(f.distance, Some(FocusTo::Auto | FocusTo::At(_)));
-        let of_auto = f.method.is_some() || f.priority.is_some() || f.measure.is_some() || f.zones.is_some() || f.motor.is_some();
+        let of_auto = f.method.is_some()
+            || f.priority.is_some()
+            || f.measure.is_some()
+            || f.zones.is_some()
+            || f.motor.is_some()
+            || f.sweep.is_some();
         if !auto && (of_auto || f.require) {
-            return Err(value("focus", shown(f), "auto (or at X,Y) beside zones, priority, method, measure, motor or require"));
+            return Err(value(
+                "focus",
+                shown(f),
+                "auto (or at X,Y) beside zones, priority, method, measure, motor, sweep or require",
+            ));
         }
         if let Some(FocusTo::Distance(d)) = &f.distance
             && !(d.0 > 0.0)

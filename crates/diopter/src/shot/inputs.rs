@@ -2,9 +2,11 @@
 
 use super::sources::{self, read_body, read_lens};
 use super::{ShotError, ShotFile};
+use crate::rig::path::Mounted;
 use diopter_lens::Prescription;
 use diopter_scene::Description;
 use diopter_sensor::Sensor;
+use std::sync::Arc;
 
 /// What stands in for the scene, the lens and the body that a shot file names. `None`: as named there, or the default.
 ///
@@ -13,11 +15,16 @@ use diopter_sensor::Sensor;
 #[derive(Clone, Debug, Default)]
 pub struct Inputs {
     /// The scene, m.
-    pub scene: Option<Description>,
+    pub scene: Option<Arc<Description>>,
     /// A lens with surfaces.
     pub lens: Option<Prescription>,
     /// The body.
     pub sensor: Option<Sensor>,
+    /// How the camera goes along with a rig; where it stands by the shot file then says only what it is aimed at.
+    pub way: Option<Arc<Mounted>>,
+    /// The lens is set many times a second: its pupil is found at fewer places ([`diopter_lens::pupil::PupilDetail::Draft`]), and its profile is computed only where the
+    /// development corrects by it.
+    pub draft: bool,
 }
 
 impl Inputs {
@@ -46,7 +53,8 @@ impl Inputs {
     ) -> Result<Description, ShotError> {
         match self.scene.take() {
             None => sources::read_scaled(name, scale, strict, warn),
-            Some(mut description) => {
+            Some(shared) => {
+                let mut description = Arc::unwrap_or_clone(shared);
                 sources::check_scale(scale)?;
                 match scale {
                     Some(factor) => description.scale(factor as f32),

@@ -70,8 +70,8 @@ pub(super) fn warn_of_pupils(camera: &Camera, warn: &mut dyn FnMut(&str)) {
             "the pupil's images behind the microlenses are {across:.1} pixels across: there is hardly anything to refocus"
         ));
     }
-    let share = array.concentration(camera.lens.pupil_slope());
-    if share < 0.6 {
+    let fraction = array.concentration(camera.lens.pupil_slope());
+    if fraction < 0.6 {
         warn(&format!(
             "the pupil's images behind neighbouring microlenses overlap: the lens is opened wider than f/{:.1}, which they match",
             array.gap / array.lattice.pitch

@@ -3,7 +3,8 @@
 use super::Shot;
 use crate::expose::bytes_needed;
 use diopter_develop::denoise;
-use diopter_image::focal_plane::{STRIP_BYTES, TRUTH_BYTES, bytes_a_pixel};
+use diopter_image::focal_plane::{STRIP_BYTES, bytes_a_pixel};
+use diopter_image::truth::Recorded;
 
 /// What is done with an exposure when it is taken.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -27,15 +28,15 @@ impl Shot {
     /// Bytes that exposing, denoising and writing take at most.
     pub fn bytes_needed(&self, kept: Kept) -> u64 {
         let of = |(a_pixel, fixed): (u64, u64)| self.pixels() * a_pixel + fixed;
-        let bands = [self.bands(), self.summed_bands()];
-        self.ways().into_iter().map(|denoising| of(bytes(bands, denoising, kept))).min().unwrap_or(0)
+        let counts = self.counts();
+        self.ways().into_iter().map(|denoising| of(bytes(&counts, denoising, kept))).min().unwrap_or(0)
     }
 
     /// The largest picture of this shape that so many bytes are enough for; `None` if they are not enough for any.
     pub fn largest_size(&self, available: u64, kept: Kept) -> Option<[usize; 2]> {
         let size = [self.camera.film.columns, self.camera.film.rows];
-        let bands = [self.bands(), self.summed_bands()];
-        let fits = |denoising| largest(size, bytes(bands, denoising, kept), available);
+        let counts = self.counts();
+        let fits = |denoising| largest(size, bytes(&counts, denoising, kept), available);
         self.ways().into_iter().filter_map(fits).max()
     }
 
@@ -55,9 +56,25 @@ impl Shot {
         usize::try_from(left.min(LARGEST_CACHE)).unwrap_or(usize::MAX)
     }
 
+    /// What the memory of a pixel depends on.
+    fn counts(&self) -> Counts {
+        let truth = Recorded::new(&self.settings.truth_channels).more_bytes();
+        Counts { bands: self.bands(), summed: self.summed_bands(), truth }
+    }
+
     fn pixels(&self) -> u64 {
         self.camera.film.columns as u64 * self.camera.film.rows as u64
     }
+}
+
+/// What a pixel holds.
+struct Counts {
+    /// Bands of the film.
+    bands: usize,
+    /// Bands that are summed.
+    summed: usize,
+    /// Bytes of truth beyond what is always recorded.
+    truth: usize,
 }
 
 /// What denoising takes: bytes a pixel, the exposure included, and all others.
@@ -67,10 +84,10 @@ struct Denoising {
     fixed: usize,
 }
 
-/// Bytes a pixel, and all others; of bands of the film, and bands that are summed.
-fn bytes([bands, summed]: [usize; 2], denoising: Option<Denoising>, kept: Kept) -> (u64, u64) {
+/// Bytes a pixel, and all others.
+fn bytes(&Counts { bands, summed, truth }: &Counts, denoising: Option<Denoising>, kept: Kept) -> (u64, u64) {
     let (exposing, tiles) = bytes_needed(bands, if kept == Kept::Strips { bands } else { summed });
-    let plane = bytes_a_pixel(bands);
+    let (exposing, plane) = (exposing + truth, bytes_a_pixel(bands) + truth);
     if kept == Kept::Strips {
         // The strip that is written, the one before the filter, and blocks of the file as they are and packed.
         let writing = 4 * STRIP_BYTES as u64;
@@ -84,9 +101,10 @@ fn bytes([bands, summed]: [usize; 2], denoising: Option<Denoising>, kept: Kept) 
         // Written by blocks of rows, without a copy.
         Kept::Plane => plane,
         // The variance, then a copy of it, the mean, the half difference and the truth as channels.
-        Kept::Truth => plane + 4 * bands + 3 * 4 * bands + TRUTH_BYTES,
+        Kept::Truth => plane + 4 * bands + 3 * 4 * bands + Recorded::default().bytes() + truth,
     };
-    let (a_pixel, fixed) = denoising.map_or((0, 0), |d| (d.a_pixel, d.fixed));
+    // The exposure, what guides the filter and what it makes hold the truth each.
+    let (a_pixel, fixed) = denoising.map_or((0, 0), |d| (d.a_pixel + 3 * truth, d.fixed));
     (exposing.max(read_out).max(written).max(a_pixel) as u64, tiles.max(fixed) as u64)
 }
 
@@ -106,7 +124,7 @@ mod tests {
     fn strips_of_any_picture_fit_into_four_gigabytes() {
         for (bands, denoise) in [(3, false), (3, true), (4, true)] {
             let denoising = denoise.then_some(Denoising { a_pixel: 0, fixed: denoise::STRIP_MEMORY });
-            let (a_pixel, fixed) = bytes([bands; 2], denoising, Kept::Strips);
+            let (a_pixel, fixed) = bytes(&Counts { bands, summed: bands, truth: 100 }, denoising, Kept::Strips);
             // But for the tiles that all threads of a machine work on.
             let most = fixed - bytes_needed(bands, bands).1 as u64 - SMALLEST_CACHE + LARGEST_CACHE;
             assert!(a_pixel == 0 && most < 3_900_000_000, "{bands} {denoise} {most}");
@@ -117,9 +135,11 @@ mod tests {
     fn what_is_said_to_fit_does_and_is_hardly_smaller_than_could_be() {
         for (bands, denoise, kept) in [(3, false, Kept::ReadOut), (3, true, Kept::Plane), (31, false, Kept::Truth)] {
             let denoising = denoise.then(|| Denoising { a_pixel: denoise::bytes_a_pixel(bands), fixed: 0 });
-            let (a_pixel, fixed) = bytes([bands, SUMS_WITH_CASCADE * bands], denoising, kept);
+            let counts = Counts { bands, summed: SUMS_WITH_CASCADE * bands, truth: 0 };
+            let (a_pixel, fixed) = bytes(&counts, denoising, kept);
+            assert!(bytes(&Counts { truth: 40, ..counts }, denoising, kept).0 >= a_pixel + 40);
             assert!(a_pixel >= (8 + 16 * SUMS_WITH_CASCADE) as u64 * bands as u64 + 32);
-            assert!(bytes([bands; 2], denoising, kept).0 < a_pixel);
+            assert!(bytes(&Counts { bands, summed: bands, truth: 0 }, denoising, kept).0 < a_pixel);
             let available = fixed + 3_000_000_000;
             let [w, h] = largest([20_000, 15_000], (a_pixel, fixed), available).unwrap();
             let needed = |w: usize, h: usize| (w * h) as u64 * a_pixel + fixed;

@@ -5,6 +5,8 @@
 //! [`Shot::meter`] lets the camera choose what it is to choose; [`Shot::expose`], [`Shot::read_out`] and [`Shot::develop`] are the
 //! photograph. [`Shot::turn_to`] takes the next one of a sequence.
 
+mod asked;
+mod change;
 mod error_parts;
 pub mod file;
 mod focusing;
@@ -13,6 +15,7 @@ mod inputs;
 mod light_field;
 mod memory;
 mod resume;
+mod scene_cache;
 mod sequence;
 mod sources;
 mod staging;
@@ -21,10 +24,12 @@ mod time_limit;
 mod timing;
 mod vary;
 
+use asked::Asked;
 pub use error_parts::ErrorParts;
-pub use file::{FireflyChoice, ShotFile};
+pub use file::{DiffractionChoice, FireflyChoice, ShotFile};
 pub use inputs::Inputs;
 pub use memory::Kept;
+pub use scene_cache::SceneCache;
 pub use sequence::{Sequence, Vary};
 pub use sources::{lens_beside, odd_size, read_body, read_environment, read_lens, read_scene};
 pub use surroundings::daylight;
@@ -34,7 +39,7 @@ use crate::calibration::{self, Calibration, CalibrationError, Frame, PrincipalRa
 use crate::camera::{Camera, Film, PlacementError};
 use crate::denoising::{BUILT_IN, Denoise, Filter};
 use crate::expose::{
-    self, ExposeError, Exposed, Exposure, Fireflies, Integrator, Keep, Response, SUMS_WITH_CASCADE, Settings, Sums, Watch,
+    self, Diffraction, ExposeError, Exposed, Exposure, Fireflies, Frames, Keep, Response, Settings, Sums, Watch,
 };
 use crate::flash::Flash;
 use crate::metering::{self, Meter, Pattern};
@@ -42,7 +47,8 @@ use crate::program::{self, Chosen, Limits, Mode};
 use crate::quantity::{Distance, FNumber, FocusTo, LengthMm, Seconds, Size, SpectralBands};
 use crate::quick_look::{self, Optics};
 use crate::row_store::PagedRows;
-use crate::shutter::{Moments, Shutter};
+use crate::shutter::{Shutter, ShutterTimes};
+use crate::stray::WithStray;
 use crate::{lens_profile, recipe_file};
 use diopter_develop::denoise::Denoised;
 use diopter_develop::lut::Lut;
@@ -51,18 +57,17 @@ use diopter_image::focal_plane::{FocalPlaneSource, Truth};
 use diopter_image::{ExposureFacts, FocalPlane, Picture, Raster, RawImage};
 use diopter_lens::{Focus, Lens, LensError, Projection};
 use diopter_light::cie;
-use diopter_light::random::SamplerKind;
 use diopter_scene::bvh::Bounds;
 use diopter_scene::light::Modulation;
 use diopter_scene::studio::Studio;
-use diopter_scene::{PathSettings, Scene, SceneError, builtin};
+use diopter_scene::{Scene, SceneError, builtin};
 use diopter_sensor::format;
 use diopter_sensor::{Reading, Sensor, SensorError, read_out};
-use file::RenderSection;
 use focusing::Focusing;
 use glam::{Affine3A, Vec3};
 use std::ops::RangeInclusive;
 use std::path::Path;
+use std::sync::Arc;
 use std::time::Instant;
 use timing::Timing;
 
@@ -103,6 +108,16 @@ pub enum ShotError {
         /// Its value.
         found: String,
         /// What is allowed, or a hint.
+        expected: String,
+    },
+    /// An entry of a file that is made of shots, such as the specification of a data set.
+    #[error("{place}: {found}; expected {expected}")]
+    Entry {
+        /// File and entry.
+        place: String,
+        /// What is there.
+        found: String,
+        /// What belongs there, and a hint.
         expected: String,
     },
     /// The scene.
@@ -184,6 +199,10 @@ pub struct Shot {
     filter: Option<Filter>,
     /// What becomes of outliers when the samples end: kept, if nobody says. See [`Shot::reweights`].
     pub fireflies: FireflyChoice,
+    /// Whether light is diffracted at the aperture. See [`Shot::diffracts`].
+    pub diffraction: DiffractionChoice,
+    /// Where it is: what lamps send far out is spread apart, without the noise of rare samples, for some memory. See [`Shot::makes_stars`].
+    pub stars: bool,
     /// Development.
     pub recipe: Recipe,
     /// The look-up table that the recipe names.
@@ -194,6 +213,8 @@ pub struct Shot {
     placed: Affine3A,
     /// What was asked.
     file: ShotFile,
+    /// Whether the lens is set many times a second ([`Inputs::draft`]).
+    draft: bool,
     /// Requested metered EV of the scene.
     ambient_ev: Option<f64>,
     exposing: Exposing,
@@ -202,6 +223,8 @@ pub struct Shot {
     held_back_ev: f64,
     /// Whether the light of a scene without a scale has got one.
     light_settled: bool,
+    /// Lamps, sky or ground of the scene were placed by where the camera stands.
+    lit_for_camera: bool,
     /// What denoising will take by a trial, s; known after metering with a time limit.
     denoising_s: Option<f64>,
     timing: Timing,
@@ -232,85 +255,53 @@ impl Shot {
 
     /// The same with scene, lens or body from memory instead of by the names that the shot file has for them. [`Shot::settle`] writes names
     /// only: a shot file cannot hold what was in memory.
-    pub fn prepare_with(file: &ShotFile, mut inputs: Inputs, warn: &mut dyn FnMut(&str)) -> Result<Shot, ShotError> {
+    pub fn prepare_with(file: &ShotFile, inputs: Inputs, warn: &mut dyn FnMut(&str)) -> Result<Shot, ShotError> {
+        Shot::prepare_cached(file, inputs, &mut SceneCache::new(), warn)
+    }
+
+    /// The same for one of many shots: a scene that the last shot has read or built is taken from `cache`.
+    pub fn prepare_cached(
+        file: &ShotFile,
+        mut inputs: Inputs,
+        cache: &mut SceneCache,
+        warn: &mut dyn FnMut(&str),
+    ) -> Result<Shot, ShotError> {
         let begun = Instant::now();
         // Cheap checks before anything is read.
         let mut file = file.clone();
         inputs.name_in(&mut file);
         file.mean_true_stops();
-        let settings = settings(&file.render)?;
-        let (mut sensor, mut exposing, mut iso) = body_and_speed(&file, &inputs)?;
-        let white = file.exposure.white.clone().unwrap_or_else(|| "D65".into());
-        white_point(&white)?;
-        if let Some(Seconds(t)) = file.exposure.shutter
-            && !(t > 0.0 && t <= 4e7)
-        {
-            return Err(value("shutter", Seconds(t), "a time above 0 (and of at most a year)"));
-        }
-        let celsius = file.exposure.temperature_c.unwrap_or(20.0);
-        if !(-273.15..=200.0).contains(&celsius) {
-            return Err(value("temperature", format!("{celsius} °C"), "-273 to 200 °C"));
-        }
-        if let Some(FNumber(n)) = file.exposure.aperture
-            && !FNumber::RANGE.contains(&n)
-        {
-            return Err(value("aperture", FNumber(n), FNumber::EXPECTED));
-        }
-        file.develop.check()?;
+        let mut asked = Asked::new(&file, &inputs, warn)?;
         let lut = recipe_file::lut(&file.develop)?;
-        // Without a word the front end says whether there are pictures to look at.
-        let denoise = file.render.denoise.unwrap_or_default();
-        let filter = match denoise {
-            Denoise::Auto => None,
-            asked => Filter::open(asked, file.render.oidn.as_deref(), warn)?,
-        };
-        if let Some(ev) = file.scene.ambient_ev
-            && !(-30.0..=40.0).contains(&ev)
-        {
-            return Err(value("ambient_ev", ev, "-30 to 40"));
-        }
-        if file.exposure.shutter.is_some() && matches!(exposing.mode, Mode::AperturePriority | Mode::Program) {
-            warn(&format!("in mode {} the camera chooses the time: the one given is not used", exposing.mode.name()));
-        }
-        if file.exposure.aperture.is_some() && matches!(exposing.mode, Mode::ShutterPriority | Mode::Program) {
-            warn(&format!("in mode {} the camera chooses the aperture: the one given is not used", exposing.mode.name()));
-        }
-        Timing::new(&file, &sensor, None)?;
-        surroundings::check(&file.scene)?;
+        Timing::new(&file, &asked.sensor, None)?;
 
         let name = file.scene.file.clone().unwrap_or_else(|| DEFAULT_SCENE.into());
-        staging::film(&file, &sensor, None)?;
-        let mut description = inputs.scene(&name, file.scene.scale, file.scene.strict, warn)?;
+        staging::film(&file, &asked.sensor, None)?;
+        let mut description = cache.description(&mut inputs, &name, &file.scene, warn)?;
         let view = staging::view(&file, &description)?;
         if let Some(hints) = view.map(|v| &v.film).filter(|_| file.camera.look_from.is_none())
             && staging::take_hints(&mut file, hints, warn)
         {
-            (sensor, exposing, iso) = body_and_speed(&file, &inputs)?;
+            asked.take_body(&file, &inputs)?;
         }
-        let mut film = staging::film(&file, &sensor, view)?;
-        let calibrated = staging::calibrated(&mut file, &sensor, view, &mut film)?;
+        let mut film = staging::film(&file, &asked.sensor, view)?;
+        let calibrated = staging::calibrated(&mut file, &asked.sensor, view, &mut film)?;
         staging::take_angle_of_view(&mut file, &film)?;
         let file = file;
-        let mut timing = Timing::new(&file, &sensor, view)?;
+        let mut timing = Timing::new(&file, &asked.sensor, view)?;
+        timing.way.clone_from(&inputs.way);
         let focusing = Focusing::new(&file, film.width_mm.hypot(film.height_mm), warn)?;
         timing.play(&mut description, &file.scene)?;
         staging::choose_materials(&mut description, &file.scene)?;
         // Lamps and ground are put where they suit the camera: it is placed first.
         let framing = builtin::framing(&name);
-        let mut stand = staging::stand(&file, &inputs, &description, timing.at_s, &sensor, &film, framing)?;
+        let mut stand = staging::stand(&file, &inputs, &description, timing.at_s, &asked.sensor, &film, framing)?;
         stand.calibrated = calibrated;
         let flash = timing.flash.is_some();
-        if let Some(albedo) = surroundings::put(&mut description, &file.scene, flash, &stand, warn)? {
-            staging::put_ground(&mut description, albedo, timing.at_s)?;
-        }
+        let lit_for_camera = surroundings::follow_camera(&description, &file.scene, flash);
         let scene_name = description.name.clone();
-        timing::put_flicker(&mut description, &file.scene.flicker)?;
-        if let Some(flash) = &timing.flash {
-            flash.put_into(&mut description);
-        }
-        let mut scene = Scene::build(description)?;
+        let mut scene = cache.scene(description, &file.scene, &timing, &stand, warn)?;
         scene.pose(timing.at_s, 0.0);
-        scene.description().warnings.iter().for_each(|w| warn(w));
         if scene.bounds().is_empty() && scene.description().environment.is_none() {
             return Err(SceneError::Empty("it has no surface and no environment".into()).into());
         }
@@ -320,48 +311,33 @@ impl Shot {
         if file.camera.look_from.is_some() && !file.camera.path.is_empty() {
             warn("the camera is on a path: look_from is not used");
         }
-        let camera = staging::camera(&file, &inputs, &scene, timing.at_s, &sensor, film, &focusing, &stand, warn)?;
+        let camera = staging::camera(&file, &inputs, &scene, timing.at_s, &asked.sensor, film, &focusing, &stand, warn)?;
         timing.carrier = stand.carrier;
         if file.scene.light.is_none() && !flash && sources::is_model(&name) && staging::is_in_void(&scene, &camera) {
             warn(
                 "the scene has light of its own in a black void, which the meter leaves out: --light studio lights it all, --light none says that it is meant",
             );
         }
+        if scene.splat_count() > 0 && file.scene.ambient_ev.is_none() {
+            warn(&format!(
+                "a captured place has no unit of light: its white is taken for {} cd/m², that of a display (--ambient-ev EV says how bright it is)",
+                diopter_scene::load::splats::WHITE
+            ));
+        }
         if let Some(fog) = &file.scene.fog {
             surroundings::put_fog(&mut scene, fog, camera.way.at(0.0).translation.into())?;
         }
-        if file.render.quick && camera.film.microlenses.is_some() {
-            return Err(value("plenoptic", "a microlens array", "no quick look: it has no light field"));
-        }
-        if file.render.quick && camera.film.middle_mm != [0.0; 2] {
-            return Err(value("shift", "a lens that is shifted", "no quick look: its blur is centred on the picture"));
-        }
-        if file.render.quick && quick_look::is_bent(&camera) {
-            warn("a quick look keeps straight lines straight: how this lens bends them is not shown");
-        }
-        let facts = ExposureFacts {
-            software: concat!("diopter ", env!("CARGO_PKG_VERSION")).into(),
-            scene: scene_name,
-            body: sensor.name.clone(),
-            light_scale: 1.0,
-            mode: exposing.mode.name().into(),
-            compensation_ev: exposing.compensation_ev,
-            nd_stops: exposing.nd_stops,
-            ..lens_facts(&camera, &sensor)
-        };
+        asked::check_camera(&file.render, &camera, warn)?;
+        let facts = asked.facts(scene_name, lens_facts(&camera, &asked.sensor, wants_profile(&file, inputs.draft)));
+        let reading = asked.reading(&file);
+        let Asked { settings, sensor, exposing, denoise, filter, .. } = asked;
         let placed = camera.way.at(0.0);
         Ok(Shot {
             scene,
             camera,
             sensor,
             shutter: file.exposure.shutter.map(|s| s.0),
-            reading: Reading {
-                iso,
-                seed: settings.seed,
-                serial: file.camera.serial.clone().unwrap_or_else(|| Reading::FIRST_SERIAL.into()),
-                temperature_c: file.exposure.temperature_c,
-                white,
-            },
+            reading,
             date: None,
             lens_cap: file.exposure.lens_cap,
             settings,
@@ -371,28 +347,39 @@ impl Shot {
             denoise,
             filter,
             fireflies: file.render.fireflies.unwrap_or_default(),
+            diffraction: asked::diffraction(&file.render),
+            stars: true,
             recipe: file.develop.clone(),
             lut,
             ambient_ev: file.scene.ambient_ev,
             begun,
             placed,
             file,
+            draft: inputs.draft,
             exposing,
             focusing,
             held_back_ev: 0.0,
             light_settled: false,
+            lit_for_camera,
             denoising_s: None,
             timing,
             facts,
         })
     }
 
+    /// Takes over the scale of the light from another shot of the same scene, so that both see the same light whatever their frames are.
+    pub fn take_light_of(&mut self, other: &Shot) {
+        if other.light_settled || self.ambient_ev.is_none() {
+            self.settings.light_scale = other.settings.light_scale;
+            self.light_settled = true;
+        }
+    }
+
     /// Meters the scene and settles what was left open: light scale, exposure time, aperture, ISO. Then everything stands ready for
     /// the exposure. `warn` gets what the light or the shutter does not allow.
     pub fn meter(&mut self, watch: &Watch, warn: &mut dyn FnMut(&str)) -> Result<(), ShotError> {
         if self.lens_cap {
-            self.shutter.get_or_insert(1.0);
-            return self.stand_ready(warn);
+            return self.set_by(None, warn);
         }
         self.settle_light(watch)?;
         let white = white_point(&self.reading.white)?;
@@ -404,6 +391,16 @@ impl Shot {
             filter: (-self.exposing.nd_stops).exp2(),
         };
         let metered = meter.read(&self.scene, &self.camera, &self.settings, &white, watch)?;
+        self.set_by(metered, warn)
+    }
+
+    /// Chooses what the camera is to choose by a meter reading (EV at ISO 100; `None`: darkness), and makes everything ready for the exposure:
+    /// [`Shot::meter`] by a reading at hand. With the cap on the lens the reading is not looked at.
+    pub fn set_by(&mut self, metered: Option<f64>, warn: &mut dyn FnMut(&str)) -> Result<(), ShotError> {
+        if self.lens_cap {
+            self.shutter.get_or_insert(1.0);
+            return self.stand_ready(warn);
+        }
         self.facts.metering = self.exposing.pattern.name().into();
         self.facts.metered_ev100 = metered;
         let e = self.exposing.clone();
@@ -493,7 +490,7 @@ impl Shot {
 
     /// Writes into the facts what follows from how the lens is set.
     fn know_the_lens(&mut self) {
-        let new = lens_facts(&self.camera, &self.sensor);
+        let new = lens_facts(&self.camera, &self.sensor, wants_profile(&self.file, self.draft));
         let f = &mut self.facts;
         (f.f_number, f.t_number, f.lens_profile) = (new.f_number, new.t_number, new.lens_profile);
         (f.focus_distance_m, f.extension_mm, f.light_field) = (new.focus_distance_m, new.extension_mm, new.light_field);
@@ -501,8 +498,8 @@ impl Shot {
 
     /// How much brighter the images of the pupil behind microlenses are than the film would be, EV; 0 without.
     fn gathered_ev(&self) -> f64 {
-        let share = self.camera.film.microlenses.map(|m| m.concentration(self.camera.lens.pupil_slope()));
-        share.map_or(0.0, |s| s.log2().max(0.0))
+        let fraction = self.camera.film.microlenses.map(|m| m.concentration(self.camera.lens.pupil_slope()));
+        fraction.map_or(0.0, |s| s.log2().max(0.0))
     }
 
     /// Radius of the pupil, 1 when the lens is fully open.
@@ -520,14 +517,14 @@ impl Shot {
         let shutter = self.shutter();
         let total = shutter.total_s();
         let at = self.timing.at_s;
-        self.camera.way = self.timing.camera_way(&self.scene, self.placed, total);
-        self.settings.moments = Moments::default();
+        self.camera.way = self.timing.camera_motion(&self.scene, self.placed, total);
+        self.settings.shutter_times = ShutterTimes::default();
         if let Some(flash) = &self.timing.flash
             && let Some((node, material)) = Flash::place_in(self.scene.description())
         {
             let (moment, all) = flash.moment(&shutter);
             self.timing.warn_of_sync(&shutter, moment, all, warn);
-            self.settings.moments.flash = Some(moment);
+            self.settings.shutter_times.flash = Some(moment);
             // The flash is what it is, however the light of the scene is scaled.
             let energy = 1.0 / self.settings.light_scale;
             let pulse = Modulation::Pulse { start_s: moment.0, length_s: moment.1 - moment.0, energy };
@@ -669,6 +666,9 @@ impl Shot {
         r.sampler.get_or_insert_with(|| "sobol".into());
         r.max_depth.get_or_insert(self.settings.path.max_depth);
         r.integrator.get_or_insert_with(|| self.settings.integrator.name().into());
+        if r.stray.is_none() && self.settings.stray.is_added() {
+            r.stray = Some(self.settings.stray.name());
+        }
         r.denoise.get_or_insert(self.denoise);
     }
 
@@ -729,9 +729,29 @@ impl Shot {
         self.fireflies == FireflyChoice::Reweight && electrons && !self.lens_cap && self.settings.is_whole()
     }
 
-    /// Bands that the sums of the exposure hold: those of the film, and more where fireflies are re-weighted.
+    /// Whether light is diffracted at the aperture: if that was asked for, or where it shows. Not in a quick look, whose rays know no aperture.
+    pub fn diffracts(&self) -> bool {
+        self.diffracts_through(&self.camera.lens)
+    }
+
+    /// The same with another lens, or the same set otherwise.
+    pub(crate) fn diffracts_through(&self, lens: &Lens) -> bool {
+        let possible = !self.lens_cap && !self.file.render.quick && !matches!(lens, Lens::Pinhole(_));
+        match self.diffraction {
+            DiffractionChoice::Off => false,
+            DiffractionChoice::On => possible,
+            DiffractionChoice::Auto => possible && expose::diffraction_shows(lens, &self.camera.film),
+        }
+    }
+
+    /// Whether what lamps send far out is spread apart: where there is diffraction and the film counts electrons, which say what a lamp is.
+    pub fn makes_stars(&self) -> bool {
+        self.stars && !self.radiance && self.spectral.is_none() && self.diffracts()
+    }
+
+    /// Bands that the sums of the exposure hold: those of the film, and more where fireflies are re-weighted and where lamps make stars.
     pub fn summed_bands(&self) -> usize {
-        self.bands() * if self.reweights() { SUMS_WITH_CASCADE } else { 1 }
+        expose::summed_bands(self.bands(), self.reweights(), self.makes_stars())
     }
 
     /// Exposes the film. [`Shot::meter`] must have been called.
@@ -746,7 +766,7 @@ impl Shot {
         let response = self.response();
         if self.lens_cap {
             let plane = darkness(&self.camera.film, &response, &self.settings, facts);
-            return Ok(Exposed { plane, stopped: false });
+            return Ok(Exposed { plane, stopped: false, stray: None });
         }
         let settings = self.light_settings(response.bands.len());
         // The shapes of the blur cost seconds through a real lens: only a quick look asks for them.
@@ -760,7 +780,8 @@ impl Shot {
             settings: &settings,
             facts: &facts,
         };
-        let Exposed { mut plane, stopped } = exposure.run(watch, start, keep)?;
+        let Exposed { mut plane, stopped, .. } = exposure.run(watch, start, keep)?;
+        // A quick look has no rays through the lens.
         if self.denoises_exposure()
             && !stopped
             && let Some(filter) = &self.filter
@@ -772,8 +793,16 @@ impl Shot {
         if let Some(optics) = optics {
             plane = quick_look::of_plane(&plane, &optics);
         }
+        // It has no noise that a filter should see, and glare is of what was denoised.
+        let stray = match self.file.render.quick {
+            true => None,
+            false => exposure.stray_light(|seen| seen.add_rows(&plane.mean, 0)),
+        };
+        if let Some(stray) = &stray {
+            stray.change(&mut plane, 0);
+        }
         plane.facts.light_scale = self.settings.light_scale;
-        Ok(Exposed { plane, stopped })
+        Ok(Exposed { plane, stopped, stray })
     }
 
     /// Whether [`Shot::expose_rows`] can take this exposure: a quick look and Open Image Denoise work on the whole plane, and a lens cap needs no light.
@@ -819,7 +848,15 @@ impl Shot {
     pub fn for_pictures(&self, exposed: &Exposed) -> Result<Option<FocalPlane>, ShotError> {
         match &self.filter {
             Some(filter) if !self.denoises_exposure() && !exposed.stopped => {
-                Ok(Some(filter.denoise(&exposed.plane, self.features(&self.camera).as_ref())?))
+                let Some(stray) = &exposed.stray else {
+                    return Ok(Some(filter.denoise(&exposed.plane, self.features(&self.camera).as_ref())?));
+                };
+                // Ghosts have no noise, and edges that the guides do not know.
+                let mut plane = exposed.plane.clone();
+                stray.take_from(&mut plane.mean);
+                let mut plane = filter.denoise(&plane, self.features(&self.camera).as_ref())?;
+                stray.add_to(&mut plane.mean, 0);
+                Ok(Some(plane))
             }
             _ => Ok(None),
         }
@@ -849,6 +886,7 @@ impl Shot {
         let mut exposed = exposure.run_paged(watch, start, keep, memory, folder)?;
         exposed.facts.light_scale = self.settings.light_scale;
         let stopped = exposed.stopped;
+        let stray = exposure.stray_light(|seen| exposed.gather(seen));
         let rows = exposed.rows(&self.scene);
         let plane: Box<dyn FocalPlaneSource + '_> = match self.denoises_exposure() && !stopped {
             true => {
@@ -856,6 +894,10 @@ impl Shot {
                 Box::new(Denoised::new(rows, farthest).named(BUILT_IN))
             }
             false => Box::new(rows),
+        };
+        let plane: Box<dyn FocalPlaneSource + '_> = match stray {
+            Some(stray) => Box::new(WithStray::new(plane, stray)),
+            None => plane,
         };
         Ok(ExposedStrips { plane, stopped })
     }
@@ -865,16 +907,31 @@ impl Shot {
         ExposureFacts { iso: 0.0, iso_set: self.reading.iso, ..self.facts() }
     }
 
+    /// The frames before and after this exposure, where truth asks for them: of a film at its own rate, of a single picture as of a film of 24 frames a second.
+    fn frames(&self) -> Option<Frames> {
+        if !self.settings.truth_channels.iter().any(|c| c.needs_frames) {
+            return None;
+        }
+        let (at_s, step_s) = (self.timing.at_s, 1.0 / self.file.sequence.fps.unwrap_or(sequence::FPS));
+        let total = self.shutter().total_s();
+        let way = |at_s: f64| self.timing.moved_to(at_s).camera_motion(&self.scene, self.placed, total);
+        Some(Frames { at_s, step_s, next: way(at_s + step_s), previous: way(at_s - step_s) })
+    }
+
     /// Settings of the exposure itself. What a filter takes is one factor on all light: the plane's facts keep it apart from the scene's own scale.
     fn light_settings(&self, bands: usize) -> Settings {
         let mut settings = self.settings.clone();
         settings.rgb = self.rgb && self.radiance && self.spectral.is_none();
         settings.light_scale *= (-self.exposing.nd_stops).exp2();
         settings.time_limit_s = self.time_left_s(bands);
+        settings.frames = self.frames().map(Arc::new);
+        let white_e =
+            self.sensor.at_iso(self.reading.iso).map_or(self.sensor.full_well_e, |step| self.sensor.saturation_e(&step));
         if self.reweights() {
-            let white_e =
-                self.sensor.at_iso(self.reading.iso).map_or(self.sensor.full_well_e, |step| self.sensor.saturation_e(&step));
             settings.fireflies = Fireflies::Reweight { white_e };
+        }
+        if self.diffracts() {
+            settings.diffraction = Diffraction::On { white_e: self.makes_stars().then_some(white_e) };
         }
         settings
     }
@@ -891,19 +948,6 @@ impl Shot {
     pub fn develop(&self, raw: &RawImage) -> Result<Picture, ShotError> {
         Ok(develop(raw, &self.recipe, self.lut.clone())?)
     }
-}
-
-/// The body, how it is exposed, and its ISO speed to begin with.
-fn body_and_speed(file: &ShotFile, inputs: &Inputs) -> Result<(Sensor, Exposing, f64), ShotError> {
-    let sensor = inputs.body(file.camera.body.as_deref().unwrap_or(DEFAULT_BODY))?;
-    let exposing = Exposing::new(file, &sensor)?;
-    let iso = match (exposing.auto_iso, file.exposure.iso) {
-        (Some([lowest, _]), _) => lowest,
-        (None, Some(choice)) => choice.fixed().unwrap_or(DEFAULT_ISO),
-        (None, None) => sensor.nearest_iso(DEFAULT_ISO),
-    };
-    sensor.at_iso(iso)?;
-    Ok((sensor, exposing, iso))
 }
 
 /// The exposure of a film that no light reaches.
@@ -1037,7 +1081,12 @@ impl Exposing {
 const DEFAULT_HIGHEST_ISO: f64 = 6400.0;
 
 /// What is known of an exposure from its lens.
-fn lens_facts(camera: &Camera, sensor: &Sensor) -> ExposureFacts {
+/// Whether the profile of the lens is computed: for files, which hold it, always; for a draft where the development corrects by it.
+fn wants_profile(file: &ShotFile, draft: bool) -> bool {
+    !draft || file.develop.lens != Default::default()
+}
+
+fn lens_facts(camera: &Camera, sensor: &Sensor, with_profile: bool) -> ExposureFacts {
     let lens_name = match &camera.lens {
         Lens::Pinhole(hole) => match hole.projection {
             Projection::Rectilinear => "pinhole".to_owned(),
@@ -1068,56 +1117,11 @@ fn lens_facts(camera: &Camera, sensor: &Sensor) -> ExposureFacts {
         },
         lens_profile: match &camera.lens {
             // The corrections of the development are centred on the picture.
-            Lens::Compound(_) if camera.film.middle_mm != [0.0; 2] => None,
+            Lens::Compound(_) if camera.film.middle_mm != [0.0; 2] || !with_profile => None,
             Lens::Compound(l) => lens_profile::profile(l, sensor, 0.5 * camera.film.width_mm.hypot(camera.film.height_mm)),
             _ => None,
         },
         light_field: camera.light_field_facts(),
         ..Default::default()
     }
-}
-
-fn settings(r: &RenderSection) -> Result<Settings, ShotError> {
-    let spp = r.spp.unwrap_or(DEFAULT_SPP);
-    if spp == 0 || spp > 1 << 24 {
-        return Err(value("spp", spp, "1 to 16777216 samples a pixel"));
-    }
-    let samples = r.samples.map_or(0..spp, |[a, b]| a..b);
-    if samples.is_empty() || samples.end > spp {
-        return Err(value(
-            "samples",
-            format!("{}..{}", samples.start, samples.end),
-            format!("a range A..B with A < B <= spp ({spp})"),
-        ));
-    }
-    let sampler = match r.sampler.as_deref() {
-        None | Some("sobol") => SamplerKind::Sobol,
-        Some("jittered") => SamplerKind::Jittered,
-        Some("grid") => SamplerKind::Grid,
-        Some("independent") => SamplerKind::Independent,
-        Some(other) => return Err(value("sampler", format!("\"{other}\""), "sobol, jittered, grid or independent")),
-    };
-    let integrator = match r.integrator.as_deref() {
-        None => Integrator::default(),
-        Some(name) => {
-            Integrator::by_name(name).ok_or_else(|| value("integrator", format!("\"{name}\""), "path, caustics or auto"))?
-        }
-    };
-    let limit = r.time_limit.map(|s| s.0);
-    if limit.is_some_and(|l| !(l > 0.0)) {
-        return Err(value("time-limit", r.time_limit.map_or(String::new(), |l| l.to_string()), "a time above 0"));
-    }
-    // A time limit alone means: as many samples as fit.
-    let spp = if limit.is_some() && r.spp.is_none() { 1 << 16 } else { spp };
-    let samples = if r.samples.is_some() { samples } else { 0..spp };
-    let default = PathSettings::default();
-    Ok(Settings {
-        samples,
-        sampler,
-        seed: r.seed.unwrap_or(DEFAULT_SEED),
-        path: PathSettings { max_depth: r.max_depth.unwrap_or(default.max_depth), ..default },
-        integrator,
-        time_limit_s: limit,
-        ..Settings::new(spp)
-    })
 }

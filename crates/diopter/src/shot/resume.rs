@@ -22,7 +22,7 @@ impl Shot {
         let asked = (&file.scene, camera, &file.shutter, &file.flash, file.render.quick);
         let mut facts = self.facts().of_picture();
         facts.serial.clear();
-        let found = (facts, self.lens_cap, self.rgb, &self.camera.film, self.denoise, self.fireflies);
+        let found = (facts, self.lens_cap, self.rgb, &self.camera.film, self.denoise, self.fireflies, self.diffracts());
         format!("{asked:?} {found:?} {:?} {} {:?}", self.settings, self.summed_bands(), self.response().bands)
     }
 
@@ -38,7 +38,7 @@ impl Shot {
         let file = &self.file;
         let mut hash = Fnv::new();
         let asked = (&file.scene, &file.camera, &file.shutter, &file.flash, file.render.quick);
-        let found = (self.facts().of_picture(), self.lens_cap, self.rgb, film);
+        let found = (self.facts().of_picture(), self.lens_cap, self.rgb, film, self.diffracts());
         // Sums with a cascade are other sums than those without.
         let summed = self.summed_bands();
         for byte in format!("{asked:?} {found:?} {settings:?} {summed} {:?}", response.bands).bytes() {

@@ -9,7 +9,7 @@ use crate::quantity::Seconds;
 const MOST_PICTURES: u32 = 99;
 const MOST_FRAMES: u32 = 1_000_000;
 /// Frames a second when nobody says: cinema.
-const FPS: f64 = 24.0;
+pub(super) const FPS: f64 = 24.0;
 
 /// What is taken.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -45,14 +45,32 @@ pub fn read_scene(name: &str, strict: bool) -> Result<Description, ShotError> {
             _ => e.to_string(),
         })
     };
-    let bytes = || read_file(path);
+    let refuse = |(what, way): (&str, &str)| {
+        ShotError::Scene(SceneError::File {
+            place: name.to_owned(),
+            found: format!("it is {what}, which is not read"),
+            expected: format!("expected a file: {SCENE_FILES}; {way}"),
+        })
+    };
+    let bytes = || {
+        let bytes = read_file(path)?;
+        // An ending that is read may stand on a file that is not.
+        load::foreign("", &bytes).map_or(Ok(bytes), |known| Err(refuse(known)))
+    };
     let description = match ending.as_deref() {
         Some("gltf" | "glb") => load::gltf::load(&bytes()?, name, &fetch)?,
         Some("pbrt") => load::pbrt::load(&bytes()?, name, &fetch)?,
         Some("ply") => load::mesh::ply(bytes()?, name)?,
+        Some("spz") => load::splats::spz(bytes()?, name)?,
         Some("obj") => load::mesh::obj(&bytes()?, name, &fetch)?,
         Some("stl") => load::mesh::stl(&bytes()?, name)?,
-        _ => return Err(value("scene", format!("\"{name}\""), format!("a file: {SCENE_FILES} (or a .toml shot file)"))),
+        Some("xml") => load::mitsuba::load(&bytes()?, name, &fetch)?,
+        Some("usd" | "usda" | "usdc" | "usdz") => load::usd::load(bytes()?, name, &fetch)?,
+        other => {
+            let known = other.and_then(|ending| load::foreign(ending, &[])).map(refuse);
+            let expected = || format!("a file: {SCENE_FILES} (or a .toml shot file)");
+            return Err(known.unwrap_or_else(|| value("scene", format!("\"{name}\""), expected())));
+        }
     };
     if strict && !description.missing_textures.is_empty() {
         let list: Vec<String> = description.missing_textures.iter().map(|m| format!("{} ({})", m.name, m.reason)).collect();
@@ -101,13 +119,18 @@ pub(super) fn read_scaled(
 /// Whether a scene file is of a kind that holds models, often without light, ground or camera.
 pub(super) fn is_model(name: &str) -> bool {
     let ending = Path::new(name).extension().map(|e| e.to_string_lossy().to_lowercase());
-    matches!(ending.as_deref(), Some("obj" | "stl" | "ply" | "gltf" | "glb"))
+    matches!(ending.as_deref(), Some("obj" | "stl" | "ply" | "spz" | "gltf" | "glb")) || is_usd(ending.as_deref())
+}
+
+fn is_usd(ending: Option<&str>) -> bool {
+    matches!(ending, Some("usd" | "usda" | "usdc" | "usdz"))
 }
 
 /// What is to be said of a model that is implausibly large or small, if it is one: which unit was assumed, and what others would make of it.
-/// Of scenes of pbrt nothing is said: they bring their own camera, and no unit.
+/// Of scenes of pbrt nothing is said: they bring their own camera, and no unit; nor of USD, which says what its unit is.
 pub fn odd_size(name: &str, description: &Description) -> Option<String> {
-    if !is_model(name) {
+    let ending = Path::new(name).extension().map(|e| e.to_string_lossy().to_lowercase());
+    if !is_model(name) || is_usd(ending.as_deref()) {
         return None;
     }
     let bounds = description.bounds_at(0.0, |_| true);
@@ -145,7 +168,7 @@ fn length(m: f32) -> String {
 }
 
 /// Endings of scene files.
-const SCENE_FILES: &str = ".gltf, .glb, .pbrt, .obj, .ply or .stl";
+const SCENE_FILES: &str = ".gltf, .glb, .usd (.usda, .usdc, .usdz), .pbrt, .xml (Mitsuba), .obj, .ply, .spz or .stl";
 
 /// Whether a light is given as a file and not by name: a picture of surroundings.
 pub(super) fn is_light_file(name: &str) -> bool {
@@ -266,6 +289,21 @@ pub(super) fn read_file(path: &Path) -> Result<Vec<u8>, ShotError> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn files_of_other_programs_are_refused_with_the_way() {
+        let folder = tempfile::tempdir().unwrap();
+        for (name, content, words) in [
+            ("a.blend", &b"BLENDER-v300"[..], ["Blender project", ".usdc"]),
+            ("b.glb", b"Kaydara FBX Binary  ", ["FBX", ".glb or .usdc"]),
+            ("c.step", b"ISO-10303-21;", ["STEP", ".stl"]),
+        ] {
+            let path = folder.path().join(name);
+            std::fs::write(&path, content).unwrap();
+            let error = read_scene(&path.display().to_string(), false).err().unwrap().to_string();
+            assert!(error.contains(name) && words.iter().all(|w| error.contains(w)), "{error}");
+        }
+    }
 
     #[test]
     fn a_build_of_a_tolerance_sheet_is_a_lens() {

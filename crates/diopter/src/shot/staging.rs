@@ -7,13 +7,15 @@ use super::sources::{ideal_fisheye, read_file};
 use super::{Inputs, LARGEST_SIDE, ShotError, light_field, value};
 use crate::calibration::camera_file::{self, CameraFile, CameraSource};
 use crate::camera::{Camera, Film, look_at};
-use crate::camera_way::CameraWay;
+use crate::camera_motion::CameraMotion;
 use crate::depth_of_field::{CIRCLE_OF_DIAGONAL, circle_mm};
 use crate::metering;
 use crate::quantity::{FocusTo, Iso, IsoChoice, LengthMm, Size};
 use diopter_lens::calibrated::{CalibratedLens, PixelGrid, Pupil, View};
 use diopter_lens::camera_model::{CameraModel, ModelKind};
 use diopter_lens::compound::{CompoundLens, Setting, printed_focal_length};
+use diopter_lens::prescription::{Hood, Prescription};
+use diopter_lens::pupil::PupilDetail;
 use diopter_lens::{Focus, Iris, Lens, LensError, Pinhole, Projection, ThinLens, import};
 use diopter_light::Ray;
 use diopter_light::units::Millimeters;
@@ -70,7 +72,9 @@ fn is_staging(o: &Object) -> bool {
 
 /// The box around everything but what was put there for the photograph and a flash.
 pub(super) fn subject_bounds(scene: &Scene, at_s: f64) -> Bounds {
-    match scene.description().objects.iter().any(is_staging) {
+    // Of captured places the core counts, without strays.
+    let partly = |o: &Object| is_staging(o) || matches!(o.shape, Shape::Splats { .. });
+    match scene.description().objects.iter().any(partly) {
         false => scene.bounds(),
         true => scene.description().bounds_at(at_s, |o| !is_staging(o)),
     }
@@ -454,7 +458,7 @@ pub(super) fn stand(
         carrier = view.and_then(|v| v.node);
         let place = match (carrier, view) {
             // Scale of a camera's node has no meaning.
-            (Some(node), _) => CameraWay::still(description.timeline().world(node, at_s)).at(0.0),
+            (Some(node), _) => CameraMotion::still(description.timeline().world(node, at_s)).at(0.0),
             (None, view) => view.map_or(Affine3A::IDENTITY, |v| v.world_from_camera),
         };
         (place, None)
@@ -634,12 +638,13 @@ pub(super) fn camera(
                 iris: iris(c)?,
                 film_mm: (2.0 * film.reach()).to_array(),
             };
-            let prescription = std::sync::Arc::new(prescription);
-            let mut lens = CompoundLens::new(prescription.clone(), &setting);
+            let prescription = std::sync::Arc::new(hooded(prescription, c.hood, &setting)?);
+            let detail = if inputs.draft { PupilDetail::Draft } else { PupilDetail::Full };
+            let mut lens = CompoundLens::with_detail(prescription.clone(), &setting, detail);
             if file.exposure.aperture.is_none() && lens.is_err() {
                 // Nobody asked for this aperture: as wide as the lens goes.
                 setting.f_number = None;
-                lens = CompoundLens::new(prescription, &setting);
+                lens = CompoundLens::with_detail(prescription, &setting, detail);
             }
             let lens = lens?;
             if let Some(asked) = file.exposure.aperture.filter(|a| lens.f_number() > a.0 * 1.005) {
@@ -655,6 +660,9 @@ pub(super) fn camera(
     };
     if let Some(own) = sensor.lens.filter(|_| !ideal || c.focal_length.is_some()) {
         warn_of_long_lens(&lens, own, &film, warn);
+    }
+    if let Some(hood) = c.hood.filter(|_| !matches!(lens, Lens::Compound(_))) {
+        return Err(value("hood", format!("{} mm", hood.0), "a real lens (--lens NAME): others have no front glass"));
     }
     if let Some([forward, right]) = c.tilt_deg.filter(|t| *t != [0.0; 2]) {
         let found = format!("{forward},{right} degrees");
@@ -680,7 +688,7 @@ pub(super) fn camera(
     if let Some(view) = view.filter(|_| c.look_from.is_none() && c.path.is_empty() && other_angle) {
         warn_of_angle(view, &lens, &film, warn);
     }
-    let camera = Camera { lens, film, way: CameraWay::still(place) };
+    let camera = Camera { lens, film, way: CameraMotion::still(place) };
     light_field::warn_of_pupils(&camera, warn);
     Ok(camera)
 }
@@ -801,6 +809,18 @@ fn lens_of_angle(tangent: f64, film: &Film) -> Option<(String, f64)> {
         }
     }
     best
+}
+
+/// A lens with the hood that was asked for, or its own, on.
+fn hooded(lens: Prescription, asked: Option<LengthMm>, setting: &Setting) -> Result<Prescription, ShotError> {
+    let Some(hood) = asked.map(|length| Hood { length: length.0, diameter: None }).or(lens.hood) else { return Ok(lens) };
+    hood.check().map_err(|_| value("hood", format!("{} mm", hood.length), "a length above 0 to 2000 mm"))?;
+    let bare = std::sync::Arc::new(lens);
+    // Fully open: what does not work without a hood is told by what comes next.
+    let Ok(open) = CompoundLens::new(bare.clone(), &Setting { f_number: None, ..setting.clone() }) else {
+        return Ok(std::sync::Arc::unwrap_or_clone(bare));
+    };
+    Ok(bare.with_hood(&hood, open.system(), 0.5 * DVec2::from_array(setting.film_mm)))
 }
 
 /// The lens of a scene file, and how far its film lies behind its entrance pupil, m.

@@ -74,6 +74,16 @@ pub(super) fn check(section: &SceneSection) -> Result<(), ShotError> {
     }
 }
 
+/// Whether what [`put`] puts around a scene may depend on where the camera stands.
+pub(super) fn follow_camera(scene: &Description, section: &SceneSection, flash: bool) -> bool {
+    match section.light.as_deref().map(Light::parse) {
+        Some(Ok(Light::Own | Light::File(_))) => false,
+        Some(_) => true,
+        // Without light of its own a scene gets a studio.
+        None => scene.environment.is_none() && !has_lamps(scene) && !flash,
+    }
+}
+
 /// Puts surroundings around a scene, and answers with the albedo of the floor that belongs under it, if one does. `flash`: whether the camera brings
 /// light; `stand`: where it is.
 pub(super) fn put(

@@ -3,23 +3,19 @@
 use super::file::{FlickerSection, SceneSection, ShotFile};
 use super::{ShotError, value};
 use crate::camera::look_at;
-use crate::camera_way::{CameraWay, Shake, Stop, on_path};
+use crate::camera_motion::{CameraMotion, Shake, Stop, on_path};
 use crate::flash::{Flash, SHOE_M, Sync};
 use crate::quantity::Seconds;
-use crate::shutter::{Direction, Mechanism, Shutter};
+use crate::rig::path::Mounted;
+use crate::shutter::{Direction, Mechanism, RAMP_S, READOUT_S, Shutter, TRAVEL_S};
 use diopter_scene::light::Modulation;
 use diopter_scene::motion::{Ending, Playing};
 use diopter_scene::scene::Viewpoint;
 use diopter_scene::{Description, Scene};
 use diopter_sensor::{Sensor, nearest};
 use glam::{Affine3A, Vec3};
+use std::sync::Arc;
 
-/// Time of a curtain across the picture: Sony's A9 with its mechanical shutter, as measured by J. Kasson (about 3.5 ms).
-const TRAVEL_S: f64 = 3.5e-3;
-/// Read-out of a full frame: Nikon's Z 6, measured by horshack-dpreview (RollingShutter, full sensor).
-const READOUT_S: f64 = 50.81e-3;
-/// Blades of a leaf shutter, one way: a middle size; assumed (makers state 0.5 to 1.5 ms).
-const RAMP_S: f64 = 1e-3;
 /// Pulse of a flash at full power: Nikon's SB-700, 1/1042 s (its manual).
 const PULSE_S: f64 = 1.0 / 1042.0;
 /// Most that a time may be, s: over a year.
@@ -39,6 +35,8 @@ pub(super) struct Timing {
     /// Node that carries the camera.
     pub carrier: Option<u32>,
     path: Vec<Stop>,
+    /// How a rig carries the camera, instead of a path.
+    pub way: Option<Arc<Mounted>>,
     shake: Option<Shake>,
     /// The last key of what runs, s, if nothing moves after it.
     end_s: Option<f64>,
@@ -135,7 +133,7 @@ impl Timing {
         };
         let frozen = file.scene.frozen.unwrap_or(false);
         let (flash, path) = (flash(file)?, Vec::new());
-        Ok(Timing { at_s, begun_s: at_s, frozen, mechanism, flash, carrier: None, path, shake, end_s: None })
+        Ok(Timing { at_s, begun_s: at_s, frozen, mechanism, flash, carrier: None, path, way: None, shake, end_s: None })
     }
 
     /// Lays the camera's path; stops that are aimed at nothing look at `center`.
@@ -185,10 +183,23 @@ impl Timing {
         Ok(())
     }
 
+    /// The same for an exposure that begins at another moment.
+    pub fn moved_to(&self, at_s: f64) -> Timing {
+        Timing { at_s, ..self.clone() }
+    }
+
+    /// Takes over when the animations end that another clock of the same scene plays.
+    pub fn keep_playing(&mut self, other: &Timing) {
+        self.end_s = other.end_s;
+    }
+
     /// Where the camera is during an exposure of a length; `placed`: where it stands if nothing moves it.
-    pub fn camera_way(&self, scene: &Scene, placed: Affine3A, total_s: f64) -> CameraWay {
+    pub fn camera_motion(&self, scene: &Scene, placed: Affine3A, total_s: f64) -> CameraMotion {
         let timeline = scene.description().timeline();
         let steady = |t: f64| -> Affine3A {
+            if let Some(way) = &self.way {
+                return way.at(self.at_s + t);
+            }
             match (self.path.is_empty(), self.carrier) {
                 (false, _) => on_path(&self.path, self.at_s + t),
                 (true, Some(node)) => timeline.world(node, self.at_s + t),
@@ -196,16 +207,16 @@ impl Timing {
             }
         };
         if self.frozen {
-            return CameraWay::still(steady(0.0));
+            return CameraMotion::still(steady(0.0));
         }
         match &self.shake {
             // A shake turns about where the sequence began, not about where its sines are all 0.
             Some(shake) => {
                 let first = shake.turn(self.begun_s).inverse();
-                CameraWay::sampled(total_s, |t| steady(t) * first * shake.turn(self.at_s + t))
+                CameraMotion::sampled(total_s, |t| steady(t) * first * shake.turn(self.at_s + t))
             }
-            None if self.path.is_empty() && self.carrier.is_none() => CameraWay::still(placed),
-            None => CameraWay::sampled(total_s, steady),
+            None if self.path.is_empty() && self.carrier.is_none() && self.way.is_none() => CameraMotion::still(placed),
+            None => CameraMotion::sampled(total_s, steady),
         }
     }
 
@@ -223,9 +234,9 @@ impl Timing {
                 open < to && close > from
             })
             .count();
-        let share = 100.0 * seen as f64 / n as f64;
+        let fraction = 100.0 * seen as f64 / n as f64;
         warn(&format!(
-            "the flash ({} to {} ms) does not find the whole picture open at {}: about {share:.0} % of it sees all or some of it; \
+            "the flash ({} to {} ms) does not find the whole picture open at {}: about {fraction:.0} % of it sees all or some of it; \
              take a longer time, or --flash-sync high-speed",
             (from * 1e5).round() / 100.0,
             (to * 1e5).round() / 100.0,
@@ -262,7 +273,7 @@ fn flash(file: &ShotFile) -> Result<Option<Flash>, ShotError> {
     }
     let power = f.power.unwrap_or(1.0);
     if !(power > 0.0 && power <= 1.0) {
-        return Err(value("flash power", power, "a share of full power, above 0 to 1"));
+        return Err(value("flash power", power, "a fraction of full power, above 0 to 1"));
     }
     let pulse_s = time("flash pulse", f.pulse, PULSE_S)?;
     if pulse_s < 1e-7 {

@@ -35,6 +35,7 @@ pub const VARIABLES: &[(&str, &str)] = &[
     ("blade-curvature", "camera.blade_curvature"),
     ("blade-rotation", "camera.blade_rotation_deg"),
     ("aperture-image", "camera.aperture_image"),
+    ("hood", "camera.hood"),
     ("look-from", "camera.look_from"),
     ("look-at", "camera.look_at"),
     ("up", "camera.up"),
@@ -72,9 +73,11 @@ pub const VARIABLES: &[(&str, &str)] = &[
     ("sampler", "render.sampler"),
     ("max-depth", "render.max_depth"),
     ("integrator", "render.integrator"),
+    ("stray", "render.stray"),
     ("quick", "render.quick"),
     ("denoise", "render.denoise"),
     ("fireflies", "render.fireflies"),
+    ("diffraction", "render.diffraction"),
 ];
 
 /// Flags of the development, and the settings of the recipe that they stand for.

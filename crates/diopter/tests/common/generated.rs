@@ -123,12 +123,12 @@ pub fn tail() -> Vec<u8> {
         let x = 3.0 * ring as f32 / (RINGS - 1) as f32;
         let joint = (x as u8).min(2);
         let next = (joint + 1).min(2);
-        let share = if joint == next { 0.0 } else { x - f32::from(joint) };
+        let fraction = if joint == next { 0.0 } else { x - f32::from(joint) };
         for [y, z] in [[-0.2f32, -0.2f32], [0.2, -0.2], [0.2, 0.2], [-0.2, 0.2]] {
             positions.extend([x, y, z]);
             swelling.extend([0.0, 0.5 * y, 0.5 * z]);
             joints.extend([joint, next, 0, 0]);
-            weights.extend([1.0 - share, share, 0.0, 0.0]);
+            weights.extend([1.0 - fraction, fraction, 0.0, 0.0]);
         }
     }
     for ring in 0..RINGS as u16 - 1 {

@@ -74,6 +74,8 @@ mod tag {
     pub const FORWARD_MATRIX: [u16; 2] = [50964, 50965];
     pub const PREVIEW_SOFTWARE: u16 = 50966;
     pub const PREVIEW_COLOR_SPACE: u16 = 50970;
+    pub const ROW_INTERLEAVE_FACTOR: u16 = 50975;
+    pub const COLUMN_INTERLEAVE_FACTOR: u16 = 52547;
     pub const OPCODE_LIST: [u16; 3] = [51008, 51009, 51022];
     pub const NOISE_PROFILE: u16 = 51041;
 }
@@ -86,6 +88,7 @@ mod compression {
     /// Deflate under its older number.
     pub const OLD_DEFLATE: u16 = 32946;
     pub const LOSSY_JPEG: u16 = 34892;
+    pub const JPEG_XL: u16 = 52546;
 }
 
 /// Values of the tag PhotometricInterpretation.
@@ -262,7 +265,30 @@ mod tests {
         let error = |fields| read(Cursor::new(tiny([6, 4], 3, &shorts(&dn), fields))).unwrap_err().to_string();
         assert!(error(vec![(tag::PHOTOMETRIC, Field::short(photometric::CFA))]).contains("3 samples"));
         assert!(error(vec![(tag::PLANAR, Field::short(2))]).contains("PlanarConfiguration"));
-        assert!(error(vec![(tag::COMPRESSION, Field::short(52546))]).contains("JPEG XL"));
+        assert!(error(vec![(tag::COMPRESSION, Field::short(compression::JPEG_XL))]).contains("JPEG XL"));
+    }
+
+    #[test]
+    fn fields_that_stand_side_by_side_are_put_together() {
+        // The four pictures of a Bayer mosaic of 5 × 3, as converters to JPEG XL lay them out.
+        let fields = [[0u16, 2, 4, 1, 3], [20, 22, 24, 21, 23], [10, 12, 14, 11, 13]].concat();
+        let factors = vec![
+            (tag::ROW_INTERLEAVE_FACTOR, Field::short(2)),
+            (tag::COLUMN_INTERLEAVE_FACTOR, Field::short(2)),
+            white(vec![1.0; 3]),
+        ];
+        let raw = read(Cursor::new(tiny([5, 3], 1, &shorts(&fields), factors))).unwrap();
+        assert_eq!(raw.mosaic.data, [[0, 1, 2, 3, 4], [10, 11, 12, 13, 14], [20, 21, 22, 23, 24]].concat());
+        // Three samples a pixel move together, and factors larger than the picture are no more than it.
+        let pixels: Vec<u16> = (0..4 * 3).collect();
+        let factors = vec![(tag::COLUMN_INTERLEAVE_FACTOR, Field::long(u32::MAX)), white(vec![1.0; 3])];
+        let raw = read(Cursor::new(tiny([4, 1], 3, &shorts(&pixels), factors.clone()))).unwrap();
+        assert_eq!(raw.mosaic.data, pixels);
+        // A whole file in JPEG XL.
+        let bare = include_bytes!("../../tests/data/mosaic-lossless.jxl");
+        let fields = vec![(tag::COMPRESSION, Field::short(compression::JPEG_XL)), white(vec![1.0; 3])];
+        let raw = read(Cursor::new(tiny([24, 16], 1, bare, fields))).unwrap();
+        assert_eq!((raw.size(), raw.mosaic.data[383]), ([24, 16], (383 * 2503 % 65_521) as u16));
     }
 
     #[test]

@@ -1,11 +1,12 @@
 //! Strips and tiles: bytes to numbers.
 //!
 //! Sources: TIFF 6.0 (packing, horizontal differences); Adobe, "Adobe Photoshop TIFF Technical Note 3" (2005; floating point of 16, 24 and 32 bits, and
-//! their predictor); DNG 1.6, chapter 3 (predictors over two and four pixels, lossy JPEG).
+//! their predictor); DNG 1.6, chapter 3 (predictors over two and four pixels, lossy JPEG); DNG 1.7.1 (2023), chapter 3 (JPEG XL).
 
 use super::{compression, lossless, packing};
 use crate::ImageError;
 use flate2::read::ZlibDecoder;
+use jxl_oxide::{AllocTracker, JxlImage};
 use std::io::{Cursor, Read};
 use tiff::tags::ByteOrder;
 use zune_jpeg::JpegDecoder;
@@ -83,19 +84,22 @@ pub fn numbers(
             Ok(decoded.data)
         }
         compression::LOSSY_JPEG => lossy(bytes, storage, [width, height, rows]),
+        compression::JPEG_XL => jpeg_xl(bytes, storage, [width, height, rows], linear),
         other => Err(format!(
-            "compression {other}: expected none (1), lossless JPEG (7), deflate (8) or lossy JPEG (34892); JPEG XL (52546) is not read"
+            "compression {other}: expected none (1), lossless JPEG (7), deflate (8), lossy JPEG (34892) or JPEG XL (52546)"
         )),
     }
 }
 
 /// Most numbers that a byte of a part can become. Deflate makes at most 258 bytes of 2 bits (RFC 1951); in JPEG a number takes a bit if lossless, and
-/// a block of 8 × 8 at least a bit if lossy, of which four stand for one where colours have half the resolution.
+/// a block of 8 × 8 at least a bit if lossy, of which four stand for one where colours have half the resolution. In JPEG XL a group of 256 × 256 pixels
+/// has at least a byte, its entry in the table of contents (ISO/IEC 18181-1, F.3).
 pub fn most_numbers_a_byte(storage: &Storage) -> f64 {
     match storage.compression {
         compression::NONE => 8.0 / f64::from(storage.bits.max(1)),
         compression::DEFLATE | compression::OLD_DEFLATE => 1032.0 * 8.0 / f64::from(storage.bits.max(1)),
         compression::LOSSY_JPEG => 1024.0,
+        compression::JPEG_XL => 65_536.0 * storage.samples as f64,
         _ => 8.0,
     }
 }
@@ -219,6 +223,37 @@ fn lossy(bytes: &[u8], storage: &Storage, [width, height, rows]: [usize; 3]) -> 
     Ok(data.into_iter().map(u16::from).collect())
 }
 
+/// Memory of the decoder at most, in bytes a number: its planes are of 32 bits, and transforms hold several of them at a time.
+const JPEG_XL_BYTES_A_NUMBER: usize = 64;
+/// And what its tables may take beside.
+const JPEG_XL_TABLES: usize = 1 << 26;
+
+/// A picture in JPEG XL, a bare codestream or a container. Its numbers from 0 to 1 are those from 0 to the largest of the file's bits.
+fn jpeg_xl(
+    bytes: &[u8],
+    storage: &Storage,
+    [width, height, rows]: [usize; 3],
+    linear: impl Fn(f32) -> u16,
+) -> Result<Vec<u16>, String> {
+    let told = |e: Box<dyn std::error::Error + Send + Sync>| format!("JPEG XL: {e}");
+    let most = (width * height * storage.samples).saturating_mul(JPEG_XL_BYTES_A_NUMBER).saturating_add(JPEG_XL_TABLES);
+    let picture = JxlImage::builder().alloc_tracker(AllocTracker::with_limit(most)).read(Cursor::new(bytes)).map_err(told)?;
+    let (w, h) = (picture.width() as usize, picture.height() as usize);
+    let n = if picture.pixel_format().is_grayscale() { 1 } else { 3 };
+    if w != width || !(rows..=height).contains(&h) || n != storage.samples {
+        return Err(format!("JPEG XL: {w} × {h} pixels of {n} samples where {width} × {rows} of {} belong", storage.samples));
+    }
+    let frame = picture.render_frame(0).map_err(told)?;
+    let mut stream = frame.stream_no_alpha();
+    let mut values = vec![0f32; w * h * n];
+    if stream.write_to_buffer(&mut values) < values.len() {
+        return Err("JPEG XL: it is cut short".into());
+    }
+    let top = ((1u64 << storage.bits) - 1) as f32;
+    let number = |v: f32| if storage.float { linear(v) } else { (v * top).round().clamp(0.0, top) as u16 };
+    Ok(values.into_iter().map(number).collect())
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -320,7 +355,42 @@ mod tests {
             assert!(numbers(&file, &s, wrong, never).unwrap_err().contains("belong"), "{wrong:?}");
         }
         assert!(numbers(&file[..20], &s, [32, 16, 16], never).is_err());
-        let unknown = storage(3, 8, 52546, 1);
-        assert!(numbers(&file, &unknown, [32, 16, 16], never).unwrap_err().contains("JPEG XL"));
+        let unknown = storage(3, 8, 34_712, 1);
+        assert!(numbers(&file, &unknown, [32, 16, 16], never).unwrap_err().contains("compression 34712"));
+    }
+
+    #[test]
+    fn tiles_of_jpeg_xl_are_read() {
+        // Made with libjxl 0.11: a bare codestream without loss, a container with loss (distance 0.5), and floating-point numbers.
+        let bare = include_bytes!("../../tests/data/mosaic-lossless.jxl");
+        let s = storage(1, 16, compression::JPEG_XL, 1);
+        let expected: Vec<u16> = (0..24 * 16).map(|i| (i * 2503 % 65_521) as u16).collect();
+        assert_eq!(numbers(bare, &s, [24, 16, 16], never).unwrap(), expected);
+        let container = include_bytes!("../../tests/data/linear-lossy.jxl");
+        let back = numbers(container, &storage(3, 16, compression::JPEG_XL, 1), [32, 16, 16], never).unwrap();
+        let expected = (0..32 * 16).flat_map(|i| [i % 32 * 2000 + 1000, 30_000, i / 32 * 3000 + 2000]);
+        let worst = back.iter().zip(expected).map(|(a, b)| i32::from(*a).abs_diff(b)).max().unwrap();
+        // libjxl itself: 1100.
+        assert!(back.len() == 32 * 16 * 3 && worst <= 1300, "{worst}");
+        let float = include_bytes!("../../tests/data/float-lossless.jxl");
+        let s32 = Storage { float: true, ..storage(1, 32, compression::JPEG_XL, 1) };
+        let back = numbers(float, &s32, [8, 8, 8], |v| (v * 64.0) as u16).unwrap();
+        assert_eq!(back, (0..64).collect::<Vec<u16>>());
+        for wrong in [[16, 24, 16], [24, 12, 8], [24, 32, 32]] {
+            assert!(numbers(bare, &s, wrong, never).unwrap_err().contains("belong"), "{wrong:?}");
+        }
+        assert!(numbers(container, &s, [32, 16, 16], never).unwrap_err().contains("3 samples"));
+        for end in 0..bare.len() {
+            let cut = numbers(&bare[..end], &s, [24, 16, 16], never);
+            assert!(cut.is_err_and(|e| e.starts_with("JPEG XL")), "{end}");
+        }
+        // What is damaged is an error, or other numbers.
+        for i in 0..bare.len() * 8 {
+            let mut damaged = bare.to_vec();
+            damaged[i / 8] ^= 1 << (i % 8);
+            if let Ok(back) = numbers(&damaged, &s, [24, 16, 16], never) {
+                assert_eq!(back.len(), 24 * 16);
+            }
+        }
     }
 }

@@ -1,4 +1,4 @@
-//! Reading: our own files and others': mosaics and linear files (three samples a pixel), uncompressed, deflated, in lossless or 8-bit lossy JPEG, in
+//! Reading: our own files and others': mosaics and linear files (three samples a pixel), uncompressed, deflated, in lossless or 8-bit lossy JPEG, in JPEG XL, in
 //! strips or tiles, of 8 to 16 bits or floating point. Corrections of the opcode lists 1 and 2 are applied here, those of list 3 handed on. How numbers
 //! become linear values: DNG 1.6, chapter 5.
 
@@ -419,7 +419,30 @@ fn pixels<R: Read + Seek>(
             data[to..to + w].copy_from_slice(&part[k * part_row..k * part_row + w]);
         }
     }
-    Ok(Raster { width: row, height, channels: 1, data })
+    let factor = |v: Option<f64>| v.map_or(1, |v| (v as usize).max(1));
+    let across = factor(file.number(raw, tag::COLUMN_INTERLEAVE_FACTOR)?);
+    let down = factor(file.number(raw, tag::ROW_INTERLEAVE_FACTOR)?);
+    Ok(interleaved(Raster { width: row, height, channels: 1, data }, samples, [across, down]))
+}
+
+/// Fields put together: with factors 2 and 2, those of the four cells of a Bayer mosaic, which stand beside and below each other as four pictures.
+/// Source: DNG 1.7.1, tags RowInterleaveFactor and ColumnInterleaveFactor.
+fn interleaved(fields: Raster<u16>, samples: usize, [across, down]: [usize; 2]) -> Raster<u16> {
+    if [across, down] == [1, 1] {
+        return fields;
+    }
+    // Where the numbers of a row or column belong: all of the first field come first, then all of the second.
+    let places =
+        |n: usize, factor: usize| (0..factor.min(n)).flat_map(move |field| (field..n).step_by(factor)).collect::<Vec<usize>>();
+    let (columns, rows) = (places(fields.width / samples, across), places(fields.height, down));
+    let mut data = vec![0; fields.data.len()];
+    for (from, row) in fields.data.chunks(fields.width).zip(rows) {
+        let to = &mut data[row * fields.width..][..fields.width];
+        for (pixel, column) in from.chunks(samples).zip(&columns) {
+            to[column * samples..][..samples].copy_from_slice(pixel);
+        }
+    }
+    Raster { data, ..fields }
 }
 
 /// Top, left, bottom, right of the active area in pixels; the pattern of a DNG begins at its corner.

@@ -3,7 +3,9 @@
 //! What is written is what the `exr` crate writes of a whole picture: blocks of 16 rows from the top, packed one by one.
 
 use super::{describe, description, few_bands, image_of, malformed, open, read_focal_plane, written};
+use crate::channels::{Channel, Numbers};
 use crate::focal_plane::{Band, FocalPlaneSource, STRIP_BYTES, Truth, bytes_a_pixel, ends_early, rows_within};
+use crate::truth::{Recorded, Values};
 use crate::{ExposureFacts, FocalPlane, ImageError, Raster};
 use exr::block::chunk::Chunk;
 use exr::block::lines::{LineRef, LineRefMut};
@@ -23,25 +25,22 @@ enum Plane {
     Mean(usize),
     Variance(usize),
     HalfDifference(usize),
-    Depth,
-    Normal(usize),
-    Albedo(usize),
-    Id,
+    /// Which of the channels that are recorded, and which of its values.
+    Truth(usize, usize),
 }
 
 impl Plane {
     /// All planes, by the names that they have in files.
-    fn all(bands: &[Band]) -> Vec<(String, Plane)> {
+    fn all(bands: &[Band], channels: &[&'static Channel]) -> Vec<(String, Plane)> {
         let mut all = Vec::with_capacity(3 * bands.len() + 8);
         for (b, band) in bands.iter().enumerate() {
             all.push((band.name.clone(), Plane::Mean(b)));
             all.push((format!("variance.{}", band.name), Plane::Variance(b)));
             all.push((format!("half_difference.{}", band.name), Plane::HalfDifference(b)));
         }
-        all.push(("Z".into(), Plane::Depth));
-        all.extend(["X", "Y", "Z"].iter().enumerate().map(|(c, axis)| (format!("normal.{axis}"), Plane::Normal(c))));
-        all.extend(["R", "G", "B"].iter().enumerate().map(|(c, name)| (format!("albedo.{name}"), Plane::Albedo(c))));
-        all.push(("id".into(), Plane::Id));
+        for (place, channel) in channels.iter().enumerate() {
+            all.extend(channel.exr.iter().enumerate().map(|(part, name)| ((*name).into(), Plane::Truth(place, part))));
+        }
         all
     }
 
@@ -58,10 +57,10 @@ impl Plane {
                 let difference = plane.half_difference.pixel(x, row)[band];
                 difference * difference
             }),
-            Plane::Depth => of(&plane.truth.depth, 0, line),
-            Plane::Normal(c) => of(&plane.truth.normal, c, line),
-            Plane::Albedo(c) => of(&plane.truth.albedo, c, line),
-            Plane::Id => line.write_samples(|x| plane.truth.id.pixel(x, row)[0]),
+            Plane::Truth(place, part) => match plane.truth.at(place) {
+                Values::Float(raster) => of(raster, part, line),
+                Values::Whole(raster) => line.write_samples(|x| raster.pixel(x, row)[part]),
+            },
         }
     }
 
@@ -71,21 +70,23 @@ impl Plane {
         let (raster, channel) = match self {
             Plane::Mean(band) => (&mut plane.mean, band),
             Plane::HalfDifference(band) => (&mut plane.half_difference, band),
-            Plane::Depth => (&mut plane.truth.depth, 0),
-            Plane::Normal(c) => (&mut plane.truth.normal, c),
-            Plane::Albedo(c) => (&mut plane.truth.albedo, c),
             // Follows from the half difference.
             Plane::Variance(_) => return Ok(()),
-            Plane::Id => {
-                // What another program made floating numbers of is no object's number.
-                return match kind {
-                    SampleType::U32 => line.read_samples_into_slice(&mut plane.truth.id.data[row * width..(row + 1) * width]),
-                    _ => Ok(()),
-                };
-            }
+            Plane::Truth(place, part) => match plane.truth.at_mut(place) {
+                Values::Float(raster) => (raster, part),
+                Values::Whole(raster) => {
+                    let first = row * width * raster.channels + part;
+                    let to = raster.data[first..].iter_mut().step_by(raster.channels).take(width);
+                    // What another program made floating numbers of is no object's number.
+                    return match kind {
+                        SampleType::U32 => copy(line, to, |v: u32| v),
+                        _ => Ok(()),
+                    };
+                }
+            },
         };
         let first = row * width * raster.channels + channel;
-        let to = raster.data[first..].iter_mut().step_by(raster.channels);
+        let to = raster.data[first..].iter_mut().step_by(raster.channels).take(width);
         match kind {
             SampleType::F32 => copy(line, to, |v: f32| v),
             SampleType::F16 => copy(line, to, |v: f16| v.to_f32()),
@@ -94,9 +95,9 @@ impl Plane {
     }
 }
 
-fn copy<'a, T: Data>(line: LineRef<'_>, to: impl Iterator<Item = &'a mut f32>, as_float: impl Fn(T) -> f32) -> UnitResult {
+fn copy<'a, T: Data, N: 'a>(line: LineRef<'_>, to: impl Iterator<Item = &'a mut N>, converted: impl Fn(T) -> N) -> UnitResult {
     for (to, value) in to.zip(line.read_samples::<T>()) {
-        *to = as_float(value?);
+        *to = converted(value?);
     }
     Ok(())
 }
@@ -110,15 +111,17 @@ fn blocks_at_once(meta: &MetaData) -> usize {
 /// A file without its pixels.
 fn image_without_pixels(
     bands: &[Band],
+    recorded: &Recorded,
     facts: &ExposureFacts,
     [width, height]: [usize; 2],
 ) -> Image<Layer<AnyChannels<FlatSamples>>> {
     let samples = |plane: Plane| match plane {
-        Plane::Id => FlatSamples::U32(Vec::new()),
+        Plane::Truth(place, _) if recorded.channels()[place].numbers == Numbers::Whole => FlatSamples::U32(Vec::new()),
         _ => FlatSamples::F32(Vec::new()),
     };
-    let channels = Plane::all(bands).into_iter().map(|(name, plane)| AnyChannel::new(name.as_str(), samples(plane))).collect();
-    image_of((width, height), channels, |_, layer| describe(bands, facts, layer))
+    let all = Plane::all(bands, recorded.channels());
+    let channels = all.into_iter().map(|(name, plane)| AnyChannel::new(name.as_str(), samples(plane))).collect();
+    image_of((width, height), channels, |_, layer| describe(bands, recorded, facts, layer))
 }
 
 /// Writes some rows of a picture, `first` on: whole blocks, unless they are the last ones.
@@ -130,7 +133,7 @@ fn write_rows<W: Write + Seek>(
     writer: &mut ChunkWriter<W>,
 ) -> UnitResult {
     let header = &meta.headers[0];
-    let all = Plane::all(bands);
+    let all = Plane::all(bands, strip.truth.recorded().channels());
     let plane_of = |name: &exr::prelude::Text| all.iter().find(|(n, _)| *name == *n.as_str()).map(|(_, plane)| *plane);
     let planes: Vec<Plane> = header.channels.list.iter().filter_map(|c| plane_of(&c.name)).collect();
     assert_eq!(planes.len(), header.channels.list.len(), "channels of a focal plane have their names");
@@ -160,7 +163,7 @@ fn write_rows<W: Write + Seek>(
 
 /// Writes a focal plane with all its planes, 32-bit floats.
 pub fn write_focal_plane(plane: &FocalPlane, to: impl Write + Seek) -> Result<(), ImageError> {
-    let image = image_without_pixels(&plane.bands, &plane.facts, [plane.width(), plane.height()]);
+    let image = image_without_pixels(&plane.bands, plane.truth.recorded(), &plane.facts, [plane.width(), plane.height()]);
     let headers = image.write().infer_meta_data();
     exr::block::write(to, headers, true, |meta, writer| write_rows(&meta, &plane.bands, plane, 0, writer)).map_err(written)
 }
@@ -168,7 +171,7 @@ pub fn write_focal_plane(plane: &FocalPlane, to: impl Write + Seek) -> Result<()
 /// Writes a focal plane strip by strip: the same file as [`write_focal_plane`] of the whole.
 pub fn write_strips(source: &mut (impl FocalPlaneSource + ?Sized), to: impl Write + Seek) -> Result<(), ImageError> {
     let (bands, facts, [width, height]) = (source.bands().to_vec(), source.facts().clone(), source.size());
-    let image = image_without_pixels(&bands, &facts, [width, height]);
+    let image = image_without_pixels(&bands, source.recorded(), &facts, [width, height]);
     let headers = image.write().infer_meta_data();
     let mut failed = None;
     let wrote = exr::block::write(to, headers, true, |meta, writer| {
@@ -309,6 +312,7 @@ pub struct FocalPlaneStrips {
     pixels: Pixels,
     bands: Vec<Band>,
     facts: ExposureFacts,
+    recorded: Recorded,
     size: [usize; 2],
     /// Rows that were taken.
     next: usize,
@@ -344,15 +348,16 @@ impl FocalPlaneStrips {
         if !from_the_top {
             let mut plane = read_focal_plane(from)?;
             let (bands, facts) = (std::mem::take(&mut plane.bands), std::mem::take(&mut plane.facts));
-            let size = [plane.width(), plane.height()];
-            return Ok(FocalPlaneStrips { pixels: Pixels::Whole(Box::new(plane)), bands, facts, size, next: 0 });
+            let (size, recorded) = ([plane.width(), plane.height()], plane.truth.recorded().clone());
+            return Ok(FocalPlaneStrips { pixels: Pixels::Whole(Box::new(plane)), bands, facts, recorded, size, next: 0 });
         }
         let reader = open(from)?;
         let header = &reader.headers()[0];
         let description = description(&header.own_attributes)?;
         few_bands(&description, header.channels.list.len())?;
+        let recorded = description.recorded(&header.own_attributes, &header.channels.list, |channel| &channel.name)?;
         let mut planes = Vec::new();
-        for (name, plane) in Plane::all(&description.bands) {
+        for (name, plane) in Plane::all(&description.bands, recorded.channels()) {
             match header.channels.list.iter().position(|c| c.name == *name.as_str()) {
                 Some(place) => planes.push((place, plane)),
                 None if matches!(plane, Plane::Variance(_)) => (),
@@ -366,7 +371,7 @@ impl FocalPlaneStrips {
         }
         let size = [header.layer_size.0, header.layer_size.1];
         let pixels = Pixels::Rows(Box::new(RowsOfFile { blocks: Blocks::new(reader)?, planes, ready: VecDeque::new() }));
-        Ok(FocalPlaneStrips { pixels, bands: description.bands, facts: description.facts, size, next: 0 })
+        Ok(FocalPlaneStrips { pixels, bands: description.bands, facts: description.facts, recorded, size, next: 0 })
     }
 }
 
@@ -379,6 +384,10 @@ impl FocalPlaneSource for FocalPlaneStrips {
         &self.facts
     }
 
+    fn recorded(&self) -> &Recorded {
+        &self.recorded
+    }
+
     fn size(&self) -> [usize; 2] {
         self.size
     }
@@ -386,7 +395,7 @@ impl FocalPlaneSource for FocalPlaneStrips {
     fn rows_at_once(&self) -> usize {
         // A strip, and its channels as they are in the file.
         let bands = self.bands.len();
-        rows_within(STRIP_BYTES, self.size[0], 2 * bytes_a_pixel(bands) + 4 * bands)
+        rows_within(STRIP_BYTES, self.size[0], 2 * (bytes_a_pixel(bands) + self.recorded.more_bytes()) + 4 * bands)
     }
 
     fn next_rows(&mut self, rows: usize) -> Result<FocalPlane, ImageError> {
@@ -403,7 +412,7 @@ impl FocalPlaneSource for FocalPlaneStrips {
                     bands: self.bands.clone(),
                     mean: Raster::new(width, rows, self.bands.len()),
                     half_difference: Raster::new(width, rows, self.bands.len()),
-                    truth: Truth::empty(width, rows),
+                    truth: Truth::missing(self.recorded.clone(), width, rows),
                     facts: self.facts.clone(),
                 };
                 let mut filled = first;
@@ -454,8 +463,9 @@ mod tests {
             raster.data.iter_mut().enumerate().for_each(|(i, v)| *v = (i as f32 * 0.37 + phase).sin());
             raster
         };
-        let mut truth = Truth { depth: raster(1, 3.0), normal: raster(3, 4.0), albedo: raster(3, 5.0), ..Truth::empty(5, 53) };
-        truth.id.data.iter_mut().enumerate().for_each(|(i, v)| *v = u32::MAX - i as u32);
+        let mut truth = Truth::empty(5, 53);
+        (*truth.depth_mut(), *truth.normal_mut(), *truth.albedo_mut()) = (raster(1, 3.0), raster(3, 4.0), raster(3, 5.0));
+        truth.id_mut().data.iter_mut().enumerate().for_each(|(i, v)| *v = u32::MAX - i as u32);
         let band = |n: &str| Band { name: n.into(), unit: BandUnit::Electrons };
         FocalPlane {
             bands: ["R", "G", "B"].map(band).to_vec(),
@@ -484,6 +494,10 @@ mod tests {
             self.0.facts()
         }
 
+        fn recorded(&self) -> &Recorded {
+            self.0.recorded()
+        }
+
         fn size(&self) -> [usize; 2] {
             self.0.size()
         }
@@ -503,21 +517,21 @@ mod tests {
         let plane = plane();
         // As the library writes it, from channels in memory.
         let mut channels = Vec::new();
-        for (name, kind) in Plane::all(&plane.bands) {
+        for (name, kind) in Plane::all(&plane.bands, plane.truth.recorded().channels()) {
             let samples = match kind {
                 Plane::Mean(b) => FlatSamples::F32(plane.mean.channel(b)),
                 Plane::Variance(b) => FlatSamples::F32(plane.variance().channel(b)),
                 Plane::HalfDifference(b) => FlatSamples::F32(plane.half_difference.channel(b)),
-                Plane::Depth => FlatSamples::F32(plane.truth.depth.data.clone()),
-                Plane::Normal(c) => FlatSamples::F32(plane.truth.normal.channel(c)),
-                Plane::Albedo(c) => FlatSamples::F32(plane.truth.albedo.channel(c)),
-                Plane::Id => FlatSamples::U32(plane.truth.id.data.clone()),
+                Plane::Truth(place, part) => match plane.truth.at(place) {
+                    Values::Float(raster) => FlatSamples::F32(raster.channel(part)),
+                    Values::Whole(raster) => FlatSamples::U32(raster.channel(part)),
+                },
             };
             channels.push(AnyChannel::new(name.as_str(), samples));
         }
         let mut plain = Cursor::new(Vec::new());
         let set = |_: &mut exr::prelude::ImageAttributes, layer: &mut exr::prelude::LayerAttributes| {
-            describe(&plane.bands, &plane.facts, layer);
+            describe(&plane.bands, plane.truth.recorded(), &plane.facts, layer);
         };
         write_channels((SIZE[0], SIZE[1]), channels, set, &mut plain).unwrap();
         assert_eq!(file(&plane), plain.into_inner());

@@ -180,16 +180,16 @@ impl Bench<'_> {
         for i in 0..SIDE * SIDE {
             let s = low + cell * DVec2::new((i % SIDE) as f64 + 0.5, (i / SIDE) as f64 + 0.5);
             let r = ray(s);
-            if let Ok(share) = self.system.transmittance(r, &n, nm, Way::ToObject) {
+            if let Ok(fraction) = self.system.transmittance(r, &n, nm, Way::ToObject) {
                 let part = cell.x * cell.y * r.direction.z.powi(4);
                 geometric += part;
-                with_losses += part * share;
+                with_losses += part * fraction;
             }
         }
         Illumination { height, geometric, with_losses }
     }
 
-    /// Share of the axial beam's area that a field's beam keeps: mechanical vignetting.
+    /// Fraction of the axial beam's area that a field's beam keeps: mechanical vignetting.
     pub fn vignetting(&self, field_deg: f64, nm: f64) -> Option<f64> {
         let (axis, beam) = (self.beam(0.0, nm)?, self.beam(field_deg, nm));
         let full = self.lit_area(&axis, nm, 96);

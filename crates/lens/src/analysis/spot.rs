@@ -19,7 +19,7 @@ pub struct Spot {
     pub rms: f64,
     /// Largest distance from the mean, mm.
     pub geometric: f64,
-    /// Share of a full grid over the lit rectangle that passes.
+    /// Fraction of a full grid over the lit rectangle that passes.
     pub passed: f64,
 }
 

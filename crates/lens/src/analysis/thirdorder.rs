@@ -43,6 +43,16 @@ impl ThirdOrder {
         let surfaces = (0..system.surfaces.len())
             .map(|i| {
                 let (n0, n1) = (signed(i), signed(i + 1));
+                // Gradients, phases and facets have contributions of their own, which are not computed: no numbers rather than wrong ones.
+                let is_fresnel = |s: &crate::system::PlacedSurface| matches!(s.profile, crate::surface::Profile::Fresnel(_));
+                if system.has_gradients() || system.has_diffractive() || system.surfaces.iter().any(is_fresnel) {
+                    let nan = f64::NAN;
+                    return SurfaceSums { seidel: [nan; 5], chromatic: [nan; 2], petzval: nan };
+                }
+                // Free of aberrations by definition.
+                if system.surfaces[i].ideal_focal_length.is_some() {
+                    return SurfaceSums::default();
+                }
                 let profile = &system.surfaces[i].profile;
                 let c = profile.curvature();
                 let (y, y_bar) = (marginal.heights[i], chief.heights[i]);
@@ -62,7 +72,9 @@ impl ThirdOrder {
                 let g = match profile {
                     crate::surface::Profile::Conic { c, k } => k * c.powi(3) / 8.0,
                     crate::surface::Profile::Asphere(a) => a.fourth_order(),
+                    crate::surface::Profile::Forbes(f) => f.fourth_order(),
                     crate::surface::Profile::Biconic { c_y, k_y, .. } => k_y * c_y.powi(3) / 8.0,
+                    crate::surface::Profile::Freeform(f) => f.fourth_order(),
                     _ => 0.0,
                 };
                 let s = 8.0 * g * (n1 - n0);

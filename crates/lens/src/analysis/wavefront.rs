@@ -138,7 +138,7 @@ impl Bench<'_> {
             return None;
         }
         let t = -b - reference.radius.signum() * root2.sqrt();
-        Some((path + t * n[n.len() - 1], position + direction * t))
+        Some((path + t * n[self.system.surfaces.len()], position + direction * t))
     }
 
     /// Optical path difference, waves, of the ray through a place across the chief ray (mm).

@@ -87,7 +87,7 @@ impl Term {
         self.norm() * self.radial(at.length()) * around
     }
 
-    fn norm(&self) -> f64 {
+    pub(crate) fn norm(&self) -> f64 {
         let degree = f64::from(self.n) + 1.0;
         match self.numbering {
             Numbering::Fringe => 1.0,

@@ -258,7 +258,7 @@ pub fn vignetting_plot(title: &str, light: &[Illumination], vignetting: &[(f64, 
         DVec2::new(2.0 * cell.x, 24.0),
         cell,
     );
-    let y = Axis { label: "share of the axis".into(), range: [0.0, 1.05] };
+    let y = Axis { label: "fraction of the axis".into(), range: [0.0, 1.05] };
     let axis = light.first().copied().unwrap_or(Illumination { height: 0.0, geometric: 1.0, with_losses: 1.0 });
     let over = |value: &dyn Fn(&Illumination) -> f64| light.iter().map(|l| DVec2::new(l.height, value(l))).collect::<Vec<_>>();
     let lines = vec![

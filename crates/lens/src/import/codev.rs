@@ -10,21 +10,30 @@
 //! | SO, S, SI; STO, RDY, CUY, THI, GLA, RMD | read; a distance may be `inf` or `infinity` |
 //! | SPH, CON, ASP with K, A to J | read |
 //! | CYL, YTO with RDX or CUX | read |
+//! | DIF DOE with HOR, HWL, HCT R, HCO C1, C2, ... | read: path in lens units at HWL, of r², r⁴, ... |
+//! | SPS XYP, SPS ZFR with SCO K, NRADIUS, Cn | read: powers of x and y; fringe Zernike terms from C4 (C1 conic constant, C3 radius) |
 //! | AAS with K or KY, KX | read as a biconic; its higher terms AR, BR, CR, DR: error unless 0 |
 //! | XDE, YDE, ZDE, ADE, BDE, CDE with DAR, REV, BEN or alone | read, on SI too; see layout.rs. ADE and BDE follow the left hand |
 //! | CIR, CIR OBS, CIR HOL | read; a hole blocks, since light that passes it is not followed |
-//! | REX REY, ELX ELY | approximated by the circle around them, with a note; as OBS or HOL: error |
+//! | REX REY, ELX ELY, also OBS and HOL; ADX, ADY (of CIR too) | read; one half width alone: the circle of it, with a note |
 //! | names NAME_VENDOR; codes 517.642, 517642.1, 1.5168:64.17; private glasses | read; aliases with a note (glass/alias.rs) |
 //! | XAN, YIM, YOB, XIM, XOB, XRI, YRI | left out (fields in x, or heights), with a note where it matters |
 //! | PUI, PUX, PUY, TEL | left out, with a note |
 //! | curvature of SI | taken for plane, with a note |
 //! | solves, couplings, weights, tolerances, drawing, coatings (`HARMLESS`) | ignored: rays do not change |
 //! | after GO | commands that are not read are skipped, named in a note |
-//! | ZOO, AFI; all others | error |
+//! | ZOO n, ZOO THI Sk ..., THI Sk Zi ... | gaps of zoom positions, or a near focus (configurations.rs) |
+//! | other commands zoomed | the first position stands, with a note; shapes and glasses: error |
+//! | AFI; HOE, GRT, other SPS; all others | error |
 
+use super::configurations::{Configurations, MOST as MOST_CONFIGURATIONS};
 use super::layout::{Placed, ahead, lay_out, moved_then_turned};
 use super::{Skipped, drop_dummies, stem};
+use crate::aperture::{Aperture, Outline};
+use crate::diffractive::Diffractive;
+use crate::freeform::Freeform;
 use crate::glass::{Glass, parse_foreign};
+use crate::polynomial::{Polynomial, Terms};
 use crate::prescription::{ApertureKind, Prescription, PrescriptionError, Surface};
 use crate::surface::Profile;
 use glam::{DAffine3, DVec3};
@@ -37,17 +46,19 @@ const HARMLESS: &[&str] = &[
     "HC", "JC", "ARC", "BRC", "CRC", "DRC", "APC", "BPC", "CPC", "DPC", "XDC", "YDC", "ZDC", "ADC", "BDC", "CDC", "XOC", "YOC",
     "ZOC", "POL", "PFR", "SET", "EDI", "UNI", "AFC", "CRT", "CVY", "IMG", "WID", "RAY", "LIN", "SAV", "LIS", "FTY", "XFN", "PTP",
     "MFL", "DSP", "CIN", "CIX", "GL1", "CTE", "COM", "DLT", "DLF", "DLR", "DLN", "DLX", "DLY", "DLZ", "DLA", "DLB", "DLG", "DLS",
-    "DLV", "DLC", "BTX", "BTY", "CMP", "MNT", "MXT", "MNE", "MXE",
+    "DLV", "DLC", "HCC", "HWC", "SCC", "BTX", "BTY", "CMP", "MNT", "MXT", "MNE", "MXE",
+];
+/// Commands of the use of a lens, which may differ between zoom positions.
+const UNSHAPED: &[&str] = &[
+    "YAN", "XAN", "YIM", "XIM", "YOB", "XOB", "YRI", "XRI", "VUY", "VLY", "EPD", "FNO", "NA", "NAO", "WL", "REF", "CIR", "TIT",
+    "PUI", "PUX", "PUY",
 ];
 /// Commands of shapes and places that are not read, and what they are.
 const REFUSED: &[(&str, &str)] = &[
-    ("ZOO", "zoomed CODE V lenses are not read: save one position"),
     ("AFI", "an afocal lens has no film"),
     ("GRI", "gradient-index glass is not traced"),
-    ("DIF", "diffractive surfaces are not traced"),
-    ("HOE", "diffractive surfaces are not traced"),
-    ("GRT", "diffraction gratings are not traced"),
-    ("SPS", "special surfaces are not read"),
+    ("HOE", "of diffractive surfaces DIF DOE is read"),
+    ("GRT", "diffraction gratings are not read"),
     ("XTO", "a toroid with its polynomial in x is not read: turn the lens and write YTO"),
     ("ZRN", "Zernike surfaces are not read"),
     ("NSS", "only sequential lenses are read"),
@@ -112,6 +123,90 @@ enum Kind {
     Anamorphic,
 }
 
+/// A diffractive surface, or a special shape, as far as it has been read.
+#[derive(Default)]
+struct Special {
+    /// DIF DOE.
+    is_diffractive: bool,
+    order: Option<f64>,
+    wavelength_nm: Option<f64>,
+    /// Path of r², r⁴, ..., in lens units.
+    path: Vec<f64>,
+    /// XYP or ZFR.
+    shape: Option<&'static str>,
+    norm: Option<f64>,
+    /// Cₙ at n − 1.
+    coefficients: Vec<f64>,
+}
+
+impl Special {
+    /// The phase; lengths of the file times `scale` are mm.
+    fn diffractive(&self, scale: f64) -> Result<Option<Diffractive>, String> {
+        if !self.is_diffractive {
+            return Ok(None);
+        }
+        let order = self.order.unwrap_or(1.0);
+        if order.fract() != 0.0 || order.abs() > f64::from(crate::diffractive::HIGHEST_ORDER) {
+            return Err(format!("HOR {order}: expected a whole number"));
+        }
+        let nm = self.wavelength_nm.filter(|nm| *nm > 0.0).ok_or("DIF DOE without HWL: expected its wavelength in nm")?;
+        // Radians of r²ⁱ over 1 mm.
+        let radians = |(i, c): (usize, &f64)| std::f64::consts::TAU * c * scale.powi(1 - 2 * (i as i32 + 1)) / (nm * 1e-6);
+        let radial = self.path.iter().enumerate().map(radians).collect();
+        Diffractive::new(order as i32, Polynomial::new(1.0, Terms { radial, ..Terms::default() })?, None).map(Some)
+    }
+
+    /// The shape on a conic of a curvature (1/mm) and a conic constant; `None` where it is no special one.
+    fn freeform(&self, c: f64, k: f64, scale: f64) -> Result<Option<Profile>, String> {
+        let Some(shape) = self.shape else { return Ok(None) };
+        let number = |n: usize| self.coefficients.get(n - 1).copied().filter(|v| *v != 0.0);
+        let k = number(1).unwrap_or(k);
+        let (norm, first) = match shape {
+            "XYP" => (self.norm, 1),
+            _ => (self.norm.or(number(3)), 3),
+        };
+        let mut values: Vec<f64> = self.coefficients.iter().skip(first).map(|v| v * scale).collect();
+        let most = if shape == "XYP" { 65 } else { 37 };
+        if values.iter().skip(most).any(|v| *v != 0.0) {
+            return Err(format!("SPS {shape}: a coefficient beyond the {most} terms: expected none"));
+        }
+        values.truncate(most);
+        let norm = match (norm.filter(|n| *n > 0.0), shape) {
+            (Some(norm), _) => norm,
+            (None, "XYP") => 1.0,
+            (None, _) => return Err("SPS ZFR without a radius: expected SCO NRADIUS".into()),
+        };
+        let terms = match shape {
+            "XYP" => Terms { xy: super::zemax::xy_terms(&values), ..Terms::default() },
+            _ => Terms { fringe: values, ..Terms::default() },
+        };
+        let base = crate::prescription::asphere_of(crate::prescription::profile(c, k, vec![], None)).ok_or("no such base")?;
+        Ok(Some(Profile::Freeform(Box::new(Freeform { base, departure: Polynomial::new(norm * scale, terms)? }))))
+    }
+}
+
+/// An aperture that is not round, or not about the vertex.
+#[derive(Clone, Copy, Default)]
+struct Opening {
+    /// Whether it is a rectangle (else an ellipse), and the half widths in x and y given so far.
+    shape: Option<(bool, [f64; 2])>,
+    center: [f64; 2],
+}
+
+impl Opening {
+    /// The aperture that it and the radius of a CIR make; `None` where that is a disk about the vertex.
+    fn aperture(&self, radius: Option<f64>, blocks: bool) -> Result<Option<Aperture>, String> {
+        let outline = match (self.shape, radius) {
+            (Some((true, half)), _) if half.iter().all(|h| *h > 0.0) => Outline::Rectangle(half),
+            (Some((false, half)), _) if half.iter().all(|h| *h > 0.0) => Outline::Ellipse(half),
+            (_, Some(radius)) if self.center != [0.0; 2] => Outline::Ring([0.0, radius]),
+            (Some(_), _) if blocks => return Err("an obscuration with one half width: expected both, in x and in y".into()),
+            _ => return Ok(None),
+        };
+        Aperture::new(outline, blocks, self.center, 0.0).map(Some)
+    }
+}
+
 struct Current {
     surface: Surface,
     c: f64,
@@ -121,10 +216,11 @@ struct Current {
     c_x: Option<f64>,
     k_x: f64,
     place: Place,
-    /// Half widths in x and y of an aperture that is not round.
-    half_widths: [f64; 2],
+    /// Opening, and what blocks (OBS, HOL).
+    openings: [Opening; 2],
     /// A curvature or (true) radius given by name.
     written: Option<(f64, bool)>,
+    special: Special,
 }
 
 /// What a command is about.
@@ -153,6 +249,7 @@ pub fn read(text: &str, file: &str) -> Result<Prescription, PrescriptionError> {
     // Private catalogue: wavelengths, then names with indices.
     let (mut private, mut private_nm): (HashMap<String, Vec<f64>>, Vec<f64>) = (HashMap::new(), vec![]);
     let mut in_private = false;
+    let mut configurations = Configurations::default();
     for (number, command) in commands(text) {
         let words = words(&command);
         let Some(first) = words.first() else { continue };
@@ -267,12 +364,50 @@ pub fn read(text: &str, file: &str) -> Result<Prescription, PrescriptionError> {
                     c_x: None,
                     k_x: 0.0,
                     place: Place::NONE,
-                    half_widths: [0.0; 2],
+                    openings: [Opening::default(); 2],
                     written: None,
+                    special: Special::default(),
                 });
+            }
+            "ZOO" => {
+                let Some(what) = rest.first() else { return Err(wrong("ZOO: expected a number of positions".into())) };
+                if let Ok(count) = what.parse::<usize>() {
+                    if !(1..=MOST_CONFIGURATIONS).contains(&count) {
+                        return Err(wrong(format!("ZOO {count}: expected 1 to {MOST_CONFIGURATIONS} positions")));
+                    }
+                    configurations.count = count;
+                    continue;
+                }
+                let what: String = what.to_uppercase().chars().take(3).collect();
+                if what != "THI" {
+                    if !(HARMLESS.contains(&what.as_str()) || UNSHAPED.contains(&what.as_str())) {
+                        return Err(wrong(format!("ZOO {what}: of lenses only gaps (THI) are read in several positions")));
+                    }
+                    let values = rest[1..].join(" ");
+                    configurations.other(&what, "", "");
+                    configurations.other(&what, "", &values);
+                    continue;
+                }
+                let target = target(&rest[1..], rows.len(), ended).map_err(|what| wrong(format!("ZOO THI {what}")))?;
+                let values = rest[1..].iter().filter(|w| !is_qualifier(w));
+                for (i, word) in values.enumerate() {
+                    let value = distance(word).ok_or_else(|| wrong(format!("ZOO THI \"{word}\": expected a number")))?;
+                    note_gap(&mut configurations, target, i, value).map_err(&wrong)?;
+                }
+            }
+            "THI" if zoom_of(rest).is_some() => {
+                let target = target(rest, rows.len(), ended).map_err(|what| wrong(format!("THI {what}")))?;
+                let word = rest.last().map_or("", String::as_str);
+                let value = distance(word).ok_or_else(|| wrong(format!("THI \"{word}\": expected a number")))?;
+                note_gap(&mut configurations, target, zoom_of(rest).unwrap_or(1) - 1, value).map_err(&wrong)?;
             }
             other if HARMLESS.contains(&other) => {}
             other => {
+                if let Some(zoom) = zoom_of(rest).filter(|z| *z > 1) {
+                    return Err(wrong(format!(
+                        "{other} of zoom position {zoom}: of lenses only gaps (THI) are read in several positions"
+                    )));
+                }
                 if let Some((_, why)) = REFUSED.iter().find(|r| r.0 == other) {
                     return Err(wrong(format!("{other}: {why}")));
                 }
@@ -340,19 +475,60 @@ pub fn read(text: &str, file: &str) -> Result<Prescription, PrescriptionError> {
                     }
                     "YTO" => row.kind = Kind::Toroid,
                     "AAS" => row.kind = Kind::Anamorphic,
+                    "DIF" => {
+                        let what = rest.iter().find(|w| surface_number(w).is_none()).map(|w| w.to_uppercase());
+                        if what.as_deref() != Some("DOE") {
+                            let what = what.unwrap_or_default();
+                            return Err(wrong(format!("DIF {what}: of diffractive surfaces DIF DOE is read")));
+                        }
+                        row.special.is_diffractive = true;
+                    }
+                    "HOR" => row.special.order = Some(value()?),
+                    "HWL" => row.special.wavelength_nm = Some(value()?),
+                    "HCT" => {
+                        if !says("R") {
+                            return Err(wrong(format!("HCT {}: expected R, powers of r²", rest.join(" "))));
+                        }
+                    }
+                    "HCO" => {
+                        let number = coefficient_number(rest).filter(|n| (1..=24).contains(n));
+                        let number = number.ok_or_else(|| wrong("HCO: expected C1 to C24 and a number".into()))?;
+                        row.special.path.resize(row.special.path.len().max(number), 0.0);
+                        row.special.path[number - 1] = value()?;
+                    }
+                    "SPS" => {
+                        row.special.shape = Some(match () {
+                            _ if says("XYP") => "XYP",
+                            _ if says("ZFR") => "ZFR",
+                            _ => return Err(wrong(format!("SPS {}: of special surfaces XYP and ZFR are read", rest.join(" ")))),
+                        });
+                    }
+                    "SCO" => {
+                        let last = rest.last().map_or("", String::as_str);
+                        let v = number_of(last, "SCO")?;
+                        match coefficient_number(rest) {
+                            _ if says("NRADIUS") => row.special.norm = Some(v),
+                            _ if says("K") => row.k = v,
+                            Some(n) if n <= 128 => {
+                                row.special.coefficients.resize(row.special.coefficients.len().max(n), 0.0);
+                                row.special.coefficients[n - 1] = v;
+                            }
+                            _ => return Err(wrong(format!("SCO {}: expected K, NRADIUS or C1 to C128", rest.join(" ")))),
+                        }
+                    }
                     "CUX" => row.c_x = Some(value()?),
                     "RDX" => {
                         let r = value()?;
                         row.c_x = Some(if r == 0.0 { 0.0 } else { 1.0 / r });
                     }
                     // Terms of an anamorphic asphere beyond the biconic, and the Fresnel base of an asphere.
-                    "AR" | "BR" | "CR" | "DR" | "CUF" | "XOD" | "YOD" | "ZOD" | "ADX" | "ADY" | "ARO" => {
+                    "AR" | "BR" | "CR" | "DR" | "CUF" | "XOD" | "YOD" | "ZOD" | "ARO" => {
                         let v = value()?;
                         if v != 0.0 {
                             let what = match other {
                                 "CUF" => "Fresnel surfaces are not traced",
                                 "XOD" | "YOD" | "ZOD" => "a pivot beside the vertex is not read",
-                                "ADX" | "ADY" | "ARO" => "an aperture that is shifted or turned is not read",
+                                "ARO" => "an aperture that is turned is not read",
                                 _ => "terms of an anamorphic asphere beyond the biconic are not read",
                             };
                             return Err(wrong(format!("{other} {v}: {what}: expected 0")));
@@ -369,22 +545,19 @@ pub fn read(text: &str, file: &str) -> Result<Prescription, PrescriptionError> {
                         }
                     }
                     "REX" | "REY" | "ELX" | "ELY" => {
-                        if says("OBS") || says("HOL") {
-                            return Err(wrong(format!("{other} {}: only round obstructions are read (CIR OBS)", rest.join(" "))));
-                        }
                         if !says("EDG") {
-                            row.half_widths[usize::from(other.ends_with('Y'))] = value()?;
-                            let [x, y] = row.half_widths;
-                            // A rectangle reaches its corners, an ellipse its longer half axis.
-                            let around = if other.starts_with('R') { x.hypot(y) } else { x.max(y) };
-                            row.surface.semi_diameter = Some(around);
-                            if let Target::Row(i) = target {
-                                let number = i + 1;
-                                note(
-                                    &mut p,
-                                    &format!("surface {number}: its aperture is not round; the circle around it is used"),
-                                );
-                            }
+                            let opening = &mut row.openings[usize::from(says("OBS") || says("HOL"))];
+                            let is_rectangle = other.starts_with('R');
+                            // Another shape than before replaces it.
+                            let mut half = opening.shape.filter(|s| s.0 == is_rectangle).map_or([0.0; 2], |s| s.1);
+                            half[usize::from(other.ends_with('Y'))] = value()?;
+                            opening.shape = Some((is_rectangle, half));
+                        }
+                    }
+                    "ADX" | "ADY" => {
+                        if !says("EDG") {
+                            let opening = &mut row.openings[usize::from(says("OBS") || says("HOL"))];
+                            opening.center[usize::from(other == "ADY")] = value()?;
                         }
                     }
                     _ if place(&mut row.place, other, value)? => {}
@@ -412,7 +585,8 @@ pub fn read(text: &str, file: &str) -> Result<Prescription, PrescriptionError> {
     let mut placed: Vec<Placed> = vec![];
     let mut here = DAffine3::IDENTITY;
     for r in rows {
-        let wrong = |what: &str| PrescriptionError::at(file, r.surface.line, what).surface(placed.len() + 1);
+        let (line, number) = (r.surface.line, placed.len() + 1);
+        let wrong = |what: &str| PrescriptionError::at(file, line, what).surface(number);
         let (figure, is_radius) = r.written.unwrap_or((r.c, by_radius));
         let c = if is_radius && figure != 0.0 { 1.0 / figure } else { figure } / scale;
         let c_x = r.c_x.map(|c| c / scale);
@@ -427,17 +601,32 @@ pub fn read(text: &str, file: &str) -> Result<Prescription, PrescriptionError> {
             _ => crate::prescription::profile(c, r.k, a, c_x),
         };
         let mut s = r.surface;
-        s.profile = profile;
+        s.profile = r.special.freeform(c, r.k, scale).map_err(|e| wrong(&e))?.unwrap_or(profile);
+        s.diffractive = r.special.diffractive(scale).map_err(|e| wrong(&e))?;
         if s.mirror {
             // A mirror goes on in what was before it.
             s.glass = placed.last().map_or(Glass::air(), |before| before.surface.glass.clone());
         }
         s.gap.values[0][0] *= scale;
+        if let Some(opening) = r.openings[0].aperture(s.semi_diameter, false).map_err(|what| wrong(&what))? {
+            s.apertures.push(opening.scaled(scale));
+            s.semi_diameter = None;
+        } else if let Some((_, [x, y])) = r.openings[0].shape {
+            s.semi_diameter = Some(x.max(y));
+            note(&mut p, &format!("surface {number}: its aperture has one half width; the circle of it is used"));
+        }
+        let blocked = Some(s.obstruction).filter(|o| *o > 0.0);
+        if let Some(obscuration) = r.openings[1].aperture(blocked, true).map_err(|what| wrong(&what))? {
+            s.apertures.push(obscuration.scaled(scale));
+            if matches!(obscuration.outline(), Outline::Ring(_)) {
+                s.obstruction = 0.0;
+            }
+        }
         s.semi_diameter = s.semi_diameter.map(|d| d * scale);
         s.obstruction *= scale;
         let (at, after) = r.place.around(scale);
         let gap = s.gap.at(0.0, 0.0);
-        let rim = s.mirror && s.semi_diameter.is_some();
+        let rim = s.mirror && (s.semi_diameter.is_some() || !s.apertures.is_empty());
         placed.push(Placed { surface: s, frame: here * at, rim });
         here *= after * ahead(gap);
     }
@@ -446,6 +635,15 @@ pub fn read(text: &str, file: &str) -> Result<Prescription, PrescriptionError> {
         lay_out(placed, film, &mut p).map_err(|(line, what)| PrescriptionError::at(file, line, what))?;
     } else {
         p.surfaces = placed.into_iter().map(|r| r.surface).collect();
+    }
+    if moved && configurations.count > 1 {
+        p.notes.push(format!(
+            "the file has {} zoom positions and decentred surfaces: the first position is read",
+            configurations.count
+        ));
+    } else {
+        configurations.scale(scale);
+        configurations.apply(&mut p);
     }
     if image_curved {
         p.notes.push("the image surface is curved in the file; the film is flat".into());
@@ -472,6 +670,32 @@ pub fn read(text: &str, file: &str) -> Result<Prescription, PrescriptionError> {
         drop_dummies(&mut p);
     }
     p.checked(file)
+}
+
+/// Notes a gap of a zoom position (from 0).
+fn note_gap(configurations: &mut Configurations, target: Target, position: usize, value: f64) -> Result<(), String> {
+    if position >= configurations.count {
+        return Err(format!("a gap of zoom position {}: expected 1 to {}", position + 1, configurations.count));
+    }
+    match target {
+        Target::Row(i) => configurations.gap(i, position, value),
+        Target::Object => configurations.object(position, value),
+        Target::Image | Target::Nothing => {
+            return Err("THI: a gap of the image or of no surface in several positions is not read".into());
+        }
+    }
+    Ok(())
+}
+
+/// i of a word "Zi".
+fn zoom_of(rest: &[String]) -> Option<usize> {
+    let number = |w: &String| w.strip_prefix(['Z', 'z'])?.parse().ok().filter(|n| *n > 0);
+    rest.iter().find_map(number)
+}
+
+/// n of a word "Cn".
+fn coefficient_number(rest: &[String]) -> Option<usize> {
+    rest.iter().find_map(|w| w.strip_prefix(['C', 'c'])?.parse().ok().filter(|n| *n > 0))
 }
 
 /// Adds a note once.

@@ -10,6 +10,8 @@
 //!   together before the film, as one decentred element.
 //! - An axis that curved mirrors or prisms fold by more than [`STEEPEST_FILM_DEG`]: an error.
 
+use crate::diffractive::Diffractive;
+use crate::freeform::Freeform;
 use crate::glass::Glass;
 use crate::prescription::{Gap, Misalignment, Prescription, Surface};
 use crate::surface::{Asphere, Profile};
@@ -82,7 +84,9 @@ pub(super) fn lay_out(rows: Vec<Placed>, film: DAffine3, p: &mut Prescription) -
         row.frame = back * row.frame;
         if row.frame.matrix3.z_axis.z < 0.0 {
             row.frame = facing(row.frame);
-            row.surface.profile = reversed(&row.surface.profile);
+            row.surface.profile = turned_over(&reversed(&row.surface.profile));
+            row.surface.diffractive = row.surface.diffractive.as_ref().map(Diffractive::turned_over);
+            row.surface.apertures.iter_mut().for_each(|a| *a = a.turned_over());
         }
     }
     let film = back * film;
@@ -94,7 +98,7 @@ pub(super) fn lay_out(rows: Vec<Placed>, film: DAffine3, p: &mut Prescription) -
         let mut surface = row.surface;
         surface.gap = Gap::fixed(rounded(end - at.z));
         surface.decenter = [rounded(at.x), rounded(at.y)];
-        surface.tilt = tilts(&row.frame.matrix3, surface.profile.is_rotational());
+        surface.tilt = tilts(&row.frame.matrix3, surface.looks_round());
         tilted += usize::from(surface.decenter != [0.0; 2] || surface.tilt != [0.0; 3]);
         p.surfaces.push(surface);
     }
@@ -158,9 +162,14 @@ fn drop_windows(rows: &mut Vec<Placed>) {
     let mut medium = Glass::air();
     rows.retain(|r| {
         let s = &r.surface;
-        let bends = s.profile != Profile::Plane || s.glass != medium || s.mirror;
+        let bends = s.profile != Profile::Plane
+            || s.glass != medium
+            || s.mirror
+            || s.ideal_focal_length.is_some()
+            || s.diffractive.is_some()
+            || s.gradient.is_some();
         medium = s.glass.clone();
-        bends || s.stop || r.rim || s.obstruction > 0.0
+        bends || s.stop || r.rim || s.is_obscured_or_limited()
     });
 }
 
@@ -179,7 +188,7 @@ fn is_straight(frame: &DAffine3) -> bool {
 }
 
 /// Turns about x, y and z, degrees, of R = Rx Ry Rz; without the last where the surface does not know it.
-fn tilts(m: &DMat3, rotational: bool) -> [f64; 3] {
+pub(crate) fn tilts(m: &DMat3, rotational: bool) -> [f64; 3] {
     let z = m.z_axis;
     let about_z = if rotational { 0.0 } else { (-m.y_axis.x).atan2(m.x_axis.x) };
     [(-z.y).atan2(z.z), z.x.clamp(-1.0, 1.0).asin(), about_z].map(|a| rounded(a.to_degrees()))
@@ -189,7 +198,17 @@ fn rounded(v: f64) -> f64 {
     if v.abs() < ROUNDING { 0.0 } else { v }
 }
 
-/// The same surface seen from behind: z changes its sign. For shapes that are even in x and y, which all are.
+/// A shape whose y changes its sign: all but freeforms are even in y.
+fn turned_over(profile: &Profile) -> Profile {
+    match profile {
+        Profile::Freeform(f) => {
+            Profile::Freeform(Box::new(Freeform { base: f.base.clone(), departure: f.departure.turned_over() }))
+        }
+        even => even.clone(),
+    }
+}
+
+/// The same surface seen from behind: z changes its sign.
 fn reversed(profile: &Profile) -> Profile {
     let asphere = |a: &Asphere| Asphere { c: -a.c, k: a.k, a: a.a.iter().map(|v| -v).collect() };
     match profile {
@@ -197,6 +216,9 @@ fn reversed(profile: &Profile) -> Profile {
         Profile::Sphere(c) => Profile::Sphere(-c),
         Profile::Conic { c, k } => Profile::Conic { c: -c, k: *k },
         Profile::Asphere(a) => Profile::Asphere(asphere(a)),
+        Profile::Forbes(f) => Profile::Forbes(f.reversed()),
+        Profile::Freeform(f) => Profile::Freeform(Box::new(f.reversed())),
+        Profile::Fresnel(a) => Profile::Fresnel(asphere(a)),
         Profile::Toroid { y, c_x } => Profile::Toroid { y: asphere(y), c_x: -c_x },
         Profile::Biconic { c_x, k_x, c_y, k_y } => Profile::Biconic { c_x: -c_x, k_x: *k_x, c_y: -c_y, k_y: *k_y },
     }

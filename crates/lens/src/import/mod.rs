@@ -4,8 +4,10 @@
 //! skipped silently, others are named in [`Prescription::notes`]; what would make another lens of it is an error.
 
 mod codev;
+mod configurations;
 mod iset;
-mod layout;
+pub(crate) mod layout;
+mod oslo;
 mod pbrt;
 mod zemax;
 
@@ -26,6 +28,8 @@ pub enum Format {
     Zemax,
     /// CODE V sequence (.seq).
     CodeV,
+    /// OSLO (.len).
+    Oslo,
     /// ISET (.json).
     Iset,
 }
@@ -39,13 +43,14 @@ impl Format {
             "dat" => Format::PbrtDat,
             "zmx" => Format::Zemax,
             "seq" => Format::CodeV,
+            "len" => Format::Oslo,
             "json" => Format::Iset,
             _ => return None,
         })
     }
 
     /// Endings, for hints.
-    pub const ENDINGS: &str = ".toml, .dat (pbrt), .zmx (Zemax), .seq (CODE V) or .json (ISET)";
+    pub const ENDINGS: &str = ".toml, .dat (pbrt), .zmx (Zemax), .seq (CODE V), .len (OSLO) or .json (ISET)";
 }
 
 /// Reads a lens file. `file` is its name, for errors and as the lens's name where the file has none.
@@ -60,6 +65,7 @@ pub fn read(bytes: &[u8], format: Format, file: &str) -> Result<Prescription, Pr
         Format::PbrtDat => pbrt::read(&text, file),
         Format::Zemax => zemax::read(&text, file),
         Format::CodeV => codev::read(&text, file),
+        Format::Oslo => oslo::read(&text, file),
         Format::Iset => iset::read(&text, file),
     }
 }
@@ -120,16 +126,32 @@ fn drop_dummies(p: &mut Prescription) {
         let s = &p.surfaces[i];
         let air_before = i == 0 || p.surfaces[i - 1].glass == Glass::air();
         let plain = s.profile == crate::surface::Profile::Plane && s.decenter == [0.0; 2] && s.tilt == [0.0; 3];
-        let dummy = plain && air_before && s.glass == Glass::air() && !s.stop && !s.mirror && s.obstruction == 0.0;
+        let dummy = plain
+            && air_before
+            && s.glass == Glass::air()
+            && !s.stop
+            && !s.mirror
+            && !s.is_obscured_or_limited()
+            && s.ideal_focal_length.is_none()
+            && s.diffractive.is_none();
         if !dummy || p.surfaces.len() == 1 {
             i += 1;
             continue;
         }
         let gap = s.gap.at(0.0, 0.0);
         if i > 0 {
-            for row in &mut p.surfaces[i - 1].gap.values {
-                row.iter_mut().for_each(|g| *g += gap);
-            }
+            let own = s.gap.clone();
+            let before = &mut p.surfaces[i - 1].gap;
+            // Whichever of the two has more positions.
+            let rows = before.values.len().max(own.values.len());
+            let columns = |g: &crate::prescription::Gap| g.values.iter().map(Vec::len).max().unwrap_or(1);
+            let columns = columns(before).max(columns(&own));
+            let sum = |row: usize, column: usize| before.at(column as f64, row as f64) + own.at(column as f64, row as f64);
+            before.values = (0..rows).map(|r| (0..columns).map(|c| sum(r, c)).collect()).collect();
+        } else if s.gap.values.iter().flatten().any(|g| *g != gap) {
+            // What moves stays.
+            i += 1;
+            continue;
         } else if first_z.is_some() {
             before_first += gap;
         }

@@ -6,23 +6,34 @@
 //! |---|---|
 //! | MODE, NAME, UNIT, ENPD, FNUM, OBNA, FLOA, YFLN, VCYN, WAVM, PWAV, GCAT | read |
 //! | FTYP | angles are read; heights and fields in x (XFLN) are left out, with a note |
-//! | TYPE STANDARD, EVENASPH, ODDASPHE, XASPHERE, TOROIDAL, BICONICX | read |
+//! | TYPE STANDARD, EVENASPH, ODDASPHE, XASPHERE, TOROIDAL, BICONICX, PARAXIAL (its OPD mode is not), GRINSUR1 to GRINSUR3, QED_TYPE | read |
+//! | TYPE SZERNSAG, FZERNSAG (their Zernike decentre: error unless 0; terms go on beyond the normalisation radius), XPOLYNOM, FRESNELS | read |
+//! | TYPE BINARY_1, BINARY_2 | read: phase in radians times the order, PARM 0 |
+//! | TYPE DGRATING | read: order 1 sends light towards −y, as ray-optics and Optiland trace such files |
 //! | TYPE COORDBRK | read: decentre x, y; tilt about x, y, z; order (Zemax manual, "Coordinate Break"); see layout.rs |
-//! | other TYPE: gratings, paraxial and diffractive surfaces, gradient indices, user surfaces | error |
-//! | CURV, CONI, PARM, XDAT, DISZ, STOP, DIAM, CLAP, OBSC from 0 | read |
-//! | OBSC of a ring, OBDC (aperture beside the vertex) | error |
-//! | SQAP, ELAP, SQOB, ELOB, SPID | approximated by the circle of DIAM, with a note |
+//! | other TYPE: BINARY_3, holograms, other gratings and gradient indices, user surfaces | error |
+//! | CURV, CONI, PARM, XDAT, DISZ, STOP, DIAM, CLAP | read |
+//! | SQAP, ELAP (instead of DIAM), OBSC, SQOB, ELOB, SPID, OBDC (their middle, also of CLAP) | read |
 //! | GLAS | the catalogue's glass; an alias with a note (glass/alias.rs); the line's nd and Vd where neither is known, but for the placeholder 1.5, 40 |
 //! | GLAS MIRROR | a mirror; plane ones that fold the axis are unfolded |
 //! | SCBD (tilt of a surface of its own) | left out, with a note where it is not zero |
-//! | MNUM above 1 | the configuration in which the surfaces stand; with a note |
+//! | MNUM with THIC | gaps of configurations: zoom positions or a near focus (configurations.rs) |
+//! | CRVT, GLSS, ... (`OPERANDS`) of configurations | the current one stands; with a note |
 //! | curved image surface | taken for plane, with a note |
 //! | coatings, solves, pickups, tolerances, drawing, weights, ray aiming (`HARMLESS`, `HARMLESS_HEAD`) | ignored: rays do not change |
 //! | all others | skipped, named in a note |
 
+use super::configurations::{Configurations, MOST as MOST_CONFIGURATIONS};
 use super::layout::{Placed, ahead, lay_out, moved_then_turned, turned_then_moved};
 use super::{Skipped, drop_dummies, stem};
+use crate::analysis::zernike::Numbering;
+use crate::aperture::{Aperture, MOST_ARMS, Outline};
+use crate::diffractive::Diffractive;
+use crate::forbes::{Forbes, ForbesKind};
+use crate::freeform::Freeform;
 use crate::glass::{D_NM, Glass, GlassError, parse_foreign};
+use crate::gradient::Gradient;
+use crate::polynomial::{Polynomial, Terms};
 use crate::prescription::{ApertureKind, Prescription, PrescriptionError, Surface};
 use crate::surface::{Asphere, Profile};
 use glam::{DAffine3, DVec3};
@@ -46,6 +57,14 @@ const HARMLESS_HEAD: &[&str] = &[
     "ISNA",
 ];
 
+/// Operands of configurations other than THIC.
+const OPERANDS: &[&str] = &[
+    "CRVT", "GLSS", "CONN", "PRAM", "PAR1", "PAR2", "PAR3", "PAR4", "PAR5", "PAR6", "PAR7", "PAR8", "EDVA", "APER", "WAVE",
+    "WLWT", "PRWV", "STPS", "IGNR", "IGNM", "SDIA", "CSP1", "CSP2", "CHZN", "MCHI", "MCSD", "MIND", "MABB", "MDPG", "GPEX",
+    "GPIN", "TEMP", "PRES", "XFIE", "YFIE", "FLWT", "FVDX", "FVDY", "FVCX", "FVCY", "FVAN", "FLTP", "FTAN", "CATN", "CBTX",
+    "COTN", "AFOC", "APMN", "APMX", "APTP", "APDX", "APDY", "TELE", "RAAM", "HOLD", "LTTL", "MOFF",
+];
+
 #[derive(Default)]
 struct Block {
     line: usize,
@@ -60,6 +79,10 @@ struct Block {
     semi_diameter: Option<f64>,
     obstruction: f64,
     clear: Option<f64>,
+    /// Shape and whether it blocks, of an aperture that is no disk about the vertex.
+    apertures: Vec<(Outline, bool)>,
+    /// Where the middles of the apertures stand.
+    aperture_center: [f64; 2],
     /// Its semi-diameter is set, not computed from rays.
     fixed: bool,
     parameters: BTreeMap<u32, f64>,
@@ -67,8 +90,91 @@ struct Block {
 }
 
 impl Block {
+    /// Number of a gradient surface that is read: 1, n = n₀ + nr2 r²; 2, n² = n₀ + nr2 r² to nr12 r¹²; 3, n = n₀ + nr2 r² to nr6 r⁶ + nz1 z to nz3 z³.
+    fn gradient_kind(&self) -> Option<u32> {
+        let number = self.kind.as_deref()?.strip_prefix("GRINSUR")?;
+        number.parse().ok().filter(|n| (1..=3).contains(n))
+    }
+
+    /// The glass of a gradient surface: its index on the axis, the same at every wavelength.
+    fn graded_glass(&self) -> Result<Glass, String> {
+        let n0 = self.parameters.get(&2).copied().unwrap_or(0.0);
+        let n0 = if self.gradient_kind() == Some(2) { n0.max(0.0).sqrt() } else { n0 };
+        Glass::constant(n0).map_err(|e| e.to_string())
+    }
+
+    fn gradient(&self, scale: f64) -> Result<Option<Gradient>, String> {
+        let Some(kind) = self.gradient_kind() else { return Ok(None) };
+        let parameter = |i: u32| self.parameters.get(&i).copied().unwrap_or(0.0);
+        let radial = match kind {
+            1 => 3..=3,
+            2 => 3..=8,
+            _ => 3..=5,
+        };
+        // Coefficients of the powers 2, 4, ... and 1, 2, ... of a length.
+        let radial = radial.map(|i| parameter(i) / scale.powi(2 * (i as i32 - 2))).collect();
+        let axial = if kind == 3 { (6..=8).map(|i| parameter(i) / scale.powi(i as i32 - 5)).collect() } else { vec![] };
+        Gradient::new(kind == 2, radial, axial).map(Some)
+    }
+
+    fn parameter(&self, i: u32) -> f64 {
+        self.parameters.get(&i).copied().unwrap_or(0.0)
+    }
+
+    /// Extra data: number of terms, normalisation radius, then the terms.
+    fn series(&self, most: usize) -> Result<(f64, Vec<f64>), String> {
+        let kind = self.kind.as_deref().unwrap_or("");
+        let get = |i: u32| self.extra.get(&i).copied().unwrap_or(0.0);
+        let count = get(1).max(0.0) as usize;
+        if count > most {
+            return Err(format!("{kind}: {count} terms: expected at most {most}"));
+        }
+        if count > 0 && !(get(2) > 0.0) {
+            return Err(format!("{kind}: normalisation radius {}: expected a positive length", get(2)));
+        }
+        let norm = if count > 0 { get(2) } else { 1.0 };
+        Ok((norm, (1..=count).map(|i| get(2 + i as u32)).collect()))
+    }
+
+    /// Phase in radians: XDAT 1 terms over the radius XDAT 2, of the order PARM 0 (without one 1).
+    fn diffractive(&self, scale: f64) -> Result<Option<Diffractive>, String> {
+        let kind = self.kind.as_deref().unwrap_or("");
+        let (order, phase) = match kind {
+            "BINARY_1" | "BINARY_2" => {
+                let (norm, values) = self.series(if kind == "BINARY_1" { 230 } else { 24 })?;
+                let terms = match kind {
+                    "BINARY_1" => Terms { xy: xy_terms(&values), ..Terms::default() },
+                    _ => Terms { radial: values, ..Terms::default() },
+                };
+                (self.parameters.get(&0).copied().unwrap_or(1.0), Polynomial::new(norm * scale, terms)?)
+            }
+            // Lines a micrometre.
+            "DGRATING" => (self.parameter(2), crate::prescription::grating(-1000.0 * self.parameter(1), 0.0)?),
+            _ => return Ok(None),
+        };
+        if order.fract() != 0.0 || order.abs() > f64::from(crate::diffractive::HIGHEST_ORDER) {
+            return Err(format!("{kind}: diffraction order {order}: expected a whole number"));
+        }
+        Diffractive::new(order as i32, phase, None).map(Some)
+    }
+
+    fn ideal_focal_length(&self) -> Option<f64> {
+        (self.kind.as_deref() == Some("PARAXIAL")).then(|| self.parameters.get(&1).copied().unwrap_or(0.0))
+    }
+
     fn is_break(&self) -> bool {
         self.kind.as_deref() == Some("COORDBRK")
+    }
+
+    /// Apertures that are no disks about the vertex, in file units.
+    fn apertures(&self) -> Result<Vec<Aperture>, String> {
+        let mut shapes = self.apertures.clone();
+        // Beside the vertex disks are no semi-diameters any more.
+        if self.aperture_center != [0.0; 2] {
+            shapes.extend((self.obstruction > 0.0).then_some((Outline::Ring([0.0, self.obstruction]), true)));
+            shapes.extend(self.clear.map(|radius| (Outline::Ring([0.0, radius]), false)));
+        }
+        shapes.into_iter().map(|(outline, blocks)| Aperture::new(outline, blocks, self.aperture_center, 0.0)).collect()
     }
 }
 
@@ -82,6 +188,7 @@ pub fn read(text: &str, file: &str) -> Result<Prescription, PrescriptionError> {
     let (mut primary, mut field_kind, mut fields) = (1usize, 0.0, vec![]);
     let mut vignetting: Vec<f64> = vec![];
     let mut notes: Vec<String> = vec![];
+    let mut configurations = Configurations::default();
     for (number, line) in text.lines().enumerate() {
         let number = number + 1;
         let mut words = line.split_whitespace();
@@ -160,15 +267,11 @@ pub fn read(text: &str, file: &str) -> Result<Prescription, PrescriptionError> {
             "XDAT" => {
                 block.extra.insert(value(0)? as u32, value(1)?);
             }
-            "OBSC" => {
-                if value(0)? > 0.0 && rest.len() > 1 {
-                    return Err(wrong(format!(
-                        "OBSC {}: a ring-shaped obstruction is not read, only a disk (from 0)",
-                        rest.join(" ")
-                    )));
-                }
-                block.obstruction = value(1).or_else(|_| value(0))?;
-            }
+            "OBSC" => match (value(0)?, value(1)) {
+                (inner, Ok(outer)) if inner > 0.0 => block.apertures.push((Outline::Ring([inner, outer]), true)),
+                (_, Ok(outer)) => block.obstruction = outer,
+                (radius, Err(_)) => block.obstruction = radius,
+            },
             "CLAP" => {
                 let (inner, outer) = (value(0)?, value(1)?);
                 if outer > 0.0 {
@@ -176,9 +279,7 @@ pub fn read(text: &str, file: &str) -> Result<Prescription, PrescriptionError> {
                 }
             }
             "OBDC" => {
-                if numbers().iter().any(|v| *v != 0.0) {
-                    return Err(wrong(format!("OBDC {}: an aperture beside the vertex is not read", rest.join(" "))));
-                }
+                block.aperture_center = [value(0)?, value(1)?];
             }
             "SCBD" => {
                 if numbers().iter().any(|v| *v != 0.0) {
@@ -188,8 +289,15 @@ pub fn read(text: &str, file: &str) -> Result<Prescription, PrescriptionError> {
                     ));
                 }
             }
-            "SQAP" | "ELAP" | "SQOB" | "ELOB" | "SPID" => {
-                notes.push(format!("surface {}: aperture {key} is not round; its circle is used", surface.unwrap_or(0)));
+            "SQAP" | "SQOB" => block.apertures.push((Outline::Rectangle([value(0)?, value(1)?]), key == "SQOB")),
+            "ELAP" | "ELOB" => block.apertures.push((Outline::Ellipse([value(0)?, value(1)?]), key == "ELOB")),
+            // Width and number of arms.
+            "SPID" => {
+                let (width, arms) = (value(0)?, value(1)?);
+                if !(1.0..=f64::from(MOST_ARMS)).contains(&arms) {
+                    return Err(wrong(format!("SPID {}: expected a width, then 1 to {MOST_ARMS} arms", rest.join(" "))));
+                }
+                block.apertures.push((Outline::Spider { arms: arms as u32, width }, true));
             }
             "GLAS" => {
                 if rest.first() == Some(&"MIRROR") {
@@ -200,8 +308,31 @@ pub fn read(text: &str, file: &str) -> Result<Prescription, PrescriptionError> {
                 block.glass = Some(glass(&rest, &preferred, &mut notes).map_err(wrong)?);
             }
             "MNUM" => {
-                if let Some(count) = numbers().first().filter(|n| **n > 1.0) {
-                    notes.push(format!("the file has {count} configurations: the one its surfaces stand in is read"));
+                let count = value(0)?;
+                if !(0.0..=MOST_CONFIGURATIONS as f64).contains(&count) {
+                    return Err(wrong(format!("MNUM {count}: expected at most {MOST_CONFIGURATIONS} configurations")));
+                }
+                configurations.count = count as usize;
+            }
+            // Surface, configuration, value.
+            "THIC" if configurations.count > 1 && rest.len() >= 3 => {
+                let (surface, configuration) = (value(0)? as usize, value(1)? as usize);
+                let mm = if rest[2] == "INFINITY" { 1e10 } else { value(2)? * scale };
+                if !(1..=configurations.count).contains(&configuration) {
+                    return Err(wrong(format!(
+                        "THIC {}: expected a configuration from 1 to {}",
+                        rest.join(" "),
+                        configurations.count
+                    )));
+                }
+                match surface.checked_sub(1) {
+                    None => configurations.object(configuration - 1, mm),
+                    Some(surface) => configurations.gap(surface, configuration - 1, mm),
+                }
+            }
+            other if configurations.count > 1 && OPERANDS.contains(&other) => {
+                if let (true, [about, _, value, ..]) = (other != "MOFF", &rest[..]) {
+                    configurations.other(other, about, value);
                 }
             }
             other if HARMLESS.contains(&other) => {}
@@ -230,6 +361,8 @@ pub fn read(text: &str, file: &str) -> Result<Prescription, PrescriptionError> {
         let (shape, medium) = match (&b.glass, b.mirror) {
             // A coordinate break bends nothing.
             _ if b.is_break() => (Profile::Plane, before),
+            // Its medium stands among its parameters.
+            _ if b.gradient_kind().is_some() => (profile(b, scale).map_err(wrong)?, b.graded_glass().map_err(wrong)?),
             (Some(g), _) => (profile(b, scale).map_err(wrong)?, g.clone()),
             // A mirror goes on in what was before it.
             (None, true) => (profile(b, scale).map_err(wrong)?, before),
@@ -239,12 +372,25 @@ pub fn read(text: &str, file: &str) -> Result<Prescription, PrescriptionError> {
             here *= coordinate_break(b, scale);
         }
         if !b.is_break() || b.stop {
+            let apertures = b.apertures().map_err(wrong)?;
+            // A surface aperture stands instead of the semi-diameter.
+            let limited = apertures.iter().any(|a| !a.blocks());
+            let centered = b.aperture_center == [0.0; 2];
+            let semi_diameter = match centered {
+                _ if limited => None,
+                true => b.clear.or(b.semi_diameter),
+                false => b.semi_diameter,
+            };
             let surface = Surface {
                 line: b.line,
-                semi_diameter: b.clear.or(b.semi_diameter).map(|d| d * scale),
-                obstruction: b.obstruction * scale,
+                semi_diameter: semi_diameter.map(|d| d * scale),
+                obstruction: if centered { b.obstruction * scale } else { 0.0 },
+                apertures: apertures.into_iter().map(|a| a.scaled(scale)).collect(),
                 stop: b.stop,
                 mirror: b.mirror && !b.is_break(),
+                gradient: b.gradient(scale).map_err(wrong)?,
+                ideal_focal_length: b.ideal_focal_length().map(|f| f * scale),
+                diffractive: b.diffractive(scale).map_err(wrong)?,
                 ..Surface::new(shape, b.gap * scale, medium)
             };
             rows.push(Placed { surface, frame: here, rim: b.mirror && (b.clear.is_some() || b.fixed) });
@@ -252,9 +398,16 @@ pub fn read(text: &str, file: &str) -> Result<Prescription, PrescriptionError> {
         here *= ahead(b.gap * scale);
     }
     if breaks {
+        if configurations.count > 1 {
+            notes.push(format!(
+                "the file has {} configurations and coordinate breaks: the configuration its surfaces stand in is read",
+                configurations.count
+            ));
+        }
         lay_out(rows, here, &mut p).map_err(|(line, what)| PrescriptionError::at(file, line, what))?;
     } else {
         p.surfaces = rows.into_iter().map(|r| r.surface).collect();
+        configurations.apply(&mut p);
     }
     if blocks[last].curvature != 0.0 {
         notes.push("the image surface is curved in the file; the film is flat".into());
@@ -316,6 +469,10 @@ fn glass(rest: &[&str], vendors: &[&str], notes: &mut Vec<String>) -> Result<Gla
         if !stated && !model {
             return Err(format!("glass \"{name}\": expected a name, or the model flag with nd and Vd"));
         }
+        // An Abbe number of 0 is Zemax's way to say that there is no dispersion.
+        if model && vd == 0.0 {
+            return Glass::constant(nd).map_err(|e| e.to_string());
+        }
         return figures();
     }
     match parse_foreign(name, vendors) {
@@ -351,6 +508,12 @@ fn numbers_from(words: &[&str], from: usize) -> Vec<f64> {
     words.iter().skip(from).map_while(|w| w.parse().ok()).collect()
 }
 
+/// x, y, x², xy, y², x³, x²y, ... (Zemax "Extended Polynomial"; CODE V XYP).
+pub(super) fn xy_terms(values: &[f64]) -> BTreeMap<(usize, usize), f64> {
+    let powers = (1..).flat_map(|degree| (0..=degree).map(move |y| (degree - y, y)));
+    powers.zip(values.iter().copied()).filter(|t| t.1 != 0.0).collect()
+}
+
 fn profile(b: &Block, scale: f64) -> Result<Profile, String> {
     let c = b.curvature / scale;
     let parameter = |i: u32| b.parameters.get(&i).copied().unwrap_or(0.0);
@@ -367,9 +530,50 @@ fn profile(b: &Block, scale: f64) -> Result<Profile, String> {
         crate::prescription::profile(c, b.conic, a, None)
     };
     Ok(match b.kind.as_deref().unwrap_or("STANDARD") {
-        "STANDARD" => asphere(vec![]),
-        "EVENASPH" => asphere((1..=8).map(|i| (2 * i as usize, parameter(i))).collect()),
+        "STANDARD" | "DGRATING" | "GRINSUR1" | "GRINSUR2" | "GRINSUR3" => asphere(vec![]),
+        "PARAXIAL" => Profile::Plane,
+        "EVENASPH" | "BINARY_1" | "BINARY_2" => asphere((1..=8).map(|i| (2 * i as usize, parameter(i))).collect()),
         "ODDASPHE" => asphere((1..=8).map(|i| (i as usize, parameter(i))).collect()),
+        "FRESNELS" => match asphere((1..=8).map(|i| (2 * i as usize, parameter(i))).collect()) {
+            Profile::Plane => Profile::Plane,
+            slopes => Profile::Fresnel(crate::prescription::asphere_of(slopes).ok_or("FRESNELS: no such slopes")?),
+        },
+        kind @ ("SZERNSAG" | "FZERNSAG" | "XPOLYNOM") => {
+            let is_zernike = kind != "XPOLYNOM";
+            if is_zernike && (parameter(9) != 0.0 || parameter(10) != 0.0) {
+                return Err(format!("{kind}: a Zernike decentre of {}, {}: expected 0", parameter(9), parameter(10)));
+            }
+            let numbering = if kind == "SZERNSAG" { Numbering::Noll } else { Numbering::Fringe };
+            let (norm, values) = b.series(if is_zernike { numbering.largest() } else { 230 })?;
+            let values: Vec<f64> = values.iter().map(|v| v * scale).collect();
+            let terms = match kind {
+                "SZERNSAG" => Terms { noll: values, ..Terms::default() },
+                "FZERNSAG" => Terms { fringe: values, ..Terms::default() },
+                _ => Terms { xy: xy_terms(&values), ..Terms::default() },
+            };
+            let base = match is_zernike {
+                true => asphere((1..=8).map(|i| (2 * i as usize, parameter(i))).collect()),
+                false => asphere(vec![]),
+            };
+            let base = crate::prescription::asphere_of(base).ok_or("no such base")?;
+            Profile::Freeform(Box::new(Freeform { base, departure: Polynomial::new(norm * scale, terms)? }))
+        }
+        // Kind (0 mild, 1 strong), number of terms, normalisation radius, then the terms.
+        "QED_TYPE" => {
+            let get = |i: u32| b.extra.get(&i).copied().unwrap_or(0.0);
+            let kind = match get(1) {
+                0.0 => ForbesKind::BestFitSphere,
+                1.0 => ForbesKind::Conic,
+                other => return Err(format!("QED_TYPE: kind {other}: expected 0 (Q-bfs) or 1 (Q-con)")),
+            };
+            let count = get(2).max(0.0) as u32;
+            if count > 64 {
+                return Err(format!("QED_TYPE: {count} terms: expected at most 64"));
+            }
+            let terms = (0..count).map(|i| get(4 + i) * scale).collect();
+            let k = if kind == ForbesKind::Conic { b.conic } else { 0.0 };
+            Profile::Forbes(Forbes::new(kind, c, k, get(3) * scale, terms)?)
+        }
         // Extended asphere: number of terms, normalisation radius, then terms of (r/r₀)²ⁱ.
         "XASPHERE" => {
             let get = |i: u32| b.extra.get(&i).copied().unwrap_or(0.0);
@@ -414,12 +618,16 @@ fn profile(b: &Block, scale: f64) -> Result<Profile, String> {
 /// Why a type of surface is not read.
 fn refused(kind: &str) -> String {
     let why = match kind {
-        k if k.contains("PARAX") => "an ideal lens has no glass to trace: give its real surfaces, or use the lens `thin`",
-        k if k.contains("GRAT") || k.contains("ELLIPGR") => "diffraction gratings are not traced",
-        k if k.starts_with("BINARY") || k.contains("HOLO") => "diffractive surfaces are not traced",
-        k if k.starts_with("GRIN") || k == "GRADIUM" => "gradient-index glass is not traced",
+        k if k.contains("PARAX") => "an ideal lens of two focal lengths is not read, only PARAXIAL",
+        k if k.contains("GRAT") || k.contains("ELLIPGR") => "of gratings DGRATING is read",
+        k if k.starts_with("BINARY") || k.contains("HOLO") || k.ends_with("PHA") => {
+            "of diffractive surfaces BINARY_1 and BINARY_2 are read"
+        }
+        k if k.starts_with("GRIN") || k == "GRADIUM" => "of gradient-index media GRINSUR1, GRINSUR2 and GRINSUR3 are read",
         k if k.starts_with("NONSEQ") => "only sequential lenses are read",
         _ => "this shape is not known",
     };
-    format!("surface type {kind}: {why}; expected STANDARD, EVENASPH, ODDASPHE, XASPHERE, TOROIDAL, BICONICX or COORDBRK")
+    format!(
+        "surface type {kind}: {why}; expected STANDARD, EVENASPH, ODDASPHE, XASPHERE, TOROIDAL, BICONICX, SZERNSAG, FZERNSAG, XPOLYNOM, QED_TYPE, FRESNELS, BINARY_1, BINARY_2, DGRATING, PARAXIAL, GRINSUR1 to 3 or COORDBRK"
+    )
 }

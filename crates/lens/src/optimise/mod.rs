@@ -103,7 +103,9 @@ fn asphere_of(profile: &Profile) -> Option<Asphere> {
         Profile::Sphere(c) => Asphere { c: *c, k: 0.0, a: vec![] },
         Profile::Conic { c, k } => Asphere { c: *c, k: *k, a: vec![] },
         Profile::Asphere(a) => a.clone(),
-        Profile::Toroid { .. } | Profile::Biconic { .. } => return None,
+        Profile::Toroid { .. } | Profile::Biconic { .. } | Profile::Forbes(_) | Profile::Freeform(_) | Profile::Fresnel(_) => {
+            return None;
+        }
     })
 }
 
@@ -111,7 +113,9 @@ fn asphere_of(profile: &Profile) -> Option<Asphere> {
 fn value_of(p: &Prescription, freedom: Freedom) -> f64 {
     match freedom {
         Freedom::Curvature { surface } => match &p.surfaces[surface].profile {
-            Profile::Asphere(a) | Profile::Toroid { y: a, .. } => a.c,
+            Profile::Asphere(a) | Profile::Toroid { y: a, .. } | Profile::Fresnel(a) => a.c,
+            Profile::Freeform(f) => f.base.c,
+            Profile::Forbes(f) => f.c(),
             other => other.curvature(),
         },
         Freedom::Gap { surface } => p.surfaces[surface].gap.at(0.0, 0.0),
@@ -307,7 +311,7 @@ impl Optimisation {
             }
             OperandKind::Wavefront => {
                 let rays = &landed[field][self.reference];
-                let n = tracer.indices(self.reference).last().copied().unwrap_or(1.0);
+                let n = tracer.image_index(self.reference);
                 let middle: DVec2 = rays.iter().map(|l| l.place * l.weight).sum();
                 let paths: Vec<f64> = rays[1..].iter().map(|l| path_to_foot(l, middle, n)).collect();
                 let waves = self.wavelengths[self.reference] * 1e-6;

@@ -1,7 +1,9 @@
 //! What every prescription must be, wherever it came from; and what may be inferred.
 
-use super::{ApertureKind, MOST_SURFACES, Prescription, PrescriptionError};
+use super::{ApertureKind, MOST_SURFACES, Prescription, PrescriptionError, Surface};
+use crate::aperture::{Aperture, Outline};
 use crate::axial_beam;
+use crate::glass::{Glass, GlassKind};
 use crate::paraxial;
 use crate::surface::Profile;
 use crate::system::{State, System};
@@ -14,6 +16,19 @@ const LONGEST_TEXT: usize = 500;
 const LARGEST: f64 = 1e6;
 
 impl Prescription {
+    /// Whether nothing in it bends light: a pinhole with its thickness, a shade, a sensor without a lens. Its film stands where the last gap says.
+    pub fn is_openings_alone(&self) -> bool {
+        let opening = |s: &Surface| {
+            s.profile == Profile::Plane
+                && s.glass.kind == GlassKind::Air
+                && !s.mirror
+                && s.gradient.is_none()
+                && s.ideal_focal_length.is_none()
+                && s.tilt == [0.0; 3]
+        };
+        self.zoom.len() < 2 && self.close_focus.is_none() && self.surfaces.iter().all(opening)
+    }
+
     /// Checks every number, infers stop and semi-diameters that are missing (and notes that), and returns the lens.
     pub fn checked(mut self, file: &str) -> Result<Self, PrescriptionError> {
         let whole = |what: String| PrescriptionError::at(file, 0, what);
@@ -28,6 +43,13 @@ impl Prescription {
         }
         if count > MOST_SURFACES {
             return Err(whole(format!("{count} surfaces: expected at most {MOST_SURFACES}")));
+        }
+        // A surface is as wide as its opening, if nothing else is said.
+        for s in &mut self.surfaces {
+            let widest = s.apertures.iter().map(Aperture::reach).fold(f64::INFINITY, f64::min);
+            if s.semi_diameter.is_none() && widest.is_finite() {
+                s.semi_diameter = Some(widest.min(reach(&s.profile, widest)));
+            }
         }
         for (i, s) in self.surfaces.iter().enumerate() {
             let wrong = |what: String| PrescriptionError::at(file, s.line, what).surface(i + 1);
@@ -45,10 +67,47 @@ impl Prescription {
             {
                 return Err(wrong("a conic constant that is not a number".into()));
             }
-            if let Profile::Asphere(a) | Profile::Toroid { y: a, .. } = &s.profile
+            let base = match &s.profile {
+                Profile::Asphere(a) | Profile::Toroid { y: a, .. } | Profile::Fresnel(a) => Some(a),
+                Profile::Freeform(f) => Some(&f.base),
+                _ => None,
+            };
+            if let Some(a) = base
                 && (!a.k.is_finite() || a.a.iter().any(|v| !v.is_finite()))
             {
                 return Err(wrong("an aspheric coefficient that is not a number".into()));
+            }
+            if let Some(g) = &s.gradient {
+                if s.glass.kind == GlassKind::Air || s.mirror || i + 1 == count {
+                    return Err(wrong(
+                        "a gradient in air, behind a mirror or before the film: expected a glass between two surfaces".into(),
+                    ));
+                }
+                let n0 = s.glass.index(self.inference_nm());
+                for row in &s.gap.values {
+                    for z in row.iter().flat_map(|gap| [0.0, 0.5 * gap, *gap]) {
+                        for h in [0.0, 0.5, 1.0].map(|part| part * s.semi_diameter.unwrap_or(0.0)) {
+                            let n = g.index(n0, DVec3::new(0.0, h, z));
+                            if !(1.0..=4.5).contains(&n) {
+                                return Err(wrong(format!(
+                                    "gradient: an index of {n} at a height of {h}, {z} mm in: expected 1 to 4.5"
+                                )));
+                            }
+                        }
+                    }
+                }
+            }
+            if let Some(focal) = s.ideal_focal_length {
+                if !(focal != 0.0 && focal.abs() < LARGEST) {
+                    return Err(wrong(format!("ideal_focal_length {focal}: expected a length in mm that is not 0")));
+                }
+                let air = |g: &Glass| g.kind == GlassKind::Air;
+                if s.profile != Profile::Plane || s.mirror || s.diffractive.is_some() {
+                    return Err(wrong("an ideal lens on a curved or diffractive surface or a mirror: expected a plane".into()));
+                }
+                if !air(&s.glass) || (i > 0 && !air(&self.surfaces[i - 1].glass)) {
+                    return Err(wrong("an ideal lens beside glass: it stands in air, give it a surface of its own".into()));
+                }
             }
             let columns = self.zoom.len().max(1);
             for row in &s.gap.values {
@@ -417,7 +476,7 @@ impl Prescription {
                         return Err(wrong(format!("gap {}: {sign}", s.gap.at(zoom, focus))));
                     }
                     // At the height both rims reach.
-                    let h = s.semi_diameter.unwrap_or(0.0).min(next.semi_diameter.unwrap_or(0.0)) * (1.0 - 1e-6);
+                    let h = rim_height(s).min(rim_height(next)) * (1.0 - 1e-6);
                     if let (Some(a), Some(b)) = (s.profile.sag(0.0, h), next.profile.sag(0.0, h)) {
                         let edge = gap + run * (b - a);
                         if edge < -overlap(h) && !free {
@@ -433,6 +492,19 @@ impl Prescription {
         }
         Ok(())
     }
+}
+
+/// Height along y at which a surface ends.
+fn rim_height(s: &Surface) -> f64 {
+    let along_y = |a: &Aperture| match a.outline() {
+        Outline::Rectangle([_, y]) | Outline::Ellipse([_, y])
+            if !a.blocks() && a.center() == [0.0; 2] && a.rotation_deg() == 0.0 =>
+        {
+            y
+        }
+        _ => a.reach(),
+    };
+    s.apertures.iter().map(along_y).fold(s.semi_diameter.unwrap_or(0.0), f64::min)
 }
 
 /// How far (mm) surfaces may overlap at a rim of a height: published semi-diameters are often estimates, and a tenth of a millimetre is

@@ -3,18 +3,35 @@
 //! One TOML form ([`read_toml`], [`Prescription::to_toml`]); what other programs write comes through [`crate::import`].
 //! Lengths in mm, angles in degrees (as people write them); surfaces are numbered from 1 in everything a user sees.
 
+mod apertures;
 mod check;
+mod coatings;
+mod hood;
+mod phases;
 mod sheet;
 
+pub use coatings::coating_named;
+pub use hood::Hood;
+pub(crate) use phases::grating;
 pub use sheet::read_toml;
-pub(crate) use sheet::{biconic, profile};
+pub(crate) use sheet::{asphere_of, biconic, profile};
 
+pub use crate::coating::Coating;
+
+use crate::aperture::Aperture;
+use crate::diffractive::Diffractive;
+use crate::glare::Finish;
 use crate::glass::Glass;
+use crate::gradient::Gradient;
 use crate::iris::Iris;
 use crate::surface::Profile;
 
 /// Most surfaces of a lens. Real ones have fewer than 60.
 pub const MOST_SURFACES: usize = 400;
+
+/// What black walls throw back where nobody says: the order of black anodised aluminium in the visible (measured by Marshall et al., "Characterization of
+/// the reflectivity of various black materials", SPIE 2014).
+pub const WALL_REFLECTANCE: f64 = 0.05;
 
 /// A lens as published.
 #[derive(Clone, Debug, PartialEq)]
@@ -37,8 +54,16 @@ pub struct Prescription {
     pub close_focus: Option<f64>,
     /// Shape of the aperture.
     pub iris: Iris,
-    /// What is on the glass.
+    /// What is on the glass, where a surface has nothing of its own.
     pub coating: Coating,
+    /// How surfaces scatter, where one has nothing of its own.
+    pub finish: Finish,
+    /// What barrel, edges of glass and blades throw back of the light that meets them, 0 to 1.
+    pub wall_reflectance: f64,
+    /// The hood that belongs to it; analyses leave it off, photographs with stray light have it on.
+    pub hood: Option<Hood>,
+    /// Year of the lens, where the prescription tells one ([`Prescription::known_year`] also looks at the patent).
+    pub year: Option<u16>,
     /// From the object to the film.
     pub surfaces: Vec<Surface>,
     /// Elements out of place.
@@ -60,14 +85,26 @@ pub struct Surface {
     pub gap: Gap,
     /// What fills the gap.
     pub glass: Glass,
+    /// How its index departs from that of the glass from place to place.
+    pub gradient: Option<Gradient>,
     /// Half the clear diameter, mm; `None` until inferred.
     pub semi_diameter: Option<f64>,
     /// Half the diameter of a hole that blocks light (an obstruction), mm; 0 for none.
     pub obstruction: f64,
+    /// Openings and obscurations that are not disks about the vertex; light must pass all of them.
+    pub apertures: Vec<Aperture>,
     /// The aperture stop.
     pub stop: bool,
     /// Reflects.
     pub mirror: bool,
+    /// Of an ideal thin lens in this plane ([`crate::ideal`]), mm.
+    pub ideal_focal_length: Option<f64>,
+    /// Phase on it: a grating, a diffractive lens.
+    pub diffractive: Option<Diffractive>,
+    /// What is on this surface, if not what is on all.
+    pub coating: Option<Coating>,
+    /// How this surface scatters, if not as all.
+    pub finish: Option<Finish>,
     /// Shift of this surface alone in x and y, mm.
     pub decenter: [f64; 2],
     /// Turn of this surface alone about x, y and z through its vertex, degrees.
@@ -144,20 +181,6 @@ pub struct Misalignment {
     pub tilt: [f64; 3],
 }
 
-/// What is on the surfaces between glass and air.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Coating {
-    /// Nothing: Fresnel's full reflection, as lenses were before about 1940.
-    #[default]
-    None,
-    /// A quarter wave of MgF₂ at 550 nm: the single coating of about 1940 to 1970.
-    MagnesiumFluoride,
-    /// A broadband coating of several layers, since about 1975: 0.4 % at every surface.
-    Multilayer,
-    /// No reflection at all: to see the glass alone.
-    Perfect,
-}
-
 /// How much light is let in.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum ApertureKind {
@@ -228,11 +251,24 @@ impl Prescription {
             close_focus: None,
             iris: Iris::Round,
             coating: Coating::None,
+            finish: Finish::default(),
+            wall_reflectance: WALL_REFLECTANCE,
+            hood: None,
+            year: None,
             surfaces,
             misalignments: vec![],
             usage: Usage::default(),
             notes: vec![],
         }
+    }
+
+    /// Year of the lens: as given, or the first in brackets of the patent: "US 3,874,771 (1975)".
+    pub fn known_year(&self) -> Option<u16> {
+        let of_patent = || {
+            let after = self.patent.as_deref()?.split('(').skip(1);
+            after.filter_map(|t| t.split(')').next()?.trim().parse().ok()).find(|year| (1800..2200).contains(year))
+        };
+        self.year.or_else(of_patent)
     }
 
     /// Number of the stop.
@@ -259,12 +295,29 @@ impl Surface {
             profile,
             gap: Gap::fixed(gap),
             glass,
+            gradient: None,
             semi_diameter: None,
             obstruction: 0.0,
+            apertures: vec![],
             stop: false,
             mirror: false,
+            ideal_focal_length: None,
+            diffractive: None,
+            coating: None,
+            finish: None,
             decenter: [0.0; 2],
             tilt: [0.0; 3],
         }
+    }
+
+    /// Whether it looks the same after a turn about its axis.
+    pub(crate) fn looks_round(&self) -> bool {
+        let phase = self.diffractive.as_ref().is_none_or(|d| d.phase().is_rotational());
+        self.profile.is_rotational() && self.apertures.is_empty() && phase
+    }
+
+    /// Whether anything but the rim stops light at it.
+    pub(crate) fn is_obscured_or_limited(&self) -> bool {
+        self.obstruction > 0.0 || !self.apertures.is_empty()
     }
 }

@@ -13,11 +13,23 @@
 //! ```
 //!
 //! A surface without `radius` is a plane, a gap without `glass` is air. `gap` is a number, a list over the positions of `zoom`,
-//! or `{ infinity, close }` of either. Other keys: `radius_x` (toroid; with `conic_x` biconic), `mirror`, `obstruction`, `absorption` (1/mm), `decenter`,
-//! `tilt_deg`; `[iris]`, `[[element]]` (decentre and tilt of several surfaces), `coating`.
+//! or `{ infinity, close }` of either. Q-type aspheres have `q_con` or `q_bfs = { radius = 9, terms = [0.02, -0.01] }` instead of
+//! `asphere` (see `forbes.rs`). A gap of graded glass has `gradient = { radial = [r², r⁴, ...], axial = [z, z², ...], squared = true }` (see
+//! `gradient.rs`). `departure` is a polynomial on the shape, `diffractive` a phase or grating (see `phases.rs`), `fresnel` lays the slopes of the shape
+//! into a plane. Other keys: `radius_x` (toroid; with `conic_x` biconic), `mirror`, `ideal_focal_length` (a thin lens without aberrations), `obstruction`, `absorption` (1/mm), `decenter`,
+//! `tilt_deg`; `[iris]`, `[[element]]` (decentre and tilt of several surfaces), `year`; `coating` of the lens or of a surface (see
+//! `coatings.rs`); `apertures` and `obscurations` of a surface (see `apertures.rs`); how surfaces and walls scatter: `[stray]` with `roughness_nm`,
+//! `cleanliness` (both also of a surface) and `wall_reflectance`, and `[hood]` with `length` and `diameter` (see `glare`, `hood.rs`).
 
-use super::{ApertureKind, Coating, Gap, Misalignment, Prescription, PrescriptionError, Surface, Usage};
+use super::apertures::{self, SheetApertures};
+use super::coatings::{self, Names, SheetCoating};
+use super::phases::{self, SheetDiffractive, SheetPolynomial};
+use super::{ApertureKind, Coating, Gap, Hood, Misalignment, Prescription, PrescriptionError, Surface, Usage};
+use crate::forbes::{Forbes, ForbesKind};
+use crate::freeform::Freeform;
+use crate::glare::Finish;
 use crate::glass::Glass;
+use crate::gradient::Gradient;
 use crate::iris::Iris;
 use crate::surface::{Asphere, Profile};
 use serde::Deserialize;
@@ -41,28 +53,20 @@ struct Sheet {
     #[serde(default)]
     zoom: Vec<f64>,
     close_focus: Option<f64>,
+    year: Option<u16>,
+    coating: Option<SheetCoating>,
     #[serde(default)]
-    coating: SheetCoating,
+    coatings: BTreeMap<String, SheetCoating>,
     #[serde(default)]
     iris: SheetIris,
     #[serde(default)]
     element: Vec<SheetElement>,
     #[serde(default)]
+    stray: SheetStray,
+    hood: Option<Hood>,
+    #[serde(default)]
     usage: SheetUsage,
     surfaces: Vec<Spanned<SheetSurface>>,
-}
-
-#[derive(Deserialize, Default, Clone, Copy)]
-enum SheetCoating {
-    #[default]
-    #[serde(rename = "none")]
-    None,
-    #[serde(rename = "MgF2")]
-    MagnesiumFluoride,
-    #[serde(rename = "multi")]
-    Multilayer,
-    #[serde(rename = "perfect")]
-    Perfect,
 }
 
 #[derive(Deserialize, Default)]
@@ -71,6 +75,14 @@ struct SheetIris {
     blades: Option<u32>,
     rotation_deg: f32,
     curvature: f32,
+}
+
+#[derive(Deserialize, Default)]
+#[serde(deny_unknown_fields, default)]
+struct SheetStray {
+    roughness_nm: Option<f64>,
+    cleanliness: Option<f64>,
+    wall_reflectance: Option<f64>,
 }
 
 #[derive(Deserialize)]
@@ -107,21 +119,54 @@ struct SheetSurface {
     conic_x: Option<f64>,
     #[serde(default)]
     asphere: BTreeMap<String, f64>,
+    q_con: Option<SheetForbes>,
+    q_bfs: Option<SheetForbes>,
     gap: Option<SheetGap>,
     #[serde(default)]
     glass: Option<String>,
     absorption: Option<f64>,
+    gradient: Option<SheetGradient>,
     semi_diameter: Option<f64>,
     #[serde(default)]
     obstruction: f64,
     #[serde(default)]
+    apertures: SheetApertures,
+    #[serde(default)]
+    obscurations: SheetApertures,
+    #[serde(default)]
     stop: bool,
     #[serde(default)]
     mirror: bool,
+    ideal_focal_length: Option<f64>,
+    departure: Option<SheetPolynomial>,
+    #[serde(default)]
+    fresnel: bool,
+    diffractive: Option<SheetDiffractive>,
+    coating: Option<SheetCoating>,
+    roughness_nm: Option<f64>,
+    cleanliness: Option<f64>,
     #[serde(default)]
     decenter: [f64; 2],
     #[serde(default)]
     tilt_deg: [f64; 3],
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct SheetGradient {
+    #[serde(default)]
+    radial: Vec<f64>,
+    #[serde(default)]
+    axial: Vec<f64>,
+    #[serde(default)]
+    squared: bool,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct SheetForbes {
+    radius: f64,
+    terms: Vec<f64>,
 }
 
 #[derive(Deserialize)]
@@ -158,13 +203,28 @@ pub fn read_toml(text: &str, file: &str) -> Result<Prescription, PrescriptionErr
         let line = e.span().map_or(0, |s| line_of(text, s.start));
         PrescriptionError::at(file, line, e.message().trim().replace('\n', " "))
     })?;
+    let known = Prescription { patent: sheet.patent.clone(), year: sheet.year, ..Prescription::new("", vec![]) };
+    let names = Names::read(sheet.coatings, known.known_year()).map_err(|what| PrescriptionError::at(file, 0, what))?;
+    let coating = sheet.coating.map_or(Ok(Coating::None), |c| names.coating(c));
+    let coating = coating.map_err(|what| PrescriptionError::at(file, 0, what))?;
+    let stray = sheet.stray;
+    let wrong = |what: String| PrescriptionError::at(file, 0, what);
+    let all = finish(stray.roughness_nm, stray.cleanliness, Finish::default()).map_err(|e| wrong(format!("stray: {e}")))?;
+    let wall_reflectance = stray.wall_reflectance.unwrap_or(super::WALL_REFLECTANCE);
+    if !(0.0..1.0).contains(&wall_reflectance) {
+        return Err(wrong(format!("stray: wall_reflectance {wall_reflectance}: expected 0 to below 1")));
+    }
+    if let Some(hood) = &sheet.hood {
+        hood.check().map_err(&wrong)?;
+    }
     let mut surfaces = Vec::with_capacity(sheet.surfaces.len());
     for (i, s) in sheet.surfaces.into_iter().enumerate() {
         let line = line_of(text, s.span().start);
-        surfaces.push(surface(s.into_inner(), line).map_err(|what| PrescriptionError::at(file, line, what).surface(i + 1))?);
+        surfaces.push(
+            surface(s.into_inner(), line, &names, all).map_err(|what| PrescriptionError::at(file, line, what).surface(i + 1))?,
+        );
     }
     let u = sheet.usage;
-    let wrong = |what: String| PrescriptionError::at(file, 0, what);
     let reference = u.reference_wavelength.unwrap_or(1);
     if !u.wavelengths_nm.is_empty() && !(1..=u.wavelengths_nm.len()).contains(&reference) {
         return Err(wrong(format!("reference_wavelength {reference}: expected 1 to {}", u.wavelengths_nm.len())));
@@ -206,12 +266,6 @@ pub fn read_toml(text: &str, file: &str) -> Result<Prescription, PrescriptionErr
             Ok(Misalignment { first: first - 1, last: last.wrapping_sub(1), decenter: e.decenter, tilt: e.tilt_deg })
         })
         .collect::<Result<_, _>>()?;
-    let coating = match sheet.coating {
-        SheetCoating::None => Coating::None,
-        SheetCoating::MagnesiumFluoride => Coating::MagnesiumFluoride,
-        SheetCoating::Multilayer => Coating::Multilayer,
-        SheetCoating::Perfect => Coating::Perfect,
-    };
     Prescription {
         name: sheet.name,
         patent: sheet.patent,
@@ -223,6 +277,10 @@ pub fn read_toml(text: &str, file: &str) -> Result<Prescription, PrescriptionErr
         close_focus: sheet.close_focus,
         iris,
         coating,
+        finish: all,
+        wall_reflectance,
+        hood: sheet.hood,
+        year: sheet.year,
         surfaces,
         misalignments,
         usage,
@@ -231,7 +289,24 @@ pub fn read_toml(text: &str, file: &str) -> Result<Prescription, PrescriptionErr
     .checked(file)
 }
 
-fn surface(s: SheetSurface, line: usize) -> Result<Surface, String> {
+/// How something scatters: as `otherwise` where nothing is said.
+fn finish(roughness_nm: Option<f64>, cleanliness: Option<f64>, otherwise: Finish) -> Result<Finish, String> {
+    let found = Finish {
+        roughness_nm: roughness_nm.unwrap_or(otherwise.roughness_nm),
+        cleanliness: cleanliness.unwrap_or(otherwise.cleanliness),
+    };
+    match found {
+        Finish { roughness_nm, .. } if !(0.0..=50.0).contains(&roughness_nm) => {
+            Err(format!("roughness_nm {roughness_nm}: expected 0 to 50, in nm rms; polished glass has 0.5 to 2"))
+        }
+        Finish { cleanliness, .. } if !(0.0..=1500.0).contains(&cleanliness) => Err(format!(
+            "cleanliness {cleanliness}: expected a level of IEST-STD-CC1246 from 0 to 1500; clean lenses have 100 to 300"
+        )),
+        found => Ok(found),
+    }
+}
+
+fn surface(s: SheetSurface, line: usize, names: &Names, all: Finish) -> Result<Surface, String> {
     let curvature = |r: Option<f64>, what: &str| match r {
         None => Ok(0.0),
         Some(r) if r.is_infinite() => Ok(0.0),
@@ -252,12 +327,39 @@ fn surface(s: SheetSurface, line: usize) -> Result<Surface, String> {
     }
     let c_x = s.radius_x.map(|r| curvature(Some(r), "radius_x")).transpose()?;
     let profile = match (s.conic_x, c_x) {
-        (None, c_x) => profile(c, s.conic, a, c_x),
+        (None, c_x) => profile(c, s.conic, a.clone(), c_x),
         (Some(k_x), None) => return Err(format!("conic_x {k_x} without radius_x: a biconic needs both")),
         (Some(_), Some(_)) if a.iter().any(|v| *v != 0.0) => {
             return Err("conic_x with asphere: a biconic has no polynomial terms".into());
         }
         (Some(k_x), Some(c_x)) => biconic([c_x, k_x], [c, s.conic]),
+    };
+    let profile = match (s.q_con, s.q_bfs) {
+        (None, None) => profile,
+        (Some(_), Some(_)) => return Err("q_con and q_bfs: expected one of them".into()),
+        _ if c_x.is_some() || a.iter().any(|v| *v != 0.0) => {
+            return Err("q_con or q_bfs with asphere or radius_x: expected one kind of departure".into());
+        }
+        (Some(q), None) => Profile::Forbes(Forbes::new(ForbesKind::Conic, c, s.conic, q.radius, q.terms)?),
+        (None, Some(q)) => Profile::Forbes(Forbes::new(ForbesKind::BestFitSphere, c, s.conic, q.radius, q.terms)?),
+    };
+    let profile = match (s.departure, s.fresnel) {
+        (None, false) => profile,
+        (Some(_), true) => return Err("departure with fresnel: expected one of them".into()),
+        (Some(departure), false) => match asphere_of(profile) {
+            Some(base) => Profile::Freeform(Box::new(Freeform { base, departure: phases::polynomial(departure, "departure")? })),
+            None => {
+                return Err(
+                    "departure on a toroid, biconic or Q-type asphere: expected radius, conic and asphere beside it".into()
+                );
+            }
+        },
+        (None, true) => match asphere_of(profile) {
+            Some(slopes) => Profile::Fresnel(slopes),
+            None => {
+                return Err("fresnel on a toroid, biconic or Q-type asphere: expected radius, conic and asphere beside it".into());
+            }
+        },
     };
     let mut glass = Glass::parse(s.glass.as_deref().unwrap_or("air")).map_err(|e| e.to_string())?;
     if let Some(alpha) = s.absorption {
@@ -276,10 +378,19 @@ fn surface(s: SheetSurface, line: usize) -> Result<Surface, String> {
         profile,
         gap: Gap { values },
         glass,
+        gradient: s.gradient.map(|g| Gradient::new(g.squared, g.radial, g.axial)).transpose()?,
         semi_diameter: s.semi_diameter,
         obstruction: s.obstruction,
+        apertures: apertures::read(s.apertures, s.obscurations)?,
         stop: s.stop,
         mirror: s.mirror,
+        ideal_focal_length: s.ideal_focal_length,
+        diffractive: s.diffractive.map(phases::diffractive).transpose()?,
+        coating: s.coating.map(|c| names.coating(c)).transpose()?,
+        finish: match (s.roughness_nm, s.cleanliness) {
+            (None, None) => None,
+            (roughness_nm, cleanliness) => Some(finish(roughness_nm, cleanliness, all)?),
+        },
         decenter: s.decenter,
         tilt: s.tilt_deg,
     })
@@ -296,6 +407,18 @@ pub(crate) fn profile(c: f64, k: f64, a: Vec<f64>, c_x: Option<f64>) -> Profile 
         _ if c == 0.0 => Profile::Plane,
         _ if k == 0.0 => Profile::Sphere(c),
         _ => Profile::Conic { c, k },
+    }
+}
+
+/// A rotational profile of conic and powers as an asphere; `None` of another one.
+pub(crate) fn asphere_of(profile: Profile) -> Option<Asphere> {
+    let conic = |c, k| Some(Asphere { c, k, a: vec![] });
+    match profile {
+        Profile::Plane => conic(0.0, 0.0),
+        Profile::Sphere(c) => conic(c, 0.0),
+        Profile::Conic { c, k } => conic(c, k),
+        Profile::Asphere(a) => Some(a),
+        _ => None,
     }
 }
 
@@ -339,11 +462,11 @@ impl Prescription {
         if !self.zoom.is_empty() {
             line(&mut t, "zoom", list(&self.zoom));
         }
-        match self.coating {
-            Coating::None => {}
-            Coating::MagnesiumFluoride => line(&mut t, "coating", text("MgF2")),
-            Coating::Multilayer => line(&mut t, "coating", text("multi")),
-            Coating::Perfect => line(&mut t, "coating", text("perfect")),
+        if let Some(year) = self.year {
+            line(&mut t, "year", year.to_string());
+        }
+        if self.coating != Coating::None {
+            line(&mut t, "coating", coatings::written(&self.coating));
         }
         t.push_str("surfaces = [\n");
         for s in &self.surfaces {
@@ -353,6 +476,17 @@ impl Prescription {
         if let Iris::Blades(b) = &self.iris {
             let _ = writeln!(t, "\n[iris]\nblades = {}", b.count);
             let _ = writeln!(t, "rotation_deg = {}\ncurvature = {}", b.rotation.to_degrees(), b.curvature);
+        }
+        if self.finish != Finish::default() || self.wall_reflectance != super::WALL_REFLECTANCE {
+            t.push_str("\n[stray]\n");
+            line(&mut t, "roughness_nm", number(self.finish.roughness_nm));
+            line(&mut t, "cleanliness", number(self.finish.cleanliness));
+            line(&mut t, "wall_reflectance", number(self.wall_reflectance));
+        }
+        if let Some(hood) = &self.hood {
+            t.push_str("\n[hood]\n");
+            line(&mut t, "length", number(hood.length));
+            hood.diameter.iter().for_each(|d| line(&mut t, "diameter", number(*d)));
         }
         for m in &self.misalignments {
             let _ = writeln!(t, "\n[[element]]\nsurfaces = [{}, {}]", m.first + 1, m.last + 1);
@@ -390,11 +524,11 @@ impl Prescription {
 }
 
 /// A number that TOML reads back as the same.
-fn number(v: f64) -> String {
+pub(super) fn number(v: f64) -> String {
     if v != 0.0 && !(1e-4..1e15).contains(&v.abs()) { format!("{v:e}") } else { format!("{v}") }
 }
 
-fn list(v: &[f64]) -> String {
+pub(super) fn list(v: &[f64]) -> String {
     format!("[{}]", v.iter().map(|v| number(*v)).collect::<Vec<_>>().join(", "))
 }
 
@@ -427,6 +561,23 @@ fn surface_fields(s: &Surface) -> Vec<String> {
         Profile::Sphere(c) => shape(*c, 0.0, &[]),
         Profile::Conic { c, k } => shape(*c, *k, &[]),
         Profile::Asphere(a) => shape(a.c, a.k, &a.a),
+        Profile::Fresnel(a) => {
+            shape(a.c, a.k, &a.a);
+            f.push("fresnel = true".into());
+        }
+        Profile::Freeform(free) => {
+            let a = &free.base;
+            shape(a.c, a.k, &a.a);
+            f.push(phases::departure_written(&free.departure));
+        }
+        Profile::Forbes(q) => {
+            shape(q.c(), q.k(), &[]);
+            let key = match q.kind() {
+                ForbesKind::Conic => "q_con",
+                ForbesKind::BestFitSphere => "q_bfs",
+            };
+            f.push(format!("{key} = {{ radius = {}, terms = {} }}", number(q.norm_mm()), list(q.terms())));
+        }
         Profile::Toroid { y, c_x } => {
             shape(y.c, y.k, &y.a);
             f.push(format!("radius_x = {}", if *c_x == 0.0 { "inf".into() } else { radius_x(*c_x) }));
@@ -443,6 +594,10 @@ fn surface_fields(s: &Surface) -> Vec<String> {
     if s.mirror {
         f.push("mirror = true".into());
     }
+    f.extend(phases::diffractive_written(s));
+    if let Some(focal) = s.ideal_focal_length {
+        f.push(format!("ideal_focal_length = {}", number(focal)));
+    }
     let row = |r: &Vec<f64>| if let [one] = r[..] { number(one) } else { list(r) };
     f.push(match &s.gap.values[..] {
         [far, near, ..] => format!("gap = {{ infinity = {}, close = {} }}", row(far), row(near)),
@@ -455,11 +610,25 @@ fn surface_fields(s: &Surface) -> Vec<String> {
             f.push(format!("absorption = {}", number(alpha)));
         }
     }
+    if let Some(g) = &s.gradient {
+        let parts = [("radial", g.radial()), ("axial", g.axial())].into_iter().filter(|(_, v)| !v.is_empty());
+        let mut parts: Vec<String> = parts.map(|(key, v)| format!("{key} = {}", list(v))).collect();
+        parts.extend(g.is_squared().then(|| "squared = true".into()));
+        f.push(format!("gradient = {{ {} }}", parts.join(", ")));
+    }
     if let Some(sd) = s.semi_diameter {
         f.push(format!("semi_diameter = {}", number(sd)));
     }
     if s.obstruction > 0.0 {
         f.push(format!("obstruction = {}", number(s.obstruction)));
+    }
+    f.extend(apertures::written(s));
+    if let Some(coating) = &s.coating {
+        f.push(format!("coating = {}", coatings::written(coating)));
+    }
+    if let Some(finish) = s.finish {
+        f.push(format!("roughness_nm = {}", number(finish.roughness_nm)));
+        f.push(format!("cleanliness = {}", number(finish.cleanliness)));
     }
     if s.decenter != [0.0; 2] {
         f.push(format!("decenter = {}", list(&s.decenter)));

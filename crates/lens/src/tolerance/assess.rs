@@ -279,7 +279,7 @@ impl Assessment {
             };
             for colors in landed.iter_mut().flatten() {
                 for (color, rays) in colors.iter_mut().enumerate() {
-                    let n = tracer.indices(color).last().copied().unwrap_or(1.0);
+                    let n = tracer.image_index(color);
                     rays.iter_mut().for_each(|l| shift(l, n));
                 }
             }
@@ -348,7 +348,7 @@ impl Assessment {
         out.push(1e3 * spot2.sqrt());
         // One image point for all wavelengths, so that lateral colour costs contrast.
         let paths = |color: usize, image: DVec2| -> Vec<f64> {
-            let n = tracer.indices(color).last().copied().unwrap_or(1.0);
+            let n = tracer.image_index(color);
             colors[color][1..].iter().map(|l| path_to_foot(l, image, n)).collect()
         };
         let rays = &colors[self.reference];

@@ -244,6 +244,15 @@ pub(crate) fn bend(profile: &Profile, change: impl Fn(f64) -> f64) -> Profile {
             a.c = change(a.c);
             Profile::Asphere(a)
         }
+        Profile::Fresnel(mut a) => {
+            a.c = change(a.c);
+            Profile::Fresnel(a)
+        }
+        Profile::Freeform(mut f) => {
+            f.base.c = change(f.base.c);
+            Profile::Freeform(f)
+        }
+        Profile::Forbes(f) => Profile::Forbes(f.with_curvature(change(f.c()))),
         Profile::Toroid { mut y, c_x } => {
             y.c = change(y.c);
             Profile::Toroid { y, c_x: change(c_x) }

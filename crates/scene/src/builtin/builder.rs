@@ -32,7 +32,7 @@ impl Builder {
     }
 
     pub fn mesh(&mut self, mesh: Mesh) -> u32 {
-        self.0.meshes.push(mesh);
+        self.0.meshes.push(mesh.into());
         self.0.meshes.len() as u32 - 1
     }
 

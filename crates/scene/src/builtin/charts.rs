@@ -78,6 +78,17 @@ pub fn slanted_edges() -> Description {
     b.0
 }
 
+/// Side of the black spot of [`glare_spot`], m.
+pub const SPOT: f32 = 0.05;
+
+/// A black square on a light board: what light is in its image, the lens has scattered there.
+pub fn glare_spot() -> Description {
+    let mut b = board("glare-spot", Color::spectrum(Spectrum::Constant(LIGHT)));
+    let black = b.material(Material::new("black", Scattering::Diffuse(Color::spectrum(Spectrum::Constant(0.0)))));
+    b.quad("spot", Vec3::new(-0.5 * SPOT, 0.5 * SPOT, GAP), [Vec3::X * SPOT, Vec3::NEG_Y * SPOT], black);
+    b.0
+}
+
 /// Dark dots on a light board, in rows and columns.
 pub fn dot_grid() -> Description {
     // One dot, repeated: 128 pixels of 0.16 mm, its edge one of them wide.

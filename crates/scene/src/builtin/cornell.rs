@@ -62,7 +62,7 @@ pub fn description() -> Description {
         Quad { corner: Vec3::new(0.213, 0.5483, 0.227), edges: [Vec3::new(0.130, 0.0, 0.0), Vec3::new(0.0, 0.0, 0.105)] };
     Description {
         name: "cornell".into(),
-        meshes: vec![faces(WHITE), faces(RED), faces(GREEN)],
+        meshes: [WHITE, RED, GREEN].map(|m| faces(m).into()).to_vec(),
         materials: vec![
             material("white", 2),
             material("red", 3),

@@ -52,9 +52,9 @@ pub fn wood() -> Arc<Image> {
         let board = (p.y * 5.0).floor();
         let shift = to_unit(mix(board as u32 ^ 77)) * 7.0;
         let q = Vec2::new(p.x * 3.0 + shift, p.y * 40.0);
-        let grain = fractal(Vec2::new(q.x, q.y + fractal(q * Vec2::new(1.0, 0.1), 6, 2, 3) * 2.0), 8, 4, 11);
+        let anisotropy = fractal(Vec2::new(q.x, q.y + fractal(q * Vec2::new(1.0, 0.1), 6, 2, 3) * 2.0), 8, 4, 11);
         let pores = fractal(Vec2::new(p.x * 24.0 + shift, p.y * 400.0), 9, 2, 5).max(0.0);
-        let tone = 0.55 + 0.28 * grain - 0.25 * pores + 0.25 * (to_unit(mix(board as u32 ^ 3)) - 0.5);
+        let tone = 0.55 + 0.28 * anisotropy - 0.25 * pores + 0.25 * (to_unit(mix(board as u32 ^ 3)) - 0.5);
         let joint = ((p.y * 5.0).fract() - 0.5).abs();
         let dark = if joint > 0.492 { 0.35 } else { 1.0 };
         Vec3::new(0.16, 0.075, 0.035).lerp(Vec3::new(0.40, 0.21, 0.10), tone.clamp(0.0, 1.0)) * dark

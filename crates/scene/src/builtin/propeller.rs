@@ -22,7 +22,7 @@ const RADIUS: f32 = 0.95;
 pub const FRAMING: Framing =
     Framing { look_from: Vec3::new(0.0, 0.0, 6.0), look_at: Vec3::ZERO, focal_length_mm: 70.0, f_number: 8.0, focus_m: 6.0 };
 
-/// A blade along +y from the hub, between two shares of its length: twisted, widest at a third, with a rounded tip.
+/// A blade along +y from the hub, between two fractions of its length: twisted, widest at a third, with a rounded tip.
 fn blade(from: f32, to: f32) -> Mesh {
     let (along, across) = (24u32, 10u32);
     let mut mesh = Mesh::default();

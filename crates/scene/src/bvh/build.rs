@@ -21,7 +21,7 @@ const CLUSTER: usize = 256;
 const BINS: usize = 32;
 /// Coordinate of boxes that nothing meets, m.
 const NOWHERE: f32 = 1e30;
-/// Share of the nodes the reinsertion optimiser tries: doubles as the quality dial of the build.
+/// Fraction of the nodes the reinsertion optimiser tries: doubles as the quality dial of the build.
 const REINSERTION: f32 = 0.02;
 /// The same where there are few enough primitives that nobody waits for it.
 const REINSERTION_OF_FEW: f32 = 0.15;
@@ -189,8 +189,8 @@ fn build_chunk(primitives: &impl Primitives, indices: &[u32]) -> (Bvh, [Bounds; 
     let mut tree =
         PlocBuilder::with_capacity(boxes.len()).build(PlocSearchDistance::Medium, &boxes, order, SortPrecision::U64, 2);
     drop(boxes);
-    let share = if primitives.len() <= FEW { REINSERTION_OF_FEW } else { REINSERTION };
-    ReinsertionOptimizer::default().run(&mut tree, share, None);
+    let fraction = if primitives.len() <= FEW { REINSERTION_OF_FEW } else { REINSERTION };
+    ReinsertionOptimizer::default().run(&mut tree, fraction, None);
     Collapse::new(primitives, indices, &tree).run()
 }
 

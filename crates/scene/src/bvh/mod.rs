@@ -5,7 +5,7 @@
 //! intersect (instances, spheres, quads), reached through [`Filter`]. Nothing outside this folder knows the layout.
 //!
 //! A hierarchy may move: it then holds every box and every corner at two moments, and a ray meets them where they are at its own
-//! share of the way between (corners in a straight line, boxes that hold them all the while). Source: Glassner 1988, "Spacetime Ray
+//! fraction of the way between (corners in a straight line, boxes that hold them all the while). Source: Glassner 1988, "Spacetime Ray
 //! Tracing for Animation"; bounds lerped as in Wald et al. 2017, "OSPRay", and Embree.
 //!
 //! Triangles are tested watertight: no ray passes between two that share an edge (Woop, Benthin & Wald 2013, "Watertight
@@ -239,15 +239,15 @@ impl Bvh {
         std::array::from_fn(|c| Vec3::from_array(std::array::from_fn(|a| block.corners[c][a][lane])))
     }
 
-    /// Corners of a hit triangle at a share (0 to 1) of the motion.
+    /// Corners of a hit triangle at a fraction (0 to 1) of the motion.
     #[inline]
-    pub fn corners_at(&self, slot: u32, share: f32) -> [Vec3; 3] {
+    pub fn corners_at(&self, slot: u32, fraction: f32) -> [Vec3; 3] {
         let open = self.corners(slot);
         let Some(end) = &self.end else { return open };
         let (corners, lane) = (&end.corners[slot as usize / 8], slot as usize % 8);
         std::array::from_fn(|c| {
             let close = Vec3::from_array(std::array::from_fn(|a| corners[c][a][lane]));
-            open[c] + (close - open[c]) * share
+            open[c] + (close - open[c]) * fraction
         })
     }
 

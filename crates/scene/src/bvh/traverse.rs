@@ -22,24 +22,24 @@ impl Bvh {
         dispatch!(level(), simd => traverse::<_, _, false, false>(simd, self, origin, direction, 0.0, t_max, filter))
     }
 
-    /// Nearest hit in a hierarchy that moves, at a share (0 to 1) of its motion.
+    /// Nearest hit in a hierarchy that moves, at a fraction (0 to 1) of its motion.
     #[inline]
-    pub fn closest_at(&self, share: f32, origin: Vec3, direction: Vec3, t_max: f32, filter: &impl Filter) -> Option<Hit> {
+    pub fn closest_at(&self, fraction: f32, origin: Vec3, direction: Vec3, t_max: f32, filter: &impl Filter) -> Option<Hit> {
         match self.end {
             None => self.closest(origin, direction, t_max, filter),
             Some(_) => {
-                dispatch!(level(), simd => traverse::<_, _, false, true>(simd, self, origin, direction, share, t_max, filter))
+                dispatch!(level(), simd => traverse::<_, _, false, true>(simd, self, origin, direction, fraction, t_max, filter))
             }
         }
     }
 
-    /// Any hit in a hierarchy that moves, at a share (0 to 1) of its motion.
+    /// Any hit in a hierarchy that moves, at a fraction (0 to 1) of its motion.
     #[inline]
-    pub fn any_at(&self, share: f32, origin: Vec3, direction: Vec3, t_max: f32, filter: &impl Filter) -> bool {
+    pub fn any_at(&self, fraction: f32, origin: Vec3, direction: Vec3, t_max: f32, filter: &impl Filter) -> bool {
         match self.end {
             None => self.any(origin, direction, t_max, filter),
             Some(_) => {
-                dispatch!(level(), simd => traverse::<_, _, true, true>(simd, self, origin, direction, share, t_max, filter))
+                dispatch!(level(), simd => traverse::<_, _, true, true>(simd, self, origin, direction, fraction, t_max, filter))
                     .is_some()
             }
         }
@@ -139,14 +139,14 @@ struct Prepared<S: Simd> {
     far: [usize; 3],
     axes: [usize; 3],
     shear: [f32x8<S>; 3],
-    share: f32x8<S>,
+    fraction: f32x8<S>,
 }
 
 // Closures (and `map` over arrays) would be compiled without the instruction set that `dispatch` has chosen and be called
 // for every operation: within these functions everything is spelt out.
 impl<S: Simd> Prepared<S> {
     #[inline(always)]
-    fn new(simd: S, origin: Vec3, direction: Vec3, share: f32) -> Self {
+    fn new(simd: S, origin: Vec3, direction: Vec3, fraction: f32) -> Self {
         let shear = Shear::new(direction);
         let (x, y, z) = (direction.x, direction.y, direction.z);
         let (nx, ny, nz) = (x.is_sign_negative() as usize, y.is_sign_negative() as usize, z.is_sign_negative() as usize);
@@ -161,7 +161,7 @@ impl<S: Simd> Prepared<S> {
             far: [3 - 3 * nx, 4 - 3 * ny, 5 - 3 * nz],
             axes: shear.axes,
             shear: [f32x8::splat(simd, shear.s[0]), f32x8::splat(simd, shear.s[1]), f32x8::splat(simd, shear.s[2])],
-            share: f32x8::splat(simd, share),
+            fraction: f32x8::splat(simd, fraction),
         }
     }
 
@@ -170,7 +170,7 @@ impl<S: Simd> Prepared<S> {
     fn plane<const MOVES: bool>(&self, simd: S, boxes: Boxes, row: usize, axis: usize) -> f32x8<S> {
         let mut plane = f32x8::from_slice(simd, &boxes.open[row]);
         if MOVES {
-            plane = plane + (f32x8::from_slice(simd, &boxes.close[row]) - plane) * self.share;
+            plane = plane + (f32x8::from_slice(simd, &boxes.close[row]) - plane) * self.fraction;
         }
         (plane - self.origin[axis]) * self.inverse[axis]
     }
@@ -197,11 +197,11 @@ impl<S: Simd> Prepared<S> {
         [x - sx * z, y - sy * z, sz * z]
     }
 
-    /// Coordinates at the ray's share of the way.
+    /// Coordinates at the ray's fraction of the way.
     #[inline(always)]
     fn place<const MOVES: bool>(&self, simd: S, open: &[f32; 8], close: &[f32; 8]) -> f32x8<S> {
         let at = f32x8::from_slice(simd, open);
-        if MOVES { at + (f32x8::from_slice(simd, close) - at) * self.share } else { at }
+        if MOVES { at + (f32x8::from_slice(simd, close) - at) * self.fraction } else { at }
     }
 
     /// Triangles of a block hit within `t_max`: a bit each, distances and barycentrics.
@@ -245,7 +245,7 @@ fn traverse<S: Simd, F: Filter, const ANY: bool, const MOVES: bool>(
     bvh: &Bvh,
     origin: Vec3,
     direction: Vec3,
-    share: f32,
+    fraction: f32,
     t_max: f32,
     filter: &F,
 ) -> Option<Hit> {
@@ -253,7 +253,7 @@ fn traverse<S: Simd, F: Filter, const ANY: bool, const MOVES: bool>(
     if bvh.nodes.is_empty() || !(origin.is_finite() && direction.is_finite()) {
         return None;
     }
-    let ray = Prepared::new(simd, origin, direction, share);
+    let ray = Prepared::new(simd, origin, direction, fraction);
     let mut best: Option<Hit> = None;
     let mut limit = t_max;
     // Entries hold the distance of entry above and the child below: distances are not negative, so their bits are ordered
@@ -432,10 +432,10 @@ mod tests {
     #[test]
     fn only_boxes_that_are_there_are_asked() {
         let bvh = Bvh::build(&MovingBoxes);
-        for (share, y, expected) in [(0.0, 0.5, vec![1]), (0.5, 5.5, vec![1]), (0.5, 0.5, vec![]), (1.0, 10.5, vec![1])] {
+        for (fraction, y, expected) in [(0.0, 0.5, vec![1]), (0.5, 5.5, vec![1]), (0.5, 0.5, vec![]), (1.0, 10.5, vec![1])] {
             let asked = Asked(Default::default());
-            bvh.closest_at(share, Vec3::new(2.5, y, -5.0), Vec3::Z, f32::INFINITY, &asked);
-            assert_eq!(*asked.0.borrow(), expected, "{share} {y}");
+            bvh.closest_at(fraction, Vec3::new(2.5, y, -5.0), Vec3::Z, f32::INFINITY, &asked);
+            assert_eq!(*asked.0.borrow(), expected, "{fraction} {y}");
         }
     }
 
@@ -464,17 +464,17 @@ mod tests {
             let (a, b) = (soup(n, size), soup(2 * n, size));
             let b = Triangles(b.0[n as usize..].to_vec());
             let moving = Bvh::build(&Moving([Triangles(a.0.clone()), Triangles(b.0.clone())]));
-            for share in [0.0, 0.3, 1.0] {
-                let between = a.0.iter().zip(&b.0).map(|(a, b)| [0, 1, 2].map(|c| a[c] + (b[c] - a[c]) * share)).collect();
+            for fraction in [0.0, 0.3, 1.0] {
+                let between = a.0.iter().zip(&b.0).map(|(a, b)| [0, 1, 2].map(|c| a[c] + (b[c] - a[c]) * fraction)).collect();
                 let still = Bvh::build(&Triangles(between));
                 for (o, d) in rays(if n > 10_000 { 40 } else { 300 }) {
                     let (m, s) =
-                        (moving.closest_at(share, o, d, f32::INFINITY, &Opaque), still.closest(o, d, f32::INFINITY, &Opaque));
-                    assert_eq!(m.map(|h| h.id), s.map(|h| h.id), "{n} at {share}: ray {o} {d}");
-                    assert_eq!(m.is_some(), moving.any_at(share, o, d, f32::INFINITY, &Opaque));
+                        (moving.closest_at(fraction, o, d, f32::INFINITY, &Opaque), still.closest(o, d, f32::INFINITY, &Opaque));
+                    assert_eq!(m.map(|h| h.id), s.map(|h| h.id), "{n} at {fraction}: ray {o} {d}");
+                    assert_eq!(m.is_some(), moving.any_at(fraction, o, d, f32::INFINITY, &Opaque));
                     if let (Some(m), Some(s)) = (m, s) {
                         assert!((m.t - s.t).abs() <= 1e-5 * s.t.max(1.0), "{} {}", m.t, s.t);
-                        assert_eq!(moving.corners_at(m.slot, share), still.corners(s.slot));
+                        assert_eq!(moving.corners_at(m.slot, fraction), still.corners(s.slot));
                     }
                 }
             }

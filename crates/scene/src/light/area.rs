@@ -3,7 +3,7 @@
 //! Sources: Ureña, Fajardo & King 2013, "An Area-Preserving Parametrization for Spherical Rectangles" (EGSR); PBR 6.2.4 and
 //! 12.4 (cone of a sphere). Other parallelograms and triangles are sampled by area.
 
-use super::{Aim, Spot, clearance, segment::Pivot, tree::LightBounds};
+use super::{LightSample, Spot, clearance, segment::Pivot, tree::LightBounds};
 use crate::bvh::Bounds;
 use crate::material::{Emission, EmissionColor, Material};
 use crate::shape::{Quad, Sphere};
@@ -108,29 +108,29 @@ impl AreaLight {
     pub fn radiance(&self, place: Vec2, materials: &[Material], wavelengths: &Wavelengths) -> Sampled {
         let material = &materials[self.material as usize];
         let Some(emission) = &material.emission else { return Sampled::ZERO };
-        let (uv, share) = self.covered(place, material);
-        emission.sample(&uv, wavelengths) * share
+        let (uv, fraction) = self.covered(place, material);
+        emission.sample(&uv, wavelengths) * fraction
     }
 
-    /// Texture coordinates of a place, and the share of rays that meet the surface there.
+    /// Texture coordinates of a place, and the fraction of rays that meet the surface there.
     fn covered(&self, place: Vec2, material: &Material) -> ([Vec2; 2], f32) {
         let first = 1.0 - place.x - place.y;
         let uv = self.uv.map(|[a, b, c]| a * first + b * place.x + c * place.y);
         // Where a triangle has holes it does not shine either; spheres and quads have none.
-        let share = match self.shape {
+        let fraction = match self.shape {
             AreaShape::Triangle(_) => {
                 let [a, b, c] = self.alpha;
-                material.coverage.share(&uv, a * first + b * place.x + c * place.y)
+                material.coverage.fraction(&uv, a * first + b * place.x + c * place.y)
             }
             _ => 1.0,
         };
-        (uv, share)
+        (uv, fraction)
     }
 
     /// [`AreaLight::radiance`] over the spectrum of [`AreaLight::carrier`].
     pub(crate) fn relative_radiance(&self, place: Vec2, materials: &[Material], wavelengths: &Wavelengths) -> Sampled {
         match self.carrier(materials) {
-            // A constant spectrum: what is left is the share that is there.
+            // A constant spectrum: what is left is the fraction that is there.
             Some(_) => Sampled::splat(self.covered(place, &materials[self.material as usize]).1),
             None => {
                 self.radiance(place, materials, wavelengths) / wavelengths.d65_one_nit().max(Sampled::splat(f32::MIN_POSITIVE))
@@ -178,24 +178,24 @@ impl AreaLight {
         }
     }
 
-    /// Aims at the surface from a point.
-    pub(crate) fn aim(&self, p: Vec3, u: [f32; 2], number: u32) -> Option<Aim> {
+    /// Samples the surface from a point.
+    pub(crate) fn sample_li(&self, p: Vec3, u: [f32; 2], number: u32) -> Option<LightSample> {
         match &self.shape {
-            AreaShape::Sphere(sphere) => aim_at_sphere(sphere, p, u, number),
-            AreaShape::Triangle(quad) => self.aim_at_plane(quad, p, triangle_place(u), number),
+            AreaShape::Sphere(sphere) => sample_li_sphere(sphere, p, u, number),
+            AreaShape::Triangle(quad) => self.sample_li_plane(quad, p, triangle_place(u), number),
             AreaShape::Parallelogram(quad) => match SphericalRectangle::new(quad, self.area, p) {
                 Some(rectangle) => {
                     let place = rectangle.sample(u);
-                    let mut aim = self.aim_at_plane(quad, p, place, number)?;
-                    aim.pdf = 1.0 / rectangle.solid_angle;
-                    Some(aim)
+                    let mut light_sample = self.sample_li_plane(quad, p, place, number)?;
+                    light_sample.pdf = 1.0 / rectangle.solid_angle;
+                    Some(light_sample)
                 }
-                None => self.aim_at_plane(quad, p, Vec2::from(u), number),
+                None => self.sample_li_plane(quad, p, Vec2::from(u), number),
             },
         }
     }
 
-    fn aim_at_plane(&self, quad: &Quad, p: Vec3, place: Vec2, number: u32) -> Option<Aim> {
+    fn sample_li_plane(&self, quad: &Quad, p: Vec3, place: Vec2, number: u32) -> Option<LightSample> {
         let to = quad.point(place) - p;
         let d2 = to.length_squared();
         let distance = d2.sqrt();
@@ -205,7 +205,7 @@ impl AreaLight {
             return None;
         }
         let pdf = d2 / (cos.abs() * self.area);
-        Some(Aim {
+        Some(LightSample {
             wi,
             distance,
             pdf,
@@ -215,7 +215,7 @@ impl AreaLight {
         })
     }
 
-    /// Density with which `aim` would have aimed from `p` along `wi`, which meets the surface at `distance`.
+    /// Density with which `sample_li` would have aimed from `p` along `wi`, which meets the surface at `distance`.
     pub fn pdf(&self, p: Vec3, wi: Vec3, distance: f32) -> f32 {
         let by_area = || distance * distance / (self.normal.dot(wi).abs().max(1e-9) * self.area);
         match &self.shape {
@@ -245,7 +245,7 @@ fn cone_of_sphere(sphere: &Sphere, p: Vec3) -> Option<(f32, f32)> {
     Some((sin2, sin2 / (1.0 + (1.0 - sin2).sqrt())))
 }
 
-fn aim_at_sphere(sphere: &Sphere, p: Vec3, u: [f32; 2], number: u32) -> Option<Aim> {
+fn sample_li_sphere(sphere: &Sphere, p: Vec3, u: [f32; 2], number: u32) -> Option<LightSample> {
     let (_, one_minus_cos_max) = cone_of_sphere(sphere, p)?;
     let axis = (sphere.center - p).normalize();
     let one_minus_cos = u[0] * one_minus_cos_max;
@@ -259,7 +259,7 @@ fn aim_at_sphere(sphere: &Sphere, p: Vec3, u: [f32; 2], number: u32) -> Option<A
     let end = p + wi * distance;
     let cos = (end - sphere.center).dot(wi) / sphere.radius;
     let clearance = clearance(p, end, distance, cos);
-    Some(Aim { wi, distance, pdf, has_extent: true, spot: Spot::Area(number, Vec2::ZERO), clearance })
+    Some(LightSample { wi, distance, pdf, has_extent: true, spot: Spot::Area(number, Vec2::ZERO), clearance })
 }
 
 /// Area over squared distance (sr) below which rectangles are sampled by area.
@@ -340,10 +340,10 @@ mod tests {
         let mut sum = 0.0;
         for i in 0..n * n {
             let u = [(i % n) as f32 + to_unit(mix(i)), (i / n) as f32 + to_unit(mix(i ^ 0xffff))].map(|x| x / n as f32);
-            if let Some(aim) = light.aim(Vec3::ZERO, u, 0) {
-                let check = light.pdf(Vec3::ZERO, aim.wi, aim.distance);
-                assert!((check / aim.pdf - 1.0).abs() < 2e-3, "{check} {}", aim.pdf);
-                sum += (aim.wi.z.max(0.0) / aim.pdf) as f64;
+            if let Some(light_sample) = light.sample_li(Vec3::ZERO, u, 0) {
+                let check = light.pdf(Vec3::ZERO, light_sample.wi, light_sample.distance);
+                assert!((check / light_sample.pdf - 1.0).abs() < 2e-3, "{check} {}", light_sample.pdf);
+                sum += (light_sample.wi.z.max(0.0) / light_sample.pdf) as f64;
             }
         }
         sum / (n * n) as f64
@@ -388,7 +388,7 @@ mod tests {
 
     #[test]
     fn a_lamp_shines_as_often_as_rays_meet_it() {
-        // Coverage by a number and by the alpha of the corners: what is aimed at is the mean of what is hit.
+        // Coverage by a number and by the alpha of the corners: what is sampled is the mean of what is hit.
         let q = Quad { corner: Vec3::new(-1.0, -1.0, 1.0), edges: [Vec3::X * 2.0, Vec3::Y * 2.0] };
         let alpha = [1.0, 0.2, 0.6];
         let lamp = light(AreaShape::Triangle(q)).with_alpha(alpha);
@@ -412,8 +412,8 @@ mod tests {
     #[test]
     fn the_back_of_a_lamp_is_not_aimed_at() {
         let q = Quad { corner: Vec3::new(-1.0, -1.0, 1.0), edges: [Vec3::X * 2.0, Vec3::Y * 2.0] };
-        assert!(light(AreaShape::Parallelogram(q)).aim(Vec3::ZERO, [0.5, 0.5], 0).is_none());
+        assert!(light(AreaShape::Parallelogram(q)).sample_li(Vec3::ZERO, [0.5, 0.5], 0).is_none());
         let both = AreaLight { two_sided: true, ..light(AreaShape::Parallelogram(q)) };
-        assert!(both.aim(Vec3::ZERO, [0.5, 0.5], 0).is_some());
+        assert!(both.sample_li(Vec3::ZERO, [0.5, 0.5], 0).is_some());
     }
 }

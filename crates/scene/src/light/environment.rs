@@ -2,29 +2,30 @@
 //!
 //! The map's middle row is the horizon of its own frame: +y up, column 0 at −z turning through −x ... as seen from inside
 //! (u = atan2(x, −z)/2π + ½, v = acos(y)/π). Directions are drawn in proportion to what exceeds the mean luminance, × sin θ; an even map is not
-//! aimed at: scattered rays find it better.
+//! sampled: scattered rays find it better.
 
-use super::{Aim, Spot};
+use super::{LightSample, Spot};
 use diopter_image::Raster;
 use diopter_light::color::SRGB_LUMINANCE;
 use diopter_light::sampling::Grid2;
 use diopter_light::{Sampled, Spectrum, Wavelengths};
 use glam::{Mat3, Vec2, Vec3};
 use std::f32::consts::{PI, TAU};
+use std::sync::Arc;
 
 /// Surroundings infinitely far away.
 #[derive(Clone, Debug)]
 pub struct Environment {
-    map: Raster<f32>,
+    map: Arc<Raster<f32>>,
     /// Turns directions of the map into directions of the world.
     world_from_map: Mat3,
     scale: f32,
     /// What there is to aim at.
-    grid: Option<Grid2>,
+    grid: Option<Arc<Grid2>>,
     /// Light of a map of one colour, at a scale of 1.
     even: Option<Spectrum>,
     mean_luminance: f32,
-    /// Mean luminance of what is aimed at.
+    /// Mean luminance of what is sampled.
     aimed_luminance: f32,
     /// Pixels with a number that counts as 0.
     invalid: usize,
@@ -67,6 +68,7 @@ impl Environment {
         let first = map.pixel(0, 0);
         let even = map.data.chunks_exact(3).all(|p| p == first).then(|| Spectrum::light_from_rgb(Vec3::from_slice(first)));
         let (mean_luminance, aimed_luminance) = (mean * scale, excess * scale);
+        let (map, grid) = (Arc::new(map), grid.map(Arc::new));
         Environment { map, world_from_map, scale, grid, even, mean_luminance, aimed_luminance, invalid }
     }
 
@@ -107,7 +109,7 @@ impl Environment {
         self.mean_luminance
     }
 
-    /// Mean over all directions of the luminance that [`crate::light::Lights::aim`] aims at, cd/m².
+    /// Mean over all directions of the luminance that [`crate::light::Lights::sample_li`] samples, cd/m².
     pub fn aimed_luminance(&self) -> f32 {
         self.aimed_luminance
     }
@@ -158,12 +160,12 @@ impl Environment {
         }
     }
 
-    pub(super) fn aim(&self, u: [f32; 2]) -> Option<Aim> {
+    pub(super) fn sample_li(&self, u: [f32; 2]) -> Option<LightSample> {
         let (p, density) = self.grid.as_ref()?.sample(u);
         let (d, sin) = (direction(p), (p.y * PI).sin());
         let pdf = density / (2.0 * PI * PI * sin);
         let wi = self.world_from_map * d;
-        (pdf > 0.0 && pdf.is_finite()).then_some(Aim {
+        (pdf > 0.0 && pdf.is_finite()).then_some(LightSample {
             wi,
             distance: f32::INFINITY,
             pdf,
@@ -215,11 +217,16 @@ mod tests {
             |i: u32| [(i % n) as f32 + to_unit(mix(i)), (i / n) as f32 + to_unit(mix(i ^ 0xffff))].map(|x| x / n as f32);
         let mut bright = 0;
         for i in 0..n * n {
-            let aim = env.aim(stratum(i)).unwrap();
-            assert!((env.pdf(aim.wi) / aim.pdf - 1.0).abs() < 0.05, "{} {}", env.pdf(aim.wi), aim.pdf);
-            let Spot::Environment(place) = aim.spot else { panic!("the environment aims at itself") };
-            assert!((env.rgb_at(place) - env.rgb(aim.wi)).abs().max_element() < 0.02 * env.rgb(aim.wi).x + 0.5);
-            bright += (env.rgb(aim.wi).x > 100.0) as u32;
+            let light_sample = env.sample_li(stratum(i)).unwrap();
+            assert!(
+                (env.pdf(light_sample.wi) / light_sample.pdf - 1.0).abs() < 0.05,
+                "{} {}",
+                env.pdf(light_sample.wi),
+                light_sample.pdf
+            );
+            let Spot::Environment(place) = light_sample.spot else { panic!("the environment aims at itself") };
+            assert!((env.rgb_at(place) - env.rgb(light_sample.wi)).abs().max_element() < 0.02 * env.rgb(light_sample.wi).x + 0.5);
+            bright += (env.rgb(light_sample.wi).x > 100.0) as u32;
         }
         // The one bright pixel has about 40 % of what exceeds the mean.
         assert!(bright > n * n / 5, "{bright}");

@@ -1,17 +1,21 @@
 //! Things that send out light, and how a point decides which of them to aim at.
 //!
 //! [`area`] (emissive triangles, parallelograms, spheres), [`punctual`] (glTF's point, spot and directional lights),
-//! [`environment`] (a lat-long map around everything), [`tree`] (many lights, chosen by what they can contribute), [`segment`] (lights seen from a
+//! [`photometry`] (measured intensities by direction, IES), [`emitters`] (all that shines by itself, as a camera sees it), [`environment`] (a lat-long map
+//! around everything), [`tree`] (many lights, chosen by what they can contribute), [`segment`] (lights seen from a
 //! ray in a medium).
 
 pub mod area;
+pub mod emitters;
 pub mod environment;
 pub mod modulation;
+pub mod photometry;
 pub mod punctual;
 pub mod segment;
 pub mod tree;
 
 pub use area::AreaLight;
+pub use emitters::{Emitters, Shown};
 pub use environment::Environment;
 pub use modulation::Modulation;
 pub use punctual::{Punctual, PunctualKind, SpotEdge};
@@ -23,7 +27,7 @@ use tree::{LightBounds, Tree};
 
 /// A direction towards a light, seen from a point.
 #[derive(Clone, Copy, Debug)]
-pub struct Aim {
+pub struct LightSample {
     /// Unit direction towards the light.
     pub wi: Vec3,
     /// Distance to it, m; infinite for lights at infinity.
@@ -41,7 +45,7 @@ pub struct Aim {
 /// Relative rounding of the place where a ray meets a flat surface: some units of 2⁻²³.
 const ROUNDING: f32 = 1e-6;
 
-/// [`Aim::clearance`] of a flat surface at `end` seen from `p`, so far away, under a cosine.
+/// [`LightSample::clearance`] of a flat surface at `end` seen from `p`, so far away, under a cosine.
 #[inline]
 fn clearance(p: Vec3, end: Vec3, distance: f32, cos: f32) -> f32 {
     ROUNDING * (p.abs().max(end.abs()).max_element() + distance) / cos.abs().max(1e-2)
@@ -104,7 +108,7 @@ pub(crate) struct Placed {
     pub flash: bool,
 }
 
-/// Share of the aims that go to flashes while one burns.
+/// Fraction of the aims that go to flashes while one burns.
 const FLASH_SHARE: f32 = 0.5;
 
 impl Lights {
@@ -185,7 +189,7 @@ impl Lights {
         !self.tree_lights.is_empty() || (flash_burns && !self.flashes.is_empty())
     }
 
-    /// Share of the aims that go to flashes.
+    /// Fraction of the aims that go to flashes.
     #[inline]
     fn flash_share(&self, flash_burns: bool) -> f32 {
         match (flash_burns && !self.flashes.is_empty(), self.tree_lights.is_empty() && self.infinite.is_empty()) {
@@ -222,19 +226,19 @@ impl Lights {
     }
 
     fn choose_steady(&self, p: Vec3, n: Vec3, u: f32) -> Option<(LightRef, f32)> {
-        let share = self.finite_share(p, n);
-        if u < share {
-            let (leaf, probability) = self.tree.choose(p, n, u / share)?;
-            return Some((self.tree_lights[leaf], probability * share));
+        let fraction = self.finite_share(p, n);
+        if u < fraction {
+            let (leaf, probability) = self.tree.choose(p, n, u / fraction)?;
+            return Some((self.tree_lights[leaf], probability * fraction));
         }
         if self.infinite_total <= 0.0 {
             return None;
         }
-        let mut u = (u - share) / (1.0 - share) * self.infinite_total;
+        let mut u = (u - fraction) / (1.0 - fraction) * self.infinite_total;
         let last = self.infinite.len() - 1;
         for (i, (light, importance)) in self.infinite.iter().enumerate() {
             if u < *importance || i == last {
-                return Some((*light, (1.0 - share) * importance / self.infinite_total));
+                return Some((*light, (1.0 - fraction) * importance / self.infinite_total));
             }
             u -= importance;
         }
@@ -272,7 +276,7 @@ impl Lights {
         }
     }
 
-    /// Share of the choices along a segment that go to flashes.
+    /// Fraction of the choices along a segment that go to flashes.
     #[inline]
     fn flash_share_along(&self, flash_burns: bool) -> f32 {
         match flash_burns && !self.flashes.is_empty() {
@@ -331,7 +335,7 @@ impl Lights {
         (1.0 - self.flash_share(flash_burns)) * (1.0 - self.finite_share(p, n)) * importance / self.infinite_total
     }
 
-    /// Numbers and radiance of the discs at infinity in a direction; each with the density with which it would have been aimed at, the choice of light
+    /// Numbers and radiance of the discs at infinity in a direction; each with the density with which it would have been sampled, the choice of light
     /// included, seen from `from`.
     pub(crate) fn discs(
         &self,
@@ -350,27 +354,27 @@ impl Lights {
         })
     }
 
-    /// Aims at a chosen light from a point. `None` when it cannot be seen from there even without obstacles.
+    /// Samples a chosen light from a point. `None` when it cannot be seen from there even without obstacles.
     #[inline]
-    pub fn aim(&self, light: LightRef, p: Vec3, u: [f32; 2]) -> Option<Aim> {
+    pub fn sample_li(&self, light: LightRef, p: Vec3, u: [f32; 2]) -> Option<LightSample> {
         match light {
-            LightRef::Area(i) => self.area[i as usize].aim(p, u, i),
-            LightRef::Punctual(i) => self.punctual[i as usize].aim(p, u, i),
-            LightRef::Environment => self.environment.as_ref()?.aim(u),
+            LightRef::Area(i) => self.area[i as usize].sample_li(p, u, i),
+            LightRef::Punctual(i) => self.punctual[i as usize].sample_li(p, u, i),
+            LightRef::Environment => self.environment.as_ref()?.sample_li(u),
         }
     }
 
-    /// Spectral radiance (or, for lights without extent, irradiance on a plane facing them) that arrives along an aim.
+    /// Spectral radiance (or, for lights without extent, irradiance on a plane facing them) that arrives along a light sample.
     #[inline]
-    pub fn arriving(
+    pub fn incident_radiance(
         &self,
-        aim: &Aim,
+        light_sample: &LightSample,
         materials: &[crate::material::Material],
         wavelengths: &diopter_light::Wavelengths,
     ) -> Sampled {
-        match aim.spot {
+        match light_sample.spot {
             Spot::Area(i, place) => self.area[i as usize].radiance(place, materials, wavelengths),
-            Spot::Punctual(i) => self.punctual[i as usize].arriving(aim, wavelengths),
+            Spot::Punctual(i) => self.punctual[i as usize].incident_radiance(light_sample, wavelengths),
             Spot::Environment(place) => self
                 .environment
                 .as_ref()

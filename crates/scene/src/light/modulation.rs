@@ -17,13 +17,13 @@ pub enum Modulation {
         /// rad
         phase: f64,
     },
-    /// On for a share of each period, the brighter the shorter: the mean stays 1.
+    /// On for a fraction of each period, the brighter the shorter: the mean stays 1.
     Pwm {
         /// Hz
         frequency_hz: f64,
-        /// Share of the period, above 0 to 1.
+        /// Fraction of the period, above 0 to 1.
         duty: f64,
-        /// Shares of a period by which the lamp is ahead.
+        /// Fractions of a period by which the lamp is ahead.
         phase: f64,
     },
     /// Once during the exposure; the lamp's emission is then per second of the pulse: radiance × time.

@@ -1,6 +1,6 @@
 //! Lights without extent (glTF's KHR_lights_punctual), and discs at infinity such as the sun.
 
-use super::{Aim, Modulation, Spot, segment::Pivot, tree::LightBounds};
+use super::{LightSample, Modulation, Spot, photometry::Web, segment::Pivot, tree::LightBounds};
 use crate::bvh::Bounds;
 use diopter_image::Raster;
 use diopter_light::color::SRGB_LUMINANCE;
@@ -30,7 +30,7 @@ pub struct Punctual {
 /// A picture that a point light shines by.
 #[derive(Clone, Debug)]
 pub struct Pattern {
-    /// Linear sRGB; multiplies the light.
+    /// Linear sRGB; multiplies the light. Empty where the spread has numbers of its own.
     pub picture: Raster<f32>,
     /// The light's directions from the world's.
     pub light_from_world: Mat3,
@@ -39,20 +39,28 @@ pub struct Pattern {
 }
 
 /// How directions lie on the picture of a [`Pattern`].
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub enum Spread {
     /// All directions on a square of equal areas (P. Clarberg 2008).
     Sphere,
     /// Those ahead (+z) as a projector throws them: tangents of half the angles, to the right and up.
     Frame([f32; 2]),
+    /// Measured intensities, over their peak; aimed along −z.
+    Web(Arc<Web>),
 }
 
 impl Pattern {
+    /// Measured intensities of a lamp that is aimed along −z of a space.
+    pub fn measured(web: Web, light_from_world: Mat3) -> Self {
+        Pattern { picture: Raster::new(0, 0, 3), light_from_world, spread: Spread::Web(Arc::new(web)) }
+    }
+
     /// Factor on light that goes in a direction of the world.
     fn at(&self, direction: Vec3) -> Vec3 {
         let d = self.light_from_world * direction;
-        let [u, v] = match self.spread {
+        let [u, v] = match &self.spread {
             Spread::Sphere => square_of(d),
+            Spread::Web(web) => return Vec3::splat(web.candela(d) / web.peak()),
             Spread::Frame([x, y]) => {
                 if d.z <= 1e-6 {
                     return Vec3::ZERO;
@@ -69,6 +77,9 @@ impl Pattern {
 
     /// Mean luminance of the picture: of a light of 1 cd for each 1 in it.
     pub fn mean(&self) -> f32 {
+        if let Spread::Web(web) = &self.spread {
+            return (web.lumens() / (4.0 * std::f64::consts::PI * f64::from(web.peak()))) as f32;
+        }
         let all = self.picture.data.as_chunks::<3>().0;
         let y = |p: &[f32; 3]| f64::from(Vec3::from_array(*p).dot(SRGB_LUMINANCE));
         (all.iter().map(y).sum::<f64>() / all.len().max(1) as f64) as f32
@@ -172,7 +183,7 @@ impl PunctualKind {
         }
     }
 
-    fn aim(self, p: Vec3, u: [f32; 2], number: u32) -> Option<Aim> {
+    fn sample_li(self, p: Vec3, u: [f32; 2], number: u32) -> Option<LightSample> {
         let (wi, distance) = match self {
             PunctualKind::Disc { direction, half_angle } => {
                 // Even over the cone.
@@ -181,7 +192,7 @@ impl PunctualKind {
                 let (x, y) = sampling::frame(-direction);
                 let wi = (x * (sin * phi.cos()) + y * (sin * phi.sin()) - direction * cos).normalize();
                 let (distance, pdf) = (f32::INFINITY, disc_density(half_angle));
-                return Some(Aim { wi, distance, pdf, has_extent: true, spot: Spot::Punctual(number), clearance: 0.0 });
+                return Some(LightSample { wi, distance, pdf, has_extent: true, spot: Spot::Punctual(number), clearance: 0.0 });
             }
             PunctualKind::Directional { direction } => (-direction, f32::INFINITY),
             PunctualKind::Point { position } | PunctualKind::Spot { position, .. } => {
@@ -194,7 +205,7 @@ impl PunctualKind {
             }
         };
         let clearance = if distance.is_finite() { super::clearance(p, p + wi * distance, distance, 1.0) } else { 0.0 };
-        Some(Aim { wi, distance, pdf: 1.0, has_extent: false, spot: Spot::Punctual(number), clearance })
+        Some(LightSample { wi, distance, pdf: 1.0, has_extent: false, spot: Spot::Punctual(number), clearance })
     }
 }
 
@@ -244,16 +255,16 @@ impl Punctual {
         }
     }
 
-    pub(crate) fn aim(&self, p: Vec3, u: [f32; 2], number: u32) -> Option<Aim> {
-        self.kind.aim(p, u, number)
+    pub(crate) fn sample_li(&self, p: Vec3, u: [f32; 2], number: u32) -> Option<LightSample> {
+        self.kind.sample_li(p, u, number)
     }
 
-    /// What [`Punctual::aim`] of the light would be where its space is placed in the world.
-    pub(crate) fn aim_placed(&self, place: &Affine3A, p: Vec3, u: [f32; 2], number: u32) -> Option<Aim> {
-        self.kind.placed(place).aim(p, u, number)
+    /// What [`Punctual::sample_li`] of the light would be where its space is placed in the world.
+    pub(crate) fn sample_li_placed(&self, place: &Affine3A, p: Vec3, u: [f32; 2], number: u32) -> Option<LightSample> {
+        self.kind.placed(place).sample_li(p, u, number)
     }
 
-    /// Radiance of a disc seen in a direction, and the density of [`Punctual::aim`] for that; `None` beside it, or for other lights.
+    /// Radiance of a disc seen in a direction, and the density of [`Punctual::sample_li`] for that; `None` beside it, or for other lights.
     pub(crate) fn disc(&self, direction: Vec3, wavelengths: &Wavelengths) -> Option<(Sampled, f32)> {
         match self.kind {
             PunctualKind::Disc { direction: d, half_angle } if half_sine2(direction, -d) <= (0.5 * half_angle).sin().powi(2) => {
@@ -264,22 +275,33 @@ impl Punctual {
     }
 
     /// Irradiance on a plane facing the light; of a disc, its radiance.
-    pub(crate) fn arriving(&self, aim: &Aim, wavelengths: &Wavelengths) -> Sampled {
-        self.arriving_from(self.kind, -aim.wi, aim, wavelengths)
+    pub(crate) fn incident_radiance(&self, light_sample: &LightSample, wavelengths: &Wavelengths) -> Sampled {
+        self.incident_radiance_from(self.kind, -light_sample.wi, light_sample, wavelengths)
     }
 
-    /// What [`Punctual::arriving`] of the light would be where its space is placed in the world. Nothing is copied: the picture of a
+    /// What [`Punctual::incident_radiance`] of the light would be where its space is placed in the world. Nothing is copied: the picture of a
     /// light can be large.
-    pub(crate) fn arriving_placed(&self, place: &Affine3A, aim: &Aim, wavelengths: &Wavelengths) -> Sampled {
+    pub(crate) fn incident_radiance_placed(
+        &self,
+        place: &Affine3A,
+        light_sample: &LightSample,
+        wavelengths: &Wavelengths,
+    ) -> Sampled {
         let own = match self.pattern {
-            Some(_) => Mat3::from(place.matrix3).inverse() * -aim.wi,
-            None => -aim.wi,
+            Some(_) => Mat3::from(place.matrix3).inverse() * -light_sample.wi,
+            None => -light_sample.wi,
         };
-        self.arriving_from(self.kind.placed(place), own, aim, wavelengths)
+        self.incident_radiance_from(self.kind.placed(place), own, light_sample, wavelengths)
     }
 
     /// Light of a kind in the world; `own`: its direction in the space in which the light's picture stands.
-    fn arriving_from(&self, kind: PunctualKind, own: Vec3, aim: &Aim, wavelengths: &Wavelengths) -> Sampled {
+    fn incident_radiance_from(
+        &self,
+        kind: PunctualKind,
+        own: Vec3,
+        light_sample: &LightSample,
+        wavelengths: &Wavelengths,
+    ) -> Sampled {
         let power = self.power.sample_light(wavelengths);
         match kind {
             PunctualKind::Directional { .. } => power,
@@ -289,9 +311,11 @@ impl Punctual {
                     Some(pattern) => power * tint(pattern.at(own), wavelengths),
                     None => power,
                 };
-                power / (aim.distance * aim.distance)
+                power / (light_sample.distance * light_sample.distance)
             }
-            PunctualKind::Spot { .. } => power * (kind.spot_share(-aim.wi) / (aim.distance * aim.distance)),
+            PunctualKind::Spot { .. } => {
+                power * (kind.spot_share(-light_sample.wi) / (light_sample.distance * light_sample.distance))
+            }
         }
     }
 
@@ -359,9 +383,11 @@ mod tests {
                 Some(Arc::new(Pattern { picture: picture.clone(), light_from_world: Mat3::IDENTITY, spread: Spread::Sphere }));
             let whole = light.placed(&place);
             for p in [Vec3::ZERO, Vec3::new(3.0, 1.0, 2.0), Vec3::new(-1.0, -4.0, 0.0)] {
-                let [a, b] = [light.aim_placed(&place, p, [0.3, 0.6], 0), whole.aim(p, [0.3, 0.6], 0)].map(Option::unwrap);
+                let [a, b] =
+                    [light.sample_li_placed(&place, p, [0.3, 0.6], 0), whole.sample_li(p, [0.3, 0.6], 0)].map(Option::unwrap);
                 assert_eq!((a.wi, a.distance, a.pdf), (b.wi, b.distance, b.pdf), "{kind:?}");
-                let [x, y] = [light.arriving_placed(&place, &a, &wavelengths), whole.arriving(&b, &wavelengths)];
+                let [x, y] =
+                    [light.incident_radiance_placed(&place, &a, &wavelengths), whole.incident_radiance(&b, &wavelengths)];
                 for (x, y) in x.to_array().into_iter().zip(y.to_array()) {
                     assert!((x - y).abs() <= 1e-5 * y.abs(), "{kind:?}: {x} {y}");
                 }

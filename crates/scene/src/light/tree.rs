@@ -241,14 +241,14 @@ impl Tree {
             if here.second == 0 {
                 return Some((here.light as usize, probability));
             }
-            let share = self.first_share(node, importance)?;
-            if u < share {
-                u /= share;
-                probability *= share;
+            let fraction = self.first_share(node, importance)?;
+            if u < fraction {
+                u /= fraction;
+                probability *= fraction;
                 node += 1;
             } else {
-                u = (u - share) / (1.0 - share);
-                probability *= 1.0 - share;
+                u = (u - fraction) / (1.0 - fraction);
+                probability *= 1.0 - fraction;
                 node = here.second;
             }
         }
@@ -270,8 +270,8 @@ impl Tree {
         let mut node = leaf;
         while self.nodes[node as usize].parent != u32::MAX {
             let parent = self.nodes[node as usize].parent;
-            let Some(share) = self.first_share(parent, importance) else { return 0.0 };
-            probability *= if node == parent + 1 { share } else { 1.0 - share };
+            let Some(fraction) = self.first_share(parent, importance) else { return 0.0 };
+            probability *= if node == parent + 1 { fraction } else { 1.0 - fraction };
             node = parent;
         }
         probability

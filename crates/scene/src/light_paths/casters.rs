@@ -21,7 +21,7 @@ pub(super) const MOST_PIECES: usize = 64;
 /// Parts along each side that a parallelogram is divided into.
 const QUAD_PARTS: u32 = 4;
 
-/// A share of the surface of caustic casters, by a sphere that holds it.
+/// A fraction of the surface of caustic casters, by a sphere that holds it.
 #[derive(Clone, Copy, Debug)]
 struct Piece {
     center: Vec3,
@@ -124,6 +124,15 @@ impl Casters {
                 continue;
             }
             match object.shape {
+                Shape::Curves { curves, world_from_curves } => {
+                    let set = &d.curves[curves as usize];
+                    for segment in 0..set.segments.len() {
+                        push(set.segment_bounds(segment).placed(&world_from_curves));
+                    }
+                }
+                Shape::Splats { splats, world_from_splats } => {
+                    push(d.splats[splats as usize].bounds().placed(&world_from_splats))
+                }
                 Shape::Sphere(s) => spheres.push(Piece { center: s.center, radius: s.radius, strength }),
                 Shape::Quad(q) => {
                     let at = |i: u32, j: u32| q.point(Vec2::new(i as f32, j as f32) / QUAD_PARTS as f32);
@@ -254,7 +263,7 @@ fn strength(scattering: &Scattering) -> f32 {
         {
             1.0
         }
-        Scattering::Principled(p) if smooth_root(&p.roughness) && p.grain.is_none() => {
+        Scattering::Principled(p) if smooth_root(&p.roughness) && p.anisotropy.is_none() => {
             let metal = match p.metallic {
                 Scalar::Constant(m) => m,
                 _ => 0.5,

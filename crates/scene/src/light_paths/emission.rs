@@ -10,9 +10,9 @@ use super::{CausticSettings, Lamps};
 use crate::light::punctual::disc_sr;
 use crate::light::{AreaLight, Modulation, PunctualKind};
 use crate::medium::Air;
+use crate::medium_stack::MediumStack;
 use crate::scene::Scene;
 use crate::shape::offset_origin;
-use crate::within::Within;
 use diopter_light::random::{Sampler, Set};
 use diopter_light::sampling::{self, Discrete};
 use diopter_light::{Ray, Sampled, Spectrum, Wavelengths};
@@ -43,7 +43,7 @@ pub(super) struct Lamp<'a> {
     /// Whether no ray can meet it.
     pub is_delta: bool,
     /// The bodies that it stands in.
-    within: Within<'a>,
+    medium_stack: MediumStack<'a>,
 }
 
 #[derive(Clone, Copy, PartialEq)]
@@ -69,7 +69,7 @@ pub(super) struct Start<'a> {
     pub lamp: u32,
     /// Power over the lamp's spectrum and over the density of the ray.
     pub relative: Sampled,
-    pub within: Within<'a>,
+    pub medium_stack: MediumStack<'a>,
 }
 
 /// All lamps whose caustics are made by photons.
@@ -155,14 +155,14 @@ impl<'a> Emission<'a> {
                 modulation: emission.modulation,
                 window: window(&emission.modulation),
                 is_delta: false,
-                within: bodies_at(scene, surface, normal, around),
+                medium_stack: bodies_at(scene, surface, normal, around),
             });
         }
         for (i, light) in lights.punctual.iter().enumerate().filter(|(i, _)| punctual[*i]) {
             let kind = scene.punctual_place(i as u32, 0.0).map_or(light.kind, |p| light.kind.placed(&p));
-            let (flux, within) = match kind {
+            let (flux, medium_stack) = match kind {
                 PunctualKind::Directional { .. } | PunctualKind::Disc { .. } => {
-                    (casters.cross_section(), Within::new(scene.air()))
+                    (casters.cross_section(), MediumStack::new(scene.air()))
                 }
                 PunctualKind::Point { position } | PunctualKind::Spot { position, .. } => {
                     (casters.seen_from(position, facing(kind)), bodies_at(scene, position, Vec3::Y, around))
@@ -176,7 +176,7 @@ impl<'a> Emission<'a> {
                 modulation: light.modulation,
                 window: window(&light.modulation),
                 is_delta: !matches!(kind, PunctualKind::Disc { .. }),
-                within,
+                medium_stack,
             });
         }
         if lamps.is_empty() {
@@ -211,12 +211,12 @@ impl<'a> Emission<'a> {
         let time_s = from + (to - from) * t;
         let (origin, direction, relative) = match lamp.source {
             Source::Area(i) => self.of_area(i, time_s, wavelengths, [a, b], choose_piece, [c, d])?,
-            Source::Punctual(i) => self.of_punctual(i, time_s, wavelengths, [a, b], choose_piece, [c, d])?,
+            Source::Punctual(i) => self.of_punctual(i, time_s, wavelengths, [a, b], choose_piece, [c, d], sampler)?,
         };
         let relative = relative / chance;
         let ray = Ray { origin, direction, time_s };
         let bright = relative.max_element() > 0.0 && relative.is_finite();
-        (bright && ray.is_finite()).then_some(Start { ray, lamp: number as u32, relative, within: lamp.within })
+        (bright && ray.is_finite()).then_some(Start { ray, lamp: number as u32, relative, medium_stack: lamp.medium_stack })
     }
 
     fn of_area(
@@ -241,6 +241,7 @@ impl<'a> Emission<'a> {
         Some((origin, direction, radiance * (cos.abs() * light.area() / pdf)))
     }
 
+    #[allow(clippy::too_many_arguments)]
     fn of_punctual(
         &self,
         number: u32,
@@ -249,6 +250,7 @@ impl<'a> Emission<'a> {
         place: [f32; 2],
         choice: f32,
         u: [f32; 2],
+        sampler: &Sampler,
     ) -> Option<(Vec3, Vec3, Sampled)> {
         let light = &self.scene.lights().punctual[number as usize];
         let node = self.scene.punctual_place(number, time_s);
@@ -274,7 +276,12 @@ impl<'a> Emission<'a> {
         let origin = point - direction * ((point - middle).dot(direction) + radius);
         let left = match self.scene.air() {
             // Endless air lets nothing through from infinity, or all of it.
-            Some(Air { medium, bounds: None }) => medium.at(wavelengths).transmittance(f32::INFINITY),
+            Some(Air { medium, bounds: None }) => {
+                // From infinity to where the photon begins.
+                let back = Ray { origin, direction: -direction, time_s };
+                let mut stream = sampler.stream(Set::Transmittance(0));
+                medium.transmittance(&back, [0.0, f32::INFINITY], wavelengths, self.scene.moment_s(time_s), || &mut stream)
+            }
             _ => Sampled::ONE,
         };
         Some((origin, direction, left * (power / pdf)))
@@ -298,8 +305,8 @@ const MOST_FACES: u32 = 4096;
 
 /// The bodies that a point of a lamp stands in: those that are entered and not left on a straight line from outside everything to the side
 /// of the point that `normal` shows.
-fn bodies_at<'a>(scene: &'a Scene, point: Vec3, normal: Vec3, (middle, radius): (Vec3, f32)) -> Within<'a> {
-    let mut within = Within::new(scene.air());
+fn bodies_at<'a>(scene: &'a Scene, point: Vec3, normal: Vec3, (middle, radius): (Vec3, f32)) -> MediumStack<'a> {
+    let mut medium_stack = MediumStack::new(scene.air());
     let end = offset_origin(point, normal);
     let direction = -normal;
     let mut origin = end + normal * ((middle - end).dot(normal).max(0.0) + 2.0 * radius);
@@ -310,8 +317,8 @@ fn bodies_at<'a>(scene: &'a Scene, point: Vec3, normal: Vec3, (middle, radius): 
         }
         let Some(face) = scene.intersect(&Ray { origin, direction, time_s: 0.0 }, left) else { break };
         let entering = face.ng.dot(direction) < 0.0;
-        within.cross(scene.material(face.object), entering);
+        medium_stack.cross(scene.material(face.object), entering);
         origin = offset_origin(face.point, if entering { -face.ng } else { face.ng });
     }
-    within
+    medium_stack
 }

@@ -125,7 +125,7 @@ impl<'a> PhotonMap<'a> {
         sum
     }
 
-    /// Share of what an area light shows that a camera path still counts where it meets it.
+    /// Fraction of what an area light shows that a camera path still counts where it meets it.
     #[inline]
     pub(crate) fn left_of_area(&self, tail: &Tail, light: Option<u32>) -> Sampled {
         match light {

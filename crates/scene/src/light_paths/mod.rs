@@ -20,7 +20,7 @@
 //! | `L (C\|T\|P)* E` | chance hits: a lamp seen directly, in a mirror or through glass |
 //! | `L …P… D …E` (a `P` before the first `D` or `M`) | chance hits |
 //! | `L …C… M …E` (scattered in a medium first) | chance hits |
-//! | `L …C… N …E`, lamp with extent | chance hits; a surface with lobes of both kinds counts each lobe's share |
+//! | `L …C… N …E`, lamp with extent | chance hits; a surface with lobes of both kinds counts each lobe's fraction |
 //! | `L …C… N …E`, point, spot, parallel light | photons: rays cannot meet such lamps |
 //! | lamps that no photons are emitted from, the environment, unlit surfaces | as without photons |
 //!
@@ -228,8 +228,8 @@ impl Tail {
             (false, true) => Sampled::ONE,
             (true, true) => {
                 let (whole, broad) = (bsdf.eval(wi).0, bsdf.eval_broad(wi, BROAD_ALPHA));
-                let share = |k: usize| if whole[k] > 0.0 { (1.0 - broad[k] / whole[k]).clamp(0.0, 1.0) } else { 1.0 };
-                Sampled::new(share(0), share(1), share(2), share(3))
+                let fraction = |k: usize| if whole[k] > 0.0 { (1.0 - broad[k] / whole[k]).clamp(0.0, 1.0) } else { 1.0 };
+                Sampled::new(fraction(0), fraction(1), fraction(2), fraction(3))
             }
         };
         *self = Tail { at_surface: Some(left), is_bent: false };
@@ -244,7 +244,7 @@ impl Tail {
         }
     }
 
-    /// Share of what it meets that still counts.
+    /// Fraction of what it meets that still counts.
     #[inline]
     fn left(&self) -> Sampled {
         self.at_surface.filter(|_| self.is_bent).unwrap_or(Sampled::ONE)

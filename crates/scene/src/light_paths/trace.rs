@@ -4,7 +4,6 @@ use super::emission::{Emission, Start};
 use crate::material::Scattering;
 use crate::radiance::{MOST_FACES, past};
 use crate::scene::Scene;
-use crate::shape::offset_origin;
 use diopter_light::random::{Sampler, Set};
 use diopter_light::wavelength::{FIRST_NM, LAST_NM};
 use diopter_light::{Ray, Sampled, Wavelengths};
@@ -163,33 +162,37 @@ pub(super) fn trace(
     scale: f32,
     landed: &mut Vec<Photon>,
 ) {
-    let Some(Start { mut ray, lamp, relative, mut within }) = emission.start(sampler, wavelengths) else { return };
+    let Some(Start { mut ray, lamp, relative, mut medium_stack }) = emission.start(sampler, wavelengths) else { return };
     let mut power = relative * scale;
     let (mut hero_only, mut dispersed) = (wavelengths.is_rgb(), false);
     let (mut events, mut is_caustic) = (0, false);
+    let mut numbers = None;
     for _ in 0..MOST_FACES {
         let surface = scene.intersect(&ray, f32::INFINITY);
         let reach = surface.as_ref().map_or(f32::INFINITY, |s| s.t);
         // What is scattered on the way is the path tracer's.
-        if let Some((medium, [near, far])) = within.span(&ray, reach) {
-            power *= medium.at(wavelengths).transmittance(far - near);
+        if let Some((medium, span)) = medium_stack.span(&ray, reach) {
+            power *= medium.transmittance(&ray, span, wavelengths, scene.moment_s(ray.time_s), || {
+                numbers.get_or_insert_with(|| sampler.stream(Set::Tracking(0)))
+            });
         }
         let Some(surface) = surface else { return };
         let material = scene.material(surface.object);
         let entering = surface.ng.dot(ray.direction) < 0.0;
-        if within.hides(material, entering) || matches!(material.scattering, Scattering::Interface) {
-            within.cross(material, entering);
+        if medium_stack.hides(material, entering) || matches!(material.scattering, Scattering::Interface) {
+            medium_stack.cross(material, entering);
             ray.origin = past(&surface, ray.direction);
             continue;
         }
-        let around = within.around(material);
+        let around = medium_stack.around(material);
         let Some(bsdf) = material.bsdf(&surface, -ray.direction, wavelengths, hero_only, around) else { return };
         // The event of the camera's path that gathers it is one more.
         if events + 1 > max_depth || !(power.max_element() > 0.0) {
             return;
         }
         let ng = bsdf.side_normal();
-        if is_caustic && !bsdf.is_specular() && power.is_finite() {
+        // Strands are narrower than the discs within which photons are gathered.
+        if is_caustic && !bsdf.is_specular() && !surface.is_strand() && power.is_finite() {
             let spectrum = match (wavelengths.is_rgb(), dispersed) {
                 (true, _) => Lanes::Colors,
                 (false, true) => Lanes::Hero,
@@ -220,8 +223,8 @@ pub(super) fn trace(
         power *= scatter.weight * bsdf.shading_correction(scatter.wi);
         if scatter.transmitted {
             // Radiance changes by η² where it is bent, power does not (Veach 1997 §5.2).
-            power *= scatter.squeeze;
-            within.cross(material, entering);
+            power *= scatter.eta_scale;
+            medium_stack.cross(material, entering);
         }
         // Roulette keeps the power of photons alike.
         let survival = (power.max_element() / before).min(1.0);
@@ -235,7 +238,7 @@ pub(super) fn trace(
         }
         events += 1;
         let normal = if scatter.transmitted { -ng } else { ng };
-        ray = Ray { origin: offset_origin(surface.point, normal), direction: scatter.wi, time_s: ray.time_s };
+        ray = Ray { origin: surface.leave(normal, scatter.wi), direction: scatter.wi, time_s: ray.time_s };
     }
 }
 

@@ -2,7 +2,7 @@
 //!
 //! Units are glTF's: metres, candela, lux, cd/m² for emission. Nodes, animations, skins and morph targets are read by `motion`. Extensions:
 //! KHR_lights_punctual, KHR_materials_{emissive_strength, ior, transmission, clearcoat, unlit, volume, dispersion, variants, specular, sheen, anisotropy, iridescence},
-//! KHR_texture_transform, EXT_mesh_gpu_instancing, and what `packed` unpacks; another one that a file requires is an error, one it only uses a warning. Files are opened by the
+//! KHR_texture_transform, EXT_mesh_gpu_instancing, EXT_lights_ies, and what `packed` unpacks; another one that a file requires is an error, one it only uses a warning. Files are opened by the
 //! caller: `fetch` gets the URIs of buffers and images.
 
 mod materials;
@@ -10,6 +10,8 @@ mod motion;
 mod packed;
 
 use crate::SceneError;
+use crate::light::photometry::Web;
+use crate::light::punctual::Pattern;
 use crate::light::{Punctual, PunctualKind, SpotEdge};
 use crate::load::{Fetch, finished, note_missing, read_texture, stand_in};
 use crate::material::{Material, Principled, Scattering};
@@ -41,6 +43,7 @@ const SUPPORTED: &[&str] = &[
     "KHR_materials_variants",
     "KHR_texture_transform",
     "EXT_mesh_gpu_instancing",
+    "EXT_lights_ies",
 ];
 
 /// Reads a scene. `name` stands for the file in messages.
@@ -59,6 +62,8 @@ struct Loader<'a> {
     /// Meshes of the description by (glTF mesh, primitive).
     meshes: HashMap<(usize, usize), u32>,
     default_material: Option<u32>,
+    /// Lamps of EXT_lights_ies.
+    webs: Vec<Web>,
 }
 
 fn error(name: &str, place: &str, found: impl Into<String>, expected: impl Into<String>) -> SceneError {
@@ -130,7 +135,8 @@ impl<'a> Loader<'a> {
         for extension in used.iter().filter(|e| !is_supported(e)) {
             description.warnings.push(format!("{name}: extension {extension} is not supported; the scene is shown without it"));
         }
-        Ok(Loader { name, document, buffers, images, description, meshes: HashMap::new(), default_material: None })
+        let webs = webs(&document, &buffers, name, fetch)?;
+        Ok(Loader { name, document, buffers, images, description, meshes: HashMap::new(), default_material: None, webs })
     }
 
     fn run(mut self) -> Result<Description, SceneError> {
@@ -199,6 +205,9 @@ impl<'a> Loader<'a> {
         if let Some(light) = node.light() {
             self.description.punctual.push(punctual(&light, light.name().unwrap_or(&name), node.index() as u32));
         }
+        if let Some(light) = node.extension_value("EXT_lights_ies") {
+            self.measured(light, &name, node.index())?;
+        }
         let Some(mesh) = node.mesh() else { return Ok(()) };
         let instances = self.instances(node)?;
         for primitive in mesh.primitives() {
@@ -236,6 +245,24 @@ impl<'a> Loader<'a> {
             let objects = first..self.description.objects.len() as u32;
             self.other_materials(&primitive, objects)?;
         }
+        Ok(())
+    }
+
+    /// A lamp of EXT_lights_ies: aimed along −z of its node, as measured.
+    fn measured(&mut self, light: &Value, name: &str, node: usize) -> Result<(), SceneError> {
+        let number = light.get("light").and_then(Value::as_u64);
+        let Some(web) = number.and_then(|n| self.webs.get(usize::try_from(n).ok()?)) else {
+            let found = format!("light profile {}", number.map_or("none".into(), |n| n.to_string()));
+            let expected = format!("expected a number below {}, that of EXT_lights_ies.lights", self.webs.len());
+            return Err(error(self.name, &format!("node {node}"), found, expected));
+        };
+        let multiplier = light.get("multiplier").and_then(Value::as_f64).unwrap_or(1.0).max(0.0) as f32;
+        let channel = |i: usize| light.get("color").and_then(|c| c.get(i)).and_then(Value::as_f64).unwrap_or(1.0);
+        let color = Vec3::new(channel(0) as f32, channel(1) as f32, channel(2) as f32).clamp(Vec3::ZERO, Vec3::ONE);
+        let power = Spectrum::light_from_rgb(color * (multiplier * web.peak()));
+        let pattern = Some(Arc::new(Pattern::measured(web.clone(), glam::Mat3::IDENTITY)));
+        let kind = PunctualKind::Point { position: Vec3::ZERO };
+        self.description.punctual.push(Punctual { carrier: Some(node as u32), pattern, ..Punctual::new(name, power, kind) });
         Ok(())
     }
 
@@ -318,7 +345,7 @@ impl<'a> Loader<'a> {
             return Ok(*number);
         }
         let read = self.read_mesh(mesh, primitive)?;
-        self.description.meshes.push(read);
+        self.description.meshes.push(read.into());
         let number = self.description.meshes.len() as u32 - 1;
         self.meshes.insert(key, number);
         Ok(number)
@@ -685,6 +712,27 @@ fn percent_decode(uri: &str) -> String {
     String::from_utf8_lossy(&out).into_owned()
 }
 
+/// The IES files of EXT_lights_ies.
+fn webs(document: &gltf::Document, buffers: &[Vec<u8>], name: &str, fetch: Fetch) -> Result<Vec<Web>, SceneError> {
+    let listed = document.extension_value("EXT_lights_ies").and_then(|e| e.get("lights")).and_then(Value::as_array);
+    let read = |(i, profile): (usize, &Value)| {
+        let place = format!("light profile {i}");
+        let bytes = match (profile.get("uri").and_then(Value::as_str), profile.get("bufferView").and_then(Value::as_u64)) {
+            (Some(uri), _) => fetch_uri(uri, name, &place, fetch)?,
+            (None, Some(view)) => {
+                let view = document.views().nth(usize::try_from(view).unwrap_or(usize::MAX));
+                let data =
+                    view.and_then(|v| buffers.get(v.buffer().index())?.get(v.offset()..v.offset().checked_add(v.length())?));
+                let expected = "expected bytes within the buffer";
+                data.ok_or_else(|| error(name, &place, "its buffer view is out of range", expected))?.to_vec()
+            }
+            (None, None) => return Err(error(name, &place, "neither uri nor bufferView", "expected one of the two")),
+        };
+        Web::read(&bytes).map_err(|e| error(name, &place, e.found, format!("expected {}", e.expected)))
+    };
+    listed.into_iter().flatten().enumerate().map(read).collect()
+}
+
 /// Reads a picture. One that cannot be had or read is missing, which is no error yet.
 fn read_image(
     image: &gltf::Image,
@@ -892,5 +940,41 @@ mod tests {
                 let _ = load(&bytes, "t.gltf", &none).map(crate::Scene::build);
             }
         }
+    }
+
+    #[test]
+    fn lamps_of_ies_files_shine_along_their_nodes() {
+        let file = b"IESNA:LM-63-2002\nTILT=NONE\n1 -1 1 2 1 1 2 0 0 0 1 1 1\n0 90\n0\n300 100\n";
+        let fetch = |name: &str| if name == "a.ies" { Ok(file.to_vec()) } else { Err("no files here".to_owned()) };
+        let text = |number: u32| {
+            triangle(&[
+                (
+                    "{\"version\":\"2.0\"}",
+                    "{\"version\":\"2.0\"},\"extensionsUsed\":[\"EXT_lights_ies\"],\"extensionsRequired\":[\"EXT_lights_ies\"],\"extensions\":{\"EXT_lights_ies\":{\"lights\":[{\"uri\":\"a.ies\"}]}}",
+                ),
+                // Turned by 90° about x: −z becomes +y.
+                (
+                    "{\"mesh\":0}",
+                    &format!(
+                        "{{\"mesh\":0,\"rotation\":[0.70710678,0,0,0.70710678],\"translation\":[0,0,2],\"extensions\":{{\"EXT_lights_ies\":{{\"light\":{number},\"multiplier\":2,\"color\":[1,0.5,0]}}}}}}"
+                    ),
+                ),
+            ])
+        };
+        let d = load(text(0).as_bytes(), "a.gltf", &fetch).unwrap();
+        assert!(d.warnings.is_empty() && d.punctual.len() == 1, "{:?}", d.warnings);
+        let scene = crate::Scene::build(d).unwrap();
+        let lamp = &scene.lights().punctual[0];
+        let wavelengths = diopter_light::Wavelengths::rgb();
+        let at = |d: Vec3| lamp.power.sample(&wavelengths) * lamp.relative_intensity(None, d, &wavelengths);
+        for (direction, cd) in [(Vec3::Y, 600.0), (Vec3::X, 200.0), (Vec3::NEG_Y, 0.0)] {
+            let found = at(direction);
+            assert!((found.x - cd).abs() < 1.0 && (found.y - 0.5 * cd).abs() < 1.0 && found.z == 0.0, "{direction}: {found}");
+        }
+        assert!(matches!(lamp.kind, PunctualKind::Point { position } if position.abs_diff_eq(Vec3::Z * 2.0, 1e-6)));
+        let error = load(text(1).as_bytes(), "a.gltf", &fetch).unwrap_err().to_string();
+        assert!(error.contains("light profile 1") && error.contains("below 1"), "{error}");
+        let error = load(text(0).as_bytes(), "a.gltf", &none).unwrap_err().to_string();
+        assert!(error.contains("light profile 0") && error.contains("a.ies"), "{error}");
     }
 }

@@ -1,9 +1,9 @@
 //! Meshes without a scene around them: OBJ with its materials, PLY, STL. They bring no light: the shot adds a
 //! studio, a sky or a map.
 
-use super::{Fetch, finished, note_missing, ply, read_texture, stand_in, unzipped};
+use super::{Fetch, finished, note_missing, ply, read_texture, splats, stand_in, unzipped};
 use crate::SceneError;
-use crate::material::{Conductor, Coverage, Emission, Material, Principled, Scattering};
+use crate::material::{Bump, BumpUnit, Conductor, Coverage, Emission, Material, Principled, Scattering};
 use crate::scene::{Description, MissingTexture, Object, Shape};
 use crate::shape::Mesh;
 use crate::texture::{Codes, Color, Image, Scalar, Texture};
@@ -27,7 +27,7 @@ fn alone(name: &str, mesh: Mesh, warnings: Vec<String>) -> Description {
     let grey = if mesh.colors.is_empty() { Color::rgb(GREY, GREY, GREY) } else { Color::rgb(1.0, 1.0, 1.0) };
     Description {
         name: name.to_owned(),
-        meshes: vec![mesh],
+        meshes: vec![mesh.into()],
         materials: vec![Material::new("grey", Scattering::Diffuse(grey))],
         objects: vec![Object::new(name, Shape::Mesh { mesh: 0, world_from_mesh: Affine3A::IDENTITY }, 0)],
         warnings,
@@ -35,9 +35,12 @@ fn alone(name: &str, mesh: Mesh, warnings: Vec<String>) -> Description {
     }
 }
 
-/// Reads a PLY file, gzip or not.
+/// Reads a PLY file, gzip or not: polygons, or Gaussian splats ([`splats`]).
 pub fn ply(bytes: Vec<u8>, name: &str) -> Result<Description, SceneError> {
     let bytes = unzipped(bytes).map_err(|e| error(name.into(), e, "a PLY file or a .gz of it"))?;
+    if let Some(capture) = splats::ply(&bytes, name)? {
+        return Ok(capture);
+    }
     let read = ply::read(&bytes).map_err(|e| error(name.into(), e.found, e.expected))?;
     if read.mesh.triangles.is_empty() {
         let found = format!("no surface: {} vertices without a face", read.mesh.positions.len());
@@ -153,7 +156,7 @@ pub fn obj(bytes: &[u8], name: &str, fetch: Fetch) -> Result<Description, SceneE
             d.warnings.push(format!("{name}: \"{}\": what only some of the corners have is left out", model.name));
         }
         let material = m.material_id.filter(|i| *i < materials.len()).unwrap_or(materials.len()) as u32;
-        d.meshes.push(mesh);
+        d.meshes.push(mesh.into());
         let shape = Shape::Mesh { mesh: d.meshes.len() as u32 - 1, world_from_mesh: Affine3A::IDENTITY };
         d.objects.push(Object::new(model.name, shape, material));
     }
@@ -217,6 +220,16 @@ fn whole_colors(bytes: &[u8]) -> Vec<u8> {
         }
     }
     out
+}
+
+/// Height from black to white of a picture of bumps of strength 1, as a fraction of the picture's side: the specification says no unit. Tuned by
+/// eye so that features of ten texels of a picture of a thousand rise by 45°.
+const BUMP_EXTENT: f32 = 0.01;
+
+/// The number of an option before the name of a picture.
+fn option_number(file: &str, option: &str) -> Option<f32> {
+    let mut words = file.split_ascii_whitespace().skip_while(|w| *w != option);
+    words.nth(1)?.parse().ok().filter(|v: &f32| v.is_finite())
 }
 
 /// A material of a .mtl file. Source: Wavefront's MTL specification (1995) and its physically based extension (Pr, Pm, Ke).
@@ -300,8 +313,20 @@ fn material(
             None => Coverage::Full,
         };
     }
-    if let Some(i) = m.normal_texture.as_deref().and_then(&mut image) {
+    // "norm" is a map of normals; "map_Bump" and "bump" are heights by the specification, but many programs write normals there, too: a picture
+    // without colours is one of heights.
+    let (normals, bumps) = (m.unknown_param.get("norm"), m.normal_texture.as_deref());
+    if let Some(i) = normals.map(String::as_str).and_then(&mut image) {
         made.normal_map = Some((texture(i, Codes::Linear), 1.0));
+    } else if let (Some(i), Some(file)) = (bumps.and_then(&mut image), bumps) {
+        let strength = option_number(file, "-bm").unwrap_or(1.0);
+        match i.is_grey() {
+            false => made.normal_map = Some((texture(i, Codes::Linear), strength)),
+            true => {
+                let height = Scalar::Textured { factor: strength, texture: texture(i, Codes::Linear), channel: 0 };
+                made.bump = Some(Box::new(Bump { height, unit: BumpUnit::Extent(BUMP_EXTENT) }));
+            }
+        }
     }
     made
 }
@@ -335,6 +360,29 @@ mod tests {
             assert!(e.starts_with(&format!("a.obj: line 5: \"{what}\"")) && e.contains(expected), "{e}");
         }
         assert_eq!(bad_line(b"v 0 0 0\nvt 0\nvn 0 0 1\nf 1 1/1 1//1 1/1/1 -1\n"), None);
+    }
+
+    #[test]
+    fn grey_pictures_of_bumps_are_heights_and_coloured_ones_normals() {
+        let png = |rgb: [u8; 3]| {
+            let mut bytes = Vec::new();
+            let picture = image::RgbImage::from_pixel(2, 2, image::Rgb(rgb));
+            picture.write_to(&mut Cursor::new(&mut bytes), image::ImageFormat::Png).unwrap();
+            bytes
+        };
+        let (grey, blue) = (png([90, 92, 89]), png([128, 128, 255]));
+        let mtl =
+            "newmtl a\nmap_Bump -bm 0.3 grey.png\nnewmtl b\nbump -bm 0.5 blue.png\nnewmtl c\nmap_bump grey.png\nnorm blue.png\n";
+        let files: HashMap<&str, &[u8]> = HashMap::from([("a.mtl", mtl.as_bytes()), ("grey.png", &grey), ("blue.png", &blue)]);
+        let fetch = |name: &str| files.get(name).map(|b| b.to_vec()).ok_or_else(|| "there is no such file".to_owned());
+        let text = "mtllib a.mtl\nv 0 0 0\nv 1 0 0\nv 1 1 0\nusemtl a\nf 1 2 3\nusemtl b\nf 1 2 3\nusemtl c\nf 1 2 3\n";
+        let d = obj(text.as_bytes(), "a.obj", &fetch).unwrap();
+        let of = |i: usize| &d.materials[d.objects[i].material as usize];
+        let bump = of(0).bump.as_ref().expect("heights");
+        assert!(matches!(bump.height, Scalar::Textured { factor: 0.3, .. }) && matches!(bump.unit, BumpUnit::Extent(_)));
+        assert!(of(0).normal_map.is_none());
+        assert!(of(1).bump.is_none() && of(1).normal_map.as_ref().is_some_and(|m| m.1 == 0.5));
+        assert!(of(2).bump.is_none() && of(2).normal_map.as_ref().is_some_and(|m| m.1 == 1.0));
     }
 
     #[test]

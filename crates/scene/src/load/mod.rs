@@ -1,16 +1,27 @@
 //! Scene and environment files.
 
+mod foreign;
 pub mod gltf;
+mod measured;
 pub mod mesh;
+pub mod mitsuba;
+pub mod nanovdb;
+#[cfg(test)]
+mod normal_map_tests;
 pub mod pbrt;
 mod picture;
 pub mod ply;
+pub mod splats;
+pub mod usd;
 
+pub use foreign::foreign;
+pub use measured::read_measured;
 pub use picture::read_light;
 
 use crate::SceneError;
+use crate::material::{Measured, Scattering};
 use crate::scene::{Description, MissingTexture};
-use crate::texture::Image;
+use crate::texture::{Color, Image};
 use glam::Vec3;
 use picture::{read_light_picture, read_texture};
 use std::io::Read;
@@ -39,6 +50,18 @@ fn unzipped(bytes: Vec<u8>) -> Result<Vec<u8>, String> {
 /// [`STAND_IN`] as a picture.
 fn stand_in() -> Arc<Image> {
     Arc::new(Image::new(1, 1, vec![[255, 0, 255, 255]]))
+}
+
+/// What the bytes of a measured material make, or a plain surface of [`STAND_IN`] where they are missing or damaged, which is noted.
+fn measured_or_stand_in(all: &mut Vec<MissingTexture>, name: &str, bytes: Result<Vec<u8>, String>) -> Scattering {
+    let read: Result<Measured, String> = bytes.and_then(|bytes| read_measured(&bytes));
+    match read {
+        Ok(measured) => Scattering::Measured(Arc::new(measured)),
+        Err(reason) => {
+            note_missing(all, name, format!("measured material: {reason}"));
+            Scattering::Diffuse(Color::rgb(STAND_IN.x, STAND_IN.y, STAND_IN.z))
+        }
+    }
 }
 
 /// Notes a picture that cannot be read, once.

@@ -26,7 +26,7 @@ pub struct Read {
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Number {
+pub(super) enum Number {
     I8,
     U8,
     I16,
@@ -52,7 +52,7 @@ impl Number {
         })
     }
 
-    fn size(self) -> usize {
+    pub(super) fn size(self) -> usize {
         match self {
             Number::I8 | Number::U8 => 1,
             Number::I16 | Number::U16 => 2,
@@ -63,7 +63,7 @@ impl Number {
 
     /// Value of its bytes, turned to little-endian first where needed.
     #[inline]
-    fn of(self, bytes: &[u8], big: bool) -> f64 {
+    pub(super) fn of(self, bytes: &[u8], big: bool) -> f64 {
         macro_rules! get {
             ($type:ty, $n:literal) => {{
                 let b: [u8; $n] = std::array::from_fn(|i| bytes[i]);
@@ -84,28 +84,39 @@ impl Number {
 }
 
 #[derive(Clone, Debug)]
-struct Property {
-    name: String,
-    kind: Number,
+pub(super) struct Property {
+    pub name: String,
+    pub kind: Number,
     /// Of a list: the type of its length.
-    list: Option<Number>,
+    pub list: Option<Number>,
 }
 
 #[derive(Clone, Debug)]
-struct Element {
-    name: String,
-    count: usize,
-    properties: Vec<Property>,
+pub(super) struct Element {
+    pub name: String,
+    pub count: usize,
+    pub properties: Vec<Property>,
+}
+
+impl Element {
+    /// Fails if there are more than what is left of a file can hold: at least a byte for each value.
+    pub fn check_count(&self, body: &Body) -> Result<(), PlyError> {
+        let least = self.properties.len().max(1);
+        if self.count.checked_mul(least).is_none_or(|n| n > body.bytes.len().saturating_sub(body.at)) && self.count > 0 {
+            return Err(wrong(format!("{} {}", self.count, self.name), "as many as the file holds: it is cut short"));
+        }
+        Ok(())
+    }
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Layout {
+pub(super) enum Layout {
     Text,
     Little,
     Big,
 }
 
-fn wrong(found: impl Into<String>, expected: impl Into<String>) -> PlyError {
+pub(super) fn wrong(found: impl Into<String>, expected: impl Into<String>) -> PlyError {
     PlyError { found: found.into(), expected: expected.into() }
 }
 
@@ -116,11 +127,7 @@ pub fn read(bytes: &[u8]) -> Result<Read, PlyError> {
     let mut mesh = Mesh::default();
     let mut skipped = 0usize;
     for element in &elements {
-        // At least a byte for each value: a file cannot say more than it holds.
-        let least = element.properties.len().max(1);
-        if element.count.checked_mul(least).is_none_or(|n| n > body.bytes.len().saturating_sub(body.at)) && element.count > 0 {
-            return Err(wrong(format!("{} {}", element.count, element.name), "as many as the file holds: it is cut short"));
-        }
+        element.check_count(&body)?;
         match element.name.as_str() {
             "vertex" => vertices(&mut body, element, &mut mesh)?,
             "face" => skipped += faces(&mut body, element, &mut mesh)?,
@@ -157,7 +164,7 @@ pub fn read(bytes: &[u8]) -> Result<Read, PlyError> {
     Ok(Read { mesh, warning })
 }
 
-fn header(bytes: &[u8]) -> Result<(Layout, Vec<Element>, usize), PlyError> {
+pub(super) fn header(bytes: &[u8]) -> Result<(Layout, Vec<Element>, usize), PlyError> {
     let mut at = 0;
     let mut line = || -> Result<Option<String>, PlyError> {
         let rest = &bytes[at.min(bytes.len())..];
@@ -212,14 +219,14 @@ fn header(bytes: &[u8]) -> Result<(Layout, Vec<Element>, usize), PlyError> {
     Ok((layout, elements, at))
 }
 
-struct Body<'a> {
-    bytes: &'a [u8],
-    at: usize,
-    layout: Layout,
+pub(super) struct Body<'a> {
+    pub bytes: &'a [u8],
+    pub at: usize,
+    pub layout: Layout,
 }
 
 impl Body<'_> {
-    fn take(&mut self, n: usize) -> Result<&[u8], PlyError> {
+    pub fn take(&mut self, n: usize) -> Result<&[u8], PlyError> {
         let part = self
             .bytes
             .get(self.at..self.at.saturating_add(n))
@@ -228,7 +235,7 @@ impl Body<'_> {
         Ok(part)
     }
 
-    fn number(&mut self, kind: Number) -> Result<f64, PlyError> {
+    pub fn number(&mut self, kind: Number) -> Result<f64, PlyError> {
         if self.layout != Layout::Text {
             let big = self.layout == Layout::Big;
             return Ok(kind.of(self.take(kind.size())?, big));
@@ -256,7 +263,7 @@ impl Body<'_> {
         Ok(n as usize)
     }
 
-    fn skip(&mut self, property: &Property) -> Result<(), PlyError> {
+    pub fn skip(&mut self, property: &Property) -> Result<(), PlyError> {
         let n = match property.list {
             Some(length) => self.length(length)?,
             None => 1,

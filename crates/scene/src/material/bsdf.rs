@@ -3,6 +3,8 @@
 use super::coated::CoatedLobes;
 use super::conductor::ConductorLobe;
 use super::diffuse;
+use super::hair::HairLobes;
+use super::measured::MeasuredLobe;
 use super::principled::PrincipledLobes;
 use crate::shape::Surface;
 use diopter_light::{Sampled, sampling};
@@ -24,7 +26,7 @@ pub struct Scatter {
     /// Whether only the hero wavelength takes this direction.
     pub disperses: bool,
     /// What radiance was divided by where light was bent, (n beyond / n before)²: it comes back where the path leaves the body.
-    pub squeeze: f32,
+    pub eta_scale: f32,
 }
 
 /// Which lobes a scattering function has beside specular ones, by a width that tells broad ones from narrow ones.
@@ -51,6 +53,8 @@ pub(super) enum Lobes<'a> {
     Coated(CoatedLobes<'a>),
     Principled(PrincipledLobes<'a>),
     DiffuseTransmission { reflectance: Sampled, transmittance: Sampled },
+    Hair(HairLobes),
+    Measured(MeasuredLobe<'a>),
 }
 
 /// The scattering function at a point seen from `wo`.
@@ -87,6 +91,16 @@ impl LocalFrame {
         let (x, y) = along.map_or_else(|| sampling::frame(z), |x| (x, z.cross(x)));
         LocalFrame { axes: [x, y, z], ng: surface.ng * side, wo: Vec3::new(x.dot(wo), y.dot(wo), z.dot(wo)) }
     }
+
+    /// The axes of a fibre: x along it, z as near to the shading normal on the side of `wo` as that allows.
+    pub fn along_fiber(surface: &Surface, ns: Vec3, wo: Vec3) -> Self {
+        let side = if surface.ng.dot(wo) < 0.0 { -1.0 } else { 1.0 };
+        let x = surface.tangent.try_normalize().unwrap_or_else(|| sampling::frame(ns).0);
+        let z = ns * side;
+        let z = (z - x * x.dot(z)).try_normalize().unwrap_or_else(|| sampling::frame(x).0);
+        let y = z.cross(x);
+        LocalFrame { axes: [x, y, z], ng: surface.ng * side, wo: Vec3::new(x.dot(wo), y.dot(wo), z.dot(wo)) }
+    }
 }
 
 impl Bsdf<'_> {
@@ -95,17 +109,27 @@ impl Bsdf<'_> {
         self.frame.ng
     }
 
+    /// The normal that the choice among lights goes by: 0 of fibres, which pass light on to all sides.
+    pub fn light_normal(&self) -> Vec3 {
+        if self.is_fiber() { Vec3::ZERO } else { self.frame.ng }
+    }
+
+    /// Whether it is that of a fibre as a whole: light comes in and goes out at any side of it.
+    pub fn is_fiber(&self) -> bool {
+        matches!(self.lobes, Lobes::Hair(_))
+    }
+
     /// Whether light that is aimed at could not come this way: mirrors and clear glass.
     pub fn is_specular(&self) -> bool {
         match &self.lobes {
-            Lobes::Diffuse { .. } | Lobes::DiffuseTransmission { .. } => false,
+            Lobes::Diffuse { .. } | Lobes::DiffuseTransmission { .. } | Lobes::Hair(_) | Lobes::Measured(_) => false,
             Lobes::Conductor(lobe) => lobe.facets().is_smooth(),
             Lobes::Coated(lobes) => lobes.is_specular(),
             Lobes::Principled(lobes) => lobes.is_specular(),
         }
     }
 
-    /// Share of light that goes through without being bent or blurred: of smooth thin sheets.
+    /// Fraction of light that goes through without being bent or blurred: of smooth thin sheets.
     pub fn straight_through(&self) -> Option<Sampled> {
         match &self.lobes {
             Lobes::Principled(lobes) => lobes.straight_through(self.frame.wo),
@@ -114,9 +138,9 @@ impl Bsdf<'_> {
     }
 
     /// What radiance is divided by on the way through.
-    fn squeeze(&self, transmitted: bool) -> f32 {
+    fn eta_scale(&self, transmitted: bool) -> f32 {
         match &self.lobes {
-            Lobes::Principled(lobes) if transmitted => lobes.squeeze(),
+            Lobes::Principled(lobes) if transmitted => lobes.eta_scale(),
             _ => 1.0,
         }
     }
@@ -129,8 +153,8 @@ impl Bsdf<'_> {
     #[inline]
     pub fn eval(&self, wi: Vec3) -> (Sampled, f32) {
         let local = self.local(wi);
-        // A direction that the true surface and the shaded one put on different sides carries no light.
-        if (self.frame.ng.dot(wi) > 0.0) != (local.z > 0.0) {
+        // A direction that the true surface and the shaded one put on different sides carries no light; fibres have no sides.
+        if !self.is_fiber() && (self.frame.ng.dot(wi) > 0.0) != (local.z > 0.0) {
             return (Sampled::ZERO, 0.0);
         }
         match &self.lobes {
@@ -139,6 +163,8 @@ impl Bsdf<'_> {
             Lobes::Coated(lobes) => lobes.eval(self.frame.wo, local),
             Lobes::Principled(lobes) => lobes.eval(self.frame.wo, local),
             Lobes::DiffuseTransmission { reflectance, transmittance } => diffuse::eval_both(*reflectance, *transmittance, local),
+            Lobes::Hair(lobes) => lobes.eval(local),
+            Lobes::Measured(lobe) => lobe.eval(local),
         }
     }
 
@@ -146,8 +172,9 @@ impl Bsdf<'_> {
     pub(crate) fn breadth(&self, least_alpha: f32) -> Breadth {
         let one = |broad: bool, smooth: bool| Breadth { broad: broad && !smooth, narrow: !broad && !smooth };
         match &self.lobes {
-            Lobes::Diffuse { .. } | Lobes::DiffuseTransmission { .. } => Breadth { broad: true, narrow: false },
+            Lobes::Diffuse { .. } | Lobes::DiffuseTransmission { .. } | Lobes::Hair(_) => Breadth { broad: true, narrow: false },
             Lobes::Conductor(lobe) => one(lobe.facets().is_wide(least_alpha), lobe.facets().is_smooth()),
+            Lobes::Measured(lobe) => one(lobe.is_wide(least_alpha), false),
             Lobes::Coated(lobes) => one(lobes.is_wide(least_alpha), lobes.is_specular()),
             Lobes::Principled(lobes) => lobes.breadth(least_alpha),
         }
@@ -188,14 +215,16 @@ impl Bsdf<'_> {
             Lobes::Coated(lobes) => lobes.sample(self.frame.wo, u),
             Lobes::Principled(lobes) => lobes.sample(self.frame.wo, u),
             Lobes::DiffuseTransmission { reflectance, transmittance } => diffuse::sample_both(*reflectance, *transmittance, u),
+            Lobes::Hair(lobes) => lobes.sample(u),
+            Lobes::Measured(lobe) => lobe.sample(u),
         }?;
         let [x, y, z] = self.frame.axes;
         let wi = x * s.wi.x + y * s.wi.y + z * s.wi.z;
-        let transmitted = s.wi.z < 0.0;
+        let transmitted = if self.is_fiber() { self.frame.ng.dot(wi) < 0.0 } else { s.wi.z < 0.0 };
         if (self.frame.ng.dot(wi) < 0.0) != transmitted || !(s.weight.max_element() > 0.0) {
             return None;
         }
-        let squeeze = self.squeeze(transmitted);
-        Some(Scatter { wi, weight: s.weight, pdf: s.pdf, specular: s.specular, transmitted, disperses: s.disperses, squeeze })
+        let eta_scale = self.eta_scale(transmitted);
+        Some(Scatter { wi, weight: s.weight, pdf: s.pdf, specular: s.specular, transmitted, disperses: s.disperses, eta_scale })
     }
 }

@@ -68,7 +68,7 @@ pub(super) struct CoatedLobes<'a> {
 }
 
 impl CoatedLobes<'_> {
-    /// Share that the coat reflects of light from a direction.
+    /// Fraction that the coat reflects of light from a direction.
     fn reflected(&self, w: Vec3) -> f32 {
         match self.facets.is_smooth() {
             true => fresnel_dielectric(w.z, self.ior),
@@ -124,9 +124,9 @@ impl CoatedLobes<'_> {
         if let (Some(inner_o), Some(inner_i)) = (self.bent(wo), self.bent(wi)) {
             let (value, density) = self.metal.eval(inner_o, inner_i);
             // Solid angles are smaller within: dω' / dω.
-            let squeeze = wi.z / (self.ior * self.ior * inner_i.z);
-            f += value * squeeze * self.through(wo, wi, inner_o);
-            pdf += (1.0 - choice) * density * squeeze;
+            let jacobian = wi.z / (self.ior * self.ior * inner_i.z);
+            f += value * jacobian * self.through(wo, wi, inner_o);
+            pdf += (1.0 - choice) * density * jacobian;
         }
         (f, pdf)
     }

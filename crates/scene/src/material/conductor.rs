@@ -1,7 +1,7 @@
 //! Metals by their complex index of refraction, smooth or rough (GGX).
 
 use super::bsdf::LocalScatter;
-use super::energy::{kept, prepare_mirrors};
+use super::energy::{mirror_albedo_at, prepare_mirrors};
 use super::microfacet::{Ggx, fresnel_conductor, reflect};
 use crate::shape::Surface;
 use crate::texture::Scalar;
@@ -102,7 +102,7 @@ impl ConductorLobe {
         if self.bounces == FacetBounces::Lost || self.facets.is_smooth() {
             return f;
         }
-        let e = kept(self.facets, wo);
+        let e = mirror_albedo_at(self.facets, wo);
         f * (Sampled::ONE + fresnel_conductor(1.0, self.n, self.k) * ((1.0 - e) / e))
     }
 

@@ -18,19 +18,19 @@ pub(super) fn sample(albedo: Sampled, u: [f32; 4]) -> LocalScatter {
 /// Reflection and transmission: f cos θ and its density.
 pub(super) fn eval_both(reflectance: Sampled, transmittance: Sampled, wi: Vec3) -> (Sampled, f32) {
     let back = share_reflected(reflectance, transmittance);
-    let (albedo, share) = if wi.z > 0.0 { (reflectance, back) } else { (transmittance, 1.0 - back) };
+    let (albedo, fraction) = if wi.z > 0.0 { (reflectance, back) } else { (transmittance, 1.0 - back) };
     let cos = wi.z.abs() * FRAC_1_PI;
-    (albedo * cos, share * cos)
+    (albedo * cos, fraction * cos)
 }
 
 /// Draws one of both sides.
 pub(super) fn sample_both(reflectance: Sampled, transmittance: Sampled, u: [f32; 4]) -> Option<LocalScatter> {
     let back = share_reflected(reflectance, transmittance);
     let wi = sampling::cosine_hemisphere([u[0], u[1]]);
-    let (wi, albedo, share) =
+    let (wi, albedo, fraction) =
         if u[2] < back { (wi, reflectance, back) } else { (Vec3::new(wi.x, wi.y, -wi.z), transmittance, 1.0 - back) };
-    let pdf = share * wi.z.abs() * FRAC_1_PI;
-    (pdf > 0.0).then(|| LocalScatter { wi, weight: albedo / share, pdf, specular: false, disperses: false })
+    let pdf = fraction * wi.z.abs() * FRAC_1_PI;
+    (pdf > 0.0).then(|| LocalScatter { wi, weight: albedo / fraction, pdf, specular: false, disperses: false })
 }
 
 fn share_reflected(reflectance: Sampled, transmittance: Sampled) -> f32 {

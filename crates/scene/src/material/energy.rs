@@ -76,7 +76,7 @@ fn even(roughness: f32) -> Ggx {
     Ggx::even(roughness.max(FIRST_ROUGHNESS).powi(2))
 }
 
-/// Share of what a facet mirrors that is not blocked by others.
+/// Fraction of what a facet mirrors that is not blocked by others.
 fn reflected(facets: Ggx, wo: Vec3, h: Vec3) -> f32 {
     let wi = reflect(wo, h);
     if wi.z > 0.0 { facets.g2(wo, wi) / facets.g1(wo) } else { 0.0 }
@@ -91,7 +91,7 @@ fn transmitted(facets: Ggx, wo: Vec3, h: Vec3, eta: f32) -> f32 {
 }
 
 /// Both, of a dielectric.
-fn handed_on(facets: Ggx, wo: Vec3, h: Vec3, eta: f32) -> f32 {
+fn reflected_or_transmitted(facets: Ggx, wo: Vec3, h: Vec3, eta: f32) -> f32 {
     let f = fresnel_dielectric(wo.dot(h), eta);
     f * reflected(facets, wo, h) + (1.0 - f) * transmitted(facets, wo, h, eta)
 }
@@ -142,43 +142,43 @@ pub fn mirror_albedo() -> &'static Table {
     })
 }
 
-/// Share that a perfect mirror of facets reflects at once of light from a direction.
+/// Fraction that a perfect mirror of facets reflects at once of light from a direction.
 #[inline]
-pub fn kept(facets: Ggx, w: Vec3) -> f32 {
+pub fn mirror_albedo_at(facets: Ggx, w: Vec3) -> f32 {
     match (facets.is_smooth(), facets.x == facets.y) {
         (true, _) => 1.0,
         (_, true) => mirror_albedo().at(w.z, facets.roughness()),
-        _ => grained().at(facets, w),
+        _ => anisotropic_mirror().at(facets, w),
     }
 }
 
 /// What facets that are wider one way than the other do with light at once: by √μ, azimuth from x (a quarter turn) and √α along x and y.
 #[derive(Debug)]
-struct Grained(Vec<f32>);
+struct AnisotropicTable(Vec<f32>);
 
 /// Nodes of its axes.
-const GRAINED: [usize; 4] = [10, 5, 10, 10];
+const ANISOTROPIC: [usize; 4] = [10, 5, 10, 10];
 
 /// Of perfect mirrors.
-fn grained() -> &'static Grained {
-    static TABLE: OnceLock<Grained> = OnceLock::new();
-    computed(&TABLE, || Grained::new(SMOOTH_LATTICE, reflected))
+fn anisotropic_mirror() -> &'static AnisotropicTable {
+    static TABLE: OnceLock<AnisotropicTable> = OnceLock::new();
+    computed(&TABLE, || AnisotropicTable::new(SMOOTH_LATTICE, reflected))
 }
 
-/// Computes the tables behind [`kept`], so that no ray has to.
+/// Computes the tables behind [`mirror_albedo_at`], so that no ray has to.
 pub(super) fn prepare_mirrors(anisotropic: bool) {
     mirror_albedo();
     if anisotropic {
-        grained();
+        anisotropic_mirror();
     }
 }
 
-impl Grained {
+impl AnisotropicTable {
     /// Mean of `weight(facets, wo, h)` over visible normals h.
     fn new(lattice: (usize, usize), weight: impl Fn(Ggx, Vec3, Vec3) -> f32 + Sync) -> Self {
-        let node = |i: usize, axis: usize| i as f32 / (GRAINED[axis] - 1) as f32;
+        let node = |i: usize, axis: usize| i as f32 / (ANISOTROPIC[axis] - 1) as f32;
         let at = |n: usize| {
-            let [a, b, c, _] = GRAINED;
+            let [a, b, c, _] = ANISOTROPIC;
             let mu = node(n % a, 0).powi(2).max(1e-4);
             let (sin, phi) = ((1.0 - mu * mu).sqrt(), node(n / a % b, 1) * std::f32::consts::FRAC_PI_2);
             let width = |i: usize, axis: usize| node(i, axis).max(FIRST_ROUGHNESS).powi(2);
@@ -186,21 +186,21 @@ impl Grained {
             let wo = Vec3::new(sin * phi.cos(), sin * phi.sin(), mu);
             integrate(facets, wo, lattice, |wo, h| weight(facets, wo, h))
         };
-        Grained((0..GRAINED.iter().product()).into_par_iter().map(at).collect())
+        AnisotropicTable((0..ANISOTROPIC.iter().product()).into_par_iter().map(at).collect())
     }
 
     /// Linear along each axis.
     fn at(&self, facets: Ggx, w: Vec3) -> f32 {
         let phi = w.y.abs().atan2(w.x.abs()) / std::f32::consts::FRAC_PI_2;
         let places = [w.z.clamp(0.0, 1.0).sqrt(), phi, facets.x.sqrt(), facets.y.sqrt()];
-        let (mut index, mut share, mut step, mut steps) = (0, [0.0f32; 4], 1, [0; 4]);
+        let (mut index, mut fraction, mut step, mut steps) = (0, [0.0f32; 4], 1, [0; 4]);
         for axis in 0..4 {
-            let x = places[axis].clamp(0.0, 1.0) * (GRAINED[axis] - 1) as f32;
-            let i = (x as usize).min(GRAINED[axis] - 2);
-            share[axis] = x - i as f32;
+            let x = places[axis].clamp(0.0, 1.0) * (ANISOTROPIC[axis] - 1) as f32;
+            let i = (x as usize).min(ANISOTROPIC[axis] - 2);
+            fraction[axis] = x - i as f32;
             index += i * step;
             steps[axis] = step;
-            step *= GRAINED[axis];
+            step *= ANISOTROPIC[axis];
         }
         let mut sum = 0.0;
         for corner in 0..16usize {
@@ -208,7 +208,7 @@ impl Grained {
             for axis in 0..4 {
                 let beyond = corner >> axis & 1 == 1;
                 at += if beyond { steps[axis] } else { 0 };
-                weight *= if beyond { share[axis] } else { 1.0 - share[axis] };
+                weight *= if beyond { fraction[axis] } else { 1.0 - fraction[axis] };
             }
             sum += self.0[at] * weight;
         }
@@ -220,15 +220,15 @@ impl Grained {
 #[derive(Debug)]
 pub struct Interface {
     eta: f32,
-    /// Reflected share, seen from outside, of even facets.
+    /// Reflected fraction, seen from outside, of even facets.
     reflected: Table,
     /// Mean of `reflected` under light from everywhere, by roughness.
     average: Vec<f32>,
-    /// Reflected and transmitted share, from outside and from inside; only bodies of rough glass ask for them.
-    whole: [OnceLock<Table>; 2],
+    /// Reflected and transmitted fraction, from outside and from inside; only bodies of rough glass ask for them.
+    directional_albedo: [OnceLock<Table>; 2],
     /// Both of facets that are wider one way than the other.
-    whole_grained: [OnceLock<Grained>; 2],
-    reflected_grained: OnceLock<Grained>,
+    albedo_anisotropic: [OnceLock<AnisotropicTable>; 2],
+    reflected_anisotropic: OnceLock<AnisotropicTable>,
 }
 
 /// Side of an interface that light comes from.
@@ -247,44 +247,46 @@ impl Interface {
                 return fresnel_dielectric(mu, eta);
             }
             let facets = even(r);
-            let share = |wo: Vec3, h: Vec3| fresnel_dielectric(wo.dot(h), eta) * reflected(facets, wo, h);
-            integrate(facets, towards(mu), SMOOTH_LATTICE, share)
+            let fraction = |wo: Vec3, h: Vec3| fresnel_dielectric(wo.dot(h), eta) * reflected(facets, wo, h);
+            integrate(facets, towards(mu), SMOOTH_LATTICE, fraction)
         });
         let average = reflected.average();
         Interface {
             eta,
             average,
             reflected,
-            whole: Default::default(),
-            whole_grained: Default::default(),
-            reflected_grained: OnceLock::new(),
+            directional_albedo: Default::default(),
+            albedo_anisotropic: Default::default(),
+            reflected_anisotropic: OnceLock::new(),
         }
     }
 
-    /// Reflected share of light from a direction outside.
+    /// Reflected fraction of light from a direction outside.
     #[inline]
     pub fn reflected(&self, facets: Ggx, w: Vec3) -> f32 {
         if facets.x == facets.y {
             return self.reflected.at(w.z, facets.roughness());
         }
-        self.reflected_grained().at(facets, w)
+        self.reflected_anisotropic().at(facets, w)
     }
 
-    fn reflected_grained(&self) -> &Grained {
-        computed(&self.reflected_grained, || {
-            Grained::new(SMOOTH_LATTICE, |facets, wo, h| fresnel_dielectric(wo.dot(h), self.eta) * reflected(facets, wo, h))
+    fn reflected_anisotropic(&self) -> &AnisotropicTable {
+        computed(&self.reflected_anisotropic, || {
+            AnisotropicTable::new(SMOOTH_LATTICE, |facets, wo, h| {
+                fresnel_dielectric(wo.dot(h), self.eta) * reflected(facets, wo, h)
+            })
         })
     }
 
     /// Computes the tables that rays will ask for, so that no ray has to: of anisotropic facets, of bodies of rough glass.
     pub(super) fn prepare(&self, anisotropic: bool, rough_body: bool) {
         if anisotropic {
-            self.reflected_grained();
+            self.reflected_anisotropic();
         }
         for side in [Side::Outside, Side::Inside].into_iter().filter(|_| rough_body) {
             self.even(side);
             if anisotropic {
-                self.grained(side);
+                self.anisotropic_mirror(side);
             }
         }
     }
@@ -293,26 +295,30 @@ impl Interface {
         if side == Side::Outside { self.eta } else { 1.0 / self.eta }
     }
 
-    /// Share of light from a direction that is reflected or transmitted after one encounter, the rest being lost between facets.
+    /// Fraction of light from a direction that is reflected or transmitted after one encounter, the rest being lost between facets.
     #[inline]
-    pub fn whole(&self, side: Side, facets: Ggx, w: Vec3) -> f32 {
-        if facets.x == facets.y { self.even(side).at(w.z, facets.roughness()) } else { self.grained(side).at(facets, w) }
+    pub fn directional_albedo(&self, side: Side, facets: Ggx, w: Vec3) -> f32 {
+        if facets.x == facets.y {
+            self.even(side).at(w.z, facets.roughness())
+        } else {
+            self.anisotropic_mirror(side).at(facets, w)
+        }
     }
 
     fn even(&self, side: Side) -> &Table {
-        computed(&self.whole[side as usize], || {
+        computed(&self.directional_albedo[side as usize], || {
             let eta = self.seen_from(side);
             Table::new(move |mu, r| {
                 let facets = even(r);
-                integrate(facets, towards(mu), CUT_LATTICE, |wo, h| handed_on(facets, wo, h, eta))
+                integrate(facets, towards(mu), CUT_LATTICE, |wo, h| reflected_or_transmitted(facets, wo, h, eta))
             })
         })
     }
 
-    fn grained(&self, side: Side) -> &Grained {
-        computed(&self.whole_grained[side as usize], || {
+    fn anisotropic_mirror(&self, side: Side) -> &AnisotropicTable {
+        computed(&self.albedo_anisotropic[side as usize], || {
             let eta = self.seen_from(side);
-            Grained::new(CUT_LATTICE, move |facets, wo, h| handed_on(facets, wo, h, eta))
+            AnisotropicTable::new(CUT_LATTICE, move |facets, wo, h| reflected_or_transmitted(facets, wo, h, eta))
         })
     }
 
@@ -322,7 +328,7 @@ impl Interface {
         KNOWN.of(eta, Interface::new)
     }
 
-    /// Mean reflected share under light from everywhere.
+    /// Mean reflected fraction under light from everywhere.
     #[inline]
     pub fn average_reflected(&self, roughness: f32) -> f32 {
         let x = roughness.clamp(0.0, 1.0) * (NODES - 1) as f32;
@@ -334,7 +340,7 @@ impl Interface {
 /// How much of what a perfect rough mirror below a smooth coat of an index scatters leaves the coat at once.
 #[derive(Debug)]
 pub struct Escape {
-    share: Table,
+    fraction: Table,
     /// Mean of it under light from everywhere outside, by roughness.
     average: Vec<f32>,
 }
@@ -347,21 +353,21 @@ impl Escape {
     }
 
     fn new(ior: f32) -> Self {
-        let share = Table::new(|mu, r| {
+        let fraction = Table::new(|mu, r| {
             let facets = even(r);
-            // Over the direction outside: within the coat the share falls steeply near the critical angle.
+            // Over the direction outside: within the coat the fraction falls steeply near the critical angle.
             let wo = towards((1.0 - (1.0 - mu * mu) / (ior * ior)).sqrt());
             let leaves = |wo: Vec3, h: Vec3| reflected(facets, wo, h) * (1.0 - fresnel_dielectric(reflect(wo, h).z, 1.0 / ior));
             integrate(facets, wo, CUT_LATTICE, leaves)
                 / integrate(facets, wo, CUT_LATTICE, |wo, h| reflected(facets, wo, h)).max(1e-6)
         });
-        Escape { average: share.average(), share }
+        Escape { average: fraction.average(), fraction }
     }
 
-    /// The share of light that came from a direction (its cosine outside), and the share of what was held back once already: the same where the metal is
+    /// The fraction of light that came from a direction (its cosine outside), and the fraction of what was held back once already: the same where the metal is
     /// smooth, that of light from everywhere where it is rough.
     pub fn at(&self, mu: f32, roughness: f32) -> [f32; 2] {
-        let own = self.share.at(mu, roughness);
+        let own = self.fraction.at(mu, roughness);
         let x = roughness.clamp(0.0, 1.0) * (NODES - 1) as f32;
         let i = (x as usize).min(NODES - 2);
         let all = self.average[i] + (self.average[i + 1] - self.average[i]) * (x - i as f32);
@@ -380,7 +386,7 @@ mod tests {
         let rough = mirror_albedo().at(1.0, 1.0);
         assert!((rough - (1.0 - 2f32.ln())).abs() < 4e-3, "{rough}");
         let glass = Interface::of(1.5);
-        assert!((glass.whole(Side::Outside, Ggx::even(0.0025), Vec3::new(0.6, 0.0, 0.8)) - 1.0).abs() < 0.01);
+        assert!((glass.directional_albedo(Side::Outside, Ggx::even(0.0025), Vec3::new(0.6, 0.0, 0.8)) - 1.0).abs() < 0.01);
         assert!((glass.reflected(Ggx::even(0.0), Vec3::Z) - 0.04).abs() < 1e-3);
         // Mean Fresnel reflectance of n = 1.5 under diffuse light: 0.0918 (Judd 1942).
         assert!((glass.average_reflected(0.0) - 0.0918).abs() < 2e-3, "{}", glass.average_reflected(0.0));

@@ -4,7 +4,7 @@
 //! built into it; bases are taken for real indices. Source: M. Born, E. Wolf, "Principles of Optics", §7.6; parameters from
 //! KHR_materials_iridescence (whose own formula, of L. Belcour and P. Barla 2017, stands for the same sum in three colours).
 
-use super::energy::{Interface, kept};
+use super::energy::{Interface, mirror_albedo_at};
 use super::microfacet::{Ggx, fresnel_dielectric};
 use crate::shape::Surface;
 use crate::texture::Scalar;
@@ -15,8 +15,8 @@ use std::f32::consts::PI;
 /// A film over a surface.
 #[derive(Clone, Debug)]
 pub struct Film {
-    /// Share of the surface that has it.
-    pub share: Scalar,
+    /// Fraction of the surface that has it.
+    pub fraction: Scalar,
     /// Its index of refraction.
     pub ior: f32,
     /// Thickness where `thickness` is 0 and 1, nm.
@@ -27,11 +27,11 @@ pub struct Film {
 
 impl Film {
     pub(super) fn at(&self, surface: &Surface, wavelengths: &Wavelengths) -> Option<FilmLayer> {
-        let share = self.share.at(surface).clamp(0.0, 1.0);
+        let fraction = self.fraction.at(surface).clamp(0.0, 1.0);
         let [thin, thick] = self.between_nm;
         let thickness = (thin + (thick - thin) * self.thickness.at(surface)).clamp(0.0, THICKEST_NM);
         let blur = if wavelengths.is_rgb() { BAND_NM } else { 0.0 };
-        (share > 0.0).then(|| FilmLayer { share, ior: self.ior.clamp(1.0, 10.0), thickness, nm: wavelengths.nm, blur })
+        (fraction > 0.0).then(|| FilmLayer { fraction, ior: self.ior.clamp(1.0, 10.0), thickness, nm: wavelengths.nm, blur })
     }
 }
 
@@ -44,7 +44,7 @@ const BAND_NM: f32 = 35.0;
 /// A film at a point.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct FilmLayer {
-    pub(super) share: f32,
+    pub(super) fraction: f32,
     ior: f32,
     thickness: f32,
     nm: Sampled,
@@ -82,16 +82,16 @@ impl FilmLayer {
             true => self.reflectance(mu, base),
             false => {
                 let (even, w) = (Ggx::even(facets.roughness().powi(2)), Vec3::new((1.0 - mu * mu).sqrt(), 0.0, mu));
-                let kept = kept(even, w);
-                let cos = cosine_of(interface.reflected(even, w) / kept, ior);
-                self.reflectance(cos, base) * kept
+                let mirror_albedo_at = mirror_albedo_at(even, w);
+                let cos = cosine_of(interface.reflected(even, w) / mirror_albedo_at, ior);
+                self.reflectance(cos, base) * mirror_albedo_at
             }
         };
         GAUSS.into_iter().map(|(mu, weight)| at(mu) * (2.0 * mu * weight)).sum()
     }
 }
 
-/// The cosine at which a smooth dielectric reflects a share: the angle at which facets of a rough one are met on the whole, by what it reflects.
+/// The cosine at which a smooth dielectric reflects a fraction: the angle at which facets of a rough one are met on the whole, by what it reflects.
 pub(super) fn cosine_of(reflected: f32, ior: f32) -> f32 {
     let (mut low, mut high) = (0.0f32, 1.0f32);
     for _ in 0..10 {
@@ -122,7 +122,7 @@ mod tests {
     use super::*;
 
     fn film(ior: f32, thickness: f32, nm: f32) -> FilmLayer {
-        FilmLayer { share: 1.0, ior, thickness, nm: Sampled::splat(nm), blur: 0.0 }
+        FilmLayer { fraction: 1.0, ior, thickness, nm: Sampled::splat(nm), blur: 0.0 }
     }
 
     #[test]

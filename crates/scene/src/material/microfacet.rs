@@ -122,13 +122,13 @@ impl Ggx {
         0.5 * ((1.0 + (x * x + y * y) / z2).sqrt() - 1.0)
     }
 
-    /// Share of microfacets with normal in the half space of `w` that are visible from it.
+    /// Fraction of microfacets with normal in the half space of `w` that are visible from it.
     #[inline]
     pub fn g1(&self, w: Vec3) -> f32 {
         1.0 / (1.0 + self.lambda(w))
     }
 
-    /// Share visible from both, height-correlated.
+    /// Fraction visible from both, height-correlated.
     #[inline]
     pub fn g2(&self, wo: Vec3, wi: Vec3) -> f32 {
         1.0 / (1.0 + self.lambda(wo) + self.lambda(wi))

@@ -1,24 +1,31 @@
 //! What surfaces are made of: descriptions ([`Material`]) that become scattering functions ([`Bsdf`]) at a point.
 //!
 //! One file a family: [`diffuse`], [`conductor`] (measured n and k), [`coated`] (metal under a clear coat), [`principled`] (glTF's metallic-roughness with
-//! transmission, volume and clear coat; also clear glass). Shared physics: [`microfacet`], [`energy`], [`film`], [`sheen`], [`grain`].
+//! transmission, volume and clear coat; also clear glass), [`hair`] (fibres), [`measured`] (tables of measurements). Shared physics: [`microfacet`], [`energy`], [`film`], [`sheen`], [`anisotropy`].
 
+pub mod anisotropy;
 pub mod bsdf;
+pub mod bump;
 pub mod coated;
 pub mod conductor;
 pub mod diffuse;
 pub mod energy;
 pub mod film;
-pub mod grain;
+pub mod hair;
+pub mod measured;
 pub mod microfacet;
+pub(crate) mod pictures;
 pub mod principled;
 pub mod sheen;
 
+pub use anisotropy::Anisotropy;
 pub use bsdf::{Bsdf, Scatter};
+pub use bump::{Bump, BumpUnit};
 pub use coated::CoatedConductor;
 pub use conductor::Conductor;
 pub use film::Film;
-pub use grain::Grain;
+pub use hair::{Hair, Pigment};
+pub use measured::Measured;
 pub use principled::{Principled, Transmission};
 pub use sheen::Sheen;
 
@@ -41,6 +48,8 @@ pub struct Material {
     pub emission: Option<Emission>,
     /// Bumps: an image of tangent-space normals and its strength.
     pub normal_map: Option<(Texture, f32)>,
+    /// Bumps by their height; they count instead of a normal map.
+    pub bump: Option<Box<Bump>>,
     /// Holes.
     pub coverage: Coverage,
     /// What begins where light goes in.
@@ -81,6 +90,10 @@ pub enum Scattering {
     Principled(Box<Principled>),
     /// Lambertian reflection and transmission: paper, leaves.
     DiffuseTransmission(Box<[Color; 2]>),
+    /// A fibre of hair or fur.
+    Hair(Box<Hair>),
+    /// A table of what was measured.
+    Measured(Arc<Measured>),
     /// Either of two, the second with a probability that may differ from place to place.
     Mix(Box<([Scattering; 2], Scalar)>),
 }
@@ -103,7 +116,12 @@ impl Scattering {
     /// Computes every table that rays will ask for; `around`: indices of the bodies that it may lie in or touch.
     fn prepare(&mut self, around: &[f32]) {
         match self {
-            Scattering::Black | Scattering::Interface | Scattering::Diffuse(_) | Scattering::DiffuseTransmission(_) => {}
+            Scattering::Black
+            | Scattering::Interface
+            | Scattering::Diffuse(_)
+            | Scattering::DiffuseTransmission(_)
+            | Scattering::Hair(_)
+            | Scattering::Measured(_) => {}
             Scattering::Conductor(conductor) => conductor.prepare(),
             Scattering::Coated(coated) => coated.prepare(),
             Scattering::Principled(principled) => principled.prepare(around),
@@ -125,11 +143,12 @@ impl Scattering {
     }
 
     /// The direction in which facets are wider or narrower than across it, if they are; `ns` is the outer shading normal.
-    fn grain(&self, surface: &Surface, ns: Vec3) -> Option<Vec3> {
+    fn anisotropy(&self, surface: &Surface, ns: Vec3) -> Option<Vec3> {
         match self {
-            Scattering::Principled(p) => p.grain.as_ref()?.direction(surface, ns),
-            Scattering::Conductor(c) if c.across.is_some() => grain::tangent(surface, ns),
-            Scattering::Coated(c) if c.across.is_some() || c.metal.across.is_some() => grain::tangent(surface, ns),
+            Scattering::Principled(p) => p.anisotropy.as_ref()?.direction(surface, ns),
+            Scattering::Conductor(c) if c.across.is_some() => anisotropy::tangent(surface, ns),
+            Scattering::Coated(c) if c.across.is_some() || c.metal.across.is_some() => anisotropy::tangent(surface, ns),
+            Scattering::Measured(m) if !m.is_isotropic() => anisotropy::tangent(surface, ns),
             _ => None,
         }
     }
@@ -142,6 +161,8 @@ impl Scattering {
             Scattering::Coated(coated) => coated.normal_reflectance(),
             Scattering::Principled(principled) => principled.base_color.linear_srgb(surface),
             Scattering::DiffuseTransmission(colors) => colors[0].linear_srgb(surface) + colors[1].linear_srgb(surface),
+            Scattering::Hair(hair) => hair.albedo(surface),
+            Scattering::Measured(measured) => measured.normal_reflectance().clamp(Vec3::ZERO, Vec3::ONE),
             Scattering::Mix(mix) => {
                 let ([a, b], amount) = &**mix;
                 a.albedo(surface).lerp(b.albedo(surface), amount.at(surface).clamp(0.0, 1.0))
@@ -193,6 +214,11 @@ pub enum EmissionColor {
         /// The image.
         texture: Texture,
     },
+    /// The colour of the surface itself ([`Surface::color`]): Gaussian splats. Lamps of this kind are met by chance, never aimed at.
+    Captured {
+        /// Luminance of display white, cd/m².
+        factor: f32,
+    },
 }
 
 impl Emission {
@@ -201,7 +227,18 @@ impl Emission {
         Emission { radiance: EmissionColor::Constant(radiance), two_sided: false, is_light: true, modulation: Modulation::Steady }
     }
 
-    /// Radiance at texture coordinates.
+    /// Radiance at a point.
+    #[inline]
+    pub fn at(&self, surface: &Surface, wavelengths: &Wavelengths) -> Sampled {
+        match &self.radiance {
+            EmissionColor::Captured { factor } => {
+                Spectrum::light_from_rgb(surface.color.truncate() * *factor).sample(wavelengths)
+            }
+            _ => self.sample(&surface.uv, wavelengths),
+        }
+    }
+
+    /// Radiance at texture coordinates; where the surface has a colour of its own, of white ([`Emission::at`] knows it).
     #[inline]
     pub fn sample(&self, uv: &[Vec2; 2], wavelengths: &Wavelengths) -> Sampled {
         match &self.radiance {
@@ -209,6 +246,7 @@ impl Emission {
             EmissionColor::Textured { factor, texture } => {
                 Spectrum::light_from_rgb(*factor * texture.at(uv).truncate()).sample(wavelengths)
             }
+            EmissionColor::Captured { factor } => Spectrum::light_from_rgb(Vec3::splat(*factor)).sample(wavelengths),
         }
     }
 
@@ -219,6 +257,7 @@ impl Emission {
             EmissionColor::Textured { factor, texture } => {
                 (*factor * texture.at(uv).truncate()).dot(diopter_light::color::SRGB_LUMINANCE)
             }
+            EmissionColor::Captured { factor } => *factor,
         }
     }
 }
@@ -241,7 +280,7 @@ pub enum Coverage {
 
 impl Coverage {
     /// Fraction of rays that meet the surface at these texture coordinates: the mean of [`Coverage::accepts`]; `vertex_alpha` multiplies.
-    pub fn share(&self, uv: &[Vec2; 2], vertex_alpha: f32) -> f32 {
+    pub fn fraction(&self, uv: &[Vec2; 2], vertex_alpha: f32) -> f32 {
         match self {
             Coverage::Full => 1.0,
             Coverage::Mask { alpha, cutoff } => (alpha.at_uv(uv, Vec3::ZERO) * vertex_alpha >= *cutoff) as u32 as f32,
@@ -263,7 +302,7 @@ impl Material {
     /// A plain material without emission, bumps or holes.
     pub fn new(name: &str, scattering: Scattering) -> Self {
         let (coverage, interior) = (Coverage::Full, Interior::Same);
-        Material { name: name.into(), scattering, emission: None, normal_map: None, coverage, interior }
+        Material { name: name.into(), scattering, emission: None, normal_map: None, bump: None, coverage, interior }
     }
 
     /// A body of clear, smooth glass of an index, filled with what absorbs or scatters.
@@ -272,13 +311,28 @@ impl Material {
         Material { interior, ..Material::new(name, Scattering::Principled(Box::new(Principled::glass(ior)))) }
     }
 
+    /// What a captured place is made of: it shows the light that it was captured in, absorbs what falls on it, and is white at a luminance (cd/m²).
+    pub fn captured(name: &str, white: f32) -> Self {
+        let emission = Emission {
+            radiance: EmissionColor::Captured { factor: white },
+            two_sided: true,
+            is_light: false,
+            modulation: Modulation::Steady,
+        };
+        Material { emission: Some(emission), ..Material::new(name, Scattering::Black) }
+    }
+
     /// A black lamp.
     pub fn lamp(name: &str, radiance: Spectrum) -> Self {
         Material { emission: Some(Emission::one_sided(radiance)), ..Material::new(name, Scattering::Black) }
     }
 
-    /// Shading normal at a point, with the normal map applied; on the same side as `surface.ns`.
-    fn shading_normal(&self, surface: &Surface) -> Vec3 {
+    /// Shading normal at a point, with bumps or the normal map applied; on the same side as `surface.ns`.
+    pub(crate) fn shading_normal(&self, surface: &Surface) -> Vec3 {
+        if let Some(bump) = &self.bump {
+            // Strands are thinner than anything on them.
+            return if surface.is_strand() { surface.ns } else { bump.normal(surface) };
+        }
         let Some((texture, scale)) = &self.normal_map else { return surface.ns };
         let tangent = surface.tangent - surface.ns * surface.tangent.dot(surface.ns);
         if tangent.length_squared() == 0.0 {
@@ -306,9 +360,16 @@ impl Material {
             return None;
         }
         let ns = self.shading_normal(surface);
-        let frame = bsdf::LocalFrame::new(surface, ns, wo, scattering.grain(surface, ns));
+        if let Scattering::Hair(hair) = scattering {
+            let frame = bsdf::LocalFrame::along_fiber(surface, ns, wo);
+            // v grows along n × t times the handedness, negative as glTF counts; seen from behind it runs the other way.
+            let side = if surface.ng.dot(wo) < 0.0 { surface.handedness } else { -surface.handedness };
+            let h = (2.0 * surface.uv[0].y - 1.0) * side;
+            return Some(Bsdf { lobes: bsdf::Lobes::Hair(hair.at(surface, h, frame.wo, wavelengths)), frame });
+        }
+        let frame = bsdf::LocalFrame::new(surface, ns, wo, scattering.anisotropy(surface, ns));
         Some(match scattering {
-            Scattering::Black | Scattering::Interface | Scattering::Mix(_) => return None,
+            Scattering::Black | Scattering::Interface | Scattering::Mix(_) | Scattering::Hair(_) => return None,
             Scattering::Diffuse(color) => {
                 Bsdf { lobes: bsdf::Lobes::Diffuse { albedo: color.sample(surface, wavelengths) }, frame }
             }
@@ -318,6 +379,7 @@ impl Material {
             }
             Scattering::Conductor(conductor) => Bsdf { lobes: bsdf::Lobes::Conductor(conductor.at(surface, wavelengths)), frame },
             Scattering::Coated(coated) => Bsdf { lobes: bsdf::Lobes::Coated(coated.at(surface, wavelengths)), frame },
+            Scattering::Measured(measured) => Bsdf { lobes: bsdf::Lobes::Measured(measured.at(frame.wo, wavelengths)), frame },
             Scattering::Principled(principled) => {
                 let mut lobes = principled.at(surface, wo, wavelengths, hero_only, around);
                 lobes.look_from(frame.wo);
@@ -327,11 +389,11 @@ impl Material {
     }
 
     /// Whether light may go through it as if it were not there, or only dimmer: faces of media, smooth thin sheets.
-    pub fn may_be_clear(&self) -> bool {
+    pub fn may_transmit_straight(&self) -> bool {
         fn of(scattering: &Scattering) -> bool {
             match scattering {
                 Scattering::Interface => true,
-                Scattering::Principled(p) => p.may_be_clear(),
+                Scattering::Principled(p) => p.may_transmit_straight(),
                 Scattering::Mix(mix) => mix.0.iter().any(of),
                 _ => false,
             }
@@ -339,8 +401,11 @@ impl Material {
         of(&self.scattering)
     }
 
-    /// Share of white light reflected or passed on, linear sRGB: for the albedo plane.
+    /// Fraction of white light reflected or passed on, linear sRGB: for the albedo plane. Of captured places, which reflect none, what they show.
     pub fn albedo(&self, surface: &Surface) -> Vec3 {
+        if let Some(Emission { radiance: EmissionColor::Captured { .. }, .. }) = self.emission {
+            return surface.color.truncate().clamp(Vec3::ZERO, Vec3::ONE);
+        }
         self.scattering.albedo(surface)
     }
 

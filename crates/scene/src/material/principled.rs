@@ -5,13 +5,13 @@
 //! do not get; what single scattering loses between facets is given back ([`super::energy`]). A white material therefore
 //! neither gains nor loses light (under fibres it loses some, by the rule of KHR_materials_sheen). Source: Khronos glTF 2.0 §3.9
 //! and appendix B; KHR_materials_ior, _transmission, _volume, _clearcoat, _specular, _sheen ([`super::sheen`]), _iridescence
-//! ([`super::film`]), _anisotropy ([`super::grain`]). We depart from appendix B in the exact Fresnel term and in the energy
+//! ([`super::film`]), _anisotropy ([`super::anisotropy`]). We depart from appendix B in the exact Fresnel term and in the energy
 //! compensation.
 
+use super::anisotropy::Anisotropy;
 use super::bsdf::{Breadth, LocalScatter};
-use super::energy::{Interface, Side, kept, prepare_mirrors};
+use super::energy::{Interface, Side, mirror_albedo_at, prepare_mirrors};
 use super::film::{self, Film, FilmLayer, index_of};
-use super::grain::Grain;
 use super::microfacet::{Ggx, SMOOTH, fresnel_dielectric, fresnel_schlick, reflect, refract};
 use super::sheen::{self, Fibres, Sheen};
 use crate::shape::Surface;
@@ -40,12 +40,12 @@ pub struct Principled {
     /// √α of the GGX distribution.
     pub roughness: Scalar,
     /// How that differs from one direction to another; not of the coat.
-    pub grain: Option<Box<Grain>>,
+    pub anisotropy: Option<Box<Anisotropy>>,
     /// Index of refraction of the dielectric relative to what is around; below 1 of a body that is thinner, such as air in ice.
     pub ior: f32,
     /// Index over wavelength, where transmitted light is to be dispersed; reflectances use `ior`.
     pub dispersion: Option<Spectrum>,
-    /// Share of the base that transmits.
+    /// Fraction of the base that transmits.
     pub transmission: Scalar,
     /// What is behind.
     pub kind: Transmission,
@@ -84,7 +84,7 @@ impl Principled {
             base_color,
             metallic: Scalar::Constant(0.0),
             roughness: Scalar::Constant(1.0),
-            grain: None,
+            anisotropy: None,
             ior,
             dispersion: None,
             transmission: Scalar::Constant(0.0),
@@ -108,7 +108,7 @@ impl Principled {
     /// Computes every table that rays will ask for; `around`: indices of the bodies that it may lie in or touch. Without it the first
     /// rays compute them.
     pub(super) fn prepare(&mut self, around: &[f32]) {
-        let anisotropic = self.grain.is_some();
+        let anisotropic = self.anisotropy.is_some();
         let smooth = matches!(self.roughness, Scalar::Constant(r) if r * r < SMOOTH) && !anisotropic;
         let body = matches!(self.kind, Transmission::Solid) && !matches!(self.transmission, Scalar::Constant(t) if t <= 0.0);
         prepare_mirrors(anisotropic);
@@ -140,7 +140,7 @@ impl Principled {
     }
 
     /// Whether it may be a smooth thin sheet that lets light through.
-    pub(super) fn may_be_clear(&self) -> bool {
+    pub(super) fn may_transmit_straight(&self) -> bool {
         let smooth = match &self.roughness {
             Scalar::Constant(r) => r * r < SMOOTH,
             _ => true,
@@ -188,11 +188,11 @@ impl Principled {
         let between = around.map(|a| self.against(a.ior));
         let inside_denser = inside == (n >= 1.0);
         let roughness = self.roughness.at(surface).clamp(0.0, 1.0);
-        let facets = match &self.grain {
+        let facets = match &self.anisotropy {
             None => Ggx::even(roughness * roughness),
-            Some(grain) => grain.facets(roughness, surface),
+            Some(anisotropy) => anisotropy.facets(roughness, surface),
         };
-        let roughness = if self.grain.is_some() { facets.roughness() } else { roughness };
+        let roughness = if self.anisotropy.is_some() { facets.roughness() } else { roughness };
         let base = self.base_color.sample(surface, wavelengths);
         let tint = (self.tinted && !solid).then(|| {
             let f0 = ((self.ior - 1.0) / (self.ior + 1.0)).powi(2);
@@ -319,7 +319,7 @@ impl OverFilm {
 /// What depends on the direction of view only.
 #[derive(Clone, Copy, Default)]
 struct View {
-    /// Share the dielectric layer reflects, or keeps from what is below.
+    /// Fraction the dielectric layer reflects, or keeps from what is below.
     reflected: Sampled,
     /// Factor that gives back what single scattering loses: metal, solid glass.
     metal_gain: Sampled,
@@ -331,7 +331,7 @@ struct View {
 }
 
 impl PrincipledLobes<'_> {
-    /// Share of light that the dielectric reflects at a cosine, with its tint and film: by one face, or by both of a pane. Source: pbrt, §9.5.1:
+    /// Fraction of light that the dielectric reflects at a cosine, with its tint and film: by one face, or by both of a pane. Source: pbrt, §9.5.1:
     /// R + T² R / (1 − R²).
     fn dielectric(&self, cos: f32) -> Sampled {
         let r = fresnel_dielectric(cos, self.eta);
@@ -340,20 +340,20 @@ impl PrincipledLobes<'_> {
         let Some(film) = &self.film else { return bare };
         let r = film.reflectance(cos, film.below);
         let covered = if self.pane { r * 2.0 / (Sampled::ONE + r) } else { r };
-        bare.lerp(covered, film.layer.share)
+        bare.lerp(covered, film.layer.fraction)
     }
 
     /// Reflectance of the metal at a cosine.
     fn metal(&self, cos: f32) -> Sampled {
         let bare = fresnel_schlick(cos, self.base);
         match &self.film {
-            Some(film) => bare.lerp(film.reflectance(cos, film.metal), film.layer.share),
+            Some(film) => bare.lerp(film.reflectance(cos, film.metal), film.layer.fraction),
             None => bare,
         }
     }
 
     /// What layers below go without in a direction: the largest of a tint's colours, of films each wavelength's own.
-    fn taken(&self, w: Vec3) -> Sampled {
+    fn directional_albedo(&self, w: Vec3) -> Sampled {
         let cos = w.z;
         let reflected = match self.smooth() {
             true => fresnel_dielectric(cos, self.eta),
@@ -361,22 +361,22 @@ impl PrincipledLobes<'_> {
         };
         let bare = self.tint.as_ref().map_or(reflected, |t| t.of(reflected).max_element());
         let Some(film) = &self.film else { return Sampled::splat(bare) };
-        let kept = self.kept(w);
-        let cos = if self.smooth() { cos } else { film::cosine_of(reflected / kept, self.eta) };
-        Sampled::splat(bare).lerp(film.reflectance(cos, film.below) * kept, film.layer.share)
+        let mirror_albedo_at = self.mirror_albedo_at(w);
+        let cos = if self.smooth() { cos } else { film::cosine_of(reflected / mirror_albedo_at, self.eta) };
+        Sampled::splat(bare).lerp(film.reflectance(cos, film.below) * mirror_albedo_at, film.layer.fraction)
     }
 
     /// The same of light from everywhere.
-    fn taken_on_average(&self, roughness: f32) -> Sampled {
+    fn average_albedo(&self, roughness: f32) -> Sampled {
         let reflected = self.interface().average_reflected(roughness);
         let bare = self.tint.as_ref().map_or(reflected, |t| t.of(reflected).max_element());
         let Some(film) = &self.film else { return Sampled::splat(bare) };
-        Sampled::splat(bare).lerp(film.average, film.layer.share)
+        Sampled::splat(bare).lerp(film.average, film.layer.fraction)
     }
 
-    /// Share that a perfect mirror of these facets reflects at once.
-    fn kept(&self, w: Vec3) -> f32 {
-        kept(self.facets, w)
+    /// Fraction that a perfect mirror of these facets reflects at once.
+    fn mirror_albedo_at(&self, w: Vec3) -> f32 {
+        mirror_albedo_at(self.facets, w)
     }
 
     fn interface(&self) -> &Interface {
@@ -388,7 +388,7 @@ impl PrincipledLobes<'_> {
     }
 
     /// What transmitted radiance is divided by.
-    pub(super) fn squeeze(&self) -> f32 {
+    pub(super) fn eta_scale(&self) -> f32 {
         if self.solid { self.bend * self.bend } else { 1.0 }
     }
 
@@ -397,14 +397,14 @@ impl PrincipledLobes<'_> {
     }
 
     fn view(&self, wo: Vec3) -> View {
-        let mirror = self.kept(wo);
+        let mirror = self.mirror_albedo_at(wo);
         // A pane keeps what both of its faces reflect.
-        let reflected = if self.pane { self.dielectric(wo.z) } else { self.taken(wo) };
+        let reflected = if self.pane { self.dielectric(wo.z) } else { self.directional_albedo(wo) };
         let glass = if self.smooth() || self.transmission == 0.0 || !self.solid {
             1.0
         } else {
             let side = if self.inside_denser { Side::Inside } else { Side::Outside };
-            self.interface().whole(side, self.facets, wo)
+            self.interface().directional_albedo(side, self.facets, wo)
         };
         let coat_reflected =
             if self.coat > 0.0 { self.coat * self.coat_interface.reflected(self.coat_facets(), wo) } else { 0.0 };
@@ -419,17 +419,17 @@ impl PrincipledLobes<'_> {
         } else {
             (reflected_mean, 1.0 - reflected_mean)
         };
-        let taken = self.fibres.map_or(0.0, |f| f.taken(wo.z).min(1.0));
-        let below = below_coat * (1.0 - taken);
+        let directional_albedo = self.fibres.map_or(0.0, |f| f.directional_albedo(wo.z).min(1.0));
+        let below = below_coat * (1.0 - directional_albedo);
         let metal = if self.film.is_some() { mean(self.metal(wo.z)) } else { base };
         let mut weights = [
             below * (self.metallic * metal.max(0.04) + dielectric * first),
             below * dielectric * (1.0 - self.transmission) * (1.0 - reflected_mean) * base,
             below * dielectric * self.transmission * second * base,
             coat_reflected,
-            below_coat * taken,
+            below_coat * directional_albedo,
         ];
-        // Beside a diffuse base, whose direct light is aimed at anyway, reflections are looked at more often than by their share: they show lamps.
+        // Beside a diffuse base, whose direct light is aimed at anyway, reflections are looked at more often than by their fraction: they show lamps.
         for reflection in [0, 3] {
             weights[reflection] = (weights[reflection] * (weights[reflection] + weights[1])).sqrt();
         }
@@ -454,7 +454,7 @@ impl PrincipledLobes<'_> {
         self.solid && self.transmission > 0.0 && !self.smooth()
     }
 
-    /// Share of what a facet met at a cosine sends on that it should be seen to reflect.
+    /// Fraction of what a facet met at a cosine sends on that it should be seen to reflect.
     fn reflected_share(&self, view: &View, cos: f32) -> f32 {
         if !self.by_facet() {
             return 1.0;
@@ -535,11 +535,11 @@ impl PrincipledLobes<'_> {
             }
             if p_diffuse > 0.0 {
                 let r = if self.smooth() { 0.0 } else { self.roughness };
-                let into = Sampled::ONE - self.taken(wi);
-                let share =
-                    (Sampled::ONE - view.reflected) * into / (Sampled::ONE - self.taken_on_average(r)).max(Sampled::splat(1e-3));
+                let into = Sampled::ONE - self.directional_albedo(wi);
+                let fraction =
+                    (Sampled::ONE - view.reflected) * into / (Sampled::ONE - self.average_albedo(r)).max(Sampled::splat(1e-3));
                 let amount = view.below_coat * (1.0 - self.metallic) * (1.0 - self.transmission);
-                f += self.under * share * (amount * wi.z * FRAC_1_PI);
+                f += self.under * fraction * (amount * wi.z * FRAC_1_PI);
                 pdf += p_diffuse * wi.z * FRAC_1_PI;
             }
             if let Some(fibres) = &self.fibres {
@@ -563,7 +563,7 @@ impl PrincipledLobes<'_> {
                 let wi = Vec3::new(wi.x, wi.y, -wi.z);
                 let h = (wo + wi).normalize();
                 let d = self.facets.d(h) / (4.0 * wo.z);
-                let gain = (Sampled::ONE - view.reflected) / self.kept(wo);
+                let gain = (Sampled::ONE - view.reflected) / self.mirror_albedo_at(wo);
                 f += self.base * gain * (amount * d * self.facets.g2(wo, wi));
                 pdf += p_transmission * d * self.facets.g1(wo);
             }
@@ -616,10 +616,10 @@ impl PrincipledLobes<'_> {
                     true => (refract(wo, Vec3::Z, self.bend)?, 1.0 / (self.bend * self.bend)),
                     false => (-wo, 1.0),
                 };
-                let share = (Sampled::ONE - self.dielectric(wo.z)) * (amount * self.past_fibres(wo, wi) / p_transmission);
+                let fraction = (Sampled::ONE - self.dielectric(wo.z)) * (amount * self.past_fibres(wo, wi) / p_transmission);
                 return Some(LocalScatter {
                     wi,
-                    weight: self.base * share * scale,
+                    weight: self.base * fraction * scale,
                     pdf: p_transmission,
                     specular: true,
                     disperses,

@@ -46,14 +46,14 @@ impl Fibres {
         self.color * scattered(wo, wi, self.roughness)
     }
 
-    /// Share of light from a direction that does not get below.
-    pub(super) fn taken(&self, cos: f32) -> f32 {
+    /// Fraction of light from a direction that does not get below.
+    pub(super) fn directional_albedo(&self, cos: f32) -> f32 {
         self.most * albedo().at(cos.abs(), self.roughness)
     }
 
-    /// Share that gets below and back.
+    /// Fraction that gets below and back.
     pub(super) fn through(&self, wo: Vec3, wi: Vec3) -> f32 {
-        1.0 - self.taken(wo.z).max(self.taken(wi.z)).min(1.0)
+        1.0 - self.directional_albedo(wo.z).max(self.directional_albedo(wi.z)).min(1.0)
     }
 }
 

@@ -1,6 +1,6 @@
-//! One segment of a path through a homogeneous medium: what it emits, the light of lamps that it scatters into the ray, and where the path goes on.
+//! One segment of a path through a medium: what it emits, the light of lamps that it scatters into the ray, and where the path goes on.
 //!
-//! Light that arrives from a lamp after one scattering is estimated by three strategies, joined by the power heuristic (E. Veach 1997):
+//! In homogeneous media light that arrives from a lamp after one scattering is estimated by three strategies, joined by the power heuristic (E. Veach 1997):
 //!
 //! * distance: a scattering vertex by extinction, there a light and a point on it (next-event estimation);
 //! * phase: the same vertex, a direction by the phase function that meets the lamp;
@@ -9,13 +9,17 @@
 //!
 //! Densities are compared per metre of the segment and per solid angle at the place of scattering. All strategies draw a point of a light by the same
 //! density, which therefore cancels between the first and the last. Lights at infinity are left to the first two.
+//!
+//! In media that differ from place to place the distance is found by tracking ([`crate::medium::tracking`]), whose density nobody knows: there the
+//! first two strategies do without the third.
 
-use super::{Aimed, PathSettings, mis, survives};
+use super::{MOST_SURVIVAL, PathSettings, PrevScatter, mis, survives};
 use crate::light::LightRef;
 use crate::light::segment::{EquiAngular, Pivot, Segment};
-use crate::medium::{Flight, Medium, Sigma, phase, scattered};
+use crate::medium::tracking::Track;
+use crate::medium::{DistanceSample, Medium, Sigma, Volume, phase, scattered};
+use crate::medium_stack::MediumStack;
 use crate::scene::Scene;
-use crate::within::Within;
 use diopter_light::random::{Sampler, Set};
 use diopter_light::{Ray, Sampled, Wavelengths};
 use glam::Vec3;
@@ -40,14 +44,16 @@ pub(super) struct MediumSegment<'a> {
     /// The part of the ray in the medium, m.
     pub span: [f32; 2],
     pub ray: &'a Ray,
-    pub within: &'a Within<'a>,
+    pub medium_stack: &'a MediumStack<'a>,
     pub wavelengths: &'a Wavelengths,
     pub sampler: &'a Sampler,
     pub settings: &'a PathSettings,
-    /// Scattering events so far.
+    /// Vertices so far.
     pub vertex: u32,
+    /// Scattering events so far, those within bodies ([`Medium::is_subsurface`]) not counted.
+    pub depth: u32,
     /// Number of the segment of the path.
-    pub leg: u32,
+    pub segment_index: u32,
     /// Whether a flash is burning.
     pub flash: bool,
 }
@@ -60,8 +66,8 @@ pub(super) enum After {
     Scattered {
         /// The ray that it goes on with.
         ray: Ray,
-        /// The vertex.
-        last: Aimed,
+        /// The vertex, where lights were sampled from there.
+        last: Option<PrevScatter>,
         /// The segment on which the vertex lies.
         on: ScatteredOn,
     },
@@ -121,7 +127,10 @@ impl Inscatter {
 
 impl MediumSegment<'_> {
     /// Adds the light of the segment to `radiance`, and takes the path on.
-    pub fn take(&self, throughput: &mut Sampled, squeezed: f32, radiance: &mut Sampled) -> After {
+    pub fn take(&self, throughput: &mut Sampled, eta_scale: f32, radiance: &mut Sampled) -> After {
+        if let Some(volume) = &self.medium.volume {
+            return self.track(volume, throughput, eta_scale, radiance);
+        }
         let [near, far] = self.span;
         let sigma = self.medium.at(self.wavelengths);
         if let Some(emission) = &self.medium.emission {
@@ -129,38 +138,66 @@ impl MediumSegment<'_> {
         }
         let before = *throughput;
         let inscatter = self.inscatter(&sigma, before);
-        let [u, v, w, _] = self.sampler.get(Set::Medium(self.leg));
+        let [u, v, w, _] = self.sampler.get(Set::Medium(self.segment_index));
         if let Some(inscatter) = &inscatter {
             *radiance += self.equiangular(inscatter, &sigma, before, w).unwrap_or(Sampled::ZERO);
         }
-        let distance = match sigma.fly(far - near, [u, v], before) {
-            Flight::Through(weight) => {
+        let distance = match sigma.sample_distance(far - near, [u, v], before) {
+            DistanceSample::Through(weight) => {
                 *throughput *= weight;
                 return After::Through;
             }
-            Flight::Scattered(distance, weight) => {
+            DistanceSample::Scattered(distance, weight) => {
                 *throughput *= weight;
                 distance
             }
         };
-        if self.vertex >= self.settings.max_depth || !(throughput.max_element() > 0.0) {
+        let on = ScatteredOn { inscatter, distance: near + distance, density: sigma.density(distance, before) };
+        self.scatter(on, throughput, eta_scale, radiance)
+    }
+
+    /// The same in a medium that differs from place to place.
+    fn track(&self, volume: &Volume, throughput: &mut Sampled, eta_scale: f32, radiance: &mut Sampled) -> After {
+        let moment_s = self.scene.moment_s(self.ray.time_s);
+        let track = Track::new(self.medium, volume, self.ray, self.span, self.wavelengths, moment_s);
+        let mut stream = self.sampler.stream(Set::Tracking(self.segment_index));
+        match track.sample_distance(*throughput, &mut stream, radiance) {
+            DistanceSample::Through(weight) => {
+                *throughput *= weight;
+                After::Through
+            }
+            DistanceSample::Scattered(distance, weight) => {
+                *throughput *= weight;
+                let on = ScatteredOn { inscatter: None, distance, density: 1.0 };
+                self.scatter(on, throughput, eta_scale, radiance)
+            }
+        }
+    }
+
+    /// Adds light that arrives where the path is scattered, and chooses where it goes on.
+    fn scatter(&self, on: ScatteredOn, throughput: &mut Sampled, eta_scale: f32, radiance: &mut Sampled) -> After {
+        if self.depth >= self.settings.max_depth || !(throughput.max_element() > 0.0) {
             return After::Ended;
         }
-        let on = ScatteredOn { inscatter, distance: near + distance, density: sigma.density(distance, before) };
-        let point = self.ray.at(near + distance);
-        *radiance += self.lit(&on, point, *throughput).unwrap_or(Sampled::ZERO);
+        let point = self.ray.at(on.distance);
+        let aims = !self.medium.is_subsurface;
+        if aims {
+            *radiance += self.lit(&on, point, *throughput).unwrap_or(Sampled::ZERO);
+        }
         let u = self.sampler.get(Set::Scatter(self.vertex));
         let (direction, density) = scattered(self.ray.direction, self.medium.asymmetry, [u[0], u[1]]);
-        if !survives(throughput, squeezed, self.vertex + 1, u[3], self.settings) {
+        // Walks within bodies end at the surface: no need to end those that bring as much as they began with.
+        let most = if aims { MOST_SURVIVAL } else { 1.0 };
+        if !survives(throughput, eta_scale, self.vertex + 1, u[3], self.settings, most) {
             return After::Ended;
         }
-        let last = Aimed { point, normal: Vec3::ZERO, density, gone: 0.0 };
+        let last = aims.then_some(PrevScatter { point, normal: Vec3::ZERO, density, gone: 0.0 });
         After::Scattered { ray: Ray { origin: point, direction, time_s: self.ray.time_s }, last, on }
     }
 
     /// The segment for equi-angular samples; `None` where there is nothing to sample.
     fn inscatter(&self, sigma: &Sigma, throughput: Sampled) -> Option<Inscatter> {
-        let worth = throughput.element_sum() > 0.0 && self.vertex < self.settings.max_depth;
+        let worth = throughput.element_sum() > 0.0 && self.depth < self.settings.max_depth && !self.medium.is_subsurface;
         if sigma.scattering == Sampled::ZERO || !worth || !self.scene.lights().has_finite(self.flash) {
             return None;
         }
@@ -178,7 +215,7 @@ impl MediumSegment<'_> {
     /// Light of a lamp that is scattered into the ray, by an equi-angular sample; `None` where there is none. `u` decides whether it is taken.
     fn equiangular(&self, inscatter: &Inscatter, sigma: &Sigma, throughput: Sampled, u: f32) -> Option<Sampled> {
         let (scene, segment) = (self.scene, &inscatter.segment);
-        let [choice, along, place @ ..] = self.sampler.get(Set::Inscatter(self.leg));
+        let [choice, along, place @ ..] = self.sampler.get(Set::Inscatter(self.segment_index));
         let (light, chosen) = scene.lights().choose_along(segment, choice, self.flash)?;
         let pivot = scene.pivot(light, self.ray.time_s)?;
         let fraction = inscatter.fraction(&pivot);
@@ -189,18 +226,18 @@ impl MediumSegment<'_> {
         let distance = distances.sample(along);
         let density = chosen * fraction * distances.density(distance);
         let point = self.ray.at(distance);
-        let aim = scene.aim(light, point, place, self.ray.time_s)?;
+        let light_sample = scene.sample_li(light, point, place, self.ray.time_s)?;
         if !(density > 0.0) {
             return None;
         }
-        let phase = phase(self.ray.direction.dot(aim.wi), inscatter.asymmetry);
+        let phase = phase(self.ray.direction.dot(light_sample.wi), inscatter.asymmetry);
         let by_extinction = sigma.density(distance - segment.near, throughput);
         let by_light = by_extinction * scene.lights().finite_probability(point, light, self.flash);
-        let by_phase = if aim.has_extent { by_extinction * phase / aim.pdf } else { 0.0 };
+        let by_phase = if light_sample.has_extent { by_extinction * phase / light_sample.pdf } else { 0.0 };
         let weight = mis(density, by_light.hypot(by_phase));
         let left = throughput * sigma.scattering * sigma.transmittance(distance - segment.near);
-        let light = scene.arriving(&aim, self.wavelengths, self.ray.time_s);
-        Some(self.arriving_at(point, left * light * (phase * weight / (density * aim.pdf)), &aim))
+        let light = scene.incident_radiance(&light_sample, self.wavelengths, self.ray.time_s);
+        Some(self.transmitted_from_light(point, left * light * (phase * weight / (density * light_sample.pdf)), &light_sample))
     }
 
     /// Light that arrives at a scattering vertex, by next-event estimation; `None` where there is none.
@@ -208,18 +245,29 @@ impl MediumSegment<'_> {
         let scene = self.scene;
         let u = self.sampler.get(Set::Light(self.vertex));
         let (light, probability) = scene.lights().choose(point, Vec3::ZERO, u[2], self.flash)?;
-        let aim = scene.aim(light, point, [u[0], u[1]], self.ray.time_s)?;
-        let phase = phase(self.ray.direction.dot(aim.wi), self.medium.asymmetry);
-        let density = probability * aim.pdf;
-        let by_phase = if aim.has_extent { phase } else { 0.0 };
-        let weight = mis(density, by_phase.hypot(on.equiangular(scene, light) * aim.pdf));
-        let light = scene.arriving(&aim, self.wavelengths, self.ray.time_s);
-        Some(self.arriving_at(point, throughput * light * (phase * weight / density), &aim))
+        let light_sample = scene.sample_li(light, point, [u[0], u[1]], self.ray.time_s)?;
+        let phase = phase(self.ray.direction.dot(light_sample.wi), self.medium.asymmetry);
+        let density = probability * light_sample.pdf;
+        let by_phase = if light_sample.has_extent { phase } else { 0.0 };
+        let weight = mis(density, by_phase.hypot(on.equiangular(scene, light) * light_sample.pdf));
+        let light = scene.incident_radiance(&light_sample, self.wavelengths, self.ray.time_s);
+        Some(self.transmitted_from_light(point, throughput * light * (phase * weight / density), &light_sample))
     }
 
     /// What is left of light from a lamp at a place of the segment.
-    fn arriving_at(&self, point: Vec3, light: Sampled, aim: &crate::light::Aim) -> Sampled {
-        let sheets = self.settings.max_depth - self.vertex - 1;
-        self.scene.arrives(light, point, point, aim, *self.within, self.wavelengths, self.ray.time_s, sheets)
+    fn transmitted_from_light(&self, point: Vec3, light: Sampled, light_sample: &crate::light::LightSample) -> Sampled {
+        let thin_dielectrics = self.settings.max_depth - self.depth - 1;
+        let stream = || self.sampler.stream(Set::Transmittance(self.vertex));
+        self.scene.transmittance_to_light(
+            light,
+            point,
+            point,
+            light_sample,
+            *self.medium_stack,
+            self.wavelengths,
+            self.ray.time_s,
+            thin_dielectrics,
+            stream,
+        )
     }
 }

@@ -76,30 +76,45 @@ impl Mesh {
 
     /// Removes triangles whose corners are out of range or not finite. Returns how many.
     pub fn drop_broken_triangles(&mut self) -> usize {
-        let before = self.triangles.len();
-        let positions = &self.positions;
-        let whole = |t: &[u32; 3]| t.iter().all(|i| positions.get(*i as usize).is_some_and(|p| p.is_finite()));
-        if self.triangles.par_iter().all(whole) {
-            return 0;
-        }
-        self.triangles.retain(whole);
-        before - self.triangles.len()
+        self.keep_triangles(is_finite)
     }
 
     /// Removes triangles that no ray can hit: broken ones, and those without area. Returns how many.
     pub fn drop_unusable_triangles(&mut self) -> usize {
+        self.keep_triangles(has_area)
+    }
+
+    /// Whether all corners of its triangles are in range and finite.
+    pub fn all_finite(&self) -> bool {
+        self.triangles.par_iter().all(|t| is_finite(&self.positions, t))
+    }
+
+    /// Whether all its triangles are finite and have an area.
+    pub fn all_usable(&self) -> bool {
+        self.triangles.par_iter().all(|t| has_area(&self.positions, t))
+    }
+
+    fn keep_triangles(&mut self, keep: impl Fn(&[Vec3], &[u32; 3]) -> bool + Sync) -> usize {
         let before = self.triangles.len();
-        self.drop_broken_triangles();
         let positions = &self.positions;
-        let has_area = |t: &[u32; 3]| {
-            let [a, b, c] = t.map(|i| positions[i as usize].as_dvec3());
-            (b - a).cross(c - a).length_squared() > 0.0
-        };
-        if !self.triangles.par_iter().all(has_area) {
-            self.triangles.retain(has_area);
+        if self.triangles.par_iter().all(|t| keep(positions, t)) {
+            return 0;
         }
+        self.triangles.retain(|t| keep(positions, t));
         before - self.triangles.len()
     }
+}
+
+fn is_finite(positions: &[Vec3], triangle: &[u32; 3]) -> bool {
+    triangle.iter().all(|i| positions.get(*i as usize).is_some_and(|p| p.is_finite()))
+}
+
+fn has_area(positions: &[Vec3], triangle: &[u32; 3]) -> bool {
+    if !is_finite(positions, triangle) {
+        return false;
+    }
+    let [a, b, c] = triangle.map(|i| positions[i as usize].as_dvec3());
+    (b - a).cross(c - a).length_squared() > 0.0
 }
 
 #[cfg(test)]

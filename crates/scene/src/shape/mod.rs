@@ -1,12 +1,16 @@
 //! Shapes and what a ray learns where it meets one.
 
+pub mod curves;
 pub mod mesh;
 pub mod quad;
 pub mod sphere;
+pub mod splats;
 
+pub use curves::{CurveBasis, CurveKind, Curves, Strand};
 pub use mesh::Mesh;
 pub use quad::Quad;
 pub use sphere::Sphere;
+pub use splats::{Splat, Splats};
 
 use glam::{Vec2, Vec3, Vec4};
 
@@ -27,12 +31,45 @@ pub struct Surface {
     pub handedness: f32,
     /// Two sets of texture coordinates.
     pub uv: [Vec2; 2],
-    /// Colour of the vertices, 1 without.
+    /// Colour of the vertices, 1 without; of Gaussian splats the light they show along the ray, linear sRGB.
     pub color: Vec4,
     /// Number of the object.
     pub object: u32,
-    /// Number of the triangle within its mesh; 0 for other shapes.
+    /// Number of the triangle within its mesh, of the segment within its curves, or of the splat within its set; 0 for other shapes.
     pub triangle: u32,
+    /// What only some surfaces have.
+    pub detail: Detail,
+}
+
+/// What only some surfaces have. In one place: a surface point fits into 128 bytes, which are copied in place.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Detail {
+    /// Nothing.
+    None,
+    /// How the place changes with the two texture coordinates, m: of surfaces with bumps ([`crate::material::Bump`]) that have coordinates.
+    Derivatives([Vec3; 2]),
+    /// The strand it belongs to, of curves.
+    Strand(Strand),
+}
+
+/// Larger values are copied by calls: 2 % of a path's time on the Cornell box.
+const _: () = assert!(size_of::<Option<Surface>>() <= 128);
+
+impl Surface {
+    /// Whether it belongs to a curve.
+    #[inline]
+    pub fn is_strand(&self) -> bool {
+        matches!(self.detail, Detail::Strand(_))
+    }
+
+    /// A start for rays that leave the point along a unit direction, on the side that `normal` points to.
+    #[inline]
+    pub fn leave(&self, normal: Vec3, direction: Vec3) -> Vec3 {
+        match &self.detail {
+            Detail::Strand(strand) if strand.radius > 0.0 => strand.exit(self.point, self.tangent, direction),
+            _ => offset_origin(self.point, normal),
+        }
+    }
 }
 
 /// A start for rays that leave a surface point on the side of `normal`, past what rounding can have moved the point.

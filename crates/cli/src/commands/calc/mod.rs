@@ -4,6 +4,8 @@ mod daylight;
 mod exposure;
 mod focus;
 mod formats;
+mod pinhole;
+mod shutter;
 mod stop;
 mod thin_lens;
 mod tone;
@@ -26,6 +28,8 @@ pub fn run(verb: &CalcVerb, json: bool) -> anyhow::Result<()> {
         CalcVerb::Stops { step } => exposure::stops(step, json),
         CalcVerb::ThinLens(args) => thin_lens::run(args, json),
         CalcVerb::Stop(args) => stop::run(args, json),
+        CalcVerb::Shutter(args) => shutter::run(args, json),
+        CalcVerb::Pinhole(args) => pinhole::run(args, json),
         CalcVerb::Formats { names } => formats::run(names, json),
     }
 }

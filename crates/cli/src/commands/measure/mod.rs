@@ -1,6 +1,8 @@
 //! `measure`: what pictures say of the camera that took them.
 
+mod glare;
 mod report;
+mod rolling;
 
 use report::{Setup, photograph};
 
@@ -36,7 +38,9 @@ pub fn run(verb: &MeasureVerb, json: bool) -> anyhow::Result<()> {
         MeasureVerb::Mtf(asked) => resolution(asked, json),
         MeasureVerb::Noise { files, region, output } => photon_transfer(files, *region, output, json),
         MeasureVerb::DynamicRange { body, iso, output } => dynamic_range(body, iso.as_ref(), output, json),
+        MeasureVerb::Glare(asked) => glare::run(asked, json),
         MeasureVerb::Report(asked) => report::run(asked, json),
+        MeasureVerb::Rolling(asked) => rolling::run(asked, json),
         MeasureVerb::Vignetting(asked) => fall_off(asked, json),
         MeasureVerb::Distortion(asked) => bent_lines(asked, json),
         MeasureVerb::Color { file, corners, light, encoding, output } => {
@@ -312,7 +316,10 @@ fn predicted(
     let open = set(None)?;
     // Fully open is what the file says to all its digits.
     let lens = if facts.f_number > 1.001 * open.widest_f_number() { set(Some(facts.f_number))? } else { open };
-    let chain = Chain { lens: &lens, sensor: &sensor, channel: number, light, film_mm, size };
+    // As shots are taken where nobody says otherwise.
+    let film = diopter::Film::new(film_mm[0], film_mm[1], size[0], size[1]);
+    let diffraction = diopter::expose::diffraction_shows(&diopter::lens::Lens::Compound(Box::new(lens.clone())), &film);
+    let chain = Chain { lens: &lens, sensor: &sensor, channel: number, light, film_mm, size, diffraction };
     let all = edges.iter().map(|e| Ok(chain.predict(e)?)).collect::<anyhow::Result<Vec<_>>>()?;
     Ok((all, pitch))
 }

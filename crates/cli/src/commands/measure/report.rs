@@ -1,23 +1,19 @@
 //! `measure report`: a body and a lens on one page, as a laboratory would print it.
 //!
 //! Photographs the embedded charts, measures them as any picture is measured, and sets what the optical bench and the data sheet say beside it. The
-//! page holds everything it shows: plots as SVG, tables as text.
+//! page holds everything it shows: plots as drawings, tables as text.
 
 use super::{
     Channel, Measured, chain_text, color, color_figure, color_text, distortion, distortion_figure, distortion_text, mtf,
     predicted, range_figure, range_text, ranges, resolution_figure, resolution_text, strongest_channel, vignetting,
     vignetting_figure, vignetting_text,
 };
-use crate::AskedWrongly;
 use crate::args::MeasureReport;
 use crate::commands::{body, print_json};
-use crate::html::escaped;
-use crate::output::Output;
+use crate::document::{self, Document};
 use crate::watch::{say, warn, watched};
-use anyhow::anyhow;
 use diopter::image::{ExposureFacts, Picture, RawImage};
 use diopter::lens::analysis::Bench;
-use diopter::lens::draw::Figure;
 use diopter::lens::glass::D_NM;
 use diopter::lens::paraxial::FirstOrder;
 use diopter::measure::{EdgeMtf, Plane};
@@ -27,7 +23,6 @@ use diopter::sensor::format::FULL_FRAME_DIAGONAL_MM;
 use diopter::shot::{Shot, ShotFile, read_body, read_lens};
 use serde_json::json;
 use std::fmt::Write as _;
-use std::io::Write;
 use std::path::Path;
 
 /// Edges that are plotted: the one nearest to the middle, the farthest, and one between.
@@ -56,14 +51,11 @@ pub(super) struct Photograph {
 }
 
 pub fn run(asked: &MeasureReport, json: bool) -> anyhow::Result<()> {
-    if asked.output.extension().is_none_or(|e| !e.eq_ignore_ascii_case("html")) {
-        return Err(AskedWrongly(anyhow!("{}: expected a name that ends in .html", asked.output.display())).into());
-    }
-    let output = Output::prepare(&asked.output)?;
+    let output = document::prepare(&asked.output)?;
     let sensor = read_body(&asked.body)?;
     // Before anything is photographed: the chain is predicted for lenses with surfaces.
     read_lens(&asked.lens)?;
-    let mut page = Page::default();
+    let mut page = Document::default();
     let setup = Setup {
         body: &asked.body,
         lens: &asked.lens,
@@ -164,7 +156,7 @@ pub fn run(asked: &MeasureReport, json: bool) -> anyhow::Result<()> {
         }
     };
 
-    let path = output.commit(|to| Ok(to.write_all(page.html().as_bytes())?))?;
+    let path = page.write(output)?;
     say(&format!("wrote {}", path.display()));
     if json {
         return print_json(&json!({
@@ -237,38 +229,6 @@ fn linear(picture: &Picture) -> diopter::image::Raster<f32> {
     pixels
 }
 
-/// A page that needs no other file.
-#[derive(Default)]
-struct Page {
-    title: String,
-    body: String,
-}
-
-impl Page {
-    fn paragraph(&mut self, text: &str) {
-        self.body.push_str(&format!("<p>{}</p>\n", escaped(text)));
-    }
-
-    fn section(&mut self, heading: &str, figures: &[Figure], table: &str) {
-        self.body.push_str(&format!("<section>\n<h2>{}</h2>\n", escaped(heading)));
-        figures.iter().for_each(|f| self.body.push_str(&format!("<figure>{}</figure>\n", f.to_svg())));
-        self.body.push_str(&format!("<pre>{}</pre>\n</section>\n", escaped(table)));
-    }
-
-    fn html(&self) -> String {
-        let title = escaped(&self.title);
-        format!(
-            "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n<title>{title}</title>\n<style>\n\
-             body {{ font-family: sans-serif; max-width: 1000px; margin: 2em auto; padding: 0 1em; color: #222; }}\n\
-             figure {{ margin: 1em 0; }}\nsvg {{ max-width: 100%; height: auto; }}\n\
-             pre {{ background: #f5f5f5; padding: 1em; overflow-x: auto; font-size: 85%; }}\n</style>\n</head>\n<body>\n<h1>{title}</h1>\n{}\
-             <footer>diopter {}</footer>\n</body>\n</html>\n",
-            self.body,
-            env!("CARGO_PKG_VERSION")
-        )
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -281,14 +241,5 @@ mod tests {
         for (a, b) in found.iter().zip(&framed) {
             assert!((a[0] - b[0]).abs() < 0.5 && (a[1] - b[1]).abs() < 0.5, "{found:?} {framed:?}");
         }
-    }
-
-    #[test]
-    fn a_page_holds_its_plots_and_escapes_its_text() {
-        let mut page = Page { title: "A & B".into(), ..Page::default() };
-        page.section("MTF <50>", &[Figure::new(10.0, 10.0)], "a < b");
-        let html = page.html();
-        assert!(html.contains("<title>A &amp; B</title>") && html.contains("MTF &lt;50&gt;") && html.contains("a &lt; b"));
-        assert!(html.contains("<svg ") && !html.contains("src=") && !html.contains("href="));
     }
 }

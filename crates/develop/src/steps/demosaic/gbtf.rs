@@ -130,11 +130,11 @@ fn others(mosaic: &Mosaic, region: Region, green: &[f32], difference: &[f32], le
                 planes[2 - own][to] = green[i] - crossed[i];
             } else {
                 // Beside green: one colour is known left and right, and made above and below; the other the other way round.
-                let share = level[i];
+                let fraction = level[i];
                 let beside = mosaic.channel(x + 1, y);
                 let mean = |plane: &[f32], step: usize| 0.5 * (plane[i - step] + plane[i + step]);
-                planes[beside][to] = green[i] - share * mean(difference, 1) - (1.0 - share) * mean(&crossed, w);
-                planes[2 - beside][to] = green[i] - share * mean(&crossed, 1) - (1.0 - share) * mean(difference, w);
+                planes[beside][to] = green[i] - fraction * mean(difference, 1) - (1.0 - fraction) * mean(&crossed, w);
+                planes[2 - beside][to] = green[i] - fraction * mean(&crossed, 1) - (1.0 - fraction) * mean(difference, w);
             }
         }
     }

@@ -86,10 +86,10 @@ fn opposed((ga, a): (f32, f32), (gb, b): (f32, f32)) -> f32 {
     (gb * a + ga * b) / (ga + gb)
 }
 
-/// The share of a direction here, or around where that is more decided.
-fn disc(share: &[f32], i: usize, w: usize) -> f32 {
-    let around = 0.25 * (share[i - w - 1] + share[i - w + 1] + share[i + w - 1] + share[i + w + 1]);
-    if (0.5 - share[i]).abs() < (0.5 - around).abs() { around } else { share[i] }
+/// The fraction of a direction here, or around where that is more decided.
+fn disc(fraction: &[f32], i: usize, w: usize) -> f32 {
+    let around = 0.25 * (fraction[i - w - 1] + fraction[i - w + 1] + fraction[i + w - 1] + fraction[i + w + 1]);
+    if (0.5 - fraction[i]).abs() < (0.5 - around).abs() { around } else { fraction[i] }
 }
 
 /// How much of the high frequencies lies across the second of two directions, 0 to 1: 1 where the first (`a`) is smooth.
@@ -103,13 +103,13 @@ fn directions(c: &[f32], w: usize, h: usize, a: usize, b: usize) -> Vec<f32> {
         to
     };
     let (along_a, along_b) = (high(a), high(b));
-    let mut share = vec![0.5f32; w * h];
+    let mut fraction = vec![0.5f32; w * h];
     for i in 5 * w..(h - 5) * w {
         let sum = |p: &[f32], s: usize| 1e-10f32.max(p[i - s] + p[i] + p[i + s]);
         let (sa, sb) = (sum(&along_a, a), sum(&along_b, b));
-        share[i] = sb / (sa + sb);
+        fraction[i] = sb / (sa + sb);
     }
-    share
+    fraction
 }
 
 /// 1 2 1 both ways: the light of all colours about a pixel.

@@ -5,7 +5,7 @@ use crate::SceneError;
 use crate::light::Modulation;
 use crate::material::film::THICKEST_NM;
 use crate::material::{
-    Coverage, Emission, EmissionColor, Film, Grain, Interior, Material, Principled, Scattering, Sheen, Transmission,
+    Anisotropy, Coverage, Emission, EmissionColor, Film, Interior, Material, Principled, Scattering, Sheen, Transmission,
 };
 use crate::medium::Medium;
 use crate::texture::{Codes, Color, Scalar, Texture};
@@ -113,17 +113,17 @@ impl Loader<'_> {
                 roughness: scalar(number(sheen, "sheenRoughnessFactor", 0.0), texture("sheenRoughnessTexture", Codes::Linear), 3),
             })
         });
-        principled.grain = m.extension_value("KHR_materials_anisotropy").map(|grain| {
-            Box::new(Grain::Brushed {
-                strength: number(grain, "anisotropyStrength", 0.0),
-                rotation: number(grain, "anisotropyRotation", 0.0),
-                texture: self.json_texture(grain.get("anisotropyTexture"), Codes::Linear),
+        principled.anisotropy = m.extension_value("KHR_materials_anisotropy").map(|anisotropy| {
+            Box::new(Anisotropy::Brushed {
+                strength: number(anisotropy, "anisotropyStrength", 0.0),
+                rotation: number(anisotropy, "anisotropyRotation", 0.0),
+                texture: self.json_texture(anisotropy.get("anisotropyTexture"), Codes::Linear),
             })
         });
         principled.film = m.extension_value("KHR_materials_iridescence").map(|film| {
             let texture = |key: &str| self.json_texture(film.get(key), Codes::Linear);
             Box::new(Film {
-                share: scalar(number(film, "iridescenceFactor", 0.0), texture("iridescenceTexture"), 0),
+                fraction: scalar(number(film, "iridescenceFactor", 0.0), texture("iridescenceTexture"), 0),
                 ior: number(film, "iridescenceIor", 1.3),
                 between_nm: [("Minimum", 100.0), ("Maximum", 400.0)]
                     .map(|(end, default)| number(film, &format!("iridescenceThickness{end}"), default).clamp(0.0, THICKEST_NM)),
@@ -150,6 +150,6 @@ impl Loader<'_> {
             Some((self.texture(&n.texture(), Codes::Linear, set, matrix)?, n.scale()))
         });
         let scattering = Scattering::Principled(Box::new(principled));
-        Ok(Material { name, scattering, emission, normal_map, coverage, interior })
+        Ok(Material { name, scattering, emission, normal_map, bump: None, coverage, interior })
     }
 }

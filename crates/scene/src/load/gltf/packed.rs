@@ -275,13 +275,13 @@ impl Unpacker<'_> {
                     if let Some(a) = index(Some(accessor))
                         && (plain || matches!(semantic.as_str(), "POSITION" | "NORMAL" | "TANGENT"))
                     {
-                        // Texture coordinates of unsigned shares are known to all readers.
+                        // Texture coordinates of unsigned fractions are known to all readers.
                         let of = array(self.json, "accessors").get(a);
-                        let shares = of.is_some_and(|a| {
+                        let fractions = of.is_some_and(|a| {
                             matches!(a.get("componentType").and_then(Value::as_u64), Some(5121 | 5123))
                                 && a.get("normalized").and_then(Value::as_bool) == Some(true)
                         });
-                        if !(plain && shares) {
+                        if !(plain && fractions) {
                             wanted.insert(a);
                         }
                         if semantic == "POSITION" {

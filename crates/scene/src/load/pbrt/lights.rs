@@ -5,6 +5,7 @@ use super::params::Params;
 use super::spectra::{self, Use};
 use super::world::World;
 use crate::light::environment::direction;
+use crate::light::photometry::Web;
 use crate::light::punctual::{Pattern, Spread, square_of};
 use crate::light::{Environment, Modulation, Punctual, PunctualKind, SpotEdge};
 use crate::material::{Emission, EmissionColor};
@@ -81,6 +82,10 @@ pub fn make(world: &mut World, kind: &str, p: &Params, world_from_light: DMat4) 
             let name = p
                 .text("filename")?
                 .ok_or_else(|| place.fault(format!("a {kind} light without filename"), "\"string filename\""))?;
+            if kind == "goniometric" && name.to_lowercase().ends_with(".ies") {
+                let name = name.to_owned();
+                return ies(world, p, &name, world_from_light, scale, at_least_0("power")?);
+            }
             let picture = crate::load::read_light_picture(&world.file(name, place)?)
                 .map_err(|e| place.fault(format!("{name}: {e}"), "a picture (EXR, HDR, PNG)"))?;
             let spectrum = match kind {
@@ -112,9 +117,9 @@ pub fn make(world: &mut World, kind: &str, p: &Params, world_from_light: DMat4) 
             let light_from_world = glam::DMat3::from_mat4(turned).inverse().as_mat3();
             let pattern = Pattern { picture, light_from_world, spread };
             let power = at_least_0("power")?;
-            let lumens = match spread {
-                Spread::Sphere => 4.0 * PI * f64::from(pattern.mean()),
-                Spread::Frame(half) => frame_lumens(&pattern.picture, half),
+            let lumens = match &pattern.spread {
+                Spread::Frame(half) => frame_lumens(&pattern.picture, *half),
+                Spread::Sphere | Spread::Web(_) => 4.0 * PI * f64::from(pattern.mean()),
             };
             let factor = scale * if power > 0.0 { power / lumens.max(1e-30) } else { 1.0 };
             let at = PunctualKind::Point { position: point(Vec3::ZERO) };
@@ -161,6 +166,22 @@ pub fn make(world: &mut World, kind: &str, p: &Params, world_from_light: DMat4) 
             return Err(place.fault(format!("light \"{other}\""), "point, spot, distant, infinite, goniometric or projection"));
         }
     }
+    Ok(())
+}
+
+/// A `goniometric` light by an IES file, which pbrt does not have: a lamp that hangs, aimed along −y, its horizontal angles from +x. `I` gives its
+/// colour, `power` (lm) counts instead of what was measured.
+fn ies(world: &mut World, p: &Params, file: &str, world_from_light: DMat4, scale: f64, power: f64) -> Result<(), Fault> {
+    let web = Web::read(&world.file(file, p.place)?).map_err(|e| p.place.fault(format!("{file}: {}", e.found), e.expected))?;
+    let spectrum = spectra::get(world, p, "I", Use::Light, Spectrum::light_from_rgb(Vec3::ONE))?;
+    // The file's −z is the light's −y, its y the light's −z.
+    let turned = world_from_light * DMat4::from_cols(DVec4::X, DVec4::NEG_Z, DVec4::Y, DVec4::W);
+    let factor = scale * f64::from(web.peak()) * if power > 0.0 { power / web.lumens() } else { 1.0 };
+    let pattern = Pattern::measured(web, glam::DMat3::from_mat4(turned).inverse().as_mat3());
+    let kind = PunctualKind::Point { position: world_from_light.transform_point3(glam::DVec3::ZERO).as_vec3() };
+    let name = format!("light {}", world.description.punctual.len());
+    let light = Punctual::new(&name, times(&spectrum, factor), kind);
+    world.description.punctual.push(Punctual { pattern: Some(Arc::new(pattern)), ..light });
     Ok(())
 }
 
@@ -262,6 +283,38 @@ fn lat_long(picture: &Raster<f32>) -> Raster<f32> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn an_ies_file_is_a_lamp_that_hangs() {
+        // 300 cd straight down, 100 cd to all sides, nothing above.
+        let file = b"IESNA:LM-63-2002\nTILT=NONE\n1 -1 1 2 1 1 2 0 0 0 1 1 1\n0 90\n0\n300 100\n";
+        let fetch = |name: &str| if name == "a.ies" { Ok(file.to_vec()) } else { Err("there is no such file".to_owned()) };
+        let light = |text: &str| {
+            let text = format!(
+                "Camera \"perspective\" WorldBegin Shape \"sphere\" Translate 1 2 3 {text} \"string filename\" \"a.ies\""
+            );
+            crate::load::pbrt::load(text.as_bytes(), "a.pbrt", &fetch).unwrap().punctual.remove(0)
+        };
+        let lamp = light("LightSource \"goniometric\" \"float scale\" 2");
+        let wavelengths = diopter_light::Wavelengths::rgb();
+        let candela = |lamp: &Punctual, direction: Vec3| {
+            f64::from(lamp.illuminance() * lamp.relative_intensity(None, direction, &wavelengths).x)
+        };
+        for (direction, expected) in [(Vec3::NEG_Y, 600.0), (Vec3::X, 200.0), (Vec3::NEG_Z, 200.0), (Vec3::Y, 0.0)] {
+            let found = candela(&lamp, direction);
+            assert!((found - expected).abs() < 0.01 * f64::max(expected, 1.0), "{direction}: {found}");
+        }
+        // Of a stated flux: lumens over the hemisphere, by quadrature of 300 − 200 θ / 90°.
+        let stated = light("Rotate 90 1 0 0 LightSource \"goniometric\" \"float power\" 1000");
+        let step = PI / 2.0 / 1000.0;
+        let ring = |i: i32| (f64::from(i) + 0.5) * step;
+        let lumens: f64 = (0..1000).map(|i| (300.0 - 200.0 * ring(i) / (PI / 2.0)) * ring(i).sin() * step * 2.0 * PI).sum();
+        // Turned by 90° about x, down is what was −y: −z, which the mirrored world has as +z.
+        let most = [Vec3::Z, Vec3::NEG_Z].map(|d| candela(&stated, d)).into_iter().fold(0.0, f64::max);
+        assert!((most / (300.0 * 1000.0 / lumens) - 1.0).abs() < 0.01, "{most} {lumens}");
+        let bad = "Camera \"perspective\" WorldBegin Shape \"sphere\" LightSource \"goniometric\" \"string filename\" \"b.ies\"";
+        assert!(crate::load::pbrt::load(bad.as_bytes(), "a.pbrt", &fetch).unwrap_err().to_string().contains("b.ies"));
+    }
 
     #[test]
     fn the_square_is_turned_into_directions_as_clarberg_has_it() {

@@ -3,10 +3,14 @@
 use super::Fault;
 use super::params::{Param, Params, Values};
 use super::spectra::{self, Use};
+use super::subsurface;
 use super::textures::Textures;
 use super::world::World;
 use crate::material::conductor::FacetBounces;
-use crate::material::{CoatedConductor, Conductor, DEEPEST_MIX, Grain, Material, Principled, Scattering, Transmission};
+use crate::material::{
+    Anisotropy, Bump, BumpUnit, CoatedConductor, Conductor, DEEPEST_MIX, Hair, Interior, Material, Pigment, Principled,
+    Scattering, Transmission,
+};
 use crate::texture::{Codes, Color, Graph, Interpolation, Scalar, Texture, Wrap};
 use diopter_light::Spectrum;
 use glam::{Affine2, Vec2};
@@ -80,6 +84,7 @@ impl Materials {
     /// A material of a type.
     pub fn make(&mut self, world: &mut World, textures: &Textures, kind: &str, p: &Params) -> Result<Made, Fault> {
         p.get("type");
+        let (mut inside, mut own_name) = (None, None);
         let scattering = match kind {
             "" | "none" | "interface" => return Ok(Made { material: None }),
             "diffuse" => Scattering::Diffuse(textures.color(world, p, "reflectance", 0.5)?),
@@ -89,7 +94,7 @@ impl Materials {
                 let eta = index(world, p, "eta", 1.5, COAT)?;
                 let (roughness, across) = root_of_alpha(world, textures, p, "")?;
                 let coat = Principled::new(base, eta.at(550.0));
-                Scattering::Principled(Box::new(Principled { roughness, grain: grain(across), layered: true, ..coat }))
+                Scattering::Principled(Box::new(Principled { roughness, anisotropy: anisotropy(across), layered: true, ..coat }))
             }
             "conductor" => {
                 let (alpha, across) = alpha(world, textures, p, "")?;
@@ -115,7 +120,7 @@ impl Materials {
                     _ => {
                         let disperses = !matches!(eta, Spectrum::Constant(_));
                         let (roughness, across) = root_of_alpha(world, textures, p, "")?;
-                        Principled { roughness, grain: grain(across), dispersion: disperses.then_some(eta), ..glass }
+                        Principled { roughness, anisotropy: anisotropy(across), dispersion: disperses.then_some(eta), ..glass }
                     }
                 };
                 Scattering::Principled(Box::new(own))
@@ -130,6 +135,16 @@ impl Materials {
                 }
                 Scattering::DiffuseTransmission(Box::new([reflectance, transmittance]))
             }
+            "hair" => Scattering::Hair(Box::new(hair(world, textures, p)?)),
+            "measured" => match p.text("filename")? {
+                Some(name) => {
+                    own_name = Some(name.to_owned());
+                    world.measured(name)
+                }
+                None => {
+                    return Err(p.place.fault("a measured material without filename", "\"string filename\" \"a .bsdf file\""));
+                }
+            },
             "mix" => {
                 if p.get("namedmaterial1").is_some() {
                     return Err(p.place.version_3("a mix of namedmaterial1 and namedmaterial2"));
@@ -180,21 +195,73 @@ impl Materials {
                 let glass = Principled::glass(index(world, p, name, 1.5, BODY)?.at(550.0));
                 Scattering::Principled(Box::new(glass))
             }
+            "subsurface" => {
+                let eta = index(world, p, "eta", 1.33, COAT)?;
+                let glass = Principled::glass(eta.at(550.0));
+                let (roughness, across) = root_of_alpha(world, textures, p, "")?;
+                inside = Some(subsurface::medium(world, p, eta.at(550.0))?);
+                Scattering::Principled(Box::new(Principled { roughness, anisotropy: anisotropy(across), ..glass }))
+            }
             other if V3_ONLY.contains(&other) => return Err(p.place.version_3(format!("material \"{other}\""))),
             other => {
-                let known = "diffuse, coateddiffuse, conductor, coatedconductor, dielectric, thindielectric, diffusetransmission, mix or interface: others are not supported yet";
+                let known = "diffuse, coateddiffuse, conductor, coatedconductor, dielectric, thindielectric, diffusetransmission, hair, measured, subsurface, mix or interface: others are not supported yet";
                 return Err(p.place.fault(format!("material \"{other}\""), known));
             }
         };
-        let mut material = Material::new(kind, scattering);
+        let mut material = Material::new(own_name.as_deref().unwrap_or(kind), scattering);
+        if let Some(medium) = inside {
+            material.interior = Interior::Body { medium: Some(Arc::new(medium)), priority: None };
+        }
         if let Some(name) = p.text("normalmap")? {
             material.normal_map = normal_map(world, name).map(|map| (map, 1.0));
         }
-        if let Some(place) = p.get("displacement").map(|d| d.place) {
-            world.warn(place, "displacement (bumps of a material) is not supported: its surfaces are shown without");
+        // An even height changes nothing.
+        if !matches!(textures.scalar(world, p, "displacement", 0.0)?, Scalar::Constant(_)) {
+            let height = textures.scalar(world, p, "displacement", 0.0)?;
+            material.bump = Some(Box::new(Bump { height, unit: BumpUnit::Length(1.0) }));
+            if let Some(both) = p.get("normalmap") {
+                world.warn(both.place, "a material with displacement and normalmap: its normalmap is not used");
+            }
         }
         Ok(Made { material: Some(material) })
     }
+}
+
+/// A fibre: of several ways to say what absorbs light in it the first counts, as in pbrt (`HairMaterial::Create`).
+fn hair(world: &mut World, textures: &Textures, p: &Params) -> Result<Hair, Fault> {
+    const WAYS: [&str; 5] = ["sigma_a", "reflectance", "color", "eumelanin", "pheomelanin"];
+    let given: Vec<&str> = WAYS.into_iter().filter(|name| p.get(name).is_some()).collect();
+    if let [first, second, ..] = given[..]
+        && [first, second] != ["eumelanin", "pheomelanin"]
+    {
+        world.warn(p.place, format!("hair with {first} and {second}: only {first} is used"));
+    }
+    let number = |world: &mut World, name: &str, default: f32| {
+        let at_least_0 = |v: f32| v >= 0.0;
+        match textures.scalar(world, p, name, default)? {
+            Scalar::Constant(v) if !at_least_0(v) => {
+                Err(p.get(name).map_or(p.place, |p| p.place).fault(format!("{name} of {v}"), "a number of at least 0"))
+            }
+            other => Ok(other),
+        }
+    };
+    let pigment = match given.first() {
+        Some(&"sigma_a") => match textures.unbounded(world, p, "sigma_a")? {
+            Some(graph) => Pigment::AbsorptionMap(graph),
+            None => Pigment::Absorption(spectra::get(world, p, "sigma_a", Use::Unbounded, Spectrum::Constant(0.0))?),
+        },
+        Some(name @ (&"reflectance" | &"color")) => Pigment::Reflectance(textures.color(world, p, name, 0.5)?),
+        _ => {
+            let eumelanin = number(world, "eumelanin", if given.is_empty() { 1.3 } else { 0.0 })?;
+            Pigment::melanin(eumelanin, number(world, "pheomelanin", 0.0)?)
+        }
+    };
+    let eta = p.float("eta", 1.55)? as f32;
+    if !(1.0..=10.0).contains(&eta) {
+        return Err(p.get("eta").map_or(p.place, |p| p.place).fault(format!("an index of refraction of {eta}"), "1 to 10"));
+    }
+    let (beta_m, beta_n) = (number(world, "beta_m", 0.3)?, number(world, "beta_n", 0.3)?);
+    Ok(Hair { pigment, eta, beta_m, beta_n, alpha: textures.scalar(world, p, "alpha", 2.0)? })
 }
 
 /// Says what is left out of a medium between two layers.
@@ -296,8 +363,8 @@ fn root_of_alpha(world: &mut World, textures: &Textures, p: &Params, prefix: &st
     })
 }
 
-fn grain(across: Option<Scalar>) -> Option<Box<Grain>> {
-    across.map(|r| Box::new(Grain::Across(r)))
+fn anisotropy(across: Option<Scalar>) -> Option<Box<Anisotropy>> {
+    across.map(|r| Box::new(Anisotropy::Across(r)))
 }
 
 /// Roughness as files say it: along u, and across it where that differs.
@@ -343,5 +410,82 @@ fn scaled(color: Color, factor: f32) -> Color {
         }
         Color::Graph(graph) => Color::Graph(Arc::new(Graph::Scale(graph, Arc::new(Graph::Constant(glam::Vec3::splat(factor)))))),
         other => other,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::Description;
+
+    const HEAD: &str = "Camera \"perspective\"\n";
+
+    fn try_load(text: &str) -> Result<Description, String> {
+        let gone = |_: &str| Err("there is no such file".to_owned());
+        super::super::load(text.as_bytes(), "test.pbrt", &gone).map_err(|e| e.to_string())
+    }
+
+    fn load(text: &str) -> Description {
+        try_load(text).unwrap_or_else(|e| panic!("{e}"))
+    }
+
+    #[test]
+    fn hair_has_all_its_parametrisations() {
+        let hair = |text: &str| {
+            let d = load(&format!(
+                "{HEAD}WorldBegin Texture \"t\" \"spectrum\" \"checkerboard\" \"rgb tex1\" [3 2 1] \"rgb tex2\" [0 0 0]\n\
+                 Material \"hair\" {text} Shape \"sphere\""
+            ));
+            let Scattering::Hair(hair) = &d.materials[d.objects[0].material as usize].scattering else { panic!("hair") };
+            (hair.as_ref().clone(), d.warnings)
+        };
+        let (brown, warnings) = hair("");
+        assert!(warnings.is_empty() && brown.eta == 1.55, "{warnings:?}");
+        let constant = |s: &Scalar| if let Scalar::Constant(v) = s { *v } else { f32::NAN };
+        assert_eq!([&brown.beta_m, &brown.beta_n, &brown.alpha].map(constant), [0.3, 0.3, 2.0]);
+        assert!(matches!(&brown.pigment, Pigment::Melanin { eumelanin, pheomelanin, .. }
+            if constant(eumelanin) == 1.3 && constant(pheomelanin) == 0.0));
+        let (red, _) = hair("\"float pheomelanin\" 0.8 \"float beta_m\" 0.25 \"float alpha\" 0 \"float eta\" 1.4");
+        assert!(matches!(&red.pigment, Pigment::Melanin { eumelanin, pheomelanin, .. }
+            if constant(eumelanin) == 0.0 && constant(pheomelanin) == 0.8));
+        assert!(red.eta == 1.4 && constant(&red.beta_m) == 0.25 && constant(&red.alpha) == 0.0);
+        assert!(matches!(hair("\"rgb sigma_a\" [0.8 1.2 3]").0.pigment, Pigment::Absorption(_)));
+        assert!(matches!(hair("\"texture sigma_a\" \"t\"").0.pigment, Pigment::AbsorptionMap(_)));
+        for name in ["reflectance", "color"] {
+            assert!(matches!(hair(&format!("\"rgb {name}\" [0.8 0.5 0.3]")).0.pigment, Pigment::Reflectance(_)));
+        }
+        let (first, warnings) = hair("\"rgb sigma_a\" [1 1 1] \"float eumelanin\" 1");
+        assert!(matches!(first.pigment, Pigment::Absorption(_)) && warnings[0].contains("only sigma_a is used"), "{warnings:?}");
+        for (bad, found) in [("\"float eumelanin\" -1", "eumelanin of -1"), ("\"float eta\" 0", "an index of refraction of 0")] {
+            let error = try_load(&format!("{HEAD}WorldBegin Material \"hair\" {bad}")).unwrap_err();
+            assert!(error.contains(found), "{error}");
+        }
+    }
+
+    #[test]
+    fn displacement_turns_the_shading_normal() {
+        // A square of 2 m, its height from 0 to 0.5 m along u: a slope of a quarter.
+        let text = "Texture \"ramp\" \"float\" \"bilerp\" \"float v00\" 0 \"float v01\" 0 \"float v10\" 0.5 \"float v11\" 0.5\n\
+            Material \"diffuse\" \"texture displacement\" \"ramp\"\n\
+            Shape \"bilinearmesh\" \"point3 P\" [-1 -1 4  1 -1 4  -1 1 4  1 1 4]";
+        for head in ["LookAt 0 0 0  0 0 1  0 1 0\n", "Scale -1 1 1 LookAt 0 0 0  0 0 1  0 1 0\n"] {
+            let d = load(&format!("{head}{HEAD}WorldBegin {text}"));
+            assert!(d.warnings.is_empty(), "{:?}", d.warnings);
+            let scene = crate::Scene::build(d).unwrap();
+            let view = &scene.description().cameras[0];
+            let direction = view.world_from_camera.transform_vector3(glam::Vec3::NEG_Z).normalize();
+            let ray = diopter_light::Ray { origin: view.world_from_camera.translation.into(), direction, time_s: 0.0 };
+            let surface = scene.intersect(&ray, f32::INFINITY).expect("the square");
+            let bump = scene.material(surface.object).bump.as_ref().expect("bumps");
+            let normal = bump.normal(&surface);
+            // Along ±x, whichever way the world was mirrored; u grows along the x of the file.
+            let along = normal - surface.ns * surface.ns.dot(normal);
+            let slope = along.length() / normal.dot(surface.ns);
+            assert!((slope - 0.25).abs() < 1e-3 && along.y.abs() < 1e-4, "{normal}");
+            let crate::shape::Detail::Derivatives([across, _]) = surface.detail else { panic!("no coordinates") };
+            assert!(along.dot(across) < 0.0, "{along}");
+        }
+        let even = load(&format!("{HEAD}WorldBegin Material \"diffuse\" \"float displacement\" 0.1 Shape \"sphere\""));
+        assert!(even.materials[0].bump.is_none() && even.warnings.is_empty(), "{:?}", even.warnings);
     }
 }

@@ -1,12 +1,17 @@
-//! Media by name. Those that differ from place to place are not supported.
+//! Media by name.
+//!
+//! Those that differ from place to place lie in the transform that holds where they are named, which may be two, at two moments. Grids fade to
+//! nothing over the outer half of their outermost cells, as in pbrt-v4.
 
-use super::Fault;
-use super::params::{Params, Values};
+use super::params::{Param, Params, Values};
 use super::spectra::{self, Use};
 use super::world::World;
-use crate::medium::{Coefficient, Medium};
+use super::{Fault, Place};
+use crate::bvh::Bounds;
+use crate::medium::{Cloud, Coefficient, Field, Glow, Grid, Medium, Scalars, Tint, Volume, VolumePlace};
 use diopter_light::Spectrum;
 use diopter_light::spectrum::Table;
+use diopter_light::units::LUMINOUS_EFFICACY;
 use diopter_light::upsample::Sigmoid;
 use glam::Vec3;
 
@@ -27,72 +32,258 @@ const PRESETS: [(&str, [f32; 3], [f32; 3]); 12] = [
     ("Wholemilk", [2.55, 3.21, 3.77], [0.0011, 0.0024, 0.014]),
 ];
 
+/// Radiance (W·m⁻²·sr⁻¹·nm⁻¹) that stands for pbrt's 1: where it is even, of 1 cd/m² (its sensor divides by the integral of ȳ, 106.857 nm).
+const ONE_OF_PBRT: f32 = 1.0 / (106.856_895 * LUMINOUS_EFFICACY as f32);
+
+/// Most values of a grid: what is numbered by 31 bits.
+const MOST_VALUES: usize = 1 << 31;
+
 /// A `MakeNamedMedium`.
-pub fn make(world: &World, name: &str, p: &Params) -> Result<Medium, Fault> {
-    match p.text("type")? {
-        Some("homogeneous") => (),
+pub fn make(world: &mut World, name: &str, p: &Params) -> Result<Medium, Fault> {
+    let kind = match p.text("type")? {
+        Some(kind @ ("homogeneous" | "uniformgrid" | "rgbgrid" | "cloud" | "nanovdb")) => kind,
         Some(other) => {
             let found = format!("medium \"{name}\" of type {other}");
-            return Err(p.place.fault(found, "homogeneous: media that differ from place to place are not supported"));
+            return Err(p.place.fault(found, "homogeneous, uniformgrid, rgbgrid, cloud or nanovdb"));
         }
         None => return Err(p.place.fault(format!("medium \"{name}\" without type"), "\"string type\" \"homogeneous\"")),
-    }
+    };
     let scale = p.float("scale", 1.0)?;
     if !(scale >= 0.0 && scale.is_finite()) {
         return Err(p.place.fault(format!("a scale of {scale}"), "a number of at least 0"));
     }
-    let preset = match p.text("preset")? {
-        None | Some("") => None,
-        Some(preset) => Some(PRESETS.iter().find(|known| known.0 == preset).ok_or_else(|| {
-            let near = diopter_light::names::nearest(preset, PRESETS.iter().map(|p| p.0));
-            let known = PRESETS.map(|p| p.0).join(", ");
-            p.place.fault(
-                format!("preset \"{preset}\""),
-                near.map_or(format!("one of {known}"), |n| format!("one of {known} (did you mean {n}?)")),
-            )
-        })?),
-    };
-    let coefficient = |name: &str, preset: Option<[f32; 3]>| match (preset, p.get(name)) {
-        (Some(rgb), _) => Ok(of_rgb(Vec3::from_array(rgb), scale as f32)),
-        (None, None) => Ok(Coefficient::grey(scale as f32)),
-        (None, Some(param)) => match (&param.values, param.kind.as_str()) {
-            (Values::Numbers(n), "rgb") if n.len() == 3 && n.iter().all(|v| *v >= 0.0) => {
-                Ok(of_rgb(Vec3::new(n[0] as f32, n[1] as f32, n[2] as f32), scale as f32))
-            }
-            _ => {
-                let spectrum = spectra::of(world, param, Use::Unbounded)?;
-                match (0..=80).map(|i| spectrum.at(380.0 + 5.0 * i as f32)).find(|v| !(*v >= 0.0 && v.is_finite())) {
-                    Some(v) => Err(param.place.fault(format!("\"{name}\" of {v}"), "numbers of at least 0")),
-                    None => Ok(Coefficient::Scaled(scale as f32, spectrum)),
-                }
-            }
-        },
-    };
     let asymmetry = p.float("g", 0.0)? as f32;
     if !(-0.9999..=0.9999).contains(&asymmetry) {
         return Err(p.place.fault(format!("g {asymmetry}"), "above -1 and below 1"));
     }
+    let bare = Medium { name: name.to_owned(), asymmetry, ..Medium::default() };
+    match kind {
+        "homogeneous" => homogeneous(world, p, bare, scale as f32),
+        "uniformgrid" => uniform_grid(world, p, bare, scale as f32),
+        "rgbgrid" => rgb_grid(world, p, bare, scale as f32),
+        "cloud" => cloud(world, p, bare, scale as f32),
+        _ => super::nanovdb::make(world, p, bare, scale as f32),
+    }
+}
+
+fn homogeneous(world: &World, p: &Params, bare: Medium, scale: f32) -> Result<Medium, Fault> {
+    let preset = match p.text("preset")? {
+        None | Some("") => None,
+        Some(preset) => Some(preset_named(preset, p.place)?),
+    };
+    let coefficient = |name: &str, preset: Option<[f32; 3]>| match preset {
+        Some(rgb) => Ok(of_rgb(Vec3::from_array(rgb), scale)),
+        None => coefficient(world, p, name, scale),
+    };
     let emission = match p.get("Le") {
         None => None,
         Some(param) => {
             let factor = p.float("Lescale", 1.0)? as f32;
-            let le = spectra::of(world, param, Use::Light)?;
-            Some(Spectrum::Table(Table::new(380.0, 5.0, (0..=80).map(|i| le.at(380.0 + 5.0 * i as f32) * factor).collect())))
+            Some(emission(world, param, factor)?)
         }
     };
     Ok(Medium {
-        name: name.to_owned(),
-        absorption: coefficient("sigma_a", preset.map(|p| p.2))?,
-        scattering: coefficient("sigma_s", preset.map(|p| p.1))?,
-        asymmetry,
+        absorption: coefficient("sigma_a", preset.map(|p| p.1))?,
+        scattering: coefficient("sigma_s", preset.map(|p| p.0))?,
         emission,
+        ..bare
     })
 }
 
-fn of_rgb(rgb: Vec3, scale: f32) -> Coefficient {
+/// Reduced scattering and absorption of a measured medium, 1/mm.
+pub(super) fn preset_named(name: &str, place: Place) -> Result<([f32; 3], [f32; 3]), Fault> {
+    let found = PRESETS.iter().find(|known| known.0 == name).map(|known| (known.1, known.2));
+    found.ok_or_else(|| {
+        let near = diopter_light::names::nearest(name, PRESETS.iter().map(|p| p.0));
+        let known = PRESETS.map(|p| p.0).join(", ");
+        place.fault(
+            format!("preset \"{name}\""),
+            near.map_or(format!("one of {known}"), |n| format!("one of {known} (did you mean {n}?)")),
+        )
+    })
+}
+
+/// A coefficient by the name of its parameter; 1 without.
+pub(super) fn coefficient(world: &World, p: &Params, name: &str, scale: f32) -> Result<Coefficient, Fault> {
+    let Some(param) = p.get(name) else { return Ok(Coefficient::grey(scale)) };
+    match (&param.values, param.kind.as_str()) {
+        (Values::Numbers(n), "rgb") if n.len() == 3 && n.iter().all(|v| *v >= 0.0) => {
+            Ok(of_rgb(Vec3::new(n[0] as f32, n[1] as f32, n[2] as f32), scale))
+        }
+        _ => {
+            let spectrum = spectra::of(world, param, Use::Unbounded)?;
+            match (0..=80).map(|i| spectrum.at(380.0 + 5.0 * i as f32)).find(|v| !(*v >= 0.0 && v.is_finite())) {
+                Some(v) => Err(param.place.fault(format!("\"{name}\" of {v}"), "numbers of at least 0")),
+                None => Ok(Coefficient::Scaled(scale, spectrum)),
+            }
+        }
+    }
+}
+
+pub(super) fn of_rgb(rgb: Vec3, scale: f32) -> Coefficient {
     let most = 2.0 * rgb.max_element();
     if most <= 0.0 {
         return Coefficient::NONE;
     }
     Coefficient::Scaled(scale * most, Spectrum::Sigmoid(Sigmoid::from_rgb(rgb / most)))
+}
+
+fn emission(world: &World, param: &Param, factor: f32) -> Result<Spectrum, Fault> {
+    let le = spectra::of(world, param, Use::Light)?;
+    Ok(Spectrum::Table(Table::new(380.0, 5.0, (0..=80).map(|i| le.at(380.0 + 5.0 * i as f32) * factor).collect())))
+}
+
+/// Where the medium is: the transform that holds, or its way from one to another.
+pub(super) fn place(world: &World, p: &Params) -> Result<VolumePlace, Fault> {
+    world.volume_place(p.place)?.ok_or_else(|| {
+        p.place.fault("a medium in a transform that cannot be inverted, or that turns inside out", "scales other than 0")
+    })
+}
+
+/// The box of a medium in its own space.
+fn bounds(p: &Params) -> Result<Bounds, Fault> {
+    let (a, b) = (p.vector("p0", Vec3::ZERO)?, p.vector("p1", Vec3::ONE)?);
+    let bounds = Bounds { min: a.min(b), max: a.max(b) };
+    match bounds.size().min_element() > 0.0 && bounds.size().is_finite() {
+        true => Ok(bounds),
+        false => Err(p.place.fault(format!("a medium from {a} to {b}"), "p0 and p1 that differ along every axis")),
+    }
+}
+
+/// How many values a grid has along each axis.
+fn resolution(p: &Params) -> Result<[usize; 3], Fault> {
+    let mut size = [1; 3];
+    for (n, name) in size.iter_mut().zip(["nx", "ny", "nz"]) {
+        let given = p.integer(name, 1)?;
+        *n = usize::try_from(given).ok().filter(|n| (1..=MOST_VALUES).contains(n)).ok_or_else(|| {
+            let place = p.get(name).map_or(p.place, |param| param.place);
+            place.fault(format!("{name} {given}"), "a whole number of at least 1")
+        })?;
+    }
+    match size.iter().try_fold(1usize, |all, n| all.checked_mul(*n)).filter(|n| *n <= MOST_VALUES) {
+        Some(_) => Ok(size),
+        None => Err(p.place.fault(format!("a grid of {} × {} × {} values", size[0], size[1], size[2]), "at most 2^31 values")),
+    }
+}
+
+/// What is wrong with the values of a grid, if anything.
+fn check_values(param: &Param, values: &[f64], size: [usize; 3], channels: usize) -> Result<(), Fault> {
+    let expected = size.iter().product::<usize>() * channels;
+    if values.len() != expected {
+        let found = format!("{} values of \"{}\"", values.len() / channels, param.name);
+        let expected = format!("nx × ny × nz = {} × {} × {} = {}", size[0], size[1], size[2], expected / channels);
+        return Err(param.place.fault(found, expected));
+    }
+    match values.iter().find(|v| !(**v >= 0.0 && (**v as f32).is_finite())) {
+        Some(v) => Err(param.place.fault(format!("{v} in \"{}\"", param.name), "numbers of at least 0")),
+        None => Ok(()),
+    }
+}
+
+/// The numbers of a grid by the name of their parameter, where it is there.
+fn numbers(p: &Params, name: &str, size: [usize; 3], bounds: &Bounds) -> Result<Option<Grid<f32>>, Fault> {
+    let (Some(values), Some(param)) = (p.floats(name)?, p.get(name)) else { return Ok(None) };
+    check_values(param, values, size, 1)?;
+    Ok(Some(Grid::new(size, values.iter().map(|v| *v as f32).collect(), bounds)))
+}
+
+/// The colours of a grid by the name of their parameter, where it is there.
+fn colors(p: &Params, name: &str, size: [usize; 3], bounds: &Bounds) -> Result<Option<Grid<Tint>>, Fault> {
+    let Some(param) = p.get(name) else { return Ok(None) };
+    let Values::Numbers(values) = &param.values else {
+        return Err(param.place.fault(format!("\"{} {name}\"", param.kind), format!("\"rgb {name}\"")));
+    };
+    if param.kind != "rgb" {
+        return Err(param.place.fault(format!("\"{} {name}\"", param.kind), format!("\"rgb {name}\"")));
+    }
+    check_values(param, values, size, 3)?;
+    let tints = values.chunks_exact(3).map(|c| Tint::from_rgb(Vec3::new(c[0] as f32, c[1] as f32, c[2] as f32)));
+    Ok(Some(Grid::new(size, tints.collect(), bounds)))
+}
+
+/// What a temperature is shifted and multiplied by, and what the light is.
+pub(super) fn black_body(p: &Params, temperature: Scalars) -> Result<Glow, Fault> {
+    let peak_radiance = p.float("Lescale", 1.0)? as f32 * ONE_OF_PBRT;
+    if !(peak_radiance >= 0.0 && peak_radiance.is_finite()) {
+        return Err(p.place.fault("a negative Lescale", "a number of at least 0"));
+    }
+    // The name of older files is the other one.
+    let cutoff = p.float("temperaturecutoff", 0.0)?;
+    let offset = p.float("temperatureoffset", cutoff)? as f32;
+    let factor = p.float("temperaturescale", 1.0)? as f32;
+    Ok(Glow::BlackBody { temperature, offset, factor, peak_radiance })
+}
+
+fn uniform_grid(world: &World, p: &Params, bare: Medium, scale: f32) -> Result<Medium, Fault> {
+    let (size, bounds) = (resolution(p)?, bounds(p)?);
+    let density = numbers(p, "density", size, &bounds)?
+        .ok_or_else(|| p.place.fault("a uniformgrid without density", "\"float density\" [ nx × ny × nz values ]"))?;
+    let temperature = numbers(p, "temperature", size, &bounds)?;
+    let mut medium = bare;
+    let glow = match (p.get("Le"), temperature) {
+        (Some(le), Some(_)) => return Err(le.place.fault("both Le and temperature", "one of the two")),
+        (None, Some(temperature)) => Some(black_body(p, Scalars::Grid(temperature))?),
+        (None, None) => None,
+        (Some(le), None) => {
+            // One number for all, or one for each value.
+            let factors = p.floats("Lescale")?.map_or(0, <[f64]>::len);
+            let (factor, grid) = match factors {
+                0 | 1 => (p.float("Lescale", 1.0)? as f32, None),
+                _ => (1.0, numbers(p, "Lescale", size, &bounds)?),
+            };
+            medium.emission = Some(emission(world, le, factor)?);
+            Some(Glow::Scaled(grid))
+        }
+    };
+    let field = Field::Density(Scalars::Grid(density));
+    filled(world, p, medium, scale, bounds, field, glow)
+}
+
+fn rgb_grid(world: &World, p: &Params, bare: Medium, scale: f32) -> Result<Medium, Fault> {
+    let (size, bounds) = (resolution(p)?, bounds(p)?);
+    let (absorption, scattering) = (colors(p, "sigma_a", size, &bounds)?, colors(p, "sigma_s", size, &bounds)?);
+    if absorption.is_none() && scattering.is_none() {
+        return Err(p.place.fault("an rgbgrid without sigma_a and sigma_s", "\"rgb sigma_a\" or \"rgb sigma_s\" of all values"));
+    }
+    let glow = colors(p, "Le", size, &bounds)?;
+    if glow.is_some() && absorption.is_none() {
+        return Err(p.place.fault("an rgbgrid with Le and without sigma_a", "sigma_a: what does not absorb does not shine"));
+    }
+    let factor = p.float("Lescale", 1.0)? as f32;
+    let glow = glow.map(|grid| Glow::Colors(grid, factor));
+    let volume = Volume::new(place(world, p)?, bounds, Field::Colors { absorption, scattering }, glow);
+    let grey = || Coefficient::grey(scale);
+    Ok(Medium { absorption: grey(), scattering: grey(), volume: Some(Box::new(volume)), ..bare })
+}
+
+fn cloud(world: &World, p: &Params, bare: Medium, scale: f32) -> Result<Medium, Fault> {
+    let number = |name: &str, default: f64| {
+        let v = p.float(name, default)?;
+        match v >= 0.0 && v.is_finite() {
+            true => Ok(v as f32),
+            false => Err(p.place.fault(format!("{name} {v}"), "a number of at least 0")),
+        }
+    };
+    let cloud =
+        Cloud { density: number("density", 1.0)?, wispiness: number("wispiness", 1.0)?, frequency: number("frequency", 5.0)? };
+    filled(world, p, bare, scale, bounds(p)?, Field::Cloud(cloud), None)
+}
+
+/// A medium whose coefficients are factors on those of a field.
+pub(super) fn filled(
+    world: &World,
+    p: &Params,
+    bare: Medium,
+    scale: f32,
+    bounds: Bounds,
+    field: Field,
+    glow: Option<Glow>,
+) -> Result<Medium, Fault> {
+    let volume = Volume::new(place(world, p)?, bounds, field, glow);
+    Ok(Medium {
+        absorption: coefficient(world, p, "sigma_a", scale)?,
+        scattering: coefficient(world, p, "sigma_s", scale)?,
+        volume: Some(Box::new(volume)),
+        ..bare
+    })
 }

@@ -14,9 +14,11 @@ mod lex;
 mod lights;
 mod materials;
 mod media;
+mod nanovdb;
 mod params;
-mod shapes;
+pub(super) mod shapes;
 mod spectra;
+mod subsurface;
 mod textures;
 mod world;
 

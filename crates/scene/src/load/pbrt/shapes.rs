@@ -2,7 +2,7 @@
 
 use super::params::Params;
 use super::{Fault, Place};
-use crate::shape::{Mesh, Sphere};
+use crate::shape::{CurveBasis, CurveKind, Curves, Mesh, Sphere};
 use glam::{DMat4, DVec3, Vec2, Vec3};
 use std::collections::HashMap;
 use std::f32::consts::{PI, TAU};
@@ -13,6 +13,8 @@ pub enum Form {
     Sphere(f32),
     /// Triangles.
     Mesh(Mesh),
+    /// A curve.
+    Curve(Curves),
 }
 
 /// Steps around a round thing: its outline is within 1e-4 of its radius.
@@ -34,6 +36,7 @@ pub fn make(kind: &str, p: &Params, place: Place) -> Result<Form, Fault> {
         "trianglemesh" => Form::Mesh(triangle_mesh(p, place)?),
         "bilinearmesh" => Form::Mesh(bilinear_mesh(p, place)?),
         "loopsubdiv" => Form::Mesh(loop_subdivision(p, place)?),
+        "curve" => Form::Curve(curve(p, place)?),
         "sphere" => {
             let r = radius()?;
             let (low, high) = (p.float("zmin", f64::from(-r))? as f32, p.float("zmax", f64::from(r))? as f32);
@@ -70,7 +73,8 @@ pub fn make(kind: &str, p: &Params, place: Place) -> Result<Form, Fault> {
             Form::Mesh(grid([AROUND, 1], point))
         }
         other => {
-            let known = "trianglemesh, plymesh, sphere, disk, cylinder, bilinearmesh or loopsubdiv: others are not supported yet";
+            let known =
+                "trianglemesh, plymesh, sphere, disk, cylinder, bilinearmesh, loopsubdiv or curve: others are not supported yet";
             return Err(place.fault(format!("shape \"{other}\""), known));
         }
     })
@@ -98,7 +102,7 @@ pub fn sphere_in_world(radius: f32, place: DMat4) -> Option<Sphere> {
 }
 
 /// A surface over u and v in 0..1: place and unit normal. Outside is where ∂p/∂u × ∂p/∂v points.
-fn grid([nu, nv]: [usize; 2], point: impl Fn(f32, f32) -> (Vec3, Vec3)) -> Mesh {
+pub fn grid([nu, nv]: [usize; 2], point: impl Fn(f32, f32) -> (Vec3, Vec3)) -> Mesh {
     let mut mesh = Mesh::default();
     for j in 0..=nv {
         for i in 0..=nu {
@@ -122,6 +126,86 @@ fn grid([nu, nv]: [usize; 2], point: impl Fn(f32, f32) -> (Vec3, Vec3)) -> Mesh 
     }
     agree_with_normals(&mut mesh);
     mesh
+}
+
+/// A `curve`: one strand. Of degree 2 it becomes one of degree 3, which is the same curve. Source: pbrt-v4 file format, "Curves".
+fn curve(p: &Params, place: Place) -> Result<Curves, Fault> {
+    // How often pbrt splits a curve for its hierarchy.
+    p.get("splitdepth");
+    let points = p.vectors("P")?.ok_or_else(|| place.fault("a curve without P", "\"point3 P\""))?;
+    let width = p.float("width", 1.0)?;
+    let radii = [p.float("width0", width)?, p.float("width1", width)?].map(|w| 0.5 * w as f32);
+    if radii.iter().any(|r| !(*r >= 0.0)) {
+        return Err(place.fault("a curve of negative width", "widths of at least 0"));
+    }
+    let degree = match p.integer("degree", 3)? {
+        2 => 2,
+        3 => 3,
+        other => return Err(place.fault(format!("a curve of degree {other}"), "2 or 3")),
+    };
+    let basis = match p.text("basis")? {
+        None | Some("bezier") => CurveBasis::Bezier,
+        Some("bspline") => CurveBasis::BSpline,
+        Some(other) => return Err(place.fault(format!("basis \"{other}\" of a curve"), "bezier or bspline")),
+    };
+    let kind = match p.text("type")? {
+        None | Some("flat") => CurveKind::Flat,
+        Some("cylinder") => CurveKind::Cylinder,
+        Some("ribbon") => CurveKind::Ribbon,
+        Some(other) => return Err(place.fault(format!("a curve of type \"{other}\""), "flat, cylinder or ribbon")),
+    };
+    let n = points.len();
+    let segments = match basis {
+        CurveBasis::Bezier if n > degree && (n - 1) % degree == 0 => (n - 1) / degree,
+        CurveBasis::BSpline if n > degree => n - degree,
+        CurveBasis::Bezier => {
+            return Err(place.fault(
+                format!("{n} points of a Bézier curve of degree {degree}"),
+                format!("{} or {degree} more, again and again", degree + 1),
+            ));
+        }
+        CurveBasis::BSpline => {
+            return Err(place.fault(format!("{n} points of a B-spline of degree {degree}"), format!("at least {}", degree + 1)));
+        }
+    };
+    let normals = match (p.vectors("N")?, kind) {
+        (Some(normals), CurveKind::Ribbon) if normals.len() == segments + 1 => {
+            normals.into_iter().map(|n| n.normalize_or(Vec3::Z)).collect()
+        }
+        (Some(normals), CurveKind::Ribbon) => {
+            return Err(place.fault(
+                format!("{} normals of a ribbon of {segments} segments", normals.len()),
+                format!("{}: one for each end of a segment", segments + 1),
+            ));
+        }
+        (None, CurveKind::Ribbon) => return Err(place.fault("a ribbon without N", "\"normal N\", one for each end of a segment")),
+        _ => vec![],
+    };
+    let (basis, points) = match (degree, basis) {
+        (3, basis) => (basis, points),
+        (_, CurveBasis::Bezier) => (CurveBasis::Bezier, elevated(&points)),
+        // The corners of a quadratic B-spline's Bézier form lie in the middle between its control points (PBR 4ed §6.7).
+        (_, CurveBasis::BSpline) => {
+            let mut quadratic = vec![points[0].midpoint(points[1])];
+            for i in 1..=segments {
+                quadratic.extend([points[i], points[i].midpoint(points[i + 1])]);
+            }
+            (CurveBasis::Bezier, elevated(&quadratic))
+        }
+    };
+    let mut curves = Curves::new(kind, basis);
+    curves.push(&points, radii, &normals);
+    Ok(curves)
+}
+
+/// Control points of degree 3 of the same Bézier curve as of degree 2. Source: Farin, "Curves and Surfaces for CAGD" §6.1.
+fn elevated(points: &[Vec3]) -> Vec<Vec3> {
+    let mut out = vec![points[0]];
+    for i in (2..points.len()).step_by(2) {
+        let [a, b, c] = [points[i - 2], points[i - 1], points[i]];
+        out.extend([a.lerp(b, 2.0 / 3.0), c.lerp(b, 2.0 / 3.0), c]);
+    }
+    out
 }
 
 fn triangle_mesh(p: &Params, place: Place) -> Result<Mesh, Fault> {
@@ -376,4 +460,127 @@ impl Neighbours {
 /// Loop's weight of a neighbour in Warren's form: 3/16 of three, else 3 / (8 n).
 fn beta(n: f64) -> f64 {
     if n == 3.0 { 3.0 / 16.0 } else { 3.0 / (8.0 * n) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::load as load_pbrt;
+    use super::*;
+    use crate::scene::Viewpoint;
+    use crate::{Description, Scene};
+    use diopter_light::Ray;
+
+    const HEAD: &str = "LookAt 0 0 0  0 0 1  0 1 0\nFilm \"rgb\" \"integer xresolution\" 100 \"integer yresolution\" 100\n\
+        Camera \"perspective\" \"float fov\" 90\n";
+
+    fn try_load(text: &str) -> Result<Description, String> {
+        load_pbrt(text.as_bytes(), "test.pbrt", &|_: &str| Err("there is no such file".to_owned())).map_err(|e| e.to_string())
+    }
+
+    fn load(text: &str) -> Description {
+        try_load(text).unwrap_or_else(|e| panic!("{e}"))
+    }
+
+    /// The ray through a place of the picture, −1 to 1 across and up, of a square picture.
+    fn through(view: &Viewpoint, x: f32, y: f32) -> Ray {
+        let tan = (0.5 * view.vertical_fov().unwrap()).tan();
+        let m = view.world_from_camera;
+        let direction = m.transform_vector3(Vec3::new(x * tan, y * tan, -1.0)).normalize();
+        Ray { origin: m.translation.into(), direction, time_s: 0.0 }
+    }
+
+    /// Sums the fraction of rays through a square of the picture that meet something, on a grid.
+    fn covered(scene: &Scene, half: f32) -> f64 {
+        let view = &scene.description().cameras[0];
+        let n = 200;
+        let at = |i: u32| half * (2.0 * (i as f32 + 0.5) / n as f32 - 1.0);
+        let met = |i: u32| scene.intersect(&through(view, at(i % n), at(i / n)), f32::INFINITY).is_some();
+        (0..n * n).filter(|i| met(*i)).count() as f64 / f64::from(n * n)
+    }
+
+    #[test]
+    fn curves_of_every_kind_are_met_where_they_lie() {
+        // A straight strand of width 0.2 from x = −1 to 1 at a distance of 2, seen in a square of ±0.5 in the picture: ±1 there.
+        let line = "\"point3 P\" [-1 0 2  -0.3333333 0 2  0.3333333 0 2  1 0 2]";
+        let cases = [
+            format!("{line} \"float width\" 0.2"),
+            format!("{line} \"float width0\" 0.1 \"float width1\" 0.3 \"string type\" \"cylinder\""),
+            format!("{line} \"float width\" 0.4 \"string type\" \"ribbon\" \"normal N\" [0 0.8660254 0.5  0 0.8660254 0.5]"),
+            "\"integer degree\" 2 \"point3 P\" [-1 0 2  0 0 2  1 0 2] \"float width\" 0.2".to_owned(),
+            "\"integer degree\" 2 \"string basis\" \"bspline\" \"point3 P\" [-2 0 2  0 0 2  2 0 2] \"float width\" 0.2".to_owned(),
+            "\"string basis\" \"bspline\" \"point3 P\" [-3 0 2  -1 0 2  1 0 2  3 0 2] \"float width\" 0.2 \"integer splitdepth\" 5"
+                .to_owned(),
+        ];
+        for case in cases {
+            let d = load(&format!("{HEAD}WorldBegin Shape \"curve\" {case}"));
+            assert!(d.warnings.is_empty(), "{:?}", d.warnings);
+            let covered = covered(&Scene::build(d).unwrap(), 0.5);
+            // 2 × 0.2 of 2 × 2; a row of the grid is 0.005.
+            assert!((covered - 0.1).abs() < 0.006, "{case}: {covered}");
+        }
+    }
+
+    #[test]
+    fn strands_alike_are_one_set_and_instances_share_it() {
+        let strand = |x: f32| format!("Shape \"curve\" \"point3 P\" [{x} -1 4 {x} 0 4 {x} 1 4 {x} 2 4] \"float width\" 0.1\n");
+        let strands: String = (0..50).map(|i| strand(i as f32 * 0.1)).collect();
+        let d = load(&format!("{HEAD}WorldBegin {strands} Material \"diffuse\" {}", strand(9.0)));
+        assert_eq!(d.curves.iter().map(|c| c.segments.len()).collect::<Vec<_>>(), [50, 1]);
+        assert_eq!((d.objects.len(), d.curves[0].points.len()), (2, 200));
+        let tuft = format!(
+            "ObjectBegin \"tuft\" {} ObjectEnd ObjectInstance \"tuft\" Translate 1 0 0 ObjectInstance \"tuft\"",
+            strand(0.0)
+        );
+        let d = load(&format!("{HEAD}WorldBegin {tuft}"));
+        assert_eq!((d.curves.len(), d.objects.len()), (1, 2));
+        let scene = Scene::build(d).unwrap();
+        let view = &scene.description().cameras[0];
+        let met = |x: f32| scene.intersect(&through(view, x / 4.0, 0.0), f32::INFINITY);
+        assert!(met(0.0).is_some() && met(1.0).is_some() && met(0.5).is_none());
+        // In the mirrored world of a left-handed file, too, the surface faces the camera and v grows the same way along x as without.
+        let surface = met(0.02).unwrap();
+        assert!(
+            surface.ng.dot(through(view, 0.005, 0.0).direction) < -0.99 && (surface.uv[0].y - 0.5).abs() > 0.1,
+            "{surface:?}"
+        );
+        assert!(
+            (surface.point.x.abs() - 0.02).abs() < 1e-3
+                && matches!(surface.detail, crate::shape::Detail::Strand(s) if (s.radius - 0.05).abs() < 1e-5)
+        );
+    }
+
+    #[test]
+    fn curves_with_holes_and_curves_that_move_are_met_so() {
+        let line = "\"point3 P\" [-1 0 2  -0.3333333 0 2  0.3333333 0 2  1 0 2] \"float width\" 0.2";
+        let half = load(&format!("{HEAD}WorldBegin Shape \"curve\" {line} \"float alpha\" 0.5"));
+        let found = covered(&Scene::build(half).unwrap(), 0.5);
+        assert!((found - 0.05).abs() < 0.006, "{found}");
+        let moving =
+            load(&format!("{HEAD}WorldBegin ActiveTransform EndTime Translate 0 1 0 ActiveTransform All Shape \"curve\" {line}"));
+        let mut scene = Scene::build(moving).unwrap();
+        scene.pose(0.0, 1.0);
+        let view = scene.description().cameras[0].clone();
+        for (time_s, y) in [(0.0, 0.0), (0.5, 0.5), (1.0, 1.0)] {
+            let ray = |y: f32| Ray { time_s, ..through(&view, 0.0, y / 2.0) };
+            let met = |y: f32| scene.intersect(&ray(y), f32::INFINITY).is_some();
+            assert!(met(y) && !met(y + 0.15) && !met(y - 0.15), "{time_s}");
+            assert!(scene.occluded(&ray(y), 10.0));
+        }
+    }
+
+    #[test]
+    fn curves_that_make_no_sense_are_refused() {
+        for (curve, found) in [
+            ("", "without P"),
+            ("\"point3 P\" [0 0 1 1 0 1 2 0 1]", "3 points of a Bézier curve"),
+            ("\"string basis\" \"bspline\" \"point3 P\" [0 0 1 1 0 1 2 0 1]", "3 points of a B-spline"),
+            ("\"point3 P\" [0 0 1 1 0 1 2 0 1 3 0 1] \"string type\" \"ribbon\"", "ribbon without N"),
+            ("\"point3 P\" [0 0 1 1 0 1 2 0 1 3 0 1] \"string type\" \"ribbon\" \"normal N\" [0 0 1]", "1 normals"),
+            ("\"point3 P\" [0 0 1 1 0 1 2 0 1 3 0 1] \"integer degree\" 4", "degree 4"),
+            ("\"point3 P\" [0 0 1 1 0 1 2 0 1 3 0 1] \"float width\" -1", "negative width"),
+        ] {
+            let error = try_load(&format!("{HEAD}WorldBegin Shape \"curve\" {curve}")).unwrap_err();
+            assert!(error.contains(found), "{error}");
+        }
+    }
 }

@@ -223,6 +223,14 @@ impl Textures {
         }
     }
 
+    /// The texture of a parameter of any size; `None` where it is a value.
+    pub fn unbounded(&self, world: &mut World, p: &Params, name: &str) -> Result<Option<Arc<Graph>>, Fault> {
+        match p.get(name) {
+            Some(param) if param.kind == "texture" => self.part(world, false, p, name, 0.0).map(Some),
+            _ => Ok(None),
+        }
+    }
+
     /// A reflectance that may be a texture.
     pub fn color(&self, world: &mut World, p: &Params, name: &str, default: f32) -> Result<Color, Fault> {
         let Some(param) = p.get(name) else { return Ok(Color::rgb(default, default, default)) };

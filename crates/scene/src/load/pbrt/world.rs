@@ -10,12 +10,12 @@ use super::shapes::{self, Form};
 use super::textures::Textures;
 use super::{Fault, Place};
 use crate::SceneError;
-use crate::load::{Fetch, note_missing, ply, read_texture, unzipped};
+use crate::load::{Fetch, measured_or_stand_in, note_missing, ply, read_texture, unzipped};
 use crate::material::{Coverage, Interior, Material, Scattering};
-use crate::medium::{Air, Medium};
+use crate::medium::{Air, Medium, VolumePlace};
 use crate::motion::{AnimatedProperty, Animation, Channel, Ending, KeyInterpolation, Local, Motion, Node, Parts, Playing};
 use crate::scene::{Description, Object, Shape, Viewpoint};
-use crate::shape::Mesh;
+use crate::shape::{Curves, Mesh};
 use crate::texture::{Image, Scalar};
 use glam::{Affine3A, DMat4, DVec3, Vec3};
 use rayon::prelude::*;
@@ -61,6 +61,8 @@ enum Block {
 struct Met {
     name: String,
     shape: Shape,
+    /// Where the unit ball is placed that it is, with its texture coordinates; of spheres.
+    ball: Option<DMat4>,
     /// What it moves with.
     node: Option<u32>,
     material: MaterialName,
@@ -115,6 +117,8 @@ pub(super) struct World<'a> {
     ply: HashMap<(String, bool), u32>,
     /// Those that are still to be read.
     awaited: Vec<Awaited>,
+    /// Measured materials by the names of their files.
+    measured: HashMap<String, Scattering>,
     warned: Vec<String>,
 }
 
@@ -156,6 +160,7 @@ impl<'a> World<'a> {
             times_s: [0.0, 1.0],
             ply: HashMap::new(),
             awaited: Vec::new(),
+            measured: HashMap::new(),
             warned: vec![],
         }
     }
@@ -186,6 +191,17 @@ impl<'a> World<'a> {
     pub fn picture(&mut self, name: &str) -> Option<Image> {
         let read = (self.fetch)(name).and_then(unzipped).and_then(|bytes| read_texture(&bytes));
         read.map_err(|reason| note_missing(&mut self.description.missing_textures, name, reason)).ok()
+    }
+
+    /// A measured material; where its file cannot be read that is noted, and something stands in for it.
+    pub fn measured(&mut self, name: &str) -> Scattering {
+        if let Some(known) = self.measured.get(name) {
+            return known.clone();
+        }
+        let bytes = (self.fetch)(name).and_then(unzipped);
+        let made = measured_or_stand_in(&mut self.description.missing_textures, name, bytes);
+        self.measured.insert(name.to_owned(), made.clone());
+        made
     }
 
     pub fn read_main(&mut self, bytes: &[u8]) -> Result<(), Fault> {
@@ -571,6 +587,7 @@ impl<'a> World<'a> {
             other => Some(other),
         };
         let world_from_shape = self.state.place[0];
+        let mut ball = None;
         let shape = match kind {
             "plymesh" => self.ply_mesh(p, place)?,
             _ => match shapes::make(kind, p, place)? {
@@ -581,12 +598,17 @@ impl<'a> World<'a> {
                             && self.defining.is_none()
                             && !self.moves() =>
                     {
+                        ball = Some(world_from_shape * DMat4::from_scale(DVec3::splat(f64::from(radius))));
                         Shape::Sphere(sphere)
                     }
                     // Squeezed, turned inside out or instanced: many triangles.
                     _ => self.keep(shapes::ball(radius)),
                 },
                 Form::Mesh(mesh) => self.keep(mesh),
+                Form::Curve(curve) => {
+                    self.say_unused(p);
+                    return self.curve(curve, alpha, place);
+                }
             },
         };
         self.say_unused(p);
@@ -594,6 +616,7 @@ impl<'a> World<'a> {
         let met = Met {
             name: format!("{kind} {}", self.met.len()),
             shape,
+            ball,
             node,
             material: self.state.material.clone(),
             area_light: self.state.area_light.clone(),
@@ -605,6 +628,56 @@ impl<'a> World<'a> {
             Some((_, list)) => list.push(met),
             None => self.met.push(met),
         }
+        Ok(())
+    }
+
+    /// A curve: hair comes in millions of them, so that those that follow each other and are alike but for their points become one set.
+    fn curve(&mut self, curve: Curves, alpha: Option<Scalar>, place: Place) -> Result<(), Fault> {
+        /// Segments from which on a new set is begun.
+        const FULL: usize = 1 << 26;
+        if self.state.area_light.is_some() {
+            self.warn(place, "curves are no area lights, as in pbrt: they are shown without their light");
+        }
+        if self.state.media[0] != self.state.media[1] {
+            self.warn(place, "curves have no inside: the media of their faces are not used");
+        }
+        let world_from_curves = affine(self.state.place[0]);
+        let node = if self.moves() { Some(self.moving_node(place)?) } else { None };
+        let list = match &mut self.defining {
+            Some((_, list)) => list,
+            None => &mut self.met,
+        };
+        if let Some(last) = list.last()
+            && let Shape::Curves { curves, world_from_curves: same } = last.shape
+            && same == world_from_curves
+            && (last.node, node) == (None, None)
+            && last.material == self.state.material
+            && last.alpha.is_none()
+            && alpha.is_none()
+            && let Some(set) = self.description.curves.get_mut(curves as usize)
+            && (set.kind, set.basis) == (curve.kind, curve.basis)
+            && set.segments.len() < FULL
+        {
+            let first = set.points.len() as u32;
+            let set = Arc::make_mut(set);
+            set.points.extend(curve.points);
+            set.segments.extend(curve.segments.iter().map(|s| first + s));
+            set.normals.extend(curve.normals);
+            return Ok(());
+        }
+        self.description.curves.push(curve.into());
+        let met = Met {
+            name: format!("curve {}", list.len()),
+            shape: Shape::Curves { curves: self.description.curves.len() as u32 - 1, world_from_curves },
+            ball: None,
+            node,
+            material: self.state.material.clone(),
+            area_light: None,
+            alpha,
+            media: Default::default(),
+            place,
+        };
+        list.push(met);
         Ok(())
     }
 
@@ -622,17 +695,7 @@ impl<'a> World<'a> {
     /// A node that goes from the first to the second of the transforms that hold now; straight, and turning evenly.
     fn moving_node(&mut self, place: Place) -> Result<u32, Fault> {
         let [from, to] = self.state.place;
-        let parts = |m: DMat4| {
-            let (scale, rotation, translation) = m.to_scale_rotation_translation();
-            let again = DMat4::from_scale_rotation_translation(scale, rotation, translation);
-            let off = (again - m).abs().to_cols_array().into_iter().fold(0.0, f64::max);
-            let size = m.abs().to_cols_array().into_iter().fold(0.0, f64::max);
-            if !(off <= 1e-4 * size) {
-                return Err(place.fault("a moving thing that is sheared", "a transform of scales, turns and shifts"));
-            }
-            Ok(Parts { scale: scale.as_vec3(), rotation: rotation.as_quat(), translation: translation.as_vec3() })
-        };
-        let (from, to) = (parts(from)?, parts(to)?);
+        let (from, to) = (parts_of(from, place)?, parts_of(to, place)?);
         let number = self.description.nodes.len();
         self.description.nodes.push(Node { rest: Local::Parts(from), ..Node::new(&format!("moving {number}")) });
         let channel = |property, values: Vec<f32>| Channel {
@@ -655,12 +718,21 @@ impl<'a> World<'a> {
         Ok(number as u32)
     }
 
+    /// Where a medium is that is named now; `None` in a transform that nothing can be in.
+    pub fn volume_place(&self, place: Place) -> Result<Option<VolumePlace>, Fault> {
+        let [from, to] = self.state.place;
+        Ok(match self.moves() {
+            false => VolumePlace::still(affine(from)),
+            true => VolumePlace::moving(self.times_s, [parts_of(from, place)?, parts_of(to, place)?]),
+        })
+    }
+
     /// Adds a mesh, placed where things stand now.
     fn keep(&mut self, mut mesh: Mesh) -> Shape {
         if self.state.reversed {
             shapes::reverse(&mut mesh);
         }
-        self.description.meshes.push(mesh);
+        self.description.meshes.push(mesh.into());
         self.placed(self.description.meshes.len() as u32 - 1)
     }
 
@@ -681,7 +753,7 @@ impl<'a> World<'a> {
         }
         // Its triangles come with those of all others.
         let mesh = self.description.meshes.len() as u32;
-        self.description.meshes.push(Mesh::default());
+        self.description.meshes.push(Arc::default());
         let (name, reversed) = key.clone();
         self.awaited.push(Awaited { mesh, name, reversed, place });
         self.ply.insert(key, mesh);
@@ -709,7 +781,7 @@ impl<'a> World<'a> {
             if let Some(warning) = read.warning {
                 self.warn(a.place, format!("{}: {warning}", a.name));
             }
-            self.description.meshes[a.mesh as usize] = read.mesh;
+            self.description.meshes[a.mesh as usize] = read.mesh.into();
         }
         Ok(())
     }
@@ -727,17 +799,21 @@ impl<'a> World<'a> {
             if m.area_light.is_some() {
                 self.warn(place, "area lights in objects do not shine, as in pbrt");
             }
-            let Shape::Mesh { mesh, world_from_mesh } = m.shape else { continue };
-            let shape = Shape::Mesh { mesh, world_from_mesh: at * world_from_mesh };
+            let (shape, within) = match m.shape {
+                Shape::Mesh { mesh, world_from_mesh: m } => (Shape::Mesh { mesh, world_from_mesh: at * m }, m),
+                Shape::Curves { curves, world_from_curves: m } => (Shape::Curves { curves, world_from_curves: at * m }, m),
+                Shape::Splats { .. } | Shape::Sphere(_) | Shape::Quad(_) => continue,
+            };
             // Where the part is in the object, hung on what moves the object.
             let node = carrier.map(|parent| {
-                let rest = Local::Matrix(world_from_mesh);
+                let rest = Local::Matrix(within);
                 self.description.nodes.push(Node { parent: Some(parent), rest, ..Node::new(&m.name) });
                 self.description.nodes.len() as u32 - 1
             });
             let copy = Met {
                 name: m.name.clone(),
                 shape,
+                ball: None,
                 node,
                 material: m.material.clone(),
                 area_light: None,
@@ -771,10 +847,18 @@ impl<'a> World<'a> {
 
     fn settle(&mut self) -> Result<(), Fault> {
         self.read_meshes()?;
+        if self.is_mirrored() {
+            for medium in self.media.values_mut().filter(|m| m.volume.is_some()) {
+                if let Some(volume) = &mut Arc::make_mut(medium).volume {
+                    **volume = volume.placed(flip());
+                }
+            }
+        }
         let met = std::mem::take(&mut self.met);
         // Numbers in the description of materials that shapes share: those without a light or an alpha of their own.
         let mut plain: HashMap<(usize, [String; 2]), u32> = HashMap::new();
-        for m in met {
+        let mut unit_ball = None;
+        for mut m in met {
             let number = match &m.material {
                 MaterialName::Number(n) => *n,
                 MaterialName::Named(name) => self.materials.number(name).ok_or_else(|| {
@@ -784,6 +868,16 @@ impl<'a> World<'a> {
                     m.place.fault(format!("material \"{name}\""), hint)
                 })?,
             };
+            // What has pictures needs pbrt's texture coordinates.
+            if let (Some(place), None) = (m.ball, &m.area_light)
+                && (m.alpha.is_some() || self.materials.made(number).material.as_ref().is_some_and(Material::has_pictures))
+            {
+                let mesh = *unit_ball.get_or_insert_with(|| {
+                    self.description.meshes.push(shapes::ball(1.0).into());
+                    self.description.meshes.len() as u32 - 1
+                });
+                m.shape = Shape::Mesh { mesh, world_from_mesh: affine(place) };
+            }
             let key = (number, m.media.clone());
             if let (Some(known), None, None) = (plain.get(&key), &m.area_light, &m.alpha) {
                 self.description.objects.push(object(m.name, m.shape, *known, m.node));
@@ -795,6 +889,8 @@ impl<'a> World<'a> {
                 false => Interior::Sides([self.medium(&m.media[0], m.place)?, self.medium(&m.media[1], m.place)?]),
             };
             let mut material = match self.materials.made(number).material.clone() {
+                // What is below a surface takes the place of what is around.
+                Some(material) if !matches!(material.interior, Interior::Same) => material,
                 Some(material) => Material { interior, ..material },
                 None => {
                     if m.area_light.is_some() {
@@ -901,6 +997,18 @@ fn look_at(v: &[f64; 9]) -> Option<DMat4> {
     Some(world_from_camera.inverse())
 }
 
+/// Scale, turn and shift of a transform of something that moves.
+fn parts_of(m: DMat4, place: Place) -> Result<Parts, Fault> {
+    let (scale, rotation, translation) = m.to_scale_rotation_translation();
+    let again = DMat4::from_scale_rotation_translation(scale, rotation, translation);
+    let off = (again - m).abs().to_cols_array().into_iter().fold(0.0, f64::max);
+    let size = m.abs().to_cols_array().into_iter().fold(0.0, f64::max);
+    if !(off <= 1e-4 * size) {
+        return Err(place.fault("a moving thing that is sheared", "a transform of scales, turns and shifts"));
+    }
+    Ok(Parts { scale: scale.as_vec3(), rotation: rotation.as_quat(), translation: translation.as_vec3() })
+}
+
 /// A thing that stands still or hangs on a node.
 fn object(name: String, shape: Shape, material: u32, node: Option<u32>) -> Object {
     let motion = node.map_or(Motion::Still, |node| Motion::Carried { node });
@@ -912,10 +1020,12 @@ pub(super) fn affine(m: DMat4) -> Affine3A {
 }
 
 /// Area of a shape, m².
-fn area(shape: &Shape, meshes: &[Mesh]) -> f32 {
+fn area(shape: &Shape, meshes: &[Arc<Mesh>]) -> f32 {
     match shape {
         Shape::Sphere(s) => 4.0 * std::f32::consts::PI * s.radius.powi(2),
         Shape::Quad(q) => q.area(),
+        // No lights.
+        Shape::Curves { .. } | Shape::Splats { .. } => 0.0,
         Shape::Mesh { mesh, world_from_mesh } => {
             let mesh = &meshes[*mesh as usize];
             let area = |t: &[u32; 3]| {
@@ -936,7 +1046,9 @@ fn mirror(d: &mut Description) {
     let flip = flip();
     for object in &mut d.objects {
         match &mut object.shape {
-            Shape::Mesh { world_from_mesh, .. } => *world_from_mesh = flip * *world_from_mesh,
+            Shape::Mesh { world_from_mesh: place, .. }
+            | Shape::Curves { world_from_curves: place, .. }
+            | Shape::Splats { world_from_splats: place, .. } => *place = flip * *place,
             Shape::Sphere(s) => s.center.z = -s.center.z,
             Shape::Quad(q) => {
                 q.corner.z = -q.corner.z;

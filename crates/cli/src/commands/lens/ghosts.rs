@@ -1,0 +1,163 @@
+//! `lens ghosts`: light that surfaces throw back and forth.
+
+use super::{Table, no_light, print_json};
+use crate::args::Bench;
+use crate::output::Output;
+use crate::watch::say;
+use crate::{AskedWrongly, paint};
+use anyhow::anyhow;
+use diopter::lens::draw::{self, DrawnGhost};
+use diopter::lens::ghosts::{BeamGhost, GhostTracer, Pair, ParaxialGhost, SourceBeam, pairs};
+use diopter::lens::prescription::coating_named;
+use rayon::prelude::*;
+use serde_json::{Value, json};
+use std::fmt::Write as _;
+use std::io::Write;
+use std::path::PathBuf;
+
+/// Wavelengths at which the colour of a ghost is told, nm: blue, green, red.
+const COLORS_NM: [f64; 3] = [450.0, 550.0, 620.0];
+/// Solid angle of the sun as the earth sees it (half angle 0.2666°), sr.
+const SUN_SR: f64 = 6.80e-5;
+
+/// What is asked.
+pub(super) struct Asked<'a> {
+    pub bench: &'a Bench,
+    pub source_deg: f64,
+    pub coating: Option<&'a str>,
+    pub sensor_reflectance: f64,
+    pub rays: usize,
+    pub top: usize,
+}
+
+/// A ghost and what is known of it.
+struct Found {
+    pair: Pair,
+    paraxial: Option<ParaxialGhost>,
+    beam: BeamGhost,
+    /// Flux at [`COLORS_NM`], mm².
+    colors: [f64; 3],
+}
+
+pub(super) fn run(asked: &Asked, json: bool) -> anyhow::Result<()> {
+    let wrong = |what: String| anyhow::Error::from(AskedWrongly(anyhow!(what)));
+    if !(0.0..=1.0).contains(&asked.sensor_reflectance) {
+        return Err(wrong(format!("sensor reflectance {}: expected 0 to 1", asked.sensor_reflectance)));
+    }
+    if !(4..=1000).contains(&asked.rays) {
+        return Err(wrong(format!("rays {}: expected 4 to 1000", asked.rays)));
+    }
+    let is_json = |p: &PathBuf| p.extension().is_some_and(|e| e.eq_ignore_ascii_case("json"));
+    let (texts, drawings): (Vec<PathBuf>, Vec<PathBuf>) = asked.bench.output.iter().cloned().partition(is_json);
+    let drawings = paint::prepare(&drawings)?;
+    let texts: Vec<Output> = texts.iter().map(|p| Output::prepare(p)).collect::<anyhow::Result<_>>()?;
+
+    let mut table = Table::new(asked.bench)?;
+    if let Some(name) = asked.coating {
+        let coating = coating_named(name, table.prescription.known_year()).map_err(wrong)?;
+        table.set.system.recoat(&coating);
+        table.prescription.coating = coating;
+    }
+    let system = &table.set.system;
+    let count = system.surfaces.len();
+    let beam = SourceBeam::at_field(system, asked.source_deg)
+        .ok_or_else(|| wrong(format!("source at {}°: expected an angle below 90 degrees", asked.source_deg)))?;
+    let tracer = GhostTracer::new(system, table.reference, asked.sensor_reflectance);
+    let colored = COLORS_NM.map(|nm| GhostTracer::new(system, nm, asked.sensor_reflectance));
+    let direct = BeamGhost::of(&tracer, &beam, &[], asked.rays);
+    if direct.is_none() {
+        say(&format!("note: {}", no_light(asked.source_deg)));
+    }
+    let all = pairs(system);
+    let mut found: Vec<Found> = all
+        .par_iter()
+        .filter_map(|pair| {
+            let turns = [pair.back, pair.forth];
+            let ghost = BeamGhost::of(&tracer, &beam, &turns, asked.rays)?;
+            let across = (asked.rays / 3).max(4);
+            let colors = [0, 1, 2].map(|k| BeamGhost::of(&colored[k], &beam, &turns, across).map_or(0.0, |g| g.flux_mm2));
+            Some(Found { pair: *pair, paraxial: ParaxialGhost::of(&tracer, *pair), beam: ghost, colors })
+        })
+        .collect();
+    found.sort_by(|a, b| b.beam.irradiance().total_cmp(&a.beam.irradiance()));
+
+    let title = table.title(&format!("ghosts of a source at {}°, {:.0} nm", asked.source_deg, table.reference));
+    let direct_flux = direct.map(|d| d.flux_mm2);
+    // The image of the sun: its flux over the area of its disc on the film.
+    let sun = direct_flux.map(|flux| flux / (table.set.efl * table.set.efl * SUN_SR));
+    let mut t = format!(
+        "{title}\n  coating {}, sensor reflects {:.1} %\n",
+        table.prescription.coating.describe(),
+        100.0 * asked.sensor_reflectance
+    );
+    writeln!(t, "  {} pairs of surfaces, {} of them reach the film\n", all.len(), found.len())?;
+    writeln!(
+        t,
+        "  {:>10} {:>11} {:>11} {:>9} {:>9} {:>9} {:>10}  {:>5} {:>5}",
+        "surfaces", "irradiance", "/ sun image", "x mm", "y mm", "rms mm", "focus mm", "B/G", "R/G"
+    )?;
+    let listed = if asked.top == 0 { found.len() } else { asked.top.min(found.len()) };
+    for g in &found[..listed] {
+        let [blue, green, red] = g.colors;
+        let over = |v: f64| if green > 0.0 { format!("{:.2}", v / green) } else { "-".into() };
+        let relative = sun.map_or("-".into(), |s| format!("{:.3e}", g.beam.irradiance() / s));
+        writeln!(
+            t,
+            "  {:>10} {:>11.3e} {relative:>11} {:>9.3} {:>9.3} {:>9.3} {:>10.2}  {:>5} {:>5}",
+            g.pair.describe(count),
+            g.beam.irradiance(),
+            g.beam.center.x,
+            g.beam.center.y,
+            g.beam.rms_radius_mm(),
+            g.paraxial.map_or(f64::NAN, |p| p.focus_mm),
+            over(blue),
+            over(red)
+        )?;
+    }
+    let flux: f64 = found.iter().map(|g| g.beam.flux_mm2).sum();
+    writeln!(t, "\n  irradiance: on the film over that of the source at the front; focus: of parallel light, behind the film")?;
+    if let Some(direct) = direct_flux {
+        writeln!(t, "  light of all ghosts over that of the image: {:.3e}", flux / direct)?;
+    }
+    let rows: Vec<Value> = found.iter().map(|g| row(g, count, direct_flux, sun)).collect();
+    let value = json!({ "lens": table.prescription.name, "source_deg": asked.source_deg, "wavelength_nm": table.reference,
+        "coating": table.prescription.coating.describe(), "sensor_reflectance": asked.sensor_reflectance, "pairs": all.len(),
+        "direct": direct.map(|d| json!({ "flux_mm2": d.flux_mm2, "center_mm": d.center.to_array(), "rms_radius_mm": d.rms_radius_mm() })),
+        "colors_nm": COLORS_NM, "ghosts": rows });
+
+    let drawn: Vec<DrawnGhost> = found[..listed]
+        .iter()
+        .map(|g| DrawnGhost {
+            name: g.pair.describe(count),
+            center: g.beam.center,
+            moments: g.beam.moments,
+            irradiance: g.beam.irradiance(),
+        })
+        .collect();
+    let radius = table.prescription.image_circle.map_or(0.43 * table.set.efl, |c| 0.5 * c);
+    let mut written = paint::write(drawings, &draw::ghost_plot(&title, &drawn, direct.map(|d| d.center), radius))?;
+    for output in texts {
+        let text = format!("{}\n", serde_json::to_string_pretty(&value)?);
+        written.push(output.commit(|w| Ok(w.write_all(text.as_bytes())?))?);
+    }
+    written.iter().for_each(|p| say(&format!("wrote {}", p.display())));
+    if json {
+        return print_json(&value);
+    }
+    write!(std::io::stdout(), "{t}")?;
+    Ok(())
+}
+
+/// A ghost in JSON; surfaces counted from 1, the sensor as null.
+fn row(g: &Found, count: usize, direct_flux: Option<f64>, sun: Option<f64>) -> Value {
+    let paraxial = g.paraxial.map(|p| {
+        json!({ "focus_mm": p.focus_mm.is_finite().then_some(p.focus_mm), "spread": p.spread, "shift_mm": p.shift_mm,
+            "pupil_radius_mm": p.pupil_radius_mm, "pupil_surface": p.pupil_surface + 1, "axial_radius_mm": p.radius_mm(),
+            "fraction": p.fraction.is_finite().then_some(p.fraction) })
+    });
+    json!({ "back": (g.pair.back < count).then_some(g.pair.back + 1), "forth": g.pair.forth + 1, "flux_mm2": g.beam.flux_mm2,
+        "irradiance": g.beam.irradiance(), "irradiance_over_sun_image": sun.map(|s| g.beam.irradiance() / s),
+        "flux_over_image": direct_flux.map(|f| g.beam.flux_mm2 / f), "center_mm": g.beam.center.to_array(), "moments_mm2": g.beam.moments,
+        "rms_radius_mm": g.beam.rms_radius_mm(), "bounds_mm": g.beam.bounds.map(|b| b.to_array()), "flux_by_color_mm2": g.colors,
+        "paraxial": paraxial })
+}

@@ -1,0 +1,330 @@
+//! An item: one shot, from scene to files in memory.
+
+use super::{Dataset, tar};
+use crate::expose::{ExposeError, Watch};
+use crate::npy;
+use crate::raw_file;
+use crate::shot::{Inputs, SceneCache, Shot, ShotError};
+use crate::truth;
+use diopter_develop::{Recipe, develop};
+use diopter_image::channels::{CHANNELS, Channel};
+use diopter_image::dng::Storage;
+use diopter_image::truth::Values;
+use diopter_image::{FocalPlane, ImageError, Picture, RawImage, exr, jpeg, png, tiff_file};
+use diopter_sensor::{ReadOut, Window};
+use serde_json::json;
+use std::io::Cursor;
+
+/// A file of an item.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum File {
+    /// The raw file.
+    Dng,
+    /// Its numbers.
+    Raw,
+    /// The numbers it would have without noise of time, not rounded.
+    Expected,
+    Jpeg,
+    Png,
+    Tiff,
+    /// Developed light without a tone curve.
+    Exr,
+    Mean,
+    Variance,
+    HalfDifference,
+    /// The focal plane.
+    Plane,
+    /// The truth beside a raw file.
+    Truth,
+    Channel(&'static Channel),
+}
+
+/// What stands behind the number of an item.
+const NAMES: [(&str, File); 12] = [
+    ("dng", File::Dng),
+    ("raw.npy", File::Raw),
+    ("expected.npy", File::Expected),
+    ("jpg", File::Jpeg),
+    ("png", File::Png),
+    ("tif", File::Tiff),
+    ("exr", File::Exr),
+    ("mean.npy", File::Mean),
+    ("variance.npy", File::Variance),
+    ("half-difference.npy", File::HalfDifference),
+    ("plane.exr", File::Plane),
+    ("truth.exr", File::Truth),
+];
+
+/// What a file of an item holds, by what stands behind the number.
+pub(super) fn about(ending: &str) -> String {
+    let plain = match ending {
+        "json" => "what was varied, facts of the exposure, where the camera stood",
+        "dng" => "the raw file",
+        "raw.npy" => "its numbers (DN), `uint16 [row][column]`",
+        "expected.npy" => "the numbers it would have without noise of time, not rounded (DN), `float32 [row][column]`",
+        "jpg" | "png" | "tif" => "the developed picture",
+        "exr" => "developed light without a tone curve, linear",
+        "mean.npy" => "mean electrons without sensor noise, `float32 [row][column][band]`",
+        "variance.npy" => "Monte Carlo variance of the mean, e⁻², one degree of freedom a pixel, `float32 [row][column][band]`",
+        "half-difference.npy" => {
+            "half the difference of the two independent halves of the samples, e⁻, `float32 [row][column][band]`"
+        }
+        "plane.exr" => "the focal plane: mean, half difference, truth",
+        "truth.exr" => "the truth of the raw file, pixel by pixel",
+        _ => "",
+    };
+    match File::named(ending) {
+        Some(File::Channel(c)) if c.unit.is_empty() => c.about.to_owned(),
+        Some(File::Channel(c)) => format!("{} ({})", c.about, c.unit),
+        _ => plain.to_owned(),
+    }
+}
+
+/// JPEG quality: that of `diopter shoot`.
+const JPEG_QUALITY: u8 = 92;
+
+impl File {
+    pub fn named(name: &str) -> Option<File> {
+        let channel = || Some(File::Channel(CHANNELS.iter().find(|c| Some(c.name) == name.strip_suffix(".npy"))?));
+        NAMES.iter().find(|n| n.0 == name).map(|n| n.1).or_else(channel)
+    }
+
+    /// All that there are.
+    pub fn names() -> Vec<String> {
+        NAMES.iter().map(|n| n.0.to_owned()).chain(CHANNELS.iter().map(|c| format!("{}.npy", c.name))).collect()
+    }
+
+    pub fn name(self) -> String {
+        match self {
+            File::Channel(channel) => format!("{}.npy", channel.name),
+            other => NAMES.iter().find(|n| n.1 == other).map_or("", |n| n.0).to_owned(),
+        }
+    }
+
+    /// Whether it is made of a read-out.
+    pub fn is_read_out(self) -> bool {
+        matches!(self, File::Dng | File::Raw | File::Expected | File::Jpeg | File::Png | File::Tiff | File::Exr | File::Truth)
+    }
+}
+
+/// The truth channels that are asked for, and those that are written.
+pub(crate) fn truth_channels(asked: Option<&str>, files: &[File]) -> Option<String> {
+    let asked = asked.map(str::trim).filter(|a| !a.is_empty());
+    if asked == Some("all") {
+        return Some("all".into());
+    }
+    let listed = |name: &str| asked.is_some_and(|a| a.split(',').any(|n| n.trim() == name));
+    let more = files.iter().filter_map(|f| match f {
+        File::Channel(c) if !c.is_always() && !listed(c.name) => Some(c.name),
+        _ => None,
+    });
+    let all: Vec<&str> = asked.into_iter().chain(more).collect();
+    (!all.is_empty()).then(|| all.join(","))
+}
+
+impl Dataset {
+    /// Makes an item: its files as a tar archive, by name, as they go into a shard. `scenes` keeps the scene for the next item; `warn` gets what was found
+    /// odd.
+    ///
+    /// The archive is the same bytes wherever it is made, with the same version of diopter on the same kind of processor. Nothing of the clock, the machine or
+    /// the folder is in it. Pictures are not denoised and outliers are kept, unless the specification says otherwise in `[shot.render]`; what denoises
+    /// by `on` or `oidn` depends on the library that is found.
+    pub fn make_item(
+        &self,
+        item: u64,
+        scenes: &mut SceneCache,
+        watch: &Watch,
+        warn: &mut dyn FnMut(&str),
+    ) -> Result<Vec<u8>, ShotError> {
+        let mut file = self.relative_shot(item)?;
+        let scene = file.scene.file.clone();
+        let calibration = file.camera.calibration.clone();
+        file.place_paths(self.folder());
+        let mut shot = Shot::prepare_cached(&file, Inputs::default(), scenes, warn)?;
+        let quiet = Watch { cancel: watch.cancel, progress: &|_| () };
+        shot.focus(&quiet, warn)?;
+        shot.meter(&quiet, warn)?;
+        let exposed = shot.expose_from(None, watch, None)?;
+        if exposed.stopped {
+            return Err(ExposeError::Cancelled.into());
+        }
+        let mut plane = exposed.plane;
+        if let Some(name) = scene {
+            // By the name that the specification has for it, wherever that lies.
+            plane.facts.scene = name;
+        }
+        if let Some(path) = calibration {
+            plane.facts.lens = path.display().to_string();
+        }
+        let raw = if self.files.iter().any(|f| f.is_read_out()) { Some(shot.read_out(&plane)?) } else { None };
+        let key = self.key(item);
+        let failed = |e: ImageError| ShotError::Read { path: format!("item {key}"), reason: e.to_string() };
+        let mut files = vec![(format!("{key}.json"), self.told(item, &shot, &plane, raw.as_ref())?)];
+        for file in &self.files {
+            let made = Making { shot: &shot, plane: &plane, raw: raw.as_ref() };
+            files.push((format!("{key}.{}", file.name()), made.bytes(*file, &failed)?));
+        }
+        files.sort();
+        let archive = tar::archive(files.iter().map(|(n, b)| (n.as_str(), b.as_slice())));
+        archive.map_err(|e| failed(ImageError::Io(e)))
+    }
+
+    /// What is known of an item, as JSON.
+    fn told(&self, item: u64, shot: &Shot, plane: &FocalPlane, raw: Option<&RawImage>) -> Result<Vec<u8>, ShotError> {
+        let mut facts = raw.map_or(&plane.facts, |r| &r.header.facts).clone();
+        // A table of the lens, which is in the raw file.
+        facts.lens_profile = None;
+        let pose = shot.calibration_frame("").middle().map(|p| p.world_from_camera);
+        let pose = pose.map(|p| {
+            let (m, t) = (p.matrix3, p.translation);
+            [0, 1, 2].map(|r| [m.x_axis[r], m.y_axis[r], m.z_axis[r], t[r]])
+        });
+        let parameters = self.parameters_json(item)?;
+        let told = json!({
+            "key": parameters["key"],
+            "item": item,
+            "split": parameters["split"],
+            "seed": plane.facts.seed,
+            "size": [plane.width(), plane.height()],
+            "parameters": parameters["parameters"],
+            "facts": facts,
+            // Camera axes x right, y up, z backward; the middle of the exposure. Three rows of four.
+            "world_from_camera": pose,
+        });
+        Ok(format!("{told:#}\n").into_bytes())
+    }
+}
+
+/// A value of a specification as JSON.
+pub(super) fn json_of(value: &toml::Value) -> serde_json::Value {
+    match value {
+        toml::Value::String(text) => json!(text),
+        toml::Value::Integer(v) => json!(v),
+        toml::Value::Float(v) => json!(v),
+        toml::Value::Boolean(v) => json!(v),
+        toml::Value::Array(list) => list.iter().map(json_of).collect(),
+        other => json!(other.to_string()),
+    }
+}
+
+/// What files are made of.
+pub(crate) struct Making<'a> {
+    pub shot: &'a Shot,
+    pub plane: &'a FocalPlane,
+    pub raw: Option<&'a RawImage>,
+}
+
+impl Making<'_> {
+    pub fn bytes(&self, file: File, failed: &impl Fn(ImageError) -> ShotError) -> Result<Vec<u8>, ShotError> {
+        let plane = self.plane;
+        let floats = |r: &diopter_image::Raster<f32>| npy::array(&r.data, [r.width, r.height, r.channels]);
+        let raw = || self.raw.expect("read out where a file is made of it");
+        type Write<'a> = dyn Fn(&mut Cursor<Vec<u8>>) -> Result<(), ImageError> + 'a;
+        let written = |write: &Write| {
+            let mut to = Cursor::new(Vec::new());
+            write(&mut to).map_err(failed)?;
+            let mut bytes = to.into_inner();
+            if matches!(file, File::Exr | File::Plane | File::Truth) {
+                exr::sort_attributes(&mut bytes).map_err(failed)?;
+            }
+            Ok(bytes)
+        };
+        let picture = || -> Result<Picture, ShotError> { self.shot.develop(raw()) };
+        match file {
+            File::Dng => written(&|to| raw_file::write_image(raw(), Storage::Lossless, &Recipe::default(), to)),
+            File::Raw => {
+                let r = &raw().mosaic;
+                Ok(npy::array(&r.data, [r.width, r.height, r.channels]))
+            }
+            File::Expected => {
+                let (reader, mean) = (self.reader()?, Window { first: 0, data: &plane.mean.data });
+                let dn: Vec<f32> = (0..plane.height()).flat_map(|row| reader.expected(&mean, row)).map(|e| e.dn).collect();
+                Ok(npy::array(&dn, [plane.width(), plane.height(), 1]))
+            }
+            File::Jpeg => picture().and_then(|p| written(&|to| jpeg::write(&p, JPEG_QUALITY, to))),
+            File::Png => picture().and_then(|p| written(&|to| png::write(&p, png::Depth::Eight, to))),
+            File::Tiff => picture().and_then(|p| written(&|to| tiff_file::write(&p, to))),
+            File::Exr => {
+                let light = develop(raw(), &self.shot.recipe.linear_light(), None)?;
+                written(&|to| exr::write_picture(&light, exr::Precision::Half, to))
+            }
+            File::Mean => Ok(floats(&plane.mean)),
+            File::Variance => Ok(floats(&plane.variance())),
+            File::HalfDifference => Ok(floats(&plane.half_difference)),
+            File::Plane => written(&|to| exr::write_focal_plane(plane, to)),
+            File::Truth => {
+                let reader = self.reader()?;
+                written(&|to| truth::write(plane, &reader, raw(), to))
+            }
+            File::Channel(channel) => match plane.truth.values(channel.name) {
+                Some(Values::Float(raster)) => Ok(floats(raster)),
+                Some(Values::Whole(r)) => Ok(npy::array(&r.data, [r.width, r.height, r.channels])),
+                None => Err(ShotError::Entry {
+                    place: "[write] files".into(),
+                    found: format!("{}.npy", channel.name),
+                    expected: "a channel that this exposure records".into(),
+                }),
+            },
+        }
+    }
+
+    fn reader(&self) -> Result<ReadOut<'_>, ShotError> {
+        let (shot, plane) = (self.shot, self.plane);
+        let size = [plane.width(), plane.height()];
+        let reader = ReadOut::new(&shot.sensor, &shot.reading, size, &plane.bands, plane.facts.exposure_s)?;
+        Ok(reader.with_rows_of(&plane.facts))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::collections::BTreeMap;
+    use std::path::Path;
+    use std::sync::atomic::AtomicBool;
+
+    fn make(set: &Dataset, item: u64, scenes: &mut SceneCache) -> Vec<u8> {
+        let cancel = AtomicBool::new(false);
+        set.make_item(item, scenes, &Watch { cancel: &cancel, progress: &|_| () }, &mut |_| ()).unwrap()
+    }
+
+    const SPEC: &str = "seed = 2\n[shot]\nscene.file = \"cornell\"\nexposure.shutter = \"1/30\"\nrender = { size = \"24x16\", spp = 2 }\n\
+        [[vary]]\nname = \"iso\"\ngrid = [100, 1600]\n[[vary]]\nname = \"scene\"\ngrid = [\"cornell\", \"rolling-ball\"]\n\
+        [write]\nfiles = [\"dng\", \"raw.npy\", \"expected.npy\", \"png\", \"mean.npy\", \"variance.npy\", \"depth.npy\", \"coverage.npy\", \"id.npy\", \"truth.exr\", \"plane.exr\", \"exr\"]\n";
+
+    #[test]
+    fn items_are_the_same_bytes_in_any_order_and_with_any_scene_before() {
+        let set = Dataset::new(SPEC, "spec.toml", Path::new("")).unwrap();
+        let mut scenes = SceneCache::new();
+        let forward: Vec<_> = (0..4).map(|i| make(&set, i, &mut scenes)).collect();
+        for item in [3, 0, 2] {
+            assert!(make(&set, item, &mut SceneCache::new()) == forward[item as usize], "{item}");
+        }
+        assert!(forward[0] != forward[1] && forward[0] != forward[2]);
+    }
+
+    #[test]
+    fn an_item_has_the_files_that_were_asked_for() {
+        let set = Dataset::new(SPEC, "spec.toml", Path::new("")).unwrap();
+        let mut files = BTreeMap::new();
+        let archive = make(&set, 1, &mut SceneCache::new());
+        tar::read(&archive[..], |name, bytes| {
+            files.insert(name.to_owned(), bytes.to_vec());
+            Ok(())
+        })
+        .unwrap();
+        let names: Vec<&str> = files.keys().map(String::as_str).collect();
+        let endings =
+            "coverage.npy depth.npy dng expected.npy exr id.npy json mean.npy plane.exr png raw.npy truth.exr variance.npy";
+        assert_eq!(names, endings.split(' ').map(|e| format!("000001.{e}")).collect::<Vec<_>>());
+        let raw = diopter_image::dng::read(Cursor::new(files["000001.dng"].clone())).unwrap();
+        let numbers: Vec<u8> = raw.mosaic.data.iter().flat_map(|v| v.to_le_bytes()).collect();
+        assert!(files["000001.raw.npy"].ends_with(&numbers));
+        // 24 × 16 pixels of three bands, 4 bytes each.
+        assert_eq!(files["000001.mean.npy"].len(), 128 + 24 * 16 * 3 * 4);
+        let told: serde_json::Value = serde_json::from_slice(&files["000001.json"]).unwrap();
+        assert_eq!((&told["parameters"]["iso"], &told["facts"]["iso"]), (&json!(1600), &json!(1600.0)));
+        assert_eq!((&told["facts"]["scene"], &told["split"]), (&json!("cornell"), &json!(null)));
+        assert!(told["facts"]["date"].is_null() && told["world_from_camera"][2][3].is_number());
+    }
+}

@@ -1,0 +1,701 @@
+//! Small lamps out of focus: paths from surfaces that shine through the lens onto the film, beside the paths from the camera.
+//!
+//! Of the camera rays from a place in the disk of blur of a small lamp few meet the lamp: the disk is made of single bright samples. Here a place of the
+//! entrance pupil is drawn, from there a point of the lamp, and the ray is run through the lens to where each wavelength lands
+//! ([`diopter_lens::CompoundLens::entries`]): every sample that comes through counts. Source: light tracing (Veach 1997, ch. 10, the strategy t = 1; through
+//! lenses Hanika & Dachsbacher 2014).
+//!
+//! # Weights
+//!
+//! Both strategies have the same paths ([`diopter_scene::light::Emitters`]) and are joined by the balance heuristic (Veach 1997, eq. 9.8). Densities count per
+//! étendue dA cosθ dω on the side of the scene, mm² sr, for one sample of each pixel:
+//!
+//! - a camera sample: the mean over the four wavelengths of what each would have drawn as the hero ([`Exits::density`]), over the area of a
+//!   pixel that collects light;
+//! - light: samples of the lamp · p(point | place) [1/sr] / (area of the part of the pupil · cosθ).
+//!
+//! With w = camera / (camera + light) a camera path counts w of a lamp seen directly, and a light path the rest; whatever the lens or the lamp is, the
+//! weights add up to one, and the mean is the same. Where the light's density is 0 (beside the tabled part of the pupil, beyond the film) camera
+//! paths count fully. Moments: where nothing moves, a light path takes one from the time of the pixels on which it lands, as a camera sample does; else
+//! from all the exposure, and both densities of the moment count, too.
+//!
+//! # How many
+//!
+//! Of every surface that shines 32 rays are run to the film without anything in the way ([`Pilot`]). They tell where its light lands, over how many
+//! pixels, and what fraction of the camera samples there meets it. Lamps that share a disk share its samples by their light. What at least [`BUSY`] of
+//! the camera samples meet gets none: it is large, or sharp. Numbers depend on scene, camera and film alone.
+//!
+//! # Numbers
+//!
+//! Light samples are numbered within each sample of the pixels, and are drawn from seed, that number and the sample's. They are traced in chunks whose
+//! sums are added in order: the same for any number of threads, in whatever parts the exposure is taken. Even and odd samples have their own, so that the half
+//! difference holds their noise.
+//!
+//! Limits: lamps straight before the lens only (panes and fog between them are no obstacle; what is seen in mirrors or through thick glass stays with
+//! camera paths); thin and real lenses; exposures in electrons without microlenses and without diffraction (then paths from the camera find all).
+
+use super::response::GROUP;
+use super::sums::Splats;
+use super::tile::Unit;
+use super::{Exposure, Integrator};
+use crate::camera::Camera;
+use crate::mount::M2_PER_MM2;
+use diopter_image::focal_plane::BandUnit;
+use diopter_lens::Lens;
+use diopter_lens::batch::single::LANES;
+use diopter_lens::compound::{Entries, Exits, Samples, Scratch};
+use diopter_lens::surface::Profile;
+use diopter_lens::system::PlacedSurface;
+use diopter_light::Ray;
+use diopter_light::random::{Sampler, SamplerKind, Set};
+use diopter_scene::light::{Emitters, LightSample, Shown};
+use glam::{DVec2, DVec3, Vec3};
+use rayon::prelude::*;
+use std::collections::BTreeMap;
+use std::f64::consts::PI;
+use std::ops::Range;
+
+/// Most surfaces that shine with which light is traced: the pilot takes some 10 µs for each.
+const MOST_EMITTERS: usize = 1 << 14;
+/// Light samples for each pixel of a lamp's disk and each sample of the pixel, unless that is more than [`MOST_A_PIXEL`] on average: they cost a fraction
+/// of a camera path, and disks are a small part of most pictures.
+const SAMPLES_A_PIXEL: f64 = 16.0;
+/// Most light samples for each pixel of the film and each sample of it.
+const MOST_A_PIXEL: f64 = 2.0;
+/// Fraction of camera samples that meet a lamp, within its disk, from which on it is left to them: their variance is little there, but at the edge.
+const BUSY: f64 = 0.6;
+/// Light samples of a chunk.
+const CHUNK: u32 = 2048;
+/// Chunks for each thread that are traced before their sums are added.
+const CHUNKS_AT_ONCE: usize = 8;
+/// Their numbers are not those of the pixels.
+const LIGHT_SEED: u64 = 0x3c6e_f372_fe94_f82b;
+/// Place of the sampler's pixels that only light samples have.
+const LIGHT_ROW: u32 = u32::MAX;
+
+/// Film points across and down from which the pupil is looked at.
+const FILM_POINTS: [usize; 2] = [48, 32];
+/// Cells a side of the table of directions.
+const CELLS: usize = 24;
+/// Room around the places that were found, of their extent.
+const ROOM: f64 = 0.04;
+/// Smallest cosine to the axis of rays that are drawn.
+const LEAST_COSINE: f64 = 0.05;
+
+/// A rectangle of the plane of the entrance pupil, mm.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Rectangle {
+    min: DVec2,
+    max: DVec2,
+}
+
+impl Rectangle {
+    fn union(self, other: Rectangle) -> Rectangle {
+        Rectangle { min: self.min.min(other.min), max: self.max.max(other.max) }
+    }
+
+    fn area(&self) -> f64 {
+        let size = self.max - self.min;
+        size.x * size.y
+    }
+}
+
+/// Which part of the plane of the entrance pupil passes light to the film, by direction: the way back of [`diopter_lens::pupil`], as loose as
+/// rectangles are.
+struct Entrance {
+    /// Largest angle to the axis, rad.
+    largest: f64,
+    /// `[row][column]` over the angle to the axis along x and y (equidistant).
+    cells: Vec<Option<Rectangle>>,
+}
+
+impl Entrance {
+    /// From rays that leave the lens: place in the plane of the entrance pupil and direction.
+    fn new(rays: &[(DVec2, DVec3)]) -> Option<Entrance> {
+        let angle = |d: &DVec3| d.truncate().length().atan2(-d.z);
+        let largest = rays.iter().map(|r| angle(&r.1)).fold(0.0, f64::max) * (1.0 + 1e-9);
+        if !(largest > 0.0) {
+            return None;
+        }
+        let mut table = Entrance { largest, cells: vec![None; CELLS * CELLS] };
+        for (at, direction) in rays {
+            if let Some(cell) = table.cell(*direction) {
+                let here = Rectangle { min: *at, max: *at };
+                table.cells[cell] = Some(table.cells[cell].map_or(here, |r| r.union(here)));
+            }
+        }
+        // The neighbours', too: lamps out of focus are seen under other angles from the rim of the pupil than from its middle.
+        let around = |cell: usize| {
+            let (x, y) = (cell % CELLS, cell / CELLS);
+            let rows = y.saturating_sub(1)..(y + 2).min(CELLS);
+            let all = rows.flat_map(|j| (x.saturating_sub(1)..(x + 2).min(CELLS)).map(move |i| j * CELLS + i));
+            let found = all.filter_map(|cell| table.cells[cell]).reduce(Rectangle::union)?;
+            let room = (found.max - found.min) * ROOM;
+            let grown = Rectangle { min: found.min - room, max: found.max + room };
+            (grown.area() > 0.0).then_some(grown)
+        };
+        let cells = (0..CELLS * CELLS).map(around).collect();
+        Some(Entrance { cells, ..table })
+    }
+
+    /// Of a camera, whose lens is thin or real.
+    fn of(camera: &Camera) -> Option<Entrance> {
+        let [across, down] = FILM_POINTS;
+        let film = |k: usize| {
+            let at = |i: usize, n: usize, pixels: usize| i as f64 / (n - 1) as f64 * pixels as f64;
+            camera.film_point(at(k % across, across, camera.film.columns), at(k / across, down, camera.film.rows))
+        };
+        // Places of the pupil that go on from film point to film point (Roberts 2018, the R2 sequence).
+        let place = |k: usize| [0.754_877_666, 0.569_840_296].map(|step: f64| ((k as f64 + 0.5) * step).fract() as f32);
+        let mut rays = Vec::with_capacity(across * down * LANES);
+        let mut found = |origin: DVec3, direction: DVec3| {
+            if -direction.z > LEAST_COSINE {
+                rays.push(((origin - direction * (origin.z / direction.z)).truncate(), direction));
+            }
+        };
+        match &camera.lens {
+            Lens::Compound(lens) => {
+                let (mut samples, mut scratch, mut exits) = (Samples::default(), Scratch::default(), Exits::default());
+                for k in 0..across * down {
+                    samples.film = [film(k); LANES];
+                    samples.pupil = std::array::from_fn(|i| place(k * LANES + i));
+                    lens.exits(&samples, |_, _| true, &mut scratch, &mut exits);
+                    for i in (0..LANES).filter(|i| exits.passed >> i & 1 == 1) {
+                        found(of_lane(exits.origin[i]), of_lane(exits.direction[i]));
+                    }
+                }
+            }
+            lens => {
+                for k in 0..across * down * LANES {
+                    if let Ok(ray) = lens.ray(film(k / LANES), place(k)) {
+                        found(ray.origin_mm, ray.direction);
+                    }
+                }
+            }
+        }
+        Entrance::new(&rays)
+    }
+
+    /// Cell of a direction towards the scene (of any length).
+    fn cell(&self, direction: DVec3) -> Option<usize> {
+        let across = direction.truncate();
+        let length = across.length();
+        let angle = length.atan2(-direction.z);
+        if !(angle <= self.largest) {
+            return None;
+        }
+        let place = if length > 0.0 { across * (angle / (length * self.largest)) } else { DVec2::ZERO };
+        let [x, y] = place.to_array().map(|v| (((0.5 * v + 0.5) * CELLS as f64) as usize).min(CELLS - 1));
+        Some(y * CELLS + x)
+    }
+
+    /// The part of the pupil for light from a place of the camera's frame.
+    fn rectangle(&self, place: DVec3) -> Option<&Rectangle> {
+        self.cells[self.cell(place)?].as_ref()
+    }
+}
+
+fn of_lane(v: [f32; 3]) -> DVec3 {
+    Vec3::from_array(v).as_dvec3()
+}
+
+/// A ray from a lamp to the lens.
+struct Start {
+    light_sample: LightSample,
+    /// Where it meets the plane of the entrance pupil: in the world (m), and in the camera's frame (mm).
+    point: Vec3,
+    place: DVec3,
+    /// Unit direction towards the lamp, camera's frame.
+    direction: DVec3,
+    /// Density of one light sample of this lamp, 1 / (mm² sr).
+    density: f64,
+}
+
+/// A sample that a camera draws, as it leaves the lens.
+pub(super) struct CameraSample {
+    /// Point of the ray, mm from the entrance pupil.
+    pub origin: DVec3,
+    /// Unit direction, camera's frame.
+    pub direction: DVec3,
+    /// In the world.
+    pub ray: Ray,
+    /// When, s.
+    pub time: f64,
+    /// One over the density of that moment, s.
+    pub seconds: f64,
+    /// Density of the ray, of one sample a mm² of film, 1 / (mm² sr).
+    pub density: f64,
+}
+
+/// What 32 rays of a lamp tell, on a film without anything in the way.
+struct Pilot {
+    /// Where they land on average, pixels.
+    middle: DVec2,
+    /// Pixels over which its light is spread.
+    area: f64,
+    /// Camera samples that meet it, for one sample of each pixel.
+    hits: f64,
+    /// Relative light on the film.
+    flux: f64,
+    /// Fraction of the rays that come through.
+    passed: f64,
+}
+
+/// Lamps whose disks are the same, nearly.
+#[derive(Default)]
+struct Disk {
+    area: f64,
+    hits: f64,
+    flux: f64,
+}
+
+/// Light samples of an exposure.
+pub(super) struct LightTracing<'a> {
+    emitters: Emitters<'a>,
+    entrance: Entrance,
+    /// Light samples of each emitter for a sample of each pixel; they add up to `total`.
+    counts: Vec<f64>,
+    /// Their sum before each emitter.
+    before: Vec<f64>,
+    total: u32,
+    /// Whether places depend on the moment.
+    moves: bool,
+}
+
+impl Exposure<'_> {
+    /// The light samples that this exposure takes; `None` where paths from the camera do as well.
+    pub(super) fn light_tracing<'a>(&self, unit: &Unit<'a>) -> Option<LightTracing<'a>> {
+        let electrons = self.response.bands.iter().all(|b| b.unit == BandUnit::Electrons);
+        let settings = self.settings;
+        let plain = settings.half.is_none() && !settings.redraw && !settings.rgb && unit.behind.is_none();
+        // Diffraction displaces camera samples: disks of small lamps are large beside its pattern wherever they are out of focus.
+        if settings.integrator == Integrator::Path || !electrons || !plain || unit.optics.is_some() {
+            return None;
+        }
+        LightTracing::new(unit)
+    }
+}
+
+impl<'a> LightTracing<'a> {
+    fn new(unit: &Unit<'a>) -> Option<LightTracing<'a>> {
+        if !matches!(unit.camera.lens, Lens::Thin(_) | Lens::Compound(_)) {
+            return None;
+        }
+        // An ideal surface within a lens maps slopes, and does not keep the étendue in which both densities are told; nor do facets in a plane.
+        let breaks = |s: &PlacedSurface| s.ideal_focal_length.is_some() || matches!(s.profile, Profile::Fresnel(_));
+        if let Lens::Compound(lens) = &unit.camera.lens
+            && lens.system().surfaces.iter().any(breaks)
+        {
+            return None;
+        }
+        let emitters = unit.scene.emitters(MOST_EMITTERS)?;
+        let entrance = Entrance::of(unit.camera)?;
+        let moves = unit.scene.moves() || !unit.camera.way.is_still();
+        let mut tracing = LightTracing { emitters, entrance, counts: Vec::new(), before: Vec::new(), total: 0, moves };
+        let numbers = 0..tracing.emitters.len() as u32;
+        let pilots: Vec<Option<Pilot>> = numbers.into_par_iter().map(|number| tracing.pilot(unit, number)).collect();
+        let mut counts = wanted(&pilots);
+        let sum: f64 = counts.iter().sum();
+        let film = &unit.camera.film;
+        let total = sum.min(MOST_A_PIXEL * (film.columns * film.rows) as f64).ceil();
+        if !(sum > 0.0 && total < f64::from(u32::MAX / 4)) {
+            return None;
+        }
+        counts.iter_mut().for_each(|c| *c *= total / sum);
+        let mut so_far = 0.0;
+        let before = counts.iter().map(|c| {
+            so_far += c;
+            so_far - c
+        });
+        tracing.before = before.collect();
+        (tracing.counts, tracing.total) = (counts, total as u32);
+        Some(tracing)
+    }
+
+    /// A ray of a lamp by two even numbers for the place in the pupil and two for the point.
+    fn start(&self, camera: &Camera, number: u32, pupil: [f32; 2], u: [f32; 2], time: f64) -> Option<Start> {
+        let rectangle = self.entrance.rectangle(camera.place_of(self.emitters.middle(number, time as f32), time))?;
+        let [x, y] = pupil.map(f64::from);
+        let place = (rectangle.min + (rectangle.max - rectangle.min) * DVec2::new(x, y)).extend(0.0);
+        let point = camera.world_point(place, time);
+        let light_sample = self.emitters.sample_li(number, point, u, time as f32)?;
+        let direction = camera.direction_of(light_sample.wi, time);
+        if !(-direction.z > LEAST_COSINE && light_sample.pdf > 0.0) {
+            return None;
+        }
+        let density = f64::from(light_sample.pdf) / (rectangle.area() * -direction.z);
+        Some(Start { light_sample, point, place, direction, density })
+    }
+
+    /// Density of one light sample of a lamp along a camera sample that meets the lamp at a point, 1 / (mm² sr).
+    fn density(&self, camera: &Camera, sample: &CameraSample, number: u32, met: Vec3) -> f64 {
+        let CameraSample { origin, direction, time, .. } = *sample;
+        let middle = camera.place_of(self.emitters.middle(number, time as f32), time);
+        let Some(rectangle) = self.entrance.rectangle(middle) else { return 0.0 };
+        let place = origin - direction * (origin.z / direction.z);
+        let at = place.truncate();
+        let within = at.cmpge(rectangle.min).all() && at.cmple(rectangle.max).all();
+        if !(within && -direction.z > LEAST_COSINE) {
+            return 0.0;
+        }
+        let point = camera.world_point(at.extend(0.0), time);
+        let pdf = self.emitters.density(number, point, sample.ray.direction, met, time as f32);
+        f64::from(pdf) / (rectangle.area() * -direction.z)
+    }
+
+    /// What both strategies make of a ray of the densities `camera` (of one sample a mm² of film) and `light` (of one light sample), at a moment that a camera
+    /// sample draws with a density of 1 / `seconds`: camera density over the sum of both densities, in which the moment counts, s.
+    fn joined(&self, unit: &Unit, number: u32, [camera, light]: [f64; 2], time: f64, seconds: f64) -> f64 {
+        let camera = camera / unit.camera.film.collecting_area_mm2();
+        let light = light * self.counts[number as usize];
+        let light_seconds = match self.moves {
+            true => unit.settings.shutter_times.seconds_at((0.0, unit.shutter.total_s()), time),
+            false => seconds,
+        };
+        camera / (camera / seconds + light / light_seconds)
+    }
+
+    /// Weight of a camera sample that meets a lamp directly.
+    pub fn weight(&self, unit: &Unit, sample: &CameraSample, number: u32, met: Vec3) -> f32 {
+        if self.counts[number as usize] == 0.0 {
+            return 1.0;
+        }
+        let light = self.density(unit.camera, sample, number, met);
+        let joined = self.joined(unit, number, [sample.density, light], sample.time, sample.seconds);
+        let weight = (joined / sample.seconds) as f32;
+        if weight.is_finite() { weight } else { 1.0 }
+    }
+
+    /// What a camera path counts of lamps seen directly.
+    pub fn shown<'b>(&'b self, weight: &'b dyn Fn(u32, Vec3) -> f32) -> Shown<'b> {
+        Shown { emitters: &self.emitters, weight }
+    }
+
+    /// Runs rays to the film: a bit for each that a camera sample could have drawn. `shifts`: by which light is moved on the film before it is collected, mm.
+    fn land(
+        camera: &Camera,
+        starts: &[Option<Start>; LANES],
+        nm: [[f32; 4]; LANES],
+        shifts: &[DVec2; LANES],
+        scratch: &mut Scratch,
+        exits: &mut Exits,
+    ) {
+        let collects = |lane: usize, at: DVec2| camera.film.collects(at + shifts[lane]);
+        match &camera.lens {
+            Lens::Compound(lens) => {
+                let mut rays = Entries { nm, ..Entries::default() };
+                for (i, start) in starts.iter().enumerate() {
+                    if let Some(start) = start {
+                        (rays.origin[i], rays.direction[i]) = (start.place, start.direction);
+                    }
+                }
+                lens.entries(&rays, collects, scratch, exits);
+                let started = starts.iter().enumerate().fold(0, |bits, (i, s)| bits | u32::from(s.is_some()) << i);
+                exits.passed &= started;
+            }
+            Lens::Thin(lens) => {
+                (exits.passed, exits.spread) = (0, false);
+                for (i, start) in starts.iter().enumerate() {
+                    let entry = start.as_ref().and_then(|start| Some((start, lens.entry(start.place, start.direction)?)));
+                    let Some((start, entry)) = entry.filter(|(_, entry)| collects(i, entry.film)) else { continue };
+                    exits.passed |= 1 << i;
+                    exits.origin[i] = entry.origin_mm.as_vec3().to_array();
+                    exits.direction[i] = start.direction.as_vec3().to_array();
+                    exits.lands[i] = [entry.film.as_vec2().to_array(); 4];
+                    (exits.weight[i], exits.density[i]) = ([entry.weight_sr as f32; 4], [entry.density as f32; 4]);
+                }
+            }
+            _ => exits.passed = 0,
+        }
+    }
+
+    /// Looks at where the light of a lamp lands; `None` where none does.
+    fn pilot(&self, unit: &Unit, number: u32) -> Option<Pilot> {
+        let camera = unit.camera;
+        let span = unit.shutter.total_s();
+        let starts: [Option<Start>; LANES] = std::array::from_fn(|i| {
+            let sampler = Sampler::new(SamplerKind::Sobol, LIGHT_SEED, (number, LIGHT_ROW), i as u32, LANES as u32);
+            let [u, v, pu, pv] = sampler.get(Set::Camera);
+            let time = if self.moves { span * f64::from(sampler.get(Set::Time)[1]) } else { 0.0 };
+            self.start(camera, number, [pu, pv], [u, v], time)
+        });
+        if starts.iter().all(Option::is_none) {
+            return None;
+        }
+        let (mut scratch, mut exits) = (Scratch::default(), Exits::default());
+        let nm = Entries::default().nm;
+        LightTracing::land(camera, &starts, nm, &[DVec2::ZERO; LANES], &mut scratch, &mut exits);
+        let (mut places, mut hits, mut flux) = (Vec::new(), 0.0, 0.0);
+        for (i, start) in starts.iter().enumerate().filter(|(i, _)| exits.passed >> i & 1 == 1) {
+            let (Some(start), Some((x, y))) = (start, camera.pixel_of(exits.lands[i][0])) else { continue };
+            let density = mean(exits.density[i]);
+            places.push(DVec2::new(x as f64, y as f64));
+            hits += density / (camera.film.collecting_area_mm2() * start.density) / LANES as f64;
+            flux += f64::from(exits.weight[i][0]) * density / start.density / LANES as f64;
+        }
+        let n = places.len() as f64;
+        let middle = places.iter().sum::<DVec2>() / n;
+        let spread = |f: fn(DVec2) -> f64| places.iter().map(|p| f(*p - middle)).sum::<f64>() / (n - 1.0).max(1.0);
+        // An even ellipse of the half axes a, b has the variances a²/4, b²/4. A quarter: what a pixel adds.
+        let (xx, yy, xy) = (spread(|d| d.x * d.x) + 0.25, spread(|d| d.y * d.y) + 0.25, spread(|d| d.x * d.y));
+        let area = 4.0 * PI * (xx * yy - xy * xy).max(0.0).sqrt();
+        let flux = flux * f64::from(self.emitters.luminance(number));
+        let pilot = Pilot { middle, area, hits, flux, passed: n / LANES as f64 };
+        (n > 0.0 && area.is_finite() && hits.is_finite() && flux.is_finite()).then_some(pilot)
+    }
+
+    /// Chunks of light samples for a sample of each pixel.
+    fn chunks(&self) -> usize {
+        self.total.div_ceil(CHUNK) as usize
+    }
+
+    /// A chunk of the light samples of sample `sample` of the pixels.
+    fn chunk(&self, unit: &Unit, sample: u32, chunk: u32) -> Splats {
+        let Unit { camera, settings, .. } = *unit;
+        let seed = settings.seed ^ LIGHT_SEED;
+        // Of this sample's numbers one, by which lamps take turns (systematic sampling).
+        let turn = Sampler::new(SamplerKind::Independent, seed, (sample, LIGHT_ROW - 1), sample & 1, 2).get(Set::Time)[0];
+        let kind = if settings.sampler == SamplerKind::Grid { SamplerKind::Independent } else { settings.sampler };
+        let mut splats = Splats::new((sample & 1) as usize, unit.response.curves.len());
+        let (mut scratch, mut exits) = (Scratch::default(), Exits::default());
+        let end = ((chunk + 1) * CHUNK).min(self.total);
+        for first in (chunk * CHUNK..end).step_by(LANES) {
+            let mut drawn: [Option<Drawn>; LANES] = std::array::from_fn(|_| None);
+            let mut starts: [Option<Start>; LANES] = std::array::from_fn(|_| None);
+            let (mut nm, mut shifts) = (Entries::default().nm, [DVec2::ZERO; LANES]);
+            for (i, light_sample) in (first..end.min(first + LANES as u32)).enumerate() {
+                let at = f64::from(light_sample) + f64::from(turn);
+                let number = self.before.partition_point(|b| *b <= at).saturating_sub(1);
+                if self.counts[number] == 0.0 {
+                    continue;
+                }
+                let index = 2 * light_sample + (sample & 1);
+                let sampler = Sampler::new(kind, seed, (sample, LIGHT_ROW), index, 2 * self.total);
+                let [u, v, pu, pv] = sampler.get(Set::Camera);
+                let [w, t, spot @ ..] = sampler.get(Set::Time);
+                let wavelengths = unit.wavelengths.sample(w);
+                // Where nothing moves, the moment is drawn when it is known where the light lands.
+                let time = match self.moves {
+                    true => settings.shutter_times.draw((0.0, unit.shutter.total_s()), f64::from(t)).0,
+                    false => 0.0,
+                };
+                (nm[i], shifts[i]) = (wavelengths.nm.to_array(), camera.film.low_pass_shift(spot));
+                starts[i] = self.start(camera, number as u32, [pu, pv], [u, v], time);
+                drawn[i] = Some(Drawn { number: number as u32, wavelengths, t, time });
+            }
+            LightTracing::land(camera, &starts, nm, &shifts, &mut scratch, &mut exits);
+            for i in (0..LANES).filter(|i| exits.passed >> i & 1 == 1) {
+                if let (Some(drawn), Some(start)) = (&drawn[i], &starts[i]) {
+                    self.count(unit, drawn, start, shifts[i], &exits, i, &mut splats);
+                }
+            }
+        }
+        splats.sorted()
+    }
+
+    /// Counts a light sample that came through in the pixels where its wavelengths land.
+    #[allow(clippy::too_many_arguments)]
+    fn count(&self, unit: &Unit, drawn: &Drawn, start: &Start, shift: DVec2, exits: &Exits, lane: usize, splats: &mut Splats) {
+        let Unit { camera, settings, .. } = *unit;
+        let film = &camera.film;
+        let Drawn { number, ref wavelengths, t, time } = *drawn;
+        let pupil = match unit.needs_pupil() {
+            true => camera.pupil_radius(of_lane(exits.origin[lane]), of_lane(exits.direction[lane])),
+            false => 0.0,
+        };
+        let lands: [Option<(usize, usize)>; 4] = std::array::from_fn(|c| {
+            let [x, y] = exits.lands[lane][c];
+            let at = [x + shift.x as f32, y + shift.y as f32];
+            let collected = exits.weight[lane][c] > 0.0 && film.collects(glam::Vec2::from_array(at).as_dvec2());
+            camera.pixel_of(at).filter(|_| collected)
+        });
+        let windows = lands.map(|p| p.map(|(x, y)| unit.window(x, y, pupil)));
+        let all = windows.iter().flatten().fold((f64::INFINITY, f64::NEG_INFINITY), |a, w| (a.0.min(w.0), a.1.max(w.1)));
+        if !(all.0 < all.1) {
+            return;
+        }
+        let (time, seconds) = match self.moves {
+            true => (time, settings.shutter_times.seconds_at(all, time)),
+            false => settings.shutter_times.draw(all, f64::from(t)),
+        };
+        if !(all.0..=all.1).contains(&time) {
+            return;
+        }
+        let origin = camera.world_ray_of(exits.origin[lane], exits.direction[lane], time).origin;
+        let radiance =
+            self.emitters.incident_radiance(&start.light_sample, start.point, origin, wavelengths, time as f32, &settings.path);
+        let weighted = (radiance * wavelengths.weight).to_array();
+        let joined = self.joined(unit, number, [mean(exits.density[lane]), start.density], time, seconds);
+        let scale = (film.pixel_area_mm2 * M2_PER_MM2 * settings.light_scale * joined) as f32;
+        if !weighted.iter().all(|v| v.is_finite()) || !scale.is_finite() || weighted == [0.0; 4] {
+            return;
+        }
+        let nm = wavelengths.nm.to_array();
+        let groups = unit.response.curves.len().div_ceil(GROUP);
+        if !exits.spread {
+            if let Some(pixel) = lands[0] {
+                let scale = exits.weight[lane][0] * scale;
+                splats.add(pixel.1 * film.columns + pixel.0, (0..groups).map(|g| unit.curves.value(g, nm, weighted) * scale));
+            }
+            return;
+        }
+        for c in 0..4 {
+            if let (Some((x, y)), Some((open, close))) = (lands[c], windows[c])
+                && (open..=close).contains(&time)
+            {
+                let value = weighted[c] * exits.weight[lane][c] * scale;
+                splats.add(y * film.columns + x, (0..groups).map(|g| unit.curves.at(g, nm[c]) * value));
+            }
+        }
+    }
+
+    /// The light samples of a pass, handed over in order; `None` once it is to stop.
+    pub fn pass<E>(
+        &self,
+        unit: &Unit,
+        samples: Range<u32>,
+        stop: impl Fn() -> bool + Sync,
+        mut add: impl FnMut(&Splats) -> Result<(), E>,
+    ) -> Result<Option<()>, E> {
+        let (chunks, at_once) = (self.chunks(), CHUNKS_AT_ONCE * rayon::current_num_threads().max(1));
+        let all = chunks * samples.len();
+        for first in (0..all).step_by(at_once) {
+            let traced: Vec<Option<Splats>> = (first..(first + at_once).min(all))
+                .into_par_iter()
+                .map(|k| (!stop()).then(|| self.chunk(unit, samples.start + (k / chunks) as u32, (k % chunks) as u32)))
+                .collect();
+            for splats in traced {
+                let Some(splats) = splats else { return Ok(None) };
+                add(&splats)?;
+            }
+        }
+        Ok(Some(()))
+    }
+}
+
+/// The numbers of a light sample.
+struct Drawn {
+    number: u32,
+    wavelengths: diopter_light::Wavelengths,
+    /// Even number for the moment.
+    t: f32,
+    /// The moment at which its places are looked up.
+    time: f64,
+}
+
+fn mean(of: [f32; 4]) -> f64 {
+    0.25 * of.iter().map(|v| f64::from(*v)).sum::<f64>()
+}
+
+/// Light samples that each lamp should get, by its pilot.
+fn wanted(pilots: &[Option<Pilot>]) -> Vec<f64> {
+    // Lamps whose middles lie nearer to each other than their disks are wide share a disk.
+    let key = |p: &Pilot| {
+        let level = (p.area / PI).sqrt().max(1.0).log2().ceil() as i32;
+        let at = (p.middle / f64::from(level).exp2()).floor();
+        (level, at.x as i32, at.y as i32)
+    };
+    let mut disks: BTreeMap<(i32, i32, i32), Disk> = BTreeMap::new();
+    for p in pilots.iter().flatten() {
+        let disk = disks.entry(key(p)).or_default();
+        *disk = Disk { area: disk.area.max(p.area), hits: disk.hits + p.hits, flux: disk.flux + p.flux };
+    }
+    // Large lamps of many parts: their disks lie side by side.
+    let busy = |(level, x, y): (i32, i32, i32), disk: &Disk| {
+        let around: f64 = (-1..2)
+            .flat_map(|j| (-1..2).map(move |i| (level, x + i, y + j)))
+            .filter_map(|key| disks.get(&key))
+            .map(|d| d.hits)
+            .sum();
+        (disk.hits / disk.area).max(around / (9.0 * f64::from(level).exp2().powi(2))) >= BUSY
+    };
+    let count = |p: &Pilot| {
+        let key = key(p);
+        let disk = disks.get(&key).filter(|disk| disk.flux > 0.0 && !busy(key, disk))?;
+        // What does not come through is drawn again in vain.
+        Some(SAMPLES_A_PIXEL * disk.area * p.flux / disk.flux / p.passed.max(0.25))
+    };
+    pilots.iter().map(|p| p.as_ref().and_then(count).unwrap_or(0.0)).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::camera::Film;
+    use crate::camera_motion::CameraMotion;
+    use diopter_lens::compound::Setting;
+    use diopter_lens::{CompoundLens, Focus, Iris, ThinLens, embedded};
+    use diopter_light::units::Millimeters;
+    use glam::Affine3A;
+    use std::sync::Arc;
+
+    fn pilot(middle: [f64; 2], area: f64, hits: f64, flux: f64, passed: f64) -> Option<Pilot> {
+        Some(Pilot { middle: DVec2::from_array(middle), area, hits, flux, passed })
+    }
+
+    #[test]
+    fn a_disk_gets_samples_by_its_area_however_many_lamps_share_it() {
+        // One lamp alone, of which three quarters of the rays come through; one that does not show.
+        let alone = wanted(&[pilot([100.0, 50.0], 300.0, 20.0, 1.0, 0.75), None]);
+        assert_eq!(alone, [SAMPLES_A_PIXEL * 400.0, 0.0]);
+        // A hundred parts of one lamp, a third of them twice as bright: as many in all, by their light.
+        let parts: Vec<_> = (0..99).map(|i| pilot([100.0, 50.0], 300.0, 0.2, if i % 3 == 0 { 2.0 } else { 1.0 }, 1.0)).collect();
+        let counts = wanted(&parts);
+        assert!(
+            (counts.iter().sum::<f64>() - SAMPLES_A_PIXEL * 300.0).abs() < 1e-6 && (counts[0] / counts[1] - 2.0).abs() < 1e-9
+        );
+        // Elsewhere, or of another size, it is another disk.
+        let apart = wanted(&[pilot([100.0, 50.0], 300.0, 20.0, 1.0, 1.0), pilot([200.0, 50.0], 300.0, 20.0, 9.0, 1.0)]);
+        assert_eq!(apart, [SAMPLES_A_PIXEL * 300.0; 2]);
+    }
+
+    #[test]
+    fn what_camera_samples_meet_anyway_gets_no_light_samples() {
+        assert_eq!(wanted(&[pilot([100.0, 50.0], 300.0, 0.7 * 300.0, 1.0, 1.0)]), [0.0]);
+        assert!(wanted(&[pilot([100.0, 50.0], 300.0, 0.4 * 300.0, 1.0, 1.0)])[0] > 0.0);
+        // A panel of many small parts, each alone a small lamp out of focus.
+        let panel: Vec<_> =
+            (0..40 * 40).map(|i| pilot([10.0 * f64::from(i % 40), 10.0 * f64::from(i / 40)], 300.0, 100.0, 1.0, 1.0)).collect();
+        let counts = wanted(&panel);
+        // Its border may be taken for lamps.
+        assert!(counts.iter().filter(|c| **c == 0.0).count() > 1200, "{counts:?}");
+    }
+
+    #[test]
+    fn the_entrance_table_holds_nearly_all_rays_and_little_else() {
+        let film_mm = [36.0, 24.0];
+        let real = |name: &str, focus| {
+            let setting = Setting { focal_length: None, f_number: None, focus, iris: None, film_mm };
+            Lens::Compound(Box::new(CompoundLens::new(Arc::new(embedded(name).unwrap()), &setting).unwrap()))
+        };
+        let far = ThinLens::new(Millimeters(50.0), 2.0, Iris::Round, Focus::Infinity).unwrap();
+        let lenses = [
+            ("thin", Lens::Thin(far), 1.6),
+            ("double-gauss-50mm", real("double-gauss-50mm", Focus::Distance(Millimeters(700.0))), 2.2),
+            ("distagon-28mm-f2", real("distagon-28mm-f2", Focus::Infinity), 4.0),
+        ];
+        for (name, lens, most) in lenses {
+            let camera = Camera { lens, film: Film::new(36.0, 24.0, 36, 24), way: CameraMotion::still(Affine3A::IDENTITY) };
+            let table = Entrance::of(&camera).unwrap();
+            let (mut all, mut within, mut areas, mut weights) = (0, 0, 0.0, 0.0);
+            for k in 0..4000 {
+                let [x, y, u, v] = [0.445, 0.811, 0.373, 0.629].map(|step: f64| (k as f64 * (step + 0.000_37)).fract());
+                let film = camera.film_point(36.0 * x, 24.0 * y);
+                let Ok(ray) = camera.lens.ray(film, [u as f32, v as f32]) else { continue };
+                if -ray.direction.z <= LEAST_COSINE {
+                    continue;
+                }
+                all += 1;
+                let at = (ray.origin_mm - ray.direction * (ray.origin_mm.z / ray.direction.z)).truncate();
+                let Some(r) = table.rectangle(ray.direction) else { continue };
+                within += usize::from(at.cmpge(r.min).all() && at.cmple(r.max).all());
+                // What of the rectangle passes: its light over that of all of it.
+                areas += r.area();
+                weights += PI * (0.5 * camera.lens.focal_length().0 / camera.lens.f_number()).powi(2);
+            }
+            println!("{name}: {within} of {all}, {:.2} of the pupil's area", areas / weights);
+            assert!(all > 2000 && within * 1000 >= all * 990, "{name}: {within} of {all}");
+            assert!(areas / weights < most, "{name}: {}", areas / weights);
+        }
+    }
+}

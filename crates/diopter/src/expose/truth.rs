@@ -1,0 +1,791 @@
+//! The truth of each pixel: what the rays of the exposure meet, one function for each channel of the table ([`diopter_image::channels`]).
+//!
+//! Channels of one ray follow the chief ray of the pixel's middle through the lens as it is, halfway through the time for which this pixel is open: rows of a
+//! rolling shutter have moments of their own. Channels weighted by coverage follow rays of the samples through the whole pixel, pupil and time, drawn evenly over
+//! what the lens lets pass, as the radiance of a film is ([`super::expose()`]).
+
+use super::blur::Blur;
+use super::frames::Frames;
+use super::{RADIANCE_REDRAWS, Settings};
+use crate::camera::Camera;
+use crate::camera_motion::CameraMotion;
+use crate::projection::{self, Target};
+use crate::shutter::{Place, Shutter};
+use diopter_image::channels::{COVERAGE_SAMPLES, Channel};
+use diopter_image::cryptomatte;
+use diopter_image::focal_plane::Truth;
+use diopter_image::truth::{Manifest, Ranks, Recorded, Values};
+use diopter_lens::LensRay;
+use diopter_lens::microlens::Behind;
+use diopter_light::Ray;
+use diopter_light::random::{Sampler, SamplerKind, Set};
+use diopter_scene::shape::Surface;
+use diopter_scene::{FirstSurface, OtherExposure, Scene};
+use glam::{DVec2, DVec3};
+use rayon::prelude::*;
+use std::collections::BTreeSet;
+use std::ops::Range;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+/// What denoisers are guided by: as the truth, but with albedo and normals of what smooth glass and mirrors show.
+pub(crate) fn features(scene: &Scene, camera: &Camera, shutter: &Shutter) -> Truth {
+    let settings = Settings::new(1);
+    let look = |ray: &Ray| scene.first_rough_surface(ray);
+    let recorder = Recorder { look: Some(&look), ..Recorder::new(scene, camera, shutter, &settings) };
+    let rows = camera.film.rows;
+    recorder.rows(0..rows, &AtomicBool::new(false)).unwrap_or_else(|| Truth::empty(camera.film.columns, rows))
+}
+
+/// What one pixel sees along its ray.
+pub(super) struct Seen {
+    /// Place in the picture, pixels from its upper left corner.
+    at: DVec2,
+    /// s from the beginning of the exposure.
+    time_s: f64,
+    /// In the world.
+    ray: Ray,
+    /// What it meets.
+    first: Option<FirstSurface>,
+    /// The point that it meets; only where more is recorded than always.
+    surface: Option<Surface>,
+}
+
+/// How a channel is filled at a pixel.
+#[derive(Clone, Copy)]
+enum Fill {
+    /// With floating-point numbers of one ray; left alone where there is nothing to record.
+    Float(fn(&Recorder, &Seen, &mut [f32])),
+    /// With whole numbers of one ray.
+    Whole(fn(&Recorder, &Seen, &mut [u32])),
+    /// With the mean of a number over the samples.
+    Mean(fn(Option<&Surface>) -> f64),
+    /// By what comes after the exposure: left at what it reads where there is nothing.
+    Later,
+    /// With how much of the pixel each identifier covers.
+    Ranks(fn(&Recorder, &Surface) -> f32),
+}
+
+/// The function of a channel.
+fn fill(channel: &Channel) -> Fill {
+    match channel.name {
+        "depth" => Fill::Float(depth),
+        "normal" => Fill::Float(normal),
+        "albedo" => Fill::Float(albedo),
+        "id" => Fill::Whole(id),
+        "position" => Fill::Float(position),
+        "distance" => Fill::Float(distance),
+        "uv" => Fill::Float(uv),
+        "incidence" => Fill::Float(incidence),
+        "coc" => Fill::Float(circle_of_confusion),
+        "pupil" => Fill::Float(pupil),
+        "motion" => Fill::Float(motion),
+        "flow" => Fill::Float(forward_flow),
+        "backward-flow" => Fill::Float(backward_flow),
+        "transmitted" => Fill::Float(transmitted),
+        "coverage" => Fill::Mean(|surface| f64::from(u8::from(surface.is_some()))),
+        "crypto-object" => Fill::Ranks(|recorder, surface| recorder.mattes.objects[surface.object as usize]),
+        "crypto-material" => Fill::Ranks(|recorder, surface| {
+            let object = &recorder.scene.description().objects[surface.object as usize];
+            recorder.mattes.materials[object.material as usize]
+        }),
+        "stray-light" => Fill::Later,
+        name => unreachable!("the channel \"{name}\" has no function"),
+    }
+}
+
+fn depth(recorder: &Recorder, seen: &Seen, to: &mut [f32]) {
+    let Some(first) = &seen.first else { return };
+    let cosine = if recorder.all_around { 1.0 } else { recorder.camera.cosine_to_axis(seen.ray.direction, seen.time_s) };
+    to[0] = first.distance * cosine;
+}
+
+fn normal(_: &Recorder, seen: &Seen, to: &mut [f32]) {
+    let Some(first) = &seen.first else { return };
+    to.copy_from_slice(&first.normal.to_array());
+}
+
+fn albedo(_: &Recorder, seen: &Seen, to: &mut [f32]) {
+    let Some(first) = &seen.first else { return };
+    to.copy_from_slice(&first.albedo.to_array());
+}
+
+fn id(_: &Recorder, seen: &Seen, to: &mut [u32]) {
+    let Some(first) = &seen.first else { return };
+    to[0] = first.object + 1;
+}
+
+fn position(_: &Recorder, seen: &Seen, to: &mut [f32]) {
+    let Some(surface) = &seen.surface else { return };
+    to.copy_from_slice(&surface.point.to_array());
+}
+
+fn distance(_: &Recorder, seen: &Seen, to: &mut [f32]) {
+    let Some(surface) = &seen.surface else { return };
+    to[0] = surface.t;
+}
+
+fn uv(_: &Recorder, seen: &Seen, to: &mut [f32]) {
+    let Some(surface) = &seen.surface else { return };
+    to.copy_from_slice(&surface.uv[0].to_array());
+}
+
+fn incidence(_: &Recorder, seen: &Seen, to: &mut [f32]) {
+    let Some(surface) = &seen.surface else { return };
+    let (n, d) = (surface.ng, seen.ray.direction);
+    // By both functions: near 0 and π/2 either alone loses digits.
+    to[0] = n.cross(d).length().atan2(n.dot(d).abs());
+}
+
+fn circle_of_confusion(recorder: &Recorder, seen: &Seen, to: &mut [f32]) {
+    let distance = seen.surface.as_ref().map_or(f64::INFINITY, |s| f64::from(s.t));
+    if let Some(circle) = recorder.blur.as_ref().and_then(|blur| blur.circle_px(seen.at, distance)) {
+        to[0] = circle as f32;
+    }
+}
+
+fn pupil(recorder: &Recorder, seen: &Seen, to: &mut [f32]) {
+    if let Some(blur) = &recorder.blur {
+        to[0] = blur.open(seen.at) as f32;
+    }
+}
+
+fn motion(recorder: &Recorder, seen: &Seen, to: &mut [f32]) {
+    let (Some(surface), Some([_, next])) = (&seen.surface, &recorder.frames) else { return };
+    // The same moment of the next frame.
+    let Some(there) = next.scene.point(surface, seen.time_s as f32, seen.time_s) else { return };
+    to.copy_from_slice(&(there - surface.point.as_dvec3()).as_vec3().to_array());
+}
+
+fn forward_flow(recorder: &Recorder, seen: &Seen, to: &mut [f32]) {
+    let Some([_, next]) = &recorder.frames else { return };
+    if let Some(flow) = recorder.flow(seen, next) {
+        to.copy_from_slice(&flow.as_vec2().to_array());
+    }
+}
+
+fn backward_flow(recorder: &Recorder, seen: &Seen, to: &mut [f32]) {
+    let Some([previous, _]) = &recorder.frames else { return };
+    if let Some(flow) = recorder.flow(seen, previous) {
+        to.copy_from_slice(&flow.as_vec2().to_array());
+    }
+}
+
+fn transmitted(recorder: &Recorder, seen: &Seen, to: &mut [f32]) {
+    let Some(point) = recorder.scene.first_rough_point(&seen.ray) else { return };
+    to.copy_from_slice(&point.to_array());
+}
+
+/// Identifiers of Cryptomatte by number; empty where nobody asked for them.
+#[derive(Default)]
+struct Mattes {
+    objects: Vec<f32>,
+    materials: Vec<f32>,
+}
+
+/// A name that says something: of what has none, its number.
+fn named(name: &str, kind: &str, number: usize) -> String {
+    if name.is_empty() { format!("{kind}-{number}") } else { name.to_owned() }
+}
+
+/// Another frame.
+struct OtherFrame<'a> {
+    scene: OtherExposure<'a>,
+    way: &'a CameraMotion,
+}
+
+/// Turns between the moment of a row and the place of a point that a rolling shutter takes at most; each brings the place as much nearer as the point moves slower
+/// than the rows.
+const MOST_TURNS: usize = 40;
+/// A place is found when it moves less than this between two turns, in pixels.
+const STILL: f64 = 1e-3;
+
+/// What a ray meets first.
+type Look<'a> = &'a (dyn Fn(&Ray) -> Option<FirstSurface> + Sync);
+
+/// Records the truth of an exposure.
+pub(super) struct Recorder<'a> {
+    camera: &'a Camera,
+    shutter: &'a Shutter,
+    recorded: Recorded,
+    scene: &'a Scene,
+    /// What is looked at instead of the first surface.
+    look: Option<Look<'a>>,
+    /// The microlens array, if there is one.
+    behind: Option<Behind>,
+    /// Whether the lens has no axis: depth is then distance.
+    all_around: bool,
+    settings: &'a Settings,
+    /// Where it is asked for.
+    blur: Option<Blur>,
+    /// The frame before and the next, where they are known and asked for.
+    frames: Option<[OtherFrame<'a>; 2]>,
+    mattes: Mattes,
+}
+
+/// A row of a channel.
+enum Row<'a> {
+    Float(&'a mut [f32]),
+    Whole(&'a mut [u32]),
+}
+
+impl<'a> Recorder<'a> {
+    pub fn new(scene: &'a Scene, camera: &'a Camera, shutter: &'a Shutter, settings: &'a Settings) -> Self {
+        let channels = &settings.truth_channels;
+        let asked = |names: &[&str]| settings.truth && channels.iter().any(|c| names.contains(&c.name));
+        let behind = camera.film.microlenses.map(|m| m.behind(&camera.lens));
+        let blur = asked(&["coc", "pupil"]).then(|| Blur::new(camera));
+        let span_s = shutter.total_s();
+        let frame = |frames: &'a Frames, sign: f64, way: &'a CameraMotion| OtherFrame {
+            scene: scene.other_exposure(frames.at_s + sign * frames.step_s, span_s),
+            way,
+        };
+        let frames = settings.frames.as_deref().filter(|_| asked(&["motion", "flow", "backward-flow"]));
+        let frames = frames.map(|f| [frame(f, -1.0, &f.previous), frame(f, 1.0, &f.next)]);
+        let (recorded, mattes) = recorded(scene, settings);
+        let all_around = !camera.has_axis();
+        Recorder { camera, shutter, recorded, scene, look: None, behind, all_around, settings, blur, frames, mattes }
+    }
+
+    /// What is recorded.
+    pub fn recorded(&self) -> Recorded {
+        self.recorded.clone()
+    }
+
+    /// The truth of some rows; `None` once `cancel` is set.
+    pub fn rows(&self, rows: Range<usize>, cancel: &AtomicBool) -> Option<Truth> {
+        let width = self.camera.film.columns;
+        let mut truth = Truth::missing(self.recorded.clone(), width, rows.len());
+        let fills: Vec<(usize, Fill)> = self.recorded.channels().iter().map(|c| (c.parts(), fill(c))).collect();
+        let sampled = fills.iter().any(|(_, fill)| matches!(fill, Fill::Mean(_) | Fill::Ranks(_)));
+        // Each row where it belongs: no second copy of the planes.
+        let mut planes: Vec<Vec<Row>> = rows.clone().map(|_| Vec::with_capacity(fills.len())).collect();
+        for (channel, values) in truth.iter_mut() {
+            let stride = (width * channel.parts()).max(1);
+            match values {
+                Values::Float(raster) => {
+                    planes.iter_mut().zip(raster.data.chunks_mut(stride)).for_each(|(row, chunk)| row.push(Row::Float(chunk)));
+                }
+                Values::Whole(raster) => {
+                    planes.iter_mut().zip(raster.data.chunks_mut(stride)).for_each(|(row, chunk)| row.push(Row::Whole(chunk)));
+                }
+            }
+        }
+        let whole = planes.into_par_iter().enumerate().try_for_each(|(row, mut planes)| {
+            if cancel.load(Ordering::Relaxed) {
+                return None;
+            }
+            let mut counts = Counts::default();
+            for column in 0..width {
+                if sampled {
+                    self.count(column, rows.start + row, &fills, &mut counts);
+                    for (k, (plane, (parts, fill))) in planes.iter_mut().zip(&fills).enumerate() {
+                        let Row::Float(plane) = plane else { continue };
+                        let to = &mut plane[column * parts..(column + 1) * parts];
+                        match fill {
+                            Fill::Mean(_) => to[0] = counts.means[k] as f32,
+                            Fill::Ranks(_) => counts.ranks[k].write(to),
+                            Fill::Float(_) | Fill::Whole(_) | Fill::Later => (),
+                        }
+                    }
+                }
+                let Some(seen) = self.seen(column, rows.start + row) else { continue };
+                for (plane, (parts, fill)) in planes.iter_mut().zip(&fills) {
+                    let place = column * parts..(column + 1) * parts;
+                    match (plane, fill) {
+                        (Row::Float(row), Fill::Float(fill)) => fill(self, &seen, &mut row[place]),
+                        (Row::Whole(row), Fill::Whole(fill)) => fill(self, &seen, &mut row[place]),
+                        (Row::Float(_), Fill::Mean(_) | Fill::Ranks(_) | Fill::Later) => (),
+                        _ => unreachable!("a function of other numbers than its channel has"),
+                    }
+                }
+            }
+            Some(())
+        });
+        whole.map(|()| truth)
+    }
+
+    /// The middle of the time for which a pixel is open through the middle of the pupil, s.
+    fn middle_s(&self, column: usize, row: usize) -> f64 {
+        let film = &self.camera.film;
+        let (open, close) = self.shutter.window(&Place { pixel: [column, row], size: [film.columns, film.rows], pupil: 0.0 });
+        0.5 * (open + close)
+    }
+
+    /// The ray of a place of the picture (pixels from its upper left corner) at a time; `None` where the lens lets nothing pass.
+    fn ray_of(&self, at: DVec2, time_s: f64) -> Option<Ray> {
+        let film = self.camera.film_point(at.x, at.y);
+        let ray = match &self.behind {
+            None => self.camera.chief_ray(film, time_s),
+            // What a pixel behind a microlens sees through its middle.
+            Some(behind) => {
+                let aimed = behind.middle(film);
+                self.camera.lens.ray_along(aimed.at, aimed.slope).map(|ray| self.camera.to_world(&ray, time_s))
+            }
+        };
+        ray.ok().filter(Ray::is_finite)
+    }
+
+    /// What a pixel sees along the ray of its middle; `None` where the lens lets nothing pass.
+    fn seen(&self, column: usize, row: usize) -> Option<Seen> {
+        let time_s = self.middle_s(column, row);
+        let at = DVec2::new(column as f64 + 0.5, row as f64 + 0.5);
+        let ray = self.ray_of(at, time_s)?;
+        let first = self.look.map_or_else(|| self.scene.first_surface(&ray), |look| look(&ray));
+        let surface = if self.recorded.more().is_empty() { None } else { self.scene.first_visible(&ray) };
+        Some(Seen { at, time_s, ray, first, surface })
+    }
+
+    /// The middle of the time for which a place of the picture is open, s: as [`Recorder::middle_s`] in the middles of pixels, straight between them. Beside
+    /// the picture, that of its edge.
+    fn time_at(&self, at: DVec2) -> f64 {
+        let cell = |x: f64, n: usize| {
+            let x = (x - 0.5).clamp(0.0, n as f64 - 1.0);
+            let i = (x as usize).min(n.saturating_sub(2));
+            (i, (i + 1).min(n - 1), x - i as f64)
+        };
+        let film = &self.camera.film;
+        let ((left, right, across), (above, below, down)) = (cell(at.x, film.columns), cell(at.y, film.rows));
+        let here = self.middle_s(left, above);
+        here + across * (self.middle_s(right, above) - here) + down * (self.middle_s(left, below) - here)
+    }
+
+    /// Origin (mm) and unit direction of the chief ray of a place of the picture, in the space of the lens.
+    fn lens_ray(&self, at: DVec2) -> Option<(DVec3, DVec3)> {
+        let film = self.camera.film_point(at.x, at.y);
+        let ray: LensRay = match &self.behind {
+            None => self.camera.lens.chief_ray(film),
+            Some(behind) => {
+                let aimed = behind.middle(film);
+                self.camera.lens.ray_along(aimed.at, aimed.slope)
+            }
+        }
+        .ok()?;
+        Some((ray.origin_mm, ray.direction))
+    }
+
+    /// How far (pixels, to the right and down) what a pixel sees lies in another frame from where it is here; what is infinitely far away moves by the
+    /// turns of the camera. `None` where the lens does not show it there.
+    ///
+    /// The moment at which the point is seen follows from its row and the row from the moment: both are found in turns.
+    fn flow(&self, seen: &Seen, frame: &OtherFrame) -> Option<DVec2> {
+        let mut at = seen.at;
+        for _ in 0..MOST_TURNS {
+            let time_s = self.time_at(at);
+            let place = frame.way.at(time_s);
+            let target = match &seen.surface {
+                Some(surface) => Target::point(frame.scene.point(surface, seen.time_s as f32, time_s)?, &place),
+                None => Target::direction(seen.ray.direction, &place),
+            };
+            let next = projection::find(target, at, |at| self.lens_ray(at))?;
+            let moved = (next - at).length();
+            at = next;
+            if moved < STILL {
+                return Some(at - seen.at);
+            }
+        }
+        None
+    }
+
+    /// The samples that channels weighted by coverage look at.
+    fn samples(&self) -> Range<u32> {
+        coverage_samples(self.settings)
+    }
+
+    /// Looks along the samples of a pixel.
+    fn count(&self, column: usize, row: usize, fills: &[(usize, Fill)], counts: &mut Counts) {
+        counts.means.clear();
+        counts.means.resize(fills.len(), 0.0);
+        counts.ranks.resize_with(fills.len(), Ranks::default);
+        counts.ranks.iter_mut().for_each(Ranks::clear);
+        let samples = self.samples();
+        let part = 1.0 / samples.len().max(1) as f64;
+        for sample in samples {
+            let surface = self.sample_ray(column, row, sample).and_then(|ray| self.scene.first_visible(&ray));
+            for (k, (_, fill)) in fills.iter().enumerate() {
+                match fill {
+                    Fill::Mean(value) => counts.means[k] += part * value(surface.as_ref()),
+                    Fill::Ranks(id) => {
+                        if let Some(surface) = &surface {
+                            counts.ranks[k].add(id(self, surface), part);
+                        }
+                    }
+                    Fill::Float(_) | Fill::Whole(_) | Fill::Later => (),
+                }
+            }
+        }
+    }
+
+    /// The ray of a sample of a pixel, drawn again until the lens lets it pass; `None` where nothing passes.
+    fn sample_ray(&self, column: usize, row: usize, sample: u32) -> Option<Ray> {
+        let (settings, camera) = (self.settings, self.camera);
+        // A range of a lattice or of strata is no even part of the pixel.
+        let kind = match settings.sampler {
+            SamplerKind::Independent => SamplerKind::Independent,
+            _ => SamplerKind::Sobol,
+        };
+        let sampler = Sampler::new(kind, settings.seed, (column as u32, row as u32), sample, settings.spp);
+        let [_, t, spot @ ..] = sampler.get(Set::Time);
+        let shift = camera.film.low_pass_shift(spot);
+        let ray = (0..=RADIANCE_REDRAWS).find_map(|attempt| {
+            let [u, v, pupil @ ..] = sampler.get(if attempt == 0 { Set::Camera } else { Set::Redraw(attempt) });
+            let at = camera.film.within_pixel([u, v]);
+            let film = camera.film_point(column as f64 + at[0], row as f64 + at[1]) - shift;
+            match &self.behind {
+                None => camera.lens.ray(film, pupil).ok(),
+                Some(behind) => behind.draw(film, pupil).and_then(|aimed| camera.lens.ray_along(aimed.at, aimed.slope).ok()),
+            }
+        })?;
+        let film = &camera.film;
+        let pupil = camera.pupil_radius(ray.origin_mm, ray.direction);
+        let (open, close) = self.shutter.window(&Place { pixel: [column, row], size: [film.columns, film.rows], pupil });
+        let ray = camera.to_world(&ray, open + f64::from(t) * (close - open).max(0.0));
+        Some(ray).filter(Ray::is_finite)
+    }
+}
+
+/// What the samples of a pixel met, by channel.
+#[derive(Default)]
+struct Counts {
+    means: Vec<f64>,
+    ranks: Vec<Ranks>,
+}
+
+/// The samples that channels weighted by coverage look at: as many at most as [`COVERAGE_SAMPLES`], so that a time limit is known beforehand.
+fn coverage_samples(settings: &Settings) -> Range<u32> {
+    let most = settings.spp.min(COVERAGE_SAMPLES);
+    settings.samples.start.min(most)..settings.samples.end.min(most)
+}
+
+/// What is recorded, with its names, and their identifiers.
+fn recorded(scene: &Scene, settings: &Settings) -> (Recorded, Mattes) {
+    let mut recorded = Recorded::new(&settings.truth_channels);
+    let mut mattes = Mattes::default();
+    if recorded.more().is_empty() {
+        return (recorded, mattes);
+    }
+    let d = scene.description();
+    let objects: Vec<String> = d.objects.iter().enumerate().map(|(i, o)| named(&o.name, "object", i)).collect();
+    let materials: Vec<String> = d.materials.iter().enumerate().map(|(i, m)| named(&m.name, "material", i)).collect();
+    let mut manifests = Vec::new();
+    let mut sampled = false;
+    for channel in recorded.more() {
+        let names = match channel.name {
+            "crypto-object" => &objects,
+            "crypto-material" => &materials,
+            _ => {
+                sampled |= matches!(fill(channel), Fill::Mean(_) | Fill::Later);
+                continue;
+            }
+        };
+        sampled = true;
+        let identifiers = names.iter().map(|name| cryptomatte::identifier(name)).collect();
+        let layer = match channel.name {
+            "crypto-object" => {
+                mattes.objects = identifiers;
+                "CryptoObject"
+            }
+            _ => {
+                mattes.materials = identifiers;
+                "CryptoMaterial"
+            }
+        };
+        let names = names.iter().cloned().collect::<BTreeSet<String>>().into_iter().collect();
+        manifests.push(Manifest { layer: layer.into(), names });
+    }
+    if sampled && settings.truth {
+        recorded.samples = coverage_samples(settings).len() as u32;
+    }
+    manifests.sort_by(|a, b| a.layer.cmp(&b.layer));
+    (recorded.objects, recorded.manifests) = (Arc::new(objects), Arc::new(manifests));
+    (recorded, mattes)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::camera::{Film, look_at};
+    use crate::shutter::{Direction, Mechanism};
+    use diopter_image::channels::{CHANNELS, Merge, Numbers};
+    use diopter_image::focal_plane::{Band, BandUnit};
+    use diopter_image::{ExposureFacts, FocalPlane, Raster};
+    use diopter_lens::compound::Setting;
+    use diopter_lens::{CompoundLens, Focus, Iris, Lens, ThinLens};
+    use diopter_light::units::Millimeters;
+    use diopter_scene::material::{Material, Scattering};
+    use diopter_scene::motion::{AnimatedProperty, Animation, Channel as Keys, KeyInterpolation, Motion, Node, Playing};
+    use diopter_scene::shape::{Mesh, Quad};
+    use diopter_scene::texture::Color;
+    use diopter_scene::{Description, Object, Shape};
+    use glam::{Affine3A, Vec2, Vec3};
+
+    const COLUMNS: usize = 72;
+    const ROWS: usize = 48;
+    /// Film distance of a thin lens of 50 mm focused at 5 m, in pixels of 0.5 mm.
+    const SCALE: f64 = 50.0 * 5000.0 / 4950.0 / 0.5;
+    /// Half a side of the square, m, and its depth.
+    const HALF: f32 = 4.0;
+    const DEPTH: f64 = 5.0;
+
+    #[test]
+    fn every_channel_has_a_function_of_its_numbers() {
+        for channel in &CHANNELS {
+            let (numbers, merge) = match fill(channel) {
+                Fill::Float(_) => (Numbers::Float, Merge::Nearest),
+                Fill::Whole(_) => (Numbers::Whole, Merge::Nearest),
+                Fill::Mean(_) | Fill::Later => (Numbers::Float, Merge::Mean),
+                Fill::Ranks(_) => (Numbers::Float, Merge::Ranks),
+            };
+            assert_eq!((numbers, merge), (channel.numbers, channel.merge), "{}", channel.name);
+        }
+    }
+
+    fn white(name: &str) -> Material {
+        Material::new(name, Scattering::Diffuse(Color::rgb(0.5, 0.5, 0.5)))
+    }
+
+    /// A square before the camera that a node carries at a speed (m/s), with texture coordinates from its lower left corner.
+    fn carried(speed: Vec3) -> Scene {
+        let corner = |x: f32, y: f32| Vec3::new(x * HALF, y * HALF, -DEPTH as f32);
+        let mesh = Mesh {
+            positions: vec![corner(-1.0, -1.0), corner(1.0, -1.0), corner(1.0, 1.0), corner(-1.0, 1.0)],
+            triangles: vec![[0, 1, 2], [0, 2, 3]],
+            uvs: [vec![Vec2::ZERO, Vec2::X, Vec2::ONE, Vec2::Y], Vec::new()],
+            ..Default::default()
+        };
+        let shape = Shape::Mesh { mesh: 0, world_from_mesh: Affine3A::IDENTITY };
+        let object = Object { motion: Motion::Carried { node: 0 }, ..Object::new("square", shape, 0) };
+        let keys = Keys {
+            node: 0,
+            property: AnimatedProperty::Translation,
+            interpolation: KeyInterpolation::Linear,
+            times_s: vec![0.0, 10.0],
+            values: [Vec3::ZERO, speed * 10.0].iter().flat_map(|v| v.to_array()).collect(),
+        };
+        Scene::build(Description {
+            meshes: vec![mesh.into()],
+            materials: vec![white("paper")],
+            objects: vec![object],
+            nodes: vec![Node::new("node")],
+            animations: vec![Animation { name: "go".into(), channels: vec![keys] }],
+            playing: Playing { animations: vec![0], ..Default::default() },
+            ..Default::default()
+        })
+        .unwrap()
+    }
+
+    fn thin(f_number: f64) -> Lens {
+        let focus = Focus::Distance(Millimeters(1e3 * DEPTH));
+        Lens::Thin(ThinLens::new(Millimeters(50.0), f_number, Iris::Round, focus).unwrap())
+    }
+
+    fn camera(lens: Lens) -> Camera {
+        Camera { lens, film: Film::new(36.0, 24.0, COLUMNS, ROWS), way: CameraMotion::still(Affine3A::IDENTITY) }
+    }
+
+    fn asking(names: &str) -> Settings {
+        let channels = Channel::list(names).unwrap();
+        Settings { truth_channels: Recorded::new(&channels).more().to_vec(), ..Settings::new(16) }
+    }
+
+    fn rolling(readout_s: f64) -> Shutter {
+        Shutter { mechanism: Mechanism::Rolling { reset_s: readout_s, readout_s, direction: Direction::Down }, exposure_s: 2e-3 }
+    }
+
+    fn recorded_by(scene: &Scene, camera: &Camera, shutter: &Shutter, settings: &Settings) -> Truth {
+        Recorder::new(scene, camera, shutter, settings).rows(0..ROWS, &AtomicBool::new(false)).unwrap()
+    }
+
+    fn pixel<const N: usize>(truth: &Truth, name: &str, [x, y]: [usize; 2]) -> [f64; N] {
+        let values = truth.float(name).unwrap().pixel(x, y);
+        std::array::from_fn(|k| f64::from(values[k]))
+    }
+
+    const PLACES: [[usize; 2]; 4] = [[36, 24], [5, 4], [66, 9], [20, 43]];
+
+    #[test]
+    fn a_plane_has_the_geometry_of_the_pinhole_formula() {
+        let (scene, camera) = (carried(Vec3::ZERO), camera(thin(8.0)));
+        let truth = recorded_by(&scene, &camera, &Shutter::global(0.01), &asking("position,distance,uv,incidence,coverage"));
+        for at in PLACES {
+            let slope = DVec2::new(at[0] as f64 + 0.5 - 36.0, 24.0 - at[1] as f64 - 0.5) / SCALE;
+            let oblique = slope.extend(1.0).length();
+            let near = |found: f64, expected: f64| assert!((found - expected).abs() < 1e-5, "{at:?}: {found} {expected}");
+            let [x, y, z] = pixel(&truth, "position", at);
+            near(x, DEPTH * slope.x);
+            near(y, DEPTH * slope.y);
+            near(z, -DEPTH);
+            near(pixel::<1>(&truth, "depth", at)[0], DEPTH);
+            near(pixel::<1>(&truth, "distance", at)[0], DEPTH * oblique);
+            near(pixel::<1>(&truth, "incidence", at)[0], (1.0 / oblique).acos());
+            let [u, v] = pixel(&truth, "uv", at);
+            near(u, 0.5 + 0.5 * x / f64::from(HALF));
+            near(v, 0.5 + 0.5 * y / f64::from(HALF));
+            near(pixel::<1>(&truth, "coverage", at)[0], 1.0);
+        }
+    }
+
+    #[test]
+    fn flow_of_a_translating_plane_is_that_of_the_formula() {
+        let step_s = 0.05;
+        let speed = Vec3::new(2.0, -1.5, 0.8);
+        // The camera, too, goes up.
+        let lifted = |y: f32| CameraMotion::still(Affine3A::from_translation(Vec3::new(0.0, y, 0.0)));
+        let mut settings = asking("position,flow,backward-flow,motion");
+        settings.frames = Some(Arc::new(Frames { at_s: 1.0, step_s, next: lifted(0.1), previous: lifted(-0.1) }));
+        let (mut scene, camera) = (carried(speed), camera(thin(8.0)));
+        for readout_s in [0.0, 0.02] {
+            let shutter = rolling(readout_s);
+            scene.pose(1.0, shutter.total_s());
+            let truth = recorded_by(&scene, &camera, &shutter, &settings);
+            for at in PLACES {
+                let p = DVec3::from_array(pixel(&truth, "position", at));
+                let motion = DVec3::from_array(pixel(&truth, "motion", at));
+                assert!((motion - speed.as_dvec3() * step_s).length() < 1e-5, "{motion}");
+                for (name, sign) in [("flow", 1.0), ("backward-flow", -1.0)] {
+                    let from = DVec2::new(at[0] as f64 + 0.5, at[1] as f64 + 0.5);
+                    // The moment by the row, the row by the moment; past the edge, that of the edge.
+                    let mut to = from;
+                    for _ in 0..60 {
+                        let rows = to.y.clamp(0.5, ROWS as f64 - 0.5) - from.y;
+                        let time = sign * step_s + rows * readout_s / ROWS as f64;
+                        let seen = p + speed.as_dvec3() * time - DVec3::Y * 0.1 * sign;
+                        to = DVec2::new(36.0, 24.0) + DVec2::new(seen.x, -seen.y) / -seen.z * SCALE;
+                    }
+                    let found = DVec2::from_array(pixel(&truth, name, at));
+                    // Single precision of metres is 1e-5 px; turns end at 1e-3 px.
+                    assert!((found - (to - from)).length() < 2e-3, "{name} {readout_s} {at:?}: {found} {}", to - from);
+                    assert!(found.length() > 0.5, "{found}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn the_next_frame_shows_the_same_place_of_the_texture_where_flow_says() {
+        // A zoom that bends straight lines, a turning camera and a rolling shutter; the next frame is posed and looked at as itself.
+        let film_mm = [22.3, 14.9];
+        let setting = Setting {
+            focal_length: Some(18.0),
+            f_number: Some(8.0),
+            focus: Focus::Distance(Millimeters(1e3 * DEPTH)),
+            iris: None,
+            film_mm,
+        };
+        let prescription = Arc::new(diopter_lens::embedded("kit-zoom-18-55mm").unwrap());
+        let lens = Lens::Compound(Box::new(CompoundLens::new(prescription, &setting).unwrap()));
+        let shutter = rolling(0.03);
+        let step_s = 1.0 / 24.0;
+        let way = |at_s: f64| {
+            CameraMotion::sampled(shutter.total_s(), |t| {
+                let turn = 0.6 * (at_s + t) as f32;
+                look_at(Vec3::new(0.3 * turn, 0.0, 0.0), Vec3::new(turn, 0.1 * turn, -DEPTH as f32), Vec3::Y).unwrap()
+            })
+        };
+        let film = Film::new(film_mm[0], film_mm[1], COLUMNS, ROWS);
+        let camera = Camera { lens, film, way: way(0.1) };
+        let mut settings = asking("uv,flow");
+        settings.frames = Some(Arc::new(Frames { at_s: 0.1, step_s, next: way(0.1 + step_s), previous: way(0.1 - step_s) }));
+        let mut scene = carried(Vec3::new(-1.0, 0.7, 0.5));
+        scene.pose(0.1, shutter.total_s());
+        let truth = recorded_by(&scene, &camera, &shutter, &settings);
+        scene.pose(0.1 + step_s, shutter.total_s());
+        let next = Camera { way: way(0.1 + step_s), ..camera.clone() };
+        let looking = Recorder::new(&scene, &next, &shutter, &settings);
+        let (mut compared, mut worst) = (0, 0.0f64);
+        for at in (0..COLUMNS * ROWS).step_by(37).map(|i| [i % COLUMNS, i / COLUMNS]) {
+            let flow = DVec2::from_array(pixel(&truth, "flow", at));
+            let there = DVec2::new(at[0] as f64 + 0.5, at[1] as f64 + 0.5) + flow;
+            let inside = there.cmpgt(DVec2::ONE).all() && there.cmplt(DVec2::new(COLUMNS as f64, ROWS as f64) - 1.0).all();
+            if !inside || truth.id().pixel(at[0], at[1])[0] == 0 {
+                continue;
+            }
+            let ray = looking.ray_of(there, looking.time_at(there)).unwrap();
+            let seen = scene.first_visible(&ray).unwrap().uv[0].as_dvec2();
+            // 8 m of texture; a pixel is 5 m · 0.31 mm / 18 mm = 86 mm.
+            let off = (seen - DVec2::from_array(pixel(&truth, "uv", at))) * 8.0 / 0.086;
+            worst = worst.max(off.length());
+            compared += 1;
+        }
+        // Steps of the camera's way (20 µm and 1e-5 rad) and of what is carried (1e-4 of its size) are far below a hundredth of a pixel.
+        assert!(compared > 40 && worst < 0.02, "{compared} pixels, {worst} px");
+    }
+
+    #[test]
+    fn the_sky_moves_by_the_turns_of_the_camera() {
+        let scene = Scene::build(Description {
+            objects: vec![Object::new("behind", Shape::Quad(Quad { corner: Vec3::Z, edges: [Vec3::X, Vec3::Y] }), 0)],
+            materials: vec![white("paper")],
+            ..Default::default()
+        })
+        .unwrap();
+        // To the left, and on: what is far away moves to the right.
+        let turned = CameraMotion::still(look_at(Vec3::X, Vec3::X + Vec3::new(-0.02, 0.0, -1.0), Vec3::Y).unwrap());
+        let mut settings = asking("flow,motion,position");
+        let frames = Frames { at_s: 0.0, step_s: 0.04, next: turned, previous: CameraMotion::still(Affine3A::IDENTITY) };
+        settings.frames = Some(Arc::new(frames));
+        let truth = recorded_by(&scene, &camera(thin(8.0)), &Shutter::global(0.01), &settings);
+        let at = [36, 24];
+        let slope = 0.5 / SCALE;
+        let expected = ((slope.atan() + 0.02f64.atan()).tan() - slope) * SCALE;
+        let [u, v] = pixel(&truth, "flow", at);
+        // A row below the middle: the slope of its own direction changes v to second order.
+        assert!((u - expected).abs() < 1e-3 && v.abs() < 1e-3, "{u} {v} {expected}");
+        assert!(pixel::<3>(&truth, "motion", at)[0].is_nan() && pixel::<3>(&truth, "position", at)[0].is_nan());
+    }
+
+    #[test]
+    fn coverage_adds_up_and_parts_merge_to_the_whole() {
+        // Two sheets before a wide pupil: a blurred edge between them, and sky above.
+        let sheet = |name: &str, x: f32, material: u32| {
+            let quad = Quad { corner: Vec3::new(x, -3.0, -2.0), edges: [Vec3::X * 3.0, Vec3::Y * 3.3] };
+            Object::new(name, Shape::Quad(quad), material)
+        };
+        let scene = Scene::build(Description {
+            objects: vec![sheet("left", -3.0, 0), sheet("", 0.0, 1)],
+            materials: vec![white("paper"), white("card")],
+            ..Default::default()
+        })
+        .unwrap();
+        let camera = camera(thin(1.4));
+        let plane = |samples: Range<u32>| {
+            let settings = Settings { samples: samples.clone(), ..asking("coverage,crypto-object,crypto-material") };
+            let truth = recorded_by(&scene, &camera, &Shutter::global(0.01), &settings);
+            assert_eq!(truth.recorded().samples, samples.len() as u32);
+            FocalPlane {
+                bands: vec![Band { name: "Y".into(), unit: BandUnit::Electrons }],
+                mean: Raster::new(COLUMNS, ROWS, 1),
+                half_difference: Raster::new(COLUMNS, ROWS, 1),
+                truth,
+                facts: ExposureFacts { first_sample: samples.start, samples: samples.len() as u32, ..Default::default() },
+            }
+        };
+        let whole = plane(0..16);
+        let merged = FocalPlane::merge(&[plane(5..16), plane(0..5)]).unwrap();
+        assert_eq!(whole.truth.recorded(), merged.truth.recorded());
+        let (left, unnamed) = (cryptomatte::identifier("left"), cryptomatte::identifier("object-1"));
+        let mut mixed = 0;
+        for at in (0..COLUMNS * ROWS).map(|i| [i % COLUMNS, i / COLUMNS]) {
+            let [coverage] = pixel(&whole.truth, "coverage", at);
+            for name in ["crypto-object", "crypto-material"] {
+                let [a, b] = [&whole, &merged].map(|p| p.truth.float(name).unwrap().pixel(at[0], at[1]));
+                let total: f32 = a.iter().skip(1).step_by(2).sum();
+                assert!((f64::from(total) - coverage).abs() < 1e-6, "{at:?}: {total} {coverage}");
+                assert!(a[1] >= a[3] && a[5] == 0.0, "{at:?}: {a:?}");
+                let of = |ranks: &[f32], id: f32| ranks.as_chunks::<2>().0.iter().find(|r| r[0] == id).map_or(0.0, |r| r[1]);
+                for id in [a[0], a[2]] {
+                    assert!((of(a, id) - of(b, id)).abs() < 1e-6, "{at:?}: {a:?} {b:?}");
+                }
+            }
+            let objects = whole.truth.float("crypto-object").unwrap().pixel(at[0], at[1]);
+            assert!([objects[0], objects[2]].iter().all(|id| [0.0, left, unnamed].contains(id)));
+            mixed += usize::from(objects[3] > 0.0);
+        }
+        let [sure] = pixel::<1>(&whole.truth, "coverage", [3, 40]);
+        let [sky] = pixel::<1>(&whole.truth, "coverage", [3, 0]);
+        assert!(mixed > 10 && sure == 1.0 && sky == 0.0, "{mixed} {sure} {sky}");
+        let layers: Vec<&str> = whole.truth.recorded().manifests.iter().map(|m| m.layer.as_str()).collect();
+        assert_eq!(layers, ["CryptoMaterial", "CryptoObject"]);
+        assert_eq!(whole.truth.recorded().manifests[1].names, ["left", "object-1"]);
+    }
+}

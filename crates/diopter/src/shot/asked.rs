@@ -1,0 +1,232 @@
+//! What a shot asks for, checked: what no file and no scene is needed for, and what the camera must be able to do once it stands.
+
+use super::file::{DiffractionChoice, RenderSection, ShotFile};
+use super::{
+    DEFAULT_BODY, DEFAULT_ISO, DEFAULT_SEED, DEFAULT_SPP, Exposing, Inputs, ShotError, surroundings, value, white_point,
+};
+use crate::camera::Camera;
+use crate::denoising::{Denoise, Filter};
+use crate::expose::{Integrator, Settings};
+use crate::program::Mode;
+use crate::quantity::{FNumber, Seconds};
+use crate::quick_look;
+use crate::stray::{Stray, glare_unfit};
+use diopter_image::ExposureFacts;
+use diopter_image::channels::Channel;
+use diopter_image::truth::Recorded;
+use diopter_lens::Lens;
+use diopter_light::random::SamplerKind;
+use diopter_scene::PathSettings;
+use diopter_sensor::{Reading, Sensor};
+
+/// A shot file, as far as nothing must be read for it but the body and the library that denoises.
+pub(super) struct Asked {
+    pub settings: Settings,
+    pub sensor: Sensor,
+    pub exposing: Exposing,
+    /// ISO speed to begin with.
+    pub iso: f64,
+    pub denoise: Denoise,
+    pub filter: Option<Filter>,
+}
+
+impl Asked {
+    /// Checks a file whose engraved numbers have become what they stand for.
+    pub fn new(file: &ShotFile, inputs: &Inputs, warn: &mut dyn FnMut(&str)) -> Result<Asked, ShotError> {
+        let settings = settings(&file.render)?;
+        let (sensor, exposing, iso) = body_and_speed(file, inputs)?;
+        white_point(white(file))?;
+        let e = &file.exposure;
+        if let Some(Seconds(t)) = e.shutter
+            && !(t > 0.0 && t <= 4e7)
+        {
+            return Err(value("shutter", Seconds(t), "a time above 0 (and of at most a year)"));
+        }
+        let celsius = e.temperature_c.unwrap_or(20.0);
+        if !(-273.15..=200.0).contains(&celsius) {
+            return Err(value("temperature", format!("{celsius} °C"), "-273 to 200 °C"));
+        }
+        if let Some(FNumber(n)) = e.aperture
+            && !FNumber::RANGE.contains(&n)
+        {
+            return Err(value("aperture", FNumber(n), FNumber::EXPECTED));
+        }
+        file.develop.check()?;
+        // Without a word the front end says whether there are pictures to look at.
+        let denoise = file.render.denoise.unwrap_or_default();
+        let filter = match denoise {
+            Denoise::Auto => None,
+            asked => Filter::open(asked, file.render.oidn.as_deref(), warn)?,
+        };
+        if let Some(ev) = file.scene.ambient_ev
+            && !(-30.0..=40.0).contains(&ev)
+        {
+            return Err(value("ambient_ev", ev, "-30 to 40"));
+        }
+        if e.shutter.is_some() && matches!(exposing.mode, Mode::AperturePriority | Mode::Program) {
+            warn(&format!("in mode {} the camera chooses the time: the one given is not used", exposing.mode.name()));
+        }
+        if e.aperture.is_some() && matches!(exposing.mode, Mode::ShutterPriority | Mode::Program) {
+            warn(&format!("in mode {} the camera chooses the aperture: the one given is not used", exposing.mode.name()));
+        }
+        surroundings::check(&file.scene)?;
+        Ok(Asked { settings, sensor, exposing, iso, denoise, filter })
+    }
+
+    /// Takes the body anew, where the scene's camera has hints for the film.
+    pub fn take_body(&mut self, file: &ShotFile, inputs: &Inputs) -> Result<(), ShotError> {
+        (self.sensor, self.exposing, self.iso) = body_and_speed(file, inputs)?;
+        Ok(())
+    }
+
+    /// How the sensor is read.
+    pub fn reading(&self, file: &ShotFile) -> Reading {
+        Reading {
+            iso: self.iso,
+            seed: self.settings.seed,
+            serial: file.camera.serial.clone().unwrap_or_else(|| Reading::FIRST_SERIAL.into()),
+            temperature_c: file.exposure.temperature_c,
+            white: white(file).to_owned(),
+        }
+    }
+
+    /// What is known before the light is metered, with what is known of the lens.
+    pub fn facts(&self, scene: String, of_lens: ExposureFacts) -> ExposureFacts {
+        ExposureFacts {
+            software: concat!("diopter ", env!("CARGO_PKG_VERSION")).into(),
+            scene,
+            body: self.sensor.name.clone(),
+            light_scale: 1.0,
+            mode: self.exposing.mode.name().into(),
+            compensation_ev: self.exposing.compensation_ev,
+            nd_stops: self.exposing.nd_stops,
+            ..of_lens
+        }
+    }
+}
+
+/// Name of the illuminant that is white for the sensor.
+fn white(file: &ShotFile) -> &str {
+    file.exposure.white.as_deref().unwrap_or("D65")
+}
+
+/// Refuses what a camera, as it stands, cannot do of what is asked, and tells what it leaves out.
+pub(super) fn check_camera(render: &RenderSection, camera: &Camera, warn: &mut dyn FnMut(&str)) -> Result<(), ShotError> {
+    let microlenses = camera.film.microlenses.is_some();
+    if render.diffraction == Some(DiffractionChoice::On) {
+        let expected = match &camera.lens {
+            _ if microlenses => Some("auto or off with a microlens array: its lenses decide what is sharp"),
+            Lens::Pinhole(_) => {
+                Some("auto or off with a pinhole, which is sharp at any f-number (`calc pinhole` tells what a real one would be)")
+            }
+            _ if render.quick => Some("no quick look: its blur is made from depth alone"),
+            _ => None,
+        };
+        if let Some(expected) = expected {
+            return Err(value("diffraction", "on", expected));
+        }
+    }
+    if render.quick && microlenses {
+        return Err(value("plenoptic", "a microlens array", "no quick look: it has no light field"));
+    }
+    if render.quick && camera.film.middle_mm != [0.0; 2] {
+        return Err(value("shift", "a lens that is shifted", "no quick look: its blur is centred on the picture"));
+    }
+    if render.quick && quick_look::is_bent(camera) {
+        warn("a quick look keeps straight lines straight: how this lens bends them is not shown");
+    }
+    if let Some(stray) = render.stray.as_deref().and_then(Stray::by_name).filter(|s| s.is_added()) {
+        let none = match &camera.lens {
+            Lens::Compound(_) if render.quick => Some("a quick look traces no rays through the lens"),
+            Lens::Compound(_) if microlenses => Some("behind a microlens array it is not traced"),
+            Lens::Compound(_) => None,
+            _ => Some("an ideal lens has no surfaces; real ones are told by `lens list`"),
+        };
+        none.iter().for_each(|why| warn(&format!("there is no stray light in this picture: {why}")));
+        if let (None, true, Lens::Compound(lens)) = (none, stray.scatter, &camera.lens)
+            && let Some(why) = glare_unfit(lens)
+        {
+            warn(&format!("there is no scatter in this picture: {why}"));
+        }
+    }
+    Ok(())
+}
+
+/// The body, how it is exposed, and its ISO speed to begin with.
+fn body_and_speed(file: &ShotFile, inputs: &Inputs) -> Result<(Sensor, Exposing, f64), ShotError> {
+    let sensor = inputs.body(file.camera.body.as_deref().unwrap_or(DEFAULT_BODY))?;
+    let exposing = Exposing::new(file, &sensor)?;
+    let iso = match (exposing.auto_iso, file.exposure.iso) {
+        (Some([lowest, _]), _) => lowest,
+        (None, Some(choice)) => choice.fixed().unwrap_or(DEFAULT_ISO),
+        (None, None) => sensor.nearest_iso(DEFAULT_ISO),
+    };
+    sensor.at_iso(iso)?;
+    Ok((sensor, exposing, iso))
+}
+
+/// Whether light is diffracted: as `diffraction` says; without, where stray light was chosen, only if diffraction is among its words.
+pub(super) fn diffraction(render: &RenderSection) -> DiffractionChoice {
+    let chosen = render.stray.as_deref().and_then(Stray::by_name);
+    let of_stray = chosen.filter(|stray| !stray.diffraction).map(|_| DiffractionChoice::Off);
+    render.diffraction.or(of_stray).unwrap_or_default()
+}
+
+fn settings(r: &RenderSection) -> Result<Settings, ShotError> {
+    let spp = r.spp.unwrap_or(DEFAULT_SPP);
+    if spp == 0 || spp > 1 << 24 {
+        return Err(value("spp", spp, "1 to 16777216 samples a pixel"));
+    }
+    let samples = r.samples.map_or(0..spp, |[a, b]| a..b);
+    if samples.is_empty() || samples.end > spp {
+        return Err(value(
+            "samples",
+            format!("{}..{}", samples.start, samples.end),
+            format!("a range A..B with A < B <= spp ({spp})"),
+        ));
+    }
+    let sampler = match r.sampler.as_deref() {
+        None | Some("sobol") => SamplerKind::Sobol,
+        Some("jittered") => SamplerKind::Jittered,
+        Some("grid") => SamplerKind::Grid,
+        Some("independent") => SamplerKind::Independent,
+        Some(other) => return Err(value("sampler", format!("\"{other}\""), "sobol, jittered, grid or independent")),
+    };
+    let integrator = match r.integrator.as_deref() {
+        None => Integrator::default(),
+        Some(name) => {
+            Integrator::by_name(name).ok_or_else(|| value("integrator", format!("\"{name}\""), "path, caustics or auto"))?
+        }
+    };
+    let stray = match r.stray.as_deref() {
+        None => Stray::default(),
+        Some(name) => Stray::by_name(name).ok_or_else(|| value("stray", format!("\"{name}\""), Stray::expected()))?,
+    };
+    let limit = r.time_limit.map(|s| s.0);
+    if limit.is_some_and(|l| !(l > 0.0)) {
+        return Err(value("time-limit", r.time_limit.map_or(String::new(), |l| l.to_string()), "a time above 0"));
+    }
+    // A time limit alone means: as many samples as fit.
+    let spp = if limit.is_some() && r.spp.is_none() { 1 << 16 } else { spp };
+    let samples = if r.samples.is_some() { samples } else { 0..spp };
+    let channels = r.truth_channels.as_deref().unwrap_or_default();
+    let channels =
+        Channel::list(channels).map_err(|e| ShotError::Value { what: "truth-channels", found: e.found, expected: e.expected })?;
+    if let Some(c) = channels.iter().find(|c| r.quick && c.needs_pupil) {
+        let expected =
+            "channels of chief rays beside a quick look, which asks no lens for its pupil: position, distance, uv, flow ...";
+        return Err(value("truth-channels", c.name, expected));
+    }
+    let default = PathSettings::default();
+    Ok(Settings {
+        samples,
+        sampler,
+        seed: r.seed.unwrap_or(DEFAULT_SEED),
+        path: PathSettings { max_depth: r.max_depth.unwrap_or(default.max_depth), ..default },
+        integrator,
+        stray,
+        time_limit_s: limit,
+        truth_channels: Recorded::new(&channels).more().to_vec(),
+        ..Settings::new(spp)
+    })
+}

@@ -1,0 +1,430 @@
+//! The truth channels: what can be recorded of the scene beside the light, each with its unit, its names in files and how parts of an exposure merge.
+//!
+//! One table ([`CHANNELS`]) from which recording, EXR, merging, Python and the documentation take what they need. A new channel is an entry here and
+//! the function that fills it in `diopter`'s `expose/truth.rs`. The first four are always recorded (denoising asks for them), the others where they are asked for.
+//!
+//! Channels along one ray (*nearest*) are taken along the chief ray of the pixel's middle, halfway through the time for which this pixel is open. The others
+//! are weighted by coverage: over the samples of the pixel, each with its own place, point of the pupil and moment.
+
+use crate::ImageError;
+
+/// What the values of a channel are.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Numbers {
+    /// 32-bit floating point.
+    Float,
+    /// 32-bit whole numbers: identifiers, which must not be averaged.
+    Whole,
+}
+
+/// How the values of a pixel come from its samples, and those of a whole from its parts.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Merge {
+    /// Of one ray, the chief ray of the pixel's middle: all parts hold the same, and that of the part given first is taken.
+    Nearest,
+    /// Mean over the samples: parts are weighted by their numbers of samples.
+    Mean,
+    /// Pairs of identifier and coverage, most coverage first: coverage is weighted as a mean, identifier by identifier.
+    Ranks,
+}
+
+impl Merge {
+    /// In words, for documentation.
+    pub fn name(self) -> &'static str {
+        match self {
+            Merge::Nearest => "nearest",
+            Merge::Mean => "mean over samples",
+            Merge::Ranks => "coverage over samples",
+        }
+    }
+}
+
+/// A kind of truth.
+#[derive(Debug)]
+pub struct Channel {
+    /// Name as users write it.
+    pub name: &'static str,
+    /// Names of its channels in EXR files, in the order of its values.
+    pub exr: &'static [&'static str],
+    /// What its values are.
+    pub numbers: Numbers,
+    /// Unit of its values; empty where there is none.
+    pub unit: &'static str,
+    /// How samples and parts merge.
+    pub merge: Merge,
+    /// What it reads where there is nothing to record.
+    pub missing: f32,
+    /// Whether it compares with other frames, which must then be known.
+    pub needs_frames: bool,
+    /// Whether it follows more than chief rays.
+    pub needs_pupil: bool,
+    /// One line for its users.
+    pub about: &'static str,
+}
+
+/// A name that is no channel's.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct UnknownChannel {
+    /// The name, in quotation marks.
+    pub found: String,
+    /// What there is.
+    pub expected: String,
+}
+
+/// Samples of a pixel, from its first, that channels weighted by coverage look at: an exposure of more looks at these.
+pub const COVERAGE_SAMPLES: u32 = 256;
+
+/// Number of the channels that are always recorded: the first of the table.
+pub const ALWAYS: usize = 4;
+
+/// Depth: always recorded.
+pub const DEPTH: &Channel = &CHANNELS[0];
+/// Shading normal: always recorded.
+pub const NORMAL: &Channel = &CHANNELS[1];
+/// Albedo: always recorded.
+pub const ALBEDO: &Channel = &CHANNELS[2];
+/// Number of the object: always recorded.
+pub const ID: &Channel = &CHANNELS[3];
+/// What stray light changed: filled by what adds it.
+pub const STRAY_LIGHT: &Channel = &CHANNELS[15];
+
+/// All channels; the first four are always recorded.
+pub static CHANNELS: [Channel; 18] = [
+    Channel {
+        name: "depth",
+        exr: &["Z"],
+        numbers: Numbers::Float,
+        unit: "m",
+        merge: Merge::Nearest,
+        missing: f32::INFINITY,
+        needs_frames: false,
+        needs_pupil: false,
+        about: "distance along the camera's axis (all around, where there is no axis: along the ray); infinite where nothing is hit",
+    },
+    Channel {
+        name: "normal",
+        exr: &["normal.X", "normal.Y", "normal.Z"],
+        numbers: Numbers::Float,
+        unit: "",
+        merge: Merge::Nearest,
+        missing: 0.0,
+        needs_frames: false,
+        needs_pupil: false,
+        about: "unit shading normal in world space, on the side that is seen; 0 where nothing is hit",
+    },
+    Channel {
+        name: "albedo",
+        exr: &["albedo.R", "albedo.G", "albedo.B"],
+        numbers: Numbers::Float,
+        unit: "linear sRGB",
+        merge: Merge::Nearest,
+        missing: 0.0,
+        needs_frames: false,
+        needs_pupil: false,
+        about: "albedo of the surface; 0 where nothing is hit",
+    },
+    Channel {
+        name: "id",
+        exr: &["id"],
+        numbers: Numbers::Whole,
+        unit: "",
+        merge: Merge::Nearest,
+        missing: 0.0,
+        needs_frames: false,
+        needs_pupil: false,
+        about: "number of the object (instance) plus one; 0 where nothing is hit",
+    },
+    Channel {
+        name: "position",
+        exr: &["P.X", "P.Y", "P.Z"],
+        numbers: Numbers::Float,
+        unit: "m",
+        merge: Merge::Nearest,
+        missing: f32::NAN,
+        needs_frames: false,
+        needs_pupil: false,
+        about: "place of the surface in world space; not a number where nothing is hit",
+    },
+    Channel {
+        name: "distance",
+        exr: &["distance"],
+        numbers: Numbers::Float,
+        unit: "m",
+        merge: Merge::Nearest,
+        missing: f32::INFINITY,
+        needs_frames: false,
+        needs_pupil: false,
+        about: "distance along the chief ray from the middle of the pupil; infinite where nothing is hit",
+    },
+    Channel {
+        name: "uv",
+        exr: &["UV.U", "UV.V"],
+        numbers: Numbers::Float,
+        unit: "",
+        merge: Merge::Nearest,
+        missing: 0.0,
+        needs_frames: false,
+        needs_pupil: false,
+        about: "first texture coordinates of the surface; 0 where there are none",
+    },
+    Channel {
+        name: "incidence",
+        exr: &["incidence"],
+        numbers: Numbers::Float,
+        unit: "rad",
+        merge: Merge::Nearest,
+        missing: f32::NAN,
+        needs_frames: false,
+        needs_pupil: false,
+        about: "angle between the chief ray and the geometric normal, 0 to π/2; not a number where nothing is hit",
+    },
+    Channel {
+        name: "coc",
+        exr: &["coc"],
+        numbers: Numbers::Float,
+        unit: "px",
+        merge: Merge::Nearest,
+        missing: f32::NAN,
+        needs_frames: false,
+        needs_pupil: true,
+        about: "diameter of the circle of confusion of what is seen, through the lens as it is; negative before the sharp plane",
+    },
+    Channel {
+        name: "pupil",
+        exr: &["pupil"],
+        numbers: Numbers::Float,
+        unit: "",
+        merge: Merge::Nearest,
+        missing: 0.0,
+        needs_frames: false,
+        needs_pupil: true,
+        about: "fraction of the pupil that is open towards this place of the film, of that on the axis: vignetting",
+    },
+    Channel {
+        name: "motion",
+        exr: &["motion.X", "motion.Y", "motion.Z"],
+        numbers: Numbers::Float,
+        unit: "m",
+        merge: Merge::Nearest,
+        missing: f32::NAN,
+        needs_frames: true,
+        needs_pupil: false,
+        about: "way of the point of the surface in world space until the next frame; not a number where nothing is hit",
+    },
+    Channel {
+        name: "flow",
+        exr: &["forward.u", "forward.v"],
+        numbers: Numbers::Float,
+        unit: "px",
+        merge: Merge::Nearest,
+        missing: f32::NAN,
+        needs_frames: true,
+        needs_pupil: false,
+        about: "where the point of the surface lies in the next frame, from here: to the right and down, through lens, motion and shutter; not a number where the lens does not show it",
+    },
+    Channel {
+        name: "backward-flow",
+        exr: &["backward.u", "backward.v"],
+        numbers: Numbers::Float,
+        unit: "px",
+        merge: Merge::Nearest,
+        missing: f32::NAN,
+        needs_frames: true,
+        needs_pupil: false,
+        about: "the same in the frame before",
+    },
+    Channel {
+        name: "transmitted",
+        exr: &["transmitted.X", "transmitted.Y", "transmitted.Z"],
+        numbers: Numbers::Float,
+        unit: "m",
+        merge: Merge::Nearest,
+        missing: f32::NAN,
+        needs_frames: false,
+        needs_pupil: false,
+        about: "place in world space of the first surface that is neither smooth glass nor mirror, along the way that more light takes; not a number where there is none",
+    },
+    Channel {
+        name: "coverage",
+        exr: &["coverage"],
+        numbers: Numbers::Float,
+        unit: "",
+        merge: Merge::Mean,
+        missing: 0.0,
+        needs_frames: false,
+        needs_pupil: true,
+        about: "fraction of the pixel's samples that meet a surface",
+    },
+    Channel {
+        name: "stray-light",
+        exr: &["stray.R", "stray.G", "stray.B"],
+        numbers: Numbers::Float,
+        unit: "e⁻",
+        merge: Merge::Mean,
+        missing: 0.0,
+        needs_frames: false,
+        needs_pupil: false,
+        about: "what ghosts and veiling glare add to the mean of red, green and blue (of other bands: the first, the middle and the last); negative where scatter takes light away: the mean without it is the picture without them",
+    },
+    Channel {
+        name: "crypto-object",
+        exr: &[
+            "CryptoObject00.R",
+            "CryptoObject00.G",
+            "CryptoObject00.B",
+            "CryptoObject00.A",
+            "CryptoObject01.R",
+            "CryptoObject01.G",
+            "CryptoObject01.B",
+            "CryptoObject01.A",
+            "CryptoObject02.R",
+            "CryptoObject02.G",
+            "CryptoObject02.B",
+            "CryptoObject02.A",
+        ],
+        numbers: Numbers::Float,
+        unit: "",
+        merge: Merge::Ranks,
+        missing: 0.0,
+        needs_frames: false,
+        needs_pupil: true,
+        about: "Cryptomatte: names of objects as hashes and how much of the pixel each covers, six ranks; the manifest is in the header",
+    },
+    Channel {
+        name: "crypto-material",
+        exr: &[
+            "CryptoMaterial00.R",
+            "CryptoMaterial00.G",
+            "CryptoMaterial00.B",
+            "CryptoMaterial00.A",
+            "CryptoMaterial01.R",
+            "CryptoMaterial01.G",
+            "CryptoMaterial01.B",
+            "CryptoMaterial01.A",
+            "CryptoMaterial02.R",
+            "CryptoMaterial02.G",
+            "CryptoMaterial02.B",
+            "CryptoMaterial02.A",
+        ],
+        numbers: Numbers::Float,
+        unit: "",
+        merge: Merge::Ranks,
+        missing: 0.0,
+        needs_frames: false,
+        needs_pupil: true,
+        about: "Cryptomatte: names of materials as hashes and how much of the pixel each covers, six ranks; the manifest is in the header",
+    },
+];
+
+impl PartialEq for Channel {
+    /// Names are unique.
+    fn eq(&self, other: &Self) -> bool {
+        self.name == other.name
+    }
+}
+
+impl Channel {
+    /// Values a pixel.
+    pub fn parts(&self) -> usize {
+        self.exr.len()
+    }
+
+    /// Bytes a pixel in memory.
+    pub fn bytes(&self) -> usize {
+        4 * self.parts()
+    }
+
+    /// Whether it is recorded without being asked for.
+    pub fn is_always(&self) -> bool {
+        CHANNELS[..ALWAYS].iter().any(|c| c.name == self.name)
+    }
+
+    /// The channel of a name.
+    pub fn named(name: &str) -> Option<&'static Channel> {
+        CHANNELS.iter().find(|c| c.name == name)
+    }
+
+    /// Channels of a list of names with commas between them, in the order of the table; those that are always recorded come along. `all` names every
+    /// one. Fails with the name that is none and what there is.
+    pub fn list(names: &str) -> Result<Vec<&'static Channel>, UnknownChannel> {
+        let mut asked = Vec::new();
+        for name in names.split(',').map(str::trim).filter(|n| !n.is_empty()) {
+            if name == "all" {
+                asked.extend(&CHANNELS);
+                continue;
+            }
+            asked.push(Channel::named(name).ok_or_else(|| {
+                let all: Vec<&str> = CHANNELS.iter().map(|c| c.name).collect();
+                UnknownChannel {
+                    found: format!("\"{name}\""),
+                    expected: format!("all, or some of {}, with commas between them", all.join(", ")),
+                }
+            })?);
+        }
+        Ok(CHANNELS.iter().filter(|c| c.is_always() || asked.contains(c)).collect())
+    }
+}
+
+/// Those of the table for which a file has all its channels. Fails with the name that is missing of a channel that is always recorded.
+pub(crate) fn found_in(has: impl Fn(&str) -> bool) -> Result<Vec<&'static Channel>, ImageError> {
+    let mut found = Vec::with_capacity(CHANNELS.len());
+    for channel in &CHANNELS {
+        match channel.exr.iter().find(|name| !has(name)) {
+            None => found.push(channel),
+            Some(name) if channel.is_always() => {
+                return Err(ImageError::Missing {
+                    what: format!("the channel \"{name}\""),
+                    hint: "the file was written or cut by another program".into(),
+                });
+            }
+            Some(_) => (),
+        }
+    }
+    Ok(found)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::collections::BTreeSet;
+
+    #[test]
+    fn names_are_unique_and_found() {
+        let names: BTreeSet<&str> = CHANNELS.iter().map(|c| c.name).collect();
+        let exr: Vec<&str> = CHANNELS.iter().flat_map(|c| c.exr).copied().collect();
+        assert_eq!(names.len(), CHANNELS.len());
+        assert_eq!(exr.iter().collect::<BTreeSet<_>>().len(), exr.len());
+        assert!(CHANNELS.iter().all(|c| Channel::named(c.name) == Some(c) && !c.exr.is_empty()));
+        assert_eq!([DEPTH, NORMAL, ALBEDO, ID].map(|c| c.name), ["depth", "normal", "albedo", "id"]);
+        assert_eq!(STRAY_LIGHT.name, "stray-light");
+        assert!([DEPTH, NORMAL, ALBEDO, ID].iter().all(|c| c.merge == Merge::Nearest && c.is_always()));
+    }
+
+    #[test]
+    fn the_documentation_has_every_channel() {
+        let docs = include_str!("../../../docs/truth.md");
+        for c in &CHANNELS {
+            let unit = if c.unit.is_empty() { "–" } else { c.unit };
+            let row = format!("| `{}` | {} | {unit} | {} | {} |", c.name, exr_names(c), c.merge.name(), c.about);
+            assert!(docs.contains(&row), "docs/truth.md lacks this row:\n{row}");
+        }
+    }
+
+    /// Names in files, as the documentation has them: what is common to all only once.
+    fn exr_names(channel: &Channel) -> String {
+        match channel.exr {
+            [one] => format!("`{one}`"),
+            [first, .., last] => format!("`{first}` … `{last}`"),
+            [] => String::new(),
+        }
+    }
+
+    #[test]
+    fn lists_hold_what_is_always_recorded_and_refuse_other_names() {
+        assert_eq!(Channel::list("").unwrap().len(), ALWAYS);
+        assert_eq!(Channel::list(" id, depth").unwrap().len(), ALWAYS);
+        assert_eq!(Channel::list("all").unwrap().len(), CHANNELS.len());
+        let e = Channel::list("depth,deepness").unwrap_err();
+        assert!(e.found == "\"deepness\"" && e.expected.contains("normal"), "{e:?}");
+    }
+}

@@ -1,0 +1,227 @@
+//! Real rays along a list of reflections.
+
+use crate::system::System;
+use crate::trace::{TracedRay, Way};
+use crate::{Blocked, BlockedBy};
+use glam::{DVec2, DVec3};
+
+/// Steps of the tables of reflectance over the cosine; cubics between the nodes are right to 1e-7 or so.
+const STEPS: usize = 96;
+
+/// Light at the film.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Arrival {
+    /// Where, mm.
+    pub film: DVec2,
+    /// Unit direction.
+    pub direction: DVec3,
+    /// Fraction of the light of the ray that comes so far.
+    pub fraction: f64,
+}
+
+/// Reflectance and transmittance of a surface at one wavelength, over the cosine in the thinner medium.
+#[derive(Clone, Debug)]
+pub(crate) struct SurfaceLight {
+    /// Whether the thinner medium is on the object's side.
+    thin_before: bool,
+    transmitted: [f64; STEPS + 1],
+    /// Light that goes towards the film, and towards the object.
+    reflected: [[f64; STEPS + 1]; 2],
+}
+
+impl SurfaceLight {
+    pub(crate) fn of(system: &System, i: usize, n: &[f64], nm: f64) -> SurfaceLight {
+        let (before, after) = (n[i], n[i + 1]);
+        let (mirror, coating) = (system.surfaces[i].mirror, &system.surfaces[i].coating);
+        let thin_before = mirror || before <= after;
+        let [thin, dense] = if thin_before { [before, after] } else { [after, before] };
+        let (ahead, back) = if thin_before { (Way::ToFilm, Way::ToObject) } else { (Way::ToObject, Way::ToFilm) };
+        let mut out = SurfaceLight { thin_before, transmitted: [0.0; STEPS + 1], reflected: [[0.0; STEPS + 1]; 2] };
+        for k in 0..=STEPS {
+            let cos = k as f64 / STEPS as f64;
+            let dense_cos = (1.0 - (thin / dense).powi(2) * (1.0 - cos * cos)).max(0.0).sqrt();
+            if mirror {
+                // Both ways alike: the gap before and the gap after are the same side.
+                out.transmitted[k] = system.surface_transmittance(i, Way::ToFilm, [before, before], [cos; 2], nm);
+                continue;
+            }
+            let there = coating.response(false, ahead, [thin, dense], cos, nm);
+            let from_dense = coating.response(false, back, [dense, thin], dense_cos, nm);
+            out.transmitted[k] = there.unpolarised_transmittance();
+            let index = usize::from(!thin_before);
+            out.reflected[index][k] = there.unpolarised_reflectance();
+            out.reflected[1 - index][k] = from_dense.unpolarised_reflectance();
+        }
+        out
+    }
+
+    /// Reflectance and transmittance for light towards the film or the object, by the cosines of incidence and refraction (`None`: total reflection, whose
+    /// losses in films are left out).
+    pub(crate) fn fractions(&self, towards_film: bool, cos0: f64, cos1: Option<f64>) -> (f64, f64) {
+        let Some(cos1) = cos1 else { return (1.0, 0.0) };
+        let cos = if self.thin_before == towards_film { cos0 } else { cos1 };
+        let transmitted = look_up(&self.transmitted, cos);
+        let reflected = look_up(&self.reflected[usize::from(!towards_film)], cos);
+        // Rounding of the tables makes no light.
+        let over = (transmitted + reflected).max(1.0);
+        (reflected / over, transmitted / over)
+    }
+}
+
+/// The cubic through the four nodes around a cosine.
+fn look_up(table: &[f64; STEPS + 1], cos: f64) -> f64 {
+    let at = cos.clamp(0.0, 1.0) * STEPS as f64;
+    let i = (at as usize).clamp(1, STEPS - 2);
+    let t = at - i as f64;
+    let value = -table[i - 1] * t * (t - 1.0) * (t - 2.0) / 6.0 + table[i] * (t + 1.0) * (t - 1.0) * (t - 2.0) / 2.0
+        - table[i + 1] * (t + 1.0) * t * (t - 2.0) / 2.0
+        + table[i + 2] * (t + 1.0) * t * (t - 1.0) / 6.0;
+    value.max(0.0)
+}
+
+/// A lens at one wavelength, ready to follow light that surfaces throw back.
+#[derive(Clone, Debug)]
+pub struct GhostTracer<'a> {
+    system: &'a System,
+    n: Vec<f64>,
+    absorption: Vec<f64>,
+    light: Vec<SurfaceLight>,
+    sensor_reflectance: f64,
+}
+
+impl<'a> GhostTracer<'a> {
+    /// For a wavelength in nm; `sensor_reflectance`: 0 to 1, [`super::SENSOR_REFLECTANCE`] where nothing is known.
+    pub fn new(system: &'a System, nm: f64, sensor_reflectance: f64) -> GhostTracer<'a> {
+        let n = system.indices(nm);
+        let light = (0..system.surfaces.len()).map(|i| SurfaceLight::of(system, i, &n, nm)).collect();
+        GhostTracer { system, absorption: system.absorption(nm), n, light, sensor_reflectance }
+    }
+
+    /// Index of every gap.
+    pub(super) fn indices(&self) -> &[f64] {
+        &self.n
+    }
+
+    /// The lens.
+    pub fn system(&self) -> &System {
+        self.system
+    }
+
+    /// Follows a ray that comes from the object through the lens, thrown back at the surfaces `turns` one after the other (the number of all
+    /// surfaces: the sensor), to the film. No turn: the direct light; a [`super::Pair`]: `[back, forth]`.
+    pub fn follow(&self, ray: TracedRay, turns: &[usize]) -> Result<Arrival, Blocked> {
+        let system = self.system;
+        let count = system.surfaces.len();
+        let (mut o, mut d, mut fraction) = (ray.position, ray.direction, 1.0);
+        let (mut gap, mut way) = (0, Way::ToFilm);
+        let mut turns = turns.iter().copied();
+        let mut turn = turns.next();
+        loop {
+            let run = match way {
+                Way::ToFilm => system.runs[gap],
+                Way::ToObject => -system.runs[gap],
+            };
+            if way == Way::ToFilm && gap == count {
+                let missed = Err(Blocked { surface: count, why: BlockedBy::Missed });
+                let t = (system.film_z - o.z) / d.z;
+                if d.z * run <= 0.0 || !t.is_finite() {
+                    return missed;
+                }
+                let at = o + d * t;
+                match turn {
+                    None => return Ok(Arrival { film: at.truncate(), direction: d, fraction }),
+                    Some(surface) if surface == count => {
+                        (o, d, way) = (at, DVec3::new(d.x, d.y, -d.z), Way::ToObject);
+                        fraction *= self.sensor_reflectance;
+                        turn = turns.next();
+                        continue;
+                    }
+                    Some(_) => return missed,
+                }
+            }
+            let (i, after) = match way {
+                Way::ToFilm => (gap, gap + 1),
+                // Out of the front: the list of turns does not lead to the film.
+                Way::ToObject if gap == 0 => return Err(Blocked { surface: 0, why: BlockedBy::Missed }),
+                Way::ToObject => (gap - 1, gap - 1),
+            };
+            let surface = &system.surfaces[i];
+            let blocked = |why| Err(Blocked { surface: i, why });
+            let mut length = 0.0;
+            if system.gradients[gap].is_some() {
+                let ray = TracedRay { position: o, direction: d };
+                let crossed = system.cross_gradient(gap, self.n[gap], i, ray, run);
+                let Some((there, path)) = crossed else { return blocked(BlockedBy::Missed) };
+                (o, d, length) = (there.position, there.direction, path / self.n[gap]);
+            }
+            let (local_o, local_d) = surface.to_local(o, d);
+            let Some(m) = surface.profile.meet(local_o, local_d, run) else { return blocked(BlockedBy::Missed) };
+            if !surface.lets_through(m.point.x, m.point.y) {
+                return blocked(BlockedBy::Clipped);
+            }
+            if i == system.stop {
+                let passes = system.iris.transmittance(m.point.x, m.point.y);
+                if passes <= 0.0 {
+                    return blocked(BlockedBy::Clipped);
+                }
+                fraction *= passes;
+            }
+            if self.absorption[gap] > 0.0 {
+                fraction *= (-self.absorption[gap] * (length + m.t.abs())).exp();
+            }
+            let point = surface.to_lens(m.point, local_d).0;
+            let [n0, n1] = [gap, after].map(|gap| system.index_at(gap, self.n[gap], point));
+            let facing = local_d.dot(m.normal);
+            let normal = if facing < 0.0 { -m.normal } else { m.normal };
+            let cos0 = facing.abs();
+            let mirrored = local_d - normal * (2.0 * cos0);
+            let light = &self.light[i];
+            let towards_film = way == Way::ToFilm;
+            let direction = if turn == Some(i) && !surface.mirror {
+                let cos = if light.thin_before == towards_film {
+                    Some(cos0)
+                } else {
+                    let mu = n0 / n1;
+                    let cos2 = 1.0 - mu * mu * (1.0 - cos0 * cos0);
+                    (cos2 >= 0.0).then(|| cos2.sqrt())
+                };
+                // Total reflection: all of it, but for what films absorb of it, which is left out.
+                fraction *= cos.map_or(1.0, |cos| look_up(&light.reflected[usize::from(!towards_film)], cos));
+                way = if towards_film { Way::ToObject } else { Way::ToFilm };
+                turn = turns.next();
+                mirrored
+            } else if let Some(focal) = surface.ideal_focal_length {
+                let bent = crate::ideal::bend(focal, m.point.truncate(), local_d, run, towards_film);
+                let Some(bent) = bent else { return blocked(BlockedBy::Missed) };
+                gap = after;
+                bent.direction
+            } else if let Some(phase) = &surface.diffractive {
+                let (media, place) = ([n0, if surface.mirror { n0 } else { n1 }], m.point.truncate());
+                let wavelength = system.wavelength_mm(&self.n);
+                let Some(bent) = phase.bend(place, local_d, m.normal, media, surface.mirror, wavelength) else {
+                    return blocked(BlockedBy::TotalReflection);
+                };
+                let cos1 = bent.direction.dot(m.normal).abs();
+                fraction *= look_up(&light.transmitted, if light.thin_before == towards_film { cos0 } else { cos1 });
+                fraction *= system.diffraction_efficiency(i, phase.order(), wavelength * 1e6);
+                gap = after;
+                bent.direction
+            } else if surface.mirror {
+                fraction *= look_up(&light.transmitted, cos0);
+                gap = after;
+                mirrored
+            } else {
+                let mu = n0 / n1;
+                let cos2 = 1.0 - mu * mu * (1.0 - cos0 * cos0);
+                if cos2 < 0.0 {
+                    return blocked(BlockedBy::TotalReflection);
+                }
+                let cos1 = cos2.sqrt();
+                fraction *= look_up(&light.transmitted, if light.thin_before == towards_film { cos0 } else { cos1 });
+                gap = after;
+                local_d * mu + normal * (cos1 - mu * cos0)
+            };
+            (o, d) = surface.to_lens(m.point, direction);
+        }
+    }
+}

@@ -1,0 +1,428 @@
+//! BSDFs and textures.
+//!
+//! Departures: microfacets are GGX whatever `distribution` says; plain `diffuse` reflects on both sides; scales of specular reflectance and
+//! transmittance are left out. Source: Mitsuba 3, plugin reference (BSDFs, textures).
+
+use super::tree::Node;
+use super::values::{self, Shade, boolean, number, transform};
+use super::world::{DEEPEST, World};
+use super::wrong;
+use crate::SceneError;
+use crate::load::stand_in;
+use crate::material::conductor::FacetBounces;
+use crate::material::{Anisotropy, Conductor, Coverage, DEEPEST_MIX, Principled, Scattering, Transmission};
+use crate::texture::{Codes, Color, Graph, Interpolation, Mapping, Scalar, Texture, Wrap};
+use diopter_light::Spectrum;
+use diopter_light::spectrum::Table;
+use glam::{Affine2, Vec2, Vec3};
+use std::sync::Arc;
+
+type Read<T> = Result<T, SceneError>;
+
+/// What a BSDF becomes, before a shape adds light and media.
+#[derive(Clone)]
+pub struct Surface {
+    pub scattering: Scattering,
+    pub coverage: Coverage,
+    pub normal_map: Option<(Texture, f32)>,
+    /// Whether something begins behind it: glass.
+    pub is_body: bool,
+}
+
+impl Default for Surface {
+    fn default() -> Self {
+        Surface::of(Scattering::Diffuse(Color::rgb(0.5, 0.5, 0.5)))
+    }
+}
+
+impl Surface {
+    fn of(scattering: Scattering) -> Self {
+        Surface { scattering, coverage: Coverage::Full, normal_map: None, is_body: false }
+    }
+}
+
+/// Indices of refraction by name. Source: Mitsuba 3, `ior.h`.
+const INDICES: [(&str, f64); 24] = [
+    ("vacuum", 1.0),
+    ("helium", 1.000036),
+    ("hydrogen", 1.000132),
+    ("air", 1.000277),
+    ("carbon dioxide", 1.00045),
+    ("water", 1.333),
+    ("acetone", 1.36),
+    ("ethanol", 1.361),
+    ("carbon tetrachloride", 1.461),
+    ("glycerol", 1.4729),
+    ("benzene", 1.501),
+    ("silicone oil", 1.52045),
+    ("bromine", 1.661),
+    ("water ice", 1.31),
+    ("fused quartz", 1.458),
+    ("pyrex", 1.47),
+    ("acrylic glass", 1.49),
+    ("polypropylene", 1.49),
+    ("bk7", 1.5046),
+    ("sodium chloride", 1.544),
+    ("amber", 1.55),
+    ("pet", 1.575),
+    ("diamond", 2.419),
+    ("none", 1.0),
+];
+
+fn index(node: &Node, name: &str, default: f64) -> Read<f64> {
+    let Some(word) = values::text(node, name) else { return number(node, name, default) };
+    let known = INDICES.iter().find(|k| k.0 == word).map(|k| k.1);
+    known.ok_or_else(|| {
+        let near = diopter_light::names::nearest(word, INDICES.iter().map(|k| k.0));
+        wrong(
+            node,
+            format!("{name} \"{word}\""),
+            near.map_or("a number, or a name such as bk7".to_owned(), |n| format!("did you mean \"{n}\"?")),
+        )
+    })
+}
+
+/// The index inside over that outside.
+fn relative_index(node: &Node, inside: f64) -> Read<f32> {
+    if node.child("eta").is_some() {
+        return Ok(number(node, "eta", inside)?.clamp(0.1, 10.0) as f32);
+    }
+    let ratio = index(node, "int_ior", inside)? / index(node, "ext_ior", 1.000277)?;
+    match (0.1..=10.0).contains(&ratio) {
+        true => Ok(ratio as f32),
+        false => Err(wrong(node, format!("indices whose ratio is {ratio}"), "0.1 to 10")),
+    }
+}
+
+/// Metals by the names of Mitsuba's data files, where we have measurements.
+const METALS: [(&str, &str); 8] = [
+    ("Ag", "silver"),
+    ("Au", "gold"),
+    ("Cu", "copper"),
+    ("Al", "aluminium"),
+    ("Cr", "chromium"),
+    ("Cu_palik", "copper"),
+    ("Ag_palik", "silver"),
+    ("Al_palik", "aluminium"),
+];
+
+impl World<'_> {
+    /// A BSDF.
+    pub fn bsdf(&mut self, node: &Arc<Node>, depth: usize) -> Read<Surface> {
+        if depth > DEEPEST {
+            return Err(wrong(
+                node,
+                format!("BSDFs within BSDFs, more than {DEEPEST} deep"),
+                "BSDFs that do not refer to themselves",
+            ));
+        }
+        let inner = |world: &mut Self| -> Read<Surface> {
+            match world.nested(node, "bsdf", None)? {
+                Some(inner) => world.bsdf(&inner, depth + 1),
+                None => Err(wrong(node, format!("a {} without a BSDF", node.kind()), "one nested BSDF")),
+            }
+        };
+        Ok(match node.kind() {
+            "diffuse" => Surface::of(Scattering::Diffuse(self.color(node, "reflectance", 0.5)?)),
+            "dielectric" | "roughdielectric" => {
+                let glass = Principled::glass(relative_index(node, 1.5046)?);
+                let (roughness, anisotropy) =
+                    if node.kind() == "dielectric" { (Scalar::Constant(0.0), None) } else { self.roughness(node)? };
+                self.say_scales(node);
+                let body = Scattering::Principled(Box::new(Principled { roughness, anisotropy, ..glass }));
+                Surface { is_body: true, ..Surface::of(body) }
+            }
+            "thindielectric" => {
+                self.say_scales(node);
+                let sheet =
+                    Principled { kind: Transmission::Thin, pane: true, ..Principled::glass(relative_index(node, 1.5046)?) };
+                Surface::of(Scattering::Principled(Box::new(sheet)))
+            }
+            "conductor" | "roughconductor" => {
+                let (alpha, across) = match node.kind() {
+                    "conductor" => (Scalar::Constant(0.0), None),
+                    _ => self.alpha(node)?,
+                };
+                self.say_scales(node);
+                Surface::of(Scattering::Conductor(Conductor { alpha, across, ..self.metal(node)? }))
+            }
+            "plastic" | "roughplastic" => {
+                let base = self.color(node, "diffuse_reflectance", 0.5)?;
+                let (roughness, anisotropy) =
+                    if node.kind() == "plastic" { (Scalar::Constant(0.0), None) } else { self.roughness(node)? };
+                self.say_scales(node);
+                let layered = boolean(node, "nonlinear", false)?;
+                let coat = Principled::new(base, relative_index(node, 1.49)?.max(1.0));
+                Surface::of(Scattering::Principled(Box::new(Principled { roughness, anisotropy, layered, ..coat })))
+            }
+            "principled" | "principledthin" => self.principled(node)?,
+            "measured" => {
+                let file = values::text(node, "filename")
+                    .ok_or_else(|| wrong(node, "a measured BSDF without filename", "<string name=\"filename\" .../>"))?;
+                Surface::of(self.measured(file))
+            }
+            "twosided" => inner(self)?,
+            "mask" => {
+                let own = inner(self)?;
+                let opacity = self.scalar(node, "opacity", 0.5)?;
+                Surface { coverage: Coverage::Blend(opacity), ..own }
+            }
+            "bumpmap" => {
+                self.leave_out("bump maps");
+                inner(self)?
+            }
+            "normalmap" => {
+                let own = inner(self)?;
+                let map = self.nested(node, "texture", None)?;
+                let texture = map.map(|map| self.bitmap(&map, Codes::Linear)).transpose()?.flatten();
+                Surface { normal_map: texture.map(|t| (t, 1.0)).or(own.normal_map.clone()), ..own }
+            }
+            "blendbsdf" => {
+                let mut parts = Vec::new();
+                for child in &node.children {
+                    if let Some(part) = self.resolved_if(child, "bsdf")? {
+                        parts.push(self.bsdf(&part, depth + 1)?);
+                    }
+                }
+                let count = parts.len();
+                let Ok([a, b]) = <[Surface; 2]>::try_from(parts) else {
+                    return Err(wrong(node, format!("a blendbsdf of {count} BSDFs"), "two"));
+                };
+                if [&a, &b].iter().any(|s| s.scattering.parts().1 + 1 >= DEEPEST_MIX)
+                    || a.scattering.parts().0 + b.scattering.parts().0 > 64
+                {
+                    return Err(wrong(node, "mixtures of mixtures of mixtures", "at most 64 BSDFs in one"));
+                }
+                let weight = self.scalar(node, "weight", 0.5)?;
+                let is_body = a.is_body && b.is_body;
+                let normal_map = a.normal_map.or(b.normal_map);
+                let scattering = Scattering::Mix(Box::new(([a.scattering, b.scattering], weight)));
+                Surface { is_body, normal_map, ..Surface::of(scattering) }
+            }
+            "null" => Surface::of(Scattering::Interface),
+            other => {
+                let known = "diffuse, dielectric, thindielectric, roughdielectric, conductor, roughconductor, plastic, roughplastic, principled, measured, \
+                    twosided, mask, bumpmap, normalmap, blendbsdf or null: others are not supported";
+                return Err(wrong(node, format!("bsdf \"{other}\""), known));
+            }
+        })
+    }
+
+    /// Burley's model in its closest form here.
+    fn principled(&mut self, node: &Arc<Node>) -> Read<Surface> {
+        let base = self.color(node, "base_color", 0.5)?;
+        let ior = match node.child("eta").is_some() || node.child("specular").is_none() && node.kind() == "principledthin" {
+            true => number(node, "eta", 1.5)?,
+            false => {
+                // Of the reflectance 0.08 · specular at normal incidence.
+                let root = (0.08 * number(node, "specular", 0.5)?.clamp(0.0, 1.0)).sqrt();
+                2.0 / (1.0 - root) - 1.0
+            }
+        };
+        let mut p = Principled {
+            metallic: self.scalar(node, "metallic", 0.0)?,
+            roughness: self.scalar(node, "roughness", 0.5)?,
+            transmission: self.scalar(node, "spec_trans", 0.0)?,
+            ..Principled::new(base, ior.clamp(1.0, 10.0) as f32)
+        };
+        // A quarter of the coat's strength, and gloss from α 0.1 to 0.001 (B. Burley 2012).
+        let coat = number(node, "clearcoat", 0.0)?.clamp(0.0, 1.0) as f32;
+        p.clearcoat = Scalar::Constant(0.25 * coat);
+        let gloss = number(node, "clearcoat_gloss", 0.0)?.clamp(0.0, 1.0) as f32;
+        p.clearcoat_roughness = Scalar::Constant((0.1 + (0.001 - 0.1) * gloss).sqrt());
+        for name in ["anisotropic", "sheen", "spec_tint", "flatness", "diff_trans"] {
+            if node.child(name).is_some_and(|c| c.get("value").is_none_or(|v| v.trim().parse::<f64>() != Ok(0.0))) {
+                self.leave_out(format!("\"{name}\" of principled BSDFs"));
+            }
+        }
+        let transmits = !matches!(p.transmission, Scalar::Constant(t) if t <= 0.0);
+        let is_body = transmits && node.kind() == "principled";
+        if is_body {
+            p.kind = Transmission::Solid;
+        }
+        Ok(Surface { is_body, ..Surface::of(Scattering::Principled(Box::new(p))) })
+    }
+
+    fn say_scales(&mut self, node: &Node) {
+        for name in ["specular_reflectance", "specular_transmittance"] {
+            if node.child(name).is_some_and(|c| c.get("value").is_none_or(|v| v.trim().parse::<f64>() != Ok(1.0))) {
+                self.leave_out(format!("\"{name}\""));
+            }
+        }
+        if node.kind().starts_with("rough") && values::text(node, "distribution").unwrap_or("beckmann") == "beckmann" {
+            self.leave_out("Beckmann's distribution: facets are GGX");
+        }
+    }
+
+    /// α along u, and across where it differs.
+    fn alpha(&mut self, node: &Arc<Node>) -> Read<(Scalar, Option<Scalar>)> {
+        if node.child("alpha_u").is_none() && node.child("alpha_v").is_none() {
+            return Ok((self.scalar(node, "alpha", 0.1)?, None));
+        }
+        Ok((self.scalar(node, "alpha_u", 0.1)?, Some(self.scalar(node, "alpha_v", 0.1)?)))
+    }
+
+    /// The root of α.
+    fn roughness(&mut self, node: &Arc<Node>) -> Read<(Scalar, Option<Box<Anisotropy>>)> {
+        let (along, across) = self.alpha(node)?;
+        Ok((root(along), across.map(|a| Box::new(Anisotropy::Across(root(a))))))
+    }
+
+    fn metal(&mut self, node: &Arc<Node>) -> Read<Conductor> {
+        let of = |n: Spectrum, k: Spectrum| Conductor {
+            n,
+            k,
+            alpha: Scalar::Constant(0.0),
+            across: None,
+            bounces: FacetBounces::Lost,
+        };
+        if let (Some(eta), Some(k)) = (values::shade(node, "eta")?, values::shade(node, "k")?) {
+            return Ok(of(eta.unbounded(), k.unbounded()));
+        }
+        let name = values::text(node, "material").unwrap_or("Cu");
+        if name == "none" {
+            // All is reflected: k² / (4 + k²) of 0.9999 at an index of 1.
+            return Ok(of(Spectrum::Constant(1.0), Spectrum::Constant(200.0)));
+        }
+        let ours = METALS.iter().find(|m| m.0 == name).map(|m| m.1);
+        match ours.and_then(|m| Conductor::metal(m, 0.0)) {
+            Some(metal) => Ok(Conductor { bounces: FacetBounces::Lost, ..metal }),
+            None => {
+                let known = METALS.map(|m| m.0).join(", ");
+                Err(wrong(
+                    node,
+                    format!("material \"{name}\""),
+                    format!("eta and k, none, or one of {known}: others are not supported"),
+                ))
+            }
+        }
+    }
+
+    /// A colour by name: constant or a texture.
+    pub fn color(&mut self, node: &Arc<Node>, name: &str, default: f32) -> Read<Color> {
+        let Some(child) = node.child(name).cloned() else { return Ok(Color::rgb(default, default, default)) };
+        if let Some(shade) = Shade::of(&child)? {
+            return Ok(match shade {
+                Shade::Points(points) => {
+                    let table = Table::from_points(&points);
+                    let values = (0..=80).map(|i| table.at(380.0 + 5.0 * i as f32).clamp(0.0, 1.0)).collect();
+                    Color::spectrum(Spectrum::Table(Table::new(380.0, 5.0, values)))
+                }
+                other => {
+                    let rgb = other.rgb().clamp(Vec3::ZERO, Vec3::ONE);
+                    Color::rgb(rgb.x, rgb.y, rgb.z)
+                }
+            });
+        }
+        let texture = self.resolved(&child)?;
+        Ok(match self.graph(&texture, Codes::Srgb, 0)? {
+            Ok(texture) => Color::Textured { factor: Vec3::ONE, texture },
+            Err(graph) => Color::Graph(graph),
+        })
+    }
+
+    /// A number by name: constant or a texture.
+    pub fn scalar(&mut self, node: &Arc<Node>, name: &str, default: f32) -> Read<Scalar> {
+        let Some(child) = node.child(name).cloned() else { return Ok(Scalar::Constant(default)) };
+        if let Some(shade) = Shade::of(&child)? {
+            return Ok(Scalar::Constant(match shade {
+                Shade::Even(v) => v,
+                other => other.rgb().element_sum() / 3.0,
+            }));
+        }
+        let texture = self.resolved(&child)?;
+        if texture.kind() == "bitmap" {
+            return Ok(match self.bitmap(&texture, Codes::Linear)? {
+                Some(texture) => Scalar::Textured { factor: 1.0, texture, channel: 0 },
+                None => Scalar::Constant(default),
+            });
+        }
+        Ok(match self.graph(&texture, Codes::Linear, 0)? {
+            Ok(texture) => Scalar::Textured { factor: 1.0, texture, channel: 0 },
+            Err(graph) => Scalar::Graph(graph),
+        })
+    }
+
+    /// A texture: a picture, or a graph of others.
+    fn graph(&mut self, node: &Arc<Node>, codes: Codes, depth: usize) -> Read<Result<Texture, Arc<Graph>>> {
+        if depth > DEEPEST || node.tag != "texture" {
+            return Err(wrong(
+                node,
+                format!("<{}> for a texture", node.tag),
+                "a texture, an rgb or a spectrum, not nested in itself",
+            ));
+        }
+        match node.kind() {
+            "bitmap" => Ok(Ok(self.bitmap(node, codes)?.unwrap_or_else(|| Texture::color(stand_in())))),
+            "checkerboard" => {
+                let mut sides = Vec::new();
+                for (name, default) in [("color0", 0.4), ("color1", 0.2)] {
+                    let side = match node.child(name).cloned() {
+                        None => Graph::Constant(Vec3::splat(default)),
+                        Some(child) => match Shade::of(&child)? {
+                            Some(shade) => Graph::Constant(shade.rgb()),
+                            None => {
+                                let texture = self.resolved(&child)?;
+                                match self.graph(&texture, codes, depth + 1)? {
+                                    Ok(texture) => {
+                                        Graph::Image { texture, scale: 1.0, invert: false, as_number: None, mapping: None }
+                                    }
+                                    Err(graph) => (*graph).clone(),
+                                }
+                            }
+                        },
+                    };
+                    sides.push(Arc::new(side));
+                }
+                let m = transform(node, "to_uv")?;
+                if m.x_axis.y != 0.0 || m.y_axis.x != 0.0 {
+                    self.leave_out("turns of checkerboards");
+                }
+                // Two squares in each direction.
+                let place = Mapping::Uv([
+                    [2.0 * m.x_axis.x as f32, 2.0 * m.w_axis.x as f32],
+                    [2.0 * m.y_axis.y as f32, 2.0 * m.w_axis.y as f32],
+                ]);
+                Ok(Err(Arc::new(Graph::Checkerboard { place, even: sides[0].clone(), odd: sides[1].clone() })))
+            }
+            other => Err(wrong(node, format!("texture \"{other}\""), "bitmap or checkerboard: others are not supported")),
+        }
+    }
+
+    /// A picture; none where it is missing.
+    fn bitmap(&mut self, node: &Arc<Node>, codes: Codes) -> Read<Option<Texture>> {
+        if node.kind() != "bitmap" {
+            return Err(wrong(node, format!("texture \"{}\"", node.kind()), "bitmap"));
+        }
+        let file = values::text(node, "filename")
+            .ok_or_else(|| wrong(node, "a bitmap without filename", "<string name=\"filename\" .../>"))?;
+        let Some(image) = self.picture(file) else { return Ok(None) };
+        let codes = if boolean(node, "raw", codes == Codes::Linear)? { Codes::Linear } else { Codes::Srgb };
+        let wrap = match values::text(node, "wrap_mode") {
+            Some("clamp") => Wrap::Clamp,
+            Some("mirror") => Wrap::Mirror,
+            _ => Wrap::Repeat,
+        };
+        let interpolation = match values::text(node, "filter_type") {
+            Some("nearest") => Interpolation::Nearest,
+            _ => Interpolation::Bilinear,
+        };
+        let m = transform(node, "to_uv")?.as_mat4();
+        let two = |v: glam::Vec4| Vec2::new(v.x, v.y);
+        let image_from_uv = Affine2::from_cols(two(m.x_axis), two(m.y_axis), two(m.w_axis));
+        Ok(Some(Texture { image, codes, wrap: [wrap; 2], interpolation, uv_set: 0, image_from_uv }))
+    }
+}
+
+fn root(alpha: Scalar) -> Scalar {
+    match alpha {
+        Scalar::Constant(a) => Scalar::Constant(a.clamp(0.0, 1.0).sqrt()),
+        Scalar::Graph(graph) => Scalar::Graph(Arc::new(Graph::Power(graph, 0.5))),
+        Scalar::Textured { factor, texture, channel } => {
+            let unit = |i: usize| if channel == i { factor } else { 0.0 };
+            let as_number = Some([Vec3::new(unit(0), unit(1), unit(2)), Vec3::splat(unit(3))]);
+            let graph = Graph::Image { texture, scale: 1.0, invert: false, as_number, mapping: None };
+            Scalar::Graph(Arc::new(Graph::Power(Arc::new(graph), 0.5)))
+        }
+    }
+}

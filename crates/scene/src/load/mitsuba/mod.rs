@@ -1,0 +1,165 @@
+//! Mitsuba 3's scenes (`.xml`) into a [`Description`], in the subset that its gallery uses.
+//!
+//! `tree` reads the files with `default`, `include` and `$name`; `values` numbers, colours and transforms; `shapes`, `materials`, `lights` and
+//! `camera` make of objects what they are; `world` puts them together. Plugins that are not known are an error where a picture would be wrong, and
+//! are counted where it is only simpler. Files are opened by the caller.
+//!
+//! Units: a scene unit is a metre; a radiance of 1 is 1 cd/m², so pictures in cd/m² are Mitsuba's RGB.
+//!
+//! Source: W. Jakob et al., Mitsuba 3 documentation (plugin reference) and its behaviour (mitsuba 3.7).
+
+mod camera;
+mod lights;
+mod materials;
+mod shapes;
+mod tree;
+mod values;
+mod world;
+
+use crate::SceneError;
+use crate::load::{Fetch, finished};
+use crate::scene::Description;
+use tree::Node;
+
+/// An error at a node.
+fn wrong(node: &Node, found: impl Into<String>, expected: impl Into<String>) -> SceneError {
+    SceneError::File {
+        place: format!("{}: line {}", node.file, node.line),
+        found: found.into(),
+        expected: format!("expected {}", expected.into()),
+    }
+}
+
+/// Reads a scene. `name` stands for the main file in messages; `fetch` gets files by the names in it.
+pub fn load(bytes: &[u8], name: &str, fetch: Fetch) -> Result<Description, SceneError> {
+    let (root, folders) = tree::read(bytes, name, fetch)?;
+    let find = |name: &str| tree::found(fetch, &folders, name);
+    let description = world::World::new(name, &find, &root).run(&root)?;
+    finished(description, name, "a shape of the scene")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::light::PunctualKind;
+    use crate::material::{Coverage, Interior, Scattering};
+    use crate::scene::{Shape, Sight};
+    use glam::{Vec2, Vec3};
+
+    fn fetch(name: &str) -> Result<Vec<u8>, String> {
+        match name {
+            "t.obj" => Ok(b"v 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 0.75\nf 1/1 2/2 3/3\n".to_vec()),
+            _ => Err("there is no such file".to_owned()),
+        }
+    }
+
+    fn read(body: &str) -> Result<Description, SceneError> {
+        load(format!("<scene version='3.0.0'>\n{body}\n</scene>").as_bytes(), "s.xml", &fetch)
+    }
+
+    #[test]
+    fn shapes_stand_where_their_transforms_say() {
+        let d = read(
+            "<shape type='sphere'><point name='center' x='1' y='0' z='0'/><float name='radius' value='0.5'/>\
+             <transform name='to_world'><scale value='2'/><rotate y='1' angle='90'/><translate value='0, 1, 0'/></transform></shape>\
+             <shape type='rectangle'><transform name='to_world'><matrix value='1 0 0 5  0 1 0 6  0 0 1 7  0 0 0 1'/></transform></shape>\
+             <shape type='obj'><string name='filename' value='t.obj'/></shape>\
+             <shape type='cylinder'><point name='p0' value='1 2 3'/><point name='p1' value='1 2 7'/><float name='radius' value='2'/></shape>\
+             <shape type='shapegroup' id='g'><shape type='cube'/></shape>\
+             <shape type='instance'><ref id='g'/><transform name='to_world'><translate x='9'/></transform></shape>\
+             <shape type='instance'><ref id='g'/></shape>",
+        )
+        .unwrap();
+        let Shape::Sphere(s) = d.objects[0].shape else { panic!("a sphere") };
+        // (1, 0, 0) scaled to (2, 0, 0), turned to (0, 0, −2), moved.
+        assert!((s.center - Vec3::new(0.0, 1.0, -2.0)).length() < 1e-5 && (s.radius - 1.0).abs() < 1e-5);
+        let place = |i: usize| match d.objects[i].shape {
+            Shape::Mesh { mesh, world_from_mesh } => (mesh, world_from_mesh),
+            _ => panic!("a mesh"),
+        };
+        assert!((place(1).1.transform_point3(Vec3::ZERO) - Vec3::new(5.0, 6.0, 7.0)).length() < 1e-5);
+        // Mitsuba turns the coordinates of OBJ files: v runs down.
+        assert!((d.meshes[place(2).0 as usize].uvs[0][2] - Vec2::new(0.0, 0.25)).length() < 1e-6);
+        let (mesh, at) = place(3);
+        let far = d.meshes[mesh as usize].positions.iter().map(|p| at.transform_point3(*p));
+        let ends: Vec<f32> = far
+            .map(|p| {
+                assert!((p.truncate().distance(Vec2::new(1.0, 2.0)) - 2.0).abs() < 1e-4);
+                p.z
+            })
+            .collect();
+        assert!(ends.iter().all(|z| (z - 3.0).abs() < 1e-4 || (z - 7.0).abs() < 1e-4));
+        assert_eq!((d.objects.len(), place(4).0), (6, place(5).0));
+        crate::Scene::build(d).unwrap();
+    }
+
+    #[test]
+    fn surfaces_lights_and_cameras_are_read() {
+        let d = read(
+            "<default name='fov' value='60'/>\
+             <sensor type='thinlens'><float name='fov' value='$fov'/><string name='fov_axis' value='y'/><float name='aperture_radius' value='0.1'/>\
+             <float name='focus_distance' value='4'/><transform name='to_world'><lookat origin='0,0,5' target='0,0,0' up='0,1,0'/></transform>\
+             <film type='hdrfilm'><integer name='width' value='320'/><integer name='height' value='200'/></film></sensor>\
+             <bsdf type='twosided' id='red'><bsdf type='diffuse'><rgb name='reflectance' value='.8, .1, .1'/></bsdf></bsdf>\
+             <bsdf type='mask' id='m'><float name='opacity' value='0.25'/><ref id='red'/></bsdf>\
+             <bsdf type='blendbsdf' id='b'><float name='weight' value='0.3'/><ref id='red'/><bsdf type='roughconductor'><string name='material' value='Au'/></bsdf></bsdf>\
+             <shape type='sphere'><ref id='red'/></shape><shape type='sphere'><ref id='m'/></shape><shape type='sphere'><ref id='b'/></shape>\
+             <shape type='sphere'><bsdf type='dielectric'><string name='int_ior' value='water'/><float name='ext_ior' value='1'/></bsdf>\
+             <medium type='homogeneous' name='interior'><float name='sigma_t' value='2'/></medium></shape>\
+             <emitter type='area' id='glow'><rgb name='radiance' value='7'/></emitter><shape type='rectangle'><ref id='glow'/></shape>\
+             <emitter type='point'><point name='position' value='1,2,3'/><rgb name='intensity' value='3'/></emitter>\
+             <emitter type='constant'><rgb name='radiance' value='0.5'/></emitter><emitter type='sunsky'/>",
+        )
+        .unwrap();
+        let of = |i: usize| &d.materials[d.objects[i].material as usize];
+        assert!(matches!(of(0).scattering, Scattering::Diffuse(_)) && matches!(of(1).coverage, Coverage::Blend(_)));
+        assert!(matches!(&of(2).scattering, Scattering::Mix(_)));
+        let Scattering::Principled(p) = &of(3).scattering else { panic!("glass") };
+        assert!((p.ior - 1.333).abs() < 1e-6 && matches!(&of(3).interior, Interior::Body { medium: Some(_), .. }));
+        let nits = of(4).emission.as_ref().unwrap().luminance(&[Vec2::ZERO; 2]);
+        assert!((nits / 7.0 - 1.0).abs() < 0.01, "{nits}");
+        assert!(matches!(d.punctual[0].kind, PunctualKind::Point { position } if position == Vec3::new(1.0, 2.0, 3.0)));
+        assert!((d.environment.as_ref().unwrap().mean_luminance() - 0.5).abs() < 1e-3);
+        let view = &d.cameras[0];
+        assert!(matches!(view.sight, Sight::Perspective { vertical_fov } if (vertical_fov - 60f32.to_radians()).abs() < 1e-5));
+        assert_eq!((view.lens, view.film.size), (Some([0.1, 4.0]), Some([320, 200])));
+        let ahead = view.world_from_camera.transform_vector3(Vec3::NEG_Z);
+        let right = view.world_from_camera.transform_vector3(Vec3::X);
+        assert!((ahead - Vec3::NEG_Z).length() < 1e-5 && (right - Vec3::X).length() < 1e-5, "{ahead} {right}");
+        let all = d.warnings.join("; ");
+        assert!(all.contains("sunsky") && all.contains("Beckmann"), "{all}");
+    }
+
+    #[test]
+    fn bad_scenes_are_told_where_and_what() {
+        for (body, word) in [
+            ("<shape type='sphere'><ref id='gone'/></shape>", "line 2: \"gone\""),
+            ("<shape type='sphere'><bsdf type='hair'/></shape>", "bsdf \"hair\""),
+            ("<shape type='teapot'/>", "shape \"teapot\""),
+            ("<shape type='sphere'><float name='radius' value='x'/></shape>", "finite number"),
+            ("<shape type='sphere'><transform name='to_world'><scale value='0'/></transform></shape>", "inverted"),
+            ("<bsdf type='twosided' id='a'><ref id='a'/></bsdf><shape type='sphere'><ref id='a'/></shape>", "within BSDFs"),
+            ("<shape type='obj'><string name='filename' value='gone.obj'/></shape>", "no such file"),
+            ("<shape type='sphere'><medium type='heterogeneous' name='interior'/></shape>", "heterogeneous"),
+            ("<emitter type='constant'/>", "no surface"),
+        ] {
+            let e = read(body).unwrap_err().to_string();
+            assert!(e.starts_with("s.xml") && e.contains(word), "{body}: {e}");
+        }
+    }
+
+    #[test]
+    fn damaged_scenes_never_panic() {
+        let text = "<scene version='3.0.0'><default name='a' value='2'/><shape type='sphere'><float name='radius' value='$a'/>\
+            <bsdf type='diffuse'><rgb name='reflectance' value='#80ff00'/></bsdf><transform name='to_world'><lookat origin='0,0,5' target='0,0,0' up='0,1,0'/>\
+            </transform></shape></scene>";
+        assert!(load(text.as_bytes(), "s.xml", &fetch).is_ok());
+        for i in 0..text.len() {
+            for change in *b"9'<-x" {
+                let mut bytes = text.as_bytes().to_vec();
+                bytes[i] = change;
+                let _ = load(&bytes, "s.xml", &fetch).map(crate::Scene::build);
+            }
+        }
+    }
+}

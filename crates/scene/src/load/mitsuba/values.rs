@@ -1,0 +1,231 @@
+//! Numbers, colours, spectra and transforms of elements.
+
+use super::tree::Node;
+use super::wrong;
+use crate::SceneError;
+use diopter_light::spectrum::{Table, blackbody_with_luminance};
+use diopter_light::{Spectrum, color};
+use glam::{DMat3, DMat4, DVec3, DVec4, Vec3};
+
+type Read<T> = Result<T, SceneError>;
+
+fn numbers_of(node: &Node, text: &str) -> Read<Vec<f64>> {
+    let words = text.split([',', ' ', '\t', '\n', '\r']).filter(|w| !w.is_empty());
+    let all: Option<Vec<f64>> = words.map(|w| w.parse().ok().filter(|v: &f64| v.is_finite())).collect();
+    all.ok_or_else(|| wrong(node, format!("\"{text}\""), "finite numbers"))
+}
+
+fn number_of(node: &Node, name: &str, default: f64) -> Read<f64> {
+    match node.get(name) {
+        None => Ok(default),
+        Some(text) => text
+            .trim()
+            .parse()
+            .ok()
+            .filter(|v: &f64| v.is_finite())
+            .ok_or_else(|| wrong(node, format!("{name}=\"{text}\""), "a finite number")),
+    }
+}
+
+/// A float or an integer by name.
+pub fn number(node: &Node, name: &str, default: f64) -> Read<f64> {
+    match node.child(name).filter(|c| matches!(c.tag.as_str(), "float" | "integer")) {
+        Some(child) => number_of(child, "value", default),
+        None => Ok(default),
+    }
+}
+
+/// A boolean by name.
+pub fn boolean(node: &Node, name: &str, default: bool) -> Read<bool> {
+    match node.child(name).map(|c| (c, c.get("value"))) {
+        None => Ok(default),
+        Some((_, Some("true"))) => Ok(true),
+        Some((_, Some("false"))) => Ok(false),
+        Some((c, other)) => Err(wrong(c, format!("\"{}\"", other.unwrap_or_default()), "true or false")),
+    }
+}
+
+/// A string by name.
+pub fn text<'a>(node: &'a Node, name: &str) -> Option<&'a str> {
+    node.child(name).filter(|c| c.tag == "string").and_then(|c| c.get("value"))
+}
+
+/// A point or vector by name: x, y and z, or all in one.
+pub fn vector(node: &Node, name: &str, default: DVec3) -> Read<DVec3> {
+    let Some(child) = node.child(name) else { return Ok(default) };
+    let all = match child.get("value") {
+        Some(text) => numbers_of(child, text)?,
+        None => vec![number_of(child, "x", 0.0)?, number_of(child, "y", 0.0)?, number_of(child, "z", 0.0)?],
+    };
+    match all[..] {
+        [x, y, z] => Ok(DVec3::new(x, y, z)),
+        _ => Err(wrong(child, format!("{} numbers", all.len()), "3 numbers")),
+    }
+}
+
+/// A colour or spectrum of an element.
+#[derive(Clone, Debug)]
+pub enum Shade {
+    Rgb(Vec3),
+    /// The same at all wavelengths.
+    Even(f32),
+    /// Wavelengths, nm, and values.
+    Points(Vec<(f32, f32)>),
+    Blackbody(f32, f32),
+}
+
+impl Shade {
+    /// What an element says; none of elements that are no colour.
+    pub fn of(node: &Node) -> Read<Option<Shade>> {
+        let value = node.get("value").unwrap_or_default();
+        Ok(Some(match node.tag.as_str() {
+            "float" => Shade::Even(number_of(node, "value", 0.0)? as f32),
+            "rgb" | "srgb" => {
+                if let Some(hex) = value.strip_prefix('#').filter(|h| h.len() == 6 && h.is_ascii()) {
+                    let code = |i: usize| u8::from_str_radix(&hex[i..i + 2], 16).map(|v| f32::from(v) / 255.0);
+                    let [Ok(r), Ok(g), Ok(b)] = [code(0), code(2), code(4)] else {
+                        return Err(wrong(node, format!("\"{value}\""), "#rrggbb"));
+                    };
+                    return Ok(Some(Shade::Rgb(Vec3::new(r, g, b))));
+                }
+                match numbers_of(node, value)?[..] {
+                    [v] => Shade::Rgb(Vec3::splat(v as f32)),
+                    [r, g, b] => Shade::Rgb(Vec3::new(r as f32, g as f32, b as f32)),
+                    _ => return Err(wrong(node, format!("\"{value}\""), "three numbers, or one")),
+                }
+            }
+            "spectrum" if value.contains(':') => {
+                let pairs = value.split([',', ' ']).filter(|w| !w.trim().is_empty());
+                let pair = |w: &str| w.split_once(':').and_then(|(a, b)| Some((a.trim().parse().ok()?, b.trim().parse().ok()?)));
+                let mut points: Vec<(f32, f32)> = pairs
+                    .map(pair)
+                    .collect::<Option<_>>()
+                    .ok_or_else(|| wrong(node, format!("\"{value}\""), "wavelength:value, ..."))?;
+                points.retain(|p| p.0.is_finite() && p.1.is_finite());
+                points.sort_by(|a, b| a.0.total_cmp(&b.0));
+                points.dedup_by_key(|p| p.0);
+                if points.is_empty() {
+                    return Err(wrong(node, "no values", "wavelength:value, ..."));
+                }
+                Shade::Points(points)
+            }
+            "spectrum" => match numbers_of(node, value)?[..] {
+                [v] => Shade::Even(v as f32),
+                [r, g, b] => Shade::Rgb(Vec3::new(r as f32, g as f32, b as f32)),
+                _ => return Err(wrong(node, format!("\"{value}\""), "a number, or wavelength:value, ...")),
+            },
+            "blackbody" => {
+                let kelvin = number_of(node, "temperature", 5000.0)? as f32;
+                if !(100.0..=1e6).contains(&kelvin) {
+                    return Err(wrong(node, format!("{kelvin} K"), "100 to 1 000 000 K"));
+                }
+                Shade::Blackbody(kelvin, number_of(node, "scale", 1.0)? as f32)
+            }
+            _ => return Ok(None),
+        }))
+    }
+
+    /// Linear sRGB: of a reflectance.
+    pub fn rgb(&self) -> Vec3 {
+        match self {
+            Shade::Rgb(rgb) => *rgb,
+            Shade::Even(v) => Vec3::splat(*v),
+            Shade::Points(points) => crate::texture::spectrum_rgb(&Spectrum::Table(Table::from_points(points))).max(Vec3::ZERO),
+            Shade::Blackbody(kelvin, scale) => {
+                let light = blackbody_with_luminance(*kelvin, *scale);
+                color::srgb_of_light(|nm| light.at(nm)).max(Vec3::ZERO)
+            }
+        }
+    }
+
+    /// A light: 1 is 1 cd/m² of white; a black body's shape counts, not its size.
+    pub fn light(&self, factor: f32) -> Spectrum {
+        match self {
+            Shade::Blackbody(kelvin, scale) if scale * factor > 0.0 => blackbody_with_luminance(*kelvin, scale * factor),
+            Shade::Points(points) => {
+                // An even spectrum of 1 has 1 cd/m².
+                let even = color::luminance(|_| 1.0) as f32;
+                Spectrum::Table(Table::from_points(points).scaled(factor / even))
+            }
+            other => Spectrum::light_from_rgb(other.rgb().max(Vec3::ZERO) * factor),
+        }
+    }
+
+    /// A number without bound over wavelength, such as an index.
+    pub fn unbounded(&self) -> Spectrum {
+        match self {
+            Shade::Even(v) => Spectrum::Constant(*v),
+            Shade::Points(points) => Spectrum::Table(Table::from_points(points)),
+            other => {
+                let rgb = other.rgb();
+                let points = [(460.0, rgb.z), (545.0, rgb.y), (610.0, rgb.x)];
+                Spectrum::TableOfRgb { table: Table::from_points(&points), rgb }
+            }
+        }
+    }
+}
+
+/// A colour by name, unless it is a texture.
+pub fn shade(node: &Node, name: &str) -> Read<Option<Shade>> {
+    node.child(name).map_or(Ok(None), |child| Shade::of(child))
+}
+
+/// A transform by name: its parts from the first to the last.
+pub fn transform(node: &Node, name: &str) -> Read<DMat4> {
+    let Some(child) = node.child(name).filter(|c| c.tag == "transform") else { return Ok(DMat4::IDENTITY) };
+    let mut whole = DMat4::IDENTITY;
+    for part in &child.children {
+        let three = |default: f64| -> Read<DVec3> {
+            match part.get("value").map(|t| numbers_of(part, t)).transpose()?.as_deref() {
+                Some([v]) => Ok(DVec3::splat(*v)),
+                Some([x, y, z]) => Ok(DVec3::new(*x, *y, *z)),
+                Some(_) => Err(wrong(part, "another count of numbers", "1 or 3")),
+                None => {
+                    Ok(DVec3::new(number_of(part, "x", default)?, number_of(part, "y", default)?, number_of(part, "z", default)?))
+                }
+            }
+        };
+        let m = match part.tag.as_str() {
+            "translate" => DMat4::from_translation(three(0.0)?),
+            "scale" => DMat4::from_scale(three(1.0)?),
+            "rotate" => {
+                let axis = three(0.0)?.try_normalize().ok_or_else(|| wrong(part, "an axis of no length", "x, y or z"))?;
+                DMat4::from_axis_angle(axis, number_of(part, "angle", 0.0)?.to_radians())
+            }
+            "lookat" | "look_at" => {
+                let point = |name: &str, default: DVec3| -> Read<DVec3> {
+                    match part.get(name).map(|t| numbers_of(part, t)).transpose()?.as_deref() {
+                        Some([x, y, z]) => Ok(DVec3::new(*x, *y, *z)),
+                        Some(_) => Err(wrong(part, format!("{name} of another count of numbers"), "3")),
+                        None => Ok(default),
+                    }
+                };
+                let (origin, target, up) = (point("origin", DVec3::ZERO)?, point("target", DVec3::Z)?, point("up", DVec3::Y)?);
+                let ahead = (target - origin).try_normalize();
+                let axes = ahead.and_then(|d| Some((up.cross(d).try_normalize()?, d)));
+                let (left, ahead) =
+                    axes.ok_or_else(|| wrong(part, "a lookat without direction", "origin, target and up that differ"))?;
+                let up = ahead.cross(left);
+                DMat4::from_cols(left.extend(0.0), up.extend(0.0), ahead.extend(0.0), origin.extend(1.0))
+            }
+            "matrix" => {
+                let all = numbers_of(part, part.get("value").unwrap_or_default())?;
+                let m = match (all.first_chunk::<16>(), all.first_chunk::<9>()) {
+                    (Some(m), _) if all.len() == 16 => DMat4::from_cols_array(m).transpose(),
+                    (_, Some(m)) if all.len() == 9 => DMat4::from_mat3(DMat3::from_cols_array(m).transpose()),
+                    _ => return Err(wrong(part, format!("{} numbers", all.len()), "16 or 9")),
+                };
+                if m.row(3) != DVec4::W {
+                    return Err(wrong(part, "a matrix with a perspective", "an affine one: its last row is 0 0 0 1"));
+                }
+                m
+            }
+            other => return Err(wrong(part, format!("<{other}>"), "translate, rotate, scale, lookat or matrix")),
+        };
+        whole = m * whole;
+    }
+    match whole.is_finite() && whole.determinant().abs() > 1e-30 {
+        true => Ok(whole),
+        false => Err(wrong(child, "a transform that cannot be inverted", "one of factors other than 0")),
+    }
+}

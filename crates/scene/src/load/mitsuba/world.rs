@@ -1,0 +1,351 @@
+//! Objects of a scene in their order, and what they become.
+
+use super::materials::Surface;
+use super::tree::Node;
+use super::values::{self, boolean, number, transform};
+use super::{camera, lights, shapes, wrong};
+use crate::SceneError;
+use crate::load::pbrt::shapes as round;
+use crate::load::{Fetch, measured_or_stand_in, note_missing, read_texture};
+use crate::material::{Interior, Material, Scattering};
+use crate::medium::{Coefficient, Medium};
+use crate::scene::{Description, Object, Shape};
+use crate::texture::Image;
+use glam::{Affine3A, DMat4};
+use std::collections::{BTreeMap, HashMap};
+use std::sync::Arc;
+
+/// Most things in a scene.
+const MOST_OBJECTS: usize = 1 << 24;
+/// Deepest that references lead to references.
+pub(super) const DEEPEST: usize = 24;
+
+pub(super) struct World<'a> {
+    pub name: String,
+    pub fetch: Fetch<'a>,
+    /// Objects by their identifiers.
+    ids: HashMap<String, Arc<Node>>,
+    pub description: Description,
+    pub pictures: HashMap<String, Option<Arc<Image>>>,
+    measured: HashMap<String, Scattering>,
+    /// What surfaces became of, by the place of their element in memory, interior and light left out.
+    surfaces: HashMap<*const Node, Surface>,
+    plain: HashMap<*const Node, u32>,
+    /// Shapes of a group, by its element: groups without a name are different ones.
+    groups: HashMap<*const Node, Vec<(Shape, u32, String)>>,
+    meshes: HashMap<(String, bool, bool), u32>,
+    left_out: BTreeMap<String, usize>,
+}
+
+type Read<T> = Result<T, SceneError>;
+
+fn gather(node: &Arc<Node>, ids: &mut HashMap<String, Arc<Node>>) {
+    if let Some(id) = node.get("id").filter(|_| node.tag != "ref") {
+        ids.entry(id.to_owned()).or_insert_with(|| node.clone());
+    }
+    node.children.iter().for_each(|c| gather(c, ids));
+}
+
+impl<'a> World<'a> {
+    pub fn new(name: &str, fetch: Fetch<'a>, root: &Node) -> Self {
+        let mut ids = HashMap::new();
+        root.children.iter().for_each(|c| gather(c, &mut ids));
+        World {
+            name: name.to_owned(),
+            fetch,
+            ids,
+            description: Description { name: name.to_owned(), ..Default::default() },
+            pictures: HashMap::new(),
+            measured: HashMap::new(),
+            surfaces: HashMap::new(),
+            plain: HashMap::new(),
+            groups: HashMap::new(),
+            meshes: HashMap::new(),
+            left_out: BTreeMap::new(),
+        }
+    }
+
+    /// Counts something that is left out.
+    pub fn leave_out(&mut self, what: impl Into<String>) {
+        *self.left_out.entry(what.into()).or_default() += 1;
+    }
+
+    /// The element that a reference stands for; others stand for themselves.
+    pub fn resolved(&self, node: &Arc<Node>) -> Read<Arc<Node>> {
+        if node.tag != "ref" {
+            return Ok(node.clone());
+        }
+        let id = node.get("id").unwrap_or_default();
+        self.ids.get(id).cloned().ok_or_else(|| {
+            let near = diopter_light::names::nearest(id, self.ids.keys().map(String::as_str));
+            let hint =
+                near.map_or("an object with that id".to_owned(), |n| format!("an object with that id (did you mean \"{n}\"?)"));
+            wrong(node, format!("\"{id}\""), hint)
+        })
+    }
+
+    /// The nested object of a tag, given there or by reference.
+    pub fn nested(&self, node: &Node, tag: &str, name: Option<&str>) -> Read<Option<Arc<Node>>> {
+        for child in &node.children {
+            if name.is_some() && child.get("name") != name {
+                continue;
+            }
+            let there = self.resolved_if(child, tag)?;
+            if there.is_some() {
+                return Ok(there);
+            }
+        }
+        Ok(None)
+    }
+
+    /// What a child stands for, if it has a tag.
+    pub fn resolved_if(&self, child: &Arc<Node>, tag: &str) -> Read<Option<Arc<Node>>> {
+        let there = if child.tag == "ref" || child.tag == tag { Some(self.resolved(child)?) } else { None };
+        Ok(there.filter(|n| n.tag == tag))
+    }
+
+    /// A picture of a surface; none where it is missing, which is noted.
+    pub fn picture(&mut self, file: &str) -> Option<Arc<Image>> {
+        if let Some(known) = self.pictures.get(file) {
+            return known.clone();
+        }
+        let read = (self.fetch)(file).and_then(|bytes| read_texture(&bytes));
+        let image = read.map(Arc::new).map_err(|reason| note_missing(&mut self.description.missing_textures, file, reason)).ok();
+        self.pictures.insert(file.to_owned(), image.clone());
+        image
+    }
+
+    /// A measured material; where its file cannot be read that is noted, and something stands in for it.
+    pub fn measured(&mut self, file: &str) -> Scattering {
+        if let Some(known) = self.measured.get(file) {
+            return known.clone();
+        }
+        let made = measured_or_stand_in(&mut self.description.missing_textures, file, (self.fetch)(file));
+        self.measured.insert(file.to_owned(), made.clone());
+        made
+    }
+
+    pub fn run(mut self, root: &Node) -> Read<Description> {
+        for child in &root.children {
+            match child.tag.as_str() {
+                "shape" if child.kind() == "shapegroup" => (),
+                "shape" => self.shape(child)?,
+                "emitter" => lights::add(&mut self, child)?,
+                "sensor" => camera::add(&mut self, child)?,
+                "integrator" => {
+                    let depth = number(child, "max_depth", -1.0)?;
+                    if depth >= 1.0 {
+                        // Theirs counts what is seen directly as 1.
+                        self.description.max_depth = Some((depth - 1.0).min(1e6) as u32);
+                    }
+                }
+                _ => (),
+            }
+        }
+        if !self.left_out.is_empty() {
+            let list: Vec<String> = self.left_out.iter().map(|(what, n)| format!("{what} ({n})")).collect();
+            self.description.warnings.push(format!("{}: left out: {}", self.name, list.join(", ")));
+        }
+        Ok(self.description)
+    }
+
+    fn push(&mut self, node: &Node, object: Object) -> Read<()> {
+        if self.description.objects.len() >= MOST_OBJECTS {
+            return Err(wrong(node, format!("more than {MOST_OBJECTS} shapes"), "fewer"));
+        }
+        self.description.objects.push(object);
+        Ok(())
+    }
+
+    fn shape(&mut self, node: &Arc<Node>) -> Read<()> {
+        if node.kind() != "instance" {
+            let (shape, material, name) = self.form(node, true)?;
+            return self.push(node, Object::new(name, shape, material));
+        }
+        let group = self.nested(node, "shape", None)?.filter(|g| g.kind() == "shapegroup");
+        let group = group.ok_or_else(|| wrong(node, "an instance of nothing", "a reference to a shapegroup"))?;
+        let id = Arc::as_ptr(&group);
+        if !self.groups.contains_key(&id) {
+            let mut all = Vec::new();
+            for child in &group.children {
+                if let Some(shape) = self.resolved_if(child, "shape")? {
+                    if matches!(shape.kind(), "instance" | "shapegroup") {
+                        return Err(wrong(&shape, format!("{} in a shapegroup", shape.kind()), "shapes alone"));
+                    }
+                    all.push(self.form(&shape, false)?);
+                }
+            }
+            self.groups.insert(id, all);
+        }
+        let place = affine(transform(node, "to_world")?);
+        for (shape, material, name) in self.groups[&id].clone() {
+            if let Shape::Mesh { mesh, world_from_mesh } = shape {
+                let shape = Shape::Mesh { mesh, world_from_mesh: place * world_from_mesh };
+                self.push(node, Object::new(name, shape, material))?;
+            }
+        }
+        Ok(())
+    }
+
+    /// A shape's form in the world, its material and its name. What is `alone` may be a sphere.
+    fn form(&mut self, node: &Arc<Node>, alone: bool) -> Read<(Shape, u32, String)> {
+        let place = transform(node, "to_world")?;
+        let flip = boolean(node, "flip_normals", false)?;
+        let name = node.get("id").map_or_else(|| format!("{} of line {}", node.kind(), node.line), str::to_owned);
+        let material = self.material(node)?;
+        let shape = match node.kind() {
+            "sphere" => {
+                let (center, radius) = (values::vector(node, "center", glam::DVec3::ZERO)?, number(node, "radius", 1.0)?);
+                if !(radius > 0.0) {
+                    return Err(wrong(node, format!("a radius of {radius}"), "a length above 0"));
+                }
+                let place = place * DMat4::from_translation(center);
+                // What has pictures needs Mitsuba's texture coordinates.
+                let plain = alone && !flip && !self.description.materials[material as usize].has_pictures();
+                match round::sphere_in_world(radius as f32, place) {
+                    Some(sphere) if plain && place.determinant() > 0.0 => Shape::Sphere(sphere),
+                    _ => self.mesh(round::ball(radius as f32), flip, place),
+                }
+            }
+            "obj" | "ply" | "serialized" => {
+                let file = values::text(node, "filename")
+                    .ok_or_else(|| wrong(node, "a mesh without filename", "<string name=\"filename\" .../>"))?;
+                let flat = boolean(node, "face_normals", false)?;
+                let flip_uv = boolean(node, "flip_tex_coords", node.kind() == "obj")?;
+                let part = number(node, "shape_index", 0.0)?.clamp(0.0, 1e9) as usize;
+                let key = (format!("{} {file} {part} {flip}", node.kind()), flat, flip_uv);
+                let number = match self.meshes.get(&key) {
+                    Some(number) => *number,
+                    None => {
+                        let bytes =
+                            (self.fetch)(file).map_err(|e| wrong(node, format!("{file}: {e}"), "a file that can be read"))?;
+                        let mut mesh = shapes::read(node.kind(), bytes, part)
+                            .map_err(|e| wrong(node, format!("{file}: {e}"), format!("a {} mesh", node.kind())))?;
+                        if flip_uv {
+                            mesh.uvs[0].iter_mut().for_each(|uv| uv.y = 1.0 - uv.y);
+                        }
+                        if flat {
+                            mesh.normals.clear();
+                        }
+                        if flip {
+                            round::reverse(&mut mesh);
+                        }
+                        self.description.meshes.push(mesh.into());
+                        let number = self.description.meshes.len() as u32 - 1;
+                        self.meshes.insert(key, number);
+                        number
+                    }
+                };
+                Shape::Mesh { mesh: number, world_from_mesh: affine(place) }
+            }
+            kind => {
+                let (mesh, own) = shapes::make(node, kind)?;
+                self.mesh(mesh, flip, place * own)
+            }
+        };
+        Ok((shape, material, name))
+    }
+
+    fn mesh(&mut self, mut mesh: crate::shape::Mesh, flip: bool, place: DMat4) -> Shape {
+        if flip {
+            round::reverse(&mut mesh);
+        }
+        self.description.meshes.push(mesh.into());
+        Shape::Mesh { mesh: self.description.meshes.len() as u32 - 1, world_from_mesh: affine(place) }
+    }
+
+    /// The number of the material of a shape: its BSDF, light and interior.
+    fn material(&mut self, node: &Arc<Node>) -> Read<u32> {
+        let bsdf = self.nested(node, "bsdf", None)?;
+        let emitter = self.nested(node, "emitter", None)?;
+        let medium = |name: &str| -> Read<Option<Arc<Node>>> { self.nested(node, "medium", Some(name)) };
+        let (inside, outside) = (medium("interior")?, medium("exterior")?);
+        let key = bsdf.as_ref().map_or(std::ptr::null(), Arc::as_ptr);
+        let is_plain = emitter.is_none() && inside.is_none() && outside.is_none();
+        if let Some(number) = self.plain.get(&key).filter(|_| is_plain) {
+            return Ok(*number);
+        }
+        let surface = match &bsdf {
+            None => Surface::default(),
+            Some(bsdf) => match self.surfaces.get(&Arc::as_ptr(bsdf)) {
+                Some(known) => known.clone(),
+                None => {
+                    let made = self.bsdf(bsdf, 0)?;
+                    self.surfaces.insert(Arc::as_ptr(bsdf), made.clone());
+                    made
+                }
+            },
+        };
+        let name = bsdf.as_ref().and_then(|b| b.get("id")).unwrap_or("material");
+        let mut material =
+            Material { coverage: surface.coverage, normal_map: surface.normal_map, ..Material::new(name, surface.scattering) };
+        if surface.is_body {
+            material.interior = Interior::Body { medium: None, priority: None };
+        }
+        if inside.is_some() || outside.is_some() {
+            let made = |node: Option<Arc<Node>>| node.map(|n| medium_of(&n).map(Arc::new)).transpose();
+            let (inside, outside) = (made(inside)?, made(outside)?);
+            material.interior = match (outside, surface.is_body) {
+                (None, true) => Interior::Body { medium: inside, priority: None },
+                (outside, _) => Interior::Sides([inside, outside]),
+            };
+        }
+        if let Some(emitter) = emitter {
+            material.emission = Some(lights::emission(self, &emitter)?);
+        }
+        // Nothing that light would meet, and nothing behind it.
+        if matches!(material.scattering, Scattering::Interface) && is_plain {
+            self.leave_out("surfaces of nothing (null) without media");
+        }
+        self.description.materials.push(material);
+        let number = self.description.materials.len() as u32 - 1;
+        if is_plain {
+            self.plain.insert(key, number);
+        }
+        Ok(number)
+    }
+}
+
+/// A homogeneous medium. Source: Mitsuba 3, `homogeneous`: σt, albedo and a scale; phase functions isotropic and Henyey-Greenstein.
+fn medium_of(node: &Node) -> Read<Medium> {
+    if node.kind() != "homogeneous" {
+        return Err(wrong(
+            node,
+            format!("medium \"{}\"", node.kind()),
+            "homogeneous: media that differ from place to place are not supported",
+        ));
+    }
+    let scale = number(node, "scale", 1.0)?.max(0.0) as f32;
+    let rgb = |name: &str, default: f32| -> Read<glam::Vec3> {
+        Ok(values::shade(node, name)?.map_or(glam::Vec3::splat(default), |s| s.rgb()).max(glam::Vec3::ZERO))
+    };
+    let (sigma_t, albedo) = (rgb("sigma_t", 1.0)?, rgb("albedo", 0.75)?.min(glam::Vec3::ONE));
+    let coefficient = |rgb: glam::Vec3| {
+        let most = 2.0 * rgb.max_element();
+        match most > 0.0 {
+            true if rgb == glam::Vec3::splat(rgb.x) => Coefficient::grey(rgb.x * scale),
+            true => {
+                let sigmoid = diopter_light::upsample::Sigmoid::from_rgb(rgb / most);
+                Coefficient::Scaled(scale * most, diopter_light::Spectrum::Sigmoid(sigmoid))
+            }
+            false => Coefficient::NONE,
+        }
+    };
+    let asymmetry = match node.tagged("phase").next() {
+        Some(phase) if phase.kind() == "hg" => number(phase, "g", 0.8)?.clamp(-0.999, 0.999) as f32,
+        _ => 0.0,
+    };
+    Ok(Medium {
+        name: node.get("id").unwrap_or("medium").to_owned(),
+        absorption: coefficient(sigma_t * (glam::Vec3::ONE - albedo)),
+        scattering: coefficient(sigma_t * albedo),
+        asymmetry,
+        emission: None,
+        ..Medium::default()
+    })
+}
+
+/// A matrix of single precision.
+pub(super) fn affine(m: DMat4) -> Affine3A {
+    Affine3A::from_mat4(m.as_mat4())
+}

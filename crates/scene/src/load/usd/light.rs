@@ -1,0 +1,214 @@
+//! Lights. Source: OpenUSD 25, `UsdLux`: intensity 1 is 1 cd/m², times 2^exposure; lights shine along −z, cylinders lie along x.
+//!
+//! A light that is normalised has its luminance divided by its area in scene units (a distant one's by π sin² of its half angle), so that its power
+//! does not change with its size. Shaped ones (ShapingAPI, a cone below 90°) become spots of the same intensity in their middle.
+
+use super::geometry;
+use super::layer::Value;
+use super::stage::Prim;
+use super::world::{Place, World};
+use crate::SceneError;
+use crate::light::{Environment, Modulation, Punctual, PunctualKind, SpotEdge};
+use crate::load::read_light_picture;
+use crate::load::{note_missing, read_texture};
+use crate::material::{Emission, EmissionColor, Material, Scattering};
+use crate::texture::Texture;
+use diopter_light::spectrum::blackbody_with_luminance;
+use diopter_light::{Spectrum, color};
+use glam::{DVec3, Mat3, Vec3};
+use std::f64::consts::PI;
+use std::sync::Arc;
+
+/// Adds a light.
+pub fn add(world: &mut World, kind: &str, prim: &Arc<Prim>, place: &Place) -> Result<(), SceneError> {
+    if place.instancers > 0 {
+        world.leave_out("lights within prototypes of instancers");
+        return Ok(());
+    }
+    let stage = &world.stage;
+    // Files before 2021 leave out "inputs:".
+    let value = |name: &str| -> Result<Option<Value>, SceneError> {
+        match stage.value(prim, &format!("inputs:{name}"))? {
+            Some(value) => Ok(Some(value)),
+            None => stage.value(prim, name),
+        }
+    };
+    let number = |name: &str, default: f64| -> Result<f64, SceneError> {
+        Ok(value(name)?.and_then(|v| v.number()).filter(|v| v.is_finite()).unwrap_or(default))
+    };
+    let rgb = value("color")?.and_then(|v| v.floats()).filter(|c| c.len() >= 3).map_or(Vec3::ONE, |c| Vec3::from_slice(&c));
+    let intensity = number("intensity", if kind == "DistantLight" { 50_000.0 } else { 1.0 })?.max(0.0)
+        * number("exposure", 0.0)?.clamp(-100.0, 100.0).exp2();
+    let warm = match number("enableColorTemperature", 0.0)? != 0.0 {
+        true => Some(number("colorTemperature", 6500.0)?.clamp(1000.0, 40_000.0) as f32),
+        false => None,
+    };
+    let normalize = number("normalize", 0.0)? != 0.0;
+    let cone = number("shaping:cone:angle", 90.0)?;
+    let softness = number("shaping:cone:softness", 0.0)?.clamp(0.0, 1.0);
+    let file = stage.attribute(prim, "inputs:texture:file")?.or(stage.attribute(prim, "texture:file")?);
+    let file = file.and_then(|f| f.value.text().filter(|t| !t.is_empty()).map(|t| (t.to_string(), f.layer)));
+    let ies = stage.attribute(prim, "inputs:shaping:ies:file")?.is_some();
+    let (radius, angle) = (number("radius", 0.5)?.max(0.0), number("angle", 0.53)?.clamp(0.0, 359.0));
+    let (width, height, length) =
+        (number("width", 1.0)?.max(0.0), number("height", 1.0)?.max(0.0), number("length", 1.0)?.max(0.0));
+    let as_point =
+        kind == "SphereLight" && (stage.value(prim, "treatAsPoint")?.and_then(|v| v.number()) == Some(1.0) || radius == 0.0);
+    let pole_is_z = kind == "DomeLight_1" && {
+        let pole = stage.value(prim, "poleAxis")?;
+        match pole.as_ref().and_then(Value::text).map(|t| t.to_string()).as_deref() {
+            Some("Y") => false,
+            Some("Z") => true,
+            _ => world.is_z_up,
+        }
+    };
+    if ies {
+        world.leave_out("IES profiles of lights");
+    }
+    let light = |luminance: f64| -> Spectrum {
+        let luminance = luminance as f32;
+        match warm {
+            Some(kelvin) if rgb == Vec3::ONE => blackbody_with_luminance(kelvin, luminance.max(1e-30)),
+            Some(kelvin) => {
+                let black = blackbody_with_luminance(kelvin, 1.0);
+                Spectrum::light_from_rgb(rgb * color::srgb_of_light(|nm| black.at(nm)).max(Vec3::ZERO) * luminance)
+            }
+            None => Spectrum::light_from_rgb(rgb.max(Vec3::ZERO) * luminance),
+        }
+    };
+    // Area in scene units: the light's own size, as its place scales it.
+    let axes = [place.world.x_axis, place.world.y_axis, place.world.z_axis].map(|a| a.truncate().length() / world.unit_m);
+    let area = match kind {
+        "SphereLight" => 4.0 * PI * radius * radius * (axes[0] * axes[1] * axes[2]).powf(2.0 / 3.0),
+        "DiskLight" => PI * radius * radius * axes[0] * axes[1],
+        "RectLight" => width * height * axes[0] * axes[1],
+        "CylinderLight" => 2.0 * PI * radius * length * axes[0] * (axes[1] * axes[2]).sqrt(),
+        _ => 1.0,
+    };
+    let luminance = if normalize && area > 0.0 { intensity / area } else { intensity };
+    let name = prim.name().to_owned();
+    let shaped = cone < 90.0 && matches!(kind, "SphereLight" | "DiskLight" | "RectLight");
+    if as_point || shaped {
+        // As much as the whole light would send ahead, in m².
+        let seen = if kind == "SphereLight" { 0.25 } else { 1.0 };
+        let candela = if area > 0.0 { luminance * area * world.unit_m * world.unit_m * seen } else { intensity * 0.25 };
+        if shaped && !as_point {
+            world.leave_out("sizes of lights with a cone");
+        }
+        let outer = cone.clamp(0.01, 89.999).to_radians();
+        let (position, direction) = (Vec3::ZERO, Vec3::NEG_Z);
+        let kind = match shaped {
+            true => PunctualKind::Spot {
+                position,
+                direction,
+                cos_inner: (outer * (1.0 - softness)).cos() as f32,
+                cos_outer: outer.cos() as f32,
+                edge: SpotEdge::Smooth,
+            },
+            false => PunctualKind::Point { position },
+        };
+        punctual(world, &name, light(candela), kind, place);
+        return Ok(());
+    }
+    match kind {
+        "DistantLight" => {
+            let half = (0.5 * angle).to_radians();
+            // What a level plane gets of its luminance, and the solid angle under which it is seen.
+            let projected = PI * half.min(0.5 * PI).sin().powi(2);
+            let seen = 4.0 * PI * (0.5 * half.min(0.5 * PI)).sin().powi(2);
+            let lux = match (projected < 1e-9, normalize) {
+                (true, _) => intensity,
+                (false, true) => intensity / projected * seen,
+                (false, false) => intensity * seen,
+            };
+            let direction = Vec3::NEG_Z;
+            let kind = match half < 1e-4 {
+                true => PunctualKind::Directional { direction },
+                false => PunctualKind::Disc { direction, half_angle: half.min(0.5 * PI) as f32 },
+            };
+            punctual(world, &name, light(lux), kind, place);
+        }
+        "DomeLight" | "DomeLight_1" => dome(world, file, light(luminance), place, pole_is_z)?,
+        _ => {
+            let own = match file {
+                Some((file, layer)) if kind == "RectLight" => {
+                    let read = world.stage.file(layer, &file).and_then(|bytes| read_texture(&bytes));
+                    read.map_err(|reason| note_missing(&mut world.description.missing_textures, &file, reason)).ok()
+                }
+                _ => None,
+            };
+            let radiance = match own {
+                Some(image) => {
+                    let whole = light(luminance);
+                    let factor = color::srgb_of_light(|nm| whole.at(nm)).max(Vec3::ZERO);
+                    EmissionColor::Textured { factor, texture: Texture::color(Arc::new(image)) }
+                }
+                None => EmissionColor::Constant(light(luminance)),
+            };
+            let emission = Emission { radiance, two_sided: false, is_light: true, modulation: Modulation::Steady };
+            let lamp = Material { emission: Some(emission), ..Material::new(&name, Scattering::Black) };
+            let material = world.push_material(lamp);
+            match kind {
+                "SphereLight" => world.draw_ball(&name, radius, material, place)?,
+                "DiskLight" => world.draw_mesh(&name, geometry::disc(radius, -1.0), material, place)?,
+                "CylinderLight" => world.draw_mesh(&name, geometry::tube(radius, length), material, place)?,
+                _ => {
+                    // Seen from where it shines, −x is to the right.
+                    let half = [Vec3::NEG_X * (0.5 * width) as f32, Vec3::Y * (0.5 * height) as f32];
+                    world.draw_mesh(&name, geometry::rectangle(Vec3::ZERO, half), material, place)?;
+                }
+            }
+        }
+    }
+    Ok(())
+}
+
+/// Adds a light without extent, carried by what its prim hangs on.
+fn punctual(world: &mut World, name: &str, power: Spectrum, kind: PunctualKind, place: &Place) {
+    let carrier = Some(world.node_at(place, name));
+    world.description.punctual.push(Punctual { carrier, ..Punctual::new(name, power, kind) });
+}
+
+/// Light from all around. Of a picture the middle is +z and +x to the left of it (OpenEXR's latitude-longitude map); ours has −z and +x to the right.
+fn dome(
+    world: &mut World,
+    file: Option<(String, usize)>,
+    light: Spectrum,
+    place: &Place,
+    pole_is_z: bool,
+) -> Result<(), SceneError> {
+    let factor = color::srgb_of_light(|nm| light.at(nm)).max(Vec3::ZERO);
+    let map = match file {
+        None => None,
+        Some((file, layer)) => match world.stage.file(layer, &file).and_then(|bytes| read_light_picture(&bytes)) {
+            Ok(map) if map.width > 0 && map.height > 0 => Some(map),
+            Ok(_) => None,
+            Err(reason) => {
+                note_missing(&mut world.description.missing_textures, &file, reason);
+                world.leave_out("pictures of domes, which shine evenly without");
+                None
+            }
+        },
+    };
+    let own = match map {
+        None => Environment::uniform(factor),
+        Some(mut map) => {
+            map.data.as_chunks_mut::<3>().0.iter_mut().for_each(|p| (0..3).for_each(|c| p[c] *= factor[c]));
+            let unit = |v: glam::DVec4| v.truncate().try_normalize().unwrap_or(DVec3::ZERO).as_vec3();
+            let m = place.world;
+            let mut turn = Mat3::from_cols(unit(m.x_axis), unit(m.y_axis), unit(m.z_axis));
+            if pole_is_z {
+                turn *= Mat3::from_rotation_x(std::f32::consts::FRAC_PI_2);
+            }
+            Environment::new(map, turn * Mat3::from_rotation_y(std::f32::consts::PI), 1.0)
+        }
+    };
+    if place.node.is_some() {
+        world.leave_out("motion of domes");
+    }
+    world.description.environment = Some(match world.description.environment.take() {
+        Some(first) => first.plus(&own),
+        None => own,
+    });
+    Ok(())
+}

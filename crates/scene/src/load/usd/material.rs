@@ -1,0 +1,619 @@
+//! Materials: networks of shaders that end in a UsdPreviewSurface, MaterialX's standard surface or Omniverse's OmniPBR.
+//!
+//! Sources: OpenUSD, "UsdPreviewSurface Specification" 2.6, `UsdShade`; MaterialX 1.38 specification (standard_surface, image); NVIDIA,
+//! OmniPBR.mdl. A transparent surface (`opacityMode` "transparent" and one `opacity` for all of it) is a thin sheet: it keeps its reflections, and
+//! what it lets through is not bent.
+
+use super::layer::Value;
+use super::stage::Prim;
+use super::world::World;
+use crate::SceneError;
+use crate::light::Modulation;
+use crate::load::{note_missing, read_texture, stand_in};
+use crate::material::{Coverage, Emission, EmissionColor, Material, Principled, Scattering};
+use crate::texture::{Codes, Color, Graph, Image, Interpolation, Scalar, Texture, Wrap};
+use diopter_light::Spectrum;
+use glam::{Affine2, Vec2, Vec3, Vec4};
+use std::collections::HashMap;
+use std::sync::Arc;
+
+/// Most shaders between a material and a value.
+const LONGEST_CHAIN: usize = 32;
+/// Reflectance of what says nothing of itself.
+const GREY: f32 = 0.6;
+
+/// A material as prims use it.
+#[derive(Clone, Debug)]
+pub struct Bound {
+    pub number: u32,
+    /// Names of the primvars that its pictures lie on; two at most.
+    pub uvs: Vec<String>,
+    /// Whether the colours of vertices count.
+    pub colors: bool,
+}
+
+/// Materials and pictures that were read.
+#[derive(Default)]
+pub struct Shaders {
+    by_path: HashMap<String, Option<Bound>>,
+    by_opinions: HashMap<Vec<(usize, String)>, Bound>,
+    plain: HashMap<Option<[u32; 3]>, u32>,
+    pictures: HashMap<String, Option<Arc<Image>>>,
+}
+
+type Read<T> = Result<T, SceneError>;
+
+/// Where the value of an input comes from.
+enum Input {
+    Absent,
+    Value(Value, usize),
+    Shader(Arc<Prim>, String),
+}
+
+/// A picture as shaders use it.
+struct Picture {
+    /// None where it is missing.
+    texture: Option<Texture>,
+    scale: Vec4,
+    bias: Vec4,
+    /// 0 to 3: red to alpha; none: the colour.
+    channel: Option<usize>,
+}
+
+/// What is gathered about a material on the way.
+#[derive(Default)]
+struct Uses {
+    uvs: Vec<String>,
+    colors: bool,
+}
+
+impl World<'_> {
+    /// What has no material: grey, its display colour, or the colours of its vertices.
+    pub fn plain(&mut self, color: Option<Vec3>, has_colors: bool) -> Bound {
+        let color = if has_colors { Some(Vec3::ONE) } else { color };
+        let key = color.map(|c| c.to_array().map(f32::to_bits));
+        if let Some(number) = self.shaders.plain.get(&key) {
+            return Bound { number: *number, uvs: vec![], colors: has_colors };
+        }
+        let rgb = color.unwrap_or(Vec3::splat(GREY)).clamp(Vec3::ZERO, Vec3::ONE);
+        let made = Material::new("display colour", Scattering::Diffuse(Color::rgb(rgb.x, rgb.y, rgb.z)));
+        let number = self.push_material(made);
+        self.shaders.plain.insert(key, number);
+        Bound { number, uvs: vec![], colors: has_colors }
+    }
+
+    pub fn push_material(&mut self, material: Material) -> u32 {
+        self.description.materials.push(material);
+        self.description.materials.len() as u32 - 1
+    }
+
+    /// The material of a path; without one that can be read, what things without a material are.
+    pub fn material(&mut self, path: &str, color: Option<Vec3>, has_colors: bool) -> Read<Bound> {
+        let known = match self.shaders.by_path.get(path) {
+            Some(known) => known.clone(),
+            None => {
+                let made = self.read_material(path)?;
+                self.shaders.by_path.insert(path.to_owned(), made.clone());
+                made
+            }
+        };
+        Ok(known.unwrap_or_else(|| self.plain(color, has_colors)))
+    }
+
+    fn read_material(&mut self, path: &str) -> Read<Option<Bound>> {
+        let Some(prim) = self.stage.prim(path)? else {
+            self.leave_out("bindings to materials that are not there");
+            return Ok(None);
+        };
+        // Copies of one asset share their materials.
+        let mut opinions = self.stage.fingerprint(&prim);
+        let mut open = self.stage.children(&prim)?;
+        while let Some(child) = open.pop() {
+            opinions.extend(self.stage.fingerprint(&child));
+            open.extend(self.stage.children(&child)?);
+        }
+        if let Some(known) = self.shaders.by_opinions.get(&opinions) {
+            return Ok(Some(known.clone()));
+        }
+        let mut surface = None;
+        for output in ["outputs:surface", "outputs:mtlx:surface", "outputs:mdl:surface"] {
+            if surface.is_none() {
+                surface = self.shader(&prim, output)?;
+            }
+        }
+        let mut uses = Uses::default();
+        let made = match surface {
+            Some((shader, _)) => self.surface(&prim, &shader, &mut uses)?,
+            None => None,
+        };
+        let Some(made) = made else {
+            self.leave_out("materials without UsdPreviewSurface, standard_surface or OmniPBR: display colours are shown");
+            return Ok(None);
+        };
+        if uses.uvs.len() > 2 {
+            self.leave_out("texture coordinates beyond two sets of a material");
+            uses.uvs.truncate(2);
+        }
+        let bound = Bound { number: self.push_material(made), uvs: uses.uvs, colors: uses.colors };
+        self.shaders.by_opinions.insert(opinions, bound.clone());
+        Ok(Some(bound))
+    }
+
+    /// The shader that an attribute is connected to, through groups and their interfaces, and its output.
+    fn shader(&mut self, prim: &Arc<Prim>, attribute: &str) -> Read<Option<(Arc<Prim>, String)>> {
+        Ok(match self.followed(prim, attribute)? {
+            Input::Shader(shader, output) => Some((shader, output)),
+            _ => None,
+        })
+    }
+
+    fn followed(&mut self, prim: &Arc<Prim>, attribute: &str) -> Read<Input> {
+        let (mut prim, mut attribute) = (prim.clone(), attribute.to_owned());
+        for _ in 0..LONGEST_CHAIN {
+            let Some((path, property)) = self.stage.source(&prim, &attribute)? else {
+                return Ok(match self.stage.attribute(&prim, &attribute)? {
+                    Some(found) => match self.stage.at_start(&found)? {
+                        Some(value) => Input::Value(value, found.layer),
+                        None => Input::Absent,
+                    },
+                    None => Input::Absent,
+                });
+            };
+            let Some(next) = self.stage.prim(&path)? else { return Ok(Input::Absent) };
+            if &*self.stage.type_name(&next)? == "Shader" {
+                let output = property.strip_prefix("outputs:").unwrap_or(&property).to_owned();
+                return Ok(Input::Shader(next, output));
+            }
+            (prim, attribute) = (next, property);
+        }
+        Ok(Input::Absent)
+    }
+
+    fn input(&mut self, shader: &Arc<Prim>, name: &str) -> Read<Input> {
+        self.followed(shader, &format!("inputs:{name}"))
+    }
+
+    /// A plain number of an input; none where a shader makes it.
+    fn number(&mut self, shader: &Arc<Prim>, name: &str, default: f32) -> Read<f32> {
+        Ok(match self.input(shader, name)? {
+            Input::Value(value, _) => value.number().map(|v| v as f32).filter(|v| v.is_finite()).unwrap_or(default),
+            _ => default,
+        })
+    }
+
+    fn text(&mut self, shader: &Arc<Prim>, name: &str) -> Read<Option<Arc<str>>> {
+        Ok(match self.input(shader, name)? {
+            Input::Value(value, _) => value.text().cloned(),
+            _ => None,
+        })
+    }
+
+    /// What kind of shader a prim is: the identifier of its node, or of its MDL material.
+    fn shader_kind(&mut self, shader: &Prim) -> Read<String> {
+        for name in ["info:id", "info:mdl:sourceAsset:subIdentifier"] {
+            if let Some(id) = self.stage.value(shader, name)?.as_ref().and_then(Value::text) {
+                return Ok(id.to_string());
+            }
+        }
+        Ok(String::new())
+    }
+
+    fn surface(&mut self, material: &Prim, shader: &Arc<Prim>, uses: &mut Uses) -> Read<Option<Material>> {
+        let made = match self.shader_kind(shader)?.as_str() {
+            "UsdPreviewSurface" | "ND_UsdPreviewSurface_surfaceshader" => self.preview_surface(shader, uses)?,
+            "ND_standard_surface_surfaceshader" => self.standard_surface(shader, uses)?,
+            "OmniPBR" | "OmniPBR_Opacity" => self.omni_pbr(shader, uses)?,
+            _ => return Ok(None),
+        };
+        Ok(Some(Material { name: material.name().to_owned(), ..made }))
+    }
+
+    fn preview_surface(&mut self, shader: &Arc<Prim>, uses: &mut Uses) -> Read<Material> {
+        let base = self.color(shader, "diffuseColor", Vec3::splat(0.18), uses)?;
+        let ior = self.number(shader, "ior", 1.5)?.clamp(1.0, 10.0);
+        let mut p = Principled {
+            roughness: self.scalar(shader, "roughness", 0.5, uses)?,
+            clearcoat: self.scalar(shader, "clearcoat", 0.0, uses)?,
+            clearcoat_roughness: self.scalar(shader, "clearcoatRoughness", 0.01, uses)?,
+            ..Principled::new(base, ior)
+        };
+        if self.number(shader, "useSpecularWorkflow", 0.0)? != 0.0 {
+            // Reflectance at normal incidence over that of the index.
+            let f0 = ((ior - 1.0) / (ior + 1.0)).powi(2).max(1e-4);
+            p.specular_color = times(self.color(shader, "specularColor", Vec3::ZERO, uses)?, Vec3::splat(1.0 / f0));
+            p.tinted = true;
+        } else {
+            p.metallic = self.scalar(shader, "metallic", 0.0, uses)?;
+        }
+        let opacity = self.scalar(shader, "opacity", 1.0, uses)?;
+        let threshold = self.number(shader, "opacityThreshold", 0.0)?;
+        let presence = self.text(shader, "opacityMode")?.is_some_and(|m| &*m == "presence");
+        let (scattering, coverage) = covered(p, opacity, threshold, presence);
+        let mut made = Material { coverage, ..Material::new("", scattering) };
+        made.emission = glowing(self.color(shader, "emissiveColor", Vec3::ZERO, uses)?, 1.0);
+        made.normal_map = self.normal_map(shader, "normal", uses)?;
+        if !matches!(self.input(shader, "displacement")?, Input::Absent) && self.number(shader, "displacement", 1.0)? != 0.0 {
+            self.leave_out("displacement");
+        }
+        Ok(made)
+    }
+
+    fn standard_surface(&mut self, shader: &Arc<Prim>, uses: &mut Uses) -> Read<Material> {
+        let weight = self.number(shader, "base", 0.8)?;
+        let base = times(self.color(shader, "base_color", Vec3::ONE, uses)?, Vec3::splat(weight));
+        let mut p = Principled {
+            metallic: self.scalar(shader, "metalness", 0.0, uses)?,
+            roughness: self.scalar(shader, "specular_roughness", 0.2, uses)?,
+            specular: self.scalar(shader, "specular", 1.0, uses)?,
+            clearcoat: self.scalar(shader, "coat", 0.0, uses)?,
+            clearcoat_roughness: self.scalar(shader, "coat_roughness", 0.1, uses)?,
+            transmission: self.scalar(shader, "transmission", 0.0, uses)?,
+            ..Principled::new(base, self.number(shader, "specular_IOR", 1.5)?.clamp(1.0, 10.0))
+        };
+        p.tinted = !matches!(p.specular, Scalar::Constant(s) if s == 1.0);
+        let mut interior = crate::material::Interior::Same;
+        if !matches!(p.transmission, Scalar::Constant(t) if t <= 0.0) {
+            p.base_color = self.color(shader, "transmission_color", Vec3::ONE, uses)?;
+            if self.number(shader, "thin_walled", 0.0)? == 0.0 {
+                p.kind = crate::material::Transmission::Solid;
+                interior = crate::material::Interior::Body { medium: None, priority: None };
+            }
+        }
+        let coverage = match self.scalar(shader, "opacity", 1.0, uses)? {
+            Scalar::Constant(o) if o >= 1.0 => Coverage::Full,
+            opacity => Coverage::Blend(opacity),
+        };
+        let mut made = Material { coverage, interior, ..Material::new("", Scattering::Principled(Box::new(p))) };
+        let weight = self.number(shader, "emission", 0.0)?;
+        made.emission = glowing(self.color(shader, "emission_color", Vec3::ONE, uses)?, weight);
+        made.normal_map = self.normal_map(shader, "normal", uses)?;
+        Ok(made)
+    }
+
+    fn omni_pbr(&mut self, shader: &Arc<Prim>, uses: &mut Uses) -> Read<Material> {
+        let tint = self.rgb(shader, "diffuse_tint", Vec3::ONE)?;
+        let base = match self.asset(shader, "diffuse_texture", Codes::Srgb, uses)? {
+            Some(texture) => Color::Textured { factor: tint, texture },
+            None => constant(self.rgb(shader, "diffuse_color_constant", Vec3::splat(0.2))? * tint),
+        };
+        let mut p = Principled::new(base, 1.5);
+        for (name, default) in [("reflection_roughness", 0.5), ("metallic", 0.0)] {
+            let own = self.number(shader, &format!("{name}_constant"), default)?;
+            let influence = self.number(shader, &format!("{name}_texture_influence"), 0.0)?;
+            let picture = match influence > 0.0 {
+                true => self.asset(
+                    shader,
+                    &format!("{}_texture", name.trim_start_matches("reflection_").replace("roughness", "reflectionroughness")),
+                    Codes::Linear,
+                    uses,
+                )?,
+                false => None,
+            };
+            let value = picture.map_or(Scalar::Constant(own), |texture| Scalar::Textured { factor: 1.0, texture, channel: 0 });
+            if name == "metallic" {
+                p.metallic = value;
+            } else {
+                p.roughness = value;
+            }
+        }
+        let mut opacity = Scalar::Constant(1.0);
+        let mut threshold = 0.0;
+        if self.number(shader, "enable_opacity", 0.0)? != 0.0 {
+            threshold = self.number(shader, "opacity_threshold", 0.0)?;
+            opacity = match self.asset(shader, "opacity_texture", Codes::Linear, uses)? {
+                Some(texture) => Scalar::Textured { factor: 1.0, texture, channel: 0 },
+                None => Scalar::Constant(self.number(shader, "opacity_constant", 1.0)?),
+            };
+        }
+        let (scattering, coverage) = covered(p, opacity, threshold, true);
+        let mut made = Material { coverage, ..Material::new("", scattering) };
+        if self.number(shader, "enable_emission", 0.0)? != 0.0 {
+            let glow = self.rgb(shader, "emissive_color", Vec3::new(1.0, 0.1, 0.1))?;
+            made.emission = glowing(constant(glow), self.number(shader, "emissive_intensity", 40.0)?);
+        }
+        if let Some(map) = self.asset(shader, "normalmap_texture", Codes::Linear, uses)? {
+            made.normal_map = Some((map, self.number(shader, "bump_factor", 1.0)?));
+        }
+        Ok(made)
+    }
+
+    /// A picture that an input names itself.
+    fn asset(&mut self, shader: &Arc<Prim>, name: &str, codes: Codes, uses: &mut Uses) -> Read<Option<Texture>> {
+        let Input::Value(Value::Text(file), layer) = self.input(shader, name)? else { return Ok(None) };
+        if file.is_empty() {
+            return Ok(None);
+        }
+        let uv_set = set_of(uses, "st");
+        let image = match self.picture_file(layer, &file) {
+            Some(image) => image,
+            None if codes == Codes::Srgb => stand_in(),
+            None => return Ok(None),
+        };
+        Ok(Some(Texture { codes, uv_set, ..Texture::color(image) }))
+    }
+
+    fn rgb(&mut self, shader: &Arc<Prim>, name: &str, default: Vec3) -> Read<Vec3> {
+        Ok(match self.input(shader, name)? {
+            Input::Value(value, _) => value.floats().filter(|v| v.len() >= 3).map_or(default, |v| Vec3::from_slice(&v)),
+            _ => default,
+        })
+    }
+
+    fn color(&mut self, shader: &Arc<Prim>, name: &str, default: Vec3, uses: &mut Uses) -> Read<Color> {
+        Ok(match self.input(shader, name)? {
+            Input::Absent => constant(default),
+            Input::Value(value, _) => constant(value.floats().map_or(default, |v| match v[..] {
+                [r, g, b, ..] => Vec3::new(r, g, b),
+                [v] => Vec3::splat(v),
+                _ => default,
+            })),
+            Input::Shader(node, output) => {
+                if self.shader_kind(&node)?.contains("PrimvarReader") || self.shader_kind(&node)?.starts_with("ND_geompropvalue")
+                {
+                    let reads = match self.text(&node, "varname")? {
+                        Some(varname) => Some(varname),
+                        None => self.text(&node, "geomprop")?,
+                    };
+                    if reads.is_some_and(|v| &*v == "displayColor") {
+                        uses.colors = true;
+                        return Ok(constant(Vec3::ONE));
+                    }
+                    self.leave_out("primvars that materials ask for");
+                    return Ok(constant(self.rgb(&node, "fallback", default)?));
+                }
+                match self.picture(&node, &output, Codes::Srgb, uses)? {
+                    Some(picture) => picture.color(),
+                    None => {
+                        self.leave_out("shaders of other kinds");
+                        constant(default)
+                    }
+                }
+            }
+        })
+    }
+
+    fn scalar(&mut self, shader: &Arc<Prim>, name: &str, default: f32, uses: &mut Uses) -> Read<Scalar> {
+        Ok(match self.input(shader, name)? {
+            Input::Absent => Scalar::Constant(default),
+            Input::Value(value, _) => {
+                let number = value.floats().and_then(|v| v.first().copied()).filter(|v| v.is_finite());
+                Scalar::Constant(number.unwrap_or(default))
+            }
+            Input::Shader(node, output) => match self.picture(&node, &output, Codes::Linear, uses)? {
+                Some(picture) => picture.scalar(default),
+                None => {
+                    self.leave_out("shaders of other kinds");
+                    Scalar::Constant(default)
+                }
+            },
+        })
+    }
+
+    /// A map of normals: a picture of which 2c − 1 is taken, times a strength.
+    fn normal_map(&mut self, shader: &Arc<Prim>, name: &str, uses: &mut Uses) -> Read<Option<(Texture, f32)>> {
+        let Input::Shader(mut node, mut output) = self.input(shader, name)? else { return Ok(None) };
+        let mut strength = 1.0;
+        if self.shader_kind(&node)?.starts_with("ND_normalmap") {
+            strength = self.number(&node, "scale", 1.0)?;
+            match self.input(&node, "in")? {
+                Input::Shader(inner, o) => (node, output) = (inner, o),
+                _ => return Ok(None),
+            }
+        }
+        let Some(picture) = self.picture(&node, &output, Codes::Linear, uses)? else {
+            self.leave_out("shaders of other kinds");
+            return Ok(None);
+        };
+        // (2, 2, 2) and −1 are the usual scale and bias; without them the picture is meant all the same.
+        let scale = if picture.bias.x == 0.0 { 1.0 } else { 0.5 * picture.scale.x.abs() };
+        Ok(picture.texture.map(|t| (t, strength * scale)))
+    }
+
+    /// The picture that a shader reads; none of other shaders.
+    fn picture(&mut self, node: &Arc<Prim>, output: &str, usual: Codes, uses: &mut Uses) -> Read<Option<Picture>> {
+        let kind = self.shader_kind(node)?;
+        if !(kind.contains("UsdUVTexture") || kind.starts_with("ND_image") || kind.starts_with("ND_tiledimage")) {
+            return Ok(None);
+        }
+        let four = |value: Value| value.floats().and_then(|v| v.first_chunk::<4>().map(|c| Vec4::from_array(*c)));
+        let mut factor = [Vec4::ONE, Vec4::ZERO];
+        for (slot, name) in factor.iter_mut().zip(["scale", "bias"]) {
+            if let Input::Value(value, _) = self.input(node, name)? {
+                *slot = four(value).filter(|v| v.is_finite()).unwrap_or(*slot);
+            }
+        }
+        let codes = match self.text(node, "sourceColorSpace")?.as_deref() {
+            Some("sRGB") => Codes::Srgb,
+            Some("raw") => Codes::Linear,
+            // "auto" looks into the file; what the picture is used for tells the same of usual files.
+            _ => usual,
+        };
+        let mut wrap = [Wrap::Repeat; 2];
+        for (slot, names) in wrap.iter_mut().zip([["wrapS", "uaddressmode"], ["wrapT", "vaddressmode"]]) {
+            for name in names {
+                *slot = match self.text(node, name)?.as_deref() {
+                    Some("clamp") => Wrap::Clamp,
+                    Some("mirror") => Wrap::Mirror,
+                    Some("black" | "constant") => Wrap::Black,
+                    _ => *slot,
+                };
+            }
+        }
+        let st = if kind.contains("UsdUVTexture") { "st" } else { "texcoord" };
+        let (varname, transform) = self.coordinates(node, st)?;
+        let tiling = match (kind.starts_with("ND_tiledimage"), self.input(node, "uvtiling")?) {
+            (true, Input::Value(value, _)) => value.floats().filter(|v| v.len() == 2).map_or(Vec2::ONE, |v| Vec2::from_slice(&v)),
+            _ => Vec2::ONE,
+        };
+        let flip = Affine2::from_scale_angle_translation(Vec2::new(1.0, -1.0), 0.0, Vec2::Y);
+        let image = match self.input(node, "file")? {
+            Input::Value(Value::Text(file), layer) if !file.is_empty() => self.picture_file(layer, &file),
+            _ => {
+                self.leave_out("pictures without a file");
+                None
+            }
+        };
+        let texture = image.map(|image| Texture {
+            image,
+            codes,
+            wrap,
+            interpolation: Interpolation::Bilinear,
+            uv_set: set_of(uses, &varname),
+            image_from_uv: flip * Affine2::from_scale(tiling) * transform * flip,
+        });
+        let channel = match output {
+            "r" | "outr" => Some(0),
+            "g" | "outg" => Some(1),
+            "b" | "outb" => Some(2),
+            "a" | "outa" => Some(3),
+            _ => None,
+        };
+        Ok(Some(Picture { texture, scale: factor[0], bias: factor[1], channel }))
+    }
+
+    /// The primvar that texture coordinates are read from, and how they are changed on the way (v up).
+    fn coordinates(&mut self, node: &Arc<Prim>, name: &str) -> Read<(String, Affine2)> {
+        let mut transform = Affine2::IDENTITY;
+        let (mut node, mut name) = (node.clone(), name.to_owned());
+        for _ in 0..LONGEST_CHAIN {
+            let Input::Shader(next, _) = self.input(&node, &name)? else { break };
+            let kind = self.shader_kind(&next)?;
+            if kind.contains("UsdTransform2d") {
+                let two = |world: &mut Self, name: &str, default: Vec2| -> Read<Vec2> {
+                    Ok(match world.input(&next, name)? {
+                        Input::Value(value, _) => {
+                            value.floats().filter(|v| v.len() == 2).map_or(default, |v| Vec2::from_slice(&v))
+                        }
+                        _ => default,
+                    })
+                };
+                let (scale, shift) = (two(self, "scale", Vec2::ONE)?, two(self, "translation", Vec2::ZERO)?);
+                let turn = self.number(&next, "rotation", 0.0)?.to_radians();
+                transform *= Affine2::from_scale_angle_translation(scale, turn, shift);
+                (node, name) = (next, "in".to_owned());
+                continue;
+            }
+            for varname in ["varname", "geomprop"] {
+                if let Some(varname) = self.text(&next, varname)? {
+                    return Ok((varname.to_string(), transform));
+                }
+            }
+            break;
+        }
+        Ok(("st".to_owned(), transform))
+    }
+
+    fn picture_file(&mut self, layer: usize, file: &str) -> Option<Arc<Image>> {
+        let key = self.stage.file_key(layer, file);
+        if let Some(known) = self.shaders.pictures.get(&key) {
+            return known.clone();
+        }
+        let read = match file.contains("<UDIM>") {
+            true => Err("tiles of pictures (UDIM) are not supported".to_owned()),
+            false => self.stage.file(layer, file).and_then(|bytes| read_texture(&bytes)),
+        };
+        let image = read.map(Arc::new).map_err(|reason| note_missing(&mut self.description.missing_textures, file, reason)).ok();
+        self.shaders.pictures.insert(key, image.clone());
+        image
+    }
+}
+
+/// Number of a set of texture coordinates by the name of its primvar.
+fn set_of(uses: &mut Uses, varname: &str) -> usize {
+    let known = uses.uvs.iter().position(|n| n == varname);
+    known.unwrap_or_else(|| {
+        uses.uvs.push(varname.to_owned());
+        uses.uvs.len() - 1
+    })
+}
+
+fn constant(rgb: Vec3) -> Color {
+    let rgb = if rgb.is_finite() { rgb.max(Vec3::ZERO) } else { Vec3::ZERO };
+    Color::rgb(rgb.x, rgb.y, rgb.z)
+}
+
+/// A colour times a factor.
+fn times(color: Color, factor: Vec3) -> Color {
+    match color {
+        Color::Constant { rgb, .. } => constant(rgb * factor),
+        Color::Textured { factor: f, texture } => Color::Textured { factor: f * factor, texture },
+        Color::Graph(graph) => Color::Graph(Arc::new(Graph::Scale(graph, Arc::new(Graph::Constant(factor))))),
+        other => other,
+    }
+}
+
+/// Light that a surface sends out: cd/m² for each 1 of its colour.
+fn glowing(color: Color, strength: f32) -> Option<Emission> {
+    let radiance = match color {
+        Color::Constant { rgb, .. } if (rgb * strength).max_element() > 0.0 => {
+            EmissionColor::Constant(Spectrum::light_from_rgb(rgb * strength))
+        }
+        Color::Textured { factor, texture } if (factor * strength).max_element() > 0.0 => {
+            EmissionColor::Textured { factor: factor * strength, texture }
+        }
+        _ => return None,
+    };
+    Some(Emission { radiance, two_sided: true, is_light: true, modulation: Modulation::Steady })
+}
+
+/// What opacity makes of a surface: holes, or a thin sheet that keeps its reflections.
+fn covered(p: Principled, opacity: Scalar, threshold: f32, presence: bool) -> (Scattering, Coverage) {
+    let ior = p.ior;
+    let coverage = match opacity {
+        Scalar::Constant(o) if o >= 1.0 => Coverage::Full,
+        alpha if threshold > 0.0 => Coverage::Mask { alpha, cutoff: threshold },
+        Scalar::Constant(o) if !presence => {
+            let sheet = Principled {
+                roughness: p.roughness.clone(),
+                transmission: Scalar::Constant(1.0),
+                ..Principled::new(Color::rgb(1.0, 1.0, 1.0), ior)
+            };
+            let parts = [Scattering::Principled(Box::new(sheet)), Scattering::Principled(Box::new(p))];
+            return (Scattering::Mix(Box::new((parts, Scalar::Constant(o.max(0.0))))), Coverage::Full);
+        }
+        alpha => Coverage::Blend(alpha),
+    };
+    (Scattering::Principled(Box::new(p)), coverage)
+}
+
+impl Picture {
+    /// A channel of it as a graph.
+    fn graph(texture: Texture, channel: usize) -> Arc<Graph> {
+        let unit = |i: usize| if channel == i { 1.0 } else { 0.0 };
+        let as_number = Some([Vec3::new(unit(0), unit(1), unit(2)), Vec3::splat(unit(3))]);
+        Arc::new(Graph::Image { texture, scale: 1.0, invert: false, as_number, mapping: None })
+    }
+
+    /// bias + scale · picture.
+    fn shifted(graph: Arc<Graph>, scale: Vec3, bias: Vec3) -> Arc<Graph> {
+        let ends = [bias, bias + scale].map(|v| Arc::new(Graph::Constant(v)));
+        let [from, to] = ends;
+        Arc::new(Graph::Mix(from, to, graph))
+    }
+
+    fn color(self) -> Color {
+        let texture = self.texture.unwrap_or_else(|| Texture::color(stand_in()));
+        let (scale, bias) = (self.scale.truncate(), self.bias.truncate());
+        match self.channel {
+            None if bias == Vec3::ZERO => Color::Textured { factor: scale, texture },
+            None => {
+                let graph = Graph::Image { texture, scale: 1.0, invert: false, as_number: None, mapping: None };
+                Color::Graph(Self::shifted(Arc::new(graph), scale, bias))
+            }
+            Some(c) => {
+                Color::Graph(Self::shifted(Self::graph(texture, c), Vec3::splat(self.scale[c]), Vec3::splat(self.bias[c])))
+            }
+        }
+    }
+
+    /// A map of numbers; what the input is without it where it is missing.
+    fn scalar(self, default: f32) -> Scalar {
+        let Some(texture) = self.texture else { return Scalar::Constant(default) };
+        let channel = self.channel.unwrap_or(0);
+        let (scale, bias) = (self.scale[channel], self.bias[channel]);
+        match bias == 0.0 {
+            true => Scalar::Textured { factor: scale, texture, channel },
+            false => Scalar::Graph(Self::shifted(Self::graph(texture, channel), Vec3::splat(scale), Vec3::splat(bias))),
+        }
+    }
+}

@@ -1,0 +1,39 @@
+//! USD into a [`Description`]: `.usda`, `.usdc` and `.usdz`, in the subset that exporters write.
+//!
+//! `text` and `binary` read layers, `package` finds them in archives, `stage` composes them into prims. From there on `world` walks the prims, and
+//! `transform`, `geometry`, `material`, `light` and `camera` make of each what it is. What is left out is told once, with counts. Files are
+//! opened by the caller: `fetch` gets names that count from the folder of the main file.
+//!
+//! Units: `metersPerUnit` and `upAxis` of the stage make metres with +Y up. A light of intensity 1 has 1 cd/m² (UsdLux). Values hold at
+//! `startTimeCode`, which is the scene's time 0; transforms follow their time samples.
+//!
+//! Source: OpenUSD 25 (schemas UsdGeom, UsdShade, UsdLux, UsdPreviewSurface specification 2.6).
+
+mod binary;
+mod camera;
+mod geometry;
+mod layer;
+mod light;
+mod material;
+mod package;
+mod stage;
+mod text;
+mod transform;
+mod world;
+
+#[cfg(test)]
+mod tests;
+
+use crate::SceneError;
+use crate::load::{Fetch, finished};
+use crate::scene::Description;
+
+fn error(place: &str, found: impl Into<String>, expected: impl Into<String>) -> SceneError {
+    SceneError::File { place: place.to_owned(), found: found.into(), expected: format!("expected {}", expected.into()) }
+}
+
+/// Reads a scene. `name` stands for the main file in messages; `fetch` gets files by the names in it.
+pub fn load(bytes: Vec<u8>, name: &str, fetch: Fetch) -> Result<Description, SceneError> {
+    let description = world::World::new(bytes, name, fetch)?.run()?;
+    finished(description, name, "a Mesh, a Sphere or another solid that is drawn (purpose \"default\" or \"render\", visible)")
+}

@@ -1,0 +1,740 @@
+//! Composition: layers stacked, referenced and chosen among become prims with all opinions on them, strongest first.
+//!
+//! Arcs are followed from strong to weak as "LIVRPS" has it: local, inherits, variants, references, payloads, specializes. Source: OpenUSD,
+//! "Glossary" (LIVRPS strength ordering, list editing, value resolution) and `SdfPath`. We depart from it in three things: classes that are
+//! inherited across a reference are not looked for in the referencing layers, specializes are as weak as their prim's other arcs and no weaker,
+//! and relocates are not followed.
+
+use super::layer::{Folder, Key, Layer, ListOp, Reference, TimeShift, Value, child_path, split_property, without_variants};
+use super::package::{self, Package};
+use super::{binary, error, text};
+use crate::SceneError;
+use crate::load::Fetch;
+use std::collections::HashMap;
+use std::sync::Arc;
+
+/// Most files of a scene.
+const MOST_LAYERS: usize = 65_536;
+/// Deepest that layers lie in layers, arcs lead to arcs, and prims lie within prims.
+const DEEPEST: usize = 64;
+/// Deepest that prims lie within prims.
+const DEEPEST_PRIM: usize = 256;
+/// Most opinions on one prim, and on all.
+const MOST_SITES: usize = 4096;
+const MOST_SITES_IN_ALL: usize = 1 << 25;
+
+/// Layers that are stacked, strongest first, and their times.
+#[derive(Debug)]
+struct Stack {
+    layers: Vec<(usize, TimeShift)>,
+}
+
+/// How a site was come to: what its paths and times are in the scene's.
+#[derive(Debug)]
+struct Link {
+    /// Prim that was referred to, and the prim of the scene that refers to it.
+    from: String,
+    to: String,
+    /// Whether paths elsewhere in the same layers mean what they mean there.
+    same_layers: bool,
+    shift: TimeShift,
+    /// The stack and the path that were referred to.
+    target: (usize, String),
+    outer: Option<Arc<Link>>,
+}
+
+/// A time code and the numbers then.
+pub type TimeSample = (f64, Arc<[f64]>);
+
+impl Link {
+    /// A path of the scene for a path of a layer, if there is one.
+    fn scene_path(self: &Arc<Link>, path: &str) -> Option<String> {
+        let path = without_variants(path);
+        let mut link = self;
+        loop {
+            let rest = path.strip_prefix(link.from.trim_end_matches('/'));
+            if let Some(rest) = rest.filter(|r| r.is_empty() || r.starts_with(['/', '.'])) {
+                return Some(format!("{}{rest}", link.to.trim_end_matches('/')));
+            }
+            if !link.same_layers {
+                return None;
+            }
+            link = link.outer.as_ref()?;
+        }
+    }
+
+    /// Whether a target was come through already.
+    fn passed(self: &Arc<Link>, stack: usize, path: &str) -> bool {
+        std::iter::successors(Some(self), |l| l.outer.as_ref()).any(|l| l.target.0 == stack && l.target.1 == path)
+    }
+}
+
+/// A place in a stack of layers that has opinions on a prim.
+#[derive(Clone, Debug)]
+struct Site {
+    stack: usize,
+    path: String,
+    link: Arc<Link>,
+}
+
+/// A prim of the scene.
+#[derive(Debug)]
+pub struct Prim {
+    pub path: String,
+    sites: Vec<Site>,
+}
+
+impl Prim {
+    /// Its own name.
+    pub fn name(&self) -> &str {
+        self.path.rsplit('/').next().unwrap_or_default()
+    }
+}
+
+/// A value and the layer that says it.
+pub struct Found {
+    pub value: Value,
+    pub layer: usize,
+    shift: TimeShift,
+}
+
+/// All layers, and the prims that were asked for.
+pub struct Stage<'a> {
+    fetch: Fetch<'a>,
+    layers: Vec<Layer>,
+    packages: Vec<Package>,
+    stacks: Vec<Stack>,
+    by_file: HashMap<String, usize>,
+    stack_of: HashMap<usize, usize>,
+    prims: HashMap<String, Option<Arc<Prim>>>,
+    sites: usize,
+    /// Files that could not be had, and why.
+    pub missing: Vec<String>,
+    /// The time in the scene's time codes at which values hold that do not move.
+    pub start: f64,
+}
+
+type Read<T> = Result<T, SceneError>;
+
+impl<'a> Stage<'a> {
+    /// Reads the layer that a scene begins with, and what it stacks.
+    pub fn new(bytes: Vec<u8>, name: &str, fetch: Fetch<'a>) -> Read<Self> {
+        let mut stage = Stage {
+            fetch,
+            layers: vec![],
+            packages: vec![],
+            stacks: vec![],
+            by_file: HashMap::new(),
+            stack_of: HashMap::new(),
+            prims: HashMap::new(),
+            sites: 0,
+            missing: vec![],
+            start: 0.0,
+        };
+        let layer = stage.add_layer(bytes.into(), name, Folder::default(), 0)?;
+        let stack = stage.stack(layer)?;
+        let link = Link {
+            from: "/".into(),
+            to: "/".into(),
+            same_layers: true,
+            shift: TimeShift::NONE,
+            target: (stack, "/".into()),
+            outer: None,
+        };
+        let sites = vec![Site { stack, path: "/".into(), link: Arc::new(link) }];
+        stage.prims.insert("/".into(), Some(Arc::new(Prim { path: "/".into(), sites })));
+        stage.start = stage.root(Key::StartTimeCode)?.and_then(|v| v.number()).unwrap_or(0.0);
+        Ok(stage)
+    }
+
+    /// Metadata of the first layer.
+    pub fn root(&self, key: Key) -> Read<Option<Value>> {
+        self.layers[self.stacks[0].layers[0].0].get("/", key)
+    }
+
+    fn add_layer(&mut self, bytes: Arc<[u8]>, name: &str, folder: Folder, depth: usize) -> Read<usize> {
+        if self.layers.len() >= MOST_LAYERS || depth > DEEPEST {
+            return Err(error(name, format!("more than {MOST_LAYERS} files, or packages {DEEPEST} deep"), "fewer"));
+        }
+        let layer = if bytes.starts_with(binary::MAGIC) {
+            binary::read(bytes, name, folder)?
+        } else if bytes.starts_with(text::MAGIC) {
+            text::read(&bytes, name, folder)?
+        } else if bytes.starts_with(package::MAGIC) {
+            let package = package::read(bytes, name)?;
+            let expected = "a package whose first file is a .usd, .usda or .usdc";
+            let first = package.first.clone().ok_or_else(|| error(name, "an empty package", expected))?;
+            if !first.to_lowercase().rsplit('.').next().is_some_and(|e| e.starts_with("usd")) {
+                return Err(error(name, format!("\"{first}\" as its first file"), expected));
+            }
+            let inner: Arc<[u8]> = package.bytes[package.files[&first].clone()].into();
+            self.packages.push(package);
+            let folder = Folder { package: Some(self.packages.len() - 1), path: folder_of(&first) };
+            return self.add_layer(inner, &format!("{name}[{first}]"), folder, depth + 1);
+        } else {
+            return Err(error(name, "something else", "a USD file: .usda (\"#usda\"), .usdc (\"PXR-USDC\") or .usdz"));
+        };
+        self.layers.push(layer);
+        Ok(self.layers.len() - 1)
+    }
+
+    /// The bytes of a file that a layer names.
+    pub fn file(&self, layer: usize, asset: &str) -> Result<Vec<u8>, String> {
+        let folder = &self.layers[layer].folder;
+        let path = joined(&folder.path, asset);
+        match folder.package {
+            None => (self.fetch)(&path),
+            Some(package) => {
+                let package = &self.packages[package];
+                let range = package.files.get(&path).ok_or_else(|| format!("it is not in {}", package.name))?;
+                Ok(package.bytes[range.clone()].to_vec())
+            }
+        }
+    }
+
+    /// What tells files apart that layers name.
+    pub fn file_key(&self, layer: usize, asset: &str) -> String {
+        let folder = &self.layers[layer].folder;
+        format!("{}:{}", folder.package.map_or(String::new(), |p| p.to_string()), joined(&folder.path, asset))
+    }
+
+    /// The stack that begins with a file that a layer names; `None` where it cannot be had, which is noted.
+    fn open(&mut self, layer: usize, asset: &str) -> Read<Option<usize>> {
+        match self.open_layer(layer, asset)? {
+            Some(layer) => self.stack(layer).map(Some),
+            None => Ok(None),
+        }
+    }
+
+    fn open_layer(&mut self, layer: usize, asset: &str) -> Read<Option<usize>> {
+        let folder = self.layers[layer].folder.clone();
+        let path = joined(&folder.path, asset);
+        let key = self.file_key(layer, asset);
+        if let Some(known) = self.by_file.get(&key) {
+            return Ok((*known != usize::MAX).then_some(*known));
+        }
+        let is_layer = |bytes: &[u8]| [binary::MAGIC, text::MAGIC, package::MAGIC].iter().any(|m| bytes.starts_with(m));
+        let read = match self.file(layer, asset) {
+            Ok(bytes) if is_layer(&bytes) => {
+                let inner = Folder { package: folder.package, path: folder_of(&path) };
+                Some(self.add_layer(bytes.into(), &path, inner, 0)?)
+            }
+            // MaterialX documents and other formats that plugins of OpenUSD read.
+            Ok(_) => {
+                self.missing.push(format!("{asset} (it is no USD file)"));
+                None
+            }
+            Err(reason) => {
+                self.missing.push(format!("{asset} ({reason})"));
+                None
+            }
+        };
+        self.by_file.insert(key, read.unwrap_or(usize::MAX));
+        Ok(read)
+    }
+
+    /// A layer and its sublayers.
+    fn stack(&mut self, first: usize) -> Read<usize> {
+        if let Some(known) = self.stack_of.get(&first) {
+            return Ok(*known);
+        }
+        let mut layers = Vec::new();
+        // Layers still to come, the strongest last, with those that they lie in.
+        let mut open = vec![(first, TimeShift::NONE, vec![])];
+        while let Some((layer, shift, outer)) = open.pop() {
+            if outer.contains(&layer) || outer.len() > DEEPEST || layers.len() > MOST_LAYERS {
+                let found = "a layer among its own sublayers";
+                return Err(error(&self.layers[layer].name, found, "sublayers that do not include each other"));
+            }
+            layers.push((layer, shift));
+            let Some(Value::Texts(names)) = self.layers[layer].get("/", Key::SubLayers)? else { continue };
+            let offsets = self.layers[layer].get("/", Key::SubLayerOffsets)?.and_then(|o| o.doubles()).unwrap_or_default();
+            let within: Vec<usize> = outer.iter().copied().chain([layer]).collect();
+            for (i, name) in names.iter().enumerate().rev() {
+                if let Some(inner) = self.open_layer(layer, name)? {
+                    let own = match offsets.get(2 * i..2 * i + 2) {
+                        Some([offset, scale]) => TimeShift { offset: *offset, scale: *scale },
+                        _ => TimeShift::NONE,
+                    };
+                    open.push((inner, own.within(shift), within.clone()));
+                }
+            }
+        }
+        self.stacks.push(Stack { layers });
+        self.stack_of.insert(first, self.stacks.len() - 1);
+        Ok(self.stacks.len() - 1)
+    }
+
+    /// The prim of a path of the scene, if anything is said of it.
+    pub fn prim(&mut self, path: &str) -> Read<Option<Arc<Prim>>> {
+        if let Some(known) = self.prims.get(path) {
+            return Ok(known.clone());
+        }
+        if path.matches('/').count() > DEEPEST_PRIM {
+            let found = format!("prims within prims, more than {DEEPEST_PRIM} deep");
+            return Err(error(&self.layers[0].name, found, "fewer levels: does a prim refer to one that holds it?"));
+        }
+        let Some((parent, name)) = path.rsplit_once('/').filter(|(_, name)| !name.is_empty()) else { return Ok(None) };
+        let made = match self.prim(if parent.is_empty() { "/" } else { parent })? {
+            Some(parent) => self.composed(&parent, name)?,
+            None => None,
+        };
+        self.prims.insert(path.to_owned(), made.clone());
+        Ok(made)
+    }
+
+    /// The children of a prim, in the order of the weakest layer that names them.
+    pub fn children(&mut self, prim: &Prim) -> Read<Vec<Arc<Prim>>> {
+        let mut names: Vec<Arc<str>> = Vec::new();
+        let mut known = std::collections::HashSet::new();
+        for site in prim.sites.iter().rev() {
+            for (layer, _) in self.stacks[site.stack].layers.iter().rev() {
+                if let Some(Value::Texts(list)) = self.layers[*layer].get(&site.path, Key::PrimChildren)? {
+                    names.extend(list.iter().filter(|n| known.insert((*n).clone())).cloned());
+                }
+            }
+        }
+        let mut all = Vec::with_capacity(names.len());
+        for name in names {
+            all.extend(self.prim(&child_path(&prim.path, &name))?);
+        }
+        Ok(all)
+    }
+
+    fn composed(&mut self, parent: &Prim, name: &str) -> Read<Option<Arc<Prim>>> {
+        let path = child_path(&parent.path, name);
+        let mut found = Composing { to: path, sites: vec![], chosen: HashMap::new() };
+        for site in &parent.sites {
+            let inner = Site { stack: site.stack, path: child_path(&site.path, name), link: site.link.clone() };
+            self.expand(inner, &mut found, 0)?;
+        }
+        self.sites += found.sites.len();
+        if self.sites > MOST_SITES_IN_ALL {
+            let expected = "fewer: do references repeat each other?";
+            return Err(error(&found.to, format!("more than {MOST_SITES_IN_ALL} opinions in all"), expected));
+        }
+        Ok((!found.sites.is_empty()).then(|| Arc::new(Prim { path: found.to, sites: found.sites })))
+    }
+
+    /// Adds a site and all that its arcs lead to.
+    fn expand(&mut self, site: Site, found: &mut Composing, depth: usize) -> Read<()> {
+        let layers: Vec<(usize, TimeShift)> = self.stacks[site.stack]
+            .layers
+            .iter()
+            .filter(|(l, _)| self.layers[*l].specs.contains_key(site.path.as_str()))
+            .copied()
+            .collect();
+        if layers.is_empty() {
+            return Ok(());
+        }
+        if depth > DEEPEST || found.sites.len() >= MOST_SITES {
+            let expected = "fewer: does something refer to itself?";
+            return Err(error(&found.to, format!("references to references, more than {DEEPEST} deep"), expected));
+        }
+        found.sites.push(site.clone());
+        let (mut inherits, mut specializes, mut sets) = (vec![], vec![], vec![]);
+        let (mut references, mut payloads) = (vec![], vec![]);
+        // Weakest first: each layer edits what is below.
+        for (layer, shift) in layers.iter().rev() {
+            let at = &self.layers[*layer];
+            for (key, list) in
+                [(Key::InheritPaths, &mut inherits), (Key::Specializes, &mut specializes), (Key::VariantSetNames, &mut sets)]
+            {
+                if let Some(Value::List(edits)) = at.get(&site.path, key)? {
+                    edits.apply(list);
+                }
+            }
+            for (key, list) in [(Key::References, &mut references), (Key::Payload, &mut payloads)] {
+                if let Some(Value::References(edits)) = at.get(&site.path, key)? {
+                    let here = |r: &Reference| Some((Reference { shift: r.shift.within(*shift), ..r.clone() }, *layer));
+                    edits.map(here).apply(list);
+                }
+            }
+        }
+        for (layer, _) in &layers {
+            if let Some(Value::Selections(all)) = self.layers[*layer].get(&site.path, Key::VariantSelection)? {
+                for (set, variant) in all.iter() {
+                    found.chosen.entry(set.clone()).or_insert_with(|| variant.clone());
+                }
+            }
+        }
+        for class in &inherits {
+            self.follow_inside(&site, class, TimeShift::NONE, found, depth)?;
+        }
+        for set in &sets {
+            if let Some(variant) = found.chosen.get(set).filter(|v| !v.is_empty()) {
+                let path = format!("{}{{{set}={variant}}}", site.path);
+                self.expand(Site { path, ..site.clone() }, found, depth + 1)?;
+            }
+        }
+        for (reference, layer) in references.into_iter().chain(payloads) {
+            self.follow(&site, &reference, layer, found, depth)?;
+        }
+        for class in &specializes {
+            self.follow_inside(&site, class, TimeShift::NONE, found, depth)?;
+        }
+        Ok(())
+    }
+
+    /// Follows a reference to a file, or within the layers of a site.
+    fn follow(&mut self, site: &Site, to: &Reference, layer: usize, found: &mut Composing, depth: usize) -> Read<()> {
+        if to.asset.is_empty() {
+            let path = match to.prim.is_empty() {
+                true => self.default_prim(self.stacks[site.stack].layers[0].0)?,
+                false => Some(to.prim.to_string()),
+            };
+            return path.map_or(Ok(()), |path| self.follow_inside(site, &path, to.shift, found, depth));
+        }
+        let Some(stack) = self.open(layer, &to.asset)? else { return Ok(()) };
+        let path = match to.prim.is_empty() {
+            true => self.default_prim(self.stacks[stack].layers[0].0)?,
+            false => Some(to.prim.to_string()),
+        };
+        let Some(path) = path else {
+            let missing = format!("{} (it has no default prim)", to.asset);
+            if !self.missing.contains(&missing) {
+                self.missing.push(missing);
+            }
+            return Ok(());
+        };
+        self.enter(site, stack, path, to.shift, found, depth)
+    }
+
+    fn follow_inside(&mut self, site: &Site, path: &str, shift: TimeShift, found: &mut Composing, depth: usize) -> Read<()> {
+        self.enter(site, site.stack, without_variants(path), shift, found, depth)
+    }
+
+    fn enter(
+        &mut self,
+        site: &Site,
+        stack: usize,
+        path: String,
+        shift: TimeShift,
+        found: &mut Composing,
+        depth: usize,
+    ) -> Read<()> {
+        if site.link.passed(stack, &path) || stack == site.stack && without_variants(&site.path) == path {
+            let name = &self.layers[self.stacks[stack].layers[0].0].name;
+            let found = format!("{path} refers to itself, by way of {}", site.path);
+            return Err(error(name, found, "references, payloads and inherits that do not go round"));
+        }
+        let link = Link {
+            from: path.clone(),
+            to: found.to.clone(),
+            same_layers: stack == site.stack,
+            shift: shift.within(site.link.shift),
+            target: (stack, path.clone()),
+            outer: Some(site.link.clone()),
+        };
+        self.expand(Site { stack, path, link: Arc::new(link) }, found, depth + 1)
+    }
+
+    fn default_prim(&self, layer: usize) -> Read<Option<String>> {
+        let name = self.layers[layer].get("/", Key::DefaultPrim)?;
+        Ok(name.as_ref().and_then(Value::text).map(|n| if n.starts_with('/') { n.to_string() } else { format!("/{n}") }))
+    }
+}
+
+/// A prim that is being put together.
+struct Composing {
+    to: String,
+    sites: Vec<Site>,
+    /// Variants by the sets that they are chosen of.
+    chosen: HashMap<Arc<str>, Arc<str>>,
+}
+
+/// The folder of a file: up to the last slash.
+fn folder_of(path: &str) -> String {
+    path.rfind(['/', '\\']).map_or(String::new(), |end| path[..=end].to_owned())
+}
+
+/// A path that counts from a folder, without "." and "..", as far as they can be taken out.
+fn joined(folder: &str, path: &str) -> String {
+    let path = path.replace('\\', "/");
+    if path.starts_with('/') || path.get(1..3) == Some(":/") || path.contains("://") {
+        return path;
+    }
+    let mut parts: Vec<&str> = Vec::new();
+    let whole = format!("{folder}{path}");
+    for part in whole.split('/') {
+        match part {
+            "." => (),
+            "" if !parts.is_empty() => (),
+            ".." if parts.last().is_some_and(|p| !matches!(*p, ".." | "")) => drop(parts.pop()),
+            other => parts.push(other),
+        }
+    }
+    parts.join("/")
+}
+
+/// Values of prims.
+impl Stage<'_> {
+    /// The layers that speak of a prim, strongest first: layer, path there, and times.
+    fn opinions<'b>(&'b self, prim: &'b Prim) -> impl Iterator<Item = (usize, &'b Site, TimeShift)> {
+        prim.sites.iter().flat_map(|site| {
+            let layers = &self.stacks[site.stack].layers;
+            layers.iter().map(move |(layer, shift)| (*layer, site, shift.within(site.link.shift)))
+        })
+    }
+
+    /// Metadata of a prim.
+    pub fn field(&self, prim: &Prim, key: Key) -> Read<Option<Value>> {
+        for (layer, site, _) in self.opinions(prim) {
+            if let Some(value) = self.layers[layer].get(&site.path, key)? {
+                return Ok(Some(value));
+            }
+        }
+        Ok(None)
+    }
+
+    /// Type of a prim: "Mesh"; empty of what is only a group.
+    pub fn type_name(&self, prim: &Prim) -> Read<Arc<str>> {
+        Ok(self.field(prim, Key::TypeName)?.as_ref().and_then(Value::text).cloned().unwrap_or_else(|| "".into()))
+    }
+
+    /// Whether a prim is defined, not a class, and not switched off.
+    pub fn is_drawn(&self, prim: &Prim) -> Read<bool> {
+        if self.field(prim, Key::Active)?.and_then(|a| a.number()) == Some(0.0) {
+            return Ok(false);
+        }
+        let mut is_defined = false;
+        for (layer, site, _) in self.opinions(prim) {
+            if let Some(specifier) = self.layers[layer].get(&site.path, Key::Specifier)?.as_ref().and_then(Value::text) {
+                match &**specifier {
+                    // A class that is inherited is defined by what inherits it.
+                    "class" => return Ok(is_defined),
+                    "def" => is_defined = true,
+                    _ => (),
+                }
+            }
+        }
+        Ok(is_defined)
+    }
+
+    /// The strongest value of an attribute that is not blocked: samples over time, or one for all times.
+    pub fn attribute(&self, prim: &Prim, name: &str) -> Read<Option<Found>> {
+        for (layer, site, shift) in self.opinions(prim) {
+            let at = &self.layers[layer];
+            let path = format!("{}.{name}", site.path);
+            if !at.specs.contains_key(path.as_str()) {
+                continue;
+            }
+            for key in [Key::TimeSamples, Key::Default] {
+                match at.get(&path, key)? {
+                    Some(Value::Blocked) => return Ok(None),
+                    Some(Value::Samples(list)) if list.is_empty() => (),
+                    Some(value) => return Ok(Some(Found { value, layer, shift })),
+                    None => (),
+                }
+            }
+        }
+        Ok(None)
+    }
+
+    /// An attribute's value at the scene's first time.
+    pub fn value(&self, prim: &Prim, name: &str) -> Read<Option<Value>> {
+        match self.attribute(prim, name)? {
+            Some(found) => self.at_start(&found),
+            None => Ok(None),
+        }
+    }
+
+    /// The value of samples that holds at the scene's first time: the last one until then, or the first one.
+    pub fn at_start(&self, found: &Found) -> Read<Option<Value>> {
+        let Value::Samples(list) = &found.value else { return Ok(Some(found.value.clone())) };
+        let until = list.iter().take_while(|(t, _)| found.shift.offset + found.shift.scale * t <= self.start).count();
+        let Some((_, field)) = list.get(until.saturating_sub(1)) else { return Ok(None) };
+        Ok(Some(self.layers[found.layer].read(field)?).filter(|v| !matches!(v, Value::Blocked)))
+    }
+
+    /// Times in the scene's time codes, rising, and the numbers then; `None` of what does not change.
+    pub fn samples(&self, found: &Found) -> Read<Option<Vec<TimeSample>>> {
+        let Value::Samples(list) = &found.value else { return Ok(None) };
+        let mut all = Vec::with_capacity(list.len());
+        for (time, field) in list.iter() {
+            if let Some(numbers) = self.layers[found.layer].read(field)?.doubles() {
+                all.push((found.shift.offset + found.shift.scale * time, numbers));
+            }
+        }
+        all.sort_by(|a, b| a.0.total_cmp(&b.0));
+        Ok((all.len() > 1).then_some(all))
+    }
+
+    /// Whether an attribute has samples at several times.
+    pub fn is_animated(&self, prim: &Prim, name: &str) -> Read<bool> {
+        Ok(matches!(self.attribute(prim, name)?, Some(Found { value: Value::Samples(list), .. }) if list.len() > 1))
+    }
+
+    /// Metadata of a property, such as the interpolation of a primvar.
+    pub fn property_field(&self, prim: &Prim, name: &str, key: Key) -> Read<Option<Value>> {
+        for (layer, site, _) in self.opinions(prim) {
+            if let Some(value) = self.layers[layer].get(&format!("{}.{name}", site.path), key)? {
+                return Ok(Some(value));
+            }
+        }
+        Ok(None)
+    }
+
+    /// Paths of the scene that a relationship names (`key` TargetPaths), or that an attribute is connected to (ConnectionPaths).
+    pub fn targets(&self, prim: &Prim, name: &str, key: Key) -> Read<Vec<String>> {
+        let mut edits: Vec<ListOp<String>> = Vec::new();
+        for (layer, site, _) in self.opinions(prim) {
+            match self.layers[layer].get(&format!("{}.{name}", site.path), key)? {
+                Some(Value::List(list)) => {
+                    let is_whole = list.explicit.is_some();
+                    edits.push(list.map(|path| site.link.scene_path(path)));
+                    if is_whole {
+                        break;
+                    }
+                }
+                Some(Value::Texts(list)) => {
+                    let explicit = list.iter().filter_map(|p| site.link.scene_path(p)).collect();
+                    edits.push(ListOp { explicit: Some(explicit), ..ListOp::default() });
+                    break;
+                }
+                _ => (),
+            }
+        }
+        let mut all = Vec::new();
+        edits.iter().rev().for_each(|e| e.apply(&mut all));
+        Ok(all)
+    }
+
+    /// What an attribute is connected to: the prim's path and the property.
+    pub fn source(&self, prim: &Prim, name: &str) -> Read<Option<(String, String)>> {
+        let targets = self.targets(prim, name, Key::ConnectionPaths)?;
+        Ok(targets.first().and_then(|path| match split_property(path) {
+            (prim, Some(property)) => Some((prim.to_owned(), property.to_owned())),
+            _ => None,
+        }))
+    }
+
+    /// What tells prims apart: two of the same have the same opinions, wherever they stand in the scene.
+    pub fn fingerprint(&self, prim: &Prim) -> Vec<(usize, String)> {
+        prim.sites.iter().map(|s| (s.stack, s.path.clone())).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn files<'a>(all: &'a [(&'a str, &'a str)]) -> impl Fn(&str) -> Result<Vec<u8>, String> + Sync + 'a {
+        move |name: &str| {
+            let found = all.iter().find(|(n, _)| *n == name);
+            found.map(|(_, text)| text.as_bytes().to_vec()).ok_or_else(|| "there is no such file".to_owned())
+        }
+    }
+
+    fn number(stage: &mut Stage, path: &str, name: &str) -> Option<f64> {
+        let prim = stage.prim(path).unwrap().unwrap_or_else(|| panic!("{path}"));
+        stage.value(&prim, name).unwrap().and_then(|v| v.number())
+    }
+
+    #[test]
+    fn opinions_are_as_strong_as_their_arcs() {
+        let all = [
+            (
+                "a/b.usda",
+                "#usda 1.0\n( defaultPrim = \"X\" subLayers = [@../c.usda@] )\n\
+                def \"X\" { int r = 3\n int p = 3\n def \"Y\" { int y = 3\n rel t = </X/Z>\n rel out = </Elsewhere> } }",
+            ),
+            ("c.usda", "#usda 1.0\nover \"X\" { int r = 4\n int sub = 4 }"),
+            ("p.usda", "#usda 1.0\ndef \"P\" { int p = 5\n int last = 5 }"),
+        ];
+        let fetch = files(&all);
+        let text = "#usda 1.0\nclass \"_C\" { int i = 1\n int r = 1\n int v = 1 }\n\
+            def \"A\" ( references = @./a/b.usda@\n payload = @p.usda@</P>\n inherits = </_C>\n variantSets = \"s\"\n variants = {string s = \"v\"} )\n\
+            { int local = 0\n int i = 0\n variantSet \"s\" = { \"v\" { int v = 2\n int w = 2\n int r = 2 \n over \"Y\" { int from = 2 } } \"w\" { int w = 9 } } }\n\
+            def \"B\" ( references = </A> ) { over \"Y\" { int y = 7 } }";
+        let mut stage = Stage::new(text.into(), "s.usda", &fetch).unwrap();
+        for (name, value) in [("local", 0), ("i", 0), ("r", 1), ("v", 1), ("w", 2), ("sub", 4), ("p", 3), ("last", 5)] {
+            assert_eq!(number(&mut stage, "/A", name), Some(f64::from(value)), "{name}");
+            assert_eq!(number(&mut stage, "/B", name), Some(f64::from(value)), "{name}");
+        }
+        assert_eq!((number(&mut stage, "/A/Y", "y"), number(&mut stage, "/B/Y", "y")), (Some(3.0), Some(7.0)));
+        assert_eq!(number(&mut stage, "/A/Y", "from"), Some(2.0));
+        let y = stage.prim("/B/Y").unwrap().unwrap();
+        assert_eq!(stage.targets(&y, "t", Key::TargetPaths).unwrap(), ["/B/Z"]);
+        assert!(stage.targets(&y, "out", Key::TargetPaths).unwrap().is_empty());
+        let b = stage.prim("/B").unwrap().unwrap();
+        assert!(stage.is_drawn(&b).unwrap() && stage.missing.is_empty());
+        let class = stage.prim("/_C").unwrap().unwrap();
+        assert!(!stage.is_drawn(&class).unwrap() && stage.is_drawn(&y).unwrap());
+        let root = stage.prim("/").unwrap().unwrap();
+        assert_eq!(stage.children(&root).unwrap().len(), 3);
+    }
+
+    #[test]
+    fn what_goes_round_is_an_error_and_what_is_missing_is_noted() {
+        let all = [
+            ("self.usda", "#usda 1.0\n( subLayers = [@other.usda@] )\n"),
+            ("other.usda", "#usda 1.0\n( subLayers = [@self.usda@] )\n"),
+            ("back.usda", "#usda 1.0\ndef \"P\" { def \"Q\" ( references = @back.usda@</P> ) {} }"),
+            (
+                "twin.usda",
+                "#usda 1.0\ndef \"P\" ( references = @twin.usda@</Q> ) {}\ndef \"Q\" ( references = @twin.usda@</P> ) {}",
+            ),
+        ];
+        let fetch = files(&all);
+        let walk = |text: &str| -> Read<Vec<String>> {
+            let mut stage = Stage::new(text.into(), "s.usda", &fetch)?;
+            let mut open = vec![stage.prim("/")?.unwrap()];
+            while let Some(prim) = open.pop() {
+                open.extend(stage.children(&prim)?);
+            }
+            Ok(stage.missing)
+        };
+        for text in [
+            "( subLayers = [@self.usda@] )",
+            "def \"A\" ( references = </A> ) {}",
+            "def \"A\" { def \"B\" ( references = </A> ) {} }",
+            "def \"A\" ( references = @back.usda@</P> ) {}",
+            "def \"A\" ( references = @twin.usda@</P> ) {}",
+            "def \"A\" ( inherits = </B> ) {}\ndef \"B\" ( inherits = </A> ) {}",
+        ] {
+            let e = walk(&format!("#usda 1.0\n{text}")).unwrap_err().to_string();
+            assert!(e.contains("itself") || e.contains("sublayers"), "{text}: {e}");
+        }
+        let missing =
+            walk("#usda 1.0\ndef \"A\" ( references = @gone.usda@ ) {}\ndef \"B\" ( references = @gone.usda@ ) {}").unwrap();
+        assert_eq!(missing, ["gone.usda (there is no such file)"]);
+        // Doubling thirty times would be a thousand million opinions.
+        let mut text = "#usda 1.0\n".to_owned();
+        for i in 0..30 {
+            let next = i + 1;
+            text += &format!("def \"A{i}\" ( references = [</B{next}>, </C{next}>] ) {{}}\n");
+            text +=
+                &format!("def \"B{next}\" ( references = </A{next}> ) {{}}\ndef \"C{next}\" ( references = </A{next}> ) {{}}\n");
+        }
+        assert!(walk(&text).unwrap_err().to_string().contains("references to references"));
+    }
+
+    #[test]
+    fn paths_are_joined_as_files_are() {
+        for (folder, path, whole) in [
+            ("", "./a.usd", "a.usd"),
+            ("x/y/", "../a.usd", "x/a.usd"),
+            ("x/", "../../a.usd", "../a.usd"),
+            ("x/", "/a.usd", "/a.usd"),
+            ("x/", "b\\c.usd", "x/b/c.usd"),
+            ("../x/", "./y/../z", "../x/z"),
+        ] {
+            assert_eq!(joined(folder, path), whole, "{folder} {path}");
+        }
+        assert_eq!((folder_of("a/b.usd").as_str(), folder_of("b.usd").as_str()), ("a/", ""));
+    }
+
+    #[test]
+    fn times_of_references_are_shifted() {
+        let all = [("b.usda", "#usda 1.0\ndef \"X\" { double v.timeSamples = { 0: 1, 10: 2, 20: 3 } }")];
+        let fetch = files(&all);
+        let text = "#usda 1.0\n( startTimeCode = 30 )\ndef \"A\" ( references = @b.usda@</X> (offset = 5; scale = 2) ) {}";
+        let mut stage = Stage::new(text.into(), "s.usda", &fetch).unwrap();
+        let prim = stage.prim("/A").unwrap().unwrap();
+        let found = stage.attribute(&prim, "v").unwrap().unwrap();
+        let times: Vec<f64> = stage.samples(&found).unwrap().unwrap().iter().map(|s| s.0).collect();
+        assert_eq!(times, [5.0, 25.0, 45.0]);
+        assert_eq!(number(&mut stage, "/A", "v"), Some(2.0));
+    }
+}

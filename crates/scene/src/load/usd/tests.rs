@@ -1,0 +1,312 @@
+//! Whole files: what becomes of them. `tests/box.usdc` was written by OpenUSD 26.11 (`Sdf.Layer.Export`) from `tests/box.usda`, which is ours.
+
+use super::*;
+use crate::light::PunctualKind;
+use crate::material::{Coverage, EmissionColor, Scattering};
+use crate::motion::Motion;
+use crate::scene::{Shape, Sight};
+use crate::texture::{Color, Scalar};
+use glam::{Vec2, Vec3};
+
+const TEXT: &str = include_str!("tests/box.usda");
+const BINARY: &[u8] = include_bytes!("tests/box.usdc");
+
+fn none(_: &str) -> Result<Vec<u8>, String> {
+    Err("no files here".into())
+}
+
+fn read(body: &str) -> Description {
+    load(format!("#usda 1.0\n( metersPerUnit = 1 )\n{body}").into(), "t.usda", &none).unwrap_or_else(|e| panic!("{e}"))
+}
+
+const QUAD: &str = "int[] faceVertexCounts = [4]\nint[] faceVertexIndices = [0, 1, 2, 3]\n\
+    point3f[] points = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)]\nuniform token subdivisionScheme = \"none\"\n";
+
+#[test]
+fn text_and_binary_are_the_same_scene() {
+    let [text, binary] = [TEXT.as_bytes(), BINARY].map(|b| load(b.to_vec(), "box", &none).unwrap());
+    for d in [&text, &binary] {
+        assert!(d.warnings.is_empty(), "{:?}", d.warnings);
+        let names: Vec<&str> = d.objects.iter().map(|o| o.name.as_str()).collect();
+        assert_eq!(names, ["Strip", "Cube", "Cube"]);
+        assert_eq!((d.meshes.len(), d.meshes[0].triangles.len(), d.materials.len()), (2, 18, 2));
+        // Two cubes are one mesh, a cube of 200 units of a centimetre.
+        let [Shape::Mesh { mesh: a, world_from_mesh: first }, Shape::Mesh { mesh: b, world_from_mesh: second }] =
+            [1, 2].map(|i: usize| d.objects[i].shape)
+        else {
+            panic!("meshes")
+        };
+        assert_eq!(a, b);
+        let corner = d.meshes[a as usize].positions.iter().fold(Vec3::ZERO, |m, p| m.max(*p));
+        assert!((first.transform_vector3(corner) - Vec3::new(1.0, 1.0, -1.0)).length() < 1e-5);
+        // +y of a stage with z up is −z of ours.
+        assert!((first.transform_point3(Vec3::ZERO) - Vec3::new(0.0, 0.0, -3.0)).length() < 1e-5);
+        assert!(second.transform_point3(Vec3::ZERO).length() < 1e-5);
+        // The strip goes half a metre along x in a second, a metre up.
+        let Motion::Carried { node } = d.objects[0].motion else { panic!("it moves") };
+        let timeline = d.timeline();
+        for (t, x) in [(0.0, 0.0), (0.5, 0.25), (1.0, 0.5)] {
+            let at = timeline.world(node, t).transform_point3(Vec3::ZERO);
+            assert!((at - Vec3::new(x, 1.0, 0.0)).length() < 1e-5, "{t}: {at}");
+        }
+        let Scattering::Principled(p) = &d.materials[d.objects[0].material as usize].scattering else { panic!("a surface") };
+        assert!(matches!(&p.base_color, Color::Constant { rgb, .. } if (*rgb - Vec3::new(0.8, 0.1, 0.05)).length() < 1e-6));
+    }
+    for (a, b) in text.meshes.iter().zip(&binary.meshes) {
+        assert_eq!((&a.positions, &a.triangles, &a.uvs), (&b.positions, &b.triangles, &b.uvs));
+    }
+    crate::Scene::build(binary).unwrap();
+}
+
+#[test]
+fn damaged_binary_files_are_errors() {
+    for cut in (0..BINARY.len()).step_by(7) {
+        assert!(load(BINARY[..cut].to_vec(), "b.usdc", &none).is_err(), "{cut}");
+    }
+    for i in 0..BINARY.len() {
+        for change in [0, 1, 0x7f, 0xff] {
+            let mut bytes = BINARY.to_vec();
+            bytes[i] = change;
+            let _ = load(bytes, "b.usdc", &none).map(crate::Scene::build);
+        }
+    }
+    for (version, hint) in [([0, 3, 0], "usdcat"), ([9, 0, 0], "crate 0.4")] {
+        let mut bytes = BINARY.to_vec();
+        bytes[8..11].copy_from_slice(&version);
+        assert!(load(bytes, "b.usdc", &none).unwrap_err().to_string().contains(hint));
+    }
+}
+
+#[test]
+fn damaged_text_files_never_panic() {
+    for i in (0..TEXT.len()).step_by(3) {
+        for change in *b"9\"{(,<" {
+            let mut bytes = TEXT.as_bytes().to_vec();
+            bytes[i] = change;
+            let _ = load(bytes, "b.usda", &none);
+        }
+        let _ = load(TEXT.as_bytes()[..i].to_vec(), "b.usda", &none);
+    }
+}
+
+#[test]
+fn packages_bring_their_pictures() {
+    let mut png = Vec::new();
+    let image = image::RgbaImage::from_fn(2, 2, |x, y| image::Rgba([x as u8 * 255, y as u8 * 255, 9, 255]));
+    image.write_to(&mut std::io::Cursor::new(&mut png), image::ImageFormat::Png).unwrap();
+    let text = format!(
+        "#usda 1.0\n( defaultPrim = \"A\" )\ndef Mesh \"A\" {{ {QUAD}\ntexCoord2f[] primvars:map = [(0, 0), (1, 0), (1, 1), (0, 1)] ( interpolation = \"vertex\" )\n\
+        rel material:binding = </A/M>\n\
+        def Material \"M\" {{ token outputs:surface.connect = </A/M/S.outputs:surface>\nstring inputs:name = \"map\"\n\
+        def Shader \"S\" {{ token info:id = \"UsdPreviewSurface\"\ncolor3f inputs:diffuseColor.connect = </A/M/T.outputs:rgb>\n\
+        float inputs:roughness.connect = </A/M/T.outputs:g>\nfloat inputs:metallic.connect = </A/M/Gone.outputs:r> }}\n\
+        def Shader \"T\" {{ token info:id = \"UsdUVTexture\"\nasset inputs:file = @t/a.png@\nfloat4 inputs:scale = (0.5, 0.5, 0.5, 1)\ntoken inputs:wrapS = \"clamp\"\n\
+        token inputs:sourceColorSpace = \"sRGB\"\nfloat2 inputs:st.connect = </A/M/R.outputs:result> }}\n\
+        def Shader \"Gone\" {{ token info:id = \"UsdUVTexture\"\nasset inputs:file = @t/gone.png@ }}\n\
+        def Shader \"R\" {{ token info:id = \"UsdPrimvarReader_float2\"\nstring inputs:varname.connect = </A/M.inputs:name> }} }} }}"
+    );
+    let bytes = package::tests::archive(&[("a.usda", text.as_bytes()), ("t/a.png", &png)]);
+    let d = load(bytes, "a.usdz", &none).unwrap();
+    let Scattering::Principled(p) = &d.materials[0].scattering else { panic!("a surface") };
+    let Color::Textured { factor, texture } = &p.base_color else { panic!("a picture") };
+    assert_eq!(*factor, Vec3::splat(0.5));
+    // v runs up: the point (0, 1) of the file is the upper left pixel; here v runs down.
+    let mesh = &d.meshes[0];
+    assert_eq!(mesh.uvs[0][3], Vec2::ZERO);
+    // At the middles of the left pixels.
+    let at = |v: f32| texture.at(&[Vec2::new(0.25, v); 2]).truncate();
+    assert!(at(0.25).distance(Vec3::new(0.0, 0.0, 0.0027)) < 1e-3 && at(0.75).y > 0.99, "{} {}", at(0.25), at(0.75));
+    assert!(matches!(&p.roughness, Scalar::Textured { channel: 1, factor: 0.5, .. }));
+    assert!(matches!(p.metallic, Scalar::Constant(0.0)) && d.missing_textures[0].name == "t/gone.png");
+}
+
+#[test]
+fn parts_of_meshes_have_their_materials() {
+    let material = |name: &str, red: f32| {
+        format!(
+            "def Material \"{name}\" {{ token outputs:surface.connect = </{name}/S.outputs:surface>\n\
+            def Shader \"S\" {{ token info:id = \"UsdPreviewSurface\"\ncolor3f inputs:diffuseColor = ({red}, 0, 0)\nfloat inputs:opacity = {red} }} }}\n"
+        )
+    };
+    let d = read(&format!(
+        "{}{}def Mesh \"A\" {{ int[] faceVertexCounts = [3, 3, 3, 4, 2]\nint[] faceVertexIndices = [0, 1, 2, 0, 2, 3, 0, 1, 3, 0, 1, 2, 3, 0, 1]\n\
+        point3f[] points = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)]\nint[] holeIndices = [2]\nuniform token orientation = \"leftHanded\"\n\
+        color3f[] primvars:displayColor = [(1, 0, 0), (0, 1, 0), (0, 0, 1), (1, 1, 0), (1, 1, 1)] ( interpolation = \"uniform\" )\n\
+        def GeomSubset \"s\" {{ uniform token elementType = \"face\"\nint[] indices = [1, 77, -3]\nrel material:binding = </M> }}\n\
+        def GeomSubset \"t\" {{ int[] indices = [3]\nrel material:binding = </N> }} }}",
+        material("M", 1.0),
+        material("N", 0.5),
+    ));
+    let parts: Vec<(usize, bool)> = d
+        .objects
+        .iter()
+        .map(|o| {
+            let Shape::Mesh { mesh, .. } = o.shape else { panic!("a mesh") };
+            let mesh = &d.meshes[mesh as usize];
+            (mesh.triangles.len(), mesh.colors.is_empty())
+        })
+        .collect();
+    assert_eq!(parts, [(1, false), (1, true), (2, true)]);
+    // Left-handed faces are turned.
+    let [a, b, c] = d.meshes[0].corners(0);
+    assert!((b - a).cross(c - a).z < 0.0);
+    assert!(matches!(&d.materials[d.objects[2].material as usize].scattering, Scattering::Mix(_)));
+    // The control mesh is shown, and that is said.
+    assert!(d.warnings.iter().any(|w| w.contains("control meshes are shown (1)")), "{:?}", d.warnings);
+}
+
+#[test]
+fn what_is_hidden_is_not_drawn_and_what_is_left_out_is_counted() {
+    let d = read(&format!(
+        "def Xform \"Hidden\" {{ token visibility = \"invisible\"\ndef Mesh \"a\" {{ {QUAD} }} }}\n\
+        def Xform \"Proxy\" {{ uniform token purpose = \"proxy\"\ndef Mesh \"b\" {{ {QUAD} }}\ndef Mesh \"own\" {{ uniform token purpose = \"render\"\n{QUAD} }} }}\n\
+        over \"Over\" {{ def Mesh \"c\" {{ {QUAD} }} }}\nclass \"_k\" {{ def Mesh \"d\" {{ {QUAD} }} }}\n\
+        def Xform \"Off\" ( active = false ) {{ def Mesh \"e\" {{ {QUAD} }} }}\n\
+        def Mesh \"shown\" {{ {QUAD} }}\ndef BasisCurves \"x\" {{}}\ndef BasisCurves \"y\" {{}}\ndef Points \"z\" {{}}\n\
+        def Mesh \"broken\" {{ int[] faceVertexCounts = [3]\nint[] faceVertexIndices = [0, 1, 9]\npoint3f[] points = [(0, 0, 0)] }}\n\
+        def Xform \"R\" ( references = @gone.usd@ ) {{}}"
+    ));
+    assert_eq!(d.objects.iter().map(|o| o.name.as_str()).collect::<Vec<_>>(), ["own", "shown"]);
+    let all = d.warnings.join("\n");
+    for part in ["curves (2)", "points (1)", "faces do not fit", "gone.usd (no files here)"] {
+        assert!(all.contains(part), "{part}: {all}");
+    }
+    let empty = load(b"#usda 1.0\ndef Xform \"A\" {}".to_vec(), "e.usda", &none).unwrap_err().to_string();
+    assert!(empty.starts_with("e.usda: no surface") && empty.contains("a Mesh"), "{empty}");
+}
+
+#[test]
+fn instancers_place_their_prototypes() {
+    let d = read(&format!(
+        "def Xform \"W\" {{ double3 xformOp:translate = (0, 0, 10)\nuniform token[] xformOpOrder = [\"xformOp:translate\"]\n\
+        def PointInstancer \"I\" {{ rel prototypes = [</W/I/P/a>, </W/I/P/b>]\nint[] protoIndices = [0, 1, 0, 7]\n\
+        point3f[] positions = [(1, 0, 0), (2, 0, 0), (3, 0, 0), (4, 0, 0)]\nquath[] orientations = [(1, 0, 0, 0), (0.7071, 0, 0, 0.7071), (1, 0, 0, 0), (1, 0, 0, 0)]\n\
+        float3[] scales = [(1, 1, 1), (2, 2, 2), (1, 1, 1), (1, 1, 1)]\nint64[] invisibleIds = [2]\n\
+        def Scope \"P\" {{ def Mesh \"a\" {{ {QUAD} }}\ndef Sphere \"b\" {{ double radius = 0.5\n\
+        double3 xformOp:translate = (1, 0, 0)\nuniform token[] xformOpOrder = [\"xformOp:translate\"] }} }} }} }}"
+    ));
+    assert_eq!(d.objects.len(), 2);
+    let Shape::Mesh { world_from_mesh, .. } = d.objects[0].shape else { panic!("a mesh") };
+    assert!((world_from_mesh.transform_point3(Vec3::ZERO) - Vec3::new(1.0, 0.0, 10.0)).length() < 1e-5);
+    // A turn of 90° about z sends the sphere's shift along x to y, twice as far.
+    let Shape::Sphere(s) = d.objects[1].shape else { panic!("a sphere") };
+    assert!((s.center - Vec3::new(2.0, 2.0, 10.0)).length() < 1e-3 && (s.radius - 1.0).abs() < 1e-3, "{s:?}");
+    assert!(d.warnings.iter().any(|w| w.contains("prototypes that are not there (1)")), "{:?}", d.warnings);
+    // An instancer among its own prototypes goes no deeper than is allowed.
+    let text = "#usda 1.0\ndef PointInstancer \"I\" { rel prototypes = [</I>]\nint[] protoIndices = [0]\npoint3f[] positions = [(0, 0, 0)] }";
+    assert!(load(text.into(), "i.usda", &none).unwrap_err().to_string().contains("instancers within instancers"));
+}
+
+#[test]
+fn lights_have_their_luminance() {
+    let d = read(
+        "def RectLight \"r\" { float inputs:intensity = 3\nfloat inputs:exposure = 1\nfloat inputs:width = 2\nfloat inputs:height = 4 }\n\
+        def RectLight \"n\" { float inputs:intensity = 80\nbool inputs:normalize = true\nfloat inputs:width = 2\nfloat inputs:height = 4 }\n\
+        def SphereLight \"s\" { float inputs:radius = 0.25\nbool inputs:enableColorTemperature = true\nfloat inputs:colorTemperature = 3000 }\n\
+        def SphereLight \"p\" { float inputs:radius = 0.25\nfloat intensity = 16\nbool treatAsPoint = true }\n\
+        def SphereLight \"c\" { float inputs:radius = 0.25\nfloat inputs:shaping:cone:angle = 30 }\n\
+        def DistantLight \"d\" { float inputs:intensity = 7\nfloat inputs:angle = 1\nbool inputs:normalize = true }\n\
+        def DomeLight \"e\" { float inputs:intensity = 5\ncolor3f inputs:color = (1, 0.5, 0.25) }\n\
+        def DiskLight \"k\" { }\ndef CylinderLight \"l\" { }",
+    );
+    let luminance = |name: &str| {
+        let object = d.objects.iter().find(|o| o.name == name).unwrap_or_else(|| panic!("{name}"));
+        let emission = d.materials[object.material as usize].emission.as_ref().unwrap();
+        assert!(matches!(emission.radiance, EmissionColor::Constant(_)) && !emission.two_sided);
+        emission.luminance(&[Vec2::ZERO; 2])
+    };
+    // Spectra of colours are fitted: within 1 %.
+    for (name, nits) in [("r", 6.0), ("n", 10.0), ("s", 1.0), ("k", 1.0), ("l", 1.0)] {
+        assert!((luminance(name) / nits - 1.0).abs() < 0.01, "{name}: {}", luminance(name));
+    }
+    // Rectangles shine along −z.
+    let Shape::Mesh { mesh, .. } = d.objects[0].shape else { panic!("a mesh") };
+    let [a, b, c] = d.meshes[mesh as usize].corners(0);
+    assert!((b - a).cross(c - a).z < 0.0);
+    let power = |name: &str| {
+        let light = d.punctual.iter().find(|l| l.name == name).unwrap();
+        (diopter_light::color::luminance(|nm| light.power.at(nm)) as f32, light.kind)
+    };
+    let (candela, kind) = power("p");
+    assert!((candela / (16.0 * std::f32::consts::PI / 16.0) - 1.0).abs() < 0.01 && matches!(kind, PunctualKind::Point { .. }));
+    assert!(matches!(power("c").1, PunctualKind::Spot { cos_outer, .. } if (cos_outer - 0.8660).abs() < 1e-3));
+    let (lux, kind) = power("d");
+    assert!(
+        (lux / 7.0 - 1.0).abs() < 0.01
+            && matches!(kind, PunctualKind::Disc { half_angle, .. } if (half_angle - 0.00873).abs() < 1e-4)
+    );
+    assert!((d.environment.as_ref().unwrap().mean_luminance() / (5.0 * (0.2126 + 0.3576 + 0.01805)) - 1.0).abs() < 0.01);
+}
+
+#[test]
+fn domes_have_their_middle_at_plus_z() {
+    // A map of four columns: left edge −z, then +x, the middle +z, then −x: a light at a quarter of the width.
+    let mut pfm = b"PF\n8 4\n-1\n".to_vec();
+    for row in 0..4 {
+        for column in 0..8 {
+            let v = if column == 2 && row == 1 { 100.0f32 } else { 0.0 };
+            (0..3).for_each(|_| pfm.extend(v.to_le_bytes()));
+        }
+    }
+    let fetch = move |name: &str| if name == "sky.pfm" { Ok(pfm.clone()) } else { Err("not there".to_owned()) };
+    let text =
+        format!("#usda 1.0\ndef DomeLight \"e\" {{ asset inputs:texture:file = @./sky.pfm@ }}\ndef Mesh \"m\" {{ {QUAD} }}");
+    let d = load(text.into(), "s.usda", &fetch).unwrap();
+    let environment = d.environment.unwrap();
+    let at = |d: Vec3| environment.rgb(d.normalize()).x;
+    assert!(at(Vec3::new(1.0, -0.4, 0.2)) < at(Vec3::new(1.0, 0.0, 0.4)) + 100.0);
+    let brightest = [Vec3::X, Vec3::NEG_X, Vec3::Z, Vec3::NEG_Z]
+        .map(|v| at(v + Vec3::Y * -0.2 + v.cross(Vec3::Y) * 0.2) + at(v - Vec3::Y * 0.2) + at(v + Vec3::Y * 0.4));
+    assert!(brightest[0] > brightest[1] && brightest[0] > brightest[2] && brightest[0] > brightest[3], "{brightest:?}");
+}
+
+#[test]
+fn cameras_have_their_angle_and_lens() {
+    let camera = "def Camera \"c\" { float focalLength = 50\nfloat horizontalAperture = 36\nfloat verticalAperture = 24\nfloat fStop = 2\nfloat focusDistance = 300\n\
+        double3 xformOp:translate = (100, 0, 0)\nfloat xformOp:rotateY = 90\nuniform token[] xformOpOrder = [\"xformOp:translate\", \"xformOp:rotateY\"] }\n\
+        def Scope \"Render\" { def RenderSettings \"s\" { int2 resolution = (640, 360) } }";
+    let text = format!("#usda 1.0\n( metersPerUnit = 0.01 )\n{camera}\ndef Mesh \"m\" {{ {QUAD} }}");
+    let d = load(text.into(), "s.usda", &none).unwrap();
+    let view = &d.cameras[0];
+    assert!(matches!(view.sight, Sight::Perspective { vertical_fov } if (vertical_fov - 2.0 * 0.24f32.atan()).abs() < 1e-5));
+    // 50 mm at f/2: 12.5 mm of radius; sharp at 3 m.
+    let [radius, focus] = view.lens.unwrap();
+    assert!((radius - 0.0125).abs() < 1e-6 && (focus - 3.0).abs() < 1e-5);
+    assert!((view.film.diagonal_mm.unwrap() - 36f64.hypot(24.0)).abs() < 1e-9 && view.film.size == Some([640, 360]));
+    let place = view.world_from_camera;
+    assert!((place.transform_point3(Vec3::ZERO) - Vec3::X).length() < 1e-5);
+    assert!((place.transform_vector3(Vec3::NEG_Z) - Vec3::NEG_X).length() < 1e-5);
+    // Where the unit is a metre and the numbers are millimetres all the same.
+    let d =
+        load(format!("#usda 1.0\n( metersPerUnit = 1 )\n{camera}\ndef Mesh \"m\" {{ {QUAD} }}").into(), "s.usda", &none).unwrap();
+    assert!((d.cameras[0].lens.unwrap()[0] - 0.0125).abs() < 1e-6);
+}
+
+#[test]
+fn opacity_makes_holes_or_sheets() {
+    let of = |inputs: &str| {
+        let d = read(&format!(
+            "def Mesh \"m\" {{ {QUAD}\nrel material:binding = </M> }}\n\
+            def Material \"M\" {{ token outputs:surface.connect = </M/S.outputs:surface>\n\
+            def Shader \"S\" {{ token info:id = \"UsdPreviewSurface\"\n{inputs} }} }}"
+        ));
+        d.materials[d.objects[0].material as usize].clone()
+    };
+    assert!(matches!(
+        of("float inputs:opacity = 0.3\nfloat inputs:opacityThreshold = 0.5").coverage,
+        Coverage::Mask { cutoff: 0.5, .. }
+    ));
+    assert!(matches!(
+        of("float inputs:opacity = 0.3\ntoken inputs:opacityMode = \"presence\"").coverage,
+        Coverage::Blend(Scalar::Constant(_))
+    ));
+    assert!(matches!(of("float inputs:opacity = 0.3").scattering, Scattering::Mix(_)));
+    let glow = of("color3f inputs:emissiveColor = (2, 2, 2)").emission.unwrap().luminance(&[Vec2::ZERO; 2]);
+    assert!((glow - 2.0).abs() < 0.02, "{glow}");
+    let Scattering::Principled(p) =
+        of("int inputs:useSpecularWorkflow = 1\ncolor3f inputs:specularColor = (0.04, 0.04, 0.04)").scattering
+    else {
+        panic!("a surface")
+    };
+    assert!(p.tinted && matches!(&p.specular_color, Color::Constant { rgb, .. } if (rgb.x - 1.0).abs() < 1e-3));
+}

@@ -1,0 +1,560 @@
+//! From prims to a [`Description`]: a walk over the stage.
+
+use super::geometry::{self, Part};
+use super::layer::Value;
+use super::material::{Bound, Shaders};
+use super::stage::{Prim, Stage};
+use super::{camera, error, light, transform};
+use crate::SceneError;
+use crate::load::Fetch;
+use crate::load::pbrt::shapes;
+use crate::motion::{AnimatedProperty, Animation, Channel, Ending, KeyInterpolation, Local, Motion, Node, Parts, Playing};
+use crate::scene::{Description, Object, Shape};
+use crate::shape::Mesh;
+use glam::{Affine3A, DMat4, DVec3, Vec3};
+use rayon::prelude::*;
+use std::collections::{BTreeMap, HashMap};
+use std::sync::Arc;
+
+/// Most things in a scene.
+const MOST_OBJECTS: usize = 1 << 24;
+/// Deepest that instancers lie in prototypes of instancers.
+const DEEPEST_INSTANCER: usize = 16;
+
+/// What prims hand down.
+#[derive(Clone)]
+pub(super) struct Place {
+    /// What the prim hangs on, if anything above it moves.
+    pub node: Option<u32>,
+    /// The prim's space in the node's, or in the world.
+    pub local: DMat4,
+    /// The prim's space in the world at the scene's first time.
+    pub world: DMat4,
+    /// Path of the material, and whether it is stronger than those below.
+    material: Option<(String, bool)>,
+    /// Colour of what has no material.
+    color: Option<Vec3>,
+    /// Whether its purpose, its own or that of what is around it, is not to be drawn.
+    hidden: bool,
+    /// How many instancers are around.
+    pub instancers: usize,
+}
+
+/// Something to be drawn.
+struct Drawn {
+    name: String,
+    form: usize,
+    node: Option<u32>,
+    local: DMat4,
+    world: DMat4,
+}
+
+/// What a form is made of.
+enum Form {
+    /// Read when all are known, several at a time.
+    Mesh {
+        prim: Arc<Prim>,
+        parts: Vec<Part>,
+    },
+    Ready {
+        mesh: Mesh,
+        material: u32,
+    },
+    /// Smooth where it stands still and is not squeezed.
+    Ball {
+        radius: f64,
+        material: u32,
+    },
+}
+
+/// What tells forms apart.
+#[derive(PartialEq, Eq, Hash)]
+enum FormKey {
+    Mesh(Vec<(usize, String)>, Vec<u32>),
+    Solid(String, Vec<u64>, u32),
+}
+
+pub(super) struct World<'a> {
+    pub name: String,
+    pub stage: Stage<'a>,
+    pub description: Description,
+    pub shaders: Shaders,
+    /// Metres of a unit.
+    pub unit_m: f64,
+    pub is_z_up: bool,
+    root: DMat4,
+    per_second: f64,
+    drawn: Vec<Drawn>,
+    forms: Vec<Form>,
+    known: HashMap<FormKey, usize>,
+    left_out: BTreeMap<&'static str, usize>,
+    channels: Vec<Channel>,
+    pub size: Option<[usize; 2]>,
+}
+
+type Read<T> = Result<T, SceneError>;
+
+impl<'a> World<'a> {
+    pub fn new(bytes: Vec<u8>, name: &str, fetch: Fetch<'a>) -> Read<Self> {
+        use super::layer::Key;
+        let stage = Stage::new(bytes, name, fetch)?;
+        let number =
+            |key| -> Read<Option<f64>> { Ok(stage.root(key)?.and_then(|v| v.number()).filter(|v| *v > 0.0 && v.is_finite())) };
+        // Without a word of it a unit is a centimetre (UsdGeom).
+        let unit_m = number(Key::MetersPerUnit)?.unwrap_or(0.01);
+        if !(1e-9..=1e9).contains(&unit_m) {
+            return Err(error(name, format!("metersPerUnit {unit_m}"), "1e-9 to 1e9"));
+        }
+        let per_second = number(Key::TimeCodesPerSecond)?.or(number(Key::FramesPerSecond)?).unwrap_or(24.0);
+        let up = stage.root(Key::UpAxis)?;
+        let is_z_up = up.as_ref().and_then(Value::text).is_some_and(|t| t.eq_ignore_ascii_case("z"));
+        let turn = if is_z_up { DMat4::from_rotation_x(-std::f64::consts::FRAC_PI_2) } else { DMat4::IDENTITY };
+        Ok(World {
+            name: name.to_owned(),
+            stage,
+            description: Description { name: name.to_owned(), ..Default::default() },
+            shaders: Shaders::default(),
+            unit_m,
+            is_z_up,
+            root: DMat4::from_scale(DVec3::splat(unit_m)) * turn,
+            per_second,
+            drawn: vec![],
+            forms: vec![],
+            known: HashMap::new(),
+            left_out: BTreeMap::new(),
+            channels: vec![],
+            size: None,
+        })
+    }
+
+    /// Counts something that is left out.
+    pub fn leave_out(&mut self, what: &'static str) {
+        *self.left_out.entry(what).or_default() += 1;
+    }
+
+    pub fn run(mut self) -> Read<Description> {
+        let place =
+            Place { node: None, local: self.root, world: self.root, material: None, color: None, hidden: false, instancers: 0 };
+        if let Some(root) = self.stage.prim("/")? {
+            let children = self.stage.children(&root)?;
+            self.walk(children, place)?;
+        }
+        self.build()?;
+        let missing = &self.stage.missing;
+        if !missing.is_empty() {
+            let text =
+                format!("{}: files that could not be read, without which the scene is shown: {}", self.name, missing.join(", "));
+            self.description.warnings.push(text);
+        }
+        if !self.left_out.is_empty() {
+            let list: Vec<String> = self.left_out.iter().map(|(what, n)| format!("{what} ({n})")).collect();
+            self.description.warnings.push(format!("{}: left out: {}", self.name, list.join(", ")));
+        }
+        if !self.channels.is_empty() {
+            let animation = Animation { name: "time samples".into(), channels: self.channels };
+            self.description.animations.push(animation);
+            self.description.playing = Playing { animations: vec![0], ending: Ending::Clamp, frozen_at_s: None };
+        }
+        for view in &mut self.description.cameras {
+            view.film.size = self.size;
+        }
+        Ok(self.description)
+    }
+
+    /// Draws prims and all below them.
+    fn walk(&mut self, prims: Vec<Arc<Prim>>, place: Place) -> Read<()> {
+        let mut open: Vec<(Arc<Prim>, Place)> = prims.into_iter().rev().map(|p| (p, place.clone())).collect();
+        while let Some((prim, place)) = open.pop() {
+            if let Some(inner) = self.prim(&prim, place)? {
+                let children = self.stage.children(&prim)?;
+                open.extend(children.into_iter().rev().map(|child| (child, inner.clone())));
+            }
+        }
+        Ok(())
+    }
+
+    /// Draws one prim; what it hands down, unless nothing below is drawn.
+    fn prim(&mut self, prim: &Arc<Prim>, outer: Place) -> Read<Option<Place>> {
+        if !self.stage.is_drawn(prim)? {
+            return Ok(None);
+        }
+        let kind = self.stage.type_name(prim)?;
+        match &*kind {
+            "Material" | "Shader" | "NodeGraph" | "GeomSubset" | "RenderProduct" | "RenderVar" => return Ok(None),
+            "RenderSettings" => {
+                self.size = self.size.or(camera::resolution(&self.stage, prim)?);
+                return Ok(None);
+            }
+            "Skeleton" | "SkelAnimation" | "BlendShape" => {
+                self.leave_out("skeletons and blend shapes: what they move is shown as it was modelled");
+                return Ok(None);
+            }
+            _ => (),
+        }
+        let text = |stage: &Stage, name: &str| -> Read<Option<Arc<str>>> {
+            Ok(stage.value(prim, name)?.as_ref().and_then(Value::text).cloned())
+        };
+        if text(&self.stage, "visibility")?.is_some_and(|v| &*v == "invisible") {
+            return Ok(None);
+        }
+        let mut outer = outer;
+        if let Some(purpose) = text(&self.stage, "purpose")? {
+            outer.hidden = matches!(&*purpose, "proxy" | "guide");
+        }
+        if self.stage.field(prim, super::layer::Key::Clips)?.is_some() {
+            self.leave_out("value clips");
+        }
+        let mut place = self.moved(prim, outer)?;
+        let strong = place.material.as_ref().is_some_and(|m| m.1);
+        if let Some(bound) = self.binding(prim)?.filter(|_| !strong) {
+            place.material = Some(bound);
+        }
+        if let Some(color) = self.constant_color(prim)? {
+            place.color = Some(color);
+        }
+        match &*kind {
+            "PointInstancer" if place.hidden => return Ok(None),
+            "Mesh" | "Sphere" | "Cube" | "Cylinder" | "Cone" | "Capsule" | "Plane" | "Cylinder_1" | "Capsule_1"
+                if place.hidden => {}
+            "Mesh" => self.mesh(prim, &place)?,
+            "Sphere" | "Cube" | "Cylinder" | "Cone" | "Capsule" | "Plane" | "Cylinder_1" | "Capsule_1" => {
+                self.solid(&kind, prim, &place)?
+            }
+            "PointInstancer" => {
+                self.instances(prim, &place)?;
+                return Ok(None);
+            }
+            "Camera" => camera::add(self, prim, &place)?,
+            "DistantLight" | "SphereLight" | "RectLight" | "DiskLight" | "CylinderLight" | "DomeLight" | "DomeLight_1" => {
+                light::add(self, &kind, prim, &place)?;
+            }
+            "GeometryLight" | "PortalLight" | "PluginLight" => self.leave_out("lights of other kinds"),
+            "BasisCurves" | "NurbsCurves" | "HermiteCurves" => self.leave_out("curves"),
+            "NurbsPatch" | "TetMesh" => self.leave_out("patches and tetrahedra"),
+            "Points" => self.leave_out("points"),
+            "Volume" | "OpenVDBAsset" | "Field3DAsset" => self.leave_out("volumes"),
+            k if k.starts_with("ParticleField") => self.leave_out("Gaussian splats"),
+            _ => (),
+        }
+        Ok(Some(place))
+    }
+
+    /// The place of a prim: a node of its own where it moves.
+    fn moved(&mut self, prim: &Prim, outer: Place) -> Read<Place> {
+        let mut place = outer;
+        let xform = transform::of(&self.stage, prim)?;
+        if xform.resets {
+            (place.node, place.local, place.world) = (None, self.root, self.root);
+        }
+        match xform.keys {
+            Some(_) if place.instancers > 0 => {
+                self.leave_out("motion within prototypes of instancers");
+                (place.local, place.world) = (place.local * xform.rest, place.world * xform.rest);
+            }
+            Some(keys) => {
+                if xform.sheared {
+                    self.leave_out("shear of what moves");
+                }
+                let parent = self.node_at(&place, prim.name());
+                let number = self.description.nodes.len();
+                let (scale, rotation, translation) = xform.rest.to_scale_rotation_translation();
+                let whole = scale.is_finite() && rotation.is_finite() && xform.rest.determinant() != 0.0;
+                let rest = if whole {
+                    Parts { translation: translation.as_vec3(), rotation: rotation.as_quat(), scale: scale.as_vec3() }
+                } else {
+                    keys[0].1
+                };
+                self.description.nodes.push(Node { parent: Some(parent), rest: Local::Parts(rest), ..Node::new(prim.name()) });
+                let times_s: Vec<f32> = keys.iter().map(|k| ((k.0 - self.stage.start) / self.per_second) as f32).collect();
+                let mut channel = |property, values: Vec<f32>| {
+                    self.channels.push(Channel {
+                        node: number,
+                        property,
+                        interpolation: KeyInterpolation::Linear,
+                        times_s: times_s.clone(),
+                        values,
+                    });
+                };
+                channel(AnimatedProperty::Translation, keys.iter().flat_map(|k| k.1.translation.to_array()).collect());
+                channel(AnimatedProperty::Rotation, keys.iter().flat_map(|k| k.1.rotation.to_array()).collect());
+                channel(AnimatedProperty::Scale, keys.iter().flat_map(|k| k.1.scale.to_array()).collect());
+                (place.node, place.local, place.world) = (Some(number as u32), DMat4::IDENTITY, place.world * xform.rest);
+            }
+            None => (place.local, place.world) = (place.local * xform.rest, place.world * xform.rest),
+        }
+        Ok(place)
+    }
+
+    /// A node that stands where a prim does.
+    pub fn node_at(&mut self, place: &Place, name: &str) -> u32 {
+        if let Some(node) = place.node.filter(|_| place.local == DMat4::IDENTITY) {
+            return node;
+        }
+        let rest = Local::Matrix(affine(place.local));
+        self.description.nodes.push(Node { parent: place.node, rest, ..Node::new(name) });
+        self.description.nodes.len() as u32 - 1
+    }
+
+    /// The material that a prim is bound to, and whether that holds for all below.
+    fn binding(&self, prim: &Prim) -> Read<Option<(String, bool)>> {
+        use super::layer::Key;
+        for name in ["material:binding:full", "material:binding", "material:binding:preview"] {
+            if let Some(path) = self.stage.targets(prim, name, Key::TargetPaths)?.into_iter().next() {
+                let strength = self.stage.property_field(prim, name, Key::BindMaterialAs)?;
+                let strong = strength.as_ref().and_then(Value::text).is_some_and(|t| &**t == "strongerThanDescendants");
+                return Ok(Some((path, strong)));
+            }
+        }
+        Ok(None)
+    }
+
+    fn constant_color(&self, prim: &Prim) -> Read<Option<Vec3>> {
+        let color = self.stage.value(prim, "primvars:displayColor")?.and_then(|v| v.floats());
+        Ok(color.filter(|c| c.len() == 3).map(|c| Vec3::from_slice(&c)))
+    }
+
+    fn bound(&mut self, material: Option<&(String, bool)>, color: Option<Vec3>, has_colors: bool) -> Read<Bound> {
+        match material {
+            Some((path, _)) => self.material(path, color, has_colors),
+            None => Ok(self.plain(color, has_colors)),
+        }
+    }
+
+    fn mesh(&mut self, prim: &Arc<Prim>, place: &Place) -> Read<()> {
+        for name in ["points", "primvars:skel:jointIndices"] {
+            if self.stage.is_animated(prim, name)? || name.contains("skel") && self.stage.attribute(prim, name)?.is_some() {
+                self.leave_out(if name == "points" { "points that move by themselves" } else { "skins of skeletons" });
+            }
+        }
+        let scheme = self.stage.value(prim, "subdivisionScheme")?;
+        if scheme.as_ref().and_then(Value::text).is_none_or(|s| &**s != "none") {
+            self.leave_out("subdivision: control meshes are shown");
+        }
+        let has_colors = self.stage.value(prim, "primvars:displayColor")?.and_then(|v| v.floats()).is_some_and(|c| c.len() > 3);
+        let mut key = self.stage.fingerprint(prim);
+        let mut parts = Vec::new();
+        let whole = self.bound(place.material.as_ref(), place.color, has_colors)?;
+        parts.push(Part::new(None, &whole));
+        for child in self.stage.children(prim)? {
+            if &*self.stage.type_name(&child)? != "GeomSubset" || !self.stage.is_drawn(&child)? {
+                continue;
+            }
+            let kind = self.stage.value(&child, "elementType")?;
+            if kind.as_ref().and_then(Value::text).is_some_and(|k| &**k != "face") {
+                continue;
+            }
+            if let Some(bound) = self.binding(&child)? {
+                let strong = place.material.as_ref().filter(|m| m.1);
+                let bound = self.bound(strong.or(Some(&bound)), place.color, has_colors)?;
+                key.extend(self.stage.fingerprint(&child));
+                parts.push(Part::new(Some(child), &bound));
+            }
+        }
+        let key = FormKey::Mesh(key, parts.iter().map(|p| p.material).collect());
+        let form = self.form(key, || Form::Mesh { prim: prim.clone(), parts });
+        self.draw(prim.name(), form, place)
+    }
+
+    fn form(&mut self, key: FormKey, make: impl FnOnce() -> Form) -> usize {
+        let next = self.forms.len();
+        let number = *self.known.entry(key).or_insert(next);
+        if number == next {
+            self.forms.push(make());
+        }
+        number
+    }
+
+    fn draw(&mut self, name: &str, form: usize, place: &Place) -> Read<()> {
+        if self.drawn.len() >= MOST_OBJECTS {
+            return Err(error(&self.name, format!("more than {MOST_OBJECTS} things"), "fewer"));
+        }
+        self.drawn.push(Drawn { name: name.to_owned(), form, node: place.node, local: place.local, world: place.world });
+        Ok(())
+    }
+
+    /// A mesh that the reader makes itself, such as a lamp's.
+    pub fn draw_mesh(&mut self, name: &str, mesh: Mesh, material: u32, place: &Place) -> Read<()> {
+        self.forms.push(Form::Ready { mesh, material });
+        self.draw(name, self.forms.len() - 1, place)
+    }
+
+    pub fn draw_ball(&mut self, name: &str, radius: f64, material: u32, place: &Place) -> Read<()> {
+        self.forms.push(Form::Ball { radius, material });
+        self.draw(name, self.forms.len() - 1, place)
+    }
+
+    /// Cubes, spheres and the like.
+    fn solid(&mut self, kind: &str, prim: &Prim, place: &Place) -> Read<()> {
+        let material = self.bound(place.material.as_ref(), place.color, false)?.number;
+        let number = |name: &str, default: f64| -> Read<f64> {
+            Ok(self.stage.value(prim, name)?.and_then(|v| v.number()).filter(|v| v.is_finite() && *v > 0.0).unwrap_or(default))
+        };
+        let axis = self.stage.value(prim, "axis")?.as_ref().and_then(Value::text).map_or("Z".to_owned(), |a| a.to_string());
+        let sizes = match kind {
+            "Sphere" => vec![number("radius", 1.0)?],
+            "Cube" => vec![number("size", 2.0)?],
+            "Plane" => vec![number("width", 2.0)?, number("length", 2.0)?],
+            "Capsule" | "Capsule_1" => {
+                let radius = number("radius", 0.5)?;
+                vec![number("radiusBottom", radius)?, number("radiusTop", radius)?, number("height", 1.0)?]
+            }
+            _ => {
+                let radius = number("radius", 1.0)?;
+                vec![number("radiusBottom", radius)?, number("radiusTop", radius)?, number("height", 2.0)?]
+            }
+        };
+        let key = FormKey::Solid(format!("{kind} {axis}"), sizes.iter().map(|s| s.to_bits()).collect(), material);
+        let form = self.form(key, || match kind {
+            "Sphere" => Form::Ball { radius: sizes[0], material },
+            _ => Form::Ready { mesh: geometry::solid(kind, &axis, &sizes), material },
+        });
+        self.draw(prim.name(), form, place)
+    }
+
+    /// Copies of prototypes. Source: OpenUSD, `UsdGeomPointInstancer`: scale, then orientation, then position.
+    fn instances(&mut self, prim: &Arc<Prim>, place: &Place) -> Read<()> {
+        if place.instancers >= DEEPEST_INSTANCER {
+            return Err(error(
+                &self.name,
+                format!("{}: instancers within instancers", prim.path),
+                format!("at most {DEEPEST_INSTANCER} deep"),
+            ));
+        }
+        for name in ["positions", "orientations", "scales"] {
+            if self.stage.is_animated(prim, name)? {
+                self.leave_out("instances that move by themselves");
+            }
+        }
+        let list = |stage: &Stage, name: &str| -> Read<Arc<[f32]>> {
+            Ok(stage.value(prim, name)?.and_then(|v| v.floats()).unwrap_or_else(|| Arc::new([])))
+        };
+        let ints = |stage: &Stage, name: &str| -> Read<Arc<[i32]>> {
+            Ok(stage.value(prim, name)?.and_then(|v| v.ints()).unwrap_or_else(|| Arc::new([])))
+        };
+        let targets = self.stage.targets(prim, "prototypes", super::layer::Key::TargetPaths)?;
+        let mut prototypes: Vec<Vec<Drawn>> = Vec::new();
+        for path in targets {
+            let before = self.drawn.len();
+            let inner = Place {
+                node: None,
+                local: DMat4::IDENTITY,
+                world: DMat4::IDENTITY,
+                instancers: place.instancers + 1,
+                ..place.clone()
+            };
+            match self.stage.prim(&path)? {
+                Some(prototype) => self.walk(vec![prototype], inner)?,
+                None => self.leave_out("prototypes that are not there"),
+            }
+            prototypes.push(self.drawn.split_off(before));
+        }
+        let (which, positions, scales) =
+            (ints(&self.stage, "protoIndices")?, list(&self.stage, "positions")?, list(&self.stage, "scales")?);
+        let mut turns = list(&self.stage, "orientationsf")?;
+        if turns.is_empty() {
+            turns = list(&self.stage, "orientations")?;
+        }
+        let hidden = ints(&self.stage, "invisibleIds")?;
+        let hidden: std::collections::HashSet<i32> = hidden.iter().copied().collect();
+        let ids = ints(&self.stage, "ids")?;
+        let count = which.len().min(positions.len() / 3);
+        if count < which.len() {
+            self.leave_out("instances without a position");
+        }
+        for i in 0..count {
+            let id = ids.get(i).copied().unwrap_or(i as i32);
+            if hidden.contains(&id) {
+                continue;
+            }
+            let Some(prototype) = usize::try_from(which[i]).ok().and_then(|n| prototypes.get(n)) else {
+                self.leave_out("instances of prototypes that are not there");
+                continue;
+            };
+            let at = DVec3::from_array(std::array::from_fn(|k| f64::from(positions[3 * i + k])));
+            let scale = scales.get(3 * i..3 * i + 3).map_or(DVec3::ONE, |s| Vec3::from_slice(s).as_dvec3());
+            let turn =
+                turns.get(4 * i..4 * i + 4).map(|q| glam::DQuat::from_xyzw(q[1].into(), q[2].into(), q[3].into(), q[0].into()));
+            let turn = turn.filter(|q| q.length_squared() > 1e-12).map_or(glam::DQuat::IDENTITY, |q| q.normalize());
+            let instance = DMat4::from_scale_rotation_translation(scale, turn, at);
+            if !instance.is_finite() {
+                self.leave_out("instances that are nowhere");
+                continue;
+            }
+            if self.drawn.len() + prototype.len() > MOST_OBJECTS {
+                return Err(error(&self.name, format!("more than {MOST_OBJECTS} things"), "fewer instances"));
+            }
+            let (local, world) = (place.local * instance, place.world * instance);
+            self.drawn.extend(prototype.iter().map(|d| Drawn {
+                name: d.name.clone(),
+                form: d.form,
+                node: place.node,
+                local: local * d.local,
+                world: world * d.local,
+            }));
+        }
+        Ok(())
+    }
+
+    /// Reads all meshes, and places everything.
+    fn build(&mut self) -> Read<()> {
+        let forms = std::mem::take(&mut self.forms);
+        let stage = &self.stage;
+        let read = |form: Form| -> Read<(geometry::Meshes, Option<(f64, u32)>)> {
+            Ok(match form {
+                Form::Mesh { prim, parts } => (geometry::read(stage, &prim, &parts)?, None),
+                Form::Ready { mesh, material } => (geometry::Meshes { parts: vec![(mesh, material)], left_out: vec![] }, None),
+                Form::Ball { radius, material } => (geometry::Meshes::default(), Some((radius, material))),
+            })
+        };
+        type Solid = Option<(f64, u32)>;
+        let all: Vec<Read<(geometry::Meshes, Solid)>> = forms.into_par_iter().map(read).collect();
+        // Numbers of meshes and their materials, by form; of balls a mesh where one is needed.
+        let mut numbers: Vec<Vec<(u32, u32)>> = Vec::with_capacity(all.len());
+        let mut balls = Vec::with_capacity(all.len());
+        for read in all {
+            let (meshes, ball) = read?;
+            meshes.left_out.into_iter().for_each(|what| self.leave_out(what));
+            let mut own = Vec::new();
+            for (mesh, material) in meshes.parts {
+                self.description.meshes.push(mesh.into());
+                own.push((self.description.meshes.len() as u32 - 1, material));
+            }
+            numbers.push(own);
+            balls.push(ball);
+        }
+        for d in std::mem::take(&mut self.drawn) {
+            if let Some((radius, material)) = balls[d.form] {
+                if let (Some(sphere), None) = (shapes::sphere_in_world(radius as f32, d.local), d.node) {
+                    self.description.objects.push(Object::new(d.name, Shape::Sphere(sphere), material));
+                    continue;
+                }
+                if numbers[d.form].is_empty() {
+                    self.description.meshes.push(shapes::ball(radius as f32).into());
+                    numbers[d.form].push((self.description.meshes.len() as u32 - 1, material));
+                }
+            }
+            if numbers[d.form].is_empty() {
+                continue;
+            }
+            let motion = match d.node {
+                None => Motion::Still,
+                Some(parent) => {
+                    let place = Local::Matrix(affine(d.local));
+                    self.description.nodes.push(Node { parent: Some(parent), rest: place, ..Node::new(&d.name) });
+                    Motion::Carried { node: self.description.nodes.len() as u32 - 1 }
+                }
+            };
+            let world_from_mesh = affine(d.world);
+            for (mesh, material) in &numbers[d.form] {
+                let shape = Shape::Mesh { mesh: *mesh, world_from_mesh };
+                self.description.objects.push(Object { name: d.name.clone(), shape, material: *material, motion });
+            }
+        }
+        Ok(())
+    }
+}
+
+/// A matrix of single precision.
+pub(super) fn affine(m: DMat4) -> Affine3A {
+    Affine3A::from_mat4(m.as_mat4())
+}

@@ -1,0 +1,390 @@
+//! Rays against everything in a scene, and what is known of the place that they meet.
+
+use super::{Object, Scene, Shape};
+use crate::bvh::{Bvh, Filter, Hit};
+use crate::material::{Coverage, Material};
+use crate::shape::{Detail, Mesh, Surface};
+use diopter_light::Ray;
+use diopter_light::random::{mix, to_unit};
+use glam::{Affine3A, Mat3A, Vec2, Vec3, Vec3A, Vec4};
+
+impl Scene {
+    /// Nearest surface along a ray.
+    #[inline]
+    pub fn intersect(&self, ray: &Ray, t_max: f32) -> Option<Surface> {
+        let filter = TopFilter { scene: self, ray };
+        let mut hit = self.top.closest(ray.origin, ray.direction, t_max, &filter);
+        if !self.animated.is_empty() {
+            let fraction = self.animated.fraction(ray.time_s);
+            let filter = AnimatedFilter { scene: self, ray, fraction };
+            let limit = hit.map_or(t_max, |h| h.t);
+            hit = self.animated.closest(fraction, ray.origin, ray.direction, limit, &filter).or(hit);
+        }
+        Some(self.surface(ray, &hit?))
+    }
+
+    /// Whether anything is met before `t_max`.
+    #[inline]
+    pub fn occluded(&self, ray: &Ray, t_max: f32) -> bool {
+        if self.top.any(ray.origin, ray.direction, t_max, &TopFilter { scene: self, ray }) {
+            return true;
+        }
+        if self.animated.is_empty() {
+            return false;
+        }
+        let fraction = self.animated.fraction(ray.time_s);
+        self.animated.any(fraction, ray.origin, ray.direction, t_max, &AnimatedFilter { scene: self, ray, fraction })
+    }
+
+    /// Object and triangle of a triangle number of the top hierarchy.
+    #[inline]
+    pub(super) fn flat_object(&self, id: u32) -> (u32, u32) {
+        let i = self.flat.partition_point(|(first, _)| *first <= id) - 1;
+        (self.flat[i].1, id - self.flat[i].0)
+    }
+
+    pub(super) fn surface(&self, ray: &Ray, hit: &Hit) -> Surface {
+        let mut bent = None;
+        let moved;
+        let (object, triangle, corners, placement) = if hit.instance > 0 {
+            let object = hit.instance - 1;
+            let mesh = match self.description.objects[object as usize].shape {
+                Shape::Mesh { mesh, .. } => mesh,
+                Shape::Curves { curves, .. } => return self.curve_surface(ray, hit, object, curves),
+                Shape::Splats { splats, .. } => return self.splat_surface(ray, hit, object, splats),
+                Shape::Sphere(_) | Shape::Quad(_) => unreachable!("spheres and quads have no hierarchies of their own"),
+            };
+            match self.animated.instance(object) {
+                None => {
+                    let placement = &self.placements[object as usize];
+                    let bvh = self.shared[mesh as usize].as_ref().expect("an instance has a hierarchy");
+                    let corners = bvh.corners(hit.slot).map(|c| placement.world_from_object.transform_point3(c));
+                    (object, hit.id, corners, placement)
+                }
+                Some(instance) => {
+                    let (shared, mesh) = (self.shared[mesh as usize].as_ref(), &self.description.meshes[mesh as usize]);
+                    let met = self.animated.met(instance, shared, mesh, hit.slot, hit.id, self.animated.fraction(ray.time_s));
+                    bent = met.bent;
+                    moved = Placement::at(met.place);
+                    (object, hit.id, met.corners, &moved)
+                }
+            }
+        } else if hit.slot == u32::MAX {
+            return self.simple_surface(ray, hit);
+        } else {
+            let (object, triangle) = self.flat_object(hit.id);
+            (object, triangle, self.top.corners(hit.slot), &self.placements[object as usize])
+        };
+        let Shape::Mesh { mesh, .. } = self.description.objects[object as usize].shape else {
+            unreachable!("triangles belong to meshes")
+        };
+        let mesh = &self.description.meshes[mesh as usize];
+        let [a, b, c] = corners;
+        let weights = [1.0 - hit.u - hit.v, hit.u, hit.v];
+        let mut ng = (b - a).cross(c - a).normalize();
+        if placement.mirrored {
+            ng = -ng;
+        }
+        let i = triangle as usize;
+        let to_world = |n: Vec3| Vec3::from(placement.normals * Vec3A::from(n));
+        let normal = match &bent {
+            None => mesh.mix(&mesh.normals, i, weights).map(to_world),
+            Some(bent) => mixed(&bent.normals, weights),
+        };
+        let ns = normal.and_then(Vec3::try_normalize).unwrap_or(ng);
+        // Files exist whose winding and normals disagree: the normals say which side is out.
+        if ns.dot(ng) < 0.0 {
+            ng = -ng;
+        }
+        let uv = [0, 1].map(|s| mesh.mix(&mesh.uvs[s], i, weights).unwrap_or(Vec2::ZERO));
+        let given = match &bent {
+            None => mesh.mix(&mesh.tangents, i, weights),
+            Some(bent) => mixed(&bent.tangents, weights),
+        };
+        let material = self.material(object);
+        let (tangent, handedness) = tangent(mesh, i, given, corners, placement, ng, material);
+        let along = || derivatives(mesh, i, 0, corners).map(Detail::Derivatives);
+        let detail = material.bump.as_ref().and_then(|_| along()).unwrap_or(Detail::None);
+        Surface {
+            point: a * weights[0] + b * weights[1] + c * weights[2],
+            t: hit.t,
+            ng,
+            ns,
+            tangent,
+            handedness,
+            uv,
+            color: mesh.mix(&mesh.colors, i, weights).unwrap_or(Vec4::ONE),
+            object,
+            triangle,
+            detail,
+        }
+    }
+
+    /// Where an object is at a time of the exposure.
+    pub(super) fn placement(&self, object: u32, time_s: f32) -> Placement {
+        match self.animated.instance(object) {
+            None => self.placements[object as usize],
+            Some(instance) => Placement::at(self.animated.place(instance, self.animated.fraction(time_s))),
+        }
+    }
+
+    pub(super) fn simple_surface(&self, ray: &Ray, hit: &Hit) -> Surface {
+        let (point, ng, uv, derivatives) = match self.description.objects[hit.id as usize].shape {
+            Shape::Sphere(s) => {
+                let n = (ray.at(hit.t) - s.center).normalize();
+                // Longitude and latitude, as the environment map's.
+                let uv =
+                    Vec2::new(n.x.atan2(-n.z) / std::f32::consts::TAU + 0.5, n.y.clamp(-1.0, 1.0).acos() / std::f32::consts::PI);
+                // n = (sin θ sin φ, cos θ, −sin θ cos φ) with φ = 2π (u − ½), θ = π v.
+                let sin = n.x.hypot(n.z).max(1e-6);
+                let down = Vec3::new(n.y * n.x / sin, -sin, n.y * n.z / sin);
+                let r = s.radius * std::f32::consts::PI;
+                let derivatives = [Vec3::new(-n.z, 0.0, n.x) * (2.0 * r), down * r];
+                (s.center + n * s.radius, n, uv, derivatives)
+            }
+            Shape::Quad(q) => (q.point(Vec2::new(hit.u, hit.v)), q.normal(), Vec2::new(hit.u, hit.v), q.edges),
+            Shape::Mesh { .. } | Shape::Curves { .. } | Shape::Splats { .. } => {
+                unreachable!("meshes, curves and splats have hierarchies")
+            }
+        };
+        let (tangent, handedness) = image_frame(derivatives, ng, self.material(hit.id));
+        Surface {
+            point,
+            t: hit.t,
+            ng,
+            ns: ng,
+            tangent,
+            handedness,
+            uv: [uv; 2],
+            color: Vec4::ONE,
+            object: hit.id,
+            triangle: 0,
+            detail: Detail::Derivatives(derivatives),
+        }
+    }
+
+    /// Whether a hit on a surface with holes counts. The random number is a hash of ray and place: the same ray always gets
+    /// the same answer, and no sampler dimension is spent.
+    pub(super) fn covers(&self, ray: &Ray, object: u32, triangle: u32, u: f32, v: f32) -> bool {
+        let Shape::Mesh { mesh, .. } = self.description.objects[object as usize].shape else { return true };
+        let mesh = &self.description.meshes[mesh as usize];
+        let weights = [1.0 - u - v, u, v];
+        let uv = [0, 1].map(|s| mesh.mix(&mesh.uvs[s], triangle as usize, weights).unwrap_or(Vec2::ZERO));
+        let alpha = mesh.mix(&mesh.colors, triangle as usize, weights).map_or(1.0, |c| c.w);
+        let bits = |v: Vec3| v.x.to_bits() ^ mix(v.y.to_bits() ^ mix(v.z.to_bits()));
+        let draw = to_unit(mix(bits(ray.origin) ^ mix(bits(ray.direction) ^ mix(triangle ^ object << 20))));
+        self.material(object).coverage.accepts(&uv, alpha, draw)
+    }
+
+    /// The same of a curve, by the coordinates of the hit.
+    pub(super) fn covers_curve(&self, ray: &Ray, object: u32, segment: u32, u: f32, v: f32) -> bool {
+        let coverage = &self.material(object).coverage;
+        if matches!(coverage, Coverage::Full) {
+            return true;
+        }
+        let bits = |v: Vec3| v.x.to_bits() ^ mix(v.y.to_bits() ^ mix(v.z.to_bits()));
+        let draw = to_unit(mix(bits(ray.origin) ^ mix(bits(ray.direction) ^ mix(segment ^ object << 20))));
+        coverage.accepts(&[Vec2::new(u, v); 2], 1.0, draw)
+    }
+}
+
+/// What is looked up for an object at each hit.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Placement {
+    pub world_from_object: Affine3A,
+    pub object_from_world: Affine3A,
+    /// Inverse transpose: normals.
+    pub normals: Mat3A,
+    /// Start in `light_of`, or none.
+    pub first_light: Option<u32>,
+    pub mirrored: bool,
+}
+
+/// Origin and direction of a ray in the space of an object. The direction keeps its scale, so t means the same in both spaces.
+#[inline]
+pub(super) fn in_object(ray: &Ray, object_from_world: &Affine3A) -> (Vec3, Vec3) {
+    (object_from_world.transform_point3(ray.origin), object_from_world.transform_vector3(ray.direction))
+}
+
+/// The nearest hit in the hierarchy of an object, of a ray in its space; with `any` that there is one.
+#[inline]
+pub(super) fn found_within(
+    bvh: &Bvh,
+    object: u32,
+    (origin, direction): (Vec3, Vec3),
+    t_max: f32,
+    any: bool,
+    filter: &impl Filter,
+) -> Option<Hit> {
+    let found = if any {
+        let found = Hit { t: 0.0, u: 0.0, v: 0.0, id: 0, slot: 0, instance: 0 };
+        bvh.any(origin, direction, t_max, filter).then_some(found)
+    } else {
+        bvh.closest(origin, direction, t_max, filter)
+    };
+    found.map(|h| Hit { instance: object + 1, ..h })
+}
+
+/// Values at the corners of a triangle mixed by barycentric weights.
+fn mixed<T: Copy + std::ops::Mul<f32, Output = T> + std::ops::Add<Output = T>>(
+    at: &[Option<T>; 3],
+    weights: [f32; 3],
+) -> Option<T> {
+    Some(at[0]? * weights[0] + at[1]? * weights[1] + at[2]? * weights[2])
+}
+
+impl Placement {
+    pub(super) fn new(object: &Object) -> Self {
+        match object.shape {
+            Shape::Mesh { world_from_mesh, .. } => Placement::at(world_from_mesh),
+            Shape::Curves { world_from_curves, .. } => Placement::at(world_from_curves),
+            Shape::Splats { world_from_splats, .. } => Placement::at(world_from_splats),
+            _ => Placement::at(Affine3A::IDENTITY),
+        }
+    }
+
+    pub(super) fn at(world_from_object: Affine3A) -> Self {
+        let object_from_world = world_from_object.inverse();
+        Placement {
+            world_from_object,
+            object_from_world,
+            normals: object_from_world.matrix3.transpose(),
+            first_light: None,
+            mirrored: world_from_object.matrix3.determinant() < 0.0,
+        }
+    }
+}
+
+/// Tangent from the mesh or from how its texture coordinates run (0 without either), in world space, and the frame's handedness.
+fn tangent(
+    mesh: &Mesh,
+    triangle: usize,
+    given: Option<Vec4>,
+    corners: [Vec3; 3],
+    placement: &Placement,
+    ng: Vec3,
+    material: &Material,
+) -> (Vec3, f32) {
+    if let Some(t) = given {
+        return (
+            placement.world_from_object.transform_vector3(t.truncate()),
+            if (t.w < 0.0) != placement.mirrored { -1.0 } else { 1.0 },
+        );
+    }
+    let set = material.normal_map.as_ref().map_or(0, |(map, _)| map.uv_set.min(1));
+    derivatives(mesh, triangle, set, corners).map_or((Vec3::ZERO, 1.0), |along| image_frame(along, ng, material))
+}
+
+/// Tangent and handedness of the picture of normals on a surface, of how the place changes with the texture coordinates: the tangent points to the
+/// right in the picture, the bitangent up in it, whichever way the mesh's own coordinates count. Without a picture the coordinates are a picture's.
+///
+/// Green is up in the picture: glTF 2.0 §3.9.3 and UsdPreviewSurface say so. pbrt-v4 and Mitsuba 3 take the cross product of normal and
+/// tangent, which is the same direction unless the coordinates are mirrored on the surface: there they turn bumps into dents.
+fn image_frame([du, dv]: [Vec3; 2], ng: Vec3, material: &Material) -> (Vec3, f32) {
+    let (tangent, down) = match &material.normal_map {
+        None => (du, dv),
+        Some((map, _)) => {
+            // ∂p/∂image = ∂p/∂uv · ∂uv/∂image.
+            let uv_from_image = map.image_from_uv.matrix2.inverse();
+            let along = |column: Vec2| du * column.x + dv * column.y;
+            let both = (along(uv_from_image.x_axis), along(uv_from_image.y_axis));
+            // A transform that shows one texel everywhere has no directions.
+            if both.0.is_finite() && both.1.is_finite() { both } else { (du, dv) }
+        }
+    };
+    (tangent, if ng.cross(tangent).dot(down) > 0.0 { -1.0 } else { 1.0 })
+}
+
+/// How the place on a triangle changes with a set of texture coordinates, m; `None` without, or where they do not span it.
+#[inline(never)]
+fn derivatives(mesh: &Mesh, triangle: usize, set: usize, corners: [Vec3; 3]) -> Option<[Vec3; 2]> {
+    let uvs = &mesh.uvs[set];
+    if uvs.is_empty() {
+        return None;
+    }
+    let [ua, ub, uc] = mesh.triangles[triangle].map(|i| uvs[i as usize]);
+    let ((e1, e2), (d1, d2)) = ((corners[1] - corners[0], corners[2] - corners[0]), (ub - ua, uc - ua));
+    let det = d1.perp_dot(d2);
+    let both = [(e1 * d2.y - e2 * d1.y) / det, (e2 * d1.x - e1 * d2.x) / det];
+    both.iter().all(|d| d.is_finite()).then_some(both)
+}
+
+struct TopFilter<'a> {
+    scene: &'a Scene,
+    ray: &'a Ray,
+}
+
+impl Filter for TopFilter<'_> {
+    fn accept(&self, id: u32, u: f32, v: f32) -> bool {
+        let (object, triangle) = self.scene.flat_object(id);
+        self.scene.covers(self.ray, object, triangle, u, v)
+    }
+
+    fn intersect_other(&self, id: u32, t_max: f32, any: bool) -> Option<Hit> {
+        let hit = |t, u, v| Hit { t, u, v, id, slot: u32::MAX, instance: 0 };
+        match self.scene.description.objects[id as usize].shape {
+            Shape::Sphere(s) => s.intersect(self.ray.origin, self.ray.direction, t_max).map(|t| hit(t, 0.0, 0.0)),
+            Shape::Quad(q) => q.intersect(self.ray.origin, self.ray.direction, t_max).map(|(t, p)| hit(t, p.x, p.y)),
+            Shape::Mesh { mesh, .. } => {
+                let bvh = self.scene.shared[mesh as usize].as_ref()?;
+                let place = &self.scene.placements[id as usize].object_from_world;
+                let filter = InstanceFilter { scene: self.scene, ray: self.ray, object: id };
+                found_within(bvh, id, in_object(self.ray, place), t_max, any, &filter)
+            }
+            Shape::Curves { .. } => {
+                let place = &self.scene.placements[id as usize].object_from_world;
+                self.scene.intersect_curves(self.ray, id, place, t_max, any)
+            }
+            Shape::Splats { .. } => {
+                let place = &self.scene.placements[id as usize].object_from_world;
+                self.scene.intersect_splats(self.ray, id, place, t_max, any)
+            }
+        }
+    }
+}
+
+/// Meets what moves, at one moment.
+struct AnimatedFilter<'a> {
+    scene: &'a Scene,
+    ray: &'a Ray,
+    fraction: f32,
+}
+
+impl Filter for AnimatedFilter<'_> {
+    fn accept(&self, _: u32, _: f32, _: f32) -> bool {
+        unreachable!("hierarchies of animated instances hold no triangles")
+    }
+    fn intersect_other(&self, id: u32, t_max: f32, any: bool) -> Option<Hit> {
+        let animated = &self.scene.animated;
+        let object = animated.object(id);
+        let shape = self.scene.description.objects[object as usize].shape;
+        if let Shape::Curves { .. } | Shape::Splats { .. } = shape {
+            let place = animated.place(id, self.fraction);
+            // Scaled to nothing: not there.
+            if place.matrix3.determinant().abs() < 1e-30 {
+                return None;
+            }
+            return match shape {
+                Shape::Splats { .. } => self.scene.intersect_splats(self.ray, object, &place.inverse(), t_max, any),
+                _ => self.scene.intersect_curves(self.ray, object, &place.inverse(), t_max, any),
+            };
+        }
+        let filter = InstanceFilter { scene: self.scene, ray: self.ray, object };
+        animated.enter(id, &self.scene.shared, self.fraction, (self.ray.origin, self.ray.direction), t_max, any, &filter)
+    }
+}
+
+struct InstanceFilter<'a> {
+    scene: &'a Scene,
+    ray: &'a Ray,
+    object: u32,
+}
+
+impl Filter for InstanceFilter<'_> {
+    fn accept(&self, id: u32, u: f32, v: f32) -> bool {
+        self.scene.covers(self.ray, self.object, id, u, v)
+    }
+    fn intersect_other(&self, _: u32, _: f32, _: bool) -> Option<Hit> {
+        None
+    }
+}

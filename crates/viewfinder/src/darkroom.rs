@@ -1,0 +1,404 @@
+//! Pictures that are taken in full: a queue, a thread that works through it, and the film strip with the files of what was taken.
+//!
+//! A picture is what `diopter shoot` makes of the same shot file, all three files of it (JPEG, DNG, EXR): its own shot file lies beside them. The files lie in a
+//! temporary folder that goes away with the program.
+
+use crate::protocol::Problem;
+use crate::session::lock;
+use diopter::develop::{Developer, Recipe};
+use diopter::expose::{ExposeError, Watch};
+use diopter::image::dng::Storage;
+use diopter::image::{ExposureFacts, ImageError, PictureSource, RawImage, exr, jpeg};
+use diopter::raw_file;
+use diopter::shot::{FireflyChoice, Kept, Shot, ShotError, ShotFile};
+use serde_json::{Value, json};
+use std::collections::VecDeque;
+use std::fs::File;
+use std::io::{BufWriter, Write};
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::{Arc, Condvar, Mutex, PoisonError};
+use std::time::Instant;
+use tempfile::TempDir;
+
+/// Most pictures that wait.
+const MOST_WAITING: usize = 36;
+/// Most pictures on the strip.
+const MOST_TAKEN: usize = 360;
+/// Most bytes that a picture may need beside the scene: larger ones are taken from the command line, which works by strips.
+const MOST_BYTES: u64 = 6 << 30;
+/// Quality of the JPEG of pictures: that of `diopter shoot`.
+const QUALITY: u8 = 92;
+/// Longer side of the small pictures on the strip, pixels.
+const THUMBNAIL: u32 = 240;
+
+/// What makes pictures.
+pub struct Darkroom {
+    inside: Mutex<Inside>,
+    queued: Condvar,
+    folder: TempDir,
+    /// The date and time as EXIF writes it.
+    now: fn() -> String,
+    /// How much of the picture under way is done, in millionths.
+    progress: AtomicU64,
+    stop: AtomicBool,
+}
+
+#[derive(Default)]
+struct Inside {
+    waiting: VecDeque<Waiting>,
+    working: Option<Working>,
+    taken: Vec<Taken>,
+    failed: Option<(u64, Problem)>,
+    last: u64,
+}
+
+struct Waiting {
+    id: u64,
+    shot: ShotFile,
+}
+
+struct Working {
+    id: u64,
+    what: &'static str,
+    /// Of the exposure.
+    begun: Option<Instant>,
+    cancel: Arc<AtomicBool>,
+}
+
+/// A picture that was taken.
+struct Taken {
+    id: u64,
+    size: [usize; 2],
+    facts: ExposureFacts,
+    seconds: f64,
+}
+
+impl Darkroom {
+    /// An empty one. Fails where no temporary folder can be made.
+    pub fn new(now: fn() -> String) -> std::io::Result<Darkroom> {
+        Ok(Darkroom {
+            inside: Mutex::new(Inside::default()),
+            queued: Condvar::new(),
+            folder: tempfile::Builder::new().prefix("diopter-viewfinder-").tempdir()?,
+            now,
+            progress: AtomicU64::new(0),
+            stop: AtomicBool::new(false),
+        })
+    }
+
+    /// Queues a picture; answers with its number.
+    pub fn queue(&self, shot: ShotFile) -> Result<u64, Problem> {
+        let mut inside = lock(&self.inside);
+        if inside.waiting.len() >= MOST_WAITING {
+            return Err(Problem::new(
+                "shoot",
+                format!("{MOST_WAITING} pictures that wait"),
+                "fewer: some time, or some cancelled",
+            ));
+        }
+        if inside.taken.len() >= MOST_TAKEN {
+            return Err(Problem::new("shoot", format!("{MOST_TAKEN} pictures on the film"), "fewer: some thrown away"));
+        }
+        inside.last += 1;
+        let id = inside.last;
+        inside.waiting.push_back(Waiting { id, shot });
+        self.queued.notify_all();
+        Ok(id)
+    }
+
+    /// Stops a picture that waits or is being taken.
+    pub fn cancel(&self, id: u64) {
+        let mut inside = lock(&self.inside);
+        inside.waiting.retain(|w| w.id != id);
+        if let Some(working) = inside.working.as_ref().filter(|w| w.id == id) {
+            working.cancel.store(true, Ordering::Relaxed);
+        }
+    }
+
+    /// Throws a picture away.
+    pub fn discard(&self, id: u64) {
+        let mut inside = lock(&self.inside);
+        let before = inside.taken.len();
+        inside.taken.retain(|t| t.id != id);
+        let gone = inside.taken.len() < before;
+        drop(inside);
+        if gone {
+            // What cannot be removed goes away with the folder.
+            let _ = std::fs::remove_dir_all(self.room(id));
+        }
+    }
+
+    /// Ends the work under way and lets nothing new begin.
+    pub fn end(&self) {
+        self.stop.store(true, Ordering::Relaxed);
+        let inside = lock(&self.inside);
+        if let Some(working) = &inside.working {
+            working.cancel.store(true, Ordering::Relaxed);
+        }
+        self.queued.notify_all();
+    }
+
+    /// Whether a picture is under way.
+    pub fn works(&self) -> bool {
+        lock(&self.inside).working.is_some()
+    }
+
+    /// Queue and film strip, for pages.
+    pub fn told(&self) -> (Value, Value) {
+        let inside = lock(&self.inside);
+        let mut queue = Vec::new();
+        if let Some(w) = &inside.working {
+            let done = self.progress.load(Ordering::Relaxed) as f64 / 1e6;
+            let spent = w.begun.map(|b| b.elapsed().as_secs_f64());
+            let left = spent.filter(|_| done > 0.01).map(|s| s * (1.0 - done) / done);
+            queue.push(json!({ "id": w.id, "what": w.what, "done": done, "left_s": left }));
+        }
+        queue.extend(inside.waiting.iter().map(|w| json!({ "id": w.id, "what": "waiting", "done": 0 })));
+        let film: Vec<Value> = inside
+            .taken
+            .iter()
+            .map(|t| {
+                let command = format!("diopter shoot {}", name(t.id, "toml"));
+                json!({ "id": t.id, "size": t.size, "facts": t.facts, "seconds": t.seconds, "name": name(t.id, ""), "command": command })
+            })
+            .collect();
+        let failed = inside.failed.as_ref().map(|(id, problem)| json!({ "id": id, "problem": problem }));
+        (json!({ "jobs": queue, "failed": failed }), Value::Array(film))
+    }
+
+    /// The file of a picture that was taken, by its ending.
+    pub fn file(&self, id: u64, ending: &str) -> Option<PathBuf> {
+        let taken = lock(&self.inside).taken.iter().any(|t| t.id == id);
+        let known = ["jpg", "dng", "exr", "toml", "thumbnail.jpg"].contains(&ending);
+        (taken && known).then(|| self.room(id).join(name(id, ending)))
+    }
+
+    fn room(&self, id: u64) -> PathBuf {
+        self.folder.path().join(id.to_string())
+    }
+
+    /// Works through the queue until everything ends; `changed` is called whenever something has.
+    pub fn run(&self, changed: &(dyn Fn() + Sync)) {
+        loop {
+            let mut inside = lock(&self.inside);
+            let next = loop {
+                if self.stop.load(Ordering::Relaxed) {
+                    return;
+                }
+                if let Some(next) = inside.waiting.pop_front() {
+                    break next;
+                }
+                inside = self.queued.wait(inside).unwrap_or_else(PoisonError::into_inner);
+            };
+            let cancel = Arc::new(AtomicBool::new(false));
+            self.progress.store(0, Ordering::Relaxed);
+            inside.working = Some(Working { id: next.id, what: "preparing", begun: None, cancel: cancel.clone() });
+            drop(inside);
+            changed();
+            let begun = Instant::now();
+            let result = catch_unwind(AssertUnwindSafe(|| self.take(&next, &cancel, changed)));
+            let mut inside = lock(&self.inside);
+            inside.working = None;
+            match result {
+                Ok(Ok((size, facts))) => {
+                    let facts = ExposureFacts { lens_profile: None, light_field: None, ..facts };
+                    inside.taken.push(Taken { id: next.id, size, facts, seconds: begun.elapsed().as_secs_f64() });
+                }
+                Ok(Err(None)) => {}
+                Ok(Err(Some(problem))) => inside.failed = Some((next.id, problem)),
+                Err(_) => {
+                    let problem =
+                        Problem { message: "this picture made the program fail: please report it".into(), ..Default::default() };
+                    inside.failed = Some((next.id, problem));
+                }
+            }
+            let kept = inside.taken.iter().any(|t| t.id == next.id);
+            drop(inside);
+            if !kept {
+                let _ = std::fs::remove_dir_all(self.room(next.id));
+            }
+            changed();
+        }
+    }
+
+    fn now_doing(&self, what: &'static str, exposing: bool) {
+        if let Some(working) = &mut lock(&self.inside).working {
+            working.what = what;
+            if exposing {
+                working.begun = Some(Instant::now());
+            }
+        }
+    }
+
+    /// Takes a picture as `diopter shoot` does, with all its files; no problem is named where it was cancelled.
+    fn take(
+        &self,
+        next: &Waiting,
+        cancel: &AtomicBool,
+        changed: &(dyn Fn() + Sync),
+    ) -> Result<([usize; 2], ExposureFacts), Option<Problem>> {
+        let failed = |e: ShotError| match e {
+            ShotError::Expose(ExposeError::Cancelled) => None,
+            other => Some(Problem::from(other)),
+        };
+        let unwritten = |e: ImageError| Some(Problem { message: e.to_string(), ..Default::default() });
+        let room = self.room(next.id);
+        std::fs::create_dir_all(&room).map_err(|e| unwritten(e.into()))?;
+        let mut file = next.shot.clone();
+        file.sequence = Default::default();
+        file.output.files = ["jpg", "dng", "exr"].map(|ending| PathBuf::from(name(next.id, ending))).to_vec();
+        // What the command line does where raw files are written beside pictures.
+        file.render.fireflies.get_or_insert(FireflyChoice::Keep);
+        let mut quiet = |_: &str| ();
+        let mut shot = Shot::prepare(&file, &mut quiet).map_err(failed)?;
+        shot.denoise_pictures(true, &mut quiet).map_err(failed)?;
+        let needed = shot.bytes_needed(Kept::ReadOut);
+        if needed > MOST_BYTES {
+            let found = format!("that takes {:.1} GB", needed as f64 / 1e9);
+            let expected =
+                format!("at most {:.1} GB here; the command line takes larger pictures by strips", MOST_BYTES as f64 / 1e9);
+            return Err(Some(Problem::new("size", found, expected)));
+        }
+        shot.date = Some((self.now)());
+        let watch = Watch { cancel, progress: &|done| self.progress.store((done * 1e6) as u64, Ordering::Relaxed) };
+        let quiet_watch = Watch { cancel, progress: &|_| () };
+        shot.focus(&quiet_watch, &mut quiet).map_err(failed)?;
+        shot.meter(&quiet_watch, &mut quiet).map_err(failed)?;
+        file.make_paths_absolute();
+        file.output.files = ["jpg", "dng", "exr"].map(|ending| PathBuf::from(name(next.id, ending))).to_vec();
+        shot.settle(&mut file);
+        self.now_doing("exposing", true);
+        changed();
+        let exposed = shot.expose_from(None, &watch, None).map_err(failed)?;
+        self.now_doing("developing", false);
+        changed();
+        let raw = shot.read_out(&exposed.plane).map_err(failed)?;
+        let denoised = shot.for_pictures(&exposed).map_err(failed)?.map(|p| shot.read_out(&p)).transpose().map_err(failed)?;
+        let size = [exposed.plane.width(), exposed.plane.height()];
+        drop(exposed);
+        let at = |ending: &str| room.join(name(next.id, ending));
+        let seen = denoised.as_ref().unwrap_or(&raw);
+        let developed = |raw: &RawImage, recipe: &Recipe, to: &Path, write: &WriteInto| -> Result<(), Option<Problem>> {
+            let table = if to.extension().is_some_and(|e| e == "exr") { None } else { shot.lut.clone() };
+            let developer = Developer::new(raw, recipe, table).map_err(|e| failed(e.into()))?;
+            written(to, |f| write(&developer, f)).map_err(unwritten)
+        };
+        developed(seen, &shot.recipe, &at("jpg"), &|p, f| jpeg::write(p, QUALITY, f))?;
+        developed(&raw, &shot.recipe.linear_light(), &at("exr"), &|p, f| exr::write_picture(p, exr::Precision::Half, f))?;
+        let mut small = shot.recipe.clone();
+        small.resize = Default::default();
+        small.resize.long_edge = Some(THUMBNAIL);
+        small.output = Default::default();
+        developed(seen, &small, &at("thumbnail.jpg"), &|p, f| jpeg::write(p, QUALITY, f))?;
+        written(&at("dng"), |f| raw_file::write_image(&raw, Storage::Sixteen, &Recipe::default(), f)).map_err(unwritten)?;
+        written(&at("toml"), |f| Ok(f.write_all(file.to_toml().as_bytes())?)).map_err(unwritten)?;
+        if cancel.load(Ordering::Relaxed) {
+            return Err(None);
+        }
+        Ok((size, raw.header.facts.clone()))
+    }
+}
+
+/// Writes a picture into a file.
+type WriteInto = dyn Fn(&dyn PictureSource, &mut BufWriter<File>) -> Result<(), ImageError>;
+
+fn written(path: &Path, write: impl FnOnce(&mut BufWriter<File>) -> Result<(), ImageError>) -> Result<(), ImageError> {
+    let mut file = BufWriter::new(File::create(path)?);
+    write(&mut file)?;
+    Ok(file.flush()?)
+}
+
+/// The name of a picture's file, or without an ending that of the picture.
+fn name(id: u64, ending: &str) -> String {
+    match ending {
+        "" => format!("photo-{id:04}"),
+        ending => format!("photo-{id:04}.{ending}"),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use diopter::denoising::Denoise;
+    use diopter::quantity::Size;
+    use std::time::Duration;
+
+    fn small() -> ShotFile {
+        let mut shot = ShotFile::default();
+        shot.scene.file = Some("color-chart".into());
+        shot.render.size = Some(Size { width: 48, height: 32 });
+        (shot.render.spp, shot.render.denoise) = (Some(2), Some(Denoise::Off));
+        shot
+    }
+
+    fn until(what: &str, is: impl Fn() -> bool) {
+        let begun = Instant::now();
+        while !is() {
+            assert!(begun.elapsed() < Duration::from_secs(60), "{what}");
+            std::thread::sleep(Duration::from_millis(5));
+        }
+    }
+
+    #[test]
+    fn a_picture_and_the_shot_file_that_repeats_it() {
+        let darkroom = Darkroom::new(|| "2026:01:01 00:00:00".into()).unwrap();
+        std::thread::scope(|scope| {
+            scope.spawn(|| darkroom.run(&|| ()));
+            let id = darkroom.queue(small()).unwrap();
+            until("the picture", || darkroom.file(id, "dng").is_some());
+            let read = |ending: &str| std::fs::read(darkroom.file(id, ending).unwrap()).unwrap();
+            let raw = diopter::image::dng::read(std::io::Cursor::new(read("dng"))).unwrap();
+            assert_eq!(raw.header.facts.date.as_deref(), Some("2026:01:01 00:00:00"));
+            // Taken again from its shot file it is the same, number by number.
+            let again = ShotFile::read(&darkroom.file(id, "toml").unwrap()).unwrap();
+            let mut shot = Shot::prepare(&again, &mut |_| ()).unwrap();
+            let go_on = AtomicBool::new(false);
+            let watch = Watch { cancel: &go_on, progress: &|_| () };
+            shot.focus(&watch, &mut |_| ()).unwrap();
+            shot.meter(&watch, &mut |_| ()).unwrap();
+            let plane = shot.expose(&watch).unwrap();
+            assert!(shot.read_out(&plane).unwrap().mosaic == raw.mosaic);
+            assert!(read("jpg").starts_with(&[0xff, 0xd8]) && read("thumbnail.jpg").starts_with(&[0xff, 0xd8]));
+            assert!(read("exr").starts_with(&[0x76, 0x2f, 0x31, 0x01]));
+            for wrong in ["../1/photo-0001.dng", "txt", ""] {
+                assert!(darkroom.file(id, wrong).is_none());
+            }
+            darkroom.discard(id);
+            assert!(darkroom.file(id, "dng").is_none() && std::fs::read_dir(darkroom.folder.path()).unwrap().next().is_none());
+            darkroom.end();
+        });
+    }
+
+    #[test]
+    fn pictures_are_cancelled_and_failures_are_told() {
+        let darkroom = Darkroom::new(String::new).unwrap();
+        std::thread::scope(|scope| {
+            scope.spawn(|| darkroom.run(&|| ()));
+            let mut long = small();
+            long.render.spp = Some(1 << 20);
+            let id = darkroom.queue(long).unwrap();
+            let waiting = darkroom.queue(small()).unwrap();
+            until("exposing", || darkroom.told().0["jobs"][0]["what"] == "exposing");
+            darkroom.cancel(waiting);
+            darkroom.cancel(id);
+            until("the end", || darkroom.told().0["jobs"].as_array().unwrap().is_empty());
+            assert!(darkroom.told().1.as_array().unwrap().is_empty());
+            let mut wrong = small();
+            wrong.camera.lens = Some("planr".into());
+            darkroom.queue(wrong).unwrap();
+            until("the failure", || darkroom.told().0["failed"]["problem"]["place"] == "lens");
+            darkroom.end();
+        });
+    }
+
+    #[test]
+    fn the_queue_is_bounded() {
+        let darkroom = Darkroom::new(String::new).unwrap();
+        for _ in 0..MOST_WAITING {
+            darkroom.queue(small()).unwrap();
+        }
+        assert!(darkroom.queue(small()).is_err());
+    }
+}

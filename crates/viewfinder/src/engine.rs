@@ -1,0 +1,824 @@
+//! The thread that owns the camera: it turns a changed shot into frames, the first at once, then finer and finer ones.
+//!
+//! What a change does not touch is not done again. A change of the development develops the read-out at hand anew; one of the read-out (ISO, white) reads the
+//! plane at hand; another time in front of a scene that stands still scales that plane, since electrons are proportional to time; everything else
+//! is a new exposure of the scene as it is built ([`prepare`]). Exposures are joined from ranges of samples (0..4, 4..8, 8..16 ...) that merge to the
+//! whole: first of a small picture, then of one of half the size, then of the whole one. Outliers and the renderer's own noise are taken out of each, as of
+//! pictures that are taken (`denoising`), if the shot does not say otherwise.
+//!
+//! The first frame of a change is never cancelled: else no frame would come while a hand turns a dial faster than the first frame is made. It is as large
+//! as can be made in [`FIRST_S`]: of an exposure at hand a smaller copy is developed where the whole takes longer, and the whole follows once the hand rests.
+
+use crate::frame;
+use crate::pose::Pose;
+use crate::protocol::Problem;
+use crate::session::{Asked, Found, Session, lock};
+use diopter::denoising::{Denoise, Filter};
+use diopter::depth_of_field::{CIRCLE_OF_DIAGONAL, hyperfocal_m, limits_m};
+use diopter::expose::{ExposeError, Watch};
+use diopter::image::{ExposureFacts, FocalPlane, Raster, RawImage, jpeg};
+use diopter::lens::compound::{nearest_focus, printed_focal_lengths};
+use diopter::lens::{Focus, Lens};
+use diopter::metering::ev100_of_setting;
+use diopter::quantity::{FocusTo, LengthMm};
+use diopter::scene::light::Modulation;
+use diopter::shot::file::{CameraSection, FlashSection, RenderSection, SceneSection, ShutterSection};
+use diopter::shot::{FireflyChoice, Inputs, Shot, ShotError, ShotFile};
+use glam::Vec3;
+use serde_json::{Value, json};
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+/// Most pixels of a frame: 960 × 640.
+const MOST_PIXELS: usize = 960 * 640;
+/// Sides of the first, small picture as parts of the whole one; the finest that is expected within [`FIRST_S`] is taken.
+const PARTS: [usize; 5] = [2, 3, 4, 6, 8];
+/// Time to expose and denoise a first frame, s: with read-out, development and the way to the page it makes 100 ms.
+const FIRST_S: f64 = 0.07;
+/// Time to develop the first frame of an exposure at hand, s.
+const FIRST_DEVELOPED_S: f64 = 0.035;
+/// Most by which an exposure at hand is made smaller for it.
+const MOST_REDUCED: usize = 4;
+/// How long no other change must come before the whole of it is developed, s: steps of a dial under a hand come faster.
+const REST: Duration = Duration::from_millis(90);
+/// Shortest side of a small picture.
+const LEAST_SIDE: usize = 24;
+/// Samples that are joined to a picture at once, at most: some seconds of a picture of [`MOST_PIXELS`], which shows little change by then.
+const LONGEST_RANGE: u32 = 16;
+/// Samples when nobody says, and at most.
+const SAMPLES: u32 = 64;
+const MOST_SAMPLES: u32 = 4096;
+/// Samples of the first ranges of the half and of the whole picture: enough for the filter to make a picture of, and where the half is left for the whole.
+const FIRST_OF_HALF: u32 = 2;
+const LAST_OF_HALF: u32 = 6;
+const FIRST_OF_WHOLE: u32 = 4;
+/// Quality of the JPEG of frames.
+const QUALITY: u8 = 88;
+/// Readings of the meter that differ by less are the same, EV.
+const SAME_EV: f64 = 0.005;
+
+/// What the latest frame was made of, for who asks about its pixels.
+pub struct Live {
+    /// The exposure as it was read out.
+    pub plane: Arc<FocalPlane>,
+    /// Its read-out.
+    pub raw: RawImage,
+    /// Through this.
+    pub lens: Lens,
+    /// Format of the film, mm.
+    pub film_mm: [f64; 2],
+    /// The recipe of the shot.
+    pub recipe: diopter::develop::Recipe,
+    /// EV at ISO 100 of the setting.
+    pub setting_ev100: f64,
+}
+
+/// Why there is no frame.
+enum Stopped {
+    /// Something else is asked for.
+    Cancelled,
+    /// It cannot be.
+    Refused(Problem),
+}
+
+impl From<ShotError> for Stopped {
+    fn from(e: ShotError) -> Self {
+        match e {
+            ShotError::Expose(ExposeError::Cancelled) => Stopped::Cancelled,
+            other => Stopped::Refused(other.into()),
+        }
+    }
+}
+
+/// What an exposure depends on, beside the time where everything stands still.
+#[derive(Clone, PartialEq)]
+struct ExposureKey {
+    facts: ExposureFacts,
+    /// As placed: an extension says it to the last digit.
+    focus: Option<f64>,
+    scene: SceneSection,
+    camera: CameraSection,
+    shutter: ShutterSection,
+    flash: Option<FlashSection>,
+    render: RenderSection,
+    lens_cap: bool,
+    light_scale: f64,
+}
+
+/// What a reading of the meter depends on.
+#[derive(Clone, PartialEq)]
+struct MeterKey {
+    exposure: ExposureKey,
+    metering: Option<String>,
+    at: Option<[f64; 2]>,
+}
+
+/// An exposure at hand.
+struct Exposed {
+    key: ExposureKey,
+    /// Time it was exposed for, s.
+    time_s: f64,
+    plane: Arc<FocalPlane>,
+    /// The same without the renderer's noise, once a frame has asked for it.
+    denoised: Option<Arc<FocalPlane>>,
+    /// The next sample.
+    next: u32,
+    /// Columns of the picture as a part of the whole one's: 1 is the whole.
+    part: usize,
+}
+
+/// The engine's own state.
+struct Engine<'a> {
+    session: &'a Session,
+    shot: Option<Shot>,
+    exposed: Option<Exposed>,
+    read: Option<(MeterKey, Option<f64>)>,
+    filter: Filter,
+    /// Seconds that a sample of a pixel takes, about, and those that denoising a pixel of a first frame takes.
+    pace_s: f64,
+    denoising_s: f64,
+    /// And reading out and developing one.
+    development_s: f64,
+    frames: u64,
+    focus: Option<Value>,
+}
+
+/// How a frame is made.
+#[derive(Clone, Copy, PartialEq)]
+enum Haste {
+    /// The first of a change: in time, of all pixels or of fewer.
+    First,
+    /// Of all pixels; given up once something else is asked for.
+    Whole,
+}
+
+/// Runs until the session ends. `first`: a shot that is prepared already.
+pub fn run(session: &Session, first: Option<Shot>) {
+    let mut engine = Engine {
+        session,
+        shot: first,
+        exposed: None,
+        read: None,
+        filter: Filter::BuiltIn,
+        pace_s: 2e-6,
+        denoising_s: 1e-6,
+        development_s: 2e-7,
+        frames: 0,
+        focus: None,
+    };
+    // The network where it is installed; the built-in filter where it is not or does not work.
+    if let Ok(Some(filter)) = Filter::open(Denoise::Auto, None, &mut |_| ()) {
+        engine.filter = filter;
+    }
+    let mut known = 0;
+    while let Some(mut asked) = session.next(known) {
+        known = asked.version;
+        let answer = catch_unwind(AssertUnwindSafe(|| engine.answer(&mut asked)));
+        match answer {
+            Ok(Ok(()) | Err(Stopped::Cancelled)) => {}
+            Ok(Err(Stopped::Refused(problem))) => session.refused(&asked, problem),
+            Err(_) => {
+                // A fault of ours: the page goes on, with everything made anew.
+                (engine.shot, engine.exposed, engine.read) = (None, None, None);
+                let problem =
+                    Problem { message: "this shot made the program fail: please report it".into(), ..Default::default() };
+                session.refused(&asked, problem);
+            }
+        }
+    }
+}
+
+/// The one place where a shot is prepared: from the one before, whose built scene is kept where it serves, or from nothing.
+fn prepare(before: &mut Option<Shot>, file: &ShotFile, warn: &mut dyn FnMut(&str)) -> Result<(), ShotError> {
+    match before {
+        Some(shot) => shot.change_to(file, warn),
+        None => {
+            *before = Some(prepared(file, warn)?);
+            Ok(())
+        }
+    }
+}
+
+/// A shot whose lens is set many times a second.
+pub fn prepared(file: &ShotFile, warn: &mut dyn FnMut(&str)) -> Result<Shot, ShotError> {
+    Shot::prepare_with(file, Inputs { draft: true, ..Default::default() }, warn)
+}
+
+/// The shot as the finder shows it: without what only the picture is to have.
+pub fn for_finder(shot: &ShotFile) -> ShotFile {
+    let mut file = shot.clone();
+    let r = &mut file.render;
+    (r.denoise, r.oidn, r.time_limit, r.samples, r.quick) = (Some(Denoise::Off), None, None, None, false);
+    r.spp = Some(r.spp.unwrap_or(SAMPLES).clamp(1, MOST_SAMPLES));
+    r.fireflies = Some(FireflyChoice::Keep);
+    // Photon maps take longer than a frame.
+    r.integrator.get_or_insert_with(|| "path".into());
+    file.sequence = Default::default();
+    // A page shows sRGB, in the size of the finder.
+    (file.develop.output, file.develop.resize) = Default::default();
+    file
+}
+
+/// Size of the whole picture in the finder.
+fn finder_size([width, height]: [usize; 2]) -> [usize; 2] {
+    let scale = (MOST_PIXELS as f64 / (width * height) as f64).sqrt().min(1.0);
+    [width, height].map(|n| ((n as f64 * scale).round() as usize).max(1))
+}
+
+/// Size of a part of it.
+fn part_size(whole: [usize; 2], part: usize) -> [usize; 2] {
+    whole.map(|n| n.div_ceil(part).max(LEAST_SIDE.min(n)))
+}
+
+impl Engine<'_> {
+    fn answer(&mut self, asked: &mut Asked) -> Result<(), Stopped> {
+        let begun = Instant::now();
+        let session = self.session;
+        let mut warnings: Vec<String> = Vec::new();
+        let mut warn = |w: &str| {
+            if warnings.len() < 50 && !warnings.iter().any(|known| known == w) {
+                warnings.push(w.to_owned());
+            }
+        };
+        let mut file = for_finder(&asked.shot);
+        if !self.shot.as_ref().is_some_and(|shot| shot.keeps_scene(&file)) {
+            session.busy(Some("preparing"));
+        }
+        prepare(&mut self.shot, &file, &mut warn)?;
+        let Some(shot) = &mut self.shot else { return Ok(()) };
+        let full = [shot.camera.film.columns, shot.camera.film.rows];
+        let whole = finder_size(full);
+        (shot.settings.truth, shot.settings.time_limit_s) = (true, None);
+
+        // Autofocus looks once; then the lens stays where it was set.
+        let go_on = AtomicBool::new(false);
+        let first_watch = Watch { cancel: &go_on, progress: &|_| () };
+        let watch = Watch { cancel: &session.cancel, progress: &|_| () };
+        let looks = matches!(file.focus.distance, Some(FocusTo::Auto | FocusTo::At(_)));
+        if looks {
+            session.busy(Some("focusing"));
+        }
+        match shot.focus(if looks { &watch } else { &first_watch }, &mut warn) {
+            Ok(None) => {}
+            Ok(Some(report)) => {
+                self.focus = serde_json::to_value(&report).ok();
+                let mut settled = asked.shot.clone();
+                settled.focus.distance = Some(FocusTo::Extension(LengthMm(report.extension_mm)));
+                session.focused(asked, &settled);
+                file = for_finder(&asked.shot);
+                shot.change_to(&file, &mut warn)?;
+                (shot.settings.truth, shot.settings.time_limit_s) = (true, None);
+            }
+            Err(e) => return Err(e.into()),
+        }
+
+        // The reading at hand for the first frame, and a new one behind it where it may be another.
+        let meter_key = |shot: &Shot, file: &ShotFile| MeterKey {
+            exposure: exposure_key(shot, file, true),
+            metering: file.exposure.metering.clone(),
+            at: file.exposure.metering_at,
+        };
+        let wanted = meter_key(shot, &file);
+        let at_hand = self.read.as_ref().filter(|(key, _)| key.exposure.scene == wanted.exposure.scene).map(|r| r.1);
+        let mut stale = !self.read.as_ref().is_some_and(|(key, _)| *key == wanted);
+        match at_hand {
+            Some(reading) => shot.set_by(reading, &mut warn)?,
+            None => {
+                shot.meter(&first_watch, &mut warn)?;
+                self.read = Some((wanted.clone(), shot.facts().metered_ev100));
+                stale = false;
+            }
+        }
+        let prepared_s = begun.elapsed().as_secs_f64();
+        let found = self.found(asked, full, warnings.clone());
+        session.prepared(found);
+
+        // What is at hand, if it serves.
+        self.take_over(&file);
+        let Some(shot) = &self.shot else { return Ok(()) };
+        let spp = shot.settings.spp;
+        if self.exposed.is_none() {
+            let part = self.first_part(whole);
+            self.expose(&file, whole, part, 0..1, &first_watch)?;
+        }
+        let complete = self.send(asked, begun, prepared_s, whole, spp, Haste::First)?;
+        session.shown(asked);
+        if !complete {
+            self.rest()?;
+            self.send(asked, begun, prepared_s, whole, spp, Haste::Whole)?;
+        }
+
+        // The meter looks again.
+        if stale {
+            let Some(shot) = &mut self.shot else { return Ok(()) };
+            let before = self.read.as_ref().and_then(|r| r.1);
+            // As the file says, without what the camera has chosen by the reading before.
+            let renew = |shot: &mut Shot| {
+                shot.change_to(&file, &mut |_| ())?;
+                (shot.settings.truth, shot.settings.time_limit_s) = (true, None);
+                shot.focus(&first_watch, &mut |_| ()).map(drop)
+            };
+            renew(shot)?;
+            let mut warned = Vec::new();
+            shot.meter(&watch, &mut |w| warned.push(w.to_owned()))?;
+            let after = shot.facts().metered_ev100;
+            let same = match (before, after) {
+                (Some(a), Some(b)) => (a - b).abs() < SAME_EV,
+                (a, b) => a == b,
+            };
+            if same {
+                // What was exposed by the reading before goes on: samples of another time could not be joined to it.
+                renew(shot)?;
+                shot.set_by(before, &mut |_| ())?;
+            }
+            self.read = Some((wanted, if same { before } else { after }));
+            warnings.extend(warned.into_iter().filter(|w| !warnings.contains(w)).collect::<Vec<_>>());
+            let found = self.found(asked, full, warnings);
+            session.prepared(found);
+            if !same {
+                self.take_over(&file);
+                if self.exposed.is_some() {
+                    self.send(asked, begun, prepared_s, whole, spp, Haste::Whole)?;
+                }
+            }
+        }
+
+        // Finer and finer.
+        loop {
+            self.go_on()?;
+            let (part, next) = self.exposed.as_ref().map_or((0, 0), |e| (e.part, e.next));
+            let (part, samples) = match part {
+                // Nothing is at hand: what was exposed does not serve the new reading.
+                0 => (self.first_part(whole), 0..1),
+                1 if next >= spp => return Ok(()),
+                1 => (1, next..next + next.clamp(1, LONGEST_RANGE)),
+                2 if next < LAST_OF_HALF && next < spp => (2, next..LAST_OF_HALF),
+                2 => (1, 0..FIRST_OF_WHOLE),
+                _ => (2, 0..FIRST_OF_HALF),
+            };
+            self.expose(&file, whole, part, samples.start..samples.end.min(spp), &watch)?;
+            self.go_on()?;
+            self.send(asked, begun, prepared_s, whole, spp, Haste::Whole)?;
+        }
+    }
+
+    /// Waits until no change has come for a while.
+    fn rest(&self) -> Result<(), Stopped> {
+        let until = Instant::now() + REST;
+        while Instant::now() < until {
+            self.go_on()?;
+            std::thread::sleep(Duration::from_millis(2));
+        }
+        self.go_on()
+    }
+
+    /// Whether nothing else is asked for.
+    fn go_on(&self) -> Result<(), Stopped> {
+        if self.session.cancel.load(Ordering::Relaxed) { Err(Stopped::Cancelled) } else { Ok(()) }
+    }
+
+    /// How small the first picture is.
+    fn first_part(&self, whole: [usize; 2]) -> usize {
+        let fits = |part: &&usize| {
+            let [w, h] = part_size(whole, **part);
+            (w * h) as f64 * (self.pace_s + self.denoising_s) <= FIRST_S
+        };
+        *PARTS.iter().find(fits).unwrap_or(&PARTS[PARTS.len() - 1])
+    }
+
+    /// Keeps the exposure at hand if it is one of this shot, scaled where only its time differs and nothing moves; else drops it.
+    fn take_over(&mut self, file: &ShotFile) {
+        let (Some(shot), Some(exposed)) = (&self.shot, &mut self.exposed) else { return };
+        let (still, time_s) = (stands_still(shot), shot.shutter.unwrap_or(1.0));
+        let key = exposure_key(shot, file, still);
+        let factor = time_s / exposed.time_s;
+        if exposed.key != key || !still && factor != 1.0 || !(factor > 0.0 && factor.is_finite()) {
+            self.exposed = None;
+            return;
+        }
+        let facts = shot.facts();
+        for plane in [Some(&mut exposed.plane), exposed.denoised.as_mut()].into_iter().flatten() {
+            let plane = Arc::make_mut(plane);
+            if factor != 1.0 {
+                let factor = factor as f32;
+                plane.mean.data.iter_mut().chain(&mut plane.half_difference.data).for_each(|v| *v *= factor);
+            }
+            let before = std::mem::replace(&mut plane.facts, ExposureFacts { iso: 0.0, iso_set: facts.iso, ..facts.clone() });
+            let now = &mut plane.facts;
+            (now.first_sample, now.samples, now.seed, now.light_scale) =
+                (before.first_sample, before.samples, before.seed, before.light_scale);
+            (now.denoised, now.denoiser) = (before.denoised, before.denoiser);
+        }
+        exposed.time_s = time_s;
+    }
+
+    /// Exposes a range of samples of the whole picture or a smaller one, and joins it to what is at hand.
+    fn expose(
+        &mut self,
+        file: &ShotFile,
+        whole: [usize; 2],
+        part: usize,
+        samples: std::ops::Range<u32>,
+        watch: &Watch,
+    ) -> Result<(), Stopped> {
+        let Some(shot) = &mut self.shot else { return Ok(()) };
+        let [columns, rows] = part_size(whole, part);
+        (shot.camera.film.columns, shot.camera.film.rows) = (columns, rows);
+        shot.settings.samples = samples.clone();
+        // Depth and what the filter is guided by are the same for all samples.
+        shot.settings.truth = samples.start == 0;
+        let begun = Instant::now();
+        let plane = shot.expose_from(None, watch, None)?.plane;
+        let paths = (columns * rows) as f64 * f64::from(samples.end - samples.start);
+        // Averaged over a few frames: what a pixel takes differs from place to place.
+        self.pace_s = 0.5 * self.pace_s + 0.5 * begun.elapsed().as_secs_f64() / paths;
+        let plane = match self.exposed.take().filter(|e| e.part == part && e.next == samples.start && samples.start > 0) {
+            None => plane,
+            Some(before) => FocalPlane::merge(&[Arc::unwrap_or_clone(before.plane), plane])
+                .map_err(|e| Stopped::Refused(Problem { message: e.to_string(), ..Default::default() }))?,
+        };
+        let still = stands_still(shot);
+        let (key, time_s) = (exposure_key(shot, file, still), shot.shutter.unwrap_or(1.0));
+        self.exposed = Some(Exposed { key, time_s, plane: Arc::new(plane), denoised: None, next: samples.end, part });
+        Ok(())
+    }
+
+    /// Denoises, reads out and develops what is at hand, and sends it to all pages. Whether all its pixels were shown.
+    fn send(
+        &mut self,
+        asked: &Asked,
+        begun: Instant,
+        prepared_s: f64,
+        whole: [usize; 2],
+        spp: u32,
+        haste: Haste,
+    ) -> Result<bool, Stopped> {
+        let cancel = &self.session.cancel;
+        let go_on = || match haste == Haste::Whole && cancel.load(Ordering::Relaxed) {
+            true => Err(Stopped::Cancelled),
+            false => Ok(()),
+        };
+        let (Some(shot), Some(exposed)) = (&self.shot, &mut self.exposed) else { return Ok(true) };
+        let exposed_s = begun.elapsed().as_secs_f64();
+        let (part, pixels) = (exposed.part, exposed.plane.width() * exposed.plane.height());
+        // Behind microlenses neighbours see other parts of the scene; without light there is nothing to denoise.
+        let wanted = asked.shot.render.denoise != Some(Denoise::Off);
+        let denoises = wanted && shot.camera.film.microlenses.is_none() && !shot.lens_cap;
+        let filters = denoises && exposed.denoised.is_none();
+        // What is exposed for this frame has the size that its time allows.
+        let takes_s = |n: usize| (pixels / (n * n)) as f64 * (self.development_s + if filters { self.denoising_s } else { 0.0 });
+        let fits = |n: &usize| takes_s(*n) <= FIRST_DEVELOPED_S;
+        let reduces = haste == Haste::First && exposed.part <= 2 && shot.camera.film.microlenses.is_none();
+        let factor = if reduces { (1..MOST_REDUCED).find(fits).unwrap_or(MOST_REDUCED) } else { 1 };
+        let at_hand = exposed.denoised.as_ref().filter(|_| denoises).unwrap_or(&exposed.plane);
+        let filtering = Instant::now();
+        let shown = if factor > 1 { Arc::new(at_hand.reduced(factor)) } else { at_hand.clone() };
+        let plane = if filters {
+            let calm = frame::without_outliers(&shown);
+            Arc::new(match haste {
+                Haste::First => self.filter.denoise_coarsely(&calm)?,
+                Haste::Whole => self.filter.denoise_unless(&calm, cancel)?.ok_or(Stopped::Cancelled)?,
+            })
+        } else {
+            shown
+        };
+        // A smaller picture, or one that is filtered in haste, is followed by the whole one.
+        let complete = factor == 1 && !(filters && haste == Haste::First);
+        let size = [plane.width(), plane.height()];
+        if filters {
+            if haste == Haste::First {
+                let pixel_s = filtering.elapsed().as_secs_f64() / (size[0] * size[1]) as f64;
+                self.denoising_s = 0.5 * self.denoising_s + 0.5 * pixel_s;
+            }
+            // What is filtered in haste is shown once.
+            if haste == Haste::Whole {
+                exposed.denoised = Some(plane.clone());
+            }
+        }
+        let denoised_s = begun.elapsed().as_secs_f64();
+        let developing = Instant::now();
+        go_on()?;
+        let raw = shot.read_out(&plane)?;
+        go_on()?;
+        let mut picture = shot.develop(&raw)?;
+        go_on()?;
+        // A frame is looked at and thrown away: no EXIF.
+        picture.facts = None;
+        let mut bytes = Vec::new();
+        jpeg::write(&picture, QUALITY, &mut bytes)
+            .map_err(|e| Stopped::Refused(Problem { message: e.to_string(), ..Default::default() }))?;
+        let blur = frame::blur_map(&plane.truth, &shot.camera, &shot.facts());
+        self.frames += 1;
+        let s = |seconds: f64| (seconds * 1e4).round() / 1e4;
+        let header = json!({
+            "frame": self.frames, "version": asked.version, "size": size, "whole": whole, "samples": exposed.next, "of_samples": spp,
+            "done": exposed.part == 1 && exposed.next >= spp && complete, "denoised": denoises,
+            "histogram": frame::histograms(&raw), "histogram_stops": frame::STOPS,
+            "blur": blur.as_ref().map(|b| json!({ "size": b.size, "steps": frame::BLUR_STEPS, "bytes": b.cells.len() })),
+            "seconds": { "prepared": s(prepared_s), "exposed": s(exposed_s), "denoised": s(denoised_s), "sent": s(begun.elapsed().as_secs_f64()) },
+        });
+        let frame = frame::encode(self.frames, &header, &bytes, blur.as_ref().map_or(&[], |b| &b.cells));
+        let live = Live {
+            plane,
+            lens: shot.camera.lens.clone(),
+            film_mm: [shot.camera.film.width_mm, shot.camera.film.height_mm],
+            recipe: shot.recipe.clone(),
+            setting_ev100: setting_ev100(shot),
+            raw,
+        };
+        *lock(&self.session.live) = Some(Arc::new(live));
+        self.session.frames.send_replace(Some(Arc::new(frame)));
+        let pixel_s = developing.elapsed().as_secs_f64() / (size[0] * size[1]) as f64;
+        self.development_s = 0.5 * self.development_s + 0.5 * pixel_s;
+        Ok(complete || part > 2)
+    }
+
+    /// What pages are told of a shot.
+    fn found(&self, asked: &Asked, full: [usize; 2], warnings: Vec<String>) -> Found {
+        let Some(shot) = &self.shot else { return Found::default() };
+        let facts = shot.facts();
+        let film = &shot.camera.film;
+        let circle_mm = film.width_mm.hypot(film.height_mm) * CIRCLE_OF_DIAGONAL;
+        let place = shot.camera.way.at(0.0);
+        let (eye, ahead) = (Vec3::from(place.translation), -Vec3::from(place.matrix3.z_axis));
+        let bounds = shot.subject_bounds();
+        let center = if bounds.is_empty() { eye + ahead } else { bounds.center() };
+        let distance = facts.focus_distance_m.filter(|d| d.is_finite()).map_or((center - eye).dot(ahead), |d| d as f32);
+        let c = &asked.shot.camera;
+        let target = match (c.look_from, c.look_at) {
+            (Some(_), Some(at)) => Vec3::from_array(at),
+            _ => eye + ahead * distance.max(1e-3),
+        };
+        let pose = Pose { eye, target, up: c.up.map_or(Vec3::Y, Vec3::from_array) };
+        let mut settled = asked.shot.clone();
+        shot.settle(&mut settled);
+        settled.render.size = asked.shot.render.size;
+        settled.camera.path.clear();
+
+        let limits = facts.focus_distance_m.map(|d| limits_m(facts.focal_length_mm, facts.f_number, circle_mm, d));
+        let finite = |v: f64| v.is_finite().then_some(v);
+        let mut told = ExposureFacts { lens_profile: None, light_field: None, ..facts.clone() };
+        told.shutter = facts.shutter.clone();
+        let (mut zoom, mut nearest_m) = (None, None);
+        if let Lens::Compound(lens) = &shot.camera.lens {
+            let p = lens.prescription();
+            zoom = (!p.zoom.is_empty()).then(|| printed_focal_lengths(p));
+            nearest_m = nearest_focus(p, lens.state().zoom).map(|mm| mm / 1000.0);
+        }
+        let ideal = matches!(shot.camera.lens, Lens::Thin(_) | Lens::Pinhole(_));
+        let timeline = animation_span(shot);
+        let setting = setting_ev100(shot);
+        let told = json!({
+            "exposure": told, "setting_ev100": setting,
+            // What the meter says of the setting: above 0 the picture will be lighter than middle grey.
+            "meter_ev": facts.metered_ev100.map(|ev| ev - setting),
+            "widest": shot.camera.lens.widest_f_number(), "pinhole": shot.camera.lens.is_sharp_everywhere(),
+            "zoom": zoom, "ideal": ideal, "nearest_m": nearest_m,
+            "depth_of_field": limits.map(|(near, far)| json!({ "near_m": finite(near), "far_m": finite(far) })),
+            "hyperfocal_m": hyperfocal_m(facts.focal_length_mm, facts.f_number, circle_mm), "circle_mm": circle_mm,
+            "film_mm": [film.width_mm, film.height_mm], "size": full,
+            "isos": shot.sensor.iso.iter().map(|s| s.iso).collect::<Vec<_>>(),
+            "body": { "name": shot.sensor.name, "pixels": shot.sensor.pixels, "format_mm": shot.sensor.format_mm, "cfa": shot.sensor.cfa.letters() },
+            "timeline": timeline, "moves": !stands_still(shot),
+        });
+        Found {
+            facts: told,
+            pose: Some(pose),
+            tan_half_width: (0.5 * film.width_mm / facts.focal_length_mm.max(1e-3)) as f32,
+            settled,
+            focus: self.focus.clone(),
+            warnings,
+        }
+    }
+}
+
+/// EV at ISO 100 of the setting as the meter counts it: by the T-stop and by what the shutter is worth.
+fn setting_ev100(shot: &Shot) -> f64 {
+    let facts = shot.facts();
+    let time = facts.shutter.as_ref().map_or(facts.exposure_s, |s| s.effective_s);
+    ev100_of_setting(facts.t_number.max(1e-3), if time > 0.0 { time } else { facts.exposure_s.max(1e-12) }, facts.iso.max(1e-3))
+}
+
+/// First and last key of what the scene's animations do, s.
+fn animation_span(shot: &Shot) -> Option<[f64; 2]> {
+    let d = shot.scene.description();
+    let spans = d.playing.animations.iter().filter_map(|i| d.animations.get(*i)).map(|a| a.span_s());
+    let span = spans.reduce(|a, b| [a[0].min(b[0]), a[1].max(b[1])])?;
+    (span[1] > span[0]).then_some(span)
+}
+
+/// Whether the exposure of a shot is proportional to its time: neither scene nor camera nor light changes, and the shutter's blades take nothing.
+fn stands_still(shot: &Shot) -> bool {
+    let d = shot.scene.description();
+    let steady = d.materials.iter().all(|m| matches!(m.modulation(), Modulation::Steady))
+        && d.punctual.iter().all(|l| matches!(l.modulation, Modulation::Steady));
+    let leaf = shot.facts().shutter.is_some_and(|s| s.kind == "leaf");
+    let free = shot.file().camera.path.is_empty() && shot.file().camera.shake.unwrap_or(0.0) == 0.0;
+    steady && !leaf && free && !shot.scene.moves() && shot.camera.way.is_still() && shot.file().flash.is_none()
+}
+
+/// What the exposure of a shot depends on; `still`: its time is left out.
+fn exposure_key(shot: &Shot, file: &ShotFile, still: bool) -> ExposureKey {
+    let mut facts = shot.facts().of_picture();
+    // Known only behind the exposure or the read-out, or part of the file that is compared below.
+    facts.shutter = None;
+    facts.samples = 0;
+    if still {
+        facts.exposure_s = 0.0;
+    }
+    let mut scene = file.scene.clone();
+    scene.ambient_ev = None;
+    let focus = match &shot.camera.lens {
+        Lens::Thin(lens) => match lens.focus {
+            Focus::Distance(d) => Some(d.0),
+            Focus::Extension(e) => Some(-e.0),
+            Focus::Infinity => None,
+        },
+        _ => None,
+    };
+    ExposureKey {
+        facts,
+        focus,
+        scene,
+        camera: file.camera.clone(),
+        shutter: file.shutter.clone(),
+        flash: file.flash.clone(),
+        render: RenderSection { size: file.render.size, spp: None, ..file.render.clone() },
+        lens_cap: file.exposure.lens_cap,
+        light_scale: shot.settings.light_scale,
+    }
+}
+
+/// One channel of a raster, for those who look at single pixels.
+pub(crate) fn at(raster: &Raster<f32>, [x, y]: [f64; 2]) -> (usize, usize) {
+    let place = |v: f64, n: usize| ((v * n as f64) as usize).min(n.saturating_sub(1));
+    (place(x, raster.width), place(y, raster.height))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::darkroom::Darkroom;
+    use crate::folders::Folders;
+    use std::time::Duration;
+
+    #[test]
+    fn sizes_keep_their_shape_and_their_bounds() {
+        assert_eq!(finder_size([960, 640]), [960, 640]);
+        assert_eq!(finder_size([6720, 4480]), [960, 640]);
+        assert_eq!(finder_size([1, 1]), [1, 1]);
+        assert_eq!(part_size([960, 640], 4), [240, 160]);
+        assert_eq!(part_size([30, 20], 8), [24, 20]);
+        let [w, h] = finder_size([65_535, 100]);
+        assert!(w * h <= MOST_PIXELS + w && h >= 1);
+    }
+
+    /// Header of the latest frame.
+    fn header(session: &Session) -> Option<Value> {
+        let frame = session.frames.borrow().clone()?;
+        let length = u32::from_le_bytes(frame.bytes[4..8].try_into().ok()?) as usize;
+        serde_json::from_slice(&frame.bytes[8..8 + length]).ok()
+    }
+
+    /// Waits for a frame with a property.
+    fn wait(session: &Session, what: &str, is: impl Fn(&Value) -> bool) -> Value {
+        let begun = Instant::now();
+        while begun.elapsed() < Duration::from_secs(60) {
+            if let Some(header) = header(session).filter(|h| is(h)) {
+                return header;
+            }
+            std::thread::sleep(Duration::from_millis(5));
+        }
+        let last = header(session).map(|mut h| h.as_object_mut().and_then(|h| h.remove("histogram")).map(|_| h.clone()));
+        panic!("no frame: {what}; the last is {last:?}; {}", *session.state.borrow())
+    }
+
+    /// A camera before the colour chart, and an engine that ends with the test.
+    fn with_engine(test: impl FnOnce(&Session)) {
+        let mut shot = ShotFile::default();
+        shot.scene.file = Some("color-chart".into());
+        shot.render.size = Some(diopter::quantity::Size { width: 96, height: 64 });
+        shot.render.spp = Some(4);
+        let session = Session::new(shot, Folders::default(), Darkroom::new(|| "2026:01:01 00:00:00".into()).unwrap());
+        std::thread::scope(|scope| {
+            scope.spawn(|| run(&session, None));
+            let done = catch_unwind(AssertUnwindSafe(|| test(&session)));
+            session.end();
+            if let Err(e) = done {
+                std::panic::resume_unwind(e);
+            }
+        });
+    }
+
+    fn done(session: &Session, version: u64) -> Value {
+        wait(session, "the last of a version", |h| h["version"] == version && h["done"] == true)
+    }
+
+    #[test]
+    fn a_small_frame_comes_first_and_the_whole_picture_in_the_end() {
+        with_engine(|session| {
+            let last = done(session, 1);
+            assert_eq!((last["samples"].as_u64(), last["size"].clone()), (Some(4), json!([96, 64])));
+            // The plane is, but for the order of sums, that of all samples at once.
+            let live = lock(&session.live).clone().unwrap();
+            let mut shot = Shot::prepare(&for_finder(&session_shot(session)), &mut |_| ()).unwrap();
+            let go_on = AtomicBool::new(false);
+            let watch = Watch { cancel: &go_on, progress: &|_| () };
+            shot.focus(&watch, &mut |_| ()).unwrap();
+            shot.meter(&watch, &mut |_| ()).unwrap();
+            let whole = shot.expose(&watch).unwrap();
+            let denoised = Filter::BuiltIn.denoise(&frame::without_outliers(&whole), None).unwrap();
+            assert_eq!(live.plane.facts.samples, 4);
+            let expected = if live.plane.facts.denoiser.contains("built-in") { &denoised } else { &whole };
+            if live.plane.facts.denoiser.contains("built-in") || live.plane.facts.denoiser.is_empty() {
+                let worst = live
+                    .plane
+                    .mean
+                    .data
+                    .iter()
+                    .zip(&expected.mean.data)
+                    .map(|(a, b)| (a - b).abs() / b.max(1.0))
+                    .fold(0.0, f32::max);
+                // Single precision, through a filter that compares neighbours.
+                assert!(worst < 1e-2, "{worst}");
+            }
+        });
+    }
+
+    fn session_shot(session: &Session) -> ShotFile {
+        let state: Value = serde_json::from_str(&session.state.borrow().clone()).unwrap();
+        serde_json::from_value(state["shot"].clone()).unwrap()
+    }
+
+    #[test]
+    fn what_a_dial_does_not_touch_is_not_exposed_again() {
+        with_engine(|session| {
+            done(session, 1);
+            // Development, ISO and time go on from all samples that are there: the first frame that comes is done.
+            for (k, patch) in [
+                json!({ "develop": { "exposure": { "ev": 1.0 } } }),
+                json!({ "exposure": { "iso": 400 } }),
+                json!({ "exposure": { "mode": "M", "shutter": "1/60 s" } }),
+                json!({ "exposure": { "compensation": 1 } }),
+            ]
+            .iter()
+            .enumerate()
+            {
+                let version = 2 + k as u64;
+                session.set(patch).unwrap();
+                let first = wait(session, "the first of a version", |h| h["version"] == version);
+                assert_eq!(first["done"], true, "{patch}");
+            }
+            // An aperture is a new exposure, from the first sample on.
+            let before = lock(&session.live).clone().unwrap().plane.facts.f_number;
+            session.set(&json!({ "exposure": { "aperture": "f/2" } })).unwrap();
+            done(session, 6);
+            let after = lock(&session.live).clone().unwrap().plane.facts.f_number;
+            assert!(before != after && after == 2.0);
+        });
+    }
+
+    #[test]
+    fn a_scaled_plane_is_that_of_the_other_time() {
+        with_engine(|session| {
+            session.set(&json!({ "exposure": { "mode": "M", "shutter": "1/100 s" }, "render": { "denoise": "off" } })).unwrap();
+            done(session, 2);
+            let electrons = |session: &Session| lock(&session.live).clone().unwrap().plane.mean.data.clone();
+            let short = electrons(session);
+            session.set(&json!({ "exposure": { "shutter": "1/50 s" } })).unwrap();
+            done(session, 3);
+            let long = electrons(session);
+            let worst = short.iter().zip(&long).map(|(a, b)| (2.0 * a - b).abs() / b.max(1.0)).fold(0.0, f32::max);
+            assert!(worst < 1e-5, "{worst}");
+        });
+    }
+
+    #[test]
+    fn what_cannot_be_taken_goes_back() {
+        with_engine(|session| {
+            done(session, 1);
+            session.set(&json!({ "camera": { "lens": "tessar-50mm-f2.7" } })).unwrap();
+            wait(session, "the shot before", |h| h["version"] == 3);
+            let state: Value = serde_json::from_str(&session.state.borrow().clone()).unwrap();
+            let problem = &state["problem"]["problem"];
+            assert_eq!(problem["place"], "lens", "{state}");
+            assert!(problem["hint"].as_str().is_some_and(|h| h.contains("tessar-50mm-f2.8")), "{problem}");
+            assert!(state["shot"]["camera"]["lens"].is_null());
+        });
+    }
+
+    #[test]
+    fn a_click_focuses_and_the_lens_stays_there() {
+        with_engine(|session| {
+            done(session, 1);
+            session.focus([0.5, 0.5]).unwrap();
+            done(session, 2);
+            let shot = session_shot(session);
+            assert!(matches!(shot.focus.distance, Some(FocusTo::Extension(_))), "{:?}", shot.focus);
+            let state: Value = serde_json::from_str(&session.state.borrow().clone()).unwrap();
+            assert!(state["focus"]["confidence"].is_number(), "{state}");
+        });
+    }
+}

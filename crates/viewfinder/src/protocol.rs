@@ -1,0 +1,300 @@
+//! What pages and server say to each other over a WebSocket.
+//!
+//! A page sends commands as JSON texts ([`Command`]); the server sends JSON texts (`state`, `probe`, `problem`) and frames as binary messages
+//! (`frame`). A command changes the shot by a merge patch (RFC 7396) in the words of shot files, so that everything that a shot file can say can
+//! be set, and what is wrong is answered as on the command line.
+
+use diopter::shot::{ShotError, ShotFile};
+use serde::{Deserialize, Serialize};
+use serde_json::{Map, Value};
+
+/// Most bytes of a message from a page.
+pub const LARGEST_MESSAGE: usize = 64 << 10;
+
+/// What a page asks for.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(tag = "do", rename_all = "kebab-case", deny_unknown_fields)]
+pub enum Command {
+    /// Change the shot: a merge patch.
+    Set {
+        /// Sections and keys of a shot file; null takes a key away.
+        shot: Value,
+    },
+    /// Back to the shot of the command line.
+    Reset {},
+    /// Let autofocus find what is sharp at a place of the picture.
+    Focus {
+        /// 0 to 1 across and down.
+        at: [f64; 2],
+    },
+    /// Take what is at a place of the picture for grey.
+    White {
+        /// 0 to 1 across and down.
+        at: [f64; 2],
+    },
+    /// Move the camera.
+    Move {
+        /// How.
+        how: Motion,
+        /// By how much, to the right and down: radians of an orbit or a turn, fractions of the picture's width of a pan; of a dolly the second number, as
+        /// the logarithm of the distance.
+        by: [f64; 2],
+    },
+    /// Take the picture.
+    Shoot {},
+    /// Stop a picture that waits or is being taken.
+    Cancel {
+        /// Its number.
+        id: u64,
+    },
+    /// Throw away a picture that was taken.
+    Discard {
+        /// Its number.
+        id: u64,
+    },
+    /// A frame has been shown: the next may be sent.
+    Ack {
+        /// Its number.
+        frame: u64,
+    },
+    /// Tell the numbers at a place of the picture.
+    Probe {
+        /// 0 to 1 across and down.
+        at: [f64; 2],
+    },
+}
+
+/// How a camera is moved.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Motion {
+    /// About what it is aimed at.
+    Orbit,
+    /// To the side and up, looking the same way.
+    Pan,
+    /// Towards what it is aimed at, or away from it.
+    Dolly,
+    /// About itself.
+    Turn,
+    /// To the horizontal, upright.
+    Level,
+}
+
+/// What is wrong, in the words of the command line.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
+pub struct Problem {
+    /// The sentence.
+    pub message: String,
+    /// File (with line), setting or quantity.
+    pub place: Option<String>,
+    /// What is there.
+    pub found: Option<String>,
+    /// What belongs there.
+    pub expected: Option<String>,
+    /// A way out.
+    pub hint: Option<String>,
+}
+
+impl Problem {
+    /// From its parts.
+    pub fn new(place: impl Into<String>, found: impl Into<String>, expected: impl Into<String>) -> Problem {
+        let (place, found, expected) = (place.into(), found.into(), expected.into());
+        let message = format!("{place} {found}: expected {expected}");
+        Problem { message, place: Some(place), found: Some(found), expected: Some(expected), hint: None }
+    }
+}
+
+impl From<ShotError> for Problem {
+    fn from(e: ShotError) -> Self {
+        let parts = e.parts();
+        Problem { message: e.to_string(), place: parts.place, found: parts.found, expected: parts.expected, hint: parts.hint }
+    }
+}
+
+/// Reads a command.
+pub fn parse(text: &str) -> Result<Command, Problem> {
+    let value: Value = serde_json::from_str(text).map_err(|e| Problem::new("message", excerpt(text), format!("JSON ({e})")))?;
+    let Some(verb) = value.get("do").and_then(Value::as_str).map(str::to_owned) else {
+        return Err(Problem::new("message", excerpt(text), "an object with \"do\", such as {\"do\": \"shoot\"}"));
+    };
+    let command: Command =
+        serde_json::from_value(value).map_err(|e| Problem::new(format!("command \"{verb}\""), excerpt(text), e.to_string()))?;
+    let place = match &command {
+        Command::Focus { at } | Command::White { at } | Command::Probe { at } => Some(*at),
+        _ => None,
+    };
+    if let Some(at) = place.filter(|at| !at.iter().all(|v| (0.0..=1.0).contains(v))) {
+        let found = format!("at {},{}", at[0], at[1]);
+        return Err(Problem::new(verb, found, "a place in the picture: 0 to 1 across and down"));
+    }
+    if let Command::Move { by, .. } = &command
+        && !by.iter().all(|v| v.is_finite() && v.abs() <= LARGEST_MOVE)
+    {
+        return Err(Problem::new(
+            "move",
+            format!("by {},{}", by[0], by[1]),
+            format!("numbers from -{LARGEST_MOVE} to {LARGEST_MOVE}"),
+        ));
+    }
+    Ok(command)
+}
+
+/// Most that one command moves the camera: once around, and a little.
+const LARGEST_MOVE: f64 = 10.0;
+
+/// The beginning of what was sent.
+fn excerpt(text: &str) -> String {
+    const LONGEST: usize = 80;
+    match text.char_indices().nth(LONGEST) {
+        None => text.to_owned(),
+        Some((end, _)) => format!("{}...", &text[..end]),
+    }
+}
+
+/// The shot as a JSON object in the words of shot files.
+pub fn shot_as_json(shot: &ShotFile) -> Value {
+    serde_json::to_value(shot).unwrap_or_else(|e| unreachable!("a shot file is plain data: {e}"))
+}
+
+/// A shot with a merge patch applied. Fails with the key that is wrong.
+pub fn patched(shot: &ShotFile, patch: &Value) -> Result<ShotFile, Problem> {
+    if !patch.is_object() {
+        return Err(Problem::new(
+            "set",
+            excerpt(&patch.to_string()),
+            "sections of a shot file, such as {\"exposure\": {\"iso\": 400}}",
+        ));
+    }
+    let whole = shot_as_json(shot);
+    let read = |patch: &Value| {
+        let mut value = whole.clone();
+        merge(&mut value, patch);
+        serde_json::from_value::<ShotFile>(value)
+    };
+    read(patch).map_err(|e| {
+        // Which of the keys it is shows when each is set alone.
+        let mut keys = Vec::new();
+        leaves(patch, String::new(), &mut keys);
+        let one = |(path, value): &(String, Value)| {
+            let alone =
+                path.rsplit('.').fold(value.clone(), |inner, key| Value::Object(Map::from_iter([(key.to_owned(), inner)])));
+            read(&alone).err().map(|e| (path.clone(), value.to_string(), e.to_string()))
+        };
+        match keys.iter().find_map(one) {
+            Some((place, found, reason)) => Problem::new(place, excerpt(&found), reason),
+            None => Problem::new("set", excerpt(&patch.to_string()), e.to_string()),
+        }
+    })
+}
+
+/// Merges a patch into a value (RFC 7396).
+fn merge(value: &mut Value, patch: &Value) {
+    let Value::Object(patch) = patch else {
+        *value = patch.clone();
+        return;
+    };
+    if !value.is_object() {
+        *value = Value::Object(Map::new());
+    }
+    let Value::Object(object) = value else { return };
+    for (key, of_patch) in patch {
+        match of_patch {
+            Value::Null => {
+                object.remove(key);
+            }
+            _ => merge(object.entry(key.clone()).or_insert(Value::Null), of_patch),
+        }
+    }
+}
+
+/// Keys of a patch with their values; sections are named with dots.
+fn leaves(patch: &Value, path: String, found: &mut Vec<(String, Value)>) {
+    match patch {
+        Value::Object(object) if !object.is_empty() => {
+            for (key, value) in object {
+                let path = if path.is_empty() { key.clone() } else { format!("{path}.{key}") };
+                leaves(value, path, found);
+            }
+        }
+        _ => found.push((path, patch.clone())),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use diopter::quantity::{FNumber, FocusTo};
+    use serde_json::json;
+
+    #[test]
+    fn patches_are_in_the_words_of_shot_files() {
+        let shot = ShotFile::default();
+        let patch = json!({
+            "exposure": { "aperture": "f/2.8", "iso": 400 }, "focus": { "distance": "2.5 m" }, "develop": { "tone": { "curve": "agx" } },
+            "camera": { "look_from": [1, 2, 3] }, "render": { "size": "480x320" },
+        });
+        let changed = patched(&shot, &patch).unwrap();
+        assert_eq!(changed.exposure.aperture, Some(FNumber(2.8)));
+        assert!(matches!(changed.focus.distance, Some(FocusTo::Distance(d)) if d.0 == 2.5));
+        assert_eq!(changed.camera.look_from, Some([1.0, 2.0, 3.0]));
+        // As JSON it comes back, and null takes away.
+        let again: ShotFile = serde_json::from_value(shot_as_json(&changed)).unwrap();
+        assert_eq!(again, changed);
+        let without = patched(&changed, &json!({ "exposure": { "aperture": null, "iso": null } })).unwrap();
+        assert_eq!(without.exposure, shot.exposure);
+        assert_eq!(without.camera, changed.camera);
+    }
+
+    #[test]
+    fn wrong_keys_and_values_are_named() {
+        let shot = ShotFile::default();
+        for (patch, place, words) in [
+            (json!({ "exposure": { "iso": 100, "aperture": "wide" } }), "exposure.aperture", "f/2.8"),
+            (json!({ "exposure": { "apertur": "f/2" } }), "exposure.apertur", "unknown field"),
+            (json!({ "focus": { "distance": {} } }), "focus.distance", "2.5m"),
+            (json!({ "develop": { "tone": { "curve": "sepia" } } }), "develop.tone.curve", "agx"),
+            (json!([1]), "set", "sections"),
+        ] {
+            let problem = patched(&shot, &patch).unwrap_err();
+            assert_eq!(problem.place.as_deref(), Some(place), "{problem:?}");
+            assert!(problem.message.contains(words), "{problem:?}");
+        }
+    }
+
+    #[test]
+    fn malformed_messages_are_answered() {
+        for text in [
+            "",
+            "nonsense",
+            "{",
+            "[]",
+            "{}",
+            "{\"do\": 5}",
+            "{\"do\": \"fly\"}",
+            "{\"do\": \"focus\"}",
+            "{\"do\": \"focus\", \"at\": [0.5]}",
+            "{\"do\": \"focus\", \"at\": [0.5, 2.0]}",
+            "{\"do\": \"probe\", \"at\": [0.5, 0.5], \"more\": 1}",
+            "{\"do\": \"move\", \"how\": \"orbit\", \"by\": [1e9, 0]}",
+            "{\"do\": \"move\", \"how\": \"jump\", \"by\": [0, 0]}",
+            "\u{0}\u{1}",
+        ] {
+            let problem = parse(text).unwrap_err();
+            assert!(!problem.message.is_empty() && problem.place.is_some(), "{text}: {problem:?}");
+        }
+        // Nested too deeply for any use.
+        assert!(parse(&"[".repeat(10_000)).is_err());
+        let long = parse(&"ä".repeat(1000)).unwrap_err();
+        assert!(long.found.is_some_and(|f| f.chars().count() < 90));
+        assert_eq!(parse("{\"do\": \"shoot\"}"), Ok(Command::Shoot {}));
+        let moved = parse("{\"do\": \"move\", \"how\": \"dolly\", \"by\": [0, -0.1]}");
+        assert_eq!(moved, Ok(Command::Move { how: Motion::Dolly, by: [0.0, -0.1] }));
+    }
+
+    #[test]
+    fn problems_have_the_parts_of_the_command_line() {
+        let problem = Problem::from(diopter::shot::read_lens("planr").unwrap_err());
+        assert_eq!(problem.place.as_deref(), Some("lens"));
+        assert_eq!(problem.found.as_deref(), Some("\"planr\""));
+    }
+}

@@ -1,0 +1,225 @@
+// All words of the page.
+
+export const T = {
+  title: "diopter viewfinder",
+  name: "diopter",
+  loading: "Preparing the scene",
+  lost: "The viewfinder has ended or cannot be reached. Trying again.",
+  menus: { scene: "Scene", body: "Body", lens: "Lens", theme: "Light or dark page", help: "Keyboard and mouse", reset: "Start again" },
+  resetHint: "Back to the shot of the command line",
+  finder: "Finder. Click to use the chosen tool, drag to orbit. Arrow keys orbit, with Shift they pan, plus and minus move nearer and away.",
+  info: "Settings in the finder",
+  panels: { camera: "Camera", aids: "Aids", develop: "Develop", optics: "Optics" },
+  panelsLabel: "Panels",
+  mode: "Mode",
+  modes: {
+    M: ["M", "Manual: you set aperture and time"],
+    A: ["A", "Aperture priority: the camera chooses the time"],
+    S: ["S", "Shutter priority: the camera chooses the aperture"],
+    P: ["P", "Program: the camera chooses both"],
+  },
+  aperture: "Aperture",
+  shutter: "Shutter",
+  iso: "ISO",
+  compensation: "Exposure compensation",
+  byCamera: "chosen by the camera",
+  auto: "auto",
+  focus: "Focus",
+  focusFailed: "Autofocus found nothing to hold on to there: the lens is set to the hyperfocal distance.",
+  autofocus: "AF",
+  autofocusLong: "Autofocus in the middle of the picture",
+  focusDistance: "Focus distance",
+  depthOfField: (near, far) => `sharp from ${near} to ${far}`,
+  hyperfocal: "Hyperfocal",
+  zoom: "Focal length",
+  white: "White balance",
+  whitePatch: "picked",
+  metering: "Metering",
+  meteringNames: { average: "Average", "centre-weighted": "Centre-weighted", spot: "Spot", matrix: "Matrix", highlight: "Highlight" },
+  balances: {
+    "as-shot": "As shot",
+    auto: "Automatic",
+    daylight: "Daylight",
+    cloudy: "Cloudy",
+    shade: "Shade",
+    tungsten: "Tungsten",
+    fluorescent: "Fluorescent",
+    flash: "Flash",
+  },
+  tool: "A click",
+  tools: {
+    focus: ["Focus", "A click focuses"],
+    meter: ["Meter", "A click meters there"],
+    white: ["White", "A click takes what is there for grey"],
+  },
+  move: "Move the camera",
+  moves: {
+    left: "Orbit left",
+    right: "Orbit right",
+    up: "Orbit up",
+    down: "Orbit down",
+    nearer: "Nearer",
+    away: "Farther away",
+    level: "Level",
+  },
+  level: "Level",
+  time: "Scene time",
+  size: "Picture size",
+  samples: "Samples a pixel",
+  light: "Light",
+  lights: { "": "The scene's", studio: "Studio", sun: "Sun", overcast: "Overcast", none: "None but its own" },
+  series: "Shoot",
+  aids: {
+    zebra: "Zebra",
+    peaking: "Focus peaking",
+    falseColor: "False colour",
+    depth: "Depth of field",
+    grid: "Thirds",
+    histogram: "Raw histogram",
+    waveform: "Waveform",
+    magnifier: "Magnifier",
+  },
+  aidsHints: {
+    zebra: "Stripes where the picture is brighter than 95 %",
+    peaking: "Outlines what is sharp",
+    falseColor: "Brightness as colours: purple black, blue dark, green middle grey, pink skin, yellow and red near white",
+    depth: "Tints what is out of focus: blue nearer, orange farther",
+    grid: "Lines at thirds of the picture",
+    histogram: "By channel, in stops below saturation",
+    waveform: "Brightness of the picture, column by column",
+    magnifier: "Follows the pointer at two screen pixels a pixel",
+  },
+  histogramLabel: (parts) => `Raw histogram. Saturated: ${parts}`,
+  clipped: "clipped",
+  stops: "stops below saturation",
+  meter: (ev) => (ev === null ? "The meter sees no light" : `Exposure meter ${signed(ev)} EV`),
+  preset: "Preset",
+  presetNone: "Choose",
+  setBack: (name) => `Set ${name} back`,
+  unset: "not set",
+  sections: {
+    row_noise: "Row noise",
+    defects: "Defects",
+    highlights: "Highlights",
+    white: "White",
+    light_field: "Light field",
+    demosaic: "Demosaic",
+    noise: "Noise",
+    lens: "Lens",
+    exposure: "Exposure",
+    local: "Local contrast",
+    tone: "Tone",
+    grade: "Grade",
+    lut: "Look-up table",
+    sharpen: "Sharpen",
+    resize: "Size",
+    output: "Output",
+  },
+  optics: {
+    section: "The lens in section, as it stands",
+    none: "This lens has no section to draw.",
+    follow: "Rays of the place under the pointer",
+    facts: "Lens and light",
+  },
+  facts: {
+    lens: "Lens",
+    body: "Body",
+    focal: "Focal length",
+    stop: "Aperture",
+    ev: "Light metered",
+    film: "Picture area",
+    hyperfocal: "Hyperfocal distance",
+    field: "Depth of field",
+    focus: "Last autofocus",
+    warnings: "Notes",
+  },
+  shoot: "Take the picture",
+  film: "Film",
+  filmEmpty: "Pictures you take appear here.",
+  jobs: { preparing: "preparing", exposing: "exposing", developing: "developing", waiting: "waiting" },
+  cancel: "Cancel",
+  discard: "Throw away",
+  close: "Close",
+  open: (name) => `Open ${name}`,
+  downloads: "Download",
+  kinds: { jpg: "JPEG", dng: "DNG", exr: "EXR", toml: "Shot file" },
+  repeat: "This repeats the picture, beside the downloaded shot file:",
+  copy: "Copy",
+  copied: "Copied",
+  compare: "Compare with",
+  compareNone: "nothing",
+  compareLive: "the finder",
+  wiper: "Wiper between the two pictures",
+  left: (seconds) => (seconds === null || seconds === undefined ? "" : `${duration(seconds)} left`),
+  refining: (samples, of) => `${samples} of ${of} samples`,
+  preview: "preview",
+  done: "done",
+  busy: { preparing: "preparing the scene", focusing: "focusing" },
+  choose: "Choose",
+  search: "Search",
+  ideal: [
+    ["thin", "Thin lens", "ideal, any focal length"],
+    ["pinhole", "Pinhole", "everything sharp"],
+  ],
+  noLens: "As the scene has it",
+  probe: {
+    electrons: "Electrons",
+    dn: "Raw number",
+    depth: "Distance",
+    ev: "Light",
+    blur: "Blur",
+    none: "Point at the picture",
+    label: "Numbers under the pointer",
+    sky: "nothing",
+    full: "saturated",
+  },
+  problem: "This cannot be done",
+  notice: "Note",
+  help: [
+    ["Click or tap", "focus there (or meter, or balance white: choose beside the dials)"],
+    ["Drag", "orbit about what the camera is aimed at"],
+    ["Shift and drag, two fingers", "pan"],
+    ["Alt and drag", "turn the camera in its place"],
+    ["Wheel, pinch", "nearer, farther"],
+    ["Arrow keys", "orbit; with Shift pan; with Alt turn"],
+    ["+ and −", "nearer, farther"],
+    ["[ and ]", "open and close the aperture"],
+    ["; and '", "longer and shorter time"],
+    ["I and Shift I", "ISO up and down"],
+    ["E and Shift E", "exposure compensation up and down"],
+    ["M, A, S, P", "mode"],
+    ["F", "autofocus in the middle"],
+    ["L", "level"],
+    ["Z K C D G H W X", "zebra, peaking, false colour, depth of field, thirds, histogram, waveform, magnifier"],
+    ["Enter", "take the picture"],
+    ["?", "this page"],
+  ],
+};
+
+export function signed(value, digits = 1) {
+  const text = Math.abs(value).toFixed(digits);
+  return Number(text) === 0 ? text : value < 0 ? `−${text}` : `+${text}`;
+}
+
+export function metres(m) {
+  if (m === null || m === undefined || !Number.isFinite(m)) return "∞";
+  if (m >= 1e5) return "∞";
+  if (m >= 1e3) return `${Number((m / 1000).toPrecision(3))} km`;
+  if (m < 1) return `${Number((m * 100).toPrecision(3))} cm`;
+  return `${Number(m.toPrecision(3))} m`;
+}
+
+export function seconds(t) {
+  if (t >= 0.3) return `${Number(t.toPrecision(2))} s`;
+  return `1/${Math.round(1 / t) >= 100 ? Number((1 / t).toPrecision(3)) : Number((1 / t).toPrecision(2))}`;
+}
+
+export function stop(n) {
+  return `f/${n < 9.95 ? n.toFixed(1) : n.toFixed(0)}`;
+}
+
+export function duration(s) {
+  if (s < 90) return `${Math.max(1, Math.round(s))} s`;
+  if (s < 5400) return `${Math.round(s / 60)} min`;
+  return `${(s / 3600).toFixed(1)} h`;
+}
