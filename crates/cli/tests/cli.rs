@@ -351,7 +351,7 @@ fn time_limits_and_threads_are_kept() {
     let started = std::time::Instant::now();
     f.ok(&["shoot", "cornell", "--size", "64x64", "--time-limit", "1s", "--threads", "2", "-o", "a.png"]);
     // Metering, tables and start-up come on top; a limit that is ignored would take minutes.
-    assert!(started.elapsed().as_secs() < 20);
+    assert!(started.elapsed().as_secs() < 60);
     // One sample of these pixels takes 0.1 s, denoising them 3 s or more on two cores: it is counted before the samples.
     let output =
         f.ok(&["shoot", "cornell", "--size", "320x200", "--time-limit", "2s", "--denoise", "on", "-o", "b.png", "--json"]);

@@ -11,7 +11,7 @@ use crate::medium::Coefficient;
 use crate::motion::Motion;
 use crate::scene::{Description, Shape, Sight};
 use crate::shape::Mesh;
-use crate::texture::{Codes, Color, Image, Interpolation, Scalar, Texel, Texture, Wrap, spectrum_rgb};
+use crate::texture::{Codes, Color, Image, Interpolation, Lookup, Scalar, Texel, Texture, Wrap, spectrum_rgb};
 use diopter_light::Spectrum;
 use diopter_light::color::{srgb_encode, srgb_of_light};
 use glam::{Affine3A, Mat4, Vec2, Vec3, Vec4};
@@ -433,11 +433,11 @@ impl Writer {
             Color::Textured { factor, texture } => (*factor, Some(self.texture(texture))),
             Color::Graph(graph) if graph.is_in_space() => {
                 self.warn("patterns in space are written as their colour in one place");
-                (graph.at(&[Vec2::splat(0.5); 2], Vec3::ZERO), None)
+                (graph.at(&Lookup { normal: Vec3::Y, ..Lookup::uv(&[Vec2::splat(0.5); 2]) }), None)
             }
             Color::Graph(graph) => {
                 self.warn("patterns are written as pictures of one repetition");
-                (Vec3::ONE, Some(self.baked(Codes::Srgb, |uv| graph.at(uv, Vec3::ZERO).extend(1.0))))
+                (Vec3::ONE, Some(self.baked(Codes::Srgb, |uv| graph.at(&Lookup::uv(uv)).extend(1.0))))
             }
         }
     }
@@ -448,7 +448,7 @@ impl Writer {
             other => {
                 self.warn("a number of a material that differs from place to place is written as its mean");
                 let all: Vec<f32> = (0..256)
-                    .map(|i| other.at_uv(&[Vec2::new((i % 16) as f32 / 16.0, (i / 16) as f32 / 16.0); 2], Vec3::ZERO))
+                    .map(|i| other.lookup(&Lookup::uv(&[Vec2::new((i % 16) as f32 / 16.0, (i / 16) as f32 / 16.0); 2])))
                     .collect();
                 all.iter().sum::<f32>() / 256.0
             }
@@ -630,7 +630,7 @@ impl Writer {
         let (info, metallic, roughness) = match shared {
             Some((texture, m, r)) => (self.texture(&texture), m, r),
             None => {
-                let at = |s: &Scalar, uv: &[Vec2; 2]| s.at_uv(uv, Vec3::ZERO);
+                let at = |s: &Scalar, uv: &[Vec2; 2]| s.lookup(&Lookup::uv(uv));
                 (self.baked(Codes::Linear, |uv| Vec4::new(0.0, at(&p.roughness, uv), at(&p.metallic, uv), 1.0)), 1.0, 1.0)
             }
         };

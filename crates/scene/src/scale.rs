@@ -216,6 +216,9 @@ fn scaled_graph(graph: &Arc<Graph>, factor: f32) -> Arc<Graph> {
         },
         Graph::Scale(a, b) => Graph::Scale(below(a), below(b)),
         Graph::Mix(a, b, amount) => Graph::Mix(below(a), below(b), below(amount)),
+        Graph::DirectionMix { along, across, direction } => {
+            Graph::DirectionMix { along: below(along), across: below(across), direction: *direction }
+        }
         Graph::Power(a, exponent) => Graph::Power(below(a), *exponent),
         Graph::Checkerboard { place, even, odd } => {
             Graph::Checkerboard { place: mapping(place), even: below(even), odd: below(odd) }
@@ -327,7 +330,7 @@ mod tests {
         );
         assert!(Arc::ptr_eq(&medium(1), &medium(2)));
         let Scattering::Diffuse(Color::Graph(graph)) = &d.materials[0].scattering else { panic!("it was a graph") };
-        let value = |p: Vec3| graph.at(&[glam::Vec2::ZERO; 2], p).x;
+        let value = |p: Vec3| graph.at(&crate::texture::Lookup { uv: [glam::Vec2::ZERO; 2], point: p, normal: Vec3::Y }).x;
         // Cubes of 0.5 are cubes of 0.05.
         assert!((value(Vec3::splat(0.01)) - 0.8).abs() < 1e-6 && (value(Vec3::new(0.05, 0.01, 0.01)) - 0.1).abs() < 1e-6);
     }

@@ -275,6 +275,15 @@ pub enum Graph {
     Scale(Arc<Graph>, Arc<Graph>),
     /// From the first to the second by an amount.
     Mix(Arc<Graph>, Arc<Graph>, Arc<Graph>),
+    /// By how a surface faces: the one where its normal lies along a direction, the other where it is perpendicular to it, by the cosine between.
+    DirectionMix {
+        /// Where the normal lies along the direction, either way.
+        along: Arc<Graph>,
+        /// Where it is perpendicular to it.
+        across: Arc<Graph>,
+        /// In the world, of length 1.
+        direction: Vec3,
+    },
     /// To a power.
     Power(Arc<Graph>, f32),
     /// Squares of the texture coordinates.
@@ -333,6 +342,24 @@ pub enum NoisePattern {
     Marble(u32, f32, f32),
 }
 
+/// Where a texture is looked up.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Lookup {
+    /// Two sets of texture coordinates.
+    pub uv: [Vec2; 2],
+    /// Place in the world, m.
+    pub point: Vec3,
+    /// Geometric unit normal there.
+    pub normal: Vec3,
+}
+
+impl Lookup {
+    /// By texture coordinates alone: of what [`Graph::is_in_space`] the value says nothing.
+    pub fn uv(uv: &[Vec2; 2]) -> Self {
+        Lookup { uv: *uv, point: Vec3::ZERO, normal: Vec3::ZERO }
+    }
+}
+
 /// Two coordinates of a picture.
 #[derive(Clone, Copy, Debug)]
 pub enum Mapping {
@@ -347,7 +374,7 @@ pub enum Mapping {
 }
 
 impl Mapping {
-    fn at(&self, uv: &[Vec2; 2], point: Vec3) -> Vec2 {
+    fn at(&self, &Lookup { uv, point, .. }: &Lookup) -> Vec2 {
         match self {
             Mapping::Uv([u, v]) => Vec2::new(u[0] * uv[0].x + u[1], v[0] * uv[0].y + v[1]),
             Mapping::Spherical(place) => {
@@ -384,7 +411,7 @@ impl Graph {
         1 + match self {
             Graph::Constant(_) | Graph::Image { .. } | Graph::Bilinear { .. } | Graph::Noise { .. } => 0,
             Graph::Power(a, _) => a.lookups(),
-            Graph::Scale(a, b) => a.lookups() + b.lookups(),
+            Graph::Scale(a, b) | Graph::DirectionMix { along: a, across: b, .. } => a.lookups() + b.lookups(),
             Graph::Checkerboard { even: a, odd: b, .. }
             | Graph::Cubes { even: a, odd: b, .. }
             | Graph::Dots { inside: a, outside: b, .. } => a.lookups() + b.lookups(),
@@ -392,11 +419,11 @@ impl Graph {
         }
     }
 
-    /// Whether it asks where in space a point is.
+    /// Whether it asks where in space a point is or how the surface lies.
     pub fn is_in_space(&self) -> bool {
         match self {
             Graph::Constant(_) => false,
-            Graph::Noise { .. } | Graph::Cubes { .. } => true,
+            Graph::Noise { .. } | Graph::Cubes { .. } | Graph::DirectionMix { .. } => true,
             Graph::Image { mapping, .. } => mapping.is_some_and(|m| m.is_in_space()),
             Graph::Bilinear { place, .. } => place.is_in_space(),
             Graph::Power(a, _) => a.is_in_space(),
@@ -417,7 +444,7 @@ impl Graph {
             // Coordinates of its own, of another size.
             Graph::Image { .. } => 0.0,
             Graph::Power(a, _) => a.texel(),
-            Graph::Scale(a, b) => finest(a.texel(), b.texel()),
+            Graph::Scale(a, b) | Graph::DirectionMix { along: a, across: b, .. } => finest(a.texel(), b.texel()),
             Graph::Checkerboard { even: a, odd: b, .. }
             | Graph::Cubes { even: a, odd: b, .. }
             | Graph::Dots { inside: a, outside: b, .. } => finest(a.texel(), b.texel()),
@@ -425,14 +452,14 @@ impl Graph {
         }
     }
 
-    /// The value at texture coordinates and a place in the world.
-    pub fn at(&self, uv: &[Vec2; 2], point: Vec3) -> Vec3 {
+    /// The value there.
+    pub fn at(&self, there: &Lookup) -> Vec3 {
         match self {
             Graph::Constant(c) => *c,
             Graph::Image { texture, scale, invert, as_number, mapping } => {
                 let texel = match mapping {
-                    None => texture.at(uv),
-                    Some(m) => texture.at(&[m.at(uv, point); 2]),
+                    None => texture.at(&there.uv),
+                    Some(m) => texture.at(&[m.at(there); 2]),
                 };
                 let value = match as_number {
                     None => texel.truncate(),
@@ -440,30 +467,34 @@ impl Graph {
                 } * *scale;
                 if *invert { (1.0 - value).max(Vec3::ZERO) } else { value }
             }
-            Graph::Scale(a, b) => a.at(uv, point) * b.at(uv, point),
+            Graph::Scale(a, b) => a.at(there) * b.at(there),
             Graph::Mix(a, b, amount) => {
-                let t = amount.at(uv, point);
-                a.at(uv, point) * (1.0 - t) + b.at(uv, point) * t
+                let t = amount.at(there);
+                a.at(there) * (1.0 - t) + b.at(there) * t
             }
-            Graph::Power(a, exponent) => a.at(uv, point).max(Vec3::ZERO).powf(*exponent),
+            Graph::DirectionMix { along, across, direction } => {
+                let t = there.normal.dot(*direction).abs().min(1.0);
+                along.at(there) * t + across.at(there) * (1.0 - t)
+            }
+            Graph::Power(a, exponent) => a.at(there).max(Vec3::ZERO).powf(*exponent),
             Graph::Checkerboard { place, even, odd } => {
-                let p = place.at(uv, point).floor();
-                if (p.x + p.y).rem_euclid(2.0) < 0.5 { even.at(uv, point) } else { odd.at(uv, point) }
+                let p = place.at(there).floor();
+                if (p.x + p.y).rem_euclid(2.0) < 0.5 { even.at(there) } else { odd.at(there) }
             }
             Graph::Cubes { texture_from_world, even, odd } => {
-                let p = texture_from_world.transform_point3(point).floor();
-                if (p.x + p.y + p.z).rem_euclid(2.0) < 0.5 { even.at(uv, point) } else { odd.at(uv, point) }
+                let p = texture_from_world.transform_point3(there.point).floor();
+                if (p.x + p.y + p.z).rem_euclid(2.0) < 0.5 { even.at(there) } else { odd.at(there) }
             }
             Graph::Dots { place, inside, outside } => {
-                let p = place.at(uv, point);
-                if noise::dotted(p.x, p.y) { inside.at(uv, point) } else { outside.at(uv, point) }
+                let p = place.at(there);
+                if noise::dotted(p.x, p.y) { inside.at(there) } else { outside.at(there) }
             }
             Graph::Bilinear { place, corners: [a, b, c, d] } => {
-                let p = place.at(uv, point);
+                let p = place.at(there);
                 a.lerp(*b, p.y).lerp(c.lerp(*d, p.y), p.x)
             }
             Graph::Noise { texture_from_world, pattern } => {
-                let p = texture_from_world.transform_point3(point);
+                let p = texture_from_world.transform_point3(there.point);
                 match *pattern {
                     NoisePattern::Fbm(octaves, roughness) => Vec3::splat(noise::fbm(p, roughness, octaves)),
                     NoisePattern::Wrinkled(octaves, roughness) => Vec3::splat(noise::wrinkled(p, roughness, octaves)),
@@ -537,7 +568,7 @@ impl Color {
             Color::Constant { rgb, .. } => *rgb * surface.color.truncate(),
             Color::Spectrum(measured) => measured.rgb,
             Color::Textured { factor, texture } => *factor * texture.at(&surface.uv).truncate() * surface.color.truncate(),
-            Color::Graph(graph) => graph.at(&surface.uv, surface.point) * surface.color.truncate(),
+            Color::Graph(graph) => graph.at(&surface.lookup()) * surface.color.truncate(),
         }
     }
 }
@@ -579,16 +610,16 @@ impl Scalar {
     /// The number at a surface point.
     #[inline]
     pub fn at(&self, surface: &Surface) -> f32 {
-        self.at_uv(&surface.uv, surface.point)
+        self.lookup(&surface.lookup())
     }
 
-    /// The number at texture coordinates and a place in the world.
+    /// The number there.
     #[inline]
-    pub fn at_uv(&self, uv: &[Vec2; 2], point: Vec3) -> f32 {
+    pub fn lookup(&self, there: &Lookup) -> f32 {
         match self {
             Scalar::Constant(value) => *value,
-            Scalar::Textured { factor, texture, channel } => factor * texture.at(uv)[*channel],
-            Scalar::Graph(graph) => graph.at(uv, point).x,
+            Scalar::Textured { factor, texture, channel } => factor * texture.at(&there.uv)[*channel],
+            Scalar::Graph(graph) => graph.at(there).x,
         }
     }
 }

@@ -7,8 +7,9 @@ use diopter_light::{Ray, Sampled};
 use diopter_scene::load::pbrt;
 use diopter_scene::material::Scattering;
 use diopter_scene::scene::Viewpoint;
+use diopter_scene::texture::Color;
 use diopter_scene::{Description, PathSettings, Scene, Shape};
-use glam::Vec3;
+use glam::{Vec2, Vec3};
 use std::collections::HashMap;
 
 fn load_with(text: &str, files: &[(&str, &[u8])]) -> Result<Description, String> {
@@ -209,8 +210,30 @@ fn files_of_pbrt_3_are_read_where_they_mean_the_same_and_else_named() {
         let e = load_with(&format!("{HEAD}WorldBegin\n{world} Shape \"sphere\""), &[]).unwrap_err();
         assert!(e.contains("line 5") && e.contains("this is pbrt-v3") && e.contains("pbrt --upgrade"), "{world}: {e}");
     }
-    let mixed = "Texture \"t\" \"spectrum\" \"directionmix\" Shape \"sphere\"";
-    assert!(load_with(&format!("{HEAD}WorldBegin\n{mixed}"), &[]).unwrap_err().contains("faces"));
+}
+
+#[test]
+fn directions_mix_textures_by_how_a_surface_faces() {
+    use diopter_scene::texture::Lookup;
+    let text = format!(
+        "{HEAD}WorldBegin\n\
+         AttributeBegin Rotate 90 1 0 0\n\
+         Texture \"t\" \"spectrum\" \"directionmix\" \"vector3 dir\" [0 2 0] \"rgb tex1\" [0.8 0.2 0.1] \"rgb tex2\" [0 0.4 0.5]\n\
+         AttributeEnd\n\
+         Material \"diffuse\" \"texture reflectance\" \"t\" Shape \"sphere\""
+    );
+    let d = load(&text);
+    let Scattering::Diffuse(Color::Graph(graph)) = &d.materials[d.objects[0].material as usize].scattering else {
+        panic!("a graph")
+    };
+    // The rotation takes the direction from y to z: its texture shows where the surface faces along z, either way, the other across.
+    for (normal, weight) in [(Vec3::Z, 1.0), (Vec3::NEG_Z, 1.0), (Vec3::Y, 0.0), (Vec3::new(0.8, 0.0, -0.6), 0.6)] {
+        let seen = graph.at(&Lookup { uv: [Vec2::ZERO; 2], point: Vec3::ZERO, normal });
+        let expected = Vec3::new(0.8, 0.2, 0.1) * weight + Vec3::new(0.0, 0.4, 0.5) * (1.0 - weight);
+        assert!((seen - expected).abs().max_element() < 1e-5, "{normal}: {seen} {expected}");
+    }
+    let none = "Texture \"t\" \"spectrum\" \"directionmix\" \"vector3 dir\" [0 0 0]";
+    assert!(load_with(&format!("{HEAD}WorldBegin\n{none}"), &[]).unwrap_err().contains("length"));
 }
 
 #[test]

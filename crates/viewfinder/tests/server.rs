@@ -34,7 +34,7 @@ fn with_viewfinder(test: impl FnOnce(&At)) {
         stop.store(true, Ordering::Relaxed);
         let begun = Instant::now();
         served.join().unwrap().unwrap();
-        assert!(begun.elapsed() < Duration::from_secs(5), "it ends slowly");
+        assert!(begun.elapsed() < Duration::from_secs(30), "it ends slowly");
         if let Err(e) = done {
             std::panic::resume_unwind(e);
         }

@@ -6,7 +6,7 @@
 //! the height, as Blinn does.
 
 use crate::shape::{Detail, Surface};
-use crate::texture::Scalar;
+use crate::texture::{Lookup, Scalar};
 use diopter_light::sampling;
 use glam::{Vec2, Vec3};
 
@@ -58,7 +58,10 @@ impl Bump {
             if uv != Vec2::ZERO {
                 step = step.max(texel);
             }
-            let at = |s: f32| self.height.at_uv(&surface.uv.map(|p| p + uv * s), surface.point + along * s);
+            let at = |s: f32| {
+                let uv = surface.uv.map(|p| p + uv * s);
+                self.height.lookup(&Lookup { uv, point: surface.point + along * s, normal: surface.ng })
+            };
             unit * (at(step) - at(-step)) / (2.0 * step)
         };
         let (du, dv) = (slope(a, lengths[0], uv[0]), slope(b, lengths[1], uv[1]));

@@ -121,7 +121,7 @@ impl Hair {
         let at_least_0 = |s: Sampled| s.max(Sampled::ZERO);
         match &self.pigment {
             Pigment::Absorption(spectrum) => at_least_0(spectrum.sample(wavelengths)),
-            Pigment::AbsorptionMap(graph) => absorption(graph.at(&surface.uv, surface.point), wavelengths),
+            Pigment::AbsorptionMap(graph) => absorption(graph.at(&surface.lookup()), wavelengths),
             Pigment::Reflectance(color) => {
                 let reflectance = color.sample(surface, wavelengths).clamp(Sampled::splat(LEAST_REFLECTANCE), Sampled::ONE);
                 let root = Sampled::from_array(reflectance.to_array().map(f32::ln)) / color_slope(beta_n);

@@ -32,7 +32,7 @@ pub use sheen::Sheen;
 use crate::light::Modulation;
 use crate::medium::Medium;
 use crate::shape::Surface;
-use crate::texture::{Color, Scalar, Texture};
+use crate::texture::{Color, Lookup, Scalar, Texture};
 use diopter_light::{Sampled, Spectrum, Wavelengths};
 use glam::{Vec2, Vec3};
 use std::sync::Arc;
@@ -283,8 +283,8 @@ impl Coverage {
     pub fn fraction(&self, uv: &[Vec2; 2], vertex_alpha: f32) -> f32 {
         match self {
             Coverage::Full => 1.0,
-            Coverage::Mask { alpha, cutoff } => (alpha.at_uv(uv, Vec3::ZERO) * vertex_alpha >= *cutoff) as u32 as f32,
-            Coverage::Blend(alpha) => (alpha.at_uv(uv, Vec3::ZERO) * vertex_alpha).clamp(0.0, 1.0),
+            Coverage::Mask { alpha, cutoff } => (alpha.lookup(&Lookup::uv(uv)) * vertex_alpha >= *cutoff) as u32 as f32,
+            Coverage::Blend(alpha) => (alpha.lookup(&Lookup::uv(uv)) * vertex_alpha).clamp(0.0, 1.0),
         }
     }
 
@@ -292,8 +292,8 @@ impl Coverage {
     pub fn accepts(&self, uv: &[Vec2; 2], vertex_alpha: f32, u: f32) -> bool {
         match self {
             Coverage::Full => true,
-            Coverage::Mask { alpha, cutoff } => alpha.at_uv(uv, Vec3::ZERO) * vertex_alpha >= *cutoff,
-            Coverage::Blend(alpha) => u < alpha.at_uv(uv, Vec3::ZERO) * vertex_alpha,
+            Coverage::Mask { alpha, cutoff } => alpha.lookup(&Lookup::uv(uv)) * vertex_alpha >= *cutoff,
+            Coverage::Blend(alpha) => u < alpha.lookup(&Lookup::uv(uv)) * vertex_alpha,
         }
     }
 }

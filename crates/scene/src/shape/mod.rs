@@ -56,6 +56,12 @@ pub enum Detail {
 const _: () = assert!(size_of::<Option<Surface>>() <= 128);
 
 impl Surface {
+    /// Where its textures are looked up.
+    #[inline]
+    pub fn lookup(&self) -> crate::texture::Lookup {
+        crate::texture::Lookup { uv: self.uv, point: self.point, normal: self.ng }
+    }
+
     /// Whether it belongs to a curve.
     #[inline]
     pub fn is_strand(&self) -> bool {

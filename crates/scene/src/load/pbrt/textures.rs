@@ -116,11 +116,15 @@ impl Textures {
                 Graph::Noise { texture_from_world, pattern }
             }
             "directionmix" => {
-                let found = "texture \"directionmix\", which depends on where a surface faces";
-                return Err(p.place.fault(found, "a texture by coordinates or place; mix takes an amount instead of dir"));
+                let dir = p.vector("dir", Vec3::Y)?;
+                let direction = world.texture_from_world().inverse().transform_vector3(dir).try_normalize();
+                let direction =
+                    direction.ok_or_else(|| p.place.fault("a \"dir\" without a length", "a direction, such as [0 1 0]"))?;
+                Graph::DirectionMix { along: of(self, world, "tex1", 0.0)?, across: of(self, world, "tex2", 1.0)?, direction }
             }
             other => {
-                let known = "constant, scale, mix, checkerboard, bilerp, imagemap, dots, fbm, wrinkled, windy or marble";
+                let known =
+                    "constant, scale, mix, directionmix, checkerboard, bilerp, imagemap, dots, fbm, wrinkled, windy or marble";
                 return Err(p.place.fault(format!("texture \"{other}\""), known));
             }
         })

@@ -582,7 +582,10 @@ impl<'a> World<'a> {
                 return Ok(());
             }
             Scalar::Graph(graph) if graph.is_in_space() => {
-                return Err(place.fault("an alpha that depends on the place in space", "a texture by texture coordinates"));
+                return Err(place.fault(
+                    "an alpha that depends on the place in space or on how the surface lies",
+                    "a texture by texture coordinates",
+                ));
             }
             other => Some(other),
         };
