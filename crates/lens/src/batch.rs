@@ -571,7 +571,11 @@ macro_rules! batch {
                     ForbesKind::BestFitSphere => {
                         let bump = x * (one - x);
                         let slope = (one - x - x) * sum + bump * by_x;
-                        (bump * sum / root, (twice * slope + bump * sum * c * c / (root * root)) / root)
+                        let (k, c2) = (k1 - one, c * c);
+                        let across2 = (one - k * c2 * r2).max($vector::splat(simd, 1e-12));
+                        let steep = across2.sqrt() / root;
+                        let steepens = c2 * (k1 / (root * root) - k / across2);
+                        (bump * sum * steep, steep * (twice * slope + bump * sum * steepens))
                     }
                 };
                 (c * r2 / (one + root) + z, c / root + over_r, real)

@@ -6,7 +6,9 @@
 //!   15, 5218, doi 10.1364/OE.15.005218, eqs 3 to 5).
 //! - Q^bfs ("mild"): z = c r² / (1 + φ) + u² (1 − u²) / φ Σ aₘ Qₘ^bfs(x), φ = √(1 − c² r²), with Qₘ^bfs such that the mean square slope of the
 //!   departure along the normal is Σ aₘ² / `norm_mm`² (the same, eqs 11 to 13; recurrence of Forbes 2010, Opt. Express 18, 19700, doi
-//!   10.1364/OE.18.019700, eqs A.7 to A.14). The sphere has no conic constant.
+//!   10.1364/OE.18.019700, eqs A.7 to A.14). With a conic constant k the departure is along the normal of the conic: 1/φ, one over the cosine of
+//!   the normal, becomes √((1 − k c² r²) / (1 − (1 + k) c² r²)). OpticStudio's surface is meant so: only then does a lens that a vendor gives in
+//!   this form focus to a point (test `a_sold_asphere_…`).
 //!
 //! Coefficients aₘ in mm, m from 0. Sums are taken by a three-term recurrence upwards: terms of the order of 1 with no cancellation, where
 //! powers of r² would lose a digit a term.
@@ -19,7 +21,7 @@ pub const MOST_TERMS: usize = 64;
 pub enum ForbesKind {
     /// Q^con: departure from a conic.
     Conic,
-    /// Q^bfs: departure from the best-fit sphere.
+    /// Q^bfs: departure along the normal of the best-fit sphere, or of a conic in its place.
     BestFitSphere,
 }
 
@@ -40,7 +42,7 @@ pub struct Forbes {
 }
 
 impl Forbes {
-    /// `c`: curvature, 1/mm; `k`: conic constant, 0 for [`ForbesKind::BestFitSphere`]; `norm_mm`: radius at which u is 1. Fails on figures that
+    /// `c`: curvature, 1/mm; `k`: conic constant; `norm_mm`: radius at which u is 1. Fails on figures that
     /// describe no surface.
     pub fn new(kind: ForbesKind, c: f64, k: f64, norm_mm: f64, terms: Vec<f64>) -> Result<Forbes, String> {
         if !(norm_mm > 0.0 && norm_mm < 1e6) {
@@ -54,9 +56,6 @@ impl Forbes {
         }
         if !c.is_finite() || !k.is_finite() {
             return Err(format!("curvature {c}, conic constant {k}: expected numbers"));
-        }
-        if kind == ForbesKind::BestFitSphere && k != 0.0 {
-            return Err(format!("conic constant {k}: Q-bfs departs from a sphere: expected 0 (Q-con departs from a conic)"));
         }
         let count = terms.len();
         let (weights, first, recurrence) = match kind {
@@ -143,8 +142,12 @@ impl Forbes {
             ForbesKind::BestFitSphere => {
                 let bump = x * (1.0 - x);
                 let by_x = (1.0 - 2.0 * x) * s + bump * ds;
-                // d(1/φ)/dr = c² r / φ³
-                (bump * s / root, 2.0 * scale * by_x / root + bump * s * self.c * self.c / (root * root2))
+                // One over the cosine of the conic's normal, and its slope over r and itself.
+                let (k, c2) = (self.k, self.c * self.c);
+                let across2 = 1.0 - k * c2 * r2;
+                let steep = (across2 / root2).sqrt();
+                let steepens = c2 * ((1.0 + k) / root2 - k / across2);
+                (bump * s * steep, steep * (2.0 * scale * by_x + bump * s * steepens))
             }
         };
         Some((self.c * r2 / (1.0 + root) + z, r * (self.c / root + over_r)))
@@ -279,7 +282,7 @@ mod tests {
     #[test]
     fn slopes_and_vertex_figures_are_those_of_the_sag() {
         let terms = vec![0.02, -0.013, 0.004, 0.001];
-        for (kind, k) in [(ForbesKind::Conic, -0.6), (ForbesKind::BestFitSphere, 0.0)] {
+        for (kind, k) in [(ForbesKind::Conic, -0.6), (ForbesKind::BestFitSphere, 0.0), (ForbesKind::BestFitSphere, -1.4)] {
             let f = Forbes::new(kind, 0.03, k, 9.0, terms.clone()).unwrap();
             for r in [0.5, 3.0, 7.7, 9.5] {
                 let h = 1e-5;
@@ -295,7 +298,27 @@ mod tests {
             let over = f.reversed();
             assert_eq!(over.sag(4.0).unwrap().0, -f.sag(4.0).unwrap().0);
         }
-        assert!(Forbes::new(ForbesKind::BestFitSphere, 0.1, -1.0, 5.0, vec![]).unwrap_err().contains("expected 0"));
         assert!(Forbes::new(ForbesKind::Conic, 0.1, 0.0, 0.0, vec![]).unwrap_err().contains("normalisation radius"));
+    }
+
+    #[test]
+    fn a_sold_asphere_focuses_to_a_point() {
+        // Thorlabs ASL5040-UV, f = 40 mm at 405 nm, fused silica, as the vendor's OpticStudio file gives it: QED_TYPE of kind 0 with a conic.
+        let terms = vec![-8.148370167576e-1, -3.2311e-1, 1.0591e-1, -5.058e-2, 9.87e-3, -2.2e-3];
+        let f = Forbes::new(ForbesKind::BestFitSphere, 5.756_078_762_782_423e-2, -0.676_091_206_404_079_3, 27.0, terms).unwrap();
+        let (n, thickness) = (crate::glass::Glass::parse("material/SILICA").unwrap().index(405.0), 29.85);
+        // Where a ray that comes parallel to the axis crosses it behind the plane back, mm.
+        let focus = |r: f64| {
+            let (z, slope) = f.sag(r).unwrap();
+            // Snell at the front: the angles with the normal, then with the axis.
+            let normal = slope.atan();
+            let down = normal - (normal.sin() / n).asin();
+            let height = r - (thickness - z) * down.tan();
+            height / (n * down.sin()).asin().tan()
+        };
+        for r in [0.1, 5.0, 10.0, 15.0, 20.0, 22.5] {
+            // The file puts the film 19.6875 mm behind; a departure along the axis, or from the sphere, is tenths of a millimetre off.
+            assert!((focus(r) - 19.6875).abs() < 2e-3, "{r}: {}", focus(r));
+        }
     }
 }

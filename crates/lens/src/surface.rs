@@ -391,6 +391,7 @@ mod tests {
             Profile::Asphere(a(0.2, 0.5, &[0.0, 0.0, 0.0, 0.0, -2e-3])),
             Profile::Forbes(Forbes::new(ForbesKind::Conic, 0.03, -0.7, 5.0, vec![0.05, -0.02, 0.01, 0.004]).unwrap()),
             Profile::Forbes(Forbes::new(ForbesKind::BestFitSphere, -0.04, 0.0, 6.0, vec![0.1, -0.05, 0.02]).unwrap()),
+            Profile::Forbes(Forbes::new(ForbesKind::BestFitSphere, 0.05, -0.8, 7.0, vec![-0.2, 0.07, 0.01]).unwrap()),
             Profile::Toroid { y: a(0.03, 0.0, &[]), c_x: 0.0 },
             Profile::Toroid { y: a(0.03, -1.0, &[0.0, 0.0, 0.0, 0.0, 1e-6]), c_x: -0.02 },
             Profile::Biconic { c_x: 0.01, k_x: -3.0, c_y: 0.04, k_y: 0.5 },

@@ -194,3 +194,30 @@ fn what_files_say_is_what_is_read() {
     assert_eq!(p, again);
     assert_eq!((p.surfaces[1].gap.at(0.0, 0.0), p.surfaces[1].gap.at(1.0, 0.5)), (5.0, 6.5));
 }
+
+#[test]
+fn series_of_private_glasses_and_stops_without_a_size_are_read() {
+    // Norland NOA61 in CODE V's form of Laurent's series; 1.5600 by the maker's data sheet.
+    let seq = "RDM; LEN\nEPD 10\nWL 587.6\nPRV\nPWL 550.0\n'NOA61' LAU 2.36390625 0.0 0.025493134 -0.000580235 -0.349933e-5 0.445404e-7\nEND\n\
+               SO 0 1e14\nS 50 4 'NOA61'\n STO\nS -50 40\nSI 0 0\nGO\n";
+    let lens = import::read(seq.as_bytes(), Format::of("noa.seq").unwrap(), "noa.seq").unwrap();
+    assert!((lens.surfaces[0].glass.index(587.5618) - 1.5600).abs() < 1e-3, "{}", lens.surfaces[0].glass.index(587.5618));
+    assert!(lens.notes.iter().any(|n| n.contains("series")), "{:?}", lens.notes);
+    let short = seq.replace(" 0.445404e-7", "");
+    assert!(
+        import::read(short.as_bytes(), Format::of("noa.seq").unwrap(), "noa.seq")
+            .unwrap_err()
+            .to_string()
+            .contains("LAU and six coefficients")
+    );
+
+    // A stop that floats, without a size: the rims say how wide the beam is.
+    let zmx = "MODE SEQ\nUNIT MM X W X CM MR CPMM\nFLOA\nWAVM 1 0.5876 1\nPWAV 1\nSURF 0\nTYPE STANDARD\nCURV 0\nDISZ INFINITY\n\
+               SURF 1\nTYPE STANDARD\nCURV 0.02\nDISZ 4\nGLAS N-BK7 0 0 1.5 40\nDIAM 8 1 0 0 1 \"\"\nSURF 2\nTYPE STANDARD\nCURV -0.02\nDISZ 2\nDIAM 8 1 0 0 1 \"\"\n\
+               SURF 3\nSTOP\nTYPE STANDARD\nCURV 0\nDISZ 40\nSURF 4\nTYPE STANDARD\nCURV 0\nDISZ 0\n";
+    let lens = import::read(zmx.as_bytes(), Format::of("float.zmx").unwrap(), "float.zmx").unwrap();
+    // The front lets 8 mm pass; by paraxial angles the beam is 7.78 mm high at the back of the glass and 7.45 mm at the stop, a real one a little less.
+    let stop = lens.surfaces[2].semi_diameter.unwrap();
+    assert!((7.35..7.5).contains(&stop), "{stop}");
+    assert!(lens.notes.iter().any(|n| n.contains("no aperture is given")), "{:?}", lens.notes);
+}

@@ -13,8 +13,9 @@ use crate::expose::{ExposeError, Half};
 const CENTROIDS: f64 = 4.0 / (3.0 * std::f64::consts::PI);
 /// Cells of a view.
 const CELLS: [usize; 2] = [64, 20];
-/// Samples a cell that a view begins with; they are doubled while noise hides the answer, up to so many in a wide and a close view.
-const SPP: u32 = 8;
+/// Samples a cell that a wide and a close view begin with (with 8 or 16 a close view before fine detail is off by more than its noise says); they
+/// are doubled while noise hides the answer, up to so many.
+const SPP: [u32; 2] = [8, 32];
 const MOST_SPP: [u32; 2] = [128, 512];
 /// Above this reliability noise is not what keeps two pictures from being alike: more samples would not help.
 const RELIABLE: f64 = 0.9;
@@ -23,7 +24,7 @@ const LEAST_RELIABLE: f64 = 0.5;
 /// Standard deviation of a shift that is exact enough: of the wide view in cells of the close one, which it only has to meet; of the close view in
 /// tolerances, of which there are eight in the depth of focus.
 const WIDE_DEVIATION: f64 = 6.0;
-const CLOSE_DEVIATION: f64 = 0.5;
+const CLOSE_DEVIATION: f64 = 0.25;
 /// Means over so many cells that are tried: what is far out of focus has no finer detail, only noise.
 const SMOOTH: [usize; 3] = [1, 3, 7];
 /// The least correlation that is believed, one that is as good as any, and how much lower any other shift must be.
@@ -204,7 +205,7 @@ pub(super) fn search(prober: &mut Prober, af: &Autofocus, zone: [f64; 4], range:
             if wide { WIDE_DEVIATION * fine / pitch } else { CLOSE_DEVIATION * tolerance * CENTROIDS / (pitch * working) };
         let most = MOST_SPP[usize::from(!wide)];
         let mut looks = [Half::Left, Half::Right].map(|half| Look::new(piece, CELLS, Some(half), most));
-        let mut spp = SPP;
+        let mut spp = SPP[usize::from(!wide)];
         let (left, seen) = loop {
             let [left, right] = &mut looks;
             let (Some(left), Some(right)) = (prober.look(left, spp)?, prober.look(right, spp)?) else {

@@ -5,7 +5,7 @@
 //!
 //! | command | what is done |
 //! |---|---|
-//! | RDM, TIT, DIM, EPD, FNO, NAO, WL, REF, YAN, VUY, VLY, PRV PWL END | read |
+//! | RDM, TIT, DIM, EPD, FNO, NAO, WL, REF, YAN, VUY, VLY, PRV PWL LAU END | read (other formulas of private glasses: error) |
 //! | NA | read as the f-number 1/(2 NA) |
 //! | SO, S, SI; STO, RDY, CUY, THI, GLA, RMD | read; a distance may be `inf` or `infinity` |
 //! | SPH, CON, ASP with K, A to J | read |
@@ -32,7 +32,7 @@ use super::{Skipped, drop_dummies, stem};
 use crate::aperture::{Aperture, Outline};
 use crate::diffractive::Diffractive;
 use crate::freeform::Freeform;
-use crate::glass::{Glass, parse_foreign};
+use crate::glass::{C_NM, D_NM, F_NM, G_NM, Glass, parse_foreign};
 use crate::polynomial::{Polynomial, Terms};
 use crate::prescription::{ApertureKind, Prescription, PrescriptionError, Surface};
 use crate::surface::Profile;
@@ -247,7 +247,7 @@ pub fn read(text: &str, file: &str) -> Result<Prescription, PrescriptionError> {
     let (mut upper, mut lower): (Vec<f64>, Vec<f64>) = (vec![], vec![]);
     let mut fields_are_angles = false;
     // Private catalogue: wavelengths, then names with indices.
-    let (mut private, mut private_nm): (HashMap<String, Vec<f64>>, Vec<f64>) = (HashMap::new(), vec![]);
+    let (mut private, mut private_nm): (HashMap<String, PrivateGlass>, Vec<f64>) = (HashMap::new(), vec![]);
     let mut in_private = false;
     let mut configurations = Configurations::default();
     for (number, command) in commands(text) {
@@ -266,11 +266,15 @@ pub fn read(text: &str, file: &str) -> Result<Prescription, PrescriptionError> {
                 "PWL" => private_nm = rest.iter().filter_map(|w| w.parse().ok()).collect(),
                 _ => {
                     let parse = |w: &String| distance(w).filter(|v| v.is_finite());
-                    let n: Option<Vec<f64>> = rest.iter().map(parse).collect();
-                    let n = n.ok_or_else(|| {
-                        wrong(format!("private glass {first}: expected indices, one for each wavelength of PWL"))
+                    let laurent = rest.first().is_some_and(|w| w.eq_ignore_ascii_case("LAU"));
+                    let n: Option<Vec<f64>> = rest[usize::from(laurent)..].iter().map(parse).collect();
+                    let n = n.filter(|n| !laurent || n.len() == 6).ok_or_else(|| {
+                        wrong(format!(
+                            "private glass {first}: expected indices, one for each wavelength of PWL, or LAU and six coefficients"
+                        ))
                     })?;
-                    private.insert(whole_key.trim_matches('\'').to_owned(), n);
+                    let found = if laurent { PrivateGlass::Laurent(n) } else { PrivateGlass::Indices(n) };
+                    private.insert(whole_key.trim_matches('\'').to_owned(), found);
                 }
             }
             continue;
@@ -866,13 +870,29 @@ fn words(command: &str) -> Vec<String> {
     words
 }
 
+/// A glass between PRV and END.
+enum PrivateGlass {
+    /// At the wavelengths of PWL.
+    Indices(Vec<f64>),
+    /// LAU, Laurent's series: n² = a₀ + a₁ λ² + a₂/λ² + a₃/λ⁴ + a₄/λ⁶ + a₅/λ⁸, λ in µm.
+    Laurent(Vec<f64>),
+}
+
 /// A catalogue name, a private glass, or a code: "517.642" (nd 1.517, Vd 64.2), or figures "1.5168:64.17". Aliases are noted.
-fn glass(name: &str, private: &HashMap<String, Vec<f64>>, private_nm: &[f64], p: &mut Prescription) -> Result<Glass, String> {
+fn glass(name: &str, private: &HashMap<String, PrivateGlass>, private_nm: &[f64], p: &mut Prescription) -> Result<Glass, String> {
     let name = name.trim_matches('\'');
     if name == "AIR" {
         return Ok(Glass::air());
     }
-    if let Some(n) = private.get(name) {
+    if let Some(PrivateGlass::Laurent(a)) = private.get(name) {
+        let index = |nm: f64| {
+            let l2 = (nm * 1e-3).powi(2);
+            (a[0] + a[1] * l2 + a[2] / l2 + a[3] / l2.powi(2) + a[4] / l2.powi(3) + a[5] / l2.powi(4)).sqrt()
+        };
+        p.notes.push(format!("private glass {name}: a curve through what its series gives at the lines C, d, F and g"));
+        return Glass::measured(index(D_NM), index(C_NM), index(F_NM), index(G_NM)).map_err(|e| e.to_string());
+    }
+    if let Some(PrivateGlass::Indices(n)) = private.get(name) {
         return match n[..] {
             [] => Err(format!("private glass {name} has no index")),
             [n] => Glass::constant(n).map_err(|e| e.to_string()),

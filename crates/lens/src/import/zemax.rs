@@ -571,8 +571,7 @@ fn profile(b: &Block, scale: f64) -> Result<Profile, String> {
                 return Err(format!("QED_TYPE: {count} terms: expected at most 64"));
             }
             let terms = (0..count).map(|i| get(4 + i) * scale).collect();
-            let k = if kind == ForbesKind::Conic { b.conic } else { 0.0 };
-            Profile::Forbes(Forbes::new(kind, c, k, get(3) * scale, terms)?)
+            Profile::Forbes(Forbes::new(kind, c, b.conic, get(3) * scale, terms)?)
         }
         // Extended asphere: number of terms, normalisation radius, then terms of (r/r₀)²ⁱ.
         "XASPHERE" => {

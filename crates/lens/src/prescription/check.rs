@@ -268,6 +268,27 @@ impl Prescription {
         }
     }
 
+    /// Radius of the entrance pupil of the widest beam on the axis that the rims which are given let pass, mm, with a note; NaN where none is.
+    fn widest_pupil(&mut self, system: &System, n: &[f64]) -> f64 {
+        let heights = paraxial::Trace::axial(system, n).heights;
+        let beam = |(s, height): (&Surface, &f64)| Some(s.semi_diameter? * (heights[0] / height).abs());
+        let widest = self
+            .surfaces
+            .iter()
+            .zip(&heights)
+            .filter_map(beam)
+            .filter(|r| *r > 0.0 && r.is_finite())
+            .fold(f64::INFINITY, f64::min);
+        if widest.is_finite() {
+            self.notes.push(format!(
+                "no aperture is given: the stop lets pass what the rims do on the axis, a beam of {:.4} mm",
+                2.0 * widest
+            ));
+            return widest;
+        }
+        f64::NAN
+    }
+
     /// Gives surfaces without a semi-diameter one that lets the stated beams through.
     fn infer_semi_diameters(&mut self, file: &str) -> Result<(), PrescriptionError> {
         let missing: Vec<usize> = (0..self.surfaces.len()).filter(|i| self.surfaces[*i].semi_diameter.is_none()).collect();
@@ -288,7 +309,7 @@ impl Prescription {
             None => match (self.f_number, self.surfaces[stop].semi_diameter) {
                 (_, Some(sd)) => sd * first.entrance_pupil_magnification.abs(),
                 (Some(f), None) => 0.5 * first.efl.abs() / f,
-                (None, None) => f64::NAN,
+                (None, None) => self.widest_pupil(&system, &n),
             },
         };
         if !(pupil > 0.0 && pupil < LARGEST) {
