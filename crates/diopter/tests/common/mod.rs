@@ -12,7 +12,7 @@ use diopter::scene::shape::Quad;
 use diopter::scene::texture::{Color, Image, Texture};
 use diopter::scene::{Description, Object, Scene, Shape};
 use glam::Vec3;
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 /// Film that they are taken on, mm.
 pub const FILM: [f64; 2] = [36.0, 24.0];
@@ -98,10 +98,17 @@ fn tone(pattern: Pattern, x: usize, y: usize) -> f32 {
     }
 }
 
+/// Each pattern is painted once a process: that takes longer than focusing on it.
 fn texture(pattern: Pattern) -> Texture {
-    let grey = |i: usize| code(tone(pattern, i % TEXELS, i / TEXELS));
-    let pixels = (0..TEXELS * TEXELS).map(|i| [grey(i), grey(i), grey(i), 255]).collect();
-    Texture::color(Arc::new(Image::new(TEXELS, TEXELS, pixels)))
+    static PAINTED: [OnceLock<Arc<Image>>; 6] = [const { OnceLock::new() }; 6];
+    let paint = || {
+        let pixel = |i: usize| {
+            let grey = code(tone(pattern, i % TEXELS, i / TEXELS));
+            [grey, grey, grey, 255]
+        };
+        Arc::new(Image::new(TEXELS, TEXELS, (0..TEXELS * TEXELS).map(pixel).collect()))
+    };
+    Texture::color(PAINTED[pattern as usize].get_or_init(paint).clone())
 }
 
 /// Cards: pattern, distance (m), piece of the picture that they cover (−1 to 1 across and up; left, right, bottom, top).
