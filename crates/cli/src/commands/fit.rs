@@ -30,7 +30,9 @@ pub fn run(asked: &FitLens, json: bool) -> anyhow::Result<()> {
     let beside = |name: &str| asked.measured.parent().unwrap_or(Path::new("")).join(name);
     let calibration = sheet.calibration.clone().map(|entry| (beside(&entry.file), entry));
     let lens_name = asked.lens.clone().or_else(|| sheet.lens.as_deref().map(|named| lens_beside(named, &asked.measured)));
-    let inputs = [Some(asked.measured.clone()), lens_name.map(PathBuf::from), calibration.as_ref().map(|c| c.0.clone())];
+    // "sheet.toml#17" is read from sheet.toml.
+    let lens_file = lens_name.map(|name| PathBuf::from(name.split('#').next().unwrap_or(&name)));
+    let inputs = [Some(asked.measured.clone()), lens_file, calibration.as_ref().map(|c| c.0.clone())];
     distinct(inputs.iter().flatten().map(PathBuf::as_path), asked.output.as_deref())?;
     let output = match &asked.output {
         Some(path) if path.extension().is_none_or(|e| e != "toml") => {
@@ -62,7 +64,9 @@ pub fn run(asked: &FitLens, json: bool) -> anyhow::Result<()> {
 
 /// The flags of `shoot` and `expose` that set what is no part of a prescription.
 fn flags(r: &FitReport) -> String {
-    let aperture = if r.open { String::new() } else { format!("--aperture f/{:.4} ", r.f_number) };
+    // Rounded down, the widest f-number asks for all that there is.
+    let f_number = if r.open { (r.f_number * 1e4).floor() / 1e4 } else { r.f_number };
+    let aperture = format!("--aperture f/{f_number:.4} ");
     let focus = match r.focus {
         // Below a nanometre it is what the lens does by itself.
         FocusSetting::Extension(e) if e.abs() < 1e-6 => "--focus inf".to_owned(),

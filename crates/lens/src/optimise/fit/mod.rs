@@ -40,6 +40,8 @@ const FOLLOWED: usize = 2;
 const BEFORE: usize = 8;
 /// Rows that an error names.
 const NAMED: usize = 8;
+/// A number that moves no residual by this over all of its range is held at its start.
+const LEAST_EFFECT: f64 = 1e-3;
 
 /// Where something was measured.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -156,13 +158,21 @@ pub struct LensFit {
     widest: f64,
 }
 
+/// How far the iris is open.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Opening {
+    /// As the f-number says, free or set.
+    FNumber,
+    /// Fully, whatever the f-number.
+    Full,
+}
+
 /// The fit as the least squares see it.
 struct Problem<'a> {
     fit: &'a LensFit,
     bounds: Vec<[f64; 2]>,
     steps: Vec<f64>,
-    /// Fully open, whatever the f-number.
-    open: bool,
+    open: Opening,
 }
 
 impl LensFit {
@@ -228,7 +238,7 @@ impl LensFit {
     /// Fails on rows that the start does not see.
     fn check_field(&self) -> Result<(), LensError> {
         let start = self.start_values();
-        let Some((_, system)) = self.system_at(&start, false) else {
+        let Some((_, system)) = self.system_at(&start, Opening::FNumber) else {
             let what = "the lens at the start of its free numbers forms no image: expected other starts".to_owned();
             return Err(PrescriptionError::at(&self.file, 0, what).into());
         };
@@ -277,7 +287,7 @@ impl LensFit {
     }
 
     /// The lens at given values, and as it stands. `None` where it forms no image.
-    fn system_at(&self, x: &[f64], open: bool) -> Option<(Prescription, System)> {
+    fn system_at(&self, x: &[f64], open: Opening) -> Option<(Prescription, System)> {
         let lens = free::lens_at(&self.start, &self.free, x).ok()?;
         let far = System::at(&lens, State { focus: 0.0, ..self.state });
         let efl = FirstOrder::of(&far, &far.indices(REFERENCE_NM)).efl;
@@ -289,7 +299,7 @@ impl LensFit {
             Some(i) => Some(x[i]),
             None => self.f_number,
         };
-        let radius = match f_number.filter(|_| !open) {
+        let radius = match f_number.filter(|_| open == Opening::FNumber) {
             Some(n) => stop_radius(&far, efl, n)?.min(rim),
             None if self.by_rims => rim,
             None => stop_radius(&far, efl, self.widest)?.min(rim),
@@ -304,38 +314,62 @@ impl LensFit {
 
     /// What each row would read of the lens with given free numbers, in their order; `None` where it does not see the place.
     pub fn predicted(&self, x: &[f64]) -> Vec<Option<f64>> {
-        self.predicted_at(x, false)
+        self.predicted_at(x, Opening::FNumber)
     }
 
-    fn predicted_at(&self, x: &[f64], open: bool) -> Vec<Option<f64>> {
+    fn predicted_at(&self, x: &[f64], open: Opening) -> Vec<Option<f64>> {
         match self.system_at(x, open) {
             Some((_, system)) => predict(&system, &self.conditions, &self.rows, &self.groups),
             None => vec![None; self.rows.len()],
         }
     }
 
-    fn problem(&self, open: bool) -> Problem<'_> {
+    fn problem(&self, open: Opening) -> Problem<'_> {
         let (bounds, steps) = (self.free.iter().map(|f| f.bounds).collect(), self.free.iter().map(|f| f.step).collect());
         Problem { fit: self, bounds, steps, open }
+    }
+
+    /// Numbers that no row depends on: rounding alone would move them. The f-number of a fully open lens is not among them, since farther stopped down rows
+    /// may depend on it.
+    fn without_effect(&self) -> Vec<usize> {
+        let (problem, start) = (self.problem(Opening::FNumber), self.start_values());
+        let Some(here) = problem.at(&start) else { return vec![] };
+        let columns = jacobian(&problem, &start, &here);
+        let effect = |i: usize| {
+            let [low, high] = self.free[i].bounds;
+            columns[i].iter().map(|v| v * v).sum::<f64>().sqrt() * (high - low)
+        };
+        (0..self.free.len()).filter(|i| self.free[*i].number != FreeNumber::Aperture && effect(*i) < LEAST_EFFECT).collect()
     }
 
     /// Fits, in at most `iterations` steps from each start. Fails where no lens was found that sees all rows, or the result cannot be built.
     pub fn run(&self, iterations: usize) -> Result<FitReport, LensError> {
         let start = self.start_values();
-        let mut best: Option<(Found, bool)> = None;
-        let mut keep = |found: Option<Found>, open: bool| {
+        let unseen = self.without_effect();
+        let prepared = |open: Opening| {
+            let mut problem = self.problem(open);
+            unseen.iter().for_each(|i| problem.bounds[*i] = [start[*i]; 2]);
+            if open == Opening::Full
+                && let Some(a) = self.number(FreeNumber::Aperture)
+            {
+                problem.bounds[a] = [self.widest; 2];
+            }
+            problem
+        };
+        let mut best: Option<(Found, Opening)> = None;
+        let mut keep = |found: Option<Found>, open: Opening| {
             if let Some(found) = found
                 && best.as_ref().is_none_or(|b| found.merit < b.0.merit)
             {
                 best = Some((found, open));
             }
         };
-        let problem = self.problem(false);
+        let problem = prepared(Opening::FNumber);
         match self.number(FreeNumber::Aperture) {
-            None => keep(levenberg_marquardt(&problem, &start, iterations), false),
+            None => keep(levenberg_marquardt(&problem, &start, iterations), Opening::FNumber),
             Some(a) => {
                 // The others first, as well as they can be known at the f-number of the start.
-                let mut held = self.problem(false);
+                let mut held = prepared(Opening::FNumber);
                 held.bounds[a] = [start[a]; 2];
                 let others = match self.free.len() {
                     1 => start.clone(),
@@ -352,12 +386,10 @@ impl LensFit {
                 starts.sort_by(|p, q| p.0.total_cmp(&q.0));
                 starts.dedup_by(|p, q| p.1 == q.1);
                 for (_, x) in starts.iter().take(FOLLOWED) {
-                    keep(levenberg_marquardt(&problem, x, iterations), false);
+                    keep(levenberg_marquardt(&problem, x, iterations), Opening::FNumber);
                 }
                 if self.by_rims && low <= self.widest {
-                    let mut open = self.problem(true);
-                    open.bounds[a] = [self.widest; 2];
-                    keep(levenberg_marquardt(&open, &at(self.widest), iterations), true);
+                    keep(levenberg_marquardt(&prepared(Opening::Full), &at(self.widest), iterations), Opening::Full);
                 }
             }
         }
@@ -365,10 +397,7 @@ impl LensFit {
             let what = "no lens was found that sees all rows: expected fewer rows near the edge of the field, or other starts";
             return Err(PrescriptionError::at(&self.file, 0, what).into());
         };
-        let mut problem = self.problem(open);
-        if open && let Some(a) = self.number(FreeNumber::Aperture) {
-            problem.bounds[a] = [self.widest; 2];
-        }
+        let problem = prepared(open);
         let here = problem.at(&found.x).unwrap_or_default();
         let columns = jacobian(&problem, &found.x, &here);
         report::report(self, &found, &columns, open)

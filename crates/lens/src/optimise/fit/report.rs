@@ -1,7 +1,7 @@
 //! What a fit came to: the fitted lens, its numbers with standard errors, the rows, χ², and what to doubt.
 
 use super::statistics::{deviations, spread};
-use super::{FreeNumber, LensFit, Measured};
+use super::{FreeNumber, LensFit, Measured, Opening};
 use crate::compound::{FilmPlace, configure};
 use crate::optimise::Stop;
 use crate::optimise::levenberg::Found;
@@ -102,10 +102,14 @@ impl FitReport {
     }
 }
 
-pub(super) fn report(fit: &LensFit, found: &Found, columns: &[Vec<f64>], open: bool) -> Result<FitReport, LensError> {
+pub(super) fn report(fit: &LensFit, found: &Found, columns: &[Vec<f64>], open: Opening) -> Result<FitReport, LensError> {
     let x = &found.x;
-    let on_bound: Vec<bool> =
-        fit.free.iter().zip(x).map(|(f, v)| f.bounds.contains(v) || open && f.number == FreeNumber::Aperture).collect();
+    let on_bound: Vec<bool> = fit
+        .free
+        .iter()
+        .zip(x)
+        .map(|(f, v)| f.bounds.contains(v) || open == Opening::Full && f.number == FreeNumber::Aperture)
+        .collect();
     let spread = spread(columns, &on_bound);
     let rows: Vec<RowReport> = fit
         .rows
@@ -130,13 +134,13 @@ pub(super) fn report(fit: &LensFit, found: &Found, columns: &[Vec<f64>], open: b
             on_bound: on_bound[i],
         })
         .collect();
-    let held = on_bound.iter().filter(|b| **b).count();
+    let held = on_bound.iter().filter(|b| **b).count() + spread.unseen.len();
     let degrees_of_freedom = rows.len().saturating_sub(numbers.len() - held);
-    let start = super::merit(&fit.problem(false), &fit.start_values());
+    let start = super::merit(&fit.problem(Opening::FNumber), &fit.start_values());
     let mut r = FitReport {
         lens: finished(fit, found, degrees_of_freedom)?,
         f_number: f_number(fit, x, open),
-        open: open || fit.number(FreeNumber::Aperture).is_none() && fit.f_number.is_none(),
+        open: open == Opening::Full || fit.number(FreeNumber::Aperture).is_none() && fit.f_number.is_none(),
         focus: FocusSetting::Extension(0.0),
         chi_squared: [start, found.merit],
         degrees_of_freedom,
@@ -153,10 +157,10 @@ pub(super) fn report(fit: &LensFit, found: &Found, columns: &[Vec<f64>], open: b
     Ok(r)
 }
 
-fn f_number(fit: &LensFit, x: &[f64], open: bool) -> f64 {
-    match fit.number(FreeNumber::Aperture).filter(|_| !open) {
+fn f_number(fit: &LensFit, x: &[f64], open: Opening) -> f64 {
+    match fit.number(FreeNumber::Aperture).filter(|_| open == Opening::FNumber) {
         Some(i) => x[i],
-        None => fit.f_number.filter(|_| !open).unwrap_or(fit.widest),
+        None => fit.f_number.filter(|_| open == Opening::FNumber).unwrap_or(fit.widest),
     }
 }
 
@@ -181,7 +185,9 @@ fn finished(fit: &LensFit, found: &Found, degrees: usize) -> Result<Prescription
 fn focus(fit: &LensFit, x: &[f64], r: &FitReport) -> Result<FocusSetting, LensError> {
     let moved = fit.number(FreeNumber::Focus).map_or(0.0, |i| x[i]);
     let scale = fit.number(FreeNumber::Scale).map_or(1.0, |i| x[i]);
-    let Some((lens, system)) = fit.system_at(x, r.open) else { return Ok(FocusSetting::Extension(moved)) };
+    let Some((lens, system)) = fit.system_at(x, if r.open { Opening::Full } else { Opening::FNumber }) else {
+        return Ok(FocusSetting::Extension(moved));
+    };
     let zoom = fit.zoom_mm.map(|f| f * scale);
     let aperture = (!r.open).then_some(r.f_number);
     let far = configure(&lens, zoom, aperture, None, FilmPlace::Focused(Focus::Infinity))?;
