@@ -14,8 +14,8 @@ use std::f64::consts::TAU;
 /// Directions that find the middle of the light, and that sum it.
 const ARMS: [usize; 2] = [16, 48];
 /// Steps along a direction in which the ends of the light are looked for, and halvings after that.
-const STEPS: usize = 40;
-const HALVINGS: usize = 32;
+const STEPS: usize = 24;
+const HALVINGS: usize = 26;
 /// Nodes along a direction.
 const NODES: usize = 4;
 /// How far light is looked for, in radii of the paraxial exit pupil; doubled as long as the farthest ray still passes.

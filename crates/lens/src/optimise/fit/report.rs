@@ -5,7 +5,7 @@ use super::{FreeNumber, LensFit, Measured, Opening};
 use crate::compound::{FilmPlace, configure};
 use crate::optimise::Stop;
 use crate::optimise::levenberg::Found;
-use crate::prescription::Prescription;
+use crate::prescription::{Prescription, PrescriptionError};
 use crate::{Focus, LensError};
 
 /// Two numbers with a correlation beyond this cannot be told apart.
@@ -178,7 +178,10 @@ fn finished(fit: &LensFit, found: &Found, degrees: usize) -> Result<Prescription
         found.merit,
         fit.rows.len()
     ));
-    Ok(lens.checked(&fit.file)?)
+    lens.checked(&fit.file).map_err(|e| {
+        let what = format!("the fitted lens cannot be built ({e}); expected narrower bounds of its free numbers");
+        PrescriptionError::at(&fit.file, 0, what).into()
+    })
 }
 
 /// How a camera is set to the fitted film.

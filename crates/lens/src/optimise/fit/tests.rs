@@ -89,11 +89,11 @@ fn with_noise(fit: &mut LensFit, truth: &[f64], seed: u64) {
 /// Rows whose values do not matter yet.
 fn blank_rows() -> String {
     let mut text = "wavelengths_nm = [587.56]\naperture = 3\n[distortion]\norigin = \"film middle\"\nrows = [\n".to_owned();
-    for field in [-19, -15, -11, -7, -3, 3, 7, 11, 15, 19] {
+    for field in [-18, -12, -6, 6, 12, 18] {
         text += &format!("{{ field_deg = {field}, height_mm = {}, sigma = 0.02 }},\n", 0.9 * f64::from(field));
     }
     text += "]\n[vignetting]\nrows = [\n";
-    (1..=12).for_each(|i| text += &format!("{{ height_mm = {}, relative = 0.5, sigma = 0.01 }},\n", 1.5 * f64::from(i)));
+    (0..7).for_each(|i| text += &format!("{{ height_mm = {}, relative = 0.5, sigma = 0.01 }},\n", 6.0 + 2.0 * f64::from(i)));
     text + "]\n"
 }
 
@@ -101,21 +101,21 @@ fn blank_rows() -> String {
 fn noise_moves_the_numbers_by_their_standard_errors() {
     let truth = [1.03, 3.5, 0.2];
     let (mut sum, mut degrees) = (0.0, 0);
-    for seed in 1..=4 {
+    for seed in 1..=3 {
         let mut fit = fit_of("double-gauss-50mm", &format!("{}{SCALE}{APERTURE}{DECENTER}", blank_rows()));
         with_noise(&mut fit, &truth, seed);
         let r = fit.run(40).unwrap();
         for (n, truth) in r.numbers.iter().zip(truth) {
             let error = n.standard_error.unwrap();
-            // 3 standard errors: 3 of 1000 chances for each of 12 numbers, and the seeds are fixed.
+            // 3 standard errors: 3 of 1000 chances for each of 9 numbers, and the seeds are fixed.
             assert!((n.value - truth).abs() < 3.0 * error, "seed {seed}: {n:?} {truth}");
         }
         (sum, degrees) = (sum + r.chi_squared[1], degrees + r.degrees_of_freedom);
         assert!(!r.warnings.iter().any(|w| w.contains("chi-squared")), "{:?}", r.warnings);
     }
-    // Four standard deviations of χ² with 76 degrees of freedom.
+    // Four standard deviations of χ² with 30 degrees of freedom.
     let reduced = sum / f64::from(u32::try_from(degrees).unwrap());
-    assert!(degrees == 76 && (reduced - 1.0).abs() < 4.0 * (2.0f64 / 76.0).sqrt(), "{reduced} {degrees}");
+    assert!(degrees == 30 && (reduced - 1.0).abs() < 4.0 * (2.0f64 / 30.0).sqrt(), "{reduced} {degrees}");
 }
 
 #[test]
