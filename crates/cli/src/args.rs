@@ -274,6 +274,8 @@ pub enum LensVerb {
     Build(Build),
     /// A better lens: variables and wishes from a merit file, damped least squares, a global search.
     Optimise(Optimise),
+    /// A prescription matched to a real lens: scale, aperture, focus, decentre fitted to distortion, vignetting, MTF, a calibration.
+    Fit(FitLens),
     /// Any lens file as TOML, Zemax or CODE V file.
     Convert {
         /// Lens file (.dat, .zmx, .seq, .len, .json, .toml) or the name of an embedded lens.
@@ -319,6 +321,21 @@ pub struct Optimise {
     #[arg(long, value_name = "N")]
     pub seed: Option<u64>,
     /// Lens file to write (.toml).
+    #[arg(short, long, value_name = "FILE")]
+    pub output: Option<PathBuf>,
+}
+
+#[derive(clap::Args, Debug)]
+pub struct FitLens {
+    /// File of measurements (.toml): [distortion], [vignetting], [mtf], [calibration], and what of the lens is free ([[variable]]).
+    pub measured: PathBuf,
+    /// The prescription to start from, instead of the one the file names: a name from `lens list`, or a file.
+    #[arg(long, value_name = "NAME|FILE")]
+    pub lens: Option<String>,
+    /// Most steps of the damped least squares from each start.
+    #[arg(long, value_name = "N", default_value_t = 100)]
+    pub iterations: usize,
+    /// Lens file to write (.toml); what is no part of it (f-number, film) is printed as flags of `shoot`.
     #[arg(short, long, value_name = "FILE")]
     pub output: Option<PathBuf>,
 }

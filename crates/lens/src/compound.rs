@@ -822,7 +822,7 @@ pub fn zoom_position(p: &Prescription, focal_length: Option<f64>) -> Result<f64,
 
 /// Smallest f-number at which an axial beam from infinity passes every rim, not smaller than the prescription states; and whether it is the
 /// rims that set it.
-fn widest_f_number(p: &Prescription, system: &System, efl: f64) -> Option<(f64, bool)> {
+pub(crate) fn widest_f_number(p: &Prescription, system: &System, efl: f64) -> Option<(f64, bool)> {
     let radius = axial_beam::widest_radius(system, &system.indices(REFERENCE_NM), efl)?;
     let rims = efl.abs() / (2.0 * radius);
     // Zooms state the f-number of one end: the other is as its rims say.
@@ -831,12 +831,12 @@ fn widest_f_number(p: &Prescription, system: &System, efl: f64) -> Option<(f64, 
 }
 
 /// Radius at the stop of the real axial beam of an f-number.
-fn stop_radius(system: &System, efl: f64, f_number: f64) -> Option<f64> {
+pub(crate) fn stop_radius(system: &System, efl: f64, f_number: f64) -> Option<f64> {
     axial_beam::stop_radius(system, &system.indices(REFERENCE_NM), efl, 0.5 * efl.abs() / f_number)
 }
 
 /// The opening of a stop: blades that are drawn back behind its rim leave a round hole.
-fn opening(shape: Iris, radius: f64, rim: f64) -> crate::system::StopOpening {
+pub(crate) fn opening(shape: Iris, radius: f64, rim: f64) -> crate::system::StopOpening {
     let Iris::Blades(b) = &shape else { return crate::system::StopOpening { shape, radius } };
     // Area of polygon ∩ rim for a polygon of equal-area radius r.
     let area = |r: f64| {

@@ -71,6 +71,7 @@ pub fn run(verb: &LensVerb, json: bool) -> anyhow::Result<()> {
         LensVerb::Calibrate(asked) => super::calibrate::run(asked, json),
         LensVerb::Tolerance(asked) => super::tolerance::run(asked, json),
         LensVerb::Optimise(asked) => super::optimise::run(asked, json),
+        LensVerb::Fit(asked) => super::fit::run(asked, json),
         LensVerb::Build(asked) => super::tolerance::build(asked, json),
         LensVerb::Convert { lens, output } => {
             // A name of an embedded lens is no file here.

@@ -8,6 +8,7 @@ pub mod denoise;
 pub mod develop;
 pub mod events;
 pub mod expose;
+pub mod fit;
 pub mod lens;
 pub mod lesson;
 mod light;

@@ -15,6 +15,7 @@ pub mod observe;
 pub mod opencv;
 pub mod pose;
 pub mod ray_table;
+pub mod seen_fields;
 pub mod st_map;
 mod yaml;
 

@@ -64,6 +64,10 @@ pub(super) fn jacobian(problem: &impl Residuals, x: &[f64], here: &[f64]) -> Vec
     (0..x.len())
         .map(|i| {
             let ([low, high], step) = (problem.bounds()[i], problem.steps()[i]);
+            // What is held by its bounds costs nothing.
+            if low == high {
+                return vec![0.0; here.len()];
+            }
             let at = |v: f64| {
                 let mut y = x.to_vec();
                 y[i] = v.clamp(low, high);

@@ -6,6 +6,7 @@
 //! the stop of each lens that is tried; rims do not clip meanwhile, and are made large enough at the end. Derivatives are central
 //! differences of the f64 packet trace. Light goes from the object to the film.
 
+pub mod fit;
 mod levenberg;
 mod sheet;
 
@@ -167,6 +168,20 @@ fn set_value(p: &mut Prescription, freedom: Freedom, value: f64) {
     }
 }
 
+/// The step of a variable that moves its surface at the rim by `sag` mm.
+fn step_of(lens: &Prescription, freedom: Freedom, sag: f64) -> f64 {
+    let reach = |s: usize| lens.surfaces[s].semi_diameter.unwrap_or(1.0).max(1e-3);
+    match freedom {
+        Freedom::Curvature { surface } => 2.0 * sag / reach(surface).powi(2),
+        Freedom::Gap { .. } | Freedom::Index { .. } => sag,
+        Freedom::Conic { surface } => {
+            let c = value_of(lens, Freedom::Curvature { surface });
+            (8.0 * sag / (c.abs().powi(3) * reach(surface).powi(4)).max(1e-12)).min(1e-3)
+        }
+        Freedom::Asphere { surface, power } => sag / reach(surface).powi(power as i32),
+    }
+}
+
 impl Optimisation {
     /// Checks a merit file against a lens and finds its beams. Fails on surfaces that are not there, bounds that the lens is not
     /// within, and fields without light.
@@ -214,20 +229,6 @@ impl Optimisation {
             .aim(&tracer, reference, Aim::Entrance)
             .and_then(|aimed| axis.heights(&tracer, aimed, reference))
             .map_or(0.0, |h| h[system.stop]);
-        // A step that moves the surface at its rim by SAG_STEP.
-        let step = |v: &Variable| {
-            let reach = |s: usize| lens.surfaces[s].semi_diameter.unwrap_or(1.0).max(1e-3);
-            match v.freedom {
-                Freedom::Curvature { surface } => 2.0 * SAG_STEP / reach(surface).powi(2),
-                Freedom::Gap { .. } => SAG_STEP,
-                Freedom::Conic { surface } => {
-                    let c = value_of(lens, Freedom::Curvature { surface });
-                    (8.0 * SAG_STEP / (c.abs().powi(3) * reach(surface).powi(4)).max(1e-12)).min(1e-3)
-                }
-                Freedom::Asphere { surface, power } => SAG_STEP / reach(surface).powi(power as i32),
-                Freedom::Index { .. } => SAG_STEP,
-            }
-        };
         let ideal_efl = operands.iter().find_map(|o| match (o.kind, o.wanted) {
             (OperandKind::Efl, Wanted::Target(t)) => Some(t),
             _ => None,
@@ -244,7 +245,7 @@ impl Optimisation {
             axis,
             entrance_pupil: sheet.entrance_pupil,
             bounds: variables.iter().map(|v| v.bounds).collect(),
-            steps: variables.iter().map(step).collect(),
+            steps: variables.iter().map(|v| step_of(lens, v.freedom, SAG_STEP)).collect(),
             variables,
             operands,
             stop_height,

@@ -90,11 +90,11 @@ struct File {
 
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
-struct VariableEntry {
-    surfaces: Surfaces,
-    what: String,
-    min: Option<f64>,
-    max: Option<f64>,
+pub(super) struct VariableEntry {
+    pub surfaces: Surfaces,
+    pub what: String,
+    pub min: Option<f64>,
+    pub max: Option<f64>,
 }
 
 #[derive(Clone, Debug, Deserialize)]
@@ -116,7 +116,7 @@ fn one() -> f64 {
 
 #[derive(Clone, Debug, Deserialize)]
 #[serde(untagged, expecting = "surfaces: expected \"all\", a number or a list of numbers")]
-enum Surfaces {
+pub(super) enum Surfaces {
     Word(String),
     One(usize),
     List(Vec<usize>),
@@ -446,7 +446,7 @@ impl MeritSheet {
 }
 
 /// Surfaces (0 the first), and whether they were named by their numbers.
-fn surfaces_of(which: &Surfaces, p: &Prescription) -> Result<(Vec<usize>, bool), String> {
+pub(super) fn surfaces_of(which: &Surfaces, p: &Prescription) -> Result<(Vec<usize>, bool), String> {
     let count = p.surfaces.len();
     let number = |n: &usize| match (1..=count).contains(n) {
         true => Ok(n - 1),
@@ -461,7 +461,7 @@ fn surfaces_of(which: &Surfaces, p: &Prescription) -> Result<(Vec<usize>, bool),
 }
 
 /// A variable of a surface; `None` where "all" means surfaces that do not have it.
-fn variable(entry: &VariableEntry, i: usize, named: bool, p: &Prescription) -> Result<Option<Variable>, String> {
+pub(super) fn variable(entry: &VariableEntry, i: usize, named: bool, p: &Prescription) -> Result<Option<Variable>, String> {
     let s = &p.surfaces[i];
     let air = |gap: usize| gap == 0 || p.surfaces[gap - 1].glass == crate::glass::Glass::air();
     let acts = s.mirror || !(air(i) && air(i + 1));

@@ -8,6 +8,7 @@ mod check;
 mod coatings;
 mod hood;
 mod phases;
+mod scale;
 mod sheet;
 
 pub use coatings::coating_named;
