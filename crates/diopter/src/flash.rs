@@ -101,6 +101,11 @@ impl Flash {
         }
     }
 
+    /// Its light before it fires: none at any moment.
+    pub(crate) fn unfired(&self) -> Modulation {
+        Modulation::Pulse { start_s: f64::NEG_INFINITY, length_s: self.pulse_s, energy: 1.0 }
+    }
+
     /// Puts it into a scene that is not built yet: a panel on a free node, dark until [`Flash::moment`] is told.
     pub fn put_into(&self, d: &mut Description) {
         let area = HEAD_M[0] * HEAD_M[1];
@@ -111,7 +116,7 @@ impl Flash {
             radiance: EmissionColor::Constant(radiance),
             two_sided: false,
             is_light: true,
-            modulation: Modulation::Pulse { start_s: f64::NEG_INFINITY, length_s: self.pulse_s, energy: 1.0 },
+            modulation: self.unfired(),
         };
         d.materials.push(Material { emission: Some(emission), ..Material::new(NAME, Scattering::Black) });
         d.nodes.push(Node { free: true, ..Node::new(NAME) });

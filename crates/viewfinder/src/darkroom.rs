@@ -1,9 +1,11 @@
 //! Pictures that are taken in full: a queue, a thread that works through it, and the film strip with the files of what was taken.
 //!
 //! A picture is what `diopter shoot` makes of the same shot file, all three files of it (JPEG, DNG, EXR): its own shot file lies beside them. The files lie in a
-//! temporary folder that goes away with the program.
+//! temporary folder that goes away with the program. The pictures of a series are queued one by one; the first of them that is taken settles what all of them are,
+//! and the scene stays built from one to the next.
 
 use crate::protocol::Problem;
+use crate::series::{Frame, Series};
 use crate::session::lock;
 use diopter::develop::{Developer, Recipe};
 use diopter::expose::{ExposeError, Watch};
@@ -18,7 +20,7 @@ use std::io::{BufWriter, Write};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
-use std::sync::{Arc, Condvar, Mutex, PoisonError};
+use std::sync::{Arc, Condvar, Mutex, OnceLock, PoisonError};
 use std::time::Instant;
 use tempfile::TempDir;
 
@@ -57,10 +59,42 @@ struct Inside {
 struct Waiting {
     id: u64,
     shot: ShotFile,
+    part: Option<Part>,
+}
+
+/// A picture's place in its series.
+#[derive(Clone)]
+struct Part {
+    of: Arc<Queued>,
+    /// Counts from 0.
+    number: usize,
+}
+
+/// A series that was asked for.
+struct Queued {
+    /// The number of its first picture.
+    id: u64,
+    series: Series,
+    /// Its shots, once the first has been metered.
+    frames: OnceLock<Vec<Frame>>,
+}
+
+impl Part {
+    /// The picture's own shot, once it is known.
+    fn frame(&self) -> Option<&Frame> {
+        self.of.frames.get()?.get(self.number)
+    }
+
+    /// For pages.
+    fn told(&self) -> Value {
+        let differs = self.frame().map(|f| f.differs);
+        json!({ "id": self.of.id, "number": self.number + 1, "of": self.of.series.count(), "differs": differs })
+    }
 }
 
 struct Working {
     id: u64,
+    part: Option<Part>,
     what: &'static str,
     /// Of the exposure.
     begun: Option<Instant>,
@@ -70,6 +104,7 @@ struct Working {
 /// A picture that was taken.
 struct Taken {
     id: u64,
+    part: Option<Part>,
     size: [usize; 2],
     facts: ExposureFacts,
     seconds: f64,
@@ -88,24 +123,26 @@ impl Darkroom {
         })
     }
 
-    /// Queues a picture; answers with its number.
-    pub fn queue(&self, shot: ShotFile) -> Result<u64, Problem> {
+    /// Queues a picture, or all of a series; answers with the number of the first. A series that has no room is not begun.
+    pub fn queue(&self, shot: ShotFile, series: Option<Series>) -> Result<u64, Problem> {
+        let count = series.as_ref().map_or(1, Series::count);
         let mut inside = lock(&self.inside);
-        if inside.waiting.len() >= MOST_WAITING {
-            return Err(Problem::new(
-                "shoot",
-                format!("{MOST_WAITING} pictures that wait"),
-                "fewer: some time, or some cancelled",
-            ));
+        inside.check_room(count)?;
+        let first = inside.last + 1;
+        let of = series.map(|series| Arc::new(Queued { id: first, series, frames: OnceLock::new() }));
+        for number in 0..count {
+            inside.last += 1;
+            let part = of.as_ref().map(|of| Part { of: of.clone(), number });
+            let id = inside.last;
+            inside.waiting.push_back(Waiting { id, shot: shot.clone(), part });
         }
-        if inside.taken.len() >= MOST_TAKEN {
-            return Err(Problem::new("shoot", format!("{MOST_TAKEN} pictures on the film"), "fewer: some thrown away"));
-        }
-        inside.last += 1;
-        let id = inside.last;
-        inside.waiting.push_back(Waiting { id, shot });
         self.queued.notify_all();
-        Ok(id)
+        Ok(first)
+    }
+
+    /// Fails where so many pictures more would be too many.
+    pub fn check_room(&self, count: usize) -> Result<(), Problem> {
+        lock(&self.inside).check_room(count)
     }
 
     /// Stops a picture that waits or is being taken.
@@ -113,6 +150,16 @@ impl Darkroom {
         let mut inside = lock(&self.inside);
         inside.waiting.retain(|w| w.id != id);
         if let Some(working) = inside.working.as_ref().filter(|w| w.id == id) {
+            working.cancel.store(true, Ordering::Relaxed);
+        }
+    }
+
+    /// Stops all pictures of a series that wait or are being taken.
+    pub fn cancel_series(&self, id: u64) {
+        let mut inside = lock(&self.inside);
+        let belongs = |part: &Option<Part>| part.as_ref().is_some_and(|p| p.of.id == id);
+        inside.waiting.retain(|w| !belongs(&w.part));
+        if let Some(working) = inside.working.as_ref().filter(|w| belongs(&w.part)) {
             working.cancel.store(true, Ordering::Relaxed);
         }
     }
@@ -153,15 +200,20 @@ impl Darkroom {
             let done = self.progress.load(Ordering::Relaxed) as f64 / 1e6;
             let spent = w.begun.map(|b| b.elapsed().as_secs_f64());
             let left = spent.filter(|_| done > 0.01).map(|s| s * (1.0 - done) / done);
-            queue.push(json!({ "id": w.id, "what": w.what, "done": done, "left_s": left }));
+            queue.push(
+                json!({ "id": w.id, "what": w.what, "done": done, "left_s": left, "series": w.part.as_ref().map(Part::told) }),
+            );
         }
-        queue.extend(inside.waiting.iter().map(|w| json!({ "id": w.id, "what": "waiting", "done": 0 })));
+        let waiting =
+            |w: &Waiting| json!({ "id": w.id, "what": "waiting", "done": 0, "series": w.part.as_ref().map(Part::told) });
+        queue.extend(inside.waiting.iter().map(waiting));
         let film: Vec<Value> = inside
             .taken
             .iter()
             .map(|t| {
                 let command = format!("diopter shoot {}", name(t.id, "toml"));
-                json!({ "id": t.id, "size": t.size, "facts": t.facts, "seconds": t.seconds, "name": name(t.id, ""), "command": command })
+                json!({ "id": t.id, "size": t.size, "facts": t.facts, "seconds": t.seconds, "name": name(t.id, ""), "command": command,
+                    "series": t.part.as_ref().map(Part::told) })
             })
             .collect();
         let failed = inside.failed.as_ref().map(|(id, problem)| json!({ "id": id, "problem": problem }));
@@ -181,6 +233,8 @@ impl Darkroom {
 
     /// Works through the queue until everything ends; `changed` is called whenever something has.
     pub fn run(&self, changed: &(dyn Fn() + Sync)) {
+        // The shot of the series under way with its number.
+        let mut kept: Option<(u64, Shot)> = None;
         loop {
             let mut inside = lock(&self.inside);
             let next = loop {
@@ -190,24 +244,35 @@ impl Darkroom {
                 if let Some(next) = inside.waiting.pop_front() {
                     break next;
                 }
+                kept = None;
                 inside = self.queued.wait(inside).unwrap_or_else(PoisonError::into_inner);
             };
             let cancel = Arc::new(AtomicBool::new(false));
             self.progress.store(0, Ordering::Relaxed);
-            inside.working = Some(Working { id: next.id, what: "preparing", begun: None, cancel: cancel.clone() });
+            let part = next.part.clone();
+            inside.working =
+                Some(Working { id: next.id, part: part.clone(), what: "preparing", begun: None, cancel: cancel.clone() });
             drop(inside);
             changed();
             let begun = Instant::now();
-            let result = catch_unwind(AssertUnwindSafe(|| self.take(&next, &cancel, changed)));
+            let before = kept.take().filter(|(of, _)| part.as_ref().is_some_and(|p| p.of.id == *of)).map(|k| k.1);
+            let result = catch_unwind(AssertUnwindSafe(|| self.take(&next, before, &cancel, changed)));
             let mut inside = lock(&self.inside);
             inside.working = None;
             match result {
-                Ok(Ok((size, facts))) => {
+                Ok(Ok((size, facts, shot))) => {
                     let facts = ExposureFacts { lens_profile: None, light_field: None, ..facts };
-                    inside.taken.push(Taken { id: next.id, size, facts, seconds: begun.elapsed().as_secs_f64() });
+                    kept = part.as_ref().map(|p| (p.of.id, shot));
+                    inside.taken.push(Taken { id: next.id, part, size, facts, seconds: begun.elapsed().as_secs_f64() });
                 }
                 Ok(Err(None)) => {}
-                Ok(Err(Some(problem))) => inside.failed = Some((next.id, problem)),
+                Ok(Err(Some(problem))) => {
+                    // A series of which nothing could be settled fails as a whole.
+                    if let Some(part) = part.filter(|p| p.of.frames.get().is_none()) {
+                        inside.waiting.retain(|w| w.part.as_ref().is_none_or(|p| p.of.id != part.of.id));
+                    }
+                    inside.failed = Some((next.id, problem));
+                }
                 Err(_) => {
                     let problem =
                         Problem { message: "this picture made the program fail: please report it".into(), ..Default::default() };
@@ -232,27 +297,44 @@ impl Darkroom {
         }
     }
 
-    /// Takes a picture as `diopter shoot` does, with all its files; no problem is named where it was cancelled.
+    /// Takes a picture as `diopter shoot` does, with all its files; no problem is named where it was cancelled. `before`: the shot of the picture before in
+    /// the same series. The picture's own is handed back.
     fn take(
         &self,
         next: &Waiting,
+        before: Option<Shot>,
         cancel: &AtomicBool,
         changed: &(dyn Fn() + Sync),
-    ) -> Result<([usize; 2], ExposureFacts), Option<Problem>> {
-        let failed = |e: ShotError| match e {
-            ShotError::Expose(ExposeError::Cancelled) => None,
-            other => Some(Problem::from(other)),
-        };
+    ) -> Result<([usize; 2], ExposureFacts, Shot), Option<Problem>> {
         let unwritten = |e: ImageError| Some(Problem { message: e.to_string(), ..Default::default() });
         let room = self.room(next.id);
         std::fs::create_dir_all(&room).map_err(|e| unwritten(e.into()))?;
+        let mut quiet = |_: &str| ();
         let mut file = next.shot.clone();
         file.sequence = Default::default();
-        file.output.files = ["jpg", "dng", "exr"].map(|ending| PathBuf::from(name(next.id, ending))).to_vec();
         // What the command line does where raw files are written beside pictures.
         file.render.fireflies.get_or_insert(FireflyChoice::Keep);
-        let mut quiet = |_: &str| ();
-        let mut shot = Shot::prepare(&file, &mut quiet).map_err(failed)?;
+        let mut shot = before;
+        if let Some(part) = &next.part {
+            if part.of.frames.get().is_none() {
+                let (settled, frames) = settle(&file, &part.of.series, cancel)?;
+                shot = Some(settled);
+                // Only this thread settles a series.
+                let _ = part.of.frames.set(frames);
+                changed();
+            }
+            if let Some(frame) = part.frame() {
+                file = frame.file.clone();
+            }
+        }
+        file.output.files = ["jpg", "dng", "exr"].map(|ending| PathBuf::from(name(next.id, ending))).to_vec();
+        let mut shot = match shot {
+            Some(mut shot) => {
+                shot.change_to(&file, &mut quiet).map_err(failed)?;
+                shot
+            }
+            None => Shot::prepare(&file, &mut quiet).map_err(failed)?,
+        };
         shot.denoise_pictures(true, &mut quiet).map_err(failed)?;
         let needed = shot.bytes_needed(Kept::ReadOut);
         if needed > MOST_BYTES {
@@ -297,8 +379,43 @@ impl Darkroom {
         if cancel.load(Ordering::Relaxed) {
             return Err(None);
         }
-        Ok((size, raw.header.facts.clone()))
+        Ok((size, raw.header.facts.clone(), shot))
     }
+}
+
+impl Inside {
+    fn check_room(&self, count: usize) -> Result<(), Problem> {
+        if self.waiting.len() + count > MOST_WAITING {
+            let found = format!("{} pictures that would wait", self.waiting.len() + count);
+            return Err(Problem::new("shoot", found, format!("{MOST_WAITING} at most: some time, or some cancelled")));
+        }
+        if self.taken.len() + count > MOST_TAKEN {
+            let found = format!("{} pictures on the film", self.taken.len() + count);
+            return Err(Problem::new("shoot", found, format!("{MOST_TAKEN} at most: some thrown away")));
+        }
+        Ok(())
+    }
+}
+
+/// What is told of a picture that was not taken; nothing where it was cancelled.
+fn failed(e: ShotError) -> Option<Problem> {
+    match e {
+        ShotError::Expose(ExposeError::Cancelled) => None,
+        other => Some(Problem::from(other)),
+    }
+}
+
+/// Focuses and meters for a series: the shot, and those of all its pictures.
+fn settle(file: &ShotFile, series: &Series, cancel: &AtomicBool) -> Result<(Shot, Vec<Frame>), Option<Problem>> {
+    let mut quiet = |_: &str| ();
+    let watch = Watch { cancel, progress: &|_| () };
+    let mut shot = Shot::prepare(file, &mut quiet).map_err(failed)?;
+    shot.focus(&watch, &mut quiet).map_err(failed)?;
+    shot.meter(&watch, &mut quiet).map_err(failed)?;
+    let mut settled = file.clone();
+    shot.settle(&mut settled);
+    let frames = series.frames(&mut shot, &settled)?;
+    Ok((shot, frames))
 }
 
 /// Writes a picture into a file.
@@ -319,86 +436,4 @@ fn name(id: u64, ending: &str) -> String {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use diopter::denoising::Denoise;
-    use diopter::quantity::Size;
-    use std::time::Duration;
-
-    fn small() -> ShotFile {
-        let mut shot = ShotFile::default();
-        shot.scene.file = Some("color-chart".into());
-        shot.render.size = Some(Size { width: 48, height: 32 });
-        (shot.render.spp, shot.render.denoise) = (Some(2), Some(Denoise::Off));
-        shot
-    }
-
-    fn until(what: &str, is: impl Fn() -> bool) {
-        let begun = Instant::now();
-        while !is() {
-            assert!(begun.elapsed() < Duration::from_secs(60), "{what}");
-            std::thread::sleep(Duration::from_millis(5));
-        }
-    }
-
-    #[test]
-    fn a_picture_and_the_shot_file_that_repeats_it() {
-        let darkroom = Darkroom::new(|| "2026:01:01 00:00:00".into()).unwrap();
-        std::thread::scope(|scope| {
-            scope.spawn(|| darkroom.run(&|| ()));
-            let id = darkroom.queue(small()).unwrap();
-            until("the picture", || darkroom.file(id, "dng").is_some());
-            let read = |ending: &str| std::fs::read(darkroom.file(id, ending).unwrap()).unwrap();
-            let raw = diopter::image::dng::read(std::io::Cursor::new(read("dng"))).unwrap();
-            assert_eq!(raw.header.facts.date.as_deref(), Some("2026:01:01 00:00:00"));
-            // Taken again from its shot file it is the same, number by number.
-            let again = ShotFile::read(&darkroom.file(id, "toml").unwrap()).unwrap();
-            let mut shot = Shot::prepare(&again, &mut |_| ()).unwrap();
-            let go_on = AtomicBool::new(false);
-            let watch = Watch { cancel: &go_on, progress: &|_| () };
-            shot.focus(&watch, &mut |_| ()).unwrap();
-            shot.meter(&watch, &mut |_| ()).unwrap();
-            let plane = shot.expose(&watch).unwrap();
-            assert!(shot.read_out(&plane).unwrap().mosaic == raw.mosaic);
-            assert!(read("jpg").starts_with(&[0xff, 0xd8]) && read("thumbnail.jpg").starts_with(&[0xff, 0xd8]));
-            assert!(read("exr").starts_with(&[0x76, 0x2f, 0x31, 0x01]));
-            for wrong in ["../1/photo-0001.dng", "txt", ""] {
-                assert!(darkroom.file(id, wrong).is_none());
-            }
-            darkroom.discard(id);
-            assert!(darkroom.file(id, "dng").is_none() && std::fs::read_dir(darkroom.folder.path()).unwrap().next().is_none());
-            darkroom.end();
-        });
-    }
-
-    #[test]
-    fn pictures_are_cancelled_and_failures_are_told() {
-        let darkroom = Darkroom::new(String::new).unwrap();
-        std::thread::scope(|scope| {
-            scope.spawn(|| darkroom.run(&|| ()));
-            let mut long = small();
-            long.render.spp = Some(1 << 20);
-            let id = darkroom.queue(long).unwrap();
-            let waiting = darkroom.queue(small()).unwrap();
-            until("exposing", || darkroom.told().0["jobs"][0]["what"] == "exposing");
-            darkroom.cancel(waiting);
-            darkroom.cancel(id);
-            until("the end", || darkroom.told().0["jobs"].as_array().unwrap().is_empty());
-            assert!(darkroom.told().1.as_array().unwrap().is_empty());
-            let mut wrong = small();
-            wrong.camera.lens = Some("planr".into());
-            darkroom.queue(wrong).unwrap();
-            until("the failure", || darkroom.told().0["failed"]["problem"]["place"] == "lens");
-            darkroom.end();
-        });
-    }
-
-    #[test]
-    fn the_queue_is_bounded() {
-        let darkroom = Darkroom::new(String::new).unwrap();
-        for _ in 0..MOST_WAITING {
-            darkroom.queue(small()).unwrap();
-        }
-        assert!(darkroom.queue(small()).is_err());
-    }
-}
+mod tests;

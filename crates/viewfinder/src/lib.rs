@@ -13,11 +13,14 @@ mod engine;
 mod folders;
 mod frame;
 mod guard;
+mod point_image;
 mod pointer;
 mod pose;
 mod protocol;
+mod series;
 mod server;
 mod session;
+mod timer;
 
 use darkroom::Darkroom;
 use diopter::shot::{ShotError, ShotFile};
@@ -91,6 +94,7 @@ pub fn serve(options: &Options, ready: impl FnOnce(&str), warn: &mut dyn FnMut(&
                 let mut told = std::time::Instant::now();
                 while !options.stop.load(Ordering::Relaxed) {
                     tokio::time::sleep(TICK).await;
+                    session.tick(std::time::Instant::now());
                     if told.elapsed() >= PROGRESS && session.darkroom.works() {
                         told = std::time::Instant::now();
                         session.publish();

@@ -17,13 +17,12 @@ pub fn numbers(live: &Live, place: [f64; 2]) -> Value {
     let h = &live.raw.header;
     let (column, row) = (x.min(live.raw.mosaic.width - 1), y.min(live.raw.mosaic.height - 1));
     let dn = live.raw.mosaic.data[row * live.raw.mosaic.width + column];
-    let depth = live.plane.truth.depth().pixel(x, y)[0];
     let film = film_point(live, place);
     json!({
         "kind": "probe", "at": place, "pixel": [x, y], "size": [live.plane.width(), live.plane.height()],
         "electrons": electrons, "dn": dn, "channel": h.cfa.filter_at(column, row).letter(),
         "black": h.black_level, "white": h.white_level, "saturated": f64::from(dn) >= h.white_level,
-        "depth_m": depth.is_finite().then_some(depth), "ev100": ev100(live, [x, y]), "field_deg": field_deg(live, film),
+        "depth_m": depth_m(live, place), "ev100": ev100(live, [x, y]), "field_deg": field_deg(live, film),
         "film_mm": film.to_array(),
     })
 }
@@ -47,8 +46,15 @@ fn ev100(live: &Live, [x, y]: [usize; 2]) -> Option<f64> {
     (light > 0.0).then(|| live.setting_ev100 + (light / GREY).log2())
 }
 
+/// Distance of what the picture shows at a place along the camera's axis, m; `None` where there is nothing.
+pub fn depth_m(live: &Live, place: [f64; 2]) -> Option<f64> {
+    let (x, y) = at(&live.plane.mean, place);
+    let depth = f64::from(live.plane.truth.depth().pixel(x, y)[0]);
+    depth.is_finite().then_some(depth)
+}
+
 /// The place of the film, mm to the right and up as the picture shows it.
-fn film_point(live: &Live, [x, y]: [f64; 2]) -> DVec2 {
+pub fn film_point(live: &Live, [x, y]: [f64; 2]) -> DVec2 {
     DVec2::new((x - 0.5) * live.film_mm[0], (0.5 - y) * live.film_mm[1])
 }
 

@@ -4,6 +4,8 @@
 //! (`frame`). A command changes the shot by a merge patch (RFC 7396) in the words of shot files, so that everything that a shot file can say can
 //! be set, and what is wrong is answered as on the command line.
 
+use crate::series::Series;
+use crate::timer;
 use diopter::shot::{ShotError, ShotFile};
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
@@ -40,11 +42,25 @@ pub enum Command {
         /// the logarithm of the distance.
         by: [f64; 2],
     },
-    /// Take the picture.
-    Shoot {},
+    /// Take the picture, or a series of them.
+    Shoot {
+        /// Left out: a single picture.
+        #[serde(default)]
+        series: Option<Series>,
+        /// Seconds of the self-timer; left out: at once.
+        #[serde(default)]
+        timer_s: Option<f64>,
+    },
+    /// Stop the self-timer.
+    CancelTimer {},
     /// Stop a picture that waits or is being taken.
     Cancel {
         /// Its number.
+        id: u64,
+    },
+    /// Stop all pictures of a series that wait or are being taken.
+    CancelSeries {
+        /// The number of the series.
         id: u64,
     },
     /// Throw away a picture that was taken.
@@ -135,6 +151,10 @@ pub fn parse(text: &str) -> Result<Command, Problem> {
             format!("by {},{}", by[0], by[1]),
             format!("numbers from -{LARGEST_MOVE} to {LARGEST_MOVE}"),
         ));
+    }
+    if let Command::Shoot { series, timer_s } = &command {
+        series.as_ref().map_or(Ok(()), Series::check)?;
+        timer_s.map_or(Ok(()), timer::check)?;
     }
     Ok(command)
 }
@@ -277,6 +297,20 @@ mod tests {
             "{\"do\": \"probe\", \"at\": [0.5, 0.5], \"more\": 1}",
             "{\"do\": \"move\", \"how\": \"orbit\", \"by\": [1e9, 0]}",
             "{\"do\": \"move\", \"how\": \"jump\", \"by\": [0, 0]}",
+            "{\"do\": \"shoot\", \"series\": 3}",
+            "{\"do\": \"shoot\", \"series\": {\"count\": 3}}",
+            "{\"do\": \"shoot\", \"series\": {\"kind\": \"burst\", \"count\": 3}}",
+            "{\"do\": \"shoot\", \"series\": {\"kind\": \"bracket\", \"count\": 3}}",
+            "{\"do\": \"shoot\", \"series\": {\"kind\": \"bracket\", \"count\": -3, \"step_ev\": 1}}",
+            "{\"do\": \"shoot\", \"series\": {\"kind\": \"bracket\", \"count\": 1, \"step_ev\": 1}}",
+            "{\"do\": \"shoot\", \"series\": {\"kind\": \"bracket\", \"count\": 3, \"step_ev\": 0}}",
+            "{\"do\": \"shoot\", \"series\": {\"kind\": \"bracket\", \"count\": 3, \"step_ev\": 1, \"near_m\": 1}}",
+            "{\"do\": \"shoot\", \"series\": {\"kind\": \"focus\", \"count\": 3, \"near_m\": 2, \"far_m\": 1}}",
+            "{\"do\": \"shoot\", \"timer_s\": 0}",
+            "{\"do\": \"shoot\", \"timer_s\": 1e9}",
+            "{\"do\": \"shoot\", \"timer_s\": \"soon\"}",
+            "{\"do\": \"cancel-series\"}",
+            "{\"do\": \"cancel-timer\", \"id\": 1}",
             "\u{0}\u{1}",
         ] {
             let problem = parse(text).unwrap_err();
@@ -286,7 +320,15 @@ mod tests {
         assert!(parse(&"[".repeat(10_000)).is_err());
         let long = parse(&"ä".repeat(1000)).unwrap_err();
         assert!(long.found.is_some_and(|f| f.chars().count() < 90));
-        assert_eq!(parse("{\"do\": \"shoot\"}"), Ok(Command::Shoot {}));
+        assert_eq!(parse("{\"do\": \"shoot\"}"), Ok(Command::Shoot { series: None, timer_s: None }));
+        let bracket =
+            parse("{\"do\": \"shoot\", \"series\": {\"kind\": \"bracket\", \"count\": 3, \"step_ev\": 1}, \"timer_s\": 2}");
+        let series = Some(Series::Bracket { count: 3, step_ev: 1.0 });
+        assert_eq!(bracket, Ok(Command::Shoot { series, timer_s: Some(2.0) }));
+        let stack =
+            parse("{\"do\": \"shoot\", \"series\": {\"kind\": \"focus\", \"count\": 5, \"near_m\": 0.5, \"far_m\": null}}");
+        let series = Some(Series::Focus { count: 5, near_m: 0.5, far_m: None });
+        assert_eq!(stack, Ok(Command::Shoot { series, timer_s: None }));
         let moved = parse("{\"do\": \"move\", \"how\": \"dolly\", \"by\": [0, -0.1]}");
         assert_eq!(moved, Ok(Command::Move { how: Motion::Dolly, by: [0.0, -0.1] }));
     }

@@ -3,6 +3,7 @@
 use crate::catalog;
 use crate::frame::Frame;
 use crate::guard::{Guard, Rate};
+use crate::point_image::{Of, PointImages};
 use crate::pointer;
 use crate::protocol::{self, Command, LARGEST_MESSAGE, Problem};
 use crate::session::{Session, lock};
@@ -35,13 +36,15 @@ const MOST_TOO_MANY: u32 = 20_000;
 const GONE: Duration = Duration::from_secs(20);
 
 /// The files of the page.
-const FILES: [(&str, &str, &str); 9] = [
+const FILES: [(&str, &str, &str); 11] = [
     ("index.html", "text/html; charset=utf-8", include_str!("../web/index.html")),
     ("style.css", "text/css; charset=utf-8", include_str!("../web/style.css")),
     ("app.js", "text/javascript; charset=utf-8", include_str!("../web/app.js")),
     ("link.js", "text/javascript; charset=utf-8", include_str!("../web/link.js")),
     ("finder.js", "text/javascript; charset=utf-8", include_str!("../web/finder.js")),
     ("dials.js", "text/javascript; charset=utf-8", include_str!("../web/dials.js")),
+    ("drive.js", "text/javascript; charset=utf-8", include_str!("../web/drive.js")),
+    ("point.js", "text/javascript; charset=utf-8", include_str!("../web/point.js")),
     ("panels.js", "text/javascript; charset=utf-8", include_str!("../web/panels.js")),
     ("texts.js", "text/javascript; charset=utf-8", include_str!("../web/texts.js")),
     ("icon.svg", "image/svg+xml", include_str!("../web/icon.svg")),
@@ -56,6 +59,7 @@ struct Server {
     session: Arc<Session>,
     guard: Guard,
     pages: AtomicUsize,
+    point_images: Arc<PointImages>,
     ending: watch::Receiver<bool>,
 }
 
@@ -67,12 +71,13 @@ pub async fn serve(
     ending: watch::Receiver<bool>,
 ) -> std::io::Result<()> {
     let mut ends = ending.clone();
-    let server = Arc::new(Server { session, guard, pages: AtomicUsize::new(0), ending });
+    let server = Arc::new(Server { session, guard, pages: AtomicUsize::new(0), point_images: Arc::default(), ending });
     let router = Router::new()
         .route("/", get(index))
         .route("/ws", get(socket))
         .route("/api/catalog", get(catalog_json))
         .route("/api/lens.svg", get(lens_drawing))
+        .route("/api/point.json", get(point_json))
         .route("/film/{id}/{file}", get(film))
         .route("/{file}", get(page_file))
         .layer(middleware::from_fn_with_state(server.clone(), guarded))
@@ -201,10 +206,7 @@ async fn lens_drawing(State(server): State<Arc<Server>>, RawQuery(query): RawQue
             None => StatusCode::INTERNAL_SERVER_ERROR.into_response(),
         };
     }
-    let place = parameter(query.as_deref(), "at").and_then(|p| {
-        let (x, y) = p.split_once(',')?;
-        Some([x.parse().ok()?, y.parse().ok()?]).filter(|p: &[f64; 2]| p.iter().all(|v| (0.0..=1.0).contains(v)))
-    });
+    let place = place_of(query.as_deref());
     let live = lock(&server.session.live).clone();
     let drawn = match live {
         Some(live) => apart(move || catalog::drawing(&live, place.and_then(|p| pointer::field_at(&live, p)))).await.flatten(),
@@ -213,6 +215,34 @@ async fn lens_drawing(State(server): State<Arc<Server>>, RawQuery(query): RawQue
     match drawn {
         Some(svg) => of_type("image/svg+xml", svg),
         None => text(StatusCode::NOT_FOUND, "this lens has no section\n"),
+    }
+}
+
+/// A place of the picture in an address: `at=X,Y`, 0 to 1 across and down.
+fn place_of(query: Option<&str>) -> Option<[f64; 2]> {
+    let (x, y) = parameter(query, "at")?.split_once(',')?;
+    Some([x.parse().ok()?, y.parse().ok()?]).filter(|p: &[f64; 2]| p.iter().all(|v| (0.0..=1.0).contains(v)))
+}
+
+/// `?at=X,Y`: MTF and spot of the latest frame's lens at a place of the picture, for a point in focus; `&of=subject` for one at the distance of what is there.
+async fn point_json(State(server): State<Arc<Server>>, RawQuery(query): RawQuery) -> Response {
+    let query = query.as_deref();
+    let of = match parameter(query, "of") {
+        None | Some("focus") => Some(Of::Focus),
+        Some("subject") => Some(Of::Subject),
+        Some(_) => None,
+    };
+    let (Some(place), Some(of)) = (place_of(query), of) else {
+        let expected = "at=X,Y with 0 to 1 across and down, and of=focus or of=subject";
+        return problem(StatusCode::BAD_REQUEST, &Problem::new("point", query.unwrap_or(""), expected));
+    };
+    let Some(live) = lock(&server.session.live).clone() else {
+        return text(StatusCode::NOT_FOUND, "there is no picture yet\n");
+    };
+    let images = server.point_images.clone();
+    match apart(move || serde_json::to_string(&images.at(&live, place, of))).await {
+        Some(Ok(json)) => of_type("application/json", json),
+        _ => StatusCode::INTERNAL_SERVER_ERROR.into_response(),
     }
 }
 
@@ -345,8 +375,14 @@ async fn obey(session: &Arc<Session>, text: &str, under_way: &mut Option<u64>) -
         Command::Focus { at } => session.focus(at)?,
         Command::White { at } => session.white(at)?,
         Command::Move { how, by } => session.move_camera(how, by)?,
-        Command::Shoot {} => {
-            session.shoot()?;
+        Command::Shoot { series, timer_s: None } => {
+            session.shoot(series)?;
+        }
+        Command::Shoot { series, timer_s: Some(seconds) } => session.shoot_after(seconds, series, Instant::now())?,
+        Command::CancelTimer {} => session.cancel_timer(),
+        Command::CancelSeries { id } => {
+            session.darkroom.cancel_series(id);
+            session.publish();
         }
         Command::Cancel { id } => {
             session.darkroom.cancel(id);

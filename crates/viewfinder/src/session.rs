@@ -6,11 +6,14 @@ use crate::folders::Folders;
 use crate::frame::Frame;
 use crate::pose::Pose;
 use crate::protocol::{Motion, Problem, patched, shot_as_json};
+use crate::series::Series;
+use crate::timer::{Tick, Timer};
 use diopter::quantity::FocusTo;
 use diopter::shot::ShotFile;
 use serde_json::{Value, json};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::time::Instant;
 use tokio::sync::watch;
 
 /// Half a side of the patch that a click takes for grey, a fraction of the picture.
@@ -54,6 +57,8 @@ struct CameraState {
     problem: Option<(u64, Problem)>,
     /// Numbers the problems, so that pages tell a new one from an old one.
     problems: u64,
+    /// The self-timer while it runs.
+    timer: Option<Timer>,
 }
 
 /// What preparing a shot has found out.
@@ -97,6 +102,7 @@ impl Session {
             busy: None,
             problem: None,
             problems: 0,
+            timer: None,
         };
         let session = Session {
             camera: Mutex::new(camera),
@@ -222,12 +228,59 @@ impl Session {
         })
     }
 
-    /// Queues the shot as it is.
-    pub fn shoot(&self) -> Result<u64, Problem> {
+    /// Queues the shot as it is, or a series of it; answers with the number of the first picture.
+    pub fn shoot(&self, series: Option<Series>) -> Result<u64, Problem> {
         let shot = lock(&self.camera).shot.clone();
-        let id = self.darkroom.queue(shot)?;
+        let id = self.darkroom.queue(shot, series)?;
         self.publish();
         Ok(id)
+    }
+
+    /// Starts the self-timer: the shot is taken as it is then. Fails while one runs, and where there is no room for the pictures.
+    pub fn shoot_after(&self, seconds: f64, series: Option<Series>, now: Instant) -> Result<(), Problem> {
+        self.darkroom.check_room(series.as_ref().map_or(1, Series::count))?;
+        let mut camera = lock(&self.camera);
+        if camera.timer.is_some() {
+            return Err(Problem::new("self-timer", "that runs", "one that is over, or cancelled"));
+        }
+        camera.timer = Some(Timer::new(seconds, series, now));
+        drop(camera);
+        self.publish();
+        Ok(())
+    }
+
+    /// Stops the self-timer.
+    pub fn cancel_timer(&self) {
+        lock(&self.camera).timer = None;
+        self.publish();
+    }
+
+    /// What the moment asks for: the next second of the self-timer is told, or its picture taken.
+    pub fn tick(&self, now: Instant) {
+        let mut camera = lock(&self.camera);
+        match camera.timer.as_mut().map_or(Tick::Same, |t| t.tick(now)) {
+            Tick::Same => {}
+            Tick::Second => {
+                drop(camera);
+                self.publish();
+            }
+            Tick::Due => {
+                let series = camera.timer.take().and_then(|t| t.series);
+                drop(camera);
+                if let Err(problem) = self.shoot(series) {
+                    self.tell(problem);
+                }
+            }
+        }
+    }
+
+    /// Tells all pages what cannot be; the shot stays.
+    fn tell(&self, problem: Problem) {
+        let mut camera = lock(&self.camera);
+        camera.problems += 1;
+        camera.problem = Some((camera.problems, problem));
+        drop(camera);
+        self.publish();
     }
 
     /// The engine has prepared a shot.
@@ -284,10 +337,12 @@ impl Session {
         let f = &camera.found;
         let pose = f.pose.map(|p| json!({ "eye": p.eye.to_array(), "target": p.target.to_array(), "up": p.up.to_array() }));
         let problem = camera.problem.as_ref().map(|(number, problem)| json!({ "number": number, "problem": problem }));
+        let timer = camera.timer.as_ref().map(Timer::told);
         let (queue, film) = self.darkroom.told();
         let state = json!({
             "kind": "state", "version": camera.version, "shot": shot_as_json(&camera.shot), "facts": f.facts, "pose": pose, "focus": f.focus,
             "warnings": f.warnings, "busy": camera.busy, "problem": problem, "queue": queue, "film": film,
+            "timer": timer,
         });
         // Under the lock, so that an older state never comes behind a newer one.
         self.state.send_replace(Arc::from(state.to_string()));
@@ -342,5 +397,35 @@ mod tests {
         assert!((eye - once).length() < 1e-4, "{eye} {once}");
         session.set(&json!({ "camera": { "path": [{ "time": 0, "look_from": [0, 0, 1] }] } })).unwrap();
         assert!(session.move_camera(Motion::Orbit, [0.1, 0.0]).is_err());
+    }
+
+    #[test]
+    fn the_self_timer_takes_what_is_set_when_it_is_over() {
+        let session = session();
+        let told = || serde_json::from_str::<Value>(&session.state.borrow().clone()).unwrap();
+        let begin = Instant::now();
+        let at = |ms: u64| begin + std::time::Duration::from_millis(ms);
+        session.shoot_after(2.0, None, begin).unwrap();
+        assert_eq!(told()["timer"]["left_s"], 2);
+        // One at a time.
+        assert!(session.shoot_after(2.0, None, begin).is_err());
+        session.tick(at(1100));
+        assert!(told()["timer"]["left_s"] == 1 && told()["queue"]["jobs"] == json!([]));
+        session.set(&json!({ "exposure": { "iso": 1600 } })).unwrap();
+        session.tick(at(2001));
+        assert!(told()["timer"].is_null() && told()["queue"]["jobs"][0]["what"] == "waiting", "{}", told());
+        // Cancelled, it takes nothing.
+        session.shoot_after(10.0, Some(Series::Bracket { count: 3, step_ev: 1.0 }), begin).unwrap();
+        session.cancel_timer();
+        session.tick(at(20_000));
+        assert!(told()["timer"].is_null() && told()["queue"]["jobs"].as_array().unwrap().len() == 1);
+        // What has no room is refused at once; what has none any more when it is over is told to all.
+        let all = Some(Series::Bracket { count: 36, step_ev: 1.0 });
+        assert!(session.shoot_after(2.0, all, begin).is_err());
+        session.darkroom.cancel(1);
+        session.shoot_after(2.0, all, begin).unwrap();
+        session.shoot(None).unwrap();
+        session.tick(at(3000));
+        assert_eq!(told()["problem"]["problem"]["place"], "shoot", "{}", told());
     }
 }

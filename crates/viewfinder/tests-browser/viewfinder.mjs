@@ -248,6 +248,154 @@ try {
     await page.keyboard.press("Escape");
   });
 
+  const films = () => page.evaluate(() => window.diopter.state.film.length);
+  const taken = (n) => page.waitForFunction((count) => window.diopter.state.film.length === count, n, { timeout: WAIT });
+
+  await test("the flash lights the picture, by its power", async () => {
+    await settled(page);
+    const before = await picture(page);
+    const flash = page.getByRole("button", { name: "Flash on the camera" });
+    await flash.click();
+    await page.waitForFunction(() => window.diopter.state.shot.flash?.guide_number === 40 && window.diopter.state.facts.exposure.flash, null, { timeout: WAIT });
+    await changed(page, before, "flash");
+    assert.equal(await flash.getAttribute("aria-pressed"), "true");
+    await settled(page);
+    const full = await picture(page);
+    await page.getByRole("slider", { name: "Flash power" }).focus();
+    for (const power of [0.5, 0.25, 0.125]) {
+      await page.keyboard.press("PageDown");
+      await page.waitForFunction((p) => Math.abs(window.diopter.state.shot.flash.power - p) < 1e-3, power, { timeout: WAIT });
+    }
+    assert.match(await page.getByRole("slider", { name: "Flash power" }).getAttribute("aria-valuetext"), /1\/8 \(−3\.0 EV\)/);
+    await changed(page, full, "flash power");
+    await page.getByLabel("Guide number").fill("20");
+    await page.getByLabel("Guide number").press("Enter");
+    await page.getByRole("combobox", { name: "Fires" }).selectOption("second");
+    await page.waitForFunction(() => window.diopter.state.shot.flash.guide_number === 20 && window.diopter.state.shot.flash.sync === "second", null, { timeout: WAIT });
+    await settled(page);
+    await flash.scrollIntoViewIfNeeded();
+    await shot(page, "flash");
+    await accessible(page, "flash");
+    // By its key, and with its settings when it comes back.
+    await page.locator(".stage").focus();
+    await page.keyboard.press("o");
+    await page.waitForFunction(() => !window.diopter.state.shot.flash, null, { timeout: WAIT });
+    await page.keyboard.press("o");
+    await page.waitForFunction(() => window.diopter.state.shot.flash?.guide_number === 20, null, { timeout: WAIT });
+    await page.keyboard.press("o");
+    await page.waitForFunction(() => !window.diopter.state.shot.flash, null, { timeout: WAIT });
+  });
+
+  await test("a bracket is three pictures on the film", async () => {
+    const before = await films();
+    await page.getByRole("combobox", { name: "Pictures" }).selectOption("bracket");
+    await page.getByRole("combobox", { name: "Step" }).selectOption({ label: "1 EV" });
+    await page.getByRole("button", { name: "Take a bracket of 3 pictures, 1 EV apart" }).click();
+    await taken(before + 3);
+    const series = await page.evaluate(() => window.diopter.state.film.slice(-3).map((p) => [p.series.number, Math.round(1000 * p.series.differs.ev) / 1000, p.command]));
+    assert.deepEqual(series.map((s) => s.slice(0, 2)), [[1, -1], [2, 0], [3, 1]]);
+    assert.equal(new Set(series.map((s) => s[2])).size, 3);
+    await page.getByRole("button", { name: /^Open photo-/ }).last().click();
+    await page.locator("dialog.viewer", { hasText: "3/3 +1.0 EV" }).waitFor({ timeout: WAIT });
+    await page.keyboard.press("Escape");
+    await shot(page, "bracket");
+    await accessible(page, "bracket");
+  });
+
+  await test("a focus stack goes from limit to limit, and is cancelled whole", async () => {
+    const before = await films();
+    await page.getByRole("combobox", { name: "Pictures" }).selectOption("focus");
+    await page.getByRole("combobox", { name: "How many" }).selectOption("3");
+    await page.getByRole("spinbutton", { name: "Near limit" }).fill("0.8");
+    await page.getByRole("spinbutton", { name: "Near limit" }).press("Enter");
+    await page.getByRole("spinbutton", { name: "Far limit" }).fill("2.4");
+    await page.getByRole("spinbutton", { name: "Far limit" }).press("Enter");
+    await accessible(page, "stack");
+    await page.getByRole("button", { name: "Take a focus stack of 3 pictures" }).click();
+    await taken(before + 3);
+    const distances = await page.evaluate(() => window.diopter.state.film.slice(-3).map((p) => p.facts.focus_distance_m));
+    for (const [i, m] of [0.8, 1.2, 2.4].entries()) assert.ok(Math.abs(distances[i] - m) < 1e-6, `${distances}`);
+    // Long enough to be caught.
+    await page.getByLabel("Samples a pixel").fill("4096");
+    await page.getByLabel("Samples a pixel").press("Enter");
+    await page.waitForFunction(() => window.diopter.state.shot.render.spp === 4096, null, { timeout: WAIT });
+    await page.getByRole("button", { name: "Take a focus stack of 3 pictures" }).click();
+    await page.getByRole("button", { name: "Cancel the series" }).click({ timeout: WAIT });
+    await page.waitForFunction(() => window.diopter.state.queue.jobs.length === 0, null, { timeout: WAIT });
+    assert.equal(await films(), before + 3);
+    await page.getByLabel("Samples a pixel").fill("4");
+    await page.getByLabel("Samples a pixel").press("Enter");
+    await page.waitForFunction(() => window.diopter.state.shot.render.spp === 4, null, { timeout: WAIT });
+    await page.getByRole("combobox", { name: "Pictures" }).selectOption("single");
+  });
+
+  await test("the self-timer counts down, aloud, and is cancelled", async () => {
+    const before = await films();
+    await page.getByRole("combobox", { name: "Self-timer" }).selectOption("10");
+    await page.getByRole("button", { name: "Take the picture, 10 s self-timer" }).click();
+    const counter = page.locator(".countdown");
+    await counter.waitFor({ state: "visible", timeout: WAIT });
+    await page.locator(".spoken", { hasText: "Self-timer: 10 seconds" }).waitFor({ state: "attached", timeout: WAIT });
+    assert.match(await counter.locator(".digits").textContent(), /^\d+$/);
+    await shot(page, "self-timer");
+    await accessible(page, "self-timer");
+    // However long that took, the next one is cancelled before it is over: by its own button.
+    await page.evaluate(() => {
+      window.diopter.link.send({ do: "cancel-timer" });
+      window.diopter.link.send({ do: "shoot", timer_s: 60 });
+    });
+    await page.waitForFunction(() => window.diopter.state.timer?.seconds === 60, null, { timeout: WAIT });
+    const all = () => page.evaluate(() => window.diopter.state.queue.jobs.length + window.diopter.state.film.length);
+    const known = await all();
+    assert.ok(known - before <= 1);
+    await counter.getByRole("button", { name: "Cancel the self-timer" }).click();
+    await counter.waitFor({ state: "hidden", timeout: WAIT });
+    assert.equal(await all(), known);
+    await page.locator(".spoken", { hasText: "Self-timer cancelled" }).waitFor({ state: "attached", timeout: WAIT });
+    // From the keyboard, to the end.
+    await page.locator(".stage").focus();
+    await page.keyboard.press("t");
+    await page.keyboard.press("t");
+    await page.keyboard.press("Enter");
+    await counter.waitFor({ state: "visible", timeout: WAIT });
+    await taken(known + 1);
+    await page.keyboard.press("t");
+    await page.keyboard.press("t");
+  });
+
+  await test("the image of a point under the pointer", async () => {
+    await page.getByRole("tab", { name: "Optics" }).click();
+    await settled(page);
+    const box = await page.locator(".stage").boundingBox();
+    const point = page.locator(".point");
+    const about = async (text) => point.locator("p", { hasText: text }).first().waitFor({ timeout: WAIT });
+    await page.mouse.move(box.x + box.width * 0.5, box.y + box.height * 0.5);
+    await about("At 50 %, 50 %");
+    assert.equal(await point.locator("tbody tr").count(), 4);
+    const contrast = () => point.locator("tbody td").allTextContents();
+    const middle = await contrast();
+    assert.ok(middle.length === 12 && middle.every((t) => /%$/.test(t)), `${middle}`);
+    assert.ok(await point.locator("svg .airy").count() === 1 && await point.locator("svg .rays").count() === 3);
+    // Without a pointer.
+    await page.getByRole("slider", { name: "Place across the picture" }).focus();
+    await page.keyboard.press("End");
+    await about("At 100 %, 50 %");
+    assert.notDeepEqual(await contrast(), middle);
+    await page.getByLabel("At the distance of what is there").check();
+    await page.waitForFunction(() => document.querySelector(".point").getAttribute("aria-busy") === "false", null, { timeout: WAIT });
+    await point.scrollIntoViewIfNeeded();
+    await shot(page, "point");
+    await accessible(page, "point");
+    // What has none says so.
+    await page.evaluate(() => window.diopter.link.set({ camera: { lens: "pinhole" } }));
+    await about("A pinhole has no image of a point");
+    await page.evaluate(() => window.diopter.link.set({ camera: { lens: "thin" } }));
+    await point.locator(".legend", { hasText: "Blur disk" }).waitFor({ timeout: WAIT });
+    await page.evaluate(() => window.diopter.link.set({ camera: { lens: "planar-50mm-f1.4" } }));
+    await page.waitForFunction(() => window.diopter.state.shot.camera.lens === "planar-50mm-f1.4", null, { timeout: WAIT });
+    await page.getByRole("tab", { name: "Camera" }).click();
+  });
+
   await test("a reload and a second tab see the same camera", async () => {
     await page.reload();
     await page.waitForFunction(() => window.diopter?.frames > 0, null, { timeout: WAIT });
@@ -260,6 +408,16 @@ try {
     await settled(second);
     await shot(second, "phone");
     await accessible(second, "phone");
+    const inside = (locator) => locator.evaluate((e) => e.scrollWidth <= e.clientWidth + 1 && e.getBoundingClientRect().right <= innerWidth + 1);
+    for (const group of await second.locator(".group").all()) assert.ok(await inside(group), "a group is wider than the phone");
+    await second.getByRole("button", { name: "Flash on the camera" }).scrollIntoViewIfNeeded();
+    await shot(second, "phone-flash");
+    await second.getByRole("tab", { name: "Optics" }).click();
+    await second.locator(".point tbody tr").first().waitFor({ timeout: WAIT });
+    await second.locator(".point .spot").scrollIntoViewIfNeeded();
+    await shot(second, "phone-point");
+    await accessible(second, "phone point");
+    await second.getByRole("tab", { name: "Camera" }).click();
     await second.close();
   });
 

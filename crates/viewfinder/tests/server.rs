@@ -322,6 +322,77 @@ fn a_picture_is_taken_and_fetched() {
 }
 
 #[test]
+fn a_series_is_taken_behind_the_self_timer() {
+    with_viewfinder(|at| {
+        let mut page = Page::open(at);
+        page.frame("the first", |_| true);
+        // Cancelled, it takes nothing.
+        page.send(json!({ "do": "shoot", "timer_s": 60 }));
+        page.until("the self-timer", |m| m["kind"] == "state" && m["timer"]["seconds"] == 60.0);
+        page.send(json!({ "do": "shoot", "timer_s": 2 }));
+        let problem = page.until("a problem", |m| m["kind"] == "problem");
+        assert_eq!(problem["problem"]["place"], "self-timer", "{problem}");
+        page.send(json!({ "do": "cancel-timer" }));
+        page.until("no self-timer", |m| m["kind"] == "state" && m["timer"].is_null());
+        let bracket = json!({ "kind": "bracket", "count": 3, "step_ev": 1 });
+        page.send(json!({ "do": "shoot", "series": bracket, "timer_s": 0.2 }));
+        let all = |m: &Value| m["kind"] == "state" && m["film"].as_array().is_some_and(|f| f.len() == 3);
+        let state = page.until("three pictures", all);
+        for (k, ev) in [-1.0, 0.0, 1.0].iter().enumerate() {
+            let differs = state["film"][k]["series"]["differs"]["ev"].as_f64().unwrap();
+            assert!((differs - ev).abs() < 1e-9 && state["film"][k]["id"] == k + 1, "{state}");
+        }
+        // What is wrong is answered, and queues nothing.
+        for series in [
+            json!({ "kind": "bracket", "count": 1, "step_ev": 1 }),
+            json!({ "kind": "focus", "count": 3, "near_m": 0 }),
+            json!("all"),
+        ] {
+            page.send(json!({ "do": "shoot", "series": series }));
+            page.until("a problem", |m| m["kind"] == "problem");
+        }
+        page.send(json!({ "do": "cancel-series", "id": 77 }));
+        page.send(json!({ "do": "discard", "id": 1 }));
+        let film = |m: &Value| m["kind"] == "state" && m["film"].as_array().is_some_and(|f| f.len() == 2);
+        let state = page.until("two pictures", film);
+        assert_eq!(state["queue"]["jobs"], json!([]));
+    });
+}
+
+#[test]
+fn the_image_of_a_point_is_told() {
+    with_viewfinder(|at| {
+        let (host, cookie) = (at.host(), at.cookie());
+        let mut page = Page::open(at);
+        page.frame("the first", |_| true);
+        page.send(
+            json!({ "do": "set", "shot": { "camera": { "lens": "tessar-50mm-f2.8" }, "exposure": { "aperture": "f/8" } } }),
+        );
+        page.until("the lens", |m| m["kind"] == "state" && m["facts"]["exposure"]["f_number"] == 8.0);
+        page.frame("its frame", |h| h["version"].as_u64() > Some(1));
+        let ask = |query: &str| {
+            let (status, _, body) = at.ask(&format!("GET /api/point.json{query}"), &[&host, &cookie]);
+            (status, serde_json::from_slice::<Value>(&body).unwrap_or_default())
+        };
+        let (status, image) = ask("?at=0.5,0.5");
+        assert!(status == 200 && image["missing"].is_null(), "{image}");
+        let mtf = image["mtf"].as_array().unwrap();
+        assert_eq!(mtf.iter().map(|c| c["frequency"].as_f64().unwrap()).collect::<Vec<_>>(), [10.0, 20.0, 30.0, 50.0]);
+        assert!(mtf.iter().all(|c| (0.0..=1.0).contains(&c["sagittal"].as_f64().unwrap())), "{image}");
+        // f/8: 1.22 λ N, a little more for the lens drawn out to a near chart.
+        let airy = image["airy_um"].as_f64().unwrap();
+        assert!(image["spot"].as_array().unwrap().len() == 3 && (5.5..7.0).contains(&airy), "{airy}");
+        // The same again, and what is not in focus.
+        assert_eq!(ask("?at=0.5,0.5").1, image);
+        assert_eq!(ask("?at=0.9,0.1&of=subject").0, 200);
+        for wrong in ["", "?at=2,0", "?at=0.5", "?at=x,y", "?at=nan,0", "?at=0.5,0.5&of=all"] {
+            assert_eq!(ask(wrong).0, 400, "{wrong}");
+        }
+        assert_eq!(at.get("/api/point.json?at=0.5,0.5", &[&host]), 403);
+    });
+}
+
+#[test]
 fn what_cannot_be_begun_with_is_told_at_once() {
     let stop = AtomicBool::new(false);
     let mut shot = ShotFile::default();

@@ -1,6 +1,7 @@
 // The page: puts the parts together, turns states of the camera into dials, and keys into commands.
 
 import { Choice, Dial, Ring, h, select, toggle } from "./dials.js";
+import { Drive, Flash } from "./drive.js";
 import { Finder, drawHistogram, drawWaveform } from "./finder.js";
 import { Link } from "./link.js";
 import { Chooser, Develop, Film, Optics } from "./panels.js";
@@ -106,7 +107,9 @@ const help = h("dialog", { class: "help", "aria-label": T.menus.help },
 help.addEventListener("click", (e) => e.target === help && help.close());
 
 const button = (text, label, act, extra = {}) => h("button", { type: "button", "aria-label": label, title: label, onclick: act, ...extra }, text);
-const shutterButton = button("", T.shoot, () => link.send({ do: "shoot" }), { class: "release" });
+const flash = new Flash(link);
+const drive = new Drive(link, kept, () => state?.facts?.exposure?.focus_distance_m ?? null, showRelease);
+const shutterButton = button("", drive.label(), () => drive.release(), { class: "release" });
 const moves = h("div", { class: "moves", role: "group", "aria-label": T.move },
   button("◀", T.moves.left, () => link.move("orbit", 0.1, 0)), button("▶", T.moves.right, () => link.move("orbit", -0.1, 0)),
   button("▲", T.moves.up, () => link.move("orbit", 0, 0.07)), button("▼", T.moves.down, () => link.move("orbit", 0, -0.07)),
@@ -119,7 +122,7 @@ const cameraPanel = h("div", { class: "panel camera" },
   h("div", { class: "modes" }, mode.element, meter),
   dial.aperture.element, dial.shutter.element, dial.iso.element, dial.compensation.element,
   h("div", { class: "focusing" }, focus.element, h("div", { class: "row" }, af, hyper, tools.element)),
-  zoom.element, time.element, moves,
+  zoom.element, time.element, moves, drive.element, flash.element,
   h("div", { class: "fields" }, white.element, metering.element, light.element,
     h("div", { class: "field" }, h("label", { for: "size" }, T.size), size), h("div", { class: "field" }, h("label", { for: "samples" }, T.samples), samples)));
 const aidsPanel = h("div", { class: "panel aids" }, h("div", { class: "toggles" }, Object.values(aidButtons)), scope, numbers);
@@ -161,9 +164,9 @@ document.body.append(
   h("header", { class: "top" }, h("h1", {}, h("img", { src: "/icon.svg", alt: "", width: "22", height: "22" }), T.name), scene.element, bodyButton, lensButton, status,
     h("div", { class: "end" }, button("⟲", `${T.menus.reset}: ${T.resetHint}`, () => link.send({ do: "reset" })), button("◐", T.menus.theme, turnTheme), button("?", T.menus.help, () => help.showModal()))),
   h("main", {},
-    h("section", { class: "view", "aria-label": T.title }, finder.element, strip),
+    h("section", { class: "view", "aria-label": T.title }, finder.element, drive.counter, strip),
     h("section", { class: "side", "aria-label": T.panelsLabel }, tabList, ...Object.values(panels))),
-  h("footer", {}, film.element, shutterButton), toast, lost, bodies.element, lenses.element, film.viewer.element, help);
+  h("footer", {}, film.element, drive.badge, shutterButton), drive.spoken, toast, lost, bodies.element, lenses.element, film.viewer.element, help);
 turnTheme(null);
 openPanel(kept.get("panel") ?? "camera");
 showAids();
@@ -187,6 +190,8 @@ link.addEventListener("state", (e) => {
     if (news) showProblem(state.queue.failed.problem);
   }
   film.show(state);
+  drive.countDown(state.timer);
+  drive.begin(state.shot.sequence);
   showStatus();
   if (state.facts) showState();
 });
@@ -210,6 +215,14 @@ function showProblem(problem, title = T.problem) {
   toast.hidden = false;
   clearTimeout(showProblem.timer);
   showProblem.timer = setTimeout(() => (toast.hidden = true), 12000);
+}
+
+function showRelease() {
+  if (!drive?.label || !shutterButton) return;
+  const label = drive.label();
+  shutterButton.title = label;
+  shutterButton.setAttribute("aria-label", label);
+  shutterButton.classList.toggle("counting", Boolean(drive.timer));
 }
 
 function nearestIndex(values, value) {
@@ -264,7 +277,7 @@ function showState() {
   showMeter(facts.meter_ev);
   const part = (cls, text) => h("span", { class: cls }, text);
   strip.replaceChildren(part("m", m), part("", seconds(e.exposure_s)), part("", stop(e.f_number)), scale(facts.meter_ev), part("", `ISO ${Math.round(e.iso)}`),
-    part("", comp ? `${signed(comp)} EV` : ""), part("", facts.pinhole ? "" : metres(e.focus_distance_m)), part("last", `${e.focal_length_mm.toFixed(0)} mm`));
+    part("", comp ? `${signed(comp)} EV` : ""), part("", facts.pinhole ? "" : metres(e.focus_distance_m)), part("last", e.flash ? T.flash.title : ""), part("last", `${e.focal_length_mm.toFixed(0)} mm`));
   finder.marks = [];
   // Where autofocus looked: green where it found something, red where not.
   const report = JSON.stringify(state.focus);
@@ -275,6 +288,7 @@ function showState() {
   showState.report = report;
   if (e.metering === "spot") finder.marks.push({ at: shot.exposure.metering_at ?? [0.5, 0.5], color: "#ffd24a", round: true });
   finder.draw();
+  flash.show(shot, facts);
   develop.show(shot.develop);
   optics.show(state);
   optics.draw(opticsKey(), pointed);
@@ -400,6 +414,7 @@ const KEYS = {
   m: () => setMode("M"), a: () => setMode("A"), s: () => setMode("S"), p: () => setMode("P"),
   f: () => link.send({ do: "focus", at: [0.5, 0.5] }), l: () => link.move("level", 0, 0),
   z: () => flip("zebra"), k: () => flip("peaking"), c: () => flip("falseColor"), d: () => flip("depth"), g: () => flip("grid"), h: () => flip("histogram"), w: () => flip("waveform"), x: () => flip("magnifier"),
+  b: () => drive.nextKind(), t: () => drive.nextTime(), o: () => flash.turn(),
   "+": () => link.move("dolly", 0, -0.08), "=": () => link.move("dolly", 0, -0.08), "-": () => link.move("dolly", 0, 0.08), "?": () => help.showModal(),
 };
 const ARROWS = { ArrowLeft: [1, 0], ArrowRight: [-1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] };
@@ -414,7 +429,8 @@ addEventListener("keydown", (e) => {
     if (e.shiftKey) link.move("pan", 0.03 * x, 0.03 * y);
     else if (e.altKey) link.move("turn", 0.03 * x, 0.03 * y);
     else link.move("orbit", 0.06 * x, 0.06 * y);
-  } else if (e.key === "Enter" && inFinder) link.send({ do: "shoot" });
+  } else if (e.key === "Enter" && inFinder) drive.release();
+  else if (e.key === "Escape" && drive.timer) drive.stop();
   else if (KEYS[e.key] && !types && !e.altKey) KEYS[e.key]();
   else return;
   e.preventDefault();

@@ -1,6 +1,7 @@
 // What lies behind the dials: settings of the development, the optics, choosers of lens and body, the film strip and its viewer.
 
 import { h, select } from "./dials.js";
+import { PointImage } from "./point.js";
 import { T, duration, metres, seconds, stop } from "./texts.js";
 
 // All settings of the recipe, as its own table describes them.
@@ -105,9 +106,10 @@ export class Optics {
     this.image.addEventListener("load", () => this.found(true));
     this.follow = h("input", { type: "checkbox", id: "follow" });
     this.list = h("dl", { class: "facts" });
+    this.point = new PointImage();
     this.warnings = h("ul", { class: "warnings" });
     this.element = h("div", { class: "panel optics" },
-      this.image, this.none, h("div", { class: "field inline" }, this.follow, h("label", { for: "follow" }, T.optics.follow)), this.list, this.warnings);
+      this.image, this.none, h("div", { class: "field inline" }, this.follow, h("label", { for: "follow" }, T.optics.follow)), this.point.element, this.list, this.warnings);
     this.none.hidden = true;
     this.drawn = null;
   }
@@ -120,6 +122,7 @@ export class Optics {
   // Draws anew where the lens stands otherwise, or another place is pointed at; only while it is looked at.
   draw(key, place) {
     if (this.element.hidden) return;
+    this.point.look(key, place);
     const at = this.follow.checked && place ? `&at=${place.map((v) => v.toFixed(3)).join(",")}` : "";
     const wanted = key + at;
     if (wanted === this.drawn) return;
@@ -209,6 +212,13 @@ export class Chooser {
   }
 }
 
+// What a picture of a series differs in.
+function difference(series) {
+  const d = series?.differs;
+  if (!d) return "";
+  return "ev" in d ? T.drive.ev(d.ev) : metres(d.focus_m);
+}
+
 // Pictures that were taken, and those to come.
 export class Film {
   constructor(link, live) {
@@ -228,10 +238,16 @@ export class Film {
     this.empty.hidden = jobs.length + state.film.length > 0;
     const taken = state.film.map((p) =>
       h("li", {}, h("button", { type: "button", class: "frame", "aria-label": T.open(p.name), onclick: () => this.viewer.open(p, state.film) },
-        h("img", { src: `/film/${p.id}/thumbnail.jpg`, alt: "" }), h("span", {}, `${stop(p.facts.f_number)}  ${seconds(p.facts.exposure_s)}  ISO ${Math.round(p.facts.iso)}`))));
-    const waiting = jobs.map((j) =>
-      h("li", { class: "job" }, h("div", { class: "frame" }, h("progress", { max: "1", value: j.done, "aria-label": T.jobs[j.what] }), h("span", {}, `${T.jobs[j.what]} ${T.left(j.left_s)}`),
-        h("button", { type: "button", class: "small", onclick: () => this.link.send({ do: "cancel", id: j.id }) }, T.cancel))));
+        h("img", { src: `/film/${p.id}/thumbnail.jpg`, alt: "" }), h("span", {}, [`${stop(p.facts.f_number)}  ${seconds(p.facts.exposure_s)}`, difference(p.series) || `ISO ${Math.round(p.facts.iso)}`].join("  ")))));
+    const waiting = jobs.map((j, i) => {
+      const part = j.series ? [T.drive.part(j.series), difference(j.series), ""].filter((t, k) => t || k === 2).join(" ") : "";
+      const cancel = (command, text, name) => h("button", { type: "button", class: "small", "aria-label": name, onclick: () => this.link.send(command) }, text);
+      // The series is cancelled at its first picture.
+      const first = j.series && jobs.findIndex((o) => o.series?.id === j.series.id) === i;
+      const whole = first && jobs.some((o, k) => k > i && o.series?.id === j.series.id) ? cancel({ do: "cancel-series", id: j.series.id }, T.drive.cancelAll, T.drive.cancelAll) : null;
+      return h("li", { class: "job" }, h("div", { class: "frame" }, h("progress", { max: "1", value: j.done, "aria-label": `${part}${T.jobs[j.what]}` }), h("span", {}, `${part}${T.jobs[j.what]} ${T.left(j.left_s)}`),
+        whole ?? cancel({ do: "cancel", id: j.id }, T.cancel, `${T.cancel} ${part}`.trim())));
+    });
     const end = this.strip.scrollWidth - this.strip.scrollLeft - this.strip.clientWidth < 40;
     this.strip.replaceChildren(...taken, ...waiting);
     if (end) this.strip.scrollLeft = this.strip.scrollWidth;
@@ -268,7 +284,9 @@ class Viewer {
     this.title.textContent = picture.name;
     this.image.src = `/film/${picture.id}/jpg`;
     this.image.alt = picture.name;
-    this.about.textContent = `${f.lens}, ${stop(f.f_number)}, ${seconds(f.exposure_s)}, ISO ${Math.round(f.iso)}, ${picture.size.join(" × ")} px, ${duration(picture.seconds)}`;
+    const own = difference(picture.series);
+    const part = picture.series ? `${T.drive.part(picture.series)}${own ? ` ${own}` : ""}, ` : "";
+    this.about.textContent = `${part}${f.lens}, ${stop(f.f_number)}, ${seconds(f.exposure_s)}, ISO ${Math.round(f.iso)}, ${picture.size.join(" × ")} px, ${duration(picture.seconds)}`;
     this.files.replaceChildren(...Object.entries(T.kinds).map(([kind, text]) =>
       h("a", { class: "button", href: `/film/${picture.id}/${kind}`, download: `${picture.name}.${kind}`, "aria-label": `${T.downloads} ${text}` }, text)));
     this.command.textContent = picture.command;

@@ -8,6 +8,7 @@ use super::timing::Timing;
 use super::{DEFAULT_SCENE, Inputs, Shot, ShotError, lens_facts, staging, wants_profile};
 use crate::camera::{Camera, look_at};
 use crate::camera_motion::CameraMotion;
+use crate::flash::Flash;
 use crate::quantity::{FNumber, FocusTo};
 use crate::recipe_file;
 use diopter_image::ExposureFacts;
@@ -45,8 +46,8 @@ impl Shot {
         if b.frozen != Some(true) {
             section.at = b.at;
         }
-        // Lamps, ground and fog were put for a camera in its place, and a flash hangs on it.
-        let put = self.lit_for_camera || b.ground.is_some() || b.fog.is_some() || file.flash.is_some();
+        // Lamps, ground and fog were put for a camera in its place. A flash goes with it.
+        let put = self.lit_for_camera || b.ground.is_some() || b.fog.is_some();
         let stays = self.file.camera == file.camera && self.keeps_lens(file);
         section == *b && self.file.flash == file.flash && (!put || stays)
     }
@@ -189,7 +190,17 @@ impl Shot {
         (self.sensor, self.settings, self.exposing, self.focusing) = (sensor, settings, exposing, focusing);
         (self.timing, self.light_settled) = (timing, light_settled);
         self.file = file;
+        self.darken_flash();
         Ok(())
+    }
+
+    /// A flash of the exposure before burns no longer: meters and autofocus look before it fires.
+    fn darken_flash(&mut self) {
+        if let Some(flash) = &self.timing.flash
+            && let Some((_, material)) = Flash::place_in(self.scene.description())
+        {
+            self.scene.modulate(material, flash.unfired());
+        }
     }
 }
 
@@ -285,6 +296,40 @@ mod tests {
                 assert!(mean == expected_mean);
             }
         }
+    }
+
+    #[test]
+    fn a_flash_goes_with_the_camera_and_is_never_metered() {
+        let flash = |change: fn(&mut ShotFile)| {
+            small(|f| {
+                // In the dark, so that a meter that saw the flash would tell.
+                f.scene.light = Some("none".into());
+                f.scene.ambient_ev = Some(2.0);
+                f.flash = Some(toml::from_str("guide_number = 40").unwrap());
+                (f.camera.look_from, f.camera.look_at) = (Some([0.0, 0.5, 1.5]), Some([0.0, 0.1, 0.0]));
+                (f.exposure.aperture, f.focus.distance) = (Some(FNumber(4.0)), Some(FocusTo::Distance(Distance(1.4))));
+                change(f);
+            })
+        };
+        let mut shot = Shot::prepare(&flash(|_| ()), &mut |_| ()).unwrap();
+        let changes: [fn(&mut ShotFile); 5] = [
+            |_| (),
+            |f| f.exposure.aperture = Some(FNumber(8.0)),
+            |f| (f.exposure.mode, f.exposure.shutter) = (Some("S".into()), Some(Seconds(0.05))),
+            |f| f.camera.look_from = Some([0.4, 0.5, 1.4]),
+            |f| f.exposure.compensation = Some(crate::quantity::Ev(-1.0)),
+        ];
+        for change in changes {
+            let file = flash(change);
+            assert!(shot.keeps_scene(&file));
+            shot.change_to(&file, &mut |_| ()).unwrap();
+            let (facts, mean) = taken(&mut shot);
+            let (expected, expected_mean) = taken(&mut Shot::prepare(&file, &mut |_| ()).unwrap());
+            assert_eq!(facts, expected);
+            assert!(mean == expected_mean && facts.flash);
+        }
+        assert!(!shot.keeps_scene(&flash(|f| f.flash.as_mut().unwrap().power = Some(0.5))));
+        assert!(!shot.keeps_scene(&flash(|f| f.flash = None)));
     }
 
     #[test]

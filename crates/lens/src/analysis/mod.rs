@@ -17,7 +17,7 @@ mod wavefront;
 pub mod zernike;
 
 pub use field::{ColorCurves, FieldPoint, Illumination, PupilShape};
-pub use mtf::{Mtf, airy_mtf};
+pub use mtf::{Mtf, airy_mtf, defocused_airy_mtf};
 pub use psf::{Psf, Raster};
 pub use spot::{Fan, FanPoint, Spot};
 pub use thirdorder::{SurfaceSums, ThirdOrder};

@@ -75,6 +75,31 @@ pub fn airy_mtf(frequency: f64, nm: f64, f_number: f64) -> f64 {
     if x >= 1.0 { 0.0 } else { 2.0 / PI * (x.acos() - x * (1.0 - x * x).sqrt()) }
 }
 
+/// MTF of a perfect lens with a round pupil whose film stands out of focus: `cutoff` in cycles/mm (1/(λN) on the axis), `blur_mm` the diameter of the
+/// geometric blur disk. 1 at frequency 0, negative where contrast is reversed.
+///
+/// (4/π) ∫₀^(1−s) √(1 − (x + s)²) cos(π b ν x) dx with s = ν / cutoff: 2/π (acos s − s √(1 − s²)) without blur, 2 J₁(π b ν)/(π b ν) far below the cutoff.
+/// Source: Hopkins, "The frequency response of a defocused optical system", Proc. R. Soc. A 231 (1955).
+pub fn defocused_airy_mtf(frequency: f64, cutoff: f64, blur_mm: f64) -> f64 {
+    let s = frequency / cutoff;
+    if !(s < 1.0) {
+        return 0.0;
+    }
+    // Steps much shorter than the waves of the cosine; where these are too many for that, nothing is left of the contrast.
+    const FEWEST: f64 = 400.0;
+    const MOST: f64 = 200_000.0;
+    let waves = 0.5 * blur_mm.abs() * frequency;
+    if 40.0 * waves > MOST {
+        return 0.0;
+    }
+    let steps = (40.0 * waves).max(FEWEST).ceil();
+    // x + s = cos t: the root at the end of the pupil becomes a square.
+    let end = s.acos();
+    let width = end / steps;
+    let value = |t: f64| t.sin().powi(2) * (TAU * waves * (t.cos() - s)).cos();
+    4.0 / PI * (0..steps as usize).map(|k| value((k as f64 + 0.5) * width) * width).sum::<f64>()
+}
+
 impl Bench<'_> {
     /// Geometric MTF of several colours (nm, weight) at frequencies in cycles/mm, `defocus` mm behind the film.
     pub fn geometric_mtf(&self, field_deg: f64, colors: &[(f64, f64)], frequencies: &[f64], defocus: f64) -> Option<Mtf> {
@@ -271,7 +296,7 @@ mod tests {
 
     #[test]
     fn coarse_frequencies_are_not_interpolated() {
-        // Defocus of W waves at the edge: (4/π) ∫₀^(1−s) √(1 − (x + s)²) cos(8π W s x) dx, s = frequency over cut-off (Hopkins 1955).
+        // Defocus of W waves at the edge: a blur disk of 8 λ N W.
         let system = parabola(200.0, 25.0);
         let bench = Bench::at_infinity(&system);
         let defocus = 0.8;
@@ -280,11 +305,7 @@ mod tests {
         let mtf = bench.diffraction_mtf(0.0, &[(550.0, 1.0)], &frequencies, defocus).unwrap();
         assert!(!mtf.geometric);
         for (i, f) in frequencies.iter().enumerate() {
-            let s = f * 550e-6 * 8.0;
-            const STEPS: usize = 4000;
-            let width = (1.0 - s) / STEPS as f64;
-            let value = |x: f64| (1.0 - (x + s).powi(2)).max(0.0).sqrt() * (8.0 * PI * waves * s * x).cos();
-            let exact = 4.0 / PI * (0..STEPS).map(|k| value((k as f64 + 0.5) * width) * width).sum::<f64>();
+            let exact = defocused_airy_mtf(*f, 1.0 / (550e-6 * 8.0), 8.0 * 550e-6 * 8.0 * waves);
             assert!((mtf.tangential[i] - exact.abs()).abs() < 2e-3, "{f}: {} {exact}", mtf.tangential[i]);
             assert!((mtf.sagittal[i] - exact.abs()).abs() < 2e-3, "{f}: {} {exact}", mtf.sagittal[i]);
         }
@@ -300,6 +321,21 @@ mod tests {
         assert!((along(0.0) - mtf.sagittal[0]).abs() < 1e-12 && (along(0.5 * PI) - mtf.tangential[0]).abs() < 1e-12);
         // The lens is symmetric about the plane of the field: 4600 scattered rays of each side tell it to 0.01.
         assert!((along(0.7) - along(PI - 0.7)).abs() < 0.02, "{} {}", along(0.7), along(PI - 0.7));
+    }
+
+    #[test]
+    fn the_defocused_mtf_has_the_limits_of_airy_and_of_a_disk() {
+        let cutoff = 1.0 / (550e-6 * 8.0);
+        for f in [0.0, 20.0, 100.0, 220.0, 230.0] {
+            assert!((defocused_airy_mtf(f, cutoff, 0.0) - airy_mtf(f, 550.0, 8.0)).abs() < 1e-4, "{f}");
+        }
+        // Far below the cutoff the first zero of 2 J1(x)/x, x = 3.8317.
+        let zero = 3.831_706 / (PI * 0.1);
+        let at = |f: f64| defocused_airy_mtf(f, 1e6, 0.1);
+        assert!(at(zero).abs() < 1e-3 && at(0.9 * zero) > 0.01 && at(1.2 * zero) < -0.05);
+        // Whatever is asked.
+        assert_eq!(defocused_airy_mtf(50.0, cutoff, 1e9), 0.0);
+        assert_eq!(defocused_airy_mtf(50.0, f64::NAN, 1.0), 0.0);
     }
 
     #[test]
