@@ -120,8 +120,8 @@ pub enum SubdivisionError {
     /// A corner has a number beyond its list, or lists differ in length.
     #[error("faces that do not fit their points")]
     OutOfRange,
-    /// The mesh itself is too large for one level.
-    #[error("more than {MOST_TRIANGLES} triangles before subdivision")]
+    /// The mesh itself is as large as a subdivided one may be.
+    #[error("more than {MOST_TRIANGLES} triangles without any level")]
     TooLarge,
 }
 
@@ -159,8 +159,14 @@ pub fn triangles_at(scheme: Scheme, face_sizes: &[u32], level: u32) -> usize {
 /// A level that would make more than [`MOST_TRIANGLES`] triangles is reduced. Faces with less than three different corners in a row are left out
 /// and counted. Fails for numbers that are not finite or out of range.
 pub fn subdivide(mesh: &ControlMesh, scheme: Scheme, level: u32) -> Result<Refined, SubdivisionError> {
+    subdivide_up_to(mesh, scheme, level, MOST_TRIANGLES)
+}
+
+fn subdivide_up_to(mesh: &ControlMesh, scheme: Scheme, level: u32, most: usize) -> Result<Refined, SubdivisionError> {
     check(mesh)?;
-    let fits = |level: &u32| triangles_at(scheme, &mesh.face_sizes, *level) <= MOST_TRIANGLES;
+    // Level 0 of quadrilaterals is told by level 1.
+    let least = if scheme == Scheme::Loop { 0 } else { 1 };
+    let fits = |level: &u32| triangles_at(scheme, &mesh.face_sizes, least.max(*level)) <= most;
     let level = (0..=level.min(MOST_LEVELS)).rev().find(fits).ok_or(SubdivisionError::TooLarge)?;
     let base = Base::new(mesh, scheme);
     let (weights, split) = match scheme {

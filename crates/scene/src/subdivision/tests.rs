@@ -422,8 +422,13 @@ fn meshes_that_make_no_sense_are_errors_or_come_through() {
     // Levels: as many as are fine, and never beyond.
     assert_eq!(triangles_at(Scheme::CatmullClark, &[4; 6], 2), 192);
     assert!(triangles_at(Scheme::Loop, &[3; 1000], 31) > MOST_TRIANGLES);
-    let many = ControlMesh { face_sizes: vec![3; 1 << 21], corners: [0, 1, 2].repeat(1 << 21), ..tetrahedron() };
-    assert!(triangles_at(Scheme::Loop, &many.face_sizes, 2) > MOST_TRIANGLES);
+    assert_eq!(subdivide_up_to(&cube(), Scheme::CatmullClark, 0, 47).err(), Some(SubdivisionError::TooLarge));
+    for (scheme, most, level, triangles) in
+        [(Scheme::CatmullClark, 1000, 3, 768), (Scheme::Loop, 767, 2, 192), (Scheme::Bilinear, 48, 1, 48)]
+    {
+        let reduced = subdivide_up_to(&cube(), scheme, 9, most).unwrap();
+        assert_eq!((reduced.level, whole(&reduced).triangles.len()), (level, triangles), "{scheme:?}");
+    }
     // Faces strewn over few vertices: repeated corners, edges with many faces, every direction.
     for seed in 0..60 {
         let number = |i: usize| ((noise(seed * 7919 + i) + 1.0) * 4.0) as u32 % 8;
