@@ -116,8 +116,11 @@ mod tests {
 
     #[test]
     fn edges_become_short_and_nothing_opens() {
-        for length in [0.7, 0.3, 0.11] {
+        for (length, turned_over) in [(0.7, false), (0.3, false), (0.11, false), (0.7, true), (0.3, true), (0.11, true)] {
             let mut mesh = bar();
+            if turned_over {
+                mesh.triangles.iter_mut().for_each(|t| t.swap(1, 2));
+            }
             assert_eq!(split_long_edges(&mut mesh, &Affine3A::IDENTITY, length), Splitting::Complete);
             assert!(longest(&mesh) <= length && is_closed(&mesh) && mesh.uvs[0].len() == mesh.positions.len());
             // Not far more than needed: halves of what was too long.

@@ -243,6 +243,9 @@ fn creases_are_sharp_for_as_many_levels_as_they_say() {
     // A vertex alone may be sharp.
     let tip = ControlMesh { sharp_vertices: vec![(7, INFINITELY_SHARP)], ..cube() };
     assert_eq!(refined(&tip, Scheme::CatmullClark, 3).positions[7], Vec3::ONE);
+    // For one level: (9 · 1 + 4 · 1.5 + 1) / 24.
+    let tip = ControlMesh { sharp_vertices: vec![(7, 1.0)], ..cube() };
+    assert!(refined(&tip, Scheme::CatmullClark, 3).positions[7].distance(Vec3::splat(2.0 / 3.0)) < 1e-6);
     t = Topology::new(Faces::default(), 0);
     assert_eq!(t.edges.len(), 0);
 }
@@ -341,7 +344,8 @@ fn limit_normals_are_those_of_fine_meshes() {
                     let first = coarse.faces.corners.iter().position(|v| *v == 0).unwrap();
                     let normal = coarse.normals.0[coarse.normals.1[first] as usize].as_dvec3();
                     let off = normal.angle_between(mean.normalize());
-                    assert!(off < 0.03, "{scheme:?}, closed {closed}, {n} faces: {off} rad");
+                    // Beside a boundary the ways along and across it shrink almost alike: the fine mesh converges slowly.
+                    assert!(off < if closed { 1e-3 } else { 0.03 }, "{scheme:?}, closed {closed}, {n} faces: {off} rad");
                 }
             }
         }
@@ -399,6 +403,18 @@ fn values_are_subdivided_with_their_seams() {
     {
         let found = [Vec2::new(2.0, 2.0), Vec2::new(2.0, 0.0)].map(|p| at(seams, p, &mut mesh));
         assert!((found[0] - inside).abs() < 1e-5 && (found[1] - edge).abs() < 1e-5, "{seams:?} {found:?}");
+    }
+    // Four squares; two of them are one piece of the map, whose edge is a curve but where a third piece meets it.
+    let mut mesh = grid(3, |_, _| 0.0);
+    let x_of = |c: usize, mesh: &ControlMesh| mesh.positions[mesh.corners[c] as usize].x;
+    for (pieces, expected) in [([0.0, 0.0, 1.0, 1.0], 4.0 / 3.0), ([0.0, 0.0, 1.0, 2.0], 1.0)] {
+        let value = |c: usize| Vec4::new(x_of(c, &mesh) * x_of(c, &mesh), pieces[c / 4], 0.0, 0.0);
+        let (corners, values) = indexed(&mesh.corners, value);
+        mesh.channels = vec![Channel { values, corners, seams: Seams::Corners }];
+        let fine = refined(&mesh, Scheme::CatmullClark, 2);
+        let (values, corners) = &fine.channels[0];
+        let c = fine.faces.corners.iter().position(|v| *v == 4).unwrap();
+        assert!((values[corners[c] as usize].x - expected).abs() < 1e-6, "{pieces:?}");
     }
 }
 

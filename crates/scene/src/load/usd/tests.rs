@@ -217,8 +217,8 @@ fn meshes_are_subdivision_surfaces_unless_they_say_otherwise() {
     assert!(turned.normals.iter().zip(&smooth.normals).all(|(a, b)| *a == -*b));
     // Texture coordinates at corners, each face its square, v down; a part for itself; faces beside a boundary left out.
     let square = "(0, 0), (1, 0), (1, 1), (0, 1), ".repeat(6);
-    let d = read(&format!(
-        "{}\ndef Material \"M\" {{ token outputs:surface.connect = </M/S.outputs:surface>\n\
+    let text = format!(
+        "#usda 1.0\n( metersPerUnit = 1 )\n{}\ndef Material \"M\" {{ token outputs:surface.connect = </M/S.outputs:surface>\n\
         def Shader \"S\" {{ token info:id = \"UsdPreviewSurface\"\ncolor3f inputs:diffuseColor.connect = </M/T.outputs:rgb> }}\n\
         def Shader \"T\" {{ token info:id = \"UsdUVTexture\"\nasset inputs:file = @a.png@\nfloat2 inputs:st.connect = </M/R.outputs:result> }}\n\
         def Shader \"R\" {{ token info:id = \"UsdPrimvarReader_float2\"\nstring inputs:varname = \"st\" }} }}",
@@ -227,7 +227,10 @@ fn meshes_are_subdivision_surfaces_unless_they_say_otherwise() {
             def GeomSubset \"s\" {{ int[] indices = [1, 5]\nrel material:binding = </M> }}",
             square.trim_end_matches(", ")
         ))
-    ));
+    );
+    let mut png = Vec::new();
+    image::RgbaImage::new(2, 2).write_to(&mut std::io::Cursor::new(&mut png), image::ImageFormat::Png).unwrap();
+    let d = load(text.into(), "t.usda", &|_: &str| Ok(png.clone())).unwrap();
     let sizes: Vec<(usize, usize)> = d.meshes.iter().map(|m| (m.triangles.len(), m.uvs[0].len())).collect();
     assert_eq!(sizes, [(128, 0), (64, 50)]);
     let m = &d.meshes[1];
