@@ -213,16 +213,19 @@ fn creases_are_sharp_for_as_many_levels_as_they_say() {
         let edges = CUBE.iter().flat_map(|f| (0..4).map(move |k| ([f[k], f[(k + 1) % 4]], sharpness)));
         ControlMesh { creases: edges.collect(), ..cube() }
     };
-    // Sharp for one level: the same as a smooth surface of the cube with its faces cut in four.
-    let cut = refined(&cube(), Scheme::Bilinear, 1);
-    let cut = ControlMesh {
-        positions: cut.positions.clone(),
-        face_sizes: vec![4; 24],
-        corners: cut.faces.corners.clone(),
-        ..ControlMesh::default()
-    };
-    let (one, other) = (refined(&sharp_cube(1.0), Scheme::CatmullClark, 3), refined(&cut, Scheme::CatmullClark, 2));
-    assert!(one.positions.iter().zip(&other.positions).all(|(a, b)| a.distance(*b) < 1e-6));
+    // Sharp for so many levels: the same as a smooth surface of the cube with its faces cut as often.
+    for levels in [1, 2] {
+        let cut = refined(&cube(), Scheme::Bilinear, levels);
+        let cut = ControlMesh {
+            face_sizes: vec![4; cut.faces.len()],
+            corners: cut.faces.corners,
+            positions: cut.positions,
+            ..ControlMesh::default()
+        };
+        let one = refined(&sharp_cube(levels as f32), Scheme::CatmullClark, 4);
+        let other = refined(&cut, Scheme::CatmullClark, 4 - levels);
+        assert!(one.positions.iter().zip(&other.positions).all(|(a, b)| a.distance(*b) < 1e-6), "{levels}");
+    }
     // In between, volumes are in between; infinitely sharp, it is the cube.
     let volumes: Vec<f64> = [0.0, 0.5, 1.0, 1.5, 2.0, 2.5, 9.0, 10.0]
         .iter()
