@@ -24,6 +24,7 @@ mod scale;
 pub mod scene;
 pub mod shape;
 pub mod studio;
+pub mod subdivision;
 pub mod texture;
 
 pub use other_exposure::OtherExposure;

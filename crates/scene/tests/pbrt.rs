@@ -320,6 +320,61 @@ fn subdivided_and_round_shapes_have_their_size() {
 }
 
 #[test]
+fn displaced_meshes_are_split_and_moved() {
+    let ply = b"ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\nproperty float u\nproperty float v\n\
+        element face 2\nproperty list uchar int vertex_indices\nend_header\n0 0 0 0 0\n1 0 0 1 0\n1 1 0 1 1\n0 1 0 0 1\n3 0 1 2\n3 0 2 3\n";
+    let files: [(&str, &[u8]); 1] = [("m.ply", ply)];
+    let of = |textures: &str, shapes: &str| load_with(&format!("{HEAD}WorldBegin {textures}\n{shapes}"), &files);
+    let ramp = "Texture \"h\" \"float\" \"bilerp\" \"float v00\" 0 \"float v01\" 0 \"float v10\" 0.5 \"float v11\" 0.5";
+    let shape = "Shape \"plymesh\" \"string filename\" \"m.ply\"";
+    // A ramp of heights; edges are as long as they are in the world.
+    let d = of(ramp, &format!("{shape} \"texture displacement\" \"h\" \"float edgelength\" 0.2 Scale 2 2 2 {shape} \"texture displacement\" \"h\" \"float edgelength\" 0.2 {shape}"))
+        .unwrap();
+    assert!(d.warnings.is_empty(), "{:?}", d.warnings);
+    assert_eq!((d.objects.len(), d.meshes.len(), d.meshes[2].triangles.len()), (3, 3, 2));
+    for (mesh, longest) in d.meshes[..2].iter().zip([0.2, 0.1]) {
+        for t in 0..mesh.triangles.len() {
+            let corners = mesh.corners(t);
+            let flat = corners.map(|p| p.truncate());
+            assert!((0..3).all(|k| flat[k].distance(flat[(k + 1) % 3]) <= longest + 1e-6));
+            assert!(corners.iter().all(|p| (p.z - 0.5 * p.x).abs() < 1e-6), "{corners:?}");
+        }
+        let slope = Vec3::new(-0.5, 0.0, 1.0).normalize();
+        assert!(mesh.normals.iter().all(|n| n.distance(slope) < 1e-4));
+    }
+    assert!(d.meshes[1].triangles.len() >= 3 * d.meshes[0].triangles.len());
+    let bounds = |d: &Description| d.bounds_at(0.0, |_| true);
+    // The world is mirrored: heights along z are −z.
+    assert!(
+        (bounds(&d).max - Vec3::new(2.0, 2.0, 0.0)).length() < 1e-5
+            && (bounds(&d).min - Vec3::new(0.0, 0.0, -1.0)).length() < 1e-5
+    );
+    // Turned over, the shape is the same and its outside the other side.
+    let one =
+        |reverse: &str| of(ramp, &format!("{reverse} {shape} \"texture displacement\" \"h\" \"float edgelength\" 0.2")).unwrap();
+    let [plain, turned] = ["", "ReverseOrientation"].map(|r| one(r).meshes[0].clone());
+    assert!(plain.positions == turned.positions && plain.normals.iter().zip(&turned.normals).all(|(a, b)| *a == -*b));
+    // Heights by the place in space are asked where the shape stands, also in a mirrored world.
+    let cubes = "Texture \"h\" \"float\" \"checkerboard\" \"integer dimension\" 3 \"float tex1\" 0.25 \"float tex2\" 0";
+    let d = of(cubes, &format!("Translate 0.5 0.5 0.5 {shape} \"texture displacement\" \"h\" \"float edgelength\" 0.1")).unwrap();
+    let near = |x: f32, y: f32| {
+        d.meshes[0].positions.iter().filter(|p| p.truncate().distance(glam::Vec2::new(x, y)) < 0.2).map(|p| p.z).sum::<f32>()
+    };
+    assert!(near(0.25, 0.25) > 0.2 && near(0.75, 0.75) > 0.2 && near(0.25, 0.75) == 0.0 && near(0.75, 0.25) == 0.0);
+    for (shape, said) in [
+        (format!("{shape} \"texture displacement\" \"none\""), "none"),
+        (format!("{shape} \"texture displacement\" \"h\" \"float edgelength\" 0"), "edgelength 0"),
+        (
+            "Shape \"loopsubdiv\" \"integer levels\" 11 \"point3 P\" [0 0 0 1 0 0 0 1 0] \"integer indices\" [0 1 2]".into(),
+            "11 levels",
+        ),
+    ] {
+        let e = of(ramp, &shape).unwrap_err();
+        assert!(e.contains(said), "{e}");
+    }
+}
+
+#[test]
 fn files_include_each_other_and_may_be_packed() {
     use std::io::Write;
     let mut packed = flate2::write::GzEncoder::new(Vec::new(), flate2::Compression::fast());

@@ -3,8 +3,8 @@
 use super::params::Params;
 use super::{Fault, Place};
 use crate::shape::{CurveBasis, CurveKind, Curves, Mesh, Sphere};
+use crate::subdivision::{self, Boundary, Channels, ControlMesh, Scheme};
 use glam::{DMat4, DVec3, Vec2, Vec3};
-use std::collections::HashMap;
 use std::f32::consts::{PI, TAU};
 
 /// What a shape becomes.
@@ -19,10 +19,8 @@ pub enum Form {
 
 /// Steps around a round thing: its outline is within 1e-4 of its radius.
 const AROUND: usize = 256;
-/// Most levels of subdivision.
-const MOST_LEVELS: i64 = 10;
 
-/// A shape in its own space.
+/// A shape in its own space; those that bring warnings or files are made elsewhere (`loopsubdiv`, `plymesh`).
 pub fn make(kind: &str, p: &Params, place: Place) -> Result<Form, Fault> {
     let radius = || {
         let r = p.float("radius", 1.0)? as f32;
@@ -35,7 +33,6 @@ pub fn make(kind: &str, p: &Params, place: Place) -> Result<Form, Fault> {
     Ok(match kind {
         "trianglemesh" => Form::Mesh(triangle_mesh(p, place)?),
         "bilinearmesh" => Form::Mesh(bilinear_mesh(p, place)?),
-        "loopsubdiv" => Form::Mesh(loop_subdivision(p, place)?),
         "curve" => Form::Curve(curve(p, place)?),
         "sphere" => {
             let r = radius()?;
@@ -345,121 +342,30 @@ fn bilinear_mesh(p: &Params, place: Place) -> Result<Mesh, Fault> {
     Ok(mesh)
 }
 
-/// Loop's subdivision, points pushed to the limit surface. Sources: C. Loop 1987, "Smooth subdivision surfaces based on triangles"; limit
-/// positions and tangents as H. Hoppe et al. 1994, "Piecewise smooth surface reconstruction", and pbrt §3.8 of the 3rd edition give them.
-fn loop_subdivision(p: &Params, place: Place) -> Result<Mesh, Fault> {
+/// Loop's subdivision with its points on the limit surface, and what is to be said of it. Boundaries are as pbrt has them, but for their limit:
+/// pbrt weighs by (1, 3, 1)/5, which is that of another rule; the limit of its rule is (1, 4, 1)/6.
+pub fn loop_subdivision(p: &Params, place: Place) -> Result<(Mesh, Option<String>), Fault> {
     p.get("scheme");
     let levels = p.integer("levels", 3)?;
-    if !(0..=MOST_LEVELS).contains(&levels) {
-        return Err(place.fault(format!("{levels} levels"), format!("0 to {MOST_LEVELS}")));
-    }
+    let most = subdivision::MOST_LEVELS;
+    let Some(levels) = u32::try_from(levels).ok().filter(|n| *n <= most) else {
+        return Err(place.fault(format!("{levels} levels"), format!("0 to {most}")));
+    };
     let positions = p.vectors("P")?.ok_or_else(|| place.fault("a loopsubdiv without P", "\"point3 P\""))?;
     let indices = p.indices("indices")?.ok_or_else(|| place.fault("a loopsubdiv without indices", "\"integer indices\""))?;
-    let mut triangles = triples(&indices, positions.len(), place)?;
-    if triangles.len().checked_mul(1 << (2 * levels)).is_none_or(|n| n > 1 << 22) {
-        return Err(
-            place.fault(format!("{} triangles subdivided {levels} times", triangles.len()), "at most 4 million in the end")
-        );
-    }
-    let mut points: Vec<DVec3> = positions.iter().map(|p| p.as_dvec3()).collect();
-    for _ in 0..levels {
-        let around = Neighbours::of(&triangles, points.len());
-        let mut next: Vec<DVec3> = (0..points.len()).map(|v| around.smoothed(v, &points)).collect();
-        let mut middle: HashMap<(u32, u32), u32> = HashMap::new();
-        let mut fine = Vec::with_capacity(4 * triangles.len());
-        for t in &triangles {
-            let edge = |i: usize| (t[i].min(t[(i + 1) % 3]), t[i].max(t[(i + 1) % 3]));
-            let mids: [u32; 3] = std::array::from_fn(|i| {
-                let (a, b) = edge(i);
-                *middle.entry((a, b)).or_insert_with(|| {
-                    let [pa, pb] = [a, b].map(|k| points[k as usize]);
-                    let opposite = around.opposite.get(&(a, b)).map_or(&[][..], Vec::as_slice);
-                    next.push(match opposite {
-                        [c, d] => (pa + pb) * 0.375 + (points[*c as usize] + points[*d as usize]) * 0.125,
-                        _ => (pa + pb) * 0.5,
-                    });
-                    next.len() as u32 - 1
-                })
-            });
-            let [a, b, c] = *t;
-            let [ab, bc, ca] = mids;
-            fine.extend([[a, ab, ca], [ab, b, bc], [ca, bc, c], [ab, bc, ca]]);
-        }
-        (points, triangles) = (next, fine);
-    }
-    let around = Neighbours::of(&triangles, points.len());
-    let limit: Vec<DVec3> = (0..points.len()).map(|v| around.limit(v, &points)).collect();
-    let mut normals = vec![DVec3::ZERO; limit.len()];
-    for t in &triangles {
-        // Weighted by area, which on the limit of equal triangles is what tangents give to high order.
-        let [a, b, c] = t.map(|i| limit[i as usize]);
-        let n = (b - a).cross(c - a);
-        t.iter().for_each(|i| normals[*i as usize] += n);
-    }
-    let mut mesh = Mesh {
-        positions: limit.iter().map(|p| p.as_vec3()).collect(),
-        normals: normals.iter().map(|n| n.as_vec3().normalize_or(Vec3::Z)).collect(),
-        triangles,
-        ..Mesh::default()
-    };
+    let triangles = triples(&indices, positions.len(), place)?;
+    let boundary = Boundary::EdgeOnly;
+    let control = ControlMesh { boundary, ..ControlMesh::of_triangles(&Mesh { positions, triangles, ..Mesh::default() }) };
+    let refined = subdivision::subdivide(&control, Scheme::Loop, levels)
+        .map_err(|e| place.fault(format!("a loopsubdiv: {e}"), "fewer triangles, of finite points"))?;
+    let mut mesh = refined.mesh(|_| true, Channels::default());
     default_uvs(&mut mesh);
-    Ok(mesh)
-}
-
-/// Who is beside whom in a mesh.
-struct Neighbours {
-    /// Of each point: its neighbours, and those along the edge of the mesh.
-    ring: Vec<(Vec<u32>, Vec<u32>)>,
-    /// Points across from an edge.
-    opposite: HashMap<(u32, u32), Vec<u32>>,
-}
-
-impl Neighbours {
-    fn of(triangles: &[[u32; 3]], count: usize) -> Self {
-        let mut opposite: HashMap<(u32, u32), Vec<u32>> = HashMap::new();
-        for t in triangles {
-            for i in 0..3 {
-                let (a, b) = (t[i], t[(i + 1) % 3]);
-                opposite.entry((a.min(b), a.max(b))).or_default().push(t[(i + 2) % 3]);
-            }
-        }
-        let mut ring = vec![(vec![], vec![]); count];
-        let mut edges: Vec<_> = opposite.iter().map(|(e, o)| (*e, o.len())).collect();
-        edges.sort_unstable();
-        for ((a, b), sides) in edges {
-            for (v, w) in [(a, b), (b, a)] {
-                ring[v as usize].0.push(w);
-                if sides == 1 {
-                    ring[v as usize].1.push(w);
-                }
-            }
-        }
-        Neighbours { ring, opposite }
-    }
-
-    fn weighted(&self, v: usize, points: &[DVec3], interior: impl Fn(f64) -> f64, edge: f64) -> DVec3 {
-        let (all, border) = &self.ring[v];
-        let (of, beta) = match border.len() {
-            0 if all.is_empty() => return points[v],
-            0 => (all, interior(all.len() as f64)),
-            2 => (border, edge),
-            _ => return points[v],
-        };
-        points[v] * (1.0 - of.len() as f64 * beta) + of.iter().map(|w| points[*w as usize]).sum::<DVec3>() * beta
-    }
-
-    fn smoothed(&self, v: usize, points: &[DVec3]) -> DVec3 {
-        self.weighted(v, points, beta, 0.125)
-    }
-
-    fn limit(&self, v: usize, points: &[DVec3]) -> DVec3 {
-        self.weighted(v, points, |n| 1.0 / (n + 3.0 / (8.0 * beta(n))), 0.2)
-    }
-}
-
-/// Loop's weight of a neighbour in Warren's form: 3/16 of three, else 3 / (8 n).
-fn beta(n: f64) -> f64 {
-    if n == 3.0 { 3.0 / 16.0 } else { 3.0 / (8.0 * n) }
+    let reduced = format!(
+        "{levels} levels would be more than {} triangles: subdivided to level {}",
+        subdivision::MOST_TRIANGLES,
+        refined.level
+    );
+    Ok((mesh, (refined.level < levels).then_some(reduced)))
 }
 
 #[cfg(test)]

@@ -16,7 +16,8 @@ use crate::medium::{Air, Medium, VolumePlace};
 use crate::motion::{AnimatedProperty, Animation, Channel, Ending, KeyInterpolation, Local, Motion, Node, Parts, Playing};
 use crate::scene::{Description, Object, Shape, Viewpoint};
 use crate::shape::{Curves, Mesh};
-use crate::texture::{Image, Scalar};
+use crate::subdivision;
+use crate::texture::{Image, Lookup, Scalar};
 use glam::{Affine3A, DMat4, DVec3, Vec3};
 use rayon::prelude::*;
 use std::collections::HashMap;
@@ -85,7 +86,37 @@ struct Awaited {
     mesh: u32,
     name: String,
     reversed: bool,
+    displacement: Option<Displacement>,
     place: Place,
+}
+
+/// Heights that move the points of a mesh. Source: pbrt-v4, `Shape::Create` ("displacement", "edgelength").
+struct Displacement {
+    /// Along the normal in the mesh's space.
+    height: Scalar,
+    /// Edges are split until none is longer, m.
+    edge_length: f32,
+    world_from_mesh: Affine3A,
+    /// The scene's world, in which textures are, from the mesh: mirrored if the camera is of the other hand.
+    texture_world_from_mesh: Affine3A,
+}
+
+/// What came of a mesh that was read.
+struct Displaced {
+    stopped: bool,
+    without_height: usize,
+}
+
+impl Displacement {
+    fn apply(&self, mesh: &mut Mesh) -> Displaced {
+        let split = subdivision::split_long_edges(mesh, &self.world_from_mesh, self.edge_length);
+        let place = self.texture_world_from_mesh;
+        let without_height = subdivision::displace(mesh, |uv, p, n| {
+            let normal = place.transform_vector3(n).normalize_or_zero();
+            self.height.lookup(&Lookup { uv: *uv, point: place.transform_point3(p), normal })
+        });
+        Displaced { stopped: split == subdivision::Splitting::Stopped, without_height }
+    }
 }
 
 /// The scene in the making.
@@ -593,6 +624,11 @@ impl<'a> World<'a> {
         let mut ball = None;
         let shape = match kind {
             "plymesh" => self.ply_mesh(p, place)?,
+            "loopsubdiv" => {
+                let (mesh, warning) = shapes::loop_subdivision(p, place)?;
+                warning.into_iter().for_each(|text| self.warn(place, text));
+                self.keep(mesh)
+            }
             _ => match shapes::make(kind, p, place)? {
                 Form::Sphere(radius) => match shapes::sphere_in_world(radius, world_from_shape) {
                     Some(sphere)
@@ -746,21 +782,37 @@ impl<'a> World<'a> {
     fn ply_mesh(&mut self, p: &Params, place: Place) -> Result<Shape, Fault> {
         let name =
             p.text("filename")?.ok_or_else(|| place.fault("a plymesh without filename", "\"string filename\""))?.to_owned();
-        if p.get("displacement").is_some() {
-            return Err(place.fault("a displaced mesh", "meshes as they are: displacement is not supported"));
-        }
-        // The same file again is the same mesh.
+        let displacement = self.displacement(p, place)?;
+        // The same file again is the same mesh, unless it is displaced: how it is split depends on where it stands.
         let key = (name, self.state.reversed);
-        if let Some(mesh) = self.ply.get(&key) {
+        if let (Some(mesh), None) = (self.ply.get(&key), &displacement) {
             return Ok(self.placed(*mesh));
         }
         // Its triangles come with those of all others.
         let mesh = self.description.meshes.len() as u32;
         self.description.meshes.push(Arc::default());
-        let (name, reversed) = key.clone();
-        self.awaited.push(Awaited { mesh, name, reversed, place });
-        self.ply.insert(key, mesh);
+        if displacement.is_none() {
+            self.ply.insert(key.clone(), mesh);
+        }
+        let (name, reversed) = key;
+        self.awaited.push(Awaited { mesh, name, reversed, displacement, place });
         Ok(self.placed(mesh))
+    }
+
+    fn displacement(&mut self, p: &Params, place: Place) -> Result<Option<Displacement>, Fault> {
+        if p.get("displacement").is_none() {
+            return Ok(None);
+        }
+        let textures = std::mem::take(&mut self.textures);
+        let height = textures.scalar(self, p, "displacement", 0.0);
+        self.textures = textures;
+        let edge_length = p.float("edgelength", 1.0)? as f32;
+        if !(edge_length > 0.0) {
+            return Err(place.fault(format!("edgelength {edge_length}"), "a length above 0"));
+        }
+        let world_from_mesh = affine(self.state.place[0]);
+        let texture_world_from_mesh = if self.is_mirrored() { flip() * world_from_mesh } else { world_from_mesh };
+        Ok(Some(Displacement { height: height?, edge_length, world_from_mesh, texture_world_from_mesh }))
     }
 
     /// Reads all meshes that are files of their own, several at a time.
@@ -771,18 +823,31 @@ impl<'a> World<'a> {
             let read = ply::read(&fetched(fetch, &a.name, a.place)?);
             let mut read = read.map_err(|e| a.place.fault(format!("{}: {}", a.name, e.found), e.expected))?;
             shapes::agree_with_normals(&mut read.mesh);
+            let displaced = a.displacement.as_ref().map(|d| {
+                read.mesh.drop_partial_lists();
+                read.mesh.drop_broken_triangles();
+                d.apply(&mut read.mesh)
+            });
             shapes::default_uvs(&mut read.mesh);
             if a.reversed {
                 shapes::reverse(&mut read.mesh);
             }
-            Ok(read)
+            Ok((read, displaced))
         };
-        let all: Vec<Result<ply::Read, Fault>> = awaited.par_iter().map(read).collect();
+        let all: Vec<Result<(ply::Read, Option<Displaced>), Fault>> = awaited.par_iter().map(read).collect();
         // Of several faults the first in the file is told.
         for (a, read) in awaited.iter().zip(all) {
-            let read = read?;
+            let (read, displaced) = read?;
             if let Some(warning) = read.warning {
                 self.warn(a.place, format!("{}: {warning}", a.name));
+            }
+            if displaced.as_ref().is_some_and(|d| d.stopped) {
+                let most = subdivision::MOST_TRIANGLES;
+                let text = format!("{}: edges stay longer than edgelength: shorter ones need more than {most} triangles", a.name);
+                self.warn(a.place, text);
+            }
+            if let Some(d) = displaced.filter(|d| d.without_height > 0) {
+                self.warn(a.place, format!("{}: displacement that is no number at {} points", a.name, d.without_height));
             }
             self.description.meshes[a.mesh as usize] = read.mesh.into();
         }

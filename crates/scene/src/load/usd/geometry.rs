@@ -1,11 +1,12 @@
 //! Meshes and solids.
 //!
-//! Source: OpenUSD, `UsdGeomMesh` (faces of any number of corners, holes, orientation), `UsdGeomPrimvar` (interpolation, indices),
+//! Source: OpenUSD, `UsdGeomMesh` (faces of any number of corners, holes, orientation; `subdivision` has the surfaces), `UsdGeomPrimvar` (interpolation, indices),
 //! `UsdGeomSubset`. Texture coordinates run up in USD; ours run down, so v becomes 1 − v here.
 
 use super::layer::{Key, Value};
 use super::material::Bound;
 use super::stage::{Prim, Stage};
+use super::subdivision;
 use crate::SceneError;
 use crate::load::pbrt::shapes;
 use crate::shape::Mesh;
@@ -24,8 +25,10 @@ pub struct Part {
     /// The subset; none of what no subset holds.
     subset: Option<Arc<Prim>>,
     pub material: u32,
-    uvs: Vec<String>,
-    colors: bool,
+    /// Names of the primvars of texture coordinates.
+    pub uvs: Vec<String>,
+    /// Whether it has colours of its own.
+    pub colors: bool,
 }
 
 impl Part {
@@ -44,7 +47,7 @@ pub struct Meshes {
 
 /// To what a value of a primvar belongs.
 #[derive(Clone, Copy, PartialEq)]
-enum Per {
+pub enum Per {
     Mesh,
     Face,
     Point,
@@ -52,15 +55,17 @@ enum Per {
 }
 
 /// A primvar: `width` numbers each.
-struct Primvar {
-    per: Per,
+pub struct Primvar {
+    pub per: Per,
+    /// Of points: whether it is interpolated linearly even where the surface is smooth.
+    pub is_varying: bool,
     width: usize,
     values: Arc<[f32]>,
     indices: Option<Arc<[i32]>>,
 }
 
 impl Primvar {
-    fn at(&self, face: usize, point: usize, corner: usize) -> &[f32] {
+    pub fn at(&self, face: usize, point: usize, corner: usize) -> &[f32] {
         let i = match self.per {
             Per::Mesh => 0,
             Per::Face => face,
@@ -73,14 +78,27 @@ impl Primvar {
 }
 
 /// Faces, points and corners of a mesh.
-struct Size {
+pub struct Size {
     faces: usize,
     points: usize,
     corners: usize,
 }
 
+/// Faces as a file says them.
+pub struct Control {
+    pub points: Vec<[f32; 3]>,
+    pub indices: Arc<[i32]>,
+    /// Where the corners of each face begin, and where the last one's end.
+    pub starts: Vec<usize>,
+    pub size: Size,
+    /// Whether outside is where corners run clockwise.
+    pub left_handed: bool,
+    /// Number of the part of each face; none of holes and of what is no face.
+    pub part_of: Vec<Option<u32>>,
+}
+
 /// A primvar by name, if it is there; `None` in the outer place if it does not fit the mesh.
-fn primvar(
+pub fn primvar(
     stage: &Stage,
     prim: &Prim,
     name: &str,
@@ -116,19 +134,34 @@ fn primvar(
     if count < needed || !in_range {
         return Ok(None);
     }
-    Ok(Some(Some(Primvar { per, width, values, indices })))
+    let is_varying = said.as_deref() == Some("varying");
+    Ok(Some(Some(Primvar { per, is_varying, width, values, indices })))
 }
 
-/// Reads a mesh: one for each part that has faces.
-pub fn read(stage: &Stage, prim: &Prim, parts: &[Part]) -> Result<Meshes, SceneError> {
+/// Reads a mesh, subdivided to a level if it is a subdivision surface: one for each part that has faces.
+pub fn read(stage: &Stage, prim: &Prim, parts: &[Part], level: u32) -> Result<Meshes, SceneError> {
     let mut out = Meshes::default();
+    let Some(control) = control(stage, prim, parts)? else {
+        out.left_out.push("meshes whose faces do not fit their points");
+        return Ok(out);
+    };
+    if let Some(scheme) = subdivision::scheme(stage, prim)?
+        && subdivision::read(stage, prim, parts, &control, (scheme, level), &mut out)?
+    {
+        return Ok(out);
+    }
+    polygons(stage, prim, parts, &control, &mut out)?;
+    Ok(out)
+}
+
+/// The faces of a mesh; `None` where they do not fit its points.
+fn control(stage: &Stage, prim: &Prim, parts: &[Part]) -> Result<Option<Control>, SceneError> {
     let ints = |name: &str| -> Result<Arc<[i32]>, SceneError> {
         Ok(stage.value(prim, name)?.and_then(|v| v.ints()).unwrap_or_else(|| Arc::new([])))
     };
     let points = stage.value(prim, "points")?.and_then(|v| v.floats()).unwrap_or_else(|| Arc::new([]));
-    let points: &[[f32; 3]] = points.as_chunks().0;
+    let points: Vec<[f32; 3]> = points.as_chunks().0.to_vec();
     let (counts, indices, holes) = (ints("faceVertexCounts")?, ints("faceVertexIndices")?, ints("holeIndices")?);
-    // Where the corners of each face begin.
     let mut starts = Vec::with_capacity(counts.len() + 1);
     let mut corners = 0usize;
     for n in counts.iter() {
@@ -137,12 +170,34 @@ pub fn read(stage: &Stage, prim: &Prim, parts: &[Part]) -> Result<Meshes, SceneE
     }
     starts.push(corners);
     if corners > indices.len() || indices.iter().any(|i| !usize::try_from(*i).is_ok_and(|i| i < points.len())) {
-        out.left_out.push("meshes whose faces do not fit their points");
-        return Ok(out);
+        return Ok(None);
     }
     let size = Size { faces: counts.len(), points: points.len(), corners: indices.len() };
+    let left_handed = stage.value(prim, "orientation")?.as_ref().and_then(Value::text).is_some_and(|o| &**o == "leftHanded");
+    let mut part_of = vec![Some(0u32); counts.len()];
+    for (number, part) in parts.iter().enumerate() {
+        let Some(subset) = &part.subset else { continue };
+        let faces = stage.value(subset, "indices")?.and_then(|v| v.ints()).unwrap_or_else(|| Arc::new([]));
+        for face in faces.iter().filter_map(|f| usize::try_from(*f).ok()) {
+            if let Some(of) = part_of.get_mut(face) {
+                *of = Some(number as u32);
+            }
+        }
+    }
+    let holes: HashSet<i32> = holes.iter().copied().collect();
+    for (face, part) in part_of.iter_mut().enumerate() {
+        if counts[face] < 3 || holes.contains(&(face as i32)) {
+            *part = None;
+        }
+    }
+    Ok(Some(Control { points, indices, starts, size, left_handed, part_of }))
+}
+
+/// The faces as they are.
+fn polygons(stage: &Stage, prim: &Prim, parts: &[Part], control: &Control, out: &mut Meshes) -> Result<(), SceneError> {
+    let Control { points, indices, starts, size, left_handed, part_of } = control;
     let mut get = |name: &str, width: usize, default: &str| -> Result<Option<Primvar>, SceneError> {
-        let read = primvar(stage, prim, name, width, &size, default)?;
+        let read = primvar(stage, prim, name, width, size, default)?;
         if read.is_none() {
             out.left_out.push("primvars that do not fit their mesh");
         }
@@ -153,21 +208,9 @@ pub fn read(stage: &Stage, prim: &Prim, parts: &[Part]) -> Result<Meshes, SceneE
         normals = get("normals", 3, "vertex")?;
     }
     let colors = if parts.iter().any(|p| p.colors) { get("primvars:displayColor", 3, "constant")? } else { None };
-    let left_handed = stage.value(prim, "orientation")?.as_ref().and_then(Value::text).is_some_and(|o| &**o == "leftHanded");
-    let holes: HashSet<i32> = holes.iter().copied().collect();
-    let mut part_of = vec![0u32; counts.len()];
-    for (number, part) in parts.iter().enumerate() {
-        let Some(subset) = &part.subset else { continue };
-        let faces = stage.value(subset, "indices")?.and_then(|v| v.ints()).unwrap_or_else(|| Arc::new([]));
-        for face in faces.iter().filter_map(|f| usize::try_from(*f).ok()) {
-            if let Some(of) = part_of.get_mut(face) {
-                *of = number as u32;
-            }
-        }
-    }
     let mut faces_of: Vec<Vec<u32>> = vec![vec![]; parts.len()];
     for (face, part) in part_of.iter().enumerate() {
-        if counts[face] >= 3 && !holes.contains(&(face as i32)) {
+        if let Some(part) = part {
             faces_of[*part as usize].push(face as u32);
         }
     }
@@ -179,7 +222,7 @@ pub fn read(stage: &Stage, prim: &Prim, parts: &[Part]) -> Result<Meshes, SceneE
         }
         let mut uvs: [Option<Primvar>; 2] = [None, None];
         for (slot, name) in uvs.iter_mut().zip(&part.uvs) {
-            let read = primvar(stage, prim, &format!("primvars:{name}"), 2, &size, "constant")?;
+            let read = primvar(stage, prim, &format!("primvars:{name}"), 2, size, "constant")?;
             if read.is_none() {
                 out.left_out.push("primvars that do not fit their mesh");
             }
@@ -235,14 +278,14 @@ pub fn read(stage: &Stage, prim: &Prim, parts: &[Part]) -> Result<Meshes, SceneE
             }
             let before = mesh.triangles.len();
             triangulate(&polygon, &mesh.positions, &mut mesh.triangles);
-            if left_handed {
+            if *left_handed {
                 mesh.triangles[before..].iter_mut().for_each(|t| t.swap(1, 2));
             }
         }
         touched.iter().for_each(|p| first[*p as usize] = u32::MAX);
         out.parts.push((mesh, part.material));
     }
-    Ok(out)
+    Ok(())
 }
 
 /// Cuts a face into triangles: into a fan where it is convex, else by its ears (G. Meisters 1975, "Polygons have ears").

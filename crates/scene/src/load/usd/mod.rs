@@ -17,6 +17,7 @@ mod light;
 mod material;
 mod package;
 mod stage;
+mod subdivision;
 mod text;
 mod transform;
 mod world;

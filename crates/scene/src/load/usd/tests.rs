@@ -131,6 +131,7 @@ fn parts_of_meshes_have_their_materials() {
     let d = read(&format!(
         "{}{}def Mesh \"A\" {{ int[] faceVertexCounts = [3, 3, 3, 4, 2]\nint[] faceVertexIndices = [0, 1, 2, 0, 2, 3, 0, 1, 3, 0, 1, 2, 3, 0, 1]\n\
         point3f[] points = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)]\nint[] holeIndices = [2]\nuniform token orientation = \"leftHanded\"\n\
+        uniform token subdivisionScheme = \"none\"\n\
         color3f[] primvars:displayColor = [(1, 0, 0), (0, 1, 0), (0, 0, 1), (1, 1, 0), (1, 1, 1)] ( interpolation = \"uniform\" )\n\
         def GeomSubset \"s\" {{ uniform token elementType = \"face\"\nint[] indices = [1, 77, -3]\nrel material:binding = </M> }}\n\
         def GeomSubset \"t\" {{ int[] indices = [3]\nrel material:binding = </N> }} }}",
@@ -151,8 +152,119 @@ fn parts_of_meshes_have_their_materials() {
     let [a, b, c] = d.meshes[0].corners(0);
     assert!((b - a).cross(c - a).z < 0.0);
     assert!(matches!(&d.materials[d.objects[2].material as usize].scattering, Scattering::Mix(_)));
-    // The control mesh is shown, and that is said.
-    assert!(d.warnings.iter().any(|w| w.contains("control meshes are shown (1)")), "{:?}", d.warnings);
+    assert!(d.warnings.is_empty(), "{:?}", d.warnings);
+}
+
+/// A cube from −1 to 1, corner `i` at the signs of its bits, and what else is said of it.
+fn cube(more: &str) -> String {
+    let points = (0..8).map(|i: i32| format!("({}, {}, {})", (i & 1) * 2 - 1, (i >> 1 & 1) * 2 - 1, (i >> 2) * 2 - 1));
+    format!(
+        "def Mesh \"cube\" {{ int[] faceVertexCounts = [4, 4, 4, 4, 4, 4]\npoint3f[] points = [{}]\n\
+        int[] faceVertexIndices = [0, 2, 3, 1, 4, 5, 7, 6, 0, 1, 5, 4, 2, 6, 7, 3, 0, 4, 6, 2, 1, 3, 7, 5]\n{more} }}",
+        points.collect::<Vec<_>>().join(", ")
+    )
+}
+
+#[test]
+fn meshes_are_subdivision_surfaces_unless_they_say_otherwise() {
+    let mesh = |more: &str| {
+        let d = read(&cube(more));
+        assert!(d.warnings.is_empty(), "{more}: {:?}", d.warnings);
+        d.meshes[0].clone()
+    };
+    let farthest = |m: &crate::shape::Mesh| m.positions.iter().map(|p| p.length()).fold(0.0, f32::max);
+    let outwards = |m: &crate::shape::Mesh| {
+        (0..m.triangles.len()).all(|t| {
+            let [a, b, c] = m.corners(t);
+            let n = (b - a).cross(c - a);
+            n.dot(a) > 0.0 && m.normals[m.triangles[t][0] as usize].dot(n) > 0.0
+        })
+    };
+    // No scheme and no normals: Catmull and Clark's, the corner at ½ of the cube's.
+    let smooth = mesh("");
+    assert!(smooth.triangles.len() == 192 && outwards(&smooth));
+    assert!(smooth.positions.iter().any(|p| p.distance(Vec3::splat(0.5)) < 1e-6) && farthest(&smooth) < 1.0);
+    let normals = "normal3f[] normals = [(0, 0, -1), (0, 0, 1), (0, -1, 0), (0, 1, 0), (-1, 0, 0), (1, 0, 0)] ( interpolation = \"uniform\" )\n";
+    for (more, triangles, corner) in [
+        // Normals and no scheme are polygons; with a scheme normals do not count.
+        (normals.to_owned(), 12, true),
+        (format!("{normals}uniform token subdivisionScheme = \"none\""), 12, true),
+        (format!("{normals}uniform token subdivisionScheme = \"catmullClark\""), 192, false),
+        ("uniform token subdivisionScheme = \"bilinear\"".into(), 192, true),
+        ("uniform token subdivisionScheme = \"loop\"".into(), 192, false),
+        ("int[] holeIndices = [3]".into(), 160, false),
+        // A sharp corner; a crease in two ways of saying its sharpness, and one around a face, which stays flat.
+        ("int[] cornerIndices = [7]\nfloat[] cornerSharpnesses = [10]".into(), 192, true),
+        ("int[] creaseIndices = [7, 6, 4, 5, 7]\nint[] creaseLengths = [5]\nfloat[] creaseSharpnesses = [10]".into(), 192, false),
+        (
+            "int[] creaseIndices = [7, 6, 4, 5, 7]\nint[] creaseLengths = [5]\nfloat[] creaseSharpnesses = [10, 10, 10, 10]"
+                .into(),
+            192,
+            false,
+        ),
+    ] {
+        let m = mesh(&more);
+        assert_eq!(m.triangles.len(), triangles, "{more}");
+        assert_eq!(farthest(&m) > 1.73, corner, "{more}");
+        if more.contains("crease") {
+            // The limit of a corner of the crease's square: (2, 2)/3 of it.
+            assert!(m.positions.iter().any(|p| p.distance(Vec3::new(2.0 / 3.0, 2.0 / 3.0, 1.0)) < 1e-6), "{more}");
+        }
+    }
+    // Clockwise faces turned inside out.
+    let turned = mesh("uniform token orientation = \"leftHanded\"");
+    assert!(turned.triangles.iter().zip(&smooth.triangles).all(|(a, b)| (a[1], a[2]) == (b[2], b[1])));
+    assert!(turned.normals.iter().zip(&smooth.normals).all(|(a, b)| *a == -*b));
+    // Texture coordinates at corners, each face its square, v down; a part for itself; faces beside a boundary left out.
+    let square = "(0, 0), (1, 0), (1, 1), (0, 1), ".repeat(6);
+    let text = format!(
+        "#usda 1.0\n( metersPerUnit = 1 )\n{}\ndef Material \"M\" {{ token outputs:surface.connect = </M/S.outputs:surface>\n\
+        def Shader \"S\" {{ token info:id = \"UsdPreviewSurface\"\ncolor3f inputs:diffuseColor.connect = </M/T.outputs:rgb> }}\n\
+        def Shader \"T\" {{ token info:id = \"UsdUVTexture\"\nasset inputs:file = @a.png@\nfloat2 inputs:st.connect = </M/R.outputs:result> }}\n\
+        def Shader \"R\" {{ token info:id = \"UsdPrimvarReader_float2\"\nstring inputs:varname = \"st\" }} }}",
+        cube(&format!(
+            "texCoord2f[] primvars:st = [{}] ( interpolation = \"faceVarying\" )\n\
+            def GeomSubset \"s\" {{ int[] indices = [1, 5]\nrel material:binding = </M> }}",
+            square.trim_end_matches(", ")
+        ))
+    );
+    let mut png = Vec::new();
+    image::RgbaImage::new(2, 2).write_to(&mut std::io::Cursor::new(&mut png), image::ImageFormat::Png).unwrap();
+    let d = load(text.into(), "t.usda", &|_: &str| Ok(png.clone())).unwrap();
+    let sizes: Vec<(usize, usize)> = d.meshes.iter().map(|m| (m.triangles.len(), m.uvs[0].len())).collect();
+    // Two faces of 5 × 5 points; of the two ends of their edge one is (1, 1) in both maps.
+    assert_eq!(sizes, [(128, 0), (64, 49)]);
+    let m = &d.meshes[1];
+    let corner = (0..49).find(|i| m.uvs[0][*i] == Vec2::new(0.0, 1.0) && m.positions[*i].z > 0.4).unwrap();
+    assert!(m.positions[corner].abs().distance(Vec3::splat(0.5)) < 1e-6);
+    let open = cube("uniform token interpolateBoundary = \"none\"").replace("[4, 4, 4, 4, 4, 4]", "[4, 4, 4, 4, 4]");
+    assert_eq!(read(&open).meshes[0].triangles.len(), 32);
+}
+
+#[test]
+fn surfaces_that_cannot_be_subdivided_are_shown_as_they_are() {
+    for (text, said, triangles) in [
+        (cube("").replace("(-1, -1, -1)", "(nan, -1, -1)"), "not finite: control meshes are shown (1)", 12),
+        (
+            cube("int[] creaseIndices = [0, 1]\nint[] creaseLengths = [3]\nfloat[] creaseSharpnesses = [2]"),
+            "creases that do not fit",
+            192,
+        ),
+        (
+            cube("int[] creaseIndices = [0, 1]\nint[] creaseLengths = [2]\nfloat[] creaseSharpnesses = [2, 2, 2]"),
+            "creases that do not fit",
+            192,
+        ),
+    ] {
+        let d = read(&text);
+        assert!(d.warnings.iter().any(|w| w.contains(said)), "{said}: {:?}", d.warnings);
+        assert_eq!(d.meshes[0].triangles.len(), triangles, "{said}");
+    }
+    // Indices that point nowhere, and negative lengths, are no creases.
+    let d = read(&cube(
+        "int[] creaseIndices = [0, 99, -3, 1]\nint[] creaseLengths = [4, -7]\nfloat[] creaseSharpnesses = [2, 2]\nint[] cornerIndices = [-1, 88]\nfloat[] cornerSharpnesses = [3, 3]",
+    ));
+    assert_eq!(d.meshes[0].triangles.len(), 192);
 }
 
 #[test]

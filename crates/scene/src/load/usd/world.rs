@@ -4,7 +4,7 @@ use super::geometry::{self, Part};
 use super::layer::Value;
 use super::material::{Bound, Shaders};
 use super::stage::{Prim, Stage};
-use super::{camera, error, light, transform};
+use super::{camera, error, light, subdivision, transform};
 use crate::SceneError;
 use crate::load::Fetch;
 use crate::load::pbrt::shapes;
@@ -326,10 +326,6 @@ impl<'a> World<'a> {
                 self.leave_out(if name == "points" { "points that move by themselves" } else { "skins of skeletons" });
             }
         }
-        let scheme = self.stage.value(prim, "subdivisionScheme")?;
-        if scheme.as_ref().and_then(Value::text).is_none_or(|s| &**s != "none") {
-            self.leave_out("subdivision: control meshes are shown");
-        }
         let has_colors = self.stage.value(prim, "primvars:displayColor")?.and_then(|v| v.floats()).is_some_and(|c| c.len() > 3);
         let mut key = self.stage.fingerprint(prim);
         let mut parts = Vec::new();
@@ -499,9 +495,12 @@ impl<'a> World<'a> {
     fn build(&mut self) -> Read<()> {
         let forms = std::mem::take(&mut self.forms);
         let stage = &self.stage;
+        let prims = |form: &Form| if let Form::Mesh { prim, .. } = form { Some(prim.clone()) } else { None };
+        let prims: Vec<Arc<Prim>> = forms.iter().filter_map(prims).collect();
+        let level = subdivision::level(stage, &prims)?;
         let read = |form: Form| -> Read<(geometry::Meshes, Option<(f64, u32)>)> {
             Ok(match form {
-                Form::Mesh { prim, parts } => (geometry::read(stage, &prim, &parts)?, None),
+                Form::Mesh { prim, parts } => (geometry::read(stage, &prim, &parts, level)?, None),
                 Form::Ready { mesh, material } => (geometry::Meshes { parts: vec![(mesh, material)], left_out: vec![] }, None),
                 Form::Ball { radius, material } => (geometry::Meshes::default(), Some((radius, material))),
             })
