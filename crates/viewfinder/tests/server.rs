@@ -27,7 +27,7 @@ fn with_viewfinder(test: impl FnOnce(&At)) {
     std::thread::scope(|threads| {
         let (ready, address) = mpsc::channel::<String>();
         let served = threads.spawn(|| serve(&options, move |at| ready.send(at.to_owned()).unwrap(), &mut |_| ()));
-        let address = address.recv_timeout(Duration::from_secs(60)).expect("an address");
+        let address = address.recv_timeout(Duration::from_secs(180)).expect("an address");
         let (port, token) = address.strip_prefix("http://127.0.0.1:").unwrap().split_once("/?token=").unwrap();
         let at = At { port: port.parse().unwrap(), token: token.to_owned() };
         let done = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| test(&at)));
@@ -44,7 +44,7 @@ fn with_viewfinder(test: impl FnOnce(&At)) {
 impl At {
     fn open(&self) -> TcpStream {
         let socket = TcpStream::connect(("127.0.0.1", self.port)).unwrap();
-        socket.set_read_timeout(Some(Duration::from_secs(60))).unwrap();
+        socket.set_read_timeout(Some(Duration::from_secs(180))).unwrap();
         socket
     }
 
@@ -164,7 +164,7 @@ impl Page {
     /// Listens until a text has a property.
     fn until(&mut self, what: &str, is: impl Fn(&Value) -> bool) -> Value {
         let begun = Instant::now();
-        while begun.elapsed() < Duration::from_secs(60) {
+        while begun.elapsed() < Duration::from_secs(180) {
             match self.hear() {
                 Heard::Text(text) if is(&text) => return text,
                 Heard::Closed => panic!("closed before: {what}"),
@@ -182,7 +182,7 @@ impl Page {
         if let Some(header) = self.1.take().filter(&is) {
             return header;
         }
-        while begun.elapsed() < Duration::from_secs(60) {
+        while begun.elapsed() < Duration::from_secs(180) {
             match self.hear() {
                 Heard::Frame(header) if is(&header) => return header,
                 Heard::Closed => panic!("closed before: {what}"),

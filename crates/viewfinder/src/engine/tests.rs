@@ -24,7 +24,7 @@ fn header(session: &Session) -> Option<Value> {
 /// Waits for a frame with a property.
 fn wait(session: &Session, what: &str, is: impl Fn(&Value) -> bool) -> Value {
     let begun = Instant::now();
-    while begun.elapsed() < Duration::from_secs(60) {
+    while begun.elapsed() < Duration::from_secs(180) {
         if let Some(header) = header(session).filter(|h| is(h)) {
             return header;
         }
