@@ -15,8 +15,8 @@ use std::sync::Arc;
 
 /// Levels of subdivision: 16 quadrilaterals for each.
 pub const LEVEL: u32 = 2;
-/// Most triangles that all subdivided meshes of a scene become, each counted once.
-pub const MOST_IN_ALL: usize = 1 << 26;
+/// Most triangles that all subdivided meshes of a scene become, each counted once: about a gigabyte with its hierarchy.
+pub const MOST_IN_ALL: usize = 1 << 23;
 
 /// How a mesh is subdivided; `None` of polygons.
 pub fn scheme(stage: &Stage, prim: &Prim) -> Result<Option<Scheme>, SceneError> {
