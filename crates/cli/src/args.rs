@@ -274,7 +274,7 @@ pub enum LensVerb {
     Build(Build),
     /// A better lens: variables and wishes from a merit file, damped least squares, a global search.
     Optimise(Optimise),
-    /// A prescription matched to a real lens: scale, aperture, focus, decentre fitted to distortion, vignetting, MTF, a calibration.
+    /// Match a real lens: scale, f-number, decentre ... fitted to distortion, vignetting, MTF or a calibration.
     Fit(FitLens),
     /// Any lens file as TOML, Zemax or CODE V file.
     Convert {
@@ -327,7 +327,7 @@ pub struct Optimise {
 
 #[derive(clap::Args, Debug)]
 pub struct FitLens {
-    /// File of measurements (.toml): [distortion], [vignetting], [mtf], [calibration], and what of the lens is free ([[variable]]).
+    /// File of measurements (.toml): [distortion], [vignetting], [mtf], [calibration]; [[variable]]: what is free.
     pub measured: PathBuf,
     /// The prescription to start from, instead of the one the file names: a name from `lens list`, or a file.
     #[arg(long, value_name = "NAME|FILE")]
