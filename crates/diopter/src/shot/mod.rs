@@ -332,7 +332,7 @@ impl Shot {
         let reading = asked.reading(&file);
         let Asked { settings, sensor, exposing, denoise, filter, .. } = asked;
         let placed = camera.way.at(0.0);
-        Ok(Shot {
+        let mut shot = Shot {
             scene,
             camera,
             sensor,
@@ -364,7 +364,9 @@ impl Shot {
             denoising_s: None,
             timing,
             facts,
-        })
+        };
+        shot.attach_flash();
+        Ok(shot)
     }
 
     /// Takes over the scale of the light from another shot of the same scene, so that both see the same light whatever their frames are.
