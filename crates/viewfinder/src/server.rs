@@ -214,7 +214,8 @@ async fn lens_drawing(State(server): State<Arc<Server>>, RawQuery(query): RawQue
     };
     match drawn {
         Some(svg) => of_type("image/svg+xml", svg),
-        None => text(StatusCode::NOT_FOUND, "this lens has no section\n"),
+        // A pinhole has no section: an answer like any other, which a browser does not report as an error.
+        None => StatusCode::NO_CONTENT.into_response(),
     }
 }
 
@@ -237,7 +238,7 @@ async fn point_json(State(server): State<Arc<Server>>, RawQuery(query): RawQuery
         return problem(StatusCode::BAD_REQUEST, &Problem::new("point", query.unwrap_or(""), expected));
     };
     let Some(live) = lock(&server.session.live).clone() else {
-        return text(StatusCode::NOT_FOUND, "there is no picture yet\n");
+        return StatusCode::NO_CONTENT.into_response();
     };
     let images = server.point_images.clone();
     match apart(move || serde_json::to_string(&images.at(&live, place, of))).await {

@@ -69,7 +69,7 @@ export class PointImage {
     this.element.setAttribute("aria-busy", "true");
     try {
       const answer = await fetch(address);
-      if (answer.ok) this.show(await answer.json());
+      if (answer.status === 200) this.show(await answer.json());
       this.drawn = name;
     } catch { /* The page says that the camera cannot be reached. */ }
     this.busy = false;
