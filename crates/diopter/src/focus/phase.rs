@@ -5,29 +5,22 @@
 //! using Dual-Pixels", ICCV, for the relation of disparity and defocus).
 
 use super::measure::Frame;
-use super::probe::{Look, Prober};
+use super::probe::Prober;
 use super::{Autofocus, Failure, Found, Point, Range};
 use crate::expose::{ExposeError, Half};
 
 /// Distance of the centroids of the halves of a disk over its diameter.
 const CENTROIDS: f64 = 4.0 / (3.0 * std::f64::consts::PI);
-/// Cells of a view.
-const CELLS: [usize; 2] = [64, 20];
-/// Samples a cell that a wide and a close view begin with (with 8 or 16 a close view before fine detail is off by more than its noise says); they
-/// are doubled while noise hides the answer, up to so many.
-const SPP: [u32; 2] = [8, 32];
-const MOST_SPP: [u32; 2] = [128, 512];
-/// Above this reliability noise is not what keeps two pictures from being alike: more samples would not help.
-const RELIABLE: f64 = 0.9;
-/// Below this one correlations say nothing of pictures without noise.
-const LEAST_RELIABLE: f64 = 0.5;
-/// Standard deviation of a shift that is exact enough: of the wide view in cells of the close one, which it only has to meet; of the close view in
-/// tolerances, of which there are eight in the depth of focus.
-const WIDE_DEVIATION: f64 = 6.0;
-const CLOSE_DEVIATION: f64 = 0.25;
+/// Cells of the wide view, and samples a cell.
+const WIDE: [usize; 2] = [64, 20];
+const SPP: u32 = 8;
+/// Samples a cell of the close view: where it is sharp, a quarter of the depth of focus is a fraction of a cell.
+const CLOSE_SPP: u32 = 48;
+/// What is not sure is looked at again with so many times the samples.
+const MORE: u32 = 4;
 /// Means over so many cells that are tried: what is far out of focus has no finer detail, only noise.
 const SMOOTH: [usize; 3] = [1, 3, 7];
-/// The least correlation that is believed, one that is as good as any, and how much lower any other shift must be.
+/// The least correlation that is believed, one that needs no second look, and how much lower any other shift must be.
 const CORRELATED: f64 = 0.6;
 const CLEAR: f64 = 0.8;
 const ALONE: f64 = 0.12;
@@ -43,31 +36,11 @@ pub struct Shift {
     pub correlation: f64,
     /// The highest correlation at any other, distant shift.
     pub rival: f64,
-    /// Fraction of the variance of the pictures that is not noise (geometric mean of both), 0 to 1: correlations are lower by this factor than
-    /// those of pictures without noise (C. Spearman 1904, "The proof and measurement of association between two things").
-    pub reliability: f64,
-    /// Standard deviation of `cells` by noise: that of a shift of a known signal in white noise (the Cramér–Rao bound; e.g. D. Robinson &
-    /// P. Milanfar 2004, "Fundamental performance limits in image registration", IEEE TIP 13(9)).
-    pub deviation: f64,
 }
 
 impl Shift {
-    /// The correlation and its rival as without noise, as far as that can be told.
-    fn likeness(&self) -> [f64; 2] {
-        [self.correlation, self.rival].map(|c| c / self.reliability.max(LEAST_RELIABLE))
-    }
-
     fn is_sure(&self) -> bool {
-        let [alike, rival] = self.likeness();
-        alike > CORRELATED && alike - rival > ALONE
-    }
-
-    /// Whether more samples could make it sure or exact enough (`deviation`, cells).
-    fn wants_more(&self, deviation: f64) -> bool {
-        match self.is_sure() {
-            true => self.deviation > deviation,
-            false => self.reliability < RELIABLE,
-        }
+        self.correlation > CORRELATED && self.correlation - self.rival > ALONE
     }
 }
 
@@ -86,10 +59,10 @@ pub fn shift(left: &Frame, right: &Frame) -> Option<Shift> {
     best
 }
 
-/// Means of `over` cells along the rows and (with less to gain) across them; of the sum of both readings, or of their difference: its noise.
-fn smoothed(f: &Frame, over: usize, sign: f32) -> Vec<f64> {
+/// Means of `over` cells along the rows and (with less to gain) across them.
+fn smoothed(f: &Frame, over: usize) -> Vec<f64> {
     let (columns, rows, n) = (f.columns, f.rows, f.channels);
-    let mut v: Vec<f64> = f.readings[0].iter().zip(&f.readings[1]).map(|(a, b)| f64::from(a + sign * b)).collect();
+    let mut v: Vec<f64> = f.readings[0].iter().zip(&f.readings[1]).map(|(a, b)| f64::from(a + b)).collect();
     for (stride, count, half) in [(n, columns, over / 2), (n * columns, rows, over / 4)] {
         let from = v.clone();
         for (i, to) in v.iter_mut().enumerate() {
@@ -103,7 +76,7 @@ fn smoothed(f: &Frame, over: usize, sign: f32) -> Vec<f64> {
 
 fn shift_of_means(left: &Frame, right: &Frame, over: usize) -> Option<Shift> {
     let (columns, rows, n) = (left.columns, left.rows, left.channels);
-    let (a, b) = (smoothed(left, over, 1.0), smoothed(right, over, 1.0));
+    let (a, b) = (smoothed(left, over), smoothed(right, over));
     let most = columns as i64 * 5 / 8;
     // Means at the ends are of fewer cells, at the same place in both: they would speak for no shift.
     let (first, last) = (over as i64 / 2, columns as i64 - over as i64 / 2);
@@ -131,9 +104,9 @@ fn shift_of_means(left: &Frame, right: &Frame, over: usize) -> Option<Shift> {
                 }
             }
         }
-        if aa > 0.0 && bb > 0.0 { (ab / (aa * bb).sqrt(), [aa, bb]) } else { (0.0, [0.0; 2]) }
+        if aa > 0.0 && bb > 0.0 { ab / (aa * bb).sqrt() } else { 0.0 }
     };
-    let all: Vec<f64> = (-most..=most).map(|k| at(k).0).collect();
+    let all: Vec<f64> = (-most..=most).map(at).collect();
     let top = (0..all.len()).max_by(|i, j| all[*i].total_cmp(&all[*j]))?;
     if !all[top].is_finite() || all[top] <= 0.0 || top == 0 || top + 1 == all.len() {
         return None;
@@ -154,23 +127,7 @@ fn shift_of_means(left: &Frame, right: &Frame, over: usize) -> Option<Shift> {
             i += side;
         }
     }
-    // Noise of what overlaps, and the energy of its slopes without that of noise.
-    let (cells, variances) = (top as i64 - most, at(top as i64 - most).1);
-    let overlap = (last - first - cells.abs()).max(1) as f64 / columns as f64;
-    let noise = [left, right].map(|f| smoothed(f, over, -1.0).iter().map(|v| v * v).sum::<f64>() * overlap);
-    let reliable = |k: usize| (1.0 - noise[k] / variances[k].max(f64::MIN_POSITIVE)).clamp(0.0, 1.0);
-    let slopes = |v: &[f64]| -> f64 {
-        let row = |r: usize| (1..columns - 1).map(move |x| (r * columns + x) * n);
-        let squares = |i: usize| (0..n).map(|c| (0.5 * (v[i + n + c] - v[i - n + c])).powi(2)).sum::<f64>();
-        (0..rows).flat_map(row).map(squares).sum::<f64>() * overlap
-    };
-    let of_noise = |f: &Frame| slopes(&smoothed(f, over, -1.0));
-    let energy = 0.5 * (slopes(&a) + slopes(&b) - of_noise(left) - of_noise(right));
-    let count = (rows * n) as f64 * overlap * columns as f64;
-    // Means of neighbours share noise: about as if `over` cells were one.
-    let deviation = if energy > 0.0 { ((noise[0] + noise[1]) / count * over as f64 / energy).sqrt() } else { f64::INFINITY };
-    let reliability = (reliable(0) * reliable(1)).sqrt();
-    Some(Shift { cells: cells as f64 + part, correlation: all[top], rival, reliability, deviation })
+    Some(Shift { cells: top as f64 - most as f64 + part, correlation: all[top], rival })
 }
 
 /// Moves the lens by what the halves say.
@@ -184,7 +141,7 @@ pub(super) fn search(prober: &mut Prober, af: &Autofocus, zone: [f64; 4], range:
     // First the whole zone, then its middle in cells as fine as what counts as sharp.
     let fine = (0.8 * af.circle_mm).max(2.0 * prober.view.sensor.pitch_mm()[0]);
     let size = [film.width_mm * zone[2], film.height_mm * zone[3]];
-    let part = [0, 1].map(|k| (CELLS[k] as f64 * fine / size[k]).min(1.0));
+    let part = [0, 1].map(|k| (WIDE[k] as f64 * fine / size[k]).min(1.0));
     let mut middle = [
         zone[0] + 0.5 * zone[2] * (1.0 - part[0]),
         zone[1] + 0.5 * zone[3] * (1.0 - part[1]),
@@ -199,47 +156,48 @@ pub(super) fn search(prober: &mut Prober, af: &Autofocus, zone: [f64; 4], range:
     loop {
         let at = prober.drive.stands_mm();
         let piece = if wide { zone } else { middle };
-        let pitch = film.width_mm * piece[2] / CELLS[0] as f64;
-        let working = f_number * (1.0 + at.max(0.0) / focal);
-        let exact =
-            if wide { WIDE_DEVIATION * fine / pitch } else { CLOSE_DEVIATION * tolerance * CENTROIDS / (pitch * working) };
-        let most = MOST_SPP[usize::from(!wide)];
-        let mut looks = [Half::Left, Half::Right].map(|half| Look::new(piece, CELLS, Some(half), most));
-        let mut spp = SPP[usize::from(!wide)];
-        let (left, seen) = loop {
-            let [left, right] = &mut looks;
-            let (Some(left), Some(right)) = (prober.look(left, spp)?, prober.look(right, spp)?) else {
+        let mut seen = None;
+        let mut left_frame = None;
+        // The close view decides.
+        let first = if wide { SPP } else { CLOSE_SPP };
+        for spp in [first, MORE * first, MORE * MORE * first] {
+            let mut half = |h| prober.frame(piece, WIDE, spp, Some(h));
+            let (Some(left), Some(right)) = (half(Half::Left)?, half(Half::Right)?) else {
                 return fail(at, Failure::Uncertain, moves, curve);
             };
-            let seen = shift(&left, &right);
-            if spp >= most || seen.is_some_and(|s| !s.wants_more(exact)) {
-                break (left, seen);
+            seen = shift(&left, &right);
+            left_frame = Some(left);
+            // What only says where to look closer need not be exact.
+            if seen.is_some_and(|s| s.is_sure() && (wide || s.correlation > CLEAR)) {
+                break;
             }
-            spp *= 2;
-        };
+        }
+        let Some(left) = left_frame else { return fail(at, Failure::Uncertain, moves, curve) };
         let detail = left.sharpness(super::Measure::Variance, 1);
         if detail.significance() < 3.0 {
             let why = if detail.floor.sqrt() > 0.2 || left.mean() <= 0.0 { Failure::TooDark } else { Failure::NoContrast };
             return fail(at, why, moves, curve);
         }
         let Some(found) = seen else { return fail(at, Failure::NoContrast, moves, curve) };
+        let pitch = film.width_mm * piece[2] / WIDE[0] as f64;
+        let working = f_number * (1.0 + at.max(0.0) / focal);
         let defocus = found.cells * pitch * working / CENTROIDS;
         curve.push(Point { extension_mm: at, value: defocus, floor: found.correlation, level: u32::from(!wide) });
         if !found.is_sure() {
-            let why = if found.likeness()[0] > CORRELATED { Failure::Ambiguous } else { Failure::NoContrast };
+            let why = if found.correlation > CORRELATED { Failure::Ambiguous } else { Failure::NoContrast };
             return fail(at, why, moves, curve);
         }
         let to = at - defocus;
         if wide {
             // Where in the zone the detail is decides where to look closer.
-            let block = [0, 1].map(|k| ((part[k] * CELLS[k] as f64).round() as usize).clamp(3.min(CELLS[k]), CELLS[k]));
+            let block = [0, 1].map(|k| ((part[k] * WIDE[k] as f64).round() as usize).clamp(3.min(WIDE[k]), WIDE[k]));
             let [x, y] = left.busiest_block(block[0], block[1]);
-            let cell = [zone[2] / CELLS[0] as f64, zone[3] / CELLS[1] as f64];
+            let cell = [zone[2] / WIDE[0] as f64, zone[3] / WIDE[1] as f64];
             middle[0] = (zone[0] + x as f64 * cell[0]).min(zone[0] + zone[2] - middle[2]);
             middle[1] = (zone[1] + y as f64 * cell[1]).min(zone[1] + zone[3] - middle[3]);
         } else if defocus.abs() < 2.0 * tolerance {
             // There: the last reading says how well.
-            let sure = ((found.likeness()[0] - CORRELATED) / (1.0 - CORRELATED)).clamp(0.0, 1.0);
+            let sure = ((found.correlation - CORRELATED) / (1.0 - CORRELATED)).clamp(0.0, 1.0);
             let confidence = 0.5 + 0.5 * sure;
             return Ok(Found { zone, extension_mm: to, confidence, failure: None, method: "phase", moves, curve });
         }

@@ -54,23 +54,6 @@ pub(super) struct Prober<'a> {
     readings: u64,
 }
 
-/// A look at a piece of the picture: the samples so far, to which more can be added.
-pub(super) struct Look {
-    piece: [f64; 4],
-    cells: [usize; 2],
-    half: Option<Half>,
-    plane: Option<FocalPlane>,
-    samples: u32,
-    most: u32,
-}
-
-impl Look {
-    /// At a piece (`[left, top, width, height]`, fractions) in `[columns, rows]` cells, of at most so many samples a cell.
-    pub fn new(piece: [f64; 4], cells: [usize; 2], half: Option<Half>, most: u32) -> Self {
-        Look { piece, cells, half, plane: None, samples: 0, most }
-    }
-}
-
 impl<'a> Prober<'a> {
     pub fn new(view: &'a View<'a>, motor: Motor, start_mm: f64) -> Self {
         let lens = match view.camera.lens.refocused(diopter_lens::Focus::Infinity) {
@@ -86,25 +69,20 @@ impl<'a> Prober<'a> {
     pub fn frame(
         &mut self,
         piece: [f64; 4],
-        cells: [usize; 2],
+        [columns, rows]: [usize; 2],
         spp: u32,
         half: Option<Half>,
     ) -> Result<Option<Frame>, ExposeError> {
-        self.look(&mut Look::new(piece, cells, half, spp), spp)
-    }
-
-    /// Goes on with a look until it has `spp` samples a cell, and reads it twice. The drive must stand where the look began.
-    pub fn look(&mut self, look: &mut Look, spp: u32) -> Result<Option<Frame>, ExposeError> {
-        let (view, [columns, rows], half) = (self.view, look.cells, look.half);
+        let view = self.view;
         let Ok(lens) = self.lens.with_extension(self.drive.stands_mm()) else { return Ok(None) };
-        let film = view.camera.film.piece(look.piece, columns, rows);
+        let film = view.camera.film.piece(piece, columns, rows);
         let [px, py] = view.sensor.pitch_mm();
         let film = crate::Film { pixel_area_mm2: px * py, ..film };
         let cell = (film.width_mm / columns as f64).min(film.height_mm / rows as f64);
         let camera = Camera { lens, film, way: view.camera.way.clone() };
         let settings = Settings {
-            spp: look.most,
-            samples: look.samples..spp,
+            spp,
+            samples: 0..spp,
             time_limit_s: None,
             truth: false,
             shutter_times: Default::default(),
@@ -117,15 +95,10 @@ impl<'a> Prober<'a> {
         };
         let quiet = Watch { cancel: view.watch.cancel, progress: &|_| () };
         // A second of light; the sensor's readings take their fraction of it.
-        let more =
+        let mut plane =
             expose(view.scene, &camera, &Shutter::global(1.0), &self.response, &settings, &ExposureFacts::default(), &quiet)?;
-        self.rays += (columns * rows) as u64 * u64::from(spp - look.samples);
+        self.rays += (columns * rows) as u64 * u64::from(spp);
         self.probes += 1;
-        let mut plane = match look.plane.take() {
-            None => more,
-            Some(before) => FocalPlane::merge(&[before, more]).map_err(|_| ExposeError::Foreign)?,
-        };
-        (look.plane, look.samples) = (Some(plane.clone()), spp);
         plane.mean.data.iter_mut().chain(&mut plane.half_difference.data).for_each(|v| *v *= view.filter as f32);
         despike(&mut plane);
         // Pixels that a cell stands for, whole patterns of filters.
