@@ -2,6 +2,8 @@
 
 #[allow(dead_code)]
 mod common;
+#[path = "common/level.rs"]
+mod level;
 #[path = "common/tables.rs"]
 mod tables;
 
@@ -11,10 +13,11 @@ use diopter_light::{Sampled, Wavelengths};
 use diopter_scene::light::Environment;
 use diopter_scene::load::{STAND_IN, mitsuba, pbrt, read_measured};
 use diopter_scene::material::{Bsdf, Material, Measured, Scattering};
-use diopter_scene::shape::{Detail, Sphere, Surface};
+use diopter_scene::shape::Sphere;
 use diopter_scene::texture::Color;
 use diopter_scene::{Description, Object, Scene, Shape};
-use glam::{DVec3, Vec2, Vec3, Vec4};
+use glam::{DVec3, Vec3};
+use level::level;
 use std::f64::consts::{PI, TAU};
 use std::sync::{Arc, OnceLock};
 use tables::{Closed, Facets, Fineness, V, adaptive, direction, merl, metal, paper, white};
@@ -24,23 +27,6 @@ const ROUGH: Closed = Closed { facets: Facets(0.35, 0.35), brdf: metal };
 const BRUSHED: Closed = Closed { facets: Facets(0.25, 0.5), brdf: metal };
 const PAPER: Closed = Closed { facets: Facets(1.0, 1.0), brdf: paper };
 const WHITE: Closed = Closed { facets: Facets(1.0, 1.0), brdf: white };
-
-/// A point of the plane z = 0 whose tangent is x.
-fn level() -> Surface {
-    Surface {
-        point: Vec3::ZERO,
-        t: 1.0,
-        ng: Vec3::Z,
-        ns: Vec3::Z,
-        tangent: Vec3::X,
-        handedness: 1.0,
-        uv: [Vec2::ZERO; 2],
-        color: Vec4::ONE,
-        object: 0,
-        triangle: 0,
-        detail: Detail::None,
-    }
-}
 
 fn material(bytes: &[u8]) -> Material {
     Material::new("table", Scattering::Measured(Arc::new(read_measured(bytes).unwrap())))

@@ -1,5 +1,8 @@
 //! Light transport against answers that are known in closed form.
 
+#[path = "common/level.rs"]
+mod level;
+
 use diopter_light::random::{Sampler, SamplerKind};
 use diopter_light::{Ray, Spectrum, Wavelengths};
 use diopter_scene::light::Environment;
@@ -9,10 +12,11 @@ use diopter_scene::material::{
     Anisotropy, CoatedConductor, Conductor, Coverage, Emission, EmissionColor, Film, Material, Principled, Scattering, Sheen,
     Transmission,
 };
-use diopter_scene::shape::{Detail, Mesh, Quad, Sphere, Surface};
+use diopter_scene::shape::{Mesh, Quad, Sphere};
 use diopter_scene::texture::{Color, Scalar};
 use diopter_scene::{Description, Object, PathSettings, Scene, Shape};
 use glam::{Affine3A, Vec3, Vec4};
+use level::level;
 
 const NM: [f32; 4] = [450.0, 520.0, 590.0, 660.0];
 
@@ -216,23 +220,6 @@ fn grained_and_woven() -> Vec<(String, Material)> {
         all.push((format!("varnished cloth {roughness}"), cloth(1.0)));
     }
     all
-}
-
-/// A point of the plane z = 0 whose tangent is x.
-fn level() -> Surface {
-    Surface {
-        point: Vec3::ZERO,
-        t: 1.0,
-        ng: Vec3::Z,
-        ns: Vec3::Z,
-        tangent: Vec3::X,
-        handedness: 1.0,
-        uv: [glam::Vec2::ZERO; 2],
-        color: glam::Vec4::ONE,
-        object: 0,
-        triangle: 0,
-        detail: Detail::None,
-    }
 }
 
 /// What a material does with light, by its values at directions all around and by what it draws: albedo of both, the integral of the

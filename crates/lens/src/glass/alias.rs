@@ -18,7 +18,6 @@ const ALIASES: &[(&str, &str, &str)] = &[
     ("SSK4", "1.61765/55.14", "discontinued: a curve through Schott's nd and Vd"),
     ("SSK4A", "1.61765/55.14", "discontinued: a curve through Schott's nd and Vd"),
     ("B270", "1.5229/58.5", "a curve through the nd and Vd of Schott's data sheet of B 270"),
-    ("DZK3M", "cdgm/D-ZK3", "the same glass, moulded"),
     ("CAF2DAIMON20", "schott/LITHOTEC-CAF2", "calcium fluoride"),
     ("FSILICA", "material/SILICA", "fused silica, Malitson 1965"),
     ("FUSEDSILICA", "material/SILICA", "fused silica, Malitson 1965"),
