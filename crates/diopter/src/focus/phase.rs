@@ -15,23 +15,34 @@ const CENTROIDS: f64 = 4.0 / (3.0 * std::f64::consts::PI);
 const WIDE: [usize; 2] = [64, 20];
 const SPP: u32 = 8;
 /// Samples a cell of the close view: where it is sharp, a quarter of the depth of focus is a fraction of a cell.
-const CLOSE_SPP: u32 = 48;
-/// What is not sure is looked at again with so many times the samples.
+const CLOSE_SPP: u32 = 16;
+/// So much of the tolerance a shift may be unsure by that ends the search, and so much of itself one that only moves the lens.
+const UNSURE: [f64; 2] = [0.5, 0.4];
+/// The correlation of a shift that ends the search without a second look: noise pulls shifts towards none, alike in all rows.
+const ENDS: f64 = 0.9;
+/// Cells about the highest correlation in which it may lie without a group of rows.
+const NEAR: usize = 4;
+/// What is not sure is looked at again with so many times the samples, at most so many times in all.
 const MORE: u32 = 4;
+const LOOKS: u32 = 3;
+/// Signal over noise that a look finds may be so many times too small: of few samples it is badly known.
+const HOPE: [f64; LOOKS as usize] = [4.0, 1.5, 1.0];
 /// Means over so many cells that are tried: what is far out of focus has no finer detail, only noise.
 const SMOOTH: [usize; 3] = [1, 3, 7];
-/// The least correlation that is believed, one that needs no second look, and how much lower any other shift must be.
+/// The least correlation that is believed, one that is as good as any, and how much lower any other shift must be.
 const CORRELATED: f64 = 0.6;
 const CLEAR: f64 = 0.8;
 const ALONE: f64 = 0.12;
 /// Moves that a search may make.
-const MOST_MOVES: u32 = 3;
+const MOST_MOVES: u32 = 4;
 
 /// A shift between two pictures.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Shift {
     /// The right one lies so many cells to the right of the left one.
     pub cells: f64,
+    /// Standard deviation of that, as far as rows differ.
+    pub deviation: f64,
     /// Correlation there, −1 to 1.
     pub correlation: f64,
     /// The highest correlation at any other, distant shift.
@@ -61,8 +72,14 @@ pub fn shift(left: &Frame, right: &Frame) -> Option<Shift> {
 
 /// Means of `over` cells along the rows and (with less to gain) across them.
 fn smoothed(f: &Frame, over: usize) -> Vec<f64> {
+    let [a, b] = [0, 1].map(|k| smoothed_reading(f, k, over));
+    a.iter().zip(&b).map(|(a, b)| a + b).collect()
+}
+
+/// The same of one of the two readings.
+fn smoothed_reading(f: &Frame, reading: usize, over: usize) -> Vec<f64> {
     let (columns, rows, n) = (f.columns, f.rows, f.channels);
-    let mut v: Vec<f64> = f.readings[0].iter().zip(&f.readings[1]).map(|(a, b)| f64::from(a + b)).collect();
+    let mut v: Vec<f64> = f.readings[reading].iter().map(|v| f64::from(*v)).collect();
     for (stride, count, half) in [(n, columns, over / 2), (n * columns, rows, over / 4)] {
         let from = v.clone();
         for (i, to) in v.iter_mut().enumerate() {
@@ -74,45 +91,41 @@ fn smoothed(f: &Frame, over: usize) -> Vec<f64> {
     v
 }
 
+/// Groups of rows of which one is left out at a time, to see how much the shift depends on it.
+const GROUPS: usize = 5;
+
 fn shift_of_means(left: &Frame, right: &Frame, over: usize) -> Option<Shift> {
     let (columns, rows, n) = (left.columns, left.rows, left.channels);
     let (a, b) = (smoothed(left, over), smoothed(right, over));
     let most = columns as i64 * 5 / 8;
-    // Means at the ends are of fewer cells, at the same place in both: they would speak for no shift.
-    let (first, last) = (over as i64 / 2, columns as i64 - over as i64 / 2);
-    let at = |k: i64| {
-        let (from, to) = (first.max(first - k), last.min(last - k));
-        let (mut ab, mut aa, mut bb) = (0.0, 0.0, 0.0);
-        for row in 0..rows {
-            for c in 0..n {
-                let value = |v: &[f64], x: i64| v[(row * columns + x as usize) * n + c];
-                // Each without its mean and slope: neither shading nor brightness is a likeness.
-                let count = (to - from) as f64;
-                let middle = 0.5 * (from + to - 1) as f64;
-                let sums = (from..to).fold([0.0; 4], |m, x| {
-                    let (va, vb, d) = (value(&a, x), value(&b, x + k), x as f64 - middle);
-                    [m[0] + va, m[1] + va * d, m[2] + vb, m[3] + vb * d]
-                });
-                let spread = count * (count * count - 1.0) / 12.0;
-                for x in from..to {
-                    let d = x as f64 - middle;
-                    let va = value(&a, x) - sums[0] / count - sums[1] / spread * d;
-                    let vb = value(&b, x + k) - sums[2] / count - sums[3] / spread * d;
-                    ab += va * vb;
-                    aa += va * va;
-                    bb += vb * vb;
-                }
-            }
-        }
+    let sums: Vec<_> = (-most..=most).map(|k| products([&a, &b], [columns, rows, n], over, k)).collect();
+    let without = |out: Option<usize>, i: usize| {
+        let kept = (0..GROUPS).filter(|g| Some(*g) != out).map(|g| sums[i][g]);
+        let [ab, aa, bb] = kept.fold([0.0; 3], add);
         if aa > 0.0 && bb > 0.0 { ab / (aa * bb).sqrt() } else { 0.0 }
     };
-    let all: Vec<f64> = (-most..=most).map(at).collect();
+    let all: Vec<f64> = (0..sums.len()).map(|i| without(None, i)).collect();
     let top = (0..all.len()).max_by(|i, j| all[*i].total_cmp(&all[*j]))?;
     if !all[top].is_finite() || all[top] <= 0.0 || top == 0 || top + 1 == all.len() {
         return None;
     }
-    let bend = all[top - 1] - 2.0 * all[top] + all[top + 1];
-    let part = if bend < 0.0 { (0.5 * (all[top - 1] - all[top + 1]) / bend).clamp(-0.5, 0.5) } else { 0.0 };
+    let between = |lower: f64, here: f64, upper: f64| {
+        let bend = lower - 2.0 * here + upper;
+        if bend < 0.0 { (0.5 * (lower - upper) / bend).clamp(-0.5, 0.5) } else { 0.0 }
+    };
+    let part = between(all[top - 1], all[top], all[top + 1]);
+    // Jackknife over the groups of rows (Efron 1982): it sees a few bright cells that all rests on, which formulas for even noise do not.
+    let near = top.saturating_sub(NEAR).max(1)..=(top + NEAR).min(all.len() - 2);
+    let others: Vec<f64> = (0..GROUPS.min(rows))
+        .filter_map(|out| {
+            let value = |i: usize| without(Some(out), i);
+            let i = near.clone().max_by(|i, j| value(*i).total_cmp(&value(*j)))?;
+            Some(i as f64 + between(value(i - 1), value(i), value(i + 1)))
+        })
+        .collect();
+    let count = others.len() as f64;
+    let mean = others.iter().sum::<f64>() / count;
+    let deviation = ((count - 1.0) / count * others.iter().map(|o| (o - mean).powi(2)).sum::<f64>()).sqrt();
     // Other maxima: beyond where the correlation has stopped falling.
     let mut rival = -1.0f64;
     for side in [-1i64, 1] {
@@ -127,7 +140,51 @@ fn shift_of_means(left: &Frame, right: &Frame, over: usize) -> Option<Shift> {
             i += side;
         }
     }
-    Some(Shift { cells: top as f64 - most as f64 + part, correlation: all[top], rival })
+    Some(Shift { cells: top as f64 - most as f64 + part, deviation, correlation: all[top], rival })
+}
+
+/// How much of what a frame shows is the same in its two readings: signal / (signal + noise) of their mean, of the smoothing that shows most (Spearman 1910, Brown 1910).
+fn reliability(frame: &Frame) -> f64 {
+    let reliability = |over: usize| {
+        let [a, b] = [0, 1].map(|k| smoothed_reading(frame, k, over));
+        let [ab, aa, bb] =
+            products([&a, &b], [frame.columns, frame.rows, frame.channels], over, 0).into_iter().fold([0.0; 3], add);
+        let r = if aa > 0.0 && bb > 0.0 { ab / (aa * bb).sqrt() } else { 0.0 };
+        (2.0 * r / (1.0 + r)).clamp(0.0, 1.0)
+    };
+    SMOOTH.into_iter().map(reliability).fold(0.0, f64::max)
+}
+
+fn add(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
+    [a[0] + b[0], a[1] + b[1], a[2] + b[2]]
+}
+
+/// Σ a b, Σ a², Σ b² of the rows of each group, where `b` lies `k` cells to the right; each row and channel without its mean and slope: neither shading nor brightness
+/// is a likeness.
+fn products([a, b]: [&[f64]; 2], [columns, rows, n]: [usize; 3], over: usize, k: i64) -> [[f64; 3]; GROUPS] {
+    // Means at the ends are of fewer cells, at the same place in both: they would speak for no shift.
+    let (first, last) = (over as i64 / 2, columns as i64 - over as i64 / 2);
+    let (from, to) = (first.max(first - k), last.min(last - k));
+    let count = (to - from) as f64;
+    let (middle, spread) = (0.5 * (from + to - 1) as f64, count * (count * count - 1.0) / 12.0);
+    let mut groups = [[0.0; 3]; GROUPS];
+    for row in 0..rows {
+        let group = &mut groups[row * GROUPS / rows];
+        for c in 0..n {
+            let value = |v: &[f64], x: i64| v[(row * columns + x as usize) * n + c];
+            let sums = (from..to).fold([0.0; 4], |m, x| {
+                let (va, vb, d) = (value(a, x), value(b, x + k), x as f64 - middle);
+                [m[0] + va, m[1] + va * d, m[2] + vb, m[3] + vb * d]
+            });
+            for x in from..to {
+                let d = x as f64 - middle;
+                let va = value(a, x) - sums[0] / count - sums[1] / spread * d;
+                let vb = value(b, x + k) - sums[2] / count - sums[3] / spread * d;
+                *group = add(*group, [va * vb, va * va, vb * vb]);
+            }
+        }
+    }
+    groups
 }
 
 /// Moves the lens by what the halves say.
@@ -156,19 +213,33 @@ pub(super) fn search(prober: &mut Prober, af: &Autofocus, zone: [f64; 4], range:
     loop {
         let at = prober.drive.stands_mm();
         let piece = if wide { zone } else { middle };
-        let mut seen = None;
+        let mut seen: Option<Shift> = None;
         let mut left_frame = None;
+        let pitch = film.width_mm * piece[2] / WIDE[0] as f64;
+        let working = f_number * (1.0 + at.max(0.0) / focal);
+        let tolerated = tolerance * CENTROIDS / (pitch * working);
         // The close view decides.
         let first = if wide { SPP } else { CLOSE_SPP };
-        for spp in [first, MORE * first, MORE * MORE * first] {
-            let mut half = |h| prober.frame(piece, WIDE, spp, Some(h));
+        for step in 0..LOOKS {
+            let mut half = |h| prober.frame(piece, WIDE, first * MORE.pow(step), Some(h));
             let (Some(left), Some(right)) = (half(Half::Left)?, half(Half::Right)?) else {
                 return fail(at, Failure::Uncertain, moves, curve);
             };
             seen = shift(&left, &right);
+            // Signal over noise grows with the samples: what even the last look would not show is not worth one.
+            let reliable = reliability(&left).min(reliability(&right));
+            let noise = reliable / (1.0 - reliable).max(1e-9) * f64::from(MORE.pow(LOOKS - 1 - step)) * HOPE[step as usize];
             left_frame = Some(left);
-            // What only says where to look closer need not be exact.
-            if seen.is_some_and(|s| s.is_sure() && (wide || s.correlation > CLEAR)) {
+            // What only says where to look closer need not be exact; rows of different depth differ however many samples there are.
+            let exact = |s: Shift| {
+                let ends = s.cells.abs() < 2.0 * tolerated;
+                if ends {
+                    s.correlation > ENDS && s.deviation < UNSURE[0] * tolerated
+                } else {
+                    s.deviation < tolerated.max(UNSURE[1] * s.cells.abs())
+                }
+            };
+            if seen.is_some_and(|s| s.is_sure() && (wide || step > 0 || exact(s))) || noise / (1.0 + noise) < CORRELATED {
                 break;
             }
         }
@@ -179,8 +250,6 @@ pub(super) fn search(prober: &mut Prober, af: &Autofocus, zone: [f64; 4], range:
             return fail(at, why, moves, curve);
         }
         let Some(found) = seen else { return fail(at, Failure::NoContrast, moves, curve) };
-        let pitch = film.width_mm * piece[2] / WIDE[0] as f64;
-        let working = f_number * (1.0 + at.max(0.0) / focal);
         let defocus = found.cells * pitch * working / CENTROIDS;
         curve.push(Point { extension_mm: at, value: defocus, floor: found.correlation, level: u32::from(!wide) });
         if !found.is_sure() {
@@ -222,7 +291,7 @@ pub(super) fn search(prober: &mut Prober, af: &Autofocus, zone: [f64; 4], range:
 mod tests {
     use super::*;
 
-    fn frame(f: impl Fn(f64, usize) -> f64) -> Frame {
+    fn frame(mut f: impl FnMut(f64, usize) -> f64) -> Frame {
         let (columns, rows) = (64, 8);
         let data: Vec<f32> = (0..columns * rows).map(|i| f((i % columns) as f64, i / columns) as f32).collect();
         Frame { columns, rows, channels: 1, readings: [data.clone(), data] }
@@ -239,6 +308,51 @@ mod tests {
         for by in [-11.3, -0.4, 0.0, 0.25, 3.5, 17.0] {
             let found = shift(&frame(scene), &frame(|x, row| scene(x - by, row))).unwrap();
             assert!((found.cells - by).abs() < 0.06 && found.is_sure(), "{by}: {found:?}");
+        }
+    }
+
+    #[test]
+    fn the_deviation_is_that_of_other_noise() {
+        // Two pictures with noise of their own, many times: shifts scatter about as each of them says. Five groups of rows know a deviation to about a third.
+        let scene =
+            |x: f64, row: usize| 20.0 * (0.31 * x + row as f64).sin() + 15.0 * (0.13 * x * (1.0 + 0.2 * row as f64)).cos();
+        let (mut squares, mut claimed, times) = (0.0, 0.0, 60);
+        let mut noise = noise();
+        for _ in 0..times {
+            let (left, right) = (frame(|x, row| scene(x, row) + noise()), frame(|x, row| scene(x - 1.3, row) + noise()));
+            let found = shift(&left, &right).unwrap();
+            squares += (found.cells - 1.3).powi(2);
+            claimed += found.deviation.powi(2);
+        }
+        let ratio = (claimed / squares).sqrt();
+        assert!((0.6..1.6).contains(&ratio), "claimed {:.3}, seen {:.3} cells", (claimed / 60.0).sqrt(), (squares / 60.0).sqrt());
+    }
+
+    #[test]
+    fn reliability_is_signal_over_signal_and_noise() {
+        let mut noise = noise();
+        // Variances of signal and of the mean of two readings' noise; the slope is no signal.
+        let mut two = |signal: f64| {
+            let mut reading = || -> Vec<f32> {
+                (0..64 * 8)
+                    .map(|i| (signal * f64::from(2 * ((i * 7 / 3) % 2) as u32) + 5.0 * (i % 64) as f64 + noise()) as f32)
+                    .collect()
+            };
+            let readings = [reading(), reading()];
+            reliability(&Frame { columns: 64, rows: 8, channels: 1, readings })
+        };
+        let (strong, none) = (two(20.0), two(0.0));
+        // 400 / (400 + 133 / 2); of 512 cells within a few hundredths.
+        assert!((strong - 0.857).abs() < 0.04, "{strong}");
+        assert!(none < 0.35, "{none}");
+    }
+
+    /// Even noise of variance 133.
+    fn noise() -> impl FnMut() -> f64 {
+        let mut state = 1u64;
+        move || {
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            ((state >> 40) as f64 / (1u64 << 24) as f64 - 0.5) * 40.0
         }
     }
 

@@ -89,8 +89,9 @@ impl<'a> Prober<'a> {
             half,
             redraw: true,
             integrator: Integrator::Path,
-            // Samples of the halves of a pupil are each other's complement: of one seed, their errors would look like a shift.
-            seed: view.settings.seed ^ if half == Some(Half::Right) { 0x5bd1_e995 } else { 0 },
+            // Samples of the halves of a pupil are each other's complement: of one seed, their errors would look like a shift; a look that is repeated must not err
+            // alike. Contrasts of many places are compared instead: of one seed, they err alike.
+            seed: view.settings.seed ^ half.map_or(0, |_| u64::from(self.probes).wrapping_mul(0x9e37_79b9_7f4a_7c15)),
             ..view.settings.clone()
         };
         let quiet = Watch { cancel: view.watch.cancel, progress: &|_| () };

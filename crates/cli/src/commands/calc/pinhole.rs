@@ -82,10 +82,18 @@ impl Hole {
         Hole { length: f64::INFINITY, ..*self }.contrast(frequency)
     }
 
-    /// Lowest frequency at which a contrast falls to a level, 1/mm.
-    fn falls_to(&self, level: f64, contrast: impl Fn(&Hole, f64) -> f64) -> f64 {
-        // The cutoff of diffraction, or of the hole's size, whichever is lower, in small steps.
-        let most = (self.diameter / (self.wavelength * self.distance)).min(4.0 * self.length / (self.distance * self.diameter));
+    /// Where the contrast by diffraction alone ends, 1/mm.
+    fn diffraction_cutoff(&self) -> f64 {
+        self.diameter / (self.wavelength * self.distance)
+    }
+
+    /// A frequency beyond the first zero of the contrast by size alone (2 J₁(x) / x = 0 at x = 3.83 < 4π), 1/mm.
+    fn size_cutoff(&self) -> f64 {
+        4.0 * self.length / (self.distance * self.diameter)
+    }
+
+    /// Lowest frequency at which a contrast falls to a level, 1/mm: below `most`, in small steps.
+    fn falls_to(&self, level: f64, most: f64, contrast: impl Fn(&Hole, f64) -> f64) -> f64 {
         let step = most / 400.0;
         let first = (1..=400).map(|k| k as f64 * step).find(|f| contrast(self, *f) < level).unwrap_or(most);
         let (mut low, mut high) = (first - step, first);
@@ -94,6 +102,11 @@ impl Hole {
             if contrast(self, middle) < level { high = middle } else { low = middle }
         }
         0.5 * (low + high)
+    }
+
+    /// The same of all that blurs, which ends with the lower of the two.
+    fn resolves(&self, level: f64) -> f64 {
+        self.falls_to(level, self.diffraction_cutoff().min(self.size_cutoff()), Hole::contrast)
     }
 }
 
@@ -110,7 +123,7 @@ fn sharpest(hole: Hole, level: f64) -> (f64, f64) {
     let count = ((TRIED[1] / TRIED[0]).ln() / FACTOR.ln()) as i32;
     let each = (0..=count)
         .map(|k| TRIED[0] * root * FACTOR.powi(k))
-        .map(|diameter| (diameter, Hole { diameter, ..hole }.falls_to(level, Hole::contrast)));
+        .map(|diameter| (diameter, Hole { diameter, ..hole }.resolves(level)));
     each.max_by(|a, b| a.1.total_cmp(&b.1)).unwrap_or((root, 0.0))
 }
 
@@ -120,8 +133,8 @@ fn figure(hole: Hole, best: (f64, f64)) -> Figure {
     let root = (hole.wavelength * hole.length).sqrt();
     let diameters: Vec<f64> = (0..=110).map(|k| root * (0.5 + 0.05 * f64::from(k))).collect();
     let most = 1.6 * best.1;
-    let curve = |name: &str, color: Color, style: Style, contrast: fn(&Hole, f64) -> f64| {
-        let point = |d: &f64| DVec2::new(*d, Hole { diameter: *d, ..hole }.falls_to(LEVELS[0], contrast));
+    let curve = |name: &str, color: Color, style: Style, resolves: fn(&Hole) -> f64| {
+        let point = |d: &f64| DVec2::new(*d, resolves(&Hole { diameter: *d, ..hole }));
         Line { name: name.into(), color, style, points: diameters.iter().map(point).filter(|p| p.y <= most).collect() }
     };
     let mark = |(c, name, _): &(f64, &str, &str)| {
@@ -135,9 +148,11 @@ fn figure(hole: Hole, best: (f64, f64)) -> Figure {
         }
     };
     let mut lines = vec![
-        curve("both", [204, 51, 51], Style::Full, Hole::contrast),
-        curve("size of the hole alone", [34, 85, 170], Style::Broken, Hole::by_size),
-        curve("diffraction alone", [40, 140, 70], Style::Broken, Hole::by_diffraction),
+        curve("both", [204, 51, 51], Style::Full, |h| h.resolves(LEVELS[0])),
+        curve("size of the hole alone", [34, 85, 170], Style::Broken, |h| h.falls_to(LEVELS[0], h.size_cutoff(), Hole::by_size)),
+        curve("diffraction alone", [40, 140, 70], Style::Broken, |h| {
+            h.falls_to(LEVELS[0], h.diffraction_cutoff(), Hole::by_diffraction)
+        }),
     ];
     lines.extend(BEST[1..].iter().map(mark));
     let mut figure = Figure::new(size.x, size.y);
@@ -238,12 +253,27 @@ mod tests {
         assert!((narrow.by_diffraction(0.5 * cutoff) - 0.391_0).abs() < 5e-4);
         assert!((narrow.contrast(0.5 * cutoff) - 0.391_0).abs() < 5e-3);
         assert!((hole(0.2).contrast(0.0) - 1.0).abs() < 1e-4 && (bessel_j1(3.831_706).abs() < 1e-6));
+        // Alone, the one goes with 1 / diameter and the other with the diameter, however wide the hole: 2 J1(x) / x = ½ at x = 2.2150894, a lens in focus has 0.5
+        // at 0.4040 of its cutoff.
+        for diameter in [0.03, 0.2, 1.2] {
+            let hole = hole(diameter);
+            let (size, diffraction) = (
+                hole.falls_to(0.5, hole.size_cutoff(), Hole::by_size),
+                hole.falls_to(0.5, hole.diffraction_cutoff(), Hole::by_diffraction),
+            );
+            assert!((size * PI * diameter - 2.215_089).abs() < 1e-4, "{diameter}: {}", size * PI * diameter);
+            assert!(
+                (diffraction / hole.diffraction_cutoff() - 0.4040).abs() < 5e-4,
+                "{diameter}: {}",
+                diffraction / hole.diffraction_cutoff()
+            );
+        }
         // The best hole is near those of the sources, and worse on both sides.
         let root = (550e-6f64 * 50.0).sqrt();
         let (best, at_best) = sharpest(hole(1.0), 0.5);
         assert!((1.2..2.2).contains(&(best / root)), "{}", best / root);
         for other in [0.7, 1.5] {
-            assert!(hole(other * best).falls_to(0.5, Hole::contrast) < at_best);
+            assert!(hole(other * best).resolves(0.5) < at_best);
         }
     }
 }
