@@ -126,7 +126,7 @@ pub enum SceneVerb {
     List,
     /// What a scene holds: triangles, materials, lights, cameras, warnings.
     Info {
-        /// Embedded scene, or a file: .usd, .gltf, .glb, .pbrt, .xml (Mitsuba), .obj, .ply, .spz, .stl.
+        /// Embedded scene, or a file: .usd, .gltf, .glb, .pbrt, .xml (Mitsuba), .obj, .ply, .spz, .stl, .scene (by hand).
         scene: String,
         /// Fail when a texture cannot be read, instead of showing magenta in its place.
         #[arg(long)]
@@ -134,7 +134,7 @@ pub enum SceneVerb {
     },
     /// Write a scene as glTF 2.0 for other programs.
     Convert {
-        /// Embedded scene, or a file: .usd, .gltf, .glb, .pbrt, .xml (Mitsuba), .obj, .ply, .spz, .stl.
+        /// Embedded scene, or a file: .usd, .gltf, .glb, .pbrt, .xml (Mitsuba), .obj, .ply, .spz, .stl, .scene (by hand).
         scene: String,
         /// .glb, or .gltf with a .bin beside it.
         #[arg(short, long, value_name = "FILE")]
@@ -494,6 +494,8 @@ pub enum MeasureVerb {
     Distortion(MeasureChart),
     /// Read-out time and direction of a rolling shutter, from a picture of a flickering lamp's light or of moving bars.
     Rolling(MeasureRolling),
+    /// Tone response, noise and dynamic range from a step wedge (OECF, ISO 14524 and 15739).
+    Oecf(MeasureOecf),
     /// Colour differences of the 24 ColorChecker patches in a developed picture.
     Color {
         /// Picture: .png, .tif, .jpg or .exr, in sRGB primaries.
@@ -605,6 +607,34 @@ pub struct MeasureRolling {
     /// Speed of bright bars before a dark ground over the picture, to the right and downwards, pixels a second: "2400,0".
     #[arg(long, value_name = "X,Y", value_parser = pair, conflicts_with = "flicker", allow_hyphen_values = true)]
     pub speed: Option<[f64; 2]>,
+}
+
+#[derive(clap::Args, Debug)]
+pub struct MeasureOecf {
+    /// Pictures of the chart, as of the scene step-wedge: raw (.dng), focal plane or other .exr, .png, .tif, .jpg. Several of the same exposure tell temporal noise apart.
+    #[arg(required = true)]
+    pub files: Vec<PathBuf>,
+    /// Outer corners of the fields, pixels: upper left, upper right, lower right, lower left; where "step-wedge" has them without.
+    #[arg(long, value_name = "X,Y,X,Y,X,Y,X,Y", value_parser = corners, allow_hyphen_values = true)]
+    pub corners: Option<[[f64; 2]; 4]>,
+    /// Columns and rows of the fields of another chart.
+    #[arg(long, value_name = "COLUMNSxROWS", default_value = "5x4")]
+    pub grid: Size,
+    /// Densities of its fields, log₁₀, row by row: "0,0.3,0.6"; 0 to 4.75 by 0.25 without.
+    #[arg(long, value_name = "LIST", value_parser = list, allow_hyphen_values = true)]
+    pub densities: Option<List>,
+    /// Picture of an even field by the same lens at the same aperture, as of the scene flat-field: its fall-off is counted as density.
+    #[arg(long, value_name = "FILE")]
+    pub flat: Option<PathBuf>,
+    /// What is measured; all channels of raw files, luminance of others, without.
+    #[arg(long, value_name = "NAME")]
+    pub channel: Option<MeasuredChannel>,
+    /// Transfer function of the codes of a .png, .tif or .jpg; linear shows the codes themselves.
+    #[arg(long, value_name = "NAME", default_value = "srgb")]
+    pub encoding: PictureEncoding,
+    /// Plot to write: .svg or .png; may be given several times.
+    #[arg(short, long, value_name = "FILE")]
+    pub output: Vec<PathBuf>,
 }
 
 #[derive(clap::Args, Debug)]
@@ -782,7 +812,7 @@ pub struct Raw {
 /// What is photographed and how; shared by `shoot` and `expose`. Flags win over the shot file.
 #[derive(clap::Args, Debug)]
 pub struct Taking {
-    /// Embedded scene, a scene file (.usd, .gltf, .glb, .pbrt, .xml (Mitsuba), .obj, .ply, .spz, .stl), or a .toml shot file; - for a shot file on standard input.
+    /// Embedded scene, a scene file (.usd, .gltf, .glb, .pbrt, .xml (Mitsuba), .obj, .ply, .spz, .stl, .scene (by hand)), or a .toml shot file; - for a shot file on standard input.
     #[arg(value_name = "SCENE|SHOT.toml")]
     pub subject: Option<String>,
     /// Metres in a unit of length of the scene file: 0.001 for millimetres, 0.01 for centimetres.
@@ -1129,7 +1159,7 @@ pub enum Checkpoint {
 
 #[derive(clap::Args, Debug)]
 pub struct Viewfinder {
-    /// Embedded scene, a scene file (.usd, .gltf, .glb, .pbrt, .xml (Mitsuba), .obj, .ply, .spz, .stl), or a .toml shot file; the still life without.
+    /// Embedded scene, a scene file (.usd, .gltf, .glb, .pbrt, .xml (Mitsuba), .obj, .ply, .spz, .stl, .scene (by hand)), or a .toml shot file; the still life without.
     #[arg(value_name = "SCENE|SHOT.toml")]
     pub subject: Option<String>,
     /// Folder with scenes, pictures of light, lenses and tables that the page may open; may be given several times. Without, only what is embedded.

@@ -87,7 +87,7 @@ impl Folders {
         for path in files.into_iter().filter(|p| self.holds(p)) {
             let ending = Path::new(&path).extension().map(|e| e.to_string_lossy().to_lowercase()).unwrap_or_default();
             match ending.as_str() {
-                "gltf" | "glb" | "pbrt" | "ply" | "obj" | "stl" | "spz" | "xml" | "usd" | "usda" | "usdc" | "usdz" => {
+                "gltf" | "glb" | "pbrt" | "ply" | "obj" | "stl" | "scene" | "spz" | "xml" | "usd" | "usda" | "usdc" | "usdz" => {
                     offered.scenes.push(path)
                 }
                 "hdr" | "exr" | "pfm" => offered.lights.push(path),

@@ -5,7 +5,7 @@
 //! light of the chart (CIE 1931 observer), adapted to D65 by Bradford: what a developed picture means to show. Exposure is not a matter of colour:
 //! the picture is scaled so that the six grey patches have their luminance in the least-squares sense. Differences are CIEDE2000 in CIELAB of D65.
 
-use super::fit::least_squares;
+use super::corners::{Corners, projective};
 use super::{MeasureError, Measured};
 use diopter_light::cie;
 use diopter_light::color::{RgbSpace, bradford, delta_e_2000, lab, xy_from_xyz, xyz_from_xy, xyz_of};
@@ -52,22 +52,9 @@ pub struct ColorDifferences {
     pub largest: f64,
 }
 
-/// Four outer corners of the patches in a picture, pixels: of dark skin, bluish green, black, white (upper left, upper right, lower right, lower
-/// left).
-pub type Corners = [[f64; 2]; 4];
-
-/// Where the embedded chart lies in a picture of 3:2 that is framed by itself.
-pub fn framed([width, height]: [usize; 2]) -> Result<Corners, MeasureError> {
-    let (w, h) = (width as f64, height as f64);
-    if (w / h / 1.5 - 1.0).abs() > 0.03 {
-        return Err(MeasureError::unfit(
-            "colour chart",
-            format!("a picture of {width} × {height} pixels, not 3:2 as the embedded chart is framed"),
-            "--corners with the four outer corners of the patches",
-        ));
-    }
-    let [x, y] = [0.5 * FRAMED[0] * w, 0.5 * FRAMED[1] * h];
-    Ok([[-x, -y], [x, -y], [x, y], [-x, y]].map(|[a, b]| [0.5 * w + a, 0.5 * h + b]))
+/// Where the embedded chart lies in a picture of 3:2 that is framed by itself: dark skin in the upper left.
+pub fn framed(size: [usize; 2]) -> Result<Corners, MeasureError> {
+    super::corners::framed("colour chart", FRAMED, size)
 }
 
 /// XYZ of the patches under an illuminant, adapted to D65, a perfect white having Y = 1.
@@ -155,21 +142,6 @@ pub fn measure(picture: &Measured, corners: Option<Corners>, light: &str) -> Res
     let mean = patches.iter().map(|p| p.delta_e).sum::<f64>() / patches.len() as f64;
     let largest = patches.iter().map(|p| p.delta_e).fold(0.0, f64::max);
     Ok(ColorDifferences { patches, scale, mean, largest })
-}
-
-/// The projective map of the unit square to four corners (upper left, upper right, lower right, lower left).
-fn projective(corners: Corners) -> Option<impl Fn([f64; 2]) -> [f64; 2]> {
-    let size = corners.iter().flatten().fold(1.0f64, |a, b| a.max(b.abs()));
-    let unit = [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]];
-    let rows = unit.iter().zip(&corners).flat_map(|([u, v], [x, y])| {
-        let [x, y] = [x / size, y / size];
-        [(vec![*u, *v, 1.0, 0.0, 0.0, 0.0, -u * x, -v * x], x), (vec![0.0, 0.0, 0.0, *u, *v, 1.0, -u * y, -v * y], y)]
-    });
-    let h = least_squares(rows, 8)?;
-    Some(move |[u, v]: [f64; 2]| {
-        let w = (h[6] * u + h[7] * v + 1.0) / size;
-        [(h[0] * u + h[1] * v + h[2]) / w, (h[3] * u + h[4] * v + h[5]) / w]
-    })
 }
 
 #[cfg(test)]

@@ -4,11 +4,13 @@
 //! raw images, and knows nothing of how the picture was made: pictures of other cameras are measured just so.
 
 pub mod color;
+pub mod corners;
 pub mod distortion;
 mod fit;
 pub mod glare;
 pub mod mtf;
 pub mod noise;
+pub mod oecf;
 pub mod plane;
 pub mod predict;
 pub mod rolling;

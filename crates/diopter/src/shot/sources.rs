@@ -64,6 +64,7 @@ pub fn read_scene(name: &str, strict: bool) -> Result<Description, ShotError> {
         Some("spz") => load::splats::spz(bytes()?, name)?,
         Some("obj") => load::mesh::obj(&bytes()?, name, &fetch)?,
         Some("stl") => load::mesh::stl(&bytes()?, name)?,
+        Some("scene") => load::sheet::load(&bytes()?, name)?,
         Some("xml") => load::mitsuba::load(&bytes()?, name, &fetch)?,
         Some("usd" | "usda" | "usdc" | "usdz") => load::usd::load(bytes()?, name, &fetch)?,
         other => {
@@ -119,7 +120,7 @@ pub(super) fn read_scaled(
 /// Whether a scene file is of a kind that holds models, often without light, ground or camera.
 pub(super) fn is_model(name: &str) -> bool {
     let ending = Path::new(name).extension().map(|e| e.to_string_lossy().to_lowercase());
-    matches!(ending.as_deref(), Some("obj" | "stl" | "ply" | "spz" | "gltf" | "glb")) || is_usd(ending.as_deref())
+    matches!(ending.as_deref(), Some("obj" | "stl" | "ply" | "spz" | "gltf" | "glb" | "scene")) || is_usd(ending.as_deref())
 }
 
 fn is_usd(ending: Option<&str>) -> bool {
@@ -168,7 +169,8 @@ fn length(m: f32) -> String {
 }
 
 /// Endings of scene files.
-const SCENE_FILES: &str = ".gltf, .glb, .usd (.usda, .usdc, .usdz), .pbrt, .xml (Mitsuba), .obj, .ply, .spz or .stl";
+const SCENE_FILES: &str =
+    ".gltf, .glb, .usd (.usda, .usdc, .usdz), .pbrt, .xml (Mitsuba), .obj, .ply, .spz, .stl or .scene (by hand)";
 
 /// Whether a light is given as a file and not by name: a picture of surroundings.
 pub(super) fn is_light_file(name: &str) -> bool {

@@ -8,7 +8,7 @@ use crate::texture::{Color, Scalar};
 use glam::{Affine3A, Quat, Vec3};
 
 /// A description in the making.
-pub(super) struct Builder(pub Description);
+pub(crate) struct Builder(pub Description);
 
 impl Builder {
     pub fn material(&mut self, material: Material) -> u32 {
@@ -98,7 +98,7 @@ pub(super) fn slide(node: u32, from: Vec3, to: Vec3, time_s: f32) -> Channel {
 }
 
 /// A box between two corners, faces outwards.
-pub(super) fn block(min: Vec3, max: Vec3) -> Mesh {
+pub(crate) fn block(min: Vec3, max: Vec3) -> Mesh {
     let corner = |i: u32| {
         Vec3::new([min.x, max.x][i as usize & 1], [min.y, max.y][(i >> 1) as usize & 1], [min.z, max.z][(i >> 2) as usize])
     };

@@ -1,13 +1,13 @@
-//! Charts for laboratories: slanted edges, a grid of dots, a flat field. For `diopter measure`.
+//! Charts for laboratories: slanted edges, a grid of dots, a flat field, a step wedge. For `diopter measure`.
 //!
-//! Each is a board of 4 × 4 m, so that it fills the picture of a wide lens at 1 m, in parallel D65 light of 1000 lx from the front: every place gets the
+//! Each but the last is a board of 4 × 4 m, so that it fills the picture of a wide lens at 1 m, in parallel D65 light of 1000 lx from the front: every place gets the
 //! same, and nothing casts a visible shadow.
 
 use super::Framing;
 use super::builder::Builder;
 use super::pattern::paint;
 use crate::light::punctual::{Punctual, PunctualKind};
-use crate::material::{Material, Scattering};
+use crate::material::{Emission, EmissionColor, Material, Scattering};
 use crate::scene::Description;
 use crate::texture::{Color, Texture};
 use diopter_light::Spectrum;
@@ -86,6 +86,44 @@ pub fn glare_spot() -> Description {
     let mut b = board("glare-spot", Color::spectrum(Spectrum::Constant(LIGHT)));
     let black = b.material(Material::new("black", Scattering::Diffuse(Color::spectrum(Spectrum::Constant(0.0)))));
     b.quad("spot", Vec3::new(-0.5 * SPOT, 0.5 * SPOT, GAP), [Vec3::X * SPOT, Vec3::NEG_Y * SPOT], black);
+    b.0
+}
+
+/// Columns and rows of the fields of [`step_wedge`].
+pub const WEDGE_GRID: [usize; 2] = [5, 4];
+/// By how much each field is denser than the one before, log₁₀.
+pub const WEDGE_DENSITY: f64 = 0.25;
+/// Luminance of its clear field, cd/m².
+pub const WEDGE_LUMINANCE: f64 = 4000.0;
+/// Distance of the fields' middles and their side, m.
+pub const WEDGE_STEP: f32 = 0.11;
+/// See [`WEDGE_STEP`].
+pub const WEDGE_FIELD: f32 = 0.1;
+
+/// Twenty fields of a transparency before an even light box (D65): density 0 in the upper left to 4.75 in the lower right, row by row, in black. As the charts of
+/// ISO 14524 and ISO 15739 it is for the tone response and the noise; its contrast of 56 000 : 1 (15.8 stops) is more than a paper print's.
+pub fn step_wedge() -> Description {
+    let mut b = Builder(Description { name: "step-wedge".into(), ..Default::default() });
+    let light = illuminant("D65").unwrap_or_else(|| unreachable!("D65 is embedded"));
+    let visible = |nm: f32| if (380.0..=780.0).contains(&nm) { light.at(nm) } else { 0.0 };
+    let clear = WEDGE_LUMINANCE / luminance(visible);
+    let [columns, rows] = WEDGE_GRID;
+    for k in 0..columns * rows {
+        let scale = (clear * 10f64.powf(-WEDGE_DENSITY * k as f64)) as f32;
+        let radiance = Table::new(380.0, 1.0, (380..=780).map(|nm| light.at(nm as f32) * scale).collect());
+        let name = format!("density {:.2}", WEDGE_DENSITY * k as f64);
+        // Nothing is lit by it: all else is black.
+        let emission = Emission {
+            radiance: EmissionColor::Constant(Spectrum::Table(radiance)),
+            two_sided: false,
+            is_light: false,
+            modulation: Default::default(),
+        };
+        let material = b.material(Material { emission: Some(emission), ..Material::new(&name, Scattering::Black) });
+        let middle = [(k % columns) as f32 - 0.5 * (columns - 1) as f32, 0.5 * (rows - 1) as f32 - (k / columns) as f32];
+        let [x, y] = middle.map(|m| m * WEDGE_STEP - 0.5 * WEDGE_FIELD);
+        b.quad(&name, Vec3::new(x, y, 0.0), [Vec3::X * WEDGE_FIELD, Vec3::Y * WEDGE_FIELD], material);
+    }
     b.0
 }
 

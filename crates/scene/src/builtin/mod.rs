@@ -1,6 +1,6 @@
 //! Scenes made by code: always at hand, nothing to download.
 
-mod builder;
+pub(crate) mod builder;
 pub mod charts;
 pub mod color_chart;
 pub mod cornell;
@@ -24,6 +24,10 @@ pub const NAMES: &[(&str, &str)] = &[
     ("dot-grid", "dots in rows and columns: measures distortion"),
     ("flat-field", "an even white board: measures vignetting and noise"),
     ("glare-spot", "a black square on an even white board: measures veiling glare (ISO 9358)"),
+    (
+        "step-wedge",
+        "twenty fields of a light box, 15.8 stops: measures tone response, noise and dynamic range (ISO 14524, 15739)",
+    ),
     ("moving-bars", "two bars that move at 1 m/s, upright and level: what shutters do to edges"),
     ("propeller", "a propeller at 25 turns a second before the sky: rolling shutters, short times"),
     ("rolling-ball", "a striped ball with a small lamp rolls through a dim room: long times, flashes, curtains"),
@@ -60,6 +64,7 @@ pub fn named(name: &str) -> Option<Description> {
         "dot-grid" => Some(charts::dot_grid()),
         "flat-field" => Some(charts::flat_field()),
         "glare-spot" => Some(charts::glare_spot()),
+        "step-wedge" => Some(charts::step_wedge()),
         "moving-bars" => Some(moving_bars::description()),
         "propeller" => Some(propeller::description()),
         "rolling-ball" => Some(rolling_ball::description()),
@@ -86,7 +91,7 @@ pub fn framing(name: &str) -> Option<Framing> {
     match name {
         "still-life" => Some(still_life::FRAMING),
         "resolution-chart" => Some(resolution_chart::FRAMING),
-        "slanted-edges" | "dot-grid" | "flat-field" | "glare-spot" => Some(charts::FRAMING),
+        "slanted-edges" | "dot-grid" | "flat-field" | "glare-spot" | "step-wedge" => Some(charts::FRAMING),
         "moving-bars" => Some(moving_bars::FRAMING),
         "propeller" => Some(propeller::FRAMING),
         "rolling-ball" => Some(rolling_ball::FRAMING),

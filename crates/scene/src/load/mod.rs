@@ -11,6 +11,7 @@ mod normal_map_tests;
 pub mod pbrt;
 mod picture;
 pub mod ply;
+pub mod sheet;
 pub mod splats;
 pub mod usd;
 

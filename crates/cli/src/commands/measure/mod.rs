@@ -1,6 +1,7 @@
 //! `measure`: what pictures say of the camera that took them.
 
 mod glare;
+mod oecf;
 mod report;
 mod rolling;
 
@@ -15,6 +16,7 @@ use diopter::image::{Encoding, ExposureFacts};
 use diopter::lens::compound::Setting;
 use diopter::lens::draw::{Axis, Chart, Color, Figure, Line, Style};
 use diopter::lens::{CompoundLens, Focus};
+use diopter::measure::corners::Corners;
 use diopter::measure::mtf::{self, Options, Window};
 use diopter::measure::predict::{Chain, Prediction};
 use diopter::measure::{Channel, EdgeMtf, Measured, Plane, Region, color, distortion, noise, vignetting};
@@ -39,6 +41,7 @@ pub fn run(verb: &MeasureVerb, json: bool) -> anyhow::Result<()> {
         MeasureVerb::Noise { files, region, output } => photon_transfer(files, *region, output, json),
         MeasureVerb::DynamicRange { body, iso, output } => dynamic_range(body, iso.as_ref(), output, json),
         MeasureVerb::Glare(asked) => glare::run(asked, json),
+        MeasureVerb::Oecf(asked) => oecf::run(asked, json),
         MeasureVerb::Report(asked) => report::run(asked, json),
         MeasureVerb::Rolling(asked) => rolling::run(asked, json),
         MeasureVerb::Vignetting(asked) => fall_off(asked, json),
@@ -568,7 +571,7 @@ fn distortion_figure(name: &str, found: &Distortion) -> Figure {
 
 fn differences(
     file: &Path,
-    corners: Option<color::Corners>,
+    corners: Option<Corners>,
     light: &str,
     encoding: Encoding,
     output: &[PathBuf],

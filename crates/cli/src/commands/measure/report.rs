@@ -205,7 +205,7 @@ pub(super) fn photograph(setup: &Setup, chart: &str) -> anyhow::Result<Photograp
 }
 
 /// Outer corners of the patches of "color-chart" in its photograph with a thin lens, pixels: 0.26 × 0.172 m at the framing's distance.
-fn chart_corners(facts: &ExposureFacts, size: [usize; 2]) -> color::Corners {
+fn chart_corners(facts: &ExposureFacts, size: [usize; 2]) -> diopter::measure::corners::Corners {
     let [columns, rows] = size.map(|s| s as f64);
     let focal_mm = facts.focal_length_mm;
     let pitch_mm = FULL_FRAME_DIAGONAL_MM * focal_mm / facts.focal_length_35mm_mm / columns.hypot(rows);
