@@ -85,6 +85,10 @@ def optic_of(program: str, name: str, f: float, fields: tuple):
             shape |= {"surface_type": "even_asphere", "coefficients": [powers.get(2 * k, 0.0) for k in range(1, max(powers) // 2 + 1)]}
         optic.surfaces.add(index=i + 1, thickness=gap, material=material, is_stop=i == stop, **shape)
     optic.surfaces.add(index=len(surfaces) + 1)
+    for surface in optic.surfaces:
+        # Its default leaves 1e-6 mm of an asphere, thousandths of a wave.
+        if hasattr(surface.geometry, "tol"):
+            surface.geometry.tol = 1e-13
     radius = math.hypot(*points[stop][:2])
     optic.set_aperture(aperture_type="float_by_stop_size", value=2 * radius)
     optic.surfaces[stop + 1].set_semi_aperture(radius)

@@ -216,23 +216,27 @@ mod tests {
 
     #[test]
     fn a_gap_is_set_to_the_smallest_spots_that_a_search_finds() {
-        let tolerance = "[[tolerance]]\nsurfaces = [7, 9]\nradius = \"0.5%\"\n[[tolerance]]\nsurfaces = 5\nthickness = 0.4";
-        let free = gauss(&format!("[compensator]\nrefocus = 0.5\ngap = [{{ surface = 5, by = \"400 µm\" }}]\n{tolerance}"));
+        let tolerance = "[[tolerance]]\nsurfaces = [7, 9]\nradius = \"0.5%\"\n[[tolerance]]\nsurfaces = 5\nthickness = 2";
+        let free = gauss(&format!("[compensator]\nrefocus = 0.5\ngap = [{{ surface = 5, by = \"2000 µm\" }}]\n{tolerance}"));
         let plain = gauss(&format!("[compensator]\nrefocus = 0.5\n{tolerance}"));
         let errors = [0.05, -0.07, 0.0];
         let values = free.measure_perturbed(&errors);
         let [found] = moves(&free, &values)[..] else { panic!("one compensator") };
-        // Brute force: the same gap as an error of the sheet without the compensator, in steps of 2 µm.
-        let (best, at) = (-200..=200)
-            .map(|i| 0.002 * f64::from(i))
+        // Brute force: the same gap as an error of the sheet without the compensator.
+        const STEP: f64 = 0.05;
+        let (best, at) = (-39..=39)
+            .map(|i| STEP * f64::from(i))
             .map(|gap| (square(&plain, &plain.measure_perturbed(&[errors[0], errors[1], gap])), gap))
             .min_by(|a, b| a.0.total_cmp(&b.0))
             .unwrap();
-        assert!((found - at).abs() < 0.003, "{found} {at}");
-        assert!(at.abs() > 0.02 && at.abs() < 0.39, "the search ended inside: {at}");
-        // 1e-5: a step of 2 µm beside the bottom of the parabola.
-        assert!((square(&free, &values) / best - 1.0).abs() < 1e-5, "{} {best}", square(&free, &values));
-        assert!(square(&free, &values) < 0.99 * square(&plain, &plain.measure_perturbed(&errors)));
+        assert!((found - at).abs() < STEP, "{found} {at}");
+        assert!(at.abs() > 0.1 && at.abs() < 1.9, "the search ended inside: {at}");
+        // As good as the best of the search, which is within a step of the bottom of a valley that is 1 mm wide; 1e-6: the film's own place.
+        let least = square(&free, &values);
+        assert!(least < best * (1.0 + 1e-6) && least > 0.98 * best, "{least} {best}");
+        let there = square(&plain, &plain.measure_perturbed(&[errors[0], errors[1], found]));
+        assert!((least / there - 1.0).abs() < 1e-9, "{least} {there}");
+        assert!(least < 0.9 * square(&plain, &plain.measure_perturbed(&errors)));
     }
 
     #[test]
@@ -243,7 +247,7 @@ mod tests {
         );
         let sensitivities: Vec<Sensitivity> = (0..t.parameters().len()).map(|i| t.sensitivity(i)).collect();
         let predicted = t.root_sum_square(&sensitivities);
-        const BUILDS: u64 = 120;
+        const BUILDS: u64 = 80;
         let builds: Vec<Vec<f64>> = (0..BUILDS).map(|k| t.measure_build(k)).collect();
         for (i, q) in t.quantities().iter().enumerate() {
             if !matches!(q.kind, QuantityKind::Compensator | QuantityKind::Efl | QuantityKind::Refocus | QuantityKind::BoresightX)
@@ -287,7 +291,7 @@ mod tests {
                 "tilt = [{ element = [7, 9], by = 0.1 }, { element = [7, 9], by = 0.2, axis = \"x\" }]",
                 vec!["s.toml:2", "a second time"],
             ),
-            ("tilt = [{ element = [7, 9], by = 0.1, axis = \"z\" }]", vec!["s.toml:2", "axis", "z"]),
+            ("tilt = [{ element = [7, 9], by = 0.1, axis = \"z\" }]", vec!["s.toml:2", "`z`", "expected `x` or `y`"]),
             ("gaps = [{ surface = 5, by = 0.1 }]", vec!["s.toml:2", "gaps", "expected"]),
         ] {
             let message = match ToleranceSheet::parse(&format!("[compensator]\n{text}\n[[tolerance]]\nradius = 0.1"), "s.toml") {
