@@ -222,20 +222,18 @@ def airy(program: str) -> dict:
     pattern = airydisk(np.maximum(r_um, 1e-9), 1 / (2 * sine), 0.55)
     near = r_um * sine / 0.55 < 2.62
     # poppy's closed form counts in arcseconds of a telescope: one of diameter D = 2 sin u at a distance of 1.
-    arcsec = poppy.misc.airy_2d(diameter=2 * sine, wavelength=0.55e-6, shape=(257, 257), pixelscale=math.degrees(pixel * 1e-3) * 3600)
-    arcsec = arcsec / arcsec.max()
-    cut = values[row - 128 : row + 129, column - 128 : column + 129]
-    near_cut = near[row - 128 : row + 129, column - 128 : column + 129] if cut.shape == (257, 257) else None
+    half = min(row, column, side - 1 - row, side - 1 - column)
+    window = np.s_[row - half : row + half + 1, column - half : column + half + 1]
+    arcseconds = math.degrees(pixel * 1e-3) * 3600
+    theirs = poppy.misc.airy_2d(diameter=2 * sine, wavelength=0.55e-6, shape=(2 * half + 1,) * 2, pixelscale=arcseconds)
     # The exact peak of the irradiance: π sin²u / λ² of all light, a pixel wide.
     peak = math.pi * (sine / 0.55e-3 * pixel) ** 2
-    out = {
+    return {
         "prysm": float(np.abs(values / peak - pattern)[near].max()),
         "prysm, shape": float(np.abs(values / values.max() - pattern)[near].max()),
+        "poppy": float(np.abs(values[window] / peak - theirs / theirs.max())[near[window]].max()),
         "strehl": told["strehl"],
     }
-    if near_cut is not None:
-        out["poppy"] = float(np.abs(cut / peak - arcsec)[near_cut].max())
-    return out
 
 
 def main() -> None:

@@ -22,6 +22,8 @@ const COARSEST: usize = 96;
 const STREHL_CELLS: usize = 256;
 /// Parts, each way, in which a cell on the edge of the pupil is looked at.
 const PARTS: usize = 8;
+/// The same of the finer cells of [`STREHL_CELLS`].
+const STREHL_PARTS: usize = 2;
 /// Rays across the pupil of a geometric image.
 const RAYS: usize = 256;
 
@@ -193,7 +195,7 @@ impl Bench<'_> {
             if pupil.largest_step() >= LARGEST_STEP {
                 continue;
             }
-            let cells = cells(&sampling, &pupil, corner, step);
+            let cells = cells(&sampling, &pupil, corner, step, PARTS);
             if cells.is_empty() {
                 return None;
             }
@@ -203,7 +205,7 @@ impl Bench<'_> {
                 least if across < least => {
                     let step = step * across as f64 / least as f64;
                     (
-                        self::cells(&sampling, &sampling.pupil(corner, step, least), corner, step),
+                        self::cells(&sampling, &sampling.pupil(corner, step, least), corner, step, STREHL_PARTS),
                         peak * across as f64 / least as f64,
                     )
                 }
@@ -249,8 +251,8 @@ struct Cell {
     phase: f64,
 }
 
-/// Cells of a pupil whose corner lies at the direction cosines `low`, in cells of `step`.
-fn cells(sampling: &Sampling, pupil: &Pupil, low: DVec2, step: f64) -> Vec<Cell> {
+/// Cells of a pupil whose corner lies at the direction cosines `low`, in cells of `step`; those on its edge are looked at in `parts`, each way.
+fn cells(sampling: &Sampling, pupil: &Pupil, low: DVec2, step: f64, parts: usize) -> Vec<Cell> {
     let across = pupil.across;
     let passes = |row: usize, column: usize| row < across && column < across && pupil.phase[row * across + column].is_some();
     // Beyond 0 indices wrap to numbers beyond the last.
@@ -268,9 +270,9 @@ fn cells(sampling: &Sampling, pupil: &Pupil, low: DVec2, step: f64) -> Vec<Cell>
             cells.extend(phase.map(|phase| Cell { column, row, area: 1.0, amplitude: 1.0, phase: phase - first }));
             continue;
         }
-        let part = |k: usize| DVec2::new((k % PARTS) as f64 + 0.5, (k / PARTS) as f64 + 0.5) / PARTS as f64;
+        let part = |k: usize| DVec2::new((k % parts) as f64 + 0.5, (k / parts) as f64 + 0.5) / parts as f64;
         let corner = DVec2::new(column as f64, row as f64);
-        let places: Vec<DVec2> = (0..PARTS * PARTS).map(|k| low + step * (corner + part(k))).collect();
+        let places: Vec<DVec2> = (0..parts * parts).map(|k| low + step * (corner + part(k))).collect();
         let lit: Vec<f64> = sampling.phases(&places).into_iter().flatten().map(|phase| phase - first).collect();
         let [re, im] = lit.iter().fold([0.0; 2], |[re, im], phase| [re + phase.cos(), im + phase.sin()]);
         if !lit.is_empty() {
