@@ -59,7 +59,7 @@ def rings_of_equal_area(rings: int):
 def operands(problem, optic, rings: int, weight: float = 1.0, target=None) -> None:
     rays = rings_of_equal_area(rings)
     for field in FIELDS:
-        data = {"optic": optic, "surface_number": -1, "Hx": 0, "Hy": field / max(FIELDS), "num_rays": None, "wavelength": NM * 1e-3}
+        data = {"optic": optic, "surface_number": -1, "Hx": 0, "Hy": field / max(FIELDS), "num_rays": 1, "wavelength": NM * 1e-3}
         problem.add_operand("rms_spot_size", input_data={**data, "distribution": rays}, target=target, weight=weight)
 
 
