@@ -211,7 +211,7 @@ target = 52
     assert better.variables[0][0].startswith("curvature") and better.operands[0][3] == pytest.approx(52, abs=1e-4)
     # A lens 2 % larger, from the heights that it images fields at.
     scale = 1.02
-    heights = lens.bench().distortion([5, 10, 15], 587.56).height_mm * scale
+    heights = lens.bench(focus="inf").distortion([5, 10, 15], 587.56).height_mm * scale
     rows = ",".join(f"{{ field_deg = {f}, height_mm = {h} }}" for f, h in zip([5, 10, 15], heights))
     measured = f'wavelengths_nm = [587.56]\n[[variable]]\nwhat = "scale"\n[distortion]\nrows = [{rows}]\n'
     fitted = lens.fit(measured)

@@ -369,7 +369,8 @@ fn rims_of_other_programs_end_where_surfaces_cross() {
         " TYPE STANDARD; CURV 0.02; DISZ 1; GLAS ___BLANK 1 0 1.5; DIAM 12 1 0 0 1; CLAP 0 12 0; STOP",
         " TYPE STANDARD; CURV -0.02; DISZ 49; DIAM 12 1 0 0 1; CLAP 0 12 0",
     ]);
-    let code_v = "RDM; DIM M; EPD 5; WL 587.6; YAN 0\nSO 0 1e12\nS 50 1 1.5168:64.17; STO; CIR 12\nS -50 49; CIR 12\nSI 0 0\nGO\n";
+    let code_v =
+        "RDM; DIM M; EPD 5; WL 587.6; YAN 0\nSO 0 1e12\nS 50 1 1.5168:64.17; STO; CIR 12\nS -50 49; CIR 12\nSI 0 0\nGO\n";
     for (format, text) in [(Format::Zemax, zemax.as_str()), (Format::CodeV, code_v)] {
         let p = read(format, text);
         for s in &p.surfaces {
