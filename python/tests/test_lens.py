@@ -133,15 +133,15 @@ def test_a_wavefront_and_its_zernikes_are_those_of_the_program(lens: dp.Lens) ->
 
 def test_images_of_points_hold_their_light_where_they_say(lens: dp.Lens) -> None:
     bench = lens.bench(aperture="f/8")
-    radii = [0.001, 0.004, 0.02]
+    radii = [0.001, 0.01, 0.02]
     psf = bench.psf(10.0, 550.0, radii_mm=radii)
     assert psf.strehl is not None and 0.1 < psf.strehl < 1.0 and not psf.geometric
     assert 0.97 < psf.values.sum() <= 1.0
     # Rows run downwards: the centroid of the pixels is that of the rays, to what diffraction scatters out of the image.
     x, y = np.meshgrid(psf.x_mm, psf.y_mm)
-    near = np.hypot(x, y) < 0.02
+    near = np.hypot(x, y) < 0.08
     mean = np.array([(psf.values * x)[near].sum(), (psf.values * y)[near].sum()]) / psf.values[near].sum()
-    np.testing.assert_allclose(mean, psf.centroid_mm, atol=5e-4)
+    np.testing.assert_allclose(mean, psf.centroid_mm, atol=2e-4)
     # Light within a circle by counting pixels: their steps leave some percent of a small one.
     for radius, energy in zip(radii[1:], psf.encircled_energy[1:]):
         inside = np.hypot(x - psf.centroid_mm[0], y - psf.centroid_mm[1]) <= radius
