@@ -19,6 +19,7 @@ and show progress.
 from __future__ import annotations
 
 from ._camera import VISUAL_NM, Bench, Body, Camera, Distortion, IsoStep, Lens, Mtf, Rays, Spot, Vignetting
+from ._design import Fitted, FittedNumber, Optimised, Perturbation, Psf, Quantity, Tolerances, Wavefront, Zernikes
 from ._diopter import __version__
 from ._errors import DiopterError, DiopterWarning
 from ._images import FocalPlane, Picture, RawImage
@@ -54,19 +55,28 @@ __all__ = [
     "Distortion",
     "Expected",
     "ExposureSettings",
+    "Fitted",
+    "FittedNumber",
     "FocalPlane",
     "IsoStep",
     "Lens",
     "Material",
     "Mtf",
+    "Optimised",
+    "Perturbation",
     "Photograph",
     "Picture",
+    "Psf",
+    "Quantity",
     "RawImage",
     "Rays",
     "RecipeSetting",
     "Scene",
     "Spot",
+    "Tolerances",
     "Vignetting",
+    "Wavefront",
+    "Zernikes",
     "__version__",
     "autofocus",
     "command",

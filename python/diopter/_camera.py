@@ -7,7 +7,8 @@ import os
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Mapping, NamedTuple, Sequence
 
-from . import _diopter
+from . import _design, _diopter
+from ._design import Fitted, Optimised, Psf, Tolerances, Wavefront
 from ._errors import DiopterError
 from ._units import DISTANCE_M, LENGTH_MM, TIME_S, f_number, number, plain
 
@@ -171,6 +172,49 @@ class Bench:
         )
         return Mtf(frequencies, tangential, sagittal, was_geometric)
 
+    def psf(
+        self,
+        field_deg: float = 0.0,
+        wavelength_nm: float = VISUAL_NM[1],
+        *,
+        defocus_mm: float = 0.0,
+        pixel_um: float | None = None,
+        pixels: int | None = None,
+        geometric: bool = False,
+        radii_mm: Sequence[float] | npt.NDArray[Any] = (),
+        threads: int | None = None,
+    ) -> Psf:
+        """The image of a point, with diffraction unless ``geometric``.
+
+        Args:
+            defocus_mm: Plane behind the film.
+            pixel_um: Size of a pixel; half of what diffraction needs, without. Larger ones than it needs are made that small.
+            pixels: Columns and rows, about the chief ray; all that were computed, without (512 of a geometric image).
+            radii_mm: Radii of :attr:`Psf.encircled_energy`.
+        """
+        import numpy as np
+
+        values, pixel_mm, origin, centroid, strehl, was_geometric, energy = self._native.psf(
+            *(float(field_deg), float(wavelength_nm), float(defocus_mm)),
+            None if pixel_um is None else 1e-3 * float(pixel_um),
+            pixels,
+            geometric,
+            [float(r) for r in radii_mm],
+            threads,
+        )
+        side = values.shape[0]
+        # The chief ray stands in the middle of the pixel right of and above the middle of an even number of them.
+        x_mm = (np.arange(side) - side // 2) * pixel_mm
+        y_mm = (side - 1 - side // 2 - np.arange(side)) * pixel_mm
+        ends = (origin[0], origin[1]), (centroid[0], centroid[1])
+        return Psf(values, pixel_mm, x_mm, y_mm, *ends, strehl, was_geometric, energy)
+
+    def wavefront(
+        self, field_deg: float = 0.0, wavelength_nm: float = VISUAL_NM[1], *, rays_across: int = 64, threads: int | None = None
+    ) -> Wavefront:
+        """The wavefront of a field on an even grid of rays over the lit part of the pupil, against the chief ray of its own wavelength."""
+        return Wavefront(*self._native.wavefront(float(field_deg), float(wavelength_nm), rays_across, threads))
+
     def distortion(
         self, fields_deg: Sequence[float] | npt.NDArray[Any], wavelength_nm: float = VISUAL_NM[1]
     ) -> Distortion:
@@ -260,6 +304,50 @@ class Lens:
                 None if focus is None else number("focus", focus, DISTANCE_M, '"2.5 m"'),
             )
         )
+
+    def tolerances(
+        self, sheet: str | os.PathLike[str], *, builds: int = 1000, seed: int | None = None, threads: int | None = None
+    ) -> Tolerances:
+        """Builds of this lens within tolerances, and what each perturbation does alone.
+
+        Args:
+            sheet: A tolerance sheet: a file, or its text (of more than one line). The lens that it may name does not count.
+            builds: How many are drawn and measured.
+            seed: Instead of the sheet's.
+        """
+        return _design.tolerances(self.to_toml(), sheet, builds, seed, threads)
+
+    def build(self, sheet: str | os.PathLike[str], number: int, *, seed: int | None = None) -> Lens:
+        """One build of this lens, adjusted by its compensators: row ``number`` of :attr:`Tolerances.builds`."""
+        return Lens(_design.build(self.to_toml(), sheet, number, seed))
+
+    def optimise(
+        self,
+        merit: str | os.PathLike[str],
+        *,
+        generations: int = 0,
+        iterations: int = 500,
+        seed: int | None = None,
+        threads: int | None = None,
+    ) -> Optimised:
+        """A better lens from this one.
+
+        Args:
+            merit: A merit file, or its text (of more than one line): variables, operands, fields.
+            generations: Of differential evolution over the whole range of the variables first.
+            iterations: Most steps of the damped least squares.
+        """
+        told = _design.optimise(self.to_toml(), merit, generations, iterations, seed, threads)
+        return _design.optimised(told, Lens(told["toml"]))
+
+    def fit(self, measured: str | os.PathLike[str], *, iterations: int = 100, threads: int | None = None) -> Fitted:
+        """This lens with its free numbers as measurements say: distortion, vignetting, MTF, calibrations.
+
+        Args:
+            measured: A file of measurements, or its text (of more than one line); a calibration that it names lies beside the file.
+        """
+        told = _design.fit(self.to_toml(), measured, iterations, threads)
+        return _design.fitted(told, Lens(told["toml"]))
 
     def info(self, wavelength_nm: float = VISUAL_NM[1]) -> dict[str, float]:
         """:meth:`Bench.info` of the lens fully open, as published."""

@@ -103,3 +103,121 @@ def test_bodies() -> None:
     # 64 × 64 pixels, 8 pictures: some percent.
     assert measured["gain_dn_per_e"] == pytest.approx(sheet["gain_dn_per_e"], rel=0.1)
     assert len(report["points"]) > 10
+
+
+def test_a_wavefront_and_its_zernikes_are_those_of_the_program(lens: dp.Lens) -> None:
+    bench = lens.bench(aperture="f/8")
+    wave = bench.wavefront(7.0, 587.56, rays_across=32)
+    told = dp.command(
+        "lens", "wavefront", "tessar-50mm-f2.8", "--aperture", "8", "--field", "7", "--wavelength", "587.56", "--rays", "32", "--terms", "21"
+    )[0]
+    np.testing.assert_allclose(np.column_stack([wave.pupil, wave.opd]), told["samples"], atol=1e-12)
+    assert wave.rms_without_tilt == pytest.approx(told["rms_without_tilt_waves"])
+    found = wave.zernikes(21)
+    np.testing.assert_allclose(found.coefficients, told["zernikes_waves"], atol=1e-12)
+    assert found.degrees[10] == (4, 0) and found.names[10] == "spherical"
+    # The map holds the same rays; rows from the top: coma along y tells up from down.
+    assert wave.map.shape == (32, 32) and np.isfinite(wave.map).sum() == len(wave.opd)
+    row, column = np.argwhere(np.isfinite(wave.map))[0]
+    top = wave.opd[wave.pupil[:, 1] > wave.pupil[:, 1].max() - 0.02]
+    assert np.abs(top - wave.map[row, column]).min() < 1e-5
+    # Defocus of the fringe set is 2ρ² − 1, half a wave at the edge from the mean.
+    r2 = (wave.pupil**2).sum(axis=1)
+    fringe = wave._replace(opd=0.7 * (2 * r2 - 1)).zernikes(4, order="fringe")
+    np.testing.assert_allclose(fringe.coefficients, [0, 0, 0, 0.7], atol=1e-12)
+    with pytest.raises(dp.DiopterError, match="noll"):
+        wave.zernikes(4, order="born")
+    with pytest.raises(dp.DiopterError, match="1 to 37"):
+        wave.zernikes(38, order="fringe")
+
+
+def test_images_of_points_hold_their_light_where_they_say(lens: dp.Lens) -> None:
+    bench = lens.bench(aperture="f/8")
+    radii = [0.001, 0.01, 0.02]
+    psf = bench.psf(10.0, 550.0, radii_mm=radii)
+    assert psf.strehl is not None and 0.1 < psf.strehl < 1.0 and not psf.geometric
+    assert 0.97 < psf.values.sum() <= 1.0
+    # Rows run downwards: the centroid of the pixels is that of the rays, to what diffraction scatters out of the image.
+    x, y = np.meshgrid(psf.x_mm, psf.y_mm)
+    near = np.hypot(x, y) < 0.08
+    mean = np.array([(psf.values * x)[near].sum(), (psf.values * y)[near].sum()]) / psf.values[near].sum()
+    np.testing.assert_allclose(mean, psf.centroid_mm, atol=2e-4)
+    # Light within a circle by counting pixels: their steps leave some percent of a small one.
+    for radius, energy in zip(radii[1:], psf.encircled_energy[1:]):
+        inside = np.hypot(x - psf.centroid_mm[0], y - psf.centroid_mm[1]) <= radius
+        assert psf.values[inside].sum() == pytest.approx(energy, abs=0.02)
+    assert (np.diff(psf.encircled_energy) > 0).all()
+    small = bench.psf(10.0, 550.0, pixels=32)
+    assert small.values.shape == (32, 32) and small.x_mm[16] == 0.0 == small.y_mm[15]
+    side = len(psf.x_mm)
+    np.testing.assert_array_equal(small.values, psf.values[side // 2 - 16 : side // 2 + 16, side // 2 - 16 : side // 2 + 16])
+    spot = bench.psf(10.0, 550.0, geometric=True, pixel_um=0.5)
+    assert spot.geometric and spot.strehl is None and spot.values.sum() == pytest.approx(1.0)
+    with pytest.raises(dp.DiopterError, match="pixels 4"):
+        bench.psf(pixels=4)
+
+
+SHEET = """
+fields_deg = [0, 10]
+wavelengths_nm = [587.56]
+[compensator]
+refocus = 0.5
+decenter = [{ element = [6, 8], by = 0.2, axis = "y" }]
+[[tolerance]]
+elements = [[3, 4]]
+decenter = 0.02
+[[tolerance]]
+surfaces = 1
+radius = "0.1%"
+[[limit]]
+quantity = "mtf"
+at_least = 0.3
+"""
+
+
+def test_builds_are_arrays_and_lenses(lens: dp.Lens) -> None:
+    found = lens.tolerances(SHEET, builds=8, seed=3)
+    assert found.builds.shape == (8, len(found.quantities)) and found.plus.shape == (3, len(found.quantities))
+    assert [p.name for p in found.perturbations][2] == "radius of surface 1"
+    assert found.yield_fraction == found.good.mean()
+    # The compensator answers a decentre in y, one way for one end.
+    index = [q.name for q in found.quantities].index("compensator, decentre of element 6-8 in y")
+    assert found.quantities[index].unit == "mm"
+    assert found.plus[1, index] * found.minus[1, index] < 0 and abs(found.plus[0, index]) < 1e-6
+    built = lens.build(SHEET, 5, seed=3)
+    assert built != lens and "build 5" in built.name
+    # A row is that lens: its focal length.
+    assert built.info(587.56)["effective_focal_length_mm"] == pytest.approx(found.column("efl")[5], abs=1e-6)
+    with pytest.raises(dp.DiopterError, match="expected one of"):
+        found.column("efll")
+    with pytest.raises(dp.DiopterError, match="radus"):
+        lens.tolerances(SHEET.replace("radius", "radus"), builds=1)
+
+
+def test_optimised_and_fitted_lenses_come_back(lens: dp.Lens) -> None:
+    merit = """
+fields_deg = [0, 8]
+wavelengths_nm = [587.56]
+[[variable]]
+surfaces = 8
+what = "curvature"
+[[operand]]
+kind = "efl"
+target = 52
+"""
+    better = lens.optimise(merit, iterations=30)
+    assert better.merits[0] is not None and better.merits[1] < 1e-6 * better.merits[0]
+    assert better.lens.info(587.56)["effective_focal_length_mm"] == pytest.approx(52, abs=1e-4)
+    assert better.variables[0][0].startswith("curvature") and better.operands[0][3] == pytest.approx(52, abs=1e-4)
+    # A lens 2 % larger, from the heights that it images fields at.
+    scale = 1.02
+    heights = lens.bench(focus="inf").distortion([5, 10, 15], 587.56).height_mm * scale
+    rows = ",".join(f"{{ field_deg = {f}, height_mm = {h} }}" for f, h in zip([5, 10, 15], heights))
+    measured = f'wavelengths_nm = [587.56]\n[[variable]]\nwhat = "scale"\n[distortion]\nrows = [{rows}]\n'
+    fitted = lens.fit(measured)
+    assert fitted.numbers[0].name == "scale" and fitted.numbers[0].value == pytest.approx(scale, abs=1e-5)
+    np.testing.assert_allclose(fitted.predicted, fitted.measured, atol=1e-4)
+    assert fitted.lens.info(587.56)["effective_focal_length_mm"] == pytest.approx(
+        scale * lens.info(587.56)["effective_focal_length_mm"], rel=1e-4
+    )
+    assert fitted.degrees_of_freedom == 2 and fitted.correlations.shape == (1, 1)

@@ -6,7 +6,7 @@ use serde_json::Value;
 mod common;
 
 const SHEET: &str = "lens = \"triplet-50mm-f4\"\nfields_deg = [0, 10]\nwavelengths_nm = [587.56]\n\
-    [compensator]\nrefocus = 0.5\n[[tolerance]]\nradius = \"0.1%\"\nthickness = 0.03\nindex = \"NP050\"\nabbe = \"AN5\"\n\
+    [compensator]\nrefocus = 0.5\ndecenter = [{ element = [5, 6], by = 0.1, axis = \"y\" }]\n[[tolerance]]\nradius = \"0.1%\"\nthickness = 0.03\nindex = \"NP050\"\nabbe = \"AN5\"\n\
     [[tolerance]]\ndecenter = 0.02\n[[limit]]\nquantity = \"mtf\"\nat_least = 0.2\n";
 
 #[test]
@@ -24,11 +24,19 @@ fn tolerances_are_the_same_for_any_number_of_threads_and_written_as_asked() {
     assert_eq!(text("a.csv").lines().count(), 13);
     assert!(text("a.html").contains("<svg") && text("a.html").contains("Yield") && text("a.svg").contains("design"));
     assert_eq!(one["builds"].as_array().unwrap().len(), 12);
+    // The element moves in every build, and its way is told with its unit.
+    let moved = one["quantities"].as_array().unwrap().iter().position(|q| q["quantity"] == "compensator").unwrap();
+    let told = &one["quantities"][moved];
+    assert!(told["name"] == "compensator, decentre of element 5-6 in y" && told["unit"] == "mm", "{told}");
+    assert!(
+        one["builds"].as_array().unwrap().iter().all(|b| (1e-9..=0.1).contains(&b[moved].as_f64().unwrap().abs())),
+        "{one:#}"
+    );
     let (code, message) = f.fails(&["lens", "tolerance", "s.toml", "-o", "a.txt"]);
     assert!(code == 2 && message.contains("a.txt") && message.contains(".html"), "{message}");
     std::fs::write(f.path("bad.toml"), SHEET.replace("0.1%", "0.1 miles")).unwrap();
     let (_, message) = f.fails(&["lens", "tolerance", "bad.toml"]);
-    assert!(message.contains("bad.toml:6") && message.contains("0.1 miles") && message.contains("expected"), "{message}");
+    assert!(message.contains("bad.toml:7") && message.contains("0.1 miles") && message.contains("expected"), "{message}");
 }
 
 #[test]
@@ -162,6 +170,40 @@ fn a_prescription_is_fitted_to_a_calibration() {
         // Half a pixel is more than the model leaves of the lens.
         assert!(r["reduced_chi_squared"].as_f64().unwrap() < 1.0, "{r:#}");
     }
+    // Tables of pixels: an ST map that distorts, and a ray for each pixel.
+    let small = [
+        "--film",
+        "36x24",
+        "--size",
+        "240x160",
+        "--aperture",
+        "3.5",
+        "-o",
+        "distort.exr",
+        "-o",
+        "undistort.exr",
+        "-o",
+        "rays.exr",
+    ];
+    f.ok(&[&["lens", "calibrate", "truth.toml"][..], &small].concat());
+    let fit = |file: &str| {
+        let text = format!("[calibration]\nfile = \"{file}\"\nfilm_mm = [36, 24]\n[[variable]]\nwhat = \"scale\"\n");
+        std::fs::write(f.path("m.toml"), format!("lens = \"double-gauss-50mm\"\naperture = 3.5\n{text}")).unwrap();
+        ["lens", "fit", "m.toml", "--json"]
+    };
+    for file in ["distort.exr", "rays.exr"] {
+        let r: Value = serde_json::from_slice(&f.ok(&fit(file)).stdout).unwrap();
+        // Single precision, and places between pixels: hundredths of a pixel of 100.
+        assert!((r["numbers"][0]["value"].as_f64().unwrap() - 1.03).abs() < 2e-4, "{file}: {r:#}");
+        assert!(
+            r["degrees_of_freedom"].as_u64().unwrap() > 40 && r["reduced_chi_squared"].as_f64().unwrap() < 0.01,
+            "{file}: {r:#}"
+        );
+    }
+    fit("undistort.exr");
+    let (code, message) = f.fails(&["lens", "fit", "m.toml"]);
+    assert!(code == 2 && message.contains("undistort.exr") && message.contains("expected the one that distorts"), "{message}");
+    fit("c.yaml");
     let (code, message) = f.fails(&["lens", "fit", "m.toml", "-o", "c.yaml"]);
     assert!(code == 2 && message.contains("c.yaml") && message.contains("it is read here"), "{message}");
     std::fs::write(

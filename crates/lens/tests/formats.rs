@@ -338,3 +338,48 @@ fn zemax_gradients_bend_as_their_formulas_say() {
     let text = zemax(&[" STOP; TYPE GRINSUR5; DISZ 12; DIAM 2", " TYPE STANDARD; DISZ 8; DIAM 3"]);
     assert!(error(Format::Zemax, &text).contains("GRINSUR1, GRINSUR2 and GRINSUR3 are read"));
 }
+
+#[test]
+fn solves_of_code_v_leave_the_figure_of_the_row() {
+    let lens = |more: &str| {
+        format!("RDM; DIM M; EPD 5; WL 587.6; YAN 0\nSO 0 1e12\nS 50 4 1.5168:64.17; STO\nS -50 45{more}\nSI 0 0\nGO\n")
+    };
+    let plain = read(Format::CodeV, &lens(""));
+    for solve in ["THI HMY 0.0", "THI PIM", "CUY UMY -0.1", "RDY S2 APY"] {
+        let solved = read(Format::CodeV, &lens(&format!("; {solve}")));
+        assert_eq!(solved.surfaces[1].gap, plain.surfaces[1].gap, "{solve}");
+        assert_eq!(solved.surfaces[1].profile, plain.surfaces[1].profile, "{solve}");
+        assert!(
+            solved.notes.iter().any(|n| n.contains(solve) && n.contains("the figure that the file has there stands")),
+            "{:?}",
+            solved.notes
+        );
+        assert!(plain.notes.iter().all(|n| !n.contains("solve")));
+    }
+    // What is no solve is still refused.
+    let wrong = error(Format::CodeV, &lens("; THI ABC 0.0"));
+    assert!(wrong.contains("ABC") && wrong.contains("expected one number, no solve"), "{wrong}");
+}
+
+#[test]
+fn rims_of_other_programs_end_where_surfaces_cross() {
+    // Two spheres of 50 mm, 1 mm apart, meet at √(50² − 49.5²) = 7.0534 mm; the files say 12.
+    let height = (50.0f64.powi(2) - 49.5f64.powi(2)).sqrt();
+    let zemax = zemax(&[
+        " TYPE STANDARD; CURV 0.02; DISZ 1; GLAS ___BLANK 1 0 1.5; DIAM 12 1 0 0 1; CLAP 0 12 0; STOP",
+        " TYPE STANDARD; CURV -0.02; DISZ 49; DIAM 12 1 0 0 1; CLAP 0 12 0",
+    ]);
+    let code_v =
+        "RDM; DIM M; EPD 5; WL 587.6; YAN 0\nSO 0 1e12\nS 50 1 1.5168:64.17; STO; CIR 12\nS -50 49; CIR 12\nSI 0 0\nGO\n";
+    for (format, text) in [(Format::Zemax, zemax.as_str()), (Format::CodeV, code_v)] {
+        let p = read(format, text);
+        for s in &p.surfaces {
+            assert!((s.semi_diameter.unwrap() - height).abs() < 1e-6, "{format:?} {:?}", s.semi_diameter);
+        }
+        let note = "surfaces 1 and 2 cross at a height of 7.0534 mm: the semi-diameter of surface 1 and 2 ends there";
+        assert!(p.notes.iter().any(|n| n.contains(note)), "{format:?} {:?}", p.notes);
+        // Rims that leave glass between them stay as they are.
+        let smaller = read(format, &text.replace(" 12", " 6.5"));
+        assert!(smaller.surfaces.iter().all(|s| s.semi_diameter == Some(6.5)), "{format:?} {:?}", smaller.surfaces);
+    }
+}

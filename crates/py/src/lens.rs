@@ -4,12 +4,14 @@ use crate::arrays::slice;
 use crate::background;
 use crate::errors::Told;
 use diopter::lens::analysis::Bench as Analysis;
+use diopter::lens::analysis::zernike::{self, Numbering};
 use diopter::lens::batch::{double, single};
 use diopter::lens::compound::{Configured, FilmPlace, configure};
 use diopter::lens::paraxial::FirstOrder;
 use diopter::lens::trace::Way;
 use diopter::lens::{Focus, LensError, Prescription, embedded_names, import};
 use diopter::shot::read_lens;
+use glam::DVec2;
 use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArrayDyn};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -21,6 +23,15 @@ use std::sync::OnceLock;
 type Spot<'py> = (Bound<'py, PyArray2<f64>>, [f64; 2], f64, f64, f64);
 /// Sagittal and tangential contrast, and whether geometry stood in for diffraction.
 type Contrasts<'py> = (Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<f64>>, bool);
+
+/// The image of a point, rows from the top; its pixel, the chief ray's place and the centroid from there (mm); Strehl ratio, whether geometry stood in for
+/// diffraction, and the light within circles.
+type PointImage<'py> = (Bound<'py, PyArray2<f64>>, f64, [f64; 2], [f64; 2], Option<f64>, bool, Bound<'py, PyArray1<f64>>);
+/// Map (waves, rows from the top), places in the pupil `[ray][2]`, path differences (waves); peak to valley, root mean square, the same without tilt.
+type PathDifferences<'py> =
+    (Bound<'py, PyArray2<f32>>, Bound<'py, PyArray2<f64>>, Bound<'py, PyArray1<f64>>, f64, f64, Option<f64>);
+/// Coefficients, root mean square of what they leave, and degree, frequency and name of each term.
+type Zernikes<'py> = (Bound<'py, PyArray1<f64>>, f64, Vec<(u32, i32, &'static str)>);
 
 /// A lens with surfaces, as published.
 #[pyclass(frozen, module = "diopter._diopter")]
@@ -390,6 +401,82 @@ impl Bench {
         PyArray1::from_vec(py, rows).reshape([fields_deg.len(), 6])
     }
 
+    /// The image of a point `defocus_mm` behind the film in pixels of `pixel_mm` (half of what diffraction needs, without), the middle `pixels` of it (all,
+    /// without; 512 of a geometric one). Fractions of the light within circles about the centroid, `radii_mm`.
+    #[pyo3(signature = (field_deg, nm, defocus_mm, pixel_mm, pixels, geometric, radii_mm, threads=None))]
+    fn psf<'py>(
+        &self,
+        py: Python<'py>,
+        field_deg: f64,
+        nm: f64,
+        defocus_mm: f64,
+        pixel_mm: Option<f64>,
+        pixels: Option<usize>,
+        geometric: bool,
+        radii_mm: Vec<f64>,
+        threads: Option<usize>,
+    ) -> PyResult<PointImage<'py>> {
+        check_nm(nm)?;
+        check_field(field_deg)?;
+        if !(defocus_mm.abs() < 1e4) {
+            return Err(Told::value("defocus", format!("{defocus_mm} mm"), "a distance within 10 m").into());
+        }
+        if let Some(bad) = pixel_mm.filter(|p| !(1e-6..=1.0).contains(p)) {
+            return Err(Told::value("pixel", format!("{} µm", 1e3 * bad), "0.001 to 1000 µm").into());
+        }
+        if let Some(bad) = pixels.filter(|n| !(8..=2048).contains(n)) {
+            return Err(Told::value("pixels", bad.to_string(), "8 to 2048 across").into());
+        }
+        if let Some(bad) = radii_mm.iter().find(|r| !(**r >= 0.0 && r.is_finite())) {
+            return Err(Told::value("radius", format!("{bad} mm"), "numbers from 0").into());
+        }
+        let found = background::run(py, threads, None, |_| {
+            let analysis = self.analysis();
+            let pixel = pixel_mm.or_else(|| Some(0.5 * analysis.largest_psf_pixel(field_deg, nm, nm)?))?;
+            let psf = match geometric {
+                true => analysis.geometric_psf(field_deg, [nm; 2], defocus_mm, pixel, pixels.unwrap_or(512)),
+                false => analysis.diffraction_psf(field_deg, [nm; 2], defocus_mm, pixel),
+            }?;
+            let energy = psf.encircled_energy(&radii_mm);
+            let side = pixels.unwrap_or(psf.side).min(psf.side);
+            let first = psf.side / 2 - side / 2;
+            let row = |r: usize| {
+                let start = (first + side - 1 - r) * psf.side + first;
+                psf.values[start..start + side].iter().copied()
+            };
+            let values: Vec<f64> = (0..side).flat_map(row).collect();
+            Some((psf, values, side, energy))
+        })?;
+        let (psf, values, side, energy) = found.ok_or_else(|| no_light(field_deg))?;
+        let values = PyArray1::from_vec(py, values).reshape([side, side])?;
+        let energy = PyArray1::from_vec(py, energy);
+        Ok((values, psf.pixel, psf.origin.to_array(), psf.centroid.to_array(), psf.strehl, psf.geometric, energy))
+    }
+
+    /// The wavefront of a field on a grid of `across` rays a side.
+    #[pyo3(signature = (field_deg, nm, across, threads=None))]
+    fn wavefront<'py>(
+        &self,
+        py: Python<'py>,
+        field_deg: f64,
+        nm: f64,
+        across: usize,
+        threads: Option<usize>,
+    ) -> PyResult<PathDifferences<'py>> {
+        check_nm(nm)?;
+        check_field(field_deg)?;
+        if !(2..=1024).contains(&across) {
+            return Err(Told::value("rays_across", across.to_string(), "2 to 1024").into());
+        }
+        let found = background::run(py, threads, None, |_| self.analysis().wavefront(field_deg, nm, across))?;
+        let w = found.ok_or_else(|| no_light(field_deg))?;
+        let map = PyArray1::from_vec(py, w.map()).reshape([across, across])?;
+        let pupil: Vec<f64> = w.samples.iter().flat_map(|s| s.pupil.to_array()).collect();
+        let pupil = PyArray1::from_vec(py, pupil).reshape([w.samples.len(), 2])?;
+        let opd = PyArray1::from_vec(py, w.samples.iter().map(|s| s.opd).collect());
+        Ok((map, pupil, opd, w.peak_to_valley(), w.rms(), w.rms_without_tilt()))
+    }
+
     /// A row a height on the film: height (mm), irradiance over radiance (sr) of the apertures alone, and with losses in glass and at surfaces.
     fn vignetting<'py>(&self, py: Python<'py>, heights_mm: Vec<f64>, nm: f64) -> PyResult<Bound<'py, PyArray2<f64>>> {
         check_nm(nm)?;
@@ -405,4 +492,33 @@ impl Bench {
         })?;
         PyArray1::from_vec(py, rows).reshape([heights_mm.len(), 3])
     }
+}
+
+/// Fits Zernike terms to values at places of the unit disk `[ray][2]`; places beyond it are left out. `fringe`: their order instead of Noll's.
+#[pyfunction]
+#[pyo3(signature = (pupil, values, terms, fringe))]
+pub fn zernike_fit<'py>(
+    py: Python<'py>,
+    pupil: PyReadonlyArrayDyn<'py, f64>,
+    values: PyReadonlyArrayDyn<'py, f64>,
+    terms: usize,
+    fringe: bool,
+) -> PyResult<Zernikes<'py>> {
+    let (places, shape) = slice(&pupil, "pupil", &[0, 2])?;
+    let (values, _) = slice(&values, "values", &[shape[0]])?;
+    let numbering = if fringe { Numbering::Fringe } else { Numbering::Noll };
+    let largest = numbering.largest();
+    if !(1..=largest).contains(&terms) {
+        return Err(Told::value("terms", terms.to_string(), format!("1 to {largest}")).into());
+    }
+    let pairs = places.chunks_exact(2).map(|p| DVec2::new(p[0], p[1])).zip(values.iter().copied());
+    // The edge itself counts, however it was rounded.
+    let inside: Vec<(DVec2, f64)> = pairs.filter(|(p, v)| p.length() <= 1.0 + 1e-9 && v.is_finite()).collect();
+    let found = background::run(py, None, None, |_| zernike::fit(&inside, numbering, terms))?;
+    let fit = found.ok_or_else(|| {
+        let expected = format!("more places of the unit disk than {terms} terms, all over it");
+        Told::value("pupil", format!("{} places", inside.len()), expected)
+    })?;
+    let names = (1..=terms).filter_map(|number| numbering.term(number)).map(|t| (t.n, t.m, t.name())).collect();
+    Ok((PyArray1::from_vec(py, fit.coefficients), fit.residual_rms, names))
 }

@@ -44,6 +44,7 @@ fn _diopter(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_function(wrap_pyfunction!(dataset::specification, m)?)?;
     m.add_function(wrap_pyfunction!(scene::scene_names, m)?)?;
     m.add_function(wrap_pyfunction!(lens::lens_names, m)?)?;
+    m.add_function(wrap_pyfunction!(lens::zernike_fit, m)?)?;
     m.add_function(wrap_pyfunction!(body::body_names, m)?)?;
     m.add_function(wrap_pyfunction!(shot::expose, m)?)?;
     m.add_function(wrap_pyfunction!(shot::shoot, m)?)?;

@@ -227,7 +227,7 @@ fn text(r: &Report) -> anyhow::Result<String> {
     )?;
     for (q, s) in t.quantities().iter().zip(&r.summaries).enumerate().map(|(i, (q, s))| ((i, q), s)) {
         let (i, q) = q;
-        let label = format!("{} {}", q.name(), q.kind.unit());
+        let label = format!("{} {}", q.name(), q.unit());
         let [p2, _, p50, _, p98] = s.percentiles;
         writeln!(
             out,
@@ -277,7 +277,7 @@ fn as_json(r: &Report) -> Value {
         .enumerate()
         .map(|(i, q)| {
             let s = &r.summaries[i];
-            json!({ "name": q.name(), "quantity": q.kind.name(), "unit": q.kind.unit(), "field_deg": q.field_deg, "frequency_per_mm": q.frequency,
+            json!({ "name": q.name(), "quantity": q.kind.name(), "unit": q.unit(), "field_deg": q.field_deg, "frequency_per_mm": q.frequency,
                 "design": t.nominal()[i], "mean": s.mean, "deviation": s.deviation, "rss": r.rss[i], "percents": Summary::PERCENTS,
                 "percentiles": s.percentiles, "range": s.range, "missing": s.missing })
         })
@@ -300,7 +300,7 @@ fn as_json(r: &Report) -> Value {
 
 fn csv(r: &Report) -> String {
     // Names have commas: they are quoted.
-    let names: Vec<String> = r.toleranced.quantities().iter().map(|q| format!("\"{} {}\"", q.name(), q.kind.unit())).collect();
+    let names: Vec<String> = r.toleranced.quantities().iter().map(|q| format!("\"{} {}\"", q.name(), q.unit())).collect();
     let mut out = format!("build,good,{}\n", names.join(","));
     for (number, values) in r.builds.iter().enumerate() {
         let values: Vec<String> = values.iter().map(f64::to_string).collect();
@@ -314,7 +314,7 @@ fn histograms(r: &Report) -> Figure {
     let of = |(i, q): (usize, &diopter::lens::tolerance::Quantity)| {
         let matching = t.limits().iter().filter(|l| l.matches(q));
         let limits = matching.flat_map(|l| [l.at_least, l.at_most]).flatten().collect();
-        let unit = q.kind.unit();
+        let unit = q.unit();
         let label = if unit.is_empty() { q.name() } else { format!("{}, {unit}", q.name()) };
         Distributed { label, values: r.builds.iter().map(|b| b[i]).collect(), nominal: t.nominal()[i], limits }
     };
@@ -347,7 +347,7 @@ fn html(r: &Report) -> String {
     out.push_str("<h2>Quantities</h2>\n");
     let mut rows = t.quantities().iter().enumerate().map(|(i, q)| {
         let s = &r.summaries[i];
-        let mut row = vec![format!("{} {}", q.name(), q.kind.unit())];
+        let mut row = vec![format!("{} {}", q.name(), q.unit())];
         row.extend([t.nominal()[i], s.mean, s.deviation, r.rss[i]].map(|v| format!("{v:.4}")));
         row.extend(s.percentiles.map(|v| format!("{v:.4}")));
         row.push(s.missing.to_string());

@@ -247,11 +247,17 @@ impl Sampling<'_> {
             for lane in 0..chunk.len() {
                 let passed = mask >> lane & 1 == 1;
                 let p = DVec3::new(packet.x[lane], packet.y[lane], packet.z[lane]);
+                // On to the entrance pupil, whose edge limits the light: a ray of an aberrated image point leaves the lens by a small angle aside, and phases on
+                // another plane would differ by half its square for each wavelength between the two.
+                let (d, axis) = (DVec3::new(packet.dx[lane], packet.dy[lane], packet.dz[lane]), self.beam.chief.direction);
+                let t = (self.beam.pupil - p).dot(axis) / d.dot(axis);
+                let t = if t.is_finite() { t } else { 0.0 };
+                let p = p + d * t;
                 let path = packet.path[lane]
+                    + t
                     + match object {
-                        // Minus: from the object point on both sides the path is counted along the ray.
                         Some(o) => (p - o).length(),
-                        None => (p - self.beam.chief.position).dot(self.beam.chief.direction),
+                        None => (p - self.beam.chief.position).dot(axis),
                     };
                 phase.push(passed.then_some(TAU * path / (self.nm * 1e-6)));
             }

@@ -20,7 +20,8 @@
 //! | XAN, YIM, YOB, XIM, XOB, XRI, YRI | left out (fields in x, or heights), with a note where it matters |
 //! | PUI, PUX, PUY, TEL | left out, with a note |
 //! | curvature of SI | taken for plane, with a note |
-//! | solves, couplings, weights, tolerances, drawing, coatings (`HARMLESS`) | ignored: rays do not change |
+//! | solves of gaps and curvatures (THI HMY ...) | the figure of the surface's row stands, with a note |
+//! | other solves, couplings, weights, tolerances, drawing, coatings (`HARMLESS`) | ignored: rays do not change |
 //! | after GO | commands that are not read are skipped, named in a note |
 //! | ZOO n, ZOO THI Sk ..., THI Sk Zi ... | gaps of zoom positions, or a near focus (configurations.rs) |
 //! | other commands zoomed | the first position stands, with a note; shapes and glasses: error |
@@ -47,6 +48,12 @@ const HARMLESS: &[&str] = &[
     "ZOC", "POL", "PFR", "SET", "EDI", "UNI", "AFC", "CRT", "CVY", "IMG", "WID", "RAY", "LIN", "SAV", "LIS", "FTY", "XFN", "PTP",
     "MFL", "DSP", "CIN", "CIX", "GL1", "CTE", "COM", "DLT", "DLF", "DLR", "DLN", "DLX", "DLY", "DLZ", "DLA", "DLB", "DLG", "DLS",
     "DLV", "DLC", "HCC", "HWC", "SCC", "BTX", "BTY", "CMP", "MNT", "MXT", "MNE", "MXE",
+];
+/// Solves of a gap or a curvature by the height, slope or incidence of the marginal or the chief ray, and of the paraxial image; CODE V writes the
+/// figure it has found in the surface's own row.
+const SOLVES: &[&str] = &[
+    "HMY", "HMX", "HCY", "HCX", "UMY", "UMX", "UCY", "UCX", "IMY", "IMX", "ICY", "ICX", "APY", "APX", "ECY", "ECX", "PIM", "PIY",
+    "PIX",
 ];
 /// Commands of the use of a lens, which may differ between zoom positions.
 const UNSHAPED: &[&str] = &[
@@ -399,6 +406,13 @@ pub fn read(text: &str, file: &str) -> Result<Prescription, PrescriptionError> {
                     note_gap(&mut configurations, target, i, value).map_err(&wrong)?;
                 }
             }
+            // The figure stands as it is written; aspheric and zoomed figures have no solves.
+            "THI" | "CUY" | "CUX" | "RDY" | "RDX" if rest.iter().any(|w| SOLVES.contains(&w.to_uppercase().as_str())) => {
+                note(
+                    &mut p,
+                    &format!("the solve {key} {} is left out: the figure that the file has there stands", rest.join(" ")),
+                );
+            }
             "THI" if zoom_of(rest).is_some() => {
                 let target = target(rest, rows.len(), ended).map_err(|what| wrong(format!("THI {what}")))?;
                 let word = rest.last().map_or("", String::as_str);
@@ -673,6 +687,7 @@ pub fn read(text: &str, file: &str) -> Result<Prescription, PrescriptionError> {
     if !moved {
         drop_dummies(&mut p);
     }
+    p.clip_given_rims();
     p.checked(file)
 }
 

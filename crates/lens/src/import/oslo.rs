@@ -293,6 +293,7 @@ pub fn read(text: &str, file: &str) -> Result<Prescription, PrescriptionError> {
     if !moved {
         drop_dummies(&mut p);
     }
+    p.clip_given_rims();
     p.checked(file)
 }
 

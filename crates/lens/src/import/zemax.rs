@@ -443,6 +443,7 @@ pub fn read(text: &str, file: &str) -> Result<Prescription, PrescriptionError> {
     if !breaks {
         drop_dummies(&mut p);
     }
+    p.clip_given_rims();
     p.checked(file)
 }
 

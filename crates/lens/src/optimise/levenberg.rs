@@ -4,13 +4,17 @@ use crate::linear::Cholesky;
 use crate::tolerance::{key, uniform};
 
 /// Residuals at a point; `None` where there are none (a lens that lets no light through).
-pub(super) trait Residuals {
+pub(crate) trait Residuals {
     /// All of them, in one order.
     fn at(&self, x: &[f64]) -> Option<Vec<f64>>;
     /// Smallest and largest value of each variable.
     fn bounds(&self) -> &[[f64; 2]];
     /// Steps of the central differences.
     fn steps(&self) -> &[f64];
+    /// How many steps one after another that change the merit by next to nothing end a search.
+    fn patience(&self) -> usize {
+        PATIENCE
+    }
 }
 
 /// Why a search ended.
@@ -36,7 +40,7 @@ impl std::fmt::Display for Stop {
 
 /// Where a search ended.
 #[derive(Clone, Debug)]
-pub(super) struct Found {
+pub(crate) struct Found {
     pub x: Vec<f64>,
     pub merit: f64,
     pub iterations: usize,
@@ -84,7 +88,7 @@ pub(super) fn jacobian(problem: &impl Residuals, x: &[f64], here: &[f64]) -> Vec
 /// Levenberg–Marquardt from a start, within bounds: variables that a step would push out of their bounds stay on them; damping by
 /// the gain ratio (Nielsen 1999, IMM-REP-1999-05; Madsen, Nielsen & Tingleff 2004, "Methods for Non-Linear Least Squares Problems",
 /// §3.2), scaled by the diagonal (Marquardt 1963). `None` where the start has no merit.
-pub(super) fn levenberg_marquardt(problem: &impl Residuals, start: &[f64], most: usize) -> Option<Found> {
+pub(crate) fn levenberg_marquardt(problem: &impl Residuals, start: &[f64], most: usize) -> Option<Found> {
     let bounds = problem.bounds();
     let mut x: Vec<f64> = start.iter().zip(bounds).map(|(v, b)| v.clamp(b[0], b[1])).collect();
     let mut residuals = problem.at(&x)?;
@@ -150,7 +154,7 @@ pub(super) fn levenberg_marquardt(problem: &impl Residuals, start: &[f64], most:
                 }
             }
         }
-        if small >= PATIENCE || merit == 0.0 {
+        if small >= problem.patience() || merit == 0.0 {
             return Some(Found { x, merit, iterations: iteration + 1, stop: Stop::Converged });
         }
     }

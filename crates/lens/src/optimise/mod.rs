@@ -11,6 +11,7 @@ mod levenberg;
 mod sheet;
 
 pub use levenberg::Stop;
+pub(crate) use levenberg::{Residuals, levenberg_marquardt};
 pub use sheet::{Freedom, MeritSheet, Operand, OperandKind, Variable, Wanted};
 
 use crate::LensError;
@@ -24,7 +25,7 @@ use crate::surface::{Asphere, Profile};
 use crate::system::{State, System};
 use crate::tolerance::{colors_of, fields_of, lit_height, shifted, stated_aperture, wavefront_rms};
 use glam::DVec2;
-use levenberg::{Residuals, differential_evolution, levenberg_marquardt, merit};
+use levenberg::{differential_evolution, merit};
 
 /// Rays of a beam: enough for the ninth order of aberrations.
 const SAMPLING: Sampling = Sampling { arms: 12, rings: 4 };

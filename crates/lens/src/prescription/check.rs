@@ -363,8 +363,15 @@ impl Prescription {
             self.surfaces[i].semi_diameter = Some(sd);
         }
         self.notes.push("semi-diameters that the file does not give are inferred from its aperture and fields".into());
-        self.clip_crossing_rims(&missing);
+        self.clip_crossing_rims(&missing, "inferred ");
         Ok(())
+    }
+
+    /// Clips semi-diameters that a file of another program gives at the height where two surfaces cross, with a note: such programs draw and clip
+    /// nothing by them, so that their files carry larger ones than the glass has. In our own form they are an error.
+    pub(crate) fn clip_given_rims(&mut self) {
+        let all: Vec<usize> = (0..self.surfaces.len()).collect();
+        self.clip_crossing_rims(&all, "");
     }
 
     /// Radius at the stop of the axial beam that fills an entrance pupil of a radius (mm), by real rays.
@@ -385,12 +392,12 @@ impl Prescription {
         radius
     }
 
-    /// Clips semi-diameters that were inferred at the height where two surfaces cross: beams that need more would pass where there is no
-    /// glass (or, between elements, no air).
-    fn clip_crossing_rims(&mut self, inferred: &[usize]) {
+    /// Clips semi-diameters of some surfaces (`kind` in the note: inferred, or nothing) at the height where two surfaces cross: beams that need more
+    /// would pass where there is no glass (or, between elements, no air).
+    fn clip_crossing_rims(&mut self, which: &[usize], kind: &str) {
         let zooms = self.zoom.len().max(1);
         let mut run = 1.0;
-        for i in 0..self.surfaces.len() - 1 {
+        for i in 0..self.surfaces.len().saturating_sub(1) {
             if self.surfaces[i].mirror {
                 run = -run;
             }
@@ -418,14 +425,14 @@ impl Prescription {
                 let mut clipped = vec![];
                 for k in [i, i + 1] {
                     let s = &mut self.surfaces[k];
-                    if inferred.contains(&k) && s.obstruction < low && s.semi_diameter.is_some_and(|sd| sd > low) {
+                    if which.contains(&k) && s.obstruction < low && s.semi_diameter.is_some_and(|sd| sd > low) {
                         s.semi_diameter = Some(low);
                         clipped.push(format!("{}", k + 1));
                     }
                 }
                 if !clipped.is_empty() {
                     self.notes.push(format!(
-                        "surfaces {} and {} cross at a height of {low:.4} mm: the inferred semi-diameter of surface {} ends there",
+                        "surfaces {} and {} cross at a height of {low:.4} mm: the {kind}semi-diameter of surface {} ends there",
                         i + 1,
                         i + 2,
                         clipped.join(" and ")

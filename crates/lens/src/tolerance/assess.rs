@@ -6,6 +6,8 @@
 //! shape of the pupil, rims and obstructions included, is the design's. Limits: rims of a build that cut a little more or less light
 //! than the design's are not seen.
 
+use super::compensator::compensated;
+use super::parameter::Parameter;
 use super::quantity::{Direction, Quantity, QuantityKind};
 use crate::analysis::Bench;
 use crate::bundle::{Aim, Bundle, Landing, Sampling, Tracer, path_to_foot};
@@ -29,12 +31,14 @@ const STEEPEST_FIELD: f64 = 89.0;
 
 /// What is measured, made ready for a design.
 pub(super) struct Assessment {
-    state: State,
+    pub(super) state: State,
     object_distance: Option<f64>,
-    wavelengths: Vec<f64>,
+    pub(super) wavelengths: Vec<f64>,
     weights: Vec<f64>,
     reference: usize,
     refocus: Option<f64>,
+    /// What else is adjusted, with how far it may move.
+    pub(super) compensators: Vec<Parameter>,
     axis: Bundle,
     fields: Vec<FieldPlan>,
     pub quantities: Vec<Quantity>,
@@ -205,6 +209,7 @@ impl Assessment {
         reference: usize,
         frequencies: &[f64],
         refocus: Option<f64>,
+        compensators: Vec<Parameter>,
     ) -> Result<Assessment, String> {
         let wavelengths: Vec<f64> = colors.iter().map(|c| c.0).collect();
         let total: f64 = colors.iter().map(|c| c.1).sum();
@@ -238,6 +243,7 @@ impl Assessment {
         if refocus.is_some() {
             quantities.push(Quantity::of_lens(QuantityKind::Refocus));
         }
+        quantities.extend(compensators.iter().map(|c| Quantity::of_compensator(c.change)));
         for kind in [QuantityKind::Boresight, QuantityKind::BoresightX, QuantityKind::BoresightY] {
             quantities.push(Quantity::of_lens(kind));
         }
@@ -254,21 +260,64 @@ impl Assessment {
                 }
             }
         }
-        Ok(Assessment { state, object_distance, wavelengths, weights, reference, refocus, axis, fields, quantities })
+        Ok(Assessment {
+            state,
+            object_distance,
+            wavelengths,
+            weights,
+            reference,
+            refocus,
+            compensators,
+            axis,
+            fields,
+            quantities,
+        })
     }
 
     /// All quantities of a lens, in their order; what could not be measured (rays that do not arrive) is not a number.
     pub fn measure(&self, p: &Prescription) -> Vec<f64> {
+        self.compensated(p).1
+    }
+
+    /// A lens adjusted by all compensators but the film, and all its quantities, the film's move among them.
+    pub fn compensated(&self, p: &Prescription) -> (Prescription, Vec<f64>) {
+        let (adjusted, amounts) = match self.compensators.is_empty() {
+            true => (p.clone(), vec![]),
+            false => compensated(self, p),
+        };
+        let values = self.measure_adjusted(&adjusted, &amounts);
+        (adjusted, values)
+    }
+
+    /// Where the rays of each field land, by wavelength; `None` of a field with a ray that does not arrive.
+    fn landed(&self, tracer: &Tracer) -> Vec<Option<Vec<Vec<Landing>>>> {
+        let of = |f: &FieldPlan| {
+            let aimed = f.bundle.aim(tracer, self.reference, Aim::Stop)?;
+            (0..self.wavelengths.len()).map(|color| f.bundle.trace(tracer, aimed, color)).collect()
+        };
+        self.fields.iter().map(of).collect()
+    }
+
+    /// Places of all rays about the centroids of their fields (x and y by turns, mm times the root of their weight), the film refocused: the sum of
+    /// their squares is that of the mean square spots. `None` where a field has no light.
+    pub fn blur(&self, tracer: &Tracer) -> Option<Vec<f64>> {
+        let landed = self.landed(tracer);
+        let dz = self.refocus.map_or(0.0, |range| self.best_focus(&landed).clamp(-range, range));
+        let mut out = vec![];
+        for colors in landed {
+            let colors = colors?;
+            let middle = self.mean(&colors, &|l| l.place + l.slope * dz);
+            for (rays, w) in colors.iter().zip(&self.weights) {
+                out.extend(rays.iter().flat_map(|l| ((w * l.weight).sqrt() * (l.place + l.slope * dz - middle)).to_array()));
+            }
+        }
+        Some(out)
+    }
+
+    fn measure_adjusted(&self, p: &Prescription, amounts: &[f64]) -> Vec<f64> {
         let system = System::at(p, self.state);
         let mut tracer = Tracer::new(&system, &self.wavelengths);
-        let mut landed: Vec<Option<Vec<Vec<Landing>>>> = self
-            .fields
-            .iter()
-            .map(|f| {
-                let aimed = f.bundle.aim(&tracer, self.reference, Aim::Stop)?;
-                (0..self.wavelengths.len()).map(|color| f.bundle.trace(&tracer, aimed, color)).collect()
-            })
-            .collect();
+        let mut landed = self.landed(&tracer);
         let refocus = self.refocus.map(|range| self.best_focus(&landed).clamp(-range, range));
         let axis = self.axis.aim(&tracer, self.reference, Aim::Stop);
         let mut axis = axis.and_then(|aimed| Some(self.axis.trace(&tracer, aimed, self.reference)?[0]));
@@ -292,6 +341,7 @@ impl Assessment {
         let mut out = Vec::with_capacity(self.quantities.len());
         out.push(first.efl);
         out.extend(refocus.map(|dz| dz * tracer.system.film_run()));
+        out.extend(amounts);
         let boresight = axis.map_or(DVec2::NAN, |l| l.place);
         out.extend([boresight.length(), boresight.x, boresight.y]);
         for (field, rays) in self.fields.iter().zip(&landed) {

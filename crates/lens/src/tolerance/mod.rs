@@ -5,9 +5,10 @@
 //! function of sheet, seed and number: build 17 is the same lens today and tomorrow, alone or among a thousand, and it is a
 //! [`Prescription`] like any other. Sources: Smith, "Modern Optical Engineering" (4th ed.), ch. 16; ISO 10110-5, -6; ISO 12123.
 //!
-//! Quantities are measured with the compensator set for the lens at hand, of the design, too.
+//! Quantities are measured with the compensators set for the lens at hand, of the design, too.
 
 mod assess;
+mod compensator;
 mod parameter;
 mod quantity;
 mod sheet;
@@ -112,6 +113,7 @@ impl Toleranced {
     pub fn new(lens: &Prescription, sheet: &ToleranceSheet) -> Result<Toleranced, LensError> {
         let wrong = |line: usize, what: String| LensError::from(PrescriptionError::at(&sheet.file, line, what));
         let parameters = sheet.parameters(lens)?;
+        let compensators = sheet.compensators(lens)?;
         // Glasses that change are curves through four lines in the design, too: it differs from its builds by nothing else.
         let mut design = lens.clone();
         for parameter in &parameters {
@@ -129,9 +131,18 @@ impl Toleranced {
         let (colors, reference) = colors_of(lens, sheet.wavelengths_nm.as_ref(), sheet.weights.as_ref());
         let fields = fields_of(lens, &system, height, sheet.fields_deg.as_ref(), &FIELDS);
         let distance = lens.usage.object_distance.filter(|d| d.is_finite() && *d < 1e9);
-        let assessment =
-            Assessment::new(&system, state, distance, &fields, &colors, reference, &sheet.frequencies, sheet.refocus)
-                .map_err(|what| wrong(0, what))?;
+        let assessment = Assessment::new(
+            &system,
+            state,
+            distance,
+            &fields,
+            &colors,
+            reference,
+            &sheet.frequencies,
+            sheet.refocus,
+            compensators,
+        )
+        .map_err(|what| wrong(0, what))?;
         for limit in &sheet.limits {
             if !assessment.quantities.iter().any(|q| limit.matches(q)) {
                 let mut all: Vec<String> = vec![];
@@ -253,10 +264,9 @@ impl Toleranced {
         self.quantities().iter().zip(values).all(|(q, v)| !limit.matches(q) || limit.keeps(*v))
     }
 
-    /// A build as a lens, the film where the compensator puts it, with a note of what it is. Fails where its surfaces cross.
+    /// A build as a lens, adjusted by its compensators, the film where they put it, with a note of what it is. Fails where its surfaces cross.
     pub fn build(&self, build: u64) -> Result<Prescription, LensError> {
-        let mut lens = self.perturbed(&self.amounts(build))?;
-        let values = self.measure(&lens);
+        let (mut lens, values) = self.assessment.compensated(&self.perturbed(&self.amounts(build))?);
         let refocus = self.quantities().iter().position(|q| q.kind == QuantityKind::Refocus).map_or(0.0, |i| values[i]);
         if refocus.is_finite()
             && let Some(last) = lens.surfaces.last_mut()
@@ -265,11 +275,16 @@ impl Toleranced {
             last.gap.values.iter_mut().flatten().for_each(|g| *g += refocus * g.signum());
         }
         lens.name = format!("{}, build {build}", self.design.name);
+        let moved = self.quantities().iter().zip(&values).filter_map(|(q, v)| {
+            let change = q.change.filter(|_| *v != 0.0)?;
+            Some(format!(", {} adjusted by {v:.5} {}", change.name(), change.unit()))
+        });
         lens.notes.push(format!(
-            "build {build} of seed {}: {} perturbations of the design{}",
+            "build {build} of seed {}: {} perturbations of the design{}{}",
             self.seed,
             self.parameters.len(),
-            if refocus == 0.0 { String::new() } else { format!(", film moved by {refocus:.5} mm") }
+            if refocus == 0.0 { String::new() } else { format!(", film moved by {refocus:.5} mm") },
+            moved.collect::<String>()
         ));
         let name = lens.name.clone();
         Ok(lens.checked(&name)?)

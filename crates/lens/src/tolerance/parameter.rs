@@ -8,7 +8,8 @@ use crate::surface::Profile;
 pub const FRINGE_NM: f64 = 546.07;
 
 /// x or y.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Deserialize)]
+#[serde(rename_all = "lowercase")]
 pub enum Axis {
     /// Across the fields.
     X,
@@ -156,11 +157,11 @@ pub struct Parameter {
     pub distribution: Distribution,
 }
 
-impl Parameter {
+impl Change {
     /// What it is called: "radius of surface 3".
-    pub fn name(&self) -> String {
+    pub fn name(self) -> String {
         let axis = |a: Axis| if a == Axis::X { "x" } else { "y" };
-        match self.change {
+        match self {
             Change::Radius { surface } => format!("radius of surface {}", surface + 1),
             Change::Curvature { surface } => format!("power of surface {}", surface + 1),
             Change::Irregularity { surface, axis: Axis::X } => format!("irregularity of surface {} along the axes", surface + 1),
@@ -175,14 +176,26 @@ impl Parameter {
     }
 
     /// Unit of its amount.
-    pub fn unit(&self) -> &'static str {
-        match self.change {
+    pub fn unit(self) -> &'static str {
+        match self {
             Change::Radius { .. } | Change::Gap { .. } | Change::Decenter { .. } => "mm",
             Change::Curvature { .. } => "1/mm",
             Change::Irregularity { .. } => "fringes",
             Change::Index { .. } | Change::Abbe { .. } => "",
             Change::SurfaceTilt { .. } | Change::Tilt { .. } => "°",
         }
+    }
+}
+
+impl Parameter {
+    /// What it is called: "radius of surface 3".
+    pub fn name(&self) -> String {
+        self.change.name()
+    }
+
+    /// Unit of its amount.
+    pub fn unit(&self) -> &'static str {
+        self.change.unit()
     }
 }
 

@@ -1,5 +1,7 @@
 //! What is measured of a lens, and what is asked of it.
 
+use super::parameter::Change;
+
 /// Kinds of quantities.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum QuantityKind {
@@ -21,6 +23,8 @@ pub enum QuantityKind {
     Distortion,
     /// Contrast of all wavelengths together.
     Mtf,
+    /// How far a compensator other than the film moved, mm or degrees; no limit names it, since its range is one.
+    Compensator,
 }
 
 impl QuantityKind {
@@ -46,11 +50,10 @@ impl QuantityKind {
 
     /// Its name.
     pub fn name(self) -> &'static str {
-        QuantityKind::NAMES[self as usize]
+        QuantityKind::NAMES.get(self as usize).copied().unwrap_or("compensator")
     }
 
-    /// Its unit.
-    pub fn unit(self) -> &'static str {
+    fn unit(self) -> &'static str {
         match self {
             QuantityKind::Spot => "µm",
             QuantityKind::Wavefront => "waves",
@@ -82,12 +85,19 @@ pub struct Quantity {
     pub frequency: Option<f64>,
     /// Of an MTF.
     pub direction: Option<Direction>,
+    /// What a compensator changes.
+    pub change: Option<Change>,
 }
 
 impl Quantity {
     /// Of the lens as a whole.
     pub(super) fn of_lens(kind: QuantityKind) -> Quantity {
-        Quantity { kind, field_deg: None, frequency: None, direction: None }
+        Quantity { kind, field_deg: None, frequency: None, direction: None, change: None }
+    }
+
+    /// Of a compensator.
+    pub(super) fn of_compensator(change: Change) -> Quantity {
+        Quantity { change: Some(change), ..Quantity::of_lens(QuantityKind::Compensator) }
     }
 
     /// Of a field.
@@ -95,9 +105,17 @@ impl Quantity {
         Quantity { field_deg: Some(field_deg), ..Quantity::of_lens(kind) }
     }
 
+    /// Its unit.
+    pub fn unit(&self) -> &'static str {
+        self.change.map_or(self.kind.unit(), Change::unit)
+    }
+
     /// What it is called: "mtf 30/mm tangential, field 10°".
     pub fn name(&self) -> String {
         let mut name = self.kind.name().to_owned();
+        if let Some(change) = self.change {
+            name = format!("{name}, {}", change.name());
+        }
         if let Some(f) = self.frequency {
             name += &format!(" {f}/mm");
         }
@@ -149,7 +167,12 @@ impl Limit {
 
     /// What it asks: "mtf at least 0.4, field 10°".
     pub fn name(&self) -> String {
-        let of = Quantity { kind: self.kind, field_deg: self.field_deg, frequency: self.frequency, direction: self.direction };
+        let of = Quantity {
+            field_deg: self.field_deg,
+            frequency: self.frequency,
+            direction: self.direction,
+            ..Quantity::of_lens(self.kind)
+        };
         let mut name = of.name();
         for (word, value) in [("at least", self.at_least), ("at most", self.at_most)] {
             if let Some(v) = value {

@@ -10,6 +10,8 @@
 //!
 //! [compensator]
 //! refocus = 0.3                      # the film moves by up to 0.3 mm to the smallest spots
+//! gap = [{ surface = 5, by = 0.2 }]  # so do gaps, and elements across the axis or about it
+//! decenter = [{ element = [7, 9], by = "0.1 mm" }]
 //!
 //! [[tolerance]]
 //! surfaces = "all"                   # or 3, or [1, 2]
@@ -32,6 +34,7 @@
 //! at_least = 0.4
 //! ```
 
+use super::compensator::Compensators;
 use super::parameter::{Axis, Change, Distribution, FRINGE_NM, Parameter, elements_of};
 use super::quantity::{Direction, Limit, QuantityKind};
 use crate::glass::GlassKind;
@@ -69,6 +72,9 @@ pub struct ToleranceSheet {
     pub frequencies: Vec<f64>,
     /// How far the film may move to the smallest spots, mm, either way; `None`: it stands.
     pub refocus: Option<f64>,
+    compensators: Compensators,
+    /// The sheet as it was written, for the lines of errors.
+    text: String,
     pub(super) limits: Vec<Limit>,
     entries: Vec<(usize, Entry)>,
 }
@@ -87,7 +93,7 @@ struct File {
     #[serde(default = "usual_frequencies")]
     frequencies: Vec<f64>,
     #[serde(default)]
-    compensator: Compensator,
+    compensator: Compensators,
     #[serde(default)]
     tolerance: Vec<Spanned<Entry>>,
     #[serde(default)]
@@ -100,12 +106,6 @@ fn first_seed() -> u64 {
 
 fn usual_frequencies() -> Vec<f64> {
     vec![30.0]
-}
-
-#[derive(Deserialize, Default)]
-#[serde(deny_unknown_fields)]
-struct Compensator {
-    refocus: Option<f64>,
 }
 
 #[derive(Clone, Debug, Deserialize)]
@@ -145,7 +145,7 @@ enum Elements {
 /// A number in the usual unit, or a text with its unit.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(untagged, expecting = "expected a number, or a text with a unit such as \"0.02 mm\"")]
-enum Amount {
+pub(super) enum Amount {
     Number(f64),
     Text(String),
 }
@@ -163,7 +163,7 @@ struct LimitEntry {
 
 /// Units of tolerances.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Unit {
+pub(super) enum Unit {
     Bare,
     Millimeters,
     Percent,
@@ -191,7 +191,7 @@ const UNITS: [(&str, Unit, f64); 15] = [
 ];
 
 /// Reads an amount that may be in some units; `usual` is that of a bare number.
-fn amount(key: &str, a: &Amount, usual: Unit, allowed: &[Unit], example: &str) -> Result<(f64, Unit), String> {
+pub(super) fn amount(key: &str, a: &Amount, usual: Unit, allowed: &[Unit], example: &str) -> Result<(f64, Unit), String> {
     let wrong = |found: &str| format!("{key} {found}: expected {example}");
     let (value, unit, found) = match a {
         Amount::Number(v) => (*v, usual, v.to_string()),
@@ -289,9 +289,16 @@ impl ToleranceSheet {
             weights: sheet.weights,
             frequencies: sheet.frequencies,
             refocus: sheet.compensator.refocus,
+            compensators: sheet.compensator,
+            text: text.into(),
             limits,
             entries: sheet.tolerance.into_iter().map(|e| (line_of(text, e.span().start), e.into_inner())).collect(),
         })
+    }
+
+    /// What is adjusted in every build of a lens beside its film.
+    pub(super) fn compensators(&self, p: &Prescription) -> Result<Vec<Parameter>, PrescriptionError> {
+        self.compensators.parameters(p, &self.file, &self.text)
     }
 
     /// What the sheet allows to differ in a lens: each perturbation by itself, in the order of the sheet.
