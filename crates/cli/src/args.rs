@@ -433,6 +433,12 @@ pub struct Calibrate {
     /// Distance from the entrance pupil that is in focus: "2.5m"; infinity without.
     #[arg(long, value_name = "DISTANCE")]
     pub focus: Option<Distance>,
+    /// Move the lens against the film, to the right and up: "5mm", "0,8mm".
+    #[arg(long, value_name = "X[,Y]", value_parser = shift, allow_hyphen_values = true)]
+    pub shift: Option<[f64; 2]>,
+    /// Turn the lens against the film about its rear principal point, forward and to the right: "8deg", "0,5deg".
+    #[arg(long, value_name = "X[,Y]", value_parser = tilt, allow_hyphen_values = true)]
+    pub tilt: Option<[f64; 2]>,
     /// Camera model, or several ("opencv5,opencv-fisheye"; the first is written), or all.
     ///
     /// pinhole, simple-radial, radial, opencv4, opencv5, opencv8, opencv12, opencv14, opencv-fisheye, thin-prism-fisheye, f-theta, double-sphere,
@@ -894,7 +900,8 @@ pub struct Taking {
     /// Move the lens against the film, to the right and up: "5mm", "0,8mm". The picture shows more of that side.
     #[arg(long, value_name = "X[,Y]", value_parser = shift, allow_hyphen_values = true)]
     pub shift: Option<[f64; 2]>,
-    /// Turn the thin lens against the film, forward (down) and to the right: "8deg", "0,5deg". The view stays, the sharp plane turns.
+    /// Turn the lens against the film, forward (down) and to the right: "8deg", "0,5deg". The view stays, the sharp plane turns. A traced lens turns about its
+    /// rear principal point.
     #[arg(long, value_name = "X[,Y]", value_parser = tilt, allow_hyphen_values = true)]
     pub tilt: Option<[f64; 2]>,
     /// Blades of the iris; without, the lens's own, or round.

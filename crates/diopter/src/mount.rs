@@ -102,6 +102,10 @@ impl Camera {
             // Its pupil lies around the camera's place, whichever way it faces; without one all light passes the middle.
             Lens::Calibrated(lens) if lens.pupil().is_some() => origin_mm.length() / rim,
             Lens::Calibrated(_) => 0.0,
+            lens if lens.is_tilted() => {
+                let axis = lens.axis();
+                (origin_mm - direction * (origin_mm.dot(axis) / direction.dot(axis))).length() / rim
+            }
             _ => (origin_mm - direction * (origin_mm.z / direction.z)).truncate().length() / rim,
         }
     }

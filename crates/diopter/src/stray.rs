@@ -477,7 +477,7 @@ fn seconds(modulation: &Modulation, open_s: f64, (open, close): (f64, f64)) -> f
 fn beams(scene: &Scene, camera: &Camera, lens: &CompoundLens, response: &Response, time_s: f64) -> Vec<Beam> {
     let system = lens.system();
     let Some(front) = SourceBeam::new(system, DVec3::Z).map(|b| b.middle()) else { return vec![] };
-    let pupil = DVec3::Z * lens.first_order().entrance_pupil_z;
+    let pupil = lens.entrance_pupil();
     let world_from_lens = camera.way.at(time_s);
     let lens_from_world = world_from_lens.inverse();
     let point: Vec3 = world_from_lens.transform_point3(((front - pupil) * 1e-3).as_vec3());

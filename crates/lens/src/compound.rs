@@ -16,23 +16,25 @@
 //! the ratio of two bands is 1.18 times that of the same lens without dispersion (a test holds it below 1.3).
 
 mod entries;
+mod tilt;
 
 pub use entries::Entries;
 
 use crate::axial_beam;
 use crate::batch::single::{Batch, Indices, LANES, Packet};
-use crate::focusing::best_film_z;
+use crate::focusing::{AxialSpot, best_film_z};
 use crate::glass::D_NM;
 use crate::iris::Iris;
 use crate::paraxial::FirstOrder;
 use crate::prescription::Prescription;
 use crate::pupil::{self, Geometry, PupilDetail, PupilTable};
-use crate::system::{State, System};
+use crate::system::{PlacedSurface, State, System};
 use crate::trace::{Apertures, TracedRay, Way};
 use crate::{Blocked, BlockedBy, Focus, LensError, LensRay};
 use diopter_light::units::Millimeters;
 use glam::{DVec2, DVec3, Vec2};
 use std::sync::Arc;
+use tilt::{Tilt, Turned};
 
 /// How much brighter than it really is a lens may be called: f/2 for f/2.07. Names are rounded to thirds of a stop.
 const NAME_TOLERANCE: f64 = 1.06;
@@ -61,6 +63,8 @@ pub struct CompoundLens {
     system: System,
     state: State,
     setting: Setting,
+    tilt: Tilt,
+    turned: Turned,
     efl: f64,
     f_number: f64,
     widest: f64,
@@ -202,19 +206,39 @@ impl CompoundLens {
         setting: &Setting,
         detail: PupilDetail,
     ) -> Result<CompoundLens, LensError> {
+        CompoundLens::turned(prescription, setting, Tilt::default(), detail)
+    }
+
+    /// The same lens turned against the film about its rear principal point, forward (its axis downward in the scene) and to the right, rad: the view of what is
+    /// far stays, the plane of focus turns. Distances of focus then count along the camera's axis from the middle of the entrance pupil, which has moved with the
+    /// lens. Fails beyond 60°, and on planes that the lens, seen askew, has no image of.
+    pub fn tilted(&self, tilt: [f64; 2]) -> Result<CompoundLens, LensError> {
+        CompoundLens::turned(self.prescription.clone(), &self.setting, Tilt::new(tilt)?, self.detail)
+    }
+
+    fn turned(
+        prescription: Arc<Prescription>,
+        setting: &Setting,
+        tilt: Tilt,
+        detail: PupilDetail,
+    ) -> Result<CompoundLens, LensError> {
         let range = |what, found: String, expected: String| Err(LensError::Setting { what, found, expected });
-        let Configured { system, state, efl, f_number, widest, beam_radius } = configure(
+        let Configured { system, state, efl, f_number, widest, beam_radius } = configure_turned(
             &prescription,
             setting.focal_length,
             setting.f_number,
             setting.iris.as_ref(),
             FilmPlace::Focused(setting.focus),
+            tilt,
         )?;
         let n = system.indices(REFERENCE_NM);
         // Its pupils are those of the axial beam, which the f-number measures.
-        let first = FirstOrder { stop_radius: beam_radius, ..FirstOrder::of(&system, &n) };
+        let straight = FirstOrder { stop_radius: beam_radius, ..FirstOrder::of(&system, &n) };
+        let turned = Turned::new(&system, straight, prescription.is_openings_alone(), tilt)?;
+        let first = turned.first_order();
         let batch = Batch::new(&system);
-        let Some(geometry) = geometry(&system, &batch, &first, 0.5 * DVec2::from_array(setting.film_mm)) else {
+        let middle = turned.pupil_middle(system.film_z, system.film_run());
+        let Some(geometry) = geometry(&system, &batch, &first, middle, 0.5 * DVec2::from_array(setting.film_mm)) else {
             return range("focus", "the film".into(), "a film behind the last surface: it would touch the lens".into());
         };
         let pupils = PupilTable::new(&geometry, detail);
@@ -225,6 +249,8 @@ impl CompoundLens {
             system,
             state,
             setting: setting.clone(),
+            tilt,
+            turned,
             efl,
             f_number,
             widest,
@@ -262,7 +288,7 @@ impl CompoundLens {
 
     /// The same lens focused elsewhere.
     pub fn refocused(&self, focus: Focus) -> Result<CompoundLens, LensError> {
-        CompoundLens::with_detail(self.prescription.clone(), &Setting { focus, ..self.setting.clone() }, self.detail)
+        CompoundLens::turned(self.prescription.clone(), &Setting { focus, ..self.setting.clone() }, self.tilt, self.detail)
     }
 
     /// The same lens with its film so far behind its place for infinity, quickly: what moves as a whole keeps the pupils it has, scaled to
@@ -296,13 +322,48 @@ impl CompoundLens {
     /// The same lens at another f-number.
     pub fn stopped(&self, f_number: f64) -> Result<CompoundLens, LensError> {
         let setting = Setting { f_number: Some(f_number), ..self.setting.clone() };
-        CompoundLens::with_detail(self.prescription.clone(), &setting, self.detail)
+        CompoundLens::turned(self.prescription.clone(), &setting, self.tilt, self.detail)
     }
 
-    /// First-order data focused at infinity.
-    fn at_infinity(&self) -> FirstOrder {
+    /// What Gauss's formulas need, focused at infinity.
+    fn at_infinity(&self) -> Turned {
         let far = System::at(&self.prescription, State { focus: 0.0, ..self.state });
-        FirstOrder::of(&far, &far.indices(REFERENCE_NM))
+        let straight = FirstOrder::of(&far, &far.indices(REFERENCE_NM));
+        // A lens that was turned can be turned there too.
+        Turned::new(&far, straight, false, self.tilt).unwrap_or(self.turned)
+    }
+
+    /// Whether it is turned against the film.
+    pub fn is_tilted(&self) -> bool {
+        !self.tilt.is_none()
+    }
+
+    /// How it is turned against the film, rad: forward, and to the right.
+    pub fn tilt(&self) -> [f64; 2] {
+        self.tilt.0
+    }
+
+    /// Unit vector along the lens's own axis, towards the film.
+    pub fn axis(&self) -> DVec3 {
+        self.tilt.turn() * DVec3::Z
+    }
+
+    /// Middle of the paraxial entrance pupil, mm from the first vertex of the lens as it stands straight: where the camera stands.
+    pub fn entrance_pupil(&self) -> DVec3 {
+        self.turned.entrance_pupil()
+    }
+
+    /// Slope towards the middle of the exit pupil from the middle of the film; 0 but for a tilted lens.
+    pub fn pupil_middle(&self) -> DVec2 {
+        self.turned.pupil_middle(self.system.film_z, self.system.film_run())
+    }
+
+    /// The plane that is sharp by Gauss's formulas: a point of it (mm from the entrance pupil) and its unit normal. `None` at infinity, and for openings alone.
+    pub fn plane_of_focus(&self) -> Option<[DVec3; 2]> {
+        if self.prescription.is_openings_alone() {
+            return None;
+        }
+        self.turned.plane_of_focus(self.system.film_z)
     }
 
     /// Distance of the sharp plane from the entrance pupil, mm; `None` for infinity or beyond.
@@ -311,7 +372,7 @@ impl CompoundLens {
             Focus::Infinity => None,
             Focus::Distance(d) => Some(d),
             Focus::Extension(_) if self.prescription.is_openings_alone() => None,
-            Focus::Extension(Millimeters(e)) => (e > 0.0).then(|| Millimeters(distance_of(&self.at_infinity(), e))),
+            Focus::Extension(Millimeters(e)) => (e > 0.0).then(|| Millimeters(self.at_infinity().distance_of(e))),
         }
     }
 
@@ -329,8 +390,7 @@ impl CompoundLens {
         if self.prescription.is_openings_alone() {
             return 0.0;
         }
-        let first = self.at_infinity();
-        first.efl * first.efl / (distance - first.entrance_pupil_z + first.ffl)
+        self.at_infinity().extension_at(distance)
     }
 
     /// Effective focal length at infinity focus, mm.
@@ -417,7 +477,8 @@ impl CompoundLens {
     /// the image circle ends.
     pub fn lit_radius(&self, towards: DVec2, most: f64) -> f64 {
         // A lens that is built has a film behind its last surface.
-        geometry(&self.system, &self.batch, &self.first, DVec2::splat(most)).map_or(0.0, |g| pupil::lit_radius(&g, towards, most))
+        geometry(&self.system, &self.batch, &self.first, self.pupil_middle(), DVec2::splat(most))
+            .map_or(0.0, |g| pupil::lit_radius(&g, towards, most))
     }
 
     fn film_ray(&self, film: DVec2, slope: DVec2) -> TracedRay {
@@ -472,13 +533,13 @@ impl CompoundLens {
     }
 
     fn relative_to_pupil(&self, p: DVec3) -> DVec3 {
-        p - DVec3::Z * self.first.entrance_pupil_z
+        p - self.turned.entrance_pupil()
     }
 
     /// The ray through the middle of what passes.
     pub fn chief_ray(&self, film: DVec2) -> Result<LensRay, Blocked> {
         let (region, turn) = self.pupils.region(film);
-        let mut ray = self.film_ray(film, self.pupils.slope(film, region.fan.center(), turn));
+        let mut ray = self.film_ray(film, self.pupils.middle_slope(film));
         let n = &self.reference;
         let mut out = self.system.trace(ray, n, Way::ToObject, Apertures::Clip);
         // An obstruction sits in the middle: any ray beside it looks the same way.
@@ -528,12 +589,12 @@ impl CompoundLens {
         self.batch.indices(&hero_nm, n);
         out.passed = self.batch.trace_light(packet, n, &hero_nm, Way::ToObject);
         out.spread = self.disperses;
-        let z = self.first.entrance_pupil_z as f32;
+        let [px, py, pz] = self.turned.entrance_pupil().as_vec3().to_array();
         for i in 0..LANES {
             if density[i][0] == 0.0 {
                 out.passed &= !(1 << i);
             }
-            out.origin[i] = [packet.x[i], packet.y[i], packet.z[i] - z];
+            out.origin[i] = [packet.x[i] - px, packet.y[i] - py, packet.z[i] - pz];
             out.direction[i] = [packet.dx[i], packet.dy[i], packet.dz[i]];
             let film = samples.film[i].as_vec2().to_array();
             out.lands[i] = [film; 4];
@@ -637,31 +698,27 @@ impl Configured {
         let first =
             FirstOrder { stop_radius: self.beam_radius, ..FirstOrder::of(&self.system, &self.system.indices(REFERENCE_NM)) };
         let batch = Batch::new(&self.system);
-        let geometry = geometry(&self.system, &batch, &first, DVec2::splat(most))?;
+        let geometry = geometry(&self.system, &batch, &first, DVec2::ZERO, DVec2::splat(most))?;
         let towards = [DVec2::X, DVec2::Y, DVec2::NEG_X, DVec2::NEG_Y];
         let count = if geometry.rotational { 1 } else { towards.len() };
         Some(towards[..count].iter().map(|d| pupil::lit_radius(&geometry, *d, most)).fold(most, f64::min))
     }
 }
 
-/// What finding pupils needs to know about a lens as it stands; `first` with the stop radius of the axial beam. `None` where the film does
-/// not lie behind the last surface.
-fn geometry<'a>(system: &System, batch: &'a Batch, first: &FirstOrder, film_half: DVec2) -> Option<Geometry<'a>> {
+/// What finding pupils needs to know about a lens as it stands; `first` with the stop radius of the axial beam; `middle` as [`Geometry::middle`]. `None` where
+/// the film does not lie behind the last surface.
+fn geometry<'a>(system: &System, batch: &'a Batch, first: &FirstOrder, middle: DVec2, film_half: DVec2) -> Option<Geometry<'a>> {
     // Distances count from the film towards the lens, whichever way the light comes.
     let run = system.film_run();
     let distance = (system.film_z - first.exit_pupil_z) * run;
     let curvature = if distance.is_finite() && distance.abs() > 1e-6 { 1.0 / distance } else { 0.0 };
-    let rim = system.surfaces.last().map_or(([1.0, 1.0], 1.0), |s| {
-        let sag = s.profile.sag(0.0, s.semi_diameter * (1.0 - 1e-9)).unwrap_or(0.0);
-        let shift = s.frame.as_ref().map_or(0.0, |f| f.0.translation.truncate().length() + 0.1 * s.semi_diameter);
-        let (vertex, edge) = ((system.film_z - s.z) * run, (system.film_z - s.z - sag) * run);
-        ([vertex.min(edge) - shift, vertex.max(edge) + shift], s.semi_diameter + shift)
-    });
+    let rim = system.surfaces.last().map_or(([1.0, 1.0], 1.0), |s| rim_of(s, system.film_z, run));
     (rim.0[0] > 0.0).then(|| Geometry {
         batch,
         film_z: system.film_z,
         film_run: run,
         curvature,
+        middle,
         slope: (first.exit_pupil_radius() / distance).abs().clamp(1e-4, 2.0),
         rim,
         film_half,
@@ -669,6 +726,30 @@ fn geometry<'a>(system: &System, batch: &'a Batch, first: &FirstOrder, film_half
         mirrored: system.surfaces.iter().all(|s| s.frame.is_none()),
         iris_period: system.iris.shape.period(),
     })
+}
+
+/// Distances from the film between which a surface lies within its rim, and how far its rim reaches from the axis, mm.
+fn rim_of(s: &PlacedSurface, film_z: f64, run: f64) -> ([f64; 2], f64) {
+    let sag = s.profile.sag(0.0, s.semi_diameter * (1.0 - 1e-9)).unwrap_or(0.0);
+    let Some(frame) = &s.frame else {
+        let (vertex, edge) = ((film_z - s.z) * run, (film_z - s.z - sag) * run);
+        return ([vertex.min(edge), vertex.max(edge)], s.semi_diameter);
+    };
+    /// Places around a rim; a polygon of so many corners holds its circle when it is larger by 1/cos(π/32).
+    const AROUND: usize = 32;
+    // Rims of surfaces that are not round have another sag elsewhere.
+    let room = if s.profile.is_rotational() { 0.01 } else { 0.1 } * s.semi_diameter;
+    let radius = s.semi_diameter / (std::f64::consts::PI / AROUND as f64).cos();
+    let rim = (0..AROUND).flat_map(|i| {
+        let at = DVec2::from_angle(std::f64::consts::TAU * i as f64 / AROUND as f64) * radius;
+        [at.extend(sag), at.extend(0.0)]
+    });
+    let places = rim.chain([DVec3::ZERO, DVec3::Z * sag]).map(|local| frame.0.transform_point3(local));
+    let ([near, far], reach) = places.fold(([f64::INFINITY, f64::NEG_INFINITY], 0.0f64), |([near, far], reach), p| {
+        let distance = (film_z - p.z) * run;
+        ([near.min(distance), far.max(distance)], reach.max(p.truncate().length()))
+    });
+    ([near - room, far + room], reach + room)
 }
 
 /// Sets zoom (mm), aperture (f-number; fully open without), iris shape and film. Fails on what the lens cannot do, saying what it
@@ -679,6 +760,18 @@ pub fn configure(
     f_number: Option<f64>,
     iris: Option<&Iris>,
     film: FilmPlace,
+) -> Result<Configured, LensError> {
+    configure_turned(p, focal_length, f_number, iris, film, Tilt::default())
+}
+
+/// The same of a lens that is turned against its film; the aperture is that of the lens on its own axis.
+fn configure_turned(
+    p: &Prescription,
+    focal_length: Option<f64>,
+    f_number: Option<f64>,
+    iris: Option<&Iris>,
+    film: FilmPlace,
+    tilt: Tilt,
 ) -> Result<Configured, LensError> {
     let range = |what, found: String, expected: String| Err(LensError::Setting { what, found, expected });
     let zoom = zoom_position(p, focal_length)?;
@@ -730,8 +823,13 @@ pub fn configure(
     let opening = self::opening(opening.shape, radius, far.surfaces[far.stop].semi_diameter);
     let (system, state) = match film {
         // Nothing to focus: the film stays.
-        FilmPlace::Focused(_) if p.is_openings_alone() => (System { iris: opening, ..far }, State { zoom, focus: 0.0 }),
-        FilmPlace::Focused(focus) => focused(p, zoom, &opening, focus)?,
+        FilmPlace::Focused(_) if p.is_openings_alone() => {
+            let mut system = System { iris: opening, ..far };
+            let pivot_z = system.surfaces[system.stop].z;
+            tilt.apply(&mut system, pivot_z);
+            (system, State { zoom, focus: 0.0 })
+        }
+        FilmPlace::Focused(focus) => focused(p, zoom, &opening, focus, tilt)?,
         FilmPlace::AsPublished => (System { iris: opening, ..far }, State { zoom, focus: 0.0 }),
     };
     Ok(Configured { system, state, efl, f_number, widest, beam_radius })
@@ -865,11 +963,6 @@ pub(crate) fn opening(shape: Iris, radius: f64, rim: f64) -> crate::system::Stop
     crate::system::StopOpening { radius: 0.5 * (low + high), shape }
 }
 
-/// Distance from the entrance pupil that a film moved back by so much (mm, above 0) is focused to: Newton's x x' = f².
-fn distance_of(first: &FirstOrder, extension: f64) -> f64 {
-    first.entrance_pupil_z - first.ffl + first.efl * first.efl / extension
-}
-
 /// Distance from the entrance pupil that a lens with focus data is focused to at their near end (paraxially), mm.
 pub fn nearest_focus(p: &Prescription, zoom: f64) -> Option<f64> {
     let s = System::at(p, State { zoom, focus: 1.0 });
@@ -881,10 +974,23 @@ pub fn nearest_focus(p: &Prescription, zoom: f64) -> Option<f64> {
 }
 
 /// The system focused: gaps by the lens's focus data where it has any, the rest by moving the film.
-fn focused(p: &Prescription, zoom: f64, iris: &crate::system::StopOpening, focus: Focus) -> Result<(System, State), LensError> {
+fn focused(
+    p: &Prescription,
+    zoom: f64,
+    iris: &crate::system::StopOpening,
+    focus: Focus,
+    tilt: Tilt,
+) -> Result<(System, State), LensError> {
+    // Frames do not change first-order data: those of a turned system are of the lens on its own axis.
+    let turned_of = |s: &System| Turned::new(s, FirstOrder::of(s, &s.indices(REFERENCE_NM)), false, tilt);
+    turned_of(&System::at(p, State { zoom, focus: 0.0 }))?;
     let at = |t: f64| {
         let mut s = System::at(p, State { zoom, focus: t });
         s.iris = iris.clone();
+        if !tilt.is_none() {
+            let pivot_z = FirstOrder::of(&s, &s.indices(REFERENCE_NM)).rear_principal_z;
+            tilt.apply(&mut s, pivot_z);
+        }
         s
     };
     if let Focus::Extension(Millimeters(e)) = focus {
@@ -894,10 +1000,10 @@ fn focused(p: &Prescription, zoom: f64, iris: &crate::system::StopOpening, focus
         }
         let far = at(0.0);
         if p.has_focus_data() && e > 0.0 {
-            let distance = distance_of(&FirstOrder::of(&far, &far.indices(REFERENCE_NM)), e);
-            return focused(p, zoom, iris, Focus::Distance(Millimeters(distance)));
+            let distance = turned_of(&far)?.distance_of(e);
+            return focused(p, zoom, iris, Focus::Distance(Millimeters(distance)), tilt);
         }
-        let (mut system, state) = focused(p, zoom, iris, Focus::Infinity)?;
+        let (mut system, state) = focused(p, zoom, iris, Focus::Infinity, tilt)?;
         system.film_z += e * system.film_run();
         return Ok((system, state));
     }
@@ -914,9 +1020,9 @@ fn focused(p: &Prescription, zoom: f64, iris: &crate::system::StopOpening, focus
     let offset = |s: &System| {
         let object = match focus {
             Focus::Infinity | Focus::Extension(_) => None,
-            Focus::Distance(Millimeters(d)) => Some(FirstOrder::of(s, &s.indices(REFERENCE_NM)).entrance_pupil_z - d),
+            Focus::Distance(Millimeters(d)) => Some(turned_of(s).ok()?.entrance_pupil() - DVec3::Z * d),
         };
-        let (z, _) = best_film_z(s, object)?;
+        let z = AxialSpot::of_point(s, object)?.best_z;
         let run = s.film_run();
         ((z - s.last_z()) * run > 0.0).then_some(((z - s.film_z) * run, z))
     };

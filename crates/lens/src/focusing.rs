@@ -23,8 +23,8 @@ struct Bundle {
     z: f64,
 }
 
-/// From an object point on the axis: `object_z` mm from the first vertex (negative), `None` for infinity.
-fn bundle(system: &System, object_z: Option<f64>) -> Bundle {
+/// From an object point, mm from the first vertex (z negative); `None` for one infinitely far along the axis.
+fn bundle(system: &System, object: Option<DVec3>) -> Bundle {
     let z = system.last_z();
     let mut at = vec![];
     for (nm, weight) in COLORS {
@@ -34,12 +34,12 @@ fn bundle(system: &System, object_z: Option<f64>) -> Bundle {
         let reach = first.entrance_pupil_radius() * system.iris.shape.reach() * 1.15;
         let ray_to = |place: DVec2| {
             let target = place.extend(first.entrance_pupil_z);
-            match object_z {
+            match object {
                 None => TracedRay { position: target.with_z(0.0), direction: DVec3::Z },
-                Some(o) => {
-                    let object = DVec3::new(0.0, 0.0, o);
+                Some(object) => {
                     let direction = (target - object).normalize();
                     // Begun far away, rays would lose digits on the first surface: they begin near the lens.
+                    let o = object.z;
                     let position = if o < -NEAR_MM { object + direction * ((-NEAR_MM - o) / direction.z) } else { object };
                     TracedRay { position, direction: direction * direction.z.signum() }
                 }
@@ -75,7 +75,12 @@ pub struct AxialSpot {
 impl AxialSpot {
     /// Of a point `object_z` mm from the first vertex (negative), `None` at infinity. `None` when no light comes through.
     pub fn of(system: &System, object_z: Option<f64>) -> Option<AxialSpot> {
-        let Bundle { at, z } = bundle(system, object_z);
+        AxialSpot::of_point(system, object_z.map(|z| DVec3::Z * z))
+    }
+
+    /// Of a point that may lie beside the axis, as a turned lens's plane of focus has it: mm from the first vertex; `None` infinitely far along the axis.
+    pub fn of_point(system: &System, object: Option<DVec3>) -> Option<AxialSpot> {
+        let Bundle { at, z } = bundle(system, object);
         let total: f64 = at.iter().map(|r| r.2).sum();
         if at.len() < 3 {
             return None;

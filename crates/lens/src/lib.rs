@@ -240,6 +240,47 @@ impl Lens {
         }
     }
 
+    /// Slope towards the middle of the exit pupil from the middle of the film: 0 but for a tilted lens.
+    pub fn pupil_middle(&self) -> DVec2 {
+        match self {
+            Lens::Compound(lens) => lens.pupil_middle(),
+            _ => DVec2::ZERO,
+        }
+    }
+
+    /// Whether the lens is turned against the film.
+    pub fn is_tilted(&self) -> bool {
+        match self {
+            Lens::Thin(lens) => lens.is_tilted(),
+            Lens::Compound(lens) => lens.is_tilted(),
+            _ => false,
+        }
+    }
+
+    /// Unit vector along the lens's own axis, towards the film: +z but for a tilted lens.
+    pub fn axis(&self) -> DVec3 {
+        match self {
+            Lens::Thin(lens) => lens.turned(DVec3::Z),
+            Lens::Compound(lens) => lens.axis(),
+            _ => DVec3::Z,
+        }
+    }
+
+    /// The same lens turned against the film, forward (its axis downward in the scene) and to the right, rad: [`ThinLens::tilted`],
+    /// [`CompoundLens::tilted`]. Fails on lenses that have no plane of focus to turn.
+    pub fn tilted(&self, tilt: [f64; 2]) -> Result<Lens, LensError> {
+        match self {
+            Lens::Thin(lens) => Ok(Lens::Thin(lens.clone().tilted(tilt)?)),
+            Lens::Compound(lens) => Ok(Lens::Compound(Box::new(lens.tilted(tilt)?))),
+            Lens::Pinhole(_) | Lens::Calibrated(_) if tilt == [0.0; 2] => Ok(self.clone()),
+            Lens::Pinhole(_) | Lens::Calibrated(_) => Err(LensError::Setting {
+                what: "tilt",
+                found: format!("{},{} degrees", tilt[0].to_degrees(), tilt[1].to_degrees()),
+                expected: "a thin or a traced lens: what is sharp everywhere, or sees as a calibration says, has no plane of focus to turn".into(),
+            }),
+        }
+    }
+
     /// Farthest place of the exit pupil from the axis, as the slope of a ray from the middle of the film; a pinhole's is that of the hole
     /// its light is counted for.
     pub fn pupil_reach(&self) -> f64 {

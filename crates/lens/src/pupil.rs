@@ -95,6 +95,8 @@ pub struct Geometry<'a> {
     pub film_run: f64,
     /// 1 / distance from the film to the exit pupil.
     pub curvature: f64,
+    /// Place of the middle of the exit pupil in q: 0 but for lenses that are turned against the film.
+    pub middle: DVec2,
     /// Radius of the exit pupil over its distance: 1/(2N) on the axis.
     pub slope: f64,
     /// Distances from the film between which the last surface lies within its rim, and the rim's radius, mm.
@@ -240,6 +242,32 @@ impl PupilTable {
         }
     }
 
+    /// Slope from a film point towards the middle of what passes. Where the table goes by cells it changes from cell to cell without steps, so that what is
+    /// out of focus does not jump between them.
+    pub fn middle_slope(&self, film: DVec2) -> DVec2 {
+        let (region, turn) = self.region(film);
+        let own = self.slope(film, region.fan.center(), turn);
+        let Layout::Cells { half, counts, mirrored } = &self.layout else { return own };
+        if region.fan.area() <= 0.0 {
+            return own;
+        }
+        let at = if *mirrored { film.abs() / *half } else { film / *half * 0.5 + 0.5 };
+        // Centres of cells are half a cell from their corners; beyond the outermost ones the nearest counts.
+        let place = (at.clamp(DVec2::ZERO, DVec2::ONE) * DVec2::new(counts[0] as f64, counts[1] as f64) - 0.5).max(DVec2::ZERO);
+        let (mut sum, mut weights) = (DVec2::ZERO, 0.0);
+        for corner in 0..4 {
+            let step = DVec2::new((corner % 2) as f64, (corner / 2) as f64);
+            let cell = (place.floor() + step).min(DVec2::new(counts[0] as f64, counts[1] as f64) - 1.0);
+            let part = DVec2::ONE - step + (2.0 * step - 1.0) * place.fract();
+            let fan = &self.regions[cell.y as usize * counts[0] + cell.x as usize].fan;
+            if fan.area() > 0.0 {
+                let weight = part.x * part.y;
+                (sum, weights) = (sum + fan.center() * weight, weights + weight);
+            }
+        }
+        if weights > 0.0 { self.slope(film, sum / weights, turn) } else { own }
+    }
+
     /// Slope from a film point for a point of its region.
     #[inline]
     pub fn slope(&self, film: DVec2, q: DVec2, turn: Turn) -> DVec2 {
@@ -329,7 +357,7 @@ impl<'a> Search<'a> {
             let (low, high) = outline.iter().fold((DVec2::MAX, DVec2::MIN), |(l, h), p| (l.min(*p), h.max(*p)));
             tries.push((0.5 * (low + high), 0.75 * (high - low).max_element(), GRID / 2));
         } else {
-            tries.push((DVec2::ZERO, 1.5 * self.g.slope, GRID / 2));
+            tries.push((self.g.middle, 1.5 * self.g.slope, GRID / 2));
         }
         tries.push((bound_center, bound_radius, GRID));
         tries.push((bound_center, bound_radius, 4 * GRID));

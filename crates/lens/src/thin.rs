@@ -125,8 +125,7 @@ impl ThinLens {
     /// The same lens turned about its middle, the film staying: the view stays, the sharp plane turns (Scheimpflug 1904). A focus distance counts along the
     /// camera's axis. Fails beyond 60°, and on planes that the lens, seen askew, has no image of.
     pub fn tilted(self, tilt: [f64; 2]) -> Result<Self, LensError> {
-        let largest = tilt[0].abs().max(tilt[1].abs());
-        require(largest <= MOST_TILT, "tilt", largest.to_degrees(), "°", "60° or less each way")?;
+        check_tilt(tilt)?;
         let lens = ThinLens { tilt, ..self };
         if let Focus::Distance(Millimeters(s)) = lens.focus {
             let nearest = "more than the focal length over the cosine of the tilt: nearer planes have no image";
@@ -142,7 +141,7 @@ impl ThinLens {
 
     /// Lens axes as they stand before the film.
     fn turn(&self) -> DQuat {
-        DQuat::from_rotation_y(-self.tilt[1]) * DQuat::from_rotation_x(-self.tilt[0])
+        turn(self.tilt)
     }
 
     /// A direction of the lens's own axes as it stands before the film.
@@ -268,6 +267,17 @@ impl ThinLens {
         let d2 = film.length_squared();
         LensRay { origin_mm: origin, direction, weight_sr: PI * radius * radius * self.iris.relative_area() * v * v / (d2 * d2) }
     }
+}
+
+/// Fails on a lens that would be turned by more than [`MOST_TILT`] (rad) either way.
+pub(crate) fn check_tilt(tilt: [f64; 2]) -> Result<(), LensError> {
+    let largest = tilt[0].abs().max(tilt[1].abs());
+    require(largest <= MOST_TILT, "tilt", largest.to_degrees(), "°", "60° or less each way")
+}
+
+/// Axes of a lens that is turned forward and to the right (rad), as they stand before the film.
+pub(crate) fn turn(tilt: [f64; 2]) -> DQuat {
+    DQuat::from_rotation_y(-tilt[1]) * DQuat::from_rotation_x(-tilt[0])
 }
 
 fn check(focal_length: Millimeters, f_number: f64) -> Result<(), LensError> {

@@ -193,7 +193,12 @@ fn film(args: &Calibrate) -> anyhow::Result<Film> {
     };
     let shape = size.width as f64 / size.height as f64;
     let (w, h) = if shape > width / height { (width, width / shape) } else { (height * shape, height) };
-    Ok(Film::new(w, h, size.width, size.height))
+    let middle_mm = args.shift.unwrap_or([0.0; 2]);
+    if middle_mm.iter().any(|s| s.abs() > w.hypot(h)) {
+        let found = format!("shift {},{} mm", middle_mm[0], middle_mm[1]);
+        return Err(AskedWrongly(anyhow!("{found}: expected at most the film's {:.1} mm each way", w.hypot(h))).into());
+    }
+    Ok(Film { middle_mm, ..Film::new(w, h, size.width, size.height) })
 }
 
 /// The lens as it is set.
@@ -209,9 +214,12 @@ fn lens(args: &Calibrate, film: &Film) -> anyhow::Result<Lens> {
         f_number: args.aperture.map(|a| a.0),
         focus: args.focus.map_or(Focus::Infinity, |f| Focus::at_mm(f.0 * 1000.0)),
         iris: None,
-        film_mm: [film.width_mm, film.height_mm],
+        film_mm: (2.0 * film.reach()).to_array(),
     };
-    let lens = CompoundLens::new(std::sync::Arc::new(prescription), &setting).map_err(ShotError::from)?;
+    let mut lens = CompoundLens::new(std::sync::Arc::new(prescription), &setting).map_err(ShotError::from)?;
+    if let Some(tilt) = args.tilt.filter(|t| *t != [0.0; 2]) {
+        lens = lens.tilted(tilt.map(f64::to_radians)).map_err(ShotError::from)?;
+    }
     Ok(Lens::Compound(Box::new(lens)))
 }
 

@@ -54,6 +54,18 @@ fn along(distance: f64, origin: DVec3, direction: DVec3) -> f64 {
 
 /// The direction from the camera's place to where a ray is in focus.
 pub fn seen_from_camera(lens: &Lens, [origin, direction]: [DVec3; 2]) -> DVec3 {
+    // A tilted lens is sharp in a plane askew, which may lie behind the camera for some of its rays.
+    if let Lens::Compound(lens) = lens
+        && lens.is_tilted()
+    {
+        let Some([point, normal]) = lens.plane_of_focus().map(|plane| plane.map(|v| DVec3::new(v.x, -v.y, -v.z))) else {
+            return direction;
+        };
+        let farthest = FARTHEST * lens.focus_distance().map_or(f64::INFINITY, |d| d.0);
+        let t = (point - origin).dot(normal) / direction.dot(normal);
+        let t = if t > 0.0 { t.min(farthest) } else { farthest };
+        return if t.is_finite() { (origin + direction * t).normalize() } else { direction };
+    }
     match lens.focus_distance() {
         None => direction,
         Some(d) => (origin + direction * along(d.0, origin, direction)).normalize(),

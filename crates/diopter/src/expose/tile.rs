@@ -557,8 +557,8 @@ impl Unit<'_> {
     /// Marks rays through the half of the pupil that does not count as blocked.
     fn block_other_half(&self, packet: &Samples, exits: &mut Exits) {
         if let Some(half) = self.settings.half {
-            let curvature = self.camera.lens.exit_curvature();
-            let place = |k: usize| f64::from(exits.slopes[k][0][0]) + packet.film[k].x * curvature;
+            let (curvature, middle) = (self.camera.lens.exit_curvature(), self.camera.lens.pupil_middle().x);
+            let place = |k: usize| f64::from(exits.slopes[k][0][0]) + packet.film[k].x * curvature - middle;
             for k in (0..LANES).filter(|k| !half.holds(place(*k))).collect::<Vec<_>>() {
                 exits.passed &= !(1 << k);
             }

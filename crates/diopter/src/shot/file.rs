@@ -217,7 +217,7 @@ pub struct CameraSection {
     /// The lens is moved against the film, to the right and up as seen from behind the camera, mm: the picture shows more of that side.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub shift_mm: Option<[f64; 2]>,
-    /// The thin lens is turned against the film about its middle: forward (down), and to the right, degrees.
+    /// The lens is turned against the film about its middle (a traced one about its rear principal point): forward (down), and to the right, degrees.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub tilt_deg: Option<[f64; 2]>,
     /// Blades of the iris; without, the lens's own, or round.

@@ -1119,7 +1119,7 @@ fn lens_facts(camera: &Camera, sensor: &Sensor, with_profile: bool) -> ExposureF
         },
         lens_profile: match &camera.lens {
             // The corrections of the development are centred on the picture.
-            Lens::Compound(_) if camera.film.middle_mm != [0.0; 2] || !with_profile => None,
+            Lens::Compound(l) if camera.film.middle_mm != [0.0; 2] || l.is_tilted() || !with_profile => None,
             Lens::Compound(l) => lens_profile::profile(l, sensor, 0.5 * camera.film.width_mm.hypot(camera.film.height_mm)),
             _ => None,
         },

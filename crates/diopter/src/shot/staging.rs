@@ -596,6 +596,7 @@ pub(super) fn camera(
     let hole =
         |projection| Ok::<_, LensError>(Lens::Pinhole(Pinhole { projection, ..Pinhole::new(Millimeters(focal_mm), f_number)? }));
     let panorama = Projection::Panorama { film_mm: [film.width_mm, film.height_mm] };
+    let tilt = c.tilt_deg.unwrap_or([0.0; 2]).map(f64::to_radians);
     let lens = match c.lens.as_deref() {
         None if let Some(source) = &stand.calibrated => Lens::Calibrated(Box::new(calibrated(source)?)),
         _ if let Some(height) = c.orthographic => {
@@ -610,7 +611,10 @@ pub(super) fn camera(
             Lens::Calibrated(Box::new(fisheye(kind, name, &film, focal_mm, f_number, pupil)?))
         }
         None if let Some(Sight::Table(table)) = of_file => {
-            let (lens, behind_m) = lens_of_table(file, table, &film, focusing, warn)?;
+            let (mut lens, behind_m) = lens_of_table(file, table, &film, focusing, warn)?;
+            if tilt != [0.0; 2] {
+                lens = lens.tilted(tilt)?;
+            }
             // The file's camera stands where its film is.
             place.translation += place.matrix3 * glam::Vec3A::NEG_Z * behind_m as f32;
             Lens::Compound(Box::new(lens))
@@ -624,7 +628,7 @@ pub(super) fn camera(
         Some("pinhole") => Lens::Pinhole(Pinhole::new(Millimeters(focal_mm), f_number)?),
         None | Some("thin") => {
             let thin = ThinLens::new(Millimeters(focal_mm), f_number, iris(c)?.unwrap_or_default(), focus)?;
-            Lens::Thin(thin.tilted(c.tilt_deg.unwrap_or([0.0; 2]).map(f64::to_radians))?)
+            Lens::Thin(thin.tilted(tilt)?)
         }
         Some(name) => {
             let prescription = inputs.lens(name)?;
@@ -646,7 +650,10 @@ pub(super) fn camera(
                 setting.f_number = None;
                 lens = CompoundLens::with_detail(prescription, &setting, detail);
             }
-            let lens = lens?;
+            let mut lens = lens?;
+            if tilt != [0.0; 2] {
+                lens = lens.tilted(tilt)?;
+            }
             if let Some(asked) = file.exposure.aperture.filter(|a| lens.f_number() > a.0 * 1.005) {
                 warn(&format!("{name}: fully open it is f/{:.2}, which is what f/{} stands for", lens.f_number(), asked.0));
             }
@@ -666,8 +673,9 @@ pub(super) fn camera(
     }
     if let Some([forward, right]) = c.tilt_deg.filter(|t| *t != [0.0; 2]) {
         let found = format!("{forward},{right} degrees");
-        if !matches!(lens, Lens::Thin(_)) {
-            return Err(value("tilt", found, "the thin lens (--lens thin): others are not tilted here"));
+        if !lens.is_tilted() {
+            let expected = "a thin lens or one of glass (--lens thin or NAME): what is sharp everywhere has no plane of focus to turn, and a calibrated camera stays as it was measured";
+            return Err(value("tilt", found, expected));
         }
         if c.plenoptic.is_some() || sensor.plenoptic.is_some() {
             return Err(value("tilt", found, "no microlenses behind a tilted lens"));

@@ -176,7 +176,7 @@ impl Model<'_> {
             None => Focus::Infinity,
         };
         let iris: Iris = lens.system().iris.shape.clone();
-        let thin = ThinLens::new(lens.focal_length(), lens.f_number(), iris, focus).ok()?;
+        let thin = ThinLens::new(lens.focal_length(), lens.f_number(), iris, focus).ok()?.tilted(lens.tilt()).ok()?;
         Some(self.with_lens(Lens::Thin(thin)))
     }
 

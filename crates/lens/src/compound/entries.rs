@@ -34,20 +34,21 @@ impl CompoundLens {
     pub fn entries(&self, rays: &Entries, collects: impl Fn(usize, DVec2) -> bool, scratch: &mut Scratch, out: &mut Exits) {
         let aim = ThroughPupil { places: &[[0.5; 2]; LANES], collects };
         let (packet, n) = (&mut scratch.packet, &mut scratch.n);
-        let z = self.first.entrance_pupil_z;
+        let pupil = self.entrance_pupil();
         (out.passed, out.spread) = (0, self.disperses);
-        let Some(first) = self.system.surfaces.first().filter(|_| z.is_finite()) else { return };
+        let Some(first) = self.system.surfaces.first().filter(|_| pupil.is_finite()) else { return };
         // Where they meet the first surface: they may be given by a point inside the lens.
         let mut starts = [[0.0f32; 3]; LANES];
         let mut met = 0u32;
         for i in 0..LANES {
-            let (o, d) = first.to_local(rays.origin[i] + DVec3::Z * z, -rays.direction[i]);
+            let (o, d) = first.to_local(rays.origin[i] + pupil, -rays.direction[i]);
             if let Some(m) = first.profile.meet(o, d, self.system.runs[0]) {
                 met |= 1 << i;
                 starts[i] = first.to_lens(m.point, d).0.as_vec3().to_array();
             }
-            let [x, y, at] = starts[i];
-            out.origin[i] = [x, y, at - z as f32];
+            let [px, py, pz] = pupil.as_vec3().to_array();
+            let [x, y, z] = starts[i];
+            out.origin[i] = [x - px, y - py, z - pz];
             out.direction[i] = rays.direction[i].as_vec3().to_array();
             (out.lands[i], out.slopes[i]) = ([[0.0; 2]; 4], [[0.0; 2]; 4]);
             (out.density[i], out.weight[i]) = ([0.0; 4], [0.0; 4]);
@@ -95,9 +96,12 @@ mod tests {
     #[test]
     fn rays_of_camera_samples_come_back_with_their_densities_and_weights() {
         let blades = Iris::blades(7, 0.3, 0.2).unwrap();
-        for (name, f_number, iris) in
-            [("double-gauss-50mm", 2.0, None), ("double-gauss-50mm", 5.6, Some(blades)), ("fisheye-10mm", 8.0, None)]
-        {
+        for (name, f_number, iris, tilt) in [
+            ("double-gauss-50mm", 2.0, None, [0.0; 2]),
+            ("double-gauss-50mm", 5.6, Some(blades), [0.0; 2]),
+            ("fisheye-10mm", 8.0, None, [0.0; 2]),
+            ("double-gauss-50mm", 4.0, None, [0.14, -0.1]),
+        ] {
             let setting = Setting {
                 focal_length: None,
                 f_number: Some(f_number),
@@ -105,7 +109,7 @@ mod tests {
                 iris,
                 film_mm: [36.0, 24.0],
             };
-            let lens = CompoundLens::new(Arc::new(embedded(name).unwrap()), &setting).unwrap();
+            let lens = CompoundLens::new(Arc::new(embedded(name).unwrap()), &setting).unwrap().tilted(tilt).unwrap();
             let (mut scratch, mut exits, mut back) = (Scratch::default(), Exits::default(), Exits::default());
             let mut samples = Samples::default();
             let (mut passed, mut stepped) = (0, 0);
