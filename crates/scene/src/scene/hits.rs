@@ -103,8 +103,12 @@ impl Scene {
         };
         let material = self.material(object);
         let (tangent, handedness) = tangent(mesh, i, given, corners, placement, ng, material);
-        let along = || derivatives(mesh, i, 0, corners).map(Detail::Derivatives);
-        let detail = material.bump.as_ref().and_then(|_| along()).unwrap_or(Detail::None);
+        let set = match (&material.bump, &self.filtering[object as usize]) {
+            (None, None) => None,
+            (Some(_), _) => Some(0),
+            (None, Some(filtering)) => Some(filtering.uv_set.min(1)),
+        };
+        let detail = set.and_then(|set| derivatives(mesh, i, set, corners)).map_or(Detail::None, Detail::Derivatives);
         Surface {
             point: a * weights[0] + b * weights[1] + c * weights[2],
             t: hit.t,
