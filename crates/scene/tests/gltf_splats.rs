@@ -208,3 +208,15 @@ fn spz_within_gltf_is_what_spz_is() {
     assert!(load(&json(4, zipped.len())).unwrap_err().contains("bufferView 4"));
     assert!(load(&json(0, zipped.len() / 2)).unwrap_err().contains("Gaussian splats"));
 }
+
+#[test]
+fn damaged_files_never_panic() {
+    let whole = file(&SCALES, plain("srgb_rec709_display")).to_string().into_bytes();
+    for i in (0..whole.len()).step_by(2) {
+        for change in *b"9\"-," {
+            let mut bytes = whole.clone();
+            bytes[i] = change;
+            let _ = gltf::load(&bytes, "t.gltf", &|_| Err("no files here".into())).map(Scene::build);
+        }
+    }
+}

@@ -322,4 +322,19 @@ mod tests {
         // A whole scene of it can be built.
         crate::Scene::build(d).unwrap();
     }
+
+    #[test]
+    fn damaged_curves_never_panic() {
+        let text = format!(
+            "#usda 1.0\ndef BasisCurves \"Hair\" {{ {POINTS}uniform token basis = \"bspline\"\nuniform token wrap = \"pinned\"\n\
+            float[] widths = [0.1, 0.2, 0.3, 0.4] ( interpolation = \"varying\" )\nnormal3f[] normals = [(0, 0, 1)] ( interpolation = \"constant\" ) }}"
+        );
+        for i in 10..text.len() {
+            for change in *b"09-,\" (" {
+                let mut bytes = text.clone().into_bytes();
+                bytes[i] = change;
+                let _ = crate::load::usd::load(bytes, "t.usda", &|_| Err("no files here".into())).map(crate::Scene::build);
+            }
+        }
+    }
 }
