@@ -11,6 +11,7 @@ mod frames;
 mod integrator;
 mod light_tracing;
 mod paged;
+mod pixel_cone;
 mod response;
 mod stars;
 mod sums;
@@ -40,6 +41,7 @@ use diopter_light::wavelength::WavelengthSampler;
 use diopter_scene::light_paths::PhotonMap;
 use diopter_scene::{PathSettings, Scene};
 use fireflies::Cascade;
+use pixel_cone::PixelCones;
 use rayon::prelude::*;
 use response::Curves;
 use stars::{Stars, star_sums};
@@ -450,6 +452,7 @@ impl Exposure<'_> {
             cascade: self.cascade(),
             optics,
             stars,
+            cones: PixelCones::of(scene, camera),
             lamps: None,
         }
     }

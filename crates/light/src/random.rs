@@ -234,6 +234,11 @@ impl Sampler {
         (self.whole.0 & 1) as usize
     }
 
+    /// Number of the sample among those of its pixel.
+    pub fn number(&self) -> u32 {
+        self.whole.0
+    }
+
     /// Four numbers in [0, 1).
     #[inline(always)]
     pub fn get(&self, set: Set) -> [f32; 4] {

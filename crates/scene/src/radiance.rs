@@ -7,9 +7,11 @@
 //! function; media that differ from place to place are tracked (`medium/tracking.rs`). Light that is sampled comes through smooth thin dielectrics (panes, bubbles). Caustics
 //! of small lights are left to chance without photons ([`crate::light_paths`]). Limits: a path begins outside all bodies.
 
+mod cone;
 mod incident;
 mod media;
 
+pub use cone::RayCone;
 pub use incident::Incident;
 
 use crate::light::{LightRef, LightSample, Shown};
@@ -18,6 +20,7 @@ use crate::material::{Material, Scattering};
 use crate::medium_stack::MediumStack;
 use crate::scene::Scene;
 use crate::shape::Surface;
+use cone::Cone;
 use diopter_light::random::{Sampler, SamplerKind, Set, Stream, mix};
 use diopter_light::{Ray, Sampled, Wavelengths};
 use glam::Vec3;
@@ -81,7 +84,7 @@ impl Scene {
     /// Spectral radiance that arrives at the ray's origin from its direction, W·m⁻²·sr⁻¹·nm⁻¹ at the four wavelengths; one
     /// random estimate, whose mean is the true value.
     pub fn radiance(&self, ray: Ray, wavelengths: &Wavelengths, sampler: &Sampler, settings: &PathSettings) -> Sampled {
-        self.trace(None, ray, wavelengths, sampler, settings, None, None)
+        self.trace(None, RayCone::thin(ray), wavelengths, sampler, settings, None, None)
     }
 
     /// The same with caustics by photons ([`crate::light_paths`]), which stand for what paths would find by chance there.
@@ -93,20 +96,21 @@ impl Scene {
         sampler: &Sampler,
         settings: &PathSettings,
     ) -> Sampled {
-        self.trace(photons, ray, wavelengths, sampler, settings, None, None)
+        self.trace(photons, RayCone::thin(ray), wavelengths, sampler, settings, None, None)
     }
 
-    /// The same, where another strategy brings a part of the light of surfaces that shine and are seen directly ([`Shown`]).
+    /// The same, where another strategy brings a part of the light of surfaces that shine and are seen directly ([`Shown`]), and pictures on surfaces are
+    /// filtered over what the ray stands for: the mean is the true value where that is smaller than a pixel of the picture.
     pub fn radiance_shown(
         &self,
         photons: Option<&PhotonMap>,
         shown: Option<Shown>,
-        ray: Ray,
+        cone: RayCone,
         wavelengths: &Wavelengths,
         sampler: &Sampler,
         settings: &PathSettings,
     ) -> Sampled {
-        self.trace(photons, ray, wavelengths, sampler, settings, shown, None)
+        self.trace(photons, cone, wavelengths, sampler, settings, shown, None)
     }
 
     /// The same, and what of it came from the photons: by how much they matter in a picture.
@@ -119,7 +123,7 @@ impl Scene {
         settings: &PathSettings,
     ) -> [Sampled; 2] {
         let mut gathered = Sampled::ZERO;
-        let all = self.trace(Some(photons), ray, wavelengths, sampler, settings, None, Some(&mut gathered));
+        let all = self.trace(Some(photons), RayCone::thin(ray), wavelengths, sampler, settings, None, Some(&mut gathered));
         [all, gathered]
     }
 
@@ -128,7 +132,7 @@ impl Scene {
     fn trace(
         &self,
         photons: Option<&PhotonMap>,
-        mut ray: Ray,
+        cone: RayCone,
         wavelengths: &Wavelengths,
         sampler: &Sampler,
         settings: &PathSettings,
@@ -144,6 +148,7 @@ impl Scene {
         let mut last: Option<PrevScatter> = None;
         // Where `last` is a vertex in a medium: the segment on which it lies.
         let mut scattered_on: Option<ScatteredOn> = None;
+        let (mut ray, mut cone) = (cone.ray, Cone::new(&cone));
         let (mut vertex, mut segment_index) = (0, 0);
         // Vertices within bodies, which do not count as scattering events.
         let mut walked = 0;
@@ -176,6 +181,7 @@ impl Scene {
                     After::Scattered { ray: onward, last: here, on } => {
                         (ray, last, scattered_on) = (onward, here, Some(on));
                         (tail, shown) = (Tail::default(), None);
+                        cone.forget();
                         vertex += 1;
                         if medium.is_subsurface {
                             walked += 1;
@@ -187,7 +193,7 @@ impl Scene {
                     }
                 }
             }
-            let Some(surface) = surface else {
+            let Some(mut surface) = surface else {
                 if let Some(environment) = &self.lights().environment {
                     let weight = last.map_or(1.0, |l| {
                         let chosen = self.lights().environment_probability(l.point, l.normal, flash);
@@ -202,6 +208,8 @@ impl Scene {
                 }
                 return radiance;
             };
+            cone.advance(surface.t);
+            cone.meet(self, &mut surface, ray.direction);
             let material = self.material(surface.object);
             let entering = surface.ng.dot(ray.direction) < 0.0;
             let hidden = medium_stack.hides(material, entering);
@@ -288,6 +296,7 @@ impl Scene {
             }
             last = match scatter.specular {
                 false => {
+                    cone.scatter(scatter.pdf);
                     // A normal of 0 stands for media, too: there is no segment here.
                     if bsdf.is_fiber() {
                         scattered_on = None;
@@ -298,7 +307,10 @@ impl Scene {
                 true if scatter.transmitted && bsdf.straight_through().is_some() => {
                     last.map(|l| PrevScatter { gone: l.gone + surface.t, ..l })
                 }
-                true => None,
+                true => {
+                    cone.forget();
+                    None
+                }
             };
             if shown.is_some() && !(scatter.specular && scatter.transmitted && bsdf.straight_through().is_some()) {
                 shown = None;

@@ -1,7 +1,9 @@
 //! A [`Description`] as glTF 2.0, so that what came in another format can go on to other programs.
 //!
-//! Written: meshes (balls and parallelograms as triangles), materials as glTF can say them, pictures, lights, cameras, places at the beginning
-//! of time. What glTF cannot say is simplified and told: motion, media that scatter, spectra (as linear sRGB), surroundings.
+//! Written: meshes (balls and parallelograms as triangles), materials as glTF can say them, pictures, lights, cameras, and what moves as a whole with its
+//! key frames. What glTF cannot say is simplified and told: meshes that bend, media that scatter, spectra (as linear sRGB), surroundings.
+
+mod motion;
 
 use crate::light::environment::direction;
 use crate::light::punctual::Spread;
@@ -15,6 +17,7 @@ use crate::texture::{Codes, Color, Image, Interpolation, Lookup, Scalar, Texel, 
 use diopter_light::Spectrum;
 use diopter_light::color::{srgb_encode, srgb_of_light};
 use glam::{Affine3A, Mat4, Vec2, Vec3, Vec4};
+use motion::MovingNodes;
 use serde_json::{Value, json};
 use std::collections::{BTreeSet, HashMap};
 use std::f32::consts::PI;
@@ -81,6 +84,7 @@ struct Writer {
 pub fn gltf(d: &Description) -> Gltf {
     let mut w = Writer::default();
     let timeline = d.timeline();
+    let mut moving = MovingNodes::new(d, &timeline);
     let materials: Vec<Value> = d.materials.iter().map(|m| w.material(m)).collect();
     let (mut meshes, mut nodes): (Vec<Value>, Vec<Value>) = (Vec::new(), Vec::new());
     // A mesh of glTF for each of ours with each material.
@@ -92,12 +96,7 @@ pub fn gltf(d: &Description) -> Gltf {
             Shape::Mesh { mesh, world_from_mesh } => {
                 let place = match object.motion {
                     Motion::Still => world_from_mesh,
-                    Motion::Carried { node } => {
-                        if timeline.moves(node) {
-                            w.warn("motion is not written: all stands as it does at the beginning");
-                        }
-                        timeline.world(node, 0.0)
-                    }
+                    Motion::Carried { node } => timeline.world(node, 0.0),
                     Motion::Deformed { .. } => {
                         w.warn("meshes that bend are written at rest");
                         world_from_mesh
@@ -141,14 +140,25 @@ pub fn gltf(d: &Description) -> Gltf {
                 (meshes.len() - 1, Affine3A::IDENTITY)
             }
         };
-        nodes.push(json!({ "name": object.name, "mesh": mesh, "matrix": Mat4::from(place).to_cols_array() }));
+        match object.motion {
+            Motion::Carried { node } if moving.holds(node) => {
+                moving.hang(node, &mut nodes, json!({ "name": object.name, "mesh": mesh }));
+            }
+            _ => nodes.push(json!({ "name": object.name, "mesh": mesh, "matrix": Mat4::from(place).to_cols_array() })),
+        }
     }
     let mut lights = Vec::new();
     for light in &d.punctual {
-        let carried = light.carrier.map(|node| light.placed(&timeline.world(node, 0.0)));
-        let (light_json, place) = w.light(carried.as_ref().unwrap_or(light));
-        nodes.push(json!({ "name": light.name, "matrix": Mat4::from(place).to_cols_array(),
-            "extensions": { "KHR_lights_punctual": { "light": lights.len() } } }));
+        // In the space of what it hangs on, if that moves.
+        let carrier = light.carrier.filter(|node| moving.holds(*node));
+        let still = light.carrier.filter(|_| carrier.is_none()).map(|node| light.placed(&timeline.world(node, 0.0)));
+        let (light_json, place) = w.light(still.as_ref().unwrap_or(light));
+        let node = json!({ "name": light.name, "matrix": Mat4::from(place).to_cols_array(),
+            "extensions": { "KHR_lights_punctual": { "light": lights.len() } } });
+        match carrier {
+            Some(carrier) => moving.hang(carrier, &mut nodes, node),
+            None => nodes.push(node),
+        }
         lights.push(light_json);
     }
     let mut cameras = Vec::new();
@@ -167,7 +177,12 @@ pub fn gltf(d: &Description) -> Gltf {
             }
         };
         let place = view.node.map_or(view.world_from_camera, |node| timeline.world(node, 0.0));
-        nodes.push(json!({ "name": view.name, "camera": cameras.len(), "matrix": Mat4::from(place).to_cols_array() }));
+        match view.node.filter(|node| moving.holds(*node)) {
+            Some(node) => moving.hang(node, &mut nodes, json!({ "name": view.name, "camera": cameras.len() })),
+            None => {
+                nodes.push(json!({ "name": view.name, "camera": cameras.len(), "matrix": Mat4::from(place).to_cols_array() }));
+            }
+        }
         cameras.push(camera);
     }
     if d.environment.is_some() {
@@ -179,11 +194,16 @@ pub fn gltf(d: &Description) -> Gltf {
     if !lights.is_empty() {
         w.extensions.insert("KHR_lights_punctual");
     }
+    let (animations, playing) = moving.animations(&mut w);
+    let roots: Vec<usize> = (0..nodes.len()).filter(|n| !moving.children.contains(n)).collect();
     let mut json = json!({
         "asset": { "version": "2.0", "generator": concat!("diopter ", env!("CARGO_PKG_VERSION")) },
-        "scene": 0, "scenes": [{ "name": d.name, "nodes": (0..nodes.len()).collect::<Vec<_>>() }],
+        "scene": 0, "scenes": [{ "name": d.name, "nodes": roots }],
         "nodes": nodes,
     });
+    if !animations.is_empty() {
+        json["scenes"][0]["extras"] = json!({ "diopter_playing": playing });
+    }
     let parts = [
         ("meshes", meshes),
         ("materials", materials),
@@ -193,6 +213,7 @@ pub fn gltf(d: &Description) -> Gltf {
         ("textures", w.textures),
         ("samplers", w.samplers),
         ("cameras", cameras),
+        ("animations", animations),
     ];
     for (key, list) in parts {
         if !list.is_empty() {
@@ -276,6 +297,14 @@ impl Writer {
         self.accessors.len() - 1
     }
 
+    /// An accessor of numbers that are no corners, so many to an element.
+    fn numbers(&mut self, values: &[f32], width: usize) -> usize {
+        let view = self.view(values.iter().flat_map(|v| v.to_le_bytes()), None);
+        let kind = if width == 1 { "SCALAR".to_owned() } else { format!("VEC{width}") };
+        self.accessors.push(json!({ "bufferView": view, "componentType": 5126, "count": values.len() / width, "type": kind }));
+        self.accessors.len() - 1
+    }
+
     fn mesh(&mut self, mesh: &Mesh) -> Value {
         let positions: Vec<[f32; 3]> = mesh.positions.iter().map(|p| p.to_array()).collect();
         let position = self.vectors(&positions);
@@ -349,6 +378,10 @@ impl Writer {
             for column in 0..image.width {
                 pixels.extend(match image.texel(column, row) {
                     Texel::Codes(codes) => codes,
+                    Texel::Wide(words) => {
+                        let [r, g, b, a] = words.map(|w| f32::from(w) / 65535.0);
+                        [code(r), code(g), code(b), (a * 255.0 + 0.5) as u8]
+                    }
                     Texel::Linear([r, g, b, a]) => {
                         if r.max(g).max(b) > 1.0 {
                             self.warn("pictures brighter than white are cut off at white");

@@ -330,7 +330,9 @@ mod tests {
         );
         assert!(Arc::ptr_eq(&medium(1), &medium(2)));
         let Scattering::Diffuse(Color::Graph(graph)) = &d.materials[0].scattering else { panic!("it was a graph") };
-        let value = |p: Vec3| graph.at(&crate::texture::Lookup { uv: [glam::Vec2::ZERO; 2], point: p, normal: Vec3::Y }).x;
+        let value = |p: Vec3| {
+            graph.at(&crate::texture::Lookup { uv: [glam::Vec2::ZERO; 2], point: p, normal: Vec3::Y, footprint: None }).x
+        };
         // Cubes of 0.5 are cubes of 0.05.
         assert!((value(Vec3::splat(0.01)) - 0.8).abs() < 1e-6 && (value(Vec3::new(0.05, 0.01, 0.01)) - 0.1).abs() < 1e-6);
     }

@@ -14,6 +14,7 @@ use crate::SceneError;
 use crate::animated::AnimatedInstances;
 use crate::bvh::{Bounds, Bvh, Primitive, Primitives};
 use crate::light::{Lights, Modulation, Placed};
+use crate::material::pictures::Filtering;
 use crate::material::{Coverage, Material};
 use crate::medium::Air;
 use crate::motion::{Local, Motion};
@@ -43,6 +44,8 @@ pub struct Scene {
     /// First triangle number in `top` of each object that is in it, rising, and the object.
     flat: Arc<[(u32, u32)]>,
     placements: Arc<[Placement]>,
+    /// How pictures are filtered, by object.
+    filtering: Arc<[Option<Filtering>]>,
     lights: Arc<Lights>,
     /// Area light of each triangle of emissive objects; `first_light` of the object says where its own begin.
     light_of: Arc<[u32]>,
@@ -160,6 +163,8 @@ impl Scene {
         let placements = placements.into_iter().zip(first).map(|(p, first_light)| Placement { first_light, ..p }).collect();
         let mut all = Lights::default();
         (all.area, all.punctual, all.environment) = (lights, d.punctual.clone(), d.environment.clone());
+        let by_material: Vec<Option<Filtering>> = d.materials.iter().map(Material::filter_pictures).collect();
+        let filtering = d.objects.iter().map(|o| by_material[o.material as usize]).collect();
         let (animated, open_s, flickers, flashes) = (Arc::<AnimatedInstances>::default(), 0.0, false, Vec::new());
         let has_straight_transmission = d.objects.iter().any(|o| d.materials[o.material as usize].may_transmit_straight());
         let mut scene = Scene {
@@ -169,6 +174,7 @@ impl Scene {
             clouds: clouds.into(),
             flat: flat.into(),
             placements,
+            filtering,
             lights: Arc::new(all),
             light_of: light_of.into(),
             light_motions: light_motions.into(),
@@ -323,6 +329,17 @@ impl Scene {
     #[inline]
     pub fn material(&self, object: u32) -> &Material {
         &self.description.materials[self.description.objects[object as usize].material as usize]
+    }
+
+    /// How the pictures on an object are filtered.
+    #[inline]
+    pub(crate) fn filtering(&self, object: u32) -> Option<&Filtering> {
+        self.filtering[object as usize].as_ref()
+    }
+
+    /// Whether pictures on surfaces are filtered where rays have a width ([`crate::radiance::RayCone`]).
+    pub fn filters_pictures(&self) -> bool {
+        self.filtering.iter().any(Option::is_some)
     }
 
     /// Fills the world around its bodies.

@@ -2,8 +2,10 @@
 //!
 //! Texture coordinates follow glTF: (0, 0) is the upper left corner of the image, v runs down.
 
+mod levels;
 mod paged;
 
+pub use levels::Footprint;
 pub use paged::{Paged, RESIDENT};
 
 use crate::noise;
@@ -12,6 +14,7 @@ use diopter_light::color::srgb_decode;
 use diopter_light::upsample::Sigmoid;
 use diopter_light::{Sampled, Wavelengths};
 use glam::{Affine2, Affine3A, Vec2, Vec3, Vec4};
+use levels::Levels;
 use paged::Held;
 use std::f32::consts::{PI, TAU};
 use std::sync::{Arc, OnceLock};
@@ -36,6 +39,8 @@ pub struct Image {
     pub texels: Texels,
     /// What it counts for in memory.
     held: Option<Arc<Held>>,
+    /// Smaller copies.
+    levels: Levels,
 }
 
 /// Pixels as they are stored.
@@ -43,6 +48,8 @@ pub struct Image {
 pub enum Texels {
     /// 8 bits a channel.
     Codes(Vec<[u8; 4]>),
+    /// Linear light in 16 bits a channel, 65535 for 1: what smaller copies of pictures of codes are kept in.
+    Wide(Vec<[u16; 4]>),
     /// Linear numbers of any size.
     Linear(Vec<[f32; 4]>),
     /// Either, on the disk.
@@ -54,6 +61,8 @@ pub enum Texels {
 pub enum Texel {
     /// 8 bits a channel.
     Codes([u8; 4]),
+    /// Linear light, 65535 for 1.
+    Wide([u16; 4]),
     /// Linear numbers.
     Linear([f32; 4]),
 }
@@ -62,6 +71,7 @@ impl Texels {
     fn is_opaque(&self) -> bool {
         match self {
             Texels::Codes(all) => all.iter().all(|p| p[3] == 255),
+            Texels::Wide(all) => all.iter().all(|p| p[3] == u16::MAX),
             Texels::Linear(all) => all.iter().all(|p| p[3] == 1.0),
             Texels::Paged(paged) => paged.is_opaque(),
         }
@@ -71,12 +81,26 @@ impl Texels {
 impl Image {
     /// From codes of 8 bits.
     pub fn new(width: usize, height: usize, pixels: Vec<[u8; 4]>) -> Self {
-        Image { width, height, texels: Texels::Codes(pixels), held: None }
+        Image { width, height, texels: Texels::Codes(pixels), held: None, levels: Levels::default() }
     }
 
     /// From linear numbers.
     pub fn linear(width: usize, height: usize, pixels: Vec<[f32; 4]>) -> Self {
-        Image { width, height, texels: Texels::Linear(pixels), held: None }
+        Image { width, height, texels: Texels::Linear(pixels), held: None, levels: Levels::default() }
+    }
+
+    /// From linear light in 16 bits a channel.
+    fn wide(width: usize, height: usize, pixels: Vec<[u16; 4]>) -> Self {
+        Image { width, height, texels: Texels::Wide(pixels), held: None, levels: Levels::default() }
+    }
+
+    /// Whether its pixels are numbers of any size.
+    fn holds_numbers(&self) -> bool {
+        match &self.texels {
+            Texels::Codes(_) | Texels::Wide(_) => false,
+            Texels::Linear(_) => true,
+            Texels::Paged(paged) => paged.holds_numbers(),
+        }
     }
 
     /// Whether any pixel is not opaque.
@@ -93,6 +117,7 @@ impl Image {
             let (column, row) = ((i % columns) * self.width / columns, (i / columns) * self.height / rows);
             let rgb = match self.texel(column, row) {
                 Texel::Codes([r, g, b, _]) => Vec3::new(r as f32, g as f32, b as f32) / 255.0,
+                Texel::Wide([r, g, b, _]) => Vec3::new(r as f32, g as f32, b as f32) / 65535.0,
                 Texel::Linear([r, g, b, _]) => Vec3::new(r, g, b),
             };
             rgb.max_element() - rgb.min_element() <= TOLERANCE
@@ -105,11 +130,9 @@ impl Image {
     pub fn texel(&self, column: usize, row: usize) -> Texel {
         match &self.texels {
             Texels::Codes(codes) => Texel::Codes(codes[row * self.width + column]),
+            Texels::Wide(all) => Texel::Wide(all[row * self.width + column]),
             Texels::Linear(all) => Texel::Linear(all[row * self.width + column]),
-            Texels::Paged(paged) => match paged.codes(column, row) {
-                Some(codes) => Texel::Codes(codes),
-                None => Texel::Linear(paged.linear(column, row)),
-            },
+            Texels::Paged(paged) => paged.texel(column, row),
         }
     }
 
@@ -121,6 +144,7 @@ impl Image {
     fn kept_below(mut self, most: u64) -> Self {
         let bytes = match &self.texels {
             Texels::Codes(all) => all.len() * 4,
+            Texels::Wide(all) => all.len() * 8,
             Texels::Linear(all) => all.len() * 16,
             Texels::Paged(_) => return self,
         };
@@ -206,24 +230,14 @@ impl Texture {
         }
     }
 
-    fn texel(&self, x: i64, y: i64) -> Vec4 {
+    fn texel(&self, image: &Image, x: i64, y: i64) -> Vec4 {
         let outside = |wrap: Wrap, i: i64, n: usize| wrap == Wrap::Black && !(0..n as i64).contains(&i);
-        if outside(self.wrap[0], x, self.image.width) || outside(self.wrap[1], y, self.image.height) {
+        if outside(self.wrap[0], x, image.width) || outside(self.wrap[1], y, image.height) {
             return Vec4::ZERO;
         }
-        let column = self.wrap[0].index(x, self.image.width as i64);
-        let row = self.wrap[1].index(y, self.image.height as i64);
-        let [r, g, b, a] = match self.image.texel(column, row) {
-            Texel::Codes(codes) => codes,
-            Texel::Linear(numbers) => return Vec4::from_array(numbers),
-        };
-        match self.codes {
-            Codes::Srgb => {
-                let t = srgb_table();
-                Vec4::new(t[r as usize], t[g as usize], t[b as usize], a as f32 / 255.0)
-            }
-            Codes::Linear => Vec4::new(r as f32, g as f32, b as f32, a as f32) / 255.0,
-        }
+        let column = self.wrap[0].index(x, image.width as i64);
+        let row = self.wrap[1].index(y, image.height as i64);
+        levels::linear(image.texel(column, row), self.codes)
     }
 
     /// Size of a texel along the narrower of its sides, in texture coordinates.
@@ -239,17 +253,7 @@ impl Texture {
         if !p.is_finite() {
             return Vec4::ZERO;
         }
-        let p = p * Vec2::new(self.image.width as f32, self.image.height as f32);
-        if self.interpolation == Interpolation::Nearest {
-            return self.texel(p.x.floor() as i64, p.y.floor() as i64);
-        }
-        let p = p - 0.5;
-        let (x, y) = (p.x.floor(), p.y.floor());
-        let (fx, fy) = (p.x - x, p.y - y);
-        let (x, y) = (x as i64, y as i64);
-        let top = self.texel(x, y).lerp(self.texel(x + 1, y), fx);
-        let bottom = self.texel(x, y + 1).lerp(self.texel(x + 1, y + 1), fx);
-        top.lerp(bottom, fy)
+        self.sample(&self.image, p)
     }
 }
 
@@ -351,12 +355,19 @@ pub struct Lookup {
     pub point: Vec3,
     /// Geometric unit normal there.
     pub normal: Vec3,
+    /// What is seen of the surface at once, if that is more than the point.
+    pub footprint: Option<Footprint>,
 }
 
 impl Lookup {
+    /// The same of the point alone.
+    fn point_alone(&self) -> Lookup {
+        Lookup { footprint: None, ..*self }
+    }
+
     /// By texture coordinates alone: of what [`Graph::is_in_space`] the value says nothing.
     pub fn uv(uv: &[Vec2; 2]) -> Self {
-        Lookup { uv: *uv, point: Vec3::ZERO, normal: Vec3::ZERO }
+        Lookup { uv: *uv, point: Vec3::ZERO, normal: Vec3::ZERO, footprint: None }
     }
 }
 
@@ -389,6 +400,14 @@ impl Mapping {
                 let p = place.transform_point3(point);
                 Vec2::new(p.dot(*s), p.dot(*t)) + *offset
             }
+        }
+    }
+
+    /// The footprint in its coordinates; none where they are made of the place in space.
+    fn footprint(&self, there: &Lookup) -> Option<Footprint> {
+        match (self, &there.footprint) {
+            (Mapping::Uv([u, v]), Some(footprint)) => Some(footprint.scaled(Vec2::new(u[0], v[0]))),
+            _ => None,
         }
     }
 
@@ -435,6 +454,22 @@ impl Graph {
         }
     }
 
+    /// Tells the pictures in it that are looked up by the mesh's coordinates, and the larger factor on these.
+    pub(crate) fn each_texture(&self, tell: &mut dyn FnMut(&Texture, f32)) {
+        match self {
+            Graph::Constant(_) | Graph::Bilinear { .. } | Graph::Noise { .. } => {}
+            Graph::Image { texture, mapping: None, .. } => tell(texture, 1.0),
+            Graph::Image { texture, mapping: Some(Mapping::Uv([u, v])), .. } => tell(texture, u[0].abs().max(v[0].abs())),
+            Graph::Image { .. } | Graph::Power(..) => {}
+            Graph::Scale(a, b)
+            | Graph::DirectionMix { along: a, across: b, .. }
+            | Graph::Checkerboard { even: a, odd: b, .. }
+            | Graph::Cubes { even: a, odd: b, .. }
+            | Graph::Dots { inside: a, outside: b, .. } => [a, b].into_iter().for_each(|g| g.each_texture(tell)),
+            Graph::Mix(a, b, amount) => [a, b, amount].into_iter().for_each(|g| g.each_texture(tell)),
+        }
+    }
+
     /// Size of a texel of its finest picture, in texture coordinates; 0 without one.
     pub fn texel(&self) -> f32 {
         let finest = |a: f32, b: f32| if a == 0.0 || (b > 0.0 && b < a) { b } else { a };
@@ -458,8 +493,8 @@ impl Graph {
             Graph::Constant(c) => *c,
             Graph::Image { texture, scale, invert, as_number, mapping } => {
                 let texel = match mapping {
-                    None => texture.at(&there.uv),
-                    Some(m) => texture.at(&[m.at(there); 2]),
+                    None => texture.filtered(&there.uv, there.footprint.as_ref()),
+                    Some(m) => texture.filtered(&[m.at(there); 2], m.footprint(there).as_ref()),
                 };
                 let value = match as_number {
                     None => texel.truncate(),
@@ -476,7 +511,8 @@ impl Graph {
                 let t = there.normal.dot(*direction).abs().min(1.0);
                 along.at(there) * t + across.at(there) * (1.0 - t)
             }
-            Graph::Power(a, exponent) => a.at(there).max(Vec3::ZERO).powf(*exponent),
+            // The mean of a power is not the power of a mean.
+            Graph::Power(a, exponent) => a.at(&there.point_alone()).max(Vec3::ZERO).powf(*exponent),
             Graph::Checkerboard { place, even, odd } => {
                 let p = place.at(there).floor();
                 if (p.x + p.y).rem_euclid(2.0) < 0.5 { even.at(there) } else { odd.at(there) }
@@ -567,7 +603,9 @@ impl Color {
         match self {
             Color::Constant { rgb, .. } => *rgb * surface.color.truncate(),
             Color::Spectrum(measured) => measured.rgb,
-            Color::Textured { factor, texture } => *factor * texture.at(&surface.uv).truncate() * surface.color.truncate(),
+            Color::Textured { factor, texture } => {
+                *factor * texture.filtered(&surface.uv, surface.footprint()).truncate() * surface.color.truncate()
+            }
             Color::Graph(graph) => graph.at(&surface.lookup()) * surface.color.truncate(),
         }
     }
@@ -619,7 +657,8 @@ impl Scalar {
         match self {
             Scalar::Constant(value) => *value,
             Scalar::Textured { factor, texture, channel } => factor * texture.at(&there.uv)[*channel],
-            Scalar::Graph(graph) => graph.at(there).x,
+            // What depends on a number is seldom a multiple of it: its mean would show something else.
+            Scalar::Graph(graph) => graph.at(&there.point_alone()).x,
         }
     }
 }

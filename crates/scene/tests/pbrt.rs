@@ -228,7 +228,7 @@ fn directions_mix_textures_by_how_a_surface_faces() {
     };
     // The rotation takes the direction from y to z: its texture shows where the surface faces along z, either way, the other across.
     for (normal, weight) in [(Vec3::Z, 1.0), (Vec3::NEG_Z, 1.0), (Vec3::Y, 0.0), (Vec3::new(0.8, 0.0, -0.6), 0.6)] {
-        let seen = graph.at(&Lookup { uv: [Vec2::ZERO; 2], point: Vec3::ZERO, normal });
+        let seen = graph.at(&Lookup { uv: [Vec2::ZERO; 2], point: Vec3::ZERO, normal, footprint: None });
         let expected = Vec3::new(0.8, 0.2, 0.1) * weight + Vec3::new(0.0, 0.4, 0.5) * (1.0 - weight);
         assert!((seen - expected).abs().max_element() < 1e-5, "{normal}: {seen} {expected}");
     }

@@ -3,6 +3,7 @@
 use super::diffraction::{Displaced, Optics};
 use super::fireflies::Cascade;
 use super::light_tracing::{CameraSample, LightTracing};
+use super::pixel_cone::PixelCones;
 use super::response::{Curves, GROUP, Response, add_to};
 use super::stars;
 use super::sums::{Sums, Tile};
@@ -157,6 +158,8 @@ pub(super) struct Unit<'a> {
     pub optics: Option<&'a Optics>,
     /// Whether pixels have sums for what lamps send far out.
     pub stars: bool,
+    /// How wide pixels are in the scene, where pictures are filtered.
+    pub cones: Option<PixelCones>,
 }
 
 /// The photons of a pass, by replicate of the samples.
@@ -382,7 +385,7 @@ impl Unit<'_> {
                     let density = 0.25 * f64::from(exits.density[k].iter().sum::<f32>());
                     CameraSample { origin, direction, ray, time, seconds, density }
                 });
-                let radiance = self.radiance(photons, camera_sample, ray, &wavelengths, sampler);
+                let radiance = self.radiance(photons, camera_sample, [x, y], ray, &wavelengths, sampler);
                 let weighted = (radiance * wavelengths.weight).to_array();
                 // One bad number must not poison a pixel.
                 if !weighted.iter().all(|v| v.is_finite()) {
@@ -449,18 +452,20 @@ impl Unit<'_> {
         &self,
         photons: Photons,
         sample: Option<CameraSample>,
+        pixel: [usize; 2],
         ray: Ray,
         wavelengths: &Wavelengths,
         sampler: &Sampler,
     ) -> glam::Vec4 {
+        let cone = PixelCones::cone(self.cones.as_ref(), pixel, sampler.number(), ray);
         let photons = photons.map(|maps| &maps[sampler.replicate()]);
         let path = &self.settings.path;
         match (&self.lamps, sample) {
             (Some(lamps), Some(sample)) => {
                 let weight = |number: u32, met: glam::Vec3| lamps.weight(self, &sample, number, met);
-                self.scene.radiance_shown(photons, Some(lamps.shown(&weight)), ray, wavelengths, sampler, path)
+                self.scene.radiance_shown(photons, Some(lamps.shown(&weight)), cone, wavelengths, sampler, path)
             }
-            _ => self.scene.radiance_with(photons, ray, wavelengths, sampler, path),
+            _ => self.scene.radiance_shown(photons, None, cone, wavelengths, sampler, path),
         }
     }
 
@@ -595,7 +600,7 @@ impl Unit<'_> {
             let (origin, direction) = (lens_ray.origin_mm, lens_ray.direction);
             CameraSample { origin, direction, ray, time, seconds, density: entry.density }
         });
-        let radiance = self.radiance(photons, camera_sample, ray, &wavelengths, sampler);
+        let radiance = self.radiance(photons, camera_sample, [column, row], ray, &wavelengths, sampler);
         Some(PathSample {
             nm: wavelengths.nm.to_array(),
             weighted: (radiance * wavelengths.weight).to_array(),

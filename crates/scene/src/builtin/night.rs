@@ -45,7 +45,7 @@ fn glow(b: &mut Builder, name: &str, kelvin: f32, luminance: f32, is_light: bool
 fn stars(seed: u32, count: u32) -> Mesh {
     let mut mesh = Mesh::default();
     for i in 0..count {
-        let u = |k: u32| to_unit(mix(mix(seed * 0x9e37 + i) ^ (k * 0x85eb_ca6b)));
+        let u = |k: u32| to_unit(mix(mix(seed * 0x9e37 + i) ^ k.wrapping_mul(0x85eb_ca6b)));
         let (z, phi) = (2.0 * u(1) - 1.0, TAU * u(2));
         let r = (1.0 - z * z).sqrt();
         let out = Vec3::new(r * phi.cos(), r * phi.sin(), z);

@@ -2,12 +2,13 @@
 //!
 //! Units are glTF's: metres, candela, lux, cd/m² for emission. Nodes, animations, skins and morph targets are read by `motion`. Extensions:
 //! KHR_lights_punctual, KHR_materials_{emissive_strength, ior, transmission, clearcoat, unlit, volume, dispersion, variants, specular, sheen, anisotropy, iridescence},
-//! KHR_texture_transform, EXT_mesh_gpu_instancing, EXT_lights_ies, and what `packed` unpacks; another one that a file requires is an error, one it only uses a warning. Files are opened by the
+//! KHR_texture_transform, EXT_mesh_gpu_instancing, EXT_lights_ies, KHR_gaussian_splatting and its SPZ compression (`splats`), and what `packed` unpacks; another one that a file requires is an error, one it only uses a warning. Files are opened by the
 //! caller: `fetch` gets the URIs of buffers and images.
 
 mod materials;
 mod motion;
 mod packed;
+mod splats;
 
 use crate::SceneError;
 use crate::light::photometry::Web;
@@ -49,7 +50,11 @@ const SUPPORTED: &[&str] = &[
 /// Reads a scene. `name` stands for the file in messages.
 pub fn load(bytes: &[u8], name: &str, fetch: Fetch) -> Result<Description, SceneError> {
     let description = Loader::new(bytes, name, fetch)?.run()?;
-    finished(description, name, "a node of the scene with a mesh of triangles (points and lines are not drawn)")
+    finished(
+        description,
+        name,
+        "a node of the scene with a mesh of triangles or Gaussian splats (points and lines are not drawn)",
+    )
 }
 
 struct Loader<'a> {
@@ -64,6 +69,10 @@ struct Loader<'a> {
     default_material: Option<u32>,
     /// Lamps of EXT_lights_ies.
     webs: Vec<Web>,
+    /// What primitives say of Gaussian splats, until it is read; the sets that were read; the material of all of them.
+    asked_splats: splats::AllAsked,
+    captures: HashMap<(usize, usize), u32>,
+    captured: Option<u32>,
 }
 
 fn error(name: &str, place: &str, found: impl Into<String>, expected: impl Into<String>) -> SceneError {
@@ -114,6 +123,7 @@ impl<'a> Loader<'a> {
         if used.iter().any(|e| packed::EXTENSIONS.contains(&e.as_str())) || packed::has_pictures(&json) {
             packed::unpack(&mut json, &mut buffers, name)?;
         }
+        let asked_splats = splats::taken(&mut json, name)?;
         let root: gltf::json::Root = serde_json::from_value(json).map_err(|e| broken(e.to_string()))?;
         check_sources(&root, name)?;
         check_attributes(&root, name)?;
@@ -136,7 +146,21 @@ impl<'a> Loader<'a> {
             description.warnings.push(format!("{name}: extension {extension} is not supported; the scene is shown without it"));
         }
         let webs = webs(&document, &buffers, name, fetch)?;
-        Ok(Loader { name, document, buffers, images, description, meshes: HashMap::new(), default_material: None, webs })
+        let (meshes, captures) = (HashMap::new(), HashMap::new());
+        let loader = Loader {
+            name,
+            document,
+            buffers,
+            images,
+            description,
+            meshes,
+            default_material: None,
+            webs,
+            asked_splats,
+            captures,
+            captured: None,
+        };
+        Ok(loader)
     }
 
     fn run(mut self) -> Result<Description, SceneError> {
@@ -211,23 +235,34 @@ impl<'a> Loader<'a> {
         let Some(mesh) = node.mesh() else { return Ok(()) };
         let instances = self.instances(node)?;
         for primitive in mesh.primitives() {
-            if !matches!(
-                primitive.mode(),
-                gltf::mesh::Mode::Triangles | gltf::mesh::Mode::TriangleStrip | gltf::mesh::Mode::TriangleFan
-            ) {
+            let captured = self.splats(&mesh, &primitive)?;
+            if captured.is_none()
+                && !matches!(
+                    primitive.mode(),
+                    gltf::mesh::Mode::Triangles | gltf::mesh::Mode::TriangleStrip | gltf::mesh::Mode::TriangleFan
+                )
+            {
                 self.description.warnings.push(format!("mesh \"{}\": points and lines are not drawn", mesh.name().unwrap_or("")));
                 continue;
             }
-            let material = match primitive.material().index() {
-                Some(index) => index as u32,
-                None => self.default_material(),
+            let material = match (captured, primitive.material().index()) {
+                (Some(_), _) => self.captured_material(),
+                (None, Some(index)) => index as u32,
+                (None, None) => self.default_material(),
             };
-            let number = self.mesh(&mesh, &primitive)?;
-            let motion = match self.deformer(node, &mesh, &primitive, number, world)? {
-                Some(deformer) => Motion::Deformed { deformer },
-                None => Motion::Carried { node: node.index() as u32 },
+            let carried = Motion::Carried { node: node.index() as u32 };
+            let (number, motion) = match captured {
+                Some(number) => (number, carried),
+                None => {
+                    let number = self.mesh(&mesh, &primitive)?;
+                    let deformer = self.deformer(node, &mesh, &primitive, number, world)?;
+                    (number, deformer.map_or(carried, |deformer| Motion::Deformed { deformer }))
+                }
             };
-            let shape = Shape::Mesh { mesh: number, world_from_mesh: placed };
+            let shape = |place: Affine3A| match captured {
+                Some(splats) => Shape::Splats { splats, world_from_splats: place },
+                None => Shape::Mesh { mesh: number, world_from_mesh: place },
+            };
             let first = self.description.objects.len() as u32;
             match (&instances, motion) {
                 (Some(all), Motion::Carried { node: parent }) => {
@@ -235,12 +270,12 @@ impl<'a> Loader<'a> {
                         let own = self.description.nodes.len() as u32;
                         let rest = Local::Matrix(*place);
                         self.description.nodes.push(Node { parent: Some(parent), rest, ..Node::new(&name) });
-                        let shape = Shape::Mesh { mesh: number, world_from_mesh: placed * *place };
                         let motion = Motion::Carried { node: own };
+                        let shape = shape(placed * *place);
                         self.description.objects.push(Object { name: name.clone(), shape, material, motion });
                     }
                 }
-                _ => self.description.objects.push(Object { name: name.clone(), shape, material, motion }),
+                _ => self.description.objects.push(Object { name: name.clone(), shape: shape(placed), material, motion }),
             }
             let objects = first..self.description.objects.len() as u32;
             self.other_materials(&primitive, objects)?;
@@ -583,7 +618,7 @@ fn check_attributes(json: &gltf::json::Root, name: &str) -> Result<(), SceneErro
 }
 
 fn is_supported(extension: &str) -> bool {
-    SUPPORTED.contains(&extension) || packed::EXTENSIONS.contains(&extension)
+    SUPPORTED.contains(&extension) || packed::EXTENSIONS.contains(&extension) || splats::EXTENSIONS.contains(&extension)
 }
 
 fn check_extensions(required: &[String], name: &str) -> Result<(), SceneError> {

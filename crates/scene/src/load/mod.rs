@@ -1,5 +1,6 @@
 //! Scene and environment files.
 
+mod blosc;
 mod foreign;
 pub mod gltf;
 mod measured;

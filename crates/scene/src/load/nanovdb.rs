@@ -10,6 +10,7 @@
 //! Sources: OpenVDB's `nanovdb/PNanoVDB.h` (offsets of all members) and `nanovdb/io/IO.h` (segments, codecs); K. Museth 2021, "NanoVDB: A GPU-Friendly
 //! and Portable VDB Data Structure For Real-Time Rendering And Simulation".
 
+use crate::load::blosc;
 use crate::medium::{BLOCK, SparseGrid};
 use glam::{Affine3A, DAffine3, DMat3, DVec3, IVec3};
 use std::borrow::Cow;
@@ -212,8 +213,20 @@ impl<'a> Entry<'a> {
                 stream.read_to_end(&mut out).map_err(|e| broken(format!("zlib: {e}"), "a whole compressed grid"))?;
                 Cow::Owned(out)
             }
-            2 => return Err(broken("a grid packed by Blosc", "one without compression or by ZIP: `nanovdb_convert -z`")),
-            other => return Err(broken(format!("codec {other}"), "none (0) or ZIP (1)")),
+            2 => {
+                // Chunks of up to 1 GiB, each after its length.
+                let (all, mut at, mut out) = (Bytes(self.data), 0, Vec::new());
+                while at < self.data.len() {
+                    let packed = usize::try_from(all.u64(at)?).unwrap_or(usize::MAX);
+                    let left = self.size.saturating_sub(out.len() as u64).min(1 << 31) as usize;
+                    let chunk = all.part(at + 8, packed)?;
+                    blosc::unpack(chunk, left, &mut out)
+                        .map_err(|e| broken(e, "a whole compressed grid: `nanovdb_convert -z` packs it by ZIP"))?;
+                    at += 8 + packed;
+                }
+                Cow::Owned(out)
+            }
+            other => return Err(broken(format!("codec {other}"), "none (0), ZIP (1) or Blosc (2)")),
         };
         match unpacked.len() as u64 == self.size {
             true => Ok(unpacked),
@@ -507,6 +520,19 @@ mod tests {
                 let packed = packed.finish().unwrap();
                 [&(packed.len() as u64).to_le_bytes()[..], &packed].concat()
             }
+            // Two chunks, stored as they are (Blosc's flag 2).
+            2 => {
+                let (first, second) = grid.split_at(grid.len() / 3);
+                let chunk = |part: &[u8]| {
+                    let (length, packed) = (part.len() as u32, part.len() as u32 + 16);
+                    let mut b = (u64::from(packed)).to_le_bytes().to_vec();
+                    b.extend([2, 1, 0x13, 4]);
+                    [length, length, packed].iter().for_each(|v| b.extend(v.to_le_bytes()));
+                    b.extend(part);
+                    b
+                };
+                [chunk(first), chunk(second)].concat()
+            }
             _ => grid.to_vec(),
         };
         let mut b = vec![0; SEGMENT + METADATA];
@@ -532,7 +558,7 @@ mod tests {
     #[test]
     fn values_lie_where_the_map_puts_them() {
         let plain = grid(FLOAT, &floats(|i| i as f32));
-        for codec in [0, 1] {
+        for codec in [0, 1, 2] {
             let bytes = file("density", FLOAT, codec, &plain);
             let all = File::open(&bytes).unwrap();
             assert_eq!(all.names().collect::<Vec<_>>(), ["density"]);
@@ -607,7 +633,8 @@ mod tests {
             (8, &(28u32 << 21).to_le_bytes(), "version 28"),
             (SEGMENT + 32, &6u32.to_le_bytes(), "Vec3f"),
             (SEGMENT + 36, &1u32.to_le_bytes(), "level set"),
-            (SEGMENT + 168, &2u16.to_le_bytes(), "Blosc"),
+            (SEGMENT + 168, &2u16.to_le_bytes(), "announced"),
+            (SEGMENT + 168, &3u16.to_le_bytes(), "codec 3"),
             (SEGMENT, &77u64.to_le_bytes(), "header"),
             (start + 636, &14u32.to_le_bytes(), "one kind"),
             (start + MAP + 88, &0f64.to_le_bytes(), "inverted"),

@@ -71,6 +71,12 @@ pub(super) fn ply(bytes: &[u8], name: &str) -> Result<Option<Description>, Scene
     read.map(|capture| capture.described(name, Mat3::from_diagonal(Vec3::new(1.0, -1.0, -1.0)))).transpose()
 }
 
+/// Reads what an SPZ file holds.
+pub(super) fn unpacked_spz(bytes: &[u8]) -> Result<Capture, PlyError> {
+    let bytes = super::unzipped(bytes.to_vec()).map_err(|e| wrong(e, "an SPZ file, which is gzip"))?;
+    read_spz(&bytes)
+}
+
 /// Reads an SPZ file.
 pub fn spz(bytes: Vec<u8>, name: &str) -> Result<Description, SceneError> {
     let error =

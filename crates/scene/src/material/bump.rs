@@ -60,7 +60,7 @@ impl Bump {
             }
             let at = |s: f32| {
                 let uv = surface.uv.map(|p| p + uv * s);
-                self.height.lookup(&Lookup { uv, point: surface.point + along * s, normal: surface.ng })
+                self.height.lookup(&Lookup { uv, point: surface.point + along * s, normal: surface.ng, footprint: None })
             };
             unit * (at(step) - at(-step)) / (2.0 * step)
         };

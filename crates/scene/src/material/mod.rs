@@ -234,7 +234,11 @@ impl Emission {
             EmissionColor::Captured { factor } => {
                 Spectrum::light_from_rgb(surface.color.truncate() * *factor).sample(wavelengths)
             }
-            _ => self.sample(&surface.uv, wavelengths),
+            EmissionColor::Textured { factor, texture } => {
+                let rgb = texture.filtered(&surface.uv, surface.footprint()).truncate();
+                Spectrum::light_from_rgb(*factor * rgb).sample(wavelengths)
+            }
+            EmissionColor::Constant(_) => self.sample(&surface.uv, wavelengths),
         }
     }
 

@@ -102,9 +102,21 @@ impl Scene {
             Some(bent) => mixed(&bent.tangents, weights),
         };
         let material = self.material(object);
-        let (tangent, handedness) = tangent(mesh, i, given, corners, placement, ng, material);
-        let along = || derivatives(mesh, i, 0, corners).map(Detail::Derivatives);
-        let detail = material.bump.as_ref().and_then(|_| along()).unwrap_or(Detail::None);
+        let frame_set = material.normal_map.as_ref().map_or(0, |(map, _)| map.uv_set.min(1));
+        let along = if given.is_none() { derivatives(mesh, i, frame_set, corners) } else { None };
+        let (tangent, handedness) = tangent(given, along, placement, ng, material);
+        let set = match (&material.bump, &self.filtering[object as usize]) {
+            (None, None) => None,
+            (Some(_), _) => Some(0),
+            (None, Some(filtering)) => Some(filtering.uv_set.min(1)),
+        };
+        let detail = match set {
+            None => None,
+            // Computed already.
+            Some(set) if set == frame_set && given.is_none() => along,
+            Some(set) => derivatives(mesh, i, set, corners),
+        };
+        let detail = detail.map_or(Detail::None, Detail::Derivatives);
         Surface {
             point: a * weights[0] + b * weights[1] + c * weights[2],
             t: hit.t,
@@ -256,23 +268,14 @@ impl Placement {
 }
 
 /// Tangent from the mesh or from how its texture coordinates run (0 without either), in world space, and the frame's handedness.
-fn tangent(
-    mesh: &Mesh,
-    triangle: usize,
-    given: Option<Vec4>,
-    corners: [Vec3; 3],
-    placement: &Placement,
-    ng: Vec3,
-    material: &Material,
-) -> (Vec3, f32) {
+fn tangent(given: Option<Vec4>, along: Option<[Vec3; 2]>, placement: &Placement, ng: Vec3, material: &Material) -> (Vec3, f32) {
     if let Some(t) = given {
         return (
             placement.world_from_object.transform_vector3(t.truncate()),
             if (t.w < 0.0) != placement.mirrored { -1.0 } else { 1.0 },
         );
     }
-    let set = material.normal_map.as_ref().map_or(0, |(map, _)| map.uv_set.min(1));
-    derivatives(mesh, triangle, set, corners).map_or((Vec3::ZERO, 1.0), |along| image_frame(along, ng, material))
+    along.map_or((Vec3::ZERO, 1.0), |along| image_frame(along, ng, material))
 }
 
 /// Tangent and handedness of the picture of normals on a surface, of how the place changes with the texture coordinates: the tangent points to the

@@ -10,8 +10,9 @@ pub use curves::{CurveBasis, CurveKind, Curves, Strand};
 pub use mesh::Mesh;
 pub use quad::Quad;
 pub use sphere::Sphere;
-pub use splats::{Splat, Splats};
+pub use splats::{ColorCurve, Splat, Splats};
 
+use crate::texture::Footprint;
 use glam::{Vec2, Vec3, Vec4};
 
 /// A point of a surface, in world space.
@@ -46,8 +47,11 @@ pub struct Surface {
 pub enum Detail {
     /// Nothing.
     None,
-    /// How the place changes with the two texture coordinates, m: of surfaces with bumps ([`crate::material::Bump`]) that have coordinates.
+    /// How the place changes with the two texture coordinates, m: of surfaces that have coordinates, and bumps ([`crate::material::Bump`]) or pictures that
+    /// are filtered.
     Derivatives([Vec3; 2]),
+    /// What a ray with a width sees at once.
+    Footprint(Footprint),
     /// The strand it belongs to, of curves.
     Strand(Strand),
 }
@@ -59,7 +63,16 @@ impl Surface {
     /// Where its textures are looked up.
     #[inline]
     pub fn lookup(&self) -> crate::texture::Lookup {
-        crate::texture::Lookup { uv: self.uv, point: self.point, normal: self.ng }
+        crate::texture::Lookup { uv: self.uv, point: self.point, normal: self.ng, footprint: self.footprint().copied() }
+    }
+
+    /// What a ray with a width sees of it at once, where that was asked for.
+    #[inline]
+    pub fn footprint(&self) -> Option<&Footprint> {
+        match &self.detail {
+            Detail::Footprint(footprint) => Some(footprint),
+            _ => None,
+        }
     }
 
     /// Whether it belongs to a curve.

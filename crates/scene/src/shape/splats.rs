@@ -45,10 +45,21 @@ struct Ellipsoid {
     cut2: f32,
 }
 
+/// How colours of a set are meant.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum ColorCurve {
+    /// Display values by the curve of sRGB.
+    #[default]
+    Srgb,
+    /// Linear, 1 for display white.
+    Linear,
+}
+
 /// A set of Gaussians.
 #[derive(Clone, Debug)]
 pub struct Splats {
     degree: u32,
+    curve: ColorCurve,
     ellipsoids: Vec<Ellipsoid>,
     /// Coefficients of spherical harmonics as 16-bit floats, `[splat][coefficient][channel]`. Rounding moves a coefficient by at most 1 part in 2048,
     /// a display value of 1 by less than a sixteenth of a code of 8 bits.
@@ -86,7 +97,12 @@ impl Splats {
     /// A set without Gaussians, whose colours have harmonics up to a degree of at most [`MOST_DEGREE`].
     pub fn new(degree: u32) -> Self {
         assert!(degree <= MOST_DEGREE, "harmonics of degree {degree}");
-        Splats { degree, ellipsoids: Vec::new(), harmonics: Vec::new(), core: OnceLock::new() }
+        Splats { degree, curve: ColorCurve::Srgb, ellipsoids: Vec::new(), harmonics: Vec::new(), core: OnceLock::new() }
+    }
+
+    /// The same with colours that are meant so.
+    pub fn with_curve(self, curve: ColorCurve) -> Self {
+        Splats { curve, ..self }
     }
 
     /// Coefficients of harmonics that each Gaussian has for each channel.
@@ -219,7 +235,8 @@ impl Splats {
 
     /// Linear sRGB that is seen along a unit direction (of the ray, in the space of the set), where 1 is display white.
     ///
-    /// Display value ½ + Σ cᵢ Yᵢ, not below 0 (Kerbl et al. 2023), by the standard's curve (IEC 61966-2-1), which goes on above 1.
+    /// Display value ½ + Σ cᵢ Yᵢ, not below 0 (Kerbl et al. 2023), by the standard's curve (IEC 61966-2-1), which goes on above 1; as it is of a set whose
+    /// colours are linear.
     pub fn color(&self, splat: u32, direction: Vec3) -> Vec3 {
         let count = self.coefficients();
         let own = &self.harmonics[splat as usize * count * 3..][..count * 3];
@@ -228,7 +245,10 @@ impl Splats {
         for (c, y) in own.as_chunks::<3>().0.iter().zip(&basis) {
             display += Vec3::from_array(c.map(from_half)) * *y;
         }
-        display.max(Vec3::ZERO).map(srgb_decode)
+        match self.curve {
+            ColorCurve::Srgb => display.max(Vec3::ZERO).map(srgb_decode),
+            ColorCurve::Linear => display.max(Vec3::ZERO),
+        }
     }
 
     /// The axis along which one is thinnest, of length 1: the normal of the surface that it stands for.

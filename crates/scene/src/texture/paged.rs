@@ -2,7 +2,7 @@
 //!
 //! A picture is paged when it and those before it would take more than [`RESIDENT`]; what is looked up is the same either way.
 
-use super::Texels;
+use super::{Texel, Texels};
 use std::fs::File;
 use std::io::{BufWriter, Read, Seek, SeekFrom, Write};
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -12,7 +12,7 @@ use std::sync::{Arc, Mutex, OnceLock, TryLockError};
 pub const RESIDENT: u64 = 4 << 30;
 /// Bytes of tiles that are kept of all others.
 const CACHE: usize = 512 << 20;
-/// Bytes of a tile: 64 x 64 pixels of codes, 32 x 32 of numbers.
+/// Bytes of a tile: 64 x 64 pixels of codes, 45 x 45 of 16 bits a channel, 32 x 32 of numbers.
 const TILE: usize = 64 * 64 * 4;
 
 /// Bytes of pictures in memory.
@@ -103,6 +103,7 @@ impl Paged {
         static NEXT: AtomicU64 = AtomicU64::new(0);
         let size = match texels {
             Texels::Codes(_) => 4,
+            Texels::Wide(_) => 8,
             Texels::Linear(_) => 16,
             Texels::Paged(p) => p.size,
         };
@@ -126,6 +127,7 @@ impl Paged {
                         let at = start + x.min(width - 1);
                         match texels {
                             Texels::Codes(all) => out.write_all(&all[at])?,
+                            Texels::Wide(all) => all[at].iter().try_for_each(|v| out.write_all(&v.to_le_bytes()))?,
                             Texels::Linear(all) => all[at].iter().try_for_each(|v| out.write_all(&v.to_le_bytes()))?,
                             Texels::Paged(_) => unreachable!("what is paged stays where it is"),
                         }
@@ -142,12 +144,19 @@ impl Paged {
         self.opaque
     }
 
-    /// The bytes of a pixel, handed to `f`.
-    fn pixel<T>(&self, column: usize, row: usize, f: impl FnOnce(&[u8]) -> T) -> T {
-        let side = self.side;
-        let number = row / side * self.across + column / side;
-        let tile = self.cache.get(self.number << 32 | number as u64, || {
-            let mut bytes = vec![0; TILE];
+    /// Whether its pixels are numbers of any size.
+    pub(super) fn holds_numbers(&self) -> bool {
+        self.size == 16
+    }
+
+    /// Bytes of a tile in the file.
+    fn tile_bytes(&self) -> usize {
+        self.side * self.side * self.size
+    }
+
+    fn tile(&self, number: usize) -> Tile {
+        self.cache.get(self.number << 32 | number as u64, || {
+            let mut bytes = vec![0; self.tile_bytes()];
             let mut file = self.file.lock().unwrap_or_else(|e| e.into_inner());
             let start = (number * bytes.len()) as u64;
             // A disk that fails leaves black: there is no one to tell.
@@ -155,22 +164,35 @@ impl Paged {
                 bytes.fill(0);
             }
             Arc::new(bytes)
-        });
-        let at = (row % side * side + column % side) * self.size;
-        f(&tile[at..at + self.size])
-    }
-
-    /// The pixel, if it is one of codes.
-    pub(super) fn codes(&self, column: usize, row: usize) -> Option<[u8; 4]> {
-        (self.size == 4).then(|| self.pixel(column, row, |b| [b[0], b[1], b[2], b[3]]))
-    }
-
-    /// The pixel, if it is one of linear numbers.
-    pub(super) fn linear(&self, column: usize, row: usize) -> [f32; 4] {
-        self.pixel(column, row, |bytes| {
-            let words = bytes.as_chunks::<4>().0;
-            std::array::from_fn(|c| words.get(c).map_or(0.0, |w| f32::from_le_bytes(*w)))
         })
+    }
+
+    /// The pixel.
+    pub(super) fn texel(&self, column: usize, row: usize) -> Texel {
+        let side = self.side;
+        let tile = self.tile(row / side * self.across + column / side);
+        self.unpacked(&tile, row % side * side + column % side)
+    }
+
+    /// The pixels of a row in order, tile by tile; `width`: how many.
+    pub(super) fn row(&self, row: usize, width: usize, mut tell: impl FnMut(Texel)) {
+        let side = self.side;
+        for across in 0..self.across {
+            let tile = self.tile(row / side * self.across + across);
+            (0..side.min(width - across * side)).for_each(|x| tell(self.unpacked(&tile, row % side * side + x)));
+        }
+    }
+
+    fn unpacked(&self, tile: &[u8], pixel: usize) -> Texel {
+        let bytes = &tile[pixel * self.size..(pixel + 1) * self.size];
+        match self.size {
+            4 => Texel::Codes([bytes[0], bytes[1], bytes[2], bytes[3]]),
+            8 => Texel::Wide(std::array::from_fn(|c| u16::from_le_bytes([bytes[2 * c], bytes[2 * c + 1]]))),
+            _ => {
+                let words = bytes.as_chunks::<4>().0;
+                Texel::Linear(std::array::from_fn(|c| words.get(c).map_or(0.0, |w| f32::from_le_bytes(*w))))
+            }
+        }
     }
 }
 
@@ -188,17 +210,19 @@ mod tests {
         let pictures: Vec<(Texels, usize, usize)> = vec![
             (Texels::Codes((0..300 * 130u32).map(|i| mix(i).to_le_bytes()).collect()), 300, 130),
             (Texels::Codes((0..70u32).map(|i| (mix(i) | 0xff00_0000).to_le_bytes()).collect()), 1, 70),
+            (Texels::Wide((0..91 * 50u32).map(|i| [mix(i) as u16, 1, 2, i as u16]).collect()), 91, 50),
             (Texels::Linear((0..129 * 65u32).map(|i| [i as f32, -1.5, 1e9, 1.0]).collect()), 129, 65),
         ];
         for (texels, width, height) in pictures {
             let paged = Paged::new(&texels, width, height, Some(cache.clone())).unwrap();
-            let (there, here) = (Image { width, height, texels: Texels::Paged(Arc::new(paged)), held: None }, texels);
-            let here = Image { width, height, texels: here, held: None };
+            let image = |texels: Texels| Image { width, height, texels, held: None, levels: Default::default() };
+            let (there, here) = (image(Texels::Paged(Arc::new(paged))), image(texels));
             assert_eq!(there.has_alpha(), here.has_alpha());
             (0..20_000u32).into_par_iter().for_each(|i| {
                 let (x, y) = (mix(i) as usize % width, mix(i ^ 0x5555) as usize % height);
                 let same = match (there.texel(x, y), here.texel(x, y)) {
                     (Texel::Codes(a), Texel::Codes(b)) => a == b,
+                    (Texel::Wide(a), Texel::Wide(b)) => a == b,
                     (Texel::Linear(a), Texel::Linear(b)) => a == b,
                     _ => false,
                 };

@@ -113,7 +113,7 @@ impl Displacement {
         let place = self.texture_world_from_mesh;
         let without_height = subdivision::displace(mesh, |uv, p, n| {
             let normal = place.transform_vector3(n).normalize_or_zero();
-            self.height.lookup(&Lookup { uv: *uv, point: place.transform_point3(p), normal })
+            self.height.lookup(&Lookup { uv: *uv, point: place.transform_point3(p), normal, footprint: None })
         });
         Displaced { stopped: split == subdivision::Splitting::Stopped, without_height }
     }

@@ -11,6 +11,7 @@
 
 mod binary;
 mod camera;
+mod curves;
 mod geometry;
 mod layer;
 mod light;

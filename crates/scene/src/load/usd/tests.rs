@@ -274,13 +274,13 @@ fn what_is_hidden_is_not_drawn_and_what_is_left_out_is_counted() {
         def Xform \"Proxy\" {{ uniform token purpose = \"proxy\"\ndef Mesh \"b\" {{ {QUAD} }}\ndef Mesh \"own\" {{ uniform token purpose = \"render\"\n{QUAD} }} }}\n\
         over \"Over\" {{ def Mesh \"c\" {{ {QUAD} }} }}\nclass \"_k\" {{ def Mesh \"d\" {{ {QUAD} }} }}\n\
         def Xform \"Off\" ( active = false ) {{ def Mesh \"e\" {{ {QUAD} }} }}\n\
-        def Mesh \"shown\" {{ {QUAD} }}\ndef BasisCurves \"x\" {{}}\ndef BasisCurves \"y\" {{}}\ndef Points \"z\" {{}}\n\
+        def Mesh \"shown\" {{ {QUAD} }}\ndef NurbsCurves \"x\" {{}}\ndef HermiteCurves \"y\" {{}}\ndef Points \"z\" {{}}\n\
         def Mesh \"broken\" {{ int[] faceVertexCounts = [3]\nint[] faceVertexIndices = [0, 1, 9]\npoint3f[] points = [(0, 0, 0)] }}\n\
         def Xform \"R\" ( references = @gone.usd@ ) {{}}"
     ));
     assert_eq!(d.objects.iter().map(|o| o.name.as_str()).collect::<Vec<_>>(), ["own", "shown"]);
     let all = d.warnings.join("\n");
-    for part in ["curves (2)", "points (1)", "faces do not fit", "gone.usd (no files here)"] {
+    for part in ["NURBS and Hermite curves (2)", "points (1)", "faces do not fit", "gone.usd (no files here)"] {
         assert!(all.contains(part), "{part}: {all}");
     }
     let empty = load(b"#usda 1.0\ndef Xform \"A\" {}".to_vec(), "e.usda", &none).unwrap_err().to_string();

@@ -4,13 +4,13 @@ use super::geometry::{self, Part};
 use super::layer::Value;
 use super::material::{Bound, Shaders};
 use super::stage::{Prim, Stage};
-use super::{camera, error, light, subdivision, transform};
+use super::{camera, curves, error, light, subdivision, transform};
 use crate::SceneError;
 use crate::load::Fetch;
 use crate::load::pbrt::shapes;
 use crate::motion::{AnimatedProperty, Animation, Channel, Ending, KeyInterpolation, Local, Motion, Node, Parts, Playing};
 use crate::scene::{Description, Object, Shape};
-use crate::shape::Mesh;
+use crate::shape::{Curves, Mesh};
 use glam::{Affine3A, DMat4, DVec3, Vec3};
 use rayon::prelude::*;
 use std::collections::{BTreeMap, HashMap};
@@ -55,6 +55,11 @@ enum Form {
     Mesh {
         prim: Arc<Prim>,
         parts: Vec<Part>,
+    },
+    /// Read as meshes are.
+    Curves {
+        prim: Arc<Prim>,
+        material: u32,
     },
     Ready {
         mesh: Mesh,
@@ -215,8 +220,10 @@ impl<'a> World<'a> {
         match &*kind {
             "PointInstancer" if place.hidden => return Ok(None),
             "Mesh" | "Sphere" | "Cube" | "Cylinder" | "Cone" | "Capsule" | "Plane" | "Cylinder_1" | "Capsule_1"
+            | "BasisCurves"
                 if place.hidden => {}
             "Mesh" => self.mesh(prim, &place)?,
+            "BasisCurves" => self.curves(prim, &place)?,
             "Sphere" | "Cube" | "Cylinder" | "Cone" | "Capsule" | "Plane" | "Cylinder_1" | "Capsule_1" => {
                 self.solid(&kind, prim, &place)?
             }
@@ -229,7 +236,7 @@ impl<'a> World<'a> {
                 light::add(self, &kind, prim, &place)?;
             }
             "GeometryLight" | "PortalLight" | "PluginLight" => self.leave_out("lights of other kinds"),
-            "BasisCurves" | "NurbsCurves" | "HermiteCurves" => self.leave_out("curves"),
+            "NurbsCurves" | "HermiteCurves" => self.leave_out("NURBS and Hermite curves"),
             "NurbsPatch" | "TetMesh" => self.leave_out("patches and tetrahedra"),
             "Points" => self.leave_out("points"),
             "Volume" | "OpenVDBAsset" | "Field3DAsset" => self.leave_out("volumes"),
@@ -348,6 +355,20 @@ impl<'a> World<'a> {
         }
         let key = FormKey::Mesh(key, parts.iter().map(|p| p.material).collect());
         let form = self.form(key, || Form::Mesh { prim: prim.clone(), parts });
+        self.draw(prim.name(), form, place)
+    }
+
+    fn curves(&mut self, prim: &Arc<Prim>, place: &Place) -> Read<()> {
+        if self.stage.is_animated(prim, "points")? {
+            self.leave_out("points that move by themselves");
+        }
+        let colors = self.stage.value(prim, "primvars:displayColor")?.and_then(|v| v.floats());
+        if colors.is_some_and(|c| c.len() > 3) {
+            self.leave_out("colours that differ from curve to curve");
+        }
+        let material = self.bound(place.material.as_ref(), place.color, false)?.number;
+        let key = FormKey::Mesh(self.stage.fingerprint(prim), vec![material]);
+        let form = self.form(key, || Form::Curves { prim: prim.clone(), material });
         self.draw(prim.name(), form, place)
     }
 
@@ -498,20 +519,35 @@ impl<'a> World<'a> {
         let prims = |form: &Form| if let Form::Mesh { prim, .. } = form { Some(prim.clone()) } else { None };
         let prims: Vec<Arc<Prim>> = forms.iter().filter_map(prims).collect();
         let level = subdivision::level(stage, &prims)?;
-        let read = |form: Form| -> Read<(geometry::Meshes, Option<(f64, u32)>)> {
+        let read = |form: Form| -> Read<(geometry::Meshes, Other)> {
             Ok(match form {
-                Form::Mesh { prim, parts } => (geometry::read(stage, &prim, &parts, level)?, None),
-                Form::Ready { mesh, material } => (geometry::Meshes { parts: vec![(mesh, material)], left_out: vec![] }, None),
-                Form::Ball { radius, material } => (geometry::Meshes::default(), Some((radius, material))),
+                Form::Mesh { prim, parts } => (geometry::read(stage, &prim, &parts, level)?, Other::None),
+                Form::Ready { mesh, material } => {
+                    (geometry::Meshes { parts: vec![(mesh, material)], left_out: vec![] }, Other::None)
+                }
+                Form::Ball { radius, material } => (geometry::Meshes::default(), Other::Ball(radius, material)),
+                Form::Curves { prim, material } => {
+                    let (curves, left_out) = curves::read(stage, &prim)?;
+                    (geometry::Meshes { parts: vec![], left_out }, Other::Curves(Box::new(curves), material))
+                }
             })
         };
-        type Solid = Option<(f64, u32)>;
-        let all: Vec<Read<(geometry::Meshes, Solid)>> = forms.into_par_iter().map(read).collect();
+        let all: Vec<Read<(geometry::Meshes, Other)>> = forms.into_par_iter().map(read).collect();
         // Numbers of meshes and their materials, by form; of balls a mesh where one is needed.
         let mut numbers: Vec<Vec<(u32, u32)>> = Vec::with_capacity(all.len());
         let mut balls = Vec::with_capacity(all.len());
+        let mut strands: Vec<Option<(u32, u32)>> = Vec::with_capacity(all.len());
         for read in all {
-            let (meshes, ball) = read?;
+            let (meshes, other) = read?;
+            let (ball, curves) = match other {
+                Other::None => (None, None),
+                Other::Ball(radius, material) => (Some((radius, material)), None),
+                Other::Curves(curves, material) => (None, Some((curves, material))),
+            };
+            strands.push(curves.filter(|(set, _)| !set.segments.is_empty()).map(|(set, material)| {
+                self.description.curves.push(Arc::new(*set));
+                (self.description.curves.len() as u32 - 1, material)
+            }));
             meshes.left_out.into_iter().for_each(|what| self.leave_out(what));
             let mut own = Vec::new();
             for (mesh, material) in meshes.parts {
@@ -532,7 +568,7 @@ impl<'a> World<'a> {
                     numbers[d.form].push((self.description.meshes.len() as u32 - 1, material));
                 }
             }
-            if numbers[d.form].is_empty() {
+            if numbers[d.form].is_empty() && strands[d.form].is_none() {
                 continue;
             }
             let motion = match d.node {
@@ -544,6 +580,10 @@ impl<'a> World<'a> {
                 }
             };
             let world_from_mesh = affine(d.world);
+            if let Some((curves, material)) = strands[d.form] {
+                let shape = Shape::Curves { curves, world_from_curves: world_from_mesh };
+                self.description.objects.push(Object { name: d.name.clone(), shape, material, motion });
+            }
             for (mesh, material) in &numbers[d.form] {
                 let shape = Shape::Mesh { mesh: *mesh, world_from_mesh };
                 self.description.objects.push(Object { name: d.name.clone(), shape, material: *material, motion });
@@ -551,6 +591,14 @@ impl<'a> World<'a> {
         }
         Ok(())
     }
+}
+
+/// What a form is other than meshes.
+enum Other {
+    None,
+    /// Radius and material.
+    Ball(f64, u32),
+    Curves(Box<Curves>, u32),
 }
 
 /// A matrix of single precision.
