@@ -3,7 +3,7 @@
 use super::Exposure;
 use super::tile::Unit;
 use diopter_light::random::{Sampler, SamplerKind};
-use diopter_scene::light_paths::{CausticSettings, Caustics, Lamps};
+use diopter_scene::light_paths::{CausticSettings, Caustics, ConnectionSettings, Connections, Lamps, LightPaths};
 use rayon::prelude::*;
 
 /// How light transport is computed.
@@ -13,6 +13,8 @@ pub enum Integrator {
     Path,
     /// And photons for the caustics of all lamps that are not the environment, and light traced from small lamps out of focus.
     Caustics,
+    /// And connections of camera paths with light paths from the lamps (bidirectional path tracing); photons where `auto` would make them.
+    Bidirectional,
     /// Photons for the caustics of small lamps where smooth bodies of glass or metal throw them, light traced from small lamps out of focus; paths from
     /// the camera elsewhere.
     #[default]
@@ -21,8 +23,12 @@ pub enum Integrator {
 
 impl Integrator {
     /// Their names.
-    pub const NAMES: [(&'static str, Integrator); 3] =
-        [("path", Integrator::Path), ("caustics", Integrator::Caustics), ("auto", Integrator::Auto)];
+    pub const NAMES: [(&'static str, Integrator); 4] = [
+        ("path", Integrator::Path),
+        ("caustics", Integrator::Caustics),
+        ("bidirectional", Integrator::Bidirectional),
+        ("auto", Integrator::Auto),
+    ];
 
     /// By its name.
     pub fn by_name(name: &str) -> Option<Self> {
@@ -44,6 +50,17 @@ const PHOTONS_A_PATH: f64 = 0.1;
 
 /// Least and most photons that are emitted for a map. Landed photons take 52 bytes each.
 const PHOTONS: (u32, u32) = (1 << 15, 1 << 19);
+
+/// Light paths of a pool for each camera path, and least and most of them. A scattering event takes 200 bytes, a vertex 112.
+const LIGHT_PATHS_A_PATH: f64 = 0.05;
+const LIGHT_PATHS: (u32, u32) = (1 << 14, 1 << 17);
+
+/// Number of the pool of the trial of connections, which no samples use, and pairs of samples of a block a side: two in a hundred of the time of a 64-sample
+/// exposure of 240 × 160.
+const TRIAL_POOL: u32 = u32::MAX - 1;
+const PAIRS_SIDE: usize = 4;
+/// Time of a sample with connections over one without that they have to be worth, with something in hand: pairs are few.
+const CONNECTION_COST: f64 = 3.0;
 
 /// Samples of a pixel for which a pair of photon maps serves: a power of two that depends on the number of pixels alone.
 pub(super) fn map_samples(pixels: usize) -> u32 {
@@ -74,7 +91,7 @@ impl Exposure<'_> {
         let lamps = match self.settings.integrator {
             Integrator::Path => return None,
             Integrator::Caustics => Lamps::All,
-            Integrator::Auto => Lamps::Small,
+            Integrator::Bidirectional | Integrator::Auto => Lamps::Small,
         };
         let pixels = self.camera.film.columns * self.camera.film.rows;
         let paths = pixels as f64 * f64::from(map_samples(pixels));
@@ -88,6 +105,18 @@ impl Exposure<'_> {
             span_s: self.shutter.total_s(),
         };
         Caustics::new(self.scene, settings)
+    }
+
+    /// What connects camera paths with light paths, where the integrator and the scene may ask for it.
+    pub(super) fn connections(&self) -> Option<Connections<'_>> {
+        if !matches!(self.settings.integrator, Integrator::Bidirectional | Integrator::Auto) {
+            return None;
+        }
+        let pixels = self.camera.film.columns * self.camera.film.rows;
+        let camera_paths = pixels as f64 * f64::from(map_samples(pixels));
+        let paths = ((camera_paths * LIGHT_PATHS_A_PATH) as u32).clamp(LIGHT_PATHS.0, LIGHT_PATHS.1);
+        let (seed, max_depth, rgb) = (self.settings.seed, self.settings.path.max_depth, self.settings.rgb);
+        Connections::new(self.scene, ConnectionSettings { seed, max_depth, paths, rgb })
     }
 
     /// Whether caustics show in the picture, by some paths of few photons: where they do not, photons cost and bring nothing. Depends on seed, scene,
@@ -123,6 +152,68 @@ impl Exposure<'_> {
         let gathered = blocks.iter().any(|b| b[1] > 0.0);
         gathered && (caustics.has_delta_lamps() || shows(&blocks))
     }
+
+    /// Whether connections take more noise away than they cost, by pairs of paths with and without them. Depends on seed, scene, camera and film alone.
+    pub(super) fn connections_pay(&self, unit: &Unit, caustics: Option<&Caustics>, connections: &Connections) -> bool {
+        if self.settings.integrator == Integrator::Bidirectional {
+            return true;
+        }
+        let map = caustics.map(|c| c.trial_map(TRIAL_PHOTONS));
+        let pool = connections.pool(TRIAL_POOL, 0);
+        let ways = [None, Some(&pool)].map(|vertices| LightPaths { photons: map.as_ref(), vertices });
+        let [columns, rows] = [self.camera.film.columns, self.camera.film.rows];
+        let block = |number: usize| {
+            let mut pairs = [Pairs::default(); 2];
+            for k in 0..PAIRS_SIDE * PAIRS_SIDE {
+                let within = |cell: usize, step: usize, pixels: usize| {
+                    ((cell * PAIRS_SIDE + step) * pixels / (TRIAL_BLOCKS * PAIRS_SIDE)).min(pixels - 1)
+                };
+                let column = within(number % TRIAL_BLOCKS, k % PAIRS_SIDE, columns);
+                let row = within(number / TRIAL_BLOCKS, k / PAIRS_SIDE, rows);
+                let light = |way: usize| {
+                    [0, 1].map(|of_pair| {
+                        let (seed, pixel) = (self.settings.seed ^ TRIAL_SEED, (number as u32, 1 << 16 | k as u32));
+                        let sampler = Sampler::new(SamplerKind::Independent, seed, pixel, of_pair, 2);
+                        let Some(camera) = unit.camera_ray(column, row, &sampler) else { return 0.0 };
+                        let path = &self.settings.path;
+                        let light = self.scene.radiance_with(ways[way], camera.ray, &camera.wavelengths, &sampler, path);
+                        let light = f64::from((light * camera.wavelengths.weight).element_sum());
+                        if light.is_finite() { light } else { 0.0 }
+                    })
+                };
+                pairs.iter_mut().enumerate().for_each(|(way, pairs)| pairs.add(light(way)));
+            }
+            pairs
+        };
+        let blocks: Vec<[Pairs; 2]> = (0..TRIAL_BLOCKS * TRIAL_BLOCKS).into_par_iter().map(block).collect();
+        pay(&blocks)
+    }
+}
+
+/// Pairs of samples of a block: what they bring, and by how much they differ.
+#[derive(Clone, Copy, Debug, Default)]
+struct Pairs {
+    light: f64,
+    squares: f64,
+}
+
+impl Pairs {
+    fn add(&mut self, [a, b]: [f64; 2]) {
+        self.light += a + b;
+        self.squares += (a - b) * (a - b);
+    }
+}
+
+/// Whether samples with connections (the second of each pair of figures) are worth their time: by the sum of the variances of all blocks, relative to the light of
+/// each.
+fn pay(blocks: &[[Pairs; 2]]) -> bool {
+    let mean = blocks.iter().map(|b| b[0].light + b[1].light).sum::<f64>() / blocks.len() as f64;
+    let variance = |way: usize| {
+        // Both by the same light, of which twice as many samples know more; a dark block counts no more than one of a tenth of the mean.
+        let relative = |b: &[Pairs; 2]| b[way].squares / (b[0].light + b[1].light).max(0.1 * mean).powi(2);
+        blocks.iter().map(relative).sum::<f64>()
+    };
+    mean > 0.0 && CONNECTION_COST * variance(1) < variance(0)
 }
 
 #[cfg(test)]
@@ -149,8 +240,18 @@ mod tests {
     }
 
     #[test]
+    fn connections_pay_by_the_noise_they_take_away() {
+        let block = |light: f64, squares: [f64; 2]| squares.map(|squares| Pairs { light, squares });
+        assert!(pay(&[block(1.0, [1.0, 0.3]); 64]) && !pay(&[block(1.0, [1.0, 0.4]); 64]));
+        // Relative to the light of each block: one bright block does not decide.
+        let mut blocks = [block(1.0, [1.0, 0.9]); 64];
+        blocks[5] = block(10.0, [100.0, 0.0]);
+        assert!(!pay(&blocks) && !pay(&[block(0.0, [0.0, 0.0]); 64]));
+    }
+
+    #[test]
     fn integrators_are_found_by_their_names() {
         assert!(Integrator::NAMES.iter().all(|(name, i)| Integrator::by_name(name) == Some(*i) && i.name() == *name));
-        assert_eq!(Integrator::by_name("bidirectional"), None);
+        assert_eq!(Integrator::by_name("metropolis"), None);
     }
 }
