@@ -541,7 +541,7 @@ impl Exposure<'_> {
         unit.lamps = self.light_tracing(&unit);
         let unit = unit;
         let caustics = self.caustics().filter(|caustics| self.shows_caustics(&unit, caustics));
-        let connections = self.connections().filter(|c| self.connections_pay(&unit, caustics.as_ref(), c));
+        let connections = self.connections();
         let length = match caustics.is_some() || connections.is_some() {
             false => pass_length(width * height),
             true => integrator::map_samples(width * height),

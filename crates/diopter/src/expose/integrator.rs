@@ -3,7 +3,7 @@
 use super::Exposure;
 use super::tile::Unit;
 use diopter_light::random::{Sampler, SamplerKind};
-use diopter_scene::light_paths::{CausticSettings, Caustics, ConnectionSettings, Connections, Lamps, LightPaths};
+use diopter_scene::light_paths::{CausticSettings, Caustics, ConnectionSettings, Connections, Lamps};
 use rayon::prelude::*;
 
 /// How light transport is computed.
@@ -55,13 +55,6 @@ const PHOTONS: (u32, u32) = (1 << 15, 1 << 19);
 const LIGHT_PATHS_A_PATH: f64 = 0.05;
 const LIGHT_PATHS: (u32, u32) = (1 << 14, 1 << 17);
 
-/// Number of the pool of the trial of connections, which no samples use, and pairs of samples of a block a side: two in a hundred of the time of a 64-sample
-/// exposure of 240 × 160.
-const TRIAL_POOL: u32 = u32::MAX - 1;
-const PAIRS_SIDE: usize = 4;
-/// Time of a sample with connections over one without that they have to be worth, with something in hand: pairs are few.
-const CONNECTION_COST: f64 = 3.0;
-
 /// Samples of a pixel for which a pair of photon maps serves: a power of two that depends on the number of pixels alone.
 pub(super) fn map_samples(pixels: usize) -> u32 {
     1u32 << (MAP_PATHS.div_ceil(pixels.max(1))).max(1).next_power_of_two().ilog2().clamp(1, 8)
@@ -107,9 +100,9 @@ impl Exposure<'_> {
         Caustics::new(self.scene, settings)
     }
 
-    /// What connects camera paths with light paths, where the integrator and the scene may ask for it.
+    /// What connects camera paths with light paths, where the integrator and the scene ask for it.
     pub(super) fn connections(&self) -> Option<Connections<'_>> {
-        if !matches!(self.settings.integrator, Integrator::Bidirectional | Integrator::Auto) {
+        if self.settings.integrator != Integrator::Bidirectional {
             return None;
         }
         let pixels = self.camera.film.columns * self.camera.film.rows;
@@ -152,68 +145,6 @@ impl Exposure<'_> {
         let gathered = blocks.iter().any(|b| b[1] > 0.0);
         gathered && (caustics.has_delta_lamps() || shows(&blocks))
     }
-
-    /// Whether connections take more noise away than they cost, by pairs of paths with and without them. Depends on seed, scene, camera and film alone.
-    pub(super) fn connections_pay(&self, unit: &Unit, caustics: Option<&Caustics>, connections: &Connections) -> bool {
-        if self.settings.integrator == Integrator::Bidirectional {
-            return true;
-        }
-        let map = caustics.map(|c| c.trial_map(TRIAL_PHOTONS));
-        let pool = connections.pool(TRIAL_POOL, 0);
-        let ways = [None, Some(&pool)].map(|vertices| LightPaths { photons: map.as_ref(), vertices });
-        let [columns, rows] = [self.camera.film.columns, self.camera.film.rows];
-        let block = |number: usize| {
-            let mut pairs = [Pairs::default(); 2];
-            for k in 0..PAIRS_SIDE * PAIRS_SIDE {
-                let within = |cell: usize, step: usize, pixels: usize| {
-                    ((cell * PAIRS_SIDE + step) * pixels / (TRIAL_BLOCKS * PAIRS_SIDE)).min(pixels - 1)
-                };
-                let column = within(number % TRIAL_BLOCKS, k % PAIRS_SIDE, columns);
-                let row = within(number / TRIAL_BLOCKS, k / PAIRS_SIDE, rows);
-                let light = |way: usize| {
-                    [0, 1].map(|of_pair| {
-                        let (seed, pixel) = (self.settings.seed ^ TRIAL_SEED, (number as u32, 1 << 16 | k as u32));
-                        let sampler = Sampler::new(SamplerKind::Independent, seed, pixel, of_pair, 2);
-                        let Some(camera) = unit.camera_ray(column, row, &sampler) else { return 0.0 };
-                        let path = &self.settings.path;
-                        let light = self.scene.radiance_with(ways[way], camera.ray, &camera.wavelengths, &sampler, path);
-                        let light = f64::from((light * camera.wavelengths.weight).element_sum());
-                        if light.is_finite() { light } else { 0.0 }
-                    })
-                };
-                pairs.iter_mut().enumerate().for_each(|(way, pairs)| pairs.add(light(way)));
-            }
-            pairs
-        };
-        let blocks: Vec<[Pairs; 2]> = (0..TRIAL_BLOCKS * TRIAL_BLOCKS).into_par_iter().map(block).collect();
-        pay(&blocks)
-    }
-}
-
-/// Pairs of samples of a block: what they bring, and by how much they differ.
-#[derive(Clone, Copy, Debug, Default)]
-struct Pairs {
-    light: f64,
-    squares: f64,
-}
-
-impl Pairs {
-    fn add(&mut self, [a, b]: [f64; 2]) {
-        self.light += a + b;
-        self.squares += (a - b) * (a - b);
-    }
-}
-
-/// Whether samples with connections (the second of each pair of figures) are worth their time: by the sum of the variances of all blocks, relative to the light of
-/// each.
-fn pay(blocks: &[[Pairs; 2]]) -> bool {
-    let mean = blocks.iter().map(|b| b[0].light + b[1].light).sum::<f64>() / blocks.len() as f64;
-    let variance = |way: usize| {
-        // Both by the same light, of which twice as many samples know more; a dark block counts no more than one of a tenth of the mean.
-        let relative = |b: &[Pairs; 2]| b[way].squares / (b[0].light + b[1].light).max(0.1 * mean).powi(2);
-        blocks.iter().map(relative).sum::<f64>()
-    };
-    mean > 0.0 && CONNECTION_COST * variance(1) < variance(0)
 }
 
 #[cfg(test)]
@@ -237,16 +168,6 @@ mod tests {
         blocks[3] = [0.05, 0.05];
         assert!(!shows(&blocks));
         assert!(shows(&[[1.0, 0.051]; 64]) && !shows(&[[0.0; 2]; 64]));
-    }
-
-    #[test]
-    fn connections_pay_by_the_noise_they_take_away() {
-        let block = |light: f64, squares: [f64; 2]| squares.map(|squares| Pairs { light, squares });
-        assert!(pay(&[block(1.0, [1.0, 0.3]); 64]) && !pay(&[block(1.0, [1.0, 0.4]); 64]));
-        // Relative to the light of each block: one bright block does not decide.
-        let mut blocks = [block(1.0, [1.0, 0.9]); 64];
-        blocks[5] = block(10.0, [100.0, 0.0]);
-        assert!(!pay(&blocks) && !pay(&[block(0.0, [0.0, 0.0]); 64]));
     }
 
     #[test]
