@@ -1088,8 +1088,9 @@ pub struct Taking {
     /// Most scattering events of a path.
     #[arg(long, value_name = "N")]
     pub max_depth: Option<u32>,
-    /// path: from the camera only. caustics: and photons from lamps over mirrors and through glass, and light from small lamps out of focus. auto: photons for
-    /// small lamps where there is smooth glass or metal, and light from small lamps out of focus.
+    /// path: from the camera only. caustics: and photons from lamps over mirrors and through glass, and light from small lamps out of focus.
+    /// bidirectional: and connections of camera paths with light paths from the lamps. auto: photons for small lamps where there is smooth glass or metal, and light
+    /// from small lamps out of focus.
     #[arg(long, value_name = "NAME")]
     pub integrator: Option<String>,
     /// Stray light: all, none, or some of ghosts, diffraction, scatter with commas between them.

@@ -38,7 +38,7 @@ use diopter_image::{ExposureFacts, FocalPlane, Raster};
 use diopter_lens::Lens;
 use diopter_light::random::SamplerKind;
 use diopter_light::wavelength::WavelengthSampler;
-use diopter_scene::light_paths::PhotonMap;
+use diopter_scene::light_paths::{LightVertices, PhotonMap};
 use diopter_scene::{PathSettings, Scene};
 use fireflies::Cascade;
 use pixel_cone::PixelCones;
@@ -51,7 +51,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::time::Instant;
 use sums::{Tile, means};
-use tile::{RADIANCE_REDRAWS, Unit};
+use tile::{PassPaths, RADIANCE_REDRAWS, Unit};
 use truth::Recorder;
 
 /// Pixels a side of the squares that threads take.
@@ -401,7 +401,8 @@ impl Exposure<'_> {
         let (across, down) = (film.columns.div_ceil(TILE), film.rows.div_ceil(TILE));
         let indices: Vec<usize> = near(row, down).flat_map(|y| near(column, across).map(move |x| y * across + x)).collect();
         let own = width * height * 2 * bands;
-        let tiles: Vec<Tile> = indices.into_par_iter().map(|i| unit.tile(i, wanted.clone(), vec![0.0; own], None)).collect();
+        let tiles: Vec<Tile> =
+            indices.into_par_iter().map(|i| unit.tile(i, wanted.clone(), vec![0.0; own], PassPaths::default())).collect();
         let mut sums = vec![0.0; own];
         let mut add = |x: usize, y: usize, values: &[f64]| {
             if (left..left + width).contains(&x) && (top..top + height).contains(&y) {
@@ -543,11 +544,13 @@ impl Exposure<'_> {
         unit.lamps = self.light_tracing(&unit);
         let unit = unit;
         let caustics = self.caustics().filter(|caustics| self.shows_caustics(&unit, caustics));
-        let length = match &caustics {
-            None => pass_length(width * height),
-            Some(_) => integrator::map_samples(width * height),
+        let connections = self.connections();
+        let length = match caustics.is_some() || connections.is_some() {
+            false => pass_length(width * height),
+            true => integrator::map_samples(width * height),
         };
         let mut photons: Option<(u32, [PhotonMap; 2])> = None;
+        let mut vertices: Option<(u32, [LightVertices; 2])> = None;
         let tiles = width.div_ceil(TILE) * height.div_ceil(TILE);
         let at_once = TILES_AT_ONCE * rayon::current_num_threads().max(1);
         let tiles_done = AtomicUsize::new(0);
@@ -586,7 +589,16 @@ impl Exposure<'_> {
                 drop(photons.take());
                 photons = Some((map, [0, 1].map(|replicate| caustics.map(map, replicate))));
             }
-            let of_pass = photons.as_ref().map(|(_, maps)| maps);
+            if let Some(connections) = &connections
+                && vertices.as_ref().is_none_or(|(number, _)| *number != map)
+            {
+                drop(vertices.take());
+                vertices = Some((map, [0, 1].map(|replicate| connections.pool(map, replicate))));
+            }
+            let of_pass = PassPaths {
+                photons: photons.as_ref().map(|(_, maps)| maps),
+                vertices: vertices.as_ref().map(|(_, pools)| pools),
+            };
             tiles_done.store(sums.tiles, Ordering::Relaxed);
             let fraction = |tile: usize| match time_limit_s {
                 None => {

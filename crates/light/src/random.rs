@@ -50,6 +50,8 @@ pub enum Set {
     Tracking(u32),
     /// Transmittance towards a light from the given vertex ([`Sampler::stream`]).
     Transmittance(u32),
+    /// Choice of light vertices to connect with from the given vertex ([`Sampler::stream`]).
+    Connection(u32),
 }
 
 impl Set {
@@ -65,6 +67,7 @@ impl Set {
             Set::Diffraction(part) => (6 << 24) + part,
             Set::Tracking(segment) => (8 << 24) + segment,
             Set::Transmittance(vertex) => (7 << 24) + vertex,
+            Set::Connection(vertex) => (9 << 24) + vertex,
         }
     }
 }

@@ -15,7 +15,8 @@ pub use cone::RayCone;
 pub use incident::Incident;
 
 use crate::light::{LightRef, LightSample, Shown};
-use crate::light_paths::{PhotonMap, Tail};
+use crate::light_paths::connect::{CameraState, CameraVertex};
+use crate::light_paths::{LightPaths, LightVertices, PhotonMap, Tail};
 use crate::material::{Material, Scattering};
 use crate::medium_stack::MediumStack;
 use crate::scene::Scene;
@@ -84,33 +85,34 @@ impl Scene {
     /// Spectral radiance that arrives at the ray's origin from its direction, W·m⁻²·sr⁻¹·nm⁻¹ at the four wavelengths; one
     /// random estimate, whose mean is the true value.
     pub fn radiance(&self, ray: Ray, wavelengths: &Wavelengths, sampler: &Sampler, settings: &PathSettings) -> Sampled {
-        self.trace(None, RayCone::thin(ray), wavelengths, sampler, settings, None, None)
+        self.trace(LightPaths::default(), RayCone::thin(ray), wavelengths, sampler, settings, None, None)
     }
 
-    /// The same with caustics by photons ([`crate::light_paths`]), which stand for what paths would find by chance there.
+    /// The same with caustics by photons ([`crate::light_paths`]), which stand for what paths would find by chance there, and connections with light
+    /// vertices, which share what paths find with them.
     pub fn radiance_with(
         &self,
-        photons: Option<&PhotonMap>,
+        light_paths: LightPaths,
         ray: Ray,
         wavelengths: &Wavelengths,
         sampler: &Sampler,
         settings: &PathSettings,
     ) -> Sampled {
-        self.trace(photons, RayCone::thin(ray), wavelengths, sampler, settings, None, None)
+        self.trace(light_paths, RayCone::thin(ray), wavelengths, sampler, settings, None, None)
     }
 
     /// The same, where another strategy brings a part of the light of surfaces that shine and are seen directly ([`Shown`]), and pictures on surfaces are
     /// filtered over what the ray stands for: the mean is the true value where that is smaller than a pixel of the picture.
     pub fn radiance_shown(
         &self,
-        photons: Option<&PhotonMap>,
+        light_paths: LightPaths,
         shown: Option<Shown>,
         cone: RayCone,
         wavelengths: &Wavelengths,
         sampler: &Sampler,
         settings: &PathSettings,
     ) -> Sampled {
-        self.trace(photons, cone, wavelengths, sampler, settings, shown, None)
+        self.trace(light_paths, cone, wavelengths, sampler, settings, shown, None)
     }
 
     /// The same, and what of it came from the photons: by how much they matter in a picture.
@@ -123,7 +125,8 @@ impl Scene {
         settings: &PathSettings,
     ) -> [Sampled; 2] {
         let mut gathered = Sampled::ZERO;
-        let all = self.trace(Some(photons), RayCone::thin(ray), wavelengths, sampler, settings, None, Some(&mut gathered));
+        let light_paths = LightPaths { photons: Some(photons), vertices: None };
+        let all = self.trace(light_paths, RayCone::thin(ray), wavelengths, sampler, settings, None, Some(&mut gathered));
         [all, gathered]
     }
 
@@ -131,7 +134,7 @@ impl Scene {
     #[allow(clippy::too_many_arguments)]
     fn trace(
         &self,
-        photons: Option<&PhotonMap>,
+        LightPaths { photons, vertices }: LightPaths,
         cone: RayCone,
         wavelengths: &Wavelengths,
         sampler: &Sampler,
@@ -146,6 +149,7 @@ impl Scene {
         let mut hero_only = wavelengths.is_rgb();
         let mut medium_stack = MediumStack::new(self.air());
         let mut last: Option<PrevScatter> = None;
+        let mut camera_state = CameraState::NONE;
         // Where `last` is a vertex in a medium: the segment on which it lies.
         let mut scattered_on: Option<ScatteredOn> = None;
         let (mut ray, mut cone) = (cone.ray, Cone::new(&cone));
@@ -176,11 +180,11 @@ impl Scene {
                     flash,
                 };
                 match segment.take(&mut throughput, eta_scale, &mut radiance) {
-                    After::Through => {}
+                    After::Through => camera_state.bar(),
                     After::Ended => return radiance,
                     After::Scattered { ray: onward, last: here, on } => {
                         (ray, last, scattered_on) = (onward, here, Some(on));
-                        (tail, shown) = (Tail::default(), None);
+                        (tail, shown, camera_state) = (Tail::default(), None, CameraState::NONE);
                         cone.forget();
                         vertex += 1;
                         if medium.is_subsurface {
@@ -218,6 +222,7 @@ impl Scene {
                     return radiance;
                 }
                 medium_stack.cross(material, entering);
+                camera_state.bar();
                 // A hidden face stands in the way of light samples; then only chance finds the light.
                 shown = shown.filter(|_| !hidden);
                 last = last.filter(|_| !hidden).map(|l| PrevScatter { gone: l.gone + surface.t, ..l });
@@ -227,7 +232,8 @@ impl Scene {
             if material.emission.is_some() {
                 let left = photons.map_or(Sampled::ONE, |p| p.left_of_area(&tail, self.light_at(&surface)));
                 let counts = shown.as_ref().map_or(1.0, |s| s.counts(&surface));
-                let emitted = self.emitted(material, &surface, &ray, wavelengths, last, &scattered_on, flash);
+                let joined = vertices.map(|v| (v, &camera_state));
+                let emitted = self.emitted(material, &surface, &ray, wavelengths, last, &scattered_on, flash, joined);
                 radiance += throughput * left * emitted * counts;
             }
 
@@ -252,6 +258,21 @@ impl Scene {
                 }
             }
 
+            // Connect with the paths of lamps.
+            let camera_vertex = vertices.map(|pool| {
+                let arrival = camera_state.arrive(&surface, ray.direction);
+                let (surface, bsdf, medium_stack) = (&surface, &bsdf, &medium_stack);
+                (pool, CameraVertex { surface, material, around, bsdf, wo, arrival, medium_stack, wavelengths })
+            });
+            if let Some((pool, here)) = &camera_vertex
+                && !bsdf.is_specular()
+                && vertex - walked + 1 < settings.max_depth
+                && here.connects()
+            {
+                let most_events = settings.max_depth - (vertex - walked) - 1;
+                radiance += here.connect(pool, throughput, most_events, time_s, sampler.stream(Set::Connection(vertex)));
+            }
+
             // Sample a light.
             let u = sampler.get(Set::Light(vertex));
             if !bsdf.is_specular()
@@ -261,7 +282,11 @@ impl Scene {
                 let (f, pdf) = bsdf.eval(light_sample.wi);
                 if f != Sampled::ZERO {
                     let density = probability * light_sample.pdf;
-                    let weight = if light_sample.has_extent { mis(density, pdf) } else { 1.0 };
+                    let by_chance = if light_sample.has_extent { squared_ratio(pdf, density) } else { 0.0 };
+                    let weight = 1.0 / (1.0 + by_chance);
+                    let by_connection = camera_vertex
+                        .as_ref()
+                        .map_or(0.0, |(pool, here)| here.beside_light_sample(pool, light, &light_sample, density));
                     let through = light_sample.wi.dot(ng) < 0.0;
                     let origin = surface.leave(if through { -ng } else { ng }, light_sample.wi);
                     let mut beyond = medium_stack;
@@ -272,7 +297,7 @@ impl Scene {
                         throughput * f * self.incident_radiance(&light_sample, wavelengths, time_s) * (weight / density);
                     let thin_dielectrics = settings.max_depth - (vertex - walked) - 1;
                     let stream = || sampler.stream(Set::Transmittance(vertex));
-                    radiance += self.transmittance_to_light(
+                    let (arrives, is_clear) = self.light_past(
                         contribution,
                         surface.point,
                         origin,
@@ -283,6 +308,11 @@ impl Scene {
                         thin_dielectrics,
                         stream,
                     );
+                    // Light paths go through nothing on the way.
+                    radiance += match is_clear && by_connection > 0.0 {
+                        true => arrives * ((1.0 + by_chance) / (1.0 + by_chance + by_connection)),
+                        false => arrives,
+                    };
                 }
             }
 
@@ -324,6 +354,9 @@ impl Scene {
                     true => tail.bend(photons.casts(surface.object)),
                 }
             }
+            if let Some((_, here)) = &camera_vertex {
+                camera_state = here.scattered(&scatter);
+            }
             if scatter.transmitted {
                 medium_stack.cross(material, entering);
             }
@@ -353,6 +386,7 @@ impl Scene {
         last: Option<PrevScatter>,
         scattered_on: &Option<ScatteredOn>,
         flash: bool,
+        joined: Option<(&LightVertices, &CameraState)>,
     ) -> Sampled {
         let Some(emission) = &material.emission else { return Sampled::ZERO };
         if !emission.two_sided && surface.ng.dot(ray.direction) > 0.0 {
@@ -366,7 +400,11 @@ impl Scene {
                     Some(on) if l.normal == Vec3::ZERO => {
                         mis(l.density, by_light.hypot(on.equiangular(self, LightRef::Area(light)) * aimed))
                     }
-                    _ => mis(l.density, by_light),
+                    _ => {
+                        let cos = surface.ng.dot(ray.direction);
+                        let connected = joined.map_or(0.0, |(pool, state)| state.beside_hit(pool, light, ray.direction, cos));
+                        1.0 / (1.0 + squared_ratio(by_light, l.density) + connected)
+                    }
                 }
             }
             _ => 1.0,
@@ -381,6 +419,23 @@ impl Scene {
         &'a self,
         light: Sampled,
         point: Vec3,
+        origin: Vec3,
+        light_sample: &LightSample,
+        medium_stack: MediumStack<'a>,
+        wavelengths: &Wavelengths,
+        time_s: f32,
+        thin_dielectrics: u32,
+        stream: impl Fn() -> Stream,
+    ) -> Sampled {
+        self.light_past(light, point, origin, light_sample, medium_stack, wavelengths, time_s, thin_dielectrics, stream).0
+    }
+
+    /// The same, and whether nothing at all was on the way: no medium, no face of one, no thin dielectric.
+    #[allow(clippy::too_many_arguments)]
+    fn light_past<'a>(
+        &'a self,
+        light: Sampled,
+        point: Vec3,
         mut origin: Vec3,
         light_sample: &LightSample,
         mut medium_stack: MediumStack<'a>,
@@ -388,9 +443,11 @@ impl Scene {
         time_s: f32,
         mut thin_dielectrics: u32,
         stream: impl Fn() -> Stream,
-    ) -> Sampled {
+    ) -> (Sampled, bool) {
+        let nothing = (Sampled::ZERO, true);
+        let mut is_clear = true;
         if light == Sampled::ZERO {
-            return light;
+            return nothing;
         }
         let end = point + light_sample.wi * light_sample.distance;
         let mut left = light;
@@ -403,7 +460,7 @@ impl Scene {
                     let to = end - origin;
                     let distance = to.length();
                     if distance <= light_sample.clearance {
-                        return left;
+                        return (left, is_clear);
                     }
                     (to / distance, distance - light_sample.clearance)
                 }
@@ -411,7 +468,7 @@ impl Scene {
             };
             let ray = Ray { origin, direction, time_s };
             let face = match self.has_straight_transmission() {
-                false if self.occluded(&ray, reach) => return Sampled::ZERO,
+                false if self.occluded(&ray, reach) => return nothing,
                 false => None,
                 true => self.intersect(&ray, reach),
             };
@@ -419,22 +476,24 @@ impl Scene {
                 let material = self.material(face.object);
                 // Thin dielectrics are scattering events as others are.
                 if thin_dielectrics == 0 || !material.may_transmit_straight() {
-                    return Sampled::ZERO;
+                    return nothing;
                 }
                 thin_dielectrics -= 1;
                 let bsdf = material.bsdf(face, -direction, wavelengths, false, None);
-                let Some(through) = bsdf.and_then(|b| b.straight_through()) else { return Sampled::ZERO };
+                let Some(through) = bsdf.and_then(|b| b.straight_through()) else { return nothing };
                 left *= through;
             }
             if let Some((medium, span)) = medium_stack.span(&ray, face.as_ref().map_or(reach, |f| f.t)) {
+                is_clear = false;
                 let moment_s = self.moment_s(time_s);
                 left *= medium.transmittance(&ray, span, wavelengths, moment_s, || numbers.get_or_insert_with(&stream));
             }
-            let Some(face) = face else { return left };
+            let Some(face) = face else { return (left, is_clear) };
+            is_clear = false;
             medium_stack.cross(self.material(face.object), face.ng.dot(direction) < 0.0);
             origin = past(&face, direction);
         }
-        Sampled::ZERO
+        nothing
     }
 }
 
@@ -486,10 +545,16 @@ fn survives(throughput: &mut Sampled, eta_scale: f32, vertex: u32, u: f32, setti
 /// Weight of the strategy with density `a` beside one with density `b` (power heuristic, Veach 1997 eq. 9.13).
 #[inline]
 fn mis(a: f32, b: f32) -> f32 {
+    1.0 / (1.0 + squared_ratio(b, a))
+}
+
+/// (b / a)²; 0 where `b` is 0.
+#[inline]
+fn squared_ratio(b: f32, a: f32) -> f32 {
     if b == 0.0 {
-        return 1.0;
+        return 0.0;
     }
     // A quotient first: squares of large densities overflow.
     let r = b / a;
-    1.0 / (1.0 + r * r)
+    r * r
 }

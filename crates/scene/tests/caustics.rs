@@ -4,7 +4,7 @@ use diopter_light::random::{Sampler, SamplerKind};
 use diopter_light::spectrum::Table;
 use diopter_light::{Ray, Spectrum, Wavelengths};
 use diopter_scene::light::{Punctual, PunctualKind};
-use diopter_scene::light_paths::{CausticSettings, Caustics, Lamps, PhotonMap};
+use diopter_scene::light_paths::{CausticSettings, Caustics, Lamps, LightPaths, PhotonMap};
 use diopter_scene::material::conductor::FacetBounces;
 use diopter_scene::material::{Conductor, Material, Principled, Scattering};
 use diopter_scene::shape::{Mesh, Quad, Sphere};
@@ -64,7 +64,8 @@ fn mean(scene: &Scene, maps: &[PhotonMap], at: impl Fn([f32; 2]) -> Vec3, n: u32
         let ray = Ray { origin: at(u), direction: Vec3::NEG_Y, time_s: 0.0 };
         let sampler = Sampler::new(SamplerKind::Sobol, 3, (7, 1), i, n);
         let photons = (!maps.is_empty()).then(|| &maps[i as usize % maps.len()]);
-        let l = f64::from(scene.radiance_with(photons, ray, &wavelengths, &sampler, &path).element_sum()) / 4.0;
+        let l = f64::from(scene.radiance_with(LightPaths::of_photons(photons), ray, &wavelengths, &sampler, &path).element_sum())
+            / 4.0;
         (sum, squares) = (sum + l, squares + l * l);
     }
     let n = f64::from(n);
@@ -247,7 +248,7 @@ fn a_prism_bends_blue_farther_than_red() {
             let (x, z) = (0.15 + 0.6 * (i as f32 + 0.5) / n as f32, 0.1 * (j as f32 - 3.5) / 8.0);
             let ray = Ray { origin: Vec3::new(x, 0.5, z), direction: Vec3::NEG_Y, time_s: 0.0 };
             let sampler = Sampler::new(SamplerKind::Sobol, 1, (0, 0), 0, 1);
-            let at = |photons| scene.radiance_with(photons, ray, &wavelengths, &sampler, &path);
+            let at = |photons| scene.radiance_with(LightPaths::of_photons(photons), ray, &wavelengths, &sampler, &path);
             let light = (at(Some(&map)) - at(None)).to_array();
             for k in 0..4 {
                 sum[k] += f64::from(light[k]);
@@ -306,7 +307,8 @@ fn the_two_replicates_of_a_map_know_nothing_of_each_other() {
     for m in 1000..1000 + MAPS as u32 {
         let pair = [caustics.map(m, 0), caustics.map(m, 1)];
         for (i, ray) in points.iter().enumerate() {
-            let light = |map| f64::from(scene.radiance_with(Some(map), *ray, &wavelengths, &sampler, &path).x);
+            let light =
+                |map| f64::from(scene.radiance_with(LightPaths::of_photons(Some(map)), *ray, &wavelengths, &sampler, &path).x);
             let [a, b] = pair.each_ref().map(light);
             sums[i] += 0.5 * (a + b);
             squares[i] += (0.5 * (a + b)).powi(2);

@@ -3,7 +3,7 @@
 use super::Exposure;
 use super::tile::Unit;
 use diopter_light::random::{Sampler, SamplerKind};
-use diopter_scene::light_paths::{CausticSettings, Caustics, Lamps};
+use diopter_scene::light_paths::{CausticSettings, Caustics, ConnectionSettings, Connections, Lamps};
 use rayon::prelude::*;
 
 /// How light transport is computed.
@@ -13,6 +13,8 @@ pub enum Integrator {
     Path,
     /// And photons for the caustics of all lamps that are not the environment, and light traced from small lamps out of focus.
     Caustics,
+    /// And connections of camera paths with light paths from the lamps (bidirectional path tracing); photons where `auto` would make them.
+    Bidirectional,
     /// Photons for the caustics of small lamps where smooth bodies of glass or metal throw them, light traced from small lamps out of focus; paths from
     /// the camera elsewhere.
     #[default]
@@ -21,8 +23,12 @@ pub enum Integrator {
 
 impl Integrator {
     /// Their names.
-    pub const NAMES: [(&'static str, Integrator); 3] =
-        [("path", Integrator::Path), ("caustics", Integrator::Caustics), ("auto", Integrator::Auto)];
+    pub const NAMES: [(&'static str, Integrator); 4] = [
+        ("path", Integrator::Path),
+        ("caustics", Integrator::Caustics),
+        ("bidirectional", Integrator::Bidirectional),
+        ("auto", Integrator::Auto),
+    ];
 
     /// By its name.
     pub fn by_name(name: &str) -> Option<Self> {
@@ -44,6 +50,10 @@ const PHOTONS_A_PATH: f64 = 0.1;
 
 /// Least and most photons that are emitted for a map. Landed photons take 52 bytes each.
 const PHOTONS: (u32, u32) = (1 << 15, 1 << 19);
+
+/// Light paths of a pool for each camera path, and least and most of them. A scattering event takes 200 bytes, a vertex 112.
+const LIGHT_PATHS_A_PATH: f64 = 0.05;
+const LIGHT_PATHS: (u32, u32) = (1 << 14, 1 << 17);
 
 /// Samples of a pixel for which a pair of photon maps serves: a power of two that depends on the number of pixels alone.
 pub(super) fn map_samples(pixels: usize) -> u32 {
@@ -74,7 +84,7 @@ impl Exposure<'_> {
         let lamps = match self.settings.integrator {
             Integrator::Path => return None,
             Integrator::Caustics => Lamps::All,
-            Integrator::Auto => Lamps::Small,
+            Integrator::Bidirectional | Integrator::Auto => Lamps::Small,
         };
         let pixels = self.camera.film.columns * self.camera.film.rows;
         let paths = pixels as f64 * f64::from(map_samples(pixels));
@@ -88,6 +98,18 @@ impl Exposure<'_> {
             span_s: self.shutter.total_s(),
         };
         Caustics::new(self.scene, settings)
+    }
+
+    /// What connects camera paths with light paths, where the integrator and the scene ask for it.
+    pub(super) fn connections(&self) -> Option<Connections<'_>> {
+        if self.settings.integrator != Integrator::Bidirectional {
+            return None;
+        }
+        let pixels = self.camera.film.columns * self.camera.film.rows;
+        let camera_paths = pixels as f64 * f64::from(map_samples(pixels));
+        let paths = ((camera_paths * LIGHT_PATHS_A_PATH) as u32).clamp(LIGHT_PATHS.0, LIGHT_PATHS.1);
+        let (seed, max_depth, rgb) = (self.settings.seed, self.settings.path.max_depth, self.settings.rgb);
+        Connections::new(self.scene, ConnectionSettings { seed, max_depth, paths, rgb })
     }
 
     /// Whether caustics show in the picture, by some paths of few photons: where they do not, photons cost and bring nothing. Depends on seed, scene,
@@ -151,6 +173,6 @@ mod tests {
     #[test]
     fn integrators_are_found_by_their_names() {
         assert!(Integrator::NAMES.iter().all(|(name, i)| Integrator::by_name(name) == Some(*i) && i.name() == *name));
-        assert_eq!(Integrator::by_name("bidirectional"), None);
+        assert_eq!(Integrator::by_name("metropolis"), None);
     }
 }

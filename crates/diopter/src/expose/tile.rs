@@ -22,7 +22,7 @@ use diopter_light::Ray;
 use diopter_light::random::{Sampler, Set};
 use diopter_light::wavelength::{WavelengthSampler, Wavelengths};
 use diopter_scene::Scene;
-use diopter_scene::light_paths::PhotonMap;
+use diopter_scene::light_paths::{LightPaths, LightVertices, PhotonMap};
 use std::collections::BTreeMap;
 use std::ops::Range;
 
@@ -162,8 +162,12 @@ pub(super) struct Unit<'a> {
     pub cones: Option<PixelCones>,
 }
 
-/// The photons of a pass, by replicate of the samples.
-pub(super) type Photons<'a> = Option<&'a [PhotonMap<'a>; 2]>;
+/// Photons and light vertices of a pass, each by replicate of the samples.
+#[derive(Clone, Copy, Default)]
+pub(super) struct PassPaths<'a> {
+    pub photons: Option<&'a [PhotonMap<'a>; 2]>,
+    pub vertices: Option<&'a [LightVertices<'a>; 2]>,
+}
 
 impl Unit<'_> {
     /// Column, row, width and height of a tile.
@@ -189,12 +193,12 @@ impl Unit<'_> {
     }
 
     /// The samples of a pass in a tile, on top of what [`Unit::before`] gave.
-    pub(super) fn tile(&self, index: usize, samples: Range<u32>, before: Vec<f64>, photons: Photons) -> Tile {
+    pub(super) fn tile(&self, index: usize, samples: Range<u32>, before: Vec<f64>, light_paths: PassPaths) -> Tile {
         let rectangle = self.rectangle(index);
         match &self.camera.lens {
-            Lens::Compound(lens) => self.compound_tile(lens, rectangle, samples, photons),
-            _ if self.stars => self.starred_tile(rectangle, samples, photons),
-            _ => self.plain_tile(rectangle, samples, before, photons),
+            Lens::Compound(lens) => self.compound_tile(lens, rectangle, samples, light_paths),
+            _ if self.stars => self.starred_tile(rectangle, samples, light_paths),
+            _ => self.plain_tile(rectangle, samples, before, light_paths),
         }
     }
 
@@ -208,7 +212,7 @@ impl Unit<'_> {
         [column, row, width, height]: [usize; 4],
         samples: Range<u32>,
         mut sums: Vec<f64>,
-        photons: Photons,
+        light_paths: PassPaths,
     ) -> Tile {
         let bands = self.summed_bands();
         let mut so_far = sums.chunks_exact_mut(2 * bands);
@@ -219,7 +223,7 @@ impl Unit<'_> {
                 pixel.as_flattened_mut().copy_from_slice(so_far);
                 for i in samples.clone() {
                     let sampler = self.sampler(x, y, i);
-                    let Some(arrival) = self.sample(x, y, &sampler, photons) else { continue };
+                    let Some(arrival) = self.sample(x, y, &sampler, light_paths) else { continue };
                     let weighted = times(arrival.weighted, arrival.factors);
                     let value = |group: usize| self.curves.value(group, arrival.nm, weighted) * arrival.exposure;
                     self.add(&mut pixel, sampler.replicate(), 1.0, value);
@@ -231,14 +235,14 @@ impl Unit<'_> {
     }
 
     /// Through an ideal lens whose aperture diffracts: what lamps send far out counts elsewhere.
-    fn starred_tile(&self, rectangle: [usize; 4], samples: Range<u32>, photons: Photons) -> Tile {
+    fn starred_tile(&self, rectangle: [usize; 4], samples: Range<u32>, light_paths: PassPaths) -> Tile {
         let [column, row, width, height] = rectangle;
         let mut tile_sums = TileSums::new(&self.camera.film, rectangle, self.summed_bands());
         for y in row..row + height {
             for x in column..column + width {
                 for i in samples.clone() {
                     let sampler = self.sampler(x, y, i);
-                    let Some(arrival) = self.sample(x, y, &sampler, photons) else { continue };
+                    let Some(arrival) = self.sample(x, y, &sampler, light_paths) else { continue };
                     let (half, nm) = (sampler.replicate(), arrival.nm);
                     let whole = |group: usize| self.curves.value(group, nm, arrival.weighted) * arrival.exposure;
                     let mut weighted = times(arrival.weighted, arrival.factors);
@@ -266,7 +270,7 @@ impl Unit<'_> {
         lens: &CompoundLens,
         [column, row, width, height]: [usize; 4],
         samples: Range<u32>,
-        photons: Photons,
+        light_paths: PassPaths,
     ) -> Tile {
         let film = &self.camera.film;
         let mut tile_sums = TileSums::new(film, [column, row, width, height], self.summed_bands());
@@ -385,7 +389,7 @@ impl Unit<'_> {
                     let density = 0.25 * f64::from(exits.density[k].iter().sum::<f32>());
                     CameraSample { origin, direction, ray, time, seconds, density }
                 });
-                let radiance = self.radiance(photons, camera_sample, [x, y], ray, &wavelengths, sampler);
+                let radiance = self.radiance(light_paths, camera_sample, [x, y], ray, &wavelengths, sampler);
                 let weighted = (radiance * wavelengths.weight).to_array();
                 // One bad number must not poison a pixel.
                 if !weighted.iter().all(|v| v.is_finite()) {
@@ -450,7 +454,7 @@ impl Unit<'_> {
     #[inline]
     fn radiance(
         &self,
-        photons: Photons,
+        light_paths: PassPaths,
         sample: Option<CameraSample>,
         pixel: [usize; 2],
         ray: Ray,
@@ -458,14 +462,18 @@ impl Unit<'_> {
         sampler: &Sampler,
     ) -> glam::Vec4 {
         let cone = PixelCones::cone(self.cones.as_ref(), pixel, sampler.number(), ray);
-        let photons = photons.map(|maps| &maps[sampler.replicate()]);
+        let replicate = sampler.replicate();
+        let light_paths = LightPaths {
+            photons: light_paths.photons.map(|maps| &maps[replicate]),
+            vertices: light_paths.vertices.map(|pools| &pools[replicate]),
+        };
         let path = &self.settings.path;
         match (&self.lamps, sample) {
             (Some(lamps), Some(sample)) => {
                 let weight = |number: u32, met: glam::Vec3| lamps.weight(self, &sample, number, met);
-                self.scene.radiance_shown(photons, Some(lamps.shown(&weight)), cone, wavelengths, sampler, path)
+                self.scene.radiance_shown(light_paths, Some(lamps.shown(&weight)), cone, wavelengths, sampler, path)
             }
-            _ => self.scene.radiance_shown(photons, None, cone, wavelengths, sampler, path),
+            _ => self.scene.radiance_shown(light_paths, None, cone, wavelengths, sampler, path),
         }
     }
 
@@ -589,7 +597,7 @@ impl Unit<'_> {
 
     /// One sample of a pixel; `None` where no light comes through.
     #[inline]
-    fn sample(&self, column: usize, row: usize, sampler: &Sampler, photons: Photons) -> Option<PathSample> {
+    fn sample(&self, column: usize, row: usize, sampler: &Sampler, light_paths: PassPaths) -> Option<PathSample> {
         let CameraRay { ray, wavelengths, exposure, lens_ray, time, seconds, displaced, arrived } =
             self.camera_ray(column, row, sampler)?;
         let entry = match &self.camera.lens {
@@ -600,7 +608,7 @@ impl Unit<'_> {
             let (origin, direction) = (lens_ray.origin_mm, lens_ray.direction);
             CameraSample { origin, direction, ray, time, seconds, density: entry.density }
         });
-        let radiance = self.radiance(photons, camera_sample, [column, row], ray, &wavelengths, sampler);
+        let radiance = self.radiance(light_paths, camera_sample, [column, row], ray, &wavelengths, sampler);
         Some(PathSample {
             nm: wavelengths.nm.to_array(),
             weighted: (radiance * wavelengths.weight).to_array(),

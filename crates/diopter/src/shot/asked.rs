@@ -194,9 +194,8 @@ fn settings(r: &RenderSection) -> Result<Settings, ShotError> {
     };
     let integrator = match r.integrator.as_deref() {
         None => Integrator::default(),
-        Some(name) => {
-            Integrator::by_name(name).ok_or_else(|| value("integrator", format!("\"{name}\""), "path, caustics or auto"))?
-        }
+        Some(name) => Integrator::by_name(name)
+            .ok_or_else(|| value("integrator", format!("\"{name}\""), "path, caustics, bidirectional or auto"))?,
     };
     let stray = match r.stray.as_deref() {
         None => Stray::default(),

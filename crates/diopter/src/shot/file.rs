@@ -486,7 +486,7 @@ pub struct RenderSection {
     /// Most scattering events of a path.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub max_depth: Option<u32>,
-    /// `path`, `caustics` or `auto`.
+    /// `path`, `caustics`, `bidirectional` or `auto`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub integrator: Option<String>,
     /// Stray light in the lens: `all`, `none`, or some of `ghosts`, `diffraction`, `scatter` with commas between them.

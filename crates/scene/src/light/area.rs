@@ -169,6 +169,15 @@ impl AreaLight {
         (!matches!(self.shape, AreaShape::Sphere(_))).then_some(self.normal)
     }
 
+    /// Cosine between its normal at a point of it and a direction.
+    #[inline]
+    pub(crate) fn cosine(&self, point: Vec3, direction: Vec3) -> f32 {
+        match &self.shape {
+            AreaShape::Sphere(s) => ((point - s.center).dot(direction) / s.radius).abs(),
+            _ => self.normal.dot(direction).abs(),
+        }
+    }
+
     /// Its middle.
     pub(crate) fn center(&self) -> Vec3 {
         match &self.shape {

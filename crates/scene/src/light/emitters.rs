@@ -136,6 +136,7 @@ impl Emitters<'_> {
 mod tests {
     use super::*;
     use crate::Description;
+    use crate::light_paths::LightPaths;
     use crate::material::{EmissionColor, Material, Scattering};
     use crate::radiance::RayCone;
     use crate::shape::{Quad, Sphere};
@@ -193,7 +194,9 @@ mod tests {
                 let sampler = Sampler::new(SamplerKind::Independent, 1, (i, number), 0, 1);
                 let shown = Shown { emitters: &emitters, weight: &weight };
                 let ray = Ray { origin, direction: light_sample.wi, time_s: 0.0 };
-                let seen = scene.radiance_shown(None, Some(shown), RayCone::thin(ray), &wavelengths, &sampler, &settings).x;
+                let seen = scene
+                    .radiance_shown(LightPaths::default(), Some(shown), RayCone::thin(ray), &wavelengths, &sampler, &settings)
+                    .x;
                 hidden[number as usize] += u32::from(light == 0.0);
                 assert!((seen - 0.25 * light).abs() < 1e-6, "{number}: {seen} {light}");
                 if light > 0.0 {

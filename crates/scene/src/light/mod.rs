@@ -266,6 +266,15 @@ impl Lights {
         }
     }
 
+    /// Probability with which [`Lights::choose`] finds a light at a finite distance from a surface, where no flash burns.
+    #[inline]
+    pub(crate) fn finite_light_probability(&self, p: Vec3, n: Vec3, light: LightRef) -> f32 {
+        match self.leaf(light) {
+            NOWHERE => 0.0,
+            leaf => self.finite_share(p, n) * self.tree.probability(p, n, leaf),
+        }
+    }
+
     /// Leaf of a light that is not at infinity; `NOWHERE` for flashes.
     #[inline]
     fn leaf(&self, light: LightRef) -> u32 {

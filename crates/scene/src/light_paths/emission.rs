@@ -305,7 +305,7 @@ const MOST_FACES: u32 = 4096;
 
 /// The bodies that a point of a lamp stands in: those that are entered and not left on a straight line from outside everything to the side
 /// of the point that `normal` shows.
-fn bodies_at<'a>(scene: &'a Scene, point: Vec3, normal: Vec3, (middle, radius): (Vec3, f32)) -> MediumStack<'a> {
+pub(super) fn bodies_at<'a>(scene: &'a Scene, point: Vec3, normal: Vec3, (middle, radius): (Vec3, f32)) -> MediumStack<'a> {
     let mut medium_stack = MediumStack::new(scene.air());
     let end = offset_origin(point, normal);
     let direction = -normal;

@@ -44,11 +44,14 @@
 //! so that their half difference sees the noise of photons, too.
 
 mod casters;
+pub(crate) mod connect;
 mod emission;
 mod map;
 mod trace;
+mod vertices;
 
 pub use map::PhotonMap;
+pub use vertices::{ConnectionSettings, Connections, LightVertices};
 
 use crate::bvh::Bounds;
 use crate::material::Bsdf;
@@ -181,6 +184,22 @@ impl<'a> Caustics<'a> {
             })
             .collect();
         chunks.into_iter().flatten().collect()
+    }
+}
+
+/// What a camera path joins with the paths of lamps.
+#[derive(Clone, Copy, Default)]
+pub struct LightPaths<'a> {
+    /// Caustics.
+    pub photons: Option<&'a PhotonMap<'a>>,
+    /// Vertices to connect with.
+    pub vertices: Option<&'a LightVertices<'a>>,
+}
+
+impl<'a> LightPaths<'a> {
+    /// Photons alone.
+    pub fn of_photons(photons: Option<&'a PhotonMap<'a>>) -> Self {
+        LightPaths { photons, vertices: None }
     }
 }
 

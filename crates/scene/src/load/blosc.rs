@@ -102,13 +102,12 @@ fn broken() -> String {
 /// A length of four bits, and the bytes that continue it.
 fn length(from: &[u8], read: &mut usize, first: u8) -> Result<usize, String> {
     let mut sum = usize::from(first);
-    while first == 15 {
+    let mut goes_on = first == 15;
+    while goes_on {
         let more = *from.get(*read).ok_or_else(broken)?;
         *read += 1;
         sum += usize::from(more);
-        if more < 255 {
-            break;
-        }
+        goes_on = more == 255;
     }
     Ok(sum)
 }

@@ -103,6 +103,15 @@ impl LocalFrame {
     }
 }
 
+impl LocalFrame {
+    /// Density of a direction by the cosine of the hemisphere, 1/sr; 0 where the true surface and the shaded one put it on different sides.
+    #[inline]
+    pub fn cosine_density(&self, wi: Vec3) -> f32 {
+        let z = self.axes[2].dot(wi);
+        if (self.ng.dot(wi) > 0.0) == (z > 0.0) { z.max(0.0) * std::f32::consts::FRAC_1_PI } else { 0.0 }
+    }
+}
+
 impl Bsdf<'_> {
     /// The geometric normal on the side light is seen from.
     pub fn side_normal(&self) -> Vec3 {
@@ -117,6 +126,15 @@ impl Bsdf<'_> {
     /// Whether it is that of a fibre as a whole: light comes in and goes out at any side of it.
     pub fn is_fiber(&self) -> bool {
         matches!(self.lobes, Lobes::Hair(_))
+    }
+
+    /// Albedo where all it does is to reflect diffusely.
+    #[inline]
+    pub(crate) fn diffuse_albedo(&self) -> Option<Sampled> {
+        match &self.lobes {
+            Lobes::Diffuse { albedo } => Some(*albedo),
+            _ => None,
+        }
     }
 
     /// Whether light that is aimed at could not come this way: mirrors and clear glass.

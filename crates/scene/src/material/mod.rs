@@ -392,6 +392,23 @@ impl Material {
         })
     }
 
+    /// Density (1/sr) with which the scattering function seen from `wo` draws the direction `wi`; 0 for mirrors and where the surface only absorbs.
+    /// Not of dispersing bodies, whose densities depend on the wavelengths that a path still has.
+    #[inline]
+    pub(crate) fn pdf(
+        &self,
+        surface: &Surface,
+        wo: Vec3,
+        wi: Vec3,
+        wavelengths: &Wavelengths,
+        around: Option<&Principled>,
+    ) -> f32 {
+        match &self.scattering {
+            Scattering::Diffuse(_) => bsdf::LocalFrame::new(surface, self.shading_normal(surface), wo, None).cosine_density(wi),
+            _ => self.bsdf(surface, wo, wavelengths, false, around).map_or(0.0, |b| b.eval(wi).1),
+        }
+    }
+
     /// Whether light may go through it as if it were not there, or only dimmer: faces of media, smooth thin sheets.
     pub fn may_transmit_straight(&self) -> bool {
         fn of(scattering: &Scattering) -> bool {

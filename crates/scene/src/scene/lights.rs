@@ -158,6 +158,11 @@ impl Scene {
         if self.flickers { material.modulation().at(self.open_s, time_s) } else { 1.0 }
     }
 
+    /// Whether there are flashes.
+    pub(crate) fn has_flashes(&self) -> bool {
+        !self.flashes.is_empty()
+    }
+
     /// Whether a flash is burning at a time of the exposure.
     #[inline]
     pub(crate) fn flash_burns(&self, time_s: f32) -> bool {

@@ -112,8 +112,8 @@ impl Loader<'_> {
             return wrong(format!("extension {other} of its splats"), "expected plain attributes or SPZ: convert them");
         }
         let Capture { splats, dropped } = match extensions.and_then(|e| e.get(SPZ)) {
-            Some(packed) => self.from_spz(packed, &place)?,
-            None => self.from_attributes(primitive, &asked.attributes, &place)?,
+            Some(packed) => self.capture_of_spz(packed, &place)?,
+            None => self.capture_of_attributes(primitive, &asked.attributes, &place)?,
         };
         let all = splats.len() + dropped;
         if dropped > 0 {
@@ -140,7 +140,7 @@ impl Loader<'_> {
         number
     }
 
-    fn from_spz(&self, packed: &Value, place: &str) -> Result<Capture, SceneError> {
+    fn capture_of_spz(&self, packed: &Value, place: &str) -> Result<Capture, SceneError> {
         let number = packed.get("bufferView").and_then(Value::as_u64);
         let view = number.and_then(|n| self.document.views().nth(usize::try_from(n).ok()?));
         let bytes = view.and_then(|v| self.buffers.get(v.buffer().index())?.get(v.offset()..)?.get(..v.length()));
@@ -150,7 +150,7 @@ impl Loader<'_> {
         unpacked_spz(bytes).map_err(|e| error(self.name, place, e.found, format!("expected {}", e.expected)))
     }
 
-    fn from_attributes(
+    fn capture_of_attributes(
         &mut self,
         primitive: &gltf::Primitive,
         attributes: &HashMap<String, usize>,

@@ -1,0 +1,88 @@
+//! Exposures with connections of camera paths and light paths keep the promises of all exposures.
+
+use diopter::image::{ExposureFacts, FocalPlane};
+use diopter::lens::{Lens, Pinhole};
+use diopter::light::Spectrum;
+use diopter::light::units::Millimeters;
+use diopter::scene::material::{Material, Scattering};
+use diopter::scene::shape::Quad;
+use diopter::scene::texture::Color;
+use diopter::scene::{Description, Object, Scene, Shape};
+use diopter::{Camera, CameraMotion, Film, Integrator, Response, Settings, Shutter, camera::look_at, expose, expose::Watch};
+use glam::Vec3;
+use std::sync::atomic::AtomicBool;
+
+const SECOND: Shutter = Shutter { mechanism: diopter::shutter::Mechanism::Global, exposure_s: 1.0 };
+
+fn take(scene: &Scene, camera: &Camera, settings: &Settings) -> FocalPlane {
+    let watch = Watch { cancel: &AtomicBool::new(false), progress: &|_| () };
+    expose(scene, camera, &SECOND, &Response::luminance(), settings, &ExposureFacts::default(), &watch).unwrap()
+}
+
+fn quad(name: &str, corner: [f32; 3], edges: [[f32; 3]; 2], material: u32) -> Object {
+    Object::new(name, Shape::Quad(Quad { corner: corner.into(), edges: edges.map(Vec3::from) }), material)
+}
+
+/// A box of 2 × 2 × 2 m with a lamp that shines at its ceiling, hidden from below by a plate.
+fn room(columns: usize, rows: usize) -> (Scene, Camera) {
+    let grey = |name: &str| Material::new(name, Scattering::Diffuse(Color::rgb(0.5, 0.5, 0.5)));
+    let objects = vec![
+        quad("floor", [-1.0, -1.0, -1.0], [[0.0, 0.0, 2.0], [2.0, 0.0, 0.0]], 0),
+        quad("ceiling", [-1.0, 1.0, -1.0], [[2.0, 0.0, 0.0], [0.0, 0.0, 2.0]], 0),
+        quad("left", [-1.0, -1.0, -1.0], [[0.0, 2.0, 0.0], [0.0, 0.0, 2.0]], 0),
+        quad("right", [1.0, -1.0, -1.0], [[0.0, 0.0, 2.0], [0.0, 2.0, 0.0]], 0),
+        quad("back", [-1.0, -1.0, -1.0], [[2.0, 0.0, 0.0], [0.0, 2.0, 0.0]], 0),
+        quad("lamp", [-0.1, 0.6, -0.1], [[0.0, 0.0, 0.2], [0.2, 0.0, 0.0]], 1),
+        quad("shade", [-0.3, 0.55, -0.3], [[0.0, 0.0, 0.6], [0.6, 0.0, 0.0]], 0),
+    ];
+    let materials = vec![grey("wall"), Material::lamp("lamp", Spectrum::Constant(1.0))];
+    let lens = Lens::Pinhole(Pinhole::new(Millimeters(35.0), 8.0).unwrap());
+    let place = look_at(Vec3::new(0.0, 0.0, 2.8), Vec3::ZERO, Vec3::Y).unwrap();
+    let camera = Camera { lens, film: Film::new(36.0, 24.0, columns, rows), way: CameraMotion::still(place) };
+    (Scene::build(Description { materials, objects, ..Default::default() }).unwrap(), camera)
+}
+
+fn settings(integrator: Integrator, spp: u32, seed: u64) -> Settings {
+    Settings { integrator, seed, truth: false, ..Settings::new(spp) }
+}
+
+#[test]
+fn threads_and_parts_do_not_change_a_bidirectional_exposure() {
+    let (scene, camera) = room(15, 10);
+    let settings = |samples| Settings { samples, ..settings(Integrator::Bidirectional, 512, 1) };
+    let with = |threads: usize, samples: std::ops::Range<u32>| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| take(&scene, &camera, &settings(samples)))
+    };
+    // Samples of two pairs of pools: these pixels share one for 256 samples.
+    let whole = with(1, 252..260);
+    assert_eq!(whole, with(2, 252..260));
+    assert_eq!(whole, with(16, 252..260));
+    let merged = FocalPlane::merge(&[with(2, 252..254), with(2, 254..258), with(2, 258..260)]).unwrap();
+    for (a, b) in whole.mean.data.iter().zip(&merged.mean.data) {
+        // Rounding of planes in single precision.
+        assert!((a - b).abs() <= 2e-6 * a.abs().max(1.0), "{a} {b}");
+    }
+    // It is not what paths alone make.
+    let path = take(&scene, &camera, &Settings { integrator: Integrator::Path, ..settings(252..260) });
+    assert_ne!(whole, path);
+}
+
+#[test]
+fn the_claimed_variance_is_that_between_seeds() {
+    let (scene, camera) = room(18, 12);
+    const SEEDS: u64 = 30;
+    let planes: Vec<FocalPlane> =
+        (1..=SEEDS).map(|seed| take(&scene, &camera, &settings(Integrator::Bidirectional, 8, seed))).collect();
+    let pixels = planes[0].mean.data.len();
+    let (mut claimed, mut seen) = (0.0, 0.0);
+    for pixel in 0..pixels {
+        let values: Vec<f64> = planes.iter().map(|p| f64::from(p.mean.data[pixel])).collect();
+        let mean = values.iter().sum::<f64>() / SEEDS as f64;
+        seen += values.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / (SEEDS - 1) as f64;
+        claimed += planes.iter().map(|p| f64::from(p.half_difference.data[pixel]).powi(2)).sum::<f64>() / SEEDS as f64;
+    }
+    println!("claimed over seen {}", claimed / seen);
+    // 216 pixels of 30 seeds: 5 % of each.
+    assert!((claimed / seen - 1.0).abs() < 0.1, "{claimed} {seen}");
+}

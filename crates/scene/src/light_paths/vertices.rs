@@ -1,0 +1,568 @@
+//! Light vertices: places where paths from lamps meet surfaces, kept so that camera paths can connect to them.
+//!
+//! Light goes from lamps outwards here. A light path begins at a lamp in proportion to what it sends out, goes on as scattering functions say, and
+//! leaves a vertex at each surface that does not only mirror; all of them are one pool (a *light vertex cache*), in which every camera vertex
+//! chooses some ([`super::connect`]). Source: Davidovič, Křivánek, Hašan & Slusallek 2014, "Progressive Light Transport Simulation on the GPU: Survey and
+//! Improvements", §4 (LVC-BPT).
+//!
+//! # Weights
+//!
+//! Vertices of a path are numbered from the lamp, v₀, to the first that the camera sees, vₙ. Strategy `s` makes the first `s` from the lamp: 0 is a chance
+//! hit, 1 next-event estimation, 2 and more connections of v₍ₛ₋₁₎ with vₛ (no path is connected with the lens: s ≤ n). Their densities, all per
+//! area of the vertices, are P₀ = Π cᵢ, P₁ = e Π₁ cᵢ, Pₛ = κ l₀ … l₍ₛ₋₁₎ Πₛ cᵢ, with cᵢ and lᵢ those of vᵢ on the way from the camera and from the
+//! lamp, `e` that of a light sample from v₁, and κ the vertices that are chosen over those that a light path leaves. The power heuristic (β = 2) needs
+//! ratios of neighbouring strategies only, which both sides carry along their paths (Georgiev, Křivánek, Davidovič & Slusallek 2012, "Light Transport
+//! Simulation with Vertex Connection and Merging", technical report "Implementing Vertex Connection and Merging").
+//!
+//! A connection needs two vertices that are no mirrors and a straight line on which nothing is: no medium, no face of one, no thin sheet. Light paths end
+//! at the same things, at strands, mixtures and dispersing bodies, and where the *first* surface mirrors or refracts: that light is the
+//! photons' or chance's. What cannot be connected so has only the strategies that it had before, on whatever side it lies.
+//!
+//! # Wavelengths
+//!
+//! Colours ([`diopter_light::Wavelengths::rgb`]) are the same for all paths. Of spectra a light path is computed again at the wavelengths of each camera
+//! path that connects to it ([`LightVertices::state_at`]): the same places, with scattering functions, densities and light of
+//! those wavelengths, over the densities by which the path was drawn. So there is no bias, and no wavelengths are joined.
+
+use super::emission::bodies_at;
+use crate::light::{LightRef, Modulation, PunctualKind};
+use crate::material::{Material, Principled, Scattering};
+use crate::medium_stack::MediumStack;
+use crate::scene::Scene;
+use crate::shape::{Surface, offset_origin};
+use diopter_light::random::{Sampler, SamplerKind, Set};
+use diopter_light::sampling::{self, Discrete};
+use diopter_light::wavelength::WavelengthSampler;
+use diopter_light::{Ray, Sampled, Wavelengths};
+use glam::{Vec2, Vec3};
+use rayon::prelude::*;
+use std::f32::consts::{FRAC_1_PI, PI, TAU};
+
+/// How connections are made.
+#[derive(Clone, Debug)]
+pub struct ConnectionSettings {
+    /// Seed.
+    pub seed: u64,
+    /// Most scattering events of a path, from lamp to camera.
+    pub max_depth: u32,
+    /// Light paths of a pool.
+    pub paths: u32,
+    /// Paths carry red, green and blue instead of wavelengths.
+    pub rgb: bool,
+}
+
+/// Light paths that are traced to learn how many vertices one leaves.
+const PILOT: u32 = 1 << 12;
+/// Number of the pool that they make: beyond all others.
+const PILOT_POOL: u32 = u32::MAX;
+/// Fewer vertices are no help.
+const FEWEST: usize = 64;
+/// Light paths that a thread traces at a time.
+const CHUNK: u32 = 1024;
+/// Least probability of a lamp, relative to the mean.
+const LEAST_CHANCE: f32 = 1e-2;
+/// Least probability with which a light path goes on: it may be used at other wavelengths than those it was traced at.
+const LEAST_SURVIVAL: f32 = 0.1;
+/// Least cosine that light is divided by.
+pub(super) const LEAST_COSINE: f32 = 1e-4;
+/// Vertices of the pool that a camera vertex looks at, of which it connects to one.
+pub(super) const CANDIDATES: u32 = 8;
+
+/// A lamp that light paths begin at.
+struct Lamp<'a> {
+    light: LightRef,
+    modulation: Modulation,
+    medium_stack: MediumStack<'a>,
+}
+
+/// The lamps of a scene, ready for light paths: makes pools of vertices.
+pub struct Connections<'a> {
+    pub(super) scene: &'a Scene,
+    settings: ConnectionSettings,
+    wavelengths: WavelengthSampler,
+    /// Area lights by their numbers, then points and spots.
+    lamps: Vec<Lamp<'a>>,
+    choice: Discrete,
+    /// Place of each punctual light among the lamps.
+    punctual: Vec<Option<u32>>,
+    /// κ: candidates of a camera vertex over vertices of a light path.
+    kappa: f64,
+}
+
+/// Where and how a light path leaves its lamp.
+#[derive(Clone, Copy)]
+struct Start {
+    lamp: u32,
+    point: Vec3,
+    /// Of the lamp's surface; 0 of a point.
+    normal: Vec3,
+    place: Vec2,
+    direction: Vec3,
+    /// Cosine over the density of place and direction and the probability of the lamp.
+    scale: f32,
+    /// l₀.
+    l0: f64,
+    /// Density of the direction, 1/sr.
+    p_direction: f32,
+}
+
+/// A scattering event of a light path.
+struct Event<'a> {
+    surface: Surface,
+    material: &'a Material,
+    around: Option<&'a Principled>,
+    /// Unit direction towards the vertex before.
+    to_prev: Vec3,
+    /// Squared distance to it, m².
+    d2: f32,
+    /// Unit direction in which the path goes on.
+    to_next: Vec3,
+    /// 1 over the density by which that was drawn and the probability of going on; 1 over the latter alone if specular.
+    over_density: f32,
+    /// The numbers that it was drawn by.
+    u: [f32; 4],
+    is_specular: bool,
+}
+
+/// What a light path brings to a vertex at some wavelengths, and its weights; squares of ratios as the module says.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct State {
+    /// Power over the densities of all places so far, W·nm⁻¹ for one light path.
+    pub flux: Sampled,
+    /// Strategies before this one that need no density of a direction here: (e / κ l₀)² at v₁, then 1 or 0.
+    pub a: f64,
+    /// The others: what the squared density of the direction towards the lamp is multiplied by.
+    pub j: f64,
+    /// 1 / lᵢ².
+    pub over_l2: f64,
+}
+
+/// A vertex of the pool.
+pub(super) struct LightVertex {
+    pub point: Vec3,
+    /// Geometric normal on the side where the light arrives.
+    pub ng: Vec3,
+    pub to_prev: Vec3,
+    /// Mean of the flux: steers the choice.
+    pub flux: f32,
+    /// Albedo / π where all that it does is to reflect diffusely.
+    pub diffuse: Option<f32>,
+    /// Scattering events from the lamp, this one included.
+    pub events: u32,
+    /// At the wavelengths of its own path.
+    pub state: State,
+    path: u32,
+    event: u32,
+}
+
+/// A pool of light vertices: for samples of one replicate of a pass.
+pub struct LightVertices<'a> {
+    pub(super) connections: &'a Connections<'a>,
+    starts: Vec<(Start, u32)>,
+    events: Vec<Event<'a>>,
+    pub(super) vertices: Vec<LightVertex>,
+    /// Light paths.
+    pub(super) paths: u32,
+}
+
+/// What some light paths leave.
+#[derive(Default)]
+struct Traced<'a> {
+    starts: Vec<(Start, u32)>,
+    events: Vec<Event<'a>>,
+    vertices: Vec<LightVertex>,
+}
+
+/// Whether light paths may be scattered by a surface, and connected with.
+#[inline]
+pub(crate) fn can_connect(surface: &Surface, material: &Material, around: Option<&Principled>) -> bool {
+    let of_kind = match &material.scattering {
+        Scattering::Diffuse(_)
+        | Scattering::Conductor(_)
+        | Scattering::Coated(_)
+        | Scattering::DiffuseTransmission(_)
+        | Scattering::Measured(_) => true,
+        Scattering::Principled(p) => p.dispersion.is_none() && around.is_none_or(|a| a.dispersion.is_none()),
+        Scattering::Black | Scattering::Interface | Scattering::Hair(_) | Scattering::Mix(_) => false,
+    };
+    of_kind && !surface.is_strand()
+}
+
+#[inline]
+pub(super) fn squared(x: f64) -> f64 {
+    x * x
+}
+
+impl<'a> Connections<'a> {
+    /// Gets light paths ready in a scene, which must be posed for the exposure. `None` where nothing can be connected: when things move or flashes burn
+    /// (light vertices belong to no moment), without lamps of finite distance, or where light paths hardly leave a vertex.
+    pub fn new(scene: &'a Scene, settings: ConnectionSettings) -> Option<Connections<'a>> {
+        if scene.moves() || scene.has_flashes() {
+            return None;
+        }
+        let (lights, materials) = (scene.lights(), &scene.description().materials);
+        let bounds = scene.bounds();
+        let around = (bounds.center(), 0.5 * bounds.size().length() * 1.001);
+        if !around.0.is_finite() || !around.1.is_finite() {
+            return None;
+        }
+        let (mut lamps, mut chances) = (Vec::new(), Vec::new());
+        for (i, light) in lights.area.iter().enumerate() {
+            chances.push(light.luminance * light.area() * PI * if light.two_sided { 2.0 } else { 1.0 });
+            let (surface, normal) = match light.normal() {
+                Some(normal) => (light.center(), normal),
+                None => (light.sample_surface([0.0, 0.0]).0, Vec3::Z),
+            };
+            let modulation = materials[light.material as usize].modulation();
+            let medium_stack = bodies_at(scene, surface, normal, around);
+            lamps.push(Lamp { light: LightRef::Area(i as u32), modulation, medium_stack });
+        }
+        let mut punctual = vec![None; lights.punctual.len()];
+        for (i, light) in lights.punctual.iter().enumerate() {
+            let (position, solid_angle) = match light.kind {
+                PunctualKind::Point { position } => (position, 4.0 * PI),
+                PunctualKind::Spot { position, cos_outer, .. } => (position, TAU * (1.0 - cos_outer)),
+                PunctualKind::Directional { .. } | PunctualKind::Disc { .. } => continue,
+            };
+            punctual[i] = Some(lamps.len() as u32);
+            chances.push(light.illuminance() * solid_angle * light.pattern.as_ref().map_or(1.0, |p| p.mean()));
+            let medium_stack = bodies_at(scene, position, Vec3::Y, around);
+            lamps.push(Lamp { light: LightRef::Punctual(i as u32), modulation: light.modulation, medium_stack });
+        }
+        if lamps.is_empty() {
+            return None;
+        }
+        chances.iter_mut().for_each(|c| *c = if c.is_finite() { c.max(0.0) } else { 0.0 });
+        let least = LEAST_CHANCE * chances.iter().sum::<f32>() / chances.len() as f32;
+        chances.iter_mut().for_each(|c| *c = c.max(least));
+        let wavelengths = if settings.rgb { WavelengthSampler::rgb() } else { WavelengthSampler::uniform() };
+        let choice = Discrete::new(&chances);
+        let mut connections = Connections { scene, settings, wavelengths, lamps, choice, punctual, kappa: 1.0 };
+        let found = connections.trace(PILOT_POOL, 0, PILOT).vertices.len();
+        connections.kappa = f64::from(CANDIDATES) * f64::from(PILOT) / found as f64;
+        (found >= FEWEST).then_some(connections)
+    }
+
+    /// The light vertices of a pass, for samples of a replicate (0 or 1, [`Sampler::replicate`]).
+    pub fn pool(&'a self, number: u32, replicate: u32) -> LightVertices<'a> {
+        self.trace(number, replicate, self.settings.paths.max(1))
+    }
+
+    fn trace(&self, pool: u32, replicate: u32, count: u32) -> LightVertices<'_> {
+        // Numbers of their own beside those of pixels and photons.
+        let seed = self.settings.seed ^ 0x3c6e_f372_fe94_f82b;
+        let chunks: Vec<Traced> = (0..count.div_ceil(CHUNK))
+            .into_par_iter()
+            .map(|chunk| {
+                let mut traced = Traced::default();
+                for path in chunk * CHUNK..((chunk + 1) * CHUNK).min(count) {
+                    let sampler = Sampler::new(SamplerKind::Sobol, seed, (pool, 1), 2 * path + (replicate & 1), 2 * count);
+                    self.trace_path(&sampler, &mut traced);
+                }
+                traced
+            })
+            .collect();
+        let mut all =
+            LightVertices { connections: self, starts: Vec::new(), events: Vec::new(), vertices: Vec::new(), paths: count };
+        for Traced { starts, events, vertices } in chunks {
+            let (path, event) = (all.starts.len() as u32, all.events.len() as u32);
+            all.starts.extend(starts.into_iter().map(|(start, first)| (start, first + event)));
+            all.events.extend(events);
+            all.vertices.extend(vertices.into_iter().map(|v| LightVertex { path: v.path + path, event: v.event + event, ..v }));
+        }
+        all
+    }
+
+    /// The lamp of a light; `None` where no light path begins.
+    #[inline]
+    fn lamp_of(&self, light: LightRef) -> Option<u32> {
+        match light {
+            LightRef::Area(i) => Some(i),
+            LightRef::Punctual(i) => self.punctual[i as usize],
+            LightRef::Environment => None,
+        }
+    }
+
+    /// κ l₀ of a light (1/m²; without unit of a point) times the density (1/sr) with which a light path leaves it in a direction under a cosine to its
+    /// normal; 0 of lights at infinity.
+    pub(crate) fn emission_density(&self, light: LightRef, direction: Vec3, cos: f32) -> f64 {
+        let Some(lamp) = self.lamp_of(light) else { return 0.0 };
+        let chance = f64::from(self.choice.probability(lamp as usize));
+        let lights = self.scene.lights();
+        self.kappa
+            * match light {
+                LightRef::Area(i) => {
+                    let light = &lights.area[i as usize];
+                    let side = if light.two_sided { 0.5 } else { 1.0 };
+                    chance / f64::from(light.area()) * f64::from(side * cos.abs() * FRAC_1_PI)
+                }
+                LightRef::Punctual(i) => chance * f64::from(point_density(lights.punctual[i as usize].kind, direction)),
+                LightRef::Environment => 0.0,
+            }
+    }
+
+    fn start(&self, sampler: &Sampler) -> Option<Start> {
+        let lamp = self.choice.sample(sampler.get(Set::Time)[1]).0 as u32;
+        let [a, b, c, d] = sampler.get(Set::Camera);
+        let chance = self.choice.probability(lamp as usize);
+        let lights = self.scene.lights();
+        match self.lamps[lamp as usize].light {
+            LightRef::Area(i) => {
+                let light = &lights.area[i as usize];
+                let (point, normal, place) = light.sample_surface([a, b]);
+                // Of two sides one half of the numbers each.
+                let (side, c, fraction) = match light.two_sided {
+                    false => (1.0, c, 1.0),
+                    true if c < 0.5 => (1.0, 2.0 * c, 0.5),
+                    true => (-1.0, 2.0 * c - 1.0, 0.5),
+                };
+                let local = sampling::cosine_hemisphere([c, d]);
+                let (x, y) = sampling::frame(normal);
+                let direction = (x * local.x + y * local.y + normal * (side * local.z)).normalize();
+                let cos = normal.dot(direction).abs();
+                let (l0, p_direction) = (chance / light.area(), fraction * cos * FRAC_1_PI);
+                let scale = cos / (l0 * p_direction);
+                (cos > 1e-6).then_some(Start { lamp, point, normal, place, direction, scale, l0: f64::from(l0), p_direction })
+            }
+            LightRef::Punctual(i) => {
+                let kind = lights.punctual[i as usize].kind;
+                let (point, direction) = match kind {
+                    PunctualKind::Point { position } => (position, sampling::sphere([c, d])),
+                    PunctualKind::Spot { position, direction, cos_outer, .. } => {
+                        let drop = c * (1.0 - cos_outer);
+                        let (sin, phi) = ((drop * (2.0 - drop)).max(0.0).sqrt(), TAU * d);
+                        let (x, y) = sampling::frame(direction);
+                        let way = x * (sin * phi.cos()) + y * (sin * phi.sin()) + direction * (1.0 - drop);
+                        (position, way.normalize())
+                    }
+                    PunctualKind::Directional { .. } | PunctualKind::Disc { .. } => return None,
+                };
+                let p_direction = point_density(kind, direction);
+                let scale = 1.0 / (chance * p_direction);
+                let (normal, place) = (Vec3::ZERO, Vec2::ZERO);
+                (p_direction > 0.0).then_some(Start {
+                    lamp,
+                    point,
+                    normal,
+                    place,
+                    direction,
+                    scale,
+                    l0: f64::from(chance),
+                    p_direction,
+                })
+            }
+            LightRef::Environment => None,
+        }
+    }
+
+    /// What a light path begins with, without the lamp's modulation: radiance or intensity times [`Start::scale`].
+    fn sent(&self, start: &Start, wavelengths: &Wavelengths) -> Sampled {
+        let (lights, materials) = (self.scene.lights(), &self.scene.description().materials);
+        start.scale
+            * match self.lamps[start.lamp as usize].light {
+                LightRef::Area(i) => lights.area[i as usize].radiance(start.place, materials, wavelengths),
+                LightRef::Punctual(i) => {
+                    let light = &lights.punctual[i as usize];
+                    light.relative_intensity(None, start.direction, wavelengths) * light.power.sample_light(wavelengths)
+                }
+                LightRef::Environment => Sampled::ZERO,
+            }
+    }
+
+    /// The same for tracing: of spectra with that of the lamp taken as even, so that no line of it decides about other wavelengths.
+    fn sent_for_tracing(&self, start: &Start, wavelengths: &Wavelengths) -> Sampled {
+        if wavelengths.is_rgb() {
+            return self.sent(start, wavelengths);
+        }
+        let (lights, materials) = (self.scene.lights(), &self.scene.description().materials);
+        start.scale
+            * match self.lamps[start.lamp as usize].light {
+                LightRef::Area(i) => {
+                    let light = &lights.area[i as usize];
+                    let white = if light.carrier(materials).is_some() { light.luminance } else { 1.0 };
+                    light.relative_radiance(start.place, materials, wavelengths) * white
+                }
+                LightRef::Punctual(i) => {
+                    let light = &lights.punctual[i as usize];
+                    light.relative_intensity(None, start.direction, wavelengths) * light.illuminance()
+                }
+                LightRef::Environment => Sampled::ZERO,
+            }
+    }
+
+    /// Traces the light path that belongs to the numbers of a sampler.
+    fn trace_path<'b>(&'b self, sampler: &Sampler, traced: &mut Traced<'b>) {
+        let scene = self.scene;
+        let wavelengths = self.wavelengths.sample(sampler.get(Set::Time)[0]);
+        let Some(start) = self.start(sampler) else { return };
+        let mut medium_stack = self.lamps[start.lamp as usize].medium_stack;
+        let side = start.normal.dot(start.direction).signum();
+        let origin = if start.normal == Vec3::ZERO { start.point } else { offset_origin(start.point, start.normal * side) };
+        let mut ray = Ray { origin, direction: start.direction, time_s: 0.0 };
+        let (path, first) = (traced.starts.len() as u32, traced.events.len());
+        let mut before = start.point;
+        let mut state: Option<State> = None;
+        for depth in 0..self.settings.max_depth {
+            let Some(surface) = scene.intersect(&ray, f32::INFINITY) else { break };
+            let material = scene.material(surface.object);
+            let entering = surface.ng.dot(ray.direction) < 0.0;
+            let around = medium_stack.around(material);
+            let ended = medium_stack.span(&ray, surface.t).is_some() || medium_stack.hides(material, entering);
+            if ended || !can_connect(&surface, material, around) {
+                break;
+            }
+            let (to_prev, d2) = (-ray.direction, (surface.point - before).length_squared());
+            let Some(bsdf) = material.bsdf(&surface, to_prev, &wavelengths, false, around) else { break };
+            let u = sampler.get(Set::Scatter(depth));
+            let mut event =
+                Event { surface, material, around, to_prev, d2, to_next: Vec3::ZERO, over_density: 0.0, u, is_specular: false };
+            let here = match state {
+                None => Some(self.first_state(&start, &event, self.sent_for_tracing(&start, &wavelengths))),
+                Some(state) => traced.events.last().and_then(|last: &Event| next_state(state, last, &event, &wavelengths)),
+            };
+            let Some(here) = here.filter(|s| s.flux.is_finite() && s.flux.max_element() > 0.0 && s.over_l2.is_finite()) else {
+                break;
+            };
+            if traced.events.len() == first {
+                traced.starts.push((start, first as u32));
+            }
+            let event_number = traced.events.len() as u32;
+            let ng = bsdf.side_normal();
+            if !bsdf.is_specular() {
+                let mean = |s: Sampled| if wavelengths.is_rgb() { (s.x + s.y + s.z) / 3.0 } else { 0.25 * s.element_sum() };
+                let diffuse = bsdf.diffuse_albedo().map(|albedo| mean(albedo) * FRAC_1_PI);
+                traced.vertices.push(LightVertex {
+                    point: surface.point,
+                    ng,
+                    to_prev,
+                    flux: mean(here.flux),
+                    diffuse,
+                    events: depth + 1,
+                    state: here,
+                    path,
+                    event: event_number,
+                });
+            }
+            // Go on.
+            let scatter = bsdf.sample(u).filter(|s| !s.disperses && (!s.specular || depth > 0));
+            let is_straight = |s: &crate::material::Scatter| s.specular && s.transmitted && bsdf.straight_through().is_some();
+            let Some(scatter) = scatter.filter(|s| !is_straight(s)) else {
+                traced.events.push(event);
+                break;
+            };
+            let survival = scatter.weight.max_element().clamp(LEAST_SURVIVAL, 1.0);
+            event.to_next = scatter.wi;
+            event.is_specular = scatter.specular;
+            event.over_density = 1.0 / if scatter.specular { survival } else { survival * scatter.pdf };
+            traced.events.push(event);
+            if !(u[3] < survival) {
+                break;
+            }
+            if scatter.transmitted {
+                medium_stack.cross(material, entering);
+            }
+            let normal = if scatter.transmitted { -ng } else { ng };
+            before = surface.point;
+            ray = Ray { origin: surface.leave(normal, scatter.wi), direction: scatter.wi, time_s: 0.0 };
+            state = Some(here);
+        }
+    }
+
+    /// The state at v₁, with the light sent out given.
+    fn first_state(&self, start: &Start, event: &Event, flux: Sampled) -> State {
+        let (lights, light) = (self.scene.lights(), self.lamps[start.lamp as usize].light);
+        let point = event.surface.point;
+        let d2 = f64::from(event.d2);
+        let cos = f64::from(event.surface.ng.dot(event.to_prev).abs());
+        let l = f64::from(start.p_direction) * cos / d2;
+        let kappa_l0 = self.kappa * start.l0;
+        let chosen = f64::from(lights.finite_light_probability(point, event.surface.ng, light));
+        let (e, j) = match light {
+            LightRef::Area(i) => {
+                let geometry = f64::from(start.normal.dot(event.to_prev).abs()) / d2;
+                let pdf = self.scene.pdf_li(i, point, event.to_prev, event.d2.sqrt(), 0.0);
+                (chosen * f64::from(pdf) * geometry, squared(geometry / kappa_l0))
+            }
+            _ => (chosen, 0.0),
+        };
+        State { flux, a: squared(e / kappa_l0), j, over_l2: 1.0 / squared(l) }
+    }
+}
+
+/// Density with which a light path leaves a point or spot in a direction, 1/sr.
+fn point_density(kind: PunctualKind, way: Vec3) -> f32 {
+    match kind {
+        PunctualKind::Point { .. } => 0.25 * FRAC_1_PI,
+        PunctualKind::Spot { direction, cos_outer, .. } if direction.dot(way) >= cos_outer - 1e-6 => {
+            1.0 / (TAU * (1.0 - cos_outer).max(1e-12))
+        }
+        _ => 0.0,
+    }
+}
+
+/// The state one event farther, at some wavelengths; `None` where no light gets there.
+fn next_state(state: State, last: &Event, event: &Event, wavelengths: &Wavelengths) -> Option<State> {
+    let (surface, ng) = (&last.surface, last.surface.ng);
+    let bsdf = |wo: Vec3| last.material.bsdf(surface, wo, wavelengths, false, last.around);
+    let (passed, to_lamp, from_lamp, a) = match last.is_specular {
+        true => {
+            let bsdf = bsdf(last.to_prev)?;
+            let scatter = bsdf.sample(last.u).filter(|s| s.specular)?;
+            // Radiance changes by η² where it is bent, power does not (Veach 1997 §5.2).
+            let eta_scale = if scatter.transmitted { scatter.eta_scale } else { 1.0 };
+            (scatter.weight * (bsdf.shading_correction(scatter.wi) * eta_scale), 1.0, 1.0, 0.0)
+        }
+        false => {
+            // As the camera sees it: what is not reciprocal is so computed alike by all strategies.
+            let (f, to_lamp) = bsdf(last.to_next)?.eval(last.to_prev);
+            let cosines = ng.dot(last.to_next).abs() / ng.dot(last.to_prev).abs().max(LEAST_COSINE);
+            let from_lamp = last.material.pdf(surface, last.to_prev, last.to_next, wavelengths, last.around);
+            (f * cosines, to_lamp, from_lamp, state.a)
+        }
+    };
+    let d2 = f64::from(event.d2);
+    let cos = |event: &Event, way: Vec3| f64::from(event.surface.ng.dot(way).abs()) / d2;
+    let before = (a + squared(f64::from(to_lamp)) * state.j) * state.over_l2;
+    let l = f64::from(from_lamp) * cos(event, event.to_prev);
+    Some(State {
+        flux: state.flux * passed * last.over_density,
+        a: f64::from(u8::from(!last.is_specular)),
+        j: before * squared(cos(last, event.to_prev)),
+        over_l2: 1.0 / squared(l),
+    })
+}
+
+impl<'a> LightVertices<'a> {
+    /// How many there are.
+    pub fn len(&self) -> usize {
+        self.vertices.len()
+    }
+
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.vertices.is_empty()
+    }
+
+    /// Surface, material and outer dielectric of a vertex.
+    pub(super) fn at(&self, vertex: &LightVertex) -> (&Surface, &'a Material, Option<&'a Principled>) {
+        let event = &self.events[vertex.event as usize];
+        (&event.surface, event.material, event.around)
+    }
+
+    /// What a light path brings to a vertex at the wavelengths of a camera path, at a moment.
+    pub(super) fn state_at(&self, vertex: &LightVertex, wavelengths: &Wavelengths, time_s: f32) -> Option<State> {
+        let connections = self.connections;
+        let (start, first) = &self.starts[vertex.path as usize];
+        let modulation = connections.scene.modulated(&connections.lamps[start.lamp as usize].modulation, time_s);
+        let mut state = match wavelengths.is_rgb() {
+            true => vertex.state,
+            false => {
+                let events = &self.events[*first as usize..=vertex.event as usize];
+                let state = connections.first_state(start, &events[0], connections.sent(start, wavelengths));
+                events.windows(2).try_fold(state, |state, pair| next_state(state, &pair[0], &pair[1], wavelengths))?
+            }
+        };
+        state.flux *= modulation;
+        Some(state)
+    }
+}
