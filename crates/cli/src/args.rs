@@ -1225,6 +1225,21 @@ pub struct Shoot {
     /// Exposure time of a frame as part of its duration, degrees: 180 is half of it.
     #[arg(long, value_name = "DEG", allow_negative_numbers = true)]
     pub shutter_angle: Option<f64>,
+    /// Exposures (2 or 3), the longest first, that a rolling sensor reads interleaved row by row (staggered, digital-overlap HDR): files are numbered.
+    ///
+    /// Each has its own exposure time, start and row times. Needs a rolling shutter (--readout, --line-time); a line takes as many times as long as there are
+    /// exposures.
+    #[arg(long, value_name = "N")]
+    pub staggered: Option<u32>,
+    /// How many times as long each of them is as the next; 16 without.
+    #[arg(long, value_name = "X", requires = "staggered", allow_negative_numbers = true)]
+    pub staggered_ratio: Option<f64>,
+    /// Least time between the reading of a row and the reset for its next exposure: "50us".
+    #[arg(long, value_name = "TIME", requires = "staggered")]
+    pub staggered_gap: Option<Seconds>,
+    /// Split pixels: each output is written twice, as the left and the right photodiode saw it (NAME-left, NAME-right).
+    #[arg(long)]
+    pub dual_pixel: bool,
     /// Vary a setting of the shot: "iso=100,400,1600"; a second goes down the sheet.
     ///
     /// A flag's name without dashes, a setting of the development (tone.curve), or a key of the shot file. Settings that change together:

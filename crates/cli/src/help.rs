@@ -68,6 +68,9 @@ const GROUPS: [Group; 11] = [
             "lens-cap",
             "bracket",
             "step",
+            "staggered",
+            "staggered-ratio",
+            "staggered-gap",
         ],
     },
     Group {
@@ -106,7 +109,11 @@ const GROUPS: [Group; 11] = [
             "shutter-angle",
         ],
     },
-    Group { heading: "Sensor", common: &[], other: &["white", "temperature", "serial", "dng", "radiance", "bands", "rgb"] },
+    Group {
+        heading: "Sensor",
+        common: &[],
+        other: &["dual-pixel", "white", "temperature", "serial", "dng", "radiance", "bands", "rgb"],
+    },
     Group {
         heading: "Development",
         common: &["preset", "exposure-ev"],

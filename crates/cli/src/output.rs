@@ -295,6 +295,13 @@ pub fn numbered(path: &Path, count: usize) -> Vec<PathBuf> {
     (1..=count).map(|k| path.with_file_name(format!("{stem}-{k:0digits$}{ending}"))).collect()
 }
 
+/// A path once for each suffix: `photo-left.dng`, `photo-right.dng`.
+pub fn with_suffixes(path: &Path, suffixes: &[&str]) -> Vec<PathBuf> {
+    let stem = path.file_stem().unwrap_or_default().to_string_lossy();
+    let ending = path.extension().map_or(String::new(), |e| format!(".{}", e.to_string_lossy()));
+    suffixes.iter().map(|suffix| path.with_file_name(format!("{stem}-{suffix}{ending}"))).collect()
+}
+
 /// Refuses to write one file twice, or over a file that is read.
 pub fn distinct<'a>(
     inputs: impl IntoIterator<Item = &'a Path>,

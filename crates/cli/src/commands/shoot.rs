@@ -49,10 +49,13 @@ pub fn run(args: &Shoot, json: bool) -> anyhow::Result<()> {
     (s.frames, s.fps) = (args.frames.or(s.frames), args.fps.or(s.fps));
     (s.focus_bracket, s.focus_step) = (args.focus_bracket.or(s.focus_bracket), args.focus_step.or(s.focus_step));
     s.shutter_angle_deg = args.shutter_angle.or(s.shutter_angle_deg);
+    (s.staggered, s.staggered_ratio) = (args.staggered.or(s.staggered), args.staggered_ratio.or(s.staggered_ratio));
+    s.staggered_gap = args.staggered_gap.or(s.staggered_gap);
+    file.camera.dual_pixel |= args.dual_pixel;
     let sequence = Sequence::new(&mut file)?;
-    if args.merge.is_some() && !matches!(sequence, Sequence::Bracket { .. }) {
+    if args.merge.is_some() && !sequence.is_mergeable() {
         return Err(AskedWrongly(anyhow!(
-            "--merge joins an exposure series: expected --bracket beside it, such as --bracket 5 --step 1ev"
+            "--merge joins an exposure series: expected --bracket or --staggered beside it, such as --bracket 5 --step 1ev"
         ))
         .into());
     }
@@ -64,7 +67,10 @@ pub fn run(args: &Shoot, json: bool) -> anyhow::Result<()> {
     }
     let count = sequence.count();
     // Whether the results can be written is known before the work, not after.
-    let named = |path: &PathBuf| output::numbered(path, count);
+    let named = |path: &PathBuf| match sequence.names() {
+        Some(names) => output::with_suffixes(path, &names),
+        None => output::numbered(path, count),
+    };
     // Calibrations are one file for all pictures.
     let (calibrations, pictures): (Vec<PathBuf>, Vec<PathBuf>) =
         file.output.files.iter().cloned().partition(|p| calibration_format(p).is_some());
@@ -99,6 +105,7 @@ pub fn run(args: &Shoot, json: bool) -> anyhow::Result<()> {
     let calibration_files = calibrations.iter().map(|p| Output::prepare(p)).collect::<anyhow::Result<Vec<_>>>()?;
 
     let mut shot = Shot::prepare(&file, &mut warn)?;
+    sequence.check(&shot)?;
     // Pictures to look at are without the renderer's noise; raw files and planes are as computed, unless it is asked for.
     let looked_at = |path: &&PathBuf| output::kind(path).is_ok_and(Kind::is_looked_at);
     let kept_files = || file.output.files.iter().chain(&args.merge).chain(&args.stack);
@@ -158,7 +165,7 @@ pub fn run(args: &Shoot, json: bool) -> anyhow::Result<()> {
             None => prepare(k)?,
         };
         if !calibrations.is_empty() {
-            let unnamed = || output::numbered(Path::new("photo.jpg"), count).swap_remove(k);
+            let unnamed = || named(&PathBuf::from("photo.jpg")).swap_remove(k);
             let picture = names.first().map_or_else(unnamed, |n| n[k].clone()).display().to_string();
             match &mut calibration {
                 None => {

@@ -509,6 +509,7 @@ const REFUSED: &[(&str, &str)] = &[
     ("scene.at", "first in [frames]"),
     ("scene.frozen", "nothing: time runs for a rig"),
     ("sequence", "count and fps in [frames]"),
+    ("camera.dual_pixel", "whole pixels: `shoot --dual-pixel` takes pairs of pictures"),
     ("output", "files in [write]"),
     ("flash", "lamps of the scene: flashes of several cameras in one scene are not made"),
     ("render.time_limit", "spp: pictures of a rig are to be alike"),

@@ -238,6 +238,9 @@ pub struct CameraSection {
     /// A microlens array before the sensor, over what the body has.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub plenoptic: Option<PlenopticSection>,
+    /// Each pixel is split in two photodiodes, which see the left and the right half of the pupil: one exposure gives two raw files.
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    pub dual_pixel: bool,
     /// Where the camera stands, m.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub look_from: Option<[f32; 3]>,
@@ -367,6 +370,15 @@ pub struct SequenceSection {
     /// Exposure time of a frame as part of its duration: 180 is half of it.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub shutter_angle_deg: Option<f64>,
+    /// Exposures (2 or 3), the longest first, that a rolling sensor reads interleaved row by row: staggered or digital-overlap HDR.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub staggered: Option<u32>,
+    /// How many times as long each of them is as the next; 16 without.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub staggered_ratio: Option<f64>,
+    /// Least time between the reading of a row and the reset for its next exposure; none without.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub staggered_gap: Option<Seconds>,
 }
 
 /// `[exposure]`

@@ -14,6 +14,7 @@ mod framing;
 mod inputs;
 mod light_field;
 mod memory;
+mod readings;
 mod resume;
 mod scene_cache;
 mod sequence;
@@ -943,6 +944,11 @@ impl Shot {
         let mut raw = read_out(plane, &self.sensor, &self.reading, &white_point(&self.reading.white)?)?;
         raw.header.facts.date.clone_from(&self.date);
         raw.header.baseline_ev += self.held_back_ev;
+        if self.settings.half.is_some() {
+            // Half of the light: developed as bright as whole pixels.
+            raw.header.baseline_ev += 1.0;
+            raw.header.facts.serial.clone_from(&self.facts.serial);
+        }
         Ok(raw)
     }
 
