@@ -170,10 +170,12 @@ fn a_tilt_keeps_the_view_and_is_calibrated() {
     let (plain, other) = (tilted("double-gauss-50mm", [0.0; 2]), tilted("double-gauss-50mm", [8.0, 3.0]));
     assert!(other.camera.lens.is_tilted() && !plain.camera.lens.is_tilted());
     // The film stays where it was before the scene: pixels look where they looked, but for the distortion that goes along with the lens's own axis. That of the double
-    // Gauss is below 1 % of the height, here at most 10 mm: 0.1 mm of 50 mm.
+    // Gauss is 0.1 tan³ θ (its k1 is −0.094), at the angle θ to the axis with and without the turn, 8.5° more at most; a third for higher orders.
     for pixel in [DVec2::new(239.5, 159.5), DVec2::new(60.0, 40.0), DVec2::new(420.0, 280.0)] {
         let (a, b) = (direction(&plain, pixel).unwrap(), direction(&other, pixel).unwrap());
-        assert!((a - b).length() < 4e-3, "{pixel}: {a} {b}");
+        let angle = a.z.acos();
+        let bound = 1.33 * 0.1 * (angle.tan().powi(3) + (angle + 8.5f64.to_radians()).tan().powi(3));
+        assert!((a - b).length() < bound, "{pixel}: {a} {b}, {} of {bound}", (a - b).length());
     }
     // The corrections of the development are about the lens's axis: none are written.
     assert!(other.facts().lens_profile.is_none() && plain.facts().lens_profile.is_some());

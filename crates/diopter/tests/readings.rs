@@ -45,7 +45,7 @@ fn edge(distance_m: f64) -> diopter::scene::Description {
 fn asked(lens: &str, more: &str, size: &str, spp: u32) -> String {
     format!(
         "[camera]\nlook_from = [0, 0, 0]\nlook_at = [0, 0, -1]\nlens = \"{lens}\"\nbody = \"imx455\"\nformat = \"36x24\"\n{more}\n\
-         [exposure]\naperture = \"f/2\"\nshutter = \"1/500\"\niso = 100\n[focus]\ndistance = \"2 m\"\n\
+         [exposure]\naperture = \"f/2\"\nshutter = \"1/500\"\niso = 390\n[focus]\ndistance = \"2 m\"\n\
          [render]\nsize = \"{size}\"\nspp = {spp}\nintegrator = \"path\"\n"
     )
 }
@@ -88,14 +88,16 @@ fn disparity_follows_defocus() {
     let (f, s, columns) = (0.05, 2.0, 720.0);
     let v = 1.0 / (1.0 / f - 1.0 / s);
     let radius = f / (2.0 * 2.0);
+    // A small film, on which light falls off by 0.9 % at most: the edge's place is counted by the light of the ends.
+    let small = asked("thin", "dual_pixel = true\nfocal_length = \"50mm\"", "720x32", 64).replace("36x24", "7.2x0.32");
     for z in [1.2, 1.6, 2.0, 3.0, 6.0] {
-        let [left, right] = &taken(&asked("thin", "dual_pixel = true", "720x32", 64), Some(edge(z)))[..] else { panic!("two") };
+        let [left, right] = &taken(&small, Some(edge(z)))[..] else { panic!("two") };
         let found = place_of_edge(&left.0) - place_of_edge(&right.0);
-        let expected = v * 2.0 * 4.0 * radius / (3.0 * PI) * (1.0 / z - 1.0 / s) * columns / 0.036;
+        let expected = v * 2.0 * 4.0 * radius / (3.0 * PI) * (1.0 / z - 1.0 / s) * columns / 0.0072;
         // Near things lie farther right as the left half sees them.
         println!("{z} m: {found:.3} px, expected {expected:.3}");
-        // 64 samples a pixel over 32 rows: the edge's place has a standard error below 0.02 px.
-        assert!((found - expected).abs() < 0.01 * expected.abs() + 0.08, "{z} m: {found} px, expected {expected}");
+        // 64 samples a pixel over 32 rows: each column is known to ½ / √2048 = 0.011, 50 of them within the blur to 0.08 px; two edges, three deviations.
+        assert!((found - expected).abs() < 0.01 * expected.abs() + 0.33, "{z} m: {found} px, expected {expected}");
     }
 }
 
@@ -130,9 +132,9 @@ fn photodiodes_have_noise_and_wells_of_their_own() {
 #[test]
 fn cameras_without_two_halves_are_refused() {
     let with =
-        |more: &str| format!("[camera]\ndual_pixel = true\n{more}[exposure]\nshutter = \"1/60\"\n[render]\nsize = \"24x16\"\n");
+        |more: &str| format!("[camera]\ndual_pixel = true\n{more}[exposure]\nshutter = \"1/60\"\n[render]\nsize = \"72x48\"\n");
     assert!(refused(&with("lens = \"pinhole\"\n")).contains("aperture"));
-    assert!(refused(&with("lens = \"thin\"\n[camera.plenoptic]\npitch = \"0.4mm\"\n")).contains("microlens"));
+    assert!(refused(&with("lens = \"thin\"\n[camera.plenoptic]\npitch = \"4mm\"\n")).contains("microlens"));
     let staggered = "[sequence]\nstaggered = 2\n[exposure]\nshutter = \"1/60\"\n[render]\nsize = \"24x16\"\n";
     assert!(refused(staggered).contains("rolling"));
     assert!(refused(&format!("{staggered}[shutter]\nreadout = \"10ms\"\nreset = \"global\"\n")).contains("at once"));
@@ -144,7 +146,7 @@ fn interleaved_exposures_see_a_moving_edge_at_their_own_times() {
     let (columns, rows, film_mm) = (800.0, 32, 8.0);
     let text = format!(
         "[scene]\nfile = \"moving-bars\"\nat = \"480 ms\"\n[camera]\nlook_from = [0, 1, 2]\nlook_at = [0, 1, 0]\nlens = \"pinhole\"\nfocal_length = \"50mm\"\n\
-         body = \"imx455\"\nformat = \"8x0.32\"\n[exposure]\naperture = \"f/8\"\nshutter = \"16ms\"\niso = 100\n[shutter]\nreadout = \"8ms\"\n\
+         body = \"imx455\"\nformat = \"8x0.32\"\n[exposure]\naperture = \"f/8\"\nshutter = \"16ms\"\niso = 390\n[shutter]\nreadout = \"8ms\"\n\
          [sequence]\nstaggered = 3\nstaggered_ratio = 4\nstaggered_gap = \"1ms\"\n[render]\nsize = \"{columns}x{rows}\"\nspp = 64\n"
     );
     let frames = taken(&text, None);

@@ -115,7 +115,7 @@ fn wrong_files_are_refused_with_place_and_reason() {
             "RDM\nEPD 5\nS 50 5 NBK7_SCHOTT\nXYZ 1\nS -50 45\nSTO\nSI 0 0".into(),
             "x.seq:4: surface 1: unknown command XYZ",
         ),
-        (Format::CodeV, "RDM\nEPD 5\nS 50 5 NBK7_SCHOTT\nCUY UMY -0.2\nS -50 45\nSTO\nSI 0 0".into(), "\"UMY\" is not read"),
+        (Format::CodeV, "RDM\nEPD 5\nS 50 5 NBK7_SCHOTT\nCUY UMZ -0.2\nS -50 45\nSTO\nSI 0 0".into(), "\"UMZ\" is not read"),
         (Format::CodeV, "RDM\nEPD 5\nS 50 5 NBK7_SCHOTT\nARO 3\nS -50 45\nSTO\nSI 0 0".into(), "an aperture that is turned"),
         (
             Format::CodeV,
