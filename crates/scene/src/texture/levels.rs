@@ -47,7 +47,7 @@ impl Texture {
     }
 
     /// RGBA at texture coordinates, linear: the mean over a footprint if there is one, it is larger than a pixel, and there are levels
-    /// ([`Texture::make_levels`]); else [`Texture::at`].
+    /// (`make_levels`); else [`Texture::at`].
     #[inline]
     pub fn filtered(&self, uv: &[Vec2; 2], footprint: Option<&Footprint>) -> Vec4 {
         match footprint {
