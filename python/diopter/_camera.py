@@ -204,8 +204,8 @@ class Bench:
         )
         side = values.shape[0]
         # The chief ray stands in the middle of the pixel right of and above the middle of an even number of them.
-        x_mm = (np.arange(side) - side // 2) * pixel_mm
-        y_mm = (side - 1 - side // 2 - np.arange(side)) * pixel_mm
+        x_mm: Float64 = (np.arange(side, dtype=np.float64) - side // 2) * pixel_mm
+        y_mm: Float64 = (side - 1 - side // 2 - np.arange(side, dtype=np.float64)) * pixel_mm
         ends = (origin[0], origin[1]), (centroid[0], centroid[1])
         return Psf(values, pixel_mm, x_mm, y_mm, *ends, strehl, was_geometric, energy)
 
