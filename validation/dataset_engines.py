@@ -133,7 +133,7 @@ def with_ray(dataset, folder, scene, camera):
     plane = diopter.ray.expose(scene, camera, parts=PARTS, spp=SPP, progress=Killer(workers), **PICTURE)
 
     def run(function, arguments):
-        remote = ray.remote(function)
+        remote = ray.remote(lambda *arguments: function(*arguments))  # Ray takes no builtins
         ray.get([remote.remote(*a) for a in arguments])
 
     empty_tasks("ray", run)

@@ -1,0 +1,171 @@
+"""A chessboard photographed through five lenses, with noise, calibrated by OpenCV and held against the calibration that diopter writes.
+
+    pip install numpy opencv-python-headless
+    python validation/board_calibration.py [DIOPTER] [LENS ...]
+
+For each lens: `lens calibrate` says K and distortion by traced rays. Then a board of shining squares is photographed from many sides (raw, noise of ISO 400, developed), its corners are
+found by OpenCV, and `cv2.calibrateCameraExtended` (fisheyes: `cv2.fisheye.calibrate`) fits the same model. Shown are both, the difference in the standard deviations that OpenCV states, and
+three reprojection errors: OpenCV's own; that of our model at our poses, fitted to nothing (what is predicted of the picture); and the former predicted from the latter, which is smaller by the
+numbers that a fit takes up. Each pose is written by `shoot -o calibration.json`.
+"""
+
+import json
+import os
+import subprocess
+import sys
+import tempfile
+
+import cv2
+import numpy as np
+
+ROOT = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
+DIOPTER = os.path.abspath(sys.argv[1]) if len(sys.argv) > 1 else os.path.join(ROOT, "target/release/diopter")
+SIZE = (900, 600)
+COLUMNS, ROWS = 11, 8  # squares; corners are one fewer
+SQUARE = 0.48  # m: so far away that the place of the entrance pupil, which moves with the angle, hardly matters
+# Flags of lens and body, distance of the board (m), model, f-number, largest tilt of the board (degrees).
+LENSES = {
+    "double-gauss-50mm": ([], 12.0, "opencv5", "f/8", 35),
+    "wide-24mm-f3.5": ([], 6.4, "opencv5", "f/8", 35),
+    "kit-zoom-18-55mm": (["--focal-length", "18mm"], 6.8, "opencv5", "f/8", 35),
+    "fisheye-15mm-f2.8": ([], 3.6, "opencv-fisheye", "f/8", 25),
+    "phone-5.6mm-f3.5": ([], 6.4, "opencv5", None, 35),
+}
+POSES = 16
+
+
+def run(*arguments):
+    done = subprocess.run([DIOPTER, *map(str, arguments)], capture_output=True, text=True)
+    if done.returncode:
+        sys.exit(f"{' '.join(map(str, arguments))}\n{done.stderr}")
+    return done.stdout
+
+
+def board(path):
+    """The chessboard in the plane z = 0, upright, its first inner corner at the upper left: an OBJ of shining squares with a white margin."""
+    materials = "newmtl white\nKd 0 0 0\nKe 300 300 300\nnewmtl black\nKd 0.02 0.02 0.02\nKe 12 12 12\n"
+    with open(path.replace(".obj", ".mtl"), "w") as f:
+        f.write(materials)
+    vertices, faces = [], {"white": [], "black": []}
+    for row in range(-1, ROWS + 1):
+        for column in range(-1, COLUMNS + 1):
+            inside = 0 <= row < ROWS and 0 <= column < COLUMNS
+            x, y = (column - COLUMNS / 2) * SQUARE, (ROWS / 2 - row) * SQUARE
+            first = len(vertices) + 1
+            vertices += [(x, y - SQUARE), (x + SQUARE, y - SQUARE), (x + SQUARE, y), (x, y)]
+            faces["black" if inside and (row + column) % 2 == 0 else "white"].append(range(first, first + 4))
+    with open(path, "w") as f:
+        f.write(f"mtllib {os.path.basename(path).replace('.obj', '.mtl')}\n")
+        f.writelines(f"v {x:.6f} {y:.6f} 0\n" for x, y in vertices)
+        for name, list_of in faces.items():
+            f.write(f"usemtl {name}\n")
+            f.writelines("f " + " ".join(map(str, face)) + "\n" for face in list_of)
+    inner = [((c + 1 - COLUMNS / 2) * SQUARE, (ROWS / 2 - r - 1) * SQUARE, 0) for r in range(ROWS - 1) for c in range(COLUMNS - 1)]
+    return np.array(inner, np.float32)
+
+
+def poses(distance, tilt, random):
+    """Places of the camera and aims: from many sides, the board in all parts of the picture."""
+    for k in range(POSES):
+        across, up = np.radians(random.uniform(-tilt, tilt, 2))
+        d = distance * random.uniform(0.9, 1.15)
+        at = np.array([np.sin(across), np.sin(up) * np.cos(across), np.cos(up) * np.cos(across)]) * d
+        aim = np.array([random.uniform(-0.8, 0.8), random.uniform(-0.55, 0.55), 0.0])
+        yield at + aim, aim, [random.uniform(-0.6, 0.6), 1.0, 0.0]
+
+
+def corners_of(path):
+    grey = cv2.imread(path, cv2.IMREAD_GRAYSCALE)
+    found, corners = cv2.findChessboardCornersSB(grey, (COLUMNS - 1, ROWS - 1), flags=cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_ACCURACY)
+    if not found:
+        return None
+    corners = corners.reshape(-1, 2).astype(np.float64)
+    return corners if len(corners) == (COLUMNS - 1) * (ROWS - 1) else None
+
+
+def model_of(calibration):
+    m = calibration["model"]
+    c = m["coefficients"]
+    names = ["k1", "k2", "k3", "k4"] if "fisheye" in m["name"] else ["k1", "k2", "p1", "p2", "k3"]
+    matrix = np.array([[m["fx"], 0, m["cx"]], [0, m["fy"], m["cy"]], [0, 0, 1]])
+    return matrix, np.array([c[n] for n in names])
+
+
+def project(points, pose, matrix, distortion, fisheye):
+    rotation, translation = pose[:3, :3], pose[:3, 3]
+    vector = cv2.Rodrigues(rotation)[0]
+    shape = points.reshape(-1, 1, 3).astype(np.float64)
+    project = cv2.fisheye.projectPoints if fisheye else cv2.projectPoints
+    if fisheye:
+        return project(shape, vector, translation.reshape(3, 1), matrix, distortion)[0].reshape(-1, 2)
+    return project(shape, vector, translation, matrix, distortion)[0].reshape(-1, 2)
+
+
+def main():
+    wanted = sys.argv[2:] or list(LENSES)
+    random = np.random.default_rng(7)
+    worst = 0.0
+    for lens in wanted:
+        flags, distance, model, aperture, tilt = LENSES[lens]
+        fisheye = model == "opencv-fisheye"
+        stop = ["--aperture", aperture] if aperture else []
+        with tempfile.TemporaryDirectory() as folder:
+            scene = os.path.join(folder, "board.obj")
+            inner = board(scene)
+            objects, images, ours_at, ours = [], [], [], None
+            for k, (look_from, look_at, up) in enumerate(poses(distance, tilt, random)):
+                picture, side = os.path.join(folder, f"{k}.png"), os.path.join(folder, f"{k}.json")
+                vector = lambda v: ",".join(f"{x:.6f}" for x in v)
+                run("shoot", scene, "--lens", lens, *flags, *stop, "--focus", f"{distance}m", "--look-from=" + vector(look_from), "--look-at=" + vector(look_at),
+                    "--up=" + vector(up), "--size", "%dx%d" % SIZE, "--spp", 16, "--seed", k + 1, "--mode", "A", "--iso", 400, "--light", "none",
+                    "--integrator", "path", "--denoise", "off", "-o", picture, "-o", side)
+                seen = corners_of(picture)
+                if seen is None:
+                    continue
+                calibration = json.load(open(side))
+                ours = model_of(calibration)
+                camera = next(p for p in calibration["frames"][0]["poses"] if p["when"] == "middle")["world_from_camera_opengl"]
+                pose = np.diag([1, -1, -1, 1]) @ np.linalg.inv(np.array(camera))
+                predicted = project(inner, pose, *ours, fisheye)
+                # The finder may begin at either end: a board of 11 x 8 squares has no other likeness.
+                if np.linalg.norm(seen - predicted) > np.linalg.norm(seen[::-1] - predicted):
+                    seen = seen[::-1].copy()
+                objects.append(inner)
+                images.append(seen.astype(np.float32))
+                ours_at.append(seen - predicted)
+            if len(images) < 6:
+                print(f"{lens}: the board was found in {len(images)} of {POSES} pictures: not enough")
+                continue
+            errors = np.concatenate(ours_at)
+            predicted_rms = np.sqrt((errors**2).sum(axis=1).mean())
+            count = errors.size
+            if fisheye:
+                matrix, distortion = ours[0].copy(), np.zeros((4, 1))
+                shape = [o.reshape(1, -1, 3).astype(np.float64) for o in objects], [i.reshape(1, -1, 2).astype(np.float64) for i in images]
+                rms, matrix, distortion, *_ = cv2.fisheye.calibrate(*shape, SIZE, matrix, distortion,
+                    flags=cv2.fisheye.CALIB_RECOMPUTE_EXTRINSIC | cv2.fisheye.CALIB_FIX_SKEW | cv2.fisheye.CALIB_USE_INTRINSIC_GUESS)
+                deviations = None
+            else:
+                rms, matrix, distortion, _, _, deviations, _, _ = cv2.calibrateCameraExtended(objects, images, SIZE, None, None)
+            unknowns = 6 * len(images) + (8 if fisheye else 9)
+            expected = predicted_rms * np.sqrt(1 - unknowns / count)
+            print(f"{lens} {' '.join(flags)}: {len(images)} pictures, {model}")
+            names = ["fx", "fy", "cx", "cy"] + (["k1", "k2", "k3", "k4"] if fisheye else ["k1", "k2", "p1", "p2", "k3"])
+            flat = lambda k, d: np.concatenate([[k[0, 0], k[1, 1], k[0, 2], k[1, 2]], np.ravel(d)])
+            a, b = flat(*ours), flat(matrix, distortion)
+            for j, name in enumerate(names):
+                line = f"   {name:<3} ours {a[j]:>12.5f}   OpenCV {b[j]:>12.5f}"
+                if deviations is not None:
+                    away = (b[j] - a[j]) / deviations[j, 0]
+                    line += f" ± {deviations[j, 0]:.5f}   {away:+.2f} deviations"
+                    worst = max(worst, abs(away))
+                print(line)
+            # What the coefficients together mean: where the two models put the same directions.
+            theirs = [project(o, np.vstack([np.hstack([cv2.Rodrigues(r)[0], t.reshape(3, 1)]), [0, 0, 0, 1]]), *m, fisheye)
+                      for m in (ours, (matrix, np.ravel(distortion))) for o, r, t in [(inner, np.zeros(3), np.array([0.0, 0.0, distance]))]]
+            print(f"   reprojection rms: OpenCV {rms:.4f} px; predicted {expected:.4f} (ratio {rms / expected:.3f}); ours unfitted {predicted_rms:.4f}, mean error "
+                  f"{errors.mean(axis=0)[0]:+.4f}, {errors.mean(axis=0)[1]:+.4f} px; models apart {np.abs(theirs[0] - theirs[1]).max():.3f} px at most on the board")
+    print(f"largest difference: {worst:.2f} standard deviations")
+
+
+main()
