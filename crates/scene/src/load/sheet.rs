@@ -180,7 +180,8 @@ impl Place<'_> {
         Ok(blackbody_with_luminance(kelvin, amount))
     }
 
-    fn material(&self, name: &str, look: &Look) -> Result<Material, SceneError> {
+    /// Puts a material into a scene: its number.
+    fn material(&self, b: &mut Builder, name: &str, look: &Look) -> Result<u32, SceneError> {
         let what = format!("material \"{name}\"");
         let kinds = [look.color.is_some(), look.metal.is_some(), look.glass.is_some()];
         if kinds.iter().filter(|k| **k).count() > 1 {
@@ -197,8 +198,7 @@ impl Place<'_> {
             Some(r) => Some(self.number(&format!("{what}, roughness"), r, 0.0..=1.0, "a roughness from 0 to 1")?),
             None => None,
         };
-        let mut b = Builder(Description::default());
-        let mut material = match (&look.color, &look.metal, look.glass) {
+        let number = match (&look.color, &look.metal, look.glass) {
             (Some(color), ..) => {
                 let rgb = match *color {
                     Reflectance::Grey(grey) => [grey; 3],
@@ -210,15 +210,14 @@ impl Place<'_> {
                 match roughness {
                     Some(roughness) => b.glossy(name, Color::rgb(rgb[0], rgb[1], rgb[2]), roughness, 0.0),
                     None => b.matte(name, rgb),
-                };
-                b.0.materials.remove(0)
+                }
             }
             (_, Some(metal), _) => {
                 let alpha = roughness.unwrap_or(0.0).powi(2);
                 let conductor = Conductor::metal(metal, alpha).ok_or_else(|| {
                     self.wrong(&format!("{what}, metal"), format!("\"{metal}\""), &Conductor::METALS.join(", "))
                 })?;
-                Material::new(name, Scattering::Conductor(conductor))
+                b.material(Material::new(name, Scattering::Conductor(conductor)))
             }
             (_, _, Some(index)) => {
                 if roughness.is_some() {
@@ -228,26 +227,25 @@ impl Place<'_> {
                         "smooth glass; rough glass is read from glTF and pbrt",
                     ));
                 }
-                Material::glass(
-                    name,
-                    self.number(&format!("{what}, glass"), index, 1.0..=4.0, "an index of refraction from 1 to 4")?,
-                    None,
-                )
+                let index = self.number(&format!("{what}, glass"), index, 1.0..=4.0, "an index of refraction from 1 to 4")?;
+                b.material(Material::glass(name, index, None))
             }
-            _ => Material::new(name, Scattering::Black),
+            _ if roughness.is_some() => return Err(self.wrong(&what, "roughness without color or metal", "one of them")),
+            _ => b.material(Material::new(name, Scattering::Black)),
         };
         match look.light {
             Some(light) => {
                 let radiance = self.light(&format!("{what}, light"), light, look.temperature.unwrap_or(INCANDESCENT))?;
                 let emission = Emission::one_sided(radiance);
-                material.emission = Some(Emission { two_sided: look.two_sided.unwrap_or(false), ..emission });
+                b.0.materials[number as usize].emission =
+                    Some(Emission { two_sided: look.two_sided.unwrap_or(false), ..emission });
             }
             None if look.temperature.is_some() || look.two_sided.is_some() => {
                 return Err(self.wrong(&what, "temperature or two_sided without light", "light = cd/m²"));
             }
             None => {}
         }
-        Ok(material)
+        Ok(number)
     }
 }
 
@@ -267,7 +265,7 @@ pub fn load(bytes: &[u8], name: &str) -> Result<Description, SceneError> {
     let mut b = Builder(Description { name: name.into(), ..Default::default() });
     let mut numbers = BTreeMap::new();
     for (material, look) in &sheet.material {
-        let number = b.material(place.material(material, look)?);
+        let number = place.material(&mut b, material, look)?;
         numbers.insert(material.as_str(), number);
     }
     let made_of = |what: &str, material: &str| {
@@ -424,6 +422,7 @@ mod tests {
             ("[material]\nw = { metal = 'tin' }".to_owned(), "silver, gold"),
             ("[material]\nw = { glass = 1.5, color = 1 }".to_owned(), "more than one"),
             ("[material]\nw = { color = 1, temperature = 3000 }".to_owned(), "without light"),
+            ("[material]\nw = { light = 1, roughness = 0.2 }".to_owned(), "roughness without"),
             (format!("{start}[camera]\nlook_from = [0,0,0]\nlook_at = [0,0,0]"), "same place"),
             (start.to_owned(), "no surface"),
             ("a = [".to_owned(), "line 1"),
