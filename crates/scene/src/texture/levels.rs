@@ -43,7 +43,11 @@ impl Footprint {
 impl Texture {
     /// Makes the levels that [`Texture::filtered`] asks for, with the threads of the current pool.
     pub(crate) fn make_levels(&self) {
-        self.image.levels.0[self.codes as usize].get_or_init(|| smaller(&self.image, self.codes).into());
+        let levels = &self.image.levels.0[self.codes as usize];
+        if levels.get().is_none() {
+            // Not within the cell: a thread that waits for the pool there may be handed a task that wants the cell, too. Who comes second made the same.
+            let _ = levels.set(smaller(&self.image, self.codes).into());
+        }
     }
 
     /// RGBA at texture coordinates, linear: the mean over a footprint if there is one, it is larger than a pixel, and there are levels
