@@ -9,6 +9,7 @@ mod diffraction;
 mod fireflies;
 mod frames;
 mod integrator;
+mod landings;
 mod light_tracing;
 mod paged;
 mod pixel_cone;

@@ -144,6 +144,11 @@ impl Shutter {
         }
     }
 
+    /// Whether pixels are open at times of their own.
+    pub(crate) fn differs_by_pixel(&self) -> bool {
+        matches!(self.mechanism, Mechanism::FocalPlane { .. } | Mechanism::Rolling { .. })
+    }
+
     /// From the first movement of the blades to the moment they turn back, s: what makes the full aperture worth the marked time.
     ///
     /// A point at radius ρ is clear from ρ r to e + min(e, r) − ρ r; the mean over the disk is e − r / 3 when the blades open fully

@@ -2,6 +2,7 @@
 
 use super::diffraction::{Displaced, Optics};
 use super::fireflies::Cascade;
+use super::landings::{Landing, Landings, Square};
 use super::light_tracing::{CameraSample, LightTracing};
 use super::pixel_cone::PixelCones;
 use super::response::{Curves, GROUP, Response, add_to};
@@ -282,6 +283,10 @@ impl Unit<'_> {
         let (mut filter, mut moved, mut shifts) =
             ([glam::DVec2::ZERO; LANES], [glam::DVec2::ZERO; LANES], [glam::DVec2::ZERO; LANES]);
         let mut displaced: [Option<Displaced>; LANES] = [None; LANES];
+        let mut landings = match radiance_only || self.behind.is_some() {
+            true => None,
+            false => Landings::new(&samples, column..column + width, self.settings.sampler, film),
+        };
         let mut from_sensor = self.behind.as_ref().map(|behind| FromSensor { behind, rays: [None; LANES], film, shifts });
         let mut drawn: Vec<(usize, usize, Sampler, Wavelengths, f32)> = Vec::with_capacity(LANES);
         let spp = samples.len();
@@ -375,7 +380,18 @@ impl Unit<'_> {
                     }),
                 };
                 let windows = lands.map(|p| p.map(|(x, y)| self.window(x, y, pupil)));
-                let all = windows.iter().flatten().fold((f64::INFINITY, f64::NEG_INFINITY), |a, w| (a.0.min(w.0), a.1.max(w.1)));
+                let union = |a: (f64, f64), w: (f64, f64)| (a.0.min(w.0), a.1.max(w.1));
+                let mut all = windows.iter().copied().flatten().fold((f64::INFINITY, f64::NEG_INFINITY), union);
+                let squares = match spread && landings.is_some() {
+                    true => self.squares([x, y], packet.film[k], &exits.lands[k]),
+                    false => None,
+                };
+                if let Some(squares) = &squares
+                    && self.shutter.differs_by_pixel()
+                {
+                    let below = squares.iter().flat_map(Square::parts).map(|([x, y], _)| self.window(x, y, pupil));
+                    all = below.fold(all, union);
+                }
                 if all.0 >= all.1 {
                     continue;
                 }
@@ -433,6 +449,27 @@ impl Unit<'_> {
                     self.add(tile_sums.pixel(x, y), half, 1.0, value);
                     continue;
                 }
+                if let (Some(landings), Some(squares)) = (&mut landings, squares) {
+                    if landings.is_of_other([x, y]) {
+                        self.end_pixel(landings, &mut tile_sums);
+                    }
+                    // The hero lands where it started: nothing is up to chance.
+                    for c in 1..4 {
+                        let gain = wavelengths.weight[c] * exits.weight[k][c] * factors[c] * scale;
+                        if let (Some((px, py)), true) = (lands[c], gain > 0.0) {
+                            let landing = Landing {
+                                nm: nm[c],
+                                radiance: radiance[c],
+                                gain,
+                                pixel: [px, py],
+                                square: squares[c - 1],
+                                time,
+                                pupil,
+                            };
+                            landings.note([x, y], sampler.number(), landing);
+                        }
+                    }
+                }
                 for c in 0..4 {
                     let weight = exits.weight[k][c] * counted[c];
                     if let (Some((px, py)), Some((open, close))) = (lands[c], windows[c])
@@ -447,7 +484,41 @@ impl Unit<'_> {
             }
             first += count;
         }
+        if let Some(landings) = &mut landings {
+            self.end_pixel(landings, &mut tile_sums);
+        }
         tile_sums.done()
+    }
+
+    /// Where the pixel as a whole lands at each wavelength but the hero's; `None` where not all of it lands on the film, where which wavelengths are collected depends on
+    /// the place in the pixel.
+    fn squares(&self, pixel: [usize; 2], started: glam::DVec2, lands: &[[f32; 2]; 4]) -> Option<[Square; 3]> {
+        let film = &self.camera.film;
+        let mut squares = [None; 3];
+        for (square, land) in squares.iter_mut().zip(&lands[1..]) {
+            let moved = glam::Vec2::from_array(*land).as_dvec2() - started;
+            let displaced = [-moved.x * film.columns as f64 / film.width_mm, moved.y * film.rows as f64 / film.height_mm];
+            *square = Some(Square::new(film, pixel, displaced)?);
+        }
+        let [Some(a), Some(b), Some(c)] = squares else { return None };
+        Some([a, b, c])
+    }
+
+    /// Takes what could be foretold of a pixel's samples from where it landed, and gives it to where all of the pixel would have.
+    fn end_pixel(&self, landings: &mut Landings, sums: &mut TileSums) {
+        let bands = self.curves_len();
+        let by_pixel = self.shutter.differs_by_pixel();
+        let open = |[x, y]: [usize; 2], landing: &Landing| {
+            !by_pixel || {
+                let (open, close) = self.window(x, y, landing.pupil);
+                (open..=close).contains(&landing.time)
+            }
+        };
+        let response = |group: usize, nm: f32| self.curves.at(group, nm);
+        landings.end_pixel(bands.div_ceil(GROUP), response, open, |[x, y], half, values| {
+            let signal = &mut sums.pixel(x, y)[..bands];
+            signal.chunks_mut(GROUP).zip(values).for_each(|(bands, value)| add_to(bands, half, *value));
+        });
     }
 
     /// Radiance along a camera ray; of lamps seen directly what the camera sample counts beside light that is traced from them.
