@@ -40,6 +40,8 @@ struct PathSample {
     displaced: Option<Displaced>,
     /// Film point where the light would have arrived without diffraction, mm.
     arrived: glam::DVec2,
+    /// Fraction of each wavelength that is direct light, where that is recorded.
+    direct: Option<[f32; 4]>,
 }
 
 /// The ray of a sample into the scene, and what its light counts for.
@@ -158,6 +160,8 @@ pub(super) struct Unit<'a> {
     pub optics: Option<&'a Optics>,
     /// Whether pixels have sums for what lamps send far out.
     pub stars: bool,
+    /// Where the sums of direct light begin, where it is recorded.
+    pub direct: Option<usize>,
     /// How wide pixels are in the scene, where pictures are filtered.
     pub cones: Option<PixelCones>,
 }
@@ -225,8 +229,9 @@ impl Unit<'_> {
                     let sampler = self.sampler(x, y, i);
                     let Some(arrival) = self.sample(x, y, &sampler, light_paths) else { continue };
                     let weighted = times(arrival.weighted, arrival.factors);
-                    let value = |group: usize| self.curves.value(group, arrival.nm, weighted) * arrival.exposure;
-                    self.add(&mut pixel, sampler.replicate(), 1.0, value);
+                    let of = |weighted| move |group: usize| self.curves.value(group, arrival.nm, weighted) * arrival.exposure;
+                    let direct = arrival.direct.map(|fraction| of(times(weighted, fraction)));
+                    self.add(&mut pixel, sampler.replicate(), 1.0, of(weighted), direct);
                 }
                 so_far.copy_from_slice(pixel.as_flattened());
             }
@@ -251,12 +256,14 @@ impl Unit<'_> {
                         let from = self.camera.pixel_of(arrival.arrived.as_vec2().to_array());
                         for c in 0..4 {
                             let value = |group: usize| self.curves.at(group, nm[c]) * (sent[c] * arrival.exposure);
-                            self.note_star(&mut tile_sums, from, half, nm[c], value);
+                            let direct = arrival.direct.map_or(0.0, |fraction| fraction[c]);
+                            self.note_star(&mut tile_sums, from, half, nm[c], direct, value);
                         }
                         weighted = times(weighted, displaced.gathered());
                     }
-                    let value = |group: usize| self.curves.value(group, nm, weighted) * arrival.exposure;
-                    self.add(tile_sums.pixel(x, y), half, 1.0, value);
+                    let of = |weighted| move |group: usize| self.curves.value(group, nm, weighted) * arrival.exposure;
+                    let direct = arrival.direct.map(|fraction| of(times(weighted, fraction)));
+                    self.add(tile_sums.pixel(x, y), half, 1.0, of(weighted), direct);
                 }
             }
         }
@@ -389,7 +396,7 @@ impl Unit<'_> {
                     let density = 0.25 * f64::from(exits.density[k].iter().sum::<f32>());
                     CameraSample { origin, direction, ray, time, seconds, density }
                 });
-                let radiance = self.radiance(light_paths, camera_sample, [x, y], ray, &wavelengths, sampler);
+                let (radiance, direct) = self.radiance(light_paths, camera_sample, [x, y], ray, &wavelengths, sampler);
                 let weighted = (radiance * wavelengths.weight).to_array();
                 // One bad number must not poison a pixel.
                 if !weighted.iter().all(|v| v.is_finite()) {
@@ -423,14 +430,16 @@ impl Unit<'_> {
                         };
                         let from = self.camera.pixel_of(arrived.as_vec2().to_array());
                         let value = |group: usize| self.curves.at(group, nm[c]) * (sent[c] * scale);
-                        self.note_star(&mut tile_sums, from, half, nm[c], value);
+                        let direct = direct.map_or(0.0, |fraction| fraction[c]);
+                        self.note_star(&mut tile_sums, from, half, nm[c], direct, value);
                     }
                 }
                 if !spread {
                     // All colours where the sample was asked for.
                     let weighted = times(weighted, counted);
-                    let value = |group: usize| self.curves.value(group, nm, weighted) * (weights[0] * scale);
-                    self.add(tile_sums.pixel(x, y), half, 1.0, value);
+                    let of = |weighted| move |group: usize| self.curves.value(group, nm, weighted) * (weights[0] * scale);
+                    let direct = direct.map(|fraction| of(times(weighted, fraction)));
+                    self.add(tile_sums.pixel(x, y), half, 1.0, of(weighted), direct);
                     continue;
                 }
                 for c in 0..4 {
@@ -440,8 +449,9 @@ impl Unit<'_> {
                         && (open..=close).contains(&time)
                     {
                         // A quarter of the sample: all of it would be four times as bright.
-                        let value = |group: usize| self.curves.at(group, nm[c]) * (weighted[c] * weight * scale);
-                        self.add(tile_sums.pixel(px, py), half, 4.0, value);
+                        let of = |weighted: f32| move |group: usize| self.curves.at(group, nm[c]) * (weighted * weight * scale);
+                        let direct = direct.map(|fraction| of(weighted[c] * fraction[c]));
+                        self.add(tile_sums.pixel(px, py), half, 4.0, of(weighted[c]), direct);
                     }
                 }
             }
@@ -450,7 +460,7 @@ impl Unit<'_> {
         tile_sums.done()
     }
 
-    /// Radiance along a camera ray; of lamps seen directly what the camera sample counts beside light that is traced from them.
+    /// Radiance along a camera ray, and the fraction of each wavelength that is direct light, where that is recorded; of lamps seen directly what the camera sample counts beside light that is traced from them.
     #[inline]
     fn radiance(
         &self,
@@ -460,7 +470,7 @@ impl Unit<'_> {
         ray: Ray,
         wavelengths: &Wavelengths,
         sampler: &Sampler,
-    ) -> glam::Vec4 {
+    ) -> (glam::Vec4, Option<[f32; 4]>) {
         let cone = PixelCones::cone(self.cones.as_ref(), pixel, sampler.number(), ray);
         let replicate = sampler.replicate();
         let light_paths = LightPaths {
@@ -468,18 +478,34 @@ impl Unit<'_> {
             vertices: light_paths.vertices.map(|pools| &pools[replicate]),
         };
         let path = &self.settings.path;
+        let along = |shown| match self.direct {
+            None => (self.scene.radiance_shown(light_paths, shown, cone, wavelengths, sampler, path), None),
+            Some(_) => {
+                let [all, direct] = self.scene.radiance_and_direct(light_paths, shown, cone, wavelengths, sampler, path);
+                let fraction = std::array::from_fn(|c| if all[c] > 0.0 { direct[c] / all[c] } else { 0.0 });
+                (all, Some(fraction))
+            }
+        };
         match (&self.lamps, sample) {
             (Some(lamps), Some(sample)) => {
                 let weight = |number: u32, met: glam::Vec3| lamps.weight(self, &sample, number, met);
-                self.scene.radiance_shown(light_paths, Some(lamps.shown(&weight)), cone, wavelengths, sampler, path)
+                along(Some(lamps.shown(&weight)))
             }
-            _ => self.scene.radiance_shown(light_paths, None, cone, wavelengths, sampler, path),
+            _ => along(None),
         }
     }
 
-    /// Adds a part of a sample to the sums of a pixel. `value`: what it adds to a group of bands; `parts`: how many such parts make a sample.
+    /// Adds a part of a sample to the sums of a pixel. `value`: what it adds to a group of bands; `direct`: what of it is direct light, where that is recorded;
+    /// `parts`: how many such parts make a sample.
     #[inline]
-    fn add(&self, pixel: &mut [[f64; 2]], half: usize, parts: f32, value: impl Fn(usize) -> glam::Vec4) {
+    fn add(
+        &self,
+        pixel: &mut [[f64; 2]],
+        half: usize,
+        parts: f32,
+        value: impl Fn(usize) -> glam::Vec4,
+        direct: Option<impl Fn(usize) -> glam::Vec4>,
+    ) {
         let bands = self.curves_len();
         let (signal, buffers) = pixel.split_at_mut(bands);
         let mut brightest = 0.0f32;
@@ -489,6 +515,14 @@ impl Unit<'_> {
             if value.is_finite() {
                 add_to(bands, half, value);
                 brightest = brightest.max(value.max_element());
+            }
+        }
+        if let (Some(from), Some(direct)) = (self.direct, direct) {
+            for (group, sums) in buffers[from - bands..from].chunks_mut(GROUP).enumerate() {
+                let direct = direct(group);
+                if direct.is_finite() {
+                    add_to(sums, half, direct);
+                }
             }
         }
         if let Some(cascade) = &self.cascade {
@@ -504,19 +538,25 @@ impl Unit<'_> {
     }
 
     /// Notes what a wavelength of a lamp sends far out, a quarter of a sample, in the pixel where it would have arrived. From beyond the film nothing is
-    /// sent.
+    /// sent. `direct`: what fraction of it is direct light.
+    #[allow(clippy::too_many_arguments)]
     fn note_star(
         &self,
         sums: &mut TileSums,
         from: Option<(usize, usize)>,
         half: usize,
         nm: f32,
+        direct: f32,
         value: impl Fn(usize) -> glam::Vec4,
     ) {
         let Some((x, y)) = from else { return };
         let bands = self.curves_len();
-        let before = summed_bands(bands, self.cascade.is_some(), false);
-        stars::note(&mut sums.pixel(x, y)[before..], bands, half, nm, 0.25, value);
+        let before = summed_bands(bands, self.cascade.is_some(), false, false);
+        let pixel = sums.pixel(x, y);
+        if let Some(from) = self.direct {
+            stars::note_direct(&mut pixel[from + bands..from + 2 * bands], half, direct, &value);
+        }
+        stars::note(&mut pixel[before..], bands, half, nm, 0.25, value);
     }
 
     /// The number that chooses the wavelengths: with diffraction one that is spread evenly together with those of the displacement, on which, with it, the
@@ -535,9 +575,9 @@ impl Unit<'_> {
         Some(optics.displaced(middle, wavelengths.nm.to_array(), [u, v]))
     }
 
-    /// Bands that are summed: those of the film, of each buffer of the cascade, and of stars.
+    /// Bands that are summed: those of the film, of each buffer of the cascade, of stars, and of direct light.
     fn summed_bands(&self) -> usize {
-        summed_bands(self.curves_len(), self.cascade.is_some(), self.stars)
+        summed_bands(self.curves_len(), self.cascade.is_some(), self.stars, self.direct.is_some())
     }
 
     /// Whether the film records radiance.
@@ -608,7 +648,7 @@ impl Unit<'_> {
             let (origin, direction) = (lens_ray.origin_mm, lens_ray.direction);
             CameraSample { origin, direction, ray, time, seconds, density: entry.density }
         });
-        let radiance = self.radiance(light_paths, camera_sample, [column, row], ray, &wavelengths, sampler);
+        let (radiance, direct) = self.radiance(light_paths, camera_sample, [column, row], ray, &wavelengths, sampler);
         Some(PathSample {
             nm: wavelengths.nm.to_array(),
             weighted: (radiance * wavelengths.weight).to_array(),
@@ -616,6 +656,7 @@ impl Unit<'_> {
             factors: displaced.map_or([1.0; 4], |d| d.factors([1.0; 4])),
             displaced,
             arrived,
+            direct,
         })
     }
 
