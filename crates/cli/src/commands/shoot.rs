@@ -201,7 +201,7 @@ pub fn run(args: &Shoot, json: bool) -> anyhow::Result<()> {
         if let Some(output) = truth_file {
             let reader = ReadOut::new(&shot.sensor, &shot.reading, size, &plane.bands, plane.facts.exposure_s)?;
             let reader = reader.with_rows_of(&plane.facts);
-            of_this.push(output.commit(|to| Ok(truth::write(plane, &reader, &raw, to)?))?);
+            of_this.push(output.commit(|to| Ok(truth::write(plane, &reader, &raw, args.truth_layout.layout(), to)?))?);
         }
         let format = Format { storage: args.raw.storage(), ..Format::default() };
         let only_looked_at = pictures.iter().all(|(kind, _)| kind.is_looked_at());
