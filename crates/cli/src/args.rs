@@ -358,6 +358,25 @@ pub struct Build {
     pub output: Option<PathBuf>,
 }
 
+/// How the channels of a truth file are laid out.
+#[derive(clap::ValueEnum, Clone, Copy, Debug, PartialEq, Eq)]
+pub enum TruthLayout {
+    /// All channels in one part.
+    SinglePart,
+    /// A part for each kind of truth: light, raw, depth, normal ...
+    MultiPart,
+}
+
+impl TruthLayout {
+    /// As the writer has it.
+    pub fn layout(self) -> diopter::image::exr::TruthLayout {
+        match self {
+            TruthLayout::SinglePart => diopter::image::exr::TruthLayout::SinglePart,
+            TruthLayout::MultiPart => diopter::image::exr::TruthLayout::MultiPart,
+        }
+    }
+}
+
 /// What MTF is plotted over.
 #[derive(clap::ValueEnum, Clone, Copy, Debug, PartialEq, Eq)]
 pub enum MtfOver {
@@ -1192,6 +1211,9 @@ pub struct Shoot {
     /// Write the truth of each pixel (EXR): noise-free electrons, variances, clipping, depth, ids.
     #[arg(long, value_name = "FILE")]
     pub truth: Option<PathBuf>,
+    /// How the channels of --truth are laid out in the file.
+    #[arg(long, value_enum, value_name = "LAYOUT", default_value = "single-part", requires = "truth")]
+    pub truth_layout: TruthLayout,
     /// Keep the focal plane too (EXR).
     #[arg(long, value_name = "FILE")]
     pub keep_plane: Option<PathBuf>,
@@ -1323,6 +1345,9 @@ pub struct ReadOut {
     /// Write the truth of each pixel (EXR): noise-free electrons, variances, clipping, depth, ids.
     #[arg(long, value_name = "FILE")]
     pub truth: Option<PathBuf>,
+    /// How the channels of --truth are laid out in the file.
+    #[arg(long, value_enum, value_name = "LAYOUT", default_value = "single-part", requires = "truth")]
+    pub truth_layout: TruthLayout,
     /// Raw file to write (.dng).
     #[arg(short, long, value_name = "FILE")]
     pub output: PathBuf,

@@ -141,7 +141,7 @@ const GROUPS: [Group; 11] = [
     Group {
         heading: "Output",
         common: &["output"],
-        other: &["keep-plane", "truth", "truth-channels", "merge", "stack", "save-shot"],
+        other: &["keep-plane", "truth", "truth-layout", "truth-channels", "merge", "stack", "save-shot"],
     },
     Group {
         heading: "Contact sheet",

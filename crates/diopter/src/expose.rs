@@ -33,7 +33,7 @@ use crate::row_store::{PagedRows, RowStore};
 use crate::shutter::{Shutter, ShutterTimes};
 use crate::stray::{Seen, Stray, StrayLight};
 use diffraction::Optics;
-use diopter_image::channels::Channel;
+use diopter_image::channels::{Channel, DIRECT, INDIRECT};
 use diopter_image::focal_plane::{BandUnit, STRIP_STEP, Truth, bytes_a_pixel};
 use diopter_image::{ExposureFacts, FocalPlane, Raster};
 use diopter_lens::Lens;
@@ -51,7 +51,7 @@ use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::time::Instant;
-use sums::{Tile, means};
+use sums::{Finished, Tile, means, tell_direct};
 use tile::{PassPaths, RADIANCE_REDRAWS, Unit};
 use truth::Recorder;
 
@@ -145,6 +145,11 @@ impl Settings {
             diffraction: Diffraction::Off,
             stray: Stray::NONE,
         }
+    }
+
+    /// Whether direct light is summed apart.
+    pub fn records_direct(&self) -> bool {
+        self.truth && self.truth_channels.iter().any(|c| *c == DIRECT || *c == INDIRECT)
     }
 
     /// Whether all samples are rendered, not a part of them.
@@ -274,9 +279,11 @@ pub fn bytes_needed(bands: usize, summed: usize) -> (usize, usize) {
     (sums + plane, TILES_AT_ONCE * rayon::current_num_threads().max(1) * tile)
 }
 
-/// Bands that the sums of an exposure hold, of so many that the film records: more where fireflies are re-weighted, and where lamps make stars.
-pub fn summed_bands(bands: usize, fireflies: bool, stars: bool) -> usize {
-    bands * if fireflies { SUMS_WITH_CASCADE } else { 1 } + if stars { star_sums(bands) } else { 0 }
+/// Bands that the sums of an exposure hold, of so many that the film records: more where fireflies are re-weighted, where lamps make stars, and where direct
+/// light is recorded.
+pub fn summed_bands(bands: usize, fireflies: bool, stars: bool, direct: bool) -> usize {
+    let light = bands * if fireflies { SUMS_WITH_CASCADE } else { 1 } + if stars { star_sums(bands) } else { 0 };
+    light + if direct { bands * if stars { 2 } else { 1 } } else { 0 }
 }
 
 /// Samples of a pass: a power of two that depends on the number of pixels alone.
@@ -301,7 +308,7 @@ impl Exposure<'_> {
         let started = Instant::now();
         let film = &self.camera.film;
         // Before the samples: a time limit then knows how long it takes.
-        let truth = match self.settings.truth {
+        let mut truth = match self.settings.truth {
             true => self.recorder().rows(0..film.rows, watch.cancel).ok_or(ExposeError::Cancelled)?,
             false => Truth::missing(self.recorder().recorded(), film.columns, film.rows),
         };
@@ -314,11 +321,15 @@ impl Exposure<'_> {
             camera: self.camera,
             seed: self.settings.seed,
             bands,
-            before: summed_bands(bands, self.cascade().is_some(), false),
+            before: summed_bands(bands, self.cascade().is_some(), false, false),
+            direct: self.direct().map(|from| from + bands),
             reweight: self.cascade().is_some(),
         });
-        let (mean, half_difference, removed) = sums.finish(bands, self.cascade(), stars);
+        let Finished { mean, half_difference, removed, direct } = sums.finish(bands, self.cascade(), stars, self.direct());
         facts.fireflies_removed = removed;
+        if let Some(direct) = direct {
+            tell_direct(&mut truth, &self.response.bands, &mean, &direct);
+        }
         let plane = FocalPlane { bands: self.response.bands.clone(), mean, half_difference, truth, facts };
         Ok(Exposed { plane, stopped, stray: None })
     }
@@ -388,7 +399,7 @@ impl Exposure<'_> {
             Diffraction::Off => Diffraction::Off,
             Diffraction::On { .. } => Diffraction::On { white_e: None },
         };
-        let settings = Settings { fireflies: Fireflies::Keep, diffraction, ..self.settings.clone() };
+        let settings = Settings { truth: false, fireflies: Fireflies::Keep, diffraction, ..self.settings.clone() };
         let exposure = Exposure { settings: &settings, ..*self };
         let optics = exposure.optics();
         let (curves, wavelengths) = exposure.curves();
@@ -454,6 +465,7 @@ impl Exposure<'_> {
             cascade: self.cascade(),
             optics,
             stars,
+            direct: self.direct(),
             cones: PixelCones::of(scene, camera),
             lamps: None,
         }
@@ -489,7 +501,15 @@ impl Exposure<'_> {
 
     /// Bands that are summed: those of the film, of each buffer of the cascade, and of stars.
     fn summed_bands(&self) -> usize {
-        summed_bands(self.response.curves.len(), self.cascade().is_some(), self.makes_stars())
+        let (fireflies, stars) = (self.cascade().is_some(), self.makes_stars());
+        summed_bands(self.response.curves.len(), fireflies, stars, self.settings.records_direct())
+    }
+
+    /// Where the sums of direct light begin, where it is recorded.
+    fn direct(&self) -> Option<usize> {
+        let bands = self.response.curves.len();
+        let before = summed_bands(bands, self.cascade().is_some(), self.makes_stars(), false);
+        self.settings.records_direct().then_some(before)
     }
 
     /// The sums to go on from, or new ones.
@@ -630,7 +650,7 @@ impl Exposure<'_> {
                 if sums.tiles == tiles {
                     if let Some(lamps) = &unit.lamps {
                         let stop = || at_once_if_stopped && stopped();
-                        let traced = lamps.pass(&unit, pass.clone(), stop, |splats| sums.add_splats(splats))?;
+                        let traced = lamps.pass(&unit, pass.clone(), stop, |splats| sums.add_splats(splats, unit.direct))?;
                         traced.ok_or(ExposeError::Cancelled)?;
                     }
                     sums.samples.end = pass.end;

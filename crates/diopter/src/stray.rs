@@ -354,7 +354,7 @@ impl StrayLight {
 }
 
 /// Bands that stand for red, green and blue: those of these names, else the first, the middle and the last.
-fn colors_of(bands: &[Band]) -> [usize; 3] {
+pub(crate) fn colors_of(bands: &[Band]) -> [usize; 3] {
     let last = bands.len().saturating_sub(1);
     let named = |name: &str, otherwise: usize| bands.iter().position(|b| b.name == name).unwrap_or(otherwise);
     [named("R", 0), named("G", last / 2), named("B", last)]

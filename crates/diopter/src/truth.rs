@@ -1,5 +1,6 @@
 //! What is true of each pixel of a raw file: for training and for tests, beside the noisy numbers.
 
+use diopter_image::exr::{Part, TruthLayout};
 use diopter_image::truth::Values;
 use diopter_image::{FocalPlane, ImageError, RawImage, exr};
 use diopter_sensor::{ReadOut, Window};
@@ -15,8 +16,17 @@ use std::io::{Seek, Write};
 /// - each band of the plane (`R`, `G`, `B` ...): mean electrons through that filter at every pixel;
 /// - the truth channels that the plane holds ([`diopter_image::channels`]): `Z` (m), `normal.X/Y/Z`, `albedo.R/G/B`, `id` ...
 ///
+/// In several parts ([`TruthLayout::MultiPart`]) the bands are the part `light`, what concerns the read-out is the part `raw`, and each truth channel has one of its
+/// own, by the name of the table (`depth`, `normal` ...); channels have the same names as in one part.
+///
 /// All of it is in memory at once, about 80 bytes a pixel and what more truth was asked for. What blooms from one pixel into others is not in it.
-pub fn write(plane: &FocalPlane, reader: &ReadOut, raw: &RawImage, to: impl Write + Seek) -> Result<(), ImageError> {
+pub fn write(
+    plane: &FocalPlane,
+    reader: &ReadOut,
+    raw: &RawImage,
+    layout: TruthLayout,
+    to: impl Write + Seek,
+) -> Result<(), ImageError> {
     let (width, height) = (plane.width(), plane.height());
     let header = &raw.header;
     let n = width * height;
@@ -34,16 +44,21 @@ pub fn write(plane: &FocalPlane, reader: &ReadOut, raw: &RawImage, to: impl Writ
         }
     }
     let names = ["electrons", "dark", "dn", "variance.sensor", "variance.monte_carlo"];
-    let mut floats: Vec<(&str, Vec<f32>)> = names.into_iter().zip(planes).collect();
-    floats.extend(plane.bands.iter().enumerate().map(|(b, band)| (band.name.as_str(), plane.mean.channel(b))));
-    let mut whole = vec![("clipped", clipped)];
+    let bands = plane.bands.iter().enumerate().map(|(b, band)| (band.name.as_str(), plane.mean.channel(b)));
+    let mut parts = vec![
+        Part { name: "light", floats: bands.collect(), whole: vec![] },
+        Part { name: "raw", floats: names.into_iter().zip(planes).collect(), whole: vec![("clipped", clipped)] },
+    ];
     for (channel, values) in plane.truth.iter() {
+        let mut part = Part { name: channel.name, ..Part::default() };
+        let exr = channel.exr.iter().enumerate();
         match values {
-            Values::Float(raster) => floats.extend(channel.exr.iter().enumerate().map(|(c, name)| (*name, raster.channel(c)))),
-            Values::Whole(raster) => whole.extend(channel.exr.iter().enumerate().map(|(c, name)| (*name, raster.channel(c)))),
+            Values::Float(raster) => part.floats.extend(exr.map(|(c, name)| (*name, raster.channel(c)))),
+            Values::Whole(raster) => part.whole.extend(exr.map(|(c, name)| (*name, raster.channel(c)))),
         }
+        parts.push(part);
     }
-    exr::write_truth([width, height], floats, whole, plane.truth.recorded(), &header.facts, to)
+    exr::write_truth([width, height], parts, layout, plane.truth.recorded(), &header.facts, to)
 }
 
 #[cfg(test)]
@@ -64,10 +79,20 @@ mod tests {
         let reading = Reading::new(100.0, 1);
         let raw = read_out(&plane, &sensor, &reading, &white).unwrap();
         let reader = ReadOut::new(&sensor, &reading, [6, 4], &plane.bands, plane.facts.exposure_s).unwrap();
-        let mut file = Cursor::new(Vec::new());
-        write(&plane, &reader, &raw, &mut file).unwrap();
-        file.set_position(0);
-        let channel = |name: &str| exr::read_plane(Cursor::new(file.get_ref()), name).unwrap();
+        let files = [TruthLayout::SinglePart, TruthLayout::MultiPart].map(|layout| {
+            let mut file = Cursor::new(Vec::new());
+            write(&plane, &reader, &raw, layout, &mut file).unwrap();
+            file.into_inner()
+        });
+        // Names of parts are attributes: name, type, length and text.
+        let part = |text: &[u8]| files.each_ref().map(|file| file.windows(text.len()).any(|bytes| bytes == text));
+        let [light, normal] = [part(b"name\0string\0\x05\0\0\0light"), part(b"name\0string\0\x06\0\0\0normal")];
+        assert_eq!([light, normal], [[false, true]; 2]);
+        let [single, multi] = files.each_ref().map(|file| move |name: &str| exr::read_plane(Cursor::new(file), name).unwrap());
+        for name in ["electrons", "clipped", "G", "normal.Y", "id", "variance.sensor"] {
+            assert_eq!(single(name), multi(name), "{name}");
+        }
+        let channel = multi;
         // The T2i's pattern is GB/RG: pixel 0 is green and full, 1 blue, 6 (the next row) red.
         assert_eq!([channel("electrons")[1], channel("electrons")[6], channel("B")[0]], [300.0, 100.0, 300.0]);
         assert_eq!([channel("clipped")[0], channel("clipped")[1]], [3.0, 0.0]);

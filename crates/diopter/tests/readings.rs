@@ -3,10 +3,14 @@
 mod common;
 
 use common::{Pattern, cards};
+use diopter::develop::Recipe;
 use diopter::expose::Watch;
+use diopter::image::dng::{self, Storage};
 use diopter::image::{FocalPlane, RawImage};
+use diopter::raw_file;
 use diopter::shot::{Inputs, Sequence, Shot, ShotFile};
 use std::f64::consts::PI;
+use std::io::Cursor;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
@@ -79,6 +83,27 @@ fn both_photodiodes_together_have_the_electrons_of_the_whole_pixel() {
         assert_eq!(left.1.header.facts.serial, "000001");
         assert!((left.1.header.baseline_ev - right.1.header.baseline_ev).abs() < 1e-12);
     }
+}
+
+#[test]
+fn files_say_which_photodiodes_they_hold() {
+    let even = cards(&[(Pattern::Wall, 50.0, [-0.01, 0.01, -0.01, 0.01])], 10.0, 50.0).description().clone();
+    let pair = taken(&asked("thin", "dual_pixel = true", "24x16", 2), Some(even.clone()));
+    for ((plane, raw), side) in pair.iter().zip(["left", "right"]) {
+        assert_eq!((plane.facts.photodiodes.as_str(), raw.header.facts.photodiodes.as_str()), (side, side));
+        let mut file = Cursor::new(Vec::new());
+        raw_file::write_image(raw, Storage::Lossless, &Recipe::default(), &mut file).unwrap();
+        // For other programs in the description, for ours among the facts.
+        let text = format!("{side} photodiodes of split pixels");
+        assert!(file.get_ref().windows(text.len()).any(|bytes| bytes == text.as_bytes()), "{side}");
+        file.set_position(0);
+        assert_eq!(dng::read(file).unwrap().header.facts.photodiodes, side);
+    }
+    // Halves are no two parts of the samples of one picture.
+    let e = FocalPlane::merge(&[pair[0].0.clone(), pair[1].0.clone()]).unwrap_err().to_string();
+    assert!(e.contains("exposure"), "{e}");
+    let whole = &taken(&asked("thin", "", "24x16", 2), Some(even))[0].1.header.facts;
+    assert!(whole.photodiodes.is_empty() && !serde_json::to_string(whole).unwrap().contains("photodiodes"));
 }
 
 #[test]

@@ -22,8 +22,10 @@ pub enum Numbers {
 pub enum Merge {
     /// Of one ray, the chief ray of the pixel's middle: all parts hold the same, and that of the part given first is taken.
     Nearest,
-    /// Mean over the samples: parts are weighted by their numbers of samples.
+    /// Mean over the samples that channels look at ([`COVERAGE_SAMPLES`]): parts are weighted by their numbers of these.
     Mean,
+    /// Mean over all samples of the picture: parts are weighted as their light is.
+    Light,
     /// Pairs of identifier and coverage, most coverage first: coverage is weighted as a mean, identifier by identifier.
     Ranks,
 }
@@ -34,6 +36,7 @@ impl Merge {
         match self {
             Merge::Nearest => "nearest",
             Merge::Mean => "mean over samples",
+            Merge::Light => "mean over all samples",
             Merge::Ranks => "coverage over samples",
         }
     }
@@ -87,9 +90,13 @@ pub const ALBEDO: &Channel = &CHANNELS[2];
 pub const ID: &Channel = &CHANNELS[3];
 /// What stray light changed: filled by what adds it.
 pub const STRAY_LIGHT: &Channel = &CHANNELS[15];
+/// Direct light: filled by the sums of the exposure.
+pub const DIRECT: &Channel = &CHANNELS[16];
+/// Indirect light: filled by the sums of the exposure.
+pub const INDIRECT: &Channel = &CHANNELS[17];
 
 /// All channels; the first four are always recorded.
-pub static CHANNELS: [Channel; 18] = [
+pub static CHANNELS: [Channel; 20] = [
     Channel {
         name: "depth",
         exr: &["Z"],
@@ -260,11 +267,33 @@ pub static CHANNELS: [Channel; 18] = [
         exr: &["stray.R", "stray.G", "stray.B"],
         numbers: Numbers::Float,
         unit: "e⁻",
-        merge: Merge::Mean,
+        merge: Merge::Light,
         missing: 0.0,
         needs_frames: false,
         needs_pupil: false,
         about: "what ghosts and veiling glare add to the mean of red, green and blue (of other bands: the first, the middle and the last); negative where scatter takes light away: the mean without it is the picture without them",
+    },
+    Channel {
+        name: "direct",
+        exr: &["direct.R", "direct.G", "direct.B"],
+        numbers: Numbers::Float,
+        unit: "e⁻",
+        merge: Merge::Light,
+        missing: 0.0,
+        needs_frames: false,
+        needs_pupil: true,
+        about: "what of the mean of red, green and blue (of other bands: the first, the middle and the last) was emitted towards the camera or scattered once on its way; of films of radiance in their unit",
+    },
+    Channel {
+        name: "indirect",
+        exr: &["indirect.R", "indirect.G", "indirect.B"],
+        numbers: Numbers::Float,
+        unit: "e⁻",
+        merge: Merge::Light,
+        missing: 0.0,
+        needs_frames: false,
+        needs_pupil: true,
+        about: "what was scattered more often: with direct light (and stray light) the mean before it is denoised",
     },
     Channel {
         name: "crypto-object",
@@ -396,7 +425,7 @@ mod tests {
         assert_eq!(exr.iter().collect::<BTreeSet<_>>().len(), exr.len());
         assert!(CHANNELS.iter().all(|c| Channel::named(c.name) == Some(c) && !c.exr.is_empty()));
         assert_eq!([DEPTH, NORMAL, ALBEDO, ID].map(|c| c.name), ["depth", "normal", "albedo", "id"]);
-        assert_eq!(STRAY_LIGHT.name, "stray-light");
+        assert_eq!([STRAY_LIGHT, DIRECT, INDIRECT].map(|c| c.name), ["stray-light", "direct", "indirect"]);
         assert!([DEPTH, NORMAL, ALBEDO, ID].iter().all(|c| c.merge == Merge::Nearest && c.is_always()));
     }
 

@@ -18,14 +18,21 @@ pub(crate) fn main_fields(f: &ExposureFacts) -> Vec<(u16, Field)> {
         (274, Field::short(1)),
         (305, Field::text(&f.software)),
     ];
-    if !f.scene.is_empty() {
-        fields.push((270, Field::text(&f.scene)));
-    }
+    fields.push((270, Field::Ascii(description(f))));
     if let Some(date) = &f.date {
         fields.push((306, Field::text(date)));
     }
     fields.retain(|(_, field)| !matches!(field, Field::Ascii(text) if text.is_empty()));
     fields
+}
+
+/// What is in the picture: the scene, and of split pixels which photodiodes.
+fn description(f: &ExposureFacts) -> String {
+    match (f.photodiodes.as_str(), f.scene.as_str()) {
+        ("", scene) => scene.to_owned(),
+        (side, "") => format!("{side} photodiodes of split pixels"),
+        (side, scene) => format!("{scene} ({side} photodiodes of split pixels)"),
+    }
 }
 
 /// The texts among them, in ASCII.

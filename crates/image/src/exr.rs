@@ -9,7 +9,7 @@ use crate::channels;
 use crate::cryptomatte;
 use crate::focal_plane::{Band, Truth};
 use crate::picture::in_bands;
-use crate::truth::{Recorded, Values};
+use crate::truth::{Manifest, Recorded, Values};
 use crate::{Encoding, ExposureFacts, FocalPlane, ImageError, PictureSource, Raster};
 use diopter_light::color::RgbSpace;
 use exr::prelude::*;
@@ -193,7 +193,7 @@ fn describe(bands: &[Band], recorded: &Recorded, facts: &ExposureFacts, layer: &
     let description = Description { bands: bands.to_vec(), facts: facts.clone(), truth_samples, objects };
     let json = serde_json::to_string(&description).expect("plain data becomes JSON");
     layer.software_name = Text::new_or_none(&facts.software);
-    describe_mattes(recorded, layer);
+    describe_mattes(recorded.manifests.iter(), layer);
     layer.other.insert(Text::from(ATTRIBUTE), AttributeValue::Text(Text::from(ascii(&json).as_str())));
     if bands.iter().any(|b| b.name.starts_with("S0.")) {
         // Values are per nm, the unit is written as the layout has it.
@@ -209,12 +209,12 @@ fn describe_names(recorded: &Recorded, layer: &mut LayerAttributes) {
         let json = serde_json::to_string(recorded.objects.as_ref()).expect("texts become JSON");
         layer.other.insert(Text::from("diopter.objects"), AttributeValue::Text(Text::from(ascii(&json).as_str())));
     }
-    describe_mattes(recorded, layer);
+    describe_mattes(recorded.manifests.iter(), layer);
 }
 
 /// Says what the identifiers of coverage stand for, as Cryptomatte has it.
-fn describe_mattes(recorded: &Recorded, layer: &mut LayerAttributes) {
-    for (name, text) in recorded.manifests.iter().flat_map(cryptomatte::metadata) {
+fn describe_mattes<'a>(manifests: impl Iterator<Item = &'a Manifest>, layer: &mut LayerAttributes) {
+    for (name, text) in manifests.flat_map(cryptomatte::metadata) {
         layer.other.insert(Text::from(name.as_str()), AttributeValue::Text(Text::from(ascii(&text).as_str())));
     }
 }
@@ -241,6 +241,34 @@ fn few_bands(description: &Description, channels: usize) -> std::result::Result<
     }
 }
 
+/// How the channels of a file of truth are laid out.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum TruthLayout {
+    /// All in one part.
+    #[default]
+    SinglePart,
+    /// Each group of channels in a part of its own, which has its name (OpenEXR 2.0, multi-part files).
+    MultiPart,
+}
+
+/// Channels that belong together.
+#[derive(Clone, Debug, Default)]
+pub struct Part<'a> {
+    /// Name of the part.
+    pub name: &'a str,
+    /// Channels of floating-point numbers by name, row by row.
+    pub floats: Vec<(&'a str, Vec<f32>)>,
+    /// Channels of whole numbers.
+    pub whole: Vec<(&'a str, Vec<u32>)>,
+}
+
+impl Part<'_> {
+    fn channels(self) -> impl Iterator<Item = AnyChannel<FlatSamples>> {
+        let floats = self.floats.into_iter().map(|(n, v)| AnyChannel::new(n, FlatSamples::F32(v)));
+        floats.chain(self.whole.into_iter().map(|(n, v)| AnyChannel::new(n, FlatSamples::U32(v))))
+    }
+}
+
 /// Planes of one pixel raster by name: floating point, and whole numbers.
 pub fn write_planes(
     size: [usize; 2],
@@ -249,27 +277,43 @@ pub fn write_planes(
     facts: &ExposureFacts,
     to: impl Write + Seek,
 ) -> std::result::Result<(), ImageError> {
-    write_truth(size, floats, whole, &Recorded::default(), facts, to)
+    write_truth(size, vec![Part { name: "", floats, whole }], TruthLayout::SinglePart, &Recorded::default(), facts, to)
 }
 
 /// [`write_planes`] with truth among them: `recorded` says what its identifiers stand for.
+///
+/// Channels have the same names in both layouts. Of several parts the first says all that a file of one part says; the metadata of Cryptomatte stand in the
+/// part of their layer, too.
 pub fn write_truth(
     [width, height]: [usize; 2],
-    floats: Vec<(&str, Vec<f32>)>,
-    whole: Vec<(&str, Vec<u32>)>,
+    parts: Vec<Part>,
+    layout: TruthLayout,
     recorded: &Recorded,
     facts: &ExposureFacts,
     to: impl Write + Seek,
 ) -> std::result::Result<(), ImageError> {
-    let floats = floats.into_iter().map(|(n, v)| AnyChannel::new(n, FlatSamples::F32(v)));
-    let whole = whole.into_iter().map(|(n, v)| AnyChannel::new(n, FlatSamples::U32(v)));
     let json = serde_json::to_string(facts).expect("plain data becomes JSON");
-    let set = |_: &mut ImageAttributes, layer: &mut LayerAttributes| {
+    let describe = |layer: &mut LayerAttributes| {
         layer.software_name = Text::new_or_none(&facts.software);
         layer.other.insert(Text::from("diopter.facts"), AttributeValue::Text(Text::from(ascii(&json).as_str())));
         describe_names(recorded, layer);
     };
-    write_channels((width, height), floats.chain(whole).collect(), set, to)
+    if layout == TruthLayout::SinglePart {
+        let channels = parts.into_iter().flat_map(Part::channels).collect();
+        return write_channels((width, height), channels, |_, layer| describe(layer), to);
+    }
+    let layer = |(k, part): (usize, Part)| {
+        let mut attributes = LayerAttributes::named(part.name);
+        let holds = |manifest: &&Manifest| part.floats.iter().any(|(name, _)| name.starts_with(manifest.layer.as_str()));
+        describe_mattes(recorded.manifests.iter().filter(holds), &mut attributes);
+        if k == 0 {
+            describe(&mut attributes);
+        }
+        Layer::new((width, height), attributes, block_layout(), AnyChannels::sort(part.channels().collect()))
+    };
+    let layers: Layers<AnyChannels<FlatSamples>> = parts.into_iter().enumerate().map(layer).collect();
+    let window = IntegerBounds::from_dimensions((width, height));
+    Image::from_layers(ImageAttributes::new(window), layers).write().to_buffered(to).map_err(written)
 }
 
 /// Reads a focal plane that [`write_focal_plane`] wrote.
@@ -397,10 +441,17 @@ fn within_file(header: &exr::meta::header::Header, length: u64) -> std::result::
     Ok(())
 }
 
-/// Reads one channel of any EXR by name, as floating point, row by row.
+/// Reads one channel of any EXR by name, as floating point, row by row; of several parts that have it, of the first.
 pub fn read_plane(from: impl Read + Seek, name: &str) -> std::result::Result<Vec<f32>, ImageError> {
-    let layer = read_layer(from)?;
-    let found = layer.channel_data.list.iter().find(|c| c.name == *name);
+    let image = read()
+        .no_deep_data()
+        .largest_resolution_level()
+        .all_channels()
+        .all_layers()
+        .all_attributes()
+        .from_chunks(open(from)?)
+        .map_err(malformed)?;
+    let found = image.layer_data.iter().flat_map(|layer| &layer.channel_data.list).find(|c| c.name == *name);
     let channel = found.ok_or_else(|| ImageError::Missing {
         what: format!("the channel \"{name}\""),
         hint: "see its list of channels".into(),
@@ -486,7 +537,6 @@ mod tests {
     use crate::Picture;
     use crate::channels::CHANNELS;
     use crate::focal_plane::{BandUnit, FocalPlaneSource};
-    use crate::truth::Manifest;
     use std::io::Cursor;
 
     fn plane() -> FocalPlane {
@@ -553,6 +603,58 @@ mod tests {
         write_focal_plane(&self::plane(), &mut without).unwrap();
         without.set_position(0);
         assert!(FocalPlaneStrips::open(without).unwrap().recorded().more().is_empty());
+    }
+
+    #[test]
+    fn truth_of_several_parts_is_read_back_part_by_part() {
+        let plane = with_all_truth();
+        let matte = |part: usize| format!("CryptoObject{:02}.{}", part / 4, ["R", "G", "B", "A"][part % 4]);
+        let names: Vec<String> = (0..4).map(matte).collect();
+        let [depth, id, light] = [0.5f32, 0.25, 7.0].map(|scale| (0..15).map(|i| i as f32 * scale).collect::<Vec<f32>>());
+        let whole: Vec<u32> = (0..15).map(|i| u32::MAX - i).collect();
+        let parts = || {
+            vec![
+                Part { name: "light", floats: vec![("R", light.clone()), ("B", depth.clone())], whole: vec![] },
+                Part { name: "depth", floats: vec![("Z", depth.clone())], whole: vec![] },
+                Part { name: "id", floats: vec![], whole: vec![("id", whole.clone())] },
+                Part { name: "crypto-object", floats: names.iter().map(|n| (n.as_str(), id.clone())).collect(), whole: vec![] },
+            ]
+        };
+        let recorded = plane.truth.recorded();
+        let mut file = Cursor::new(Vec::new());
+        write_truth([5, 3], parts(), TruthLayout::MultiPart, recorded, &plane.facts, &mut file).unwrap();
+        let mut bytes = file.into_inner();
+        sort_attributes(&mut bytes).unwrap();
+        let image = read().no_deep_data().largest_resolution_level().all_channels().all_layers().all_attributes();
+        let image = image.from_buffered(Cursor::new(&bytes)).unwrap();
+        let found: Vec<(String, Vec<String>)> = image
+            .layer_data
+            .iter()
+            .map(|l| {
+                let channels = l.channel_data.list.iter().map(|c| c.name.to_string()).collect();
+                (l.attributes.layer_name.as_ref().unwrap().to_string(), channels)
+            })
+            .collect();
+        let text =
+            |name: &str, channels: &[&str]| (name.to_owned(), channels.iter().map(|c| (*c).to_owned()).collect::<Vec<_>>());
+        let mattes = ["CryptoObject00.A", "CryptoObject00.B", "CryptoObject00.G", "CryptoObject00.R"];
+        let expected = [text("light", &["B", "R"]), text("depth", &["Z"]), text("id", &["id"]), text("crypto-object", &mattes)];
+        assert_eq!(found, expected);
+        // Names stand with their layer and in the first part, and with no other.
+        let has = |k: usize, name: &str| image.layer_data[k].attributes.other.contains_key(&Text::from(name));
+        assert_eq!([0, 1, 2, 3].map(|k| has(k, "cryptomatte/3ae39a5/manifest")), [true, false, false, true]);
+        assert_eq!([0, 1, 2, 3].map(|k| has(k, "diopter.facts")), [true, false, false, false]);
+        // Values, whichever part they are in; whole numbers stay whole.
+        assert_eq!(read_plane(Cursor::new(&bytes), "R").unwrap(), light);
+        assert_eq!(read_plane(Cursor::new(&bytes), "Z").unwrap(), depth);
+        let FlatSamples::U32(kept) = &image.layer_data[2].channel_data.list[0].sample_data else { panic!("whole numbers") };
+        assert_eq!(kept, &whole);
+        assert!(read_plane(Cursor::new(&bytes), "Y").unwrap_err().to_string().contains("\"Y\""));
+        // The same channels in one part.
+        let mut single = Cursor::new(Vec::new());
+        write_truth([5, 3], parts(), TruthLayout::SinglePart, recorded, &plane.facts, &mut single).unwrap();
+        single.set_position(0);
+        assert_eq!(read_layer(single).unwrap().channel_data.list.len(), 8);
     }
 
     #[test]

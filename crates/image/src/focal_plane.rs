@@ -309,6 +309,7 @@ impl<S: FocalPlaneSource> FocalPlaneSource for Merged<S> {
         let numbers = self.size()[0] * rows * self.bands().len();
         let mut sums = [vec![-0.0f64; numbers], vec![-0.0f64; numbers]];
         let (mut whole, mut truth): (_, Option<Truth>) = (None, None);
+        let mut so_far = 0.0;
         for (k, part) in self.parts.iter_mut().enumerate() {
             let mut strip = part.next_rows(rows)?;
             let samples = f64::from(part.facts().samples);
@@ -319,12 +320,13 @@ impl<S: FocalPlaneSource> FocalPlaneSource for Merged<S> {
             match &mut truth {
                 None => truth = Some(own),
                 Some(truth) => {
-                    truth.merge(&own);
+                    truth.merge(&own, [so_far, samples]);
                     if k == self.first {
                         truth.take_nearest(&own);
                     }
                 }
             }
+            so_far += samples;
             if k == self.first {
                 whole = Some(strip);
             }

@@ -63,6 +63,9 @@ pub struct ExposureFacts {
     /// When which part of the picture was open; `None` where the shutter is not known.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub shutter: Option<ShutterFacts>,
+    /// Which photodiodes of split pixels it holds: `left` or `right`, by the half of the pupil that they see from behind the camera; empty where pixels are whole.
+    #[serde(skip_serializing_if = "String::is_empty")]
+    pub photodiodes: String,
     /// Whether a flash was fired.
     pub flash: bool,
     /// Factor all light of the scene was multiplied by, because a setting (`ambient_ev`) asked for it; 1 if none did.

@@ -259,19 +259,21 @@ impl Truth {
         Truth { values: values.collect(), recorded: Recorded { samples, ..recorded.clone() } }
     }
 
-    /// Merges the truth of other samples of the same pixels and channels into this one; channels of one ray stay as they are.
-    pub(crate) fn merge(&mut self, other: &Truth) {
-        let weights = [self.recorded.samples, other.recorded.samples].map(f64::from);
+    /// Merges the truth of other samples of the same pixels and channels into this one; channels of one ray stay as they are. `samples` of the picture are
+    /// behind this and the other.
+    pub(crate) fn merge(&mut self, other: &Truth, samples: [f64; 2]) {
+        // Parts of 0 samples bring nothing.
+        let weights = |[own, others]: [f64; 2]| if others > 0.0 { [own, others].map(|w| w / (own + others)) } else { [1.0, 0.0] };
+        let of_channels = weights([self.recorded.samples, other.recorded.samples].map(f64::from));
+        let of_light = weights(samples);
         self.recorded.samples += other.recorded.samples;
-        if weights[1] == 0.0 {
-            return;
-        }
-        let [own, others] = weights.map(|w| w / (weights[0] + weights[1]));
         for ((channel, to), from) in self.recorded.channels.iter().zip(&mut self.values).zip(&other.values) {
             let (Values::Float(to), Values::Float(from)) = (to, from) else { continue };
+            let [own, others] = if channel.merge == Merge::Light { of_light } else { of_channels };
             match channel.merge {
+                _ if others == 0.0 => (),
                 Merge::Nearest => (),
-                Merge::Mean => {
+                Merge::Mean | Merge::Light => {
                     let mean = |a: f32, b: f32| (f64::from(a) * own + f64::from(b) * others) as f32;
                     to.data.iter_mut().zip(&from.data).for_each(|(a, b)| *a = mean(*a, *b));
                 }
@@ -355,15 +357,16 @@ mod tests {
         }
     }
     static MEAN: Channel = channel("mean", &["mean"], Merge::Mean);
+    static LIGHT: Channel = channel("light", &["light"], Merge::Light);
     static RANKS: Channel = channel("ranks", &["a", "b", "c", "d"], Merge::Ranks);
 
     fn part(samples: u32, mean: f32, ranks: [f32; 4], depth: f32) -> Truth {
-        let mut truth = Truth::missing(Recorded { samples, ..Recorded::new(&[&MEAN, &RANKS]) }, 1, 1);
+        let mut truth = Truth::missing(Recorded { samples, ..Recorded::new(&[&MEAN, &LIGHT, &RANKS]) }, 1, 1);
         truth.depth_mut().data.fill(depth);
         for (channel, values) in truth.iter_mut() {
             if let Values::Float(raster) = values {
                 match channel.name {
-                    "mean" => raster.data.fill(mean),
+                    "mean" | "light" => raster.data.fill(mean),
                     "ranks" => raster.data.copy_from_slice(&ranks),
                     _ => (),
                 }
@@ -376,9 +379,11 @@ mod tests {
     fn parts_merge_by_their_samples_and_ranks_by_identifier() {
         let mut a = part(1, 1.0, [7.0, 0.75, 9.0, 0.25], 3.0);
         let b = part(3, 3.0, [9.0, 0.5, 7.0, 0.5], 4.0);
-        a.merge(&b);
+        a.merge(&b, [5.0, 5.0]);
         assert_eq!(a.recorded().samples, 4);
         assert_eq!(a.float("mean").unwrap().data, [2.5]);
+        // By the samples of the picture.
+        assert_eq!(a.float("light").unwrap().data, [2.0]);
         // 7: (0.75 + 3 · 0.5) / 4, 9: (0.25 + 3 · 0.5) / 4.
         assert_eq!(a.float("ranks").unwrap().data, [7.0, 0.5625, 9.0, 0.4375]);
         assert_eq!(a.depth().data, [3.0]);
@@ -386,7 +391,7 @@ mod tests {
         assert_eq!((a.depth().data[0], a.float("mean").unwrap().data[0]), (4.0, 2.5));
         // A part without samples of its own changes nothing.
         let before = a.clone();
-        a.merge(&part(0, 9.0, [0.0; 4], 1.0));
+        a.merge(&part(0, 9.0, [0.0; 4], 1.0), [10.0, 0.0]);
         assert_eq!(a, before);
     }
 

@@ -10,6 +10,7 @@
 mod cone;
 mod incident;
 mod media;
+mod tally;
 
 pub use cone::RayCone;
 pub use incident::Incident;
@@ -26,6 +27,8 @@ use diopter_light::random::{Sampler, SamplerKind, Set, Stream, mix};
 use diopter_light::{Ray, Sampled, Wavelengths};
 use glam::Vec3;
 use media::{After, MediumSegment, ScatteredOn};
+pub(crate) use tally::DIRECT_EVENTS;
+use tally::{Apart, Tally};
 
 /// How far paths are followed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -115,6 +118,22 @@ impl Scene {
         self.trace(light_paths, cone, wavelengths, sampler, settings, shown, None)
     }
 
+    /// The same numbers, and what of them is direct light: emitted towards the camera, or scattered once on its way, by surface or medium. What goes through
+    /// a thin dielectric or off a mirror is scattered there. Direct light is, bit by bit (within rounding where volumes shine),
+    /// what [`Scene::radiance_shown`] gives with a `max_depth` of 1.
+    pub fn radiance_and_direct(
+        &self,
+        light_paths: LightPaths,
+        shown: Option<Shown>,
+        cone: RayCone,
+        wavelengths: &Wavelengths,
+        sampler: &Sampler,
+        settings: &PathSettings,
+    ) -> [Sampled; 2] {
+        let Apart { all, direct } = self.trace(light_paths, cone, wavelengths, sampler, settings, shown, None);
+        [all, direct]
+    }
+
     /// The same, and what of it came from the photons: by how much they matter in a picture.
     pub fn radiance_and_caustics(
         &self,
@@ -132,7 +151,7 @@ impl Scene {
 
     /// Follows a path; `shown`: what it counts of what shines and is seen directly; `gathered` gets what of its light came from photons.
     #[allow(clippy::too_many_arguments)]
-    fn trace(
+    fn trace<T: Tally>(
         &self,
         LightPaths { photons, vertices }: LightPaths,
         cone: RayCone,
@@ -141,8 +160,8 @@ impl Scene {
         settings: &PathSettings,
         mut shown: Option<Shown>,
         mut gathered: Option<&mut Sampled>,
-    ) -> Sampled {
-        let mut radiance = Sampled::ZERO;
+    ) -> T {
+        let mut radiance = T::default();
         let mut tail = Tail::default();
         let mut throughput = Sampled::ONE;
         // Lanes that carry colours never disperse.
@@ -203,12 +222,12 @@ impl Scene {
                         let chosen = self.lights().environment_probability(l.point, l.normal, flash);
                         mis(l.density, chosen * environment.pdf(ray.direction))
                     });
-                    radiance += throughput * environment.radiance(ray.direction, wavelengths) * weight;
+                    radiance.add(throughput * environment.radiance(ray.direction, wavelengths) * weight, vertex - walked);
                 }
                 let from = last.map(|l| (l.point, l.normal));
                 for (number, disc, density) in self.lights().discs(ray.direction, from, wavelengths, flash) {
                     let left = photons.map_or(Sampled::ONE, |p| p.left_of_punctual(&tail, number));
-                    radiance += throughput * left * disc * last.map_or(1.0, |l| mis(l.density, density));
+                    radiance.add(throughput * left * disc * last.map_or(1.0, |l| mis(l.density, density)), vertex - walked);
                 }
                 return radiance;
             };
@@ -234,7 +253,7 @@ impl Scene {
                 let counts = shown.as_ref().map_or(1.0, |s| s.counts(&surface));
                 let joined = vertices.map(|v| (v, &camera_state));
                 let emitted = self.emitted(material, &surface, &ray, wavelengths, last, &scattered_on, flash, joined);
-                radiance += throughput * left * emitted * counts;
+                radiance.add(throughput * left * emitted * counts, vertex - walked);
             }
 
             if vertex - walked >= settings.max_depth {
@@ -252,7 +271,8 @@ impl Scene {
             {
                 let most_events = settings.max_depth - (vertex - walked) - 1;
                 let light = throughput * photons.gather(&surface, &bsdf, wavelengths, time_s, most_events);
-                radiance += light;
+                // Photons were scattered before they landed.
+                radiance.add(light, vertex - walked + 2);
                 if let Some(gathered) = &mut gathered {
                     **gathered += light;
                 }
@@ -270,7 +290,9 @@ impl Scene {
                 && here.connects()
             {
                 let most_events = settings.max_depth - (vertex - walked) - 1;
-                radiance += here.connect(pool, throughput, most_events, time_s, sampler.stream(Set::Connection(vertex)));
+                let light = here.connect(pool, throughput, most_events, time_s, sampler.stream(Set::Connection(vertex)));
+                // Here and at the vertex of the light path.
+                radiance.add(light, vertex - walked + 2);
             }
 
             // Sample a light.
@@ -297,7 +319,7 @@ impl Scene {
                         throughput * f * self.incident_radiance(&light_sample, wavelengths, time_s) * (weight / density);
                     let thin_dielectrics = settings.max_depth - (vertex - walked) - 1;
                     let stream = || sampler.stream(Set::Transmittance(vertex));
-                    let (arrives, is_clear) = self.light_past(
+                    let Past { light: arrives, is_clear, thin_dielectrics: crossed } = self.light_past(
                         contribution,
                         surface.point,
                         origin,
@@ -309,10 +331,11 @@ impl Scene {
                         stream,
                     );
                     // Light paths go through nothing on the way.
-                    radiance += match is_clear && by_connection > 0.0 {
+                    let arrives = match is_clear && by_connection > 0.0 {
                         true => arrives * ((1.0 + by_chance) / (1.0 + by_chance + by_connection)),
                         false => arrives,
                     };
+                    radiance.add(arrives, vertex - walked + 1 + crossed);
                 }
             }
 
@@ -427,12 +450,12 @@ impl Scene {
         thin_dielectrics: u32,
         stream: impl Fn() -> Stream,
     ) -> Sampled {
-        self.light_past(light, point, origin, light_sample, medium_stack, wavelengths, time_s, thin_dielectrics, stream).0
+        self.light_past(light, point, origin, light_sample, medium_stack, wavelengths, time_s, thin_dielectrics, stream).light
     }
 
-    /// The same, and whether nothing at all was on the way: no medium, no face of one, no thin dielectric.
+    /// The same, and what was on the way.
     #[allow(clippy::too_many_arguments)]
-    fn light_past<'a>(
+    pub(crate) fn light_past<'a>(
         &'a self,
         light: Sampled,
         point: Vec3,
@@ -443,9 +466,10 @@ impl Scene {
         time_s: f32,
         mut thin_dielectrics: u32,
         stream: impl Fn() -> Stream,
-    ) -> (Sampled, bool) {
-        let nothing = (Sampled::ZERO, true);
+    ) -> Past {
+        let nothing = Past { light: Sampled::ZERO, is_clear: true, thin_dielectrics: 0 };
         let mut is_clear = true;
+        let most = thin_dielectrics;
         if light == Sampled::ZERO {
             return nothing;
         }
@@ -460,7 +484,7 @@ impl Scene {
                     let to = end - origin;
                     let distance = to.length();
                     if distance <= light_sample.clearance {
-                        return (left, is_clear);
+                        return Past { light: left, is_clear, thin_dielectrics: most - thin_dielectrics };
                     }
                     (to / distance, distance - light_sample.clearance)
                 }
@@ -488,13 +512,23 @@ impl Scene {
                 let moment_s = self.moment_s(time_s);
                 left *= medium.transmittance(&ray, span, wavelengths, moment_s, || numbers.get_or_insert_with(&stream));
             }
-            let Some(face) = face else { return (left, is_clear) };
+            let Some(face) = face else { return Past { light: left, is_clear, thin_dielectrics: most - thin_dielectrics } };
             is_clear = false;
             medium_stack.cross(self.material(face.object), face.ng.dot(direction) < 0.0);
             origin = past(&face, direction);
         }
         nothing
     }
+}
+
+/// What arrives of light that was sampled.
+pub(crate) struct Past {
+    /// Radiance, or what stands for it.
+    pub light: Sampled,
+    /// Whether nothing at all was on the way: no medium, no face of one, no thin dielectric.
+    pub is_clear: bool,
+    /// Thin dielectrics on the way.
+    pub thin_dielectrics: u32,
 }
 
 /// Most faces of media that a path goes through between two surfaces, and segments after which it is given up at such a face.

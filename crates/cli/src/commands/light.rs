@@ -106,7 +106,7 @@ pub fn run(args: &ReadOut, names: &[PathBuf], json: bool) -> anyhow::Result<()> 
         let size = [plane.width(), plane.height()];
         let reader = Reader::new(&sensor, &reading(0), size, &plane.bands, plane.facts.exposure_s)?;
         let reader = reader.with_rows_of(&plane.facts);
-        written.push(output.commit(|to| Ok(truth::write(&plane, &reader, &first, to)?))?);
+        written.push(output.commit(|to| Ok(truth::write(&plane, &reader, &first, args.truth_layout.layout(), to)?))?);
     }
     say(&format!("{}   ISO {:.0}   {} s   seed {}", sensor.name, header.facts.iso, header.facts.exposure_s, args.seed));
     written.iter().for_each(|p| say(&format!("wrote {}", p.display())));

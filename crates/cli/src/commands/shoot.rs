@@ -201,7 +201,7 @@ pub fn run(args: &Shoot, json: bool) -> anyhow::Result<()> {
         if let Some(output) = truth_file {
             let reader = ReadOut::new(&shot.sensor, &shot.reading, size, &plane.bands, plane.facts.exposure_s)?;
             let reader = reader.with_rows_of(&plane.facts);
-            of_this.push(output.commit(|to| Ok(truth::write(plane, &reader, &raw, to)?))?);
+            of_this.push(output.commit(|to| Ok(truth::write(plane, &reader, &raw, args.truth_layout.layout(), to)?))?);
         }
         let format = Format { storage: args.raw.storage(), ..Format::default() };
         let only_looked_at = pictures.iter().all(|(kind, _)| kind.is_looked_at());
@@ -398,6 +398,9 @@ pub fn display(f: &ExposureFacts, width: usize, height: usize, seconds: f64) -> 
     }
     if f.nd_stops > 0.0 {
         extras.push_str(&format!("   ND {:.1} stops", f.nd_stops));
+    }
+    if !f.photodiodes.is_empty() {
+        extras.push_str(&format!("   {} photodiodes", f.photodiodes));
     }
     if f.flash {
         extras.push_str("   flash");

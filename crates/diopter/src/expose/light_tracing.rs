@@ -456,7 +456,7 @@ impl<'a> LightTracing<'a> {
         // Of this sample's numbers one, by which lamps take turns (systematic sampling).
         let turn = Sampler::new(SamplerKind::Independent, seed, (sample, LIGHT_ROW - 1), sample & 1, 2).get(Set::Time)[0];
         let kind = if settings.sampler == SamplerKind::Grid { SamplerKind::Independent } else { settings.sampler };
-        let mut splats = Splats::new((sample & 1) as usize, unit.response.curves.len());
+        let mut splats = Splats::new((sample & 1) as usize, unit.response.curves.len(), unit.direct.is_some());
         let (mut scratch, mut exits) = (Scratch::default(), Exits::default());
         let end = ((chunk + 1) * CHUNK).min(self.total);
         for first in (chunk * CHUNK..end).step_by(LANES) {
@@ -522,7 +522,7 @@ impl<'a> LightTracing<'a> {
             return;
         }
         let origin = camera.world_ray_of(exits.origin[lane], exits.direction[lane], time).origin;
-        let radiance =
+        let [radiance, direct] =
             self.emitters.incident_radiance(&start.light_sample, start.point, origin, wavelengths, time as f32, &settings.path);
         let weighted = (radiance * wavelengths.weight).to_array();
         let joined = self.joined(unit, number, [mean(exits.density[lane]), start.density], time, seconds);
@@ -530,12 +530,15 @@ impl<'a> LightTracing<'a> {
         if !weighted.iter().all(|v| v.is_finite()) || !scale.is_finite() || weighted == [0.0; 4] {
             return;
         }
+        // All of a lamp's light along a ray came through the same panes.
+        let is_direct = direct == radiance;
         let nm = wavelengths.nm.to_array();
         let groups = unit.response.curves.len().div_ceil(GROUP);
         if !exits.spread {
             if let Some(pixel) = lands[0] {
                 let scale = exits.weight[lane][0] * scale;
-                splats.add(pixel.1 * film.columns + pixel.0, (0..groups).map(|g| unit.curves.value(g, nm, weighted) * scale));
+                let at = pixel.1 * film.columns + pixel.0;
+                splats.add(at, is_direct, (0..groups).map(|g| unit.curves.value(g, nm, weighted) * scale));
             }
             return;
         }
@@ -544,7 +547,7 @@ impl<'a> LightTracing<'a> {
                 && (open..=close).contains(&time)
             {
                 let value = weighted[c] * exits.weight[lane][c] * scale;
-                splats.add(y * film.columns + x, (0..groups).map(|g| unit.curves.at(g, nm[c]) * value));
+                splats.add(y * film.columns + x, is_direct, (0..groups).map(|g| unit.curves.at(g, nm[c]) * value));
             }
         }
     }

@@ -1,7 +1,7 @@
 //! Exposures that memory cannot hold, handed out row by row.
 
 use super::Settings;
-use super::sums::{Sums, means};
+use super::sums::{Sums, means, tell_direct};
 use super::truth::Recorder;
 use crate::camera::Camera;
 use crate::row_store::{PagedRows, RowStore};
@@ -37,7 +37,7 @@ impl ExposedPaged {
         let (mut mean, mut half_difference) = (Raster::new(width, 1, bands), Raster::new(width, 1, bands));
         for row in 0..self.camera.film.rows {
             let Ok(numbers) = self.sums.sums.row(row) else { return };
-            means(&self.sums.samples, numbers, &mut mean.data, &mut half_difference.data);
+            of_row(&self.sums.samples, numbers, width, 0..bands, [&mut mean.data, &mut half_difference.data]);
             seen.add_rows(&mean, row);
         }
     }
@@ -76,6 +76,15 @@ impl ExposedRows<'_> {
     }
 }
 
+/// Mean and half difference of some of the sums of a row.
+fn of_row(samples: &Range<u32>, numbers: &[f64], width: usize, bands: Range<usize>, [mean, half]: [&mut [f32]; 2]) {
+    let n = bands.len();
+    let pixels = numbers.chunks_exact(numbers.len() / width);
+    for ((sums, mean), half) in pixels.zip(mean.chunks_exact_mut(n)).zip(half.chunks_exact_mut(n)) {
+        means(samples, &sums[2 * bands.start..2 * bands.end], mean, half);
+    }
+}
+
 impl FocalPlaneSource for ExposedRows<'_> {
     fn bands(&self) -> &[Band] {
         &self.exposed.bands
@@ -101,12 +110,21 @@ impl FocalPlaneSource for ExposedRows<'_> {
         let range = self.next..self.next + rows;
         let (mut mean, mut half_difference) = (Raster::new(width, rows, bands), Raster::new(width, rows, bands));
         let stride = width * bands;
+        let mut direct = self.exposed.settings.records_direct().then(|| (Raster::new(width, rows, bands), vec![0.0; stride]));
         for (k, row) in range.clone().enumerate() {
             let place = k * stride..(k + 1) * stride;
             let numbers = self.exposed.sums.sums.row(row)?;
-            means(&self.exposed.sums.samples, numbers, &mut mean.data[place.clone()], &mut half_difference.data[place]);
+            let samples = &self.exposed.sums.samples;
+            of_row(samples, numbers, width, 0..bands, [&mut mean.data[place.clone()], &mut half_difference.data[place.clone()]]);
+            if let Some((direct, unused)) = &mut direct {
+                // Without fireflies and stars they follow the bands.
+                of_row(samples, numbers, width, bands..2 * bands, [&mut direct.data[place], &mut unused[..]]);
+            }
         }
-        let truth = self.truth_of(range.clone());
+        let mut truth = self.truth_of(range.clone());
+        if let Some((direct, _)) = &direct {
+            tell_direct(&mut truth, &self.exposed.bands, &mean, direct);
+        }
         self.next = range.end;
         Ok(FocalPlane { bands: self.exposed.bands.clone(), mean, half_difference, truth, facts: self.exposed.facts.clone() })
     }

@@ -56,6 +56,17 @@ pub(super) fn note(sums: &mut [[f64; 2]], bands: usize, half: usize, nm: f32, pa
     sums[2 * bands][half] += part;
 }
 
+/// Notes what of the light that a pixel sends out is direct, in its sums `[band][replicate]`: a fraction of `value`, see [`note`].
+#[inline]
+pub(super) fn note_direct(sums: &mut [[f64; 2]], half: usize, fraction: f32, value: impl Fn(usize) -> Vec4) {
+    for (group, bands) in sums.chunks_mut(GROUP).enumerate() {
+        let value = value(group);
+        if value.is_finite() {
+            bands.iter_mut().zip(value.to_array()).for_each(|(sum, v)| sum[half] += f64::from(v.max(0.0) * fraction));
+        }
+    }
+}
+
 /// The stars of an exposure whose samples are all taken.
 pub(super) struct Stars<'a> {
     pub optics: &'a Optics,
@@ -64,6 +75,8 @@ pub(super) struct Stars<'a> {
     pub bands: usize,
     /// Bands that a pixel has before those of the stars.
     pub before: usize,
+    /// Where the sums begin of what of their light is direct, where that is recorded.
+    pub direct: Option<usize>,
     /// Whether lone samples are left out.
     pub reweight: bool,
 }
@@ -78,8 +91,8 @@ struct Source {
     points: u32,
 }
 
-/// Light that arrives: number of pixel and band, and what it adds to mean and half difference.
-type Splat = (usize, f32, f32);
+/// Light that arrives: number of pixel and band, what it adds to mean and half difference, and to the mean of direct light.
+type Splat = (usize, f32, f32, f32);
 
 impl Stars<'_> {
     fn of_pixel<'b>(&self, sums: &'b Raster<f64>, column: usize, row: usize) -> &'b [[f64; 2]] {
@@ -87,8 +100,14 @@ impl Stars<'_> {
         sums.data[start..start + 2 * star_sums(self.bands)].as_chunks::<2>().0
     }
 
-    /// Spreads what was noted over mean and half difference.
-    pub fn spread(&self, sums: &Raster<f64>, samples: &Range<u32>, mean: &mut Raster<f32>, half: &mut Raster<f32>) {
+    /// Spreads what was noted over mean and half difference, and what of it is direct over the mean of direct light.
+    pub fn spread(
+        &self,
+        sums: &Raster<f64>,
+        samples: &Range<u32>,
+        [mean, half]: [&mut Raster<f32>; 2],
+        mut direct: Option<&mut Raster<f32>>,
+    ) {
         let sources = self.sources(sums);
         let mut first = 0;
         while first < sources.len() {
@@ -105,9 +124,12 @@ impl Stars<'_> {
                     .count();
             let splats: Vec<Vec<Splat>> =
                 sources[first..last].par_iter().map(|source| self.of_source(source, sums, samples)).collect();
-            for (place, to_mean, to_half) in splats.into_iter().flatten() {
+            for (place, to_mean, to_half, to_direct) in splats.into_iter().flatten() {
                 mean.data[place] += to_mean;
                 half.data[place] += to_half;
+                if let Some(direct) = &mut direct {
+                    direct.data[place] += to_direct;
+                }
             }
             first = last;
         }
@@ -194,13 +216,17 @@ impl Stars<'_> {
                 }
                 let each = sent / reached.len() as f64;
                 let to_mean = (each / samples.len() as f64) as f32;
+                let to_direct = self.direct.map_or(0.0, |from| {
+                    let at = (source.row * sums.width + source.column) * sums.channels + 2 * (from + band) + half;
+                    to_mean * (sums.data[at] / noted[band][half]) as f32
+                });
                 // As of [`super::sums::means`]: a part of one replicate only knows nothing of its error.
                 let to_half = match (counts, half) {
                     ([even, odd], _) if odd == 0.0 || even == 0.0 => to_mean * if odd == 0.0 { 1.0 } else { -1.0 },
                     (counts, 0) => (0.5 * each / counts[0]) as f32,
                     (counts, _) => (-0.5 * each / counts[1]) as f32,
                 };
-                splats.extend(reached.iter().flatten().map(|place| (*place, to_mean, to_half)));
+                splats.extend(reached.iter().flatten().map(|place| (*place, to_mean, to_half, to_direct)));
             }
         }
         splats

@@ -4,7 +4,11 @@ use super::TILE;
 use super::fireflies::Cascade;
 use super::stars::Stars;
 use crate::row_store::RowStore;
+use crate::stray::colors_of;
 use diopter_image::Raster;
+use diopter_image::channels::{DIRECT, INDIRECT};
+use diopter_image::focal_plane::{Band, BandUnit, Truth};
+use diopter_image::truth::Values;
 use rayon::prelude::*;
 use std::collections::BTreeMap;
 use std::ops::{ControlFlow, Range};
@@ -16,7 +20,7 @@ use std::ops::{ControlFlow, Range};
 #[derive(Clone, Debug, PartialEq)]
 pub struct Sums<S = Raster<f64>> {
     /// `[row][column][band][replicate]`; where fireflies are re-weighted, after the bands those of the buffers of the cascade; where lamps make stars, after
-    /// these what they send out.
+    /// these what they send out; where direct light is recorded, after these what of the bands is direct, and of what lamps send out.
     pub(crate) sums: S,
     /// Samples of the finished passes.
     pub(crate) samples: Range<u32>,
@@ -47,21 +51,33 @@ pub(super) struct Tile {
 pub(super) struct Splats {
     replicate: usize,
     bands: usize,
+    /// Whether direct light is told apart.
+    apart: bool,
     pixels: Vec<u32>,
-    /// `[splat][band]`
+    /// `[splat][band]`, twice as many where direct light is told apart: all light, then what of it is direct.
     values: Vec<f64>,
 }
 
 impl Splats {
-    pub fn new(replicate: usize, bands: usize) -> Self {
-        Splats { replicate, bands, pixels: Vec::new(), values: Vec::new() }
+    pub fn new(replicate: usize, bands: usize, apart: bool) -> Self {
+        Splats { replicate, bands, apart, pixels: Vec::new(), values: Vec::new() }
     }
 
-    /// Adds light to a pixel, by groups of bands.
-    pub fn add(&mut self, pixel: usize, groups: impl Iterator<Item = glam::Vec4>) {
+    /// Numbers of a splat.
+    fn numbers(&self) -> usize {
+        if self.apart { 2 * self.bands } else { self.bands }
+    }
+
+    /// Adds light to a pixel, by groups of bands; all of it is direct or none.
+    pub fn add(&mut self, pixel: usize, is_direct: bool, groups: impl Iterator<Item = glam::Vec4>) {
         let start = self.values.len();
         self.values.extend(groups.flat_map(|g| g.to_array()).map(f64::from));
         self.values.truncate(start + self.bands);
+        if self.apart {
+            let factor = f64::from(u8::from(is_direct));
+            self.values.extend_from_within(start..);
+            self.values[start + self.bands..].iter_mut().for_each(|v| *v *= factor);
+        }
         // One bad number must not poison a pixel.
         match self.values[start..].iter().all(|v| v.is_finite()) {
             true => self.pixels.push(pixel as u32),
@@ -73,12 +89,13 @@ impl Splats {
     pub fn sorted(self) -> Splats {
         let mut order: Vec<u32> = (0..self.pixels.len() as u32).collect();
         order.sort_unstable_by_key(|k| (self.pixels[*k as usize], *k));
-        let mut sorted = Splats::new(self.replicate, self.bands);
+        let mut sorted = Splats::new(self.replicate, self.bands, self.apart);
+        let numbers = self.numbers();
         for k in order {
             let k = k as usize;
-            let value = &self.values[k * self.bands..(k + 1) * self.bands];
+            let value = &self.values[k * numbers..(k + 1) * numbers];
             if sorted.pixels.last() == Some(&self.pixels[k]) {
-                let last = sorted.values.len() - self.bands;
+                let last = sorted.values.len() - numbers;
                 sorted.values[last..].iter_mut().zip(value).for_each(|(a, b)| *a += b);
             } else {
                 sorted.pixels.push(self.pixels[k]);
@@ -139,35 +156,63 @@ impl<S: RowStore> Sums<S> {
 }
 
 impl<S: RowStore> Sums<S> {
-    /// Adds light to the sums of the film's own bands: it is many small parts, and never an outlier.
-    pub(super) fn add_splats(&mut self, splats: &Splats) -> std::io::Result<()> {
+    /// Adds light to the sums of the film's own bands: it is many small parts, and never an outlier. `direct`: where those of direct light begin, if there
+    /// are any.
+    pub(super) fn add_splats(&mut self, splats: &Splats, direct: Option<usize>) -> std::io::Result<()> {
         let [width, _, channels] = self.sums.size();
-        let values = splats.pixels.iter().zip(splats.values.chunks_exact(splats.bands)).collect::<Vec<_>>();
+        let bands = splats.bands;
+        let values = splats.pixels.iter().zip(splats.values.chunks_exact(splats.numbers())).collect::<Vec<_>>();
         for row in values.chunk_by(|a, b| *a.0 as usize / width == *b.0 as usize / width) {
             let to = self.sums.row_mut(*row[0].0 as usize / width)?;
-            for (pixel, bands) in row {
+            for (pixel, values) in row {
                 let start = **pixel as usize % width * channels;
-                let pairs = to[start..start + 2 * splats.bands].as_chunks_mut::<2>().0;
-                pairs.iter_mut().zip(*bands).for_each(|(sum, v)| sum[splats.replicate] += v);
+                let pairs = to[start..start + channels].as_chunks_mut::<2>().0;
+                let (all, of_it) = values.split_at(bands);
+                pairs[..bands].iter_mut().zip(all).for_each(|(sum, v)| sum[splats.replicate] += v);
+                if let Some(direct) = direct {
+                    pairs[direct..direct + bands].iter_mut().zip(of_it).for_each(|(sum, v)| sum[splats.replicate] += v);
+                }
             }
         }
         Ok(())
     }
 }
 
+/// What the sums of an exposure come to.
+pub(super) struct Finished {
+    pub mean: Raster<f32>,
+    pub half_difference: Raster<f32>,
+    /// Where fireflies are re-weighted, the fraction of all light that this took away.
+    pub removed: Option<f64>,
+    /// What of the mean is direct light, where that is recorded.
+    pub direct: Option<Raster<f32>>,
+}
+
 impl Sums {
-    /// Mean and half difference of the replicates, with the stars of lamps; where fireflies are re-weighted, the fraction of all light that this took away.
-    pub(super) fn finish(
-        self,
-        bands: usize,
-        cascade: Option<Cascade>,
-        stars: Option<Stars>,
-    ) -> (Raster<f32>, Raster<f32>, Option<f64>) {
-        let (mut mean, mut half, removed) = self.without_stars(bands, cascade);
+    /// Mean and half difference of the replicates, with the stars of lamps. `direct`: where the sums of direct light begin, if there are any.
+    pub(super) fn finish(self, bands: usize, cascade: Option<Cascade>, stars: Option<Stars>, direct: Option<usize>) -> Finished {
+        let (mut mean, mut half_difference, removed) = self.without_stars(bands, cascade);
+        let mut direct = direct.map(|from| self.direct(from, &mean));
         if let Some(stars) = stars {
-            stars.spread(&self.sums, &self.samples, &mut mean, &mut half);
+            stars.spread(&self.sums, &self.samples, [&mut mean, &mut half_difference], direct.as_mut());
         }
-        (mean, half, removed)
+        Finished { mean, half_difference, removed, direct }
+    }
+
+    /// What of the mean of each band is direct light. What re-weighting takes from a pixel it takes from all its light alike.
+    fn direct(&self, from: usize, mean: &Raster<f32>) -> Raster<f32> {
+        let bands = mean.channels;
+        let mut direct = Raster::new(mean.width, mean.height, bands);
+        let pixels = self.sums.data.par_chunks_exact(self.sums.channels);
+        pixels.zip(direct.data.par_chunks_mut(bands)).zip(mean.data.par_chunks(bands)).for_each(|((sums, direct), mean)| {
+            let (mut all, mut half) = (vec![0.0; bands], vec![0.0; bands]);
+            means(&self.samples, &sums[..2 * bands], &mut all, &mut half);
+            means(&self.samples, &sums[2 * from..2 * (from + bands)], direct, &mut half);
+            for ((direct, all), mean) in direct.iter_mut().zip(&all).zip(mean) {
+                *direct *= if mean == all { 1.0 } else { mean / all };
+            }
+        });
+        direct
     }
 
     fn without_stars(&self, bands: usize, cascade: Option<Cascade>) -> (Raster<f32>, Raster<f32>, Option<f64>) {
@@ -201,6 +246,25 @@ impl Sums {
         let [before, after] = light.iter().fold([0.0; 2], |sum, l| [sum[0] + l[0], sum[1] + l[1]]);
         let removed = if before > 0.0 { (before - after) / before } else { 0.0 };
         (mean, half, Some(removed))
+    }
+}
+
+/// Tells the truth of some rows, where it is recorded, what of their mean is direct light and what is not.
+pub(super) fn tell_direct(truth: &mut Truth, film: &[Band], mean: &Raster<f32>, direct: &Raster<f32>) {
+    let (colors, bands) = (colors_of(film), mean.channels);
+    for (channel, values) in truth.iter_mut() {
+        let Values::Float(to) = values else { continue };
+        if channel != DIRECT && channel != INDIRECT {
+            continue;
+        }
+        for (i, pixel) in to.data.chunks_exact_mut(colors.len()).enumerate() {
+            for (to, band) in pixel.iter_mut().zip(colors) {
+                let [all, direct] = [mean, direct].map(|raster| raster.data[i * bands + band]);
+                // Rounding and, where colours part, noise must not leave less than nothing; both are all light.
+                let direct = if film[band].unit == BandUnit::Electrons { direct.clamp(0.0, all.max(0.0)) } else { direct };
+                *to = if channel == DIRECT { direct } else { all - direct };
+            }
+        }
     }
 }
 

@@ -41,6 +41,8 @@ struct PathSample {
     displaced: Option<Displaced>,
     /// Film point where the light would have arrived without diffraction, mm.
     arrived: glam::DVec2,
+    /// Fraction of each wavelength that is direct light, where that is recorded.
+    direct: Option<[f32; 4]>,
 }
 
 /// The ray of a sample into the scene, and what its light counts for.
@@ -159,6 +161,8 @@ pub(super) struct Unit<'a> {
     pub optics: Option<&'a Optics>,
     /// Whether pixels have sums for what lamps send far out.
     pub stars: bool,
+    /// Where the sums of direct light begin, where it is recorded.
+    pub direct: Option<usize>,
     /// How wide pixels are in the scene, where pictures are filtered.
     pub cones: Option<PixelCones>,
 }
@@ -226,8 +230,9 @@ impl Unit<'_> {
                     let sampler = self.sampler(x, y, i);
                     let Some(arrival) = self.sample(x, y, &sampler, light_paths) else { continue };
                     let weighted = times(arrival.weighted, arrival.factors);
-                    let value = |group: usize| self.curves.value(group, arrival.nm, weighted) * arrival.exposure;
-                    self.add(&mut pixel, sampler.replicate(), 1.0, value);
+                    let of = |weighted| move |group: usize| self.curves.value(group, arrival.nm, weighted) * arrival.exposure;
+                    let direct = arrival.direct.map(|fraction| of(times(weighted, fraction)));
+                    self.add(&mut pixel, sampler.replicate(), 1.0, of(weighted), direct);
                 }
                 so_far.copy_from_slice(pixel.as_flattened());
             }
@@ -252,12 +257,14 @@ impl Unit<'_> {
                         let from = self.camera.pixel_of(arrival.arrived.as_vec2().to_array());
                         for c in 0..4 {
                             let value = |group: usize| self.curves.at(group, nm[c]) * (sent[c] * arrival.exposure);
-                            self.note_star(&mut tile_sums, from, half, nm[c], value);
+                            let direct = arrival.direct.map_or(0.0, |fraction| fraction[c]);
+                            self.note_star(&mut tile_sums, from, half, nm[c], direct, value);
                         }
                         weighted = times(weighted, displaced.gathered());
                     }
-                    let value = |group: usize| self.curves.value(group, nm, weighted) * arrival.exposure;
-                    self.add(tile_sums.pixel(x, y), half, 1.0, value);
+                    let of = |weighted| move |group: usize| self.curves.value(group, nm, weighted) * arrival.exposure;
+                    let direct = arrival.direct.map(|fraction| of(times(weighted, fraction)));
+                    self.add(tile_sums.pixel(x, y), half, 1.0, of(weighted), direct);
                 }
             }
         }
@@ -283,9 +290,13 @@ impl Unit<'_> {
         let (mut filter, mut moved, mut shifts) =
             ([glam::DVec2::ZERO; LANES], [glam::DVec2::ZERO; LANES], [glam::DVec2::ZERO; LANES]);
         let mut displaced: [Option<Displaced>; LANES] = [None; LANES];
-        let mut landings = match radiance_only || self.behind.is_some() {
-            true => None,
-            false => Landings::new(&samples, column..column + width, self.settings.sampler, film),
+        // Of all light, and of direct light where that is recorded; with them where their sums begin.
+        let mut landings: Vec<(usize, Landings)> = match radiance_only || self.behind.is_some() {
+            true => Vec::new(),
+            false => {
+                let new = || Landings::new(&samples, column..column + width, self.settings.sampler, film);
+                [Some(0), self.direct].into_iter().flatten().filter_map(|from| Some((from, new()?))).collect()
+            }
         };
         let mut from_sensor = self.behind.as_ref().map(|behind| FromSensor { behind, rays: [None; LANES], film, shifts });
         let mut drawn: Vec<(usize, usize, Sampler, Wavelengths, f32)> = Vec::with_capacity(LANES);
@@ -382,7 +393,7 @@ impl Unit<'_> {
                 let windows = lands.map(|p| p.map(|(x, y)| self.window(x, y, pupil)));
                 let union = |a: (f64, f64), w: (f64, f64)| (a.0.min(w.0), a.1.max(w.1));
                 let mut all = windows.iter().copied().flatten().fold((f64::INFINITY, f64::NEG_INFINITY), union);
-                let squares = match spread && landings.is_some() {
+                let squares = match spread && !landings.is_empty() {
                     true => self.squares([x, y], packet.film[k], &exits.lands[k]),
                     false => None,
                 };
@@ -405,7 +416,7 @@ impl Unit<'_> {
                     let density = 0.25 * f64::from(exits.density[k].iter().sum::<f32>());
                     CameraSample { origin, direction, ray, time, seconds, density }
                 });
-                let radiance = self.radiance(light_paths, camera_sample, [x, y], ray, &wavelengths, sampler);
+                let (radiance, direct) = self.radiance(light_paths, camera_sample, [x, y], ray, &wavelengths, sampler);
                 let weighted = (radiance * wavelengths.weight).to_array();
                 // One bad number must not poison a pixel.
                 if !weighted.iter().all(|v| v.is_finite()) {
@@ -439,33 +450,29 @@ impl Unit<'_> {
                         };
                         let from = self.camera.pixel_of(arrived.as_vec2().to_array());
                         let value = |group: usize| self.curves.at(group, nm[c]) * (sent[c] * scale);
-                        self.note_star(&mut tile_sums, from, half, nm[c], value);
+                        let direct = direct.map_or(0.0, |fraction| fraction[c]);
+                        self.note_star(&mut tile_sums, from, half, nm[c], direct, value);
                     }
                 }
                 if !spread {
                     // All colours where the sample was asked for.
                     let weighted = times(weighted, counted);
-                    let value = |group: usize| self.curves.value(group, nm, weighted) * (weights[0] * scale);
-                    self.add(tile_sums.pixel(x, y), half, 1.0, value);
+                    let of = |weighted| move |group: usize| self.curves.value(group, nm, weighted) * (weights[0] * scale);
+                    let direct = direct.map(|fraction| of(times(weighted, fraction)));
+                    self.add(tile_sums.pixel(x, y), half, 1.0, of(weighted), direct);
                     continue;
                 }
-                if let (Some(landings), Some(squares)) = (&mut landings, squares) {
+                for (from, landings) in landings.iter_mut().filter(|_| squares.is_some()) {
                     if landings.is_of_other([x, y]) {
-                        self.end_pixel(landings, &mut tile_sums);
+                        self.end_pixel(landings, *from, &mut tile_sums);
                     }
                     // The hero lands where it started: nothing is up to chance.
-                    for c in 1..4 {
+                    for (c, square) in (1..4).zip(squares.into_iter().flatten()) {
                         let gain = wavelengths.weight[c] * exits.weight[k][c] * factors[c] * scale;
+                        let of_it = if *from == 0 { 1.0 } else { direct.map_or(0.0, |fraction| fraction[c]) };
                         if let (Some((px, py)), true) = (lands[c], gain > 0.0) {
-                            let landing = Landing {
-                                nm: nm[c],
-                                radiance: radiance[c],
-                                gain,
-                                pixel: [px, py],
-                                square: squares[c - 1],
-                                time,
-                                pupil,
-                            };
+                            let (radiance, pixel) = (radiance[c] * of_it, [px, py]);
+                            let landing = Landing { nm: nm[c], radiance, gain, pixel, square, time, pupil };
                             landings.note([x, y], sampler.number(), landing);
                         }
                     }
@@ -477,15 +484,16 @@ impl Unit<'_> {
                         && (open..=close).contains(&time)
                     {
                         // A quarter of the sample: all of it would be four times as bright.
-                        let value = |group: usize| self.curves.at(group, nm[c]) * (weighted[c] * weight * scale);
-                        self.add(tile_sums.pixel(px, py), half, 4.0, value);
+                        let of = |weighted: f32| move |group: usize| self.curves.at(group, nm[c]) * (weighted * weight * scale);
+                        let direct = direct.map(|fraction| of(weighted[c] * fraction[c]));
+                        self.add(tile_sums.pixel(px, py), half, 4.0, of(weighted[c]), direct);
                     }
                 }
             }
             first += count;
         }
-        if let Some(landings) = &mut landings {
-            self.end_pixel(landings, &mut tile_sums);
+        for (from, landings) in &mut landings {
+            self.end_pixel(landings, *from, &mut tile_sums);
         }
         tile_sums.done()
     }
@@ -505,7 +513,8 @@ impl Unit<'_> {
     }
 
     /// Takes what could be foretold of a pixel's samples from where it landed, and gives it to where all of the pixel would have.
-    fn end_pixel(&self, landings: &mut Landings, sums: &mut TileSums) {
+    /// `from`: where the sums of this light begin.
+    fn end_pixel(&self, landings: &mut Landings, from: usize, sums: &mut TileSums) {
         let bands = self.curves_len();
         let by_pixel = self.shutter.differs_by_pixel();
         let open = |[x, y]: [usize; 2], landing: &Landing| {
@@ -516,12 +525,13 @@ impl Unit<'_> {
         };
         let response = |group: usize, nm: f32| self.curves.at(group, nm);
         landings.end_pixel(bands.div_ceil(GROUP), response, open, |[x, y], half, values| {
-            let signal = &mut sums.pixel(x, y)[..bands];
+            let signal = &mut sums.pixel(x, y)[from..from + bands];
             signal.chunks_mut(GROUP).zip(values).for_each(|(bands, value)| add_to(bands, half, *value));
         });
     }
 
-    /// Radiance along a camera ray; of lamps seen directly what the camera sample counts beside light that is traced from them.
+    /// Radiance along a camera ray, and the fraction of each wavelength that is direct light, where that is recorded; of lamps seen directly what the camera
+    /// sample counts beside light that is traced from them.
     #[inline]
     fn radiance(
         &self,
@@ -531,7 +541,7 @@ impl Unit<'_> {
         ray: Ray,
         wavelengths: &Wavelengths,
         sampler: &Sampler,
-    ) -> glam::Vec4 {
+    ) -> (glam::Vec4, Option<[f32; 4]>) {
         let cone = PixelCones::cone(self.cones.as_ref(), pixel, sampler.number(), ray);
         let replicate = sampler.replicate();
         let light_paths = LightPaths {
@@ -539,18 +549,34 @@ impl Unit<'_> {
             vertices: light_paths.vertices.map(|pools| &pools[replicate]),
         };
         let path = &self.settings.path;
+        let along = |shown| match self.direct {
+            None => (self.scene.radiance_shown(light_paths, shown, cone, wavelengths, sampler, path), None),
+            Some(_) => {
+                let [all, direct] = self.scene.radiance_and_direct(light_paths, shown, cone, wavelengths, sampler, path);
+                let fraction = std::array::from_fn(|c| if all[c] > 0.0 { direct[c] / all[c] } else { 0.0 });
+                (all, Some(fraction))
+            }
+        };
         match (&self.lamps, sample) {
             (Some(lamps), Some(sample)) => {
                 let weight = |number: u32, met: glam::Vec3| lamps.weight(self, &sample, number, met);
-                self.scene.radiance_shown(light_paths, Some(lamps.shown(&weight)), cone, wavelengths, sampler, path)
+                along(Some(lamps.shown(&weight)))
             }
-            _ => self.scene.radiance_shown(light_paths, None, cone, wavelengths, sampler, path),
+            _ => along(None),
         }
     }
 
-    /// Adds a part of a sample to the sums of a pixel. `value`: what it adds to a group of bands; `parts`: how many such parts make a sample.
+    /// Adds a part of a sample to the sums of a pixel. `value`: what it adds to a group of bands; `direct`: what of it is direct light, where that is recorded;
+    /// `parts`: how many such parts make a sample.
     #[inline]
-    fn add(&self, pixel: &mut [[f64; 2]], half: usize, parts: f32, value: impl Fn(usize) -> glam::Vec4) {
+    fn add(
+        &self,
+        pixel: &mut [[f64; 2]],
+        half: usize,
+        parts: f32,
+        value: impl Fn(usize) -> glam::Vec4,
+        direct: Option<impl Fn(usize) -> glam::Vec4>,
+    ) {
         let bands = self.curves_len();
         let (signal, buffers) = pixel.split_at_mut(bands);
         let mut brightest = 0.0f32;
@@ -560,6 +586,14 @@ impl Unit<'_> {
             if value.is_finite() {
                 add_to(bands, half, value);
                 brightest = brightest.max(value.max_element());
+            }
+        }
+        if let (Some(from), Some(direct)) = (self.direct, direct) {
+            for (group, sums) in buffers[from - bands..from].chunks_mut(GROUP).enumerate() {
+                let direct = direct(group);
+                if direct.is_finite() {
+                    add_to(sums, half, direct);
+                }
             }
         }
         if let Some(cascade) = &self.cascade {
@@ -575,19 +609,25 @@ impl Unit<'_> {
     }
 
     /// Notes what a wavelength of a lamp sends far out, a quarter of a sample, in the pixel where it would have arrived. From beyond the film nothing is
-    /// sent.
+    /// sent. `direct`: what fraction of it is direct light.
+    #[allow(clippy::too_many_arguments)]
     fn note_star(
         &self,
         sums: &mut TileSums,
         from: Option<(usize, usize)>,
         half: usize,
         nm: f32,
+        direct: f32,
         value: impl Fn(usize) -> glam::Vec4,
     ) {
         let Some((x, y)) = from else { return };
         let bands = self.curves_len();
-        let before = summed_bands(bands, self.cascade.is_some(), false);
-        stars::note(&mut sums.pixel(x, y)[before..], bands, half, nm, 0.25, value);
+        let before = summed_bands(bands, self.cascade.is_some(), false, false);
+        let pixel = sums.pixel(x, y);
+        if let Some(from) = self.direct {
+            stars::note_direct(&mut pixel[from + bands..from + 2 * bands], half, direct, &value);
+        }
+        stars::note(&mut pixel[before..], bands, half, nm, 0.25, value);
     }
 
     /// The number that chooses the wavelengths: with diffraction one that is spread evenly together with those of the displacement, on which, with it, the
@@ -606,9 +646,9 @@ impl Unit<'_> {
         Some(optics.displaced(middle, wavelengths.nm.to_array(), [u, v]))
     }
 
-    /// Bands that are summed: those of the film, of each buffer of the cascade, and of stars.
+    /// Bands that are summed: those of the film, of each buffer of the cascade, of stars, and of direct light.
     fn summed_bands(&self) -> usize {
-        summed_bands(self.curves_len(), self.cascade.is_some(), self.stars)
+        summed_bands(self.curves_len(), self.cascade.is_some(), self.stars, self.direct.is_some())
     }
 
     /// Whether the film records radiance.
@@ -679,7 +719,7 @@ impl Unit<'_> {
             let (origin, direction) = (lens_ray.origin_mm, lens_ray.direction);
             CameraSample { origin, direction, ray, time, seconds, density: entry.density }
         });
-        let radiance = self.radiance(light_paths, camera_sample, [column, row], ray, &wavelengths, sampler);
+        let (radiance, direct) = self.radiance(light_paths, camera_sample, [column, row], ray, &wavelengths, sampler);
         Some(PathSample {
             nm: wavelengths.nm.to_array(),
             weighted: (radiance * wavelengths.weight).to_array(),
@@ -687,6 +727,7 @@ impl Unit<'_> {
             factors: displaced.map_or([1.0; 4], |d| d.factors([1.0; 4])),
             displaced,
             arrived,
+            direct,
         })
     }
 

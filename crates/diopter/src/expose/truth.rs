@@ -60,7 +60,7 @@ enum Fill {
     Whole(fn(&Recorder, &Seen, &mut [u32])),
     /// With the mean of a number over the samples.
     Mean(fn(Option<&Surface>) -> f64),
-    /// By what comes after the exposure: left at what it reads where there is nothing.
+    /// By the sums of the exposure or what comes after it: left at what it reads where there is nothing.
     Later,
     /// With how much of the pixel each identifier covers.
     Ranks(fn(&Recorder, &Surface) -> f32),
@@ -89,7 +89,7 @@ fn fill(channel: &Channel) -> Fill {
             let object = &recorder.scene.description().objects[surface.object as usize];
             recorder.mattes.materials[object.material as usize]
         }),
-        "stray-light" => Fill::Later,
+        "stray-light" | "direct" | "indirect" => Fill::Later,
         name => unreachable!("the channel \"{name}\" has no function"),
     }
 }
@@ -474,7 +474,7 @@ fn recorded(scene: &Scene, settings: &Settings) -> (Recorded, Mattes) {
             "crypto-object" => &objects,
             "crypto-material" => &materials,
             _ => {
-                sampled |= matches!(fill(channel), Fill::Mean(_) | Fill::Later);
+                sampled |= matches!(fill(channel), Fill::Mean(_));
                 continue;
             }
         };
@@ -533,7 +533,8 @@ mod tests {
             let (numbers, merge) = match fill(channel) {
                 Fill::Float(_) => (Numbers::Float, Merge::Nearest),
                 Fill::Whole(_) => (Numbers::Whole, Merge::Nearest),
-                Fill::Mean(_) | Fill::Later => (Numbers::Float, Merge::Mean),
+                Fill::Mean(_) => (Numbers::Float, Merge::Mean),
+                Fill::Later => (Numbers::Float, Merge::Light),
                 Fill::Ranks(_) => (Numbers::Float, Merge::Ranks),
             };
             assert_eq!((numbers, merge), (channel.numbers, channel.merge), "{}", channel.name);

@@ -212,8 +212,7 @@ fn settings(r: &RenderSection) -> Result<Settings, ShotError> {
     let channels =
         Channel::list(channels).map_err(|e| ShotError::Value { what: "truth-channels", found: e.found, expected: e.expected })?;
     if let Some(c) = channels.iter().find(|c| r.quick && c.needs_pupil) {
-        let expected =
-            "channels of chief rays beside a quick look, which asks no lens for its pupil: position, distance, uv, flow ...";
+        let expected = "channels of chief rays beside a quick look, which follows no light through a pupil: position, distance, uv, flow ...";
         return Err(value("truth-channels", c.name, expected));
     }
     let default = PathSettings::default();

@@ -752,9 +752,10 @@ impl Shot {
         self.stars && !self.radiance && self.spectral.is_none() && self.diffracts()
     }
 
-    /// Bands that the sums of the exposure hold: those of the film, and more where fireflies are re-weighted and where lamps make stars.
+    /// Bands that the sums of the exposure hold: those of the film, and more where fireflies are re-weighted, where lamps make stars and where direct
+    /// light is recorded.
     pub fn summed_bands(&self) -> usize {
-        expose::summed_bands(self.bands(), self.reweights(), self.makes_stars())
+        expose::summed_bands(self.bands(), self.reweights(), self.makes_stars(), self.settings.records_direct())
     }
 
     /// Exposes the film. [`Shot::meter`] must have been called.

@@ -49,6 +49,7 @@ impl Shot {
             self.sensor.dark_current.points.iter_mut().for_each(|point| point[1] *= 0.5);
         }
         self.settings.half = Some(half);
+        self.facts.photodiodes = name.into();
         // Fixed patterns and noise of its own: other draws of the same body.
         self.reading.serial = format!("{}, {name} photodiodes", self.facts.serial);
         self.reading.seed = self.settings.seed ^ if half == Half::Right { 0x9e37_79b9_7f4a_7c15 } else { 0 };

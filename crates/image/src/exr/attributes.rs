@@ -13,15 +13,27 @@ const FIRST_READ: u64 = 1 << 16;
 /// Bit of the version field of files with several parts.
 const MULTIPART: u8 = 0x10;
 
-/// Puts the attributes of a file of one part into the order of their names: the same picture is then the same bytes. Nothing else moves.
+/// Puts the attributes of each part of a file into the order of their names: the same picture is then the same bytes. Nothing else moves.
 pub fn sort_attributes(file: &mut [u8]) -> Result<(), ImageError> {
     let wrong = |reason: &str| ImageError::Malformed { format: "EXR", reason: reason.to_owned() };
-    if file.get(..4) != Some(&[0x76, 0x2f, 0x31, 0x01]) || file.get(5).is_none_or(|flags| flags & MULTIPART != 0) {
-        return Err(wrong("not the file of one part whose attributes were to be sorted"));
-    }
-    let cut = || wrong("its header is cut off");
-    let mut attributes: Vec<(Vec<u8>, Vec<u8>)> = Vec::new();
+    let flags = file.get(5).copied().filter(|_| file[..4] == [0x76, 0x2f, 0x31, 0x01]);
+    let Some(flags) = flags else { return Err(wrong("not a file whose attributes can be sorted")) };
     let mut at = BEGIN;
+    loop {
+        let end = sort_header(file, at)?;
+        // One header follows the other; behind the last of several parts stands an empty one.
+        if flags & MULTIPART == 0 || end == at {
+            return Ok(());
+        }
+        at = end + 1;
+    }
+}
+
+/// Sorts the header that begins at a place; where its end mark stands.
+fn sort_header(file: &mut [u8], begin: usize) -> Result<usize, ImageError> {
+    let cut = || ImageError::Malformed { format: "EXR", reason: "its header is cut off".to_owned() };
+    let mut attributes: Vec<(Vec<u8>, Vec<u8>)> = Vec::new();
+    let mut at = begin;
     // Name and type end with a zero byte, the size of the value has four; an empty name ends the header.
     let text_end =
         |from: usize| file.get(from..).and_then(|rest| rest.iter().position(|b| *b == 0)).map(|n| from + n).ok_or_else(cut);
@@ -39,8 +51,8 @@ pub fn sort_attributes(file: &mut [u8]) -> Result<(), ImageError> {
     }
     attributes.sort();
     let sorted: Vec<u8> = attributes.into_iter().flat_map(|a| a.1).collect();
-    file[BEGIN..at].copy_from_slice(&sorted);
-    Ok(())
+    file[begin..at].copy_from_slice(&sorted);
+    Ok(at)
 }
 
 /// The same in a file that is open for reading and writing, of which only the header is read.
@@ -88,6 +100,21 @@ mod tests {
         let mut cut = file(&[("a", b"first")]);
         cut.truncate(20);
         assert!(sort_attributes(&mut cut).is_err() && sort_attributes(&mut b"no EXR at all".to_vec()).is_err());
+    }
+
+    #[test]
+    fn each_part_is_sorted_by_itself() {
+        let parts = |of_first: &[(&str, &[u8])], of_second: &[(&str, &[u8])]| {
+            let header = |attributes: &[(&str, &[u8])]| file(attributes)[BEGIN..].strip_suffix(b"behind").unwrap().to_vec();
+            let mut bytes = vec![0x76, 0x2f, 0x31, 0x01, 2, MULTIPART, 0, 0];
+            bytes.extend([header(of_first), header(of_second), b"\0behind".to_vec()].concat());
+            bytes
+        };
+        let mut mixed = parts(&[("b", b"1"), ("a", b"2")], &[("d", b"3"), ("c", b"")]);
+        sort_attributes(&mut mixed).unwrap();
+        assert_eq!(mixed, parts(&[("a", b"2"), ("b", b"1")], &[("c", b""), ("d", b"3")]));
+        let end = mixed.len() - b"\0behind".len();
+        assert!(sort_attributes(&mut mixed[..end].to_vec()).is_err());
     }
 
     #[test]

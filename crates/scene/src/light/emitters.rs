@@ -10,8 +10,7 @@
 use super::{AreaLight, LightSample, Spot};
 use crate::material::Emission;
 use crate::medium_stack::MediumStack;
-use crate::radiance::PathSettings;
-use crate::radiance::stream_along;
+use crate::radiance::{DIRECT_EVENTS, PathSettings, stream_along};
 use crate::scene::{AreaLights, Object, Scene, Shape, area_lights};
 use crate::shape::Surface;
 use diopter_light::{Sampled, Wavelengths};
@@ -109,7 +108,7 @@ impl Emitters<'_> {
     }
 
     /// Spectral radiance that arrives along a light sample from `p` at `origin`, a point on the same line, at a time of the exposure: what it sends out, less what
-    /// is in the way.
+    /// is in the way; and what of it is direct light ([`Scene::radiance_and_direct`]), through one thin dielectric at most.
     #[allow(clippy::too_many_arguments)]
     pub fn incident_radiance(
         &self,
@@ -119,16 +118,17 @@ impl Emitters<'_> {
         wavelengths: &Wavelengths,
         time_s: f32,
         settings: &PathSettings,
-    ) -> Sampled {
-        let Spot::Area(number, place) = light_sample.spot else { return Sampled::ZERO };
+    ) -> [Sampled; 2] {
+        let Spot::Area(number, place) = light_sample.spot else { return [Sampled::ZERO; 2] };
         let (scene, light) = (self.scene, &self.found.lights[number as usize]);
         let materials = &scene.description().materials;
         let sent = light.radiance(place, materials, wavelengths);
         let sent = sent * scene.modulation(&materials[light.material as usize], time_s);
         let medium_stack = MediumStack::new(scene.air());
-        scene.transmittance_to_light(sent, p, origin, light_sample, medium_stack, wavelengths, time_s, settings.max_depth, || {
-            stream_along(p, light_sample.wi)
-        })
+        let stream = || stream_along(p, light_sample.wi);
+        let most = settings.max_depth;
+        let past = scene.light_past(sent, p, origin, light_sample, medium_stack, wavelengths, time_s, most, stream);
+        [past.light, if past.thin_dielectrics <= DIRECT_EVENTS { past.light } else { Sampled::ZERO }]
     }
 }
 
@@ -181,7 +181,7 @@ mod tests {
             for number in 0..2 {
                 let light_sample = emitters.sample_li(number, p, u, 0.0).unwrap();
                 let origin = p + light_sample.wi * 0.02;
-                let light = emitters.incident_radiance(&light_sample, p, origin, &wavelengths, 0.0, &settings).x;
+                let light = emitters.incident_radiance(&light_sample, p, origin, &wavelengths, 0.0, &settings)[0].x;
                 let end = p + light_sample.wi * light_sample.distance;
                 let density = emitters.density(number, p, light_sample.wi, end, 0.0);
                 assert!((density / light_sample.pdf - 1.0).abs() < 1e-3, "{density} {}", light_sample.pdf);

@@ -13,7 +13,8 @@
 //! In media that differ from place to place the distance is found by tracking ([`crate::medium::tracking`]), whose density nobody knows: there the
 //! first two strategies do without the third.
 
-use super::{MOST_SURVIVAL, PathSettings, PrevScatter, mis, survives};
+use super::tally::Tally;
+use super::{MOST_SURVIVAL, Past, PathSettings, PrevScatter, mis, survives};
 use crate::light::LightRef;
 use crate::light::segment::{EquiAngular, Pivot, Segment};
 use crate::medium::tracking::Track;
@@ -127,20 +128,21 @@ impl Inscatter {
 
 impl MediumSegment<'_> {
     /// Adds the light of the segment to `radiance`, and takes the path on.
-    pub fn take(&self, throughput: &mut Sampled, eta_scale: f32, radiance: &mut Sampled) -> After {
+    pub fn take(&self, throughput: &mut Sampled, eta_scale: f32, radiance: &mut impl Tally) -> After {
         if let Some(volume) = &self.medium.volume {
             return self.track(volume, throughput, eta_scale, radiance);
         }
         let [near, far] = self.span;
         let sigma = self.medium.at(self.wavelengths);
         if let Some(emission) = &self.medium.emission {
-            *radiance += *throughput * emission.sample_light(self.wavelengths) * sigma.absorption * sigma.depth(far - near);
+            let light = *throughput * emission.sample_light(self.wavelengths) * sigma.absorption * sigma.depth(far - near);
+            radiance.add(light, self.depth);
         }
         let before = *throughput;
         let inscatter = self.inscatter(&sigma, before);
         let [u, v, w, _] = self.sampler.get(Set::Medium(self.segment_index));
         if let Some(inscatter) = &inscatter {
-            *radiance += self.equiangular(inscatter, &sigma, before, w).unwrap_or(Sampled::ZERO);
+            self.add(radiance, self.equiangular(inscatter, &sigma, before, w));
         }
         let distance = match sigma.sample_distance(far - near, [u, v], before) {
             DistanceSample::Through(weight) => {
@@ -157,11 +159,11 @@ impl MediumSegment<'_> {
     }
 
     /// The same in a medium that differs from place to place.
-    fn track(&self, volume: &Volume, throughput: &mut Sampled, eta_scale: f32, radiance: &mut Sampled) -> After {
+    fn track(&self, volume: &Volume, throughput: &mut Sampled, eta_scale: f32, radiance: &mut impl Tally) -> After {
         let moment_s = self.scene.moment_s(self.ray.time_s);
         let track = Track::new(self.medium, volume, self.ray, self.span, self.wavelengths, moment_s);
         let mut stream = self.sampler.stream(Set::Tracking(self.segment_index));
-        match track.sample_distance(*throughput, &mut stream, radiance) {
+        match radiance.add_by(self.depth, |emitted| track.sample_distance(*throughput, &mut stream, emitted)) {
             DistanceSample::Through(weight) => {
                 *throughput *= weight;
                 After::Through
@@ -175,14 +177,14 @@ impl MediumSegment<'_> {
     }
 
     /// Adds light that arrives where the path is scattered, and chooses where it goes on.
-    fn scatter(&self, on: ScatteredOn, throughput: &mut Sampled, eta_scale: f32, radiance: &mut Sampled) -> After {
+    fn scatter(&self, on: ScatteredOn, throughput: &mut Sampled, eta_scale: f32, radiance: &mut impl Tally) -> After {
         if self.depth >= self.settings.max_depth || !(throughput.max_element() > 0.0) {
             return After::Ended;
         }
         let point = self.ray.at(on.distance);
         let aims = !self.medium.is_subsurface;
         if aims {
-            *radiance += self.lit(&on, point, *throughput).unwrap_or(Sampled::ZERO);
+            self.add(radiance, self.lit(&on, point, *throughput));
         }
         let u = self.sampler.get(Set::Scatter(self.vertex));
         let (direction, density) = scattered(self.ray.direction, self.medium.asymmetry, [u[0], u[1]]);
@@ -193,6 +195,13 @@ impl MediumSegment<'_> {
         }
         let last = aims.then_some(PrevScatter { point, normal: Vec3::ZERO, density, gone: 0.0 });
         After::Scattered { ray: Ray { origin: point, direction, time_s: self.ray.time_s }, last, on }
+    }
+
+    /// Adds light of a lamp that is scattered on this segment.
+    fn add(&self, radiance: &mut impl Tally, arrives: Option<Past>) {
+        if let Some(Past { light, thin_dielectrics, .. }) = arrives {
+            radiance.add(light, self.depth + 1 + thin_dielectrics);
+        }
     }
 
     /// The segment for equi-angular samples; `None` where there is nothing to sample.
@@ -213,7 +222,7 @@ impl MediumSegment<'_> {
     }
 
     /// Light of a lamp that is scattered into the ray, by an equi-angular sample; `None` where there is none. `u` decides whether it is taken.
-    fn equiangular(&self, inscatter: &Inscatter, sigma: &Sigma, throughput: Sampled, u: f32) -> Option<Sampled> {
+    fn equiangular(&self, inscatter: &Inscatter, sigma: &Sigma, throughput: Sampled, u: f32) -> Option<Past> {
         let (scene, segment) = (self.scene, &inscatter.segment);
         let [choice, along, place @ ..] = self.sampler.get(Set::Inscatter(self.segment_index));
         let (light, chosen) = scene.lights().choose_along(segment, choice, self.flash)?;
@@ -241,7 +250,7 @@ impl MediumSegment<'_> {
     }
 
     /// Light that arrives at a scattering vertex, by next-event estimation; `None` where there is none.
-    fn lit(&self, on: &ScatteredOn, point: Vec3, throughput: Sampled) -> Option<Sampled> {
+    fn lit(&self, on: &ScatteredOn, point: Vec3, throughput: Sampled) -> Option<Past> {
         let scene = self.scene;
         let u = self.sampler.get(Set::Light(self.vertex));
         let (light, probability) = scene.lights().choose(point, Vec3::ZERO, u[2], self.flash)?;
@@ -255,10 +264,10 @@ impl MediumSegment<'_> {
     }
 
     /// What is left of light from a lamp at a place of the segment.
-    fn transmitted_from_light(&self, point: Vec3, light: Sampled, light_sample: &crate::light::LightSample) -> Sampled {
+    fn transmitted_from_light(&self, point: Vec3, light: Sampled, light_sample: &crate::light::LightSample) -> Past {
         let thin_dielectrics = self.settings.max_depth - self.depth - 1;
         let stream = || self.sampler.stream(Set::Transmittance(self.vertex));
-        self.scene.transmittance_to_light(
+        self.scene.light_past(
             light,
             point,
             point,
