@@ -5,6 +5,7 @@
 
 use super::layer::{Key, Value};
 use super::material::Bound;
+use super::skeleton::{self, Bending, VertexBending};
 use super::stage::{Prim, Stage};
 use super::subdivision;
 use crate::SceneError;
@@ -37,10 +38,18 @@ impl Part {
     }
 }
 
+/// A mesh with one material.
+pub struct MeshPart {
+    pub mesh: Mesh,
+    pub material: u32,
+    /// What bends it.
+    pub bending: Option<VertexBending>,
+}
+
 /// Meshes of a prim with their materials.
 #[derive(Default)]
 pub struct Meshes {
-    pub parts: Vec<(Mesh, u32)>,
+    pub parts: Vec<MeshPart>,
     /// What was left out of them.
     pub left_out: Vec<&'static str>,
 }
@@ -95,6 +104,8 @@ pub struct Control {
     pub left_handed: bool,
     /// Number of the part of each face; none of holes and of what is no face.
     pub part_of: Vec<Option<u32>>,
+    /// What bends its points.
+    pub bending: Option<Bending>,
 }
 
 /// A primvar by name, if it is there; `None` in the outer place if it does not fit the mesh.
@@ -139,12 +150,23 @@ pub fn primvar(
 }
 
 /// Reads a mesh, subdivided to a level if it is a subdivision surface: one for each part that has faces.
-pub fn read(stage: &Stage, prim: &Prim, parts: &[Part], level: u32) -> Result<Meshes, SceneError> {
+///
+/// `shapes` are the blend shapes of a mesh that hangs on a skeleton; `None` of others.
+pub fn read(
+    stage: &Stage,
+    prim: &Prim,
+    parts: &[Part],
+    shapes: Option<&[Option<Arc<Prim>>]>,
+    level: u32,
+) -> Result<Meshes, SceneError> {
     let mut out = Meshes::default();
-    let Some(control) = control(stage, prim, parts)? else {
+    let Some(mut control) = control(stage, prim, parts)? else {
         out.left_out.push("meshes whose faces do not fit their points");
         return Ok(out);
     };
+    if let Some(shapes) = shapes {
+        control.bending = skeleton::read(stage, prim, shapes, control.points.len(), &mut out.left_out)?;
+    }
     if let Some(scheme) = subdivision::scheme(stage, prim)?
         && subdivision::read(stage, prim, parts, &control, (scheme, level), &mut out)?
     {
@@ -190,12 +212,12 @@ fn control(stage: &Stage, prim: &Prim, parts: &[Part]) -> Result<Option<Control>
             *part = None;
         }
     }
-    Ok(Some(Control { points, indices, starts, size, left_handed, part_of }))
+    Ok(Some(Control { points, indices, starts, size, left_handed, part_of, bending: None }))
 }
 
 /// The faces as they are.
 fn polygons(stage: &Stage, prim: &Prim, parts: &[Part], control: &Control, out: &mut Meshes) -> Result<(), SceneError> {
-    let Control { points, indices, starts, size, left_handed, part_of } = control;
+    let Control { points, indices, starts, size, left_handed, part_of, bending } = control;
     let mut get = |name: &str, width: usize, default: &str| -> Result<Option<Primvar>, SceneError> {
         let read = primvar(stage, prim, name, width, size, default)?;
         if read.is_none() {
@@ -230,6 +252,7 @@ fn polygons(stage: &Stage, prim: &Prim, parts: &[Part], control: &Control, out: 
         }
         let colors = colors.as_ref().filter(|_| part.colors);
         let mut mesh = Mesh::default();
+        let mut point_of: Vec<u32> = vec![];
         let (mut next, mut touched): (Vec<u32>, Vec<u32>) = (vec![], vec![]);
         let mut polygon: Vec<u32> = Vec::new();
         for face in faces {
@@ -260,6 +283,7 @@ fn polygons(stage: &Stage, prim: &Prim, parts: &[Part], control: &Control, out: 
                 if vertex == u32::MAX {
                     vertex = mesh.positions.len() as u32;
                     mesh.positions.push(Vec3::from_array(points[point]));
+                    point_of.push(point as u32);
                     mesh.normals.extend(normal);
                     (0..2).for_each(|k| mesh.uvs[k].extend(uv[k]));
                     mesh.colors.extend(color);
@@ -283,7 +307,8 @@ fn polygons(stage: &Stage, prim: &Prim, parts: &[Part], control: &Control, out: 
             }
         }
         touched.iter().for_each(|p| first[*p as usize] = u32::MAX);
-        out.parts.push((mesh, part.material));
+        let bending = bending.as_ref().map(|b| b.of_vertices(&point_of, &mesh));
+        out.parts.push(MeshPart { mesh, material: part.material, bending });
     }
     Ok(())
 }
