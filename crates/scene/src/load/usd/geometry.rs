@@ -9,8 +9,10 @@ use super::skeleton::{self, Bending, VertexBending};
 use super::stage::{Prim, Stage};
 use super::subdivision;
 use crate::SceneError;
+use crate::load::displaced;
 use crate::load::pbrt::shapes;
 use crate::shape::Mesh;
+use crate::texture::Scalar;
 use glam::{DVec2, DVec3, Vec2, Vec3};
 use std::collections::HashSet;
 use std::f64::consts::{PI, TAU};
@@ -30,11 +32,14 @@ pub struct Part {
     pub uvs: Vec<String>,
     /// Whether it has colours of its own.
     pub colors: bool,
+    /// Heights of its material.
+    pub displacement: Option<Arc<Scalar>>,
 }
 
 impl Part {
     pub fn new(subset: Option<Arc<Prim>>, bound: &Bound) -> Self {
-        Part { subset, material: bound.number, uvs: bound.uvs.clone(), colors: bound.colors }
+        let Bound { number, uvs, colors, displacement } = bound.clone();
+        Part { subset, material: number, uvs, colors, displacement }
     }
 }
 
@@ -44,6 +49,8 @@ pub struct MeshPart {
     pub material: u32,
     /// What bends it.
     pub bending: Option<VertexBending>,
+    /// Heights that are to move its points.
+    pub displacement: Option<Arc<Scalar>>,
 }
 
 /// Meshes of a prim with their materials.
@@ -151,13 +158,14 @@ pub fn primvar(
 
 /// Reads a mesh, subdivided to a level if it is a subdivision surface: one for each part that has faces.
 ///
-/// `shapes` are the blend shapes of a mesh that hangs on a skeleton; `None` of others.
+/// `shapes` are the blend shapes of a mesh that hangs on a skeleton; `None` of others. A displaced mesh has `most_displaced` triangles at most.
 pub fn read(
     stage: &Stage,
     prim: &Prim,
     parts: &[Part],
     shapes: Option<&[Option<Arc<Prim>>]>,
     level: u32,
+    most_displaced: usize,
 ) -> Result<Meshes, SceneError> {
     let mut out = Meshes::default();
     let Some(mut control) = control(stage, prim, parts)? else {
@@ -167,13 +175,36 @@ pub fn read(
     if let Some(shapes) = shapes {
         control.bending = skeleton::read(stage, prim, shapes, control.points.len(), &mut out.left_out)?;
     }
-    if let Some(scheme) = subdivision::scheme(stage, prim)?
-        && subdivision::read(stage, prim, parts, &control, (scheme, level), &mut out)?
-    {
-        return Ok(out);
+    let is_subdivided = match subdivision::scheme(stage, prim)? {
+        Some(scheme) => subdivision::read(stage, prim, parts, &control, (scheme, level), &mut out)?,
+        None => false,
+    };
+    if !is_subdivided {
+        polygons(stage, prim, parts, &control, &mut out)?;
     }
-    polygons(stage, prim, parts, &control, &mut out)?;
+    displace(&mut out, most_displaced);
     Ok(out)
+}
+
+/// Moves points by the heights of their materials, all parts that have some together.
+fn displace(out: &mut Meshes, most: usize) {
+    if out.parts.iter().any(|p| p.displacement.is_some() && p.bending.is_some()) {
+        out.left_out.push("displacement of what skeletons bend");
+        return;
+    }
+    let heights: Vec<Option<Arc<Scalar>>> = out.parts.iter().map(|p| p.displacement.clone()).collect();
+    let all = out.parts.iter_mut().zip(&heights).filter_map(|(p, height)| Some((&mut p.mesh, height.as_deref()?)));
+    let mut all: Vec<(&mut Mesh, &Scalar)> = all.collect();
+    if all.is_empty() {
+        return;
+    }
+    let done = displaced::displace(&mut all, most);
+    if done.stopped {
+        out.left_out.push("fineness of displaced meshes that would be too large");
+    }
+    if done.without_height > 0 {
+        out.left_out.push("displacement by what is no number");
+    }
 }
 
 /// The faces of a mesh; `None` where they do not fit its points.
@@ -308,7 +339,7 @@ fn polygons(stage: &Stage, prim: &Prim, parts: &[Part], control: &Control, out: 
         }
         touched.iter().for_each(|p| first[*p as usize] = u32::MAX);
         let bending = bending.as_ref().map(|b| b.of_vertices(&point_of, &mesh));
-        out.parts.push(MeshPart { mesh, material: part.material, bending });
+        out.parts.push(MeshPart { mesh, material: part.material, bending, displacement: part.displacement.clone() });
     }
     Ok(())
 }

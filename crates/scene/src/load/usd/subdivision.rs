@@ -2,7 +2,7 @@
 //!
 //! Source: OpenUSD, `UsdGeomMesh`. A scheme that is not said is Catmull–Clark's, as the schema has it; but where a file says normals and no scheme
 //! it means polygons: many exporters write such meshes, and normals mean nothing on a subdivision surface, where they are ignored. No file says how
-//! fine: [`LEVEL`]. Left out: `triangleSubdivisionRule` "smooth", displacement.
+//! fine: [`LEVEL`]. Left out: `triangleSubdivisionRule` "smooth".
 
 use super::geometry::{Control, MeshPart, Meshes, Part, Per, Primvar, primvar};
 use super::layer::Value;
@@ -142,7 +142,7 @@ pub fn read(
             shapes::reverse(&mut fine);
         }
         let bending = control.bending.as_ref().map(|b| b.of_fine_vertices(&refined.vertex_values, &positions, &fine));
-        out.parts.push(MeshPart { mesh: fine, material: part.material, bending });
+        out.parts.push(MeshPart { mesh: fine, material: part.material, bending, displacement: part.displacement.clone() });
     }
     Ok(true)
 }

@@ -7,8 +7,8 @@ use super::skeleton::{Binding, Bones};
 use super::stage::{Prim, Stage};
 use super::{camera, curves, error, light, skeleton, subdivision, transform};
 use crate::SceneError;
-use crate::load::Fetch;
 use crate::load::pbrt::shapes;
+use crate::load::{Fetch, displaced};
 use crate::motion::{AnimatedProperty, Animation, Channel, Ending, KeyInterpolation, Local, Motion, Node, Parts, Playing};
 use crate::scene::{Description, Object, Shape};
 use crate::shape::{Curves, Mesh};
@@ -577,13 +577,16 @@ impl<'a> World<'a> {
         let prims = |form: &Form| if let Form::Mesh { prim, .. } = form { Some(prim.clone()) } else { None };
         let prims: Vec<Arc<Prim>> = forms.iter().filter_map(prims).collect();
         let level = subdivision::level(stage, &prims)?;
+        let is_displaced =
+            |form: &&Form| matches!(form, Form::Mesh { parts, .. } if parts.iter().any(|p| p.displacement.is_some()));
+        let most_displaced = displaced::MOST_IN_ALL / forms.iter().filter(is_displaced).count().max(1);
         let read = |form: Form| -> Read<(geometry::Meshes, Other)> {
             Ok(match form {
                 Form::Mesh { prim, parts, shapes } => {
-                    (geometry::read(stage, &prim, &parts, shapes.as_deref(), level)?, Other::None)
+                    (geometry::read(stage, &prim, &parts, shapes.as_deref(), level, most_displaced)?, Other::None)
                 }
                 Form::Ready { mesh, material } => {
-                    let parts = vec![MeshPart { mesh, material, bending: None }];
+                    let parts = vec![MeshPart { mesh, material, bending: None, displacement: None }];
                     (geometry::Meshes { parts, left_out: vec![] }, Other::None)
                 }
                 Form::Ball { radius, material } => (geometry::Meshes::default(), Other::Ball(radius, material)),
