@@ -105,6 +105,11 @@ pub fn stl(bytes: &[u8], name: &str) -> Result<Description, SceneError> {
 /// Reads an OBJ file with the materials that it names.
 pub fn obj(bytes: &[u8], name: &str, fetch: Fetch) -> Result<Description, SceneError> {
     let options = tobj::LoadOptions { triangulate: true, single_index: true, ignore_points: true, ignore_lines: true };
+    let told =
+        |(line, text, expected): (usize, String, &str)| error(format!("{name}: line {line}"), format!("\"{text}\""), expected);
+    if let Some(bad) = Some(bytes).filter(|b| has_far_corners(b)).and_then(bad_line) {
+        return Err(told(bad));
+    }
     let mut warnings = Vec::new();
     let mut missing = Vec::new();
     let read = |path: &std::path::Path| {
@@ -120,7 +125,7 @@ pub fn obj(bytes: &[u8], name: &str, fetch: Fetch) -> Result<Description, SceneE
     let read = std::cell::RefCell::new(read);
     let loaded = tobj::load_obj_buf(&mut Cursor::new(bytes), &options, |p| (read.borrow_mut())(p));
     let (models, materials) = loaded.map_err(|e| match bad_line(bytes) {
-        Some((line, text, expected)) => error(format!("{name}: line {line}"), format!("\"{text}\""), expected),
+        Some(bad) => told(bad),
         None => error(name.to_owned(), e.to_string(), "an OBJ file"),
     })?;
     warnings.append(&mut missing);
@@ -193,35 +198,45 @@ fn displace(mut displaced: Vec<(Mesh, usize, Scalar)>, name: &str, d: &mut Descr
     }
 }
 
+/// Whether faces count backwards or by numbers of 19 digits: the reader itself computes with such numbers before it looks whether they can be.
+fn has_far_corners(bytes: &[u8]) -> bool {
+    let mut faces = bytes.split(|c| *c == b'\n').map(<[u8]>::trim_ascii_start).filter(|line| line.starts_with(b"f"));
+    faces.any(|line| line.contains(&b'-') || line.split(|c| !c.is_ascii_digit()).any(|run| run.len() >= 19))
+}
+
 /// The first line of an OBJ file that cannot be read: its number, what stands there, what belongs there. The reader itself tells no lines.
 /// Source: Wavefront's OBJ specification (1995).
 fn bad_line(bytes: &[u8]) -> Option<(usize, String, &'static str)> {
     let lines = || bytes.split(|c| *c == b'\n').map(String::from_utf8_lossy);
     let key_of = |line: &str| line.split_whitespace().next().unwrap_or_default().to_owned();
-    // Vertices, texture coordinates and normals, which faces count from 1, or backwards from -1.
-    let mut counts = [0i64; 3];
-    for line in lines() {
-        let kind = ["v", "vt", "vn"].iter().position(|k| key_of(&line) == *k);
+    // Vertices, texture coordinates and normals, which faces count from 1, or backwards from -1 among those before them.
+    let count = |counts: &mut [i64; 3], line: &str| {
+        let kind = ["v", "vt", "vn"].iter().position(|k| key_of(line) == *k);
         kind.into_iter().for_each(|k| counts[k] += 1);
-    }
-    let is_corner = |word: &str| {
-        let numbers = word.split('/').zip(counts);
+    };
+    let (mut all, mut before) = ([0i64; 3], [0i64; 3]);
+    lines().for_each(|line| count(&mut all, &line));
+    let is_corner = |word: &str, before: [i64; 3]| {
+        let numbers = word.split('/').zip(all.into_iter().zip(before));
         word.split('/').count() <= 3
-            && numbers.enumerate().all(|(i, (text, count))| match text.parse::<i64>() {
-                Ok(number) => number != 0 && number.abs() <= count,
+            && numbers.enumerate().all(|(i, (text, (all, before)))| match text.parse::<i64>() {
+                Ok(number) => (1..=all).contains(&number) || (-before..0).contains(&number),
                 // "1//3": without texture coordinates.
                 Err(_) => text.is_empty() && i > 0,
             })
     };
     for (i, line) in lines().enumerate() {
         let mut words = line.split_whitespace();
+        count(&mut before, &line);
         let numbers = |most: usize, words: std::str::SplitWhitespace| {
             words.clone().count() >= most && words.take(most).all(|w| w.parse::<f32>().is_ok())
         };
         let expected = match words.next().unwrap_or_default() {
             "v" | "vn" if !numbers(3, words.clone()) => "three numbers behind v and vn",
             "vt" if !numbers(1, words.clone()) => "numbers behind vt",
-            "f" if !words.clone().all(is_corner) => "corners of vertices that the file has behind f: 1, 1/1, 1//1 or 1/1/1",
+            "f" if !words.clone().all(|word| is_corner(word, before)) => {
+                "corners of vertices that the file has behind f: 1, 1/1, 1//1 or 1/1/1"
+            }
             _ => continue,
         };
         return Some((i + 1, line.trim().chars().take(80).collect(), expected));
@@ -383,6 +398,26 @@ fn material(
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn corners_beyond_the_file_are_errors_with_their_line() {
+        let obj_of = |face: &str| {
+            let text = format!("v 0 0 0\nv 1 0 0\nv 1 1 0\nvt 0 0\nvn 0 0 1\n{face}\nv 5 5 5\nvt 1 1\n");
+            obj(text.as_bytes(), "t.obj", &|_| Err("no".into()))
+        };
+        for bad in [
+            "f 1/1/1 2/1/-11 3/1/1",
+            "f 1/1/1 2/-2/1 3/1/1",
+            "f 1/9223372036854775807/1 2/1/1 3/1/1",
+            "f 1/1/9223372036854775807 2/1/1 3/1/1",
+            "f -9223372036854775808 -1 -2",
+            " f -4 -1 -2",
+        ] {
+            let e = obj_of(bad).unwrap_err().to_string();
+            assert!(e.contains("t.obj: line 6") && e.contains("corners of vertices"), "{bad}: {e}");
+        }
+        assert_eq!(obj_of("f -3/-1/-1 -2/-1/-1 -1/-1/-1").unwrap().meshes[0].positions[2], Vec3::new(1.0, 1.0, 0.0));
+    }
 
     #[test]
     fn displaced_meshes_of_several_materials_are_one_surface() {
