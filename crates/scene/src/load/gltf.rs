@@ -75,6 +75,11 @@ struct Loader<'a> {
     captured: Option<u32>,
 }
 
+/// A normal of length 1. One that has it but for rounding stays as it is: written and read again it is the same.
+fn unit(v: Vec3) -> Vec3 {
+    if (v.length_squared() - 1.0).abs() < 1e-6 { v } else { v.normalize_or_zero() }
+}
+
 /// Gives positions without bounds some. The specification asks for them, but many writers of splats leave them out, and nobody here reads them.
 fn add_missing_bounds(json: &mut Value) {
     let list = |v: &Value, key: &str| v.get(key).and_then(Value::as_array).cloned().unwrap_or_default();
@@ -419,7 +424,7 @@ impl<'a> Loader<'a> {
         };
         let mut warnings = Vec::new();
         let mut normals: Vec<Vec3> =
-            reader.read_normals().map(|it| it.map(|v| Vec3::from_array(v).normalize_or_zero()).collect()).unwrap_or_default();
+            reader.read_normals().map(|it| it.map(|v| unit(Vec3::from_array(v))).collect()).unwrap_or_default();
         if !normals.is_empty() && !fits("normals", normals.len(), &mut warnings) {
             normals.clear();
         }
