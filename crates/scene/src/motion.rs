@@ -193,6 +193,19 @@ pub struct Skin {
     pub per_corner: usize,
 }
 
+/// Scales the weights of a corner so that they sum to 1. What nothing holds is held by the first joint. Not for an empty list.
+pub(crate) fn influences_summing_to_one(corner: &mut [(u16, f32)]) {
+    let total: f32 = corner.iter().map(|(_, w)| w).sum();
+    // What sums to 1 but for rounding stays as it is: written and read again it is the same.
+    let total = if (total - 1.0).abs() < 1e-6 { 1.0 } else { total };
+    if !(total.abs() > 1e-6 && total.is_finite()) {
+        corner.fill((0, 0.0));
+        corner[0].1 = 1.0;
+        return;
+    }
+    corner.iter_mut().for_each(|(j, w)| (*j, *w) = (if *w == 0.0 { 0 } else { *j }, *w / total));
+}
+
 /// A deformed mesh at a moment, in world space; lists as in [`Mesh`].
 #[derive(Clone, Debug, Default)]
 pub struct Pose {

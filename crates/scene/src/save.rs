@@ -1,7 +1,8 @@
 //! A [`Description`] as glTF 2.0, so that what came in another format can go on to other programs.
 //!
 //! Written: meshes (balls and parallelograms as triangles), materials as glTF can say them, pictures, lights, cameras, and what moves as a whole with its
-//! key frames. What glTF cannot say is simplified and told: meshes that bend, media that scatter, spectra (as linear sRGB), surroundings.
+//! key frames, and meshes that bend with their skins and morph targets. What glTF cannot say is simplified and told: media that scatter, spectra (as linear
+//! sRGB), surroundings.
 
 mod motion;
 
@@ -91,6 +92,23 @@ pub fn gltf(d: &Description) -> Gltf {
     let mut numbers: HashMap<(u32, u32), usize> = HashMap::new();
     let mut attributes: HashMap<u32, Value> = HashMap::new();
     for object in &d.objects {
+        if let (Shape::Mesh { mesh, .. }, Motion::Deformed { deformer }) = (object.shape, object.motion)
+            && !d.meshes[mesh as usize].triangles.is_empty()
+            && moving.can_bend(&d.deformers[deformer as usize])
+        {
+            let (rest, deformer) = (&d.meshes[mesh as usize], &d.deformers[deformer as usize]);
+            let bending = w.deformer(deformer, rest.positions.len());
+            let mut written = attributes.entry(mesh).or_insert_with(|| w.mesh(rest)).clone();
+            for (name, accessor) in &bending.attributes {
+                written["attributes"][name] = accessor.clone();
+            }
+            if !bending.targets.is_empty() {
+                written["targets"] = json!(bending.targets);
+            }
+            meshes.push(primitive(written, object.material, &object.name));
+            moving.bend(deformer, &bending, &mut nodes, meshes.len() - 1, &object.name);
+            continue;
+        }
         let (mesh, place) = match object.shape {
             Shape::Mesh { mesh, .. } if d.meshes[mesh as usize].triangles.is_empty() => continue,
             Shape::Mesh { mesh, world_from_mesh } => {
@@ -98,7 +116,7 @@ pub fn gltf(d: &Description) -> Gltf {
                     Motion::Still => world_from_mesh,
                     Motion::Carried { node } => timeline.world(node, 0.0),
                     Motion::Deformed { .. } => {
-                        w.warn("meshes that bend are written at rest");
+                        w.warn("meshes that bend with nodes that somebody else moves are written at rest");
                         world_from_mesh
                     }
                 };
@@ -213,6 +231,7 @@ pub fn gltf(d: &Description) -> Gltf {
         ("textures", w.textures),
         ("samplers", w.samplers),
         ("cameras", cameras),
+        ("skins", std::mem::take(&mut moving.skins)),
         ("animations", animations),
     ];
     for (key, list) in parts {

@@ -250,3 +250,23 @@ fn media_of_pbrt_differ_from_place_to_place() {
     let left = (-0.5f32 * 3.875).exp();
     assert!((found.y - (left + 3.0 * (1.0 - left))).abs() < 0.03, "{found}");
 }
+
+/// `packed/blosc.nvdb` and `packed/zip.nvdb` were written by OpenVDB's `nanovdb_convert` 32.4.2 (-b, -z) from a grid of 9 × 2 × 3 places of half a metre
+/// from (−0.5, 2, 3) on, with ¼ (x + 4) + 2 y + ⅛ z at index (x, y, z), and one of temperatures.
+#[test]
+fn files_of_nanovdb_convert_are_read() {
+    for bytes in [&include_bytes!("packed/blosc.nvdb")[..], include_bytes!("packed/zip.nvdb")] {
+        let file = load::nanovdb::File::open(bytes).unwrap();
+        assert_eq!(file.names().collect::<Vec<_>>(), ["density", "temperature"]);
+        let density = file.read("density").unwrap().unwrap();
+        assert_eq!(density.negative, 0);
+        for (x, y, z) in (-4..7).flat_map(|x| (-1..3).flat_map(move |y| (-1..4).map(move |z| (x, y, z)))) {
+            let inside = (-3..6).contains(&x) && (0..2).contains(&y) && (0..3).contains(&z);
+            let expected = if inside { 0.25 * (x + 4) as f32 + 2.0 * y as f32 + 0.125 * z as f32 } else { 0.0 };
+            let place = Vec3::new(1.0, 2.0, 3.0) + 0.5 * Vec3::new(x as f32, y as f32, z as f32);
+            assert_eq!(density.values.at(place), expected, "{x} {y} {z}");
+        }
+        let hot = file.read("temperature").unwrap().unwrap();
+        assert_eq!([hot.values.at(Vec3::ZERO), hot.values.at(Vec3::ONE), hot.values.at(Vec3::splat(2.0))], [1500.0, 1500.0, 0.0]);
+    }
+}

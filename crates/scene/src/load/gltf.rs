@@ -75,6 +75,27 @@ struct Loader<'a> {
     captured: Option<u32>,
 }
 
+/// A normal of length 1. One that has it but for rounding stays as it is: written and read again it is the same.
+fn unit(v: Vec3) -> Vec3 {
+    if (v.length_squared() - 1.0).abs() < 1e-6 { v } else { v.normalize_or_zero() }
+}
+
+/// Gives positions without bounds some. The specification asks for them, but many writers of splats leave them out, and nobody here reads them.
+fn add_missing_bounds(json: &mut Value) {
+    let list = |v: &Value, key: &str| v.get(key).and_then(Value::as_array).cloned().unwrap_or_default();
+    let primitives = list(json, "meshes").into_iter().flat_map(|mesh| list(&mesh, "primitives"));
+    let positions = primitives.filter_map(|p| p.get("attributes")?.get("POSITION")?.as_u64()).collect::<Vec<_>>();
+    let Some(accessors) = json.get_mut("accessors").and_then(Value::as_array_mut) else { return };
+    for number in positions {
+        let accessor = usize::try_from(number).ok().and_then(|n| accessors.get_mut(n)).and_then(Value::as_object_mut);
+        if let Some(accessor) = accessor {
+            for key in ["min", "max"] {
+                accessor.entry(key).or_insert_with(|| serde_json::json!([0.0, 0.0, 0.0]));
+            }
+        }
+    }
+}
+
 fn error(name: &str, place: &str, found: impl Into<String>, expected: impl Into<String>) -> SceneError {
     SceneError::File { place: format!("{name}: {place}"), found: found.into(), expected: expected.into() }
 }
@@ -123,6 +144,7 @@ impl<'a> Loader<'a> {
         if used.iter().any(|e| packed::EXTENSIONS.contains(&e.as_str())) || packed::has_pictures(&json) {
             packed::unpack(&mut json, &mut buffers, name)?;
         }
+        add_missing_bounds(&mut json);
         let asked_splats = splats::taken(&mut json, name)?;
         let root: gltf::json::Root = serde_json::from_value(json).map_err(|e| broken(e.to_string()))?;
         check_sources(&root, name)?;
@@ -402,7 +424,7 @@ impl<'a> Loader<'a> {
         };
         let mut warnings = Vec::new();
         let mut normals: Vec<Vec3> =
-            reader.read_normals().map(|it| it.map(|v| Vec3::from_array(v).normalize_or_zero()).collect()).unwrap_or_default();
+            reader.read_normals().map(|it| it.map(|v| unit(Vec3::from_array(v))).collect()).unwrap_or_default();
         if !normals.is_empty() && !fits("normals", normals.len(), &mut warnings) {
             normals.clear();
         }
@@ -495,6 +517,14 @@ fn check_container(bytes: &[u8], name: &str) -> Result<(), SceneError> {
         if length.is_none_or(|l| l > bytes.len()) {
             let expected = length.map_or("expected a header of 12 bytes".to_owned(), |l| format!("expected {l}"));
             return Err(error(name, "header", format!("the file has {} bytes and is cut short", bytes.len()), expected));
+        }
+        if let Some(length) = length.filter(|l| *l < 12) {
+            return Err(error(
+                name,
+                "header",
+                format!("a length of {length} bytes"),
+                "expected 12 at least: the header itself has as many",
+            ));
         }
     }
     Ok(())
@@ -867,6 +897,23 @@ mod tests {
         let d = load(triangle(&[]).as_bytes(), "t.gltf", &none).unwrap();
         assert_eq!(d.meshes[0].triangles, vec![[0, 1, 2]]);
         assert_eq!(d.meshes[0].positions[1], Vec3::X);
+    }
+
+    #[test]
+    fn containers_shorter_than_their_header_are_errors() {
+        for length in [0u32, 11] {
+            let bytes = [b"glTF", &2u32.to_le_bytes()[..], &length.to_le_bytes(), &[0; 20]].concat();
+            let e = load(&bytes, "t.glb", &none).unwrap_err().to_string();
+            assert!(e.contains(&format!("a length of {length} bytes")), "{e}");
+        }
+    }
+
+    #[test]
+    fn positions_need_no_bounds() {
+        let d = load(triangle(&[(",\"min\":[0,0,0],\"max\":[1,1,0]", "")]).as_bytes(), "t.gltf", &none).unwrap();
+        assert_eq!((d.meshes[0].triangles.len(), d.meshes[0].positions[2]), (1, Vec3::Y));
+        // Positions that are no accessor of the file are told as before.
+        assert!(message(&[("\"POSITION\":0", "\"POSITION\":9")]).contains("out of range"));
     }
 
     #[test]

@@ -1,12 +1,12 @@
 //! Meshes without a scene around them: OBJ with its materials, PLY, STL. They bring no light: the shot adds a
 //! studio, a sky or a map.
 
-use super::{Fetch, finished, note_missing, ply, read_texture, splats, stand_in, unzipped};
+use super::{Fetch, displaced, finished, note_missing, ply, read_texture, splats, stand_in, unzipped};
 use crate::SceneError;
 use crate::material::{Bump, BumpUnit, Conductor, Coverage, Emission, Material, Principled, Scattering};
 use crate::scene::{Description, MissingTexture, Object, Shape};
 use crate::shape::Mesh;
-use crate::texture::{Codes, Color, Image, Scalar, Texture};
+use crate::texture::{Codes, Color, Graph, Image, Scalar, Texture};
 use diopter_light::Spectrum;
 use glam::{Affine2, Affine3A, Vec2, Vec3, Vec4};
 use std::collections::HashMap;
@@ -105,6 +105,11 @@ pub fn stl(bytes: &[u8], name: &str) -> Result<Description, SceneError> {
 /// Reads an OBJ file with the materials that it names.
 pub fn obj(bytes: &[u8], name: &str, fetch: Fetch) -> Result<Description, SceneError> {
     let options = tobj::LoadOptions { triangulate: true, single_index: true, ignore_points: true, ignore_lines: true };
+    let told =
+        |(line, text, expected): (usize, String, &str)| error(format!("{name}: line {line}"), format!("\"{text}\""), expected);
+    if let Some(bad) = Some(bytes).filter(|b| has_far_corners(b)).and_then(bad_line) {
+        return Err(told(bad));
+    }
     let mut warnings = Vec::new();
     let mut missing = Vec::new();
     let read = |path: &std::path::Path| {
@@ -120,7 +125,7 @@ pub fn obj(bytes: &[u8], name: &str, fetch: Fetch) -> Result<Description, SceneE
     let read = std::cell::RefCell::new(read);
     let loaded = tobj::load_obj_buf(&mut Cursor::new(bytes), &options, |p| (read.borrow_mut())(p));
     let (models, materials) = loaded.map_err(|e| match bad_line(bytes) {
-        Some((line, text, expected)) => error(format!("{name}: line {line}"), format!("\"{text}\""), expected),
+        Some(bad) => told(bad),
         None => error(name.to_owned(), e.to_string(), "an OBJ file"),
     })?;
     warnings.append(&mut missing);
@@ -133,11 +138,14 @@ pub fn obj(bytes: &[u8], name: &str, fetch: Fetch) -> Result<Description, SceneE
     };
     let mut d = Description { name: name.to_owned(), warnings, ..Default::default() };
     let mut images: HashMap<String, Option<Arc<Image>>> = HashMap::new();
+    let mut heights = Vec::new();
     for m in &materials {
-        let made = material(m, fetch, &mut images, &mut d.missing_textures);
+        let (made, height) = material(m, fetch, &mut images, &mut d.missing_textures);
         d.materials.push(made);
+        heights.push(height);
     }
     d.materials.push(Material::new("grey", Scattering::Diffuse(Color::rgb(GREY, GREY, GREY))));
+    let mut displaced: Vec<(Mesh, usize, Scalar)> = Vec::new();
     for model in models {
         let m = model.mesh;
         if m.indices.is_empty() {
@@ -156,9 +164,15 @@ pub fn obj(bytes: &[u8], name: &str, fetch: Fetch) -> Result<Description, SceneE
             d.warnings.push(format!("{name}: \"{}\": what only some of the corners have is left out", model.name));
         }
         let material = m.material_id.filter(|i| *i < materials.len()).unwrap_or(materials.len()) as u32;
+        if let Some(height) = heights.get(material as usize).cloned().flatten() {
+            displaced.push((std::mem::take(&mut mesh), d.meshes.len(), height));
+        }
         d.meshes.push(mesh.into());
         let shape = Shape::Mesh { mesh: d.meshes.len() as u32 - 1, world_from_mesh: Affine3A::IDENTITY };
         d.objects.push(Object::new(model.name, shape, material));
+    }
+    if !displaced.is_empty() {
+        displace(displaced, name, &mut d);
     }
     if d.objects.is_empty() {
         return Err(error(name.into(), "no surface: it has no faces", FACES));
@@ -166,35 +180,63 @@ pub fn obj(bytes: &[u8], name: &str, fetch: Fetch) -> Result<Description, SceneE
     finished(d, name, FACES)
 }
 
+/// Displaces meshes by the heights of their materials and puts them where their numbers say; all together, so that they do not crack where they meet.
+fn displace(mut displaced: Vec<(Mesh, usize, Scalar)>, name: &str, d: &mut Description) {
+    let mut parts: Vec<(&mut Mesh, &Scalar)> = displaced.iter_mut().map(|(mesh, _, height)| (mesh, &*height)).collect();
+    let done = displaced::displace(&mut parts, displaced::MOST_IN_ALL);
+    if done.stopped {
+        let most = displaced::MOST_IN_ALL;
+        d.warnings.push(format!(
+            "{name}: displaced meshes are coarser than they should be: finer ones need more than {most} triangles"
+        ));
+    }
+    if done.without_height > 0 {
+        d.warnings.push(format!("{name}: displacement that is no number at {} points", done.without_height));
+    }
+    for (mesh, number, _) in displaced {
+        d.meshes[number] = mesh.into();
+    }
+}
+
+/// Whether faces count backwards or by numbers of 19 digits: the reader itself computes with such numbers before it looks whether they can be.
+fn has_far_corners(bytes: &[u8]) -> bool {
+    let mut faces = bytes.split(|c| *c == b'\n').map(<[u8]>::trim_ascii_start).filter(|line| line.starts_with(b"f"));
+    faces.any(|line| line.contains(&b'-') || line.split(|c| !c.is_ascii_digit()).any(|run| run.len() >= 19))
+}
+
 /// The first line of an OBJ file that cannot be read: its number, what stands there, what belongs there. The reader itself tells no lines.
 /// Source: Wavefront's OBJ specification (1995).
 fn bad_line(bytes: &[u8]) -> Option<(usize, String, &'static str)> {
     let lines = || bytes.split(|c| *c == b'\n').map(String::from_utf8_lossy);
     let key_of = |line: &str| line.split_whitespace().next().unwrap_or_default().to_owned();
-    // Vertices, texture coordinates and normals, which faces count from 1, or backwards from -1.
-    let mut counts = [0i64; 3];
-    for line in lines() {
-        let kind = ["v", "vt", "vn"].iter().position(|k| key_of(&line) == *k);
+    // Vertices, texture coordinates and normals, which faces count from 1, or backwards from -1 among those before them.
+    let count = |counts: &mut [i64; 3], line: &str| {
+        let kind = ["v", "vt", "vn"].iter().position(|k| key_of(line) == *k);
         kind.into_iter().for_each(|k| counts[k] += 1);
-    }
-    let is_corner = |word: &str| {
-        let numbers = word.split('/').zip(counts);
+    };
+    let (mut all, mut before) = ([0i64; 3], [0i64; 3]);
+    lines().for_each(|line| count(&mut all, &line));
+    let is_corner = |word: &str, before: [i64; 3]| {
+        let numbers = word.split('/').zip(all.into_iter().zip(before));
         word.split('/').count() <= 3
-            && numbers.enumerate().all(|(i, (text, count))| match text.parse::<i64>() {
-                Ok(number) => number != 0 && number.abs() <= count,
+            && numbers.enumerate().all(|(i, (text, (all, before)))| match text.parse::<i64>() {
+                Ok(number) => (1..=all).contains(&number) || (-before..0).contains(&number),
                 // "1//3": without texture coordinates.
                 Err(_) => text.is_empty() && i > 0,
             })
     };
     for (i, line) in lines().enumerate() {
         let mut words = line.split_whitespace();
+        count(&mut before, &line);
         let numbers = |most: usize, words: std::str::SplitWhitespace| {
             words.clone().count() >= most && words.take(most).all(|w| w.parse::<f32>().is_ok())
         };
         let expected = match words.next().unwrap_or_default() {
             "v" | "vn" if !numbers(3, words.clone()) => "three numbers behind v and vn",
             "vt" if !numbers(1, words.clone()) => "numbers behind vt",
-            "f" if !words.clone().all(is_corner) => "corners of vertices that the file has behind f: 1, 1/1, 1//1 or 1/1/1",
+            "f" if !words.clone().all(|word| is_corner(word, before)) => {
+                "corners of vertices that the file has behind f: 1, 1/1, 1//1 or 1/1/1"
+            }
             _ => continue,
         };
         return Some((i + 1, line.trim().chars().take(80).collect(), expected));
@@ -232,13 +274,20 @@ fn option_number(file: &str, option: &str) -> Option<f32> {
     words.nth(1)?.parse().ok().filter(|v: &f32| v.is_finite())
 }
 
-/// A material of a .mtl file. Source: Wavefront's MTL specification (1995) and its physically based extension (Pr, Pm, Ke).
+/// The numbers of an option before the name of a picture.
+fn option_numbers(file: &str, option: &str) -> Vec<f32> {
+    let words = file.split_ascii_whitespace().skip_while(|w| *w != option).skip(1);
+    words.map_while(|w| w.parse().ok().filter(|v: &f32| v.is_finite())).collect()
+}
+
+/// A material of a .mtl file, and the heights that displace what is made of it (in the file's unit). Source: Wavefront's MTL specification (1995) and
+/// its physically based extension (Pr, Pm, Ke).
 fn material(
     m: &tobj::Material,
     fetch: Fetch,
     images: &mut HashMap<String, Option<Arc<Image>>>,
     missing: &mut Vec<MissingTexture>,
-) -> Material {
+) -> (Material, Option<Scalar>) {
     let mut image = |file: &str| {
         images
             .entry(file.to_owned())
@@ -328,12 +377,86 @@ fn material(
             }
         }
     }
-    made
+    let file = ["disp", "map_disp", "map_Disp"].into_iter().find_map(|key| m.unknown_param.get(key));
+    let picture = file.and_then(|file| Some((file, image(file)?)));
+    let height = picture.map(|(file, picture)| {
+        // "-mm base gain": base + gain · picture.
+        let shift = option_numbers(file, "-mm");
+        let (base, gain) = (shift.first().copied().unwrap_or(0.0), shift.get(1).copied().unwrap_or(1.0));
+        let texture = texture(picture, Codes::Linear);
+        if base == 0.0 {
+            return Scalar::Textured { factor: gain, texture, channel: 0 };
+        }
+        let red = Some([Vec3::X, Vec3::ZERO]);
+        let picture = Graph::Image { texture, scale: 1.0, invert: false, as_number: red, mapping: None };
+        let [from, to] = [base, base + gain].map(|v| Arc::new(Graph::Constant(Vec3::splat(v))));
+        Scalar::Graph(Arc::new(Graph::Mix(from, to, Arc::new(picture))))
+    });
+    (made, height)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn corners_beyond_the_file_are_errors_with_their_line() {
+        let obj_of = |face: &str| {
+            let text = format!("v 0 0 0\nv 1 0 0\nv 1 1 0\nvt 0 0\nvn 0 0 1\n{face}\nv 5 5 5\nvt 1 1\n");
+            obj(text.as_bytes(), "t.obj", &|_| Err("no".into()))
+        };
+        for bad in [
+            "f 1/1/1 2/1/-11 3/1/1",
+            "f 1/1/1 2/-2/1 3/1/1",
+            "f 1/9223372036854775807/1 2/1/1 3/1/1",
+            "f 1/1/9223372036854775807 2/1/1 3/1/1",
+            "f -9223372036854775808 -1 -2",
+            " f -4 -1 -2",
+        ] {
+            let e = obj_of(bad).unwrap_err().to_string();
+            assert!(e.contains("t.obj: line 6") && e.contains("corners of vertices"), "{bad}: {e}");
+        }
+        assert_eq!(obj_of("f -3/-1/-1 -2/-1/-1 -1/-1/-1").unwrap().meshes[0].positions[2], Vec3::new(1.0, 1.0, 0.0));
+    }
+
+    #[test]
+    fn displaced_meshes_of_several_materials_are_one_surface() {
+        // Black on the left, white on the right.
+        let mut png = Vec::new();
+        let ramp = image::GrayImage::from_fn(64, 2, |x, _| image::Luma([(x * 255 / 63) as u8]));
+        ramp.write_to(&mut Cursor::new(&mut png), image::ImageFormat::Png).unwrap();
+        let mtl = "newmtl a\ndisp -mm -0.1 0.5 ramp.png\nnewmtl b\nmap_disp ramp.png\nnewmtl c\n";
+        let fetch = |name: &str| match name {
+            "m.mtl" => Ok(mtl.as_bytes().to_vec()),
+            "ramp.png" => Ok(png.clone()),
+            other => Err(format!("no {other}")),
+        };
+        let obj = "mtllib m.mtl\nv 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nv 2 0 0\nv 2 1 0\nv 2 5 0\nvt 0 0\nvt 1 0\nvt 1 1\nvt 0 1\nvn 0 0 1\n\
+            usemtl a\nf 1/1/1 2/2/1 3/3/1 4/4/1\nusemtl b\nf 2/1/1 5/2/1 6/3/1 3/4/1\nusemtl c\nf 3 6 7\n";
+        let d = obj_of(obj, &fetch);
+        assert!(d.warnings.is_empty() && d.meshes.len() == 3, "{:?}", d.warnings);
+        assert_eq!((d.meshes[2].triangles.len(), d.meshes[2].normals.len()), (1, 0));
+        let height = |x: f32| (x * 64.0 - 0.5) / 63.0;
+        for (mesh, first, base, gain) in [(0, 0.0, -0.1, 0.5), (1, 1.0, 0.0, 1.0)] {
+            let mesh = &d.meshes[mesh];
+            assert!(mesh.triangles.len() > 20_000, "{}", mesh.triangles.len());
+            for p in mesh.positions.iter().filter(|p| (0.1..0.9).contains(&(p.x - first))) {
+                assert!((p.z - base - gain * height(p.x - first)).abs() < 0.005, "{p}");
+            }
+        }
+        // Where they meet, both are at the mean of their heights there.
+        let seam = |mesh: &Mesh| {
+            let mut all: Vec<[u32; 3]> =
+                mesh.positions.iter().filter(|p| p.x == 1.0).map(|p| p.to_array().map(f32::to_bits)).collect();
+            all.sort_unstable();
+            all
+        };
+        assert!(seam(&d.meshes[0]).len() > 100 && seam(&d.meshes[0]) == seam(&d.meshes[1]));
+    }
+
+    fn obj_of(text: &str, fetch: Fetch) -> Description {
+        obj(text.as_bytes(), "t.obj", fetch).unwrap()
+    }
 
     #[test]
     fn what_only_some_corners_have_is_left_out() {

@@ -1,6 +1,7 @@
 //! Scene and environment files.
 
 mod blosc;
+mod displaced;
 mod foreign;
 pub mod gltf;
 mod measured;

@@ -96,7 +96,7 @@ const CHUNK: usize = 16_384;
 fn slot(name: &str) -> Option<usize> {
     let numbered = |prefix: &str, first: usize, count: usize| {
         let i: usize = name.strip_prefix(prefix)?.parse().ok()?;
-        (i < count).then_some(first + i)
+        (i < count).then(|| first + i)
     };
     let fixed = ["x", "y", "z"].iter().position(|n| *n == name).or_else(|| (name == "opacity").then_some(6));
     fixed

@@ -73,6 +73,8 @@ pub const MOST_SEGMENTS: usize = 1 << 30;
 /// Sets whose segments are cut into no more pieces than these are cut, up to eight pieces a segment: their boxes fit more closely. A piece takes
 /// some 60 bytes of the hierarchy.
 const MOST_PIECES: usize = 1 << 21;
+/// From this coordinate on (m) a segment is left out: squares of such lengths are hardly numbers of single precision.
+const FARTHEST: f32 = 1e18;
 /// Most halvings of a segment for the hierarchy.
 const MOST_LEVELS: u32 = 3;
 /// Most halvings on the way to a piece that is taken for straight.
@@ -136,7 +138,7 @@ impl Curves {
         hull(&self.cubic(segment))
     }
 
-    /// Whether all its segments are finite and have a length and a width.
+    /// Whether all its segments are finite (below 1e18 m) and have a length and a width.
     pub fn all_usable(&self) -> bool {
         self.segments.iter().all(|first| self.is_usable(*first))
     }
@@ -145,7 +147,8 @@ impl Curves {
         let first = first as usize;
         let Some(controls) = self.points.get(first..first.saturating_add(4)) else { return false };
         let widest = controls.iter().map(|p| p.w).fold(0.0, f32::max);
-        controls.iter().all(|p| p.is_finite()) && widest > 0.0 && controls.iter().any(|p| p.xyz() != controls[0].xyz())
+        let is_near = |p: &Vec4| p.is_finite() && p.abs().max_element() < FARTHEST;
+        controls.iter().all(is_near) && widest > 0.0 && controls.iter().any(|p| p.xyz() != controls[0].xyz())
     }
 
     /// Removes segments that no ray can meet: with numbers that are not finite, without width, or of no length. Returns how many.

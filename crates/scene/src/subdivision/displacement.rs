@@ -12,6 +12,11 @@ use rayon::prelude::*;
 /// normal.
 /// Without normals a mesh gets smooth ones first. Returns how many heights were not finite numbers: such vertices stay.
 pub fn displace(mesh: &mut Mesh, height: impl Fn(&[Vec2; 2], Vec3, Vec3) -> f32 + Sync) -> usize {
+    displace_vertices(mesh, |_, uv, position, normal| height(uv, position, normal))
+}
+
+/// The same with heights that also depend on which vertex it is.
+pub fn displace_vertices(mesh: &mut Mesh, height: impl Fn(usize, &[Vec2; 2], Vec3, Vec3) -> f32 + Sync) -> usize {
     if mesh.normals.is_empty() {
         mesh.normals = smooth_normals(mesh);
     }
@@ -19,7 +24,7 @@ pub fn displace(mesh: &mut Mesh, height: impl Fn(&[Vec2; 2], Vec3, Vec3) -> f32 
     let with_normal = Groups::new(mesh.positions.len(), |v| (key(mesh.positions[v]), key(mesh.normals[v])));
     let uv = |v: usize| [0, 1].map(|k: usize| mesh.uvs[k].get(v).copied().unwrap_or_default());
     let heights: Vec<f32> =
-        (0..mesh.positions.len()).into_par_iter().map(|v| height(&uv(v), mesh.positions[v], mesh.normals[v])).collect();
+        (0..mesh.positions.len()).into_par_iter().map(|v| height(v, &uv(v), mesh.positions[v], mesh.normals[v])).collect();
     let moves = heights.iter().zip(&mesh.normals).map(|(h, n)| if h.is_finite() { (*n * *h).as_dvec3() } else { DVec3::ZERO });
     let means = at_place.means(moves);
     for (p, group) in mesh.positions.iter_mut().zip(&at_place.of) {

@@ -27,10 +27,11 @@ pub enum Splitting {
 ///
 /// Normals, texture coordinates and colours of new vertices are the means of their edges' ends; tangents are dropped. Corners must be in range.
 pub fn split_long_edges(mesh: &mut Mesh, world_from_mesh: &Affine3A, longest: f32) -> Splitting {
-    split_up_to(mesh, world_from_mesh, longest, MOST_TRIANGLES)
+    split_long_edges_up_to(mesh, world_from_mesh, longest, MOST_TRIANGLES)
 }
 
-fn split_up_to(mesh: &mut Mesh, world_from_mesh: &Affine3A, longest: f32, most: usize) -> Splitting {
+/// The same with at most so many triangles.
+pub fn split_long_edges_up_to(mesh: &mut Mesh, world_from_mesh: &Affine3A, longest: f32, most: usize) -> Splitting {
     mesh.tangents.clear();
     for _ in 0..MOST_ROUNDS {
         let faces = Faces::of_size(3, mesh.triangles.iter().flatten().copied().collect());
@@ -138,7 +139,7 @@ mod tests {
     #[test]
     fn splitting_ends() {
         let mut mesh = bar();
-        assert_eq!(split_up_to(&mut mesh, &Affine3A::IDENTITY, 1e-30, 5000), Splitting::Stopped);
+        assert_eq!(split_long_edges_up_to(&mut mesh, &Affine3A::IDENTITY, 1e-30, 5000), Splitting::Stopped);
         assert!(is_closed(&mesh) && (1000..=5000).contains(&mesh.triangles.len()));
         // Wherever it stops, both sides of every edge agree.
         for (most, longest) in [30, 60, 120, 150, 240, 480, 1000, 2000].into_iter().flat_map(|most| [(most, 0.11), (most, 0.7)]) {
@@ -147,7 +148,7 @@ mod tests {
                 if turned_over {
                     mesh.triangles.iter_mut().for_each(|t| t.swap(1, 2));
                 }
-                let split = split_up_to(&mut mesh, &Affine3A::IDENTITY, longest, most);
+                let split = split_long_edges_up_to(&mut mesh, &Affine3A::IDENTITY, longest, most);
                 assert!(
                     is_closed(&mesh) && mesh.triangles.len() <= most && (split == Splitting::Stopped || longest > 0.5),
                     "{most}"
@@ -160,7 +161,7 @@ mod tests {
             triangles: vec![[0, 1, 2], [0, 1, 3], [1, 1, 1]],
             ..Mesh::default()
         };
-        assert_eq!(split_up_to(&mut sliver, &Affine3A::IDENTITY, 0.0, 5000), Splitting::Stopped);
+        assert_eq!(split_long_edges_up_to(&mut sliver, &Affine3A::IDENTITY, 0.0, 5000), Splitting::Stopped);
         assert!(sliver.triangles.len() <= 5000);
     }
 }

@@ -16,7 +16,13 @@ pub struct Channels {
 impl Refined {
     /// The faces whose face of the control mesh is wanted, as triangles. Vertices are shared where all their values are.
     pub fn mesh(&self, wanted: impl Fn(u32) -> bool, channels: Channels) -> Mesh {
+        self.mesh_and_positions(wanted, channels).0
+    }
+
+    /// The same, and the number of each vertex's position among [`Refined::positions`].
+    pub fn mesh_and_positions(&self, wanted: impl Fn(u32) -> bool, channels: Channels) -> (Mesh, Vec<u32>) {
         let mut mesh = Mesh::default();
+        let mut numbers = Vec::new();
         let lists = [Some(&self.normals.1), self.list(channels.uvs[0]), self.list(channels.uvs[1]), self.list(channels.colors)];
         let value = |channel: Option<usize>, number: u32| -> Option<Vec4> { Some(self.channels[channel?].0[number as usize]) };
         // The first vertex at each position, and the next one there with other values.
@@ -37,6 +43,7 @@ impl Refined {
                     keys.push(key);
                     next.push(std::mem::replace(&mut first[position], vertex));
                     mesh.positions.push(self.positions[position]);
+                    numbers.push(position as u32);
                     mesh.normals.push(self.normals.0[key[0] as usize]);
                     for k in 0..2 {
                         mesh.uvs[k].extend(value(channels.uvs[k], key[k + 1]).map(|v| Vec2::new(v.x, v.y)));
@@ -47,7 +54,7 @@ impl Refined {
             }
             push_triangles(&polygon, &mut mesh);
         }
-        mesh
+        (mesh, numbers)
     }
 
     fn list(&self, channel: Option<usize>) -> Option<&Vec<u32>> {

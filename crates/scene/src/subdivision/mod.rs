@@ -20,8 +20,8 @@ mod topology;
 #[cfg(test)]
 mod tests;
 
-pub use displacement::{displace, smooth_normals};
-pub use edge_split::{Splitting, split_long_edges};
+pub use displacement::{displace, displace_vertices, smooth_normals};
+pub use edge_split::{Splitting, split_long_edges, split_long_edges_up_to};
 pub use mesh::Channels;
 
 use glam::{DVec3, DVec4, Vec3, Vec4};
@@ -42,6 +42,29 @@ pub const INFINITELY_SHARP: f32 = 10.0;
 /// What can be averaged.
 trait Value: Copy + Default + Send + Sync + Add<Output = Self> + Mul<f64, Output = Self> {}
 impl<T: Copy + Default + Send + Sync + Add<Output = T> + Mul<f64, Output = T>> Value for T {}
+
+/// Numbers of each list of [`ControlMesh::vertex_values`].
+pub const VERTEX_LANES: usize = 16;
+
+/// Numbers that are averaged together.
+#[derive(Clone, Copy, Default)]
+struct Lanes([f64; VERTEX_LANES]);
+
+impl Add for Lanes {
+    type Output = Self;
+
+    fn add(self, other: Self) -> Self {
+        Lanes(std::array::from_fn(|i| self.0[i] + other.0[i]))
+    }
+}
+
+impl Mul<f64> for Lanes {
+    type Output = Self;
+
+    fn mul(self, factor: f64) -> Self {
+        Lanes(self.0.map(|v| v * factor))
+    }
+}
 
 /// How faces are refined.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -109,6 +132,8 @@ pub struct ControlMesh {
     pub boundary: Boundary,
     /// Other values.
     pub channels: Vec<Channel>,
+    /// Values at vertices that are subdivided as positions are, such as the weights of joints: lists as long as `positions`.
+    pub vertex_values: Vec<Vec<[f32; VERTEX_LANES]>>,
 }
 
 /// Why a mesh cannot be subdivided.
@@ -135,6 +160,8 @@ pub struct Refined {
     pub control_face: Vec<u32>,
     normals: (Vec<Vec3>, Vec<u32>),
     channels: Vec<(Vec<Vec4>, Vec<u32>)>,
+    /// The values at vertices, each list as long as `positions`.
+    pub vertex_values: Vec<Vec<[f32; VERTEX_LANES]>>,
     /// Whether each face of the control mesh is left out by [`Boundary::None`].
     pub hidden: Vec<bool>,
     /// The level that was reached: less than what was asked for where that would have been more than [`MOST_TRIANGLES`].
@@ -186,6 +213,12 @@ fn subdivide_up_to(mesh: &ControlMesh, scheme: Scheme, level: u32, most: usize) 
     let mut faces = fine.topology.faces;
     let mut control_face = base.children(levels, split);
 
+    let mut vertex_values = Vec::with_capacity(mesh.vertex_values.len());
+    for values in &mesh.vertex_values {
+        let values = values.iter().map(|v| Lanes(v.map(f64::from))).collect();
+        let fine = Fine::new(base.faces(&mesh.corners), values, &sharp, levels, weights, split);
+        vertex_values.push(fine.limits(weights).iter().map(|v| v.0.map(|x| x as f32)).collect());
+    }
     let mut channels = Vec::with_capacity(mesh.channels.len());
     for channel in &mesh.channels {
         let weights = if channel.seams == Seams::AllLinear { Weights::Linear } else { weights };
@@ -205,18 +238,33 @@ fn subdivide_up_to(mesh: &ControlMesh, scheme: Scheme, level: u32, most: usize) 
         control_face = base.control_face.clone();
     }
     let hidden = base.hidden(mesh);
-    Ok(Refined { positions, faces, control_face, normals, channels, hidden, level, degenerate_faces: base.degenerate })
+    Ok(Refined {
+        positions,
+        faces,
+        control_face,
+        normals,
+        channels,
+        vertex_values,
+        hidden,
+        level,
+        degenerate_faces: base.degenerate,
+    })
 }
 
 /// Looks for what would not be a mesh.
 fn check(mesh: &ControlMesh) -> Result<(), SubdivisionError> {
     let corners = mesh.face_sizes.iter().try_fold(0usize, |n, size| n.checked_add(*size as usize));
     let fits = |list: &[u32], count: usize| corners == Some(list.len()) && list.iter().all(|i| (*i as usize) < count);
-    if !fits(&mesh.corners, mesh.positions.len()) || mesh.channels.iter().any(|c| !fits(&c.corners, c.values.len())) {
+    let per_vertex = mesh.vertex_values.iter().all(|v| v.len() == mesh.positions.len());
+    if !per_vertex
+        || !fits(&mesh.corners, mesh.positions.len())
+        || mesh.channels.iter().any(|c| !fits(&c.corners, c.values.len()))
+    {
         return Err(SubdivisionError::OutOfRange);
     }
     let used = |list: &[u32], finite: &dyn Fn(usize) -> bool| list.iter().all(|i| finite(*i as usize));
-    let whole = used(&mesh.corners, &|i| mesh.positions[i].is_finite())
+    let values = |i: usize| mesh.vertex_values.iter().all(|list| list[i].iter().all(|v| v.is_finite()));
+    let whole = used(&mesh.corners, &|i| mesh.positions[i].is_finite() && values(i))
         && mesh.channels.iter().all(|c| used(&c.corners, &|i| c.values[i].is_finite()));
     if whole { Ok(()) } else { Err(SubdivisionError::NotFinite) }
 }

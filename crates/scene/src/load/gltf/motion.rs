@@ -4,6 +4,7 @@ use super::{Loader, error, label};
 use crate::SceneError;
 use crate::motion::{
     AnimatedProperty, Animation, Channel, Deformer, Ending, KeyInterpolation, Local, Node, Parts, Playing, Skin, Target,
+    influences_summing_to_one,
 };
 use glam::{Affine3A, Mat4, Quat, Vec3};
 use serde_json::Value;
@@ -150,14 +151,7 @@ impl Loader<'_> {
                 let expected = format!("expected less than {}", joints.len());
                 return Err(error(self.name, &place, format!("joint {j} of vertex {i}"), expected));
             }
-            let total: f32 = corner.iter().map(|(_, w)| w).sum();
-            if !(total.abs() > 1e-6 && total.is_finite()) {
-                // Held by nothing: the first joint takes it.
-                corner.fill((0, 0.0));
-                corner[0].1 = 1.0;
-                continue;
-            }
-            corner.iter_mut().for_each(|(j, w)| (*j, *w) = (if *w == 0.0 { 0 } else { *j }, *w / total));
+            influences_summing_to_one(corner);
         }
         Ok(Some(Skin { joints, joint_from_mesh, influences: influences.concat(), per_corner }))
     }

@@ -5,11 +5,14 @@
 
 use super::layer::{Key, Value};
 use super::material::Bound;
+use super::skeleton::{self, Bending, VertexBending};
 use super::stage::{Prim, Stage};
 use super::subdivision;
 use crate::SceneError;
+use crate::load::displaced;
 use crate::load::pbrt::shapes;
 use crate::shape::Mesh;
+use crate::texture::Scalar;
 use glam::{DVec2, DVec3, Vec2, Vec3};
 use std::collections::HashSet;
 use std::f64::consts::{PI, TAU};
@@ -29,18 +32,31 @@ pub struct Part {
     pub uvs: Vec<String>,
     /// Whether it has colours of its own.
     pub colors: bool,
+    /// Heights of its material.
+    pub displacement: Option<Arc<Scalar>>,
 }
 
 impl Part {
     pub fn new(subset: Option<Arc<Prim>>, bound: &Bound) -> Self {
-        Part { subset, material: bound.number, uvs: bound.uvs.clone(), colors: bound.colors }
+        let Bound { number, uvs, colors, displacement } = bound.clone();
+        Part { subset, material: number, uvs, colors, displacement }
     }
+}
+
+/// A mesh with one material.
+pub struct MeshPart {
+    pub mesh: Mesh,
+    pub material: u32,
+    /// What bends it.
+    pub bending: Option<VertexBending>,
+    /// Heights that are to move its points.
+    pub displacement: Option<Arc<Scalar>>,
 }
 
 /// Meshes of a prim with their materials.
 #[derive(Default)]
 pub struct Meshes {
-    pub parts: Vec<(Mesh, u32)>,
+    pub parts: Vec<MeshPart>,
     /// What was left out of them.
     pub left_out: Vec<&'static str>,
 }
@@ -95,6 +111,8 @@ pub struct Control {
     pub left_handed: bool,
     /// Number of the part of each face; none of holes and of what is no face.
     pub part_of: Vec<Option<u32>>,
+    /// What bends its points.
+    pub bending: Option<Bending>,
 }
 
 /// A primvar by name, if it is there; `None` in the outer place if it does not fit the mesh.
@@ -139,19 +157,54 @@ pub fn primvar(
 }
 
 /// Reads a mesh, subdivided to a level if it is a subdivision surface: one for each part that has faces.
-pub fn read(stage: &Stage, prim: &Prim, parts: &[Part], level: u32) -> Result<Meshes, SceneError> {
+///
+/// `shapes` are the blend shapes of a mesh that hangs on a skeleton; `None` of others. A displaced mesh has `most_displaced` triangles at most.
+pub fn read(
+    stage: &Stage,
+    prim: &Prim,
+    parts: &[Part],
+    shapes: Option<&[Option<Arc<Prim>>]>,
+    level: u32,
+    most_displaced: usize,
+) -> Result<Meshes, SceneError> {
     let mut out = Meshes::default();
-    let Some(control) = control(stage, prim, parts)? else {
+    let Some(mut control) = control(stage, prim, parts)? else {
         out.left_out.push("meshes whose faces do not fit their points");
         return Ok(out);
     };
-    if let Some(scheme) = subdivision::scheme(stage, prim)?
-        && subdivision::read(stage, prim, parts, &control, (scheme, level), &mut out)?
-    {
-        return Ok(out);
+    if let Some(shapes) = shapes {
+        control.bending = skeleton::read(stage, prim, shapes, control.points.len(), &mut out.left_out)?;
     }
-    polygons(stage, prim, parts, &control, &mut out)?;
+    let is_subdivided = match subdivision::scheme(stage, prim)? {
+        Some(scheme) => subdivision::read(stage, prim, parts, &control, (scheme, level), &mut out)?,
+        None => false,
+    };
+    if !is_subdivided {
+        polygons(stage, prim, parts, &control, &mut out)?;
+    }
+    displace(&mut out, most_displaced);
     Ok(out)
+}
+
+/// Moves points by the heights of their materials, all parts that have some together.
+fn displace(out: &mut Meshes, most: usize) {
+    if out.parts.iter().any(|p| p.displacement.is_some() && p.bending.is_some()) {
+        out.left_out.push("displacement of what skeletons bend");
+        return;
+    }
+    let heights: Vec<Option<Arc<Scalar>>> = out.parts.iter().map(|p| p.displacement.clone()).collect();
+    let all = out.parts.iter_mut().zip(&heights).filter_map(|(p, height)| Some((&mut p.mesh, height.as_deref()?)));
+    let mut all: Vec<(&mut Mesh, &Scalar)> = all.collect();
+    if all.is_empty() {
+        return;
+    }
+    let done = displaced::displace(&mut all, most);
+    if done.stopped {
+        out.left_out.push("fineness of displaced meshes that would be too large");
+    }
+    if done.without_height > 0 {
+        out.left_out.push("displacement by what is no number");
+    }
 }
 
 /// The faces of a mesh; `None` where they do not fit its points.
@@ -190,12 +243,12 @@ fn control(stage: &Stage, prim: &Prim, parts: &[Part]) -> Result<Option<Control>
             *part = None;
         }
     }
-    Ok(Some(Control { points, indices, starts, size, left_handed, part_of }))
+    Ok(Some(Control { points, indices, starts, size, left_handed, part_of, bending: None }))
 }
 
 /// The faces as they are.
 fn polygons(stage: &Stage, prim: &Prim, parts: &[Part], control: &Control, out: &mut Meshes) -> Result<(), SceneError> {
-    let Control { points, indices, starts, size, left_handed, part_of } = control;
+    let Control { points, indices, starts, size, left_handed, part_of, bending } = control;
     let mut get = |name: &str, width: usize, default: &str| -> Result<Option<Primvar>, SceneError> {
         let read = primvar(stage, prim, name, width, size, default)?;
         if read.is_none() {
@@ -230,6 +283,7 @@ fn polygons(stage: &Stage, prim: &Prim, parts: &[Part], control: &Control, out: 
         }
         let colors = colors.as_ref().filter(|_| part.colors);
         let mut mesh = Mesh::default();
+        let mut point_of: Vec<u32> = vec![];
         let (mut next, mut touched): (Vec<u32>, Vec<u32>) = (vec![], vec![]);
         let mut polygon: Vec<u32> = Vec::new();
         for face in faces {
@@ -260,6 +314,7 @@ fn polygons(stage: &Stage, prim: &Prim, parts: &[Part], control: &Control, out: 
                 if vertex == u32::MAX {
                     vertex = mesh.positions.len() as u32;
                     mesh.positions.push(Vec3::from_array(points[point]));
+                    point_of.push(point as u32);
                     mesh.normals.extend(normal);
                     (0..2).for_each(|k| mesh.uvs[k].extend(uv[k]));
                     mesh.colors.extend(color);
@@ -283,7 +338,8 @@ fn polygons(stage: &Stage, prim: &Prim, parts: &[Part], control: &Control, out: 
             }
         }
         touched.iter().for_each(|p| first[*p as usize] = u32::MAX);
-        out.parts.push((mesh, part.material));
+        let bending = bending.as_ref().map(|b| b.of_vertices(&point_of, &mesh));
+        out.parts.push(MeshPart { mesh, material: part.material, bending, displacement: part.displacement.clone() });
     }
     Ok(())
 }

@@ -30,6 +30,8 @@ pub struct Bound {
     pub uvs: Vec<String>,
     /// Whether the colours of vertices count.
     pub colors: bool,
+    /// Heights along the normal, in the space of the mesh.
+    pub displacement: Option<Arc<Scalar>>,
 }
 
 /// Materials and pictures that were read.
@@ -65,6 +67,7 @@ struct Picture {
 struct Uses {
     uvs: Vec<String>,
     colors: bool,
+    displacement: Option<Arc<Scalar>>,
 }
 
 impl World<'_> {
@@ -73,13 +76,13 @@ impl World<'_> {
         let color = if has_colors { Some(Vec3::ONE) } else { color };
         let key = color.map(|c| c.to_array().map(f32::to_bits));
         if let Some(number) = self.shaders.plain.get(&key) {
-            return Bound { number: *number, uvs: vec![], colors: has_colors };
+            return Bound { number: *number, uvs: vec![], colors: has_colors, displacement: None };
         }
         let rgb = color.unwrap_or(Vec3::splat(GREY)).clamp(Vec3::ZERO, Vec3::ONE);
         let made = Material::new("display colour", Scattering::Diffuse(Color::rgb(rgb.x, rgb.y, rgb.z)));
         let number = self.push_material(made);
         self.shaders.plain.insert(key, number);
-        Bound { number, uvs: vec![], colors: has_colors }
+        Bound { number, uvs: vec![], colors: has_colors, displacement: None }
     }
 
     pub fn push_material(&mut self, material: Material) -> u32 {
@@ -134,7 +137,8 @@ impl World<'_> {
             self.leave_out("texture coordinates beyond two sets of a material");
             uses.uvs.truncate(2);
         }
-        let bound = Bound { number: self.push_material(made), uvs: uses.uvs, colors: uses.colors };
+        let Uses { uvs, colors, displacement } = uses;
+        let bound = Bound { number: self.push_material(made), uvs, colors, displacement };
         self.shaders.by_opinions.insert(opinions, bound.clone());
         Ok(Some(bound))
     }
@@ -232,9 +236,8 @@ impl World<'_> {
         let mut made = Material { coverage, ..Material::new("", scattering) };
         made.emission = glowing(self.color(shader, "emissiveColor", Vec3::ZERO, uses)?, 1.0);
         made.normal_map = self.normal_map(shader, "normal", uses)?;
-        if !matches!(self.input(shader, "displacement")?, Input::Absent) && self.number(shader, "displacement", 1.0)? != 0.0 {
-            self.leave_out("displacement");
-        }
+        let height = self.scalar(shader, "displacement", 0.0, uses)?;
+        uses.displacement = (!matches!(height, Scalar::Constant(h) if h == 0.0)).then(|| Arc::new(height));
         Ok(made)
     }
 

@@ -1,7 +1,7 @@
 //! USD into a [`Description`]: `.usda`, `.usdc` and `.usdz`, in the subset that exporters write.
 //!
 //! `text` and `binary` read layers, `package` finds them in archives, `stage` composes them into prims. From there on `world` walks the prims, and
-//! `transform`, `geometry`, `material`, `light` and `camera` make of each what it is. What is left out is told once, with counts. Files are
+//! `transform`, `geometry`, `skeleton`, `material`, `light` and `camera` make of each what it is. What is left out is told once, with counts. Files are
 //! opened by the caller: `fetch` gets names that count from the folder of the main file.
 //!
 //! Units: `metersPerUnit` and `upAxis` of the stage make metres with +Y up. A light of intensity 1 has 1 cd/m² (UsdLux). Values hold at
@@ -17,12 +17,15 @@ mod layer;
 mod light;
 mod material;
 mod package;
+mod skeleton;
 mod stage;
 mod subdivision;
 mod text;
 mod transform;
 mod world;
 
+#[cfg(test)]
+mod skeleton_tests;
 #[cfg(test)]
 mod tests;
 

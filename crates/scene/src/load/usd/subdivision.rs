@@ -2,9 +2,9 @@
 //!
 //! Source: OpenUSD, `UsdGeomMesh`. A scheme that is not said is Catmull–Clark's, as the schema has it; but where a file says normals and no scheme
 //! it means polygons: many exporters write such meshes, and normals mean nothing on a subdivision surface, where they are ignored. No file says how
-//! fine: [`LEVEL`]. Left out: `triangleSubdivisionRule` "smooth", displacement.
+//! fine: [`LEVEL`]. Left out: `triangleSubdivisionRule` "smooth".
 
-use super::geometry::{Control, Meshes, Part, Per, Primvar, primvar};
+use super::geometry::{Control, MeshPart, Meshes, Part, Per, Primvar, primvar};
 use super::layer::Value;
 use super::stage::{Prim, Stage};
 use crate::SceneError;
@@ -83,7 +83,15 @@ pub fn read(
         sharp_vertices: sharp_vertices(stage, prim)?,
         boundary,
         channels: vec![],
+        vertex_values: vec![],
     };
+    if let Some(bending) = &control.bending {
+        if bending.is_too_large(subdivision::triangles_at(scheme, &mesh.face_sizes, level)) {
+            out.left_out.push("subdivision of meshes with skins that are too large: control meshes are shown");
+            return Ok(false);
+        }
+        mesh.vertex_values = bending.lanes(control.points.len());
+    }
     // Each primvar once, whatever parts use it.
     let mut names: Vec<&str> = vec![];
     for name in parts.iter().flat_map(|p| &p.uvs) {
@@ -126,14 +134,15 @@ pub fn read(
         let uv = |k: usize| part.uvs.get(k).and_then(|name| numbers[names.iter().position(|n| *n == name.as_str())?]);
         let channels = Channels { uvs: [uv(0), uv(1)], colors: colors.filter(|_| part.colors) };
         let wanted = |face: u32| control.part_of[face as usize] == Some(number as u32) && !refined.hidden[face as usize];
-        let mut fine = refined.mesh(wanted, channels);
+        let (mut fine, positions) = refined.mesh_and_positions(wanted, channels);
         if fine.triangles.is_empty() {
             continue;
         }
         if control.left_handed {
             shapes::reverse(&mut fine);
         }
-        out.parts.push((fine, part.material));
+        let bending = control.bending.as_ref().map(|b| b.of_fine_vertices(&refined.vertex_values, &positions, &fine));
+        out.parts.push(MeshPart { mesh: fine, material: part.material, bending, displacement: part.displacement.clone() });
     }
     Ok(true)
 }

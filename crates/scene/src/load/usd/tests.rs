@@ -422,3 +422,42 @@ fn opacity_makes_holes_or_sheets() {
     };
     assert!(p.tinted && matches!(&p.specular_color, Color::Constant { rgb, .. } if (rgb.x - 1.0).abs() < 1e-3));
 }
+
+#[test]
+fn displacement_moves_points_along_their_normals() {
+    let material = |inputs: &str| {
+        format!(
+            "rel material:binding = </A/M>\ndef Material \"M\" {{ token outputs:surface.connect = </A/M/S.outputs:surface>\n\
+            def Shader \"S\" {{ token info:id = \"UsdPreviewSurface\"\n{inputs} }}\n\
+            def Shader \"T\" {{ token info:id = \"UsdUVTexture\"\nasset inputs:file = @a.png@\nfloat4 inputs:scale = (0.5, 0.5, 0.5, 1)\nfloat4 inputs:bias = (-0.25, 0, 0, 0)\n\
+            token inputs:sourceColorSpace = \"raw\"\nfloat2 inputs:st.connect = </A/M/R.outputs:result> }}\n\
+            def Shader \"R\" {{ token info:id = \"UsdPrimvarReader_float2\"\nstring inputs:varname = \"st\" }} }}"
+        )
+    };
+    let uvs = "texCoord2f[] primvars:st = [(0, 0), (1, 0), (1, 1), (0, 1)] ( interpolation = \"vertex\" )";
+    let mesh = |scheme: &str, inputs: &str| {
+        let quad = QUAD.replace("\"none\"", &format!("\"{scheme}\""));
+        format!(
+            "#usda 1.0\n( defaultPrim = \"A\"\n metersPerUnit = 1 )\ndef Mesh \"A\" {{ {quad}\n{uvs}\n{} }}",
+            material(inputs)
+        )
+    };
+    // The same everywhere: no edge is split.
+    for (scheme, triangles) in [("none", 2), ("bilinear", 32)] {
+        let d = load(mesh(scheme, "float inputs:displacement = 0.25").into(), "t.usda", &none).unwrap();
+        assert_eq!(d.meshes[0].triangles.len(), triangles);
+        assert!(d.warnings.is_empty() && d.meshes[0].positions.iter().all(|p| p.z == 0.25), "{:?}", d.warnings);
+    }
+    // By a picture, black on the left and white on the right: −¼ to ¼.
+    let mut png = Vec::new();
+    let ramp = image::GrayImage::from_fn(64, 1, |x, _| image::Luma([(x * 255 / 63) as u8]));
+    ramp.write_to(&mut std::io::Cursor::new(&mut png), image::ImageFormat::Png).unwrap();
+    let text = mesh("bilinear", "float inputs:displacement.connect = </A/M/T.outputs:r>");
+    let bytes = package::tests::archive(&[("a.usda", text.as_bytes()), ("a.png", &png)]);
+    let d = load(bytes, "a.usdz", &none).unwrap();
+    assert!(d.meshes[0].triangles.len() > 100_000, "{:?}", d.warnings);
+    for p in d.meshes[0].positions.iter().filter(|p| (0.1..0.9).contains(&p.x)) {
+        let expected = 0.5 * (p.x * 64.0 - 0.5) / 63.0 - 0.25;
+        assert!((p.z - expected).abs() < 3e-3, "{p}: {expected}");
+    }
+}

@@ -1,13 +1,14 @@
 //! From prims to a [`Description`]: a walk over the stage.
 
-use super::geometry::{self, Part};
+use super::geometry::{self, MeshPart, Part};
 use super::layer::Value;
 use super::material::{Bound, Shaders};
+use super::skeleton::{Binding, Bones};
 use super::stage::{Prim, Stage};
-use super::{camera, curves, error, light, subdivision, transform};
+use super::{camera, curves, error, light, skeleton, subdivision, transform};
 use crate::SceneError;
-use crate::load::Fetch;
 use crate::load::pbrt::shapes;
+use crate::load::{Fetch, displaced};
 use crate::motion::{AnimatedProperty, Animation, Channel, Ending, KeyInterpolation, Local, Motion, Node, Parts, Playing};
 use crate::scene::{Description, Object, Shape};
 use crate::shape::{Curves, Mesh};
@@ -38,6 +39,12 @@ pub(super) struct Place {
     hidden: bool,
     /// How many instancers are around.
     pub instancers: usize,
+    /// Whether a SkelRoot is around: only within one are meshes bent.
+    in_skel_root: bool,
+    /// Path of the skeleton that meshes hang on.
+    pub skeleton: Option<Arc<str>>,
+    /// Path of what moves the joints of skeletons.
+    pub skeleton_animation: Option<Arc<str>>,
 }
 
 /// Something to be drawn.
@@ -47,6 +54,8 @@ struct Drawn {
     node: Option<u32>,
     local: DMat4,
     world: DMat4,
+    /// The skeleton that bends it.
+    binding: Option<Arc<Binding>>,
 }
 
 /// What a form is made of.
@@ -55,6 +64,8 @@ enum Form {
     Mesh {
         prim: Arc<Prim>,
         parts: Vec<Part>,
+        /// Blend shapes of what hangs on a skeleton.
+        shapes: Option<Vec<Option<Arc<Prim>>>>,
     },
     /// Read as meshes are.
     Curves {
@@ -75,7 +86,8 @@ enum Form {
 /// What tells forms apart.
 #[derive(PartialEq, Eq, Hash)]
 enum FormKey {
-    Mesh(Vec<(usize, String)>, Vec<u32>),
+    /// Opinions, materials, and whether a skeleton may bend it.
+    Mesh(Vec<(usize, String)>, Vec<u32>, bool),
     Solid(String, Vec<u64>, u32),
 }
 
@@ -93,7 +105,11 @@ pub(super) struct World<'a> {
     forms: Vec<Form>,
     known: HashMap<FormKey, usize>,
     left_out: BTreeMap<&'static str, usize>,
-    channels: Vec<Channel>,
+    pub channels: Vec<Channel>,
+    /// Where skeletons stand, by path.
+    pub skeletons: HashMap<Arc<str>, Place>,
+    /// Skeletons that were asked for; `None` of those that hold nothing.
+    pub bones: HashMap<Arc<str>, Option<Arc<Bones>>>,
     pub size: Option<[usize; 2]>,
 }
 
@@ -128,6 +144,8 @@ impl<'a> World<'a> {
             known: HashMap::new(),
             left_out: BTreeMap::new(),
             channels: vec![],
+            skeletons: HashMap::new(),
+            bones: HashMap::new(),
             size: None,
         })
     }
@@ -138,8 +156,18 @@ impl<'a> World<'a> {
     }
 
     pub fn run(mut self) -> Read<Description> {
-        let place =
-            Place { node: None, local: self.root, world: self.root, material: None, color: None, hidden: false, instancers: 0 };
+        let place = Place {
+            node: None,
+            local: self.root,
+            world: self.root,
+            material: None,
+            color: None,
+            hidden: false,
+            instancers: 0,
+            in_skel_root: false,
+            skeleton: None,
+            skeleton_animation: None,
+        };
         if let Some(root) = self.stage.prim("/")? {
             let children = self.stage.children(&root)?;
             self.walk(children, place)?;
@@ -190,10 +218,7 @@ impl<'a> World<'a> {
                 self.size = self.size.or(camera::resolution(&self.stage, prim)?);
                 return Ok(None);
             }
-            "Skeleton" | "SkelAnimation" | "BlendShape" => {
-                self.leave_out("skeletons and blend shapes: what they move is shown as it was modelled");
-                return Ok(None);
-            }
+            "SkelAnimation" | "BlendShape" => return Ok(None),
             _ => (),
         }
         let text = |stage: &Stage, name: &str| -> Read<Option<Arc<str>>> {
@@ -210,6 +235,11 @@ impl<'a> World<'a> {
             self.leave_out("value clips");
         }
         let mut place = self.moved(prim, outer)?;
+        self.bind_skeleton(&kind, prim, &mut place)?;
+        let has_skin = place.in_skel_root && &*kind != "Mesh";
+        if has_skin && self.stage.attribute(prim, "primvars:skel:jointIndices")?.is_some() {
+            self.leave_out("skins of what is no mesh");
+        }
         let strong = place.material.as_ref().is_some_and(|m| m.1);
         if let Some(bound) = self.binding(prim)?.filter(|_| !strong) {
             place.material = Some(bound);
@@ -246,6 +276,29 @@ impl<'a> World<'a> {
         Ok(Some(place))
     }
 
+    /// Follows what a prim says of skeletons to what is below it.
+    fn bind_skeleton(&mut self, kind: &str, prim: &Arc<Prim>, place: &mut Place) -> Read<()> {
+        use super::layer::Key::TargetPaths;
+        place.in_skel_root |= kind == "SkelRoot";
+        if !place.in_skel_root {
+            return Ok(());
+        }
+        for (name, slot) in [("skel:skeleton", &mut place.skeleton), ("skel:animationSource", &mut place.skeleton_animation)] {
+            if let Some(path) = self.stage.targets(prim, name, TargetPaths)?.into_iter().next() {
+                *slot = Some(path.into());
+            }
+        }
+        if kind == "Skeleton" {
+            self.skeletons.insert(prim.path.as_str().into(), place.clone());
+        }
+        Ok(())
+    }
+
+    /// Seconds of the scene at a time code of the stage.
+    pub fn seconds(&self, time_code: f64) -> f64 {
+        (time_code - self.stage.start) / self.per_second
+    }
+
     /// The place of a prim: a node of its own where it moves.
     fn moved(&mut self, prim: &Prim, outer: Place) -> Read<Place> {
         let mut place = outer;
@@ -272,7 +325,7 @@ impl<'a> World<'a> {
                     keys[0].1
                 };
                 self.description.nodes.push(Node { parent: Some(parent), rest: Local::Parts(rest), ..Node::new(prim.name()) });
-                let times_s: Vec<f32> = keys.iter().map(|k| ((k.0 - self.stage.start) / self.per_second) as f32).collect();
+                let times_s: Vec<f32> = keys.iter().map(|k| self.seconds(k.0) as f32).collect();
                 let mut channel = |property, values: Vec<f32>| {
                     self.channels.push(Channel {
                         node: number,
@@ -328,11 +381,10 @@ impl<'a> World<'a> {
     }
 
     fn mesh(&mut self, prim: &Arc<Prim>, place: &Place) -> Read<()> {
-        for name in ["points", "primvars:skel:jointIndices"] {
-            if self.stage.is_animated(prim, name)? || name.contains("skel") && self.stage.attribute(prim, name)?.is_some() {
-                self.leave_out(if name == "points" { "points that move by themselves" } else { "skins of skeletons" });
-            }
+        if self.stage.is_animated(prim, "points")? {
+            self.leave_out("points that move by themselves");
         }
+        let (binding, shapes) = skeleton::binding(self, prim, place)?.unzip();
         let has_colors = self.stage.value(prim, "primvars:displayColor")?.and_then(|v| v.floats()).is_some_and(|c| c.len() > 3);
         let mut key = self.stage.fingerprint(prim);
         let mut parts = Vec::new();
@@ -353,9 +405,13 @@ impl<'a> World<'a> {
                 parts.push(Part::new(Some(child), &bound));
             }
         }
-        let key = FormKey::Mesh(key, parts.iter().map(|p| p.material).collect());
-        let form = self.form(key, || Form::Mesh { prim: prim.clone(), parts });
-        self.draw(prim.name(), form, place)
+        let key = FormKey::Mesh(key, parts.iter().map(|p| p.material).collect(), binding.is_some());
+        let form = self.form(key, || Form::Mesh { prim: prim.clone(), parts, shapes });
+        self.draw(prim.name(), form, place)?;
+        if let (Some(drawn), Some(binding)) = (self.drawn.last_mut(), binding) {
+            drawn.binding = Some(binding.into());
+        }
+        Ok(())
     }
 
     fn curves(&mut self, prim: &Arc<Prim>, place: &Place) -> Read<()> {
@@ -367,7 +423,7 @@ impl<'a> World<'a> {
             self.leave_out("colours that differ from curve to curve");
         }
         let material = self.bound(place.material.as_ref(), place.color, false)?.number;
-        let key = FormKey::Mesh(self.stage.fingerprint(prim), vec![material]);
+        let key = FormKey::Mesh(self.stage.fingerprint(prim), vec![material], false);
         let form = self.form(key, || Form::Curves { prim: prim.clone(), material });
         self.draw(prim.name(), form, place)
     }
@@ -385,7 +441,8 @@ impl<'a> World<'a> {
         if self.drawn.len() >= MOST_OBJECTS {
             return Err(error(&self.name, format!("more than {MOST_OBJECTS} things"), "fewer"));
         }
-        self.drawn.push(Drawn { name: name.to_owned(), form, node: place.node, local: place.local, world: place.world });
+        let Place { node, local, world, .. } = *place;
+        self.drawn.push(Drawn { name: name.to_owned(), form, node, local, world, binding: None });
         Ok(())
     }
 
@@ -507,6 +564,7 @@ impl<'a> World<'a> {
                 node: place.node,
                 local: local * d.local,
                 world: world * d.local,
+                binding: None,
             }));
         }
         Ok(())
@@ -519,11 +577,17 @@ impl<'a> World<'a> {
         let prims = |form: &Form| if let Form::Mesh { prim, .. } = form { Some(prim.clone()) } else { None };
         let prims: Vec<Arc<Prim>> = forms.iter().filter_map(prims).collect();
         let level = subdivision::level(stage, &prims)?;
+        let is_displaced =
+            |form: &&Form| matches!(form, Form::Mesh { parts, .. } if parts.iter().any(|p| p.displacement.is_some()));
+        let most_displaced = displaced::MOST_IN_ALL / forms.iter().filter(is_displaced).count().max(1);
         let read = |form: Form| -> Read<(geometry::Meshes, Other)> {
             Ok(match form {
-                Form::Mesh { prim, parts } => (geometry::read(stage, &prim, &parts, level)?, Other::None),
+                Form::Mesh { prim, parts, shapes } => {
+                    (geometry::read(stage, &prim, &parts, shapes.as_deref(), level, most_displaced)?, Other::None)
+                }
                 Form::Ready { mesh, material } => {
-                    (geometry::Meshes { parts: vec![(mesh, material)], left_out: vec![] }, Other::None)
+                    let parts = vec![MeshPart { mesh, material, bending: None, displacement: None }];
+                    (geometry::Meshes { parts, left_out: vec![] }, Other::None)
                 }
                 Form::Ball { radius, material } => (geometry::Meshes::default(), Other::Ball(radius, material)),
                 Form::Curves { prim, material } => {
@@ -535,6 +599,8 @@ impl<'a> World<'a> {
         let all: Vec<Read<(geometry::Meshes, Other)>> = forms.into_par_iter().map(read).collect();
         // Numbers of meshes and their materials, by form; of balls a mesh where one is needed.
         let mut numbers: Vec<Vec<(u32, u32)>> = Vec::with_capacity(all.len());
+        // What bends meshes, by their numbers.
+        let mut bent = HashMap::new();
         let mut balls = Vec::with_capacity(all.len());
         let mut strands: Vec<Option<(u32, u32)>> = Vec::with_capacity(all.len());
         for read in all {
@@ -550,9 +616,13 @@ impl<'a> World<'a> {
             }));
             meshes.left_out.into_iter().for_each(|what| self.leave_out(what));
             let mut own = Vec::new();
-            for (mesh, material) in meshes.parts {
-                self.description.meshes.push(mesh.into());
-                own.push((self.description.meshes.len() as u32 - 1, material));
+            for part in meshes.parts {
+                self.description.meshes.push(part.mesh.into());
+                let number = self.description.meshes.len() as u32 - 1;
+                own.push((number, part.material));
+                if let Some(bending) = part.bending {
+                    bent.insert(number, bending);
+                }
             }
             numbers.push(own);
             balls.push(ball);
@@ -585,6 +655,16 @@ impl<'a> World<'a> {
                 self.description.objects.push(Object { name: d.name.clone(), shape, material, motion });
             }
             for (mesh, material) in &numbers[d.form] {
+                let mut motion = motion;
+                if let (Some(binding), Some(bending)) = (&d.binding, bent.get(mesh)) {
+                    let rest = Local::Matrix(affine(d.local));
+                    self.description.nodes.push(Node { parent: d.node, rest, ..Node::new(&d.name) });
+                    let node = self.description.nodes.len() as u32 - 1;
+                    if let Some(deformer) = skeleton::deformer(self, binding, bending, *mesh, node)? {
+                        self.description.deformers.push(deformer);
+                        motion = Motion::Deformed { deformer: self.description.deformers.len() as u32 - 1 };
+                    }
+                }
                 let shape = Shape::Mesh { mesh: *mesh, world_from_mesh };
                 self.description.objects.push(Object { name: d.name.clone(), shape, material: *material, motion });
             }

@@ -1,0 +1,474 @@
+//! Skeletons, their animations, and what they bend: skins by linear blending, blend shapes as morph targets.
+//!
+//! Source: OpenUSD, `UsdSkel` (schemas Skeleton, SkelAnimation, BlendShape and the binding API). A point of a skinned mesh stands at
+//! Σ wᵢ · S · Jᵢ · Bᵢ⁻¹ · G · p, with G the mesh's `geomBindTransform`, B a joint's bind transform, J its transform in the skeleton's space then, and S
+//! where the skeleton stands; the transform of the mesh itself does not count. Limits: blending is linear whatever `skinningMethod` says, in-between
+//! shapes are not used, a subdivision surface is skinned after it is subdivided, by subdivided weights, where OpenUSD skins its control mesh, and normals are those of the
+//! blended transform, where OpenUSD blends normals of the joints (up to 5° apart in its own tests).
+
+use super::stage::{Prim, Stage, TimeSample};
+use super::world::{Place, World, affine};
+use crate::SceneError;
+use crate::load::usd::layer::{Key, Value};
+use crate::motion::{
+    AnimatedProperty, Channel, Deformer, KeyInterpolation, Local, Node, Parts, Skin, Target, influences_summing_to_one,
+};
+use crate::shape::Mesh;
+use crate::subdivision::{VERTEX_LANES, smooth_normals};
+use glam::{DMat4, Quat, Vec3};
+use std::collections::HashMap;
+use std::sync::Arc;
+
+type Read<T> = Result<T, SceneError>;
+
+/// Most joints that hold a vertex of a subdivided mesh: the heaviest count.
+const MOST_INFLUENCES: usize = 12;
+/// Most numbers that bend all vertices of a subdivided mesh: a gigabyte.
+const MOST_NUMBERS: usize = 1 << 28;
+
+/// Blend shapes of a mesh; none where one is not there.
+pub type Shapes = Vec<Option<Arc<Prim>>>;
+
+/// What a mesh says of its skeleton.
+pub struct Binding {
+    /// Path of the skeleton.
+    skeleton: Arc<str>,
+    /// The joints that its indices count, if they are not the skeleton's.
+    joints: Option<Arc<[Arc<str>]>>,
+    /// From the mesh to the space in which it was bound.
+    geom_bind: DMat4,
+    /// Names of its blend shapes.
+    shapes: Vec<Arc<str>>,
+}
+
+/// What bends a mesh, point by point.
+#[derive(Default)]
+pub struct Bending {
+    /// Joint and weight, `per_point` for each point; empty of what has no skin.
+    influences: Vec<(u16, f32)>,
+    per_point: usize,
+    shapes: Vec<Offsets>,
+}
+
+/// What a blend shape adds to the points of a mesh.
+#[derive(Default)]
+struct Offsets {
+    positions: Vec<Vec3>,
+    /// Empty where the file says none.
+    normals: Vec<Vec3>,
+}
+
+/// The same for the vertices of a mesh, as the renderer has it.
+pub struct VertexBending {
+    influences: Vec<(u16, f32)>,
+    per_vertex: usize,
+    targets: Vec<Target>,
+}
+
+/// The nodes of a skeleton.
+pub struct Bones {
+    number_of: HashMap<Arc<str>, usize>,
+    nodes: Vec<u32>,
+    joint_from_bound: Vec<DMat4>,
+    animation: Option<Arc<Prim>>,
+}
+
+fn texts(stage: &Stage, prim: &Prim, name: &str) -> Read<Option<Arc<[Arc<str>]>>> {
+    Ok(match stage.value(prim, name)? {
+        Some(Value::Texts(list)) if !list.is_empty() => Some(list),
+        _ => None,
+    })
+}
+
+fn matrices(stage: &Stage, prim: &Prim, name: &str) -> Read<Vec<DMat4>> {
+    let numbers = stage.value(prim, name)?.and_then(|v| v.doubles()).unwrap_or_else(|| Arc::new([]));
+    Ok(numbers.as_chunks().0.iter().map(DMat4::from_cols_array).collect())
+}
+
+fn vectors(stage: &Stage, prim: &Prim, name: &str) -> Read<Vec<Vec3>> {
+    let numbers = stage.value(prim, name)?.and_then(|v| v.floats()).unwrap_or_else(|| Arc::new([]));
+    Ok(numbers.as_chunks().0.iter().map(|v| Vec3::from_array(*v)).collect())
+}
+
+/// How a mesh is bound to a skeleton, and its blend shapes; `None` of what nothing bends.
+pub fn binding(world: &mut World, prim: &Prim, place: &Place) -> Read<Option<(Binding, Shapes)>> {
+    let has_skin = world.stage.attribute(prim, "primvars:skel:jointIndices")?.is_some();
+    let names = texts(&world.stage, prim, "skel:blendShapes")?;
+    if !has_skin && names.is_none() {
+        return Ok(None);
+    }
+    let Some(skeleton) = place.skeleton.clone() else {
+        world.leave_out("skins and blend shapes without a skeleton, or outside of a SkelRoot");
+        return Ok(None);
+    };
+    if place.instancers > 0 {
+        world.leave_out("skins and blend shapes within prototypes of instancers");
+        return Ok(None);
+    }
+    for name in ["primvars:skel:skinningMethod", "skel:skinningMethod"] {
+        let said = world.stage.value(prim, name)?;
+        if said.as_ref().and_then(Value::text).is_some_and(|m| &**m == "dualQuaternion") {
+            world.leave_out("dual quaternions of skins: blending is linear");
+        }
+    }
+    let geom_bind = matrices(&world.stage, prim, "primvars:skel:geomBindTransform")?.into_iter().find(DMat4::is_finite);
+    let mut shapes = Vec::new();
+    let paths = world.stage.targets(prim, "skel:blendShapeTargets", Key::TargetPaths)?;
+    for path in paths.iter().take(names.as_ref().map_or(0, |n| n.len())) {
+        let shape = world.stage.prim(path)?;
+        if shape.is_none() {
+            world.leave_out("blend shapes that are not there");
+        }
+        shapes.push(shape);
+    }
+    let names: Vec<Arc<str>> = names.iter().flat_map(|n| n.iter()).take(shapes.len()).cloned().collect();
+    let joints = texts(&world.stage, prim, "skel:joints")?;
+    Ok(Some((Binding { skeleton, joints, geom_bind: geom_bind.unwrap_or(DMat4::IDENTITY), shapes: names }, shapes)))
+}
+
+/// Reads what bends the points of a mesh. What does not fit the mesh is left out.
+pub fn read(
+    stage: &Stage,
+    prim: &Prim,
+    shapes: &[Option<Arc<Prim>>],
+    points: usize,
+    left_out: &mut Vec<&'static str>,
+) -> Read<Option<Bending>> {
+    let mut bending = Bending::default();
+    if let Some(indices) = stage.value(prim, "primvars:skel:jointIndices")?.and_then(|v| v.ints()) {
+        let weights = stage.value(prim, "primvars:skel:jointWeights")?.and_then(|v| v.floats());
+        let said = stage.property_field(prim, "primvars:skel:jointIndices", Key::Interpolation)?;
+        // One set for the whole mesh holds it as a rigid body.
+        let is_rigid = said.as_ref().and_then(Value::text).is_some_and(|t| &**t == "constant");
+        match weights.filter(|w| w.len() == indices.len() && points > 0) {
+            Some(weights) if is_rigid || indices.len() % points == 0 && !indices.is_empty() => {
+                let all: Vec<(u16, f32)> = indices
+                    .iter()
+                    .zip(weights.iter())
+                    .map(|(i, w)| u16::try_from(*i).map_or((0, 0.0), |i| (i, if w.is_finite() { *w } else { 0.0 })))
+                    .collect();
+                bending.per_point = if is_rigid { all.len() } else { all.len() / points };
+                bending.influences = if is_rigid { all.repeat(points) } else { all };
+                if bending.per_point > 0 {
+                    bending.influences.chunks_exact_mut(bending.per_point).for_each(influences_summing_to_one);
+                }
+            }
+            _ => left_out.push("skins that do not fit their mesh"),
+        }
+    }
+    for shape in shapes {
+        let mut offsets = Offsets::default();
+        if let Some(shape) = shape {
+            let moved = vectors(stage, shape, "offsets")?;
+            let normals = vectors(stage, shape, "normalOffsets")?;
+            let which = stage.value(shape, "pointIndices")?.and_then(|v| v.ints()).filter(|i| !i.is_empty());
+            let number = |k: usize| which.as_ref().map_or(Some(k), |w| w.get(k).and_then(|i| usize::try_from(*i).ok()));
+            let fits = (0..moved.len()).all(|k| number(k).is_some_and(|i| i < points)) && moved.iter().all(|v| v.is_finite());
+            if fits {
+                let spread = |list: &[Vec3]| {
+                    let mut all = vec![Vec3::ZERO; points];
+                    list.iter().enumerate().for_each(|(k, v)| all[number(k).unwrap_or(0)] = *v);
+                    all
+                };
+                offsets.positions = spread(&moved);
+                if normals.len() == moved.len() && normals.iter().all(|v| v.is_finite()) {
+                    offsets.normals = spread(&normals);
+                }
+            } else {
+                left_out.push("blend shapes that do not fit their mesh");
+            }
+        }
+        bending.shapes.push(offsets);
+    }
+    Ok((!bending.influences.is_empty() || !bending.shapes.is_empty()).then_some(bending))
+}
+
+impl Bending {
+    /// What bends vertices, by the point of each.
+    pub fn of_vertices(&self, points: &[u32], mesh: &Mesh) -> VertexBending {
+        let gather = |list: &[Vec3]| if list.is_empty() { vec![] } else { points.iter().map(|p| list[*p as usize]).collect() };
+        let n = self.per_point;
+        let targets = self.shapes.iter().map(|s| Target {
+            positions: gather(&s.positions),
+            normals: if mesh.normals.is_empty() { vec![] } else { gather(&s.normals) },
+            tangents: vec![],
+        });
+        VertexBending {
+            influences: points.iter().flat_map(|p| &self.influences[*p as usize * n..][..n]).copied().collect(),
+            per_vertex: n,
+            targets: targets.collect(),
+        }
+    }
+
+    /// Joints that hold a point, rising.
+    fn used_joints(&self) -> Vec<u16> {
+        let mut used: Vec<u16> = self.influences.iter().filter(|i| i.1 != 0.0).map(|i| i.0).collect();
+        used.sort_unstable();
+        used.dedup();
+        used
+    }
+
+    /// Whether the numbers of all vertices of a subdivided mesh would be too many.
+    pub fn is_too_large(&self, vertices: usize) -> bool {
+        let lanes = self.used_joints().len() + 3 * self.shapes.len();
+        vertices.saturating_mul(lanes.next_multiple_of(VERTEX_LANES)) > MOST_NUMBERS
+    }
+
+    /// Weights of all joints that are used, then offsets of all shapes, as values of points that are subdivided.
+    pub fn lanes(&self, points: usize) -> Vec<Vec<[f32; VERTEX_LANES]>> {
+        let joints = self.used_joints();
+        let count = joints.len() + 3 * self.shapes.len();
+        let mut all = vec![vec![[0.0; VERTEX_LANES]; points]; count.div_ceil(VERTEX_LANES)];
+        let mut add = |lane: usize, point: usize, v: f32| all[lane / VERTEX_LANES][point][lane % VERTEX_LANES] += v;
+        for (i, (joint, weight)) in self.influences.iter().enumerate().filter(|(_, i)| i.1 != 0.0) {
+            add(joints.partition_point(|j| j < joint), i / self.per_point, *weight);
+        }
+        for (s, shape) in self.shapes.iter().enumerate() {
+            for (point, offset) in shape.positions.iter().enumerate() {
+                (0..3).for_each(|k| add(joints.len() + 3 * s + k, point, offset[k]));
+            }
+        }
+        all
+    }
+
+    /// What bends the vertices of a subdivided mesh, from subdivided [`Bending::lanes`] and the position of each vertex in them.
+    pub fn of_fine_vertices(&self, lanes: &[Vec<[f32; VERTEX_LANES]>], positions: &[u32], mesh: &Mesh) -> VertexBending {
+        let joints = self.used_joints();
+        let at = |lane: usize, position: u32| lanes[lane / VERTEX_LANES][position as usize][lane % VERTEX_LANES];
+        let mut bending = VertexBending { influences: vec![], per_vertex: 0, targets: vec![] };
+        if !joints.is_empty() {
+            bending.per_vertex = joints.len().min(MOST_INFLUENCES);
+            for position in positions {
+                let weights = joints.iter().enumerate().map(|(k, joint)| (*joint, at(k, *position)));
+                let mut own: Vec<(u16, f32)> = weights.filter(|i| i.1 > 0.0).collect();
+                own.sort_by(|a, b| b.1.total_cmp(&a.1).then(a.0.cmp(&b.0)));
+                own.resize(bending.per_vertex, (0, 0.0));
+                influences_summing_to_one(&mut own);
+                bending.influences.extend(own);
+            }
+        }
+        for s in 0..self.shapes.len() {
+            let lane = joints.len() + 3 * s;
+            let positions: Vec<Vec3> =
+                positions.iter().map(|p| Vec3::from_array(std::array::from_fn(|k| at(lane + k, *p)))).collect();
+            if positions.iter().all(|p| *p == Vec3::ZERO) {
+                bending.targets.push(Target::default());
+                continue;
+            }
+            let mut moved = Mesh { positions: mesh.positions.clone(), triangles: mesh.triangles.clone(), ..Mesh::default() };
+            let before = smooth_normals(&moved);
+            moved.positions.iter_mut().zip(&positions).for_each(|(p, d)| *p += *d);
+            let normals = smooth_normals(&moved).iter().zip(&before).map(|(after, before)| *after - *before).collect();
+            bending.targets.push(Target { positions, normals, tangents: vec![] });
+        }
+        bending
+    }
+}
+
+/// The nodes of a skeleton, made when it is first asked for; `None` where it is not one that can hold a mesh.
+fn bones(world: &mut World, path: &Arc<str>) -> Read<Option<Arc<Bones>>> {
+    if let Some(known) = world.bones.get(path) {
+        return Ok(known.clone());
+    }
+    let made = make_bones(world, path)?.map(Arc::new);
+    world.bones.insert(path.clone(), made.clone());
+    Ok(made)
+}
+
+fn make_bones(world: &mut World, path: &Arc<str>) -> Read<Option<Bones>> {
+    let (Some(place), Some(prim)) = (world.skeletons.get(path).cloned(), world.stage.prim(path)?) else {
+        world.leave_out("skins whose skeleton is not there, or not in a SkelRoot");
+        return Ok(None);
+    };
+    let names = texts(&world.stage, &prim, "joints")?.unwrap_or_else(|| Arc::new([]));
+    let bind = matrices(&world.stage, &prim, "bindTransforms")?;
+    let whole = |m: &DMat4| m.is_finite() && m.determinant().abs() > 1e-300;
+    // One without joints may still move blend shapes.
+    if bind.len() != names.len() || !bind.iter().all(whole) {
+        world.leave_out("skeletons without a bind transform for each joint");
+        return Ok(None);
+    }
+    let number_of: HashMap<Arc<str>, usize> = names.iter().enumerate().rev().map(|(i, n)| (n.clone(), i)).collect();
+    // A joint hangs on the nearest one that its path goes through.
+    let parent = |name: &str| {
+        std::iter::successors(name.rfind('/'), |end| name[..*end].rfind('/')).find_map(|end| number_of.get(&name[..end]).copied())
+    };
+    let parents: Vec<Option<usize>> = names.iter().map(|n| parent(n)).collect();
+    let said = matrices(&world.stage, &prim, "restTransforms")?;
+    let rest: Vec<DMat4> = match said.len() == names.len() && said.iter().all(DMat4::is_finite) {
+        true => said,
+        false => (0..names.len()).map(|i| parents[i].map_or(bind[i], |p| bind[p].inverse() * bind[i])).collect(),
+    };
+    let base = world.node_at(&place, prim.name());
+    let first = world.description.nodes.len();
+    let moves = match &place.skeleton_animation {
+        Some(path) => animation(world, path)?,
+        None => None,
+    };
+    for (i, name) in names.iter().enumerate() {
+        let own = moves.as_ref().and_then(|m| Some((m, *m.joints.get(name)?)));
+        let parent = parents[i].map_or(base, |p| (first + p) as u32);
+        let place = match own {
+            None => Local::Matrix(affine(rest[i])),
+            Some((moves, joint)) => {
+                let (scale, rotation, translation) = rest[i].to_scale_rotation_translation();
+                let whole = scale.is_finite() && rotation.is_finite() && rest[i].determinant() != 0.0;
+                let parts = if whole {
+                    Parts { translation: translation.as_vec3(), rotation: rotation.as_quat(), scale: scale.as_vec3() }
+                } else {
+                    Parts::IDENTITY
+                };
+                Local::Parts(moves.key(joint, parts))
+            }
+        };
+        world.description.nodes.push(Node { parent: Some(parent), rest: place, ..Node::new(name) });
+        if let Some((moves, joint)) = own {
+            world.channels.extend(moves.channels(joint, first + i));
+        }
+    }
+    Ok(Some(Bones {
+        number_of,
+        nodes: (first..first + names.len()).map(|n| n as u32).collect(),
+        joint_from_bound: bind.iter().map(DMat4::inverse).collect(),
+        animation: moves.map(|m| m.prim),
+    }))
+}
+
+/// A SkelAnimation.
+struct Moves {
+    prim: Arc<Prim>,
+    joints: HashMap<Arc<str>, usize>,
+    tracks: [Track; 3],
+}
+
+/// Translations, rotations or scales of all joints.
+struct Track {
+    property: AnimatedProperty,
+    width: usize,
+    /// At the scene's first time.
+    at_start: Arc<[f64]>,
+    /// Seconds and the numbers then.
+    keys: Vec<TimeSample>,
+}
+
+fn animation(world: &mut World, path: &str) -> Read<Option<Moves>> {
+    let Some(prim) = world.stage.prim(path)? else {
+        world.leave_out("animations of skeletons that are not there");
+        return Ok(None);
+    };
+    if &*world.stage.type_name(&prim)? != "SkelAnimation" {
+        return Ok(None);
+    }
+    let names = texts(&world.stage, &prim, "joints")?.unwrap_or_else(|| Arc::new([]));
+    let joints = names.iter().enumerate().rev().map(|(i, n)| (n.clone(), i)).collect();
+    let mut tracks = Vec::with_capacity(3);
+    for (name, property, width) in [
+        ("translations", AnimatedProperty::Translation, 3),
+        ("rotations", AnimatedProperty::Rotation, 4),
+        ("scales", AnimatedProperty::Scale, 3),
+    ] {
+        let (at_start, keys) = numbers_over_time(world, &prim, name, names.len() * width)?;
+        tracks.push(Track { property, width, at_start, keys });
+    }
+    let tracks: Result<[Track; 3], _> = tracks.try_into();
+    Ok(tracks.ok().map(|tracks| Moves { prim, joints, tracks }))
+}
+
+/// An attribute at the scene's first time, and its samples by seconds, of those with `count` finite numbers.
+fn numbers_over_time(world: &mut World, prim: &Prim, name: &str, count: usize) -> Read<(Arc<[f64]>, Vec<TimeSample>)> {
+    let none: Arc<[f64]> = Arc::new([]);
+    let Some(found) = world.stage.attribute(prim, name)? else { return Ok((none, vec![])) };
+    let fits = |v: &Arc<[f64]>| v.len() == count && v.iter().all(|x| x.is_finite());
+    let at_start = world.stage.at_start(&found)?.and_then(|v| v.doubles());
+    let samples = world.stage.samples(&found)?.unwrap_or_default();
+    let before = samples.len();
+    let mut keys: Vec<TimeSample> = samples.into_iter().filter(|(t, v)| t.is_finite() && fits(v)).collect();
+    if keys.len() < before || at_start.as_ref().is_some_and(|v| !v.is_empty() && !fits(v)) {
+        world.leave_out("animations of skeletons that do not fit their joints");
+    }
+    keys.iter_mut().for_each(|k| k.0 = world.seconds(k.0));
+    Ok((at_start.filter(fits).unwrap_or(none), keys))
+}
+
+impl Moves {
+    /// A joint's parts at the scene's first time; what is not said is as at rest.
+    fn key(&self, joint: usize, rest: Parts) -> Parts {
+        let mut parts = rest;
+        for track in self.tracks.iter().filter(|t| !t.at_start.is_empty()) {
+            let v = track.of_joint(joint, &track.at_start);
+            match track.property {
+                AnimatedProperty::Translation => parts.translation = Vec3::from_slice(&v),
+                AnimatedProperty::Rotation => {
+                    let q = Quat::from_slice(&v);
+                    parts.rotation = if q.length_squared() > 1e-12 { q.normalize() } else { Quat::IDENTITY };
+                }
+                _ => parts.scale = Vec3::from_slice(&v),
+            }
+        }
+        parts
+    }
+
+    /// Key frames of a joint.
+    fn channels(&self, joint: usize, node: usize) -> impl Iterator<Item = Channel> {
+        self.tracks.iter().filter(|t| t.keys.len() > 1).map(move |track| Channel {
+            node,
+            property: track.property,
+            interpolation: KeyInterpolation::Linear,
+            times_s: track.keys.iter().map(|k| k.0 as f32).collect(),
+            values: track.keys.iter().flat_map(|k| track.of_joint(joint, &k.1)).collect(),
+        })
+    }
+}
+
+impl Track {
+    /// The numbers of a joint; of rotations x, y, z, w, where USD has w first.
+    fn of_joint(&self, joint: usize, all: &[f64]) -> Vec<f32> {
+        let mut own: Vec<f32> = all[joint * self.width..][..self.width].iter().map(|v| *v as f32).collect();
+        if self.property == AnimatedProperty::Rotation {
+            own.rotate_left(1);
+        }
+        own
+    }
+}
+
+/// The deformer of a mesh that hangs on a skeleton; `None` where it is drawn as it was modelled. `node` is where the mesh stands.
+pub fn deformer(world: &mut World, binding: &Binding, bending: &VertexBending, mesh: u32, node: u32) -> Read<Option<Deformer>> {
+    let Some(bones) = bones(world, &binding.skeleton)? else { return Ok(None) };
+    let mut skin = None;
+    if bending.per_vertex > 0 {
+        // What the indices of the mesh count.
+        let numbers: Option<Vec<usize>> = match &binding.joints {
+            None => Some((0..bones.nodes.len()).collect()),
+            Some(names) => names.iter().map(|n| bones.number_of.get(n).copied()).collect(),
+        };
+        let Some(numbers) = numbers.filter(|n| bending.influences.iter().all(|i| usize::from(i.0) < n.len())) else {
+            world.leave_out("skins with joints that their skeleton does not have");
+            return Ok(None);
+        };
+        skin = Some(Skin {
+            joints: numbers.iter().map(|n| bones.nodes[*n]).collect(),
+            joint_from_mesh: numbers.iter().map(|n| affine(bones.joint_from_bound[*n] * binding.geom_bind)).collect(),
+            influences: bending.influences.clone(),
+            per_corner: bending.per_vertex,
+        });
+    }
+    let mut weights = vec![0.0; bending.targets.len()];
+    if let Some(animation) = bones.animation.clone().filter(|_| !weights.is_empty()) {
+        let names = texts(&world.stage, &animation, "blendShapes")?.unwrap_or_else(|| Arc::new([]));
+        let (at_start, keys) = numbers_over_time(world, &animation, "blendShapeWeights", names.len())?;
+        let number = |target: usize| names.iter().position(|n| Some(n) == binding.shapes.get(target));
+        let numbers: Vec<Option<usize>> = (0..weights.len()).map(number).collect();
+        let of = |all: &[f64]| numbers.iter().map(|n| n.and_then(|n| all.get(n)).map_or(0.0, |v| *v as f32)).collect::<Vec<_>>();
+        weights = of(&at_start);
+        if keys.len() > 1 {
+            world.channels.push(Channel {
+                node: node as usize,
+                property: AnimatedProperty::MorphWeights,
+                interpolation: KeyInterpolation::Linear,
+                times_s: keys.iter().map(|k| k.0 as f32).collect(),
+                values: keys.iter().flat_map(|k| of(&k.1)).collect(),
+            });
+        }
+    }
+    Ok(Some(Deformer { mesh, node, targets: bending.targets.clone(), weights, skin }))
+}
