@@ -51,7 +51,7 @@ fn edges_of_a_photograph_have_the_response_of_the_chain() {
     (sensor.crosstalk, sensor.low_pass_px, sensor.fill_factor) = (0.0, 2.0, 1.0);
     let own = sensor.pitch_mm()[0];
     let film = Film { low_pass_mm: 2.0 * own, ..Film::new(size, size, side, side) };
-    for (name, f_number) in [("double-gauss-50mm", None), ("tessar-50mm-f2.8", Some(4.0))] {
+    for (name, f_number, on_average) in [("double-gauss-50mm", None, 0.03), ("tessar-50mm-f2.8", Some(4.0), 0.02)] {
         let lens = lens(name, f_number, [36.0, 24.0]);
         let picture = photograph("slanted-edges", &lens, film, &sensor, 256);
         let plane = picture.plane(Channel::Green).unwrap();
@@ -74,22 +74,21 @@ fn edges_of_a_photograph_have_the_response_of_the_chain() {
                 edge.region,
                 edge.angle_deg,
                 edge.at(0.25),
-                p.product[25],
+                p.windowed[25],
                 edge.at_nyquist,
-                p.product[50],
+                p.windowed[50],
                 p.largest_difference
             );
             assert!((edge.angle_deg.abs() - 5.0).abs() < 0.3, "{}", edge.angle_deg);
-            // One edge of some dozen rows at 256 samples: seen up to 0.074 near Nyquist.
-            assert!(p.largest_difference[0].abs() < 0.1, "{name} {}: {:?}", edge.region, p.largest_difference);
+            // One edge of some dozen rows at 256 samples: seen up to 0.031 near Nyquist.
+            assert!(p.largest_difference[0].abs() < 0.05, "{name} {}: {:?}", edge.region, p.largest_difference);
             for (k, sum) in sums.iter_mut().enumerate() {
-                *sum += (edge.at(p.frequencies[k]) - p.product[k]) / edges.len() as f64;
+                *sum += (edge.at(p.frequencies[k]) - p.windowed[k]) / edges.len() as f64;
             }
         }
-        // On average over the edges. 0.02 is what a laboratory asks for; wide open, the halo is wider than the regions, whose contrast counts as 1, and
-        // everything reads up to 0.03 higher.
+        // On average over the edges. 0.02 is what a laboratory asks for; wide open, everything reads up to 0.027 higher at low frequencies.
         for (k, sum) in sums.iter().enumerate() {
-            assert!(sum.abs() < 0.035, "{name}: {sum} at {} cycles a pixel", 0.01 * k as f64);
+            assert!(sum.abs() < on_average, "{name}: {sum} at {} cycles a pixel", 0.01 * k as f64);
         }
     }
 }

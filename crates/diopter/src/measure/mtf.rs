@@ -64,7 +64,7 @@ pub enum Window {
 
 impl Window {
     /// Its value at −1 to 1; 0 beyond.
-    fn at(self, u: f64) -> f64 {
+    pub(super) fn at(self, u: f64) -> f64 {
         let u = u.abs();
         if u >= 1.0 {
             return 0.0;
@@ -154,6 +154,10 @@ pub struct EdgeMtf {
     pub at_nyquist: f64,
     /// Edge spread function: distance across the edge (pixels) and level (0 dark to 1 light).
     pub esf: Vec<[f64; 2]>,
+    /// Window of the line spread function, and half of its width across the edge, pixels: light that falls beyond is not seen, and the response is 1 at frequency 0
+    /// without it.
+    #[serde(skip)]
+    pub window: (Window, f64),
 }
 
 impl EdgeMtf {
@@ -359,6 +363,7 @@ pub fn measure(plane: &Plane, region: Region, options: &Options) -> Result<EdgeM
         mtf10: None,
         at_nyquist: 0.0,
         esf: esf.iter().enumerate().map(|(k, v)| [distance(k as f64) * cos, (v - dark) / (light - dark)]).collect(),
+        window: (options.window, half * cos),
     };
     (found.mtf50, found.mtf10, found.at_nyquist) = (found.falls_to(0.5), found.falls_to(0.1), found.at(0.5));
     Ok(found)

@@ -211,7 +211,7 @@ fn resolution_figure(name: &str, channel: Channel, per_mm: Option<f64>, edges: &
     });
     let chains = predictions.iter().take(COLORS.len()).enumerate().map(|(k, p)| {
         let name = if k == 0 { "predicted" } else { "" };
-        line(name, k, Style::Broken, p.frequencies.iter().zip(&p.product).map(|(f, m)| (f * scale, *m)))
+        line(name, k, Style::Broken, p.frequencies.iter().zip(&p.windowed).map(|(f, m)| (f * scale, *m)))
     });
     let unit = if per_mm.is_some() { "cycles/mm" } else { "cycles/pixel" };
     let nyquist = line("", 5, Style::Broken, [(0.5 * scale, 0.0), (0.5 * scale, 1.2)]);
@@ -333,21 +333,22 @@ fn chain_text(edges: &[EdgeMtf], predictions: &[Prediction]) -> anyhow::Result<S
     if let ([edge], [p]) = (edges, predictions) {
         writeln!(
             t,
-            "  {:>12} {:>9} {:>9} {:>9} {:>9} {:>9} {:>9} {:>11}",
-            "cycles/pixel", "measured", "predicted", "lens", "aperture", "low-pass", "crosstalk", "difference"
+            "  {:>12} {:>9} {:>9} {:>9} {:>9} {:>9} {:>9} {:>9} {:>11}",
+            "cycles/pixel", "measured", "predicted", "lens", "aperture", "low-pass", "crosstalk", "window", "difference"
         )?;
         for k in (0..p.frequencies.len()).step_by(5).filter(|k| p.frequencies[*k] <= 0.5) {
             writeln!(
                 t,
-                "  {:>12.2} {:>9.4} {:>9.4} {:>9.4} {:>9.4} {:>9.4} {:>9.4} {:>+11.4}",
+                "  {:>12.2} {:>9.4} {:>9.4} {:>9.4} {:>9.4} {:>9.4} {:>9.4} {:>9.4} {:>+11.4}",
                 p.frequencies[k],
                 edge.mtf[k],
-                p.product[k],
+                p.windowed[k],
                 p.lens[k],
                 p.aperture[k],
                 p.low_pass[k],
                 p.crosstalk[k],
-                edge.mtf[k] - p.product[k]
+                if p.product[k] > 0.0 { p.windowed[k] / p.product[k] } else { 1.0 },
+                edge.mtf[k] - p.windowed[k]
             )?;
         }
     }
