@@ -78,7 +78,7 @@ fn edges_borders_and_rows_that_open_one_after_the_other_keep_their_light() {
     let (columns, rows) = (64, 48);
     let film = Film::new(0.64, 0.48, columns, rows);
     let chart = Scene::build(builtin::named("resolution-chart").unwrap()).unwrap();
-    let rolling = Mechanism::Rolling { reset_s: 1e-4, readout_s: 1e-4, direction: Direction::Down };
+    let rolling = Mechanism::Rolling { reset_s: 4.8e-3, readout_s: 4.8e-3, direction: Direction::Down };
     for (scene, name) in [(&chart, "chart"), (&even(), "even field")] {
         for shutter in [Shutter::global(0.01), Shutter { mechanism: rolling, exposure_s: 1.2e-4 }] {
             let camera = camera(film, Vec3::new(0.0, 0.0, 1.0));
