@@ -9,7 +9,7 @@
 //! of an exposure that hold whole pairs merge to the whole.
 //!
 //! Sources: control variates, A. Owen 2013, "Monte Carlo theory, methods and examples", §8.9; the two replicates as in cross-fitting.
-//! What is neglected: how much the displacement changes within one pixel (some 1e-4 of it).
+//! What is neglected: how much the displacement changes within one pixel (by lateral colour over image height, of the order of 1e-3 pixels).
 
 use crate::camera::Film;
 use diopter_light::random::SamplerKind;
@@ -92,7 +92,7 @@ impl Roots {
         self.count[bin] += 1.0;
     }
 
-    /// These and, counting for less, others.
+    /// These, and others that count for a weight.
     fn and(&self, others: &Roots, weight: f32) -> Roots {
         let sum = |a: &[f32; BINS], b: &[f32; BINS]| std::array::from_fn(|k| a[k] + weight * b[k]);
         Roots {
@@ -227,13 +227,13 @@ impl Landings {
     }
 
     /// Ends a pixel. `response`: of groups of bands to a wavelength (nm); `open`: whether a pixel takes what landed in another one at its time; `add`: told a pixel, a
-    /// replicate and what is to be added there, by groups of bands.
+    /// replicate, what is to be added there by groups of bands, and how many times.
     pub fn end_pixel(
         &mut self,
         groups: usize,
         response: impl Fn(usize, f32) -> Vec4,
         open: impl Fn([usize; 2], &Landing) -> bool,
-        mut add: impl FnMut([usize; 2], usize, &[Vec4]),
+        mut add: impl FnMut([usize; 2], usize, &[Vec4], f32),
     ) {
         let Some(middle) = self.pixel.take() else { return };
         let mut value = vec![Vec4::ZERO; groups];
@@ -263,10 +263,7 @@ impl Landings {
                     for (pixel, part) in taken.into_iter().chain(landing.square.parts()).filter(|p| open(p.0, landing)) {
                         match Around::place(middle, pixel) {
                             Some(place) => around.add(place, &value, part),
-                            None => {
-                                let far: Vec<Vec4> = value.iter().map(|v| *v * part).collect();
-                                add(pixel, replicate, &far);
-                            }
+                            None => add(pixel, replicate, &value, part),
                         }
                     }
                 }
@@ -275,7 +272,7 @@ impl Landings {
         }
         self.landings.clear();
         for (replicate, around) in self.around.iter_mut().enumerate() {
-            around.flush(middle, groups, |pixel, values| add(pixel, replicate, values));
+            around.flush(middle, groups, |pixel, values| add(pixel, replicate, values, 1.0));
         }
     }
 }
@@ -329,10 +326,10 @@ mod tests {
         }
         assert!(!landings.is_of_other(pixel) && landings.is_of_other([15, 15]));
         let mut sums = vec![[0.0f64; 2]; 900];
-        let add = |[x, y]: [usize; 2], half: usize, values: &[Vec4]| {
+        let add = |[x, y]: [usize; 2], half: usize, values: &[Vec4], times: f32| {
             assert_eq!(values.len(), 2);
             assert_eq!(values[0] * 2.0, values[1]);
-            sums[y * 30 + x][half] += f64::from(values[0].x);
+            sums[y * 30 + x][half] += f64::from(values[0].x * times);
         };
         landings.end_pixel(2, |group, _| Vec4::splat(1.0 + group as f32), |_, _| true, add);
         for half in 0..2 {
@@ -346,7 +343,12 @@ mod tests {
         let landing = |square| Landing { nm: 450.0, radiance: 3.0, gain: 2.0, pixel: [15, 15], square, time: 0.0, pupil: 0.0 };
         landings.note([15, 15], 4, landing(Square::new(&film, [15, 15], [0.5, 0.0]).unwrap()));
         let mut moved = 0.0;
-        landings.end_pixel(1, |_, _| Vec4::ONE, |_, _| true, |[x, _], _, v| moved += if x == 16 { v[0].x } else { 0.0 });
+        landings.end_pixel(
+            1,
+            |_, _| Vec4::ONE,
+            |_, _| true,
+            |[x, _], _, v, times| moved += if x == 16 { v[0].x * times } else { 0.0 },
+        );
         assert!((moved - 3.0).abs() < 1e-5, "{moved}");
     }
 }

@@ -524,9 +524,9 @@ impl Unit<'_> {
             }
         };
         let response = |group: usize, nm: f32| self.curves.at(group, nm);
-        landings.end_pixel(bands.div_ceil(GROUP), response, open, |[x, y], half, values| {
+        landings.end_pixel(bands.div_ceil(GROUP), response, open, |[x, y], half, values, times| {
             let signal = &mut sums.pixel(x, y)[from..from + bands];
-            signal.chunks_mut(GROUP).zip(values).for_each(|(bands, value)| add_to(bands, half, *value));
+            signal.chunks_mut(GROUP).zip(values).for_each(|(bands, value)| add_to(bands, half, *value * times));
         });
     }
 
