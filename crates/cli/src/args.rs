@@ -1108,8 +1108,8 @@ pub struct Taking {
     #[arg(long, value_name = "N")]
     pub max_depth: Option<u32>,
     /// path: from the camera only. caustics: and photons from lamps over mirrors and through glass, and light from small lamps out of focus.
-    /// bidirectional: and connections of camera paths with light paths from the lamps. auto: photons for small lamps where there is smooth glass or metal, and light
-    /// from small lamps out of focus.
+    /// bidirectional: and connections of camera paths with light paths from the lamps. auto: photons for small lamps where there is smooth glass or metal, light from
+    /// small lamps out of focus, and connections where a trial shows that they pay.
     #[arg(long, value_name = "NAME")]
     pub integrator: Option<String>,
     /// Stray light: all, none, or some of ghosts, diffraction, scatter with commas between them.

@@ -17,6 +17,7 @@ mod response;
 mod stars;
 mod sums;
 mod tile;
+mod trial;
 mod truth;
 
 pub use diffraction::{Diffraction, diffraction_shows};
@@ -565,7 +566,7 @@ impl Exposure<'_> {
         unit.lamps = self.light_tracing(&unit);
         let unit = unit;
         let caustics = self.caustics().filter(|caustics| self.shows_caustics(&unit, caustics));
-        let connections = self.connections();
+        let connections = self.connections().filter(|connections| self.pays_to_connect(&unit, connections, caustics.as_ref()));
         let length = match caustics.is_some() || connections.is_some() {
             false => pass_length(width * height),
             true => integrator::map_samples(width * height),

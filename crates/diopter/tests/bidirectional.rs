@@ -65,7 +65,7 @@ fn threads_and_parts_do_not_change_a_bidirectional_exposure() {
     }
     // It is not what paths alone make.
     let path = take(&scene, &camera, &Settings { integrator: Integrator::Path, ..settings(252..260) });
-    assert_ne!(whole, path);
+    assert!(whole != path);
 }
 
 #[test]
@@ -85,4 +85,38 @@ fn the_claimed_variance_is_that_between_seeds() {
     println!("claimed over seen {}", claimed / seen);
     // 216 pixels of 30 seeds: 5 % of each.
     assert!((claimed / seen - 1.0).abs() < 0.1, "{claimed} {seen}");
+}
+
+#[test]
+fn auto_connects_where_walls_pass_on_the_light_of_a_small_lamp_and_not_under_a_large_one() {
+    let (shaded, camera) = room(60, 40);
+    let with_lamp = |walls: usize, objects: Vec<Object>| {
+        let mut description = shaded.description().clone();
+        description.objects.truncate(walls);
+        description.objects.extend(objects);
+        Scene::build(description).unwrap()
+    };
+    // A spot of light on the ceiling lights the room.
+    let over_the_ceiling = with_lamp(
+        5,
+        vec![
+            quad("lamp", [-0.1, 0.9, -0.1], [[0.0, 0.0, 0.2], [0.2, 0.0, 0.0]], 1),
+            quad("shade", [-0.1, 0.89, -0.1], [[0.0, 0.0, 0.2], [0.2, 0.0, 0.0]], 0),
+        ],
+    );
+    // A large one hangs low over a floor before a wall.
+    let directly = with_lamp(
+        1,
+        vec![
+            quad("lamp", [-0.9, -0.6, -0.9], [[1.8, 0.0, 0.0], [0.0, 0.0, 1.8]], 1),
+            quad("back", [-1.0, -1.0, -1.0], [[2.0, 0.0, 0.0], [0.0, 2.0, 0.0]], 0),
+        ],
+    );
+    for seed in 1..=4 {
+        let by = |scene: &Scene, integrator: Integrator| take(scene, &camera, &settings(integrator, 4, seed));
+        // Not `assert_eq`: planes are long to print.
+        assert!(by(&over_the_ceiling, Integrator::Auto) == by(&over_the_ceiling, Integrator::Bidirectional), "seed {seed}");
+        assert!(by(&directly, Integrator::Auto) == by(&directly, Integrator::Path), "seed {seed}");
+        assert!(by(&directly, Integrator::Path) != by(&directly, Integrator::Bidirectional));
+    }
 }

@@ -1,10 +1,7 @@
 //! Which integrator computes an exposure, and how often caustics get new photons.
 
 use super::Exposure;
-use super::tile::Unit;
-use diopter_light::random::{Sampler, SamplerKind};
 use diopter_scene::light_paths::{CausticSettings, Caustics, ConnectionSettings, Connections, Lamps};
-use rayon::prelude::*;
 
 /// How light transport is computed.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -15,8 +12,8 @@ pub enum Integrator {
     Caustics,
     /// And connections of camera paths with light paths from the lamps (bidirectional path tracing); photons where `auto` would make them.
     Bidirectional,
-    /// Photons for the caustics of small lamps where smooth bodies of glass or metal throw them, light traced from small lamps out of focus; paths from
-    /// the camera elsewhere.
+    /// Photons for the caustics of small lamps where smooth bodies of glass or metal throw them, light traced from small lamps out of focus, connections where
+    /// they take away far more noise than they cost; paths from the camera elsewhere.
     #[default]
     Auto,
 }
@@ -60,24 +57,6 @@ pub(super) fn map_samples(pixels: usize) -> u32 {
     1u32 << (MAP_PATHS.div_ceil(pixels.max(1))).max(1).next_power_of_two().ilog2().clamp(1, 8)
 }
 
-/// Photons, blocks of the film a side, samples of a block a side and in all, of the trial of `auto`: some tens of milliseconds.
-const TRIAL_PHOTONS: u32 = 1 << 14;
-const TRIAL_BLOCKS: usize = 8;
-const TRIAL_SIDE: usize = 12;
-const TRIAL_SAMPLES: usize = TRIAL_SIDE * TRIAL_SIDE;
-/// Its numbers are not those of the samples.
-const TRIAL_SEED: u64 = 0xbb67_ae85_84ca_a73b;
-/// Caustics show where they are so much of all light, or of the light of some block that is not darker than a tenth of the mean.
-const LEAST_SHARE: f64 = 0.05;
-const LEAST_SHARE_OF_BLOCK: f64 = 0.3;
-
-/// Whether caustics matter by all light and that of the photons, for each block.
-fn shows(blocks: &[[f64; 2]]) -> bool {
-    let [all, photons] = [0, 1].map(|k| blocks.iter().map(|b| b[k]).sum::<f64>());
-    let dark = 0.1 * all / blocks.len() as f64;
-    photons > LEAST_SHARE * all || blocks.iter().any(|b| b[0] > dark && b[1] > LEAST_SHARE_OF_BLOCK * b[0])
-}
-
 impl Exposure<'_> {
     /// What makes the photons, where the integrator and the scene ask for them.
     pub(super) fn caustics(&self) -> Option<Caustics<'_>> {
@@ -102,7 +81,7 @@ impl Exposure<'_> {
 
     /// What connects camera paths with light paths, where the integrator and the scene ask for it.
     pub(super) fn connections(&self) -> Option<Connections<'_>> {
-        if self.settings.integrator != Integrator::Bidirectional {
+        if !matches!(self.settings.integrator, Integrator::Bidirectional | Integrator::Auto) {
             return None;
         }
         let pixels = self.camera.film.columns * self.camera.film.rows;
@@ -110,40 +89,6 @@ impl Exposure<'_> {
         let paths = ((camera_paths * LIGHT_PATHS_A_PATH) as u32).clamp(LIGHT_PATHS.0, LIGHT_PATHS.1);
         let (seed, max_depth, rgb) = (self.settings.seed, self.settings.path.max_depth, self.settings.rgb);
         Connections::new(self.scene, ConnectionSettings { seed, max_depth, paths, rgb })
-    }
-
-    /// Whether caustics show in the picture, by some paths of few photons: where they do not, photons cost and bring nothing. Depends on seed, scene,
-    /// camera and film alone.
-    pub(super) fn shows_caustics(&self, unit: &Unit, caustics: &Caustics) -> bool {
-        if self.settings.integrator == Integrator::Caustics {
-            return true;
-        }
-        let map = caustics.trial_map(TRIAL_PHOTONS);
-        let [columns, rows] = [self.camera.film.columns, self.camera.film.rows];
-        let block = |number: usize| {
-            let mut sums = [0.0f64; 2];
-            for k in 0..TRIAL_SAMPLES {
-                let within = |cell: usize, step: usize, pixels: usize| {
-                    ((cell * TRIAL_SIDE + step) * pixels / (TRIAL_BLOCKS * TRIAL_SIDE)).min(pixels - 1)
-                };
-                let column = within(number % TRIAL_BLOCKS, k % TRIAL_SIDE, columns);
-                let row = within(number / TRIAL_BLOCKS, k / TRIAL_SIDE, rows);
-                let (seed, pixel) = (self.settings.seed ^ TRIAL_SEED, (number as u32, k as u32));
-                let sampler = Sampler::new(SamplerKind::Independent, seed, pixel, 0, 1);
-                let Some(camera) = unit.camera_ray(column, row, &sampler) else { continue };
-                let path = &self.settings.path;
-                let both = self.scene.radiance_and_caustics(&map, camera.ray, &camera.wavelengths, &sampler, path);
-                for (sum, light) in sums.iter_mut().zip(both) {
-                    let light = f64::from((light * camera.wavelengths.weight).element_sum());
-                    *sum += if light.is_finite() { light } else { 0.0 };
-                }
-            }
-            sums
-        };
-        let blocks: Vec<[f64; 2]> = (0..TRIAL_BLOCKS * TRIAL_BLOCKS).into_par_iter().map(block).collect();
-        // Without photons the light of lamps without extent would be missing, not noisy.
-        let gathered = blocks.iter().any(|b| b[1] > 0.0);
-        gathered && (caustics.has_delta_lamps() || shows(&blocks))
     }
 }
 
@@ -154,20 +99,6 @@ mod tests {
     #[test]
     fn maps_serve_a_power_of_two_of_samples() {
         assert_eq!([1, 64 * 64, 256 * 256, 960 * 640, 6000 * 4000].map(map_samples), [256, 128, 8, 2, 2]);
-    }
-
-    #[test]
-    fn caustics_show_by_their_share_of_all_light_or_of_a_bright_block() {
-        let mut blocks = [[1.0, 0.0]; 64];
-        assert!(!shows(&blocks));
-        blocks[3][1] = 0.29;
-        assert!(!shows(&blocks));
-        blocks[3][1] = 0.31;
-        assert!(shows(&blocks));
-        // A block in the dark does not count, an even veil does.
-        blocks[3] = [0.05, 0.05];
-        assert!(!shows(&blocks));
-        assert!(shows(&[[1.0, 0.051]; 64]) && !shows(&[[0.0; 2]; 64]));
     }
 
     #[test]

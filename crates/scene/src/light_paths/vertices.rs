@@ -55,6 +55,7 @@ pub struct ConnectionSettings {
 const PILOT: u32 = 1 << 12;
 /// Number of the pool that they make: beyond all others.
 const PILOT_POOL: u32 = u32::MAX;
+const TRIAL_POOL: u32 = u32::MAX - 1;
 /// Fewer vertices are no help.
 const FEWEST: usize = 64;
 /// Light paths that a thread traces at a time.
@@ -246,6 +247,11 @@ impl<'a> Connections<'a> {
     /// The light vertices of a pass, for samples of a replicate (0 or 1, [`Sampler::replicate`]).
     pub fn pool(&'a self, number: u32, replicate: u32) -> LightVertices<'a> {
         self.trace(number, replicate, self.settings.paths.max(1))
+    }
+
+    /// A pool of some light paths only, to learn how much they bring.
+    pub fn trial_pool(&'a self, paths: u32, replicate: u32) -> LightVertices<'a> {
+        self.trace(TRIAL_POOL, replicate, paths.max(1))
     }
 
     fn trace(&self, pool: u32, replicate: u32, count: u32) -> LightVertices<'_> {

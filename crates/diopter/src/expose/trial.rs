@@ -1,0 +1,171 @@
+//! The trials of `auto`: some thousand paths before the exposure say whether photons and connections pay in this picture. They depend on seed, scene, camera
+//! and film alone, not on which samples are asked for, so that parts of an exposure decide alike.
+
+use super::tile::Unit;
+use super::{Exposure, Integrator};
+use diopter_light::random::{Sampler, SamplerKind};
+use diopter_scene::light_paths::{Caustics, Connections, LightPaths};
+use rayon::prelude::*;
+
+/// Blocks of the film a side.
+const BLOCKS: usize = 8;
+/// Their numbers are not those of the samples.
+const SEED: u64 = 0xbb67_ae85_84ca_a73b;
+
+/// Photons, and pixels of a block a side, of the trial of caustics: some tens of milliseconds.
+const PHOTONS: u32 = 1 << 14;
+const PHOTON_SIDE: usize = 12;
+/// Caustics show where they are so much of all light, or of the light of some block that is not darker than a tenth of the mean.
+const LEAST_SHARE: f64 = 0.05;
+const LEAST_SHARE_OF_BLOCK: f64 = 0.3;
+
+/// Light paths of each of the two pools of the trial of connections.
+const LIGHT_PATHS: u32 = 1 << 12;
+/// Fewest and most pixels of a block a side, and pixels of the film for each of them.
+const PAIR_SIDE: (usize, usize) = (4, 12);
+const FILM_A_PAIR: usize = 4;
+/// The worst pairs of either integrator are left out: with them a single one decides (Veach's room: 0.03 to 0.06 of the error with them, 0.16 to 0.3 without).
+const WORST: f64 = 0.003;
+/// Light of a block below so much of the mean of all is not asked for its relative noise.
+const DARK: f64 = 0.1;
+/// A sample with connections takes 2.4 to 5 times the time of one without: they pay where they leave less than this of the squared error. In Cornell boxes
+/// they leave 0.33 to 0.52.
+const MOST_NOISE: f64 = 0.3;
+
+/// Column and row of a pixel of a block, of a grid of `side` × `side` over it.
+fn pixel_of_block([columns, rows]: [usize; 2], block: usize, k: usize, side: usize) -> [usize; 2] {
+    let within = |cell: usize, step: usize, pixels: usize| ((cell * side + step) * pixels / (BLOCKS * side)).min(pixels - 1);
+    [within(block % BLOCKS, k % side, columns), within(block / BLOCKS, k / side, rows)]
+}
+
+/// Whether caustics matter by all light and that of the photons, for each block.
+fn shows(blocks: &[[f64; 2]]) -> bool {
+    let [all, photons] = [0, 1].map(|k| blocks.iter().map(|b| b[k]).sum::<f64>());
+    let dark = 0.1 * all / blocks.len() as f64;
+    photons > LEAST_SHARE * all || blocks.iter().any(|b| b[0] > dark && b[1] > LEAST_SHARE_OF_BLOCK * b[0])
+}
+
+/// A pixel of the trial of connections: two samples without, two with them.
+type Pair = [[f64; 2]; 2];
+
+/// Relative squared error of a sample, of all pairs of all blocks but the worst: without connections and with them.
+fn relative_noise(blocks: &[Vec<Pair>]) -> [f64; 2] {
+    let means: Vec<f64> =
+        blocks.iter().map(|pairs| 0.25 * pairs.iter().flatten().flatten().sum::<f64>() / pairs.len().max(1) as f64).collect();
+    let dark = DARK * means.iter().sum::<f64>() / means.len().max(1) as f64;
+    [0, 1].map(|k| {
+        let of_block = |(pairs, mean): (&Vec<Pair>, &f64)| {
+            let scale = 0.5 / (mean * mean + dark * dark).max(f64::MIN_POSITIVE);
+            pairs.iter().map(|pair| scale * (pair[k][0] - pair[k][1]).powi(2)).collect::<Vec<_>>()
+        };
+        let mut errors: Vec<f64> = blocks.iter().zip(&means).flat_map(of_block).collect();
+        errors.sort_by(f64::total_cmp);
+        let kept = errors.len() - (WORST * errors.len() as f64).ceil() as usize;
+        errors[..kept].iter().sum::<f64>() / kept.max(1) as f64
+    })
+}
+
+impl Exposure<'_> {
+    /// Whether caustics show in the picture, by some paths of few photons: where they do not, photons cost and bring nothing.
+    pub(super) fn shows_caustics(&self, unit: &Unit, caustics: &Caustics) -> bool {
+        if self.settings.integrator == Integrator::Caustics {
+            return true;
+        }
+        let map = caustics.trial_map(PHOTONS);
+        let film = [self.camera.film.columns, self.camera.film.rows];
+        let block = |number: usize| {
+            let mut sums = [0.0f64; 2];
+            for k in 0..PHOTON_SIDE * PHOTON_SIDE {
+                let [column, row] = pixel_of_block(film, number, k, PHOTON_SIDE);
+                let (seed, pixel) = (self.settings.seed ^ SEED, (number as u32, k as u32));
+                let sampler = Sampler::new(SamplerKind::Independent, seed, pixel, 0, 1);
+                let Some(camera) = unit.camera_ray(column, row, &sampler) else { continue };
+                let path = &self.settings.path;
+                let both = self.scene.radiance_and_caustics(&map, camera.ray, &camera.wavelengths, &sampler, path);
+                for (sum, light) in sums.iter_mut().zip(both) {
+                    let light = f64::from((light * camera.wavelengths.weight).element_sum());
+                    *sum += if light.is_finite() { light } else { 0.0 };
+                }
+            }
+            sums
+        };
+        let blocks: Vec<[f64; 2]> = (0..BLOCKS * BLOCKS).into_par_iter().map(block).collect();
+        // Without photons the light of lamps without extent would be missing, not noisy.
+        let gathered = blocks.iter().any(|b| b[1] > 0.0);
+        gathered && (caustics.has_delta_lamps() || shows(&blocks))
+    }
+
+    /// Whether connections with light paths take away more noise than they cost, by pairs of samples at some pixels without and with them.
+    pub(super) fn pays_to_connect(&self, unit: &Unit, connections: &Connections, caustics: Option<&Caustics>) -> bool {
+        if self.settings.integrator == Integrator::Bidirectional {
+            return true;
+        }
+        let map = caustics.map(|caustics| caustics.trial_map(PHOTONS));
+        let pools = [0, 1].map(|replicate| connections.trial_pool(LIGHT_PATHS, replicate));
+        let film = [self.camera.film.columns, self.camera.film.rows];
+        let pairs = film[0] * film[1] / (FILM_A_PAIR * BLOCKS * BLOCKS);
+        let side = pairs.isqrt().clamp(PAIR_SIDE.0, PAIR_SIDE.1);
+        let pair = |block: usize, k: usize| {
+            let [column, row] = pixel_of_block(film, block, k, side);
+            let (seed, pixel) = (self.settings.seed ^ !SEED, (block as u32, k as u32));
+            let samplers = [0, 1].map(|replicate| Sampler::new(SamplerKind::Independent, seed, pixel, replicate, 2));
+            let mut pair: Pair = Default::default();
+            // One camera ray: what film, lens and wavelengths add to the noise is the same with and without connections.
+            let Some(camera) = unit.camera_ray(column, row, &samplers[0]) else { return pair };
+            for (replicate, sampler) in samplers.iter().enumerate() {
+                for (of_pair, vertices) in pair.iter_mut().zip([None, Some(&pools[replicate])]) {
+                    let (paths, path) = (LightPaths { photons: map.as_ref(), vertices }, &self.settings.path);
+                    let light = self.scene.radiance_with(paths, camera.ray, &camera.wavelengths, sampler, path);
+                    let light = f64::from((light * camera.wavelengths.weight).element_sum());
+                    of_pair[replicate] = if light.is_finite() { light } else { 0.0 };
+                }
+            }
+            pair
+        };
+        let block = |number: usize| (0..side * side).map(|k| pair(number, k)).collect();
+        let blocks: Vec<Vec<Pair>> = (0..BLOCKS * BLOCKS).into_par_iter().map(block).collect();
+        let [without, with] = relative_noise(&blocks);
+        with < MOST_NOISE * without
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn caustics_show_by_their_share_of_all_light_or_of_a_bright_block() {
+        let mut blocks = [[1.0, 0.0]; 64];
+        assert!(!shows(&blocks));
+        blocks[3][1] = 0.29;
+        assert!(!shows(&blocks));
+        blocks[3][1] = 0.31;
+        assert!(shows(&blocks));
+        // A block in the dark does not count, an even veil does.
+        blocks[3] = [0.05, 0.05];
+        assert!(!shows(&blocks));
+        assert!(shows(&[[1.0, 0.051]; 64]) && !shows(&[[0.0; 2]; 64]));
+    }
+
+    #[test]
+    fn noise_is_relative_to_the_light_of_a_block_and_without_the_worst_pairs() {
+        // Means 1 and 100, of relative differences 0.2 without and 0.1 with connections.
+        let pair = |mean: f64| [[0.9 * mean, 1.1 * mean], [0.95 * mean, 1.05 * mean]];
+        let mut blocks = vec![vec![pair(1.0); 500], vec![pair(100.0); 500]];
+        let [without, with] = relative_noise(&blocks);
+        // The dim block is a fiftieth of the mean of both: 1 / (1 + 5.05²) of its own noise counts.
+        let counts = 0.5 * (1.0 / (1.0 + 5.05f64.powi(2)) + 1.0 / (1.0 + 0.0505f64.powi(2)));
+        assert!((without - 0.02 * counts).abs() < 1e-4 && (with - 0.005 * counts).abs() < 3e-5, "{without} {with}");
+        // One sample that met the lamp by chance does not decide.
+        blocks[1][7][0] = [20_000.0, 0.0];
+        assert!((relative_noise(&blocks)[0] / without - 1.0).abs() < 0.25);
+        assert_eq!(relative_noise(&[vec![[[0.0; 2]; 2]; 4]]), [0.0; 2]);
+    }
+
+    #[test]
+    fn pixels_of_blocks_cover_the_film() {
+        assert_eq!(pixel_of_block([80, 40], 0, 0, 4), [0, 0]);
+        assert_eq!(pixel_of_block([80, 40], 63, 15, 4), [77, 38]);
+        assert_eq!(pixel_of_block([1, 3], 63, 15, 4), [0, 2]);
+    }
+}
