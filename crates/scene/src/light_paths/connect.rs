@@ -3,7 +3,7 @@
 //! A camera vertex looks at some vertices of the pool, keeps one in proportion to the light that it would bring if nothing were in the way (resampled
 //! importance sampling; Talbot, Cline & Egbert 2005), and asks whether that one can be seen.
 
-use super::vertices::{CANDIDATES, LEAST_COSINE, LightVertices, can_connect, squared};
+use super::vertices::{CANDIDATES, LEAST_COSINE, LightVertices, Weights, can_connect, squared};
 use crate::light::{LightRef, LightSample, Spot};
 use crate::material::{Bsdf, Material, Principled, Scatter};
 use crate::medium_stack::MediumStack;
@@ -158,18 +158,20 @@ impl<'a> CameraVertex<'_, 'a> {
         time_s: f32,
         mut numbers: Stream,
     ) -> Sampled {
-        let count = pool.vertices.len() as f32;
-        let (mut total, mut chosen) = (0.0f32, None);
-        for k in 0..CANDIDATES {
+        let count = pool.len() as f32;
+        let picks: [(usize, f32); CANDIDATES as usize] = std::array::from_fn(|k| {
             let place = (k as f32 + numbers.draw()) / CANDIDATES as f32 * count;
-            let number = (place as usize).min(pool.vertices.len() - 1);
-            let u = numbers.draw();
-            let y = &pool.vertices[number];
+            ((place as usize).min(pool.len() - 1), numbers.draw())
+        });
+        // All at once: memory answers them together.
+        let seen = picks.map(|(number, _)| pool.candidates[number]);
+        let (mut total, mut chosen) = (0.0f32, None);
+        for ((number, u), y) in picks.into_iter().zip(&seen) {
             let to = y.point - self.surface.point;
             let d2 = to.length_squared();
             let wi = to / d2.sqrt();
             let out = -y.ng.dot(wi);
-            if y.events > most_events || !(d2 > 0.0) || (y.diffuse.is_some() && out <= 0.0) {
+            if y.events > most_events || !(d2 > 0.0) || (y.diffuse >= 0.0 && out <= 0.0) {
                 continue;
             }
             let (f, pdf) = self.bsdf.eval(wi);
@@ -177,31 +179,30 @@ impl<'a> CameraVertex<'_, 'a> {
             if !(light > 0.0) {
                 continue;
             }
-            let arrives = y.ng.dot(y.to_prev).abs();
-            let (passed, to_lamp) = match y.diffuse {
-                Some(f) => (f, arrives * std::f32::consts::FRAC_1_PI),
-                None => {
-                    let (surface, material, around) = pool.at(y);
+            let (passed, to_lamp) = match y.diffuse >= 0.0 {
+                true => (y.diffuse, y.arrives * std::f32::consts::FRAC_1_PI),
+                false => {
+                    let (surface, material, around, to_prev) = pool.at(number);
                     match material.bsdf(surface, -wi, self.wavelengths, false, around) {
                         Some(bsdf) => {
-                            let (f, pdf) = bsdf.eval(y.to_prev);
-                            (0.25 * f.element_sum() / arrives.max(LEAST_COSINE), pdf)
+                            let (f, pdf) = bsdf.eval(to_prev);
+                            (0.25 * f.element_sum() / y.arrives.max(LEAST_COSINE), pdf)
                         }
                         None => continue,
                     }
                 }
             };
             let geometry = out.abs() / d2;
-            let before = below(&y.state, pdf * geometry, to_lamp);
+            let before = below(&y.weights, pdf * geometry, to_lamp);
             let target = light * passed * y.flux * geometry / (1.0 + before) as f32;
             if target > 0.0 && target.is_finite() {
                 total += target;
                 if u * total < target {
-                    chosen = Some((y, wi, d2, target));
+                    chosen = Some((number, y, wi, d2, target));
                 }
             }
         }
-        let Some((y, wi, d2, target)) = chosen else { return Sampled::ZERO };
+        let Some((number, y, wi, d2, target)) = chosen else { return Sampled::ZERO };
 
         // Whether it is seen.
         let ng = self.bsdf.side_normal();
@@ -221,19 +222,19 @@ impl<'a> CameraVertex<'_, 'a> {
         }
 
         // What it brings.
-        let Some(state) = pool.state_at(y, self.wavelengths, time_s) else { return Sampled::ZERO };
-        let (surface, material, around) = pool.at(y);
+        let Some(state) = pool.state_at(number, self.wavelengths, time_s) else { return Sampled::ZERO };
+        let (surface, material, around, to_prev) = pool.at(number);
         let Some(bsdf) = material.bsdf(surface, -wi, self.wavelengths, false, around) else { return Sampled::ZERO };
         let (f, pdf) = self.bsdf.eval(wi);
-        let (passed, to_lamp) = bsdf.eval(y.to_prev);
+        let (passed, to_lamp) = bsdf.eval(to_prev);
         let geometry = y.ng.dot(wi).abs() / d2;
-        let from_lamp = material.pdf(surface, y.to_prev, -wi, self.wavelengths, around);
+        let from_lamp = material.pdf(surface, to_prev, -wi, self.wavelengths, around);
         let l = f64::from(from_lamp * self.surface.ng.dot(wi).abs() / d2);
         let above = squared(l / self.arrival.c) * self.upward(wi);
-        let weight = 1.0 / (1.0 + below(&state, pdf * geometry, to_lamp) + above);
+        let weight = 1.0 / (1.0 + below(&state.weights, pdf * geometry, to_lamp) + above);
         let chance = total / (target * CANDIDATES as f32) * count / pool.paths as f32;
         let light = throughput * f * state.flux * passed;
-        let light = light * (geometry / y.ng.dot(y.to_prev).abs().max(LEAST_COSINE) * chance * weight as f32);
+        let light = light * (geometry / y.arrives.max(LEAST_COSINE) * chance * weight as f32);
         if light.is_finite() { light } else { Sampled::ZERO }
     }
 }
@@ -243,6 +244,6 @@ const SHORT: f32 = 1e-5;
 
 /// Sum of the strategies that make less from the lamp than a light vertex, over the one that connects it; `c`: density of its place from the camera.
 #[inline]
-fn below(state: &super::vertices::State, c: f32, to_lamp: f32) -> f64 {
-    squared(f64::from(c)) * (state.a + squared(f64::from(to_lamp)) * state.j) * state.over_l2
+fn below(weights: &Weights, c: f32, to_lamp: f32) -> f64 {
+    squared(f64::from(c)) * (weights.a + squared(f64::from(to_lamp)) * weights.j) * weights.over_l2
 }

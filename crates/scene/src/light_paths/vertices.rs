@@ -55,6 +55,7 @@ pub struct ConnectionSettings {
 const PILOT: u32 = 1 << 12;
 /// Number of the pool that they make: beyond all others.
 const PILOT_POOL: u32 = u32::MAX;
+/// And of that of a trial.
 const TRIAL_POOL: u32 = u32::MAX - 1;
 /// Fewer vertices are no help.
 const FEWEST: usize = 64;
@@ -130,6 +131,12 @@ struct Event<'a> {
 pub(super) struct State {
     /// Power over the densities of all places so far, W·nm⁻¹ for one light path.
     pub flux: Sampled,
+    pub weights: Weights,
+}
+
+/// Of the strategies that make less from the lamp than the one that connects a vertex.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Weights {
     /// Strategies before this one that need no density of a direction here: (e / κ l₀)² at v₁, then 1 or 0.
     pub a: f64,
     /// The others: what the squared density of the direction towards the lamp is multiplied by.
@@ -138,20 +145,30 @@ pub(super) struct State {
     pub over_l2: f64,
 }
 
-/// A vertex of the pool.
-pub(super) struct LightVertex {
+/// What camera vertices look at of a vertex of the pool before they choose one: a cache line, for they look at vertices all over the pool.
+#[derive(Clone, Copy, Debug)]
+#[repr(C, align(64))]
+pub(super) struct Candidate {
+    /// Of its state, at the wavelengths of its own path.
+    pub weights: Weights,
     pub point: Vec3,
     /// Geometric normal on the side where the light arrives.
     pub ng: Vec3,
-    pub to_prev: Vec3,
-    /// Mean of the flux: steers the choice.
+    /// Cosine under which the light arrives.
+    pub arrives: f32,
+    /// Mean of the flux.
     pub flux: f32,
-    /// Albedo / π where all that it does is to reflect diffusely.
-    pub diffuse: Option<f32>,
+    /// Albedo / π where all that it does is to reflect diffusely, else negative.
+    pub diffuse: f32,
     /// Scattering events from the lamp, this one included.
     pub events: u32,
+}
+
+/// A vertex of the pool: the rest.
+pub(super) struct LightVertex {
+    pub to_prev: Vec3,
     /// At the wavelengths of its own path.
-    pub state: State,
+    state: State,
     path: u32,
     event: u32,
 }
@@ -161,7 +178,9 @@ pub struct LightVertices<'a> {
     pub(super) connections: &'a Connections<'a>,
     starts: Vec<(Start, u32)>,
     events: Vec<Event<'a>>,
-    pub(super) vertices: Vec<LightVertex>,
+    pub(super) candidates: Vec<Candidate>,
+    /// In the order of the candidates.
+    vertices: Vec<LightVertex>,
     /// Light paths.
     pub(super) paths: u32,
 }
@@ -171,6 +190,7 @@ pub struct LightVertices<'a> {
 struct Traced<'a> {
     starts: Vec<(Start, u32)>,
     events: Vec<Event<'a>>,
+    candidates: Vec<Candidate>,
     vertices: Vec<LightVertex>,
 }
 
@@ -239,7 +259,7 @@ impl<'a> Connections<'a> {
         let wavelengths = if settings.rgb { WavelengthSampler::rgb() } else { WavelengthSampler::uniform() };
         let choice = Discrete::new(&chances);
         let mut connections = Connections { scene, settings, wavelengths, lamps, choice, punctual, kappa: 1.0 };
-        let found = connections.trace(PILOT_POOL, 0, PILOT).vertices.len();
+        let found = connections.trace(PILOT_POOL, 0, PILOT).len();
         connections.kappa = f64::from(CANDIDATES) * f64::from(PILOT) / found as f64;
         (found >= FEWEST).then_some(connections)
     }
@@ -268,12 +288,19 @@ impl<'a> Connections<'a> {
                 traced
             })
             .collect();
-        let mut all =
-            LightVertices { connections: self, starts: Vec::new(), events: Vec::new(), vertices: Vec::new(), paths: count };
-        for Traced { starts, events, vertices } in chunks {
+        let mut all = LightVertices {
+            connections: self,
+            starts: Vec::new(),
+            events: Vec::new(),
+            candidates: Vec::new(),
+            vertices: Vec::new(),
+            paths: count,
+        };
+        for Traced { starts, events, candidates, vertices } in chunks {
             let (path, event) = (all.starts.len() as u32, all.events.len() as u32);
             all.starts.extend(starts.into_iter().map(|(start, first)| (start, first + event)));
             all.events.extend(events);
+            all.candidates.extend(candidates);
             all.vertices.extend(vertices.into_iter().map(|v| LightVertex { path: v.path + path, event: v.event + event, ..v }));
         }
         all
@@ -426,7 +453,8 @@ impl<'a> Connections<'a> {
                 None => Some(self.first_state(&start, &event, self.sent_for_tracing(&start, &wavelengths))),
                 Some(state) => traced.events.last().and_then(|last: &Event| next_state(state, last, &event, &wavelengths)),
             };
-            let Some(here) = here.filter(|s| s.flux.is_finite() && s.flux.max_element() > 0.0 && s.over_l2.is_finite()) else {
+            let Some(here) = here.filter(|s| s.flux.is_finite() && s.flux.max_element() > 0.0 && s.weights.over_l2.is_finite())
+            else {
                 break;
             };
             if traced.events.len() == first {
@@ -437,17 +465,16 @@ impl<'a> Connections<'a> {
             if !bsdf.is_specular() {
                 let mean = |s: Sampled| if wavelengths.is_rgb() { (s.x + s.y + s.z) / 3.0 } else { 0.25 * s.element_sum() };
                 let diffuse = bsdf.diffuse_albedo().map(|albedo| mean(albedo) * FRAC_1_PI);
-                traced.vertices.push(LightVertex {
+                traced.candidates.push(Candidate {
+                    weights: here.weights,
                     point: surface.point,
                     ng,
-                    to_prev,
+                    arrives: ng.dot(to_prev).abs(),
                     flux: mean(here.flux),
-                    diffuse,
+                    diffuse: diffuse.unwrap_or(-1.0),
                     events: depth + 1,
-                    state: here,
-                    path,
-                    event: event_number,
                 });
+                traced.vertices.push(LightVertex { to_prev, state: here, path, event: event_number });
             }
             // Go on.
             let scatter = bsdf.sample(u).filter(|s| !s.disperses && (!s.specular || depth > 0));
@@ -491,7 +518,7 @@ impl<'a> Connections<'a> {
             }
             _ => (chosen, 0.0),
         };
-        State { flux, a: squared(e / kappa_l0), j, over_l2: 1.0 / squared(l) }
+        State { flux, weights: Weights { a: squared(e / kappa_l0), j, over_l2: 1.0 / squared(l) } }
     }
 }
 
@@ -523,41 +550,44 @@ fn next_state(state: State, last: &Event, event: &Event, wavelengths: &Wavelengt
             let (f, to_lamp) = bsdf(last.to_next)?.eval(last.to_prev);
             let cosines = ng.dot(last.to_next).abs() / ng.dot(last.to_prev).abs().max(LEAST_COSINE);
             let from_lamp = last.material.pdf(surface, last.to_prev, last.to_next, wavelengths, last.around);
-            (f * cosines, to_lamp, from_lamp, state.a)
+            (f * cosines, to_lamp, from_lamp, state.weights.a)
         }
     };
     let d2 = f64::from(event.d2);
     let cos = |event: &Event, way: Vec3| f64::from(event.surface.ng.dot(way).abs()) / d2;
-    let before = (a + squared(f64::from(to_lamp)) * state.j) * state.over_l2;
+    let before = (a + squared(f64::from(to_lamp)) * state.weights.j) * state.weights.over_l2;
     let l = f64::from(from_lamp) * cos(event, event.to_prev);
     Some(State {
         flux: state.flux * passed * last.over_density,
-        a: f64::from(u8::from(!last.is_specular)),
-        j: before * squared(cos(last, event.to_prev)),
-        over_l2: 1.0 / squared(l),
+        weights: Weights {
+            a: f64::from(u8::from(!last.is_specular)),
+            j: before * squared(cos(last, event.to_prev)),
+            over_l2: 1.0 / squared(l),
+        },
     })
 }
 
 impl<'a> LightVertices<'a> {
     /// How many there are.
     pub fn len(&self) -> usize {
-        self.vertices.len()
+        self.candidates.len()
     }
 
     /// Whether there are none.
     pub fn is_empty(&self) -> bool {
-        self.vertices.is_empty()
+        self.candidates.is_empty()
     }
 
-    /// Surface, material and outer dielectric of a vertex.
-    pub(super) fn at(&self, vertex: &LightVertex) -> (&Surface, &'a Material, Option<&'a Principled>) {
+    /// Surface, material and outer dielectric of a vertex, and the unit direction towards the vertex before.
+    pub(super) fn at(&self, number: usize) -> (&Surface, &'a Material, Option<&'a Principled>, Vec3) {
+        let vertex = &self.vertices[number];
         let event = &self.events[vertex.event as usize];
-        (&event.surface, event.material, event.around)
+        (&event.surface, event.material, event.around, vertex.to_prev)
     }
 
     /// What a light path brings to a vertex at the wavelengths of a camera path, at a moment.
-    pub(super) fn state_at(&self, vertex: &LightVertex, wavelengths: &Wavelengths, time_s: f32) -> Option<State> {
-        let connections = self.connections;
+    pub(super) fn state_at(&self, number: usize, wavelengths: &Wavelengths, time_s: f32) -> Option<State> {
+        let (connections, vertex) = (self.connections, &self.vertices[number]);
         let (start, first) = &self.starts[vertex.path as usize];
         let modulation = connections.scene.modulated(&connections.lamps[start.lamp as usize].modulation, time_s);
         let mut state = match wavelengths.is_rgb() {
