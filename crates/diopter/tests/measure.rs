@@ -51,7 +51,7 @@ fn edges_of_a_photograph_have_the_response_of_the_chain() {
     (sensor.crosstalk, sensor.low_pass_px, sensor.fill_factor) = (0.0, 2.0, 1.0);
     let own = sensor.pitch_mm()[0];
     let film = Film { low_pass_mm: 2.0 * own, ..Film::new(size, size, side, side) };
-    for (name, f_number, on_average) in [("double-gauss-50mm", None, 0.03), ("tessar-50mm-f2.8", Some(4.0), 0.02)] {
+    for (name, f_number) in [("double-gauss-50mm", None), ("tessar-50mm-f2.8", Some(4.0))] {
         let lens = lens(name, f_number, [36.0, 24.0]);
         let picture = photograph("slanted-edges", &lens, film, &sensor, 256);
         let plane = picture.plane(Channel::Green).unwrap();
@@ -86,9 +86,9 @@ fn edges_of_a_photograph_have_the_response_of_the_chain() {
                 *sum += (edge.at(p.frequencies[k]) - p.windowed[k]) / edges.len() as f64;
             }
         }
-        // On average over the edges. 0.02 is what a laboratory asks for; wide open, everything reads up to 0.027 higher at low frequencies.
+        // On average over the edges. 0.02 is what a laboratory asks for. Wide open, light falls by 2 % within the window: the response reads 1.02 at low frequencies.
         for (k, sum) in sums.iter().enumerate() {
-            assert!(sum.abs() < on_average, "{name}: {sum} at {} cycles a pixel", 0.01 * k as f64);
+            assert!(sum.abs() < 0.02, "{name}: {sum} at {} cycles a pixel", 0.01 * k as f64);
         }
     }
 }

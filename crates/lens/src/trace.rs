@@ -151,9 +151,14 @@ impl System {
     /// Fraction of the light that comes through: glass absorption, and reflection at every surface (Fresnel, unpolarised; a
     /// coating as [`crate::coating`] says).
     pub fn transmittance(&self, ray: TracedRay, n: &[f64], nm: f64, way: Way) -> Result<f64, Blocked> {
+        Ok(self.trace_light(ray, n, nm, way)?.1)
+    }
+
+    /// A ray behind the lens, and the [`System::transmittance`] along it.
+    pub fn trace_light(&self, ray: TracedRay, n: &[f64], nm: f64, way: Way) -> Result<(TracedRay, f64), Blocked> {
         let mut fraction = 1.0;
         let absorption = self.absorption(nm);
-        self.trace_with(ray, n, way, Apertures::Clip, |e| {
+        let out = self.trace_with(ray, n, way, Apertures::Clip, |e| {
             let before = match way {
                 Way::ToFilm => e.surface,
                 Way::ToObject => e.surface + 1,
@@ -165,7 +170,7 @@ impl System {
             fraction *= (-absorption[before] * (e.path / n[before]).abs()).exp();
         })?;
         // The first and the last gap are the world and the way to the film: air.
-        Ok(fraction)
+        Ok((out, fraction))
     }
 }
 

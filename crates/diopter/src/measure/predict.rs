@@ -2,7 +2,8 @@
 //!
 //! The lens's is the geometric one of its spots at the edge's place, along the direction across the edge, over the colours that the channel sees of
 //! the light, or where the exposure knew diffraction ([`crate::expose::diffraction_shows`]) that of its wavefronts. All of them are even functions of spatial frequency but for the lens's phase, which the magnitude of
-//! a product does not need. Left out: what moves, demosaicing and sharpening (raw channels have none), and the renderer's noise.
+//! a product does not need. Where light falls off across the edge (vignetting), both its sides slope: the edge spread function then rises or falls within the window
+//! for another reason than blur, and the response measures up to some hundredths more or less. That is predicted, too. Left out: what moves, demosaicing and sharpening (raw channels have none), and the renderer's noise.
 
 use super::mtf::{Window, sinc};
 use super::{EdgeMtf, MeasureError};
@@ -59,7 +60,10 @@ pub struct Prediction {
     pub crosstalk: Vec<f64>,
     /// Their product.
     pub product: Vec<f64>,
-    /// What of the product an edge shows within the window that it was measured in: light that falls beyond it does not lower the response, which is 1 at frequency 0.
+    /// What light that falls off across the edge adds to the response of an edge: a factor.
+    pub shading: Vec<f64>,
+    /// What of the product an edge shows within the window that it was measured in (light that falls beyond it does not lower the response, which is 1 at frequency
+    /// 0), with the shading.
     pub windowed: Vec<f64>,
     /// Largest difference of the measured response from the windowed product up to half a cycle a pixel, and where.
     pub largest_difference: [f64; 2],
@@ -124,7 +128,12 @@ impl Chain<'_> {
         let low_pass = each(&|f| ((PI * f.x * shift).cos() * (PI * f.y * shift).cos()).abs());
         let crosstalk = each(&|f| self.crosstalk(f, &even));
         let product: Vec<f64> = (0..lens.len()).map(|k| lens[k] * aperture[k] * low_pass[k] * crosstalk[k]).collect();
-        let windowed = within_window(&edge.frequencies, &product, edge.window);
+        let strongest = colors.iter().fold((D_NM, 0.0), |best, c| if c.1 > best.1 { *c } else { best }).0;
+        let light_at = |px: f64| bench.illumination((offset + across * px * pitch[0]).length(), strongest).with_losses;
+        let seen = Seen::new(edge);
+        let even = seen.response(&product, None);
+        let windowed = seen.response(&product, Some(&seen.light(light_at)));
+        let shading = windowed.iter().zip(&even).map(|(w, e)| if *e > 0.0 { w / e } else { 1.0 }).collect();
         let mut largest_difference = [0.0; 2];
         for (k, f) in edge.frequencies.iter().enumerate().filter(|(_, f)| **f <= 0.5) {
             let difference = edge.mtf[k] - windowed[k];
@@ -140,6 +149,7 @@ impl Chain<'_> {
             low_pass,
             crosstalk,
             product,
+            shading,
             windowed,
             largest_difference,
         })
@@ -164,40 +174,128 @@ impl Chain<'_> {
     }
 }
 
-/// The response that is left of one (at frequencies in even steps from 0) where the line spread function, taken as even, is multiplied by a window of a half width in pixels.
-fn within_window(frequencies: &[f64], response: &[f64], (window, half): (Window, f64)) -> Vec<f64> {
-    /// Steps between two frequencies: the line spread function repeats after so many times the reciprocal of their distance.
-    const FINER: usize = 8;
-    /// Places a pixel.
-    const PLACES: f64 = 4.0;
-    let [first, second, ..] = *frequencies else { return response.to_vec() };
-    if !(half > 0.0 && half.is_finite()) {
-        return response.to_vec();
+/// Places a pixel at which edge and line spread functions are computed.
+const PLACES: f64 = 4.0;
+/// Places to each side of an edge at which its light is computed; a parabola lies through them.
+const LIT: i32 = 4;
+
+/// How an edge is measured: within a window, between levels.
+struct Seen<'a> {
+    frequencies: &'a [f64],
+    window: Window,
+    /// Half of its width, pixels.
+    half: f64,
+    /// Level of the dark side over the step to the light one.
+    dark: f64,
+    /// Whether the light side is where the direction across the edge points to.
+    rises: bool,
+}
+
+impl<'a> Seen<'a> {
+    fn new(edge: &'a EdgeMtf) -> Self {
+        let (window, half) = edge.window;
+        let [dark, light] = edge.levels;
+        // The edge spread function says on which side its light is.
+        let side = |light: bool| edge.esf.iter().filter(move |p| (p[0] > 0.0) == light).map(|p| p[1]);
+        let mean = |light: bool| side(light).sum::<f64>() / side(light).count().max(1) as f64;
+        let dark = if light > dark { (dark / (light - dark)).max(0.0) } else { 0.0 };
+        Seen { frequencies: &edge.frequencies, window, half, dark, rises: mean(true) >= mean(false) }
     }
-    // Between given frequencies by cubics through the four around (E. Catmull & R. Rom 1974); even about 0.
-    let at = |k: isize| response[(k.unsigned_abs()).min(response.len() - 1)];
-    let fine: Vec<f64> = (0..=(response.len() - 1) * FINER)
-        .map(|i| {
-            let (k, t) = ((i / FINER) as isize, (i % FINER) as f64 / FINER as f64);
-            let [a, b, c, d] = [at(k - 1), at(k), at(k + 1), at(k + 2)];
-            b + 0.5 * t * (c - a + t * (2.0 * a - 5.0 * b + 4.0 * c - d + t * (3.0 * (b - c) + d - a)))
-        })
-        .collect();
-    let step = (second - first) / FINER as f64;
-    let places: Vec<f64> = (0..=(half * PLACES) as usize).map(|i| i as f64 / PLACES).collect();
-    // Both functions are even: half of each, the middle half as much.
-    let once = |i: usize| if i == 0 { 0.5 } else { 1.0 };
-    let spread: Vec<f64> = places
-        .iter()
-        .enumerate()
-        .map(|(i, x)| {
-            let line: f64 = fine.iter().enumerate().map(|(k, r)| once(k) * r * (TAU * step * k as f64 * x).cos()).sum();
-            once(i) * line * window.at(x / half)
-        })
-        .collect();
-    let all: f64 = spread.iter().sum();
-    let of = |f: &f64| spread.iter().zip(&places).map(|(s, x)| s * (TAU * f * x).cos()).sum::<f64>() / all;
-    frequencies.iter().map(of).collect()
+
+    /// Places across the edge, pixels, to both sides alike.
+    fn places(&self) -> Vec<f64> {
+        let n = (self.half * PLACES) as i32;
+        (-n..=n).map(|i| f64::from(i) / PLACES).collect()
+    }
+
+    /// Light at the places over that at the edge, and its derivative, from what the lens passes at distances across the edge, pixels.
+    fn light(&self, at: impl Fn(f64) -> f64) -> Vec<[f64; 2]> {
+        let places = self.places();
+        let middle = at(0.0);
+        if !(middle > 0.0) {
+            return vec![[1.0, 0.0]; places.len()];
+        }
+        // Least squares of 1 + a u + b u², u from −1 to 1: moments of even and odd powers stand apart.
+        let (mut odd, mut even, mut squares, mut fourth) = (0.0, 0.0, 0.0, 0.0);
+        for u in (-LIT..=LIT).map(|k| f64::from(k) / f64::from(LIT)) {
+            let v = at(u * self.half) / middle - 1.0;
+            odd += u * v;
+            even += u * u * v;
+            squares += u * u;
+            fourth += u.powi(4);
+        }
+        let (a, b) = (odd / squares, even / fourth);
+        let one = |x: &f64| {
+            let u = x / self.half;
+            [1.0 + a * u + b * u * u, (a + 2.0 * b * u) / self.half]
+        };
+        places.iter().map(one).collect()
+    }
+
+    /// The response that an edge shows of one (at the frequencies, in even steps from 0) whose line spread function is even; under light that differs across the
+    /// edge by [`Seen::light`].
+    fn response(&self, response: &[f64], light: Option<&[[f64; 2]]>) -> Vec<f64> {
+        /// Steps between two frequencies: the line spread function repeats after so many times the reciprocal of their distance.
+        const FINER: usize = 8;
+        let [first, second, ..] = *self.frequencies else { return response.to_vec() };
+        if !(self.half > 0.0 && self.half.is_finite()) {
+            return response.to_vec();
+        }
+        // Between given frequencies by cubics through the four around (E. Catmull & R. Rom 1974); even about 0.
+        let at = |k: isize| response[(k.unsigned_abs()).min(response.len() - 1)];
+        let fine: Vec<f64> = (0..=(response.len() - 1) * FINER)
+            .map(|i| {
+                let (k, t) = ((i / FINER) as isize, (i % FINER) as f64 / FINER as f64);
+                let [a, b, c, d] = [at(k - 1), at(k), at(k + 1), at(k + 2)];
+                b + 0.5 * t * (c - a + t * (2.0 * a - 5.0 * b + 4.0 * c - d + t * (3.0 * (b - c) + d - a)))
+            })
+            .collect();
+        let step = (second - first) / FINER as f64;
+        let places = self.places();
+        let middle = places.len() / 2;
+        // Even: half of the frequencies twice, the one in the middle once; and half of the places.
+        let once = |k: usize| if k == 0 { 1.0 } else { 2.0 };
+        let half: Vec<f64> = places[middle..]
+            .iter()
+            .map(|x| {
+                let sum: f64 = fine.iter().enumerate().map(|(k, r)| once(k) * r * (TAU * step * k as f64 * x).cos()).sum();
+                step * sum
+            })
+            .collect();
+        let line = |i: usize| half[i.abs_diff(middle)];
+        // The edge is half way up in the middle.
+        let (mut up, mut edge) = (0.0, Vec::with_capacity(places.len()));
+        for i in 0..places.len() {
+            up += if i == 0 { 0.0 } else { 0.5 * (line(i - 1) + line(i)) / PLACES };
+            edge.push(up);
+        }
+        let shift = 0.5 - edge[middle];
+        let spread: Vec<f64> = (0..places.len())
+            .map(|i| {
+                let blurred = match light {
+                    None => line(i),
+                    Some(light) => {
+                        let [level, slope] = light[i];
+                        let (rise, up) = match self.rises {
+                            true => (line(i), edge[i] + shift),
+                            false => (-line(i), 1.0 - edge[i] - shift),
+                        };
+                        level * rise + slope * (self.dark + up)
+                    }
+                };
+                blurred * self.window.at(places[i] / self.half)
+            })
+            .collect();
+        let transform = |f: f64| {
+            let (re, im) = spread.iter().zip(&places).fold((0.0, 0.0), |(re, im), (s, x)| {
+                let (sin, cos) = (TAU * f * x).sin_cos();
+                (re + s * cos, im + s * sin)
+            });
+            f64::hypot(re, im)
+        };
+        let all = transform(0.0);
+        self.frequencies.iter().map(|f| transform(*f) / all).collect()
+    }
 }
 
 #[cfg(test)]
@@ -273,7 +371,8 @@ mod tests {
         let frequencies: Vec<f64> = (0..=100).map(|k| f64::from(k) / 100.0).collect();
         let response: Vec<f64> = frequencies.iter().map(|f| 0.9 * gauss(*f, 0.7) + 0.1 * gauss(*f, 12.0)).collect();
         let window = Window::Tukey { alpha: 1.0 };
-        let found = within_window(&frequencies, &response, (window, 8.0));
+        let seen = Seen { frequencies: &frequencies, window, half: 8.0, dark: 0.2, rises: true };
+        let found = seen.response(&response, None);
         // The same in space.
         let line =
             |x: f64| [(0.9, 0.7), (0.1, 12.0)].map(|(part, s)| part / s * (-0.5 * (x / s).powi(2)).exp()).iter().sum::<f64>();
@@ -285,5 +384,47 @@ mod tests {
         }
         // Without it a tenth is missing at once.
         assert!(response[5] < 0.9 && found[5] > 0.93, "{} {}", response[5], found[5]);
+    }
+    #[test]
+    fn light_that_falls_off_is_in_the_response_as_it_is_in_the_edge() {
+        // An edge from 1 to 4 with a Gaussian blur, under light that falls by 2 % over 20 pixels: by the derivative of the edge itself.
+        let (sigma, half) = (1.2, 24.0);
+        let frequencies: Vec<f64> = (0..=100).map(|k| f64::from(k) / 100.0).collect();
+        let response: Vec<f64> = frequencies.iter().map(|f| (-2.0 * (PI * f * sigma).powi(2)).exp()).collect();
+        let window = Window::Tukey { alpha: 0.5 };
+        let shade = |x: f64| 1.0 - 0.001 * x - 5e-6 * x * x;
+        for (rises, sign) in [(true, 1.0), (false, -1.0)] {
+            let seen = Seen { frequencies: &frequencies, window, half, dark: 1.0 / 3.0, rises };
+            let found = seen.response(&response, Some(&seen.light(shade)));
+            // Cumulative by small steps.
+            let h = 0.01;
+            let n = (half / h) as i32;
+            let gauss = |x: f64| (-0.5 * (x / sigma).powi(2)).exp() / (sigma * TAU.sqrt());
+            let mut up = 0.0;
+            let edge: Vec<f64> = (-n..=n)
+                .map(|i| {
+                    let x = f64::from(i) * h;
+                    up += h * gauss(x);
+                    shade(x) * (1.0 + 3.0 * if sign > 0.0 { up } else { 1.0 - up })
+                })
+                .collect();
+            let transform = |f: f64| {
+                let (mut re, mut im) = (0.0, 0.0);
+                for i in 1..edge.len() - 1 {
+                    let x = (i as f64 - f64::from(n)) * h;
+                    let v = (edge[i + 1] - edge[i - 1]) * window.at(x / half);
+                    re += v * (TAU * f * x).cos();
+                    im += v * (TAU * f * x).sin();
+                }
+                f64::hypot(re, im)
+            };
+            for (k, f) in frequencies.iter().enumerate().take(60) {
+                let exact = transform(*f) / transform(0.0);
+                assert!((found[k] - exact).abs() < 1e-3, "{rises} {f}: {} {exact}", found[k]);
+            }
+            // On the rising side light that falls takes from the step, and more than blur alone is left; on the other it adds.
+            let plain = seen.response(&response, None);
+            assert!(sign * (found[3] - plain[3]) > 0.005, "{rises}: {} {}", found[3], plain[3]);
+        }
     }
 }

@@ -1,7 +1,7 @@
 //! Spot diagrams and ray fans.
 
 use super::{Beam, Bench};
-use crate::trace::{Apertures, Way};
+use crate::trace::{Apertures, TracedRay, Way};
 use glam::DVec2;
 
 /// Where the rays of a field point land, one colour.
@@ -74,8 +74,40 @@ impl Bench<'_> {
 
     /// The same with each ray somewhere in its cell of the pupil: a regular grid has contrast at frequencies of its own.
     pub(super) fn scattered_spot(&self, field_deg: f64, nm: f64, beam_nm: f64, across: usize, defocus: f64) -> Option<Spot> {
-        let beam = self.beam(field_deg, beam_nm)?;
         let n = self.system.indices(nm);
+        let points = self.scattered(field_deg, beam_nm, across, |ray| {
+            let ray = self.system.trace(ray, &n, Way::ToFilm, Apertures::Clip).ok()?;
+            Some(self.on_film(&ray, defocus))
+        })?;
+        let passed = points.len() as f64 / (across * across) as f64;
+        (!points.is_empty()).then(|| Spot::of(points, field_deg, nm, passed))
+    }
+
+    /// Film points (mm) of the same rays, and the fraction of its light that each keeps.
+    pub(super) fn scattered_light(
+        &self,
+        field_deg: f64,
+        nm: f64,
+        beam_nm: f64,
+        across: usize,
+        defocus: f64,
+    ) -> Option<Vec<(DVec2, f64)>> {
+        let n = self.system.indices(nm);
+        self.scattered(field_deg, beam_nm, across, |ray| {
+            let (out, fraction) = self.system.trace_light(ray, &n, nm, Way::ToFilm).ok()?;
+            Some((self.on_film(&out, defocus), fraction))
+        })
+    }
+
+    /// What becomes of rays, each somewhere in its cell of the pupil, of those that pass; `None` of a field whose beam is not found.
+    fn scattered<T>(
+        &self,
+        field_deg: f64,
+        beam_nm: f64,
+        across: usize,
+        through: impl Fn(TracedRay) -> Option<T>,
+    ) -> Option<Vec<T>> {
+        let beam = self.beam(field_deg, beam_nm)?;
         let [low, high] = beam.extent;
         let cell = (high - low) / across as f64;
         // SplitMix64 of the cell number.
@@ -85,15 +117,11 @@ impl Bench<'_> {
             z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
             ((z ^ (z >> 31)) >> 11) as f64 / (1u64 << 53) as f64
         };
-        let points: Vec<DVec2> = (0..across * across)
-            .filter_map(|i| {
-                let place = DVec2::new((i % across) as f64 + uniform(2 * i), (i / across) as f64 + uniform(2 * i + 1));
-                let ray = self.system.trace(beam.ray(low + cell * place), &n, Way::ToFilm, Apertures::Clip).ok()?;
-                Some(self.on_film(&ray, defocus))
-            })
-            .collect();
-        let passed = points.len() as f64 / (across * across) as f64;
-        (!points.is_empty()).then(|| Spot::of(points, field_deg, nm, passed))
+        let ray = |i: usize| {
+            let place = DVec2::new((i % across) as f64 + uniform(2 * i), (i / across) as f64 + uniform(2 * i + 1));
+            beam.ray(low + cell * place)
+        };
+        Some((0..across * across).filter_map(|i| through(ray(i))).collect())
     }
 
     /// Fans of a field angle (degrees): `count` rays each way, errors from the chief ray of `beam_nm`.

@@ -333,13 +333,22 @@ fn chain_text(edges: &[EdgeMtf], predictions: &[Prediction]) -> anyhow::Result<S
     if let ([edge], [p]) = (edges, predictions) {
         writeln!(
             t,
-            "  {:>12} {:>9} {:>9} {:>9} {:>9} {:>9} {:>9} {:>9} {:>11}",
-            "cycles/pixel", "measured", "predicted", "lens", "aperture", "low-pass", "crosstalk", "window", "difference"
+            "  {:>12} {:>9} {:>9} {:>9} {:>9} {:>9} {:>9} {:>9} {:>9} {:>11}",
+            "cycles/pixel",
+            "measured",
+            "predicted",
+            "lens",
+            "aperture",
+            "low-pass",
+            "crosstalk",
+            "window",
+            "shading",
+            "difference"
         )?;
         for k in (0..p.frequencies.len()).step_by(5).filter(|k| p.frequencies[*k] <= 0.5) {
             writeln!(
                 t,
-                "  {:>12.2} {:>9.4} {:>9.4} {:>9.4} {:>9.4} {:>9.4} {:>9.4} {:>9.4} {:>+11.4}",
+                "  {:>12.2} {:>9.4} {:>9.4} {:>9.4} {:>9.4} {:>9.4} {:>9.4} {:>9.4} {:>9.4} {:>+11.4}",
                 p.frequencies[k],
                 edge.mtf[k],
                 p.windowed[k],
@@ -347,7 +356,8 @@ fn chain_text(edges: &[EdgeMtf], predictions: &[Prediction]) -> anyhow::Result<S
                 p.aperture[k],
                 p.low_pass[k],
                 p.crosstalk[k],
-                if p.product[k] > 0.0 { p.windowed[k] / p.product[k] } else { 1.0 },
+                if p.product[k] > 0.0 { p.windowed[k] / (p.product[k] * p.shading[k]) } else { 1.0 },
+                p.shading[k],
                 edge.mtf[k] - p.windowed[k]
             )?;
         }
