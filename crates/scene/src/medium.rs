@@ -96,6 +96,11 @@ impl Default for Medium {
 }
 
 impl Medium {
+    /// Whether photons are left in it behind what throws caustics, for rays to gather: in homogeneous media that lights are sampled from.
+    pub(crate) fn gathers_photons(&self) -> bool {
+        self.volume.is_none() && !self.is_subsurface && !self.scattering.is_none()
+    }
+
     /// One that only absorbs: white light has the colour after the distance (m).
     pub fn tint(color: Sigmoid, distance_m: f32) -> Self {
         Medium { absorption: Coefficient::Tint { color, distance_m }, ..Medium::default() }

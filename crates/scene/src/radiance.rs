@@ -184,6 +184,18 @@ impl Scene {
             segment_index += 1;
             if let Some((medium, [near, far])) = medium_stack.span(&ray, reach) {
                 let span = [near, far];
+                // Light that comes over mirrors and through glass and is scattered on this segment.
+                if let Some(photons) = photons
+                    && medium.gathers_photons()
+                    && vertex - walked < settings.max_depth
+                {
+                    let most_events = settings.max_depth - (vertex - walked) - 1;
+                    let light = throughput * photons.gather_along(&ray, span, medium, wavelengths, most_events);
+                    radiance.add(light, vertex - walked + 2);
+                    if let Some(gathered) = &mut gathered {
+                        **gathered += light;
+                    }
+                }
                 let segment = MediumSegment {
                     scene: self,
                     medium,
@@ -203,7 +215,8 @@ impl Scene {
                     After::Ended => return radiance,
                     After::Scattered { ray: onward, last: here, on } => {
                         (ray, last, scattered_on) = (onward, here, Some(on));
-                        (tail, shown, camera_state) = (Tail::default(), None, CameraState::NONE);
+                        (shown, camera_state) = (None, CameraState::NONE);
+                        tail.scatter_in(medium);
                         cone.forget();
                         vertex += 1;
                         if medium.is_subsurface {

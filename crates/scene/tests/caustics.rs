@@ -3,10 +3,12 @@
 use diopter_light::random::{Sampler, SamplerKind};
 use diopter_light::spectrum::Table;
 use diopter_light::{Ray, Spectrum, Wavelengths};
+use diopter_scene::bvh::Bounds;
 use diopter_scene::light::{Punctual, PunctualKind};
 use diopter_scene::light_paths::{CausticSettings, Caustics, Lamps, LightPaths, PhotonMap};
 use diopter_scene::material::conductor::FacetBounces;
 use diopter_scene::material::{Conductor, Material, Principled, Scattering};
+use diopter_scene::medium::{Air, Coefficient, Medium};
 use diopter_scene::shape::{Mesh, Quad, Sphere};
 use diopter_scene::texture::{Color, Scalar};
 use diopter_scene::{Description, Object, PathSettings, Scene, Shape};
@@ -56,12 +58,24 @@ fn settings(photons: u32, max_depth: u32) -> CausticSettings {
 
 /// Mean and its standard error over `n` rays straight down onto the places `at` of the unit square, of the mean of the four wavelengths.
 fn mean(scene: &Scene, maps: &[PhotonMap], at: impl Fn([f32; 2]) -> Vec3, n: u32, max_depth: u32) -> (f64, f64) {
+    mean_along(Vec3::NEG_Y, scene, maps, at, n, max_depth)
+}
+
+/// The same of rays along a direction from the places.
+fn mean_along(
+    direction: Vec3,
+    scene: &Scene,
+    maps: &[PhotonMap],
+    at: impl Fn([f32; 2]) -> Vec3,
+    n: u32,
+    max_depth: u32,
+) -> (f64, f64) {
     let wavelengths = Wavelengths::fixed(NM);
     let path = PathSettings { max_depth, roulette_depth: max_depth };
     let (mut sum, mut squares) = (0.0, 0.0);
     for i in 0..n {
         let u = [0.754_877_67, 0.569_840_3].map(|step| (0.5 + f64::from(i) * step).fract() as f32);
-        let ray = Ray { origin: at(u), direction: Vec3::NEG_Y, time_s: 0.0 };
+        let ray = Ray { origin: at(u), direction, time_s: 0.0 };
         let sampler = Sampler::new(SamplerKind::Sobol, 3, (7, 1), i, n);
         let photons = (!maps.is_empty()).then(|| &maps[i as usize % maps.len()]);
         let l = f64::from(scene.radiance_with(LightPaths::of_photons(photons), ray, &wavelengths, &sampler, &path).element_sum())
@@ -196,6 +210,74 @@ fn paths_and_photons_together_see_what_paths_alone_see() {
         let limit = 3.0 * (error * error + other * other).sqrt() + 0.01 * paths;
         assert!(limit < 0.05 * paths, "{name} {disc}: {error} {other}");
         assert!((both - paths).abs() < limit, "{name} {disc}: {both} {paths} ± {error}");
+    }
+}
+
+fn fog(scattering: Coefficient, absorption: Coefficient, asymmetry: f32, bounds: [Vec3; 2]) -> Air {
+    let medium = Medium { name: "fog".into(), scattering, absorption, asymmetry, ..Default::default() };
+    Air { medium, bounds: Some(Bounds { min: bounds[0], max: bounds[1] }) }
+}
+
+#[test]
+fn a_mirrored_beam_is_seen_in_fog() {
+    // Light straight down onto a mirror of 2 × 2 m, back up through 1 m of fog, across which the camera looks: what one scattering brings.
+    let mirror_below = || quad("mirror", [-1.0, 0.0, -1.0], [[0.0, 0.0, 2.0], [2.0, 0.0, 0.0]], 0);
+    let corners = [Vec3::new(-2.0, -0.5, -2.0), Vec3::new(2.0, 1.0, 2.0)];
+    for (scattering, absorption, asymmetry) in [(0.4, 0.3, 0.0), (0.02, 0.0, 0.0), (1.5, 0.2, 0.5)] {
+        let mut scene = scene(vec![mirror()], vec![mirror_below()], Some(down()));
+        let [s, a] = [scattering, absorption].map(Coefficient::grey);
+        scene.fill_air(Some(fog(s, a, asymmetry, corners)));
+        let caustics = Caustics::new(&scene, settings(1 << 18, 2)).unwrap();
+        let wavelengths = Wavelengths::fixed(NM);
+        let path = PathSettings { max_depth: 2, roulette_depth: 2 };
+        let (mut sum, mut expected, n) = (0.0, 0.0, 16_384);
+        let (scattering, extinction, g) = (f64::from(scattering), f64::from(scattering + absorption), f64::from(asymmetry));
+        // 90°.
+        let phase = (1.0 - g * g) / (4.0 * std::f64::consts::PI * (1.0 + g * g).powf(1.5));
+        let way = ((-extinction).exp() - (-3.0 * extinction).exp()) / extinction;
+        for map in [caustics.map(20, 0), caustics.map(20, 1)] {
+            assert!(map.is_empty() == (map.in_media() == 0) && map.len() == 0 && map.in_media() > 1000);
+            for i in 0..n {
+                let u = [0.754_877_67, 0.569_840_3].map(|step| (0.5 + f64::from(i) * step).fract() as f32);
+                // Along x, within the beam and away from its sides.
+                let origin = Vec3::new(-3.0, 0.1 + 0.8 * u[1], 1.6 * (u[0] - 0.5));
+                expected += scattering * phase * (-extinction * f64::from(1.0 + origin.y)).exp() * way;
+                let ray = Ray { origin, direction: Vec3::X, time_s: 0.0 };
+                let sampler = Sampler::new(SamplerKind::Sobol, 3, (7, 1), i, n);
+                let [_, gathered] = scene.radiance_and_caustics(&map, ray, &wavelengths, &sampler, &path);
+                sum += f64::from(gathered.element_sum()) / 4.0;
+            }
+        }
+        // Rays see some 150 000 photons, with weights that differ: 0.5 %.
+        assert!((sum / expected - 1.0).abs() < 0.015, "{scattering} {absorption} {asymmetry}: {sum} {expected}");
+    }
+}
+
+#[test]
+fn photons_in_media_and_paths_together_see_what_paths_alone_see() {
+    let corners = [Vec3::new(-2.0, -0.5, -2.0), Vec3::new(2.0, 2.5, 2.0)];
+    let blue = || Coefficient::Scaled(1.0, Spectrum::Table(Table::from_points(&[(400.0, 0.9), (700.0, 0.3)])));
+    let cases = [
+        ("fog", Coefficient::grey(0.5), Coefficient::NONE, 0.0, false),
+        ("haze", Coefficient::grey(0.5), Coefficient::grey(0.2), 0.6, false),
+        ("blue", blue(), Coefficient::grey(0.1), 0.0, true),
+    ];
+    for (name, scattering, absorption, asymmetry, disc) in cases {
+        let mut scene = ball_and_lamp(grey("grey"), disc);
+        scene.fill_air(Some(fog(scattering, absorption, asymmetry, corners)));
+        let caustics = Caustics::new(&scene, settings(1 << 16, 12)).unwrap();
+        let maps = maps(&caustics, 30..33);
+        assert!(maps[0].in_media() > 1000 && maps[0].len() > 1000);
+        // Across the cone of light below the ball, and a floor far away behind it.
+        let at = |[y, z]: [f32; 2]| Vec3::new(-2.5, 0.02 + 0.5 * y, 0.8 * (z - 0.5));
+        let n = 60_000;
+        let (paths, error) = mean_along(Vec3::X, &scene, &[], at, n, 12);
+        let (both, other) = mean_along(Vec3::X, &scene, &maps, at, n, 12);
+        let limit = 3.0 * (error * error + other * other).sqrt() + 0.01 * paths;
+        assert!(limit < 0.06 * paths, "{name}: {error} {other} of {paths}");
+        assert!((both - paths).abs() < limit, "{name}: {both} {paths} ± {error}");
+        // Chance hits of the lamp through the ball made half of the variance.
+        assert!(other < 0.85 * error, "{name}: {error} {other}");
     }
 }
 

@@ -1,12 +1,14 @@
-//! Photons sorted into a grid, and the light that a surface point gathers from those around it.
+//! Photons sorted into a grid, and the light that a surface point gathers from those around it; and what a ray gathers in a medium.
 
-use super::trace::Photon;
+use super::trace::{Photon, Traced};
+use super::volume_map::VolumeMap;
 use super::{Caustics, Tail};
 use crate::bvh::Bounds;
 use crate::material::Bsdf;
+use crate::medium::{Medium, phase};
 use crate::shape::Surface;
 use diopter_light::random::mix;
-use diopter_light::{Sampled, Wavelengths};
+use diopter_light::{Ray, Sampled, Wavelengths};
 use glam::{IVec3, Vec3};
 use std::f32::consts::PI;
 use std::ops::Range;
@@ -27,10 +29,11 @@ const SAME_SIDE: f32 = 0.7;
 /// Least cosine that the power of a photon is divided by.
 const LEAST_COSINE: f32 = 0.01;
 
-/// The photons of some samples: where light lands that came over mirrors and through glass. Made by [`Caustics::map`].
+/// The photons of some samples: where light is that came over mirrors and through glass, on surfaces and in media. Made by [`Caustics::map`].
 pub struct PhotonMap<'a> {
     caustics: &'a Caustics<'a>,
     grid: Grid,
+    in_media: VolumeMap<'a>,
     /// Of the disc within which photons are gathered, m.
     radius: f32,
     /// Half width of the time within which photons are gathered, s; everything without.
@@ -38,18 +41,25 @@ pub struct PhotonMap<'a> {
 }
 
 impl<'a> PhotonMap<'a> {
-    pub(super) fn new(caustics: &'a Caustics<'a>, photons: Vec<Photon>, radius: f32, time_radius_s: Option<f32>) -> Self {
-        PhotonMap { caustics, grid: Grid::new(photons, 2.0 * radius), radius, time_radius_s }
+    /// Gathered within radii (m): on surfaces, in media.
+    pub(super) fn new(caustics: &'a Caustics<'a>, photons: Traced<'a>, radii: [f32; 2], time_radius_s: Option<f32>) -> Self {
+        let grid = Grid::new(photons.landed, 2.0 * radii[0]);
+        PhotonMap { caustics, grid, in_media: VolumeMap::new(photons.in_media, radii[1]), radius: radii[0], time_radius_s }
     }
 
-    /// How many photons have landed.
+    /// How many photons have landed on surfaces.
     pub fn len(&self) -> usize {
         self.grid.photons.len()
     }
 
-    /// Whether none has landed.
+    /// Whether there are none, neither on surfaces nor in media.
     pub fn is_empty(&self) -> bool {
-        self.grid.photons.is_empty()
+        self.grid.photons.is_empty() && self.in_media.photons().is_empty()
+    }
+
+    /// How many photons are in media.
+    pub fn in_media(&self) -> usize {
+        self.in_media.photons().len()
     }
 
     /// Radius of the disc within which photons are gathered, m.
@@ -92,10 +102,7 @@ impl<'a> PhotonMap<'a> {
             if d2 >= r2 || height.abs() > THICKNESS * radius || u32::from(photon.events) > most_events {
                 return;
             }
-            let in_time = match self.time_radius_s {
-                None => 1.0,
-                Some(reach) => time_weight(photon.time_s, time_s, reach, lamps[photon.lamp as usize].window),
-            };
+            let in_time = self.in_time(photon, time_s);
             let (wi, normal) = (photon.from(), photon.normal());
             let side = if wi.dot(ng) > 0.0 { ng } else { -ng };
             if in_time == 0.0 || normal.dot(side) < SAME_SIDE {
@@ -123,6 +130,55 @@ impl<'a> PhotonMap<'a> {
             sum += f * spectrum * photon.at(wavelengths) * (kernel * in_time / cosine);
         });
         sum
+    }
+
+    /// Radiance that photons send back along a part of a ray (m) in a medium, W·m⁻²·sr⁻¹·nm⁻¹; of photons that came by at most so many scattering events.
+    ///
+    /// Σ p(θ) σs Tr Φ K over the distance from the ray, with the kernel of [`PhotonMap::gather`] (Jarosz et al. 2008, eq. 10).
+    pub(crate) fn gather_along(
+        &self,
+        ray: &Ray,
+        span: [f32; 2],
+        medium: &Medium,
+        wavelengths: &Wavelengths,
+        most_events: u32,
+    ) -> Sampled {
+        let mut sum = Sampled::ZERO;
+        let (scene, lamps) = (self.caustics.scene, &self.caustics.emission.lamps);
+        let sigma = medium.at(wavelengths);
+        let r2 = self.in_media.radius() * self.in_media.radius();
+        let mut last: Option<(u32, Sampled)> = None;
+        self.in_media.along(ray, span, |p, t, d2| {
+            let photon = &p.photon;
+            if !std::ptr::eq(p.medium, medium) || u32::from(photon.events) > most_events {
+                return;
+            }
+            let in_time = self.in_time(photon, ray.time_s);
+            if in_time == 0.0 {
+                return;
+            }
+            let spectrum = match last {
+                Some((number, spectrum)) if number == photon.lamp => spectrum,
+                _ => {
+                    let spectrum = lamps[photon.lamp as usize].spectrum(scene, wavelengths, ray.time_s);
+                    last = Some((photon.lamp, spectrum));
+                    spectrum
+                }
+            };
+            let kernel = 2.0 * (1.0 - d2 / r2) / (PI * r2);
+            let phase = phase(ray.direction.dot(photon.from()), medium.asymmetry);
+            sum += spectrum * photon.at(wavelengths) * sigma.transmittance(t - span[0]) * (kernel * in_time * phase);
+        });
+        sum * sigma.scattering
+    }
+
+    /// Weight of a photon for a path of a moment (s).
+    #[inline]
+    fn in_time(&self, photon: &Photon, time_s: f32) -> f32 {
+        match self.time_radius_s {
+            None => 1.0,
+            Some(reach) => time_weight(photon.time_s, time_s, reach, self.caustics.emission.lamps[photon.lamp as usize].window),
+        }
     }
 
     /// Fraction of what an area light shows that a camera path still counts where it meets it.

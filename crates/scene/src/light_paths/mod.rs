@@ -1,8 +1,8 @@
-//! Caustics by paths from the lamps: photons over mirrors and through glass onto surfaces, gathered by the path tracer.
+//! Caustics by paths from the lamps: photons over mirrors and through glass onto surfaces and into media, gathered by the path tracer.
 //!
 //! A path tracer finds the light of a small lamp behind a lens or over a mirror only by hitting the lamp by chance, and that of a point never.
 //! Here photons are traced from the lamp through specular scattering alone, kept where they land, and gathered within a small disc by each
-//! surface point that a camera path meets. Source: Jensen 1996, "Global Illumination using Photon Maps" (the caustic map); Hachisuka &
+//! surface point that a camera path meets, and within a small radius by each segment of it through a medium. Source: Jensen 1996, "Global Illumination using Photon Maps" (the caustic map); Hachisuka &
 //! Jensen 2009, "Stochastic Progressive Photon Mapping"; Knaus & Zwicker 2011, "Progressive Photon Mapping: A Probabilistic Approach"
 //! (new photons and a smaller disc in each pass).
 //!
@@ -10,27 +10,27 @@
 //!
 //! Vertices from the lamp: `L` a lamp that photons are emitted from; `C` a specular event at a smooth body of glass or metal (a *caster*,
 //! those of `casters.rs`); `T` straight through a smooth thin sheet; `P` any other specular event (the polish of a plastic, the reflection of a pane);
-//! `D` scattering by a lobe that is not specular, at a surface; `N` the same by a lobe narrower than `BROAD_ALPHA`; `M` in a medium; `E` the
-//! camera. Faces of media and hidden faces are no events.
+//! `D` scattering by a lobe that is not specular, at a surface; `N` the same by a lobe narrower than `BROAD_ALPHA`; `M` in a homogeneous medium, `V` in another
+//! one (different from place to place, or below a surface that looks as one); `E` the camera. Faces of media and hidden faces are no events.
 //!
 //! | path | found by |
 //! |---|---|
-//! | `L T* C (C\|T)* D …E` | photons, only: a chance hit there counts nothing |
-//! | `L T* D …E`, `L T* M …E` | next-event estimation and chance hits, weighted (as without photons) |
+//! | `L T* C (C\|T)* D …E`, `L T* C (C\|T)* M …E` | photons, only: a chance hit there counts nothing |
+//! | `L T* D …E`, `L T* (M\|V) …E` | next-event estimation and chance hits, weighted (as without photons) |
 //! | `L (C\|T\|P)* E` | chance hits: a lamp seen directly, in a mirror or through glass |
-//! | `L …P… D …E` (a `P` before the first `D` or `M`) | chance hits |
-//! | `L …C… M …E` (scattered in a medium first) | chance hits |
+//! | `L …P… D …E` (a `P` before the first `D`, `M` or `V`) | chance hits |
+//! | `L …C… V …E` (scattered there first) | chance hits |
 //! | `L …C… N …E`, lamp with extent | chance hits; a surface with lobes of both kinds counts each lobe's fraction |
 //! | `L …C… N …E`, point, spot, parallel light | photons: rays cannot meet such lamps |
 //! | lamps that no photons are emitted from, the environment, unlit surfaces | as without photons |
 //!
 //! The rows are disjoint, and together they are all paths that the path tracer alone has, and the caustics of lamps without extent, which it does
-//! not have: chance hits of such lamps there are none, so their rows of chance hits stay dark as without photons. Photons are weakened by the transmittance of media; what scatters there is the path tracer's. Both parts count the events of
+//! not have: chance hits of such lamps there are none, so their rows of chance hits stay dark as without photons. Photons are weakened by the transmittance of media. Both parts count the events of
 //! the whole path against `max_depth`.
 //!
 //! # Bias
 //!
-//! Consistent, not unbiased: light is blurred over the disc, and lost where the disc reaches beyond an edge. The first disc holds about
+//! Consistent, not unbiased: light is blurred over the disc, and lost where the disc reaches beyond an edge (in media, beyond their faces). The first disc holds about
 //! [`FIRST_NEIGHBOURS`] photons on average; map `m` has a radius of r₀ (m + 1)^(−1/6), the area so falls by (m + 1)^(−1/3) (α = 2/3 of Knaus &
 //! Zwicker; in a focus it is smaller still), the error of the mean of all maps with it, while their noise falls by (m + 1)^(−1/3) in standard deviation. A caustic's
 //! total power is kept. Wavelengths of photons whose power differs by wavelength are joined over ±25 nm. In scenes that move a photon has its
@@ -49,12 +49,14 @@ mod emission;
 mod map;
 mod trace;
 mod vertices;
+mod volume_map;
 
 pub use map::PhotonMap;
 pub use vertices::{ConnectionSettings, Connections, LightVertices};
 
 use crate::bvh::Bounds;
 use crate::material::Bsdf;
+use crate::medium::Medium;
 use crate::scene::Scene;
 use diopter_light::Sampled;
 use diopter_light::random::{Sampler, SamplerKind, Set};
@@ -63,7 +65,7 @@ use emission::Emission;
 use glam::Vec3;
 use map::BROAD_ALPHA;
 use rayon::prelude::*;
-use trace::Photon;
+use trace::Traced;
 
 /// Which lamps photons are emitted from.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -124,8 +126,8 @@ pub struct Caustics<'a> {
     emission: Emission<'a>,
     settings: CausticSettings,
     wavelengths: WavelengthSampler,
-    /// Of the first map, m.
-    first_radius: f32,
+    /// Of the first map on surfaces, and in media, m.
+    first_radii: [f32; 2],
 }
 
 impl<'a> Caustics<'a> {
@@ -134,14 +136,25 @@ impl<'a> Caustics<'a> {
     pub fn new(scene: &'a Scene, settings: CausticSettings) -> Option<Caustics<'a>> {
         let emission = Emission::new(scene, &settings)?;
         let wavelengths = if settings.rgb { WavelengthSampler::rgb() } else { WavelengthSampler::uniform() };
-        let mut caustics = Caustics { scene, emission, settings, wavelengths, first_radius: 0.0 };
-        let landed = caustics.photons(PILOT_MAP, 0, PILOT);
-        if landed.len() < FEWEST {
+        let mut caustics = Caustics { scene, emission, settings, wavelengths, first_radii: [0.0; 2] };
+        let Traced { landed, in_media } = caustics.photons(PILOT_MAP, 0, PILOT);
+        if landed.len() + in_media.len() < FEWEST {
             return None;
         }
+        let more = caustics.settings.photons.max(1) as f32 / PILOT as f32;
+        let radius = |density: f32| (FIRST_NEIGHBOURS / (std::f32::consts::PI * density * more)).sqrt();
         let points: Vec<Vec3> = landed.iter().map(|p| p.point).collect();
-        let density = density(&points) * caustics.settings.photons.max(1) as f32 / PILOT as f32;
-        caustics.first_radius = (FIRST_NEIGHBOURS / (std::f32::consts::PI * density)).sqrt();
+        if !points.is_empty() {
+            caustics.first_radii[0] = radius(density(&points));
+        }
+        if !in_media.is_empty() {
+            // As they are seen along three directions.
+            let seen = [Vec3::X, Vec3::Y, Vec3::Z].map(|axis| {
+                let flat: Vec<Vec3> = in_media.iter().map(|p| p.photon.point * (Vec3::ONE - axis)).collect();
+                density(&flat)
+            });
+            caustics.first_radii[1] = radius(seen.iter().product::<f32>().cbrt());
+        }
         Some(caustics)
     }
 
@@ -153,9 +166,9 @@ impl<'a> Caustics<'a> {
     /// A map of some photons only, to learn how much they bring: larger discs, of the same neighbours.
     pub fn trial_map(&self, photons: u32) -> PhotonMap<'_> {
         let photons = photons.max(1);
-        let radius = self.first_radius * (self.settings.photons.max(1) as f32 / photons as f32).sqrt();
+        let wider = (self.settings.photons.max(1) as f32 / photons as f32).sqrt();
         let time = self.scene.moves().then_some(TIME_REACH * self.emission.span_s());
-        PhotonMap::new(self, self.photons(PILOT_MAP, 1, photons), radius, time)
+        PhotonMap::new(self, self.photons(PILOT_MAP, 1, photons), self.first_radii.map(|r| wider * r), time)
     }
 
     /// The photons of a map, for samples of a replicate (0 or 1, [`Sampler::replicate`]).
@@ -163,27 +176,32 @@ impl<'a> Caustics<'a> {
         let photons = self.photons(number, replicate, self.settings.photons.max(1));
         let shrink = (number as f32 + 1.0).powf(SHRINK);
         let time = self.scene.moves().then_some(TIME_REACH * self.emission.span_s() * shrink);
-        PhotonMap::new(self, photons, self.first_radius * shrink, time)
+        PhotonMap::new(self, photons, self.first_radii.map(|r| shrink * r), time)
     }
 
-    fn photons(&self, map: u32, replicate: u32, count: u32) -> Vec<Photon> {
+    fn photons(&self, map: u32, replicate: u32, count: u32) -> Traced<'a> {
         // Numbers of their own beside those of pixels.
         let seed = self.settings.seed ^ 0x6a09_e667_f3bc_c908;
         let scale = 1.0 / count as f32;
-        let chunks: Vec<Vec<Photon>> = (0..count.div_ceil(CHUNK))
+        let chunks: Vec<Traced> = (0..count.div_ceil(CHUNK))
             .into_par_iter()
             .map(|chunk| {
-                let mut landed = Vec::new();
+                let mut traced = Traced::default();
                 for photon in chunk * CHUNK..((chunk + 1) * CHUNK).min(count) {
                     let sampler = Sampler::new(SamplerKind::Sobol, seed, (map, 0), 2 * photon + (replicate & 1), 2 * count);
                     let wavelengths = self.wavelengths.sample(sampler.get(Set::Time)[0]);
                     let depth = self.settings.max_depth;
-                    trace::trace(&self.emission, self.scene, &sampler, &wavelengths, depth, scale, &mut landed);
+                    trace::trace(&self.emission, self.scene, &sampler, &wavelengths, depth, scale, &mut traced);
                 }
-                landed
+                traced
             })
             .collect();
-        chunks.into_iter().flatten().collect()
+        let mut all = Traced::default();
+        for chunk in chunks {
+            all.landed.extend(chunk.landed);
+            all.in_media.extend(chunk.in_media);
+        }
+        all
     }
 }
 
@@ -230,9 +248,9 @@ fn density(points: &[Vec3]) -> f32 {
 /// What a camera path still counts where it meets a lamp that photons are emitted from: the end of the path, towards the lamp.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Tail {
-    /// What chance hits count after the last event that was not specular, at a surface; `None` from the camera or a medium on, and after specular
-    /// events that photons do not have.
-    at_surface: Option<Sampled>,
+    /// What chance hits count after the last event that was not specular, where photons are gathered; `None` from the camera or another medium on, and after
+    /// specular events that photons do not have.
+    scattered: Option<Sampled>,
     /// Whether a caster bent the path since.
     is_bent: bool,
 }
@@ -251,7 +269,13 @@ impl Tail {
                 Sampled::new(fraction(0), fraction(1), fraction(2), fraction(3))
             }
         };
-        *self = Tail { at_surface: Some(left), is_bent: false };
+        *self = Tail { scattered: Some(left), is_bent: false };
+    }
+
+    /// The path was scattered in a medium.
+    #[inline]
+    pub fn scatter_in(&mut self, medium: &Medium) {
+        *self = Tail { scattered: medium.gathers_photons().then_some(Sampled::ZERO), is_bent: false };
     }
 
     /// The path went on by a specular event that is no straight passage through a thin sheet.
@@ -266,6 +290,6 @@ impl Tail {
     /// Fraction of what it meets that still counts.
     #[inline]
     fn left(&self) -> Sampled {
-        self.at_surface.filter(|_| self.is_bent).unwrap_or(Sampled::ONE)
+        self.scattered.filter(|_| self.is_bent).unwrap_or(Sampled::ONE)
     }
 }

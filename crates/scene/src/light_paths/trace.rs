@@ -1,7 +1,9 @@
-//! One photon from its lamp over mirrors and through glass, and what it leaves where it lands.
+//! One photon from its lamp over mirrors and through glass, and what it leaves where it lands and in media on its way.
 
 use super::emission::{Emission, Start};
+use super::volume_map::VolumePhoton;
 use crate::material::Scattering;
+use crate::medium::Medium;
 use crate::radiance::{MOST_FACES, past};
 use crate::scene::Scene;
 use diopter_light::random::{Sampler, Set};
@@ -42,6 +44,18 @@ enum Lanes {
     Different,
     /// Only the first counts.
     Hero,
+}
+
+impl Lanes {
+    /// Of a power at wavelengths of which only the first counts where it is `dispersed`.
+    fn of(wavelengths: &Wavelengths, dispersed: bool, power: Sampled) -> Lanes {
+        match (wavelengths.is_rgb(), dispersed) {
+            (true, _) => Lanes::Colors,
+            (false, true) => Lanes::Hero,
+            (false, false) if power.max_element() - power.min_element() <= EVEN * power.max_element() => Lanes::Even,
+            _ => Lanes::Different,
+        }
+    }
 }
 
 /// Difference of the four wavelengths, relative to the largest, up to which a photon is taken for linear between them. Clear glass and
@@ -151,16 +165,24 @@ fn unpacked(p: [i16; 2]) -> Vec3 {
     Vec3::new(x - t.copysign(x), y - t.copysign(y), z).normalize()
 }
 
-/// Traces the photon that belongs to the numbers of a sampler, and adds it to `landed` at each surface where it lands after specular
-/// scattering by a caster; `scale` multiplies its power.
-pub(super) fn trace(
-    emission: &Emission,
-    scene: &Scene,
+/// Photons of some lamps, where they are after specular scattering by a caster.
+#[derive(Default)]
+pub(super) struct Traced<'a> {
+    /// On surfaces.
+    pub landed: Vec<Photon>,
+    /// In media that gather photons ([`Medium::gathers_photons`]): one on each segment.
+    pub in_media: Vec<VolumePhoton<'a>>,
+}
+
+/// Traces the photon that belongs to the numbers of a sampler, and adds it where it lands and on segments in media; `scale` multiplies its power.
+pub(super) fn trace<'a>(
+    emission: &Emission<'a>,
+    scene: &'a Scene,
     sampler: &Sampler,
     wavelengths: &Wavelengths,
     max_depth: u32,
     scale: f32,
-    landed: &mut Vec<Photon>,
+    traced: &mut Traced<'a>,
 ) {
     let Some(Start { mut ray, lamp, relative, mut medium_stack }) = emission.start(sampler, wavelengths) else { return };
     let mut power = relative * scale;
@@ -170,8 +192,26 @@ pub(super) fn trace(
     for _ in 0..MOST_FACES {
         let surface = scene.intersect(&ray, f32::INFINITY);
         let reach = surface.as_ref().map_or(f32::INFINITY, |s| s.t);
-        // What is scattered on the way is the path tracer's.
         if let Some((medium, span)) = medium_stack.span(&ray, reach) {
+            if is_caustic && medium.gathers_photons() && events < max_depth {
+                let u = sampler.get(Set::Medium(events))[0];
+                if let Some((distance, relative)) = on_segment(medium, span, power, wavelengths, u) {
+                    let from = packed(-ray.direction);
+                    let photon = Photon {
+                        point: ray.at(distance),
+                        from,
+                        normal: from,
+                        relative: relative.to_array(),
+                        hero_nm: wavelengths.nm.x,
+                        time_s: ray.time_s,
+                        lamp,
+                        events: events.min(u32::from(u16::MAX)) as u16,
+                        spectrum: Lanes::of(wavelengths, dispersed, relative),
+                    };
+                    traced.in_media.push(VolumePhoton { photon, medium });
+                }
+            }
+            // What is scattered on the way is no caustic any more.
             power *= medium.transmittance(&ray, span, wavelengths, scene.moment_s(ray.time_s), || {
                 numbers.get_or_insert_with(|| sampler.stream(Set::Tracking(0)))
             });
@@ -193,13 +233,7 @@ pub(super) fn trace(
         let ng = bsdf.side_normal();
         // Strands are narrower than the discs within which photons are gathered.
         if is_caustic && !bsdf.is_specular() && !surface.is_strand() && power.is_finite() {
-            let spectrum = match (wavelengths.is_rgb(), dispersed) {
-                (true, _) => Lanes::Colors,
-                (false, true) => Lanes::Hero,
-                (false, false) if power.max_element() - power.min_element() <= EVEN * power.max_element() => Lanes::Even,
-                _ => Lanes::Different,
-            };
-            landed.push(Photon {
+            traced.landed.push(Photon {
                 point: surface.point,
                 from: packed(-ray.direction),
                 normal: packed(ng),
@@ -208,7 +242,7 @@ pub(super) fn trace(
                 time_s: ray.time_s,
                 lamp,
                 events: events.min(u32::from(u16::MAX)) as u16,
-                spectrum,
+                spectrum: Lanes::of(wavelengths, dispersed, power),
             });
         }
         // Only specular events make caustics.
@@ -240,6 +274,35 @@ pub(super) fn trace(
         let normal = if scatter.transmitted { -ng } else { ng };
         ray = Ray { origin: surface.leave(normal, scatter.wi), direction: scatter.wi, time_s: ray.time_s };
     }
+}
+
+/// A place (m) on the part of a ray that is in a homogeneous medium, drawn by what is left there of a photon, and its power there over the density of the place,
+/// times m. `None` where none is left.
+fn on_segment(
+    medium: &Medium,
+    [near, far]: [f32; 2],
+    power: Sampled,
+    wavelengths: &Wavelengths,
+    u: f32,
+) -> Option<(f32, Sampled)> {
+    let sigma = medium.at(wavelengths);
+    let total = power.element_sum();
+    if !(total > 0.0 && total.is_finite() && near < far) || sigma.scattering == Sampled::ZERO {
+        return None;
+    }
+    // Exponential up to the end, of the mean extinction.
+    let extinction = (power / total).dot(sigma.extinction);
+    let depth = extinction * (far - near);
+    let (distance, density) = match depth < 1e-3 {
+        true => (u * (far - near), 1.0 / (far - near)),
+        false => {
+            let reaching = 1.0 - (-depth).exp();
+            let distance = -(1.0 - u * reaching).ln() / extinction;
+            (distance, extinction * (-extinction * distance).exp() / reaching)
+        }
+    };
+    let relative = power * sigma.transmittance(distance) / density;
+    (relative.is_finite() && relative.max_element() > 0.0).then_some((near + distance, relative))
 }
 
 #[cfg(test)]
