@@ -185,12 +185,15 @@ impl Scene {
             if let Some((medium, [near, far])) = medium_stack.span(&ray, reach) {
                 let span = [near, far];
                 // Light that comes over mirrors and through glass and is scattered on this segment.
+                // Where the path was scattered before, one in some segments stands for all.
+                let one_in = if last.is_some() { SEGMENTS_A_GATHERING } else { 1.0 };
                 if let Some(photons) = photons
                     && medium.gathers_photons()
                     && vertex - walked < settings.max_depth
+                    && (one_in == 1.0 || sampler.get(Set::Medium(segment_index))[3] * one_in < 1.0)
                 {
                     let most_events = settings.max_depth - (vertex - walked) - 1;
-                    let light = throughput * photons.gather_along(&ray, span, medium, wavelengths, most_events);
+                    let light = throughput * photons.gather_along(&ray, span, medium, wavelengths, most_events) * one_in;
                     radiance.add(light, vertex - walked + 2);
                     if let Some(gathered) = &mut gathered {
                         **gathered += light;
@@ -543,6 +546,10 @@ pub(crate) struct Past {
     /// Thin dielectrics on the way.
     pub thin_dielectrics: u32,
 }
+
+/// Segments in media, behind a first scattering event, for each along which photons are gathered: a gathering takes as long as the rest of the segment, and photons
+/// are less noisy than the path that comes to them.
+const SEGMENTS_A_GATHERING: f32 = 4.0;
 
 /// Most faces of media that a path goes through between two surfaces, and segments after which it is given up at such a face.
 pub(crate) const MOST_FACES: u32 = 4096;

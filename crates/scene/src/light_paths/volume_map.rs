@@ -18,17 +18,29 @@ pub(super) struct VolumePhoton<'a> {
     pub medium: &'a Medium,
 }
 
-/// Photons that share a box.
-const LEAF: usize = 8;
+/// Photons of a leaf, and children of a node: what is tested at once.
+const WIDE: usize = 8;
 
 /// Bits of each coordinate in the order along which photons are sorted.
 const ORDER_BITS: u32 = 10;
 
-/// Photons in the order of Morton's curve, in a complete binary tree of boxes around [`LEAF`] each.
+/// Coordinates of several things, each axis by itself.
+type Coordinates = [[f32; WIDE]; 3];
+
+/// Boxes of the children of a node; as far beyond the photons as these are gathered from.
+#[derive(Clone, Copy)]
+struct Node {
+    min: Coordinates,
+    max: Coordinates,
+}
+
+/// Photons in the order of Morton's curve, in a complete tree: eight to a leaf, eight children to a node.
 pub(super) struct VolumeMap<'a> {
     photons: Vec<VolumePhoton<'a>>,
-    /// Node `k` holds nodes `2k` and `2k + 1`; the last half are leaves. Boxes reach as far beyond the photons as these are gathered from.
-    boxes: Vec<Bounds>,
+    /// Where the photons of each leaf are; beyond the last at infinity.
+    leaves: Vec<Coordinates>,
+    /// The children of the first level are leaves, those of the others the nodes of the level before; the last has one node.
+    levels: Vec<Vec<Node>>,
     radius: f32,
 }
 
@@ -41,16 +53,26 @@ impl<'a> VolumeMap<'a> {
             unsorted.iter().enumerate().map(|(i, p)| (morton((p.photon.point - whole.min) * scale), i as u32)).collect();
         order.sort_unstable();
         let photons: Vec<VolumePhoton> = order.into_iter().map(|(_, i)| unsorted[i as usize]).collect();
-        let leaves = photons.len().div_ceil(LEAF).next_power_of_two();
-        let mut boxes = vec![Bounds::EMPTY; 2 * leaves];
-        for (leaf, same) in photons.chunks(LEAF).enumerate() {
-            let b = Bounds::around(same.iter().map(|p| p.photon.point));
-            boxes[leaves + leaf] = Bounds { min: b.min - radius, max: b.max + radius };
+        let mut leaves = Vec::with_capacity(photons.len().div_ceil(WIDE));
+        let mut boxes = Vec::with_capacity(leaves.capacity());
+        for some in photons.chunks(WIDE) {
+            let mut leaf = [[f32::INFINITY; WIDE]; 3];
+            for (lane, p) in some.iter().enumerate() {
+                (0..3).for_each(|k| leaf[k][lane] = p.photon.point[k]);
+            }
+            leaves.push(leaf);
+            let b = Bounds::around(some.iter().map(|p| p.photon.point));
+            boxes.push(Bounds { min: b.min - radius, max: b.max + radius });
         }
-        for k in (1..leaves).rev() {
-            boxes[k] = boxes[2 * k].union(boxes[2 * k + 1]);
+        let mut levels = Vec::new();
+        while !boxes.is_empty() {
+            levels.push(boxes.chunks(WIDE).map(Node::of).collect());
+            if boxes.len() <= WIDE {
+                break;
+            }
+            boxes = boxes.chunks(WIDE).map(|some| some.iter().fold(Bounds::EMPTY, |all, b| all.union(*b))).collect();
         }
-        VolumeMap { photons, boxes, radius }
+        VolumeMap { photons, leaves, levels, radius }
     }
 
     /// Radius within which photons are gathered, m.
@@ -58,7 +80,7 @@ impl<'a> VolumeMap<'a> {
         self.radius
     }
 
-    /// Where the photons are.
+    /// All of them.
     pub fn photons(&self) -> &[VolumePhoton<'a>] {
         &self.photons
     }
@@ -66,48 +88,78 @@ impl<'a> VolumeMap<'a> {
     /// Visits the photons within the radius of a part of a ray (m), with the distance along the ray and the square of that from it.
     #[inline]
     pub fn along(&self, ray: &Ray, [near, far]: [f32; 2], mut visit: impl FnMut(&VolumePhoton<'a>, f32, f32)) {
-        if self.photons.is_empty() {
+        if self.levels.is_empty() {
             return;
         }
-        let leaves = self.boxes.len() / 2;
-        let inverse = ray.direction.recip();
+        let (origin, direction) = (ray.origin.to_array(), ray.direction.to_array());
+        // Finite, so that there are no products of 0 and infinity.
+        let inverse = direction.map(|d| if d.abs() > 1e-18 { 1.0 / d } else { 1e18f32.copysign(d) });
         let r2 = self.radius * self.radius;
-        // Nodes that wait: one of each level.
-        let mut waiting = [0u32; 32];
-        let (mut count, mut node) = (0, 1);
-        loop {
-            if meets(&self.boxes[node], ray.origin, inverse, near, far) {
-                if node < leaves {
-                    waiting[count] = 2 * node as u32 + 1;
-                    count += 1;
-                    node *= 2;
+        // Nodes that wait, by level and number: at most seven of each level, and there are eleven levels of 2³² photons.
+        let mut waiting = [(0u32, 0u32); 80];
+        waiting[0] = (self.levels.len() as u32 - 1, 0);
+        let mut count = 1;
+        while count > 0 {
+            count -= 1;
+            let (level, number) = waiting[count];
+            let mut met = self.levels[level as usize][number as usize].met(origin, inverse, near, far);
+            while met != 0 {
+                let child = number as usize * WIDE + met.trailing_zeros() as usize;
+                met &= met - 1;
+                if level > 0 {
+                    if child < self.levels[level as usize - 1].len() {
+                        waiting[count] = (level - 1, child as u32);
+                        count += 1;
+                    }
                     continue;
                 }
-                let from = (node - leaves) * LEAF;
-                for p in &self.photons[from.min(self.photons.len())..(from + LEAF).min(self.photons.len())] {
-                    let offset = p.photon.point - ray.origin;
-                    let t = offset.dot(ray.direction);
-                    let d2 = (offset - ray.direction * t).length_squared();
-                    if d2 < r2 && t >= near && t < far {
-                        visit(p, t, d2);
-                    }
+                let Some(leaf) = self.leaves.get(child) else { continue };
+                let (mut t, mut d2) = ([0.0; WIDE], [0.0; WIDE]);
+                let mut within = 0u32;
+                for lane in 0..WIDE {
+                    let offset = [0, 1, 2].map(|k| leaf[k][lane] - origin[k]);
+                    t[lane] = offset[0] * direction[0] + offset[1] * direction[1] + offset[2] * direction[2];
+                    let [x, y, z] = [0, 1, 2].map(|k| offset[k] - direction[k] * t[lane]);
+                    d2[lane] = x * x + y * y + z * z;
+                    within |= u32::from((d2[lane] < r2) & (t[lane] >= near) & (t[lane] < far)) << lane;
+                }
+                while within != 0 {
+                    let lane = within.trailing_zeros() as usize;
+                    within &= within - 1;
+                    visit(&self.photons[child * WIDE + lane], t[lane], d2[lane]);
                 }
             }
-            if count == 0 {
-                return;
-            }
-            count -= 1;
-            node = waiting[count] as usize;
         }
     }
 }
 
-/// Whether a part of a ray comes through a box. Along an axis that the ray does not go along, infinities and what is no number leave the others to decide.
-#[inline]
-fn meets(b: &Bounds, origin: Vec3, inverse: Vec3, near: f32, far: f32) -> bool {
-    let (a, c) = ((b.min - origin) * inverse, (b.max - origin) * inverse);
-    let (first, last) = (a.min(c), a.max(c));
-    first.max_element().max(near) <= last.min_element().min(far)
+impl Node {
+    fn of(boxes: &[Bounds]) -> Node {
+        // Without a child: a point beyond everything.
+        let mut node = Node { min: [[f32::MAX; WIDE]; 3], max: [[f32::MAX; WIDE]; 3] };
+        for (lane, b) in boxes.iter().enumerate() {
+            for k in 0..3 {
+                (node.min[k][lane], node.max[k][lane]) = (b.min[k], b.max[k]);
+            }
+        }
+        node
+    }
+
+    /// Which boxes a part of a ray comes through, a bit each.
+    #[inline]
+    fn met(&self, origin: [f32; 3], inverse: [f32; 3], near: f32, far: f32) -> u32 {
+        let (mut first, mut last) = ([near; WIDE], [far; WIDE]);
+        for k in 0..3 {
+            for lane in 0..WIDE {
+                let a = (self.min[k][lane] - origin[k]) * inverse[k];
+                let b = (self.max[k][lane] - origin[k]) * inverse[k];
+                let (low, high) = if a < b { (a, b) } else { (b, a) };
+                first[lane] = if low > first[lane] { low } else { first[lane] };
+                last[lane] = if high < last[lane] { high } else { last[lane] };
+            }
+        }
+        (0..WIDE).fold(0, |met, lane| met | u32::from(first[lane] <= last[lane]) << lane)
+    }
 }
 
 /// Place on Morton's curve of a point between 0 and 2^[`ORDER_BITS`] − 1.
