@@ -236,7 +236,7 @@ fn a_mirrored_beam_is_seen_in_fog() {
         let phase = (1.0 - g * g) / (4.0 * std::f64::consts::PI * (1.0 + g * g).powf(1.5));
         let way = ((-extinction).exp() - (-3.0 * extinction).exp()) / extinction;
         for map in [caustics.map(20, 0), caustics.map(20, 1)] {
-            assert!(map.is_empty() == (map.in_media() == 0) && map.len() == 0 && map.in_media() > 1000);
+            assert!(map.on_surfaces() == 0 && map.in_media() > 1000);
             for i in 0..n {
                 let u = [0.754_877_67, 0.569_840_3].map(|step| (0.5 + f64::from(i) * step).fract() as f32);
                 // Along x, within the beam and away from its sides.
@@ -267,7 +267,7 @@ fn photons_in_media_and_paths_together_see_what_paths_alone_see() {
         scene.fill_air(Some(fog(scattering, absorption, asymmetry, corners)));
         let caustics = Caustics::new(&scene, settings(1 << 16, 12)).unwrap();
         let maps = maps(&caustics, 30..33);
-        assert!(maps[0].in_media() > 1000 && maps[0].len() > 1000);
+        assert!(maps[0].in_media() > 1000 && maps[0].on_surfaces() > 1000);
         // Across the cone of light below the ball, and a floor far away behind it.
         let at = |[y, z]: [f32; 2]| Vec3::new(-2.5, 0.02 + 0.5 * y, 0.8 * (z - 0.5));
         let n = 60_000;
@@ -356,7 +356,7 @@ fn photons_are_the_same_for_any_number_of_threads() {
         pool.install(|| {
             let caustics = Caustics::new(&scene, settings(20_000, 12)).unwrap();
             let maps = [caustics.map(2, 0), caustics.map(2, 1)];
-            let counts = [maps[0].len(), maps[1].len()];
+            let counts = [maps[0].on_surfaces(), maps[1].on_surfaces()];
             let light = maps.each_ref().map(|m| {
                 let at = |[x, z]: [f32; 2]| Vec3::new(x - 0.5, 0.2, z - 0.5);
                 mean(&scene, std::slice::from_ref(m), at, 500, 12).0.to_bits()

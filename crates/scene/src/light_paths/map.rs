@@ -48,7 +48,7 @@ impl<'a> PhotonMap<'a> {
     }
 
     /// How many photons have landed on surfaces.
-    pub fn len(&self) -> usize {
+    pub fn on_surfaces(&self) -> usize {
         self.grid.photons.len()
     }
 
