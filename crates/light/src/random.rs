@@ -52,6 +52,8 @@ pub enum Set {
     Transmittance(u32),
     /// Choice of light vertices to connect with from the given vertex ([`Sampler::stream`]).
     Connection(u32),
+    /// A direction near a light from the given vertex, and where on its way that light is scattered ([`Sampler::stream`]).
+    Joint(u32),
 }
 
 impl Set {
@@ -68,6 +70,7 @@ impl Set {
             Set::Tracking(segment) => (8 << 24) + segment,
             Set::Transmittance(vertex) => (7 << 24) + vertex,
             Set::Connection(vertex) => (9 << 24) + vertex,
+            Set::Joint(vertex) => (10 << 24) + vertex,
         }
     }
 }

@@ -96,8 +96,9 @@ impl Default for Medium {
 }
 
 impl Medium {
-    /// Whether photons are left in it behind what throws caustics, for rays to gather: in homogeneous media that lights are sampled from.
-    pub(crate) fn gathers_photons(&self) -> bool {
+    /// Whether it scatters, the same everywhere, and lights are sampled from within: photons are left in such media behind what throws caustics, and light is
+    /// sought near lamps in them.
+    pub(crate) fn scatters_homogeneously(&self) -> bool {
         self.volume.is_none() && !self.is_subsurface && !self.scattering.is_none()
     }
 

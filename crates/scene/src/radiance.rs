@@ -9,6 +9,7 @@
 
 mod cone;
 mod incident;
+mod joint;
 mod media;
 mod tally;
 
@@ -19,6 +20,7 @@ use crate::light::{LightRef, LightSample, Shown};
 use crate::light_paths::connect::{CameraState, CameraVertex};
 use crate::light_paths::{LightPaths, LightVertices, PhotonMap, Tail};
 use crate::material::{Material, Scattering};
+use crate::medium::Medium;
 use crate::medium_stack::MediumStack;
 use crate::scene::Scene;
 use crate::shape::Surface;
@@ -26,6 +28,7 @@ use cone::Cone;
 use diopter_light::random::{Sampler, SamplerKind, Set, Stream, mix};
 use diopter_light::{Ray, Sampled, Wavelengths};
 use glam::Vec3;
+use joint::{Start, Vertex};
 use media::{After, MediumSegment, ScatteredOn};
 pub(crate) use tally::DIRECT_EVENTS;
 use tally::{Apart, Tally};
@@ -188,7 +191,7 @@ impl Scene {
                 // Where the path was scattered before, one in some segments stands for all.
                 let one_in = if last.is_some() { SEGMENTS_A_GATHERING } else { 1.0 };
                 if let Some(photons) = photons
-                    && medium.gathers_photons()
+                    && medium.scatters_homogeneously()
                     && vertex - walked < settings.max_depth
                     && (one_in == 1.0 || sampler.get(Set::Medium(segment_index))[3] * one_in < 1.0)
                 {
@@ -212,6 +215,7 @@ impl Scene {
                     depth: vertex - walked,
                     segment_index,
                     flash,
+                    start: last.and_then(|l| l.start(medium)),
                 };
                 match segment.take(&mut throughput, eta_scale, &mut radiance) {
                     After::Through => camera_state.bar(),
@@ -355,6 +359,38 @@ impl Scene {
                 }
             }
 
+            // Light of lamps that the medium about the surface scatters near them.
+            let joint = match medium_stack.span(&ray, surface.t) {
+                Some((medium, span)) if medium.scatters_homogeneously() && !bsdf.is_specular() && !bsdf.is_fiber() => {
+                    let segment = MediumSegment {
+                        scene: self,
+                        medium,
+                        span,
+                        ray: &ray,
+                        medium_stack: &medium_stack,
+                        wavelengths,
+                        sampler,
+                        settings,
+                        vertex,
+                        depth: vertex - walked,
+                        segment_index,
+                        flash,
+                        start: None,
+                    };
+                    let leave = |direction: Vec3| {
+                        let through = direction.dot(ng) < 0.0;
+                        let mut beyond = medium_stack;
+                        if through {
+                            beyond.cross(material, entering);
+                        }
+                        (surface.leave(if through { -ng } else { ng }, direction), beyond)
+                    };
+                    let here = Vertex { segment: &segment, point: surface.point, depth: vertex - walked };
+                    here.joint(throughput, |direction| bsdf.eval(direction), leave, &mut radiance).then_some(medium)
+                }
+                _ => None,
+            };
+
             // Go on in a direction light may have come from.
             let u = sampler.get(Set::Scatter(vertex));
             let Some(scatter) = bsdf.sample(u) else { return radiance };
@@ -370,7 +406,13 @@ impl Scene {
                     if bsdf.is_fiber() {
                         scattered_on = None;
                     }
-                    Some(PrevScatter { point: surface.point, normal: bsdf.light_normal(), density: scatter.pdf, gone: 0.0 })
+                    Some(PrevScatter {
+                        point: surface.point,
+                        normal: bsdf.light_normal(),
+                        density: scatter.pdf,
+                        gone: 0.0,
+                        joint,
+                    })
                 }
                 // Light samples go through thin dielectrics, too.
                 true if scatter.transmitted && bsdf.straight_through().is_some() => {
@@ -556,7 +598,7 @@ pub(crate) const MOST_FACES: u32 = 4096;
 
 /// The last place from which lights could have been sampled.
 #[derive(Clone, Copy)]
-struct PrevScatter {
+struct PrevScatter<'a> {
     point: Vec3,
     /// Normal there; 0 in a medium and of fibres.
     normal: Vec3,
@@ -564,6 +606,16 @@ struct PrevScatter {
     density: f32,
     /// Distance from there to the start of the ray, m.
     gone: f32,
+    /// The medium in which lights were sought by joint samples from there ([`joint`]).
+    joint: Option<&'a Medium>,
+}
+
+impl PrevScatter<'_> {
+    /// Where a segment in a medium begins, if it begins here and lights were sought.
+    fn start(&self, medium: &Medium) -> Option<Start> {
+        let sought = self.gone == 0.0 && self.joint.is_some_and(|m| std::ptr::eq(m, medium));
+        sought.then_some(Start { point: self.point, density: self.density })
+    }
 }
 
 /// Numbers for the media on the way of light from a point that no sampler belongs to: by a hash of where the ray runs, as whether a surface with holes is

@@ -10,7 +10,8 @@ use diopter_scene::material::{Interior, Material, Scattering};
 use diopter_scene::medium::{Cloud, Coefficient, Field, Glow, Grid, Medium, Scalars, Volume, VolumePlace};
 use diopter_scene::motion::Parts;
 use diopter_scene::shape::{Quad, Sphere};
-use diopter_scene::{Description, Object, Scene, Shape};
+use diopter_scene::texture::Color;
+use diopter_scene::{Description, Object, PathSettings, Scene, Shape};
 use glam::{Affine3A, Quat, Vec3};
 use std::sync::Arc;
 
@@ -87,6 +88,41 @@ fn a_grid_of_ones_is_the_medium_itself() {
     for k in 0..4 {
         let (off, noise) = ((even.0[k] - loose.0[k]).abs(), even.1[k].hypot(loose.1[k]));
         assert!(off < 3.0 * noise, "{} nm: {} {} ± {noise}", NM[k], even.0[k], loose.0[k]);
+    }
+}
+
+#[test]
+fn a_lamp_in_fog_over_a_ground_shines_as_in_a_grid_of_ones() {
+    // A small lamp within the ball, with and without extent, and a ground that it and the fog light: where directions are drawn about the lamp, and in the grid not.
+    let fog = || Medium { scattering: Coefficient::Scaled(1.2, colored()), asymmetry: 0.3, ..smoke() };
+    let place = Vec3::new(0.3, 0.1, 0.0);
+    for with_extent in [true, false] {
+        let lit = |medium: Medium| {
+            let mut d = ball(medium);
+            let ground = Quad { corner: Vec3::new(-0.5, -0.4, -0.5), edges: [Vec3::Z, Vec3::X] };
+            d.materials.push(Material::new("ground", Scattering::Diffuse(Color::rgb(0.7, 0.5, 0.3))));
+            d.objects.push(Object::new("ground", Shape::Quad(ground), 1));
+            if with_extent {
+                d.materials.push(Material::lamp("lamp", Spectrum::light_from_rgb(Vec3::splat(100.0))));
+                d.objects.push(Object::new("lamp", Shape::Sphere(Sphere { center: place, radius: 0.08 }), 2));
+            } else {
+                let lamp = PunctualKind::Point { position: place };
+                d.punctual = vec![Punctual::new("lamp", Spectrum::light_from_rgb(Vec3::ONE), lamp)];
+            }
+            Scene::build(d).unwrap()
+        };
+        // Twice scattered light at least: what is scattered once is in both, by strategies tested elsewhere.
+        let settings = PathSettings { max_depth: 6, roulette_depth: 6 };
+        for towards in [Vec3::new(-0.12, -0.1, -1.0), Vec3::new(0.02, -0.19, -1.0)] {
+            let from = Vec3::new(0.0, 0.2, 3.0);
+            let homogeneous = mean(&lit(fog()), from, towards, 60_000, &settings);
+            let grid = mean(&lit(with(fog(), volume(4, |_| 1.0, None))), from, towards, 600_000, &settings);
+            for k in 0..4 {
+                let (off, noise) = ((homogeneous.0[k] - grid.0[k]).abs(), homogeneous.1[k].hypot(grid.1[k]));
+                let what = format!("extent {with_extent} {towards} {} nm: {} {} ± {noise}", NM[k], homogeneous.0[k], grid.0[k]);
+                assert!(off < 3.5 * noise && noise < 0.04 * grid.0[k], "{what}");
+            }
+        }
     }
 }
 

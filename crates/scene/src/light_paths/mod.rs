@@ -275,7 +275,7 @@ impl Tail {
     /// The path was scattered in a medium.
     #[inline]
     pub fn scatter_in(&mut self, medium: &Medium) {
-        *self = Tail { scattered: medium.gathers_photons().then_some(Sampled::ZERO), is_bent: false };
+        *self = Tail { scattered: medium.scatters_homogeneously().then_some(Sampled::ZERO), is_bent: false };
     }
 
     /// The path went on by a specular event that is no straight passage through a thin sheet.

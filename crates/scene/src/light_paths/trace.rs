@@ -170,7 +170,7 @@ fn unpacked(p: [i16; 2]) -> Vec3 {
 pub(super) struct Traced<'a> {
     /// On surfaces.
     pub landed: Vec<Photon>,
-    /// In media that gather photons ([`Medium::gathers_photons`]): one on each segment.
+    /// In media that gather photons ([`Medium::scatters_homogeneously`]): one on each segment.
     pub in_media: Vec<VolumePhoton<'a>>,
 }
 
@@ -193,7 +193,7 @@ pub(super) fn trace<'a>(
         let surface = scene.intersect(&ray, f32::INFINITY);
         let reach = surface.as_ref().map_or(f32::INFINITY, |s| s.t);
         if let Some((medium, span)) = medium_stack.span(&ray, reach) {
-            if is_caustic && medium.gathers_photons() && events < max_depth {
+            if is_caustic && medium.scatters_homogeneously() && events < max_depth {
                 let u = sampler.get(Set::Medium(events))[0];
                 if let Some((distance, relative)) = on_segment(medium, span, power, wavelengths, u) {
                     let from = packed(-ray.direction);

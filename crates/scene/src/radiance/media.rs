@@ -7,12 +7,16 @@
 //! * equi-angular: a light for the whole segment, the distance as that light sees it ([`crate::light::segment`]; C. Kulla, M. Fajardo 2012), from there a
 //!   point on the light. Near a lamp 1/r² stands in its density, so that lamps in fog leave no single bright samples.
 //!
-//! Densities are compared per metre of the segment and per solid angle at the place of scattering. All strategies draw a point of a light by the same
+//! * joint ([`super::joint`]), where the segment begins at another scattering event: its direction is drawn about a light, too, the distance as that light sees it
+//!   (I. Georgiev et al. 2013).
+//!
+//! Densities are compared per metre of the segment and per solid angle at the place of scattering and where the segment begins. All strategies draw a point of a light by the same
 //! density, which therefore cancels between the first and the last. Lights at infinity are left to the first two.
 //!
 //! In media that differ from place to place the distance is found by tracking ([`crate::medium::tracking`]), whose density nobody knows: there the
 //! first two strategies do without the third.
 
+use super::joint::{Start, Vertex};
 use super::tally::Tally;
 use super::{MOST_SURVIVAL, Past, PathSettings, PrevScatter, mis, survives};
 use crate::light::LightRef;
@@ -39,13 +43,13 @@ const WIDE: f32 = 0.5;
 const RAREST: f32 = 0.05;
 
 /// A segment of a path in a medium, ready to be taken.
-pub(super) struct MediumSegment<'a> {
+pub(super) struct MediumSegment<'a, 's> {
     pub scene: &'a Scene,
-    pub medium: &'a Medium,
+    pub medium: &'s Medium,
     /// The part of the ray in the medium, m.
     pub span: [f32; 2],
     pub ray: &'a Ray,
-    pub medium_stack: &'a MediumStack<'a>,
+    pub medium_stack: &'a MediumStack<'s>,
     pub wavelengths: &'a Wavelengths,
     pub sampler: &'a Sampler,
     pub settings: &'a PathSettings,
@@ -57,10 +61,12 @@ pub(super) struct MediumSegment<'a> {
     pub segment_index: u32,
     /// Whether a flash is burning.
     pub flash: bool,
+    /// Where it begins, if lights were sought about directions from there.
+    pub start: Option<Start>,
 }
 
 /// How a path goes on behind a segment in a medium.
-pub(super) enum After {
+pub(super) enum After<'a> {
     /// It reaches the end of the segment.
     Through,
     /// It goes on elsewhere.
@@ -68,7 +74,7 @@ pub(super) enum After {
         /// The ray that it goes on with.
         ray: Ray,
         /// The vertex, where lights were sampled from there.
-        last: Option<PrevScatter>,
+        last: Option<PrevScatter<'a>>,
         /// The segment on which the vertex lies.
         on: ScatteredOn,
     },
@@ -81,6 +87,9 @@ pub(super) enum After {
 struct Inscatter {
     segment: Segment,
     asymmetry: f32,
+    /// Mean extinction, 1/m.
+    extinction: f32,
+    start: Option<Start>,
     /// Whether a sample is taken whatever the light sees of the segment.
     always: bool,
     time_s: f32,
@@ -115,20 +124,30 @@ impl Inscatter {
         (light.angle(s, s.near + USUAL_DEPTH / s.extinction) / WIDE).clamp(RAREST, 1.0)
     }
 
-    /// Density of a distance along the ray by equi-angular samples of a light, the choice of the light included, 1/m.
+    /// Density of a distance along the ray by equi-angular samples of a light, the choice of the light included, 1/m; joined by the power heuristic with
+    /// that of joint samples.
     fn density(&self, scene: &Scene, light: LightRef, distance: f32) -> f32 {
         let Some(pivot) = scene.pivot(light, self.time_s) else { return 0.0 };
         let Some(distances) = EquiAngular::new(&self.segment, &pivot, self.asymmetry) else { return 0.0 };
         match distances.density(distance) {
             0.0 => 0.0,
-            density => scene.lights().probability_along(&self.segment, light, self.flash) * self.fraction(&pivot) * density,
+            density => {
+                let equiangular = scene.lights().probability_along(&self.segment, light, self.flash) * self.fraction(&pivot);
+                density * equiangular.hypot(self.joint(scene, light, &pivot))
+            }
         }
+    }
+
+    /// Density of the segment's direction by joint samples of a light over that with which it was drawn.
+    fn joint(&self, scene: &Scene, light: LightRef, pivot: &Pivot) -> f32 {
+        let Some(start) = &self.start else { return 0.0 };
+        start.joint(scene, light, pivot, self.segment.direction, self.extinction, self.flash) / start.density
     }
 }
 
-impl MediumSegment<'_> {
+impl<'s> MediumSegment<'_, 's> {
     /// Adds the light of the segment to `radiance`, and takes the path on.
-    pub fn take(&self, throughput: &mut Sampled, eta_scale: f32, radiance: &mut impl Tally) -> After {
+    pub fn take(&self, throughput: &mut Sampled, eta_scale: f32, radiance: &mut impl Tally) -> After<'s> {
         if let Some(volume) = &self.medium.volume {
             return self.track(volume, throughput, eta_scale, radiance);
         }
@@ -159,7 +178,7 @@ impl MediumSegment<'_> {
     }
 
     /// The same in a medium that differs from place to place.
-    fn track(&self, volume: &Volume, throughput: &mut Sampled, eta_scale: f32, radiance: &mut impl Tally) -> After {
+    fn track(&self, volume: &Volume, throughput: &mut Sampled, eta_scale: f32, radiance: &mut impl Tally) -> After<'s> {
         let moment_s = self.scene.moment_s(self.ray.time_s);
         let track = Track::new(self.medium, volume, self.ray, self.span, self.wavelengths, moment_s);
         let mut stream = self.sampler.stream(Set::Tracking(self.segment_index));
@@ -177,7 +196,7 @@ impl MediumSegment<'_> {
     }
 
     /// Adds light that arrives where the path is scattered, and chooses where it goes on.
-    fn scatter(&self, on: ScatteredOn, throughput: &mut Sampled, eta_scale: f32, radiance: &mut impl Tally) -> After {
+    fn scatter(&self, on: ScatteredOn, throughput: &mut Sampled, eta_scale: f32, radiance: &mut impl Tally) -> After<'s> {
         if self.depth >= self.settings.max_depth || !(throughput.max_element() > 0.0) {
             return After::Ended;
         }
@@ -186,6 +205,15 @@ impl MediumSegment<'_> {
         if aims {
             self.add(radiance, self.lit(&on, point, *throughput));
         }
+        let joint = (aims && self.medium.scatters_homogeneously()).then(|| {
+            let phase = |direction: Vec3| {
+                let p = phase(self.ray.direction.dot(direction), self.medium.asymmetry);
+                (Sampled::splat(p), p)
+            };
+            let vertex = Vertex { segment: self, point, depth: self.depth };
+            vertex.joint(*throughput, phase, |_| (point, *self.medium_stack), radiance).then_some(self.medium)
+        });
+        let joint = joint.flatten();
         let u = self.sampler.get(Set::Scatter(self.vertex));
         let (direction, density) = scattered(self.ray.direction, self.medium.asymmetry, [u[0], u[1]]);
         // Walks within bodies end at the surface: no need to end those that bring as much as they began with.
@@ -193,7 +221,7 @@ impl MediumSegment<'_> {
         if !survives(throughput, eta_scale, self.vertex + 1, u[3], self.settings, most) {
             return After::Ended;
         }
-        let last = aims.then_some(PrevScatter { point, normal: Vec3::ZERO, density, gone: 0.0 });
+        let last = aims.then_some(PrevScatter { point, normal: Vec3::ZERO, density, gone: 0.0, joint });
         After::Scattered { ray: Ray { origin: point, direction, time_s: self.ray.time_s }, last, on }
     }
 
@@ -217,8 +245,9 @@ impl MediumSegment<'_> {
             return None;
         }
         let segment = Segment { origin: self.ray.origin, direction: self.ray.direction, near, far, extinction };
-        let (asymmetry, time_s, flash) = (self.medium.asymmetry, self.ray.time_s, self.flash);
-        Some(Inscatter { segment, asymmetry, always: self.vertex == 0, time_s, flash })
+        let (asymmetry, time_s, flash, start) = (self.medium.asymmetry, self.ray.time_s, self.flash, self.start);
+        let (always, extinction) = (self.vertex == 0, 0.25 * sigma.extinction.element_sum());
+        Some(Inscatter { segment, asymmetry, extinction, start, always, time_s, flash })
     }
 
     /// Light of a lamp that is scattered into the ray, by an equi-angular sample; `None` where there is none. `u` decides whether it is taken.
@@ -234,17 +263,49 @@ impl MediumSegment<'_> {
         let distances = EquiAngular::new(segment, &pivot, inscatter.asymmetry)?;
         let distance = distances.sample(along);
         let density = chosen * fraction * distances.density(distance);
+        let joint = inscatter.joint(scene, light, &pivot) * distances.density(distance);
+        self.scattered_in(inscatter, sigma, throughput, light, distance, [density, joint], place)
+    }
+
+    /// Light of a lamp that is scattered into the ray, whose direction was drawn about the lamp; `None` where there is none. `density`: of the direction by the
+    /// path, 1/sr, which is not in `throughput`.
+    pub(super) fn jointly(&self, light: LightRef, throughput: Sampled, u: [f32; 3]) -> Option<Past> {
+        let sigma = self.medium.at(self.wavelengths);
+        let inscatter = self.inscatter(&sigma, throughput)?;
+        let pivot = self.scene.pivot(light, self.ray.time_s)?;
+        let distances = EquiAngular::new(&inscatter.segment, &pivot, inscatter.asymmetry)?;
+        let distance = distances.sample(u[0]);
+        let along = distances.density(distance);
+        let equiangular =
+            self.scene.lights().probability_along(&inscatter.segment, light, self.flash) * inscatter.fraction(&pivot) * along;
+        let joint = inscatter.joint(self.scene, light, &pivot) * along;
+        self.scattered_in(&inscatter, &sigma, throughput, light, distance, [joint, equiangular], [u[1], u[2]])
+    }
+
+    /// What a lamp sends to a distance of the segment and into the ray, weighted; densities: of the strategy that drew it, of the other one that looks from the lamp.
+    #[allow(clippy::too_many_arguments)]
+    fn scattered_in(
+        &self,
+        inscatter: &Inscatter,
+        sigma: &Sigma,
+        throughput: Sampled,
+        light: LightRef,
+        distance: f32,
+        [density, other]: [f32; 2],
+        place: [f32; 2],
+    ) -> Option<Past> {
+        let (scene, near) = (self.scene, inscatter.segment.near);
         let point = self.ray.at(distance);
         let light_sample = scene.sample_li(light, point, place, self.ray.time_s)?;
-        if !(density > 0.0) {
+        if !(density > 0.0 && density.is_finite()) {
             return None;
         }
         let phase = phase(self.ray.direction.dot(light_sample.wi), inscatter.asymmetry);
-        let by_extinction = sigma.density(distance - segment.near, throughput);
+        let by_extinction = sigma.density(distance - near, throughput);
         let by_light = by_extinction * scene.lights().finite_probability(point, light, self.flash);
         let by_phase = if light_sample.has_extent { by_extinction * phase / light_sample.pdf } else { 0.0 };
-        let weight = mis(density, by_light.hypot(by_phase));
-        let left = throughput * sigma.scattering * sigma.transmittance(distance - segment.near);
+        let weight = mis(density, by_light.hypot(by_phase).hypot(other));
+        let left = throughput * sigma.scattering * sigma.transmittance(distance - near);
         let light = scene.incident_radiance(&light_sample, self.wavelengths, self.ray.time_s);
         Some(self.transmitted_from_light(point, left * light * (phase * weight / (density * light_sample.pdf)), &light_sample))
     }
