@@ -116,6 +116,12 @@ fn what_makes_no_sheet_is_said() {
         let (code, message) = f.fails(&[&SHOT[..], rest].concat());
         assert!(code == 2 && message.contains(said), "{rest:?}: {code} {message}");
     }
+    // The second picture cannot be taken: said before the first is, with its place.
+    let (code, message) = f.fails(&[&SHOT[..], &["--vary", "lens=thin,no-such-lens", "--sheet", "a.png"]].concat());
+    assert!(
+        message.contains("picture 2 of 2") && message.contains("no-such-lens") && !message.contains("1 of 2:"),
+        "{code} {message}"
+    );
 }
 
 #[test]

@@ -29,6 +29,32 @@ fn a_raw_file_is_explained_with_its_shot_file_beside_it() {
     assert!(code == 2 && message.contains("b.toml") && message.contains("--save-shot"), "{code} {message}");
     let (code, message) = f.fails(&["why", "b.dng", "--shot", "a.toml"]);
     assert!(code == 2 && message.contains("another picture"), "{code} {message}");
+    // The same numbers, through another lens or of another body.
+    let same = [
+        "shoot",
+        "flat-field",
+        "--size",
+        "48x32",
+        "--spp",
+        "1",
+        "--mode",
+        "M",
+        "--shutter",
+        "1/60",
+        "--iso",
+        "200",
+        "--aperture",
+        "f/4",
+    ];
+    f.ok(&[&same[..], &["--lens", "double-gauss-50mm", "-o", "d.dng", "--save-shot", "d.toml"]].concat());
+    f.ok(&["why", "d.dng"]);
+    for (lens, body, what) in
+        [("planar-50mm-f1.4", "canon-5d-mark-iv", "through lens"), ("double-gauss-50mm", "canon-5d-mark-ii", "of camera")]
+    {
+        f.ok(&[&same[..], &["--lens", lens, "--body", body, "-o", "c.dng"]].concat());
+        let (code, message) = f.fails(&["why", "c.dng", "--shot", "d.toml"]);
+        assert!(code == 2 && message.contains(what) && message.contains("another picture"), "{code} {message}");
+    }
     for args in [&["why", "a.toml", "--at", "1.5,0"][..], &["why", "a.jpg"], &["why", "a.toml", "-o", "a.txt"]] {
         let (code, message) = f.fails(args);
         assert!(code == 2 && message.contains("expected"), "{args:?}: {code} {message}");

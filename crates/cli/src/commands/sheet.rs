@@ -9,7 +9,7 @@ use crate::contact_sheet::{self, Below, Cell, ContactSheet, Kind};
 use crate::memory;
 use crate::output::{self, Output};
 use crate::watch::{self, say, warn, watched};
-use anyhow::anyhow;
+use anyhow::{Context, anyhow};
 use diopter::develop::Developer;
 use diopter::image::{ExposureFacts, FocalPlane, Picture, PictureSource, RawImage};
 use diopter::metering::ev100_of_setting;
@@ -67,6 +67,10 @@ fn make(
     let (mut painted, mut told) = (Vec::new(), Vec::new());
     let count = cells.cells.len();
     let below = Below { crop: file.crop, histogram: file.histogram };
+    // What cannot be taken is said before anything is exposed.
+    for (k, cell) in cells.cells.iter().enumerate() {
+        shared.check(&cell.shot).with_context(|| format!("picture {} of {count}, {}", k + 1, cell.label))?;
+    }
     for (k, cell) in cells.cells.iter().enumerate() {
         let mut quiet = |_: &str| ();
         let odd: &mut dyn FnMut(&str) = if k == 0 { &mut warn } else { &mut quiet };
@@ -111,6 +115,19 @@ struct Shared {
 }
 
 impl Shared {
+    /// Fails where a picture cannot be taken: its settings, lens, body and scene.
+    fn check(&mut self, file: &ShotFile) -> anyhow::Result<()> {
+        let mut single = file.clone();
+        if Sequence::new(&mut single)?.count() > 1 {
+            let wrong = anyhow!("the shot asks for a sequence: expected single pictures on a sheet; a varied --at shows moments");
+            return Err(AskedWrongly(wrong).into());
+        }
+        file.develop.check().map_err(ShotError::from)?;
+        diopter::recipe_file::lut(&file.develop)?;
+        Shot::prepare_cached(&single, Inputs::default(), &mut self.scenes, &mut |_| ())?;
+        Ok(())
+    }
+
     /// The developed picture, the same reduced to `cell` px where it is larger, and how it was taken. `warn` gets what was found odd.
     fn picture(
         &mut self,
@@ -152,10 +169,7 @@ impl Shared {
     /// Exposes, unless that was done already, and reads out.
     fn take(&mut self, file: &ShotFile, warn: &mut dyn FnMut(&str)) -> anyhow::Result<(Shot, RawImage)> {
         let mut file = file.clone();
-        if Sequence::new(&mut file)?.count() > 1 {
-            let wrong = anyhow!("the shot asks for a sequence: expected single pictures on a sheet; a varied --at shows moments");
-            return Err(AskedWrongly(wrong).into());
-        }
+        Sequence::new(&mut file)?;
         let mut shot = Shot::prepare_cached(&file, Inputs::default(), &mut self.scenes, warn)?;
         shot.denoise_pictures(false, warn)?;
         // Pictures: as `shoot` does where no file is an exposure.

@@ -123,6 +123,17 @@ fn agree(path: &Path, raw: &RawImage, shot: &Shot) -> anyhow::Result<()> {
     if size != [film.columns, film.rows] {
         return differ("pixels", format!("{} × {}", size[0], size[1]), format!("{} × {}", film.columns, film.rows));
     }
+    // Letters of which all files are certain.
+    let plain = |s: &str| s.chars().filter(char::is_ascii_alphanumeric).collect::<String>();
+    let names = [
+        ("of camera", file.model.trim_end_matches(" (simulated)"), shot.sensor.model.as_str()),
+        ("through lens", file.lens.as_str(), ours.lens.as_str()),
+    ];
+    for (what, found, expected) in names {
+        if !found.is_empty() && plain(found) != plain(expected) {
+            return differ(what, format!("\"{found}\""), format!("\"{expected}\""));
+        }
+    }
     let numbers = [
         ("f-number", file.f_number, ours.f_number),
         ("exposure time", file.exposure_s, ours.exposure_s),

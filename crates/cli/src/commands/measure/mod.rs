@@ -139,7 +139,8 @@ fn resolution(asked: &MeasureMtf, json: bool) -> anyhow::Result<()> {
             if let Some(flag) = taken.iter().position(|given| *given) {
                 let flag = ["--aperture", "--focal-length", "--size", "--spp"][flag];
                 let what = anyhow!(
-                    "{flag} {}: this is a picture, whose facts say how it was taken; expected an embedded scene",
+                    "{flag} with {}: a file counts as a picture, whose facts say how it was taken; expected an embedded chart (slanted-edges), or no {flag}. \
+                     Other scenes: shoot them into a raw file first",
                     name_of(&asked.file)
                 );
                 return Err(AskedWrongly(what).into());
@@ -309,6 +310,11 @@ fn predicted(
     let pitch = diagonal / columns.hypot(rows);
     let film_mm = [columns * pitch, rows * pitch];
     let prescription = read_lens(lens)?;
+    for (what, said, compared) in [("camera", &facts.model, &sensor.model), ("lens", &facts.lens, &prescription.name)] {
+        if !said.is_empty() && !said.starts_with(compared.as_str()) {
+            say(&format!("note: {file} was taken with the {what} \"{said}\", and is compared with \"{compared}\""));
+        }
+    }
     let focal_length = (!prescription.zoom.is_empty()).then_some(facts.focal_length_mm);
     let focus = facts.focus_distance_m.map_or(Focus::Infinity, |m| Focus::at_mm(1000.0 * m));
     let prescription = Arc::new(prescription);
@@ -330,7 +336,14 @@ fn predicted(
 /// Measured beside predicted.
 fn chain_text(edges: &[EdgeMtf], predictions: &[Prediction]) -> anyhow::Result<String> {
     let mut t = String::new();
-    if let ([edge], [p]) = (edges, predictions) {
+    if let ([_, ..], [p, ..]) = (edges, predictions) {
+        // Of all edges, on average.
+        let mean = |of: &dyn Fn(&EdgeMtf, &Prediction) -> f64| {
+            edges.iter().zip(predictions).map(|(e, p)| of(e, p)).sum::<f64>() / edges.len() as f64
+        };
+        if edges.len() > 1 {
+            writeln!(t, "  on average over {} edges:", edges.len())?;
+        }
         writeln!(
             t,
             "  {:>12} {:>9} {:>9} {:>9} {:>9} {:>9} {:>9} {:>9} {:>9} {:>11}",
@@ -350,19 +363,22 @@ fn chain_text(edges: &[EdgeMtf], predictions: &[Prediction]) -> anyhow::Result<S
                 t,
                 "  {:>12.2} {:>9.4} {:>9.4} {:>9.4} {:>9.4} {:>9.4} {:>9.4} {:>9.4} {:>9.4} {:>+11.4}",
                 p.frequencies[k],
-                edge.mtf[k],
-                p.windowed[k],
-                p.lens[k],
-                p.aperture[k],
-                p.low_pass[k],
-                p.crosstalk[k],
-                if p.product[k] > 0.0 { p.windowed[k] / (p.product[k] * p.shading[k]) } else { 1.0 },
-                p.shading[k],
-                edge.mtf[k] - p.windowed[k]
+                mean(&|e, _| e.mtf[k]),
+                mean(&|_, p| p.windowed[k]),
+                mean(&|_, p| p.lens[k]),
+                mean(&|_, p| p.aperture[k]),
+                mean(&|_, p| p.low_pass[k]),
+                mean(&|_, p| p.crosstalk[k]),
+                mean(&|_, p| if p.product[k] > 0.0 { p.windowed[k] / (p.product[k] * p.shading[k]) } else { 1.0 }),
+                mean(&|_, p| p.shading[k]),
+                mean(&|e, p| e.mtf[k] - p.windowed[k])
             )?;
         }
     }
-    writeln!(t, "  measured less predicted, largest up to half a cycle a pixel:")?;
+    writeln!(
+        t,
+        "  measured less predicted, largest up to half a cycle a pixel (motion, demosaicing and sharpening are not predicted):"
+    )?;
     for (e, p) in edges.iter().zip(predictions) {
         let [difference, at] = p.largest_difference;
         let [x, y] = e.middle;
