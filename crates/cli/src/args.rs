@@ -514,9 +514,9 @@ pub enum MeasureVerb {
     /// Veiling glare index (ISO 9358, integral method): of a photograph with a black spot, and of a lens by its prescription.
     Glare(MeasureGlare),
     /// Relative illumination over the image height, from a flat field.
-    Vignetting(MeasureChart),
+    Vignetting(MeasureThroughLens),
     /// Distortion, from a grid of dots parallel to the film.
-    Distortion(MeasureChart),
+    Distortion(MeasureThroughLens),
     /// Read-out time and direction of a rolling shutter, from a picture of a flickering lamp's light or of moving bars.
     Rolling(MeasureRolling),
     /// Tone response, noise and dynamic range from a step wedge (OECF, ISO 14524 and 15739).
@@ -619,6 +619,16 @@ pub struct MeasureReport {
     /// Page to write (.html or .pdf), with everything in it.
     #[arg(short, long, value_name = "FILE")]
     pub output: PathBuf,
+}
+
+/// A picture of a chart, and the lens it was taken through.
+#[derive(clap::Args, Debug)]
+pub struct MeasureThroughLens {
+    #[command(flatten)]
+    pub chart: MeasureChart,
+    /// Compare with what this lens should give: a name of `lens list`, or a file. The picture must say how it was taken: a raw file or a focal plane.
+    #[arg(long, value_name = "NAME|FILE")]
+    pub lens: Option<String>,
 }
 
 /// A picture with the marks of a rolling shutter.

@@ -10,6 +10,51 @@ fn json(f: &Folder, args: &[&str]) -> Value {
 }
 
 #[test]
+fn fall_off_and_distortion_are_those_of_the_bench() {
+    let f = Folder::new("measure-bench");
+    let lens = ["--lens", "double-gauss-50mm", "--aperture", "f/4", "--size", "96x64"];
+    f.ok(&[&["shoot", "flat-field"], &lens[..], &["--spp", "256", "-o", "flat.dng"]].concat());
+    let found = json(&f, &["measure", "vignetting", "flat.dng", "--lens", "double-gauss-50mm", "-o", "flat.svg"]);
+    let bench = found["bench"].as_array().unwrap();
+    let fit = |h: f64| {
+        let a = found["vignetting"]["coefficients"].as_array().unwrap();
+        (1..=3).fold(1.0, |sum, k| sum + a[k - 1].as_f64().unwrap() * h.powi(2 * k as i32))
+    };
+    // Corners lose a third; noise and the fit leave 2 %.
+    assert!(bench.len() == 10 && bench[9]["illumination"].as_f64().unwrap() < 0.8, "{bench:?}");
+    for point in bench {
+        let (h, light) = (point["height"].as_f64().unwrap(), point["illumination"].as_f64().unwrap());
+        assert!((fit(h) - light).abs() < 0.03, "{h}: {} {light}", fit(h));
+    }
+    assert!(String::from_utf8(f.read("flat.svg")).unwrap().contains("bench"));
+    // Without a lens nothing stands beside it; through another one that is said.
+    assert_eq!(json(&f, &["measure", "vignetting", "flat.dng"])["bench"], serde_json::json!([]));
+    let other = f.ok(&["measure", "vignetting", "flat.dng", "--lens", "tessar-50mm-f2.8"]);
+    assert!(String::from_utf8_lossy(&other.stderr).contains("was taken with the lens"), "{other:?}");
+    let (code, message) = f.fails(&["measure", "vignetting", "flat.dng", "--lens", "no-such-lens"]);
+    assert!(code == 2 && message.contains("no-such-lens"), "{code} {message}");
+
+    f.ok(&[
+        &["shoot", "dot-grid", "--lens", "double-gauss-50mm", "--aperture", "f/8", "--size", "600x400"],
+        &["--spp", "16", "-o", "dots.dng"][..],
+    ]
+    .concat());
+    let found = json(&f, &["measure", "distortion", "dots.dng", "--lens", "double-gauss-50mm"]);
+    let (bench, curve) = (found["bench"].as_array().unwrap(), found["curve"].as_array().unwrap());
+    assert!(bench.len() > 5);
+    for point in bench {
+        let (h, expected) = (point["height"].as_f64().unwrap(), point["percent"].as_f64().unwrap());
+        let nearest = curve.iter().min_by(|a, b| {
+            let off = |v: &serde_json::Value| (v["height"].as_f64().unwrap() - h).abs();
+            off(a).total_cmp(&off(b))
+        });
+        let measured = nearest.unwrap()["percent"].as_f64().unwrap();
+        // Half a pixel of 360.
+        assert!((measured - expected).abs() < 0.1, "{h}: {measured} {expected}");
+    }
+}
+
+#[test]
 fn charts_are_photographed_and_measured() {
     let f = Folder::new("measure");
     f.ok(&["shoot", "slanted-edges", "--size", "600x400", "--spp", "8", "-o", "edges.dng"]);

@@ -132,26 +132,28 @@ fn stopped_down_edges_have_the_benchs_response_with_diffraction() {
 
 #[test]
 fn the_dots_of_a_photograph_have_the_distortion_of_the_bench() {
-    // A zoom at its short end, on the film that it is made for, stopped down so that coma moves nothing.
-    let film_mm = [22.3, 14.9];
-    let lens = lens("kit-zoom-18-55mm", Some(16.0), film_mm);
-    let sensor = Sensor::named("canon-t2i").unwrap();
-    let film = Film::new(film_mm[0], film_mm[1], 720, 480);
-    let picture = photograph("dot-grid", &lens, film, &sensor, 16);
-    let found = distortion::measure(&picture.plane(Channel::Green).unwrap()).unwrap();
-    let system = lens.system();
-    let n = system.indices(550.0);
-    let pupil = diopter::lens::paraxial::FirstOrder::of(system, &n).entrance_pupil_z;
-    let bench = diopter::lens::analysis::Bench { system, object_distance: Some(DISTANCE_MM - pupil) };
-    let half = 0.5 * f64::hypot(film_mm[0], film_mm[1]);
-    for height in [0.4, 0.6, 0.8] {
-        let expected = bench.field_point(bench.field_of_height(height * half), 550.0).unwrap().distortion_percent();
-        let measured = found.percent(height);
-        println!("{height}: {measured:+.3} % {expected:+.3} %");
-        // A tenth of a pixel of the 340 at 0.8 is 0.03 %; colours of the band lie up to some micrometres apart.
-        assert!((measured - expected).abs() < 0.15, "{height}: {measured} {expected}");
+    // Stopped down so that coma moves nothing: a zoom at its short end, on the film that it is made for; and a lens whose entrance pupil moves by a millimetre towards the
+    // corners, which counts for a chart as near as this.
+    for (name, film_mm) in [("kit-zoom-18-55mm", [22.3, 14.9]), ("double-gauss-50mm", [36.0, 24.0])] {
+        let lens = lens(name, Some(16.0), film_mm);
+        let sensor = Sensor::named("canon-t2i").unwrap();
+        let film = Film::new(film_mm[0], film_mm[1], 720, 480);
+        let picture = photograph("dot-grid", &lens, film, &sensor, 16);
+        let found = distortion::measure(&picture.plane(Channel::Green).unwrap()).unwrap();
+        let system = lens.system();
+        let n = system.indices(550.0);
+        let pupil = diopter::lens::paraxial::FirstOrder::of(system, &n).entrance_pupil_z;
+        let bench = diopter::lens::analysis::Bench { system, object_distance: Some(DISTANCE_MM - pupil) };
+        let half = 0.5 * f64::hypot(film_mm[0], film_mm[1]);
+        for height in [0.4, 0.6, 0.8] {
+            let expected = bench.field_point(bench.field_of_height(height * half), 550.0).unwrap().distortion_percent();
+            let measured = found.percent(height);
+            println!("{name} {height}: {measured:+.3} % {expected:+.3} %");
+            // A tenth of a pixel of the 340 at 0.8 is 0.03 %; colours of the band lie up to some micrometres apart.
+            assert!((measured - expected).abs() < 0.1, "{name} {height}: {measured} {expected}");
+        }
+        assert!(found.dots.len() > 300 && found.percent(0.8).abs() > 0.5, "{name} {} {}", found.dots.len(), found.percent(0.8));
     }
-    assert!(found.dots.len() > 300 && found.percent(0.8).abs() > 0.5, "{} {}", found.dots.len(), found.percent(0.8));
 }
 
 #[test]

@@ -170,10 +170,10 @@ fn of_lamp(plane: &Plane, hz: f64) -> Result<Rolling, MeasureError> {
             }
         }
     }
+    let expected = format!(
+        "an evenly lit field under a lamp that flickers, at least {FEWEST_BANDS} bands high or wide, exposed for less than its period (and not for a whole one)"
+    );
     let Some((columns, points, wave, _)) = found.filter(|f| f.3 > LEAST_EXPLAINED) else {
-        let expected = format!(
-            "an evenly lit field under a lamp that flickers, at least {FEWEST_BANDS} bands high or wide, exposed for less than its period (and not for a whole one)"
-        );
         return Err(MeasureError::unfit("picture", "no bands", expected));
     };
     let lines = lines_of(plane, columns)[0];
@@ -191,6 +191,11 @@ fn of_lamp(plane: &Plane, hz: f64) -> Result<Rolling, MeasureError> {
     let fitted: Vec<f64> = points.iter().map(|p| dot(&row(p.0, lines as f64, wave.frequency), &wave.all)).collect();
     let mean = points.iter().map(|p| p.1).sum::<f64>() / points.len() as f64;
     let amplitude = wave.all[FALL_OFF + 1].hypot(wave.all[FALL_OFF + 2]);
+    let relative = amplitude / mean.abs().max(1e-12);
+    if relative > 2.0 {
+        // Light is not negative: the first harmonic of the shortest flashes is twice their mean.
+        return Err(MeasureError::unfit("picture", format!("waves of ± {:.0} % of the mean", 100.0 * relative), expected));
+    }
     let line_time_s = wave.frequency / hz;
     // Error of a frequency from n points over a length L with noise σ on a wave of amplitude a: √(6/n) σ / (π L a) (Montgomery & O'Donoghue 1999).
     let n = points.len() as f64;
@@ -204,7 +209,7 @@ fn of_lamp(plane: &Plane, hz: f64) -> Result<Rolling, MeasureError> {
         readout_s: line_time_s * lines as f64,
         lines,
         period_lines: Some(1.0 / wave.frequency),
-        amplitude: Some(amplitude / mean.abs().max(1e-12)),
+        amplitude: Some(relative),
         lean_px: None,
         points,
         fitted,
@@ -390,6 +395,9 @@ mod tests {
         let told = |p: &Plane, sign| measure(p, sign).unwrap_err().to_string();
         let even = plane(64, 64, |x, y| 1.0 + 0.1 * noise(x, y));
         assert!(told(&even, Sign::Flicker(100.0)).contains("no bands"));
+        // More than any light, as around a black level that is not that of the picture.
+        let waves = plane(64, 64, |_, y| 0.3 + (0.4 * y as f64).cos());
+        assert!(told(&waves, Sign::Flicker(100.0)).contains("% of the mean"), "{}", told(&waves, Sign::Flicker(100.0)));
         assert!(told(&even, Sign::Motion([100.0, 0.0])).contains("no bar"));
         let upright = plane(64, 64, |x, y| if (28..36).contains(&x) { 1.0 } else { 0.01 * noise(x, y) });
         assert!(told(&upright, Sign::Motion([100.0, 0.0])).contains("no bar that leans"));

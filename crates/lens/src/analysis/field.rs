@@ -107,7 +107,8 @@ impl Bench<'_> {
                 // By the magnification of the paraxial conjugate.
                 let m = first.efl / (d + first.ffl);
                 let image_z = self.system.last_z() + first.bfl + first.efl * m * self.system.film_run();
-                m * mapped * (d + first.entrance_pupil_z) + slope * (self.system.film_z - image_z)
+                // The object lies where the chief ray comes from, which aims at the pupil as this field sees it.
+                m * mapped * (d + beam.pupil.z) + slope * (self.system.film_z - image_z)
             }
         };
         let (ideal_height, equidistant_height) = (image_height(tan), image_height(angle));

@@ -26,7 +26,7 @@ const FIELD_RAYS: usize = 600;
 pub(super) fn run(asked: &MeasureGlare, json: bool) -> anyhow::Result<()> {
     let (mut text, mut value) = (String::new(), json!({}));
     if let Some(file) = &asked.file {
-        let (plane, channel) = plane(file, asked.channel, asked.encoding)?;
+        let (_, plane, channel) = plane(file, asked.channel, asked.encoding)?;
         let found = glare::measure(&plane, asked.region.map(region))?;
         writeln!(
             text,

@@ -8,13 +8,16 @@ mod rolling;
 use report::{Setup, photograph};
 
 use super::{print_json, read_raw};
-use crate::args::{List, LsfWindow, MeasureChart, MeasureMtf, MeasureVerb, MeasuredChannel, PictureEncoding};
+use crate::args::{List, LsfWindow, MeasureMtf, MeasureThroughLens, MeasureVerb, MeasuredChannel, PictureEncoding};
 use crate::watch::say;
 use crate::{AskedWrongly, paint};
 use anyhow::anyhow;
 use diopter::image::{Encoding, ExposureFacts};
+use diopter::lens::analysis::Bench;
 use diopter::lens::compound::Setting;
 use diopter::lens::draw::{Axis, Chart, Color, Figure, Line, Style};
+use diopter::lens::glass::D_NM;
+use diopter::lens::paraxial::FirstOrder;
 use diopter::lens::{CompoundLens, Focus};
 use diopter::measure::corners::Corners;
 use diopter::measure::mtf::{self, Options, Window};
@@ -81,10 +84,29 @@ fn region([x, y, width, height]: [usize; 4]) -> Region {
 }
 
 /// A channel of a picture file, and its name.
-fn plane(file: &Path, channel: Option<MeasuredChannel>, encoding: PictureEncoding) -> anyhow::Result<(Plane, Channel)> {
+fn plane(file: &Path, channel: Option<MeasuredChannel>, encoding: PictureEncoding) -> anyhow::Result<(Measured, Plane, Channel)> {
     let picture = Measured::read(file, encoding.decoded())?;
     let channel = channel.map_or_else(|| picture.usual_channel(), MeasuredChannel::measured);
-    Ok((picture.plane(channel)?, channel))
+    let plane = picture.plane(channel)?;
+    Ok((picture, plane, channel))
+}
+
+/// What the bench says of the lens that a picture is compared with; nothing without.
+fn bench_beside(
+    file: &Path,
+    lens: Option<&str>,
+    picture: &Measured,
+    plane: &Plane,
+    says: impl Fn(&CompoundLens, [f64; 2]) -> Vec<(f64, f64)>,
+) -> anyhow::Result<Vec<(f64, f64)>> {
+    let Some(lens) = lens else { return Ok(vec![]) };
+    let (lens, film_mm) = as_taken(file, lens, picture.facts(), [plane.width, plane.height])?;
+    Ok(says(&lens, film_mm))
+}
+
+/// Pairs of heights and numbers, for machines.
+fn points(pairs: &[(f64, f64)], name: &str) -> Vec<Value> {
+    pairs.iter().map(|(h, v)| json!({ "height": h, name: v })).collect()
 }
 
 /// Writes the plot and prints the result.
@@ -132,6 +154,12 @@ fn resolution(asked: &MeasureMtf, json: bool) -> anyhow::Result<()> {
         LsfWindow::Hamming => Window::Hamming,
     };
     let options = Options { order: asked.order, window, reach: asked.reach };
+    if let Some(lens) = &asked.lens {
+        read_lens(lens)?;
+    }
+    if let Some(body) = &asked.body {
+        read_body(body)?;
+    }
     let scene = asked.file.to_str().filter(|name| builtin::is_embedded(name) && !asked.file.exists());
     let picture = match (scene, &asked.lens, &asked.body) {
         (None, ..) => {
@@ -149,7 +177,6 @@ fn resolution(asked: &MeasureMtf, json: bool) -> anyhow::Result<()> {
         }
         (Some(name), Some(lens), Some(body)) => {
             let (aperture, focal_length) = (asked.aperture, asked.focal_length);
-            read_lens(lens)?;
             let spp = asked.spp.unwrap_or(CHART_SPP);
             let setup = Setup { body, lens, aperture, focal_length, size: asked.size, spp };
             Measured::Raw(Box::new(photograph(&setup, name)?.raw))
@@ -284,14 +311,14 @@ fn predicted(
     edges: &[EdgeMtf],
 ) -> anyhow::Result<(Vec<Prediction>, f64)> {
     let wrong = |what: String| anyhow::Error::from(AskedWrongly(anyhow!(what)));
-    let file = file.display();
-    let complete = |f: &&ExposureFacts| f.f_number > 0.0 && f.focal_length_mm > 0.0 && f.focal_length_35mm_mm > 0.0;
-    let facts = facts.filter(complete).ok_or_else(|| {
-        wrong(format!(
-            "{file}: it does not say how it was taken; expected a raw file or a focal plane of `diopter` beside --lens"
-        ))
-    })?;
     let sensor = read_body(body)?;
+    if let Some(model) = facts.map(|f| &f.model).filter(|m| !m.is_empty() && !m.starts_with(sensor.model.as_str())) {
+        say(&format!(
+            "note: {} was taken with the camera \"{model}\", and is compared with \"{}\"",
+            file.display(),
+            sensor.model
+        ));
+    }
     let names = sensor.cfa.channel_names();
     let letters: &[&str] = match channel {
         Channel::Red => &["R"],
@@ -304,17 +331,38 @@ fn predicted(
         .iter()
         .position(|n| letters.contains(n))
         .ok_or_else(|| wrong(format!("channel {}: expected one of {} on {}", channel.name(), names.join(", "), sensor.name)))?;
+    let (lens, film_mm) = as_taken(file, lens, facts, size)?;
+    // As shots are taken where nobody says otherwise.
+    let film = diopter::Film::new(film_mm[0], film_mm[1], size[0], size[1]);
+    let diffraction = diopter::expose::diffraction_shows(&diopter::lens::Lens::Compound(Box::new(lens.clone())), &film);
+    let pitch = film_mm[0] / size[0] as f64;
+    let chain = Chain { lens: &lens, sensor: &sensor, channel: number, light, film_mm, size, diffraction };
+    let all = edges.iter().map(|e| Ok(chain.predict(e)?)).collect::<anyhow::Result<Vec<_>>>()?;
+    Ok((all, pitch))
+}
+
+/// A lens as a picture of a size (pixels) was taken through it, by what the picture says of itself, and the film, mm.
+fn as_taken(
+    file: &Path,
+    lens: &str,
+    facts: Option<&ExposureFacts>,
+    size: [usize; 2],
+) -> anyhow::Result<(CompoundLens, [f64; 2])> {
+    let file = file.display();
+    let complete = |f: &&ExposureFacts| f.f_number > 0.0 && f.focal_length_mm > 0.0 && f.focal_length_35mm_mm > 0.0;
+    let facts = facts.filter(complete).ok_or_else(|| {
+        let what = "it does not say how it was taken; expected a raw file or a focal plane of `diopter` beside --lens";
+        AskedWrongly(anyhow!("{file}: {what}"))
+    })?;
+    let prescription = read_lens(lens)?;
+    if !facts.lens.is_empty() && !facts.lens.starts_with(&prescription.name) {
+        say(&format!("note: {file} was taken with the lens \"{}\", and is compared with \"{}\"", facts.lens, prescription.name));
+    }
     // The film that was used, of square pixels.
     let diagonal = FULL_FRAME_DIAGONAL_MM * facts.focal_length_mm / facts.focal_length_35mm_mm;
     let [columns, rows] = size.map(|s| s as f64);
     let pitch = diagonal / columns.hypot(rows);
     let film_mm = [columns * pitch, rows * pitch];
-    let prescription = read_lens(lens)?;
-    for (what, said, compared) in [("camera", &facts.model, &sensor.model), ("lens", &facts.lens, &prescription.name)] {
-        if !said.is_empty() && !said.starts_with(compared.as_str()) {
-            say(&format!("note: {file} was taken with the {what} \"{said}\", and is compared with \"{compared}\""));
-        }
-    }
     let focal_length = (!prescription.zoom.is_empty()).then_some(facts.focal_length_mm);
     let focus = facts.focus_distance_m.map_or(Focus::Infinity, |m| Focus::at_mm(1000.0 * m));
     let prescription = Arc::new(prescription);
@@ -325,12 +373,42 @@ fn predicted(
     let open = set(None)?;
     // Fully open is what the file says to all its digits.
     let lens = if facts.f_number > 1.001 * open.widest_f_number() { set(Some(facts.f_number))? } else { open };
-    // As shots are taken where nobody says otherwise.
-    let film = diopter::Film::new(film_mm[0], film_mm[1], size[0], size[1]);
-    let diffraction = diopter::expose::diffraction_shows(&diopter::lens::Lens::Compound(Box::new(lens.clone())), &film);
-    let chain = Chain { lens: &lens, sensor: &sensor, channel: number, light, film_mm, size, diffraction };
-    let all = edges.iter().map(|e| Ok(chain.predict(e)?)).collect::<anyhow::Result<Vec<_>>>()?;
-    Ok((all, pitch))
+    Ok((lens, film_mm))
+}
+
+/// What the optical bench says of a lens at tenths of the half diagonal of a film: image height over that half diagonal, and a number.
+fn by_bench(lens: &CompoundLens, film_mm: [f64; 2], what: impl Fn(&Bench, f64) -> Option<f64>) -> Vec<(f64, f64)> {
+    // The chart lies where the lens is focused, counted from the entrance pupil.
+    let system = lens.system();
+    let pupil_mm = FirstOrder::of(system, &system.indices(D_NM)).entrance_pupil_z;
+    let bench = Bench { system, object_distance: lens.focus_distance().map(|d| d.0 - pupil_mm) };
+    let half = 0.5 * film_mm[0].hypot(film_mm[1]);
+    (1..=10).map(|k| f64::from(k) / 10.0).filter_map(|h| Some((h, what(&bench, h * half)?))).collect()
+}
+
+/// Distortion, %.
+fn distortion_by_bench(lens: &CompoundLens, film_mm: [f64; 2]) -> Vec<(f64, f64)> {
+    by_bench(lens, film_mm, |bench, mm| Some(bench.field_point(bench.field_of_height(mm), D_NM)?.distortion_percent()))
+}
+
+/// Illumination relative to the middle, without the pixels' own response to slanted light.
+fn illumination_by_bench(lens: &CompoundLens, film_mm: [f64; 2]) -> Vec<(f64, f64)> {
+    let middle = by_bench(lens, film_mm, |bench, _| Some(bench.illumination(0.0, D_NM).with_losses));
+    let middle = middle.first().map_or(0.0, |m| m.1);
+    by_bench(lens, film_mm, |bench, mm| (middle > 0.0).then(|| bench.illumination(mm, D_NM).with_losses / middle))
+}
+
+/// A table of what was measured at heights beside what the bench says there; `decimals` of the numbers.
+fn beside_bench(bench: &[(f64, f64)], unit: &str, decimals: usize, measured: impl Fn(f64) -> f64) -> anyhow::Result<String> {
+    let mut t = String::new();
+    if !bench.is_empty() {
+        writeln!(t, "  {:>7} {:>13} {:>13} {:>13}", "height", format!("measured{unit}"), format!("bench{unit}"), "difference")?;
+    }
+    for (h, expected) in bench {
+        let found = measured(*h);
+        writeln!(t, "  {h:>7.1} {found:>13.decimals$} {expected:>13.decimals$} {:>+13.decimals$}", found - expected)?;
+    }
+    Ok(t)
 }
 
 /// Measured beside predicted.
@@ -519,14 +597,17 @@ fn range_figure(sensor: &Sensor, rows: &[(f64, emva::Report)]) -> Figure {
     })
 }
 
-fn fall_off(asked: &MeasureChart, json: bool) -> anyhow::Result<()> {
+fn fall_off(asked: &MeasureThroughLens, json: bool) -> anyhow::Result<()> {
+    let (lens, asked) = (asked.lens.as_deref(), &asked.chart);
     let outputs = paint::prepare(&asked.output)?;
-    let (plane, channel) = plane(&asked.file, asked.channel, asked.encoding)?;
+    let (picture, plane, channel) = plane(&asked.file, asked.channel, asked.encoding)?;
+    let bench = bench_beside(&asked.file, lens, &picture, &plane, illumination_by_bench)?;
     let found = vignetting::measure(&plane)?;
     let name = name_of(&asked.file);
-    let text = vignetting_text(&name, channel, &found)?;
-    let value = json!({ "file": asked.file, "channel": channel.name(), "corner_ev": found.corner_ev(), "vignetting": found });
-    finish(outputs, || vignetting_figure(&name, &found), &text, &value, json)
+    let text = vignetting_text(&name, channel, &found)? + &beside_bench(&bench, "", 4, |h| found.at(h))?;
+    let value = json!({ "file": asked.file, "channel": channel.name(), "corner_ev": found.corner_ev(), "vignetting": found,
+        "bench": points(&bench, "illumination") });
+    finish(outputs, || vignetting_figure(&name, &found, &bench), &text, &value, json)
 }
 
 fn vignetting_text(name: &str, channel: Channel, found: &Vignetting) -> anyhow::Result<String> {
@@ -544,11 +625,14 @@ fn vignetting_text(name: &str, channel: Channel, found: &Vignetting) -> anyhow::
     Ok(t)
 }
 
-fn vignetting_figure(name: &str, found: &Vignetting) -> Figure {
-    let lines = vec![
+fn vignetting_figure(name: &str, found: &Vignetting, bench: &[(f64, f64)]) -> Figure {
+    let mut lines = vec![
         line("rings", 0, Style::Full, found.rings.iter().map(|r| (r.height, r.illumination))),
         line("fit", 5, Style::Broken, (0..=50).map(|k| f64::from(k) / 50.0).map(|h| (h, found.at(h)))),
     ];
+    if !bench.is_empty() {
+        lines.push(line("bench", 1, Style::Broken, bench.iter().copied()));
+    }
     sheet(&Chart {
         title: format!("relative illumination, {name}"),
         x: Axis { label: "image height over half of the diagonal".into(), range: [0.0, 1.0] },
@@ -557,15 +641,19 @@ fn vignetting_figure(name: &str, found: &Vignetting) -> Figure {
     })
 }
 
-fn bent_lines(asked: &MeasureChart, json: bool) -> anyhow::Result<()> {
+fn bent_lines(asked: &MeasureThroughLens, json: bool) -> anyhow::Result<()> {
+    let (lens, asked) = (asked.lens.as_deref(), &asked.chart);
     let outputs = paint::prepare(&asked.output)?;
-    let (plane, channel) = plane(&asked.file, asked.channel, asked.encoding)?;
+    let (picture, plane, channel) = plane(&asked.file, asked.channel, asked.encoding)?;
+    let mut bench = bench_beside(&asked.file, lens, &picture, &plane, distortion_by_bench)?;
     let found = distortion::measure(&plane)?;
+    bench.retain(|(h, _)| *h <= found.largest_height);
     let name = name_of(&asked.file);
-    let text = distortion_text(&name, channel, &found)?;
-    let points: Vec<Value> = curve(&found).iter().map(|(h, d)| json!({ "height": h, "percent": d })).collect();
-    let value = json!({ "file": asked.file, "channel": channel.name(), "distortion": found, "curve": points });
-    finish(outputs, || distortion_figure(&name, &found), &text, &value, json)
+    let text = distortion_text(&name, channel, &found)? + &beside_bench(&bench, " %", 3, |h| found.percent(h))?;
+    let curve = points(&curve(&found), "percent");
+    let beside = points(&bench, "percent");
+    let value = json!({ "file": asked.file, "channel": channel.name(), "distortion": found, "curve": curve, "bench": beside });
+    finish(outputs, || distortion_figure(&name, &found, &bench), &text, &value, json)
 }
 
 fn distortion_text(name: &str, channel: Channel, found: &Distortion) -> anyhow::Result<String> {
@@ -586,13 +674,17 @@ fn curve(found: &Distortion) -> Vec<(f64, f64)> {
     (0..=50).map(|k| found.largest_height * f64::from(k) / 50.0).map(|h| (h, found.percent(h))).collect()
 }
 
-fn distortion_figure(name: &str, found: &Distortion) -> Figure {
+fn distortion_figure(name: &str, found: &Distortion, bench: &[(f64, f64)]) -> Figure {
     let points = curve(found);
+    let mut lines = vec![line("measured", 0, Style::Full, points.iter().copied())];
+    if !bench.is_empty() {
+        lines.push(line("bench", 1, Style::Broken, bench.iter().copied()));
+    }
     sheet(&Chart {
         title: format!("distortion, {name}"),
         x: Axis { label: "image height over half of the diagonal".into(), range: [0.0, 1.0] },
-        y: Axis::around("distortion, %", points.iter().map(|p| p.1), true),
-        lines: vec![line("", 0, Style::Full, points.iter().copied())],
+        y: Axis::around("distortion, %", points.iter().chain(bench).map(|p| p.1), true),
+        lines,
     })
 }
 

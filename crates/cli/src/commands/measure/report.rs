@@ -4,25 +4,22 @@
 //! page holds everything it shows: plots as drawings, tables as text.
 
 use super::{
-    Channel, Measured, chain_text, color, color_figure, color_text, distortion, distortion_figure, distortion_text, mtf,
-    predicted, range_figure, range_text, ranges, resolution_figure, resolution_text, strongest_channel, vignetting,
-    vignetting_figure, vignetting_text,
+    Channel, Measured, beside_bench, chain_text, color, color_figure, color_text, distortion, distortion_by_bench,
+    distortion_figure, distortion_text, illumination_by_bench, mtf, predicted, range_figure, range_text, ranges,
+    resolution_figure, resolution_text, strongest_channel, vignetting, vignetting_figure, vignetting_text,
 };
 use crate::args::MeasureReport;
 use crate::commands::{body, print_json};
 use crate::document::{self, Document};
 use crate::watch::{say, warn, watched};
 use diopter::image::{ExposureFacts, Picture, RawImage};
-use diopter::lens::analysis::Bench;
-use diopter::lens::glass::D_NM;
-use diopter::lens::paraxial::FirstOrder;
+use diopter::lens::CompoundLens;
 use diopter::measure::{EdgeMtf, Plane};
 use diopter::quantity::{FNumber, LengthMm, Size};
 use diopter::scene::builtin::color_chart;
 use diopter::sensor::format::FULL_FRAME_DIAGONAL_MM;
 use diopter::shot::{Shot, ShotFile, read_body, read_lens};
 use serde_json::json;
-use std::fmt::Write as _;
 use std::path::Path;
 
 /// Edges that are plotted: the one nearest to the middle, the farthest, and one between.
@@ -46,8 +43,16 @@ pub(super) struct Photograph {
     pub(super) raw: RawImage,
     picture: Picture,
     facts: ExposureFacts,
-    /// Image height and distortion (%) that the optical bench gives, the height over half of the diagonal; empty of ideal lenses.
-    bench: Vec<(f64, f64)>,
+    /// What it was taken through; none of ideal lenses.
+    lens: Option<Box<CompoundLens>>,
+    film_mm: [f64; 2],
+}
+
+impl Photograph {
+    /// What the optical bench says of the lens at image heights over half of the diagonal; nothing of ideal lenses.
+    fn bench(&self, says: impl Fn(&CompoundLens, [f64; 2]) -> Vec<(f64, f64)>) -> Vec<(f64, f64)> {
+        self.lens.as_deref().map_or(vec![], |lens| says(lens, self.film_mm))
+    }
 }
 
 pub fn run(asked: &MeasureReport, json: bool) -> anyhow::Result<()> {
@@ -104,20 +109,17 @@ pub fn run(asked: &MeasureReport, json: bool) -> anyhow::Result<()> {
     // Distortion, beside the bench.
     let dots = photograph(&setup, "dot-grid")?;
     let bent = distortion::measure(&strongest_plane(&dots.raw)?.0)?;
-    let mut text = distortion_text("dot-grid", channel, &bent)?;
-    if !dots.bench.is_empty() {
-        writeln!(text, "  {:>7} {:>13} {:>13}", "height", "measured %", "bench %")?;
-        for (h, percent) in dots.bench.iter().filter(|(h, _)| *h <= bent.largest_height) {
-            writeln!(text, "  {h:>7.1} {:>+13.3} {percent:>+13.3}", bent.percent(*h))?;
-        }
-    }
-    page.section("Distortion", &[distortion_figure("dot-grid", &bent)], &text);
+    let mut bench = dots.bench(distortion_by_bench);
+    bench.retain(|(h, _)| *h <= bent.largest_height);
+    let text = distortion_text("dot-grid", channel, &bent)? + &beside_bench(&bench, " %", 3, |h| bent.percent(h))?;
+    page.section("Distortion", &[distortion_figure("dot-grid", &bent, &bench)], &text);
 
     // Vignetting.
     let field = photograph(&setup, "flat-field")?;
     let light = vignetting::measure(&strongest_plane(&field.raw)?.0)?;
-    let text = vignetting_text("flat-field", channel, &light)?;
-    page.section("Relative illumination", &[vignetting_figure("flat-field", &light)], &text);
+    let bench = field.bench(illumination_by_bench);
+    let text = vignetting_text("flat-field", channel, &light)? + &beside_bench(&bench, "", 4, |h| light.at(h))?;
+    page.section("Relative illumination", &[vignetting_figure("flat-field", &light, &bench)], &text);
 
     // The body alone.
     let settings: Vec<f64> = sensor.iso.iter().map(|i| i.iso).collect();
@@ -184,24 +186,12 @@ pub(super) fn photograph(setup: &Setup, chart: &str) -> anyhow::Result<Photograp
     let plane = watched("exposing", |w| shot.expose(w))?;
     let raw = shot.read_out(&plane)?;
     let picture = shot.develop(&raw)?;
-    let film = [shot.camera.film.width_mm, shot.camera.film.height_mm];
-    let bench = match &shot.camera.lens {
-        diopter::lens::Lens::Compound(lens) => {
-            // The chart lies where the lens is focused, counted from the entrance pupil.
-            let system = lens.system();
-            let pupil_mm = FirstOrder::of(system, &system.indices(D_NM)).entrance_pupil_z;
-            let bench = Bench { system, object_distance: lens.focus_distance().map(|d| d.0 - pupil_mm) };
-            let half = 0.5 * film[0].hypot(film[1]);
-            let at = |k: i32| {
-                let height = f64::from(k) / 10.0;
-                let point = bench.field_point(bench.field_of_height(height * half), D_NM)?;
-                Some((height, point.distortion_percent()))
-            };
-            (1..=10).filter_map(at).collect()
-        }
-        _ => vec![],
+    let film_mm = [shot.camera.film.width_mm, shot.camera.film.height_mm];
+    let lens = match shot.camera.lens {
+        diopter::lens::Lens::Compound(lens) => Some(lens),
+        _ => None,
     };
-    Ok(Photograph { facts: raw.header.facts.clone(), raw, picture, bench })
+    Ok(Photograph { facts: raw.header.facts.clone(), raw, picture, lens, film_mm })
 }
 
 /// Outer corners of the patches of "color-chart" in its photograph with a thin lens, pixels: 0.26 × 0.172 m at the framing's distance.
