@@ -128,8 +128,8 @@ impl Chain<'_> {
         let low_pass = each(&|f| ((PI * f.x * shift).cos() * (PI * f.y * shift).cos()).abs());
         let crosstalk = each(&|f| self.crosstalk(f, &even));
         let product: Vec<f64> = (0..lens.len()).map(|k| lens[k] * aperture[k] * low_pass[k] * crosstalk[k]).collect();
-        let strongest = colors.iter().fold((D_NM, 0.0), |best, c| if c.1 > best.1 { *c } else { best }).0;
-        let light_at = |px: f64| bench.illumination((offset + across * px * pitch[0]).length(), strongest).with_losses;
+        let strongest_nm = colors.iter().fold((D_NM, 0.0), |best, c| if c.1 > best.1 { *c } else { best }).0;
+        let light_at = |px: f64| bench.illumination((offset + across * px * pitch[0]).length(), strongest_nm).with_losses;
         let seen = Seen::new(edge);
         let even = seen.response(&product, None);
         let windowed = seen.response(&product, Some(&seen.light(light_at)));

@@ -124,7 +124,7 @@ impl<'a> PhotonMap<'a> {
                     spectrum
                 }
             };
-            let kernel = 2.0 * (1.0 - (d2 - height * height) / r2) / (PI * r2);
+            let kernel = kernel(d2 - height * height, r2);
             // `f` has the cosine that the photon's power already has: as the surface is, not as it is shaded (Veach 1997 §5.3.2).
             let cosine = normal.dot(wi).max(LEAST_COSINE);
             sum += f * spectrum * photon.at(wavelengths) * (kernel * in_time / cosine);
@@ -165,9 +165,9 @@ impl<'a> PhotonMap<'a> {
                     spectrum
                 }
             };
-            let kernel = 2.0 * (1.0 - d2 / r2) / (PI * r2);
             let phase = phase(ray.direction.dot(photon.from()), medium.asymmetry);
-            sum += spectrum * photon.at(wavelengths) * sigma.transmittance(t - span[0]) * (kernel * in_time * phase);
+            let factor = kernel(d2, r2) * in_time * phase;
+            sum += spectrum * photon.at(wavelengths) * sigma.transmittance(t - span[0]) * factor;
         });
         sum * sigma.scattering
     }
@@ -201,6 +201,12 @@ impl<'a> PhotonMap<'a> {
     pub(crate) fn casts(&self, object: u32) -> bool {
         self.caustics.emission.casters.casts(object)
     }
+}
+
+/// Silverman's kernel over the square of a distance and of the radius, m²; 1/m².
+#[inline]
+fn kernel(d2: f32, r2: f32) -> f32 {
+    2.0 * (1.0 - d2 / r2) / (PI * r2)
 }
 
 /// Weight of a photon of one moment for a path of another, of a lamp that sends its photons evenly over a window (all s): photons within

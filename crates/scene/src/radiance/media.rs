@@ -11,10 +11,10 @@
 //!   (I. Georgiev et al. 2013).
 //!
 //! Densities are compared per metre of the segment and per solid angle at the place of scattering and where the segment begins. All strategies draw a point of a light by the same
-//! density, which therefore cancels between the first and the last. Lights at infinity are left to the first two.
+//! density, which therefore cancels. Lights at infinity are left to the first two.
 //!
 //! In media that differ from place to place the distance is found by tracking ([`crate::medium::tracking`]), whose density nobody knows: there the
-//! first two strategies do without the third.
+//! first two strategies do without the others.
 
 use super::joint::{Start, Vertex};
 use super::tally::Tally;
@@ -267,8 +267,8 @@ impl<'s> MediumSegment<'_, 's> {
         self.scattered_in(inscatter, sigma, throughput, light, distance, [density, joint], place)
     }
 
-    /// Light of a lamp that is scattered into the ray, whose direction was drawn about the lamp; `None` where there is none. `density`: of the direction by the
-    /// path, 1/sr, which is not in `throughput`.
+    /// Light of a lamp that is scattered into the ray, whose direction was drawn about the lamp; `None` where there is none. `throughput`: as of a path that had drawn
+    /// the direction itself; `u`: for the distance and the point on the lamp.
     pub(super) fn jointly(&self, light: LightRef, throughput: Sampled, u: [f32; 3]) -> Option<Past> {
         let sigma = self.medium.at(self.wavelengths);
         let inscatter = self.inscatter(&sigma, throughput)?;

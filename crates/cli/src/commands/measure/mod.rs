@@ -83,7 +83,7 @@ fn region([x, y, width, height]: [usize; 4]) -> Region {
     Region { x, y, width, height }
 }
 
-/// A channel of a picture file, and its name.
+/// A picture file, a channel of it, and that one's name.
 fn plane(file: &Path, channel: Option<MeasuredChannel>, encoding: PictureEncoding) -> anyhow::Result<(Measured, Plane, Channel)> {
     let picture = Measured::read(file, encoding.decoded())?;
     let channel = channel.map_or_else(|| picture.usual_channel(), MeasuredChannel::measured);
@@ -376,26 +376,30 @@ fn as_taken(
     Ok((lens, film_mm))
 }
 
-/// What the optical bench says of a lens at tenths of the half diagonal of a film: image height over that half diagonal, and a number.
-fn by_bench(lens: &CompoundLens, film_mm: [f64; 2], what: impl Fn(&Bench, f64) -> Option<f64>) -> Vec<(f64, f64)> {
-    // The chart lies where the lens is focused, counted from the entrance pupil.
+/// The optical bench for a lens; the chart lies where the lens is focused, counted from the entrance pupil.
+fn bench_of(lens: &CompoundLens) -> Bench<'_> {
     let system = lens.system();
     let pupil_mm = FirstOrder::of(system, &system.indices(D_NM)).entrance_pupil_z;
-    let bench = Bench { system, object_distance: lens.focus_distance().map(|d| d.0 - pupil_mm) };
+    Bench { system, object_distance: lens.focus_distance().map(|d| d.0 - pupil_mm) }
+}
+
+/// A number at tenths of the half diagonal of a film: image height over that half diagonal, and what is said of it in mm.
+fn at_heights(film_mm: [f64; 2], says: impl Fn(f64) -> Option<f64>) -> Vec<(f64, f64)> {
     let half = 0.5 * film_mm[0].hypot(film_mm[1]);
-    (1..=10).map(|k| f64::from(k) / 10.0).filter_map(|h| Some((h, what(&bench, h * half)?))).collect()
+    (1..=10).map(|k| f64::from(k) / 10.0).filter_map(|h| Some((h, says(h * half)?))).collect()
 }
 
 /// Distortion, %.
 fn distortion_by_bench(lens: &CompoundLens, film_mm: [f64; 2]) -> Vec<(f64, f64)> {
-    by_bench(lens, film_mm, |bench, mm| Some(bench.field_point(bench.field_of_height(mm), D_NM)?.distortion_percent()))
+    let bench = bench_of(lens);
+    at_heights(film_mm, |mm| Some(bench.field_point(bench.field_of_height(mm), D_NM)?.distortion_percent()))
 }
 
 /// Illumination relative to the middle, without the pixels' own response to slanted light.
 fn illumination_by_bench(lens: &CompoundLens, film_mm: [f64; 2]) -> Vec<(f64, f64)> {
-    let middle = by_bench(lens, film_mm, |bench, _| Some(bench.illumination(0.0, D_NM).with_losses));
-    let middle = middle.first().map_or(0.0, |m| m.1);
-    by_bench(lens, film_mm, |bench, mm| (middle > 0.0).then(|| bench.illumination(mm, D_NM).with_losses / middle))
+    let bench = bench_of(lens);
+    let middle = bench.illumination(0.0, D_NM).with_losses;
+    at_heights(film_mm, |mm| (middle > 0.0).then(|| bench.illumination(mm, D_NM).with_losses / middle))
 }
 
 /// A table of what was measured at heights beside what the bench says there; `decimals` of the numbers.
@@ -414,7 +418,7 @@ fn beside_bench(bench: &[(f64, f64)], unit: &str, decimals: usize, measured: imp
 /// Measured beside predicted.
 fn chain_text(edges: &[EdgeMtf], predictions: &[Prediction]) -> anyhow::Result<String> {
     let mut t = String::new();
-    if let ([_, ..], [p, ..]) = (edges, predictions) {
+    if let [p, ..] = predictions {
         // Of all edges, on average.
         let mean = |of: &dyn Fn(&EdgeMtf, &Prediction) -> f64| {
             edges.iter().zip(predictions).map(|(e, p)| of(e, p)).sum::<f64>() / edges.len() as f64
