@@ -590,6 +590,11 @@ pub struct MeasureMtf {
     /// What lights the chart, for --lens: D65, D50, A ...
     #[arg(long, value_name = "NAME", default_value = "D65", requires = "lens")]
     pub light: String,
+    /// How far the image of the chart travels during the exposure, pixels to the right and down: the blur of its motion is predicted, too.
+    ///
+    /// At constant speed while the shutter is open, as on a rail, or a camera that turns.
+    #[arg(long, value_name = "X,Y", value_parser = pair, allow_hyphen_values = true, requires = "lens")]
+    pub motion: Option<[f64; 2]>,
     /// Transfer function of the codes of a .png, .tif or .jpg.
     #[arg(long, value_name = "NAME", default_value = "srgb")]
     pub encoding: PictureEncoding,

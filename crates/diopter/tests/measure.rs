@@ -65,6 +65,7 @@ fn edges_of_a_photograph_have_the_response_of_the_chain() {
             film_mm: [size; 2],
             size: [side; 2],
             diffraction: false,
+            motion_px: [0.0; 2],
         };
         let mut sums = [0.0; 51];
         for edge in &edges {
@@ -109,8 +110,16 @@ fn stopped_down_edges_have_the_benchs_response_with_diffraction() {
     let plane = picture.plane(Channel::Green).unwrap();
     let edges = mtf::find(&plane, &mtf::Options::default()).unwrap();
     assert!(!edges.is_empty());
-    let chain =
-        Chain { lens: &lens, sensor: &sensor, channel: 1, light: "D65", film_mm: [size; 2], size: [side; 2], diffraction: true };
+    let chain = Chain {
+        lens: &lens,
+        sensor: &sensor,
+        channel: 1,
+        light: "D65",
+        film_mm: [size; 2],
+        size: [side; 2],
+        diffraction: true,
+        motion_px: [0.0; 2],
+    };
     for edge in &edges {
         let p = chain.predict(edge).unwrap();
         println!(

@@ -1,9 +1,9 @@
-//! What the optical chain makes of an edge: the product of the responses of lens, pixel aperture, low-pass filter and crosstalk.
+//! What the optical chain makes of an edge: the product of the responses of lens, pixel aperture, low-pass filter, crosstalk and motion.
 //!
 //! The lens's is the geometric one of its spots at the edge's place, along the direction across the edge, over the colours that the channel sees of
 //! the light, or where the exposure knew diffraction ([`crate::expose::diffraction_shows`]) that of its wavefronts. All of them are even functions of spatial frequency but for the lens's phase, which the magnitude of
 //! a product does not need. Where light falls off across the edge (vignetting), both its sides slope: the edge spread function then rises or falls within the window
-//! for another reason than blur, and the response measures up to some hundredths more or less. That is predicted, too. Left out: what moves, demosaicing and sharpening (raw channels have none), and the renderer's noise.
+//! for another reason than blur, and the response measures up to some hundredths more or less. That is predicted, too. Left out: demosaicing and sharpening (raw channels have none), and the renderer's noise.
 
 use super::mtf::{Window, sinc};
 use super::{EdgeMtf, MeasureError};
@@ -41,6 +41,8 @@ pub struct Chain<'a> {
     pub size: [usize; 2],
     /// Whether the picture was exposed with diffraction at the aperture.
     pub diffraction: bool,
+    /// How far the image of the chart travels during the exposure, at constant speed: pixels to the right and down.
+    pub motion_px: [f64; 2],
 }
 
 /// The response of each part at the frequencies of an edge.
@@ -58,6 +60,8 @@ pub struct Prediction {
     pub low_pass: Vec<f64>,
     /// Crosstalk between pixels.
     pub crosstalk: Vec<f64>,
+    /// Motion of the image: `sinc` of the way across the edge.
+    pub motion: Vec<f64>,
     /// Their product.
     pub product: Vec<f64>,
     /// What light that falls off across the edge adds to the response of an edge: a factor.
@@ -76,6 +80,9 @@ impl Chain<'_> {
         let light = cie::illuminant(self.light).ok_or_else(|| {
             unfit(format!("light \"{}\"", self.light), &format!("one of {}", cie::illuminant_names().join(", ")))
         })?;
+        if !self.motion_px.iter().all(|v| v.is_finite()) {
+            return Err(unfit(format!("motion {:?}", self.motion_px), "two finite numbers of pixels"));
+        }
         let responses = self.sensor.band_responses();
         if self.channel >= responses.len() {
             return Err(unfit(format!("channel {}", self.channel), &format!("0 to {}", responses.len() - 1)));
@@ -127,7 +134,9 @@ impl Chain<'_> {
         let aperture = each(&|f| (sinc(f.x * open[0]) * sinc(f.y * open[1])).abs());
         let low_pass = each(&|f| ((PI * f.x * shift).cos() * (PI * f.y * shift).cos()).abs());
         let crosstalk = each(&|f| self.crosstalk(f, &even));
-        let product: Vec<f64> = (0..lens.len()).map(|k| lens[k] * aperture[k] * low_pass[k] * crosstalk[k]).collect();
+        let travel = DVec2::from_array(self.motion_px);
+        let motion = each(&|f| sinc(f.dot(travel)).abs());
+        let product: Vec<f64> = (0..lens.len()).map(|k| lens[k] * aperture[k] * low_pass[k] * crosstalk[k] * motion[k]).collect();
         let strongest_nm = colors.iter().fold((D_NM, 0.0), |best, c| if c.1 > best.1 { *c } else { best }).0;
         let light_at = |px: f64| bench.illumination((offset + across * px * pitch[0]).length(), strongest_nm).with_losses;
         let seen = Seen::new(edge);
@@ -148,6 +157,7 @@ impl Chain<'_> {
             aperture,
             low_pass,
             crosstalk,
+            motion,
             product,
             shading,
             windowed,
@@ -338,7 +348,9 @@ mod tests {
         let [w, h] = sensor.pitch_mm();
         let size = [600, 400];
         let film_mm = [600.0 * w, 400.0 * h];
-        let chain = Chain { lens: &lens, sensor: &sensor, channel: 1, light: "D65", film_mm, size, diffraction: false };
+        let still = [0.0; 2];
+        let chain =
+            Chain { lens: &lens, sensor: &sensor, channel: 1, light: "D65", film_mm, size, diffraction: false, motion_px: still };
         let p = chain.predict(&edge([1.0, 0.0])).unwrap();
         assert!(p.height_mm < 1e-9 && p.product[0] == p.lens[0] && (p.lens[0] - 1.0).abs() < 1e-9);
         // Nyquist: sinc(0.45), cos(π/4), and neighbours beside it that count against it. R and B lie beside green, as bright together as they are.
@@ -356,6 +368,12 @@ mod tests {
         );
         // The edge that was "measured" has full contrast: the difference is largest where the chain leaves least.
         assert!((p.largest_difference[0] - (1.0 - p.product[half])).abs() < 0.05, "{:?}", p.largest_difference);
+        // Along an edge nothing is lost; across it what a box of the way leaves, with its first zero at one cycle in the way.
+        let moved = |motion_px| Chain { motion_px, ..chain }.predict(&edge([1.0, 0.0])).unwrap();
+        assert_eq!(moved([0.0, 7.0]).product, p.product);
+        let across = moved([-1.2, 7.0]);
+        assert!((across.product[half] - p.product[half] * sinc(0.6)).abs() < 1e-12);
+        assert!(moved([2.0, 0.0]).motion[half] < 1e-12);
         // A sensor of one colour, all neighbours alike: 1 − 2c (1 − cos 2πf).
         let mono = Sensor { crosstalk: 0.02, ..Sensor::named("imx249").unwrap() };
         let chain = Chain { sensor: &mono, channel: 0, ..chain };

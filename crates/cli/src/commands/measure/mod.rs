@@ -176,6 +176,12 @@ fn resolution(asked: &MeasureMtf, json: bool) -> anyhow::Result<()> {
             Measured::read(&asked.file, asked.encoding.decoded())?
         }
         (Some(name), Some(lens), Some(body)) => {
+            if asked.motion.is_some() {
+                let what = anyhow!(
+                    "--motion with {name}: it is photographed without motion; expected a file, whose chart or camera moved"
+                );
+                return Err(AskedWrongly(what).into());
+            }
             let (aperture, focal_length) = (asked.aperture, asked.focal_length);
             let spp = asked.spp.unwrap_or(CHART_SPP);
             let setup = Setup { body, lens, aperture, focal_length, size: asked.size, spp };
@@ -196,7 +202,8 @@ fn resolution(asked: &MeasureMtf, json: bool) -> anyhow::Result<()> {
     let size = [plane.width, plane.height];
     let (predictions, pitch_mm) = match (&asked.lens, &asked.body) {
         (Some(lens), Some(body)) => {
-            let (all, pitch) = predicted(&asked.file, &asked.light, [lens, body], picture.facts(), channel, size, &edges)?;
+            let chart = Charted { light: &asked.light, motion_px: asked.motion.unwrap_or_default() };
+            let (all, pitch) = predicted(&asked.file, chart, [lens, body], picture.facts(), channel, size, &edges)?;
             (Some(all), Some(pitch))
         }
         _ => (None, asked.pitch.map(|um| um / 1000.0)),
@@ -300,10 +307,19 @@ fn resolution_text(
     Ok(t)
 }
 
+/// A chart as it was photographed.
+#[derive(Clone, Copy)]
+struct Charted<'a> {
+    /// Illuminant.
+    light: &'a str,
+    /// How far its image travels during the exposure, pixels to the right and down.
+    motion_px: [f64; 2],
+}
+
 /// What the chain of a lens and a body should make of edges, and the distance of pixels, mm.
 fn predicted(
     file: &Path,
-    light: &str,
+    Charted { light, motion_px }: Charted,
     [lens, body]: [&str; 2],
     facts: Option<&ExposureFacts>,
     channel: Channel,
@@ -336,7 +352,7 @@ fn predicted(
     let film = diopter::Film::new(film_mm[0], film_mm[1], size[0], size[1]);
     let diffraction = diopter::expose::diffraction_shows(&diopter::lens::Lens::Compound(Box::new(lens.clone())), &film);
     let pitch = film_mm[0] / size[0] as f64;
-    let chain = Chain { lens: &lens, sensor: &sensor, channel: number, light, film_mm, size, diffraction };
+    let chain = Chain { lens: &lens, sensor: &sensor, channel: number, light, film_mm, size, diffraction, motion_px };
     let all = edges.iter().map(|e| Ok(chain.predict(e)?)).collect::<anyhow::Result<Vec<_>>>()?;
     Ok((all, pitch))
 }
@@ -428,7 +444,7 @@ fn chain_text(edges: &[EdgeMtf], predictions: &[Prediction]) -> anyhow::Result<S
         }
         writeln!(
             t,
-            "  {:>12} {:>9} {:>9} {:>9} {:>9} {:>9} {:>9} {:>9} {:>9} {:>11}",
+            "  {:>12} {:>9} {:>9} {:>9} {:>9} {:>9} {:>9} {:>9} {:>9} {:>9} {:>11}",
             "cycles/pixel",
             "measured",
             "predicted",
@@ -436,6 +452,7 @@ fn chain_text(edges: &[EdgeMtf], predictions: &[Prediction]) -> anyhow::Result<S
             "aperture",
             "low-pass",
             "crosstalk",
+            "motion",
             "window",
             "shading",
             "difference"
@@ -443,7 +460,7 @@ fn chain_text(edges: &[EdgeMtf], predictions: &[Prediction]) -> anyhow::Result<S
         for k in (0..p.frequencies.len()).step_by(5).filter(|k| p.frequencies[*k] <= 0.5) {
             writeln!(
                 t,
-                "  {:>12.2} {:>9.4} {:>9.4} {:>9.4} {:>9.4} {:>9.4} {:>9.4} {:>9.4} {:>9.4} {:>+11.4}",
+                "  {:>12.2} {:>9.4} {:>9.4} {:>9.4} {:>9.4} {:>9.4} {:>9.4} {:>9.4} {:>9.4} {:>9.4} {:>+11.4}",
                 p.frequencies[k],
                 mean(&|e, _| e.mtf[k]),
                 mean(&|_, p| p.windowed[k]),
@@ -451,6 +468,7 @@ fn chain_text(edges: &[EdgeMtf], predictions: &[Prediction]) -> anyhow::Result<S
                 mean(&|_, p| p.aperture[k]),
                 mean(&|_, p| p.low_pass[k]),
                 mean(&|_, p| p.crosstalk[k]),
+                mean(&|_, p| p.motion[k]),
                 mean(&|_, p| if p.product[k] > 0.0 { p.windowed[k] / (p.product[k] * p.shading[k]) } else { 1.0 }),
                 mean(&|_, p| p.shading[k]),
                 mean(&|e, p| e.mtf[k] - p.windowed[k])
@@ -459,7 +477,7 @@ fn chain_text(edges: &[EdgeMtf], predictions: &[Prediction]) -> anyhow::Result<S
     }
     writeln!(
         t,
-        "  measured less predicted, largest up to half a cycle a pixel (motion, demosaicing and sharpening are not predicted):"
+        "  measured less predicted, largest up to half a cycle a pixel (demosaicing and sharpening are not predicted, motion by --motion):"
     )?;
     for (e, p) in edges.iter().zip(predictions) {
         let [difference, at] = p.largest_difference;

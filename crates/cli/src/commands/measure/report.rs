@@ -4,7 +4,7 @@
 //! page holds everything it shows: plots as drawings, tables as text.
 
 use super::{
-    Channel, Measured, beside_bench, chain_text, color, color_figure, color_text, distortion, distortion_by_bench,
+    Channel, Charted, Measured, beside_bench, chain_text, color, color_figure, color_text, distortion, distortion_by_bench,
     distortion_figure, distortion_text, illumination_by_bench, mtf, predicted, range_figure, range_text, ranges,
     resolution_figure, resolution_text, strongest_channel, vignetting, vignetting_figure, vignetting_text,
 };
@@ -95,8 +95,9 @@ pub fn run(asked: &MeasureReport, json: bool) -> anyhow::Result<()> {
 
     // Resolution, beside the chain.
     let size = [plane.width, plane.height];
+    let chart = Charted { light: "D65", motion_px: [0.0; 2] };
     let (predictions, pitch_mm) =
-        predicted(Path::new("slanted-edges"), "D65", [&asked.lens, &asked.body], Some(f), channel, size, &found)?;
+        predicted(Path::new("slanted-edges"), chart, [&asked.lens, &asked.body], Some(f), channel, size, &found)?;
     let last = found.len() - 1;
     let mut picks: Vec<usize> = (0..PLOTTED).map(|k| k * last / (PLOTTED - 1)).collect();
     picks.dedup();
