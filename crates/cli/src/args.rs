@@ -494,6 +494,9 @@ pub enum MeasureVerb {
         /// Part of the mosaic: "x,y,width,height", pixels; the middle half without.
         #[arg(long, value_name = "X,Y,W,H", value_parser = rectangle)]
         region: Option<[usize; 4]>,
+        /// The body whose data sheet stands beside: a name from `body list` or a TOML file; the embedded one that the files name without.
+        #[arg(long, value_name = "NAME|FILE")]
+        body: Option<String>,
         /// Plot to write: .svg or .png; may be given several times.
         #[arg(short, long, value_name = "FILE")]
         output: Vec<PathBuf>,
@@ -542,8 +545,9 @@ pub enum MeasureVerb {
 
 #[derive(clap::Args, Debug)]
 pub struct MeasureMtf {
-    /// Picture: raw (.dng), focal plane or other .exr, .png, .tif, .jpg; or an embedded scene, photographed with --lens and --body: slanted-edges.
-    #[arg(value_name = "FILE|SCENE")]
+    /// Picture: raw (.dng), focal plane or other .exr, .png, .tif, .jpg; or a scene, photographed with --lens and --body: slanted-edges, or a file
+    /// (.scene, .gltf, .glb, .pbrt ...); or a shot file (.toml), photographed as it says.
+    #[arg(value_name = "FILE|SCENE|SHOT")]
     pub file: PathBuf,
     /// The edge at this place: "x,y", pixels.
     #[arg(long, value_name = "X,Y", value_parser = pair, conflicts_with = "region")]
@@ -576,24 +580,24 @@ pub struct MeasureMtf {
     #[arg(long, value_name = "NAME|FILE", requires = "lens", conflicts_with = "pitch")]
     pub body: Option<String>,
     /// f-number of the photograph of a scene.
-    #[arg(long, value_name = "F", requires = "lens")]
+    #[arg(long, value_name = "F")]
     pub aperture: Option<FNumber>,
     /// Focal length of a zoom, for the photograph of a scene: "35 mm".
-    #[arg(long, value_name = "LENGTH", requires = "lens")]
+    #[arg(long, value_name = "LENGTH")]
     pub focal_length: Option<LengthMm>,
     /// Pixels of the photograph of a scene.
-    #[arg(long, value_name = "WxH", requires = "lens")]
+    #[arg(long, value_name = "WxH")]
     pub size: Option<Size>,
-    /// Samples a pixel of the photograph of a scene; 64 without.
+    /// Samples a pixel of the photograph of a scene; 64 without, or those of the shot file.
     #[arg(long, value_name = "N")]
     pub spp: Option<u32>,
     /// What lights the chart, for --lens: D65, D50, A ...
-    #[arg(long, value_name = "NAME", default_value = "D65", requires = "lens")]
+    #[arg(long, value_name = "NAME", default_value = "D65")]
     pub light: String,
     /// How far the image of the chart travels during the exposure, pixels to the right and down: the blur of its motion is predicted, too.
     ///
     /// At constant speed while the shutter is open, as on a rail, or a camera that turns.
-    #[arg(long, value_name = "X,Y", value_parser = pair, allow_hyphen_values = true, requires = "lens")]
+    #[arg(long, value_name = "X,Y", value_parser = pair, allow_hyphen_values = true)]
     pub motion: Option<[f64; 2]>,
     /// Transfer function of the codes of a .png, .tif or .jpg.
     #[arg(long, value_name = "NAME", default_value = "srgb")]

@@ -80,6 +80,34 @@ fn charts_are_photographed_and_measured() {
     let noise = json(&f, &["measure", "noise", "a.dng", "b.dng"]);
     let channels = noise["channels"].as_array().unwrap();
     assert!(channels.len() == 3 && channels.iter().all(|c| c["gain_dn_per_e"].as_f64().unwrap() > 0.0), "{noise}");
+    // Beside it the sheet of the body that the files name. Two read-outs of one exposure: photon transfer of 4800 pixels, 2 % of a variance.
+    f.ok(&[
+        "expose",
+        "flat-field",
+        "--size",
+        "240x160",
+        "--spp",
+        "16",
+        "--aperture",
+        "f/8",
+        "--shutter",
+        "1/30",
+        "-o",
+        "flat.exr",
+    ]);
+    f.ok(&["read-out", "flat.exr", "--iso", "100", "--seed", "1", "-o", "c.dng"]);
+    f.ok(&["read-out", "flat.exr", "--iso", "100", "--seed", "2", "-o", "d.dng"]);
+    let noise = json(&f, &["measure", "noise", "c.dng", "d.dng"]);
+    let channels = noise["channels"].as_array().unwrap();
+    let sheet = &noise["data_sheet"];
+    let green = &channels.iter().find(|c| c["channel"] == "G").unwrap();
+    let [told, seen] = [&sheet["gain_dn_per_e"], &green["gain_dn_per_e"]].map(|v| v.as_f64().unwrap());
+    assert!(sheet["iso"] == 100.0 && (seen / told - 1.0).abs() < 0.08, "{noise}");
+    let other = json(&f, &["measure", "noise", "c.dng", "d.dng", "--body", "canon-5d"]);
+    assert!(other["data_sheet"]["body"] != sheet["body"], "{other}");
+
+    let (code, message) = f.fails(&["measure", "oecf", "a.dng"]);
+    assert!(code == 1 && message.contains("rank correlation"), "{code} {message}");
 
     f.ok(&["shoot", "color-chart", "--size", "300x200", "--spp", "8", "-o", "chart.png"]);
     let color = json(&f, &["measure", "color", "chart.png"]);
@@ -87,6 +115,26 @@ fn charts_are_photographed_and_measured() {
     // The default development is made to please: some units, but none of 20 on average.
     let mean = color["color"]["mean"].as_f64().unwrap();
     assert!(mean > 0.1 && mean < 20.0, "{mean}");
+}
+
+#[test]
+fn charts_of_files_and_of_shots_are_photographed() {
+    let f = Folder::new("measure-shot");
+    // A black square, turned, 1 m before a camera.
+    let scene = "[camera]\nlook_from = [0, 0, 1]\nlook_at = [0, 0, 0]\nfov = 27\n[sky]\nluminance = 500\n\
+        [material]\nwhite = { color = 0.8 }\nblack = { color = 0.05 }\n\
+        [[quad]]\nmaterial = \"white\"\ncorner = [-1, -1, 0]\nedges = [[2, 0, 0], [0, 2, 0]]\n\
+        [[quad]]\nmaterial = \"black\"\ncorner = [-0.1, -0.12, 0.001]\nedges = [[0.24, 0.021, 0], [-0.021, 0.24, 0]]\n";
+    std::fs::write(f.path("edge.scene"), scene).unwrap();
+    let camera = ["--lens", "double-gauss-50mm", "--body", "canon-5d", "--size", "300x200", "--spp", "16"];
+    let told = json(&f, &[&["measure", "mtf", "edge.scene", "--aperture", "f/8"][..], &camera].concat());
+    let edges = told["edges"].as_array().unwrap();
+    assert!(!edges.is_empty() && edges.iter().all(|e| e["predicted"]["largest_difference"].is_array()), "{told}");
+    let shot = "[scene]\nfile = \"edge.scene\"\n[camera]\nlens = \"double-gauss-50mm\"\nbody = \"canon-5d\"\n\
+        [exposure]\naperture = \"f/8\"\n[render]\nsize = \"300x200\"\nspp = 16\n";
+    std::fs::write(f.path("shot.toml"), shot).unwrap();
+    let shot = json(&f, &["measure", "mtf", "shot.toml"]);
+    assert_eq!(shot["edges"], told["edges"]);
 }
 
 #[test]
@@ -127,6 +175,12 @@ fn what_cannot_be_measured_is_said() {
         (&["measure", "mtf", "flat.png", "--lens", "tessar-50mm-f2.8"], 2, "--body"),
         (&["measure", "mtf", "slanted-edges"], 2, "expected --lens and --body"),
         (&["measure", "mtf", "gone.png"], 1, "gone.png"),
+        (&["measure", "mtf", "gone.scene"], 1, "gone.scene"),
+        (&["measure", "mtf", "gone.toml"], 1, "gone.toml"),
+        (&["measure", "mtf", "flat.png", "--size", "30x20"], 2, "a scene"),
+        (&["measure", "mtf", "flat.png", "--motion", "1,0"], 2, "--lens"),
+        (&["measure", "color", "flat.png"], 1, "correlation"),
+        (&["measure", "noise", "flat.dng", "flat.dng", "--body", "gone"], 2, "gone"),
         (&["measure", "rolling", "flat.png"], 2, "--flicker"),
         (&["measure", "rolling", "flat.png", "--flicker", "0"], 2, "such as 100"),
         (&["measure", "rolling", "flat.dng", "--flicker", "100"], 1, "no bands"),

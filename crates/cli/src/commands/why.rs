@@ -253,6 +253,10 @@ fn noise_text(found: &Why) -> Result<String, std::fmt::Error> {
         "Noise {:.2} e⁻ of {:.1} e⁻, signal to noise {:.1}{full}",
         n.total_e, found.brightness.electrons, n.signal_to_noise
     )?;
+    if n.total_e > 1.01 * n.camera_e {
+        let s = n.camera_signal_to_noise;
+        writeln!(text, "  without the renderer's own, as of a real camera: {:.2} e⁻, signal to noise {s:.1}", n.camera_e)?;
+    }
     writeln!(text, "  {:<46} {:>10} {:>8}", "", "e⁻", "fraction")?;
     for t in &n.terms {
         writeln!(text, "  {:<46} {:>10.3} {:>6.1} %  {}", t.name, t.electrons, 100.0 * t.fraction, t.kind)?;

@@ -23,6 +23,8 @@ const FRAMED: [f64; 2] = [0.8497, 0.8432];
 const MIDDLE: f64 = 0.5;
 /// Largest standard deviation within a patch, of the light of the chart's white.
 const MOST_UNEVEN: f64 = 0.08;
+/// The lightness of patches correlates with the chart's at least as much, however they are lit and developed; patches of other things, or of a chart upside down, do not.
+const LEAST_LIKENESS: f64 = 0.7;
 
 /// A patch as it is and as it should be.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -139,9 +141,28 @@ pub fn measure(picture: &Measured, corners: Option<Corners>, light: &str) -> Res
             "the four outer corners of its patches, dark skin in the upper left: --corners x,y,x,y,x,y,x,y",
         ));
     }
+    let likeness = correlation(patches.iter().map(|p| (p.reference[0], p.lab[0])));
+    if likeness < LEAST_LIKENESS {
+        return Err(MeasureError::unfit(
+            "colour chart",
+            format!("patches whose lightness does not follow the chart's (correlation {likeness:.2}, of a chart 1)"),
+            "the four outer corners of its patches, dark skin in the upper left: --corners x,y,x,y,x,y,x,y",
+        ));
+    }
     let mean = patches.iter().map(|p| p.delta_e).sum::<f64>() / patches.len() as f64;
     let largest = patches.iter().map(|p| p.delta_e).fold(0.0, f64::max);
     Ok(ColorDifferences { patches, scale, mean, largest })
+}
+
+/// Pearson's coefficient of pairs; 0 where one of both does not vary.
+fn correlation(pairs: impl Iterator<Item = (f64, f64)> + Clone) -> f64 {
+    let n = pairs.clone().count() as f64;
+    let mean = pairs.clone().fold([0.0; 2], |m, p| [m[0] + p.0 / n, m[1] + p.1 / n]);
+    let [ab, aa, bb] = pairs.fold([0.0; 3], |s, p| {
+        let (a, b) = (p.0 - mean[0], p.1 - mean[1]);
+        [s[0] + a * b, s[1] + a * a, s[2] + b * b]
+    });
+    if aa * bb > 0.0 { ab / (aa * bb).sqrt() } else { 0.0 }
 }
 
 #[cfg(test)]

@@ -32,7 +32,7 @@ pub use inputs::Inputs;
 pub use memory::Kept;
 pub use scene_cache::SceneCache;
 pub use sequence::{Sequence, Vary};
-pub use sources::{lens_beside, odd_size, read_body, read_environment, read_lens, read_scene};
+pub use sources::{is_scene_file, lens_beside, odd_size, read_body, read_environment, read_lens, read_scene};
 pub use surroundings::daylight;
 pub use vary::VARIABLES;
 

@@ -123,6 +123,12 @@ pub(super) fn is_model(name: &str) -> bool {
     matches!(ending.as_deref(), Some("obj" | "stl" | "ply" | "spz" | "gltf" | "glb" | "scene")) || is_usd(ending.as_deref())
 }
 
+/// Whether a file is a scene's, by its ending.
+pub fn is_scene_file(path: &Path) -> bool {
+    let ending = path.extension().map(|e| e.to_string_lossy().to_lowercase());
+    matches!(ending.as_deref(), Some("pbrt" | "xml")) || is_model(&path.to_string_lossy())
+}
+
 fn is_usd(ending: Option<&str>) -> bool {
     matches!(ending, Some("usd" | "usda" | "usdc" | "usdz"))
 }

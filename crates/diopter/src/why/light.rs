@@ -77,6 +77,10 @@ pub struct Noise {
     pub temporal_e: f64,
     /// Standard deviation of all parts, electrons.
     pub total_e: f64,
+    /// Standard deviation of all parts but the renderer's, electrons: what a real camera's would be.
+    pub camera_e: f64,
+    /// Electrons of light over `camera_e`.
+    pub camera_signal_to_noise: f64,
     /// Electrons of light over `total_e`.
     pub signal_to_noise: f64,
     /// Whether the pixel is full: its noise is then cut off.
@@ -174,11 +178,15 @@ impl Pixel<'_> {
             fraction: if sum > 0.0 { variance / sum } else { 0.0 },
             kind,
         };
+        let camera: f64 = terms.iter().filter(|t| t.2 != "renderer").map(|t| t.1).sum();
+        let over = |variance: f64| if variance > 0.0 { light / variance.sqrt() } else { 0.0 };
         Ok(Noise {
+            camera_e: camera.sqrt(),
+            camera_signal_to_noise: over(camera),
             terms: terms.map(term).to_vec(),
             temporal_e: whole.sqrt(),
             total_e: sum.sqrt(),
-            signal_to_noise: if sum > 0.0 { light / sum.sqrt() } else { 0.0 },
+            signal_to_noise: over(sum),
             clipped: all.clipped,
         })
     }

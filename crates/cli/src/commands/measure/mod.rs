@@ -5,7 +5,7 @@ mod oecf;
 mod report;
 mod rolling;
 
-use report::{Setup, photograph};
+use report::{Setup, take};
 
 use super::{print_json, read_raw};
 use crate::args::{List, LsfWindow, MeasureMtf, MeasureThroughLens, MeasureVerb, MeasuredChannel, PictureEncoding};
@@ -28,7 +28,7 @@ use diopter::scene::builtin;
 use diopter::sensor::Sensor;
 use diopter::sensor::emva::{self, Conditions};
 use diopter::sensor::format::FULL_FRAME_DIAGONAL_MM;
-use diopter::shot::{ShotError, read_body, read_lens};
+use diopter::shot::{ShotError, ShotFile, is_scene_file, read_body, read_lens};
 use glam::DVec2;
 use serde_json::{Value, json};
 use std::fmt::Write as _;
@@ -41,7 +41,7 @@ const COLORS: [Color; 6] = [[204, 51, 51], [34, 85, 170], [40, 140, 70], [150, 9
 pub fn run(verb: &MeasureVerb, json: bool) -> anyhow::Result<()> {
     match verb {
         MeasureVerb::Mtf(asked) => resolution(asked, json),
-        MeasureVerb::Noise { files, region, output } => photon_transfer(files, *region, output, json),
+        MeasureVerb::Noise { files, region, body, output } => photon_transfer(files, *region, body.as_deref(), output, json),
         MeasureVerb::DynamicRange { body, iso, output } => dynamic_range(body, iso.as_ref(), output, json),
         MeasureVerb::Glare(asked) => glare::run(asked, json),
         MeasureVerb::Oecf(asked) => oecf::run(asked, json),
@@ -160,37 +160,10 @@ fn resolution(asked: &MeasureMtf, json: bool) -> anyhow::Result<()> {
     if let Some(body) = &asked.body {
         read_body(body)?;
     }
-    let scene = asked.file.to_str().filter(|name| builtin::is_embedded(name) && !asked.file.exists());
-    let picture = match (scene, &asked.lens, &asked.body) {
-        (None, ..) => {
-            let taken = [asked.aperture.is_some(), asked.focal_length.is_some(), asked.size.is_some(), asked.spp.is_some()];
-            if let Some(flag) = taken.iter().position(|given| *given) {
-                let flag = ["--aperture", "--focal-length", "--size", "--spp"][flag];
-                let what = anyhow!(
-                    "{flag} with {}: a file counts as a picture, whose facts say how it was taken; expected an embedded chart (slanted-edges), or no {flag}. \
-                     Other scenes: shoot them into a raw file first",
-                    name_of(&asked.file)
-                );
-                return Err(AskedWrongly(what).into());
-            }
-            Measured::read(&asked.file, asked.encoding.decoded())?
-        }
-        (Some(name), Some(lens), Some(body)) => {
-            if asked.motion.is_some() {
-                let what = anyhow!(
-                    "--motion with {name}: it is photographed without motion; expected a file, whose chart or camera moved"
-                );
-                return Err(AskedWrongly(what).into());
-            }
-            let (aperture, focal_length) = (asked.aperture, asked.focal_length);
-            let spp = asked.spp.unwrap_or(CHART_SPP);
-            let setup = Setup { body, lens, aperture, focal_length, size: asked.size, spp };
-            Measured::Raw(Box::new(photograph(&setup, name)?.raw))
-        }
-        (Some(name), ..) => {
-            let what = anyhow!("{name}: this is an embedded scene; expected --lens and --body to photograph it with, or a file");
-            return Err(AskedWrongly(what).into());
-        }
+    let shot = shot_of_chart(asked)?;
+    let picture = match &shot {
+        None => Measured::read(&asked.file, asked.encoding.decoded())?,
+        Some(shot) => Measured::Raw(Box::new(take(shot, &name_of(&asked.file))?.raw)),
     };
     let channel = asked.channel.map_or_else(|| picture.usual_channel(), MeasuredChannel::measured);
     let plane = picture.plane(channel)?;
@@ -200,7 +173,10 @@ fn resolution(asked: &MeasureMtf, json: bool) -> anyhow::Result<()> {
         _ => mtf::find(&plane, &options)?,
     };
     let size = [plane.width, plane.height];
-    let (predictions, pitch_mm) = match (&asked.lens, &asked.body) {
+    let camera = shot.as_ref().map(|s| &s.camera);
+    let lens = asked.lens.as_ref().or(camera.and_then(|c| c.lens.as_ref()).filter(|l| has_surfaces(l)));
+    let body = asked.body.as_ref().or(camera.and_then(|c| c.body.as_ref()));
+    let (predictions, pitch_mm) = match (lens, body) {
         (Some(lens), Some(body)) => {
             let chart = Charted { light: &asked.light, motion_px: asked.motion.unwrap_or_default() };
             let (all, pitch) = predicted(&asked.file, chart, [lens, body], picture.facts(), channel, size, &edges)?;
@@ -235,6 +211,65 @@ fn resolution(asked: &MeasureMtf, json: bool) -> anyhow::Result<()> {
     let predictions = predictions.unwrap_or_default();
     let figure = || resolution_figure(&name_of(&asked.file), channel, per_mm, &edges, &predictions);
     finish(outputs, figure, &text, &value, json)
+}
+
+/// Whether a lens of a shot file has surfaces that a chain can be predicted for: not `thin`, `pinhole` and the like.
+fn has_surfaces(lens: &str) -> bool {
+    read_lens(lens).is_ok()
+}
+
+/// The photograph that is to be taken of a scene or by a shot file; none where the file is a picture.
+fn shot_of_chart(asked: &MeasureMtf) -> anyhow::Result<Option<ShotFile>> {
+    let file = &asked.file;
+    let embedded = asked.file.to_str().filter(|name| builtin::is_embedded(name) && !file.exists());
+    let ending = file.extension().map(|e| e.to_string_lossy().to_lowercase()).unwrap_or_default();
+    let set = [
+        ("--aperture", asked.aperture.is_some()),
+        ("--focal-length", asked.focal_length.is_some()),
+        ("--size", asked.size.is_some()),
+        ("--spp", asked.spp.is_some()),
+    ];
+    let set = set.iter().find(|s| s.1).map(|s| s.0);
+    let wrong = |what: String| Err(AskedWrongly(anyhow!(what)).into());
+    if ending == "toml" {
+        let mut shot = ShotFile::read(file)?;
+        let (camera, render) = (&mut shot.camera, &mut shot.render);
+        if let (Some(lens), Some(body)) = (&asked.lens, &asked.body) {
+            (camera.lens, camera.body) = (Some(lens.clone()), Some(body.clone()));
+        }
+        camera.focal_length = asked.focal_length.or(camera.focal_length);
+        render.size = asked.size.or(render.size);
+        render.spp = asked.spp.or(render.spp);
+        shot.exposure.aperture = asked.aperture.or(shot.exposure.aperture);
+        return Ok(Some(shot));
+    }
+    if embedded.is_none() && !(is_scene_file(file) && file.exists()) {
+        return match set {
+            Some(flag) => wrong(format!(
+                "{flag} with {}: a picture says itself how it was taken; expected a scene (slanted-edges, chart.scene), a shot file, or no {flag}",
+                name_of(file)
+            )),
+            None if asked.motion.is_some() && asked.lens.is_none() => {
+                wrong("--motion without --lens: expected --lens and --body, whose chain it is a part of".into())
+            }
+            None => Ok(None),
+        };
+    }
+    let Some(name) = file.to_str() else {
+        return wrong(format!("{}: expected a name in UTF-8", file.display()));
+    };
+    if asked.motion.is_some() {
+        let hint = "expected a picture, or a shot file, whose chart or camera moves";
+        return wrong(format!("--motion with {name}: it is photographed without motion; {hint}"));
+    }
+    match (&asked.lens, &asked.body) {
+        (Some(lens), Some(body)) => {
+            let (aperture, focal_length) = (asked.aperture, asked.focal_length);
+            let spp = asked.spp.unwrap_or(CHART_SPP);
+            Ok(Some(Setup { body, lens, aperture, focal_length, size: asked.size, spp }.shot_file(name)))
+        }
+        _ => wrong(format!("{name}: this is a scene; expected --lens and --body to photograph it with, or a picture")),
+    }
 }
 
 /// Responses of some edges, and what was predicted for them (the same number, or none).
@@ -487,7 +522,63 @@ fn chain_text(edges: &[EdgeMtf], predictions: &[Prediction]) -> anyhow::Result<S
     Ok(t)
 }
 
-fn photon_transfer(files: &[PathBuf], part: Option<[usize; 4]>, output: &[PathBuf], json: bool) -> anyhow::Result<()> {
+/// What the data sheet of a body says of a photon transfer at an ISO speed.
+struct TransferSheet {
+    body: String,
+    iso: f64,
+    /// System gain K, DN/e⁻.
+    gain_dn_per_e: f64,
+    /// Read noise, noise of rows and rounding together, e⁻.
+    dark_noise_e: f64,
+    /// White less black, e⁻.
+    white_e: f64,
+    /// White over dark noise, stops.
+    dynamic_range_stops: f64,
+}
+
+/// The sheet of a body, or of the embedded one that raw files name, at the ISO speed of the files; none where nobody knows it.
+fn transfer_sheet(raw: &diopter::image::RawImage, body: Option<&str>) -> anyhow::Result<Option<TransferSheet>> {
+    let facts = &raw.header.facts;
+    let sensor = match body {
+        Some(body) => read_body(body)?,
+        None => {
+            let known = Sensor::names().filter_map(|name| Sensor::named(name).ok()).find(|s| s.name == facts.body);
+            let Some(known) = known else { return Ok(None) };
+            known
+        }
+    };
+    let iso = if facts.iso_set > 0.0 { facts.iso_set } else { facts.iso };
+    if iso <= 0.0 {
+        return match body {
+            Some(body) => Err(AskedWrongly(anyhow!("--body {body}: the raw files do not say their ISO speed")).into()),
+            None => Ok(None),
+        };
+    }
+    let step = match (sensor.at_iso(iso), body) {
+        (Ok(step), _) => step,
+        (Err(_), None) => return Ok(None),
+        (Err(e), Some(_)) => return Err(AskedWrongly(e.into()).into()),
+    };
+    let rounding = step.gain_e_per_dn / 12f64.sqrt();
+    let dark_noise_e = step.read_noise_e.hypot(step.row_noise_e).hypot(rounding);
+    let white_e = (step.white_level_dn - step.black_level_dn) * step.gain_e_per_dn;
+    Ok(Some(TransferSheet {
+        body: sensor.name.clone(),
+        iso,
+        gain_dn_per_e: 1.0 / step.gain_e_per_dn,
+        dark_noise_e,
+        white_e,
+        dynamic_range_stops: (white_e / dark_noise_e).log2(),
+    }))
+}
+
+fn photon_transfer(
+    files: &[PathBuf],
+    part: Option<[usize; 4]>,
+    body: Option<&str>,
+    output: &[PathBuf],
+    json: bool,
+) -> anyhow::Result<()> {
     if !files.len().is_multiple_of(2) {
         let found = format!("{} files", files.len());
         return Err(AskedWrongly(anyhow!(
@@ -498,6 +589,7 @@ fn photon_transfer(files: &[PathBuf], part: Option<[usize; 4]>, output: &[PathBu
     let outputs = paint::prepare(output)?;
     let pairs =
         files.chunks_exact(2).map(|two| Ok((read_raw(&two[0])?, read_raw(&two[1])?))).collect::<anyhow::Result<Vec<_>>>()?;
+    let data_sheet = transfer_sheet(&pairs[0].0, body)?;
     let found = noise::measure(&pairs, part.map(region))?;
     let mut t = String::new();
     writeln!(t, "photon transfer of {} pair{}", pairs.len(), if pairs.len() == 1 { "" } else { "s" })?;
@@ -517,6 +609,20 @@ fn photon_transfer(files: &[PathBuf], part: Option<[usize; 4]>, output: &[PathBu
             number(c.dark_noise_e),
             c.white_e,
             number(c.dynamic_range_stops)
+        )?;
+    }
+    if let Some(s) = &data_sheet {
+        writeln!(
+            t,
+            "  {:<8} {:>11.4} {:>11.4} {:>11.2} {:>11.0} {:>8.2}   ({}, ISO {:.0})",
+            "sheet",
+            s.gain_dn_per_e,
+            1.0 / s.gain_dn_per_e,
+            s.dark_noise_e,
+            s.white_e,
+            s.dynamic_range_stops,
+            s.body,
+            s.iso
         )?;
     }
     writeln!(t, "  {:<8} {:>11} {:>13} {:>9}", "", "signal DN", "variance DN²", "SNR dB")?;
@@ -543,7 +649,11 @@ fn photon_transfer(files: &[PathBuf], part: Option<[usize; 4]>, output: &[PathBu
             lines: lines.collect(),
         })
     };
-    finish(outputs, figure, &t, &json!({ "files": files, "channels": found }), json)
+    let data_sheet = data_sheet.map(|s| {
+        json!({ "body": s.body, "iso": s.iso, "gain_dn_per_e": s.gain_dn_per_e, "dark_noise_e": s.dark_noise_e,
+            "white_e": s.white_e, "dynamic_range_stops": s.dynamic_range_stops })
+    });
+    finish(outputs, figure, &t, &json!({ "files": files, "channels": found, "data_sheet": data_sheet }), json)
 }
 
 /// Pixels a side of the pictures that a dynamic range is measured from, and pictures of its stacks: temporal figures need no more.

@@ -170,17 +170,29 @@ pub fn run(asked: &MeasureReport, json: bool) -> anyhow::Result<()> {
     Ok(())
 }
 
+impl Setup<'_> {
+    /// The shot of a chart: an embedded scene, or a scene's file.
+    pub(super) fn shot_file(&self, chart: &str) -> ShotFile {
+        let mut file = ShotFile::default();
+        file.scene.file = Some(chart.into());
+        file.camera.body = Some(self.body.into());
+        file.camera.lens = Some(self.lens.into());
+        file.camera.focal_length = self.focal_length;
+        file.exposure.aperture = self.aperture;
+        file.render.size = self.size;
+        file.render.spp = Some(self.spp);
+        file
+    }
+}
+
 /// Takes a photograph of an embedded chart.
-pub(super) fn photograph(setup: &Setup, chart: &str) -> anyhow::Result<Photograph> {
-    let mut file = ShotFile::default();
-    file.scene.file = Some(chart.into());
-    file.camera.body = Some(setup.body.into());
-    file.camera.lens = Some(setup.lens.into());
-    file.camera.focal_length = setup.focal_length;
-    file.exposure.aperture = setup.aperture;
-    file.render.size = setup.size;
-    file.render.spp = Some(setup.spp);
-    let mut shot = Shot::prepare(&file, &mut warn)?;
+fn photograph(setup: &Setup, chart: &str) -> anyhow::Result<Photograph> {
+    take(&setup.shot_file(chart), chart)
+}
+
+/// Takes a photograph of a chart as a shot file says.
+pub(super) fn take(file: &ShotFile, chart: &str) -> anyhow::Result<Photograph> {
+    let mut shot = Shot::prepare(file, &mut warn)?;
     watched("focusing", |w| shot.focus(w, &mut warn))?;
     watched("metering", |w| shot.meter(w, &mut warn))?;
     say(&format!("photographing {chart}"));
