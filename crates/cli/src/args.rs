@@ -5,9 +5,7 @@ use clap::{Parser, Subcommand};
 use diopter::denoising::Denoise;
 use diopter::files;
 use diopter::image::dng::Storage;
-use diopter::quantity::{
-    Distance, Ev, FNumber, Filter, FocusTo, Hertz, Iso, IsoChoice, LengthMm, Moment, Seconds, Size, SpectralBands,
-};
+use diopter::quantity::{Distance, Ev, FNumber, Filter, FocusTo, Iso, IsoChoice, LengthMm, Moment, Seconds, Size, SpectralBands};
 use diopter::sheet::Axis;
 use diopter::shot::ShotFile;
 use diopter::shot::file::{FlashSection, FlickerSection, Zones};
@@ -1061,7 +1059,7 @@ pub struct Taking {
     #[arg(long, value_name = "DEG/S", allow_negative_numbers = true)]
     pub shake: Option<f64>,
     /// Lamps flicker: "mains 50 Hz" or "mains 50 Hz 0.8" (depth), "pwm 240 Hz 0.3" (fraction of time on).
-    #[arg(long, value_name = "HOW", value_parser = flicker)]
+    #[arg(long, value_name = "HOW")]
     pub flicker: Option<FlickerSection>,
     /// Fire a flash of this guide number (f-number × metres, ISO 100).
     #[arg(long, value_name = "GN", allow_negative_numbers = true)]
@@ -1305,6 +1303,9 @@ pub struct Shoot {
     /// Title of the sheet.
     #[arg(long, value_name = "TEXT", requires = "sheet")]
     pub sheet_title: Option<String>,
+    /// A table under the pictures: what a command of `calc` prints, such as "calc exposure --aperture f/4"; may be given several times.
+    #[arg(long, value_name = "COMMAND", requires = "sheet")]
+    pub sheet_table: Vec<String>,
     /// Write what is being shot as a shot file.
     #[arg(long, value_name = "FILE")]
     pub save_shot: Option<PathBuf>,
@@ -2032,28 +2033,6 @@ fn corners(text: &str) -> Result<[[f64; 2]; 4], String> {
 /// A fraction: "0.25" or "1/4".
 fn fraction(text: &str) -> Result<f64, String> {
     diopter::quantity::number(text).ok_or_else(|| format!("\"{text}\" is not a fraction such as 0.25 or 1/4"))
-}
-
-/// "mains 50 Hz 0.8", "pwm 240 Hz 0.3".
-fn flicker(text: &str) -> Result<FlickerSection, String> {
-    let wrong = || format!("\"{text}\" is not a flicker such as \"mains 50 Hz\", \"mains 50 Hz 0.8\" or \"pwm 240 Hz 0.3\"");
-    let mut words: Vec<String> = text.split_whitespace().map(str::to_lowercase).collect();
-    if words.is_empty() {
-        return Err(wrong());
-    }
-    let kind = words.remove(0);
-    // "50 Hz" or "50hz".
-    if words.get(1).is_some_and(|w| w.ends_with("hz")) {
-        let unit = words.remove(1);
-        words[0].push_str(&unit);
-    }
-    let frequency = words.first().map(|f| f.parse::<Hertz>()).transpose().map_err(|_| wrong())?;
-    let amount = words.get(1).map(|a| fraction(a)).transpose().map_err(|_| wrong())?;
-    if words.len() > 2 || !matches!(kind.as_str(), "mains" | "pwm") {
-        return Err(wrong());
-    }
-    let (depth, duty) = if kind == "pwm" { (None, amount) } else { (amount, None) };
-    Ok(FlickerSection { kind, frequency, depth, duty, ..Default::default() })
 }
 
 /// "30s" or "off".

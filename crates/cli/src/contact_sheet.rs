@@ -23,6 +23,11 @@ const CAPTION: f32 = 16.0;
 const FACTS: f32 = 12.5;
 /// Letters of the title, px.
 const TITLE: f32 = 22.0;
+/// Letters of tables, px; how wide one is, of its height (DejaVu Sans Mono).
+const FIXED: f32 = 12.5;
+const FIXED_WIDE: f32 = 0.602;
+/// Baseline to baseline of tables, of the height of their letters.
+const FIXED_LINE: f32 = 1.3;
 /// Width that a sheet of one axis fills, px.
 const WIDTH: usize = 1600;
 /// Height of a histogram, px.
@@ -40,6 +45,8 @@ pub struct ContactSheet {
     pub columns: Option<usize>,
     /// Row by row.
     pub cells: Vec<Cell>,
+    /// Captions and lines of fixed width, one below the other under the pictures.
+    pub tables: Vec<(String, String)>,
 }
 
 /// A picture with what is said of it.
@@ -147,7 +154,14 @@ impl ContactSheet {
         let rows = self.cells.len().div_ceil(columns);
         let head = if self.title.is_empty() { 0 } else { 34 } + LINE * self.text.len();
         let row = h + 2 * LINE + GAP;
-        let (width, height) = (GAP + columns * (w + GAP), head + GAP + rows * row);
+        let width = GAP + columns * (w + GAP);
+        let room = (width - 2 * GAP) as f32;
+        // Letters as wide as they go: the tables of a narrow sheet are small.
+        let longest = self.tables.iter().flat_map(|t| t.1.lines()).map(|l| l.chars().count()).max().unwrap_or(0);
+        let fixed = FIXED.min(room / (longest.max(1) as f32 * FIXED_WIDE));
+        let tall = |text: &str| (text.lines().count() as f32 * fixed * FIXED_LINE).ceil() as usize + 2 * LINE;
+        let pictures = head + GAP + rows * row;
+        let height = pictures + self.tables.iter().map(|t| tall(&t.1)).sum::<usize>();
         if width.saturating_mul(height) > MOST_PIXELS || width.max(height) > 65_535 {
             let wrong = anyhow!(
                 "sheet {width}x{height}: expected at most {MOST_PIXELS} pixels; a smaller --sheet-cell (cell) makes it so"
@@ -155,7 +169,6 @@ impl ContactSheet {
             return Err(AskedWrongly(wrong).into());
         }
         let mut page = Page::new(width, height)?;
-        let room = (width - 2 * GAP) as f32;
         if !self.title.is_empty() {
             page.text_within(GAP as f32, 30.0, &self.title, TITLE, room)?;
         }
@@ -170,6 +183,12 @@ impl ContactSheet {
             let below = (y + h) as f32;
             page.text_within(x as f32, below + 17.0, &cell.label, CAPTION, w as f32)?;
             page.text_within(x as f32, below + 34.0, &cell.facts, FACTS, w as f32)?;
+        }
+        let mut y = pictures;
+        for (caption, text) in &self.tables {
+            page.text_within(GAP as f32, y as f32 + 14.0, caption, 14.0, room)?;
+            page.lines(GAP as f32, (y + LINE) as f32 + fixed, text, fixed, fixed * FIXED_LINE)?;
+            y += tall(text);
         }
         Ok(page)
     }
@@ -211,7 +230,11 @@ impl ContactSheet {
                 pixels.height
             )?;
         }
-        writeln!(page, "</main>\n</body>\n</html>")?;
+        writeln!(page, "</main>")?;
+        for (caption, text) in &self.tables {
+            writeln!(page, "<p>{}</p>\n<pre>{}</pre>", escaped(caption), escaped(text))?;
+        }
+        writeln!(page, "</body>\n</html>")?;
         Ok(page)
     }
 
@@ -220,6 +243,10 @@ impl ContactSheet {
         let cells = self.cells.iter().map(|c| (c.picture.clone(), c.label.clone(), c.facts.clone())).collect();
         let mut blocks: Vec<Block> = self.text.iter().map(|line| Block::Paragraph(line.clone())).collect();
         blocks.push(Block::Contacts { columns: self.columns(), cells });
+        for (caption, text) in &self.tables {
+            blocks.push(Block::Paragraph(caption.clone()));
+            blocks.push(Block::Fixed(text.clone()));
+        }
         Document { title: self.title.clone(), blocks, wide: true }
     }
 
@@ -263,7 +290,8 @@ mod tests {
 
     fn sheet(count: usize, columns: Option<usize>) -> ContactSheet {
         let cell = |k: usize| Cell { picture: picture(60, 40), label: format!("iso {k}"), facts: "f/2 <b>".into() };
-        ContactSheet { title: "A & B".into(), text: vec!["one".into()], columns, cells: (0..count).map(cell).collect() }
+        let cells = (0..count).map(cell).collect();
+        ContactSheet { title: "A & B".into(), text: vec!["one".into()], columns, cells, tables: Vec::new() }
     }
 
     #[test]

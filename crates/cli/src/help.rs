@@ -244,6 +244,7 @@ pub fn as_json(e: &clap::Error) -> serde_json::Value {
 mod tests {
     use super::*;
     use crate::args::Verb;
+    use diopter::shot::ShotFile;
 
     fn words(text: &str) -> Vec<OsString> {
         text.split_whitespace().map(OsString::from).collect()
@@ -309,6 +310,53 @@ mod tests {
         assert!(long.contains("--lens ") && long.contains("--microlens-gap"));
         let places: Vec<usize> = GROUPS.iter().map(|g| long.find(&format!("\n{}:\n", g.heading)).expect(g.heading)).collect();
         assert!(places.is_sorted(), "{places:?}");
+    }
+
+    #[test]
+    fn every_setting_of_one_picture_can_be_varied() {
+        // Who makes the picture and where it goes, and how many there are.
+        let others = [
+            "bracket",
+            "step",
+            "frames",
+            "focus-bracket",
+            "focus-step",
+            "staggered",
+            "staggered-ratio",
+            "staggered-gap",
+            "merge",
+            "stack",
+            "dual-pixel",
+            "output",
+            "dng",
+            "keep-plane",
+            "truth",
+            "truth-layout",
+            "plot-focus",
+            "save-shot",
+            "vary",
+            "sheet",
+            "json",
+            "threads",
+            "max-memory",
+            "checkpoint",
+            "no-resume",
+            "resume",
+            "recipe",
+            "set",
+            "help",
+            "version",
+        ];
+        let command = command();
+        let shoot = command.find_subcommand("shoot").unwrap();
+        let flags = shoot.get_arguments().filter_map(|a| a.get_long());
+        let flags: Vec<&str> = flags.filter(|f| !others.contains(f) && !f.starts_with("sheet-")).collect();
+        assert!(flags.len() > 80, "{}", flags.len());
+        for flag in flags {
+            if let Err(e) = ShotFile::default().with(flag, "1") {
+                assert!(!e.to_string().contains("a key of the shot file"), "--{flag}: {e}");
+            }
+        }
     }
 
     #[test]

@@ -14,6 +14,7 @@ mod help;
 mod html;
 mod memory;
 mod output;
+mod own_program;
 mod paint;
 mod pdf;
 mod sheet;

@@ -129,6 +129,18 @@ impl Page {
         self.text(x, y, text, if wide > width { size * width / wide } else { size })
     }
 
+    /// Writes lines of fixed width, the first from (x, y), `size` px high and `line` px apart.
+    pub fn lines(&mut self, x: f32, y: f32, text: &str, size: f32, line: f32) -> anyhow::Result<()> {
+        let font = FontRef::try_from_slice(dejavu::sans_mono::regular()).context("the embedded font")?;
+        for (i, text) in text.lines().enumerate() {
+            if let Some(path) = letters(&font, text, size).0 {
+                let at = Transform::from_translate(x, y + i as f32 * line);
+                self.0.fill_path(&path, &ink([225, 225, 225], 1.0), FillRule::Winding, at, None);
+            }
+        }
+        Ok(())
+    }
+
     /// The page as a picture.
     pub fn to_picture(&self) -> Picture {
         // The page is opaque: premultiplied colours are the colours.

@@ -67,6 +67,14 @@ pub fn histogram(picture: &Picture, width: usize, height: usize) -> Vec<f32> {
     // The ends may hold more than all else: they are cut off.
     let top = counts.iter().flat_map(|c| &c[1..BARS - 1]).fold(1.0f64, |a, b| a.max(*b));
     let mut strip = vec![0.0; width * height * 3];
+    // Quarters of the codes, and a mark for every sixteenth at the foot.
+    for mark in 0..=16 {
+        let x = mark * (width - 1) / 16;
+        let from = if mark % 4 == 0 { 0 } else { height - 4 };
+        for y in from..height {
+            strip[(y * width + x) * 3..][..3].fill(0.3);
+        }
+    }
     for x in 0..width {
         let bar = (x * BARS / width).min(BARS - 1);
         for c in 0..3 {

@@ -100,6 +100,36 @@ fn sheet_files_are_taken() {
 }
 
 #[test]
+fn tables_of_calc_stand_under_the_pictures() {
+    let f = Folder::new("sheet-tables");
+    let vary = ["--vary", "iso=100,400", "--sheet", "a.png", "--sheet", "a.html", "--sheet", "a.pdf"];
+    sheet(&f, &vary);
+    let plain = size_of(&f.read("a.png"));
+    let told =
+        sheet(&f, &[&vary[..], &["--sheet-table", "calc stop --focal-length 50mm", "--sheet-table", "calc formats"]].concat());
+    let stop = String::from_utf8(f.ok(&["calc", "stop", "--focal-length", "50mm"]).stdout).unwrap();
+    assert_eq!(told["tables"][0].as_str(), Some(stop.trim_end()));
+    let with = size_of(&f.read("a.png"));
+    assert!(with[0] == plain[0] && with[1] > plain[1] + 80, "{plain:?} {with:?}");
+    let html = String::from_utf8(f.read("a.html")).unwrap();
+    assert!(html.contains("<p>calc stop --focal-length 50mm</p>") && html.matches("<pre>").count() == 2);
+    // Of a sheet file, with a caption; what would write a file is refused before anything is exposed.
+    let file = |table: &str| {
+        format!("vary = [{{ name = \"iso\", values = [100, 400] }}]\ntable = [{table}]\nshot.scene.file = \"cornell\"\n")
+    };
+    std::fs::write(f.0.join("ok.toml"), file("{ command = \"calc formats\", caption = \"Formats & sizes\" }")).unwrap();
+    f.ok(&["sheet", "ok.toml", "--size", "30x20", "--spp", "1", "-o", "ok.html"]);
+    assert!(String::from_utf8(f.read("ok.html")).unwrap().contains("<p>Formats &amp; sizes</p>"));
+    for wrong in ["calc formats -o x.png", "calc formats --output=x.png", "shoot cornell", ""] {
+        std::fs::write(f.0.join("wrong.toml"), file(&format!("{{ command = \"{wrong}\" }}"))).unwrap();
+        let (code, message) = f.fails(&["sheet", "wrong.toml", "-o", "x.html"]);
+        assert!(code == 2 && message.contains("without -o"), "{wrong}: {code} {message}");
+    }
+    let (_, message) = f.fails(&[&SHOT[..], &vary, &["--sheet-table", "calc nothing"]].concat());
+    assert!(message.contains("calc nothing"), "{message}");
+}
+
+#[test]
 fn what_makes_no_sheet_is_said() {
     let f = Folder::new("sheet-wrong");
     let cases: [(&[&str], &str); 8] = [

@@ -3,6 +3,7 @@
 //! [`SheetFile`] is what was written (TOML); [`SheetFile::cells`] lists the shots it stands for. Who paints them says how they look.
 
 use crate::files;
+use crate::lesson::words;
 use crate::shot::{ShotError, ShotFile, value};
 use serde::Deserialize;
 use std::path::Path;
@@ -31,6 +32,8 @@ pub struct SheetFile {
     pub histogram: bool,
     /// What is varied: the first across, the second down.
     pub vary: Vec<Axis>,
+    /// Tables under the pictures.
+    pub table: Vec<Table>,
     /// The shot.
     pub shot: ShotFile,
 }
@@ -45,6 +48,16 @@ pub struct Axis {
     pub values: Vec<toml::Value>,
     /// What the captions say instead of the values.
     pub labels: Vec<String>,
+}
+
+/// What a command of the program prints: "calc depth-of-field --focal-length 50mm".
+#[derive(Clone, Debug, Default, PartialEq, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Table {
+    /// Above the table; without, the command.
+    pub caption: Option<String>,
+    /// The command, as it is typed after `diopter`; one of `calc`, which writes no file.
+    pub command: String,
 }
 
 /// One name or several.
@@ -173,6 +186,19 @@ impl SheetFile {
         toml::from_str(&text).map_err(|e| ShotError::Syntax { path: place, reason: e.to_string().trim_end().to_owned() })
     }
 
+    /// Fails where a table is not one of `calc`, or would write a file.
+    fn check_tables(&self) -> Result<(), ShotError> {
+        for table in &self.table {
+            let words = words(&table.command);
+            let writes = |w: &String| w == "-o" || w.starts_with("--output") || (w.starts_with("-o") && !w.starts_with("--"));
+            if words.first().is_none_or(|w| w != "calc") || words.iter().any(writes) {
+                let expected = "what `calc` prints, without -o, such as \"calc stop --focal-length 50mm\"";
+                return Err(value("table", format!("\"{}\"", table.command), expected));
+            }
+        }
+        Ok(())
+    }
+
     /// The shots of the sheet; their paths are relative to `folder`, where there is one.
     pub fn cells(&self, folder: Option<&Path>) -> Result<Cells, ShotError> {
         if !(1..=MOST_AXES).contains(&self.vary.len()) {
@@ -191,6 +217,7 @@ impl SheetFile {
                 "two numbers from 0 to 1, across and down the picture",
             ));
         }
+        self.check_tables()?;
         let names: Vec<&String> = self.vary.iter().flat_map(|a| a.name.list()).collect();
         if let Some(twice) = names.iter().enumerate().find(|(k, n)| names[..*k].contains(n)) {
             return Err(value("vary", format!("\"{}\" twice", twice.1), "different settings"));

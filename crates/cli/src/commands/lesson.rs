@@ -7,16 +7,16 @@ use crate::AskedWrongly;
 use crate::args::LessonArgs;
 use crate::document::{self, Block, Document};
 use crate::output::Output;
+use crate::own_program::OwnProgram;
 use crate::paint;
 use crate::watch::{self, say};
 use anyhow::{Context, anyhow};
-use diopter::lesson::{Lesson, words};
+use diopter::lesson::Lesson;
 use diopter::sensor::nearest;
 use std::fmt::Write as _;
 use std::io::Write as _;
 use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
-use std::process::Command;
 use std::time::Instant;
 
 /// Names and texts of the lessons, in the order of a course.
@@ -69,6 +69,10 @@ pub fn run(args: &LessonArgs, threads: Option<NonZeroUsize>, json: bool) -> anyh
         return Err(AskedWrongly(anyhow!("lesson \"{}\": no folder; expected -o FOLDER to write it into", args.name)).into());
     };
     let on_paper = document::kind(folder) == Some(document::Kind::Pdf);
+    if document::kind(folder) == Some(document::Kind::Html) {
+        let wrong = anyhow!("{}: expected a folder, or a name that ends in .pdf", folder.display());
+        return Err(AskedWrongly(wrong).into());
+    }
     if !on_paper && folder.exists() && !folder.is_dir() {
         let wrong = anyhow!("{}: this is a file; expected a folder, or a name that ends in .pdf", folder.display());
         return Err(AskedWrongly(wrong).into());
@@ -79,8 +83,7 @@ pub fn run(args: &LessonArgs, threads: Option<NonZeroUsize>, json: bool) -> anyh
     let _held = watch::hold();
     let started = Instant::now();
     std::fs::create_dir_all(folder).with_context(|| format!("{}: this folder cannot be made", folder.display()))?;
-    let (program, first) = this_program()?;
-    let runner = Runner { program, first, folder, size: args.size.map(|s| s.to_string()), threads };
+    let runner = Runner { program: OwnProgram::new(threads)?, folder, size: args.size.map(|s| s.to_string()) };
     let (mut told, mut index) = (Vec::new(), "# Lessons\n\n".to_owned());
     let mut book = Document::default();
     for (name, text) in chosen.iter().copied() {
@@ -134,26 +137,12 @@ fn list(json: bool) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// The program that runs, and what comes before its arguments: from the Python package it is a module of the interpreter.
-fn this_program() -> anyhow::Result<(PathBuf, &'static [&'static str])> {
-    // Of a virtual environment, whose interpreter is a link: the process itself is the one it leads to.
-    if let Some(interpreter) = std::env::var_os("DIOPTER_PYTHON") {
-        return Ok((interpreter.into(), &["-m", "diopter"]));
-    }
-    let program = std::env::current_exe().context("the program itself, which runs the commands of a lesson")?;
-    let name = program.file_stem().unwrap_or_default().to_string_lossy().to_lowercase();
-    let interpreter = name.starts_with("python") || name.starts_with("pypy");
-    Ok((program, if interpreter { &["-m", "diopter"] } else { &[] }))
-}
-
 /// Runs the commands of lessons in a folder.
 struct Runner<'a> {
-    program: PathBuf,
-    first: &'static [&'static str],
+    program: OwnProgram,
     folder: &'a Path,
     /// Pixels of all photographs, instead of those that the lessons say.
     size: Option<String>,
-    threads: Option<NonZeroUsize>,
 }
 
 impl Runner<'_> {
@@ -195,17 +184,7 @@ impl Runner<'_> {
             return Err(anyhow!("stopped in lesson {name}: its page was not written"));
         }
         say(&format!("{name}: diopter {typed}"));
-        let mut command = Command::new(&self.program);
-        command.args(self.first).args(words(typed)).current_dir(self.folder).stdin(std::process::Stdio::null());
-        if let Some(threads) = self.threads {
-            command.arg("--threads").arg(threads.to_string());
-        }
-        let done = command.output().with_context(|| format!("lesson {name}: {}", self.program.display()))?;
-        if !done.status.success() {
-            let said = String::from_utf8_lossy(&done.stderr);
-            return Err(anyhow!("lesson {name}: \"diopter {typed}\" failed: {}", said.trim().lines().last().unwrap_or("")));
-        }
-        Ok(String::from_utf8_lossy(&done.stdout).into_owned())
+        self.program.run(typed, Some(self.folder)).with_context(|| format!("lesson {name}"))
     }
 }
 
@@ -277,6 +256,7 @@ mod tests {
     use super::*;
     use crate::args::Verb;
     use crate::help;
+    use diopter::lesson::words;
     use std::ffi::OsString;
 
     fn lessons() -> impl Iterator<Item = (&'static str, Lesson)> {

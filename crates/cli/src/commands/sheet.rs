@@ -8,12 +8,13 @@ use crate::args::{Sheet, Shoot};
 use crate::contact_sheet::{self, Below, Cell, ContactSheet, Kind};
 use crate::memory;
 use crate::output::{self, Output};
+use crate::own_program::OwnProgram;
 use crate::watch::{self, say, warn, watched};
 use anyhow::{Context, anyhow};
 use diopter::develop::Developer;
 use diopter::image::{ExposureFacts, FocalPlane, Picture, PictureSource, RawImage};
 use diopter::metering::ev100_of_setting;
-use diopter::sheet::{Cells, SheetFile};
+use diopter::sheet::{Cells, SheetFile, Table};
 use diopter::shot::{FireflyChoice, Inputs, Kept, SceneCache, Sequence, Shot, ShotError, ShotFile};
 use std::path::{Path, PathBuf};
 use std::rc::Rc;
@@ -33,7 +34,9 @@ pub fn run(args: &Sheet, json: bool) -> anyhow::Result<()> {
     output::distinct([args.sheet.as_path()], args.output.iter().map(PathBuf::as_path))?;
     let cells = file.cells(args.sheet.parent())?;
     let outputs = contact_sheet::prepare(&args.output)?;
-    make(&file, &cells, outputs, args.max_memory, json)
+    // An empty path is not the folder it stands for.
+    let folder = args.sheet.parent().filter(|f| !f.as_os_str().is_empty());
+    make(&file, &cells, folder, outputs, args.max_memory, json)
 }
 
 /// Of the flags of `shoot`; `shot` is what they say.
@@ -45,6 +48,7 @@ pub fn of_shot(args: &Shoot, shot: ShotFile, json: bool) -> anyhow::Result<()> {
         crop: args.sheet_crop,
         histogram: args.sheet_histogram,
         vary: args.vary.clone(),
+        table: args.sheet_table.iter().map(|c| Table { command: c.clone(), caption: None }).collect(),
         shot,
         ..Default::default()
     };
@@ -52,12 +56,13 @@ pub fn of_shot(args: &Shoot, shot: ShotFile, json: bool) -> anyhow::Result<()> {
     output::distinct(subject, args.sheet.iter().map(PathBuf::as_path))?;
     let cells = file.cells(None)?;
     let outputs = contact_sheet::prepare(&args.sheet)?;
-    make(&file, &cells, outputs, args.taking.max_memory, json)
+    make(&file, &cells, None, outputs, args.taking.max_memory, json)
 }
 
 fn make(
     file: &SheetFile,
     cells: &Cells,
+    folder: Option<&Path>,
     outputs: Vec<(Kind, Output)>,
     max_memory: Option<memory::Bytes>,
     json: bool,
@@ -71,6 +76,12 @@ fn make(
     for (k, cell) in cells.cells.iter().enumerate() {
         shared.check(&cell.shot).with_context(|| format!("picture {} of {count}, {}", k + 1, cell.label))?;
     }
+    let program = OwnProgram::new(None)?;
+    let tables = file.table.iter().map(|table| {
+        let text = program.run(&table.command, folder)?;
+        Ok((table.caption.clone().unwrap_or_else(|| table.command.clone()), text.trim_end().to_owned()))
+    });
+    let tables = tables.collect::<anyhow::Result<Vec<(String, String)>>>()?;
     for (k, cell) in cells.cells.iter().enumerate() {
         let mut quiet = |_: &str| ();
         let odd: &mut dyn FnMut(&str) = if k == 0 { &mut warn } else { &mut quiet };
@@ -81,13 +92,13 @@ fn make(
         painted.push(Cell { picture, label: cell.label.clone(), facts: caption(&facts) });
     }
     let title = file.title.clone().unwrap_or_default();
-    let sheet = ContactSheet { title, text: file.text.clone(), columns: cells.columns, cells: painted };
+    let sheet = ContactSheet { title, text: file.text.clone(), columns: cells.columns, cells: painted, tables };
     let columns = sheet.columns();
     let written = sheet.write(outputs)?;
     written.iter().for_each(|path| say(&format!("wrote {}", path.display())));
     if json {
         print_json(&serde_json::json!({
-            "files": written, "cells": told, "columns": columns, "exposures": shared.exposures,
+            "files": written, "cells": told, "columns": columns, "tables": sheet.tables.iter().map(|t| &t.1).collect::<Vec<_>>(), "exposures": shared.exposures,
             "total_s": started.elapsed().as_secs_f64(),
         }))?;
     }

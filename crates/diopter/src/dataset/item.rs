@@ -4,7 +4,7 @@ use super::{Dataset, tar};
 use crate::expose::{ExposeError, Watch};
 use crate::npy;
 use crate::raw_file;
-use crate::shot::{Inputs, SceneCache, Shot, ShotError};
+use crate::shot::{Inputs, SceneCache, Sequence, Shot, ShotError};
 use crate::truth;
 use diopter_develop::{Recipe, develop};
 use diopter_image::channels::{CHANNELS, Channel};
@@ -140,6 +140,8 @@ impl Dataset {
         let scene = file.scene.file.clone();
         let calibration = file.camera.calibration.clone();
         file.place_paths(self.folder());
+        // A shutter angle becomes a time.
+        Sequence::new(&mut file)?;
         let mut shot = Shot::prepare_cached(&file, Inputs::default(), scenes, warn)?;
         let quiet = Watch { cancel: watch.cancel, progress: &|_| () };
         shot.focus(&quiet, warn)?;

@@ -4,7 +4,7 @@ use super::ShotError;
 use super::sources::{is_lens_file, is_light_file};
 use crate::denoising::Denoise;
 use crate::files;
-use crate::quantity::{Distance, Ev, FNumber, Filter, FocusTo, Hertz, Iso, IsoChoice, LengthMm, Moment, Seconds, Size};
+use crate::quantity::{Distance, Ev, FNumber, Filter, FocusTo, Hertz, Iso, IsoChoice, LengthMm, Moment, Seconds, Size, number};
 use crate::recipe_file;
 use crate::stops;
 use diopter_develop::Recipe;
@@ -12,6 +12,7 @@ use diopter_scene::builtin;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
+use std::str::FromStr;
 
 /// What a shot file says; everything may be left out.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -181,6 +182,32 @@ pub struct FlickerSection {
     /// How far into its period the lamp is at scene time 0, degrees.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub phase_deg: Option<f64>,
+}
+
+/// "mains 50 Hz", "mains 50 Hz 0.8" (depth), "pwm 240 Hz 0.3" (fraction of time on), of all lamps.
+impl FromStr for FlickerSection {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let wrong = || format!("\"{text}\" is not a flicker such as \"mains 50 Hz\", \"mains 50 Hz 0.8\" or \"pwm 240 Hz 0.3\"");
+        let mut words: Vec<String> = text.split_whitespace().map(str::to_lowercase).collect();
+        if words.is_empty() {
+            return Err(wrong());
+        }
+        let kind = words.remove(0);
+        // "50 Hz" or "50hz".
+        if words.get(1).is_some_and(|w| w.ends_with("hz")) {
+            let unit = words.remove(1);
+            words[0].push_str(&unit);
+        }
+        let frequency = words.first().map(|f| f.parse::<Hertz>()).transpose().map_err(|_| wrong())?;
+        let amount = words.get(1).map(|a| number(a).ok_or_else(wrong)).transpose()?;
+        if words.len() > 2 || !matches!(kind.as_str(), "mains" | "pwm") {
+            return Err(wrong());
+        }
+        let (depth, duty) = if kind == "pwm" { (None, amount) } else { (amount, None) };
+        Ok(FlickerSection { kind, frequency, depth, duty, ..Default::default() })
+    }
 }
 
 /// `[camera]`

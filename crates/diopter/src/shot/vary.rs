@@ -11,10 +11,13 @@ use diopter_light::names::nearest;
 pub const VARIABLES: &[(&str, &str)] = &[
     ("scene", "scene.file"),
     ("scale", "scene.scale"),
+    ("strict", "scene.strict"),
     ("variant", "scene.variant"),
     ("light", "scene.light"),
     ("environment", "scene.environment"),
     ("environment-rotation", "scene.environment_rotation_deg"),
+    ("daylight", "scene.daylight.time"),
+    ("place", "scene.daylight.place"),
     ("sun", "scene.daylight.sun"),
     ("turbidity", "scene.daylight.turbidity"),
     ("fog", "scene.fog.visibility"),
@@ -29,13 +32,21 @@ pub const VARIABLES: &[(&str, &str)] = &[
     ("format", "camera.format"),
     ("lens", "camera.lens"),
     ("focal-length", "camera.focal_length"),
+    ("camera", "camera.calibration"),
     ("fov", "camera.fov_deg"),
+    ("orthographic", "camera.orthographic"),
+    ("shift", "camera.shift_mm"),
+    ("tilt", "camera.tilt_deg"),
     ("zoom-position", "camera.zoom_position"),
     ("blades", "camera.blades"),
     ("blade-curvature", "camera.blade_curvature"),
     ("blade-rotation", "camera.blade_rotation_deg"),
     ("aperture-image", "camera.aperture_image"),
     ("hood", "camera.hood"),
+    ("plenoptic", "camera.plenoptic.pitch"),
+    ("microlens-focal-length", "camera.plenoptic.focal_length"),
+    ("microlens-gap", "camera.plenoptic.gap"),
+    ("microlens-arrangement", "camera.plenoptic.arrangement"),
     ("look-from", "camera.look_from"),
     ("look-at", "camera.look_at"),
     ("up", "camera.up"),
@@ -50,7 +61,14 @@ pub const VARIABLES: &[(&str, &str)] = &[
     ("ramp", "shutter.ramp"),
     ("aperture", "exposure.aperture"),
     ("shutter", "exposure.shutter"),
+    ("shutter-angle", "sequence.shutter_angle_deg"),
+    ("fps", "sequence.fps"),
     ("iso", "exposure.iso"),
+    ("iso-min", "exposure.iso_min"),
+    ("iso-max", "exposure.iso_max"),
+    ("slowest", "exposure.slowest"),
+    ("true-stops", "exposure.true_stops"),
+    ("lens-cap", "exposure.lens_cap"),
     ("mode", "exposure.mode"),
     ("metering", "exposure.metering"),
     ("metering-at", "exposure.metering_at"),
@@ -64,11 +82,17 @@ pub const VARIABLES: &[(&str, &str)] = &[
     ("flash-pulse", "flash.pulse"),
     ("flash-sync", "flash.sync"),
     ("focus", "focus.distance"),
+    ("focus-zones", "focus.zones"),
+    ("focus-motor", "focus.motor"),
+    ("focus-sweep", "focus.sweep"),
+    ("require-focus", "focus.require"),
     ("focus-priority", "focus.priority"),
     ("focus-method", "focus.method"),
     ("focus-measure", "focus.measure"),
     ("size", "render.size"),
     ("spp", "render.spp"),
+    ("samples", "render.samples"),
+    ("time-limit", "render.time_limit"),
     ("seed", "render.seed"),
     ("sampler", "render.sampler"),
     ("max-depth", "render.max_depth"),
@@ -76,6 +100,8 @@ pub const VARIABLES: &[(&str, &str)] = &[
     ("stray", "render.stray"),
     ("quick", "render.quick"),
     ("denoise", "render.denoise"),
+    ("oidn", "render.oidn"),
+    ("truth-channels", "render.truth_channels"),
     ("fireflies", "render.fireflies"),
     ("diffraction", "render.diffraction"),
 ];
@@ -99,6 +125,11 @@ impl ShotFile {
         let mut shot = self.clone();
         if name == "preset" {
             shot.develop = Recipe::preset(text)?;
+            return Ok(shot);
+        }
+        if name == "flicker" {
+            let expected = |e: String| e.split_once(" is not ").map_or(e.clone(), |p| p.1.to_owned());
+            shot.scene.flicker = vec![text.parse().map_err(|e| value("flicker", format!("\"{text}\""), expected(e)))?];
             return Ok(shot);
         }
         let flag = DEVELOPING.iter().find(|d| d.0 == name).map(|d| d.1);
@@ -135,7 +166,7 @@ impl ShotFile {
 }
 
 fn unknown(name: &str) -> ShotError {
-    let flags = || VARIABLES.iter().map(|v| v.0).chain(DEVELOPING.iter().map(|d| d.0)).chain(["preset"]);
+    let flags = || VARIABLES.iter().map(|v| v.0).chain(DEVELOPING.iter().map(|d| d.0)).chain(["flicker", "preset"]);
     let known = flags().chain(VARIABLES.iter().map(|v| v.1)).chain(SETTINGS.iter().map(|s| s.name));
     let hint = nearest(name, known).map_or(String::new(), |n| format!(" (did you mean \"{n}\"?)"));
     let all: Vec<&str> = flags().collect();
@@ -169,6 +200,9 @@ fn insert(all: &mut toml::Table, path: &str, to: toml::Value) -> bool {
         "camera.zoom_position" => &["focal_length", "fov_deg"],
         "camera.fov_deg" => &["focal_length", "zoom_position"],
         "scene.daylight.sun" => &["time", "place"],
+        "scene.daylight.time" | "scene.daylight.place" => &["sun"],
+        "camera.lens" => &["calibration"],
+        "camera.calibration" => &["lens"],
         "shutter.line_time" => &["readout"],
         "shutter.readout" => &["line_time"],
         // Times of another kind of shutter do not go with this one.
@@ -187,6 +221,7 @@ mod tests {
 
     #[test]
     fn every_name_stands_for_a_key_of_the_shot_file() {
+        // (`[shot.sequence]` has only those that make no other number of pictures.)
         for (flag, path) in VARIABLES {
             // A value of no kind: numbers, lists and text are all refused, or it is text. An unknown key would be told.
             if let Err(e) = ShotFile::default().with(flag, "1") {
@@ -210,6 +245,11 @@ mod tests {
         assert_eq!(with("size", "48x32").render.size, Some(Size { width: 48, height: 32 }));
         assert_eq!(with("look-from", "0,1.5,-2").camera.look_from, Some([0.0, 1.5, -2.0]));
         assert_eq!(with("sun", "30,120").scene.daylight.unwrap().sun, Some([30.0, 120.0]));
+        assert_eq!(with("shift", "0,5").camera.shift_mm, Some([0.0, 5.0]));
+        assert_eq!(with("tilt", "4,0").camera.tilt_deg, Some([4.0, 0.0]));
+        assert_eq!(with("shutter-angle", "90").sequence.shutter_angle_deg, Some(90.0));
+        assert!(with("daylight", "2026-06-21T12:00+02:00").scene.daylight.unwrap().time.is_some());
+        assert_eq!(with("flicker", "mains 50 Hz 0.8").scene.flicker[0].depth, Some(0.8));
         assert_eq!(with("viewpoint", "0").camera.viewpoint.as_deref(), Some("0"));
         assert_eq!(with("frozen", "true").scene.frozen, Some(true));
         assert_eq!(with("flash", "40").flash.unwrap().guide_number, 40.0);
