@@ -1303,7 +1303,9 @@ pub struct Shoot {
     /// Title of the sheet.
     #[arg(long, value_name = "TEXT", requires = "sheet")]
     pub sheet_title: Option<String>,
-    /// A table under the pictures: what a command of `calc` prints, such as "calc exposure --aperture f/4"; may be given several times.
+    /// A table under the pictures: what a command of `calc` prints.
+    ///
+    /// Such as "calc stop --focal-length 50mm"; may be given several times.
     #[arg(long, value_name = "COMMAND", requires = "sheet")]
     pub sheet_table: Vec<String>,
     /// Write what is being shot as a shot file.

@@ -146,7 +146,7 @@ const GROUPS: [Group; 11] = [
     Group {
         heading: "Contact sheet",
         common: &["vary", "sheet"],
-        other: &["sheet-crop", "sheet-histogram", "sheet-cell", "sheet-columns", "sheet-title"],
+        other: &["sheet-crop", "sheet-histogram", "sheet-cell", "sheet-columns", "sheet-title", "sheet-table"],
     },
 ];
 
