@@ -8,8 +8,10 @@
 mod energy;
 mod highlights;
 mod regression;
+mod specks;
 
 pub use energy::factors as keep_light;
+pub use specks::factors as without_specks;
 
 use diopter_image::focal_plane::{Band, FocalPlaneSource, STRIP_STEP, rows_within};
 use diopter_image::truth::Recorded;
@@ -28,10 +30,10 @@ const SPARK: f32 = 1.1;
 /// Pictures of one number a pixel: of each band or feature.
 type Planes = Vec<Vec<f32>>;
 
-/// Rows around a row that its filtered value depends on: fractions of the candidates are means over neighbours 1 px away, of choices by errors that
+/// Rows around a row that its filtered value depends on: specks are compared with their neighbours; fractions of the candidates are means over neighbours 1 px away, of choices by errors that
 /// are means over 2 px; the filter reaches by its window and half a patch; the variance that it takes is a mean over 2 px of what was divided by a mean
 /// over 1 px of calm halves, for which single pixels were compared with their neighbours, after highlights were looked for.
-const REACH: usize = 1 + 2 + regression::REACH + 2 + 1 + 1 + highlights::REACH;
+const REACH: usize = specks::REACH + 1 + 2 + regression::REACH + 2 + 1 + 1 + highlights::REACH;
 /// Bytes that denoising a strip takes at most: a few hundred rows of the widest pictures, so that little is computed twice.
 pub const STRIP_MEMORY: usize = 3 << 29;
 
@@ -264,6 +266,11 @@ fn filter_rows(plane: &FocalPlane, farthest: Option<f32>, window: i64, cancel: &
             out.mean.data[i * n + b] = finite(0.5 * (a + c)).max(0.0);
             out.half_difference.data[i * n + b] = finite(0.5 * (a - c));
         }
+    }
+    let steadied = specks::factors(&out.mean, out.truth.albedo());
+    for (i, factor) in steadied.into_iter().enumerate() {
+        out.mean.data[i] *= factor;
+        out.half_difference.data[i] *= factor;
     }
     // As they were.
     for i in highlights {

@@ -9,7 +9,7 @@ use crate::lut::Lut;
 use crate::overview::Overview;
 use crate::recipe::{Demosaic, Recipe, RecipeError};
 use crate::region::{Planes, Region, inside};
-use crate::steps::demosaic::{Demosaicer, Mosaic};
+use crate::steps::demosaic::{Demosaicer, Mosaic, false_color};
 use crate::steps::{
     black_level, camera_matrix, defects, encode, exposure, highlights, lens, local, noise, resize, row_noise, sharpen, warp,
     white_balance,
@@ -380,6 +380,9 @@ impl<'a> Developer<'a> {
             return self.refocused(picture, region);
         }
         let [cx, cy] = self.demosaicer.cell(&self.raw.header.cfa);
+        // Each pass looks at the pixels around.
+        let passes = if self.until >= Step::Demosaic { self.false_color_passes() } else { 0 };
+        let region = region.grown(passes * false_color::REACH);
         let of_cells = Region {
             left: region.left * cx as i64,
             top: region.top * cy as i64,
@@ -397,7 +400,14 @@ impl<'a> Developer<'a> {
         if self.recipe.highlights.method == crate::HighlightMethod::Clip {
             planes.planes.iter_mut().for_each(|p| p.iter_mut().for_each(|v| *v = v.min(1.0)));
         }
-        planes
+        (0..passes).fold(planes, |planes, _| false_color::pass(&planes))
+    }
+
+    /// Passes against false colour: where red, green and blue are guessed pixel by pixel.
+    fn false_color_passes(&self) -> usize {
+        let cfa = &self.raw.header.cfa;
+        let guessed = !cfa.has_all_channels() && cfa.channel_count() == 3 && self.demosaicer.cell(cfa) == [1, 1];
+        if guessed { self.recipe.demosaic.false_color_passes.round() as usize } else { 0 }
     }
 
     fn denoised(&self, region: Region) -> Planes {

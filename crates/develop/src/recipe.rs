@@ -126,6 +126,8 @@ section! {
     DemosaicStep {
         /// The method; patterns other than Bayer's take `linear` where it does not fit.
         method: Demosaic = Demosaic::Gbtf,
+        /// Passes of a median over the colours of pixels where a channel changes strongly; 0 leaves what was guessed.
+        false_color_passes: f64 = 3.0,
     }
 }
 
@@ -443,6 +445,13 @@ pub const SETTINGS: &[Setting] = &[
         "demosaic.method",
         Allowed::Names(METHODS),
         "gbtf has the least error on charts; malvar-he-cutler and bilinear are faster; linear serves any pattern; half gives one pixel for each period of the pattern, with nothing guessed",
+    ),
+    number(
+        "demosaic.false_color_passes",
+        "passes",
+        0.0,
+        5.0,
+        "median of 3 × 3 colours where a channel changes by more than a factor of 2 from pixel to pixel: a mosaic sees glints and hard edges in single colours. Whole numbers; 0 leaves what was guessed",
     ),
     number(
         "noise.luminance",

@@ -5,7 +5,7 @@
 //! there, and is not touched. What a filter takes from the light of a place is given back around it ([`diopter_develop::denoise::keep_light`]).
 
 use crate::shot::ShotError;
-use diopter_develop::denoise::{self as built_in, Denoised, keep_light};
+use diopter_develop::denoise::{self as built_in, Denoised, keep_light, without_specks};
 use diopter_image::focal_plane::{FocalPlaneSource, Truth};
 use diopter_image::{FocalPlane, ImageError, Raster};
 use diopter_oidn::{Denoiser, Images, Quality};
@@ -307,9 +307,13 @@ fn through_library(library: &Denoiser, plane: &FocalPlane) -> Result<FocalPlane,
         let mean = filtered(library, &color(0.0), &features, Quality::High)?;
         let [a, b] = [1.0, -1.0].map(|sign| filtered(library, &halved(&color(sign)), &small_features, Quality::Fast));
         let (a, b) = (a?, b?);
+        let light = mean.iter().enumerate().map(|(i, v)| finite(*v).max(0.0) * scales[i % 3]).collect();
+        let mut light = Raster { width, height, channels: 3, data: light };
+        let factors = without_specks(&light, plane.truth.albedo());
+        light.data.iter_mut().zip(factors).for_each(|(v, f)| *v *= f);
         for c in 0..together {
             let before: Vec<f32> = plane.mean.data.iter().skip(bands[c]).step_by(n).map(|v| finite(*v)).collect();
-            let after: Vec<f32> = mean.iter().skip(c).step_by(3).map(|v| finite(*v).max(0.0) * scales[c]).collect();
+            let after = light.channel(c);
             for (i, factor) in keep_light(&before, &after, width).into_iter().enumerate() {
                 let k = i * n + bands[c];
                 let small = ((i / width / 2) * width.div_ceil(2) + i % width / 2) * 3 + c;

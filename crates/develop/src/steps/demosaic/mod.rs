@@ -1,6 +1,7 @@
 //! Fills in the colours a pixel did not see. One file a method; which one serves which pattern is decided here.
 
 mod bilinear;
+pub mod false_color;
 mod gbtf;
 mod linear;
 mod malvar;
