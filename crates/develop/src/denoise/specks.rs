@@ -10,7 +10,7 @@ use rayon::prelude::*;
 
 /// Rows around a row that its result depends on.
 pub const REACH: usize = 1;
-/// How far a pixel may stand out of all its neighbours but one, of their value.
+/// How far a pixel may stand out of all its neighbours, of their value.
 const STANDS_OUT: f32 = 0.02;
 /// From here on it is a point of light.
 const POINT: f32 = 4.0;
@@ -41,8 +41,8 @@ pub fn factors(mean: &Raster<f32>, albedo: &Raster<f32>) -> Vec<f32> {
             let of_band = |band: usize| {
                 let own = mean.data[(y * w + x) * n + band];
                 let near = Ends::of(around().map(|i| mean.data[i * n + band]));
-                let (low, high) = (near.second_least * (1.0 - STANDS_OUT), near.second_most * (1.0 + STANDS_OUT));
-                (own, low, high, own >= POINT * near.second_most)
+                let (low, high) = (near.least * (1.0 - STANDS_OUT), near.most * (1.0 + STANDS_OUT));
+                (own, low, high, own >= POINT * near.most)
             };
             // A point keeps its colour.
             if (0..n).any(|band| of_band(band).3) {
@@ -59,31 +59,16 @@ pub fn factors(mean: &Raster<f32>, albedo: &Raster<f32>) -> Vec<f32> {
     factors
 }
 
-/// The two least and the two largest of some numbers.
+/// The least and the largest of some numbers.
 struct Ends {
     least: f32,
-    second_least: f32,
     most: f32,
-    second_most: f32,
 }
 
 impl Ends {
     fn of(values: impl Iterator<Item = f32>) -> Self {
-        let mut ends =
-            Ends { least: f32::INFINITY, second_least: f32::INFINITY, most: f32::NEG_INFINITY, second_most: f32::NEG_INFINITY };
-        for v in values {
-            if v < ends.least {
-                (ends.second_least, ends.least) = (ends.least, v);
-            } else {
-                ends.second_least = ends.second_least.min(v);
-            }
-            if v > ends.most {
-                (ends.second_most, ends.most) = (ends.most, v);
-            } else {
-                ends.second_most = ends.second_most.max(v);
-            }
-        }
-        ends
+        let none = Ends { least: f32::INFINITY, most: f32::NEG_INFINITY };
+        values.fold(none, |e, v| Ends { least: e.least.min(v), most: e.most.max(v) })
     }
 }
 
@@ -121,6 +106,7 @@ mod tests {
         star.data = [[1.0, 1.0]; 9].into_iter().flatten().collect();
         (star.data[8], star.data[9]) = (5.0, 3.0);
         assert!(factors(&star, &Raster::new(3, 3, 3)).iter().all(|f| *f == 1.0), "a star of a colour");
+        assert!(changed(|x, y| if y == 4 && x > 5 { 2.0 } else { 1.0 }, even).is_empty(), "the end of a line");
         let dot = |x: usize, y: usize| if (x, y) == (5, 4) { 0.6 } else { 0.5 };
         assert!(changed(|x, y| 2.0 * dot(x, y), dot).is_empty(), "a dot of paint");
         assert!(changed(|x, y| (1.0 + 0.01 * (x * 7 + y * 5) as f32).powi(2), even).is_empty(), "a slope");
