@@ -451,7 +451,7 @@ pub const SETTINGS: &[Setting] = &[
         "passes",
         0.0,
         5.0,
-        "median of 3 × 3 colours where a channel changes by more than a factor of 2 from pixel to pixel: a mosaic sees glints and hard edges in single colours. Whole numbers; 0 leaves what was guessed",
+        "the colours of pixels where a channel changes by more than a factor of 4 give way to the median around: a mosaic sees glints and hard edges in single colours. Whole numbers; 0 leaves what was guessed",
     ),
     number(
         "noise.luminance",
