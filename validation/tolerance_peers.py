@@ -25,6 +25,8 @@ warnings.simplefilter("ignore")
 LENS, F_NUMBER, FIELDS = "triplet-50mm-f4", 5.6, (0, 7, 12)
 RADIUS_PERCENT, GAP_MM = 0.5, 0.05
 RINGS = 24
+# Of the yield, mm.
+MOST_EFL = 0.4
 
 
 def sheet() -> str:
@@ -124,6 +126,12 @@ def spread(program: str, told: dict, builds: int) -> None:
         unit = 1e-3 if k else 1.0
         mean, deviation = values[:, k].mean(), values[:, k].std(ddof=1)
         print(f"  {name}: {mean:.5f} {deviation:.5f}; {q['mean'] * unit:.5f} {q['deviation'] * unit:.5f}")
+    ours = np.array(told["builds"])[:, index] * [1.0, *(1e-3 for _ in FIELDS)]
+    for limit in (0.02, 0.03, 0.04):
+        good = lambda v: (np.abs(v[:, 0] - 50) <= MOST_EFL) & (v[:, 1:] <= limit).all(axis=1)  # noqa: E731
+        theirs, mine = good(values).mean(), good(ours).mean()
+        error = math.sqrt(mine * (1 - mine) * (1 / len(values) + 1 / len(ours)))
+        print(f"yield, efl within {MOST_EFL} mm and all spots below {limit} mm: {theirs:.3f}; {mine:.3f}; {(theirs - mine) / error:+.1f} standard errors")
 
 
 MERIT = """

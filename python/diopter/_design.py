@@ -143,6 +143,8 @@ class Optimised(NamedTuple):
     iterations: int
     #: Why it ended.
     stop: str
+    #: Glasses that could be chosen: number of the surface before it, glass before and after.
+    glasses: list[tuple[int, str, str]]
 
 
 class FittedNumber(NamedTuple):
@@ -244,7 +246,8 @@ def optimised(told: dict[str, Any], lens: Lens) -> Optimised:
     operands = [(o["name"], o["unit"], _number(o["values"][0]), _number(o["values"][1])) for o in told["operands"]]
     variables = [(v["name"], v["before"], v["after"]) for v in told["variables"]]
     before, after = told["merits"]
-    return Optimised(lens, (before, after), operands, variables, told["iterations"], told["stop"])
+    glasses = [(g["after_surface"], g["before"], g["after"]) for g in told["glasses"]]
+    return Optimised(lens, (before, after), operands, variables, told["iterations"], told["stop"], glasses)
 
 
 def fitted(told: dict[str, Any], lens: Lens) -> Fitted:

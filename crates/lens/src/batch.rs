@@ -1,7 +1,8 @@
 //! The fast trace: packets of rays, structure of arrays, the same steps as [`crate::trace`] for all lanes at once.
 //!
 //! [`single`] traces 32 rays in f32 (pictures), [`double`] 16 rays in f64 (analysis): two vectors of 16 (8) side by side, because
-//! square roots and divisions of one hide the waiting of the other. A lane that is lost goes on with whatever numbers it has and
+//! square roots and divisions of one hide the waiting of the other. Spheres and planes on the axis that refract, which most surfaces are, have a kernel of
+//! their own (`Refracting`). Products and sums are not fused, so that machines with and without such instructions give the same bits. A lane that is lost goes on with whatever numbers it has and
 //! is cleared in the mask that comes back. Indices come from a Chebyshev fit of each glass in 1/λ², so that every lane may have
 //! its own wavelength.
 
@@ -187,8 +188,77 @@ macro_rules! pair {
 pair!(Single, SingleMask, f32, 16, f32x16, mask32x16);
 pair!(Double, DoubleMask, f64, 8, f64x8, mask64x8);
 
+/// Rays between surfaces.
+#[derive(Clone, Copy)]
+struct Rays<V, M> {
+    position: [V; 3],
+    direction: [V; 3],
+    path: V,
+    alive: M,
+}
+
+/// A plane or a sphere that refracts, in its place on the axis.
+#[derive(Clone, Copy)]
+struct Refracting<F> {
+    c: F,
+    /// Light runs along z times this.
+    run: F,
+    /// From the last vertex to this one, mm.
+    ahead: F,
+    outer2: F,
+}
+
+/// One vector of rays through a [`Refracting`] surface between media of the indices `n` (before, after, inverse of after): the rays behind it, and the
+/// cosines of incidence and refraction.
+///
+/// The discriminant of the intersection with a sphere is the square of the cosine of incidence (with unit directions, dF/dt = 2 d·n at the root), so that
+/// Snell's square root does not wait for the place. One vector at a time keeps all of it in registers; the processor overlaps the two of a packet.
+macro_rules! refract {
+    ($name:ident, $float:ident, $vector:ident, $mask:ident) => {
+        #[inline(always)]
+        fn $name<S: Simd>(
+            simd: S,
+            s: Refracting<$float>,
+            n: [fearless_simd::$vector<S>; 3],
+            r: Rays<fearless_simd::$vector<S>, fearless_simd::$mask<S>>,
+        ) -> (Rays<fearless_simd::$vector<S>, fearless_simd::$mask<S>>, [fearless_simd::$vector<S>; 2]) {
+            use fearless_simd::$vector as V;
+            let (zero, one) = (V::splat(simd, 0.0), V::splat(simd, 1.0));
+            let [px, py, z] = r.position;
+            let [dx, dy, dz] = r.direction;
+            let (c, run) = (V::splat(simd, s.c), V::splat(simd, s.run));
+            let pz = z - V::splat(simd, s.ahead);
+            let b = c * (px * dx + py * dy + pz * dz) - dz;
+            let q = c * (px * px + py * py + pz * pz) - (pz + pz);
+            let root2 = b * b - c * q;
+            let mu = n[0] * n[2];
+            let cos2 = one - mu * mu * (one - root2);
+            let (cos0, cos1) = (root2.max(zero).sqrt(), cos2.max(zero).sqrt());
+            let root = run * cos0;
+            let mut t = q / (root - b);
+            // Only rays beyond 90° come here.
+            let far = (b * run).simd_gt(zero);
+            if far.to_bitmask() != 0 {
+                t = far.select((-b - root) / c, t);
+            }
+            let (hx, hy, hz) = (px + dx * t, py + dy * t, pz + dz * t);
+            let facing = one - c * hz;
+            let r2 = hx * hx + hy * hy;
+            let alive =
+                r.alive & root2.simd_ge(zero) & cos2.simd_ge(zero) & facing.simd_gt(zero) & r2.simd_le(V::splat(simd, s.outer2));
+            let along = run * (cos1 - mu * cos0);
+            let bend = along * c;
+            let direction = [dx * mu - bend * hx, dy * mu - bend * hy, dz * mu + (along - bend * hz)];
+            (Rays { position: [hx, hy, hz], direction, path: r.path + n[0] * t, alive }, [cos0, cos1])
+        }
+    };
+}
+
+refract!(refract_single, f32, f32x16, mask32x16);
+refract!(refract_double, f64, f64x8, mask64x8);
+
 macro_rules! batch {
-    ($module:ident, $float:ident, $lanes:literal, $vector:ident, $mask:ident, $doc:literal) => {
+    ($module:ident, $float:ident, $lanes:literal, $vector:ident, $mask:ident, $refract:ident, $doc:literal) => {
         #[doc = $doc]
         pub mod $module {
             use super::*;
@@ -340,6 +410,10 @@ macro_rules! batch {
                 phase: Option<Phase>,
                 coating: Coated,
                 stop: bool,
+                /// Whether it is a plane or a sphere on the axis that refracts, and clips by nothing but a circle.
+                refracting: bool,
+                /// Square of the radius of that circle.
+                open2: $float,
                 /// Rows of the rotation into the local frame, and the place of the vertex.
                 frame: Option<([[$float; 3]; 3], [$float; 3])>,
                 /// Number of the surface.
@@ -370,6 +444,7 @@ macro_rules! batch {
                 /// Prepares a system.
                 pub fn new(system: &System) -> Batch {
                     let mut coatings = coatings(system).into_iter();
+                    let round_iris = !matches!(system.iris.shape, Iris::Blades(_) | Iris::Image(_));
                     let steps = system
                         .surfaces
                         .iter()
@@ -415,6 +490,17 @@ macro_rules! batch {
                                 }),
                                 coating: coatings.next().unwrap_or(Coated::Bare),
                                 stop: i == system.stop,
+                                refracting: matches!(s.profile, Profile::Plane | Profile::Sphere(_))
+                                    && s.frame.is_none()
+                                    && !s.mirror
+                                    && s.apertures.is_empty()
+                                    && s.obstruction == 0.0
+                                    && s.ideal_focal_length.is_none()
+                                    && s.diffractive.is_none()
+                                    && system.gradients[i].is_none()
+                                    && system.gradients[i + 1].is_none()
+                                    && (i != system.stop || round_iris),
+                                open2: (if i == system.stop { s.semi_diameter.min(system.iris.radius) } else { s.semi_diameter }).powi(2) as $float,
                                 frame,
                                 surface: i,
                             }
@@ -682,6 +768,32 @@ macro_rules! batch {
                         Way::ToFilm => batch.runs[before],
                         Way::ToObject => -batch.runs[before],
                     };
+                    if step.refracting {
+                        let s = Refracting { c: step.c, run, ahead: step.z - z_origin, outer2: step.open2 };
+                        let (n0, n1) = ($vector::from_slice(simd, &n.n[before]), $vector::from_slice(simd, &n.n[after]));
+                        let inverse1 = $vector::from_slice(simd, &n.inverse[after]);
+                        let a = Rays { position: [ox.0, oy.0, oz.0], direction: [dx.0, dy.0, dz.0], path: path.0, alive: alive.0 };
+                        let b = Rays { position: [ox.1, oy.1, oz.1], direction: [dx.1, dy.1, dz.1], path: path.1, alive: alive.1 };
+                        let (a, cos_a) = $refract(simd, s, [n0.0, n1.0, inverse1.0], a);
+                        let (b, cos_b) = $refract(simd, s, [n0.1, n1.1, inverse1.1], b);
+                        if LIGHT {
+                            let [cos0, cos1] = [0, 1].map(|k| $vector(cos_a[k], cos_b[k]));
+                            fraction = fraction * passed(simd, &step.coating, n0, n1, cos0, cos1, nm, way);
+                            let table = &batch.absorption[before];
+                            if !table.is_empty() {
+                                let t = ($vector(a.path, b.path) - path) * $vector::from_slice(simd, &n.inverse[before]);
+                                depth = depth + $vector::from_slice(simd, &absorbed(table, nm)) * t.abs();
+                            }
+                        }
+                        let join = |k: usize| $vector(a.position[k], b.position[k]);
+                        (ox, oy, oz) = (join(0), join(1), join(2));
+                        let join = |k: usize| $vector(a.direction[k], b.direction[k]);
+                        (dx, dy, dz) = (join(0), join(1), join(2));
+                        path = $vector(a.path, b.path);
+                        alive = $mask(a.alive, b.alive);
+                        z_origin = step.z;
+                        continue;
+                    }
                     let sense = $vector::splat(simd, run);
                     if let Some(system) = batch.graded.as_ref().filter(|s| s.gradients[before].is_some()) {
                         let (mut x, mut y, mut z) = (ox.to_array(), oy.to_array(), oz.to_array());
@@ -1231,8 +1343,8 @@ macro_rules! batch {
     };
 }
 
-batch!(single, f32, 32, Single, SingleMask, "32 rays at once in f32.");
-batch!(double, f64, 16, Double, DoubleMask, "16 rays at once in f64.");
+batch!(single, f32, 32, Single, SingleMask, refract_single, "32 rays at once in f32.");
+batch!(double, f64, 16, Double, DoubleMask, refract_double, "16 rays at once in f64.");
 
 /// Traces a packet of rays and each of them by the plain trace, which must agree: places and paths to `tolerance` mm, directions to a hundredth of it. Answers
 /// with the rays that come through, by their number, where they end, and their optical path.

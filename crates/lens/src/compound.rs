@@ -787,7 +787,12 @@ fn configure_turned(
     let (widest, by_rims) = widest_f_number(p, &far, efl).ok_or_else(|| LensError::Setting {
         what: "lens",
         found: format!("\"{}\"", p.name),
-        expected: "a lens that light on the axis can pass".into(),
+        expected: match far.surfaces.iter().any(|s| s.frame.is_some() && s.mirror) {
+            true => "a lens that light parallel to the film's normal can pass: mirrors off the axis whose beam comes in at an angle to it \
+                     (Schiefspiegler, off-axis three-mirror systems) are not set up"
+                .into(),
+            false => "a lens that light on the axis can pass".into(),
+        },
     })?;
     let f_number = match f_number {
         None => widest,

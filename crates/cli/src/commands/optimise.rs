@@ -77,6 +77,12 @@ fn table(r: &OptimisationReport) -> anyhow::Result<String> {
     for (name, before, after, on_bound) in &r.variables {
         writeln!(t, "  {name:<32} {before:>14.8} {after:>14.8}{}", if *on_bound { "  on its bound" } else { "" })?;
     }
+    for (surface, before, after) in &r.glasses {
+        writeln!(t, "  {:<32} {before:>14} {after:>14}", format!("glass after surface {}", surface + 1))?;
+    }
+    if !r.glasses.is_empty() {
+        writeln!(t, "  {} exchanges of a glass tried", r.exchanges)?;
+    }
     Ok(t)
 }
 
@@ -91,6 +97,11 @@ fn as_json(r: &OptimisationReport, toml: &str) -> Value {
         .iter()
         .map(|(name, before, after, on_bound)| json!({ "name": name, "before": before, "after": after, "on_bound": on_bound }))
         .collect();
+    let glasses: Vec<Value> = r
+        .glasses
+        .iter()
+        .map(|(surface, before, after)| json!({ "after_surface": surface + 1, "before": before, "after": after }))
+        .collect();
     json!({ "merits": r.merits, "iterations": r.iterations, "stop": r.stop.to_string(), "operands": operands, "variables": variables,
-        "toml": toml })
+        "glasses": glasses, "exchanges": r.exchanges, "toml": toml })
 }

@@ -65,6 +65,13 @@ pub fn entry_names() -> Vec<String> {
     catalogue().lines.lines().filter(|l| !l.starts_with('#')).filter_map(entry).collect()
 }
 
+/// All glasses of a vendor that have figures, in the order of its table; `None` where there is no such vendor.
+pub fn catalogue_glasses(vendor: &str) -> Option<Vec<Glass>> {
+    let vendor = VENDORS.iter().find(|v| v.eq_ignore_ascii_case(vendor.trim()))?;
+    let of_vendor = |name: &String| name.split_once('/').is_some_and(|(v, _)| v == *vendor);
+    Some(entry_names().iter().filter(|n| of_vendor(n)).filter_map(|n| find(n, &[]).ok()).collect())
+}
+
 /// The glass of a name: dashes and case do not count; the vendor may stand before ("schott/", "SCHOTT:") or behind
 /// ("_SCHOTT", "(SCHOTT)"). Without one, `preferred` vendors are asked first.
 pub fn find(name: &str, preferred: &[&str]) -> Result<Glass, GlassError> {

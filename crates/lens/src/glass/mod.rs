@@ -10,7 +10,7 @@ mod catalogue;
 mod dispersion;
 
 pub(crate) use alias::parse_foreign;
-pub use catalogue::{entry_names, find};
+pub use catalogue::{catalogue_glasses, entry_names, find};
 
 use diopter_light::names::nearest;
 

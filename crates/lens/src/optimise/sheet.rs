@@ -12,6 +12,11 @@
 //! min = -0.05
 //! max = 0.05
 //!
+//! [[variable]]
+//! surfaces = [1, 3]               # before glass
+//! what = "glass"
+//! from = "schott"                 # a vendor, or names of glasses and vendors: ["N-BK7", "ohara"]; schott without
+//!
 //! [[operand]]
 //! kind = "spot"                   # µm, RMS, of each field; or wavefront (waves), distortion (%), chief_angle (degrees on the film),
 //!                                 # efl, bfl, length, thickness, edge (mm)
@@ -27,13 +32,20 @@
 //! surfaces = "all"
 //! at_least = 0.8
 //! weight = 100
+//!
+//! [[operand]]
+//! kind = "mtf"                    # target 1 without
+//! frequency = 30                  # cycles/mm
+//! direction = "sagittal"          # or tangential; both without
+//! weight = 1000
 //! ```
 //!
 //! The merit is the sum of weight × (value − target)² over all operands; one within its bounds counts nothing.
 
+use super::glass::GlassChoice;
 use crate::prescription::{Prescription, PrescriptionError};
 use crate::surface::Profile;
-use crate::tolerance::{check_list, check_weights, line_of};
+use crate::tolerance::{Direction, check_list, check_weights, line_of};
 use diopter_light::names::nearest;
 use serde::Deserialize;
 use toml::Spanned;
@@ -42,6 +54,10 @@ use toml::Spanned;
 const HIGHEST_POWER: usize = 40;
 /// Most variables, and most operands.
 const MOST: usize = 1000;
+/// What is written of a variable that is a choice.
+const GLASS: &str = "glass";
+/// Whose glasses are taken when nobody says.
+const USUAL_VENDOR: &str = "schott";
 
 /// A merit file as it was read; surfaces are checked with the lens ([`super::Optimisation::new`]).
 #[derive(Clone, Debug)]
@@ -95,6 +111,15 @@ pub(super) struct VariableEntry {
     pub what: String,
     pub min: Option<f64>,
     pub max: Option<f64>,
+    pub from: Option<Names>,
+}
+
+/// One name or several.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(untagged, expecting = "from: expected a vendor, or a list of vendors and glasses")]
+pub(super) enum Names {
+    One(String),
+    List(Vec<String>),
 }
 
 #[derive(Clone, Debug, Deserialize)]
@@ -108,6 +133,8 @@ struct OperandEntry {
     target: Option<f64>,
     at_least: Option<f64>,
     at_most: Option<f64>,
+    frequency: Option<f64>,
+    direction: Option<Direction>,
 }
 
 fn one() -> f64 {
@@ -197,11 +224,14 @@ pub enum OperandKind {
     Thickness,
     /// The same at the smaller rim of its two surfaces, mm.
     Edge,
+    /// Contrast of all wavelengths at a frequency, 0 to 1: the transfer function of the rays times that of a perfect lens.
+    Mtf,
 }
 
 impl OperandKind {
-    const NAMES: [&str; 9] = ["spot", "wavefront", "distortion", "chief_angle", "efl", "bfl", "length", "thickness", "edge"];
-    const ALL: [OperandKind; 9] = [
+    const NAMES: [&str; 10] =
+        ["spot", "wavefront", "distortion", "chief_angle", "efl", "bfl", "length", "thickness", "edge", "mtf"];
+    const ALL: [OperandKind; 10] = [
         OperandKind::Spot,
         OperandKind::Wavefront,
         OperandKind::Distortion,
@@ -211,6 +241,7 @@ impl OperandKind {
         OperandKind::Length,
         OperandKind::Thickness,
         OperandKind::Edge,
+        OperandKind::Mtf,
     ];
 
     /// Its name.
@@ -225,12 +256,16 @@ impl OperandKind {
             OperandKind::Wavefront => "waves",
             OperandKind::Distortion => "%",
             OperandKind::ChiefAngle => "°",
+            OperandKind::Mtf => "",
             _ => "mm",
         }
     }
 
     fn of_field(self) -> bool {
-        matches!(self, OperandKind::Spot | OperandKind::Wavefront | OperandKind::Distortion | OperandKind::ChiefAngle)
+        matches!(
+            self,
+            OperandKind::Spot | OperandKind::Wavefront | OperandKind::Distortion | OperandKind::ChiefAngle | OperandKind::Mtf
+        )
     }
 
     fn of_surface(self) -> bool {
@@ -256,6 +291,8 @@ pub struct Operand {
     pub field: Option<usize>,
     /// Number of the surface (0 the first), of what depends on it.
     pub surface: Option<usize>,
+    /// Frequency (cycles/mm) and direction of a contrast.
+    pub detail: Option<(f64, Direction)>,
     /// What is wanted.
     pub wanted: Wanted,
     /// Factor of its square.
@@ -276,6 +313,9 @@ impl Operand {
     /// What it is called: "spot, field 10°".
     pub fn name(&self, fields_deg: &[f64]) -> String {
         let mut name = self.kind.name().to_owned();
+        if let Some((frequency, direction)) = self.detail {
+            name += &format!(" {frequency}/mm {}", direction.name());
+        }
         if let Some(f) = self.field {
             name += &format!(", field {}°", fields_deg[f]);
         }
@@ -338,6 +378,9 @@ impl MeritSheet {
         let mut all: Vec<Variable> = vec![];
         for (line, entry) in &self.variables {
             let wrong = |what: String| PrescriptionError::at(&self.file, *line, what);
+            if entry.what == GLASS {
+                continue;
+            }
             let (surfaces, named) = surfaces_of(&entry.surfaces, p).map_err(wrong)?;
             for i in surfaces {
                 let Some(variable) = variable(entry, i, named, p).map_err(wrong)? else { continue };
@@ -363,6 +406,47 @@ impl MeritSheet {
         Ok(all)
     }
 
+    /// Which glasses may be chosen, and from what.
+    pub(super) fn glasses(&self, p: &Prescription, wavelengths_nm: &[f64]) -> Result<Vec<GlassChoice>, PrescriptionError> {
+        let mut all: Vec<GlassChoice> = vec![];
+        for (line, entry) in self.variables.iter().filter(|v| v.1.what == GLASS) {
+            let wrong = |what: String| PrescriptionError::at(&self.file, *line, what);
+            if entry.min.is_some() || entry.max.is_some() {
+                return Err(wrong("min and max of a glass: expected \"from\" instead, a vendor or a list".into()));
+            }
+            let (surfaces, named) = surfaces_of(&entry.surfaces, p).map_err(wrong)?;
+            let names = match &entry.from {
+                None => vec![USUAL_VENDOR.to_owned()],
+                Some(Names::One(name)) => vec![name.clone()],
+                Some(Names::List(names)) => names.clone(),
+            };
+            for i in surfaces {
+                let s = &p.surfaces[i];
+                let is_glass = s.glass != crate::glass::Glass::air() && !s.mirror && s.gradient.is_none();
+                match (is_glass, named) {
+                    (true, _) => {}
+                    (false, true) => {
+                        return Err(wrong(format!("glass after surface {}: expected a surface before glass", i + 1)));
+                    }
+                    (false, false) => continue,
+                }
+                let index = Freedom::Index { surface: i };
+                let taken = |(_, v): &(usize, VariableEntry)| {
+                    v.what == "index" && surfaces_of(&v.surfaces, p).is_ok_and(|(list, _)| list.contains(&i))
+                };
+                if all.iter().any(|g| g.surface == i) || self.variables.iter().any(taken) {
+                    let name = Variable { freedom: index, bounds: [0.0; 2] }.name();
+                    return Err(wrong(format!(
+                        "glass after surface {}: its {name} is a variable already; expected one of them",
+                        i + 1
+                    )));
+                }
+                all.push(GlassChoice::new(i, &names, wavelengths_nm).map_err(wrong)?);
+            }
+        }
+        Ok(all)
+    }
+
     /// The operands, one a field or surface.
     pub(super) fn operands(&self, p: &Prescription, fields_deg: &[f64]) -> Result<Vec<Operand>, PrescriptionError> {
         let mut all = vec![];
@@ -382,6 +466,7 @@ impl MeritSheet {
             let wanted = match (entry.target, entry.at_least, entry.at_most) {
                 (Some(t), None, None) => Wanted::Target(t),
                 (Some(_), ..) => return Err(wrong(format!("{}: expected target, or at_least and at_most", entry.kind))),
+                (None, None, None) if kind == OperandKind::Mtf => Wanted::Target(1.0),
                 (None, None, None) if kind.of_field() => Wanted::Target(0.0),
                 (None, None, None) => return Err(wrong(format!("{}: expected target, at_least or at_most", entry.kind))),
                 (None, low, high) => {
@@ -396,9 +481,20 @@ impl MeritSheet {
                 return Err(wrong("efl target 0: expected a focal length in mm".into()));
             }
             if entry.field_deg.is_some() && !kind.of_field() || entry.surfaces.is_some() && !kind.of_surface() {
-                let what = "field_deg goes with spot, wavefront, distortion and chief_angle, surfaces with thickness and edge";
+                let what =
+                    "field_deg goes with spot, wavefront, distortion, chief_angle and mtf, surfaces with thickness and edge";
                 return Err(wrong(format!("{}: expected no such key: {what}", entry.kind)));
             }
+            let details = match (kind, entry.frequency, entry.direction) {
+                (OperandKind::Mtf, Some(f), direction) if f > 0.0 && f < 1e5 => {
+                    let both = [Direction::Tangential, Direction::Sagittal];
+                    both.into_iter().filter(|d| direction.is_none_or(|asked| asked == *d)).map(|d| Some((f, d))).collect()
+                }
+                (OperandKind::Mtf, Some(f), _) => return Err(wrong(format!("frequency {f}: expected cycles/mm above 0"))),
+                (OperandKind::Mtf, None, _) => return Err(wrong("mtf: expected a frequency, in cycles/mm".into())),
+                (_, None, None) => vec![None],
+                _ => return Err(wrong(format!("{}: frequency and direction go with mtf", entry.kind))),
+            };
             let fields: Vec<Option<usize>> = match (kind.of_field(), entry.field_deg) {
                 (false, _) => vec![None],
                 (true, None) => (0..fields_deg.len())
@@ -433,7 +529,10 @@ impl MeritSheet {
             };
             for field in &fields {
                 for surface in &surfaces {
-                    all.push(Operand { kind, field: *field, surface: *surface, wanted, weight: entry.weight });
+                    for detail in &details {
+                        let (field, surface, detail) = (*field, *surface, *detail);
+                        all.push(Operand { kind, field, surface, detail, wanted, weight: entry.weight });
+                    }
                 }
             }
         }
@@ -462,6 +561,9 @@ pub(super) fn surfaces_of(which: &Surfaces, p: &Prescription) -> Result<(Vec<usi
 
 /// A variable of a surface; `None` where "all" means surfaces that do not have it.
 pub(super) fn variable(entry: &VariableEntry, i: usize, named: bool, p: &Prescription) -> Result<Option<Variable>, String> {
+    if entry.from.is_some() {
+        return Err(format!("from with what = \"{}\": it goes with what = \"glass\"", entry.what));
+    }
     let s = &p.surfaces[i];
     let air = |gap: usize| gap == 0 || p.surfaces[gap - 1].glass == crate::glass::Glass::air();
     let acts = s.mirror || !(air(i) && air(i + 1));
@@ -488,7 +590,7 @@ pub(super) fn variable(entry: &VariableEntry, i: usize, named: bool, p: &Prescri
             let power = other.strip_prefix("asphere ").and_then(|t| t.trim().parse::<usize>().ok());
             let Some(power) = power.filter(|p| (2..=HIGHEST_POWER).contains(p)) else {
                 return Err(format!(
-                    "what = \"{other}\": expected curvature, gap, conic, index or \"asphere 4\" (2 to {HIGHEST_POWER})"
+                    "what = \"{other}\": expected curvature, gap, conic, index or \"asphere 4\" (2 to {HIGHEST_POWER}); in merit files glass, too"
                 ));
             };
             // As much as a fifth of the radius at the rim.

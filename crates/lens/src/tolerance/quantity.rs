@@ -74,6 +74,16 @@ pub enum Direction {
     Sagittal,
 }
 
+impl Direction {
+    /// Its name.
+    pub fn name(self) -> &'static str {
+        match self {
+            Direction::Tangential => "tangential",
+            Direction::Sagittal => "sagittal",
+        }
+    }
+}
+
 /// One number that is measured of every lens.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Quantity {

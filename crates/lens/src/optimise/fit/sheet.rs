@@ -156,7 +156,13 @@ pub(super) struct FreeEntry {
 impl FreeEntry {
     /// The same as a merit file has it.
     pub fn of_surfaces(&self) -> Option<VariableEntry> {
-        Some(VariableEntry { surfaces: self.surfaces.clone()?, what: self.what.clone(), min: self.min, max: self.max })
+        Some(VariableEntry {
+            surfaces: self.surfaces.clone()?,
+            what: self.what.clone(),
+            min: self.min,
+            max: self.max,
+            from: None,
+        })
     }
 }
 
