@@ -28,12 +28,12 @@ const FULL: f64 = 65_535.0;
 /// Its black level: noise goes below.
 const BLACK: f64 = 4096.0;
 /// Raw images with noise of their own that the response is the mean of.
-const READINGS: u64 = 2;
+const READINGS: u64 = 4;
 /// Frequencies of the response, cycles a pixel: up to here, in these steps. Beyond, the pixel aperture leaves little.
-const HIGHEST: f64 = 1.6;
-const STEP: f64 = 0.02;
+const HIGHEST: f64 = 2.0;
+const STEP: f64 = 0.01;
 /// Steps between two of them: the edge spread function repeats after the reciprocal.
-const FINER: usize = 6;
+const FINER: usize = 4;
 /// Places a pixel at which the edge spread function is computed, and distance from the edge, pixels, beyond which it is level.
 const PLACES: f64 = 8.0;
 const REACH_PX: f64 = 120.0;
