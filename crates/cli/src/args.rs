@@ -510,7 +510,8 @@ pub enum MeasureVerb {
         #[arg(short, long, value_name = "FILE")]
         output: Vec<PathBuf>,
     },
-    /// A lab report of a body and a lens on one page: resolution beside its prediction, distortion, vignetting, noise, dynamic range, colour.
+    /// A lab report of a body and a lens on one page: resolution beside its prediction, raw and developed, distortion, vignetting, veiling glare, noise,
+    /// dynamic range, tone response, rolling shutter, colour.
     Report(MeasureReport),
     /// Veiling glare index (ISO 9358, integral method): of a photograph with a black spot, and of a lens by its prescription.
     Glare(MeasureGlare),
@@ -568,10 +569,10 @@ pub struct MeasureMtf {
     /// Half of the window's width, pixels; as wide as the region allows without. Narrower windows see less noise, and less of halos.
     #[arg(long, value_name = "PX")]
     pub reach: Option<f64>,
-    /// Compare with what this lens and --body should give: lens MTF, pixel aperture, low-pass filter, crosstalk.
+    /// Compare with what this lens and --body should give: lens MTF, pixel aperture, low-pass filter, crosstalk, motion.
     ///
-    /// Aperture, focus and focal length are those that the file names; the chart is taken to lie where the lens is focused. For raw files (.dng) and
-    /// focal planes of ours: demosaicing, sharpening and tone curves are not predicted.
+    /// Aperture, focus and focal length are those that the file names; the chart is taken to lie where the lens is focused. For raw files (.dng), focal
+    /// planes of ours, and pictures that were developed from a raw file (--raw). Without it lens and body are those of the shot.
     #[arg(long, value_name = "NAME|FILE", requires = "body")]
     pub lens: Option<String>,
     /// The body of --lens: a name from `body list` or a TOML file. Its pixels also say what a millimetre is.
@@ -589,12 +590,23 @@ pub struct MeasureMtf {
     /// Samples a pixel of the photograph of a scene; 64 without, or those of the shot file.
     #[arg(long, value_name = "N")]
     pub spp: Option<u32>,
+    /// Measure the developed picture of a scene, a shot or a raw file, and predict what each step of the development does to the edge.
+    #[arg(long)]
+    pub developed: bool,
+    /// The raw file (.dng) that a picture was developed from, by the recipe of its shot, or as the flags of `develop` say here: its edges are predicted.
+    #[arg(long, value_name = "FILE")]
+    pub raw: Option<PathBuf>,
+    /// Shot file of a raw file: how camera and subject moved, the lens as it was focused, the recipe. The one beside it (PHOTO.toml) without.
+    #[arg(long, value_name = "FILE")]
+    pub shot: Option<PathBuf>,
+    #[command(flatten)]
+    pub developing: Developing,
     /// What lights the chart, for --lens: D65, D50, A ...
     #[arg(long, value_name = "NAME", default_value = "D65")]
     pub light: String,
     /// How far the image of the chart travels during the exposure, pixels to the right and down: the blur of its motion is predicted, too.
     ///
-    /// At constant speed while the shutter is open, as on a rail, or a camera that turns.
+    /// At constant speed while the shutter is open, as on a rail, or a camera that turns. Shot files say it themselves: this wins over what they say.
     #[arg(long, value_name = "X,Y", value_parser = pair, allow_hyphen_values = true)]
     pub motion: Option<[f64; 2]>,
     /// Transfer function of the codes of a .png, .tif or .jpg.
@@ -623,6 +635,9 @@ pub struct MeasureReport {
     /// Samples a pixel of the photographs.
     #[arg(long, value_name = "N", default_value_t = 64)]
     pub spp: u32,
+    /// Time in which the body's electronic shutter reads the picture: "20ms"; that of a common sensor (50.8 ms) without.
+    #[arg(long, value_name = "TIME")]
+    pub readout: Option<Seconds>,
     /// Page to write (.html or .pdf), with everything in it.
     #[arg(short, long, value_name = "FILE")]
     pub output: PathBuf,

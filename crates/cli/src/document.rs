@@ -54,6 +54,8 @@ pub enum Block {
     Picture { picture: Box<Picture>, marked: Option<[f64; 2]> },
     /// Names with fractions as bars; those below 0 in another colour.
     Bars(Vec<(String, f64)>),
+    /// Figures at a glance: name, value, remark.
+    Tiles(Vec<[String; 3]>),
     /// Pictures side by side, each with a line and a smaller line below it.
     Contacts { columns: usize, cells: Vec<(Picture, String, String)> },
     /// What follows begins on a new sheet of paper, with this title.
@@ -127,10 +129,15 @@ impl Document {
         let title = escaped(&self.title);
         let mut page = format!(
             "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n<title>{title}</title>\n<style>\n\
-             body {{ font-family: sans-serif; max-width: 1000px; margin: 2em auto; padding: 0 1em; color: #222; }}\n\
-             h2 {{ font-size: 1.15em; margin: 1.6em 0 0.4em; border-bottom: 1px solid #888; }}\n\
-             figure {{ margin: 1em 0; }}\nsvg {{ max-width: 100%; height: auto; }}\n\
-             pre {{ background: #f5f5f5; padding: 1em; overflow-x: auto; font-size: 85%; }}\n\
+             body {{ font-family: system-ui, 'Segoe UI', 'DejaVu Sans', sans-serif; max-width: 1080px; margin: 2em auto; padding: 0 1.2em; color: #222; line-height: 1.45; }}\n\
+             h1 {{ font-size: 1.9em; line-height: 1.15; margin: 0 0 0.4em; padding-top: 0.5em; border-top: 6px solid #c33; }}\n\
+             h2 {{ font-size: 1.2em; margin: 2em 0 0.5em; padding-bottom: 0.2em; border-bottom: 2px solid #222; }}\n\
+             figure {{ margin: 0.4em 0; }}\nsvg {{ max-width: 100%; height: auto; }}\n\
+             .side figure {{ flex: 1 1 440px; }}\n\
+             pre {{ background: #f6f6f4; border-left: 3px solid #bbb; padding: 0.8em 1em; overflow-x: auto; font-size: 76%; line-height: 1.35; }}\n\
+             .tiles {{ display: grid; grid-template-columns: repeat(auto-fill, minmax(190px, 1fr)); gap: 10px; margin: 1em 0; }}\n\
+             .tiles div {{ background: #f6f6f4; border-top: 3px solid #c33; padding: 0.5em 0.8em; }}\n\
+             .tiles span, .tiles b, .tiles small {{ display: block; }}\n.tiles span {{ font-size: 85%; color: #555; }}\n.tiles b {{ font-size: 1.45em; font-variant-numeric: tabular-nums; }}\n\
              table {{ border-collapse: collapse; margin: 0.5em 0; font-size: 90%; }}\n\
              td, th {{ padding: 1px 9px; text-align: right; border-bottom: 1px solid #ddd; font-variant-numeric: tabular-nums; }}\n\
              td:first-child, th:first-child {{ text-align: left; }}\n\
@@ -170,6 +177,13 @@ impl Document {
                     writeln!(page, "<div class=\"picture\">{}{mark}</div>", embedded(picture, "the picture")?)?;
                 }
                 Block::Bars(all) => page.push_str(&bars(all)),
+                Block::Tiles(all) => {
+                    let tile = |[name, value, remark]: &[String; 3]| {
+                        let [name, value, remark] = [name, value, remark].map(|t| escaped(t));
+                        format!("<div><span>{name}</span><b>{value}</b><small>{remark}</small></div>")
+                    };
+                    writeln!(page, "<div class=\"tiles\">{}</div>", all.iter().map(tile).collect::<String>())?;
+                }
                 Block::Contacts { columns, cells } => {
                     writeln!(page, "<div style=\"display:grid;grid-template-columns:repeat({columns},auto);gap:12px\">")?;
                     for (picture, label, facts) in cells {
@@ -382,6 +396,10 @@ impl Sheet {
                 self.y += h + 0.5 * GAP;
             }
             Block::Bars(all) => self.bars(all),
+            Block::Tiles(all) => {
+                let rows: Vec<Vec<String>> = all.iter().map(|t| t.to_vec()).collect();
+                self.rows(&rows, false);
+            }
             Block::Contacts { columns, cells } => self.contacts(*columns, cells)?,
         }
         Ok(())

@@ -5,13 +5,17 @@ use diopter::expose::Watch;
 use diopter::image::{ExposureFacts, FocalPlane};
 use diopter::lens::compound::Setting;
 use diopter::lens::{CompoundLens, Focus, Lens, embedded};
+use diopter::measure::developed::{self, Development};
+use diopter::measure::motion::Motion;
 use diopter::measure::predict::Chain;
 use diopter::measure::{Channel, Measured, distortion, mtf, vignetting};
+use diopter::quantity::{FNumber, Seconds, Size};
 use diopter::scene::Scene;
 use diopter::scene::builtin::{self, charts};
 use diopter::sensor::Sensor;
+use diopter::shot::{Shot, ShotFile};
 use diopter::{Camera, CameraMotion, Film, Response, Settings, Shutter, expose};
-use glam::Vec3;
+use glam::{DVec2, Vec3};
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
@@ -77,7 +81,7 @@ fn edges_of_a_photograph_have_the_response_of_the_chain() {
             film_mm: [size; 2],
             size: [side; 2],
             diffraction: false,
-            motion_px: [0.0; 2],
+            motion: Motion::Straight([0.0; 2]),
         };
         let mut sums = [0.0; 51];
         for edge in &edges {
@@ -129,7 +133,7 @@ fn a_camera_that_moves_blurs_edges_as_the_chain_says() {
         film_mm: [size; 2],
         size: [side; 2],
         diffraction: false,
-        motion_px: [travel, 0.0],
+        motion: Motion::Straight([travel, 0.0]),
     };
     let settings = Settings { truth: false, ..Settings::new(256) };
     let picture = expose_on_the_way("slanted-edges", &lens, film, &sensor, settings, CameraMotion::sampled(0.01, moved));
@@ -141,7 +145,7 @@ fn a_camera_that_moves_blurs_edges_as_the_chain_says() {
         // As single edges of a camera that stands still; measured at most 0.018.
         assert!(p.largest_difference[0].abs() < 0.03, "{}: {:?}", edge.region, p.largest_difference);
         // What is lost at 0.15 cycles a pixel is lost to motion, across it alone.
-        let still = Chain { motion_px: [0.0; 2], ..chain }.predict(edge).unwrap();
+        let still = Chain { motion: Motion::Straight([0.0; 2]), ..chain }.predict(edge).unwrap();
         match edge.horizontal {
             true => along += usize::from((edge.at(0.15) - still.windowed[15]).abs() < 0.03),
             false => across += usize::from(edge.at(0.15) < still.windowed[15] - 0.08),
@@ -174,7 +178,7 @@ fn stopped_down_edges_have_the_benchs_response_with_diffraction() {
         film_mm: [size; 2],
         size: [side; 2],
         diffraction: true,
-        motion_px: [0.0; 2],
+        motion: Motion::Straight([0.0; 2]),
     };
     for edge in &edges {
         let p = chain.predict(edge).unwrap();
@@ -233,4 +237,91 @@ fn a_flat_field_falls_off_as_the_bench_says() {
     let [low, high] = found.corners.iter().fold([f64::MAX, 0.0], |[a, b]: [f64; 2], v| [a.min(*v), b.max(*v)]);
     // Squares of 6 × 6 pixels of 64 samples.
     assert!(high - low < 0.03 * high, "{:?}", found.corners);
+}
+
+/// A shot of a chart, focused and metered.
+fn shot(change: impl Fn(&mut ShotFile)) -> Shot {
+    let mut file = ShotFile::default();
+    file.scene.file = Some("slanted-edges".into());
+    file.camera.body = Some("canon-t2i".into());
+    file.camera.lens = Some("double-gauss-50mm".into());
+    file.exposure.aperture = Some(FNumber(4.0));
+    file.render.size = Some(Size { width: 300, height: 200 });
+    file.render.spp = Some(64);
+    change(&mut file);
+    let mut quiet = |_: &str| ();
+    let watch = Watch { cancel: &AtomicBool::new(false), progress: &|_| () };
+    let mut shot = Shot::prepare(&file, &mut quiet).unwrap();
+    shot.focus(&watch, &mut quiet).unwrap();
+    shot.meter(&watch, &mut quiet).unwrap();
+    shot
+}
+
+#[test]
+fn developed_edges_have_the_response_of_chain_and_development() {
+    // Sharpened, so that something beside demosaicing and the tone curve is predicted.
+    let shot = shot(|file| file.develop.sharpen.amount = 0.8);
+    let watch = Watch { cancel: &AtomicBool::new(false), progress: &|_| () };
+    let raw = shot.read_out(&shot.expose(&watch).unwrap()).unwrap();
+    let picture = developed::measured(&shot.develop(&raw).unwrap());
+    let options = mtf::Options { reach: Some(10.0), ..mtf::Options::default() };
+    let edges = mtf::find(&picture.plane(Channel::Luminance).unwrap(), &options).unwrap();
+    let Lens::Compound(lens) = &shot.camera.lens else { panic!("a real lens") };
+    let film = &shot.camera.film;
+    let chain = Chain {
+        lens,
+        sensor: &shot.sensor,
+        channel: 0,
+        light: "D65",
+        film_mm: [film.width_mm, film.height_mm],
+        size: [300, 200],
+        diffraction: shot.diffracts(),
+        motion: Motion::Of(&shot),
+    };
+    let development = Development { raw: &raw, recipe: &shot.recipe, lut: None, size: [300, 200] };
+    let mut sums = [[0.0; 2]; 51];
+    let n = edges.len() as f64;
+    for edge in &edges {
+        let p = development.predict(&chain, edge, Channel::Luminance, &options).unwrap();
+        assert!(p.steps.iter().map(|s| s.name).eq(["demosaicing", "tone and colour", "sharpening"]), "{:?}", p.steps);
+        for (k, sum) in sums.iter_mut().enumerate() {
+            sum[0] += (edge.mtf[k] - p.product[k]) / n;
+            // Without the development.
+            sum[1] += (edge.mtf[k] - p.raw[k]) / n;
+        }
+    }
+    let worst = |which: usize| sums.iter().map(|s| s[which].abs()).fold(0.0, f64::max);
+    println!("{} edges: {:.4} with the development, {:.4} without", edges.len(), worst(0), worst(1));
+    assert!(edges.len() > 3 && worst(0) < 0.02 && worst(1) > 0.05, "{} {}", worst(0), worst(1));
+}
+
+#[test]
+fn the_motion_of_a_shot_is_that_of_its_camera_and_its_subjects() {
+    let f = charts::FRAMING;
+    let way_mm = 1.2f32;
+    // Past the chart in the 10 ms that the shutter is open.
+    let moving = shot(|file| {
+        let stop = |time: f64, mm: f32| {
+            let at = |v: Vec3| (v + Vec3::X * 1e-3 * mm).to_array();
+            format!("[[camera.path]]\ntime = {time}\nlook_from = {:?}\nlook_at = {:?}\n", at(f.look_from), at(f.look_at))
+        };
+        let path: ShotFile = toml::from_str(&(stop(0.0, 0.0) + &stop(0.01, way_mm))).unwrap();
+        file.camera.path = path.camera.path;
+        file.exposure.shutter = Some(Seconds(0.01));
+    });
+    let film = &moving.camera.film;
+    // Magnification at the chart: f / (distance - f), distances from the front principal point: within 2 %.
+    let travel = f64::from(way_mm) * 50.0 / (DISTANCE_MM - 50.0) * film.columns as f64 / film.width_mm;
+    let way = Motion::Of(&moving).at([150.0, 100.0], [1.0, 0.0]).unwrap();
+    assert!((way.length_px(DVec2::X) / travel - 1.0).abs() < 0.04, "{} {travel}", way.length_px(DVec2::X));
+    assert!(way.length_px(DVec2::Y) < 0.01 * travel);
+    // Constant speed: a box as long as the way.
+    let box_of = Motion::Straight([way.length_px(DVec2::X), 0.0]).at([0.0; 2], [1.0, 0.0]).unwrap();
+    for frequency in [0.1, 0.5, 1.0] {
+        let [a, b] = [&way, &box_of].map(|w| w.response(DVec2::X * frequency)[0]);
+        assert!((a - b).abs() < 0.02, "{frequency}: {a} {b}");
+    }
+    // Nothing moves: nothing is lost.
+    let still = shot(|_| ());
+    assert_eq!(Motion::Of(&still).at([150.0, 100.0], [1.0, 0.0]).unwrap().response(DVec2::X), [1.0, 0.0]);
 }

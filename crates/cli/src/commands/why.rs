@@ -109,7 +109,7 @@ fn shot_file(asked: &args::Why, is_raw: bool) -> anyhow::Result<ShotFile> {
 }
 
 /// Fails where a raw file was taken otherwise than the shot says.
-fn agree(path: &Path, raw: &RawImage, shot: &Shot) -> anyhow::Result<()> {
+pub(super) fn agree(path: &Path, raw: &RawImage, shot: &Shot) -> anyhow::Result<()> {
     let (file, ours) = (&raw.header.facts, shot.facts());
     let film = &shot.camera.film;
     let size = [raw.mosaic.width, raw.mosaic.height];

@@ -5,9 +5,11 @@
 
 pub mod color;
 pub mod corners;
+pub mod developed;
 pub mod distortion;
 mod fit;
 pub mod glare;
+pub mod motion;
 pub mod mtf;
 pub mod noise;
 pub mod oecf;

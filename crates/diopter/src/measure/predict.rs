@@ -3,8 +3,10 @@
 //! The lens's is the geometric one of its spots at the edge's place, along the direction across the edge, over the colours that the channel sees of
 //! the light, or where the exposure knew diffraction ([`crate::expose::diffraction_shows`]) that of its wavefronts. All of them are even functions of spatial frequency but for the lens's phase, which the magnitude of
 //! a product does not need. Where light falls off across the edge (vignetting), both its sides slope: the edge spread function then rises or falls within the window
-//! for another reason than blur, and the response measures up to some hundredths more or less. That is predicted, too. Left out: demosaicing and sharpening (raw channels have none), and the renderer's noise.
+//! for another reason than blur, and the response measures up to some hundredths more or less. That is predicted, too. Left out: the renderer's noise. What the
+//! development does to the raw channels is predicted by [`super::developed`].
 
+use super::motion::Motion;
 use super::mtf::{Window, sinc};
 use super::{EdgeMtf, MeasureError};
 use diopter_lens::CompoundLens;
@@ -13,6 +15,7 @@ use diopter_lens::analysis::Bench;
 use diopter_lens::glass::D_NM;
 use diopter_lens::paraxial::FirstOrder;
 use diopter_light::cie;
+use diopter_light::spectrum::Table;
 use diopter_sensor::Sensor;
 use glam::DVec2;
 use serde::Serialize;
@@ -41,8 +44,8 @@ pub struct Chain<'a> {
     pub size: [usize; 2],
     /// Whether the picture was exposed with diffraction at the aperture.
     pub diffraction: bool,
-    /// How far the image of the chart travels during the exposure, at constant speed: pixels to the right and down.
-    pub motion_px: [f64; 2],
+    /// How the image of the chart moves during the exposure.
+    pub motion: Motion<'a>,
 }
 
 /// The response of each part at the frequencies of an edge.
@@ -50,6 +53,8 @@ pub struct Chain<'a> {
 pub struct Prediction {
     /// Image height of the edge, mm.
     pub height_mm: f64,
+    /// How far the image travels across the edge during the exposure, pixels.
+    pub travel_px: f64,
     /// Cycles a pixel across the edge: those of the measured response.
     pub frequencies: Vec<f64>,
     /// Lens.
@@ -60,7 +65,7 @@ pub struct Prediction {
     pub low_pass: Vec<f64>,
     /// Crosstalk between pixels.
     pub crosstalk: Vec<f64>,
-    /// Motion of the image: `sinc` of the way across the edge.
+    /// Motion of the image across the edge.
     pub motion: Vec<f64>,
     /// Their product.
     pub product: Vec<f64>,
@@ -73,85 +78,51 @@ pub struct Prediction {
     pub largest_difference: [f64; 2],
 }
 
-impl Chain<'_> {
+/// The response of each part at frequencies: real numbers where the part is even, else real and imaginary part, the latter positive where light lies ahead.
+struct Parts {
+    height_mm: f64,
+    travel_px: f64,
+    lens: Vec<[f64; 2]>,
+    aperture: Vec<f64>,
+    low_pass: Vec<f64>,
+    crosstalk: Vec<f64>,
+    motion: Vec<[f64; 2]>,
+}
+
+/// A place of the film and a direction across an edge there, with the lens that shows it.
+struct Spot<'a> {
+    bench: Bench<'a>,
+    /// From the middle of the film, mm.
+    offset: DVec2,
+    across: DVec2,
+    /// Distance of pixels, mm.
+    pitch: [f64; 2],
+    /// Wavelengths (nm) with the response of the channel to the light.
+    colors: Vec<(f64, f64)>,
+}
+
+fn unfit(found: String, expected: &str) -> MeasureError {
+    MeasureError::unfit("prediction", found, expected)
+}
+
+impl<'a> Chain<'a> {
     /// Predicts the response of an edge that was measured.
     pub fn predict(&self, edge: &EdgeMtf) -> Result<Prediction, MeasureError> {
-        let unfit = |found: String, expected: &str| MeasureError::unfit("prediction", found, expected);
-        let light = cie::illuminant(self.light).ok_or_else(|| {
-            unfit(format!("light \"{}\"", self.light), &format!("one of {}", cie::illuminant_names().join(", ")))
-        })?;
-        if !self.motion_px.iter().all(|v| v.is_finite()) {
-            return Err(unfit(format!("motion {:?}", self.motion_px), "two finite numbers of pixels"));
-        }
-        let responses = self.sensor.band_responses();
-        if self.channel >= responses.len() {
-            return Err(unfit(format!("channel {}", self.channel), &format!("0 to {}", responses.len() - 1)));
-        }
-        let weight = |channel: usize, nm: i32| f64::from(responses[channel].at(nm as f32)) * f64::from(light.at(nm as f32));
-        let [from, to, step] = COLORS_NM;
-        let all: Vec<(f64, f64)> =
-            (from..=to).step_by(step as usize).map(|nm| (f64::from(nm), weight(self.channel, nm))).collect();
-        let strongest = all.iter().map(|c| c.1).fold(0.0, f64::max);
-        let colors: Vec<(f64, f64)> = all.into_iter().filter(|c| c.1 > LEAST_WEIGHT * strongest).collect();
-
-        // Place and direction on the film.
-        let pitch = [0, 1].map(|k| self.film_mm[k] / self.size[k] as f64);
-        let offset = DVec2::from_array([0, 1].map(|k| (edge.middle[k] - 0.5 * self.size[k] as f64) * pitch[k]));
-        let across = DVec2::from_array(edge.across);
-        let radial = if offset.length() > MIDDLE_PX * pitch[0] { offset.normalize() } else { DVec2::Y };
-        // Sagittal, tangential; the lens is symmetric about the plane of the field.
-        let direction = DVec2::new(across.dot(radial.perp()), across.dot(radial)).normalize();
-        let height_mm = offset.length();
-
-        let system = self.lens.system();
-        let object_distance = match self.lens.focus() {
-            Focus::Infinity => None,
-            _ => self.lens.focus_distance().map(|d| d.0 - FirstOrder::of(system, &system.indices(D_NM)).entrance_pupil_z),
-        };
-        let bench = Bench { system, object_distance };
-        let field = bench.field_of_height(height_mm);
-        let per_mm: Vec<f64> = edge.frequencies.iter().map(|f| f / pitch[0]).collect();
-        let lens = match self.diffraction {
-            false => bench.geometric_contrast(field, &colors, &per_mm, direction, 0.0),
-            // Between sagittal and tangential by the squares of the direction's cosines: exact along both, and of a small astigmatism in between.
-            true => bench.diffraction_mtf(field, &colors, &per_mm, 0.0).map(|m| {
-                let parts = m.sagittal.iter().zip(&m.tangential);
-                parts.map(|(s, t)| s * direction.x * direction.x + t * direction.y * direction.y).collect()
-            }),
-        };
-        let lens: Vec<f64> = lens.ok_or_else(|| {
-            unfit(format!("no light {height_mm:.2} mm from the middle"), "an edge within the lens's image circle")
-        })?;
-
-        // Filters of the sensor keep their size in mm, whatever pixels the picture has.
-        let sensor = self.sensor;
-        let own = sensor.pitch_mm();
-        let gap = 1.0 - sensor.fill_factor.sqrt();
-        let open = [0, 1].map(|k| (1.0 - gap * own[k] / pitch[k]).max(0.0));
-        let shift = sensor.low_pass_px * own[0] / pitch[0];
-        let even: Vec<f64> = (0..responses.len()).map(|c| (from..=to).map(|nm| weight(c, nm)).sum()).collect();
-        let each = |of: &dyn Fn(DVec2) -> f64| edge.frequencies.iter().map(|f| of(across * *f)).collect::<Vec<_>>();
-        let aperture = each(&|f| (sinc(f.x * open[0]) * sinc(f.y * open[1])).abs());
-        let low_pass = each(&|f| ((PI * f.x * shift).cos() * (PI * f.y * shift).cos()).abs());
-        let crosstalk = each(&|f| self.crosstalk(f, &even));
-        let travel = DVec2::from_array(self.motion_px);
-        let motion = each(&|f| sinc(f.dot(travel)).abs());
+        let spot = self.spot(edge.middle, edge.across)?;
+        let parts = self.parts(&spot, edge.middle, edge.across, &edge.frequencies)?;
+        let magnitude = |all: &[[f64; 2]]| all.iter().map(|[re, im]| re.hypot(*im)).collect::<Vec<_>>();
+        let even = |all: &[f64]| all.iter().map(|v| v.abs()).collect::<Vec<_>>();
+        let (lens, motion) = (magnitude(&parts.lens), magnitude(&parts.motion));
+        let (aperture, low_pass, crosstalk) = (even(&parts.aperture), even(&parts.low_pass), even(&parts.crosstalk));
         let product: Vec<f64> = (0..lens.len()).map(|k| lens[k] * aperture[k] * low_pass[k] * crosstalk[k] * motion[k]).collect();
-        let strongest_nm = colors.iter().fold((D_NM, 0.0), |best, c| if c.1 > best.1 { *c } else { best }).0;
-        let light_at = |px: f64| bench.illumination((offset + across * px * pitch[0]).length(), strongest_nm).with_losses;
         let seen = Seen::new(edge);
-        let even = seen.response(&product, None);
-        let windowed = seen.response(&product, Some(&seen.light(light_at)));
-        let shading = windowed.iter().zip(&even).map(|(w, e)| if *e > 0.0 { w / e } else { 1.0 }).collect();
-        let mut largest_difference = [0.0; 2];
-        for (k, f) in edge.frequencies.iter().enumerate().filter(|(_, f)| **f <= 0.5) {
-            let difference = edge.mtf[k] - windowed[k];
-            if difference.abs() > f64::abs(largest_difference[0]) {
-                largest_difference = [difference, *f];
-            }
-        }
+        let unshaded = seen.response(&product, None);
+        let windowed = seen.response(&product, Some(&seen.light(spot.light())));
+        let shading = windowed.iter().zip(&unshaded).map(|(w, e)| if *e > 0.0 { w / e } else { 1.0 }).collect();
+        let largest_difference = largest_difference(edge, &windowed);
         Ok(Prediction {
-            height_mm,
+            height_mm: parts.height_mm,
+            travel_px: parts.travel_px,
             frequencies: edge.frequencies.clone(),
             lens,
             aperture,
@@ -163,6 +134,109 @@ impl Chain<'_> {
             windowed,
             largest_difference,
         })
+    }
+
+    /// The product of all parts with its phase, at frequencies (cycles a pixel) across an edge at a place (pixels): real and imaginary part, the latter positive
+    /// where light lies ahead.
+    pub fn response(&self, place: [f64; 2], across: [f64; 2], frequencies: &[f64]) -> Result<Vec<[f64; 2]>, MeasureError> {
+        let p = self.parts(&self.spot(place, across)?, place, across, frequencies)?;
+        let product = |k: usize| {
+            let even = p.aperture[k] * p.low_pass[k] * p.crosstalk[k];
+            let ([a, b], [c, d]) = (p.lens[k], p.motion[k]);
+            [even * (a * c - b * d), even * (a * d + b * c)]
+        };
+        Ok((0..frequencies.len()).map(product).collect())
+    }
+
+    /// Light that the lens brings to distances (pixels) across an edge at a place, over that at the edge.
+    pub fn light_across(&self, place: [f64; 2], across: [f64; 2], distances: &[f64]) -> Result<Vec<f64>, MeasureError> {
+        let spot = self.spot(place, across)?;
+        let light = spot.light();
+        let middle = light(0.0);
+        Ok(distances.iter().map(|d| if middle > 0.0 { light(*d) / middle } else { 1.0 }).collect())
+    }
+
+    fn weight(&self, responses: &[Table], light: &Table, channel: usize, nm: i32) -> f64 {
+        f64::from(responses[channel].at(nm as f32)) * f64::from(light.at(nm as f32))
+    }
+
+    fn light_table(&self) -> Result<Table, MeasureError> {
+        cie::illuminant(self.light)
+            .ok_or_else(|| unfit(format!("light \"{}\"", self.light), &format!("one of {}", cie::illuminant_names().join(", "))))
+    }
+
+    fn spot(&self, place: [f64; 2], across: [f64; 2]) -> Result<Spot<'a>, MeasureError> {
+        let light = self.light_table()?;
+        let responses = self.sensor.band_responses();
+        if self.channel >= responses.len() {
+            return Err(unfit(format!("channel {}", self.channel), &format!("0 to {}", responses.len() - 1)));
+        }
+        let [from, to, step] = COLORS_NM;
+        let all: Vec<(f64, f64)> = (from..=to)
+            .step_by(step as usize)
+            .map(|nm| (f64::from(nm), self.weight(&responses, &light, self.channel, nm)))
+            .collect();
+        let strongest = all.iter().map(|c| c.1).fold(0.0, f64::max);
+        let colors: Vec<(f64, f64)> = all.into_iter().filter(|c| c.1 > LEAST_WEIGHT * strongest).collect();
+        let pitch = [0, 1].map(|k| self.film_mm[k] / self.size[k] as f64);
+        let offset = DVec2::from_array([0, 1].map(|k| (place[k] - 0.5 * self.size[k] as f64) * pitch[k]));
+        let system = self.lens.system();
+        let object_distance = match self.lens.focus() {
+            Focus::Infinity => None,
+            _ => self.lens.focus_distance().map(|d| d.0 - FirstOrder::of(system, &system.indices(D_NM)).entrance_pupil_z),
+        };
+        let bench = Bench { system, object_distance };
+        Ok(Spot { bench, offset, across: DVec2::from_array(across), pitch, colors })
+    }
+
+    /// Each part at frequencies in cycles a pixel.
+    fn parts(&self, spot: &Spot, place: [f64; 2], edge_across: [f64; 2], frequencies: &[f64]) -> Result<Parts, MeasureError> {
+        if let Motion::Straight(way) = self.motion
+            && !way.iter().all(|v| v.is_finite())
+        {
+            return Err(unfit(format!("motion {way:?}"), "two finite numbers of pixels"));
+        }
+        let (across, offset, pitch, colors) = (spot.across, spot.offset, spot.pitch, &spot.colors);
+        let radial = if offset.length() > MIDDLE_PX * pitch[0] { offset.normalize() } else { DVec2::Y };
+        // Sagittal, tangential; the lens is symmetric about the plane of the field.
+        let direction = DVec2::new(across.dot(radial.perp()), across.dot(radial)).normalize();
+        let height_mm = offset.length();
+        let field = spot.bench.field_of_height(height_mm);
+        let per_mm: Vec<f64> = frequencies.iter().map(|f| f / pitch[0]).collect();
+        let lens = match self.diffraction {
+            false => spot.bench.geometric_response(field, colors, &per_mm, direction, 0.0),
+            // Between sagittal and tangential by the squares of the direction's cosines: exact along both, and of a small astigmatism in between.
+            true => spot.bench.diffraction_mtf(field, colors, &per_mm, 0.0).map(|m| {
+                let parts = m.sagittal.iter().zip(&m.tangential);
+                parts.map(|(s, t)| [s * direction.x * direction.x + t * direction.y * direction.y, 0.0]).collect()
+            }),
+        };
+        let lens: Vec<[f64; 2]> = lens.ok_or_else(|| {
+            unfit(format!("no light {height_mm:.2} mm from the middle"), "an edge within the lens's image circle")
+        })?;
+
+        // Filters of the sensor keep their size in mm, whatever pixels the picture has.
+        let sensor = self.sensor;
+        let own = sensor.pitch_mm();
+        let gap = 1.0 - sensor.fill_factor.sqrt();
+        let open = [0, 1].map(|k| (1.0 - gap * own[k] / pitch[k]).max(0.0));
+        let shift = sensor.low_pass_px * own[0] / pitch[0];
+        let [from, to, step] = COLORS_NM;
+        let (light, responses) = (self.light_table()?, sensor.band_responses());
+        let of_channel = |c| (from..=to).step_by(step as usize).map(|nm| self.weight(&responses, &light, c, nm)).sum();
+        let even: Vec<f64> = (0..responses.len()).map(of_channel).collect();
+        let each = |of: &dyn Fn(DVec2) -> f64| frequencies.iter().map(|f| of(across * *f)).collect::<Vec<_>>();
+        let aperture = each(&|f| sinc(f.x * open[0]) * sinc(f.y * open[1]));
+        let low_pass = each(&|f| (PI * f.x * shift).cos() * (PI * f.y * shift).cos());
+        let crosstalk = each(&|f| self.crosstalk(f, &even));
+        let way = self.motion.at(place, edge_across).ok_or_else(|| {
+            unfit(
+                format!("the place {:.0},{:.0} leaves the picture during the exposure", place[0], place[1]),
+                "an edge that the lens shows as long as the shutter is open",
+            )
+        })?;
+        let motion = frequencies.iter().map(|f| way.response(across * *f)).collect();
+        Ok(Parts { height_mm, travel_px: way.length_px(across), lens, aperture, low_pass, crosstalk, motion })
     }
 
     /// What neighbours add to the pixels of the channel: of other colours they see the same edge with signals of their own (`even`: those of an even
@@ -180,8 +254,31 @@ impl Chain<'_> {
             sum += own + beside * (TAU * f.x).cos() + above * (TAU * f.y).cos();
             all += own + beside + above;
         }
-        (sum / all).abs()
+        sum / all
     }
+}
+
+impl<'a> Spot<'a> {
+    /// What the lens passes at distances across the edge, pixels, in the strongest colour.
+    fn light(&self) -> impl Fn(f64) -> f64 + '_ {
+        let strongest_nm = self.colors.iter().fold((D_NM, 0.0), |best, c| if c.1 > best.1 { *c } else { best }).0;
+        move |px| {
+            let place = self.offset + self.across * px * self.pitch[0];
+            self.bench.illumination(place.length(), strongest_nm).with_losses
+        }
+    }
+}
+
+/// Largest difference of a measured response from a predicted one up to half a cycle a pixel, and where.
+pub(super) fn largest_difference(edge: &EdgeMtf, predicted: &[f64]) -> [f64; 2] {
+    let mut largest = [0.0; 2];
+    for (k, f) in edge.frequencies.iter().enumerate().filter(|(_, f)| **f <= 0.5) {
+        let difference = edge.mtf[k] - predicted[k];
+        if difference.abs() > f64::abs(largest[0]) {
+            largest = [difference, *f];
+        }
+    }
+    largest
 }
 
 /// Places a pixel at which edge and line spread functions are computed.
@@ -348,9 +445,9 @@ mod tests {
         let [w, h] = sensor.pitch_mm();
         let size = [600, 400];
         let film_mm = [600.0 * w, 400.0 * h];
-        let still = [0.0; 2];
+        let still = Motion::Straight([0.0; 2]);
         let chain =
-            Chain { lens: &lens, sensor: &sensor, channel: 1, light: "D65", film_mm, size, diffraction: false, motion_px: still };
+            Chain { lens: &lens, sensor: &sensor, channel: 1, light: "D65", film_mm, size, diffraction: false, motion: still };
         let p = chain.predict(&edge([1.0, 0.0])).unwrap();
         assert!(p.height_mm < 1e-9 && p.product[0] == p.lens[0] && (p.lens[0] - 1.0).abs() < 1e-9);
         // Nyquist: sinc(0.45), cos(π/4), and neighbours beside it that count against it. R and B lie beside green, as bright together as they are.
@@ -369,7 +466,7 @@ mod tests {
         // The edge that was "measured" has full contrast: the difference is largest where the chain leaves least.
         assert!((p.largest_difference[0] - (1.0 - p.product[half])).abs() < 0.05, "{:?}", p.largest_difference);
         // Along an edge nothing is lost; across it what a box of the way leaves, with its first zero at one cycle in the way.
-        let moved = |motion_px| Chain { motion_px, ..chain }.predict(&edge([1.0, 0.0])).unwrap();
+        let moved = |way| Chain { motion: Motion::Straight(way), ..chain }.predict(&edge([1.0, 0.0])).unwrap();
         assert_eq!(moved([0.0, 7.0]).product, p.product);
         let across = moved([-1.2, 7.0]);
         assert!((across.product[half] - p.product[half] * sinc(0.6)).abs() < 1e-12);

@@ -20,7 +20,7 @@
 mod blur;
 mod development;
 mod light;
-mod spot;
+pub(crate) mod spot;
 
 pub use blur::Blur;
 pub use light::{Brightness, Factor, Noise, NoiseTerm};

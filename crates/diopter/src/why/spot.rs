@@ -73,7 +73,7 @@ impl Colors {
 }
 
 /// What a place of the picture shows.
-pub(super) struct Subject<'a> {
+pub(crate) struct Subject<'a> {
     /// Pixels from the upper left corner of the picture.
     pub at: DVec2,
     /// Column and row.
@@ -106,6 +106,21 @@ impl<'a> Subject<'a> {
             Some(surface) => Target::point(self.motion.point(surface, self.time_s as f32, subject_s)?, &place),
             None => Target::direction(self.ray.direction, &place),
         })
+    }
+
+    /// Where chief rays image the point at moments of the exposure, pixels; `None` where the lens does not show it at one of them.
+    pub fn path(&self, camera: &Camera, times_s: impl Iterator<Item = f64>) -> Option<Vec<DVec2>> {
+        let chief = |at: DVec2| {
+            let ray = camera.lens.chief_ray(camera.film_point(at.x, at.y)).ok()?;
+            Some((ray.origin_mm, ray.direction))
+        };
+        let mut near = self.at;
+        times_s
+            .map(|time_s| {
+                near = projection::find(self.target(camera, time_s, time_s)?, near, chief)?;
+                Some(near)
+            })
+            .collect()
     }
 
     /// Distance at which a lens is to be focused for the point, mm: along the camera's axis, where there is one. `None` of what is infinitely far away.

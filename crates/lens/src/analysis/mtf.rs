@@ -104,8 +104,13 @@ pub fn defocused_airy_mtf(frequency: f64, cutoff: f64, blur_mm: f64) -> f64 {
 
 /// Contrast of detail along a direction at frequencies in cycles/mm, of film points (mm) by their light. `None` without light.
 fn contrast(rays: &[(DVec2, f64)], direction: DVec2, frequencies: &[f64]) -> Option<Vec<f64>> {
-    let total: f64 = rays.iter().map(|r| r.1).sum();
     let origin = rays.first()?.0;
+    Some(response(rays, origin, direction, frequencies)?.into_iter().map(|[re, im]| f64::hypot(re, im)).collect())
+}
+
+/// Real and imaginary part of the same with its phase, places counted from `origin`.
+fn response(rays: &[(DVec2, f64)], origin: DVec2, direction: DVec2, frequencies: &[f64]) -> Option<Vec<[f64; 2]>> {
+    let total: f64 = rays.iter().map(|r| r.1).sum();
     let at = |frequency: &f64| {
         let (mut re, mut im) = (0.0, 0.0);
         for (p, light) in rays {
@@ -113,7 +118,7 @@ fn contrast(rays: &[(DVec2, f64)], direction: DVec2, frequencies: &[f64]) -> Opt
             re += light * phase.cos();
             im += light * phase.sin();
         }
-        f64::hypot(re, im) / total
+        [re / total, im / total]
     };
     (total > 0.0).then(|| frequencies.iter().map(at).collect())
 }
@@ -148,13 +153,30 @@ impl Bench<'_> {
         direction: DVec2,
         defocus: f64,
     ) -> Option<Vec<f64>> {
+        let all = self.geometric_response(field_deg, colors, frequencies, direction, defocus)?;
+        Some(all.into_iter().map(|[re, im]| f64::hypot(re, im)).collect())
+    }
+
+    /// The same with its phase about the centroid of the light: real and imaginary part of ∫ l(x) exp(2πi f x) dx over the line spread function l, x along the
+    /// direction, whose tangential part leads away from the axis.
+    pub fn geometric_response(
+        &self,
+        field_deg: f64,
+        colors: &[(f64, f64)],
+        frequencies: &[f64],
+        direction: DVec2,
+        defocus: f64,
+    ) -> Option<Vec<[f64; 2]>> {
         let reference = colors.get(colors.len() / 2)?.0;
         let rays: Vec<(DVec2, f64)> = colors
             .iter()
             .filter_map(|(nm, weight)| Some((self.scattered_light(field_deg, *nm, reference, RAYS_ACROSS, defocus)?, weight)))
             .flat_map(|(light, weight)| light.into_iter().map(move |(p, fraction)| (p, weight * fraction)))
             .collect();
-        contrast(&rays, direction, frequencies)
+        let total: f64 = rays.iter().map(|r| r.1).sum();
+        let centroid = rays.iter().map(|(p, light)| *p * *light).sum::<DVec2>() / total;
+        let outward = if centroid.y < 0.0 { DVec2::new(direction.x, -direction.y) } else { direction };
+        response(&rays, centroid, outward, frequencies)
     }
 
     /// Direction cosines between which all light of a beam comes, seen from an image point: lower and upper corner, with a margin. `None` of

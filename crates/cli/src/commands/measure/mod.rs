@@ -3,12 +3,11 @@
 mod glare;
 mod oecf;
 mod report;
+mod resolution;
 mod rolling;
 
-use report::{Setup, take};
-
 use super::{print_json, read_raw};
-use crate::args::{List, LsfWindow, MeasureMtf, MeasureThroughLens, MeasureVerb, MeasuredChannel, PictureEncoding};
+use crate::args::{List, MeasureThroughLens, MeasureVerb, MeasuredChannel, PictureEncoding};
 use crate::watch::say;
 use crate::{AskedWrongly, paint};
 use anyhow::anyhow;
@@ -20,15 +19,12 @@ use diopter::lens::glass::D_NM;
 use diopter::lens::paraxial::FirstOrder;
 use diopter::lens::{CompoundLens, Focus};
 use diopter::measure::corners::Corners;
-use diopter::measure::mtf::{self, Options, Window};
-use diopter::measure::predict::{Chain, Prediction};
-use diopter::measure::{Channel, EdgeMtf, Measured, Plane, Region, color, distortion, noise, vignetting};
+use diopter::measure::{Channel, Measured, Plane, Region, color, distortion, noise, vignetting};
 use diopter::measure::{color::ColorDifferences, distortion::Distortion, vignetting::Vignetting};
-use diopter::scene::builtin;
 use diopter::sensor::Sensor;
 use diopter::sensor::emva::{self, Conditions};
 use diopter::sensor::format::FULL_FRAME_DIAGONAL_MM;
-use diopter::shot::{ShotError, ShotFile, is_scene_file, read_body, read_lens};
+use diopter::shot::{ShotError, read_body, read_lens};
 use glam::DVec2;
 use serde_json::{Value, json};
 use std::fmt::Write as _;
@@ -40,7 +36,7 @@ const COLORS: [Color; 6] = [[204, 51, 51], [34, 85, 170], [40, 140, 70], [150, 9
 
 pub fn run(verb: &MeasureVerb, json: bool) -> anyhow::Result<()> {
     match verb {
-        MeasureVerb::Mtf(asked) => resolution(asked, json),
+        MeasureVerb::Mtf(asked) => resolution::run(asked, json),
         MeasureVerb::Noise { files, region, body, output } => photon_transfer(files, *region, body.as_deref(), output, json),
         MeasureVerb::DynamicRange { body, iso, output } => dynamic_range(body, iso.as_ref(), output, json),
         MeasureVerb::Glare(asked) => glare::run(asked, json),
@@ -140,256 +136,8 @@ fn line(name: impl Into<String>, color: usize, style: Style, points: impl IntoIt
     Line { name: name.into(), color: COLORS[color % COLORS.len()], style, points }
 }
 
-/// Samples a pixel of a chart that is photographed, if nobody says.
-const CHART_SPP: u32 = 64;
-
-fn resolution(asked: &MeasureMtf, json: bool) -> anyhow::Result<()> {
-    if let Some(pitch) = asked.pitch.filter(|p| !(*p > 0.0 && *p < 1e4)) {
-        return Err(AskedWrongly(anyhow!("--pitch {pitch}: expected the distance of pixels in µm, such as 5.36")).into());
-    }
-    let outputs = paint::prepare(&asked.output)?;
-    let window = match asked.window {
-        LsfWindow::Tukey => Window::Tukey { alpha: 0.5 },
-        LsfWindow::Hann => Window::Tukey { alpha: 1.0 },
-        LsfWindow::Hamming => Window::Hamming,
-    };
-    let options = Options { order: asked.order, window, reach: asked.reach };
-    if let Some(lens) = &asked.lens {
-        read_lens(lens)?;
-    }
-    if let Some(body) = &asked.body {
-        read_body(body)?;
-    }
-    let shot = shot_of_chart(asked)?;
-    let picture = match &shot {
-        None => Measured::read(&asked.file, asked.encoding.decoded())?,
-        Some(shot) => Measured::Raw(Box::new(take(shot, &name_of(&asked.file))?.raw)),
-    };
-    let channel = asked.channel.map_or_else(|| picture.usual_channel(), MeasuredChannel::measured);
-    let plane = picture.plane(channel)?;
-    let edges = match (asked.region, asked.at) {
-        (Some(r), _) => vec![mtf::measure(&plane, region(r), &options)?],
-        (_, Some(at)) => vec![mtf::measure_at(&plane, at, &options)?],
-        _ => mtf::find(&plane, &options)?,
-    };
-    let size = [plane.width, plane.height];
-    let camera = shot.as_ref().map(|s| &s.camera);
-    let lens = asked.lens.as_ref().or(camera.and_then(|c| c.lens.as_ref()).filter(|l| has_surfaces(l)));
-    let body = asked.body.as_ref().or(camera.and_then(|c| c.body.as_ref()));
-    let (predictions, pitch_mm) = match (lens, body) {
-        (Some(lens), Some(body)) => {
-            let chart = Charted { light: &asked.light, motion_px: asked.motion.unwrap_or_default() };
-            let (all, pitch) = predicted(&asked.file, chart, [lens, body], picture.facts(), channel, size, &edges)?;
-            (Some(all), Some(pitch))
-        }
-        _ => (None, asked.pitch.map(|um| um / 1000.0)),
-    };
-    // Cycles a mm in a cycle a pixel.
-    let per_mm = pitch_mm.map(|mm| 1.0 / mm);
-    let value: Vec<Value> = edges
-        .iter()
-        .enumerate()
-        .map(|(k, e)| {
-            let mut value = json!(e);
-            value["predicted"] = json!(predictions.as_ref().map(|p| &p[k]));
-            if let Some(per_mm) = per_mm {
-                let in_mm = |f: Option<f64>| f.map(|f| f * per_mm);
-                value["mtf50_per_mm"] = json!(in_mm(e.mtf50));
-                value["mtf10_per_mm"] = json!(in_mm(e.mtf10));
-                value["frequencies_per_mm"] = json!(e.frequencies.iter().map(|f| f * per_mm).collect::<Vec<_>>());
-            }
-            value["mtf50_line_widths_per_picture_height"] = json!(e.mtf50.map(|f| 2.0 * f * plane.height as f64));
-            value
-        })
-        .collect();
-    let value =
-        json!({ "file": asked.file, "channel": channel.name(), "pitch_um": pitch_mm.map(|mm| 1000.0 * mm), "edges": value });
-    let mut text = resolution_text(&name_of(&asked.file), &edges, channel, per_mm, plane.height)?;
-    if let Some(predictions) = &predictions {
-        text.push_str(&chain_text(&edges, predictions)?);
-    }
-    let predictions = predictions.unwrap_or_default();
-    let figure = || resolution_figure(&name_of(&asked.file), channel, per_mm, &edges, &predictions);
-    finish(outputs, figure, &text, &value, json)
-}
-
-/// Whether a lens of a shot file has surfaces that a chain can be predicted for: not `thin`, `pinhole` and the like.
-fn has_surfaces(lens: &str) -> bool {
-    read_lens(lens).is_ok()
-}
-
-/// The photograph that is to be taken of a scene or by a shot file; none where the file is a picture.
-fn shot_of_chart(asked: &MeasureMtf) -> anyhow::Result<Option<ShotFile>> {
-    let file = &asked.file;
-    let embedded = asked.file.to_str().filter(|name| builtin::is_embedded(name) && !file.exists());
-    let ending = file.extension().map(|e| e.to_string_lossy().to_lowercase()).unwrap_or_default();
-    let set = [
-        ("--aperture", asked.aperture.is_some()),
-        ("--focal-length", asked.focal_length.is_some()),
-        ("--size", asked.size.is_some()),
-        ("--spp", asked.spp.is_some()),
-    ];
-    let set = set.iter().find(|s| s.1).map(|s| s.0);
-    let wrong = |what: String| Err(AskedWrongly(anyhow!(what)).into());
-    if ending == "toml" {
-        let mut shot = ShotFile::read(file)?;
-        let (camera, render) = (&mut shot.camera, &mut shot.render);
-        if let (Some(lens), Some(body)) = (&asked.lens, &asked.body) {
-            (camera.lens, camera.body) = (Some(lens.clone()), Some(body.clone()));
-        }
-        camera.focal_length = asked.focal_length.or(camera.focal_length);
-        render.size = asked.size.or(render.size);
-        render.spp = asked.spp.or(render.spp);
-        shot.exposure.aperture = asked.aperture.or(shot.exposure.aperture);
-        return Ok(Some(shot));
-    }
-    if embedded.is_none() && !(is_scene_file(file) && file.exists()) {
-        return match set {
-            Some(flag) => wrong(format!(
-                "{flag} with {}: a picture says itself how it was taken; expected a scene (slanted-edges, chart.scene), a shot file, or no {flag}",
-                name_of(file)
-            )),
-            None if asked.motion.is_some() && asked.lens.is_none() => {
-                wrong("--motion without --lens: expected --lens and --body, whose chain it is a part of".into())
-            }
-            None => Ok(None),
-        };
-    }
-    let Some(name) = file.to_str() else {
-        return wrong(format!("{}: expected a name in UTF-8", file.display()));
-    };
-    if asked.motion.is_some() {
-        let hint = "expected a picture, or a shot file, whose chart or camera moves";
-        return wrong(format!("--motion with {name}: it is photographed without motion; {hint}"));
-    }
-    match (&asked.lens, &asked.body) {
-        (Some(lens), Some(body)) => {
-            let (aperture, focal_length) = (asked.aperture, asked.focal_length);
-            let spp = asked.spp.unwrap_or(CHART_SPP);
-            Ok(Some(Setup { body, lens, aperture, focal_length, size: asked.size, spp }.shot_file(name)))
-        }
-        _ => wrong(format!("{name}: this is a scene; expected --lens and --body to photograph it with, or a picture")),
-    }
-}
-
-/// Responses of some edges, and what was predicted for them (the same number, or none).
-fn resolution_figure(name: &str, channel: Channel, per_mm: Option<f64>, edges: &[EdgeMtf], predictions: &[Prediction]) -> Figure {
-    let scale = per_mm.unwrap_or(1.0);
-    let lines = edges.iter().take(COLORS.len()).enumerate().map(|(k, e)| {
-        let name = format!("{:.0},{:.0}: {:.1}°", e.middle[0], e.middle[1], e.angle_deg);
-        line(name, k, Style::Full, e.frequencies.iter().zip(&e.mtf).map(|(f, m)| (f * scale, m.min(1.2))))
-    });
-    let chains = predictions.iter().take(COLORS.len()).enumerate().map(|(k, p)| {
-        let name = if k == 0 { "predicted" } else { "" };
-        line(name, k, Style::Broken, p.frequencies.iter().zip(&p.windowed).map(|(f, m)| (f * scale, *m)))
-    });
-    let unit = if per_mm.is_some() { "cycles/mm" } else { "cycles/pixel" };
-    let nyquist = line("", 5, Style::Broken, [(0.5 * scale, 0.0), (0.5 * scale, 1.2)]);
-    sheet(&Chart {
-        title: format!("e-SFR, {name}, {}", channel.name()),
-        x: Axis { label: format!("spatial frequency across the edge, {unit}"), range: [0.0, scale] },
-        y: Axis { label: "contrast".into(), range: [0.0, 1.2] },
-        lines: lines.chain(chains).chain([nyquist]).collect(),
-    })
-}
-
 fn name_of(path: &Path) -> String {
     path.file_name().unwrap_or_default().to_string_lossy().into_owned()
-}
-
-fn resolution_text(
-    name: &str,
-    edges: &[EdgeMtf],
-    channel: Channel,
-    per_mm: Option<f64>,
-    height: usize,
-) -> anyhow::Result<String> {
-    let mut t = String::new();
-    writeln!(t, "{name}, {}   (e-SFR, ISO 12233; frequencies in cycles/pixel)", channel.name())?;
-    let mm = if per_mm.is_some() { format!(" {:>9}", "per mm") } else { String::new() };
-    writeln!(
-        t,
-        "  {:<22} {:>8} {:>9} {:>6} {:>7}{mm} {:>7} {:>7} {:>8}",
-        "region x,y,w,h", "angle", "contrast", "noise", "MTF50", "LW/PH", "MTF10", "Nyquist"
-    )?;
-    let number = |v: Option<f64>, digits: usize| v.map_or("-".to_owned(), |v| format!("{v:.digits$}"));
-    for e in edges {
-        let r = e.region;
-        let place = format!("{},{},{},{}", r.x, r.y, r.width, r.height);
-        let mm = per_mm.map_or(String::new(), |s| format!(" {:>9}", number(e.mtf50.map(|f| f * s), 2)));
-        writeln!(
-            t,
-            "  {place:<22} {:>7.2}{} {:>9.3} {:>5.1}% {:>7}{mm} {:>7} {:>7} {:>8.3}",
-            e.angle_deg,
-            if e.horizontal { "-" } else { "|" },
-            e.contrast,
-            100.0 * e.noise,
-            number(e.mtf50, 4),
-            number(e.mtf50.map(|f| 2.0 * f * height as f64), 0),
-            number(e.mtf10, 4),
-            e.at_nyquist
-        )?;
-    }
-    if let [only] = edges {
-        let mm = if per_mm.is_some() { "cycles/mm" } else { "" };
-        writeln!(t, "  {:>12} {:>9} {mm:>10}", "cycles/pixel", "contrast")?;
-        for k in 0..=20 {
-            let f = f64::from(k) * 0.05;
-            let mm = per_mm.map_or(String::new(), |s| format!("{:.2}", f * s));
-            writeln!(t, "  {f:>12.2} {:>9.4} {mm:>10}", only.at(f))?;
-        }
-    }
-    Ok(t)
-}
-
-/// A chart as it was photographed.
-#[derive(Clone, Copy)]
-struct Charted<'a> {
-    /// Illuminant.
-    light: &'a str,
-    /// How far its image travels during the exposure, pixels to the right and down.
-    motion_px: [f64; 2],
-}
-
-/// What the chain of a lens and a body should make of edges, and the distance of pixels, mm.
-fn predicted(
-    file: &Path,
-    Charted { light, motion_px }: Charted,
-    [lens, body]: [&str; 2],
-    facts: Option<&ExposureFacts>,
-    channel: Channel,
-    size: [usize; 2],
-    edges: &[EdgeMtf],
-) -> anyhow::Result<(Vec<Prediction>, f64)> {
-    let wrong = |what: String| anyhow::Error::from(AskedWrongly(anyhow!(what)));
-    let sensor = read_body(body)?;
-    if let Some(model) = facts.map(|f| &f.model).filter(|m| !m.is_empty() && !m.starts_with(sensor.model.as_str())) {
-        say(&format!(
-            "note: {} was taken with the camera \"{model}\", and is compared with \"{}\"",
-            file.display(),
-            sensor.model
-        ));
-    }
-    let names = sensor.cfa.channel_names();
-    let letters: &[&str] = match channel {
-        Channel::Red => &["R"],
-        Channel::Green => &["G"],
-        Channel::Blue => &["B"],
-        Channel::Clear => &["W", "Y"],
-        Channel::Luminance => &[],
-    };
-    let number = names
-        .iter()
-        .position(|n| letters.contains(n))
-        .ok_or_else(|| wrong(format!("channel {}: expected one of {} on {}", channel.name(), names.join(", "), sensor.name)))?;
-    let (lens, film_mm) = as_taken(file, lens, facts, size)?;
-    // As shots are taken where nobody says otherwise.
-    let film = diopter::Film::new(film_mm[0], film_mm[1], size[0], size[1]);
-    let diffraction = diopter::expose::diffraction_shows(&diopter::lens::Lens::Compound(Box::new(lens.clone())), &film);
-    let pitch = film_mm[0] / size[0] as f64;
-    let chain = Chain { lens: &lens, sensor: &sensor, channel: number, light, film_mm, size, diffraction, motion_px };
-    let all = edges.iter().map(|e| Ok(chain.predict(e)?)).collect::<anyhow::Result<Vec<_>>>()?;
-    Ok((all, pitch))
 }
 
 /// A lens as a picture of a size (pixels) was taken through it, by what the picture says of itself, and the film, mm.
@@ -462,62 +210,6 @@ fn beside_bench(bench: &[(f64, f64)], unit: &str, decimals: usize, measured: imp
     for (h, expected) in bench {
         let found = measured(*h);
         writeln!(t, "  {h:>7.1} {found:>13.decimals$} {expected:>13.decimals$} {:>+13.decimals$}", found - expected)?;
-    }
-    Ok(t)
-}
-
-/// Measured beside predicted.
-fn chain_text(edges: &[EdgeMtf], predictions: &[Prediction]) -> anyhow::Result<String> {
-    let mut t = String::new();
-    if let [p, ..] = predictions {
-        // Of all edges, on average.
-        let mean = |of: &dyn Fn(&EdgeMtf, &Prediction) -> f64| {
-            edges.iter().zip(predictions).map(|(e, p)| of(e, p)).sum::<f64>() / edges.len() as f64
-        };
-        if edges.len() > 1 {
-            writeln!(t, "  on average over {} edges:", edges.len())?;
-        }
-        writeln!(
-            t,
-            "  {:>12} {:>9} {:>9} {:>9} {:>9} {:>9} {:>9} {:>9} {:>9} {:>9} {:>11}",
-            "cycles/pixel",
-            "measured",
-            "predicted",
-            "lens",
-            "aperture",
-            "low-pass",
-            "crosstalk",
-            "motion",
-            "window",
-            "shading",
-            "difference"
-        )?;
-        for k in (0..p.frequencies.len()).step_by(5).filter(|k| p.frequencies[*k] <= 0.5) {
-            writeln!(
-                t,
-                "  {:>12.2} {:>9.4} {:>9.4} {:>9.4} {:>9.4} {:>9.4} {:>9.4} {:>9.4} {:>9.4} {:>9.4} {:>+11.4}",
-                p.frequencies[k],
-                mean(&|e, _| e.mtf[k]),
-                mean(&|_, p| p.windowed[k]),
-                mean(&|_, p| p.lens[k]),
-                mean(&|_, p| p.aperture[k]),
-                mean(&|_, p| p.low_pass[k]),
-                mean(&|_, p| p.crosstalk[k]),
-                mean(&|_, p| p.motion[k]),
-                mean(&|_, p| if p.product[k] > 0.0 { p.windowed[k] / (p.product[k] * p.shading[k]) } else { 1.0 }),
-                mean(&|_, p| p.shading[k]),
-                mean(&|e, p| e.mtf[k] - p.windowed[k])
-            )?;
-        }
-    }
-    writeln!(
-        t,
-        "  measured less predicted, largest up to half a cycle a pixel (demosaicing and sharpening are not predicted, motion by --motion):"
-    )?;
-    for (e, p) in edges.iter().zip(predictions) {
-        let [difference, at] = p.largest_difference;
-        let [x, y] = e.middle;
-        writeln!(t, "    edge at {x:.0},{y:.0} ({:.2} mm from the middle): {difference:+.4} at {at:.2}", p.height_mm)?;
     }
     Ok(t)
 }

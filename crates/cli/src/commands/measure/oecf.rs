@@ -32,7 +32,7 @@ pub fn run(asked: &MeasureOecf, json: bool) -> anyhow::Result<()> {
     finish(outputs, || figure(&name, &found), &text, &value, json)
 }
 
-fn text(name: &str, pictures: usize, found: &[Response]) -> anyhow::Result<String> {
+pub(super) fn text(name: &str, pictures: usize, found: &[Response]) -> anyhow::Result<String> {
     let mut t = String::new();
     let noise = if pictures > 1 { "temporal noise" } else { "total noise: two pictures would tell temporal noise apart" };
     writeln!(t, "{name}, {pictures} picture{}   (OECF, ISO 14524 and 15739; {noise})", if pictures == 1 { "" } else { "s" })?;
@@ -61,7 +61,7 @@ fn text(name: &str, pictures: usize, found: &[Response]) -> anyhow::Result<Strin
     Ok(t)
 }
 
-fn figure(name: &str, found: &[Response]) -> Figure {
+pub(super) fn figure(name: &str, found: &[Response]) -> Figure {
     // Below a thousandth of a percent there is nothing to be seen.
     let log = |v: f64| v.max(1e-5).log10();
     let lines = found.iter().flat_map(|r| {

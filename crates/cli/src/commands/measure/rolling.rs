@@ -7,8 +7,8 @@ use crate::paint;
 use anyhow::anyhow;
 use diopter::image::ShutterFacts;
 use diopter::lens::draw::{Axis, Chart, Figure, Style};
-use diopter::measure::Measured;
 use diopter::measure::rolling::{Rolling, Sign, measure};
+use diopter::measure::{Channel, Measured};
 use serde_json::json;
 use std::fmt::Write as _;
 
@@ -32,6 +32,13 @@ pub fn run(asked: &MeasureRolling, json: bool) -> anyhow::Result<()> {
     let found = measure(&picture.plane(channel)?, sign)?;
     let told = picture.facts().and_then(|f| f.shutter.as_ref()).map(|s| told_readout(s, &found));
     let name = name_of(&chart.file);
+    let text = text(&name, channel, &found, told)?;
+    let value = json!({ "file": chart.file, "channel": channel.name(), "rolling": found, "readout_of_file_s": told });
+    finish(outputs, || figure(&name, &found), &text, &value, json)
+}
+
+/// What was found, and what the file says.
+pub(super) fn text(name: &str, channel: Channel, found: &Rolling, told: Option<f64>) -> anyhow::Result<String> {
     let mut t = String::new();
     writeln!(t, "{name}, {}   (read line by line)", channel.name())?;
     let kind = if found.columns { "column" } else { "row" };
@@ -56,16 +63,15 @@ pub fn run(asked: &MeasureRolling, json: bool) -> anyhow::Result<()> {
     if let Some(told) = told {
         writeln!(t, "  the file says {:.3} ms: {:+.2} %", 1e3 * told, 100.0 * (found.readout_s / told - 1.0))?;
     }
-    let value = json!({ "file": chart.file, "channel": channel.name(), "rolling": found, "readout_of_file_s": told });
-    finish(outputs, || figure(&name, &found), &t, &value, json)
+    Ok(t)
 }
 
 /// Read-out of all lines that a file says, s; 0 of a shutter that closes everywhere at once.
-fn told_readout(shutter: &ShutterFacts, found: &Rolling) -> f64 {
+pub(super) fn told_readout(shutter: &ShutterFacts, found: &Rolling) -> f64 {
     shutter.rows.close_s[1].abs() * found.lines as f64
 }
 
-fn figure(name: &str, found: &Rolling) -> Figure {
+pub(super) fn figure(name: &str, found: &Rolling) -> Figure {
     let fitted = found.points.iter().zip(&found.fitted).map(|(p, v)| (p.0, *v));
     let values = || found.points.iter().map(|p| p.1);
     let what = if found.lean_px.is_some() { "place of the bar, pixels" } else { "mean of the line, over the fall-off" };
