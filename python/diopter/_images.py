@@ -246,7 +246,7 @@ class RawImage:
         """Digital numbers, ``uint16 [row][column]`` (``[row][column][channel]`` where every pixel has all channels): a read-only view."""
         return self._native.mosaic
 
-    def __array__(self, dtype: npt.DTypeLike = None, copy: bool | None = None) -> npt.NDArray[Any]:
+    def __array__(self, dtype: npt.DTypeLike | None = None, copy: bool | None = None) -> npt.NDArray[Any]:
         return _as_array(self.mosaic, dtype, copy)
 
     def __dlpack__(
@@ -349,7 +349,7 @@ class Picture:
         """Codes in :attr:`encoding`, ``float32 [row][column][3]``: a read-only view."""
         return self._native.array
 
-    def __array__(self, dtype: npt.DTypeLike = None, copy: bool | None = None) -> npt.NDArray[Any]:
+    def __array__(self, dtype: npt.DTypeLike | None = None, copy: bool | None = None) -> npt.NDArray[Any]:
         return _as_array(self.array, dtype, copy)
 
     def __dlpack__(
@@ -414,7 +414,7 @@ class Picture:
 _DLPACK_CPU = (1, 0)
 
 
-def _as_array(view: npt.NDArray[Any], dtype: npt.DTypeLike, copy: bool | None) -> npt.NDArray[Any]:
+def _as_array(view: npt.NDArray[Any], dtype: npt.DTypeLike | None, copy: bool | None) -> npt.NDArray[Any]:
     """What ``numpy.asarray`` asks for: without a copy where no other type is wanted."""
     import numpy as np
 

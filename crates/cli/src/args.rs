@@ -881,6 +881,9 @@ pub struct Taking {
     /// Fail when a texture of the scene cannot be read, instead of showing magenta in its place.
     #[arg(long)]
     pub strict: bool,
+    /// Split displaced surfaces until no edge is longer than so many pixels of the picture, instead of as their file says.
+    #[arg(long, value_name = "PIXELS", allow_negative_numbers = true)]
+    pub displacement_edge_px: Option<f64>,
     /// What lights it: studio, sun, overcast, none (only its own light) or a lat-long .hdr, .exr or .pfm.
     ///
     /// studio: soft boxes of 1500 lx (key), 500 lx (fill) and 1000 lx (rim) and a grey sweep to stand on; what a scene without light of its own gets.
@@ -2108,6 +2111,7 @@ impl Taking {
         over(&mut scene.scale, &self.scale);
         over(&mut scene.variant, &self.variant);
         scene.strict |= self.strict;
+        over(&mut scene.displacement_edge_px, &self.displacement_edge_px);
         over(&mut scene.light, &self.light);
         over(&mut scene.environment, &self.environment);
         over(&mut scene.environment_rotation_deg, &self.environment_rotation);

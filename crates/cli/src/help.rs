@@ -26,7 +26,17 @@ const GROUPS: [Group; 11] = [
     Group {
         heading: "Scene",
         common: &["light", "environment", "sun", "ground", "scale"],
-        other: &["variant", "environment-rotation", "daylight", "place", "turbidity", "fog", "ambient-ev", "strict"],
+        other: &[
+            "variant",
+            "environment-rotation",
+            "daylight",
+            "place",
+            "turbidity",
+            "fog",
+            "ambient-ev",
+            "displacement-edge-px",
+            "strict",
+        ],
     },
     Group { heading: "Camera", common: &["body", "look-from", "look-at", "viewpoint"], other: &["format", "up", "shake"] },
     Group {

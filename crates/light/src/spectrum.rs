@@ -29,6 +29,28 @@ impl Table {
         Table { first_nm, per_nm: 1.0 / step_nm, values: values.into(), srgb_of_light: Arc::default() }
     }
 
+    /// The same by values a nanometre, as [`Table::first_nm`], [`Table::per_nm`] and [`Table::values`] tell them of another: equal to it bit by bit. Panics as
+    /// [`Table::new`] does.
+    pub fn from_parts(first_nm: f32, per_nm: f32, values: Vec<f32>) -> Self {
+        assert!(!values.is_empty() && per_nm > 0.0, "{} values, {per_nm} a nanometre", values.len());
+        Table { first_nm, per_nm, values: values.into(), srgb_of_light: Arc::default() }
+    }
+
+    /// Wavelength of the first value, nm.
+    pub fn first_nm(&self) -> f32 {
+        self.first_nm
+    }
+
+    /// Values a nanometre.
+    pub fn per_nm(&self) -> f32 {
+        self.per_nm
+    }
+
+    /// The values, evenly spaced.
+    pub fn values(&self) -> &[f32] {
+        &self.values
+    }
+
     /// A table at 5 nm, 380–780 nm, through unevenly spaced `(nm, value)` points in rising order.
     pub fn from_points(points: &[(f32, f32)]) -> Self {
         let at = |nm: f32| match points.iter().position(|p| p.0 >= nm) {

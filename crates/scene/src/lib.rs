@@ -8,6 +8,7 @@ mod animated;
 pub mod builtin;
 pub mod bvh;
 pub mod daylight;
+mod exact;
 mod features;
 pub mod light;
 pub mod light_paths;

@@ -2,10 +2,12 @@
 //!
 //! Written: meshes (balls and parallelograms as triangles), materials as glTF can say them, pictures, lights, cameras, and what moves as a whole with its
 //! key frames, and meshes that bend with their skins and morph targets. What glTF cannot say is simplified and told: media that scatter, spectra (as linear
-//! sRGB), surroundings.
+//! sRGB). Beside it, in `extras`, stands all of it as diopter has it ([`crate::exact`]), also what glTF has no words for at all: surroundings, air, curves. Other programs
+//! skip that; our own reader takes it.
 
 mod motion;
 
+use crate::exact::{Exact, KEY, Sink, Store, Tables, VERSION, fingerprint};
 use crate::light::environment::direction;
 use crate::light::punctual::Spread;
 use crate::light::{Punctual, PunctualKind};
@@ -78,7 +80,43 @@ struct Writer {
     extensions: BTreeSet<&'static str>,
     /// Numbers of pictures that were written already.
     known: HashMap<usize, usize>,
+    /// What other programs see simplified.
     warnings: BTreeSet<String>,
+    /// What our own reader does not get back either.
+    lost: BTreeSet<String>,
+    /// What is kept in extras.
+    tables: Tables,
+    /// Pictures that PNG cannot hold, by their numbers.
+    raw_pictures: serde_json::Map<String, Value>,
+}
+
+impl Store for Writer {
+    fn bytes(&mut self, bytes: Vec<u8>) -> usize {
+        self.view(bytes, None)
+    }
+
+    fn picture(&mut self, image: &Arc<Image>) -> usize {
+        let number = self.image(image);
+        let key = number.to_string();
+        if !self.raw_pictures.contains_key(&key) {
+            let all = || (0..image.height).flat_map(|row| (0..image.width).map(move |column| image.texel(column, row)));
+            let (bytes, is_wide): (Vec<u8>, bool) = match image.texel(0, 0) {
+                Texel::Codes(_) => return number,
+                Texel::Wide(_) => {
+                    let words = |t| if let Texel::Wide(words) = t { words } else { [0; 4] };
+                    (all().flat_map(words).flat_map(u16::to_le_bytes).collect(), true)
+                }
+                Texel::Linear(_) => {
+                    let numbers = |t| if let Texel::Linear(numbers) = t { numbers } else { [0.0; 4] };
+                    (all().flat_map(numbers).flat_map(f32::to_le_bytes).collect(), false)
+                }
+            };
+            let view = self.view(bytes, None);
+            let picture = json!({ "size": [image.width, image.height], "wide": is_wide, "texels": { "view": view } });
+            self.raw_pictures.insert(key, picture);
+        }
+        number
+    }
 }
 
 /// Turns a scene into glTF.
@@ -86,11 +124,15 @@ pub fn gltf(d: &Description) -> Gltf {
     let mut w = Writer::default();
     let timeline = d.timeline();
     let mut moving = MovingNodes::new(d, &timeline);
-    let materials: Vec<Value> = d.materials.iter().map(|m| w.material(m)).collect();
+    let mut materials: Vec<Value> = d.materials.iter().map(|m| w.material(m)).collect();
+    for (m, json) in d.materials.iter().zip(&mut materials) {
+        w.keep(m, json, None);
+    }
     let (mut meshes, mut nodes): (Vec<Value>, Vec<Value>) = (Vec::new(), Vec::new());
     // A mesh of glTF for each of ours with each material.
     let mut numbers: HashMap<(u32, u32), usize> = HashMap::new();
     let mut attributes: HashMap<u32, Value> = HashMap::new();
+    let (mut curves, mut numbers_of_curves) = (Vec::new(), HashMap::new());
     for object in &d.objects {
         if let (Shape::Mesh { mesh, .. }, Motion::Deformed { deformer }) = (object.shape, object.motion)
             && !d.meshes[mesh as usize].triangles.is_empty()
@@ -116,7 +158,7 @@ pub fn gltf(d: &Description) -> Gltf {
                     Motion::Still => world_from_mesh,
                     Motion::Carried { node } => timeline.world(node, 0.0),
                     Motion::Deformed { .. } => {
-                        w.warn("meshes that bend with nodes that somebody else moves are written at rest");
+                        w.lost.insert("meshes that bend with nodes that somebody else moves are written at rest".into());
                         world_from_mesh
                     }
                 };
@@ -127,12 +169,27 @@ pub fn gltf(d: &Description) -> Gltf {
                 });
                 (number, place)
             }
-            Shape::Curves { .. } => {
-                w.warn("curves (hair, fur, grass) are not written: glTF has none");
+            Shape::Curves { curves: set, world_from_curves } => {
+                w.warn("curves (hair, fur, grass): glTF has none");
+                let number = *numbers_of_curves.entry(set).or_insert_with(|| {
+                    curves.push(w.exact(&*d.curves[set as usize]).unwrap_or_default());
+                    curves.len() - 1
+                });
+                let mut node = json!({ "name": object.name,
+                    "extras": { KEY: { "curves": number, "material": object.material } } });
+                match object.motion {
+                    Motion::Carried { node: carrier } if moving.holds(carrier) => moving.hang(carrier, &mut nodes, node),
+                    motion => {
+                        let place =
+                            if let Motion::Carried { node } = motion { timeline.world(node, 0.0) } else { world_from_curves };
+                        node["matrix"] = json!(Mat4::from(place).to_cols_array());
+                        nodes.push(node);
+                    }
+                }
                 continue;
             }
             Shape::Splats { .. } => {
-                w.warn("Gaussian splats are not written: glTF has none");
+                w.lost.insert("Gaussian splats are not written".into());
                 continue;
             }
             Shape::Sphere(s) => {
@@ -162,7 +219,15 @@ pub fn gltf(d: &Description) -> Gltf {
             Motion::Carried { node } if moving.holds(node) => {
                 moving.hang(node, &mut nodes, json!({ "name": object.name, "mesh": mesh }));
             }
-            _ => nodes.push(json!({ "name": object.name, "mesh": mesh, "matrix": Mat4::from(place).to_cols_array() })),
+            _ => {
+                let mut node = json!({ "name": object.name, "mesh": mesh, "matrix": Mat4::from(place).to_cols_array() });
+                match object.shape {
+                    Shape::Sphere(s) => w.keep(&s, &mut node, Some("sphere")),
+                    Shape::Quad(q) => w.keep(&q, &mut node, Some("quad")),
+                    _ => {}
+                }
+                nodes.push(node);
+            }
         }
     }
     let mut lights = Vec::new();
@@ -170,7 +235,12 @@ pub fn gltf(d: &Description) -> Gltf {
         // In the space of what it hangs on, if that moves.
         let carrier = light.carrier.filter(|node| moving.holds(*node));
         let still = light.carrier.filter(|_| carrier.is_none()).map(|node| light.placed(&timeline.world(node, 0.0)));
-        let (light_json, place) = w.light(still.as_ref().unwrap_or(light));
+        let (mut light_json, place) = w.light(still.as_ref().unwrap_or(light));
+        let kept = match &still {
+            Some(placed) => Punctual { carrier: None, ..placed.clone() },
+            None => light.clone(),
+        };
+        w.keep(&kept, &mut light_json, None);
         let node = json!({ "name": light.name, "matrix": Mat4::from(place).to_cols_array(),
             "extensions": { "KHR_lights_punctual": { "light": lights.len() } } });
         match carrier {
@@ -195,20 +265,32 @@ pub fn gltf(d: &Description) -> Gltf {
             }
         };
         let place = view.node.map_or(view.world_from_camera, |node| timeline.world(node, 0.0));
-        match view.node.filter(|node| moving.holds(*node)) {
-            Some(node) => moving.hang(node, &mut nodes, json!({ "name": view.name, "camera": cameras.len() })),
+        let carrier = view.node.filter(|node| moving.holds(*node));
+        let kept = [
+            ("sight", w.exact(&view.sight)),
+            ("lens", w.exact(&view.lens)),
+            ("film", w.exact(&view.film)),
+            ("place", w.exact(&carrier.is_none().then_some(view.world_from_camera))),
+        ];
+        let kept: Value = kept.into_iter().map(|(key, v)| (key.to_owned(), v.unwrap_or_default())).collect();
+        let mut node = json!({ "name": view.name, "camera": cameras.len(), "extras": { KEY: { "camera": kept } } });
+        match carrier {
+            Some(carrier) => moving.hang(carrier, &mut nodes, node),
             None => {
-                nodes.push(json!({ "name": view.name, "camera": cameras.len(), "matrix": Mat4::from(place).to_cols_array() }));
+                node["matrix"] = json!(Mat4::from(place).to_cols_array());
+                nodes.push(node);
             }
         }
         cameras.push(camera);
     }
     if d.environment.is_some() {
-        w.warn("surroundings are not written: glTF has no agreed words for them");
+        w.warn("surroundings: glTF has no agreed words for them");
     }
     if d.air.is_some() {
-        w.warn("what fills the air is not written");
+        w.warn("what fills the air: glTF has no words for it");
     }
+    let environment = w.exact(&d.environment).unwrap_or_default();
+    let air = w.exact(&d.air).unwrap_or_default();
     if !lights.is_empty() {
         w.extensions.insert("KHR_lights_punctual");
     }
@@ -248,7 +330,24 @@ pub fn gltf(d: &Description) -> Gltf {
     if !w.extensions.is_empty() {
         json["extensionsUsed"] = json!(w.extensions);
     }
-    Gltf { json, binary: w.binary, warnings: w.warnings.into_iter().collect() }
+    let Tables { media, graphs, .. } = w.tables;
+    json["extras"] = json!({ KEY: {
+        "version": VERSION,
+        "media": media,
+        "graphs": graphs,
+        "pictures": w.raw_pictures,
+        "curves": curves,
+        "environment": environment,
+        "air": air,
+        "max_depth": d.max_depth.map_or(json!(null), |depth| json!([depth])),
+    } });
+    json["extras"][KEY]["fingerprint"] = json!(fingerprint(&json, &w.binary));
+    let mut warnings: Vec<String> = w.lost.into_iter().collect();
+    if !w.warnings.is_empty() {
+        let all: Vec<String> = w.warnings.into_iter().collect();
+        warnings.push(format!("for other programs than diopter, which reads it back from extras as it was: {}", all.join("; ")));
+    }
+    Gltf { json, binary: w.binary, warnings }
 }
 
 /// Number that stands for the ball among meshes.
@@ -293,6 +392,27 @@ fn clamped(rgb: Vec3) -> [f32; 3] {
 }
 
 impl Writer {
+    /// A value as it is; `None` where that cannot be written.
+    fn exact(&mut self, value: &impl Exact) -> Option<Value> {
+        let mut tables = std::mem::take(&mut self.tables);
+        let mut sink = Sink { store: self, tables: &mut tables, unsaid: None };
+        let written = value.write(&mut sink);
+        let unsaid = sink.unsaid;
+        self.tables = tables;
+        unsaid.into_iter().for_each(|text| _ = self.lost.insert(text.to_owned()));
+        unsaid.is_none().then_some(written)
+    }
+
+    /// Keeps a value in the extras of what stands for it in glTF, under a name if there may be others.
+    fn keep(&mut self, value: &impl Exact, json: &mut Value, name: Option<&str>) {
+        if let Some(written) = self.exact(value) {
+            match name {
+                Some(name) => json["extras"][KEY][name] = written,
+                None => json["extras"][KEY] = written,
+            }
+        }
+    }
+
     fn warn(&mut self, text: &str) {
         self.warnings.insert(text.to_owned());
     }
@@ -512,7 +632,7 @@ impl Writer {
         let mut extensions = json!({});
         self.scattering(m, &m.scattering, &mut json, &mut extensions);
         if m.bump.is_some() {
-            self.warn("bumps given by heights are not written: glTF has maps of normals");
+            self.warn("there are no bumps that heights give");
         }
         if let Some((texture, scale)) = &m.normal_map {
             json["normalTexture"] = self.texture(texture);
@@ -595,16 +715,15 @@ impl Writer {
                 self.matte(extensions);
             }
             Scattering::DiffuseTransmission(colors) => {
-                self.warn("light that comes through paper and leaves is not written");
+                self.warn("no light comes through paper and leaves");
                 let (rgb, picture) = self.color(&colors[0]);
                 plain(rgb, picture, 0.0, 1.0);
             }
             Scattering::Hair(_) => {
-                self.warn("the scattering of hair is not written: what has it becomes grey");
+                self.warn("hair is grey");
                 plain(Vec3::splat(0.5), None, 0.0, 1.0);
             }
             Scattering::Measured(measured) => {
-                self.warn("measured materials are written as metals of their colour and roughness");
                 plain(measured.normal_reflectance(), None, 1.0, measured.alpha().sqrt());
             }
             Scattering::Conductor(c) => {
@@ -799,9 +918,9 @@ impl Writer {
                 _ => {}
             }
             if medium.volume.is_some() {
-                self.warn("media that differ from place to place are left out");
+                self.warn("media that differ from place to place are not there");
             } else if !matches!(medium.scattering, Coefficient::Scaled(0.0, _)) || medium.emission.is_some() {
-                self.warn("media that scatter or shine are written as if they only absorbed");
+                self.warn("media that scatter or shine only absorb");
             }
         }
         extensions["KHR_materials_volume"] = volume;
@@ -862,6 +981,274 @@ mod tests {
             let (a, b) = (mean(&before, x, y), mean(&after, x, y));
             // Spectra become colours: a few percent.
             assert!((a / b - 1.0).abs() < 0.08 && a > 0.0, "{x} {y}: {a} {b}");
+        }
+    }
+
+    /// What debugging shows of a value, without what says how much of a picture is in memory and what somebody has asked for already.
+    fn shown(value: &impl std::fmt::Debug) -> String {
+        let mut text = format!("{value:?}");
+        for (from, to) in [("held: ", ", levels"), ("srgb_of_light: ", " }")] {
+            let mut at = 0;
+            while let Some(start) = text[at..].find(from).map(|i| at + i + from.len()) {
+                let end = text[start..].find(to).map_or(text.len(), |i| start + i);
+                text.replace_range(start..end, "");
+                at = start;
+            }
+        }
+        text
+    }
+
+    /// A scene of what glTF has no words for.
+    fn unsayable() -> Description {
+        use crate::bvh::Bounds;
+        use crate::light::punctual::Pattern;
+        use crate::light::{Environment, Modulation, SpotEdge};
+        use crate::material::conductor::FacetBounces;
+        use crate::material::{Bump, BumpUnit, CoatedConductor, Conductor, Emission, Hair, Pigment};
+        use crate::medium::{Air, Cloud, Field, Glow, Grid, Medium, Scalars, SparseGrid, Volume, VolumePlace};
+        use crate::scene::{FilmHints, LensTable, Object, Viewpoint};
+        use crate::shape::{CurveBasis, CurveKind, Curves, Quad, Sphere};
+        use crate::texture::{Graph, Mapping, NoisePattern};
+        use diopter_image::Raster;
+        use diopter_light::spectrum::{Table, blackbody_with_luminance};
+        use glam::IVec3;
+
+        let table = |a: f32, b: f32| Spectrum::Table(Table::from_points(&[(380.0, a), (550.0, 0.3), (780.0, b)]));
+        let unit = Bounds { min: Vec3::ZERO, max: Vec3::ONE };
+        let place = |shift: f32| {
+            VolumePlace::still(Affine3A::from_rotation_x(0.3) * Affine3A::from_translation(Vec3::X * shift)).unwrap()
+        };
+        let smoke = Grid::new([2, 3, 2], (0..12).map(|i| 0.1 * i as f32).collect(), &unit);
+        let mut sparse = SparseGrid::new(Affine3A::from_scale(Vec3::splat(16.0)), IVec3::ZERO, IVec3::splat(20), 0.0).unwrap();
+        sparse.set_block(IVec3::new(8, 0, 8), &std::array::from_fn(|i| 900.0 + i as f32));
+        let fire = Glow::BlackBody { temperature: Scalars::Sparse(sparse), offset: 10.0, factor: 1.5, peak_radiance: 0.02 };
+        let medium = |name: &str, volume| Medium {
+            name: name.into(),
+            absorption: Coefficient::Scaled(0.7, table(0.2, 0.9)),
+            scattering: Coefficient::Scaled(3.1, table(1.0, 0.4)),
+            asymmetry: 0.6,
+            volume: Some(Box::new(volume)),
+            ..Medium::default()
+        };
+        let smoke = medium("smoke", Volume::new(place(0.0), unit, Field::Density(Scalars::Grid(smoke)), Some(fire)));
+        let cloud = Cloud { density: 0.7, wispiness: 1.0, frequency: 5.0 };
+        let cloud = Arc::new(medium("cloud", Volume::new(place(1.0), unit, Field::Cloud(cloud), None)));
+        let milk = Arc::new(Medium { emission: Some(Spectrum::light_from_rgb(Vec3::X)), ..Medium::fog(0.3, 0.99, 0.7) });
+        let numbers = Image::linear(3, 2, (0..6).map(|i| [0.1 + i as f32, 0.3, 1e-7 * i as f32, 1.0]).collect());
+        let numbers = Texture { wrap: [Wrap::Black, Wrap::Mirror], ..Texture::color(Arc::new(numbers)) };
+        let codes = Texture::color(Arc::new(Image::new(2, 1, vec![[1, 2, 3, 255], [250, 100, 7, 13]])));
+        let noise = Arc::new(Graph::Noise {
+            texture_from_world: Affine3A::from_rotation_y(0.2),
+            pattern: NoisePattern::Marble(5, 0.5, 0.2),
+        });
+        let image = Arc::new(Graph::Image {
+            texture: numbers.clone(),
+            scale: 0.3,
+            invert: true,
+            as_number: Some([Vec3::X, Vec3::ZERO]),
+            mapping: Some(Mapping::Uv([[2.0, 0.1], [3.0, 0.2]])),
+        });
+        let graph = Arc::new(Graph::Mix(noise.clone(), Arc::new(Graph::Scale(noise.clone(), image.clone())), image));
+        let metal = |alpha| Conductor {
+            n: table(0.2, 1.1),
+            k: table(3.0, 4.0),
+            alpha,
+            across: Some(Scalar::Constant(0.3)),
+            bounces: FacetBounces::Lost,
+        };
+        let named = |name: &str, scattering| Material::new(name, scattering);
+        let mut coated = CoatedConductor::new(metal(Scalar::Constant(0.1)), 1.37, Scalar::Graph(graph.clone()));
+        coated.across = Some(Scalar::Constant(0.6));
+        let hair = Hair {
+            pigment: Pigment::melanin(Scalar::Constant(1.3), Scalar::Constant(0.2)),
+            eta: 1.55,
+            beta_m: Scalar::Constant(0.3),
+            beta_n: Scalar::Textured { factor: 0.5, texture: codes.clone(), channel: 2 },
+            alpha: Scalar::Constant(2.0),
+        };
+        let mut glass = Material::glass("milk glass", 1.5, None);
+        glass.interior = Interior::Body { medium: Some(milk.clone()), priority: Some(-3) };
+        if let Scattering::Principled(p) = &mut glass.scattering {
+            p.dispersion = Some(table(1.53, 1.51));
+        }
+        let face =
+            Material { interior: Interior::Sides([Some(cloud.clone()), Some(milk)]), ..named("face", Scattering::Interface) };
+        let twin = Material { interior: Interior::Sides([Some(cloud), None]), ..named("twin", Scattering::Interface) };
+        let mut lamp = named("lamp", Scattering::Diffuse(Color::spectrum(table(0.1, 0.8))));
+        lamp.emission = Some(Emission {
+            modulation: Modulation::Pwm { frequency_hz: 400.0, duty: 0.25, phase: 0.1 },
+            ..Emission::one_sided(blackbody_with_luminance(2856.0, 3000.0))
+        });
+        let mut paper =
+            named("paper", Scattering::DiffuseTransmission(Box::new([Color::rgb(0.4, 0.3, 0.2), Color::Graph(graph)])));
+        paper.bump = Some(Box::new(Bump {
+            height: Scalar::Textured { factor: 0.01, texture: numbers, channel: 0 },
+            unit: BumpUnit::Length(0.5),
+        }));
+        paper.coverage =
+            Coverage::Mask { alpha: Scalar::Textured { factor: 1.0, texture: codes.clone(), channel: 3 }, cutoff: 0.25 };
+        let mix = (
+            [Scattering::Conductor(metal(Scalar::Constant(0.01))), Scattering::Coated(Box::new(coated))],
+            Scalar::Textured { factor: 1.0, texture: codes, channel: 1 },
+        );
+        let mut environment = Environment::new(
+            Raster { width: 4, height: 2, channels: 3, data: (0..24).map(|i| 10.0 / (1.0 + i as f32)).collect() },
+            glam::Mat3::from_rotation_y(1.0),
+            2.0,
+        );
+        environment.scale_light(1.7);
+        let spot = PunctualKind::Spot {
+            position: Vec3::Y * 3.0,
+            direction: Vec3::NEG_Y,
+            cos_inner: 0.9,
+            cos_outer: 0.7,
+            edge: SpotEdge::Smooth,
+        };
+        let picture = Raster { width: 2, height: 2, channels: 3, data: (0..12).map(|i| 0.1 * i as f32).collect() };
+        let pattern = Pattern { picture, light_from_world: glam::Mat3::from_rotation_z(0.4), spread: Spread::Frame([0.5, 0.25]) };
+        let strands = Curves {
+            kind: CurveKind::Ribbon,
+            basis: CurveBasis::BSpline,
+            points: (0..5).map(|i| Vec4::new(0.1 * i as f32, 0.3, 0.2 * i as f32, 0.01)).collect(),
+            segments: vec![0, 1],
+            normals: vec![[Vec3::Y, Vec3::Z]; 2],
+        };
+        let table = LensTable { file: "a.dat".into(), bytes: (0..40).collect(), stop_mm: 4.0, focus_m: 1.5 };
+        let camera = |sight| Viewpoint {
+            name: "c".into(),
+            world_from_camera: Affine3A::from_rotation_translation(glam::Quat::from_rotation_y(0.2), Vec3::new(0.1, 0.5, 4.0)),
+            sight,
+            lens: Some([0.01, 2.0]),
+            film: FilmHints { size: Some([30, 20]), diagonal_mm: Some(43.3), sensor: Some("canon".into()), iso: None },
+            node: None,
+        };
+        let ball = |x: f32| Shape::Sphere(Sphere { center: Vec3::new(x, 0.3, 0.0), radius: 0.31 });
+        let quad = Quad { corner: Vec3::new(-3.0, 0.0, -3.0), edges: [Vec3::Z * 6.0, Vec3::X * 6.0] };
+        let shapes = [
+            (Shape::Quad(quad), 2),
+            (ball(-1.0), 0),
+            (ball(0.0), 1),
+            (ball(1.0), 5),
+            (Shape::Curves { curves: 0, world_from_curves: Affine3A::from_translation(Vec3::Z) }, 4),
+            (ball(2.0), 3),
+            (ball(3.0), 6),
+        ];
+        Description {
+            name: "unsayable".into(),
+            materials: vec![
+                glass,
+                face,
+                lamp,
+                paper,
+                named("hair", Scattering::Hair(Box::new(hair))),
+                named("mix", Scattering::Mix(Box::new(mix))),
+                twin,
+            ],
+            objects: shapes
+                .into_iter()
+                .enumerate()
+                .map(|(i, (shape, material))| Object::new(format!("o{i}"), shape, material))
+                .collect(),
+            curves: vec![Arc::new(strands)],
+            punctual: vec![
+                Punctual {
+                    pattern: Some(Arc::new(pattern)),
+                    ..Punctual::new("spot", Spectrum::light_from_rgb(Vec3::new(900.0, 800.0, 100.0)), spot)
+                },
+                Punctual::new(
+                    "sun",
+                    blackbody_with_luminance(5800.0, 1e4),
+                    PunctualKind::Disc { direction: Vec3::NEG_Y, half_angle: 0.005 },
+                ),
+            ],
+            environment: Some(environment),
+            air: Some(Air { medium: smoke, bounds: Some(Bounds { min: Vec3::splat(-2.0), max: Vec3::splat(2.5) }) }),
+            cameras: vec![camera(Sight::Panorama), camera(Sight::Table(table)), camera(Sight::Perspective { vertical_fov: 0.7 })],
+            max_depth: Some(12),
+            ..Description::default()
+        }
+    }
+
+    #[test]
+    fn what_gltf_has_no_words_for_is_read_back_to_the_last_bit() {
+        let before = unsayable();
+        let written = gltf(&before);
+        assert!(written.warnings.len() == 1 && written.warnings[0].contains("other programs"), "{:?}", written.warnings);
+        let files = written.binary.clone();
+        let fetch = |name: &str| if name == "x.bin" { Ok(files.clone()) } else { Err("not there".to_owned()) };
+        for after in [
+            load::gltf::load(&written.container(), "x.glb", &fetch).unwrap(),
+            load::gltf::load(written.text("x.bin").as_bytes(), "x.gltf", &fetch).unwrap(),
+        ] {
+            assert!(after.warnings.is_empty(), "{:?}", after.warnings);
+            for (a, b) in before.materials.iter().zip(&after.materials) {
+                assert_eq!(shown(a), shown(b), "{}", a.name);
+            }
+            assert_eq!(before.materials.len(), after.materials.len());
+            assert_eq!(shown(&before.punctual), shown(&after.punctual));
+            assert_eq!(shown(&before.environment), shown(&after.environment));
+            assert_eq!(shown(&before.air), shown(&after.air));
+            assert_eq!(shown(&before.cameras), shown(&after.cameras));
+            assert_eq!(shown(&before.curves), shown(&after.curves));
+            assert_eq!(before.max_depth, after.max_depth);
+            let shapes =
+                |d: &Description| d.objects.iter().map(|o| (shown(&o.shape), o.material, o.name.clone())).collect::<Vec<_>>();
+            assert_eq!(shapes(&before), shapes(&after));
+            // Faces of one medium are known by that.
+            let side = |d: &Description, m: usize| match &d.materials[m].interior {
+                Interior::Sides([inside, outside]) => [inside.clone(), outside.clone()],
+                _ => panic!("a face"),
+            };
+            let ([Some(a), _], [Some(b), _]) = (side(&after, 1), side(&after, 6)) else { panic!("media") };
+            assert!(Arc::ptr_eq(&a, &b));
+        }
+    }
+
+    #[test]
+    fn light_in_fog_and_glass_is_the_same_before_and_after() {
+        use diopter_light::random::{Sampler, SamplerKind};
+        let before = unsayable();
+        let none = |_: &str| Err("no files".to_owned());
+        let after = load::gltf::load(&gltf(&before).container(), "x.glb", &none).unwrap();
+        let view = before.cameras[2].world_from_camera;
+        let [before, after] = [before, after].map(|d| Scene::build(d).unwrap());
+        let settings = PathSettings { max_depth: 6, roulette_depth: 9 };
+        let mut some = 0;
+        for i in 0..60u32 {
+            let (x, y) = ((i % 10) as f32 / 5.0 - 0.9, (i / 10) as f32 / 8.0 - 0.4);
+            let direction = view.transform_vector3(Vec3::new(x, y, -1.0)).normalize();
+            let ray = diopter_light::Ray { origin: view.translation.into(), direction, time_s: 0.0 };
+            let sampler = Sampler::new(SamplerKind::Independent, 3, (i, 7), 0, 1);
+            let wavelengths = diopter_light::Wavelengths::fixed([450.0, 520.0, 590.0, 660.0]);
+            let [a, b] = [&before, &after].map(|s| s.radiance(ray, &wavelengths, &sampler, &settings));
+            assert_eq!(a.to_array().map(f32::to_bits), b.to_array().map(f32::to_bits), "{i}: {a} {b}");
+            some += u32::from(a.max_element() > 0.0);
+        }
+        assert!(some > 20, "{some}");
+    }
+
+    #[test]
+    fn what_another_program_has_changed_counts() {
+        let mut written = gltf(&unsayable());
+        let none = |_: &str| Err("no files".to_owned());
+        written.json["materials"][2]["name"] = json!("other");
+        let after = load::gltf::load(&written.container(), "x.glb", &none).unwrap();
+        assert!(after.warnings.iter().any(|w| w.contains("another program has changed it")), "{:?}", after.warnings);
+        assert!(after.air.is_none() && after.materials[2].name == "other");
+        assert!(matches!(after.materials[5].scattering, Scattering::Principled(_)));
+        // Bytes of the buffer, too; and nonsense is no panic.
+        let mut written = gltf(&unsayable());
+        *written.binary.last_mut().unwrap() ^= 1;
+        let after = load::gltf::load(&written.container(), "x.glb", &none).unwrap();
+        assert!(after.warnings.iter().any(|w| w.contains("another program has changed it")), "{:?}", after.warnings);
+        for (place, value) in
+            [("media", json!([{ "name": 3 }])), ("curves", json!([7])), ("graphs", json!([{ "is": "Power", "base": 0 }]))]
+        {
+            let mut written = gltf(&unsayable());
+            written.json["extras"][KEY][place] = value;
+            written.json["extras"][KEY]["fingerprint"] = json!(fingerprint(&written.json, &written.binary));
+            let after = load::gltf::load(&written.container(), "x.glb", &none).unwrap();
+            assert!(after.air.is_none() && after.warnings.len() == 1, "{place}: {:?}", after.warnings);
         }
     }
 }

@@ -94,6 +94,11 @@ impl Image {
         Image { width, height, texels: Texels::Wide(pixels), held: None, levels: Levels::default() }
     }
 
+    /// From pixels as they are stored; kept as [`Image::kept`] says.
+    pub(crate) fn of_texels(width: usize, height: usize, texels: Texels) -> Self {
+        Image { width, height, texels, held: None, levels: Levels::default() }.kept()
+    }
+
     /// Whether its pixels are numbers of any size.
     fn holds_numbers(&self) -> bool {
         match &self.texels {
@@ -175,6 +180,10 @@ pub enum Wrap {
 impl Wrap {
     #[inline]
     fn index(self, i: i64, n: i64) -> usize {
+        // Most lie within: no division.
+        if (0..n).contains(&i) {
+            return i as usize;
+        }
         (match self {
             Wrap::Repeat => i.rem_euclid(n),
             Wrap::Clamp | Wrap::Black => i.clamp(0, n - 1),
@@ -230,14 +239,19 @@ impl Texture {
         }
     }
 
-    fn texel(&self, image: &Image, x: i64, y: i64) -> Vec4 {
-        let outside = |wrap: Wrap, i: i64, n: usize| wrap == Wrap::Black && !(0..n as i64).contains(&i);
-        if outside(self.wrap[0], x, image.width) || outside(self.wrap[1], y, image.height) {
-            return Vec4::ZERO;
+    /// Which pixel is at a column or row that may lie beyond the edge; `None` where there is nothing.
+    #[inline]
+    fn inside(wrap: Wrap, i: i64, n: usize) -> Option<usize> {
+        let nothing = wrap == Wrap::Black && !(0..n as i64).contains(&i);
+        (!nothing).then(|| wrap.index(i, n as i64))
+    }
+
+    #[inline]
+    fn texel(&self, image: &Image, column: Option<usize>, row: Option<usize>) -> Vec4 {
+        match (column, row) {
+            (Some(column), Some(row)) => levels::linear(image.texel(column, row), self.codes),
+            _ => Vec4::ZERO,
         }
-        let column = self.wrap[0].index(x, image.width as i64);
-        let row = self.wrap[1].index(y, image.height as i64);
-        levels::linear(image.texel(column, row), self.codes)
     }
 
     /// Size of a texel along the narrower of its sides, in texture coordinates.

@@ -73,6 +73,10 @@ pub struct SceneSection {
     /// A texture that cannot be read is an error; without, magenta stands in for it and a warning lists it.
     #[serde(skip_serializing_if = "std::ops::Not::not")]
     pub strict: bool,
+    /// Surfaces that pictures of heights displace are split until no edge is longer than so many pixels of the picture, for the place where the camera stands first; without,
+    /// as their files say (`edgelength` of pbrt), or by 1/512 of their size.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub displacement_edge_px: Option<f64>,
     /// Numbers of bodies that overlap, by the name of their material: where they do, the one with the highest is there.
     #[serde(skip_serializing_if = "BTreeMap::is_empty")]
     pub priority: BTreeMap<String, i32>,

@@ -301,7 +301,8 @@ impl Shot {
         let flash = timing.flash.is_some();
         let lit_for_camera = surroundings::follow_camera(&description, &file.scene, flash);
         let scene_name = description.name.clone();
-        let mut scene = cache.scene(description, &file.scene, &timing, &stand, warn)?;
+        let fineness = staging::fineness(&file, &description, &film, &stand, warn)?;
+        let mut scene = cache.scene(description, &file.scene, &timing, &stand, fineness, warn)?;
         scene.pose(timing.at_s, 0.0);
         if scene.bounds().is_empty() && scene.description().environment.is_none() {
             return Err(SceneError::Empty("it has no surface and no environment".into()).into());

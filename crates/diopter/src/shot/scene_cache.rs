@@ -1,7 +1,7 @@
 //! Scenes that were read and built, kept for the next shot of the same.
 
 use super::file::SceneSection;
-use super::staging::{self, Stand};
+use super::staging::{self, Fineness, Stand};
 use super::{Inputs, ShotError, surroundings, timing};
 use crate::flash::Flash;
 use diopter_scene::bvh::Bounds;
@@ -72,10 +72,18 @@ pub(super) struct BuiltKey {
     at_s: f64,
     /// Where the camera stands, where lamps or ground follow it.
     stand: Option<(Affine3A, [f32; 2], Bounds)>,
+    /// How fine displaced surfaces are.
+    fineness: Option<Fineness>,
 }
 
 impl BuiltKey {
-    pub(super) fn new(d: &Description, section: &SceneSection, timing: &timing::Timing, stand: &Stand) -> BuiltKey {
+    pub(super) fn new(
+        d: &Description,
+        section: &SceneSection,
+        timing: &timing::Timing,
+        stand: &Stand,
+        fineness: Option<Fineness>,
+    ) -> BuiltKey {
         let light = section.environment.as_deref().or(section.light.as_deref().map(Path::new)).and_then(stamp);
         let follows = surroundings::follow_camera(d, section, timing.flash.is_some());
         BuiltKey {
@@ -84,6 +92,7 @@ impl BuiltKey {
             light,
             at_s: timing.at_s,
             stand: follows.then_some((stand.place, stand.tan_half, stand.bounds)),
+            fineness: fineness.filter(|_| !d.displaced.is_empty()),
         }
     }
 }
@@ -122,7 +131,7 @@ impl SceneCache {
         Ok(Description::clone(&kept.value))
     }
 
-    /// The scene built, with the surroundings, the ground and the flash that the shot asks for. `description`: what [`SceneCache::description`]
+    /// The scene built, with the surroundings, the ground and the flash that the shot asks for, and displaced surfaces as fine as it asks for. `description`: what [`SceneCache::description`]
     /// gave, played and with the materials chosen.
     pub(super) fn scene(
         &mut self,
@@ -130,16 +139,20 @@ impl SceneCache {
         section: &SceneSection,
         timing: &timing::Timing,
         stand: &Stand,
+        fineness: Option<Fineness>,
         warn: &mut dyn FnMut(&str),
     ) -> Result<Scene, ShotError> {
-        let mut key = BuiltKey::new(&description, section, timing, stand);
+        let mut key = BuiltKey::new(&description, section, timing, stand, fineness);
         if self.of_rig {
-            key.stand = None;
+            (key.stand, key.fineness) = (None, None);
         }
         if self.built.as_ref().is_none_or(|(k, _)| *k != key) {
             self.built = None;
             let mut warnings = Vec::new();
             let mut note = |text: &str| warnings.push(text.to_owned());
+            if let Some((view, edge_px)) = fineness {
+                description.refine_displaced(&view, edge_px, timing.at_s);
+            }
             if let Some(albedo) = surroundings::put(&mut description, section, timing.flash.is_some(), stand, &mut note)? {
                 staging::put_ground(&mut description, albedo, timing.at_s)?;
             }

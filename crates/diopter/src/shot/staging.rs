@@ -20,6 +20,7 @@ use diopter_lens::{Focus, Iris, Lens, LensError, Pinhole, Projection, ThinLens, 
 use diopter_light::Ray;
 use diopter_light::units::Millimeters;
 use diopter_scene::bvh::Bounds;
+use diopter_scene::load::PixelView;
 use diopter_scene::material::{Interior, Material, Scattering, Transmission};
 use diopter_scene::motion::Motion;
 use diopter_scene::scene::{FilmHints, LensTable, Sight, Viewpoint};
@@ -30,6 +31,7 @@ use diopter_scene::{Description, Object, Scene, Shape, builtin};
 use diopter_sensor::format::{self, Format};
 use diopter_sensor::{BodyLens, Sensor, nearest};
 use glam::{Affine3A, DVec2, Vec3};
+use std::ops::RangeInclusive;
 
 const DEFAULT_WIDTH: usize = 960;
 /// Name of the floor.
@@ -473,6 +475,47 @@ pub(super) fn stand(
     });
     let tan_half = tan_half.map(|t| t as f32);
     Ok(Stand { place, carrier, bounds, tan_half, framing, subject_m, framed, focal_mm, lens_mm, own_f_number, calibrated: None })
+}
+
+/// How fine displaced surfaces shall be: for which camera, and the longest edge in its picture, pixels.
+pub(super) type Fineness = (PixelView, f32);
+
+/// Longest edges of displaced surfaces, pixels.
+const EDGES_PX: RangeInclusive<f64> = 0.1..=1000.0;
+/// Angles from the axis (rad) are seen to this factor times the corner of the picture: lenses distort, cameras shake and move.
+const SEEN_MARGIN: f32 = 1.25;
+/// From this half angle on, rad, a camera is taken to see everything around it.
+const SEES_ALL: f32 = 1.0;
+
+/// How fine displaced surfaces shall be, where the shot says so.
+pub(super) fn fineness(
+    file: &ShotFile,
+    description: &Description,
+    film: &Film,
+    stand: &Stand,
+    warn: &mut dyn FnMut(&str),
+) -> Result<Option<Fineness>, ShotError> {
+    let Some(edge_px) = file.scene.displacement_edge_px else { return Ok(None) };
+    if !EDGES_PX.contains(&edge_px) {
+        return Err(value("displacement_edge_px", edge_px, "0.1 to 1000 pixels"));
+    }
+    if description.displaced.is_empty() {
+        warn("the scene has no displaced surfaces: displacement_edge_px changes nothing");
+    }
+    let [across, up] = stand.tan_half;
+    let half_angle = SEEN_MARGIN * across.hypot(up).atan();
+    let c = &file.camera;
+    let is_panorama =
+        c.lens.as_deref() == Some("panorama") || view(file, description)?.is_some_and(|v| v.sight == Sight::Panorama);
+    let moves = !c.path.is_empty() || stand.carrier.is_some();
+    let around = half_angle > SEES_ALL || is_panorama || moves || stand.calibrated.is_some();
+    let view = PixelView {
+        eye: stand.place.translation.into(),
+        axis: stand.place.transform_vector3(Vec3::NEG_Z).normalize_or(Vec3::NEG_Z),
+        half_angle: if around { std::f32::consts::PI } else { half_angle },
+        pixels_per_radian: film.columns as f32 / (2.0 * across),
+    };
+    Ok(Some((view, edge_px as f32)))
 }
 
 /// Whether the lens is none with surfaces.

@@ -13,6 +13,7 @@ pub const VARIABLES: &[(&str, &str)] = &[
     ("scale", "scene.scale"),
     ("strict", "scene.strict"),
     ("variant", "scene.variant"),
+    ("displacement-edge-px", "scene.displacement_edge_px"),
     ("light", "scene.light"),
     ("environment", "scene.environment"),
     ("environment-rotation", "scene.environment_rotation_deg"),

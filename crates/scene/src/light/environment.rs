@@ -5,11 +5,13 @@
 //! sampled: scattered rays find it better.
 
 use super::{LightSample, Spot};
+use crate::exact::{Exact, Sink, Source, field};
 use diopter_image::Raster;
 use diopter_light::color::SRGB_LUMINANCE;
 use diopter_light::sampling::Grid2;
 use diopter_light::{Sampled, Spectrum, Wavelengths};
 use glam::{Mat3, Vec2, Vec3};
+use serde_json::Value;
 use std::f32::consts::{PI, TAU};
 use std::sync::Arc;
 
@@ -191,6 +193,35 @@ const EVEN: f32 = 1.05;
 pub(crate) fn direction(place: Vec2) -> Vec3 {
     let (theta, phi) = (place.y * PI, (place.x - 0.5) * TAU);
     Vec3::new(theta.sin() * phi.sin(), theta.cos(), -theta.sin() * phi.cos())
+}
+
+impl Exact for Environment {
+    fn write(&self, sink: &mut Sink) -> Value {
+        let object = [
+            ("map", self.map.write(sink)),
+            ("world_from_map", self.world_from_map.write(sink)),
+            ("scale", self.scale.write(sink)),
+            // Made by multiplication, maybe more than once.
+            ("mean_luminance", self.mean_luminance.write(sink)),
+            ("aimed_luminance", self.aimed_luminance.write(sink)),
+            ("invalid", self.invalid.write(sink)),
+        ];
+        object.into_iter().map(|(k, v)| (k.to_owned(), v)).collect()
+    }
+
+    fn read(value: &Value, source: &Source) -> Result<Self, String> {
+        let map: Raster<f32> = field(value, "map", source)?;
+        if map.channels != 3 || map.data.is_empty() {
+            return Err("surroundings that are no picture".into());
+        }
+        let plain = Environment::new(map, field(value, "world_from_map", source)?, field(value, "scale", source)?);
+        Ok(Environment {
+            mean_luminance: field(value, "mean_luminance", source)?,
+            aimed_luminance: field(value, "aimed_luminance", source)?,
+            invalid: field(value, "invalid", source)?,
+            ..plain
+        })
+    }
 }
 
 #[cfg(test)]

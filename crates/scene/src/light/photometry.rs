@@ -7,8 +7,11 @@
 //! lumens need no second look: they are the integral. Limits: the lamp is a point; `TILT` data, which are about lamps that burn inclined, are read
 //! over.
 
+use crate::exact::{Exact, Sink, Source, exact_enum, field};
 use glam::Vec3;
+use serde_json::Value;
 use std::f64::consts::{PI, TAU};
+use std::sync::Arc;
 
 /// Most angles of either kind, and most intensities: files of a tenth of a degree are below.
 const MOST_ANGLES: usize = 8192;
@@ -270,6 +273,38 @@ fn between(angles: &[f32], angle: f32) -> Option<(usize, f32)> {
         return Some((0, 0.0));
     }
     Some((i, ((angle - angles[i]) / (angles[i + 1] - angles[i])).clamp(0.0, 1.0)))
+}
+
+exact_enum!(Photometry { A, B, C });
+
+impl Exact for Arc<Web> {
+    fn write(&self, sink: &mut Sink) -> Value {
+        let object = [
+            ("kind", self.kind.write(sink)),
+            ("horizontal", self.horizontal.write(sink)),
+            ("vertical", self.vertical.write(sink)),
+            ("candela", self.candela.write(sink)),
+            ("peak", self.peak.write(sink)),
+            ("lumens", self.lumens.write(sink)),
+        ];
+        object.into_iter().map(|(k, v)| (k.to_owned(), v)).collect()
+    }
+
+    fn read(value: &Value, source: &Source) -> Result<Self, String> {
+        let web = Web {
+            kind: field(value, "kind", source)?,
+            horizontal: field(value, "horizontal", source)?,
+            vertical: field(value, "vertical", source)?,
+            candela: field(value, "candela", source)?,
+            peak: field(value, "peak", source)?,
+            lumens: field(value, "lumens", source)?,
+        };
+        let count = web.horizontal.len().checked_mul(web.vertical.len());
+        match count == Some(web.candela.len()) && !web.candela.is_empty() && web.peak > 0.0 {
+            true => Ok(Arc::new(web)),
+            false => Err("measured intensities whose lists do not fit each other".into()),
+        }
+    }
 }
 
 #[cfg(test)]

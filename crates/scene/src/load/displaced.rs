@@ -1,13 +1,18 @@
-//! Meshes of files that say heights but no edge length: USD, OBJ.
+//! Meshes that pictures of heights displace: of files that say no edge length (USD, OBJ), and of all files as fine as a camera asks for.
 //!
-//! Edges are split ([`subdivision::split_long_edges`]) until none is longer than [`EDGE_FRACTION`] of the meshes' size, then all vertices are moved along their
-//! normals ([`subdivision::displace`]), as pbrt's displaced meshes are. Meshes of several materials are displaced together, so that what they share does
-//! not crack.
+//! Edges are split ([`subdivision::split_long_edges`]) until none is longer than [`EDGE_FRACTION`] of the meshes' size, or in a picture than so many of its pixels
+//! ([`Description::refine_displaced`]); then all vertices are moved along their normals ([`subdivision::displace`]), as pbrt's displaced meshes are. Meshes of several
+//! materials are displaced together, so that what they share does not crack. Whether an edge is split depends on its two ends alone, also there.
 
+use super::pbrt::shapes;
+use crate::bvh::Bounds;
+use crate::motion::Motion;
+use crate::scene::{Description, Shape};
 use crate::shape::Mesh;
-use crate::subdivision::{self, Splitting};
+use crate::subdivision::{self, MOST_TRIANGLES, Splitting};
 use crate::texture::{Lookup, Scalar};
-use glam::{Affine3A, Vec2, Vec4};
+use glam::{Affine3A, Vec2, Vec3, Vec4};
+use std::sync::Arc;
 
 /// Longest edge as a fraction of the diagonal of the box around all meshes that are displaced together: about a million triangles for a ball, a
 /// pixel or two where that fills a picture of a thousand.
@@ -24,8 +29,152 @@ pub struct Displaced {
     pub without_height: usize,
 }
 
+/// Meshes as they were before heights moved their points, to be displaced anew.
+#[derive(Clone, Debug)]
+pub struct DisplacedSurface {
+    /// Number of each mesh in [`Description::meshes`], the mesh itself and its heights (along its normals, in its space).
+    pub(crate) parts: Vec<(u32, Arc<Mesh>, Arc<Scalar>)>,
+    /// Of a mesh of pbrt, which is displaced by itself: the space of its textures, and whether it is turned inside out afterwards.
+    pub(crate) alone: Option<(Affine3A, bool)>,
+}
+
+/// A camera, as far as it says how fine surfaces must be.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PixelView {
+    /// Where it stands, m.
+    pub eye: Vec3,
+    /// Where it looks, of length 1.
+    pub axis: Vec3,
+    /// Half of the angle that it sees, to the corners, rad; π where it sees everything.
+    pub half_angle: f32,
+    /// Pixels in a radian, in the middle of the picture.
+    pub pixels_per_radian: f32,
+}
+
+/// By how much edges may be longer that the camera does not see: they throw shadows, and mirrors show them.
+const UNSEEN: f32 = 8.0;
+/// Copies of a mesh that are looked at, those that look largest.
+const MOST_PLACES: usize = 16;
+
+impl PixelView {
+    /// Length of an edge in the picture, pixels, as if it were seen across; an eighth outside of the picture. `a` and `b` may be swapped.
+    fn pixels(&self, a: Vec3, b: Vec3) -> f32 {
+        let length = a.distance(b);
+        let near = a.distance(self.eye).min(b.distance(self.eye)).max(1e-6);
+        let pixels = self.pixels_per_radian * length / near;
+        // A ball around the edge against the cone of the camera.
+        let (to, radius) = (0.5 * (a + b) - self.eye, 0.5 * length);
+        let distance = to.length();
+        let angle = || (to.dot(self.axis) / distance).clamp(-1.0, 1.0).acos() - (radius / distance).asin();
+        if distance > radius && angle() > self.half_angle { pixels / UNSEEN } else { pixels }
+    }
+}
+
+impl Description {
+    /// Displaces all meshes that heights displace anew, so finely that no edge is longer than `edge_px` pixels (> 0) of a picture, at a moment of the scene, s; edges
+    /// outside of the picture may be eight times as long. Where that takes more than [`MOST_IN_ALL`] triangles edges stay longer, and a warning says so.
+    pub fn refine_displaced(&mut self, view: &PixelView, edge_px: f32, at_s: f64) {
+        self.refine_displaced_up_to(view, edge_px, at_s, MOST_IN_ALL);
+    }
+
+    fn refine_displaced_up_to(&mut self, view: &PixelView, edge_px: f32, at_s: f64, most: usize) {
+        let surfaces = self.displaced.clone();
+        let most = most / surfaces.len().max(1);
+        let mut stopped = false;
+        for surface in &surfaces {
+            let places: Vec<Affine3A> = surface.parts.iter().flat_map(|part| self.places(part.0, at_s)).collect();
+            let bounds = Bounds::around(surface.parts.iter().flat_map(|part| part.1.positions.iter().copied()));
+            let places = largest(view, bounds, places);
+            let length = |a: Vec3, b: Vec3| {
+                let in_place = |place: &Affine3A| view.pixels(place.transform_point3(a), place.transform_point3(b));
+                places.iter().map(in_place).fold(0.0, f32::max)
+            };
+            stopped |= surface.displace(&length, edge_px, most, self);
+        }
+        if stopped {
+            self.warnings.push(format!(
+                "{}: edges of displaced meshes stay longer than {edge_px} pixels: shorter ones need more than {most} triangles a surface",
+                self.name
+            ));
+        }
+    }
+
+    /// Where a mesh stands at a moment, s.
+    fn places(&self, number: u32, at_s: f64) -> Vec<Affine3A> {
+        let timeline = self.timeline();
+        let own = self.objects.iter().filter_map(|o| match (o.shape, o.motion) {
+            (Shape::Mesh { mesh, .. }, Motion::Carried { node }) if mesh == number => Some(timeline.world(node, at_s)),
+            (Shape::Mesh { mesh, world_from_mesh }, _) if mesh == number => Some(world_from_mesh),
+            _ => None,
+        });
+        own.collect()
+    }
+}
+
+/// Of many places of a mesh those where it looks largest.
+fn largest(view: &PixelView, bounds: Bounds, mut places: Vec<Affine3A>) -> Vec<Affine3A> {
+    if places.len() > MOST_PLACES {
+        let size = |place: &Affine3A| {
+            let box_there = bounds.placed(place);
+            let near = view.eye.clamp(box_there.min, box_there.max).distance(view.eye);
+            box_there.size().length() / near.max(1e-6)
+        };
+        places.sort_by(|a, b| size(b).total_cmp(&size(a)));
+        places.truncate(MOST_PLACES);
+    }
+    places
+}
+
+impl DisplacedSurface {
+    /// Displaces its meshes anew and puts them into a description; whether there would have been too many triangles.
+    fn displace(&self, length: &(dyn Fn(Vec3, Vec3) -> f32 + Sync), longest: f32, most: usize, d: &mut Description) -> bool {
+        let mut meshes: Vec<Mesh> = self.parts.iter().map(|(_, mesh, _)| Mesh::clone(mesh)).collect();
+        let stopped = match self.alone {
+            Some((place, is_reversed)) => {
+                let (mesh, height) = (&mut meshes[0], &self.parts[0].2);
+                let split = subdivision::split_edges_by(mesh, length, longest, most.min(MOST_TRIANGLES));
+                displace_alone(mesh, height, &place, is_reversed);
+                split == Splitting::Stopped
+            }
+            None => {
+                let mut parts: Vec<(&mut Mesh, &Scalar)> = meshes.iter_mut().zip(&self.parts).map(|(m, p)| (m, &*p.2)).collect();
+                displace_by(&mut parts, |mesh| subdivision::split_edges_by(mesh, length, longest, most)).stopped
+            }
+        };
+        for (mesh, (number, ..)) in meshes.into_iter().zip(&self.parts) {
+            d.meshes[*number as usize] = mesh.into();
+        }
+        stopped
+    }
+}
+
+/// Moves the points of a mesh of pbrt, whose triangles are short enough; how many heights are no numbers. `place`: the space of textures from that of the mesh.
+pub fn displace_alone(mesh: &mut Mesh, height: &Scalar, place: &Affine3A, is_reversed: bool) -> usize {
+    let without_height = subdivision::displace(mesh, |uv, p, n| {
+        let normal = place.transform_vector3(n).normalize_or_zero();
+        height.lookup(&Lookup { uv: *uv, point: place.transform_point3(p), normal, footprint: None })
+    });
+    shapes::default_uvs(mesh);
+    if is_reversed {
+        shapes::reverse(mesh);
+    }
+    without_height
+}
+
 /// Displaces meshes that belong together by their heights (in their space, along their normals), with at most so many triangles.
 pub fn displace(parts: &mut [(&mut Mesh, &Scalar)], most: usize) -> Displaced {
+    displace_by(parts, |whole| {
+        let bounds = Bounds::around(whole.positions.iter().copied());
+        let longest = EDGE_FRACTION * (bounds.max - bounds.min).length();
+        match longest > 0.0 && longest.is_finite() {
+            true => subdivision::split_long_edges_up_to(whole, &Affine3A::IDENTITY, longest, most),
+            false => Splitting::Complete,
+        }
+    })
+}
+
+/// The same with edges split by a function.
+fn displace_by(parts: &mut [(&mut Mesh, &Scalar)], split: impl FnOnce(&mut Mesh) -> Splitting) -> Displaced {
     let mut whole = Mesh::default();
     let has = |list: fn(&Mesh) -> bool| parts.iter().any(|(mesh, _)| list(mesh));
     let uv_lists = [has(|m| !m.uvs[0].is_empty()), has(|m| !m.uvs[1].is_empty())];
@@ -49,14 +198,9 @@ pub fn displace(parts: &mut [(&mut Mesh, &Scalar)], most: usize) -> Displaced {
         whole.colors.extend(colors.map(|c| c.truncate().extend(number as f32)));
         whole.triangles.extend(mesh.triangles.iter().map(|t| t.map(|v| v + first)));
     }
-    let bounds = crate::bvh::Bounds::around(whole.positions.iter().copied());
-    let longest = EDGE_FRACTION * (bounds.max - bounds.min).length();
     // Even heights need no shorter edges.
     let even = parts.iter().all(|(_, height)| matches!(height, Scalar::Constant(_)));
-    let split = match even || !(longest > 0.0 && longest.is_finite()) {
-        true => Splitting::Complete,
-        false => subdivision::split_long_edges_up_to(&mut whole, &Affine3A::IDENTITY, longest, most),
-    };
+    let split = if even { Splitting::Complete } else { split(&mut whole) };
     let part_of: Vec<usize> = whole.colors.iter().map(|c| c.w as usize).collect();
     let heights: Vec<&Scalar> = parts.iter().map(|(_, height)| *height).collect();
     let without_height = subdivision::displace_vertices(&mut whole, |v, uv, point, normal| {
@@ -89,9 +233,7 @@ pub fn displace(parts: &mut [(&mut Mesh, &Scalar)], most: usize) -> Displaced {
 mod tests {
     use super::*;
     use crate::texture::{Image, Texture};
-    use glam::Vec3;
     use std::collections::HashMap;
-    use std::sync::Arc;
 
     /// A unit square in z = 0 from `x` on, its texture coordinates its places.
     fn square(x: f32) -> Mesh {
@@ -158,5 +300,55 @@ mod tests {
         let (mut mesh, height) = (square(0.0), Scalar::Constant(-0.25));
         assert!(!displace(&mut [(&mut mesh, &height)], 1000).stopped);
         assert!(mesh.triangles.len() == 2 && mesh.positions.iter().all(|p| p.z == -0.25));
+    }
+
+    /// A square of 1 m at z = 0 that a picture displaces, and a camera before it.
+    fn seen(distance: f32) -> (Description, PixelView) {
+        let mesh = Arc::new(square(-0.5));
+        let mut d = Description { meshes: vec![mesh.clone()], ..Description::default() };
+        d.displaced = vec![DisplacedSurface { parts: vec![(0, mesh, Arc::new(ramp(0.01)))], alone: None }];
+        d.objects.push(crate::scene::Object::new("square", Shape::Mesh { mesh: 0, world_from_mesh: Affine3A::IDENTITY }, 0));
+        let eye = Vec3::new(0.0, 0.5, distance);
+        (d, PixelView { eye, axis: Vec3::NEG_Z, half_angle: 0.6, pixels_per_radian: 200.0 })
+    }
+
+    fn longest_px(d: &Description, view: &PixelView) -> f32 {
+        let mesh = &d.meshes[0];
+        let corners = (0..mesh.triangles.len()).map(|t| mesh.corners(t));
+        corners.flat_map(|[a, b, c]| [view.pixels(a, b), view.pixels(b, c), view.pixels(c, a)]).fold(0.0, f32::max)
+    }
+
+    #[test]
+    fn edges_are_as_short_as_the_picture_asks_for() {
+        let mut counts = vec![];
+        for (distance, edge_px) in [(2.0, 1.0), (2.0, 4.0), (8.0, 1.0)] {
+            let (mut d, view) = seen(distance);
+            d.refine_displaced(&view, edge_px, 0.0);
+            let longest = longest_px(&d, &view);
+            // Moving its points makes edges longer: by 1 % of slope and of nearness here.
+            assert!((0.5 * edge_px..1.03 * edge_px).contains(&longest), "{distance} m, {edge_px} px: {longest}");
+            assert!(d.warnings.is_empty(), "{:?}", d.warnings);
+            counts.push(d.meshes[0].triangles.len());
+            // Again is the same: from what the mesh was before.
+            let first = d.meshes[0].clone();
+            d.refine_displaced(&view, edge_px, 0.0);
+            assert_eq!(first.positions, d.meshes[0].positions);
+        }
+        // 100 pixels across, halves of triangles: as the square of the ratio.
+        assert!(counts[0] > 10 * counts[1] && counts[1] < 2 * counts[2] && counts[2] < 2 * counts[1], "{counts:?}");
+        // What the camera does not see may be coarser: it looks away.
+        let (mut d, view) = seen(2.0);
+        d.refine_displaced(&PixelView { axis: Vec3::Z, ..view }, 1.0, 0.0);
+        assert!(d.meshes[0].triangles.len() < counts[0] / 30, "{}", d.meshes[0].triangles.len());
+        // Of two copies the nearer one counts.
+        let (mut d, view) = seen(8.0);
+        let near = Affine3A::from_translation(Vec3::Z * 6.0);
+        d.objects.push(crate::scene::Object::new("near", Shape::Mesh { mesh: 0, world_from_mesh: near }, 0));
+        d.refine_displaced(&view, 1.0, 0.0);
+        assert!(d.meshes[0].triangles.len() >= counts[0], "{}", d.meshes[0].triangles.len());
+        // Not more triangles than there may be.
+        let (mut d, view) = seen(2.0);
+        d.refine_displaced_up_to(&view, 1.0, 0.0, 5000);
+        assert!(d.warnings[0].contains("stay longer") && (500..=5000).contains(&d.meshes[0].triangles.len()));
     }
 }

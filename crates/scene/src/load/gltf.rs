@@ -5,6 +5,7 @@
 //! KHR_texture_transform, EXT_mesh_gpu_instancing, EXT_lights_ies, KHR_gaussian_splatting and its SPZ compression (`splats`), and what `packed` unpacks; another one that a file requires is an error, one it only uses a warning. Files are opened by the
 //! caller: `fetch` gets the URIs of buffers and images.
 
+mod kept;
 mod materials;
 mod motion;
 mod packed;
@@ -73,6 +74,8 @@ struct Loader<'a> {
     asked_splats: splats::AllAsked,
     captures: HashMap<(usize, usize), u32>,
     captured: Option<u32>,
+    /// What the file keeps for diopter alone.
+    kept: kept::Kept,
 }
 
 /// A normal of length 1. One that has it but for rounding stays as it is: written and read again it is the same.
@@ -141,6 +144,7 @@ impl<'a> Loader<'a> {
             }
             buffers.push(data);
         }
+        let taken = kept::taken(&json, &buffers);
         if used.iter().any(|e| packed::EXTENSIONS.contains(&e.as_str())) || packed::has_pictures(&json) {
             packed::unpack(&mut json, &mut buffers, name)?;
         }
@@ -163,7 +167,13 @@ impl<'a> Loader<'a> {
             sources.into_par_iter().map(|image| read_image(&image, &buffers, name, fetch)).collect::<Result<Vec<_>, _>>()?;
         let mut description = Description { name: name.to_owned(), ..Default::default() };
         let missing = &mut description.missing_textures;
-        let images = read.into_iter().map(|r| r.map_err(|m| note_missing(missing, &m.name, m.reason)).ok()).collect();
+        let images: Vec<Option<Arc<Image>>> =
+            read.into_iter().map(|r| r.map_err(|m| note_missing(missing, &m.name, m.reason)).ok()).collect();
+        let kept = taken.and_then(|taken| taken.map_or(Ok(None), |taken| taken.read(&buffers, &images).map(Some)));
+        let kept = kept.unwrap_or_else(|why| {
+            description.warnings.push(format!("{name}: {why}"));
+            None
+        });
         for extension in used.iter().filter(|e| !is_supported(e)) {
             description.warnings.push(format!("{name}: extension {extension} is not supported; the scene is shown without it"));
         }
@@ -181,6 +191,7 @@ impl<'a> Loader<'a> {
             asked_splats,
             captures,
             captured: None,
+            kept: kept.unwrap_or_default(),
         };
         Ok(loader)
     }
@@ -188,7 +199,9 @@ impl<'a> Loader<'a> {
     fn run(mut self) -> Result<Description, SceneError> {
         let document = self.document.clone();
         for material in document.materials() {
-            let material = self.material(&material)?;
+            let number = material.index().unwrap_or(usize::MAX);
+            let kept = self.kept.materials.get_mut(number).and_then(Option::take);
+            let material = kept.map_or_else(|| self.material(&material), Ok)?;
             self.description.materials.push(material);
         }
         let variants =
@@ -225,6 +238,9 @@ impl<'a> Loader<'a> {
             self.node(&node, &world)?;
         }
         self.animations()?;
+        let d = &mut self.description;
+        (d.environment, d.air, d.max_depth) = (self.kept.environment.take(), self.kept.air.take(), self.kept.max_depth);
+        d.curves = std::mem::take(&mut self.kept.curves);
         Ok(self.description)
     }
 
@@ -239,20 +255,50 @@ impl<'a> Loader<'a> {
                 gltf::camera::Projection::Perspective(p) => Sight::Perspective { vertical_fov: p.yfov() },
                 gltf::camera::Projection::Orthographic(o) => Sight::Orthographic { height: 2.0 * o.ymag() },
             };
-            self.description.cameras.push(Viewpoint {
+            let plain = Viewpoint {
                 name: camera.name().unwrap_or(&name).to_owned(),
                 world_from_camera: Affine3A::from_rotation_translation(rotation, translation),
                 sight,
                 lens: None,
                 film: FilmHints::default(),
                 node: Some(node.index() as u32),
+            };
+            self.description.cameras.push(match self.kept.cameras.remove(&node.index()) {
+                None => plain,
+                Some(kept::KeptCamera { sight, lens, film, place: None }) => Viewpoint { sight, lens, film, ..plain },
+                Some(kept::KeptCamera { sight, lens, film, place: Some(world_from_camera) }) => {
+                    Viewpoint { world_from_camera, sight, lens, film, node: None, ..plain }
+                }
             });
         }
         if let Some(light) = node.light() {
-            self.description.punctual.push(punctual(&light, light.name().unwrap_or(&name), node.index() as u32));
+            let plain = punctual(&light, light.name().unwrap_or(&name), node.index() as u32);
+            self.description.punctual.push(match self.kept.lights.get(light.index()).cloned().flatten() {
+                None => plain,
+                // Where it is carried, its node says where it is.
+                Some(Punctual { carrier: Some(_), power, modulation, .. }) => Punctual { power, modulation, ..plain },
+                Some(kept) => kept,
+            });
         }
         if let Some(light) = node.extension_value("EXT_lights_ies") {
             self.measured(light, &name, node.index())?;
+        }
+        match (self.kept.forms.remove(&node.index()), node.mesh().and_then(|m| m.primitives().next())) {
+            (Some(kept::Form::Curves(curves, material)), _) => {
+                let shape = Shape::Curves { curves: curves as u32, world_from_curves: placed };
+                let motion = Motion::Carried { node: node.index() as u32 };
+                self.description.objects.push(Object { name, shape, material, motion });
+                return Ok(());
+            }
+            (Some(kept::Form::Sphere(sphere)), Some(primitive)) if let Some(material) = primitive.material().index() => {
+                self.description.objects.push(Object::new(name, Shape::Sphere(sphere), material as u32));
+                return Ok(());
+            }
+            (Some(kept::Form::Quad(quad)), Some(primitive)) if let Some(material) = primitive.material().index() => {
+                self.description.objects.push(Object::new(name, Shape::Quad(quad), material as u32));
+                return Ok(());
+            }
+            _ => {}
         }
         let Some(mesh) = node.mesh() else { return Ok(()) };
         let instances = self.instances(node)?;

@@ -1,7 +1,7 @@
 //! Meshes without a scene around them: OBJ with its materials, PLY, STL. They bring no light: the shot adds a
 //! studio, a sky or a map.
 
-use super::{Fetch, displaced, finished, note_missing, ply, read_texture, splats, stand_in, unzipped};
+use super::{DisplacedSurface, Fetch, displaced, finished, note_missing, ply, read_texture, splats, stand_in, unzipped};
 use crate::SceneError;
 use crate::material::{Bump, BumpUnit, Conductor, Coverage, Emission, Material, Principled, Scattering};
 use crate::scene::{Description, MissingTexture, Object, Shape};
@@ -182,6 +182,9 @@ pub fn obj(bytes: &[u8], name: &str, fetch: Fetch) -> Result<Description, SceneE
 
 /// Displaces meshes by the heights of their materials and puts them where their numbers say; all together, so that they do not crack where they meet.
 fn displace(mut displaced: Vec<(Mesh, usize, Scalar)>, name: &str, d: &mut Description) {
+    let before =
+        displaced.iter().map(|(mesh, number, height)| (*number as u32, Arc::new(mesh.clone()), Arc::new(height.clone())));
+    d.displaced.push(DisplacedSurface { parts: before.collect(), alone: None });
     let mut parts: Vec<(&mut Mesh, &Scalar)> = displaced.iter_mut().map(|(mesh, _, height)| (mesh, &*height)).collect();
     let done = displaced::displace(&mut parts, displaced::MOST_IN_ALL);
     if done.stopped {

@@ -17,6 +17,7 @@ pub mod sheet;
 pub mod splats;
 pub mod usd;
 
+pub use displaced::{DisplacedSurface, PixelView};
 pub use foreign::foreign;
 pub use measured::read_measured;
 pub use picture::read_light;

@@ -9,10 +9,12 @@ use super::bsdf::LocalScatter;
 use super::conductor::{Conductor, ConductorLobe};
 use super::energy::{Escape, Interface, prepare_mirrors};
 use super::microfacet::{Ggx, fresnel_dielectric, reflect, refract};
+use crate::exact::{Exact, Sink, Source, field};
 use crate::shape::Surface;
 use crate::texture::Scalar;
 use diopter_light::{Sampled, Wavelengths};
 use glam::Vec3;
+use serde_json::Value;
 use std::sync::Arc;
 
 /// Metal under a clear dielectric.
@@ -161,5 +163,26 @@ impl CoatedLobes<'_> {
         }
         let (f, pdf) = self.eval(wo, wi);
         (pdf > 0.0).then(|| LocalScatter { wi, weight: f / pdf, pdf, specular: false, disperses: false })
+    }
+}
+
+impl Exact for CoatedConductor {
+    fn write(&self, sink: &mut Sink) -> Value {
+        let object = [
+            ("metal", self.metal.write(sink)),
+            ("ior", self.ior.write(sink)),
+            ("roughness", self.roughness.write(sink)),
+            ("across", self.across.write(sink)),
+        ];
+        object.into_iter().map(|(k, v)| (k.to_owned(), v)).collect()
+    }
+
+    fn read(value: &Value, source: &Source) -> Result<Self, String> {
+        let ior: f32 = field(value, "ior", source)?;
+        if !(ior > 1.0 && ior.is_finite()) {
+            return Err(format!("a coat of index {ior}"));
+        }
+        let plain = CoatedConductor::new(field(value, "metal", source)?, ior, field(value, "roughness", source)?);
+        Ok(CoatedConductor { across: field(value, "across", source)?, ..plain })
     }
 }

@@ -2,7 +2,9 @@
 
 use super::volume::{NOTHING, ROUNDING, joined, trilinear};
 use crate::bvh::Bounds;
+use crate::exact::{Exact, Sink, Source, field};
 use glam::{Affine3A, IVec3, Vec3};
+use serde_json::Value;
 
 /// Values along a side of a block; its logarithm to base 2.
 const SIDE_LOG2: u32 = 3;
@@ -171,6 +173,51 @@ impl SparseGrid {
             }
         }
         limits
+    }
+}
+
+impl Exact for SparseGrid {
+    fn write(&self, sink: &mut Sink) -> Value {
+        let numbers = |v: IVec3| v.to_array();
+        let object = [
+            ("index_from_own", self.index_from_own.write(sink)),
+            ("box_min", numbers(self.box_min).write(sink)),
+            ("box_max", numbers(self.box_max).write(sink)),
+            ("blocks", self.blocks.write(sink)),
+            ("values", self.values.write(sink)),
+            ("even", self.even.write(sink)),
+        ];
+        object.into_iter().map(|(k, v)| (k.to_owned(), v)).collect()
+    }
+
+    fn read(value: &Value, source: &Source) -> Result<Self, String> {
+        let corner = |name: &str| field::<[i32; 3]>(value, name, source).map(IVec3::from_array);
+        let (box_min, box_max) = (corner("box_min")?, corner("box_max")?);
+        if box_min.cmpgt(box_max).any() {
+            return Err("a box without a size".into());
+        }
+        let plain =
+            SparseGrid::new(field(value, "index_from_own", source)?, box_min, box_max, 0.0).map_err(|n| format!("{n} blocks"))?;
+        let grid = SparseGrid {
+            blocks: field(value, "blocks", source)?,
+            values: field(value, "values", source)?,
+            even: field(value, "even", source)?,
+            ..plain
+        };
+        let is_there = |number: &u32| match number & EVEN == 0 {
+            true => (*number as usize + 1) * BLOCK <= grid.values.len(),
+            false => ((number & !EVEN) as usize) < grid.even.len(),
+        };
+        let count: i64 = grid.count.to_array().iter().map(|n| i64::from(*n)).product();
+        let is_valid = |list: &[f32]| list.iter().all(|v| *v >= 0.0 && v.is_finite());
+        if grid.blocks.len() as i64 != count
+            || !grid.blocks.iter().all(is_there)
+            || !is_valid(&grid.values)
+            || !is_valid(&grid.even)
+        {
+            return Err("blocks that do not fit their box, or negative values".into());
+        }
+        Ok(grid)
     }
 }
 

@@ -8,6 +8,7 @@
 
 use super::sparse::SparseGrid;
 use crate::bvh::Bounds;
+use crate::exact::{Exact, Sink, Source, exact_struct, field};
 use crate::motion::Parts;
 use crate::noise::noise;
 use diopter_light::color::srgb_of_light;
@@ -16,6 +17,7 @@ use diopter_light::upsample::Sigmoid;
 use diopter_light::{Sampled, Spectrum, Wavelengths};
 use glam::{Affine3A, IVec3, Vec3};
 use rayon::prelude::*;
+use serde_json::Value;
 use std::ops::{Add, Mul};
 use std::sync::{Arc, OnceLock};
 
@@ -499,6 +501,107 @@ fn black_body_rgb(kelvin: f32) -> Vec3 {
     let x = ((1.0 / kelvin - hot) / (cold - hot)).clamp(0.0, 1.0).sqrt() * STEPS as f32;
     let i = (x as usize).min(STEPS - 1);
     table[i].lerp(table[i + 1], x - i as f32)
+}
+
+exact_struct!(InstanceMotion { world_from_parent, times_s, keys });
+exact_struct!(Tint { scale, sigmoid });
+
+impl Exact for VolumePlace {
+    fn write(&self, sink: &mut Sink) -> Value {
+        let object = [("world_from_own", self.world_from_own.write(sink)), ("way", self.way.write(sink))];
+        object.into_iter().map(|(k, v)| (k.to_owned(), v)).collect()
+    }
+
+    fn read(value: &Value, source: &Source) -> Result<Self, String> {
+        let place =
+            VolumePlace::still(field(value, "world_from_own", source)?).ok_or("a volume in a place that cannot be inverted")?;
+        Ok(VolumePlace { way: field(value, "way", source)?, ..place })
+    }
+}
+
+impl<T: Flat> Exact for Grid<T> {
+    fn write(&self, sink: &mut Sink) -> Value {
+        let object = [
+            ("size", self.size.write(sink)),
+            ("values", T::flat(&self.values).write(sink)),
+            ("min", self.min.write(sink)),
+            ("cells_per_m", self.cells_per_m.write(sink)),
+        ];
+        object.into_iter().map(|(k, v)| (k.to_owned(), v)).collect()
+    }
+
+    fn read(value: &Value, source: &Source) -> Result<Self, String> {
+        let size: [usize; 3] = field(value, "size", source)?;
+        let values = T::of_flat(field(value, "values", source)?);
+        let count = size[0].checked_mul(size[1]).and_then(|n| n.checked_mul(size[2]));
+        if count != Some(values.len()) || values.is_empty() || !values.iter().all(T::is_valid) {
+            return Err(format!("{} values for a grid of {size:?}, or some of them negative", values.len()));
+        }
+        Ok(Grid { size, values, min: field(value, "min", source)?, cells_per_m: field(value, "cells_per_m", source)? })
+    }
+}
+
+/// What grids hold, as numbers.
+trait Flat: Sized {
+    fn flat(values: &[Self]) -> Vec<f32>;
+    fn of_flat(numbers: Vec<f32>) -> Vec<Self>;
+    fn is_valid(&self) -> bool;
+}
+
+impl Flat for f32 {
+    fn flat(values: &[f32]) -> Vec<f32> {
+        values.to_vec()
+    }
+
+    fn of_flat(numbers: Vec<f32>) -> Vec<f32> {
+        numbers
+    }
+
+    fn is_valid(&self) -> bool {
+        *self >= 0.0 && self.is_finite()
+    }
+}
+
+impl Flat for Tint {
+    fn flat(values: &[Tint]) -> Vec<f32> {
+        let numbers =
+            |t: &Tint| [t.scale, t.sigmoid.c.x, t.sigmoid.c.y, t.sigmoid.c.z, t.sigmoid.rgb.x, t.sigmoid.rgb.y, t.sigmoid.rgb.z];
+        values.iter().flat_map(numbers).collect()
+    }
+
+    fn of_flat(numbers: Vec<f32>) -> Vec<Tint> {
+        let tint = |n: &[f32; 7]| Tint {
+            scale: n[0],
+            sigmoid: Sigmoid { c: Vec3::new(n[1], n[2], n[3]), rgb: Vec3::new(n[4], n[5], n[6]) },
+        };
+        numbers.as_chunks().0.iter().map(tint).collect()
+    }
+
+    fn is_valid(&self) -> bool {
+        self.scale >= 0.0 && self.scale.is_finite()
+    }
+}
+
+impl Exact for Volume {
+    fn write(&self, sink: &mut Sink) -> Value {
+        let content = &self.content;
+        let object = [
+            ("place", self.place.write(sink)),
+            ("bounds", content.bounds.write(sink)),
+            ("field", content.field.write(sink)),
+            ("glow", content.glow.write(sink)),
+        ];
+        object.into_iter().map(|(k, v)| (k.to_owned(), v)).collect()
+    }
+
+    fn read(value: &Value, source: &Source) -> Result<Self, String> {
+        let bounds: Bounds = field(value, "bounds", source)?;
+        if !(bounds.size().min_element() > 0.0 && bounds.size().is_finite()) {
+            return Err("a volume without a size".into());
+        }
+        let (place, content) = (field(value, "place", source)?, field(value, "field", source)?);
+        Ok(Volume::new(place, bounds, content, field(value, "glow", source)?))
+    }
 }
 
 #[cfg(test)]

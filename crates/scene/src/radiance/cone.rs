@@ -36,6 +36,8 @@ pub(super) struct Cone {
     /// By how much it grows with the distance.
     spread: f32,
     fraction: f32,
+    /// Whether it has left a rough surface: what it meets is a part of many, and one look-up will do.
+    is_coarse: bool,
 }
 
 /// Largest spread after a rough surface: its footprints stay smaller than what is around them.
@@ -50,7 +52,7 @@ const GRAZING: f32 = 1e-3;
 
 impl Cone {
     pub(super) fn new(cone: &RayCone) -> Self {
-        Cone { width: 0.0, spread: cone.spread, fraction: cone.fraction }
+        Cone { width: 0.0, spread: cone.spread, fraction: cone.fraction, is_coarse: false }
     }
 
     /// Goes on along a ray.
@@ -62,6 +64,7 @@ impl Cone {
     /// What leaves a rough surface in a direction drawn with a density (1/sr).
     #[inline]
     pub(super) fn scatter(&mut self, density: f32) {
+        self.is_coarse = true;
         self.spread = (self.fraction * OF_SOLID_ANGLE / density.sqrt()).min(WIDEST);
     }
 
@@ -81,7 +84,7 @@ impl Cone {
             let axes = footprint(by_uv, surface.ng, direction, self.width);
             let largest = axes[0].length_squared().max(axes[1].length_squared());
             if largest * filtering.texels * filtering.texels > 1.0 {
-                surface.detail = Detail::Footprint(Footprint { axes, uv_set: filtering.uv_set });
+                surface.detail = Detail::Footprint(Footprint { axes, uv_set: filtering.uv_set, is_coarse: self.is_coarse });
             }
         }
     }

@@ -2,6 +2,7 @@
 
 use crate::bvh::Bounds;
 use crate::light::{Environment, Punctual};
+use crate::load::DisplacedSurface;
 use crate::material::Material;
 use crate::medium::Air;
 use crate::motion::{Animation, Deformer, Motion, Node, Playing, Timeline};
@@ -42,6 +43,8 @@ pub struct Description {
     pub deformers: Vec<Deformer>,
     /// Other sets of materials that the file offers.
     pub variants: Vec<Variant>,
+    /// Meshes that heights displace, as they were before.
+    pub displaced: Vec<DisplacedSurface>,
     /// How many times its file wants light to be scattered at most.
     pub max_depth: Option<u32>,
     /// What was found odd on the way.

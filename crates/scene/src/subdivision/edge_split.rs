@@ -8,7 +8,7 @@
 use super::MOST_TRIANGLES;
 use super::topology::{Faces, Topology};
 use crate::shape::Mesh;
-use glam::Affine3A;
+use glam::{Affine3A, Vec3};
 use rayon::prelude::*;
 
 /// Most rounds: an edge becomes 65 536.
@@ -32,12 +32,18 @@ pub fn split_long_edges(mesh: &mut Mesh, world_from_mesh: &Affine3A, longest: f3
 
 /// The same with at most so many triangles.
 pub fn split_long_edges_up_to(mesh: &mut Mesh, world_from_mesh: &Affine3A, longest: f32, most: usize) -> Splitting {
+    let place = |p: Vec3| world_from_mesh.transform_point3(p);
+    split_edges_by(mesh, |a, b| place(a).distance(place(b)), longest, most)
+}
+
+/// The same by any length that two ends in the mesh's space have, whichever comes first: such as that of the edge in a picture.
+pub fn split_edges_by(mesh: &mut Mesh, length: impl Fn(Vec3, Vec3) -> f32 + Sync, longest: f32, most: usize) -> Splitting {
     mesh.tangents.clear();
     for _ in 0..MOST_ROUNDS {
         let faces = Faces::of_size(3, mesh.triangles.iter().flatten().copied().collect());
         let t = Topology::new(faces, mesh.positions.len());
-        let place = |v: u32| world_from_mesh.transform_point3(mesh.positions[v as usize]);
-        let lengths: Vec<f32> = t.edges.par_iter().map(|[a, b]| place(*a).distance(place(*b))).collect();
+        let at = |v: u32| mesh.positions[v as usize];
+        let lengths: Vec<f32> = t.edges.par_iter().map(|[a, b]| length(at(*a), at(*b))).collect();
         let long: Vec<bool> = lengths.iter().map(|l| *l > longest).collect();
         let count = mesh.triangles.len() + t.edge_of.iter().filter(|e| long[**e as usize]).count();
         if count == mesh.triangles.len() {
@@ -94,7 +100,7 @@ fn split_round(mesh: &mut Mesh, t: &Topology, long: &[bool], lengths: &[f32]) {
 mod tests {
     use super::super::tests::is_closed;
     use super::*;
-    use glam::{Vec2, Vec3};
+    use glam::Vec2;
 
     /// A bar whose two halves have vertices of their own at the seam between them.
     pub fn bar() -> Mesh {

@@ -21,7 +21,7 @@ mod topology;
 mod tests;
 
 pub use displacement::{displace, displace_vertices, smooth_normals};
-pub use edge_split::{Splitting, split_long_edges, split_long_edges_up_to};
+pub use edge_split::{Splitting, split_edges_by, split_long_edges, split_long_edges_up_to};
 pub use mesh::Channels;
 
 use glam::{DVec3, DVec4, Vec3, Vec4};

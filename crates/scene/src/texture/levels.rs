@@ -31,6 +31,8 @@ pub struct Footprint {
     pub axes: [Vec2; 2],
     /// The set of texture coordinates they are given in.
     pub uv_set: usize,
+    /// One look-up will do, at the level of its area.
+    pub is_coarse: bool,
 }
 
 impl Footprint {
@@ -74,6 +76,10 @@ impl Texture {
         else {
             return self.at(uv);
         };
+        if footprint.is_coarse {
+            let level = 0.5 * (length * width.max(1.0)).log2() + 0.5;
+            return self.within(levels, (level as usize).min(levels.len()), p);
+        }
         // Places as far from each other as the footprint is wide, but not closer than pixels are.
         let probes = (length / width.max(1.0)).round().clamp(1.0, MOST_PROBES);
         let level = width.max(1.0).log2();
@@ -105,14 +111,16 @@ impl Texture {
     pub(super) fn sample(&self, image: &Image, p: Vec2) -> Vec4 {
         let p = p * Vec2::new(image.width as f32, image.height as f32);
         if self.interpolation == Interpolation::Nearest {
-            return self.texel(image, p.x.floor() as i64, p.y.floor() as i64);
+            let column = Self::inside(self.wrap[0], p.x.floor() as i64, image.width);
+            return self.texel(image, column, Self::inside(self.wrap[1], p.y.floor() as i64, image.height));
         }
         let p = p - 0.5;
         let (x, y) = (p.x.floor(), p.y.floor());
         let (fx, fy) = (p.x - x, p.y - y);
-        let (x, y) = (x as i64, y as i64);
-        let top = self.texel(image, x, y).lerp(self.texel(image, x + 1, y), fx);
-        let bottom = self.texel(image, x, y + 1).lerp(self.texel(image, x + 1, y + 1), fx);
+        let [left, right] = [0, 1].map(|k| Self::inside(self.wrap[0], (x as i64).saturating_add(k), image.width));
+        let [above, below] = [0, 1].map(|k| Self::inside(self.wrap[1], (y as i64).saturating_add(k), image.height));
+        let top = self.texel(image, left, above).lerp(self.texel(image, right, above), fx);
+        let bottom = self.texel(image, left, below).lerp(self.texel(image, right, below), fx);
         top.lerp(bottom, fy)
     }
 }
@@ -243,7 +251,8 @@ mod tests {
         texture.make_levels();
         for i in 0..200u32 {
             let uv = [Vec2::new(mix(i) as f32, mix(i + 7) as f32) / 1e9; 2];
-            let footprint = |size: f32| Footprint { axes: [Vec2::new(size, 0.0), Vec2::new(0.0, size)], uv_set: 0 };
+            let footprint =
+                |size: f32| Footprint { axes: [Vec2::new(size, 0.0), Vec2::new(0.0, size)], uv_set: 0, is_coarse: false };
             assert_eq!(texture.filtered(&uv, Some(&footprint(0.99 / 16.0))), texture.at(&uv));
             assert_eq!(texture.filtered(&uv, Some(&Footprint { uv_set: 1, ..footprint(1.0) })), texture.at(&uv));
             assert_ne!(texture.filtered(&uv, Some(&footprint(2.0 / 16.0))), texture.at(&uv));
@@ -257,7 +266,9 @@ mod tests {
         let texture = Texture { codes: Codes::Linear, ..Texture::color(Arc::new(Image::new(64, 64, stripes))) };
         texture.make_levels();
         let at = [Vec2::new(10.5, 20.5) / 64.0; 2];
-        let axes = |x: f32, y: f32| Some(Footprint { axes: [Vec2::new(x, 0.0) / 64.0, Vec2::new(0.0, y) / 64.0], uv_set: 0 });
+        let axes = |x: f32, y: f32| {
+            Some(Footprint { axes: [Vec2::new(x, 0.0) / 64.0, Vec2::new(0.0, y) / 64.0], uv_set: 0, is_coarse: false })
+        };
         assert_eq!(texture.filtered(&at, axes(0.5, 8.0).as_ref()).x, 1.0);
         assert!((texture.filtered(&at, axes(8.0, 0.5).as_ref()).x - 0.5).abs() < 1e-4);
         assert!((texture.filtered(&at, axes(32.0, 32.0).as_ref()).x - 0.5).abs() < 1e-4);
@@ -273,7 +284,7 @@ mod tests {
         for i in 0..50u32 {
             let at = Vec2::new(mix(i) as f32, mix(!i) as f32) / u32::MAX as f32;
             let axes = [Vec2::new(0.05, 0.01), Vec2::new(-0.01, 0.03)];
-            let found = texture.filtered(&[at; 2], Some(&Footprint { axes, uv_set: 0 }));
+            let found = texture.filtered(&[at; 2], Some(&Footprint { axes, uv_set: 0, is_coarse: false }));
             let mut mean = Vec4::ZERO;
             for k in 0..1024 {
                 let [s, t] = [k % 32, k / 32].map(|k| (k as f32 + 0.5) / 32.0 - 0.5);

@@ -10,14 +10,14 @@ use super::shapes::{self, Form};
 use super::textures::Textures;
 use super::{Fault, Place};
 use crate::SceneError;
-use crate::load::{Fetch, measured_or_stand_in, note_missing, ply, read_texture, unzipped};
+use crate::load::{DisplacedSurface, Fetch, displaced, measured_or_stand_in, note_missing, ply, read_texture, unzipped};
 use crate::material::{Coverage, Interior, Material, Scattering};
 use crate::medium::{Air, Medium, VolumePlace};
 use crate::motion::{AnimatedProperty, Animation, Channel, Ending, KeyInterpolation, Local, Motion, Node, Parts, Playing};
 use crate::scene::{Description, Object, Shape, Viewpoint};
 use crate::shape::{Curves, Mesh};
 use crate::subdivision;
-use crate::texture::{Image, Lookup, Scalar};
+use crate::texture::{Image, Scalar};
 use glam::{Affine3A, DMat4, DVec3, Vec3};
 use rayon::prelude::*;
 use std::collections::HashMap;
@@ -93,7 +93,7 @@ struct Awaited {
 /// Heights that move the points of a mesh. Source: pbrt-v4, `Shape::Create` ("displacement", "edgelength").
 struct Displacement {
     /// Along the normal in the mesh's space.
-    height: Scalar,
+    height: Arc<Scalar>,
     /// Edges are split until none is longer, m.
     edge_length: f32,
     world_from_mesh: Affine3A,
@@ -103,19 +103,18 @@ struct Displacement {
 
 /// What came of a mesh that was read.
 struct Displaced {
+    /// What it was before.
+    before: Arc<Mesh>,
     stopped: bool,
     without_height: usize,
 }
 
 impl Displacement {
-    fn apply(&self, mesh: &mut Mesh) -> Displaced {
+    fn apply(&self, mesh: &mut Mesh, is_reversed: bool) -> Displaced {
+        let before = Arc::new(mesh.clone());
         let split = subdivision::split_long_edges(mesh, &self.world_from_mesh, self.edge_length);
-        let place = self.texture_world_from_mesh;
-        let without_height = subdivision::displace(mesh, |uv, p, n| {
-            let normal = place.transform_vector3(n).normalize_or_zero();
-            self.height.lookup(&Lookup { uv: *uv, point: place.transform_point3(p), normal, footprint: None })
-        });
-        Displaced { stopped: split == subdivision::Splitting::Stopped, without_height }
+        let without_height = displaced::displace_alone(mesh, &self.height, &self.texture_world_from_mesh, is_reversed);
+        Displaced { before, stopped: split == subdivision::Splitting::Stopped, without_height }
     }
 }
 
@@ -812,7 +811,7 @@ impl<'a> World<'a> {
         }
         let world_from_mesh = affine(self.state.place[0]);
         let texture_world_from_mesh = if self.is_mirrored() { flip() * world_from_mesh } else { world_from_mesh };
-        Ok(Some(Displacement { height: height?, edge_length, world_from_mesh, texture_world_from_mesh }))
+        Ok(Some(Displacement { height: Arc::new(height?), edge_length, world_from_mesh, texture_world_from_mesh }))
     }
 
     /// Reads all meshes that are files of their own, several at a time.
@@ -826,11 +825,13 @@ impl<'a> World<'a> {
             let displaced = a.displacement.as_ref().map(|d| {
                 read.mesh.drop_partial_lists();
                 read.mesh.drop_broken_triangles();
-                d.apply(&mut read.mesh)
+                d.apply(&mut read.mesh, a.reversed)
             });
-            shapes::default_uvs(&mut read.mesh);
-            if a.reversed {
-                shapes::reverse(&mut read.mesh);
+            if displaced.is_none() {
+                shapes::default_uvs(&mut read.mesh);
+                if a.reversed {
+                    shapes::reverse(&mut read.mesh);
+                }
             }
             Ok((read, displaced))
         };
@@ -840,6 +841,10 @@ impl<'a> World<'a> {
             let (read, displaced) = read?;
             if let Some(warning) = read.warning {
                 self.warn(a.place, format!("{}: {warning}", a.name));
+            }
+            if let (Some(done), Some(d)) = (&displaced, &a.displacement) {
+                let parts = vec![(a.mesh, done.before.clone(), d.height.clone())];
+                self.description.displaced.push(DisplacedSurface { parts, alone: Some((d.texture_world_from_mesh, a.reversed)) });
             }
             if displaced.as_ref().is_some_and(|d| d.stopped) {
                 let most = subdivision::MOST_TRIANGLES;

@@ -528,7 +528,7 @@ pub fn read(bytes: Arc<[u8]>, name: &str, folder: Folder) -> Result<Layer, Scene
         return Err(error(name, format!("crate version {a}.{b}.{c}"), expected));
     }
     let (data, specs) = structure(bytes, version).map_err(|found| damaged(name, found))?;
-    Ok(Layer { name: name.to_owned(), folder, specs, data: Some(data) })
+    Ok(Layer::new(name, folder, specs, Some(data)))
 }
 
 type Specs = HashMap<Box<str>, Spec>;

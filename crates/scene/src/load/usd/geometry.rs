@@ -57,6 +57,8 @@ pub struct MeshPart {
 #[derive(Default)]
 pub struct Meshes {
     pub parts: Vec<MeshPart>,
+    /// For each part, if any is displaced, what it was before.
+    pub before: Vec<Option<Arc<Mesh>>>,
     /// What was left out of them.
     pub left_out: Vec<&'static str>,
 }
@@ -193,6 +195,7 @@ fn displace(out: &mut Meshes, most: usize) {
         return;
     }
     let heights: Vec<Option<Arc<Scalar>>> = out.parts.iter().map(|p| p.displacement.clone()).collect();
+    out.before = out.parts.iter().map(|p| p.displacement.is_some().then(|| Arc::new(p.mesh.clone()))).collect();
     let all = out.parts.iter_mut().zip(&heights).filter_map(|(p, height)| Some((&mut p.mesh, height.as_deref()?)));
     let mut all: Vec<(&mut Mesh, &Scalar)> = all.collect();
     if all.is_empty() {

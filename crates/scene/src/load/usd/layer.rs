@@ -33,6 +33,7 @@ pub enum Key {
     UpAxis,
     VariantSelection,
     VariantSetNames,
+    Weight,
 }
 
 impl Key {
@@ -64,6 +65,7 @@ impl Key {
             "upAxis" => Key::UpAxis,
             "variantSelection" | "variants" => Key::VariantSelection,
             "variantSetNames" | "variantSets" => Key::VariantSetNames,
+            "weight" => Key::Weight,
             _ => return None,
         })
     }
@@ -246,9 +248,30 @@ pub struct Layer {
     pub specs: HashMap<Box<str>, Spec>,
     /// What packed fields lie in.
     pub data: Option<Crate>,
+    /// Paths of in-between shapes and of their normals, in order: properties whose names no schema knows.
+    inbetweens: Vec<Box<str>>,
 }
 
+/// What names of in-between shapes begin with. Source: OpenUSD, `UsdSkelInbetweenShape`.
+const INBETWEENS: &str = ".inbetweens:";
+
 impl Layer {
+    /// A layer of these specs.
+    pub fn new(name: &str, folder: Folder, specs: HashMap<Box<str>, Spec>, data: Option<Crate>) -> Self {
+        let mut inbetweens: Vec<Box<str>> = specs.keys().filter(|path| path.contains(INBETWEENS)).cloned().collect();
+        inbetweens.sort_unstable();
+        Layer { name: name.to_owned(), folder, specs, data, inbetweens }
+    }
+
+    /// Names of the in-between shapes of the prim at a path: "inbetweens:half".
+    pub fn inbetweens(&self, path: &str) -> impl Iterator<Item = &str> {
+        let prefix = format!("{path}{INBETWEENS}");
+        let (first, after) = (self.inbetweens.partition_point(|p| **p < *prefix), path.len() + 1);
+        let own = self.inbetweens[first..].iter().take_while(move |p| p.starts_with(&prefix));
+        // Behind another colon are their normals.
+        own.map(move |p| &p[after..]).filter(|name| name.matches(':').count() == 1)
+    }
+
     /// A field of the spec of a path.
     pub fn get(&self, path: &str, key: Key) -> Result<Option<Value>, SceneError> {
         let Some(spec) = self.specs.get(path) else { return Ok(None) };

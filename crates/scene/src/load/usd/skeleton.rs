@@ -2,8 +2,9 @@
 //!
 //! Source: OpenUSD, `UsdSkel` (schemas Skeleton, SkelAnimation, BlendShape and the binding API). A point of a skinned mesh stands at
 //! Σ wᵢ · S · Jᵢ · Bᵢ⁻¹ · G · p, with G the mesh's `geomBindTransform`, B a joint's bind transform, J its transform in the skeleton's space then, and S
-//! where the skeleton stands; the transform of the mesh itself does not count. Limits: blending is linear whatever `skinningMethod` says, in-between
-//! shapes are not used, a subdivision surface is skinned after it is subdivided, by subdivided weights, where OpenUSD skins its control mesh, and normals are those of the
+//! where the skeleton stands; the transform of the mesh itself does not count. Shapes between
+//! are morph targets of their own, whose weights are piecewise linear in the weight of the shape. Limits: blending is linear whatever `skinningMethod` says, a subdivision
+//! surface is skinned after it is subdivided, by subdivided weights, where OpenUSD skins its control mesh, and normals are those of the
 //! blended transform, where OpenUSD blends normals of the joints (up to 5° apart in its own tests).
 
 use super::stage::{Prim, Stage, TimeSample};
@@ -47,7 +48,10 @@ pub struct Bending {
     /// Joint and weight, `per_point` for each point; empty of what has no skin.
     influences: Vec<(u16, f32)>,
     per_point: usize,
+    /// Of all blend shapes one after the other, each with its in-between shapes by rising weight.
     shapes: Vec<Offsets>,
+    /// For each blend shape the weights at which its `shapes` are seen alone.
+    weights_of: Vec<Vec<f32>>,
 }
 
 /// What a blend shape adds to the points of a mesh.
@@ -63,6 +67,7 @@ pub struct VertexBending {
     influences: Vec<(u16, f32)>,
     per_vertex: usize,
     targets: Vec<Target>,
+    weights_of: Vec<Vec<f32>>,
 }
 
 /// The nodes of a skeleton.
@@ -157,30 +162,98 @@ pub fn read(
         }
     }
     for shape in shapes {
-        let mut offsets = Offsets::default();
+        let mut all = vec![(1.0, Offsets::default())];
         if let Some(shape) = shape {
-            let moved = vectors(stage, shape, "offsets")?;
-            let normals = vectors(stage, shape, "normalOffsets")?;
             let which = stage.value(shape, "pointIndices")?.and_then(|v| v.ints()).filter(|i| !i.is_empty());
-            let number = |k: usize| which.as_ref().map_or(Some(k), |w| w.get(k).and_then(|i| usize::try_from(*i).ok()));
-            let fits = (0..moved.len()).all(|k| number(k).is_some_and(|i| i < points)) && moved.iter().all(|v| v.is_finite());
-            if fits {
-                let spread = |list: &[Vec3]| {
-                    let mut all = vec![Vec3::ZERO; points];
-                    list.iter().enumerate().for_each(|(k, v)| all[number(k).unwrap_or(0)] = *v);
-                    all
-                };
-                offsets.positions = spread(&moved);
-                if normals.len() == moved.len() && normals.iter().all(|v| v.is_finite()) {
-                    offsets.normals = spread(&normals);
-                }
-            } else {
-                left_out.push("blend shapes that do not fit their mesh");
+            let offsets = |name: &str, normals: &str| -> Read<Option<Offsets>> {
+                Ok(spread([vectors(stage, shape, name)?, vectors(stage, shape, normals)?], which.as_deref(), points))
+            };
+            match offsets("offsets", "normalOffsets")? {
+                Some(offsets) => all[0].1 = offsets,
+                None => left_out.push("blend shapes that do not fit their mesh"),
             }
+            for name in stage.inbetweens(shape) {
+                let weight = stage.property_field(shape, &name, Key::Weight)?.and_then(|v| v.number()).map(|w| w as f32);
+                // At 0 there is nothing and at 1 the shape itself; the first of several at a weight counts.
+                let is_new = |w: f32| w.is_finite() && w.abs() > 1e-6 && all.iter().all(|(other, _)| (other - w).abs() > 1e-6);
+                match (weight.filter(|w| is_new(*w)), offsets(&name, &format!("{name}:normalOffsets"))?) {
+                    (Some(weight), Some(offsets)) => all.push((weight, offsets)),
+                    (None, _) => left_out.push("in-between shapes without a weight of their own"),
+                    (_, None) => left_out.push("in-between shapes that do not fit their mesh"),
+                }
+            }
+            all.sort_by(|a, b| a.0.total_cmp(&b.0));
         }
-        bending.shapes.push(offsets);
+        bending.weights_of.push(all.iter().map(|(weight, _)| *weight).collect());
+        bending.shapes.extend(all.into_iter().map(|(_, offsets)| offsets));
     }
     Ok((!bending.influences.is_empty() || !bending.shapes.is_empty()).then_some(bending))
+}
+
+/// Offsets of positions and of normals of the points with these numbers (of all in order without) as those of all points; `None` where they do not fit.
+fn spread([moved, normals]: [Vec<Vec3>; 2], which: Option<&[i32]>, points: usize) -> Option<Offsets> {
+    let number = |k: usize| which.map_or(Some(k), |w| w.get(k).and_then(|i| usize::try_from(*i).ok()));
+    let fits = (0..moved.len()).all(|k| number(k).is_some_and(|i| i < points)) && moved.iter().all(|v| v.is_finite());
+    let spread = |list: &[Vec3]| {
+        let mut all = vec![Vec3::ZERO; points];
+        list.iter().enumerate().for_each(|(k, v)| all[number(k).unwrap_or(0)] = *v);
+        all
+    };
+    let has_normals = normals.len() == moved.len() && normals.iter().all(|v| v.is_finite());
+    fits.then(|| Offsets { positions: spread(&moved), normals: if has_normals { spread(&normals) } else { vec![] } })
+}
+
+/// Weights of the shapes of a blend shape that has a weight: linear between those next to it, and beyond the last two. `at`: where each is seen alone, rising, none of
+/// them 0, where there is nothing. Source: OpenUSD, `UsdSkelBlendShapeQuery::ComputeSubShapeWeights`.
+fn shape_weights(at: &[f32], weight: f32) -> Vec<f32> {
+    let nothing = at.partition_point(|w| *w < 0.0);
+    let known = |k: usize| match k.cmp(&nothing) {
+        std::cmp::Ordering::Less => at[k],
+        std::cmp::Ordering::Equal => 0.0,
+        std::cmp::Ordering::Greater => at[k - 1],
+    };
+    let above = (0..=at.len()).position(|k| known(k) > weight).unwrap_or(at.len()).clamp(1, at.len());
+    let part = (weight - known(above - 1)) / (known(above) - known(above - 1));
+    let mut weights = vec![0.0; at.len() + 1];
+    (weights[above - 1], weights[above]) = (1.0 - part, part);
+    weights.remove(nothing);
+    weights
+}
+
+/// Most key frames that the kinks of in-between shapes add.
+const MOST_KINKS: usize = 1 << 16;
+
+/// Key frames (times, and weights of all blend shapes then) with others where a weight passes one at which a shape is seen alone: between them the weights of all shapes are
+/// straight.
+fn with_kinks(
+    keys: &[TimeSample],
+    weights_of: &[Vec<f32>],
+    weights: impl Fn(&[f64]) -> Vec<f32>,
+) -> Option<Vec<(f64, Vec<f32>)>> {
+    let mut all: Vec<(f64, Vec<f32>)> = Vec::with_capacity(keys.len());
+    let mut kinks = 0;
+    for (time, values) in keys {
+        let now = weights(values);
+        if let Some((before_s, before)) = all.last().cloned() {
+            let mut between: Vec<f64> = Vec::new();
+            for ((from, to), at) in before.iter().zip(&now).zip(weights_of).filter(|(_, at)| at.len() > 1) {
+                let passed = at.iter().chain(&[0.0]).map(|w| f64::from(w - from) / f64::from(to - from));
+                between.extend(passed.filter(|t| *t > 0.0 && *t < 1.0));
+            }
+            between.sort_by(f64::total_cmp);
+            between.dedup();
+            kinks += between.len();
+            if kinks > MOST_KINKS {
+                return None;
+            }
+            for t in between {
+                let then = before.iter().zip(&now).map(|(a, b)| a + (b - a) * t as f32).collect();
+                all.push((before_s + (time - before_s) * t, then));
+            }
+        }
+        all.push((*time, now));
+    }
+    Some(all)
 }
 
 impl Bending {
@@ -197,6 +270,7 @@ impl Bending {
             influences: points.iter().flat_map(|p| &self.influences[*p as usize * n..][..n]).copied().collect(),
             per_vertex: n,
             targets: targets.collect(),
+            weights_of: self.weights_of.clone(),
         }
     }
 
@@ -235,7 +309,8 @@ impl Bending {
     pub fn of_fine_vertices(&self, lanes: &[Vec<[f32; VERTEX_LANES]>], positions: &[u32], mesh: &Mesh) -> VertexBending {
         let joints = self.used_joints();
         let at = |lane: usize, position: u32| lanes[lane / VERTEX_LANES][position as usize][lane % VERTEX_LANES];
-        let mut bending = VertexBending { influences: vec![], per_vertex: 0, targets: vec![] };
+        let mut bending =
+            VertexBending { influences: vec![], per_vertex: 0, targets: vec![], weights_of: self.weights_of.clone() };
         if !joints.is_empty() {
             bending.per_vertex = joints.len().min(MOST_INFLUENCES);
             for position in positions {
@@ -456,17 +531,24 @@ pub fn deformer(world: &mut World, binding: &Binding, bending: &VertexBending, m
     if let Some(animation) = bones.animation.clone().filter(|_| !weights.is_empty()) {
         let names = texts(&world.stage, &animation, "blendShapes")?.unwrap_or_else(|| Arc::new([]));
         let (at_start, keys) = numbers_over_time(world, &animation, "blendShapeWeights", names.len())?;
-        let number = |target: usize| names.iter().position(|n| Some(n) == binding.shapes.get(target));
-        let numbers: Vec<Option<usize>> = (0..weights.len()).map(number).collect();
+        let number = |shape: usize| names.iter().position(|n| Some(n) == binding.shapes.get(shape));
+        let numbers: Vec<Option<usize>> = (0..bending.weights_of.len()).map(number).collect();
         let of = |all: &[f64]| numbers.iter().map(|n| n.and_then(|n| all.get(n)).map_or(0.0, |v| *v as f32)).collect::<Vec<_>>();
-        weights = of(&at_start);
+        let of_targets = |of_shapes: &[f32]| -> Vec<f32> {
+            bending.weights_of.iter().zip(of_shapes).flat_map(|(at, w)| shape_weights(at, *w)).collect()
+        };
+        weights = of_targets(&of(&at_start));
         if keys.len() > 1 {
+            let keys = with_kinks(&keys, &bending.weights_of, of).unwrap_or_else(|| {
+                world.leave_out("kinks of in-between shapes between key frames: there are too many");
+                keys.iter().map(|(time, values)| (*time, of(values))).collect()
+            });
             world.channels.push(Channel {
                 node: node as usize,
                 property: AnimatedProperty::MorphWeights,
                 interpolation: KeyInterpolation::Linear,
                 times_s: keys.iter().map(|k| k.0 as f32).collect(),
-                values: keys.iter().flat_map(|k| of(&k.1)).collect(),
+                values: keys.iter().flat_map(|k| of_targets(&k.1)).collect(),
             });
         }
     }

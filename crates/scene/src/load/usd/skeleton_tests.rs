@@ -148,6 +148,60 @@ fn blend_shapes_are_added_before_the_skin() {
 }
 
 #[test]
+fn in_between_shapes_are_passed_on_the_way() {
+    // The expected weights are those of usd-core 26.11, `UsdSkel.BlendShapeQuery.ComputeSubShapeWeights`.
+    let shapes = format!(
+        "{TRIANGLE} uniform token[] skel:blendShapes = [\"s\"]
+        rel skel:blendShapeTargets = <S>
+        def BlendShape \"S\" {{
+            uniform vector3f[] offsets = [(1, 0, 0)]\nuniform int[] pointIndices = [1]
+            uniform vector3f[] normalOffsets = [(1, 0, 0)]
+            uniform vector3f[] inbetweens:b = [(0, 0, 1)] ( weight = 0.75 )
+            uniform vector3f[] inbetweens:a = [(0, 1, 0)] ( weight = 0.25 )
+            uniform vector3f[] inbetweens:a:normalOffsets = [(0, 0, 2)]
+            uniform vector3f[] inbetweens:n = [(0, 0, 9)] ( weight = -0.5 )
+        }}"
+    );
+    let weights = "uniform token[] blendShapes = [\"s\"]
+        float[] blendShapeWeights.timeSamples = { 5: [-2], 15: [3] }";
+    let d = read(&arm(&shapes, weights));
+    assert!(d.warnings.is_empty(), "{:?}", d.warnings);
+    let (one, a, b, n) = (Vec3::X, Vec3::Y, Vec3::Z, Vec3::Z * 9.0);
+    for (weight, offset) in [
+        (-2.0, n * 4.0),
+        (-1.0, n * 2.0),
+        (-0.3, n * 0.6),
+        (0.0, Vec3::ZERO),
+        (0.1, a * 0.4),
+        (0.25, a),
+        (0.3, a * 0.9 + b * 0.1),
+        (0.75, b),
+        (0.9, b * 0.4 + one * 0.6),
+        (1.0, one),
+        (2.0, one * 5.0 - b * 4.0),
+    ] {
+        let pose = pose(&d, 0, (weight + 2.0) / 5.0);
+        let expected = Vec3::new(12.0, 0.0, 77.0) + offset;
+        assert!((pose.positions[1] - expected).length() < 1e-4, "{weight}: {} {expected}", pose.positions[1]);
+        if weight == 0.1 {
+            assert_near(&pose.normals[1..2], &[Vec3::new(0.0, 1.0, 0.8).normalize()], "normals");
+        }
+    }
+    // Not over time: the weight at the start alone.
+    let d = read(&arm(&shapes, "uniform token[] blendShapes = [\"s\"]\nfloat[] blendShapeWeights = [0.5]"));
+    assert_near(&pose(&d, 0, 0.0).positions[1..2], &[Vec3::new(12.0, 0.5, 77.5)], "0.5");
+    // Where the weight is missing, or that of the shape itself, the others are used.
+    for wrong in ["", "( weight = 1 )", "( weight = 0 )", "( weight = 0.25 )"] {
+        let d = read(&arm(&shapes.replace("( weight = 0.75 )", wrong), weights));
+        assert!(d.warnings.iter().any(|w| w.contains("without a weight of their own")), "{wrong}: {:?}", d.warnings);
+        let height = pose(&d, 0, 2.5 / 5.0).positions[1] - Vec3::new(12.0, 0.0, 77.0);
+        assert!((height - (a * 2.0 / 3.0 + one / 3.0)).length() < 1e-4, "{wrong}: {height}");
+    }
+    let d = read(&arm(&shapes.replace("[(0, 0, 1)] ( weight", "[(0, 0, 1), (0, 0, 1)] ( weight"), weights));
+    assert!(d.warnings.iter().any(|w| w.contains("in-between shapes that do not fit")), "{:?}", d.warnings);
+}
+
+#[test]
 fn subdivided_skins_bend_as_their_control_meshes_do() {
     let quads = "int[] faceVertexCounts = [4, 4]\nint[] faceVertexIndices = [0, 1, 4, 3, 1, 2, 5, 4]
         point3f[] points = [(0, 0, 0), (1, 0, 0), (2, 0, 0), (0, 1, 0), (1, 1, 0), (2, 1, 0)]

@@ -575,6 +575,17 @@ impl Stage<'_> {
         Ok(None)
     }
 
+    /// Names of the in-between shapes of a blend shape, in order: "inbetweens:half".
+    pub fn inbetweens(&self, prim: &Prim) -> Vec<String> {
+        let mut names: Vec<String> = self
+            .opinions(prim)
+            .flat_map(|(layer, site, _)| self.layers[layer].inbetweens(&site.path).map(str::to_owned).collect::<Vec<_>>())
+            .collect();
+        names.sort_unstable();
+        names.dedup();
+        names
+    }
+
     /// Paths of the scene that a relationship names (`key` TargetPaths), or that an attribute is connected to (ConnectionPaths).
     pub fn targets(&self, prim: &Prim, name: &str, key: Key) -> Read<Vec<String>> {
         let mut edits: Vec<ListOp<String>> = Vec::new();

@@ -67,7 +67,7 @@ pub fn read(bytes: &[u8], name: &str, folder: Folder) -> Read<Layer> {
     })?;
     let mut parser = Parser { name, text, at: 0, specs: HashMap::new() };
     parser.layer()?;
-    Ok(Layer { name: name.to_owned(), folder, specs: parser.specs, data: None })
+    Ok(Layer::new(name, folder, parser.specs, None))
 }
 
 impl<'a> Parser<'a> {
@@ -610,7 +610,8 @@ impl<'a> Parser<'a> {
                         | Key::MetersPerUnit
                         | Key::StartTimeCode
                         | Key::TimeCodesPerSecond
-                        | Key::UpAxis),
+                        | Key::UpAxis
+                        | Key::Weight),
                     ) => {
                         let value = self.value("", false)?;
                         self.set(path, key, value);

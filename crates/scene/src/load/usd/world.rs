@@ -8,7 +8,7 @@ use super::stage::{Prim, Stage};
 use super::{camera, curves, error, light, skeleton, subdivision, transform};
 use crate::SceneError;
 use crate::load::pbrt::shapes;
-use crate::load::{Fetch, displaced};
+use crate::load::{DisplacedSurface, Fetch, displaced};
 use crate::motion::{AnimatedProperty, Animation, Channel, Ending, KeyInterpolation, Local, Motion, Node, Parts, Playing};
 use crate::scene::{Description, Object, Shape};
 use crate::shape::{Curves, Mesh};
@@ -587,12 +587,12 @@ impl<'a> World<'a> {
                 }
                 Form::Ready { mesh, material } => {
                     let parts = vec![MeshPart { mesh, material, bending: None, displacement: None }];
-                    (geometry::Meshes { parts, left_out: vec![] }, Other::None)
+                    (geometry::Meshes { parts, ..Default::default() }, Other::None)
                 }
                 Form::Ball { radius, material } => (geometry::Meshes::default(), Other::Ball(radius, material)),
                 Form::Curves { prim, material } => {
                     let (curves, left_out) = curves::read(stage, &prim)?;
-                    (geometry::Meshes { parts: vec![], left_out }, Other::Curves(Box::new(curves), material))
+                    (geometry::Meshes { left_out, ..Default::default() }, Other::Curves(Box::new(curves), material))
                 }
             })
         };
@@ -616,13 +616,21 @@ impl<'a> World<'a> {
             }));
             meshes.left_out.into_iter().for_each(|what| self.leave_out(what));
             let mut own = Vec::new();
+            let mut before = meshes.before.into_iter();
+            let mut displaced = Vec::new();
             for part in meshes.parts {
                 self.description.meshes.push(part.mesh.into());
                 let number = self.description.meshes.len() as u32 - 1;
                 own.push((number, part.material));
+                if let (Some(mesh), Some(height)) = (before.next().flatten(), part.displacement) {
+                    displaced.push((number, mesh, height));
+                }
                 if let Some(bending) = part.bending {
                     bent.insert(number, bending);
                 }
+            }
+            if !displaced.is_empty() {
+                self.description.displaced.push(DisplacedSurface { parts: displaced, alone: None });
             }
             numbers.push(own);
             balls.push(ball);
