@@ -483,7 +483,7 @@ pub struct List(pub Vec<f64>);
 #[derive(Subcommand, Debug)]
 pub enum MeasureVerb {
     /// Resolution from slanted edges (e-SFR, ISO 12233): MTF50, MTF10, contrast over frequency.
-    Mtf(MeasureMtf),
+    Mtf(Box<MeasureMtf>),
     /// Photon transfer from pairs of raw files of flat fields: gain, dark noise, dynamic range.
     Noise {
         /// Raw files (.dng), two of each exposure: A1 B1 A2 B2 ...

@@ -136,7 +136,7 @@ mod tests {
     #[test]
     fn a_monochrome_sensor_has_nothing_to_demosaic_and_bilinear_softens() {
         assert_eq!(added(&header("imx249"), &Recipe::default(), 0.2, 0.6).unwrap(), [0.0; 2]);
-        let with = |method| Recipe { demosaic: DemosaicStep { method }, ..Recipe::default() };
+        let with = |method| Recipe { demosaic: DemosaicStep { method, ..DemosaicStep::default() }, ..Recipe::default() };
         let of = |method| added(&header("canon-t2i"), &with(method), 0.2, 0.6).unwrap()[0];
         let (bilinear, gbtf) = (of(Demosaic::Bilinear), of(Demosaic::Gbtf));
         // Green of the mean of four neighbours in half of the pixels: a variance of a quarter of a pixel² along an axis there; adaptive methods add less.
