@@ -25,6 +25,11 @@ const DROP: f64 = 0.08;
 /// What is less sure than this is looked at again, with so many times the samples.
 const RETRY: f64 = 0.6;
 const MORE: u32 = 4;
+/// How a closer view is looked at until its peak is sure: cells taken together, and samples over those of the first look. The edge of a smooth thing is one step, which
+/// larger cells show as well, with less of the noise of single cells (of the renderer's samples: those of a sensor are small).
+const LOOKS: [(usize, u32); 4] = [(1, 1), (1, MORE), (2, MORE), (4, MORE)];
+/// Fewest cells a side of a view whose cells are taken together.
+const FEWEST_CELLS: usize = 6;
 /// Most probes that climb a slope on one level.
 const CLIMBS: usize = 6;
 /// Samples a cell of the exhaustive search.
@@ -139,11 +144,20 @@ impl Search<'_, '_> {
         for level in 1.. {
             let last = here.pitch_mm <= 1.3 * finest;
             let spp = base_spp * if last { FINE_SPP / SPP } else { 2 };
-            let mut climb = self.climb(here, spp, at, range)?;
-            if climb.sure() < RETRY {
-                // Not clear: the same with more light.
-                climb = self.climb(here, MORE * spp, climb.place().unwrap_or(at), range)?;
+            let (mut climb, mut together) = (Climb::Flat, 1);
+            // Nearer than everyday subjects lie, rims of the blur disks of lamps far behind look like edges of large things.
+            let fits = |by: usize| by == 1 || (at <= range.near && here.cells.iter().all(|n| n / by >= FEWEST_CELLS));
+            for (by, more) in LOOKS.into_iter().filter(|(by, _)| fits(*by)) {
+                let next = self.climb(here, by, more * spp, climb.place().unwrap_or(at), range)?;
+                // What was seen in finer cells stands unless coarser ones show it better.
+                if by == 1 || next.sure() > climb.sure() || matches!(climb, Climb::Flat) {
+                    (climb, together) = (next, by);
+                }
+                if climb.sure() >= RETRY {
+                    break;
+                }
             }
+            let seen = Look { cells: here.cells.map(|n| n / together), pitch_mm: here.pitch_mm * together as f64, ..here };
             let frame = match climb {
                 Climb::Flat if level == 1 => return Ok(None),
                 // What a coarser view has shown is all there is.
@@ -165,7 +179,7 @@ impl Search<'_, '_> {
                 }
             };
             // Where the detail is, in finer cells.
-            here = closer(film, here, &frame, (here.pitch_mm / CLOSER).max(finest));
+            here = closer(film, seen, &frame, (here.pitch_mm / CLOSER).max(finest));
         }
         let failure = (confidence < 0.5).then_some(Failure::Uncertain);
         Ok(Some((at, confidence, failure)))
@@ -197,11 +211,19 @@ impl Climb {
 }
 
 impl Search<'_, '_> {
-    /// A probe that is noted, unless the steps of the motor have led to a place that was seen before.
-    fn see(&mut self, look: Look, spp: u32, at: f64, seen: &mut Vec<(f64, Sharpness, Frame)>) -> Result<(), ExposeError> {
+    /// A probe that is noted, `by` × `by` cells taken together, unless the steps of the motor have led to a place that was seen before.
+    fn see(
+        &mut self,
+        look: Look,
+        by: usize,
+        spp: u32,
+        at: f64,
+        seen: &mut Vec<(f64, Sharpness, Frame)>,
+    ) -> Result<(), ExposeError> {
         if let Some((at, frame)) = self.probe(look, at, spp)?
             && !seen.iter().any(|(p, ..)| (p - at).abs() < 1e-9)
         {
+            let frame = frame.binned(by);
             let sharp = frame.sharpness(self.af.measure, 1);
             self.note(at, sharp);
             seen.push((at, sharp, frame));
@@ -210,15 +232,15 @@ impl Search<'_, '_> {
     }
 
     /// Three probes about a place, more where it rises further; the peak between them.
-    fn climb(&mut self, look: Look, spp: u32, start: f64, range: Range) -> Result<Climb, ExposeError> {
+    fn climb(&mut self, look: Look, by: usize, spp: u32, start: f64, range: Range) -> Result<Climb, ExposeError> {
         self.pass += 1;
-        let step = self.width(look.pitch_mm, start);
+        let step = self.width(look.pitch_mm * by as f64, start);
         let mut seen: Vec<(f64, Sharpness, Frame)> = Vec::new();
         let mut wanted = vec![start - step, start, start + step];
         let mut climbs = 0;
         loop {
             for at in wanted.drain(..) {
-                self.see(look, spp, at.clamp(range.low, range.high), &mut seen)?;
+                self.see(look, by, spp, at.clamp(range.low, range.high), &mut seen)?;
             }
             seen.sort_by(|a, b| a.0.total_cmp(&b.0));
             if seen.is_empty() {
@@ -246,7 +268,7 @@ impl Search<'_, '_> {
         let top = (0..seen.len()).max_by(|a, b| seen[*a].1.value.total_cmp(&seen[*b].1.value)).unwrap_or(0);
         // Two more, halfway: the fit has something to average.
         for at in [0.5 * (seen[top - 1].0 + seen[top].0), 0.5 * (seen[top].0 + seen[top + 1].0)] {
-            self.see(look, spp, at, &mut seen)?;
+            self.see(look, by, spp, at, &mut seen)?;
         }
         seen.sort_by(|a, b| a.0.total_cmp(&b.0));
         let top = (0..seen.len()).max_by(|a, b| seen[*a].1.value.total_cmp(&seen[*b].1.value)).unwrap_or(0);
