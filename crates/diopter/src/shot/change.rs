@@ -46,8 +46,8 @@ impl Shot {
         if b.frozen != Some(true) {
             section.at = b.at;
         }
-        // Lamps, ground and fog were put for a camera in its place. A flash goes with it.
-        let put = self.lit_for_camera || b.ground.is_some() || b.fog.is_some();
+        // Lamps, ground and fog were put, and displaced surfaces split, for a camera in its place. A flash goes with it.
+        let put = self.lit_for_camera || b.ground.is_some() || b.fog.is_some() || b.displacement_edge_px.is_some();
         let stays = self.file.camera == file.camera && self.keeps_lens(file);
         section == *b && self.file.flash == file.flash && (!put || stays)
     }

@@ -272,6 +272,13 @@ mod tests {
         assert_eq!(texture.filtered(&at, axes(0.5, 8.0).as_ref()).x, 1.0);
         assert!((texture.filtered(&at, axes(8.0, 0.5).as_ref()).x - 0.5).abs() < 1e-4);
         assert!((texture.filtered(&at, axes(32.0, 32.0).as_ref()).x - 0.5).abs() < 1e-4);
+        // Where one look-up will do it is at the level of the area: as blurred along as across. Below a pixel nothing changes.
+        let coarse = |x: f32, y: f32| axes(x, y).map(|f| Footprint { is_coarse: true, ..f });
+        for (x, y) in [(0.5, 8.0), (8.0, 0.5), (32.0, 32.0), (1e6, 1e6)] {
+            let found = texture.filtered(&at, coarse(x, y).as_ref()).x;
+            assert!((found - 0.5).abs() < 1e-4, "{x} {y}: {found}");
+        }
+        assert_eq!(texture.filtered(&at, coarse(0.9, 0.9).as_ref()), texture.at(&at));
     }
 
     #[test]
