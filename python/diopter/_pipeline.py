@@ -40,6 +40,8 @@ class ExposureSettings(TypedDict, total=False):
     compensation: float | str
     #: Neutral density filter: ``"ND8"`` or ``"3 stops"``.
     nd: float | str
+    #: Polarising filter: ``"linear:30deg"`` or ``"circular:30deg"``, counter-clockwise from the horizontal.
+    polarizer: str
     #: Illuminant taken for white: D65, D50, A ...
     white: str
     #: Temperature of the sensor, °C.
@@ -58,6 +60,8 @@ class ExposureSettings(TypedDict, total=False):
     sampler: str
     #: Most scattering events of a path.
     max_depth: int
+    #: Follow light with its polarisation.
+    polarized: bool
     #: Truth channels beyond depth, normal, albedo and id: ``"position,flow"`` or ``"all"``; see :meth:`diopter.FocalPlane.truth`.
     truth_channels: str
     #: Stop after about so long, s.
@@ -79,8 +83,20 @@ class ExposureSettings(TypedDict, total=False):
 
 
 _SECTIONS = {
-    "exposure": ("shutter", "iso", "mode", "metering", "compensation", "nd", "white", "temperature_c", "lens_cap"),
-    "render": ("size", "spp", "samples", "seed", "sampler", "max_depth", "truth_channels", "time_limit", "denoise", "quick"),
+    "exposure": ("shutter", "iso", "mode", "metering", "compensation", "nd", "polarizer", "white", "temperature_c", "lens_cap"),
+    "render": (
+        "size",
+        "spp",
+        "samples",
+        "seed",
+        "sampler",
+        "max_depth",
+        "polarized",
+        "truth_channels",
+        "time_limit",
+        "denoise",
+        "quick",
+    ),
     "scene": ("light", "ambient_ev", "ground", "at"),
 }
 _SECTION_OF = {name: section for section, names in _SECTIONS.items() for name in names}

@@ -1034,6 +1034,12 @@ pub struct Taking {
     /// Neutral density filter: "ND8" (factor), "ND 0.9" (density), "3 stops".
     #[arg(long, value_name = "FILTER", allow_hyphen_values = true)]
     pub nd: Option<Filter>,
+    /// Polarising filter before the lens: "linear:30deg" or "circular:30deg".
+    ///
+    /// The angle is that of its transmission axis: 0 horizontal, counter-clockwise as the photographer sees it. Ideal unless "linear:30deg,0.42,1000" gives the
+    /// fraction of unpolarised light that it passes and its extinction ratio. Light is then followed with its polarisation (--polarized). The meter sees it.
+    #[arg(long, value_name = "KIND:ANGLE", allow_hyphen_values = true)]
+    pub polarizer: Option<diopter::Polarizer>,
     /// What the camera chooses clicks in full, half or third stops; without, it is exact.
     #[arg(long, value_name = "STEP")]
     pub dial: Option<String>,
@@ -1147,6 +1153,12 @@ pub struct Taking {
     /// small lamps out of focus, and connections where a trial shows that they pay.
     #[arg(long, value_name = "NAME")]
     pub integrator: Option<String>,
+    /// Follow light with its polarisation.
+    ///
+    /// Reflections, refraction, metals, films and coats, and the clear sky; along paths from the camera (--integrator path). --polarizer and bodies that tell
+    /// polarisation do so anyway.
+    #[arg(long)]
+    pub polarized: bool,
     /// Stray light: all, none, or some of ghosts, diffraction, scatter with commas between them.
     ///
     /// ghosts: light of lamps that pairs of surfaces, and the sensor, throw back and forth. scatter: veiling glare of surfaces, dust, barrel and edges. Both
@@ -2174,6 +2186,7 @@ impl Taking {
         over(&mut exposure.metering_at, &self.metering_at);
         over(&mut exposure.compensation, &self.compensation);
         over(&mut exposure.nd, &self.nd);
+        over(&mut exposure.polarizer, &self.polarizer);
         over(&mut exposure.dial, &self.dial);
         over(&mut exposure.true_stops, &self.true_stops.then_some(true));
         over(&mut scene.at, &self.at);
@@ -2230,6 +2243,7 @@ impl Taking {
         over(&mut render.sampler, &self.sampler);
         over(&mut render.max_depth, &self.max_depth);
         over(&mut render.integrator, &self.integrator);
+        render.polarized |= self.polarized;
         over(&mut render.stray, &self.stray);
         over(&mut render.time_limit, &self.time_limit);
         over(&mut render.denoise, &self.denoise);

@@ -556,7 +556,7 @@ fn mosaic_as_seen(mosaic: &Mosaic, cells: Region, region: Region) -> Planes {
             let filter = cfa.filters()[cfa.channel_beyond(x, y)];
             let v = data[dy * cells.width + dx];
             for (k, plane) in planes.iter_mut().enumerate() {
-                let through = filter == diopter_image::raw::Filter::Clear || filter == diopter_image::raw::Filter::ALL[k];
+                let through = !filter.is_colored() || filter == diopter_image::raw::Filter::ALL[k];
                 plane[row * region.width + column] = if through { v } else { 0.0 };
             }
         }

@@ -25,11 +25,12 @@ pub use fireflies::{Fireflies, SUMS_WITH_CASCADE};
 pub use frames::Frames;
 pub use integrator::Integrator;
 pub use paged::{ExposedPaged, ExposedRows};
-pub use response::Response;
+pub use response::{Analyzer, Response};
 pub use sums::{Keep, Sums};
 pub(crate) use truth::features;
 
 use crate::camera::Camera;
+use crate::polarizer::Polarizer;
 use crate::row_store::{PagedRows, RowStore};
 use crate::shutter::{Shutter, ShutterTimes};
 use crate::stray::{Seen, Stray, StrayLight};
@@ -104,6 +105,11 @@ pub struct Settings {
     pub diffraction: Diffraction,
     /// Stray light that a shot adds to the mean ([`Exposure::stray_light`]); [`expose()`] itself adds none.
     pub stray: Stray,
+    /// Light is followed with its polarisation, along paths from the camera alone whatever the integrator is; a polariser and sensors that tell polarisation ask for
+    /// it, too.
+    pub polarized: bool,
+    /// A polarising filter before the lens.
+    pub polarizer: Option<Polarizer>,
 }
 
 /// A half of the pupil, as seen from behind the camera.
@@ -145,12 +151,19 @@ impl Settings {
             fireflies: Fireflies::Keep,
             diffraction: Diffraction::Off,
             stray: Stray::NONE,
+            polarized: false,
+            polarizer: None,
         }
     }
 
     /// Whether direct light is summed apart.
     pub fn records_direct(&self) -> bool {
         self.truth && self.truth_channels.iter().any(|c| *c == DIRECT || *c == INDIRECT)
+    }
+
+    /// Whether light is followed with its polarisation, whatever the film is.
+    pub fn is_polarized(&self) -> bool {
+        self.polarized || self.polarizer.is_some()
     }
 
     /// Whether all samples are rendered, not a part of them.
@@ -337,7 +350,10 @@ impl Exposure<'_> {
 
     /// The stray light that the settings ask for, to be added to the mean once all else is done with it; `seen` gathers that mean. `None` where there is none.
     pub fn stray_light(&self, seen: impl FnOnce(&mut Seen)) -> Option<Arc<StrayLight>> {
-        let of = |seen: Option<&Seen>| StrayLight::of(self.scene, self.camera, self.shutter, self.response, self.settings, seen);
+        // Lamps are not polarised: of what they send into the lens a polariser takes the same wherever it stands.
+        let passed = self.settings.polarizer.map_or(1.0, |p| p.transmittance);
+        let settings = Settings { light_scale: self.settings.light_scale * passed, ..self.settings.clone() };
+        let of = |seen: Option<&Seen>| StrayLight::of(self.scene, self.camera, self.shutter, self.response, &settings, seen);
         if !self.settings.stray.scatter {
             return of(None).map(Arc::new);
         }
@@ -468,8 +484,15 @@ impl Exposure<'_> {
             stars,
             direct: self.direct(),
             cones: PixelCones::of(scene, camera),
+            polarized: self.is_polarized(),
+            analyzers: response.analyzer_groups(),
             lamps: None,
         }
+    }
+
+    /// Whether light is followed with its polarisation.
+    fn is_polarized(&self) -> bool {
+        self.settings.is_polarized() || self.response.tells_polarization()
     }
 
     /// Whether the film counts electrons.

@@ -26,6 +26,7 @@ pub mod measure;
 pub mod metering;
 mod mount;
 mod npy;
+pub mod polarizer;
 pub mod program;
 mod projection;
 pub mod quantity;
@@ -45,6 +46,7 @@ pub mod why;
 pub use camera::{Camera, Film};
 pub use camera_motion::CameraMotion;
 pub use expose::{ExposeError, Half, Integrator, Response, Settings, expose};
+pub use polarizer::{Polarizer, PolarizerKind};
 pub use shutter::Shutter;
 pub use stray::Stray;
 

@@ -167,7 +167,9 @@ const LIT: f64 = 0.1;
 /// counts, not the dark beyond its image circle and not a void. 0 where it shows nothing. Fails when cancelled.
 pub fn mean_luminance(scene: &Scene, camera: &Camera, settings: &Settings, watch: &Watch) -> Result<f64, ExposeError> {
     let camera = probing(camera);
-    let plane = probe(scene, &camera, settings, &Response::luminance(), watch)?.mean;
+    // Of the scene, not of what a polariser leaves of it.
+    let settings = Settings { polarizer: None, ..settings.clone() };
+    let plane = probe(scene, &camera, &settings, &Response::luminance(), watch)?.mean;
     let (mut sum, mut lit) = (0.0, 0.0);
     // A cell without light may be a dark part of the scene: only the lens tells.
     let place = |i: usize| [(i % plane.width) as f64, (i / plane.width) as f64];

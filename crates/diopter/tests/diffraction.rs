@@ -26,6 +26,7 @@ fn narrow(nm: &[f32]) -> Response {
     Response {
         bands: nm.iter().map(|nm| Band { name: format!("{nm}"), unit: BandUnit::Electrons }).collect(),
         curves: nm.iter().map(|nm| curve(*nm)).collect(),
+        analyzers: Vec::new(),
     }
 }
 

@@ -44,6 +44,7 @@ fn photograph(shape: Shape, lens: &CompoundLens, film: Film, spp: u32) -> FocalP
     let response = Response {
         bands: vec![Band { name: "G".into(), unit: BandUnit::Electrons }],
         curves: vec![Table::new(544.0, 1.0, band)],
+        analyzers: Vec::new(),
     };
     let watch = Watch { cancel: &AtomicBool::new(false), progress: &|_| () };
     let settings = Settings { truth: false, ..Settings::new(spp) };

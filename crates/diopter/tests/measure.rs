@@ -49,7 +49,7 @@ fn expose_on_the_way(
 ) -> Measured {
     let scene = Scene::build(builtin::named(chart).unwrap()).unwrap();
     let camera = Camera { lens: Lens::Compound(Box::new(lens.clone())), film, way };
-    let response = Response { bands: sensor.bands(), curves: sensor.band_responses() };
+    let response = Response { bands: sensor.bands(), curves: sensor.band_responses(), analyzers: Vec::new() };
     let watch = Watch { cancel: &AtomicBool::new(false), progress: &|_| () };
     let plane: FocalPlane =
         expose(&scene, &camera, &Shutter::global(0.01), &response, &settings, &ExposureFacts::default(), &watch).unwrap();

@@ -260,6 +260,7 @@ fn more_than_four_bands_land_where_four_do() {
         let response = Response {
             bands: (0..copies).flat_map(|_| one.bands.clone()).collect(),
             curves: (0..copies).flat_map(|_| one.curves.clone()).collect(),
+            analyzers: Vec::new(),
         };
         let watch = Watch { cancel: &AtomicBool::new(false), progress: &|_| () };
         let (shutter, settings) = (Shutter::global(1.0), Settings { truth: false, ..Settings::new(8) });

@@ -58,6 +58,12 @@ pub struct ExposureFacts {
     pub compensation_ev: f64,
     /// Neutral density filter before the lens, stops.
     pub nd_stops: f64,
+    /// Polarising filter before the lens, as in `linear:30deg`; empty without one.
+    #[serde(skip_serializing_if = "String::is_empty")]
+    pub polarizer: String,
+    /// Mosaic of polarisers before the pixels ([`crate::Cfa::letters`]); empty without one.
+    #[serde(skip_serializing_if = "String::is_empty")]
+    pub polarizers: String,
     /// Scene time at which the exposure began, s.
     pub at_s: f64,
     /// When which part of the picture was open; `None` where the shutter is not known.

@@ -14,19 +14,56 @@ pub enum Filter {
     Blue,
     /// None: clear, or a monochrome sensor.
     Clear,
+    /// A linear polariser whose axis is horizontal.
+    Linear0,
+    /// The same at 45°, counter-clockwise in the picture.
+    Linear45,
+    /// The same upright.
+    Linear90,
+    /// The same at 135°.
+    Linear135,
 }
 
 impl Filter {
     /// All filters, in the order of channels.
-    pub const ALL: [Filter; 4] = [Filter::Red, Filter::Green, Filter::Blue, Filter::Clear];
+    pub const ALL: [Filter; 8] = [
+        Filter::Red,
+        Filter::Green,
+        Filter::Blue,
+        Filter::Clear,
+        Filter::Linear0,
+        Filter::Linear45,
+        Filter::Linear90,
+        Filter::Linear135,
+    ];
 
-    /// The letter of a filter: `R`, `G`, `B` or `W`.
+    /// Whether it is a colour filter.
+    pub fn is_colored(self) -> bool {
+        matches!(self, Filter::Red | Filter::Green | Filter::Blue)
+    }
+
+    /// Transmission axis of a polariser, degrees counter-clockwise from the horizontal in the picture; `None` of other filters.
+    pub fn polarizer_deg(self) -> Option<f64> {
+        match self {
+            Filter::Linear0 => Some(0.0),
+            Filter::Linear45 => Some(45.0),
+            Filter::Linear90 => Some(90.0),
+            Filter::Linear135 => Some(135.0),
+            Filter::Red | Filter::Green | Filter::Blue | Filter::Clear => None,
+        }
+    }
+
+    /// The letter of a filter: `R`, `G`, `B` or `W`; of polarisers `H` (horizontal), `D` (diagonal, 45°), `V` (vertical), `A` (antidiagonal, 135°).
     pub fn letter(self) -> char {
         match self {
             Filter::Red => 'R',
             Filter::Green => 'G',
             Filter::Blue => 'B',
             Filter::Clear => 'W',
+            Filter::Linear0 => 'H',
+            Filter::Linear45 => 'D',
+            Filter::Linear90 => 'V',
+            Filter::Linear135 => 'A',
         }
     }
 
@@ -56,7 +93,11 @@ impl Cfa {
     /// Most cells a side of a pattern.
     pub const LARGEST_SIDE: usize = 16;
 
-    /// A pattern from its cells, row by row. `None` when they make no rectangle of at most [`Cfa::LARGEST_SIDE`] a side.
+    /// Most different filters.
+    pub const MOST_FILTERS: usize = 4;
+
+    /// A pattern from its cells, row by row. `None` when they make no rectangle of at most [`Cfa::LARGEST_SIDE`] a side, or of more filters than
+    /// [`Cfa::MOST_FILTERS`].
     pub fn new(columns: usize, cells: Vec<Filter>) -> Option<Self> {
         let fits = (1..=Self::LARGEST_SIDE).contains(&columns)
             && !cells.is_empty()
@@ -66,6 +107,9 @@ impl Cfa {
             return None;
         }
         let filters: Vec<Filter> = Filter::ALL.into_iter().filter(|f| cells.contains(f)).collect();
+        if filters.len() > Self::MOST_FILTERS {
+            return None;
+        }
         let channels = cells.iter().map(|c| filters.iter().position(|f| f == c).unwrap_or(0) as u8).collect();
         Some(Cfa { columns, cells, channels, filters, all_channels: false })
     }
@@ -92,8 +136,8 @@ impl Cfa {
         if self.all_channels { self.columns } else { 1 }
     }
 
-    /// A pattern by name or by its letters, rows parted by `/`: `RG/GB`, `quad`, `x-trans`, `mono`. `None` when rows are
-    /// uneven or a letter is not one of R, G, B, W (or C).
+    /// A pattern by name or by its letters, rows parted by `/`: `RG/GB`, `quad`, `x-trans`, `mono`, `polarized`. `None` when rows are
+    /// uneven or a letter is not one of R, G, B, W (or C), H, D, V, A.
     pub fn parse(text: &str) -> Option<Self> {
         let letters = match text.trim().to_lowercase().as_str() {
             "mono" | "monochrome" => "W".to_owned(),
@@ -104,6 +148,8 @@ impl Cfa {
             // Source: Kodak (Compton & Hamilton), US 8139130, pattern 1 as used by RGBW sensors.
             "rgbw" => "WGWR/GWRW/WBWG/BWGW".into(),
             "rccc" => "RC/CC".into(),
+            // Source: Sony, IMX250MZR: 90°, 45° over 135°, 0°.
+            "polarized" => "VD/AH".into(),
             _ => text.trim().to_uppercase(),
         };
         let rows: Vec<&str> = letters.split('/').collect();
@@ -138,9 +184,9 @@ impl Cfa {
         self.filters.len()
     }
 
-    /// Names of the channels, as bands of a focal plane are called: `R`, `G`, `B`, `W`, or `Y` of a monochrome sensor.
+    /// Names of the channels, as bands of a focal plane are called: `R`, `G`, `B`, `W`, or `Y` of a monochrome sensor; `P0`, `P45`, `P90`, `P135` behind polarisers.
     pub fn channel_names(&self) -> Vec<&'static str> {
-        if self.is_monochrome() {
+        if self.filters == [Filter::Clear] {
             return vec!["Y"];
         }
         let name = |f: &Filter| match f {
@@ -148,6 +194,10 @@ impl Cfa {
             Filter::Green => "G",
             Filter::Blue => "B",
             Filter::Clear => "W",
+            Filter::Linear0 => "P0",
+            Filter::Linear45 => "P45",
+            Filter::Linear90 => "P90",
+            Filter::Linear135 => "P135",
         };
         self.filters.iter().map(name).collect()
     }
@@ -155,6 +205,16 @@ impl Cfa {
     /// Whether all pixels see the same.
     pub fn is_monochrome(&self) -> bool {
         self.filters.len() == 1
+    }
+
+    /// Whether no pixel has a colour filter.
+    pub fn is_colorless(&self) -> bool {
+        !self.filters.iter().any(|f| f.is_colored())
+    }
+
+    /// Whether pixels see through polarisers.
+    pub fn tells_polarization(&self) -> bool {
+        self.filters.iter().any(|f| f.polarizer_deg().is_some())
     }
 
     /// Whether this is one of the four phases of R, G, G, B.

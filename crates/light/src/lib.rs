@@ -2,12 +2,13 @@
 //!
 //! Units: wavelengths in nm, lengths of rays in metres, spectral radiance in W·m⁻²·sr⁻¹·nm⁻¹, time in seconds.
 //! A path carries four wavelengths ([`Wavelengths`]); every spectral quantity on it is a [`Sampled`] of four values.
-//! Out of scope: polarisation, fluorescence, colour appearance models.
+//! Out of scope: fluorescence, colour appearance models.
 
 pub mod cie;
 pub mod color;
 pub mod lattice;
 pub mod names;
+pub mod polarization;
 pub mod random;
 pub mod ray;
 pub mod sampling;

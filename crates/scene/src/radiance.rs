@@ -11,7 +11,7 @@ mod cone;
 mod incident;
 mod joint;
 mod media;
-mod tally;
+pub(crate) mod tally;
 
 pub use cone::RayCone;
 pub use incident::Incident;
@@ -25,13 +25,14 @@ use crate::medium_stack::MediumStack;
 use crate::scene::Scene;
 use crate::shape::Surface;
 use cone::Cone;
+use diopter_light::polarization::Stokes;
 use diopter_light::random::{Sampler, SamplerKind, Set, Stream, mix};
 use diopter_light::{Ray, Sampled, Wavelengths};
 use glam::Vec3;
 use joint::{Start, Vertex};
 use media::{After, MediumSegment, ScatteredOn};
 pub(crate) use tally::DIRECT_EVENTS;
-use tally::{Apart, Tally};
+use tally::{Apart, Polarized, Scattered, Sheets, Tally};
 
 /// How far paths are followed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -91,7 +92,7 @@ impl Scene {
     /// Spectral radiance that arrives at the ray's origin from its direction, W·m⁻²·sr⁻¹·nm⁻¹ at the four wavelengths; one
     /// random estimate, whose mean is the true value.
     pub fn radiance(&self, ray: Ray, wavelengths: &Wavelengths, sampler: &Sampler, settings: &PathSettings) -> Sampled {
-        self.trace(LightPaths::default(), RayCone::thin(ray), wavelengths, sampler, settings, None, None)
+        self.trace(Sampled::ZERO, LightPaths::default(), RayCone::thin(ray), wavelengths, sampler, settings, None, None)
     }
 
     /// The same with caustics by photons ([`crate::light_paths`]), which stand for what paths would find by chance there, and connections with light
@@ -104,7 +105,7 @@ impl Scene {
         sampler: &Sampler,
         settings: &PathSettings,
     ) -> Sampled {
-        self.trace(light_paths, RayCone::thin(ray), wavelengths, sampler, settings, None, None)
+        self.trace(Sampled::ZERO, light_paths, RayCone::thin(ray), wavelengths, sampler, settings, None, None)
     }
 
     /// The same, where another strategy brings a part of the light of surfaces that shine and are seen directly ([`Shown`]), and pictures on surfaces are
@@ -118,7 +119,22 @@ impl Scene {
         sampler: &Sampler,
         settings: &PathSettings,
     ) -> Sampled {
-        self.trace(light_paths, cone, wavelengths, sampler, settings, shown, None)
+        self.trace(Sampled::ZERO, light_paths, cone, wavelengths, sampler, settings, shown, None)
+    }
+
+    /// The Stokes vector of the same light at each of the four wavelengths ([`diopter_light::polarization`]), without light paths: `axis` is the x axis of
+    /// its frame, perpendicular to the ray. Q, U and V are 0 on the mean where nothing polarises. I is, sample by sample, [`Scene::radiance_shown`] where
+    /// no two events of the path polarise; elsewhere it is what polarised light gives, and that is another number.
+    pub fn stokes(
+        &self,
+        cone: RayCone,
+        axis: Vec3,
+        wavelengths: &Wavelengths,
+        sampler: &Sampler,
+        settings: &PathSettings,
+    ) -> [Stokes; 4] {
+        let start = Polarized::seen_along(axis);
+        self.trace(start, LightPaths::default(), cone, wavelengths, sampler, settings, None, None).stokes
     }
 
     /// The same numbers, and what of them is direct light: emitted towards the camera, or scattered once on its way, by surface or medium. What goes through
@@ -133,7 +149,8 @@ impl Scene {
         sampler: &Sampler,
         settings: &PathSettings,
     ) -> [Sampled; 2] {
-        let Apart { all, direct } = self.trace(light_paths, cone, wavelengths, sampler, settings, shown, None);
+        let start = Apart::default();
+        let Apart { all, direct } = self.trace(start, light_paths, cone, wavelengths, sampler, settings, shown, None);
         [all, direct]
     }
 
@@ -148,7 +165,8 @@ impl Scene {
     ) -> [Sampled; 2] {
         let mut gathered = Sampled::ZERO;
         let light_paths = LightPaths { photons: Some(photons), vertices: None };
-        let all = self.trace(light_paths, RayCone::thin(ray), wavelengths, sampler, settings, None, Some(&mut gathered));
+        let cone = RayCone::thin(ray);
+        let all = self.trace(Sampled::ZERO, light_paths, cone, wavelengths, sampler, settings, None, Some(&mut gathered));
         [all, gathered]
     }
 
@@ -156,6 +174,7 @@ impl Scene {
     #[allow(clippy::too_many_arguments)]
     fn trace<T: Tally>(
         &self,
+        start: T,
         LightPaths { photons, vertices }: LightPaths,
         cone: RayCone,
         wavelengths: &Wavelengths,
@@ -164,7 +183,7 @@ impl Scene {
         mut shown: Option<Shown>,
         mut gathered: Option<&mut Sampled>,
     ) -> T {
-        let mut radiance = T::default();
+        let mut radiance = start;
         let mut tail = Tail::default();
         let mut throughput = Sampled::ONE;
         // Lanes that carry colours never disperse.
@@ -223,6 +242,7 @@ impl Scene {
                     After::Scattered { ray: onward, last: here, on } => {
                         (ray, last, scattered_on) = (onward, here, Some(on));
                         (shown, camera_state) = (None, CameraState::NONE);
+                        radiance.depolarize();
                         tail.scatter_in(medium);
                         cone.forget();
                         vertex += 1;
@@ -242,7 +262,8 @@ impl Scene {
                         let chosen = self.lights().environment_probability(l.point, l.normal, flash);
                         mis(l.density, chosen * environment.pdf(ray.direction))
                     });
-                    radiance.add(throughput * environment.radiance(ray.direction, wavelengths) * weight, vertex - walked);
+                    let light = throughput * environment.radiance(ray.direction, wavelengths) * weight;
+                    radiance.add_polarized(light, vertex - walked, || environment.polarization(ray.direction));
                 }
                 let from = last.map(|l| (l.point, l.normal));
                 for (number, disc, density) in self.lights().discs(ray.direction, from, wavelengths, flash) {
@@ -339,7 +360,9 @@ impl Scene {
                         throughput * f * self.incident_radiance(&light_sample, wavelengths, time_s) * (weight / density);
                     let thin_dielectrics = settings.max_depth - (vertex - walked) - 1;
                     let stream = || sampler.stream(Set::Transmittance(vertex));
+                    let mut sheets = T::Sheets::default();
                     let Past { light: arrives, is_clear, thin_dielectrics: crossed } = self.light_past(
+                        &mut sheets,
                         contribution,
                         surface.point,
                         origin,
@@ -355,7 +378,9 @@ impl Scene {
                         true => arrives * ((1.0 + by_chance) / (1.0 + by_chance + by_connection)),
                         false => arrives,
                     };
-                    radiance.add(arrives, vertex - walked + 1 + crossed);
+                    let scattered = Scattered { bsdf: &bsdf, wo, wi: light_sample.wi, sheets: &sheets };
+                    radiance
+                        .add_scattered(arrives, vertex - walked + 1 + crossed, scattered, || self.polarization(&light_sample));
                 }
             }
 
@@ -386,7 +411,12 @@ impl Scene {
                         (surface.leave(if through { -ng } else { ng }, direction), beyond)
                     };
                     let here = Vertex { segment: &segment, point: surface.point, depth: vertex - walked };
-                    here.joint(throughput, |direction| bsdf.eval(direction), leave, &mut radiance).then_some(medium)
+                    let add = |light: Sampled, events: u32, wi: Vec3| {
+                        let sheets = T::Sheets::default();
+                        // The medium depolarises it.
+                        radiance.add_scattered(light, events, Scattered { bsdf: &bsdf, wo, wi, sheets: &sheets }, || None);
+                    };
+                    here.joint(throughput, |direction| bsdf.eval(direction), leave, add).then_some(medium)
                 }
                 _ => None,
             };
@@ -395,6 +425,7 @@ impl Scene {
             let u = sampler.get(Set::Scatter(vertex));
             let Some(scatter) = bsdf.sample(u) else { return radiance };
             throughput *= scatter.weight;
+            radiance.scatter(&bsdf, wo, scatter.wi, scatter.specular);
             if scatter.disperses && !hero_only {
                 throughput *= wavelengths.hero_only();
                 hero_only = true;
@@ -508,13 +539,15 @@ impl Scene {
         thin_dielectrics: u32,
         stream: impl Fn() -> Stream,
     ) -> Sampled {
-        self.light_past(light, point, origin, light_sample, medium_stack, wavelengths, time_s, thin_dielectrics, stream).light
+        let stack = medium_stack;
+        self.light_past(&mut (), light, point, origin, light_sample, stack, wavelengths, time_s, thin_dielectrics, stream).light
     }
 
     /// The same, and what was on the way.
     #[allow(clippy::too_many_arguments)]
     pub(crate) fn light_past<'a>(
         &'a self,
+        sheets: &mut impl Sheets,
         light: Sampled,
         point: Vec3,
         mut origin: Vec3,
@@ -562,8 +595,10 @@ impl Scene {
                 }
                 thin_dielectrics -= 1;
                 let bsdf = material.bsdf(face, -direction, wavelengths, false, None);
-                let Some(through) = bsdf.and_then(|b| b.straight_through()) else { return nothing };
+                let Some(bsdf) = bsdf else { return nothing };
+                let Some(through) = bsdf.straight_through() else { return nothing };
                 left *= through;
+                sheets.cross(&bsdf, direction);
             }
             if let Some((medium, span)) = medium_stack.span(&ray, face.as_ref().map_or(reach, |f| f.t)) {
                 is_clear = false;

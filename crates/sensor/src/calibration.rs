@@ -110,7 +110,7 @@ pub fn calibrate(sensor: &Sensor, light: &Table, source: LightSource) -> ColorCa
 
 /// The calibrations a raw file carries: illuminant A and D65; none for a monochrome sensor.
 pub fn calibrations(sensor: &Sensor) -> Vec<ColorCalibration> {
-    if sensor.cfa.is_monochrome() {
+    if sensor.cfa.is_colorless() {
         return Vec::new();
     }
     [("A", LightSource::A), ("D65", LightSource::D65)]

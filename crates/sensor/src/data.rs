@@ -14,6 +14,7 @@ pub const BODIES: &[(&str, &str)] = &[
     ("pixel-4a", include_str!("bodies/pixel-4a.toml")),
     ("raspberry-pi-hq", include_str!("bodies/raspberry-pi-hq.toml")),
     ("imx249", include_str!("bodies/imx249.toml")),
+    ("imx250mzr", include_str!("bodies/imx250mzr.toml")),
     ("imx255", include_str!("bodies/imx255.toml")),
     ("imx455", include_str!("bodies/imx455.toml")),
     ("imx490", include_str!("bodies/imx490.toml")),

@@ -195,6 +195,7 @@ impl<'a> ReadOut<'a> {
                 temperature_c: reading.temperature_c,
                 noise_seed: reading.seed,
                 white: reading.white.clone(),
+                polarizers: if sensor.cfa.tells_polarization() { sensor.cfa.letters() } else { String::new() },
                 ..facts.clone()
             },
         }

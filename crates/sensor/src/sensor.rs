@@ -121,6 +121,8 @@ pub struct Sensor {
     pub cfa: Cfa,
     /// Quantum efficiency η of each channel, filters included, over nm.
     pub quantum_efficiency: Vec<Table>,
+    /// Transmittance along the axes of the polarisers before its pixels over that across them; 1 where there are none.
+    pub extinction_ratio: f64,
     /// Electrons a pixel holds: no more is ever counted.
     pub full_well_e: f64,
     /// What overflows runs along the column.
@@ -195,6 +197,13 @@ impl Sensor {
     pub fn bands(&self) -> Vec<Band> {
         let band = |name: &str| Band { name: name.into(), unit: BandUnit::Electrons };
         self.cfa.channel_names().into_iter().map(band).collect()
+    }
+
+    /// Transmission axis (degrees, counter-clockwise from the horizontal in the picture) of the polariser before the pixels of each channel, and what polarised light
+    /// counts there: (E − 1) / (E + 1) of an extinction ratio E; 0 where there is none.
+    pub fn analyzers(&self) -> Vec<(f64, f64)> {
+        let contrast = (self.extinction_ratio - 1.0) / (self.extinction_ratio + 1.0);
+        self.cfa.filters().iter().map(|f| f.polarizer_deg().map_or((0.0, 0.0), |angle| (angle, contrast))).collect()
     }
 
     /// Electrons per joule of light of each channel over wavelength: QE(λ) λ / hc.

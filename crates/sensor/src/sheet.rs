@@ -27,6 +27,8 @@ struct Sheet {
     response: Response,
     peak_quantum_efficiency: f64,
     filter: Option<Curve>,
+    /// Of the polarisers before the pixels.
+    extinction_ratio: Option<f64>,
     /// The hard limit ...
     full_well_e: Option<f64>,
     /// ... or what EMVA 1288 measures.
@@ -140,7 +142,7 @@ enum Response {
     Inline(InlineResponse),
 }
 
-/// Relative sensitivities at equal steps; a monochrome sensor gives `Y` alone, one with clear pixels `W` too.
+/// Relative sensitivities at equal steps; a monochrome sensor gives `Y` alone, one behind polarisers too, one with clear pixels `W` too.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 #[allow(non_snake_case)]
@@ -247,7 +249,9 @@ pub(crate) fn parse(text: &str, place: &str) -> Result<Sensor, SensorError> {
     let cfa = Cfa::parse(&s.cfa).ok_or_else(|| SensorError::Range {
         what: format!("{place}: cfa"),
         found: format!("\"{}\"", s.cfa),
-        expected: "letters R, G, B, W in rows parted by / (such as RG/GB), or mono, quad, x-trans, rgbw, rccc".into(),
+        expected: "letters R, G, B, W or, of polarisers, H, D, V, A in rows parted by / (such as RG/GB), at most four different ones, or mono, quad, x-trans, \
+                   rgbw, rccc, polarized"
+            .into(),
     })?;
     let relative = relative_responses(s.response, &cfa, place)?;
     let relative = through(relative, s.filter, &check)?;
@@ -357,7 +361,14 @@ pub(crate) fn parse(text: &str, place: &str) -> Result<Sensor, SensorError> {
         check.that((0.5..=64.0).contains(&l.f_number), "lens.f_number", l.f_number, "0.5 to 64")?;
         check.that(s.sources.contains_key("lens"), "sources.lens", "is missing", "where the numbers of the lens come from")?;
     }
+    let told = s.extinction_ratio.map_or("nothing".to_owned(), |ratio| ratio.to_string());
+    let (fits, expected) = match (cfa.tells_polarization(), s.extinction_ratio) {
+        (true, ratio) => (ratio.is_some_and(|r| r > 1.0 && r.is_finite()), "that of the polarisers before the pixels, above 1"),
+        (false, ratio) => (ratio.is_none(), "none: no pixel of this cfa sees through a polariser"),
+    };
+    check.that(fits, "extinction_ratio", told, expected)?;
     Ok(Sensor {
+        extinction_ratio: s.extinction_ratio.unwrap_or(1.0),
         model: if s.model.is_empty() { s.name.clone() } else { s.model },
         make: s.make,
         name: s.name,
@@ -515,7 +526,7 @@ fn relative_responses(response: Response, cfa: &Cfa, place: &str) -> Result<Vec<
             cfa.filters()
                 .iter()
                 .map(|f| match (columns, f) {
-                    (2, Filter::Clear) => Ok(column(1)),
+                    (2, f) if !f.is_colored() => Ok(column(1)),
                     (4, Filter::Red) => Ok(column(1)),
                     (4, Filter::Green) => Ok(column(2)),
                     (4, Filter::Blue) => Ok(column(3)),
@@ -545,7 +556,9 @@ fn relative_responses(response: Response, cfa: &Cfa, place: &str) -> Result<Vec<
             };
             let mut tables = Vec::new();
             for name in &needed {
-                let list = curve(name).ok_or_else(|| missing(needed.join(", ")))?;
+                // Polarisers are all alike; `Y` is what pixels see of unpolarised light through them.
+                let list = curve(if name.starts_with('P') { &"Y" } else { name });
+                let list = list.ok_or_else(|| missing(if cfa.tells_polarization() { "Y".into() } else { needed.join(", ") }))?;
                 let curve = Measured::new(r.first_nm, r.step_nm, list);
                 covers(&curve, &format!("response {name}"), place)?;
                 tables.push(curve);
@@ -601,6 +614,10 @@ iso = [[100, 2.5, 3.0]]
             ),
             ("[[100, 2.5, 3.0]]", "[[100, 2.5]]", "rows of ISO"),
             ("cfa = \"mono\"", "cfa = \"RGX\"", "x-trans"),
+            ("cfa = \"mono\"", "cfa = \"RGBWH\"", "four different"),
+            ("cfa = \"mono\"", "cfa = \"polarized\"", "extinction_ratio"),
+            ("cfa = \"mono\"", "cfa = \"polarized\"\nextinction_ratio = 0.5", "above 1"),
+            ("cfa = \"mono\"", "cfa = \"mono\"\nextinction_ratio = 100", "no pixel"),
             ("[sources]", "dark_current = [[20, -1]]\n[sources]", "dark_current"),
             ("[sources]", "crosstalk_percent = 30\n[sources]", "0 to 20"),
             ("[sources]", "typo = 1\n[sources]", "typo"),

@@ -399,6 +399,9 @@ pub fn display(f: &ExposureFacts, width: usize, height: usize, seconds: f64) -> 
     if f.nd_stops > 0.0 {
         extras.push_str(&format!("   ND {:.1} stops", f.nd_stops));
     }
+    if !f.polarizer.is_empty() {
+        extras.push_str(&format!("   polariser {}", f.polarizer));
+    }
     if !f.photodiodes.is_empty() {
         extras.push_str(&format!("   {} photodiodes", f.photodiodes));
     }

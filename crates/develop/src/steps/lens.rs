@@ -53,6 +53,7 @@ impl Correction {
             let own = match filter {
                 Filter::Red => 0,
                 Filter::Green | Filter::Clear => 1,
+                Filter::Linear0 | Filter::Linear45 | Filter::Linear90 | Filter::Linear135 => 1,
                 Filter::Blue => 2,
             };
             let channel = if settings.lateral_color { own } else { 1 };

@@ -19,7 +19,7 @@ const NORM: i32 = 6;
 
 /// Camera signals of white, largest 1. `overview`: the picture in small, for balances that look at it.
 pub fn neutral(header: &RawHeader, white: &White, overview: &dyn Fn() -> Overview) -> Result<Vec<f64>, RecipeError> {
-    if header.cfa.is_monochrome() {
+    if header.cfa.is_colorless() {
         return Ok(vec![1.0; header.cfa.channel_count()]);
     }
     let tinted = |signal: Vec<f64>| {

@@ -61,6 +61,8 @@ impl Exposure<'_> {
     /// What makes the photons, where the integrator and the scene ask for them.
     pub(super) fn caustics(&self) -> Option<Caustics<'_>> {
         let lamps = match self.settings.integrator {
+            // Photons and light paths know nothing of polarisation.
+            _ if self.is_polarized() => return None,
             Integrator::Path => return None,
             Integrator::Caustics => Lamps::All,
             Integrator::Bidirectional | Integrator::Auto => Lamps::Small,
@@ -81,7 +83,7 @@ impl Exposure<'_> {
 
     /// What connects camera paths with light paths, where the integrator and the scene ask for it.
     pub(super) fn connections(&self) -> Option<Connections<'_>> {
-        if !matches!(self.settings.integrator, Integrator::Bidirectional | Integrator::Auto) {
+        if self.is_polarized() || !matches!(self.settings.integrator, Integrator::Bidirectional | Integrator::Auto) {
             return None;
         }
         let pixels = self.camera.film.columns * self.camera.film.rows;

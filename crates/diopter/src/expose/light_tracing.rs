@@ -269,7 +269,7 @@ impl Exposure<'_> {
         let settings = self.settings;
         let plain = settings.half.is_none() && !settings.redraw && !settings.rgb && unit.behind.is_none();
         // Diffraction displaces camera samples: disks of small lamps are large beside its pattern wherever they are out of focus.
-        if settings.integrator == Integrator::Path || !electrons || !plain || unit.optics.is_some() {
+        if settings.integrator == Integrator::Path || unit.polarized || !electrons || !plain || unit.optics.is_some() {
             return None;
         }
         LightTracing::new(unit)

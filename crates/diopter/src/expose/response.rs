@@ -5,19 +5,34 @@ use diopter_image::focal_plane::{Band, BandUnit};
 use diopter_light::spectrum::Table;
 use diopter_light::wavelength::{FIRST_NM, LAST_NM, RGB_NM};
 
+/// A linear analyser before the pixels of a band: light counts by I + contrast (Q cos 2θ + U sin 2θ).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Analyzer {
+    /// θ: its transmission axis in the picture, degrees, counter-clockwise from the horizontal.
+    pub angle_deg: f64,
+    /// (E − 1) / (E + 1) of an extinction ratio E; 0 where there is no analyser.
+    pub contrast: f64,
+}
+
 /// What the film records.
 #[derive(Clone, Debug)]
 pub struct Response {
     /// Names and unit of the bands.
     pub bands: Vec<Band>,
-    /// For electrons: electrons per joule over nm. For radiance: dimensionless weight (or ȳ · 683 lm/W).
+    /// For electrons: electrons per joule over nm. For radiance: dimensionless weight (or ȳ · 683 lm/W). Of unpolarised light.
     pub curves: Vec<Table>,
+    /// What polarised light counts in each band; none where no band tells it from unpolarised light.
+    pub analyzers: Vec<Analyzer>,
 }
 
 impl Response {
     /// A sensor's channels, in electrons.
     pub fn sensor(sensor: &diopter_sensor::Sensor) -> Self {
-        Response { bands: sensor.bands(), curves: sensor.band_responses() }
+        let analyzers = match sensor.cfa.tells_polarization() {
+            true => sensor.analyzers().into_iter().map(|(angle_deg, contrast)| Analyzer { angle_deg, contrast }).collect(),
+            false => Vec::new(),
+        };
+        Response { bands: sensor.bands(), curves: sensor.band_responses(), analyzers }
     }
 
     /// Linear sRGB of the radiance, in cd/m² of D65: ∫ L (R, G, B matching functions) dλ × 683 lm/W. May be negative.
@@ -32,7 +47,7 @@ impl Response {
             Table::new(380.0, 1.0, (0..=400).map(|i| at(380.0 + i as f32)).collect())
         };
         let band = |name: &str| Band { name: name.into(), unit: BandUnit::Radiance };
-        Response { bands: ["R", "G", "B"].map(band).to_vec(), curves: (0..3).map(curve).collect() }
+        Response { bands: ["R", "G", "B"].map(band).to_vec(), curves: (0..3).map(curve).collect(), analyzers: Vec::new() }
     }
 
     /// Mean spectral radiance in equal narrow bands, W·m⁻²·sr⁻¹·nm⁻¹: what a hyperspectral camera measures.
@@ -62,13 +77,34 @@ impl Response {
         Response {
             bands: bands.limits().map(|b| Band { name: name(b), unit: BandUnit::Radiance }).collect(),
             curves: bands.limits().map(curve).collect(),
+            analyzers: Vec::new(),
         }
     }
 
     /// Luminance in cd/m².
     pub fn luminance() -> Self {
         let y = diopter_light::cie::observer().y.scaled(diopter_light::units::LUMINOUS_EFFICACY as f32);
-        Response { bands: vec![Band { name: "Y".into(), unit: BandUnit::Radiance }], curves: vec![y] }
+        Response { bands: vec![Band { name: "Y".into(), unit: BandUnit::Radiance }], curves: vec![y], analyzers: Vec::new() }
+    }
+
+    /// Whether a band tells polarised light from unpolarised.
+    pub fn tells_polarization(&self) -> bool {
+        self.analyzers.iter().any(|a| a.contrast != 0.0)
+    }
+
+    /// What Q and U count in the bands of each group, I counting 1; nothing where no band tells them.
+    pub(super) fn analyzer_groups(&self) -> Vec<[glam::Vec4; 2]> {
+        if !self.tells_polarization() {
+            return Vec::new();
+        }
+        let weights = |a: &Analyzer| {
+            let (sin, cos) = (2.0 * a.angle_deg).to_radians().sin_cos();
+            [cos, sin].map(|w| (a.contrast * w) as f32)
+        };
+        let group = |four: &[Analyzer]| {
+            [0, 1].map(|q| glam::Vec4::from_array(std::array::from_fn(|b| four.get(b).map_or(0.0, |a| weights(a)[q]))))
+        };
+        self.analyzers.chunks(GROUP).map(group).collect()
     }
 }
 

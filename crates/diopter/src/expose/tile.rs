@@ -11,6 +11,7 @@ use super::sums::{Sums, Tile};
 use super::{MARGIN, Settings, TILE, summed_bands};
 use crate::camera::{Camera, Film};
 use crate::mount::M2_PER_MM2;
+use crate::polarizer::Analysis;
 use crate::row_store::RowStore;
 use crate::shutter::{Place, Shutter};
 use diopter_image::focal_plane::BandUnit;
@@ -43,6 +44,19 @@ struct PathSample {
     arrived: glam::DVec2,
     /// Fraction of each wavelength that is direct light, where that is recorded.
     direct: Option<[f32; 4]>,
+    /// Q / I and U / I of each wavelength, where the film tells them.
+    linear: Linear,
+}
+
+/// Q / I and U / I of each wavelength behind all filters, where the film tells them.
+type Linear = Option<[[f32; 4]; 2]>;
+
+/// Light along a camera ray.
+struct CameraLight {
+    radiance: glam::Vec4,
+    /// Fraction of each wavelength that is direct light, where that is recorded.
+    direct: Option<[f32; 4]>,
+    linear: Linear,
 }
 
 /// The ray of a sample into the scene, and what its light counts for.
@@ -165,6 +179,10 @@ pub(super) struct Unit<'a> {
     pub direct: Option<usize>,
     /// How wide pixels are in the scene, where pictures are filtered.
     pub cones: Option<PixelCones>,
+    /// Whether light is followed with its polarisation.
+    pub polarized: bool,
+    /// What Q and U count in each group of bands, where any tells them.
+    pub analyzers: Vec<[glam::Vec4; 2]>,
 }
 
 /// Photons and light vertices of a pass, each by replicate of the samples.
@@ -230,7 +248,8 @@ impl Unit<'_> {
                     let sampler = self.sampler(x, y, i);
                     let Some(arrival) = self.sample(x, y, &sampler, light_paths) else { continue };
                     let weighted = times(arrival.weighted, arrival.factors);
-                    let of = |weighted| move |group: usize| self.curves.value(group, arrival.nm, weighted) * arrival.exposure;
+                    let (nm, linear) = (arrival.nm, arrival.linear);
+                    let of = |weighted| move |group: usize| self.value(group, nm, weighted, &linear) * arrival.exposure;
                     let direct = arrival.direct.map(|fraction| of(times(weighted, fraction)));
                     self.add(&mut pixel, sampler.replicate(), 1.0, of(weighted), direct);
                 }
@@ -249,20 +268,20 @@ impl Unit<'_> {
                 for i in samples.clone() {
                     let sampler = self.sampler(x, y, i);
                     let Some(arrival) = self.sample(x, y, &sampler, light_paths) else { continue };
-                    let (half, nm) = (sampler.replicate(), arrival.nm);
-                    let whole = |group: usize| self.curves.value(group, nm, arrival.weighted) * arrival.exposure;
+                    let (half, nm, linear) = (sampler.replicate(), arrival.nm, arrival.linear);
+                    let whole = |group: usize| self.value(group, nm, arrival.weighted, &linear) * arrival.exposure;
                     let mut weighted = times(arrival.weighted, arrival.factors);
                     if let Some(displaced) = arrival.displaced.filter(|_| self.is_lamp(whole)) {
                         let sent = times(weighted, displaced.wings());
                         let from = self.camera.pixel_of(arrival.arrived.as_vec2().to_array());
                         for c in 0..4 {
-                            let value = |group: usize| self.curves.at(group, nm[c]) * (sent[c] * arrival.exposure);
+                            let value = |group: usize| self.value_at(group, nm, c, &linear) * (sent[c] * arrival.exposure);
                             let direct = arrival.direct.map_or(0.0, |fraction| fraction[c]);
                             self.note_star(&mut tile_sums, from, half, nm[c], direct, value);
                         }
                         weighted = times(weighted, displaced.gathered());
                     }
-                    let of = |weighted| move |group: usize| self.curves.value(group, nm, weighted) * arrival.exposure;
+                    let of = |weighted| move |group: usize| self.value(group, nm, weighted, &linear) * arrival.exposure;
                     let direct = arrival.direct.map(|fraction| of(times(weighted, fraction)));
                     self.add(tile_sums.pixel(x, y), half, 1.0, of(weighted), direct);
                 }
@@ -291,7 +310,8 @@ impl Unit<'_> {
             ([glam::DVec2::ZERO; LANES], [glam::DVec2::ZERO; LANES], [glam::DVec2::ZERO; LANES]);
         let mut displaced: [Option<Displaced>; LANES] = [None; LANES];
         // Of all light, and of direct light where that is recorded; with them where their sums begin.
-        let mut landings: Vec<(usize, Landings)> = match radiance_only || self.behind.is_some() {
+        // They know nothing of bands that tell polarisation.
+        let mut landings: Vec<(usize, Landings)> = match radiance_only || self.behind.is_some() || !self.analyzers.is_empty() {
             true => Vec::new(),
             false => {
                 let new = || Landings::new(&samples, column..column + width, self.settings.sampler, film);
@@ -416,7 +436,8 @@ impl Unit<'_> {
                     let density = 0.25 * f64::from(exits.density[k].iter().sum::<f32>());
                     CameraSample { origin, direction, ray, time, seconds, density }
                 });
-                let (radiance, direct) = self.radiance(light_paths, camera_sample, [x, y], ray, &wavelengths, sampler);
+                let CameraLight { radiance, direct, linear } =
+                    self.radiance(light_paths, camera_sample, [x, y], ray, &wavelengths, sampler);
                 let weighted = (radiance * wavelengths.weight).to_array();
                 // One bad number must not poison a pixel.
                 if !weighted.iter().all(|v| v.is_finite()) {
@@ -437,7 +458,7 @@ impl Unit<'_> {
                 };
                 let lamp = displaced[k].filter(|_| {
                     let light = times(weighted, weights);
-                    self.stars && self.is_lamp(|group| self.curves.value(group, nm, light) * scale)
+                    self.stars && self.is_lamp(|group| self.value(group, nm, light, &linear) * scale)
                 });
                 let mut counted = factors;
                 if let Some(displaced) = lamp {
@@ -449,7 +470,7 @@ impl Unit<'_> {
                             false => packet.film[k] + filter[k],
                         };
                         let from = self.camera.pixel_of(arrived.as_vec2().to_array());
-                        let value = |group: usize| self.curves.at(group, nm[c]) * (sent[c] * scale);
+                        let value = |group: usize| self.value_at(group, nm, c, &linear) * (sent[c] * scale);
                         let direct = direct.map_or(0.0, |fraction| fraction[c]);
                         self.note_star(&mut tile_sums, from, half, nm[c], direct, value);
                     }
@@ -457,7 +478,7 @@ impl Unit<'_> {
                 if !spread {
                     // All colours where the sample was asked for.
                     let weighted = times(weighted, counted);
-                    let of = |weighted| move |group: usize| self.curves.value(group, nm, weighted) * (weights[0] * scale);
+                    let of = |weighted| move |group: usize| self.value(group, nm, weighted, &linear) * (weights[0] * scale);
                     let direct = direct.map(|fraction| of(times(weighted, fraction)));
                     self.add(tile_sums.pixel(x, y), half, 1.0, of(weighted), direct);
                     continue;
@@ -484,7 +505,9 @@ impl Unit<'_> {
                         && (open..=close).contains(&time)
                     {
                         // A quarter of the sample: all of it would be four times as bright.
-                        let of = |weighted: f32| move |group: usize| self.curves.at(group, nm[c]) * (weighted * weight * scale);
+                        let of = |weighted: f32| {
+                            move |group: usize| self.value_at(group, nm, c, &linear) * (weighted * weight * scale)
+                        };
                         let direct = direct.map(|fraction| of(weighted[c] * fraction[c]));
                         self.add(tile_sums.pixel(px, py), half, 4.0, of(weighted[c]), direct);
                     }
@@ -530,6 +553,37 @@ impl Unit<'_> {
         });
     }
 
+    /// What the four wavelengths of a path are worth in a group of bands, with their polarisation where the bands tell it.
+    #[inline]
+    fn value(&self, group: usize, nm: [f32; 4], weighted: [f32; 4], linear: &Linear) -> glam::Vec4 {
+        let value = self.curves.value(group, nm, weighted);
+        let Some([q, u]) = linear else { return value };
+        let [by_q, by_u] = self.analyzers[group];
+        value
+            + by_q * self.curves.value(group, nm, times(weighted, *q))
+            + by_u * self.curves.value(group, nm, times(weighted, *u))
+    }
+
+    /// The same of one of them.
+    #[inline]
+    fn value_at(&self, group: usize, nm: [f32; 4], c: usize, linear: &Linear) -> glam::Vec4 {
+        let value = self.curves.at(group, nm[c]);
+        let Some([q, u]) = linear else { return value };
+        let [by_q, by_u] = self.analyzers[group];
+        value * (glam::Vec4::ONE + by_q * q[c] + by_u * u[c])
+    }
+
+    /// Light along a camera ray that is followed with its polarisation: behind the polariser, if there is one.
+    fn polarized_light(&self, pixel: [usize; 2], ray: Ray, wavelengths: &Wavelengths, sampler: &Sampler) -> CameraLight {
+        let cone = PixelCones::cone(self.cones.as_ref(), pixel, sampler.number(), ray);
+        let analysis = Analysis::of(self.camera, self.settings.polarizer.as_ref(), &ray);
+        let stokes = self.scene.stokes(cone, analysis.axis, wavelengths, sampler, &self.settings.path).map(|s| analysis.apply(s));
+        let radiance = glam::Vec4::from_array(stokes.map(|s| s.x));
+        let linear = (!self.analyzers.is_empty())
+            .then(|| [1, 2].map(|part: usize| stokes.map(|s| if s.x > 0.0 { s[part] / s.x } else { 0.0 })));
+        CameraLight { radiance, direct: None, linear }
+    }
+
     /// Radiance along a camera ray, and the fraction of each wavelength that is direct light, where that is recorded; of lamps seen directly what the camera
     /// sample counts beside light that is traced from them.
     #[inline]
@@ -541,7 +595,10 @@ impl Unit<'_> {
         ray: Ray,
         wavelengths: &Wavelengths,
         sampler: &Sampler,
-    ) -> (glam::Vec4, Option<[f32; 4]>) {
+    ) -> CameraLight {
+        if self.polarized {
+            return self.polarized_light(pixel, ray, wavelengths, sampler);
+        }
         let cone = PixelCones::cone(self.cones.as_ref(), pixel, sampler.number(), ray);
         let replicate = sampler.replicate();
         let light_paths = LightPaths {
@@ -550,11 +607,14 @@ impl Unit<'_> {
         };
         let path = &self.settings.path;
         let along = |shown| match self.direct {
-            None => (self.scene.radiance_shown(light_paths, shown, cone, wavelengths, sampler, path), None),
+            None => {
+                let radiance = self.scene.radiance_shown(light_paths, shown, cone, wavelengths, sampler, path);
+                CameraLight { radiance, direct: None, linear: None }
+            }
             Some(_) => {
                 let [all, direct] = self.scene.radiance_and_direct(light_paths, shown, cone, wavelengths, sampler, path);
                 let fraction = std::array::from_fn(|c| if all[c] > 0.0 { direct[c] / all[c] } else { 0.0 });
-                (all, Some(fraction))
+                CameraLight { radiance: all, direct: Some(fraction), linear: None }
             }
         };
         match (&self.lamps, sample) {
@@ -719,7 +779,8 @@ impl Unit<'_> {
             let (origin, direction) = (lens_ray.origin_mm, lens_ray.direction);
             CameraSample { origin, direction, ray, time, seconds, density: entry.density }
         });
-        let (radiance, direct) = self.radiance(light_paths, camera_sample, [column, row], ray, &wavelengths, sampler);
+        let CameraLight { radiance, direct, linear } =
+            self.radiance(light_paths, camera_sample, [column, row], ray, &wavelengths, sampler);
         Some(PathSample {
             nm: wavelengths.nm.to_array(),
             weighted: (radiance * wavelengths.weight).to_array(),
@@ -728,6 +789,7 @@ impl Unit<'_> {
             displaced,
             arrived,
             direct,
+            linear,
         })
     }
 

@@ -261,6 +261,7 @@ fn plane_of_raw(raw: &RawImage, channel: Channel) -> Result<Plane, MeasureError>
                 Filter::Green => "green",
                 Filter::Blue => "blue",
                 Filter::Clear => "clear",
+                Filter::Linear0 | Filter::Linear45 | Filter::Linear90 | Filter::Linear135 => "polarised",
             })
             .collect();
         return Err(MeasureError::unfit(

@@ -6,7 +6,7 @@ use super::{
 };
 use crate::camera::Camera;
 use crate::denoising::{Denoise, Filter};
-use crate::expose::{Integrator, Settings};
+use crate::expose::{Integrator, Response, Settings};
 use crate::program::Mode;
 use crate::quantity::{FNumber, Seconds};
 use crate::quick_look;
@@ -33,8 +33,10 @@ pub(super) struct Asked {
 impl Asked {
     /// Checks a file whose engraved numbers have become what they stand for.
     pub fn new(file: &ShotFile, inputs: &Inputs, warn: &mut dyn FnMut(&str)) -> Result<Asked, ShotError> {
-        let settings = settings(&file.render)?;
+        let mut settings = settings(&file.render)?;
+        settings.polarizer = file.exposure.polarizer;
         let (sensor, exposing, iso) = body_and_speed(file, inputs)?;
+        check_polarized(&settings, &sensor)?;
         white_point(white(file))?;
         let e = &file.exposure;
         if let Some(Seconds(t)) = e.shutter
@@ -100,9 +102,28 @@ impl Asked {
             mode: self.exposing.mode.name().into(),
             compensation_ev: self.exposing.compensation_ev,
             nd_stops: self.exposing.nd_stops,
+            polarizer: self.settings.polarizer.map_or(String::new(), |p| p.to_string()),
             ..of_lens
         }
     }
+}
+
+/// Refuses what is not followed with its polarisation.
+fn check_polarized(settings: &Settings, sensor: &Sensor) -> Result<(), ShotError> {
+    if !settings.is_polarized() && !Response::sensor(sensor).tells_polarization() {
+        return Ok(());
+    }
+    if !matches!(settings.integrator, Integrator::Path | Integrator::Auto) {
+        return Err(value(
+            "integrator",
+            settings.integrator.name(),
+            "path or auto where light is polarised: photons and light paths carry no polarisation",
+        ));
+    }
+    if settings.records_direct() {
+        return Err(value("truth-channels", "direct or indirect", "channels beside those two where light is polarised"));
+    }
+    Ok(())
 }
 
 /// Name of the illuminant that is white for the sensor.
@@ -222,6 +243,7 @@ fn settings(r: &RenderSection) -> Result<Settings, ShotError> {
         seed: r.seed.unwrap_or(DEFAULT_SEED),
         path: PathSettings { max_depth: r.max_depth.unwrap_or(default.max_depth), ..default },
         integrator,
+        polarized: r.polarized,
         stray,
         time_limit_s: limit,
         truth_channels: Recorded::new(&channels).more().to_vec(),

@@ -4,6 +4,7 @@ use super::ShotError;
 use super::sources::{is_lens_file, is_light_file};
 use crate::denoising::Denoise;
 use crate::files;
+use crate::polarizer::Polarizer;
 use crate::quantity::{Distance, Ev, FNumber, Filter, FocusTo, Hertz, Iso, IsoChoice, LengthMm, Moment, Seconds, Size, number};
 use crate::recipe_file;
 use crate::stops;
@@ -449,6 +450,9 @@ pub struct ExposureSection {
     /// Neutral density filter before the lens.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub nd: Option<Filter>,
+    /// Polarising filter before the lens: `linear:30deg`, `circular:30deg`; after it the fraction of unpolarised light that it passes and its extinction ratio.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub polarizer: Option<Polarizer>,
     /// What the camera chooses clicks in `full`, `half` or `third` stops; without, it is exact.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub dial: Option<String>,
@@ -529,6 +533,9 @@ pub struct RenderSection {
     /// Most scattering events of a path.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub max_depth: Option<u32>,
+    /// Light is followed with its polarisation, as a polariser or a polarisation sensor asks for anyway.
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    pub polarized: bool,
     /// `path`, `caustics`, `bidirectional` or `auto`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub integrator: Option<String>,

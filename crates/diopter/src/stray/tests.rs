@@ -12,7 +12,7 @@ use diopter_scene::light::{Environment, Punctual};
 /// A band that counts light about 555 nm.
 fn green() -> Response {
     let curve = Table::new(380.0, 1.0, (0..=400).map(|i| if (160..190).contains(&i) { 1e15 } else { 0.0 }).collect());
-    Response { bands: vec![Band { name: "G".into(), unit: BandUnit::Electrons }], curves: vec![curve] }
+    Response { bands: vec![Band { name: "G".into(), unit: BandUnit::Electrons }], curves: vec![curve], analyzers: Vec::new() }
 }
 
 fn scene(kind: PunctualKind, environment: f32) -> Scene {

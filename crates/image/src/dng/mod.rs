@@ -130,7 +130,7 @@ mod tests {
                 .collect(),
             xyz_d50_from_balanced: (0..n).map(|c| std::array::from_fn(|k| scale * 0.25 * (1.0 + (c + k) as f64))).collect(),
         };
-        let mono = cfa.is_monochrome();
+        let mono = cfa.is_colorless();
         RawImage {
             mosaic,
             header: RawHeader {

@@ -555,10 +555,13 @@ fn header<R: Read + Seek>(
     storage: &Storage,
     warnings: &mut Vec<String>,
 ) -> Result<RawHeader, ImageError> {
+    let facts = facts(file, main)?;
+    let polarizers = Cfa::parse(&facts.polarizers).filter(|p| cfa.is_monochrome() && p.tells_polarization());
+    let cfa = polarizers.unwrap_or(cfa);
     let n = cfa.channel_count();
     let [black_level, white_level] = if storage.float { MADE_LEVELS } else { levels(file, raw, storage)? };
     let mut calibrations = Vec::new();
-    if !cfa.is_monochrome() {
+    if !cfa.is_colorless() {
         for k in 0..2 {
             let color = file.numbers(main, tag::COLOR_MATRIX[k])?;
             let forward = file.numbers(main, tag::FORWARD_MATRIX[k])?;
@@ -611,7 +614,7 @@ fn header<R: Read + Seek>(
         opcodes: Vec::new(),
         warnings: Vec::new(),
         noise,
-        facts: facts(file, main)?,
+        facts,
     })
 }
 

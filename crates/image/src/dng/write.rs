@@ -216,7 +216,8 @@ fn mosaic_fields(header: &RawHeader, [width, height]: [usize; 2], bits: u32) -> 
         (tag::ACTIVE_AREA, Field::Longs(vec![0, 0, height as u32, width as u32])),
         (tag::NOISE_PROFILE, Field::Doubles(header.noise.as_flattened().to_vec())),
     ];
-    if cfa.is_monochrome() || cfa.has_all_channels() {
+    // DNG has no mosaic of polarisers: the facts tell what one is.
+    if cfa.is_colorless() || cfa.has_all_channels() {
         fields.push((tag::PHOTOMETRIC, Field::short(photometric::LINEAR_RAW)));
     } else {
         let cells = (0..cfa.rows()).flat_map(|r| (0..cfa.columns()).map(move |c| cfa.filter_at(c, r)));
@@ -253,7 +254,7 @@ fn color_fields(header: &RawHeader) -> Vec<(u16, Field)> {
         let info = [short, long, wide, tele].map(|v| (v * 1e3).round() / 1e3);
         fields.push((tag::LENS_INFO, Field::Rationals(info.to_vec())));
     }
-    if header.cfa.is_monochrome() {
+    if header.cfa.is_colorless() {
         return fields;
     }
     fields.push((tag::AS_SHOT_NEUTRAL, Field::Rationals(header.as_shot_neutral.clone())));

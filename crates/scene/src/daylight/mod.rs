@@ -2,7 +2,7 @@
 //!
 //! The sky: Hosek & Wilkie 2012, "An Analytic Model for Full Spectral Sky-Dome Radiance" (its RGB fit). The sun: a disc of 0.53° with the
 //! spectral irradiance of Bird & Riordan 1986 ([`beam`]), where [`sun`] says. Both by the same haze. Below the horizon of the map is an
-//! endless ground. With the sun set, the sky keeps its last colours at the brightness that twilight has (Seidelmann 1992): blue hours are not
+//! endless ground. The light of the sky is polarised ([`RayleighSky`]), which polarised pictures show. With the sun set, the sky keeps its last colours at the brightness that twilight has (Seidelmann 1992): blue hours are not
 //! blue. There is no moon.
 
 pub mod beam;
@@ -10,7 +10,7 @@ pub mod overcast;
 pub mod sun;
 
 use crate::light::environment::direction;
-use crate::light::{Environment, Punctual, PunctualKind};
+use crate::light::{Environment, Punctual, PunctualKind, RayleighSky};
 use crate::scene::Description;
 use diopter_image::Raster;
 use diopter_light::color::SRGB_LUMINANCE;
@@ -36,6 +36,8 @@ pub struct Daylight {
 const SUN_HALF_ANGLE: f64 = 4.6524e-3;
 /// Columns of the map of the sky.
 const COLUMNS: usize = 1024;
+/// Degree of polarisation of a clear sky at 90° from the sun: near 0.8 on clear days, less in haze, which is not followed here. Source: as of [`RayleighSky`].
+const CLEAR_SKY_POLARIZATION: f32 = 0.8;
 /// Elevation of the sun, degrees, below which the sky model is no longer followed.
 const DUSK_DEG: f64 = 5.0;
 
@@ -125,7 +127,8 @@ impl Daylight {
                 map.pixel_mut(column, row).copy_from_slice(&rgb.to_array());
             }
         }
-        scene.environment = Some(Environment::new(map, Mat3::IDENTITY, 1.0));
+        let polarized = RayleighSky { sun, maximum: CLEAR_SKY_POLARIZATION };
+        scene.environment = Some(Environment::new(map, Mat3::IDENTITY, 1.0).with_polarized_sky(polarized));
         if let Some(power) = self.beam() {
             let half_angle = (SUN_HALF_ANGLE / self.sun.distance_au) as f32;
             let kind = PunctualKind::Disc { direction: -self.direction(), half_angle };

@@ -127,7 +127,7 @@ impl Emitters<'_> {
         let medium_stack = MediumStack::new(scene.air());
         let stream = || stream_along(p, light_sample.wi);
         let most = settings.max_depth;
-        let past = scene.light_past(sent, p, origin, light_sample, medium_stack, wavelengths, time_s, most, stream);
+        let past = scene.light_past(&mut (), sent, p, origin, light_sample, medium_stack, wavelengths, time_s, most, stream);
         [past.light, if past.thin_dielectrics <= DIRECT_EVENTS { past.light } else { Sampled::ZERO }]
     }
 }

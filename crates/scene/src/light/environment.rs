@@ -31,6 +31,41 @@ pub struct Environment {
     aimed_luminance: f32,
     /// Pixels with a number that counts as 0.
     invalid: usize,
+    /// How its light is polarised; not at all without.
+    sky: Option<RayleighSky>,
+}
+
+/// The polarisation of a clear sky as single Rayleigh scattering makes it: the field is perpendicular to the plane of sun and view, its degree
+/// `maximum` sin² γ / (1 + cos² γ) at an angle γ from the sun. Light from below the horizon is not polarised.
+///
+/// Of single scattering by isotropic molecules `maximum` would be 1; scattering again and again, light from the ground, haze and the anisotropy of
+/// molecules leave less. Neutral points near the sun are not followed. Source: K. L. Coulson 1988, "Polarization and Intensity of Light in the
+/// Atmosphere"; the form of A. Wilkie, R. F. Tobin, C. Ulbricht, G. Zotti, W. Purgathofer 2004, "An Analytical Model for Skylight Polarisation".
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RayleighSky {
+    /// Unit direction towards the sun, in the world.
+    pub sun: Vec3,
+    /// Degree of polarisation at 90° from the sun.
+    pub maximum: f32,
+}
+
+/// Light that is in part polarised linearly.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct LinearlyPolarized {
+    /// Along what its field oscillates.
+    pub axis: Vec3,
+    /// Direction towards where it comes from.
+    pub along: Vec3,
+    /// Degree of polarisation.
+    pub degree: f32,
+}
+
+impl RayleighSky {
+    /// Degree of polarisation of light from a direction.
+    pub fn degree(&self, direction: Vec3) -> f32 {
+        let cos2 = self.sun.dot(direction).powi(2).min(1.0);
+        if direction.y > 0.0 { self.maximum * (1.0 - cos2) / (1.0 + cos2) } else { 0.0 }
+    }
 }
 
 impl Environment {
@@ -71,7 +106,7 @@ impl Environment {
         let even = map.data.chunks_exact(3).all(|p| p == first).then(|| Spectrum::light_from_rgb(Vec3::from_slice(first)));
         let (mean_luminance, aimed_luminance) = (mean * scale, excess * scale);
         let (map, grid) = (Arc::new(map), grid.map(Arc::new));
-        Environment { map, world_from_map, scale, grid, even, mean_luminance, aimed_luminance, invalid }
+        Environment { map, world_from_map, scale, grid, even, mean_luminance, aimed_luminance, invalid, sky: None }
     }
 
     /// The same linear sRGB colour (cd/m²) from everywhere.
@@ -81,7 +116,7 @@ impl Environment {
         Environment::new(map, Mat3::IDENTITY, 1.0)
     }
 
-    /// Both together, on the finer of the two maps.
+    /// Both together, on the finer of the two maps; what polarises one of them is left out.
     pub fn plus(&self, other: &Environment) -> Environment {
         let (fine, coarse) = if self.map.width >= other.map.width { (self, other) } else { (other, self) };
         let (w, h) = (fine.map.width, fine.map.height);
@@ -94,6 +129,18 @@ impl Environment {
             }
         }
         Environment::new(map, fine.world_from_map, 1.0)
+    }
+
+    /// The same, its light polarised as that of a sky.
+    pub fn with_polarized_sky(self, sky: RayleighSky) -> Self {
+        Environment { sky: Some(sky), ..self }
+    }
+
+    /// How light from a direction is polarised, if it is.
+    pub(crate) fn polarization(&self, direction: Vec3) -> Option<LinearlyPolarized> {
+        let sky = self.sky?;
+        let axis = sky.sun.cross(direction).try_normalize()?;
+        Some(LinearlyPolarized { axis, along: direction, degree: sky.degree(direction) }).filter(|p| p.degree > 0.0)
     }
 
     /// Pixels of the map that were given with a number that is negative or not finite, which counts as 0.
@@ -126,6 +173,7 @@ impl Environment {
     /// Turns it into its mirror image, z → −z.
     pub(crate) fn mirror(&mut self) {
         self.world_from_map = Mat3::from_diagonal(Vec3::new(1.0, 1.0, -1.0)) * self.world_from_map;
+        self.sky = self.sky.map(|sky| RayleighSky { sun: sky.sun * Vec3::new(1.0, 1.0, -1.0), ..sky });
     }
 
     fn place(&self, direction: Vec3) -> Vec2 {

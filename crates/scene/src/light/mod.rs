@@ -16,7 +16,7 @@ pub mod tree;
 
 pub use area::AreaLight;
 pub use emitters::{Emitters, Shown};
-pub use environment::Environment;
+pub use environment::{Environment, RayleighSky};
 pub use modulation::Modulation;
 pub use punctual::{Punctual, PunctualKind, SpotEdge};
 

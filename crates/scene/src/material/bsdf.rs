@@ -5,6 +5,7 @@ use super::conductor::ConductorLobe;
 use super::diffuse;
 use super::hair::HairLobes;
 use super::measured::MeasuredLobe;
+use super::polarization::Event;
 use super::principled::PrincipledLobes;
 use crate::shape::Surface;
 use diopter_light::{Sampled, sampling};
@@ -222,6 +223,21 @@ impl Bsdf<'_> {
         let wo = x * local.x + y * local.y + z * local.z;
         let (shading, geometric) = (local.z.abs() / z.dot(wi).abs().max(LEAST), ng.dot(wi).abs() / ng.dot(wo).abs().max(LEAST));
         shading * geometric
+    }
+
+    /// The event in which light from `wi` is scattered towards the viewer as a Mueller matrix at each wavelength, over [`Bsdf::eval`] or, of specular
+    /// lobes, over the weight of what was drawn.
+    pub fn polarization(&self, wi: Vec3, specular: bool) -> Event {
+        let (wo, local) = (self.frame.wo, self.local(wi));
+        let event = match &self.lobes {
+            Lobes::Diffuse { .. } | Lobes::DiffuseTransmission { .. } | Lobes::Hair(_) | Lobes::Measured(_) => {
+                return Event::DEPOLARIZES;
+            }
+            Lobes::Conductor(lobe) => lobe.polarization(wo, local),
+            Lobes::Coated(lobes) => lobes.polarization(wo, local, specular),
+            Lobes::Principled(lobes) => lobes.polarization(wo, local, specular),
+        };
+        event.placed(self.frame.axes)
     }
 
     /// Draws a direction; `u` = direction (2), choice of lobe, unused. `None` when light is absorbed.

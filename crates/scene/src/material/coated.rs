@@ -9,6 +9,7 @@ use super::bsdf::LocalScatter;
 use super::conductor::{Conductor, ConductorLobe};
 use super::energy::{Escape, Interface, prepare_mirrors};
 use super::microfacet::{Ggx, fresnel_dielectric, reflect, refract};
+use super::polarization::{Event, dielectric, s_axis};
 use crate::exact::{Exact, Sink, Source, field};
 use crate::shape::Surface;
 use crate::texture::Scalar;
@@ -90,6 +91,11 @@ impl CoatedLobes<'_> {
 
     /// What is left of light on its way in and out, with what goes to and fro; `inner_o` is the direction of view within the coat.
     fn through(&self, wo: Vec3, wi: Vec3, inner_o: Vec3) -> Sampled {
+        self.again(wo, inner_o) * ((1.0 - self.reflected(wo)) * (1.0 - fresnel_dielectric(wi.z, self.ior)))
+    }
+
+    /// All that comes out over what comes out at once.
+    fn again(&self, wo: Vec3, inner_o: Vec3) -> Sampled {
         let r = self.metal.normal(inner_o.z);
         let facets = self.metal.facets();
         let [escapes, mean] = match facets.is_smooth() {
@@ -97,8 +103,52 @@ impl CoatedLobes<'_> {
             false => self.escape.at(wo.z, facets.roughness_aside(wo)),
         };
         let held = (1.0 - escapes) * mean / escapes.max(1e-3);
-        let again = Sampled::ONE + r * held / (Sampled::ONE - r * (1.0 - mean)).max(Sampled::splat(1e-3));
-        again * ((1.0 - self.reflected(wo)) * (1.0 - fresnel_dielectric(wi.z, self.ior)))
+        Sampled::ONE + r * held / (Sampled::ONE - r * (1.0 - mean)).max(Sampled::splat(1e-3))
+    }
+
+    /// The event as a Mueller matrix, in the local frame: of the lobes that are specular, or of the others. Of light that was held back by the coat over a
+    /// rough metal nothing of the polarisation is kept; where both are smooth all of it is followed.
+    pub(super) fn polarization(&self, wo: Vec3, wi: Vec3, specular: bool) -> Event {
+        let h = (wo + wi).try_normalize().unwrap_or(Vec3::Z);
+        let s = s_axis(h, wo);
+        let with = |facets: Ggx| facets.is_smooth() == specular;
+        let faces = dielectric(wo.z, self.ior);
+        let (Some(inner_o), Some(inner_i)) = (self.bent(wo), self.bent(wi)) else { return Event::DEPOLARIZES };
+        if self.is_specular() {
+            // R + T² m / (1 − m R) of each component.
+            let metal = self.metal.in_plane(inner_o, Vec3::Z).0.scaled(self.metal.normal(inner_o.z));
+            let below = faces[1].times(metal).times(faces[1]).again_and_again(metal.times(faces[0]));
+            let all = self.metal.normal(inner_o.z) * self.through(wo, wi, inner_o) + Sampled::splat(self.reflected(wo));
+            return Event::mixed(s, &faces[0].plus(below).scaled(Sampled::ONE / all), Sampled::ZERO);
+        }
+        let (mut sum, mut all) = (Event::NOTHING, Sampled::ZERO);
+        if with(self.facets) {
+            let (reflection, weight) = match specular {
+                true => (faces[0], 1.0),
+                false => (dielectric(wo.dot(h), self.ior)[0], self.facets.d(h) * self.facets.g2(wo, wi) / (4.0 * wo.z)),
+            };
+            let reflection = reflection.scaled(Sampled::splat(weight));
+            all += reflection.mean();
+            sum = Event::mixed(s, &reflection, Sampled::ZERO);
+        }
+        if with(self.metal.facets()) {
+            let (value, jacobian) = match specular {
+                true => (self.metal.normal(inner_o.z), 1.0),
+                false => (self.metal.eval(inner_o, inner_i).0, wi.z / (self.ior * self.ior * inner_i.z)),
+            };
+            let weight = value * jacobian * self.through(wo, wi, inner_o);
+            // Out of the coat, off a facet, into the coat: three planes of incidence.
+            let inner_h = (inner_o + inner_i).try_normalize().unwrap_or(Vec3::Z);
+            let (plane, rest) = self.metal.in_plane(inner_o, inner_h);
+            let once = Sampled::ONE / self.again(wo, inner_o);
+            let rest = rest * once + (Sampled::ONE - once);
+            let metal = Event::mixed(s_axis(inner_h, inner_o), &plane.scaled(once), rest);
+            let face = |w: Vec3| Event::in_plane(s_axis(Vec3::Z, w), &dielectric(w.z, self.ior)[1].normalized());
+            let whole = face(wo).then(&metal, inner_o).then(&face(wi), -inner_i);
+            all += weight;
+            sum = sum.plus(&whole.scaled(weight), s, wo, wi);
+        }
+        sum.over(all)
     }
 
     /// Whether all it does is to mirror.

@@ -3,6 +3,7 @@
 use super::bsdf::LocalScatter;
 use super::energy::{mirror_albedo_at, prepare_mirrors};
 use super::microfacet::{Ggx, fresnel_conductor, reflect};
+use super::polarization::{Event, InPlane, conductor, s_axis};
 use crate::shape::Surface;
 use crate::texture::Scalar;
 use diopter_light::spectrum::Table;
@@ -113,6 +114,20 @@ impl ConductorLobe {
         let h = (wo + wi).normalize();
         let d = self.facets.d(h) / (4.0 * wo.z);
         (self.reflectance(wo, h) * (d * self.facets.g2(wo, wi)), d * self.facets.g1(wo))
+    }
+
+    /// What facets mirror of each component at a cosine, and what bounces between them; both over what they send on of unpolarised light.
+    pub(super) fn in_plane(&self, wo: Vec3, h: Vec3) -> (InPlane, Sampled) {
+        let cos = wo.dot(h);
+        let once = fresnel_conductor(cos, self.n, self.k) / self.reflectance(wo, h).max(Sampled::splat(1e-12));
+        (conductor(cos, self.n, self.k).normalized().scaled(once), (Sampled::ONE - once).max(Sampled::ZERO))
+    }
+
+    /// The event as a Mueller matrix, in the local frame.
+    pub(super) fn polarization(&self, wo: Vec3, wi: Vec3) -> Event {
+        let h = (wo + wi).try_normalize().unwrap_or(Vec3::Z);
+        let (plane, rest) = self.in_plane(wo, h);
+        Event::mixed(s_axis(h, wo), &plane, rest)
     }
 
     pub(super) fn sample(&self, wo: Vec3, u: [f32; 4]) -> Option<LocalScatter> {

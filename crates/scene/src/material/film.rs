@@ -6,6 +6,7 @@
 
 use super::energy::{Interface, mirror_albedo_at};
 use super::microfacet::{Ggx, fresnel_dielectric};
+use super::polarization::{self, InPlane};
 use crate::shape::Surface;
 use crate::texture::Scalar;
 use diopter_light::{Sampled, Wavelengths};
@@ -74,6 +75,13 @@ impl FilmLayer {
             (0.5 * (s + p)).clamp(0.0, 1.0)
         };
         Sampled::new(one(self.nm.x, base.x), one(self.nm.y, base.y), one(self.nm.z, base.z), one(self.nm.w, base.w))
+    }
+
+    /// What it reflects and transmits of each component, in one plane of incidence; fringes of RGB paths do not fade here.
+    pub(super) fn in_plane(&self, cos: f32, base: Sampled) -> [InPlane; 2] {
+        let within = (1.0 - (1.0 - cos * cos) / (self.ior * self.ior)).max(0.0).sqrt();
+        let phase = Sampled::splat(4.0 * PI * self.ior * self.thickness * within) / self.nm;
+        polarization::film(cos, self.ior, base, phase)
     }
 
     /// Mean under light from everywhere, of what a surface of facets sends on at once; `interface` is that of the bare base, of index `ior`.

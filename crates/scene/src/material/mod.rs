@@ -1,7 +1,7 @@
 //! What surfaces are made of: descriptions ([`Material`]) that become scattering functions ([`Bsdf`]) at a point.
 //!
 //! One file a family: [`diffuse`], [`conductor`] (measured n and k), [`coated`] (metal under a clear coat), [`principled`] (glTF's metallic-roughness with
-//! transmission, volume and clear coat; also clear glass), [`hair`] (fibres), [`measured`] (tables of measurements). Shared physics: [`microfacet`], [`energy`], [`film`], [`sheen`], [`anisotropy`].
+//! transmission, volume and clear coat; also clear glass), [`hair`] (fibres), [`measured`] (tables of measurements). Shared physics: [`microfacet`], [`energy`], [`film`], [`sheen`], [`anisotropy`], [`polarization`].
 
 pub mod anisotropy;
 pub mod bsdf;
@@ -15,6 +15,7 @@ pub mod hair;
 pub mod measured;
 pub mod microfacet;
 pub(crate) mod pictures;
+pub mod polarization;
 pub mod principled;
 pub mod sheen;
 

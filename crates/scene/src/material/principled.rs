@@ -8,6 +8,8 @@
 //! ([`super::film`]), _anisotropy ([`super::anisotropy`]). We depart from appendix B in the exact Fresnel term and in the energy
 //! compensation.
 
+mod polarization;
+
 use super::anisotropy::Anisotropy;
 use super::bsdf::{Breadth, LocalScatter};
 use super::energy::{Interface, Side, mirror_albedo_at, prepare_mirrors};
@@ -534,12 +536,7 @@ impl PrincipledLobes<'_> {
                 pdf += p_specular * self.reflected_share(view, cos) * d * self.facets.g1(wo);
             }
             if p_diffuse > 0.0 {
-                let r = if self.smooth() { 0.0 } else { self.roughness };
-                let into = Sampled::ONE - self.directional_albedo(wi);
-                let fraction =
-                    (Sampled::ONE - view.reflected) * into / (Sampled::ONE - self.average_albedo(r)).max(Sampled::splat(1e-3));
-                let amount = view.below_coat * (1.0 - self.metallic) * (1.0 - self.transmission);
-                f += self.under * fraction * (amount * wi.z * FRAC_1_PI);
+                f += self.diffuse(wi);
                 pdf += p_diffuse * wi.z * FRAC_1_PI;
             }
             if let Some(fibres) = &self.fibres {
@@ -569,6 +566,17 @@ impl PrincipledLobes<'_> {
             }
         }
         (f, pdf)
+    }
+
+    /// f cos θ of the diffuse base, with what the interface above it keeps on both ways.
+    #[inline]
+    fn diffuse(&self, wi: Vec3) -> Sampled {
+        let r = if self.smooth() { 0.0 } else { self.roughness };
+        let into = Sampled::ONE - self.directional_albedo(wi);
+        let fraction =
+            (Sampled::ONE - self.seen.reflected) * into / (Sampled::ONE - self.average_albedo(r)).max(Sampled::splat(1e-3));
+        let amount = self.seen.below_coat * (1.0 - self.metallic) * (1.0 - self.transmission);
+        self.under * fraction * (amount * wi.z * FRAC_1_PI)
     }
 
     /// D G … of rough refraction times cos θi (without 1 − F), its density, and wo·h. Source: Walter et al. 2007 eq. 21; PBR 9.7.

@@ -6,7 +6,6 @@
 //! J. Křivánek, T. Hachisuka, D. Nowrouzezahrai & W. Jarosz 2013, "Joint Importance Sampling of Low-Order Volumetric Scattering", ACM TOG 32(6), §5.
 
 use super::media::MediumSegment;
-use super::tally::Tally;
 use crate::light::LightRef;
 use crate::light::segment::Pivot;
 use crate::medium_stack::MediumStack;
@@ -59,14 +58,15 @@ pub(super) struct Vertex<'a, 's> {
 
 impl<'s> Vertex<'_, 's> {
     /// Adds light of a lamp that is scattered here and once before, near the lamp. `scatter`: what is scattered from a direction towards which a ray is sent, and
-    /// the density (1/sr) with which the path draws it; `leave`: where that ray starts, and in what. Says whether lights were sought, so that other strategies are
+    /// the density (1/sr) with which the path draws it; `leave`: where that ray starts, and in what; `add`: adds light that was scattered so often and arrives from that
+    /// direction. Says whether lights were sought, so that other strategies are
     /// weighted by it.
     pub fn joint(
         &self,
         throughput: Sampled,
         scatter: impl Fn(Vec3) -> (Sampled, f32),
         leave: impl Fn(Vec3) -> (Vec3, MediumStack<'s>),
-        radiance: &mut impl Tally,
+        add: impl FnOnce(Sampled, u32, Vec3),
     ) -> bool {
         let s = self.segment;
         let scene = s.scene;
@@ -112,7 +112,7 @@ impl<'s> Vertex<'_, 's> {
         };
         // Over the density of the path's direction: the weights compare with it.
         if let Some(past) = onward.jointly(light, throughput * f / density, [along, x, y]) {
-            radiance.add(past.light, self.depth + 2 + past.thin_dielectrics);
+            add(past.light, self.depth + 2 + past.thin_dielectrics, direction);
         }
         true
     }

@@ -211,7 +211,8 @@ impl<'s> MediumSegment<'_, 's> {
                 (Sampled::splat(p), p)
             };
             let vertex = Vertex { segment: self, point, depth: self.depth };
-            vertex.joint(*throughput, phase, |_| (point, *self.medium_stack), radiance).then_some(self.medium)
+            let add = |light: Sampled, events: u32, _: Vec3| radiance.add(light, events);
+            vertex.joint(*throughput, phase, |_| (point, *self.medium_stack), add).then_some(self.medium)
         });
         let joint = joint.flatten();
         let u = self.sampler.get(Set::Scatter(self.vertex));
@@ -328,7 +329,9 @@ impl<'s> MediumSegment<'_, 's> {
     fn transmitted_from_light(&self, point: Vec3, light: Sampled, light_sample: &crate::light::LightSample) -> Past {
         let thin_dielectrics = self.settings.max_depth - self.depth - 1;
         let stream = || self.sampler.stream(Set::Transmittance(self.vertex));
+        // What panes do to the polarisation is lost where the medium scatters.
         self.scene.light_past(
+            &mut (),
             light,
             point,
             point,

@@ -1,20 +1,83 @@
-//! Where the light of a path is summed: all of it, or direct light apart. Each has a path tracer of its own, so that what is not asked for costs nothing.
+//! Where the light of a path is summed: all of it, direct light apart, or with its polarisation. Each has a path tracer of its own, so that what is not asked for
+//! costs nothing.
+//!
+//! A path is followed from the camera, and with it the Mueller matrix of all its events so far: by it the light that the path finds becomes a Stokes vector at the
+//! camera. Directions and their densities are those of unpolarised light; matrices are over what events do to that, so that throughputs are the same, too.
 
+use crate::light::environment::LinearlyPolarized;
+use crate::material::Bsdf;
+use crate::material::polarization::Event;
 use diopter_light::Sampled;
+use diopter_light::polarization::{Mueller, a_from_b};
+use glam::{Mat4, Vec3, Vec4};
 
 /// Most scattering events of direct light.
 pub(crate) const DIRECT_EVENTS: u32 = 1;
 
+/// Thin dielectrics that light from a lamp goes through, one after another as the path meets them.
+pub(crate) trait Sheets: Default {
+    /// One more, its scattering function seen from the path.
+    fn cross(&mut self, bsdf: &Bsdf, direction: Vec3);
+}
+
+impl Sheets for () {
+    #[inline]
+    fn cross(&mut self, _: &Bsdf, _: Vec3) {}
+}
+
+/// Light that a path has scattered once more, on its last segment.
+pub(super) struct Scattered<'a, 'm, S> {
+    /// Where it was scattered.
+    pub bsdf: &'a Bsdf<'m>,
+    /// In which direction it left, towards the camera.
+    pub wo: Vec3,
+    /// The direction from which it came.
+    pub wi: Vec3,
+    /// What it came through.
+    pub sheets: &'a S,
+}
+
 /// Sums of the light of a path.
-pub(super) trait Tally: Default {
-    /// Adds light that was scattered so many times between lamp and camera.
+pub(super) trait Tally {
+    /// What is known of thin dielectrics before a lamp.
+    type Sheets: Sheets;
+
+    /// Adds unpolarised light that arrives along the ray and was scattered so many times between lamp and camera.
     fn add(&mut self, light: Sampled, events: u32);
 
     /// The same of what `work` adds to the sum of all light.
     fn add_by<R>(&mut self, events: u32, work: impl FnOnce(&mut Sampled) -> R) -> R;
+
+    /// The same of light that may be polarised.
+    #[inline]
+    fn add_polarized(&mut self, light: Sampled, events: u32, _: impl FnOnce() -> Option<LinearlyPolarized>) {
+        self.add(light, events);
+    }
+
+    /// The same of light that arrives where the ray ends, from elsewhere, and is scattered into it there.
+    #[inline]
+    fn add_scattered(
+        &mut self,
+        light: Sampled,
+        events: u32,
+        _: Scattered<Self::Sheets>,
+        _: impl FnOnce() -> Option<LinearlyPolarized>,
+    ) {
+        self.add(light, events);
+    }
+
+    /// Goes on behind a scattering event at a surface, from which light leaves along `wo` and comes from `wi`.
+    #[inline]
+    fn scatter(&mut self, _: &Bsdf, _wo: Vec3, _wi: Vec3, _specular: bool) {}
+
+    /// Goes on behind one in a medium.
+    #[inline]
+    fn depolarize(&mut self) {}
 }
 
 impl Tally for Sampled {
+    type Sheets = ();
+
     #[inline]
     fn add(&mut self, light: Sampled, _: u32) {
         *self += light;
@@ -34,6 +97,8 @@ pub(super) struct Apart {
 }
 
 impl Tally for Apart {
+    type Sheets = ();
+
     #[inline]
     fn add(&mut self, light: Sampled, events: u32) {
         self.all += light;
@@ -50,5 +115,100 @@ impl Tally for Apart {
             self.direct += self.all - before;
         }
         result
+    }
+}
+
+/// Stokes vectors at the camera, and the events of the path so far.
+pub(super) struct Polarized {
+    /// I, Q, U, V of each wavelength.
+    pub stokes: [Vec4; 4],
+    /// From the frame of the ray to that of the camera.
+    matrices: [Mueller; 4],
+    /// x axis of the frame of the ray.
+    axis: Vec3,
+}
+
+impl Polarized {
+    /// A path that begins at a camera whose frame has this x axis.
+    pub fn seen_along(axis: Vec3) -> Self {
+        Polarized { stokes: [Vec4::ZERO; 4], matrices: [Mat4::IDENTITY; 4], axis }
+    }
+
+    fn behind(&self, event: &Event, wo: Vec3) -> [Mueller; 4] {
+        let turn = a_from_b(self.axis, event.outgoing, wo);
+        std::array::from_fn(|lane| self.matrices[lane] * turn * event.matrices[lane])
+    }
+
+    fn sum(&mut self, light: Sampled, matrices: &[Mueller; 4], axis: Vec3, k: Vec3, source: Option<LinearlyPolarized>) {
+        let arriving = match source {
+            None => Vec4::X,
+            Some(source) => a_from_b(axis, source.axis, k) * Vec4::new(1.0, source.degree, 0.0, 0.0),
+        };
+        for (lane, stokes) in self.stokes.iter_mut().enumerate() {
+            *stokes += matrices[lane] * arriving * light[lane];
+        }
+    }
+}
+
+impl Tally for Polarized {
+    type Sheets = Passed;
+
+    fn add(&mut self, light: Sampled, _: u32) {
+        let matrices = self.matrices;
+        self.sum(light, &matrices, self.axis, Vec3::Z, None);
+    }
+
+    fn add_by<R>(&mut self, events: u32, work: impl FnOnce(&mut Sampled) -> R) -> R {
+        let mut light = Sampled::ZERO;
+        let result = work(&mut light);
+        self.add(light, events);
+        result
+    }
+
+    fn add_polarized(&mut self, light: Sampled, _: u32, source: impl FnOnce() -> Option<LinearlyPolarized>) {
+        let source = source();
+        let (matrices, axis) = (self.matrices, self.axis);
+        // Perpendicular to both axes is the ray; its sign does not matter to light that is polarised linearly.
+        let k = source.map_or(Vec3::Z, |s| s.along);
+        self.sum(light, &matrices, axis, k, source);
+    }
+
+    fn add_scattered(
+        &mut self,
+        light: Sampled,
+        _: u32,
+        Scattered { bsdf, wo, wi, sheets }: Scattered<Passed>,
+        source: impl FnOnce() -> Option<LinearlyPolarized>,
+    ) {
+        let mut event = bsdf.polarization(wi, false);
+        if let Passed(Some(sheets)) = sheets {
+            event = event.then(sheets, -wi);
+        }
+        let matrices = self.behind(&event, wo);
+        self.sum(light, &matrices, event.incoming, -wi, source());
+    }
+
+    fn scatter(&mut self, bsdf: &Bsdf, wo: Vec3, wi: Vec3, specular: bool) {
+        let event = bsdf.polarization(wi, specular);
+        self.matrices = self.behind(&event, wo);
+        self.axis = event.incoming;
+    }
+
+    fn depolarize(&mut self) {
+        self.matrices = self.matrices.map(|m| m * diopter_light::polarization::DEPOLARIZER);
+    }
+}
+
+/// The Mueller matrices of sheets that were passed, if any.
+#[derive(Default)]
+pub(super) struct Passed(Option<Event>);
+
+impl Sheets for Passed {
+    fn cross(&mut self, bsdf: &Bsdf, direction: Vec3) {
+        let event = bsdf.polarization(direction, true);
+        self.0 = Some(match &self.0 {
+            None => event,
+            Some(before) => before.then(&event, -direction),
+        });
     }
 }

@@ -3,6 +3,7 @@
 use super::{Description, Scene, Shape};
 use crate::light::AreaLight;
 use crate::light::area::AreaShape;
+use crate::light::environment::LinearlyPolarized;
 use crate::light::segment::Pivot;
 use crate::light::tree::LightBounds;
 use crate::light::{LightRef, LightSample, Modulation, Spot};
@@ -97,6 +98,14 @@ impl Scene {
             Spot::Environment(_) => Modulation::Steady,
         };
         incident_radiance * modulation.at(self.open_s, time_s)
+    }
+
+    /// How light along a light sample is polarised, if it is: that of the sky alone.
+    pub(crate) fn polarization(&self, light_sample: &LightSample) -> Option<LinearlyPolarized> {
+        match light_sample.spot {
+            Spot::Environment(_) => self.lights.environment.as_ref()?.polarization(light_sample.wi),
+            Spot::Area(..) | Spot::Punctual(_) => None,
+        }
     }
 
     /// The same of a lamp whose light does not change with time.
