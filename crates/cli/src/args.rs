@@ -223,9 +223,9 @@ pub enum LensVerb {
     Vignetting(Bench),
     /// Axial and lateral colour.
     Color(Bench),
-    /// One page about the lens, for paper: drawing, first and third order, contrast, spots, fans, distortion, illumination, glasses; -o
-    /// FILE.html or FILE.pdf.
-    Report(Bench),
+    /// One page about the lens, for paper: drawing, first and third order, contrast, spots, fans, distortion, illumination, glasses, and, asked for,
+    /// what tolerances do to it and a photograph; -o FILE.html or FILE.pdf.
+    Report(LensReport),
     /// Reflectance of the surfaces over wavelength and angle, layers, and what the lens lets through; -o also writes .csv and .json.
     Coating {
         /// A name from `lens list`, or a file (.toml, .dat, .zmx, .seq, .len, .json).
@@ -422,6 +422,22 @@ pub struct Bench {
     /// Drawing or plot to write: .svg or .png; may be given several times.
     #[arg(short, long, value_name = "FILE")]
     pub output: Vec<PathBuf>,
+}
+
+/// A page about a lens.
+#[derive(clap::Args, Debug)]
+pub struct LensReport {
+    #[command(flatten)]
+    pub bench: Bench,
+    /// Tolerance sheet (.toml): the page says what builds of the lens are like.
+    #[arg(long, value_name = "SHEET")]
+    pub tolerances: Option<PathBuf>,
+    /// Builds for that.
+    #[arg(short = 'n', long, value_name = "N", default_value_t = 200, requires = "tolerances")]
+    pub builds: usize,
+    /// A photograph through the lens on the page: a name from `scene list`, such as the chart slanted-edges, or a file.
+    #[arg(long, value_name = "SCENE")]
+    pub photograph: Option<String>,
 }
 
 /// A lens before a sensor, to be described for other programs.

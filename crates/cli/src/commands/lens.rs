@@ -26,9 +26,10 @@ use diopter::shot::{ShotError, read_lens};
 use serde_json::{Value, json};
 use std::fmt::Write as _;
 use std::io::Write;
+use std::num::NonZeroUsize;
 use std::path::Path;
 
-pub fn run(verb: &LensVerb, json: bool) -> anyhow::Result<()> {
+pub fn run(verb: &LensVerb, threads: Option<NonZeroUsize>, json: bool) -> anyhow::Result<()> {
     match verb {
         LensVerb::List => list(json),
         LensVerb::Info(asked) => info(asked, json),
@@ -52,7 +53,7 @@ pub fn run(verb: &LensVerb, json: bool) -> anyhow::Result<()> {
         LensVerb::Distortion(asked) => distortion(asked, json),
         LensVerb::Vignetting(asked) => vignetting(asked, json),
         LensVerb::Color(asked) => color(asked, json),
-        LensVerb::Report(asked) => report::run(asked, json),
+        LensVerb::Report(asked) => report::run(asked, threads, json),
         LensVerb::Coating { lens, surface, coating, angle, output } => {
             let asked = coating::Asked { lens, surface: *surface, coating: coating.as_deref(), angles: &angle.0, output };
             coating::run(&asked, json)

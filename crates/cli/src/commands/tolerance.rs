@@ -100,14 +100,7 @@ pub fn run(asked: &Tolerance, json: bool) -> anyhow::Result<()> {
         let found = format!("{} builds of {} quantities", asked.builds, toleranced.quantities().len());
         return Err(AskedWrongly(anyhow!("-n: {found}; expected at most {most} builds, or fewer fields and frequencies")).into());
     }
-    // In the order of their numbers, however many threads there are.
-    let sensitivities: Vec<Sensitivity> =
-        (0..toleranced.parameters().len()).into_par_iter().map(|i| toleranced.sensitivity(i)).collect();
-    let builds: Vec<Vec<f64>> = (0..asked.builds as u64).into_par_iter().map(|number| toleranced.measure_build(number)).collect();
-    let summaries = (0..toleranced.quantities().len()).map(|q| Summary::of(builds.iter().map(|b| b[q]))).collect();
-    let good = builds.iter().map(|b| toleranced.is_good(b)).collect();
-    let rss = toleranced.root_sum_square(&sensitivities);
-    let report = Report { toleranced, sensitivities, rss, builds, summaries, good, seed };
+    let report = Report::new(toleranced, asked.builds, seed);
     for target in targets {
         if let Target::Text(output, text) = target {
             let text = text(&report)?;
@@ -165,7 +158,45 @@ fn named(toleranced: &Toleranced, values: &[f64]) -> Value {
     toleranced.quantities().iter().zip(values).map(|(q, v)| (q.name(), json!(v))).collect::<serde_json::Map<_, _>>().into()
 }
 
+/// What a page about the lens says of its builds: a line, rows of the quantities (the first is the head), and lines of the limits and of the
+/// perturbations that cost most.
+pub(super) fn summary(sheet: &Path, lens: &str, builds: usize) -> anyhow::Result<(String, Vec<Vec<String>>, Vec<String>)> {
+    if !(1..=MOST_BUILDS).contains(&builds) {
+        return Err(AskedWrongly(anyhow!("builds {builds}: expected 1 to {MOST_BUILDS}")).into());
+    }
+    let (toleranced, seed) = toleranced(sheet, Some(lens), None)?;
+    let r = Report::new(toleranced, builds, seed);
+    let t = &r.toleranced;
+    let mut rows = vec![["", "design", "mean", "deviation", "2 %", "98 %"].map(str::to_owned).to_vec()];
+    for (i, (q, s)) in t.quantities().iter().zip(&r.summaries).enumerate() {
+        let values = [t.nominal()[i], s.mean, s.deviation, s.percentiles[0], s.percentiles[4]];
+        let name = format!("{} {}", q.name(), q.unit()).trim_end().to_owned();
+        rows.push([name].into_iter().chain(values.map(|v| format!("{v:.4}"))).collect());
+    }
+    let mut lines: Vec<String> =
+        r.yields().into_iter().map(|(name, f, interval)| format!("limit {name}: {}", percent((f, interval)))).collect();
+    if !t.limits().is_empty() {
+        lines.push(format!("yield: {}", percent(r.total_yield())));
+    }
+    let named =
+        |i: usize| format!("{} ({:.3e} {})", t.parameters()[i].name(), t.parameters()[i].half_range, t.parameters()[i].unit());
+    let worst: Vec<String> = r.worst_first().into_iter().take(NAMED / 2).map(named).collect();
+    lines.push(format!("What costs most contrast: {}", worst.join("; ")));
+    Ok((r.title(), rows, lines))
+}
+
 impl Report {
+    /// In the order of their numbers, however many threads there are.
+    fn new(toleranced: Toleranced, builds: usize, seed: u64) -> Report {
+        let sensitivities: Vec<Sensitivity> =
+            (0..toleranced.parameters().len()).into_par_iter().map(|i| toleranced.sensitivity(i)).collect();
+        let builds: Vec<Vec<f64>> = (0..builds as u64).into_par_iter().map(|number| toleranced.measure_build(number)).collect();
+        let summaries = (0..toleranced.quantities().len()).map(|q| Summary::of(builds.iter().map(|b| b[q]))).collect();
+        let good = builds.iter().map(|b| toleranced.is_good(b)).collect();
+        let rss = toleranced.root_sum_square(&sensitivities);
+        Report { toleranced, sensitivities, rss, builds, summaries, good, seed }
+    }
+
     fn title(&self) -> String {
         let t = &self.toleranced;
         let builds = self.builds.len();

@@ -1,19 +1,22 @@
 //! `lens report`: one page about a lens, for paper.
 
-use super::super::print_json;
+use super::super::{print_json, tolerance};
 use super::{Table, fields_to, layout};
 use crate::AskedWrongly;
-use crate::args::Bench as Asked;
+use crate::args::LensReport as Asked;
 use crate::document::{self, Block, Document};
 use crate::output::distinct;
+use crate::own_program::OwnProgram;
+use crate::paint;
 use crate::watch::say;
-use anyhow::anyhow;
+use anyhow::{Context, anyhow};
 use diopter::lens::analysis::{Mtf, ThirdOrder, airy_mtf};
 use diopter::lens::draw::{self, Figure};
 use diopter::lens::glass::{Glass, GlassKind};
 use diopter::lens::paraxial::FirstOrder;
 use diopter::lens::surface::Profile;
 use serde_json::json;
+use std::num::NonZeroUsize;
 use std::path::Path;
 
 /// Spatial frequencies of the contrast over field and focus, 1/mm.
@@ -25,15 +28,31 @@ const SPOT_RAYS: usize = 24;
 /// Steps of curves over the field.
 const FIELD_STEPS: usize = 14;
 
-pub(super) fn run(asked: &Asked, json: bool) -> anyhow::Result<()> {
-    let paths: Vec<&Path> = asked.output.iter().map(|p| p.as_path()).collect();
+/// Pixels and samples a pixel of the photograph.
+const PICTURE: (&str, u32) = ("720x480", 64);
+
+pub(super) fn run(asked: &Asked, threads: Option<NonZeroUsize>, json: bool) -> anyhow::Result<()> {
+    let bench = &asked.bench;
+    let paths: Vec<&Path> = bench.output.iter().map(|p| p.as_path()).collect();
     if paths.is_empty() || paths.iter().any(|p| document::kind(p).is_none()) {
         return Err(AskedWrongly(anyhow!("lens report: expected -o FILE.html or -o FILE.pdf")).into());
     }
-    distinct([Path::new(&asked.lens)], paths.iter().copied())?;
+    let read = [Path::new(&bench.lens)].into_iter().chain(asked.tolerances.as_deref());
+    distinct(read, paths.iter().copied())?;
     let outputs = paths.iter().map(|path| document::prepare(path)).collect::<Result<Vec<_>, _>>()?;
-    let table = Table::new(asked)?;
-    let page = page(&table);
+    let table = Table::new(bench)?;
+    let mut page = page(&table);
+    if let Some(sheet) = &asked.tolerances {
+        let (title, rows, lines) = tolerance::summary(sheet, &bench.lens, asked.builds)?;
+        page.heading("Tolerances");
+        page.paragraph(&format!("{title}, by {}", sheet.display()));
+        page.blocks.push(Block::Rows { rows, head: true });
+        lines.iter().for_each(|line| page.paragraph(line));
+    }
+    if let Some(scene) = &asked.photograph {
+        photograph(&table, asked, scene, threads, &mut page)?;
+    }
+    notes(&table, &mut page);
     for output in outputs {
         say(&format!("wrote {}", page.write(output)?.display()));
     }
@@ -89,11 +108,40 @@ fn page(table: &Table) -> Document {
         section(&mut out, "Colour", [draw::color_plot("", &curves)]);
         section(&mut out, "Glasses, by the surface before them", [draw::glass_map("", &glasses)]);
     }
+    out
+}
+
+fn notes(table: &Table, out: &mut Document) {
+    let p = &table.prescription;
     if !p.notes.is_empty() {
         out.heading("Notes");
         p.notes.iter().for_each(|note| out.paragraph(note));
     }
-    out
+}
+
+/// A photograph through the lens, by this program itself; the command that makes it stands below.
+fn photograph(
+    table: &Table,
+    asked: &Asked,
+    scene: &str,
+    threads: Option<NonZeroUsize>,
+    out: &mut Document,
+) -> anyhow::Result<()> {
+    let folder = tempfile::tempdir().context("a temporary folder")?;
+    let picture = folder.path().join("through.png");
+    let (size, samples) = PICTURE;
+    let mut typed = format!("shoot \"{scene}\" --lens \"{}\" --aperture f/{:.4}", asked.bench.lens, table.set.f_number);
+    if table.prescription.zoom.len() > 1 {
+        typed += &format!(" --focal-length {:.4}mm", table.set.efl);
+    }
+    typed += &format!(" --size {size} --spp {samples}");
+    let program = OwnProgram::new(threads)?;
+    program.run(&format!("{typed} -o \"{}\"", picture.display()), None)?;
+    let bytes = std::fs::read(&picture).with_context(|| picture.display().to_string())?;
+    out.heading("Photograph");
+    out.blocks.push(Block::Picture { picture: paint::read_png(&bytes)?.into(), marked: None });
+    out.blocks.push(Block::Small(format!("diopter {typed} -o through.png")));
+    Ok(())
 }
 
 fn section(out: &mut Document, title: &str, figures: impl IntoIterator<Item = Figure>) {
