@@ -212,6 +212,7 @@ fn what_cannot_be_measured_is_said() {
         (&["measure", "color", "flat.dng"], 1, "develop"),
         (&["measure", "noise", "flat.dng", "flat.dng", "flat.dng"], 2, "pairs"),
         (&["measure", "report", "canon-t2i", "tessar-50mm-f2.8", "-o", "report.txt"], 2, ".html or .pdf"),
+        (&["measure", "report", "canon-t2i", "tessar-50mm-f2.8", "--readout", "0s", "-o", "report.html"], 2, "--readout"),
     ] {
         let (found, message) = f.fails(args);
         assert!(found == code && message.contains(wanted), "{args:?}: {found} {message}");

@@ -9,6 +9,7 @@ use super::{
     distortion_text, glare, illumination_by_bench, line, oecf, range_figure, range_text, ranges, rolling, sheet,
     strongest_channel, vignetting, vignetting_figure, vignetting_text,
 };
+use crate::AskedWrongly;
 use crate::args::MeasureReport;
 use crate::commands::{body, print_json};
 use crate::document::{self, Block, Document};
@@ -52,6 +53,9 @@ const MAINS_HZ: f64 = 50.0;
 const FLICKER: &str = "mains 50 Hz 0.8";
 /// Shutter time of it, s: short against the period of the light.
 const BANDS_S: f64 = 1.0 / 1000.0;
+
+/// Of the picture's side that charts before a thin lens fill.
+const FILLED: f64 = 0.95;
 
 /// Pixels of the picture that shows veiling glare.
 const GLARE_SIZE: Size = Size { width: 240, height: 160 };
@@ -102,6 +106,9 @@ impl Photograph {
 
 pub fn run(asked: &MeasureReport, json: bool) -> anyhow::Result<()> {
     let output = document::prepare(&asked.output)?;
+    if let Some(Seconds(time)) = asked.readout.filter(|t| !(t.0 > 0.0 && t.0 <= 1000.0)) {
+        return Err(AskedWrongly(anyhow!("--readout {time} s: expected a time above 0, up to 1000 s, such as 20ms")).into());
+    }
     let sensor = read_body(&asked.body)?;
     // Before anything is photographed: the chain is predicted for lenses with surfaces.
     read_lens(&asked.lens)?;
@@ -185,7 +192,7 @@ pub fn run(asked: &MeasureReport, json: bool) -> anyhow::Result<()> {
     let bench = field.bench(illumination_by_bench);
     let text = vignetting_text("flat-field", channel, &light)? + &beside_bench(&bench, "", 4, |h| light.at(h))?;
     page.section("Relative illumination", &[vignetting_figure("flat-field", &light, &bench)], &text);
-    tile("Corners", format!("{:+.2} EV", light.corner_ev()), "against the middle".into());
+    tile("Corners", format!("{:+.2} EV", -light.corner_ev()), "against the middle".into());
 
     // Veiling glare of the lens.
     let veil = veiling_glare(&setup, &mut page)?;
@@ -207,8 +214,12 @@ pub fn run(asked: &MeasureReport, json: bool) -> anyhow::Result<()> {
         tile("Dynamic range", format!("{:.1} stops", first.measured.dynamic_range.log2()), format!("EMVA 1288, ISO {iso:.0}"));
     }
 
+    // Charts before a thin lens fill the picture on every format.
+    let filling = |framing_mm: f64| Some(LengthMm(FILLED * framing_mm * (edges.film_mm[0] / 36.0).min(edges.film_mm[1] / 24.0)));
+
     // Tone response and dynamic range from a picture.
-    let tones = tone_response(&setup, &sensor, rows.first().map(|r| r.1.measured.dynamic_range.log2()), &mut page)?;
+    let framed = Setup { focal_length: filling(charts::FRAMING.focal_length_mm), ..setup };
+    let tones = tone_response(&framed, &sensor, rows.first().map(|r| r.1.measured.dynamic_range.log2()), &mut page)?;
 
     // Shutter.
     let shutter = rolling_shutter(&setup, asked.readout, &mut page)?;
@@ -221,7 +232,8 @@ pub fn run(asked: &MeasureReport, json: bool) -> anyhow::Result<()> {
         page.paragraph("Colour: the sensor is monochrome.");
         None
     } else {
-        let chart = photograph(&Setup { lens: "thin", aperture: None, focal_length: None, ..setup }, "color-chart")?;
+        let focal_length = filling(color_chart::FRAMING.focal_length_mm);
+        let chart = photograph(&Setup { lens: "thin", aperture: None, focal_length, ..setup }, "color-chart")?;
         let picture = developed::measured(&chart.picture);
         let corners = chart_corners(&chart.facts, [chart.picture.pixels.width, chart.picture.pixels.height], COLOR_CHART);
         match color::measure(&picture, Some(corners), "D65") {
@@ -260,26 +272,33 @@ fn mtf50_figure(edges: &[EdgeMtf], predicted: &[&[f64]], heights_mm: Vec<f64>, p
         let [a, b] = [response[k], response[k + 1]];
         Some((e.frequencies[k] + (e.frequencies[k + 1] - e.frequencies[k]) * (a - 0.5) / (a - b)) / pitch_mm)
     };
-    let all = || edges.iter().zip(predicted).zip(&heights_mm);
+    let pairs = || edges.iter().zip(predicted).zip(&heights_mm);
     // Edges that run along the radius are blurred along the tangent: sagittal and tangential differ.
     let points = |radial: bool, of_model: bool| {
-        all()
+        pairs()
             .filter(move |((e, _), h)| is_radial(e, edges) == radial || **h == 0.0)
             .filter_map(move |((e, p), h)| Some((*h, if of_model { half(e, p)? } else { half(e, &e.mtf)? })))
             .collect::<Vec<_>>()
     };
-    let lines = vec![
-        line("across the radius", 0, Style::Dots, points(true, false)),
-        line("along the radius", 1, Style::Dots, points(false, false)),
-        line("predicted", 0, Style::Broken, points(true, true)),
-        line("", 1, Style::Broken, points(false, true)),
-    ];
-    let values: Vec<f64> = lines.iter().flat_map(|l| l.points.iter().map(|p| p.y)).collect();
+    let lines = [points(true, false), points(false, false), points(true, true), points(false, true)];
+    let [most_mm, most] = lines.iter().flatten().fold([1e-3f64; 2], |[x, y], p| [x.max(p.0), y.max(p.1)]);
+    let [across, along, predicted_across, predicted_along] = lines;
+    // A cross for each edge.
+    let crosses = |name: &str, color: usize, at: &[(f64, f64)]| {
+        let [dx, dy] = [0.008 * most_mm, 0.01 * most];
+        let arms = at.iter().flat_map(|(x, y)| [[(x - dx, *y), (x + dx, *y)], [(*x, y - dy), (*x, y + dy)]]);
+        let named = arms.enumerate().map(|(k, arm)| line(if k == 0 { name } else { "" }, color, Style::Full, arm));
+        named.collect::<Vec<_>>()
+    };
+    let mut all = crosses("across the radius", 0, &across);
+    all.extend(crosses("along the radius", 1, &along));
+    all.push(line("predicted", 0, Style::Broken, predicted_across));
+    all.push(line("", 1, Style::Broken, predicted_along));
     sheet(&Chart {
         title: "MTF50 over the picture".into(),
-        x: Axis::around("image height, mm", heights_mm.iter().copied(), true),
-        y: Axis::around("MTF50, cycles/mm", values.into_iter().map(|v| 1.1 * v), true),
-        lines,
+        x: Axis { label: "image height, mm".into(), range: [0.0, 1.1 * most_mm] },
+        y: Axis { label: "MTF50, cycles/mm".into(), range: [0.0, 1.3 * most] },
+        lines: all,
     })
 }
 
@@ -421,14 +440,7 @@ fn tone_response(
     emva: Option<f64>,
     page: &mut Document,
 ) -> anyhow::Result<Option<Vec<Response>>> {
-    let thin = Setup {
-        lens: "thin",
-        aperture: Some(FNumber(8.0)),
-        focal_length: None,
-        size: Some(WEDGE_SIZE),
-        spp: WEDGE_SPP,
-        ..*setup
-    };
+    let thin = Setup { lens: "thin", aperture: Some(FNumber(8.0)), size: Some(WEDGE_SIZE), spp: WEDGE_SPP, ..*setup };
     let lowest = sensor.iso.iter().map(|i| i.iso).fold(f64::INFINITY, f64::min);
     let mut file = thin.shot_file("step-wedge");
     file.exposure.iso = Some(IsoChoice::Fixed(Iso(lowest)));
