@@ -23,15 +23,16 @@ DIOPTER = os.path.abspath(sys.argv[1]) if len(sys.argv) > 1 else os.path.join(RO
 SIZE = (900, 600)
 COLUMNS, ROWS = 11, 8  # squares; corners are one fewer
 SQUARE = 0.48  # m: so far away that the place of the entrance pupil, which moves with the angle, hardly matters
-# Flags of lens and body, distance of the board (m), model, f-number, largest tilt of the board (degrees).
+# Flags of lens, film, distance of the board (m), how much larger the board is, model, f-number, largest tilt of the board (degrees).
 LENSES = {
-    "double-gauss-50mm": ([], 12.0, "opencv5", "f/8", 35),
-    "wide-24mm-f3.5": ([], 6.4, "opencv5", "f/8", 35),
-    "kit-zoom-18-55mm": (["--focal-length", "18mm"], 6.8, "opencv5", "f/8", 35),
-    "fisheye-15mm-f2.8": ([], 3.6, "opencv-fisheye", "f/8", 25),
-    "phone-5.6mm-f3.5": ([], 6.4, "opencv5", None, 35),
+    "double-gauss-50mm": ([], "36x24", 12.0, 1, "opencv5", "f/8", 35),
+    "distagon-28mm-f2": ([], "36x24", 14.0, 2, "opencv5", "f/8", 35),
+    "kit-zoom-18-55mm": (["--focal-length", "18mm"], "22.3x14.9", 13.6, 2, "opencv5", "f/8", 35),
+    "fisheye-15mm-f2.8": ([], "36x24", 14.4, 4, "opencv-fisheye", "f/8", 25),
+    "phone-5.6mm-f3.5": ([], "5.76x3.84", 6.4, 1, "opencv8", None, 35),
 }
-POSES = 16
+POSES = 14
+NAMES = {"opencv5": ["k1", "k2", "p1", "p2", "k3"], "opencv8": ["k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6"], "opencv-fisheye": ["k1", "k2", "k3", "k4"]}
 
 
 def run(*arguments):
@@ -41,7 +42,7 @@ def run(*arguments):
     return done.stdout
 
 
-def board(path):
+def board(path, square):
     """The chessboard in the plane z = 0, upright, its first inner corner at the upper left: an OBJ of shining squares with a white margin."""
     materials = "newmtl white\nKd 0 0 0\nKe 300 300 300\nnewmtl black\nKd 0.02 0.02 0.02\nKe 12 12 12\n"
     with open(path.replace(".obj", ".mtl"), "w") as f:
@@ -50,9 +51,9 @@ def board(path):
     for row in range(-1, ROWS + 1):
         for column in range(-1, COLUMNS + 1):
             inside = 0 <= row < ROWS and 0 <= column < COLUMNS
-            x, y = (column - COLUMNS / 2) * SQUARE, (ROWS / 2 - row) * SQUARE
+            x, y = (column - COLUMNS / 2) * square, (ROWS / 2 - row) * square
             first = len(vertices) + 1
-            vertices += [(x, y - SQUARE), (x + SQUARE, y - SQUARE), (x + SQUARE, y), (x, y)]
+            vertices += [(x, y - square), (x + square, y - square), (x + square, y), (x, y)]
             faces["black" if inside and (row + column) % 2 == 0 else "white"].append(range(first, first + 4))
     with open(path, "w") as f:
         f.write(f"mtllib {os.path.basename(path).replace('.obj', '.mtl')}\n")
@@ -60,17 +61,17 @@ def board(path):
         for name, list_of in faces.items():
             f.write(f"usemtl {name}\n")
             f.writelines("f " + " ".join(map(str, face)) + "\n" for face in list_of)
-    inner = [((c + 1 - COLUMNS / 2) * SQUARE, (ROWS / 2 - r - 1) * SQUARE, 0) for r in range(ROWS - 1) for c in range(COLUMNS - 1)]
+    inner = [((c + 1 - COLUMNS / 2) * square, (ROWS / 2 - r - 1) * square, 0) for r in range(ROWS - 1) for c in range(COLUMNS - 1)]
     return np.array(inner, np.float32)
 
 
-def poses(distance, tilt, random):
+def poses(distance, square, tilt, random):
     """Places of the camera and aims: from many sides, the board in all parts of the picture."""
     for k in range(POSES):
         across, up = np.radians(random.uniform(-tilt, tilt, 2))
         d = distance * random.uniform(0.9, 1.15)
         at = np.array([np.sin(across), np.sin(up) * np.cos(across), np.cos(up) * np.cos(across)]) * d
-        aim = np.array([random.uniform(-0.8, 0.8), random.uniform(-0.55, 0.55), 0.0])
+        aim = np.array([random.uniform(-1.2, 1.2), random.uniform(-0.7, 0.7), 0.0]) * square / 0.48
         yield at + aim, aim, [random.uniform(-0.6, 0.6), 1.0, 0.0]
 
 
@@ -83,12 +84,27 @@ def corners_of(path):
     return corners if len(corners) == (COLUMNS - 1) * (ROWS - 1) else None
 
 
-def model_of(calibration):
-    m = calibration["model"]
-    c = m["coefficients"]
-    names = ["k1", "k2", "k3", "k4"] if "fisheye" in m["name"] else ["k1", "k2", "p1", "p2", "k3"]
+def model_of(lens, flags, film, model, folder):
+    """K and distortion that `lens calibrate` fits to traced rays."""
+    path = os.path.join(folder, "model.json")
+    run("lens", "calibrate", lens, *flags, "--film", film, "--size", "%dx%d" % SIZE, "--model", model, "-o", path)
+    m = json.load(open(path))["model"]
+    assert m["name"] == model, m
     matrix = np.array([[m["fx"], 0, m["cx"]], [0, m["fy"], m["cy"]], [0, 0, 1]])
-    return matrix, np.array([c[n] for n in names])
+    return matrix, np.array([m["coefficients"][n] for n in NAMES[model]])
+
+
+def fisheye_deviations(objects, rotations, translations, matrix, distortion, rms):
+    """Standard deviations of K and distortion by the normal equations, which cv2.fisheye.calibrate does not state: what calibrateCamera does."""
+    own, cross, reduced, count = np.zeros((8, 8)), [], [], 0
+    for o, r, t in zip(objects, rotations, translations):
+        _, jacobian = cv2.fisheye.projectPoints(o.reshape(-1, 1, 3).astype(np.float64), r, t, matrix, distortion)
+        a, b = jacobian[:, :8], jacobian[:, 8:14]
+        own += a.T @ a
+        reduced.append(a.T @ b @ np.linalg.inv(b.T @ b) @ b.T @ a)
+        count += len(jacobian)
+    variance = rms**2 * len(objects[0]) * len(objects) / (count - 8 - 6 * len(objects))
+    return np.sqrt(variance * np.diag(np.linalg.inv(own - sum(reduced)))).reshape(-1, 1)
 
 
 def project(points, pose, matrix, distortion, fisheye):
@@ -97,7 +113,7 @@ def project(points, pose, matrix, distortion, fisheye):
     shape = points.reshape(-1, 1, 3).astype(np.float64)
     project = cv2.fisheye.projectPoints if fisheye else cv2.projectPoints
     if fisheye:
-        return project(shape, vector, translation.reshape(3, 1), matrix, distortion)[0].reshape(-1, 2)
+        return project(shape, vector, np.ascontiguousarray(translation).reshape(3, 1), matrix, distortion)[0].reshape(-1, 2)
     return project(shape, vector, translation, matrix, distortion)[0].reshape(-1, 2)
 
 
@@ -106,24 +122,25 @@ def main():
     random = np.random.default_rng(7)
     worst = 0.0
     for lens in wanted:
-        flags, distance, model, aperture, tilt = LENSES[lens]
+        flags, film, distance, larger, model, aperture, tilt = LENSES[lens]
+        square = SQUARE * larger
         fisheye = model == "opencv-fisheye"
         stop = ["--aperture", aperture] if aperture else []
         with tempfile.TemporaryDirectory() as folder:
             scene = os.path.join(folder, "board.obj")
-            inner = board(scene)
-            objects, images, ours_at, ours = [], [], [], None
-            for k, (look_from, look_at, up) in enumerate(poses(distance, tilt, random)):
+            inner = board(scene, square)
+            ours = model_of(lens, [*flags, *stop, "--focus", f"{distance}m"], film, model, folder)
+            objects, images, ours_at = [], [], []
+            for k, (look_from, look_at, up) in enumerate(poses(distance, square, tilt, random)):
                 picture, side = os.path.join(folder, f"{k}.png"), os.path.join(folder, f"{k}.json")
                 vector = lambda v: ",".join(f"{x:.6f}" for x in v)
-                run("shoot", scene, "--lens", lens, *flags, *stop, "--focus", f"{distance}m", "--look-from=" + vector(look_from), "--look-at=" + vector(look_at),
-                    "--up=" + vector(up), "--size", "%dx%d" % SIZE, "--spp", 16, "--seed", k + 1, "--mode", "A", "--iso", 400, "--light", "none",
+                run("shoot", scene, "--lens", lens, *flags, "--format", film, *stop, "--focus", f"{distance}m", "--look-from=" + vector(look_from), "--look-at=" + vector(look_at),
+                    "--up=" + vector(up), "--size", "%dx%d" % SIZE, "--spp", 8, "--seed", k + 1, "--mode", "A", "--iso", 400, "--light", "none",
                     "--integrator", "path", "--denoise", "off", "-o", picture, "-o", side)
                 seen = corners_of(picture)
                 if seen is None:
                     continue
                 calibration = json.load(open(side))
-                ours = model_of(calibration)
                 camera = next(p for p in calibration["frames"][0]["poses"] if p["when"] == "middle")["world_from_camera_opengl"]
                 pose = np.diag([1, -1, -1, 1]) @ np.linalg.inv(np.array(camera))
                 predicted = project(inner, pose, *ours, fisheye)
@@ -144,21 +161,23 @@ def main():
                 shape = [o.reshape(1, -1, 3).astype(np.float64) for o in objects], [i.reshape(1, -1, 2).astype(np.float64) for i in images]
                 rms, matrix, distortion, *_ = cv2.fisheye.calibrate(*shape, SIZE, matrix, distortion,
                     flags=cv2.fisheye.CALIB_RECOMPUTE_EXTRINSIC | cv2.fisheye.CALIB_FIX_SKEW | cv2.fisheye.CALIB_USE_INTRINSIC_GUESS)
-                deviations = None
+                rotations, translations = _
+                deviations = fisheye_deviations(objects, rotations, translations, matrix, distortion, rms)
             else:
-                rms, matrix, distortion, _, _, deviations, _, _ = cv2.calibrateCameraExtended(objects, images, SIZE, None, None)
-            unknowns = 6 * len(images) + (8 if fisheye else 9)
+                flags_of = cv2.CALIB_RATIONAL_MODEL if model == "opencv8" else 0
+                rms, matrix, distortion, _, _, deviations, _, _ = cv2.calibrateCameraExtended(objects, images, SIZE, None, None, flags=flags_of)
+                distortion = np.ravel(distortion)[: len(NAMES[model])]
+            unknowns = 6 * len(images) + 4 + len(NAMES[model])
             expected = predicted_rms * np.sqrt(1 - unknowns / count)
             print(f"{lens} {' '.join(flags)}: {len(images)} pictures, {model}")
-            names = ["fx", "fy", "cx", "cy"] + (["k1", "k2", "k3", "k4"] if fisheye else ["k1", "k2", "p1", "p2", "k3"])
+            names = ["fx", "fy", "cx", "cy"] + NAMES[model]
             flat = lambda k, d: np.concatenate([[k[0, 0], k[1, 1], k[0, 2], k[1, 2]], np.ravel(d)])
             a, b = flat(*ours), flat(matrix, distortion)
             for j, name in enumerate(names):
                 line = f"   {name:<3} ours {a[j]:>12.5f}   OpenCV {b[j]:>12.5f}"
-                if deviations is not None:
-                    away = (b[j] - a[j]) / deviations[j, 0]
-                    line += f" ± {deviations[j, 0]:.5f}   {away:+.2f} deviations"
-                    worst = max(worst, abs(away))
+                away = (b[j] - a[j]) / deviations[j, 0]
+                line += f" ± {deviations[j, 0]:.5f}   {away:+.2f} deviations"
+                worst = max(worst, abs(away))
                 print(line)
             # What the coefficients together mean: where the two models put the same directions.
             theirs = [project(o, np.vstack([np.hstack([cv2.Rodrigues(r)[0], t.reshape(3, 1)]), [0, 0, 0, 1]]), *m, fisheye)
