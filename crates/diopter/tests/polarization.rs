@@ -22,7 +22,8 @@ const WATER: f32 = 1.333;
 
 /// Black water below an even sky.
 fn water() -> Scene {
-    let principled = Principled { roughness: Scalar::Constant(0.0), ..Principled::new(Color::rgb(0.0, 0.0, 0.0), WATER) };
+    let mut principled = Principled::new(Color::rgb(0.0, 0.0, 0.0), WATER);
+    principled.roughness = Scalar::Constant(0.0);
     let quad = Quad { corner: Vec3::new(-500.0, 0.0, 500.0), edges: [Vec3::X * 1000.0, Vec3::NEG_Z * 1000.0] };
     let mut scene = Scene::build(Description {
         materials: vec![Material::new("water", Scattering::Principled(Box::new(principled)))],
@@ -156,7 +157,8 @@ fn meters_look_through_the_polariser() {
         scene
     };
     let sensor = Sensor::named("ideal").unwrap();
-    let camera = camera(Vec3::ZERO, Vec3::NEG_Z, 3);
+    let mut camera = camera(Vec3::ZERO, Vec3::NEG_Z, 3);
+    camera.film.pixel_area_mm2 = sensor.pitch_mm().iter().product();
     let reading = Reading::new(100.0, 1);
     let meter = Meter { sensor: &sensor, reading: &reading, pattern: Pattern::Average, at: [0.5; 2], filter: 1.0 };
     let white = cie::illuminant("D65").unwrap();

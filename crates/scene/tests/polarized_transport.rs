@@ -30,7 +30,8 @@ fn mean(scene: &Scene, origin: Vec3, direction: Vec3, axis: Vec3, n: u32) -> Sto
 }
 
 fn black(ior: f32, roughness: f32) -> Material {
-    let principled = Principled { roughness: Scalar::Constant(roughness), ..Principled::new(Color::rgb(0.0, 0.0, 0.0), ior) };
+    let mut principled = Principled::new(Color::rgb(0.0, 0.0, 0.0), ior);
+    principled.roughness = Scalar::Constant(roughness);
     Material::new("black plastic", Scattering::Principled(Box::new(principled)))
 }
 
@@ -114,13 +115,9 @@ fn lamps_seen_over_facets_and_through_panes_keep_their_order() {
     let wi = Vec3::new(0.0, angle.cos(), -angle.sin());
     let sun = || Punctual::new("sun", Spectrum::light_from_rgb(Vec3::ONE), PunctualKind::Directional { direction: -wi });
     let glass = |pane: bool| {
-        let principled = Principled {
-            roughness: Scalar::Constant(0.0),
-            transmission: Scalar::Constant(1.0),
-            kind: Transmission::Thin,
-            pane,
-            ..Principled::new(Color::rgb(1.0, 1.0, 1.0), n)
-        };
+        let mut principled = Principled::new(Color::rgb(1.0, 1.0, 1.0), n);
+        (principled.roughness, principled.transmission) = (Scalar::Constant(0.0), Scalar::Constant(1.0));
+        (principled.kind, principled.pane) = (Transmission::Thin, pane);
         Material::new("pane", Scattering::Principled(Box::new(principled)))
     };
     let lit = |pane: Option<(bool, Vec3)>| {
@@ -205,7 +202,8 @@ fn the_sky_is_polarised_by_four_fifths_at_right_angles_to_the_sun() {
 fn one_event_changes_no_intensity() {
     // Opaque materials whose light comes from an even sky: sample by sample the same numbers as without polarisation.
     let rough = |r: f32| {
-        let principled = Principled { roughness: Scalar::Constant(r), ..Principled::new(Color::rgb(0.7, 0.3, 0.2), 1.5) };
+        let mut principled = Principled::new(Color::rgb(0.7, 0.3, 0.2), 1.5);
+        principled.roughness = Scalar::Constant(r);
         Material::new("plastic", Scattering::Principled(Box::new(principled)))
     };
     let metal = |alpha: f32| Material::new("gold", Scattering::Conductor(Conductor::metal("gold", alpha).unwrap()));
