@@ -157,7 +157,8 @@ fn meters_look_through_the_polariser() {
         scene
     };
     let sensor = Sensor::named("ideal").unwrap();
-    let camera = camera(Vec3::ZERO, Vec3::NEG_Z, 3);
+    let mut camera = camera(Vec3::ZERO, Vec3::NEG_Z, 3);
+    camera.film.pixel_area_mm2 = sensor.pitch_mm().iter().product();
     let reading = Reading::new(100.0, 1);
     let meter = Meter { sensor: &sensor, reading: &reading, pattern: Pattern::Average, at: [0.5; 2], filter: 1.0 };
     let white = cie::illuminant("D65").unwrap();

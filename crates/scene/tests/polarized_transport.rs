@@ -116,8 +116,7 @@ fn lamps_seen_over_facets_and_through_panes_keep_their_order() {
     let sun = || Punctual::new("sun", Spectrum::light_from_rgb(Vec3::ONE), PunctualKind::Directional { direction: -wi });
     let glass = |pane: bool| {
         let mut principled = Principled::new(Color::rgb(1.0, 1.0, 1.0), n);
-        principled.roughness = Scalar::Constant(0.0);
-        principled.transmission = Scalar::Constant(1.0);
+        (principled.roughness, principled.transmission) = (Scalar::Constant(0.0), Scalar::Constant(1.0));
         (principled.kind, principled.pane) = (Transmission::Thin, pane);
         Material::new("pane", Scattering::Principled(Box::new(principled)))
     };

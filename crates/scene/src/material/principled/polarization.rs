@@ -7,6 +7,7 @@
 //! stays Schlick's. The coat polarises what goes through it both ways.
 
 use super::{COAT_IOR, PrincipledLobes};
+use crate::material::film::cosine_of;
 use crate::material::polarization::{Complex, Event, InPlane, conductor, dielectric, pane, s_axis};
 use diopter_light::Sampled;
 use glam::Vec3;
@@ -84,7 +85,12 @@ impl PrincipledLobes<'_> {
 
     /// The way of light from or to the diffuse base.
     fn through_interface(&self, w: Vec3) -> Event {
-        let through = self.dielectric_in_plane(w.z)[1].normalized();
+        // Facets of a rough one are met, on the whole, at the cosine at which a smooth one reflects as much.
+        let cos = match self.smooth() {
+            true => w.z,
+            false => cosine_of(self.interface().reflected(self.facets, w) / self.mirror_albedo_at(w), self.eta),
+        };
+        let through = self.dielectric_in_plane(cos)[1].normalized();
         Event::in_plane(s_axis(Vec3::Z, w), &through)
     }
 
@@ -148,7 +154,8 @@ impl PrincipledLobes<'_> {
         }
         if !self.solid {
             // The lobe is that of the mirror, folded: as if the sheet were smooth.
-            return Event { incoming: s_axis(Vec3::Z, wi), ..macroscopic(self.seen.reflected) };
+            let through = self.dielectric_in_plane(wo.z)[1].normalized();
+            return Event { incoming: s_axis(Vec3::Z, wi), ..Event::in_plane(s_axis(Vec3::Z, wo), &through) };
         }
         let Some(h) = (wi * self.bend + wo).try_normalize() else { return Event::DEPOLARIZES };
         let h = if h.z < 0.0 { -h } else { h };
