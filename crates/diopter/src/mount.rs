@@ -89,7 +89,12 @@ impl Camera {
         Ok(self.to_world(&self.lens.chief_ray(film_mm)?, time_s))
     }
 
-    /// Cosine between a world direction and the camera's axis at a time of the exposure.
+    /// Where the middle of the entrance pupil is at a time of the exposure, m: the place of the camera, from which its truth counts.
+    pub(crate) fn place(&self, time_s: f64) -> Vec3 {
+        self.way.at(time_s).translation.into()
+    }
+
+    /// Part of a world vector along the camera's axis at a time of the exposure; of a direction, the cosine between both.
     pub(crate) fn cosine_to_axis(&self, direction: Vec3, time_s: f64) -> f32 {
         self.way.at(time_s).matrix3.z_axis.dot((-direction).into())
     }

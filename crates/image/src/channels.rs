@@ -106,7 +106,7 @@ pub static CHANNELS: [Channel; 20] = [
         missing: f32::INFINITY,
         needs_frames: false,
         needs_pupil: false,
-        about: "distance along the camera's axis (all around, where there is no axis: along the ray); infinite where nothing is hit",
+        about: "distance from the middle of the entrance pupil (the camera's place, as in calibrations) along the camera's axis (all around, where there is no axis: along the ray); infinite where nothing is hit",
     },
     Channel {
         name: "normal",
@@ -161,7 +161,7 @@ pub static CHANNELS: [Channel; 20] = [
         missing: f32::INFINITY,
         needs_frames: false,
         needs_pupil: false,
-        about: "distance along the chief ray from the middle of the pupil; infinite where nothing is hit",
+        about: "distance along the chief ray from the middle of the entrance pupil; infinite where nothing is hit",
     },
     Channel {
         name: "uv",

@@ -21,7 +21,7 @@ use diopter_light::Ray;
 use diopter_light::random::{Sampler, SamplerKind, Set};
 use diopter_scene::shape::Surface;
 use diopter_scene::{FirstSurface, OtherExposure, Scene};
-use glam::{DVec2, DVec3};
+use glam::{DVec2, DVec3, Vec3};
 use rayon::prelude::*;
 use std::collections::BTreeSet;
 use std::ops::Range;
@@ -96,8 +96,14 @@ fn fill(channel: &Channel) -> Fill {
 
 fn depth(recorder: &Recorder, seen: &Seen, to: &mut [f32]) {
     let Some(first) = &seen.first else { return };
-    let cosine = if recorder.all_around { 1.0 } else { recorder.camera.cosine_to_axis(seen.ray.direction, seen.time_s) };
-    to[0] = first.distance * cosine;
+    let from_place = seen.ray.origin - recorder.camera.place(seen.time_s);
+    to[0] = match recorder.all_around {
+        true => first.distance + from_place.dot(seen.ray.direction),
+        false => {
+            let along_axis = |v: Vec3| recorder.camera.cosine_to_axis(v, seen.time_s);
+            first.distance * along_axis(seen.ray.direction) + along_axis(from_place)
+        }
+    };
 }
 
 fn normal(_: &Recorder, seen: &Seen, to: &mut [f32]) {
@@ -120,9 +126,11 @@ fn position(_: &Recorder, seen: &Seen, to: &mut [f32]) {
     to.copy_from_slice(&surface.point.to_array());
 }
 
-fn distance(_: &Recorder, seen: &Seen, to: &mut [f32]) {
+fn distance(recorder: &Recorder, seen: &Seen, to: &mut [f32]) {
     let Some(surface) = &seen.surface else { return };
-    to[0] = surface.t;
+    // The ray begins where it leaves the front glass.
+    let from_place = seen.ray.origin - recorder.camera.place(seen.time_s);
+    to[0] = surface.t + from_place.dot(seen.ray.direction);
 }
 
 fn uv(_: &Recorder, seen: &Seen, to: &mut [f32]) {
@@ -659,6 +667,26 @@ mod tests {
                     assert!(found.length() > 0.5, "{found}");
                 }
             }
+        }
+    }
+
+    #[test]
+    fn depth_through_a_real_lens_counts_from_the_entrance_pupil() {
+        // Of the double Gauss the pupil lies tens of millimetres behind the front glass, where rays begin.
+        let focus = Focus::Distance(Millimeters(1e3 * DEPTH));
+        let setting = Setting { focal_length: None, f_number: Some(4.0), focus, iris: None, film_mm: [36.0, 24.0] };
+        let prescription = Arc::new(diopter_lens::embedded("double-gauss-50mm").unwrap());
+        let lens = CompoundLens::new(prescription, &setting).unwrap();
+        let camera = camera(Lens::Compound(Box::new(lens)));
+        let truth = recorded_by(&carried(Vec3::ZERO), &camera, &Shutter::global(0.01), &asking("position,distance"));
+        for at in PLACES {
+            let [x, y, z] = pixel(&truth, "position", at);
+            let [depth] = pixel(&truth, "depth", at);
+            assert!((depth - DEPTH).abs() < 1e-4 && (z + DEPTH).abs() < 1e-4, "{at:?}: {depth} {z}");
+            // The pupil moves a little with the angle: less than a millimetre here.
+            let [distance] = pixel(&truth, "distance", at);
+            let straight = glam::DVec3::new(x, y, z).length();
+            assert!((distance - straight).abs() < 1e-3, "{at:?}: {distance} {straight}");
         }
     }
 
