@@ -2,7 +2,7 @@
 //!
 //! Written: meshes (balls and parallelograms as triangles), materials as glTF can say them, pictures, lights, cameras, and what moves as a whole with its
 //! key frames, and meshes that bend with their skins and morph targets. What glTF cannot say is simplified and told: media that scatter, spectra (as linear
-//! sRGB). Beside it, in `extras`, stands all of it as diopter has it ([`crate::exact`]), also what glTF has no words for at all: surroundings, air, curves. Other programs
+//! sRGB). Beside it, in `extras`, stands all of it as diopter has it (`crate::exact`), also what glTF has no words for at all: surroundings, air, curves. Other programs
 //! skip that; our own reader takes it.
 
 mod motion;

@@ -72,7 +72,7 @@ impl PixelView {
 
 impl Description {
     /// Displaces all meshes that heights displace anew, so finely that no edge is longer than `edge_px` pixels (> 0) of a picture, at a moment of the scene, s; edges
-    /// outside of the picture may be eight times as long. Where that takes more than [`MOST_IN_ALL`] triangles edges stay longer, and a warning says so.
+    /// outside of the picture may be eight times as long. Where that takes more than `MOST_IN_ALL` triangles edges stay longer, and a warning says so.
     pub fn refine_displaced(&mut self, view: &PixelView, edge_px: f32, at_s: f64) {
         self.refine_displaced_up_to(view, edge_px, at_s, MOST_IN_ALL);
     }

@@ -3,7 +3,7 @@
 //! Conventions: those of [`diopter_light::polarization`]. At an interface the frame of light has its x axis along s, perpendicular to the plane of incidence, on
 //! both sides; y is p = k × s. Amplitudes are those of Born & Wolf §1.5.2 (r∥ is positive where r⊥ is negative at normal incidence, since p turns over with the light),
 //! complex indices n + ik go with exp(−iωt) (§14.1 there writes n(1 + iκ)). Within one plane of incidence an event is diagonal in s and p
-//! ([`InPlane`]); what goes to and fro between parallel faces without interference adds up there element by element. Elsewhere matrices are whole ([`Event`]).
+//! (`InPlane`); what goes to and fro between parallel faces without interference adds up there element by element. Elsewhere matrices are whole (`Event`).
 //!
 //! What is not followed: light that bounces between facets of a rough surface (what energy compensation gives back) and light that comes out of a diffuse
 //! base are unpolarised, the latter but for its way through the interface; fibres, cloth, hair and measured tables depolarise.
