@@ -269,11 +269,18 @@ def tone_curves(m):
     return grid([(opened(p), text) for p, text in cells], 3, 480)
 
 
+def water(m):
+    return shots(m, [
+        ("water", ("--polarizer", "linear:0deg"), "polariser along the horizon"),
+        ("water", (), "across it"),
+    ], 2)
+
+
 COMPOSED = {
     f.__name__.replace("_", "-"): f
     for f in [
         aperture, bracket, classic_lenses, dark_frame, demosaic, denoised, depth_of_field, equal_exposures, expose_right, flash_curtains, focus_priority,
-        focus_stack, iso_ladder, lens_corrected, lens_sheet, light_field, lut_looks, rolling_shutter, shutter_series, steps, telephoto, tone_curves,
+        focus_stack, iso_ladder, lens_corrected, lens_sheet, light_field, lut_looks, rolling_shutter, shutter_series, steps, telephoto, tone_curves, water,
     ]
 }
 SINGLE = [
