@@ -38,21 +38,19 @@ pub fn factors(mean: &Raster<f32>, albedo: &Raster<f32>) -> Vec<f32> {
             if own > surface.most * (1.0 + ALBEDO) + LEAST_ALBEDO || own < surface.least * (1.0 - ALBEDO) - LEAST_ALBEDO {
                 continue;
             }
-            let of_band = |band: usize| {
+            let mut is_point = false;
+            for (band, factor) in pixel.iter_mut().enumerate() {
                 let own = mean.data[(y * w + x) * n + band];
                 let near = Ends::of(around().map(|i| mean.data[i * n + band]));
                 let (low, high) = (near.least * (1.0 - STANDS_OUT), near.most * (1.0 + STANDS_OUT));
-                (own, low, high, own >= POINT * near.most)
-            };
-            // A point keeps its colour.
-            if (0..n).any(|band| of_band(band).3) {
-                continue;
-            }
-            for (band, factor) in pixel.iter_mut().enumerate() {
-                let (own, low, high, _) = of_band(band);
+                is_point |= own >= POINT * near.most;
                 if own > 0.0 {
                     *factor = own.clamp(low, high.max(low)) / own;
                 }
+            }
+            // A point keeps its colour.
+            if is_point {
+                pixel.fill(1.0);
             }
         }
     });
