@@ -27,7 +27,7 @@ use crate::glass::D_NM;
 use crate::iris::Iris;
 use crate::paraxial::FirstOrder;
 use crate::prescription::Prescription;
-use crate::pupil::{self, Geometry, PupilDetail, PupilTable};
+use crate::pupil::{self, Geometry, PupilDetail, PupilTable, Region, Turn};
 use crate::system::{PlacedSurface, State, System};
 use crate::trace::{Apertures, TracedRay, Way};
 use crate::{Blocked, BlockedBy, Focus, LensError, LensRay};
@@ -542,7 +542,13 @@ impl CompoundLens {
         let mut ray = self.film_ray(film, self.pupils.middle_slope(film));
         let n = &self.reference;
         let mut out = self.system.trace(ray, n, Way::ToObject, Apertures::Clip);
-        // An obstruction sits in the middle: any ray beside it looks the same way.
+        // Where little of the region passes, its middle may not: that of what passes does. An obstruction sits in the middle: any ray beside it looks the same way.
+        if out.is_err() && region.fan.area() > 0.0 {
+            if let Some(slope) = self.middle_of_passing(film, region, turn) {
+                ray = self.film_ray(film, slope);
+                out = self.system.trace(ray, n, Way::ToObject, Apertures::Clip);
+            }
+        }
         for i in 0..32 {
             if out.is_ok() || region.fan.area() <= 0.0 {
                 break;
@@ -554,6 +560,34 @@ impl CompoundLens {
         let out = out?;
         let weight_sr = region.fan.area() * ray.direction.z.powi(4);
         Ok(LensRay { origin_mm: self.relative_to_pupil(out.position), direction: out.direction, weight_sr })
+    }
+
+    /// Slope from a film point towards the middle of what passes, of directions spread over a region; `None` where none of them passes, and where many do: then something stands in the middle.
+    fn middle_of_passing(&self, film: DVec2, region: &Region, turn: Turn) -> Option<DVec2> {
+        const PACKETS: usize = 16;
+        // Steps of the plane that leave no gaps (Roberts 2018, R2).
+        const STEPS: DVec2 = DVec2::new(0.754_877_666_246_692_8, 0.569_840_290_998_053_2);
+        let mut n = Indices::default();
+        self.batch.indices(&[REFERENCE_NM as f32; LANES], &mut n);
+        let (mut sum, mut count) = (DVec2::ZERO, 0.0);
+        let mut packet = Packet::default();
+        for first in (0..PACKETS).map(|k| k * LANES) {
+            let slopes: [DVec2; LANES] = std::array::from_fn(|i| {
+                let u = (STEPS * (first + i + 1) as f64).fract();
+                self.pupils.slope(film, region.fan.sample([u.x as f32, u.y as f32]), turn)
+            });
+            for (i, slope) in slopes.iter().enumerate() {
+                crate::pupil::start(&mut packet, i, film, self.system.film_z, self.system.film_direction(*slope));
+            }
+            let passed = self.batch.trace(&mut packet, &n, Way::ToObject);
+            for slope in slopes.iter().enumerate().filter(|(i, _)| passed >> i & 1 == 1).map(|(_, slope)| slope) {
+                (sum, count) = (sum + *slope, count + 1.0);
+            }
+            if first == 0 && count > LANES as f64 / 3.0 {
+                return None;
+            }
+        }
+        (count > 0.0).then(|| sum / count)
     }
 
     /// Where a lane that came through lands on the film, its slope there towards the lens, and cos² of its angle to the axis.

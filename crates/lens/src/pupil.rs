@@ -10,6 +10,9 @@
 //! that holds the set. A bin of the table holds the hull of the polygons at its ends. Nothing that passes is left out, so the
 //! picture is unbiased; what is drawn in vain is a few per cent.
 
+mod middles;
+
+use self::middles::{Edge, Middles, centroid};
 use crate::batch::single::{Batch, Indices, LANES, Packet};
 use crate::fan::{Fan, convex_hull};
 use crate::trace::Way;
@@ -81,6 +84,8 @@ impl Turn {
 pub struct PupilTable {
     layout: Layout,
     regions: Vec<Region>,
+    /// In q; of a round lens by radius and angle, with the x axis through the film point, else by place.
+    middles: Middles,
     /// 1 / distance from the film to the exit pupil, 1/mm.
     pub curvature: f64,
 }
@@ -126,7 +131,7 @@ impl PupilTable {
         };
         let mut search = Search::new(g);
         let diagonal = g.film_half.length();
-        let (layout, regions) = if g.rotational {
+        let (layout, regions, middles) = if g.rotational {
             let round = g.iris_period == 0.0;
             let (bins, angles) = if round { (radial, 1) } else { (polar[0], polar[1]) };
             let corners = if round { 1 } else { angles + 1 };
@@ -143,6 +148,13 @@ impl PupilTable {
                     before = Some(outline);
                 }
             }
+            // Seen along the film point's radius they hardly change with the angle.
+            let radial = |r: usize, a: usize| {
+                let back = DVec2::from_angle(-g.iris_period * a as f64 / angles as f64);
+                centroid(&outlines[r][a]).map(|c| if r == 0 { DVec2::ZERO } else { back.rotate(c) })
+            };
+            let middles = (0..corners).flat_map(|a| (0..=bins).map(move |r| (r, a))).map(|(r, a)| radial(r, a)).collect();
+            let middles = Middles::new(middles, [bins + 1, corners], [Edge::Mirrored([-1, -1]), Edge::Periodic]);
             let mut regions = Vec::with_capacity(bins * angles);
             for r in 0..bins {
                 for a in 0..angles {
@@ -154,7 +166,7 @@ impl PupilTable {
             regions.push(Region { fan: Fan::new(DVec2::ZERO, vec![]) });
             let periods = if round { 0 } else { (std::f64::consts::TAU / g.iris_period).round() as usize };
             let turns = (0..periods).map(|k| DVec2::from_angle(g.iris_period * k as f64)).collect();
-            (Layout::Polar { radius, bins, period: g.iris_period, angles, turns }, regions)
+            (Layout::Polar { radius, bins, period: g.iris_period, angles, turns }, regions, middles)
         } else {
             let mirrored = g.mirrored && g.iris_period == 0.0;
             let [nx, ny] = if mirrored { cells.map(|n| n / 2) } else { cells };
@@ -169,6 +181,8 @@ impl PupilTable {
                     outlines.push(search.outline(film(i as f64, j as f64), before.as_ref()));
                 }
             }
+            let edges = if mirrored { [Edge::Mirrored([-1, 1]), Edge::Mirrored([1, -1])] } else { [Edge::Open; 2] };
+            let middles = Middles::new(outlines.iter().map(|o| centroid(o)).collect(), [nx + 1, ny + 1], edges);
             let mut regions = Vec::with_capacity(nx * ny);
             for j in 0..ny {
                 for i in 0..nx {
@@ -178,9 +192,9 @@ impl PupilTable {
                     regions.push(region(points));
                 }
             }
-            (Layout::Cells { half: g.film_half, counts: [nx, ny], mirrored }, regions)
+            (Layout::Cells { half: g.film_half, counts: [nx, ny], mirrored }, regions, middles)
         };
-        PupilTable { layout, regions, curvature: g.curvature }
+        PupilTable { layout, regions, middles, curvature: g.curvature }
     }
 
     /// The same pupil from a film at another distance (mm) of it: as large, seen under other angles.
@@ -201,7 +215,8 @@ impl PupilTable {
             let outline = r.fan.outline().iter().map(|p| center + (*p * scale - center) * ROOM).collect();
             Region { fan: Fan::new(center, outline) }
         };
-        PupilTable { layout, regions: self.regions.iter().map(region).collect(), curvature: self.curvature * scale }
+        let regions = self.regions.iter().map(region).collect();
+        PupilTable { layout, regions, middles: self.middles.scaled(scale), curvature: self.curvature * scale }
     }
 
     /// Farthest that any region reaches from the axis.
@@ -242,30 +257,43 @@ impl PupilTable {
         }
     }
 
-    /// Slope from a film point towards the middle of what passes. Where the table goes by cells it changes from cell to cell without steps, so that what is
-    /// out of focus does not jump between them.
+    /// Slope from a film point towards the middle of what passes: the centroid of the area of its shape in q, without steps over the film.
     pub fn middle_slope(&self, film: DVec2) -> DVec2 {
         let (region, turn) = self.region(film);
-        let own = self.slope(film, region.fan.center(), turn);
-        let Layout::Cells { half, counts, mirrored } = &self.layout else { return own };
+        let own = || self.slope(film, region.fan.center(), turn);
         if region.fan.area() <= 0.0 {
-            return own;
+            return own();
         }
-        let at = if *mirrored { film.abs() / *half } else { film / *half * 0.5 + 0.5 };
-        // Centres of cells are half a cell from their corners; beyond the outermost ones the nearest counts.
-        let place = (at.clamp(DVec2::ZERO, DVec2::ONE) * DVec2::new(counts[0] as f64, counts[1] as f64) - 0.5).max(DVec2::ZERO);
-        let (mut sum, mut weights) = (DVec2::ZERO, 0.0);
-        for corner in 0..4 {
-            let step = DVec2::new((corner % 2) as f64, (corner / 2) as f64);
-            let cell = (place.floor() + step).min(DVec2::new(counts[0] as f64, counts[1] as f64) - 1.0);
-            let part = DVec2::ONE - step + (2.0 * step - 1.0) * place.fract();
-            let fan = &self.regions[cell.y as usize * counts[0] + cell.x as usize].fan;
-            if fan.area() > 0.0 {
-                let weight = part.x * part.y;
-                (sum, weights) = (sum + fan.center() * weight, weights + weight);
+        match self.middle(film) {
+            Some(q) => q - film * self.curvature,
+            None => own(),
+        }
+    }
+
+    /// The middle of what passes in q, in the film's frame.
+    fn middle(&self, film: DVec2) -> Option<DVec2> {
+        match &self.layout {
+            Layout::Polar { radius, bins, period, angles, .. } => {
+                let r = film.length();
+                if r <= 0.0 {
+                    return self.middles.at(DVec2::ZERO);
+                }
+                let line = match *period > 0.0 {
+                    true => (film.y.atan2(film.x).rem_euclid(*period) / period) * *angles as f64,
+                    false => 0.0,
+                };
+                let place = (1.0 - (1.0 - r / radius).max(0.0).sqrt()) * *bins as f64;
+                Some((film / r).rotate(self.middles.at(DVec2::new(place, line))?))
+            }
+            Layout::Cells { half, counts, mirrored } => {
+                let counts = DVec2::new(counts[0] as f64, counts[1] as f64);
+                let (at, sign) = match mirrored {
+                    true => (film.abs() / *half, film.signum()),
+                    false => (film / *half * 0.5 + 0.5, DVec2::ONE),
+                };
+                Some(self.middles.at(at * counts)? * sign)
             }
         }
-        if weights > 0.0 { self.slope(film, sum / weights, turn) } else { own }
     }
 
     /// Slope from a film point for a point of its region.

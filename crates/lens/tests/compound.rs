@@ -323,3 +323,32 @@ fn openings_alone_are_a_pinhole_with_its_thickness() {
     assert!((ratio * (400.0f64 / (50.0 / 0.3)).powi(2) - 1.0).abs() < 0.01, "{ratio}");
     assert!(CompoundLens::new(p, &setting(Some(100.0))).is_err());
 }
+
+#[test]
+fn chief_rays_change_over_the_film_without_steps() {
+    // Along lines over the film the direction of a place is that between its neighbours, but for the bend of the way over two steps.
+    let lines = [[0.0, 0.0], [0.0, 0.3], [0.4, -0.2]].map(DVec2::from_array);
+    let blades = Some(Iris::blades(7, 0.1, 0.3).unwrap());
+    for (name, f_number, film, iris) in [
+        ("distagon-28mm-f2", None, [36.0, 24.0], None),
+        ("phone-5.6mm-f3.5", None, [5.76, 3.84], None),
+        ("double-gauss-50mm", Some(4.0), [36.0, 24.0], blades),
+        ("anamorphic-31mm", None, [22.0, 12.0], None),
+    ] {
+        let lens = set(name, f_number, film, iris);
+        let half = 0.48 * DVec2::from_array(film);
+        let mut worst = 0.0f64;
+        for line in lines {
+            let step = DVec2::new(0.96, 0.71) * 0.6 / 1000.0;
+            let at = |k: i32| lens.chief_ray((line + step * f64::from(k)) * half);
+            let directions: Vec<Option<DVec3>> = (0..1000).map(|k| at(k).ok().map(|r| r.direction)).collect();
+            for w in directions.windows(3) {
+                if let [Some(a), Some(b), Some(c)] = w {
+                    worst = worst.max((*b - (*a + *c) * 0.5).length());
+                }
+            }
+        }
+        println!("{name}: {worst:.2e}");
+        assert!(worst < 1e-6, "{name}: {worst:e}");
+    }
+}
