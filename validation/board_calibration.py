@@ -22,16 +22,18 @@ ROOT = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
 DIOPTER = os.path.abspath(sys.argv[1]) if len(sys.argv) > 1 else os.path.join(ROOT, "target/release/diopter")
 SIZE = (900, 600)
 COLUMNS, ROWS = 11, 8  # squares; corners are one fewer
-SQUARE = 0.48  # m: so far away that the place of the entrance pupil, which moves with the angle, hardly matters
+FAR = 6  # times the distances and squares below: so far away that the place of the entrance pupil, which moves with the angle, hardly matters
+SQUARE = 0.48  # m
 # Flags of lens, film, distance of the board (m), how much larger the board is, model, f-number, largest tilt of the board (degrees).
 LENSES = {
     "double-gauss-50mm": ([], "36x24", 12.0, 1, "opencv5", "f/8", 35),
     "distagon-28mm-f2": ([], "36x24", 14.0, 2, "opencv5", "f/8", 35),
     "kit-zoom-18-55mm": (["--focal-length", "18mm"], "22.3x14.9", 13.6, 2, "opencv5", "f/8", 35),
-    "fisheye-15mm-f2.8": ([], "36x24", 14.4, 4, "opencv-fisheye", "f/8", 25),
-    "phone-5.6mm-f3.5": ([], "5.76x3.84", 6.4, 1, "opencv8", None, 35),
+    "fisheye-15mm-f2.8": ([], "36x24", 14.4, 3.5, "opencv-fisheye", "f/8", 30),
+    "phone-5.6mm-f3.5": ([], "5.76x3.84", 6.4, 0.75, "opencv8", None, 35),
 }
 POSES = 14
+FISHEYE = cv2.fisheye if hasattr(cv2.fisheye, "CALIB_FIX_SKEW") else cv2  # OpenCV 4 and 5
 NAMES = {"opencv5": ["k1", "k2", "p1", "p2", "k3"], "opencv8": ["k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6"], "opencv-fisheye": ["k1", "k2", "k3", "k4"]}
 
 
@@ -65,19 +67,31 @@ def board(path, square):
     return np.array(inner, np.float32)
 
 
-def poses(distance, square, tilt, random):
-    """Places of the camera and aims: from many sides, the board in all parts of the picture."""
-    for k in range(POSES):
+def poses(distance, square, tilt, random, inner, ours, fisheye):
+    """Places of the camera, aims and what is up: from many sides, the whole board in the picture, in all parts of it."""
+    reach = np.array([SIZE[0] / ours[0][0, 0], SIZE[1] / ours[0][1, 1]]) * 0.5
+    found = 0
+    while found < POSES:
         across, up = np.radians(random.uniform(-tilt, tilt, 2))
         d = distance * random.uniform(0.9, 1.15)
         at = np.array([np.sin(across), np.sin(up) * np.cos(across), np.cos(up) * np.cos(across)]) * d
-        aim = np.array([random.uniform(-1.2, 1.2), random.uniform(-0.7, 0.7), 0.0]) * square / 0.48
-        yield at + aim, aim, [random.uniform(-0.6, 0.6), 1.0, 0.0]
+        aim = np.array([*(random.uniform(-0.8, 0.8, 2) * reach * d), 0.0])
+        look_from, above = at + aim, np.array([random.uniform(-0.6, 0.6), 1.0, 0.0])
+        back = (look_from - aim) / np.linalg.norm(look_from - aim)
+        right = np.cross(above, back)
+        right /= np.linalg.norm(right)
+        rotation = np.stack([right, -np.cross(back, right), -back])
+        pose = np.vstack([np.column_stack([rotation, -rotation @ look_from]), [0, 0, 0, 1]])
+        # With the squares around the corners.
+        there = project(inner * [(COLUMNS + 1) / (COLUMNS - 2), (ROWS + 1) / (ROWS - 2), 1], pose, *ours, fisheye)
+        if (rotation[2] @ (inner - look_from).T).min() > 0 and (there > 4).all() and (there < np.array(SIZE) - 5).all():
+            found += 1
+            yield look_from, aim, above
 
 
 def corners_of(path):
     grey = cv2.imread(path, cv2.IMREAD_GRAYSCALE)
-    found, corners = cv2.findChessboardCornersSB(grey, (COLUMNS - 1, ROWS - 1), flags=cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_ACCURACY)
+    found, corners = cv2.findChessboardCornersSB(grey, (COLUMNS - 1, ROWS - 1), flags=cv2.CALIB_CB_EXHAUSTIVE | cv2.CALIB_CB_ACCURACY)
     if not found:
         return None
     corners = corners.reshape(-1, 2).astype(np.float64)
@@ -123,7 +137,7 @@ def main():
     worst = 0.0
     for lens in wanted:
         flags, film, distance, larger, model, aperture, tilt = LENSES[lens]
-        square = SQUARE * larger
+        distance, square = distance * FAR, SQUARE * larger * FAR
         fisheye = model == "opencv-fisheye"
         stop = ["--aperture", aperture] if aperture else []
         with tempfile.TemporaryDirectory() as folder:
@@ -131,11 +145,11 @@ def main():
             inner = board(scene, square)
             ours = model_of(lens, [*flags, *stop, "--focus", f"{distance}m"], film, model, folder)
             objects, images, ours_at = [], [], []
-            for k, (look_from, look_at, up) in enumerate(poses(distance, square, tilt, random)):
+            for k, (look_from, look_at, up) in enumerate(poses(distance, square, tilt, random, inner, ours, fisheye)):
                 picture, side = os.path.join(folder, f"{k}.png"), os.path.join(folder, f"{k}.json")
                 vector = lambda v: ",".join(f"{x:.6f}" for x in v)
                 run("shoot", scene, "--lens", lens, *flags, "--format", film, *stop, "--focus", f"{distance}m", "--look-from=" + vector(look_from), "--look-at=" + vector(look_at),
-                    "--up=" + vector(up), "--size", "%dx%d" % SIZE, "--spp", 8, "--seed", k + 1, "--mode", "A", "--iso", 400, "--light", "none",
+                    "--up=" + vector(up), "--size", "%dx%d" % SIZE, "--spp", 24, "--seed", k + 1, "--mode", "A", "--iso", 400, "--light", "none",
                     "--integrator", "path", "--denoise", "off", "-o", picture, "-o", side)
                 seen = corners_of(picture)
                 if seen is None:
@@ -160,7 +174,7 @@ def main():
                 matrix, distortion = ours[0].copy(), np.zeros((4, 1))
                 shape = [o.reshape(1, -1, 3).astype(np.float64) for o in objects], [i.reshape(1, -1, 2).astype(np.float64) for i in images]
                 rms, matrix, distortion, *_ = cv2.fisheye.calibrate(*shape, SIZE, matrix, distortion,
-                    flags=cv2.fisheye.CALIB_RECOMPUTE_EXTRINSIC | cv2.fisheye.CALIB_FIX_SKEW | cv2.fisheye.CALIB_USE_INTRINSIC_GUESS)
+                    flags=sum(getattr(FISHEYE, f"CALIB_{name}") for name in ("RECOMPUTE_EXTRINSIC", "FIX_SKEW", "USE_INTRINSIC_GUESS")))
                 rotations, translations = _
                 deviations = fisheye_deviations(objects, rotations, translations, matrix, distortion, rms)
             else:

@@ -94,6 +94,11 @@ class FocalPlane:
         """Names of the scene's objects by number; :attr:`object` is that number + 1. Empty where no truth channels were asked for."""
         return self._native.object_names
 
+    @property
+    def class_names(self) -> list[str]:
+        """Names of the classes of its objects by number; the truth channel "class" is that number + 1. Empty where classes were not asked for."""
+        return self._native.class_names
+
     def truth(self, name: str) -> Float32 | npt.NDArray[np.uint32]:
         """A truth channel by its name (:attr:`truth_channels`), ``[row][column]`` or ``[row][column][part]``. Channels beyond depth, normal, albedo
         and id are recorded where they are asked for: ``expose(..., truth_channels="position,flow")``."""

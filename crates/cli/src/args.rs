@@ -894,6 +894,12 @@ pub struct Taking {
     /// Which of the sets of materials that a glTF file offers.
     #[arg(long, value_name = "NAME")]
     pub variant: Option<String>,
+    /// A table of the classes of objects for --truth-channels class and crypto-class: lines of "pattern, class", such as "chair*, chair".
+    ///
+    /// The first line whose pattern is the object's name counts; * stands for any text, "material:glass*, window" goes by the name of the material. Without it, the
+    /// class is what glTF nodes say in extras (class, category or category_id).
+    #[arg(long, value_name = "FILE")]
+    pub classes: Option<PathBuf>,
     /// Fail when a texture of the scene cannot be read, instead of showing magenta in its place.
     #[arg(long)]
     pub strict: bool,
@@ -1098,6 +1104,12 @@ pub struct Taking {
     /// Unsteady hands: angular speed (rms), deg/s; 0.6 is a steady hand.
     #[arg(long, value_name = "DEG/S", allow_negative_numbers = true)]
     pub shake: Option<f64>,
+    /// What moves against --shake while the shutter is open: lens (the group that its sheet names), sensor, or the surfaces of a group, such as 15-17.
+    ///
+    /// Rays are traced through the lens with its group where it stands at their moment. Corner frequencies of the servo (100 Hz) and of drift (0.05 Hz) and the travel are keys of
+    /// [camera.stabiliser] in a shot file. Its way is in `-o calibration.json`. docs/rigs.md says what it answers.
+    #[arg(long, value_name = "WHAT")]
+    pub stabiliser: Option<String>,
     /// Lamps flicker: "mains 50 Hz" or "mains 50 Hz 0.8" (depth), "pwm 240 Hz 0.3" (fraction of time on).
     #[arg(long, value_name = "HOW")]
     pub flicker: Option<FlickerSection>,
@@ -1206,8 +1218,8 @@ pub struct Taking {
     /// Truth channels that are recorded beside depth, normal, albedo and id: "position,flow" or "all".
     ///
     /// They go into focal planes (`expose`, --keep-plane) and --truth. Through the lens as it is, at each row's own time. docs/truth.md has the table of them:
-    /// position, distance, uv, incidence, coc (circle of confusion), pupil (vignetting), motion, flow, backward-flow, transmitted (behind glass), coverage, crypto-object and
-    /// crypto-material (Cryptomatte). The next frame is that of the film (--fps); of a single picture, 1/24 s later.
+    /// position, distance, uv, incidence, coc (circle of confusion), pupil (vignetting), motion, flow, backward-flow, transmitted (behind glass), coverage, crypto-object,
+    /// crypto-material and crypto-class (Cryptomatte), class. The next frame is that of the film (--fps); of a single picture, 1/24 s later.
     #[arg(long, value_name = "LIST")]
     pub truth_channels: Option<String>,
     /// Diffraction at the aperture: auto, on or off.
@@ -1277,6 +1289,9 @@ pub struct Shoot {
     /// How the channels of --truth are laid out in the file.
     #[arg(long, value_enum, value_name = "LAYOUT", default_value = "single-part", requires = "truth")]
     pub truth_layout: TruthLayout,
+    /// Write the names of the Cryptomatte layers of --truth beside it, too: NAME.CryptoObject.json and so on.
+    #[arg(long, requires = "truth")]
+    pub truth_sidecar: bool,
     /// Keep the focal plane too (EXR).
     #[arg(long, value_name = "FILE")]
     pub keep_plane: Option<PathBuf>,
@@ -1416,6 +1431,9 @@ pub struct ReadOut {
     /// How the channels of --truth are laid out in the file.
     #[arg(long, value_enum, value_name = "LAYOUT", default_value = "single-part", requires = "truth")]
     pub truth_layout: TruthLayout,
+    /// Write the names of the Cryptomatte layers of --truth beside it, too: NAME.CryptoObject.json and so on.
+    #[arg(long, requires = "truth")]
+    pub truth_sidecar: bool,
     /// Raw file to write (.dng).
     #[arg(short, long, value_name = "FILE")]
     pub output: PathBuf,
@@ -2140,6 +2158,7 @@ impl Taking {
         over(&mut scene.variant, &self.variant);
         scene.strict |= self.strict;
         over(&mut scene.displacement_edge_px, &self.displacement_edge_px);
+        over(&mut scene.classes, &self.classes);
         over(&mut scene.light, &self.light);
         over(&mut scene.environment, &self.environment);
         over(&mut scene.environment_rotation_deg, &self.environment_rotation);
@@ -2213,6 +2232,9 @@ impl Taking {
             scene.flicker = vec![flicker.clone()];
         }
         over(&mut camera.shake, &self.shake);
+        if self.stabiliser.is_some() {
+            camera.stabiliser.get_or_insert_default().moves.clone_from(&self.stabiliser);
+        }
         let shutter = &mut shot.shutter;
         if self.shutter_type.as_ref().is_some_and(|k| shutter.kind.as_ref() != Some(k)) {
             // Times of another kind of shutter do not go with this one.

@@ -35,10 +35,15 @@ const GROUPS: [Group; 11] = [
             "fog",
             "ambient-ev",
             "displacement-edge-px",
+            "classes",
             "strict",
         ],
     },
-    Group { heading: "Camera", common: &["body", "look-from", "look-at", "viewpoint"], other: &["format", "up", "shake"] },
+    Group {
+        heading: "Camera",
+        common: &["body", "look-from", "look-at", "viewpoint"],
+        other: &["format", "up", "shake", "stabiliser"],
+    },
     Group {
         heading: "Lens",
         common: &["lens", "focal-length"],
@@ -153,7 +158,7 @@ const GROUPS: [Group; 11] = [
     Group {
         heading: "Output",
         common: &["output"],
-        other: &["keep-plane", "truth", "truth-layout", "truth-channels", "merge", "stack", "save-shot"],
+        other: &["keep-plane", "truth", "truth-layout", "truth-sidecar", "truth-channels", "merge", "stack", "save-shot"],
     },
     Group {
         heading: "Contact sheet",
@@ -344,6 +349,7 @@ mod tests {
             "keep-plane",
             "truth",
             "truth-layout",
+            "truth-sidecar",
             "plot-focus",
             "save-shot",
             "vary",

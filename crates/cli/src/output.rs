@@ -7,7 +7,8 @@ use diopter::develop::lut::Lut;
 use diopter::develop::{Developer, Recipe};
 use diopter::image::dng::Storage;
 use diopter::image::focal_plane::FocalPlaneSource;
-use diopter::image::{Encoding, FocalPlane, Picture, RawImage, exr, gain_map, jpeg, png, tiff_file};
+use diopter::image::truth::Recorded;
+use diopter::image::{Encoding, FocalPlane, ImageError, Picture, RawImage, exr, gain_map, jpeg, png, tiff_file};
 use diopter::raw_file;
 use diopter::shot::ShotError;
 use std::collections::HashMap;
@@ -425,6 +426,28 @@ pub fn write_picture(kind: Kind, output: Output, picture: &Picture) -> anyhow::R
         }
         Ok(())
     })
+}
+
+/// Writes a file of truth, and where that is asked for the names of its Cryptomatte layers beside it (`NAME.CryptoObject.json` ...).
+pub fn write_truth(
+    output: Output,
+    recorded: &Recorded,
+    sidecar: bool,
+    write: impl FnOnce(&Recorded, &mut BufWriter<File>) -> Result<(), ImageError>,
+) -> anyhow::Result<Vec<PathBuf>> {
+    if !sidecar {
+        return Ok(vec![output.commit(|to| Ok(write(recorded, to)?))?]);
+    }
+    let stem = output.path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+    let recorded = recorded.beside(&stem);
+    // All are proved writable before the first is written.
+    let manifests = recorded.manifests.iter().filter_map(|m| Some((output.path.with_file_name(m.sidecar.as_ref()?), m)));
+    let manifests = manifests.map(|(path, m)| Ok((Output::prepare(&path)?, m))).collect::<anyhow::Result<Vec<_>>>()?;
+    let mut written = vec![output.commit(|to| Ok(write(&recorded, to)?))?];
+    for (output, manifest) in manifests {
+        written.push(output.commit(|to| Ok(to.write_all(manifest.sidecar_json().as_bytes())?))?);
+    }
+    Ok(written)
 }
 
 /// Writes a focal plane.

@@ -2,7 +2,8 @@
 
 use common::Folder;
 use diopter::image::channels::CHANNELS;
-use diopter::image::exr::read_focal_plane;
+use diopter::image::cryptomatte::murmur3;
+use diopter::image::exr::{read_focal_plane, read_maps, read_plane};
 use std::path::Path;
 use std::process::Command;
 
@@ -92,6 +93,29 @@ fn pictures_to_look_at_are_denoised_and_raw_files_are_not() {
 }
 
 #[test]
+fn classes_of_a_table_and_names_beside_the_truth_are_written() {
+    let f = Folder::new("classes");
+    std::fs::write(f.path("classes.csv"), "# bars\n* bar, bar\nnothing*, x\n").unwrap();
+    let shot = ["shoot", "moving-bars", "--size", "24x16", "--shutter", "1/60", "--spp", "4", "--classes", "classes.csv"];
+    let with = |more: &[&'static str]| [&shot[..], more].concat();
+    f.ok(&with(&["--truth-channels", "class,crypto-class", "--truth", "t.exr", "--truth-sidecar", "-o", "a.dng"]));
+    let file = || std::fs::File::open(f.path("t.exr")).unwrap();
+    let maps = read_maps(file(), &["class"]).unwrap();
+    let classes: Vec<String> = serde_json::from_str(maps.attribute("diopter.classes").unwrap()).unwrap();
+    assert_eq!(classes, ["bar", "unclassified"]);
+    let class = read_plane(file(), "class").unwrap();
+    assert!(class.contains(&1.0) && class.contains(&2.0));
+    // The sidecar holds what the header holds, under the name that the header gives.
+    let key = |what: &str| format!("cryptomatte/{}/{what}", &format!("{:08x}", murmur3("CryptoClass"))[..7]);
+    assert_eq!(maps.attribute(&key("manif_file")), Some("t.CryptoClass.json"));
+    let beside = std::fs::read_to_string(f.path("t.CryptoClass.json")).unwrap();
+    assert_eq!(maps.attribute(&key("manifest")), Some(&*beside));
+    std::fs::write(f.path("wrong.csv"), "bar*\n").unwrap();
+    let (code, message) = f.fails(&["shoot", "moving-bars", "--classes", "wrong.csv", "-o", "x.jpg"]);
+    assert!(code == 2 && message.contains("wrong.csv") && message.contains("line 1"), "{code} {message}");
+}
+
+#[test]
 fn truth_channels_are_written_where_they_are_asked_for() {
     let f = Folder::new("truth-channels");
     let shot = ["expose", "moving-bars", "--size", "24x16", "--shutter", "1/60", "--spp", "4"];
@@ -104,7 +128,7 @@ fn truth_channels_are_written_where_they_are_asked_for() {
     assert!(plain.truth.recorded().more().is_empty() && plain.truth.float("flow").is_none());
     let recorded = all.truth.recorded();
     assert_eq!((recorded.channels().len(), recorded.samples), (CHANNELS.len(), 4));
-    assert!(!recorded.objects.is_empty() && recorded.manifests.len() == 2);
+    assert!(!recorded.objects.is_empty() && recorded.manifests.len() == 3 && *recorded.classes == ["unclassified"]);
     // The bars move to the right, the wall stands.
     let flow = all.truth.float("flow").unwrap();
     let moving = |x: &f32| x.is_finite() && x.abs() > 0.1;

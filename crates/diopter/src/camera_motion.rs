@@ -1,6 +1,8 @@
 //! Where the camera is while it gathers light: on a path, carried by the scene, in unsteady hands.
 
-use glam::{Affine3A, Quat, Vec3};
+use crate::stabiliser::MovingPart;
+use glam::{Affine3A, DVec2, DVec3, Quat, Vec3};
+use std::sync::Arc;
 
 /// Steps of a way are as many as keep it within these of the true one: 1e-5 rad is a tenth of a pixel of a 50 mm lens on 5 µm
 /// pixels; 20 µm of place.
@@ -14,12 +16,14 @@ pub struct CameraMotion {
     /// At equal steps; one where the camera stands still.
     keys: Vec<(Quat, Vec3)>,
     span_s: f64,
+    /// What moves within the camera meanwhile.
+    moving: Option<Arc<MovingPart>>,
 }
 
 impl CameraMotion {
     /// A camera that stands still.
     pub fn still(place: Affine3A) -> Self {
-        CameraMotion { keys: vec![parts(&place)], span_s: 0.0 }
+        CameraMotion { keys: vec![parts(&place)], span_s: 0.0, moving: None }
     }
 
     /// The way given by a function of the time (s) since the exposure began.
@@ -27,7 +31,8 @@ impl CameraMotion {
         let mut steps = 4;
         loop {
             let key = |x: f64| parts(&at(x * span_s));
-            let way = CameraMotion { keys: (0..=steps).map(|i| key(f64::from(i) / f64::from(steps))).collect(), span_s };
+            let keys = (0..=steps).map(|i| key(f64::from(i) / f64::from(steps))).collect();
+            let way = CameraMotion { keys, span_s, moving: None };
             let off = |i: u32| {
                 // Not the middles: a shake may have its period there.
                 let x = (f64::from(i) + 0.42) / f64::from(steps);
@@ -39,7 +44,8 @@ impl CameraMotion {
             // A few steps see nothing of a quick motion: at least 64 are looked at.
             if (worst <= 1.0 && steps >= 64) || steps as usize >= MOST_STEPS || span_s <= 0.0 {
                 let first = way.keys[0];
-                return if way.keys.iter().all(|k| *k == first) { CameraMotion { keys: vec![first], span_s: 0.0 } } else { way };
+                let still = way.keys.iter().all(|k| *k == first);
+                return if still { CameraMotion { keys: vec![first], span_s: 0.0, moving: None } } else { way };
             }
             steps *= 2;
         }
@@ -66,7 +72,17 @@ impl CameraMotion {
 
     /// Whether it stands still.
     pub fn is_still(&self) -> bool {
-        self.keys.len() == 1
+        self.keys.len() == 1 && self.moving.is_none()
+    }
+
+    /// The same with something that moves within the camera.
+    pub fn with_moving(self, moving: Arc<MovingPart>) -> CameraMotion {
+        CameraMotion { moving: Some(moving), ..self }
+    }
+
+    /// What moves within the camera, if anything does.
+    pub fn moving(&self) -> Option<&MovingPart> {
+        self.moving.as_deref()
     }
 }
 
@@ -139,6 +155,41 @@ impl Shake {
         [0, 1, 2].map(|k| sum(&self.waves[k]))
     }
 
+    /// The same angles behind a filter that has run for ever: `response` is its gain and phase at a frequency (Hz) as a complex number.
+    pub fn filtered(&self, time_s: f64, response: impl Fn(f64) -> DVec2) -> [f64; 3] {
+        let angle = |[speed, f, phase]: &[f64; 3]| {
+            let w = std::f64::consts::TAU * f;
+            let (sin, cos) = (w * time_s + phase).sin_cos();
+            speed / w * response(*f).dot(DVec2::new(sin, cos))
+        };
+        [0, 1, 2].map(|k| self.waves[k].iter().map(angle).sum())
+    }
+
+    /// Turn, angular rate (rad/s) and angular acceleration (rad/s²) in the turned axes, in closed form.
+    pub fn state(&self, time_s: f64) -> (glam::DQuat, DVec3, DVec3) {
+        let of = |power: i32| {
+            // The derivative of a sine is one a quarter of a period on, times its angular frequency.
+            let sum = |waves: &Vec<[f64; 3]>| -> f64 {
+                let wave = |[speed, f, phase]: &[f64; 3]| {
+                    let w = std::f64::consts::TAU * f;
+                    speed * w.powi(power - 1) * (w * time_s + phase + f64::from(power) * std::f64::consts::FRAC_PI_2).sin()
+                };
+                waves.iter().map(wave).sum()
+            };
+            [0, 1, 2].map(|k| sum(&self.waves[k]))
+        };
+        let ([x, y, z], [dx, dy, dz], [ddx, ddy, ddz]) = (of(0), of(1), of(2));
+        let turn = glam::DQuat::from_euler(glam::EulerRot::YXZ, y, x, z);
+        // ω = Rzᵀ (Rxᵀ ẏ + ẋ) + ż, each about its axis; its derivative in the turned axes.
+        let (back_x, back_z) = (glam::DQuat::from_rotation_x(-x), glam::DQuat::from_rotation_z(-z));
+        let yaw = back_x * (DVec3::Y * dy);
+        let inner = yaw + DVec3::X * dx;
+        let inner_change = back_x * (DVec3::Y * ddy) - (DVec3::X * dx).cross(yaw) + DVec3::X * ddx;
+        let carried = back_z * inner;
+        let rate = carried + DVec3::Z * dz;
+        (turn, rate, back_z * inner_change - (DVec3::Z * dz).cross(carried) + DVec3::Z * ddz)
+    }
+
     /// What it does to a camera at a time, s: camera from steady camera.
     pub fn turn(&self, time_s: f64) -> Affine3A {
         let [x, y, z] = self.angles(time_s).map(|a| a as f32);
@@ -203,6 +254,22 @@ mod tests {
             }
         }
         assert!(CameraMotion::sampled(1.0, |_| Affine3A::IDENTITY).is_still());
+    }
+
+    #[test]
+    fn rates_are_those_of_the_turn() {
+        let shake = Shake::new(2000.0, 4);
+        let h = 1e-6;
+        for k in 0..50 {
+            let t = f64::from(k) * 0.137;
+            let [(before, w0, _), (turn, w, a), (after, w1, _)] = [t - h, t, t + h].map(|t| shake.state(t));
+            let steps = (before.conjugate() * after).to_scaled_axis() / (2.0 * h);
+            assert!((steps - w).length() < 1e-5 * w.length().max(1.0), "{steps} {w}");
+            let change = (w1 - w0) / (2.0 * h);
+            assert!((change - a).length() < 1e-5 * a.length().max(1.0), "{change} {a}");
+            let single = Quat::from_mat3a(&shake.turn(t).matrix3).as_dquat();
+            assert!(single.dot(turn).abs() > 1.0 - 1e-6);
+        }
     }
 
     #[test]

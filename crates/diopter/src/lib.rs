@@ -38,6 +38,7 @@ pub mod row_store;
 pub mod sheet;
 pub mod shot;
 pub mod shutter;
+pub mod stabiliser;
 pub mod stops;
 pub mod stray;
 pub mod truth;

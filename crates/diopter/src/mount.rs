@@ -4,6 +4,7 @@
 //! and its +z along the camera's +Z: light goes that way. The picture on the film is upside down and mirrored, so a pixel right of the middle lies at −x.
 
 use crate::camera::{Camera, Film};
+use crate::camera_motion::CameraMotion;
 use diopter_lens::{Blocked, Lens, LensRay};
 use diopter_light::Ray;
 use glam::{DVec2, DVec3, Vec3, Vec3A};
@@ -13,6 +14,16 @@ const M_PER_MM: f64 = 1e-3;
 
 /// m² a mm².
 pub const M2_PER_MM2: f64 = M_PER_MM * M_PER_MM;
+
+/// The lens as it stands at a time of an exposure; `central`: with nothing moved.
+pub(crate) fn lens_on<'a>(way: &'a CameraMotion, central: &'a Lens, time_s: f64) -> &'a Lens {
+    way.moving().map_or(central, |moving| moving.lens(central, time_s))
+}
+
+/// How far from its place on the film a pixel collects light at a time of an exposure, mm in the axes of the lens.
+pub(crate) fn film_shift_on(way: &CameraMotion, time_s: f64) -> DVec2 {
+    way.moving().map_or(DVec2::ZERO, |moving| moving.film_shift(time_s))
+}
 
 impl Film {
     /// Film point (mm, lens axes) of a place in the picture, in pixels from its upper left corner.
@@ -84,9 +95,15 @@ impl Camera {
         Vec3::from(turned).as_dvec3().normalize()
     }
 
+    /// The lens as it stands at a time of the exposure: its group may move against shake.
+    pub(crate) fn lens_at(&self, time_s: f64) -> &Lens {
+        lens_on(&self.way, &self.lens, time_s)
+    }
+
     /// World ray through the middle of the pupil.
     pub(crate) fn chief_ray(&self, film_mm: DVec2, time_s: f64) -> Result<Ray, Blocked> {
-        Ok(self.to_world(&self.lens.chief_ray(film_mm)?, time_s))
+        let ray = self.lens_at(time_s).chief_ray(film_mm + film_shift_on(&self.way, time_s))?;
+        Ok(self.to_world(&ray, time_s))
     }
 
     /// Where the middle of the entrance pupil is at a time of the exposure, m: the place of the camera, from which its truth counts.

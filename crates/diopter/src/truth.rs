@@ -1,7 +1,7 @@
 //! What is true of each pixel of a raw file: for training and for tests, beside the noisy numbers.
 
 use diopter_image::exr::{Part, TruthLayout};
-use diopter_image::truth::Values;
+use diopter_image::truth::{Recorded, Values};
 use diopter_image::{FocalPlane, ImageError, RawImage, exr};
 use diopter_sensor::{ReadOut, Window};
 use std::io::{Seek, Write};
@@ -19,12 +19,15 @@ use std::io::{Seek, Write};
 /// In several parts ([`TruthLayout::MultiPart`]) the bands are the part `light`, what concerns the read-out is the part `raw`, and each truth channel has one of its
 /// own, by the name of the table (`depth`, `normal` ...); channels have the same names as in one part.
 ///
+/// `recorded`: what is said of the truth, that of the plane, or the same with files of names beside ([`Recorded::beside`]).
+///
 /// All of it is in memory at once, about 80 bytes a pixel and what more truth was asked for. What blooms from one pixel into others is not in it.
 pub fn write(
     plane: &FocalPlane,
     reader: &ReadOut,
     raw: &RawImage,
     layout: TruthLayout,
+    recorded: &Recorded,
     to: impl Write + Seek,
 ) -> Result<(), ImageError> {
     let (width, height) = (plane.width(), plane.height());
@@ -58,7 +61,7 @@ pub fn write(
         }
         parts.push(part);
     }
-    exr::write_truth([width, height], parts, layout, plane.truth.recorded(), &header.facts, to)
+    exr::write_truth([width, height], parts, layout, recorded, &header.facts, to)
 }
 
 #[cfg(test)]
@@ -81,7 +84,7 @@ mod tests {
         let reader = ReadOut::new(&sensor, &reading, [6, 4], &plane.bands, plane.facts.exposure_s).unwrap();
         let files = [TruthLayout::SinglePart, TruthLayout::MultiPart].map(|layout| {
             let mut file = Cursor::new(Vec::new());
-            write(&plane, &reader, &raw, layout, &mut file).unwrap();
+            write(&plane, &reader, &raw, layout, plane.truth.recorded(), &mut file).unwrap();
             file.into_inner()
         });
         // Names of parts are attributes: name, type, length and text.

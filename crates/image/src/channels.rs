@@ -96,7 +96,7 @@ pub const DIRECT: &Channel = &CHANNELS[16];
 pub const INDIRECT: &Channel = &CHANNELS[17];
 
 /// All channels; the first four are always recorded.
-pub static CHANNELS: [Channel; 20] = [
+pub static CHANNELS: [Channel; 22] = [
     Channel {
         name: "depth",
         exr: &["Z"],
@@ -342,6 +342,41 @@ pub static CHANNELS: [Channel; 20] = [
         needs_frames: false,
         needs_pupil: true,
         about: "Cryptomatte: names of materials as hashes and how much of the pixel each covers, six ranks; the manifest is in the header",
+    },
+    Channel {
+        name: "crypto-class",
+        exr: &[
+            "CryptoClass00.R",
+            "CryptoClass00.G",
+            "CryptoClass00.B",
+            "CryptoClass00.A",
+            "CryptoClass01.R",
+            "CryptoClass01.G",
+            "CryptoClass01.B",
+            "CryptoClass01.A",
+            "CryptoClass02.R",
+            "CryptoClass02.G",
+            "CryptoClass02.B",
+            "CryptoClass02.A",
+        ],
+        numbers: Numbers::Float,
+        unit: "",
+        merge: Merge::Ranks,
+        missing: 0.0,
+        needs_frames: false,
+        needs_pupil: true,
+        about: "Cryptomatte: classes of objects as hashes and how much of the pixel each covers, six ranks; the manifest is in the header",
+    },
+    Channel {
+        name: "class",
+        exr: &["class"],
+        numbers: Numbers::Whole,
+        unit: "",
+        merge: Merge::Nearest,
+        missing: 0.0,
+        needs_frames: false,
+        needs_pupil: false,
+        about: "number of the object's class, in the order of their names, plus one; 0 where nothing is hit",
     },
 ];
 

@@ -34,20 +34,24 @@ pub fn identifier(name: &str) -> f32 {
     f32::from_bits(if exponent == 0 || exponent == 255 { hash ^ 1 << 23 } else { hash })
 }
 
-/// Metadata of a layer: names of attributes and their texts.
-pub(crate) fn metadata(manifest: &Manifest) -> Vec<(String, String)> {
-    let key = &format!("{:08x}", murmur3(&manifest.layer))[..7];
+/// Names and their identifiers as eight hexadecimal digits, as JSON.
+pub(crate) fn manifest_json(manifest: &Manifest) -> String {
     let names: serde_json::Map<String, serde_json::Value> =
         manifest.names.iter().map(|name| (name.clone(), format!("{:08x}", identifier(name).to_bits()).into())).collect();
-    let json = serde_json::Value::Object(names).to_string();
-    [
+    serde_json::Value::Object(names).to_string()
+}
+
+/// Metadata of a layer: names of attributes and their texts. The manifest stands in the header also where a file beside holds it: readers take either.
+pub(crate) fn metadata(manifest: &Manifest) -> Vec<(String, String)> {
+    let key = &format!("{:08x}", murmur3(&manifest.layer))[..7];
+    let always = [
         ("name", manifest.layer.clone()),
         ("hash", "MurmurHash3_32".into()),
         ("conversion", "uint32_to_float32".into()),
-        ("manifest", json),
-    ]
-    .map(|(what, text)| (format!("cryptomatte/{key}/{what}"), text))
-    .into()
+        ("manifest", manifest_json(manifest)),
+    ];
+    let sidecar = manifest.sidecar.iter().map(|file| ("manif_file", file.clone()));
+    always.into_iter().chain(sidecar).map(|(what, text)| (format!("cryptomatte/{key}/{what}"), text)).collect()
 }
 
 /// The layer and its names that attributes tell of, one for each `cryptomatte/<key>/name`.
@@ -59,7 +63,11 @@ pub(crate) fn manifests(attributes: &[(String, String)]) -> Vec<Manifest> {
         .map(|(key, layer)| {
             let json = text(format!("cryptomatte/{key}/manifest"));
             let names: BTreeMap<String, serde_json::Value> = serde_json::from_str(json).unwrap_or_default();
-            Manifest { layer: layer.clone(), names: names.into_keys().collect() }
+            let sidecar = attributes
+                .iter()
+                .find(|(name, _)| *name == format!("cryptomatte/{key}/manif_file"))
+                .map(|(_, file)| file.clone());
+            Manifest { layer: layer.clone(), names: names.into_keys().collect(), sidecar }
         })
         .collect();
     found.sort_by(|a, b| a.layer.cmp(&b.layer));
@@ -95,8 +103,10 @@ mod tests {
 
     #[test]
     fn metadata_tells_the_names_again() {
-        let manifest = Manifest { layer: "CryptoObject".into(), names: vec!["a \"b\"".into(), "bunny".into(), "Wände".into()] };
+        let names = vec!["a \"b\"".into(), "bunny".into(), "Wände".into()];
+        let manifest = Manifest { sidecar: Some("truth.CryptoObject.json".into()), ..Manifest::new("CryptoObject", names) };
         let metadata = metadata(&manifest);
+        assert_eq!(metadata[4], ("cryptomatte/3ae39a5/manif_file".into(), "truth.CryptoObject.json".into()));
         assert!(metadata.iter().all(|(name, _)| name.starts_with("cryptomatte/") && name.len() <= 31));
         assert!(metadata[3].1.contains("\"bunny\":\"13851a76\""), "{}", metadata[3].1);
         let mut sorted = manifest.clone();

@@ -43,6 +43,9 @@ struct Description {
     /// [`Recorded::objects`]
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     objects: Vec<String>,
+    /// [`Recorded::classes`]
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    classes: Vec<String>,
 }
 
 fn is_zero(n: &u32) -> bool {
@@ -60,6 +63,7 @@ impl Description {
         let found = channels::found_in(|wanted| channels.iter().any(|c| *name(c) == *wanted))?;
         let mut recorded = Recorded::new(&found);
         (recorded.samples, recorded.objects) = (self.truth_samples, Arc::new(self.objects.clone()));
+        recorded.classes = Arc::new(self.classes.clone());
         let text = |(name, value): (&Text, &AttributeValue)| match value {
             AttributeValue::Text(text) => Some((name.to_string(), text.to_string())),
             _ => None,
@@ -190,7 +194,8 @@ impl Planes {
 /// Describes a focal plane in the attributes of its layer.
 fn describe(bands: &[Band], recorded: &Recorded, facts: &ExposureFacts, layer: &mut LayerAttributes) {
     let (truth_samples, objects) = (recorded.samples, recorded.objects.to_vec());
-    let description = Description { bands: bands.to_vec(), facts: facts.clone(), truth_samples, objects };
+    let classes = recorded.classes.to_vec();
+    let description = Description { bands: bands.to_vec(), facts: facts.clone(), truth_samples, objects, classes };
     let json = serde_json::to_string(&description).expect("plain data becomes JSON");
     layer.software_name = Text::new_or_none(&facts.software);
     describe_mattes(recorded.manifests.iter(), layer);
@@ -205,9 +210,10 @@ fn describe(bands: &[Band], recorded: &Recorded, facts: &ExposureFacts, layer: &
 
 /// Says in the attributes of a layer what identifiers stand for.
 fn describe_names(recorded: &Recorded, layer: &mut LayerAttributes) {
-    if !recorded.objects.is_empty() {
-        let json = serde_json::to_string(recorded.objects.as_ref()).expect("texts become JSON");
-        layer.other.insert(Text::from("diopter.objects"), AttributeValue::Text(Text::from(ascii(&json).as_str())));
+    let lists = [("diopter.objects", &recorded.objects), ("diopter.classes", &recorded.classes)];
+    for (name, names) in lists.into_iter().filter(|(_, names)| !names.is_empty()) {
+        let json = serde_json::to_string(names.as_ref()).expect("texts become JSON");
+        layer.other.insert(Text::from(name), AttributeValue::Text(Text::from(ascii(&json).as_str())));
     }
     describe_mattes(recorded.manifests.iter(), layer);
 }
@@ -578,8 +584,8 @@ mod tests {
         let recorded = truth.recorded_mut();
         recorded.samples = 64;
         recorded.objects = Arc::new(vec!["Wände".into(), "bunny".into()]);
-        recorded.manifests =
-            Arc::new(vec![Manifest { layer: "CryptoObject".into(), names: vec!["Wände".into(), "bunny".into()] }]);
+        recorded.manifests = Arc::new(vec![Manifest::new("CryptoObject", vec!["Wände".into(), "bunny".into()])]);
+        recorded.classes = Arc::new(vec!["vase".into()]);
         FocalPlane { truth, ..plane() }
     }
 
@@ -735,8 +741,14 @@ mod tests {
         let mut many = plane();
         let facts = many.facts.clone();
         many.bands = (0..20).map(|_| many.bands[0].clone()).collect();
-        let json =
-            serde_json::to_string(&Description { bands: many.bands, facts, truth_samples: 0, objects: Vec::new() }).unwrap();
+        let json = serde_json::to_string(&Description {
+            bands: many.bands,
+            facts,
+            truth_samples: 0,
+            objects: Vec::new(),
+            classes: Vec::new(),
+        })
+        .unwrap();
         let set = |_: &mut ImageAttributes, layer: &mut LayerAttributes| {
             layer.other.insert(Text::from(ATTRIBUTE), AttributeValue::Text(Text::from(ascii(&json).as_str())));
         };

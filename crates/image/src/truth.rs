@@ -14,6 +14,8 @@ pub struct Recorded {
     pub samples: u32,
     /// Names of the scene's objects, by number; empty where nobody asked for more than what is always recorded.
     pub objects: Arc<Vec<String>>,
+    /// Names of their classes, by number; empty where nobody asked for classes.
+    pub classes: Arc<Vec<String>>,
     /// Names behind the identifiers of coverage.
     pub manifests: Arc<Vec<Manifest>>,
 }
@@ -25,6 +27,20 @@ pub struct Manifest {
     pub layer: String,
     /// Names, each once, in order.
     pub names: Vec<String>,
+    /// Name of the file beside the EXR file that holds the names, too ([`Manifest::sidecar_json`]); `None` without one.
+    pub sidecar: Option<String>,
+}
+
+impl Manifest {
+    /// Of names, each once, in order, without a file beside.
+    pub fn new(layer: impl Into<String>, names: Vec<String>) -> Manifest {
+        Manifest { layer: layer.into(), names, sidecar: None }
+    }
+
+    /// What the file beside the EXR file holds: names and their identifiers as eight hexadecimal digits (Cryptomatte 1.2.0, "manif_file").
+    pub fn sidecar_json(&self) -> String {
+        crate::cryptomatte::manifest_json(self)
+    }
 }
 
 impl Default for Recorded {
@@ -39,7 +55,7 @@ impl Recorded {
     pub fn new(more: &[&'static Channel]) -> Self {
         let more = more.iter().copied().filter(|c| !c.is_always());
         let channels = CHANNELS[..ALWAYS].iter().chain(more).collect();
-        Recorded { channels, samples: 0, objects: Arc::default(), manifests: Arc::default() }
+        Recorded { channels, samples: 0, objects: Arc::default(), classes: Arc::default(), manifests: Arc::default() }
     }
 
     /// Channels, those that are always recorded first.
@@ -60,6 +76,12 @@ impl Recorded {
     /// Bytes of a pixel of the channels beyond those that are always recorded.
     pub fn more_bytes(&self) -> usize {
         self.more().iter().map(|c| c.bytes()).sum()
+    }
+
+    /// The same for an EXR file with its names in files beside it: of `truth.exr` (`stem` is "truth") they are called `truth.CryptoObject.json` ...
+    pub fn beside(&self, stem: &str) -> Recorded {
+        let named = |m: &Manifest| Manifest { sidecar: Some(format!("{stem}.{}.json", m.layer)), ..m.clone() };
+        Recorded { manifests: Arc::new(self.manifests.iter().map(named).collect()), ..self.clone() }
     }
 
     /// What both have recorded.

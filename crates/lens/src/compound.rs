@@ -16,6 +16,7 @@
 //! the ratio of two bands is 1.18 times that of the same lens without dispersion (a test holds it below 1.3).
 
 mod entries;
+mod stabilised;
 mod tilt;
 
 pub use entries::Entries;

@@ -106,6 +106,12 @@ impl FocalPlane {
         self.plane.truth.recorded().objects.to_vec()
     }
 
+    /// Names of the classes of its objects by number, where the truth channel "class" or "crypto-class" was asked for.
+    #[getter]
+    fn class_names(&self) -> Vec<String> {
+        self.plane.truth.recorded().classes.to_vec()
+    }
+
     /// With the renderer's noise reduced.
     #[pyo3(signature = (threads=None))]
     fn denoised(&self, py: Python<'_>, threads: Option<usize>) -> PyResult<FocalPlane> {

@@ -7,6 +7,7 @@
 mod animated;
 pub mod builtin;
 pub mod bvh;
+pub mod classes;
 pub mod daylight;
 mod exact;
 mod features;

@@ -14,7 +14,7 @@ use crate::light::{Punctual, PunctualKind};
 use crate::material::{Anisotropy, Coverage, EmissionColor, Interior, Material, Principled, Scattering, Transmission};
 use crate::medium::Coefficient;
 use crate::motion::Motion;
-use crate::scene::{Description, Shape, Sight};
+use crate::scene::{Description, Object, Shape, Sight};
 use crate::shape::Mesh;
 use crate::texture::{Codes, Color, Image, Interpolation, Lookup, Scalar, Texel, Texture, Wrap, spectrum_rgb};
 use diopter_light::Spectrum;
@@ -149,6 +149,9 @@ pub fn gltf(d: &Description) -> Gltf {
             }
             meshes.push(primitive(written, object.material, &object.name));
             moving.bend(deformer, &bending, &mut nodes, meshes.len() - 1, &object.name);
+            if let (Some(class), Some(node)) = (&object.class, nodes.last_mut()) {
+                node["extras"]["class"] = json!(**class);
+            }
             continue;
         }
         let (mesh, place) = match object.shape {
@@ -217,7 +220,7 @@ pub fn gltf(d: &Description) -> Gltf {
         };
         match object.motion {
             Motion::Carried { node } if moving.holds(node) => {
-                moving.hang(node, &mut nodes, json!({ "name": object.name, "mesh": mesh }));
+                moving.hang(node, &mut nodes, classified(object, json!({ "name": object.name, "mesh": mesh })));
             }
             _ => {
                 let mut node = json!({ "name": object.name, "mesh": mesh, "matrix": Mat4::from(place).to_cols_array() });
@@ -226,7 +229,7 @@ pub fn gltf(d: &Description) -> Gltf {
                     Shape::Quad(q) => w.keep(&q, &mut node, Some("quad")),
                     _ => {}
                 }
-                nodes.push(node);
+                nodes.push(classified(object, node));
             }
         }
     }
@@ -352,6 +355,14 @@ pub fn gltf(d: &Description) -> Gltf {
 
 /// Number that stands for the ball among meshes.
 const BALL: u32 = u32::MAX;
+
+/// A node with the class of what hangs on it.
+fn classified(object: &Object, mut node: Value) -> Value {
+    if let Some(class) = &object.class {
+        node["extras"]["class"] = json!(**class);
+    }
+    node
+}
 
 fn primitive(mut written: Value, material: u32, name: &str) -> Value {
     written["material"] = json!(material);

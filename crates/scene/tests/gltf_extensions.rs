@@ -322,3 +322,35 @@ fn cloth_grain_and_films_are_read_and_written_again() {
         assert!(matches!(&film.thickness, Scalar::Textured { channel: 1, .. }));
     }
 }
+
+#[test]
+fn classes_come_from_extras_of_nodes_their_ancestors_and_meshes() {
+    let json = triangle(
+        json!({"attributes": {"POSITION": 0}}),
+        &[
+            ("scenes", json!([{"nodes": [0, 4, 5]}])),
+            (
+                "nodes",
+                json!([
+                    {"name": "car", "extras": {"class": "car"}, "children": [1, 2, 3]},
+                    {"name": "door", "mesh": 0},
+                    {"name": "wheel", "mesh": 0, "extras": {"paint": "black", "category_id": 7}},
+                    {"name": "seat", "mesh": 0, "extras": {"class": " "}},
+                    {"name": "part", "mesh": 0},
+                    {"name": "tree", "mesh": 0, "extras": {"category": "tree", "category_id": 9}},
+                ]),
+            ),
+            ("meshes", json!([{"primitives": [{"attributes": {"POSITION": 0}}], "extras": {"class": "of the mesh"}}])),
+        ],
+    );
+    let d = load(&json).unwrap();
+    let found: Vec<(&str, Option<&str>)> = d.objects.iter().map(|o| (o.name.as_str(), o.class.as_deref())).collect();
+    let expected = [("door", "car"), ("wheel", "7"), ("seat", "car"), ("part", "of the mesh"), ("tree", "tree")];
+    assert_eq!(found, expected.map(|(name, class)| (name, Some(class))));
+    // Written and read again they are the same.
+    let saved = diopter_scene::save::gltf(&d).container();
+    let again = gltf::load(&saved, "t.glb", &|_| Err("no files here".into())).unwrap();
+    let mut classes: Vec<_> = again.objects.iter().map(|o| o.class.as_deref()).collect();
+    classes.sort();
+    assert_eq!(classes, ["7", "car", "car", "of the mesh", "tree"].map(Some));
+}

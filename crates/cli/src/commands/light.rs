@@ -106,7 +106,10 @@ pub fn run(args: &ReadOut, names: &[PathBuf], json: bool) -> anyhow::Result<()> 
         let size = [plane.width(), plane.height()];
         let reader = Reader::new(&sensor, &reading(0), size, &plane.bands, plane.facts.exposure_s)?;
         let reader = reader.with_rows_of(&plane.facts);
-        written.push(output.commit(|to| Ok(truth::write(&plane, &reader, &first, args.truth_layout.layout(), to)?))?);
+        let layout = args.truth_layout.layout();
+        written.extend(output::write_truth(output, plane.truth.recorded(), args.truth_sidecar, |recorded, to| {
+            truth::write(&plane, &reader, &first, layout, recorded, to)
+        })?);
     }
     say(&format!("{}   ISO {:.0}   {} s   seed {}", sensor.name, header.facts.iso, header.facts.exposure_s, args.seed));
     written.iter().for_each(|p| say(&format!("wrote {}", p.display())));

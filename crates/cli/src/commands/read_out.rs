@@ -114,7 +114,10 @@ pub fn run(args: &ReadOut, json: bool) -> anyhow::Result<()> {
     if let Some(output) = truth_file {
         let plane = read_plane(&args.plane)?;
         let raw = dng::read(open(&written[0])?).with_context(|| written[0].display().to_string())?;
-        written.push(output.commit(|to| Ok(truth::write(&plane, &prepare(0)?, &raw, args.truth_layout.layout(), to)?))?);
+        let (reader, layout) = (prepare(0)?, args.truth_layout.layout());
+        written.extend(output::write_truth(output, plane.truth.recorded(), args.truth_sidecar, |recorded, to| {
+            truth::write(&plane, &reader, &raw, layout, recorded, to)
+        })?);
     }
     let header = prepare(0)?.header(first.facts(), &white);
     say(&format!(

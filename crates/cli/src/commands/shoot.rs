@@ -201,7 +201,10 @@ pub fn run(args: &Shoot, json: bool) -> anyhow::Result<()> {
         if let Some(output) = truth_file {
             let reader = ReadOut::new(&shot.sensor, &shot.reading, size, &plane.bands, plane.facts.exposure_s)?;
             let reader = reader.with_rows_of(&plane.facts);
-            of_this.push(output.commit(|to| Ok(truth::write(plane, &reader, &raw, args.truth_layout.layout(), to)?))?);
+            let layout = args.truth_layout.layout();
+            of_this.extend(output::write_truth(output, plane.truth.recorded(), args.truth_sidecar, |recorded, to| {
+                truth::write(plane, &reader, &raw, layout, recorded, to)
+            })?);
         }
         let format = Format { storage: args.raw.storage(), ..Format::default() };
         let only_looked_at = pictures.iter().all(|(kind, _)| kind.is_looked_at());

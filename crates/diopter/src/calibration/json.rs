@@ -53,7 +53,15 @@ pub fn fit(f: &Fit) -> Value {
 }
 
 fn frame(f: &Frame) -> Value {
-    json!({ "file": f.picture, "at_s": f.at_s, "poses": f.poses.iter().map(pose).collect::<Vec<_>>() })
+    let mut value = json!({ "file": f.picture, "at_s": f.at_s, "poses": f.poses.iter().map(pose).collect::<Vec<_>>() });
+    if !f.moving.is_empty() {
+        let rows = f.moving.iter().map(|s| [s.time_s, s.at_mm.x, s.at_mm.y, s.picture_px.x, s.picture_px.y]);
+        value["stabiliser"] = json!({
+            "columns": ["time_s", "right_mm", "up_mm", "picture_right_px", "picture_down_px"],
+            "path": rows.collect::<Vec<_>>(),
+        });
+    }
+    value
 }
 
 fn pose(p: &Pose) -> Value {

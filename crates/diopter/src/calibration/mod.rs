@@ -257,6 +257,7 @@ pub(crate) mod tests {
                 picture: "a.jpg".into(),
                 at_s: 0.0,
                 poses: vec![pose("start", 0.0), pose("middle", 0.5), pose("end", 1.0)],
+                moving: Vec::new(),
             }],
         }
     }

@@ -4,6 +4,7 @@
 //! y down, z forward.
 
 use crate::camera_motion::CameraMotion;
+use crate::stabiliser::MovingState;
 use diopter_image::RowTimes;
 use glam::{Affine3A, DAffine3, DMat3, DMat4, DQuat, DVec3};
 
@@ -47,6 +48,8 @@ pub struct Frame {
     pub at_s: f64,
     /// In the order of rows and times; see [`poses`].
     pub poses: Vec<Pose>,
+    /// Where what moves against shake stood at equal steps of the exposure; empty where nothing does.
+    pub moving: Vec<MovingState>,
 }
 
 impl Frame {
@@ -107,7 +110,7 @@ mod tests {
         assert_eq!(all.len(), 9);
         let last = all[8];
         assert!(last.row == Some(8) && last.when == "end" && (last.world_from_camera.translation.x - 0.9).abs() < 1e-6);
-        let frame = Frame { picture: String::new(), at_s: 0.0, poses: all };
+        let frame = Frame { picture: String::new(), at_s: 0.0, poses: all, moving: Vec::new() };
         assert_eq!(frame.middle().map(|p| (p.row, p.when)), Some((Some(4), "middle")));
         let global = poses(&way, &RowTimes { open_s: [0.0; 2], close_s: [1.0, 0.0], columns: false }, [16, 9]);
         assert!(global.len() == 3 && global[1].row.is_none() && (global[1].world_from_camera.translation.x - 0.5).abs() < 1e-6);

@@ -256,7 +256,7 @@ impl Making<'_> {
             File::Plane => written(&|to| exr::write_focal_plane(plane, to)),
             File::Truth => {
                 let reader = self.reader()?;
-                written(&|to| truth::write(plane, &reader, raw(), exr::TruthLayout::SinglePart, to))
+                written(&|to| truth::write(plane, &reader, raw(), exr::TruthLayout::SinglePart, plane.truth.recorded(), to))
             }
             File::Channel(channel) => match plane.truth.values(channel.name) {
                 Some(Values::Float(raster)) => Ok(floats(raster)),

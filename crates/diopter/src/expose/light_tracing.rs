@@ -278,7 +278,8 @@ impl Exposure<'_> {
 
 impl<'a> LightTracing<'a> {
     fn new(unit: &Unit<'a>) -> Option<LightTracing<'a>> {
-        if !matches!(unit.camera.lens, Lens::Thin(_) | Lens::Compound(_)) {
+        // Light that is traced from lamps knows the lens with nothing moved.
+        if !matches!(unit.camera.lens, Lens::Thin(_) | Lens::Compound(_)) || unit.camera.way.moving().is_some() {
             return None;
         }
         // An ideal surface within a lens maps slopes, and does not keep the étendue in which both densities are told; nor do facets in a plane.

@@ -150,6 +150,26 @@ impl PupilSampler for FromSensor<'_> {
     }
 }
 
+/// The samples of a tile, one after the other.
+struct Numbers {
+    rectangle: [usize; 4],
+    samples: Range<u32>,
+}
+
+impl Numbers {
+    fn count(&self) -> usize {
+        self.rectangle[2] * self.rectangle[3] * self.samples.len()
+    }
+
+    /// Column, row and number of a sample.
+    #[inline]
+    fn of(&self, number: usize) -> (usize, usize, u32) {
+        let [column, row, width, _] = self.rectangle;
+        let (pixel, sample) = (number / self.samples.len(), number % self.samples.len());
+        (column + pixel % width, row + pixel / width, self.samples.start + sample as u32)
+    }
+}
+
 /// Products of numbers of each wavelength.
 #[inline]
 fn times(a: [f32; 4], b: [f32; 4]) -> [f32; 4] {
@@ -310,31 +330,47 @@ impl Unit<'_> {
             ([glam::DVec2::ZERO; LANES], [glam::DVec2::ZERO; LANES], [glam::DVec2::ZERO; LANES]);
         let mut displaced: [Option<Displaced>; LANES] = [None; LANES];
         // Of all light, and of direct light where that is recorded; with them where their sums begin.
-        // They know nothing of bands that tell polarisation.
-        let mut landings: Vec<(usize, Landings)> = match radiance_only || self.behind.is_some() || !self.analyzers.is_empty() {
-            true => Vec::new(),
-            false => {
-                let new = || Landings::new(&samples, column..column + width, self.settings.sampler, film);
-                [Some(0), self.direct].into_iter().flatten().filter_map(|from| Some((from, new()?))).collect()
-            }
-        };
+        // They know nothing of bands that tell polarisation, nor of a lens whose group moves.
+        let moving_group = self.camera.way.moving().is_some_and(|moving| moving.lenses().len() > 0);
+        let mut landings: Vec<(usize, Landings)> =
+            match radiance_only || self.behind.is_some() || !self.analyzers.is_empty() || moving_group {
+                true => Vec::new(),
+                false => {
+                    let new = || Landings::new(&samples, column..column + width, self.settings.sampler, film);
+                    [Some(0), self.direct].into_iter().flatten().filter_map(|from| Some((from, new()?))).collect()
+                }
+            };
         let mut from_sensor = self.behind.as_ref().map(|behind| FromSensor { behind, rays: [None; LANES], film, shifts });
         let mut drawn: Vec<(usize, usize, Sampler, Wavelengths, f32)> = Vec::with_capacity(LANES);
         let spp = samples.len();
         let total = width * height * spp;
+        let numbers = Numbers { rectangle: [column, row, width, height], samples: samples.clone() };
+        // Where a group moves against shake, the samples of each of its places together: a packet goes through one lens.
+        let mut places_of_group = self.by_lens(&numbers).into_iter();
+        let mut group: Option<(&CompoundLens, Vec<u32>)> = places_of_group.next();
         let mut first = 0;
-        while first < total {
+        loop {
+            let total = group.as_ref().map_or(total, |(_, members)| members.len());
+            if first >= total {
+                first = 0;
+                group = match places_of_group.next() {
+                    Some(next) => Some(next),
+                    None => break,
+                };
+                continue;
+            }
+            let lens = group.as_ref().map_or(lens, |(lens, _)| *lens);
             let count = LANES.min(total - first);
             drawn.clear();
             exits.passed = 0;
             for k in 0..count {
-                let (pixel, sample) = ((first + k) / spp, (first + k) % spp);
-                let (x, y) = (column + pixel % width, row + pixel / width);
-                let sampler = self.sampler(x, y, samples.start + sample as u32);
+                let number = group.as_ref().map_or(first + k, |(_, members)| members[first + k] as usize);
+                let (x, y, sample) = numbers.of(number);
+                let sampler = self.sampler(x, y, sample);
                 let [u, v, pu, pv] = sampler.get(Set::Camera);
                 let [w, t, spot @ ..] = sampler.get(Set::Time);
                 let wavelengths = self.wavelengths.sample(self.wavelength_number(w, &sampler));
-                filter[k] = film.low_pass_shift(spot);
+                filter[k] = film.low_pass_shift(spot) - self.film_shift(x, y, t);
                 displaced[k] = self.displaced(x, y, &sampler, &wavelengths);
                 moved[k] = displaced[k].map_or(filter[k], |d| filter[k] + d.by);
                 shifts[k] = moved[k];
@@ -519,6 +555,38 @@ impl Unit<'_> {
             self.end_pixel(landings, *from, &mut tile_sums);
         }
         tile_sums.done()
+    }
+
+    /// How far from its place a pixel collects light at the moment of a sample, where something moves against shake, mm; `t`: what chooses the moment.
+    ///
+    /// The moment is that of light through the middle of the pupil: of a leaf shutter, which opens from there, it may differ by its ramp.
+    #[inline]
+    fn film_shift(&self, x: usize, y: usize, t: f32) -> glam::DVec2 {
+        match self.camera.way.moving() {
+            None => glam::DVec2::ZERO,
+            Some(moving) => moving.film_shift(self.moment(x, y, t)),
+        }
+    }
+
+    /// The moment of a sample through the middle of the pupil, s.
+    fn moment(&self, x: usize, y: usize, t: f32) -> f64 {
+        self.settings.shutter_times.draw(self.window(x, y, 0.0), f64::from(t)).0
+    }
+
+    /// The samples of a tile by the lens that they go through; none where all go through the camera's.
+    fn by_lens(&self, numbers: &Numbers) -> Vec<(&CompoundLens, Vec<u32>)> {
+        let Some(moving) = self.camera.way.moving().filter(|moving| moving.lenses().len() > 0) else { return Vec::new() };
+        let lenses = moving.lenses().filter_map(|lens| match lens {
+            Lens::Compound(lens) => Some((&**lens, Vec::new())),
+            _ => None,
+        });
+        let mut all: Vec<(&CompoundLens, Vec<u32>)> = lenses.collect();
+        for number in 0..numbers.count() {
+            let (x, y, sample) = numbers.of(number);
+            let t = self.sampler(x, y, sample).get(Set::Time)[1];
+            all[moving.index(self.moment(x, y, t))].1.push(number as u32);
+        }
+        all
     }
 
     /// Where the pixel as a whole lands at each wavelength but the hero's; `None` where not all of it lands on the film, where which wavelengths are collected depends on
@@ -798,7 +866,7 @@ impl Unit<'_> {
     pub(super) fn camera_ray(&self, column: usize, row: usize, sampler: &Sampler) -> Option<CameraRay> {
         let [x, y, pu, pv] = sampler.get(Set::Camera);
         let [w, t, spot @ ..] = sampler.get(Set::Time);
-        let filter = self.camera.film.low_pass_shift(spot);
+        let filter = self.camera.film.low_pass_shift(spot) - self.film_shift(column, row, t);
         let wavelengths = self.wavelengths.sample(self.wavelength_number(w, sampler));
         let displaced = self.displaced(column, row, sampler, &wavelengths);
         let shift = displaced.map_or(filter, |d| filter + d.by);

@@ -9,6 +9,7 @@ use super::frames::Frames;
 use super::{RADIANCE_REDRAWS, Settings};
 use crate::camera::Camera;
 use crate::camera_motion::CameraMotion;
+use crate::mount::{film_shift_on, lens_on};
 use crate::projection::{self, Target};
 use crate::shutter::{Place, Shutter};
 use diopter_image::channels::{COVERAGE_SAMPLES, Channel};
@@ -19,11 +20,12 @@ use diopter_lens::LensRay;
 use diopter_lens::microlens::Behind;
 use diopter_light::Ray;
 use diopter_light::random::{Sampler, SamplerKind, Set};
+use diopter_scene::classes::UNCLASSIFIED;
 use diopter_scene::shape::Surface;
-use diopter_scene::{FirstSurface, OtherExposure, Scene};
+use diopter_scene::{Description, FirstSurface, OtherExposure, Scene};
 use glam::{DVec2, DVec3, Vec3};
 use rayon::prelude::*;
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Range;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -73,6 +75,7 @@ fn fill(channel: &Channel) -> Fill {
         "normal" => Fill::Float(normal),
         "albedo" => Fill::Float(albedo),
         "id" => Fill::Whole(id),
+        "class" => Fill::Whole(class),
         "position" => Fill::Float(position),
         "distance" => Fill::Float(distance),
         "uv" => Fill::Float(uv),
@@ -89,6 +92,7 @@ fn fill(channel: &Channel) -> Fill {
             let object = &recorder.scene.description().objects[surface.object as usize];
             recorder.mattes.materials[object.material as usize]
         }),
+        "crypto-class" => Fill::Ranks(|recorder, surface| recorder.mattes.classes[recorder.class_of(surface.object)]),
         "stray-light" | "direct" | "indirect" => Fill::Later,
         name => unreachable!("the channel \"{name}\" has no function"),
     }
@@ -119,6 +123,11 @@ fn albedo(_: &Recorder, seen: &Seen, to: &mut [f32]) {
 fn id(_: &Recorder, seen: &Seen, to: &mut [u32]) {
     let Some(first) = &seen.first else { return };
     to[0] = first.object + 1;
+}
+
+fn class(recorder: &Recorder, seen: &Seen, to: &mut [u32]) {
+    let Some(first) = &seen.first else { return };
+    to[0] = recorder.class_of(first.object) as u32 + 1;
 }
 
 fn position(_: &Recorder, seen: &Seen, to: &mut [f32]) {
@@ -189,6 +198,10 @@ fn transmitted(recorder: &Recorder, seen: &Seen, to: &mut [f32]) {
 struct Mattes {
     objects: Vec<f32>,
     materials: Vec<f32>,
+    /// By number of the class.
+    classes: Vec<f32>,
+    /// Number of the class of each object.
+    class_of: Vec<u32>,
 }
 
 /// A name that says something: of what has none, its number.
@@ -253,6 +266,11 @@ impl<'a> Recorder<'a> {
         let (recorded, mattes) = recorded(scene, settings);
         let all_around = !camera.has_axis();
         Recorder { camera, shutter, recorded, scene, look: None, behind, all_around, settings, blur, frames, mattes }
+    }
+
+    /// Number of an object's class.
+    fn class_of(&self, object: u32) -> usize {
+        self.mattes.class_of[object as usize] as usize
     }
 
     /// What is recorded.
@@ -327,8 +345,8 @@ impl<'a> Recorder<'a> {
             None => self.camera.chief_ray(film, time_s),
             // What a pixel behind a microlens sees through its middle.
             Some(behind) => {
-                let aimed = behind.middle(film);
-                self.camera.lens.ray_along(aimed.at, aimed.slope).map(|ray| self.camera.to_world(&ray, time_s))
+                let aimed = behind.middle(film + film_shift_on(&self.camera.way, time_s));
+                self.camera.lens_at(time_s).ray_along(aimed.at, aimed.slope).map(|ray| self.camera.to_world(&ray, time_s))
             }
         };
         ray.ok().filter(Ray::is_finite)
@@ -358,14 +376,15 @@ impl<'a> Recorder<'a> {
         here + across * (self.middle_s(right, above) - here) + down * (self.middle_s(left, below) - here)
     }
 
-    /// Origin (mm) and unit direction of the chief ray of a place of the picture, in the space of the lens.
-    fn lens_ray(&self, at: DVec2) -> Option<(DVec3, DVec3)> {
-        let film = self.camera.film_point(at.x, at.y);
+    /// Origin (mm) and unit direction of the chief ray of a place of the picture, in the space of the lens, at a time of the exposure of which `way` is the camera's.
+    fn lens_ray(&self, at: DVec2, way: &CameraMotion, time_s: f64) -> Option<(DVec3, DVec3)> {
+        let film = self.camera.film_point(at.x, at.y) + film_shift_on(way, time_s);
+        let lens = lens_on(way, &self.camera.lens, time_s);
         let ray: LensRay = match &self.behind {
-            None => self.camera.lens.chief_ray(film),
+            None => lens.chief_ray(film),
             Some(behind) => {
                 let aimed = behind.middle(film);
-                self.camera.lens.ray_along(aimed.at, aimed.slope)
+                lens.ray_along(aimed.at, aimed.slope)
             }
         }
         .ok()?;
@@ -385,7 +404,7 @@ impl<'a> Recorder<'a> {
                 Some(surface) => Target::point(frame.scene.point(surface, seen.time_s as f32, time_s)?, &place),
                 None => Target::direction(seen.ray.direction, &place),
             };
-            let next = projection::find(target, at, |at| self.lens_ray(at))?;
+            let next = projection::find(target, at, |at| self.lens_ray(at, frame.way, time_s))?;
             let moved = (next - at).length();
             at = next;
             if moved < STILL {
@@ -434,19 +453,24 @@ impl<'a> Recorder<'a> {
         };
         let sampler = Sampler::new(kind, settings.seed, (column as u32, row as u32), sample, settings.spp);
         let [_, t, spot @ ..] = sampler.get(Set::Time);
-        let shift = camera.film.low_pass_shift(spot);
+        // The moment without the pupil, which decides only where a leaf shutter opens: what moves against shake hardly does so meanwhile.
+        let film = &camera.film;
+        let size = [film.columns, film.rows];
+        let (open, close) = self.shutter.window(&Place { pixel: [column, row], size, pupil: 0.0 });
+        let moment = open + f64::from(t) * (close - open).max(0.0);
+        let lens = camera.lens_at(moment);
+        let shift = camera.film.low_pass_shift(spot) - film_shift_on(&camera.way, moment);
         let ray = (0..=RADIANCE_REDRAWS).find_map(|attempt| {
             let [u, v, pupil @ ..] = sampler.get(if attempt == 0 { Set::Camera } else { Set::Redraw(attempt) });
             let at = camera.film.within_pixel([u, v]);
             let film = camera.film_point(column as f64 + at[0], row as f64 + at[1]) - shift;
             match &self.behind {
-                None => camera.lens.ray(film, pupil).ok(),
-                Some(behind) => behind.draw(film, pupil).and_then(|aimed| camera.lens.ray_along(aimed.at, aimed.slope).ok()),
+                None => lens.ray(film, pupil).ok(),
+                Some(behind) => behind.draw(film, pupil).and_then(|aimed| lens.ray_along(aimed.at, aimed.slope).ok()),
             }
         })?;
-        let film = &camera.film;
         let pupil = camera.pupil_radius(ray.origin_mm, ray.direction);
-        let (open, close) = self.shutter.window(&Place { pixel: [column, row], size: [film.columns, film.rows], pupil });
+        let (open, close) = self.shutter.window(&Place { pixel: [column, row], size, pupil });
         let ray = camera.to_world(&ray, open + f64::from(t) * (close - open).max(0.0));
         Some(ray).filter(Ray::is_finite)
     }
@@ -477,10 +501,15 @@ fn recorded(scene: &Scene, settings: &Settings) -> (Recorded, Mattes) {
     let materials: Vec<String> = d.materials.iter().enumerate().map(|(i, m)| named(&m.name, "material", i)).collect();
     let mut manifests = Vec::new();
     let mut sampled = false;
+    let mut classes = Vec::new();
+    if recorded.more().iter().any(|c| ["class", "crypto-class"].contains(&c.name)) {
+        (classes, mattes.class_of) = numbered_classes(d);
+    }
     for channel in recorded.more() {
         let names = match channel.name {
             "crypto-object" => &objects,
             "crypto-material" => &materials,
+            "crypto-class" => &classes,
             _ => {
                 sampled |= matches!(fill(channel), Fill::Mean(_));
                 continue;
@@ -493,20 +522,32 @@ fn recorded(scene: &Scene, settings: &Settings) -> (Recorded, Mattes) {
                 mattes.objects = identifiers;
                 "CryptoObject"
             }
+            "crypto-class" => {
+                mattes.classes = identifiers;
+                "CryptoClass"
+            }
             _ => {
                 mattes.materials = identifiers;
                 "CryptoMaterial"
             }
         };
         let names = names.iter().cloned().collect::<BTreeSet<String>>().into_iter().collect();
-        manifests.push(Manifest { layer: layer.into(), names });
+        manifests.push(Manifest::new(layer, names));
     }
     if sampled && settings.truth {
         recorded.samples = coverage_samples(settings).len() as u32;
     }
     manifests.sort_by(|a, b| a.layer.cmp(&b.layer));
-    (recorded.objects, recorded.manifests) = (Arc::new(objects), Arc::new(manifests));
+    (recorded.objects, recorded.classes, recorded.manifests) = (Arc::new(objects), Arc::new(classes), Arc::new(manifests));
     (recorded, mattes)
+}
+
+/// Names of the classes of a scene in order, and the number of that of each object; what has none is of the class [`UNCLASSIFIED`].
+fn numbered_classes(d: &Description) -> (Vec<String>, Vec<u32>) {
+    let names: BTreeSet<&str> = d.objects.iter().map(|o| o.class.as_deref().unwrap_or(UNCLASSIFIED)).collect();
+    let numbers: BTreeMap<&str, u32> = names.iter().copied().zip(0..).collect();
+    let of = d.objects.iter().map(|o| numbers[o.class.as_deref().unwrap_or(UNCLASSIFIED)]).collect();
+    (names.into_iter().map(str::to_owned).collect(), of)
 }
 
 #[cfg(test)]
@@ -524,7 +565,7 @@ mod tests {
     use diopter_scene::motion::{AnimatedProperty, Animation, Channel as Keys, KeyInterpolation, Motion, Node, Playing};
     use diopter_scene::shape::{Mesh, Quad};
     use diopter_scene::texture::Color;
-    use diopter_scene::{Description, Object, Shape};
+    use diopter_scene::{Object, Shape};
     use glam::{Affine3A, Vec2, Vec3};
 
     const COLUMNS: usize = 72;
@@ -771,14 +812,15 @@ mod tests {
             Object::new(name, Shape::Quad(quad), material)
         };
         let scene = Scene::build(Description {
-            objects: vec![sheet("left", -3.0, 0), sheet("", 0.0, 1)],
+            objects: vec![Object { class: Some("wall".into()), ..sheet("left", -3.0, 0) }, sheet("", 0.0, 1)],
             materials: vec![white("paper"), white("card")],
             ..Default::default()
         })
         .unwrap();
         let camera = camera(thin(1.4));
         let plane = |samples: Range<u32>| {
-            let settings = Settings { samples: samples.clone(), ..asking("coverage,crypto-object,crypto-material") };
+            let settings =
+                Settings { samples: samples.clone(), ..asking("coverage,crypto-object,crypto-material,crypto-class,class") };
             let truth = recorded_by(&scene, &camera, &Shutter::global(0.01), &settings);
             assert_eq!(truth.recorded().samples, samples.len() as u32);
             FocalPlane {
@@ -796,7 +838,7 @@ mod tests {
         let mut mixed = 0;
         for at in (0..COLUMNS * ROWS).map(|i| [i % COLUMNS, i / COLUMNS]) {
             let [coverage] = pixel(&whole.truth, "coverage", at);
-            for name in ["crypto-object", "crypto-material"] {
+            for name in ["crypto-object", "crypto-material", "crypto-class"] {
                 let [a, b] = [&whole, &merged].map(|p| p.truth.float(name).unwrap().pixel(at[0], at[1]));
                 let total: f32 = a.iter().skip(1).step_by(2).sum();
                 assert!((f64::from(total) - coverage).abs() < 1e-6, "{at:?}: {total} {coverage}");
@@ -814,7 +856,13 @@ mod tests {
         let [sky] = pixel::<1>(&whole.truth, "coverage", [3, 0]);
         assert!(mixed > 10 && sure == 1.0 && sky == 0.0, "{mixed} {sure} {sky}");
         let layers: Vec<&str> = whole.truth.recorded().manifests.iter().map(|m| m.layer.as_str()).collect();
-        assert_eq!(layers, ["CryptoMaterial", "CryptoObject"]);
-        assert_eq!(whole.truth.recorded().manifests[1].names, ["left", "object-1"]);
+        assert_eq!(layers, ["CryptoClass", "CryptoMaterial", "CryptoObject"]);
+        assert_eq!(whole.truth.recorded().manifests[2].names, ["left", "object-1"]);
+        assert_eq!(*whole.truth.recorded().classes, ["unclassified", "wall"]);
+        // Left of the middle the wall, right of it what has no class, above them nothing.
+        let Some(Values::Whole(class)) = whole.truth.values("class") else { panic!("whole numbers") };
+        assert_eq!([[3, 40], [70, 40], [3, 0]].map(|[x, y]| class.pixel(x, y)[0]), [2, 1, 0]);
+        let matte = whole.truth.float("crypto-class").unwrap();
+        assert_eq!(matte.pixel(3, 40)[..2], [cryptomatte::identifier("wall"), 1.0]);
     }
 }

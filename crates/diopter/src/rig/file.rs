@@ -38,6 +38,10 @@ pub struct PathSection {
     pub up: Option<[f64; 3]>,
     /// Where it is when, instead of `look_from`.
     pub path: Vec<KeySection>,
+    /// Unsteady hands: root mean square angular speed of pitch and yaw about the rig's own place, deg/s.
+    pub shake: Option<f64>,
+    /// What the shake follows from; 1 without.
+    pub shake_seed: Option<u64>,
     /// `rest` (it starts and stops with no speed, and stands before and after) or `free`.
     pub ends: Option<String>,
 }

@@ -15,12 +15,14 @@ pub mod path;
 pub use file::{CameraSection, FramesSection, ImuSection, KeySection, PathSection, RigFile, WriteSection};
 
 use crate::calibration::{Calibration, CalibrationError, PrincipalRay};
+use crate::camera_motion::Shake;
 use crate::dataset::item::{File, Making, truth_channels};
 use crate::expose::{ExposeError, Watch};
 use crate::files;
 use crate::npy;
 use crate::quantity::{Distance, Seconds};
 use crate::shot::{Inputs, SceneCache, Shot, ShotError, ShotFile};
+use crate::stabiliser;
 use calibration::{CameraOfRig, Picture, RigCalibration};
 use diopter_light::names::nearest;
 use glam::{DAffine3, DMat3, DQuat, DVec3, EulerRot};
@@ -91,7 +93,8 @@ impl Rig {
         let file: RigFile = toml::from_str(text)
             .map_err(|e| ShotError::Syntax { path: place.to_owned(), reason: e.to_string().trim_end().to_owned() })?;
         let checks = Checks { place };
-        let path = Arc::new(checks.path(&file.rig)?);
+        let path = checks.path(&file.rig)?;
+        let path = Arc::new(checks.shaken(&file.rig, path)?);
         let times_s = checks.times(&file.frames)?;
         let mut cameras: Vec<RigCamera> = Vec::new();
         for section in &file.camera {
@@ -271,6 +274,7 @@ impl Rig {
             give("imu0/imu.npy", &npy::array(&imu::table(&samples), [imu::COLUMNS, samples.len(), 1]), &mut files)?;
         }
         let total = (self.times_s.len() * self.cameras.len()) as f64;
+        let mut moving = vec![String::new(); self.cameras.len()];
         for frame in 0..self.times_s.len() {
             for (k, shot) in shots.iter_mut().enumerate() {
                 let camera = &self.cameras[k];
@@ -282,6 +286,12 @@ impl Rig {
                         warn(&format!("camera {}: {text}", camera.name));
                     }
                 })?;
+                let states = shot.moving_states(MOVING_STEPS);
+                if !states.is_empty() {
+                    let text = stabiliser::csv(&states, self.times_s[frame] + camera.trigger_s);
+                    let from = if frame == 0 { 0 } else { text.find('\n').map_or(0, |end| end + 1) };
+                    moving[k].push_str(&text[from..]);
+                }
                 let exposed = shot.expose_from(None, &watch, None)?;
                 if exposed.stopped {
                     return Err(ExposeError::Cancelled.into());
@@ -296,9 +306,15 @@ impl Rig {
                 }
             }
         }
+        for (camera, text) in self.cameras.iter().zip(&moving).filter(|(_, text)| !text.is_empty()) {
+            give(&format!("{}/stabiliser.csv", camera.name), text.as_bytes(), &mut files)?;
+        }
         Ok(TakenRig { files, fit_rms_px })
     }
 }
+
+/// Steps of an exposure at which `stabiliser.csv` says where what moves stands.
+const MOVING_STEPS: usize = 100;
 
 /// Says what is wrong where.
 struct Checks<'a> {
@@ -360,6 +376,14 @@ impl Checks<'_> {
             return Err(self.entry(&format!("[[rig.path]] {}", k + 2), found, "times that rise"));
         }
         Ok(RigPath::new(&keys, ends))
+    }
+
+    fn shaken(&self, s: &PathSection, path: RigPath) -> Result<RigPath, ShotError> {
+        match s.shake {
+            None => Ok(path),
+            Some(rms) if (0.0..=1000.0).contains(&rms) => Ok(path.shaken(Shake::new(rms, s.shake_seed.unwrap_or(1)))),
+            Some(rms) => Err(self.entry("[rig] shake", rms.to_string(), "0 to 1000 deg/s; a steady hand is 0.6")),
+        }
     }
 
     fn times(&self, s: &FramesSection) -> Result<Vec<f64>, ShotError> {
@@ -505,7 +529,7 @@ const REFUSED: &[(&str, &str)] = &[
     ("camera.up", "up in [rig], and turn_deg of the camera"),
     ("camera.viewpoint", "the place in [rig]"),
     ("camera.path", "[[rig.path]]"),
-    ("camera.shake", "a rig without shake: its cameras are fixed to each other; give the rig a path"),
+    ("camera.shake", "a shake of the whole rig, to which its cameras are fixed: [rig] shake"),
     ("scene.at", "first in [frames]"),
     ("scene.frozen", "nothing: time runs for a rig"),
     ("sequence", "count and fps in [frames]"),

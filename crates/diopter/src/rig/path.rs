@@ -5,6 +5,7 @@
 //! ω̇ = 2 Im(p̄ p̈) / |p|² − 2 ω (p · ṗ) / |p|². So an inertial sensor on the rig has truth without any differencing. Splines: de Boor 1978, ch. IV; quaternion kinematics: Solà 2017
 //! (arXiv:1711.02508), eq. 200.
 
+use crate::camera_motion::Shake;
 use glam::{Affine3A, DAffine3, DQuat, DVec3, DVec4};
 
 /// What is true of a rig, or of something fixed to it, at a moment.
@@ -110,6 +111,7 @@ pub struct RigPath {
     place: Spline,
     turn: Spline,
     ends: Ends,
+    shake: Option<Shake>,
 }
 
 impl RigPath {
@@ -125,7 +127,17 @@ impl RigPath {
             let q = if turns.last().is_some_and(|l| l.dot(q) < 0.0) { -q } else { q };
             turns.push(q);
         }
-        RigPath { place: Spline::new(&times, &places, ends), turn: Spline::new(&times, &turns, ends), ends }
+        RigPath { place: Spline::new(&times, &places, ends), turn: Spline::new(&times, &turns, ends), ends, shake: None }
+    }
+
+    /// The same in unsteady hands, which turn it about its own place at all times.
+    pub fn shaken(self, shake: Shake) -> RigPath {
+        RigPath { shake: Some(shake), ..self }
+    }
+
+    /// How it shakes.
+    pub fn shake(&self) -> Option<&Shake> {
+        self.shake.as_ref()
     }
 
     /// First and last time of its keys, s.
@@ -136,16 +148,31 @@ impl RigPath {
 
     /// Whether it stands.
     pub fn is_still(&self) -> bool {
-        self.place.times.len() == 1
+        self.place.times.len() == 1 && self.shake.is_none()
     }
 
     /// Whether it is known at all times: it stands, or rests at its ends.
     pub fn is_endless(&self) -> bool {
-        self.is_still() || self.ends == Ends::Rest
+        self.place.times.len() == 1 || self.ends == Ends::Rest
     }
 
-    /// What is true at a moment, s. Outside its keys it stands.
+    /// What is true at a moment, s. Outside its keys it stands, but for its shake.
     pub fn at(&self, time_s: f64) -> MotionState {
+        let steady = self.steady(time_s);
+        let Some(shake) = &self.shake else { return steady };
+        // In the axes after the shake: ω = Rᵀω₀ + ω₁, and its derivative.
+        let (turn, rate, acceleration) = shake.state(time_s);
+        let carried = turn.conjugate() * steady.angular_rate;
+        MotionState {
+            place: steady.place * DAffine3::from_quat(turn),
+            angular_rate: carried + rate,
+            angular_acceleration: turn.conjugate() * steady.angular_acceleration + acceleration + carried.cross(rate),
+            ..steady
+        }
+    }
+
+    /// The same without its shake.
+    fn steady(&self, time_s: f64) -> MotionState {
         let [first, last] = self.span_s();
         let outside = time_s < first || time_s > last;
         let t = time_s.clamp(first, last);
@@ -212,7 +239,12 @@ pub(super) mod tests {
 
     #[test]
     fn derivatives_are_those_of_the_way() {
-        let path = winding();
+        for path in [winding(), winding().shaken(Shake::new(20.0, 2))] {
+            derivatives_of(&path);
+        }
+    }
+
+    fn derivatives_of(path: &RigPath) {
         let part = DAffine3::from_rotation_translation(DQuat::from_rotation_x(0.4), DVec3::new(0.1, -0.2, 0.3));
         let h = 1e-5;
         for k in 1..40 {

@@ -159,6 +159,7 @@ impl Shot {
         };
         timing.carrier = carrier;
         asked::check_camera(&file.render, &camera, warn)?;
+        let stabiliser = staging::stabiliser(&file, &camera, &timing)?;
         // Light that was settled by the mean of the frame is settled anew in another frame; a scene with a scale keeps it.
         let same_frame = !changed && self.file.scene == file.scene && self.file.camera == file.camera;
         let light_settled = self.light_settled && same_frame;
@@ -189,6 +190,7 @@ impl Shot {
         (self.begun, self.held_back_ev, self.denoising_s) = (Instant::now(), 0.0, None);
         (self.sensor, self.settings, self.exposing, self.focusing) = (sensor, settings, exposing, focusing);
         (self.timing, self.light_settled) = (timing, light_settled);
+        self.stabiliser = stabiliser;
         self.file = file;
         self.attach_flash();
         Ok(())

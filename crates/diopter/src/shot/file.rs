@@ -78,6 +78,9 @@ pub struct SceneSection {
     /// as their files say (`edgelength` of pbrt), or by 1/512 of their size.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub displacement_edge_px: Option<f64>,
+    /// A table of the classes of objects, a line each: `pattern, class` ([`diopter_scene::classes`]).
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub classes: Option<PathBuf>,
     /// Numbers of bodies that overlap, by the name of their material: where they do, the one with the highest is there.
     #[serde(skip_serializing_if = "BTreeMap::is_empty")]
     pub priority: BTreeMap<String, i32>,
@@ -288,6 +291,9 @@ pub struct CameraSection {
     /// Unsteady hands: root mean square angular speed of pitch and yaw, deg/s (0.6 is a steady hand).
     #[serde(skip_serializing_if = "Option::is_none")]
     pub shake: Option<f64>,
+    /// What moves against the shake.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub stabiliser: Option<StabiliserSection>,
     /// Where the camera is at which time; instead of `look_from`.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub path: Vec<PathStop>,
@@ -309,6 +315,24 @@ pub struct PlenopticSection {
     /// `square` or `hexagonal`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub arrangement: Option<String>,
+}
+
+/// `[camera.stabiliser]`
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct StabiliserSection {
+    /// `lens` (the group that its sheet names), `sensor`, or the first and last surface of a group, such as `15-17`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub moves: Option<String>,
+    /// Corner of the servo, Hz; 100 without.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub servo: Option<Hertz>,
+    /// Below it angles are taken for drift, Hz; 0.05 without.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub drift: Option<Hertz>,
+    /// How far it moves from the axis at most; as far as it must without.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub travel: Option<LengthMm>,
 }
 
 /// `[[camera.path]]`
@@ -664,6 +688,9 @@ impl ShotFile {
         if let Some(calibration) = &mut shot.camera.calibration {
             *calibration = relative(calibration);
         }
+        if let Some(classes) = &mut shot.scene.classes {
+            *classes = relative(classes);
+        }
         recipe_file::place_lut(&mut shot.develop, folder);
     }
 
@@ -714,6 +741,9 @@ impl ShotFile {
         }
         if let Some(calibration) = &mut self.camera.calibration {
             *calibration = whole(calibration);
+        }
+        if let Some(classes) = &mut self.scene.classes {
+            *classes = whole(classes);
         }
         if !self.develop.lut.file.is_empty() {
             self.develop.lut.file = text(&self.develop.lut.file);

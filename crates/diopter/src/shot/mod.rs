@@ -38,6 +38,7 @@ pub use vary::VARIABLES;
 
 use crate::calibration::{self, Calibration, CalibrationError, Frame, PrincipalRay};
 use crate::camera::{Camera, Film, PlacementError};
+use crate::camera_motion::CameraMotion;
 use crate::denoising::{BUILT_IN, Denoise, Filter};
 use crate::expose::{
     self, Diffraction, ExposeError, Exposed, Exposure, Fireflies, Frames, Keep, Response, Settings, Sums, Watch,
@@ -49,6 +50,7 @@ use crate::quantity::{Distance, FNumber, FocusTo, LengthMm, Seconds, Size, Spect
 use crate::quick_look::{self, Optics};
 use crate::row_store::PagedRows;
 use crate::shutter::{Shutter, ShutterTimes};
+use crate::stabiliser::{MovingState, Stabiliser};
 use crate::stray::WithStray;
 use crate::{lens_profile, recipe_file};
 use diopter_develop::denoise::Denoised;
@@ -229,6 +231,8 @@ pub struct Shot {
     /// What denoising will take by a trial, s; known after metering with a time limit.
     denoising_s: Option<f64>,
     timing: Timing,
+    /// What moves against the shake of the camera.
+    stabiliser: Option<Stabiliser>,
     facts: ExposureFacts,
 }
 
@@ -247,6 +251,9 @@ struct Exposing {
     slowest_s: Option<f64>,
     step: Option<crate::stops::Step>,
 }
+
+/// Steps of an exposure at which a calibration says where what moves against shake stands.
+const MOVING_STATES: usize = 100;
 
 impl Shot {
     /// Checks a request, reads its files and builds the scene. `warn` gets what was found odd.
@@ -294,6 +301,7 @@ impl Shot {
         let focusing = Focusing::new(&file, film.width_mm.hypot(film.height_mm), warn)?;
         timing.play(&mut description, &file.scene)?;
         staging::choose_materials(&mut description, &file.scene)?;
+        staging::choose_classes(&mut description, &file.scene, warn)?;
         // Lamps and ground are put where they suit the camera: it is placed first.
         let framing = builtin::framing(&name);
         let mut stand = staging::stand(&file, &inputs, &description, timing.at_s, &asked.sensor, &film, framing)?;
@@ -330,6 +338,7 @@ impl Shot {
             surroundings::put_fog(&mut scene, fog, camera.way.at(0.0).translation.into())?;
         }
         asked::check_camera(&file.render, &camera, warn)?;
+        let stabiliser = staging::stabiliser(&file, &camera, &timing)?;
         let facts = asked.facts(scene_name, lens_facts(&camera, &asked.sensor, wants_profile(&file, inputs.draft)));
         let reading = asked.reading(&file);
         let Asked { settings, sensor, exposing, denoise, filter, .. } = asked;
@@ -365,6 +374,7 @@ impl Shot {
             lit_for_camera,
             denoising_s: None,
             timing,
+            stabiliser,
             facts,
         };
         shot.attach_flash();
@@ -516,12 +526,27 @@ impl Shot {
         Shutter { mechanism: self.timing.mechanism, exposure_s: self.shutter.unwrap_or(1.0) }
     }
 
+    /// Where the camera is, and what moves in it, during an exposure of a length, s.
+    fn way(&self, timing: &Timing, total_s: f64) -> Result<CameraMotion, ShotError> {
+        let way = timing.camera_motion(&self.scene, self.placed, total_s);
+        match &self.stabiliser {
+            None => Ok(way),
+            Some(stabiliser) => Ok(way.with_moving(Arc::new(timing.moving_part(stabiliser, &self.camera, total_s)?))),
+        }
+    }
+
     /// Poses the scene and the camera for the exposure, and sets the flash.
     fn stand_ready(&mut self, warn: &mut dyn FnMut(&str)) -> Result<(), ShotError> {
         let shutter = self.shutter();
         let total = shutter.total_s();
         let at = self.timing.at_s;
-        self.camera.way = self.timing.camera_motion(&self.scene, self.placed, total);
+        self.camera.way = self.way(&self.timing, total)?;
+        if let Some(moving) = self.camera.way.moving().filter(|moving| moving.stopped()) {
+            warn(&format!(
+                "the stabiliser comes to its stop, {:.3} mm from the axis: the rest of the shake is in the picture",
+                moving.farthest_mm()
+            ));
+        }
         self.settings.shutter_times = ShutterTimes::default();
         if let Some(flash) = &self.timing.flash
             && let Some((node, material)) = Flash::place_in(self.scene.description())
@@ -704,7 +729,15 @@ impl Shot {
     pub fn calibration_frame(&self, picture: &str) -> Frame {
         let size = [self.camera.film.columns, self.camera.film.rows];
         let times = self.shutter().facts(size, self.pupil()).rows;
-        Frame { picture: picture.into(), at_s: self.timing.at_s, poses: calibration::pose::poses(&self.camera.way, &times, size) }
+        let poses = calibration::pose::poses(&self.camera.way, &times, size);
+        Frame { picture: picture.into(), at_s: self.timing.at_s, poses, moving: self.moving_states(MOVING_STATES) }
+    }
+
+    /// Where what moves against the shake stands at equal steps of this exposure; empty where nothing does.
+    pub fn moving_states(&self, steps: usize) -> Vec<MovingState> {
+        let film = &self.camera.film;
+        let (film_mm, size) = ([film.width_mm, film.height_mm], [film.columns, film.rows]);
+        self.camera.way.moving().map_or(Vec::new(), |moving| moving.states(moving.moments(steps), film_mm, size))
     }
 
     /// Facts as known so far.
@@ -919,8 +952,9 @@ impl Shot {
         }
         let (at_s, step_s) = (self.timing.at_s, 1.0 / self.file.sequence.fps.unwrap_or(sequence::FPS));
         let total = self.shutter().total_s();
-        let way = |at_s: f64| self.timing.moved_to(at_s).camera_motion(&self.scene, self.placed, total);
-        Some(Frames { at_s, step_s, next: way(at_s + step_s), previous: way(at_s - step_s) })
+        // A stabiliser that stood ready for this exposure does so for the others.
+        let way = |at_s: f64| self.way(&self.timing.moved_to(at_s), total).ok();
+        Some(Frames { at_s, step_s, next: way(at_s + step_s)?, previous: way(at_s - step_s)? })
     }
 
     /// Settings of the exposure itself. What a filter takes is one factor on all light: the plane's facts keep it apart from the scene's own scale.

@@ -68,6 +68,8 @@ pub(super) struct BuiltKey {
     flash: Option<Flash>,
     /// Whether the file that lights the scene is still the same.
     light: Stamp,
+    /// Whether the table of classes is still the same.
+    classes: Stamp,
     /// The moment, s, for which a ground is put under it.
     at_s: f64,
     /// Where the camera stands, where lamps or ground follow it.
@@ -90,6 +92,7 @@ impl BuiltKey {
             section: section.clone(),
             flash: timing.flash,
             light,
+            classes: section.classes.as_deref().and_then(stamp),
             at_s: timing.at_s,
             stand: follows.then_some((stand.place, stand.tan_half, stand.bounds)),
             fineness: fineness.filter(|_| !d.displaced.is_empty()),

@@ -4,13 +4,16 @@ use super::file::{CameraSection, SceneSection, ShotFile};
 use super::focusing::Focusing;
 use super::framing::{self, Angle, Framed};
 use super::sources::{ideal_fisheye, read_file};
+use super::timing::Timing;
 use super::{Inputs, LARGEST_SIDE, ShotError, light_field, value};
 use crate::calibration::camera_file::{self, CameraFile, CameraSource};
 use crate::camera::{Camera, Film, look_at};
 use crate::camera_motion::CameraMotion;
 use crate::depth_of_field::{CIRCLE_OF_DIAGONAL, circle_mm};
+use crate::files;
 use crate::metering;
-use crate::quantity::{FocusTo, Iso, IsoChoice, LengthMm, Size};
+use crate::quantity::{FocusTo, Hertz, Iso, IsoChoice, LengthMm, Size};
+use crate::stabiliser::{DRIFT_HZ, SERVO_HZ, Stabiliser, StabiliserPart};
 use diopter_lens::calibrated::{CalibratedLens, PixelGrid, Pupil, View};
 use diopter_lens::camera_model::{CameraModel, ModelKind};
 use diopter_lens::compound::{CompoundLens, Setting, printed_focal_length};
@@ -20,6 +23,7 @@ use diopter_lens::{Focus, Iris, Lens, LensError, Pinhole, Projection, ThinLens, 
 use diopter_light::Ray;
 use diopter_light::units::Millimeters;
 use diopter_scene::bvh::Bounds;
+use diopter_scene::classes::ClassTable;
 use diopter_scene::load::PixelView;
 use diopter_scene::material::{Interior, Material, Scattering, Transmission};
 use diopter_scene::motion::Motion;
@@ -227,6 +231,76 @@ fn fisheye(
     let model = CameraModel::new(kind, per_mm * focal_mm, centre, Vec::new())?;
     let name = format!("{name} {focal_mm:.4} mm").replace(".0000", "");
     CalibratedLens::new(name, View::Model(model), PixelGrid { size, film_mm }, Millimeters(focal_mm), f_number, pupil, None)
+}
+
+/// What moves against the shake of a camera that stands; fails on what its lens does not have and on figures that no servo has.
+pub(super) fn stabiliser(file: &ShotFile, camera: &Camera, timing: &Timing) -> Result<Option<Stabiliser>, ShotError> {
+    let Some(section) = &file.camera.stabiliser else { return Ok(None) };
+    let moves = section.moves.as_deref().unwrap_or("lens");
+    let part = || format!("\"{moves}\"");
+    if !timing.shakes() {
+        return Err(value("stabiliser", part(), "a camera that shakes (--shake 0.6; in a rig file: [rig] shake)"));
+    }
+    if file.render.quick || camera.film.microlenses.is_some() {
+        return Err(value("stabiliser", part(), "no quick look and no microlenses: they know the lens with nothing moved"));
+    }
+    let part = match (moves, &camera.lens) {
+        ("sensor", _) => StabiliserPart::Sensor,
+        // Surfaces that were named are in the prescription, too ([`stabilised_group`]).
+        (_, Lens::Compound(lens)) => match lens.prescription().stabiliser {
+            Some(group) => StabiliserPart::Group(group),
+            None => {
+                let expected = "sensor, or the surfaces of a group, such as 15-17: the sheet of the lens names none (stabiliser = [first, last])";
+                return Err(value("stabiliser", part(), expected));
+            }
+        },
+        _ => return Err(value("stabiliser", part(), "sensor, or a real lens (--lens NAME)")),
+    };
+    let corner = |what: &'static str, given: Option<Hertz>, default: f64, least: f64| match given.map_or(default, |h| h.0) {
+        f if f >= least && f <= 1e6 => Ok(f),
+        f => Err(value(what, format!("{f} Hz"), if least > 0.0 { "0.1 Hz to 1 MHz" } else { "0 Hz to 1 MHz" })),
+    };
+    let servo_hz = corner("stabiliser servo", section.servo, SERVO_HZ, 0.1)?;
+    let drift_hz = corner("stabiliser drift", section.drift, DRIFT_HZ, 0.0)?;
+    let travel_mm = match section.travel {
+        None => f64::INFINITY,
+        Some(LengthMm(mm)) if mm > 0.0 && mm <= 1000.0 => mm,
+        Some(travel) => return Err(value("stabiliser travel", format!("{} mm", travel.0), "above 0 to 1000 mm")),
+    };
+    let stabiliser = Stabiliser { part, servo_hz, drift_hz, travel_mm };
+    // Whether the lens has such a group, and light passes it.
+    stabiliser.during(camera, 0.0, |_| DVec2::ZERO)?;
+    Ok(Some(stabiliser))
+}
+
+/// First and last surface (from 0) of the group that is asked to move against shake, where surfaces are named. Fails on what is neither that nor a word.
+fn stabilised_group(c: &CameraSection) -> Result<Option<[usize; 2]>, ShotError> {
+    let Some(moves) = c.stabiliser.as_ref().and_then(|s| s.moves.as_deref()) else { return Ok(None) };
+    if ["lens", "sensor"].contains(&moves) {
+        return Ok(None);
+    }
+    let surfaces = moves.split_once('-').and_then(|(first, last)| {
+        let [first, last] = [first, last].map(|n| n.trim().parse::<usize>().ok());
+        Some([first?.checked_sub(1)?, last?.checked_sub(1)?])
+    });
+    let expected = "lens, sensor, or first and last surface of a group, such as 15-17";
+    surfaces.map(Some).ok_or_else(|| value("stabiliser", format!("\"{moves}\""), expected))
+}
+
+/// Gives objects the classes of the shot's table.
+pub(super) fn choose_classes(
+    scene: &mut Description,
+    section: &SceneSection,
+    warn: &mut dyn FnMut(&str),
+) -> Result<(), ShotError> {
+    let Some(path) = &section.classes else { return Ok(()) };
+    let place = path.display().to_string();
+    let text = files::read_text(path).map_err(|e| ShotError::Read { path: place.clone(), reason: e.to_string() })?;
+    let table = ClassTable::parse(&text).map_err(|e| ShotError::Syntax { path: place.clone(), reason: e.to_string() })?;
+    for (line, pattern) in table.apply(scene) {
+        warn(&format!("{place}: line {line}: nothing in the scene is called \"{pattern}\""));
+    }
+    Ok(())
 }
 
 /// The variant of the materials, and which of the bodies are there where they overlap.
@@ -685,6 +759,8 @@ pub(super) fn camera(
                 iris: iris(c)?,
                 film_mm: (2.0 * film.reach()).to_array(),
             };
+            let mut prescription = prescription;
+            prescription.stabiliser = stabilised_group(c)?.or(prescription.stabiliser);
             let prescription = std::sync::Arc::new(hooded(prescription, c.hood, &setting)?);
             let detail = if inputs.draft { PupilDetail::Draft } else { PupilDetail::Full };
             let mut lens = CompoundLens::with_detail(prescription.clone(), &setting, detail);

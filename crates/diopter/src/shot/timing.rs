@@ -2,18 +2,20 @@
 
 use super::file::{FlickerSection, SceneSection, ShotFile};
 use super::{ShotError, value};
-use crate::camera::look_at;
+use crate::camera::{Camera, look_at};
 use crate::camera_motion::{CameraMotion, Shake, Stop, on_path};
 use crate::flash::{Flash, SHOE_M, Sync};
 use crate::quantity::Seconds;
 use crate::rig::path::Mounted;
 use crate::shutter::{Direction, Mechanism, RAMP_S, READOUT_S, Shutter, TRAVEL_S};
+use crate::stabiliser::{MovingPart, Stabiliser};
+use diopter_lens::LensError;
 use diopter_scene::light::Modulation;
 use diopter_scene::motion::{Ending, Playing};
 use diopter_scene::scene::Viewpoint;
 use diopter_scene::{Description, Scene};
 use diopter_sensor::{Sensor, nearest};
-use glam::{Affine3A, Vec3};
+use glam::{Affine3A, DVec2, DVec3, Vec3};
 use std::sync::Arc;
 
 /// Pulse of a flash at full power: Nikon's SB-700, 1/1042 s (its manual).
@@ -218,6 +220,31 @@ impl Timing {
             None if self.path.is_empty() && self.carrier.is_none() && self.way.is_none() => CameraMotion::still(placed),
             None => CameraMotion::sampled(total_s, steady),
         }
+    }
+
+    /// Whether the camera shakes.
+    pub fn shakes(&self) -> bool {
+        self.shake.is_some() || self.way.as_ref().is_some_and(|way| way.path.shake().is_some())
+    }
+
+    /// What moves in a camera against its shake during an exposure of a length, s.
+    pub fn moving_part(&self, stabiliser: &Stabiliser, camera: &Camera, total_s: f64) -> Result<MovingPart, LensError> {
+        let answered = |t: f64| -> DVec2 {
+            match (&self.way, &self.shake) {
+                // A shake of a rig turns about the axes of the rig.
+                (Some(way), _) => {
+                    let angles = way.path.shake().map_or(DVec3::ZERO, |shake| stabiliser.answered(shake, self.at_s + t));
+                    (way.rig_from_camera.matrix3.transpose() * angles).truncate()
+                }
+                // As the shake itself, from where it was when the sequence began.
+                (None, Some(shake)) if !self.frozen => {
+                    let at = |t: f64| stabiliser.answered(shake, t);
+                    (at(self.at_s + t) - at(self.begun_s)).truncate()
+                }
+                _ => DVec2::ZERO,
+            }
+        };
+        stabiliser.during(camera, total_s, answered)
     }
 
     /// Says when a flash does not reach all of the picture.

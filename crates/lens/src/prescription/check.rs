@@ -178,6 +178,10 @@ impl Prescription {
                 return Err(whole(format!("{what} {}: expected a positive number", value.unwrap_or(0.0))));
             }
         }
+        if let Some([first, last]) = self.stabiliser.filter(|[first, last]| first > last || *last >= count) {
+            let found = format!("stabiliser of surfaces {} to {}", first + 1, last.wrapping_add(1));
+            return Err(whole(format!("{found}: expected the first and the last of 1 to {count}")));
+        }
         for m in &self.misalignments {
             if m.first > m.last || m.last >= count {
                 let what = format!(

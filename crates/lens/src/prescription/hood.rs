@@ -72,6 +72,7 @@ impl Prescription {
         let mut hooded = self.clone();
         hooded.surfaces.insert(0, Surface { gap: Gap::fixed(gap), ..mouth });
         hooded.misalignments.iter_mut().for_each(|m| (m.first, m.last) = (m.first + 1, m.last + 1));
+        hooded.stabiliser = hooded.stabiliser.map(|group| group.map(|surface| surface + 1));
         hooded.hood = None;
         hooded
     }

@@ -69,6 +69,8 @@ pub struct Prescription {
     pub surfaces: Vec<Surface>,
     /// Elements out of place.
     pub misalignments: Vec<Misalignment>,
+    /// First and last surface (0 the first of the lens) of the group that moves across the axis against shake, where there is one.
+    pub stabiliser: Option<[usize; 2]>,
     /// How the file says it is used: what analyses take when nothing else is asked.
     pub usage: Usage,
     /// What was inferred or skipped, for reports.
@@ -258,6 +260,7 @@ impl Prescription {
             year: None,
             surfaces,
             misalignments: vec![],
+            stabiliser: None,
             usage: Usage::default(),
             notes: vec![],
         }

@@ -17,7 +17,7 @@
 //! `asphere` (see `forbes.rs`). A gap of graded glass has `gradient = { radial = [r², r⁴, ...], axial = [z, z², ...], squared = true }` (see
 //! `gradient.rs`). `departure` is a polynomial on the shape, `diffractive` a phase or grating (see `phases.rs`), `fresnel` lays the slopes of the shape
 //! into a plane. Other keys: `radius_x` (toroid; with `conic_x` biconic), `mirror`, `ideal_focal_length` (a thin lens without aberrations), `obstruction`, `absorption` (1/mm), `decenter`,
-//! `tilt_deg`; `[iris]`, `[[element]]` (decentre and tilt of several surfaces), `year`; `coating` of the lens or of a surface (see
+//! `tilt_deg`; `[iris]`, `[[element]]` (decentre and tilt of several surfaces), `stabiliser = [first, last]` (surfaces of the group that moves against shake), `year`; `coating` of the lens or of a surface (see
 //! `coatings.rs`); `apertures` and `obscurations` of a surface (see `apertures.rs`); how surfaces and walls scatter: `[stray]` with `roughness_nm`,
 //! `cleanliness` (both also of a surface) and `wall_reflectance`, and `[hood]` with `length` and `diameter` (see `glare`, `hood.rs`).
 
@@ -64,6 +64,7 @@ struct Sheet {
     #[serde(default)]
     stray: SheetStray,
     hood: Option<Hood>,
+    stabiliser: Option<[usize; 2]>,
     #[serde(default)]
     usage: SheetUsage,
     surfaces: Vec<Spanned<SheetSurface>>,
@@ -266,6 +267,10 @@ pub fn read_toml(text: &str, file: &str) -> Result<Prescription, PrescriptionErr
             Ok(Misalignment { first: first - 1, last: last.wrapping_sub(1), decenter: e.decenter, tilt: e.tilt_deg })
         })
         .collect::<Result<_, _>>()?;
+    let stabiliser = match sheet.stabiliser {
+        Some([first, _]) if first == 0 => return Err(wrong("stabiliser: surfaces are counted from 1".into())),
+        other => other.map(|s| s.map(|number| number.wrapping_sub(1))),
+    };
     Prescription {
         name: sheet.name,
         patent: sheet.patent,
@@ -283,6 +288,7 @@ pub fn read_toml(text: &str, file: &str) -> Result<Prescription, PrescriptionErr
         year: sheet.year,
         surfaces,
         misalignments,
+        stabiliser,
         usage,
         notes: vec![],
     }
@@ -464,6 +470,9 @@ impl Prescription {
         }
         if let Some(year) = self.year {
             line(&mut t, "year", year.to_string());
+        }
+        if let Some([first, last]) = self.stabiliser {
+            line(&mut t, "stabiliser", format!("[{}, {}]", first + 1, last + 1));
         }
         if self.coating != Coating::None {
             line(&mut t, "coating", coatings::written(&self.coating));

@@ -12,6 +12,7 @@ mod packed;
 mod splats;
 
 use crate::SceneError;
+use crate::classes;
 use crate::light::photometry::Web;
 use crate::light::punctual::Pattern;
 use crate::light::{Punctual, PunctualKind, SpotEdge};
@@ -65,6 +66,8 @@ struct Loader<'a> {
     /// Pictures; none where one is missing.
     images: Vec<Option<Arc<Image>>>,
     description: Description,
+    /// What nodes or their ancestors say of their class.
+    classes: Vec<Option<Arc<str>>>,
     /// Meshes of the description by (glTF mesh, primitive).
     meshes: HashMap<(usize, usize), u32>,
     default_material: Option<u32>,
@@ -185,6 +188,7 @@ impl<'a> Loader<'a> {
             buffers,
             images,
             description,
+            classes: Vec::new(),
             meshes,
             default_material: None,
             webs,
@@ -216,9 +220,10 @@ impl<'a> Loader<'a> {
         };
         // Walk the trees with an own stack; a node met twice makes a loop or a lattice, which glTF forbids.
         let mut world = vec![None; document.nodes().count()];
-        let mut stack: Vec<(gltf::Node, Mat4)> = scene.nodes().map(|n| (n, Mat4::IDENTITY)).collect();
+        self.classes = vec![None; world.len()];
+        let mut stack: Vec<(gltf::Node, Mat4, Option<Arc<str>>)> = scene.nodes().map(|n| (n, Mat4::IDENTITY, None)).collect();
         let mut order = Vec::new();
-        while let Some((node, parent)) = stack.pop() {
+        while let Some((node, parent, class)) = stack.pop() {
             let here = parent * Mat4::from_cols_array_2d(&node.transform().matrix());
             if world[node.index()].replace(here).is_some() {
                 let place = format!("node {}{}", node.index(), label(node.name()));
@@ -229,7 +234,9 @@ impl<'a> Loader<'a> {
                     "expected a tree: a node has one parent and is not its own ancestor",
                 ));
             }
-            stack.extend(node.children().map(|c| (c, here)));
+            let class = classes::said(node.extras().as_ref().map(|e| e.get())).or(class);
+            stack.extend(node.children().map(|c| (c, here, class.clone())));
+            self.classes[node.index()] = class;
             order.push(node);
         }
         order.sort_by_key(|n| n.index());
@@ -287,20 +294,29 @@ impl<'a> Loader<'a> {
             (Some(kept::Form::Curves(curves, material)), _) => {
                 let shape = Shape::Curves { curves: curves as u32, world_from_curves: placed };
                 let motion = Motion::Carried { node: node.index() as u32 };
-                self.description.objects.push(Object { name, shape, material, motion });
+                self.description.objects.push(Object {
+                    name,
+                    shape,
+                    material,
+                    motion,
+                    class: self.classes[node.index()].clone(),
+                });
                 return Ok(());
             }
             (Some(kept::Form::Sphere(sphere)), Some(primitive)) if let Some(material) = primitive.material().index() => {
-                self.description.objects.push(Object::new(name, Shape::Sphere(sphere), material as u32));
+                let class = self.classes[node.index()].clone();
+                self.description.objects.push(Object { class, ..Object::new(name, Shape::Sphere(sphere), material as u32) });
                 return Ok(());
             }
             (Some(kept::Form::Quad(quad)), Some(primitive)) if let Some(material) = primitive.material().index() => {
-                self.description.objects.push(Object::new(name, Shape::Quad(quad), material as u32));
+                let class = self.classes[node.index()].clone();
+                self.description.objects.push(Object { class, ..Object::new(name, Shape::Quad(quad), material as u32) });
                 return Ok(());
             }
             _ => {}
         }
         let Some(mesh) = node.mesh() else { return Ok(()) };
+        let class = self.classes[node.index()].clone().or_else(|| classes::said(mesh.extras().as_ref().map(|e| e.get())));
         let instances = self.instances(node)?;
         for primitive in mesh.primitives() {
             let captured = self.splats(&mesh, &primitive)?;
@@ -340,10 +356,14 @@ impl<'a> Loader<'a> {
                         self.description.nodes.push(Node { parent: Some(parent), rest, ..Node::new(&name) });
                         let motion = Motion::Carried { node: own };
                         let shape = shape(placed * *place);
-                        self.description.objects.push(Object { name: name.clone(), shape, material, motion });
+                        let class = class.clone();
+                        self.description.objects.push(Object { name: name.clone(), shape, material, motion, class });
                     }
                 }
-                _ => self.description.objects.push(Object { name: name.clone(), shape: shape(placed), material, motion }),
+                _ => {
+                    let (name, class, shape) = (name.clone(), class.clone(), shape(placed));
+                    self.description.objects.push(Object { name, shape, material, motion, class });
+                }
             }
             let objects = first..self.description.objects.len() as u32;
             self.other_materials(&primitive, objects)?;

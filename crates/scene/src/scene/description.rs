@@ -221,12 +221,14 @@ pub struct Object {
     pub material: u32,
     /// Whether and how it moves.
     pub motion: Motion,
+    /// What kind of thing it is, for labels ([`crate::classes`]); shared by all of one kind.
+    pub class: Option<Arc<str>>,
 }
 
 impl Object {
     /// A thing that stands still.
     pub fn new(name: impl Into<String>, shape: Shape, material: u32) -> Self {
-        Object { name: name.into(), shape, material, motion: Motion::Still }
+        Object { name: name.into(), shape, material, motion: Motion::Still, class: None }
     }
 }
 

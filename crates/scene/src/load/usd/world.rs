@@ -660,7 +660,7 @@ impl<'a> World<'a> {
             let world_from_mesh = affine(d.world);
             if let Some((curves, material)) = strands[d.form] {
                 let shape = Shape::Curves { curves, world_from_curves: world_from_mesh };
-                self.description.objects.push(Object { name: d.name.clone(), shape, material, motion });
+                self.description.objects.push(Object { name: d.name.clone(), shape, material, motion, class: None });
             }
             for (mesh, material) in &numbers[d.form] {
                 let mut motion = motion;
@@ -674,7 +674,7 @@ impl<'a> World<'a> {
                     }
                 }
                 let shape = Shape::Mesh { mesh: *mesh, world_from_mesh };
-                self.description.objects.push(Object { name: d.name.clone(), shape, material: *material, motion });
+                self.description.objects.push(Object { name: d.name.clone(), shape, material: *material, motion, class: None });
             }
         }
         Ok(())

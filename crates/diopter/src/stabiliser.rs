@@ -1,0 +1,358 @@
+//! Image stabilisers: a group of the lens, or the sensor, that moves across the axis against the shake of the camera while it is open.
+//!
+//! A gyroscope tells the angles of the camera's pitch and yaw; what slow drift would bring is taken out by a high-pass filter of one pole, and the servo of the moving part follows with a low-pass
+//! filter of one pole: its position is that of the ideal one filtered by H(f) = (i f / drift) / (1 + i f / drift) · 1 / (1 + i f / servo). A shake is a sum of sines, so the answer is in closed
+//! form. What is left is the shake filtered by 1 − H, and what the moved group does to the picture beside shifting it (it is traced where it stands). Roll and shifts of the camera are not answered, nor
+//! is a path that the camera is moved on. One pole each is the simplest servo there is; real ones are faster near their corner and differ by make (La Rosa et al., "Optical Image Stabilization (OIS)",
+//! STMicroelectronics, describe the loop).
+//!
+//! Surfaces of a group are traced where the group stands in the middle of each of up to [`MOST_LENSES`] equal parts of the exposure; how much farther it moves within a part shifts the picture as a
+//! whole (first order of a small step: less than a pixel).
+
+use crate::camera::Camera;
+use crate::camera_motion::Shake;
+use diopter_lens::{Lens, LensError};
+use glam::{DMat2, DVec2, DVec3};
+use std::fmt::Write;
+
+/// Most places at which a group is traced in an exposure.
+pub const MOST_LENSES: usize = 64;
+/// Corner of the servo where nobody says, Hz: chosen, so that a steady hand is held to about a tenth.
+pub const SERVO_HZ: f64 = 100.0;
+/// Corner below which angles are taken for drift where nobody says, Hz: chosen, below what hands do.
+pub const DRIFT_HZ: f64 = 0.05;
+/// Steps of the way of what moves in a second, and at least.
+const STEPS_A_SECOND: f64 = 2000.0;
+const LEAST_STEPS: usize = 64;
+const MOST_STEPS: usize = 1 << 14;
+/// How far the film is moved to see what it does, mm.
+const PROBE_MM: f64 = 0.1;
+/// Plane in which directions are compared where the focus is at infinity, mm.
+const FAR_MM: f64 = 1e6;
+
+/// What moves.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum StabiliserPart {
+    /// The sensor.
+    Sensor,
+    /// First and last surface of a group, 0 the first of the lens as it stands (a hood comes first).
+    Group([usize; 2]),
+}
+
+/// A stabiliser as it is made.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Stabiliser {
+    /// What moves.
+    pub part: StabiliserPart,
+    /// Corner of the servo, Hz; infinite for one that follows at once.
+    pub servo_hz: f64,
+    /// Below it angles are taken for drift and not answered, Hz; 0 where all are answered.
+    pub drift_hz: f64,
+    /// How far it moves from the axis at most, mm.
+    pub travel_mm: f64,
+}
+
+/// What moves in a camera during an exposure.
+#[derive(Clone, Debug, PartialEq)]
+pub struct MovingPart {
+    part: StabiliserPart,
+    span_s: f64,
+    /// Where it stands at equal steps, mm to the right and up as seen from behind the camera.
+    path: Vec<DVec2>,
+    /// The lens in the middle of equal parts of the exposure, and where its group stands there, mm; none where the sensor moves.
+    lenses: Vec<(DVec2, Lens)>,
+    /// How far the picture of what is in focus moves on the film (mm, in the axes of the lens) for a mm of it.
+    image: DMat2,
+    /// Whether it has come to its stop.
+    stopped: bool,
+}
+
+/// A moment of what moves.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct MovingState {
+    /// s since the exposure began.
+    pub time_s: f64,
+    /// mm to the right and up as seen from behind the camera.
+    pub at_mm: DVec2,
+    /// How far that moves the picture, pixels to the right and down.
+    pub picture_px: DVec2,
+}
+
+/// Gain and phase of filters at a frequency, as a complex number.
+fn response(stabiliser: &Stabiliser, f: f64) -> DVec2 {
+    let divided = |a: DVec2, b: DVec2| DVec2::new(a.dot(b), b.perp_dot(a)) / b.length_squared();
+    let drift = match stabiliser.drift_hz {
+        d if d > 0.0 => divided(DVec2::new(0.0, f / d), DVec2::new(1.0, f / d)),
+        _ => DVec2::X,
+    };
+    divided(drift, DVec2::new(1.0, f / stabiliser.servo_hz))
+}
+
+impl Stabiliser {
+    /// The angles about x, y and z (pitch, yaw, roll; rad) of a shake at a time, s, as its gyroscope and servo pass them on; it moves against the first two.
+    pub fn answered(&self, shake: &Shake, time_s: f64) -> DVec3 {
+        DVec3::from_array(shake.filtered(time_s, |f| response(self, f)))
+    }
+
+    /// What moves during an exposure of a camera; `answered`: the angles about the camera's x and y (pitch, yaw), rad, that it answers at a time since the exposure began. Fails on groups that the lens does not have.
+    pub fn during(&self, camera: &Camera, span_s: f64, answered: impl Fn(f64) -> DVec2) -> Result<MovingPart, LensError> {
+        let (image, direction) = self.effect(&camera.lens)?;
+        let back = direction.inverse();
+        let steps = ((span_s * STEPS_A_SECOND) as usize).clamp(LEAST_STEPS, MOST_STEPS);
+        let mut stopped = false;
+        let path: Vec<DVec2> = (0..=steps)
+            .map(|i| {
+                let DVec2 { x: pitch, y: yaw } = answered(span_s * i as f64 / steps as f64);
+                // The middle of the film must look where it did: to the right of a camera that has turned left, below one that has turned up.
+                let at = back * DVec2::new(yaw.tan(), -pitch.tan());
+                stopped |= at.length() > self.travel_mm;
+                at.clamp_length_max(self.travel_mm)
+            })
+            .collect();
+        let mut moving = MovingPart { part: self.part, span_s, path, lenses: Vec::new(), image, stopped };
+        if let (StabiliserPart::Group(group), Lens::Compound(lens)) = (self.part, &camera.lens) {
+            let film = &camera.film;
+            let pixel_mm = (film.width_mm / film.columns as f64).min(film.height_mm / film.rows as f64);
+            let way: f64 = moving.path.windows(2).map(|w| (image * (w[1] - w[0])).length()).sum();
+            let count = ((way / pixel_mm).ceil() as usize).clamp(1, MOST_LENSES);
+            let middle = |k: usize| moving.at((k as f64 + 0.5) / count as f64 * span_s);
+            let lenses = (0..count).map(|k| Ok((middle(k), Lens::Compound(Box::new(lens.with_group_at(group, middle(k))?)))));
+            moving.lenses = lenses.collect::<Result<_, LensError>>()?;
+        }
+        Ok(moving)
+    }
+
+    /// How far the picture moves on the film, and how far the direction that the middle of the film sees moves (tangents), for a mm of what moves.
+    fn effect(&self, lens: &Lens) -> Result<(DMat2, DMat2), LensError> {
+        let group = match self.part {
+            StabiliserPart::Group(group) => group,
+            StabiliserPart::Sensor => {
+                let distance = lens.focus_distance().map_or(FAR_MM, |d| d.0);
+                let seen = |film: DVec2| -> Option<DVec2> {
+                    let ray = lens.chief_ray(film).ok()?;
+                    let at = ray.origin_mm + ray.direction * ((-distance - ray.origin_mm.z) / ray.direction.z);
+                    Some(at.truncate() / distance)
+                };
+                let column = |axis: DVec2| Some((seen(axis * PROBE_MM)? - seen(axis * -PROBE_MM)?) / (2.0 * PROBE_MM));
+                let columns = column(DVec2::X).zip(column(DVec2::Y)).filter(|(x, y)| x.perp_dot(*y).abs() > 1e-12);
+                let (x, y) = columns.ok_or_else(|| LensError::Setting {
+                    what: "stabiliser",
+                    found: "a sensor behind a lens that shows nothing in its middle".into(),
+                    expected: "a lens with a picture in the middle of the film".into(),
+                })?;
+                return Ok((DMat2::IDENTITY * -1.0, DMat2::from_cols(x, y)));
+            }
+        };
+        let Lens::Compound(lens) = lens else {
+            return Err(LensError::Setting {
+                what: "stabiliser",
+                found: "a group of a lens without surfaces".into(),
+                expected: "\"sensor\", or a real lens (--lens NAME)".into(),
+            });
+        };
+        let [image, direction] = lens.group_effect(group)?;
+        match direction.determinant().abs() > 1e-12 {
+            true => Ok((image, direction)),
+            false => Err(LensError::Setting {
+                what: "stabiliser",
+                found: format!("surfaces {} to {}", group[0] + 1, group[1] + 1),
+                expected: "a group with power: this one does not move the picture".into(),
+            }),
+        }
+    }
+}
+
+impl MovingPart {
+    /// What moves.
+    pub fn part(&self) -> StabiliserPart {
+        self.part
+    }
+
+    /// Whether it came to its stop.
+    pub fn stopped(&self) -> bool {
+        self.stopped
+    }
+
+    /// Where it stands, mm to the right and up as seen from behind the camera, at a time since the exposure began, s.
+    pub fn at(&self, time_s: f64) -> DVec2 {
+        let last = self.path.len() - 1;
+        if last == 0 || self.span_s <= 0.0 {
+            return self.path[0];
+        }
+        let x = (time_s / self.span_s).clamp(0.0, 1.0) * last as f64;
+        let k = (x as usize).min(last - 1);
+        self.path[k].lerp(self.path[k + 1], x - k as f64)
+    }
+
+    /// Farthest that it stands from the axis, mm.
+    pub fn farthest_mm(&self) -> f64 {
+        self.path.iter().map(|at| at.length()).fold(0.0, f64::max)
+    }
+
+    /// Number of the part of the exposure that a time lies in, among those that have a lens of their own.
+    pub(crate) fn index(&self, time_s: f64) -> usize {
+        let count = self.lenses.len();
+        if self.span_s <= 0.0 || count == 0 {
+            return 0;
+        }
+        (((time_s / self.span_s).max(0.0) * count as f64) as usize).min(count - 1)
+    }
+
+    /// The lenses of equal parts of the exposure; none where the sensor moves.
+    pub(crate) fn lenses(&self) -> impl ExactSizeIterator<Item = &Lens> {
+        self.lenses.iter().map(|(_, lens)| lens)
+    }
+
+    /// The lens as it stands; `central`: with nothing moved.
+    pub(crate) fn lens<'a>(&'a self, central: &'a Lens, time_s: f64) -> &'a Lens {
+        self.lenses.get(self.index(time_s)).map_or(central, |(_, lens)| lens)
+    }
+
+    /// How far from its place on the film a pixel collects light through [`MovingPart::lens`], mm in the axes of the lens.
+    pub(crate) fn film_shift(&self, time_s: f64) -> DVec2 {
+        let from = self.lenses.get(self.index(time_s)).map_or(DVec2::ZERO, |(at, _)| *at);
+        -(self.image * (self.at(time_s) - from))
+    }
+
+    /// Where it stands at some times, and what that does to the picture; `film_mm` and `size`: of the picture, width and height.
+    pub fn states(&self, times_s: impl IntoIterator<Item = f64>, film_mm: [f64; 2], size: [usize; 2]) -> Vec<MovingState> {
+        let state = |time_s: f64| {
+            let at_mm = self.at(time_s);
+            let [x, y] = (self.image * at_mm).to_array();
+            let picture_px = DVec2::new(-x * size[0] as f64 / film_mm[0], y * size[1] as f64 / film_mm[1]);
+            MovingState { time_s, at_mm, picture_px }
+        };
+        times_s.into_iter().map(state).collect()
+    }
+
+    /// Moments at equal steps over the exposure, about `count`.
+    pub fn moments(&self, count: usize) -> Vec<f64> {
+        (0..=count).map(|i| self.span_s * i as f64 / count as f64).collect()
+    }
+}
+
+/// A table of what moves, as text: time (ns, scene time), place (mm), what that does to the picture (px). `at_s`: scene time at which the times of the states begin.
+pub fn csv(states: &[MovingState], at_s: f64) -> String {
+    let mut text = String::from("#timestamp [ns],x [mm],y [mm],picture_x [px],picture_y [px]\n");
+    for s in states {
+        let (ns, at, px) = (((at_s + s.time_s) * 1e9).round() as i64, s.at_mm, s.picture_px);
+        let _ = writeln!(text, "{ns},{},{},{},{}", at.x, at.y, px.x, px.y);
+    }
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::camera::Film;
+    use crate::camera_motion::CameraMotion;
+    use diopter_lens::compound::{CompoundLens, Setting};
+    use diopter_lens::{Focus, Iris, ThinLens, embedded};
+    use diopter_light::units::Millimeters;
+    use glam::{Affine3A, Vec3};
+    use std::f64::consts::TAU;
+    use std::sync::Arc;
+
+    fn stabiliser(part: StabiliserPart) -> Stabiliser {
+        Stabiliser { part, servo_hz: f64::INFINITY, drift_hz: 0.0, travel_mm: f64::INFINITY }
+    }
+
+    /// Root mean square way of a far point over the picture, in pixels, at places of the picture (fractions from its middle).
+    fn blur_px(camera: &Camera, place: DVec2, span_s: f64) -> f64 {
+        let film = &camera.film;
+        let at = DVec2::new((0.5 + place.x) * film.columns as f64, (0.5 + place.y) * film.rows as f64);
+        let focal_px = camera.lens.focal_length().0 / film.width_mm * film.columns as f64;
+        let n = 400;
+        let times = (0..n).map(|i| (f64::from(i) + 0.5) / f64::from(n) * span_s);
+        let seen: Vec<Vec3> =
+            times.map(|t| camera.chief_ray(camera.film_point(at.x, at.y), t).unwrap().direction.normalize()).collect();
+        let mean = seen.iter().sum::<Vec3>() / n as f32;
+        let variance: f32 = seen.iter().map(|d| (*d - mean).length_squared()).sum::<f32>() / n as f32;
+        f64::from(variance).sqrt() * focal_px
+    }
+
+    fn compound(name: &str, focal_length: Option<f64>) -> Lens {
+        let setting = Setting { focal_length, f_number: Some(8.0), focus: Focus::Infinity, iris: None, film_mm: [22.3, 14.9] };
+        Lens::Compound(Box::new(CompoundLens::new(Arc::new(embedded(name).unwrap()), &setting).unwrap()))
+    }
+
+    /// A camera that shakes for a quarter of a second, with a stabiliser or without.
+    fn shaken(lens: Lens, stabiliser: Option<Stabiliser>) -> Camera {
+        let span = 0.25;
+        let shake = Shake::new(0.6, 5);
+        // Roll is not answered: without it.
+        let turn = |t: f64| {
+            let [pitch, yaw, _] = shake.angles(t);
+            Affine3A::from_quat(glam::Quat::from_euler(glam::EulerRot::YXZ, yaw as f32, pitch as f32, 0.0))
+        };
+        let mut camera = Camera { lens, film: Film::new(22.3, 14.9, 5184, 3456), way: CameraMotion::sampled(span, turn) };
+        if let Some(stabiliser) = stabiliser {
+            let moving = stabiliser.during(&camera, span, |t| stabiliser.answered(&shake, t).truncate()).unwrap();
+            camera.way = camera.way.with_moving(Arc::new(moving));
+        }
+        camera
+    }
+
+    #[test]
+    fn a_moving_group_and_a_moving_sensor_hold_the_picture_still() {
+        for (lens, part) in [
+            (compound("kit-zoom-18-55mm", Some(53.0)), StabiliserPart::Group([14, 16])),
+            (compound("kit-zoom-18-55mm", Some(53.0)), StabiliserPart::Sensor),
+            (Lens::Thin(ThinLens::new(Millimeters(50.0), 8.0, Iris::Round, Focus::Infinity).unwrap()), StabiliserPart::Sensor),
+        ] {
+            let free = blur_px(&shaken(lens.clone(), None), DVec2::ZERO, 0.25);
+            let camera = shaken(lens.clone(), Some(stabiliser(part)));
+            let held = blur_px(&camera, DVec2::ZERO, 0.25);
+            let corner = blur_px(&camera, DVec2::new(0.4, 0.4), 0.25);
+            println!("{part:?}: {free:.2} px free, {held:.3} held, {corner:.3} near the corner");
+            // Farther out a turn is not a shift: by the square of the field, and by what the group does to the picture.
+            assert!(free > 8.0 && held < 0.01 * free && corner < 0.2 * free, "{part:?} {free} {held} {corner}");
+        }
+    }
+
+    #[test]
+    fn what_is_left_is_what_the_filters_leave() {
+        let shake = Shake::new(0.6, 5);
+        let slow = Stabiliser { servo_hz: 20.0, drift_hz: 0.1, ..stabiliser(StabiliserPart::Sensor) };
+        // Against filters that step through time: a high pass of one pole, then a low pass.
+        let dt = 1e-4;
+        let mut time_s = -20.0;
+        let ([mut low, mut servo], mut error, mut size) = ([0.0f64; 2], 0.0f64, 0.0f64);
+        while time_s < 5.0 {
+            let angle = shake.angles(time_s)[1];
+            low += (angle - low) * (1.0 - (-dt * TAU * slow.drift_hz).exp());
+            servo += (angle - low - servo) * (1.0 - (-dt * TAU * slow.servo_hz).exp());
+            if time_s > 0.0 {
+                error = error.max((slow.answered(&shake, time_s).y - servo).abs());
+                size = size.max(servo.abs());
+            }
+            time_s += dt;
+        }
+        // Half a step of the discrete filter, and what is left of its start.
+        assert!(error < 5e-3 * size, "{error} of {size}");
+    }
+
+    #[test]
+    fn it_goes_no_farther_than_its_travel() {
+        let short = Stabiliser { travel_mm: 0.05, ..stabiliser(StabiliserPart::Sensor) };
+        let camera = shaken(compound("kit-zoom-18-55mm", Some(53.0)), Some(short));
+        let moving = camera.way.moving().unwrap();
+        assert!(moving.stopped() && moving.farthest_mm() < 0.0501);
+        let states = moving.states(moving.moments(10), [22.3, 14.9], [5184, 3456]);
+        assert_eq!(states.len(), 11);
+        // The sensor moves to the right: what it shows moves to the right, too, for the picture on it is mirrored.
+        let s = states[5];
+        assert!(
+            (s.picture_px.x - s.at_mm.x / 22.3 * 5184.0).abs() < 1e-6
+                && (s.picture_px.y + s.at_mm.y / 14.9 * 3456.0).abs() < 1e-6
+        );
+    }
+
+    #[test]
+    fn lenses_without_groups_are_refused() {
+        let thin = Lens::Thin(ThinLens::new(Millimeters(50.0), 8.0, Iris::Round, Focus::Infinity).unwrap());
+        let camera = shaken(thin, None);
+        let e = stabiliser(StabiliserPart::Group([0, 1])).during(&camera, 0.1, |_| DVec2::ZERO).unwrap_err();
+        assert!(e.to_string().contains("sensor"), "{e}");
+    }
+}
