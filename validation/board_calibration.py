@@ -1,14 +1,16 @@
 """A chessboard photographed through five lenses, with noise, calibrated by OpenCV and held against the calibration that diopter writes.
 
-    pip install numpy opencv-python-headless
-    python validation/board_calibration.py [DIOPTER] [LENS ...]
+    pip install numpy scipy OpenEXR opencv-python-headless
+    python validation/board_calibration.py [DIOPTER] [LENS ...] [--pictures FOLDER] [--wavelength NM] [--chief]
 
-For each lens: `lens calibrate` says K and distortion by traced rays. Then a board of shining squares is photographed from many sides (raw, noise of ISO 400, developed), its corners are
+For each lens: `lens calibrate` says K and distortion by traced rays, over the whole picture and, by its ray table, at the places where corners were seen (a model that does not quite follow a
+lens depends on where it is fitted). Then a board of shining squares is photographed from many sides (raw, noise of ISO 400, developed), its corners are
 found by OpenCV, and `cv2.calibrateCameraExtended` (fisheyes: `cv2.fisheye.calibrate`) fits the same model. Shown are both, the difference in the standard deviations that OpenCV states, and
 three reprojection errors: OpenCV's own; that of our model at our poses, fitted to nothing (what is predicted of the picture); and the former predicted from the latter, which is smaller by the
 numbers that a fit takes up. Each pose is written by `shoot -o calibration.json`.
 """
 
+import argparse
 import json
 import os
 import subprocess
@@ -17,9 +19,19 @@ import tempfile
 
 import cv2
 import numpy as np
+import OpenEXR
+from scipy.optimize import least_squares
 
 ROOT = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
-DIOPTER = os.path.abspath(sys.argv[1]) if len(sys.argv) > 1 else os.path.join(ROOT, "target/release/diopter")
+asked = argparse.ArgumentParser()
+asked.add_argument("diopter", nargs="?", default=os.path.join(ROOT, "target/release/diopter"))
+asked.add_argument("lenses", nargs="*")
+asked.add_argument("--pictures", help="folder where pictures are kept, and not taken again")
+asked.add_argument("--wavelength", type=float, default=535.0, help="of our calibration, nm: where the green of the picture has its weight")
+asked.add_argument("--chief", action="store_true", help="our calibration by chief rays: centroids, without")
+ASKED = asked.parse_args()
+DIOPTER, PICTURES = os.path.abspath(ASKED.diopter), ASKED.pictures and os.path.abspath(ASKED.pictures)
+RAY = ["--wavelength", ASKED.wavelength, *([] if ASKED.chief else ["--centroid"])]
 SIZE = (900, 600)
 COLUMNS, ROWS = 11, 8  # squares; corners are one fewer
 FAR = 6  # times the distances and squares below: so far away that the place of the entrance pupil, which moves with the angle, hardly matters
@@ -30,7 +42,7 @@ LENSES = {
     "distagon-28mm-f2": ([], "36x24", 14.0, 2, "opencv5", "f/8", 35),
     "kit-zoom-18-55mm": (["--focal-length", "18mm"], "22.3x14.9", 13.6, 2, "opencv5", "f/8", 35),
     "fisheye-15mm-f2.8": ([], "36x24", 14.4, 3.5, "opencv-fisheye", "f/8", 30),
-    "phone-5.6mm-f3.5": ([], "5.76x3.84", 6.4, 0.75, "opencv8", None, 35),
+    "phone-5.6mm-f3.5": ([], "5.76x3.84", 6.4, 0.75, "opencv5", "f/8", 35),
 }
 POSES = 14
 FISHEYE = cv2.fisheye if hasattr(cv2.fisheye, "CALIB_FIX_SKEW") else cv2  # OpenCV 4 and 5
@@ -90,7 +102,7 @@ def poses(distance, square, tilt, random, inner, ours, fisheye):
 
 
 def corners_of(path):
-    grey = cv2.imread(path, cv2.IMREAD_GRAYSCALE)
+    grey = np.ascontiguousarray(cv2.imread(path)[:, :, 1])  # green
     found, corners = cv2.findChessboardCornersSB(grey, (COLUMNS - 1, ROWS - 1), flags=cv2.CALIB_CB_EXHAUSTIVE | cv2.CALIB_CB_ACCURACY)
     if not found:
         return None
@@ -101,11 +113,30 @@ def corners_of(path):
 def model_of(lens, flags, film, model, folder):
     """K and distortion that `lens calibrate` fits to traced rays."""
     path = os.path.join(folder, "model.json")
-    run("lens", "calibrate", lens, *flags, "--film", film, "--size", "%dx%d" % SIZE, "--model", model, "-o", path)
+    run("lens", "calibrate", lens, *flags, "--film", film, "--size", "%dx%d" % SIZE, "--model", model, *RAY, "-o", path)
     m = json.load(open(path))["model"]
     assert m["name"] == model, m
     matrix = np.array([[m["fx"], 0, m["cx"]], [0, m["fy"], m["cy"]], [0, 0, 1]])
     return matrix, np.array([m["coefficients"][n] for n in NAMES[model]])
+
+
+def ours_at_corners(lens, flags, film, distance, corners, start, fisheye, folder):
+    """The model fitted to traced rays at the places of the corners that were seen."""
+    path = os.path.join(folder, "rays.exr")
+    run("lens", "calibrate", lens, *flags, "--film", film, "--size", "%dx%d" % SIZE, *RAY, "--format", "ray-table", "-o", path)
+    table = OpenEXR.File(path, separate_channels=True).channels()
+    plane = lambda n: np.stack([table[f"{n}.{a}"].pixels for a in "XYZ"], -1).astype(np.float64)
+    origin, direction = plane("origin"), plane("direction")
+    points = origin + direction * ((distance - origin[..., 2]) / direction[..., 2])[..., None]
+    points = points / points[..., 2:]
+    i, j = np.clip(np.floor(corners).astype(int), 0, np.array(SIZE) - 2).T
+    f, g = (corners - np.stack([i, j], -1)).T[:, :, None]
+    seen = (points[j, i] * (1 - f) + points[j, i + 1] * f) * (1 - g) + (points[j + 1, i] * (1 - f) + points[j + 1, i + 1] * f) * g
+    matrix = lambda p: np.array([[p[0], 0, p[2]], [0, p[1], p[3]], [0, 0, 1]])
+    off = lambda p: (project(seen, np.eye(4), matrix(p), p[4:], fisheye) - corners).ravel()
+    k, d = start
+    found = least_squares(off, np.concatenate([[k[0, 0], k[1, 1], k[0, 2], k[1, 2]], np.ravel(d)]), x_scale="jac").x
+    return matrix(found), found[4:]
 
 
 def fisheye_deviations(objects, rotations, translations, matrix, distortion, rms):
@@ -132,7 +163,7 @@ def project(points, pose, matrix, distortion, fisheye):
 
 
 def main():
-    wanted = sys.argv[2:] or list(LENSES)
+    wanted = ASKED.lenses or list(LENSES)
     random = np.random.default_rng(7)
     worst = 0.0
     for lens in wanted:
@@ -141,16 +172,19 @@ def main():
         fisheye = model == "opencv-fisheye"
         stop = ["--aperture", aperture] if aperture else []
         with tempfile.TemporaryDirectory() as folder:
+            kept = os.path.join(PICTURES or folder, lens)
+            os.makedirs(kept, exist_ok=True)
             scene = os.path.join(folder, "board.obj")
             inner = board(scene, square)
             ours = model_of(lens, [*flags, *stop, "--focus", f"{distance}m"], film, model, folder)
             objects, images, ours_at = [], [], []
             for k, (look_from, look_at, up) in enumerate(poses(distance, square, tilt, random, inner, ours, fisheye)):
-                picture, side = os.path.join(folder, f"{k}.png"), os.path.join(folder, f"{k}.json")
+                picture, side = os.path.join(kept, f"{k}.png"), os.path.join(kept, f"{k}.json")
                 vector = lambda v: ",".join(f"{x:.6f}" for x in v)
-                run("shoot", scene, "--lens", lens, *flags, "--format", film, *stop, "--focus", f"{distance}m", "--look-from=" + vector(look_from), "--look-at=" + vector(look_at),
-                    "--up=" + vector(up), "--size", "%dx%d" % SIZE, "--spp", 24, "--seed", k + 1, "--mode", "A", "--iso", 400, "--light", "none",
-                    "--integrator", "path", "--denoise", "off", "-o", picture, "-o", side)
+                if not os.path.exists(picture):
+                    run("shoot", scene, "--lens", lens, *flags, "--format", film, *stop, "--focus", f"{distance}m", "--look-from=" + vector(look_from), "--look-at=" + vector(look_at),
+                        "--up=" + vector(up), "--size", "%dx%d" % SIZE, "--spp", 24, "--seed", k + 1, "--mode", "A", "--iso", 400, "--light", "none",
+                        "--integrator", "path", "--preset", "plain", "--denoise", "off", "-o", picture, "-o", side)
                 seen = corners_of(picture)
                 if seen is None:
                     continue
@@ -186,7 +220,8 @@ def main():
             print(f"{lens} {' '.join(flags)}: {len(images)} pictures, {model}")
             names = ["fx", "fy", "cx", "cy"] + NAMES[model]
             flat = lambda k, d: np.concatenate([[k[0, 0], k[1, 1], k[0, 2], k[1, 2]], np.ravel(d)])
-            a, b = flat(*ours), flat(matrix, distortion)
+            here = ours_at_corners(lens, [*flags, *stop, "--focus", f"{distance}m"], film, distance, np.concatenate(images).astype(float), ours, fisheye, folder)
+            a, b = flat(*here), flat(matrix, distortion)
             for j, name in enumerate(names):
                 line = f"   {name:<3} ours {a[j]:>12.5f}   OpenCV {b[j]:>12.5f}"
                 away = (b[j] - a[j]) / deviations[j, 0]
@@ -195,7 +230,7 @@ def main():
                 print(line)
             # What the coefficients together mean: where the two models put the same directions.
             theirs = [project(o, np.vstack([np.hstack([cv2.Rodrigues(r)[0], t.reshape(3, 1)]), [0, 0, 0, 1]]), *m, fisheye)
-                      for m in (ours, (matrix, np.ravel(distortion))) for o, r, t in [(inner, np.zeros(3), np.array([0.0, 0.0, distance]))]]
+                      for m in (here, (matrix, np.ravel(distortion))) for o, r, t in [(inner, np.zeros(3), np.array([0.0, 0.0, distance]))]]
             print(f"   reprojection rms: OpenCV {rms:.4f} px; predicted {expected:.4f} (ratio {rms / expected:.3f}); ours unfitted {predicted_rms:.4f}, mean error "
                   f"{errors.mean(axis=0)[0]:+.4f}, {errors.mean(axis=0)[1]:+.4f} px; models apart {np.abs(theirs[0] - theirs[1]).max():.3f} px at most on the board")
     print(f"largest difference: {worst:.2f} standard deviations")

@@ -481,6 +481,9 @@ pub struct Calibrate {
     /// Fit the mean direction of all light through the pupil instead of the chief ray.
     #[arg(long)]
     pub centroid: bool,
+    /// Wavelength of the ray, nm; 587.6 without. A lens with lateral colour has another calibration for each colour.
+    #[arg(long, value_name = "NM")]
+    pub wavelength: Option<f64>,
     /// Format of the files, where their names do not say it: json, opencv, colmap, nerfstudio, kalibr, lensfun, st-map, st-map-undistort, ray-table.
     #[arg(long, value_name = "NAME")]
     pub format: Option<String>,

@@ -26,7 +26,7 @@ fn refused(set: impl FnOnce(&mut ShotFile)) -> String {
 
 /// Where a pixel looks, in the axes of OpenCV.
 fn direction(shot: &Shot, pixel: DVec2) -> Option<DVec3> {
-    observe::ray(&shot.camera.lens, &shot.camera.film, pixel, PrincipalRay::Chief).map(|r| r[1])
+    observe::ray(&shot.camera.lens, &shot.camera.film, pixel, PrincipalRay::CHIEF).map(|r| r[1])
 }
 
 /// A file that goes away.

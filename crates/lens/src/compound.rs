@@ -539,9 +539,18 @@ impl CompoundLens {
 
     /// The ray through the middle of what passes.
     pub fn chief_ray(&self, film: DVec2) -> Result<LensRay, Blocked> {
+        self.chief_ray_by(film, &self.reference)
+    }
+
+    /// The same at a wavelength, nm: through the middle of what passes of all colours.
+    pub fn chief_ray_of(&self, film: DVec2, nm: f64) -> Result<LensRay, Blocked> {
+        if nm == REFERENCE_NM { self.chief_ray(film) } else { self.chief_ray_by(film, &self.system.indices(nm)) }
+    }
+
+    /// The chief ray by refractive indices.
+    fn chief_ray_by(&self, film: DVec2, n: &[f64]) -> Result<LensRay, Blocked> {
         let (region, turn) = self.pupils.region(film);
         let mut ray = self.film_ray(film, self.pupils.middle_slope(film));
-        let n = &self.reference;
         let mut out = self.system.trace(ray, n, Way::ToObject, Apertures::Clip);
         // Where little of the region passes, its middle may not: that of what passes does. An obstruction sits in the middle: any ray beside it looks the same way.
         if out.is_err() && region.fan.area() > 0.0 {
@@ -563,7 +572,7 @@ impl CompoundLens {
         Ok(LensRay { origin_mm: self.relative_to_pupil(out.position), direction: out.direction, weight_sr })
     }
 
-    /// Slope from a film point towards the middle of what passes, of directions spread over a region; `None` where none of them passes, and where many do: then something stands in the middle.
+    /// Slope from a film point towards the middle of what passes, of directions spread over a region; `None` where none of them passes, and where many do but their middle does not.
     fn middle_of_passing(&self, film: DVec2, region: &Region, turn: Turn) -> Option<DVec2> {
         const PACKETS: usize = 16;
         // Steps of the plane that leave no gaps (Roberts 2018, R2).
@@ -584,7 +593,12 @@ impl CompoundLens {
             for slope in slopes.iter().enumerate().filter(|(i, _)| passed >> i & 1 == 1).map(|(_, slope)| slope) {
                 (sum, count) = (sum + *slope, count + 1.0);
             }
-            if first == 0 && count > LANES as f64 / 3.0 {
+            // Something in the middle of a pupil that is open all around is found by the first packet.
+            let blocked = |slope: DVec2| {
+                let ray = self.film_ray(film, slope);
+                self.system.trace(ray, &self.reference, Way::ToObject, Apertures::Clip).is_err()
+            };
+            if first == 0 && count > LANES as f64 / 3.0 && blocked(sum / count) {
                 return None;
             }
         }

@@ -43,7 +43,7 @@ pub fn run(args: &Calibrate, json_wanted: bool) -> anyhow::Result<()> {
     let outputs = args.output.iter().map(|p| Output::prepare(p)).collect::<anyhow::Result<Vec<_>>>()?;
     let film = film(args)?;
     let lens = lens(args, &film)?;
-    let which = if args.centroid { PrincipalRay::Centroid } else { PrincipalRay::Chief };
+    let which = principal_ray(args)?;
     let observed = observe(&lens, &film, which);
     let kinds = match args.model.as_deref() {
         None => vec![fit::suitable(&observed)],
@@ -98,12 +98,21 @@ pub fn run(args: &Calibrate, json_wanted: bool) -> anyhow::Result<()> {
         return print_json(&json!({
             "lens": calibration.lens, "body": calibration.body, "size": calibration.size, "film_mm": calibration.film_mm,
             "focal_length_mm": calibration.focal_length_mm, "f_number": calibration.f_number,
-            "focus_distance_m": calibration.focus_distance_m, "ray": if args.centroid { "centroid" } else { "chief" },
+            "focus_distance_m": calibration.focus_distance_m, "ray": if args.centroid { "centroid" } else { "chief" }, "wavelength_nm": which.wavelength_nm,
             "models": models, "files": args.output,
         }));
     }
     write!(std::io::stdout(), "{}", told(&calibration, &fits)?)?;
     Ok(())
+}
+
+/// Which ray is calibrated. Fails outside the wavelengths that glasses are told for.
+fn principal_ray(args: &Calibrate) -> anyhow::Result<PrincipalRay> {
+    let wavelength_nm = args.wavelength.unwrap_or(PrincipalRay::CHIEF.wavelength_nm);
+    match (300.0..=2500.0).contains(&wavelength_nm) {
+        true => Ok(PrincipalRay { centroid: args.centroid, wavelength_nm }),
+        false => Err(AskedWrongly(anyhow!("--wavelength: found {wavelength_nm} nm, expected 300 to 2500 nm")).into()),
+    }
 }
 
 /// Body whose film is used when nobody says.

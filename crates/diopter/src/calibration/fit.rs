@@ -344,7 +344,7 @@ mod tests {
             ("fisheye-15mm-f2.8", Focus::Infinity, 3.0),
         ] {
             let lens = traced(name, focus, &film);
-            let observed = observe(&lens, &film, PrincipalRay::Chief);
+            let observed = observe(&lens, &film, PrincipalRay::CHIEF);
             let found = fit(suitable(&observed), &observed).unwrap();
             assert!(found.rms_px < rms && found.max_px >= found.rms_px, "{name}: {} {}", found.rms_px, found.max_px);
             // The lens is round, and its axis is the middle of the picture.
@@ -352,7 +352,7 @@ mod tests {
             // At places in between, model and lens agree as the residual says.
             // The fisheye is dark from 14 mm on.
             for pixel in [DVec2::new(1300.3, 1011.0), DVec2::new(3333.0, 2500.7), DVec2::new(4700.1, 3100.2)] {
-                let seen = ray(&lens, &film, pixel, PrincipalRay::Chief).unwrap();
+                let seen = ray(&lens, &film, pixel, PrincipalRay::CHIEF).unwrap();
                 let at = found.model.project(seen_from_camera(&lens, seen)).unwrap();
                 assert!((at - pixel).length() < 1.5 * found.max_px + 0.01, "{name} {pixel}: {at} {}", found.max_px);
             }
@@ -364,7 +364,7 @@ mod tests {
         let film = Film::new(36.0, 24.0, 6000, 4000);
         let lens = traced("double-gauss-50mm", Focus::Infinity, &film);
         let pixel = DVec2::new(1000.0, 800.0);
-        let [a, b] = [PrincipalRay::Chief, PrincipalRay::Centroid].map(|w| ray(&lens, &film, pixel, w).unwrap()[1]);
+        let [a, b] = [PrincipalRay::CHIEF, PrincipalRay::CENTROID].map(|w| ray(&lens, &film, pixel, w).unwrap()[1]);
         // Coma at f/8: less than ten pixels of 1.2e-4 rad, and not nothing.
         assert!((1e-9..1.2e-3).contains(&(a - b).length()), "{}", (a - b).length());
     }

@@ -5,17 +5,30 @@
 
 use crate::camera::Film;
 use diopter_lens::Lens;
+use diopter_lens::compound::REFERENCE_NM;
 use glam::{DVec2, DVec3};
 use rayon::prelude::*;
 
 /// Which ray stands for a pixel.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum PrincipalRay {
-    /// Through the middle of the pupil.
-    #[default]
-    Chief,
-    /// The mean of all light that passes the pupil: where the picture of a point has its centroid.
-    Centroid,
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PrincipalRay {
+    /// The mean of all light that passes the pupil, where the picture of a point has its centroid, instead of the chief ray through the pupil's middle.
+    pub centroid: bool,
+    /// Its wavelength, nm.
+    pub wavelength_nm: f64,
+}
+
+impl PrincipalRay {
+    /// The chief ray of the wavelength at which lenses are set.
+    pub const CHIEF: PrincipalRay = PrincipalRay { centroid: false, wavelength_nm: REFERENCE_NM };
+    /// The mean of all light of that wavelength.
+    pub const CENTROID: PrincipalRay = PrincipalRay { centroid: true, ..PrincipalRay::CHIEF };
+}
+
+impl Default for PrincipalRay {
+    fn default() -> PrincipalRay {
+        PrincipalRay::CHIEF
+    }
 }
 
 /// Rays a side of the pupil for a centroid.
@@ -29,15 +42,24 @@ pub fn ray(lens: &Lens, film: &Film, pixel: DVec2, which: PrincipalRay) -> Optio
     let at = film.point(pixel.x + 0.5, pixel.y + 0.5);
     // From x right, y up, z backward to x right, y down, z forward.
     let turned = |v: DVec3| DVec3::new(v.x, -v.y, -v.z);
-    if which == PrincipalRay::Chief {
-        let ray = lens.chief_ray(at).ok()?;
+    let nm = which.wavelength_nm;
+    if !which.centroid {
+        let ray = match lens {
+            Lens::Compound(lens) => lens.chief_ray_of(at, nm),
+            _ => lens.chief_ray(at),
+        };
+        let ray = ray.ok()?;
         return Some([turned(ray.origin_mm), turned(ray.direction)]);
     }
     let distance = lens.focus_distance().map(|d| d.0);
     let (mut origin, mut towards, mut weight) = (DVec3::ZERO, DVec3::ZERO, 0.0);
     for i in 0..ACROSS * ACROSS {
         let u = [(i % ACROSS) as f32 + 0.5, (i / ACROSS) as f32 + 0.5].map(|v| v / ACROSS as f32);
-        let Ok(ray) = lens.ray(at, u) else { continue };
+        let ray = match lens {
+            Lens::Compound(lens) => lens.ray(at, u, nm),
+            _ => lens.ray(at, u),
+        };
+        let Ok(ray) = ray else { continue };
         let [o, d] = [turned(ray.origin_mm), turned(ray.direction)];
         origin += o * ray.weight_sr;
         towards += d * ray.weight_sr * distance.map_or(1.0, |s| along(s, o, d));

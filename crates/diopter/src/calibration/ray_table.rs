@@ -72,7 +72,7 @@ mod tests {
         let setting = Setting { focal_length: None, f_number: Some(8.0), focus, iris: None, film_mm: [36.0, 24.0] };
         let lens = CompoundLens::new(std::sync::Arc::new(embedded("double-gauss-50mm").unwrap()), &setting).unwrap();
         let lens = Lens::Compound(Box::new(lens));
-        let table = trace(&lens, &film, PrincipalRay::Chief).unwrap();
+        let table = trace(&lens, &film, PrincipalRay::CHIEF).unwrap();
         let mut file = Cursor::new(Vec::new());
         write(&table, &mut file).unwrap();
         assert!(is_one(file.get_ref()));

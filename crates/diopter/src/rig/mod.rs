@@ -222,7 +222,7 @@ impl Rig {
             })
         });
         let cameras = cameras.collect::<Result<Vec<_>, _>>()?;
-        Ok(RigCalibration { cameras, path: &self.path, imu: self.imu.as_ref(), which: PrincipalRay::Chief })
+        Ok(RigCalibration { cameras, path: &self.path, imu: self.imu.as_ref(), which: PrincipalRay::CHIEF })
     }
 
     /// Ending of the pictures that other programs look at.

@@ -719,7 +719,7 @@ impl Shot {
     /// The calibration of the camera as it stands, with its places during this exposure; `picture`: the name of the picture's file. A model is fitted to a
     /// lens that is none itself.
     pub fn calibration(&self, picture: &str) -> Result<Calibration, CalibrationError> {
-        let mut calibration = calibration::of_camera(&self.camera, None, PrincipalRay::Chief)?;
+        let mut calibration = calibration::of_camera(&self.camera, None, PrincipalRay::CHIEF)?;
         (calibration.body, calibration.lens) = (self.facts.body.clone(), self.facts.lens.clone());
         calibration.frames = vec![self.calibration_frame(picture)];
         Ok(calibration)
