@@ -553,11 +553,12 @@ impl CompoundLens {
         let mut ray = self.film_ray(film, self.pupils.middle_slope(film));
         let mut out = self.system.trace(ray, n, Way::ToObject, Apertures::Clip);
         // Where little of the region passes, its middle may not: that of what passes does. An obstruction sits in the middle: any ray beside it looks the same way.
-        if out.is_err() && region.fan.area() > 0.0 {
-            if let Some(slope) = self.middle_of_passing(film, region, turn) {
-                ray = self.film_ray(film, slope);
-                out = self.system.trace(ray, n, Way::ToObject, Apertures::Clip);
-            }
+        if out.is_err()
+            && region.fan.area() > 0.0
+            && let Some(slope) = self.middle_of_passing(film, region, turn)
+        {
+            ray = self.film_ray(film, slope);
+            out = self.system.trace(ray, n, Way::ToObject, Apertures::Clip);
         }
         for i in 0..32 {
             if out.is_ok() || region.fan.area() <= 0.0 {

@@ -268,7 +268,7 @@ pub fn read_toml(text: &str, file: &str) -> Result<Prescription, PrescriptionErr
         })
         .collect::<Result<_, _>>()?;
     let stabiliser = match sheet.stabiliser {
-        Some([first, _]) if first == 0 => return Err(wrong("stabiliser: surfaces are counted from 1".into())),
+        Some([0, _]) => return Err(wrong("stabiliser: surfaces are counted from 1".into())),
         other => other.map(|s| s.map(|number| number.wrapping_sub(1))),
     };
     Prescription {
