@@ -95,6 +95,41 @@ pub const DIRECT: &Channel = &CHANNELS[16];
 /// Indirect light: filled by the sums of the exposure.
 pub const INDIRECT: &Channel = &CHANNELS[17];
 
+/// Names of the EXR channels of a Cryptomatte layer: identifier and coverage of six ranks.
+macro_rules! ranks {
+    ($layer:literal) => {
+        &[
+            concat!($layer, "00.R"),
+            concat!($layer, "00.G"),
+            concat!($layer, "00.B"),
+            concat!($layer, "00.A"),
+            concat!($layer, "01.R"),
+            concat!($layer, "01.G"),
+            concat!($layer, "01.B"),
+            concat!($layer, "01.A"),
+            concat!($layer, "02.R"),
+            concat!($layer, "02.G"),
+            concat!($layer, "02.B"),
+            concat!($layer, "02.A"),
+        ]
+    };
+}
+
+/// A Cryptomatte layer.
+const fn cryptomatte(name: &'static str, exr: &'static [&'static str], about: &'static str) -> Channel {
+    Channel {
+        name,
+        exr,
+        numbers: Numbers::Float,
+        unit: "",
+        merge: Merge::Ranks,
+        missing: 0.0,
+        needs_frames: false,
+        needs_pupil: true,
+        about,
+    }
+}
+
 /// All channels; the first four are always recorded.
 pub static CHANNELS: [Channel; 22] = [
     Channel {
@@ -295,78 +330,21 @@ pub static CHANNELS: [Channel; 22] = [
         needs_pupil: true,
         about: "what was scattered more often: with direct light (and stray light) the mean before it is denoised",
     },
-    Channel {
-        name: "crypto-object",
-        exr: &[
-            "CryptoObject00.R",
-            "CryptoObject00.G",
-            "CryptoObject00.B",
-            "CryptoObject00.A",
-            "CryptoObject01.R",
-            "CryptoObject01.G",
-            "CryptoObject01.B",
-            "CryptoObject01.A",
-            "CryptoObject02.R",
-            "CryptoObject02.G",
-            "CryptoObject02.B",
-            "CryptoObject02.A",
-        ],
-        numbers: Numbers::Float,
-        unit: "",
-        merge: Merge::Ranks,
-        missing: 0.0,
-        needs_frames: false,
-        needs_pupil: true,
-        about: "Cryptomatte: names of objects as hashes and how much of the pixel each covers, six ranks; the manifest is in the header",
-    },
-    Channel {
-        name: "crypto-material",
-        exr: &[
-            "CryptoMaterial00.R",
-            "CryptoMaterial00.G",
-            "CryptoMaterial00.B",
-            "CryptoMaterial00.A",
-            "CryptoMaterial01.R",
-            "CryptoMaterial01.G",
-            "CryptoMaterial01.B",
-            "CryptoMaterial01.A",
-            "CryptoMaterial02.R",
-            "CryptoMaterial02.G",
-            "CryptoMaterial02.B",
-            "CryptoMaterial02.A",
-        ],
-        numbers: Numbers::Float,
-        unit: "",
-        merge: Merge::Ranks,
-        missing: 0.0,
-        needs_frames: false,
-        needs_pupil: true,
-        about: "Cryptomatte: names of materials as hashes and how much of the pixel each covers, six ranks; the manifest is in the header",
-    },
-    Channel {
-        name: "crypto-class",
-        exr: &[
-            "CryptoClass00.R",
-            "CryptoClass00.G",
-            "CryptoClass00.B",
-            "CryptoClass00.A",
-            "CryptoClass01.R",
-            "CryptoClass01.G",
-            "CryptoClass01.B",
-            "CryptoClass01.A",
-            "CryptoClass02.R",
-            "CryptoClass02.G",
-            "CryptoClass02.B",
-            "CryptoClass02.A",
-        ],
-        numbers: Numbers::Float,
-        unit: "",
-        merge: Merge::Ranks,
-        missing: 0.0,
-        needs_frames: false,
-        needs_pupil: true,
-        about: "Cryptomatte: classes of objects as hashes and how much of the pixel each covers, six ranks; the manifest is in the header",
-    },
+    cryptomatte(
+        "crypto-object",
+        ranks!("CryptoObject"),
+        "Cryptomatte: names of objects as hashes and how much of the pixel each covers, six ranks; the manifest is in the header",
+    ),
+    cryptomatte(
+        "crypto-material",
+        ranks!("CryptoMaterial"),
+        "Cryptomatte: names of materials as hashes and how much of the pixel each covers, six ranks; the manifest is in the header",
+    ),
+    cryptomatte(
+        "crypto-class",
+        ranks!("CryptoClass"),
+        "Cryptomatte: classes of objects as hashes and how much of the pixel each covers, six ranks; the manifest is in the header",
+    ),
     Channel {
         name: "class",
         exr: &["class"],
