@@ -149,8 +149,8 @@ pub fn gltf(d: &Description) -> Gltf {
             }
             meshes.push(primitive(written, object.material, &object.name));
             moving.bend(deformer, &bending, &mut nodes, meshes.len() - 1, &object.name);
-            if let (Some(class), Some(node)) = (&object.class, nodes.last_mut()) {
-                node["extras"]["class"] = json!(**class);
+            if let Some(node) = nodes.last_mut() {
+                classify(object, node);
             }
             continue;
         }
@@ -220,7 +220,9 @@ pub fn gltf(d: &Description) -> Gltf {
         };
         match object.motion {
             Motion::Carried { node } if moving.holds(node) => {
-                moving.hang(node, &mut nodes, classified(object, json!({ "name": object.name, "mesh": mesh })));
+                let mut hung = json!({ "name": object.name, "mesh": mesh });
+                classify(object, &mut hung);
+                moving.hang(node, &mut nodes, hung);
             }
             _ => {
                 let mut node = json!({ "name": object.name, "mesh": mesh, "matrix": Mat4::from(place).to_cols_array() });
@@ -229,7 +231,8 @@ pub fn gltf(d: &Description) -> Gltf {
                     Shape::Quad(q) => w.keep(&q, &mut node, Some("quad")),
                     _ => {}
                 }
-                nodes.push(classified(object, node));
+                classify(object, &mut node);
+                nodes.push(node);
             }
         }
     }
@@ -356,12 +359,11 @@ pub fn gltf(d: &Description) -> Gltf {
 /// Number that stands for the ball among meshes.
 const BALL: u32 = u32::MAX;
 
-/// A node with the class of what hangs on it.
-fn classified(object: &Object, mut node: Value) -> Value {
+/// Says the class of an object in its node.
+fn classify(object: &Object, node: &mut Value) {
     if let Some(class) = &object.class {
         node["extras"]["class"] = json!(**class);
     }
-    node
 }
 
 fn primitive(mut written: Value, material: u32, name: &str) -> Value {

@@ -290,33 +290,26 @@ impl<'a> Loader<'a> {
         if let Some(light) = node.extension_value("EXT_lights_ies") {
             self.measured(light, &name, node.index())?;
         }
+        let class = self.classes[node.index()].clone();
+        let class = class.or_else(|| classes::said(node.mesh()?.extras().as_ref().map(|e| e.get())));
         match (self.kept.forms.remove(&node.index()), node.mesh().and_then(|m| m.primitives().next())) {
             (Some(kept::Form::Curves(curves, material)), _) => {
                 let shape = Shape::Curves { curves: curves as u32, world_from_curves: placed };
                 let motion = Motion::Carried { node: node.index() as u32 };
-                self.description.objects.push(Object {
-                    name,
-                    shape,
-                    material,
-                    motion,
-                    class: self.classes[node.index()].clone(),
-                });
+                self.description.objects.push(Object { name, shape, material, motion, class });
                 return Ok(());
             }
             (Some(kept::Form::Sphere(sphere)), Some(primitive)) if let Some(material) = primitive.material().index() => {
-                let class = self.classes[node.index()].clone();
                 self.description.objects.push(Object { class, ..Object::new(name, Shape::Sphere(sphere), material as u32) });
                 return Ok(());
             }
             (Some(kept::Form::Quad(quad)), Some(primitive)) if let Some(material) = primitive.material().index() => {
-                let class = self.classes[node.index()].clone();
                 self.description.objects.push(Object { class, ..Object::new(name, Shape::Quad(quad), material as u32) });
                 return Ok(());
             }
             _ => {}
         }
         let Some(mesh) = node.mesh() else { return Ok(()) };
-        let class = self.classes[node.index()].clone().or_else(|| classes::said(mesh.extras().as_ref().map(|e| e.get())));
         let instances = self.instances(node)?;
         for primitive in mesh.primitives() {
             let captured = self.splats(&mesh, &primitive)?;
