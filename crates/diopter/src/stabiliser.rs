@@ -11,6 +11,7 @@
 
 use crate::camera::Camera;
 use crate::camera_motion::Shake;
+use diopter_lens::compound::tangents_by;
 use diopter_lens::{Lens, LensError};
 use glam::{DMat2, DVec2, DVec3};
 use std::fmt::Write;
@@ -25,10 +26,6 @@ pub const DRIFT_HZ: f64 = 0.05;
 const STEPS_A_SECOND: f64 = 2000.0;
 const LEAST_STEPS: usize = 64;
 const MOST_STEPS: usize = 1 << 14;
-/// How far the film is moved to see what it does, mm.
-const PROBE_MM: f64 = 0.1;
-/// Plane in which directions are compared where the focus is at infinity, mm.
-const FAR_MM: f64 = 1e6;
 
 /// What moves.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -124,39 +121,23 @@ impl Stabiliser {
 
     /// How far the picture moves on the film, and how far the direction that the middle of the film sees moves (tangents), for a mm of what moves.
     fn effect(&self, lens: &Lens) -> Result<(DMat2, DMat2), LensError> {
-        let group = match self.part {
-            StabiliserPart::Group(group) => group,
-            StabiliserPart::Sensor => {
-                let distance = lens.focus_distance().map_or(FAR_MM, |d| d.0);
-                let seen = |film: DVec2| -> Option<DVec2> {
-                    let ray = lens.chief_ray(film).ok()?;
-                    let at = ray.origin_mm + ray.direction * ((-distance - ray.origin_mm.z) / ray.direction.z);
-                    Some(at.truncate() / distance)
-                };
-                let column = |axis: DVec2| Some((seen(axis * PROBE_MM)? - seen(axis * -PROBE_MM)?) / (2.0 * PROBE_MM));
-                let columns = column(DVec2::X).zip(column(DVec2::Y)).filter(|(x, y)| x.perp_dot(*y).abs() > 1e-12);
-                let (x, y) = columns.ok_or_else(|| LensError::Setting {
+        let (image, direction) = match (self.part, lens) {
+            (StabiliserPart::Sensor, _) => (-DMat2::IDENTITY, tangents_by(lens.focus_distance(), |d| Ok(lens.chief_ray(d)))?),
+            (StabiliserPart::Group(group), Lens::Compound(lens)) => lens.group_effect(group)?.into(),
+            (StabiliserPart::Group(_), _) => {
+                return Err(LensError::Setting {
                     what: "stabiliser",
-                    found: "a sensor behind a lens that shows nothing in its middle".into(),
-                    expected: "a lens with a picture in the middle of the film".into(),
-                })?;
-                return Ok((DMat2::IDENTITY * -1.0, DMat2::from_cols(x, y)));
+                    found: "a group of a lens without surfaces".into(),
+                    expected: "\"sensor\", or a real lens (--lens NAME)".into(),
+                });
             }
         };
-        let Lens::Compound(lens) = lens else {
-            return Err(LensError::Setting {
-                what: "stabiliser",
-                found: "a group of a lens without surfaces".into(),
-                expected: "\"sensor\", or a real lens (--lens NAME)".into(),
-            });
-        };
-        let [image, direction] = lens.group_effect(group)?;
         match direction.determinant().abs() > 1e-12 {
             true => Ok((image, direction)),
             false => Err(LensError::Setting {
                 what: "stabiliser",
-                found: format!("surfaces {} to {}", group[0] + 1, group[1] + 1),
-                expected: "a group with power: this one does not move the picture".into(),
+                found: "a part that does not move the picture".into(),
+                expected: "a sensor behind a lens, or a group with power".into(),
             }),
         }
     }

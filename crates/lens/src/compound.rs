@@ -20,6 +20,7 @@ mod stabilised;
 mod tilt;
 
 pub use entries::Entries;
+pub use stabilised::tangents_by;
 
 use crate::axial_beam;
 use crate::batch::single::{Batch, Indices, LANES, Packet};

@@ -8,12 +8,12 @@ use crate::batch::single::Batch;
 use crate::prescription::Misalignment;
 use crate::pupil::{PupilDetail, PupilTable};
 use crate::system::System;
-use crate::{Focus, LensError};
+use crate::{Blocked, Focus, LensError, LensRay};
 use diopter_light::units::Millimeters;
-use glam::{DMat2, DVec2, DVec3};
+use glam::{DMat2, DVec2};
 use std::sync::Arc;
 
-/// How far the group is moved each way to see what it does, mm: far above what rounding and the middles of pupils add, far below the curvature of the effect.
+/// How far something is moved each way to see what it does, mm: far above what rounding and the middles of pupils add, far below the curvature of the effect.
 const PROBE_MM: f64 = 0.1;
 /// Plane in which directions are compared where the focus is at infinity, mm.
 const FAR_MM: f64 = 1e6;
@@ -57,29 +57,35 @@ impl CompoundLens {
     /// middle sees moves (tangents) for each mm of the group; columns: the group to the right, and up. Fails as [`CompoundLens::with_group_at`].
     pub fn group_effect(&self, group: [usize; 2]) -> Result<[DMat2; 2], LensError> {
         let distance = match self.setting.focus {
-            Focus::Distance(Millimeters(d)) => d,
-            _ => self.focus_distance().map_or(FAR_MM, |d| d.0),
+            Focus::Distance(distance) => Some(distance),
+            _ => self.focus_distance(),
         };
-        let seen = |lens: &CompoundLens, film: DVec2| -> Result<DVec2, LensError> {
-            let ray = lens.chief_ray(film).map_err(|_| LensError::Setting {
-                what: "moved group",
-                found: "no light in the middle of the film".into(),
-                expected: "a group that leaves the middle open".into(),
-            })?;
-            let DVec3 { x, y, z } = ray.origin_mm + ray.direction * ((-distance - ray.origin_mm.z) / ray.direction.z);
-            Ok(DVec2::new(x, y) / -z)
-        };
-        let column = |axis: DVec2| -> Result<[DVec2; 2], LensError> {
-            let [there, back] = [axis * PROBE_MM, axis * -PROBE_MM].map(|d| self.with_group_at(group, d));
-            let by_group = (seen(&there?, DVec2::ZERO)? - seen(&back?, DVec2::ZERO)?) / (2.0 * PROBE_MM);
-            let by_film = (seen(self, axis * PROBE_MM)? - seen(self, axis * -PROBE_MM)?) / (2.0 * PROBE_MM);
-            Ok([by_group, by_film])
-        };
-        let ([gx, fx], [gy, fy]) = (column(DVec2::X)?, column(DVec2::Y)?);
-        let (by_group, by_film) = (DMat2::from_cols(gx, gy), DMat2::from_cols(fx, fy));
+        let by_group = tangents_by(distance, |d| Ok(self.with_group_at(group, d)?.chief_ray(DVec2::ZERO)))?;
+        let by_film = tangents_by(distance, |d| Ok(self.chief_ray(d)))?;
         // The image moves to the film point that now sees what the middle saw.
         Ok([-(by_film.inverse() * by_group), by_group])
     }
+}
+
+/// How far the direction from the camera's place to a point of the plane in focus (`None`: at infinity) moves, as tangents, for each mm that something moves to the right and up (columns); `chief`: the chief ray
+/// with it moved. Fails as that does, and where no light comes through.
+pub fn tangents_by(
+    focus: Option<Millimeters>,
+    chief: impl Fn(DVec2) -> Result<Result<LensRay, Blocked>, LensError>,
+) -> Result<DMat2, LensError> {
+    let distance = focus.map_or(FAR_MM, |d| d.0);
+    let seen = |moved: DVec2| -> Result<DVec2, LensError> {
+        let ray = chief(moved)?.map_err(|_| LensError::Setting {
+            what: "stabiliser",
+            found: "no light in the middle of the film".into(),
+            expected: "a lens with a picture in the middle of the film, also with its group moved".into(),
+        })?;
+        let at = ray.origin_mm + ray.direction * ((-distance - ray.origin_mm.z) / ray.direction.z);
+        Ok(at.truncate() / distance)
+    };
+    let column =
+        |axis: DVec2| -> Result<DVec2, LensError> { Ok((seen(axis * PROBE_MM)? - seen(axis * -PROBE_MM)?) / (2.0 * PROBE_MM)) };
+    Ok(DMat2::from_cols(column(DVec2::X)?, column(DVec2::Y)?))
 }
 
 #[cfg(test)]
