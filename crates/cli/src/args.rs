@@ -1111,7 +1111,7 @@ pub struct Taking {
     ///
     /// Rays are traced through the lens with its group where it stands at their moment. Corner frequencies of the servo (100 Hz) and of drift (0.05 Hz) and the travel are keys of
     /// [camera.stabiliser] in a shot file. Its way is in `-o calibration.json`. docs/rigs.md says what it answers.
-    #[arg(long, value_name = "WHAT")]
+    #[arg(long, alias = "stabilizer", value_name = "WHAT")]
     pub stabiliser: Option<String>,
     /// Lamps flicker: "mains 50 Hz" or "mains 50 Hz 0.8" (depth), "pwm 240 Hz 0.3" (fraction of time on).
     #[arg(long, value_name = "HOW")]

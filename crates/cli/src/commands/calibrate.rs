@@ -98,8 +98,8 @@ pub fn run(args: &Calibrate, json_wanted: bool) -> anyhow::Result<()> {
         return print_json(&json!({
             "lens": calibration.lens, "body": calibration.body, "size": calibration.size, "film_mm": calibration.film_mm,
             "focal_length_mm": calibration.focal_length_mm, "f_number": calibration.f_number,
-            "focus_distance_m": calibration.focus_distance_m, "ray": if args.centroid { "centroid" } else { "chief" }, "wavelength_nm": which.wavelength_nm,
-            "models": models, "files": args.output,
+            "focus_distance_m": calibration.focus_distance_m, "ray": if args.centroid { "centroid" } else { "chief" },
+            "wavelength_nm": which.wavelength_nm, "models": models, "files": args.output,
         }));
     }
     write!(std::io::stdout(), "{}", told(&calibration, &fits)?)?;

@@ -286,7 +286,7 @@ impl Rig {
                         warn(&format!("camera {}: {text}", camera.name));
                     }
                 })?;
-                let states = shot.moving_states(MOVING_STEPS);
+                let states = shot.moving_states();
                 if !states.is_empty() {
                     let text = stabiliser::csv(&states, self.times_s[frame] + camera.trigger_s);
                     let from = if frame == 0 { 0 } else { text.find('\n').map_or(0, |end| end + 1) };
@@ -312,9 +312,6 @@ impl Rig {
         Ok(TakenRig { files, fit_rms_px })
     }
 }
-
-/// Steps of an exposure at which `stabiliser.csv` says where what moves stands.
-const MOVING_STEPS: usize = 100;
 
 /// Says what is wrong where.
 struct Checks<'a> {

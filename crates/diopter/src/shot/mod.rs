@@ -253,7 +253,7 @@ struct Exposing {
 }
 
 /// Steps of an exposure at which a calibration says where what moves against shake stands.
-const MOVING_STATES: usize = 100;
+const MOVING_STEPS: usize = 100;
 
 impl Shot {
     /// Checks a request, reads its files and builds the scene. `warn` gets what was found odd.
@@ -730,14 +730,14 @@ impl Shot {
         let size = [self.camera.film.columns, self.camera.film.rows];
         let times = self.shutter().facts(size, self.pupil()).rows;
         let poses = calibration::pose::poses(&self.camera.way, &times, size);
-        Frame { picture: picture.into(), at_s: self.timing.at_s, poses, moving: self.moving_states(MOVING_STATES) }
+        Frame { picture: picture.into(), at_s: self.timing.at_s, poses, moving: self.moving_states() }
     }
 
     /// Where what moves against the shake stands at equal steps of this exposure; empty where nothing does.
-    pub fn moving_states(&self, steps: usize) -> Vec<MovingState> {
+    pub fn moving_states(&self) -> Vec<MovingState> {
         let film = &self.camera.film;
         let (film_mm, size) = ([film.width_mm, film.height_mm], [film.columns, film.rows]);
-        self.camera.way.moving().map_or(Vec::new(), |moving| moving.states(moving.moments(steps), film_mm, size))
+        self.camera.way.moving().map_or(Vec::new(), |moving| moving.states(moving.moments(MOVING_STEPS), film_mm, size))
     }
 
     /// Facts as known so far.
