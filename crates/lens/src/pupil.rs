@@ -24,6 +24,8 @@ const COLORS_NM: [f32; 3] = [400.0, 550.0, 700.0];
 const ANGLES: usize = 64;
 /// Rays a side of the grid that looks for light at all.
 const GRID: usize = 32;
+/// Most points a side of a grid over all that the last surface can let through.
+const FINEST_GRID: usize = 16 * GRID;
 /// Bins over the film radius for a round iris in a round lens.
 const RADIAL_BINS: usize = 96;
 /// Bins over the film radius, and over the period of the iris, for another iris in a round lens.
@@ -347,7 +349,7 @@ impl<'a> Search<'a> {
     }
 
     /// Points of a grid over a square that pass.
-    fn grid(&mut self, film: DVec2, center: DVec2, half: f64, side: usize) -> Vec<DVec2> {
+    fn grid(&mut self, film: DVec2, center: DVec2, half: f64, side: usize, colors: &[usize]) -> Vec<DVec2> {
         let mut found = vec![];
         let points: Vec<DVec2> = (0..side * side)
             .map(|i| {
@@ -357,7 +359,7 @@ impl<'a> Search<'a> {
             .collect();
         for chunk in points.chunks(LANES) {
             let q: [DVec2; LANES] = std::array::from_fn(|i| chunk[i.min(chunk.len() - 1)]);
-            let mask = self.passes(film, &q, &[0, 1, 2]);
+            let mask = self.passes(film, &q, colors);
             found.extend((0..chunk.len()).filter(|i| mask >> i & 1 == 1).map(|i| q[i]));
         }
         found
@@ -389,9 +391,15 @@ impl<'a> Search<'a> {
         }
         tries.push((bound_center, bound_radius, GRID));
         tries.push((bound_center, bound_radius, 4 * GRID));
+        // Close to a large last surface a small pupil fills so little of it that it slips through: the last grid finds a pupil a third as large as that on the axis.
+        let finest = (6.0 * bound_radius / self.g.slope).min(FINEST_GRID as f64) as usize;
+        if finest > 4 * GRID {
+            tries.push((bound_center, bound_radius, finest));
+        }
         let mut found = vec![];
         for (center, half, side) in tries {
-            found = self.grid(film, center, half, side);
+            let colors: &[usize] = if side > 4 * GRID { &[1] } else { &[0, 1, 2] };
+            found = self.grid(film, center, half, side, colors);
             if found.len() >= 3 {
                 break;
             }

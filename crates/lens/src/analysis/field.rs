@@ -167,8 +167,7 @@ impl Bench<'_> {
             .and_then(|(a, b)| {
                 let (a, b) = lit(a, b, 48)?;
                 // What reaches the edge of where it was looked for may go on beyond.
-                (a.min_element() > (center - half).min_element() && b.max_element() < (center + half).max_element())
-                    .then_some((a, b))
+                (a.cmpgt(center - half).all() && b.cmplt(center + half).all()).then_some((a, b))
             })
             .or_else(|| [48, 192, 600].into_iter().find_map(|side| lit(low, high, side)));
         let Some((a, b)) = found else {
