@@ -551,60 +551,33 @@ impl CompoundLens {
     /// The chief ray by refractive indices.
     fn chief_ray_by(&self, film: DVec2, n: &[f64]) -> Result<LensRay, Blocked> {
         let (region, turn) = self.pupils.region(film);
-        let mut ray = self.film_ray(film, self.pupils.middle_slope(film));
+        let ray = self.film_ray(film, self.pupils.middle_slope(film));
         let mut out = self.system.trace(ray, n, Way::ToObject, Apertures::Clip);
-        // Where little of the region passes, its middle may not: that of what passes does. An obstruction sits in the middle: any ray beside it looks the same way.
-        if out.is_err()
-            && region.fan.area() > 0.0
-            && let Some(slope) = self.middle_of_passing(film, region, turn)
-        {
-            ray = self.film_ray(film, slope);
-            out = self.system.trace(ray, n, Way::ToObject, Apertures::Clip);
-        }
-        for i in 0..32 {
-            if out.is_ok() || region.fan.area() <= 0.0 {
-                break;
-            }
-            let u = [(i as f32 + 0.5) / 32.0, 0.75];
-            ray = self.film_ray(film, self.pupils.slope(film, region.fan.sample(u), turn));
-            out = self.system.trace(ray, n, Way::ToObject, Apertures::Clip);
+        // Where little passes, or all but the middle, rims may stop this very ray; as long as others pass, it still says where the film point looks, and without a step over the film.
+        if out.is_err() && region.fan.area() > 0.0 && self.anything_passes(film, region, turn) {
+            out = self.system.trace(ray, n, Way::ToObject, Apertures::Ignore);
         }
         let out = out?;
         let weight_sr = region.fan.area() * ray.direction.z.powi(4);
         Ok(LensRay { origin_mm: self.relative_to_pupil(out.position), direction: out.direction, weight_sr })
     }
 
-    /// Slope from a film point towards the middle of what passes, of directions spread over a region; `None` where none of them passes, and where many do but their middle does not.
-    fn middle_of_passing(&self, film: DVec2, region: &Region, turn: Turn) -> Option<DVec2> {
+    /// Whether any of many directions spread over a region passes.
+    fn anything_passes(&self, film: DVec2, region: &Region, turn: Turn) -> bool {
         const PACKETS: usize = 16;
         // Steps of the plane that leave no gaps (Roberts 2018, R2).
         const STEPS: DVec2 = DVec2::new(0.754_877_666_246_692_8, 0.569_840_290_998_053_2);
         let mut n = Indices::default();
         self.batch.indices(&[REFERENCE_NM as f32; LANES], &mut n);
-        let (mut sum, mut count) = (DVec2::ZERO, 0.0);
         let mut packet = Packet::default();
-        for first in (0..PACKETS).map(|k| k * LANES) {
-            let slopes: [DVec2; LANES] = std::array::from_fn(|i| {
-                let u = (STEPS * (first + i + 1) as f64).fract();
-                self.pupils.slope(film, region.fan.sample([u.x as f32, u.y as f32]), turn)
-            });
-            for (i, slope) in slopes.iter().enumerate() {
-                crate::pupil::start(&mut packet, i, film, self.system.film_z, self.system.film_direction(*slope));
+        (0..PACKETS).any(|k| {
+            for i in 0..LANES {
+                let u = (STEPS * (k * LANES + i + 1) as f64).fract();
+                let slope = self.pupils.slope(film, region.fan.sample([u.x as f32, u.y as f32]), turn);
+                crate::pupil::start(&mut packet, i, film, self.system.film_z, self.system.film_direction(slope));
             }
-            let passed = self.batch.trace(&mut packet, &n, Way::ToObject);
-            for slope in slopes.iter().enumerate().filter(|(i, _)| passed >> i & 1 == 1).map(|(_, slope)| slope) {
-                (sum, count) = (sum + *slope, count + 1.0);
-            }
-            // Something in the middle of a pupil that is open all around is found by the first packet.
-            let blocked = |slope: DVec2| {
-                let ray = self.film_ray(film, slope);
-                self.system.trace(ray, &self.reference, Way::ToObject, Apertures::Clip).is_err()
-            };
-            if first == 0 && count > LANES as f64 / 3.0 && blocked(sum / count) {
-                return None;
-            }
-        }
-        (count > 0.0).then(|| sum / count)
+            self.batch.trace(&mut packet, &n, Way::ToObject) != 0
+        })
     }
 
     /// Where a lane that came through lands on the film, its slope there towards the lens, and cos² of its angle to the axis.
