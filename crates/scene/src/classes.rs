@@ -3,6 +3,8 @@
 //! glTF keeps what applications add to a node in `extras` (glTF 2.0, §3.2); Blender exports custom properties there. Of a node, or else its nearest ancestor that says one, or else
 //! its mesh, the first of the keys `class`, `category` and `category_id` (BlenderProc's) counts, a text or a number.
 //!
+//! In USD it is what `load::usd` finds in `semantics:labels`.
+//!
 //! A table is text, a line each: `pattern, class`. The first line whose pattern is the name of the object counts; `*` stands for any text, and `material:` before a pattern means
 //! the name of the material. Empty lines and lines that begin with `#` say nothing. What a table says goes before what the file of the scene says.
 

@@ -23,6 +23,21 @@ const QUAD: &str = "int[] faceVertexCounts = [4]\nint[] faceVertexIndices = [0, 
     point3f[] points = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)]\nuniform token subdivisionScheme = \"none\"\n";
 
 #[test]
+fn classes_are_those_of_the_nearest_prim_that_says_one() {
+    let d = read(&format!(
+        "def Xform \"kitchen\" ( prepend apiSchemas = [\"SemanticsLabelsAPI:category\", \"SemanticsLabelsAPI:class\"] ) {{\n\
+            token[] semantics:labels:category = [\"room\"]\ntoken[] semantics:labels:class = [\"furniture\", \"wood\"]\n\
+            def Mesh \"table\" {{ {QUAD} }}\n\
+            def Mesh \"cup\" {{ {QUAD} token[] semantics:labels:class = [\"crockery\"] }}\n\
+            def Sphere \"ball\" {{ string semantic:Semantics:params:semanticType = \"class\"\nstring semantic:Semantics:params:semanticData = \"toy\" }}\n}}\n\
+        def Mesh \"wall\" {{ {QUAD} string semantic:Semantics:params:semanticType = \"material\"\nstring semantic:Semantics:params:semanticData = \"brick\" }}"
+    ));
+    let mut said: Vec<_> = d.objects.iter().map(|o| (o.name.as_str(), o.class.as_deref())).collect();
+    said.sort_unstable();
+    assert_eq!(said, [("ball", Some("toy")), ("cup", Some("crockery")), ("table", Some("furniture")), ("wall", None)]);
+}
+
+#[test]
 fn text_and_binary_are_the_same_scene() {
     let [text, binary] = [TEXT.as_bytes(), BINARY].map(|b| load(b.to_vec(), "box", &none).unwrap());
     for d in [&text, &binary] {

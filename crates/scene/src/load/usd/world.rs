@@ -45,6 +45,8 @@ pub(super) struct Place {
     pub skeleton: Option<Arc<str>>,
     /// Path of what moves the joints of skeletons.
     pub skeleton_animation: Option<Arc<str>>,
+    /// What kind of thing it is.
+    class: Option<Arc<str>>,
 }
 
 /// Something to be drawn.
@@ -56,6 +58,7 @@ struct Drawn {
     world: DMat4,
     /// The skeleton that bends it.
     binding: Option<Arc<Binding>>,
+    class: Option<Arc<str>>,
 }
 
 /// What a form is made of.
@@ -167,6 +170,7 @@ impl<'a> World<'a> {
             in_skel_root: false,
             skeleton: None,
             skeleton_animation: None,
+            class: None,
         };
         if let Some(root) = self.stage.prim("/")? {
             let children = self.stage.children(&root)?;
@@ -247,6 +251,9 @@ impl<'a> World<'a> {
         if let Some(color) = self.constant_color(prim)? {
             place.color = Some(color);
         }
+        if let Some(class) = self.class(prim)? {
+            place.class = Some(class);
+        }
         match &*kind {
             "PointInstancer" if place.hidden => return Ok(None),
             "Mesh" | "Sphere" | "Cube" | "Cylinder" | "Cone" | "Capsule" | "Plane" | "Cylinder_1" | "Capsule_1"
@@ -274,6 +281,24 @@ impl<'a> World<'a> {
             _ => (),
         }
         Ok(Some(place))
+    }
+
+    /// The class that a prim gives itself and all below it: the first label of the taxonomies `class` and `category` (OpenUSD, UsdSemantics), or what Omniverse wrote before these.
+    fn class(&self, prim: &Prim) -> Read<Option<Arc<str>>> {
+        let said = |text: &Arc<str>| Some(text.trim()).filter(|t| !t.is_empty()).map(Arc::from);
+        for name in ["semantics:labels:class", "semantics:labels:category"] {
+            if let Some(Value::Texts(labels)) = self.stage.value(prim, name)?
+                && let Some(class) = labels.iter().find_map(said)
+            {
+                return Ok(Some(class));
+            }
+        }
+        let before =
+            |what: &str| -> Read<Option<Value>> { self.stage.value(prim, &format!("semantic:Semantics:params:semantic{what}")) };
+        match before("Type")?.as_ref().and_then(Value::text).is_some_and(|t| &**t == "class") {
+            true => Ok(before("Data")?.as_ref().and_then(Value::text).and_then(said)),
+            false => Ok(None),
+        }
     }
 
     /// Follows what a prim says of skeletons to what is below it.
@@ -442,7 +467,7 @@ impl<'a> World<'a> {
             return Err(error(&self.name, format!("more than {MOST_OBJECTS} things"), "fewer"));
         }
         let Place { node, local, world, .. } = *place;
-        self.drawn.push(Drawn { name: name.to_owned(), form, node, local, world, binding: None });
+        self.drawn.push(Drawn { name: name.to_owned(), form, node, local, world, binding: None, class: place.class.clone() });
         Ok(())
     }
 
@@ -565,6 +590,7 @@ impl<'a> World<'a> {
                 local: local * d.local,
                 world: world * d.local,
                 binding: None,
+                class: d.class.clone(),
             }));
         }
         Ok(())
@@ -638,7 +664,8 @@ impl<'a> World<'a> {
         for d in std::mem::take(&mut self.drawn) {
             if let Some((radius, material)) = balls[d.form] {
                 if let (Some(sphere), None) = (shapes::sphere_in_world(radius as f32, d.local), d.node) {
-                    self.description.objects.push(Object::new(d.name, Shape::Sphere(sphere), material));
+                    let ball = Object::new(d.name, Shape::Sphere(sphere), material);
+                    self.description.objects.push(Object { class: d.class, ..ball });
                     continue;
                 }
                 if numbers[d.form].is_empty() {
@@ -660,7 +687,8 @@ impl<'a> World<'a> {
             let world_from_mesh = affine(d.world);
             if let Some((curves, material)) = strands[d.form] {
                 let shape = Shape::Curves { curves, world_from_curves: world_from_mesh };
-                self.description.objects.push(Object { name: d.name.clone(), shape, material, motion, class: None });
+                let (name, class) = (d.name.clone(), d.class.clone());
+                self.description.objects.push(Object { name, shape, material, motion, class });
             }
             for (mesh, material) in &numbers[d.form] {
                 let mut motion = motion;
@@ -674,7 +702,8 @@ impl<'a> World<'a> {
                     }
                 }
                 let shape = Shape::Mesh { mesh: *mesh, world_from_mesh };
-                self.description.objects.push(Object { name: d.name.clone(), shape, material: *material, motion, class: None });
+                let (name, class) = (d.name.clone(), d.class.clone());
+                self.description.objects.push(Object { name, shape, material: *material, motion, class });
             }
         }
         Ok(())
