@@ -145,7 +145,7 @@ impl Dataset {
         let mut shot = Shot::prepare_cached(&file, Inputs::default(), scenes, warn)?;
         let quiet = Watch { cancel: watch.cancel, progress: &|_| () };
         shot.focus(&quiet, warn)?;
-        shot.meter(&quiet, warn)?;
+        shot.meter_if_needed(&quiet, warn)?;
         let exposed = shot.expose_from(None, watch, None)?;
         if exposed.stopped {
             return Err(ExposeError::Cancelled.into());

@@ -408,6 +408,22 @@ impl Shot {
         self.set_by(metered, warn)
     }
 
+    /// Whether the camera chooses an aperture, a time or an ISO speed by its meter.
+    pub fn chooses_exposure(&self) -> bool {
+        self.exposing.mode != Mode::Manual || self.exposing.auto_iso.is_some()
+    }
+
+    /// The same as [`Shot::meter`], but where everything is set by hand the meter is not read: nothing depends on it but its fact, which is left out.
+    pub fn meter_if_needed(&mut self, watch: &Watch, warn: &mut dyn FnMut(&str)) -> Result<(), ShotError> {
+        if self.chooses_exposure() {
+            return self.meter(watch, warn);
+        }
+        self.settle_light(watch)?;
+        self.set_by(None, warn)?;
+        self.facts.metering = String::new();
+        Ok(())
+    }
+
     /// Chooses what the camera is to choose by a meter reading (EV at ISO 100; `None`: darkness), and makes everything ready for the exposure:
     /// [`Shot::meter`] by a reading at hand. With the cap on the lens the reading is not looked at.
     pub fn set_by(&mut self, metered: Option<f64>, warn: &mut dyn FnMut(&str)) -> Result<(), ShotError> {
@@ -418,7 +434,7 @@ impl Shot {
         self.facts.metering = self.exposing.pattern.name().into();
         self.facts.metered_ev100 = metered;
         let e = self.exposing.clone();
-        let chosen_by_camera = e.mode != Mode::Manual || e.auto_iso.is_some();
+        let chosen_by_camera = self.chooses_exposure();
         // Behind microlenses the light is gathered on a part of the pixels: they must not be blown, and are brightened when developed.
         self.held_back_ev = if chosen_by_camera { self.gathered_ev() } else { 0.0 };
         // Without any light any exposure will do.
