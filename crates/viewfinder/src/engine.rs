@@ -43,10 +43,12 @@ const FIRST_DEVELOPED_S: f64 = 0.035;
 const MOST_REDUCED: usize = 4;
 /// How long no other change must come before the whole of it is developed, s: steps of a dial under a hand come faster.
 const REST: Duration = Duration::from_millis(90);
+/// How long a page is given to show a frame before the next is worked on, s: a browser on the same cores draws it meanwhile.
+const SHOWING: Duration = Duration::from_millis(60);
 /// Shortest side of a small picture.
 const LEAST_SIDE: usize = 24;
 /// Samples that are joined to a picture at once, at most: some seconds of a picture of [`MOST_PIXELS`], which shows little change by then.
-const LONGEST_RANGE: u32 = 16;
+const LONGEST_RANGE: u32 = 8;
 /// Samples when nobody says, and at most.
 const SAMPLES: u32 = 64;
 const MOST_SAMPLES: u32 = 4096;
@@ -123,6 +125,8 @@ struct Exposed {
     plane: Arc<FocalPlane>,
     /// The same without the renderer's noise, once a frame has asked for it.
     denoised: Option<Arc<FocalPlane>>,
+    /// The same of fewer samples or of fewer pixels: what serves for the first frame of a change until this is denoised.
+    denoised_before: Option<Arc<FocalPlane>>,
     /// The next sample.
     next: u32,
     /// Columns of the picture as a part of the whole one's: 1 is the whole.
@@ -305,6 +309,7 @@ impl Engine<'_> {
         }
         let complete = self.send(asked, begun, prepared_s, whole, spp, Haste::First)?;
         session.shown(asked);
+        self.let_it_be_shown()?;
         if !complete {
             self.rest()?;
             self.send(asked, begun, prepared_s, whole, spp, Haste::Whole)?;
@@ -361,6 +366,7 @@ impl Engine<'_> {
             self.expose(&file, whole, part, samples.start..samples.end.min(spp), &watch)?;
             self.go_on()?;
             self.send(asked, begun, prepared_s, whole, spp, Haste::Whole)?;
+            self.let_it_be_shown()?;
         }
     }
 
@@ -370,6 +376,17 @@ impl Engine<'_> {
         while Instant::now() < until {
             self.go_on()?;
             std::thread::sleep(Duration::from_millis(2));
+        }
+        self.go_on()
+    }
+
+    /// Waits until a page has shown the latest frame, or for as long as that may take.
+    fn let_it_be_shown(&self) -> Result<(), Stopped> {
+        let until = Instant::now() + SHOWING;
+        let shown = || self.session.shown_frame.load(Ordering::Relaxed) >= self.frames;
+        while self.session.frames.receiver_count() > 0 && !shown() && Instant::now() < until {
+            self.go_on()?;
+            std::thread::sleep(Duration::from_millis(1));
         }
         self.go_on()
     }
@@ -399,7 +416,8 @@ impl Engine<'_> {
             return;
         }
         let facts = shot.facts();
-        for plane in [Some(&mut exposed.plane), exposed.denoised.as_mut()].into_iter().flatten() {
+        let kept = [Some(&mut exposed.plane), exposed.denoised.as_mut(), exposed.denoised_before.as_mut()];
+        for plane in kept.into_iter().flatten() {
             let plane = Arc::make_mut(plane);
             if factor != 1.0 {
                 let factor = factor as f32;
@@ -434,14 +452,18 @@ impl Engine<'_> {
         let paths = (columns * rows) as f64 * f64::from(samples.end - samples.start);
         // Averaged over a few frames: what a pixel takes differs from place to place.
         self.pace_s = 0.5 * self.pace_s + 0.5 * begun.elapsed().as_secs_f64() / paths;
-        let plane = match self.exposed.take().filter(|e| e.part == part && e.next == samples.start && samples.start > 0) {
+        let still = stands_still(shot);
+        let (key, time_s) = (exposure_key(shot, file, still), shot.shutter.unwrap_or(1.0));
+        let before = self.exposed.take();
+        let same = before.as_ref().filter(|e| e.key == key && e.time_s == time_s);
+        let denoised_before = same.and_then(|e| e.denoised.as_ref().or(e.denoised_before.as_ref())).cloned();
+        let plane = match before.filter(|e| e.part == part && e.next == samples.start && samples.start > 0) {
             None => plane,
             Some(before) => FocalPlane::merge(&[Arc::unwrap_or_clone(before.plane), plane])
                 .map_err(|e| Stopped::Refused(Problem { message: e.to_string(), ..Default::default() }))?,
         };
-        let still = stands_still(shot);
-        let (key, time_s) = (exposure_key(shot, file, still), shot.shutter.unwrap_or(1.0));
-        self.exposed = Some(Exposed { key, time_s, plane: Arc::new(plane), denoised: None, next: samples.end, part });
+        let plane = Arc::new(plane);
+        self.exposed = Some(Exposed { key, time_s, plane, denoised: None, denoised_before, next: samples.end, part });
         Ok(())
     }
 
@@ -462,17 +484,21 @@ impl Engine<'_> {
         };
         let (Some(shot), Some(exposed)) = (&self.shot, &mut self.exposed) else { return Ok(true) };
         let exposed_s = begun.elapsed().as_secs_f64();
-        let (part, pixels) = (exposed.part, exposed.plane.width() * exposed.plane.height());
+        let part = exposed.part;
         // Behind microlenses neighbours see other parts of the scene; without light there is nothing to denoise.
         let wanted = asked.shot.render.denoise != Some(Denoise::Off);
         let denoises = wanted && shot.camera.film.microlenses.is_none() && !shot.lens_cap;
-        let filters = denoises && exposed.denoised.is_none();
+        let former = exposed.denoised_before.as_ref().filter(|_| haste == Haste::First);
+        let denoised = exposed.denoised.as_ref().or(former).filter(|_| denoises);
+        let is_former = denoised.is_some() && exposed.denoised.is_none();
+        let filters = denoises && denoised.is_none();
+        let at_hand = denoised.unwrap_or(&exposed.plane);
+        let pixels = at_hand.width() * at_hand.height();
         // What is exposed for this frame has the size that its time allows.
         let takes_s = |n: usize| (pixels / (n * n)) as f64 * (self.development_s + if filters { self.denoising_s } else { 0.0 });
         let fits = |n: &usize| takes_s(*n) <= FIRST_DEVELOPED_S;
         let reduces = haste == Haste::First && exposed.part <= 2 && shot.camera.film.microlenses.is_none();
         let factor = if reduces { (1..MOST_REDUCED).find(fits).unwrap_or(MOST_REDUCED) } else { 1 };
-        let at_hand = exposed.denoised.as_ref().filter(|_| denoises).unwrap_or(&exposed.plane);
         let filtering = Instant::now();
         let shown = if factor > 1 { Arc::new(at_hand.reduced(factor)) } else { at_hand.clone() };
         let plane = if filters {
@@ -484,17 +510,17 @@ impl Engine<'_> {
         } else {
             shown
         };
-        // A smaller picture, or one that is filtered in haste, is followed by the whole one.
-        let complete = factor == 1 && !(filters && haste == Haste::First);
+        // A smaller picture, a former one, or one that is filtered in haste, is followed by the whole one.
+        let complete = factor == 1 && !is_former && !(filters && haste == Haste::First);
         let size = [plane.width(), plane.height()];
         if filters {
             if haste == Haste::First {
                 let pixel_s = filtering.elapsed().as_secs_f64() / (size[0] * size[1]) as f64;
                 self.denoising_s = 0.5 * self.denoising_s + 0.5 * pixel_s;
             }
-            // What is filtered in haste is shown once.
-            if haste == Haste::Whole {
-                exposed.denoised = Some(plane.clone());
+            match haste {
+                Haste::First => exposed.denoised_before = Some(plane.clone()),
+                Haste::Whole => exposed.denoised = Some(plane.clone()),
             }
         }
         let denoised_s = begun.elapsed().as_secs_f64();
@@ -517,7 +543,7 @@ impl Engine<'_> {
             "done": exposed.part == 1 && exposed.next >= spp && complete, "denoised": denoises,
             "histogram": frame::histograms(&raw), "histogram_stops": frame::STOPS,
             "blur": blur.as_ref().map(|b| json!({ "size": b.size, "steps": frame::BLUR_STEPS, "bytes": b.cells.len() })),
-            "seconds": { "prepared": s(prepared_s), "exposed": s(exposed_s), "denoised": s(denoised_s), "sent": s(begun.elapsed().as_secs_f64()) },
+            "seconds": { "waited": s((begun - asked.since).as_secs_f64()), "prepared": s(prepared_s), "exposed": s(exposed_s), "denoised": s(denoised_s), "sent": s(begun.elapsed().as_secs_f64()) },
         });
         let frame = frame::encode(self.frames, &header, &bytes, blur.as_ref().map_or(&[], |b| &b.cells));
         let live = Live {

@@ -365,6 +365,7 @@ async fn obey(session: &Arc<Session>, text: &str, under_way: &mut Option<u64>) -
         Command::Ack { frame } => {
             if *under_way == Some(frame) {
                 *under_way = None;
+                session.shown_frame.fetch_max(frame, Ordering::Relaxed);
             }
         }
         Command::Probe { at } => {

@@ -11,7 +11,7 @@ use crate::timer::{Tick, Timer};
 use diopter::quantity::FocusTo;
 use diopter::shot::ShotFile;
 use serde_json::{Value, json};
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::Instant;
 use tokio::sync::watch;
@@ -32,6 +32,8 @@ pub struct Session {
     pub state: watch::Sender<Arc<str>>,
     /// The latest frame.
     pub frames: watch::Sender<Option<Arc<Frame>>>,
+    /// The latest frame that a page has shown.
+    pub shown_frame: AtomicU64,
     /// What the latest frame was made of.
     pub live: Mutex<Option<Arc<Live>>>,
     /// Pictures that are taken.
@@ -48,6 +50,8 @@ struct CameraState {
     shot: ShotFile,
     /// Counts the changes of the shot.
     version: u64,
+    /// When the latest of them came.
+    changed_at: Instant,
     /// The latest shot that could be taken.
     good: ShotFile,
     /// What the engine found of a shot.
@@ -84,6 +88,8 @@ pub struct Asked {
     pub shot: ShotFile,
     /// Which change it is.
     pub version: u64,
+    /// When it came.
+    pub since: Instant,
 }
 
 pub(crate) fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
@@ -97,6 +103,7 @@ impl Session {
         let camera = CameraState {
             shot: first.clone(),
             version: 1,
+            changed_at: Instant::now(),
             good: first.clone(),
             found: Found::default(),
             busy: None,
@@ -111,6 +118,7 @@ impl Session {
             stop: AtomicBool::new(false),
             state: watch::Sender::new(Arc::from("")),
             frames: watch::Sender::new(None),
+            shown_frame: AtomicU64::new(0),
             live: Mutex::new(None),
             darkroom,
             folders,
@@ -140,7 +148,7 @@ impl Session {
             }
             if camera.version != known {
                 self.cancel.store(false, Ordering::Relaxed);
-                return Some(Asked { shot: camera.shot.clone(), version: camera.version });
+                return Some(Asked { shot: camera.shot.clone(), version: camera.version, since: camera.changed_at });
             }
             camera = self.changed.wait(camera).unwrap_or_else(PoisonError::into_inner);
         }
@@ -152,7 +160,7 @@ impl Session {
         self.folders.check(&shot, &self.first)?;
         if shot != camera.shot {
             camera.shot = shot;
-            camera.version += 1;
+            (camera.version, camera.changed_at) = (camera.version + 1, Instant::now());
             camera.problem = None;
             self.cancel.store(true, Ordering::Relaxed);
             self.changed.notify_all();
@@ -322,7 +330,7 @@ impl Session {
         let mut camera = lock(&self.camera);
         if camera.version == asked.version && camera.shot != camera.good {
             camera.shot = camera.good.clone();
-            camera.version += 1;
+            (camera.version, camera.changed_at) = (camera.version + 1, Instant::now());
         }
         camera.problems += 1;
         camera.busy = None;

@@ -83,7 +83,7 @@ for (const [name, list] of times) {
 // What the program itself took of it, from when it began on the turn.
 for (const [name, list] of steps) {
   const median = (step) => `${step} ${(1000 * at(list.map((s) => s[step]), 0.5)).toFixed(0)}`;
-  console.log(`${name.padEnd(13)} ms until: ${["prepared", "exposed", "denoised", "sent"].map(median).join(", ")}`);
+  console.log(`${name.padEnd(13)} ms until: ${["waited", "prepared", "exposed", "denoised", "sent"].map(median).join(", ")}`);
 }
 const quarter = Math.floor(sizes.length / 4);
 const [first, last] = [at(sizes.slice(quarter, 2 * quarter), 0.5), at(sizes.slice(-quarter), 0.5)];
