@@ -12,6 +12,7 @@ use diopter_scene::material::{
     Anisotropy, CoatedConductor, Conductor, Coverage, Emission, EmissionColor, Film, Material, Principled, Scattering, Sheen,
     Transmission,
 };
+use diopter_scene::radiance::RayCone;
 use diopter_scene::shape::{Mesh, Quad, Sphere};
 use diopter_scene::texture::{Color, Scalar};
 use diopter_scene::{Description, Object, PathSettings, Scene, Shape};
@@ -867,4 +868,34 @@ fn the_sun_lights_and_is_seen_as_a_disc() {
         let expected = if sees { radiance } else { 0.0 };
         assert!((at(angle) - expected).abs() < 1e-3 * radiance, "{angle}: {} {expected}", at(angle));
     }
+}
+
+#[test]
+fn a_white_body_in_even_light_stays_unpolarised() {
+    // What facets reflect has more of s, what comes through them as much more of p: without absorption nothing of it is left.
+    let deep = PathSettings { max_depth: 1000, roulette_depth: 1000 };
+    let mut worst = Vec::new();
+    for (name, material) in white_materials() {
+        let scene = Scene::build(Description { environment: Some(Environment::uniform(Vec3::ONE)), ..sphere(material) }).unwrap();
+        for offset in [0.0f32, 0.5, 0.85, 0.97] {
+            let ray = RayCone::thin(Ray { origin: Vec3::new(offset, 0.0, 3.0), direction: Vec3::NEG_Z, time_s: 0.0 });
+            let n = 8192;
+            let light = |k: u32| {
+                let sampler = Sampler::new(SamplerKind::Sobol, 3, (0, 0), k, n);
+                scene.stokes(ray, Vec3::X, &Wavelengths::rgb(), &sampler, &deep)[1]
+            };
+            let sum: Vec4 = (0..n).map(light).sum();
+            // Light that a coat holds back over metal counts as unpolarised; of facets that are wider one way than the other what comes through is told by even ones.
+            let allowed = match name.split(' ').next() {
+                Some("lacquered") => 0.06,
+                Some("grained") => 0.08,
+                _ => 0.02,
+            };
+            let degree = sum.truncate().with_x(0.0).length().hypot(sum.w) / sum.x;
+            if degree > allowed {
+                worst.push(format!("{name} at {offset}: {:.4}", sum / sum.x));
+            }
+        }
+    }
+    assert!(worst.is_empty(), "{worst:#?}");
 }

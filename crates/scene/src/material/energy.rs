@@ -4,7 +4,9 @@
 //! let what a layer does not reflect reach the layer below (Kulla & Conty 2017). Both need the directional albedo E(μ, r),
 //! μ the cosine of the angle of incidence, r = √α. Tables are integrated once with visible-normal sampling.
 
+use super::film::cosine_of;
 use super::microfacet::{Ggx, fresnel_dielectric, reflect, refract};
+use super::polarization::dielectric;
 use glam::Vec3;
 use rayon::prelude::*;
 use std::sync::{Arc, Mutex, OnceLock};
@@ -25,8 +27,18 @@ pub struct Table(Vec<f32>);
 impl Table {
     /// Of a function of a cosine and a roughness.
     pub(super) fn new(f: impl Fn(f32, f32) -> f32 + Sync) -> Self {
-        let node = |i: usize| i as f32 / (NODES - 1) as f32;
-        Table((0..NODES * NODES).into_par_iter().map(|n| f(node(n % NODES).powi(2).max(1e-4), node(n / NODES))).collect())
+        Table((0..NODES * NODES).into_par_iter().map(|n| f(Self::node(n)[0], Self::node(n)[1])).collect())
+    }
+
+    /// The same on this thread alone: where rays ask for it, and the pool must not be waited for.
+    fn alone(f: impl Fn(f32, f32) -> f32) -> Self {
+        Table((0..NODES * NODES).map(|n| f(Self::node(n)[0], Self::node(n)[1])).collect())
+    }
+
+    /// Cosine and roughness of a node.
+    fn node(n: usize) -> [f32; 2] {
+        let place = |i: usize| i as f32 / (NODES - 1) as f32;
+        [place(n % NODES).powi(2).max(1e-4), place(n / NODES)]
     }
 
     /// Value at a cosine and a roughness √α.
@@ -229,6 +241,17 @@ pub struct Interface {
     /// Both of facets that are wider one way than the other.
     albedo_anisotropic: [OnceLock<AnisotropicTable>; 2],
     reflected_anisotropic: OnceLock<AnisotropicTable>,
+    /// How much more of s than of p is reflected; only polarised light asks for it.
+    s_over_p: OnceLock<Table>,
+}
+
+/// How polarised light is that came through a rough interface: as if it had come through a smooth one at a cosine, but for a share of the difference of s and p.
+#[derive(Clone, Copy, Debug)]
+pub struct PolarizedAs {
+    /// The cosine.
+    pub cos: f32,
+    /// The share, 0 to 1.
+    pub share: f32,
 }
 
 /// Side of an interface that light comes from.
@@ -258,7 +281,45 @@ impl Interface {
             directional_albedo: Default::default(),
             albedo_anisotropic: Default::default(),
             reflected_anisotropic: OnceLock::new(),
+            s_over_p: OnceLock::new(),
         }
+    }
+
+    /// Half the difference of what facets reflect of s and of p, the plane of incidence being that of the mean surface: under unpolarised light from everywhere, the Q of
+    /// what leaves in a direction. Of facets that are wider one way than the other it is that of even ones as wide on the whole.
+    fn s_over_p(&self, facets: Ggx, w: Vec3) -> f32 {
+        let table = computed(&self.s_over_p, || {
+            Table::alone(|mu, r| {
+                let difference = |cos: f32| {
+                    let reflection = dielectric(cos, self.eta)[0];
+                    0.5 * (reflection.s.x - reflection.p.x)
+                };
+                if r < FIRST_ROUGHNESS {
+                    return difference(mu);
+                }
+                let facets = even(r);
+                integrate(facets, towards(mu), SMOOTH_LATTICE, |wo, h| {
+                    // s of the mean surface is y; Q turns by twice the angle to that of the facet.
+                    let s = h.cross(wo).normalize_or_zero();
+                    (2.0 * s.y * s.y - 1.0) * difference(wo.dot(h)) * reflected(facets, wo, h)
+                })
+            })
+        });
+        table.at(w.z, (facets.x * facets.y).sqrt().sqrt())
+    }
+
+    /// How polarised what comes through is, or goes in: in even unpolarised light as much as what is reflected there, the other way, so that a body that absorbs nothing
+    /// cannot be told from what is around it.
+    pub fn polarized_as(&self, facets: Ggx, w: Vec3) -> PolarizedAs {
+        if facets.is_smooth() {
+            return PolarizedAs { cos: w.z, share: 1.0 };
+        }
+        let reflected = self.reflected(facets, w);
+        let cos = cosine_of(reflected / mirror_albedo_at(facets, w), self.eta);
+        let [_, smooth] = dielectric(cos, self.eta);
+        let own = 0.5 * (smooth.p.x - smooth.s.x) / smooth.mean().x.max(1e-6);
+        let wanted = self.s_over_p(facets, w) / (1.0 - reflected).max(1e-6);
+        PolarizedAs { cos, share: if own > 1e-6 { (wanted / own).clamp(0.0, 1.0) } else { 1.0 } }
     }
 
     /// Reflected fraction of light from a direction outside.

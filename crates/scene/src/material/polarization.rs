@@ -126,6 +126,12 @@ impl InPlane {
         self.scaled(Sampled::select(mean.cmpgt(Sampled::ZERO), Sampled::ONE / mean, Sampled::ZERO))
     }
 
+    /// The same of which only a share of the difference of s and p is left.
+    pub fn share_of_difference(self, share: f32) -> Self {
+        let mean = self.mean();
+        InPlane { s: mean + (self.s - mean) * share, p: mean + (self.p - mean) * share, z: self.z }
+    }
+
     /// This event after or before another in the same plane.
     pub fn times(self, o: InPlane) -> Self {
         InPlane { s: self.s * o.s, p: self.p * o.p, z: self.z * o.z }

@@ -7,7 +7,7 @@
 //! stays Schlick's. The coat polarises what goes through it both ways.
 
 use super::{COAT_IOR, PrincipledLobes};
-use crate::material::film::cosine_of;
+use crate::material::energy::PolarizedAs;
 use crate::material::polarization::{Complex, Event, InPlane, conductor, dielectric, pane, s_axis};
 use diopter_light::Sampled;
 use glam::Vec3;
@@ -79,18 +79,15 @@ impl PrincipledLobes<'_> {
     /// The way of light through the coat, where there is one.
     fn through_coat(&self, w: Vec3) -> Event {
         let coat = Sampled::splat(self.coat);
-        let through = dielectric(w.z.abs(), COAT_IOR)[1].normalized();
+        let PolarizedAs { cos, share } = self.coat_interface.polarized_as(self.coat_facets(), w);
+        let through = dielectric(cos, COAT_IOR)[1].normalized().share_of_difference(share);
         Event::in_plane(s_axis(Vec3::Z, w), &ALL.scaled(Sampled::ONE - coat).plus(through.scaled(coat)))
     }
 
-    /// The way of light from or to the diffuse base.
+    /// The way of light through the interface: from or to the diffuse base, or through a sheet.
     fn through_interface(&self, w: Vec3) -> Event {
-        // Facets of a rough one are met, on the whole, at the cosine at which a smooth one reflects as much.
-        let cos = match self.smooth() {
-            true => w.z,
-            false => cosine_of(self.interface().reflected(self.facets, w) / self.mirror_albedo_at(w), self.eta),
-        };
-        let through = self.dielectric_in_plane(cos)[1].normalized();
+        let PolarizedAs { cos, share } = self.interface().polarized_as(self.facets, w);
+        let through = self.dielectric_in_plane(cos)[1].normalized().share_of_difference(share);
         Event::in_plane(s_axis(Vec3::Z, w), &through)
     }
 
@@ -153,9 +150,8 @@ impl PrincipledLobes<'_> {
             return macroscopic(self.dielectric(wo.z));
         }
         if !self.solid {
-            // The lobe is that of the mirror, folded: as if the sheet were smooth.
-            let through = self.dielectric_in_plane(wo.z)[1].normalized();
-            return Event { incoming: s_axis(Vec3::Z, wi), ..Event::in_plane(s_axis(Vec3::Z, wo), &through) };
+            // The lobe is that of the mirror, folded: what comes out is as polarised as what comes from a base.
+            return Event { incoming: s_axis(Vec3::Z, wi), ..self.through_interface(wo) };
         }
         let Some(h) = (wi * self.bend + wo).try_normalize() else { return Event::DEPOLARIZES };
         let h = if h.z < 0.0 { -h } else { h };
