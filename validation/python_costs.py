@@ -79,12 +79,12 @@ def reading(calls):
     )
 
 
-def items(count):
+def items(count, integrator):
     dataset = dp.Dataset(
         {
             "name": "memory",
             "items": count,
-            "shot": {"scene": {"file": "cornell"}, "exposure": {"shutter": "1/30"}, "render": {"size": "16x16", "spp": 1}},
+            "shot": {"scene": {"file": "cornell"}, "focus": {"distance": "1 m"}, "exposure": {"shutter": "1/30"}, "render": {"size": "16x16", "spp": 1, "integrator": integrator}},
             "vary": [{"name": "iso", "choice": [100, 400, 1600]}, {"name": "aperture", "range": ["f/2", "f/8"]}],
             "write": {"files": ["dng", "expected.npy", "mean.npy", "depth.npy"]},
         }
@@ -97,7 +97,7 @@ def items(count):
         dataset.archive(k)
         if (k + 1) % max(count // 4, 1) == 0:
             memory.append(resident_mb())
-    print(f"{count} items of 16 × 16: {1000 * (time.perf_counter() - begun) / count:.1f} ms each; resident {', '.join(f'{m:.1f}' for m in memory)} MB")
+    print(f"{count} items of 16 × 16, {integrator}: {1000 * (time.perf_counter() - begun) / count:.1f} ms each; resident {', '.join(f'{m:.1f}' for m in memory)} MB")
 
 
 parser = argparse.ArgumentParser()
@@ -110,4 +110,6 @@ if asked.pairs:
 if asked.calls:
     reading(asked.calls)
 if asked.items:
-    items(asked.items)
+    items(asked.items, "path")
+    # Photon maps and light paths come and go.
+    items(asked.items // 10, "auto")
