@@ -78,6 +78,13 @@ fn a_small_pupil_is_found_from_everywhere_on_a_film_close_to_the_lens() {
                 "f/{f_number}, {r:.2} mm: {before:.2e}, {here:.2e}, {passed}"
             );
         }
+        // The bench looks for its pupils in its own way.
+        let bench = Bench::at_infinity(lens.system());
+        for height in [0.0, 1.0, 2.2, 2.4, 2.6, 2.8, 3.3] {
+            let expected = bench.illumination(height, 587.6).with_losses;
+            let (found, _) = irradiance(&lens, DVec2::new(0.0, height), 587.6, 64);
+            assert!((found / expected - 1.0).abs() < 0.02, "f/{f_number}, {height} mm: {found:.3e}, {expected:.3e}");
+        }
     }
 }
 

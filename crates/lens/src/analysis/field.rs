@@ -146,7 +146,8 @@ impl Bench<'_> {
                     (lit_low, lit_high) = (lit_low.min(s), lit_high.max(s));
                 }
             }
-            (lit_low.x <= lit_high.x).then(|| (lit_low - cell, lit_high + cell))
+            // A disk that holds one point of the grid alone reaches up to 1.4 cells beyond it.
+            (lit_low.x <= lit_high.x).then(|| (lit_low - 2.0 * cell, lit_high + 2.0 * cell))
         };
         // Where the paraxial exit pupil is seen; else anywhere on the rim of the last surface, more and more finely.
         let first = self.first_order(nm);
