@@ -7,7 +7,7 @@
 
 use super::bsdf::LocalScatter;
 use super::conductor::{Conductor, ConductorLobe};
-use super::energy::{Escape, Interface, PolarizedAs, prepare_mirrors};
+use super::energy::{Escape, Interface, prepare_mirrors};
 use super::microfacet::{Ggx, fresnel_dielectric, reflect, refract};
 use super::polarization::{Event, dielectric, s_axis};
 use crate::exact::{Exact, Sink, Source, field};
@@ -142,10 +142,7 @@ impl CoatedLobes<'_> {
             let (plane, rest) = self.metal.in_plane(inner_o, inner_h);
             let once = Sampled::ONE / self.again(wo, inner_o);
             let metal = Event::mixed(s_axis(inner_h, inner_o), &plane.scaled(once), rest * once);
-            let face = |w: Vec3| {
-                let PolarizedAs { cos, share } = self.interface.polarized_as(self.facets, w);
-                Event::in_plane(s_axis(Vec3::Z, w), &dielectric(cos, self.ior)[1].normalized().share_of_difference(share))
-            };
+            let face = |w: Vec3| Event::in_plane(s_axis(Vec3::Z, w), &self.interface.through(self.facets, w));
             let whole = face(wo).then(&metal, inner_o).then(&face(wi), -inner_i);
             all += weight;
             // What was held back was reflected within, where more of s is, and came out after all, where more of p does: taken for unpolarised.

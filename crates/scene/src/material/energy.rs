@@ -4,9 +4,8 @@
 //! let what a layer does not reflect reach the layer below (Kulla & Conty 2017). Both need the directional albedo E(μ, r),
 //! μ the cosine of the angle of incidence, r = √α. Tables are integrated once with visible-normal sampling.
 
-use super::film::cosine_of;
-use super::microfacet::{Ggx, fresnel_dielectric, reflect, refract};
-use super::polarization::dielectric;
+use super::microfacet::{Ggx, cosine_of, fresnel_dielectric, reflect, refract};
+use super::polarization::{InPlane, dielectric};
 use glam::Vec3;
 use rayon::prelude::*;
 use std::sync::{Arc, Mutex, OnceLock};
@@ -320,6 +319,12 @@ impl Interface {
         let own = 0.5 * (smooth.p.x - smooth.s.x) / smooth.mean().x.max(1e-6);
         let wanted = self.s_over_p(facets, w) / (1.0 - reflected).max(1e-6);
         PolarizedAs { cos, share: if own > 1e-6 { (wanted / own).clamp(0.0, 1.0) } else { 1.0 } }
+    }
+
+    /// What comes through of s and of p, over their mean.
+    pub(super) fn through(&self, facets: Ggx, w: Vec3) -> InPlane {
+        let PolarizedAs { cos, share } = self.polarized_as(facets, w);
+        dielectric(cos, self.eta)[1].normalized().share_of_difference(share)
     }
 
     /// Reflected fraction of light from a direction outside.

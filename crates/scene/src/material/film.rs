@@ -5,7 +5,7 @@
 //! KHR_materials_iridescence (whose own formula, of L. Belcour and P. Barla 2017, stands for the same sum in three colours).
 
 use super::energy::{Interface, mirror_albedo_at};
-use super::microfacet::{Ggx, fresnel_dielectric};
+use super::microfacet::{Ggx, cosine_of};
 use super::polarization::{self, InPlane};
 use crate::shape::Surface;
 use crate::texture::Scalar;
@@ -99,16 +99,6 @@ impl FilmLayer {
     }
 }
 
-/// The cosine at which a smooth dielectric reflects a fraction: the angle at which facets of a rough one are met on the whole, by what it reflects.
-pub(super) fn cosine_of(reflected: f32, ior: f32) -> f32 {
-    let (mut low, mut high) = (0.0f32, 1.0f32);
-    for _ in 0..10 {
-        let middle = 0.5 * (low + high);
-        if fresnel_dielectric(middle, ior) > reflected { low = middle } else { high = middle }
-    }
-    0.5 * (low + high)
-}
-
 /// Index of a base by its reflectance at normal incidence.
 pub(super) fn index_of(f0: Sampled) -> Sampled {
     let root = f0.clamp(Sampled::ZERO, Sampled::splat(0.9999)).to_array().map(f32::sqrt);
@@ -128,6 +118,7 @@ const GAUSS: [(f32, f32); 6] = [
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::material::microfacet::fresnel_dielectric;
 
     fn film(ior: f32, thickness: f32, nm: f32) -> FilmLayer {
         FilmLayer { fraction: 1.0, ior, thickness, nm: Sampled::splat(nm), blur: 0.0 }
@@ -167,7 +158,5 @@ mod tests {
         // No film: the mean Fresnel reflectance of n = 1.5 (Judd 1942).
         let mean = film(1.3, 0.0, 550.0).average(n, &Interface::of(1.5), 1.5, Ggx::even(0.0)).x;
         assert!((mean - 0.0918).abs() < 1e-3, "{mean}");
-        let cos = cosine_of(fresnel_dielectric(0.4, 1.5), 1.5);
-        assert!((cos - 0.4).abs() < 1e-3, "{cos}");
     }
 }

@@ -25,6 +25,16 @@ pub fn fresnel_dielectric(cos_i: f32, eta: f32) -> f32 {
     0.5 * (parallel * parallel + perpendicular * perpendicular)
 }
 
+/// The cosine at which a smooth dielectric reflects a fraction: the angle at which facets of a rough one are met on the whole, by what it reflects.
+pub(super) fn cosine_of(reflected: f32, ior: f32) -> f32 {
+    let (mut low, mut high) = (0.0f32, 1.0f32);
+    for _ in 0..10 {
+        let middle = 0.5 * (low + high);
+        if fresnel_dielectric(middle, ior) > reflected { low = middle } else { high = middle }
+    }
+    0.5 * (low + high)
+}
+
 /// Reflectance of a conductor n + ik against air for unpolarised light, at four wavelengths. Source: PBR 9.3.6.
 #[inline]
 pub fn fresnel_conductor(cos_i: f32, n: Sampled, k: Sampled) -> Sampled {
@@ -177,6 +187,8 @@ mod tests {
 
     #[test]
     fn fresnel_has_its_textbook_values() {
+        let cos = cosine_of(fresnel_dielectric(0.4, 1.5), 1.5);
+        assert!((cos - 0.4).abs() < 1e-3, "{cos}");
         assert!((fresnel_dielectric(1.0, 1.5) - 0.04).abs() < 1e-6);
         assert!(fresnel_dielectric(0.0, 1.5) > 0.999);
         // Brewster's angle: p-polarised light vanishes, so R = Rs/2.

@@ -13,8 +13,8 @@ mod polarization;
 use super::anisotropy::Anisotropy;
 use super::bsdf::{Breadth, LocalScatter};
 use super::energy::{Interface, Side, mirror_albedo_at, prepare_mirrors};
-use super::film::{self, Film, FilmLayer, index_of};
-use super::microfacet::{Ggx, SMOOTH, fresnel_dielectric, fresnel_schlick, reflect, refract};
+use super::film::{Film, FilmLayer, index_of};
+use super::microfacet::{Ggx, SMOOTH, cosine_of, fresnel_dielectric, fresnel_schlick, reflect, refract};
 use super::sheen::{self, Fibres, Sheen};
 use crate::shape::Surface;
 use crate::texture::{Color, Scalar};
@@ -364,7 +364,7 @@ impl PrincipledLobes<'_> {
         let bare = self.tint.as_ref().map_or(reflected, |t| t.of(reflected).max_element());
         let Some(film) = &self.film else { return Sampled::splat(bare) };
         let mirror_albedo_at = self.mirror_albedo_at(w);
-        let cos = if self.smooth() { cos } else { film::cosine_of(reflected / mirror_albedo_at, self.eta) };
+        let cos = if self.smooth() { cos } else { cosine_of(reflected / mirror_albedo_at, self.eta) };
         Sampled::splat(bare).lerp(film.reflectance(cos, film.below) * mirror_albedo_at, film.layer.fraction)
     }
 

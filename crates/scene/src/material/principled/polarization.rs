@@ -79,8 +79,7 @@ impl PrincipledLobes<'_> {
     /// The way of light through the coat, where there is one.
     fn through_coat(&self, w: Vec3) -> Event {
         let coat = Sampled::splat(self.coat);
-        let PolarizedAs { cos, share } = self.coat_interface.polarized_as(self.coat_facets(), w);
-        let through = dielectric(cos, COAT_IOR)[1].normalized().share_of_difference(share);
+        let through = self.coat_interface.through(self.coat_facets(), w);
         Event::in_plane(s_axis(Vec3::Z, w), &ALL.scaled(Sampled::ONE - coat).plus(through.scaled(coat)))
     }
 
