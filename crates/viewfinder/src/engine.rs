@@ -125,8 +125,8 @@ struct Exposed {
     plane: Arc<FocalPlane>,
     /// The same without the renderer's noise, once a frame has asked for it.
     denoised: Option<Arc<FocalPlane>>,
-    /// The same of fewer samples or of fewer pixels: what serves for the first frame of a change until this is denoised.
-    denoised_before: Option<Arc<FocalPlane>>,
+    /// Whether that is of fewer samples or pixels, or was filtered in haste: it serves for the first frame of a change alone.
+    is_former: bool,
     /// The next sample.
     next: u32,
     /// Columns of the picture as a part of the whole one's: 1 is the whole.
@@ -416,8 +416,7 @@ impl Engine<'_> {
             return;
         }
         let facts = shot.facts();
-        let kept = [Some(&mut exposed.plane), exposed.denoised.as_mut(), exposed.denoised_before.as_mut()];
-        for plane in kept.into_iter().flatten() {
+        for plane in [Some(&mut exposed.plane), exposed.denoised.as_mut()].into_iter().flatten() {
             let plane = Arc::make_mut(plane);
             if factor != 1.0 {
                 let factor = factor as f32;
@@ -455,15 +454,14 @@ impl Engine<'_> {
         let still = stands_still(shot);
         let (key, time_s) = (exposure_key(shot, file, still), shot.shutter.unwrap_or(1.0));
         let before = self.exposed.take();
-        let same = before.as_ref().filter(|e| e.key == key && e.time_s == time_s);
-        let denoised_before = same.and_then(|e| e.denoised.as_ref().or(e.denoised_before.as_ref())).cloned();
+        let denoised = before.as_ref().filter(|e| e.key == key && e.time_s == time_s).and_then(|e| e.denoised.clone());
         let plane = match before.filter(|e| e.part == part && e.next == samples.start && samples.start > 0) {
             None => plane,
             Some(before) => FocalPlane::merge(&[Arc::unwrap_or_clone(before.plane), plane])
                 .map_err(|e| Stopped::Refused(Problem { message: e.to_string(), ..Default::default() }))?,
         };
         let plane = Arc::new(plane);
-        self.exposed = Some(Exposed { key, time_s, plane, denoised: None, denoised_before, next: samples.end, part });
+        self.exposed = Some(Exposed { key, time_s, plane, denoised, is_former: true, next: samples.end, part });
         Ok(())
     }
 
@@ -488,9 +486,8 @@ impl Engine<'_> {
         // Behind microlenses neighbours see other parts of the scene; without light there is nothing to denoise.
         let wanted = asked.shot.render.denoise != Some(Denoise::Off);
         let denoises = wanted && shot.camera.film.microlenses.is_none() && !shot.lens_cap;
-        let former = exposed.denoised_before.as_ref().filter(|_| haste == Haste::First);
-        let denoised = exposed.denoised.as_ref().or(former).filter(|_| denoises);
-        let is_former = denoised.is_some() && exposed.denoised.is_none();
+        let denoised = exposed.denoised.as_ref().filter(|_| denoises && (haste == Haste::First || !exposed.is_former));
+        let is_former = denoised.is_some() && exposed.is_former;
         let filters = denoises && denoised.is_none();
         let at_hand = denoised.unwrap_or(&exposed.plane);
         let pixels = at_hand.width() * at_hand.height();
@@ -518,10 +515,7 @@ impl Engine<'_> {
                 let pixel_s = filtering.elapsed().as_secs_f64() / (size[0] * size[1]) as f64;
                 self.denoising_s = 0.5 * self.denoising_s + 0.5 * pixel_s;
             }
-            match haste {
-                Haste::First => exposed.denoised_before = Some(plane.clone()),
-                Haste::Whole => exposed.denoised = Some(plane.clone()),
-            }
+            (exposed.denoised, exposed.is_former) = (Some(plane.clone()), haste == Haste::First);
         }
         let denoised_s = begun.elapsed().as_secs_f64();
         let developing = Instant::now();
