@@ -18,27 +18,33 @@ use crate::system::{FILM_NM, MGF2, System};
 use crate::trace::{TracedRay, Way};
 use fearless_simd::{Level, Simd, dispatch, prelude::*};
 use glam::DVec3;
-use std::sync::{Arc, OnceLock};
+use std::ops::Range;
+use std::sync::{Arc, LazyLock, OnceLock};
 
 /// Coefficients of the fit of an index: degree 7 leaves less than 1e-7.
 const TERMS: usize = 8;
 /// Newton steps of an aspheric intersection after the conic's; the last ones change nothing a float holds.
 const NEWTON_STEPS: usize = 7;
 
-fn level() -> Level {
+pub(crate) fn level() -> Level {
     static LEVEL: OnceLock<Level> = OnceLock::new();
     *LEVEL.get_or_init(Level::new)
 }
+
+/// cos(π k (j + ½) / TERMS)
+static COSINES: LazyLock<[[f64; TERMS]; TERMS]> = LazyLock::new(|| {
+    let at = |k: usize, j: usize| (std::f64::consts::PI * k as f64 * (j as f64 + 0.5) / TERMS as f64).cos();
+    std::array::from_fn(|k| std::array::from_fn(|j| at(k, j)))
+});
 
 /// Chebyshev coefficients of n over x = (1/λ² scaled to −1..1).
 fn fit(glass: &Glass) -> [f64; TERMS] {
     let [short, long] = VISIBLE_NM;
     let (low, high) = (long.powi(-2), short.powi(-2));
-    let node = |j: usize| (std::f64::consts::PI * (j as f64 + 0.5) / TERMS as f64).cos();
     let value = |x: f64| glass.index((0.5 * (low + high) + 0.5 * (high - low) * x).powf(-0.5));
+    let values: [f64; TERMS] = COSINES[1].map(value);
     std::array::from_fn(|k| {
-        let sum: f64 =
-            (0..TERMS).map(|j| value(node(j)) * (std::f64::consts::PI * k as f64 * (j as f64 + 0.5) / TERMS as f64).cos()).sum();
+        let sum: f64 = values.iter().zip(&COSINES[k]).map(|(v, c)| v * c).sum();
         sum * if k == 0 { 1.0 } else { 2.0 } / TERMS as f64
     })
 }
@@ -541,12 +547,17 @@ macro_rules! batch {
 
                 /// Follows a packet through all surfaces; the mask has a bit for each ray that came through.
                 pub fn trace(&self, packet: &mut Packet, n: &Indices, way: Way) -> u32 {
-                    dispatch!(level(), simd => trace::<_, false>(simd, self, packet, n, &[0.0; LANES], way))
+                    self.trace_part(packet, n, way, 0..self.steps.len())
+                }
+
+                /// [`Batch::trace`] through some neighbouring surfaces only; `n` stays that of all gaps.
+                pub fn trace_part(&self, packet: &mut Packet, n: &Indices, way: Way, surfaces: Range<usize>) -> u32 {
+                    dispatch!(level(), simd => trace::<_, false>(simd, self, packet, n, &[0.0; LANES], way, surfaces))
                 }
 
                 /// The same, and what glass, surfaces and an aperture picture leave of the light: [`Packet::fraction`].
                 pub fn trace_light(&self, packet: &mut Packet, n: &Indices, nm: &Lanes, way: Way) -> u32 {
-                    dispatch!(level(), simd => trace::<_, true>(simd, self, packet, n, nm, way))
+                    dispatch!(level(), simd => trace::<_, true>(simd, self, packet, n, nm, way, 0..self.steps.len()))
                 }
 
                 /// Follows many packets of one wavelength (indices as for [`Batch::trace`]) in one go; returns the masks.
@@ -559,7 +570,7 @@ macro_rules! batch {
             fn trace_many<S: Simd>(simd: S, batch: &Batch, packets: &mut [Packet], n: &Indices, way: Way) -> Vec<u32> {
                 let mut masks = Vec::with_capacity(packets.len());
                 for p in packets {
-                    masks.push(trace::<S, false>(simd, batch, p, n, &[0.0; LANES], way));
+                    masks.push(trace::<S, false>(simd, batch, p, n, &[0.0; LANES], way, 0..batch.steps.len()));
                 }
                 masks
             }
@@ -738,6 +749,7 @@ macro_rules! batch {
                 n: &Indices,
                 nm: &Lanes,
                 way: Way,
+                surfaces: Range<usize>,
             ) -> u32 {
                 let (zero, one) = ($vector::splat(simd, 0.0), $vector::splat(simd, 1.0));
                 let two = $vector::splat(simd, 2.0);
@@ -758,10 +770,10 @@ macro_rules! batch {
                 // Positions are kept relative to the vertex of the surface last met: f32 has its digits where they count.
                 let mut z_origin: $float = 0.0;
                 let count = batch.steps.len();
-                for number in 0..count {
+                for number in 0..surfaces.len() {
                     let (i, before, after) = match way {
-                        Way::ToFilm => (number, number, number + 1),
-                        Way::ToObject => (count - 1 - number, count - number, count - 1 - number),
+                        Way::ToFilm => (surfaces.start + number, surfaces.start + number, surfaces.start + number + 1),
+                        Way::ToObject => (surfaces.end - 1 - number, surfaces.end - number, surfaces.end - 1 - number),
                     };
                     let step = &batch.steps[i];
                     let run = match way {

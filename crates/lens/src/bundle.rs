@@ -8,6 +8,7 @@
 
 use crate::analysis::{Beam, Bench};
 use crate::batch::double::{Batch, Indices, LANES, Packet};
+use crate::derivatives::{Differentiated, Gradient, Quantity};
 use crate::iris::Iris;
 use crate::linear::gauss_legendre;
 use crate::system::System;
@@ -78,6 +79,39 @@ pub(crate) struct Tracer {
     batch: Batch,
     n: Vec<Vec<f64>>,
     lanes: Vec<Indices>,
+}
+
+/// Change of a [`Landing`] by a parameter of the lens.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct LandingChange {
+    /// mm
+    pub place: [f64; 2],
+    /// Of the direction.
+    pub cosines: [f64; 3],
+    /// mm
+    pub path: f64,
+}
+
+/// What of landings is differentiated, beside places.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Needed {
+    /// Directions.
+    pub cosines: bool,
+    /// Optical paths.
+    pub path: bool,
+}
+
+/// A lens that is differentiated, with the change of the index by each parameter at each wavelength (1 of what is no index).
+pub(crate) struct ByParameters<'a> {
+    pub lens: &'a Differentiated,
+    /// `[wavelength][parameter]`
+    pub index_changes: Vec<Vec<f64>>,
+}
+
+/// Change of a quantity by the place across the chief ray, of one ray whose start changes with that place as `start_by`.
+fn by_place(g: &Gradient, lane: usize, start_by: &[[DVec3; 2]; 2]) -> DVec2 {
+    let by = |from: usize| DVec3::new(g.by_start[from][lane], g.by_start[from + 1][lane], g.by_start[from + 2][lane]);
+    DVec2::from(start_by.map(|[position, direction]| by(0).dot(position) + by(3).dot(direction)))
 }
 
 /// Where bundles start in a changed lens: new place across the chief ray = matrix × old place + offset.
@@ -284,6 +318,65 @@ impl Bundle {
             }
         }
         Some(landings)
+    }
+
+    /// By how much the offset of [`Aim::Entrance`] changes with each parameter. `None` where the stop cannot be reached.
+    pub fn aim_changes(&self, tracer: &Tracer, by: &ByParameters, aimed: Aimed, reference: usize) -> Option<Vec<DVec2>> {
+        let ray = self.beam.ray(aimed.offset);
+        let mut packet = Packet::default();
+        (0..LANES).for_each(|lane| packet.set(lane, ray.position.to_array(), ray.direction.to_array()));
+        let (n, lanes) = (&tracer.n[reference], &tracer.lanes[reference]);
+        let traced = by.lens.trace(&tracer.batch, &packet, n, lanes, tracer.system.stop + 1)?;
+        let [x, y] = [0, 1].map(|axis| by.lens.gradient(&traced, Quantity::Meeting(axis)));
+        let start_by = self.beam.ray_by(aimed.offset);
+        let back = DMat2::from_cols(by_place(&x, 0, &start_by), by_place(&y, 0, &start_by)).transpose().inverse();
+        let change = |parameter: usize| {
+            let factor = by.index_changes[reference][parameter];
+            -(back * DVec2::new(x.by[parameter][0], y.by[parameter][0]) * factor)
+        };
+        back.is_finite().then(|| (0..x.by.len()).map(change).collect())
+    }
+
+    /// Derivatives of [`Bundle::trace`] by each parameter of a lens, `[parameter][ray]`; `moved` as [`Bundle::aim_changes`] gives it.
+    pub fn trace_changes(
+        &self,
+        tracer: &Tracer,
+        by: &ByParameters,
+        (aimed, moved): (Aimed, &[DVec2]),
+        color: usize,
+        needed: Needed,
+    ) -> Option<Vec<Vec<LandingChange>>> {
+        let mut changes = vec![vec![LandingChange::default(); self.rays.len()]; moved.len()];
+        let mut packet = Packet::default();
+        for (number, chunk) in self.rays.chunks(LANES).enumerate() {
+            let place = |lane: usize| aimed.matrix * chunk[lane.min(chunk.len() - 1)].0 + aimed.offset;
+            for lane in 0..LANES {
+                let ray = self.beam.ray(place(lane));
+                packet.set(lane, ray.position.to_array(), ray.direction.to_array());
+            }
+            let (n, lanes) = (&tracer.n[color], &tracer.lanes[color]);
+            let traced = by.lens.trace(&tracer.batch, &packet, n, lanes, tracer.system.surfaces.len())?;
+            let start_by: Vec<_> = (0..chunk.len()).map(|lane| self.beam.ray_by(place(lane))).collect();
+            // What the lens does to the rays, and what their start does.
+            let mut each = |quantity: Quantity, write: &dyn Fn(&mut LandingChange, f64)| {
+                let g = by.lens.gradient(&traced, quantity);
+                for (lane, start_by) in start_by.iter().enumerate() {
+                    let along = by_place(&g, lane, start_by);
+                    for (parameter, change) in changes.iter_mut().enumerate() {
+                        let own = g.by[parameter][lane] * by.index_changes[color][parameter];
+                        write(&mut change[number * LANES + lane], own + along.dot(moved[parameter]));
+                    }
+                }
+            };
+            (0..2).for_each(|axis| each(Quantity::Place(axis), &|c, v| c.place[axis] = v));
+            if needed.cosines {
+                (0..3).for_each(|axis| each(Quantity::Cosine(axis), &|c, v| c.cosines[axis] = v));
+            }
+            if needed.path {
+                each(Quantity::Path, &|c, v| c.path = v);
+            }
+        }
+        Some(changes)
     }
 
     /// Height of all rays at every surface (from its own vertex), the largest of each, mm; `None` where a ray does not pass.

@@ -21,6 +21,18 @@ pub trait Number:
     fn cos(self) -> Self;
     /// Angle of the point (x, `self`), −π to π.
     fn atan2(self, x: Self) -> Self;
+    /// Without its sign.
+    fn abs(self) -> Self {
+        if self.value() < 0.0 { -self } else { self }
+    }
+    /// Times a number that depends on nothing.
+    fn scaled(self, by: f64) -> Self {
+        self * Self::constant(by)
+    }
+    /// Sum of many.
+    fn sum(all: impl Iterator<Item = Self>) -> Self {
+        all.fold(Self::constant(0.0), |sum, v| sum + v)
+    }
 }
 
 impl Number for f64 {

@@ -19,6 +19,7 @@ pub mod camera_model;
 pub mod coating;
 pub mod compound;
 pub mod conjugates;
+mod derivatives;
 pub mod diffraction;
 pub mod diffractive;
 pub mod draw;

@@ -3,6 +3,7 @@
 //! y–nu trace (Welford, "Aberrations of Optical Systems", ch. 3); in the y–z plane. After a mirror the index counts negative,
 //! so that one formula serves refraction and reflection.
 
+use crate::dual::Number;
 use crate::system::System;
 use glam::DVec3;
 
@@ -183,5 +184,55 @@ impl FirstOrder {
     /// Effective focal length over entrance pupil diameter.
     pub fn f_number(&self) -> f64 {
         self.efl.abs() / (2.0 * self.entrance_pupil_radius())
+    }
+}
+
+/// What first order knows of a surface, in plain numbers or with derivatives.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Element<N> {
+    /// From the vertex before, mm.
+    pub distance: N,
+    /// Curvature at the vertex, 1/mm.
+    pub curvature: N,
+    /// Index times the way of the light, before and behind.
+    pub indices: [N; 2],
+}
+
+/// Where the cardinal points lie: the numbers of [`FirstOrder`] with these names.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Cardinal<N> {
+    pub efl: N,
+    pub bfl: N,
+    pub ffl: N,
+    pub entrance_pupil_z: N,
+}
+
+impl<N: Number> Cardinal<N> {
+    /// Of surfaces that only refract and reflect, `stop` the number of the stop, `run` the way of the light behind the last.
+    pub fn of(elements: &[Element<N>], stop: usize, run: f64) -> Cardinal<N> {
+        // The rays parallel to the axis at height 1, and of slope 1 through the first vertex.
+        let mut rays = [[N::constant(1.0), N::constant(0.0)], [N::constant(0.0), N::constant(1.0)]];
+        let mut at_stop = [N::constant(0.0); 2];
+        for (i, e) in elements.iter().enumerate() {
+            let [before, after] = e.indices;
+            let power = e.curvature * (after - before);
+            for [y, u] in &mut rays {
+                if i > 0 {
+                    *y = *y + *u * e.distance;
+                }
+                *u = (before * *u - *y * power) / after;
+            }
+            if i == stop {
+                at_stop = rays.map(|[y, _]| y);
+            }
+        }
+        let [[y, u], [_, slanted]] = rays;
+        Cardinal { efl: N::constant(-run) / u, bfl: -y / u, ffl: slanted / u, entrance_pupil_z: at_stop[1] / at_stop[0] }
+    }
+}
+
+impl From<&FirstOrder> for Cardinal<f64> {
+    fn from(f: &FirstOrder) -> Self {
+        Cardinal { efl: f.efl, bfl: f.bfl, ffl: f.ffl, entrance_pupil_z: f.entrance_pupil_z }
     }
 }

@@ -126,6 +126,16 @@ impl Profile {
         }
     }
 
+    /// Curvature in the y–z plane of the conic that polynomials are added to.
+    pub(crate) fn base_curvature(&self) -> f64 {
+        match self {
+            Profile::Asphere(a) | Profile::Toroid { y: a, .. } | Profile::Fresnel(a) => a.c,
+            Profile::Freeform(f) => f.base.c,
+            Profile::Forbes(f) => f.c(),
+            other => other.curvature(),
+        }
+    }
+
     /// Curvature in the x–z plane at the vertex.
     pub fn curvature_x(&self) -> f64 {
         match self {
@@ -160,6 +170,25 @@ impl Profile {
             Profile::Freeform(f) => f.sag(x, y).map(|s| s.0),
             Profile::Toroid { y: a, c_x } => toroid(a, *c_x, x, y).map(|s| s.0),
             Profile::Biconic { c_x, k_x, c_y, k_y } => biconic([*c_x, *k_x], [*c_y, *k_y], x, y).map(|s| s.0),
+        }
+    }
+
+    /// dz/dx and dz/dy at a place; `None` where the surface does not reach. Of a Fresnel surface those of its facets.
+    pub(crate) fn slopes(&self, x: f64, y: f64) -> Option<[f64; 2]> {
+        let round = |sag: Option<(f64, f64)>| {
+            let r = x.hypot(y);
+            let over_r = if r > 0.0 { sag?.1 / r } else { 0.0 };
+            Some([x * over_r, y * over_r])
+        };
+        match self {
+            Profile::Plane => Some([0.0; 2]),
+            Profile::Sphere(c) => round(Asphere { c: *c, k: 0.0, a: vec![] }.sag(x.hypot(y))),
+            Profile::Conic { c, k } => round(Asphere { c: *c, k: *k, a: vec![] }.sag(x.hypot(y))),
+            Profile::Asphere(a) | Profile::Fresnel(a) => round(a.sag(x.hypot(y))),
+            Profile::Forbes(f) => round(f.sag(x.hypot(y))),
+            Profile::Freeform(f) => f.sag(x, y).map(|(_, zx, zy)| [zx, zy]),
+            Profile::Toroid { y: a, c_x } => toroid(a, *c_x, x, y).map(|(_, zx, zy)| [zx, zy]),
+            Profile::Biconic { c_x, k_x, c_y, k_y } => biconic([*c_x, *k_x], [*c_y, *k_y], x, y).map(|(_, zx, zy)| [zx, zy]),
         }
     }
 

@@ -17,6 +17,7 @@ mod wavefront;
 pub mod zernike;
 
 pub use field::{ColorCurves, FieldPoint, Illumination, PupilShape};
+pub(crate) use mtf::airy_mtf_of;
 pub use mtf::{Mtf, airy_mtf, defocused_airy_mtf};
 pub use psf::{Psf, Raster};
 pub use spot::{Fan, FanPoint, Spot};
@@ -70,6 +71,18 @@ impl Beam {
             return TracedRay { position: self.chief.position, direction };
         }
         TracedRay { position: self.chief.position + offset, direction: self.chief.direction }
+    }
+
+    /// Derivatives of position and direction of [`Beam::ray`] by either coordinate of the place.
+    pub(crate) fn ray_by(&self, at: DVec2) -> [[DVec3; 2]; 2] {
+        self.across.map(|across| {
+            if !self.finite {
+                return [across, DVec3::ZERO];
+            }
+            let towards = self.pupil + self.across[0] * at.x + self.across[1] * at.y - self.chief.position;
+            let direction = towards.normalize();
+            [DVec3::ZERO, (across - direction * direction.dot(across)) / towards.length()]
+        })
     }
 }
 

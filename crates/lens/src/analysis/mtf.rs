@@ -9,6 +9,7 @@
 
 use super::{Beam, Bench};
 use crate::batch::double::{Batch, Indices, LANES, Packet};
+use crate::dual::Number;
 use crate::trace::Way;
 use glam::{DVec2, DVec3};
 use std::f64::consts::{PI, TAU};
@@ -73,8 +74,16 @@ pub struct Mtf {
 
 /// MTF of a perfect lens with a round pupil: 2/π (acos x − x √(1 − x²)), x = frequency over cut-off 1/(λN).
 pub fn airy_mtf(frequency: f64, nm: f64, f_number: f64) -> f64 {
-    let x = frequency * nm * 1e-6 * f_number;
-    if x >= 1.0 { 0.0 } else { 2.0 / PI * (x.acos() - x * (1.0 - x * x).sqrt()) }
+    airy_mtf_of(frequency * nm * 1e-6 * f_number)
+}
+
+/// The same over frequency divided by the cutoff.
+pub(crate) fn airy_mtf_of<N: Number>(x: N) -> N {
+    if x.value() >= 1.0 {
+        return N::constant(0.0);
+    }
+    let root = (N::constant(1.0) - x * x).sqrt();
+    (root.atan2(x) - x * root).scaled(2.0 / PI)
 }
 
 /// MTF of a perfect lens with a round pupil whose film stands out of focus: `cutoff` in cycles/mm (1/(λN) on the axis), `blur_mm` the diameter of the

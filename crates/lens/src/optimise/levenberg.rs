@@ -11,6 +11,10 @@ pub(crate) trait Residuals {
     fn bounds(&self) -> &[[f64; 2]];
     /// Steps of the central differences.
     fn steps(&self) -> &[f64];
+    /// Derivatives of all residuals, a column a variable; `None` where they have no formula and differences must do.
+    fn derivatives(&self, _: &[f64]) -> Option<Vec<Vec<f64>>> {
+        None
+    }
     /// How many steps one after another that change the merit by next to nothing end a search.
     fn patience(&self) -> usize {
         PATIENCE
@@ -63,8 +67,13 @@ pub(super) fn merit(problem: &impl Residuals, x: &[f64]) -> f64 {
     problem.at(x).map(|r| merit_of(&r)).filter(|m| m.is_finite()).unwrap_or(f64::INFINITY)
 }
 
-/// Derivatives of all residuals, a column a variable: central differences, one-sided at a bound or where rays are lost.
+/// Derivatives of all residuals, a column a variable: exact where the problem knows them.
 pub(super) fn jacobian(problem: &impl Residuals, x: &[f64], here: &[f64]) -> Vec<Vec<f64>> {
+    problem.derivatives(x).unwrap_or_else(|| differences(problem, x, here))
+}
+
+/// The same by central differences, one-sided at a bound or where rays are lost.
+pub(super) fn differences(problem: &impl Residuals, x: &[f64], here: &[f64]) -> Vec<Vec<f64>> {
     (0..x.len())
         .map(|i| {
             let ([low, high], step) = (problem.bounds()[i], problem.steps()[i]);

@@ -43,6 +43,7 @@
 //! The merit is the sum of weight × (value − target)² over all operands; one within its bounds counts nothing.
 
 use super::glass::GlassChoice;
+use crate::dual::Number;
 use crate::prescription::{Prescription, PrescriptionError};
 use crate::surface::Profile;
 use crate::tolerance::{Direction, check_list, check_weights, line_of};
@@ -301,13 +302,14 @@ pub struct Operand {
 
 impl Operand {
     /// How far a value is from what is wanted.
-    pub(super) fn error(&self, value: f64) -> f64 {
-        match self.wanted {
-            Wanted::Target(t) => value - t,
-            Wanted::Within([low, high]) if value >= low && value <= high => 0.0 * value,
-            Wanted::Within([low, _]) if value < low => value - low,
-            Wanted::Within([_, high]) => value - high,
-        }
+    pub(super) fn error<N: Number>(&self, value: N) -> N {
+        let edge = match self.wanted {
+            Wanted::Target(t) => t,
+            Wanted::Within([low, high]) if (low..=high).contains(&value.value()) => return value.scaled(0.0),
+            Wanted::Within([low, _]) if value.value() < low => low,
+            Wanted::Within([_, high]) => high,
+        };
+        value - N::constant(edge)
     }
 
     /// What it is called: "spot, field 10°".

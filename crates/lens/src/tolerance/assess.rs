@@ -11,6 +11,7 @@ use super::parameter::Parameter;
 use super::quantity::{Direction, Quantity, QuantityKind};
 use crate::analysis::Bench;
 use crate::bundle::{Aim, Bundle, Landing, Sampling, Tracer, path_to_foot};
+use crate::dual::Number;
 use crate::linear::Cholesky;
 use crate::paraxial::FirstOrder;
 use crate::prescription::Prescription;
@@ -403,7 +404,9 @@ impl Assessment {
         };
         let rays = &colors[self.reference];
         let centroid: DVec2 = rays.iter().map(|l| l.place * l.weight).sum();
-        let (rms, _) = wavefront_rms(&rays[1..], &paths(self.reference, centroid));
+        let (cosines, weights): (Vec<_>, Vec<_>) =
+            rays[1..].iter().map(|l| (l.direction.truncate().to_array(), l.weight)).unzip();
+        let (rms, _) = wavefront_rms(&cosines, &weights, &paths(self.reference, centroid));
         out.push(rms / (self.wavelengths[self.reference] * 1e-6));
         if has_distortion(field.bundle.field_deg) {
             out.push(self.distortion(field.bundle.field_deg, &rays[0], tracer, first, boresight));
@@ -442,18 +445,19 @@ fn has_distortion(field_deg: f64) -> bool {
 
 /// Paths (mm) less their best plane over the direction cosines, and the root mean square of that: piston and tilt say where the image
 /// is, not how good.
-pub(crate) fn wavefront_rms(rays: &[Landing], paths: &[f64]) -> (f64, Vec<f64>) {
-    let mean = |f: &dyn Fn(usize) -> f64| rays.iter().enumerate().map(|(i, r)| r.weight * f(i)).sum::<f64>();
-    let middle = DVec2::new(mean(&|i| rays[i].direction.x), mean(&|i| rays[i].direction.y));
+pub(crate) fn wavefront_rms<N: Number>(cosines: &[[N; 2]], weights: &[f64], paths: &[N]) -> (N, Vec<N>) {
+    let mean = |f: &dyn Fn(usize) -> N| N::sum(weights.iter().enumerate().map(|(i, w)| f(i).scaled(*w)));
+    let middle = [mean(&|i| cosines[i][0]), mean(&|i| cosines[i][1])];
     let path = mean(&|i| paths[i]);
-    let at = |i: usize| rays[i].direction.truncate() - middle;
-    let (xx, xy, yy) = (mean(&|i| at(i).x * at(i).x), mean(&|i| at(i).x * at(i).y), mean(&|i| at(i).y * at(i).y));
-    let (px, py) = (mean(&|i| at(i).x * (paths[i] - path)), mean(&|i| at(i).y * (paths[i] - path)));
+    let at = |i: usize, axis: usize| cosines[i][axis] - middle[axis];
+    let second = |a: usize, b: usize| mean(&|i| at(i, a) * at(i, b));
+    let (xx, xy, yy) = (second(0, 0), second(0, 1), second(1, 1));
+    let [px, py] = [0, 1].map(|axis| mean(&|i| at(i, axis) * (paths[i] - path)));
     let det = xx * yy - xy * xy;
-    let tilt = match det > 0.0 {
-        true => DVec2::new((px * yy - py * xy) / det, (py * xx - px * xy) / det),
-        false => DVec2::ZERO,
+    let tilt = match det.value() > 0.0 {
+        true => [(px * yy - py * xy) / det, (py * xx - px * xy) / det],
+        false => [N::constant(0.0); 2],
     };
-    let errors: Vec<f64> = (0..rays.len()).map(|i| paths[i] - path - tilt.dot(at(i))).collect();
-    (mean(&|i| errors[i] * errors[i]).max(0.0).sqrt(), errors)
+    let errors: Vec<N> = (0..paths.len()).map(|i| paths[i] - path - tilt[0] * at(i, 0) - tilt[1] * at(i, 1)).collect();
+    (mean(&|i| errors[i] * errors[i]).sqrt(), errors)
 }

@@ -14,8 +14,10 @@ mod quantity;
 mod sheet;
 
 pub(crate) use assess::wavefront_rms;
+#[cfg(test)]
+pub(crate) use parameter::bend;
 pub use parameter::{Axis, Change, Distribution, FRINGE_NM, Parameter};
-pub(crate) use parameter::{bend, key, shifted, uniform};
+pub(crate) use parameter::{bent_to, key, shifted, uniform};
 pub use quantity::{Direction, Limit, Quantity, QuantityKind, Summary, yield_of};
 pub use sheet::ToleranceSheet;
 pub(crate) use sheet::{check_list, check_weights, line_of};

@@ -244,6 +244,12 @@ fn copy_absorption(to: Glass, from: &Glass) -> Glass {
     }
 }
 
+/// A profile with another [`Profile::base_curvature`]: the curvatures of a toroid keep their ratio, or their difference where there is none.
+pub(crate) fn bent_to(profile: &Profile, curvature: f64) -> Profile {
+    let before = profile.base_curvature();
+    bend(profile, |c| if before != 0.0 { c * (curvature / before) } else { c + curvature })
+}
+
 /// Changes the curvature of a profile, of all its sections alike.
 pub(crate) fn bend(profile: &Profile, change: impl Fn(f64) -> f64) -> Profile {
     match profile.clone() {
