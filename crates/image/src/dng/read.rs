@@ -578,9 +578,17 @@ fn header<R: Read + Seek>(
             let own = calibrated(file, main, k, n)?;
             let rows = color.as_chunks::<3>().0;
             let row = |c: usize| std::array::from_fn(|j| (0..n).map(|i| own[c * n + i] * rows[i][j]).sum());
+            let camera_from_xyz: Vec<[f64; 3]> = (0..n).map(row).collect();
+            if flat(camera_from_xyz.as_flattened()) {
+                return Err(malformed(format!(
+                    "CameraCalibration{} and AnalogBalance make ColorMatrix{} one that tells no colours apart: {own:?}",
+                    k + 1,
+                    k + 1
+                )));
+            }
             calibrations.push(ColorCalibration {
                 light: LightSource(light as u16),
-                camera_from_xyz: (0..n).map(row).collect(),
+                camera_from_xyz,
                 xyz_d50_from_balanced: match forward.len() == 3 * n {
                     true => (0..n).map(|c| std::array::from_fn(|row| forward[row * n + c])).collect(),
                     false => Vec::new(),

@@ -290,7 +290,9 @@ impl<'a> Stage<'a> {
         for site in prim.sites.iter().rev() {
             for (layer, _) in self.stacks[site.stack].layers.iter().rev() {
                 if let Some(Value::Texts(list)) = self.layers[*layer].get(&site.path, Key::PrimChildren)? {
-                    names.extend(list.iter().filter(|n| known.insert((*n).clone())).cloned());
+                    // In damaged files a name can be a path: of the prim itself, for one.
+                    let names_child = |n: &str| !n.is_empty() && !n.contains(['/', '.', '{']);
+                    names.extend(list.iter().filter(|n| names_child(n) && known.insert((*n).clone())).cloned());
                 }
             }
         }
