@@ -251,6 +251,15 @@ fn variants_give_other_materials() {
     assert_eq!(named("Wood").unwrap(), "oak");
     assert_eq!(named("Metal").unwrap(), "steel");
     assert!(named("Glass").unwrap_err().contains("Wood, Metal"));
+    // Written and read again: the same choice.
+    let written = diopter_scene::save::gltf(&d);
+    assert!(written.json["extensionsUsed"].to_string().contains("KHR_materials_variants"), "{}", written.json["extensionsUsed"]);
+    let none = |_: &str| Err("no files".to_owned());
+    let again = diopter_scene::load::gltf::load(&written.container(), "x.glb", &none).unwrap();
+    let said =
+        |d: &diopter_scene::Description| d.variants.iter().map(|v| (v.name.clone(), v.materials.clone())).collect::<Vec<_>>();
+    assert_eq!(said(&again), said(&d));
+    assert_eq!(said(&d)[1], ("Metal".to_owned(), vec![(0, 1)]));
 }
 
 #[test]

@@ -444,3 +444,35 @@ fn write_for_peers() {
         std::fs::write(folder.join(format!("{name}.csv")), text).unwrap();
     }
 }
+
+#[test]
+fn tables_are_written_with_the_scene_and_read_back_to_the_last_bit() {
+    let closed = Closed { facets: Facets(0.4, 0.4), brdf: metal };
+    let small = Fineness { theta: 6, ..Fineness::isotropic() };
+    let tables = [
+        adaptive(&closed, &small, Some(RED)),
+        adaptive(&closed, &small, None),
+        adaptive(&BRUSHED, &Fineness { phi: phis(4, 0.25), theta: 6, ..Fineness::isotropic() }, None),
+        merl([10, 8, 12], RED, glossy),
+    ];
+    let balls: Vec<Material> = tables.iter().map(|bytes| material(bytes)).collect();
+    let twin = Material { name: "twin".into(), ..balls[0].clone() };
+    let materials: Vec<Material> = balls.into_iter().chain([twin]).collect();
+    let ball = |i: usize| {
+        let sphere = Sphere { center: Vec3::X * i as f32, radius: 0.4 };
+        Object::new(format!("ball {i}"), Shape::Sphere(sphere), i as u32)
+    };
+    let before = Description { objects: (0..materials.len()).map(ball).collect(), materials, ..Description::default() };
+    let written = diopter_scene::save::gltf(&before);
+    // Told of other programs alone.
+    assert!(written.warnings.len() == 1 && written.warnings[0].contains("metals of their colour"), "{:?}", written.warnings);
+    let none = |_: &str| Err("no files".to_owned());
+    let after = diopter_scene::load::gltf::load(&written.container(), "x.glb", &none).unwrap();
+    assert!(after.warnings.is_empty(), "{:?}", after.warnings);
+    for (a, b) in before.materials.iter().zip(&after.materials) {
+        assert_eq!(format!("{a:?}"), format!("{b:?}"));
+    }
+    // A table that two materials share is in the file once.
+    let bytes: usize = tables.iter().map(Vec::len).sum();
+    assert!(written.binary.len() < 4 * bytes, "{} {bytes}", written.binary.len());
+}

@@ -265,6 +265,11 @@ mod tests {
         let error = |fields| read(Cursor::new(tiny([6, 4], 3, &shorts(&dn), fields))).unwrap_err().to_string();
         assert!(error(vec![(tag::PHOTOMETRIC, Field::short(photometric::CFA))]).contains("3 samples"));
         assert!(error(vec![(tag::PLANAR, Field::short(2))]).contains("PlanarConfiguration"));
+        // A camera whose own calibration leaves no third colour: what was read could not be written and read again.
+        let flat = vec![1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 1.0, 1.0, 0.0];
+        assert!(error(vec![(tag::CAMERA_CALIBRATION[0], Field::SRationals(flat))]).contains("CameraCalibration1"));
+        let far = vec![1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 3e4];
+        assert!(error(vec![(tag::CAMERA_CALIBRATION[0], Field::SRationals(far))]).contains("CameraCalibration1"));
         assert!(error(vec![(tag::COMPRESSION, Field::short(compression::JPEG_XL))]).contains("JPEG XL"));
     }
 

@@ -8,6 +8,7 @@
 mod types;
 
 use crate::bvh::Bounds;
+use crate::material::Measured;
 use crate::medium::Medium;
 use crate::texture::{Graph, Image};
 use glam::{Affine2, Affine3A, Mat2, Mat3, Mat3A, Quat, Vec2, Vec3, Vec3A, Vec4};
@@ -45,14 +46,13 @@ pub(crate) struct Tables {
     pub graphs: Vec<Value>,
     known_media: HashMap<*const Medium, usize>,
     known_graphs: HashMap<*const Graph, usize>,
+    known_measured: HashMap<*const Measured, Value>,
 }
 
 /// What is written into.
 pub(crate) struct Sink<'a> {
     pub store: &'a mut dyn Store,
     pub tables: &'a mut Tables,
-    /// What cannot be written so.
-    pub unsaid: Option<&'static str>,
 }
 
 /// What is read from.

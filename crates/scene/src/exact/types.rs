@@ -223,12 +223,23 @@ impl Exact for Arc<Pattern> {
 
 impl Exact for Arc<Measured> {
     fn write(&self, sink: &mut Sink) -> Value {
-        sink.unsaid = Some("measured materials are written as metals of their colour and roughness");
-        Value::Null
+        // Materials of one file share their table.
+        let key = Arc::as_ptr(self);
+        if let Some(known) = sink.tables.known_measured.get(&key) {
+            return known.clone();
+        }
+        let written = (**self).write(sink);
+        sink.tables.known_measured.insert(key, written.clone());
+        written
     }
 
-    fn read(_: &Value, _: &Source) -> Result<Self, String> {
-        Err("a measured material".into())
+    fn read(value: &Value, source: &Source) -> Result<Self, String> {
+        let measured = Measured::read(value, source)?;
+        if measured.is_whole() {
+            Ok(Arc::new(measured))
+        } else {
+            Err("a measured material whose lists do not fit each other".into())
+        }
     }
 }
 

@@ -240,6 +240,7 @@ impl<'a> Loader<'a> {
             order.push(node);
         }
         order.sort_by_key(|n| n.index());
+        self.description.splats = std::mem::take(&mut self.kept.splats);
         self.nodes();
         for node in order {
             self.node(&node, &world)?;
@@ -299,13 +300,17 @@ impl<'a> Loader<'a> {
                 self.description.objects.push(Object { name, shape, material, motion, class });
                 return Ok(());
             }
-            (Some(kept::Form::Sphere(sphere)), Some(primitive)) if let Some(material) = primitive.material().index() => {
-                self.description.objects.push(Object { class, ..Object::new(name, Shape::Sphere(sphere), material as u32) });
+            (Some(kept::Form::Splats(splats, material)), _) => {
+                let shape = Shape::Splats { splats: splats as u32, world_from_splats: placed };
+                let motion = Motion::Carried { node: node.index() as u32 };
+                self.description.objects.push(Object { name, shape, material, motion, class });
                 return Ok(());
             }
+            (Some(kept::Form::Sphere(sphere)), Some(primitive)) if let Some(material) = primitive.material().index() => {
+                return self.alone(Object { class, ..Object::new(name, Shape::Sphere(sphere), material as u32) }, &primitive);
+            }
             (Some(kept::Form::Quad(quad)), Some(primitive)) if let Some(material) = primitive.material().index() => {
-                self.description.objects.push(Object { class, ..Object::new(name, Shape::Quad(quad), material as u32) });
-                return Ok(());
+                return self.alone(Object { class, ..Object::new(name, Shape::Quad(quad), material as u32) }, &primitive);
             }
             _ => {}
         }
@@ -418,6 +423,13 @@ impl<'a> Loader<'a> {
             Affine3A::from_scale_rotation_translation(scale, turn, shift)
         };
         Ok(Some((0..count).map(one).collect()))
+    }
+
+    /// Adds an object that stands for a primitive.
+    fn alone(&mut self, object: Object, primitive: &gltf::Primitive) -> Result<(), SceneError> {
+        let first = self.description.objects.len() as u32;
+        self.description.objects.push(object);
+        self.other_materials(primitive, first..first + 1)
     }
 
     /// Notes which materials the variants of a file give to objects (KHR_materials_variants).

@@ -15,9 +15,11 @@
 //! lighter than in the program that made them. The light of the place is in the colours: lamps and shadows do not change it.
 
 use crate::bvh::{Bounds, Primitive, Primitives};
+use crate::exact::{Exact, Sink, Source, exact_enum, field};
 use diopter_light::color::srgb_decode;
 use glam::{Mat3, Quat, Vec3};
 use rayon::prelude::*;
+use serde_json::Value;
 use std::sync::OnceLock;
 
 /// A Gaussian as it is described.
@@ -93,6 +95,43 @@ pub struct SplatHit {
     pub alpha: f32,
 }
 
+exact_enum!(ColorCurve { Srgb, Linear });
+
+impl Exact for Splats {
+    fn write(&self, sink: &mut Sink) -> Value {
+        let numbers = |e: &Ellipsoid| {
+            let [a, b, c] = e.rows.map(|row| row.to_array());
+            let [x, y, z] = e.center.to_array();
+            [x, y, z, e.opacity, a[0], a[1], a[2], b[0], b[1], b[2], c[0], c[1], c[2], e.cut2]
+        };
+        let ellipsoids: Vec<[f32; 14]> = self.ellipsoids.iter().map(numbers).collect();
+        let object = [
+            ("degree", self.degree.write(sink)),
+            ("curve", self.curve.write(sink)),
+            ("ellipsoids", ellipsoids.write(sink)),
+            ("harmonics", self.harmonics.write(sink)),
+        ];
+        object.into_iter().map(|(k, v)| (k.to_owned(), v)).collect()
+    }
+
+    fn read(value: &Value, source: &Source) -> Result<Self, String> {
+        let degree: u32 = field(value, "degree", source)?;
+        let numbers: Vec<[f32; 14]> = field(value, "ellipsoids", source)?;
+        let harmonics: Vec<u16> = field(value, "harmonics", source)?;
+        let fits = degree <= MOST_DEGREE && harmonics.len() == numbers.len() * 3 * ((degree + 1) * (degree + 1)) as usize;
+        // Exponents of all ones are infinite or no numbers.
+        if !fits || numbers.as_flattened().iter().any(|v| !v.is_finite()) || harmonics.iter().any(|h| h & 0x7c00 == 0x7c00) {
+            return Err("Gaussian splats whose lists do not fit each other".into());
+        }
+        let ellipsoid = |v: [f32; 14]| {
+            let vector = |from: usize| Vec3::new(v[from], v[from + 1], v[from + 2]);
+            Ellipsoid { center: vector(0), opacity: v[3], rows: [vector(4), vector(7), vector(10)], cut2: v[13] }
+        };
+        let ellipsoids = numbers.into_iter().map(ellipsoid).collect();
+        Ok(Splats { degree, curve: field(value, "curve", source)?, ellipsoids, harmonics, core: OnceLock::new() })
+    }
+}
+
 impl Splats {
     /// A set without Gaussians, whose colours have harmonics up to a degree of at most [`MOST_DEGREE`].
     pub fn new(degree: u32) -> Self {
@@ -163,6 +202,33 @@ impl Splats {
         let stride = 3 * self.coefficients();
         self.ellipsoids = order.iter().map(|(_, i)| self.ellipsoids[*i as usize]).collect();
         self.harmonics = order.iter().flat_map(|(_, i)| &self.harmonics[*i as usize * stride..][..stride]).copied().collect();
+    }
+
+    /// One of them, as it is held: opacity at most 1, scales in proportion at least [`THINNEST`].
+    pub fn splat(&self, number: usize) -> Splat {
+        let Ellipsoid { center, opacity, rows, .. } = self.ellipsoids[number];
+        let mut axes = Mat3::from_cols(rows[0].normalize(), rows[1].normalize(), rows[2].normalize());
+        if axes.determinant() < 0.0 {
+            axes.z_axis = -axes.z_axis;
+        }
+        let scale = Vec3::from_array(rows.map(|row| row.length().recip()));
+        Splat { center, rotation: Quat::from_mat3(&axes).normalize(), scale, opacity }
+    }
+
+    /// A coefficient of the harmonics of one of them: red, green, blue.
+    pub fn harmonic(&self, number: usize, coefficient: usize) -> [f32; 3] {
+        let first = 3 * (number * self.coefficients() + coefficient);
+        [0, 1, 2].map(|c| from_half(self.harmonics[first + c]))
+    }
+
+    /// Degree of the harmonics.
+    pub fn degree(&self) -> u32 {
+        self.degree
+    }
+
+    /// How colours are meant.
+    pub fn curve(&self) -> ColorCurve {
+        self.curve
     }
 
     /// How many there are.

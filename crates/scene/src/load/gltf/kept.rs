@@ -8,7 +8,7 @@ use crate::light::{Environment, Punctual};
 use crate::material::Material;
 use crate::medium::{Air, Medium};
 use crate::scene::{FilmHints, Sight};
-use crate::shape::{Curves, Quad, Sphere};
+use crate::shape::{Curves, Quad, Sphere, Splats};
 use crate::texture::{Graph, Image, Texels};
 use glam::Affine3A;
 use serde_json::Value;
@@ -32,6 +32,8 @@ pub(super) enum Form {
     Quad(Quad),
     /// A set of curves and their material.
     Curves(usize, u32),
+    /// Gaussian splats and their material.
+    Splats(usize, u32),
 }
 
 /// A camera beside what glTF says of it.
@@ -51,6 +53,7 @@ pub(super) struct Kept {
     pub forms: HashMap<usize, Form>,
     pub cameras: HashMap<usize, KeptCamera>,
     pub curves: Vec<Arc<Curves>>,
+    pub splats: Vec<Arc<Splats>>,
     pub environment: Option<Environment>,
     pub air: Option<Air>,
     pub max_depth: Option<u32>,
@@ -126,6 +129,9 @@ impl Taken {
         for curves in list(&self.root, &["curves"]) {
             kept.curves.push(Arc::new(Curves::read(curves, &source)?));
         }
+        for splats in list(&self.root, &["splats"]) {
+            kept.splats.push(Arc::new(Splats::read(splats, &source)?));
+        }
         for (node, own) in &self.nodes {
             let form = if own.get("sphere").is_some() {
                 Some(Form::Sphere(field(own, "sphere", &source)?))
@@ -137,6 +143,12 @@ impl Taken {
                     return Err(format!("curves {curves} of material {material}"));
                 }
                 Some(Form::Curves(curves, material))
+            } else if own.get("splats").is_some() {
+                let (splats, material): (usize, u32) = (field(own, "splats", &source)?, field(own, "material", &source)?);
+                if splats >= kept.splats.len() || material as usize >= self.materials.len() {
+                    return Err(format!("Gaussian splats {splats} of material {material}"));
+                }
+                Some(Form::Splats(splats, material))
             } else {
                 None
             };

@@ -630,6 +630,7 @@ impl Stage<'_> {
 
 #[cfg(test)]
 mod tests {
+    use super::super::layer::Field;
     use super::*;
 
     fn files<'a>(all: &'a [(&'a str, &'a str)]) -> impl Fn(&str) -> Result<Vec<u8>, String> + Sync + 'a {
@@ -676,6 +677,20 @@ mod tests {
         assert!(!stage.is_drawn(&class).unwrap() && stage.is_drawn(&y).unwrap());
         let root = stage.prim("/").unwrap().unwrap();
         assert_eq!(stage.children(&root).unwrap().len(), 3);
+    }
+
+    #[test]
+    fn names_of_children_that_are_paths_are_passed_over() {
+        let fetch = files(&[]);
+        let mut stage = Stage::new("#usda 1.0\ndef \"A\" { def \"B\" {} }".into(), "s.usda", &fetch).unwrap();
+        let root = stage.layers[0].specs.get_mut("/").unwrap();
+        let children = root.fields.iter_mut().find(|(key, _)| *key == Key::PrimChildren).unwrap();
+        // The empty one would be the root again, for ever.
+        let names: Vec<Arc<str>> = ["", "A", "A/B", "/", "A{v=a}", "A.x"].map(Arc::from).to_vec();
+        children.1 = Field::Ready(Value::Texts(names.into()));
+        let root = stage.prim("/").unwrap().unwrap();
+        let paths: Vec<String> = stage.children(&root).unwrap().iter().map(|p| p.path.clone()).collect();
+        assert_eq!(paths, ["/A"]);
     }
 
     #[test]

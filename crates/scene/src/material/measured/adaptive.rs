@@ -12,6 +12,7 @@
 
 use super::warp::{Blend, Grid, Warp, cell, interval};
 use super::{LocalScatter, brdf_of_rgb, direction, elevation, place_of, solid_angle, theta_at, turns_of};
+use crate::exact::{exact_enum, exact_struct};
 use crate::material::microfacet::reflect;
 use diopter_light::color::srgb_of_light;
 use diopter_light::wavelength::{FIRST_NM, LAST_NM};
@@ -103,7 +104,34 @@ fn rgb_weights(nm: &[f32]) -> Vec<Vec3> {
     (0..nm.len()).map(|k| srgb_of_light(|at| hat(k, at) * d65.at(at))).collect()
 }
 
+exact_enum!(Bands { Nanometers(nm), Rgb });
+exact_enum!(Symmetry { Isotropic, None, HalfTurn, Mirrored });
+exact_struct!(Adaptive { phi_i, theta_i, symmetry, ndf, sigma, vndf, luminance, bands, size, stride, samples, is_divided });
+
 impl Adaptive {
+    /// Whether its lists fit each other, so that rays find what they look for.
+    pub(super) fn is_whole(&self) -> bool {
+        let rises = |v: &[f32]| !v.is_empty() && v.iter().all(|x| x.is_finite()) && v.windows(2).all(|w| w[0] < w[1]);
+        let slices = self.phi_i.len() * self.theta_i.len();
+        let (extra, bands_rise) = match &self.bands {
+            Bands::Nanometers(nm) => (4, rises(nm)),
+            Bands::Rgb => (1, true),
+        };
+        let count =
+            self.size[0].checked_mul(self.size[1]).and_then(|n| n.checked_mul(self.stride)).and_then(|n| n.checked_mul(slices));
+        rises(&self.phi_i)
+            && rises(&self.theta_i)
+            && bands_rise
+            && self.ndf.holds(1)
+            && self.sigma.holds(1)
+            && self.vndf.holds(slices)
+            && self.luminance.holds(slices)
+            && self.luminance.size() == self.size
+            && self.stride == self.bands.count() + extra
+            && count == Some(self.samples.len())
+            && self.samples.iter().all(|v| v.is_finite())
+    }
+
     pub fn new(fields: Fields) -> Self {
         let Fields { phi_i, theta_i, symmetry, ndf, sigma, vndf, luminance, bands, samples, is_divided } = fields;
         let size = luminance.size;

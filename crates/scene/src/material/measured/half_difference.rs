@@ -10,6 +10,7 @@
 
 use super::warp::{Blend, Grid, Warp};
 use super::{LocalScatter, brdf_of_rgb, direction, elevation, place_of, solid_angle, theta_at, turns_of};
+use crate::exact::exact_struct;
 use crate::material::microfacet::reflect;
 use diopter_light::color::SRGB_LUMINANCE;
 use diopter_light::{Sampled, Wavelengths, sampling};
@@ -39,7 +40,21 @@ pub(crate) struct HalfDifference {
     halves: Warp,
 }
 
+exact_struct!(HalfDifference { counts, values, views, halves });
+
 impl HalfDifference {
+    /// Whether its lists fit each other, so that rays find what they look for.
+    pub(super) fn is_whole(&self) -> bool {
+        let count = self.counts.iter().try_fold(1usize, |all, n| all.checked_mul(*n));
+        let views = self.views.iter().all(|v| v.is_finite()) && self.views.windows(2).all(|w| w[0] < w[1]);
+        !self.counts.contains(&0)
+            && count == Some(self.values.len())
+            && self.values.as_flattened().iter().all(|v| v.is_finite())
+            && !self.views.is_empty()
+            && views
+            && self.halves.holds(self.views.len())
+    }
+
     /// `values` are 1/sr, as many as the product of `counts` (each at least 1), below 0 where nothing was measured.
     pub fn new(counts: [usize; 3], values: Vec<[f32; 3]>) -> Self {
         let views: Vec<f32> = (0..VIEWS).map(|k| LAST_VIEW * k as f32 / (VIEWS - 1) as f32).collect();

@@ -10,6 +10,7 @@ pub(crate) mod half_difference;
 pub(crate) mod warp;
 
 use super::bsdf::LocalScatter;
+use crate::exact::{exact_enum, exact_struct};
 use adaptive::{Adaptive, AdaptiveLobe};
 use diopter_light::color::SRGB_LUMINANCE;
 use diopter_light::upsample::Sigmoid;
@@ -33,7 +34,19 @@ pub(crate) enum Table {
     HalfDifference(Box<HalfDifference>),
 }
 
+exact_enum!(Table { Adaptive(table), HalfDifference(table) });
+exact_struct!(Measured { table, normal_reflectance, alpha });
+
 impl Measured {
+    /// Whether its lists fit each other.
+    pub(crate) fn is_whole(&self) -> bool {
+        let is_whole = match &self.table {
+            Table::Adaptive(table) => table.is_whole(),
+            Table::HalfDifference(table) => table.is_whole(),
+        };
+        is_whole && self.normal_reflectance.is_finite() && self.alpha.is_finite()
+    }
+
     pub(crate) fn new(table: Table) -> Self {
         let (normal_reflectance, alpha) = survey(&table);
         Measured { table, normal_reflectance, alpha }

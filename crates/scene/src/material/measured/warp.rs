@@ -4,6 +4,7 @@
 //! alike, so that the map stays exact. Rows are drawn first (marginal), then places within a row (conditional). Source: J. Dupuy & W. Jakob 2018,
 //! "An Adaptive Parameterization for Efficient Material Acquisition and Rendering" (ACM TOG 37(6)), §4; inversion of linear densities: PBR 4ed §A.5.
 
+use crate::exact::exact_struct;
 use glam::Vec2;
 
 /// Grids of a table and their weights, at one direction.
@@ -77,7 +78,17 @@ pub(crate) struct Grid {
     pub values: Vec<f32>,
 }
 
+exact_struct!(Grid { size, values });
+exact_struct!(Warp { density, conditional, marginal });
+
 impl Grid {
+    /// Whether it holds so many grids of finite numbers.
+    pub fn holds(&self, slices: usize) -> bool {
+        let [width, height] = self.size;
+        let count = width.checked_mul(height).and_then(|n| n.checked_mul(slices));
+        width >= 2 && height >= 2 && count == Some(self.values.len()) && self.values.iter().all(|v| v.is_finite())
+    }
+
     /// Value at a point.
     pub fn at(&self, point: Vec2, blend: &Blend) -> f32 {
         let ([column, row], p) = cell(self.size, point);
@@ -144,6 +155,20 @@ impl Warp {
             }
         }
         Warp { density, conditional, marginal }
+    }
+
+    /// Whether it holds so many densities with their maps.
+    pub fn holds(&self, slices: usize) -> bool {
+        let rows = self.density.size[1].checked_mul(slices);
+        self.density.holds(slices)
+            && self.density.values.len() == self.conditional.len()
+            && rows == Some(self.marginal.len())
+            && self.density.values.iter().chain(&self.conditional).chain(&self.marginal).all(|v| v.is_finite() && *v >= 0.0)
+    }
+
+    /// Columns and rows of nodes.
+    pub fn size(&self) -> [usize; 2] {
+        self.density.size
     }
 
     /// Density at a point.
