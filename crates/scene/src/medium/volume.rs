@@ -438,7 +438,7 @@ impl Volume {
 
     /// Factors on absorption and scattering at a place of its space.
     #[inline]
-    pub(super) fn factors(&self, p: Vec3, wavelengths: &Wavelengths) -> [Sampled; 2] {
+    pub(crate) fn factors(&self, p: Vec3, wavelengths: &Wavelengths) -> [Sampled; 2] {
         match &self.content.field {
             Field::Density(scalars) => [Sampled::splat(scalars.at(p)); 2],
             Field::Cloud(cloud) => [Sampled::splat(cloud.at(p)); 2],

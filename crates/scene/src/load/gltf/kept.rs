@@ -77,7 +77,8 @@ pub(super) fn taken(json: &Value, buffers: &[Vec<u8>]) -> Result<Option<Taken>, 
     }
     let length = json["buffers"][0]["byteLength"].as_u64().map_or(0, |n| n as usize);
     let binary = buffers.first().map_or(&[][..], |b| &b[..length.min(b.len())]);
-    if root.get("fingerprint").and_then(Value::as_str) != Some(&fingerprint(json, binary)) {
+    // Fuzzers cannot find fingerprints.
+    if !cfg!(fuzzing) && root.get("fingerprint").and_then(Value::as_str) != Some(&fingerprint(json, binary)) {
         return Err(
             "another program has changed it: what it held for diopter alone (media, spectra, surroundings) does not count".into(),
         );

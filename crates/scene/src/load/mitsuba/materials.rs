@@ -10,7 +10,7 @@ use super::wrong;
 use crate::SceneError;
 use crate::load::stand_in;
 use crate::material::conductor::FacetBounces;
-use crate::material::{Anisotropy, Conductor, Coverage, DEEPEST_MIX, Principled, Scattering, Transmission};
+use crate::material::{Anisotropy, Conductor, Coverage, DEEPEST_MIX, Hair, Pigment, Principled, Scattering, Transmission};
 use crate::texture::{Codes, Color, Graph, Interpolation, Mapping, Scalar, Texture, Wrap};
 use diopter_light::Spectrum;
 use diopter_light::spectrum::Table;
@@ -146,15 +146,20 @@ impl World<'_> {
                 self.say_scales(node);
                 Surface::of(Scattering::Conductor(Conductor { alpha, across, ..self.metal(node)? }))
             }
-            "plastic" | "roughplastic" => {
+            // The one that keeps track of polarisation is rough, too.
+            "plastic" | "roughplastic" | "pplastic" => {
                 let base = self.color(node, "diffuse_reflectance", 0.5)?;
                 let (roughness, anisotropy) =
                     if node.kind() == "plastic" { (Scalar::Constant(0.0), None) } else { self.roughness(node)? };
                 self.say_scales(node);
+                if node.kind() == "pplastic" {
+                    self.leave_out("pplastic's loss of light between base and coat: it is taken for roughplastic");
+                }
                 let layered = boolean(node, "nonlinear", false)?;
                 let coat = Principled::new(base, relative_index(node, 1.49)?.max(1.0));
                 Surface::of(Scattering::Principled(Box::new(Principled { roughness, anisotropy, layered, ..coat })))
             }
+            "hair" => Surface::of(Scattering::Hair(Box::new(self.hair(node)?))),
             "principled" | "principledthin" => self.principled(node)?,
             "measured" => {
                 let file = values::text(node, "filename")
@@ -201,10 +206,33 @@ impl World<'_> {
             }
             "null" => Surface::of(Scattering::Interface),
             other => {
-                let known = "diffuse, dielectric, thindielectric, roughdielectric, conductor, roughconductor, plastic, roughplastic, principled, measured, \
-                    twosided, mask, bumpmap, normalmap, blendbsdf or null: others are not supported";
+                let known = "diffuse, dielectric, thindielectric, roughdielectric, conductor, roughconductor, plastic, roughplastic, pplastic, principled, measured, \
+                    hair, twosided, mask, bumpmap, normalmap, blendbsdf or null: others are not supported";
                 return Err(wrong(node, format!("bsdf \"{other}\""), known));
             }
+        })
+    }
+
+    /// A fibre, by the parameters of Chiang et al. 2016 under Mitsuba's names.
+    fn hair(&mut self, node: &Arc<Node>) -> Read<Hair> {
+        let named = |name: &str| node.child(name).is_some();
+        let pigment = match values::shade(node, "sigma_a")? {
+            Some(shade) => Pigment::Absorption(shade.unbounded()),
+            None if named("sigma_a") => {
+                return Err(wrong(node, "a texture as sigma_a of hair", "a number, a colour or a spectrum"));
+            }
+            None => Pigment::melanin(self.scalar(node, "eumelanin", 1.3)?, self.scalar(node, "pheomelanin", 0.2)?),
+        };
+        if named("scale") && number(node, "scale", 1.0)? != 1.0 {
+            self.leave_out("\"scale\" of hair");
+        }
+        let eta = (index(node, "int_ior", 1.55)? / index(node, "ext_ior", 1.000277)?).clamp(1.0, 10.0) as f32;
+        Ok(Hair {
+            pigment,
+            eta,
+            beta_m: self.scalar(node, "longitudinal_roughness", 0.3)?,
+            beta_n: self.scalar(node, "azimuthal_roughness", 0.3)?,
+            alpha: self.scalar(node, "scale_tilt", 2.0)?,
         })
     }
 
@@ -249,7 +277,9 @@ impl World<'_> {
                 self.leave_out(format!("\"{name}\""));
             }
         }
-        if node.kind().starts_with("rough") && values::text(node, "distribution").unwrap_or("beckmann") == "beckmann" {
+        if (node.kind().starts_with("rough") || node.kind() == "pplastic")
+            && values::text(node, "distribution").unwrap_or("beckmann") == "beckmann"
+        {
             self.leave_out("Beckmann's distribution: facets are GGX");
         }
     }

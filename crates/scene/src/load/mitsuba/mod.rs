@@ -9,8 +9,10 @@
 //! Source: W. Jakob et al., Mitsuba 3 documentation (plugin reference) and its behaviour (mitsuba 3.7).
 
 mod camera;
+mod curves;
 mod lights;
 mod materials;
+mod media;
 mod shapes;
 mod tree;
 mod values;
@@ -49,8 +51,19 @@ mod tests {
     fn fetch(name: &str) -> Result<Vec<u8>, String> {
         match name {
             "t.obj" => Ok(b"v 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 0.75\nf 1/1 2/2 3/3\n".to_vec()),
+            "c.txt" => Ok(b"0 0 0 0.1\n3 0 0 0.4\n\n0 1 0 0.2\n1 1 0 0.2\n2 1 0 0.2\n3 1 0 0.2\n4 1 0 0.2\n".to_vec()),
+            "t.vol" => Ok(vol(1, &[1.0, 3.0])),
+            "a.vol" => Ok(vol(3, &[0.2, 0.5, 1.0, 0.4, 0.5, 0.0])),
             _ => Err("there is no such file".to_owned()),
         }
+    }
+
+    /// A file of two cells along x, from (1, 2, 3) to (3, 3, 4).
+    fn vol(channels: i32, numbers: &[f32]) -> Vec<u8> {
+        let mut file = b"VOL\x03".to_vec();
+        [1, 2, 1, 1, channels].iter().for_each(|v: &i32| file.extend(v.to_le_bytes()));
+        [1.0f32, 2.0, 3.0, 3.0, 3.0, 4.0].iter().chain(numbers).for_each(|v| file.extend(v.to_le_bytes()));
+        file
     }
 
     fn read(body: &str) -> Result<Description, SceneError> {
@@ -131,16 +144,88 @@ mod tests {
     }
 
     #[test]
+    fn curves_and_hair_are_read() {
+        let text = |kind: &str| {
+            format!(
+                "<bsdf type='hair' id='h'><float name='pheomelanin' value='0.7'/><float name='azimuthal_roughness' value='0.2'/></bsdf>\
+                 <shape type='{kind}'><string name='filename' value='c.txt'/><ref id='h'/>\
+                 <transform name='to_world'><scale value='2'/><translate z='5'/></transform></shape>"
+            )
+        };
+        let of = |d: &Description| {
+            let Shape::Curves { curves, .. } = d.objects[0].shape else { panic!("curves") };
+            (*d.curves[curves as usize]).clone()
+        };
+        let d = read(&text("linearcurve")).unwrap();
+        // A pair of points is a straight cubic; radii stay what they are.
+        let set = of(&d);
+        assert_eq!((set.segments.len(), set.points.len()), (5, 4 + 13));
+        assert!((set.points[2] - glam::Vec4::new(4.0, 0.0, 5.0, 0.3)).length() < 1e-6, "{}", set.points[2]);
+        let Scattering::Hair(hair) = &d.materials[d.objects[0].material as usize].scattering else { panic!("hair") };
+        let number = |s: &crate::texture::Scalar| if let crate::texture::Scalar::Constant(v) = s { *v } else { f32::NAN };
+        assert_eq!([&hair.beta_m, &hair.beta_n, &hair.alpha].map(number), [0.3, 0.2, 2.0]);
+        assert!((hair.eta - 1.55 / 1.000277).abs() < 1e-5);
+        let crate::material::Pigment::Melanin { eumelanin, pheomelanin, .. } = &hair.pigment else { panic!("melanin") };
+        assert_eq!([eumelanin, pheomelanin].map(number), [1.3, 0.7]);
+        crate::Scene::build(d).unwrap();
+        // Splines need four points: the first curve has only two.
+        let set = of(&read(&text("bsplinecurve")).unwrap());
+        assert_eq!((set.segments, set.points.len()), (vec![0, 1], 5));
+    }
+
+    #[test]
+    fn grids_fill_media() {
+        let text = |albedo: &str| {
+            format!(
+                "<medium type='heterogeneous' id='m'><float name='scale' value='10'/><volume type='gridvolume' name='sigma_t'>\
+                 <string name='filename' value='t.vol'/><boolean name='use_grid_bbox' value='true'/></volume>{albedo}\
+                 <phase type='hg'><float name='g' value='0.3'/></phase></medium>\
+                 <shape type='cube'><bsdf type='null'/><ref name='interior' id='m'/></shape>"
+            )
+        };
+        let medium = |albedo: &str| {
+            let d = read(&text(albedo)).unwrap_or_else(|e| panic!("{e}"));
+            let Interior::Sides([Some(inside), None]) = &d.materials[0].interior else { panic!("a medium") };
+            inside.clone()
+        };
+        let nm = diopter_light::Wavelengths::rgb();
+        let even = medium("<float name='albedo' value='0.8'/>");
+        let volume = even.volume.as_ref().unwrap();
+        assert!(format!("{volume:?}").contains("Density") && even.asymmetry == 0.3);
+        assert!((even.absorption.sample(&nm).x - 2.0).abs() < 1e-5 && (even.scattering.sample(&nm).x - 8.0).abs() < 1e-5);
+        // Middles of cells at a quarter and three quarters of the way from x = 1 to 3; beyond them it goes on.
+        let density = |x: f32| volume.factors(Vec3::new(0.5 * (x - 1.0), 0.5, 0.5), &nm)[0].x;
+        for (x, expected) in [(1.01, 1.0), (1.5, 1.0), (2.0, 2.0), (2.25, 2.5), (2.5, 3.0), (2.99, 3.0)] {
+            assert!((density(x) - expected).abs() < 1e-4, "{x}: {}", density(x));
+        }
+        let colored = medium(
+            "<volume type='gridvolume' name='albedo'><string name='filename' value='a.vol'/><boolean name='use_grid_bbox' value='true'/></volume>",
+        );
+        let [absorption, scattering] = colored.volume.as_ref().unwrap().factors(Vec3::new(0.75, 0.5, 0.5), &nm);
+        for (found, expected) in [(absorption, [1.8, 1.5, 3.0]), (scattering, [1.2, 1.5, 0.0])] {
+            let apart = (0..3).map(|i| (found.to_array()[i] - expected[i]).abs()).fold(0.0, f32::max);
+            // Spectra are made of the colours and looked at again.
+            assert!(apart < 0.03, "{found} {expected:?}");
+        }
+    }
+
+    #[test]
     fn bad_scenes_are_told_where_and_what() {
         for (body, word) in [
             ("<shape type='sphere'><ref id='gone'/></shape>", "line 2: \"gone\""),
-            ("<shape type='sphere'><bsdf type='hair'/></shape>", "bsdf \"hair\""),
+            ("<shape type='sphere'><bsdf type='polarizer'/></shape>", "bsdf \"polarizer\""),
             ("<shape type='teapot'/>", "shape \"teapot\""),
             ("<shape type='sphere'><float name='radius' value='x'/></shape>", "finite number"),
             ("<shape type='sphere'><transform name='to_world'><scale value='0'/></transform></shape>", "inverted"),
             ("<bsdf type='twosided' id='a'><ref id='a'/></bsdf><shape type='sphere'><ref id='a'/></shape>", "within BSDFs"),
             ("<shape type='obj'><string name='filename' value='gone.obj'/></shape>", "no such file"),
-            ("<shape type='sphere'><medium type='heterogeneous' name='interior'/></shape>", "heterogeneous"),
+            ("<shape type='sphere'><medium type='heterogeneous' name='interior'/></shape>", "without sigma_t"),
+            (
+                "<shape type='sphere'><medium type='heterogeneous' name='interior'><volume type='gridvolume' name='sigma_t'>\
+                 <string name='filename' value='t.obj'/></volume></medium></shape>",
+                "it does not begin with VOL",
+            ),
+            ("<shape type='linearcurve'><string name='filename' value='t.obj'/></shape>", "line 1"),
             ("<emitter type='constant'/>", "no surface"),
         ] {
             let e = read(body).unwrap_err().to_string();

@@ -3,12 +3,11 @@
 use super::materials::Surface;
 use super::tree::Node;
 use super::values::{self, boolean, number, transform};
-use super::{camera, lights, shapes, wrong};
+use super::{camera, curves, lights, media, shapes, wrong};
 use crate::SceneError;
 use crate::load::pbrt::shapes as round;
 use crate::load::{Fetch, measured_or_stand_in, note_missing, read_texture};
 use crate::material::{Interior, Material, Scattering};
-use crate::medium::{Coefficient, Medium};
 use crate::scene::{Description, Object, Shape};
 use crate::texture::Image;
 use glam::{Affine3A, DMat4};
@@ -179,10 +178,14 @@ impl<'a> World<'a> {
         }
         let place = affine(transform(node, "to_world")?);
         for (shape, material, name) in self.groups[&id].clone() {
-            if let Shape::Mesh { mesh, world_from_mesh } = shape {
-                let shape = Shape::Mesh { mesh, world_from_mesh: place * world_from_mesh };
-                self.push(node, Object::new(name, shape, material))?;
-            }
+            let shape = match shape {
+                Shape::Mesh { mesh, world_from_mesh } => Shape::Mesh { mesh, world_from_mesh: place * world_from_mesh },
+                Shape::Curves { curves, world_from_curves } => {
+                    Shape::Curves { curves, world_from_curves: place * world_from_curves }
+                }
+                _ => continue,
+            };
+            self.push(node, Object::new(name, shape, material))?;
         }
         Ok(())
     }
@@ -238,6 +241,16 @@ impl<'a> World<'a> {
                 };
                 Shape::Mesh { mesh: number, world_from_mesh: affine(place) }
             }
+            "linearcurve" | "bsplinecurve" => {
+                let file = values::text(node, "filename")
+                    .ok_or_else(|| wrong(node, "curves without filename", "<string name=\"filename\" .../>"))?;
+                let read = (self.fetch)(file).and_then(|bytes| curves::read(&bytes, node.kind() == "bsplinecurve", place));
+                let set = read.map_err(|e| {
+                    wrong(node, format!("{file}: {e}"), "lines of x, y, z and a radius, an empty one between curves")
+                })?;
+                self.description.curves.push(Arc::new(set));
+                Shape::Curves { curves: self.description.curves.len() as u32 - 1, world_from_curves: Affine3A::IDENTITY }
+            }
             kind => {
                 let (mesh, own) = shapes::make(node, kind)?;
                 self.mesh(mesh, flip, place * own)
@@ -283,7 +296,7 @@ impl<'a> World<'a> {
             material.interior = Interior::Body { medium: None, priority: None };
         }
         if inside.is_some() || outside.is_some() {
-            let made = |node: Option<Arc<Node>>| node.map(|n| medium_of(&n).map(Arc::new)).transpose();
+            let made = |node: Option<Arc<Node>>| node.map(|n| media::of(self, &n).map(Arc::new)).transpose();
             let (inside, outside) = (made(inside)?, made(outside)?);
             material.interior = match (outside, surface.is_body) {
                 (None, true) => Interior::Body { medium: inside, priority: None },
@@ -304,45 +317,6 @@ impl<'a> World<'a> {
         }
         Ok(number)
     }
-}
-
-/// A homogeneous medium. Source: Mitsuba 3, `homogeneous`: σt, albedo and a scale; phase functions isotropic and Henyey-Greenstein.
-fn medium_of(node: &Node) -> Read<Medium> {
-    if node.kind() != "homogeneous" {
-        return Err(wrong(
-            node,
-            format!("medium \"{}\"", node.kind()),
-            "homogeneous: media that differ from place to place are not supported",
-        ));
-    }
-    let scale = number(node, "scale", 1.0)?.max(0.0) as f32;
-    let rgb = |name: &str, default: f32| -> Read<glam::Vec3> {
-        Ok(values::shade(node, name)?.map_or(glam::Vec3::splat(default), |s| s.rgb()).max(glam::Vec3::ZERO))
-    };
-    let (sigma_t, albedo) = (rgb("sigma_t", 1.0)?, rgb("albedo", 0.75)?.min(glam::Vec3::ONE));
-    let coefficient = |rgb: glam::Vec3| {
-        let most = 2.0 * rgb.max_element();
-        match most > 0.0 {
-            true if rgb == glam::Vec3::splat(rgb.x) => Coefficient::grey(rgb.x * scale),
-            true => {
-                let sigmoid = diopter_light::upsample::Sigmoid::from_rgb(rgb / most);
-                Coefficient::Scaled(scale * most, diopter_light::Spectrum::Sigmoid(sigmoid))
-            }
-            false => Coefficient::NONE,
-        }
-    };
-    let asymmetry = match node.tagged("phase").next() {
-        Some(phase) if phase.kind() == "hg" => number(phase, "g", 0.8)?.clamp(-0.999, 0.999) as f32,
-        _ => 0.0,
-    };
-    Ok(Medium {
-        name: node.get("id").unwrap_or("medium").to_owned(),
-        absorption: coefficient(sigma_t * (glam::Vec3::ONE - albedo)),
-        scattering: coefficient(sigma_t * albedo),
-        asymmetry,
-        emission: None,
-        ..Medium::default()
-    })
 }
 
 /// A matrix of single precision.

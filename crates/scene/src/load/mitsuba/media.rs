@@ -1,0 +1,219 @@
+//! Media: homogeneous ones, and those that grids of numbers fill. Source: Mitsuba 3, `homogeneous`, `heterogeneous`, `gridvolume`, `constvolume` and the layout of
+//! `.vol` files (VolumeGrid); phase functions isotropic and Henyey-Greenstein.
+//!
+//! Extinction and albedo are multiplied at the nodes of the extinction's grid (of the albedo's, where only that is a grid), trilinear between; at the border the
+//! outermost nodes go on. Filters other than trilinear are left out.
+
+use super::tree::Node;
+use super::values::{self, Shade, boolean, number, transform};
+use super::world::World;
+use super::wrong;
+use crate::SceneError;
+use crate::bvh::Bounds;
+use crate::medium::{Coefficient, Field, Grid, Medium, Scalars, Tint, Volume, VolumePlace};
+use glam::{Affine3A, DMat4, DVec3, Vec3};
+use std::sync::Arc;
+
+type Read<T> = Result<T, SceneError>;
+
+/// A medium.
+pub(super) fn of(world: &World, node: &Arc<Node>) -> Read<Medium> {
+    let scale = number(node, "scale", 1.0)?.max(0.0) as f32;
+    let asymmetry = match node.tagged("phase").next() {
+        Some(phase) if phase.kind() == "hg" => number(phase, "g", 0.8)?.clamp(-0.999, 0.999) as f32,
+        _ => 0.0,
+    };
+    let bare = Medium { name: node.get("id").unwrap_or("medium").to_owned(), asymmetry, emission: None, ..Medium::default() };
+    match node.kind() {
+        "homogeneous" => {
+            let rgb = |name: &str, default: f32| -> Read<Vec3> {
+                Ok(values::shade(node, name)?.map_or(Vec3::splat(default), |s| s.rgb()).max(Vec3::ZERO))
+            };
+            let (sigma_t, albedo) = (rgb("sigma_t", 1.0)?, rgb("albedo", 0.75)?.min(Vec3::ONE));
+            Ok(Medium {
+                absorption: coefficient(sigma_t * (Vec3::ONE - albedo), scale),
+                scattering: coefficient(sigma_t * albedo, scale),
+                ..bare
+            })
+        }
+        "heterogeneous" => heterogeneous(world, node, bare, scale),
+        other => Err(wrong(node, format!("medium \"{other}\""), "homogeneous or heterogeneous")),
+    }
+}
+
+/// A coefficient of a colour, 1/m.
+fn coefficient(rgb: Vec3, scale: f32) -> Coefficient {
+    let most = 2.0 * rgb.max_element();
+    match most > 0.0 {
+        true if rgb == Vec3::splat(rgb.x) => Coefficient::grey(rgb.x * scale),
+        true => {
+            let sigmoid = diopter_light::upsample::Sigmoid::from_rgb(rgb / most);
+            Coefficient::Scaled(scale * most, diopter_light::Spectrum::Sigmoid(sigmoid))
+        }
+        false => Coefficient::NONE,
+    }
+}
+
+/// What a coefficient is from place to place.
+enum Filling {
+    Even(Vec3),
+    Grid(Box<Numbers>),
+}
+
+impl Filling {
+    /// At a place of the world.
+    fn at(&self, p: DVec3) -> Vec3 {
+        match self {
+            Filling::Even(rgb) => *rgb,
+            Filling::Grid(grid) => grid.at(grid.unit_from_world.transform_point3(p)),
+        }
+    }
+
+    fn grid(&self) -> Option<&Numbers> {
+        if let Filling::Grid(grid) = self { Some(grid) } else { None }
+    }
+}
+
+/// A grid over the unit cube.
+struct Numbers {
+    size: [usize; 3],
+    /// Red, green, blue; x runs first. All the same of a grid of one channel.
+    values: Vec<Vec3>,
+    is_grey: bool,
+    world_from_unit: DMat4,
+    unit_from_world: DMat4,
+}
+
+impl Numbers {
+    /// Trilinear between the middles of cells, going on beyond the outermost.
+    fn at(&self, p: DVec3) -> Vec3 {
+        let axis = |i: usize| {
+            let x = (p[i] * self.size[i] as f64 - 0.5).clamp(0.0, (self.size[i] - 1) as f64);
+            let low = (x.floor() as usize).min(self.size[i].saturating_sub(2));
+            (low, (low + 1).min(self.size[i] - 1), (x - low as f64) as f32)
+        };
+        let [(x0, x1, fx), (y0, y1, fy), (z0, z1, fz)] = [axis(0), axis(1), axis(2)];
+        let value = |x: usize, y: usize, z: usize| self.values[(z * self.size[1] + y) * self.size[0] + x];
+        let row = |y: usize, z: usize| value(x0, y, z).lerp(value(x1, y, z), fx);
+        let sheet = |z: usize| row(y0, z).lerp(row(y1, z), fy);
+        sheet(z0).lerp(sheet(z1), fz)
+    }
+}
+
+fn heterogeneous(world: &World, node: &Arc<Node>, bare: Medium, scale: f32) -> Read<Medium> {
+    let Some(sigma_t) = filling(world, node, "sigma_t")? else {
+        return Err(wrong(node, "a heterogeneous medium without sigma_t", "a gridvolume, a constvolume or a number"));
+    };
+    let albedo = filling(world, node, "albedo")?.unwrap_or(Filling::Even(Vec3::splat(0.75)));
+    let Some(grid) = sigma_t.grid().or(albedo.grid()) else {
+        let (Filling::Even(sigma_t), Filling::Even(albedo)) = (&sigma_t, &albedo) else { unreachable!("neither is a grid") };
+        return Ok(Medium {
+            absorption: coefficient(*sigma_t * (Vec3::ONE - *albedo), scale),
+            scattering: coefficient(*sigma_t * *albedo, scale),
+            ..bare
+        });
+    };
+    // One cell more on each side, so that what lies between the outermost middles and the border goes on as they are.
+    let size = grid.size.map(|n| n + 2);
+    let cell = Vec3::from_array(grid.size.map(|n| 1.0 / n as f32));
+    let bounds = Bounds { min: -cell, max: Vec3::ONE + cell };
+    let mut nodes = Vec::with_capacity(size.iter().product());
+    for z in 0..size[2] {
+        for y in 0..size[1] {
+            for x in 0..size[0] {
+                let unit = DVec3::from_array(std::array::from_fn(|i| ([x, y, z][i] as f64 - 0.5) / grid.size[i] as f64));
+                nodes.push(grid.world_from_unit.transform_point3(unit.clamp(DVec3::ZERO, DVec3::ONE)));
+            }
+        }
+    }
+    let place = Affine3A::from_mat4(grid.world_from_unit.as_mat4());
+    let place =
+        VolumePlace::still(place).ok_or_else(|| wrong(node, "a volume without extent", "a to_world that can be inverted"))?;
+    let unit = Bounds { min: Vec3::ZERO, max: Vec3::ONE };
+    let filled = |field, absorption, scattering| {
+        let volume = Some(Box::new(Volume::new(place, unit, field, None)));
+        Medium { absorption, scattering, volume, ..bare.clone() }
+    };
+    if let (Some(true), Filling::Even(albedo)) = (sigma_t.grid().map(|g| g.is_grey), &albedo) {
+        let density = nodes.iter().map(|p| sigma_t.at(*p).x).collect();
+        let field = Field::Density(Scalars::Grid(Grid::new(size, density, &bounds)));
+        return Ok(filled(field, coefficient(Vec3::ONE - *albedo, scale), coefficient(*albedo, scale)));
+    }
+    let tints = |of: &dyn Fn(Vec3, Vec3) -> Vec3| {
+        let values =
+            nodes.iter().map(|p| Tint::from_rgb(of(sigma_t.at(*p), albedo.at(*p).clamp(Vec3::ZERO, Vec3::ONE)))).collect();
+        Some(Grid::new(size, values, &bounds))
+    };
+    let field = Field::Colors { absorption: tints(&|t, a| t * (Vec3::ONE - a)), scattering: tints(&|t, a| t * a) };
+    Ok(filled(field, Coefficient::grey(scale), Coefficient::grey(scale)))
+}
+
+/// A coefficient by name.
+fn filling(world: &World, node: &Arc<Node>, name: &str) -> Read<Option<Filling>> {
+    let Some(child) = node.child(name) else { return Ok(None) };
+    if let Some(shade) = Shade::of(child)? {
+        return Ok(Some(Filling::Even(shade.rgb().max(Vec3::ZERO))));
+    }
+    let volume = world.resolved(child)?;
+    match volume.kind() {
+        "constvolume" => Ok(Some(Filling::Even(values::shade(&volume, "value")?.map_or(Vec3::ONE, |s| s.rgb()).max(Vec3::ZERO)))),
+        "gridvolume" => {
+            let file = values::text(&volume, "filename")
+                .ok_or_else(|| wrong(&volume, "a gridvolume without filename", "<string name=\"filename\" .../>"))?;
+            let bytes = (world.fetch)(file).map_err(|e| wrong(&volume, format!("{file}: {e}"), "a file that can be read"))?;
+            let (size, channels, own, values) =
+                vol(&bytes).map_err(|e| wrong(&volume, format!("{file}: {e}"), "a .vol file of floats"))?;
+            let mut world_from_unit = transform(&volume, "to_world")?;
+            if boolean(&volume, "use_grid_bbox", false)? {
+                let extent = own[1] - own[0];
+                world_from_unit *= DMat4::from_translation(own[0]) * DMat4::from_scale(extent);
+            }
+            if !(world_from_unit.determinant().abs() > 0.0) {
+                return Err(wrong(&volume, "a volume without extent", "a to_world that can be inverted"));
+            }
+            let values = match channels {
+                1 => values.iter().map(|v| Vec3::splat(*v)).collect(),
+                _ => values.chunks_exact(3).map(Vec3::from_slice).collect(),
+            };
+            let unit_from_world = world_from_unit.inverse();
+            Ok(Some(Filling::Grid(Box::new(Numbers { size, values, is_grey: channels == 1, world_from_unit, unit_from_world }))))
+        }
+        other => Err(wrong(&volume, format!("volume \"{other}\""), "gridvolume or constvolume")),
+    }
+}
+
+/// Size, channels, box and numbers of a `.vol` file: "VOL", version 3, a type (1: 32-bit floats), counts along x, y, z, channels, the box's corners, the numbers.
+fn vol(bytes: &[u8]) -> Result<([usize; 3], usize, [DVec3; 2], Vec<f32>), String> {
+    const HEADER: usize = 48;
+    let Some(rest) = bytes.strip_prefix(b"VOL") else { return Err("it does not begin with VOL".to_owned()) };
+    let (Some(3), Some(header), Some(data)) = (rest.first(), bytes.get(4..HEADER), bytes.get(HEADER..)) else {
+        return Err("it is of another version than 3, or cut short".to_owned());
+    };
+    let words = header.as_chunks::<4>().0;
+    let whole = |i: usize| i32::from_le_bytes(words[i]);
+    let real = |i: usize| f64::from(f32::from_le_bytes(words[i]));
+    if whole(0) != 1 {
+        return Err(format!("numbers of type {}: 32-bit floats (1) are read", whole(0)));
+    }
+    let counts: [usize; 3] = std::array::from_fn(|i| usize::try_from(whole(1 + i)).unwrap_or(0));
+    let channels = match whole(4) {
+        n @ (1 | 3) => n as usize,
+        other => return Err(format!("{other} channels: 1 or 3 are read")),
+    };
+    let all = counts.iter().try_fold(4 * channels, |all, n| all.checked_mul(*n));
+    if counts.contains(&0) || all != Some(data.len()) {
+        return Err(format!(
+            "{} bytes for {} × {} × {} values of {channels} numbers",
+            data.len(),
+            counts[0],
+            counts[1],
+            counts[2]
+        ));
+    }
+    let values: Vec<f32> = data.as_chunks::<4>().0.iter().map(|b| f32::from_le_bytes(*b)).collect();
+    if let Some(bad) = values.iter().find(|v| !(v.is_finite() && **v >= 0.0)) {
+        return Err(format!("a value of {bad}: expected numbers of at least 0"));
+    }
+    let corners = [DVec3::new(real(5), real(6), real(7)), DVec3::new(real(8), real(9), real(10))];
+    Ok((counts, channels, corners, values))
+}
