@@ -201,10 +201,10 @@ fn round_slopes<S: Simd>(simd: S, c: f64, k: f64, a: &[f64], r2: f64x8<S>) -> [f
         for (i, a) in a.iter().enumerate().skip(1) {
             let (i, term) = (i as f64, f64x8::splat(simd, *a) * power);
             if *a != 0.0 {
-                over_r = over_r + term * f64x8::splat(simd, i);
-                second = second + term * inverse2 * f64x8::splat(simd, i * (i - 2.0));
+                over_r += term * f64x8::splat(simd, i);
+                second += term * inverse2 * f64x8::splat(simd, i * (i - 2.0));
             }
-            power = power * r;
+            power *= r;
         }
     }
     [over_r, second]
@@ -430,11 +430,10 @@ fn reverse<S: Simd>(simd: S, lens: &Differentiated, traced: &Traced, quantity: Q
         p = [0, 1, 2].map(|k| p[k] - normal[k] * by_distance);
         d = [0, 1, 2].map(|k| ratio * d[k] + turned * normal[k] + t * p[k]);
         let moved = [0, 1, 2].map(|k| behind[k] - p[k]);
-        shift = shift
-            + match &step.frame {
-                None => moved[2],
-                Some((rotation, _)) => turn(rotation.transpose(), moved)[2],
-            };
+        shift += match &step.frame {
+            None => moved[2],
+            Some((rotation, _)) => turn(rotation.transpose(), moved)[2],
+        };
         // Mirrors do not know an index: only paths on either side do.
         let by_ratio_of_indices = if step.mirror { zero } else { by_index * f64x8::splat(simd, 1.0 / c.indices[1]) };
         if let Some(number) = lens.plan.indices[i + 1] {

@@ -131,7 +131,7 @@ pub fn gltf(d: &Description) -> Gltf {
     }
     let (mut meshes, mut nodes): (Vec<Value>, Vec<Value>) = (Vec::new(), Vec::new());
     // A mesh of glTF for each of ours with each material, and with each choice of others.
-    let mut numbers: HashMap<(u32, u32, &[(u32, u32)]), usize> = HashMap::new();
+    let mut numbers: HashMap<(u32, u32, &Choice), usize> = HashMap::new();
     let choices = choices(d);
     let mut attributes: HashMap<u32, Value> = HashMap::new();
     let (mut curves, mut numbers_of_curves) = (Vec::new(), HashMap::new());
@@ -395,7 +395,7 @@ fn classify(object: &Object, node: &mut Value) {
 }
 
 /// A mesh of one primitive; `chosen` are materials that variants give it, as [`choices`].
-fn primitive(mut written: Value, material: u32, name: &str, chosen: &[(u32, u32)]) -> Value {
+fn primitive(mut written: Value, material: u32, name: &str, chosen: &Choice) -> Value {
     written["material"] = json!(material);
     if !chosen.is_empty() {
         let mapping = |(variant, material): &(u32, u32)| json!({ "material": material, "variants": [variant] });
@@ -408,7 +408,10 @@ fn primitive(mut written: Value, material: u32, name: &str, chosen: &[(u32, u32)
 /// The extension that lets one choose among sets of materials.
 const VARIANTS: &str = "KHR_materials_variants";
 
-/// Of each object: variants and the materials that they give it.
+/// Variants and the materials that they give an object.
+type Choice = [(u32, u32)];
+
+/// The choice that each object has.
 fn choices(d: &Description) -> Vec<Vec<(u32, u32)>> {
     let mut all = vec![vec![]; d.objects.len()];
     for (number, variant) in d.variants.iter().enumerate() {

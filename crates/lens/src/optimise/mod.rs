@@ -105,6 +105,9 @@ pub struct OptimisationReport {
     pub stop: Stop,
 }
 
+/// Rays of a field where they land, of each wavelength.
+type Colors = Vec<Vec<Arrival<f64>>>;
+
 /// Whether distortion exists at a field.
 fn has_distortion(field_deg: f64) -> bool {
     field_deg != 0.0 && field_deg.abs() < 89.0
@@ -276,7 +279,7 @@ impl Optimisation {
     }
 
     /// Where all rays of all fields and wavelengths land; `None` where one does not arrive.
-    fn land(&self, tracer: &Tracer) -> Option<Vec<(Aimed, Vec<Vec<Arrival<f64>>>)>> {
+    fn land(&self, tracer: &Tracer) -> Option<Vec<(Aimed, Colors)>> {
         let of = |field: &Bundle| {
             let aimed = field.aim(tracer, self.reference, Aim::Entrance)?;
             let land = |color: usize| Some(field.trace(tracer, aimed, color)?.iter().map(Arrival::from).collect());

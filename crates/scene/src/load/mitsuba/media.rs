@@ -182,8 +182,11 @@ fn filling(world: &World, node: &Arc<Node>, name: &str) -> Read<Option<Filling>>
     }
 }
 
-/// Size, channels, box and numbers of a `.vol` file: "VOL", version 3, a type (1: 32-bit floats), counts along x, y, z, channels, the box's corners, the numbers.
-fn vol(bytes: &[u8]) -> Result<([usize; 3], usize, [DVec3; 2], Vec<f32>), String> {
+/// Size, channels, corners of the box, and numbers of a file.
+type Vol = ([usize; 3], usize, [DVec3; 2], Vec<f32>);
+
+/// Reads a `.vol` file: "VOL", version 3, a type (1: 32-bit floats), counts along x, y, z, channels, the box's corners, the numbers.
+fn vol(bytes: &[u8]) -> Result<Vol, String> {
     const HEADER: usize = 48;
     let Some(rest) = bytes.strip_prefix(b"VOL") else { return Err("it does not begin with VOL".to_owned()) };
     let (Some(3), Some(header), Some(data)) = (rest.first(), bytes.get(4..HEADER), bytes.get(HEADER..)) else {
