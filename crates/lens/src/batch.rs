@@ -550,7 +550,7 @@ macro_rules! batch {
                     self.trace_part(packet, n, way, 0..self.steps.len())
                 }
 
-                /// [`Batch::trace`] through some neighbouring surfaces only; `n` stays that of all gaps.
+                /// [`Batch::trace`] through some neighbouring surfaces only; `n` stays that of all gaps, and paths begin anew.
                 pub fn trace_part(&self, packet: &mut Packet, n: &Indices, way: Way, surfaces: Range<usize>) -> u32 {
                     dispatch!(level(), simd => trace::<_, false>(simd, self, packet, n, &[0.0; LANES], way, surfaces))
                 }

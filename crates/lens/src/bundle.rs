@@ -327,7 +327,7 @@ impl Bundle {
         (0..LANES).for_each(|lane| packet.set(lane, ray.position.to_array(), ray.direction.to_array()));
         let (n, lanes) = (&tracer.n[reference], &tracer.lanes[reference]);
         let traced = by.lens.trace(&tracer.batch, &packet, n, lanes, tracer.system.stop + 1)?;
-        let [x, y] = [0, 1].map(|axis| by.lens.gradient(&traced, Quantity::Meeting(axis)));
+        let [x, y] = [0, 1].map(|axis| by.lens.gradient(&traced, Quantity::Intersection(axis)));
         let start_by = self.beam.ray_by(aimed.offset);
         let back = DMat2::from_cols(by_place(&x, 0, &start_by), by_place(&y, 0, &start_by)).transpose().inverse();
         let change = |parameter: usize| {

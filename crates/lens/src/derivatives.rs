@@ -3,8 +3,8 @@
 //! A packet is traced surface by surface and what each surface did to it is kept; then the derivatives of what is wanted at the end (a place on the
 //! film, a direction cosine, the optical path) run back through the surfaces and meet every parameter on the way, so that the cost does not depend on how many
 //! parameters there are. Reverse accumulation: Griewank & Walther, *Evaluating Derivatives*, 2nd ed., §3.2; of lenses, forwards:
-//! Feder 1968, J. Opt. Soc. Am. 58, 1494. Second derivatives of conics and even or odd polynomials are closed formulas; of other shapes they are
-//! differences of the exact slopes (to about 1e-8).
+//! Feder 1968, J. Opt. Soc. Am. 58, 1494. Derivatives of conics and even or odd polynomials are closed formulas; of other shapes second
+//! derivatives are differences of the exact slopes, and those by curvature differences of the shape (to about 1e-8).
 
 use crate::batch::double::{Batch, Indices, LANES, Lanes, Packet};
 use crate::batch::level;
@@ -46,7 +46,7 @@ pub(crate) enum Quantity {
     /// Optical path to that plane, mm.
     Path,
     /// x or y in the frame of the last surface that was traced, where it is met, mm.
-    Meeting(usize),
+    Intersection(usize),
 }
 
 /// Derivatives of one quantity of all rays of a packet.
@@ -392,7 +392,7 @@ fn reverse<S: Simd>(simd: S, lens: &Differentiated, traced: &Traced, quantity: Q
             path = one;
             index_after = t;
         }
-        Quantity::Meeting(axis) => met[axis] = one,
+        Quantity::Intersection(axis) => met[axis] = one,
     }
     for (i, c) in traced.crossings.iter().enumerate().rev() {
         let step = &lens.steps[i];
@@ -525,7 +525,7 @@ mod tests {
             Quantity::Place(axis) => (end.position + end.direction * t)[axis],
             Quantity::Cosine(axis) => end.direction[axis],
             Quantity::Path => path + n[surfaces] * t,
-            Quantity::Meeting(axis) => met[axis],
+            Quantity::Intersection(axis) => met[axis],
         }
     }
 
@@ -591,7 +591,7 @@ mod tests {
             let (batch, lanes) = (Batch::new(&system), Indices::uniform(&n));
             let lens = Differentiated::new(&system, &parameters).unwrap();
             for (surfaces, quantities) in
-                [(count, &quantities[..]), (system.stop + 1, &[Quantity::Meeting(0), Quantity::Meeting(1)])]
+                [(count, &quantities[..]), (system.stop + 1, &[Quantity::Intersection(0), Quantity::Intersection(1)])]
             {
                 let traced = lens.trace(&batch, &packet, &n, &lanes, surfaces).unwrap_or_else(|| panic!("{name}: rays are lost"));
                 for quantity in quantities {

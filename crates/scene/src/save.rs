@@ -183,6 +183,7 @@ pub fn gltf(d: &Description) -> Gltf {
                 });
                 let mut node = json!({ "name": object.name,
                     "extras": { KEY: { "curves": number, "material": object.material } } });
+                classify(object, &mut node);
                 match object.motion {
                     Motion::Carried { node: carrier } if moving.holds(carrier) => moving.hang(carrier, &mut nodes, node),
                     motion => {
@@ -194,7 +195,12 @@ pub fn gltf(d: &Description) -> Gltf {
                 }
                 continue;
             }
+            // A set without Gaussians is nothing to glTF.
+            Shape::Splats { splats: set, .. } if d.splats[set as usize].is_empty() => continue,
             Shape::Splats { splats: set, world_from_splats } => {
+                if !chosen.is_empty() {
+                    w.lost.insert("variants of Gaussian splats are not written".into());
+                }
                 let (number, mesh) = *numbers_of_splats.entry(set).or_insert_with(|| {
                     let written = w.splats(&d.splats[set as usize]);
                     meshes.push(primitive(written, object.material, &object.name, &[]));
@@ -363,11 +369,12 @@ pub fn gltf(d: &Description) -> Gltf {
     if !w.extensions.is_empty() {
         json["extensionsUsed"] = json!(w.extensions);
     }
-    let Tables { media, graphs, .. } = w.tables;
+    let Tables { media, graphs, measured, .. } = w.tables;
     json["extras"] = json!({ KEY: {
         "version": VERSION,
         "media": media,
         "graphs": graphs,
+        "measured": measured,
         "pictures": w.raw_pictures,
         "curves": curves,
         "splats": splats,

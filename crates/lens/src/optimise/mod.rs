@@ -4,7 +4,8 @@
 //! the least squares see how each ray moves (Kidger, "Intermediate Optical Design", ch. 2; Smith, "Modern Lens Design", ch. 2), on the
 //! few rays of a Gaussian quadrature (`bundle.rs`). Beams keep their size in the entrance pupil and are aimed at the middle of
 //! the stop of each lens that is tried; rims do not clip meanwhile, and are made large enough at the end. Derivatives are exact, by a reverse
-//! pass through the f64 packet trace (`derivatives.rs`); of lenses with ideal, diffractive, Fresnel or graded parts they are central differences. Glasses are chosen from catalogues by exchanges, one at a time (`glass.rs`). Light goes from the object to the film.
+//! pass through the f64 packet trace (`derivatives.rs`); of lenses with ideal, diffractive, Fresnel or graded parts, of gaps within groups that are turned as a whole, of toroids plane
+//! along y, and of starts without power they are central differences. Glasses are chosen from catalogues by exchanges, one at a time (`glass.rs`). Light goes from the object to the film.
 
 pub mod fit;
 mod glass;
@@ -385,6 +386,17 @@ impl Optimisation {
     fn exact_derivatives(&self, x: &[f64]) -> Option<Vec<Vec<f64>>> {
         let parameters = self.parameters()?;
         let lens = self.lens_at(x);
+        // A toroid that is or was plane along y has no proportion in which its curvatures grow.
+        let bends_both = |v: &Variable| match v.freedom {
+            Freedom::Curvature { surface } => [&self.start, &lens].iter().all(|p| {
+                let profile = &p.surfaces[surface].profile;
+                asphere_of(profile).is_some() || profile.base_curvature() != 0.0
+            }),
+            _ => true,
+        };
+        if !self.variables.iter().all(bends_both) {
+            return None;
+        }
         let system = System::at(&lens, self.state);
         let tracer = Tracer::new(&system, &self.wavelengths);
         let differentiated = Differentiated::new(&tracer.system, &parameters)?;
@@ -434,6 +446,13 @@ impl Optimisation {
                 let by = moves(gap) + side(gap + 1) - side(gap);
                 with(self.edge(&system, gap), system.runs[gap + 1] * by)
             };
+            let last = lens.surfaces.len() - 1;
+            let behind = matches!(v.freedom, Freedom::Index { surface } if surface == last);
+            let image_indices: Vec<Dual<1>> = image_indices
+                .iter()
+                .zip(&by.index_changes)
+                .map(|(n, changes)| with(*n, f64::from(u8::from(behind)) * changes[number]))
+                .collect();
             let seen = Seen {
                 rays: &here,
                 first: match needs_first {
@@ -479,6 +498,7 @@ impl Optimisation {
             (_, true) => sag_by(profile, parameter, 0.0, self.rim(gap)),
             (sag, false) => match parameter {
                 Parameter::Curvature(_) => -sag * sag,
+                Parameter::Coefficient(_, 2) => -2.0 * sag * sag,
                 _ => 0.0,
             },
         }
@@ -702,13 +722,17 @@ mod tests {
         let mut near = gauss.clone();
         near.usage.object_distance = Some(400.0);
         let anamorph = embedded("anamorphic-31mm").unwrap();
-        let of_anamorph = "entrance_pupil = 8\nfields_deg = [0, 5]\nwavelengths_nm = [587.56]\n[[variable]]\nsurfaces = [1, 2, 8, 12]\nwhat = \"curvature\"\n\
+        let of_anamorph = "entrance_pupil = 8\nfields_deg = [0, 5]\nwavelengths_nm = [587.56]\n[[variable]]\nsurfaces = [8, 12]\nwhat = \"curvature\"\n\
             [[variable]]\nsurfaces = [2, 10]\nwhat = \"gap\"\n";
         let sheets = [
             (&gauss, format!("{beams}{curvatures}{all}{operands}")),
             (&near, format!("{beams}{curvatures}{all}{operands}")),
             (&anamorph, format!("{of_anamorph}{}", &operands[..operands.find("[[operand]]\nkind = \"thickness").unwrap()])),
         ];
+        // Cylinders that stand across the plane of the field: differences.
+        let cylinders =
+            optimisation(&anamorph, &format!("{}[[operand]]\nkind = \"spot\"\n", of_anamorph.replace("[8, 12]", "[1, 2]")));
+        assert!(cylinders.exact_derivatives(&cylinders.start_values()).is_none());
         for (lens, sheet) in &sheets {
             let o = optimisation(lens, sheet);
             let x = o.start_values();

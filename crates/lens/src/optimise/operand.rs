@@ -51,7 +51,7 @@ pub(super) struct Seen<'a, N> {
     pub thickness: &'a dyn Fn(usize) -> N,
     pub edge: &'a dyn Fn(usize) -> N,
     /// Index behind the lens at each wavelength.
-    pub image_indices: &'a [f64],
+    pub image_indices: &'a [N],
 }
 
 /// What operands need to know of the merit beside the lens.
@@ -91,7 +91,7 @@ impl Terms<'_> {
                 let middle = [0, 1].map(|axis| N::sum(rays.iter().map(|l| l.place[axis].scaled(l.weight))));
                 // To the foot of the perpendicular from the middle of the spot: see `path_to_foot`.
                 let aside = |l: &Arrival<N>| N::sum([0, 1].iter().map(|i| (middle[*i] - l.place[*i]) * l.cosines[*i]));
-                let paths: Vec<N> = rays[1..].iter().map(|l| l.path + aside(l).scaled(n)).collect();
+                let paths: Vec<N> = rays[1..].iter().map(|l| l.path + aside(l) * n).collect();
                 let (cosines, weights): (Vec<_>, Vec<_>) =
                     rays[1..].iter().map(|l| ([l.cosines[0], l.cosines[1]], l.weight)).unzip();
                 let per_mm = 1.0 / (self.wavelengths[self.reference] * 1e-6);
@@ -145,7 +145,7 @@ impl Terms<'_> {
             let rays = &rays[1..];
             let average = mean(rays, &|l| l.cosines[axis]);
             let spread = mean(rays, &|l| (l.cosines[axis] - average) * (l.cosines[axis] - average)).sqrt();
-            let width = spread.scaled(4.0 * seen.image_indices[color].abs());
+            let width = spread.scaled(4.0) * seen.image_indices[color].abs();
             let perfect = airy_mtf_of(N::constant(frequency * self.wavelengths[color] * 1e-6) / width).scaled(*w);
             let phase = |l: &Arrival<N>| (l.place[axis] - middle).scaled(TAU * frequency);
             let parts = [mean(rays, &|l| phase(l).cos()), mean(rays, &|l| phase(l).sin())];

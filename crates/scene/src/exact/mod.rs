@@ -3,7 +3,7 @@
 //!
 //! An object has the names of the fields that it stands for; an enumeration says which of its variants it is by `is`. Numbers of single precision are written as the
 //! numbers of double precision that they are. Long lists lie in buffer views; media and graphs of pictures, which are shared, in tables of the file.
-//! `save.rs` writes it, `load/gltf/exact.rs` reads it; other programs skip it.
+//! `save.rs` writes it, `load/gltf/kept.rs` reads it; other programs skip it.
 
 mod types;
 
@@ -46,7 +46,8 @@ pub(crate) struct Tables {
     pub graphs: Vec<Value>,
     known_media: HashMap<*const Medium, usize>,
     known_graphs: HashMap<*const Graph, usize>,
-    known_measured: HashMap<*const Measured, Value>,
+    pub measured: Vec<Value>,
+    known_measured: HashMap<*const Measured, usize>,
 }
 
 /// What is written into.
@@ -62,6 +63,7 @@ pub(crate) struct Source<'a> {
     pub images: Vec<Option<Arc<Image>>>,
     pub media: Vec<Arc<Medium>>,
     pub graphs: Vec<Arc<Graph>>,
+    pub measured: Vec<Arc<Measured>>,
 }
 
 /// A field of an object.

@@ -223,23 +223,20 @@ impl Exact for Arc<Pattern> {
 
 impl Exact for Arc<Measured> {
     fn write(&self, sink: &mut Sink) -> Value {
-        // Materials of one file share their table.
         let key = Arc::as_ptr(self);
         if let Some(known) = sink.tables.known_measured.get(&key) {
-            return known.clone();
+            return Value::from(*known);
         }
         let written = (**self).write(sink);
-        sink.tables.known_measured.insert(key, written.clone());
-        written
+        let number = sink.tables.measured.len();
+        sink.tables.measured.push(written);
+        sink.tables.known_measured.insert(key, number);
+        Value::from(number)
     }
 
     fn read(value: &Value, source: &Source) -> Result<Self, String> {
-        let measured = Measured::read(value, source)?;
-        if measured.is_whole() {
-            Ok(Arc::new(measured))
-        } else {
-            Err("a measured material whose lists do not fit each other".into())
-        }
+        let number = usize::read(value, source)?;
+        source.measured.get(number).cloned().ok_or_else(|| format!("no measured material {number}"))
     }
 }
 

@@ -95,6 +95,12 @@ pub struct SplatHit {
     pub alpha: f32,
 }
 
+impl Ellipsoid {
+    fn new(center: Vec3, opacity: f32, rows: [Vec3; 3]) -> Self {
+        Ellipsoid { center, opacity, rows, cut2: 2.0 * (opacity / LEAST_ALPHA).ln() }
+    }
+}
+
 exact_enum!(ColorCurve { Srgb, Linear });
 
 impl Exact for Splats {
@@ -102,9 +108,9 @@ impl Exact for Splats {
         let numbers = |e: &Ellipsoid| {
             let [a, b, c] = e.rows.map(|row| row.to_array());
             let [x, y, z] = e.center.to_array();
-            [x, y, z, e.opacity, a[0], a[1], a[2], b[0], b[1], b[2], c[0], c[1], c[2], e.cut2]
+            [x, y, z, e.opacity, a[0], a[1], a[2], b[0], b[1], b[2], c[0], c[1], c[2]]
         };
-        let ellipsoids: Vec<[f32; 14]> = self.ellipsoids.iter().map(numbers).collect();
+        let ellipsoids: Vec<[f32; 13]> = self.ellipsoids.iter().map(numbers).collect();
         let object = [
             ("degree", self.degree.write(sink)),
             ("curve", self.curve.write(sink)),
@@ -116,18 +122,27 @@ impl Exact for Splats {
 
     fn read(value: &Value, source: &Source) -> Result<Self, String> {
         let degree: u32 = field(value, "degree", source)?;
-        let numbers: Vec<[f32; 14]> = field(value, "ellipsoids", source)?;
+        let numbers: Vec<[f32; 13]> = field(value, "ellipsoids", source)?;
         let harmonics: Vec<u16> = field(value, "harmonics", source)?;
         let fits = degree <= MOST_DEGREE && harmonics.len() == numbers.len() * 3 * ((degree + 1) * (degree + 1)) as usize;
         // Exponents of all ones are infinite or no numbers.
-        if !fits || numbers.as_flattened().iter().any(|v| !v.is_finite()) || harmonics.iter().any(|h| h & 0x7c00 == 0x7c00) {
+        if !fits || harmonics.iter().any(|h| h & 0x7c00 == 0x7c00) {
             return Err("Gaussian splats whose lists do not fit each other".into());
         }
-        let ellipsoid = |v: [f32; 14]| {
+        let ellipsoid = |v: [f32; 13]| {
             let vector = |from: usize| Vec3::new(v[from], v[from + 1], v[from + 2]);
-            Ellipsoid { center: vector(0), opacity: v[3], rows: [vector(4), vector(7), vector(10)], cut2: v[13] }
+            let e = Ellipsoid::new(vector(0), v[3], [vector(4), vector(7), vector(10)]);
+            // As those that are added one by one; what rounding makes of the thinnest is allowed for.
+            let sizes = e.rows.map(|row| row.length().recip());
+            let largest = sizes.into_iter().fold(0.0, f32::max);
+            let usable = e.center.abs().max_element() <= FARTHEST
+                && (0.5 * SIZES.start()..=2.0 * SIZES.end()).contains(&largest)
+                && sizes.iter().all(|s| *s >= 0.5 * THINNEST * largest)
+                && e.opacity > LEAST_ALPHA
+                && e.opacity <= 1.0;
+            usable.then_some(e).ok_or("a Gaussian splat without extent or opacity, or too far away")
         };
-        let ellipsoids = numbers.into_iter().map(ellipsoid).collect();
+        let ellipsoids = numbers.into_iter().map(ellipsoid).collect::<Result<_, _>>()?;
         Ok(Splats { degree, curve: field(value, "curve", source)?, ellipsoids, harmonics, core: OnceLock::new() })
     }
 }
@@ -170,7 +185,7 @@ impl Splats {
         let scale = scale.max(Vec3::splat(THINNEST * largest));
         let opacity = opacity.min(1.0);
         let rows = [axes.x_axis / scale.x, axes.y_axis / scale.y, axes.z_axis / scale.z];
-        self.ellipsoids.push(Ellipsoid { center, opacity, rows, cut2: 2.0 * (opacity / LEAST_ALPHA).ln() });
+        self.ellipsoids.push(Ellipsoid::new(center, opacity, rows));
         self.harmonics.extend(harmonics.iter().flat_map(|c| c.to_array().map(half)));
         self.core = OnceLock::new();
         true

@@ -5,7 +5,7 @@
 
 use crate::exact::{Exact, KEY, Source, VERSION, checked, field, fingerprint};
 use crate::light::{Environment, Punctual};
-use crate::material::Material;
+use crate::material::{Material, Measured};
 use crate::medium::{Air, Medium};
 use crate::scene::{FilmHints, Sight};
 use crate::shape::{Curves, Quad, Sphere, Splats};
@@ -101,7 +101,7 @@ impl Taken {
             buffers.get(buffer).and_then(|b| b.get(offset..offset.checked_add(length)?)).unwrap_or_default()
         };
         let views = self.views.iter().map(view).collect();
-        let mut source = Source { views, images: images.to_vec(), media: vec![], graphs: vec![] };
+        let mut source = Source { views, images: images.to_vec(), media: vec![], graphs: vec![], measured: vec![] };
         for (number, picture) in self.root.get("pictures").and_then(Value::as_object).into_iter().flatten() {
             let read = raw_picture(picture, &source)?;
             let slot = number.parse().ok().and_then(|n: usize| source.images.get_mut(n));
@@ -111,6 +111,17 @@ impl Taken {
         for graph in list(&self.root, &["graphs"]) {
             let read = checked(Graph::read(graph, &source)?)?;
             source.graphs.push(Arc::new(read));
+        }
+        // What lists claim, all together, is no more than what the file holds: several that name one view are damage.
+        let held: usize = buffers.iter().map(Vec::len).sum();
+        let mut claimed = 0usize;
+        for table in list(&self.root, &["measured"]) {
+            let read = Measured::read(table, &source)?;
+            claimed += read.memory();
+            if !read.is_whole() || claimed > 2 * held {
+                return Err("measured materials whose lists do not fit each other".into());
+            }
+            source.measured.push(Arc::new(read));
         }
         for medium in list(&self.root, &["media"]) {
             let read = Medium::read(medium, &source)?;
@@ -132,6 +143,10 @@ impl Taken {
         }
         for splats in list(&self.root, &["splats"]) {
             kept.splats.push(Arc::new(Splats::read(splats, &source)?));
+            claimed += kept.splats.last().map_or(0, |s| s.memory());
+            if claimed > 4 * held {
+                return Err("Gaussian splats that share their lists".into());
+            }
         }
         for (node, own) in &self.nodes {
             let form = if own.get("sphere").is_some() {

@@ -217,15 +217,16 @@ impl World<'_> {
     fn hair(&mut self, node: &Arc<Node>) -> Read<Hair> {
         let named = |name: &str| node.child(name).is_some();
         let pigment = match values::shade(node, "sigma_a")? {
-            Some(shade) => Pigment::Absorption(shade.unbounded()),
+            Some(shade) => {
+                let (scale, spectrum) = (number(node, "scale", 1.0)?.max(0.0) as f32, shade.unbounded());
+                let scaled = (0..=80).map(|i| scale * spectrum.at(380.0 + 5.0 * i as f32)).collect();
+                Pigment::Absorption(if scale == 1.0 { spectrum } else { Spectrum::Table(Table::new(380.0, 5.0, scaled)) })
+            }
             None if named("sigma_a") => {
                 return Err(wrong(node, "a texture as sigma_a of hair", "a number, a colour or a spectrum"));
             }
             None => Pigment::melanin(self.scalar(node, "eumelanin", 1.3)?, self.scalar(node, "pheomelanin", 0.2)?),
         };
-        if named("scale") && number(node, "scale", 1.0)? != 1.0 {
-            self.leave_out("\"scale\" of hair");
-        }
         let eta = (index(node, "int_ior", 1.55)? / index(node, "ext_ior", 1.000277)?).clamp(1.0, 10.0) as f32;
         Ok(Hair {
             pigment,

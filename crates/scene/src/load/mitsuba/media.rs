@@ -16,11 +16,18 @@ use std::sync::Arc;
 
 type Read<T> = Result<T, SceneError>;
 
+/// Largest value of a grid.
+const MOST: f32 = 1e30;
+
 /// A medium.
-pub(super) fn of(world: &World, node: &Arc<Node>) -> Read<Medium> {
+pub(super) fn of(world: &mut World, node: &Arc<Node>) -> Read<Medium> {
     let scale = number(node, "scale", 1.0)?.max(0.0) as f32;
-    let asymmetry = match node.tagged("phase").next() {
-        Some(phase) if phase.kind() == "hg" => number(phase, "g", 0.8)?.clamp(-0.999, 0.999) as f32,
+    let asymmetry = match world.nested(node, "phase", None)? {
+        Some(phase) if phase.kind() == "hg" => number(&phase, "g", 0.8)?.clamp(-0.999, 0.999) as f32,
+        Some(phase) if phase.kind() != "isotropic" => {
+            world.leave_out(format!("phase \"{}\": light is thrown evenly", phase.kind()));
+            0.0
+        }
         _ => 0.0,
     };
     let bare = Medium { name: node.get("id").unwrap_or("medium").to_owned(), asymmetry, emission: None, ..Medium::default() };
@@ -55,27 +62,27 @@ fn coefficient(rgb: Vec3, scale: f32) -> Coefficient {
 }
 
 /// What a coefficient is from place to place.
-enum Filling {
+enum Source {
     Even(Vec3),
-    Grid(Box<Numbers>),
+    Grid(Box<GridVolume>),
 }
 
-impl Filling {
+impl Source {
     /// At a place of the world.
     fn at(&self, p: DVec3) -> Vec3 {
         match self {
-            Filling::Even(rgb) => *rgb,
-            Filling::Grid(grid) => grid.at(grid.unit_from_world.transform_point3(p)),
+            Source::Even(rgb) => *rgb,
+            Source::Grid(grid) => grid.at(grid.unit_from_world.transform_point3(p)),
         }
     }
 
-    fn grid(&self) -> Option<&Numbers> {
-        if let Filling::Grid(grid) = self { Some(grid) } else { None }
+    fn grid(&self) -> Option<&GridVolume> {
+        if let Source::Grid(grid) = self { Some(grid) } else { None }
     }
 }
 
 /// A grid over the unit cube.
-struct Numbers {
+struct GridVolume {
     size: [usize; 3],
     /// Red, green, blue; x runs first. All the same of a grid of one channel.
     values: Vec<Vec3>,
@@ -84,7 +91,7 @@ struct Numbers {
     unit_from_world: DMat4,
 }
 
-impl Numbers {
+impl GridVolume {
     /// Trilinear between the middles of cells, going on beyond the outermost.
     fn at(&self, p: DVec3) -> Vec3 {
         let axis = |i: usize| {
@@ -100,13 +107,14 @@ impl Numbers {
     }
 }
 
-fn heterogeneous(world: &World, node: &Arc<Node>, bare: Medium, scale: f32) -> Read<Medium> {
-    let Some(sigma_t) = filling(world, node, "sigma_t")? else {
-        return Err(wrong(node, "a heterogeneous medium without sigma_t", "a gridvolume, a constvolume or a number"));
-    };
-    let albedo = filling(world, node, "albedo")?.unwrap_or(Filling::Even(Vec3::splat(0.75)));
+fn heterogeneous(world: &mut World, node: &Arc<Node>, bare: Medium, scale: f32) -> Read<Medium> {
+    let sigma_t = filling(world, node, "sigma_t")?.unwrap_or(Source::Even(Vec3::ONE));
+    let albedo = filling(world, node, "albedo")?.unwrap_or(Source::Even(Vec3::splat(0.75)));
+    if sigma_t.grid().is_none() && albedo.grid().is_some() {
+        world.leave_out("extinction beyond the grid of the albedo");
+    }
     let Some(grid) = sigma_t.grid().or(albedo.grid()) else {
-        let (Filling::Even(sigma_t), Filling::Even(albedo)) = (&sigma_t, &albedo) else { unreachable!("neither is a grid") };
+        let (Source::Even(sigma_t), Source::Even(albedo)) = (&sigma_t, &albedo) else { unreachable!("neither is a grid") };
         return Ok(Medium {
             absorption: coefficient(*sigma_t * (Vec3::ONE - *albedo), scale),
             scattering: coefficient(*sigma_t * *albedo, scale),
@@ -117,15 +125,13 @@ fn heterogeneous(world: &World, node: &Arc<Node>, bare: Medium, scale: f32) -> R
     let size = grid.size.map(|n| n + 2);
     let cell = Vec3::from_array(grid.size.map(|n| 1.0 / n as f32));
     let bounds = Bounds { min: -cell, max: Vec3::ONE + cell };
-    let mut nodes = Vec::with_capacity(size.iter().product());
-    for z in 0..size[2] {
-        for y in 0..size[1] {
-            for x in 0..size[0] {
-                let unit = DVec3::from_array(std::array::from_fn(|i| ([x, y, z][i] as f64 - 0.5) / grid.size[i] as f64));
-                nodes.push(grid.world_from_unit.transform_point3(unit.clamp(DVec3::ZERO, DVec3::ONE)));
-            }
-        }
-    }
+    let nodes = || {
+        (0..size[0] * size[1] * size[2]).map(|i| {
+            let at = [i % size[0], i / size[0] % size[1], i / (size[0] * size[1])];
+            let unit = DVec3::from_array(std::array::from_fn(|k| (at[k] as f64 - 0.5) / grid.size[k] as f64));
+            grid.world_from_unit.transform_point3(unit.clamp(DVec3::ZERO, DVec3::ONE))
+        })
+    };
     let place = Affine3A::from_mat4(grid.world_from_unit.as_mat4());
     let place =
         VolumePlace::still(place).ok_or_else(|| wrong(node, "a volume without extent", "a to_world that can be inverted"))?;
@@ -134,14 +140,13 @@ fn heterogeneous(world: &World, node: &Arc<Node>, bare: Medium, scale: f32) -> R
         let volume = Some(Box::new(Volume::new(place, unit, field, None)));
         Medium { absorption, scattering, volume, ..bare.clone() }
     };
-    if let (Some(true), Filling::Even(albedo)) = (sigma_t.grid().map(|g| g.is_grey), &albedo) {
-        let density = nodes.iter().map(|p| sigma_t.at(*p).x).collect();
+    if let (Some(true), Source::Even(albedo)) = (sigma_t.grid().map(|g| g.is_grey), &albedo) {
+        let density = nodes().map(|p| sigma_t.at(p).x).collect();
         let field = Field::Density(Scalars::Grid(Grid::new(size, density, &bounds)));
         return Ok(filled(field, coefficient(Vec3::ONE - *albedo, scale), coefficient(*albedo, scale)));
     }
     let tints = |of: &dyn Fn(Vec3, Vec3) -> Vec3| {
-        let values =
-            nodes.iter().map(|p| Tint::from_rgb(of(sigma_t.at(*p), albedo.at(*p).clamp(Vec3::ZERO, Vec3::ONE)))).collect();
+        let values = nodes().map(|p| Tint::from_rgb(of(sigma_t.at(p), albedo.at(p).clamp(Vec3::ZERO, Vec3::ONE)))).collect();
         Some(Grid::new(size, values, &bounds))
     };
     let field = Field::Colors { absorption: tints(&|t, a| t * (Vec3::ONE - a)), scattering: tints(&|t, a| t * a) };
@@ -149,14 +154,14 @@ fn heterogeneous(world: &World, node: &Arc<Node>, bare: Medium, scale: f32) -> R
 }
 
 /// A coefficient by name.
-fn filling(world: &World, node: &Arc<Node>, name: &str) -> Read<Option<Filling>> {
+fn filling(world: &mut World, node: &Arc<Node>, name: &str) -> Read<Option<Source>> {
     let Some(child) = node.child(name) else { return Ok(None) };
     if let Some(shade) = Shade::of(child)? {
-        return Ok(Some(Filling::Even(shade.rgb().max(Vec3::ZERO))));
+        return Ok(Some(Source::Even(shade.rgb().max(Vec3::ZERO))));
     }
     let volume = world.resolved(child)?;
     match volume.kind() {
-        "constvolume" => Ok(Some(Filling::Even(values::shade(&volume, "value")?.map_or(Vec3::ONE, |s| s.rgb()).max(Vec3::ZERO)))),
+        "constvolume" => Ok(Some(Source::Even(values::shade(&volume, "value")?.map_or(Vec3::ONE, |s| s.rgb()).max(Vec3::ZERO)))),
         "gridvolume" => {
             let file = values::text(&volume, "filename")
                 .ok_or_else(|| wrong(&volume, "a gridvolume without filename", "<string name=\"filename\" .../>"))?;
@@ -168,7 +173,13 @@ fn filling(world: &World, node: &Arc<Node>, name: &str) -> Read<Option<Filling>>
                 let extent = own[1] - own[0];
                 world_from_unit *= DMat4::from_translation(own[0]) * DMat4::from_scale(extent);
             }
-            if !(world_from_unit.determinant().abs() > 0.0) {
+            for (name, ours) in [("filter_type", "trilinear"), ("wrap_mode", "clamp")] {
+                if values::text(&volume, name).is_some_and(|said| said != ours) {
+                    world.leave_out(format!("{name} of gridvolumes other than {ours}"));
+                }
+            }
+            let is_finite = world_from_unit.is_finite() && world_from_unit.inverse().is_finite();
+            if !(is_finite && world_from_unit.determinant().abs() > 0.0) {
                 return Err(wrong(&volume, "a volume without extent", "a to_world that can be inverted"));
             }
             let values = match channels {
@@ -176,7 +187,13 @@ fn filling(world: &World, node: &Arc<Node>, name: &str) -> Read<Option<Filling>>
                 _ => values.chunks_exact(3).map(Vec3::from_slice).collect(),
             };
             let unit_from_world = world_from_unit.inverse();
-            Ok(Some(Filling::Grid(Box::new(Numbers { size, values, is_grey: channels == 1, world_from_unit, unit_from_world }))))
+            Ok(Some(Source::Grid(Box::new(GridVolume {
+                size,
+                values,
+                is_grey: channels == 1,
+                world_from_unit,
+                unit_from_world,
+            }))))
         }
         other => Err(wrong(&volume, format!("volume \"{other}\""), "gridvolume or constvolume")),
     }
@@ -214,8 +231,8 @@ fn vol(bytes: &[u8]) -> Result<Vol, String> {
         ));
     }
     let values: Vec<f32> = data.as_chunks::<4>().0.iter().map(|b| f32::from_le_bytes(*b)).collect();
-    if let Some(bad) = values.iter().find(|v| !(v.is_finite() && **v >= 0.0)) {
-        return Err(format!("a value of {bad}: expected numbers of at least 0"));
+    if let Some(bad) = values.iter().find(|v| !(0.0..=MOST).contains(*v)) {
+        return Err(format!("a value of {bad}: expected numbers from 0 to {MOST:e}"));
     }
     let corners = [DVec3::new(real(5), real(6), real(7)), DVec3::new(real(8), real(9), real(10))];
     Ok((counts, channels, corners, values))

@@ -219,7 +219,10 @@ mod tests {
             ("<shape type='sphere'><transform name='to_world'><scale value='0'/></transform></shape>", "inverted"),
             ("<bsdf type='twosided' id='a'><ref id='a'/></bsdf><shape type='sphere'><ref id='a'/></shape>", "within BSDFs"),
             ("<shape type='obj'><string name='filename' value='gone.obj'/></shape>", "no such file"),
-            ("<shape type='sphere'><medium type='heterogeneous' name='interior'/></shape>", "without sigma_t"),
+            (
+                "<shape type='sphere'><medium type='heterogeneous' name='interior'><rgb name='sigma_t' value='x'/></medium></shape>",
+                "\"x\"",
+            ),
             (
                 "<shape type='sphere'><medium type='heterogeneous' name='interior'><volume type='gridvolume' name='sigma_t'>\
                  <string name='filename' value='t.obj'/></volume></medium></shape>",

@@ -8,6 +8,7 @@ use crate::SceneError;
 use crate::load::pbrt::shapes as round;
 use crate::load::{Fetch, measured_or_stand_in, note_missing, read_texture};
 use crate::material::{Interior, Material, Scattering};
+use crate::medium::Medium;
 use crate::scene::{Description, Object, Shape};
 use crate::texture::Image;
 use glam::{Affine3A, DMat4};
@@ -16,6 +17,8 @@ use std::sync::Arc;
 
 /// Most things in a scene.
 const MOST_OBJECTS: usize = 1 << 24;
+/// Most control points of all curves.
+const MOST_POINTS: usize = 1 << 28;
 /// Deepest that references lead to references.
 pub(super) const DEEPEST: usize = 24;
 
@@ -33,6 +36,10 @@ pub(super) struct World<'a> {
     /// Shapes of a group, by its element: groups without a name are different ones.
     groups: HashMap<*const Node, Vec<(Shape, u32, String)>>,
     meshes: HashMap<(String, bool, bool), u32>,
+    media: HashMap<*const Node, Arc<Medium>>,
+    /// Curves by kind, file and place: radii do not follow transforms.
+    curves: HashMap<(String, [u64; 16]), u32>,
+    curve_points: usize,
     left_out: BTreeMap<String, usize>,
 }
 
@@ -60,6 +67,9 @@ impl<'a> World<'a> {
             plain: HashMap::new(),
             groups: HashMap::new(),
             meshes: HashMap::new(),
+            media: HashMap::new(),
+            curves: HashMap::new(),
+            curve_points: 0,
             left_out: BTreeMap::new(),
         }
     }
@@ -242,14 +252,7 @@ impl<'a> World<'a> {
                 Shape::Mesh { mesh: number, world_from_mesh: affine(place) }
             }
             "linearcurve" | "bsplinecurve" => {
-                let file = values::text(node, "filename")
-                    .ok_or_else(|| wrong(node, "curves without filename", "<string name=\"filename\" .../>"))?;
-                let read = (self.fetch)(file).and_then(|bytes| curves::read(&bytes, node.kind() == "bsplinecurve", place));
-                let set = read.map_err(|e| {
-                    wrong(node, format!("{file}: {e}"), "lines of x, y, z and a radius, an empty one between curves")
-                })?;
-                self.description.curves.push(Arc::new(set));
-                Shape::Curves { curves: self.description.curves.len() as u32 - 1, world_from_curves: Affine3A::IDENTITY }
+                Shape::Curves { curves: self.curves(node, place)?, world_from_curves: Affine3A::IDENTITY }
             }
             kind => {
                 let (mesh, own) = shapes::make(node, kind)?;
@@ -259,12 +262,44 @@ impl<'a> World<'a> {
         Ok((shape, material, name))
     }
 
+    /// The number of a set of curves.
+    fn curves(&mut self, node: &Node, place: DMat4) -> Read<u32> {
+        let file = values::text(node, "filename")
+            .ok_or_else(|| wrong(node, "curves without filename", "<string name=\"filename\" .../>"))?;
+        let key = (format!("{} {file}", node.kind()), place.to_cols_array().map(f64::to_bits));
+        if let Some(number) = self.curves.get(&key) {
+            return Ok(*number);
+        }
+        let read = (self.fetch)(file).and_then(|bytes| curves::read(&bytes, node.kind() == "bsplinecurve", place));
+        let expected = "lines of x, y, z and a radius, an empty one between curves";
+        let set = read.map_err(|e| wrong(node, format!("{file}: {e}"), expected))?;
+        self.curve_points += set.points.len();
+        if self.curve_points > MOST_POINTS {
+            return Err(wrong(node, format!("more than {MOST_POINTS} points of curves"), "fewer, or instances of a shapegroup"));
+        }
+        self.description.curves.push(Arc::new(set));
+        let number = self.description.curves.len() as u32 - 1;
+        self.curves.insert(key, number);
+        Ok(number)
+    }
+
     fn mesh(&mut self, mut mesh: crate::shape::Mesh, flip: bool, place: DMat4) -> Shape {
         if flip {
             round::reverse(&mut mesh);
         }
         self.description.meshes.push(mesh.into());
         Shape::Mesh { mesh: self.description.meshes.len() as u32 - 1, world_from_mesh: affine(place) }
+    }
+
+    /// A medium; one element is one medium, whoever refers to it.
+    fn medium(&mut self, node: &Arc<Node>) -> Read<Arc<Medium>> {
+        let key = Arc::as_ptr(node);
+        if let Some(known) = self.media.get(&key) {
+            return Ok(known.clone());
+        }
+        let made = Arc::new(media::of(self, node)?);
+        self.media.insert(key, made.clone());
+        Ok(made)
     }
 
     /// The number of the material of a shape: its BSDF, light and interior.
@@ -296,8 +331,8 @@ impl<'a> World<'a> {
             material.interior = Interior::Body { medium: None, priority: None };
         }
         if inside.is_some() || outside.is_some() {
-            let made = |node: Option<Arc<Node>>| node.map(|n| media::of(self, &n).map(Arc::new)).transpose();
-            let (inside, outside) = (made(inside)?, made(outside)?);
+            let inside = inside.map(|n| self.medium(&n)).transpose()?;
+            let outside = outside.map(|n| self.medium(&n)).transpose()?;
             material.interior = match (outside, surface.is_body) {
                 (None, true) => Interior::Body { medium: inside, priority: None },
                 (outside, _) => Interior::Sides([inside, outside]),

@@ -109,6 +109,10 @@ exact_enum!(Symmetry { Isotropic, None, HalfTurn, Mirrored });
 exact_struct!(Adaptive { phi_i, theta_i, symmetry, ndf, sigma, vndf, luminance, bands, size, stride, samples, is_divided });
 
 impl Adaptive {
+    pub(super) fn numbers(&self) -> usize {
+        self.samples.len() + self.vndf.numbers() + self.luminance.numbers()
+    }
+
     /// Whether its lists fit each other, so that rays find what they look for.
     pub(super) fn is_whole(&self) -> bool {
         let rises = |v: &[f32]| !v.is_empty() && v.iter().all(|x| x.is_finite()) && v.windows(2).all(|w| w[0] < w[1]);

@@ -43,6 +43,10 @@ pub(crate) struct HalfDifference {
 exact_struct!(HalfDifference { counts, values, views, halves });
 
 impl HalfDifference {
+    pub(super) fn numbers(&self) -> usize {
+        3 * self.values.len() + self.halves.numbers()
+    }
+
     /// Whether its lists fit each other, so that rays find what they look for.
     pub(super) fn is_whole(&self) -> bool {
         let count = self.counts.iter().try_fold(1usize, |all, n| all.checked_mul(*n));

@@ -38,6 +38,14 @@ exact_enum!(Table { Adaptive(table), HalfDifference(table) });
 exact_struct!(Measured { table, normal_reflectance, alpha });
 
 impl Measured {
+    /// Bytes of its numbers.
+    pub(crate) fn memory(&self) -> usize {
+        4 * match &self.table {
+            Table::Adaptive(table) => table.numbers(),
+            Table::HalfDifference(table) => table.numbers(),
+        }
+    }
+
     /// Whether its lists fit each other.
     pub(crate) fn is_whole(&self) -> bool {
         let is_whole = match &self.table {

@@ -166,6 +166,11 @@ impl Warp {
             && self.density.values.iter().chain(&self.conditional).chain(&self.marginal).all(|v| v.is_finite() && *v >= 0.0)
     }
 
+    /// How many numbers it holds.
+    pub fn numbers(&self) -> usize {
+        self.density.values.len() + self.conditional.len() + self.marginal.len()
+    }
+
     /// Columns and rows of nodes.
     pub fn size(&self) -> [usize; 2] {
         self.density.size
