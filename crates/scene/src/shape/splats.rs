@@ -219,7 +219,7 @@ impl Splats {
         self.harmonics = order.iter().flat_map(|(_, i)| &self.harmonics[*i as usize * stride..][..stride]).copied().collect();
     }
 
-    /// One of them, as it is held: opacity at most 1, scales in proportion at least [`THINNEST`].
+    /// One of them, as it is held: opacity at most 1, scales at least 1e-5 of the largest.
     pub fn splat(&self, number: usize) -> Splat {
         let Ellipsoid { center, opacity, rows, .. } = self.ellipsoids[number];
         let mut axes = Mat3::from_cols(rows[0].normalize(), rows[1].normalize(), rows[2].normalize());
