@@ -61,7 +61,7 @@ def main():
             state, why = "read", row["what"]
         count[state] += 1
         why = why if len(why) < 150 else why[:147] + "..."
-        why = why.replace("|", "/").replace("\n", " ")
+        why = why.replace("|", "/").replace("\n", " ").replace("<", "`").replace(">", "`")
         lines.append(f"| {row['file']} | {state} | {why} |")
         print(f"{state:8} {row['seconds']:6.2f} s  {row['file']}  {why}", flush=True)
         if row["code"] not in (0, 1, 2):
