@@ -278,6 +278,15 @@ impl Bundle {
         (offset.is_finite() && matrix.is_finite()).then_some(Aimed { matrix, offset })
     }
 
+    /// Fills a packet with the rays through some places, the last one again where there are fewer than lanes.
+    fn start(&self, packet: &mut Packet, aimed: Aimed, places: &[(DVec2, f64)]) {
+        for lane in 0..LANES {
+            let (place, _) = places[lane.min(places.len() - 1)];
+            let ray = self.beam.ray(aimed.matrix * place + aimed.offset);
+            packet.set(lane, ray.position.to_array(), ray.direction.to_array());
+        }
+    }
+
     /// Where all rays land on the plane of the film at a wavelength, by its number, in the order of [`Bundle::rays`]. `None` where one of
     /// them does not arrive.
     pub fn trace(&self, tracer: &Tracer, aimed: Aimed, color: usize) -> Option<Vec<Landing>> {
@@ -291,11 +300,7 @@ impl Bundle {
         let mut landings = Vec::with_capacity(places.len());
         let mut packet = Packet::default();
         for chunk in places.chunks(LANES) {
-            for lane in 0..LANES {
-                let (place, _) = chunk[lane.min(chunk.len() - 1)];
-                let ray = self.beam.ray(aimed.matrix * place + aimed.offset);
-                packet.set(lane, ray.position.to_array(), ray.direction.to_array());
-            }
+            self.start(&mut packet, aimed, chunk);
             let mask = tracer.batch.trace(&mut packet, &tracer.lanes[color], Way::ToFilm);
             for (lane, (_, weight)) in chunk.iter().enumerate() {
                 if mask >> lane & 1 == 0 {
@@ -322,9 +327,8 @@ impl Bundle {
 
     /// By how much the offset of [`Aim::Entrance`] changes with each parameter. `None` where the stop cannot be reached.
     pub fn aim_changes(&self, tracer: &Tracer, by: &ByParameters, aimed: Aimed, reference: usize) -> Option<Vec<DVec2>> {
-        let ray = self.beam.ray(aimed.offset);
         let mut packet = Packet::default();
-        (0..LANES).for_each(|lane| packet.set(lane, ray.position.to_array(), ray.direction.to_array()));
+        self.start(&mut packet, aimed, &[(DVec2::ZERO, 0.0)]);
         let (n, lanes) = (&tracer.n[reference], &tracer.lanes[reference]);
         let traced = by.lens.trace(&tracer.batch, &packet, n, lanes, tracer.system.stop + 1)?;
         let [x, y] = [0, 1].map(|axis| by.lens.gradient(&traced, Quantity::Intersection(axis)));
@@ -349,14 +353,11 @@ impl Bundle {
         let mut changes = vec![vec![LandingChange::default(); self.rays.len()]; moved.len()];
         let mut packet = Packet::default();
         for (number, chunk) in self.rays.chunks(LANES).enumerate() {
-            let place = |lane: usize| aimed.matrix * chunk[lane.min(chunk.len() - 1)].0 + aimed.offset;
-            for lane in 0..LANES {
-                let ray = self.beam.ray(place(lane));
-                packet.set(lane, ray.position.to_array(), ray.direction.to_array());
-            }
+            self.start(&mut packet, aimed, chunk);
             let (n, lanes) = (&tracer.n[color], &tracer.lanes[color]);
             let traced = by.lens.trace(&tracer.batch, &packet, n, lanes, tracer.system.surfaces.len())?;
-            let start_by: Vec<_> = (0..chunk.len()).map(|lane| self.beam.ray_by(place(lane))).collect();
+            let start_by: Vec<_> =
+                chunk.iter().map(|(place, _)| self.beam.ray_by(aimed.matrix * *place + aimed.offset)).collect();
             // What the lens does to the rays, and what their start does.
             let mut each = |quantity: Quantity, write: &dyn Fn(&mut LandingChange, f64)| {
                 let g = by.lens.gradient(&traced, quantity);

@@ -8,7 +8,7 @@
 
 use crate::batch::double::{Batch, Indices, LANES, Lanes, Packet};
 use crate::batch::level;
-use crate::surface::{Asphere, Profile};
+use crate::surface::Profile;
 use crate::system::System;
 use crate::trace::Way;
 use fearless_simd::{Simd, dispatch, f64x8, prelude::*};
@@ -76,16 +76,15 @@ struct Crossing {
     normal: [Lanes; 3],
     /// From where the rays came to where they met it, mm.
     distance: Lanes,
-    /// Index before over after; 1 for a mirror.
-    ratio: Lanes,
-    /// Direction behind it = ratio × direction + bend × normal.
+    /// Direction behind it = index before over index behind × direction + bend × normal.
     bend: Lanes,
-    /// Derivative of the bend by the signed cosine of incidence, and by the ratio.
+    /// Derivative of the bend by the signed cosine of incidence, and by the ratio of the indices.
     bend_by: [Lanes; 2],
     /// 1 over the signed cosine of incidence.
     over_cosine: Lanes,
     /// d²z/dx², d²z/dxdy, d²z/dy².
     second: [Lanes; 3],
+    /// Before and behind it; the same of a mirror.
     indices: [f64; 2],
 }
 
@@ -210,17 +209,6 @@ fn round_slopes<S: Simd>(simd: S, c: f64, k: f64, a: &[f64], r2: f64x8<S>) -> [f
     [over_r, second]
 }
 
-/// Curvature, conic constant and polynomial of a rotational shape with closed derivatives.
-fn rotational(profile: &Profile) -> Option<(f64, f64, &[f64])> {
-    match profile {
-        Profile::Plane => Some((0.0, 0.0, &[])),
-        Profile::Sphere(c) => Some((*c, 0.0, &[])),
-        Profile::Conic { c, k } => Some((*c, *k, &[])),
-        Profile::Asphere(Asphere { c, k, a }) => Some((*c, *k, a)),
-        _ => None,
-    }
-}
-
 /// What a surface did to a packet that came to it in the directions `before` and stands behind it as `after`.
 #[inline(always)]
 fn cross<S: Simd>(simd: S, step: &Step, before: [Lanes; 3], after: &Packet, [n0, n1]: [f64; 2], c: &mut Crossing) {
@@ -238,7 +226,7 @@ fn cross<S: Simd>(simd: S, step: &Step, before: [Lanes; 3], after: &Packet, [n0,
             (0..3).for_each(|i| (c.direction[i][lane], away[i][lane]) = (d[i], e[i]));
         }
     }
-    let slopes = match rotational(&step.profile) {
+    let slopes = match step.profile.conic_and_powers() {
         Some(_) => [o; 2],
         None => {
             let mut slopes = [o; 2];
@@ -265,7 +253,7 @@ fn cross<S: Simd>(simd: S, step: &Step, before: [Lanes; 3], after: &Packet, [n0,
         let cosines = |[nx, ny, nz]: [f64x8<S>; 3]| (dx * nx + dy * ny + dz * nz, ex * nx + ey * ny + ez * nz);
         // Slope over r and second, where the shape is rotational.
         let (normal, over_cos0, over_cos1, round);
-        match rotational(&step.profile) {
+        match step.profile.conic_and_powers() {
             Some((curvature, 0.0, [])) => {
                 // A sphere's root is the normal's z. One division for all that is divided by.
                 let curvature = f64x8::splat(simd, curvature);
@@ -298,21 +286,19 @@ fn cross<S: Simd>(simd: S, step: &Step, before: [Lanes; 3], after: &Packet, [n0,
             (over_r + second * y * y).store_slice(&mut c.second[2][from..to]);
         }
         let (cos0, cos1) = cosines(normal);
-        let (ratio, bend, by_cosine, by_ratio);
+        let (bend, by_cosine, by_ratio);
         if step.mirror {
-            ratio = one;
             bend = -(cos0 + cos0);
             by_cosine = f64x8::splat(simd, -2.0);
             by_ratio = f64x8::splat(simd, 0.0);
         } else {
-            ratio = f64x8::splat(simd, n0 / n1);
+            let ratio = f64x8::splat(simd, n0 / n1);
             bend = cos1 - ratio * cos0;
             by_cosine = -(ratio * bend * over_cos1);
             by_ratio = -(ratio * (one - cos0 * cos0) * over_cos1) - cos0;
         }
         (0..3).for_each(|i| normal[i].store_slice(&mut c.normal[i][from..to]));
         (load(simd, &after.path, from) * f64x8::splat(simd, 1.0 / n0)).store_slice(&mut c.distance[from..to]);
-        ratio.store_slice(&mut c.ratio[from..to]);
         bend.store_slice(&mut c.bend[from..to]);
         by_cosine.store_slice(&mut c.bend_by[0][from..to]);
         by_ratio.store_slice(&mut c.bend_by[1][from..to]);
@@ -322,7 +308,7 @@ fn cross<S: Simd>(simd: S, step: &Step, before: [Lanes; 3], after: &Packet, [n0,
 
 /// Derivatives of the sag and of the slopes in x and y by a parameter of the shape, at a place.
 fn shape_by(profile: &Profile, parameter: Parameter, x: f64, y: f64) -> [f64; 3] {
-    if let Some((c, k, _)) = rotational(profile) {
+    if let Some((c, k, _)) = profile.conic_and_powers() {
         let r2 = x * x + y * y;
         let root2 = (1.0 - (1.0 + k) * c * c * r2).max(1e-12);
         let root = root2.sqrt();
@@ -409,7 +395,8 @@ fn reverse<S: Simd>(simd: S, lens: &Differentiated, traced: &Traced, quantity: Q
         let normal = [0, 1, 2].map(|k| load(simd, &c.normal[k], from));
         let before = [0, 1, 2].map(|k| load(simd, &c.direction[k], from));
         let [x, y] = [0, 1].map(|k| load(simd, &c.place[k], from));
-        let [ratio, bend, t, over_cosine] = [&c.ratio, &c.bend, &c.distance, &c.over_cosine].map(|v| load(simd, v, from));
+        let [bend, t, over_cosine] = [&c.bend, &c.distance, &c.over_cosine].map(|v| load(simd, v, from));
+        let ratio = f64x8::splat(simd, c.indices[0] / c.indices[1]);
         let [by_cosine, by_ratio] = [0, 1].map(|k| load(simd, &c.bend_by[k], from));
         let [xx, xy, yy] = [0, 1, 2].map(|k| load(simd, &c.second[k], from));
         let dot = |a: [f64x8<S>; 3], b: [f64x8<S>; 3]| a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
@@ -441,7 +428,7 @@ fn reverse<S: Simd>(simd: S, lens: &Differentiated, traced: &Traced, quantity: Q
         }
         index_after = t * path + by_ratio_of_indices;
         for (number, parameter) in &lens.plan.shapes[i] {
-            let [sag, sx, sy] = match (rotational(&step.profile), parameter) {
+            let [sag, sx, sy] = match (step.profile.conic_and_powers(), parameter) {
                 (Some((c, k, _)), Parameter::Curvature(_)) => {
                     let r2 = x * x + y * y;
                     let root2 = (one - f64x8::splat(simd, (1.0 + k) * c * c) * r2).max(f64x8::splat(simd, 1e-12));
@@ -474,6 +461,7 @@ fn reverse<S: Simd>(simd: S, lens: &Differentiated, traced: &Traced, quantity: Q
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::surface::Asphere;
     use crate::system::State;
     use crate::trace::{Apertures, TracedRay};
     use crate::{embedded, prescription::read_toml};
@@ -486,7 +474,7 @@ mod tests {
                 *p = crate::tolerance::bent_to(p, p.base_curvature() + by);
             }
             Parameter::Conic(s) | Parameter::Coefficient(s, _) => {
-                let (c, k, a) = rotational(&system.surfaces[s].profile).unwrap();
+                let (c, k, a) = system.surfaces[s].profile.conic_and_powers().unwrap();
                 let (mut k, mut a) = (k, a.to_vec());
                 match parameter {
                     Parameter::Coefficient(_, power) => {
@@ -572,7 +560,7 @@ mod tests {
                 if !system.surfaces[s].mirror && s + 1 < count {
                     parameters.push(Parameter::Index(s));
                 }
-                if let Some((c, ..)) = rotational(&system.surfaces[s].profile) {
+                if let Some((c, ..)) = system.surfaces[s].profile.conic_and_powers() {
                     parameters.extend([Parameter::Coefficient(s, 4), Parameter::Coefficient(s, 3)]);
                     parameters.extend((c != 0.0).then_some(Parameter::Conic(s)));
                 }

@@ -126,6 +126,17 @@ impl Profile {
         }
     }
 
+    /// Curvature, conic constant and coefficients of a shape of revolution of conic and powers; `None` of any other.
+    pub(crate) fn conic_and_powers(&self) -> Option<(f64, f64, &[f64])> {
+        match self {
+            Profile::Plane => Some((0.0, 0.0, &[])),
+            Profile::Sphere(c) => Some((*c, 0.0, &[])),
+            Profile::Conic { c, k } => Some((*c, *k, &[])),
+            Profile::Asphere(Asphere { c, k, a }) => Some((*c, *k, a)),
+            _ => None,
+        }
+    }
+
     /// Curvature in the y–z plane of the conic that polynomials are added to.
     pub(crate) fn base_curvature(&self) -> f64 {
         match self {

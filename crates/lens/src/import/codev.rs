@@ -187,7 +187,7 @@ impl Special {
             "XYP" => Terms { xy: super::zemax::xy_terms(&values), ..Terms::default() },
             _ => Terms { fringe: values, ..Terms::default() },
         };
-        let base = crate::prescription::asphere_of(crate::prescription::profile(c, k, vec![], None)).ok_or("no such base")?;
+        let base = crate::prescription::asphere_of(&crate::prescription::profile(c, k, vec![], None)).ok_or("no such base")?;
         Ok(Some(Profile::Freeform(Box::new(Freeform { base, departure: Polynomial::new(norm * scale, terms)? }))))
     }
 }

@@ -537,7 +537,7 @@ fn profile(b: &Block, scale: f64) -> Result<Profile, String> {
         "ODDASPHE" => asphere((1..=8).map(|i| (i as usize, parameter(i))).collect()),
         "FRESNELS" => match asphere((1..=8).map(|i| (2 * i as usize, parameter(i))).collect()) {
             Profile::Plane => Profile::Plane,
-            slopes => Profile::Fresnel(crate::prescription::asphere_of(slopes).ok_or("FRESNELS: no such slopes")?),
+            slopes => Profile::Fresnel(crate::prescription::asphere_of(&slopes).ok_or("FRESNELS: no such slopes")?),
         },
         kind @ ("SZERNSAG" | "FZERNSAG" | "XPOLYNOM") => {
             let is_zernike = kind != "XPOLYNOM";
@@ -556,7 +556,7 @@ fn profile(b: &Block, scale: f64) -> Result<Profile, String> {
                 true => asphere((1..=8).map(|i| (2 * i as usize, parameter(i))).collect()),
                 false => asphere(vec![]),
             };
-            let base = crate::prescription::asphere_of(base).ok_or("no such base")?;
+            let base = crate::prescription::asphere_of(&base).ok_or("no such base")?;
             Profile::Freeform(Box::new(Freeform { base, departure: Polynomial::new(norm * scale, terms)? }))
         }
         // Kind (0 mild, 1 strong), number of terms, normalisation radius, then the terms.

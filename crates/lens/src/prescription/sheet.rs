@@ -352,7 +352,7 @@ fn surface(s: SheetSurface, line: usize, names: &Names, all: Finish) -> Result<S
     let profile = match (s.departure, s.fresnel) {
         (None, false) => profile,
         (Some(_), true) => return Err("departure with fresnel: expected one of them".into()),
-        (Some(departure), false) => match asphere_of(profile) {
+        (Some(departure), false) => match asphere_of(&profile) {
             Some(base) => Profile::Freeform(Box::new(Freeform { base, departure: phases::polynomial(departure, "departure")? })),
             None => {
                 return Err(
@@ -360,7 +360,7 @@ fn surface(s: SheetSurface, line: usize, names: &Names, all: Finish) -> Result<S
                 );
             }
         },
-        (None, true) => match asphere_of(profile) {
+        (None, true) => match asphere_of(&profile) {
             Some(slopes) => Profile::Fresnel(slopes),
             None => {
                 return Err("fresnel on a toroid, biconic or Q-type asphere: expected radius, conic and asphere beside it".into());
@@ -417,15 +417,8 @@ pub(crate) fn profile(c: f64, k: f64, a: Vec<f64>, c_x: Option<f64>) -> Profile 
 }
 
 /// A rotational profile of conic and powers as an asphere; `None` of another one.
-pub(crate) fn asphere_of(profile: Profile) -> Option<Asphere> {
-    let conic = |c, k| Some(Asphere { c, k, a: vec![] });
-    match profile {
-        Profile::Plane => conic(0.0, 0.0),
-        Profile::Sphere(c) => conic(c, 0.0),
-        Profile::Conic { c, k } => conic(c, k),
-        Profile::Asphere(a) => Some(a),
-        _ => None,
-    }
+pub(crate) fn asphere_of(profile: &Profile) -> Option<Asphere> {
+    profile.conic_and_powers().map(|(c, k, a)| Asphere { c, k, a: a.to_vec() })
 }
 
 /// A biconic from curvature and conic constant in x and in y; the simpler profile where they are the same.
