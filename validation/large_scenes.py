@@ -1,10 +1,11 @@
 """A million Gaussian splats and millions of strands of hair: samples a second, time to read, memory.
 
     pip install numpy
-    python validation/large_scenes.py DIOPTER [--splats 1000000] [--strands 2000000]
+    python validation/large_scenes.py DIOPTER [--splats 1000000] [--strands 10000000]
 
-Splats lie on a bumpy shell and in a haze around it, harmonics of the first degree, as a binary .ply; strands are cubic B-splines of four points in a Mitsuba scene with its `hair`. Each is
-photographed twice through a thin lens, with 2 and with 34 samples a pixel: the difference in processor time is that of the samples alone. Memory is the most that the second run held.
+Splats lie on a bumpy shell and in a haze around it, harmonics of the first degree, as a binary .ply. They are photographed twice through a thin lens, with 2 and with 34 samples a pixel: the
+difference in processor time is that of the samples alone. Strands are cubic B-splines of four points in a Mitsuba scene with its `hair`; `scene info` reads them and builds their hierarchy.
+Memory is the most that the last run held.
 """
 
 import argparse
@@ -84,7 +85,7 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("diopter")
     parser.add_argument("--splats", type=int, default=1_000_000)
-    parser.add_argument("--strands", type=int, default=2_000_000)
+    parser.add_argument("--strands", type=int, default=10_000_000)
     arguments = parser.parse_args()
     print("| scene | samples a core-second | read and 2 samples a pixel | memory |\n|---|---|---|---|")
     with tempfile.TemporaryDirectory() as name:
@@ -97,9 +98,8 @@ def main():
             file.unlink()
         if arguments.strands:
             scene = strands(folder, arguments.strands)
-            rate, read, memory = measure(arguments.diopter, scene, [])
-            each = memory * 2**20 / arguments.strands
-            print(f"| {arguments.strands} strands of four points | {rate:.3f} M | {read:.1f} s | {memory:.0f} MB: {each:.0f} bytes a strand |", flush=True)
+            read, memory = run([arguments.diopter, "scene", "info", str(scene)])
+            print(f"| {arguments.strands} strands of four points | - | {read:.1f} s | {memory:.0f} MB |", flush=True)
 
 
 if __name__ == "__main__":
