@@ -10,6 +10,7 @@ mod volume;
 
 pub use albedo::Orders;
 pub use sparse::{BLOCK, SparseGrid};
+pub(crate) use volume::trilinear;
 pub use volume::{Cloud, Field, Glow, Grid, Scalars, Tint, Volume, VolumePlace};
 
 use crate::bvh::Bounds;
@@ -41,6 +42,15 @@ impl Coefficient {
     /// The same at all wavelengths, 1/m.
     pub fn grey(per_m: f32) -> Self {
         Coefficient::Scaled(per_m, Spectrum::Constant(1.0))
+    }
+
+    /// Linear sRGB without upper bound times a scale, 1/m: a scaled sigmoid (PBR 4ed §4.6.6).
+    pub fn from_rgb(rgb: Vec3, scale: f32) -> Self {
+        let most = 2.0 * rgb.max_element();
+        match most > 0.0 {
+            true => Coefficient::Scaled(scale * most, Spectrum::Sigmoid(Sigmoid::from_rgb(rgb / most))),
+            false => Coefficient::NONE,
+        }
     }
 
     /// 1/m at the wavelengths of a path.

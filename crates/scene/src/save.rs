@@ -136,6 +136,15 @@ pub fn gltf(d: &Description) -> Gltf {
     let mut attributes: HashMap<u32, Value> = HashMap::new();
     let (mut curves, mut numbers_of_curves) = (Vec::new(), HashMap::new());
     let (mut splats, mut numbers_of_splats) = (Vec::new(), HashMap::new());
+    // Hangs a node on what carries it, or puts it where it stands.
+    let stand = |moving: &mut MovingNodes, nodes: &mut Vec<Value>, mut node: Value, motion: Motion, own: Affine3A| match motion {
+        Motion::Carried { node: carrier } if moving.holds(carrier) => moving.hang(carrier, nodes, node),
+        motion => {
+            let place = if let Motion::Carried { node } = motion { timeline.world(node, 0.0) } else { own };
+            node["matrix"] = json!(Mat4::from(place).to_cols_array());
+            nodes.push(node);
+        }
+    };
     for (object, chosen) in d.objects.iter().zip(&choices) {
         if let (Shape::Mesh { mesh, .. }, Motion::Deformed { deformer }) = (object.shape, object.motion)
             && !d.meshes[mesh as usize].triangles.is_empty()
@@ -184,15 +193,7 @@ pub fn gltf(d: &Description) -> Gltf {
                 let mut node = json!({ "name": object.name,
                     "extras": { KEY: { "curves": number, "material": object.material } } });
                 classify(object, &mut node);
-                match object.motion {
-                    Motion::Carried { node: carrier } if moving.holds(carrier) => moving.hang(carrier, &mut nodes, node),
-                    motion => {
-                        let place =
-                            if let Motion::Carried { node } = motion { timeline.world(node, 0.0) } else { world_from_curves };
-                        node["matrix"] = json!(Mat4::from(place).to_cols_array());
-                        nodes.push(node);
-                    }
-                }
+                stand(&mut moving, &mut nodes, node, object.motion, world_from_curves);
                 continue;
             }
             // A set without Gaussians is nothing to glTF.
@@ -210,15 +211,7 @@ pub fn gltf(d: &Description) -> Gltf {
                 let mut node = json!({ "name": object.name, "mesh": mesh,
                     "extras": { KEY: { "splats": number, "material": object.material } } });
                 classify(object, &mut node);
-                match object.motion {
-                    Motion::Carried { node: carrier } if moving.holds(carrier) => moving.hang(carrier, &mut nodes, node),
-                    motion => {
-                        let place =
-                            if let Motion::Carried { node } = motion { timeline.world(node, 0.0) } else { world_from_splats };
-                        node["matrix"] = json!(Mat4::from(place).to_cols_array());
-                        nodes.push(node);
-                    }
-                }
+                stand(&mut moving, &mut nodes, node, object.motion, world_from_splats);
                 continue;
             }
             Shape::Sphere(s) => {

@@ -249,7 +249,7 @@ pub(super) fn joined(a: [f32; 2], b: [f32; 2]) -> [f32; 2] {
 
 /// Trilinear interpolation between the eight values from `base` on; what is not there is 0.
 #[inline]
-pub(super) fn trilinear<V: Add<Output = V> + Mul<f32, Output = V>>(
+pub(crate) fn trilinear<V: Add<Output = V> + Mul<f32, Output = V>>(
     base: IVec3,
     f: Vec3,
     zero: V,

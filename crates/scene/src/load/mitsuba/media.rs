@@ -10,8 +10,8 @@ use super::world::World;
 use super::wrong;
 use crate::SceneError;
 use crate::bvh::Bounds;
-use crate::medium::{Coefficient, Field, Grid, Medium, Scalars, Tint, Volume, VolumePlace};
-use glam::{Affine3A, DMat4, DVec3, Vec3};
+use crate::medium::{Coefficient, Field, Grid, Medium, Scalars, Tint, Volume, VolumePlace, trilinear};
+use glam::{Affine3A, DMat4, DVec3, IVec3, Vec3};
 use std::sync::Arc;
 
 type Read<T> = Result<T, SceneError>;
@@ -48,17 +48,9 @@ pub(super) fn of(world: &mut World, node: &Arc<Node>) -> Read<Medium> {
     }
 }
 
-/// A coefficient of a colour, 1/m.
+/// A coefficient of a colour, 1/m; what is grey is so at all wavelengths.
 fn coefficient(rgb: Vec3, scale: f32) -> Coefficient {
-    let most = 2.0 * rgb.max_element();
-    match most > 0.0 {
-        true if rgb == Vec3::splat(rgb.x) => Coefficient::grey(rgb.x * scale),
-        true => {
-            let sigmoid = diopter_light::upsample::Sigmoid::from_rgb(rgb / most);
-            Coefficient::Scaled(scale * most, diopter_light::Spectrum::Sigmoid(sigmoid))
-        }
-        false => Coefficient::NONE,
-    }
+    if rgb == Vec3::splat(rgb.x) { Coefficient::grey(rgb.x * scale) } else { Coefficient::from_rgb(rgb, scale) }
 }
 
 /// What a coefficient is from place to place.
@@ -94,16 +86,14 @@ struct GridVolume {
 impl GridVolume {
     /// Trilinear between the middles of cells, going on beyond the outermost.
     fn at(&self, p: DVec3) -> Vec3 {
-        let axis = |i: usize| {
-            let x = (p[i] * self.size[i] as f64 - 0.5).clamp(0.0, (self.size[i] - 1) as f64);
-            let low = (x.floor() as usize).min(self.size[i].saturating_sub(2));
-            (low, (low + 1).min(self.size[i] - 1), (x - low as f64) as f32)
+        let size = IVec3::from_array(self.size.map(|n| n as i32));
+        let cell = p * size.as_dvec3() - 0.5;
+        let base = cell.floor();
+        let value = |at: IVec3| {
+            let [x, y, z] = at.clamp(IVec3::ZERO, size - 1).to_array().map(|v| v as usize);
+            Some(self.values[(z * self.size[1] + y) * self.size[0] + x])
         };
-        let [(x0, x1, fx), (y0, y1, fy), (z0, z1, fz)] = [axis(0), axis(1), axis(2)];
-        let value = |x: usize, y: usize, z: usize| self.values[(z * self.size[1] + y) * self.size[0] + x];
-        let row = |y: usize, z: usize| value(x0, y, z).lerp(value(x1, y, z), fx);
-        let sheet = |z: usize| row(y0, z).lerp(row(y1, z), fy);
-        sheet(z0).lerp(sheet(z1), fz)
+        trilinear(base.as_ivec3(), (cell - base).as_vec3(), Vec3::ZERO, value)
     }
 }
 

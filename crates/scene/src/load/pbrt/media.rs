@@ -12,7 +12,6 @@ use crate::medium::{Cloud, Coefficient, Field, Glow, Grid, Medium, Scalars, Tint
 use diopter_light::Spectrum;
 use diopter_light::spectrum::Table;
 use diopter_light::units::LUMINOUS_EFFICACY;
-use diopter_light::upsample::Sigmoid;
 use glam::Vec3;
 
 /// Name, reduced scattering and absorption in red, green and blue, 1/mm. Source: H. W. Jensen et al. 2001, "A Practical Model for Subsurface Light
@@ -72,7 +71,7 @@ fn homogeneous(world: &World, p: &Params, bare: Medium, scale: f32) -> Result<Me
         Some(preset) => Some(preset_named(preset, p.place)?),
     };
     let coefficient = |name: &str, preset: Option<[f32; 3]>| match preset {
-        Some(rgb) => Ok(of_rgb(Vec3::from_array(rgb), scale)),
+        Some(rgb) => Ok(Coefficient::from_rgb(Vec3::from_array(rgb), scale)),
         None => coefficient(world, p, name, scale),
     };
     let emission = match p.get("Le") {
@@ -108,7 +107,7 @@ pub(super) fn coefficient(world: &World, p: &Params, name: &str, scale: f32) -> 
     let Some(param) = p.get(name) else { return Ok(Coefficient::grey(scale)) };
     match (&param.values, param.kind.as_str()) {
         (Values::Numbers(n), "rgb") if n.len() == 3 && n.iter().all(|v| *v >= 0.0) => {
-            Ok(of_rgb(Vec3::new(n[0] as f32, n[1] as f32, n[2] as f32), scale))
+            Ok(Coefficient::from_rgb(Vec3::new(n[0] as f32, n[1] as f32, n[2] as f32), scale))
         }
         _ => {
             let spectrum = spectra::of(world, param, Use::Unbounded)?;
@@ -118,14 +117,6 @@ pub(super) fn coefficient(world: &World, p: &Params, name: &str, scale: f32) -> 
             }
         }
     }
-}
-
-pub(super) fn of_rgb(rgb: Vec3, scale: f32) -> Coefficient {
-    let most = 2.0 * rgb.max_element();
-    if most <= 0.0 {
-        return Coefficient::NONE;
-    }
-    Coefficient::Scaled(scale * most, Spectrum::Sigmoid(Sigmoid::from_rgb(rgb / most)))
 }
 
 fn emission(world: &World, param: &Param, factor: f32) -> Result<Spectrum, Fault> {

@@ -4,7 +4,7 @@
 //! it is, and thin parts are seen to be thin. Light comes in and out by refraction: lamps without extent light a body only if its surface is rough.
 
 use super::Fault;
-use super::media::{coefficient, of_rgb, preset_named};
+use super::media::{coefficient, preset_named};
 use super::params::{Params, Values};
 use super::spectra::{self, Use};
 use super::world::World;
@@ -32,7 +32,9 @@ pub fn medium(world: &mut World, p: &Params, eta: f32) -> Result<Medium, Fault> 
         }
     }
     let bare = Medium { name: "subsurface".into(), is_subsurface: true, ..Medium::default() };
-    let rgb = |[absorption, scattering]: [[f32; 3]; 2]| [absorption, scattering].map(|c| of_rgb(Vec3::from_array(c), scale));
+    let rgb = |[absorption, scattering]: [[f32; 3]; 2]| {
+        [absorption, scattering].map(|c| Coefficient::from_rgb(Vec3::from_array(c), scale))
+    };
     let given = |name: &str| p.get(name).is_some();
     if let Some(name) = p.text("name")?.filter(|name| !name.is_empty()) {
         if asymmetry != 0.0 {
