@@ -138,6 +138,20 @@ impl Aperture {
         }
     }
 
+    /// Lower and upper corner of the rectangle that holds all that it lets through, mm; `None` of what blocks.
+    pub fn bounds(&self) -> Option<[[f64; 2]; 2]> {
+        let [cos, sin] = self.axis;
+        let half = match self.outline {
+            _ if self.blocks => return None,
+            Outline::Rectangle([a, b]) => [(a * cos).abs() + (b * sin).abs(), (a * sin).abs() + (b * cos).abs()],
+            Outline::Ellipse([a, b]) => [(a * cos).hypot(b * sin), (a * sin).hypot(b * cos)],
+            Outline::Ring([_, outer]) => [outer; 2],
+            Outline::Spider { .. } => return None,
+        };
+        let [x, y] = self.center;
+        Some([[x - half[0], y - half[1]], [x + half[0], y + half[1]]])
+    }
+
     /// Lengths in another unit: multiplied by `scale`.
     pub(crate) fn scaled(self, scale: f64) -> Aperture {
         let both = |v: [f64; 2]| v.map(|v| v * scale);

@@ -45,10 +45,15 @@ pub(crate) fn chief_of(system: &System, n: &[f64], ray: impl Fn(DVec2) -> Traced
     if is_centered(system) {
         return Some(DVec2::ZERO);
     }
+    chief_from(system, n, DVec2::ZERO, ray)
+}
+
+/// The same, begun at a place of the family.
+pub(crate) fn chief_from(system: &System, n: &[f64], start: DVec2, ray: impl Fn(DVec2) -> TracedRay) -> Option<DVec2> {
     // Before semi-diameters are inferred a stop may be as wide as can be.
     let scale = if system.iris.radius < 1e6 { system.iris.radius } else { 1.0 };
     let miss = |at: DVec2| place_at_stop(system, n, ray(at));
-    let mut at = DVec2::ZERO;
+    let mut at = start;
     for _ in 0..40 {
         let here = miss(at)?;
         if here.length() < 1e-10 * scale {

@@ -426,6 +426,10 @@ macro_rules! batch {
                 surface: usize,
             }
 
+            fn rows(m: &glam::DMat3) -> [[$float; 3]; 3] {
+                [0, 1, 2].map(|r| [0, 1, 2].map(|c| m.col(c)[r] as $float))
+            }
+
             /// A system prepared for packets.
             #[derive(Clone, Debug)]
             pub struct Batch {
@@ -442,6 +446,8 @@ macro_rules! batch {
                 image: Option<Iris>,
                 /// Whether any surface carries a phase.
                 diffractive: bool,
+                /// Rows of the rotation into lens space from the object's, and its origin there, where the object has an axis of its own.
+                object_axis: Option<([[$float; 3]; 3], [$float; 3])>,
                 /// The system itself, where gaps have gradients: rays cross those one by one, as in the plain trace.
                 graded: Option<Arc<System>>,
             }
@@ -471,12 +477,7 @@ macro_rules! batch {
                                 }
                                 Profile::Fresnel(a) => (Shape::Fresnel(poly(a)), a.c, a.k),
                             };
-                            let frame = s.frame.as_ref().map(|f| {
-                                let m = f.1.matrix3;
-                                let row = |r: usize| [0, 1, 2].map(|c| m.col(c)[r] as $float);
-                                let t = f.0.translation;
-                                ([row(0), row(1), row(2)], [t.x as $float, t.y as $float, t.z as $float])
-                            });
+                            let frame = s.frame.as_ref().map(|f| (rows(&f.1.matrix3), f.0.translation.to_array().map(|v| v as $float)));
                             Step {
                                 shape,
                                 c: c as $float,
@@ -536,6 +537,7 @@ macro_rules! batch {
                         blades,
                         image: matches!(system.iris.shape, Iris::Image(_)).then(|| system.iris.shape.clone()),
                         diffractive: system.has_diffractive(),
+                        object_axis: system.object_axis.as_ref().map(|a| (rows(&a.0.matrix3), a.0.translation.to_array().map(|v| v as $float))),
                         graded: system.has_gradients().then(|| Arc::new(system.clone())),
                     }
                 }
@@ -769,6 +771,11 @@ macro_rules! batch {
                 let mut alive = one.simd_gt(zero);
                 // Positions are kept relative to the vertex of the surface last met: f32 has its digits where they count.
                 let mut z_origin: $float = 0.0;
+                if let (Way::ToFilm, 0, Some((m, t))) = (way, surfaces.start, &batch.object_axis) {
+                    (ox, oy, oz) = rotate(simd, m, ox, oy, oz);
+                    (ox, oy, oz) = (ox + $vector::splat(simd, t[0]), oy + $vector::splat(simd, t[1]), oz + $vector::splat(simd, t[2]));
+                    (dx, dy, dz) = rotate(simd, m, dx, dy, dz);
+                }
                 let count = batch.steps.len();
                 for number in 0..surfaces.len() {
                     let (i, before, after) = match way {
@@ -1167,9 +1174,15 @@ macro_rules! batch {
                     }
                     debug_assert_eq!(step.surface, i);
                 }
+                oz = oz + $vector::splat(simd, z_origin);
+                if let (Way::ToObject, 0, Some((m, t))) = (way, surfaces.start, &batch.object_axis) {
+                    (ox, oy, oz) = (ox - $vector::splat(simd, t[0]), oy - $vector::splat(simd, t[1]), oz - $vector::splat(simd, t[2]));
+                    (ox, oy, oz) = rotate_back(simd, m, ox, oy, oz);
+                    (dx, dy, dz) = rotate_back(simd, m, dx, dy, dz);
+                }
                 ox.store_slice(&mut packet.x);
                 oy.store_slice(&mut packet.y);
-                (oz + $vector::splat(simd, z_origin)).store_slice(&mut packet.z);
+                oz.store_slice(&mut packet.z);
                 dx.store_slice(&mut packet.dx);
                 dy.store_slice(&mut packet.dy);
                 dz.store_slice(&mut packet.dz);

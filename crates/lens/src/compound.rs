@@ -355,9 +355,9 @@ impl CompoundLens {
         self.turned.entrance_pupil()
     }
 
-    /// Slope towards the middle of the exit pupil from the middle of the film; 0 but for a tilted lens.
+    /// Slope towards the middle of the exit pupil from the middle of the film; 0 but for a tilted lens, and one whose base ray meets the film askew.
     pub fn pupil_middle(&self) -> DVec2 {
-        self.turned.pupil_middle(self.system.film_z, self.system.film_run())
+        self.turned.pupil_middle(self.system.film_z, self.system.film_run()) + self.system.base_slope(&self.reference)
     }
 
     /// The plane that is sharp by Gauss's formulas: a point of it (mm from the entrance pupil) and its unit normal. `None` at infinity, and for openings alone.
@@ -742,7 +742,7 @@ fn geometry<'a>(system: &System, batch: &'a Batch, first: &FirstOrder, middle: D
         film_z: system.film_z,
         film_run: run,
         curvature,
-        middle,
+        middle: middle + system.base_slope(&system.indices(REFERENCE_NM)),
         slope: (first.exit_pupil_radius() / distance).abs().clamp(1e-4, 2.0),
         rim,
         film_half,
@@ -754,8 +754,8 @@ fn geometry<'a>(system: &System, batch: &'a Batch, first: &FirstOrder, middle: D
 
 /// Distances from the film between which a surface lies within its rim, and how far its rim reaches from the axis, mm.
 fn rim_of(s: &PlacedSurface, film_z: f64, run: f64) -> ([f64; 2], f64) {
-    let sag = s.profile.sag(0.0, s.semi_diameter * (1.0 - 1e-9)).unwrap_or(0.0);
     let Some(frame) = &s.frame else {
+        let sag = s.profile.sag(0.0, s.semi_diameter * (1.0 - 1e-9)).unwrap_or(0.0);
         let (vertex, edge) = ((film_z - s.z) * run, (film_z - s.z - sag) * run);
         return ([vertex.min(edge), vertex.max(edge)], s.semi_diameter);
     };
@@ -763,12 +763,19 @@ fn rim_of(s: &PlacedSurface, film_z: f64, run: f64) -> ([f64; 2], f64) {
     const AROUND: usize = 32;
     // Rims of surfaces that are not round have another sag elsewhere.
     let room = if s.profile.is_rotational() { 0.01 } else { 0.1 } * s.semi_diameter;
-    let radius = s.semi_diameter / (std::f64::consts::PI / AROUND as f64).cos();
+    // A part off the vertex has its own circle, which lies within that of the rim or not.
+    let [low, high] = s.bounds();
+    let is_part = (low + high).length() > 1e-9 * s.semi_diameter;
+    let (middle, radius) = if is_part { (0.5 * (low + high), 0.5 * (high - low).length()) } else { (DVec2::ZERO, s.semi_diameter) };
+    let sag = |at: DVec2| s.profile.sag(at.x, at.y);
+    let edge = sag(DVec2::Y * s.semi_diameter * (1.0 - 1e-9)).unwrap_or(0.0);
+    let circle = radius / (std::f64::consts::PI / AROUND as f64).cos();
     let rim = (0..AROUND).flat_map(|i| {
-        let at = DVec2::from_angle(std::f64::consts::TAU * i as f64 / AROUND as f64) * radius;
-        [at.extend(sag), at.extend(0.0)]
+        let at = middle + DVec2::from_angle(std::f64::consts::TAU * i as f64 / AROUND as f64) * circle;
+        if is_part { [at.extend(sag(at).unwrap_or(edge)); 2] } else { [at.extend(edge), at.extend(0.0)] }
     });
-    let places = rim.chain([DVec3::ZERO, DVec3::Z * sag]).map(|local| frame.0.transform_point3(local));
+    let ends = if is_part { [middle.extend(sag(middle).unwrap_or(edge)); 2] } else { [DVec3::ZERO, DVec3::Z * edge] };
+    let places = rim.chain(ends).map(|local| frame.0.transform_point3(local));
     let ([near, far], reach) = places.fold(([f64::INFINITY, f64::NEG_INFINITY], 0.0f64), |([near, far], reach), p| {
         let distance = (film_z - p.z) * run;
         ([near.min(distance), far.max(distance)], reach.max(p.truncate().length()))

@@ -118,7 +118,7 @@ pub(crate) struct Traced {
 }
 
 impl Differentiated {
-    /// Of a lens as it stands. `None` where derivatives have no formula here: gradients of the index, phases, ideal and Fresnel surfaces.
+    /// Of a lens as it stands. `None` where derivatives have no formula here: gradients of the index, phases, ideal and Fresnel surfaces, an axis of the object beside the lens's.
     pub fn new(system: &System, parameters: &[Parameter]) -> Option<Differentiated> {
         let plain = |(i, s): (usize, &crate::system::PlacedSurface)| {
             let formula = s.ideal_focal_length.is_none()
@@ -132,6 +132,9 @@ impl Differentiated {
                 mirror: s.mirror,
             })
         };
+        if system.object_axis.is_some() {
+            return None;
+        }
         let steps = system.surfaces.iter().enumerate().map(plain).collect::<Option<Vec<_>>>()?;
         let count = steps.len();
         let mut plan = Plan {

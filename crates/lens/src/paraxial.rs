@@ -5,7 +5,8 @@
 
 use crate::dual::Number;
 use crate::system::System;
-use glam::DVec3;
+use crate::trace::{Apertures, TracedRay, Way};
+use glam::{DMat2, DVec2, DVec3};
 
 /// A paraxial ray at every surface.
 #[derive(Clone, Debug, PartialEq)]
@@ -121,8 +122,11 @@ pub struct FirstOrder {
 }
 
 impl FirstOrder {
-    /// Of a system at the indices of one wavelength.
+    /// Of a system at the indices of one wavelength. Of a lens whose object has an axis of its own about the base ray ([`parabasal`]).
     pub fn of(system: &System, n: &[f64]) -> FirstOrder {
+        if system.object_axis.is_some() {
+            return parabasal(system, n).unwrap_or(FirstOrder::UNKNOWN);
+        }
         let last_z = system.last_z();
         let axial = Trace::axial(system, n);
         let (y, u) = axial.last();
@@ -150,12 +154,6 @@ impl FirstOrder {
         let n_last = n[system.surfaces.len()] * system.runs[system.surfaces.len()];
         let entrance_pupil_magnification = n_stop * stop_slope;
         let exit_pupil_magnification = n_stop * stop_slope / (n_last * cu);
-        let petzval_sum = (0..system.surfaces.len())
-            .map(|i| {
-                let (n0, n1) = (index_before(system, i, n) * system.runs[i], n[i + 1] * system.runs[i + 1]);
-                graded_petzval(system, i, n) - (n1 - n0) * system.surfaces[i].profile.curvature() / (n0 * n1)
-            })
-            .sum();
         FirstOrder {
             efl: efl * system.runs[system.surfaces.len()],
             bfl,
@@ -167,9 +165,24 @@ impl FirstOrder {
             exit_pupil_z,
             exit_pupil_magnification,
             stop_radius: system.iris.radius,
-            petzval_sum,
+            petzval_sum: petzval_sum(system, n),
         }
     }
+
+    /// Of a lens without a base ray.
+    const UNKNOWN: FirstOrder = FirstOrder {
+        efl: f64::NAN,
+        bfl: f64::NAN,
+        ffl: f64::NAN,
+        front_principal_z: f64::NAN,
+        rear_principal_z: f64::NAN,
+        entrance_pupil_z: f64::NAN,
+        entrance_pupil_magnification: f64::NAN,
+        exit_pupil_z: f64::NAN,
+        exit_pupil_magnification: f64::NAN,
+        stop_radius: f64::NAN,
+        petzval_sum: f64::NAN,
+    };
 
     /// Radius of the entrance pupil, mm.
     pub fn entrance_pupil_radius(&self) -> f64 {
@@ -185,6 +198,81 @@ impl FirstOrder {
     pub fn f_number(&self) -> f64 {
         self.efl.abs() / (2.0 * self.entrance_pupil_radius())
     }
+}
+
+fn petzval_sum(system: &System, n: &[f64]) -> f64 {
+    let of = |i: usize| {
+        let (n0, n1) = (index_before(system, i, n) * system.runs[i], n[i + 1] * system.runs[i + 1]);
+        graded_petzval(system, i, n) - (n1 - n0) * system.surfaces[i].profile.curvature() / (n0 * n1)
+    };
+    (0..system.surfaces.len()).map(of).sum()
+}
+
+/// How rays near the base ray run: changes of a place (mm) and a slope by the place where a ray crosses z = 0 before the lens, and by its slope there.
+struct Neighbours {
+    by_place: DMat2,
+    by_slope: DMat2,
+}
+
+impl Neighbours {
+    /// By central differences about the base ray of `f`, a ray's place or slope at its end.
+    fn of(step: f64, f: impl Fn(TracedRay) -> Option<DVec2>) -> Option<Neighbours> {
+        let column = |place: DVec2, slope: DVec2| {
+            let ray = |sign: f64| TracedRay { position: (sign * place).extend(0.0), direction: (sign * slope).extend(1.0).normalize() };
+            Some((f(ray(1.0))? - f(ray(-1.0))?) / (2.0 * place.length().max(slope.length())))
+        };
+        let matrix = |place: f64, slope: f64| Some(DMat2::from_cols(column(DVec2::X * place, DVec2::X * slope)?, column(DVec2::Y * place, DVec2::Y * slope)?));
+        Some(Neighbours { by_place: matrix(step, 0.0)?, by_slope: matrix(0.0, SLOPE_STEP)? })
+    }
+}
+
+/// Steps of slopes of rays near the base ray.
+const SLOPE_STEP: f64 = 1e-5;
+
+/// First-order data about the base ray, from real rays near it: of the mean of both sections, which differ where surfaces stand aslant (the base ray is then astigmatic). Places behind
+/// the lens lie on the base ray, which may meet the film askew: their z is theirs along the film's normal. `None` where the base ray does not come through.
+fn parabasal(system: &System, n: &[f64]) -> Option<FirstOrder> {
+    let through = |ray: TracedRay| system.trace(ray, n, Way::ToFilm, Apertures::Ignore).ok();
+    let base = through(TracedRay { position: DVec3::ZERO, direction: DVec3::Z })?;
+    let run = system.runs[system.surfaces.len()];
+    // Across the base ray, as x and y of the film; slopes count along the light.
+    let along = base.direction;
+    let x = (DVec3::X - along * along.x).normalize();
+    let y = along.cross(x) * run;
+    let across = |v: DVec3| DVec2::new(v.dot(x), v.dot(y));
+    let place = |ray: TracedRay| {
+        let end = through(ray)?;
+        let t = (base.position - end.position).dot(along) / end.direction.dot(along);
+        Some(across(end.position + end.direction * t - base.position))
+    };
+    let slope = |ray: TracedRay| through(ray).map(|end| across(end.direction) / end.direction.dot(along));
+    let step = 1e-3 * if system.iris.radius < 1e6 { system.iris.radius } else { 1.0 };
+    let (places, slopes) = (Neighbours::of(step, place)?, Neighbours::of(step, slope)?);
+    let stop = Neighbours::of(step, |ray| crate::axial_beam::place_at_stop(system, n, ray))?;
+    let mean = |m: DMat2| 0.5 * (m.x_axis.x + m.y_axis.y);
+    let size = |m: DMat2| m.determinant().abs().sqrt();
+    // Rays through the middle of the stop: by how much their place before the lens goes with their slope.
+    let chief = -stop.by_place.inverse() * stop.by_slope;
+    let (efl, last_z) = (-1.0 / mean(slopes.by_place), system.last_z());
+    let back = -mean(places.by_place) / mean(slopes.by_place);
+    let front = mean(slopes.by_slope) / mean(slopes.by_place);
+    let pupil = -mean(places.by_place * chief + places.by_slope) / mean(slopes.by_place * chief + slopes.by_slope);
+    // What lies so far along the base ray behind the lens, and how far that is along z.
+    let behind = |distance: f64| distance * along.z;
+    let exit = (places.by_place + slopes.by_place * pupil) * stop.by_place.inverse();
+    Some(FirstOrder {
+        efl,
+        bfl: behind(back),
+        ffl: front,
+        front_principal_z: front + efl,
+        rear_principal_z: last_z + behind(back - efl),
+        entrance_pupil_z: -mean(chief),
+        entrance_pupil_magnification: 1.0 / size(stop.by_place),
+        exit_pupil_z: last_z + behind(pupil),
+        exit_pupil_magnification: size(exit),
+        stop_radius: system.iris.radius,
+        petzval_sum: petzval_sum(system, n),
+    })
 }
 
 /// What first order knows of a surface, in plain numbers or with derivatives.

@@ -9,7 +9,7 @@ use crate::gradient::{GradedRay, Gradient};
 use crate::iris::Iris;
 use crate::prescription::Prescription;
 use crate::surface::Profile;
-use crate::trace::{TracedRay, Way};
+use crate::trace::{Apertures, TracedRay, Way};
 use glam::{DAffine3, DMat3, DVec2, DVec3, EulerRot};
 
 /// Where focus and zoom stand.
@@ -76,6 +76,21 @@ impl PlacedSurface {
             && self.apertures.iter().all(|a| a.lets_through(x, y))
     }
 
+    /// Lower and upper corner of a rectangle in its own x and y that holds all that rim and openings let through, mm.
+    pub fn bounds(&self) -> [DVec2; 2] {
+        let rim = DVec2::splat(self.semi_diameter);
+        self.apertures.iter().filter_map(Aperture::bounds).fold([-rim, rim], |[low, high], [a, b]| {
+            [low.max(DVec2::from_array(a)), high.min(DVec2::from_array(b))]
+        })
+    }
+
+    /// Middle of what rim and openings let through, in lens space, mm.
+    fn middle(&self) -> DVec3 {
+        let [low, high] = self.bounds();
+        let at = 0.5 * (low + high);
+        self.to_lens(at.extend(self.profile.sag(at.x, at.y).unwrap_or(0.0)), DVec3::Z).0
+    }
+
     /// Whether something inside its rim blocks light.
     pub fn is_obscured(&self) -> bool {
         self.obstruction > 0.0 || self.apertures.iter().any(Aperture::blocks)
@@ -114,6 +129,8 @@ pub struct System {
     pub stop: usize,
     /// Its opening.
     pub iris: StopOpening,
+    /// Axis of the object: lens from object, and back, where it is not the lens's ([`crate::prescription::ObjectAxis`]).
+    pub object_axis: Option<Box<(DAffine3, DAffine3)>>,
     /// Where the film stands, mm from the first vertex.
     pub film_z: f64,
     /// What barrel, edges and blades throw back of the light that meets them, 0 to 1.
@@ -159,9 +176,14 @@ impl System {
             z += s.gap.at(state.zoom, state.focus);
         }
         for m in &p.misalignments {
-            let pivot = surfaces[m.first].z;
-            let moved = place(m.decenter[0], m.decenter[1], pivot + m.decenter[2], m.tilt)
-                * DAffine3::from_translation(DVec3::new(0.0, 0.0, -pivot));
+            let first: &PlacedSurface = &surfaces[m.first];
+            let pivot = match (&p.object_axis, &first.frame) {
+                // Off the axis it turns about the middle of what is used of it, once it stands in its place.
+                (Some(_), Some(_)) => first.middle(),
+                _ => DVec3::Z * first.z,
+            };
+            let to = pivot + DVec3::from_array(m.decenter);
+            let moved = place(to.x, to.y, to.z, m.tilt) * DAffine3::from_translation(-pivot);
             for s in &mut surfaces[m.first..=m.last] {
                 let before = s.frame.as_ref().map_or(DAffine3::from_translation(DVec3::new(0.0, 0.0, s.z)), |f| f.0);
                 let frame = moved * before;
@@ -177,6 +199,10 @@ impl System {
             runs,
             stop,
             iris,
+            object_axis: p.object_axis.as_ref().map(|a| {
+                let frame = place(a.decenter[0], a.decenter[1], a.decenter[2], a.tilt);
+                Box::new((frame, frame.inverse()))
+            }),
             film_z: z + p.usage.defocus,
             wall_reflectance: p.wall_reflectance,
         }
@@ -318,6 +344,27 @@ impl System {
         self.runs.last().copied().unwrap_or(1.0)
     }
 
+    /// A ray of the object's space, as it runs among the surfaces.
+    #[inline]
+    pub fn ray_from_object(&self, ray: TracedRay) -> TracedRay {
+        self.object_axis.as_ref().map_or(ray, |axis| moved(&axis.0, ray))
+    }
+
+    /// The other way round.
+    #[inline]
+    pub fn ray_to_object(&self, ray: TracedRay) -> TracedRay {
+        self.object_axis.as_ref().map_or(ray, |axis| moved(&axis.1, ray))
+    }
+
+    /// Slope of the base ray at the film, towards the lens: 0 but for lenses with an axis of the object of their own.
+    pub fn base_slope(&self, n: &[f64]) -> DVec2 {
+        let along = TracedRay { position: DVec3::ZERO, direction: DVec3::Z };
+        match self.object_axis.as_ref().map(|_| self.trace(along, n, Way::ToFilm, Apertures::Ignore)) {
+            Some(Ok(base)) => -base.direction.truncate() / base.direction.z.abs(),
+            Some(Err(_)) | None => DVec2::ZERO,
+        }
+    }
+
     /// Unit direction of a ray from the film with a slope: change of x and y over the way along the axis towards the lens.
     #[inline]
     pub fn film_direction(&self, slope: DVec2) -> DVec3 {
@@ -328,6 +375,10 @@ impl System {
     pub fn last_z(&self) -> f64 {
         self.surfaces.last().map_or(0.0, |s| s.z)
     }
+}
+
+fn moved(frame: &DAffine3, ray: TracedRay) -> TracedRay {
+    TracedRay { position: frame.transform_point3(ray.position), direction: frame.transform_vector3(ray.direction) }
 }
 
 /// Moves the vertex to a place and turns about it: about x, then y, then z (Zemax and CODE V order for "tilt").

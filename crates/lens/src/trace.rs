@@ -8,7 +8,8 @@ use crate::system::System;
 use crate::{Blocked, BlockedBy};
 use glam::DVec3;
 
-/// A ray in lens space, mm.
+/// A ray, mm: among the surfaces and at the film in lens space; before the lens in the space of the object, which is the same but for lenses whose object has an axis of its own
+/// ([`crate::prescription::ObjectAxis`]).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TracedRay {
     /// A point on it.
@@ -79,7 +80,9 @@ impl System {
         surfaces: std::ops::Range<usize>,
         mut visit: impl FnMut(Event),
     ) -> Result<TracedRay, Blocked> {
-        let (mut o, mut d) = (ray.position, ray.direction);
+        let from_object = way == Way::ToFilm && surfaces.start == 0;
+        let start = if from_object { self.ray_from_object(ray) } else { ray };
+        let (mut o, mut d) = (start.position, start.direction);
         for step in 0..surfaces.len() {
             let (i, before, after) = match way {
                 Way::ToFilm => (surfaces.start + step, surfaces.start + step, surfaces.start + step + 1),
@@ -140,7 +143,8 @@ impl System {
             (o, d) = surface.to_lens(m.point, direction);
             visit(Event { surface: i, point: o, direction: d, path, cosines: [cos0, cos1], indices: [n0, n1] });
         }
-        Ok(TracedRay { position: o, direction: d })
+        let end = TracedRay { position: o, direction: d };
+        Ok(if way == Way::ToObject && surfaces.start == 0 { self.ray_to_object(end) } else { end })
     }
 
     /// [`System::trace_with`] without a visitor.

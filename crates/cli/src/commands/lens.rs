@@ -426,6 +426,13 @@ fn info(asked: &Asked, json: bool) -> anyhow::Result<()> {
     if system.has_diffractive() {
         writeln!(t, "\n  the lens has diffractive surfaces: third-order sums are not computed; one order of each is followed")?;
     }
+    if system.object_axis.is_some() {
+        writeln!(
+            t,
+            "\n  the lens has no axis: first order is that about its base ray, the mean of both sections; third-order sums are not computed"
+        )?;
+        return finish(asked, || layout(&table), &t, &Value::Null, false);
+    }
     if !system.is_rotational() {
         writeln!(t, "\n  the lens is not round: first and third order are of its y-z section, tilts left out")?;
     }

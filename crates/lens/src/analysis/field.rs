@@ -153,7 +153,7 @@ impl Bench<'_> {
         let first = self.first_order(nm);
         let run = self.system.film_run();
         let away = (self.system.film_z - first.exit_pupil_z) * run;
-        let center = -film.truncate() / away;
+        let center = -film.truncate() / away + self.system.base_slope(&n);
         let half = 2.0 * first.exit_pupil_radius() / away.abs();
         let sag = rim.profile.sag(0.0, rim.semi_diameter * (1.0 - 1e-9)).unwrap_or(0.0);
         let (mut low, mut high) = (DVec2::MAX, DVec2::MIN);

@@ -102,6 +102,11 @@ impl<'a> Bench<'a> {
     fn chief(&self, angle: f64, nm: f64) -> Option<TracedRay> {
         let system = self.system;
         let n = system.indices(nm);
+        if system.object_axis.is_some() {
+            let direction = DVec3::new(0.0, angle.sin(), angle.cos());
+            let ray = |at: DVec2| TracedRay { position: at.extend(0.0), direction };
+            return crate::axial_beam::chief_of(system, &n, ray).map(ray);
+        }
         let stop = &system.surfaces[system.stop];
         let (middle, _) = stop.to_lens(DVec3::ZERO, DVec3::Z);
         let run = system.runs[system.stop];

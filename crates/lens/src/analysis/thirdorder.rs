@@ -43,9 +43,10 @@ impl ThirdOrder {
         let surfaces = (0..system.surfaces.len())
             .map(|i| {
                 let (n0, n1) = (signed(i), signed(i + 1));
-                // Gradients, phases and facets have contributions of their own, which are not computed: no numbers rather than wrong ones.
+                // Gradients, phases and facets have contributions of their own, and a base ray askew others, which are not computed: no numbers rather than wrong ones.
                 let is_fresnel = |s: &crate::system::PlacedSurface| matches!(s.profile, crate::surface::Profile::Fresnel(_));
-                if system.has_gradients() || system.has_diffractive() || system.surfaces.iter().any(is_fresnel) {
+                let is_askew = system.object_axis.is_some();
+                if is_askew || system.has_gradients() || system.has_diffractive() || system.surfaces.iter().any(is_fresnel) {
                     let nan = f64::NAN;
                     return SurfaceSums { seidel: [nan; 5], chromatic: [nan; 2], petzval: nan };
                 }

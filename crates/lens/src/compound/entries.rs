@@ -7,7 +7,7 @@
 
 use super::{CompoundLens, Exits, PupilSampler, Scratch, ThroughPupil};
 use crate::batch::single::LANES;
-use crate::trace::Way;
+use crate::trace::{TracedRay, Way};
 use glam::{DVec2, DVec3};
 
 /// Rays between scene and lens, one a lane.
@@ -41,10 +41,13 @@ impl CompoundLens {
         let mut starts = [[0.0f32; 3]; LANES];
         let mut met = 0u32;
         for i in 0..LANES {
-            let (o, d) = first.to_local(rays.origin[i] + pupil, -rays.direction[i]);
+            let ray = TracedRay { position: rays.origin[i] + pupil, direction: -rays.direction[i] };
+            let ray = self.system.ray_from_object(ray);
+            let (o, d) = first.to_local(ray.position, ray.direction);
             if let Some(m) = first.profile.meet(o, d, self.system.runs[0]) {
                 met |= 1 << i;
-                starts[i] = first.to_lens(m.point, d).0.as_vec3().to_array();
+                let start = TracedRay { position: first.to_lens(m.point, d).0, direction: ray.direction };
+                starts[i] = self.system.ray_to_object(start).position.as_vec3().to_array();
             }
             let [px, py, pz] = pupil.as_vec3().to_array();
             let [x, y, z] = starts[i];

@@ -70,13 +70,13 @@ impl Turned {
     pub fn new(system: &System, straight: FirstOrder, openings_alone: bool, tilt: Tilt) -> Result<Turned, LensError> {
         // Openings alone bend nothing: a pinhole plate turns about its hole.
         let pivot_z = if openings_alone { system.surfaces[system.stop].z } else { straight.rear_principal_z };
-        let known = pivot_z.is_finite() && straight.entrance_pupil_z.is_finite();
+        let known = pivot_z.is_finite() && straight.entrance_pupil_z.is_finite() && system.object_axis.is_none();
         match tilt.is_none() || known {
             true => Ok(Turned { straight, tilt, pivot_z }),
             false => Err(LensError::Setting {
                 what: "tilt",
                 found: format!("{:.3}, {:.3} degrees", tilt.0[0].to_degrees(), tilt.0[1].to_degrees()),
-                expected: "none: this lens is telecentric towards the scene or has no principal points to turn about".into(),
+                expected: "none: this lens is telecentric towards the scene, or has no axis with principal points to turn about".into(),
             }),
         }
     }

@@ -11,6 +11,9 @@ use glam::{DVec2, DVec3};
 pub(super) const FIELD_COLORS: [Color; 6] =
     [[31, 90, 170], [40, 140, 70], [200, 60, 40], [150, 80, 170], [200, 140, 20], [20, 150, 160]];
 
+/// Height of the drawing itself, at most, points.
+const MOST_HEIGHT: f64 = 1200.0;
+
 /// What is drawn.
 #[derive(Clone, Debug)]
 pub struct LayoutOptions {
@@ -30,6 +33,7 @@ pub struct LayoutOptions {
 pub fn layout(bench: &Bench, options: &LayoutOptions) -> Figure {
     let system = bench.system;
     let n = system.indices(options.nm);
+    let flat = |p: DVec3| DVec2::new(p.z, p.y);
     // Rays first: they decide how much room there must be.
     let mut bundles: Vec<(usize, Vec<DVec2>)> = vec![];
     let length = (system.film_z - 0.0).abs().max(1.0);
@@ -41,12 +45,11 @@ pub fn layout(bench: &Bench, options: &LayoutOptions) -> Figure {
             let at = DVec2::new(0.0, low.y + (high.y - low.y) * (0.03 + 0.94 * s));
             let start = beam.ray(at);
             let mut points = vec![];
-            let flat = |p: DVec3| DVec2::new(p.z, p.y);
             let out = system.trace_with(start, &n, Way::ToFilm, Apertures::Clip, |e| points.push(flat(e.point)));
             let Ok(out) = out else { continue };
             // A little of the way before the lens.
             if let Some(first) = points.first().copied() {
-                let d = flat(start.direction);
+                let d = flat(system.ray_from_object(start).direction);
                 points.insert(0, first - d * (0.22 * length).min(1e4));
             }
             points.push(flat(at_plane(&out, system.film_z)));
@@ -69,10 +72,11 @@ pub fn layout(bench: &Bench, options: &LayoutOptions) -> Figure {
     }
     let pad = 0.03 * (high.x - low.x);
     (low, high) = (low - pad, high + pad);
-    let scale = options.width / (high.x - low.x);
-    let height = ((high.y - low.y) * scale).clamp(60.0, 1200.0);
+    let scale = (options.width / (high.x - low.x)).min(MOST_HEIGHT / (high.y - low.y));
+    let height = ((high.y - low.y) * scale).max(60.0);
+    let left = 0.5 * (options.width - (high.x - low.x) * scale);
     let mut figure = Figure::new(options.width, height + 60.0);
-    let map = |p: DVec2| DVec2::new((p.x - low.x) * scale, 28.0 + (high.y - p.y) * scale);
+    let map = |p: DVec2| DVec2::new(left + (p.x - low.x) * scale, 28.0 + (high.y - p.y) * scale);
 
     // Glass between two surfaces.
     for i in 0..system.surfaces.len() - 1 {
@@ -101,10 +105,10 @@ pub fn layout(bench: &Bench, options: &LayoutOptions) -> Figure {
         if i == system.stop {
             // Two bars beside the opening.
             let radius = system.iris.radius;
-            let reach = s.semi_diameter.max(radius) + 0.04 * (high.y - low.y);
+            let reach = if s.mirror { radius } else { s.semi_diameter.max(radius) } + 0.04 * (high.y - low.y);
             for sign in [1.0, -1.0] {
-                let bar = [DVec2::new(s.z, sign * radius), DVec2::new(s.z, sign * reach)];
-                figure.line(bar.map(map), INK, 2.6, 0.0);
+                let end = |y: f64| flat(s.to_lens(DVec3::new(0.0, sign * y, 0.0), DVec3::Z).0);
+                figure.line([end(radius), end(reach)].map(map), INK, 2.6, 0.0);
             }
         }
     }
@@ -134,12 +138,14 @@ pub fn layout(bench: &Bench, options: &LayoutOptions) -> Figure {
 /// A surface in the y–z plane, from its lower rim to its upper (z, y).
 fn section(system: &System, i: usize) -> Vec<DVec2> {
     let s = &system.surfaces[i];
-    let rim = if s.semi_diameter < 1e6 { s.semi_diameter } else { system.iris.radius };
+    let rim = DVec2::splat(system.iris.radius);
+    let [low, high] = if s.semi_diameter < 1e6 { s.bounds() } else { [-rim, rim] };
+    let x = 0f64.clamp(low.x.min(high.x), high.x);
     (-32..=32)
         .filter_map(|k| {
-            let y = rim * k as f64 / 32.0 * (1.0 - 1e-9);
-            let z = s.profile.sag(0.0, y)?;
-            let p = s.to_lens(DVec3::new(0.0, y, z), DVec3::Z).0;
+            let y = 0.5 * (low.y + high.y) + 0.5 * (high.y - low.y) * k as f64 / 32.0 * (1.0 - 1e-9);
+            let z = s.profile.sag(x, y)?;
+            let p = s.to_lens(DVec3::new(x, y, z), DVec3::Z).0;
             Some(DVec2::new(p.z, p.y))
         })
         .collect()

@@ -1,6 +1,6 @@
 //! CODE V sequence files (.seq): the commands that [`crate::import`] reads. Curvatures, not radii (RDM N), so that no digit is lost.
 
-use super::{Only, Sheet, apertures, ascii, model_figures, only, replaces_rim, same_index, terms, unknown_profile};
+use super::{Only, Sheet, Stance, apertures, ascii, model_figures, only, replaces_rim, same_index, terms, unknown_profile};
 use crate::aperture::Outline;
 use crate::diffractive::Diffractive;
 use crate::glass::{C_NM, D_NM, F_NM, G_NM, Glass, GlassKind, parse_foreign};
@@ -47,6 +47,10 @@ pub(super) fn write(sheet: &Sheet) -> Result<(String, Vec<String>), Prescription
         t += "END\n";
     }
     let _ = writeln!(t, "SO 0 {}", p.usage.object_distance.unwrap_or(1e13));
+    if let Some(stance) = &sheet.from_object {
+        t += "S 0 0\n";
+        t += &decenter(stance);
+    }
     for (i, s) in p.surfaces.iter().enumerate() {
         let wrong = |what: String| sheet.wrong(i, what);
         if s.ideal_focal_length.is_some() {
@@ -67,13 +71,17 @@ pub(super) fn write(sheet: &Sheet) -> Result<(String, Vec<String>), Prescription
         }
         t += &rims(s).map_err(wrong)?;
         if let Some(stance) = &sheet.stances[i] {
-            let ([x, y, z], [a, b, c]) = (stance.decenter.to_array(), stance.tilt);
-            // Angles about x and y follow the left hand; the next surface stands on the axis again.
-            let _ = writeln!(t, "  XDE {x}; YDE {y}; ZDE {z}\n  ADE {}; BDE {}; CDE {c}\n  DAR", -a, -b);
+            // The next surface stands on the axis again.
+            let _ = writeln!(t, "{}  DAR", decenter(stance));
         }
     }
     let _ = writeln!(t, "SI 0 {}\nGO", p.usage.defocus);
     Ok((t, vec![]))
+}
+
+/// Where a surface stands, and what follows it. Angles about x and y follow the left hand.
+fn decenter(Stance { decenter: [x, y, z], tilt: [a, b, c] }: &Stance) -> String {
+    format!("  XDE {x}; YDE {y}; ZDE {z}\n  ADE {}; BDE {}; CDE {c}\n", -a, -b)
 }
 
 /// Curvature in y, and the commands of the rest of a shape.

@@ -81,7 +81,7 @@ pub fn write(p: &Prescription, state: State, format: ExportFormat) -> Result<Exp
 
 /// How a surface stands on the axis: moved by `decenter` from its place, then turned about its new x, y and z axes (degrees).
 struct Stance {
-    decenter: DVec3,
+    decenter: [f64; 3],
     tilt: [f64; 3],
 }
 
@@ -92,6 +92,8 @@ struct Sheet<'a> {
     gaps: Vec<f64>,
     /// Of surfaces that do not stand straight on the axis.
     stances: Vec<Option<Stance>>,
+    /// How that axis stands before the object's, where it is another.
+    from_object: Option<Stance>,
     wavelengths_nm: Vec<f64>,
     reference: usize,
 }
@@ -106,15 +108,19 @@ impl<'a> Sheet<'a> {
             let round = s.profile.is_rotational() && s.apertures.is_empty() && phase;
             let tilt = tilts(&frame.matrix3, round);
             let straight = decenter.abs().max_element() < ROUNDING && tilt.iter().all(|t| t.abs() < ROUNDING);
-            (!straight).then_some(Stance { decenter, tilt })
+            (!straight).then_some(Stance { decenter: decenter.to_array(), tilt })
         };
         let stances = system.surfaces.iter().map(stance).collect();
+        let from_object = system.object_axis.as_ref().map(|axis| {
+            let lens = &axis.1;
+            Stance { decenter: lens.translation.to_array(), tilt: tilts(&lens.matrix3, false) }
+        });
         let gaps = p.surfaces.iter().map(|s| s.gap.at(state.zoom, state.focus)).collect();
         let (wavelengths_nm, reference) = match p.usage.wavelengths_nm.is_empty() {
             true => (DEFAULT_NM.to_vec(), 1),
             false => (p.usage.wavelengths_nm.clone(), p.usage.reference),
         };
-        Sheet { p, gaps, stances, wavelengths_nm, reference }
+        Sheet { p, gaps, stances, from_object, wavelengths_nm, reference }
     }
 
     /// Opening of the light.

@@ -3,7 +3,7 @@
 //! Decentred and tilted surfaces stand between two coordinate breaks, the second of which undoes the first. Every rim is a circular
 //! aperture (CLAP), since DIAM alone stops no light in that program.
 
-use super::{Only, Sheet, apertures, ascii, model_figures, only, replaces_rim, same_index, terms, unknown_profile};
+use super::{Only, Sheet, Stance, apertures, ascii, model_figures, only, replaces_rim, same_index, terms, unknown_profile};
 use crate::aperture::Outline;
 use crate::diffractive::Diffractive;
 use crate::glass::{Glass, GlassKind, parse_foreign};
@@ -55,6 +55,10 @@ pub(super) fn write(sheet: &Sheet) -> Result<(String, Vec<String>), Prescription
     };
     let object = p.usage.object_distance.map_or("INFINITY".to_owned(), |d| d.to_string());
     block(&mut t, "  TYPE STANDARD\n  CURV 0\n", &object);
+    if let Some(Stance { decenter: [x, y, z], tilt: [a, b, c] }) = sheet.from_object {
+        block(&mut t, "  TYPE COORDBRK\n  CURV 0\n", &z.to_string());
+        block(&mut t, &coordinate_break([x, y, a, b, c], 0), "0");
+    }
     for (i, s) in p.surfaces.iter().enumerate() {
         sheet.check_medium(i)?;
         let wrong = |what: String| sheet.wrong(i, what);
@@ -97,16 +101,8 @@ pub(super) fn write(sheet: &Sheet) -> Result<(String, Vec<String>), Prescription
         match &sheet.stances[i] {
             None => block(&mut t, &lines, &gap.to_string()),
             Some(stance) => {
-                let ([x, y, z], [a, b, c]) = (stance.decenter.to_array(), stance.tilt);
-                let turn = |sign: f64, order: u32| {
-                    let values = [x, y, a, b, c].map(|v| v * sign);
-                    let mut lines = String::from("  TYPE COORDBRK\n  CURV 0\n");
-                    for (i, v) in values.iter().enumerate() {
-                        let _ = writeln!(lines, "  PARM {} {v}", i + 1);
-                    }
-                    let _ = writeln!(lines, "  PARM 6 {order}");
-                    lines
-                };
+                let Stance { decenter: [x, y, z], tilt: [a, b, c] } = *stance;
+                let turn = |sign: f64, order: u32| coordinate_break([x, y, a, b, c].map(|v| v * sign), order);
                 // Along the axis first, then aside and around; back in the other order.
                 block(&mut t, "  TYPE COORDBRK\n  CURV 0\n", &z.to_string());
                 block(&mut t, &turn(1.0, 0), "0");
@@ -117,6 +113,16 @@ pub(super) fn write(sheet: &Sheet) -> Result<(String, Vec<String>), Prescription
     }
     block(&mut t, "  TYPE STANDARD\n  CURV 0\n", "0");
     Ok((t, notes))
+}
+
+/// A coordinate break: shifts in x and y (mm), turns about x, y and z (degrees), and whether the turns come first.
+fn coordinate_break(values: [f64; 5], order: u32) -> String {
+    let mut lines = String::from("  TYPE COORDBRK\n  CURV 0\n");
+    for (i, v) in values.iter().enumerate() {
+        let _ = writeln!(lines, "  PARM {} {v}", i + 1);
+    }
+    let _ = writeln!(lines, "  PARM 6 {order}");
+    lines
 }
 
 /// Catalogues of the lens's glasses.

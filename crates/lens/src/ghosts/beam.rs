@@ -22,18 +22,19 @@ pub struct SourceBeam {
 }
 
 impl SourceBeam {
-    /// Light along a direction with z > 0 (in lens space) on the front of a lens; `None` for light from beside or behind.
+    /// Light along a direction with z > 0 (in the space of the object) on the front of a lens; `None` for light from beside or behind.
     pub fn new(system: &System, direction: DVec3) -> Option<SourceBeam> {
         let direction = direction.normalize();
         let first = system.surfaces.first()?;
         let radius = first.semi_diameter;
         let sag = first.profile.sag(0.0, radius * (1.0 - 1e-9)).unwrap_or(0.0);
-        let middle = first.to_lens(DVec3::new(0.0, 0.0, sag), DVec3::Z).0;
+        let (middle, along) = first.to_lens(DVec3::new(0.0, 0.0, sag), DVec3::Z);
+        let middle = system.ray_to_object(TracedRay { position: middle, direction: along }).position;
         let beam = SourceBeam { direction, distance: f64::INFINITY, middle, radius };
         (direction.is_finite() && direction.z > 1e-3).then_some(beam)
     }
 
-    /// Light of a point (lens space, mm) before the lens; `None` from beside or behind.
+    /// Light of a point (mm, in the space of the object) before the lens; `None` from beside or behind.
     pub fn from_point(system: &System, point: DVec3) -> Option<SourceBeam> {
         let middle = SourceBeam::new(system, DVec3::Z)?.middle;
         let way = middle - point;

@@ -112,6 +112,7 @@ impl<'a> GhostTracer<'a> {
     pub fn follow(&self, ray: TracedRay, turns: &[usize]) -> Result<Arrival, Blocked> {
         let system = self.system;
         let count = system.surfaces.len();
+        let ray = system.ray_from_object(ray);
         let (mut o, mut d, mut fraction) = (ray.position, ray.direction, 1.0);
         let (mut gap, mut way) = (0, Way::ToFilm);
         let mut turns = turns.iter().copied();

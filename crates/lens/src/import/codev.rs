@@ -598,6 +598,12 @@ pub fn read(text: &str, file: &str) -> Result<Prescription, PrescriptionError> {
         radii
     });
     p.usage.object_distance = object.map(|d| d * scale).filter(|d| *d < 1e9);
+    if p.usage.reference >= p.usage.wavelengths_nm.len() {
+        p.usage.reference = 0;
+    }
+    if !fields_are_angles {
+        p.usage.field_angles_deg = vec![];
+    }
     // Where each surface stands, through the decenters.
     let moved = image_place.given || rows.iter().any(|r| r.place.given);
     let mut placed: Vec<Placed> = vec![];
@@ -665,12 +671,6 @@ pub fn read(text: &str, file: &str) -> Result<Prescription, PrescriptionError> {
     }
     if image_curved {
         p.notes.push("the image surface is curved in the file; the film is flat".into());
-    }
-    if p.usage.reference >= p.usage.wavelengths_nm.len() {
-        p.usage.reference = 0;
-    }
-    if !fields_are_angles {
-        p.usage.field_angles_deg = vec![];
     }
     let fields = p.usage.field_angles_deg.len();
     p.usage.vignetting =

@@ -8,8 +8,10 @@
 //!   window of no effect. Paths are exact; the mirror's loss is not counted and one flip of the picture is missing.
 //! - A film that is shifted or tilted against the axis of the object (Scheimpflug, off-axis mirrors): all surfaces are moved
 //!   together before the film, as one decentred element.
-//! - An axis that curved mirrors or prisms fold by more than [`STEEPEST_FILM_DEG`]: an error.
+//! - Curved mirrors whose light comes in at an angle to the film's normal: about their base ray ([`super::off_axis`]).
+//! - An axis that something else folds by more than [`STEEPEST_FILM_DEG`]: an error.
 
+use super::off_axis;
 use crate::diffractive::Diffractive;
 use crate::freeform::Freeform;
 use crate::glass::Glass;
@@ -21,6 +23,8 @@ use glam::{DAffine3, DMat3, DVec3};
 const STEEPEST_FILM_DEG: f64 = 60.0;
 /// Lengths (mm) and direction cosines below this are rounding.
 const ROUNDING: f64 = 1e-9;
+/// Direction cosine across the axis of the object from which a film's normal counts as another axis than it.
+const ASKEW: f64 = 1e-6;
 
 /// A surface where the file puts it; its own gap, decentre and tilt are not used.
 pub(super) struct Placed {
@@ -29,6 +33,17 @@ pub(super) struct Placed {
     pub frame: DAffine3,
     /// Whether its size is a rim that stops light, so that it stays even where it bends nothing.
     pub rim: bool,
+}
+
+impl Placed {
+    /// The same surface in a frame that is turned over: half a turn about its x axis.
+    pub fn turn_over(&mut self) {
+        self.frame *= half_turn();
+        let s = &mut self.surface;
+        s.profile = turned_over(&reversed(&s.profile));
+        s.diffractive = s.diffractive.as_ref().map(Diffractive::turned_over);
+        s.apertures.iter_mut().for_each(|a| *a = a.turned_over());
+    }
 }
 
 /// A coordinate system seen from the one before: moved by `decenter`, then turned about its new x, y and z axes (degrees, right-handed).
@@ -55,7 +70,21 @@ pub(super) fn lay_out(rows: Vec<Placed>, film: DAffine3, p: &mut Prescription) -
     let (mut rows, mut film) = (rows, film);
     let folds = unfold(&mut rows, &mut film);
     drop_windows(&mut rows);
-    let Some(first) = rows.first() else { return Err((0, "no surfaces between object and film".into())) };
+    if rows.is_empty() {
+        return Err((0, "no surfaces between object and film".into()));
+    }
+    let curved_mirror = rows.iter().any(|r| r.surface.mirror && r.surface.profile != Profile::Plane);
+    let askew = film.matrix3.z_axis.truncate().length() > ASKEW || off_axis::middle_of_fields(p) != 0.0;
+    if curved_mirror && askew {
+        match off_axis::lay_out(rows, film, p) {
+            Ok(()) => {
+                note_folds(folds, p);
+                return Ok(());
+            }
+            Err(back) => rows = back,
+        }
+    }
+    let first = &rows[0];
     let line = first.surface.line;
     // The film looks towards the object, whichever way its frame was turned.
     film = facing(film);
@@ -83,10 +112,7 @@ pub(super) fn lay_out(rows: Vec<Placed>, film: DAffine3, p: &mut Prescription) -
     for row in &mut rows {
         row.frame = back * row.frame;
         if row.frame.matrix3.z_axis.z < 0.0 {
-            row.frame = facing(row.frame);
-            row.surface.profile = turned_over(&reversed(&row.surface.profile));
-            row.surface.diffractive = row.surface.diffractive.as_ref().map(Diffractive::turned_over);
-            row.surface.apertures.iter_mut().for_each(|a| *a = a.turned_over());
+            row.turn_over();
         }
     }
     let film = back * film;
@@ -121,12 +147,16 @@ pub(super) fn lay_out(rows: Vec<Placed>, film: DAffine3, p: &mut Prescription) -
     if tilted > 0 {
         p.notes.push(format!("{tilted} surface(s) stand decentred or tilted on the axis, as the file's coordinate systems say"));
     }
+    note_folds(folds, p);
+    Ok(())
+}
+
+fn note_folds(folds: usize, p: &mut Prescription) {
     if folds > 0 {
         let flip = if folds % 2 == 1 { ", and the picture is not mirrored as one of them would" } else { "" };
         p.notes
             .push(format!("{folds} plane mirror(s) that fold the axis are unfolded: their loss of light is not counted{flip}"));
     }
-    Ok(())
 }
 
 /// Reflects in every plane mirror what follows it, if one of them stands aslant; returns how many.
@@ -178,8 +208,12 @@ fn facing(frame: DAffine3) -> DAffine3 {
     if frame.matrix3.z_axis.z >= 0.0 {
         return frame;
     }
-    // Half a turn about the local x axis.
-    frame * DAffine3::from_scale(DVec3::new(1.0, -1.0, -1.0))
+    frame * half_turn()
+}
+
+/// Half a turn about x.
+pub(super) fn half_turn() -> DAffine3 {
+    DAffine3::from_scale(DVec3::new(1.0, -1.0, -1.0))
 }
 
 fn is_straight(frame: &DAffine3) -> bool {
@@ -194,7 +228,7 @@ pub(crate) fn tilts(m: &DMat3, rotational: bool) -> [f64; 3] {
     [(-z.y).atan2(z.z), z.x.clamp(-1.0, 1.0).asin(), about_z].map(|a| rounded(a.to_degrees()))
 }
 
-fn rounded(v: f64) -> f64 {
+pub(super) fn rounded(v: f64) -> f64 {
     if v.abs() < ROUNDING { 0.0 } else { v }
 }
 

@@ -7,6 +7,7 @@ mod codev;
 mod configurations;
 mod iset;
 pub(crate) mod layout;
+mod off_axis;
 mod oslo;
 mod pbrt;
 mod zemax;

@@ -348,6 +348,25 @@ pub fn read(text: &str, file: &str) -> Result<Prescription, PrescriptionError> {
         p.usage.object_distance = Some(object.gap * scale);
     }
     let last = blocks.len() - 1;
+    // Unused wavelengths are written as repeats of 0.55.
+    let mut wavelengths: Vec<f64> = waves.values().map(|um| um * 1000.0).collect();
+    while wavelengths.len() > primary.max(1) && wavelengths[wavelengths.len() - 1] == wavelengths[wavelengths.len() - 2] {
+        wavelengths.pop();
+    }
+    if wavelengths.len() > primary.max(1) && waves.len() >= 12 && wavelengths.last() == Some(&550.0) {
+        wavelengths.pop();
+    }
+    p.usage.reference = primary.saturating_sub(1).min(wavelengths.len().saturating_sub(1));
+    p.usage.wavelengths_nm = wavelengths;
+    if field_kind == 0.0 {
+        while fields.len() > 1 && fields.last() == Some(&0.0) {
+            fields.pop();
+        }
+        p.usage.vignetting = fields.iter().enumerate().map(|(i, _)| [vignetting.get(i).copied().unwrap_or(0.0); 2]).collect();
+        p.usage.field_angles_deg = fields;
+    } else {
+        notes.push("fields are given as heights in the file; they are not taken over".into());
+    }
     // Where each surface stands, through the coordinate breaks.
     let mut rows: Vec<Placed> = vec![];
     let mut here = DAffine3::IDENTITY;
@@ -416,25 +435,6 @@ pub fn read(text: &str, file: &str) -> Result<Prescription, PrescriptionError> {
         ApertureKind::EntrancePupil(d) => ApertureKind::EntrancePupil(d * scale),
         other => other,
     });
-    // Unused wavelengths are written as repeats of 0.55.
-    let mut wavelengths: Vec<f64> = waves.values().map(|um| um * 1000.0).collect();
-    while wavelengths.len() > primary.max(1) && wavelengths[wavelengths.len() - 1] == wavelengths[wavelengths.len() - 2] {
-        wavelengths.pop();
-    }
-    if wavelengths.len() > primary.max(1) && waves.len() >= 12 && wavelengths.last() == Some(&550.0) {
-        wavelengths.pop();
-    }
-    p.usage.reference = primary.saturating_sub(1).min(wavelengths.len().saturating_sub(1));
-    p.usage.wavelengths_nm = wavelengths;
-    if field_kind == 0.0 {
-        while fields.len() > 1 && fields.last() == Some(&0.0) {
-            fields.pop();
-        }
-        p.usage.vignetting = fields.iter().enumerate().map(|(i, _)| [vignetting.get(i).copied().unwrap_or(0.0); 2]).collect();
-        p.usage.field_angles_deg = fields;
-    } else {
-        notes.push("fields are given as heights in the file; they are not taken over".into());
-    }
     p.notes.extend(notes);
     skipped.note(&mut p);
     if p.source.is_empty() {

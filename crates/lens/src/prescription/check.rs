@@ -192,10 +192,14 @@ impl Prescription {
                 return Err(whole(what));
             }
         }
-        let moves = self.misalignments.iter().flat_map(|m| m.decenter.iter().chain(&m.tilt));
-        let moves = moves.chain(self.surfaces.iter().flat_map(|s| s.decenter.iter().chain(&s.tilt)));
-        if let Some(bad) = moves.clone().find(|v| !v.is_finite() || v.abs() > 1000.0) {
-            return Err(whole(format!("decenter or tilt {bad}: expected mm or degrees within 1000")));
+        let axis = self.object_axis.iter();
+        let decenters = self.misalignments.iter().flat_map(|m| &m.decenter).chain(self.surfaces.iter().flat_map(|s| &s.decenter));
+        if let Some(bad) = decenters.chain(axis.clone().flat_map(|a| &a.decenter)).find(|v| !(v.abs() < LARGEST)) {
+            return Err(whole(format!("decenter {bad}: expected a length within {LARGEST} mm")));
+        }
+        let tilts = self.misalignments.iter().flat_map(|m| &m.tilt).chain(self.surfaces.iter().flat_map(|s| &s.tilt));
+        if let Some(bad) = tilts.chain(axis.flat_map(|a| &a.tilt)).find(|v| !(v.abs() <= 1000.0)) {
+            return Err(whole(format!("tilt {bad}: expected degrees within 1000")));
         }
 
         let stops: Vec<usize> = (0..count).filter(|i| self.surfaces[*i].stop).collect();
@@ -260,7 +264,8 @@ impl Prescription {
     /// Puts the film into the paraxial focus where the file gives it no place.
     fn infer_film(&mut self) {
         let last = self.surfaces.len() - 1;
-        if self.surfaces[last].gap.values.iter().flatten().any(|g| *g != 0.0) || !self.zoom.is_empty() {
+        let given = self.surfaces[last].gap.values.iter().flatten().any(|g| *g != 0.0);
+        if given || !self.zoom.is_empty() || self.object_axis.is_some() {
             return;
         }
         let system = System::at(self, State::default());
@@ -399,6 +404,10 @@ impl Prescription {
     /// Clips semi-diameters of some surfaces (`kind` in the note: inferred, or nothing) at the height where two surfaces cross: beams that need more
     /// would pass where there is no glass (or, between elements, no air).
     fn clip_crossing_rims(&mut self, which: &[usize], kind: &str) {
+        // Off a common axis neighbours do not face one another.
+        if self.object_axis.is_some() {
+            return;
+        }
         let zooms = self.zoom.len().max(1);
         let mut run = 1.0;
         for i in 0..self.surfaces.len().saturating_sub(1) {
@@ -483,6 +492,9 @@ impl Prescription {
 
     /// Gaps must not be negative where light runs forward, and neighbours must not cross where light can pass.
     fn check_gaps(&self, file: &str) -> Result<(), PrescriptionError> {
+        if self.object_axis.is_some() {
+            return Ok(());
+        }
         let zooms: Vec<f64> = (0..self.zoom.len().max(1)).map(|z| z as f64).collect();
         for &zoom in &zooms {
             for focus in [0.0, 1.0] {

@@ -69,6 +69,8 @@ pub struct Prescription {
     pub surfaces: Vec<Surface>,
     /// Elements out of place.
     pub misalignments: Vec<Misalignment>,
+    /// Where the axis before the lens stands, of a lens that is not built on one axis.
+    pub object_axis: Option<ObjectAxis>,
     /// First and last surface (0 the first of the lens) of the group that moves across the axis against shake, where there is one.
     pub stabiliser: Option<[usize; 2]>,
     /// How the file says it is used: what analyses take when nothing else is asked.
@@ -171,7 +173,7 @@ fn interpolate(v: &[f64], at: f64) -> f64 {
     v[i] * (2.0 * t3 - 3.0 * t2 + 1.0) + m0 * (t3 - 2.0 * t2 + t) + v[i + 1] * (3.0 * t2 - 2.0 * t3) + m1 * (t3 - t2)
 }
 
-/// Surfaces moved together, about the vertex of the first.
+/// Surfaces moved together, about the vertex of the first; of a lens with an [`ObjectAxis`], whose surfaces each have a place of their own, about the middle of what is used of the first.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Misalignment {
     /// First surface, 0 the first of the lens.
@@ -181,6 +183,17 @@ pub struct Misalignment {
     /// Shift in x, y and z, mm.
     pub decenter: [f64; 3],
     /// Turn about x, y and z, degrees.
+    pub tilt: [f64; 3],
+}
+
+/// The axis before the lens, seen from its film: the base ray (also optical axis ray), which comes from the middle of the field through the middle of the stop and on to
+/// the middle of the film. Fields, pupils, focal length and distances of objects count from it. Mirrors off the axis (Schiefspiegler, off-axis paraboloids, three-mirror
+/// anastigmats) have no other axis: light may come in at any angle to the film's normal, along which surfaces are counted.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ObjectAxis {
+    /// Its origin, from which places before the lens count, mm from the origin of the surfaces.
+    pub decenter: [f64; 3],
+    /// Its turn about x, y and z, degrees; light comes along its z.
     pub tilt: [f64; 3],
 }
 
@@ -260,6 +273,7 @@ impl Prescription {
             year: None,
             surfaces,
             misalignments: vec![],
+            object_axis: None,
             stabiliser: None,
             usage: Usage::default(),
             notes: vec![],

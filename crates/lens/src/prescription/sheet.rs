@@ -24,7 +24,7 @@
 use super::apertures::{self, SheetApertures};
 use super::coatings::{self, Names, SheetCoating};
 use super::phases::{self, SheetDiffractive, SheetPolynomial};
-use super::{ApertureKind, Coating, Gap, Hood, Misalignment, Prescription, PrescriptionError, Surface, Usage};
+use super::{ApertureKind, Coating, Gap, Hood, Misalignment, ObjectAxis, Prescription, PrescriptionError, Surface, Usage};
 use crate::forbes::{Forbes, ForbesKind};
 use crate::freeform::Freeform;
 use crate::glare::Finish;
@@ -61,6 +61,7 @@ struct Sheet {
     iris: SheetIris,
     #[serde(default)]
     element: Vec<SheetElement>,
+    object_axis: Option<SheetObjectAxis>,
     #[serde(default)]
     stray: SheetStray,
     hood: Option<Hood>,
@@ -90,6 +91,15 @@ struct SheetStray {
 #[serde(deny_unknown_fields)]
 struct SheetElement {
     surfaces: [usize; 2],
+    #[serde(default)]
+    decenter: [f64; 3],
+    #[serde(default)]
+    tilt_deg: [f64; 3],
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct SheetObjectAxis {
     #[serde(default)]
     decenter: [f64; 3],
     #[serde(default)]
@@ -288,6 +298,7 @@ pub fn read_toml(text: &str, file: &str) -> Result<Prescription, PrescriptionErr
         year: sheet.year,
         surfaces,
         misalignments,
+        object_axis: sheet.object_axis.map(|a| ObjectAxis { decenter: a.decenter, tilt: a.tilt_deg }),
         stabiliser,
         usage,
         notes: vec![],
@@ -493,6 +504,10 @@ impl Prescription {
         for m in &self.misalignments {
             let _ = writeln!(t, "\n[[element]]\nsurfaces = [{}, {}]", m.first + 1, m.last + 1);
             let _ = writeln!(t, "decenter = {}\ntilt_deg = {}", list(&m.decenter), list(&m.tilt));
+        }
+        if let Some(axis) = &self.object_axis {
+            let (decenter, tilt) = (list(&axis.decenter), list(&axis.tilt));
+            let _ = writeln!(t, "\n[object_axis]\ndecenter = {decenter}\ntilt_deg = {tilt}");
         }
         if self.usage != Usage::default() {
             let u = &self.usage;

@@ -230,6 +230,9 @@ fn prescription(table: &Table) -> Vec<Vec<String>> {
 
 fn third_order(table: &Table, out: &mut Document) {
     let system = &table.set.system;
+    if system.object_axis.is_some() {
+        return out.paragraph("Not computed: the lens has no axis, but a base ray that surfaces turn.");
+    }
     if system.has_gradients() {
         return out.paragraph("Not computed: the lens has gradient-index media.");
     }
