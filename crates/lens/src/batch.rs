@@ -438,6 +438,8 @@ macro_rules! batch {
                 runs: Vec<$float>,
                 /// Fit of the glass in each gap; `None` for air.
                 glasses: Vec<Option<[$float; TERMS]>>,
+                /// What the fits are of: beyond their range it is asked itself.
+                media: Vec<Glass>,
                 /// Absorption of each gap at 380, 390, ... nm, 1/mm; empty where none is known.
                 absorption: Vec<Vec<$float>>,
                 stop_radius: $float,
@@ -532,6 +534,7 @@ macro_rules! batch {
                             .iter()
                             .map(|g| (g.kind != GlassKind::Air).then(|| fit(g).map(|c| c as $float)))
                             .collect(),
+                        media: system.glasses.clone(),
                         absorption: system.glasses.iter().map(absorption).collect(),
                         stop_radius: system.iris.radius as $float,
                         blades,
@@ -545,6 +548,16 @@ macro_rules! batch {
                 /// Index of every gap at each lane's wavelength (nm), into `out`.
                 pub fn indices(&self, nm: &Lanes, out: &mut Indices) {
                     dispatch!(level(), simd => indices(simd, self, nm, out));
+                    let [short, long] = VISIBLE_NM.map(|nm| nm as $float);
+                    if nm.iter().fold(true, |within, nm| within & (*nm >= short) & (*nm <= long)) {
+                        return;
+                    }
+                    for (lane, nm) in nm.iter().enumerate().filter(|(_, nm)| !(short..=long).contains(*nm)) {
+                        for (gap, glass) in self.media.iter().enumerate() {
+                            let index = glass.index(*nm as f64);
+                            (out.n[gap][lane], out.inverse[gap][lane]) = (index as $float, (1.0 / index) as $float);
+                        }
+                    }
                 }
 
                 /// Follows a packet through all surfaces; the mask has a bit for each ray that came through.

@@ -8,6 +8,7 @@ use diopter::lens::analysis::zernike::{self, Numbering};
 use diopter::lens::batch::{double, single};
 use diopter::lens::compound::{Configured, FilmPlace, configure};
 use diopter::lens::paraxial::FirstOrder;
+use diopter::lens::prescription::WAVELENGTHS_NM;
 use diopter::lens::trace::Way;
 use diopter::lens::{Focus, LensError, Prescription, embedded_names, import};
 use diopter::shot::read_lens;
@@ -135,13 +136,17 @@ impl Bench {
     fn analysis(&self) -> Analysis<'_> {
         Analysis { system: &self.set.system, object_distance: self.object_distance }
     }
-}
 
-/// Fails unless a glass of the lens has an index at the wavelength.
-fn check_nm(nm: f64) -> Result<(), Told> {
-    match (300.0..=2500.0).contains(&nm) {
-        true => Ok(()),
-        false => Err(Told::value("wavelength", format!("{nm} nm"), "300 to 2500 nm")),
+    /// Fails unless every glass of the lens has an index at the wavelength.
+    fn check_nm(&self, nm: f64) -> Result<(), Told> {
+        let (least, most) = WAVELENGTHS_NM.into_inner();
+        if !WAVELENGTHS_NM.contains(&nm) {
+            return Err(Told::value("wavelength", format!("{nm} nm"), format!("{least} to {most} nm")));
+        }
+        match self.set.system.indices(nm).iter().all(|n| n.is_finite() && *n > 0.0) {
+            true => Ok(()),
+            false => Err(Told::value("wavelength", format!("{nm} nm"), "one at which all glasses of this lens have an index")),
+        }
     }
 }
 
@@ -170,6 +175,7 @@ macro_rules! tracer {
         /// Follows rays through a lens; those that are lost are NaN. `film_z`: to follow them to this plane, mm.
         fn $name<'py>(
             py: Python<'py>,
+            bench: &Bench,
             batch: &$module::Batch,
             positions: &PyReadonlyArrayDyn<'py, $float>,
             directions: &PyReadonlyArrayDyn<'py, $float>,
@@ -187,9 +193,9 @@ macro_rules! tracer {
                 let found = format!("{} values for {count} rays", shape[0]);
                 return Err(Told::value("wavelengths", found, "one for all, or one a ray").into());
             }
-            if let Some(bad) = nm.iter().find(|nm| !(300.0..=2500.0).contains(*nm)) {
-                check_nm(f64::from(*bad))?;
-            }
+            // Every glass has an index there.
+            const SURE_NM: std::ops::RangeInclusive<$float> = 300.0..=2500.0;
+            nm.iter().filter(|nm| !SURE_NM.contains(*nm)).try_for_each(|nm| bench.check_nm(f64::from(*nm)))?;
             const LANES: usize = $module::LANES;
             /// Rays of a task: some hundred microseconds of work.
             const TASK: usize = 256 * LANES;
@@ -275,14 +281,9 @@ tracer!(trace_double, double, f64);
 impl Bench {
     /// What is known of the lens as set, at a wavelength.
     fn info<'py>(&self, py: Python<'py>, nm: f64) -> PyResult<Bound<'py, PyDict>> {
-        check_nm(nm)?;
+        self.check_nm(nm)?;
         let system = &self.set.system;
         let n = system.indices(nm);
-        if n.iter().any(|n| !n.is_finite()) {
-            return Err(
-                Told::value("wavelength", format!("{nm} nm"), "one at which all glasses of this lens have an index").into()
-            );
-        }
         let first = FirstOrder::of(system, &n);
         let axis = self.analysis().illumination(0.0, nm);
         let numbers = [
@@ -324,7 +325,7 @@ impl Bench {
         let batch = self.single.get_or_init(|| single::Batch::new(&self.set.system));
         let way = if to_film { Way::ToFilm } else { Way::ToObject };
         let film_z = (to_film && until_film).then_some(self.set.system.film_z as f32);
-        trace_single(py, batch, &positions, &directions, &wavelengths, way, film_z, light, threads)
+        trace_single(py, self, batch, &positions, &directions, &wavelengths, way, film_z, light, threads)
     }
 
     #[pyo3(signature = (positions, directions, wavelengths, to_film, until_film, light, threads=None))]
@@ -342,12 +343,12 @@ impl Bench {
         let batch = self.double.get_or_init(|| double::Batch::new(&self.set.system));
         let way = if to_film { Way::ToFilm } else { Way::ToObject };
         let film_z = (to_film && until_film).then_some(self.set.system.film_z);
-        trace_double(py, batch, &positions, &directions, &wavelengths, way, film_z, light, threads)
+        trace_double(py, self, batch, &positions, &directions, &wavelengths, way, film_z, light, threads)
     }
 
     /// Points `[ray][x, y]` (mm, from the chief ray's frame as the analysis has it), centroid, RMS and largest radius, fraction that passed.
     fn spot<'py>(&self, py: Python<'py>, field_deg: f64, nm: f64, across: usize, defocus_mm: f64) -> PyResult<Spot<'py>> {
-        check_nm(nm)?;
+        self.check_nm(nm)?;
         check_field(field_deg)?;
         if !(2..=1000).contains(&across) {
             return Err(Told::value("rays", across.to_string(), "2 to 1000 across the pupil").into());
@@ -370,7 +371,7 @@ impl Bench {
         defocus_mm: f64,
     ) -> PyResult<Contrasts<'py>> {
         check_field(field_deg)?;
-        wavelengths.iter().try_for_each(|nm| check_nm(*nm))?;
+        wavelengths.iter().try_for_each(|nm| self.check_nm(*nm))?;
         if wavelengths.is_empty() || frequencies.is_empty() {
             return Err(Told::value("frequencies and wavelengths", "none", "one of each at least").into());
         }
@@ -389,7 +390,7 @@ impl Bench {
     /// A row a field: angle (°), height, height without distortion (f tan θ), distortion (%), tangential and sagittal focus (mm); NaN where no light
     /// reaches the film.
     fn distortion<'py>(&self, py: Python<'py>, fields_deg: Vec<f64>, nm: f64) -> PyResult<Bound<'py, PyArray2<f64>>> {
-        check_nm(nm)?;
+        self.check_nm(nm)?;
         fields_deg.iter().try_for_each(|f| check_field(*f))?;
         let rows = background::run(py, None, None, |_| {
             let row = |field: &f64| match self.analysis().field_point(*field, nm) {
@@ -416,7 +417,7 @@ impl Bench {
         radii_mm: Vec<f64>,
         threads: Option<usize>,
     ) -> PyResult<PointImage<'py>> {
-        check_nm(nm)?;
+        self.check_nm(nm)?;
         check_field(field_deg)?;
         if !(defocus_mm.abs() < 1e4) {
             return Err(Told::value("defocus", format!("{defocus_mm} mm"), "a distance within 10 m").into());
@@ -463,7 +464,7 @@ impl Bench {
         across: usize,
         threads: Option<usize>,
     ) -> PyResult<PathDifferences<'py>> {
-        check_nm(nm)?;
+        self.check_nm(nm)?;
         check_field(field_deg)?;
         if !(2..=1024).contains(&across) {
             return Err(Told::value("rays_across", across.to_string(), "2 to 1024").into());
@@ -479,7 +480,7 @@ impl Bench {
 
     /// A row a height on the film: height (mm), irradiance over radiance (sr) of the apertures alone, and with losses in glass and at surfaces.
     fn vignetting<'py>(&self, py: Python<'py>, heights_mm: Vec<f64>, nm: f64) -> PyResult<Bound<'py, PyArray2<f64>>> {
-        check_nm(nm)?;
+        self.check_nm(nm)?;
         if let Some(bad) = heights_mm.iter().find(|h| !h.is_finite()) {
             return Err(Told::value("height", bad.to_string(), "finite numbers, mm").into());
         }

@@ -17,7 +17,7 @@ use diopter::lens::draw::{self, Figure, LayoutOptions};
 use diopter::lens::export::{self, ExportFormat};
 use diopter::lens::glass::{D_NM, GlassKind};
 use diopter::lens::paraxial::FirstOrder;
-use diopter::lens::prescription::{ApertureKind, Coating};
+use diopter::lens::prescription::{ApertureKind, Coating, WAVELENGTHS_NM};
 use diopter::lens::surface::Profile;
 use diopter::lens::trace::{Apertures, Way, at_plane};
 use diopter::lens::{Focus, Iris, Prescription, State, System, ThinLens, embedded, embedded_names};
@@ -158,8 +158,9 @@ impl Table {
             None if !prescription.usage.wavelengths_nm.is_empty() => prescription.usage.wavelengths_nm.clone(),
             None => VISUAL_NM.to_vec(),
         };
-        if let Some(bad) = wavelengths.iter().find(|w| !(300.0..=2500.0).contains(*w)) {
-            return Err(AskedWrongly(anyhow!("wavelength {bad} nm: expected 300 to 2500")).into());
+        if let Some(bad) = wavelengths.iter().find(|w| !WAVELENGTHS_NM.contains(*w)) {
+            let (least, most) = WAVELENGTHS_NM.into_inner();
+            return Err(AskedWrongly(anyhow!("wavelength {bad} nm: expected {least} to {most}")).into());
         }
         // The file's own wavelengths have their notes already.
         if asked.wavelength.is_some() {

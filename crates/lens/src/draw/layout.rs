@@ -113,8 +113,10 @@ pub fn layout(bench: &Bench, options: &LayoutOptions) -> Figure {
         }
     }
     figure.line([DVec2::new(low.x, 0.0), DVec2::new(high.x, 0.0)].map(map), [150, 150, 150], 0.5, 6.0);
-    let film = bundles.iter().filter_map(|b| b.1.last()).map(|p| p.y.abs()).fold(0.02 * (high.y - low.y), f64::max);
-    figure.line([DVec2::new(system.film_z, -film * 1.05), DVec2::new(system.film_z, film * 1.05)].map(map), INK, 1.6, 0.0);
+    let lands = bundles.iter().filter_map(|b| b.1.last()).map(|p| p.y);
+    let least = 0.02 * (high.y - low.y);
+    let film = lands.fold([-least, least], |[a, b], y| [a.min(1.05 * y), b.max(1.05 * y)]);
+    figure.line(film.map(|y| map(DVec2::new(system.film_z, y))), INK, 1.6, 0.0);
     for (k, points) in &bundles {
         figure.line(points.iter().map(|p| map(*p)), FIELD_COLORS[k % FIELD_COLORS.len()], 0.6, 0.0);
     }

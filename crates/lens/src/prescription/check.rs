@@ -1,6 +1,6 @@
 //! What every prescription must be, wherever it came from; and what may be inferred.
 
-use super::{ApertureKind, MOST_SURFACES, Prescription, PrescriptionError, Surface};
+use super::{ApertureKind, MOST_SURFACES, Prescription, PrescriptionError, Surface, WAVELENGTHS_NM};
 use crate::aperture::{Aperture, Outline};
 use crate::axial_beam;
 use crate::glass::{Glass, GlassKind};
@@ -152,8 +152,9 @@ impl Prescription {
         if let Some(bad) = u.field_angles_deg.iter().find(|f| !(f.abs() <= 120.0)) {
             return Err(whole(format!("field {bad}: expected an angle within 120 degrees")));
         }
-        if let Some(bad) = u.wavelengths_nm.iter().find(|w| !(100.0..=20_000.0).contains(*w)) {
-            return Err(whole(format!("wavelength {bad} nm: expected 100 to 20000")));
+        if let Some(bad) = u.wavelengths_nm.iter().find(|w| !WAVELENGTHS_NM.contains(*w)) {
+            let (least, most) = WAVELENGTHS_NM.into_inner();
+            return Err(whole(format!("wavelength {bad} nm: expected {least} to {most}")));
         }
         if u.vignetting.iter().flatten().any(|v| !(v.abs() <= 1.0)) {
             return Err(whole("vignetting factors: expected -1 to 1".into()));

@@ -30,6 +30,9 @@ use crate::surface::Profile;
 /// Most surfaces of a lens. Real ones have fewer than 60.
 pub const MOST_SURFACES: usize = 400;
 
+/// Wavelengths that a lens is looked at in, nm.
+pub const WAVELENGTHS_NM: std::ops::RangeInclusive<f64> = 100.0..=20_000.0;
+
 /// What black walls throw back where nobody says: the order of black anodised aluminium in the visible (measured by Marshall et al., "Characterization of
 /// the reflectivity of various black materials", SPIE 2014).
 pub const WALL_REFLECTANCE: f64 = 0.05;
