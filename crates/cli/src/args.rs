@@ -257,6 +257,12 @@ pub enum LensVerb {
         /// Fraction of the light that the sensor reflects.
         #[arg(long, value_name = "FRACTION", default_value_t = 0.04)]
         sensor_reflectance: f64,
+        /// So many ghosts of four reflections beside, those that are strongest to first order.
+        #[arg(long, value_name = "N", default_value_t = 0)]
+        fours: usize,
+        /// Distance between the pixels of a sensor whose microlenses are a grating ("5.4um"): its orders are listed, too, as "sensor(1,0)".
+        #[arg(long, value_name = "LENGTH")]
+        pixel_pitch: Option<LengthMm>,
         /// Rays across the part of the front whose light makes a ghost.
         #[arg(long, value_name = "N", default_value_t = 48)]
         rays: usize,

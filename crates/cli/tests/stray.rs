@@ -28,6 +28,8 @@ fn coatings_are_told_drawn_and_tried_on() {
         (&["lens", "coating", "double-gauss-50mm", "-o", "x.dat"], ".csv"),
         (&["lens", "ghosts", "double-gauss-50mm", "--source", "95deg"], "below 90"),
         (&["lens", "ghosts", "double-gauss-50mm", "--sensor-reflectance", "2"], "0 to 1"),
+        (&["lens", "ghosts", "double-gauss-50mm", "--pixel-pitch", "1mm"], "0.5 to 20 um"),
+        (&["lens", "ghosts", "double-gauss-50mm", "--fours", "10000"], "0 to 1000"),
     ] {
         let (code, message) = f.fails(args);
         assert!(code == 2 && message.contains(says), "{args:?}: {code} {message}");
@@ -47,6 +49,13 @@ fn ghosts_are_listed_by_their_irradiance() {
     // Those with the sensor have no surface to turn at.
     assert!(ghosts.iter().any(|g| g["back"].is_null()) && ghosts.iter().all(|g| g["forth"].as_u64() < Some(12)));
     assert!(String::from_utf8(f.read("g.svg")).unwrap().contains("on the film"));
+    // Four reflections, and orders of the sensor's grating, when asked for.
+    let more = [&args[..5], &["--rays", "12", "--fours", "5", "--pixel-pitch", "5um", "--json"]].concat();
+    let told: Value = serde_json::from_slice(&f.ok(&more).stdout).unwrap();
+    let ghosts = told["ghosts"].as_array().unwrap();
+    assert!(ghosts.iter().any(|g| g["turns"].as_array().unwrap().len() == 4));
+    let order = |g: &&Value| g["order"].as_array().is_some_and(|o| o.iter().any(|v| v != 0));
+    assert!(ghosts.iter().filter(order).count() > 3 && ghosts.iter().filter(order).all(|g| g["back"].is_null()));
     // Coated they are weaker by orders of magnitude.
     let coated = [&args[..5], &["--rays", "24", "--coating", "modern", "--sensor-reflectance", "0", "--json"]].concat();
     let told: Value = serde_json::from_slice(&f.ok(&coated).stdout).unwrap();

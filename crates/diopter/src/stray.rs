@@ -11,11 +11,14 @@
 //! There is no chance in it that depends on samples or threads: random walks have seeds of their own. All of it is linear in the picture, so that parts of the
 //! samples merge to the whole.
 //!
-//! Limits: camera and lamps stand as they do in the middle of the exposure; what is no lamp and lies beyond the frame gives no glare; ghosts have two reflections (those
-//! of the picture's other light, which glare holds, any number); lamps without extent, whose image no camera ray meets, have theirs; spectra are taken together over 50 nm (100 nm in
+//! What the sensor's microlenses throw back as a grating are ghosts, too (`orders`).
+//!
+//! Limits: camera and lamps stand as they do in the middle of the exposure; what is no lamp and lies beyond the frame gives no glare; ghosts have two reflections, and four where that is nearly
+//! as bright (those of the picture's other light, which glare holds, any number); lamps without extent, whose image no camera ray meets, have theirs; spectra are taken together over 50 nm (100 nm in
 //! glare); behind microlens arrays, and through ideal lenses (thin lens, pinhole, calibrated camera), whose surfaces do not exist, there is none.
 
 mod choice;
+mod orders;
 mod veil;
 
 pub use choice::Stray;
@@ -29,7 +32,7 @@ use diopter_image::channels::STRAY_LIGHT;
 use diopter_image::focal_plane::{Band, BandUnit, FocalPlaneSource};
 use diopter_image::truth::Values;
 use diopter_image::{ExposureFacts, FocalPlane, ImageError, Raster};
-use diopter_lens::ghosts::{BeamGhost, GhostTracer, Pair, SENSOR_REFLECTANCE, SourceBeam, pairs};
+use diopter_lens::ghosts::{BeamGhost, GhostTracer, SENSOR_REFLECTANCE, SourceBeam, pairs, strong_fours};
 use diopter_lens::glare::{BINS_NM, GlareTracer, Kind, Unfit};
 use diopter_lens::{CompoundLens, Lens, System};
 use diopter_light::Wavelengths;
@@ -61,8 +64,17 @@ const WEAK: usize = 20;
 const STRONG_SHARE: f64 = 0.02;
 /// Part of the ghost light on the film that may be left out with the weakest ghosts.
 const LEFT_OUT: f64 = 0.01;
-/// Triangles smaller than this (raster cells) are splatted, not filled.
-const SMALL: f32 = 3.0;
+/// Ghosts of four reflections: those at least this bright beside the brightest of two, at most so many.
+const FOUR_SHARE: f64 = 0.005;
+const MOST_FOURS: usize = 16;
+/// Cells at the rim of a ghost are halved until they are so small (cells of the raster), at most so often.
+const RIM_CELLS: f32 = 1.5;
+const RIM_DEPTH: f32 = 4.0;
+/// Halved so often or more, triangles hold all of the light.
+const RIM_SURE: u32 = 3;
+/// Triangles smaller than this (raster cells) are splatted, not filled; filled are parts of cells, so many along each side.
+const SMALL: f32 = 0.5;
+const PARTS: usize = 2;
 /// Ghosts drawn before they are added up: the rasters of so many are in memory.
 const AT_ONCE: usize = 64;
 /// A lamp seen under a larger angle than this is cut into more cells, rad.
@@ -119,10 +131,10 @@ impl Beam {
     }
 }
 
-/// What is drawn: a beam, a pair of surfaces, the part of the front and the rays across it.
+/// What is drawn: a beam, the surfaces that throw it back one after the other, the part of the front and the rays across it.
 struct Job<'a> {
     beam: &'a Beam,
-    turns: [usize; 2],
+    turns: Vec<usize>,
     corners: [DVec2; 2],
     across: usize,
     /// How far on the film the ghost moves as the source crosses its cell in two directions, mm.
@@ -365,12 +377,18 @@ pub fn glare_unfit(lens: &CompoundLens) -> Option<Unfit> {
     GlareTracer::new(lens.system(), BINS_NM[1], DVec2::ONE, 0.0).err()
 }
 
+/// The lens at a wavelength (nm) before the film's sensor.
+fn tracer<'a>(system: &'a System, film: &Film, nm: f32) -> GhostTracer<'a> {
+    GhostTracer::new(system, f64::from(nm), SENSOR_REFLECTANCE).with_microlenses([film.pixel_area_mm2.sqrt(); 2])
+}
+
 /// The ghosts of beams, lamps that change alike together.
 fn ghosts_of(system: &System, beams: &[Beam], film: &Film, [columns, rows]: [usize; 2], bands: usize) -> Vec<Part> {
-    let tracers: Vec<GhostTracer> =
-        (0..BINS).into_par_iter().map(|k| GhostTracer::new(system, f64::from(bin_nm(k)), SENSOR_REFLECTANCE)).collect();
-    let ways = pairs(system);
-    let jobs: Vec<Job> = beams.iter().flat_map(|beam| jobs(beam, &ways, &tracers[BINS / 2], film)).collect();
+    let tracers: Vec<GhostTracer> = (0..BINS).into_par_iter().map(|k| tracer(system, film, bin_nm(k))).collect();
+    let middle = &tracers[BINS / 2];
+    let fours = strong_fours(middle, FOUR_SHARE, MOST_FOURS).into_iter().map(|four| four.to_vec());
+    let ways: Vec<Vec<usize>> = pairs(system).into_iter().map(|p| vec![p.back, p.forth]).chain(fours).collect();
+    let jobs: Vec<Job> = beams.iter().flat_map(|beam| jobs(beam, &ways, middle, film)).collect();
     let cell_mm = film.width_mm / columns as f64;
     // By modulation, and by how coarse a raster is.
     let mut drawn: Vec<(usize, Part)> = vec![];
@@ -403,6 +421,10 @@ fn ghosts_of(system: &System, beams: &[Beam], film: &Film, [columns, rows]: [usi
             _ => veil::add_stretched(&part.light, &mut to.light),
         }
     }
+    let size = [columns, rows];
+    orders::draw_all(system, beams, film, size, bands, |beam, patch| {
+        patch.add_to(&mut part_of(&mut parts, beams[beam].modulation, size, bands).light);
+    });
     parts
 }
 
@@ -554,15 +576,14 @@ fn beams(scene: &Scene, camera: &Camera, lens: &CompoundLens, response: &Respons
 }
 
 /// The ghosts of a beam that matter on the film.
-fn jobs<'a>(beam: &'a Beam, ways: &[Pair], tracer: &GhostTracer, film: &Film) -> Vec<Job<'a>> {
+fn jobs<'a>(beam: &'a Beam, ways: &[Vec<usize>], tracer: &GhostTracer, film: &Film) -> Vec<Job<'a>> {
     let film_area = film.width_mm * film.height_mm;
-    type OfWay = ([usize; 2], [DVec2; 2], BeamGhost);
+    type OfWay<'w> = (&'w Vec<usize>, [DVec2; 2], BeamGhost);
     let found: Vec<Option<OfWay>> = ways
         .par_iter()
-        .map(|pair| {
-            let turns = [pair.back, pair.forth];
-            let corners = beam.source.extent(tracer, &turns, LOOK)?;
-            let ghost = BeamGhost::within(tracer, &beam.source, &turns, corners, ESTIMATE)?;
+        .map(|turns| {
+            let corners = beam.source.extent(tracer, turns, LOOK)?;
+            let ghost = BeamGhost::within(tracer, &beam.source, turns, corners, ESTIMATE)?;
             let reach = film.reach();
             let [low, high] = ghost.bounds;
             // A margin: the estimate has few rays.
@@ -585,12 +606,12 @@ fn jobs<'a>(beam: &'a Beam, ways: &[Pair], tracer: &GhostTracer, film: &Film) ->
             // As the source crosses its cell the ghost moves about twice as far as from the middle to an edge.
             let moves = beam.edges.map(|edge| {
                 let moved = edge.and_then(|edge| {
-                    let corners = edge.extent(tracer, &turns, LOOK)?;
-                    BeamGhost::within(tracer, &edge, &turns, corners, ESTIMATE)
+                    let corners = edge.extent(tracer, turns, LOOK)?;
+                    BeamGhost::within(tracer, &edge, turns, corners, ESTIMATE)
                 });
                 moved.map_or(DVec2::ZERO, |moved| 2.0 * (moved.center - ghost.center))
             });
-            jobs.push(Job { beam, turns, corners, across: if strong { STRONG } else { WEAK }, moves });
+            jobs.push(Job { beam, turns: turns.clone(), corners, across: if strong { STRONG } else { WEAK }, moves });
         }
         before += on_film(&ghost);
     }
@@ -602,14 +623,7 @@ fn draw(job: &Job, tracers: &[GhostTracer], film: &Film, [columns, rows]: [usize
     let cells = DVec2::new(columns as f64, rows as f64);
     let size = DVec2::new(film.width_mm, film.height_mm);
     let cell_mm2 = (size.x * size.y) / (cells.x * cells.y);
-    // Raster coordinates of a film point: the picture stands upside down on the film.
-    let place = |at: DVec2| {
-        let at = (at + DVec2::from_array(film.middle_mm)) / size;
-        (DVec2::new(0.5 - at.x, 0.5 + at.y) * cells).as_vec2()
-    };
-    let across = job.across;
-    let [low, high] = job.corners;
-    let step = (high - low) / across as f64;
+    let place = on_raster(film, [columns, rows]);
     let ways = job.moves.map(|m| (DVec2::new(-m.x, m.y) / size * cells).as_vec2());
     let margin = (0.5 * (ways[0].abs() + ways[1].abs()).max_element()).ceil() + if ways == [Vec2::ZERO; 2] { 0.0 } else { 2.0 };
     let mut patches: Vec<(usize, Region)> = vec![];
@@ -617,45 +631,144 @@ fn draw(job: &Job, tracers: &[GhostTracer], film: &Film, [columns, rows]: [usize
         if job.beam.counts.iter().all(|band| band[bin] == 0.0) {
             continue;
         }
-        // A node in the middle of each cell of the front: where its light lands, and how much.
-        let nodes: Vec<Option<(Vec2, f64)>> = (0..across * across)
-            .map(|k| {
-                let at = low + step * DVec2::new((k % across) as f64 + 0.5, (k / across) as f64 + 0.5);
-                let arrival = tracer.follow(job.beam.source.ray(at), &job.turns).ok()?;
-                let light = arrival.fraction * job.beam.source.power_density(at);
-                Some((place(arrival.film), light)).filter(|n| n.0.is_finite())
-            })
-            .collect();
-        let lit = nodes.iter().flatten();
-        let (least, most) = lit.clone().fold((Vec2::INFINITY, Vec2::NEG_INFINITY), |(a, b), n| (a.min(n.0), b.max(n.0)));
-        let Some(mut region) = Region::around(least, most, [columns, rows], margin) else { continue };
-        let mut triangles = vec![];
-        let mut filled = 0.0;
-        for k in 0..across * (across - 1) {
-            if k % across + 1 == across {
-                continue;
-            }
-            let corner = [k, k + 1, k + across, k + across + 1].map(|i| nodes[i]);
-            for three in [[0, 1, 2], [3, 2, 1]] {
-                if let [Some(a), Some(b), Some(c)] = three.map(|i| corner[i]) {
-                    let light = (a.1 + b.1 + c.1) / 6.0;
-                    filled += light;
-                    triangles.push(([a.0, b.0, c.0], light));
-                }
-            }
-        }
-        // Cells at the edge of the pupil are half a cell short: what nodes bring in all is kept.
-        let all: f64 = lit.clone().map(|n| n.1).sum();
-        let front = step.x * step.y / cell_mm2;
-        if filled > 0.0 {
-            for (corners, light) in triangles {
-                region.fill(corners, (light * all / filled * front) as f32);
-            }
-        } else {
-            lit.for_each(|(at, light)| region.splat(*at, (light * front) as f32));
-        }
+        let node = |at: DVec2| {
+            let arrival = tracer.follow(job.beam.source.ray(at), &job.turns).ok()?;
+            let light = arrival.fraction * job.beam.source.power_density(at);
+            Some((place(arrival.film), light)).filter(|n| n.0.is_finite())
+        };
+        let mesh = Mesh::of(&node, job.corners, job.across);
+        let Some(mut region) = mesh.bounds().and_then(|[a, b]| Region::around(a, b, [columns, rows], margin)) else { continue };
+        mesh.lay(1.0 / cell_mm2, &mut region);
         patches.push((bin, region));
     }
+    let out = assemble(patches, job.beam, bands)?;
+    Some(ways.into_iter().fold(out, |patch, way| patch.smeared(way, bands)))
+}
+
+/// Raster coordinates of a film point: the picture stands upside down on the film.
+fn on_raster(film: &Film, [columns, rows]: [usize; 2]) -> impl Fn(DVec2) -> Vec2 {
+    let cells = DVec2::new(columns as f64, rows as f64);
+    let (size, middle) = (DVec2::new(film.width_mm, film.height_mm), DVec2::from_array(film.middle_mm));
+    move |at: DVec2| {
+        let at = (at + middle) / size;
+        (DVec2::new(0.5 - at.x, 0.5 + at.y) * cells).as_vec2()
+    }
+}
+
+/// Where light of a place on the front lands (cells of the raster), and how much it is for a unit of area there.
+type Node = (Vec2, f64);
+
+/// Light of a part of the front as triangles on the film.
+struct Mesh {
+    triangles: Vec<([Vec2; 3], f64)>,
+    /// Places so lonely that they make no triangle.
+    dots: Vec<Node>,
+}
+
+impl Mesh {
+    /// Of a rectangle of the front, by so many cells across; cells at the rim of what is lit are cut in halves until they are small on the film.
+    fn of(node: &impl Fn(DVec2) -> Option<Node>, [low, high]: [DVec2; 2], across: usize) -> Mesh {
+        let side = across + 1;
+        let step = (high - low) / across as f64;
+        let at = |k: usize| low + step * DVec2::new((k % side) as f64, (k / side) as f64);
+        let nodes: Vec<Option<Node>> = (0..side * side).map(|k| node(at(k))).collect();
+        let lit = || nodes.iter().flatten().map(|n| n.0);
+        let (least, most) = lit().fold((Vec2::INFINITY, Vec2::NEG_INFINITY), |(a, b), p| (a.min(p), b.max(p)));
+        let cell = (most - least).max_element() / across as f32;
+        let depth = if cell.is_finite() { (cell / RIM_CELLS).max(1.0).log2().ceil().min(RIM_DEPTH) as u32 } else { 0 };
+        let mut mesh = Mesh { triangles: vec![], dots: vec![] };
+        for k in (0..side * across).filter(|k| k % side != across) {
+            let corners = [k, k + 1, k + side, k + side + 1].map(|i| nodes[i]);
+            mesh.cell(node, at(k), step, corners, depth);
+        }
+        let area = step.x * step.y;
+        if mesh.triangles.is_empty() {
+            mesh.dots = nodes.iter().flatten().map(|n| (n.0, n.1 * area)).collect();
+        } else if depth < RIM_SURE {
+            // What is lit ends somewhere beyond the last lit corners, on average half a cell: the sum of all places is right.
+            let all: f64 = nodes.iter().flatten().map(|n| n.1 * area).sum();
+            let filled: f64 = mesh.triangles.iter().map(|t| t.1).sum();
+            mesh.triangles.iter_mut().for_each(|t| t.1 *= all / filled);
+        }
+        mesh
+    }
+
+    fn cell(&mut self, node: &impl Fn(DVec2) -> Option<Node>, low: DVec2, size: DVec2, corners: [Option<Node>; 4], depth: u32) {
+        let lit = corners.iter().flatten().count();
+        if lit == 0 {
+            return;
+        }
+        if lit < 4 && depth > 0 {
+            let half = 0.5 * size;
+            let at = |x: f64, y: f64| node(low + half * DVec2::new(x, y));
+            let [a, b, c, d] = corners;
+            let (ab, ac, bd, cd, middle) = (at(1.0, 0.0), at(0.0, 1.0), at(2.0, 1.0), at(1.0, 2.0), at(1.0, 1.0));
+            for (x, y, four) in [
+                (0.0, 0.0, [a, ab, ac, middle]),
+                (1.0, 0.0, [ab, b, middle, bd]),
+                (0.0, 1.0, [ac, middle, c, cd]),
+                (1.0, 1.0, [middle, bd, cd, d]),
+            ] {
+                self.cell(node, low + half * DVec2::new(x, y), half, four, depth - 1);
+            }
+            return;
+        }
+        let area = size.x * size.y;
+        for three in [[0, 1, 2], [3, 2, 1]] {
+            if let [Some(a), Some(b), Some(c)] = three.map(|i| corners[i]) {
+                self.triangles.push(([a.0, b.0, c.0], (a.1 + b.1 + c.1) / 6.0 * area));
+            }
+        }
+        // Three lit corners whose dark one splits both triangles.
+        if let [Some(a), None, Some(c), Some(d)] | [Some(a), Some(c), None, Some(d)] = corners {
+            self.triangles.push(([a.0, c.0, d.0], (a.1 + c.1 + d.1) / 6.0 * area));
+        }
+    }
+
+    /// Lower and upper corner of all of it.
+    fn bounds(&self) -> Option<[Vec2; 2]> {
+        let places = self.triangles.iter().flat_map(|t| t.0).chain(self.dots.iter().map(|n| n.0));
+        let (a, b) = places.fold((Vec2::INFINITY, Vec2::NEG_INFINITY), |(a, b), p| (a.min(p), b.max(p)));
+        (a.x <= b.x).then_some([a, b])
+    }
+
+    /// Onto a region, all of it times `scale`.
+    fn lay(&self, scale: f64, region: &mut Region) {
+        self.triangles.iter().for_each(|(corners, light)| region.fill(*corners, (light * scale) as f32));
+        self.dots.iter().for_each(|(at, light)| region.splat(*at, (light * scale) as f32));
+    }
+}
+
+/// Lays light on a region: `nodes`, a square of `across` a side, tell where that of a cell of the front lands and how much it is, for each cell of `front` (cells of the raster).
+fn lay(nodes: &[Option<(Vec2, f64)>], across: usize, front: f64, region: &mut Region) {
+    let mut triangles = vec![];
+    let mut filled = 0.0;
+    for k in 0..across * (across - 1) {
+        if k % across + 1 == across {
+            continue;
+        }
+        let corner = [k, k + 1, k + across, k + across + 1].map(|i| nodes[i]);
+        for three in [[0, 1, 2], [3, 2, 1]] {
+            if let [Some(a), Some(b), Some(c)] = three.map(|i| corner[i]) {
+                let light = (a.1 + b.1 + c.1) / 6.0;
+                filled += light;
+                triangles.push(([a.0, b.0, c.0], light));
+            }
+        }
+    }
+    // Cells at the edge of the pupil are half a cell short: what nodes bring in all is kept.
+    let all: f64 = nodes.iter().flatten().map(|n| n.1).sum();
+    if filled > 0.0 {
+        for (corners, light) in triangles {
+            region.fill(corners, (light * all / filled * front) as f32);
+        }
+    } else {
+        nodes.iter().flatten().for_each(|(at, light)| region.splat(*at, (light * front) as f32));
+    }
+}
+
+/// Regions by bins of wavelengths as one patch of what the bands count of a beam; `None` of nothing.
+fn assemble(patches: Vec<(usize, Region)>, beam: &Beam, bands: usize) -> Option<Patch> {
     let left = patches.iter().map(|p| p.1.left).min()?;
     let top = patches.iter().map(|p| p.1.top).min()?;
     let right = patches.iter().map(|p| p.1.left + p.1.columns as i64).max()?;
@@ -663,7 +776,7 @@ fn draw(job: &Job, tracers: &[GhostTracer], film: &Film, [columns, rows]: [usize
     let (width, height) = ((right - left) as usize, (bottom - top) as usize);
     let mut out = Patch { left, top, columns: width, data: vec![0.0; width * height * bands] };
     for (bin, region) in &patches {
-        let counts: Vec<f32> = job.beam.counts.iter().map(|band| band[*bin] as f32).collect();
+        let counts: Vec<f32> = beam.counts.iter().map(|band| band[*bin] as f32).collect();
         for (k, light) in region.light.iter().enumerate().filter(|(_, light)| **light != 0.0) {
             let (from_left, from_top) = ((region.left - left) as usize, (region.top - top) as usize);
             let (column, row) = (from_left + k % region.columns, from_top + k / region.columns);
@@ -671,7 +784,7 @@ fn draw(job: &Job, tracers: &[GhostTracer], film: &Film, [columns, rows]: [usize
             out.data[start..start + bands].iter_mut().zip(&counts).for_each(|(sum, count)| *sum += light * count);
         }
     }
-    Some(ways.into_iter().fold(out, |patch, way| patch.smeared(way, bands)))
+    Some(out)
 }
 
 /// Irradiance on some cells of the raster, over that of the beam at the front.
@@ -709,17 +822,19 @@ impl Region {
         }
         let sense = twice.signum();
         let (low, high) = (a.min(b).min(c), a.max(b).max(c));
+        // By parts of cells, whose middles lie within or not: triangles that share an edge share none of them.
+        let parts = PARTS as f32;
         let range = |low: f32, high: f32, start: i64, count: usize| {
-            let cell = |v: f32| (v - start as f32).clamp(0.0, count as f32) as usize;
-            cell((low - 0.5).ceil())..cell((high - 0.5).floor() + 1.0)
+            let part = |v: f32| (v - start as f32 * parts).clamp(0.0, (count * PARTS) as f32) as usize;
+            part((low * parts - 0.5).ceil())..part((high * parts - 0.5).floor() + 1.0)
         };
-        let even = light / area;
+        let even = light / area / (parts * parts);
         for row in range(low.y, high.y, self.top, self.rows) {
             for column in range(low.x, high.x, self.left, self.columns) {
-                let p = Vec2::new((self.left + column as i64) as f32 + 0.5, (self.top + row as i64) as f32 + 0.5);
+                let p = Vec2::new(self.left as f32 + (column as f32 + 0.5) / parts, self.top as f32 + (row as f32 + 0.5) / parts);
                 let side = |a: Vec2, b: Vec2| (b - a).perp_dot(p - a) * sense >= 0.0;
                 if side(a, b) && side(b, c) && side(c, a) {
-                    self.light[row * self.columns + column] += even;
+                    self.light[row / PARTS * self.columns + column / PARTS] += even;
                 }
             }
         }

@@ -766,7 +766,8 @@ fn rim_of(s: &PlacedSurface, film_z: f64, run: f64) -> ([f64; 2], f64) {
     // A part off the vertex has its own circle, which lies within that of the rim or not.
     let [low, high] = s.bounds();
     let is_part = (low + high).length() > 1e-9 * s.semi_diameter;
-    let (middle, radius) = if is_part { (0.5 * (low + high), 0.5 * (high - low).length()) } else { (DVec2::ZERO, s.semi_diameter) };
+    let (middle, radius) =
+        if is_part { (0.5 * (low + high), 0.5 * (high - low).length()) } else { (DVec2::ZERO, s.semi_diameter) };
     let sag = |at: DVec2| s.profile.sag(at.x, at.y);
     let edge = sag(DVec2::Y * s.semi_diameter * (1.0 - 1e-9)).unwrap_or(0.0);
     let circle = radius / (std::f64::consts::PI / AROUND as f64).cos();

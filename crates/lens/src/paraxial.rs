@@ -218,10 +218,13 @@ impl Neighbours {
     /// By central differences about the base ray of `f`, a ray's place or slope at its end.
     fn of(step: f64, f: impl Fn(TracedRay) -> Option<DVec2>) -> Option<Neighbours> {
         let column = |place: DVec2, slope: DVec2| {
-            let ray = |sign: f64| TracedRay { position: (sign * place).extend(0.0), direction: (sign * slope).extend(1.0).normalize() };
+            let ray =
+                |sign: f64| TracedRay { position: (sign * place).extend(0.0), direction: (sign * slope).extend(1.0).normalize() };
             Some((f(ray(1.0))? - f(ray(-1.0))?) / (2.0 * place.length().max(slope.length())))
         };
-        let matrix = |place: f64, slope: f64| Some(DMat2::from_cols(column(DVec2::X * place, DVec2::X * slope)?, column(DVec2::Y * place, DVec2::Y * slope)?));
+        let matrix = |place: f64, slope: f64| {
+            Some(DMat2::from_cols(column(DVec2::X * place, DVec2::X * slope)?, column(DVec2::Y * place, DVec2::Y * slope)?))
+        };
         Some(Neighbours { by_place: matrix(step, 0.0)?, by_slope: matrix(0.0, SLOPE_STEP)? })
     }
 }

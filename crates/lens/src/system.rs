@@ -79,9 +79,10 @@ impl PlacedSurface {
     /// Lower and upper corner of a rectangle in its own x and y that holds all that rim and openings let through, mm.
     pub fn bounds(&self) -> [DVec2; 2] {
         let rim = DVec2::splat(self.semi_diameter);
-        self.apertures.iter().filter_map(Aperture::bounds).fold([-rim, rim], |[low, high], [a, b]| {
-            [low.max(DVec2::from_array(a)), high.min(DVec2::from_array(b))]
-        })
+        self.apertures
+            .iter()
+            .filter_map(Aperture::bounds)
+            .fold([-rim, rim], |[low, high], [a, b]| [low.max(DVec2::from_array(a)), high.min(DVec2::from_array(b))])
     }
 
     /// Middle of what rim and openings let through, in lens space, mm.

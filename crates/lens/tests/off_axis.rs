@@ -56,7 +56,8 @@ fn an_off_axis_paraboloid_has_its_focal_length_and_focus() {
     let n = s.indices(NM);
     for i in 0..60 {
         let at = DVec2::from_angle(i as f64) * (0.2 * i as f64);
-        let out = s.trace(TracedRay { position: at.extend(-20.0), direction: DVec3::Z }, &n, Way::ToFilm, Apertures::Clip).unwrap();
+        let out =
+            s.trace(TracedRay { position: at.extend(-20.0), direction: DVec3::Z }, &n, Way::ToFilm, Apertures::Clip).unwrap();
         let land = at_plane(&out, s.film_z);
         assert!(land.truncate().length() < 1e-9, "{at} {land}");
     }
@@ -82,7 +83,17 @@ fn about_an_axis_that_is_the_lens_s_own_first_order_is_the_same() {
         same.object_axis = Some(ObjectAxis { decenter: [0.0; 3], tilt: [0.0; 3] });
         let (a, b) = (first_order(&plain), first_order(&same));
         let figures = |f: &FirstOrder| {
-            [f.efl, f.bfl, f.ffl, f.front_principal_z, f.rear_principal_z, f.entrance_pupil_z, f.exit_pupil_z, f.entrance_pupil_radius(), f.exit_pupil_radius()]
+            [
+                f.efl,
+                f.bfl,
+                f.ffl,
+                f.front_principal_z,
+                f.rear_principal_z,
+                f.entrance_pupil_z,
+                f.exit_pupil_z,
+                f.entrance_pupil_radius(),
+                f.exit_pupil_radius(),
+            ]
         };
         for (x, y) in figures(&a).iter().zip(figures(&b)) {
             assert!((x - y).abs() < 1e-4 * (1.0 + x.abs()), "{name}: {a:?} {b:?}");
@@ -113,7 +124,9 @@ fn mirrors_turned_together_before_the_film_are_the_same_mirrors() {
         let (Ok(a), Ok(b)) = (a, b) else { panic!("{i}: {at}") };
         assert!((frame.transform_point3(a.position) - b.position).length() < 1e-9, "{i}");
         assert!((frame.transform_vector3(a.direction) - b.direction).length() < 1e-12, "{i}");
-        let back = t.trace(TracedRay { position: b.position + b.direction, direction: -b.direction }, &n, Way::ToObject, Apertures::Clip).unwrap();
+        let back = t
+            .trace(TracedRay { position: b.position + b.direction, direction: -b.direction }, &n, Way::ToObject, Apertures::Clip)
+            .unwrap();
         assert!((back.direction + ray.direction).length() < 1e-12, "{i}");
         assert!((back.position - ray.position).cross(ray.direction).length() < 1e-9, "{i}");
     }

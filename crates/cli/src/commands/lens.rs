@@ -58,12 +58,14 @@ pub fn run(verb: &LensVerb, threads: Option<NonZeroUsize>, json: bool) -> anyhow
             let asked = coating::Asked { lens, surface: *surface, coating: coating.as_deref(), angles: &angle.0, output };
             coating::run(&asked, json)
         }
-        LensVerb::Ghosts { bench, source, coating, sensor_reflectance, rays, top } => {
+        LensVerb::Ghosts { bench, source, coating, sensor_reflectance, fours, pixel_pitch, rays, top } => {
             let asked = ghosts::Asked {
                 bench,
                 source_deg: *source,
                 coating: coating.as_deref(),
                 sensor_reflectance: *sensor_reflectance,
+                fours: *fours,
+                pixel_pitch_mm: pixel_pitch.map(|p| p.0),
                 rays: *rays,
                 top: *top,
             };

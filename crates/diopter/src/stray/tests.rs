@@ -74,6 +74,62 @@ fn a_distant_lamp_gives_the_light_of_its_ghosts_where_they_lie() {
 }
 
 #[test]
+fn microlenses_throw_light_into_orders_and_no_more_than_there_is() {
+    // A small lamp before a film of 5 µm pixels; f/4.
+    let mut film = Film::new(36.0, 24.0, 360, 240);
+    film.pixel_area_mm2 = 5e-3f64.powi(2);
+    let camera = camera(film);
+    let Lens::Compound(lens) = &camera.lens else { unreachable!() };
+    let system = lens.system();
+    let distance = 40.0f32;
+    let lamp = scene(PunctualKind::Point { position: Vec3::new(1.0, 2.0 + 0.05 * distance, 3.0 - distance) }, 1.0);
+    let with = of(&lamp, &camera, &Shutter::global(1.0)).unwrap().electrons(1);
+    // The same pixels, so large that they are no grating: mirrored light alone, all of what the sensor reflects.
+    let plain = Camera { film: Film { pixel_area_mm2: 1.0, ..film }, ..camera.clone() };
+    let mirrored = of(&lamp, &plain, &Shutter::global(1.0)).unwrap().electrons(1);
+    let sum = |r: &Raster<f32>| r.data.iter().map(|v| f64::from(*v)).sum::<f64>();
+    let scale = film.pixel_area_mm2;
+    // By hand at the middle of the band: every order of every surface, from a fine grid of the front.
+    let beam = SourceBeam::from_point(
+        system,
+        DVec3::new(0.0, 50.0 * f64::from(distance), -1000.0 * f64::from(distance)) + lens.entrance_pupil(),
+    )
+    .unwrap();
+    let (mirror, grating) = (GhostTracer::new(system, 555.0, SENSOR_REFLECTANCE), tracer(system, &film, 555.0));
+    let on_film = |at: DVec2| at.abs().cmple(DVec2::new(18.0, 12.0)).all();
+    let count = system.surfaces.len();
+    let [low, high] = beam.extent(&mirror, &[], 40).unwrap();
+    let cell = (high - low) / 24.0;
+    let (mut orders, mut zero, mut whole) = (0.0, 0.0, 0.0);
+    let [most, _] = grating.grating().unwrap().highest();
+    for i in 0..24 * 24 {
+        let at = low + cell * DVec2::new((i % 24) as f64 + 0.5, (i / 24) as f64 + 0.5);
+        let Ok(arrival) = mirror.follow(beam.ray(at), &[]) else { continue };
+        let light = beam.power_density(at) * cell.x * cell.y;
+        for forth in 0..count {
+            let add = |tracer: &GhostTracer, order: [i32; 2], to: &mut f64| {
+                let back = tracer.follow_back(&arrival, order, &[forth]).ok().filter(|b| on_film(b.film));
+                *to += back.map_or(0.0, |b| b.fraction * light);
+            };
+            add(&mirror, [0; 2], &mut whole);
+            add(&grating, [0; 2], &mut zero);
+            for x in -most..=most {
+                (-most..=most).filter(|y| [x, *y] != [0; 2]).for_each(|y| add(&grating, [x, y], &mut orders));
+            }
+        }
+    }
+    // What pairs of surfaces make is the same in both.
+    let between = sum(&mirrored) / whole * scale;
+    let unit = (sum(&mirrored) * scale - sum(&with)) / (whole - zero - orders);
+    assert!(orders > 0.02 * zero && zero < 0.6 * whole, "{orders} {zero} {whole}");
+    assert!(unit > 0.0 && unit < 1.1 * between, "{unit} {between}");
+    // Irradiance 2 / distance² W m⁻² nm⁻¹, 30 nm, 1e15 electrons a joule, one second; pixels of 5 µm, one for each 0.1 mm.
+    let way = f64::from(distance * distance) * (1.0 + 0.05f64.powi(2));
+    let known = 2.0 / way * 1e-6 * 30.0 * 1e15 * scale / 0.01;
+    assert!((unit / known - 1.0).abs() < 0.1, "{unit} {known}");
+}
+
+#[test]
 fn what_is_behind_or_ideal_or_not_asked_for_gives_no_ghosts() {
     let camera = camera(Film::new(36.0, 24.0, 36, 24));
     let shutter = Shutter::global(1.0);
@@ -139,10 +195,10 @@ fn triangles_and_splats_keep_their_light() {
     let corners = [Vec2::new(4.1, 3.3), Vec2::new(44.7, 10.2), Vec2::new(13.9, 36.4)];
     region.fill(corners, 5.0);
     let sum: f32 = region.light.iter().sum();
-    // Cells whose middle lies within: half the length of the sides (about 116 cells) beside 638 cells of area, at random.
+    // Quarters of cells whose middle lies within: half the length of the sides (about 232 quarters) beside 2552 of area, at random.
     assert!((sum - 5.0).abs() < 0.06, "{sum}");
     let mut region = Region::around(Vec2::new(3.0, 2.0), Vec2::new(9.0, 8.0), [50, 40], 0.0).unwrap();
-    region.fill([Vec2::new(4.0, 4.0), Vec2::new(5.0, 4.0), Vec2::new(4.0, 6.0)], 5.0);
+    region.fill([Vec2::new(4.0, 4.0), Vec2::new(4.5, 4.0), Vec2::new(4.0, 5.0)], 5.0);
     region.splat(Vec2::new(7.3, 6.9), 2.0);
     assert!((region.light.iter().sum::<f32>() - 7.0).abs() < 1e-5);
     // Beside the raster there is nothing; a triangle across its edge lights what is on it.
@@ -288,8 +344,7 @@ fn ghosts_of_a_large_lamp_have_no_edges_of_its_cells() {
             })
             .collect();
         // The strongest pair alone: one edge to look at.
-        let jobs: Vec<Job> =
-            beams.iter().flat_map(|b| jobs(b, &[Pair { back: system.surfaces.len(), forth: 0 }], &tracers[0], &film)).collect();
+        let jobs: Vec<Job> = beams.iter().flat_map(|b| jobs(b, &[vec![system.surfaces.len(), 0]], &tracers[0], &film)).collect();
         let mut out: Raster<f32> = Raster::new(288, 192, 1);
         for job in &jobs {
             let coarser = 1 << job.coarser(36.0 / 288.0);

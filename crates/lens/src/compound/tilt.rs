@@ -76,7 +76,8 @@ impl Turned {
             false => Err(LensError::Setting {
                 what: "tilt",
                 found: format!("{:.3}, {:.3} degrees", tilt.0[0].to_degrees(), tilt.0[1].to_degrees()),
-                expected: "none: this lens is telecentric towards the scene, or has no axis with principal points to turn about".into(),
+                expected: "none: this lens is telecentric towards the scene, or has no axis with principal points to turn about"
+                    .into(),
             }),
         }
     }

@@ -136,6 +136,22 @@ impl BeamGhost {
         sums.ghost(cell.x * cell.y)
     }
 
+    /// Of light that the microlenses of the sensor throw back in an order of their grating, and a surface to the film again, with `across` × `across` rays over the part of the front
+    /// whose light makes the image. `None` where none comes to the film.
+    pub fn of_order(tracer: &GhostTracer, beam: &SourceBeam, order: [i32; 2], forth: usize, across: usize) -> Option<BeamGhost> {
+        let [low, high] = beam.extent(tracer, &[], COARSE)?;
+        let cell = (high - low) / across.max(2) as f64;
+        let mut sums = Sums::default();
+        for k in 0..across.max(2).pow(2) {
+            let place = low + cell * DVec2::new((k % across.max(2)) as f64 + 0.5, (k / across.max(2)) as f64 + 0.5);
+            let Ok(arrival) = tracer.follow(beam.ray(place), &[]) else { continue };
+            if let Ok(back) = tracer.follow_back(&arrival, order, &[forth]) {
+                sums.add(back.film, back.fraction * beam.power_density(place));
+            }
+        }
+        sums.ghost(cell.x * cell.y)
+    }
+
     /// Root mean square distance from the centroid, mm.
     pub fn rms_radius_mm(&self) -> f64 {
         (self.moments[0] + self.moments[2]).sqrt()

@@ -1,19 +1,23 @@
 //! Ghosts: light that surfaces of a lens, or the sensor, throw back and forth before it reaches the film.
 //!
 //! Two reflections make a ghost: at `back` light turns towards the object, at `forth`, nearer to the object, it turns again. Every pair of
-//! surfaces between different media is one, and every surface with the sensor. [`ParaxialGhost`] tells focus and size by matrices,
-//! [`GhostTracer`] follows real rays along any list of reflections, [`BeamGhost`] sums up what a distant source makes of one ghost.
+//! surfaces between different media is one, and every surface with the sensor; four reflections make weaker ones, of which those count that are strong ([`strong_fours`]). [`ParaxialGhost`]
+//! tells focus and size by matrices, [`GhostTracer`] follows real rays along any list of reflections, [`BeamGhost`] sums up what a distant source makes of one ghost.
 //!
-//! Surfaces reflect unpolarised light (the mean of s and p, as everywhere in this crate); the sensor reflects like a mirror: the grating
-//! that microlenses make of it is not traced; light scattered at surfaces, edges and barrel is [`crate::glare`]'s. Light beyond a clear aperture is lost.
+//! Surfaces reflect unpolarised light (the mean of s and p, as everywhere in this crate); the sensor reflects like a mirror, and where it has microlenses like a grating, too ([`Grating`]);
+//! light scattered at surfaces, edges and barrel is [`crate::glare`]'s. Light beyond a clear aperture is lost.
 //! Sources: Smith, *Modern Optical Engineering* (4th ed.) §11.9 (ghosts by tracing pairs); Hullin et al. 2011, doi
 //! 10.1145/2010324.1965003.
 
 mod beam;
+mod fours;
+mod grating;
 mod paraxial;
 mod tracer;
 
 pub use beam::{BeamGhost, SourceBeam};
+pub use fours::{Four, strong_fours};
+pub use grating::{Grating, MICROLENS_SHARE};
 pub use paraxial::ParaxialGhost;
 pub(crate) use tracer::SurfaceLight;
 pub use tracer::{Arrival, GhostTracer};

@@ -3,7 +3,7 @@
 //! Heights are counted in the y–z section from the axis, lengths along the light: a surface of curvature c met by light that runs along
 //! r = ±1 (in z) bends it by n′u′ = nu − y (n′ − n) c r and reflects it by u′ = u + 2 y c r. Tilts and decentres are left out.
 
-use super::{GhostTracer, Pair};
+use super::GhostTracer;
 use crate::system::System;
 use crate::trace::{TracedRay, Way};
 use glam::DVec3;
@@ -11,8 +11,6 @@ use glam::DVec3;
 /// A ghost of a distant source, to first order.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ParaxialGhost {
-    /// Between which surfaces.
-    pub pair: Pair,
     /// Where parallel light is focused, mm behind the film along the light; infinite where it stays parallel.
     pub focus_mm: f64,
     /// Height on the film over height at the first vertex, of parallel light: the size of a ghost is this times its pupil.
@@ -28,17 +26,17 @@ pub struct ParaxialGhost {
 }
 
 impl ParaxialGhost {
-    /// First-order data of a ghost at the tracer's wavelength; `None` where the axis itself is blocked.
-    pub fn of(tracer: &GhostTracer, pair: Pair) -> Option<ParaxialGhost> {
+    /// First-order data of a ghost at the tracer's wavelength, by the surfaces that throw it back one after the other (as [`GhostTracer::follow`]); `None` where the axis itself is blocked, and of lenses that have none.
+    pub fn of(tracer: &GhostTracer, turns: &[usize]) -> Option<ParaxialGhost> {
         let n = tracer.indices();
         let system = tracer.system();
         // First order of ghosts is of uniform media without phases.
-        if system.has_gradients() || system.has_diffractive() {
+        if system.has_gradients() || system.has_diffractive() || system.object_axis.is_some() {
             return None;
         }
         let axis = TracedRay { position: DVec3::new(0.0, 0.0, -1.0), direction: DVec3::Z };
         let fraction = if system.surfaces.iter().all(|s| s.frame.is_none() && s.obstruction == 0.0 && s.apertures.is_empty()) {
-            tracer.follow(axis, &[pair.back, pair.forth]).ok()?.fraction
+            tracer.follow(axis, turns).ok()?.fraction
         } else {
             f64::NAN
         };
@@ -46,7 +44,7 @@ impl ParaxialGhost {
         let (mut y, mut u) = ([1.0, 0.0], [0.0, 1.0]);
         let mut z = system.surfaces.first()?.z;
         let (mut pupil, mut pupil_surface) = (f64::INFINITY, 0);
-        walk(system, pair, |at, event| {
+        walk(system, turns, |at, event| {
             let (place, curvature) = match at {
                 Some(i) => (system.surfaces[i].z, system.surfaces[i].profile.curvature()),
                 None => (system.film_z, 0.0),
@@ -76,7 +74,6 @@ impl ParaxialGhost {
             }
         });
         Some(ParaxialGhost {
-            pair,
             focus_mm: if u[0] == 0.0 { f64::INFINITY } else { -y[0] / u[0] },
             spread: y[0],
             shift_mm: y[1],
@@ -108,15 +105,15 @@ struct Event {
 }
 
 /// Tells every surface (`None`: the film) that light of a ghost meets, in order; the last is the film.
-fn walk(system: &System, pair: Pair, mut visit: impl FnMut(Option<usize>, Event)) {
+fn walk(system: &System, turns: &[usize], mut visit: impl FnMut(Option<usize>, Event)) {
     let count = system.surfaces.len();
     let (mut gap, mut way) = (0, Way::ToFilm);
-    let mut turns = [pair.back, pair.forth].into_iter().peekable();
+    let mut turns = turns.iter().copied().peekable();
     loop {
         let run = if way == Way::ToFilm { system.runs[gap] } else { -system.runs[gap] };
         let next = match way {
             Way::ToFilm => gap,
-            // The pair leads to the film before.
+            // Turns lead to the film before.
             Way::ToObject if gap == 0 => return,
             Way::ToObject => gap - 1,
         };

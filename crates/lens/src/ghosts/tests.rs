@@ -77,23 +77,28 @@ fn plain(system: &System, n: &[f64], sensor: f64, ray: TracedRay, turns: &[usize
 
 /// Position, size and flux of ghosts against random rays of the plain trace.
 fn compare(system: &System, degrees: f64, chosen: &[Pair], rays: usize) -> usize {
+    let ways: Vec<Vec<usize>> = chosen.iter().map(|p| vec![p.back, p.forth]).collect();
+    compare_ways(system, degrees, &ways, rays)
+}
+
+/// The same by the surfaces at which light is thrown back.
+fn compare_ways(system: &System, degrees: f64, ways: &[Vec<usize>], rays: usize) -> usize {
     let n = system.indices(NM);
     let tracer = GhostTracer::new(system, NM, 0.04);
     let beam = SourceBeam::at_field(system, degrees).unwrap();
     let mut state = 88_172_645_463_325_252;
     let mut compared = 0;
-    for pair in chosen {
-        let turns = [pair.back, pair.forth];
-        let name = pair.describe(system.surfaces.len());
-        let found = BeamGhost::of(&tracer, &beam, &turns, 64);
+    for turns in ways {
+        let name = format!("{turns:?}");
+        let found = BeamGhost::of(&tracer, &beam, turns, 64);
         // Random rays over the part of the front that the grid says is all of it, and over the rest.
         let whole = [DVec2::splat(-beam.radius()), DVec2::splat(beam.radius())];
-        let part = beam.extent(&tracer, &turns, COARSE).unwrap_or(whole);
+        let part = beam.extent(&tracer, turns, COARSE).unwrap_or(whole);
         let (mut sums, mut outside, mut hits, mut squares) = (Sums::default(), 0.0, 0, 0.0);
         for k in 0..rays {
             let corners = if k % 4 == 3 { whole } else { part };
             let place = corners[0] + (corners[1] - corners[0]) * DVec2::new(random(&mut state), random(&mut state));
-            let Some((at, fraction)) = plain(system, &n, 0.04, beam.ray(place), &turns) else { continue };
+            let Some((at, fraction)) = plain(system, &n, 0.04, beam.ray(place), turns) else { continue };
             let inside = place.cmpge(part[0]).all() && place.cmple(part[1]).all();
             match (k % 4 == 3, inside) {
                 (false, _) => {
@@ -186,10 +191,12 @@ fn matrices_tell_where_thin_real_beams_go() {
     let p = embedded("double-gauss-50mm").unwrap();
     let system = configure(&p, None, None, None, FilmPlace::AsPublished).unwrap().system;
     let tracer = GhostTracer::new(&system, NM, 0.04);
-    for pair in pairs(&system) {
-        let ghost = ParaxialGhost::of(&tracer, pair).unwrap();
-        let turns = [pair.back, pair.forth];
-        let name = pair.describe(system.surfaces.len());
+    let fours = strong_fours(&tracer, 1e-8, 100);
+    assert!(fours.len() > 30, "{}", fours.len());
+    let ways = pairs(&system).into_iter().map(|p| vec![p.back, p.forth]).chain(fours.into_iter().map(|f| f.to_vec()));
+    for turns in ways {
+        let ghost = ParaxialGhost::of(&tracer, &turns).unwrap();
+        let name = format!("{turns:?}");
         // Thin enough that rays stay paraxial wherever the way blows them up.
         let h = 1e-3 / (1.0 + ghost.spread.abs());
         let ray = |y: f64, slope: f64| TracedRay {
@@ -200,9 +207,11 @@ fn matrices_tell_where_thin_real_beams_go() {
         assert!((parallel.film.y / h / ghost.spread - 1.0).abs() < 1e-3, "{name}: {} {}", parallel.film.y / h, ghost.spread);
         let focus = -parallel.film.y / (parallel.direction.y / parallel.direction.z);
         assert!((focus / ghost.focus_mm - 1.0).abs() < 1e-3, "{name}: {focus} {}", ghost.focus_mm);
-        let slope = 1e-3 / (1.0 + ghost.shift_mm.abs());
+        let slope = 1e-4 / (1.0 + ghost.shift_mm.abs());
         let middle = tracer.follow(ray(0.0, slope), &turns).unwrap();
-        assert!((middle.film.y / slope / ghost.shift_mm - 1.0).abs() < 1e-3, "{name}");
+        // In units of a millimetre where it is next to nothing.
+        let shift = middle.film.y / slope;
+        assert!((shift - ghost.shift_mm).abs() < 1e-3 * (1.0 + ghost.shift_mm.abs()), "{name}: {shift} {}", ghost.shift_mm);
         assert!((parallel.fraction / ghost.fraction - 1.0).abs() < 1e-3, "{name}");
         // A ray just within the paraxial pupil is at the rim of the surface that limits it.
         assert!(ghost.pupil_radius_mm > 0.0 && ghost.pupil_radius_mm <= system.surfaces[0].semi_diameter, "{name}");
@@ -312,4 +321,61 @@ fn a_lens_without_reflections_has_no_ghosts() {
     let system = System::at(&read_toml(text, "l.toml").unwrap(), State::default());
     assert!(pairs(&system).is_empty());
     assert!(SourceBeam::at_field(&system, 95.0).is_none());
+}
+
+#[test]
+fn ghosts_of_four_reflections_are_where_random_rays_put_them() {
+    let p = embedded("double-gauss-50mm").unwrap();
+    let system = configure(&p, None, None, None, FilmPlace::AsPublished).unwrap().system;
+    let tracer = GhostTracer::new(&system, NM, 0.04);
+    let strong: Vec<Vec<usize>> = strong_fours(&tracer, 1e-8, 12).into_iter().map(|four| four.to_vec()).collect();
+    assert!(strong.len() == 12 && strong.iter().any(|four| four.contains(&system.surfaces.len())), "{strong:?}");
+    assert!(compare_ways(&system, 5.0, &strong, 12_000) >= 6, "{strong:?}");
+}
+
+/// Orders of the sensor's grating leave as the grating equation says, with the light that is theirs; the order 0 is the mirror's, less what the others take.
+#[test]
+fn orders_of_microlenses_leave_as_the_grating_equation_says() {
+    let p = embedded("double-gauss-50mm").unwrap();
+    let system = configure(&p, None, None, None, FilmPlace::AsPublished).unwrap().system;
+    let plain = GhostTracer::new(&system, NM, 0.04);
+    let pitch = 4e-3;
+    let tracer = GhostTracer::new(&system, NM, 0.04).with_microlenses([pitch, 2.0 * pitch]);
+    let ray = TracedRay { position: DVec3::new(1.0, 2.0, -10.0), direction: DVec3::new(0.0, 0.03, 1.0).normalize() };
+    let arrival = tracer.follow(ray, &[]).unwrap();
+    let last = system.surfaces.len() - 1;
+    let mirrored = plain.follow(ray, &[last + 1, last]).unwrap();
+    let of = |order: [i32; 2]| tracer.follow_back(&arrival, order, &[last]);
+    let zero = of([0, 0]).unwrap();
+    assert!((zero.film - mirrored.film).length() < 1e-9);
+    let grating = tracer.grating().unwrap();
+    let share = 1.0 - MICROLENS_SHARE + MICROLENS_SHARE * grating.efficiency([0, 0]);
+    assert!((zero.fraction / mirrored.fraction - share).abs() < 1e-9 && share < 0.6, "{share}");
+    // Where an order meets the plane of the last vertex, by its direction; seen by its way back to the film if that plane were a mirror: twice as far.
+    let distance = system.film_z - system.last_z();
+    for order in [[1, 0], [0, 1], [-1, 2]] {
+        let turn = [NM * 1e-6 / pitch, NM * 1e-6 / (2.0 * pitch)];
+        let (x, y) = (arrival.direction.x + f64::from(order[0]) * turn[0], arrival.direction.y + f64::from(order[1]) * turn[1]);
+        let slope = DVec2::new(x, y) / (1.0 - x * x - y * y).sqrt();
+        // The last surface is not plane: by its own law of reflection.
+        let start = DVec3::new(arrival.film.x, arrival.film.y, system.film_z);
+        let direction = DVec3::new(slope.x, slope.y, -1.0).normalize();
+        let surface = &system.surfaces[last];
+        let (o, d) = surface.to_local(start, direction);
+        let met = surface.profile.meet(o, d, -1.0).unwrap();
+        let normal = met.normal.normalize();
+        let back = d - normal * (2.0 * d.dot(normal));
+        let end = met.point + back * ((distance - met.point.z) / back.z);
+        let found = of(order).unwrap();
+        assert!((found.film - end.truncate()).length() < 1e-9, "{order:?}: {found:?} {end}");
+        let light = MICROLENS_SHARE * grating.efficiency(order) / share;
+        // Reflectance of the bare glass hardly changes at these angles.
+        assert!(
+            (found.fraction / zero.fraction / light - 1.0).abs() < 0.02,
+            "{order:?}: {} {light}",
+            found.fraction / zero.fraction
+        );
+    }
+    // An order that would leave along the sensor does not.
+    assert!(of([8, 0]).is_err());
 }

@@ -1,5 +1,6 @@
 //! Real rays along a list of reflections.
 
+use super::Grating;
 use crate::system::System;
 use crate::trace::{TracedRay, Way};
 use crate::{Blocked, BlockedBy};
@@ -79,6 +80,15 @@ fn look_up(table: &[f64; STEPS + 1], cos: f64) -> f64 {
     value.max(0.0)
 }
 
+/// Light on its way.
+struct Walk {
+    o: DVec3,
+    d: DVec3,
+    fraction: f64,
+    gap: usize,
+    way: Way,
+}
+
 /// A lens at one wavelength, ready to follow light that surfaces throw back.
 #[derive(Clone, Debug)]
 pub struct GhostTracer<'a> {
@@ -86,7 +96,9 @@ pub struct GhostTracer<'a> {
     n: Vec<f64>,
     absorption: Vec<f64>,
     light: Vec<SurfaceLight>,
-    sensor_reflectance: f64,
+    pub(super) nm: f64,
+    pub(super) sensor_reflectance: f64,
+    pub(super) grating: Option<Grating>,
 }
 
 impl<'a> GhostTracer<'a> {
@@ -94,12 +106,20 @@ impl<'a> GhostTracer<'a> {
     pub fn new(system: &'a System, nm: f64, sensor_reflectance: f64) -> GhostTracer<'a> {
         let n = system.indices(nm);
         let light = (0..system.surfaces.len()).map(|i| SurfaceLight::of(system, i, &n, nm)).collect();
-        GhostTracer { system, absorption: system.absorption(nm), n, light, sensor_reflectance }
+        GhostTracer { system, absorption: system.absorption(nm), n, light, nm, sensor_reflectance, grating: None }
     }
 
     /// Index of every gap.
     pub(super) fn indices(&self) -> &[f64] {
         &self.n
+    }
+
+    /// Reflectance of a surface for light along its axis; the number of all surfaces: that of the sensor, as a mirror.
+    pub(super) fn axial_reflectance(&self, surface: usize) -> f64 {
+        match self.light.get(surface) {
+            Some(light) => light.reflected[0][STEPS],
+            None => self.sensor_reflectance([0; 2]),
+        }
     }
 
     /// The lens.
@@ -110,11 +130,30 @@ impl<'a> GhostTracer<'a> {
     /// Follows a ray that comes from the object through the lens, thrown back at the surfaces `turns` one after the other (the number of all
     /// surfaces: the sensor), to the film. No turn: the direct light; a [`super::Pair`]: `[back, forth]`.
     pub fn follow(&self, ray: TracedRay, turns: &[usize]) -> Result<Arrival, Blocked> {
+        let ray = self.system.ray_from_object(ray);
+        self.go_on(Walk { o: ray.position, d: ray.direction, fraction: 1.0, gap: 0, way: Way::ToFilm }, turns)
+    }
+
+    /// Follows light that has arrived at the sensor back from it, in an order of its grating (0, 0: as from a mirror), thrown back at the surfaces `turns`, to the film again.
+    pub fn follow_back(&self, arrival: &Arrival, order: [i32; 2], turns: &[usize]) -> Result<Arrival, Blocked> {
+        let count = self.system.surfaces.len();
+        let d = arrival.direction;
+        let [x, y] = self.grating().map_or([0.0; 2], |g| g.turn(order));
+        let (x, y) = (d.x + x, d.y + y);
+        let z2 = 1.0 - x * x - y * y;
+        let fraction = arrival.fraction * self.sensor_reflectance(order);
+        if z2 <= 0.0 || fraction <= 0.0 {
+            return Err(Blocked { surface: count, why: BlockedBy::Missed });
+        }
+        let o = arrival.film.extend(self.system.film_z);
+        let d = DVec3::new(x, y, -d.z.signum() * z2.sqrt());
+        self.go_on(Walk { o, d, fraction, gap: count, way: Way::ToObject }, turns)
+    }
+
+    fn go_on(&self, start: Walk, turns: &[usize]) -> Result<Arrival, Blocked> {
         let system = self.system;
         let count = system.surfaces.len();
-        let ray = system.ray_from_object(ray);
-        let (mut o, mut d, mut fraction) = (ray.position, ray.direction, 1.0);
-        let (mut gap, mut way) = (0, Way::ToFilm);
+        let Walk { mut o, mut d, mut fraction, mut gap, mut way } = start;
         let mut turns = turns.iter().copied();
         let mut turn = turns.next();
         loop {
@@ -133,7 +172,7 @@ impl<'a> GhostTracer<'a> {
                     None => return Ok(Arrival { film: at.truncate(), direction: d, fraction }),
                     Some(surface) if surface == count => {
                         (o, d, way) = (at, DVec3::new(d.x, d.y, -d.z), Way::ToObject);
-                        fraction *= self.sensor_reflectance;
+                        fraction *= self.sensor_reflectance([0; 2]);
                         turn = turns.next();
                         continue;
                     }

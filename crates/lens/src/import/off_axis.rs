@@ -143,7 +143,11 @@ impl BaseRay {
             places,
             runs,
             axis,
-            way_before: if p.usage.object_distance.is_some_and(f64::is_finite) { way_before - p.usage.object_distance? } else { 0.0 },
+            way_before: if p.usage.object_distance.is_some_and(f64::is_finite) {
+                way_before - p.usage.object_distance?
+            } else {
+                0.0
+            },
             turn_deg: z.dot(last).clamp(-1.0, 1.0).acos().to_degrees(),
             askew_deg: last.z.abs().min(1.0).acos().to_degrees(),
             beside_mm: landing.truncate().length(),

@@ -7,7 +7,7 @@ use crate::watch::say;
 use crate::{AskedWrongly, paint};
 use anyhow::anyhow;
 use diopter::lens::draw::{self, DrawnGhost};
-use diopter::lens::ghosts::{BeamGhost, GhostTracer, Pair, ParaxialGhost, SourceBeam, pairs};
+use diopter::lens::ghosts::{BeamGhost, GhostTracer, ParaxialGhost, SourceBeam, pairs, reflects, strong_fours};
 use diopter::lens::prescription::coating_named;
 use rayon::prelude::*;
 use serde_json::{Value, json};
@@ -26,13 +26,71 @@ pub(super) struct Asked<'a> {
     pub source_deg: f64,
     pub coating: Option<&'a str>,
     pub sensor_reflectance: f64,
+    pub fours: usize,
+    pub pixel_pitch_mm: Option<f64>,
     pub rays: usize,
     pub top: usize,
 }
 
+/// Rays across the front with which orders of the grating are looked for.
+const LOOK: usize = 6;
+/// Orders of the grating that are traced, the strongest.
+const MOST_ORDERS: usize = 200;
+/// Most ghosts of four reflections that are looked for.
+const MOST_FOURS: usize = 1000;
+
+/// How light of a ghost goes: where it is thrown back, and in which order of the grating by the sensor.
+#[derive(Clone)]
+struct Way {
+    turns: Vec<usize>,
+    order: Option<[i32; 2]>,
+}
+
+impl Way {
+    /// As reports print it, surfaces counted from 1.
+    fn describe(&self, count: usize) -> String {
+        let one = |turn: &usize| match self.order {
+            _ if *turn < count => (turn + 1).to_string(),
+            None => "sensor".into(),
+            Some([x, y]) => format!("sensor({x},{y})"),
+        };
+        self.turns.iter().map(one).collect::<Vec<_>>().join("-")
+    }
+
+    fn ghost(&self, tracer: &GhostTracer, beam: &SourceBeam, across: usize) -> Option<BeamGhost> {
+        match self.order {
+            None => BeamGhost::of(tracer, beam, &self.turns, across),
+            Some(order) => BeamGhost::of_order(tracer, beam, order, self.turns[1], across),
+        }
+    }
+}
+
+/// Orders of the sensor's grating that come back to the film, those with the most light.
+fn orders(tracer: &GhostTracer, beam: &SourceBeam) -> Vec<Way> {
+    let system = tracer.system();
+    let count = system.surfaces.len();
+    let Some([across, down]) = tracer.grating().map(|g| g.highest()) else { return vec![] };
+    let all: Vec<[i32; 2]> =
+        (-down..=down).flat_map(|y| (-across..=across).map(move |x| [x, y])).filter(|o| *o != [0; 2]).collect();
+    let forths: Vec<usize> = (0..count).filter(|i| reflects(system, *i)).collect();
+    let mut found: Vec<(f64, Way)> = all
+        .par_iter()
+        .flat_map_iter(|order| {
+            let of = |forth: &usize| {
+                let ghost = BeamGhost::of_order(tracer, beam, *order, *forth, LOOK)?;
+                Some((ghost.flux_mm2, Way { turns: vec![count, *forth], order: Some(*order) }))
+            };
+            forths.iter().filter_map(of).collect::<Vec<_>>()
+        })
+        .collect();
+    found.sort_by(|a, b| b.0.total_cmp(&a.0));
+    found.truncate(MOST_ORDERS);
+    found.into_iter().map(|f| f.1).collect()
+}
+
 /// A ghost and what is known of it.
 struct Found {
-    pair: Pair,
+    way: Way,
     paraxial: Option<ParaxialGhost>,
     beam: BeamGhost,
     /// Flux at [`COLORS_NM`], mm².
@@ -43,6 +101,15 @@ pub(super) fn run(asked: &Asked, json: bool) -> anyhow::Result<()> {
     let wrong = |what: String| anyhow::Error::from(AskedWrongly(anyhow!(what)));
     if !(0.0..=1.0).contains(&asked.sensor_reflectance) {
         return Err(wrong(format!("sensor reflectance {}: expected 0 to 1", asked.sensor_reflectance)));
+    }
+    if asked.fours > MOST_FOURS {
+        return Err(wrong(format!("fours {}: expected 0 to {MOST_FOURS}", asked.fours)));
+    }
+    if let Some(pitch) = asked.pixel_pitch_mm.filter(|p| !(0.0005..=0.02).contains(p)) {
+        return Err(wrong(format!(
+            "pixel pitch {} um: expected 0.5 to 20 um: larger pixels are no grating that shows",
+            pitch * 1e3
+        )));
     }
     if !(4..=1000).contains(&asked.rays) {
         return Err(wrong(format!("rays {}: expected 4 to 1000", asked.rays)));
@@ -62,21 +129,29 @@ pub(super) fn run(asked: &Asked, json: bool) -> anyhow::Result<()> {
     let count = system.surfaces.len();
     let beam = SourceBeam::at_field(system, asked.source_deg)
         .ok_or_else(|| wrong(format!("source at {}°: expected an angle below 90 degrees", asked.source_deg)))?;
-    let tracer = GhostTracer::new(system, table.reference, asked.sensor_reflectance);
-    let colored = COLORS_NM.map(|nm| GhostTracer::new(system, nm, asked.sensor_reflectance));
+    let tracer_at = |nm: f64| {
+        let plain = GhostTracer::new(system, nm, asked.sensor_reflectance);
+        asked.pixel_pitch_mm.map_or(plain.clone(), |pitch| plain.with_microlenses([pitch; 2]))
+    };
+    let tracer = tracer_at(table.reference);
+    let colored = COLORS_NM.map(tracer_at);
     let direct = BeamGhost::of(&tracer, &beam, &[], asked.rays);
     if direct.is_none() {
         say(&format!("note: {}", no_light(asked.source_deg)));
     }
     let all = pairs(system);
-    let mut found: Vec<Found> = all
+    let of = |turns: Vec<usize>| Way { turns, order: None };
+    let mut ways: Vec<Way> = all.iter().map(|pair| of(vec![pair.back, pair.forth])).collect();
+    ways.extend(strong_fours(&tracer, 0.0, asked.fours).into_iter().map(|four| of(four.to_vec())));
+    ways.extend(orders(&tracer, &beam));
+    let mut found: Vec<Found> = ways
         .par_iter()
-        .filter_map(|pair| {
-            let turns = [pair.back, pair.forth];
-            let ghost = BeamGhost::of(&tracer, &beam, &turns, asked.rays)?;
+        .filter_map(|way| {
+            let ghost = way.ghost(&tracer, &beam, asked.rays)?;
             let across = (asked.rays / 3).max(4);
-            let colors = [0, 1, 2].map(|k| BeamGhost::of(&colored[k], &beam, &turns, across).map_or(0.0, |g| g.flux_mm2));
-            Some(Found { pair: *pair, paraxial: ParaxialGhost::of(&tracer, *pair), beam: ghost, colors })
+            let colors = [0, 1, 2].map(|k| way.ghost(&colored[k], &beam, across).map_or(0.0, |g| g.flux_mm2));
+            let paraxial = way.order.map_or_else(|| ParaxialGhost::of(&tracer, &way.turns), |_| None);
+            Some(Found { way: way.clone(), paraxial, beam: ghost, colors })
         })
         .collect();
     found.sort_by(|a, b| b.beam.irradiance().total_cmp(&a.beam.irradiance()));
@@ -90,10 +165,14 @@ pub(super) fn run(asked: &Asked, json: bool) -> anyhow::Result<()> {
         table.prescription.coating.describe(),
         100.0 * asked.sensor_reflectance
     );
-    writeln!(t, "  {} pairs of surfaces, {} of them reach the film\n", all.len(), found.len())?;
+    let more = match ways.len() - all.len() {
+        0 => String::new(),
+        more => format!(" and {more} more ways"),
+    };
+    writeln!(t, "  {} pairs of surfaces{more}, {} of them reach the film\n", all.len(), found.len())?;
     writeln!(
         t,
-        "  {:>10} {:>11} {:>11} {:>9} {:>9} {:>9} {:>10}  {:>5} {:>5}",
+        "  {:>14} {:>11} {:>11} {:>9} {:>9} {:>9} {:>10}  {:>5} {:>5}",
         "surfaces", "irradiance", "/ sun image", "x mm", "y mm", "rms mm", "focus mm", "B/G", "R/G"
     )?;
     let listed = if asked.top == 0 { found.len() } else { asked.top.min(found.len()) };
@@ -103,8 +182,8 @@ pub(super) fn run(asked: &Asked, json: bool) -> anyhow::Result<()> {
         let relative = sun.map_or("-".into(), |s| format!("{:.3e}", g.beam.irradiance() / s));
         writeln!(
             t,
-            "  {:>10} {:>11.3e} {relative:>11} {:>9.3} {:>9.3} {:>9.3} {:>10.2}  {:>5} {:>5}",
-            g.pair.describe(count),
+            "  {:>14} {:>11.3e} {relative:>11} {:>9.3} {:>9.3} {:>9.3} {:>10.2}  {:>5} {:>5}",
+            g.way.describe(count),
             g.beam.irradiance(),
             g.beam.center.x,
             g.beam.center.y,
@@ -128,7 +207,7 @@ pub(super) fn run(asked: &Asked, json: bool) -> anyhow::Result<()> {
     let drawn: Vec<DrawnGhost> = found[..listed]
         .iter()
         .map(|g| DrawnGhost {
-            name: g.pair.describe(count),
+            name: g.way.describe(count),
             center: g.beam.center,
             moments: g.beam.moments,
             irradiance: g.beam.irradiance(),
@@ -148,14 +227,15 @@ pub(super) fn run(asked: &Asked, json: bool) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// A ghost in JSON; surfaces counted from 1, the sensor as null.
+/// A ghost in JSON; surfaces counted from 1, the sensor as null: the first two that throw it back, and all of them.
 fn row(g: &Found, count: usize, direct_flux: Option<f64>, sun: Option<f64>) -> Value {
     let paraxial = g.paraxial.map(|p| {
         json!({ "focus_mm": p.focus_mm.is_finite().then_some(p.focus_mm), "spread": p.spread, "shift_mm": p.shift_mm,
             "pupil_radius_mm": p.pupil_radius_mm, "pupil_surface": p.pupil_surface + 1, "axial_radius_mm": p.radius_mm(),
             "fraction": p.fraction.is_finite().then_some(p.fraction) })
     });
-    json!({ "back": (g.pair.back < count).then_some(g.pair.back + 1), "forth": g.pair.forth + 1, "flux_mm2": g.beam.flux_mm2,
+    let turns: Vec<Option<usize>> = g.way.turns.iter().map(|turn| (*turn < count).then_some(turn + 1)).collect();
+    json!({ "back": turns[0], "forth": turns[1], "turns": turns, "order": g.way.order, "flux_mm2": g.beam.flux_mm2,
         "irradiance": g.beam.irradiance(), "irradiance_over_sun_image": sun.map(|s| g.beam.irradiance() / s),
         "flux_over_image": direct_flux.map(|f| g.beam.flux_mm2 / f), "center_mm": g.beam.center.to_array(), "moments_mm2": g.beam.moments,
         "rms_radius_mm": g.beam.rms_radius_mm(), "bounds_mm": g.beam.bounds.map(|b| b.to_array()), "flux_by_color_mm2": g.colors,
