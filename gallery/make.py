@@ -284,7 +284,7 @@ COMPOSED = {
     ]
 }
 SINGLE = [
-    "balls", "bunny", "coffee", "cornell", "flicker", "flight-helmet", "fog", "fox", "fox-running", "high-speed", "knot", "light-trails", "milk-truck", "shell",
+    "balls", "bunny", "coffee", "cornell", "flicker", "flight-helmet", "fog", "fox", "fox-running", "high-speed", "knot", "light-trails", "milk-truck", "red-dots", "shell",
     "star-trails", "still-life",
 ]
 

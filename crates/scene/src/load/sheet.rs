@@ -60,6 +60,8 @@ const INCANDESCENT: f32 = 2856.0;
 const TEMPERATURES: std::ops::RangeInclusive<f32> = 500.0..=40_000.0;
 /// Largest number of a file.
 const MOST: f32 = 1e9;
+/// Most light, cd/m² or lm: the sun has 1.6e9 cd/m², flashes and arcs more.
+const MOST_LIGHT: f32 = 1e13;
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -175,7 +177,7 @@ impl Place<'_> {
 
     /// A black body of a luminance (cd/m²), or intensity (cd).
     fn light(&self, what: &str, amount: f32, kelvin: f32) -> Result<Spectrum, SceneError> {
-        self.number(what, amount, 0.0..=MOST, "an amount of light of 0 and more")?;
+        self.number(what, amount, 0.0..=MOST_LIGHT, "an amount of light from 0 to 1e13")?;
         self.number(&format!("{what}, temperature"), kelvin, TEMPERATURES, "a colour temperature from 500 to 40000 K")?;
         Ok(blackbody_with_luminance(kelvin, amount))
     }
