@@ -3,7 +3,10 @@
 //! The grating and what is assumed of it: [`diopter_lens::ghosts::Grating`]. Every order of every surface is a ghost of its own; most of them never come back to the film. Those that bring most of the light are
 //! drawn, each from the short to the long end of a bin of wavelengths, along which an order moves.
 
-use super::{AT_ONCE, BIN_NM, BINS, Beam, LOOK, Patch, Region, assemble, lay, on_raster, tracer};
+use super::beams::Beam;
+use super::ghosts::{AT_ONCE, LOOK, assemble, tracer};
+use super::raster::{Patch, Region, lay, on_raster};
+use super::{BIN_NM, BINS};
 use crate::camera::Film;
 use diopter_lens::System;
 use diopter_lens::ghosts::{Arrival, GhostTracer, reflects};

@@ -1,13 +1,17 @@
+use super::ghosts::{Job, draw, jobs, tracer};
+use super::raster::Region;
 use super::*;
 use crate::camera::look_at;
 use crate::camera_motion::CameraMotion;
 use diopter_lens::compound::Setting;
+use diopter_lens::ghosts::{SourceBeam, pairs};
 use diopter_lens::{Focus, ThinLens, embedded};
 use diopter_light::Spectrum;
 use diopter_light::spectrum::Table;
 use diopter_light::units::Millimeters;
 use diopter_scene::Description;
-use diopter_scene::light::{Environment, Punctual};
+use diopter_scene::light::{Environment, Punctual, PunctualKind};
+use glam::{DVec3, Vec2, Vec3};
 
 /// A band that counts light about 555 nm.
 fn green() -> Response {
