@@ -8,16 +8,19 @@
 mod asked;
 mod change;
 mod error_parts;
+mod exposing;
 pub mod file;
 mod focusing;
 mod framing;
 mod inputs;
+mod light;
 mod light_field;
 mod memory;
 mod readings;
 mod resume;
 mod scene_cache;
 mod sequence;
+mod settle;
 mod sources;
 mod staging;
 mod surroundings;
@@ -37,48 +40,33 @@ pub use surroundings::daylight;
 pub use vary::VARIABLES;
 
 use crate::calibration::{self, Calibration, CalibrationError, Frame, PrincipalRay};
-use crate::camera::{Camera, Film, PlacementError};
-use crate::camera_motion::CameraMotion;
-use crate::denoising::{BUILT_IN, Denoise, Filter};
-use crate::expose::{
-    self, Diffraction, ExposeError, Exposed, Exposure, Fireflies, Frames, Keep, Response, Settings, Sums, Watch,
-};
-use crate::flash::Flash;
-use crate::metering::{self, Meter, Pattern};
-use crate::program::{self, Chosen, Limits, Mode};
-use crate::quantity::{Distance, FNumber, FocusTo, LengthMm, Seconds, Size, SpectralBands};
-use crate::quick_look::{self, Optics};
-use crate::row_store::PagedRows;
-use crate::shutter::{Shutter, ShutterTimes};
+use crate::camera::{Camera, PlacementError};
+use crate::denoising::{Denoise, Filter};
+use crate::expose::{ExposeError, Settings};
+use crate::metering::Pattern;
+use crate::program::Mode;
+use crate::quantity::{Seconds, SpectralBands};
 use crate::stabiliser::{MovingState, Stabiliser};
-use crate::stray::WithStray;
 use crate::{lens_profile, recipe_file};
-use diopter_develop::denoise::Denoised;
 use diopter_develop::lut::Lut;
-use diopter_develop::{Recipe, RecipeError, develop};
-use diopter_image::focal_plane::{FocalPlaneSource, Truth};
-use diopter_image::{ExposureFacts, FocalPlane, Picture, Raster, RawImage};
-use diopter_lens::{Focus, Lens, LensError, Projection};
+use diopter_develop::{Recipe, RecipeError};
+use diopter_image::ExposureFacts;
+use diopter_image::focal_plane::FocalPlaneSource;
+use diopter_lens::{Lens, LensError, Projection};
 use diopter_light::cie;
 use diopter_scene::bvh::Bounds;
-use diopter_scene::light::Modulation;
-use diopter_scene::studio::Studio;
 use diopter_scene::{Scene, SceneError, builtin};
 use diopter_sensor::format;
-use diopter_sensor::{Reading, Sensor, SensorError, read_out};
+use diopter_sensor::{Reading, Sensor, SensorError};
 use focusing::Focusing;
 use glam::{Affine3A, Vec3};
 use std::ops::RangeInclusive;
-use std::path::Path;
-use std::sync::Arc;
 use std::time::Instant;
 use timing::Timing;
 
 /// Most pixels a side of a picture.
 pub const LARGEST_SIDE: usize = 65_535;
 const DEFAULT_SPP: u32 = 64;
-/// The same where nothing but denoised pictures is made: what a denoiser makes good of.
-const DENOISED_SPP: u32 = 24;
 const DEFAULT_ISO: f64 = 100.0;
 const DEFAULT_SEED: u64 = 1;
 const DEFAULT_SCENE: &str = "still-life";
@@ -381,342 +369,6 @@ impl Shot {
         Ok(shot)
     }
 
-    /// Takes over the scale of the light from another shot of the same scene, so that both see the same light whatever their frames are.
-    pub fn take_light_of(&mut self, other: &Shot) {
-        if other.light_settled || self.ambient_ev.is_none() {
-            self.settings.light_scale = other.settings.light_scale;
-            self.light_settled = true;
-        }
-    }
-
-    /// Meters the scene and settles what was left open: light scale, exposure time, aperture, ISO. Then everything stands ready for
-    /// the exposure. `warn` gets what the light or the shutter does not allow.
-    pub fn meter(&mut self, watch: &Watch, warn: &mut dyn FnMut(&str)) -> Result<(), ShotError> {
-        if self.lens_cap {
-            return self.set_by(None, warn);
-        }
-        self.settle_light(watch)?;
-        let white = white_point(&self.reading.white)?;
-        let meter = Meter {
-            sensor: &self.sensor,
-            reading: &self.reading,
-            pattern: self.exposing.pattern,
-            at: self.exposing.at,
-            filter: (-self.exposing.nd_stops).exp2(),
-        };
-        let metered = meter.read(&self.scene, &self.camera, &self.settings, &white, watch)?;
-        self.set_by(metered, warn)
-    }
-
-    /// Whether the camera chooses an aperture, a time or an ISO speed by its meter.
-    pub fn chooses_exposure(&self) -> bool {
-        self.exposing.mode != Mode::Manual || self.exposing.auto_iso.is_some()
-    }
-
-    /// The same as [`Shot::meter`], but where everything is set by hand the meter is not read: nothing depends on it but its fact, which is left out.
-    pub fn meter_if_needed(&mut self, watch: &Watch, warn: &mut dyn FnMut(&str)) -> Result<(), ShotError> {
-        if self.chooses_exposure() {
-            return self.meter(watch, warn);
-        }
-        self.settle_light(watch)?;
-        self.set_by(None, warn)?;
-        self.facts.metering = String::new();
-        Ok(())
-    }
-
-    /// Chooses what the camera is to choose by a meter reading (EV at ISO 100; `None`: darkness), and makes everything ready for the exposure:
-    /// [`Shot::meter`] by a reading at hand. With the cap on the lens the reading is not looked at.
-    pub fn set_by(&mut self, metered: Option<f64>, warn: &mut dyn FnMut(&str)) -> Result<(), ShotError> {
-        if self.lens_cap {
-            self.shutter.get_or_insert(1.0);
-            return self.stand_ready(warn);
-        }
-        self.facts.metering = self.exposing.pattern.name().into();
-        self.facts.metered_ev100 = metered;
-        let e = self.exposing.clone();
-        let chosen_by_camera = self.chooses_exposure();
-        // Behind microlenses the light is gathered on a part of the pixels: they must not be blown, and are brightened when developed.
-        self.held_back_ev = if chosen_by_camera { self.gathered_ev() } else { 0.0 };
-        // Without any light any exposure will do.
-        let ev100 = metered.unwrap_or(0.0) - e.compensation_ev + self.held_back_ev;
-        if chosen_by_camera {
-            let (limits, set) = (self.limits(), self.set());
-            let chosen = program::choose(e.mode, ev100, set, &limits);
-            if (chosen.aperture / set.aperture - 1.0).abs() > 1e-9 {
-                self.open_to(chosen.aperture)?;
-            }
-            // A leaf shutter is worth more than its marked time to a small pupil.
-            let pupil = self.pupil();
-            let marked = match e.mode {
-                Mode::AperturePriority | Mode::Program => self.shutter().marked_for(chosen.time_s, pupil),
-                _ => chosen.time_s,
-            };
-            self.shutter = Some(marked);
-            self.reading.iso = chosen.iso;
-            let worth = self.shutter().effective_s(pupil);
-            let off = ev100 - metering::ev100_of_setting(chosen.aperture, worth, chosen.iso);
-            if metered.is_some() && off.abs() > 0.34 {
-                warn(&format!(
-                    "the light is {:.1} EV too {} for what the camera may choose in mode {}: the picture will be {}",
-                    off.abs(),
-                    if off > 0.0 { "bright" } else { "dark" },
-                    e.mode.name(),
-                    if off > 0.0 { "light" } else { "dark" }
-                ));
-            }
-            let chosen_time = matches!(e.mode, Mode::AperturePriority | Mode::Program);
-            if let Some(ev) = metered.filter(|_| chosen_time && marked > LONG_S) {
-                let scene = &self.file.scene;
-                // A picture around the scene is light enough, if its numbers are no cd/m².
-                let relative = scene.environment.is_some() && scene.environment_scale.is_none() && scene.ambient_ev.is_none();
-                let hint = match relative {
-                    true => {
-                        "the numbers of --environment count as cd/m²: if they are relative, give the file as --light, or say how bright it is by --ambient-ev 12"
-                    }
-                    false => {
-                        "give the scene light (--light studio, --sun 30,120, --light FILE.hdr or --flash 40), open the lens, or take --iso auto"
-                    }
-                };
-                warn(&format!(
-                    "there is little light (EV {ev:.1}): mode {} takes {}, longer than cameras choose by themselves ({LONG_S} s); {hint}",
-                    e.mode.name(),
-                    long_time(marked)
-                ));
-            }
-        }
-        self.stand_ready(warn)?;
-        self.keep_to_time_limit(warn);
-        Ok(())
-    }
-
-    /// What is set by hand, apertures as T-stops.
-    fn set(&self) -> Chosen {
-        Chosen { aperture: self.facts.t_number, time_s: self.shutter.unwrap_or(1.0 / 125.0), iso: self.reading.iso }
-    }
-
-    fn limits(&self) -> Limits {
-        let e = &self.exposing;
-        let loss = self.facts.t_number / self.facts.f_number;
-        let (widest, smallest) = (self.camera.lens.widest_f_number(), SMALLEST_STOP);
-        let handheld_s = e.slowest_s.unwrap_or(1.0 / self.facts.focal_length_35mm_mm.max(1.0));
-        Limits {
-            aperture: [widest * loss, smallest.max(widest) * loss],
-            time_s: if e.dials { DIAL_TIMES_S } else { [1e-7, 1e6] },
-            iso: e.auto_iso.unwrap_or([self.reading.iso; 2]),
-            handheld_s,
-            step: e.step,
-            t_per_f: loss,
-        }
-    }
-
-    /// Sets the lens to another T-stop.
-    fn open_to(&mut self, t_number: f64) -> Result<(), ShotError> {
-        // By rounding a lens fully open could be asked for more than that.
-        let widest = self.limits().aperture[0];
-        self.camera.lens = self.camera.lens.stopped(self.f_number_of(t_number.max(widest)))?;
-        self.know_the_lens();
-        Ok(())
-    }
-
-    /// Writes into the facts what follows from how the lens is set.
-    fn know_the_lens(&mut self) {
-        let new = lens_facts(&self.camera, &self.sensor, wants_profile(&self.file, self.draft));
-        let f = &mut self.facts;
-        (f.f_number, f.t_number, f.lens_profile) = (new.f_number, new.t_number, new.lens_profile);
-        (f.focus_distance_m, f.extension_mm, f.light_field) = (new.focus_distance_m, new.extension_mm, new.light_field);
-    }
-
-    /// How much brighter the images of the pupil behind microlenses are than the film would be, EV; 0 without.
-    fn gathered_ev(&self) -> f64 {
-        let fraction = self.camera.film.microlenses.map(|m| m.concentration(self.camera.lens.pupil_slope()));
-        fraction.map_or(0.0, |s| s.log2().max(0.0))
-    }
-
-    /// Radius of the pupil, 1 when the lens is fully open.
-    fn pupil(&self) -> f64 {
-        (self.camera.lens.widest_f_number() / self.facts.f_number).min(1.0)
-    }
-
-    /// The shutter as it is set.
-    pub fn shutter(&self) -> Shutter {
-        Shutter { mechanism: self.timing.mechanism, exposure_s: self.shutter.unwrap_or(1.0) }
-    }
-
-    /// Where the camera is, and what moves in it, during an exposure of a length, s.
-    fn way(&self, timing: &Timing, total_s: f64) -> Result<CameraMotion, ShotError> {
-        let way = timing.camera_motion(&self.scene, self.placed, total_s);
-        match &self.stabiliser {
-            None => Ok(way),
-            Some(stabiliser) => Ok(way.with_moving(Arc::new(timing.moving_part(stabiliser, &self.camera, total_s)?))),
-        }
-    }
-
-    /// Poses the scene and the camera for the exposure, and sets the flash.
-    fn stand_ready(&mut self, warn: &mut dyn FnMut(&str)) -> Result<(), ShotError> {
-        let shutter = self.shutter();
-        let total = shutter.total_s();
-        let at = self.timing.at_s;
-        self.camera.way = self.way(&self.timing, total)?;
-        if let Some(moving) = self.camera.way.moving().filter(|moving| moving.stopped()) {
-            warn(&format!(
-                "the stabiliser comes to its stop, {:.3} mm from the axis: the rest of the shake is in the picture",
-                moving.farthest_mm()
-            ));
-        }
-        self.settings.shutter_times = ShutterTimes::default();
-        if let Some(flash) = &self.timing.flash
-            && let Some((node, material)) = Flash::place_in(self.scene.description())
-        {
-            let (moment, all) = flash.moment(&shutter);
-            self.timing.warn_of_sync(&shutter, moment, all, warn);
-            self.settings.shutter_times.flash = Some(moment);
-            // The flash is what it is, however the light of the scene is scaled.
-            let energy = 1.0 / self.settings.light_scale;
-            let pulse = Modulation::Pulse { start_s: moment.0, length_s: moment.1 - moment.0, energy };
-            self.scene.modulate(material, pulse);
-            self.scene.place_node(node, self.camera.way.at(moment.0));
-        }
-        self.scene.pose(at, total);
-        self.timing.warn_of_end(&self.scene, total, warn);
-        Timing::warn_of_coarse(&self.scene, warn);
-        self.facts.at_s = at;
-        self.facts.flash = self.timing.flash.is_some() && !self.lens_cap;
-        self.facts.shutter = Some(shutter.facts([self.camera.film.columns, self.camera.film.rows], self.pupil()));
-        Ok(())
-    }
-
-    /// Makes the shot ready for another moment (s) of the scene, with everything set as it is: a frame of a sequence, with noise of its
-    /// own.
-    pub fn turn_to(&mut self, at_s: f64, frame: u64, warn: &mut dyn FnMut(&str)) -> Result<(), ShotError> {
-        if frame > 0 {
-            self.begun = Instant::now();
-        }
-        self.timing.at_s = at_s;
-        let seed = self.file.render.seed.unwrap_or(DEFAULT_SEED);
-        self.settings.seed = seed.wrapping_add(frame);
-        self.reading.seed = seed.wrapping_add(frame);
-        self.stand_ready(warn)?;
-        self.follow(warn)
-    }
-
-    /// What an exposure series varies when nobody says: the aperture where the time is set by hand and kept, else the time.
-    pub fn varies(&self) -> Vary {
-        if self.exposing.mode == Mode::ShutterPriority { Vary::Aperture } else { Vary::Time }
-    }
-
-    /// Changes the exposure by so many EV. `warn` is told when the lens does not go so far.
-    pub fn expose_by(&mut self, ev: f64, vary: Vary, warn: &mut dyn FnMut(&str)) -> Result<(), ShotError> {
-        match vary {
-            Vary::Aperture => {
-                let wanted = self.facts.t_number * (-0.5 * ev).exp2();
-                let [widest, smallest] = self.limits().aperture;
-                if !(widest * 0.999..=smallest * 1.001).contains(&wanted) {
-                    warn(&format!(
-                        "the lens does not go to f/{:.1}: this picture is exposed like another",
-                        self.f_number_of(wanted)
-                    ));
-                }
-                self.open_to(wanted.clamp(widest, smallest))
-            }
-            Vary::Time => {
-                self.shutter = self.shutter.map(|t| t * ev.exp2());
-                Ok(())
-            }
-        }
-    }
-
-    /// f-number of a T-stop of this lens.
-    fn f_number_of(&self, t_number: f64) -> f64 {
-        t_number * self.facts.f_number / self.facts.t_number
-    }
-
-    /// Writes what was settled into a shot file: it then takes this picture again, whatever the meter says.
-    pub fn settle(&self, file: &mut ShotFile) {
-        if file.sequence.bracket.is_some() {
-            file.sequence.vary = Some(self.varies().name().into());
-        }
-        if matches!(file.focus.distance, Some(FocusTo::Auto | FocusTo::At(_))) {
-            // Where it was found; what follows a thing goes on following it.
-            let found = FocusTo::Extension(LengthMm(self.facts.extension_mm));
-            file.focus = file::FocusSection { distance: Some(found), ..Default::default() };
-        }
-        let e = &mut file.exposure;
-        e.shutter = self.shutter.map(Seconds);
-        if e.aperture.is_some() || matches!(self.exposing.mode, Mode::ShutterPriority | Mode::Program) {
-            e.aperture = Some(FNumber(self.facts.f_number));
-        }
-        e.iso = Some(crate::quantity::IsoChoice::Fixed(crate::quantity::Iso(self.reading.iso)));
-        // All is set now; engraved numbers have become what they stand for.
-        (e.mode, e.true_stops, e.iso_min, e.iso_max) = (Some(Mode::Manual.name().into()), None, None, None);
-        self.write_defaults(file);
-    }
-
-    /// Writes into a shot file what nobody had asked for and was used, so that it holds whatever the defaults become. What follows from the
-    /// scene alone (a view around a model without cameras) stays out: it is found again.
-    fn write_defaults(&self, file: &mut ShotFile) {
-        let scene_name =
-            file.scene.file.get_or_insert_with(|| self.file.scene.file.clone().unwrap_or_else(|| DEFAULT_SCENE.into())).clone();
-        file.scene.at.get_or_insert(Seconds(self.begun_s()));
-        if self.scene.description().objects.iter().any(Studio::is_part) {
-            file.scene.light.get_or_insert_with(|| "studio".into());
-        }
-        let c = &mut file.camera;
-        c.body.get_or_insert_with(|| self.file.camera.body.clone().unwrap_or_else(|| DEFAULT_BODY.into()));
-        c.serial.get_or_insert_with(|| self.reading.serial.clone());
-        let placed = c.look_from.is_some() || c.look_at.is_some() || !c.path.is_empty();
-        let first = self.scene.description().cameras.first();
-        if let Some(framing) = builtin::framing(&scene_name).filter(|_| !placed && first.is_none() && c.up.is_none()) {
-            c.look_from = Some(framing.look_from.to_array());
-            c.look_at = Some(framing.look_at.to_array());
-            file.focus.distance.get_or_insert(FocusTo::Distance(Distance(framing.focus_m)));
-        } else if let Some(view) = first.filter(|_| !placed) {
-            c.viewpoint.get_or_insert_with(|| if view.name.is_empty() { "0".into() } else { view.name.clone() });
-        }
-        // Ideal lenses; real ones are named by the shot or belong to the scene.
-        let ideal = match &self.camera.lens {
-            Lens::Thin(lens) => {
-                let metres = match lens.focus {
-                    Focus::Infinity => Some(f64::INFINITY),
-                    Focus::Distance(mm) => metres_of(mm.0),
-                    Focus::Extension(_) => None,
-                };
-                if let (None, Some(m)) = (&file.focus.distance, metres) {
-                    file.focus.distance = Some(FocusTo::Distance(Distance(m)));
-                }
-                Some("thin")
-            }
-            Lens::Pinhole(hole) if hole.projection == Projection::Rectilinear => Some("pinhole"),
-            _ => None,
-        };
-        if let Some(name) = ideal {
-            c.lens.get_or_insert_with(|| name.into());
-            c.focal_length.get_or_insert(LengthMm(self.facts.focal_length_mm));
-            // The focal length now says it.
-            c.fov_deg = None;
-            file.exposure.aperture = Some(FNumber(self.facts.f_number));
-        }
-        if let Some(facts) = &self.facts.shutter {
-            file.shutter.kind.get_or_insert_with(|| facts.kind.clone());
-        }
-        let e = &mut file.exposure;
-        e.metering.get_or_insert_with(|| self.exposing.pattern.name().into());
-        e.white.get_or_insert_with(|| self.reading.white.clone());
-        e.temperature_c.get_or_insert(self.sensor.temperature_c);
-        let r = &mut file.render;
-        r.size.get_or_insert(Size { width: self.camera.film.columns, height: self.camera.film.rows });
-        if r.time_limit.is_none() {
-            r.spp.get_or_insert(self.settings.spp);
-        }
-        r.seed.get_or_insert(DEFAULT_SEED);
-        r.sampler.get_or_insert_with(|| "sobol".into());
-        r.max_depth.get_or_insert(self.settings.path.max_depth);
-        r.integrator.get_or_insert_with(|| self.settings.integrator.name().into());
-        if r.stray.is_none() && self.settings.stray.is_added() {
-            r.stray = Some(self.settings.stray.name());
-        }
-        r.denoise.get_or_insert(self.denoise);
-    }
-
     /// The box around what is photographed, without ground and studio that were put there for it.
     pub fn subject_bounds(&self) -> Bounds {
         staging::subject_bounds(&self.scene, self.timing.at_s)
@@ -755,271 +407,6 @@ impl Shot {
         let (film_mm, size) = ([film.width_mm, film.height_mm], [film.columns, film.rows]);
         self.camera.way.moving().map_or(Vec::new(), |moving| moving.states(moving.moments(MOVING_STEPS), film_mm, size))
     }
-
-    /// Facts as known so far.
-    pub fn facts(&self) -> ExposureFacts {
-        ExposureFacts { exposure_s: self.shutter.unwrap_or(0.0), iso: self.reading.iso, ..self.facts.clone() }
-    }
-
-    /// What the film records.
-    fn response(&self) -> Response {
-        match &self.spectral {
-            Some(bands) => Response::spectral(bands),
-            None if self.radiance => Response::linear_srgb(),
-            None => Response::sensor(&self.sensor),
-        }
-    }
-
-    /// Bands that the film records.
-    pub fn bands(&self) -> usize {
-        self.response().bands.len()
-    }
-
-    /// Whether fireflies are re-weighted: if that was asked for, the film counts electrons and all samples are taken at once (parts and what they merge
-    /// to keep them).
-    pub fn reweights(&self) -> bool {
-        let electrons = !self.radiance && self.spectral.is_none();
-        self.fireflies == FireflyChoice::Reweight && electrons && !self.lens_cap && self.settings.is_whole()
-    }
-
-    /// Whether light is diffracted at the aperture: if that was asked for, or where it shows. Not in a quick look, whose rays know no aperture.
-    pub fn diffracts(&self) -> bool {
-        self.diffracts_through(&self.camera.lens)
-    }
-
-    /// The same with another lens, or the same set otherwise.
-    pub(crate) fn diffracts_through(&self, lens: &Lens) -> bool {
-        let possible = !self.lens_cap && !self.file.render.quick && !matches!(lens, Lens::Pinhole(_));
-        match self.diffraction {
-            DiffractionChoice::Off => false,
-            DiffractionChoice::On => possible,
-            DiffractionChoice::Auto => possible && expose::diffraction_shows(lens, &self.camera.film),
-        }
-    }
-
-    /// Whether what lamps send far out is spread apart: where there is diffraction and the film counts electrons, which say what a lamp is.
-    pub fn makes_stars(&self) -> bool {
-        self.stars && !self.radiance && self.spectral.is_none() && self.diffracts()
-    }
-
-    /// Bands that the sums of the exposure hold: those of the film, and more where fireflies are re-weighted, where lamps make stars and where direct
-    /// light is recorded.
-    pub fn summed_bands(&self) -> usize {
-        expose::summed_bands(self.bands(), self.reweights(), self.makes_stars(), self.settings.records_direct())
-    }
-
-    /// Exposes the film. [`Shot::meter`] must have been called.
-    pub fn expose(&self, watch: &Watch) -> Result<FocalPlane, ShotError> {
-        Ok(self.expose_from(None, watch, None)?.plane)
-    }
-
-    /// Exposes the film, or goes on from where `start` stands. `keep` and being stopped: see [`Exposure::run`]. What was stopped is not denoised, nor what
-    /// is denoised for pictures alone ([`Shot::for_pictures`]).
-    pub fn expose_from(&self, start: Option<Sums>, watch: &Watch, keep: Option<Keep>) -> Result<Exposed, ShotError> {
-        let facts = self.plane_facts();
-        let response = self.response();
-        if self.lens_cap {
-            let plane = darkness(&self.camera.film, &response, &self.settings, facts);
-            return Ok(Exposed { plane, stopped: false, stray: None });
-        }
-        let settings = self.light_settings(response.bands.len());
-        // The shapes of the blur cost seconds through a real lens: only a quick look asks for them.
-        let optics = if self.file.render.quick { Optics::of(&self.camera) } else { None };
-        let sharp = optics.is_some().then(|| quick_look::sharp_camera(&self.camera));
-        let exposure = Exposure {
-            scene: &self.scene,
-            camera: sharp.as_ref().unwrap_or(&self.camera),
-            shutter: &self.shutter(),
-            response: &response,
-            settings: &settings,
-            facts: &facts,
-        };
-        let Exposed { mut plane, stopped, .. } = exposure.run(watch, start, keep)?;
-        // A quick look has no rays through the lens.
-        if self.denoises_exposure()
-            && !stopped
-            && let Some(filter) = &self.filter
-        {
-            let features = self.features(exposure.camera);
-            plane = filter.denoise(&plane, features.as_ref())?;
-        }
-        // After denoising, whose guides are sharp.
-        if let Some(optics) = optics {
-            plane = quick_look::of_plane(&plane, &optics);
-        }
-        // It has no noise that a filter should see, and glare is of what was denoised.
-        let stray = match self.file.render.quick {
-            true => None,
-            false => exposure.stray_light(|seen| seen.add_rows(&plane.mean, 0)),
-        };
-        if let Some(stray) = &stray {
-            stray.change(&mut plane, 0);
-        }
-        plane.facts.light_scale = self.settings.light_scale;
-        Ok(Exposed { plane, stopped, stray })
-    }
-
-    /// Whether [`Shot::expose_rows`] can take this exposure: a quick look and Open Image Denoise work on the whole plane, and a lens cap needs no light.
-    pub fn can_expose_rows(&self) -> bool {
-        !self.lens_cap && !self.file.render.quick && self.denoise != Denoise::Oidn
-    }
-
-    /// Says that pictures to look at are developed from this shot, beside raw files or planes if `raw_too`: where nobody said otherwise
-    /// ([`Denoise::Auto`]) they are denoised, by [`Shot::for_pictures`], and made of fewer samples. `warn` gets what is wrong with the filter.
-    ///
-    /// Light fields are left: behind microlenses neighbours see other parts of the scene. A quick look makes its blur from a sharp exposure, which is
-    /// the one that is denoised, unless raw files are made of it.
-    pub fn denoise_pictures(&mut self, raw_too: bool, warn: &mut dyn FnMut(&str)) -> Result<(), ShotError> {
-        let quick = self.file.render.quick;
-        if self.denoise == Denoise::Auto && self.camera.film.microlenses.is_none() && !self.lens_cap && !(quick && raw_too) {
-            self.filter = Filter::open(Denoise::Auto, self.file.render.oidn.as_deref(), warn)?;
-            let render = &self.file.render;
-            if self.filter.is_some()
-                && !raw_too
-                && render.spp.is_none()
-                && render.samples.is_none()
-                && render.time_limit.is_none()
-            {
-                self.settings = Settings { spp: DENOISED_SPP, samples: 0..DENOISED_SPP, ..self.settings.clone() };
-            }
-        }
-        Ok(())
-    }
-
-    /// Whether the exposure itself is denoised, and with it all that is made of it.
-    fn denoises_exposure(&self) -> bool {
-        self.filter.is_some() && (self.denoise != Denoise::Auto || self.file.render.quick)
-    }
-
-    /// What the filter is guided by instead of the truth: what is behind smooth glass and in mirrors, which networks have learnt from.
-    fn features(&self, camera: &Camera) -> Option<Truth> {
-        let network = matches!(&self.filter, Some(Filter::Oidn(_)));
-        network.then(|| expose::features(&self.scene, camera, &self.shutter()))
-    }
-
-    /// The exposure that pictures to look at are developed from, if it is another than `plane`: one without the renderer's noise. What was stopped is
-    /// not denoised.
-    pub fn for_pictures(&self, exposed: &Exposed) -> Result<Option<FocalPlane>, ShotError> {
-        match &self.filter {
-            Some(filter) if !self.denoises_exposure() && !exposed.stopped => {
-                let Some(stray) = &exposed.stray else {
-                    return Ok(Some(filter.denoise(&exposed.plane, self.features(&self.camera).as_ref())?));
-                };
-                // Ghosts have no noise, and edges that the guides do not know.
-                let mut plane = exposed.plane.clone();
-                stray.take_from(&mut plane.mean);
-                let mut plane = filter.denoise(&plane, self.features(&self.camera).as_ref())?;
-                stray.add_to(&mut plane.mean, 0);
-                Ok(Some(plane))
-            }
-            _ => Ok(None),
-        }
-    }
-
-    /// The same for planes that memory cannot hold, in about `memory` bytes beside what [`Shot::bytes_needed`] says: the sums lie in a temporary file in
-    /// `folder`. [`Shot::can_expose_rows`] must hold.
-    pub fn expose_rows(
-        &self,
-        start: Option<Sums<PagedRows>>,
-        watch: &Watch,
-        keep: Option<Keep<PagedRows>>,
-        memory: usize,
-        folder: &Path,
-    ) -> Result<ExposedStrips<'_>, ShotError> {
-        let (facts, response) = (self.plane_facts(), self.response());
-        let settings = self.light_settings(response.bands.len());
-        let shutter = self.shutter();
-        let exposure = Exposure {
-            scene: &self.scene,
-            camera: &self.camera,
-            shutter: &shutter,
-            response: &response,
-            settings: &settings,
-            facts: &facts,
-        };
-        let mut exposed = exposure.run_paged(watch, start, keep, memory, folder)?;
-        exposed.facts.light_scale = self.settings.light_scale;
-        let stopped = exposed.stopped;
-        let stray = exposure.stray_light(|seen| exposed.gather(seen));
-        let rows = exposed.rows(&self.scene);
-        let plane: Box<dyn FocalPlaneSource + '_> = match self.denoises_exposure() && !stopped {
-            true => {
-                let farthest = rows.farthest_log_depth();
-                Box::new(Denoised::new(rows, farthest).named(BUILT_IN))
-            }
-            false => Box::new(rows),
-        };
-        let plane: Box<dyn FocalPlaneSource + '_> = match stray {
-            Some(stray) => Box::new(WithStray::new(plane, stray)),
-            None => plane,
-        };
-        Ok(ExposedStrips { plane, stopped })
-    }
-
-    /// Facts of a focal plane: the speed is the read-out's; what the camera was set to goes with the plane.
-    fn plane_facts(&self) -> ExposureFacts {
-        ExposureFacts { iso: 0.0, iso_set: self.reading.iso, ..self.facts() }
-    }
-
-    /// The frames before and after this exposure, where truth asks for them: of a film at its own rate, of a single picture as of a film of 24 frames a second.
-    fn frames(&self) -> Option<Frames> {
-        if !self.settings.truth_channels.iter().any(|c| c.needs_frames) {
-            return None;
-        }
-        let (at_s, step_s) = (self.timing.at_s, 1.0 / self.file.sequence.fps.unwrap_or(sequence::FPS));
-        let total = self.shutter().total_s();
-        // A stabiliser that stood ready for this exposure does so for the others.
-        let way = |at_s: f64| self.way(&self.timing.moved_to(at_s), total).ok();
-        Some(Frames { at_s, step_s, next: way(at_s + step_s)?, previous: way(at_s - step_s)? })
-    }
-
-    /// Settings of the exposure itself. What a filter takes is one factor on all light: the plane's facts keep it apart from the scene's own scale.
-    fn light_settings(&self, bands: usize) -> Settings {
-        let mut settings = self.settings.clone();
-        settings.rgb = self.rgb && self.radiance && self.spectral.is_none();
-        settings.light_scale *= (-self.exposing.nd_stops).exp2();
-        settings.time_limit_s = self.time_left_s(bands);
-        settings.frames = self.frames().map(Arc::new);
-        let white_e =
-            self.sensor.at_iso(self.reading.iso).map_or(self.sensor.full_well_e, |step| self.sensor.saturation_e(&step));
-        if self.reweights() {
-            settings.fireflies = Fireflies::Reweight { white_e };
-        }
-        if self.diffracts() {
-            settings.diffraction = Diffraction::On { white_e: self.makes_stars().then_some(white_e) };
-        }
-        settings
-    }
-
-    /// Reads the film out.
-    pub fn read_out(&self, plane: &FocalPlane) -> Result<RawImage, ShotError> {
-        let mut raw = read_out(plane, &self.sensor, &self.reading, &white_point(&self.reading.white)?)?;
-        raw.header.facts.date.clone_from(&self.date);
-        raw.header.baseline_ev += self.held_back_ev;
-        if self.settings.half.is_some() {
-            // Half of the light: developed as bright as whole pixels.
-            raw.header.baseline_ev += 1.0;
-            raw.header.facts.serial.clone_from(&self.facts.serial);
-        }
-        Ok(raw)
-    }
-
-    /// Develops a raw image by the shot's recipe.
-    pub fn develop(&self, raw: &RawImage) -> Result<Picture, ShotError> {
-        Ok(develop(raw, &self.recipe, self.lut.clone())?)
-    }
-}
-
-/// The exposure of a film that no light reaches.
-fn darkness(film: &Film, response: &Response, settings: &Settings, facts: ExposureFacts) -> FocalPlane {
-    let (width, height, bands) = (film.columns, film.rows, response.bands.len());
-    FocalPlane {
-        bands: response.bands.clone(),
-        mean: Raster::new(width, height, bands),
-        half_difference: Raster::new(width, height, bands),
-        truth: Truth::empty(width, height),
-        facts: ExposureFacts { seed: settings.seed, samples: 1, light_scale: 1.0, ..facts },
-    }
 }
 
 /// An illuminant by name, as the camera's white.
@@ -1049,12 +436,6 @@ fn with_comma(text: String) -> String {
     if text.is_empty() { text } else { format!(", {text}") }
 }
 
-/// Smallest aperture that the camera chooses by itself, as most lenses for 35 mm have it.
-const SMALLEST_STOP: f64 = 22.0;
-/// Times that a dial has, s.
-const DIAL_TIMES_S: [f64; 2] = [1.0 / 8192.0, 32.0];
-/// A time that the camera chooses is said to be long from here on, s: the longest that cameras for 35 mm time by themselves.
-const LONG_S: f64 = 30.0;
 /// Compensation and filters that are taken for meant.
 const COMPENSATION_EV: RangeInclusive<f64> = -20.0..=20.0;
 const FILTER_STOPS: RangeInclusive<f64> = 0.0..=40.0;

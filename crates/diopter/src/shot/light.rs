@@ -1,0 +1,273 @@
+//! How much light: the meter, what it and the photographer set, and the moment.
+
+use super::sequence::Vary;
+use super::timing::Timing;
+use super::{DEFAULT_SEED, Shot, ShotError, lens_facts, long_time, wants_profile, white_point};
+use crate::camera_motion::CameraMotion;
+use crate::expose::Watch;
+use crate::flash::Flash;
+use crate::metering::Meter;
+use crate::program::{Chosen, Limits, Mode};
+use crate::shutter::{Shutter, ShutterTimes};
+use crate::{metering, program};
+use diopter_scene::light::Modulation;
+use std::sync::Arc;
+use std::time::Instant;
+
+/// Smallest aperture that the camera chooses by itself, as most lenses for 35 mm have it.
+const SMALLEST_STOP: f64 = 22.0;
+/// Times that a dial has, s.
+const DIAL_TIMES_S: [f64; 2] = [1.0 / 8192.0, 32.0];
+/// A time that the camera chooses is said to be long from here on, s: the longest that cameras for 35 mm time by themselves.
+const LONG_S: f64 = 30.0;
+
+impl Shot {
+    /// Takes over the scale of the light from another shot of the same scene, so that both see the same light whatever their frames are.
+    pub fn take_light_of(&mut self, other: &Shot) {
+        if other.light_settled || self.ambient_ev.is_none() {
+            self.settings.light_scale = other.settings.light_scale;
+            self.light_settled = true;
+        }
+    }
+
+    /// Meters the scene and settles what was left open: light scale, exposure time, aperture, ISO. Then everything stands ready for
+    /// the exposure. `warn` gets what the light or the shutter does not allow.
+    pub fn meter(&mut self, watch: &Watch, warn: &mut dyn FnMut(&str)) -> Result<(), ShotError> {
+        if self.lens_cap {
+            return self.set_by(None, warn);
+        }
+        self.settle_light(watch)?;
+        let white = white_point(&self.reading.white)?;
+        let meter = Meter {
+            sensor: &self.sensor,
+            reading: &self.reading,
+            pattern: self.exposing.pattern,
+            at: self.exposing.at,
+            filter: (-self.exposing.nd_stops).exp2(),
+        };
+        let metered = meter.read(&self.scene, &self.camera, &self.settings, &white, watch)?;
+        self.set_by(metered, warn)
+    }
+
+    /// Whether the camera chooses an aperture, a time or an ISO speed by its meter.
+    pub fn chooses_exposure(&self) -> bool {
+        self.exposing.mode != Mode::Manual || self.exposing.auto_iso.is_some()
+    }
+
+    /// The same as [`Shot::meter`], but where everything is set by hand the meter is not read: nothing depends on it but its fact, which is left out.
+    pub fn meter_if_needed(&mut self, watch: &Watch, warn: &mut dyn FnMut(&str)) -> Result<(), ShotError> {
+        if self.chooses_exposure() {
+            return self.meter(watch, warn);
+        }
+        self.settle_light(watch)?;
+        self.set_by(None, warn)?;
+        self.facts.metering = String::new();
+        Ok(())
+    }
+
+    /// Chooses what the camera is to choose by a meter reading (EV at ISO 100; `None`: darkness), and makes everything ready for the exposure:
+    /// [`Shot::meter`] by a reading at hand. With the cap on the lens the reading is not looked at.
+    pub fn set_by(&mut self, metered: Option<f64>, warn: &mut dyn FnMut(&str)) -> Result<(), ShotError> {
+        if self.lens_cap {
+            self.shutter.get_or_insert(1.0);
+            return self.stand_ready(warn);
+        }
+        self.facts.metering = self.exposing.pattern.name().into();
+        self.facts.metered_ev100 = metered;
+        let e = self.exposing.clone();
+        let chosen_by_camera = self.chooses_exposure();
+        // Behind microlenses the light is gathered on a part of the pixels: they must not be blown, and are brightened when developed.
+        self.held_back_ev = if chosen_by_camera { self.gathered_ev() } else { 0.0 };
+        // Without any light any exposure will do.
+        let ev100 = metered.unwrap_or(0.0) - e.compensation_ev + self.held_back_ev;
+        if chosen_by_camera {
+            let (limits, set) = (self.limits(), self.set());
+            let chosen = program::choose(e.mode, ev100, set, &limits);
+            if (chosen.aperture / set.aperture - 1.0).abs() > 1e-9 {
+                self.open_to(chosen.aperture)?;
+            }
+            // A leaf shutter is worth more than its marked time to a small pupil.
+            let pupil = self.pupil();
+            let marked = match e.mode {
+                Mode::AperturePriority | Mode::Program => self.shutter().marked_for(chosen.time_s, pupil),
+                _ => chosen.time_s,
+            };
+            self.shutter = Some(marked);
+            self.reading.iso = chosen.iso;
+            let worth = self.shutter().effective_s(pupil);
+            let off = ev100 - metering::ev100_of_setting(chosen.aperture, worth, chosen.iso);
+            if metered.is_some() && off.abs() > 0.34 {
+                warn(&format!(
+                    "the light is {:.1} EV too {} for what the camera may choose in mode {}: the picture will be {}",
+                    off.abs(),
+                    if off > 0.0 { "bright" } else { "dark" },
+                    e.mode.name(),
+                    if off > 0.0 { "light" } else { "dark" }
+                ));
+            }
+            let chosen_time = matches!(e.mode, Mode::AperturePriority | Mode::Program);
+            if let Some(ev) = metered.filter(|_| chosen_time && marked > LONG_S) {
+                let scene = &self.file.scene;
+                // A picture around the scene is light enough, if its numbers are no cd/m².
+                let relative = scene.environment.is_some() && scene.environment_scale.is_none() && scene.ambient_ev.is_none();
+                let hint = match relative {
+                    true => {
+                        "the numbers of --environment count as cd/m²: if they are relative, give the file as --light, or say how bright it is by --ambient-ev 12"
+                    }
+                    false => {
+                        "give the scene light (--light studio, --sun 30,120, --light FILE.hdr or --flash 40), open the lens, or take --iso auto"
+                    }
+                };
+                warn(&format!(
+                    "there is little light (EV {ev:.1}): mode {} takes {}, longer than cameras choose by themselves ({LONG_S} s); {hint}",
+                    e.mode.name(),
+                    long_time(marked)
+                ));
+            }
+        }
+        self.stand_ready(warn)?;
+        self.keep_to_time_limit(warn);
+        Ok(())
+    }
+
+    /// What is set by hand, apertures as T-stops.
+    pub(super) fn set(&self) -> Chosen {
+        Chosen { aperture: self.facts.t_number, time_s: self.shutter.unwrap_or(1.0 / 125.0), iso: self.reading.iso }
+    }
+
+    pub(super) fn limits(&self) -> Limits {
+        let e = &self.exposing;
+        let loss = self.facts.t_number / self.facts.f_number;
+        let (widest, smallest) = (self.camera.lens.widest_f_number(), SMALLEST_STOP);
+        let handheld_s = e.slowest_s.unwrap_or(1.0 / self.facts.focal_length_35mm_mm.max(1.0));
+        Limits {
+            aperture: [widest * loss, smallest.max(widest) * loss],
+            time_s: if e.dials { DIAL_TIMES_S } else { [1e-7, 1e6] },
+            iso: e.auto_iso.unwrap_or([self.reading.iso; 2]),
+            handheld_s,
+            step: e.step,
+            t_per_f: loss,
+        }
+    }
+
+    /// Sets the lens to another T-stop.
+    pub(super) fn open_to(&mut self, t_number: f64) -> Result<(), ShotError> {
+        // By rounding a lens fully open could be asked for more than that.
+        let widest = self.limits().aperture[0];
+        self.camera.lens = self.camera.lens.stopped(self.f_number_of(t_number.max(widest)))?;
+        self.know_the_lens();
+        Ok(())
+    }
+
+    /// Writes into the facts what follows from how the lens is set.
+    pub(super) fn know_the_lens(&mut self) {
+        let new = lens_facts(&self.camera, &self.sensor, wants_profile(&self.file, self.draft));
+        let f = &mut self.facts;
+        (f.f_number, f.t_number, f.lens_profile) = (new.f_number, new.t_number, new.lens_profile);
+        (f.focus_distance_m, f.extension_mm, f.light_field) = (new.focus_distance_m, new.extension_mm, new.light_field);
+    }
+
+    /// How much brighter the images of the pupil behind microlenses are than the film would be, EV; 0 without.
+    pub(super) fn gathered_ev(&self) -> f64 {
+        let fraction = self.camera.film.microlenses.map(|m| m.concentration(self.camera.lens.pupil_slope()));
+        fraction.map_or(0.0, |s| s.log2().max(0.0))
+    }
+
+    /// Radius of the pupil, 1 when the lens is fully open.
+    pub(super) fn pupil(&self) -> f64 {
+        (self.camera.lens.widest_f_number() / self.facts.f_number).min(1.0)
+    }
+
+    /// The shutter as it is set.
+    pub fn shutter(&self) -> Shutter {
+        Shutter { mechanism: self.timing.mechanism, exposure_s: self.shutter.unwrap_or(1.0) }
+    }
+
+    /// Where the camera is, and what moves in it, during an exposure of a length, s.
+    pub(super) fn way(&self, timing: &Timing, total_s: f64) -> Result<CameraMotion, ShotError> {
+        let way = timing.camera_motion(&self.scene, self.placed, total_s);
+        match &self.stabiliser {
+            None => Ok(way),
+            Some(stabiliser) => Ok(way.with_moving(Arc::new(timing.moving_part(stabiliser, &self.camera, total_s)?))),
+        }
+    }
+
+    /// Poses the scene and the camera for the exposure, and sets the flash.
+    pub(super) fn stand_ready(&mut self, warn: &mut dyn FnMut(&str)) -> Result<(), ShotError> {
+        let shutter = self.shutter();
+        let total = shutter.total_s();
+        let at = self.timing.at_s;
+        self.camera.way = self.way(&self.timing, total)?;
+        if let Some(moving) = self.camera.way.moving().filter(|moving| moving.stopped()) {
+            warn(&format!(
+                "the stabiliser comes to its stop, {:.3} mm from the axis: the rest of the shake is in the picture",
+                moving.farthest_mm()
+            ));
+        }
+        self.settings.shutter_times = ShutterTimes::default();
+        if let Some(flash) = &self.timing.flash
+            && let Some((node, material)) = Flash::place_in(self.scene.description())
+        {
+            let (moment, all) = flash.moment(&shutter);
+            self.timing.warn_of_sync(&shutter, moment, all, warn);
+            self.settings.shutter_times.flash = Some(moment);
+            // The flash is what it is, however the light of the scene is scaled.
+            let energy = 1.0 / self.settings.light_scale;
+            let pulse = Modulation::Pulse { start_s: moment.0, length_s: moment.1 - moment.0, energy };
+            self.scene.modulate(material, pulse);
+            self.scene.place_node(node, self.camera.way.at(moment.0));
+        }
+        self.scene.pose(at, total);
+        self.timing.warn_of_end(&self.scene, total, warn);
+        Timing::warn_of_coarse(&self.scene, warn);
+        self.facts.at_s = at;
+        self.facts.flash = self.timing.flash.is_some() && !self.lens_cap;
+        self.facts.shutter = Some(shutter.facts([self.camera.film.columns, self.camera.film.rows], self.pupil()));
+        Ok(())
+    }
+
+    /// Makes the shot ready for another moment (s) of the scene, with everything set as it is: a frame of a sequence, with noise of its
+    /// own.
+    pub fn turn_to(&mut self, at_s: f64, frame: u64, warn: &mut dyn FnMut(&str)) -> Result<(), ShotError> {
+        if frame > 0 {
+            self.begun = Instant::now();
+        }
+        self.timing.at_s = at_s;
+        let seed = self.file.render.seed.unwrap_or(DEFAULT_SEED);
+        self.settings.seed = seed.wrapping_add(frame);
+        self.reading.seed = seed.wrapping_add(frame);
+        self.stand_ready(warn)?;
+        self.follow(warn)
+    }
+
+    /// What an exposure series varies when nobody says: the aperture where the time is set by hand and kept, else the time.
+    pub fn varies(&self) -> Vary {
+        if self.exposing.mode == Mode::ShutterPriority { Vary::Aperture } else { Vary::Time }
+    }
+
+    /// Changes the exposure by so many EV. `warn` is told when the lens does not go so far.
+    pub fn expose_by(&mut self, ev: f64, vary: Vary, warn: &mut dyn FnMut(&str)) -> Result<(), ShotError> {
+        match vary {
+            Vary::Aperture => {
+                let wanted = self.facts.t_number * (-0.5 * ev).exp2();
+                let [widest, smallest] = self.limits().aperture;
+                if !(widest * 0.999..=smallest * 1.001).contains(&wanted) {
+                    warn(&format!(
+                        "the lens does not go to f/{:.1}: this picture is exposed like another",
+                        self.f_number_of(wanted)
+                    ));
+                }
+                self.open_to(wanted.clamp(widest, smallest))
+            }
+            Vary::Time => {
+                self.shutter = self.shutter.map(|t| t * ev.exp2());
+                Ok(())
+            }
+        }
+    }
+
+    /// f-number of a T-stop of this lens.
+    pub(super) fn f_number_of(&self, t_number: f64) -> f64 {
+        t_number * self.facts.f_number / self.facts.t_number
+    }
+}
