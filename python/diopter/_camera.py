@@ -93,7 +93,8 @@ class Vignetting(NamedTuple):
 class Bench:
     """A lens with focal length, aperture and focus set: the optical bench. Made by :meth:`Lens.bench`.
 
-    Lens space: mm, light runs along +z, the first vertex is at z = 0. Wavelengths in nm.
+    Lens space: mm, light runs along +z, the first vertex is at z = 0. Wavelengths in nm. Mirrors off the axis (``[object_axis]`` of a lens file): rays before the lens count
+    from the base ray, along whose z the light comes; those at the film from its normal.
     """
 
     def __init__(self, native: _diopter.Bench) -> None:

@@ -36,7 +36,7 @@ pub(crate) fn place_at_stop(system: &System, n: &[f64], ray: TracedRay) -> Optio
 
 /// Whether every surface stands on the axis, unturned.
 fn is_centered(system: &System) -> bool {
-    system.surfaces.iter().all(|s| s.frame.is_none())
+    system.object_axis.is_none() && system.surfaces.iter().all(|s| s.frame.is_none())
 }
 
 /// Which ray of a family meets the middle of the stop: Newton's method in two dimensions from the axis. `ray` gives the ray of a place

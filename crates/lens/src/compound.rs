@@ -481,7 +481,8 @@ impl CompoundLens {
     /// the image circle ends.
     pub fn lit_radius(&self, towards: DVec2, most: f64) -> f64 {
         // A lens that is built has a film behind its last surface.
-        geometry(&self.system, &self.batch, &self.first, self.pupil_middle(), DVec2::splat(most))
+        let middle = self.turned.pupil_middle(self.system.film_z, self.system.film_run());
+        geometry(&self.system, &self.batch, &self.first, middle, DVec2::splat(most))
             .map_or(0.0, |g| pupil::lit_radius(&g, towards, most))
     }
 

@@ -265,13 +265,13 @@ fn parabasal(system: &System, n: &[f64]) -> Option<FirstOrder> {
     let exit = (places.by_place + slopes.by_place * pupil) * stop.by_place.inverse();
     Some(FirstOrder {
         efl,
-        bfl: behind(back),
+        bfl: base.position.z - last_z + behind(back),
         ffl: front,
         front_principal_z: front + efl,
-        rear_principal_z: last_z + behind(back - efl),
+        rear_principal_z: base.position.z + behind(back - efl),
         entrance_pupil_z: -mean(chief),
         entrance_pupil_magnification: 1.0 / size(stop.by_place),
-        exit_pupil_z: last_z + behind(pupil),
+        exit_pupil_z: base.position.z + behind(pupil),
         exit_pupil_magnification: size(exit),
         stop_radius: system.iris.radius,
         petzval_sum: petzval_sum(system, n),

@@ -261,10 +261,11 @@ impl System {
 
     /// Whether the lens, but for its iris, looks the same from all sides of the axis.
     pub fn is_rotational(&self) -> bool {
-        self.surfaces.iter().all(|s| {
-            let round = s.diffractive.as_ref().is_none_or(|d| d.phase().is_rotational());
-            s.frame.is_none() && s.profile.is_rotational() && s.apertures.is_empty() && round
-        })
+        self.object_axis.is_none()
+            && self.surfaces.iter().all(|s| {
+                let round = s.diffractive.as_ref().is_none_or(|d| d.phase().is_rotational());
+                s.frame.is_none() && s.profile.is_rotational() && s.apertures.is_empty() && round
+            })
     }
 
     /// Fraction of unpolarised light that one surface lets on, by the indices before and after it along the light (`n`) and the cosines of

@@ -6,7 +6,7 @@ use diopter_lens::compound::{CompoundLens, Entries, Exits, Samples, Scratch, Set
 use diopter_lens::export::{ExportFormat, write};
 use diopter_lens::import::{Format, read};
 use diopter_lens::paraxial::FirstOrder;
-use diopter_lens::prescription::{Misalignment, ObjectAxis, Prescription};
+use diopter_lens::prescription::{Gap, Misalignment, ObjectAxis, Prescription};
 use diopter_lens::system::{State, System};
 use diopter_lens::trace::{Apertures, TracedRay, Way, at_plane};
 use diopter_lens::{Focus, embedded};
@@ -61,6 +61,68 @@ fn an_off_axis_paraboloid_has_its_focal_length_and_focus() {
         let land = at_plane(&out, s.film_z);
         assert!(land.truncate().length() < 1e-9, "{at} {land}");
     }
+}
+
+#[test]
+fn where_a_surface_counts_from_changes_nothing() {
+    // The mirror of the same place, its z written 10 mm further on and taken back by its element.
+    let p = code_v(PARABOLOID);
+    let mut q = p.clone();
+    q.surfaces[0].gap = Gap::fixed(p.surfaces[0].gap.at(0.0, 0.0) + 10.0);
+    q.surfaces[1].gap = Gap::fixed(p.surfaces[1].gap.at(0.0, 0.0) - 10.0);
+    q.misalignments[1].decenter[2] -= 10.0;
+    let (a, b) = (first_order(&p), first_order(&q));
+    for (x, y) in
+        [(a.efl, b.efl), (a.exit_pupil_z, b.exit_pupil_z), (a.rear_principal_z, b.rear_principal_z), (a.bfl, b.bfl + 10.0)]
+    {
+        assert!((x - y).abs() < 1e-6, "{a:?} {b:?}");
+    }
+    assert!((a.exit_pupil_z - b.exit_pupil_z).abs() < 1e-6 && (a.exit_pupil_radius() / b.exit_pupil_radius() - 1.0).abs() < 1e-6);
+    // Scaled it is as sharp.
+    let s = system(&p.scaled(2.0).unwrap());
+    let out = s
+        .trace(
+            TracedRay { position: DVec3::new(3.0, -8.0, -20.0), direction: DVec3::Z },
+            &s.indices(NM),
+            Way::ToFilm,
+            Apertures::Clip,
+        )
+        .unwrap();
+    assert!(at_plane(&out, s.film_z).truncate().length() < 1e-9, "{out:?}");
+}
+
+#[test]
+fn the_base_ray_lands_in_the_middle_of_a_film_that_is_moved_and_askew() {
+    for image in ["SI 0 0; ADE 4", "SI 0 2.5; YDE 1; ADE 4"] {
+        let p = code_v(&tilted_sphere(20.0).replace("SI 0 0", image));
+        let s = system(&p);
+        let out = s
+            .trace(TracedRay { position: DVec3::ZERO, direction: DVec3::Z }, &s.indices(NM), Way::ToFilm, Apertures::Clip)
+            .unwrap();
+        let land = at_plane(&out, s.film_z);
+        let askew = (-out.direction.z).acos().to_degrees();
+        assert!(land.truncate().length() < 1e-9 && (askew - 4.0).abs() < 1e-6, "{image}: {land} {askew}");
+    }
+}
+
+#[test]
+fn an_axis_that_is_no_base_ray_is_an_error() {
+    let toml = code_v(PARABOLOID).to_toml();
+    let wrong = toml.replace("[object_axis]\ndecenter = [", "[object_axis]\ndecenter = [40, ");
+    assert!(wrong != toml);
+    let cut = |t: &str| {
+        // One number too many after the one put in: the last is left out.
+        let at = t.find("[object_axis]").unwrap();
+        let (head, tail) = t.split_at(at);
+        let end = tail.find(']').and_then(|i| tail[i + 1..].find(']').map(|j| i + 1 + j)).unwrap();
+        let comma = tail[..end].rfind(',').unwrap();
+        format!("{head}{}{}", &tail[..comma], &tail[end..])
+    };
+    let e = read(cut(&wrong).as_bytes(), Format::Toml, "wrong.toml").unwrap_err().to_string();
+    assert!(e.contains("object_axis") && e.contains("base ray"), "{e}");
+    let hooded = format!("{toml}\n[hood]\nlength = 20\n");
+    let e = read(hooded.as_bytes(), Format::Toml, "hood.toml").unwrap_err().to_string();
+    assert!(e.contains("hood"), "{e}");
 }
 
 #[test]

@@ -23,7 +23,7 @@ pub(super) const STRONG_SHARE: f64 = 0.02;
 pub(super) const LEFT_OUT: f64 = 0.01;
 
 /// Ghosts of four reflections: those at least this bright beside the brightest of two, at most so many.
-pub(super) const FOUR_SHARE: f64 = 0.005;
+pub(super) const FOUR_FRACTION: f64 = 0.005;
 pub(super) const MOST_FOURS: usize = 16;
 
 /// Ghosts drawn before they are added up: the rasters of so many are in memory.
@@ -61,7 +61,7 @@ pub(super) fn tracer<'a>(system: &'a System, film: &Film, nm: f32) -> GhostTrace
 pub(super) fn ghosts_of(system: &System, beams: &[Beam], film: &Film, [columns, rows]: [usize; 2], bands: usize) -> Vec<Part> {
     let tracers: Vec<GhostTracer> = (0..BINS).into_par_iter().map(|k| tracer(system, film, bin_nm(k))).collect();
     let middle = &tracers[BINS / 2];
-    let fours = strong_fours(middle, FOUR_SHARE, MOST_FOURS).into_iter().map(|four| four.to_vec());
+    let fours = strong_fours(middle, FOUR_FRACTION, MOST_FOURS).into_iter().map(|four| four.to_vec());
     let ways: Vec<Vec<usize>> = pairs(system).into_iter().map(|p| vec![p.back, p.forth]).chain(fours).collect();
     let jobs: Vec<Job> = beams.iter().flat_map(|beam| jobs(beam, &ways, middle, film)).collect();
     let cell_mm = film.width_mm / columns as f64;
@@ -166,7 +166,7 @@ pub(super) fn draw(job: &Job, tracers: &[GhostTracer], film: &Film, [columns, ro
         };
         let mesh = Mesh::of(&node, job.corners, job.across);
         let Some(mut region) = mesh.bounds().and_then(|[a, b]| Region::around(a, b, [columns, rows], margin)) else { continue };
-        mesh.lay(1.0 / cell_mm2, &mut region);
+        mesh.rasterise(1.0 / cell_mm2, &mut region);
         patches.push((bin, region));
     }
     let out = assemble(patches, job.beam, bands)?;

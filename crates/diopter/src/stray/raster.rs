@@ -162,14 +162,14 @@ impl Mesh {
     }
 
     /// Onto a region, all of it times `scale`.
-    pub(super) fn lay(&self, scale: f64, region: &mut Region) {
+    pub(super) fn rasterise(&self, scale: f64, region: &mut Region) {
         self.triangles.iter().for_each(|(corners, light)| region.fill(*corners, (light * scale) as f32));
         self.dots.iter().for_each(|(at, light)| region.splat(*at, (light * scale) as f32));
     }
 }
 
-/// Lays light on a region: `nodes`, a square of `across` a side, tell where that of a cell of the front lands and how much it is, for each cell of `front` (cells of the raster).
-pub(super) fn lay(nodes: &[Option<(Vec2, f64)>], across: usize, front: f64, region: &mut Region) {
+/// Draws light on a region: `nodes`, a square of `across` a side, tell where that of a cell of the front lands and how much it is, for each cell of `front` (cells of the raster).
+pub(super) fn rasterise(nodes: &[Option<(Vec2, f64)>], across: usize, front: f64, region: &mut Region) {
     let mut triangles = vec![];
     let mut filled = 0.0;
     for k in 0..across * (across - 1) {
@@ -231,7 +231,7 @@ impl Region {
         }
         let sense = twice.signum();
         let (low, high) = (a.min(b).min(c), a.max(b).max(c));
-        // By parts of cells, whose middles lie within or not: triangles that share an edge share none of them.
+        // By parts of cells, whose middles lie within or not: triangles that meet at an edge share none of them, but for middles on the edge itself.
         let parts = PARTS as f32;
         let range = |low: f32, high: f32, start: i64, count: usize| {
             let part = |v: f32| (v - start as f32 * parts).clamp(0.0, (count * PARTS) as f32) as usize;

@@ -98,7 +98,7 @@ pub(super) fn geometry<'a>(
         rim,
         film_half,
         rotational: system.is_rotational(),
-        mirrored: system.surfaces.iter().all(|s| s.frame.is_none()),
+        mirrored: system.object_axis.is_none() && system.surfaces.iter().all(|s| s.frame.is_none()),
         iris_period: system.iris.shape.period(),
     })
 }
@@ -170,10 +170,8 @@ pub(super) fn configure_turned(
     let (widest, by_rims) = widest_f_number(p, &far, efl).ok_or_else(|| LensError::Setting {
         what: "lens",
         found: format!("\"{}\"", p.name),
-        expected: match far.surfaces.iter().any(|s| s.frame.is_some() && s.mirror) {
-            true => "a lens that light parallel to the film's normal can pass: mirrors off the axis whose beam comes in at an angle to it \
-                     (Schiefspiegler, off-axis three-mirror systems) are not set up"
-                .into(),
+        expected: match far.object_axis.is_some() {
+            true => "a lens that light along its base ray can pass: rims or openings stop it".into(),
             false => "a lens that light on the axis can pass".into(),
         },
     })?;

@@ -1,6 +1,6 @@
 //! What a distant source makes of a ghost: real rays over the front of the lens, summed up on the film.
 
-use super::GhostTracer;
+use super::{Arrival, GhostTracer};
 use crate::system::System;
 use crate::trace::TracedRay;
 use glam::{DVec2, DVec3};
@@ -26,9 +26,15 @@ impl SourceBeam {
     pub fn new(system: &System, direction: DVec3) -> Option<SourceBeam> {
         let direction = direction.normalize();
         let first = system.surfaces.first()?;
-        let radius = first.semi_diameter;
-        let sag = first.profile.sag(0.0, radius * (1.0 - 1e-9)).unwrap_or(0.0);
-        let (middle, along) = first.to_lens(DVec3::new(0.0, 0.0, sag), DVec3::Z);
+        // A part off the vertex has its own middle.
+        let [low, high] = first.bounds();
+        let (at, half) = (0.5 * (low + high), 0.5 * (high - low));
+        let is_part = at.length() > 1e-9 * first.semi_diameter;
+        let radius = if is_part { half.length() } else { first.semi_diameter };
+        let rim = DVec2::new(0.0, first.semi_diameter * (1.0 - 1e-9));
+        let sag = if is_part { first.profile.sag(at.x, at.y) } else { first.profile.sag(rim.x, rim.y) }.unwrap_or(0.0);
+        let at = if is_part { at } else { DVec2::ZERO };
+        let (middle, along) = first.to_lens(at.extend(sag), DVec3::Z);
         let middle = system.ray_to_object(TracedRay { position: middle, direction: along }).position;
         let beam = SourceBeam { direction, distance: f64::INFINITY, middle, radius };
         (direction.is_finite() && direction.z > 1e-3).then_some(beam)
@@ -95,6 +101,34 @@ impl SourceBeam {
     }
 }
 
+/// The direct light of a beam at the sensor.
+#[derive(Clone, Debug)]
+pub struct AtSensor {
+    /// Rays of a square grid over the part of the front whose light comes through, row by row, each with the power that a unit of area of the front takes there; `None` where a ray is lost.
+    pub rays: Vec<Option<(Arrival, f64)>>,
+    /// Area of the front that a ray stands for, mm².
+    pub cell_mm2: f64,
+}
+
+impl AtSensor {
+    /// With `across` × `across` rays. `None` where none comes through.
+    pub fn of(tracer: &GhostTracer, beam: &SourceBeam, across: usize) -> Option<AtSensor> {
+        Some(AtSensor::within(tracer, beam, beam.extent(tracer, &[], COARSE)?, across))
+    }
+
+    /// The same over a part of the rim's plane that is known ([`SourceBeam::extent`]).
+    pub fn within(tracer: &GhostTracer, beam: &SourceBeam, [low, high]: [DVec2; 2], across: usize) -> AtSensor {
+        let across = across.max(2);
+        let cell = (high - low) / across as f64;
+        let ray = |k: usize| {
+            let place = low + cell * DVec2::new((k % across) as f64 + 0.5, (k / across) as f64 + 0.5);
+            let arrival = tracer.follow(beam.ray(place), &[]).ok()?;
+            Some((arrival, beam.power_density(place)))
+        };
+        AtSensor { rays: (0..across * across).map(ray).collect(), cell_mm2: cell.x * cell.y }
+    }
+}
+
 /// A ghost of a distant source on the film.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BeamGhost {
@@ -136,20 +170,15 @@ impl BeamGhost {
         sums.ghost(cell.x * cell.y)
     }
 
-    /// Of light that the microlenses of the sensor throw back in an order of their grating, and a surface to the film again, with `across` × `across` rays over the part of the front
-    /// whose light makes the image. `None` where none comes to the film.
-    pub fn of_order(tracer: &GhostTracer, beam: &SourceBeam, order: [i32; 2], forth: usize, across: usize) -> Option<BeamGhost> {
-        let [low, high] = beam.extent(tracer, &[], COARSE)?;
-        let cell = (high - low) / across.max(2) as f64;
+    /// Of light at the sensor that its microlenses throw back in an order of their grating, and a surface to the film again. `None` where none comes to the film.
+    pub fn of_order(tracer: &GhostTracer, light: &AtSensor, order: [i32; 2], forth: usize) -> Option<BeamGhost> {
         let mut sums = Sums::default();
-        for k in 0..across.max(2).pow(2) {
-            let place = low + cell * DVec2::new((k % across.max(2)) as f64 + 0.5, (k / across.max(2)) as f64 + 0.5);
-            let Ok(arrival) = tracer.follow(beam.ray(place), &[]) else { continue };
-            if let Ok(back) = tracer.follow_back(&arrival, order, &[forth]) {
-                sums.add(back.film, back.fraction * beam.power_density(place));
+        for (arrival, power) in light.rays.iter().flatten() {
+            if let Ok(back) = tracer.follow_back(arrival, order, &[forth]) {
+                sums.add(back.film, back.fraction * power);
             }
         }
-        sums.ghost(cell.x * cell.y)
+        sums.ghost(light.cell_mm2)
     }
 
     /// Root mean square distance from the centroid, mm.

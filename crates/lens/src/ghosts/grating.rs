@@ -12,7 +12,7 @@ use super::GhostTracer;
 use std::f64::consts::PI;
 
 /// Part of what a sensor reflects that its microlenses reflect: a figure of order, not of a product.
-pub const MICROLENS_SHARE: f64 = 0.5;
+pub const MICROLENS_FRACTION: f64 = 0.5;
 /// Radius of curvature of a microlens, in pitches: one of resin (n = 1.55) focuses 2.8 pitches behind itself.
 const RADIUS_IN_PITCHES: f64 = 1.0;
 /// Pixels larger than this have orders so near to one another that they are not dots, mm.
@@ -94,8 +94,8 @@ impl GhostTracer<'_> {
         let Some(grating) = &self.grating else {
             return if order == [0; 2] { self.sensor_reflectance } else { 0.0 };
         };
-        let plane = if order == [0; 2] { 1.0 - MICROLENS_SHARE } else { 0.0 };
-        self.sensor_reflectance * (plane + MICROLENS_SHARE * grating.efficiency(order))
+        let plane = if order == [0; 2] { 1.0 - MICROLENS_FRACTION } else { 0.0 };
+        self.sensor_reflectance * (plane + MICROLENS_FRACTION * grating.efficiency(order))
     }
 }
 

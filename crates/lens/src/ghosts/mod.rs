@@ -15,9 +15,9 @@ mod grating;
 mod paraxial;
 mod tracer;
 
-pub use beam::{BeamGhost, SourceBeam};
+pub use beam::{AtSensor, BeamGhost, SourceBeam};
 pub use fours::{Four, strong_fours};
-pub use grating::{Grating, MICROLENS_SHARE};
+pub use grating::{Grating, MICROLENS_FRACTION};
 pub use paraxial::ParaxialGhost;
 pub(crate) use tracer::SurfaceLight;
 pub use tracer::{Arrival, GhostTracer};

@@ -349,7 +349,7 @@ fn orders_of_microlenses_leave_as_the_grating_equation_says() {
     let zero = of([0, 0]).unwrap();
     assert!((zero.film - mirrored.film).length() < 1e-9);
     let grating = tracer.grating().unwrap();
-    let share = 1.0 - MICROLENS_SHARE + MICROLENS_SHARE * grating.efficiency([0, 0]);
+    let share = 1.0 - MICROLENS_FRACTION + MICROLENS_FRACTION * grating.efficiency([0, 0]);
     assert!((zero.fraction / mirrored.fraction - share).abs() < 1e-9 && share < 0.6, "{share}");
     // Where an order meets the plane of the last vertex, by its direction; seen by its way back to the film if that plane were a mirror: twice as far.
     let distance = system.film_z - system.last_z();
@@ -368,7 +368,7 @@ fn orders_of_microlenses_leave_as_the_grating_equation_says() {
         let end = met.point + back * ((distance - met.point.z) / back.z);
         let found = of(order).unwrap();
         assert!((found.film - end.truncate()).length() < 1e-9, "{order:?}: {found:?} {end}");
-        let light = MICROLENS_SHARE * grating.efficiency(order) / share;
+        let light = MICROLENS_FRACTION * grating.efficiency(order) / share;
         // Reflectance of the bare glass hardly changes at these angles.
         assert!(
             (found.fraction / zero.fraction / light - 1.0).abs() < 0.02,

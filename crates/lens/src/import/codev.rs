@@ -655,7 +655,8 @@ pub fn read(text: &str, file: &str) -> Result<Prescription, PrescriptionError> {
         here *= after * ahead(gap);
     }
     if moved {
-        let film = here * image_place.around(scale).0;
+        // The image surface stands where its thickness (defocus) puts it, and is decentred there.
+        let film = here * ahead(image.unwrap_or(0.0) * scale) * image_place.around(scale).0;
         lay_out(placed, film, &mut p).map_err(|(line, what)| PrescriptionError::at(file, line, what))?;
     } else {
         p.surfaces = placed.into_iter().map(|r| r.surface).collect();
@@ -679,7 +680,7 @@ pub fn read(text: &str, file: &str) -> Result<Prescription, PrescriptionError> {
         ApertureKind::EntrancePupil(d) => ApertureKind::EntrancePupil(d * scale),
         other => other,
     });
-    p.usage.defocus = image.unwrap_or(0.0) * scale;
+    p.usage.defocus = if moved { 0.0 } else { image.unwrap_or(0.0) * scale };
     if p.source.is_empty() {
         p.source = format!("{}, CODE V file", stem(file));
     }

@@ -224,6 +224,11 @@ fn is_straight(frame: &DAffine3) -> bool {
 /// Turns about x, y and z, degrees, of R = Rx Ry Rz; without the last where the surface does not know it.
 pub(crate) fn tilts(m: &DMat3, rotational: bool) -> [f64; 3] {
     let z = m.z_axis;
+    if z.x.abs() > 1.0 - 1e-12 {
+        // The turns about x and z are one: all of it counts about z.
+        let about_z = if rotational { 0.0 } else { m.x_axis.y.atan2(m.y_axis.y) };
+        return [0.0, z.x.clamp(-1.0, 1.0).asin(), about_z].map(|a| rounded(a.to_degrees()));
+    }
     let about_z = if rotational { 0.0 } else { (-m.y_axis.x).atan2(m.x_axis.x) };
     [(-z.y).atan2(z.z), z.x.clamp(-1.0, 1.0).asin(), about_z].map(|a| rounded(a.to_degrees()))
 }
@@ -350,7 +355,7 @@ mod tests {
 
     #[test]
     fn tilts_and_frames_are_one_another() {
-        for tilt in [[10.0, -20.0, 30.0], [-5.0, 0.0, 170.0], [0.0, 80.0, -45.0]] {
+        for tilt in [[10.0, -20.0, 30.0], [-5.0, 0.0, 170.0], [0.0, 80.0, -45.0], [0.0, 90.0, 25.0], [0.0, -90.0, -70.0]] {
             let found = tilts(&moved_then_turned(DVec3::ZERO, tilt).matrix3, false);
             assert!(found.iter().zip(tilt).all(|(a, b)| (a - b).abs() < 1e-9), "{found:?} {tilt:?}");
         }

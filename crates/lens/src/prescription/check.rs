@@ -166,6 +166,9 @@ impl Prescription {
             );
             return Err(whole(what));
         }
+        if self.object_axis.is_some() && self.hood.is_some() {
+            return Err(whole("a hood on a lens with an object_axis: hoods stand on the axis of round lenses".into()));
+        }
         if let Some(z) = self.zoom.iter().find(|z| !(**z > 0.0 && **z < LARGEST)) {
             return Err(whole(format!("zoom position {z}: expected a focal length in mm")));
         }
@@ -218,6 +221,7 @@ impl Prescription {
             };
             self.notes.push(format!("no stop given: surface {}, {reason} is taken for it", stop + 1));
         }
+        self.check_base_ray(file)?;
         self.infer_film();
         self.infer_semi_diameters(file)?;
         self.check_gaps(file)?;
@@ -481,6 +485,28 @@ impl Prescription {
                 2.0 * found,
                 efl.abs() / (2.0 * found)
             ));
+        }
+    }
+
+    /// Of a lens whose object has an axis of its own: it must be a base ray, which comes through the stop's opening to the film.
+    fn check_base_ray(&self, file: &str) -> Result<(), PrescriptionError> {
+        if self.object_axis.is_none() {
+            return Ok(());
+        }
+        let system = System::at(self, State::default());
+        let n = system.indices(self.inference_nm());
+        let along = TracedRay { position: DVec3::ZERO, direction: DVec3::Z };
+        let through =
+            system.trace(along, &n, Way::ToFilm, Apertures::Ignore).is_ok_and(|end| end.direction.z * system.film_run() > 0.01);
+        let at = axial_beam::place_at_stop(&system, &n, along).filter(|_| through);
+        let stop = &system.surfaces[system.stop];
+        match at.is_some_and(|at| stop.lets_through(at.x, at.y)) {
+            true => Ok(()),
+            false => {
+                let what = "object_axis: light along it does not come through the opening of the stop to the film: expected the base ray, from the middle \
+                            of the field through the middle of the stop";
+                Err(PrescriptionError::at(file, 0, what))
+            }
         }
     }
 

@@ -33,6 +33,9 @@ impl Prescription {
         for m in &mut lens.misalignments {
             m.decenter = m.decenter.map(|v| v * factor);
         }
+        if let Some(axis) = &mut lens.object_axis {
+            axis.decenter = axis.decenter.map(|v| v * factor);
+        }
         if let Some(hood) = &mut lens.hood {
             hood.length *= factor;
             hood.diameter = hood.diameter.map(|d| d * factor);

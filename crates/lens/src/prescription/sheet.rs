@@ -17,7 +17,8 @@
 //! `asphere` (see `forbes.rs`). A gap of graded glass has `gradient = { radial = [r², r⁴, ...], axial = [z, z², ...], squared = true }` (see
 //! `gradient.rs`). `departure` is a polynomial on the shape, `diffractive` a phase or grating (see `phases.rs`), `fresnel` lays the slopes of the shape
 //! into a plane. Other keys: `radius_x` (toroid; with `conic_x` biconic), `mirror`, `ideal_focal_length` (a thin lens without aberrations), `obstruction`, `absorption` (1/mm), `decenter`,
-//! `tilt_deg`; `[iris]`, `[[element]]` (decentre and tilt of several surfaces), `stabiliser = [first, last]` (surfaces of the group that moves against shake), `year`; `coating` of the lens or of a surface (see
+//! `tilt_deg`; `[iris]`, `[[element]]` (decentre and tilt of several surfaces), `[object_axis]` with `decenter` (mm) and `tilt_deg` (about x, y, z: the base ray before mirrors off the axis, seen from the
+//! lens), `stabiliser = [first, last]` (surfaces of the group that moves against shake), `year`; `coating` of the lens or of a surface (see
 //! `coatings.rs`); `apertures` and `obscurations` of a surface (see `apertures.rs`); how surfaces and walls scatter: `[stray]` with `roughness_nm`,
 //! `cleanliness` (both also of a surface) and `wall_reflectance`, and `[hood]` with `length` and `diameter` (see `glare`, `hood.rs`).
 

@@ -7,7 +7,7 @@ use crate::watch::say;
 use crate::{AskedWrongly, paint};
 use anyhow::anyhow;
 use diopter::lens::draw::{self, DrawnGhost};
-use diopter::lens::ghosts::{BeamGhost, GhostTracer, ParaxialGhost, SourceBeam, pairs, reflects, strong_fours};
+use diopter::lens::ghosts::{AtSensor, BeamGhost, GhostTracer, ParaxialGhost, SourceBeam, pairs, reflects, strong_fours};
 use diopter::lens::prescription::coating_named;
 use rayon::prelude::*;
 use serde_json::{Value, json};
@@ -57,10 +57,10 @@ impl Way {
         self.turns.iter().map(one).collect::<Vec<_>>().join("-")
     }
 
-    fn ghost(&self, tracer: &GhostTracer, beam: &SourceBeam, across: usize) -> Option<BeamGhost> {
+    fn ghost(&self, tracer: &GhostTracer, beam: &SourceBeam, direct: Option<&AtSensor>, across: usize) -> Option<BeamGhost> {
         match self.order {
             None => BeamGhost::of(tracer, beam, &self.turns, across),
-            Some(order) => BeamGhost::of_order(tracer, beam, order, self.turns[1], across),
+            Some(order) => BeamGhost::of_order(tracer, direct?, order, self.turns[1]),
         }
     }
 }
@@ -70,6 +70,7 @@ fn orders(tracer: &GhostTracer, beam: &SourceBeam) -> Vec<Way> {
     let system = tracer.system();
     let count = system.surfaces.len();
     let Some([across, down]) = tracer.grating().map(|g| g.highest()) else { return vec![] };
+    let Some(direct) = AtSensor::of(tracer, beam, LOOK) else { return vec![] };
     let all: Vec<[i32; 2]> =
         (-down..=down).flat_map(|y| (-across..=across).map(move |x| [x, y])).filter(|o| *o != [0; 2]).collect();
     let forths: Vec<usize> = (0..count).filter(|i| reflects(system, *i)).collect();
@@ -77,7 +78,7 @@ fn orders(tracer: &GhostTracer, beam: &SourceBeam) -> Vec<Way> {
         .par_iter()
         .flat_map_iter(|order| {
             let of = |forth: &usize| {
-                let ghost = BeamGhost::of_order(tracer, beam, *order, *forth, LOOK)?;
+                let ghost = BeamGhost::of_order(tracer, &direct, *order, *forth)?;
                 Some((ghost.flux_mm2, Way { turns: vec![count, *forth], order: Some(*order) }))
             };
             forths.iter().filter_map(of).collect::<Vec<_>>()
@@ -144,12 +145,16 @@ pub(super) fn run(asked: &Asked, json: bool) -> anyhow::Result<()> {
     let mut ways: Vec<Way> = all.iter().map(|pair| of(vec![pair.back, pair.forth])).collect();
     ways.extend(strong_fours(&tracer, 0.0, asked.fours).into_iter().map(|four| of(four.to_vec())));
     ways.extend(orders(&tracer, &beam));
+    let across = (asked.rays / 3).max(4);
+    let at_sensor = |tracer: &GhostTracer, across: usize| tracer.grating().and_then(|_| AtSensor::of(tracer, &beam, across));
+    let direct_light = at_sensor(&tracer, asked.rays);
+    let direct_colors = [0, 1, 2].map(|k| at_sensor(&colored[k], across));
     let mut found: Vec<Found> = ways
         .par_iter()
         .filter_map(|way| {
-            let ghost = way.ghost(&tracer, &beam, asked.rays)?;
-            let across = (asked.rays / 3).max(4);
-            let colors = [0, 1, 2].map(|k| way.ghost(&colored[k], &beam, across).map_or(0.0, |g| g.flux_mm2));
+            let ghost = way.ghost(&tracer, &beam, direct_light.as_ref(), asked.rays)?;
+            let color = |k: usize| way.ghost(&colored[k], &beam, direct_colors[k].as_ref(), across).map_or(0.0, |g| g.flux_mm2);
+            let colors = [0, 1, 2].map(color);
             let paraxial = way.order.map_or_else(|| ParaxialGhost::of(&tracer, &way.turns), |_| None);
             Some(Found { way: way.clone(), paraxial, beam: ghost, colors })
         })
@@ -182,18 +187,19 @@ pub(super) fn run(asked: &Asked, json: bool) -> anyhow::Result<()> {
         let relative = sun.map_or("-".into(), |s| format!("{:.3e}", g.beam.irradiance() / s));
         writeln!(
             t,
-            "  {:>14} {:>11.3e} {relative:>11} {:>9.3} {:>9.3} {:>9.3} {:>10.2}  {:>5} {:>5}",
+            "  {:>14} {:>11.3e} {relative:>11} {:>9.3} {:>9.3} {:>9.3} {:>10}  {:>5} {:>5}",
             g.way.describe(count),
             g.beam.irradiance(),
             g.beam.center.x,
             g.beam.center.y,
             g.beam.rms_radius_mm(),
-            g.paraxial.map_or(f64::NAN, |p| p.focus_mm),
+            g.paraxial.map_or("-".into(), |p| format!("{:.2}", p.focus_mm)),
             over(blue),
             over(red)
         )?;
     }
-    let flux: f64 = found.iter().map(|g| g.beam.flux_mm2).sum();
+    // An empty sum is -0.
+    let flux = found.iter().map(|g| g.beam.flux_mm2).sum::<f64>() + 0.0;
     writeln!(t, "\n  irradiance: on the film over that of the source at the front; focus: of parallel light, behind the film")?;
     if let Some(direct) = direct_flux {
         writeln!(t, "  light of all ghosts over that of the image: {:.3e}", flux / direct)?;

@@ -411,6 +411,10 @@ pub(super) fn lens_of_angle(tangent: f64, film: &Film) -> Option<(String, f64)> 
 /// A lens with the hood that was asked for, or its own, on.
 pub(super) fn hooded(lens: Prescription, asked: Option<LengthMm>, setting: &Setting) -> Result<Prescription, ShotError> {
     let Some(hood) = asked.map(|length| Hood { length: length.0, diameter: None }).or(lens.hood) else { return Ok(lens) };
+    if lens.object_axis.is_some() {
+        let expected = "none: this lens has mirrors off the axis, and hoods stand on the axis of round lenses";
+        return Err(value("hood", format!("{} mm", hood.length), expected));
+    }
     hood.check().map_err(|_| value("hood", format!("{} mm", hood.length), "a length above 0 to 2000 mm"))?;
     let bare = std::sync::Arc::new(lens);
     // Fully open: what does not work without a hood is told by what comes next.

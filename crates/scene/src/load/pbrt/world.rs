@@ -21,7 +21,6 @@ use crate::shape::Mesh;
 use crate::subdivision;
 use crate::texture::{Image, Scalar};
 use glam::{Affine3A, DMat4, DVec3, Vec3};
-use rayon::prelude::*;
 use std::collections::HashMap;
 use std::sync::Arc;
 
