@@ -81,8 +81,17 @@ def test_analyses(lens: dp.Lens) -> None:
         lens.bench(aperture="f/1")
     with pytest.raises(dp.DiopterError, match="100 to 20000"):
         bench.info(50)
+    glass = "{ radius = 50, gap = 4, glass = 'N-BK7', semi_diameter = 8, stop = true }"
+    singlet = dp.Lens(f"name = 'singlet'\nsurfaces = [{glass}, {{ radius = -50, gap = 45, semi_diameter = 8 }}]\n")
     with pytest.raises(dp.DiopterError, match="have an index"):
-        bench.info(15000)
+        singlet.info(140)
+    with pytest.raises(dp.DiopterError, match="have an index"):
+        singlet.trace(np.zeros((1, 3)), np.array([[0.0, 0.0, 1.0]]), 140.0)
+    # Beyond the visible rays bend as the glass says, not as a fit of the visible goes on.
+    for nm in (330.0, 1550.0):
+        ray = singlet.trace(np.array([[0.0, 1e-3, -1.0]]), np.array([[0.0, 0.0, 1.0]]), nm)
+        efl = -1e-3 / (ray.directions[0, 1] / ray.directions[0, 2])
+        assert efl == pytest.approx(singlet.info(nm)["effective_focal_length_mm"], rel=1e-6)
     with pytest.raises(dp.DiopterError) as e:
         bench.trace(np.zeros((3, 2)), np.zeros((3, 2)))
     assert e.value.place == "positions"

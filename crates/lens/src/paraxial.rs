@@ -122,7 +122,7 @@ pub struct FirstOrder {
 }
 
 impl FirstOrder {
-    /// Of a system at the indices of one wavelength. Of a lens whose object has an axis of its own about the base ray ([`parabasal`]).
+    /// Of a system at the indices of one wavelength. Of a lens whose object has an axis of its own about the base ray (parabasal).
     pub fn of(system: &System, n: &[f64]) -> FirstOrder {
         if system.object_axis.is_some() {
             return parabasal(system, n).unwrap_or(FirstOrder::UNKNOWN);
