@@ -34,15 +34,10 @@ pub(crate) fn place_at_stop(system: &System, n: &[f64], ray: TracedRay) -> Optio
     place.filter(|p| p.is_finite())
 }
 
-/// Whether every surface stands on the axis, unturned.
-fn is_centered(system: &System) -> bool {
-    system.object_axis.is_none() && system.surfaces.iter().all(|s| s.frame.is_none())
-}
-
 /// Which ray of a family meets the middle of the stop: Newton's method in two dimensions from the axis. `ray` gives the ray of a place
 /// (mm). The axis itself for a centred lens; `None` where no ray of the family meets the middle.
 pub(crate) fn chief_of(system: &System, n: &[f64], ray: impl Fn(DVec2) -> TracedRay) -> Option<DVec2> {
-    if is_centered(system) {
+    if system.is_centered() {
         return Some(DVec2::ZERO);
     }
     chief_from(system, n, DVec2::ZERO, ray)
@@ -112,7 +107,7 @@ pub(crate) fn widest_radius(system: &System, n: &[f64], efl: f64) -> Option<f64>
         }
         Some(low)
     };
-    if is_centered(system) && system.surfaces.iter().all(|s| s.apertures.is_empty()) {
+    if system.is_centered() && system.surfaces.iter().all(|s| s.apertures.is_empty()) {
         return edge(DVec2::ZERO, DVec2::Y);
     }
     let center = chief_of(system, n, parallel).unwrap_or(DVec2::ZERO);
@@ -131,7 +126,7 @@ pub(crate) fn clipping_surface(system: &System, n: &[f64], radius: f64) -> Optio
 /// Radius at the stop (mm) of the axial beam of a radius before the lens, from real rays that no rim stops; where that is not round that of
 /// the disk of equal area. `None` where the rays do not reach the stop.
 pub(crate) fn stop_radius(system: &System, n: &[f64], efl: f64, radius: f64) -> Option<f64> {
-    if is_centered(system) {
+    if system.is_centered() {
         return place_at_stop(system, n, parallel(DVec2::Y * radius)).map(|p| p.y.abs());
     }
     let center = chief_of(system, n, parallel)?;

@@ -236,7 +236,7 @@ const SLOPE_STEP: f64 = 1e-5;
 /// the lens lie on the base ray, which may meet the film askew: their z is theirs along the film's normal. `None` where the base ray does not come through.
 fn parabasal(system: &System, n: &[f64]) -> Option<FirstOrder> {
     let through = |ray: TracedRay| system.trace(ray, n, Way::ToFilm, Apertures::Ignore).ok();
-    let base = through(TracedRay { position: DVec3::ZERO, direction: DVec3::Z })?;
+    let base = system.base_ray(n).ok()?;
     let run = system.runs[system.surfaces.len()];
     // Across the base ray, as x and y of the film; slopes count along the light.
     let along = base.direction;

@@ -1,5 +1,6 @@
 //! A prescription at one focus and zoom: surfaces at their places, ready to be traced.
 
+use crate::Blocked;
 use crate::aperture::Aperture;
 use crate::coating::{self, Coating, SurfaceCoating};
 use crate::diffractive::Diffractive;
@@ -85,10 +86,18 @@ impl PlacedSurface {
             .fold([-rim, rim], |[low, high], [a, b]| [low.max(DVec2::from_array(a)), high.min(DVec2::from_array(b))])
     }
 
+    /// Circle in its own x and y that holds all that rim and openings let through: its middle, and its radius, mm. The rim itself but for a part off the vertex.
+    pub(crate) fn clear_circle(&self) -> (DVec2, f64) {
+        let [low, high] = self.bounds();
+        match (low + high).length() > 1e-9 * self.semi_diameter {
+            true => (0.5 * (low + high), 0.5 * (high - low).length()),
+            false => (DVec2::ZERO, self.semi_diameter),
+        }
+    }
+
     /// Middle of what rim and openings let through, in lens space, mm.
     fn middle(&self) -> DVec3 {
-        let [low, high] = self.bounds();
-        let at = 0.5 * (low + high);
+        let (at, _) = self.clear_circle();
         self.to_lens(at.extend(self.profile.sag(at.x, at.y).unwrap_or(0.0)), DVec3::Z).0
     }
 
@@ -358,10 +367,19 @@ impl System {
         self.object_axis.as_ref().map_or(ray, |axis| moved(&axis.1, ray))
     }
 
+    /// Whether every surface stands on the axis of the object, unturned.
+    pub(crate) fn is_centered(&self) -> bool {
+        self.object_axis.is_none() && self.surfaces.iter().all(|s| s.frame.is_none())
+    }
+
+    /// Light along the axis of the object, behind the last surface.
+    pub(crate) fn base_ray(&self, n: &[f64]) -> Result<TracedRay, Blocked> {
+        self.trace(TracedRay { position: DVec3::ZERO, direction: DVec3::Z }, n, Way::ToFilm, Apertures::Ignore)
+    }
+
     /// Slope of the base ray at the film, towards the lens: 0 but for lenses with an axis of the object of their own.
     pub fn base_slope(&self, n: &[f64]) -> DVec2 {
-        let along = TracedRay { position: DVec3::ZERO, direction: DVec3::Z };
-        match self.object_axis.as_ref().map(|_| self.trace(along, n, Way::ToFilm, Apertures::Ignore)) {
+        match self.object_axis.as_ref().map(|_| self.base_ray(n)) {
             Some(Ok(base)) => -base.direction.truncate() / base.direction.z.abs(),
             Some(Err(_)) | None => DVec2::ZERO,
         }

@@ -59,6 +59,9 @@ pub(super) fn tracer<'a>(system: &'a System, film: &Film, nm: f32) -> GhostTrace
 
 /// The ghosts of beams, lamps that change alike together.
 pub(super) fn ghosts_of(system: &System, beams: &[Beam], film: &Film, [columns, rows]: [usize; 2], bands: usize) -> Vec<Part> {
+    if beams.is_empty() {
+        return vec![];
+    }
     let tracers: Vec<GhostTracer> = (0..BINS).into_par_iter().map(|k| tracer(system, film, bin_nm(k))).collect();
     let middle = &tracers[BINS / 2];
     let fours = strong_fours(middle, FOUR_FRACTION, MOST_FOURS).into_iter().map(|four| four.to_vec());

@@ -67,10 +67,10 @@ pub(super) fn draw_all(
 ) {
     // Ends of the bins of wavelengths.
     let end = |k: usize| FIRST_NM + BIN_NM * k as f32;
-    let tracers: Vec<GhostTracer> = (0..=BINS).into_par_iter().map(|k| tracer(system, film, end(k))).collect();
-    if tracers[BINS / 2].grating().is_none() {
+    if beams.is_empty() || tracer(system, film, end(0)).grating().is_none() {
         return;
     }
+    let tracers: Vec<GhostTracer> = (0..=BINS).into_par_iter().map(|k| tracer(system, film, end(k))).collect();
     for lamp in &lamps(beams, &tracers, film) {
         for some in chosen(system, &tracers, lamp, film).chunks(AT_ONCE) {
             let patches: Vec<Option<Patch>> = some.par_iter().map(|o| draw(o, &tracers, film, size, bands)).collect();

@@ -87,14 +87,13 @@ impl Bench<'_> {
         let height = self.on_film(&image, 0.0).y;
         let slope_of = |ray: &TracedRay| ray.direction.y / ray.direction.z;
         // Heights count from the image of the axis, which a decentred group moves.
-        let (axial_height, axial_slope) =
-            match self.system.object_axis.is_none() && self.system.surfaces.iter().all(|s| s.frame.is_none()) {
-                true => (0.0, 0.0),
-                false => {
-                    let axial = self.chief_beam(0.0, nm)?.image;
-                    (self.on_film(&axial, 0.0).y, slope_of(&axial))
-                }
-            };
+        let (axial_height, axial_slope) = match self.system.is_centered() {
+            true => (0.0, 0.0),
+            false => {
+                let axial = self.chief_beam(0.0, nm)?.image;
+                (self.on_film(&axial, 0.0).y, slope_of(&axial))
+            }
+        };
         let slope = slope_of(&image) - axial_slope;
         let angle = field_deg.to_radians();
         let tan = if angle.abs() < std::f64::consts::FRAC_PI_2 - 1e-9 { angle.tan() } else { f64::NAN };

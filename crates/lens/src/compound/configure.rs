@@ -98,7 +98,7 @@ pub(super) fn geometry<'a>(
         rim,
         film_half,
         rotational: system.is_rotational(),
-        mirrored: system.object_axis.is_none() && system.surfaces.iter().all(|s| s.frame.is_none()),
+        mirrored: system.is_centered(),
         iris_period: system.iris.shape.period(),
     })
 }
@@ -115,10 +115,8 @@ pub(super) fn rim_of(s: &PlacedSurface, film_z: f64, run: f64) -> ([f64; 2], f64
     // Rims of surfaces that are not round have another sag elsewhere.
     let room = if s.profile.is_rotational() { 0.01 } else { 0.1 } * s.semi_diameter;
     // A part off the vertex has its own circle, which lies within that of the rim or not.
-    let [low, high] = s.bounds();
-    let is_part = (low + high).length() > 1e-9 * s.semi_diameter;
-    let (middle, radius) =
-        if is_part { (0.5 * (low + high), 0.5 * (high - low).length()) } else { (DVec2::ZERO, s.semi_diameter) };
+    let (middle, radius) = s.clear_circle();
+    let is_part = middle != DVec2::ZERO;
     let sag = |at: DVec2| s.profile.sag(at.x, at.y);
     let edge = sag(DVec2::Y * s.semi_diameter * (1.0 - 1e-9)).unwrap_or(0.0);
     let circle = radius / (std::f64::consts::PI / AROUND as f64).cos();

@@ -27,13 +27,10 @@ impl SourceBeam {
         let direction = direction.normalize();
         let first = system.surfaces.first()?;
         // A part off the vertex has its own middle.
-        let [low, high] = first.bounds();
-        let (at, half) = (0.5 * (low + high), 0.5 * (high - low));
-        let is_part = at.length() > 1e-9 * first.semi_diameter;
-        let radius = if is_part { half.length() } else { first.semi_diameter };
-        let rim = DVec2::new(0.0, first.semi_diameter * (1.0 - 1e-9));
-        let sag = if is_part { first.profile.sag(at.x, at.y) } else { first.profile.sag(rim.x, rim.y) }.unwrap_or(0.0);
-        let at = if is_part { at } else { DVec2::ZERO };
+        let (at, radius) = first.clear_circle();
+        // The plane of the rim; of a part that through its middle.
+        let depth_at = if at == DVec2::ZERO { DVec2::Y * radius * (1.0 - 1e-9) } else { at };
+        let sag = first.profile.sag(depth_at.x, depth_at.y).unwrap_or(0.0);
         let (middle, along) = first.to_lens(at.extend(sag), DVec3::Z);
         let middle = system.ray_to_object(TracedRay { position: middle, direction: along }).position;
         let beam = SourceBeam { direction, distance: f64::INFINITY, middle, radius };

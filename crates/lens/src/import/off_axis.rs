@@ -73,7 +73,7 @@ struct BaseRay {
     film_z: f64,
     /// Lens space from that of the object.
     axis: DAffine3,
-    /// From the origin of the file to the first surface along the ray, mm.
+    /// What the way from the object to the first surface along the ray is longer than the file's distance of the object, mm.
     way_before: f64,
     turn_deg: f64,
     askew_deg: f64,
@@ -123,31 +123,30 @@ impl BaseRay {
         let before: Vec<DVec3> = ways.take(events.len()).map(|d| from_file.transform_vector3(d)).collect();
         let last = from_file.transform_vector3(end.direction);
         // Which way up the picture stands: the directions before the lens that the film's x and y belong to.
-        let across = [base.direction.any_orthonormal_vector(), DVec3::ZERO];
-        let across = [across[0], base.direction.cross(across[0])];
+        let (u, v) = base.direction.any_orthonormal_pair();
         let slope = |by: DVec3| {
             let moved = TracedRay { position: base.position + by * STEP_MM, ..base };
             let out = system.trace(moved, &n, Way::ToFilm, Apertures::Ignore).ok()?;
             let d = from_file.transform_vector3(out.direction);
             Some(-(d / d.z.abs() - last / last.z.abs()).truncate() / STEP_MM)
         };
-        let power = [slope(across[0])?, slope(across[1])?];
+        let power = [slope(u)?, slope(v)?];
         let turn = f64::atan2(power[0].y - power[1].x, power[0].x + power[1].y);
         let (sin, cos) = turn.sin_cos();
-        let x = from_file.transform_vector3(across[0] * cos - across[1] * sin);
+        let x = from_file.transform_vector3(u * cos - v * sin);
         let z = before[0];
         let axis = DAffine3 { matrix3: DMat3::from_cols(x, z.cross(x), z), translation: places[0] };
-        let way_before = (events[0].point - base.position).length();
+        // From the object; one far away stays there.
+        let way_before = match p.usage.object_distance.filter(|d| d.is_finite()) {
+            Some(d) => (events[0].point - base.position).length() - d,
+            None => 0.0,
+        };
         Some(BaseRay {
             film_z: -start,
             places,
             runs,
             axis,
-            way_before: if p.usage.object_distance.is_some_and(f64::is_finite) {
-                way_before - p.usage.object_distance?
-            } else {
-                0.0
-            },
+            way_before,
             turn_deg: z.dot(last).clamp(-1.0, 1.0).acos().to_degrees(),
             askew_deg: last.z.abs().min(1.0).acos().to_degrees(),
             beside_mm: landing.truncate().length(),

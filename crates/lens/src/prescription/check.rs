@@ -496,8 +496,7 @@ impl Prescription {
         let system = System::at(self, State::default());
         let n = system.indices(self.inference_nm());
         let along = TracedRay { position: DVec3::ZERO, direction: DVec3::Z };
-        let through =
-            system.trace(along, &n, Way::ToFilm, Apertures::Ignore).is_ok_and(|end| end.direction.z * system.film_run() > 0.01);
+        let through = system.base_ray(&n).is_ok_and(|end| end.direction.z * system.film_run() > 0.01);
         let at = axial_beam::place_at_stop(&system, &n, along).filter(|_| through);
         let stop = &system.surfaces[system.stop];
         match at.is_some_and(|at| stop.lets_through(at.x, at.y)) {
