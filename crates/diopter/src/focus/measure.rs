@@ -92,6 +92,14 @@ impl Frame {
         Frame { columns, rows, readings: [bin(&self.readings[0]), bin(&self.readings[1])], ..*self }
     }
 
+    /// The same cells as two looks show them together, of which `other` counts for a fraction.
+    pub fn joined(mut self, other: &Frame, fraction: f32) -> Frame {
+        for (own, other) in self.readings.iter_mut().flatten().zip(other.readings.iter().flatten()) {
+            *own += fraction * (other - *own);
+        }
+        self
+    }
+
     /// Mean electrons of a pixel.
     pub fn mean(&self) -> f64 {
         let sum: f64 = self.readings.iter().flatten().map(|v| f64::from(*v)).sum();

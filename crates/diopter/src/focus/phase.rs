@@ -220,16 +220,25 @@ pub(super) fn search(prober: &mut Prober, af: &Autofocus, zone: [f64; 4], range:
         let tolerated = tolerance * CENTROIDS / (pitch * working);
         // The close view decides.
         let first = if wide { SPP } else { CLOSE_SPP };
+        let mut right_frame = None;
         for step in 0..LOOKS {
-            let mut half = |h| prober.frame(piece, WIDE, first * MORE.pow(step), Some(h));
+            // What was seen before counts by its samples.
+            let samples = |step| first * MORE.pow(step);
+            let before = step.checked_sub(1).map_or(0, samples);
+            let mut half = |h| prober.frame(piece, WIDE, samples(step) - before, Some(h));
             let (Some(left), Some(right)) = (half(Half::Left)?, half(Half::Right)?) else {
                 return fail(at, Failure::Uncertain, moves, curve);
             };
+            let joined = |new: Frame, old: &Option<Frame>| match old {
+                Some(old) => new.joined(old, before as f32 / samples(step) as f32),
+                None => new,
+            };
+            let (left, right) = (joined(left, &left_frame), joined(right, &right_frame));
             seen = shift(&left, &right);
             // Signal over noise grows with the samples: what even the last look would not show is not worth one.
             let reliable = reliability(&left).min(reliability(&right));
             let noise = reliable / (1.0 - reliable).max(1e-9) * f64::from(MORE.pow(LOOKS - 1 - step)) * HOPE[step as usize];
-            left_frame = Some(left);
+            (left_frame, right_frame) = (Some(left), Some(right));
             // What only says where to look closer need not be exact; rows of different depth differ however many samples there are.
             let exact = |s: Shift| {
                 let ends = s.cells.abs() < 2.0 * tolerated;
