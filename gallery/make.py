@@ -70,11 +70,13 @@ def grid(cells: list[tuple[Image.Image, str | None]], columns: int, width: int |
         return picture.resize((width, round(picture.height * width / picture.width)), Image.LANCZOS)
 
     shown = [captioned(sized(p), text) for p, text in cells]
-    w, h = max(p.width for p in shown), max(p.height for p in shown)
-    rows = -(-len(shown) // columns)
-    out = Image.new("RGB", (columns * w + (columns - 1) * GAP, rows * h + (rows - 1) * GAP), (255, 255, 255))
-    for i, picture in enumerate(shown):
-        out.paste(picture, (i % columns * (w + GAP), i // columns * (h + GAP)))
+    w = max(p.width for p in shown)
+    rows = [shown[i:i + columns] for i in range(0, len(shown), columns)]
+    heights = [max(p.height for p in row) for row in rows]
+    out = Image.new("RGB", (columns * w + (columns - 1) * GAP, sum(heights) + (len(rows) - 1) * GAP), (255, 255, 255))
+    for k, row in enumerate(rows):
+        for i, picture in enumerate(row):
+            out.paste(picture, (i * (w + GAP), sum(heights[:k]) + k * GAP))
     return out
 
 
@@ -249,7 +251,8 @@ def steps(m):
     raw = m.shoot("tone-curves", suffix="dng")
     folder = m.folder / "steps"
     m.run("develop", raw, "--preset", "camera", "--steps", folder, "-o", m.folder / "end.png")
-    pictures = sorted(p for p in folder.glob("*.png"))
+    # Without their own contact sheet.
+    pictures = sorted(folder.glob("[0-9]*.png"))
     return grid([(opened(p), p.stem.replace("-", " ")) for p in pictures], 4, 366)
 
 
