@@ -456,7 +456,7 @@ pub fn write_plane(output: Output, plane: &FocalPlane) -> anyhow::Result<PathBuf
 }
 
 /// Writes a focal plane that comes strip by strip.
-pub fn write_strips(output: Output, source: &mut (impl FocalPlaneSource + ?Sized)) -> anyhow::Result<PathBuf> {
+pub fn write_strips(output: Output, source: &mut dyn FocalPlaneSource) -> anyhow::Result<PathBuf> {
     output.commit(|to| Ok(exr::write_strips(source, to)?))
 }
 

@@ -398,7 +398,10 @@ impl Channel {
             asked.push(Channel::named(name).ok_or_else(|| {
                 // `join` of names that are known when this is compiled takes LLVM 22 three minutes (`ConstraintEliminationPass`).
                 let all = CHANNELS.iter().fold(String::new(), |all, c| all + c.name + ", ");
-                UnknownChannel { found: format!("\"{name}\""), expected: format!("all, or some of {all}with commas between them") }
+                UnknownChannel {
+                    found: format!("\"{name}\""),
+                    expected: format!("all, or some of {all}with commas between them"),
+                }
             })?);
         }
         Ok(CHANNELS.iter().filter(|c| c.is_always() || asked.contains(c)).collect())

@@ -9,6 +9,7 @@ use crate::channels;
 use crate::cryptomatte;
 use crate::focal_plane::{Band, Truth};
 use crate::picture::in_bands;
+use crate::streams::{ReadSeek, WriteSeek};
 use crate::truth::{Manifest, Recorded, Values};
 use crate::{Encoding, ExposureFacts, FocalPlane, ImageError, PictureSource, Raster};
 use diopter_light::color::RgbSpace;
@@ -121,7 +122,7 @@ fn write_channels(
     size: (usize, usize),
     channels: Vec<AnyChannel<FlatSamples>>,
     set: impl FnOnce(&mut ImageAttributes, &mut LayerAttributes),
-    to: impl Write + Seek,
+    to: &mut dyn WriteSeek,
 ) -> std::result::Result<(), ImageError> {
     image_of(size, channels, set).write().to_buffered(to).map_err(written)
 }
@@ -137,9 +138,17 @@ fn block_layout() -> exr::image::Encoding {
 
 /// Writes a picture, linear whatever it is encoded in, with its primaries.
 pub fn write_picture(
-    picture: &(impl PictureSource + ?Sized),
+    picture: &dyn PictureSource,
     precision: Precision,
-    to: impl Write + Seek,
+    mut to: impl Write + Seek,
+) -> std::result::Result<(), ImageError> {
+    write_picture_to(picture, precision, &mut to)
+}
+
+fn write_picture_to(
+    picture: &dyn PictureSource,
+    precision: Precision,
+    to: &mut dyn WriteSeek,
 ) -> std::result::Result<(), ImageError> {
     let [width, height] = picture.size();
     let encoding = picture.encoding();
@@ -291,12 +300,23 @@ pub fn write_planes(
 /// Channels have the same names in both layouts. Of several parts the first says all that a file of one part says; the metadata of Cryptomatte stand in the
 /// part of their layer, too.
 pub fn write_truth(
+    size: [usize; 2],
+    parts: Vec<Part>,
+    layout: TruthLayout,
+    recorded: &Recorded,
+    facts: &ExposureFacts,
+    mut to: impl Write + Seek,
+) -> std::result::Result<(), ImageError> {
+    write_truth_to(size, parts, layout, recorded, facts, &mut to)
+}
+
+fn write_truth_to(
     [width, height]: [usize; 2],
     parts: Vec<Part>,
     layout: TruthLayout,
     recorded: &Recorded,
     facts: &ExposureFacts,
-    to: impl Write + Seek,
+    to: &mut dyn WriteSeek,
 ) -> std::result::Result<(), ImageError> {
     let json = serde_json::to_string(facts).expect("plain data becomes JSON");
     let describe = |layer: &mut LayerAttributes| {
@@ -323,7 +343,11 @@ pub fn write_truth(
 }
 
 /// Reads a focal plane that [`write_focal_plane`] wrote.
-pub fn read_focal_plane(from: impl Read + Seek) -> std::result::Result<FocalPlane, ImageError> {
+pub fn read_focal_plane(mut from: impl Read + Seek) -> std::result::Result<FocalPlane, ImageError> {
+    read_focal_plane_from(&mut from)
+}
+
+fn read_focal_plane_from(from: &mut dyn ReadSeek) -> std::result::Result<FocalPlane, ImageError> {
     let layer = read_layer(from)?;
     let (width, height) = (layer.size.0, layer.size.1);
     let description = description(&layer.attributes)?;
@@ -368,7 +392,7 @@ pub fn read_focal_plane(from: impl Read + Seek) -> std::result::Result<FocalPlan
     })
 }
 
-fn read_layer(from: impl Read + Seek) -> std::result::Result<Layer<AnyChannels<FlatSamples>>, ImageError> {
+fn read_layer(from: &mut dyn ReadSeek) -> std::result::Result<Layer<AnyChannels<FlatSamples>>, ImageError> {
     let image = read()
         .no_deep_data()
         .largest_resolution_level()
@@ -448,7 +472,11 @@ fn within_file(header: &exr::meta::header::Header, length: u64) -> std::result::
 }
 
 /// Reads one channel of any EXR by name, as floating point, row by row; of several parts that have it, of the first.
-pub fn read_plane(from: impl Read + Seek, name: &str) -> std::result::Result<Vec<f32>, ImageError> {
+pub fn read_plane(mut from: impl Read + Seek, name: &str) -> std::result::Result<Vec<f32>, ImageError> {
+    read_plane_from(&mut from, name)
+}
+
+fn read_plane_from(from: &mut dyn ReadSeek, name: &str) -> std::result::Result<Vec<f32>, ImageError> {
     let image = read()
         .no_deep_data()
         .largest_resolution_level()
@@ -470,7 +498,7 @@ pub fn write_maps(
     [width, height]: [usize; 2],
     planes: Vec<(&str, Vec<f32>)>,
     attributes: &[(&str, &str)],
-    to: impl Write + Seek,
+    mut to: impl Write + Seek,
 ) -> std::result::Result<(), ImageError> {
     let channels = planes.into_iter().map(|(n, v)| AnyChannel::new(n, FlatSamples::F32(v))).collect();
     let set = |_: &mut ImageAttributes, layer: &mut LayerAttributes| {
@@ -478,7 +506,7 @@ pub fn write_maps(
             layer.other.insert(Text::from(*name), AttributeValue::Text(Text::from(ascii(text).as_str())));
         }
     };
-    write_channels((width, height), channels, set, to)
+    write_channels((width, height), channels, set, &mut to)
 }
 
 /// Channels of an EXR by name, and its attributes.
@@ -499,8 +527,8 @@ impl Maps {
 }
 
 /// Reads channels of any EXR by name, as floating point, row by row.
-pub fn read_maps(from: impl Read + Seek, names: &[&str]) -> std::result::Result<Maps, ImageError> {
-    let layer = read_layer(from)?;
+pub fn read_maps(mut from: impl Read + Seek, names: &[&str]) -> std::result::Result<Maps, ImageError> {
+    let layer = read_layer(&mut from)?;
     let plane = |name: &&str| {
         let found = layer.channel_data.list.iter().find(|c| c.name == **name);
         let channel = found.ok_or_else(|| ImageError::Missing {
@@ -518,8 +546,8 @@ pub fn read_maps(from: impl Read + Seek, names: &[&str]) -> std::result::Result<
 }
 
 /// Reads the `R`, `G`, `B` channels of any EXR (or one channel three times), as linear numbers: environment maps.
-pub fn read_rgb(from: impl Read + Seek) -> std::result::Result<Raster<f32>, ImageError> {
-    let layer = read_layer(from)?;
+pub fn read_rgb(mut from: impl Read + Seek) -> std::result::Result<Raster<f32>, ImageError> {
+    let layer = read_layer(&mut from)?;
     let list = &layer.channel_data.list;
     let find = |name: &str| list.iter().find(|c| c.name.eq_case_insensitive(name));
     let names = [["R", "Y"], ["G", "Y"], ["B", "Y"]];
@@ -660,7 +688,7 @@ mod tests {
         let mut single = Cursor::new(Vec::new());
         write_truth([5, 3], parts(), TruthLayout::SinglePart, recorded, &plane.facts, &mut single).unwrap();
         single.set_position(0);
-        assert_eq!(read_layer(single).unwrap().channel_data.list.len(), 8);
+        assert_eq!(read_layer(&mut single).unwrap().channel_data.list.len(), 8);
     }
 
     #[test]

@@ -20,12 +20,11 @@ const XMP: &[u8] = b"http://ns.adobe.com/xap/1.0/\0";
 const ISO: &[u8] = b"urn:iso:std:iso:ts:21496:-1\0";
 
 /// Writes `sdr` with the map that makes `hdr` of it; both have one size and space. `hdr` may have any encoding that tells light above white.
-pub fn write(
-    sdr: &(impl PictureSource + ?Sized),
-    hdr: &(impl PictureSource + ?Sized),
-    quality: u8,
-    mut to: impl Write,
-) -> Result<(), ImageError> {
+pub fn write(sdr: &dyn PictureSource, hdr: &dyn PictureSource, quality: u8, mut to: impl Write) -> Result<(), ImageError> {
+    write_to(sdr, hdr, quality, &mut to)
+}
+
+fn write_to(sdr: &dyn PictureSource, hdr: &dyn PictureSource, quality: u8, to: &mut dyn Write) -> Result<(), ImageError> {
     let map = Map::new(sdr, hdr)?;
     let secondary = map.file()?;
     // The index of pictures needs the length of the first, which has it inside: zeros first, then the length.
@@ -61,7 +60,7 @@ struct Map {
 }
 
 impl Map {
-    fn new(sdr: &(impl PictureSource + ?Sized), hdr: &(impl PictureSource + ?Sized)) -> Result<Map, ImageError> {
+    fn new(sdr: &dyn PictureSource, hdr: &dyn PictureSource) -> Result<Map, ImageError> {
         let [width, height] = sdr.size();
         if hdr.size() != [width, height] || width == 0 || height == 0 {
             return Err(ImageError::Mismatch("the two renditions of a gain map have different sizes".into()));

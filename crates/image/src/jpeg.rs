@@ -19,16 +19,16 @@ const LONGEST_INTERVAL: usize = 65_535;
 pub(crate) type Segment = (u8, Vec<u8>);
 
 /// Writes a picture as JPEG of the given quality (1..=100). A side can have 65 535 pixels at most.
-pub fn write(picture: &(impl PictureSource + ?Sized), quality: u8, to: impl Write) -> Result<(), ImageError> {
-    write_with(picture, quality, Vec::new(), to)
+pub fn write(picture: &dyn PictureSource, quality: u8, mut to: impl Write) -> Result<(), ImageError> {
+    write_with(picture, quality, Vec::new(), &mut to)
 }
 
 /// Writes a picture with segments after its EXIF.
 pub(crate) fn write_with(
-    picture: &(impl PictureSource + ?Sized),
+    picture: &dyn PictureSource,
     quality: u8,
     segments: Vec<Segment>,
-    mut to: impl Write,
+    to: &mut dyn Write,
 ) -> Result<(), ImageError> {
     let [width, height] = picture.size();
     let limit = usize::from(u16::MAX);
@@ -77,12 +77,7 @@ fn scan_start(file: &[u8]) -> Option<usize> {
 }
 
 /// The header of the whole picture from that of its first band.
-fn header(
-    picture: &(impl PictureSource + ?Sized),
-    of_band: &[u8],
-    segments: Vec<Segment>,
-    interval: usize,
-) -> Result<Vec<u8>, ImageError> {
+fn header(picture: &dyn PictureSource, of_band: &[u8], segments: Vec<Segment>, interval: usize) -> Result<Vec<u8>, ImageError> {
     let [width, height] = picture.size();
     let mut head = vec![0xff, 0xd8];
     let mut put = |marker: u8, body: &[u8]| {

@@ -19,6 +19,7 @@ pub mod picture;
 pub mod png;
 pub mod raster;
 pub mod raw;
+mod streams;
 mod tags;
 pub mod tiff_file;
 pub mod truth;

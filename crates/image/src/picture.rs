@@ -71,19 +71,19 @@ impl PictureSource for Picture {
 }
 
 /// Codes to write.
-fn codes(source: &(impl PictureSource + ?Sized), first: usize, count: usize) -> Vec<f32> {
+fn codes(source: &dyn PictureSource, first: usize, count: usize) -> Vec<f32> {
     let mut rows = source.rows(first, count);
     rows.iter_mut().for_each(|v| *v = v.clamp(0.0, 1.0));
     rows
 }
 
 /// 8-bit codes of some rows.
-pub(crate) fn rows_8_bit(source: &(impl PictureSource + ?Sized), first: usize, count: usize) -> Vec<u8> {
+pub(crate) fn rows_8_bit(source: &dyn PictureSource, first: usize, count: usize) -> Vec<u8> {
     codes(source, first, count).into_iter().map(|c| (c * 255.0 + 0.5) as u8).collect()
 }
 
 /// 16-bit codes of some rows.
-pub(crate) fn rows_16_bit(source: &(impl PictureSource + ?Sized), first: usize, count: usize) -> Vec<u16> {
+pub(crate) fn rows_16_bit(source: &dyn PictureSource, first: usize, count: usize) -> Vec<u16> {
     codes(source, first, count).into_iter().map(|c| (c * 65_535.0 + 0.5) as u16).collect()
 }
 

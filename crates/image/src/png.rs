@@ -19,7 +19,11 @@ fn io(e: png::EncodingError) -> ImageError {
 }
 
 /// Writes a picture as PNG.
-pub fn write(picture: &(impl PictureSource + ?Sized), depth: Depth, to: impl Write) -> Result<(), ImageError> {
+pub fn write(picture: &dyn PictureSource, depth: Depth, mut to: impl Write) -> Result<(), ImageError> {
+    write_to(picture, depth, &mut to)
+}
+
+fn write_to(picture: &dyn PictureSource, depth: Depth, to: &mut dyn Write) -> Result<(), ImageError> {
     let [width, height] = picture.size();
     let limit = i32::MAX as usize;
     if width == 0 || height == 0 || width > limit || height > limit {
@@ -58,7 +62,8 @@ pub fn write(picture: &(impl PictureSource + ?Sized), depth: Depth, to: impl Wri
 }
 
 /// Writes numbers of one channel as a grey picture of 16 bits, as they are.
-pub fn write_numbers(numbers: &Raster<u16>, to: impl Write) -> Result<(), ImageError> {
+pub fn write_numbers(numbers: &Raster<u16>, mut to: impl Write) -> Result<(), ImageError> {
+    let to: &mut dyn Write = &mut to;
     let mut encoder = png::Encoder::new(to, numbers.width as u32, numbers.height as u32);
     encoder.set_color(png::ColorType::Grayscale);
     encoder.set_depth(png::BitDepth::Sixteen);

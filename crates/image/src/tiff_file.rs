@@ -1,6 +1,7 @@
 //! TIFF, 16 bits a channel, uncompressed, with an ICC profile. Source: TIFF 6.0; ICC.1:2022 annex B.4.
 
 use crate::picture::{in_bands, rows_16_bit};
+use crate::streams::WriteSeek;
 use crate::{ImageError, PictureSource, exif, icc};
 use std::io::{Seek, Write};
 use tiff::encoder::{TiffEncoder, colortype::RGB16};
@@ -10,7 +11,11 @@ use tiff::tags::Tag;
 const MOST_BYTES: u64 = u32::MAX as u64 - (1 << 20);
 
 /// Writes a picture as 16-bit TIFF.
-pub fn write(picture: &(impl PictureSource + ?Sized), to: impl Write + Seek) -> Result<(), ImageError> {
+pub fn write(picture: &dyn PictureSource, mut to: impl Write + Seek) -> Result<(), ImageError> {
+    write_to(picture, &mut to)
+}
+
+fn write_to(picture: &dyn PictureSource, to: &mut dyn WriteSeek) -> Result<(), ImageError> {
     let io = |e: tiff::TiffError| ImageError::Io(std::io::Error::other(e));
     let [width, height] = picture.size();
     if width == 0 || height == 0 || (width as u64).saturating_mul(height as u64) > MOST_BYTES / 6 {

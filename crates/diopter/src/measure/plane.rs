@@ -5,12 +5,10 @@ use crate::files;
 use diopter_image::raw::Filter;
 use diopter_image::{Encoding, ExposureFacts, Raster, RawImage, dng, exr};
 use diopter_light::color::RgbSpace;
+use diopter_scene::load::read_codes;
 use serde::Serialize;
 use std::io::Cursor;
 use std::path::Path;
-
-/// Most memory that a decoder of pictures may ask for, bytes: 65 535 pixels a side would be 24 GB and more.
-const MOST_DECODED_BYTES: u64 = 8 << 30;
 
 /// Which numbers of a picture are measured.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
@@ -183,18 +181,12 @@ impl Measured {
             let pixels = exr::read_rgb(Cursor::new(&bytes)).map_err(|e| e.to_string())?;
             return Ok(Measured::Light { pixels, bands: ["R", "G", "B"].map(str::to_owned).to_vec(), limits, facts: None });
         }
-        let mut reader = image::ImageReader::new(Cursor::new(bytes)).with_guessed_format().map_err(|e| e.to_string())?;
-        let mut allowed = image::Limits::no_limits();
-        allowed.max_alloc = Some(MOST_DECODED_BYTES);
-        reader.limits(allowed);
-        let picture = reader.decode().map_err(|e| e.to_string())?.into_rgb32f();
-        let [width, height] = [picture.width() as usize, picture.height() as usize];
+        let mut pixels = read_codes(&bytes)?;
         let luminance = RgbSpace::Srgb.xyz_from_rgb().row(1).to_array().map(|v| v as f32);
-        let mut data = picture.into_raw();
-        data.as_chunks_mut::<3>().0.iter_mut().for_each(|p| *p = encoding.decode_pixel(*p, luminance));
+        pixels.data.as_chunks_mut::<3>().0.iter_mut().for_each(|p| *p = encoding.decode_pixel(*p, luminance));
         let top = encoding.decode(1.0);
         let bands = ["R", "G", "B"].map(str::to_owned).to_vec();
-        Ok(Measured::Light { pixels: Raster { width, height, channels: 3, data }, bands, limits: [0.0, top], facts: None })
+        Ok(Measured::Light { pixels, bands, limits: [0.0, top], facts: None })
     }
 
     /// What is measured when nothing is asked for: green of a raw image (or its only channel), luminance of others.

@@ -8,6 +8,7 @@ use super::parts::{self, Storage};
 use super::{FILTER_NUMBERS, XMP_NAMESPACE, photometric, tag};
 use crate::exif::EXIF_DIRECTORY;
 use crate::raw::{Cfa, ColorCalibration, Filter, Framing, LightSource, Orientation, RawHeader};
+use crate::streams::ReadSeek;
 use crate::{ExposureFacts, ImageError, Raster, RawImage};
 use std::io::{Read, Seek, SeekFrom};
 use tiff::Directory;
@@ -99,7 +100,11 @@ impl<R: Read + Seek> File<R> {
 }
 
 /// Reads the mosaic of a DNG and what it says about it.
-pub fn read(from: impl Read + Seek) -> Result<RawImage, ImageError> {
+pub fn read(mut from: impl Read + Seek) -> Result<RawImage, ImageError> {
+    read_from(&mut from)
+}
+
+fn read_from(from: &mut dyn ReadSeek) -> Result<RawImage, ImageError> {
     let (from, first) = Disguised::new(from)?;
     let mut decoder = Decoder::new(from).map_err(|e| malformed(e.to_string()))?;
     let first = first.or_else(|| decoder.ifd_pointer().map(|p| p.0)).ok_or_else(|| missing("the first directory"))?;

@@ -2,6 +2,7 @@
 
 use super::{FILTER_NUMBERS, XMP_NAMESPACE, compression, lossless, packing, photometric, tag};
 use crate::exif::{EXIF_DIRECTORY, exif_fields, main_fields};
+use crate::streams::WriteSeek;
 use crate::tags::{Field, put, written};
 use crate::{ExposureFacts, ImageError, Picture, Raster, RawHeader, RawImage, jpeg};
 use rayon::prelude::*;
@@ -56,7 +57,18 @@ pub fn write(
     storage: Storage,
     rows: &mut Rows,
     preview: impl FnOnce() -> Option<Picture>,
-    to: impl Write + Seek,
+    mut to: impl Write + Seek,
+) -> Result<(), ImageError> {
+    write_to(header, [width, height], storage, rows, Box::new(preview), &mut to)
+}
+
+fn write_to(
+    header: &RawHeader,
+    [width, height]: [usize; 2],
+    storage: Storage,
+    rows: &mut Rows,
+    preview: Box<dyn FnOnce() -> Option<Picture> + '_>,
+    to: &mut dyn WriteSeek,
 ) -> Result<(), ImageError> {
     let limit = u16::MAX as usize;
     if width == 0 || height == 0 || width > limit || height > limit {

@@ -5,6 +5,7 @@
 use super::{describe, description, few_bands, image_of, malformed, open, read_focal_plane, written};
 use crate::channels::{Channel, Numbers};
 use crate::focal_plane::{Band, FocalPlaneSource, STRIP_BYTES, Truth, bytes_a_pixel, ends_early, rows_within};
+use crate::streams::{ReadSeek, WriteSeek};
 use crate::truth::{Recorded, Values};
 use crate::{ExposureFacts, FocalPlane, ImageError, Raster};
 use exr::block::chunk::Chunk;
@@ -162,14 +163,22 @@ fn write_rows<W: Write + Seek>(
 }
 
 /// Writes a focal plane with all its planes, 32-bit floats.
-pub fn write_focal_plane(plane: &FocalPlane, to: impl Write + Seek) -> Result<(), ImageError> {
+pub fn write_focal_plane(plane: &FocalPlane, mut to: impl Write + Seek) -> Result<(), ImageError> {
+    write_focal_plane_to(plane, &mut to)
+}
+
+fn write_focal_plane_to(plane: &FocalPlane, to: &mut dyn WriteSeek) -> Result<(), ImageError> {
     let image = image_without_pixels(&plane.bands, plane.truth.recorded(), &plane.facts, [plane.width(), plane.height()]);
     let headers = image.write().infer_meta_data();
     exr::block::write(to, headers, true, |meta, writer| write_rows(&meta, &plane.bands, plane, 0, writer)).map_err(written)
 }
 
 /// Writes a focal plane strip by strip: the same file as [`write_focal_plane`] of the whole.
-pub fn write_strips(source: &mut (impl FocalPlaneSource + ?Sized), to: impl Write + Seek) -> Result<(), ImageError> {
+pub fn write_strips(source: &mut dyn FocalPlaneSource, mut to: impl Write + Seek) -> Result<(), ImageError> {
+    write_strips_to(source, &mut to)
+}
+
+fn write_strips_to(source: &mut dyn FocalPlaneSource, to: &mut dyn WriteSeek) -> Result<(), ImageError> {
     let (bands, facts, [width, height]) = (source.bands().to_vec(), source.facts().clone(), source.size());
     let image = image_without_pixels(&bands, source.recorded(), &facts, [width, height]);
     let headers = image.write().infer_meta_data();
@@ -249,6 +258,10 @@ pub struct FocalPlaneRows {
 impl FocalPlaneRows {
     /// Opens a focal plane that [`write_focal_plane`] wrote.
     pub fn open(from: impl Read + Seek + 'static) -> Result<Self, ImageError> {
+        Self::open_boxed(Box::new(from))
+    }
+
+    fn open_boxed(from: Box<dyn ReadSeek>) -> Result<Self, ImageError> {
         let reader = open(from)?;
         let header =
             reader.headers().first().ok_or_else(|| ImageError::Malformed { format: "EXR", reason: "no layer".into() })?;
@@ -336,7 +349,11 @@ struct RowsOfFile {
 
 impl FocalPlaneStrips {
     /// Opens a focal plane that [`write_focal_plane`] wrote. What another program wrote again, in tiles or from below, is read as a whole.
-    pub fn open(mut from: impl Read + Seek + 'static) -> Result<Self, ImageError> {
+    pub fn open(from: impl Read + Seek + 'static) -> Result<Self, ImageError> {
+        Self::open_boxed(Box::new(from))
+    }
+
+    fn open_boxed(mut from: Box<dyn ReadSeek>) -> Result<Self, ImageError> {
         let start = from.stream_position()?;
         let from_the_top = match open(&mut from)?.headers() {
             [header] => {
@@ -562,7 +579,7 @@ mod tests {
         for (blocks, line_order) in
             [(BlockLayout::Tiles(Vec2(4, 8)), LineOrder::Increasing), (BlockLayout::ScanLines, LineOrder::Decreasing)]
         {
-            let mut layer = read_layer(Cursor::new(file(&plane))).unwrap();
+            let mut layer = read_layer(&mut Cursor::new(file(&plane))).unwrap();
             (layer.encoding.blocks, layer.encoding.line_order) = (blocks, line_order);
             let mut other = Cursor::new(Vec::new());
             Image::from_layer(layer).write().to_buffered(&mut other).unwrap();

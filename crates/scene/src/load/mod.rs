@@ -20,7 +20,7 @@ pub mod usd;
 pub use displaced::{DisplacedSurface, PixelView};
 pub use foreign::foreign;
 pub use measured::read_measured;
-pub use picture::read_light;
+pub use picture::{read_codes, read_light};
 
 use crate::SceneError;
 use crate::material::{Measured, Scattering};

@@ -65,8 +65,23 @@ pub(super) fn check_packed(size: [u32; 2], length: usize) -> Result<(), String> 
     check_size(size, length, (PACKED, ALWAYS_PACKED))
 }
 
-/// Reads a picture of 8-bit codes. Targa files have no mark of their own: what is nothing else is tried as one.
+/// Reads the codes of a picture (PNG, JPEG, WebP, Targa, BMP, TIFF, QOI) as RGB, 0 to 1 whatever their depth; grey ones three times. Fails with the reason.
+pub fn read_codes(bytes: &[u8]) -> Result<Raster<f32>, String> {
+    let picture = decoded(bytes)?.into_rgb32f();
+    let (width, height) = (picture.width() as usize, picture.height() as usize);
+    Ok(Raster { width, height, channels: 3, data: picture.into_raw() })
+}
+
+/// Reads a picture of 8-bit codes.
 fn read_picture(bytes: &[u8]) -> Result<Image, String> {
+    let picture = decoded(bytes)?.into_rgba8();
+    let (width, height) = (picture.width() as usize, picture.height() as usize);
+    let pixels = picture.into_raw().chunks_exact(4).map(|p| [p[0], p[1], p[2], p[3]]).collect();
+    Ok(Image::new(width, height, pixels))
+}
+
+/// A picture as its file has it. Targa files have no mark of their own: what is nothing else is tried as one.
+fn decoded(bytes: &[u8]) -> Result<DynamicImage, String> {
     if let Some(what) = other_format(bytes) {
         return Err(format!("it is {what}, none of PNG, JPEG, WebP, Targa, BMP, TIFF, QOI, EXR, HDR, PFM"));
     }
@@ -82,10 +97,7 @@ fn read_picture(bytes: &[u8]) -> Result<Image, String> {
     let (width, height) = decoder.dimensions();
     let size = check_size([width, height], bytes.len(), most_pixels(format, decoder.original_color_type()));
     size.map_err(|e| if format == ImageFormat::Tga { format!("{unknown} (as Targa: {e})") } else { e })?;
-    let decoded = DynamicImage::from_decoder(decoder).map_err(wrong)?.into_rgba8();
-    let (width, height) = (decoded.width() as usize, decoded.height() as usize);
-    let pixels = decoded.into_raw().chunks_exact(4).map(|p| [p[0], p[1], p[2], p[3]]).collect();
-    Ok(Image::new(width, height, pixels))
+    DynamicImage::from_decoder(decoder).map_err(wrong)
 }
 
 /// Reads a picture for a texture: EXR, Radiance and PFM as linear numbers, others as 8-bit codes.

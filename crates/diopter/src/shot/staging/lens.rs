@@ -17,8 +17,10 @@ use diopter_lens::compound::{CompoundLens, Setting, printed_focal_length};
 use diopter_lens::prescription::{Hood, Prescription};
 use diopter_lens::pupil::PupilDetail;
 use diopter_lens::{Focus, Iris, Lens, LensError, Pinhole, Projection, ThinLens, import};
+use diopter_light::color::RgbSpace;
 use diopter_light::units::Millimeters;
 use diopter_scene::Scene;
+use diopter_scene::load::read_codes;
 use diopter_scene::scene::{LensTable, Sight, Viewpoint};
 use diopter_sensor::format::Format;
 use diopter_sensor::{BodyLens, Sensor, format};
@@ -28,9 +30,11 @@ use glam::{DVec2, Vec3};
 pub(super) fn iris(c: &CameraSection) -> Result<Option<Iris>, ShotError> {
     if let Some(path) = &c.aperture_image {
         let told = |reason: String| ShotError::Read { path: path.display().to_string(), reason };
-        let picture = image::load_from_memory(&read_file(path)?).map_err(|e| told(e.to_string()))?.to_luma8();
-        let values = picture.pixels().map(|p| p.0[0] as f32 / 255.0).collect();
-        return Ok(Some(Iris::image(picture.width() as usize, picture.height() as usize, values)?));
+        let picture = read_codes(&read_file(path)?).map_err(told)?;
+        let luminance = RgbSpace::Srgb.xyz_from_rgb().row(1).to_array().map(|v| v as f32);
+        let values =
+            picture.data.as_chunks::<3>().0.iter().map(|p| (0..3).map(|c| luminance[c] * p[c]).sum::<f32>().min(1.0)).collect();
+        return Ok(Some(Iris::image(picture.width, picture.height, values)?));
     }
     let rotation = c.blade_rotation_deg.unwrap_or(0.0).to_radians();
     c.blades.map(|count| Ok(Iris::blades(count, rotation, c.blade_curvature.unwrap_or(0.0))?)).transpose()
