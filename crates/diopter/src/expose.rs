@@ -589,7 +589,8 @@ impl Exposure<'_> {
         unit.lamps = self.light_tracing(&unit);
         let unit = unit;
         let caustics = self.caustics().filter(|caustics| self.shows_caustics(&unit, caustics));
-        let connections = self.connections().filter(|connections| self.pays_to_connect(&unit, connections, caustics.as_ref()));
+        let connections =
+            self.connections(&unit).filter(|connections| self.pays_to_connect(&unit, connections, caustics.as_ref()));
         let length = match caustics.is_some() || connections.is_some() {
             false => pass_length(width * height),
             true => integrator::map_samples(width * height),

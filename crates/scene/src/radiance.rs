@@ -17,7 +17,7 @@ pub use cone::RayCone;
 pub use incident::Incident;
 
 use crate::light::{LightRef, LightSample, Shown};
-use crate::light_paths::connect::{CameraState, CameraVertex};
+use crate::light_paths::connect::{CameraState, CameraVertex, Picked};
 use crate::light_paths::{LightPaths, LightVertices, PhotonMap, Tail};
 use crate::material::{Material, Scattering};
 use crate::medium::Medium;
@@ -190,7 +190,7 @@ impl Scene {
         let mut hero_only = wavelengths.is_rgb();
         let mut medium_stack = MediumStack::new(self.air());
         let mut last: Option<PrevScatter> = None;
-        let mut camera_state = CameraState::NONE;
+        let (mut camera_state, mut picked) = (CameraState::NONE, None);
         // Where `last` is a vertex in a medium: the segment on which it lies.
         let mut scattered_on: Option<ScatteredOn> = None;
         let (mut ray, mut cone) = (cone.ray, Cone::new(&cone));
@@ -200,6 +200,7 @@ impl Scene {
         // Product of the η² by which refraction scaled radiance; Russian roulette leaves it out (pbrt's `etaScale`).
         let mut eta_scale = 1.0;
         let (time_s, flash) = (ray.time_s, self.flash_burns(ray.time_s));
+        let roulette_depth = vertices.map_or(settings.roulette_depth, |_| settings.roulette_depth.min(CONNECTED_ROULETTE_DEPTH));
         loop {
             let surface = self.intersect(&ray, f32::INFINITY);
             let reach = surface.as_ref().map_or(f32::INFINITY, |s| s.t);
@@ -268,7 +269,11 @@ impl Scene {
                 let from = last.map(|l| (l.point, l.normal));
                 for (number, disc, density) in self.lights().discs(ray.direction, from, wavelengths, flash) {
                     let left = photons.map_or(Sampled::ONE, |p| p.left_of_punctual(&tail, number));
-                    radiance.add(throughput * left * disc * last.map_or(1.0, |l| mis(l.density, density)), vertex - walked);
+                    let weight = last.map_or(1.0, |l| {
+                        let connected = vertices.map_or(0.0, |pool| camera_state.beside_disc(pool, number, ray.direction));
+                        1.0 / (1.0 + squared_ratio(density, l.density) + connected)
+                    });
+                    radiance.add(throughput * left * disc * weight, vertex - walked);
                 }
                 return radiance;
             };
@@ -331,7 +336,9 @@ impl Scene {
                 && here.connects()
             {
                 let most_events = settings.max_depth - (vertex - walked) - 1;
-                let light = here.connect(pool, throughput, most_events, time_s, sampler.stream(Set::Connection(vertex)));
+                let picked = picked.get_or_insert_with(|| Picked::new(pool, sampler.stream(Set::Connection(0))));
+                let numbers = sampler.stream(Set::Connection(vertex + 1));
+                let light = here.connect(pool, picked, throughput, most_events, time_s, numbers);
                 // Here and at the vertex of the light path.
                 radiance.add(light, vertex - walked + 2);
             }
@@ -474,7 +481,7 @@ impl Scene {
             }
             eta_scale *= scatter.eta_scale;
             vertex += 1;
-            if !survives(&mut throughput, eta_scale, vertex, u[3], settings, MOST_SURVIVAL) {
+            if !survives(&mut throughput, eta_scale, vertex, u[3], roulette_depth, MOST_SURVIVAL) {
                 return radiance;
             }
             let normal = if scatter.transmitted { -ng } else { ng };
@@ -669,13 +676,17 @@ pub(crate) fn past(surface: &Surface, direction: Vec3) -> Vec3 {
 /// Scattering events within bodies after which a path is given up: of light in a half space that does not absorb one part in a hundred gets so far.
 const LONGEST_WALK: u32 = 8192;
 
+/// Scattering events before Russian roulette starts where each vertex is connected with light paths: what comes later brings less, and costs more (rooms lit by the
+/// sun: 0.7 of the time of 5, 1.19 of the squared error).
+const CONNECTED_ROULETTE_DEPTH: u32 = 2;
+
 /// Largest probability with which a path goes on where Russian roulette decides, so that every path ends.
 const MOST_SURVIVAL: f32 = 0.95;
 
 /// Russian roulette on what a path can still bring; `most`: largest probability of going on.
 #[inline]
-fn survives(throughput: &mut Sampled, eta_scale: f32, vertex: u32, u: f32, settings: &PathSettings, most: f32) -> bool {
-    if vertex < settings.roulette_depth {
+fn survives(throughput: &mut Sampled, eta_scale: f32, vertex: u32, u: f32, roulette_depth: u32, most: f32) -> bool {
+    if vertex < roulette_depth {
         return true;
     }
     let survival = (throughput.max_element() * eta_scale).clamp(0.0, most);

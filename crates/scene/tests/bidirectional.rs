@@ -71,6 +71,17 @@ struct Found {
     variance: f64,
 }
 
+/// Where the view looks, by two numbers.
+fn view([a, b]: [f32; 2]) -> Ray {
+    Ray { origin: Vec3::new(0.3, -0.1, 0.9), direction: Vec3::new(-0.9 + 1.6 * a, -0.9 + 1.2 * b, -1.0).normalize(), time_s: 0.0 }
+}
+
+/// Rays of the view by number, from which is learnt where the sun matters.
+fn camera_ray(number: u32) -> Option<(Ray, Wavelengths)> {
+    let along = |step: f64| ((0.5 + step * f64::from(number)).fract()) as f32;
+    Some((view([along(0.7549), along(0.5698)]), WavelengthSampler::rgb().sample(0.0)))
+}
+
 fn look(scene: &Scene, connections: Option<&Connections>, n: u32, seed: u64, max_depth: u32, rgb: bool) -> Found {
     let drawn = if rgb { WavelengthSampler::rgb() } else { WavelengthSampler::uniform() };
     let path = PathSettings { max_depth, ..Default::default() };
@@ -84,9 +95,8 @@ fn look(scene: &Scene, connections: Option<&Connections>, n: u32, seed: u64, max
         for i in 0..n / PARTS {
             let sampler = Sampler::new(SamplerKind::Independent, seed, (part, 5), i, n);
             let [a, b, w, _] = sampler.get(diopter_light::random::Set::Camera);
-            let direction = Vec3::new(-0.9 + 1.6 * a, -0.9 + 1.2 * b, -1.0).normalize();
             let wavelengths: Wavelengths = drawn.sample(w);
-            let ray = Ray { origin: Vec3::new(0.3, -0.1, 0.9), direction, time_s: 0.0 };
+            let ray = view([a, b]);
             let light_paths = LightPaths { photons: None, vertices: pool.as_ref() };
             let l = scene.radiance_with(light_paths, ray, &wavelengths, &sampler, &path) * wavelengths.weight;
             let l = f64::from(l.element_sum());
@@ -107,7 +117,7 @@ fn settings(max_depth: u32, rgb: bool) -> ConnectionSettings {
 /// Holds the mean of connections against that of paths, within three standard errors of both and a tolerance; returns both.
 #[track_caller]
 fn hold(name: &str, scene: &Scene, n: [u32; 2], tolerance: f64, max_depth: u32, rgb: bool) -> [Found; 2] {
-    let connections = Connections::new(scene, settings(max_depth, rgb)).expect(name);
+    let connections = Connections::new(scene, settings(max_depth, rgb), &camera_ray).expect(name);
     let plain = look(scene, None, n[0], 1, max_depth, rgb);
     let joined = look(scene, Some(&connections), n[1], 2, max_depth, rgb);
     let error = plain.error.hypot(joined.error);
@@ -184,7 +194,7 @@ fn a_box_of_lamps_is_as_bright_as_the_sum_of_its_reflections() {
     let scene = scene.unwrap();
     let wavelengths = f64::from(WavelengthSampler::rgb().sample(0.0).weight.element_sum());
     for depth in [0, 1, 2, 3, 6] {
-        let connections = Connections::new(&scene, settings(6, true)).unwrap();
+        let connections = Connections::new(&scene, settings(6, true), &camera_ray).unwrap();
         let found = look(&scene, Some(&connections), 16_000, 3, depth, true);
         let unit = look(&scene, None, 160, 3, 0, true).mean;
         let expected = unit * (2.0 - 0.5f64.powi(depth as i32));
@@ -207,6 +217,86 @@ fn points_and_spots_keep_their_means() {
             hold(name, &scene, [200_000, 60_000], 0.02, 8, rgb);
         }
     }
+}
+
+/// The box with a hole of 0.4 × 0.3 m in its ceiling or without one, and a light at infinity that comes in there.
+fn sunlit(kind: PunctualKind, is_open: bool, more: Vec<(Material, Object)>) -> Scene {
+    let mut objects: Vec<Object> = walls().into_iter().filter(|o| o.name != "ceiling").collect();
+    let around_hole = [
+        ([-1.0, 1.0, -1.0], [[0.8, 0.0, 0.0], [0.0, 0.0, 2.0]]),
+        ([0.2, 1.0, -1.0], [[0.8, 0.0, 0.0], [0.0, 0.0, 2.0]]),
+        ([-0.2, 1.0, -1.0], [[0.4, 0.0, 0.0], [0.0, 0.0, 0.9]]),
+        ([-0.2, 1.0, 0.2], [[0.4, 0.0, 0.0], [0.0, 0.0, 0.8]]),
+    ];
+    if !is_open {
+        objects.extend(around_hole.map(|(corner, edges)| quad("ceiling", corner, edges, 0)));
+    }
+    let mut materials = vec![diffuse("wall", [0.6, 0.5, 0.4]), diffuse("floor", [0.5, 0.5, 0.5])];
+    // The sun lights the outside, too, of which no light comes in but from a plate far off.
+    objects.push(quad("plate", [-9.0, 1.5, -9.0], [[0.0, 0.0, 6.0], [6.0, 0.0, 0.0]], 0));
+    for (material, mut object) in more {
+        object.material = materials.len() as u32;
+        materials.push(material);
+        objects.push(object);
+    }
+    let punctual = vec![Punctual::new("sun", Spectrum::Constant(1.0), kind)];
+    Scene::build(Description { materials, objects, punctual, ..Default::default() }).unwrap()
+}
+
+/// What it lights is a patch of the floor that the view does not see.
+#[test]
+fn the_sun_through_a_hole_gives_the_same_light_with_less_noise() {
+    let direction = Vec3::new(0.35, -1.0, 0.4).normalize();
+    let narrow = vec![(metal(0.2), ball("ball", [0.6, -0.7, 0.75], 0.12, 0))];
+    let plastic = principled("plastic", |p| p.roughness = Scalar::Constant(0.4));
+    let plate = vec![(plastic, quad("tiles", [0.3, -0.99, 0.5], [[0.0, 0.0, 0.45], [0.65, 0.0, 0.0]], 0))];
+    let parallel = PunctualKind::Directional { direction };
+    let disc = |half_angle| PunctualKind::Disc { direction, half_angle };
+    for (name, kind, more) in [
+        ("parallel", parallel, vec![]),
+        ("sun", disc(0.0047), vec![]),
+        // Paths meet it by chance, too.
+        ("wide", disc(0.15), vec![]),
+        ("rough metal", parallel, narrow),
+        ("plastic", disc(0.0047), plate),
+    ] {
+        let scene = sunlit(kind, false, more);
+        for rgb in [true, false] {
+            let [plain, joined] = hold(name, &scene, [800_000, 60_000], 0.02, 8, rgb);
+            // Between 0.002 and 0.015 of it were seen.
+            assert!(joined.variance < 0.05 * plain.variance, "{name}: {} {}", joined.variance, plain.variance);
+        }
+    }
+}
+
+/// All strategies find the light about as often here, so that a wrong weight of any shows.
+#[test]
+fn the_sun_in_an_open_box_keeps_its_means() {
+    let direction = Vec3::new(0.35, -1.0, 0.4).normalize();
+    for (name, kind) in
+        [("parallel", PunctualKind::Directional { direction }), ("disc", PunctualKind::Disc { direction, half_angle: 0.15 })]
+    {
+        let scene = sunlit(kind, true, vec![]);
+        for rgb in [true, false] {
+            hold(name, &scene, [400_000, 200_000], 0.004, 8, rgb);
+        }
+    }
+}
+
+#[test]
+fn light_paths_of_the_sun_begin_where_the_camera_finds_its_light() {
+    let direction = Vec3::new(0.35, -1.0, 0.4).normalize();
+    let scene = sunlit(PunctualKind::Directional { direction }, false, vec![]);
+    // Without a camera nothing is known of the hole: there is no lamp that light paths begin at.
+    assert!(Connections::new(&scene, settings(6, true), &|_| None).is_none());
+    // A disc of 20° is no sun.
+    let wide = sunlit(PunctualKind::Disc { direction, half_angle: 0.35 }, false, vec![]);
+    assert!(Connections::new(&wide, settings(6, true), &camera_ray).is_none());
+    // Nearly every light path gets in through the hole, 0.12 of 4 m², and leaves vertices.
+    let connections = Connections::new(&scene, settings(6, true), &camera_ray).unwrap();
+    let paths = 1 << 11;
+    let vertices = connections.trial_pool(paths, 0).len();
+    assert!(vertices > paths as usize * 3 / 2, "{vertices} of {paths} paths");
 }
 
 #[test]

@@ -68,7 +68,10 @@ fn direct_light_is_that_of_one_scattering_event_bit_by_bit() {
     let caustics = Caustics::new(&scene, CausticSettings { lamps: Lamps::All, photons: 1 << 14, ..Default::default() }).unwrap();
     let photons = caustics.map(0, 0);
     let connections =
-        Connections::new(&scene, ConnectionSettings { seed: 1, max_depth: path.max_depth, paths: 1 << 10, rgb: false }).unwrap();
+        Connections::new(&scene, ConnectionSettings { seed: 1, max_depth: path.max_depth, paths: 1 << 10, rgb: false }, &|_| {
+            None
+        })
+        .unwrap();
     let vertices = connections.pool(0, 0);
     for (name, light_paths) in [
         ("paths", LightPaths::default()),

@@ -1,6 +1,7 @@
 //! Which integrator computes an exposure, and how often caustics get new photons.
 
-use super::Exposure;
+use super::tile::Unit;
+use super::{Exposure, trial};
 use diopter_scene::light_paths::{CausticSettings, Caustics, ConnectionSettings, Connections, Lamps};
 
 /// How light transport is computed.
@@ -82,7 +83,7 @@ impl Exposure<'_> {
     }
 
     /// What connects camera paths with light paths, where the integrator and the scene ask for it.
-    pub(super) fn connections(&self) -> Option<Connections<'_>> {
+    pub(super) fn connections(&self, unit: &Unit) -> Option<Connections<'_>> {
         if self.is_polarized() || !matches!(self.settings.integrator, Integrator::Bidirectional | Integrator::Auto) {
             return None;
         }
@@ -90,7 +91,8 @@ impl Exposure<'_> {
         let camera_paths = pixels as f64 * f64::from(map_samples(pixels));
         let paths = ((camera_paths * LIGHT_PATHS_A_PATH) as u32).clamp(LIGHT_PATHS.0, LIGHT_PATHS.1);
         let (seed, max_depth, rgb) = (self.settings.seed, self.settings.path.max_depth, self.settings.rgb);
-        Connections::new(self.scene, ConnectionSettings { seed, max_depth, paths, rgb })
+        let settings = ConnectionSettings { seed, max_depth, paths, rgb };
+        Connections::new(self.scene, settings, &|number| trial::spread_ray(self, unit, number))
     }
 }
 

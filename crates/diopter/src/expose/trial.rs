@@ -4,6 +4,7 @@
 use super::tile::Unit;
 use super::{Exposure, Integrator};
 use diopter_light::random::{Sampler, SamplerKind};
+use diopter_light::{Ray, Wavelengths};
 use diopter_scene::light_paths::{Caustics, Connections, LightPaths};
 use rayon::prelude::*;
 
@@ -24,18 +25,35 @@ const LIGHT_PATHS: u32 = 1 << 12;
 /// Fewest and most pixels of a block a side, and pixels of the film for each of them.
 const PAIR_SIDE: (usize, usize) = (4, 12);
 const FILM_A_PAIR: usize = 4;
-/// The worst pairs of either integrator are left out: with them a single one decides (Veach's room: 0.03 to 0.06 of the error with them, 0.16 to 0.3 without).
-const WORST: f64 = 0.003;
+/// The worst pairs of either integrator are left out: with them a single one decides.
+const WORST: f64 = 0.0005;
 /// Light of a block below so much of the mean of all is not asked for its relative noise.
 const DARK: f64 = 0.1;
-/// A sample with connections takes 2.4 to 5 times the time of one without: they pay where they leave less than this of the squared error. In Cornell boxes
-/// they leave 0.33 to 0.52.
-const MOST_NOISE: f64 = 0.3;
+/// A sample with connections takes 2 to 2.5 times the time of one without: they pay where they leave clearly less than half of the squared error. In Cornell boxes
+/// they leave 0.42 to 0.54.
+const SURE: f64 = 0.3;
+/// Where a sample without them has so large a relative squared error, rare bright ones make it (a Cornell box: 0.6; rooms lit by a patch of sun: 2 to 27), and a
+/// trial sees few of those: more pairs are taken, and if this is not reached, there are none. Connections leave less than what it finds then (a classroom: 0.26 to
+/// 0.7 in trials, 0.2 in the exposure).
+const NOISY: f64 = 1.5;
+const UNSURE: f64 = 0.5;
+const HOPELESS: f64 = 0.8;
+/// Most rounds of pairs.
+const ROUNDS: usize = 4;
 
 /// Column and row of a pixel of a block, of a grid of `side` × `side` over it.
 fn pixel_of_block([columns, rows]: [usize; 2], block: usize, k: usize, side: usize) -> [usize; 2] {
     let within = |cell: usize, step: usize, pixels: usize| ((cell * side + step) * pixels / (BLOCKS * side)).min(pixels - 1);
     [within(block % BLOCKS, k % side, columns), within(block / BLOCKS, k / side, rows)]
+}
+
+/// A camera ray of a sequence that is spread over the film (R2: Roberts 2018, "The Unreasonable Effectiveness of Quasirandom Sequences").
+pub(super) fn spread_ray(exposure: &Exposure, unit: &Unit, number: u32) -> Option<(Ray, Wavelengths)> {
+    let film = &exposure.camera.film;
+    let along = |step: f64, pixels: usize| (((0.5 + step * f64::from(number)).fract() * pixels as f64) as usize).min(pixels - 1);
+    let (column, row) = (along(0.754_877_666_246_693, film.columns), along(0.569_840_290_998_053, film.rows));
+    let sampler = Sampler::new(SamplerKind::Independent, exposure.settings.seed ^ SEED.rotate_left(32), (number, 0), 0, 1);
+    unit.camera_ray(column, row, &sampler).map(|camera| (camera.ray, camera.wavelengths))
 }
 
 /// Whether caustics matter by all light and that of the photons, for each block.
@@ -63,6 +81,25 @@ fn relative_noise(blocks: &[Vec<Pair>]) -> [f64; 2] {
         let kept = errors.len() - (WORST * errors.len() as f64).ceil() as usize;
         errors[..kept].iter().sum::<f64>() / kept.max(1) as f64
     })
+}
+
+/// What a trial says of connections.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Pays {
+    Surely,
+    Perhaps { less_than_half: bool },
+    Never,
+}
+
+/// By the relative squared error of a sample without and with them.
+fn pays([without, with]: [f64; 2]) -> Pays {
+    if with < SURE * without {
+        Pays::Surely
+    } else if without < NOISY || with > HOPELESS * without {
+        Pays::Never
+    } else {
+        Pays::Perhaps { less_than_half: with < UNSURE * without }
+    }
 }
 
 impl Exposure<'_> {
@@ -106,7 +143,7 @@ impl Exposure<'_> {
         let pairs = film[0] * film[1] / (FILM_A_PAIR * BLOCKS * BLOCKS);
         let side = pairs.isqrt().clamp(PAIR_SIDE.0, PAIR_SIDE.1);
         let pair = |block: usize, k: usize| {
-            let [column, row] = pixel_of_block(film, block, k, side);
+            let [column, row] = pixel_of_block(film, block, k % (side * side), side);
             let (seed, pixel) = (self.settings.seed ^ !SEED, (block as u32, k as u32));
             let samplers = [0, 1].map(|replicate| Sampler::new(SamplerKind::Independent, seed, pixel, replicate, 2));
             let mut pair: Pair = Default::default();
@@ -122,10 +159,18 @@ impl Exposure<'_> {
             }
             pair
         };
-        let block = |number: usize| (0..side * side).map(|k| pair(number, k)).collect();
-        let blocks: Vec<Vec<Pair>> = (0..BLOCKS * BLOCKS).into_par_iter().map(block).collect();
-        let [without, with] = relative_noise(&blocks);
-        with < MOST_NOISE * without
+        let mut blocks: Vec<Vec<Pair>> = vec![Vec::new(); BLOCKS * BLOCKS];
+        for round in 0..ROUNDS {
+            let numbers = round * side * side..(round + 1) * side * side;
+            blocks.par_iter_mut().enumerate().for_each(|(b, pairs)| pairs.extend(numbers.clone().map(|k| pair(b, k))));
+            match pays(relative_noise(&blocks)) {
+                Pays::Surely => return true,
+                Pays::Perhaps { less_than_half } if round + 1 == ROUNDS => return less_than_half,
+                Pays::Perhaps { .. } => {}
+                Pays::Never => return false,
+            }
+        }
+        false
     }
 }
 
@@ -160,6 +205,23 @@ mod tests {
         blocks[1][7][0] = [20_000.0, 0.0];
         assert!((relative_noise(&blocks)[0] / without - 1.0).abs() < 0.25);
         assert_eq!(relative_noise(&[vec![[[0.0; 2]; 2]; 4]]), [0.0; 2]);
+    }
+
+    #[test]
+    fn connections_pay_where_they_leave_little_noise_or_less_than_half_of_much() {
+        let half = |less_than_half| Pays::Perhaps { less_than_half };
+        let cases = [
+            ([0.6, 0.17], Pays::Surely),
+            ([0.6, 0.27], Pays::Never),
+            ([5.0, 1.4], Pays::Surely),
+            ([5.0, 2.4], half(true)),
+            ([5.0, 3.9], half(false)),
+            ([5.0, 4.1], Pays::Never),
+            ([0.0, 0.0], Pays::Never),
+        ];
+        for (noise, expected) in cases {
+            assert_eq!(pays(noise), expected, "{noise:?}");
+        }
     }
 
     #[test]

@@ -340,6 +340,12 @@ impl Lights {
         }
     }
 
+    /// Probability with which [`Lights::choose`] finds a light at infinity from a point.
+    pub(crate) fn infinite_light_probability(&self, p: Vec3, n: Vec3, light: LightRef, flash_burns: bool) -> f32 {
+        let own = self.infinite.iter().find(|l| l.0 == light);
+        own.map_or(0.0, |(_, importance)| self.infinite_probability(p, n, *importance, flash_burns))
+    }
+
     fn infinite_probability(&self, p: Vec3, n: Vec3, importance: f32, flash_burns: bool) -> f32 {
         (1.0 - self.flash_share(flash_burns)) * (1.0 - self.finite_share(p, n)) * importance / self.infinite_total
     }
@@ -355,10 +361,7 @@ impl Lights {
     ) -> impl Iterator<Item = (u32, Sampled, f32)> {
         self.discs.iter().filter_map(move |i| {
             let (radiance, density) = self.punctual[*i as usize].disc(direction, wavelengths)?;
-            let chosen = from.map_or(0.0, |(p, n)| {
-                let own = self.infinite.iter().find(|l| l.0 == LightRef::Punctual(*i));
-                own.map_or(0.0, |(_, importance)| self.infinite_probability(p, n, *importance, flash_burns))
-            });
+            let chosen = from.map_or(0.0, |(p, n)| self.infinite_light_probability(p, n, LightRef::Punctual(*i), flash_burns));
             Some((*i, radiance, chosen * density))
         })
     }

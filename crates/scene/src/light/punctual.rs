@@ -186,11 +186,7 @@ impl PunctualKind {
     fn sample_li(self, p: Vec3, u: [f32; 2], number: u32) -> Option<LightSample> {
         let (wi, distance) = match self {
             PunctualKind::Disc { direction, half_angle } => {
-                // Even over the cone.
-                let (drop, phi) = (u[0] * 2.0 * (0.5 * half_angle).sin().powi(2), TAU * u[1]);
-                let (cos, sin) = (1.0 - drop, (drop * (2.0 - drop)).sqrt());
-                let (x, y) = sampling::frame(-direction);
-                let wi = (x * (sin * phi.cos()) + y * (sin * phi.sin()) - direction * cos).normalize();
+                let wi = within_disc(-direction, half_angle, u);
                 let (distance, pdf) = (f32::INFINITY, disc_density(half_angle));
                 return Some(LightSample { wi, distance, pdf, has_extent: true, spot: Spot::Punctual(number), clearance: 0.0 });
             }
@@ -346,8 +342,16 @@ pub(crate) fn disc_sr(half_angle: f32) -> f32 {
     PI * half_angle.sin().powi(2)
 }
 
+/// A direction within so wide a cone about another, evenly over the solid angle.
+pub(crate) fn within_disc(axis: Vec3, half_angle: f32, u: [f32; 2]) -> Vec3 {
+    let drop = u[0] * 2.0 * (0.5 * half_angle).sin().powi(2);
+    let (sin, phi) = ((drop * (2.0 - drop)).sqrt(), TAU * u[1]);
+    let (x, y) = sampling::frame(axis);
+    (x * (sin * phi.cos()) + y * (sin * phi.sin()) + axis * (1.0 - drop)).normalize()
+}
+
 /// One over its solid angle.
-fn disc_density(half_angle: f32) -> f32 {
+pub(crate) fn disc_density(half_angle: f32) -> f32 {
     1.0 / (4.0 * PI * (0.5 * half_angle).sin().powi(2))
 }
 

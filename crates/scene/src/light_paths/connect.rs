@@ -3,7 +3,7 @@
 //! A camera vertex looks at some vertices of the pool, keeps one in proportion to the light that it would bring if nothing were in the way (resampled
 //! importance sampling; Talbot, Cline & Egbert 2005), and asks whether that one can be seen.
 
-use super::vertices::{CANDIDATES, LEAST_COSINE, LightVertices, Weights, can_connect, squared};
+use super::vertices::{CANDIDATES, Candidate, LEAST_COSINE, LightVertices, Weights, can_connect, squared};
 use crate::light::{LightRef, LightSample, Spot};
 use crate::material::{Bsdf, Material, Principled, Scatter};
 use crate::medium_stack::MediumStack;
@@ -36,6 +36,24 @@ pub(crate) struct Arrival {
     k: f64,
     /// Whether the vertex before could be connected with this one.
     up: f64,
+}
+
+/// Vertices of a pool that the vertices of one camera path choose among: fetched once, for they lie all over the pool.
+pub(crate) struct Picked {
+    numbers: [usize; CANDIDATES as usize],
+    candidates: [Candidate; CANDIDATES as usize],
+}
+
+impl Picked {
+    /// Of a pool that is not empty.
+    pub fn new(pool: &LightVertices, mut numbers: Stream) -> Picked {
+        let numbers = std::array::from_fn(|k| {
+            let place = (k as f32 + numbers.draw()) / CANDIDATES as f32 * pool.len() as f32;
+            (place as usize).min(pool.len() - 1)
+        });
+        // All at once: memory answers them together.
+        Picked { numbers, candidates: numbers.map(|number| pool.candidates[number]) }
+    }
 }
 
 /// A camera vertex.
@@ -83,8 +101,18 @@ impl CameraState {
         if self.barred || !self.connects || self.carry == 0.0 {
             return 0.0;
         }
-        let sent = pool.connections.emission_density(LightRef::Area(light), -direction, cos);
+        let sent = pool.connections.emission_density(LightRef::Area(light), self.point, -direction, cos);
         (squared(sent * f64::from(self.cos) / f64::from(self.pdf * cos.abs()).max(1e-30)) * self.carry) as f32
+    }
+
+    /// The same of a disc at infinity.
+    #[inline]
+    pub fn beside_disc(&self, pool: &LightVertices, number: u32, direction: Vec3) -> f32 {
+        if self.barred || !self.connects || self.carry == 0.0 {
+            return 0.0;
+        }
+        let sent = pool.connections.emission_density(LightRef::Punctual(number), self.point, -direction, 1.0);
+        (squared(sent * f64::from(self.cos) / f64::from(self.pdf).max(1e-30)) * self.carry) as f32
     }
 }
 
@@ -129,17 +157,18 @@ impl<'a> CameraVertex<'_, 'a> {
         if (k == 0.0 && up == 0.0) || !self.connects() {
             return 0.0;
         }
-        let cos = self.surface.ng.dot(sample.wi).abs();
+        let (point, cos) = (self.surface.point, self.surface.ng.dot(sample.wi).abs());
         let scale = match sample.spot {
             // Both densities per area of the lamp: its cosine and the distance cancel but for the cosine of emission.
             Spot::Area(i, _) => {
                 let lamp = &pool.connections.scene.lights().area[i as usize];
-                let end = self.surface.point + sample.wi * sample.distance;
+                let end = point + sample.wi * sample.distance;
                 let cos_lamp = lamp.cosine(end, sample.wi).max(1e-6);
-                pool.connections.emission_density(light, -sample.wi, cos_lamp) / f64::from(cos_lamp)
+                pool.connections.emission_density(light, point, -sample.wi, cos_lamp) / f64::from(cos_lamp)
             }
             Spot::Punctual(_) => {
-                pool.connections.emission_density(light, -sample.wi, 1.0) / f64::from(sample.distance).powi(2).max(1e-30)
+                let d2 = if sample.distance.is_finite() { f64::from(sample.distance).powi(2).max(1e-30) } else { 1.0 };
+                pool.connections.emission_density(light, point, -sample.wi, 1.0) / d2
             }
             Spot::Environment(_) => return 0.0,
         };
@@ -149,24 +178,19 @@ impl<'a> CameraVertex<'_, 'a> {
         (squared(scale * f64::from(cos) / (f64::from(density) * c)) * self.upward(sample.wi)) as f32
     }
 
-    /// Light over connections with a pool, times the throughput of the path; `most_events`: of the light path.
+    /// Light over connections with some vertices of a pool, times the throughput of the path; `most_events`: of the light path.
     pub fn connect(
         &self,
         pool: &LightVertices,
+        picked: &Picked,
         throughput: Sampled,
         most_events: u32,
         time_s: f32,
         mut numbers: Stream,
     ) -> Sampled {
-        let count = pool.len() as f32;
-        let picks: [(usize, f32); CANDIDATES as usize] = std::array::from_fn(|k| {
-            let place = (k as f32 + numbers.draw()) / CANDIDATES as f32 * count;
-            ((place as usize).min(pool.len() - 1), numbers.draw())
-        });
-        // All at once: memory answers them together.
-        let seen = picks.map(|(number, _)| pool.candidates[number]);
         let (mut total, mut chosen) = (0.0f32, None);
-        for ((number, u), y) in picks.into_iter().zip(&seen) {
+        for (number, y) in picked.numbers.into_iter().zip(&picked.candidates) {
+            let u = numbers.draw();
             let to = y.point - self.surface.point;
             let d2 = to.length_squared();
             let wi = to / d2.sqrt();
@@ -232,7 +256,7 @@ impl<'a> CameraVertex<'_, 'a> {
         let l = f64::from(from_lamp * self.surface.ng.dot(wi).abs() / d2);
         let above = squared(l / self.arrival.c) * self.upward(wi);
         let weight = 1.0 / (1.0 + below(&state.weights, pdf * geometry, to_lamp) + above);
-        let chance = total / (target * CANDIDATES as f32) * count / pool.paths as f32;
+        let chance = total / (target * CANDIDATES as f32) * pool.len() as f32 / pool.paths as f32;
         let light = throughput * f * state.flux * passed;
         let light = light * (geometry / y.arrives.max(LEAST_COSINE) * chance * weight as f32);
         if light.is_finite() { light } else { Sampled::ZERO }

@@ -7,17 +7,16 @@
 
 use super::casters::{Casters, Facing};
 use super::{CausticSettings, Lamps};
-use crate::light::punctual::disc_sr;
+use crate::light::punctual::{disc_density, disc_sr, within_disc};
 use crate::light::{AreaLight, Modulation, PunctualKind};
 use crate::medium::Air;
 use crate::medium_stack::MediumStack;
 use crate::scene::Scene;
 use crate::shape::offset_origin;
 use diopter_light::random::{Sampler, Set};
-use diopter_light::sampling::{self, Discrete};
+use diopter_light::sampling::Discrete;
 use diopter_light::{Ray, Sampled, Spectrum, Wavelengths};
 use glam::Vec3;
-use std::f32::consts::{PI, TAU};
 
 /// Solid angle (sr) up to which lamps are left to photons where lamps are chosen by the scene: of larger ones chance finds more than one path in
 /// twelve.
@@ -263,12 +262,8 @@ impl<'a> Emission<'a> {
             PunctualKind::Directional { direction } => (direction, 1.0),
             PunctualKind::Disc { direction, half_angle } => {
                 // Even over the solid angle, as it is aimed at; radiance is irradiance over the projected solid angle.
-                let drop = place[0] * 2.0 * (0.5 * half_angle).sin().powi(2);
-                let (sin, phi) = ((drop * (2.0 - drop)).sqrt(), TAU * place[1]);
-                let (x, y) = sampling::frame(direction);
-                let solid_angle = 4.0 * PI * (0.5 * half_angle).sin().powi(2);
-                let direction = (x * (sin * phi.cos()) + y * (sin * phi.sin()) + direction * (1.0 - drop)).normalize();
-                (direction, solid_angle / disc_sr(half_angle))
+                let power = 1.0 / (disc_density(half_angle) * disc_sr(half_angle));
+                (within_disc(direction, half_angle, place), power)
             }
         };
         let (point, pdf) = self.casters.sample_line(direction, choice, u)?;

@@ -47,11 +47,13 @@ mod casters;
 pub(crate) mod connect;
 mod emission;
 mod map;
+mod parallel;
 mod trace;
 mod vertices;
 mod volume_map;
 
 pub use map::PhotonMap;
+pub use parallel::CameraRays;
 pub use vertices::{ConnectionSettings, Connections, LightVertices};
 
 use crate::bvh::Bounds;

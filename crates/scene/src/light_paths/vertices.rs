@@ -9,7 +9,7 @@
 //!
 //! Vertices of a path are numbered from the lamp, v₀, to the first that the camera sees, vₙ. Strategy `s` makes the first `s` from the lamp: 0 is a chance
 //! hit, 1 next-event estimation, 2 and more connections of v₍ₛ₋₁₎ with vₛ (no path is connected with the lens: s ≤ n). Their densities, all per
-//! area of the vertices, are P₀ = Π cᵢ, P₁ = e Π₁ cᵢ, Pₛ = κ l₀ … l₍ₛ₋₁₎ Πₛ cᵢ, with cᵢ and lᵢ those of vᵢ on the way from the camera and from the
+//! area of the vertices (per solid angle at infinity), are P₀ = Π cᵢ, P₁ = e Π₁ cᵢ, Pₛ = κ l₀ … l₍ₛ₋₁₎ Πₛ cᵢ, with cᵢ and lᵢ those of vᵢ on the way from the camera and from the
 //! lamp, `e` that of a light sample from v₁, and κ the vertices that are chosen over those that a light path leaves. The power heuristic (β = 2) needs
 //! ratios of neighbouring strategies only, which both sides carry along their paths (Georgiev, Křivánek, Davidovič & Slusallek 2012, "Light Transport
 //! Simulation with Vertex Connection and Merging", technical report "Implementing Vertex Connection and Merging").
@@ -25,6 +25,7 @@
 //! those wavelengths, over the densities by which the path was drawn. So there is no bias, and no wavelengths are joined.
 
 use super::emission::bodies_at;
+use super::parallel::{CameraRays, Parallel};
 use crate::light::{LightRef, Modulation, PunctualKind};
 use crate::material::{Material, Principled, Scattering};
 use crate::medium_stack::MediumStack;
@@ -73,6 +74,8 @@ pub(super) const CANDIDATES: u32 = 8;
 /// A lamp that light paths begin at.
 struct Lamp<'a> {
     light: LightRef,
+    /// Its luminance, luminous intensity or illuminance.
+    photometric: f32,
     modulation: Modulation,
     medium_stack: MediumStack<'a>,
 }
@@ -82,11 +85,13 @@ pub struct Connections<'a> {
     pub(super) scene: &'a Scene,
     settings: ConnectionSettings,
     wavelengths: WavelengthSampler,
-    /// Area lights by their numbers, then points and spots.
+    /// Area lights by their numbers, then points and spots, then lights at infinity.
     lamps: Vec<Lamp<'a>>,
     choice: Discrete,
     /// Place of each punctual light among the lamps.
     punctual: Vec<Option<u32>>,
+    /// By the numbers of the punctual lights: where light paths begin, of those at infinity.
+    parallel: Vec<Option<Parallel>>,
     /// κ: candidates of a camera vertex over vertices of a light path.
     kappa: f64,
 }
@@ -96,16 +101,16 @@ pub struct Connections<'a> {
 struct Start {
     lamp: u32,
     point: Vec3,
-    /// Of the lamp's surface; 0 of a point.
+    /// Of the lamp's surface; 0 of a point and at infinity.
     normal: Vec3,
     place: Vec2,
     direction: Vec3,
-    /// Cosine over the density of place and direction and the probability of the lamp.
+    /// Cosine over the density of place and direction and the probability of the lamp (at infinity times radiance over irradiance).
     scale: f32,
-    /// l₀.
+    /// l₀: of a lamp at infinity the density of its direction.
     l0: f64,
-    /// Density of the direction, 1/sr.
-    p_direction: f32,
+    /// Density of the direction, 1/sr; of a lamp at infinity that of the line over the area that faces it, 1/m².
+    p_line: f32,
 }
 
 /// A scattering event of a light path.
@@ -215,9 +220,10 @@ pub(super) fn squared(x: f64) -> f64 {
 }
 
 impl<'a> Connections<'a> {
-    /// Gets light paths ready in a scene, which must be posed for the exposure. `None` where nothing can be connected: when things move or flashes burn
-    /// (light vertices belong to no moment), without lamps of finite distance, or where light paths hardly leave a vertex.
-    pub fn new(scene: &'a Scene, settings: ConnectionSettings) -> Option<Connections<'a>> {
+    /// Gets light paths ready in a scene, which must be posed for the exposure; `camera` tells where parallel light matters, such as the sun's. `None` where
+    /// nothing can be connected: when things move or flashes burn (light vertices belong to no moment), without lamps that light paths begin at, or where light
+    /// paths hardly leave a vertex.
+    pub fn new(scene: &'a Scene, settings: ConnectionSettings, camera: &CameraRays) -> Option<Connections<'a>> {
         if scene.moves() || scene.has_flashes() {
             return None;
         }
@@ -236,7 +242,7 @@ impl<'a> Connections<'a> {
             };
             let modulation = materials[light.material as usize].modulation();
             let medium_stack = bodies_at(scene, surface, normal, around);
-            lamps.push(Lamp { light: LightRef::Area(i as u32), modulation, medium_stack });
+            lamps.push(Lamp { light: LightRef::Area(i as u32), photometric: light.luminance, modulation, medium_stack });
         }
         let mut punctual = vec![None; lights.punctual.len()];
         for (i, light) in lights.punctual.iter().enumerate() {
@@ -246,9 +252,20 @@ impl<'a> Connections<'a> {
                 PunctualKind::Directional { .. } | PunctualKind::Disc { .. } => continue,
             };
             punctual[i] = Some(lamps.len() as u32);
-            chances.push(light.illuminance() * solid_angle * light.pattern.as_ref().map_or(1.0, |p| p.mean()));
+            let photometric = light.illuminance();
+            chances.push(photometric * solid_angle * light.pattern.as_ref().map_or(1.0, |p| p.mean()));
             let medium_stack = bodies_at(scene, position, Vec3::Y, around);
-            lamps.push(Lamp { light: LightRef::Punctual(i as u32), modulation: light.modulation, medium_stack });
+            lamps.push(Lamp { light: LightRef::Punctual(i as u32), photometric, modulation: light.modulation, medium_stack });
+        }
+        let mut parallel: Vec<Option<Parallel>> = lights.punctual.iter().map(|_| None).collect();
+        for (i, found) in Parallel::learn(scene, around, settings.seed, settings.max_depth, camera) {
+            let light = &lights.punctual[i as usize];
+            punctual[i as usize] = Some(lamps.len() as u32);
+            let photometric = light.illuminance();
+            chances.push(photometric * found.lit_m2);
+            let medium_stack = MediumStack::new(scene.air());
+            lamps.push(Lamp { light: LightRef::Punctual(i), photometric, modulation: light.modulation, medium_stack });
+            parallel[i as usize] = Some(found);
         }
         if lamps.is_empty() {
             return None;
@@ -258,7 +275,7 @@ impl<'a> Connections<'a> {
         chances.iter_mut().for_each(|c| *c = c.max(least));
         let wavelengths = if settings.rgb { WavelengthSampler::rgb() } else { WavelengthSampler::uniform() };
         let choice = Discrete::new(&chances);
-        let mut connections = Connections { scene, settings, wavelengths, lamps, choice, punctual, kappa: 1.0 };
+        let mut connections = Connections { scene, settings, wavelengths, lamps, choice, punctual, parallel, kappa: 1.0 };
         let found = connections.trace(PILOT_POOL, 0, PILOT).len();
         connections.kappa = f64::from(CANDIDATES) * f64::from(PILOT) / found as f64;
         (found >= FEWEST).then_some(connections)
@@ -317,13 +334,16 @@ impl<'a> Connections<'a> {
     }
 
     /// κ l₀ of a light (1/m²; without unit of a point) times the density (1/sr) with which a light path leaves it in a direction under a cosine to its
-    /// normal; 0 of lights at infinity.
-    pub(crate) fn emission_density(&self, light: LightRef, direction: Vec3, cos: f32) -> f64 {
+    /// normal; of one at infinity times that of the line through a point, 1/m². 0 where no light path begins.
+    pub(crate) fn emission_density(&self, light: LightRef, point: Vec3, direction: Vec3, cos: f32) -> f64 {
         let Some(lamp) = self.lamp_of(light) else { return 0.0 };
         let chance = f64::from(self.choice.probability(lamp as usize));
         let lights = self.scene.lights();
         self.kappa
             * match light {
+                LightRef::Punctual(i) if let Some(parallel) = &self.parallel[i as usize] => {
+                    chance * f64::from(parallel.direction_density() * parallel.density(point, direction))
+                }
                 LightRef::Area(i) => {
                     let light = &lights.area[i as usize];
                     let side = if light.two_sided { 0.5 } else { 1.0 };
@@ -353,9 +373,16 @@ impl<'a> Connections<'a> {
                 let (x, y) = sampling::frame(normal);
                 let direction = (x * local.x + y * local.y + normal * (side * local.z)).normalize();
                 let cos = normal.dot(direction).abs();
-                let (l0, p_direction) = (chance / light.area(), fraction * cos * FRAC_1_PI);
-                let scale = cos / (l0 * p_direction);
-                (cos > 1e-6).then_some(Start { lamp, point, normal, place, direction, scale, l0: f64::from(l0), p_direction })
+                let (l0, p_line) = (chance / light.area(), fraction * cos * FRAC_1_PI);
+                let scale = cos / (l0 * p_line);
+                (cos > 1e-6).then_some(Start { lamp, point, normal, place, direction, scale, l0: f64::from(l0), p_line })
+            }
+            LightRef::Punctual(i) if let Some(parallel) = &self.parallel[i as usize] => {
+                let (point, direction, p_line) = parallel.sample([c, d], [a, b]);
+                let l0 = chance * parallel.direction_density();
+                let scale = parallel.over_irradiance() / (l0 * p_line);
+                let (normal, place) = (Vec3::ZERO, Vec2::ZERO);
+                (p_line > 0.0).then_some(Start { lamp, point, normal, place, direction, scale, l0: f64::from(l0), p_line })
             }
             LightRef::Punctual(i) => {
                 let kind = lights.punctual[i as usize].kind;
@@ -370,19 +397,10 @@ impl<'a> Connections<'a> {
                     }
                     PunctualKind::Directional { .. } | PunctualKind::Disc { .. } => return None,
                 };
-                let p_direction = point_density(kind, direction);
-                let scale = 1.0 / (chance * p_direction);
+                let p_line = point_density(kind, direction);
+                let scale = 1.0 / (chance * p_line);
                 let (normal, place) = (Vec3::ZERO, Vec2::ZERO);
-                (p_direction > 0.0).then_some(Start {
-                    lamp,
-                    point,
-                    normal,
-                    place,
-                    direction,
-                    scale,
-                    l0: f64::from(chance),
-                    p_direction,
-                })
+                (p_line > 0.0).then_some(Start { lamp, point, normal, place, direction, scale, l0: f64::from(chance), p_line })
             }
             LightRef::Environment => None,
         }
@@ -408,16 +426,17 @@ impl<'a> Connections<'a> {
             return self.sent(start, wavelengths);
         }
         let (lights, materials) = (self.scene.lights(), &self.scene.description().materials);
+        let lamp = &self.lamps[start.lamp as usize];
         start.scale
-            * match self.lamps[start.lamp as usize].light {
+            * match lamp.light {
                 LightRef::Area(i) => {
                     let light = &lights.area[i as usize];
-                    let white = if light.carrier(materials).is_some() { light.luminance } else { 1.0 };
+                    let white = if light.carrier(materials).is_some() { lamp.photometric } else { 1.0 };
                     light.relative_radiance(start.place, materials, wavelengths) * white
                 }
                 LightRef::Punctual(i) => {
                     let light = &lights.punctual[i as usize];
-                    light.relative_intensity(None, start.direction, wavelengths) * light.illuminance()
+                    light.relative_intensity(None, start.direction, wavelengths) * lamp.photometric
                 }
                 LightRef::Environment => Sampled::ZERO,
             }
@@ -507,8 +526,17 @@ impl<'a> Connections<'a> {
         let point = event.surface.point;
         let d2 = f64::from(event.d2);
         let cos = f64::from(event.surface.ng.dot(event.to_prev).abs());
-        let l = f64::from(start.p_direction) * cos / d2;
         let kappa_l0 = self.kappa * start.l0;
+        if let LightRef::Punctual(i) = light
+            && let Some(parallel) = &self.parallel[i as usize]
+        {
+            let chosen = lights.infinite_light_probability(point, event.surface.ng, light, false);
+            let e = f64::from(chosen * parallel.direction_density());
+            let j = if parallel.is_delta() { 0.0 } else { squared(1.0 / kappa_l0) };
+            let l = f64::from(start.p_line) * cos;
+            return State { flux, weights: Weights { a: squared(e / kappa_l0), j, over_l2: 1.0 / squared(l) } };
+        }
+        let l = f64::from(start.p_line) * cos / d2;
         let chosen = f64::from(lights.finite_light_probability(point, event.surface.ng, light));
         let (e, j) = match light {
             LightRef::Area(i) => {

@@ -219,7 +219,7 @@ impl<'s> MediumSegment<'_, 's> {
         let (direction, density) = scattered(self.ray.direction, self.medium.asymmetry, [u[0], u[1]]);
         // Walks within bodies end at the surface: no need to end those that bring as much as they began with.
         let most = if aims { MOST_SURVIVAL } else { 1.0 };
-        if !survives(throughput, eta_scale, self.vertex + 1, u[3], self.settings, most) {
+        if !survives(throughput, eta_scale, self.vertex + 1, u[3], self.settings.roulette_depth, most) {
             return After::Ended;
         }
         let last = aims.then_some(PrevScatter { point, normal: Vec3::ZERO, density, gone: 0.0, joint });
