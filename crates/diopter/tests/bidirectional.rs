@@ -104,11 +104,11 @@ fn auto_connects_where_walls_pass_on_the_light_of_a_small_lamp_and_not_under_a_l
             quad("shade", [-0.1, 0.89, -0.1], [[0.0, 0.0, 0.2], [0.2, 0.0, 0.0]], 0),
         ],
     );
-    // A large one hangs low over a floor before a wall.
+    // A large one hangs high over a floor before a wall.
     let directly = with_lamp(
         1,
         vec![
-            quad("lamp", [-0.9, -0.6, -0.9], [[1.8, 0.0, 0.0], [0.0, 0.0, 1.8]], 1),
+            quad("lamp", [-0.9, 0.9, -0.9], [[1.8, 0.0, 0.0], [0.0, 0.0, 1.8]], 1),
             quad("back", [-1.0, -1.0, -1.0], [[2.0, 0.0, 0.0], [0.0, 2.0, 0.0]], 0),
         ],
     );

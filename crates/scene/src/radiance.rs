@@ -368,7 +368,7 @@ impl Scene {
                     let thin_dielectrics = settings.max_depth - (vertex - walked) - 1;
                     let stream = || sampler.stream(Set::Transmittance(vertex));
                     let mut sheets = T::Sheets::default();
-                    let Past { light: arrives, is_clear, thin_dielectrics: crossed } = self.light_past(
+                    let past = self.light_past(
                         &mut sheets,
                         contribution,
                         surface.point,
@@ -380,8 +380,8 @@ impl Scene {
                         thin_dielectrics,
                         stream,
                     );
-                    // Light paths go through nothing on the way.
-                    let arrives = match is_clear && by_connection > 0.0 {
+                    let Past { light: arrives, thin_dielectrics: crossed, .. } = past;
+                    let arrives = match by_connection > 0.0 && past.lets_light_paths_through(light_sample.distance) {
                         true => arrives * ((1.0 + by_chance) / (1.0 + by_chance + by_connection)),
                         false => arrives,
                     };
@@ -474,7 +474,11 @@ impl Scene {
                 }
             }
             if let Some((_, here)) = &camera_vertex {
-                camera_state = here.scattered(&scatter);
+                camera_state = match scatter.specular && scatter.transmitted && bsdf.straight_through().is_some() {
+                    true if bsdf.is_specular() => camera_state.through_pane(),
+                    true => CameraState::NONE,
+                    false => here.scattered(&scatter),
+                };
             }
             if scatter.transmitted {
                 medium_stack.cross(material, entering);
@@ -565,8 +569,8 @@ impl Scene {
         mut thin_dielectrics: u32,
         stream: impl Fn() -> Stream,
     ) -> Past {
-        let nothing = Past { light: Sampled::ZERO, is_clear: true, thin_dielectrics: 0 };
-        let mut is_clear = true;
+        let nothing = Past { light: Sampled::ZERO, is_barred: false, thin_dielectrics: 0 };
+        let mut is_barred = false;
         let most = thin_dielectrics;
         if light == Sampled::ZERO {
             return nothing;
@@ -582,7 +586,7 @@ impl Scene {
                     let to = end - origin;
                     let distance = to.length();
                     if distance <= light_sample.clearance {
-                        return Past { light: left, is_clear, thin_dielectrics: most - thin_dielectrics };
+                        return Past { light: left, is_barred, thin_dielectrics: most - thin_dielectrics };
                     }
                     (to / distance, distance - light_sample.clearance)
                 }
@@ -594,7 +598,9 @@ impl Scene {
                 false => None,
                 true => self.intersect(&ray, reach),
             };
-            if let Some(face) = face.as_ref().filter(|f| !self.is_interface(f)) {
+            if let Some(face) = face.as_ref()
+                && !self.is_interface(face)
+            {
                 let material = self.material(face.object);
                 // Thin dielectrics are scattering events as others are.
                 if thin_dielectrics == 0 || !material.may_transmit_straight() {
@@ -605,15 +611,17 @@ impl Scene {
                 let Some(bsdf) = bsdf else { return nothing };
                 let Some(through) = bsdf.straight_through() else { return nothing };
                 left *= through;
+                is_barred |= !bsdf.is_specular();
                 sheets.cross(&bsdf, direction);
+            } else {
+                is_barred |= face.is_some();
             }
             if let Some((medium, span)) = medium_stack.span(&ray, face.as_ref().map_or(reach, |f| f.t)) {
-                is_clear = false;
+                is_barred = true;
                 let moment_s = self.moment_s(time_s);
                 left *= medium.transmittance(&ray, span, wavelengths, moment_s, || numbers.get_or_insert_with(&stream));
             }
-            let Some(face) = face else { return Past { light: left, is_clear, thin_dielectrics: most - thin_dielectrics } };
-            is_clear = false;
+            let Some(face) = face else { return Past { light: left, is_barred, thin_dielectrics: most - thin_dielectrics } };
             medium_stack.cross(self.material(face.object), face.ng.dot(direction) < 0.0);
             origin = past(&face, direction);
         }
@@ -625,10 +633,17 @@ impl Scene {
 pub(crate) struct Past {
     /// Radiance, or what stands for it.
     pub light: Sampled,
-    /// Whether nothing at all was on the way: no medium, no face of one, no thin dielectric.
-    pub is_clear: bool,
+    /// Whether it went through what ends light paths: a medium, a face of one, a thin dielectric that scatters, too.
+    is_barred: bool,
     /// Thin dielectrics on the way.
     pub thin_dielectrics: u32,
+}
+
+impl Past {
+    /// Whether light paths come along this way: through nothing, from infinitely far also through thin dielectrics.
+    fn lets_light_paths_through(&self, distance: f32) -> bool {
+        !self.is_barred && (self.thin_dielectrics == 0 || distance == f32::INFINITY)
+    }
 }
 
 /// Segments in media, behind a first scattering event, for each along which photons are gathered: a gathering takes as long as the rest of the segment, and photons

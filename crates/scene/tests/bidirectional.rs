@@ -276,9 +276,20 @@ fn the_sun_in_an_open_box_keeps_its_means() {
     for (name, kind) in
         [("parallel", PunctualKind::Directional { direction }), ("disc", PunctualKind::Disc { direction, half_angle: 0.15 })]
     {
-        let scene = sunlit(kind, true, vec![]);
-        for rgb in [true, false] {
-            hold(name, &scene, [400_000, 200_000], 0.004, 8, rgb);
+        for is_glazed in [false, true] {
+            // Coloured glass, two panes.
+            let pane = |name: &str, tint: [f32; 3]| {
+                principled(name, |p| {
+                    (p.roughness, p.transmission, p.kind) = (Scalar::Constant(0.0), Scalar::Constant(1.0), Transmission::Thin);
+                    p.base_color = Color::rgb(tint[0], tint[1], tint[2]);
+                })
+            };
+            let over = |y: f32| quad("pane", [-1.0, y, -1.0], [[2.0, 0.0, 0.0], [0.0, 0.0, 2.0]], 0);
+            let panes = vec![(pane("green", [0.6, 0.9, 0.7]), over(1.0)), (pane("clear", [1.0, 1.0, 1.0]), over(1.1))];
+            let scene = sunlit(kind, true, if is_glazed { panes } else { vec![] });
+            for rgb in [true, false] {
+                hold(&format!("{name}, glazed {is_glazed}"), &scene, [400_000, 200_000], 0.004, 8, rgb);
+            }
         }
     }
 }

@@ -51,7 +51,7 @@ const PHOTONS: (u32, u32) = (1 << 15, 1 << 19);
 
 /// Light paths of a pool for each camera path, and least and most of them. A scattering event takes 200 bytes, a vertex 112.
 const LIGHT_PATHS_A_PATH: f64 = 0.05;
-const LIGHT_PATHS: (u32, u32) = (1 << 14, 1 << 17);
+const LIGHT_PATHS: (u32, u32) = (1 << 12, 1 << 17);
 
 /// Samples of a pixel for which a pair of photon maps serves: a power of two that depends on the number of pixels alone.
 pub(super) fn map_samples(pixels: usize) -> u32 {
@@ -88,7 +88,7 @@ impl Exposure<'_> {
             return None;
         }
         let pixels = self.camera.film.columns * self.camera.film.rows;
-        let camera_paths = pixels as f64 * f64::from(map_samples(pixels));
+        let camera_paths = pixels as f64 * f64::from(map_samples(pixels).min(self.settings.spp));
         let paths = ((camera_paths * LIGHT_PATHS_A_PATH) as u32).clamp(LIGHT_PATHS.0, LIGHT_PATHS.1);
         let (seed, max_depth, rgb) = (self.settings.seed, self.settings.path.max_depth, self.settings.rgb);
         let settings = ConnectionSettings { seed, max_depth, paths, rgb };

@@ -25,6 +25,8 @@ pub(crate) struct CameraState {
     connects: bool,
     /// Whether something is on the segment since that no light path passes.
     barred: bool,
+    /// Whether a thin dielectric is on it: only light from infinitely far comes through.
+    through_panes: bool,
 }
 
 /// The same at a vertex that was met.
@@ -72,7 +74,7 @@ pub(crate) struct CameraVertex<'v, 'a> {
 impl CameraState {
     /// Of a path that begins, or was scattered where no light path can be.
     pub const NONE: CameraState =
-        CameraState { carry: 0.0, point: Vec3::ZERO, cos: 0.0, pdf: 0.0, connects: false, barred: true };
+        CameraState { carry: 0.0, point: Vec3::ZERO, cos: 0.0, pdf: 0.0, connects: false, barred: true, through_panes: false };
 
     /// The segment goes through something that no light path passes.
     #[inline]
@@ -80,10 +82,16 @@ impl CameraState {
         self.barred = true;
     }
 
+    /// The same behind a thin dielectric, through which the segment runs straight.
+    #[inline]
+    pub fn through_pane(self) -> CameraState {
+        CameraState { through_panes: true, ..self }
+    }
+
     /// At the next surface.
     #[inline]
     pub fn arrive(&self, surface: &Surface, direction: Vec3) -> Arrival {
-        if self.barred {
+        if self.barred || self.through_panes {
             return Arrival { c: 1.0, k: 0.0, up: 0.0 };
         }
         let d2 = f64::from((surface.point - self.point).length_squared());
@@ -98,7 +106,7 @@ impl CameraState {
     #[inline]
     pub fn beside_hit(&self, pool: &LightVertices, light: u32, direction: Vec3, cos: f32) -> f32 {
         // Light paths end where the first surface mirrors.
-        if self.barred || !self.connects || self.carry == 0.0 {
+        if self.barred || self.through_panes || !self.connects || self.carry == 0.0 {
             return 0.0;
         }
         let sent = pool.connections.emission_density(LightRef::Area(light), self.point, -direction, cos);
@@ -133,11 +141,9 @@ impl<'a> CameraVertex<'_, 'a> {
         }
     }
 
-    /// The path goes on.
+    /// The path goes on, not straight through a thin dielectric.
     pub fn scattered(&self, scatter: &Scatter) -> CameraState {
-        let is_straight = scatter.specular && scatter.transmitted && self.bsdf.straight_through().is_some();
-        let connects = self.connects() && !scatter.disperses;
-        if is_straight || !connects {
+        if !self.connects() || scatter.disperses {
             return CameraState::NONE;
         }
         let sum = if scatter.specular { self.arrival.k } else { self.upward(scatter.wi) };
@@ -148,6 +154,7 @@ impl<'a> CameraVertex<'_, 'a> {
             pdf: if scatter.specular { 1.0 } else { scatter.pdf },
             connects: !scatter.specular,
             barred: false,
+            through_panes: false,
         }
     }
 

@@ -7,8 +7,8 @@
 //! no bias.
 
 use super::vertices::can_connect;
-use crate::light::PunctualKind;
 use crate::light::punctual::{disc_density, disc_sr, within_disc};
+use crate::light::{LightSample, PunctualKind, Spot};
 use crate::material::Scattering;
 use crate::medium_stack::MediumStack;
 use crate::radiance::past;
@@ -253,14 +253,30 @@ fn follow(
         let ng = bsdf.side_normal();
         if is_scattered && !bsdf.is_specular() && can_connect(&surface, material, around) {
             let [a, b, ..] = sampler.get(Set::Light(events));
-            for ((_, rays, illuminance), lines) in lights.iter().zip(&mut *lines) {
+            for ((number, rays, illuminance), lines) in lights.iter().zip(&mut *lines) {
                 let direction = rays.direction([a, b]);
                 let (f, _) = bsdf.eval(-direction);
-                let light = (throughput * f).element_sum() * illuminance;
-                let side = if direction.dot(ng) > 0.0 { -ng } else { ng };
-                let towards = Ray { origin: surface.leave(side, -direction), direction: -direction, time_s: ray.time_s };
-                if light > 0.0 && !scene.occluded(&towards, f32::INFINITY) {
-                    lines.push((rays.place(surface.point, direction), light));
+                let through = direction.dot(ng) > 0.0;
+                let origin = surface.leave(if through { -ng } else { ng }, -direction);
+                let mut beyond = medium_stack;
+                if through {
+                    beyond.cross(material, entering);
+                }
+                let sample = LightSample {
+                    wi: -direction,
+                    distance: f32::INFINITY,
+                    pdf: 1.0,
+                    has_extent: false,
+                    spot: Spot::Punctual(*number),
+                    clearance: 0.0,
+                };
+                let stream = || sampler.stream(Set::Transmittance(events));
+                let (light, point, most) = (throughput * f, surface.point, max_depth - events - 1);
+                let light = scene
+                    .transmittance_to_light(light, point, origin, &sample, beyond, wavelengths, ray.time_s, most, stream)
+                    .element_sum();
+                if light > 0.0 {
+                    lines.push((rays.place(point, direction), light * illuminance));
                 }
             }
         }

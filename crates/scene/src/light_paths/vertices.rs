@@ -14,8 +14,8 @@
 //! ratios of neighbouring strategies only, which both sides carry along their paths (Georgiev, Křivánek, Davidovič & Slusallek 2012, "Light Transport
 //! Simulation with Vertex Connection and Merging", technical report "Implementing Vertex Connection and Merging").
 //!
-//! A connection needs two vertices that are no mirrors and a straight line on which nothing is: no medium, no face of one, no thin sheet. Light paths end
-//! at the same things, at strands, mixtures and dispersing bodies, and where the *first* surface mirrors or refracts: that light is the
+//! A connection needs two vertices that are no mirrors and a straight line on which nothing is: no medium, no face of one, no thin sheet (light from infinity
+//! comes to v₁ through smooth ones: they are no vertices). Light paths end at the same things, at strands, mixtures and dispersing bodies, and where the *first* surface mirrors or refracts: that light is the
 //! photons' or chance's. What cannot be connected so has only the strategies that it had before, on whatever side it lies.
 //!
 //! # Wavelengths
@@ -29,6 +29,7 @@ use super::parallel::{CameraRays, Parallel};
 use crate::light::{LightRef, Modulation, PunctualKind};
 use crate::material::{Material, Principled, Scattering};
 use crate::medium_stack::MediumStack;
+use crate::radiance::past;
 use crate::scene::Scene;
 use crate::shape::{Surface, offset_origin};
 use diopter_light::random::{Sampler, SamplerKind, Set};
@@ -60,6 +61,8 @@ const PILOT_POOL: u32 = u32::MAX;
 const TRIAL_POOL: u32 = u32::MAX - 1;
 /// Fewer vertices are no help.
 const FEWEST: usize = 64;
+/// Most thin dielectrics on the way of a light path from infinity.
+const MOST_PANES: u32 = 16;
 /// Light paths that a thread traces at a time.
 const CHUNK: u32 = 1024;
 /// Least probability of a lamp, relative to the mean.
@@ -111,6 +114,17 @@ struct Start {
     l0: f64,
     /// Density of the direction, 1/sr; of a lamp at infinity that of the line over the area that faces it, 1/m².
     p_line: f32,
+    /// Thin dielectrics on the way to the first vertex, of a lamp at infinity.
+    panes: u32,
+}
+
+/// What a light path from infinity has behind it before the first surface that is not a pane.
+struct Panes<'a> {
+    ray: Ray,
+    medium_stack: MediumStack<'a>,
+    /// Transmittance of the panes.
+    passed: Sampled,
+    count: u32,
 }
 
 /// A scattering event of a light path.
@@ -375,14 +389,34 @@ impl<'a> Connections<'a> {
                 let cos = normal.dot(direction).abs();
                 let (l0, p_line) = (chance / light.area(), fraction * cos * FRAC_1_PI);
                 let scale = cos / (l0 * p_line);
-                (cos > 1e-6).then_some(Start { lamp, point, normal, place, direction, scale, l0: f64::from(l0), p_line })
+                (cos > 1e-6).then_some(Start {
+                    lamp,
+                    point,
+                    normal,
+                    place,
+                    direction,
+                    scale,
+                    l0: f64::from(l0),
+                    p_line,
+                    panes: 0,
+                })
             }
             LightRef::Punctual(i) if let Some(parallel) = &self.parallel[i as usize] => {
                 let (point, direction, p_line) = parallel.sample([c, d], [a, b]);
                 let l0 = chance * parallel.direction_density();
                 let scale = parallel.over_irradiance() / (l0 * p_line);
                 let (normal, place) = (Vec3::ZERO, Vec2::ZERO);
-                (p_line > 0.0).then_some(Start { lamp, point, normal, place, direction, scale, l0: f64::from(l0), p_line })
+                (p_line > 0.0).then_some(Start {
+                    lamp,
+                    point,
+                    normal,
+                    place,
+                    direction,
+                    scale,
+                    l0: f64::from(l0),
+                    p_line,
+                    panes: 0,
+                })
             }
             LightRef::Punctual(i) => {
                 let kind = lights.punctual[i as usize].kind;
@@ -400,7 +434,17 @@ impl<'a> Connections<'a> {
                 let p_line = point_density(kind, direction);
                 let scale = 1.0 / (chance * p_line);
                 let (normal, place) = (Vec3::ZERO, Vec2::ZERO);
-                (p_line > 0.0).then_some(Start { lamp, point, normal, place, direction, scale, l0: f64::from(chance), p_line })
+                (p_line > 0.0).then_some(Start {
+                    lamp,
+                    point,
+                    normal,
+                    place,
+                    direction,
+                    scale,
+                    l0: f64::from(chance),
+                    p_line,
+                    panes: 0,
+                })
             }
             LightRef::Environment => None,
         }
@@ -446,11 +490,16 @@ impl<'a> Connections<'a> {
     fn trace_path<'b>(&'b self, sampler: &Sampler, traced: &mut Traced<'b>) {
         let scene = self.scene;
         let wavelengths = self.wavelengths.sample(sampler.get(Set::Time)[0]);
-        let Some(start) = self.start(sampler) else { return };
+        let Some(mut start) = self.start(sampler) else { return };
         let mut medium_stack = self.lamps[start.lamp as usize].medium_stack;
         let side = start.normal.dot(start.direction).signum();
         let origin = if start.normal == Vec3::ZERO { start.point } else { offset_origin(start.point, start.normal * side) };
         let mut ray = Ray { origin, direction: start.direction, time_s: 0.0 };
+        let mut passed = Sampled::ONE;
+        if self.is_parallel(start.lamp) && scene.has_straight_transmission() {
+            let Some(panes) = self.panes(&start, &wavelengths, MOST_PANES) else { return };
+            (ray, medium_stack, passed, start.panes) = (panes.ray, panes.medium_stack, panes.passed, panes.count);
+        }
         let (path, first) = (traced.starts.len() as u32, traced.events.len());
         let mut before = start.point;
         let mut state: Option<State> = None;
@@ -469,7 +518,7 @@ impl<'a> Connections<'a> {
             let mut event =
                 Event { surface, material, around, to_prev, d2, to_next: Vec3::ZERO, over_density: 0.0, u, is_specular: false };
             let here = match state {
-                None => Some(self.first_state(&start, &event, self.sent_for_tracing(&start, &wavelengths))),
+                None => Some(self.first_state(&start, &event, passed * self.sent_for_tracing(&start, &wavelengths))),
                 Some(state) => traced.events.last().and_then(|last: &Event| next_state(state, last, &event, &wavelengths)),
             };
             let Some(here) = here.filter(|s| s.flux.is_finite() && s.flux.max_element() > 0.0 && s.weights.over_l2.is_finite())
@@ -491,7 +540,7 @@ impl<'a> Connections<'a> {
                     arrives: ng.dot(to_prev).abs(),
                     flux: mean(here.flux),
                     diffuse: diffuse.unwrap_or(-1.0),
-                    events: depth + 1,
+                    events: depth + 1 + start.panes,
                 });
                 traced.vertices.push(LightVertex { to_prev, state: here, path, event: event_number });
             }
@@ -518,6 +567,34 @@ impl<'a> Connections<'a> {
             ray = Ray { origin: surface.leave(normal, scatter.wi), direction: scatter.wi, time_s: 0.0 };
             state = Some(here);
         }
+    }
+
+    fn is_parallel(&self, lamp: u32) -> bool {
+        matches!(self.lamps[lamp as usize].light, LightRef::Punctual(i) if self.parallel[i as usize].is_some())
+    }
+
+    /// The way of a light path from infinity through thin dielectrics that do not scatter, `most` of them; `None` where it ends before a surface.
+    fn panes(&self, start: &Start, wavelengths: &Wavelengths, most: u32) -> Option<Panes<'a>> {
+        let scene = self.scene;
+        let ray = Ray { origin: start.point, direction: start.direction, time_s: 0.0 };
+        let mut panes = Panes { ray, medium_stack: MediumStack::new(scene.air()), passed: Sampled::ONE, count: 0 };
+        while panes.count < most {
+            let surface = scene.intersect(&panes.ray, f32::INFINITY)?;
+            let material = scene.material(surface.object);
+            if panes.medium_stack.span(&panes.ray, surface.t).is_some() {
+                return None;
+            }
+            if matches!(material.scattering, Scattering::Interface) || !material.may_transmit_straight() {
+                break;
+            }
+            let bsdf = material.bsdf(&surface, -start.direction, wavelengths, false, None)?;
+            let Some(through) = bsdf.straight_through().filter(|_| bsdf.is_specular()) else { break };
+            panes.passed *= through;
+            panes.medium_stack.cross(material, surface.ng.dot(start.direction) < 0.0);
+            panes.ray.origin = past(&surface, start.direction);
+            panes.count += 1;
+        }
+        Some(panes)
     }
 
     /// The state at v₁, with the light sent out given.
@@ -622,7 +699,11 @@ impl<'a> LightVertices<'a> {
             true => vertex.state,
             false => {
                 let events = &self.events[*first as usize..=vertex.event as usize];
-                let state = connections.first_state(start, &events[0], connections.sent(start, wavelengths));
+                let mut sent = connections.sent(start, wavelengths);
+                if start.panes > 0 {
+                    sent *= connections.panes(start, wavelengths, start.panes)?.passed;
+                }
+                let state = connections.first_state(start, &events[0], sent);
                 events.windows(2).try_fold(state, |state, pair| next_state(state, &pair[0], &pair[1], wavelengths))?
             }
         };
