@@ -4,6 +4,7 @@ use diopter::image::{ExposureFacts, FocalPlane};
 use diopter::lens::{Lens, Pinhole};
 use diopter::light::Spectrum;
 use diopter::light::units::Millimeters;
+use diopter::scene::light::{Punctual, PunctualKind};
 use diopter::scene::material::{Material, Scattering};
 use diopter::scene::shape::Quad;
 use diopter::scene::texture::Color;
@@ -42,17 +43,41 @@ fn room(columns: usize, rows: usize) -> (Scene, Camera) {
     (Scene::build(Description { materials, objects, ..Default::default() }).unwrap(), camera)
 }
 
+/// The same box without its lamp; the sun comes in through a hole in its ceiling and lights a patch that the camera does not see.
+fn sunlit_room(columns: usize, rows: usize) -> (Scene, Camera) {
+    let (scene, camera) = room(columns, rows);
+    let mut description = scene.description().clone();
+    description.objects.retain(|o| !["ceiling", "lamp", "shade"].contains(&o.name.as_str()));
+    description.objects.extend([
+        quad("ceiling", [-1.0, 1.0, -1.0], [[2.0, 0.0, 0.0], [0.0, 0.0, 1.0]], 0),
+        quad("ceiling", [-1.0, 1.0, 0.0], [[0.8, 0.0, 0.0], [0.0, 0.0, 2.0]], 0),
+        quad("ceiling", [0.2, 1.0, 0.0], [[0.8, 0.0, 0.0], [0.0, 0.0, 2.0]], 0),
+        quad("ceiling", [-0.2, 1.0, 0.3], [[0.4, 0.0, 0.0], [0.0, 0.0, 1.7]], 0),
+        quad("front", [-1.0, -1.0, 2.0], [[0.0, 2.0, 0.0], [2.0, 0.0, 0.0]], 0),
+        quad("floor", [-1.0, -1.0, 1.0], [[0.0, 0.0, 1.0], [2.0, 0.0, 0.0]], 0),
+    ]);
+    let kind = PunctualKind::Disc { direction: Vec3::new(0.2, -1.0, 0.75).normalize(), half_angle: 0.0047 };
+    description.punctual.push(Punctual::new("sun", Spectrum::Constant(1.0), kind));
+    let place = look_at(Vec3::new(0.0, 0.0, 0.9), Vec3::new(0.0, 0.2, 0.0), Vec3::Y).unwrap();
+    (Scene::build(description).unwrap(), Camera { way: CameraMotion::still(place), ..camera })
+}
+
 fn settings(integrator: Integrator, spp: u32, seed: u64) -> Settings {
     Settings { integrator, seed, truth: false, ..Settings::new(spp) }
 }
 
 #[test]
 fn threads_and_parts_do_not_change_a_bidirectional_exposure() {
-    let (scene, camera) = room(15, 10);
+    for (scene, camera) in [room(15, 10), sunlit_room(15, 10)] {
+        threads_and_parts(&scene, &camera);
+    }
+}
+
+fn threads_and_parts(scene: &Scene, camera: &Camera) {
     let settings = |samples| Settings { samples, ..settings(Integrator::Bidirectional, 512, 1) };
     let with = |threads: usize, samples: std::ops::Range<u32>| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        pool.install(|| take(&scene, &camera, &settings(samples)))
+        pool.install(|| take(scene, camera, &settings(samples)))
     };
     // Samples of two pairs of pools: these pixels share one for 256 samples.
     let whole = with(1, 252..260);
@@ -64,7 +89,7 @@ fn threads_and_parts_do_not_change_a_bidirectional_exposure() {
         assert!((a - b).abs() <= 2e-6 * a.abs().max(1.0), "{a} {b}");
     }
     // It is not what paths alone make.
-    let path = take(&scene, &camera, &Settings { integrator: Integrator::Path, ..settings(252..260) });
+    let path = take(scene, camera, &Settings { integrator: Integrator::Path, ..settings(252..260) });
     assert!(whole != path);
 }
 
@@ -112,7 +137,10 @@ fn auto_connects_where_walls_pass_on_the_light_of_a_small_lamp_and_not_under_a_l
             quad("back", [-1.0, -1.0, -1.0], [[2.0, 0.0, 0.0], [0.0, 2.0, 0.0]], 0),
         ],
     );
+    let (sun, in_the_sun) = sunlit_room(60, 40);
     for seed in 1..=4 {
+        let in_sun = |integrator: Integrator| take(&sun, &in_the_sun, &settings(integrator, 64, seed));
+        assert!(in_sun(Integrator::Auto) == in_sun(Integrator::Bidirectional), "sun, seed {seed}");
         let by = |scene: &Scene, integrator: Integrator| take(scene, &camera, &settings(integrator, 4, seed));
         // Not `assert_eq`: planes are long to print.
         assert!(by(&over_the_ceiling, Integrator::Auto) == by(&over_the_ceiling, Integrator::Bidirectional), "seed {seed}");

@@ -39,7 +39,7 @@ use tally::{Apart, Polarized, Scattered, Sheets, Tally};
 pub struct PathSettings {
     /// Most scattering events of a path; 0 shows only what shines by itself.
     pub max_depth: u32,
-    /// Scattering events before Russian roulette starts.
+    /// Scattering events before Russian roulette starts; where vertices are connected with light paths, two at most.
     pub roulette_depth: u32,
 }
 
@@ -334,6 +334,7 @@ impl Scene {
                 && !bsdf.is_specular()
                 && vertex - walked + 1 < settings.max_depth
                 && here.connects()
+                && !pool.is_empty()
             {
                 let most_events = settings.max_depth - (vertex - walked) - 1;
                 let picked = picked.get_or_insert_with(|| Picked::new(pool, sampler.stream(Set::Connection(0))));
@@ -475,7 +476,7 @@ impl Scene {
             }
             if let Some((_, here)) = &camera_vertex {
                 camera_state = match scatter.specular && scatter.transmitted && bsdf.straight_through().is_some() {
-                    true if bsdf.is_specular() => camera_state.through_pane(),
+                    true if bsdf.is_specular() => camera_state.through_thin_dielectric(),
                     true => CameraState::NONE,
                     false => here.scattered(&scatter),
                 };

@@ -3,11 +3,12 @@
 use diopter_light::random::{Sampler, SamplerKind};
 use diopter_light::wavelength::WavelengthSampler;
 use diopter_light::{Ray, Spectrum, Wavelengths};
+use diopter_scene::bvh::Bounds;
 use diopter_scene::light::{Punctual, PunctualKind, SpotEdge};
-use diopter_scene::light_paths::{ConnectionSettings, Connections, LightPaths, LightVertices};
+use diopter_scene::light_paths::{CameraRays, ConnectionSettings, Connections, LightPaths, LightVertices};
 use diopter_scene::material::conductor::FacetBounces;
 use diopter_scene::material::{Conductor, Emission, Material, Principled, Scattering, Transmission};
-use diopter_scene::medium::Medium;
+use diopter_scene::medium::{Air, Medium};
 use diopter_scene::shape::{Quad, Sphere};
 use diopter_scene::texture::{Color, Scalar};
 use diopter_scene::{Description, Object, PathSettings, Scene, Shape};
@@ -82,6 +83,8 @@ fn camera_ray(number: u32) -> Option<(Ray, Wavelengths)> {
     Some((view([along(0.7549), along(0.5698)]), WavelengthSampler::rgb().sample(0.0)))
 }
 
+const CAMERA: CameraRays = CameraRays { ray: &camera_ray, most: 1 << 16 };
+
 fn look(scene: &Scene, connections: Option<&Connections>, n: u32, seed: u64, max_depth: u32, rgb: bool) -> Found {
     let drawn = if rgb { WavelengthSampler::rgb() } else { WavelengthSampler::uniform() };
     let path = PathSettings { max_depth, ..Default::default() };
@@ -117,7 +120,7 @@ fn settings(max_depth: u32, rgb: bool) -> ConnectionSettings {
 /// Holds the mean of connections against that of paths, within three standard errors of both and a tolerance; returns both.
 #[track_caller]
 fn hold(name: &str, scene: &Scene, n: [u32; 2], tolerance: f64, max_depth: u32, rgb: bool) -> [Found; 2] {
-    let connections = Connections::new(scene, settings(max_depth, rgb), &camera_ray).expect(name);
+    let connections = Connections::new(scene, settings(max_depth, rgb), &CAMERA).expect(name);
     let plain = look(scene, None, n[0], 1, max_depth, rgb);
     let joined = look(scene, Some(&connections), n[1], 2, max_depth, rgb);
     let error = plain.error.hypot(joined.error);
@@ -194,7 +197,7 @@ fn a_box_of_lamps_is_as_bright_as_the_sum_of_its_reflections() {
     let scene = scene.unwrap();
     let wavelengths = f64::from(WavelengthSampler::rgb().sample(0.0).weight.element_sum());
     for depth in [0, 1, 2, 3, 6] {
-        let connections = Connections::new(&scene, settings(6, true), &camera_ray).unwrap();
+        let connections = Connections::new(&scene, settings(6, true), &CAMERA).unwrap();
         let found = look(&scene, Some(&connections), 16_000, 3, depth, true);
         let unit = look(&scene, None, 160, 3, 0, true).mean;
         let expected = unit * (2.0 - 0.5f64.powi(depth as i32));
@@ -269,29 +272,50 @@ fn the_sun_through_a_hole_gives_the_same_light_with_less_noise() {
     }
 }
 
-/// All strategies find the light about as often here, so that a wrong weight of any shows.
+fn pane(name: &str, tint: [f32; 3], y: f32) -> (Material, Object) {
+    let glass = principled(name, |p| {
+        (p.roughness, p.transmission, p.kind) = (Scalar::Constant(0.0), Scalar::Constant(1.0), Transmission::Thin);
+        p.base_color = Color::rgb(tint[0], tint[1], tint[2]);
+    });
+    (glass, quad("pane", [-1.0, y, -1.0], [[2.0, 0.0, 0.0], [0.0, 0.0, 2.0]], 0))
+}
+
+/// Light samples and connections find the light about as often here, so that a wrong weight of either shows; chance hits, of which a shiny floor makes the most, weigh
+/// little beside them.
 #[test]
 fn the_sun_in_an_open_box_keeps_its_means() {
     let direction = Vec3::new(0.35, -1.0, 0.4).normalize();
-    for (name, kind) in
-        [("parallel", PunctualKind::Directional { direction }), ("disc", PunctualKind::Disc { direction, half_angle: 0.15 })]
-    {
-        for is_glazed in [false, true] {
-            // Coloured glass, two panes.
-            let pane = |name: &str, tint: [f32; 3]| {
-                principled(name, |p| {
-                    (p.roughness, p.transmission, p.kind) = (Scalar::Constant(0.0), Scalar::Constant(1.0), Transmission::Thin);
-                    p.base_color = Color::rgb(tint[0], tint[1], tint[2]);
-                })
-            };
-            let over = |y: f32| quad("pane", [-1.0, y, -1.0], [[2.0, 0.0, 0.0], [0.0, 0.0, 2.0]], 0);
-            let panes = vec![(pane("green", [0.6, 0.9, 0.7]), over(1.0)), (pane("clear", [1.0, 1.0, 1.0]), over(1.1))];
-            let scene = sunlit(kind, true, if is_glazed { panes } else { vec![] });
-            for rgb in [true, false] {
-                hold(&format!("{name}, glazed {is_glazed}"), &scene, [400_000, 200_000], 0.004, 8, rgb);
-            }
+    let disc = PunctualKind::Disc { direction, half_angle: 0.15 };
+    let shiny = || (metal(0.15), quad("plate", [-0.9, -0.98, -0.9], [[0.0, 0.0, 1.8], [1.8, 0.0, 0.0]], 0));
+    // Coloured glass, two panes.
+    let glazed = || vec![pane("green", [0.6, 0.9, 0.7], 1.0), pane("clear", [1.0, 1.0, 1.0], 1.1)];
+    for (name, kind, more) in [
+        ("parallel", PunctualKind::Directional { direction }, vec![]),
+        ("parallel, glazed", PunctualKind::Directional { direction }, glazed()),
+        ("disc", disc, vec![]),
+        ("disc, shiny floor", disc, vec![shiny()]),
+        ("disc, shiny floor, glazed", disc, glazed().into_iter().chain([shiny()]).collect()),
+    ] {
+        let scene = sunlit(kind, true, more);
+        for rgb in [true, false] {
+            hold(name, &scene, [400_000, 200_000], 0.006, 8, rgb);
         }
     }
+}
+
+#[test]
+fn more_panes_and_air_beyond_the_scene_take_no_light_away_twice() {
+    let direction = Vec3::new(0.35, -1.0, 0.4).normalize();
+    let parallel = PunctualKind::Directional { direction };
+    let panes = (0..20).map(|i| pane("clear", [1.0, 1.0, 1.0], 1.0 + 0.01 * i as f32)).collect();
+    hold("twenty panes", &sunlit(parallel, true, panes), [400_000, 200_000], 0.01, 40, true);
+    // A cloud above everything, through which a quarter of the light comes.
+    let mut description = sunlit(parallel, true, vec![]).description().clone();
+    let within = Bounds { min: Vec3::new(-500.0, 100.0, -500.0), max: Vec3::new(500.0, 110.0, 500.0) };
+    description.air = Some(Air { medium: Medium::fog(30.0, 0.1, 0.0), bounds: Some(within) });
+    let scene = Scene::build(description).unwrap();
+    // Light samples alone pass it.
+    assert!(Connections::new(&scene, settings(8, true), &CAMERA).is_none());
 }
 
 #[test]
@@ -299,12 +323,12 @@ fn light_paths_of_the_sun_begin_where_the_camera_finds_its_light() {
     let direction = Vec3::new(0.35, -1.0, 0.4).normalize();
     let scene = sunlit(PunctualKind::Directional { direction }, false, vec![]);
     // Without a camera nothing is known of the hole: there is no lamp that light paths begin at.
-    assert!(Connections::new(&scene, settings(6, true), &|_| None).is_none());
+    assert!(Connections::new(&scene, settings(6, true), &CameraRays::NONE).is_none());
     // A disc of 20° is no sun.
     let wide = sunlit(PunctualKind::Disc { direction, half_angle: 0.35 }, false, vec![]);
-    assert!(Connections::new(&wide, settings(6, true), &camera_ray).is_none());
+    assert!(Connections::new(&wide, settings(6, true), &CAMERA).is_none());
     // Nearly every light path gets in through the hole, 0.12 of 4 m², and leaves vertices.
-    let connections = Connections::new(&scene, settings(6, true), &camera_ray).unwrap();
+    let connections = Connections::new(&scene, settings(6, true), &CAMERA).unwrap();
     let paths = 1 << 11;
     let vertices = connections.trial_pool(paths, 0).len();
     assert!(vertices > paths as usize * 3 / 2, "{vertices} of {paths} paths");

@@ -4,7 +4,7 @@ use diopter_light::random::{Sampler, SamplerKind, Set};
 use diopter_light::wavelength::WavelengthSampler;
 use diopter_light::{Ray, Spectrum};
 use diopter_scene::light::{Environment, Punctual, PunctualKind};
-use diopter_scene::light_paths::{CausticSettings, Caustics, ConnectionSettings, Connections, Lamps, LightPaths};
+use diopter_scene::light_paths::{CameraRays, CausticSettings, Caustics, ConnectionSettings, Connections, Lamps, LightPaths};
 use diopter_scene::material::conductor::FacetBounces;
 use diopter_scene::material::{Conductor, Interior, Material, Principled, Scattering, Transmission};
 use diopter_scene::medium::Medium;
@@ -67,11 +67,12 @@ fn direct_light_is_that_of_one_scattering_event_bit_by_bit() {
     let drawn = WavelengthSampler::uniform();
     let caustics = Caustics::new(&scene, CausticSettings { lamps: Lamps::All, photons: 1 << 14, ..Default::default() }).unwrap();
     let photons = caustics.map(0, 0);
-    let connections =
-        Connections::new(&scene, ConnectionSettings { seed: 1, max_depth: path.max_depth, paths: 1 << 10, rgb: false }, &|_| {
-            None
-        })
-        .unwrap();
+    let connections = Connections::new(
+        &scene,
+        ConnectionSettings { seed: 1, max_depth: path.max_depth, paths: 1 << 10, rgb: false },
+        &CameraRays::NONE,
+    )
+    .unwrap();
     let vertices = connections.pool(0, 0);
     for (name, light_paths) in [
         ("paths", LightPaths::default()),

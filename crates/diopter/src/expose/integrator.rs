@@ -2,7 +2,7 @@
 
 use super::tile::Unit;
 use super::{Exposure, trial};
-use diopter_scene::light_paths::{CausticSettings, Caustics, ConnectionSettings, Connections, Lamps};
+use diopter_scene::light_paths::{CameraRays, CausticSettings, Caustics, ConnectionSettings, Connections, Lamps};
 
 /// How light transport is computed.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -53,6 +53,9 @@ const PHOTONS: (u32, u32) = (1 << 15, 1 << 19);
 const LIGHT_PATHS_A_PATH: f64 = 0.05;
 const LIGHT_PATHS: (u32, u32) = (1 << 12, 1 << 17);
 
+/// Camera paths that may be followed to learn where the sun matters, as a fraction of those of the exposure.
+const LEARNT_FROM: f64 = 0.06;
+
 /// Samples of a pixel for which a pair of photon maps serves: a power of two that depends on the number of pixels alone.
 pub(super) fn map_samples(pixels: usize) -> u32 {
     1u32 << (MAP_PATHS.div_ceil(pixels.max(1))).max(1).next_power_of_two().ilog2().clamp(1, 8)
@@ -92,7 +95,8 @@ impl Exposure<'_> {
         let paths = ((camera_paths * LIGHT_PATHS_A_PATH) as u32).clamp(LIGHT_PATHS.0, LIGHT_PATHS.1);
         let (seed, max_depth, rgb) = (self.settings.seed, self.settings.path.max_depth, self.settings.rgb);
         let settings = ConnectionSettings { seed, max_depth, paths, rgb };
-        Connections::new(self.scene, settings, &|number| trial::spread_ray(self, unit, number))
+        let most = (pixels as f64 * f64::from(self.settings.spp) * LEARNT_FROM) as u32;
+        Connections::new(self.scene, settings, &CameraRays { ray: &|number| trial::spread_ray(self, unit, number), most })
     }
 }
 

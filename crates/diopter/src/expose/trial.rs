@@ -1,4 +1,5 @@
-//! The trials of `auto`: some thousand paths before the exposure say whether photons and connections pay in this picture. They depend on seed, scene, camera
+//! The trials of `auto`: some thousand paths before the exposure say whether photons and connections pay in this picture; and the camera rays from which both
+//! `auto` and `bidirectional` learn where the sun matters. They depend on seed, scene, camera
 //! and film alone, not on which samples are asked for, so that parts of an exposure decide alike.
 
 use super::tile::Unit;
@@ -38,8 +39,9 @@ const SURE: f64 = 0.3;
 const NOISY: f64 = 1.5;
 const UNSURE: f64 = 0.5;
 const HOPELESS: f64 = 0.8;
-/// Most rounds of pairs.
+/// Most rounds of pairs, and samples of a pixel for each of them.
 const ROUNDS: usize = 4;
+const SAMPLES_A_ROUND: usize = 16;
 
 /// Column and row of a pixel of a block, of a grid of `side` × `side` over it.
 fn pixel_of_block([columns, rows]: [usize; 2], block: usize, k: usize, side: usize) -> [usize; 2] {
@@ -160,12 +162,13 @@ impl Exposure<'_> {
             pair
         };
         let mut blocks: Vec<Vec<Pair>> = vec![Vec::new(); BLOCKS * BLOCKS];
-        for round in 0..ROUNDS {
+        let rounds = (self.settings.spp as usize / SAMPLES_A_ROUND).clamp(1, ROUNDS);
+        for round in 0..rounds {
             let numbers = round * side * side..(round + 1) * side * side;
             blocks.par_iter_mut().enumerate().for_each(|(b, pairs)| pairs.extend(numbers.clone().map(|k| pair(b, k))));
             match pays(relative_noise(&blocks)) {
                 Pays::Surely => return true,
-                Pays::Perhaps { less_than_half } if round + 1 == ROUNDS => return less_than_half,
+                Pays::Perhaps { less_than_half } if round + 1 == rounds => return less_than_half,
                 Pays::Perhaps { .. } => {}
                 Pays::Never => return false,
             }

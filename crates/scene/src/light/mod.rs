@@ -347,6 +347,9 @@ impl Lights {
     }
 
     fn infinite_probability(&self, p: Vec3, n: Vec3, importance: f32, flash_burns: bool) -> f32 {
+        if self.infinite_total <= 0.0 {
+            return 0.0;
+        }
         (1.0 - self.flash_share(flash_burns)) * (1.0 - self.finite_share(p, n)) * importance / self.infinite_total
     }
 

@@ -26,7 +26,7 @@ pub(crate) struct CameraState {
     /// Whether something is on the segment since that no light path passes.
     barred: bool,
     /// Whether a thin dielectric is on it: only light from infinitely far comes through.
-    through_panes: bool,
+    through_thin_dielectrics: bool,
 }
 
 /// The same at a vertex that was met.
@@ -73,8 +73,15 @@ pub(crate) struct CameraVertex<'v, 'a> {
 
 impl CameraState {
     /// Of a path that begins, or was scattered where no light path can be.
-    pub const NONE: CameraState =
-        CameraState { carry: 0.0, point: Vec3::ZERO, cos: 0.0, pdf: 0.0, connects: false, barred: true, through_panes: false };
+    pub const NONE: CameraState = CameraState {
+        carry: 0.0,
+        point: Vec3::ZERO,
+        cos: 0.0,
+        pdf: 0.0,
+        connects: false,
+        barred: true,
+        through_thin_dielectrics: false,
+    };
 
     /// The segment goes through something that no light path passes.
     #[inline]
@@ -84,14 +91,14 @@ impl CameraState {
 
     /// The same behind a thin dielectric, through which the segment runs straight.
     #[inline]
-    pub fn through_pane(self) -> CameraState {
-        CameraState { through_panes: true, ..self }
+    pub fn through_thin_dielectric(self) -> CameraState {
+        CameraState { through_thin_dielectrics: true, ..self }
     }
 
     /// At the next surface.
     #[inline]
     pub fn arrive(&self, surface: &Surface, direction: Vec3) -> Arrival {
-        if self.barred || self.through_panes {
+        if self.barred || self.through_thin_dielectrics {
             return Arrival { c: 1.0, k: 0.0, up: 0.0 };
         }
         let d2 = f64::from((surface.point - self.point).length_squared());
@@ -106,7 +113,7 @@ impl CameraState {
     #[inline]
     pub fn beside_hit(&self, pool: &LightVertices, light: u32, direction: Vec3, cos: f32) -> f32 {
         // Light paths end where the first surface mirrors.
-        if self.barred || self.through_panes || !self.connects || self.carry == 0.0 {
+        if self.barred || self.through_thin_dielectrics || !self.connects || self.carry == 0.0 {
             return 0.0;
         }
         let sent = pool.connections.emission_density(LightRef::Area(light), self.point, -direction, cos);
@@ -120,6 +127,9 @@ impl CameraState {
             return 0.0;
         }
         let sent = pool.connections.emission_density(LightRef::Punctual(number), self.point, -direction, 1.0);
+        if sent == 0.0 {
+            return 0.0;
+        }
         (squared(sent * f64::from(self.cos) / f64::from(self.pdf).max(1e-30)) * self.carry) as f32
     }
 }
@@ -154,7 +164,7 @@ impl<'a> CameraVertex<'_, 'a> {
             pdf: if scatter.specular { 1.0 } else { scatter.pdf },
             connects: !scatter.specular,
             barred: false,
-            through_panes: false,
+            through_thin_dielectrics: false,
         }
     }
 

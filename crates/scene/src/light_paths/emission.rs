@@ -25,8 +25,8 @@ const SMALL_LAMP_SR: f32 = 0.5;
 /// Least distance from which a lamp is judged, in radii of the scene: light of a bulb's filament lands far from its glass.
 const LEAST_DISTANCE: f32 = 0.2;
 
-/// The same of a disc at infinity: its half angle, rad. The sun's is 0.0047.
-const SMALL_DISC: f32 = 0.17;
+/// The same of a disc at infinity: its half angle, rad. The sun's is 0.0047. Up to it light paths take its light for parallel.
+pub(super) const SMALL_DISC: f32 = 0.17;
 
 /// Least probability of a lamp, relative to the mean: estimates of what it sends to the casters can be far off.
 const LEAST_CHANCE: f32 = 1e-2;

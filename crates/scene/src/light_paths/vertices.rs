@@ -61,8 +61,8 @@ const PILOT_POOL: u32 = u32::MAX;
 const TRIAL_POOL: u32 = u32::MAX - 1;
 /// Fewer vertices are no help.
 const FEWEST: usize = 64;
-/// Most thin dielectrics on the way of a light path from infinity.
-const MOST_PANES: u32 = 16;
+/// Distance from which the place that a ray meets is looked at again from nearer, m: single precision has steps of 0.01 mm there.
+const FAR_M: f32 = 100.0;
 /// Light paths that a thread traces at a time.
 const CHUNK: u32 = 1024;
 /// Least probability of a lamp, relative to the mean.
@@ -115,14 +115,14 @@ struct Start {
     /// Density of the direction, 1/sr; of a lamp at infinity that of the line over the area that faces it, 1/m².
     p_line: f32,
     /// Thin dielectrics on the way to the first vertex, of a lamp at infinity.
-    panes: u32,
+    thin_dielectrics: u32,
 }
 
-/// What a light path from infinity has behind it before the first surface that is not a pane.
-struct Panes<'a> {
+/// The way of a light path from infinity to the first surface that is no smooth thin dielectric.
+struct WayIn<'a> {
     ray: Ray,
     medium_stack: MediumStack<'a>,
-    /// Transmittance of the panes.
+    /// Transmittance of the thin dielectrics.
     passed: Sampled,
     count: u32,
 }
@@ -272,7 +272,7 @@ impl<'a> Connections<'a> {
             lamps.push(Lamp { light: LightRef::Punctual(i as u32), photometric, modulation: light.modulation, medium_stack });
         }
         let mut parallel: Vec<Option<Parallel>> = lights.punctual.iter().map(|_| None).collect();
-        for (i, found) in Parallel::learn(scene, around, settings.seed, settings.max_depth, camera) {
+        for (i, found) in Parallel::learn(scene, around, &settings, camera) {
             let light = &lights.punctual[i as usize];
             punctual[i as usize] = Some(lamps.len() as u32);
             let photometric = light.illuminance();
@@ -398,7 +398,7 @@ impl<'a> Connections<'a> {
                     scale,
                     l0: f64::from(l0),
                     p_line,
-                    panes: 0,
+                    thin_dielectrics: 0,
                 })
             }
             LightRef::Punctual(i) if let Some(parallel) = &self.parallel[i as usize] => {
@@ -415,7 +415,7 @@ impl<'a> Connections<'a> {
                     scale,
                     l0: f64::from(l0),
                     p_line,
-                    panes: 0,
+                    thin_dielectrics: 0,
                 })
             }
             LightRef::Punctual(i) => {
@@ -443,7 +443,7 @@ impl<'a> Connections<'a> {
                     scale,
                     l0: f64::from(chance),
                     p_line,
-                    panes: 0,
+                    thin_dielectrics: 0,
                 })
             }
             LightRef::Environment => None,
@@ -496,15 +496,28 @@ impl<'a> Connections<'a> {
         let origin = if start.normal == Vec3::ZERO { start.point } else { offset_origin(start.point, start.normal * side) };
         let mut ray = Ray { origin, direction: start.direction, time_s: 0.0 };
         let mut passed = Sampled::ONE;
-        if self.is_parallel(start.lamp) && scene.has_straight_transmission() {
-            let Some(panes) = self.panes(&start, &wavelengths, MOST_PANES) else { return };
-            (ray, medium_stack, passed, start.panes) = (panes.ray, panes.medium_stack, panes.passed, panes.count);
+        if self.is_parallel(start.lamp) {
+            // Air that begins farther out than light paths do.
+            let back = Ray { direction: -start.direction, ..ray };
+            if medium_stack.span(&back, f32::INFINITY).is_some() {
+                return;
+            }
+            if scene.has_straight_transmission() {
+                let Some(way) = self.through_thin_dielectrics(&start, &wavelengths, self.settings.max_depth) else { return };
+                (ray, medium_stack, passed, start.thin_dielectrics) = (way.ray, way.medium_stack, way.passed, way.count);
+            }
         }
         let (path, first) = (traced.starts.len() as u32, traced.events.len());
         let mut before = start.point;
         let mut state: Option<State> = None;
         for depth in 0..self.settings.max_depth {
-            let Some(surface) = scene.intersect(&ray, f32::INFINITY) else { break };
+            let Some(mut surface) = scene.intersect(&ray, f32::INFINITY) else { break };
+            if depth == 0 && surface.t > FAR_M && self.is_parallel(start.lamp) {
+                // Layers on each other are told apart from near only.
+                ray.origin = ray.at(0.999 * surface.t);
+                let Some(again) = scene.intersect(&ray, f32::INFINITY) else { break };
+                surface = again;
+            }
             let material = scene.material(surface.object);
             let entering = surface.ng.dot(ray.direction) < 0.0;
             let around = medium_stack.around(material);
@@ -540,7 +553,7 @@ impl<'a> Connections<'a> {
                     arrives: ng.dot(to_prev).abs(),
                     flux: mean(here.flux),
                     diffuse: diffuse.unwrap_or(-1.0),
-                    events: depth + 1 + start.panes,
+                    events: depth + 1 + start.thin_dielectrics,
                 });
                 traced.vertices.push(LightVertex { to_prev, state: here, path, event: event_number });
             }
@@ -574,14 +587,14 @@ impl<'a> Connections<'a> {
     }
 
     /// The way of a light path from infinity through thin dielectrics that do not scatter, `most` of them; `None` where it ends before a surface.
-    fn panes(&self, start: &Start, wavelengths: &Wavelengths, most: u32) -> Option<Panes<'a>> {
+    fn through_thin_dielectrics(&self, start: &Start, wavelengths: &Wavelengths, most: u32) -> Option<WayIn<'a>> {
         let scene = self.scene;
         let ray = Ray { origin: start.point, direction: start.direction, time_s: 0.0 };
-        let mut panes = Panes { ray, medium_stack: MediumStack::new(scene.air()), passed: Sampled::ONE, count: 0 };
-        while panes.count < most {
-            let surface = scene.intersect(&panes.ray, f32::INFINITY)?;
+        let mut way = WayIn { ray, medium_stack: MediumStack::new(scene.air()), passed: Sampled::ONE, count: 0 };
+        while way.count < most {
+            let surface = scene.intersect(&way.ray, f32::INFINITY)?;
             let material = scene.material(surface.object);
-            if panes.medium_stack.span(&panes.ray, surface.t).is_some() {
+            if way.medium_stack.span(&way.ray, surface.t).is_some() {
                 return None;
             }
             if matches!(material.scattering, Scattering::Interface) || !material.may_transmit_straight() {
@@ -589,12 +602,12 @@ impl<'a> Connections<'a> {
             }
             let bsdf = material.bsdf(&surface, -start.direction, wavelengths, false, None)?;
             let Some(through) = bsdf.straight_through().filter(|_| bsdf.is_specular()) else { break };
-            panes.passed *= through;
-            panes.medium_stack.cross(material, surface.ng.dot(start.direction) < 0.0);
-            panes.ray.origin = past(&surface, start.direction);
-            panes.count += 1;
+            way.passed *= through;
+            way.medium_stack.cross(material, surface.ng.dot(start.direction) < 0.0);
+            way.ray.origin = past(&surface, start.direction);
+            way.count += 1;
         }
-        Some(panes)
+        Some(way)
     }
 
     /// The state at v₁, with the light sent out given.
@@ -700,8 +713,8 @@ impl<'a> LightVertices<'a> {
             false => {
                 let events = &self.events[*first as usize..=vertex.event as usize];
                 let mut sent = connections.sent(start, wavelengths);
-                if start.panes > 0 {
-                    sent *= connections.panes(start, wavelengths, start.panes)?.passed;
+                if start.thin_dielectrics > 0 {
+                    sent *= connections.through_thin_dielectrics(start, wavelengths, start.thin_dielectrics)?.passed;
                 }
                 let state = connections.first_state(start, &events[0], sent);
                 events.windows(2).try_fold(state, |state, pair| next_state(state, &pair[0], &pair[1], wavelengths))?
