@@ -270,7 +270,8 @@ impl Scene {
                 for (number, disc, density) in self.lights().discs(ray.direction, from, wavelengths, flash) {
                     let left = photons.map_or(Sampled::ONE, |p| p.left_of_punctual(&tail, number));
                     let weight = last.map_or(1.0, |l| {
-                        let connected = vertices.map_or(0.0, |pool| camera_state.beside_disc(pool, number, ray.direction));
+                        let disc = LightRef::Punctual(number);
+                        let connected = vertices.map_or(0.0, |pool| camera_state.beside_hit(pool, disc, ray.direction, 1.0));
                         1.0 / (1.0 + squared_ratio(density, l.density) + connected)
                     });
                     radiance.add(throughput * left * disc * weight, vertex - walked);
@@ -438,6 +439,7 @@ impl Scene {
                 throughput *= wavelengths.hero_only();
                 hero_only = true;
             }
+            let is_straight = scatter.specular && scatter.transmitted && bsdf.straight_through().is_some();
             last = match scatter.specular {
                 false => {
                     cone.scatter(scatter.pdf);
@@ -454,28 +456,24 @@ impl Scene {
                     })
                 }
                 // Light samples go through thin dielectrics, too.
-                true if scatter.transmitted && bsdf.straight_through().is_some() => {
-                    last.map(|l| PrevScatter { gone: l.gone + surface.t, ..l })
-                }
+                true if is_straight => last.map(|l| PrevScatter { gone: l.gone + surface.t, ..l }),
                 true => {
                     cone.forget();
                     None
                 }
             };
-            if shown.is_some() && !(scatter.specular && scatter.transmitted && bsdf.straight_through().is_some()) {
-                shown = None;
-            }
+            shown = shown.filter(|_| is_straight);
             if let Some(photons) = photons {
                 match scatter.specular {
                     // Photons do not land on strands.
                     false if surface.is_strand() => tail = Tail::default(),
                     false => tail.scatter(&bsdf, scatter.wi),
-                    true if scatter.transmitted && bsdf.straight_through().is_some() => {}
+                    true if is_straight => {}
                     true => tail.bend(photons.casts(surface.object)),
                 }
             }
             if let Some((_, here)) = &camera_vertex {
-                camera_state = match scatter.specular && scatter.transmitted && bsdf.straight_through().is_some() {
+                camera_state = match is_straight {
                     true if bsdf.is_specular() => camera_state.through_thin_dielectric(),
                     true => CameraState::NONE,
                     false => here.scattered(&scatter),
@@ -526,7 +524,8 @@ impl Scene {
                     }
                     _ => {
                         let cos = surface.ng.dot(ray.direction);
-                        let connected = joined.map_or(0.0, |(pool, state)| state.beside_hit(pool, light, ray.direction, cos));
+                        let connected =
+                            joined.map_or(0.0, |(pool, state)| state.beside_hit(pool, LightRef::Area(light), ray.direction, cos));
                         1.0 / (1.0 + squared_ratio(by_light, l.density) + connected)
                     }
                 }

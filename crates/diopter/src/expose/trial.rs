@@ -85,22 +85,14 @@ fn relative_noise(blocks: &[Vec<Pair>]) -> [f64; 2] {
     })
 }
 
-/// What a trial says of connections.
-#[derive(Clone, Copy, Debug, PartialEq)]
-enum Pays {
-    Surely,
-    Perhaps { less_than_half: bool },
-    Never,
-}
-
-/// By the relative squared error of a sample without and with them.
-fn pays([without, with]: [f64; 2]) -> Pays {
+/// Whether connections pay, by the relative squared error of a sample without and with them; `None` where more pairs are to tell, if there are any.
+fn pays([without, with]: [f64; 2], is_last: bool) -> Option<bool> {
     if with < SURE * without {
-        Pays::Surely
+        Some(true)
     } else if without < NOISY || with > HOPELESS * without {
-        Pays::Never
+        Some(false)
     } else {
-        Pays::Perhaps { less_than_half: with < UNSURE * without }
+        is_last.then_some(with < UNSURE * without)
     }
 }
 
@@ -166,11 +158,8 @@ impl Exposure<'_> {
         for round in 0..rounds {
             let numbers = round * side * side..(round + 1) * side * side;
             blocks.par_iter_mut().enumerate().for_each(|(b, pairs)| pairs.extend(numbers.clone().map(|k| pair(b, k))));
-            match pays(relative_noise(&blocks)) {
-                Pays::Surely => return true,
-                Pays::Perhaps { less_than_half } if round + 1 == rounds => return less_than_half,
-                Pays::Perhaps { .. } => {}
-                Pays::Never => return false,
+            if let Some(pays) = pays(relative_noise(&blocks), round + 1 == rounds) {
+                return pays;
             }
         }
         false
@@ -212,18 +201,18 @@ mod tests {
 
     #[test]
     fn connections_pay_where_they_leave_little_noise_or_less_than_half_of_much() {
-        let half = |less_than_half| Pays::Perhaps { less_than_half };
+        let (yes, no) = ([Some(true); 2], [Some(false); 2]);
         let cases = [
-            ([0.6, 0.17], Pays::Surely),
-            ([0.6, 0.27], Pays::Never),
-            ([5.0, 1.4], Pays::Surely),
-            ([5.0, 2.4], half(true)),
-            ([5.0, 3.9], half(false)),
-            ([5.0, 4.1], Pays::Never),
-            ([0.0, 0.0], Pays::Never),
+            ([0.6, 0.17], yes),
+            ([0.6, 0.27], no),
+            ([5.0, 1.4], yes),
+            ([5.0, 2.4], [None, Some(true)]),
+            ([5.0, 3.9], [None, Some(false)]),
+            ([5.0, 4.1], no),
+            ([0.0, 0.0], no),
         ];
         for (noise, expected) in cases {
-            assert_eq!(pays(noise), expected, "{noise:?}");
+            assert_eq!([false, true].map(|is_last| pays(noise, is_last)), expected, "{noise:?}");
         }
     }
 

@@ -109,28 +109,19 @@ impl CameraState {
         }
     }
 
-    /// Sum of the squared densities of all connections over that of a chance hit of an area light, on its face under a cosine.
+    /// Sum of the squared densities of all connections over that of a chance hit of a light, on its face under a cosine (1 at infinity).
     #[inline]
-    pub fn beside_hit(&self, pool: &LightVertices, light: u32, direction: Vec3, cos: f32) -> f32 {
+    pub fn beside_hit(&self, pool: &LightVertices, light: LightRef, direction: Vec3, cos: f32) -> f32 {
+        let barred = self.barred || (self.through_thin_dielectrics && matches!(light, LightRef::Area(_)));
         // Light paths end where the first surface mirrors.
-        if self.barred || self.through_thin_dielectrics || !self.connects || self.carry == 0.0 {
+        if barred || !self.connects || self.carry == 0.0 {
             return 0.0;
         }
-        let sent = pool.connections.emission_density(LightRef::Area(light), self.point, -direction, cos);
-        (squared(sent * f64::from(self.cos) / f64::from(self.pdf * cos.abs()).max(1e-30)) * self.carry) as f32
-    }
-
-    /// The same of a disc at infinity.
-    #[inline]
-    pub fn beside_disc(&self, pool: &LightVertices, number: u32, direction: Vec3) -> f32 {
-        if self.barred || !self.connects || self.carry == 0.0 {
-            return 0.0;
-        }
-        let sent = pool.connections.emission_density(LightRef::Punctual(number), self.point, -direction, 1.0);
+        let sent = pool.connections.emission_density(light, self.point, -direction, cos);
         if sent == 0.0 {
             return 0.0;
         }
-        (squared(sent * f64::from(self.cos) / f64::from(self.pdf).max(1e-30)) * self.carry) as f32
+        (squared(sent * f64::from(self.cos) / f64::from(self.pdf * cos.abs()).max(1e-30)) * self.carry) as f32
     }
 }
 

@@ -248,19 +248,17 @@ const SPREAD: [f32; 9] = [0.0625, 0.0625, 0.0625, 0.0625, 0.5, 0.0625, 0.0625, 0
 fn bounds(lines: &mut [Line], axis: usize) -> [f32; 2] {
     lines.sort_by(|a, b| a.0[axis].total_cmp(&b.0[axis]));
     let beyond = LEFT_OUT * lines.iter().map(|l| l.1).sum::<f32>();
+    [first_beyond(lines.iter(), beyond, axis), first_beyond(lines.iter().rev(), beyond, axis)]
+}
+
+/// The coordinate up to which there is more light than that.
+fn first_beyond<'a>(mut lines: impl Iterator<Item = &'a Line>, beyond: f32, axis: usize) -> f32 {
     let mut sum = 0.0;
-    let mut is_within = |l: &&Line| {
+    let found = lines.find(|l| {
         sum += l.1;
         sum > beyond
-    };
-    let low = lines.iter().find(&mut is_within).map_or(0.0, |l| l.0[axis]);
-    sum = 0.0;
-    let mut is_within = |l: &&Line| {
-        sum += l.1;
-        sum > beyond
-    };
-    let high = lines.iter().rev().find(&mut is_within).map_or(low, |l| l.0[axis]);
-    [low, high]
+    });
+    found.map_or(0.0, |l| l.0[axis])
 }
 
 /// Follows a camera path, and adds each vertex behind the first scattering where one of the lights, chosen by chance, arrives.

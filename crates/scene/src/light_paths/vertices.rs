@@ -61,8 +61,6 @@ const PILOT_POOL: u32 = u32::MAX;
 const TRIAL_POOL: u32 = u32::MAX - 1;
 /// Fewer vertices are no help.
 const FEWEST: usize = 64;
-/// Distance from which the place that a ray meets is looked at again from nearer, m: single precision has steps of 0.01 mm there.
-const FAR_M: f32 = 100.0;
 /// Light paths that a thread traces at a time.
 const CHUNK: u32 = 1024;
 /// Least probability of a lamp, relative to the mean.
@@ -373,7 +371,9 @@ impl<'a> Connections<'a> {
         let [a, b, c, d] = sampler.get(Set::Camera);
         let chance = self.choice.probability(lamp as usize);
         let lights = self.scene.lights();
-        match self.lamps[lamp as usize].light {
+        let (no_normal, no_place) = (Vec3::ZERO, Vec2::ZERO);
+        // `factor`: the cosine at the lamp; radiance over irradiance at infinity.
+        let (point, normal, place, direction, l0, p_line, factor) = match self.lamps[lamp as usize].light {
             LightRef::Area(i) => {
                 let light = &lights.area[i as usize];
                 let (point, normal, place) = light.sample_surface([a, b]);
@@ -387,36 +387,12 @@ impl<'a> Connections<'a> {
                 let (x, y) = sampling::frame(normal);
                 let direction = (x * local.x + y * local.y + normal * (side * local.z)).normalize();
                 let cos = normal.dot(direction).abs();
-                let (l0, p_line) = (chance / light.area(), fraction * cos * FRAC_1_PI);
-                let scale = cos / (l0 * p_line);
-                (cos > 1e-6).then_some(Start {
-                    lamp,
-                    point,
-                    normal,
-                    place,
-                    direction,
-                    scale,
-                    l0: f64::from(l0),
-                    p_line,
-                    thin_dielectrics: 0,
-                })
+                (point, normal, place, direction, chance / light.area(), fraction * cos * FRAC_1_PI, cos)
             }
             LightRef::Punctual(i) if let Some(parallel) = &self.parallel[i as usize] => {
                 let (point, direction, p_line) = parallel.sample([c, d], [a, b]);
                 let l0 = chance * parallel.direction_density();
-                let scale = parallel.over_irradiance() / (l0 * p_line);
-                let (normal, place) = (Vec3::ZERO, Vec2::ZERO);
-                (p_line > 0.0).then_some(Start {
-                    lamp,
-                    point,
-                    normal,
-                    place,
-                    direction,
-                    scale,
-                    l0: f64::from(l0),
-                    p_line,
-                    thin_dielectrics: 0,
-                })
+                (point, no_normal, no_place, direction, l0, p_line, parallel.over_irradiance())
             }
             LightRef::Punctual(i) => {
                 let kind = lights.punctual[i as usize].kind;
@@ -431,23 +407,13 @@ impl<'a> Connections<'a> {
                     }
                     PunctualKind::Directional { .. } | PunctualKind::Disc { .. } => return None,
                 };
-                let p_line = point_density(kind, direction);
-                let scale = 1.0 / (chance * p_line);
-                let (normal, place) = (Vec3::ZERO, Vec2::ZERO);
-                (p_line > 0.0).then_some(Start {
-                    lamp,
-                    point,
-                    normal,
-                    place,
-                    direction,
-                    scale,
-                    l0: f64::from(chance),
-                    p_line,
-                    thin_dielectrics: 0,
-                })
+                (point, no_normal, no_place, direction, chance, point_density(kind, direction), 1.0)
             }
-            LightRef::Environment => None,
-        }
+            LightRef::Environment => return None,
+        };
+        let scale = factor / (l0 * p_line);
+        let start = Start { lamp, point, normal, place, direction, scale, l0: f64::from(l0), p_line, thin_dielectrics: 0 };
+        (factor > 1e-6 && p_line > 0.0).then_some(start)
     }
 
     /// What a light path begins with, without the lamp's modulation: radiance or intensity times [`Start::scale`].
@@ -502,22 +468,14 @@ impl<'a> Connections<'a> {
             if medium_stack.span(&back, f32::INFINITY).is_some() {
                 return;
             }
-            if scene.has_straight_transmission() {
-                let Some(way) = self.through_thin_dielectrics(&start, &wavelengths, self.settings.max_depth) else { return };
-                (ray, medium_stack, passed, start.thin_dielectrics) = (way.ray, way.medium_stack, way.passed, way.count);
-            }
+            let Some(way) = self.through_thin_dielectrics(&start, &wavelengths, self.settings.max_depth) else { return };
+            (ray, medium_stack, passed, start.thin_dielectrics) = (way.ray, way.medium_stack, way.passed, way.count);
         }
         let (path, first) = (traced.starts.len() as u32, traced.events.len());
         let mut before = start.point;
         let mut state: Option<State> = None;
         for depth in 0..self.settings.max_depth {
-            let Some(mut surface) = scene.intersect(&ray, f32::INFINITY) else { break };
-            if depth == 0 && surface.t > FAR_M && self.is_parallel(start.lamp) {
-                // Layers on each other are told apart from near only.
-                ray.origin = ray.at(0.999 * surface.t);
-                let Some(again) = scene.intersect(&ray, f32::INFINITY) else { break };
-                surface = again;
-            }
+            let Some(surface) = scene.intersect(&ray, f32::INFINITY) else { break };
             let material = scene.material(surface.object);
             let entering = surface.ng.dot(ray.direction) < 0.0;
             let around = medium_stack.around(material);
@@ -597,11 +555,18 @@ impl<'a> Connections<'a> {
             if way.medium_stack.span(&way.ray, surface.t).is_some() {
                 return None;
             }
-            if matches!(material.scattering, Scattering::Interface) || !material.may_transmit_straight() {
+            let straight = match material.may_transmit_straight() && !matches!(material.scattering, Scattering::Interface) {
+                true => {
+                    let bsdf = material.bsdf(&surface, -start.direction, wavelengths, false, None)?;
+                    bsdf.straight_through().filter(|_| bsdf.is_specular())
+                }
+                false => None,
+            };
+            let Some(through) = straight else {
+                // Layers on each other are told apart from near only.
+                way.ray.origin = way.ray.at(0.999 * surface.t);
                 break;
-            }
-            let bsdf = material.bsdf(&surface, -start.direction, wavelengths, false, None)?;
-            let Some(through) = bsdf.straight_through().filter(|_| bsdf.is_specular()) else { break };
+            };
             way.passed *= through;
             way.medium_stack.cross(material, surface.ng.dot(start.direction) < 0.0);
             way.ray.origin = past(&surface, start.direction);
