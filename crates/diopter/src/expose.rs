@@ -5,6 +5,7 @@
 //! however often it was interrupted ([`Sums`]).
 
 mod blur;
+mod camera_rays;
 mod diffraction;
 mod fireflies;
 mod frames;
@@ -17,6 +18,7 @@ mod response;
 mod stars;
 mod sums;
 mod tile;
+mod tile_sums;
 mod trial;
 mod truth;
 
@@ -34,6 +36,7 @@ use crate::polarizer::Polarizer;
 use crate::row_store::{PagedRows, RowStore};
 use crate::shutter::{Shutter, ShutterTimes};
 use crate::stray::{Seen, Stray, StrayLight};
+use camera_rays::RADIANCE_REDRAWS;
 use diffraction::Optics;
 use diopter_image::channels::{Channel, DIRECT, INDIRECT};
 use diopter_image::focal_plane::{BandUnit, STRIP_STEP, Truth, bytes_a_pixel};
@@ -54,7 +57,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::time::Instant;
 use sums::{Finished, Tile, means, tell_direct};
-use tile::{PassPaths, RADIANCE_REDRAWS, Unit};
+use tile::{PassPaths, Unit};
 use truth::Recorder;
 
 /// Pixels a side of the squares that threads take.

@@ -33,7 +33,7 @@ impl Scene {
         let first = self.first_surface(ray)?;
         let wavelengths = Wavelengths::rgb();
         let mut ray = *ray;
-        let mut medium_stack = MediumStack::new(self.air());
+        let mut medium_stack = MediumStack::default();
         let (mut tint, mut smooth) = (Sampled::ONE, 0);
         for _ in 0..MOST_SURFACES {
             let Some(surface) = self.intersect(&ray, f32::INFINITY) else {
@@ -42,15 +42,15 @@ impl Scene {
             let material = self.material(surface.object);
             let entering = surface.ng.dot(ray.direction) < 0.0;
             let beyond = surface.leave(if entering { -surface.ng } else { surface.ng }, ray.direction);
-            if medium_stack.hides(material, entering) || matches!(material.scattering, Scattering::Interface) {
-                medium_stack.cross(material, entering);
+            if medium_stack.hides(self, surface.object, entering) || matches!(material.scattering, Scattering::Interface) {
+                medium_stack.cross(self, surface.object, entering);
                 ray.origin = beyond;
                 continue;
             }
             let side = if entering { 1.0 } else { -1.0 };
             let albedo = tint.truncate().clamp(Vec3::ZERO, Vec3::ONE) * material.albedo(&surface);
             let here = (FirstSurface { normal: surface.ns * side, albedo, ..first }, Some(surface.point));
-            let around = medium_stack.around(material);
+            let around = medium_stack.around(self, surface.object);
             let Some(bsdf) = material.bsdf(&surface, -ray.direction, &wavelengths, false, around) else { return Some(here) };
             if !bsdf.is_specular() || smooth == MOST_SMOOTH {
                 return Some(here);
@@ -61,7 +61,7 @@ impl Scene {
             tint *= scatter.weight * scatter.eta_scale;
             smooth += 1;
             if scatter.transmitted {
-                medium_stack.cross(material, entering);
+                medium_stack.cross(self, surface.object, entering);
                 ray.origin = beyond;
             } else {
                 ray.origin = surface.leave(if entering { surface.ng } else { -surface.ng }, scatter.wi);

@@ -3,66 +3,111 @@
 //! Bodies with a priority may overlap or touch: where they do, the strongest is there, the faces of weaker ones within it are not, and light
 //! is bent by the ratio of the indices on both sides. Source: C. Schmidt, B. Budge 2002, "Simple Nested Dielectrics in Ray Traced Images".
 //! A body without a priority is bent against vacuum, and counts from where it is entered to where it is left.
+//!
+//! Bodies and media are known by the numbers of their materials, so that many paths can be kept without borrowing from the scene.
 
 use crate::material::{Interior, Material, Principled, Scattering};
-use crate::medium::{Air, Medium};
+use crate::medium::Medium;
+use crate::scene::Scene;
 use diopter_light::Ray;
 
 /// Bodies within bodies that are kept track of.
 const MOST: usize = 8;
 
-/// Where a path is.
-#[derive(Clone, Copy)]
-pub(crate) struct MediumStack<'a> {
-    air: Option<&'a Air>,
+/// Where a path is; at first in the air around all bodies.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct MediumStack {
     /// What a face between two media said last; nothing until then.
-    said: Option<Option<&'a Medium>>,
-    bodies: [Option<&'a Material>; MOST],
-    count: usize,
+    said: Option<Side>,
+    /// Numbers of the materials of the bodies, in the order in which they were entered.
+    bodies: [u32; MOST],
+    count: u32,
 }
 
-impl<'a> MediumStack<'a> {
-    pub fn new(air: Option<&'a Air>) -> Self {
-        MediumStack { air, said: None, bodies: [None; MOST], count: 0 }
-    }
+/// A side of a face between two media.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Side {
+    material: u32,
+    is_inside: bool,
+}
 
-    fn bodies(&self) -> impl DoubleEndedIterator<Item = &'a Material> + '_ {
-        self.bodies[..self.count].iter().filter_map(|b| *b)
+/// A medium of a scene.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum MediumId {
+    /// What fills the world around its bodies.
+    Air,
+    /// What fills bodies of a material, by its number.
+    Body(u32),
+    /// What is on a side of a face.
+    Side(Side),
+}
+
+impl Scene {
+    /// A medium by its name; `None` for a vacuum.
+    #[inline]
+    pub(crate) fn medium(&self, id: MediumId) -> Option<&Medium> {
+        match id {
+            MediumId::Air => self.air().map(|air| &air.medium),
+            MediumId::Body(material) => match &self.material_at(material).interior {
+                Interior::Body { medium, .. } => medium.as_deref(),
+                _ => None,
+            },
+            MediumId::Side(side) => match &self.material_at(side.material).interior {
+                Interior::Sides(sides) => sides[usize::from(!side.is_inside)].as_deref(),
+                _ => None,
+            },
+        }
+    }
+}
+
+impl MediumStack {
+    fn bodies(&self) -> &[u32] {
+        &self.bodies[..self.count as usize]
     }
 
     /// The body that counts: of those with the highest priority the one that was entered last.
-    fn strongest(&self) -> Option<&'a Material> {
-        self.bodies().reduce(|best, b| if priority(b) >= priority(best) { b } else { best })
+    fn strongest(&self, scene: &Scene) -> Option<u32> {
+        let priority = |material: u32| priority(scene.material_at(material));
+        self.bodies().iter().copied().reduce(|best, b| if priority(b) >= priority(best) { b } else { best })
+    }
+
+    /// What fills the place.
+    #[inline]
+    pub fn medium(&self, scene: &Scene) -> MediumId {
+        match (self.strongest(scene), self.said) {
+            (Some(body), _) => MediumId::Body(body),
+            (None, Some(side)) => MediumId::Side(side),
+            (None, None) => MediumId::Air,
+        }
     }
 
     /// The medium along a ray up to a distance, and the part of it in which it is.
     #[inline]
-    pub fn span(&self, ray: &Ray, reach: f32) -> Option<(&'a Medium, [f32; 2])> {
-        if let Some(body) = self.strongest() {
-            let Interior::Body { medium, .. } = &body.interior else { return None };
-            return Some((medium.as_deref()?, [0.0, reach]));
-        }
-        match self.said {
-            Some(medium) => Some((medium?, [0.0, reach])),
-            None => self.air.and_then(|air| Some((&air.medium, air.span(ray, reach)?))),
+    pub fn span<'a>(&self, scene: &'a Scene, ray: &Ray, reach: f32) -> Option<(&'a Medium, [f32; 2])> {
+        match self.medium(scene) {
+            MediumId::Air => scene.air().and_then(|air| Some((&air.medium, air.span(ray, reach)?))),
+            id => Some((scene.medium(id)?, [0.0, reach])),
         }
     }
 
-    /// Whether a face is not there: because a stronger body is, or because the same matter is on both sides, where bodies of one material
+    /// Whether a face of an object is not there: because a stronger body is, or because the same matter is on both sides, where bodies of one material
     /// overlap.
-    pub fn hides(&self, material: &Material, entering: bool) -> bool {
-        let Some(own) = priority(material) else { return false };
-        let held = self.bodies().filter(|b| std::ptr::eq(*b, material)).count();
+    pub fn hides(&self, scene: &Scene, object: u32, entering: bool) -> bool {
+        let material = scene.material_number(object);
+        let Some(own) = priority(scene.material_at(material)) else { return false };
+        let held = self.bodies().iter().filter(|b| **b == material).count();
         match entering {
-            true => held > 0 || self.bodies().any(|b| priority(b) > Some(own)),
-            false => held > 1 || (held == 1 && self.strongest().is_some_and(|b| !std::ptr::eq(b, material))),
+            true => held > 0 || self.bodies().iter().any(|b| priority(scene.material_at(*b)) > Some(own)),
+            false => held > 1 || (held == 1 && self.strongest(scene).is_some_and(|b| b != material)),
         }
     }
 
-    /// The dielectric on the outer side of a body's face, where both have priorities.
-    pub fn around(&self, material: &Material) -> Option<&'a Principled> {
-        priority(material)?;
-        let outer = self.bodies().filter(|b| priority(b).is_some() && !std::ptr::eq(*b, material));
+    /// The dielectric on the outer side of an object's face, where both have priorities.
+    pub fn around<'a>(&self, scene: &'a Scene, object: u32) -> Option<&'a Principled> {
+        let material = scene.material_number(object);
+        priority(scene.material_at(material))?;
+        let outer = self.bodies().iter().filter(|b| **b != material).map(|b| scene.material_at(*b));
+        let outer = outer.filter(|b| priority(b).is_some());
         let outer = outer.reduce(|best, b| if priority(b) >= priority(best) { b } else { best })?;
         match &outer.scattering {
             Scattering::Principled(p) => Some(p),
@@ -70,22 +115,22 @@ impl<'a> MediumStack<'a> {
         }
     }
 
-    /// Goes through a face.
+    /// Goes through a face of an object.
     #[inline]
-    pub fn cross(&mut self, material: &'a Material, entering: bool) {
-        match &material.interior {
+    pub fn cross(&mut self, scene: &Scene, object: u32, entering: bool) {
+        let material = scene.material_number(object);
+        match scene.material_at(material).interior {
             Interior::Same => {}
-            Interior::Sides(sides) => self.said = Some(sides[usize::from(!entering)].as_deref()),
+            Interior::Sides(_) => self.said = Some(Side { material, is_inside: entering }),
             Interior::Body { .. } if entering => {
-                if self.count < MOST {
-                    self.bodies[self.count] = Some(material);
+                if let Some(next) = self.bodies.get_mut(self.count as usize) {
+                    *next = material;
                     self.count += 1;
                 }
             }
             Interior::Body { .. } => {
-                let found = (0..self.count).rev().find(|i| self.bodies[*i].is_some_and(|b| std::ptr::eq(b, material)));
-                if let Some(i) = found {
-                    self.bodies.copy_within(i + 1..self.count, i);
+                if let Some(i) = self.bodies().iter().rposition(|b| *b == material) {
+                    self.bodies.copy_within(i + 1..self.count as usize, i);
                     self.count -= 1;
                 }
             }

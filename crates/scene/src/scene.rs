@@ -328,7 +328,19 @@ impl Scene {
     /// Material of an object.
     #[inline]
     pub fn material(&self, object: u32) -> &Material {
-        &self.description.materials[self.description.objects[object as usize].material as usize]
+        self.material_at(self.material_number(object))
+    }
+
+    /// Number of the material of an object.
+    #[inline]
+    pub(crate) fn material_number(&self, object: u32) -> u32 {
+        self.description.objects[object as usize].material
+    }
+
+    /// A material by its number.
+    #[inline]
+    pub(crate) fn material_at(&self, number: u32) -> &Material {
+        &self.description.materials[number as usize]
     }
 
     /// How the pictures on an object are filtered.

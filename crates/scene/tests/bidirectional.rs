@@ -9,6 +9,7 @@ use diopter_scene::light_paths::{CameraRays, ConnectionSettings, Connections, Li
 use diopter_scene::material::conductor::FacetBounces;
 use diopter_scene::material::{Conductor, Emission, Material, Principled, Scattering, Transmission};
 use diopter_scene::medium::{Air, Medium};
+use diopter_scene::radiance::CameraPath;
 use diopter_scene::shape::{Quad, Sphere};
 use diopter_scene::texture::{Color, Scalar};
 use diopter_scene::{Description, Object, PathSettings, Scene, Shape};
@@ -101,7 +102,8 @@ fn look(scene: &Scene, connections: Option<&Connections>, n: u32, seed: u64, max
             let wavelengths: Wavelengths = drawn.sample(w);
             let ray = view([a, b]);
             let light_paths = LightPaths { photons: None, vertices: pool.as_ref() };
-            let l = scene.radiance_with(light_paths, ray, &wavelengths, &sampler, &path) * wavelengths.weight;
+            let l = scene.radiance_along(&CameraPath { light_paths, ..CameraPath::new(ray, wavelengths, sampler) }, &path)
+                * wavelengths.weight;
             let l = f64::from(l.element_sum());
             (sum, squares, of_part) = (sum + l, squares + l * l, of_part + l);
         }

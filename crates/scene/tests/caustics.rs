@@ -9,6 +9,7 @@ use diopter_scene::light_paths::{CausticSettings, Caustics, Lamps, LightPaths, P
 use diopter_scene::material::conductor::FacetBounces;
 use diopter_scene::material::{Conductor, Material, Principled, Scattering};
 use diopter_scene::medium::{Air, Coefficient, Medium};
+use diopter_scene::radiance::CameraPath;
 use diopter_scene::shape::{Mesh, Quad, Sphere};
 use diopter_scene::texture::{Color, Scalar};
 use diopter_scene::{Description, Object, PathSettings, Scene, Shape};
@@ -78,8 +79,8 @@ fn mean_along(
         let ray = Ray { origin: at(u), direction, time_s: 0.0 };
         let sampler = Sampler::new(SamplerKind::Sobol, 3, (7, 1), i, n);
         let photons = (!maps.is_empty()).then(|| &maps[i as usize % maps.len()]);
-        let l = f64::from(scene.radiance_with(LightPaths::of_photons(photons), ray, &wavelengths, &sampler, &path).element_sum())
-            / 4.0;
+        let along = CameraPath { light_paths: LightPaths::of_photons(photons), ..CameraPath::new(ray, wavelengths, sampler) };
+        let l = f64::from(scene.radiance_along(&along, &path).element_sum()) / 4.0;
         (sum, squares) = (sum + l, squares + l * l);
     }
     let n = f64::from(n);
@@ -330,7 +331,8 @@ fn a_prism_bends_blue_farther_than_red() {
             let (x, z) = (0.15 + 0.6 * (i as f32 + 0.5) / n as f32, 0.1 * (j as f32 - 3.5) / 8.0);
             let ray = Ray { origin: Vec3::new(x, 0.5, z), direction: Vec3::NEG_Y, time_s: 0.0 };
             let sampler = Sampler::new(SamplerKind::Sobol, 1, (0, 0), 0, 1);
-            let at = |photons| scene.radiance_with(LightPaths::of_photons(photons), ray, &wavelengths, &sampler, &path);
+            let along = CameraPath::new(ray, wavelengths, sampler);
+            let at = |photons| scene.radiance_along(&CameraPath { light_paths: LightPaths::of_photons(photons), ..along }, &path);
             let light = (at(Some(&map)) - at(None)).to_array();
             for k in 0..4 {
                 sum[k] += f64::from(light[k]);
@@ -389,8 +391,11 @@ fn the_two_replicates_of_a_map_know_nothing_of_each_other() {
     for m in 1000..1000 + MAPS as u32 {
         let pair = [caustics.map(m, 0), caustics.map(m, 1)];
         for (i, ray) in points.iter().enumerate() {
-            let light =
-                |map| f64::from(scene.radiance_with(LightPaths::of_photons(Some(map)), *ray, &wavelengths, &sampler, &path).x);
+            let light = |map| {
+                let light_paths = LightPaths::of_photons(Some(map));
+                let along = CameraPath { light_paths, ..CameraPath::new(*ray, wavelengths, sampler) };
+                f64::from(scene.radiance_along(&along, &path).x)
+            };
             let [a, b] = pair.each_ref().map(light);
             sums[i] += 0.5 * (a + b);
             squares[i] += (0.5 * (a + b)).powi(2);

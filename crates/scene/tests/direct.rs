@@ -2,13 +2,13 @@
 
 use diopter_light::random::{Sampler, SamplerKind, Set};
 use diopter_light::wavelength::WavelengthSampler;
-use diopter_light::{Ray, Spectrum};
+use diopter_light::{Ray, Sampled, Spectrum};
 use diopter_scene::light::{Environment, Punctual, PunctualKind};
 use diopter_scene::light_paths::{CameraRays, CausticSettings, Caustics, ConnectionSettings, Connections, Lamps, LightPaths};
 use diopter_scene::material::conductor::FacetBounces;
 use diopter_scene::material::{Conductor, Interior, Material, Principled, Scattering, Transmission};
 use diopter_scene::medium::Medium;
-use diopter_scene::radiance::RayCone;
+use diopter_scene::radiance::CameraPath;
 use diopter_scene::shape::{Quad, Sphere};
 use diopter_scene::texture::{Color, Scalar};
 use diopter_scene::{Description, Object, PathSettings, Scene, Shape};
@@ -86,16 +86,30 @@ fn direct_light_is_that_of_one_scattering_event_bit_by_bit() {
             let [a, b, w, _] = sampler.get(Set::Camera);
             let wavelengths = drawn.sample(w);
             let direction = Vec3::new(-0.6 + 1.2 * a, -0.5 + 1.0 * b, -1.0).normalize();
-            let cone = RayCone::thin(Ray { origin: Vec3::new(0.0, 0.2, 2.0), direction, time_s: 0.0 });
-            let [all, direct] = scene.radiance_and_direct(light_paths, None, cone, &wavelengths, &sampler, &path);
-            assert_eq!(all, scene.radiance_shown(light_paths, None, cone, &wavelengths, &sampler, &path), "{name} {i}");
+            let ray = Ray { origin: Vec3::new(0.0, 0.2, 2.0), direction, time_s: 0.0 };
+            let along = CameraPath { light_paths, ..CameraPath::new(ray, wavelengths, sampler) };
+            let [all, direct] = scene.radiance_and_direct(&along, &path);
+            assert_eq!(all, scene.radiance_along(&along, &path), "{name} {i}");
             // Photons are left out: those that gather would be found with one event, too, and have been scattered before.
             let shallow = LightPaths { photons: None, ..light_paths };
-            let expected = scene.radiance_shown(shallow, None, cone, &wavelengths, &sampler, &once);
+            let expected = scene.radiance_along(&CameraPath { light_paths: shallow, ..along }, &once);
             assert!((direct - expected).abs().cmple(1e-6 * expected).all(), "{name} {i}: {direct} {expected}");
             assert!(direct.cmple(all * (1.0 + 1e-6)).all(), "{name} {i}: {direct} {all}");
             kinds[if direct == all { 0 } else { 1 + usize::from(direct.max_element() > 0.0) }] += 1;
         }
+        // Many at a time are what each is alone.
+        let along = |i: u32| {
+            let sampler = Sampler::new(SamplerKind::Independent, 4, (7, 9), i, 64);
+            let [a, b, w, _] = sampler.get(Set::Camera);
+            let direction = Vec3::new(-0.6 + 1.2 * a, -0.5 + 1.0 * b, -1.0).normalize();
+            let ray = Ray { origin: Vec3::new(0.0, 0.2, 2.0), direction, time_s: 0.0 };
+            CameraPath { light_paths, ..CameraPath::new(ray, drawn.sample(w), sampler) }
+        };
+        let paths: Vec<CameraPath> = (0..64).map(along).collect();
+        let alone: Vec<[Sampled; 2]> = paths.iter().map(|along| scene.radiance_and_direct(along, &path)).collect();
+        assert_eq!(scene.radiance_and_direct_of(&paths, &path), alone, "{name}");
+        let all: Vec<Sampled> = alone.iter().map(|[all, _]| *all).collect();
+        assert_eq!(scene.radiance_of(&paths, &path), all, "{name}");
         println!("{name}: {kinds:?}");
         assert!(kinds.iter().all(|n| *n > 100), "{name}: {kinds:?}");
     }

@@ -3,9 +3,8 @@
 use diopter_light::random::{Sampler, SamplerKind, mix, to_unit};
 use diopter_light::{Ray, Wavelengths};
 use diopter_scene::light::Environment;
-use diopter_scene::light_paths::LightPaths;
 use diopter_scene::material::{Bump, BumpUnit, Coverage, Material, Scattering};
-use diopter_scene::radiance::RayCone;
+use diopter_scene::radiance::{CameraPath, RayCone};
 use diopter_scene::shape::Quad;
 use diopter_scene::texture::{Codes, Color, Image, Scalar, Texture};
 use diopter_scene::{Description, Object, PathSettings, Scene, Shape};
@@ -49,7 +48,8 @@ fn pixel(scene: &Scene, towards: Vec3, angle: f32, fraction: f32, n: u32) -> [f6
         let ray = Ray { origin: Vec3::Y * 1.6, direction, time_s: 0.0 };
         let sampler = Sampler::new(SamplerKind::Independent, 5, (3, 4), i, n);
         let cone = RayCone { ray, spread: angle * fraction, fraction };
-        let light = (scene.radiance_shown(LightPaths::default(), None, cone, &wavelengths, &sampler, &settings) / white).y;
+        let path = CameraPath { cone, ..CameraPath::new(ray, wavelengths, sampler) };
+        let light = (scene.radiance_along(&path, &settings) / white).y;
         (sum, squares) = (sum + f64::from(light), squares + f64::from(light).powi(2));
     }
     let mean = sum / f64::from(n);

@@ -7,7 +7,7 @@ use diopter_scene::daylight::{Daylight, sun};
 use diopter_scene::light::{Environment, Punctual, PunctualKind};
 use diopter_scene::material::conductor::FacetBounces;
 use diopter_scene::material::{Conductor, Material, Principled, Scattering, Transmission};
-use diopter_scene::radiance::RayCone;
+use diopter_scene::radiance::CameraPath;
 use diopter_scene::shape::{Quad, Sphere};
 use diopter_scene::texture::{Color, Scalar};
 use diopter_scene::{Description, Object, PathSettings, Scene, Shape};
@@ -19,11 +19,11 @@ const NM: [f32; 4] = [450.0, 520.0, 590.0, 660.0];
 fn mean(scene: &Scene, origin: Vec3, direction: Vec3, axis: Vec3, n: u32) -> Stokes {
     let wavelengths = Wavelengths::fixed(NM);
     let white = wavelengths.d65_one_nit();
-    let cone = RayCone::thin(Ray { origin, direction: direction.normalize(), time_s: 0.0 });
+    let ray = Ray { origin, direction: direction.normalize(), time_s: 0.0 };
     let sum: Vec4 = (0..n)
         .map(|i| {
             let sampler = Sampler::new(SamplerKind::Sobol, 5, (3, 4), i, n);
-            scene.stokes(cone, axis, &wavelengths, &sampler, &PathSettings::default())[1] / white[1]
+            scene.stokes(&CameraPath::new(ray, wavelengths, sampler), axis, &PathSettings::default())[1] / white[1]
         })
         .sum();
     sum / n as f32
@@ -217,7 +217,7 @@ fn one_event_changes_no_intensity() {
             let sampler = Sampler::new(SamplerKind::Sobol, 5, (3, 4), i, 64);
             let ray = Ray { origin: Vec3::new(0.6, 0.4, 5.0), direction: Vec3::NEG_Z, time_s: 0.0 };
             let plain = scene.radiance(ray, &wavelengths, &sampler, &PathSettings::default());
-            let stokes = scene.stokes(RayCone::thin(ray), Vec3::X, &wavelengths, &sampler, &PathSettings::default());
+            let stokes = scene.stokes(&CameraPath::new(ray, wavelengths, sampler), Vec3::X, &PathSettings::default());
             let intensity = Vec4::from_array(stokes.map(|s| s.x));
             assert!((intensity - plain).abs().max_element() < 2e-5 * plain.max_element().max(1e-9), "{i}: {intensity} {plain}");
             // Never more than wholly polarised.
@@ -260,12 +260,12 @@ fn stokes_vectors_are_those_of_another_program() {
     let mut wrong = Vec::new();
     for (through, expected) in MITSUBA {
         let direction = (Vec3::from_array(through) - origin).normalize();
-        let cone = RayCone::thin(Ray { origin, direction, time_s: 0.0 });
+        let ray = Ray { origin, direction, time_s: 0.0 };
         let right = direction.cross(Vec3::Y);
         let sum: Vec4 = (0..n)
             .map(|i| {
                 let sampler = Sampler::new(SamplerKind::Sobol, 5, (3, 4), i, n);
-                scene.stokes(cone, right, &wavelengths, &sampler, &settings)[1] / white[1]
+                scene.stokes(&CameraPath::new(ray, wavelengths, sampler), right, &settings)[1] / white[1]
             })
             .sum();
         let stokes = sum / n as f32;

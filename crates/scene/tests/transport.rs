@@ -12,7 +12,7 @@ use diopter_scene::material::{
     Anisotropy, CoatedConductor, Conductor, Coverage, Emission, EmissionColor, Film, Material, Principled, Scattering, Sheen,
     Transmission,
 };
-use diopter_scene::radiance::RayCone;
+use diopter_scene::radiance::CameraPath;
 use diopter_scene::shape::{Mesh, Quad, Sphere};
 use diopter_scene::texture::{Color, Scalar};
 use diopter_scene::{Description, Object, PathSettings, Scene, Shape};
@@ -878,11 +878,11 @@ fn a_white_body_in_even_light_stays_unpolarised() {
     for (name, material) in white_materials() {
         let scene = Scene::build(Description { environment: Some(Environment::uniform(Vec3::ONE)), ..sphere(material) }).unwrap();
         for offset in [0.0f32, 0.5, 0.85, 0.97] {
-            let ray = RayCone::thin(Ray { origin: Vec3::new(offset, 0.0, 3.0), direction: Vec3::NEG_Z, time_s: 0.0 });
+            let ray = Ray { origin: Vec3::new(offset, 0.0, 3.0), direction: Vec3::NEG_Z, time_s: 0.0 };
             let n = 8192;
             let light = |k: u32| {
                 let sampler = Sampler::new(SamplerKind::Sobol, 3, (0, 0), k, n);
-                scene.stokes(ray, Vec3::X, &Wavelengths::rgb(), &sampler, &deep)[1]
+                scene.stokes(&CameraPath::new(ray, Wavelengths::rgb(), sampler), Vec3::X, &deep)[1]
             };
             let sum: Vec4 = (0..n).map(light).sum();
             // Light that a coat holds back over metal counts as unpolarised; of facets that are wider one way than the other what comes through is told by even ones.

@@ -48,7 +48,7 @@ use diopter_lens::surface::Profile;
 use diopter_lens::system::PlacedSurface;
 use diopter_light::Ray;
 use diopter_light::random::{Sampler, SamplerKind, Set};
-use diopter_scene::light::{Emitters, LightSample, Shown};
+use diopter_scene::light::{Emitters, LightSample};
 use glam::{DVec2, DVec3, Vec3};
 use rayon::prelude::*;
 use std::collections::BTreeMap;
@@ -367,9 +367,9 @@ impl<'a> LightTracing<'a> {
         if weight.is_finite() { weight } else { 1.0 }
     }
 
-    /// What a camera path counts of lamps seen directly.
-    pub fn shown<'b>(&'b self, weight: &'b dyn Fn(u32, Vec3) -> f32) -> Shown<'b> {
-        Shown { emitters: &self.emitters, weight }
+    /// The lamps.
+    pub fn emitters(&self) -> &Emitters<'_> {
+        &self.emitters
     }
 
     /// Runs rays to the film: a bit for each that a camera sample could have drawn. `shifts`: by which light is moved on the film before it is collected, mm.

@@ -7,6 +7,7 @@ use super::{Exposure, Integrator};
 use diopter_light::random::{Sampler, SamplerKind};
 use diopter_light::{Ray, Wavelengths};
 use diopter_scene::light_paths::{Caustics, Connections, LightPaths};
+use diopter_scene::radiance::CameraPath;
 use rayon::prelude::*;
 
 /// Blocks of the film a side.
@@ -145,8 +146,9 @@ impl Exposure<'_> {
             let Some(camera) = unit.camera_ray(column, row, &samplers[0]) else { return pair };
             for (replicate, sampler) in samplers.iter().enumerate() {
                 for (of_pair, vertices) in pair.iter_mut().zip([None, Some(&pools[replicate])]) {
-                    let (paths, path) = (LightPaths { photons: map.as_ref(), vertices }, &self.settings.path);
-                    let light = self.scene.radiance_with(paths, camera.ray, &camera.wavelengths, sampler, path);
+                    let light_paths = LightPaths { photons: map.as_ref(), vertices };
+                    let path = CameraPath { light_paths, ..CameraPath::new(camera.ray, camera.wavelengths, *sampler) };
+                    let light = self.scene.radiance_along(&path, &self.settings.path);
                     let light = f64::from((light * camera.wavelengths.weight).element_sum());
                     of_pair[replicate] = if light.is_finite() { light } else { 0.0 };
                 }

@@ -29,15 +29,17 @@ pub struct Emitters<'a> {
 pub struct Shown<'a> {
     /// They.
     pub emitters: &'a Emitters<'a>,
-    /// Weight of the camera path by number of the emitter and point met, m.
-    pub weight: &'a dyn Fn(u32, Vec3) -> f32,
+    /// Weight of the camera path by its number, number of the emitter and point met, m.
+    pub weight: &'a dyn Fn(usize, u32, Vec3) -> f32,
+    /// Number of the camera path.
+    pub path: usize,
 }
 
 impl Shown<'_> {
     /// The weight at a surface that shines.
     #[inline]
     pub(crate) fn counts(&self, surface: &Surface) -> f32 {
-        self.emitters.found.at(surface).map_or(1.0, |number| (self.weight)(number, surface.point))
+        self.emitters.found.at(surface).map_or(1.0, |number| (self.weight)(self.path, number, surface.point))
     }
 }
 
@@ -124,7 +126,7 @@ impl Emitters<'_> {
         let materials = &scene.description().materials;
         let sent = light.radiance(place, materials, wavelengths);
         let sent = sent * scene.modulation(&materials[light.material as usize], time_s);
-        let medium_stack = MediumStack::new(scene.air());
+        let medium_stack = MediumStack::default();
         let stream = || stream_along(p, light_sample.wi);
         let most = settings.max_depth;
         let past = scene.light_past(&mut (), sent, p, origin, light_sample, medium_stack, wavelengths, time_s, most, stream);
@@ -136,9 +138,8 @@ impl Emitters<'_> {
 mod tests {
     use super::*;
     use crate::Description;
-    use crate::light_paths::LightPaths;
     use crate::material::{EmissionColor, Material, Scattering};
-    use crate::radiance::RayCone;
+    use crate::radiance::CameraPath;
     use crate::shape::{Quad, Sphere};
     use diopter_light::random::{Sampler, SamplerKind};
     use diopter_light::{Ray, Spectrum};
@@ -187,16 +188,15 @@ mod tests {
                 assert!((density / light_sample.pdf - 1.0).abs() < 1e-3, "{density} {}", light_sample.pdf);
                 // The path tracer asks for the weight of the same emitter, and counts what is left.
                 let asked = std::cell::Cell::new(None);
-                let weight = |number: u32, point: Vec3| {
+                let weight = |_: usize, number: u32, point: Vec3| {
                     asked.set(Some((number, point)));
                     0.25
                 };
                 let sampler = Sampler::new(SamplerKind::Independent, 1, (i, number), 0, 1);
-                let shown = Shown { emitters: &emitters, weight: &weight };
+                let shown = Shown { emitters: &emitters, weight: &weight, path: 0 };
                 let ray = Ray { origin, direction: light_sample.wi, time_s: 0.0 };
-                let seen = scene
-                    .radiance_shown(LightPaths::default(), Some(shown), RayCone::thin(ray), &wavelengths, &sampler, &settings)
-                    .x;
+                let path = CameraPath { shown: Some(shown), ..CameraPath::new(ray, wavelengths, sampler) };
+                let seen = scene.radiance_along(&path, &settings).x;
                 hidden[number as usize] += u32::from(light == 0.0);
                 assert!((seen - 0.25 * light).abs() < 1e-6, "{number}: {seen} {light}");
                 if light > 0.0 {

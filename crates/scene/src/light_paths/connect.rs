@@ -67,7 +67,7 @@ pub(crate) struct CameraVertex<'v, 'a> {
     /// Unit direction back along the path.
     pub wo: Vec3,
     pub arrival: Arrival,
-    pub medium_stack: &'v MediumStack<'a>,
+    pub medium_stack: MediumStack,
     pub wavelengths: &'v Wavelengths,
 }
 
@@ -244,12 +244,12 @@ impl<'a> CameraVertex<'_, 'a> {
         let way = end - origin;
         let distance = way.length();
         let ray = Ray { origin, direction: way / distance, time_s };
-        let mut beyond = *self.medium_stack;
-        if through {
-            beyond.cross(self.material, self.surface.ng.dot(self.wo) > 0.0);
-        }
         let scene = pool.connections.scene;
-        if !ray.is_finite() || beyond.span(&ray, distance).is_some() || scene.occluded(&ray, distance * (1.0 - SHORT)) {
+        let mut beyond = self.medium_stack;
+        if through {
+            beyond.cross(scene, self.surface.object, self.surface.ng.dot(self.wo) > 0.0);
+        }
+        if !ray.is_finite() || beyond.span(scene, &ray, distance).is_some() || scene.occluded(&ray, distance * (1.0 - SHORT)) {
             return Sampled::ZERO;
         }
 

@@ -42,7 +42,7 @@ pub(super) struct Lamp<'a> {
     /// Whether no ray can meet it.
     pub is_delta: bool,
     /// The bodies that it stands in.
-    medium_stack: MediumStack<'a>,
+    medium_stack: MediumStack,
 }
 
 #[derive(Clone, Copy, PartialEq)]
@@ -63,12 +63,12 @@ impl Lamp<'_> {
 }
 
 /// A photon that leaves its lamp.
-pub(super) struct Start<'a> {
+pub(super) struct Start {
     pub ray: Ray,
     pub lamp: u32,
     /// Power over the lamp's spectrum and over the density of the ray.
     pub relative: Sampled,
-    pub medium_stack: MediumStack<'a>,
+    pub medium_stack: MediumStack,
 }
 
 /// All lamps whose caustics are made by photons.
@@ -160,9 +160,7 @@ impl<'a> Emission<'a> {
         for (i, light) in lights.punctual.iter().enumerate().filter(|(i, _)| punctual[*i]) {
             let kind = scene.punctual_place(i as u32, 0.0).map_or(light.kind, |p| light.kind.placed(&p));
             let (flux, medium_stack) = match kind {
-                PunctualKind::Directional { .. } | PunctualKind::Disc { .. } => {
-                    (casters.cross_section(), MediumStack::new(scene.air()))
-                }
+                PunctualKind::Directional { .. } | PunctualKind::Disc { .. } => (casters.cross_section(), MediumStack::default()),
                 PunctualKind::Point { position } | PunctualKind::Spot { position, .. } => {
                     (casters.seen_from(position, facing(kind)), bodies_at(scene, position, Vec3::Y, around))
                 }
@@ -200,7 +198,7 @@ impl<'a> Emission<'a> {
     }
 
     /// The photon that belongs to the numbers of a sampler; `None` where nothing is sent out.
-    pub fn start(&self, sampler: &Sampler, wavelengths: &Wavelengths) -> Option<Start<'a>> {
+    pub fn start(&self, sampler: &Sampler, wavelengths: &Wavelengths) -> Option<Start> {
         let [_, t, choose_lamp, choose_piece] = sampler.get(Set::Time);
         let [a, b, c, d] = sampler.get(Set::Camera);
         let (number, _) = self.choice.sample(choose_lamp);
@@ -300,8 +298,8 @@ const MOST_FACES: u32 = 4096;
 
 /// The bodies that a point of a lamp stands in: those that are entered and not left on a straight line from outside everything to the side
 /// of the point that `normal` shows.
-pub(super) fn bodies_at<'a>(scene: &'a Scene, point: Vec3, normal: Vec3, (middle, radius): (Vec3, f32)) -> MediumStack<'a> {
-    let mut medium_stack = MediumStack::new(scene.air());
+pub(super) fn bodies_at(scene: &Scene, point: Vec3, normal: Vec3, (middle, radius): (Vec3, f32)) -> MediumStack {
+    let mut medium_stack = MediumStack::default();
     let end = offset_origin(point, normal);
     let direction = -normal;
     let mut origin = end + normal * ((middle - end).dot(normal).max(0.0) + 2.0 * radius);
@@ -312,7 +310,7 @@ pub(super) fn bodies_at<'a>(scene: &'a Scene, point: Vec3, normal: Vec3, (middle
         }
         let Some(face) = scene.intersect(&Ray { origin, direction, time_s: 0.0 }, left) else { break };
         let entering = face.ng.dot(direction) < 0.0;
-        medium_stack.cross(scene.material(face.object), entering);
+        medium_stack.cross(scene, face.object, entering);
         origin = offset_origin(face.point, if entering { -face.ng } else { face.ng });
     }
     medium_stack

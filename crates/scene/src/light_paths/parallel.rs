@@ -272,22 +272,22 @@ fn follow(
     found: &mut Vec<LitVertex>,
 ) {
     let (mut throughput, mut hero_only) = (Sampled::ONE, wavelengths.is_rgb());
-    let mut medium_stack = MediumStack::new(scene.air());
+    let mut medium_stack = MediumStack::default();
     let (mut events, mut is_scattered) = (0, false);
     for _ in 0..MOST_SEGMENTS {
         let Some(surface) = scene.intersect(&ray, f32::INFINITY) else { return };
         // Light paths end at media.
-        if events >= max_depth || medium_stack.span(&ray, surface.t).is_some() {
+        if events >= max_depth || medium_stack.span(scene, &ray, surface.t).is_some() {
             return;
         }
         let material = scene.material(surface.object);
         let entering = surface.ng.dot(ray.direction) < 0.0;
-        if medium_stack.hides(material, entering) || matches!(material.scattering, Scattering::Interface) {
-            medium_stack.cross(material, entering);
+        if medium_stack.hides(scene, surface.object, entering) || matches!(material.scattering, Scattering::Interface) {
+            medium_stack.cross(scene, surface.object, entering);
             ray.origin = past(&surface, ray.direction);
             continue;
         }
-        let around = medium_stack.around(material);
+        let around = medium_stack.around(scene, surface.object);
         let Some(bsdf) = material.bsdf(&surface, -ray.direction, wavelengths, hero_only, around) else { return };
         let ng = bsdf.side_normal();
         if is_scattered && !bsdf.is_specular() && can_connect(&surface, material, around) {
@@ -300,7 +300,7 @@ fn follow(
             let origin = surface.leave(if is_through { -ng } else { ng }, -direction);
             let mut beyond = medium_stack;
             if is_through {
-                beyond.cross(material, entering);
+                beyond.cross(scene, surface.object, entering);
             }
             let sample = LightSample {
                 wi: -direction,
@@ -336,7 +336,7 @@ fn follow(
             throughput /= survival;
         }
         if scatter.transmitted {
-            medium_stack.cross(material, entering);
+            medium_stack.cross(scene, surface.object, entering);
         }
         let normal = if scatter.transmitted { -ng } else { ng };
         ray = Ray { origin: surface.leave(normal, scatter.wi), direction: scatter.wi, time_s: ray.time_s };

@@ -192,7 +192,7 @@ pub(super) fn trace<'a>(
     for _ in 0..MOST_FACES {
         let surface = scene.intersect(&ray, f32::INFINITY);
         let reach = surface.as_ref().map_or(f32::INFINITY, |s| s.t);
-        if let Some((medium, span)) = medium_stack.span(&ray, reach) {
+        if let Some((medium, span)) = medium_stack.span(scene, &ray, reach) {
             if is_caustic && medium.scatters_homogeneously() && events < max_depth {
                 let u = sampler.get(Set::Medium(events))[0];
                 if let Some((distance, relative)) = on_segment(medium, span, power, wavelengths, u) {
@@ -219,12 +219,12 @@ pub(super) fn trace<'a>(
         let Some(surface) = surface else { return };
         let material = scene.material(surface.object);
         let entering = surface.ng.dot(ray.direction) < 0.0;
-        if medium_stack.hides(material, entering) || matches!(material.scattering, Scattering::Interface) {
-            medium_stack.cross(material, entering);
+        if medium_stack.hides(scene, surface.object, entering) || matches!(material.scattering, Scattering::Interface) {
+            medium_stack.cross(scene, surface.object, entering);
             ray.origin = past(&surface, ray.direction);
             continue;
         }
-        let around = medium_stack.around(material);
+        let around = medium_stack.around(scene, surface.object);
         let Some(bsdf) = material.bsdf(&surface, -ray.direction, wavelengths, hero_only, around) else { return };
         // The event of the camera's path that gathers it is one more.
         if events + 1 > max_depth || !(power.max_element() > 0.0) {
@@ -258,7 +258,7 @@ pub(super) fn trace<'a>(
         if scatter.transmitted {
             // Radiance changes by η² where it is bent, power does not (Veach 1997 §5.2).
             power *= scatter.eta_scale;
-            medium_stack.cross(material, entering);
+            medium_stack.cross(scene, surface.object, entering);
         }
         // Roulette keeps the power of photons alike.
         let survival = (power.max_element() / before).min(1.0);

@@ -73,12 +73,12 @@ pub(super) const LEAST_COSINE: f32 = 1e-4;
 pub(super) const CANDIDATES: u32 = 8;
 
 /// A lamp that light paths begin at.
-struct Lamp<'a> {
+struct Lamp {
     light: LightRef,
     /// Its luminance, luminous intensity or illuminance.
     photometric: f32,
     modulation: Modulation,
-    medium_stack: MediumStack<'a>,
+    medium_stack: MediumStack,
 }
 
 /// The lamps of a scene, ready for light paths: makes pools of vertices.
@@ -87,7 +87,7 @@ pub struct Connections<'a> {
     settings: ConnectionSettings,
     wavelengths: WavelengthSampler,
     /// Area lights by their numbers, then points and spots, then lights at infinity.
-    lamps: Vec<Lamp<'a>>,
+    lamps: Vec<Lamp>,
     choice: Discrete,
     /// Place of each punctual light among the lamps.
     punctual: Vec<Option<u32>>,
@@ -117,9 +117,9 @@ struct Start {
 }
 
 /// The way of a light path from infinity to the first surface that is no smooth thin dielectric.
-struct WayIn<'a> {
+struct WayIn {
     ray: Ray,
-    medium_stack: MediumStack<'a>,
+    medium_stack: MediumStack,
     /// Transmittance of the thin dielectrics.
     passed: Sampled,
     count: u32,
@@ -275,7 +275,7 @@ impl<'a> Connections<'a> {
             punctual[i as usize] = Some(lamps.len() as u32);
             let photometric = light.illuminance();
             chances.push(photometric * found.lit_m2);
-            let medium_stack = MediumStack::new(scene.air());
+            let medium_stack = MediumStack::default();
             lamps.push(Lamp { light: LightRef::Punctual(i), photometric, modulation: light.modulation, medium_stack });
             parallel[i as usize] = Some(found);
         }
@@ -465,7 +465,7 @@ impl<'a> Connections<'a> {
         if self.is_parallel(start.lamp) {
             // Air that begins farther out than light paths do.
             let back = Ray { direction: -start.direction, ..ray };
-            if medium_stack.span(&back, f32::INFINITY).is_some() {
+            if medium_stack.span(scene, &back, f32::INFINITY).is_some() {
                 return;
             }
             let Some(way) = self.through_thin_dielectrics(&start, &wavelengths, self.settings.max_depth) else { return };
@@ -478,8 +478,9 @@ impl<'a> Connections<'a> {
             let Some(surface) = scene.intersect(&ray, f32::INFINITY) else { break };
             let material = scene.material(surface.object);
             let entering = surface.ng.dot(ray.direction) < 0.0;
-            let around = medium_stack.around(material);
-            let ended = medium_stack.span(&ray, surface.t).is_some() || medium_stack.hides(material, entering);
+            let around = medium_stack.around(scene, surface.object);
+            let ended =
+                medium_stack.span(scene, &ray, surface.t).is_some() || medium_stack.hides(scene, surface.object, entering);
             if ended || !can_connect(&surface, material, around) {
                 break;
             }
@@ -531,7 +532,7 @@ impl<'a> Connections<'a> {
                 break;
             }
             if scatter.transmitted {
-                medium_stack.cross(material, entering);
+                medium_stack.cross(scene, surface.object, entering);
             }
             let normal = if scatter.transmitted { -ng } else { ng };
             before = surface.point;
@@ -545,14 +546,14 @@ impl<'a> Connections<'a> {
     }
 
     /// The way of a light path from infinity through thin dielectrics that do not scatter, `most` of them; `None` where it ends before a surface.
-    fn through_thin_dielectrics(&self, start: &Start, wavelengths: &Wavelengths, most: u32) -> Option<WayIn<'a>> {
+    fn through_thin_dielectrics(&self, start: &Start, wavelengths: &Wavelengths, most: u32) -> Option<WayIn> {
         let scene = self.scene;
         let ray = Ray { origin: start.point, direction: start.direction, time_s: 0.0 };
-        let mut way = WayIn { ray, medium_stack: MediumStack::new(scene.air()), passed: Sampled::ONE, count: 0 };
+        let mut way = WayIn { ray, medium_stack: MediumStack::default(), passed: Sampled::ONE, count: 0 };
         while way.count < most {
             let surface = scene.intersect(&way.ray, f32::INFINITY)?;
             let material = scene.material(surface.object);
-            if way.medium_stack.span(&way.ray, surface.t).is_some() {
+            if way.medium_stack.span(scene, &way.ray, surface.t).is_some() {
                 return None;
             }
             let straight = match material.may_transmit_straight() && !matches!(material.scattering, Scattering::Interface) {
@@ -568,7 +569,7 @@ impl<'a> Connections<'a> {
                 break;
             };
             way.passed *= through;
-            way.medium_stack.cross(material, surface.ng.dot(start.direction) < 0.0);
+            way.medium_stack.cross(scene, surface.object, surface.ng.dot(start.direction) < 0.0);
             way.ray.origin = past(&surface, start.direction);
             way.count += 1;
         }

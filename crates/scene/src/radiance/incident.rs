@@ -1,6 +1,6 @@
 //! Light that comes straight from a lamp to a point: what lens flare is computed from.
 
-use super::stream_along;
+use super::to_light::stream_along;
 use crate::light::{LightRef, Modulation, Spot};
 use crate::medium_stack::MediumStack;
 use crate::scene::Scene;
@@ -39,7 +39,7 @@ impl Scene {
             Spot::Environment(_) => Modulation::Steady,
         };
         let steady = self.steady_radiance(&light_sample, wavelengths, time_s) / light_sample.pdf;
-        let (medium_stack, stream) = (MediumStack::new(self.air()), || stream_along(point, light_sample.wi));
+        let (medium_stack, stream) = (MediumStack::default(), || stream_along(point, light_sample.wi));
         let irradiance = self.transmittance_to_light(
             steady,
             point,

@@ -49,14 +49,14 @@ fn fraction(extinction: f32, distance: f32) -> f32 {
 }
 
 /// Where a path is scattered: on a segment in a medium, or at the surface at its end.
-pub(super) struct Vertex<'a, 's> {
-    pub segment: &'a MediumSegment<'a, 's>,
+pub(super) struct Vertex<'a> {
+    pub segment: &'a MediumSegment<'a>,
     pub point: Vec3,
     /// Scattering events before.
     pub depth: u32,
 }
 
-impl<'s> Vertex<'_, 's> {
+impl Vertex<'_> {
     /// Adds light of a lamp that is scattered here and once before, near the lamp. `scatter`: what is scattered from a direction towards which a ray is sent, and
     /// the density (1/sr) with which the path draws it; `leave`: where that ray starts, and in what; `add`: adds light that was scattered so often and arrives from that
     /// direction. Says whether lights were sought, so that other strategies are
@@ -65,7 +65,7 @@ impl<'s> Vertex<'_, 's> {
         &self,
         throughput: Sampled,
         scatter: impl Fn(Vec3) -> (Sampled, f32),
-        leave: impl Fn(Vec3) -> (Vec3, MediumStack<'s>),
+        leave: impl Fn(Vec3) -> (Vec3, MediumStack),
         add: impl FnOnce(Sampled, u32, Vec3),
     ) -> bool {
         let s = self.segment;
@@ -94,7 +94,7 @@ impl<'s> Vertex<'_, 's> {
         let (origin, medium_stack) = leave(direction);
         let ray = Ray { origin, direction, time_s: s.ray.time_s };
         let reach = scene.intersect(&ray, f32::INFINITY).map_or(f32::INFINITY, |surface| surface.t);
-        let Some((medium, span)) = medium_stack.span(&ray, reach) else { return true };
+        let Some((medium, span)) = medium_stack.span(scene, &ray, reach) else { return true };
         // The same medium: how often a light is sought depends on it.
         if !std::ptr::eq(medium, s.medium) {
             return true;

@@ -16,9 +16,11 @@
 //! In media that differ from place to place the distance is found by tracking ([`crate::medium::tracking`]), whose density nobody knows: there the
 //! first two strategies do without the others.
 
+use super::PathSettings;
 use super::joint::{Start, Vertex};
+use super::path::{MOST_SURVIVAL, PrevScatter, mis, survives};
 use super::tally::Tally;
-use super::{MOST_SURVIVAL, Past, PathSettings, PrevScatter, mis, survives};
+use super::to_light::Past;
 use crate::light::LightRef;
 use crate::light::segment::{EquiAngular, Pivot, Segment};
 use crate::medium::tracking::Track;
@@ -43,13 +45,13 @@ const WIDE: f32 = 0.5;
 const RAREST: f32 = 0.05;
 
 /// A segment of a path in a medium, ready to be taken.
-pub(super) struct MediumSegment<'a, 's> {
+pub(super) struct MediumSegment<'a> {
     pub scene: &'a Scene,
-    pub medium: &'s Medium,
+    pub medium: &'a Medium,
     /// The part of the ray in the medium, m.
     pub span: [f32; 2],
     pub ray: &'a Ray,
-    pub medium_stack: &'a MediumStack<'s>,
+    pub medium_stack: &'a MediumStack,
     pub wavelengths: &'a Wavelengths,
     pub sampler: &'a Sampler,
     pub settings: &'a PathSettings,
@@ -66,7 +68,7 @@ pub(super) struct MediumSegment<'a, 's> {
 }
 
 /// How a path goes on behind a segment in a medium.
-pub(super) enum After<'a> {
+pub(super) enum After {
     /// It reaches the end of the segment.
     Through,
     /// It goes on elsewhere.
@@ -74,7 +76,7 @@ pub(super) enum After<'a> {
         /// The ray that it goes on with.
         ray: Ray,
         /// The vertex, where lights were sampled from there.
-        last: Option<PrevScatter<'a>>,
+        last: Option<PrevScatter>,
         /// The segment on which the vertex lies.
         on: ScatteredOn,
     },
@@ -145,9 +147,9 @@ impl Inscatter {
     }
 }
 
-impl<'s> MediumSegment<'_, 's> {
+impl MediumSegment<'_> {
     /// Adds the light of the segment to `radiance`, and takes the path on.
-    pub fn take(&self, throughput: &mut Sampled, eta_scale: f32, radiance: &mut impl Tally) -> After<'s> {
+    pub fn take(&self, throughput: &mut Sampled, eta_scale: f32, radiance: &mut impl Tally) -> After {
         if let Some(volume) = &self.medium.volume {
             return self.track(volume, throughput, eta_scale, radiance);
         }
@@ -178,7 +180,7 @@ impl<'s> MediumSegment<'_, 's> {
     }
 
     /// The same in a medium that differs from place to place.
-    fn track(&self, volume: &Volume, throughput: &mut Sampled, eta_scale: f32, radiance: &mut impl Tally) -> After<'s> {
+    fn track(&self, volume: &Volume, throughput: &mut Sampled, eta_scale: f32, radiance: &mut impl Tally) -> After {
         let moment_s = self.scene.moment_s(self.ray.time_s);
         let track = Track::new(self.medium, volume, self.ray, self.span, self.wavelengths, moment_s);
         let mut stream = self.sampler.stream(Set::Tracking(self.segment_index));
@@ -196,7 +198,7 @@ impl<'s> MediumSegment<'_, 's> {
     }
 
     /// Adds light that arrives where the path is scattered, and chooses where it goes on.
-    fn scatter(&self, on: ScatteredOn, throughput: &mut Sampled, eta_scale: f32, radiance: &mut impl Tally) -> After<'s> {
+    fn scatter(&self, on: ScatteredOn, throughput: &mut Sampled, eta_scale: f32, radiance: &mut impl Tally) -> After {
         if self.depth >= self.settings.max_depth || !(throughput.max_element() > 0.0) {
             return After::Ended;
         }
@@ -212,7 +214,7 @@ impl<'s> MediumSegment<'_, 's> {
             };
             let vertex = Vertex { segment: self, point, depth: self.depth };
             let add = |light: Sampled, events: u32, _: Vec3| radiance.add(light, events);
-            vertex.joint(*throughput, phase, |_| (point, *self.medium_stack), add).then_some(self.medium)
+            vertex.joint(*throughput, phase, |_| (point, *self.medium_stack), add).then(|| self.medium_stack.medium(self.scene))
         });
         let joint = joint.flatten();
         let u = self.sampler.get(Set::Scatter(self.vertex));

@@ -48,6 +48,12 @@ pub(super) trait Tally {
     /// The same of what `work` adds to the sum of all light.
     fn add_by<R>(&mut self, events: u32, work: impl FnOnce(&mut Sampled) -> R) -> R;
 
+    /// The same of light that photons brought.
+    #[inline]
+    fn add_photons(&mut self, light: Sampled, events: u32) {
+        self.add(light, events);
+    }
+
     /// The same of light that may be polarised.
     #[inline]
     fn add_polarized(&mut self, light: Sampled, events: u32, _: impl FnOnce() -> Option<LinearlyPolarized>) {
@@ -115,6 +121,33 @@ impl Tally for Apart {
             self.direct += self.all - before;
         }
         result
+    }
+}
+
+/// All light, and that of photons.
+#[derive(Default)]
+pub(super) struct Gathered {
+    pub all: Sampled,
+    pub gathered: Sampled,
+}
+
+impl Tally for Gathered {
+    type Sheets = ();
+
+    #[inline]
+    fn add(&mut self, light: Sampled, _: u32) {
+        self.all += light;
+    }
+
+    #[inline]
+    fn add_by<R>(&mut self, _: u32, work: impl FnOnce(&mut Sampled) -> R) -> R {
+        work(&mut self.all)
+    }
+
+    #[inline]
+    fn add_photons(&mut self, light: Sampled, _: u32) {
+        self.all += light;
+        self.gathered += light;
     }
 }
 

@@ -1,0 +1,512 @@
+//! Samples of the pixels of a tile on their way into the scene: film and pupil to rays.
+
+use super::diffraction::Displaced;
+use super::landings::Square;
+use super::light_tracing::CameraSample;
+use super::tile::Unit;
+use crate::camera::Film;
+use crate::mount::M2_PER_MM2;
+use crate::shutter::Place;
+use diopter_image::focal_plane::BandUnit;
+use diopter_lens::batch::single::LANES;
+use diopter_lens::compound::{CompoundLens, Exits, PupilSampler, Samples, Scratch};
+use diopter_lens::microlens::{Aimed, Behind};
+use diopter_lens::pupil::PupilTable;
+use diopter_lens::{Lens, LensRay};
+use diopter_light::Ray;
+use diopter_light::random::{Sampler, Set};
+use diopter_light::wavelength::Wavelengths;
+use glam::DVec2;
+use std::ops::Range;
+
+/// A sample of a pixel, and what its light counts for.
+pub(super) struct CameraRay {
+    /// Column and row.
+    pub pixel: [usize; 2],
+    pub sampler: Sampler,
+    pub ray: Ray,
+    pub wavelengths: Wavelengths,
+    /// Exposure that a radiance stands for, in the unit of the bands, the weights of the lens left out.
+    pub exposure: f32,
+    /// Weight of each wavelength by the lens.
+    pub weights: [f32; 4],
+    /// What each wavelength counts beside that, where diffraction displaces them together.
+    pub factors: [f32; 4],
+    /// How, if so.
+    pub displaced: Option<Displaced>,
+    /// Film points where the light would have arrived without diffraction, mm.
+    pub arrived: [DVec2; 4],
+    /// Where wavelengths land, where that is not the pixel itself.
+    pub spread: Option<Spread>,
+    /// What the lens drew, where light is traced from lamps, too.
+    pub drawn: Option<CameraSample>,
+}
+
+/// Where the wavelengths of a sample land.
+pub(super) struct Spread {
+    /// Pixels; `None` beside the film, or between pixels.
+    pub lands: [Option<(usize, usize)>; 4],
+    /// When these are open, s.
+    pub windows: [Option<(f64, f64)>; 4],
+    /// Where the pixel as a whole lands, where that is asked for.
+    pub squares: Option<[Square; 3]>,
+    /// When the sample was taken, s, and where in the pupil.
+    pub time: f64,
+    pub pupil: f64,
+}
+
+/// Most times that a sample of a probe is drawn again.
+const REDRAWS: u32 = 8;
+
+/// The same of a sample of radiance: where light passes a tenth of the pupil, one of a thousand is lost.
+pub(super) const RADIANCE_REDRAWS: u32 = 64;
+
+/// The numbers of a sample at an attempt: new ones each time, independent of those before, so that what passes at last is even over all that passes
+/// (rejection sampling). Steps of a low-discrepancy sequence would not be: they prefer what is first reached from the blocked part.
+fn drawn_again(numbers: [f32; 4], sampler: &Sampler, attempt: u32) -> [f32; 4] {
+    if attempt == 0 { numbers } else { sampler.get(Set::Redraw(attempt)) }
+}
+
+/// Rays from places of the sensor through a microlens array.
+struct FromSensor<'a> {
+    behind: &'a Behind,
+    rays: [Option<Aimed>; LANES],
+    film: &'a Film,
+    /// Shift of each lane by the low-pass filter, mm.
+    shifts: [DVec2; LANES],
+}
+
+impl PupilSampler for FromSensor<'_> {
+    fn draw(&self, _: &PupilTable, lane: usize, _: DVec2) -> Option<(DVec2, f64)> {
+        self.rays[lane].map(|r| (r.slope, r.density))
+    }
+
+    fn density(&self, _: &PupilTable, lane: usize, film: DVec2, slope: DVec2) -> f64 {
+        let sensor = self.behind.lands(film, slope);
+        match self.film.collects(sensor + self.shifts[lane]) {
+            true => self.behind.density(sensor),
+            false => 0.0,
+        }
+    }
+}
+
+/// The samples of a tile, one after the other.
+pub(super) struct Numbers {
+    /// Column, row, width and height.
+    pub rectangle: [usize; 4],
+    pub samples: Range<u32>,
+}
+
+impl Numbers {
+    fn count(&self) -> usize {
+        self.rectangle[2] * self.rectangle[3] * self.samples.len()
+    }
+
+    /// Column, row and number of a sample.
+    #[inline]
+    fn of(&self, number: usize) -> (usize, usize, u32) {
+        let [column, row, width, _] = self.rectangle;
+        let (pixel, sample) = (number / self.samples.len(), number % self.samples.len());
+        (column + pixel % width, row + pixel / width, self.samples.start + sample as u32)
+    }
+}
+
+/// Products of numbers of each wavelength.
+#[inline]
+pub(super) fn times(a: [f32; 4], b: [f32; 4]) -> [f32; 4] {
+    std::array::from_fn(|k| a[k] * b[k])
+}
+
+/// Samples through an ideal lens that are on their way together.
+const PACKET: usize = 16;
+
+impl Unit<'_> {
+    fn sampler(&self, x: usize, y: usize, sample: u32) -> Sampler {
+        Sampler::new(self.settings.sampler, self.settings.seed, (x as u32, y as u32), sample, self.settings.spp)
+    }
+
+    /// All samples of a tile, some at a time and in their order; `foretells`: whether it is asked where pixels land as a whole.
+    pub(super) fn camera_rays(&self, numbers: &Numbers, foretells: bool, mut each: impl FnMut(&[CameraRay])) {
+        if let Lens::Compound(lens) = &self.camera.lens {
+            // Where a group moves against shake, the samples of each of its places together: a packet goes through one lens.
+            let by_lens = self.by_lens(numbers);
+            if by_lens.is_empty() {
+                return self.through(lens, numbers, 0..numbers.count(), foretells, each);
+            }
+            for (lens, members) in by_lens {
+                self.through(lens, numbers, members.into_iter().map(|n| n as usize), foretells, &mut each);
+            }
+            return;
+        }
+        let mut rays = Vec::with_capacity(PACKET);
+        let mut left = 0..numbers.count();
+        while !left.is_empty() {
+            rays.clear();
+            rays.extend(left.by_ref().take(PACKET).filter_map(|number| {
+                let (x, y, sample) = numbers.of(number);
+                self.camera_ray(x, y, &self.sampler(x, y, sample))
+            }));
+            each(&rays);
+        }
+    }
+
+    /// Samples through a real lens, a packet at a time; each wavelength counts in the pixel where it lands ([`diopter_lens::compound`]).
+    fn through(
+        &self,
+        lens: &CompoundLens,
+        numbers: &Numbers,
+        mut members: impl Iterator<Item = usize>,
+        foretells: bool,
+        mut each: impl FnMut(&[CameraRay]),
+    ) {
+        let film = &self.camera.film;
+        let attempts = self.attempts();
+        let (mut packet, mut exits, mut scratch) = (Samples::default(), Exits::default(), Scratch::default());
+        let (mut again, mut places) = (Exits::default(), [[0.5f32; 4]; LANES]);
+        // How far the low-pass filter, and with it the diffraction of the hero, moves what arrives.
+        let (mut filter, mut moved, mut shifts) = ([DVec2::ZERO; LANES], [DVec2::ZERO; LANES], [DVec2::ZERO; LANES]);
+        let mut displaced: [Option<Displaced>; LANES] = [None; LANES];
+        let mut from_sensor = self.behind.as_ref().map(|behind| FromSensor { behind, rays: [None; LANES], film, shifts });
+        let mut drawn: Vec<(usize, usize, Sampler, Wavelengths, f32)> = Vec::with_capacity(LANES);
+        let mut rays = Vec::with_capacity(LANES);
+        loop {
+            drawn.clear();
+            exits.passed = 0;
+            for (k, number) in members.by_ref().take(LANES).enumerate() {
+                let (x, y, sample) = numbers.of(number);
+                let sampler = self.sampler(x, y, sample);
+                let [u, v, pu, pv] = sampler.get(Set::Camera);
+                let [w, t, spot @ ..] = sampler.get(Set::Time);
+                let wavelengths = self.wavelengths.sample(self.wavelength_number(w, &sampler));
+                filter[k] = film.low_pass_shift(spot) - self.film_shift(x, y, t);
+                displaced[k] = self.displaced(x, y, &sampler, &wavelengths);
+                moved[k] = displaced[k].map_or(filter[k], |d| filter[k] + d.by);
+                shifts[k] = moved[k];
+                places[k] = [u, v, pu, pv];
+                packet.nm[k] = wavelengths.nm.to_array();
+                drawn.push((x, y, sampler, wavelengths, t));
+            }
+            let count = drawn.len();
+            if count == 0 {
+                return;
+            }
+            // Lanes beyond hold rays of the packet before.
+            let own = ((1u64 << count) - 1) as u32;
+            for attempt in 0..=attempts {
+                if exits.passed & own == own {
+                    break;
+                }
+                for k in 0..count {
+                    let (x, y, ref sampler, ..) = drawn[k];
+                    let (at, pupil) = self.place(places[k], sampler, attempt);
+                    let point = self.camera.film_point(x as f64 + at[0], y as f64 + at[1]);
+                    packet.film[k] = point - moved[k];
+                    if let Some(optics) = self.optics {
+                        packet.film[k] = optics.lens.straightened(lens, optics.on_film(film, packet.film[k]), pupil);
+                        shifts[k] = point - packet.film[k];
+                    }
+                    packet.pupil[k] = pupil;
+                    if let Some(from) = &mut from_sensor {
+                        from.shifts[k] = shifts[k];
+                        from.rays[k] = from.behind.draw(packet.film[k], pupil);
+                        packet.film[k] = from.rays[k].map_or(packet.film[k], |r| r.at);
+                    }
+                }
+                let out = if attempt == 0 { &mut exits } else { &mut again };
+                match &from_sensor {
+                    Some(from) => lens.exits_aimed(&packet, from, &mut scratch, out),
+                    None => lens.exits(&packet, |k, at| film.collects(at + shifts[k]), &mut scratch, out),
+                }
+                self.block_other_half(&packet, out);
+                if attempt > 0 {
+                    exits.take_missing(&again);
+                }
+            }
+            let passed = (0..count).filter(|k| exits.passed >> k & 1 == 1);
+            rays.clear();
+            rays.extend(passed.filter_map(|k| {
+                let (x, y, sampler, wavelengths, t) = drawn[k];
+                let lane = Lane { k, started: packet.film[k], filter: filter[k], shift: shifts[k], displaced: displaced[k] };
+                self.ray_of_lane(&exits, lane, [x, y], sampler, wavelengths, t, foretells)
+            }));
+            each(&rays);
+        }
+    }
+
+    /// The ray of a lane of a packet that passed the lens; `None` where it is not open to it. `t`: what chooses the moment.
+    #[allow(clippy::too_many_arguments)]
+    fn ray_of_lane(
+        &self,
+        exits: &Exits,
+        Lane { k, started, filter, shift, displaced }: Lane,
+        [x, y]: [usize; 2],
+        sampler: Sampler,
+        wavelengths: Wavelengths,
+        t: f32,
+        foretells: bool,
+    ) -> Option<CameraRay> {
+        let (film, radiance_only) = (&self.camera.film, self.in_radiance());
+        // What is not spread is drawn and counted alike at all wavelengths.
+        let spread = exits.spread && !radiance_only;
+        let own_densities = if spread { exits.density[k] } else { [1.0; 4] };
+        let (wavelengths, factors) = match displaced {
+            Some(d) => (wavelengths.with_densities(times(own_densities, d.densities)), d.factors(own_densities)),
+            None if spread => (wavelengths.with_densities(own_densities), [1.0; 4]),
+            None => (wavelengths, [1.0; 4]),
+        };
+        let pupil = match self.needs_pupil() {
+            true => {
+                let at = |v: [f32; 3]| glam::Vec3::from_array(v).as_dvec3();
+                self.camera.pupil_radius(at(exits.origin[k]), at(exits.direction[k]))
+            }
+            false => 0.0,
+        };
+        // Colours may land in rows that are open at other times: the moment is drawn from the time of all of them.
+        let lands: [Option<(usize, usize)>; 4] = match spread {
+            false => [Some((x, y)); 4],
+            true => std::array::from_fn(|c| {
+                let [x, y] = match &self.behind {
+                    None => exits.lands[k][c],
+                    Some(behind) => {
+                        let [at, slope] = [exits.lands[k][c], exits.slopes[k][c]];
+                        let [at, slope] = [at, slope].map(|v| glam::Vec2::from_array(v).as_dvec2());
+                        behind.lands(at, slope).as_vec2().to_array()
+                    }
+                };
+                let at = [x + shift.x as f32, y + shift.y as f32];
+                // The hero is where it was drawn; between pixels nothing of the others is collected.
+                let collected = c == 0 || film.collects(glam::Vec2::from_array(at).as_dvec2());
+                self.camera.pixel_of(at).filter(|_| collected)
+            }),
+        };
+        let windows = lands.map(|p| p.map(|(x, y)| self.window(x, y, pupil)));
+        let union = |a: (f64, f64), w: (f64, f64)| (a.0.min(w.0), a.1.max(w.1));
+        let mut all = windows.iter().copied().flatten().fold((f64::INFINITY, f64::NEG_INFINITY), union);
+        let squares = match spread && foretells {
+            true => self.squares([x, y], started, &exits.lands[k]),
+            false => None,
+        };
+        if let Some(squares) = &squares
+            && self.shutter.differs_by_pixel()
+        {
+            let below = squares.iter().flat_map(Square::parts).map(|([x, y], _)| self.window(x, y, pupil));
+            all = below.fold(all, union);
+        }
+        if all.0 >= all.1 {
+            return None;
+        }
+        let (time, seconds) = self.settings.shutter_times.draw(all, t as f64);
+        let ray = self.camera.world_ray_of(exits.origin[k], exits.direction[k], time);
+        if !ray.is_finite() {
+            return None;
+        }
+        let drawn = self.lamps.is_some().then(|| {
+            let [origin, direction] = [exits.origin[k], exits.direction[k]].map(|v| glam::Vec3::from_array(v).as_dvec3());
+            let density = 0.25 * f64::from(exits.density[k].iter().sum::<f32>());
+            CameraSample { origin, direction, ray, time, seconds, density }
+        });
+        let exposure = match radiance_only {
+            // The mean over what passes, where it was asked for.
+            true => self.settings.light_scale * seconds / (all.1 - all.0),
+            false => film.pixel_area_mm2 * M2_PER_MM2 * seconds * self.settings.light_scale * self.half_of_light(),
+        } as f32;
+        let weights = match (spread, radiance_only) {
+            (true, _) => exits.weight[k],
+            (false, true) => [1.0; 4],
+            (false, false) => [exits.weight[k][0]; 4],
+        };
+        let arrived = match spread {
+            true => exits.lands[k].map(|land| glam::Vec2::from_array(land).as_dvec2() + filter),
+            false => [started + filter; 4],
+        };
+        let spread = spread.then_some(Spread { lands, windows, squares, time, pupil });
+        let pixel = [x, y];
+        Some(CameraRay { pixel, sampler, ray, wavelengths, exposure, weights, factors, displaced, arrived, spread, drawn })
+    }
+
+    /// The ray of one sample of a pixel through any lens, all wavelengths along that of the lens's reference; `None` where no light comes through.
+    #[inline]
+    pub(super) fn camera_ray(&self, column: usize, row: usize, sampler: &Sampler) -> Option<CameraRay> {
+        let [x, y, pu, pv] = sampler.get(Set::Camera);
+        let [w, t, spot @ ..] = sampler.get(Set::Time);
+        let filter = self.camera.film.low_pass_shift(spot) - self.film_shift(column, row, t);
+        let wavelengths = self.wavelengths.sample(self.wavelength_number(w, sampler));
+        let displaced = self.displaced(column, row, sampler, &wavelengths);
+        let shift = displaced.map_or(filter, |d| filter + d.by);
+        let mut arrived = DVec2::ZERO;
+        let passes = |r: &LensRay| self.settings.half.is_none_or(|h| h.holds(r.origin_mm.x));
+        let lens_ray = (0..=self.attempts()).find_map(|attempt| {
+            let (at, pupil) = self.place([x, y, pu, pv], sampler, attempt);
+            let film = self.camera.film_point(column as f64 + at[0], row as f64 + at[1]) - shift;
+            let film = self.optics.map_or(film, |optics| optics.on_film(&self.camera.film, film));
+            arrived = film + filter;
+            let ray = match &self.behind {
+                None => self.camera.lens.ray(film, pupil).ok()?,
+                Some(behind) => {
+                    let aimed = behind.draw(film, pupil)?;
+                    let ray = self.camera.lens.ray_along(aimed.at, aimed.slope).ok()?;
+                    LensRay { weight_sr: ray.weight_sr / aimed.density, ..ray }
+                }
+            };
+            passes(&ray).then_some(ray)
+        })?;
+        let pupil = if self.needs_pupil() { self.camera.pupil_radius(lens_ray.origin_mm, lens_ray.direction) } else { 0.0 };
+        let (open, close) = self.window(column, row, pupil);
+        if open >= close {
+            return None;
+        }
+        let (time, seconds) = self.settings.shutter_times.draw((open, close), t as f64);
+        let ray = self.camera.to_world(&lens_ray, time);
+        if !ray.is_finite() {
+            return None;
+        }
+        let wavelengths = match displaced {
+            Some(d) => wavelengths.with_densities(d.densities),
+            None => wavelengths,
+        };
+        let exposure = match self.response.bands[0].unit {
+            BandUnit::Radiance => seconds / (close - open),
+            BandUnit::Electrons => {
+                lens_ray.weight_sr * self.camera.film.pixel_area_mm2 * M2_PER_MM2 * seconds * self.half_of_light()
+            }
+        };
+        let (origin, direction) = (lens_ray.origin_mm, lens_ray.direction);
+        let entry = match &self.camera.lens {
+            Lens::Thin(lens) if self.lamps.is_some() => lens.entry(origin, direction),
+            _ => None,
+        };
+        Some(CameraRay {
+            pixel: [column, row],
+            sampler: *sampler,
+            ray,
+            wavelengths,
+            exposure: (exposure * self.settings.light_scale) as f32,
+            weights: [1.0; 4],
+            factors: displaced.map_or([1.0; 4], |d| d.factors([1.0; 4])),
+            displaced,
+            arrived: [arrived; 4],
+            spread: None,
+            drawn: entry.map(|entry| CameraSample { origin, direction, ray, time, seconds, density: entry.density }),
+        })
+    }
+
+    /// How far from its place a pixel collects light at the moment of a sample, where something moves against shake, mm; `t`: what chooses the moment.
+    ///
+    /// The moment is that of light through the middle of the pupil: of a leaf shutter, which opens from there, it may differ by its ramp.
+    #[inline]
+    fn film_shift(&self, x: usize, y: usize, t: f32) -> DVec2 {
+        match self.camera.way.moving() {
+            None => DVec2::ZERO,
+            Some(moving) => moving.film_shift(self.moment(x, y, t)),
+        }
+    }
+
+    /// The moment of a sample through the middle of the pupil, s.
+    fn moment(&self, x: usize, y: usize, t: f32) -> f64 {
+        self.settings.shutter_times.draw(self.window(x, y, 0.0), f64::from(t)).0
+    }
+
+    /// The samples of a tile by the lens that they go through; none where all go through the camera's.
+    fn by_lens(&self, numbers: &Numbers) -> Vec<(&CompoundLens, Vec<u32>)> {
+        let Some(moving) = self.camera.way.moving().filter(|moving| moving.lenses().len() > 0) else { return Vec::new() };
+        let lenses = moving.lenses().filter_map(|lens| match lens {
+            Lens::Compound(lens) => Some((&**lens, Vec::new())),
+            _ => None,
+        });
+        let mut all: Vec<(&CompoundLens, Vec<u32>)> = lenses.collect();
+        for number in 0..numbers.count() {
+            let (x, y, sample) = numbers.of(number);
+            let t = self.sampler(x, y, sample).get(Set::Time)[1];
+            all[moving.index(self.moment(x, y, t))].1.push(number as u32);
+        }
+        all
+    }
+
+    /// Where the pixel as a whole lands at each wavelength but the hero's; `None` where not all of it lands on the film, where which wavelengths are collected depends on
+    /// the place in the pixel.
+    fn squares(&self, pixel: [usize; 2], started: DVec2, lands: &[[f32; 2]; 4]) -> Option<[Square; 3]> {
+        let film = &self.camera.film;
+        let mut squares = [None; 3];
+        for (square, land) in squares.iter_mut().zip(&lands[1..]) {
+            let moved = glam::Vec2::from_array(*land).as_dvec2() - started;
+            let displaced = [-moved.x * film.columns as f64 / film.width_mm, moved.y * film.rows as f64 / film.height_mm];
+            *square = Some(Square::new(film, pixel, displaced)?);
+        }
+        let [Some(a), Some(b), Some(c)] = squares else { return None };
+        Some([a, b, c])
+    }
+
+    /// The number that chooses the wavelengths: with diffraction one that is spread evenly together with those of the displacement, on which, with it, the
+    /// weights of the wavelengths depend.
+    #[inline]
+    fn wavelength_number(&self, number: f32, sampler: &Sampler) -> f32 {
+        if self.optics.is_some() { sampler.get(Set::Diffraction(0))[2] } else { number }
+    }
+
+    /// How diffraction displaces a sample of a pixel.
+    #[inline]
+    fn displaced(&self, column: usize, row: usize, sampler: &Sampler, wavelengths: &Wavelengths) -> Option<Displaced> {
+        let optics = self.optics?;
+        let [u, v, ..] = sampler.get(Set::Diffraction(0));
+        let middle = self.camera.film_point(column as f64 + 0.5, row as f64 + 0.5);
+        Some(optics.displaced(middle, wavelengths.nm.to_array(), [u, v]))
+    }
+
+    /// How often a sample that the lens blocks is drawn again.
+    fn attempts(&self) -> u32 {
+        match (self.in_radiance(), self.settings.redraw && self.behind.is_none()) {
+            (true, _) => RADIANCE_REDRAWS,
+            (_, true) => REDRAWS,
+            _ => 0,
+        }
+    }
+
+    /// Place in the pixel (0 to 1 across and down) and in the pupil (unit square) of a sample at an attempt. Radiance is the mean over all of the
+    /// pixel that sees anything; a probe keeps its film points.
+    fn place(&self, numbers: [f32; 4], sampler: &Sampler, attempt: u32) -> ([f64; 2], [f32; 2]) {
+        let [u, v, pu, pv] = drawn_again(numbers, sampler, attempt);
+        let at = if self.in_radiance() { [u, v] } else { [numbers[0], numbers[1]] };
+        (self.camera.film.within_pixel(at), [pu, pv])
+    }
+
+    /// Fraction of a sample's light that counts: drawn again until they pass, samples through half a pupil stand for half of the light.
+    fn half_of_light(&self) -> f64 {
+        if self.settings.half.is_some() && self.attempts() > 0 { 0.5 } else { 1.0 }
+    }
+
+    /// Marks rays through the half of the pupil that does not count as blocked.
+    fn block_other_half(&self, packet: &Samples, exits: &mut Exits) {
+        if let Some(half) = self.settings.half {
+            let (curvature, middle) = (self.camera.lens.exit_curvature(), self.camera.lens.pupil_middle().x);
+            let place = |k: usize| f64::from(exits.slopes[k][0][0]) + packet.film[k].x * curvature - middle;
+            for k in (0..LANES).filter(|k| !half.holds(place(*k))).collect::<Vec<_>>() {
+                exits.passed &= !(1 << k);
+            }
+        }
+    }
+
+    /// When a pixel is open to light through a place of the pupil.
+    #[inline]
+    pub(super) fn window(&self, column: usize, row: usize, pupil: f64) -> (f64, f64) {
+        let film = &self.camera.film;
+        self.shutter.window(&Place { pixel: [column, row], size: [film.columns, film.rows], pupil })
+    }
+
+    /// Whether the shutter asks where in the pupil light passes.
+    #[inline]
+    pub(super) fn needs_pupil(&self) -> bool {
+        matches!(self.shutter.mechanism, crate::shutter::Mechanism::Leaf { .. })
+    }
+}
+
+/// A lane of a packet.
+struct Lane {
+    /// Its number.
+    k: usize,
+    /// Film point where its ray started, mm.
+    started: DVec2,
+    /// How far the low-pass filter moves what arrives, mm; with diffraction of the hero and between film and array.
+    filter: DVec2,
+    shift: DVec2,
+    displaced: Option<Displaced>,
+}

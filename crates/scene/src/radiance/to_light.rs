@@ -1,0 +1,144 @@
+//! What is between a point and a light: surfaces, faces of media, media and thin dielectrics.
+
+use super::tally::Sheets;
+use crate::light::LightSample;
+use crate::material::Scattering;
+use crate::medium_stack::MediumStack;
+use crate::scene::Scene;
+use crate::shape::Surface;
+use diopter_light::random::{Sampler, SamplerKind, Set, Stream, mix};
+use diopter_light::{Ray, Sampled, Wavelengths};
+use glam::Vec3;
+
+impl Scene {
+    /// Whether a surface is the face of a medium and nothing else.
+    pub(super) fn is_interface(&self, surface: &Surface) -> bool {
+        self.has_straight_transmission() && matches!(self.material(surface.object).scattering, Scattering::Interface)
+    }
+
+    /// What is left of light that was sampled from `point`, on its way from there (`origin`: the point, moved off its surface), through faces of
+    /// media and up to so many thin dielectrics. `stream` makes the numbers for media that differ from place to place.
+    #[allow(clippy::too_many_arguments)]
+    pub(crate) fn transmittance_to_light(
+        &self,
+        light: Sampled,
+        point: Vec3,
+        origin: Vec3,
+        light_sample: &LightSample,
+        medium_stack: MediumStack,
+        wavelengths: &Wavelengths,
+        time_s: f32,
+        thin_dielectrics: u32,
+        stream: impl Fn() -> Stream,
+    ) -> Sampled {
+        let stack = medium_stack;
+        self.light_past(&mut (), light, point, origin, light_sample, stack, wavelengths, time_s, thin_dielectrics, stream).light
+    }
+
+    /// The same, and what was on the way.
+    #[allow(clippy::too_many_arguments)]
+    pub(crate) fn light_past(
+        &self,
+        sheets: &mut impl Sheets,
+        light: Sampled,
+        point: Vec3,
+        mut origin: Vec3,
+        light_sample: &LightSample,
+        mut medium_stack: MediumStack,
+        wavelengths: &Wavelengths,
+        time_s: f32,
+        mut thin_dielectrics: u32,
+        stream: impl Fn() -> Stream,
+    ) -> Past {
+        let nothing = Past { light: Sampled::ZERO, is_barred: false, thin_dielectrics: 0 };
+        let mut is_barred = false;
+        let most = thin_dielectrics;
+        if light == Sampled::ZERO {
+            return nothing;
+        }
+        let end = point + light_sample.wi * light_sample.distance;
+        let mut left = light;
+        // One stream for all media on the way.
+        let mut numbers = None;
+        for _ in 0..MOST_FACES {
+            // The start was moved off its surface: look at the same place of the lamp from there, and end before the lamp itself.
+            let (direction, reach) = match light_sample.distance.is_finite() {
+                true => {
+                    let to = end - origin;
+                    let distance = to.length();
+                    if distance <= light_sample.clearance {
+                        return Past { light: left, is_barred, thin_dielectrics: most - thin_dielectrics };
+                    }
+                    (to / distance, distance - light_sample.clearance)
+                }
+                false => (light_sample.wi, f32::INFINITY),
+            };
+            let ray = Ray { origin, direction, time_s };
+            let face = match self.has_straight_transmission() {
+                false if self.occluded(&ray, reach) => return nothing,
+                false => None,
+                true => self.intersect(&ray, reach),
+            };
+            if let Some(face) = face.as_ref()
+                && !self.is_interface(face)
+            {
+                let material = self.material(face.object);
+                // Thin dielectrics are scattering events as others are.
+                if thin_dielectrics == 0 || !material.may_transmit_straight() {
+                    return nothing;
+                }
+                thin_dielectrics -= 1;
+                let bsdf = material.bsdf(face, -direction, wavelengths, false, None);
+                let Some(bsdf) = bsdf else { return nothing };
+                let Some(through) = bsdf.straight_through() else { return nothing };
+                left *= through;
+                is_barred |= !bsdf.is_specular();
+                sheets.cross(&bsdf, direction);
+            } else {
+                is_barred |= face.is_some();
+            }
+            if let Some((medium, span)) = medium_stack.span(self, &ray, face.as_ref().map_or(reach, |f| f.t)) {
+                is_barred = true;
+                let moment_s = self.moment_s(time_s);
+                left *= medium.transmittance(&ray, span, wavelengths, moment_s, || numbers.get_or_insert_with(&stream));
+            }
+            let Some(face) = face else { return Past { light: left, is_barred, thin_dielectrics: most - thin_dielectrics } };
+            medium_stack.cross(self, face.object, face.ng.dot(direction) < 0.0);
+            origin = past(&face, direction);
+        }
+        nothing
+    }
+}
+
+/// What arrives of light that was sampled.
+pub(crate) struct Past {
+    /// Radiance, or what stands for it.
+    pub light: Sampled,
+    /// Whether it went through what ends light paths: a medium, a face of one, a thin dielectric that scatters, too.
+    is_barred: bool,
+    /// Thin dielectrics on the way.
+    pub thin_dielectrics: u32,
+}
+
+impl Past {
+    /// Whether light paths come along this way: through nothing, from infinitely far also through thin dielectrics.
+    pub(super) fn lets_light_paths_through(&self, distance: f32) -> bool {
+        !self.is_barred && (self.thin_dielectrics == 0 || distance == f32::INFINITY)
+    }
+}
+
+/// Most faces of media that a path goes through between two surfaces, and segments after which it is given up at such a face.
+pub(crate) const MOST_FACES: u32 = 4096;
+
+/// Numbers for the media on the way of light from a point that no sampler belongs to: by a hash of where the ray runs, as whether a surface with holes is
+/// met.
+pub(crate) fn stream_along(point: Vec3, direction: Vec3) -> Stream {
+    let hash = |v: Vec3| v.to_array().iter().fold(0, |h, x| mix(h ^ x.to_bits()));
+    let seed = u64::from(hash(point)) << 32 | u64::from(hash(direction));
+    Sampler::new(SamplerKind::Independent, seed, (0, 0), 0, 1).stream(Set::Transmittance(0))
+}
+
+/// A start just behind a face that a ray goes through.
+pub(crate) fn past(surface: &Surface, direction: Vec3) -> Vec3 {
+    surface.leave(if surface.ng.dot(direction) > 0.0 { surface.ng } else { -surface.ng }, direction)
+}
