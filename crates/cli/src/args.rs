@@ -25,9 +25,10 @@ use diopter::denoising::Denoise;
 use diopter::files;
 use diopter::quantity::{Distance, FNumber, LengthMm, Seconds, Size};
 use diopter::shot::ShotFile;
+use diopter::shot::flag_values::pair;
 use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
-use values::{items, pair};
+use values::items;
 
 /// Photographs of 3D scenes the way a real camera takes them.
 #[derive(Parser, Debug)]
@@ -235,22 +236,22 @@ pub struct EventsArgs {
     #[command(flatten)]
     pub taking: Taking,
     /// Event sensor: dvs128, davis346, ideal-events, or a TOML file.
-    #[arg(long, value_name = "NAME|FILE", default_value = "davis346")]
+    #[arg(long, value_name = "NAME|FILE", default_value = "davis346", help_heading = "Sensor")]
     pub sensor: String,
     /// How long events are taken, from --at on.
-    #[arg(long, value_name = "TIME", default_value = "100 ms")]
+    #[arg(long, value_name = "TIME", default_value = "100 ms", help_heading = "Time")]
     pub duration: Seconds,
     /// From one moment of light that is computed to the next; nothing should move by more than about a pixel in it.
-    #[arg(long, value_name = "TIME", default_value = "1 ms")]
+    #[arg(long, value_name = "TIME", default_value = "1 ms", help_heading = "Time")]
     pub step: Seconds,
     /// Halve a step, up to four times, in which the light of a pixel changes by more than this (natural logarithm).
-    #[arg(long, value_name = "CHANGE")]
+    #[arg(long, value_name = "CHANGE", help_heading = "Time")]
     pub most_change: Option<f64>,
     /// Write the photocurrents that pixels were fed with, too (.npy: float32 [moment][row][column], e-/s).
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE", help_heading = "Output")]
     pub keep_light: Option<PathBuf>,
     /// File to write: .npy (structured array), .csv or .raw (EVT 2.0).
-    #[arg(short, long, value_name = "FILE", required = true)]
+    #[arg(short, long, value_name = "FILE", required = true, help_heading = "Output")]
     pub output: Vec<PathBuf>,
 }
 

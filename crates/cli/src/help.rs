@@ -1,6 +1,6 @@
 //! How the command line is read and shown: headings of the flags of `shoot` and `expose`, the short help (`-h`), errors for machines.
 //!
-//! [`Args`] says which flags there are. Here they are put under headings in the order a photographer decides, and all but the most
+//! [`Args`] says which flags there are, and under which heading. Here headings are put in the order a photographer decides, and all flags but the most
 //! used are left out of `-h`; `--help` and the manual pages show every flag.
 
 use crate::args::Args;
@@ -9,162 +9,44 @@ use clap::{Command, CommandFactory, FromArgMatches};
 use std::collections::HashSet;
 use std::ffi::OsString;
 
-/// Flags under a heading.
-struct Group {
-    heading: &'static str,
-    /// Flags that `-h` shows, too.
-    common: &'static [&'static str],
-    /// Flags that only `--help` shows.
-    other: &'static [&'static str],
-}
-
 /// Verbs with so many flags that they need headings.
-const GROUPED: [&str; 2] = ["shoot", "expose"];
+const GROUPED: [&str; 3] = ["shoot", "expose", "events"];
 
-/// Flags of these verbs by their long names, in the order in which help shows them.
-const GROUPS: [Group; 11] = [
-    Group {
-        heading: "Scene",
-        common: &["light", "environment", "sun", "ground", "scale"],
-        other: &[
-            "variant",
-            "environment-rotation",
-            "daylight",
-            "place",
-            "turbidity",
-            "fog",
-            "ambient-ev",
-            "displacement-edge-px",
-            "classes",
-            "strict",
-        ],
-    },
-    Group {
-        heading: "Camera",
-        common: &["body", "look-from", "look-at", "viewpoint"],
-        other: &["format", "up", "shake", "stabiliser"],
-    },
-    Group {
-        heading: "Lens",
-        common: &["lens", "focal-length"],
-        other: &[
-            "zoom-position",
-            "camera",
-            "fov",
-            "orthographic",
-            "shift",
-            "tilt",
-            "blades",
-            "blade-curvature",
-            "blade-rotation",
-            "aperture-image",
-            "hood",
-            "plenoptic",
-            "microlens-focal-length",
-            "microlens-gap",
-            "microlens-arrangement",
-        ],
-    },
-    Group {
-        heading: "Exposure",
-        common: &["mode", "aperture", "shutter", "iso", "compensation", "flash"],
-        other: &[
-            "iso-min",
-            "iso-max",
-            "slowest",
-            "metering",
-            "metering-at",
-            "nd",
-            "polarizer",
-            "dial",
-            "true-stops",
-            "flash-power",
-            "flash-pulse",
-            "flash-sync",
-            "lens-cap",
-            "bracket",
-            "step",
-            "staggered",
-            "staggered-ratio",
-            "staggered-gap",
-        ],
-    },
-    Group {
-        heading: "Focus",
-        common: &["focus"],
-        other: &[
-            "focus-zones",
-            "focus-priority",
-            "focus-method",
-            "focus-measure",
-            "focus-motor",
-            "focus-sweep",
-            "require-focus",
-            "focus-bracket",
-            "focus-step",
-            "plot-focus",
-        ],
-    },
-    Group {
-        heading: "Time",
-        common: &["at"],
-        other: &[
-            "animation",
-            "animation-end",
-            "frozen",
-            "flicker",
-            "shutter-type",
-            "shutter-direction",
-            "travel",
-            "line-time",
-            "readout",
-            "reset",
-            "ramp",
-            "frames",
-            "fps",
-            "shutter-angle",
-        ],
-    },
-    Group {
-        heading: "Sensor",
-        common: &[],
-        other: &["dual-pixel", "white", "temperature", "serial", "dng", "radiance", "bands", "rgb"],
-    },
-    Group {
-        heading: "Development",
-        common: &["preset", "exposure-ev"],
-        other: &["recipe", "set", "tone", "demosaic", "lut", "gamma"],
-    },
-    Group {
-        heading: "Rendering",
-        common: &["size", "spp", "time-limit", "denoise", "quick"],
-        other: &[
-            "samples",
-            "seed",
-            "sampler",
-            "max-depth",
-            "integrator",
-            "polarized",
-            "diffraction",
-            "stray",
-            "fireflies",
-            "oidn",
-            "checkpoint",
-            "resume",
-            "no-resume",
-            "max-memory",
-        ],
-    },
-    Group {
-        heading: "Output",
-        common: &["output"],
-        other: &["keep-plane", "truth", "truth-layout", "truth-sidecar", "truth-channels", "merge", "stack", "save-shot"],
-    },
-    Group {
-        heading: "Contact sheet",
-        common: &["vary", "sheet"],
-        other: &["sheet-crop", "sheet-histogram", "sheet-cell", "sheet-columns", "sheet-title", "sheet-table"],
-    },
+/// The headings, in the order in which a photographer decides.
+const HEADINGS: [&str; 11] =
+    ["Scene", "Camera", "Lens", "Exposure", "Focus", "Time", "Sensor", "Development", "Rendering", "Output", "Contact sheet"];
+
+/// Flags of these verbs that `-h` shows, too, by their long names in the order in which help shows them.
+const COMMON: [&str; 29] = [
+    "light",
+    "environment",
+    "sun",
+    "ground",
+    "scale",
+    "body",
+    "look-from",
+    "look-at",
+    "viewpoint",
+    "lens",
+    "focal-length",
+    "mode",
+    "aperture",
+    "shutter",
+    "iso",
+    "compensation",
+    "flash",
+    "focus",
+    "at",
+    "preset",
+    "exposure-ev",
+    "size",
+    "spp",
+    "time-limit",
+    "denoise",
+    "quick",
+    "output",
+    "vary",
+    "sheet",
 ];
 
 /// The whole command line, with headings.
@@ -172,16 +54,15 @@ pub fn command() -> Command {
     Args::command().mut_subcommands(|verb| if GROUPED.contains(&verb.get_name()) { grouped(verb) } else { verb })
 }
 
-/// Puts the flags of a verb under their headings.
+/// Puts headings, and under them the flags that are used most, in their order; leaves others to `--help`.
 fn grouped(mut verb: Command) -> Command {
-    for group in &GROUPS {
-        let flags = group.common.iter().map(|f| (*f, false)).chain(group.other.iter().map(|f| (*f, true)));
-        for (order, (flag, rare)) in flags.enumerate() {
-            let found = verb.get_arguments().find(|a| a.get_long() == Some(flag)).map(|a| a.get_id().to_string());
-            // `expose` has not all flags of `shoot`. A changed argument goes to the end: headings come in the order of the groups.
-            if let Some(id) = found {
-                verb = verb.mut_arg(id, |a| a.help_heading(group.heading).display_order(order).hide_short_help(rare));
-            }
+    for heading in HEADINGS {
+        let of_heading = verb.get_arguments().filter(|a| a.get_help_heading() == Some(heading));
+        let flags = of_heading.map(|a| (a.get_id().to_string(), COMMON.iter().position(|c| a.get_long() == Some(c))));
+        // A changed argument goes to the end: headings come in their order.
+        for (order, (id, common)) in flags.collect::<Vec<_>>().into_iter().enumerate() {
+            let order = common.unwrap_or(COMMON.len() + order);
+            verb = verb.mut_arg(id, |a| a.display_order(order).hide_short_help(common.is_none()));
         }
     }
     verb
@@ -285,9 +166,9 @@ mod tests {
     fn negative_values_reach_their_flags() {
         let taken = parse(&words("diopter shoot --focal-length -5mm --time-limit -1s --compensation -1/3")).unwrap();
         let Verb::Shoot(shoot) = taken.verb else { panic!("shoot") };
-        assert_eq!(shoot.taking.focal_length.unwrap().0, -5.0);
-        assert_eq!(shoot.taking.time_limit.unwrap().0, -1.0);
-        assert_eq!(shoot.taking.compensation.unwrap().0, -1.0 / 3.0);
+        assert_eq!(shoot.taking.said.camera.focal_length.unwrap().0, -5.0);
+        assert_eq!(shoot.taking.said.render.time_limit.unwrap().0, -1.0);
+        assert_eq!(shoot.taking.said.exposure.compensation.unwrap().0, -1.0 / 3.0);
         // What is wrong is the value, and no tip says to write it behind "--".
         let e = parse(&words("diopter shoot --spp -4")).unwrap_err().to_string();
         assert!(e.contains("invalid value '-4'") && !e.contains("-- -4"), "{e}");
@@ -302,16 +183,15 @@ mod tests {
         for name in GROUPED {
             let verb = command.find_subcommand(name).unwrap();
             for a in verb.get_arguments().filter(|a| !a.is_positional()) {
-                assert!(a.get_help_heading().is_some(), "{name} --{}: name it in GROUPS", a.get_id());
+                assert!(a.get_help_heading().is_some(), "{name} --{}", a.get_id());
+                let heading = a.get_help_heading().unwrap();
+                assert!(HEADINGS.contains(&heading), "{name} --{}: \"{heading}\" is none of HEADINGS", a.get_id());
             }
         }
-        // And no heading names a flag that is no more.
-        let known = |flag: &str| {
-            let has = |verb: &str| command.find_subcommand(verb).unwrap().get_arguments().any(|a| a.get_long() == Some(flag));
-            has(GROUPED[0]) || has(GROUPED[1])
-        };
-        for flag in GROUPS.iter().flat_map(|g| g.common.iter().chain(g.other).copied()) {
-            assert!(known(flag), "--{flag} is no flag");
+        // And all that `-h` shows are flags.
+        let shoot = command.find_subcommand("shoot").unwrap();
+        for flag in COMMON {
+            assert!(shoot.get_arguments().any(|a| a.get_long() == Some(flag)), "--{flag} is no flag");
         }
     }
 
@@ -325,7 +205,7 @@ mod tests {
         }
         assert!(short.contains("--lens ") && !short.contains("--microlens-gap"));
         assert!(long.contains("--lens ") && long.contains("--microlens-gap"));
-        let places: Vec<usize> = GROUPS.iter().map(|g| long.find(&format!("\n{}:\n", g.heading)).expect(g.heading)).collect();
+        let places: Vec<usize> = HEADINGS.iter().map(|h| long.find(&format!("\n{h}:\n")).expect(h)).collect();
         assert!(places.is_sorted(), "{places:?}");
     }
 
@@ -382,7 +262,8 @@ mod tests {
         let args =
             parse(&words("diopter shoot --lens thin --quick --quick --lens pinhole -o a.jpg -o b.png --spp 1 --spp 2")).unwrap();
         let Verb::Shoot(shoot) = args.verb else { panic!("it is shoot") };
-        assert_eq!((shoot.taking.lens.as_deref(), shoot.taking.spp, shoot.taking.quick), (Some("pinhole"), Some(2), true));
+        let (camera, render) = (&shoot.taking.said.camera, &shoot.taking.said.render);
+        assert_eq!((camera.lens.as_deref(), render.spp, render.quick), (Some("pinhole"), Some(2), true));
         assert_eq!(shoot.output.len(), 2);
     }
 

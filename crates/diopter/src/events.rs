@@ -85,7 +85,7 @@ pub struct TakenEvents {
 }
 
 fn wrong(what: &'static str, found: impl ToString, expected: &str) -> ShotError {
-    ShotError::Value { what, found: found.to_string(), expected: expected.into() }
+    ShotError::Value { what: what.into(), found: found.to_string(), expected: expected.into() }
 }
 
 /// The shot that is exposed at each moment.

@@ -68,7 +68,7 @@ impl Request {
         let mut warn = |text: &str| warnings.push(text.to_owned());
         if self.file.camera.dual_pixel {
             let expected = "whole pixels here: `shoot --dual-pixel` of the command line takes both photodiodes".into();
-            return Err(ShotError::Value { what: "dual_pixel", found: "true".into(), expected });
+            return Err(ShotError::Value { what: "dual_pixel".into(), found: "true".into(), expected });
         }
         let inputs = Inputs {
             scene: self.scene.as_ref().map(|s| s.0.clone()),

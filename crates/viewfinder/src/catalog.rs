@@ -109,7 +109,7 @@ fn section(lens: &CompoundLens, fields_deg: Vec<f64>) -> String {
 pub fn drawing_of(name: &str) -> Result<String, ShotError> {
     // Names only: files are the shot's matter, and checked there.
     let prescription = diopter::lens::embedded(name).ok_or_else(|| ShotError::Value {
-        what: "lens",
+        what: "lens".into(),
         found: format!("\"{name}\""),
         expected: "a name of `lens list`".into(),
     })?;

@@ -22,7 +22,7 @@ use diopter::lens::{Focus, Lens};
 use diopter::metering::ev100_of_setting;
 use diopter::quantity::{FocusTo, LengthMm};
 use diopter::scene::light::Modulation;
-use diopter::shot::file::{CameraSection, FlashSection, RenderSection, SceneSection, ShutterSection};
+use diopter::shot::sections::{CameraSection, FlashSection, RenderSection, SceneSection, ShutterSection};
 use diopter::shot::{FireflyChoice, Inputs, Shot, ShotError, ShotFile};
 use glam::Vec3;
 use serde_json::{Value, json};

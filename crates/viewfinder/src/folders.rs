@@ -69,7 +69,7 @@ impl Folders {
             let allowed = known.contains(&file) || file.setting != "oidn" && self.holds(&file.path);
             if !allowed {
                 return Err(ShotError::Value {
-                    what: file.setting,
+                    what: file.setting.into(),
                     found: format!("\"{}\"", file.path),
                     expected: "a file of the command line, or in a folder that it names (--folder FOLDER)".into(),
                 });

@@ -8,7 +8,7 @@
 use crate::engine::changes_with_time;
 use crate::protocol::Problem;
 use diopter::quantity::{Distance, FNumber, FocusTo, Seconds};
-use diopter::shot::file::FocusSection;
+use diopter::shot::sections::FocusSection;
 use diopter::shot::{Shot, ShotFile, Vary};
 use serde::{Deserialize, Serialize};
 
@@ -103,7 +103,7 @@ impl Series {
     pub fn frames(&self, shot: &mut Shot, settled: &ShotFile) -> Result<Vec<Frame>, Problem> {
         // The mode is the camera's own until the file is settled; where nothing changes with time, the moment stays.
         let vary = shot.varies();
-        let passes = changes_with_time(shot) && settled.scene.frozen != Some(true);
+        let passes = changes_with_time(shot) && !settled.scene.frozen;
         let metered = light(shot);
         let (mut at_s, seed) = (shot.begun_s(), settled.render.seed.unwrap_or(1));
         let distances = match *self {

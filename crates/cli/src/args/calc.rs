@@ -1,8 +1,8 @@
 //! Flags of `calc`.
 
-use super::values::pair;
 use clap::Subcommand;
 use diopter::quantity::{Distance, FNumber, Iso, IsoChoice, LengthMm, Moment, Seconds};
+use diopter::shot::flag_values::pair;
 use std::path::PathBuf;
 
 /// Calculators.

@@ -1,9 +1,10 @@
 //! Flags of `lens`.
 
 use super::List;
-use super::values::{degrees, list, pair, shift, tilt};
+use super::values::list;
 use clap::Subcommand;
 use diopter::quantity::{Distance, FNumber, LengthMm, Size};
+use diopter::shot::flag_values::{degrees, pair, shift, tilt};
 use std::path::PathBuf;
 
 #[derive(Subcommand, Debug)]

@@ -1,9 +1,10 @@
 //! Flags of `measure` and `body`.
 
-use super::values::{corners, list, pair, rectangle};
+use super::values::{corners, list, rectangle};
 use super::{Developing, List};
 use clap::Subcommand;
 use diopter::quantity::{FNumber, Iso, LengthMm, Seconds, Size};
+use diopter::shot::flag_values::pair;
 use std::path::PathBuf;
 
 #[derive(Subcommand, Debug)]

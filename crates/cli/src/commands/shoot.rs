@@ -17,6 +17,7 @@ use diopter::lens::draw::{Axis, Chart, Color, Figure, Line, Style};
 use diopter::metering::ev100_of_setting;
 use diopter::quantity::FNumber;
 use diopter::sensor::ReadOut;
+use diopter::shot::sections::Setting;
 use diopter::shot::{FireflyChoice, Kept, Sequence, Shot};
 use diopter::truth;
 use std::io::Write;
@@ -44,13 +45,7 @@ pub fn run(args: &Shoot, json: bool) -> anyhow::Result<()> {
     if file.output.files.is_empty() && args.merge.is_none() && args.stack.is_none() {
         file.output.files.push(PathBuf::from("photo.jpg"));
     }
-    let s = &mut file.sequence;
-    (s.bracket, s.step) = (args.bracket.or(s.bracket), args.step.or(s.step));
-    (s.frames, s.fps) = (args.frames.or(s.frames), args.fps.or(s.fps));
-    (s.focus_bracket, s.focus_step) = (args.focus_bracket.or(s.focus_bracket), args.focus_step.or(s.focus_step));
-    s.shutter_angle_deg = args.shutter_angle.or(s.shutter_angle_deg);
-    (s.staggered, s.staggered_ratio) = (args.staggered.or(s.staggered), args.staggered_ratio.or(s.staggered_ratio));
-    s.staggered_gap = args.staggered_gap.or(s.staggered_gap);
+    file.sequence.take_over(args.sequence.clone());
     file.camera.dual_pixel |= args.dual_pixel;
     let sequence = Sequence::new(&mut file)?;
     if args.merge.is_some() && !sequence.is_mergeable() {

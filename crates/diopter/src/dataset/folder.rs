@@ -8,7 +8,8 @@ use super::item::json_of;
 use super::sha256::{self, Hashing};
 use super::{Dataset, Layout, parquet, tar};
 use crate::expose::{ExposeError, Watch};
-use crate::shot::{SceneCache, ShotError, VARIABLES};
+use crate::sheet::text_of;
+use crate::shot::{SceneCache, ShotError, is_of_scene};
 use serde_json::{Map, Value, json};
 use std::fs::{self, File, OpenOptions};
 use std::hash::{BuildHasher, Hasher};
@@ -125,10 +126,7 @@ impl Folder {
     /// What tells the scenes of items apart.
     fn scene_of(&self, item: u64) -> String {
         let settings = self.dataset.settings(item).into_iter();
-        let of_scene = settings.filter(|(name, _)| {
-            let path = VARIABLES.iter().find(|v| v.0 == name).map_or(name.as_str(), |v| v.1);
-            path.starts_with("scene.") || path.starts_with("flash.")
-        });
+        let of_scene = settings.filter(|(name, value)| is_of_scene(name, &text_of(value)));
         of_scene.map(|(name, value)| format!("{name} = {value}\n")).collect()
     }
 

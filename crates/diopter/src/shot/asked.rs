@@ -1,6 +1,7 @@
 //! What a shot asks for, checked: what no file and no scene is needed for, and what the camera must be able to do once it stands.
 
-use super::file::{DiffractionChoice, RenderSection, ShotFile};
+use super::file::ShotFile;
+use super::sections::{DiffractionChoice, RenderSection};
 use super::{
     DEFAULT_BODY, DEFAULT_ISO, DEFAULT_SEED, DEFAULT_SPP, Exposing, Inputs, ShotError, surroundings, value, white_point,
 };
@@ -230,8 +231,11 @@ fn settings(r: &RenderSection) -> Result<Settings, ShotError> {
     let spp = if limit.is_some() && r.spp.is_none() { 1 << 16 } else { spp };
     let samples = if r.samples.is_some() { samples } else { 0..spp };
     let channels = r.truth_channels.as_deref().unwrap_or_default();
-    let channels =
-        Channel::list(channels).map_err(|e| ShotError::Value { what: "truth-channels", found: e.found, expected: e.expected })?;
+    let channels = Channel::list(channels).map_err(|e| ShotError::Value {
+        what: "truth-channels".into(),
+        found: e.found,
+        expected: e.expected,
+    })?;
     if let Some(c) = channels.iter().find(|c| r.quick && c.needs_pupil) {
         let expected = "channels of chief rays beside a quick look, which follows no light through a pupil: position, distance, uv, flow ...";
         return Err(value("truth-channels", c.name, expected));

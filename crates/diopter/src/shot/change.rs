@@ -2,8 +2,9 @@
 //! place) is answered in milliseconds instead of the time that reading a scene takes.
 
 use super::asked::{self, Asked};
-use super::file::{CameraSection, ExposureSection, ShotFile};
+use super::file::ShotFile;
 use super::focusing::Focusing;
+use super::sections::{CameraSection, ExposureSection};
 use super::timing::Timing;
 use super::{DEFAULT_SCENE, Inputs, Shot, ShotError, lens_facts, staging, wants_profile};
 use crate::camera::{Camera, look_at};
@@ -43,7 +44,7 @@ impl Shot {
         let (a, b) = (&self.file.scene, &file.scene);
         let mut section = a.clone();
         section.ambient_ev = b.ambient_ev;
-        if b.frozen != Some(true) {
+        if !b.frozen {
             section.at = b.at;
         }
         // Lamps, ground and fog were put, and displaced surfaces split, for a camera in its place. A flash goes with it.

@@ -46,7 +46,7 @@ impl ShotError {
             ShotError::Read { path, reason } | ShotError::Syntax { path, reason } => {
                 ErrorParts { found: Some(reason.clone()), hint: hint_in(reason), ..ErrorParts::at(path) }
             }
-            ShotError::Value { what, found, expected } => ErrorParts::of_value(*what, found, expected),
+            ShotError::Value { what, found, expected } => ErrorParts::of_value(what.as_ref(), found, expected),
             ShotError::Entry { place, found, expected } => ErrorParts::of_value(place, found, expected),
             ShotError::Recipe(e) => ErrorParts::of_value(&e.place, &e.found, &e.expected),
             ShotError::Scene(SceneError::File { place, found, expected }) => {

@@ -1,6 +1,6 @@
 //! From the scene to the picture: exposure, read-out, development.
 
-use super::file::{DiffractionChoice, FireflyChoice};
+use super::sections::{DiffractionChoice, FireflyChoice};
 use super::{ExposedStrips, Shot, ShotError, sequence, white_point};
 use crate::camera::{Camera, Film};
 use crate::denoising::{BUILT_IN, Denoise, Filter};

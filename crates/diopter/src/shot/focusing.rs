@@ -1,6 +1,7 @@
 //! What a shot is focused on: a distance, a place in the picture, a thing of the scene, or what autofocus finds.
 
-use super::file::{FocusSection, ShotFile, Zones};
+use super::file::ShotFile;
+use super::sections::{FocusSection, Zones};
 use super::{Shot, ShotError, value};
 use crate::camera::Camera;
 use crate::depth_of_field::{CIRCLE_OF_DIAGONAL, hyperfocal_m};

@@ -1,6 +1,6 @@
 //! A microlens array before the sensor: from a sheet or a shot file to the film.
 
-use super::file::PlenopticSection;
+use super::sections::PlenopticSection;
 use super::{ShotError, value};
 use crate::camera::{Camera, Film};
 use crate::quantity::LengthMm;

@@ -10,6 +10,7 @@ mod change;
 mod error_parts;
 mod exposing;
 pub mod file;
+pub mod flag_values;
 mod focusing;
 mod framing;
 mod inputs;
@@ -19,6 +20,7 @@ mod memory;
 mod readings;
 mod resume;
 mod scene_cache;
+pub mod sections;
 mod sequence;
 mod settle;
 mod sources;
@@ -30,14 +32,15 @@ mod vary;
 
 use asked::Asked;
 pub use error_parts::ErrorParts;
-pub use file::{DiffractionChoice, FireflyChoice, ShotFile};
+pub use file::ShotFile;
 pub use inputs::Inputs;
 pub use memory::Kept;
 pub use scene_cache::SceneCache;
+pub use sections::{DiffractionChoice, FireflyChoice};
 pub use sequence::{Sequence, Vary};
 pub use sources::{is_scene_file, lens_beside, odd_size, read_body, read_environment, read_lens, read_scene};
 pub use surroundings::daylight;
-pub use vary::VARIABLES;
+pub use vary::is_of_scene;
 
 use crate::calibration::{self, Calibration, CalibrationError, Frame, PrincipalRay};
 use crate::camera::{Camera, PlacementError};
@@ -60,6 +63,7 @@ use diopter_sensor::format;
 use diopter_sensor::{Reading, Sensor, SensorError};
 use focusing::Focusing;
 use glam::{Affine3A, Vec3};
+use std::borrow::Cow;
 use std::ops::RangeInclusive;
 use std::time::Instant;
 use timing::Timing;
@@ -95,7 +99,7 @@ pub enum ShotError {
     #[error("{what} {found}: expected {expected}")]
     Value {
         /// Setting.
-        what: &'static str,
+        what: Cow<'static, str>,
         /// Its value.
         found: String,
         /// What is allowed, or a hint.
@@ -148,8 +152,8 @@ impl ShotError {
     }
 }
 
-pub(crate) fn value(what: &'static str, found: impl ToString, expected: impl Into<String>) -> ShotError {
-    ShotError::Value { what, found: found.to_string(), expected: expected.into() }
+pub(crate) fn value(what: impl Into<Cow<'static, str>>, found: impl ToString, expected: impl Into<String>) -> ShotError {
+    ShotError::Value { what: what.into(), found: found.to_string(), expected: expected.into() }
 }
 
 /// An exposure that memory cannot hold, to be written strip by strip.

@@ -1,6 +1,6 @@
 //! Scenes that were read and built, kept for the next shot of the same.
 
-use super::file::SceneSection;
+use super::sections::SceneSection;
 use super::staging::{self, Fineness, Stand};
 use super::{Inputs, ShotError, surroundings, timing};
 use crate::flash::Flash;

@@ -1,7 +1,8 @@
 //! A shot file that says everything: also what was chosen, and what was default.
 
 use super::file::ShotFile;
-use super::{DEFAULT_BODY, DEFAULT_SCENE, DEFAULT_SEED, Shot, file, metres_of};
+use super::sections::FocusSection;
+use super::{DEFAULT_BODY, DEFAULT_SCENE, DEFAULT_SEED, Shot, metres_of};
 use crate::program::Mode;
 use crate::quantity::{Distance, FNumber, FocusTo, LengthMm, Seconds, Size};
 use diopter_lens::{Focus, Lens, Projection};
@@ -17,7 +18,7 @@ impl Shot {
         if matches!(file.focus.distance, Some(FocusTo::Auto | FocusTo::At(_))) {
             // Where it was found; what follows a thing goes on following it.
             let found = FocusTo::Extension(LengthMm(self.facts.extension_mm));
-            file.focus = file::FocusSection { distance: Some(found), ..Default::default() };
+            file.focus = FocusSection { distance: Some(found), ..Default::default() };
         }
         let e = &mut file.exposure;
         e.shutter = self.shutter.map(Seconds);
@@ -26,7 +27,7 @@ impl Shot {
         }
         e.iso = Some(crate::quantity::IsoChoice::Fixed(crate::quantity::Iso(self.reading.iso)));
         // All is set now; engraved numbers have become what they stand for.
-        (e.mode, e.true_stops, e.iso_min, e.iso_max) = (Some(Mode::Manual.name().into()), None, None, None);
+        (e.mode, e.true_stops, e.iso_min, e.iso_max) = (Some(Mode::Manual.name().into()), false, None, None);
         self.write_defaults(file);
     }
 

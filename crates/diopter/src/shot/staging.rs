@@ -4,8 +4,9 @@ mod lens;
 
 pub(super) use lens::{camera, stabiliser};
 
-use super::file::{CameraSection, SceneSection, ShotFile};
+use super::file::ShotFile;
 use super::framing::{self, Angle, Framed};
+use super::sections::{CameraSection, SceneSection};
 use super::sources::ideal_fisheye;
 use super::{Inputs, LARGEST_SIDE, ShotError, value};
 use crate::calibration::camera_file::{self, CameraFile, CameraSource};

@@ -1,6 +1,6 @@
 //! What is around a scene: a studio, a picture of surroundings, sun and sky, fog.
 
-use super::file::{DaylightSection, FogSection, SceneSection};
+use super::sections::{DaylightSection, FogSection, SceneSection};
 use super::sources::is_light_file;
 use super::staging::Stand;
 use super::{ShotError, read_environment, value};

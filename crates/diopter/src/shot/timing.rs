@@ -1,6 +1,7 @@
 //! The clock of a shot: which moment, what moves, how the shutter runs, when the flash fires.
 
-use super::file::{FlickerSection, SceneSection, ShotFile};
+use super::file::ShotFile;
+use super::sections::{FlickerSection, SceneSection};
 use super::{ShotError, value};
 use crate::camera::{Camera, look_at};
 use crate::camera_motion::{CameraMotion, Shake, Stop, on_path};
@@ -133,7 +134,7 @@ impl Timing {
             Some(rms) if (0.0..=1000.0).contains(&rms) => Some(Shake::new(rms, file.render.seed.unwrap_or(1))),
             Some(rms) => return Err(value("shake", rms, "0 to 1000 deg/s; a steady hand is 0.6")),
         };
-        let frozen = file.scene.frozen.unwrap_or(false);
+        let frozen = file.scene.frozen;
         let (flash, path) = (flash(file)?, Vec::new());
         Ok(Timing { at_s, begun_s: at_s, frozen, mechanism, flash, carrier: None, path, way: None, shake, end_s: None })
     }
@@ -295,8 +296,11 @@ impl Timing {
 
 fn flash(file: &ShotFile) -> Result<Option<Flash>, ShotError> {
     let Some(f) = &file.flash else { return Ok(None) };
-    if !(f.guide_number > 0.0 && f.guide_number <= 10_000.0) {
-        return Err(value("flash guide_number", f.guide_number, "above 0 to 10000: f-number × metres at ISO 100"));
+    let Some(guide_number) = f.guide_number else {
+        return Err(value("flash", "is not fired", "a guide number (--flash GN) beside its power, pulse, sync or offset"));
+    };
+    if !(guide_number > 0.0 && guide_number <= 10_000.0) {
+        return Err(value("flash guide_number", guide_number, "above 0 to 10000: f-number × metres at ISO 100"));
     }
     let power = f.power.unwrap_or(1.0);
     if !(power > 0.0 && power <= 1.0) {
@@ -316,7 +320,7 @@ fn flash(file: &ShotFile) -> Result<Option<Flash>, ShotError> {
     if !(offset_m.is_finite() && offset_m.length() < 1e4) {
         return Err(value("flash offset", offset_m, "metres from the lens"));
     }
-    Ok(Some(Flash { guide_number: f.guide_number, power, pulse_s, sync, offset_m }))
+    Ok(Some(Flash { guide_number, power, pulse_s, sync, offset_m }))
 }
 
 /// Makes lamps flicker.

@@ -3,113 +3,11 @@
 //! A name is that of a flag of `diopter shoot` without its dashes (`iso`, `focal-length`), of a setting of the development (`tone.curve`), or of a key
 //! of the shot file (`camera.shake`).
 
+use super::sections::{CameraSection, SceneSection, Section};
 use super::{ShotError, ShotFile, value};
+use clap::{Args, Command, FromArgMatches};
 use diopter_develop::{Recipe, SETTINGS};
 use diopter_light::names::nearest;
-
-/// Names of flags, and the keys of the shot file that they stand for.
-pub const VARIABLES: &[(&str, &str)] = &[
-    ("scene", "scene.file"),
-    ("scale", "scene.scale"),
-    ("strict", "scene.strict"),
-    ("variant", "scene.variant"),
-    ("displacement-edge-px", "scene.displacement_edge_px"),
-    ("classes", "scene.classes"),
-    ("light", "scene.light"),
-    ("environment", "scene.environment"),
-    ("environment-rotation", "scene.environment_rotation_deg"),
-    ("daylight", "scene.daylight.time"),
-    ("place", "scene.daylight.place"),
-    ("sun", "scene.daylight.sun"),
-    ("turbidity", "scene.daylight.turbidity"),
-    ("fog", "scene.fog.visibility"),
-    ("ground", "scene.ground"),
-    ("ambient-ev", "scene.ambient_ev"),
-    ("at", "scene.at"),
-    ("animation", "scene.animation"),
-    ("animation-end", "scene.animation_end"),
-    ("frozen", "scene.frozen"),
-    ("body", "camera.body"),
-    ("serial", "camera.serial"),
-    ("format", "camera.format"),
-    ("lens", "camera.lens"),
-    ("focal-length", "camera.focal_length"),
-    ("camera", "camera.calibration"),
-    ("fov", "camera.fov_deg"),
-    ("orthographic", "camera.orthographic"),
-    ("shift", "camera.shift_mm"),
-    ("tilt", "camera.tilt_deg"),
-    ("zoom-position", "camera.zoom_position"),
-    ("blades", "camera.blades"),
-    ("blade-curvature", "camera.blade_curvature"),
-    ("blade-rotation", "camera.blade_rotation_deg"),
-    ("aperture-image", "camera.aperture_image"),
-    ("hood", "camera.hood"),
-    ("plenoptic", "camera.plenoptic.pitch"),
-    ("microlens-focal-length", "camera.plenoptic.focal_length"),
-    ("microlens-gap", "camera.plenoptic.gap"),
-    ("microlens-arrangement", "camera.plenoptic.arrangement"),
-    ("look-from", "camera.look_from"),
-    ("look-at", "camera.look_at"),
-    ("up", "camera.up"),
-    ("viewpoint", "camera.viewpoint"),
-    ("shake", "camera.shake"),
-    ("stabiliser", "camera.stabiliser.moves"),
-    ("shutter-type", "shutter.kind"),
-    ("shutter-direction", "shutter.direction"),
-    ("travel", "shutter.travel"),
-    ("line-time", "shutter.line_time"),
-    ("readout", "shutter.readout"),
-    ("reset", "shutter.reset"),
-    ("ramp", "shutter.ramp"),
-    ("aperture", "exposure.aperture"),
-    ("shutter", "exposure.shutter"),
-    ("shutter-angle", "sequence.shutter_angle_deg"),
-    ("fps", "sequence.fps"),
-    ("iso", "exposure.iso"),
-    ("iso-min", "exposure.iso_min"),
-    ("iso-max", "exposure.iso_max"),
-    ("slowest", "exposure.slowest"),
-    ("true-stops", "exposure.true_stops"),
-    ("lens-cap", "exposure.lens_cap"),
-    ("mode", "exposure.mode"),
-    ("metering", "exposure.metering"),
-    ("metering-at", "exposure.metering_at"),
-    ("compensation", "exposure.compensation"),
-    ("nd", "exposure.nd"),
-    ("polarizer", "exposure.polarizer"),
-    ("dial", "exposure.dial"),
-    ("white", "exposure.white"),
-    ("temperature", "exposure.temperature_c"),
-    ("flash", "flash.guide_number"),
-    ("flash-power", "flash.power"),
-    ("flash-pulse", "flash.pulse"),
-    ("flash-sync", "flash.sync"),
-    ("focus", "focus.distance"),
-    ("focus-zones", "focus.zones"),
-    ("focus-motor", "focus.motor"),
-    ("focus-sweep", "focus.sweep"),
-    ("require-focus", "focus.require"),
-    ("focus-priority", "focus.priority"),
-    ("focus-method", "focus.method"),
-    ("focus-measure", "focus.measure"),
-    ("size", "render.size"),
-    ("spp", "render.spp"),
-    ("samples", "render.samples"),
-    ("time-limit", "render.time_limit"),
-    ("seed", "render.seed"),
-    ("sampler", "render.sampler"),
-    ("max-depth", "render.max_depth"),
-    ("integrator", "render.integrator"),
-    ("polarized", "render.polarized"),
-    ("stray", "render.stray"),
-    ("quick", "render.quick"),
-    ("denoise", "render.denoise"),
-    ("oidn", "render.oidn"),
-    ("truth-channels", "render.truth_channels"),
-    ("fireflies", "render.fireflies"),
-    ("diffraction", "render.diffraction"),
-];
 
 /// Flags of the development, and the settings of the recipe that they stand for.
 const DEVELOPING: [(&str, &str); 5] = [
@@ -118,6 +16,16 @@ const DEVELOPING: [(&str, &str); 5] = [
     ("demosaic", "demosaic.method"),
     ("lut", "lut.file"),
     ("gamma", "output.encoding"),
+];
+
+/// Names of settings that are no flags of [`ShotFile`], and the keys of the shot file that they stand for.
+const OTHERS: [(&str, &str); 5] = [
+    ("scene", "scene.file"),
+    ("serial", "camera.serial"),
+    ("temperature", "exposure.temperature_c"),
+    // Of a film, what does not change how many pictures there are.
+    ("fps", "sequence.fps"),
+    ("shutter-angle", "sequence.shutter_angle_deg"),
 ];
 
 /// Sections of the shot file whose keys can be given.
@@ -132,11 +40,6 @@ impl ShotFile {
             shot.develop = Recipe::preset(text)?;
             return Ok(shot);
         }
-        if name == "flicker" {
-            let expected = |e: String| e.split_once(" is not ").map_or(e.clone(), |p| p.1.to_owned());
-            shot.scene.flicker = vec![text.parse().map_err(|e| value("flicker", format!("\"{text}\""), expected(e)))?];
-            return Ok(shot);
-        }
         let flag = DEVELOPING.iter().find(|d| d.0 == name).map(|d| d.1);
         let setting = flag.unwrap_or(name.strip_prefix("develop.").unwrap_or(name));
         if SETTINGS.iter().any(|s| s.name == setting) {
@@ -145,34 +48,109 @@ impl ShotFile {
             shot.develop = shot.develop.with(setting, &if gamma { format!("gamma-{text}") } else { text.to_owned() })?;
             return Ok(shot);
         }
-        let (what, path) = match VARIABLES.iter().find(|v| v.0 == name || v.1 == name) {
-            Some((flag, path)) => (*flag, *path),
-            None if name.split_once('.').is_some_and(|(section, _)| SECTIONS.contains(&section)) => ("vary", name),
-            None => return Err(unknown(name)),
-        };
-        let all = toml::Table::try_from(self).map_err(|e| value(what, format!("\"{text}\""), e.to_string()))?;
-        let mut failure = String::new();
-        for candidate in candidates(text) {
-            let mut all = all.clone();
-            if !insert(&mut all, path, candidate) {
-                return Err(unknown(name));
-            }
-            match all.try_into::<ShotFile>() {
-                Ok(shot) => return Ok(shot),
-                Err(e) => failure = e.message().to_owned(),
+        match said(name, text)? {
+            // A switch that is off.
+            nothing if nothing == ShotFile::default() => shot.without(&said(name, "true")?),
+            said => {
+                shot.take_over(said);
+                Ok(shot)
             }
         }
-        if failure.starts_with("unknown field") {
-            return Err(unknown(name));
+    }
+
+    /// The same shot without what another says.
+    fn without(&self, said: &ShotFile) -> Result<ShotFile, ShotError> {
+        fn remove(from: &mut toml::Table, what: &toml::Table) {
+            for (key, value) in what {
+                match (from.get_mut(key), value) {
+                    (Some(toml::Value::Table(from)), toml::Value::Table(what)) => remove(from, what),
+                    _ => drop(from.remove(key)),
+                }
+            }
         }
-        let expected = failure.split_once(" is not ").or_else(|| failure.split_once("expected ")).map_or(&failure[..], |p| p.1);
-        Err(value(what, format!("\"{text}\""), expected.trim().to_owned()))
+        let table = |shot: &ShotFile| toml::Table::try_from(shot).map_err(|e| value("vary", "false", e.to_string()));
+        let (mut all, mut what) = (table(self)?, table(said)?);
+        what.retain(|section, _| SECTIONS.contains(&section));
+        remove(&mut all, &what);
+        all.try_into().map_err(|e: toml::de::Error| value("vary", "false", e.message()))
     }
 }
 
+/// Whether a setting, by its name and value, is of the scene or lights it.
+pub fn is_of_scene(name: &str, text: &str) -> bool {
+    said(name, text).is_ok_and(|said| said.scene != SceneSection::default() || said.flash.is_some())
+}
+
+/// A shot file that says one setting and nothing else: as the file writes it, or as the flag does.
+fn said(name: &str, text: &str) -> Result<ShotFile, ShotError> {
+    let other = OTHERS.iter().find(|other| other.0 == name || other.1 == name);
+    let of_section = name.split_once('.').is_some_and(|(section, _)| SECTIONS.contains(&section));
+    let (what, key) = match (other, key_of_flag(name)) {
+        (Some((name, key)), _) => ((*name).to_owned(), (*key).to_owned()),
+        (None, Some(key)) => (name.to_owned(), key),
+        (None, None) if of_section => ("vary".to_owned(), name.to_owned()),
+        (None, None) => return Err(unknown(name)),
+    };
+    let mut failure = String::new();
+    for candidate in candidates(text) {
+        let nested = key.rsplit('.').fold(candidate, |value, part| toml::Table::from_iter([(part.to_owned(), value)]).into());
+        match nested.try_into::<ShotFile>() {
+            Ok(said) => return Ok(said),
+            Err(e) => failure = e.message().to_owned(),
+        }
+    }
+    if failure.starts_with("unknown field") {
+        return Err(unknown(name));
+    }
+    // An angle with its unit, a fraction, zones.
+    let typed = flags().try_get_matches_from([format!("--{name}={text}")]);
+    if let Ok(said) = typed.and_then(|matches| ShotFile::from_arg_matches(&matches)) {
+        return Ok(said);
+    }
+    let expected = failure.split_once(" is not ").or_else(|| failure.split_once("expected ")).map_or(&failure[..], |p| p.1);
+    Err(value(what, format!("\"{text}\""), expected.trim()))
+}
+
+fn flags() -> Command {
+    ShotFile::augment_args(Command::new("shot").no_binary_name(true).disable_help_flag(true))
+}
+
+/// The key of the shot file that a flag stands for: clap names flags by their field, and knows those of a section without sections in it as a group.
+fn key_of_flag(name: &str) -> Option<String> {
+    let command = flags();
+    let id = command.get_arguments().find(|flag| flag.get_long() == Some(name))?.get_id();
+    // Where two sections have flags of one field, its name is the whole key.
+    if id.as_str().contains('.') {
+        return Some(id.to_string());
+    }
+    let of_group = |group: &str| command.get_groups().any(|g| g.get_id() == group && g.get_args().any(|arg| arg == id));
+    let section = match GROUPS.iter().find(|(group, _)| of_group(group)) {
+        Some((_, section)) => section,
+        None if SceneSection::KEYS.contains(&id.as_str()) => "scene",
+        None if CameraSection::KEYS.contains(&id.as_str()) => "camera",
+        None => return None,
+    };
+    Some(format!("{section}.{id}"))
+}
+
+/// Groups of flags, and the sections that they are.
+const GROUPS: [(&str, &str); 9] = [
+    ("DaylightSection", "scene.daylight"),
+    ("FogSection", "scene.fog"),
+    ("PlenopticSection", "camera.plenoptic"),
+    ("StabiliserSection", "camera.stabiliser"),
+    ("ShutterSection", "shutter"),
+    ("ExposureSection", "exposure"),
+    ("FlashSection", "flash"),
+    ("FocusSection", "focus"),
+    ("RenderSection", "render"),
+];
+
 fn unknown(name: &str) -> ShotError {
-    let flags = || VARIABLES.iter().map(|v| v.0).chain(DEVELOPING.iter().map(|d| d.0)).chain(["flicker", "preset"]);
-    let known = flags().chain(VARIABLES.iter().map(|v| v.1)).chain(SETTINGS.iter().map(|s| s.name));
+    let command = flags();
+    let names = || command.get_arguments().filter_map(|flag| flag.get_long());
+    let flags = || names().chain(OTHERS.iter().map(|v| v.0)).chain(DEVELOPING.iter().map(|d| d.0)).chain(["preset"]);
+    let known = flags().chain(OTHERS.iter().map(|v| v.1)).chain(SETTINGS.iter().map(|s| s.name));
     let hint = nearest(name, known).map_or(String::new(), |n| format!(" (did you mean \"{n}\"?)"));
     let all: Vec<&str> = flags().collect();
     let expected = format!("{}, a setting of `develop --settings`, or a key of the shot file{hint}", all.join(", "));
@@ -189,36 +167,6 @@ fn candidates(text: &str) -> impl Iterator<Item = toml::Value> {
     [bare, list, Some(toml::Value::String(text.to_owned()))].into_iter().flatten()
 }
 
-/// Sets the value at a path; settings that it takes the place of are removed. Whether there can be such a path.
-fn insert(all: &mut toml::Table, path: &str, to: toml::Value) -> bool {
-    let Some((folder, key)) = path.rsplit_once('.') else { return false };
-    let mut table = all;
-    for part in folder.split('.') {
-        let next = table.entry(part).or_insert_with(|| toml::Value::Table(toml::Table::new()));
-        match next.as_table_mut() {
-            Some(next) => table = next,
-            None => return false,
-        }
-    }
-    let replaced: &[&str] = match path {
-        "camera.focal_length" => &["zoom_position", "fov_deg"],
-        "camera.zoom_position" => &["focal_length", "fov_deg"],
-        "camera.fov_deg" => &["focal_length", "zoom_position"],
-        "scene.daylight.sun" => &["time", "place"],
-        "scene.daylight.time" | "scene.daylight.place" => &["sun"],
-        "camera.lens" => &["calibration"],
-        "camera.calibration" => &["lens"],
-        "shutter.line_time" => &["readout"],
-        "shutter.readout" => &["line_time"],
-        // Times of another kind of shutter do not go with this one.
-        "shutter.kind" if table.get("kind") != Some(&to) => &["travel", "line_time", "readout", "reset", "direction", "ramp"],
-        _ => &[],
-    };
-    replaced.iter().for_each(|k| drop(table.remove(*k)));
-    table.insert(key.to_owned(), to);
-    true
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -226,12 +174,19 @@ mod tests {
 
     #[test]
     fn every_name_stands_for_a_key_of_the_shot_file() {
-        // (`[shot.sequence]` has only those that make no other number of pictures.)
-        for (flag, path) in VARIABLES {
+        for (name, key) in OTHERS {
             // A value of no kind: numbers, lists and text are all refused, or it is text. An unknown key would be told.
-            if let Err(e) = ShotFile::default().with(flag, "1") {
+            if let Err(e) = ShotFile::default().with(name, "1") {
                 let told = e.to_string();
-                assert!(!told.contains("a key of the shot file"), "{flag} ({path}): {told}");
+                assert!(!told.contains("a key of the shot file"), "{name} ({key}): {told}");
+            }
+        }
+        for flag in flags().get_arguments().filter_map(|flag| flag.get_long()) {
+            let key = key_of_flag(flag).unwrap_or_else(|| panic!("{flag}"));
+            // A list of lists is the value of no setting but autofocus zones.
+            if let Err(e) = ShotFile::default().with(flag, "[[1]]") {
+                let told = e.to_string();
+                assert!(!told.contains("a key of the shot file"), "{flag} ({key}): {told}");
             }
         }
         for (flag, setting) in DEVELOPING {
@@ -256,8 +211,9 @@ mod tests {
         assert!(with("daylight", "2026-06-21T12:00+02:00").scene.daylight.unwrap().time.is_some());
         assert_eq!(with("flicker", "mains 50 Hz 0.8").scene.flicker[0].depth, Some(0.8));
         assert_eq!(with("viewpoint", "0").camera.viewpoint.as_deref(), Some("0"));
-        assert_eq!(with("frozen", "true").scene.frozen, Some(true));
-        assert_eq!(with("flash", "40").flash.unwrap().guide_number, 40.0);
+        assert!(with("frozen", "true").scene.frozen);
+        assert!(!with("frozen", "true").with("frozen", "false").unwrap().scene.frozen);
+        assert_eq!(with("flash", "40").flash.unwrap().guide_number, Some(40.0));
         assert_eq!(with("camera.shake", "0.6").camera.shake, Some(0.6));
         assert_eq!(with("tone", "reinhard").develop, with("develop.tone.curve", "reinhard").develop);
         assert_eq!(with("gamma", "1.8").develop.value("output.encoding"), "gamma-1.8");

@@ -5,7 +5,7 @@ use crate::commands::print_json;
 use diopter::metering::ev100_of_luminance;
 use diopter::quantity::Moment;
 use diopter::shot::daylight;
-use diopter::shot::file::DaylightSection;
+use diopter::shot::sections::DaylightSection;
 use std::io::Write;
 
 /// Reflectance of a grey card.

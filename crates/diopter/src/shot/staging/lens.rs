@@ -1,7 +1,8 @@
 //! The lens of a shot, and the camera with it: chosen, set and focused, and what is said of it.
 
-use super::super::file::{CameraSection, ShotFile};
+use super::super::file::ShotFile;
 use super::super::focusing::Focusing;
+use super::super::sections::CameraSection;
 use super::super::sources::{ideal_fisheye, read_file};
 use super::super::timing::Timing;
 use super::super::{Inputs, ShotError, light_field, value};

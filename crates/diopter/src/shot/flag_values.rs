@@ -1,0 +1,72 @@
+//! Values of flags: how they are read from text. Errors say what was found and what is expected.
+
+use super::sections::Zones;
+use crate::quantity::{LengthMm, number};
+
+/// "x,y,z".
+pub fn point(text: &str) -> Result<[f32; 3], String> {
+    let numbers: Option<Vec<f32>> = text.split(',').map(|n| n.trim().parse().ok()).collect();
+    numbers.and_then(|n| n.try_into().ok()).ok_or_else(|| format!("\"{text}\" is not three numbers such as 0,1.5,-2"))
+}
+
+/// "x,y".
+pub fn pair(text: &str) -> Result<[f64; 2], String> {
+    list(text)?.try_into().map_err(|_| format!("\"{text}\" is not two numbers such as 0,0.7"))
+}
+
+/// "90", "90deg" or "90°".
+pub fn degrees(text: &str) -> Result<f64, String> {
+    let bare = text.trim();
+    let bare = bare.strip_suffix("deg").or_else(|| bare.strip_suffix('°')).unwrap_or(bare).trim();
+    bare.parse().ok().filter(|v: &f64| v.is_finite()).ok_or_else(|| format!("\"{text}\" is not an angle such as 90deg"))
+}
+
+/// "8deg" or "0,5deg".
+pub fn tilt(text: &str) -> Result<[f64; 2], String> {
+    let (x, y) = text.split_once(',').unwrap_or((text, "0"));
+    Ok([degrees(x)?, degrees(y)?])
+}
+
+/// "5mm", "5mm,-3mm" or "0,8mm".
+pub fn shift(text: &str) -> Result<[f64; 2], String> {
+    let length = |part: &str| match part.trim() {
+        "0" | "" => Some(0.0),
+        part => part
+            .strip_prefix('-')
+            .map_or_else(|| part.parse::<LengthMm>().ok().map(|l| l.0), |p| p.parse::<LengthMm>().ok().map(|l| -l.0)),
+    };
+    let (x, y) = text.split_once(',').unwrap_or((text, "0"));
+    length(x).zip(length(y)).map(|(x, y)| [x, y]).ok_or_else(|| format!("\"{text}\" is not a shift such as 5mm or 0,8mm"))
+}
+
+/// Three numbers.
+pub fn triple(text: &str) -> Result<[f64; 3], String> {
+    list(text)?.try_into().map_err(|_| format!("\"{text}\" is not three numbers such as 0.01,0.04,20"))
+}
+
+/// Zones of autofocus.
+pub fn zones(text: &str) -> Result<Zones, String> {
+    if !text.contains(',') {
+        return Ok(Zones::Named(text.trim().to_owned()));
+    }
+    let zone = |part: &str| list(part)?.try_into().map_err(|_| format!("\"{part}\" is not a zone \"x,y,width,height\""));
+    Ok(Zones::Boxes(text.split(';').filter(|p| !p.trim().is_empty()).map(zone).collect::<Result<_, String>>()?))
+}
+
+/// A fraction: "0.25" or "1/4".
+pub fn fraction(text: &str) -> Result<f64, String> {
+    number(text).ok_or_else(|| format!("\"{text}\" is not a fraction such as 0.25 or 1/4"))
+}
+
+/// Samples "A..B".
+pub fn range(text: &str) -> Result<[u32; 2], String> {
+    let ends = text.split_once("..").and_then(|(a, b)| Some([a.trim().parse().ok()?, b.trim().parse().ok()?]));
+    ends.ok_or_else(|| format!("\"{text}\" is not a range such as 0..64"))
+}
+
+/// "a,b,c".
+pub fn list(text: &str) -> Result<Vec<f64>, String> {
+    let numbers: Option<Vec<f64>> = text.split(',').map(|n| n.trim().parse().ok().filter(|v: &f64| v.is_finite())).collect();
+    let numbers = numbers.filter(|n| !n.is_empty() && n.len() <= 100);
+    numbers.ok_or_else(|| format!("\"{text}\" is not a list of numbers such as 0,10,14"))
+}
