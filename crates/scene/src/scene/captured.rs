@@ -49,7 +49,7 @@ impl Scene {
         let hash = |seed: u32, v: Vec3| v.to_array().iter().fold(seed, |h, x| mix(h ^ x.to_bits()));
         let seed = mix(hash(hash(mix(object), ray.origin), ray.direction) ^ ray.time_s.to_bits());
         let filter = SplatFilter { set: &self.description.splats[splats as usize], seed, local };
-        found_within(&self.clouds[splats as usize], object, local, t_max, any, &filter)
+        found_within(&self.built.clouds[splats as usize], object, local, t_max, any, &filter)
     }
 }
 

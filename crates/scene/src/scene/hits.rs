@@ -13,12 +13,12 @@ impl Scene {
     #[inline]
     pub fn intersect(&self, ray: &Ray, t_max: f32) -> Option<Surface> {
         let filter = TopFilter { scene: self, ray };
-        let mut hit = self.top.closest(ray.origin, ray.direction, t_max, &filter);
-        if !self.animated.is_empty() {
-            let fraction = self.animated.fraction(ray.time_s);
+        let mut hit = self.built.top.closest(ray.origin, ray.direction, t_max, &filter);
+        if !self.posed.animated.is_empty() {
+            let fraction = self.posed.animated.fraction(ray.time_s);
             let filter = AnimatedFilter { scene: self, ray, fraction };
             let limit = hit.map_or(t_max, |h| h.t);
-            hit = self.animated.closest(fraction, ray.origin, ray.direction, limit, &filter).or(hit);
+            hit = self.posed.animated.closest(fraction, ray.origin, ray.direction, limit, &filter).or(hit);
         }
         Some(self.surface(ray, &hit?))
     }
@@ -26,21 +26,21 @@ impl Scene {
     /// Whether anything is met before `t_max`.
     #[inline]
     pub fn occluded(&self, ray: &Ray, t_max: f32) -> bool {
-        if self.top.any(ray.origin, ray.direction, t_max, &TopFilter { scene: self, ray }) {
+        if self.built.top.any(ray.origin, ray.direction, t_max, &TopFilter { scene: self, ray }) {
             return true;
         }
-        if self.animated.is_empty() {
+        if self.posed.animated.is_empty() {
             return false;
         }
-        let fraction = self.animated.fraction(ray.time_s);
-        self.animated.any(fraction, ray.origin, ray.direction, t_max, &AnimatedFilter { scene: self, ray, fraction })
+        let fraction = self.posed.animated.fraction(ray.time_s);
+        self.posed.animated.any(fraction, ray.origin, ray.direction, t_max, &AnimatedFilter { scene: self, ray, fraction })
     }
 
     /// Object and triangle of a triangle number of the top hierarchy.
     #[inline]
     pub(super) fn flat_object(&self, id: u32) -> (u32, u32) {
-        let i = self.flat.partition_point(|(first, _)| *first <= id) - 1;
-        (self.flat[i].1, id - self.flat[i].0)
+        let i = self.built.flat.partition_point(|(first, _)| *first <= id) - 1;
+        (self.built.flat[i].1, id - self.built.flat[i].0)
     }
 
     pub(super) fn surface(&self, ray: &Ray, hit: &Hit) -> Surface {
@@ -54,16 +54,23 @@ impl Scene {
                 Shape::Splats { splats, .. } => return self.splat_surface(ray, hit, object, splats),
                 Shape::Sphere(_) | Shape::Quad(_) => unreachable!("spheres and quads have no hierarchies of their own"),
             };
-            match self.animated.instance(object) {
+            match self.posed.animated.instance(object) {
                 None => {
-                    let placement = &self.placements[object as usize];
-                    let bvh = self.shared[mesh as usize].as_ref().expect("an instance has a hierarchy");
+                    let placement = &self.built.placements[object as usize];
+                    let bvh = self.built.shared[mesh as usize].as_ref().expect("an instance has a hierarchy");
                     let corners = bvh.corners(hit.slot).map(|c| placement.world_from_object.transform_point3(c));
                     (object, hit.id, corners, placement)
                 }
                 Some(instance) => {
-                    let (shared, mesh) = (self.shared[mesh as usize].as_ref(), &self.description.meshes[mesh as usize]);
-                    let met = self.animated.met(instance, shared, mesh, hit.slot, hit.id, self.animated.fraction(ray.time_s));
+                    let (shared, mesh) = (self.built.shared[mesh as usize].as_ref(), &self.description.meshes[mesh as usize]);
+                    let met = self.posed.animated.met(
+                        instance,
+                        shared,
+                        mesh,
+                        hit.slot,
+                        hit.id,
+                        self.posed.animated.fraction(ray.time_s),
+                    );
                     bent = met.bent;
                     moved = Placement::at(met.place);
                     (object, hit.id, met.corners, &moved)
@@ -73,7 +80,7 @@ impl Scene {
             return self.simple_surface(ray, hit);
         } else {
             let (object, triangle) = self.flat_object(hit.id);
-            (object, triangle, self.top.corners(hit.slot), &self.placements[object as usize])
+            (object, triangle, self.built.top.corners(hit.slot), &self.built.placements[object as usize])
         };
         let Shape::Mesh { mesh, .. } = self.description.objects[object as usize].shape else {
             unreachable!("triangles belong to meshes")
@@ -105,7 +112,7 @@ impl Scene {
         let frame_set = material.normal_map.as_ref().map_or(0, |(map, _)| map.uv_set.min(1));
         let along = if given.is_none() { derivatives(mesh, i, frame_set, corners) } else { None };
         let (tangent, handedness) = tangent(given, along, placement, ng, material);
-        let set = match (&material.bump, &self.filtering[object as usize]) {
+        let set = match (&material.bump, &self.built.filtering[object as usize]) {
             (None, None) => None,
             (Some(_), _) => Some(0),
             (None, Some(filtering)) => Some(filtering.uv_set.min(1)),
@@ -134,9 +141,9 @@ impl Scene {
 
     /// Where an object is at a time of the exposure.
     pub(super) fn placement(&self, object: u32, time_s: f32) -> Placement {
-        match self.animated.instance(object) {
-            None => self.placements[object as usize],
-            Some(instance) => Placement::at(self.animated.place(instance, self.animated.fraction(time_s))),
+        match self.posed.animated.instance(object) {
+            None => self.built.placements[object as usize],
+            Some(instance) => Placement::at(self.posed.animated.place(instance, self.posed.animated.fraction(time_s))),
         }
     }
 
@@ -329,17 +336,17 @@ impl Filter for TopFilter<'_> {
             Shape::Sphere(s) => s.intersect(self.ray.origin, self.ray.direction, t_max).map(|t| hit(t, 0.0, 0.0)),
             Shape::Quad(q) => q.intersect(self.ray.origin, self.ray.direction, t_max).map(|(t, p)| hit(t, p.x, p.y)),
             Shape::Mesh { mesh, .. } => {
-                let bvh = self.scene.shared[mesh as usize].as_ref()?;
-                let place = &self.scene.placements[id as usize].object_from_world;
+                let bvh = self.scene.built.shared[mesh as usize].as_ref()?;
+                let place = &self.scene.built.placements[id as usize].object_from_world;
                 let filter = InstanceFilter { scene: self.scene, ray: self.ray, object: id };
                 found_within(bvh, id, in_object(self.ray, place), t_max, any, &filter)
             }
             Shape::Curves { .. } => {
-                let place = &self.scene.placements[id as usize].object_from_world;
+                let place = &self.scene.built.placements[id as usize].object_from_world;
                 self.scene.intersect_curves(self.ray, id, place, t_max, any)
             }
             Shape::Splats { .. } => {
-                let place = &self.scene.placements[id as usize].object_from_world;
+                let place = &self.scene.built.placements[id as usize].object_from_world;
                 self.scene.intersect_splats(self.ray, id, place, t_max, any)
             }
         }
@@ -358,7 +365,7 @@ impl Filter for AnimatedFilter<'_> {
         unreachable!("hierarchies of animated instances hold no triangles")
     }
     fn intersect_other(&self, id: u32, t_max: f32, any: bool) -> Option<Hit> {
-        let animated = &self.scene.animated;
+        let animated = &self.scene.posed.animated;
         let object = animated.object(id);
         let shape = self.scene.description.objects[object as usize].shape;
         if let Shape::Curves { .. } | Shape::Splats { .. } = shape {
@@ -373,7 +380,7 @@ impl Filter for AnimatedFilter<'_> {
             };
         }
         let filter = InstanceFilter { scene: self.scene, ray: self.ray, object };
-        animated.enter(id, &self.scene.shared, self.fraction, (self.ray.origin, self.ray.direction), t_max, any, &filter)
+        animated.enter(id, &self.scene.built.shared, self.fraction, (self.ray.origin, self.ray.direction), t_max, any, &filter)
     }
 }
 

@@ -18,26 +18,26 @@ impl Scene {
     /// What the choice among lights knows of one that moves.
     pub(super) fn swept_light(&self, light: &AreaLight, way: LightMotion) -> Option<LightBounds> {
         let (LightMotion::Carried { object } | LightMotion::Bending { object, .. }) = way else { return None };
-        let instance = self.animated.instance(object)?;
-        Some(self.moved_light(light, way, 0.0).bounds().anywhere_in(self.animated.swept(instance)))
+        let instance = self.posed.animated.instance(object)?;
+        Some(self.moved_light(light, way, 0.0).bounds().anywhere_in(self.posed.animated.swept(instance)))
     }
 
     /// An area light where it is at a fraction of the exposure.
     pub(super) fn moved_light(&self, light: &AreaLight, way: LightMotion, fraction: f32) -> AreaLight {
         match way {
             LightMotion::Still => light.clone(),
-            LightMotion::Carried { object } => match self.animated.instance(object) {
-                Some(instance) => light.placed(&self.animated.place(instance, fraction)),
+            LightMotion::Carried { object } => match self.posed.animated.instance(object) {
+                Some(instance) => light.placed(&self.posed.animated.place(instance, fraction)),
                 None => light.clone(),
             },
             LightMotion::Bending { object, triangle, flipped } => {
                 let (Some(instance), Shape::Mesh { mesh, .. }) =
-                    (self.animated.instance(object), self.description.objects[object as usize].shape)
+                    (self.posed.animated.instance(object), self.description.objects[object as usize].shape)
                 else {
                     return light.clone();
                 };
                 let mesh = &self.description.meshes[mesh as usize];
-                let [a, mut b, mut c] = self.animated.corners(instance, mesh, triangle as usize, fraction);
+                let [a, mut b, mut c] = self.posed.animated.corners(instance, mesh, triangle as usize, fraction);
                 if flipped {
                     (b, c) = (c, b);
                 }
@@ -51,19 +51,22 @@ impl Scene {
     #[inline]
     pub(crate) fn sample_li(&self, light: LightRef, p: Vec3, u: [f32; 2], time_s: f32) -> Option<LightSample> {
         match light {
-            LightRef::Area(i) => match self.light_motions.get(i as usize) {
-                None | Some(LightMotion::Still) => self.lights.sample_li(light, p, u),
-                Some(way) => {
-                    self.moved_light(&self.lights.area[i as usize], *way, self.animated.fraction(time_s)).sample_li(p, u, i)
-                }
+            LightRef::Area(i) => match self.built.light_motions.get(i as usize) {
+                None | Some(LightMotion::Still) => self.posed.lights.sample_li(light, p, u),
+                Some(way) => self
+                    .moved_light(&self.posed.lights.area[i as usize], *way, self.posed.animated.fraction(time_s))
+                    .sample_li(p, u, i),
             },
-            LightRef::Punctual(i) => match self.animated.lights.get(i as usize) {
-                Some(Some(track)) => {
-                    self.lights.punctual[i as usize].sample_li_placed(&track.at(self.animated.fraction(time_s)), p, u, i)
-                }
-                _ => self.lights.sample_li(light, p, u),
+            LightRef::Punctual(i) => match self.posed.animated.lights.get(i as usize) {
+                Some(Some(track)) => self.posed.lights.punctual[i as usize].sample_li_placed(
+                    &track.at(self.posed.animated.fraction(time_s)),
+                    p,
+                    u,
+                    i,
+                ),
+                _ => self.posed.lights.sample_li(light, p, u),
             },
-            LightRef::Environment => self.lights.sample_li(light, p, u),
+            LightRef::Environment => self.posed.lights.sample_li(light, p, u),
         }
     }
 
@@ -71,15 +74,17 @@ impl Scene {
     #[inline]
     pub(crate) fn pivot(&self, light: LightRef, time_s: f32) -> Option<Pivot> {
         match light {
-            LightRef::Area(i) => match self.light_motions.get(i as usize) {
-                None | Some(LightMotion::Still) => self.lights.pivot(light),
-                Some(way) => Some(self.moved_light(&self.lights.area[i as usize], *way, self.animated.fraction(time_s)).pivot()),
+            LightRef::Area(i) => match self.built.light_motions.get(i as usize) {
+                None | Some(LightMotion::Still) => self.posed.lights.pivot(light),
+                Some(way) => Some(
+                    self.moved_light(&self.posed.lights.area[i as usize], *way, self.posed.animated.fraction(time_s)).pivot(),
+                ),
             },
-            LightRef::Punctual(i) => match self.animated.lights.get(i as usize) {
+            LightRef::Punctual(i) => match self.posed.animated.lights.get(i as usize) {
                 Some(Some(track)) => {
-                    self.lights.punctual[i as usize].kind.placed(&track.at(self.animated.fraction(time_s))).pivot()
+                    self.posed.lights.punctual[i as usize].kind.placed(&track.at(self.posed.animated.fraction(time_s))).pivot()
                 }
-                _ => self.lights.pivot(light),
+                _ => self.posed.lights.pivot(light),
             },
             LightRef::Environment => None,
         }
@@ -93,17 +98,17 @@ impl Scene {
             return incident_radiance;
         }
         let modulation = match light_sample.spot {
-            Spot::Area(i, _) => self.description.materials[self.lights.area[i as usize].material as usize].modulation(),
-            Spot::Punctual(i) => self.lights.punctual[i as usize].modulation,
+            Spot::Area(i, _) => self.description.materials[self.posed.lights.area[i as usize].material as usize].modulation(),
+            Spot::Punctual(i) => self.posed.lights.punctual[i as usize].modulation,
             Spot::Environment(_) => Modulation::Steady,
         };
-        incident_radiance * modulation.at(self.open_s, time_s)
+        incident_radiance * modulation.at(self.posed.open_s, time_s)
     }
 
     /// How light along a light sample is polarised, if it is: that of the sky alone.
     pub(crate) fn polarization(&self, light_sample: &LightSample) -> Option<LinearlyPolarized> {
         match light_sample.spot {
-            Spot::Environment(_) => self.lights.environment.as_ref()?.polarization(light_sample.wi),
+            Spot::Environment(_) => self.posed.lights.environment.as_ref()?.polarization(light_sample.wi),
             Spot::Area(..) | Spot::Punctual(_) => None,
         }
     }
@@ -112,21 +117,21 @@ impl Scene {
     #[inline]
     pub(crate) fn steady_radiance(&self, light_sample: &LightSample, wavelengths: &Wavelengths, time_s: f32) -> Sampled {
         match light_sample.spot {
-            Spot::Punctual(i) => match self.animated.lights.get(i as usize) {
+            Spot::Punctual(i) => match self.posed.animated.lights.get(i as usize) {
                 Some(Some(track)) => {
-                    let place = track.at(self.animated.fraction(time_s));
-                    self.lights.punctual[i as usize].incident_radiance_placed(&place, light_sample, wavelengths)
+                    let place = track.at(self.posed.animated.fraction(time_s));
+                    self.posed.lights.punctual[i as usize].incident_radiance_placed(&place, light_sample, wavelengths)
                 }
-                _ => self.lights.incident_radiance(light_sample, &self.description.materials, wavelengths),
+                _ => self.posed.lights.incident_radiance(light_sample, &self.description.materials, wavelengths),
             },
-            _ => self.lights.incident_radiance(light_sample, &self.description.materials, wavelengths),
+            _ => self.posed.lights.incident_radiance(light_sample, &self.description.materials, wavelengths),
         }
     }
 
     /// An area light where it is at a time of the exposure.
     pub(crate) fn area_light_at(&self, light: u32, time_s: f32) -> Cow<'_, AreaLight> {
-        let way = self.light_motions.get(light as usize).copied().unwrap_or(LightMotion::Still);
-        self.placed_light(&self.lights.area[light as usize], way, time_s)
+        let way = self.built.light_motions.get(light as usize).copied().unwrap_or(LightMotion::Still);
+        self.placed_light(&self.posed.lights.area[light as usize], way, time_s)
     }
 
     /// The same of any emissive surface of the scene.
@@ -134,14 +139,14 @@ impl Scene {
     pub(crate) fn placed_light<'a>(&'a self, light: &'a AreaLight, way: LightMotion, time_s: f32) -> Cow<'a, AreaLight> {
         match way {
             LightMotion::Still => Cow::Borrowed(light),
-            way => Cow::Owned(self.moved_light(light, way, self.animated.fraction(time_s))),
+            way => Cow::Owned(self.moved_light(light, way, self.posed.animated.fraction(time_s))),
         }
     }
 
     /// Where the space of a punctual light is at a time of the exposure; `None` of one that stands still.
     pub(crate) fn punctual_place(&self, light: u32, time_s: f32) -> Option<Affine3A> {
-        let track = self.animated.lights.get(light as usize)?.as_ref()?;
-        Some(track.at(self.animated.fraction(time_s)))
+        let track = self.posed.animated.lights.get(light as usize)?.as_ref()?;
+        Some(track.at(self.posed.animated.fraction(time_s)))
     }
 
     /// Numbers of the area lights of an object, one for each of its emissive triangles; those of merged triangles come several times.
@@ -150,21 +155,21 @@ impl Scene {
             Shape::Mesh { mesh, .. } => self.description.meshes[mesh as usize].triangles.len(),
             _ => 1,
         };
-        let first = self.placements[object as usize].first_light.map(|f| f as usize);
-        let numbers = first.map_or(&[][..], |f| &self.light_of[f..f + triangles]);
+        let first = self.built.placements[object as usize].first_light.map(|f| f as usize);
+        let numbers = first.map_or(&[][..], |f| &self.built.light_of[f..f + triangles]);
         numbers.iter().copied().filter(|n| *n != NO_LIGHT)
     }
 
     /// Factor of a modulation at a time of the exposure.
     #[inline]
     pub(crate) fn modulated(&self, modulation: &Modulation, time_s: f32) -> f32 {
-        modulation.at(self.open_s, time_s)
+        modulation.at(self.posed.open_s, time_s)
     }
 
     /// Factor on what a material emits at a time of the exposure.
     #[inline]
     pub(crate) fn modulation(&self, material: &Material, time_s: f32) -> f32 {
-        if self.flickers { material.modulation().at(self.open_s, time_s) } else { 1.0 }
+        if self.flickers { material.modulation().at(self.posed.open_s, time_s) } else { 1.0 }
     }
 
     /// Whether there are flashes.
@@ -181,18 +186,18 @@ impl Scene {
     /// Density (solid angle) with which [`Scene::sample_li`] would have sampled an area light along a ray that meets it.
     #[inline]
     pub(crate) fn pdf_li(&self, light: u32, p: Vec3, direction: Vec3, distance: f32, time_s: f32) -> f32 {
-        let still = &self.lights.area[light as usize];
-        match self.light_motions.get(light as usize) {
+        let still = &self.posed.lights.area[light as usize];
+        match self.built.light_motions.get(light as usize) {
             None | Some(LightMotion::Still) => still.pdf(p, direction, distance),
-            Some(way) => self.moved_light(still, *way, self.animated.fraction(time_s)).pdf(p, direction, distance),
+            Some(way) => self.moved_light(still, *way, self.posed.animated.fraction(time_s)).pdf(p, direction, distance),
         }
     }
 
     /// The area light that a surface point belongs to.
     #[inline]
     pub fn light_at(&self, surface: &Surface) -> Option<u32> {
-        let first = self.placements[surface.object as usize].first_light?;
-        let light = self.light_of[first as usize + surface.triangle as usize];
+        let first = self.built.placements[surface.object as usize].first_light?;
+        let light = self.built.light_of[first as usize + surface.triangle as usize];
         (light != NO_LIGHT).then_some(light)
     }
 }

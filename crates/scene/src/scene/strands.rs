@@ -14,7 +14,7 @@ impl Scene {
     pub(super) fn curve_surface(&self, ray: &Ray, hit: &Hit, object: u32, curves: u32) -> Surface {
         let placement = self.placement(object, ray.time_s);
         let set = &self.description.curves[curves as usize];
-        let segment = hit.id >> self.strands[curves as usize].levels;
+        let segment = hit.id >> self.built.strands[curves as usize].levels;
         let at = set.at(segment, hit.u);
         let direction = placement.object_from_world.transform_vector3(ray.direction).normalize_or_zero();
         let across = set.across(segment, hit.u, at.tangent, direction);
@@ -58,7 +58,7 @@ impl Scene {
         any: bool,
     ) -> Option<Hit> {
         let Shape::Curves { curves, .. } = self.description.objects[object as usize].shape else { return None };
-        let StrandTree { bvh, levels } = &self.strands[curves as usize];
+        let StrandTree { bvh, levels } = &self.built.strands[curves as usize];
         let local = in_object(ray, object_from_world);
         let set = &self.description.curves[curves as usize];
         let filter = CurveFilter { scene: self, ray, object, set, levels: *levels, local };
