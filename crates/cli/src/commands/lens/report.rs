@@ -1,7 +1,8 @@
 //! `lens report`: one page about a lens, for paper.
 
 use super::super::{print_json, tolerance};
-use super::{Table, fields_to, layout};
+use super::drawing::layout;
+use super::{Table, fields_to};
 use crate::AskedWrongly;
 use crate::args::LensReport as Asked;
 use crate::document::{self, Block, Document};

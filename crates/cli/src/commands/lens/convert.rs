@@ -1,0 +1,47 @@
+//! `lens convert`.
+
+use super::print_json;
+use crate::AskedWrongly;
+use crate::output::{Output, distinct};
+use crate::watch::say;
+use anyhow::anyhow;
+use diopter::lens::export::ExportFormat;
+use diopter::lens::{State, export};
+use diopter::shot::read_lens;
+use serde_json::json;
+use std::io::Write;
+use std::path::Path;
+
+/// Writes a lens in another format, or as our own sheet.
+pub(super) fn run(lens: &str, output: Option<&Path>, json: bool) -> anyhow::Result<()> {
+    // A name of an embedded lens is no file here.
+    distinct([Path::new(lens)], output)?;
+    let prescription = read_lens(lens)?;
+    for note in &prescription.notes {
+        say(&format!("note: {note}"));
+    }
+    let format = output.and_then(|path| ExportFormat::of(&path.to_string_lossy()));
+    let text = match format {
+        None => prescription.to_toml(),
+        Some(format) => {
+            let exported = export::write(&prescription, State::default(), format)?;
+            exported.notes.iter().for_each(|note| say(&format!("note: {note}")));
+            exported.text
+        }
+    };
+    if json && output.is_none() {
+        return print_json(&json!({ "name": prescription.name, "notes": prescription.notes, "toml": text }));
+    }
+    match output {
+        None => write!(std::io::stdout(), "{text}")?,
+        Some(path) => {
+            if format.is_none() && path.extension().is_none_or(|e| e != "toml") {
+                let what = anyhow!("{}: expected a name that ends in .toml, .zmx or .seq", path.display());
+                return Err(AskedWrongly(what).into());
+            }
+            Output::prepare(path)?.commit(|w| Ok(w.write_all(text.as_bytes())?))?;
+            say(&format!("wrote {}", path.display()));
+        }
+    }
+    Ok(())
+}
