@@ -17,7 +17,7 @@ use diopter::lens::draw::{Axis, Chart, Color, Figure, Line, Style};
 use diopter::metering::ev100_of_setting;
 use diopter::quantity::FNumber;
 use diopter::sensor::ReadOut;
-use diopter::shot::sections::Setting;
+use diopter::shot::setting::Setting;
 use diopter::shot::{FireflyChoice, Kept, Sequence, Shot};
 use diopter::truth;
 use std::io::Write;

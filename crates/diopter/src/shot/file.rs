@@ -2,9 +2,9 @@
 
 use super::ShotError;
 use super::sections::{
-    CameraSection, ExposureSection, FlashSection, FocusSection, RenderSection, SceneSection, SequenceSection, Setting,
-    ShutterSection,
+    CameraSection, ExposureSection, FlashSection, FocusSection, RenderSection, SceneSection, SequenceSection, ShutterSection,
 };
+use super::setting::Setting;
 use super::sources::{is_lens_file, is_light_file};
 use crate::files;
 use crate::quantity::{FNumber, Iso, IsoChoice, Seconds};

@@ -22,6 +22,7 @@ mod resume;
 mod scene_cache;
 pub mod sections;
 mod sequence;
+pub mod setting;
 mod settle;
 mod sources;
 mod staging;

@@ -4,6 +4,7 @@
 //! written, and flags win over files where they say something ([`Setting`]).
 
 use super::flag_values::{degrees, fraction, pair, point, range, shift, tilt, triple, zones};
+use super::setting::{Section, Setting, Value, section, values};
 use crate::denoising::Denoise;
 use crate::polarizer::Polarizer;
 use crate::quantity::{Distance, Ev, FNumber, Filter, FocusTo, Hertz, Iso, IsoChoice, LengthMm, Moment, Seconds, Size, number};
@@ -12,126 +13,10 @@ use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::str::FromStr;
 
-/// A setting that may be left out.
-pub trait Setting {
-    /// Whether nothing is said.
-    fn is_absent(&self) -> bool;
-
-    /// Takes what another says, where it says something.
-    fn take_over(&mut self, said: Self);
-}
-
-impl Setting for bool {
-    fn is_absent(&self) -> bool {
-        !self
-    }
-
-    fn take_over(&mut self, said: Self) {
-        *self |= said;
-    }
-}
-
-impl<T> Setting for Vec<T> {
-    fn is_absent(&self) -> bool {
-        self.is_empty()
-    }
-
-    fn take_over(&mut self, said: Self) {
-        if !said.is_empty() {
-            *self = said;
-        }
-    }
-}
-
-impl<K, V> Setting for BTreeMap<K, V> {
-    fn is_absent(&self) -> bool {
-        self.is_empty()
-    }
-
-    fn take_over(&mut self, said: Self) {
-        if !said.is_empty() {
-            *self = said;
-        }
-    }
-}
-
-impl<T: Value> Setting for Option<T> {
-    fn is_absent(&self) -> bool {
-        self.is_none()
-    }
-
-    fn take_over(&mut self, said: Self) {
-        match (self, said) {
-            (_, None) => {}
-            (Some(value), Some(said)) => value.replace(said),
-            (absent, said) => *absent = said,
-        }
-    }
-}
-
-/// What a setting says: of a section its parts count one by one, all else is replaced as a whole.
-pub trait Value: Sized {
-    /// Takes what another says.
-    fn replace(&mut self, said: Self) {
-        *self = said;
-    }
-}
-
-/// A section of the shot file.
-pub(super) trait Section {
-    /// Names of its keys.
-    const KEYS: &'static [&'static str];
-}
-
-macro_rules! values {
-    ($($of:ty),* $(,)?) => { $(impl Value for $of {})* };
-}
-
+// What settings say besides sections.
 values! {
     f32, f64, u32, u64, usize, String, PathBuf, [f32; 3], [f64; 2], [f64; 3], [u32; 2], [[f32; 3]; 2], Denoise, DiffractionChoice, Distance, Ev, FNumber, Filter,
     FireflyChoice, FocusTo, Hertz, Iso, IsoChoice, LengthMm, Moment, Polarizer, Seconds, Size, Zones,
-}
-
-macro_rules! section {
-    (
-        $heading:literal:
-        $(#[$about:meta])*
-        pub struct $name:ident {
-            $($(#[$field_about:meta])* pub $field:ident: $of:ty,)*
-        }
-    ) => {
-        $(#[$about])*
-        #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, clap::Args)]
-        #[serde(default, deny_unknown_fields)]
-        #[command(next_help_heading = $heading)]
-        pub struct $name {
-            $(
-                $(#[$field_about])*
-                #[serde(skip_serializing_if = "Setting::is_absent")]
-                pub $field: $of,
-            )*
-        }
-
-        impl Section for $name {
-            const KEYS: &'static [&'static str] = &[$(stringify!($field)),*];
-        }
-
-        impl Setting for $name {
-            fn is_absent(&self) -> bool {
-                $(self.$field.is_absent())&&*
-            }
-
-            fn take_over(&mut self, said: Self) {
-                $(self.$field.take_over(said.$field);)*
-            }
-        }
-
-        impl Value for $name {
-            fn replace(&mut self, said: Self) {
-                self.take_over(said);
-            }
-        }
-    };
 }
 
 section! {

@@ -3,7 +3,8 @@
 //! A name is that of a flag of `diopter shoot` without its dashes (`iso`, `focal-length`), of a setting of the development (`tone.curve`), or of a key
 //! of the shot file (`camera.shake`).
 
-use super::sections::{CameraSection, SceneSection, Section};
+use super::sections::{CameraSection, SceneSection};
+use super::setting::Section;
 use super::{ShotError, ShotFile, value};
 use clap::{Args, Command, FromArgMatches};
 use diopter_develop::{Recipe, SETTINGS};
