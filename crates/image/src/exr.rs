@@ -152,7 +152,7 @@ fn write_picture_to(
 ) -> std::result::Result<(), ImageError> {
     let [width, height] = picture.size();
     let encoding = picture.encoding();
-    let luminance = picture.space().xyz_from_rgb().row(1).to_array().map(|v| v as f32);
+    let luminance = picture.space().luminance_weights();
     let mut planes: [Planes; 3] = std::array::from_fn(|_| Planes::new(precision, width * height));
     let linear = |first: usize, count: usize| {
         let mut rows = picture.rows(first, count);

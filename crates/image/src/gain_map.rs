@@ -67,7 +67,7 @@ impl Map {
         }
         let (w, h) = (width.div_ceil(SHRINK), height.div_ceil(SHRINK));
         let mut gains = Vec::with_capacity(w * h);
-        let weights = sdr.space().xyz_from_rgb().row(1).to_array().map(|v| v as f32);
+        let weights = sdr.space().luminance_weights();
         let luminance = |codes: [f32; 3], e: Encoding| -> f32 {
             e.decode_pixel(codes, weights).iter().zip(weights).map(|(v, w)| v * w).sum()
         };

@@ -48,6 +48,11 @@ impl RgbSpace {
         }
     }
 
+    /// What linear red, green and blue weigh in luminance; the sum is 1.
+    pub fn luminance_weights(self) -> [f32; 3] {
+        self.xyz_from_rgb().row(1).to_array().map(|v| v as f32)
+    }
+
     /// XYZ (Y = 1 for this space's own white) from linear RGB, without adaptation.
     pub fn xyz_from_rgb(self) -> DMat3 {
         let (primaries, white) = self.chromaticities();

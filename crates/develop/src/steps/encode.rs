@@ -84,7 +84,7 @@ impl Encoder {
     pub fn new(output: &Output) -> Self {
         let to = space(output.space);
         let from_srgb = (to != RgbSpace::Srgb).then(|| to.from_space(RgbSpace::Srgb).as_mat3());
-        let luminance = to.xyz_from_rgb().row(1).as_vec3().to_array();
+        let luminance = to.luminance_weights();
         Encoder { from_srgb, encoding: output.encoding, luminance }
     }
 

@@ -84,7 +84,7 @@ pub struct Developed {
 
 /// A developed picture, as it is measured.
 pub fn measured(picture: &Picture) -> Measured {
-    let luminance = picture.space.xyz_from_rgb().row(1).to_array().map(|v| v as f32);
+    let luminance = picture.space.luminance_weights();
     let mut pixels = picture.pixels.clone();
     pixels.data.as_chunks_mut::<3>().0.iter_mut().for_each(|p| *p = picture.encoding.decode_pixel(*p, luminance));
     let bands = ["R", "G", "B"].map(str::to_owned).to_vec();

@@ -182,7 +182,7 @@ impl Measured {
             return Ok(Measured::Light { pixels, bands: ["R", "G", "B"].map(str::to_owned).to_vec(), limits, facts: None });
         }
         let mut pixels = read_codes(&bytes)?;
-        let luminance = RgbSpace::Srgb.xyz_from_rgb().row(1).to_array().map(|v| v as f32);
+        let luminance = RgbSpace::Srgb.luminance_weights();
         pixels.data.as_chunks_mut::<3>().0.iter_mut().for_each(|p| *p = encoding.decode_pixel(*p, luminance));
         let top = encoding.decode(1.0);
         let bands = ["R", "G", "B"].map(str::to_owned).to_vec();
@@ -223,7 +223,7 @@ impl Measured {
                     Channel::Luminance => {
                         let rgb = [find("R"), find("G"), find("B")];
                         let [Some(r), Some(g), Some(b)] = rgb else { return Err(missing()) };
-                        let w = RgbSpace::Srgb.xyz_from_rgb().row(1).to_array().map(|v| v as f32);
+                        let w = RgbSpace::Srgb.luminance_weights();
                         let y = |p: &[f32]| w[0] * p[r] + w[1] * p[g] + w[2] * p[b];
                         pixels.data.chunks_exact(pixels.channels).map(y).collect()
                     }

@@ -32,7 +32,7 @@ pub(super) fn iris(c: &CameraSection) -> Result<Option<Iris>, ShotError> {
     if let Some(path) = &c.aperture_image {
         let told = |reason: String| ShotError::Read { path: path.display().to_string(), reason };
         let picture = read_codes(&read_file(path)?).map_err(told)?;
-        let luminance = RgbSpace::Srgb.xyz_from_rgb().row(1).to_array().map(|v| v as f32);
+        let luminance = RgbSpace::Srgb.luminance_weights();
         let values =
             picture.data.as_chunks::<3>().0.iter().map(|p| (0..3).map(|c| luminance[c] * p[c]).sum::<f32>().min(1.0)).collect();
         return Ok(Some(Iris::image(picture.width, picture.height, values)?));
