@@ -15,8 +15,10 @@ mod incident;
 mod joint;
 mod media;
 mod path;
+mod prev_scatter;
 pub(crate) mod tally;
 mod to_light;
+mod weights;
 
 pub use cone::RayCone;
 pub use first_surface::FirstSurface;

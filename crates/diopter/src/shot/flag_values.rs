@@ -1,6 +1,5 @@
 //! Values of flags: how they are read from text. Errors say what was found and what is expected.
 
-use super::sections::Zones;
 use crate::quantity::{LengthMm, number};
 
 /// "x,y,z".
@@ -42,15 +41,6 @@ pub fn shift(text: &str) -> Result<[f64; 2], String> {
 /// Three numbers.
 pub fn triple(text: &str) -> Result<[f64; 3], String> {
     list(text)?.try_into().map_err(|_| format!("\"{text}\" is not three numbers such as 0.01,0.04,20"))
-}
-
-/// Zones of autofocus.
-pub fn zones(text: &str) -> Result<Zones, String> {
-    if !text.contains(',') {
-        return Ok(Zones::Named(text.trim().to_owned()));
-    }
-    let zone = |part: &str| list(part)?.try_into().map_err(|_| format!("\"{part}\" is not a zone \"x,y,width,height\""));
-    Ok(Zones::Boxes(text.split(';').filter(|p| !p.trim().is_empty()).map(zone).collect::<Result<_, String>>()?))
 }
 
 /// A fraction: "0.25" or "1/4".

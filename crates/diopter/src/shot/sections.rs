@@ -3,7 +3,7 @@
 //! `section!` makes of a declaration a part of the shot file (serde) and, of all fields that are not `skip`, flags (clap) under a heading of the help. What is not said is absent: it is not
 //! written, and flags win over files where they say something ([`Setting`]).
 
-use super::flag_values::{degrees, fraction, pair, point, range, shift, tilt, triple, zones};
+use super::flag_values::{degrees, fraction, list, pair, point, range, shift, tilt, triple};
 use super::setting::{Section, Setting, Value, section, values};
 use crate::denoising::Denoise;
 use crate::polarizer::Polarizer;
@@ -504,7 +504,7 @@ section! {
         #[arg(long = "focus", value_name = "WHAT", allow_hyphen_values = true)]
         pub distance: Option<FocusTo>,
         /// Where autofocus looks: one, nine, or boxes "x,y,width,height;..." (fractions of the picture).
-        #[arg(long = "focus-zones", value_name = "ZONES", value_parser = zones, allow_hyphen_values = true)]
+        #[arg(long = "focus-zones", value_name = "ZONES", allow_hyphen_values = true)]
         pub zones: Option<Zones>,
         /// Which zone counts: closest (macro), farthest (background), median, front-median or back-median (of the nearer or farther half), centre or most.
         #[arg(long = "focus-priority", value_name = "NAME")]
@@ -535,6 +535,19 @@ pub enum Zones {
     Named(String),
     /// `[x, y, width, height]` each, fractions of the picture.
     Boxes(Vec<[f64; 4]>),
+}
+
+/// "one", "nine" or "x,y,width,height;...".
+impl FromStr for Zones {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        if !text.contains(',') {
+            return Ok(Zones::Named(text.trim().to_owned()));
+        }
+        let zone = |part: &str| list(part)?.try_into().map_err(|_| format!("\"{part}\" is not a zone \"x,y,width,height\""));
+        Ok(Zones::Boxes(text.split(';').filter(|p| !p.trim().is_empty()).map(zone).collect::<Result<_, String>>()?))
+    }
 }
 
 section! {

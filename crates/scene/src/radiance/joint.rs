@@ -6,6 +6,7 @@
 //! J. Křivánek, T. Hachisuka, D. Nowrouzezahrai & W. Jarosz 2013, "Joint Importance Sampling of Low-Order Volumetric Scattering", ACM TOG 32(6), §5.
 
 use super::media::MediumSegment;
+use super::prev_scatter::Start;
 use crate::light::LightRef;
 use crate::light::segment::Pivot;
 use crate::medium_stack::MediumStack;
@@ -20,14 +21,6 @@ const RAREST: f32 = 0.1;
 
 /// Optical depth to a light from which on it is sought always.
 const DEEP: f32 = 0.5;
-
-/// A scattering event with which a segment begins, from which lights were sought.
-#[derive(Clone, Copy)]
-pub(super) struct Start {
-    pub point: Vec3,
-    /// Density of the segment's direction, 1/sr.
-    pub density: f32,
-}
 
 impl Start {
     /// Density of a direction by joint samples of a light, its choice included, 1/sr; `extinction`: mean of the medium, 1/m.

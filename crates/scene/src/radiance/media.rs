@@ -17,10 +17,11 @@
 //! first two strategies do without the others.
 
 use super::PathSettings;
-use super::joint::{Start, Vertex};
-use super::path::{MOST_SURVIVAL, PrevScatter, mis, survives};
+use super::joint::Vertex;
+use super::prev_scatter::{PrevScatter, Start};
 use super::tally::Tally;
 use super::to_light::Past;
+use super::weights::{MOST_SURVIVAL, mis, survives};
 use crate::light::LightRef;
 use crate::light::segment::{EquiAngular, Pivot, Segment};
 use crate::medium::tracking::Track;

@@ -4,10 +4,12 @@
 //! materials; what a path was begun with is borrowed from whoever asked.
 
 use super::cone::Cone;
-use super::joint::{Start, Vertex};
+use super::joint::Vertex;
 use super::media::{After, MediumSegment, ScatteredOn};
+use super::prev_scatter::PrevScatter;
 use super::tally::{Scattered, Tally};
 use super::to_light::{MOST_FACES, Past, past};
+use super::weights::{MOST_SURVIVAL, mis, squared_ratio, survives};
 use super::{CameraPath, PathSettings};
 use crate::light::LightRef;
 use crate::light_paths::connect::{CameraState, CameraVertex, Picked};
@@ -535,28 +537,6 @@ impl<'a> Transport<'a> {
     }
 }
 
-/// The last place from which lights could have been sampled.
-#[derive(Clone, Copy)]
-pub(super) struct PrevScatter {
-    pub point: Vec3,
-    /// Normal there; 0 in a medium and of fibres.
-    pub normal: Vec3,
-    /// Density of the direction that was taken instead, 1/sr.
-    pub density: f32,
-    /// Distance from there to the start of the ray, m.
-    pub gone: f32,
-    /// The medium in which lights were sought by joint samples from there ([`super::joint`]).
-    pub joint: Option<MediumId>,
-}
-
-impl PrevScatter {
-    /// Where a segment in a medium begins, if it begins here and lights were sought.
-    fn start(&self, scene: &Scene, medium: &Medium) -> Option<Start> {
-        let sought = self.joint.and_then(|id| scene.medium(id)).is_some_and(|m| std::ptr::eq(m, medium));
-        (self.gone == 0.0 && sought).then_some(Start { point: self.point, density: self.density })
-    }
-}
-
 /// Segments in media, behind a first scattering event, for each along which photons are gathered: a gathering takes as long as the rest of the segment, and photons
 /// are less noisy than the path that comes to them.
 const SEGMENTS_A_GATHERING: f32 = 4.0;
@@ -567,34 +547,3 @@ const LONGEST_WALK: u32 = 8192;
 /// Scattering events before Russian roulette starts where each vertex is connected with light paths: what comes later brings less, and costs more (rooms lit by the
 /// sun: 0.7 of the time of 5, 1.19 of the squared error).
 const CONNECTED_ROULETTE_DEPTH: u32 = 2;
-
-/// Largest probability with which a path goes on where Russian roulette decides, so that every path ends.
-pub(super) const MOST_SURVIVAL: f32 = 0.95;
-
-/// Russian roulette on what a path can still bring; `most`: largest probability of going on.
-#[inline]
-pub(super) fn survives(throughput: &mut Sampled, eta_scale: f32, vertex: u32, u: f32, roulette_depth: u32, most: f32) -> bool {
-    if vertex < roulette_depth {
-        return true;
-    }
-    let survival = (throughput.max_element() * eta_scale).clamp(0.0, most);
-    *throughput /= survival;
-    u < survival
-}
-
-/// Weight of the strategy with density `a` beside one with density `b` (power heuristic, Veach 1997 eq. 9.13).
-#[inline]
-pub(super) fn mis(a: f32, b: f32) -> f32 {
-    1.0 / (1.0 + squared_ratio(b, a))
-}
-
-/// (b / a)²; 0 where `b` is 0.
-#[inline]
-fn squared_ratio(b: f32, a: f32) -> f32 {
-    if b == 0.0 {
-        return 0.0;
-    }
-    // A quotient first: squares of large densities overflow.
-    let r = b / a;
-    r * r
-}
