@@ -1,11 +1,11 @@
-//! How the command line is read and shown: headings of the flags of `shoot` and `expose`, the short help (`-h`), errors for machines.
+//! How the command line is read and shown: headings of the flags of `shoot`, `expose` and `events`, the short help (`-h`), errors for machines.
 //!
 //! [`Args`] says which flags there are, and under which heading. Here headings are put in the order a photographer decides, and all flags but the most
 //! used are left out of `-h`; `--help` and the manual pages show every flag.
 
 use crate::args::Args;
 use clap::error::{ContextKind, ContextValue};
-use clap::{Command, CommandFactory, FromArgMatches};
+use clap::{Arg, Command, CommandFactory, FromArgMatches};
 use std::collections::HashSet;
 use std::ffi::OsString;
 
@@ -54,14 +54,19 @@ pub fn command() -> Command {
     Args::command().mut_subcommands(|verb| if GROUPED.contains(&verb.get_name()) { grouped(verb) } else { verb })
 }
 
+/// The same of flags that only `events` has.
+const COMMON_OF_EVENTS: [&str; 3] = ["sensor", "duration", "step"];
+
 /// Puts headings, and under them the flags that are used most, in their order; leaves others to `--help`.
 fn grouped(mut verb: Command) -> Command {
     for heading in HEADINGS {
         let of_heading = verb.get_arguments().filter(|a| a.get_help_heading() == Some(heading));
-        let flags = of_heading.map(|a| (a.get_id().to_string(), COMMON.iter().position(|c| a.get_long() == Some(c))));
+        let of_verb: &[&str] = if verb.get_name() == "events" { &COMMON_OF_EVENTS } else { &[] };
+        let place = |a: &Arg| of_verb.iter().chain(&COMMON).position(|c| a.get_long() == Some(c));
+        let flags = of_heading.map(|a| (a.get_id().to_string(), place(a)));
         // A changed argument goes to the end: headings come in their order.
         for (order, (id, common)) in flags.collect::<Vec<_>>().into_iter().enumerate() {
-            let order = common.unwrap_or(COMMON.len() + order);
+            let order = common.unwrap_or(COMMON.len() + COMMON_OF_EVENTS.len() + order);
             verb = verb.mut_arg(id, |a| a.display_order(order).hide_short_help(common.is_none()));
         }
     }

@@ -87,12 +87,12 @@ impl Scene {
         self.follow(path, settings, Sampled::ZERO)
     }
 
-    /// The same of many camera paths, which are on their way together: `light` gets their radiance in their order. Each is what it would be alone, bit by bit.
+    /// The same of many camera paths, which are on their way together, in their order. Each is what it would be alone, bit by bit.
     pub fn radiance_of(&self, paths: &[CameraPath], settings: &PathSettings) -> Vec<Sampled> {
-        self.follow_all(paths, settings, |_| Sampled::ZERO, |light| light)
+        self.follow_all(paths, settings, |light: Sampled| light)
     }
 
-    /// The Stokes vector of the same light at each of the four wavelengths ([`diopter_light::polarization`]), without light paths: `axis` is the x axis of
+    /// The Stokes vector of the same light at each of the four wavelengths ([`diopter_light::polarization`]), all of it by the path: without light paths and [`CameraPath::shown`]. `axis` is the x axis of
     /// its frame, perpendicular to the ray. Q, U and V are 0 on the mean where nothing polarises. I is, sample by sample, [`Scene::radiance_along`] where
     /// no two events of the path polarise; elsewhere it is what polarised light gives, and that is another number.
     pub fn stokes(&self, path: &CameraPath, axis: Vec3, settings: &PathSettings) -> [Stokes; 4] {
@@ -125,7 +125,7 @@ impl Scene {
 
     /// [`Scene::radiance_and_direct`] of many camera paths.
     pub fn radiance_and_direct_of(&self, paths: &[CameraPath], settings: &PathSettings) -> Vec<[Sampled; 2]> {
-        self.follow_all(paths, settings, |_| Apart::default(), |Apart { all, direct }| [all, direct])
+        self.follow_all(paths, settings, |Apart { all, direct }| [all, direct])
     }
 
     /// Follows a path to its end.
@@ -133,14 +133,13 @@ impl Scene {
         Transport { scene: self, settings }.follow(path, tally)
     }
 
-    /// Follows many paths, all of them a step at a time; `tally`: by the number of the path.
-    fn follow_all<T: Tally, R>(
+    /// Follows many paths, all of them a step at a time.
+    fn follow_all<T: Tally + Default, R>(
         &self,
         paths: &[CameraPath],
         settings: &PathSettings,
-        tally: impl Fn(usize) -> T,
         result: impl Fn(T) -> R,
     ) -> Vec<R> {
-        Transport { scene: self, settings }.follow_all(paths, tally).into_iter().map(result).collect()
+        Transport { scene: self, settings }.follow_all(paths).into_iter().map(result).collect()
     }
 }

@@ -211,7 +211,10 @@ impl Taking {
     /// The shot file that is meant: the one given, with the flags on top.
     pub fn shot_file(&self) -> Result<ShotFile, diopter::shot::ShotError> {
         let mut shot = shot_of(self.subject.as_deref())?;
-        shot.take_over(self.said.clone());
+        let mut said = self.said.clone();
+        // Of a flag given twice the last wins.
+        said.scene.flicker.drain(..said.scene.flicker.len().saturating_sub(1));
+        shot.take_over(said);
         Ok(shot)
     }
 }

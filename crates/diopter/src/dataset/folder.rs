@@ -8,7 +8,6 @@ use super::item::json_of;
 use super::sha256::{self, Hashing};
 use super::{Dataset, Layout, parquet, tar};
 use crate::expose::{ExposeError, Watch};
-use crate::sheet::text_of;
 use crate::shot::{SceneCache, ShotError, is_of_scene};
 use serde_json::{Map, Value, json};
 use std::fs::{self, File, OpenOptions};
@@ -126,7 +125,7 @@ impl Folder {
     /// What tells the scenes of items apart.
     fn scene_of(&self, item: u64) -> String {
         let settings = self.dataset.settings(item).into_iter();
-        let of_scene = settings.filter(|(name, value)| is_of_scene(name, &text_of(value)));
+        let of_scene = settings.filter(|(name, _)| is_of_scene(name));
         of_scene.map(|(name, value)| format!("{name} = {value}\n")).collect()
     }
 

@@ -505,8 +505,9 @@ struct Lane {
     k: usize,
     /// Film point where its ray started, mm.
     started: DVec2,
-    /// How far the low-pass filter moves what arrives, mm; with diffraction of the hero and between film and array.
+    /// How far the low-pass filter moves what arrives, mm.
     filter: DVec2,
+    /// How far its pixel's point lies from where the ray starts, mm: the same with the diffraction of the hero, and of distorted film points.
     shift: DVec2,
     displaced: Option<Displaced>,
 }

@@ -2,31 +2,31 @@
 
 use crate::quantity::{LengthMm, number};
 
-/// "x,y,z".
+/// "x,y,z"; fails where it is not three numbers.
 pub fn point(text: &str) -> Result<[f32; 3], String> {
     let numbers: Option<Vec<f32>> = text.split(',').map(|n| n.trim().parse().ok()).collect();
     numbers.and_then(|n| n.try_into().ok()).ok_or_else(|| format!("\"{text}\" is not three numbers such as 0,1.5,-2"))
 }
 
-/// "x,y".
+/// "x,y"; fails where it is not two numbers.
 pub fn pair(text: &str) -> Result<[f64; 2], String> {
     list(text)?.try_into().map_err(|_| format!("\"{text}\" is not two numbers such as 0,0.7"))
 }
 
-/// "90", "90deg" or "90°".
+/// "90", "90deg" or "90°": degrees; fails where it is no finite number.
 pub fn degrees(text: &str) -> Result<f64, String> {
     let bare = text.trim();
     let bare = bare.strip_suffix("deg").or_else(|| bare.strip_suffix('°')).unwrap_or(bare).trim();
     bare.parse().ok().filter(|v: &f64| v.is_finite()).ok_or_else(|| format!("\"{text}\" is not an angle such as 90deg"))
 }
 
-/// "8deg" or "0,5deg".
+/// "8deg" or "0,5deg": degrees about both axes, 0 for one that is left out.
 pub fn tilt(text: &str) -> Result<[f64; 2], String> {
     let (x, y) = text.split_once(',').unwrap_or((text, "0"));
     Ok([degrees(x)?, degrees(y)?])
 }
 
-/// "5mm", "5mm,-3mm" or "0,8mm".
+/// "5mm", "5mm,-3mm" or "0,8mm": mm along both axes, 0 for one that is left out.
 pub fn shift(text: &str) -> Result<[f64; 2], String> {
     let length = |part: &str| match part.trim() {
         "0" | "" => Some(0.0),
@@ -38,7 +38,7 @@ pub fn shift(text: &str) -> Result<[f64; 2], String> {
     length(x).zip(length(y)).map(|(x, y)| [x, y]).ok_or_else(|| format!("\"{text}\" is not a shift such as 5mm or 0,8mm"))
 }
 
-/// Three numbers.
+/// "a,b,c"; fails where it is not three numbers.
 pub fn triple(text: &str) -> Result<[f64; 3], String> {
     list(text)?.try_into().map_err(|_| format!("\"{text}\" is not three numbers such as 0.01,0.04,20"))
 }
@@ -48,13 +48,13 @@ pub fn fraction(text: &str) -> Result<f64, String> {
     number(text).ok_or_else(|| format!("\"{text}\" is not a fraction such as 0.25 or 1/4"))
 }
 
-/// Samples "A..B".
+/// Samples "A..B": the first, and one after the last; fails where they are not whole numbers.
 pub fn range(text: &str) -> Result<[u32; 2], String> {
     let ends = text.split_once("..").and_then(|(a, b)| Some([a.trim().parse().ok()?, b.trim().parse().ok()?]));
     ends.ok_or_else(|| format!("\"{text}\" is not a range such as 0..64"))
 }
 
-/// "a,b,c".
+/// "a,b,c"; fails where one is no finite number, or where there are more than 100.
 pub fn list(text: &str) -> Result<Vec<f64>, String> {
     let numbers: Option<Vec<f64>> = text.split(',').map(|n| n.trim().parse().ok().filter(|v: &f64| v.is_finite())).collect();
     let numbers = numbers.filter(|n| !n.is_empty() && n.len() <= 100);

@@ -41,7 +41,7 @@ pub use sections::{DiffractionChoice, FireflyChoice};
 pub use sequence::{Sequence, Vary};
 pub use sources::{is_scene_file, lens_beside, odd_size, read_body, read_environment, read_lens, read_scene};
 pub use surroundings::daylight;
-pub use vary::is_of_scene;
+pub(crate) use vary::is_of_scene;
 
 use crate::calibration::{self, Calibration, CalibrationError, Frame, PrincipalRay};
 use crate::camera::{Camera, PlacementError};

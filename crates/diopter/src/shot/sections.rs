@@ -2,6 +2,9 @@
 //!
 //! `section!` makes of a declaration a part of the shot file (serde) and, of all fields that are not `skip`, flags (clap) under a heading of the help. What is not said is absent: it is not
 //! written, and flags win over files where they say something ([`Setting`]).
+//!
+//! Help shows values as flags write them ("90deg", "5mm", "0,1.5,-2"). In files and in Rust a key with a unit in its name (`fov_deg`, `shift_mm`) is a number in that unit, places are
+//! three numbers in metres, ranges and pairs are lists; quantities (lengths, times, stops) are texts with their unit in both.
 
 use super::flag_values::{degrees, fraction, list, pair, point, range, shift, tilt, triple};
 use super::setting::{Section, Setting, Value, section, values};
@@ -27,6 +30,8 @@ section! {
         #[arg(skip)]
         pub file: Option<String>,
         /// Metres in a unit of length of the scene file: 0.001 for millimetres, 0.01 for centimetres.
+        ///
+        /// Places in a shot file are metres all the same.
         #[arg(long, value_name = "FACTOR", allow_negative_numbers = true)]
         pub scale: Option<f64>,
         /// Which of the sets of materials that a glTF file offers.
@@ -51,7 +56,7 @@ section! {
         ///
         /// studio: soft boxes of 1500 lx (key), 500 lx (fill) and 1000 lx (rim) and a grey sweep to stand on; what a scene without light of its own gets.
         /// sun: a clear day, the sun behind the camera to its left. overcast: a grey sky of 10 000 lx. Both put a ground under the scene.
-        /// A file: its numbers are taken for relative, and scaled to 10 000 lx on average; --environment takes them for cd/m².
+        /// A file: its numbers are taken for relative, and scaled to 10 000 lx on average; --environment takes them for cd/m². With environment_scale in a shot file its numbers are taken as they are.
         #[arg(long, value_name = "KIND|FILE")]
         pub light: Option<String>,
         /// Light from all around, in cd/m²: a lat-long .hdr, .exr or .pfm; as --light, its numbers are relative.
@@ -78,6 +83,8 @@ section! {
         #[arg(long, value_name = "EV", allow_negative_numbers = true)]
         pub ambient_ev: Option<f64>,
         /// Moment the exposure begins, on the clock of the scene's animations: "1.25s".
+        ///
+        /// 0 without.
         #[arg(long, value_name = "TIME", allow_hyphen_values = true, help_heading = "Time")]
         pub at: Option<Seconds>,
         /// Which animation runs: its name or number, all or none; the first without.
@@ -104,13 +111,15 @@ section! {
         /// The azimuth counts from north, -z, towards east, +x.
         #[arg(long, value_name = "ELEV,AZ", allow_hyphen_values = true, value_parser = pair)]
         pub sun: Option<[f64; 2]>,
-        /// Sun and clear sky of a moment, with its zone (2026-06-21T12:00+02:00); needs --place.
+        /// Sun and clear sky of a moment, with its zone (2026-06-21T12:00+02:00); needs a place.
         #[arg(long = "daylight", value_name = "TIME", conflicts_with = "sun")]
         pub time: Option<Moment>,
         /// Where on earth --daylight is: latitude and longitude, degrees, north and east positive.
         #[arg(long, value_name = "LAT,LON", allow_hyphen_values = true, value_parser = pair)]
         pub place: Option<[f64; 2]>,
         /// Haze of daylight: 1 pure air, 3 clear, 10 thick.
+        ///
+        /// 3 without.
         #[arg(long, value_name = "T")]
         pub turbidity: Option<f64>,
         /// Turns north, which is -z without, towards east (+x), degrees.
@@ -127,6 +136,8 @@ section! {
     /// `[scene.fog]`
     pub struct FogSection {
         /// Fog in which one sees this far; it ends so far around the scene and the camera where light comes from the sky.
+        ///
+        /// A contrast of 2 % is left there. 100 m where a shot file says only other things of the fog.
         #[arg(long = "fog", value_name = "DISTANCE", allow_hyphen_values = true)]
         pub visibility: Option<Distance>,
         /// Fraction of light that a droplet scatters and does not absorb; 1 without.
@@ -227,6 +238,8 @@ section! {
         #[arg(long, value_name = "HEIGHT", conflicts_with_all = ["calibration", "fov_deg"], help_heading = "Lens")]
         pub orthographic: Option<Distance>,
         /// Move the lens against the film, to the right and up: "5mm", "0,8mm". The picture shows more of that side.
+        ///
+        /// As seen from behind the camera, mm.
         #[arg(long = "shift", value_name = "X[,Y]", value_parser = shift, allow_hyphen_values = true, help_heading = "Lens")]
         pub shift_mm: Option<[f64; 2]>,
         /// Turn the lens against the film, forward (down) and to the right: "8deg", "0,5deg". The view stays, the sharp plane turns. A traced lens turns about its
@@ -247,7 +260,7 @@ section! {
         pub blade_rotation_deg: Option<f32>,
         /// A hood of this length before a real lens, as narrow as the picture allows: keeps light from beside off the front glass.
         ///
-        /// It shows with --stray scatter. A lens sheet can have its own ([hood]).
+        /// It shows with --stray scatter. A lens sheet can have its own (`hood`).
         #[arg(long, value_name = "LENGTH", help_heading = "Lens")]
         pub hood: Option<LengthMm>,
         /// Each pixel is split in two photodiodes, which see the left and the right half of the pupil: one exposure gives two raw files.
@@ -263,6 +276,8 @@ section! {
         #[arg(long, value_name = "X,Y,Z", value_parser = point, allow_hyphen_values = true)]
         pub up: Option<[f32; 3]>,
         /// A camera of the scene file, by name or number.
+        ///
+        /// The first is 0.
         #[arg(long, value_name = "NAME")]
         pub viewpoint: Option<String>,
         /// Unsteady hands: angular speed (rms), deg/s; 0.6 is a steady hand.
@@ -348,6 +363,8 @@ section! {
         #[arg(long, value_name = "TIME", allow_hyphen_values = true)]
         pub travel: Option<Seconds>,
         /// Of a rolling shutter: time from one row of the picture to the next, "10.26us".
+        ///
+        /// Or from one column to the next, by --shutter-direction.
         #[arg(long, value_name = "TIME", allow_hyphen_values = true)]
         pub line_time: Option<Seconds>,
         /// Of a rolling shutter, instead: time for the whole picture.
@@ -370,6 +387,8 @@ section! {
     /// `[flash]`
     pub struct FlashSection {
         /// Fire a flash of this guide number (f-number × metres, ISO 100).
+        ///
+        /// At full power. A flash without it is refused.
         #[arg(long = "flash", value_name = "GN", allow_negative_numbers = true)]
         pub guide_number: Option<f64>,
         /// Its power, a fraction of full: "1/4".
@@ -401,6 +420,8 @@ section! {
         #[arg(long, value_name = "N", help_heading = "Focus")]
         pub focus_bracket: Option<u32>,
         /// From one of them to the next, in depths of focus; negative goes nearer.
+        ///
+        /// A depth of focus is 2 x f-number x circle of confusion, at the film. 1 without.
         #[arg(long, value_name = "X", allow_negative_numbers = true, help_heading = "Focus")]
         pub focus_step: Option<f64>,
         /// What differs in the series: `time` or `aperture`; without, the aperture in mode S and else the time.
@@ -425,6 +446,8 @@ section! {
         #[arg(long, value_name = "X", requires = "staggered", allow_negative_numbers = true)]
         pub staggered_ratio: Option<f64>,
         /// Least time between the reading of a row and the reset for its next exposure: "50us".
+        ///
+        /// None without.
         #[arg(long, value_name = "TIME", requires = "staggered")]
         pub staggered_gap: Option<Seconds>,
     }
@@ -500,7 +523,7 @@ section! {
         /// What is sharp: "2.5m", "inf", "auto", "at 0.4,0.6", "on NAME", "hyperfocal".
         ///
         /// "at 0.4,0.6" is a place in the picture, "on NAME" an object of the scene (`scene info` lists them), which is followed. Without,
-        /// what the camera is aimed at.
+        /// what the camera is aimed at. "extension 1.2mm" is a place of the film, from that for infinity.
         #[arg(long = "focus", value_name = "WHAT", allow_hyphen_values = true)]
         pub distance: Option<FocusTo>,
         /// Where autofocus looks: one, nine, or boxes "x,y,width,height;..." (fractions of the picture).
@@ -516,6 +539,8 @@ section! {
         #[arg(long = "focus-measure", value_name = "NAME")]
         pub measure: Option<String>,
         /// The motor: "step,backlash,speed" in mm, mm, mm/s of the film.
+        ///
+        /// Ideal without.
         #[arg(long = "focus-motor", value_name = "S,B,V", value_parser = triple, allow_hyphen_values = true)]
         pub motor: Option<[f64; 3]>,
         /// Autofocus looks at all positions of the film, in mm behind its place for infinity: "from,to,step", such as 0,10,0.1 (--plot-focus shows the curve).
@@ -604,7 +629,7 @@ section! {
         ///
         /// auto: in pictures to look at (JPEG, PNG, TIFF) of `shoot`; raw files (DNG), EXR and `expose` keep what was computed, also of the same shot. on: in
         /// all files, by Intel Open Image Denoise where it is found, else by the built-in filter. oidn, builtin: in all files, by this one. The sensor's own
-        /// noise comes after it and stays.
+        /// noise comes after it and stays. true and false in a shot file mean on and off.
         #[arg(long, value_name = "WHICH", num_args = 0..=1, default_missing_value = "on")]
         pub denoise: Option<Denoise>,
         /// Library of Intel Open Image Denoise, or its folder; without, DIOPTER_OIDN, the system's libraries and Python's package pyoidn are searched.

@@ -6,9 +6,12 @@
 use super::sections::{CameraSection, SceneSection};
 use super::setting::Section;
 use super::{ShotError, ShotFile, value};
-use clap::{Args, Command, FromArgMatches};
+use clap::{Args, Command, FromArgMatches, Id};
 use diopter_develop::{Recipe, SETTINGS};
 use diopter_light::names::nearest;
+use std::borrow::Cow;
+use std::error::Error;
+use std::sync::OnceLock;
 
 /// Flags of the development, and the settings of the recipe that they stand for.
 const DEVELOPING: [(&str, &str); 5] = [
@@ -49,77 +52,107 @@ impl ShotFile {
             shot.develop = shot.develop.with(setting, &if gamma { format!("gamma-{text}") } else { text.to_owned() })?;
             return Ok(shot);
         }
-        match said(name, text)? {
-            // A switch that is off.
-            nothing if nothing == ShotFile::default() => shot.without(&said(name, "true")?),
-            said => {
-                shot.take_over(said);
-                Ok(shot)
-            }
+        let setting = Named::new(name)?;
+        shot = shot.without(&setting)?;
+        shot.take_over(setting.said(text)?);
+        Ok(shot)
+    }
+
+    /// The same shot without what it says of a setting.
+    fn without(&self, setting: &Named) -> Result<ShotFile, ShotError> {
+        let failed = |reason: &str| value(setting.what.clone(), "is said", reason);
+        let mut all = toml::Table::try_from(self).map_err(|e| failed(&e.to_string()))?;
+        let (folder, key) = setting.key.rsplit_once('.').unwrap_or(("", &setting.key));
+        let table = folder.split('.').try_fold(&mut all, |table, part| table.get_mut(part)?.as_table_mut());
+        match table.and_then(|table| table.remove(key)) {
+            Some(_) => all.try_into().map_err(|e: toml::de::Error| failed(e.message())),
+            None => Ok(self.clone()),
+        }
+    }
+}
+
+/// Whether a setting is of the scene or lights it.
+pub(crate) fn is_of_scene(name: &str) -> bool {
+    Named::new(name).is_ok_and(|setting| ["scene.", "flash."].iter().any(|section| setting.key.starts_with(section)))
+}
+
+/// A setting by its name.
+struct Named {
+    /// How errors call it.
+    what: Cow<'static, str>,
+    key: Cow<'static, str>,
+    /// Its flag, if it has one of [`ShotFile`].
+    flag: Option<&'static str>,
+}
+
+impl Named {
+    fn new(name: &str) -> Result<Named, ShotError> {
+        if let Some((flag, key)) = flags().iter().find(|(flag, key)| flag == name || key == name) {
+            return Ok(Named { what: flag.as_str().into(), key: key.as_str().into(), flag: Some(flag) });
+        }
+        if let Some((what, key)) = OTHERS.iter().find(|other| other.0 == name || other.1 == name) {
+            return Ok(Named { what: (*what).into(), key: (*key).into(), flag: None });
+        }
+        match name.split_once('.').is_some_and(|(section, _)| SECTIONS.contains(&section)) {
+            true => Ok(Named { what: "vary".into(), key: name.to_owned().into(), flag: None }),
+            false => Err(unknown(name)),
         }
     }
 
-    /// The same shot without what another says.
-    fn without(&self, said: &ShotFile) -> Result<ShotFile, ShotError> {
-        fn remove(from: &mut toml::Table, what: &toml::Table) {
-            for (key, value) in what {
-                match (from.get_mut(key), value) {
-                    (Some(toml::Value::Table(from)), toml::Value::Table(what)) => remove(from, what),
-                    _ => drop(from.remove(key)),
+    /// A shot file that says it and nothing else: as the file writes it, or as the flag does.
+    fn said(&self, text: &str) -> Result<ShotFile, ShotError> {
+        let mut failure = String::new();
+        for candidate in candidates(text) {
+            let nested = |value, part: &str| toml::Table::from_iter([(part.to_owned(), value)]).into();
+            match self.key.rsplit('.').fold(candidate, nested).try_into::<ShotFile>() {
+                Ok(said) => return Ok(said),
+                Err(e) => failure = e.message().to_owned(),
+            }
+        }
+        if failure.starts_with("unknown field") {
+            return Err(unknown(&self.key));
+        }
+        // An angle with its unit, a fraction, zones.
+        if let Some(flag) = self.flag {
+            match command().try_get_matches_from([format!("--{flag}={text}")]) {
+                Ok(matches) => return ShotFile::from_arg_matches(&matches).map_err(|e| self.wrong(text, &e.to_string())),
+                Err(e) => {
+                    let reason = e.source().map_or_else(String::new, ToString::to_string);
+                    if reason.contains(" is not ") {
+                        failure = reason;
+                    }
                 }
             }
         }
-        let table = |shot: &ShotFile| toml::Table::try_from(shot).map_err(|e| value("vary", "false", e.to_string()));
-        let (mut all, mut what) = (table(self)?, table(said)?);
-        what.retain(|section, _| SECTIONS.contains(&section));
-        remove(&mut all, &what);
-        all.try_into().map_err(|e: toml::de::Error| value("vary", "false", e.message()))
+        Err(self.wrong(
+            text,
+            failure.split_once(" is not ").or_else(|| failure.split_once("expected ")).map_or(&failure[..], |p| p.1),
+        ))
+    }
+
+    fn wrong(&self, text: &str, expected: &str) -> ShotError {
+        value(self.what.clone(), format!("\"{text}\""), expected.trim())
     }
 }
 
-/// Whether a setting, by its name and value, is of the scene or lights it.
-pub fn is_of_scene(name: &str, text: &str) -> bool {
-    said(name, text).is_ok_and(|said| said.scene != SceneSection::default() || said.flash.is_some())
-}
-
-/// A shot file that says one setting and nothing else: as the file writes it, or as the flag does.
-fn said(name: &str, text: &str) -> Result<ShotFile, ShotError> {
-    let other = OTHERS.iter().find(|other| other.0 == name || other.1 == name);
-    let of_section = name.split_once('.').is_some_and(|(section, _)| SECTIONS.contains(&section));
-    let (what, key) = match (other, key_of_flag(name)) {
-        (Some((name, key)), _) => ((*name).to_owned(), (*key).to_owned()),
-        (None, Some(key)) => (name.to_owned(), key),
-        (None, None) if of_section => ("vary".to_owned(), name.to_owned()),
-        (None, None) => return Err(unknown(name)),
-    };
-    let mut failure = String::new();
-    for candidate in candidates(text) {
-        let nested = key.rsplit('.').fold(candidate, |value, part| toml::Table::from_iter([(part.to_owned(), value)]).into());
-        match nested.try_into::<ShotFile>() {
-            Ok(said) => return Ok(said),
-            Err(e) => failure = e.message().to_owned(),
-        }
-    }
-    if failure.starts_with("unknown field") {
-        return Err(unknown(name));
-    }
-    // An angle with its unit, a fraction, zones.
-    let typed = flags().try_get_matches_from([format!("--{name}={text}")]);
-    if let Ok(said) = typed.and_then(|matches| ShotFile::from_arg_matches(&matches)) {
-        return Ok(said);
-    }
-    let expected = failure.split_once(" is not ").or_else(|| failure.split_once("expected ")).map_or(&failure[..], |p| p.1);
-    Err(value(what, format!("\"{text}\""), expected.trim()))
-}
-
-fn flags() -> Command {
+/// The flags of a photograph.
+fn command() -> Command {
     ShotFile::augment_args(Command::new("shot").no_binary_name(true).disable_help_flag(true))
 }
 
-/// The key of the shot file that a flag stands for: clap names flags by their field, and knows those of a section without sections in it as a group.
-fn key_of_flag(name: &str) -> Option<String> {
-    let command = flags();
-    let id = command.get_arguments().find(|flag| flag.get_long() == Some(name))?.get_id();
+/// All flags of a photograph, and the keys of the shot file that they stand for.
+fn flags() -> &'static [(String, String)] {
+    static FLAGS: OnceLock<Vec<(String, String)>> = OnceLock::new();
+    FLAGS.get_or_init(|| {
+        let command = command();
+        let flags =
+            command.get_arguments().filter_map(|flag| Some((flag.get_long()?.to_owned(), key_of(&command, flag.get_id())?)));
+        flags.collect()
+    })
+}
+
+/// The key that a flag stands for: clap names flags by their field, and knows those of a section without sections in it as a group.
+fn key_of(command: &Command, id: &Id) -> Option<String> {
     // Where two sections have flags of one field, its name is the whole key.
     if id.as_str().contains('.') {
         return Some(id.to_string());
@@ -148,12 +181,12 @@ const GROUPS: [(&str, &str); 9] = [
 ];
 
 fn unknown(name: &str) -> ShotError {
-    let command = flags();
-    let names = || command.get_arguments().filter_map(|flag| flag.get_long());
-    let flags = || names().chain(OTHERS.iter().map(|v| v.0)).chain(DEVELOPING.iter().map(|d| d.0)).chain(["preset"]);
-    let known = flags().chain(OTHERS.iter().map(|v| v.1)).chain(SETTINGS.iter().map(|s| s.name));
+    let names = || flags().iter().map(|f| f.0.as_str()).chain(OTHERS.iter().map(|v| v.0));
+    let names = || names().chain(DEVELOPING.iter().map(|d| d.0)).chain(["preset"]);
+    let keys = flags().iter().map(|f| f.1.as_str()).chain(OTHERS.iter().map(|v| v.1));
+    let known = names().chain(keys).chain(SETTINGS.iter().map(|s| s.name));
     let hint = nearest(name, known).map_or(String::new(), |n| format!(" (did you mean \"{n}\"?)"));
-    let all: Vec<&str> = flags().collect();
+    let all: Vec<&str> = names().collect();
     let expected = format!("{}, a setting of `develop --settings`, or a key of the shot file{hint}", all.join(", "));
     value("vary", format!("\"{name}\""), expected)
 }
@@ -182,8 +215,8 @@ mod tests {
                 assert!(!told.contains("a key of the shot file"), "{name} ({key}): {told}");
             }
         }
-        for flag in flags().get_arguments().filter_map(|flag| flag.get_long()) {
-            let key = key_of_flag(flag).unwrap_or_else(|| panic!("{flag}"));
+        assert_eq!(flags().len(), command().get_arguments().filter_map(|flag| flag.get_long()).count());
+        for (flag, key) in flags() {
             // A list of lists is the value of no setting but autofocus zones.
             if let Err(e) = ShotFile::default().with(flag, "[[1]]") {
                 let told = e.to_string();
@@ -207,6 +240,9 @@ mod tests {
         assert_eq!(with("look-from", "0,1.5,-2").camera.look_from, Some([0.0, 1.5, -2.0]));
         assert_eq!(with("sun", "30,120").scene.daylight.unwrap().sun, Some([30.0, 120.0]));
         assert_eq!(with("shift", "0,5").camera.shift_mm, Some([0.0, 5.0]));
+        assert_eq!(with("fov", "40deg").camera.fov_deg, Some(40.0));
+        assert_eq!(with("camera.fov_deg", "40deg").camera.fov_deg, Some(40.0));
+        assert_eq!(with("flash-power", "1/4").flash.unwrap().power, Some(0.25));
         assert_eq!(with("tilt", "4,0").camera.tilt_deg, Some([4.0, 0.0]));
         assert_eq!(with("shutter-angle", "90").sequence.shutter_angle_deg, Some(90.0));
         assert!(with("daylight", "2026-06-21T12:00+02:00").scene.daylight.unwrap().time.is_some());
@@ -231,6 +267,32 @@ mod tests {
     }
 
     #[test]
+    fn each_rule_of_what_takes_the_place_of_what_holds_both_ways() {
+        let pairs = [
+            ("lens", "thin", "camera", "a.yaml"),
+            ("sun", "30,120", "place", "48,16"),
+            ("sun", "30,120", "daylight", "2026-06-21T12:00+02:00"),
+            ("line-time", "10us", "readout", "20ms"),
+            ("fov", "60", "focal-length", "35mm"),
+            ("fov", "60", "zoom-position", "2"),
+        ];
+        let with =
+            |shot: &ShotFile, name: &str, text: &str| shot.with(name, text).unwrap_or_else(|e| panic!("{name}={text}: {e}"));
+        for (a, of_a, b, of_b) in pairs {
+            let none = ShotFile::default();
+            assert_eq!(with(&with(&none, a, of_a), b, of_b), with(&none, b, of_b), "{b} over {a}");
+            assert_eq!(with(&with(&none, b, of_b), a, of_a), with(&none, a, of_a), "{a} over {b}");
+        }
+        // What does not exclude each other stays.
+        let day = with(&with(&ShotFile::default(), "turbidity", "3"), "sun", "30,120");
+        assert_eq!(day.scene.daylight.as_ref().and_then(|d| d.turbidity), Some(3.0));
+        // Switches and lists can be taken back.
+        let shot = with(&ShotFile::default(), "flicker", "mains 50 Hz");
+        assert_eq!(with(&shot, "scene.flicker", "[]").scene.flicker, []);
+        assert!(!with(&with(&shot, "quick", "true"), "quick", "false").render.quick);
+    }
+
+    #[test]
     fn wrong_names_and_values_are_told() {
         let told = |name: &str, text: &str| ShotFile::default().with(name, text).unwrap_err().to_string();
         let unknown = told("aperturre", "2");
@@ -240,5 +302,10 @@ mod tests {
         assert!(wrong.starts_with("iso \"fast\"") && wrong.contains("ISO 400"), "{wrong}");
         assert!(told("spp", "many").contains("u32"), "{}", told("spp", "many"));
         assert!(told("tone", "steep").contains("reinhard"));
+        // As flags say it, by their names and by their keys.
+        assert!(told("flicker", "slow").contains("mains 50 Hz"), "{}", told("flicker", "slow"));
+        assert!(told("exposure.iso", "fast").starts_with("iso \"fast\""));
+        assert!(told("camera.fov_deg", "wide").contains("90deg"), "{}", told("camera.fov_deg", "wide"));
+        assert!(told("camera.shaek", "1").contains("did you mean \"camera.shake\""));
     }
 }

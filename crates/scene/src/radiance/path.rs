@@ -150,8 +150,8 @@ impl<'a> Transport<'a> {
     }
 
     /// Follows many paths to their ends, all of them a step at a time.
-    pub fn follow_all<T: Tally>(&self, cameras: &'a [CameraPath<'a>], tally: impl Fn(usize) -> T) -> Vec<T> {
-        let mut paths: Vec<_> = cameras.iter().enumerate().map(|(i, camera)| self.begin(camera, tally(i))).collect();
+    pub fn follow_all<T: Tally + Default>(&self, cameras: &'a [CameraPath<'a>]) -> Vec<T> {
+        let mut paths: Vec<_> = cameras.iter().map(|camera| self.begin(camera, T::default())).collect();
         let mut flying: Vec<usize> = (0..paths.len()).collect();
         let mut surfaces = Vec::with_capacity(paths.len());
         while !flying.is_empty() {
