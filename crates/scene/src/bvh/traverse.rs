@@ -260,18 +260,27 @@ fn traverse<S: Simd, F: Filter, const ANY: bool, const MOVES: bool>(
     // as they are. Few rays need more than the array; it is small because each ray has to clear it.
     let mut stack = [0u64; STACK];
     let mut spilled: Vec<u64> = Vec::new();
-    let mut top = 1;
-    stack[0] = Child::node(0).0 as u64;
-    while top > 0 || !spilled.is_empty() {
-        let entry = if let Some(entry) = spilled.pop() {
-            entry
-        } else {
-            top -= 1;
-            stack[top]
+    let mut top = 0;
+    // What comes next without a detour over the stack.
+    let mut next = Some(Child::node(0).0 as u64);
+    loop {
+        let entry = match next.take() {
+            Some(entry) => entry,
+            None => {
+                let waiting = if let Some(entry) = spilled.pop() {
+                    entry
+                } else if top > 0 {
+                    top -= 1;
+                    stack[top & (STACK - 1)]
+                } else {
+                    break;
+                };
+                if f32::from_bits((waiting >> 32) as u32) > limit {
+                    continue;
+                }
+                waiting
+            }
         };
-        if f32::from_bits((entry >> 32) as u32) > limit {
-            continue;
-        }
         match Child(entry as u32).kind() {
             ChildKind::Node(index) => {
                 let node = &bvh.nodes[index];
@@ -297,6 +306,11 @@ fn traverse<S: Simd, F: Filter, const ANY: bool, const MOVES: bool>(
                     found[at & 7] = new;
                     count += 1;
                 }
+                if count == 0 {
+                    continue;
+                }
+                count -= 1;
+                next = Some(found[count & 7]);
                 if top + count <= STACK && spilled.is_empty() {
                     for entry in &found[..count.min(8)] {
                         stack[top & (STACK - 1)] = *entry;
