@@ -81,6 +81,7 @@ section! {
 /// What is done about saturated channels.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
+#[non_exhaustive]
 pub enum HighlightMethod {
     /// All channels end where the first saturates: blown highlights are white.
     Clip,
@@ -134,6 +135,7 @@ section! {
 /// Demosaic methods.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
+#[non_exhaustive]
 pub enum Demosaic {
     /// The mean of the nearest neighbours of a colour.
     Bilinear,
@@ -206,6 +208,7 @@ section! {
 /// Tone curves.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
+#[non_exhaustive]
 pub enum Curve {
     /// None: clipped at white.
     Linear,
@@ -269,6 +272,7 @@ section! {
 /// What a look-up table is fed with, and what it gives.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
+#[non_exhaustive]
 pub enum LutInput {
     /// sRGB codes of the finished picture; the table gives sRGB codes.
     Srgb,

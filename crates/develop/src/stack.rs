@@ -10,6 +10,7 @@ use rayon::prelude::*;
 
 /// A stack that cannot be made.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
 pub enum StackError {
     /// Less than two.
     #[error("a focus stack needs at least two pictures")]

@@ -139,6 +139,7 @@ impl Camera {
 
 /// Why a camera cannot be placed.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
 pub enum PlacementError {
     /// Eye and target coincide.
     #[error("look-from and look-at are the same point {0}: move one of them")]

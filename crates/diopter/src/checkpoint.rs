@@ -15,6 +15,7 @@ const BLOCK: usize = 8192;
 
 /// Why an exposure cannot go on from a file.
 #[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
 pub enum CheckpointError {
     /// Another program's file.
     #[error("this is no checkpoint of this version of diopter")]

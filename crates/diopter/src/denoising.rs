@@ -21,6 +21,7 @@ pub const BUILT_IN: &str = "built-in regression";
 /// Whether the renderer's noise is reduced, and by what.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(into = "String", try_from = "Written")]
+#[non_exhaustive]
 pub enum Denoise {
     /// On in developed pictures (JPEG, PNG, TIFF) of `shoot`, off in raw files, EXR and exposures.
     #[default]
@@ -90,6 +91,7 @@ impl TryFrom<Written> for Denoise {
 
 /// A filter ready for use.
 #[derive(Debug)]
+#[non_exhaustive]
 pub enum Filter {
     /// Nonlinearly weighted first-order regression, [`mod@diopter_develop::denoise`].
     BuiltIn,

@@ -11,6 +11,7 @@ use std::fmt::Write;
 
 /// A kind of file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum EventFormat {
     /// numpy.
     Npy,

@@ -185,6 +185,7 @@ pub struct Watch<'a> {
 
 /// Why there is no focal plane.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
 pub enum ExposeError {
     /// [`Watch::cancel`] was set.
     #[error("the exposure was stopped")]

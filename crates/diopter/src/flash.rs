@@ -27,6 +27,7 @@ pub const SHOE_M: [f32; 3] = [0.0, 0.15, 0.03];
 
 /// When it fires.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Sync {
     /// As soon as all is open.
     #[default]

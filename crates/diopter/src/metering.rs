@@ -59,6 +59,7 @@ const RIDGE: f64 = 1e-4;
 
 /// What a meter looks at.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Pattern {
     /// The whole frame alike.
     #[default]

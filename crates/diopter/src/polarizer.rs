@@ -17,6 +17,7 @@ use std::str::FromStr;
 
 /// Kinds of polarising filters.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum PolarizerKind {
     /// A sheet polariser.
     Linear,

@@ -68,6 +68,7 @@ impl Direction {
 
 /// How a shutter works.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[non_exhaustive]
 pub enum Mechanism {
     /// At once.
     #[default]

@@ -29,6 +29,7 @@ const MOST_STEPS: usize = 1 << 14;
 
 /// What moves.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum StabiliserPart {
     /// The sensor.
     Sensor,

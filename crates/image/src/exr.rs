@@ -258,6 +258,7 @@ fn few_bands(description: &Description, channels: usize) -> std::result::Result<
 
 /// How the channels of a file of truth are laid out.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum TruthLayout {
     /// All in one part.
     #[default]

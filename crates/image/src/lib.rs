@@ -34,6 +34,7 @@ pub use truth::Truth;
 
 /// What can go wrong between pixels and bytes.
 #[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
 pub enum ImageError {
     /// The bytes are not what the format says.
     #[error("not a readable {format} file: {reason}")]

@@ -22,6 +22,7 @@ use std::f64::consts::{FRAC_PI_2, PI, SQRT_2};
 
 /// Which formula.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum ModelKind {
     /// Straight lines stay straight.
     Pinhole,

@@ -18,6 +18,7 @@ pub const MOST_TERMS: usize = 64;
 
 /// Which polynomials.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum ForbesKind {
     /// Q^con: departure from a conic.
     Conic,

@@ -105,6 +105,7 @@ pub struct Blocked {
 
 /// What keeps a ray from passing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum BlockedBy {
     /// It went outside the clear aperture or the stop.
     Clipped,
@@ -338,6 +339,7 @@ impl Lens {
 
 /// What a lens cannot be.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
 pub enum LensError {
     /// A number outside its range.
     #[error("{what} {found}: expected {expected}")]

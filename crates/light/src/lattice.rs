@@ -4,6 +4,7 @@ use glam::DVec2;
 
 /// How the points are laid out.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Arrangement {
     /// Rows and columns.
     #[default]

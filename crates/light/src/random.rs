@@ -15,6 +15,7 @@
 
 /// How the samples of a pixel are spread.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
+#[non_exhaustive]
 pub enum SamplerKind {
     /// Unrelated samples.
     Independent,

@@ -15,6 +15,7 @@ const FLOAT3: c_int = 3;
 type Handle = *mut c_void;
 
 /// Why a library cannot be used.
+#[non_exhaustive]
 pub enum OpenError {
     /// It cannot be opened.
     Library(String),

@@ -14,6 +14,7 @@ use std::path::{Path, PathBuf};
 
 /// Why the library cannot be used.
 #[derive(Debug)]
+#[non_exhaustive]
 pub enum Error {
     /// No library of version 2 was found.
     NotFound {

@@ -35,6 +35,7 @@ pub use scene::{Description, Object, Scene, Shape};
 
 /// Why a scene cannot be had.
 #[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
 pub enum SceneError {
     /// A number that refers to nothing.
     #[error("object \"{of}\": {what} {found} is not there; the scene has {count}")]

@@ -91,6 +91,7 @@ pub struct Channel {
 
 /// What a channel moves.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum AnimatedProperty {
     /// 3 numbers, m.
     Translation,
@@ -104,6 +105,7 @@ pub enum AnimatedProperty {
 
 /// Interpolation of key frames.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum KeyInterpolation {
     /// The value of the last key.
     Step,
@@ -135,6 +137,7 @@ impl Animation {
 
 /// What happens after the last key.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Ending {
     /// Everything stays where it is then.
     #[default]

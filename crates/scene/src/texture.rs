@@ -273,6 +273,7 @@ impl Texture {
 
 /// A picture made of others: linear sRGB, or the same number three times.
 #[derive(Clone, Debug)]
+#[non_exhaustive]
 pub enum Graph {
     /// The same everywhere.
     Constant(Vec3),
@@ -349,6 +350,7 @@ pub enum Graph {
 
 /// Patterns of [`crate::noise`].
 #[derive(Clone, Copy, Debug)]
+#[non_exhaustive]
 pub enum NoisePattern {
     /// Octaves, and how much weaker each is than the one before.
     Fbm(u32, f32),
@@ -387,6 +389,7 @@ impl Lookup {
 
 /// Two coordinates of a picture.
 #[derive(Clone, Copy, Debug)]
+#[non_exhaustive]
 pub enum Mapping {
     /// Factor and offset of the mesh's own.
     Uv([[f32; 2]; 2]),
@@ -558,6 +561,7 @@ impl Graph {
 
 /// A colour of a material: linear sRGB, possibly from an image, as a spectrum.
 #[derive(Clone, Debug)]
+#[non_exhaustive]
 pub enum Color {
     /// The same everywhere.
     Constant {
@@ -633,6 +637,7 @@ pub(crate) fn spectrum_rgb(spectrum: &diopter_light::Spectrum) -> Vec3 {
 
 /// A number of a material, possibly from a channel of an image.
 #[derive(Clone, Debug)]
+#[non_exhaustive]
 pub enum Scalar {
     /// The same everywhere.
     Constant(f32),

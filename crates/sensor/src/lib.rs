@@ -22,6 +22,7 @@ pub use sensor::{BodyLens, DarkCurrent, HotPixels, IsoStep, Plenoptic, SecondRea
 
 /// What can be wrong with a sensor or what is asked of it.
 #[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
 pub enum SensorError {
     /// A name nobody knows.
     #[error("unknown {what} \"{found}\"{hint}")]

@@ -51,6 +51,7 @@ pub struct Options<'a> {
 
 /// Why there is no viewfinder.
 #[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
 pub enum ServeError {
     /// The shot cannot be taken.
     #[error(transparent)]

@@ -32,7 +32,7 @@ pub fn run(args: &Viewfinder, json: bool) -> anyhow::Result<()> {
     diopter_viewfinder::serve(&options, ready, &mut warn).map_err(|e| match e {
         ServeError::Shot(e) => e.into(),
         ServeError::Port { .. } => AskedWrongly(e.into()).into(),
-        ServeError::System(e) => e.into(),
+        e => e.into(),
     })
 }
 

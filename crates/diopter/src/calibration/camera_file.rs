@@ -25,6 +25,7 @@ pub struct CameraFile {
 
 /// What a file holds.
 #[derive(Clone, Debug, PartialEq)]
+#[non_exhaustive]
 pub enum CameraSource {
     /// A model.
     Model(CameraFile),

@@ -74,6 +74,7 @@ pub struct Calibration {
 
 /// A kind of file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Format {
     /// Everything, our own.
     Json,

@@ -6,6 +6,7 @@ use diopter_scene::light_paths::{CameraRays, CausticSettings, Caustics, Connecti
 
 /// How light transport is computed.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Integrator {
     /// Paths from the camera only.
     Path,

@@ -6,6 +6,7 @@
 
 /// A focus measure.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Measure {
     /// Sum of the modified Laplacian, |∂²/∂x²| + |∂²/∂y²|, where it is above a threshold.
     #[default]

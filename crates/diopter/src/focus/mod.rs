@@ -25,6 +25,7 @@ use serde::Serialize;
 
 /// How the sharpest position is searched for.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Method {
     /// Phase; contrast where that finds nothing in any zone: as in cameras, a zone without a phase signal does not hold up the others.
     #[default]
@@ -49,6 +50,7 @@ impl Method {
 
 /// Which zone counts when they disagree.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Priority {
     /// What is nearest: macro, and what most cameras do by themselves.
     #[default]
@@ -98,6 +100,7 @@ impl Priority {
 /// Why a zone could not be focused.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
+#[non_exhaustive]
 pub enum Failure {
     /// Noise hides what there is.
     TooDark,

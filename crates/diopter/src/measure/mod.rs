@@ -23,6 +23,7 @@ pub use plane::{Channel, Measured, Plane, Region};
 
 /// Why a picture cannot be measured.
 #[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
 pub enum MeasureError {
     /// A file that cannot be read.
     #[error("{path}: {reason}")]

@@ -52,6 +52,7 @@ const MOST_FOUND: usize = 20;
 
 /// What the line spread function is multiplied by.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
 pub enum Window {
     /// Flat, with sides of half a cosine: `alpha` is how much of it the sides take, 1 makes it a Hann window.
     Tukey {

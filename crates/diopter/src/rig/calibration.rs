@@ -17,6 +17,7 @@ const FLIP: DMat3 = DMat3::from_cols(DVec3::X, DVec3::NEG_Y, DVec3::NEG_Z);
 
 /// A kind of file that says the whole rig.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum RigFormat {
     /// `calibration/rig.json`, our own, with models, mounts and all poses.
     Json,

@@ -79,6 +79,7 @@ const DEFAULT_BODY: &str = "canon-5d-mark-iv";
 
 /// Why a photograph cannot be taken.
 #[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
 pub enum ShotError {
     /// A file that cannot be read.
     #[error("{path}: {reason}")]

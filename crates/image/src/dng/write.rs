@@ -11,6 +11,7 @@ use tiff::encoder::TiffEncoder;
 
 /// How the numbers of the mosaic are stored.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
+#[non_exhaustive]
 pub enum Storage {
     /// 16 bits each: every reader can.
     #[default]

@@ -9,6 +9,7 @@ use glam::DVec2;
 
 /// Order and normalisation of the terms.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Numbering {
     /// Noll's: root mean square 1.
     Noll,

@@ -29,6 +29,7 @@ pub const DESIGN_NM: f64 = 550.0;
 /// What is on surfaces. Lens-wide, and recipes in any case, it is on surfaces between glass and air; a stack that a surface has of its own
 /// is also between two glasses and on mirrors.
 #[derive(Clone, Debug, Default, PartialEq)]
+#[non_exhaustive]
 pub enum Coating {
     /// Nothing: Fresnel's full reflection, as lenses were before about 1940.
     #[default]

@@ -23,6 +23,7 @@ const ROUNDING: f64 = 1e-12;
 
 /// A format that is written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum ExportFormat {
     /// Zemax OpticStudio (.zmx).
     Zemax,

@@ -41,6 +41,7 @@ pub struct Glass {
 
 /// Where an index comes from.
 #[derive(Clone, Debug, PartialEq)]
+#[non_exhaustive]
 pub enum GlassKind {
     /// Index 1.
     Air,
@@ -70,6 +71,7 @@ pub enum GlassKind {
 
 /// Why a glass cannot be had.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
 pub enum GlassError {
     /// No catalogue has it.
     #[error("unknown glass \"{name}\"{hint}")]

@@ -206,6 +206,7 @@ impl Variable {
 
 /// Kinds of operands.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum OperandKind {
     /// RMS spot of all wavelengths, µm.
     Spot,

@@ -202,6 +202,7 @@ pub struct ObjectAxis {
 
 /// How much light is let in.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
 pub enum ApertureKind {
     /// Diameter of the entrance pupil, mm.
     EntrancePupil(f64),

@@ -4,6 +4,7 @@ use super::parameter::Change;
 
 /// Kinds of quantities.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum QuantityKind {
     /// Effective focal length, mm.
     Efl,

@@ -34,6 +34,7 @@ pub struct AreaLight {
 
 /// Shape of an emissive surface, world space.
 #[derive(Clone, Copy, Debug)]
+#[non_exhaustive]
 pub enum AreaShape {
     /// Corner and edges (α, β with α + β ≤ 1).
     Triangle(Quad),

@@ -4,6 +4,7 @@ use std::f64::consts::TAU;
 
 /// How a lamp's light changes with time; a factor on its emission.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[non_exhaustive]
 pub enum Modulation {
     /// Not at all.
     #[default]

@@ -19,6 +19,7 @@ const MOST_VALUES: usize = 1 << 22;
 
 /// How the two angles span the sphere.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Photometry {
     /// Poles above and below: headlamps.
     A,

@@ -71,6 +71,7 @@ use trace::Traced;
 
 /// Which lamps photons are emitted from.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Lamps {
     /// Those that paths from the camera hardly ever find: points, spots, parallel light, small discs at infinity, and surfaces that are small as
     /// seen from what throws caustics.

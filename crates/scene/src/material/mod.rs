@@ -76,6 +76,7 @@ pub enum Interior {
 
 /// The families of scattering.
 #[derive(Clone, Debug)]
+#[non_exhaustive]
 pub enum Scattering {
     /// Absorbs everything.
     Black,
@@ -205,6 +206,7 @@ pub struct Emission {
 
 /// Spectral radiance of an emitter.
 #[derive(Clone, Debug)]
+#[non_exhaustive]
 pub enum EmissionColor {
     /// W·m⁻²·sr⁻¹·nm⁻¹.
     Constant(Spectrum),
@@ -269,6 +271,7 @@ impl Emission {
 
 /// Where a surface is there at all: by its texture coordinates, not by its place in space.
 #[derive(Clone, Debug)]
+#[non_exhaustive]
 pub enum Coverage {
     /// Everywhere.
     Full,

@@ -64,6 +64,7 @@ pub enum Scalars {
 
 /// The factors on the coefficients of a medium: on absorption and on scattering.
 #[derive(Clone, Debug)]
+#[non_exhaustive]
 pub enum Field {
     /// The same number on both.
     Density(Scalars),
@@ -80,6 +81,7 @@ pub enum Field {
 
 /// Where a volume shines: radiance of an endless depth of it. Absorption times this is emitted a metre.
 #[derive(Clone, Debug)]
+#[non_exhaustive]
 pub enum Glow {
     /// The medium's own emission everywhere, or times a factor.
     Scaled(Option<Grid<f32>>),

@@ -234,6 +234,7 @@ impl Object {
 
 /// The form of a thing.
 #[derive(Clone, Copy, Debug)]
+#[non_exhaustive]
 pub enum Shape {
     /// A mesh by number, placed.
     Mesh {

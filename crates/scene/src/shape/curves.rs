@@ -13,6 +13,7 @@ use glam::{Vec2, Vec3, Vec4, Vec4Swizzles};
 
 /// What the section of a curve is like.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[non_exhaustive]
 pub enum CurveKind {
     /// A band that faces every ray: thin hair.
     Flat,
@@ -24,6 +25,7 @@ pub enum CurveKind {
 
 /// How control points make a cubic segment.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[non_exhaustive]
 pub enum CurveBasis {
     /// Bernstein polynomials: a segment begins and ends at control points, every third is shared.
     Bezier,

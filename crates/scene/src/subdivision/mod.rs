@@ -68,6 +68,7 @@ impl Mul<f64> for Lanes {
 
 /// How faces are refined.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Scheme {
     /// Catmull & Clark 1978: bicubic B-splines where the mesh is regular.
     CatmullClark,
@@ -138,6 +139,7 @@ pub struct ControlMesh {
 
 /// Why a mesh cannot be subdivided.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
 pub enum SubdivisionError {
     /// A position or a value is not a finite number.
     #[error("positions or values that are not finite")]

@@ -30,6 +30,7 @@ const SHOULDER_POWER: f64 = 3.25;
 
 /// A look on top of the curve.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Look {
     /// None.
     Base,
