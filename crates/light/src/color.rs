@@ -3,7 +3,9 @@
 //! Sources: IEC 61966-2-1 (sRGB), SMPTE EG 432-1 (Display P3), ITU-R BT.2020, AMPAS S-2014-004 (ACEScg), Lindbloom
 //! (RGB → XYZ from primaries, Bradford), Sharma, Wu & Dalal 2005 (ΔE2000). XYZ is relative with Y = 1 for white.
 
-use crate::cie::observer;
+pub use crate::cie::{luminance, xyz_of};
+
+use crate::table::Table;
 use crate::units::LUMINOUS_EFFICACY;
 use glam::{DMat3, DVec3, Vec3};
 
@@ -22,6 +24,13 @@ pub const SRGB_LUMINANCE: Vec3 = Vec3::new(0.2126, 0.7152, 0.0722);
 /// Linear sRGB of light over wavelength (nm), in its photometric unit: cd/m² of a spectral radiance, cd, lx. May be negative.
 pub fn srgb_of_light(spectrum: impl Fn(f32) -> f32) -> Vec3 {
     (RgbSpace::Srgb.xyz_from_rgb().inverse() * (xyz_of(spectrum) * LUMINOUS_EFFICACY)).as_vec3()
+}
+
+impl Table {
+    /// Linear sRGB of light of this spectrum, see [`srgb_of_light`].
+    pub fn srgb_of_light(&self) -> Vec3 {
+        *self.srgb_of_light.get_or_init(|| srgb_of_light(|nm| self.at(nm)))
+    }
 }
 
 /// An RGB space with linear components.
@@ -96,20 +105,6 @@ pub fn bradford(from_xy: (f64, f64), to_xy: (f64, f64)) -> DMat3 {
     ]);
     let gain = (cone * xyz_from_xy(to_xy)) / (cone * xyz_from_xy(from_xy));
     cone.inverse() * DMat3::from_diagonal(gain) * cone
-}
-
-/// XYZ of a spectrum, ∫ f (x̄, ȳ, z̄) dλ over 360–830 nm in 1 nm steps, unscaled.
-pub fn xyz_of(spectrum: impl Fn(f32) -> f32) -> DVec3 {
-    let o = observer();
-    (360..=830).fold(DVec3::ZERO, |sum, nm| {
-        let nm = nm as f32;
-        sum + DVec3::new(o.x.at(nm) as f64, o.y.at(nm) as f64, o.z.at(nm) as f64) * spectrum(nm) as f64
-    })
-}
-
-/// Luminance in cd/m² of a spectral radiance in W·m⁻²·sr⁻¹·nm⁻¹ (or illuminance in lx of an irradiance).
-pub fn luminance(spectrum: impl Fn(f32) -> f32) -> f64 {
-    xyz_of(spectrum).y * LUMINOUS_EFFICACY
 }
 
 /// sRGB transfer function: display code in 0..1 from linear light. Source: IEC 61966-2-1.

@@ -3,6 +3,8 @@
 //! Units: wavelengths in nm, lengths of rays in metres, spectral radiance in W·m⁻²·sr⁻¹·nm⁻¹, time in seconds.
 //! A path carries four wavelengths ([`Wavelengths`]); every spectral quantity on it is a [`Sampled`] of four values.
 //! Out of scope: fluorescence, colour appearance models.
+//!
+//! To be read in this order: [`table`], [`cie`], [`wavelength`], [`upsample`], [`color`], [`spectrum`]; each knows only those before it.
 
 pub mod cie;
 pub mod color;
@@ -13,6 +15,7 @@ pub mod random;
 pub mod ray;
 pub mod sampling;
 pub mod spectrum;
+pub mod table;
 pub mod units;
 pub mod upsample;
 #[expect(dead_code, reason = "the table is made in the build script; here only its constants and tests are used")]

@@ -1,97 +1,14 @@
 //! Spectra as functions of wavelength, and the closed forms among them.
 
+pub use crate::table::Table;
+
+use crate::cie::{d65_one_nit, luminance};
+use crate::color::srgb_of_light;
 use crate::units::{BOLTZMANN, PLANCK, SPEED_OF_LIGHT};
 use crate::upsample::Sigmoid;
 use crate::wavelength::{Sampled, Wavelengths};
 use glam::Vec3;
-use std::sync::{Arc, OnceLock};
-
-/// A spectrum sampled at equal steps of wavelength, linear between samples and constant beyond the ends.
-#[derive(Clone, Debug)]
-pub struct Table {
-    first_nm: f32,
-    per_nm: f32,
-    values: Arc<[f32]>,
-    /// [`Table::srgb_of_light`], once somebody asked: integrals take microseconds, and paths that carry colours ask at every lamp.
-    srgb_of_light: Arc<OnceLock<Vec3>>,
-}
-
-impl PartialEq for Table {
-    fn eq(&self, other: &Self) -> bool {
-        self.first_nm == other.first_nm && self.per_nm == other.per_nm && self.values == other.values
-    }
-}
-
-impl Table {
-    /// `values[i]` holds at `first_nm + i * step_nm`. Panics when there are no values or the step is not positive.
-    pub fn new(first_nm: f32, step_nm: f32, values: Vec<f32>) -> Self {
-        assert!(!values.is_empty() && step_nm > 0.0, "{} values in steps of {step_nm} nm", values.len());
-        Table { first_nm, per_nm: 1.0 / step_nm, values: values.into(), srgb_of_light: Arc::default() }
-    }
-
-    /// The same by values a nanometre, as [`Table::first_nm`], [`Table::per_nm`] and [`Table::values`] tell them of another: equal to it bit by bit. Panics as
-    /// [`Table::new`] does.
-    pub fn from_parts(first_nm: f32, per_nm: f32, values: Vec<f32>) -> Self {
-        assert!(!values.is_empty() && per_nm > 0.0, "{} values, {per_nm} a nanometre", values.len());
-        Table { first_nm, per_nm, values: values.into(), srgb_of_light: Arc::default() }
-    }
-
-    /// Wavelength of the first value, nm.
-    pub fn first_nm(&self) -> f32 {
-        self.first_nm
-    }
-
-    /// Values a nanometre.
-    pub fn per_nm(&self) -> f32 {
-        self.per_nm
-    }
-
-    /// The values, evenly spaced.
-    pub fn values(&self) -> &[f32] {
-        &self.values
-    }
-
-    /// A table at 5 nm, 380–780 nm, through unevenly spaced `(nm, value)` points in rising order.
-    pub fn from_points(points: &[(f32, f32)]) -> Self {
-        let at = |nm: f32| match points.iter().position(|p| p.0 >= nm) {
-            Some(0) => points[0].1,
-            None => points[points.len() - 1].1,
-            Some(i) => {
-                let ((x0, y0), (x1, y1)) = (points[i - 1], points[i]);
-                y0 + (y1 - y0) * (nm - x0) / (x1 - x0)
-            }
-        };
-        Table::new(380.0, 5.0, (0..=80).map(|i| at(380.0 + 5.0 * i as f32)).collect())
-    }
-
-    /// Value at a wavelength in nm.
-    #[inline]
-    pub fn at(&self, nm: f32) -> f32 {
-        let x = ((nm - self.first_nm) * self.per_nm).max(0.0);
-        // By 32 bits: conversions to 64 take twice the instructions, and this is asked at every surface.
-        let i = x as u32 as usize;
-        if i + 1 >= self.values.len() {
-            return self.values[self.values.len() - 1];
-        }
-        let t = x - i as f32;
-        self.values[i] + (self.values[i + 1] - self.values[i]) * t
-    }
-
-    /// The same spectrum times a factor.
-    pub fn scaled(&self, factor: f32) -> Self {
-        Table { values: self.values.iter().map(|v| v * factor).collect(), srgb_of_light: Arc::default(), ..self.clone() }
-    }
-
-    /// Linear sRGB of light of this spectrum, see [`crate::color::srgb_of_light`].
-    pub fn srgb_of_light(&self) -> Vec3 {
-        *self.srgb_of_light.get_or_init(|| crate::color::srgb_of_light(|nm| self.at(nm)))
-    }
-
-    /// The largest value.
-    pub fn max(&self) -> f32 {
-        self.values.iter().copied().fold(f32::NEG_INFINITY, f32::max)
-    }
-}
+use std::sync::OnceLock;
 
 /// A quantity over wavelength: reflectance, radiance, index of refraction.
 #[derive(Clone, Debug, PartialEq)]
@@ -120,12 +37,29 @@ pub enum Spectrum {
 }
 
 impl Spectrum {
+    /// A reflectance of a linear sRGB colour; components beyond 0..1 are clamped.
+    pub fn from_rgb(rgb: Vec3) -> Spectrum {
+        Spectrum::Sigmoid(Sigmoid::from_rgb(rgb))
+    }
+
+    /// A light of a linear sRGB colour whose luminance is `rgb`'s in cd/m² (1 = 1 cd/m² of D65); negative parts are 0.
+    ///
+    /// The largest component is fitted at one half, as pbrt-v4 and Mitsuba 3 do: lights are not bounded by 1, and spectra
+    /// that need not press against that bound are smoother.
+    pub fn light_from_rgb(rgb: Vec3) -> Spectrum {
+        let scale = 2.0 * rgb.max_element().max(0.0);
+        if scale == 0.0 || !scale.is_finite() {
+            return Spectrum::Constant(0.0);
+        }
+        Spectrum::RgbLight { scale, color: Sigmoid::from_rgb(rgb / scale) }
+    }
+
     /// Value at one wavelength in nm.
     pub fn at(&self, nm: f32) -> f32 {
         match self {
             Spectrum::Constant(value) => *value,
             Spectrum::Sigmoid(sigmoid) => sigmoid.at(nm),
-            Spectrum::RgbLight { scale, color } => scale * color.at(nm) * crate::cie::d65_one_nit().at(nm),
+            Spectrum::RgbLight { scale, color } => scale * color.at(nm) * d65_one_nit().at(nm),
             Spectrum::Table(table) | Spectrum::TableOfRgb { table, .. } => table.at(nm),
         }
     }
@@ -137,7 +71,7 @@ impl Spectrum {
             Spectrum::Table(table) if wavelengths.is_rgb() => Wavelengths::lanes(table.srgb_of_light()),
             Spectrum::Constant(value) if wavelengths.is_rgb() => {
                 static OF_ONE: OnceLock<Vec3> = OnceLock::new();
-                Wavelengths::lanes(*OF_ONE.get_or_init(|| crate::color::srgb_of_light(|_| 1.0)) * *value)
+                Wavelengths::lanes(*OF_ONE.get_or_init(|| srgb_of_light(|_| 1.0)) * *value)
             }
             _ => self.sample(wavelengths),
         }
@@ -171,8 +105,8 @@ pub fn blackbody(nm: f32, kelvin: f32) -> f32 {
 /// A black body's spectrum scaled to a luminance of `nits` (cd/m²), 380–780 nm at 5 nm.
 pub fn blackbody_with_luminance(kelvin: f32, nits: f32) -> Spectrum {
     let table = Table::new(380.0, 5.0, (0..=80).map(|i| blackbody(380.0 + 5.0 * i as f32, kelvin)).collect());
-    let luminance = crate::color::luminance(|nm| table.at(nm)) as f32;
-    Spectrum::Table(table.scaled(nits / luminance))
+    let own = luminance(|nm| table.at(nm)) as f32;
+    Spectrum::Table(table.scaled(nits / own))
 }
 
 #[cfg(test)]

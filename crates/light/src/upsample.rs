@@ -3,7 +3,6 @@
 //! A colour is looked up in a table of sigmoid coefficients fitted at build time (see `upsample_fit.rs`; Jakob & Hanika
 //! 2019). Colours are linear sRGB in 0..1; the spectrum has that colour under D65.
 
-use crate::spectrum::Spectrum;
 use crate::upsample_fit::{NODES, brightness_of_node};
 use crate::wavelength::{Sampled, Wavelengths};
 use glam::{Vec3, Vec4};
@@ -115,30 +114,12 @@ impl Sigmoid {
     }
 }
 
-impl Spectrum {
-    /// A reflectance of a linear sRGB colour; components beyond 0..1 are clamped.
-    pub fn from_rgb(rgb: Vec3) -> Spectrum {
-        Spectrum::Sigmoid(Sigmoid::from_rgb(rgb))
-    }
-
-    /// A light of a linear sRGB colour whose luminance is `rgb`'s in cd/m² (1 = 1 cd/m² of D65); negative parts are 0.
-    ///
-    /// The largest component is fitted at one half, as pbrt-v4 and Mitsuba 3 do: lights are not bounded by 1, and spectra
-    /// that need not press against that bound are smoother.
-    pub fn light_from_rgb(rgb: Vec3) -> Spectrum {
-        let scale = 2.0 * rgb.max_element().max(0.0);
-        if scale == 0.0 || !scale.is_finite() {
-            return Spectrum::Constant(0.0);
-        }
-        Spectrum::RgbLight { scale, color: Sigmoid::from_rgb(rgb / scale) }
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::cie::illuminant;
     use crate::color::{RgbSpace, delta_e_2000, lab, xyz_from_xy, xyz_of};
+    use crate::spectrum::Spectrum;
     use glam::DVec3;
 
     /// ΔE2000 between a colour and the colour of its spectrum under D65, at 5 nm.

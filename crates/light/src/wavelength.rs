@@ -7,7 +7,7 @@
 //! vanishes. Light outside 380–780 nm is not carried.
 
 use crate::cie::d65_one_nit;
-use crate::spectrum::Table;
+use crate::table::Table;
 use glam::Vec4;
 
 /// A spectral quantity at the four wavelengths of a path.

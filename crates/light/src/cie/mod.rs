@@ -2,7 +2,9 @@
 
 pub mod tables;
 
-use crate::spectrum::Table;
+use crate::table::Table;
+use crate::units::LUMINOUS_EFFICACY;
+use glam::DVec3;
 use std::sync::OnceLock;
 
 /// The three colour-matching functions of the CIE 1931 2° observer, 360–830 nm at 1 nm.
@@ -25,6 +27,20 @@ pub fn observer() -> &'static Observer {
     })
 }
 
+/// XYZ of a spectrum, ∫ f (x̄, ȳ, z̄) dλ over 360–830 nm in 1 nm steps, unscaled.
+pub fn xyz_of(spectrum: impl Fn(f32) -> f32) -> DVec3 {
+    let o = observer();
+    (360..=830).fold(DVec3::ZERO, |sum, nm| {
+        let nm = nm as f32;
+        sum + DVec3::new(o.x.at(nm) as f64, o.y.at(nm) as f64, o.z.at(nm) as f64) * spectrum(nm) as f64
+    })
+}
+
+/// Luminance in cd/m² of a spectral radiance in W·m⁻²·sr⁻¹·nm⁻¹ (or illuminance in lx of an irradiance).
+pub fn luminance(spectrum: impl Fn(f32) -> f32) -> f64 {
+    xyz_of(spectrum).y * LUMINOUS_EFFICACY
+}
+
 /// Names of the illuminants this program knows (CIE 015:2018).
 pub fn illuminant_names() -> Vec<String> {
     tables::read_csv(tables::ILLUMINANTS_CSV).0
@@ -42,8 +58,7 @@ pub fn d65_one_nit() -> &'static Table {
     static D65: OnceLock<Table> = OnceLock::new();
     D65.get_or_init(|| {
         let d65 = illuminant("D65").expect("D65 is in the table");
-        let luminance = crate::color::luminance(|nm| d65.at(nm));
-        d65.scaled((1.0 / luminance) as f32)
+        d65.scaled((1.0 / luminance(|nm| d65.at(nm))) as f32)
     })
 }
 
