@@ -4,7 +4,6 @@
 //! Specification" 1.2.0. A layer has channels `Layer00.R` (identifier), `.G` (its coverage), `.B`, `.A` (those of the next rank), `Layer01.R` ...; the metadata
 //! `cryptomatte/<key>/…` names layer, hash, conversion and manifest, where the key is the first seven hexadecimal digits of the layer's own hash.
 
-use crate::truth::Manifest;
 use std::collections::BTreeMap;
 
 /// MurmurHash3_x86_32 with seed 0 of a name in UTF-8. Source: A. Appleby, MurmurHash3 (public domain), `MurmurHash3_x86_32`.
@@ -32,6 +31,29 @@ pub fn identifier(name: &str) -> f32 {
     let hash = murmur3(name);
     let exponent = hash >> 23 & 0xff;
     f32::from_bits(if exponent == 0 || exponent == 255 { hash ^ 1 << 23 } else { hash })
+}
+
+/// Names whose hashes are the identifiers of a layer of coverage.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Manifest {
+    /// Layer of the EXR file.
+    pub layer: String,
+    /// Names, each once, in order.
+    pub names: Vec<String>,
+    /// Name of the file beside the EXR file that holds the names, too ([`Manifest::sidecar_json`]); `None` without one.
+    pub sidecar: Option<String>,
+}
+
+impl Manifest {
+    /// Of names, each once, in order, without a file beside.
+    pub fn new(layer: impl Into<String>, names: Vec<String>) -> Manifest {
+        Manifest { layer: layer.into(), names, sidecar: None }
+    }
+
+    /// What the file beside the EXR file holds: names and their identifiers as eight hexadecimal digits (Cryptomatte 1.2.0, "manif_file").
+    pub fn sidecar_json(&self) -> String {
+        manifest_json(self)
+    }
 }
 
 /// Names and their identifiers as eight hexadecimal digits, as JSON.

@@ -4,6 +4,7 @@
 //! colour filter array) → [`Picture`] (RGB in a named space). All rasters are stored row by row from the top left of the
 //! picture as a viewer sees it: `[row][column][channel]`. Readers and writers work on streams, never on paths.
 
+pub mod cfa;
 pub mod channels;
 pub mod cryptomatte;
 pub mod dng;

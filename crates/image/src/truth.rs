@@ -1,5 +1,7 @@
 //! The truth beside an exposure: the values of the channels that were recorded ([`crate::channels`]).
 
+pub use crate::cryptomatte::Manifest;
+
 use crate::Raster;
 use crate::channels::{ALWAYS, CHANNELS, Channel, Merge, Numbers};
 use std::ops::Range;
@@ -18,29 +20,6 @@ pub struct Recorded {
     pub classes: Arc<Vec<String>>,
     /// Names behind the identifiers of coverage.
     pub manifests: Arc<Vec<Manifest>>,
-}
-
-/// Names whose hashes are the identifiers of a layer of coverage.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Manifest {
-    /// Layer of the EXR file.
-    pub layer: String,
-    /// Names, each once, in order.
-    pub names: Vec<String>,
-    /// Name of the file beside the EXR file that holds the names, too ([`Manifest::sidecar_json`]); `None` without one.
-    pub sidecar: Option<String>,
-}
-
-impl Manifest {
-    /// Of names, each once, in order, without a file beside.
-    pub fn new(layer: impl Into<String>, names: Vec<String>) -> Manifest {
-        Manifest { layer: layer.into(), names, sidecar: None }
-    }
-
-    /// What the file beside the EXR file holds: names and their identifiers as eight hexadecimal digits (Cryptomatte 1.2.0, "manif_file").
-    pub fn sidecar_json(&self) -> String {
-        crate::cryptomatte::manifest_json(self)
-    }
 }
 
 impl Default for Recorded {

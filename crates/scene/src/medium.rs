@@ -4,13 +4,14 @@
 //! Source: M. Pharr, W. Jakob, G. Humphreys, "Physically Based Rendering" 4th ed., §11.1–11.4 and 14.2.
 
 mod albedo;
+mod blend;
 mod sparse;
 pub(crate) mod tracking;
 mod volume;
 
 pub use albedo::Orders;
+pub(crate) use blend::trilinear;
 pub use sparse::{BLOCK, SparseGrid};
-pub(crate) use volume::trilinear;
 pub use volume::{Cloud, Field, Glow, Grid, Scalars, Tint, Volume, VolumePlace};
 
 use crate::bvh::Bounds;

@@ -17,7 +17,6 @@ mod tar;
 
 pub use draw::Draw;
 pub use folder::{Folder, Made, Shard};
-pub use rule::Setting;
 pub use spec::{PoseSection, SpecFile, SplitSection, VarySection, WriteSection};
 
 use crate::files;
@@ -28,6 +27,9 @@ use diopter_light::names::nearest;
 use item::File;
 use rule::Vary;
 use std::path::{Path, PathBuf};
+
+/// A setting of an item and its value.
+pub type Setting = (String, toml::Value);
 
 /// Most items of a data set: they are counted in memory.
 pub const MOST_ITEMS: u64 = 100_000_000;

@@ -1,7 +1,7 @@
 //! Where the camera stands: on a sphere around a subject, or on a path.
 
+use super::Setting;
 use super::draw::{Draw, rounded};
-use super::rule::Setting;
 use super::spec::PoseSection;
 use crate::shot::ShotError;
 use glam::DVec3;

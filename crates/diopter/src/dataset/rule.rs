@@ -1,5 +1,6 @@
 //! How the values of a varied setting come about.
 
+use super::Setting;
 use super::draw::{Draw, rounded};
 use super::pose::Pose;
 use super::spec::VarySection;
@@ -8,9 +9,6 @@ use crate::sheet::text_of;
 use crate::shot::ShotError;
 use diopter_light::names::nearest;
 use toml::Value;
-
-/// A setting of an item and its value.
-pub type Setting = (String, Value);
 
 /// A checked `[[vary]]`.
 #[derive(Clone, Debug)]

@@ -6,7 +6,7 @@
 //! table's last entry goes on.
 
 use crate::ImageError;
-use crate::raw::Cfa;
+use crate::cfa::Cfa;
 use rayon::prelude::*;
 use std::fmt;
 

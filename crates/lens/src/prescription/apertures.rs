@@ -4,7 +4,7 @@
 //! { spider = 3, width = 0.8, rotation_deg = 90 }]` block; half widths, half axes and radii in mm. One alone needs no list.
 
 use super::Surface;
-use super::sheet::number;
+use super::numbers::number;
 use crate::aperture::{Aperture, Outline};
 use serde::Deserialize;
 

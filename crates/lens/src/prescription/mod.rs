@@ -7,6 +7,7 @@ mod apertures;
 mod check;
 mod coatings;
 mod hood;
+mod numbers;
 mod phases;
 mod scale;
 mod sheet;

@@ -6,7 +6,7 @@
 //! along x, and order 1 sends light towards +y; `rotation_deg` turns that from +y towards −x.
 
 use super::Surface;
-use super::sheet::{list, number};
+use super::numbers::{list, number};
 use crate::diffractive::{Blaze, Diffractive};
 use crate::polynomial::{Polynomial, Terms};
 use serde::Deserialize;

@@ -24,6 +24,7 @@
 
 use super::apertures::{self, SheetApertures};
 use super::coatings::{self, Names, SheetCoating};
+use super::numbers::{list, number};
 use super::phases::{self, SheetDiffractive, SheetPolynomial};
 use super::{ApertureKind, Coating, Gap, Hood, Misalignment, ObjectAxis, Prescription, PrescriptionError, Surface, Usage};
 use crate::forbes::{Forbes, ForbesKind};
@@ -539,15 +540,6 @@ impl Prescription {
         }
         t
     }
-}
-
-/// A number that TOML reads back as the same.
-pub(super) fn number(v: f64) -> String {
-    if v != 0.0 && !(1e-4..1e15).contains(&v.abs()) { format!("{v:e}") } else { format!("{v}") }
-}
-
-pub(super) fn list(v: &[f64]) -> String {
-    format!("[{}]", v.iter().map(|v| number(*v)).collect::<Vec<_>>().join(", "))
 }
 
 fn surface_fields(s: &Surface) -> Vec<String> {

@@ -1,6 +1,6 @@
 //! Numbers on a grid of which most is empty: blocks of 8³ values, and blocks of one value.
 
-use super::volume::{NOTHING, ROUNDING, joined, trilinear};
+use super::blend::{NOTHING, ROUNDING, joined, trilinear};
 use crate::bvh::Bounds;
 use crate::exact::{Exact, Sink, Source, field};
 use glam::{Affine3A, IVec3, Vec3};
