@@ -53,8 +53,12 @@ impl ShotFile {
             return Ok(shot);
         }
         let setting = Named::new(name)?;
-        shot = shot.without(&setting)?;
-        shot.take_over(setting.said(text)?);
+        let said = setting.said(text)?;
+        // A switch that is off and an empty list say nothing by themselves; a table replaces all of a section.
+        if said == ShotFile::default() || text.starts_with('{') {
+            shot = shot.without(&setting)?;
+        }
+        shot.take_over(said);
         Ok(shot)
     }
 
@@ -289,6 +293,8 @@ mod tests {
         // Switches and lists can be taken back.
         let shot = with(&ShotFile::default(), "flicker", "mains 50 Hz");
         assert_eq!(with(&shot, "scene.flicker", "[]").scene.flicker, []);
+        let fog = with(&with(&shot, "fog", "40m"), "scene.fog", "{ albedo = 0.5 }").scene.fog.unwrap();
+        assert_eq!((fog.visibility, fog.albedo), (None, Some(0.5)));
         assert!(!with(&with(&shot, "quick", "true"), "quick", "false").render.quick);
     }
 
