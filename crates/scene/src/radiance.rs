@@ -25,7 +25,7 @@ pub use first_surface::FirstSurface;
 pub use incident::Incident;
 
 use crate::light::Shown;
-use crate::light_paths::{LightPaths, PhotonMap};
+use crate::light_paths::LightPaths;
 use crate::scene::Scene;
 use diopter_light::polarization::Stokes;
 use diopter_light::random::Sampler;
@@ -108,18 +108,9 @@ impl Scene {
         [all, direct]
     }
 
-    /// The same, and what of it came from photons: by how much they matter in a picture.
-    pub fn radiance_and_caustics(
-        &self,
-        photons: &PhotonMap,
-        ray: Ray,
-        wavelengths: &Wavelengths,
-        sampler: &Sampler,
-        settings: &PathSettings,
-    ) -> [Sampled; 2] {
-        let path = CameraPath::new(ray, *wavelengths, *sampler);
-        let path = CameraPath { light_paths: LightPaths::of_photons(Some(photons)), ..path };
-        let Gathered { all, gathered } = self.follow(&path, settings, Gathered::default());
+    /// The same numbers, and what of them came from photons: by how much they matter in a picture.
+    pub fn radiance_and_caustics(&self, path: &CameraPath, settings: &PathSettings) -> [Sampled; 2] {
+        let Gathered { all, gathered } = self.follow(path, settings, Gathered::default());
         [all, gathered]
     }
 

@@ -245,7 +245,9 @@ fn a_mirrored_beam_is_seen_in_fog() {
                 expected += scattering * phase * (-extinction * f64::from(1.0 + origin.y)).exp() * way;
                 let ray = Ray { origin, direction: Vec3::X, time_s: 0.0 };
                 let sampler = Sampler::new(SamplerKind::Sobol, 3, (7, 1), i, n);
-                let [_, gathered] = scene.radiance_and_caustics(&map, ray, &wavelengths, &sampler, &path);
+                let light_paths = LightPaths::of_photons(Some(&map));
+                let along = CameraPath { light_paths, ..CameraPath::new(ray, wavelengths, sampler) };
+                let [_, gathered] = scene.radiance_and_caustics(&along, &path);
                 sum += f64::from(gathered.element_sum()) / 4.0;
             }
         }

@@ -162,12 +162,10 @@ impl Unit<'_> {
         let film = &self.camera.film;
         let attempts = self.attempts();
         let (mut packet, mut exits, mut scratch) = (Samples::default(), Exits::default(), Scratch::default());
-        let (mut again, mut places) = (Exits::default(), [[0.5f32; 4]; LANES]);
-        // How far the low-pass filter, and with it the diffraction of the hero, moves what arrives.
-        let (mut filter, mut moved, mut shifts) = ([DVec2::ZERO; LANES], [DVec2::ZERO; LANES], [DVec2::ZERO; LANES]);
-        let mut displaced: [Option<Displaced>; LANES] = [None; LANES];
+        let mut again = Exits::default();
+        let mut shifts = [DVec2::ZERO; LANES];
         let mut from_sensor = self.behind.as_ref().map(|behind| FromSensor { behind, rays: [None; LANES], film, shifts });
-        let mut drawn: Vec<(usize, usize, Sampler, Wavelengths, f32)> = Vec::with_capacity(LANES);
+        let mut drawn: Vec<Drawn> = Vec::with_capacity(LANES);
         let mut rays = Vec::with_capacity(LANES);
         loop {
             drawn.clear();
@@ -175,16 +173,14 @@ impl Unit<'_> {
             for (k, number) in members.by_ref().take(LANES).enumerate() {
                 let (x, y, sample) = numbers.of(number);
                 let sampler = self.sampler(x, y, sample);
-                let [u, v, pu, pv] = sampler.get(Set::Camera);
                 let [w, t, spot @ ..] = sampler.get(Set::Time);
                 let wavelengths = self.wavelengths.sample(self.wavelength_number(w, &sampler));
-                filter[k] = film.low_pass_shift(spot) - self.film_shift(x, y, t);
-                displaced[k] = self.displaced(x, y, &sampler, &wavelengths);
-                moved[k] = displaced[k].map_or(filter[k], |d| filter[k] + d.by);
-                shifts[k] = moved[k];
-                places[k] = [u, v, pu, pv];
+                let filter = film.low_pass_shift(spot) - self.film_shift(x, y, t);
+                let displaced = self.displaced(x, y, &sampler, &wavelengths);
+                shifts[k] = displaced.map_or(filter, |d| filter + d.by);
                 packet.nm[k] = wavelengths.nm.to_array();
-                drawn.push((x, y, sampler, wavelengths, t));
+                let place = sampler.get(Set::Camera);
+                drawn.push(Drawn { pixel: [x, y], sampler, wavelengths, t, place, filter, moved: shifts[k], displaced });
             }
             let count = drawn.len();
             if count == 0 {
@@ -196,11 +192,11 @@ impl Unit<'_> {
                 if exits.passed & own == own {
                     break;
                 }
-                for k in 0..count {
-                    let (x, y, ref sampler, ..) = drawn[k];
-                    let (at, pupil) = self.place(places[k], sampler, attempt);
+                for (k, sample) in drawn.iter().enumerate() {
+                    let (at, pupil) = self.place(sample.place, &sample.sampler, attempt);
+                    let [x, y] = sample.pixel;
                     let point = self.camera.film_point(x as f64 + at[0], y as f64 + at[1]);
-                    packet.film[k] = point - moved[k];
+                    packet.film[k] = point - sample.moved;
                     if let Some(optics) = self.optics {
                         packet.film[k] = optics.lens.straightened(lens, optics.on_film(film, packet.film[k]), pupil);
                         shifts[k] = point - packet.film[k];
@@ -224,27 +220,23 @@ impl Unit<'_> {
             }
             let passed = (0..count).filter(|k| exits.passed >> k & 1 == 1);
             rays.clear();
-            rays.extend(passed.filter_map(|k| {
-                let (x, y, sampler, wavelengths, t) = drawn[k];
-                let lane = Lane { k, started: packet.film[k], filter: filter[k], shift: shifts[k], displaced: displaced[k] };
-                self.ray_of_lane(&exits, lane, [x, y], sampler, wavelengths, t, foretells)
-            }));
+            rays.extend(passed.filter_map(|k| self.ray_of_lane(k, &drawn[k], packet.film[k], shifts[k], &exits, foretells)));
             each(&rays);
         }
     }
 
-    /// The ray of a lane of a packet that passed the lens; `None` where it is not open to it. `t`: what chooses the moment.
-    #[allow(clippy::too_many_arguments)]
+    /// The ray of a lane of a packet that passed the lens; `None` where the shutter is not open to it. `started`: where it starts on the film, mm; `shift`: by which the point of its
+    /// pixel lies elsewhere, mm.
     fn ray_of_lane(
         &self,
+        k: usize,
+        drawn: &Drawn,
+        started: DVec2,
+        shift: DVec2,
         exits: &Exits,
-        Lane { k, started, filter, shift, displaced }: Lane,
-        [x, y]: [usize; 2],
-        sampler: Sampler,
-        wavelengths: Wavelengths,
-        t: f32,
         foretells: bool,
     ) -> Option<CameraRay> {
+        let &Drawn { pixel: [x, y], sampler, wavelengths, t, filter, displaced, .. } = drawn;
         let (film, radiance_only) = (&self.camera.film, self.in_radiance());
         // What is not spread is drawn and counted alike at all wavelengths.
         let spread = exits.spread && !radiance_only;
@@ -499,15 +491,19 @@ impl Unit<'_> {
     }
 }
 
-/// A lane of a packet.
-struct Lane {
-    /// Its number.
-    k: usize,
-    /// Film point where its ray started, mm.
-    started: DVec2,
+/// What is drawn for a sample before it goes through a real lens.
+struct Drawn {
+    /// Column and row.
+    pixel: [usize; 2],
+    sampler: Sampler,
+    wavelengths: Wavelengths,
+    /// What chooses the moment.
+    t: f32,
+    /// Its place in pixel and pupil, at the first attempt.
+    place: [f32; 4],
     /// How far the low-pass filter moves what arrives, mm.
     filter: DVec2,
-    /// How far its pixel's point lies from where the ray starts, mm: the same with the diffraction of the hero, and of distorted film points.
-    shift: DVec2,
+    /// The same with the diffraction of the hero.
+    moved: DVec2,
     displaced: Option<Displaced>,
 }

@@ -112,8 +112,9 @@ impl Exposure<'_> {
                 let (seed, pixel) = (self.settings.seed ^ SEED, (number as u32, k as u32));
                 let sampler = Sampler::new(SamplerKind::Independent, seed, pixel, 0, 1);
                 let Some(camera) = unit.camera_ray(column, row, &sampler) else { continue };
-                let path = &self.settings.path;
-                let both = self.scene.radiance_and_caustics(&map, camera.ray, &camera.wavelengths, &sampler, path);
+                let light_paths = LightPaths::of_photons(Some(&map));
+                let path = CameraPath { light_paths, ..CameraPath::new(camera.ray, camera.wavelengths, sampler) };
+                let both = self.scene.radiance_and_caustics(&path, &self.settings.path);
                 for (sum, light) in sums.iter_mut().zip(both) {
                     let light = f64::from((light * camera.wavelengths.weight).element_sum());
                     *sum += if light.is_finite() { light } else { 0.0 };

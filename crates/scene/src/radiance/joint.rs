@@ -93,16 +93,7 @@ impl Vertex<'_> {
             return true;
         }
         let start = Some(Start { point: self.point, density });
-        let onward = MediumSegment {
-            medium,
-            span,
-            ray: &ray,
-            medium_stack: &medium_stack,
-            vertex: s.vertex + 1,
-            depth: self.depth + 1,
-            start,
-            ..*s
-        };
+        let onward = MediumSegment { medium, span, ray, medium_stack, vertex: s.vertex + 1, depth: self.depth + 1, start, ..*s };
         // Over the density of the path's direction: the weights compare with it.
         if let Some(past) = onward.jointly(light, throughput * f / density, [along, x, y]) {
             add(past.light, self.depth + 2 + past.thin_dielectrics, direction);

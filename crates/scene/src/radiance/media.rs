@@ -51,8 +51,8 @@ pub(super) struct MediumSegment<'a> {
     pub medium: &'a Medium,
     /// The part of the ray in the medium, m.
     pub span: [f32; 2],
-    pub ray: &'a Ray,
-    pub medium_stack: &'a MediumStack,
+    pub ray: Ray,
+    pub medium_stack: MediumStack,
     pub wavelengths: &'a Wavelengths,
     pub sampler: &'a Sampler,
     pub settings: &'a PathSettings,
@@ -183,7 +183,7 @@ impl MediumSegment<'_> {
     /// The same in a medium that differs from place to place.
     fn track(&self, volume: &Volume, throughput: &mut Sampled, eta_scale: f32, radiance: &mut impl Tally) -> After {
         let moment_s = self.scene.moment_s(self.ray.time_s);
-        let track = Track::new(self.medium, volume, self.ray, self.span, self.wavelengths, moment_s);
+        let track = Track::new(self.medium, volume, &self.ray, self.span, self.wavelengths, moment_s);
         let mut stream = self.sampler.stream(Set::Tracking(self.segment_index));
         match radiance.add_by(self.depth, |emitted| track.sample_distance(*throughput, &mut stream, emitted)) {
             DistanceSample::Through(weight) => {
@@ -215,7 +215,7 @@ impl MediumSegment<'_> {
             };
             let vertex = Vertex { segment: self, point, depth: self.depth };
             let add = |light: Sampled, events: u32, _: Vec3| radiance.add(light, events);
-            vertex.joint(*throughput, phase, |_| (point, *self.medium_stack), add).then(|| self.medium_stack.medium(self.scene))
+            vertex.joint(*throughput, phase, |_| (point, self.medium_stack), add).then(|| self.medium_stack.medium(self.scene))
         });
         let joint = joint.flatten();
         let u = self.sampler.get(Set::Scatter(self.vertex));
@@ -339,7 +339,7 @@ impl MediumSegment<'_> {
             point,
             point,
             light_sample,
-            *self.medium_stack,
+            self.medium_stack,
             self.wavelengths,
             self.ray.time_s,
             thin_dielectrics,

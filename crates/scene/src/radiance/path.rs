@@ -141,36 +141,24 @@ impl<'a> Transport<'a> {
     #[inline]
     pub fn follow<T: Tally>(&self, camera: &'a CameraPath<'a>, tally: T) -> T {
         let mut path = self.begin(camera, tally);
-        loop {
-            let surface = self.find_hit(&path);
-            if self.step(&mut path, surface) == Next::Ended {
-                return path.tally;
-            }
-        }
+        while self.step(&mut path) == Next::GoesOn {}
+        path.tally
     }
 
     /// Follows many paths to their ends, all of them a step at a time.
     pub fn follow_all<T: Tally + Default>(&self, cameras: &'a [CameraPath<'a>]) -> Vec<T> {
         let mut paths: Vec<_> = cameras.iter().map(|camera| self.begin(camera, T::default())).collect();
         let mut flying: Vec<usize> = (0..paths.len()).collect();
-        let mut surfaces = Vec::with_capacity(paths.len());
         while !flying.is_empty() {
-            surfaces.extend(flying.iter().map(|i| self.find_hit(&paths[*i])));
-            let mut met = surfaces.drain(..);
-            flying.retain(|i| self.step(&mut paths[*i], met.next().flatten()) == Next::GoesOn);
+            flying.retain(|i| self.step(&mut paths[*i]) == Next::GoesOn);
         }
         paths.into_iter().map(|path| path.tally).collect()
     }
 
-    /// What the ray of a path meets.
-    #[inline]
-    pub fn find_hit<T>(&self, path: &Path<'a, T>) -> Option<Surface> {
-        self.scene.intersect(&path.ray, f32::INFINITY)
-    }
-
     /// One segment and the vertex at its end.
     #[inline]
-    pub fn step<T: Tally>(&self, path: &mut Path<'a, T>, surface: Option<Surface>) -> Next {
+    fn step<T: Tally>(&self, path: &mut Path<'a, T>) -> Next {
+        let surface = self.scene.intersect(&path.ray, f32::INFINITY);
         let reach = surface.as_ref().map_or(f32::INFINITY, |s| s.t);
         path.segment_index += 1;
         if let Some((medium, span)) = path.medium_stack.span(self.scene, &path.ray, reach)
@@ -205,30 +193,13 @@ impl<'a> Transport<'a> {
 
     /// Takes a segment through a medium; `None` where the path reaches its end.
     #[inline(never)]
-    fn cross_medium<T: Tally>(&self, path: &mut Path<'a, T>, medium: &Medium, span: [f32; 2]) -> Option<Next> {
+    fn cross_medium<T: Tally>(&self, path: &mut Path<'a, T>, medium: &'a Medium, span: [f32; 2]) -> Option<Next> {
         if let Some(photons) = path.camera.light_paths.photons {
             self.gather_along(path, photons, medium, span);
         }
         let start = path.last.and_then(|last| last.start(self.scene, medium));
-        let (mut throughput, eta_scale) = (path.throughput, path.eta_scale);
-        let segment = MediumSegment {
-            scene: self.scene,
-            medium,
-            span,
-            ray: &path.ray,
-            medium_stack: &path.medium_stack,
-            wavelengths: &path.camera.wavelengths,
-            sampler: &path.camera.sampler,
-            settings: self.settings,
-            vertex: path.vertex,
-            depth: path.depth(),
-            segment_index: path.segment_index,
-            flash: path.flash,
-            start,
-        };
-        let after = segment.take(&mut throughput, eta_scale, &mut path.tally);
-        path.throughput = throughput;
-        match after {
+        let segment = MediumSegment { start, ..self.segment(path, medium, span) };
+        match segment.take(&mut path.throughput, path.eta_scale, &mut path.tally) {
             After::Through => {
                 path.camera_state.bar();
                 None
@@ -244,6 +215,25 @@ impl<'a> Transport<'a> {
                 path.walked += u32::from(medium.is_subsurface);
                 Some(if path.walked > LONGEST_WALK { Next::Ended } else { Next::GoesOn })
             }
+        }
+    }
+
+    /// The segment of a path through a medium, not one that begins where lights were sought.
+    fn segment<T>(&self, path: &Path<'a, T>, medium: &'a Medium, span: [f32; 2]) -> MediumSegment<'a> {
+        MediumSegment {
+            scene: self.scene,
+            medium,
+            span,
+            ray: path.ray,
+            medium_stack: path.medium_stack,
+            wavelengths: &path.camera.wavelengths,
+            sampler: &path.camera.sampler,
+            settings: self.settings,
+            vertex: path.vertex,
+            depth: path.depth(),
+            segment_index: path.segment_index,
+            flash: path.flash,
+            start: None,
         }
     }
 
@@ -441,24 +431,9 @@ impl<'a> Transport<'a> {
         if !medium.scatters_homogeneously() || here.bsdf.is_specular() || here.bsdf.is_fiber() {
             return None;
         }
-        let (depth, medium_stack) = (path.depth(), path.medium_stack);
-        let segment = MediumSegment {
-            scene: self.scene,
-            medium,
-            span,
-            ray: &path.ray,
-            medium_stack: &medium_stack,
-            wavelengths: &path.camera.wavelengths,
-            sampler: &path.camera.sampler,
-            settings: self.settings,
-            vertex: path.vertex,
-            depth,
-            segment_index: path.segment_index,
-            flash: path.flash,
-            start: None,
-        };
+        let (segment, medium_stack) = (self.segment(path, medium, span), path.medium_stack);
         let leave = |direction: Vec3| here.leave(self.scene, medium_stack, direction);
-        let vertex = Vertex { segment: &segment, point: here.surface.point, depth };
+        let vertex = Vertex { segment: &segment, point: here.surface.point, depth: path.depth() };
         let tally = &mut path.tally;
         let add = |light: Sampled, events: u32, wi: Vec3| {
             let sheets = T::Sheets::default();
