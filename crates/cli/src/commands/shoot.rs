@@ -29,24 +29,18 @@ pub fn run(args: &Shoot, json: bool) -> anyhow::Result<()> {
     let started = Instant::now();
     let mut file = args.taking.shot_file()?;
     args.developing.apply(&mut file.develop)?;
-    if args.raw.serial.is_some() {
-        file.camera.serial.clone_from(&args.raw.serial);
-    }
-    if args.raw.temperature.is_some() {
-        file.exposure.temperature_c = args.raw.temperature;
-    }
+    file.camera.serial.take_over(args.raw.serial.clone());
+    file.exposure.temperature_c.take_over(args.raw.temperature);
     if !args.sheet.is_empty() {
         return super::sheet::of_shot(args, file, json);
     }
-    if !args.output.is_empty() {
-        file.output.files.clone_from(&args.output);
-    }
+    file.output.files.take_over(args.output.clone());
     // A series that is only wanted joined leaves no single pictures.
     if file.output.files.is_empty() && args.merge.is_none() && args.stack.is_none() {
         file.output.files.push(PathBuf::from("photo.jpg"));
     }
     file.sequence.take_over(args.sequence.clone());
-    file.camera.dual_pixel |= args.dual_pixel;
+    file.camera.dual_pixel.take_over(args.dual_pixel);
     let sequence = Sequence::new(&mut file)?;
     if args.merge.is_some() && !sequence.is_mergeable() {
         return Err(AskedWrongly(anyhow!(

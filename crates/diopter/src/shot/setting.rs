@@ -3,21 +3,21 @@
 use std::collections::BTreeMap;
 
 /// A setting that may be left out.
-pub trait Setting {
+pub trait Setting: Sized {
     /// Whether nothing is said.
     fn is_absent(&self) -> bool;
 
     /// Takes what another says, where it says something.
-    fn take_over(&mut self, said: Self);
+    fn take_over(&mut self, said: Self) {
+        if !said.is_absent() {
+            *self = said;
+        }
+    }
 }
 
 impl Setting for bool {
     fn is_absent(&self) -> bool {
         !self
-    }
-
-    fn take_over(&mut self, said: Self) {
-        *self |= said;
     }
 }
 
@@ -25,23 +25,11 @@ impl<T> Setting for Vec<T> {
     fn is_absent(&self) -> bool {
         self.is_empty()
     }
-
-    fn take_over(&mut self, said: Self) {
-        if !said.is_empty() {
-            *self = said;
-        }
-    }
 }
 
 impl<K, V> Setting for BTreeMap<K, V> {
     fn is_absent(&self) -> bool {
         self.is_empty()
-    }
-
-    fn take_over(&mut self, said: Self) {
-        if !said.is_empty() {
-            *self = said;
-        }
     }
 }
 
