@@ -11,6 +11,7 @@ pub mod lut;
 mod overview;
 mod recipe;
 mod region;
+mod setting;
 pub mod stack;
 pub mod steps;
 

@@ -10,8 +10,11 @@
 //! 2013, "Depth from combining defocus and correspondence using light-field cameras" (the spread of the views as a measure of depth); D.
 //! Dansereau et al. 2013, "Decoding, calibration and rectification for lenselet-based plenoptic cameras" (the geometry).
 
-use crate::recipe::{self, RecipeError};
+pub(crate) mod settings;
+
+use self::settings::LightField as Settings;
 use crate::region::{Planes, Region};
+use crate::setting::RecipeError;
 use crate::steps::demosaic::Mosaic;
 use diopter_image::{ExposureFacts, LightFieldFacts, Raster, RawHeader};
 use diopter_light::lattice::{Arrangement, Lattice};
@@ -161,7 +164,7 @@ impl LightField {
     }
 
     /// About how many periods of the filters a pixel of a picture is the mean of.
-    pub(crate) fn samples_a_pixel(&self, settings: &recipe::LightField, f_number: f64) -> f64 {
+    pub(crate) fn samples_a_pixel(&self, settings: &Settings, f_number: f64) -> f64 {
         let radius = match (settings.view, settings.aperture) {
             (Some(_), _) => 1.0,
             (None, Some(n)) => self.radius_px * f_number / n,
@@ -171,7 +174,7 @@ impl LightField {
     }
 
     /// Checks the settings with what the file says; `f_number`: that of the shot.
-    pub(crate) fn check(&self, settings: &recipe::LightField, f_number: f64) -> Result<(), RecipeError> {
+    pub(crate) fn check(&self, settings: &Settings, f_number: f64) -> Result<(), RecipeError> {
         check(settings)?;
         if let Some(Focus::At(distance)) = Focus::parse(&settings.focus) {
             self.shift_for(distance)?;
@@ -220,7 +223,7 @@ impl LightField {
     }
 
     /// What the facts of a picture made of it are.
-    pub(crate) fn facts_of(&self, facts: &ExposureFacts, settings: &recipe::LightField) -> ExposureFacts {
+    pub(crate) fn facts_of(&self, facts: &ExposureFacts, settings: &Settings) -> ExposureFacts {
         let mut facts = ExposureFacts { light_field: None, ..facts.clone() };
         if let Some(Focus::At(distance)) = Focus::parse(&settings.focus) {
             facts.focus_distance_m = distance.is_finite().then_some(distance);
@@ -236,7 +239,7 @@ impl LightField {
 }
 
 /// Checks the settings as far as that goes without a file.
-pub(crate) fn check(settings: &recipe::LightField) -> Result<(), RecipeError> {
+pub(crate) fn check(settings: &Settings) -> Result<(), RecipeError> {
     if !settings.focus.is_empty() && Focus::parse(&settings.focus).is_none() {
         let expected = "as-taken, all, inf or a distance such as \"1.2 m\"";
         return Err(wrong("light_field.focus", format!("\"{}\"", settings.focus), expected));
@@ -262,7 +265,7 @@ struct Sums {
 
 impl Decoder<'_> {
     /// Camera channels of a picture. `f_number`: that of the shot.
-    pub fn picture(&self, settings: &recipe::LightField, f_number: f64) -> Result<Planes, RecipeError> {
+    pub fn picture(&self, settings: &Settings, f_number: f64) -> Result<Planes, RecipeError> {
         self.field.check(settings, f_number)?;
         let focus = Focus::parse(&settings.focus).unwrap_or(Focus::AsTaken);
         let through = match (settings.view, settings.aperture) {

@@ -4,9 +4,48 @@
 //! DaVinci Resolve writes them. Tetrahedral interpolation: Kasson, Plouffe & Nin 1993, "Tetrahedral interpolation technique for color space
 //! conversion" (SPIE 1909).
 
-use crate::recipe::Interpolation;
+use crate::setting::{names, section};
 use glam::{Vec3, Vec4};
 use std::fmt::Write;
+
+section! {
+    /// A look from a file.
+    LutStep "lut" {
+        file: String = String::new(), "", Text,
+            "a .cube file, 1D or 3D";
+        input: LutInput = LutInput::Srgb, "", Names(LutInput::NAMES),
+            "what the table expects: codes or light of the picture, or of the scene";
+        interpolation: Interpolation = Interpolation::Tetrahedral, "", Names(Interpolation::NAMES),
+            "between the points of a 3D table";
+        amount: f64 = 1.0, "", Number(0.0, 1.0),
+            "how much of the look";
+    }
+}
+
+names! {
+    /// What a look-up table is fed with, and what it gives.
+    #[non_exhaustive]
+    LutInput {
+        /// sRGB codes of the finished picture; the table gives sRGB codes.
+        Srgb = "srgb",
+        /// Rec.709 linear light of the finished picture; the table gives the same.
+        Linear = "linear",
+        /// ACEScct codes (AP1) of the scene: the table is the whole look and gives sRGB codes; curve and grading are left out.
+        Acescct = "acescct",
+        /// As `acescct`, but logarithmic codes of linear sRGB as [`crate::lut::log_code`] makes them: what `lut bake` is most exact with.
+        Log = "log",
+    }
+}
+
+names! {
+    /// Interpolation in a 3D table.
+    Interpolation {
+        /// Between the 4 corners of a tetrahedron: greys stay clean.
+        Tetrahedral = "tetrahedral",
+        /// Between the 8 corners of a cube.
+        Trilinear = "trilinear",
+    }
+}
 
 /// Points of a 1D table: the specification's limits.
 const POINTS_1D: std::ops::RangeInclusive<usize> = 2..=65_536;

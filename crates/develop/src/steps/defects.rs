@@ -1,6 +1,15 @@
 //! Pixels that stand out of all their neighbours of the same colour are replaced by their mean.
 
+use crate::setting::section;
 use diopter_image::Cfa;
+
+section! {
+    /// Pixels that are broken.
+    Defects "defects" {
+        threshold: f64 = 0.0, "deviations", Number(0.0, 1000.0),
+            "pixels that stand out of all their neighbours by more are mended; 0 is off: stars are such pixels too";
+    }
+}
 
 /// Nearest pixels of the same colour: offsets.
 pub struct Neighbours {

@@ -1,10 +1,34 @@
 //! Light of the display to codes, in the primaries and with the transfer function that were asked for.
 
-use crate::recipe::{Output, Space};
+use crate::setting::{names, section};
 use diopter_image::Encoding;
 use diopter_light::color::{RgbSpace, srgb_decode, srgb_encode};
 use glam::{Mat3, Vec3};
 use std::sync::LazyLock;
+
+section! {
+    /// What the numbers of the picture mean.
+    Output "output" {
+        space: Space = Space::Srgb, "", Names(Space::NAMES),
+            "primaries; files carry a profile";
+        encoding: diopter_image::Encoding = diopter_image::Encoding::Srgb, "", Names(&["srgb", "gamma-1.8", "gamma-2.2", "gamma-2.4", "linear", "pq", "hlg"]),
+            "transfer function";
+        peak: f64 = 4.926, "diffuse whites", Number(1.0, 49.26),
+            "brightest light of an HDR picture: 1000 of 203 cd/m²";
+    }
+}
+
+names! {
+    /// Primaries a picture can have.
+    Space {
+        /// sRGB, Rec.709.
+        Srgb = "srgb",
+        /// Display P3.
+        DisplayP3 = "display-p3",
+        /// Rec.2020.
+        Rec2020 = "rec2020",
+    }
+}
 
 /// Steps of the tables of the sRGB functions: errors stay below 1/65535 of a code.
 const STEPS: usize = 8192;

@@ -3,8 +3,24 @@
 //! Source: ASC Color Decision List 1.2; saturation about Rec.709 luma.
 
 use super::tone::LUMA;
-use crate::recipe::Grade;
+use crate::setting::section;
 use glam::Vec3;
+
+section! {
+    /// Grading, by the ASC CDL (version 1.2): (code · slope + offset) ^ power, then saturation about Rec.709 luma.
+    Grade "grade" {
+        slope: [f64; 3] = [1.0; 3], "", Numbers(3, 0.0, 10.0),
+            "factor of the codes of each channel (ASC CDL)";
+        offset: [f64; 3] = [0.0; 3], "code", Numbers(3, -1.0, 1.0),
+            "added to each channel (ASC CDL)";
+        power: [f64; 3] = [1.0; 3], "", Numbers(3, 0.1, 10.0),
+            "power of each channel (ASC CDL)";
+        saturation: f64 = 1.0, "", Number(0.0, 4.0),
+            "distance from grey (ASC CDL)";
+        contrast: f64 = 1.0, "", Number(0.1, 4.0),
+            "slope about the code of middle grey";
+    }
+}
 
 /// sRGB code of 18 % grey, about which contrast turns.
 const GREY_CODE: f32 = 0.461_356;

@@ -5,10 +5,29 @@
 //! saturated we go on to white.
 
 use crate::overview::SATURATED;
-use crate::recipe::HighlightMethod;
 use crate::region::Region;
+use crate::setting::{names, section};
 use diopter_image::{Cfa, RawImage};
 use rayon::prelude::*;
+
+section! {
+    /// What is brighter than the sensor can tell.
+    Highlights "highlights" {
+        method: HighlightMethod = HighlightMethod::Recover, "", Names(HighlightMethod::NAMES),
+            "clip: white where the first channel saturates; recover: saturated channels are guessed from the others";
+    }
+}
+
+names! {
+    /// What is done about saturated channels.
+    #[non_exhaustive]
+    HighlightMethod {
+        /// All channels end where the first saturates: blown highlights are white.
+        Clip = "clip",
+        /// Saturated channels are guessed from those that are not.
+        Recover = "recover",
+    }
+}
 
 /// Colour casts next to saturated places, a number a channel.
 #[derive(Clone, Debug, PartialEq)]

@@ -2,10 +2,22 @@
 //!
 //! A pixel of the result asks at which height the lens put the light that belongs there; each colour has its own.
 
-use crate::recipe::Lens;
 use crate::region::{Planes, Region};
+use crate::setting::section;
 use diopter_image::LensProfile;
 use diopter_image::raw::Filter;
+
+section! {
+    /// What the lens did, undone.
+    Lens "lens" {
+        distortion: bool = false, "", Bool,
+            "straight lines straight, by the prescription, with the edges cropped that would be empty; off: the lens is what one wants to see";
+        lateral_color: bool = false, "", Bool,
+            "colours on top of each other, by the prescription";
+        vignetting: bool = false, "", Bool,
+            "corners as bright as the middle, by the prescription";
+    }
+}
 
 /// Points of the tables.
 const POINTS: usize = 257;

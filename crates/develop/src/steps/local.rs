@@ -6,8 +6,20 @@
 
 use super::tone::{GREY, LUMA};
 use crate::overview::Overview;
-use crate::recipe::Local;
+use crate::setting::section;
 use glam::Vec3;
+
+section! {
+    /// Contrast of large areas.
+    Local "local" {
+        compression: f64 = 0.0, "", Number(0.0, 1.0),
+            "fraction of the contrast between large areas that is taken away";
+        detail: f64 = 1.0, "", Number(0.0, 4.0),
+            "factor of the contrast within areas";
+        radius: f64 = 0.04, "of the longer side", Number(0.002, 0.25),
+            "how large an area is";
+    }
+}
 
 /// Steps of log2 luminance smaller than this belong to an area, larger ones are its edge.
 const EDGE: f32 = 0.7;

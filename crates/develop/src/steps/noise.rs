@@ -6,9 +6,19 @@
 //! (IEEE TIP 16); Gao 1998, "Wavelet shrinkage denoising using the non-negative garrote".
 
 use super::demosaic::{Demosaicer, Mosaic};
-use crate::recipe::Noise;
 use crate::region::{Planes, Region};
+use crate::setting::section;
 use diopter_image::{Cfa, RawImage};
+
+section! {
+    /// Less noise.
+    Noise "noise" {
+        luminance: f64 = 0.0, "", Number(0.0, 1.0),
+            "brightness noise taken away, by the noise profile of the file; off: noise is part of the truth";
+        color: f64 = 0.0, "", Number(0.0, 1.0),
+            "colour noise taken away";
+    }
+}
 
 /// Scales: noise coarser than 32 pixels is left.
 const SCALES: usize = 5;

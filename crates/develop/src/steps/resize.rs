@@ -2,8 +2,20 @@
 //!
 //! Source: Turkowski 1990, "Filters for common resampling tasks" (Graphics Gems).
 
-use crate::recipe::Resize;
 use crate::region::{Planes, Region};
+use crate::setting::section;
+
+section! {
+    /// Size of the picture; with none of the lengths it stays.
+    Resize "resize" {
+        width: Option<u32> = None, "px", Number(1.0, 65_535.0),
+            "width; with the height alone it follows the shape";
+        height: Option<u32> = None, "px", Number(1.0, 65_535.0),
+            "height";
+        long_edge: Option<u32> = None, "px", Number(1.0, 65_535.0),
+            "the longer side";
+    }
+}
 
 /// Zero crossings of the window.
 const LOBES: f64 = 3.0;

@@ -3,8 +3,17 @@
 //! A row's offset is the median, over its pixels, of the difference to the mean of the same colour above and below; a picture's own edges touch
 //! few columns alike and fall out of the median.
 
+use crate::setting::section;
 use diopter_image::RawImage;
 use rayon::prelude::*;
+
+section! {
+    /// Offsets of rows.
+    RowNoise "row_noise" {
+        amount: f64 = 0.0, "", Number(0.0, 1.0),
+            "fraction of a row's offset from its neighbours that is taken away; off: it can take fine level lines for noise";
+    }
+}
 
 /// Rounds in which the offsets of neighbours are parted.
 const ROUNDS: usize = 8;

@@ -1,10 +1,22 @@
 //! Unsharp masking of brightness, in codes, so that edges get no darker and brighter sides of different strength.
 
 use super::tone::LUMA;
-use crate::recipe::Sharpen;
 use crate::region::{Planes, Region};
+use crate::setting::section;
 use diopter_light::color::srgb_encode;
 use glam::Vec3;
+
+section! {
+    /// Sharpening of brightness.
+    Sharpen "sharpen" {
+        amount: f64 = 0.0, "", Number(0.0, 5.0),
+            "how much of the difference to the blurred picture is added";
+        radius: f64 = 0.8, "px", Number(0.2, 20.0),
+            "deviation of the blur";
+        threshold: f64 = 0.0, "code", Number(0.0, 1.0),
+            "smaller differences are taken for noise";
+    }
+}
 
 /// Weights of a Gaussian from the middle outwards, their full sum 1.
 fn gaussian(deviation: f64) -> Vec<f32> {

@@ -4,11 +4,23 @@
 //! Adobe's DNG SDK; automatic balance: Finlayson & Trezzi 2004, "Shades of gray and colour constancy" (CIC 12), p = 6.
 
 use crate::overview::Overview;
-use crate::recipe::{RecipeError, White};
+use crate::setting::{RecipeError, section};
 use crate::steps::camera_matrix;
 use diopter_image::RawHeader;
 use diopter_light::cie;
 use diopter_light::color::{xy_from_xyz, xyz_of};
+
+section! {
+    /// What is white.
+    White "white" {
+        balance: String = "as-shot".into(), "", Text,
+            "as-shot, auto, daylight, cloudy, shade, tungsten, fluorescent, flash, an illuminant (D50) or a temperature (5200 K)";
+        tint: f64 = 0.0, "1/3000 of uv", Number(-150.0, 150.0),
+            "off the line of black bodies: greener below 0, more magenta above";
+        patch: Option<[f64; 4]> = None, "fraction of the picture", Numbers(4, 0.0, 1.0),
+            "left, top, width, height of a part that is grey; wins over white.balance";
+    }
+}
 
 /// Tint of one unit of distance in uv.
 const TINT: f64 = 3000.0;

@@ -3,18 +3,28 @@
 //! Sources: AMPAS, aces-dev 1.3, RRT and ODT.Academy.sRGB_100nits_dim (constants and formulas of the CTL transforms); Hill's fit as given in
 //! BakingLab, ACES.hlsl. Light is linear Rec.709.
 
-use super::Table;
+use super::{Asked, Rendering, Table};
 use diopter_light::color::{ACES_XY, AP0_PRIMARIES, RgbSpace, xyz_from_primaries};
 use glam::{Mat3, Vec3};
 
 /// Hill's fit.
-pub fn fit(c: Vec3) -> Vec3 {
-    const INTO: Mat3 = Mat3::from_cols_array(&[0.59719, 0.07600, 0.02840, 0.35458, 0.90834, 0.13383, 0.04823, 0.01566, 0.83777]);
-    const OUT: Mat3 =
-        Mat3::from_cols_array(&[1.60475, -0.10208, -0.00327, -0.53108, 1.10813, -0.07276, -0.07367, -0.00605, 1.07602]);
-    let v = INTO * c.max(Vec3::ZERO);
-    let v = (v * (v + 0.024_578_6) - 0.000_090_537) / (v * (0.983_729 * v + 0.432_951) + 0.238_081);
-    (OUT * v).clamp(Vec3::ZERO, Vec3::ONE)
+pub struct Fit;
+
+impl Rendering for Fit {
+    fn new(_: &Asked) -> Self {
+        Fit
+    }
+
+    #[inline]
+    fn at(&self, scene: Vec3) -> Vec3 {
+        const INTO: Mat3 =
+            Mat3::from_cols_array(&[0.59719, 0.07600, 0.02840, 0.35458, 0.90834, 0.13383, 0.04823, 0.01566, 0.83777]);
+        const OUT: Mat3 =
+            Mat3::from_cols_array(&[1.60475, -0.10208, -0.00327, -0.53108, 1.10813, -0.07276, -0.07367, -0.00605, 1.07602]);
+        let v = INTO * scene.max(Vec3::ZERO);
+        let v = (v * (v + 0.024_578_6) - 0.000_090_537) / (v * (0.983_729 * v + 0.432_951) + 0.238_081);
+        (OUT * v).clamp(Vec3::ZERO, Vec3::ONE)
+    }
 }
 
 /// AP1 luminance.
@@ -47,8 +57,8 @@ pub struct Tables {
     black: f32,
 }
 
-impl Tables {
-    pub fn new() -> Self {
+impl Rendering for Tables {
+    fn new(_: &Asked) -> Self {
         let ap0 = xyz_from_primaries(AP0_PRIMARIES, ACES_XY);
         let srgb_to_xyz = RgbSpace::AcesCg.xyz_from_rgb() * RgbSpace::AcesCg.from_space(RgbSpace::Srgb);
         let ap1 = RgbSpace::AcesCg.xyz_from_rgb();
@@ -63,9 +73,8 @@ impl Tables {
         }
     }
 
-    /// Display light of scene light.
-    pub fn apply(&self, c: Vec3) -> Vec3 {
-        let aces = red_modified(glowing(self.ap0_from_srgb * c));
+    fn at(&self, scene: Vec3) -> Vec3 {
+        let aces = red_modified(glowing(self.ap0_from_srgb * scene));
         let ap1 = (self.ap1_from_ap0 * aces.clamp(Vec3::ZERO, Vec3::splat(65_504.0))).clamp(Vec3::ZERO, Vec3::splat(65_504.0));
         let v = saturated(ap1, RRT_SATURATION);
         let v = v.map(|x| if x > 0.0 { self.curve.at(x.log2()) } else { self.black });

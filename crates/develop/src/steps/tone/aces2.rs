@@ -4,6 +4,8 @@
 //! model is CAM16 after Hellwig & Fairchild 2022, in JMh: lightness, colourfulness, hue (degrees). Tables over hue are finer than the reference's
 //! and therefore not placed at the corners of the gamut.
 
+use super::{Asked, Rendering};
+use diopter_image::encoding::HDR_WHITE_NITS;
 use diopter_light::color::{ACES_XY, AP0_PRIMARIES, RgbSpace, xyz_from_primaries};
 use glam::{DMat3, DVec3, Mat3, Vec3};
 
@@ -216,14 +218,26 @@ pub struct Transform {
     out: Mat3,
 }
 
-impl Transform {
-    /// For displays of 100 cd/m² with Rec.709 primaries.
-    pub fn new() -> Self {
-        Transform::for_display(100.0, RgbSpace::Srgb, 100.0)
+impl Rendering for Transform {
+    const KNOWS_PEAK: bool = true;
+
+    /// Without a brighter display: 100 cd/m² and Rec.709 primaries.
+    fn new(asked: &Asked) -> Self {
+        let white = f64::from(HDR_WHITE_NITS);
+        match asked.brighter_peak() {
+            Some(peak) => Transform::for_display(f64::from(peak) * white, asked.gamut, white),
+            None => Transform::for_display(100.0, RgbSpace::Srgb, 100.0),
+        }
     }
 
+    fn at(&self, scene: Vec3) -> Vec3 {
+        self.apply(scene)
+    }
+}
+
+impl Transform {
     /// For a display of a peak luminance (cd/m²), limited to the gamut of a space; light comes out with 1 = `white` cd/m².
-    pub fn for_display(peak: f64, gamut: RgbSpace, white: f64) -> Self {
+    fn for_display(peak: f64, gamut: RgbSpace, white: f64) -> Self {
         let ap0 = xyz_from_primaries(AP0_PRIMARIES, ACES_XY);
         let ap1 = RgbSpace::AcesCg.xyz_from_rgb();
         let (input, reach_model) = (Model::new(ap0), Model::new(ap1));
@@ -261,7 +275,7 @@ impl Transform {
     }
 
     /// Light of the display, linear Rec.709, from light of the scene, linear Rec.709.
-    pub fn apply(&self, c: Vec3) -> Vec3 {
+    fn apply(&self, c: Vec3) -> Vec3 {
         let ap1 = (self.ap1_from_srgb * c).clamp(Vec3::ZERO, Vec3::splat(self.tone.input_limit));
         let o = self.input.opponent(self.ap0_from_ap1 * ap1);
         let jmh = self.input.jmh_of(o);

@@ -4,7 +4,7 @@
 //! through a sigmoid of slope 2 with a toe of power 3 and a shoulder of power 3.25. The result is a display code. Other AgX (Blender's, Filament's,
 //! three.js's) have other matrices, slopes or an outset after the curve.
 
-use super::{LUMA, Table};
+use super::{Asked, LUMA, Rendering, Table};
 use diopter_light::color::srgb_decode;
 use glam::{Mat3, Vec3};
 
@@ -28,39 +28,44 @@ const SLOPE: f64 = 2.0;
 const TOE_POWER: f64 = 3.0;
 const SHOULDER_POWER: f64 = 3.25;
 
-/// A look on top of the curve.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[non_exhaustive]
-pub enum Look {
-    /// None.
-    Base,
-    /// More contrast and colour: power 1.35, saturation 1.4.
-    Punchy,
-}
-
+/// The curve without a look.
 pub struct Agx {
     inset: Mat3,
     sigmoid: Table,
-    look: Look,
 }
 
 impl Agx {
-    pub fn new(look: Look) -> Self {
-        Agx { inset: Mat3::from_cols_array(&INSET).transpose(), sigmoid: Table::new(0.0, 1.0, 4097, sigmoid), look }
+    /// Display codes.
+    fn codes(&self, scene: Vec3) -> Vec3 {
+        let c = self.inset * scene.max(Vec3::ZERO);
+        c.map(|v| self.sigmoid.at((v.max(1e-10).log2() - RANGE[0]) / (RANGE[1] - RANGE[0])))
+    }
+}
+
+impl Rendering for Agx {
+    fn new(_: &Asked) -> Self {
+        Agx { inset: Mat3::from_cols_array(&INSET).transpose(), sigmoid: Table::new(0.0, 1.0, 4097, sigmoid) }
     }
 
-    pub fn apply(&self, c: Vec3) -> Vec3 {
-        let c = self.inset * c.max(Vec3::ZERO);
-        let code = c.map(|v| self.sigmoid.at((v.max(1e-10).log2() - RANGE[0]) / (RANGE[1] - RANGE[0])));
-        let code = match self.look {
-            Look::Base => code,
-            Look::Punchy => {
-                let code = code.map(|v| v.max(0.0).powf(1.35));
-                let luma = Vec3::splat(code.dot(LUMA));
-                (luma + (code - luma) * 1.4).clamp(Vec3::ZERO, Vec3::ONE)
-            }
-        };
-        code.map(srgb_decode)
+    #[inline]
+    fn at(&self, scene: Vec3) -> Vec3 {
+        self.codes(scene).map(srgb_decode)
+    }
+}
+
+/// More contrast and colour: power 1.35, saturation 1.4.
+pub struct Punchy(Agx);
+
+impl Rendering for Punchy {
+    fn new(asked: &Asked) -> Self {
+        Punchy(Agx::new(asked))
+    }
+
+    #[inline]
+    fn at(&self, scene: Vec3) -> Vec3 {
+        let code = self.0.codes(scene).map(|v| v.max(0.0).powf(1.35));
+        let luma = Vec3::splat(code.dot(LUMA));
+        (luma + (code - luma) * 1.4).clamp(Vec3::ZERO, Vec3::ONE).map(srgb_decode)
     }
 }
 

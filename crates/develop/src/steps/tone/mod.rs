@@ -1,4 +1,4 @@
-//! Tone curves: from the light of the scene to that of a display. One file a family.
+//! Tone curves: from the light of the scene to that of a display. One file a family, one line a curve (`curves!`).
 //!
 //! Every curve takes linear Rec.709 light of the scene, 0.18 = middle grey, and gives linear Rec.709 light of a display, 1 = its white. Curves
 //! that were published as display codes (AgX, Hejl) are decoded by the sRGB function, so that a finished sRGB picture holds their codes.
@@ -7,11 +7,11 @@ mod aces1;
 mod aces2;
 mod agx;
 mod filmic;
+mod linear;
 mod neutral;
 mod reinhard;
 
-use crate::recipe::{Curve, Tone};
-use diopter_image::encoding::HDR_WHITE_NITS;
+use crate::setting::{names, section};
 use diopter_light::color::RgbSpace;
 use glam::Vec3;
 
@@ -24,6 +24,122 @@ pub const GREY_GAIN: f32 = 0.18 * 78.0 / 10.0;
 /// Luminance of Rec.709.
 pub const LUMA: Vec3 = diopter_light::color::SRGB_LUMINANCE;
 
+/// What a curve is made ready for.
+struct Asked {
+    /// Luminance to be shown as white, by curves that let one choose.
+    white: Option<f32>,
+    /// The brightest light that the display can show, in whites; above 1 for HDR.
+    peak: f32,
+    /// Its primaries.
+    gamut: RgbSpace,
+}
+
+impl Asked {
+    /// The white that was asked for, or what the curve was published with.
+    fn white_or(&self, published: f32) -> f32 {
+        self.white.unwrap_or(published)
+    }
+
+    /// The peak of a display brighter than white.
+    fn brighter_peak(&self) -> Option<f32> {
+        Some(self.peak).filter(|p| *p > 1.0 && p.is_finite())
+    }
+}
+
+/// A curve: linear Rec.709 light of the scene to that of the display.
+trait Rendering: Sized {
+    /// Whether it knows displays brighter than white.
+    const KNOWS_PEAK: bool = false;
+
+    fn new(asked: &Asked) -> Self;
+
+    fn at(&self, scene: Vec3) -> Vec3;
+}
+
+impl<T: Rendering> Rendering for Box<T> {
+    const KNOWS_PEAK: bool = T::KNOWS_PEAK;
+
+    fn new(asked: &Asked) -> Self {
+        Box::new(T::new(asked))
+    }
+
+    #[inline]
+    fn at(&self, scene: Vec3) -> Vec3 {
+        (**self).at(scene)
+    }
+}
+
+/// All curves, a line each: variant, name in recipes, and the type that makes and applies it.
+macro_rules! curves {
+    ($($(#[$doc:meta])* $variant:ident = $text:literal => $type:ty,)*) => {
+        names! {
+            /// Tone curves.
+            #[non_exhaustive]
+            Curve { $($(#[$doc])* $variant = $text,)* }
+        }
+
+        #[cfg(test)]
+        const ALL: &[Curve] = &[$(Curve::$variant,)*];
+
+        enum Kind { $($variant($type),)* }
+
+        impl Kind {
+            fn new(curve: Curve, asked: &Asked) -> Self {
+                match curve { $(Curve::$variant => Kind::$variant(<$type as Rendering>::new(asked)),)* }
+            }
+
+            fn knows_peak(&self) -> bool {
+                match self { $(Kind::$variant(_) => <$type as Rendering>::KNOWS_PEAK,)* }
+            }
+
+            #[inline]
+            fn at(&self, scene: Vec3) -> Vec3 {
+                match self { $(Kind::$variant(curve) => curve.at(scene),)* }
+            }
+        }
+    };
+}
+
+curves! {
+    /// None: clipped at white.
+    Linear = "linear" => linear::Clipped,
+    /// Reinhard et al. 2002, x / (1 + x), on each channel.
+    Reinhard = "reinhard" => reinhard::Simple,
+    /// Reinhard et al. 2002, eq. 4, with a white, on luminance.
+    ReinhardExtended = "reinhard-extended" => reinhard::Extended,
+    /// Reinhard et al. 2002, L / (1 + L), on luminance.
+    ReinhardLuminance = "reinhard-luminance" => reinhard::Luminance,
+    /// Hill's fit of the ACES 1.x reference rendering for sRGB displays.
+    #[serde(alias = "aces")]
+    AcesFit = "aces-fit" => aces1::Fit,
+    /// ACES 1.3 reference rendering and sRGB output transform.
+    Aces13 = "aces-1.3" => Box<aces1::Tables>,
+    /// ACES 2.0 output transform, Rec.709, 100 cd/m².
+    Aces20 = "aces-2.0" => Box<aces2::Transform>,
+    /// AgX, Sobotka's original.
+    Agx = "agx" => Box<agx::Agx>,
+    /// AgX with the punchy look.
+    AgxPunchy = "agx-punchy" => Box<agx::Punchy>,
+    /// Khronos PBR Neutral.
+    Neutral = "neutral" => neutral::Neutral,
+    /// Hable's filmic curve (Uncharted 2).
+    Hable = "hable" => filmic::Hable,
+    /// Hejl & Burgess-Dawson's filmic curve.
+    Hejl = "hejl" => filmic::Hejl,
+}
+
+section! {
+    /// Tone curve.
+    Tone "tone" {
+        curve: Curve = Curve::AcesFit, "", Names(Curve::NAMES),
+            "from the light of the scene to that of a display";
+        keep_grey: bool = true, "", Bool,
+            "scales the light so that 18 % grey is shown as 18 % with every curve; without, the curve is as published";
+        white: Option<f64> = None, "", Number(0.5, 1000.0),
+            "luminance shown as white by reinhard-extended (4) and hable (11.2)";
+    }
+}
+
 /// A curve made ready.
 pub struct ToneCurve {
     kind: Kind,
@@ -33,46 +149,13 @@ pub struct ToneCurve {
     peak: Option<f32>,
 }
 
-enum Kind {
-    /// Clipped at this light.
-    Linear(f32),
-    Reinhard,
-    ReinhardExtended(f32),
-    ReinhardLuminance,
-    AcesFit,
-    Aces13(Box<aces1::Tables>),
-    Aces20(Box<aces2::Transform>),
-    Agx(Box<agx::Agx>),
-    Neutral,
-    Hable(f32),
-    Hejl,
-}
-
 impl ToneCurve {
     /// Prepares a curve. `peak`: the brightest light the display can show, in whites, above 1 for HDR; `gamut`: its primaries. Of the curves
     /// `linear` and `aces-2.0` know displays brighter than white; others keep their look up to grey and pass over into the light of the scene.
     pub fn new(tone: &Tone, peak: f32, gamut: RgbSpace) -> Self {
-        let white = |published: f32| tone.white.map_or(published, |w| w as f32);
-        let kind = match tone.curve {
-            Curve::Linear => Kind::Linear(peak),
-            Curve::Reinhard => Kind::Reinhard,
-            Curve::ReinhardExtended => Kind::ReinhardExtended(white(reinhard::WHITE)),
-            Curve::ReinhardLuminance => Kind::ReinhardLuminance,
-            Curve::AcesFit => Kind::AcesFit,
-            Curve::Aces13 => Kind::Aces13(Box::new(aces1::Tables::new())),
-            Curve::Aces20 if peak > 1.0 && peak.is_finite() => {
-                let white = f64::from(HDR_WHITE_NITS);
-                Kind::Aces20(Box::new(aces2::Transform::for_display(f64::from(peak) * white, gamut, white)))
-            }
-            Curve::Aces20 => Kind::Aces20(Box::new(aces2::Transform::new())),
-            Curve::Agx => Kind::Agx(Box::new(agx::Agx::new(agx::Look::Base))),
-            Curve::AgxPunchy => Kind::Agx(Box::new(agx::Agx::new(agx::Look::Punchy))),
-            Curve::Neutral => Kind::Neutral,
-            Curve::Hable => Kind::Hable(white(filmic::HABLE_WHITE)),
-            Curve::Hejl => Kind::Hejl,
-        };
-        let knows = matches!(kind, Kind::Linear(_) | Kind::Aces20(_));
-        let peak = (!knows && peak > 1.0 && peak.is_finite()).then_some(peak);
+        let asked = Asked { white: tone.white.map(|w| w as f32), peak, gamut };
+        let kind = Kind::new(tone.curve, &asked);
+        let peak = asked.brighter_peak().filter(|_| !kind.knows_peak());
         let mut curve = ToneCurve { kind, gain: 1.0, peak };
         if tone.keep_grey {
             curve.gain = curve.gain_that_keeps_grey();
@@ -82,7 +165,7 @@ impl ToneCurve {
 
     /// The gain with which middle grey is shown as middle grey, by halving; curves rise.
     fn gain_that_keeps_grey(&self) -> f32 {
-        let shown = |gain: f32| self.at(Vec3::splat(GREY * gain)).dot(LUMA);
+        let shown = |gain: f32| self.kind.at(Vec3::splat(GREY * gain)).dot(LUMA);
         let (mut low, mut high) = (0.05f32, 20.0f32);
         for _ in 0..40 {
             let middle = (low * high).sqrt();
@@ -94,28 +177,10 @@ impl ToneCurve {
     /// Light of the display, 0 to its peak.
     #[inline]
     pub fn apply(&self, scene: Vec3) -> Vec3 {
-        let shown = self.at(scene * self.gain);
+        let shown = self.kind.at(scene * self.gain);
         match self.peak {
             Some(peak) => brighter(shown, scene, peak),
             None => shown,
-        }
-    }
-
-    #[inline]
-    fn at(&self, c: Vec3) -> Vec3 {
-        match &self.kind {
-            // Colours outside Rec.709 stay: another space may hold them.
-            Kind::Linear(peak) => c.min(Vec3::splat(*peak)),
-            Kind::Reinhard => reinhard::simple(c),
-            Kind::ReinhardExtended(white) => reinhard::extended(c, *white),
-            Kind::ReinhardLuminance => reinhard::luminance(c),
-            Kind::AcesFit => aces1::fit(c),
-            Kind::Aces13(tables) => tables.apply(c),
-            Kind::Aces20(transform) => transform.apply(c),
-            Kind::Agx(agx) => agx.apply(c),
-            Kind::Neutral => neutral::neutral(c),
-            Kind::Hable(white) => filmic::hable(c, *white),
-            Kind::Hejl => filmic::hejl(c),
         }
     }
 }
@@ -163,21 +228,6 @@ mod tests {
     use super::*;
     use diopter_light::color::{srgb_decode, srgb_encode};
 
-    const CURVES: [Curve; 12] = [
-        Curve::Linear,
-        Curve::Reinhard,
-        Curve::ReinhardExtended,
-        Curve::ReinhardLuminance,
-        Curve::AcesFit,
-        Curve::Aces13,
-        Curve::Aces20,
-        Curve::Agx,
-        Curve::AgxPunchy,
-        Curve::Neutral,
-        Curve::Hable,
-        Curve::Hejl,
-    ];
-
     fn published(curve: Curve) -> ToneCurve {
         ToneCurve::new(&Tone { curve, keep_grey: false, white: None }, 1.0, RgbSpace::Srgb)
     }
@@ -188,7 +238,7 @@ mod tests {
 
     #[test]
     fn neutral_stays_neutral_and_brighter_never_gets_darker() {
-        for curve in CURVES {
+        for &curve in ALL {
             let tone = published(curve);
             let mut before = -1.0;
             for i in 0..400 {
@@ -205,7 +255,7 @@ mod tests {
 
     #[test]
     fn middle_grey_is_kept_where_asked() {
-        for curve in CURVES {
+        for &curve in ALL {
             let tone = ToneCurve::new(&Tone { curve, keep_grey: true, white: None }, 1.0, RgbSpace::Srgb);
             let got = tone.apply(Vec3::splat(0.18)).y;
             assert!((got - 0.18).abs() < 3e-4, "{curve:?} {got}");
@@ -214,7 +264,7 @@ mod tests {
 
     #[test]
     fn brighter_displays_show_the_same_middle_and_more_light() {
-        for curve in CURVES {
+        for &curve in ALL {
             let tone = |peak| ToneCurve::new(&Tone { curve, keep_grey: true, white: None }, peak, RgbSpace::Rec2020);
             let (sdr, hdr) = (tone(1.0), tone(5.0));
             let at = |t: &ToneCurve, v: f32| t.apply(Vec3::splat(v)).y;
@@ -227,7 +277,7 @@ mod tests {
 
     #[test]
     fn odd_light_gives_numbers() {
-        for curve in CURVES {
+        for &curve in ALL {
             for odd in [[-1.0, 0.5, 2.0], [0.0; 3], [-0.1; 3], [1e6, 0.0, 1e-6], [65_504.0; 3]] {
                 let out = published(curve).apply(Vec3::from(odd));
                 assert!(out.is_finite(), "{curve:?} {odd:?} {out}");
