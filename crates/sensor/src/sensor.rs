@@ -1,7 +1,7 @@
 //! The data sheet of a body as a type.
 
 use crate::data::BODIES;
-use crate::{SensorError, nearest, sheet};
+use crate::{SensorError, nearest};
 use diopter_image::Cfa;
 use diopter_image::focal_plane::{Band, BandUnit};
 use diopter_light::spectrum::Table;
@@ -181,11 +181,6 @@ impl Sensor {
                 Err(SensorError::Unknown { what: "body", found: name.into(), hint })
             }
         }
-    }
-
-    /// Reads a data sheet; `place` names it in errors.
-    pub fn parse(text: &str, place: &str) -> Result<Sensor, SensorError> {
-        sheet::parse(text, place)
     }
 
     /// Distance between pixels, mm, across and down.

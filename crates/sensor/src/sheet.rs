@@ -191,216 +191,248 @@ impl Checks<'_> {
     }
 }
 
-pub(crate) fn parse(text: &str, place: &str) -> Result<Sensor, SensorError> {
-    let s: Sheet = toml::from_str(text)
-        .map_err(|e| SensorError::Parse { place: place.into(), reason: e.to_string().trim_end().to_owned() })?;
-    let check = Checks { place };
-    for v in s.format_mm {
-        check.that(v > 0.0 && v <= 1000.0, "format_mm", format!("{:?}", s.format_mm), "two lengths above 0, up to 1000 mm")?;
-    }
-    check.that(s.pixels.iter().all(|v| (1..=65_535).contains(v)), "pixels", format!("{:?}", s.pixels), "1 to 65535 a side")?;
-    let q = s.peak_quantum_efficiency;
-    check.that(q > 0.0 && q <= 1.0, "peak_quantum_efficiency", q, "a number above 0, at most 1")?;
-    check.that((8..=16).contains(&s.adc_bits), "adc_bits", s.adc_bits, "8 to 16")?;
-    let top = f64::from((1u32 << s.adc_bits) - 1);
-    for [black, white] in s.levels.iter().map(|l| [l[1], l[2]]).chain([[s.black_level_dn, s.white_level_dn]]) {
+impl Sensor {
+    /// Reads a data sheet; `place` names it in errors.
+    pub fn parse(text: &str, place: &str) -> Result<Sensor, SensorError> {
+        let s: Sheet = toml::from_str(text)
+            .map_err(|e| SensorError::Parse { place: place.into(), reason: e.to_string().trim_end().to_owned() })?;
+        let check = Checks { place };
+        for v in s.format_mm {
+            check.that(
+                v > 0.0 && v <= 1000.0,
+                "format_mm",
+                format!("{:?}", s.format_mm),
+                "two lengths above 0, up to 1000 mm",
+            )?;
+        }
         check.that(
-            black >= 0.0 && black < white && white <= top,
-            "black_level_dn and white_level_dn",
-            format!("{black} and {white}"),
-            &format!("0 <= black < white <= {top}, the largest number of {} bits", s.adc_bits),
+            s.pixels.iter().all(|v| (1..=65_535).contains(v)),
+            "pixels",
+            format!("{:?}", s.pixels),
+            "1 to 65535 a side",
         )?;
-    }
-    check.that(
-        s.levels.iter().all(|l| l[0] > 0.0 && l[0].is_finite()) && s.levels.windows(2).all(|w| w[0][0] < w[1][0]),
-        "levels",
-        format!("{:?}", s.levels),
-        "rows of rising ISO, black and white level (DN)",
-    )?;
-    for (value, what) in [
-        (s.dsnu_e, "dsnu_e"),
-        (s.dsnu_row_e, "dsnu_row_e"),
-        (s.dsnu_column_e, "dsnu_column_e"),
-        (s.hot_pixel_factor, "hot_pixel_factor"),
-        (s.low_pass_px, "low_pass_px"),
-    ] {
-        check.not_negative(value, what)?;
-    }
-    check.that((0.0..=20.0).contains(&s.prnu_percent), "prnu_percent", s.prnu_percent, "0 to 20")?;
-    check.that((0.0..=1.0).contains(&s.hot_pixel_fraction), "hot_pixel_fraction", s.hot_pixel_fraction, "a fraction, 0 to 1")?;
-    check.that(s.low_pass_px <= 8.0, "low_pass_px", s.low_pass_px, "up to 8 pixels")?;
-    check.that(s.fill_factor > 0.0 && s.fill_factor <= 1.0, "fill_factor", s.fill_factor, "a fraction above 0, at most 1")?;
-    check.that(
-        (0.0..=20.0).contains(&s.crosstalk_percent),
-        "crosstalk_percent",
-        s.crosstalk_percent,
-        "0 to 20 to each neighbour",
-    )?;
-    check.that(
-        s.dark_current.iter().all(|[c, e]| *c >= -273.15 && c.is_finite() && *e > 0.0 && e.is_finite())
-            && s.dark_current.windows(2).all(|w| w[0][0] < w[1][0]),
-        "dark_current",
-        format!("{:?}", s.dark_current),
-        "rows of rising temperature (°C) and a current above 0 (e-/s)",
-    )?;
-    check.positive(s.dark_current_doubling_c, "dark_current_doubling_c")?;
-    check.that((-273.15..=200.0).contains(&s.temperature_c), "temperature_c", s.temperature_c, "-273 to 200 °C")?;
-
-    let cfa = Cfa::parse(&s.cfa).ok_or_else(|| SensorError::Range {
-        what: format!("{place}: cfa"),
-        found: format!("\"{}\"", s.cfa),
-        expected: "letters R, G, B, W or, of polarisers, H, D, V, A in rows parted by / (such as RG/GB), at most four different ones, or mono, quad, x-trans, \
-                   rgbw, rccc, polarized"
-            .into(),
-    })?;
-    let relative = relative_responses(s.response, &cfa, place)?;
-    let relative = through(relative, s.filter, &check)?;
-    for (curve, channel) in relative.iter().zip(cfa.channel_names()) {
+        let q = s.peak_quantum_efficiency;
+        check.that(q > 0.0 && q <= 1.0, "peak_quantum_efficiency", q, "a number above 0, at most 1")?;
+        check.that((8..=16).contains(&s.adc_bits), "adc_bits", s.adc_bits, "8 to 16")?;
+        let top = f64::from((1u32 << s.adc_bits) - 1);
+        for [black, white] in s.levels.iter().map(|l| [l[1], l[2]]).chain([[s.black_level_dn, s.white_level_dn]]) {
+            check.that(
+                black >= 0.0 && black < white && white <= top,
+                "black_level_dn and white_level_dn",
+                format!("{black} and {white}"),
+                &format!("0 <= black < white <= {top}, the largest number of {} bits", s.adc_bits),
+            )?;
+        }
         check.that(
-            curve.max() > 0.0,
-            &format!("response {channel}"),
-            "0 everywhere",
-            "a response somewhere from 380 to 780 nm",
+            s.levels.iter().all(|l| l[0] > 0.0 && l[0].is_finite()) && s.levels.windows(2).all(|w| w[0][0] < w[1][0]),
+            "levels",
+            format!("{:?}", s.levels),
+            "rows of rising ISO, black and white level (DN)",
         )?;
-    }
-    let peak = relative.iter().map(Table::max).fold(0.0, f32::max);
-    let quantum_efficiency = relative.iter().map(|t| t.scaled(q as f32 / peak)).collect();
+        for (value, what) in [
+            (s.dsnu_e, "dsnu_e"),
+            (s.dsnu_row_e, "dsnu_row_e"),
+            (s.dsnu_column_e, "dsnu_column_e"),
+            (s.hot_pixel_factor, "hot_pixel_factor"),
+            (s.low_pass_px, "low_pass_px"),
+        ] {
+            check.not_negative(value, what)?;
+        }
+        check.that((0.0..=20.0).contains(&s.prnu_percent), "prnu_percent", s.prnu_percent, "0 to 20")?;
+        check.that(
+            (0.0..=1.0).contains(&s.hot_pixel_fraction),
+            "hot_pixel_fraction",
+            s.hot_pixel_fraction,
+            "a fraction, 0 to 1",
+        )?;
+        check.that(s.low_pass_px <= 8.0, "low_pass_px", s.low_pass_px, "up to 8 pixels")?;
+        check.that(s.fill_factor > 0.0 && s.fill_factor <= 1.0, "fill_factor", s.fill_factor, "a fraction above 0, at most 1")?;
+        check.that(
+            (0.0..=20.0).contains(&s.crosstalk_percent),
+            "crosstalk_percent",
+            s.crosstalk_percent,
+            "0 to 20 to each neighbour",
+        )?;
+        check.that(
+            s.dark_current.iter().all(|[c, e]| *c >= -273.15 && c.is_finite() && *e > 0.0 && e.is_finite())
+                && s.dark_current.windows(2).all(|w| w[0][0] < w[1][0]),
+            "dark_current",
+            format!("{:?}", s.dark_current),
+            "rows of rising temperature (°C) and a current above 0 (e-/s)",
+        )?;
+        check.positive(s.dark_current_doubling_c, "dark_current_doubling_c")?;
+        check.that((-273.15..=200.0).contains(&s.temperature_c), "temperature_c", s.temperature_c, "-273 to 200 °C")?;
 
-    let mut iso = iso_steps(s.iso, s.amplifier.as_ref(), &check)?;
-    for step in &mut iso {
-        let here = s.levels.iter().rev().find(|l| l[0] <= step.iso * 1.001);
-        [step.black_level_dn, step.white_level_dn] = here.map_or([s.black_level_dn, s.white_level_dn], |l| [l[1], l[2]]);
-        if let Some(limit) = s.digital_above_iso.filter(|l| step.iso > l * 1.001) {
-            step.digital_gain = step.iso / limit;
+        let cfa = Cfa::parse(&s.cfa).ok_or_else(|| SensorError::Range {
+            what: format!("{place}: cfa"),
+            found: format!("\"{}\"", s.cfa),
+            expected: "letters R, G, B, W or, of polarisers, H, D, V, A in rows parted by / (such as RG/GB), at most four different ones, or mono, quad, x-trans, \
+                       rgbw, rccc, polarized"
+                .into(),
+        })?;
+        let relative = relative_responses(s.response, &cfa, place)?;
+        let relative = through(relative, s.filter, &check)?;
+        for (curve, channel) in relative.iter().zip(cfa.channel_names()) {
+            check.that(
+                curve.max() > 0.0,
+                &format!("response {channel}"),
+                "0 everywhere",
+                "a response somewhere from 380 to 780 nm",
+            )?;
         }
-        if s.read_noise_includes_rounding {
-            // Rounding after a digital gain is that of the numbers before it.
-            let rounding = (step.gain_e_per_dn * step.digital_gain).powi(2) / 12.0;
-            step.read_noise_e = (step.read_noise_e.powi(2) - rounding).max(0.0).sqrt();
-        }
-    }
-    if let Some(limit) = s.digital_above_iso {
-        check.positive(limit, "digital_above_iso")?;
-        check.that(limit >= iso[0].iso, "digital_above_iso", limit, &format!("{} or more, the lowest setting", iso[0].iso))?;
-    }
-    if let Some(switch) = s.dual_gain_iso {
-        check.positive(switch, "dual_gain_iso")?;
-    }
-    let dark_noise = iso[0].read_noise_e.hypot(iso[0].row_noise_e);
-    let full_well_e = match (s.full_well_e, s.saturation_capacity_e) {
-        (Some(well), None) => {
-            check.positive(well, "full_well_e")?;
-            well
-        }
-        (None, Some(capacity)) => {
-            check.positive(capacity, "saturation_capacity_e")?;
-            // The limit whose measured capacity it is.
-            let mut well = capacity;
-            for _ in 0..20 {
-                well += capacity - saturation_capacity(well, dark_noise);
+        let peak = relative.iter().map(Table::max).fold(0.0, f32::max);
+        let quantum_efficiency = relative.iter().map(|t| t.scaled(q as f32 / peak)).collect();
+
+        let mut iso = iso_steps(s.iso, s.amplifier.as_ref(), &check)?;
+        for step in &mut iso {
+            let here = s.levels.iter().rev().find(|l| l[0] <= step.iso * 1.001);
+            [step.black_level_dn, step.white_level_dn] = here.map_or([s.black_level_dn, s.white_level_dn], |l| [l[1], l[2]]);
+            if let Some(limit) = s.digital_above_iso.filter(|l| step.iso > l * 1.001) {
+                step.digital_gain = step.iso / limit;
             }
-            well
+            if s.read_noise_includes_rounding {
+                // Rounding after a digital gain is that of the numbers before it.
+                let rounding = (step.gain_e_per_dn * step.digital_gain).powi(2) / 12.0;
+                step.read_noise_e = (step.read_noise_e.powi(2) - rounding).max(0.0).sqrt();
+            }
         }
-        (found, _) => {
-            let found = if found.is_some() { "both" } else { "neither" };
-            return check.that(false, "full_well_e and saturation_capacity_e", found, "one of the two").map(|()| unreachable!());
-        }
-    };
-    for step in &iso {
-        // Fewer numbers than that between black and white are a slip of units, not a camera.
-        let numbers = full_well_e.min((step.white_level_dn - step.black_level_dn) * step.gain_e_per_dn) / step.gain_e_per_dn;
-        check.that(
-            numbers >= 16.0,
-            "full_well_e",
-            format!("{full_well_e} e- at ISO {}, which is {numbers:.1} numbers above black", step.iso),
-            "at least 16 numbers from black to white",
-        )?;
-    }
-    let second_reading = match s.second_reading {
-        None => None,
-        Some(r) => {
+        if let Some(limit) = s.digital_above_iso {
+            check.positive(limit, "digital_above_iso")?;
             check.that(
-                r.relative_exposure > 0.0 && r.relative_exposure < 1.0,
-                "second_reading.relative_exposure",
-                r.relative_exposure,
-                "a fraction of the light above 0, below 1",
+                limit >= iso[0].iso,
+                "digital_above_iso",
+                limit,
+                &format!("{} or more, the lowest setting", iso[0].iso),
             )?;
-            check.positive(r.full_well_e, "second_reading.full_well_e")?;
-            check.not_negative(r.read_noise_e, "second_reading.read_noise_e")?;
-            check.that(
-                r.full_well_e / r.relative_exposure > full_well_e,
-                "second_reading.full_well_e",
-                r.full_well_e,
-                "more light than the first reading holds",
-            )?;
-            check.that(!s.blooming, "blooming", true, "false for a sensor with a second reading")?;
-            check.that(
-                r.switch_at > 0.0 && r.switch_at <= 1.0,
-                "second_reading.switch_at",
-                r.switch_at,
-                "a fraction above 0, at most 1",
-            )?;
-            Some(SecondReading {
-                relative_exposure: r.relative_exposure,
-                full_well_e: r.full_well_e,
-                read_noise_e: r.read_noise_e,
-                switch_at: r.switch_at,
-            })
         }
-    };
-    if let Some(m) = &s.plenoptic {
-        check.positive(m.pitch_um, "plenoptic.pitch_um")?;
-        for (value, what) in [(m.focal_length_um, "plenoptic.focal_length_um"), (m.gap_um, "plenoptic.gap_um")] {
-            check.positive(value.unwrap_or(1.0), what)?;
+        if let Some(switch) = s.dual_gain_iso {
+            check.positive(switch, "dual_gain_iso")?;
         }
-        let known = m.arrangement.is_empty() || Arrangement::named(&m.arrangement).is_some();
-        check.that(known, "plenoptic.arrangement", format!("\"{}\"", m.arrangement), "square or hexagonal")?;
+        let dark_noise = iso[0].read_noise_e.hypot(iso[0].row_noise_e);
+        let full_well_e = match (s.full_well_e, s.saturation_capacity_e) {
+            (Some(well), None) => {
+                check.positive(well, "full_well_e")?;
+                well
+            }
+            (None, Some(capacity)) => {
+                check.positive(capacity, "saturation_capacity_e")?;
+                // The limit whose measured capacity it is.
+                let mut well = capacity;
+                for _ in 0..20 {
+                    well += capacity - saturation_capacity(well, dark_noise);
+                }
+                well
+            }
+            (found, _) => {
+                let found = if found.is_some() { "both" } else { "neither" };
+                return check
+                    .that(false, "full_well_e and saturation_capacity_e", found, "one of the two")
+                    .map(|()| unreachable!());
+            }
+        };
+        for step in &iso {
+            // Fewer numbers than that between black and white are a slip of units, not a camera.
+            let numbers = full_well_e.min((step.white_level_dn - step.black_level_dn) * step.gain_e_per_dn) / step.gain_e_per_dn;
+            check.that(
+                numbers >= 16.0,
+                "full_well_e",
+                format!("{full_well_e} e- at ISO {}, which is {numbers:.1} numbers above black", step.iso),
+                "at least 16 numbers from black to white",
+            )?;
+        }
+        let second_reading = match s.second_reading {
+            None => None,
+            Some(r) => {
+                check.that(
+                    r.relative_exposure > 0.0 && r.relative_exposure < 1.0,
+                    "second_reading.relative_exposure",
+                    r.relative_exposure,
+                    "a fraction of the light above 0, below 1",
+                )?;
+                check.positive(r.full_well_e, "second_reading.full_well_e")?;
+                check.not_negative(r.read_noise_e, "second_reading.read_noise_e")?;
+                check.that(
+                    r.full_well_e / r.relative_exposure > full_well_e,
+                    "second_reading.full_well_e",
+                    r.full_well_e,
+                    "more light than the first reading holds",
+                )?;
+                check.that(!s.blooming, "blooming", true, "false for a sensor with a second reading")?;
+                check.that(
+                    r.switch_at > 0.0 && r.switch_at <= 1.0,
+                    "second_reading.switch_at",
+                    r.switch_at,
+                    "a fraction above 0, at most 1",
+                )?;
+                Some(SecondReading {
+                    relative_exposure: r.relative_exposure,
+                    full_well_e: r.full_well_e,
+                    read_noise_e: r.read_noise_e,
+                    switch_at: r.switch_at,
+                })
+            }
+        };
+        if let Some(m) = &s.plenoptic {
+            check.positive(m.pitch_um, "plenoptic.pitch_um")?;
+            for (value, what) in [(m.focal_length_um, "plenoptic.focal_length_um"), (m.gap_um, "plenoptic.gap_um")] {
+                check.positive(value.unwrap_or(1.0), what)?;
+            }
+            let known = m.arrangement.is_empty() || Arrangement::named(&m.arrangement).is_some();
+            check.that(known, "plenoptic.arrangement", format!("\"{}\"", m.arrangement), "square or hexagonal")?;
+        }
+        if let Some(l) = &s.lens {
+            check.positive(l.focal_length_mm, "lens.focal_length_mm")?;
+            check.that((0.5..=64.0).contains(&l.f_number), "lens.f_number", l.f_number, "0.5 to 64")?;
+            check.that(
+                s.sources.contains_key("lens"),
+                "sources.lens",
+                "is missing",
+                "where the numbers of the lens come from",
+            )?;
+        }
+        let told = s.extinction_ratio.map_or("nothing".to_owned(), |ratio| ratio.to_string());
+        let (fits, expected) = match (cfa.tells_polarization(), s.extinction_ratio) {
+            (true, ratio) => {
+                (ratio.is_some_and(|r| r > 1.0 && r.is_finite()), "that of the polarisers before the pixels, above 1")
+            }
+            (false, ratio) => (ratio.is_none(), "none: no pixel of this cfa sees through a polariser"),
+        };
+        check.that(fits, "extinction_ratio", told, expected)?;
+        Ok(Sensor {
+            extinction_ratio: s.extinction_ratio.unwrap_or(1.0),
+            model: if s.model.is_empty() { s.name.clone() } else { s.model },
+            make: s.make,
+            name: s.name,
+            format_mm: s.format_mm,
+            pixels: s.pixels,
+            cfa,
+            quantum_efficiency,
+            full_well_e,
+            blooming: s.blooming,
+            adc_bits: s.adc_bits,
+            iso,
+            dual_gain_iso: s.dual_gain_iso,
+            prnu: s.prnu_percent / 100.0,
+            dsnu_e: s.dsnu_e,
+            dsnu_row_e: s.dsnu_row_e,
+            dsnu_column_e: s.dsnu_column_e,
+            dark_current: DarkCurrent { points: s.dark_current, doubling_c: s.dark_current_doubling_c },
+            hot_pixels: HotPixels { fraction: s.hot_pixel_fraction, factor: s.hot_pixel_factor },
+            temperature_c: s.temperature_c,
+            low_pass_px: s.low_pass_px,
+            fill_factor: s.fill_factor,
+            crosstalk: s.crosstalk_percent / 100.0,
+            second_reading,
+            plenoptic: s.plenoptic.map(|m| Plenoptic {
+                pitch_mm: Some(m.pitch_um * 1e-3),
+                focal_length_mm: m.focal_length_um.map(|v| v * 1e-3),
+                gap_mm: m.gap_um.map(|v| v * 1e-3),
+                arrangement: m.arrangement,
+            }),
+            lens: s.lens.map(|l| BodyLens { focal_length_mm: l.focal_length_mm, f_number: l.f_number }),
+            sources: s.sources,
+        })
     }
-    if let Some(l) = &s.lens {
-        check.positive(l.focal_length_mm, "lens.focal_length_mm")?;
-        check.that((0.5..=64.0).contains(&l.f_number), "lens.f_number", l.f_number, "0.5 to 64")?;
-        check.that(s.sources.contains_key("lens"), "sources.lens", "is missing", "where the numbers of the lens come from")?;
-    }
-    let told = s.extinction_ratio.map_or("nothing".to_owned(), |ratio| ratio.to_string());
-    let (fits, expected) = match (cfa.tells_polarization(), s.extinction_ratio) {
-        (true, ratio) => (ratio.is_some_and(|r| r > 1.0 && r.is_finite()), "that of the polarisers before the pixels, above 1"),
-        (false, ratio) => (ratio.is_none(), "none: no pixel of this cfa sees through a polariser"),
-    };
-    check.that(fits, "extinction_ratio", told, expected)?;
-    Ok(Sensor {
-        extinction_ratio: s.extinction_ratio.unwrap_or(1.0),
-        model: if s.model.is_empty() { s.name.clone() } else { s.model },
-        make: s.make,
-        name: s.name,
-        format_mm: s.format_mm,
-        pixels: s.pixels,
-        cfa,
-        quantum_efficiency,
-        full_well_e,
-        blooming: s.blooming,
-        adc_bits: s.adc_bits,
-        iso,
-        dual_gain_iso: s.dual_gain_iso,
-        prnu: s.prnu_percent / 100.0,
-        dsnu_e: s.dsnu_e,
-        dsnu_row_e: s.dsnu_row_e,
-        dsnu_column_e: s.dsnu_column_e,
-        dark_current: DarkCurrent { points: s.dark_current, doubling_c: s.dark_current_doubling_c },
-        hot_pixels: HotPixels { fraction: s.hot_pixel_fraction, factor: s.hot_pixel_factor },
-        temperature_c: s.temperature_c,
-        low_pass_px: s.low_pass_px,
-        fill_factor: s.fill_factor,
-        crosstalk: s.crosstalk_percent / 100.0,
-        second_reading,
-        plenoptic: s.plenoptic.map(|m| Plenoptic {
-            pitch_mm: Some(m.pitch_um * 1e-3),
-            focal_length_mm: m.focal_length_um.map(|v| v * 1e-3),
-            gap_mm: m.gap_um.map(|v| v * 1e-3),
-            arrangement: m.arrangement,
-        }),
-        lens: s.lens.map(|l| BodyLens { focal_length_mm: l.focal_length_mm, f_number: l.f_number }),
-        sources: s.sources,
-    })
 }
 
 fn iso_steps(table: Option<Vec<Vec<f64>>>, amplifier: Option<&Amplifier>, check: &Checks) -> Result<Vec<IsoStep>, SensorError> {
@@ -589,7 +621,7 @@ iso = [[100, 2.5, 3.0]]
 
     #[test]
     fn contradictions_are_named() {
-        assert!(parse(GOOD, "x").is_ok());
+        assert!(Sensor::parse(GOOD, "x").is_ok());
         for (from, to, named) in [
             ("white_level_dn = 4095", "white_level_dn = 32", "black < white"),
             ("white_level_dn = 4095", "white_level_dn = 5000", "4095, the largest number of 12 bits"),
@@ -624,23 +656,23 @@ iso = [[100, 2.5, 3.0]]
             ("[sources]", "[lens]\nfocal_length_mm = 0\nf_number = 2\n[sources]\nlens = \"x\"", "lens.focal_length_mm"),
             ("[sources]", "[lens]\nfocal_length_mm = 4\nf_number = 2\n[sources]", "sources.lens"),
         ] {
-            let e = parse(&GOOD.replace(from, to), "sheet.toml").expect_err(to).to_string();
+            let e = Sensor::parse(&GOOD.replace(from, to), "sheet.toml").expect_err(to).to_string();
             assert!(e.contains(named) && e.starts_with("sheet.toml"), "{to}: {e}");
         }
     }
 
     #[test]
     fn a_saturation_capacity_becomes_a_higher_limit() {
-        let s = parse(&GOOD.replace("full_well_e", "saturation_capacity_e"), "x").unwrap();
+        let s = Sensor::parse(&GOOD.replace("full_well_e", "saturation_capacity_e"), "x").unwrap();
         assert!((s.full_well_e / 10_000.0 - 1.028).abs() < 5e-3, "{}", s.full_well_e);
         assert!((saturation_capacity(s.full_well_e, 3.0) / 10_000.0 - 1.0).abs() < 5e-4);
     }
 
     #[test]
     fn a_body_may_have_a_lens_of_its_own() {
-        assert_eq!(parse(GOOD, "x").unwrap().lens, None);
+        assert_eq!(Sensor::parse(GOOD, "x").unwrap().lens, None);
         let text = GOOD.replace("[sources]", "[lens]\nfocal_length_mm = 4.4\nf_number = 1.7\n[sources]\nlens = \"its maker\"");
-        assert_eq!(parse(&text, "x").unwrap().lens, Some(BodyLens { focal_length_mm: 4.4, f_number: 1.7 }));
+        assert_eq!(Sensor::parse(&text, "x").unwrap().lens, Some(BodyLens { focal_length_mm: 4.4, f_number: 1.7 }));
         // The embedded ones look as wide as their sources say: 77° across the diagonal.
         let phone = Sensor::named("pixel-4a").unwrap();
         let half = 0.5 * phone.format_mm[0].hypot(phone.format_mm[1]) / phone.lens.unwrap().focal_length_mm;
@@ -652,7 +684,7 @@ iso = [[100, 2.5, 3.0]]
         let text = GOOD
             .replace("iso = [[100, 2.5, 3.0]]", "digital_above_iso = 200")
             .replace("[sources]", "[amplifier]\niso = [100, 200, 400]\ngain = [100, 2.5]\nbefore_e = 3\nafter_dn = 2\n[sources]");
-        let s = parse(&text, "x").unwrap();
+        let s = Sensor::parse(&text, "x").unwrap();
         let last = s.at_iso(400.0).unwrap();
         assert_eq!((last.gain_e_per_dn, last.digital_gain), (0.625, 2.0));
         assert!((last.read_noise_e - 3f64.hypot(1.25)).abs() < 1e-12);
