@@ -7,7 +7,7 @@
 
 use crate::bvh::{Bounds, Bvh, Filter, Hit, Primitive, Primitives};
 use crate::motion::{Deformer, Motion, Pose, Timeline};
-use crate::scene::{Description, Shape};
+use crate::scene::description::{Description, Shape};
 use crate::shape::Mesh;
 use glam::{Affine3A, Vec3, Vec4};
 use rayon::prelude::*;

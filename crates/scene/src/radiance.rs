@@ -14,6 +14,7 @@ mod first_surface;
 mod incident;
 mod joint;
 mod media;
+mod medium_segment;
 mod path;
 mod prev_scatter;
 pub(crate) mod tally;

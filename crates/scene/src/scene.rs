@@ -3,7 +3,7 @@
 mod build;
 mod captured;
 mod check;
-mod description;
+pub(crate) mod description;
 mod hits;
 mod lights;
 mod strands;

@@ -2,10 +2,12 @@
 //!
 //! Texture coordinates follow glTF: (0, 0) is the upper left corner of the image, v runs down.
 
-mod levels;
+pub(crate) mod levels;
+pub(crate) mod lookup;
 mod paged;
 
 pub use levels::Footprint;
+pub use lookup::Lookup;
 pub use paged::{Paged, RESIDENT};
 
 use crate::noise;
@@ -360,31 +362,6 @@ pub enum NoisePattern {
     Windy,
     /// Octaves, roughness, and how much they bend the veins.
     Marble(u32, f32, f32),
-}
-
-/// Where a texture is looked up.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Lookup {
-    /// Two sets of texture coordinates.
-    pub uv: [Vec2; 2],
-    /// Place in the world, m.
-    pub point: Vec3,
-    /// Geometric unit normal there.
-    pub normal: Vec3,
-    /// What is seen of the surface at once, if that is more than the point.
-    pub footprint: Option<Footprint>,
-}
-
-impl Lookup {
-    /// The same of the point alone.
-    fn point_alone(&self) -> Lookup {
-        Lookup { footprint: None, ..*self }
-    }
-
-    /// By texture coordinates alone: of what [`Graph::is_in_space`] the value says nothing.
-    pub fn uv(uv: &[Vec2; 2]) -> Self {
-        Lookup { uv: *uv, point: Vec3::ZERO, normal: Vec3::ZERO, footprint: None }
-    }
 }
 
 /// Two coordinates of a picture.

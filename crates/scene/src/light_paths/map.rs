@@ -1,6 +1,7 @@
 //! Photons sorted into a grid, and the light that a surface point gathers from those around it; and what a ray gathers in a medium.
 
-use super::trace::{Photon, Traced};
+use super::photon::Photon;
+use super::trace::Traced;
 use super::volume_map::VolumeMap;
 use super::{Caustics, Tail};
 use crate::bvh::Bounds;

@@ -45,16 +45,19 @@
 
 mod casters;
 pub(crate) mod connect;
+mod connectable;
 mod emission;
 mod map;
 mod parallel;
+mod photon;
 mod trace;
 mod vertices;
 mod volume_map;
 
+pub use connectable::ConnectionSettings;
 pub use map::PhotonMap;
 pub use parallel::CameraRays;
-pub use vertices::{ConnectionSettings, Connections, LightVertices};
+pub use vertices::{Connections, LightVertices};
 
 use crate::bvh::Bounds;
 use crate::material::Bsdf;

@@ -24,6 +24,7 @@
 //! path that connects to it ([`LightVertices::state_at`]): the same places, with scattering functions, densities and light of
 //! those wavelengths, over the densities by which the path was drawn. So there is no bias, and no wavelengths are joined.
 
+use super::connectable::{ConnectionSettings, can_connect};
 use super::emission::bodies_at;
 use super::parallel::{CameraRays, Parallel};
 use crate::light::{LightRef, Modulation, PunctualKind};
@@ -39,19 +40,6 @@ use diopter_light::{Ray, Sampled, Wavelengths};
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 use std::f32::consts::{FRAC_1_PI, PI, TAU};
-
-/// How connections are made.
-#[derive(Clone, Debug)]
-pub struct ConnectionSettings {
-    /// Seed.
-    pub seed: u64,
-    /// Most scattering events of a path, from lamp to camera.
-    pub max_depth: u32,
-    /// Light paths of a pool.
-    pub paths: u32,
-    /// Paths carry red, green and blue instead of wavelengths.
-    pub rgb: bool,
-}
 
 /// Light paths that are traced to learn how many vertices one leaves.
 const PILOT: u32 = 1 << 12;
@@ -209,21 +197,6 @@ struct Traced<'a> {
     events: Vec<Event<'a>>,
     candidates: Vec<Candidate>,
     vertices: Vec<LightVertex>,
-}
-
-/// Whether light paths may be scattered by a surface, and connected with.
-#[inline]
-pub(crate) fn can_connect(surface: &Surface, material: &Material, around: Option<&Principled>) -> bool {
-    let of_kind = match &material.scattering {
-        Scattering::Diffuse(_)
-        | Scattering::Conductor(_)
-        | Scattering::Coated(_)
-        | Scattering::DiffuseTransmission(_)
-        | Scattering::Measured(_) => true,
-        Scattering::Principled(p) => p.dispersion.is_none() && around.is_none_or(|a| a.dispersion.is_none()),
-        Scattering::Black | Scattering::Interface | Scattering::Hair(_) | Scattering::Mix(_) => false,
-    };
-    of_kind && !surface.is_strand()
 }
 
 #[inline]

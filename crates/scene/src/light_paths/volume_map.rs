@@ -4,19 +4,10 @@
 //! Christensen 1998, "Efficient Simulation of Light Transport in Scenes with Participating Media using Photon Maps" (volume photon map); Jarosz, Zwicker &
 //! Jensen 2008, "The Beam Radiance Estimate for Volumetric Photon Mapping".
 
-use super::trace::Photon;
+use super::photon::VolumePhoton;
 use crate::bvh::Bounds;
-use crate::medium::Medium;
 use diopter_light::Ray;
 use glam::Vec3;
-
-/// A photon in a medium.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct VolumePhoton<'a> {
-    /// Power as of photons that land, times m: over the density of its place along the segment. The normal means nothing.
-    pub photon: Photon,
-    pub medium: &'a Medium,
-}
 
 /// Photons of a leaf, and children of a node: what is tested at once.
 const WIDE: usize = 8;
@@ -173,7 +164,9 @@ fn morton(p: Vec3) -> u32 {
 
 #[cfg(test)]
 mod tests {
+    use super::super::photon::Photon;
     use super::*;
+    use crate::medium::Medium;
     use diopter_light::random::{mix, to_unit};
 
     #[test]

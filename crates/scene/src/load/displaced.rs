@@ -7,12 +7,12 @@
 use super::pbrt::shapes;
 use crate::bvh::Bounds;
 use crate::motion::Motion;
+use crate::scene::description::DisplacedSurface;
 use crate::scene::{Description, Shape};
 use crate::shape::Mesh;
 use crate::subdivision::{self, MOST_TRIANGLES, Splitting};
 use crate::texture::{Lookup, Scalar};
 use glam::{Affine3A, Vec2, Vec3, Vec4};
-use std::sync::Arc;
 
 /// Longest edge as a fraction of the diagonal of the box around all meshes that are displaced together: about a million triangles for a ball, a
 /// pixel or two where that fills a picture of a thousand.
@@ -27,15 +27,6 @@ pub struct Displaced {
     pub stopped: bool,
     /// Vertices whose height was no number; they stay.
     pub without_height: usize,
-}
-
-/// Meshes as they were before heights moved their points, to be displaced anew.
-#[derive(Clone, Debug)]
-pub struct DisplacedSurface {
-    /// Number of each mesh in [`Description::meshes`], the mesh itself and its heights (along its normals, in its space).
-    pub(crate) parts: Vec<(u32, Arc<Mesh>, Arc<Scalar>)>,
-    /// Of a mesh of pbrt, which is displaced by itself: the space of its textures, and whether it is turned inside out afterwards.
-    pub(crate) alone: Option<(Affine3A, bool)>,
 }
 
 /// A camera, as far as it says how fine surfaces must be.
@@ -232,6 +223,7 @@ fn displace_by(parts: &mut [(&mut Mesh, &Scalar)], split: impl FnOnce(&mut Mesh)
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::sync::Arc;
     use crate::texture::{Image, Texture};
     use std::collections::HashMap;
 

@@ -17,7 +17,8 @@ pub mod sheet;
 pub mod splats;
 pub mod usd;
 
-pub use displaced::{DisplacedSurface, PixelView};
+pub use crate::scene::description::DisplacedSurface;
+pub use displaced::PixelView;
 pub use foreign::foreign;
 pub use measured::read_measured;
 pub use picture::{read_codes, read_light};

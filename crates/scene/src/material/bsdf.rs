@@ -7,6 +7,7 @@ use super::hair::HairLobes;
 use super::measured::MeasuredLobe;
 use super::polarization::Event;
 use super::principled::PrincipledLobes;
+use super::scatter::Breadth;
 use crate::shape::Surface;
 use diopter_light::{Sampled, sampling};
 use glam::Vec3;
@@ -28,22 +29,6 @@ pub struct Scatter {
     pub disperses: bool,
     /// What radiance was divided by where light was bent, (n beyond / n before)²: it comes back where the path leaves the body.
     pub eta_scale: f32,
-}
-
-/// Which lobes a scattering function has beside specular ones, by a width that tells broad ones from narrow ones.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) struct Breadth {
-    pub broad: bool,
-    pub narrow: bool,
-}
-
-/// What families give in the local frame (z on the side of `wo`).
-pub(super) struct LocalScatter {
-    pub wi: Vec3,
-    pub weight: Sampled,
-    pub pdf: f32,
-    pub specular: bool,
-    pub disperses: bool,
 }
 
 // The largest is also the most common: on the stack it costs less than a box would.

@@ -5,11 +5,11 @@
 //! coat over a perfect metal whose facets lose nothing ([`super::conductor::FacetBounces`]) loses nothing. Source of the change of variables: A. Weidlich, A. Wilkie 2007, "Arbitrarily Layered Micro-Facet
 //! Surfaces".
 
-use super::bsdf::LocalScatter;
 use super::conductor::{Conductor, ConductorLobe};
 use super::energy::{Escape, Interface, prepare_mirrors};
 use super::microfacet::{Ggx, fresnel_dielectric, reflect, refract};
 use super::polarization::{Event, dielectric, s_axis};
+use super::scatter::LocalScatter;
 use crate::exact::{Exact, Sink, Source, field};
 use crate::shape::Surface;
 use crate::texture::Scalar;

@@ -1,6 +1,6 @@
 //! Lambertian reflection: f = albedo / π.
 
-use super::bsdf::LocalScatter;
+use super::scatter::LocalScatter;
 use diopter_light::{Sampled, sampling};
 use glam::Vec3;
 use std::f32::consts::FRAC_1_PI;

@@ -17,6 +17,7 @@ pub mod microfacet;
 pub(crate) mod pictures;
 pub mod polarization;
 pub mod principled;
+pub(crate) mod scatter;
 pub mod sheen;
 
 pub use anisotropy::Anisotropy;
@@ -30,7 +31,7 @@ pub use measured::Measured;
 pub use principled::{Principled, Transmission};
 pub use sheen::Sheen;
 
-use crate::light::Modulation;
+use crate::light::modulation::Modulation;
 use crate::medium::Medium;
 use crate::shape::Surface;
 use crate::texture::{Color, Lookup, Scalar, Texture};

@@ -11,10 +11,10 @@
 mod polarization;
 
 use super::anisotropy::Anisotropy;
-use super::bsdf::{Breadth, LocalScatter};
 use super::energy::{Interface, Side, mirror_albedo_at, prepare_mirrors};
 use super::film::{Film, FilmLayer, index_of};
 use super::microfacet::{Ggx, SMOOTH, cosine_of, fresnel_dielectric, fresnel_schlick, reflect, refract};
+use super::scatter::{Breadth, LocalScatter};
 use super::sheen::{self, Fibres, Sheen};
 use crate::shape::Surface;
 use crate::texture::{Color, Scalar};

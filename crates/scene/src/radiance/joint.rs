@@ -5,7 +5,7 @@
 //! with a density of 1 / (2π² sin θ) over the angle θ from it, and the place along it equi-angularly: together as 1 / (sin θ r²) asks for. Source: I. Georgiev,
 //! J. Křivánek, T. Hachisuka, D. Nowrouzezahrai & W. Jarosz 2013, "Joint Importance Sampling of Low-Order Volumetric Scattering", ACM TOG 32(6), §5.
 
-use super::media::MediumSegment;
+use super::medium_segment::MediumSegment;
 use super::prev_scatter::Start;
 use crate::light::LightRef;
 use crate::light::segment::Pivot;

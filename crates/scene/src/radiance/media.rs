@@ -16,8 +16,8 @@
 //! In media that differ from place to place the distance is found by tracking ([`crate::medium::tracking`]), whose density nobody knows: there the
 //! first two strategies do without the others.
 
-use super::PathSettings;
 use super::joint::Vertex;
+use super::medium_segment::MediumSegment;
 use super::prev_scatter::{PrevScatter, Start};
 use super::tally::Tally;
 use super::to_light::Past;
@@ -25,11 +25,10 @@ use super::weights::{MOST_SURVIVAL, mis, survives};
 use crate::light::LightRef;
 use crate::light::segment::{EquiAngular, Pivot, Segment};
 use crate::medium::tracking::Track;
-use crate::medium::{DistanceSample, Medium, Sigma, Volume, phase, scattered};
-use crate::medium_stack::MediumStack;
+use crate::medium::{DistanceSample, Sigma, Volume, phase, scattered};
 use crate::scene::Scene;
-use diopter_light::random::{Sampler, Set};
-use diopter_light::{Ray, Sampled, Wavelengths};
+use diopter_light::random::Set;
+use diopter_light::{Ray, Sampled};
 use glam::Vec3;
 
 /// Optical depth beyond which lights are left to the other strategies: 1e-7 of the light is left there.
@@ -44,29 +43,6 @@ const WIDE: f32 = 0.5;
 
 /// Least fraction of the segments on which a sample is taken: what makes it rare must not make it bright.
 const RAREST: f32 = 0.05;
-
-/// A segment of a path in a medium, ready to be taken.
-pub(super) struct MediumSegment<'a> {
-    pub scene: &'a Scene,
-    pub medium: &'a Medium,
-    /// The part of the ray in the medium, m.
-    pub span: [f32; 2],
-    pub ray: Ray,
-    pub medium_stack: MediumStack,
-    pub wavelengths: &'a Wavelengths,
-    pub sampler: &'a Sampler,
-    pub settings: &'a PathSettings,
-    /// Vertices so far.
-    pub vertex: u32,
-    /// Scattering events so far, those within bodies ([`Medium::is_subsurface`]) not counted.
-    pub depth: u32,
-    /// Number of the segment of the path.
-    pub segment_index: u32,
-    /// Whether a flash is burning.
-    pub flash: bool,
-    /// Where it begins, if lights were sought about directions from there.
-    pub start: Option<Start>,
-}
 
 /// How a path goes on behind a segment in a medium.
 pub(super) enum After {

@@ -5,7 +5,8 @@
 
 use super::cone::Cone;
 use super::joint::Vertex;
-use super::media::{After, MediumSegment, ScatteredOn};
+use super::media::{After, ScatteredOn};
+use super::medium_segment::MediumSegment;
 use super::prev_scatter::PrevScatter;
 use super::tally::{Scattered, Tally};
 use super::to_light::{MOST_FACES, Past, past};

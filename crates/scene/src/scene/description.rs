@@ -2,11 +2,11 @@
 
 use crate::bvh::Bounds;
 use crate::light::{Environment, Punctual};
-use crate::load::DisplacedSurface;
 use crate::material::Material;
 use crate::medium::Air;
 use crate::motion::{Animation, Deformer, Motion, Node, Playing, Timeline};
 use crate::shape::{Curves, Mesh, Quad, Sphere, Splats};
+use crate::texture::Scalar;
 use glam::{Affine3A, Vec2, Vec3};
 use std::sync::Arc;
 
@@ -333,4 +333,13 @@ pub struct FilmHints {
     pub sensor: Option<String>,
     /// ISO speed.
     pub iso: Option<f64>,
+}
+
+/// Meshes as they were before heights moved their points, to be displaced anew.
+#[derive(Clone, Debug)]
+pub struct DisplacedSurface {
+    /// Number of each mesh in [`Description::meshes`], the mesh itself and its heights (along its normals, in its space).
+    pub(crate) parts: Vec<(u32, Arc<Mesh>, Arc<Scalar>)>,
+    /// Of a mesh of pbrt, which is displaced by itself: the space of its textures, and whether it is turned inside out afterwards.
+    pub(crate) alone: Option<(Affine3A, bool)>,
 }

@@ -12,7 +12,8 @@ pub use quad::Quad;
 pub use sphere::Sphere;
 pub use splats::{ColorCurve, Splat, Splats};
 
-use crate::texture::Footprint;
+use crate::texture::levels::Footprint;
+use crate::texture::lookup::Lookup;
 use glam::{Vec2, Vec3, Vec4};
 
 /// A point of a surface, in world space.
@@ -62,8 +63,8 @@ const _: () = assert!(size_of::<Option<Surface>>() <= 128);
 impl Surface {
     /// Where its textures are looked up.
     #[inline]
-    pub fn lookup(&self) -> crate::texture::Lookup {
-        crate::texture::Lookup { uv: self.uv, point: self.point, normal: self.ng, footprint: self.footprint().copied() }
+    pub fn lookup(&self) -> Lookup {
+        Lookup { uv: self.uv, point: self.point, normal: self.ng, footprint: self.footprint().copied() }
     }
 
     /// What a ray with a width sees of it at once, where that was asked for.

@@ -1,8 +1,8 @@
 //! Sensors. Source: Mitsuba 3, plugin reference (sensors): they look along +z with +x to the left.
 
+use super::context::{Context, affine};
 use super::tree::Node;
 use super::values::{number, text, transform};
-use super::world::{World, affine};
 use super::wrong;
 use crate::SceneError;
 use crate::scene::{FilmHints, Sight, Viewpoint};
@@ -12,7 +12,7 @@ use glam::{DMat4, DVec3};
 const FULL_FRAME_MM: f64 = 43.266_615;
 
 /// Adds a camera.
-pub fn add(world: &mut World, node: &Node) -> Result<(), SceneError> {
+pub fn add(context: &mut Context, node: &Node) -> Result<(), SceneError> {
     let film = node.tagged("film").next();
     let side = |name: &str, default: f64| -> Result<usize, SceneError> {
         let n = film.map_or(Ok(default), |f| number(f, name, default))?;
@@ -66,13 +66,13 @@ pub fn add(world: &mut World, node: &Node) -> Result<(), SceneError> {
         }
         "orthographic" => Sight::Orthographic { height: (2.0 * place.y_axis.truncate().length() / aspect) as f32 },
         other => {
-            world.leave_out(format!("sensor \"{other}\""));
+            context.leave_out(format!("sensor \"{other}\""));
             return Ok(());
         }
     };
     for name in ["principal_point_offset_x", "principal_point_offset_y"] {
         if number(node, name, 0.0)? != 0.0 {
-            world.leave_out("shifts of the principal point");
+            context.leave_out("shifts of the principal point");
         }
     }
     let lens = match node.kind() {
@@ -94,7 +94,7 @@ pub fn add(world: &mut World, node: &Node) -> Result<(), SceneError> {
     // Ours looks along −z with +x to the right.
     let m = place * DMat4::from_scale(DVec3::new(-1.0, 1.0, -1.0));
     let unit = |v: glam::DVec4| v.truncate().normalize_or_zero().extend(0.0);
-    world.description.cameras.push(Viewpoint {
+    context.description.cameras.push(Viewpoint {
         name: node.get("id").unwrap_or("camera").to_owned(),
         world_from_camera: affine(DMat4::from_cols(unit(m.x_axis), unit(m.y_axis), unit(m.z_axis), m.w_axis)),
         sight,

@@ -1,8 +1,8 @@
 //! Emitters. Source: Mitsuba 3, plugin reference (emitters); its environment maps have +z in the middle and −x to the right of it.
 
+use super::context::Context;
 use super::tree::Node;
 use super::values::{Shade, number, shade, text, transform, vector};
-use super::world::World;
 use super::wrong;
 use crate::SceneError;
 use crate::light::{Environment, Modulation, Punctual, PunctualKind, SpotEdge};
@@ -15,14 +15,14 @@ use std::sync::Arc;
 type Read<T> = Result<T, SceneError>;
 
 /// The light of a surface.
-pub fn emission(world: &mut World, node: &Arc<Node>) -> Read<Emission> {
+pub fn emission(context: &mut Context, node: &Arc<Node>) -> Read<Emission> {
     if node.kind() != "area" {
         return Err(wrong(node, format!("emitter \"{}\" of a shape", node.kind()), "area"));
     }
     let radiance = match shade(node, "radiance")? {
         Some(shade) => EmissionColor::Constant(shade.light(1.0)),
         None if node.child("radiance").is_none() => EmissionColor::Constant(Shade::Even(1.0).light(1.0)),
-        None => match world.color(node, "radiance", 1.0)? {
+        None => match context.color(node, "radiance", 1.0)? {
             Color::Textured { factor, texture } => EmissionColor::Textured { factor, texture },
             _ => return Err(wrong(node, "a pattern as radiance", "a colour, a spectrum or a bitmap")),
         },
@@ -31,7 +31,7 @@ pub fn emission(world: &mut World, node: &Arc<Node>) -> Read<Emission> {
 }
 
 /// A light of its own.
-pub fn add(world: &mut World, node: &Arc<Node>) -> Read<()> {
+pub fn add(context: &mut Context, node: &Arc<Node>) -> Read<()> {
     let place = transform(node, "to_world")?;
     let light = |name: &str| -> Read<_> {
         match (shade(node, name)?, node.child(name)) {
@@ -42,11 +42,11 @@ pub fn add(world: &mut World, node: &Arc<Node>) -> Read<()> {
     };
     let unit =
         |v: DVec3| v.try_normalize().map(|v| v.as_vec3()).ok_or_else(|| wrong(node, "a direction of no length", "x, y and z"));
-    let name = node.get("id").map_or_else(|| format!("light {}", world.description.punctual.len()), str::to_owned);
+    let name = node.get("id").map_or_else(|| format!("light {}", context.description.punctual.len()), str::to_owned);
     match node.kind() {
         "point" => {
             let position = place.transform_point3(vector(node, "position", DVec3::ZERO)?).as_vec3();
-            world.description.punctual.push(Punctual::new(&name, light("intensity")?, PunctualKind::Point { position }));
+            context.description.punctual.push(Punctual::new(&name, light("intensity")?, PunctualKind::Point { position }));
         }
         "spot" => {
             let cutoff = number(node, "cutoff_angle", 20.0)?;
@@ -59,7 +59,7 @@ pub fn add(world: &mut World, node: &Arc<Node>) -> Read<()> {
                 ));
             }
             if node.child("texture").is_some() {
-                world.leave_out("pictures of spots");
+                context.leave_out("pictures of spots");
             }
             let kind = PunctualKind::Spot {
                 position: place.w_axis.truncate().as_vec3(),
@@ -68,7 +68,7 @@ pub fn add(world: &mut World, node: &Arc<Node>) -> Read<()> {
                 cos_outer: cutoff.to_radians().cos() as f32,
                 edge: SpotEdge::Smooth,
             };
-            world.description.punctual.push(Punctual::new(&name, light("intensity")?, kind));
+            context.description.punctual.push(Punctual::new(&name, light("intensity")?, kind));
         }
         "directional" => {
             let ahead = match node.child("direction") {
@@ -76,28 +76,28 @@ pub fn add(world: &mut World, node: &Arc<Node>) -> Read<()> {
                 None => place.transform_vector3(DVec3::Z),
             };
             let kind = PunctualKind::Directional { direction: unit(ahead)? };
-            world.description.punctual.push(Punctual::new(&name, light("irradiance")?, kind));
+            context.description.punctual.push(Punctual::new(&name, light("irradiance")?, kind));
         }
         "constant" => {
             let rgb = shade(node, "radiance")?.unwrap_or(Shade::Even(1.0)).rgb().max(Vec3::ZERO);
-            surround(world, Environment::uniform(rgb));
+            surround(context, Environment::uniform(rgb));
         }
         "envmap" => {
             let file = text(node, "filename")
                 .ok_or_else(|| wrong(node, "an envmap without filename", "<string name=\"filename\" .../>"))?;
-            let read = (world.fetch)(file)
+            let read = (context.fetch)(file)
                 .and_then(|bytes| read_light_picture(&bytes))
                 .map_err(|e| wrong(node, format!("{file}: {e}"), "a picture of light"))?;
             if read.width == 0 || read.height == 0 {
                 return Err(wrong(node, format!("{file}: no pixels"), "a picture of light"));
             }
             let scale = number(node, "scale", 1.0)?.max(0.0) as f32;
-            surround(world, Environment::new(read, turned(place) * Mat3::from_rotation_y(std::f32::consts::PI), scale));
+            surround(context, Environment::new(read, turned(place) * Mat3::from_rotation_y(std::f32::consts::PI), scale));
         }
         // Defined here to be referred to by shapes.
         "area" => (),
         "sunsky" | "sun" | "sky" => {
-            world.leave_out(format!("emitter \"{}\": --sun or --daylight give a sky", node.kind()));
+            context.leave_out(format!("emitter \"{}\": --sun or --daylight give a sky", node.kind()));
         }
         other => {
             let known = "area (of a shape), point, spot, directional, constant or envmap: others are not supported";
@@ -112,8 +112,8 @@ fn turned(place: DMat4) -> Mat3 {
     Mat3::from_cols(unit(place.x_axis), unit(place.y_axis), unit(place.z_axis))
 }
 
-fn surround(world: &mut World, own: Environment) {
-    world.description.environment = Some(match world.description.environment.take() {
+fn surround(context: &mut Context, own: Environment) {
+    context.description.environment = Some(match context.description.environment.take() {
         Some(first) => first.plus(&own),
         None => own,
     });

@@ -3,9 +3,9 @@
 //! Departures: microfacets are GGX whatever `distribution` says; plain `diffuse` reflects on both sides; scales of specular reflectance and
 //! transmittance are left out. Source: Mitsuba 3, plugin reference (BSDFs, textures).
 
+use super::context::{Context, DEEPEST};
 use super::tree::Node;
 use super::values::{self, Shade, boolean, number, transform};
-use super::world::{DEEPEST, World};
 use super::wrong;
 use crate::SceneError;
 use crate::load::stand_in;
@@ -106,7 +106,7 @@ const METALS: [(&str, &str); 8] = [
     ("Al_palik", "aluminium"),
 ];
 
-impl World<'_> {
+impl Context<'_> {
     /// A BSDF.
     pub fn bsdf(&mut self, node: &Arc<Node>, depth: usize) -> Read<Surface> {
         if depth > DEEPEST {
@@ -116,9 +116,9 @@ impl World<'_> {
                 "BSDFs that do not refer to themselves",
             ));
         }
-        let inner = |world: &mut Self| -> Read<Surface> {
-            match world.nested(node, "bsdf", None)? {
-                Some(inner) => world.bsdf(&inner, depth + 1),
+        let inner = |context: &mut Self| -> Read<Surface> {
+            match context.nested(node, "bsdf", None)? {
+                Some(inner) => context.bsdf(&inner, depth + 1),
                 None => Err(wrong(node, format!("a {} without a BSDF", node.kind()), "one nested BSDF")),
             }
         };

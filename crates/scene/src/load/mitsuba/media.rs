@@ -4,9 +4,9 @@
 //! Extinction and albedo are multiplied at the nodes of the extinction's grid (of the albedo's, where only that is a grid), trilinear between; at the border the
 //! outermost nodes go on. Filters other than trilinear are left out.
 
+use super::context::Context;
 use super::tree::Node;
 use super::values::{self, Shade, boolean, number, transform};
-use super::world::World;
 use super::wrong;
 use crate::SceneError;
 use crate::bvh::Bounds;
@@ -20,12 +20,12 @@ type Read<T> = Result<T, SceneError>;
 const MOST: f32 = 1e30;
 
 /// A medium.
-pub(super) fn of(world: &mut World, node: &Arc<Node>) -> Read<Medium> {
+pub(super) fn of(context: &mut Context, node: &Arc<Node>) -> Read<Medium> {
     let scale = number(node, "scale", 1.0)?.max(0.0) as f32;
-    let asymmetry = match world.nested(node, "phase", None)? {
+    let asymmetry = match context.nested(node, "phase", None)? {
         Some(phase) if phase.kind() == "hg" => number(&phase, "g", 0.8)?.clamp(-0.999, 0.999) as f32,
         Some(phase) if phase.kind() != "isotropic" => {
-            world.leave_out(format!("phase \"{}\": light is thrown evenly", phase.kind()));
+            context.leave_out(format!("phase \"{}\": light is thrown evenly", phase.kind()));
             0.0
         }
         _ => 0.0,
@@ -43,7 +43,7 @@ pub(super) fn of(world: &mut World, node: &Arc<Node>) -> Read<Medium> {
                 ..bare
             })
         }
-        "heterogeneous" => heterogeneous(world, node, bare, scale),
+        "heterogeneous" => heterogeneous(context, node, bare, scale),
         other => Err(wrong(node, format!("medium \"{other}\""), "homogeneous or heterogeneous")),
     }
 }
@@ -97,11 +97,11 @@ impl GridVolume {
     }
 }
 
-fn heterogeneous(world: &mut World, node: &Arc<Node>, bare: Medium, scale: f32) -> Read<Medium> {
-    let sigma_t = filling(world, node, "sigma_t")?.unwrap_or(Source::Even(Vec3::ONE));
-    let albedo = filling(world, node, "albedo")?.unwrap_or(Source::Even(Vec3::splat(0.75)));
+fn heterogeneous(context: &mut Context, node: &Arc<Node>, bare: Medium, scale: f32) -> Read<Medium> {
+    let sigma_t = filling(context, node, "sigma_t")?.unwrap_or(Source::Even(Vec3::ONE));
+    let albedo = filling(context, node, "albedo")?.unwrap_or(Source::Even(Vec3::splat(0.75)));
     if sigma_t.grid().is_none() && albedo.grid().is_some() {
-        world.leave_out("extinction beyond the grid of the albedo");
+        context.leave_out("extinction beyond the grid of the albedo");
     }
     let Some(grid) = sigma_t.grid().or(albedo.grid()) else {
         let (Source::Even(sigma_t), Source::Even(albedo)) = (&sigma_t, &albedo) else { unreachable!("neither is a grid") };
@@ -144,18 +144,18 @@ fn heterogeneous(world: &mut World, node: &Arc<Node>, bare: Medium, scale: f32) 
 }
 
 /// A coefficient by name.
-fn filling(world: &mut World, node: &Arc<Node>, name: &str) -> Read<Option<Source>> {
+fn filling(context: &mut Context, node: &Arc<Node>, name: &str) -> Read<Option<Source>> {
     let Some(child) = node.child(name) else { return Ok(None) };
     if let Some(shade) = Shade::of(child)? {
         return Ok(Some(Source::Even(shade.rgb().max(Vec3::ZERO))));
     }
-    let volume = world.resolved(child)?;
+    let volume = context.resolved(child)?;
     match volume.kind() {
         "constvolume" => Ok(Some(Source::Even(values::shade(&volume, "value")?.map_or(Vec3::ONE, |s| s.rgb()).max(Vec3::ZERO)))),
         "gridvolume" => {
             let file = values::text(&volume, "filename")
                 .ok_or_else(|| wrong(&volume, "a gridvolume without filename", "<string name=\"filename\" .../>"))?;
-            let bytes = (world.fetch)(file).map_err(|e| wrong(&volume, format!("{file}: {e}"), "a file that can be read"))?;
+            let bytes = (context.fetch)(file).map_err(|e| wrong(&volume, format!("{file}: {e}"), "a file that can be read"))?;
             let (size, channels, own, values) =
                 vol(&bytes).map_err(|e| wrong(&volume, format!("{file}: {e}"), "a .vol file of floats"))?;
             let mut world_from_unit = transform(&volume, "to_world")?;
@@ -165,7 +165,7 @@ fn filling(world: &mut World, node: &Arc<Node>, name: &str) -> Read<Option<Sourc
             }
             for (name, ours) in [("filter_type", "trilinear"), ("wrap_mode", "clamp")] {
                 if values::text(&volume, name).is_some_and(|said| said != ours) {
-                    world.leave_out(format!("{name} of gridvolumes other than {ours}"));
+                    context.leave_out(format!("{name} of gridvolumes other than {ours}"));
                 }
             }
             let is_finite = world_from_unit.is_finite() && world_from_unit.inverse().is_finite();

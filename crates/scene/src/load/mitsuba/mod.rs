@@ -9,6 +9,7 @@
 //! Source: W. Jakob et al., Mitsuba 3 documentation (plugin reference) and its behaviour (mitsuba 3.7).
 
 mod camera;
+mod context;
 mod curves;
 mod lights;
 mod materials;

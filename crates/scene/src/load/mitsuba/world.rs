@@ -1,35 +1,27 @@
 //! Objects of a scene in their order, and what they become.
 
+use super::context::{Context, affine};
 use super::materials::Surface;
 use super::tree::Node;
 use super::values::{self, boolean, number, transform};
 use super::{camera, curves, lights, media, shapes, wrong};
 use crate::SceneError;
+use crate::load::Fetch;
 use crate::load::pbrt::shapes as round;
-use crate::load::{Fetch, measured_or_stand_in, note_missing, read_texture};
 use crate::material::{Interior, Material, Scattering};
 use crate::medium::Medium;
 use crate::scene::{Description, Object, Shape};
-use crate::texture::Image;
 use glam::{Affine3A, DMat4};
-use std::collections::{BTreeMap, HashMap};
+use std::collections::HashMap;
 use std::sync::Arc;
 
 /// Most things in a scene.
 const MOST_OBJECTS: usize = 1 << 24;
 /// Most control points of all curves.
 const MOST_POINTS: usize = 1 << 28;
-/// Deepest that references lead to references.
-pub(super) const DEEPEST: usize = 24;
 
 pub(super) struct World<'a> {
-    pub name: String,
-    pub fetch: Fetch<'a>,
-    /// Objects by their identifiers.
-    ids: HashMap<String, Arc<Node>>,
-    pub description: Description,
-    pub pictures: HashMap<String, Option<Arc<Image>>>,
-    measured: HashMap<String, Scattering>,
+    context: Context<'a>,
     /// What surfaces became of, by the place of their element in memory, interior and light left out.
     surfaces: HashMap<*const Node, Surface>,
     plain: HashMap<*const Node, u32>,
@@ -40,29 +32,14 @@ pub(super) struct World<'a> {
     /// Curves by kind, file and place: radii do not follow transforms.
     curves: HashMap<(String, [u64; 16]), u32>,
     curve_points: usize,
-    left_out: BTreeMap<String, usize>,
 }
 
 type Read<T> = Result<T, SceneError>;
 
-fn gather(node: &Arc<Node>, ids: &mut HashMap<String, Arc<Node>>) {
-    if let Some(id) = node.get("id").filter(|_| node.tag != "ref") {
-        ids.entry(id.to_owned()).or_insert_with(|| node.clone());
-    }
-    node.children.iter().for_each(|c| gather(c, ids));
-}
-
 impl<'a> World<'a> {
     pub fn new(name: &str, fetch: Fetch<'a>, root: &Node) -> Self {
-        let mut ids = HashMap::new();
-        root.children.iter().for_each(|c| gather(c, &mut ids));
         World {
-            name: name.to_owned(),
-            fetch,
-            ids,
-            description: Description { name: name.to_owned(), ..Default::default() },
-            pictures: HashMap::new(),
-            measured: HashMap::new(),
+            context: Context::new(name, fetch, root),
             surfaces: HashMap::new(),
             plain: HashMap::new(),
             groups: HashMap::new(),
@@ -70,68 +47,7 @@ impl<'a> World<'a> {
             media: HashMap::new(),
             curves: HashMap::new(),
             curve_points: 0,
-            left_out: BTreeMap::new(),
         }
-    }
-
-    /// Counts something that is left out.
-    pub fn leave_out(&mut self, what: impl Into<String>) {
-        *self.left_out.entry(what.into()).or_default() += 1;
-    }
-
-    /// The element that a reference stands for; others stand for themselves.
-    pub fn resolved(&self, node: &Arc<Node>) -> Read<Arc<Node>> {
-        if node.tag != "ref" {
-            return Ok(node.clone());
-        }
-        let id = node.get("id").unwrap_or_default();
-        self.ids.get(id).cloned().ok_or_else(|| {
-            let near = diopter_light::names::nearest(id, self.ids.keys().map(String::as_str));
-            let hint =
-                near.map_or("an object with that id".to_owned(), |n| format!("an object with that id (did you mean \"{n}\"?)"));
-            wrong(node, format!("\"{id}\""), hint)
-        })
-    }
-
-    /// The nested object of a tag, given there or by reference.
-    pub fn nested(&self, node: &Node, tag: &str, name: Option<&str>) -> Read<Option<Arc<Node>>> {
-        for child in &node.children {
-            if name.is_some() && child.get("name") != name {
-                continue;
-            }
-            let there = self.resolved_if(child, tag)?;
-            if there.is_some() {
-                return Ok(there);
-            }
-        }
-        Ok(None)
-    }
-
-    /// What a child stands for, if it has a tag.
-    pub fn resolved_if(&self, child: &Arc<Node>, tag: &str) -> Read<Option<Arc<Node>>> {
-        let there = if child.tag == "ref" || child.tag == tag { Some(self.resolved(child)?) } else { None };
-        Ok(there.filter(|n| n.tag == tag))
-    }
-
-    /// A picture of a surface; none where it is missing, which is noted.
-    pub fn picture(&mut self, file: &str) -> Option<Arc<Image>> {
-        if let Some(known) = self.pictures.get(file) {
-            return known.clone();
-        }
-        let read = (self.fetch)(file).and_then(|bytes| read_texture(&bytes));
-        let image = read.map(Arc::new).map_err(|reason| note_missing(&mut self.description.missing_textures, file, reason)).ok();
-        self.pictures.insert(file.to_owned(), image.clone());
-        image
-    }
-
-    /// A measured material; where its file cannot be read that is noted, and something stands in for it.
-    pub fn measured(&mut self, file: &str) -> Scattering {
-        if let Some(known) = self.measured.get(file) {
-            return known.clone();
-        }
-        let made = measured_or_stand_in(&mut self.description.missing_textures, file, (self.fetch)(file));
-        self.measured.insert(file.to_owned(), made.clone());
-        made
     }
 
     pub fn run(mut self, root: &Node) -> Read<Description> {
@@ -139,30 +55,30 @@ impl<'a> World<'a> {
             match child.tag.as_str() {
                 "shape" if child.kind() == "shapegroup" => (),
                 "shape" => self.shape(child)?,
-                "emitter" => lights::add(&mut self, child)?,
-                "sensor" => camera::add(&mut self, child)?,
+                "emitter" => lights::add(&mut self.context, child)?,
+                "sensor" => camera::add(&mut self.context, child)?,
                 "integrator" => {
                     let depth = number(child, "max_depth", -1.0)?;
                     if depth >= 1.0 {
                         // Theirs counts what is seen directly as 1.
-                        self.description.max_depth = Some((depth - 1.0).min(1e6) as u32);
+                        self.context.description.max_depth = Some((depth - 1.0).min(1e6) as u32);
                     }
                 }
                 _ => (),
             }
         }
-        if !self.left_out.is_empty() {
-            let list: Vec<String> = self.left_out.iter().map(|(what, n)| format!("{what} ({n})")).collect();
-            self.description.warnings.push(format!("{}: left out: {}", self.name, list.join(", ")));
+        if !self.context.left_out.is_empty() {
+            let list: Vec<String> = self.context.left_out.iter().map(|(what, n)| format!("{what} ({n})")).collect();
+            self.context.description.warnings.push(format!("{}: left out: {}", self.context.name, list.join(", ")));
         }
-        Ok(self.description)
+        Ok(self.context.description)
     }
 
     fn push(&mut self, node: &Node, object: Object) -> Read<()> {
-        if self.description.objects.len() >= MOST_OBJECTS {
+        if self.context.description.objects.len() >= MOST_OBJECTS {
             return Err(wrong(node, format!("more than {MOST_OBJECTS} shapes"), "fewer"));
         }
-        self.description.objects.push(object);
+        self.context.description.objects.push(object);
         Ok(())
     }
 
@@ -171,13 +87,13 @@ impl<'a> World<'a> {
             let (shape, material, name) = self.form(node, true)?;
             return self.push(node, Object::new(name, shape, material));
         }
-        let group = self.nested(node, "shape", None)?.filter(|g| g.kind() == "shapegroup");
+        let group = self.context.nested(node, "shape", None)?.filter(|g| g.kind() == "shapegroup");
         let group = group.ok_or_else(|| wrong(node, "an instance of nothing", "a reference to a shapegroup"))?;
         let id = Arc::as_ptr(&group);
         if !self.groups.contains_key(&id) {
             let mut all = Vec::new();
             for child in &group.children {
-                if let Some(shape) = self.resolved_if(child, "shape")? {
+                if let Some(shape) = self.context.resolved_if(child, "shape")? {
                     if matches!(shape.kind(), "instance" | "shapegroup") {
                         return Err(wrong(&shape, format!("{} in a shapegroup", shape.kind()), "shapes alone"));
                     }
@@ -214,7 +130,7 @@ impl<'a> World<'a> {
                 }
                 let place = place * DMat4::from_translation(center);
                 // What has pictures needs Mitsuba's texture coordinates.
-                let plain = alone && !flip && !self.description.materials[material as usize].has_pictures();
+                let plain = alone && !flip && !self.context.description.materials[material as usize].has_pictures();
                 match round::sphere_in_world(radius as f32, place) {
                     Some(sphere) if plain && place.determinant() > 0.0 => Shape::Sphere(sphere),
                     _ => self.mesh(round::ball(radius as f32), flip, place),
@@ -230,8 +146,8 @@ impl<'a> World<'a> {
                 let number = match self.meshes.get(&key) {
                     Some(number) => *number,
                     None => {
-                        let bytes =
-                            (self.fetch)(file).map_err(|e| wrong(node, format!("{file}: {e}"), "a file that can be read"))?;
+                        let bytes = (self.context.fetch)(file)
+                            .map_err(|e| wrong(node, format!("{file}: {e}"), "a file that can be read"))?;
                         let mut mesh = shapes::read(node.kind(), bytes, part)
                             .map_err(|e| wrong(node, format!("{file}: {e}"), format!("a {} mesh", node.kind())))?;
                         if flip_uv {
@@ -243,8 +159,8 @@ impl<'a> World<'a> {
                         if flip {
                             round::reverse(&mut mesh);
                         }
-                        self.description.meshes.push(mesh.into());
-                        let number = self.description.meshes.len() as u32 - 1;
+                        self.context.description.meshes.push(mesh.into());
+                        let number = self.context.description.meshes.len() as u32 - 1;
                         self.meshes.insert(key, number);
                         number
                     }
@@ -270,15 +186,15 @@ impl<'a> World<'a> {
         if let Some(number) = self.curves.get(&key) {
             return Ok(*number);
         }
-        let read = (self.fetch)(file).and_then(|bytes| curves::read(&bytes, node.kind() == "bsplinecurve", place));
+        let read = (self.context.fetch)(file).and_then(|bytes| curves::read(&bytes, node.kind() == "bsplinecurve", place));
         let expected = "lines of x, y, z and a radius, an empty one between curves";
         let set = read.map_err(|e| wrong(node, format!("{file}: {e}"), expected))?;
         self.curve_points += set.points.len();
         if self.curve_points > MOST_POINTS {
             return Err(wrong(node, format!("more than {MOST_POINTS} points of curves"), "fewer, or instances of a shapegroup"));
         }
-        self.description.curves.push(Arc::new(set));
-        let number = self.description.curves.len() as u32 - 1;
+        self.context.description.curves.push(Arc::new(set));
+        let number = self.context.description.curves.len() as u32 - 1;
         self.curves.insert(key, number);
         Ok(number)
     }
@@ -287,8 +203,8 @@ impl<'a> World<'a> {
         if flip {
             round::reverse(&mut mesh);
         }
-        self.description.meshes.push(mesh.into());
-        Shape::Mesh { mesh: self.description.meshes.len() as u32 - 1, world_from_mesh: affine(place) }
+        self.context.description.meshes.push(mesh.into());
+        Shape::Mesh { mesh: self.context.description.meshes.len() as u32 - 1, world_from_mesh: affine(place) }
     }
 
     /// A medium; one element is one medium, whoever refers to it.
@@ -297,16 +213,16 @@ impl<'a> World<'a> {
         if let Some(known) = self.media.get(&key) {
             return Ok(known.clone());
         }
-        let made = Arc::new(media::of(self, node)?);
+        let made = Arc::new(media::of(&mut self.context, node)?);
         self.media.insert(key, made.clone());
         Ok(made)
     }
 
     /// The number of the material of a shape: its BSDF, light and interior.
     fn material(&mut self, node: &Arc<Node>) -> Read<u32> {
-        let bsdf = self.nested(node, "bsdf", None)?;
-        let emitter = self.nested(node, "emitter", None)?;
-        let medium = |name: &str| -> Read<Option<Arc<Node>>> { self.nested(node, "medium", Some(name)) };
+        let bsdf = self.context.nested(node, "bsdf", None)?;
+        let emitter = self.context.nested(node, "emitter", None)?;
+        let medium = |name: &str| -> Read<Option<Arc<Node>>> { self.context.nested(node, "medium", Some(name)) };
         let (inside, outside) = (medium("interior")?, medium("exterior")?);
         let key = bsdf.as_ref().map_or(std::ptr::null(), Arc::as_ptr);
         let is_plain = emitter.is_none() && inside.is_none() && outside.is_none();
@@ -318,7 +234,7 @@ impl<'a> World<'a> {
             Some(bsdf) => match self.surfaces.get(&Arc::as_ptr(bsdf)) {
                 Some(known) => known.clone(),
                 None => {
-                    let made = self.bsdf(bsdf, 0)?;
+                    let made = self.context.bsdf(bsdf, 0)?;
                     self.surfaces.insert(Arc::as_ptr(bsdf), made.clone());
                     made
                 }
@@ -339,22 +255,17 @@ impl<'a> World<'a> {
             };
         }
         if let Some(emitter) = emitter {
-            material.emission = Some(lights::emission(self, &emitter)?);
+            material.emission = Some(lights::emission(&mut self.context, &emitter)?);
         }
         // Nothing that light would meet, and nothing behind it.
         if matches!(material.scattering, Scattering::Interface) && is_plain {
-            self.leave_out("surfaces of nothing (null) without media");
+            self.context.leave_out("surfaces of nothing (null) without media");
         }
-        self.description.materials.push(material);
-        let number = self.description.materials.len() as u32 - 1;
+        self.context.description.materials.push(material);
+        let number = self.context.description.materials.len() as u32 - 1;
         if is_plain {
             self.plain.insert(key, number);
         }
         Ok(number)
     }
-}
-
-/// A matrix of single precision.
-pub(super) fn affine(m: DMat4) -> Affine3A {
-    Affine3A::from_mat4(m.as_mat4())
 }

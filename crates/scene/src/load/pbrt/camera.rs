@@ -1,8 +1,8 @@
 //! The camera and its film.
 
 use super::Fault;
+use super::context::{Context, affine};
 use super::params::Params;
-use super::world::{World, affine};
 use crate::scene::{FilmHints, LensTable, Sight, Viewpoint};
 use glam::{DMat4, DVec3};
 
@@ -11,9 +11,9 @@ const MOST_PIXELS: usize = 100_000_000;
 /// Most pixels a side.
 const LARGEST_SIDE: i64 = 65_535;
 
-pub fn film(world: &mut World, p: &Params, kind: &str) -> Result<FilmHints, Fault> {
+pub fn film(context: &mut Context, p: &Params, kind: &str) -> Result<FilmHints, Fault> {
     if kind == "image" {
-        world.warn(p.place, "film \"image\" is of pbrt-v3: its resolution is read");
+        context.warn(p.place, "film \"image\" is of pbrt-v3: its resolution is read");
     } else if !matches!(kind, "" | "rgb" | "gbuffer" | "spectral") {
         return Err(p.place.fault(format!("film \"{kind}\""), "rgb, gbuffer or spectral"));
     }
@@ -29,7 +29,7 @@ pub fn film(world: &mut World, p: &Params, kind: &str) -> Result<FilmHints, Faul
     let size = match size[0] * size[1] <= MOST_PIXELS {
         true => Some(size),
         false => {
-            world.warn(
+            context.warn(
                 p.place,
                 format!("a film of {} x {} pixels: the picture has the usual size (give --size)", size[0], size[1]),
             );
@@ -38,7 +38,7 @@ pub fn film(world: &mut World, p: &Params, kind: &str) -> Result<FilmHints, Faul
     };
     let whole = |name: &str| p.get(name).is_none();
     if !whole("cropwindow") || !whole("pixelbounds") {
-        world.warn(p.place, "the film is cropped: all of it is shown");
+        context.warn(p.place, "the film is cropped: all of it is shown");
     }
     let diagonal = p.float("diagonal", 35.0)?;
     if !(0.1..=2000.0).contains(&diagonal) {
@@ -54,7 +54,7 @@ pub fn film(world: &mut World, p: &Params, kind: &str) -> Result<FilmHints, Faul
 }
 
 pub fn viewpoint(
-    world: &mut World,
+    context: &mut Context,
     p: &Params,
     kind: &str,
     camera_from_world: DMat4,
@@ -97,7 +97,7 @@ pub fn viewpoint(
         }
         "orthographic" => {
             if lens_radius > 0.0 {
-                world.warn(p.place, "an orthographic camera with a lens: everything is sharp");
+                context.warn(p.place, "an orthographic camera with a lens: everything is sharp");
             }
             Sight::Orthographic { height: (2.0 * window[3] * world_from_camera.y_axis.truncate().length()) as f32 }
         }
@@ -107,7 +107,7 @@ pub fn viewpoint(
                     .place
                     .fault("a spherical camera in the equal-area mapping", "\"string mapping\" \"equirectangular\""));
             }
-            world.warn(p.place, "straight ahead is in the middle of the picture and left is left, unlike in pbrt's");
+            context.warn(p.place, "straight ahead is in the middle of the picture and left is left, unlike in pbrt's");
             Sight::Panorama
         }
         "realistic" => {
@@ -121,9 +121,9 @@ pub fn viewpoint(
                 ));
             }
             if p.text("aperture")?.is_some() {
-                world.warn(p.place, "the shape of the aperture is round: give --blades or --aperture-image");
+                context.warn(p.place, "the shape of the aperture is round: give --blades or --aperture-image");
             }
-            Sight::Table(LensTable { file: file.to_owned(), bytes: world.file(file, p.place)?, stop_mm, focus_m })
+            Sight::Table(LensTable { file: file.to_owned(), bytes: context.file(file, p.place)?, stop_mm, focus_m })
         }
         other => {
             return Err(p.place.fault(format!("camera \"{other}\""), "perspective, orthographic, spherical or realistic"));

@@ -1,9 +1,9 @@
 //! Lights. Every one is divided by its own luminance: `scale` counts in cd/m², cd or lx.
 
 use super::Fault;
+use super::context::Context;
 use super::params::Params;
 use super::spectra::{self, Use};
-use super::world::World;
 use crate::light::environment::direction;
 use crate::light::photometry::Web;
 use crate::light::punctual::{Pattern, Spread, square_of};
@@ -22,7 +22,7 @@ use std::sync::Arc;
 const MOST_COLUMNS: usize = 8192;
 
 /// A `LightSource`.
-pub fn make(world: &mut World, kind: &str, p: &Params, world_from_light: DMat4) -> Result<(), Fault> {
+pub fn make(context: &mut Context, kind: &str, p: &Params, world_from_light: DMat4) -> Result<(), Fault> {
     let place = p.place;
     if p.get("mapname").is_some() {
         return Err(place.version_3(format!("light \"{kind}\" with mapname")));
@@ -41,7 +41,7 @@ pub fn make(world: &mut World, kind: &str, p: &Params, world_from_light: DMat4) 
     let white = Spectrum::light_from_rgb(Vec3::ONE);
     match kind {
         "point" | "spot" => {
-            let spectrum = spectra::get(world, p, "I", Use::Light, white)?;
+            let spectrum = spectra::get(context, p, "I", Use::Light, white)?;
             let from = p.vector("from", Vec3::ZERO)?;
             let (power, solid_angle, kind) = match kind {
                 "point" => (at_least_0("power")?, 4.0 * PI, PunctualKind::Point { position: point(from) }),
@@ -66,17 +66,17 @@ pub fn make(world: &mut World, kind: &str, p: &Params, world_from_light: DMat4) 
                 }
             };
             let factor = scale * if power > 0.0 { power / solid_angle } else { 1.0 };
-            let name = format!("light {}", world.description.punctual.len());
-            world.description.punctual.push(Punctual::new(&name, times(&spectrum, factor), kind));
+            let name = format!("light {}", context.description.punctual.len());
+            context.description.punctual.push(Punctual::new(&name, times(&spectrum, factor), kind));
         }
         "distant" => {
-            let spectrum = spectra::get(world, p, "L", Use::Light, white)?;
+            let spectrum = spectra::get(context, p, "L", Use::Light, white)?;
             let (from, to) = (p.vector("from", Vec3::ZERO)?, p.vector("to", Vec3::Z)?);
             let lux = at_least_0("illuminance")?;
             let factor = scale * if lux > 0.0 { lux } else { 1.0 };
             let kind = PunctualKind::Directional { direction: direction(from, to)? };
-            let name = format!("light {}", world.description.punctual.len());
-            world.description.punctual.push(Punctual::new(&name, times(&spectrum, factor), kind));
+            let name = format!("light {}", context.description.punctual.len());
+            context.description.punctual.push(Punctual::new(&name, times(&spectrum, factor), kind));
         }
         "goniometric" | "projection" => {
             let name = p
@@ -84,12 +84,12 @@ pub fn make(world: &mut World, kind: &str, p: &Params, world_from_light: DMat4) 
                 .ok_or_else(|| place.fault(format!("a {kind} light without filename"), "\"string filename\""))?;
             if kind == "goniometric" && name.to_lowercase().ends_with(".ies") {
                 let name = name.to_owned();
-                return ies(world, p, &name, world_from_light, scale, at_least_0("power")?);
+                return ies(context, p, &name, world_from_light, scale, at_least_0("power")?);
             }
-            let picture = crate::load::read_light_picture(&world.file(name, place)?)
+            let picture = crate::load::read_light_picture(&context.file(name, place)?)
                 .map_err(|e| place.fault(format!("{name}: {e}"), "a picture (EXR, HDR, PNG)"))?;
             let spectrum = match kind {
-                "goniometric" => spectra::get(world, p, "I", Use::Light, white)?,
+                "goniometric" => spectra::get(context, p, "I", Use::Light, white)?,
                 _ => white,
             };
             let turned = match kind {
@@ -123,13 +123,13 @@ pub fn make(world: &mut World, kind: &str, p: &Params, world_from_light: DMat4) 
             };
             let factor = scale * if power > 0.0 { power / lumens.max(1e-30) } else { 1.0 };
             let at = PunctualKind::Point { position: point(Vec3::ZERO) };
-            let name = format!("light {}", world.description.punctual.len());
+            let name = format!("light {}", context.description.punctual.len());
             let light = Punctual::new(&name, times(&spectrum, factor), at);
-            world.description.punctual.push(Punctual { pattern: Some(Arc::new(pattern)), ..light });
+            context.description.punctual.push(Punctual { pattern: Some(Arc::new(pattern)), ..light });
         }
         "infinite" => {
             if p.get("portal").is_some() {
-                world.warn(place, "a portal only guides pbrt's sampling: it is not used");
+                context.warn(place, "a portal only guides pbrt's sampling: it is not used");
             }
             let lux = at_least_0("illuminance")?;
             let turn = |m: DMat4| {
@@ -139,13 +139,13 @@ pub fn make(world: &mut World, kind: &str, p: &Params, world_from_light: DMat4) 
             };
             let environment = match p.text("filename")? {
                 None => {
-                    let spectrum = spectra::get(world, p, "L", Use::Light, white)?;
+                    let spectrum = spectra::get(context, p, "L", Use::Light, white)?;
                     let factor = scale * if lux > 0.0 { lux / PI } else { 1.0 };
                     Environment::uniform(color::srgb_of_light(|nm| spectrum.at(nm)).max(Vec3::ZERO) * factor as f32)
                 }
                 Some(name) => {
                     let name = name.to_owned();
-                    let picture = crate::load::read_light_picture(&world.file(&name, place)?)
+                    let picture = crate::load::read_light_picture(&context.file(&name, place)?)
                         .map_err(|e| place.fault(format!("{name}: {e}"), "a picture (EXR, HDR, PNG)"))?;
                     if picture.width != picture.height {
                         let found = format!("{name}: {} × {} pixels", picture.width, picture.height);
@@ -157,7 +157,7 @@ pub fn make(world: &mut World, kind: &str, p: &Params, world_from_light: DMat4) 
                     Environment::new(lat_long(&picture), turn(world_from_light), factor as f32)
                 }
             };
-            world.description.environment = Some(match world.description.environment.take() {
+            context.description.environment = Some(match context.description.environment.take() {
                 Some(first) => first.plus(&environment),
                 None => environment,
             });
@@ -171,17 +171,17 @@ pub fn make(world: &mut World, kind: &str, p: &Params, world_from_light: DMat4) 
 
 /// A `goniometric` light by an IES file, which pbrt does not have: a lamp that hangs, aimed along −y, its horizontal angles from +x. `I` gives its
 /// colour, `power` (lm) counts instead of what was measured.
-fn ies(world: &mut World, p: &Params, file: &str, world_from_light: DMat4, scale: f64, power: f64) -> Result<(), Fault> {
-    let web = Web::read(&world.file(file, p.place)?).map_err(|e| p.place.fault(format!("{file}: {}", e.found), e.expected))?;
-    let spectrum = spectra::get(world, p, "I", Use::Light, Spectrum::light_from_rgb(Vec3::ONE))?;
+fn ies(context: &mut Context, p: &Params, file: &str, world_from_light: DMat4, scale: f64, power: f64) -> Result<(), Fault> {
+    let web = Web::read(&context.file(file, p.place)?).map_err(|e| p.place.fault(format!("{file}: {}", e.found), e.expected))?;
+    let spectrum = spectra::get(context, p, "I", Use::Light, Spectrum::light_from_rgb(Vec3::ONE))?;
     // The file's −z is the light's −y, its y the light's −z.
     let turned = world_from_light * DMat4::from_cols(DVec4::X, DVec4::NEG_Z, DVec4::Y, DVec4::W);
     let factor = scale * f64::from(web.peak()) * if power > 0.0 { power / web.lumens() } else { 1.0 };
     let pattern = Pattern::measured(web, glam::DMat3::from_mat4(turned).inverse().as_mat3());
     let kind = PunctualKind::Point { position: world_from_light.transform_point3(glam::DVec3::ZERO).as_vec3() };
-    let name = format!("light {}", world.description.punctual.len());
+    let name = format!("light {}", context.description.punctual.len());
     let light = Punctual::new(&name, times(&spectrum, factor), kind);
-    world.description.punctual.push(Punctual { pattern: Some(Arc::new(pattern)), ..light });
+    context.description.punctual.push(Punctual { pattern: Some(Arc::new(pattern)), ..light });
     Ok(())
 }
 
@@ -194,17 +194,17 @@ fn times(spectrum: &Spectrum, factor: f64) -> Spectrum {
 }
 
 /// What an area light adds to the material of a shape of an area (m²).
-pub fn emission(world: &mut World, p: &Params, area: f32) -> Result<Emission, Fault> {
+pub fn emission(context: &mut Context, p: &Params, area: f32) -> Result<Emission, Fault> {
     let picture = match p.text("filename")? {
         None => None,
         Some(name) => {
-            let image = world.picture(name).map_or_else(crate::load::stand_in, Arc::new);
+            let image = context.picture(name).map_or_else(crate::load::stand_in, Arc::new);
             // Rows count from below.
             let image_from_uv = Affine2::from_scale_angle_translation(Vec2::new(1.0, -1.0), 0.0, Vec2::Y);
             Some(Texture { image_from_uv, interpolation: Interpolation::Nearest, ..Texture::color(image) })
         }
     };
-    let spectrum = spectra::get(world, p, "L", Use::Light, Spectrum::light_from_rgb(Vec3::ONE))?;
+    let spectrum = spectra::get(context, p, "L", Use::Light, Spectrum::light_from_rgb(Vec3::ONE))?;
     let two_sided = p.bool("twosided", false)?;
     let (mut factor, power) = (p.float("scale", 1.0)?, p.float("power", -1.0)?);
     if let Some(mean) = picture.as_ref().map(mean_luminance).filter(|m| *m > 0.0 && power > 0.0) {

@@ -1,11 +1,11 @@
 //! Materials by number and name.
 
 use super::Fault;
+use super::context::Context;
 use super::params::{Param, Params, Values};
 use super::spectra::{self, Use};
 use super::subsurface;
 use super::textures::Textures;
-use super::world::World;
 use crate::material::conductor::FacetBounces;
 use crate::material::{
     Anisotropy, Bump, BumpUnit, CoatedConductor, Conductor, DEEPEST_MIX, Hair, Interior, Material, Pigment, Principled,
@@ -82,44 +82,44 @@ impl Materials {
     }
 
     /// A material of a type.
-    pub fn make(&mut self, world: &mut World, textures: &Textures, kind: &str, p: &Params) -> Result<Made, Fault> {
+    pub fn make(&mut self, context: &mut Context, textures: &Textures, kind: &str, p: &Params) -> Result<Made, Fault> {
         p.get("type");
         let (mut inside, mut own_name) = (None, None);
         let scattering = match kind {
             "" | "none" | "interface" => return Ok(Made { material: None }),
-            "diffuse" => Scattering::Diffuse(textures.color(world, p, "reflectance", 0.5)?),
+            "diffuse" => Scattering::Diffuse(textures.color(context, p, "reflectance", 0.5)?),
             "coateddiffuse" => {
-                clear_between_layers(world, p);
-                let base = textures.color(world, p, "reflectance", 0.5)?;
-                let eta = index(world, p, "eta", 1.5, COAT)?;
-                let (roughness, across) = root_of_alpha(world, textures, p, "")?;
+                clear_between_layers(context, p);
+                let base = textures.color(context, p, "reflectance", 0.5)?;
+                let eta = index(context, p, "eta", 1.5, COAT)?;
+                let (roughness, across) = root_of_alpha(context, textures, p, "")?;
                 let coat = Principled::new(base, eta.at(550.0));
                 Scattering::Principled(Box::new(Principled { roughness, anisotropy: anisotropy(across), layered: true, ..coat }))
             }
             "conductor" => {
-                let (alpha, across) = alpha(world, textures, p, "")?;
-                let (n, k) = metal(world, p, "")?;
+                let (alpha, across) = alpha(context, textures, p, "")?;
+                let (n, k) = metal(context, p, "")?;
                 Scattering::Conductor(Conductor { n, k, alpha, across, bounces: FacetBounces::Lost })
             }
             "coatedconductor" => {
-                clear_between_layers(world, p);
-                let (alpha, across) = alpha(world, textures, p, "conductor.")?;
-                let (n, k) = metal(world, p, "conductor.")?;
+                clear_between_layers(context, p);
+                let (alpha, across) = alpha(context, textures, p, "conductor.")?;
+                let (n, k) = metal(context, p, "conductor.")?;
                 let metal = Conductor { n, k, alpha, across, bounces: FacetBounces::Lost };
-                let eta = index(world, p, "interface.eta", 1.5, COAT)?;
-                let (roughness, across) = root_of_alpha(world, textures, p, "interface.")?;
+                let eta = index(context, p, "interface.eta", 1.5, COAT)?;
+                let (roughness, across) = root_of_alpha(context, textures, p, "interface.")?;
                 let mut coated = CoatedConductor::new(metal, eta.at(550.0), roughness);
                 coated.across = across;
                 Scattering::Coated(Box::new(coated))
             }
             "dielectric" | "thindielectric" => {
-                let eta = index(world, p, "eta", 1.5, BODY)?;
+                let eta = index(context, p, "eta", 1.5, BODY)?;
                 let glass = Principled::glass(eta.at(550.0));
                 let own = match kind {
                     "thindielectric" => Principled { kind: Transmission::Thin, pane: true, ..glass },
                     _ => {
                         let disperses = !matches!(eta, Spectrum::Constant(_));
-                        let (roughness, across) = root_of_alpha(world, textures, p, "")?;
+                        let (roughness, across) = root_of_alpha(context, textures, p, "")?;
                         Principled { roughness, anisotropy: anisotropy(across), dispersion: disperses.then_some(eta), ..glass }
                     }
                 };
@@ -127,19 +127,19 @@ impl Materials {
             }
             "diffusetransmission" => {
                 let scale = p.float("scale", 1.0)? as f32;
-                let reflectance = scaled(textures.color(world, p, "reflectance", 0.25)?, scale);
-                let transmittance = scaled(textures.color(world, p, "transmittance", 0.25)?, scale);
+                let reflectance = scaled(textures.color(context, p, "reflectance", 0.25)?, scale);
+                let transmittance = scaled(textures.color(context, p, "transmittance", 0.25)?, scale);
                 let most = |c: &Color| if let Color::Constant { rgb, .. } = c { rgb.max_element() } else { 0.0 };
                 if most(&reflectance) + most(&transmittance) > 1.001 {
-                    world.warn(p.place, "reflectance and transmittance add up to more than 1: this material makes light");
+                    context.warn(p.place, "reflectance and transmittance add up to more than 1: this material makes light");
                 }
                 Scattering::DiffuseTransmission(Box::new([reflectance, transmittance]))
             }
-            "hair" => Scattering::Hair(Box::new(hair(world, textures, p)?)),
+            "hair" => Scattering::Hair(Box::new(hair(context, textures, p)?)),
             "measured" => match p.text("filename")? {
                 Some(name) => {
                     own_name = Some(name.to_owned());
-                    world.measured(name)
+                    context.measured(name)
                 }
                 None => {
                     return Err(p.place.fault("a measured material without filename", "\"string filename\" \"a .bsdf file\""));
@@ -154,7 +154,7 @@ impl Materials {
                     Some((_, place)) => return Err(place.fault("the materials of a mix", "two names")),
                     None => return Err(p.place.fault("a mix without materials", "\"string materials\" [ two names ]")),
                 };
-                let amount = textures.scalar(world, p, "amount", 0.5)?;
+                let amount = textures.scalar(context, p, "amount", 0.5)?;
                 let part = |name: &String| {
                     let known = self.number(name).map(|n| &self.all[n]);
                     let known = known
@@ -176,11 +176,11 @@ impl Materials {
             }
             // pbrt-v3's Lambertian surface, by the names of its parameters.
             "matte" => {
-                let lambertian = matches!(textures.scalar(world, p, "sigma", 0.0)?, Scalar::Constant(s) if s == 0.0);
+                let lambertian = matches!(textures.scalar(context, p, "sigma", 0.0)?, Scalar::Constant(s) if s == 0.0);
                 if !lambertian {
                     return Err(p.place.version_3("a matte material with sigma (Oren and Nayar's model)"));
                 }
-                Scattering::Diffuse(textures.color(world, p, "Kd", 0.5)?)
+                Scattering::Diffuse(textures.color(context, p, "Kd", 0.5)?)
             }
             // pbrt-v3's smooth clear glass; what is coloured or rough is not the same in pbrt-v4.
             "glass" => {
@@ -192,14 +192,14 @@ impl Materials {
                 }
                 p.get("remaproughness");
                 let name = if p.get("index").is_some() { "index" } else { "eta" };
-                let glass = Principled::glass(index(world, p, name, 1.5, BODY)?.at(550.0));
+                let glass = Principled::glass(index(context, p, name, 1.5, BODY)?.at(550.0));
                 Scattering::Principled(Box::new(glass))
             }
             "subsurface" => {
-                let eta = index(world, p, "eta", 1.33, COAT)?;
+                let eta = index(context, p, "eta", 1.33, COAT)?;
                 let glass = Principled::glass(eta.at(550.0));
-                let (roughness, across) = root_of_alpha(world, textures, p, "")?;
-                inside = Some(subsurface::medium(world, p, eta.at(550.0))?);
+                let (roughness, across) = root_of_alpha(context, textures, p, "")?;
+                inside = Some(subsurface::medium(context, p, eta.at(550.0))?);
                 Scattering::Principled(Box::new(Principled { roughness, anisotropy: anisotropy(across), ..glass }))
             }
             other if V3_ONLY.contains(&other) => return Err(p.place.version_3(format!("material \"{other}\""))),
@@ -213,14 +213,14 @@ impl Materials {
             material.interior = Interior::Body { medium: Some(Arc::new(medium)), priority: None };
         }
         if let Some(name) = p.text("normalmap")? {
-            material.normal_map = normal_map(world, name).map(|map| (map, 1.0));
+            material.normal_map = normal_map(context, name).map(|map| (map, 1.0));
         }
         // An even height changes nothing.
-        if !matches!(textures.scalar(world, p, "displacement", 0.0)?, Scalar::Constant(_)) {
-            let height = textures.scalar(world, p, "displacement", 0.0)?;
+        if !matches!(textures.scalar(context, p, "displacement", 0.0)?, Scalar::Constant(_)) {
+            let height = textures.scalar(context, p, "displacement", 0.0)?;
             material.bump = Some(Box::new(Bump { height, unit: BumpUnit::Length(1.0) }));
             if let Some(both) = p.get("normalmap") {
-                world.warn(both.place, "a material with displacement and normalmap: its normalmap is not used");
+                context.warn(both.place, "a material with displacement and normalmap: its normalmap is not used");
             }
         }
         Ok(Made { material: Some(material) })
@@ -228,17 +228,17 @@ impl Materials {
 }
 
 /// A fibre: of several ways to say what absorbs light in it the first counts, as in pbrt (`HairMaterial::Create`).
-fn hair(world: &mut World, textures: &Textures, p: &Params) -> Result<Hair, Fault> {
+fn hair(context: &mut Context, textures: &Textures, p: &Params) -> Result<Hair, Fault> {
     const WAYS: [&str; 5] = ["sigma_a", "reflectance", "color", "eumelanin", "pheomelanin"];
     let given: Vec<&str> = WAYS.into_iter().filter(|name| p.get(name).is_some()).collect();
     if let [first, second, ..] = given[..]
         && [first, second] != ["eumelanin", "pheomelanin"]
     {
-        world.warn(p.place, format!("hair with {first} and {second}: only {first} is used"));
+        context.warn(p.place, format!("hair with {first} and {second}: only {first} is used"));
     }
-    let number = |world: &mut World, name: &str, default: f32| {
+    let number = |context: &mut Context, name: &str, default: f32| {
         let at_least_0 = |v: f32| v >= 0.0;
-        match textures.scalar(world, p, name, default)? {
+        match textures.scalar(context, p, name, default)? {
             Scalar::Constant(v) if !at_least_0(v) => {
                 Err(p.get(name).map_or(p.place, |p| p.place).fault(format!("{name} of {v}"), "a number of at least 0"))
             }
@@ -246,32 +246,32 @@ fn hair(world: &mut World, textures: &Textures, p: &Params) -> Result<Hair, Faul
         }
     };
     let pigment = match given.first() {
-        Some(&"sigma_a") => match textures.unbounded(world, p, "sigma_a")? {
+        Some(&"sigma_a") => match textures.unbounded(context, p, "sigma_a")? {
             Some(graph) => Pigment::AbsorptionMap(graph),
-            None => Pigment::Absorption(spectra::get(world, p, "sigma_a", Use::Unbounded, Spectrum::Constant(0.0))?),
+            None => Pigment::Absorption(spectra::get(context, p, "sigma_a", Use::Unbounded, Spectrum::Constant(0.0))?),
         },
-        Some(name @ (&"reflectance" | &"color")) => Pigment::Reflectance(textures.color(world, p, name, 0.5)?),
+        Some(name @ (&"reflectance" | &"color")) => Pigment::Reflectance(textures.color(context, p, name, 0.5)?),
         _ => {
-            let eumelanin = number(world, "eumelanin", if given.is_empty() { 1.3 } else { 0.0 })?;
-            Pigment::melanin(eumelanin, number(world, "pheomelanin", 0.0)?)
+            let eumelanin = number(context, "eumelanin", if given.is_empty() { 1.3 } else { 0.0 })?;
+            Pigment::melanin(eumelanin, number(context, "pheomelanin", 0.0)?)
         }
     };
     let eta = p.float("eta", 1.55)? as f32;
     if !(1.0..=10.0).contains(&eta) {
         return Err(p.get("eta").map_or(p.place, |p| p.place).fault(format!("an index of refraction of {eta}"), "1 to 10"));
     }
-    let (beta_m, beta_n) = (number(world, "beta_m", 0.3)?, number(world, "beta_n", 0.3)?);
-    Ok(Hair { pigment, eta, beta_m, beta_n, alpha: textures.scalar(world, p, "alpha", 2.0)? })
+    let (beta_m, beta_n) = (number(context, "beta_m", 0.3)?, number(context, "beta_n", 0.3)?);
+    Ok(Hair { pigment, eta, beta_m, beta_n, alpha: textures.scalar(context, p, "alpha", 2.0)? })
 }
 
 /// Says what is left out of a medium between two layers.
-fn clear_between_layers(world: &mut World, p: &Params) {
+fn clear_between_layers(context: &mut Context, p: &Params) {
     for (name, default) in [("albedo", 0.0), ("g", 0.0)] {
         if let Some(param) = p.get(name)
             && param.values != super::params::Values::Numbers(vec![default])
         {
             let place = param.place;
-            world.warn(
+            context.warn(
                 place,
                 format!("\"{name}\" of a layered material (a medium between its layers) is not supported: it is taken for clear"),
             );
@@ -283,8 +283,8 @@ fn clear_between_layers(world: &mut World, p: &Params) {
 }
 
 /// A picture of normals; none where it is missing.
-fn normal_map(world: &mut World, name: &str) -> Option<Texture> {
-    let image = world.picture(name)?;
+fn normal_map(context: &mut Context, name: &str) -> Option<Texture> {
+    let image = context.picture(name)?;
     // Rows count from below.
     let image_from_uv = Affine2::from_scale_angle_translation(Vec2::new(1.0, -1.0), 0.0, Vec2::Y);
     Some(Texture {
@@ -303,8 +303,8 @@ const COAT: f32 = 1.0;
 const BODY: f32 = 0.1;
 
 /// An index of refraction: a number or a spectrum.
-fn index(world: &World, p: &Params, name: &str, default: f32, least: f32) -> Result<Spectrum, Fault> {
-    let index = spectra::get(world, p, name, Use::Unbounded, Spectrum::Constant(default))?;
+fn index(context: &Context, p: &Params, name: &str, default: f32, least: f32) -> Result<Spectrum, Fault> {
+    let index = spectra::get(context, p, name, Use::Unbounded, Spectrum::Constant(default))?;
     match (0..=80).map(|i| index.at(380.0 + 5.0 * i as f32)).find(|n| !(least..=10.0).contains(n)) {
         None => Ok(index),
         Some(n) => {
@@ -315,13 +315,13 @@ fn index(world: &World, p: &Params, name: &str, default: f32, least: f32) -> Res
 }
 
 /// n and k of a metal; the names of its parameters may have a prefix, but `reflectance` has none.
-fn metal(world: &World, p: &Params, prefix: &str) -> Result<(Spectrum, Spectrum), Fault> {
+fn metal(context: &Context, p: &Params, prefix: &str) -> Result<(Spectrum, Spectrum), Fault> {
     let [eta, k] = ["eta", "k"].map(|name| format!("{prefix}{name}"));
     if let Some(reflectance) = p.get("reflectance") {
         if p.get(&eta).is_some() || p.get(&k).is_some() {
             return Err(p.place.fault("a conductor with reflectance and eta or k", "one of the two"));
         }
-        let r = spectra::of(world, reflectance, Use::Albedo)?;
+        let r = spectra::of(context, reflectance, Use::Albedo)?;
         // Of an index of 1 the reflectance k² / (4 + k²), solved for k.
         let k = |r: f32| {
             let r = r.clamp(0.0, 0.9999);
@@ -336,8 +336,8 @@ fn metal(world: &World, p: &Params, prefix: &str) -> Result<(Spectrum, Spectrum)
         return Ok((Spectrum::Constant(1.0), k));
     }
     let copper = |which: &str| spectra::named_or_nothing(&format!("metal-Cu-{which}"));
-    let n = spectra::get(world, p, &eta, Use::Unbounded, copper("eta"))?;
-    let k = spectra::get(world, p, &k, Use::Unbounded, copper("k"))?;
+    let n = spectra::get(context, p, &eta, Use::Unbounded, copper("eta"))?;
+    let k = spectra::get(context, p, &k, Use::Unbounded, copper("k"))?;
     Ok((n, k))
 }
 
@@ -345,19 +345,19 @@ fn metal(world: &World, p: &Params, prefix: &str) -> Result<(Spectrum, Spectrum)
 type Widths = (Scalar, Option<Scalar>);
 
 /// α of GGX to a power: the root of what files say, or just that.
-fn widths(world: &mut World, textures: &Textures, p: &Params, prefix: &str, exponent: f32) -> Result<Widths, Fault> {
+fn widths(context: &mut Context, textures: &Textures, p: &Params, prefix: &str, exponent: f32) -> Result<Widths, Fault> {
     let exponent = if p.bool("remaproughness", true)? { 0.5 * exponent } else { exponent };
-    let (along, across) = roughness(world, textures, p, prefix)?;
+    let (along, across) = roughness(context, textures, p, prefix)?;
     Ok((power(along, exponent), across.map(|r| power(r, exponent))))
 }
 
-fn alpha(world: &mut World, textures: &Textures, p: &Params, prefix: &str) -> Result<Widths, Fault> {
-    widths(world, textures, p, prefix, 1.0)
+fn alpha(context: &mut Context, textures: &Textures, p: &Params, prefix: &str) -> Result<Widths, Fault> {
+    widths(context, textures, p, prefix, 1.0)
 }
 
 /// √α, which glTF's model calls roughness; 0 where pbrt takes the surface for smooth.
-fn root_of_alpha(world: &mut World, textures: &Textures, p: &Params, prefix: &str) -> Result<Widths, Fault> {
-    Ok(match widths(world, textures, p, prefix, 0.5)? {
+fn root_of_alpha(context: &mut Context, textures: &Textures, p: &Params, prefix: &str) -> Result<Widths, Fault> {
+    Ok(match widths(context, textures, p, prefix, 0.5)? {
         (Scalar::Constant(r), None) if r * r < SMOOTH => (Scalar::Constant(0.0), None),
         other => other,
     })
@@ -368,13 +368,13 @@ fn anisotropy(across: Option<Scalar>) -> Option<Box<Anisotropy>> {
 }
 
 /// Roughness as files say it: along u, and across it where that differs.
-fn roughness(world: &mut World, textures: &Textures, p: &Params, prefix: &str) -> Result<Widths, Fault> {
+fn roughness(context: &mut Context, textures: &Textures, p: &Params, prefix: &str) -> Result<Widths, Fault> {
     let [both, u, v] = ["roughness", "uroughness", "vroughness"].map(|n| format!("{prefix}{n}"));
     // What is not said of one direction is what is said of both; of both directions, it says nothing.
     p.get(&both);
     let mut checked = |name: &str| {
         let name = if p.get(name).is_some() { name } else { both.as_str() };
-        match textures.scalar(world, p, name, 0.0)? {
+        match textures.scalar(context, p, name, 0.0)? {
             Scalar::Constant(r) if !(0.0..=1e3).contains(&r) => {
                 Err(p.get(name).map_or(p.place, |p| p.place).fault(format!("a roughness of {r}"), "0 (smooth) to 1"))
             }

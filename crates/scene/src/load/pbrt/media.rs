@@ -3,15 +3,15 @@
 //! Those that differ from place to place lie in the transform that holds where they are named, which may be two, at two moments. Grids fade to
 //! nothing over the outer half of their outermost cells, as in pbrt-v4.
 
+use super::context::Context;
+use super::filling::{black_body, coefficient, filled, place};
 use super::params::{Param, Params, Values};
 use super::spectra::{self, Use};
-use super::world::World;
 use super::{Fault, Place};
 use crate::bvh::Bounds;
-use crate::medium::{Cloud, Coefficient, Field, Glow, Grid, Medium, Scalars, Tint, Volume, VolumePlace};
+use crate::medium::{Cloud, Coefficient, Field, Glow, Grid, Medium, Scalars, Tint, Volume};
 use diopter_light::Spectrum;
 use diopter_light::spectrum::Table;
-use diopter_light::units::LUMINOUS_EFFICACY;
 use glam::Vec3;
 
 /// Name, reduced scattering and absorption in red, green and blue, 1/mm. Source: H. W. Jensen et al. 2001, "A Practical Model for Subsurface Light
@@ -31,14 +31,11 @@ const PRESETS: [(&str, [f32; 3], [f32; 3]); 12] = [
     ("Wholemilk", [2.55, 3.21, 3.77], [0.0011, 0.0024, 0.014]),
 ];
 
-/// Radiance (W·m⁻²·sr⁻¹·nm⁻¹) that stands for pbrt's 1: where it is even, of 1 cd/m² (its sensor divides by the integral of ȳ, 106.857 nm).
-const ONE_OF_PBRT: f32 = 1.0 / (106.856_895 * LUMINOUS_EFFICACY as f32);
-
 /// Most values of a grid: what is numbered by 31 bits.
 const MOST_VALUES: usize = 1 << 31;
 
 /// A `MakeNamedMedium`.
-pub fn make(world: &mut World, name: &str, p: &Params) -> Result<Medium, Fault> {
+pub fn make(context: &mut Context, name: &str, p: &Params) -> Result<Medium, Fault> {
     let kind = match p.text("type")? {
         Some(kind @ ("homogeneous" | "uniformgrid" | "rgbgrid" | "cloud" | "nanovdb")) => kind,
         Some(other) => {
@@ -57,28 +54,28 @@ pub fn make(world: &mut World, name: &str, p: &Params) -> Result<Medium, Fault> 
     }
     let bare = Medium { name: name.to_owned(), asymmetry, ..Medium::default() };
     match kind {
-        "homogeneous" => homogeneous(world, p, bare, scale as f32),
-        "uniformgrid" => uniform_grid(world, p, bare, scale as f32),
-        "rgbgrid" => rgb_grid(world, p, bare, scale as f32),
-        "cloud" => cloud(world, p, bare, scale as f32),
-        _ => super::nanovdb::make(world, p, bare, scale as f32),
+        "homogeneous" => homogeneous(context, p, bare, scale as f32),
+        "uniformgrid" => uniform_grid(context, p, bare, scale as f32),
+        "rgbgrid" => rgb_grid(context, p, bare, scale as f32),
+        "cloud" => cloud(context, p, bare, scale as f32),
+        _ => super::nanovdb::make(context, p, bare, scale as f32),
     }
 }
 
-fn homogeneous(world: &World, p: &Params, bare: Medium, scale: f32) -> Result<Medium, Fault> {
+fn homogeneous(context: &Context, p: &Params, bare: Medium, scale: f32) -> Result<Medium, Fault> {
     let preset = match p.text("preset")? {
         None | Some("") => None,
         Some(preset) => Some(preset_named(preset, p.place)?),
     };
     let coefficient = |name: &str, preset: Option<[f32; 3]>| match preset {
         Some(rgb) => Ok(Coefficient::from_rgb(Vec3::from_array(rgb), scale)),
-        None => coefficient(world, p, name, scale),
+        None => coefficient(context, p, name, scale),
     };
     let emission = match p.get("Le") {
         None => None,
         Some(param) => {
             let factor = p.float("Lescale", 1.0)? as f32;
-            Some(emission(world, param, factor)?)
+            Some(emission(context, param, factor)?)
         }
     };
     Ok(Medium {
@@ -102,33 +99,9 @@ pub(super) fn preset_named(name: &str, place: Place) -> Result<([f32; 3], [f32; 
     })
 }
 
-/// A coefficient by the name of its parameter; 1 without.
-pub(super) fn coefficient(world: &World, p: &Params, name: &str, scale: f32) -> Result<Coefficient, Fault> {
-    let Some(param) = p.get(name) else { return Ok(Coefficient::grey(scale)) };
-    match (&param.values, param.kind.as_str()) {
-        (Values::Numbers(n), "rgb") if n.len() == 3 && n.iter().all(|v| *v >= 0.0) => {
-            Ok(Coefficient::from_rgb(Vec3::new(n[0] as f32, n[1] as f32, n[2] as f32), scale))
-        }
-        _ => {
-            let spectrum = spectra::of(world, param, Use::Unbounded)?;
-            match (0..=80).map(|i| spectrum.at(380.0 + 5.0 * i as f32)).find(|v| !(*v >= 0.0 && v.is_finite())) {
-                Some(v) => Err(param.place.fault(format!("\"{name}\" of {v}"), "numbers of at least 0")),
-                None => Ok(Coefficient::Scaled(scale, spectrum)),
-            }
-        }
-    }
-}
-
-fn emission(world: &World, param: &Param, factor: f32) -> Result<Spectrum, Fault> {
-    let le = spectra::of(world, param, Use::Light)?;
+fn emission(context: &Context, param: &Param, factor: f32) -> Result<Spectrum, Fault> {
+    let le = spectra::of(context, param, Use::Light)?;
     Ok(Spectrum::Table(Table::new(380.0, 5.0, (0..=80).map(|i| le.at(380.0 + 5.0 * i as f32) * factor).collect())))
-}
-
-/// Where the medium is: the transform that holds, or its way from one to another.
-pub(super) fn place(world: &World, p: &Params) -> Result<VolumePlace, Fault> {
-    world.volume_place(p.place)?.ok_or_else(|| {
-        p.place.fault("a medium in a transform that cannot be inverted, or that turns inside out", "scales other than 0")
-    })
 }
 
 /// The box of a medium in its own space.
@@ -192,20 +165,7 @@ fn colors(p: &Params, name: &str, size: [usize; 3], bounds: &Bounds) -> Result<O
     Ok(Some(Grid::new(size, tints.collect(), bounds)))
 }
 
-/// What a temperature is shifted and multiplied by, and what the light is.
-pub(super) fn black_body(p: &Params, temperature: Scalars) -> Result<Glow, Fault> {
-    let peak_radiance = p.float("Lescale", 1.0)? as f32 * ONE_OF_PBRT;
-    if !(peak_radiance >= 0.0 && peak_radiance.is_finite()) {
-        return Err(p.place.fault("a negative Lescale", "a number of at least 0"));
-    }
-    // The name of older files is the other one.
-    let cutoff = p.float("temperaturecutoff", 0.0)?;
-    let offset = p.float("temperatureoffset", cutoff)? as f32;
-    let factor = p.float("temperaturescale", 1.0)? as f32;
-    Ok(Glow::BlackBody { temperature, offset, factor, peak_radiance })
-}
-
-fn uniform_grid(world: &World, p: &Params, bare: Medium, scale: f32) -> Result<Medium, Fault> {
+fn uniform_grid(context: &Context, p: &Params, bare: Medium, scale: f32) -> Result<Medium, Fault> {
     let (size, bounds) = (resolution(p)?, bounds(p)?);
     let density = numbers(p, "density", size, &bounds)?
         .ok_or_else(|| p.place.fault("a uniformgrid without density", "\"float density\" [ nx × ny × nz values ]"))?;
@@ -222,15 +182,15 @@ fn uniform_grid(world: &World, p: &Params, bare: Medium, scale: f32) -> Result<M
                 0 | 1 => (p.float("Lescale", 1.0)? as f32, None),
                 _ => (1.0, numbers(p, "Lescale", size, &bounds)?),
             };
-            medium.emission = Some(emission(world, le, factor)?);
+            medium.emission = Some(emission(context, le, factor)?);
             Some(Glow::Scaled(grid))
         }
     };
     let field = Field::Density(Scalars::Grid(density));
-    filled(world, p, medium, scale, bounds, field, glow)
+    filled(context, p, medium, scale, bounds, field, glow)
 }
 
-fn rgb_grid(world: &World, p: &Params, bare: Medium, scale: f32) -> Result<Medium, Fault> {
+fn rgb_grid(context: &Context, p: &Params, bare: Medium, scale: f32) -> Result<Medium, Fault> {
     let (size, bounds) = (resolution(p)?, bounds(p)?);
     let (absorption, scattering) = (colors(p, "sigma_a", size, &bounds)?, colors(p, "sigma_s", size, &bounds)?);
     if absorption.is_none() && scattering.is_none() {
@@ -242,12 +202,12 @@ fn rgb_grid(world: &World, p: &Params, bare: Medium, scale: f32) -> Result<Mediu
     }
     let factor = p.float("Lescale", 1.0)? as f32;
     let glow = glow.map(|grid| Glow::Colors(grid, factor));
-    let volume = Volume::new(place(world, p)?, bounds, Field::Colors { absorption, scattering }, glow);
+    let volume = Volume::new(place(context, p)?, bounds, Field::Colors { absorption, scattering }, glow);
     let grey = || Coefficient::grey(scale);
     Ok(Medium { absorption: grey(), scattering: grey(), volume: Some(Box::new(volume)), ..bare })
 }
 
-fn cloud(world: &World, p: &Params, bare: Medium, scale: f32) -> Result<Medium, Fault> {
+fn cloud(context: &Context, p: &Params, bare: Medium, scale: f32) -> Result<Medium, Fault> {
     let number = |name: &str, default: f64| {
         let v = p.float(name, default)?;
         match v >= 0.0 && v.is_finite() {
@@ -257,24 +217,5 @@ fn cloud(world: &World, p: &Params, bare: Medium, scale: f32) -> Result<Medium, 
     };
     let cloud =
         Cloud { density: number("density", 1.0)?, wispiness: number("wispiness", 1.0)?, frequency: number("frequency", 5.0)? };
-    filled(world, p, bare, scale, bounds(p)?, Field::Cloud(cloud), None)
-}
-
-/// A medium whose coefficients are factors on those of a field.
-pub(super) fn filled(
-    world: &World,
-    p: &Params,
-    bare: Medium,
-    scale: f32,
-    bounds: Bounds,
-    field: Field,
-    glow: Option<Glow>,
-) -> Result<Medium, Fault> {
-    let volume = Volume::new(place(world, p)?, bounds, field, glow);
-    Ok(Medium {
-        absorption: coefficient(world, p, "sigma_a", scale)?,
-        scattering: coefficient(world, p, "sigma_s", scale)?,
-        volume: Some(Box::new(volume)),
-        ..bare
-    })
+    filled(context, p, bare, scale, bounds(p)?, Field::Cloud(cloud), None)
 }

@@ -10,6 +10,8 @@
 //! Sources: pbrt-v4's file format and behaviour, M. Pharr, W. Jakob & G. Humphreys 2023, "Physically Based Rendering", 4th ed.
 
 mod camera;
+mod context;
+mod filling;
 mod lex;
 mod lights;
 mod materials;
@@ -58,7 +60,7 @@ pub fn load(bytes: &[u8], name: &str, fetch: Fetch) -> Result<Description, Scene
     let mut world = world::World::new(name, fetch);
     let description = match world.read_main(bytes) {
         Ok(()) => world.finish()?,
-        Err(fault) => return Err(world.error(fault)),
+        Err(fault) => return Err(world.context.error(fault)),
     };
     finished(description, name, "a Shape with a material after WorldBegin")
 }

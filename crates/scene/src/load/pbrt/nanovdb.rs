@@ -1,9 +1,9 @@
 //! pbrt's `nanovdb` medium: a density, and if there is one a temperature, from a NanoVDB file.
 
 use super::Fault;
-use super::media::{black_body, filled};
+use super::context::Context;
+use super::filling::{black_body, filled};
 use super::params::Params;
-use super::world::World;
 use crate::load::nanovdb;
 use crate::medium::{Field, Medium, Scalars};
 
@@ -12,9 +12,9 @@ const DENSITY: &str = "density";
 const TEMPERATURE: &str = "temperature";
 
 /// Reads the grids of a medium.
-pub fn make(world: &mut World, p: &Params, bare: Medium, scale: f32) -> Result<Medium, Fault> {
+pub fn make(context: &mut Context, p: &Params, bare: Medium, scale: f32) -> Result<Medium, Fault> {
     let name = p.text("filename")?.ok_or_else(|| p.place.fault("a nanovdb medium without filename", "\"string filename\""))?;
-    let bytes = world.file(name, p.place)?;
+    let bytes = context.file(name, p.place)?;
     let told = |e: nanovdb::Broken| p.place.fault(format!("{name}: {}", e.found), e.expected);
     let file = nanovdb::File::open(&bytes).map_err(told)?;
     let grid = |wanted: &str| file.read(wanted).transpose().map_err(told);
@@ -31,7 +31,7 @@ pub fn make(world: &mut World, p: &Params, bare: Medium, scale: f32) -> Result<M
     }
     let negative = density.negative + temperature.as_ref().map_or(0, |t| t.negative);
     if negative > 0 {
-        world.warn(p.place, format!("{name}: {negative} values below 0 were taken for 0"));
+        context.warn(p.place, format!("{name}: {negative} values below 0 were taken for 0"));
     }
     let glow = match temperature {
         Some(t) => Some(black_body(p, Scalars::Sparse(t.values))?),
@@ -47,5 +47,5 @@ pub fn make(world: &mut World, p: &Params, bare: Medium, scale: f32) -> Result<M
     if !(bounds.size().min_element() > 0.0 && bounds.size().is_finite()) {
         return Err(p.place.fault(format!("{name}: grid \"{wanted}\" without a volume"), "a map that can be inverted"));
     }
-    filled(world, p, bare, scale, bounds, Field::Density(Scalars::Sparse(density.values)), glow)
+    filled(context, p, bare, scale, bounds, Field::Density(Scalars::Sparse(density.values)), glow)
 }

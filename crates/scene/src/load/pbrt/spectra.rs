@@ -1,7 +1,7 @@
 //! Spectra by name, from files, as lists and colours.
 
+use super::context::Context;
 use super::params::{Param, Params, Values};
-use super::world::World;
 use super::{Fault, Place};
 use diopter_light::cie;
 use diopter_light::color;
@@ -38,8 +38,8 @@ pub enum Use {
 }
 
 /// A spectrum of a parameter; a reflectance must be one.
-pub fn of(world: &World, p: &Param, purpose: Use) -> Result<Spectrum, Fault> {
-    let spectrum = any(world, p, purpose)?;
+pub fn of(context: &Context, p: &Param, purpose: Use) -> Result<Spectrum, Fault> {
+    let spectrum = any(context, p, purpose)?;
     let bad = || (0..=80).map(|i| spectrum.at(380.0 + 5.0 * i as f32)).find(|v| !(-1e-4..=1.0001).contains(v));
     match bad().filter(|_| purpose == Use::Albedo) {
         Some(v) => Err(p.place.fault(format!("a reflectance of {v}"), "0 to 1 at all wavelengths")),
@@ -47,7 +47,7 @@ pub fn of(world: &World, p: &Param, purpose: Use) -> Result<Spectrum, Fault> {
     }
 }
 
-fn any(world: &World, p: &Param, purpose: Use) -> Result<Spectrum, Fault> {
+fn any(context: &Context, p: &Param, purpose: Use) -> Result<Spectrum, Fault> {
     match (&p.values, p.kind.as_str()) {
         (Values::Numbers(n), "rgb") => {
             let [r, g, b] = n[..] else { return Err(p.place.fault(format!("{} numbers of an rgb", n.len()), "3")) };
@@ -87,7 +87,7 @@ fn any(world: &World, p: &Param, purpose: Use) -> Result<Spectrum, Fault> {
             match named(name) {
                 Some(t) => Ok(lit(t, purpose)),
                 None => {
-                    let bytes = world.file(name, p.place)?;
+                    let bytes = context.file(name, p.place)?;
                     let text = String::from_utf8_lossy(&bytes).into_owned();
                     let words = text.lines().map(|l| l.split('#').next().unwrap_or("")).flat_map(str::split_ascii_whitespace);
                     let numbers: Option<Vec<f64>> = words.map(|w| w.parse().ok()).collect();
@@ -106,8 +106,8 @@ fn any(world: &World, p: &Param, purpose: Use) -> Result<Spectrum, Fault> {
 }
 
 /// A spectrum of a list of parameters, or what it is without.
-pub fn get(world: &World, params: &Params, name: &str, purpose: Use, default: Spectrum) -> Result<Spectrum, Fault> {
-    params.get(name).map_or(Ok(default), |p| of(world, p, purpose))
+pub fn get(context: &Context, params: &Params, name: &str, purpose: Use, default: Spectrum) -> Result<Spectrum, Fault> {
+    params.get(name).map_or(Ok(default), |p| of(context, p, purpose))
 }
 
 /// An RGB triple without upper bound as a spectrum: a scaled sigmoid over wavelength (pbrt-v4's `RGBUnboundedSpectrum`, PBR 4ed §4.6.6), the

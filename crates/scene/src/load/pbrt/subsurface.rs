@@ -4,10 +4,11 @@
 //! it is, and thin parts are seen to be thin. Light comes in and out by refraction: lamps without extent light a body only if its surface is rough.
 
 use super::Fault;
-use super::media::{coefficient, preset_named};
+use super::context::Context;
+use super::filling::coefficient;
+use super::media::preset_named;
 use super::params::{Params, Values};
 use super::spectra::{self, Use};
-use super::world::World;
 use crate::medium::{Coefficient, Medium, Orders};
 use diopter_light::spectrum::Table;
 use diopter_light::{Spectrum, Wavelengths};
@@ -17,7 +18,7 @@ use glam::Vec3;
 const DEFAULT: [[f32; 3]; 2] = [[0.0011, 0.0024, 0.014], [2.55, 3.21, 3.77]];
 
 /// The medium below a surface of an index of refraction.
-pub fn medium(world: &mut World, p: &Params, eta: f32) -> Result<Medium, Fault> {
+pub fn medium(context: &mut Context, p: &Params, eta: f32) -> Result<Medium, Fault> {
     let scale = p.float("scale", 1.0)? as f32;
     if !(scale > 0.0 && scale.is_finite()) {
         return Err(p.place.fault(format!("a scale of {scale}"), "a number above 0"));
@@ -38,7 +39,7 @@ pub fn medium(world: &mut World, p: &Params, eta: f32) -> Result<Medium, Fault> 
     let given = |name: &str| p.get(name).is_some();
     if let Some(name) = p.text("name")?.filter(|name| !name.is_empty()) {
         if asymmetry != 0.0 {
-            world.warn(p.place, "g is not used with the name of a medium: its scattering is reduced to an even one");
+            context.warn(p.place, "g is not used with the name of a medium: its scattering is reduced to an even one");
         }
         let (scattering, absorption) = preset_named(name, p.place)?;
         let [absorption, scattering] = rgb([absorption, scattering]);
@@ -52,7 +53,7 @@ pub fn medium(world: &mut World, p: &Params, eta: f32) -> Result<Medium, Fault> 
         if let Some(missing) = ["sigma_a", "sigma_s"].into_iter().find(|name| !given(name)) {
             return Err(p.place.fault(format!("a subsurface material without {missing}"), "both sigma_a and sigma_s"));
         }
-        let of = |name: &str| coefficient(world, p, name, scale);
+        let of = |name: &str| coefficient(context, p, name, scale);
         return Ok(Medium { absorption: of("sigma_a")?, scattering: of("sigma_s")?, asymmetry, ..bare });
     }
     if !given("reflectance") {
@@ -62,13 +63,13 @@ pub fn medium(world: &mut World, p: &Params, eta: f32) -> Result<Medium, Fault> 
         let [absorption, scattering] = rgb(DEFAULT);
         return Ok(Medium { absorption, scattering, asymmetry, ..bare });
     }
-    by_reflectance(world, p, eta, scale, asymmetry, bare)
+    by_reflectance(context, p, eta, scale, asymmetry, bare)
 }
 
 /// From the fraction of light that comes back and the mean free path.
-fn by_reflectance(world: &World, p: &Params, eta: f32, scale: f32, asymmetry: f32, bare: Medium) -> Result<Medium, Fault> {
-    let reflectance = spectra::get(world, p, "reflectance", Use::Albedo, Spectrum::Constant(0.5))?;
-    let path = spectra::get(world, p, "mfp", Use::Unbounded, Spectrum::Constant(1.0))?;
+fn by_reflectance(context: &Context, p: &Params, eta: f32, scale: f32, asymmetry: f32, bare: Medium) -> Result<Medium, Fault> {
+    let reflectance = spectra::get(context, p, "reflectance", Use::Albedo, Spectrum::Constant(0.5))?;
+    let path = spectra::get(context, p, "mfp", Use::Unbounded, Spectrum::Constant(1.0))?;
     if let Some(mfp) = p.get("mfp") {
         let values = (0..=80).map(|i| path.at(380.0 + 5.0 * i as f32));
         let bad_number = match &mfp.values {

@@ -1,8 +1,8 @@
 //! Textures by name, and parameters that may be a number, a colour or a texture.
 
+use super::context::Context;
 use super::params::{Params, Values};
 use super::spectra::{self, Use};
-use super::world::World;
 use super::{Fault, Place};
 use crate::load::STAND_IN;
 use crate::texture::{Codes, Color, Graph, Image, Interpolation, Mapping, NoisePattern, Scalar, Texture, Wrap};
@@ -27,13 +27,13 @@ const MEAN: Vec3 = Vec3::splat(1.0 / 3.0);
 
 impl Textures {
     /// A `Texture` directive.
-    pub fn make(&mut self, world: &mut World, name: &str, kind: &str, class: &str, p: &Params) -> Result<(), Fault> {
+    pub fn make(&mut self, context: &mut Context, name: &str, kind: &str, class: &str, p: &Params) -> Result<(), Fault> {
         let float = match kind {
             "float" => true,
             "spectrum" | "color" => false,
             _ => return Err(p.place.fault(format!("a texture of type \"{kind}\""), "float or spectrum")),
         };
-        let graph = self.graph(world, float, class, p)?;
+        let graph = self.graph(context, float, class, p)?;
         if graph.lookups() > MOST_LOOKUPS {
             return Err(p
                 .place
@@ -46,52 +46,52 @@ impl Textures {
         }
     }
 
-    fn graph(&mut self, world: &mut World, float: bool, class: &str, p: &Params) -> Result<Graph, Fault> {
-        let of = |this: &Self, world: &mut World, name: &str, default: f32| this.part(world, float, p, name, default);
+    fn graph(&mut self, context: &mut Context, float: bool, class: &str, p: &Params) -> Result<Graph, Fault> {
+        let of = |this: &Self, context: &mut Context, name: &str, default: f32| this.part(context, float, p, name, default);
         Ok(match class {
-            "constant" => (*of(self, world, "value", 1.0)?).clone(),
+            "constant" => (*of(self, context, "value", 1.0)?).clone(),
             "scale" => {
                 // Older files call the two tex1 and tex2.
                 let old = p.get("tex1").is_some();
-                let a = of(self, world, if old { "tex1" } else { "tex" }, 1.0)?;
+                let a = of(self, context, if old { "tex1" } else { "tex" }, 1.0)?;
                 let b = match old {
-                    true => of(self, world, "tex2", 1.0)?,
-                    false => self.part(world, true, p, "scale", 1.0)?,
+                    true => of(self, context, "tex2", 1.0)?,
+                    false => self.part(context, true, p, "scale", 1.0)?,
                 };
                 Graph::Scale(a, b)
             }
             "mix" => Graph::Mix(
-                of(self, world, "tex1", 0.0)?,
-                of(self, world, "tex2", 1.0)?,
-                self.part(world, true, p, "amount", 0.5)?,
+                of(self, context, "tex1", 0.0)?,
+                of(self, context, "tex2", 1.0)?,
+                self.part(context, true, p, "amount", 0.5)?,
             ),
             "checkerboard" => {
-                let texture_from_world = world.texture_from_world();
+                let texture_from_world = context.texture_from_world();
                 match p.integer("dimension", 2)? {
                     2 => (),
                     3 => {
-                        let (even, odd) = (of(self, world, "tex1", 1.0)?, of(self, world, "tex2", 0.0)?);
+                        let (even, odd) = (of(self, context, "tex1", 1.0)?, of(self, context, "tex2", 0.0)?);
                         return Ok(Graph::Cubes { texture_from_world, even, odd });
                     }
                     n => return Err(p.place.fault(format!("a checkerboard of {n} dimensions"), "2 or 3")),
                 }
-                let place = mapping(world, p)?;
-                Graph::Checkerboard { place, even: of(self, world, "tex1", 1.0)?, odd: of(self, world, "tex2", 0.0)? }
+                let place = mapping(context, p)?;
+                Graph::Checkerboard { place, even: of(self, context, "tex1", 1.0)?, odd: of(self, context, "tex2", 0.0)? }
             }
             "bilerp" => {
                 let corners = [("v00", 0.0), ("v01", 1.0), ("v10", 0.0), ("v11", 1.0)];
-                let place = mapping(world, p)?;
+                let place = mapping(context, p)?;
                 let mut found = Vec::new();
                 for (name, default) in corners {
-                    let part = of(self, world, name, default)?;
+                    let part = of(self, context, name, default)?;
                     found.push(part.constant().ok_or_else(|| p.place.fault(format!("a texture as \"{name}\""), "a value"))?);
                 }
                 Graph::Bilinear { place, corners: [found[0], found[1], found[2], found[3]] }
             }
-            "imagemap" => self.image_map(world, float, p)?,
+            "imagemap" => self.image_map(context, float, p)?,
             "dots" => {
-                let place = mapping(world, p)?;
-                Graph::Dots { place, inside: of(self, world, "inside", 1.0)?, outside: of(self, world, "outside", 0.0)? }
+                let place = mapping(context, p)?;
+                Graph::Dots { place, inside: of(self, context, "inside", 1.0)?, outside: of(self, context, "outside", 0.0)? }
             }
             "fbm" | "wrinkled" | "windy" | "marble" => {
                 let octaves = || {
@@ -100,7 +100,7 @@ impl Textures {
                     let roughness = p.float("roughness", 0.5)? as f32;
                     n.map(|n| (n, roughness)).ok_or_else(|| p.place.fault("octaves out of range", "0 to 32"))
                 };
-                let mut texture_from_world = world.texture_from_world();
+                let mut texture_from_world = context.texture_from_world();
                 let pattern = match class {
                     "windy" => NoisePattern::Windy,
                     "fbm" => octaves().map(|(n, r)| NoisePattern::Fbm(n, r))?,
@@ -117,10 +117,10 @@ impl Textures {
             }
             "directionmix" => {
                 let dir = p.vector("dir", Vec3::Y)?;
-                let direction = world.texture_from_world().inverse().transform_vector3(dir).try_normalize();
+                let direction = context.texture_from_world().inverse().transform_vector3(dir).try_normalize();
                 let direction =
                     direction.ok_or_else(|| p.place.fault("a \"dir\" without a length", "a direction, such as [0 1 0]"))?;
-                Graph::DirectionMix { along: of(self, world, "tex1", 0.0)?, across: of(self, world, "tex2", 1.0)?, direction }
+                Graph::DirectionMix { along: of(self, context, "tex1", 0.0)?, across: of(self, context, "tex2", 1.0)?, direction }
             }
             other => {
                 let known =
@@ -131,12 +131,12 @@ impl Textures {
     }
 
     /// A parameter of a texture: a texture or a value.
-    fn part(&self, world: &mut World, float: bool, p: &Params, name: &str, default: f32) -> Result<Arc<Graph>, Fault> {
+    fn part(&self, context: &mut Context, float: bool, p: &Params, name: &str, default: f32) -> Result<Arc<Graph>, Fault> {
         let Some(param) = p.get(name) else { return Ok(Arc::new(Graph::Constant(Vec3::splat(default)))) };
         match &param.values {
             Values::Texts(t) if param.kind == "texture" => self.named(float, t.first().map_or("", String::as_str), param.place),
             _ => {
-                let rgb = match spectra::of(world, param, Use::Unbounded)? {
+                let rgb = match spectra::of(context, param, Use::Unbounded)? {
                     Spectrum::Constant(v) => Vec3::splat(v),
                     spectrum => match (&param.values, param.kind.as_str()) {
                         (Values::Numbers(n), "rgb") => Vec3::new(n[0] as f32, n[1] as f32, n[2] as f32),
@@ -159,7 +159,7 @@ impl Textures {
         })
     }
 
-    fn image_map(&mut self, world: &mut World, float: bool, p: &Params) -> Result<Graph, Fault> {
+    fn image_map(&mut self, context: &mut Context, float: bool, p: &Params) -> Result<Graph, Fault> {
         let name =
             p.text("filename")?.ok_or_else(|| p.place.fault("an imagemap without filename", "\"string filename\""))?.to_owned();
         let png = name.to_lowercase().ends_with(".png");
@@ -185,11 +185,11 @@ impl Textures {
         };
         p.get("maxanisotropy");
         let (scale, invert) = (p.float("scale", 1.0)? as f32, p.bool("invert", false)?);
-        let place = mapping(world, p)?;
+        let place = mapping(context, p)?;
         let image = match self.images.get(&(name.clone(), float)) {
             Some(image) => image.clone(),
             None => {
-                let Some(image) = world.picture(&name).map(Arc::new) else {
+                let Some(image) = context.picture(&name).map(Arc::new) else {
                     // A number without its picture is 1: fully opaque, fully rough.
                     return Ok(Graph::Constant(if float { Vec3::ONE } else { STAND_IN }));
                 };
@@ -215,11 +215,11 @@ impl Textures {
     }
 
     /// A number of a material or shape that may be a texture.
-    pub fn scalar(&self, world: &mut World, p: &Params, name: &str, default: f32) -> Result<Scalar, Fault> {
+    pub fn scalar(&self, context: &mut Context, p: &Params, name: &str, default: f32) -> Result<Scalar, Fault> {
         let Some(param) = p.get(name) else { return Ok(Scalar::Constant(default)) };
         match (&param.values, param.kind.as_str()) {
             (Values::Numbers(n), "float") if n.len() == 1 => Ok(Scalar::Constant(n[0] as f32)),
-            (Values::Texts(_), "texture") => Ok(match self.part(world, true, p, name, default)? {
+            (Values::Texts(_), "texture") => Ok(match self.part(context, true, p, name, default)? {
                 graph if graph.constant().is_some() => Scalar::Constant(graph.constant().unwrap_or_default().x),
                 graph => Scalar::Graph(graph),
             }),
@@ -228,24 +228,24 @@ impl Textures {
     }
 
     /// The texture of a parameter of any size; `None` where it is a value.
-    pub fn unbounded(&self, world: &mut World, p: &Params, name: &str) -> Result<Option<Arc<Graph>>, Fault> {
+    pub fn unbounded(&self, context: &mut Context, p: &Params, name: &str) -> Result<Option<Arc<Graph>>, Fault> {
         match p.get(name) {
-            Some(param) if param.kind == "texture" => self.part(world, false, p, name, 0.0).map(Some),
+            Some(param) if param.kind == "texture" => self.part(context, false, p, name, 0.0).map(Some),
             _ => Ok(None),
         }
     }
 
     /// A reflectance that may be a texture.
-    pub fn color(&self, world: &mut World, p: &Params, name: &str, default: f32) -> Result<Color, Fault> {
+    pub fn color(&self, context: &mut Context, p: &Params, name: &str, default: f32) -> Result<Color, Fault> {
         let Some(param) = p.get(name) else { return Ok(Color::rgb(default, default, default)) };
         if param.kind == "texture" {
-            let graph = self.part(world, false, p, name, default)?;
+            let graph = self.part(context, false, p, name, default)?;
             return Ok(match graph.constant() {
                 Some(c) => Color::rgb(c.x, c.y, c.z),
                 None => Color::Graph(graph),
             });
         }
-        Ok(match spectra::of(world, param, Use::Albedo)? {
+        Ok(match spectra::of(context, param, Use::Albedo)? {
             Spectrum::Sigmoid(_) => match &param.values {
                 Values::Numbers(n) => Color::rgb(n[0] as f32, n[1] as f32, n[2] as f32),
                 _ => Color::rgb(default, default, default),
@@ -257,9 +257,9 @@ impl Textures {
 }
 
 /// How a texture's coordinates are found.
-fn mapping(world: &World, p: &Params) -> Result<Mapping, Fault> {
+fn mapping(context: &Context, p: &Params) -> Result<Mapping, Fault> {
     let number = |name: &str, default: f64| p.float(name, default).map(|v| v as f32);
-    let place = world.texture_from_world();
+    let place = context.texture_from_world();
     Ok(match p.text("mapping")? {
         None | Some("uv") => {
             Mapping::Uv([[number("uscale", 1.0)?, number("udelta", 0.0)?], [number("vscale", 1.0)?, number("vdelta", 0.0)?]])

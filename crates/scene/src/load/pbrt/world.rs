@@ -3,6 +3,7 @@
 mod placing;
 
 use super::camera;
+use super::context::{Context, affine, flip};
 use super::lex::{Lexer, Token};
 use super::lights;
 use super::materials::{Made, Materials};
@@ -12,15 +13,15 @@ use super::shapes::{self};
 use super::textures::Textures;
 use super::{Fault, Place};
 use crate::SceneError;
-use crate::load::{Fetch, displaced, measured_or_stand_in, note_missing, read_texture, unzipped};
+use crate::load::{Fetch, displaced, unzipped};
 use crate::material::{Coverage, Interior, Material, Scattering};
 use crate::medium::{Air, Medium};
-use crate::motion::{Local, Motion, Node, Parts};
+use crate::motion::{Local, Motion, Node};
 use crate::scene::{Description, Object, Shape, Viewpoint};
 use crate::shape::Mesh;
 use crate::subdivision;
-use crate::texture::{Image, Scalar};
-use glam::{Affine3A, DMat4, DVec3, Vec3};
+use crate::texture::Scalar;
+use glam::{Affine3A, DMat4, DVec3};
 use std::collections::HashMap;
 use std::sync::Arc;
 
@@ -33,8 +34,6 @@ const MOST_FILES: usize = 4096;
 /// What `Attribute` directives, blocks and objects save.
 #[derive(Clone, Debug)]
 pub(super) struct State {
-    /// World from what follows, at the opening and the closing of the shutter.
-    pub place: [DMat4; 2],
     active: [bool; 2],
     pub reversed: bool,
     material: MaterialName,
@@ -59,6 +58,15 @@ enum Block {
     Object,
 }
 
+/// What the end of a block brings back.
+struct Saved {
+    state: State,
+    /// World from what follows.
+    place: [DMat4; 2],
+    block: Block,
+    begun: Place,
+}
+
 /// A shape as it was met: materials are settled when all names are known.
 struct Met {
     name: String,
@@ -73,12 +81,6 @@ struct Met {
     /// Media inside and outside.
     media: [String; 2],
     place: Place,
-}
-
-/// A file that another one names at a place, unpacked.
-fn fetched(fetch: Fetch, name: &str, place: Place) -> Result<Vec<u8>, Fault> {
-    let told = |reason: String| place.fault(format!("{name}: {reason}"), "a file that can be read");
-    unzipped(fetch(name).map_err(told)?).map_err(told)
 }
 
 /// A mesh in a file of its own that is to be read.
@@ -121,13 +123,10 @@ impl Displacement {
 
 /// The scene in the making.
 pub(super) struct World<'a> {
-    name: String,
-    fetch: Fetch<'a>,
-    files: Vec<String>,
+    pub context: Context<'a>,
     depth: usize,
-    pub description: Description,
     state: State,
-    stack: Vec<(State, Block, Place)>,
+    stack: Vec<Saved>,
     in_world: bool,
     spaces: HashMap<String, [DMat4; 2]>,
     camera: Option<(Params, String, DMat4)>,
@@ -142,21 +141,15 @@ pub(super) struct World<'a> {
     objects: HashMap<String, Vec<Met>>,
     /// The object that is being defined.
     defining: Option<(String, Vec<Met>)>,
-    /// When the first and the second of two transforms hold, s.
-    times_s: [f64; 2],
     /// Numbers of the meshes of files, by name and whether they were reversed.
     ply: HashMap<(String, bool), u32>,
     /// Those that are still to be read.
     awaited: Vec<Awaited>,
-    /// Measured materials by the names of their files.
-    measured: HashMap<String, Scattering>,
-    warned: Vec<String>,
 }
 
 impl<'a> World<'a> {
     pub fn new(name: &str, fetch: Fetch<'a>) -> Self {
         let state = State {
-            place: [DMat4::IDENTITY; 2],
             active: [true; 2],
             reversed: false,
             material: MaterialName::Number(0),
@@ -169,11 +162,8 @@ impl<'a> World<'a> {
             texture: vec![],
         };
         World {
-            name: name.to_owned(),
-            fetch,
-            files: vec![name.to_owned()],
+            context: Context::new(name, fetch),
             depth: 0,
-            description: Description { name: name.to_owned(), ..Default::default() },
             state,
             stack: vec![],
             in_world: false,
@@ -188,57 +178,15 @@ impl<'a> World<'a> {
             met: vec![],
             objects: HashMap::new(),
             defining: None,
-            times_s: [0.0, 1.0],
             ply: HashMap::new(),
             awaited: Vec::new(),
-            measured: HashMap::new(),
-            warned: vec![],
         }
-    }
-
-    /// A fault with the name of its file.
-    pub fn error(&self, fault: Fault) -> SceneError {
-        let file = self.files.get(fault.place.file as usize).map_or(self.name.as_str(), String::as_str);
-        let place = if fault.place.line == 0 { file.to_owned() } else { format!("{file}: line {}", fault.place.line) };
-        SceneError::File { place, found: fault.found, expected: format!("expected {}", fault.expected) }
-    }
-
-    /// Says something once.
-    pub fn warn(&mut self, place: Place, text: impl Into<String>) {
-        let text = text.into();
-        if !self.warned.contains(&text) {
-            let file = &self.files[place.file as usize];
-            self.description.warnings.push(format!("{file}: line {}: {text}", place.line));
-            self.warned.push(text);
-        }
-    }
-
-    /// Bytes of a file that the scene names; `.gz` is taken apart.
-    pub fn file(&self, name: &str, place: Place) -> Result<Vec<u8>, Fault> {
-        fetched(self.fetch, name, place)
-    }
-
-    /// A picture that a texture names. Where it cannot be read that is noted: something stands in for it.
-    pub fn picture(&mut self, name: &str) -> Option<Image> {
-        let read = (self.fetch)(name).and_then(unzipped).and_then(|bytes| read_texture(&bytes));
-        read.map_err(|reason| note_missing(&mut self.description.missing_textures, name, reason)).ok()
-    }
-
-    /// A measured material; where its file cannot be read that is noted, and something stands in for it.
-    pub fn measured(&mut self, name: &str) -> Scattering {
-        if let Some(known) = self.measured.get(name) {
-            return known.clone();
-        }
-        let bytes = (self.fetch)(name).and_then(unzipped);
-        let made = measured_or_stand_in(&mut self.description.missing_textures, name, bytes);
-        self.measured.insert(name.to_owned(), made.clone());
-        made
     }
 
     pub fn read_main(&mut self, bytes: &[u8]) -> Result<(), Fault> {
         let bytes = unzipped(bytes.to_vec()).map_err(|e| Place::default().fault(e, "pbrt's text or a .gz of it"))?;
         self.read(&bytes, 0)?;
-        if let Some((_, block, place)) = self.stack.last() {
+        if let Some(Saved { block, begun: place, .. }) = self.stack.last() {
             let what = if *block == Block::Object { "ObjectBegin" } else { "AttributeBegin" };
             return Err(place.fault(format!("{what} that is never ended"), "its End before the end of the file"));
         }
@@ -299,7 +247,7 @@ impl<'a> World<'a> {
     fn change(&mut self, f: impl Fn(DMat4) -> DMat4) {
         for k in 0..2 {
             if self.state.active[k] {
-                self.state.place[k] = f(self.state.place[k]);
+                self.context.place[k] = f(self.context.place[k]);
             }
         }
     }
@@ -311,7 +259,7 @@ impl<'a> World<'a> {
                 if word == "Import" && !self.in_world {
                     return Err(place.fault("Import before WorldBegin", "Include there, or Import in the world"));
                 }
-                if self.files.len() >= MOST_FILES {
+                if self.context.files.len() >= MOST_FILES {
                     return Err(
                         place.fault(format!("\"{name}\": more than {MOST_FILES} files"), "fewer: do files include themselves?")
                     );
@@ -322,17 +270,17 @@ impl<'a> World<'a> {
                         "files that do not include themselves",
                     ));
                 }
-                let bytes = self.file(&name, place)?;
-                self.files.push(name);
+                let bytes = self.context.file(&name, place)?;
+                self.context.files.push(name);
                 self.depth += 1;
-                let number = self.files.len() as u32 - 1;
-                let (saved, blocks) = (self.state.clone(), self.stack.len());
+                let number = self.context.files.len() as u32 - 1;
+                let (state, transforms, blocks) = (self.state.clone(), self.context.place, self.stack.len());
                 self.read(&bytes, number)?;
                 if word == "Import" {
                     if self.stack.len() != blocks {
                         return Err(place.fault("blocks that are not ended in the imported file", "an End for every Begin"));
                     }
-                    self.state = saved;
+                    (self.state, self.context.place) = (state, transforms);
                 }
                 self.depth -= 1;
             }
@@ -342,7 +290,7 @@ impl<'a> World<'a> {
                 if !matches!(value, Some((Token::Word(_) | Token::Text(_) | Token::Number(_), _))) {
                     return Err(place.fault(format!("no value of option \"{name}\""), "a value"));
                 }
-                self.warn(place, format!("option \"{name}\" says how pbrt renders: it is not used"));
+                self.context.warn(place, format!("option \"{name}\" says how pbrt renders: it is not used"));
             }
             "Identity" => self.change(|_| DMat4::IDENTITY),
             "Translate" => {
@@ -377,12 +325,12 @@ impl<'a> World<'a> {
             }
             "CoordinateSystem" => {
                 let name = Self::text(lexer, place, "a name")?;
-                self.spaces.insert(name, self.state.place);
+                self.spaces.insert(name, self.context.place);
             }
             "CoordSysTransform" => {
                 let name = Self::text(lexer, place, "a name")?;
                 match self.spaces.get(&name) {
-                    Some(space) => self.state.place = *space,
+                    Some(space) => self.context.place = *space,
                     None => return Err(place.fault(format!("coordinate system \"{name}\""), "one that was named before")),
                 }
             }
@@ -397,7 +345,7 @@ impl<'a> World<'a> {
                 if times[0] >= times[1] {
                     return Err(place.fault(format!("TransformTimes {} {}", times[0], times[1]), "a start before the end"));
                 }
-                self.times_s = times;
+                self.context.times_s = times;
             }
             "ColorSpace" => {
                 let name = Self::text(lexer, place, "a colour space")?;
@@ -406,7 +354,7 @@ impl<'a> World<'a> {
                 }
             }
             "ReverseOrientation" => self.state.reversed = !self.state.reversed,
-            "AttributeBegin" | "TransformBegin" => self.stack.push((self.state.clone(), Block::Attribute, place)),
+            "AttributeBegin" | "TransformBegin" => self.push(Block::Attribute, place),
             "AttributeEnd" | "TransformEnd" => self.pop(Block::Attribute, place)?,
             "Attribute" => {
                 let target = Self::text(lexer, place, "shape, light, material, medium or texture")?;
@@ -427,11 +375,12 @@ impl<'a> World<'a> {
             }
             "Camera" => {
                 let (kind, p) = self.typed(lexer, place)?;
-                let from_world = self.state.place[0];
-                self.spaces.insert("camera".into(), self.state.place.map(|m| m.inverse()));
-                if self.moves() {
-                    self.warn(place, "the camera moves: it is taken where it is when the shutter opens");
+                let from_world = self.context.place[0];
+                self.spaces.insert("camera".into(), self.context.place.map(|m| m.inverse()));
+                if self.context.moves() {
+                    self.context.warn(place, "the camera moves: it is taken where it is when the shutter opens");
                 }
+                self.context.is_mirrored = from_world.determinant() > 0.0;
                 self.camera = Some((p, kind, from_world));
                 self.around_camera = (self.state.media[1].clone(), place);
             }
@@ -442,7 +391,7 @@ impl<'a> World<'a> {
             "Integrator" => {
                 let (kind, p) = self.typed(lexer, place)?;
                 if matches!(kind.as_str(), "directlighting" | "whitted") {
-                    self.warn(place, format!("integrator \"{kind}\" is of pbrt-v3: only its maxdepth is read"));
+                    self.context.warn(place, format!("integrator \"{kind}\" is of pbrt-v3: only its maxdepth is read"));
                 }
                 self.max_depth = Some(p.integer("maxdepth", 5)?.clamp(0, 1 << 20) as u32);
             }
@@ -454,10 +403,10 @@ impl<'a> World<'a> {
                     return Err(place.fault("a second WorldBegin", "one"));
                 }
                 self.in_world = true;
-                (self.state.place, self.state.active) = ([DMat4::IDENTITY; 2], [true; 2]);
-                self.spaces.insert("world".into(), self.state.place);
+                (self.context.place, self.state.active) = ([DMat4::IDENTITY; 2], [true; 2]);
+                self.spaces.insert("world".into(), self.context.place);
             }
-            "WorldEnd" => self.warn(place, "WorldEnd is of older versions of pbrt: it has no meaning"),
+            "WorldEnd" => self.context.warn(place, "WorldEnd is of older versions of pbrt: it has no meaning"),
             "Material" | "MakeNamedMaterial" => {
                 let name = Self::text(lexer, place, "a name")?;
                 let p = params::read(lexer, place)?.over(&self.state.of_material);
@@ -468,7 +417,7 @@ impl<'a> World<'a> {
                     }
                 };
                 let made = self.material(&kind, &p)?;
-                self.say_unused(&p);
+                self.context.say_unused(&p);
                 match word {
                     "Material" => self.state.material = MaterialName::Number(self.materials.add(made)),
                     _ => self
@@ -483,17 +432,14 @@ impl<'a> World<'a> {
                 let kind = Self::text(lexer, place, "float or spectrum")?;
                 let class = Self::text(lexer, place, "a class")?;
                 let p = params::read(lexer, place)?.over(&self.state.texture);
-                let mut textures = std::mem::take(&mut self.textures);
-                let made = textures.make(self, &name, &kind, &class, &p);
-                self.textures = textures;
-                made?;
-                self.say_unused(&p);
+                self.textures.make(&mut self.context, &name, &kind, &class, &p)?;
+                self.context.say_unused(&p);
             }
             "MakeNamedMedium" => {
                 let name = Self::text(lexer, place, "a name")?;
                 let p = params::read(lexer, place)?.over(&self.state.medium);
-                let medium = media::make(self, &name, &p)?;
-                self.say_unused(&p);
+                let medium = media::make(&mut self.context, &name, &p)?;
+                self.context.say_unused(&p);
                 if self.media.insert(name.clone(), Arc::new(medium)).is_some() {
                     return Err(place.fault(format!("a second medium \"{name}\""), "one of each name"));
                 }
@@ -516,9 +462,9 @@ impl<'a> World<'a> {
             "LightSource" => {
                 let (kind, p) = self.typed(lexer, place)?;
                 let p = p.over(&self.state.light);
-                let world_from_light = self.state.place[0];
-                lights::make(self, &kind, &p, world_from_light)?;
-                self.say_unused(&p);
+                let world_from_light = self.context.place[0];
+                lights::make(&mut self.context, &kind, &p, world_from_light)?;
+                self.context.say_unused(&p);
             }
             "Shape" => {
                 let (kind, p) = self.typed(lexer, place)?;
@@ -532,7 +478,7 @@ impl<'a> World<'a> {
                 if self.objects.contains_key(&name) {
                     return Err(place.fault(format!("a second object \"{name}\""), "one of each name"));
                 }
-                self.stack.push((self.state.clone(), Block::Object, place));
+                self.push(Block::Object, place);
                 self.defining = Some((name, vec![]));
             }
             "ObjectEnd" => {
@@ -564,35 +510,25 @@ impl<'a> World<'a> {
         Ok((kind, params::read(lexer, place)?))
     }
 
+    fn push(&mut self, block: Block, begun: Place) {
+        self.stack.push(Saved { state: self.state.clone(), place: self.context.place, block, begun });
+    }
+
     fn pop(&mut self, block: Block, place: Place) -> Result<(), Fault> {
         match self.stack.pop() {
-            Some((state, b, _)) if b == block => {
-                self.state = state;
+            Some(saved) if saved.block == block => {
+                (self.state, self.context.place) = (saved.state, saved.place);
                 Ok(())
             }
-            Some((_, _, begun)) => {
+            Some(Saved { begun, .. }) => {
                 Err(place.fault("an End of another block", format!("the End of what begins in line {}", begun.line)))
             }
             None => Err(place.fault("an End without Begin", "AttributeBegin or ObjectBegin before it")),
         }
     }
 
-    fn say_unused(&mut self, p: &Params) {
-        let unused: Vec<(Place, String)> =
-            p.unused().map(|u| (u.place, format!("parameter \"{} {}\" is not used", u.kind, u.name))).collect();
-        unused.into_iter().for_each(|(place, text)| self.warn(place, text));
-    }
-
-    fn moves(&self) -> bool {
-        self.state.place[0] != self.state.place[1]
-    }
-
     fn material(&mut self, kind: &str, p: &Params) -> Result<Made, Fault> {
-        let textures = std::mem::take(&mut self.textures);
-        let mut materials = std::mem::take(&mut self.materials);
-        let made = materials.make(self, &textures, kind, p);
-        (self.textures, self.materials) = (textures, materials);
-        made
+        self.materials.make(&mut self.context, &self.textures, kind, p)
     }
 
     /// A medium by name; the empty name is a vacuum.
@@ -609,13 +545,13 @@ impl<'a> World<'a> {
 
     /// All names are known: materials are given to shapes, lights to materials, the camera to the world.
     pub fn finish(mut self) -> Result<Description, SceneError> {
-        self.settle().map_err(|fault| self.error(fault))?;
-        Ok(self.description)
+        self.settle().map_err(|fault| self.context.error(fault))?;
+        Ok(self.context.description)
     }
 
     fn settle(&mut self) -> Result<(), Fault> {
         self.read_meshes()?;
-        if self.is_mirrored() {
+        if self.context.is_mirrored {
             for medium in self.media.values_mut().filter(|m| m.volume.is_some()) {
                 if let Some(volume) = &mut Arc::make_mut(medium).volume {
                     **volume = volume.placed(flip());
@@ -641,14 +577,14 @@ impl<'a> World<'a> {
                 && (m.alpha.is_some() || self.materials.made(number).material.as_ref().is_some_and(Material::has_pictures))
             {
                 let mesh = *unit_ball.get_or_insert_with(|| {
-                    self.description.meshes.push(shapes::ball(1.0).into());
-                    self.description.meshes.len() as u32 - 1
+                    self.context.description.meshes.push(shapes::ball(1.0).into());
+                    self.context.description.meshes.len() as u32 - 1
                 });
                 m.shape = Shape::Mesh { mesh, world_from_mesh: affine(place) };
             }
             let key = (number, m.media.clone());
             if let (Some(known), None, None) = (plain.get(&key), &m.area_light, &m.alpha) {
-                self.description.objects.push(object(m.name, m.shape, *known, m.node));
+                self.context.description.objects.push(object(m.name, m.shape, *known, m.node));
                 continue;
             }
             // The same on both sides: whatever light is in goes on.
@@ -662,51 +598,55 @@ impl<'a> World<'a> {
                 Some(material) => Material { interior, ..material },
                 None => {
                     if m.area_light.is_some() {
-                        self.warn(m.place, "an area light without a surface is left out, as in pbrt");
+                        self.context.warn(m.place, "an area light without a surface is left out, as in pbrt");
                     }
                     // No surface, and nothing begins there either.
                     if matches!(interior, Interior::Same) {
                         continue;
                     }
                     if m.alpha.is_some() {
-                        self.warn(m.place, "alpha of a shape without a surface is not used");
+                        self.context.warn(m.place, "alpha of a shape without a surface is not used");
                     }
-                    self.description.materials.push(Material { interior, ..Material::new("interface", Scattering::Interface) });
-                    let own = self.description.materials.len() as u32 - 1;
+                    self.context
+                        .description
+                        .materials
+                        .push(Material { interior, ..Material::new("interface", Scattering::Interface) });
+                    let own = self.context.description.materials.len() as u32 - 1;
                     plain.insert(key, own);
-                    self.description.objects.push(object(m.name, m.shape, own, m.node));
+                    self.context.description.objects.push(object(m.name, m.shape, own, m.node));
                     continue;
                 }
             };
-            let own = self.description.materials.len() as u32;
+            let own = self.context.description.materials.len() as u32;
             if m.area_light.is_none() && m.alpha.is_none() {
                 plain.insert(key, own);
             }
             if let Some(p) = &m.area_light {
-                material.emission = Some(lights::emission(self, p, area(&m.shape, &self.description.meshes))?);
-                self.say_unused(p);
+                let area = area(&m.shape, &self.context.description.meshes);
+                material.emission = Some(lights::emission(&mut self.context, p, area)?);
+                self.context.say_unused(p);
             }
             if let Some(alpha) = m.alpha {
                 material.coverage = Coverage::Blend(alpha);
             }
-            self.description.materials.push(material);
-            self.description.objects.push(object(m.name, m.shape, own, m.node));
+            self.context.description.materials.push(material);
+            self.context.description.objects.push(object(m.name, m.shape, own, m.node));
         }
-        self.description.max_depth = self.max_depth;
+        self.context.description.max_depth = self.max_depth;
         let (name, place) = self.around_camera.clone();
         if let Some(medium) = self.medium(&name, place)? {
-            self.description.air = Some(Air { medium: (*medium).clone(), bounds: None });
+            self.context.description.air = Some(Air { medium: (*medium).clone(), bounds: None });
         }
-        let mirrored = self.is_mirrored();
+        let mirrored = self.context.is_mirrored;
         let (film, kind) = self.film.take().unwrap_or_default();
-        let film = camera::film(self, &film, &kind)?;
+        let film = camera::film(&mut self.context, &film, &kind)?;
         let (p, kind, camera_from_world) =
             self.camera.take().unwrap_or_else(|| (Params::default(), "perspective".into(), DMat4::IDENTITY));
-        let view: Viewpoint = camera::viewpoint(self, &p, &kind, camera_from_world, film)?;
-        self.say_unused(&p);
-        self.description.cameras.push(view);
+        let view: Viewpoint = camera::viewpoint(&mut self.context, &p, &kind, camera_from_world, film)?;
+        self.context.say_unused(&p);
+        self.context.description.cameras.push(view);
         if mirrored {
-            mirror(&mut self.description);
+            mirror(&mut self.context.description);
         }
         Ok(())
     }
@@ -765,26 +705,10 @@ fn look_at(v: &[f64; 9]) -> Option<DMat4> {
     Some(world_from_camera.inverse())
 }
 
-/// Scale, turn and shift of a transform of something that moves.
-fn parts_of(m: DMat4, place: Place) -> Result<Parts, Fault> {
-    let (scale, rotation, translation) = m.to_scale_rotation_translation();
-    let again = DMat4::from_scale_rotation_translation(scale, rotation, translation);
-    let off = (again - m).abs().to_cols_array().into_iter().fold(0.0, f64::max);
-    let size = m.abs().to_cols_array().into_iter().fold(0.0, f64::max);
-    if !(off <= 1e-4 * size) {
-        return Err(place.fault("a moving thing that is sheared", "a transform of scales, turns and shifts"));
-    }
-    Ok(Parts { scale: scale.as_vec3(), rotation: rotation.as_quat(), translation: translation.as_vec3() })
-}
-
 /// A thing that stands still or hangs on a node.
 fn object(name: String, shape: Shape, material: u32, node: Option<u32>) -> Object {
     let motion = node.map_or(Motion::Still, |node| Motion::Carried { node });
     Object { motion, ..Object::new(name, shape, material) }
-}
-
-pub(super) fn affine(m: DMat4) -> Affine3A {
-    Affine3A::from_mat4(m.as_mat4())
 }
 
 /// Area of a shape, m².
@@ -803,10 +727,6 @@ fn area(shape: &Shape, meshes: &[Arc<Mesh>]) -> f32 {
             mesh.triangles.iter().map(area).sum::<f64>() as f32
         }
     }
-}
-
-fn flip() -> Affine3A {
-    Affine3A::from_scale(Vec3::new(1.0, 1.0, -1.0))
 }
 
 /// Turns the world into its mirror image, z → −z.

@@ -4,7 +4,7 @@
 //! block format description". Sizes are held against the length of the file before memory is asked for.
 
 use super::error;
-use super::layer::{Field, Folder, Key, Layer, ListOp, Reference, Spec, TimeShift, Value, child_path};
+use super::layer::{Field, Folder, Key, Layer, ListOp, PackedValues, Reference, Spec, TimeShift, Value, child_path};
 use crate::SceneError;
 use std::collections::HashMap;
 use std::sync::Arc;
@@ -276,6 +276,12 @@ fn numeric(kind: u8) -> Option<(Number, usize)> {
     })
 }
 
+impl PackedValues for Crate {
+    fn value(&self, word: u64, name: &str) -> Result<Value, SceneError> {
+        self.read(word, 0).map_err(|found| damaged(name, found))
+    }
+}
+
 impl Crate {
     fn token(&self, number: u64) -> Result<Arc<str>, Wrong> {
         let token = usize::try_from(number).ok().and_then(|n| self.tokens.get(n));
@@ -289,11 +295,6 @@ impl Crate {
 
     fn path(&self, number: u32) -> Result<Arc<str>, Wrong> {
         self.paths.get(number as usize).cloned().ok_or_else(|| format!("path {number} of {}", self.paths.len()))
-    }
-
-    /// The value that a word stands for.
-    pub fn value(&self, word: u64, name: &str) -> Result<Value, SceneError> {
-        self.read(word, 0).map_err(|found| damaged(name, found))
     }
 
     fn read(&self, word: u64, depth: u32) -> Result<Value, Wrong> {
@@ -528,7 +529,7 @@ pub fn read(bytes: Arc<[u8]>, name: &str, folder: Folder) -> Result<Layer, Scene
         return Err(error(name, format!("crate version {a}.{b}.{c}"), expected));
     }
     let (data, specs) = structure(bytes, version).map_err(|found| damaged(name, found))?;
-    Ok(Layer::new(name, folder, specs, Some(data)))
+    Ok(Layer::new(name, folder, specs, Some(Box::new(data))))
 }
 
 type Specs = HashMap<Box<str>, Spec>;

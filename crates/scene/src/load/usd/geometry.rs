@@ -3,9 +3,9 @@
 //! Source: OpenUSD, `UsdGeomMesh` (faces of any number of corners, holes, orientation; `subdivision` has the surfaces), `UsdGeomPrimvar` (interpolation, indices),
 //! `UsdGeomSubset`. Texture coordinates run up in USD; ours run down, so v becomes 1 − v here.
 
-use super::layer::{Key, Value};
-use super::material::Bound;
-use super::skeleton::{self, Bending, VertexBending};
+use super::bending;
+use super::layer::Value;
+use super::mesh_parts::{Control, MeshPart, Meshes, Part, Primvar, Size, primvar};
 use super::stage::{Prim, Stage};
 use super::subdivision;
 use crate::SceneError;
@@ -22,141 +22,6 @@ use std::sync::Arc;
 const AROUND: usize = 256;
 /// Corners of a face that is cut without looking whether it is convex.
 const MOST_CORNERS: usize = 512;
-
-/// A set of faces with one material.
-pub struct Part {
-    /// The subset; none of what no subset holds.
-    subset: Option<Arc<Prim>>,
-    pub material: u32,
-    /// Names of the primvars of texture coordinates.
-    pub uvs: Vec<String>,
-    /// Whether it has colours of its own.
-    pub colors: bool,
-    /// Heights of its material.
-    pub displacement: Option<Arc<Scalar>>,
-}
-
-impl Part {
-    pub fn new(subset: Option<Arc<Prim>>, bound: &Bound) -> Self {
-        let Bound { number, uvs, colors, displacement } = bound.clone();
-        Part { subset, material: number, uvs, colors, displacement }
-    }
-}
-
-/// A mesh with one material.
-pub struct MeshPart {
-    pub mesh: Mesh,
-    pub material: u32,
-    /// What bends it.
-    pub bending: Option<VertexBending>,
-    /// Heights that are to move its points.
-    pub displacement: Option<Arc<Scalar>>,
-}
-
-/// Meshes of a prim with their materials.
-#[derive(Default)]
-pub struct Meshes {
-    pub parts: Vec<MeshPart>,
-    /// For each part, if any is displaced, what it was before.
-    pub before: Vec<Option<Arc<Mesh>>>,
-    /// What was left out of them.
-    pub left_out: Vec<&'static str>,
-}
-
-/// To what a value of a primvar belongs.
-#[derive(Clone, Copy, PartialEq)]
-pub enum Per {
-    Mesh,
-    Face,
-    Point,
-    Corner,
-}
-
-/// A primvar: `width` numbers each.
-pub struct Primvar {
-    pub per: Per,
-    /// Of points: whether it is interpolated linearly even where the surface is smooth.
-    pub is_varying: bool,
-    width: usize,
-    values: Arc<[f32]>,
-    indices: Option<Arc<[i32]>>,
-}
-
-impl Primvar {
-    pub fn at(&self, face: usize, point: usize, corner: usize) -> &[f32] {
-        let i = match self.per {
-            Per::Mesh => 0,
-            Per::Face => face,
-            Per::Point => point,
-            Per::Corner => corner,
-        };
-        let i = self.indices.as_ref().map_or(i, |indices| indices[i] as usize);
-        &self.values[i * self.width..(i + 1) * self.width]
-    }
-}
-
-/// Faces, points and corners of a mesh.
-pub struct Size {
-    faces: usize,
-    points: usize,
-    corners: usize,
-}
-
-/// Faces as a file says them.
-pub struct Control {
-    pub points: Vec<[f32; 3]>,
-    pub indices: Arc<[i32]>,
-    /// Where the corners of each face begin, and where the last one's end.
-    pub starts: Vec<usize>,
-    pub size: Size,
-    /// Whether outside is where corners run clockwise.
-    pub left_handed: bool,
-    /// Number of the part of each face; none of holes and of what is no face.
-    pub part_of: Vec<Option<u32>>,
-    /// What bends its points.
-    pub bending: Option<Bending>,
-}
-
-/// A primvar by name, if it is there; `None` in the outer place if it does not fit the mesh.
-pub fn primvar(
-    stage: &Stage,
-    prim: &Prim,
-    name: &str,
-    width: usize,
-    size: &Size,
-    default: &str,
-) -> Result<Option<Option<Primvar>>, SceneError> {
-    let Some(values) = stage.value(prim, name)?.and_then(|v| v.floats()) else { return Ok(Some(None)) };
-    let indices = stage.value(prim, &format!("{name}:indices"))?.and_then(|v| v.ints()).filter(|i| !i.is_empty());
-    let there = values.len() / width;
-    let count = indices.as_ref().map_or(there, |i| i.len());
-    let said = stage.property_field(prim, name, Key::Interpolation)?;
-    let said = said.as_ref().and_then(Value::text).map(|t| t.to_string());
-    let per = match said.as_deref() {
-        Some("constant") => Per::Mesh,
-        Some("uniform") => Per::Face,
-        Some("vertex" | "varying") => Per::Point,
-        Some("faceVarying") => Per::Corner,
-        // Where nothing is said, the number of values tells.
-        _ if count == size.corners && count != size.points => Per::Corner,
-        _ if count == size.points => Per::Point,
-        _ if count == size.faces => Per::Face,
-        _ if default == "vertex" => Per::Point,
-        _ => Per::Mesh,
-    };
-    let needed = match per {
-        Per::Mesh => 1,
-        Per::Face => size.faces,
-        Per::Point => size.points,
-        Per::Corner => size.corners,
-    };
-    let in_range = indices.as_ref().is_none_or(|all| all.iter().all(|i| usize::try_from(*i).is_ok_and(|i| i < there)));
-    if count < needed || !in_range {
-        return Ok(None);
-    }
-    let is_varying = said.as_deref() == Some("varying");
-    Ok(Some(Some(Primvar { per, is_varying, width, values, indices })))
-}
 
 /// Reads a mesh, subdivided to a level if it is a subdivision surface: one for each part that has faces.
 ///
@@ -175,7 +40,7 @@ pub fn read(
         return Ok(out);
     };
     if let Some(shapes) = shapes {
-        control.bending = skeleton::read(stage, prim, shapes, control.points.len(), &mut out.left_out)?;
+        control.bending = bending::read(stage, prim, shapes, control.points.len(), &mut out.left_out)?;
     }
     let is_subdivided = match subdivision::scheme(stage, prim)? {
         Some(scheme) => subdivision::read(stage, prim, parts, &control, (scheme, level), &mut out)?,

@@ -1,6 +1,5 @@
 //! A layer: specs by path, each with its fields, whichever file they came from.
 
-use super::binary::Crate;
 use crate::SceneError;
 use std::collections::HashMap;
 use std::sync::Arc;
@@ -239,6 +238,12 @@ pub struct Folder {
     pub path: String,
 }
 
+/// Values that stay packed until they are asked for.
+pub trait PackedValues: std::fmt::Debug + Send + Sync {
+    /// The value that a word stands for; `name` is the file's, for messages.
+    fn value(&self, word: u64, name: &str) -> Result<Value, SceneError>;
+}
+
 /// A file of specs.
 #[derive(Debug)]
 pub struct Layer {
@@ -247,7 +252,7 @@ pub struct Layer {
     pub folder: Folder,
     pub specs: HashMap<Box<str>, Spec>,
     /// What packed fields lie in.
-    pub data: Option<Crate>,
+    pub data: Option<Box<dyn PackedValues>>,
     /// Paths of in-between shapes and of their normals, in order: properties whose names no schema knows.
     inbetweens: Vec<Box<str>>,
 }
@@ -257,7 +262,7 @@ const INBETWEENS: &str = ".inbetweens:";
 
 impl Layer {
     /// A layer of these specs.
-    pub fn new(name: &str, folder: Folder, specs: HashMap<Box<str>, Spec>, data: Option<Crate>) -> Self {
+    pub fn new(name: &str, folder: Folder, specs: HashMap<Box<str>, Spec>, data: Option<Box<dyn PackedValues>>) -> Self {
         let mut inbetweens: Vec<Box<str>> = specs.keys().filter(|path| path.contains(INBETWEENS)).cloned().collect();
         inbetweens.sort_unstable();
         Layer { name: name.to_owned(), folder, specs, data, inbetweens }

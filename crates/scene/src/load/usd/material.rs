@@ -4,6 +4,7 @@
 //! OmniPBR.mdl. A transparent surface (`opacityMode` "transparent" and one `opacity` for all of it) is a thin sheet: it keeps its reflections, and
 //! what it lets through is not bent.
 
+use super::bound::Bound;
 use super::layer::Value;
 use super::stage::Prim;
 use super::world::World;
@@ -14,34 +15,12 @@ use crate::material::{Coverage, Emission, EmissionColor, Material, Principled, S
 use crate::texture::{Codes, Color, Graph, Image, Interpolation, Scalar, Texture, Wrap};
 use diopter_light::Spectrum;
 use glam::{Affine2, Vec2, Vec3, Vec4};
-use std::collections::HashMap;
 use std::sync::Arc;
 
 /// Most shaders between a material and a value.
 const LONGEST_CHAIN: usize = 32;
 /// Reflectance of what says nothing of itself.
 const GREY: f32 = 0.6;
-
-/// A material as prims use it.
-#[derive(Clone, Debug)]
-pub struct Bound {
-    pub number: u32,
-    /// Names of the primvars that its pictures lie on; two at most.
-    pub uvs: Vec<String>,
-    /// Whether the colours of vertices count.
-    pub colors: bool,
-    /// Heights along the normal, in the space of the mesh.
-    pub displacement: Option<Arc<Scalar>>,
-}
-
-/// Materials and pictures that were read.
-#[derive(Default)]
-pub struct Shaders {
-    by_path: HashMap<String, Option<Bound>>,
-    by_opinions: HashMap<Vec<(usize, String)>, Bound>,
-    plain: HashMap<Option<[u32; 3]>, u32>,
-    pictures: HashMap<String, Option<Arc<Image>>>,
-}
 
 type Read<T> = Result<T, SceneError>;
 

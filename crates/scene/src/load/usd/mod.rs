@@ -1,6 +1,6 @@
 //! USD into a [`Description`]: `.usda`, `.usdc` and `.usdz`, in the subset that exporters write.
 //!
-//! `text` and `binary` read layers, `package` finds them in archives, `stage` composes them into prims. From there on `world` walks the prims, and
+//! `text` and `binary` read layers, `package` finds them in archives, `stage` composes them into prims. From there on `walk` goes over the prims, and
 //! `transform`, `geometry`, `skeleton`, `material`, `light` and `camera` make of each what it is. What is left out is told once, with counts. Files are
 //! opened by the caller: `fetch` gets names that count from the folder of the main file.
 //!
@@ -9,19 +9,24 @@
 //!
 //! Source: OpenUSD 25 (schemas UsdGeom, UsdShade, UsdLux, UsdPreviewSurface specification 2.6).
 
+mod bending;
 mod binary;
+mod bones;
+mod bound;
 mod camera;
 mod curves;
 mod geometry;
 mod layer;
 mod light;
 mod material;
+mod mesh_parts;
 mod package;
 mod skeleton;
 mod stage;
 mod subdivision;
 mod text;
 mod transform;
+mod walk;
 mod world;
 
 #[cfg(test)]

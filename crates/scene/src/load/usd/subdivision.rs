@@ -4,8 +4,8 @@
 //! it means polygons: many exporters write such meshes, and normals mean nothing on a subdivision surface, where they are ignored. No file says how
 //! fine: [`LEVEL`]. Left out: `triangleSubdivisionRule` "smooth".
 
-use super::geometry::{Control, MeshPart, Meshes, Part, Per, Primvar, primvar};
 use super::layer::Value;
+use super::mesh_parts::{Control, MeshPart, Meshes, Part, Per, Primvar, primvar};
 use super::stage::{Prim, Stage};
 use crate::SceneError;
 use crate::load::pbrt::shapes;

@@ -1,26 +1,22 @@
-//! From prims to a [`Description`]: a walk over the stage.
+//! The [`Description`] in the making: what is drawn where, and what readers of prims ask of it.
 
-use super::geometry::{self, MeshPart, Part};
-use super::layer::Value;
-use super::material::{Bound, Shaders};
-use super::skeleton::{Binding, Bones};
+use super::bones::{Binding, Bones};
+use super::bound::Shaders;
+use super::error;
+use super::layer::{Key, Value};
+use super::mesh_parts::Part;
 use super::stage::{Prim, Stage};
-use super::{camera, curves, error, light, skeleton, subdivision, transform};
 use crate::SceneError;
-use crate::load::pbrt::shapes;
-use crate::load::{DisplacedSurface, Fetch, displaced};
-use crate::motion::{AnimatedProperty, Animation, Channel, Ending, KeyInterpolation, Local, Motion, Node, Parts, Playing};
-use crate::scene::{Description, Object, Shape};
-use crate::shape::{Curves, Mesh};
+use crate::load::Fetch;
+use crate::motion::{Channel, Local, Node};
+use crate::scene::Description;
+use crate::shape::Mesh;
 use glam::{Affine3A, DMat4, DVec3, Vec3};
-use rayon::prelude::*;
 use std::collections::{BTreeMap, HashMap};
 use std::sync::Arc;
 
 /// Most things in a scene.
-const MOST_OBJECTS: usize = 1 << 24;
-/// Deepest that instancers lie in prototypes of instancers.
-const DEEPEST_INSTANCER: usize = 16;
+pub(super) const MOST_OBJECTS: usize = 1 << 24;
 
 /// What prims hand down.
 #[derive(Clone)]
@@ -32,37 +28,37 @@ pub(super) struct Place {
     /// The prim's space in the world at the scene's first time.
     pub world: DMat4,
     /// Path of the material, and whether it is stronger than those below.
-    material: Option<(String, bool)>,
+    pub material: Option<(String, bool)>,
     /// Colour of what has no material.
-    color: Option<Vec3>,
+    pub color: Option<Vec3>,
     /// Whether its purpose, its own or that of what is around it, is not to be drawn.
-    hidden: bool,
+    pub hidden: bool,
     /// How many instancers are around.
     pub instancers: usize,
     /// Whether a SkelRoot is around: only within one are meshes bent.
-    in_skel_root: bool,
+    pub in_skel_root: bool,
     /// Path of the skeleton that meshes hang on.
     pub skeleton: Option<Arc<str>>,
     /// Path of what moves the joints of skeletons.
     pub skeleton_animation: Option<Arc<str>>,
     /// What kind of thing it is.
-    class: Option<Arc<str>>,
+    pub class: Option<Arc<str>>,
 }
 
 /// Something to be drawn.
-struct Drawn {
-    name: String,
-    form: usize,
-    node: Option<u32>,
-    local: DMat4,
-    world: DMat4,
+pub(super) struct Drawn {
+    pub name: String,
+    pub form: usize,
+    pub node: Option<u32>,
+    pub local: DMat4,
+    pub world: DMat4,
     /// The skeleton that bends it.
-    binding: Option<Arc<Binding>>,
-    class: Option<Arc<str>>,
+    pub binding: Option<Arc<Binding>>,
+    pub class: Option<Arc<str>>,
 }
 
 /// What a form is made of.
-enum Form {
+pub(super) enum Form {
     /// Read when all are known, several at a time.
     Mesh {
         prim: Arc<Prim>,
@@ -88,7 +84,7 @@ enum Form {
 
 /// What tells forms apart.
 #[derive(PartialEq, Eq, Hash)]
-enum FormKey {
+pub(super) enum FormKey {
     /// Opinions, materials, and whether a skeleton may bend it.
     Mesh(Vec<(usize, String)>, Vec<u32>, bool),
     Solid(String, Vec<u64>, u32),
@@ -102,12 +98,12 @@ pub(super) struct World<'a> {
     /// Metres of a unit.
     pub unit_m: f64,
     pub is_z_up: bool,
-    root: DMat4,
-    per_second: f64,
-    drawn: Vec<Drawn>,
-    forms: Vec<Form>,
-    known: HashMap<FormKey, usize>,
-    left_out: BTreeMap<&'static str, usize>,
+    pub root: DMat4,
+    pub per_second: f64,
+    pub drawn: Vec<Drawn>,
+    pub forms: Vec<Form>,
+    pub known: HashMap<FormKey, usize>,
+    pub left_out: BTreeMap<&'static str, usize>,
     pub channels: Vec<Channel>,
     /// Where skeletons stand, by path.
     pub skeletons: HashMap<Arc<str>, Place>,
@@ -116,11 +112,10 @@ pub(super) struct World<'a> {
     pub size: Option<[usize; 2]>,
 }
 
-type Read<T> = Result<T, SceneError>;
+pub(super) type Read<T> = Result<T, SceneError>;
 
 impl<'a> World<'a> {
     pub fn new(bytes: Vec<u8>, name: &str, fetch: Fetch<'a>) -> Read<Self> {
-        use super::layer::Key;
         let stage = Stage::new(bytes, name, fetch)?;
         let number =
             |key| -> Read<Option<f64>> { Ok(stage.root(key)?.and_then(|v| v.number()).filter(|v| *v > 0.0 && v.is_finite())) };
@@ -158,216 +153,9 @@ impl<'a> World<'a> {
         *self.left_out.entry(what).or_default() += 1;
     }
 
-    pub fn run(mut self) -> Read<Description> {
-        let place = Place {
-            node: None,
-            local: self.root,
-            world: self.root,
-            material: None,
-            color: None,
-            hidden: false,
-            instancers: 0,
-            in_skel_root: false,
-            skeleton: None,
-            skeleton_animation: None,
-            class: None,
-        };
-        if let Some(root) = self.stage.prim("/")? {
-            let children = self.stage.children(&root)?;
-            self.walk(children, place)?;
-        }
-        self.build()?;
-        let missing = &self.stage.missing;
-        if !missing.is_empty() {
-            let text =
-                format!("{}: files that could not be read, without which the scene is shown: {}", self.name, missing.join(", "));
-            self.description.warnings.push(text);
-        }
-        if !self.left_out.is_empty() {
-            let list: Vec<String> = self.left_out.iter().map(|(what, n)| format!("{what} ({n})")).collect();
-            self.description.warnings.push(format!("{}: left out: {}", self.name, list.join(", ")));
-        }
-        if !self.channels.is_empty() {
-            let animation = Animation { name: "time samples".into(), channels: self.channels };
-            self.description.animations.push(animation);
-            self.description.playing = Playing { animations: vec![0], ending: Ending::Clamp, frozen_at_s: None };
-        }
-        for view in &mut self.description.cameras {
-            view.film.size = self.size;
-        }
-        Ok(self.description)
-    }
-
-    /// Draws prims and all below them.
-    fn walk(&mut self, prims: Vec<Arc<Prim>>, place: Place) -> Read<()> {
-        let mut open: Vec<(Arc<Prim>, Place)> = prims.into_iter().rev().map(|p| (p, place.clone())).collect();
-        while let Some((prim, place)) = open.pop() {
-            if let Some(inner) = self.prim(&prim, place)? {
-                let children = self.stage.children(&prim)?;
-                open.extend(children.into_iter().rev().map(|child| (child, inner.clone())));
-            }
-        }
-        Ok(())
-    }
-
-    /// Draws one prim; what it hands down, unless nothing below is drawn.
-    fn prim(&mut self, prim: &Arc<Prim>, outer: Place) -> Read<Option<Place>> {
-        if !self.stage.is_drawn(prim)? {
-            return Ok(None);
-        }
-        let kind = self.stage.type_name(prim)?;
-        match &*kind {
-            "Material" | "Shader" | "NodeGraph" | "GeomSubset" | "RenderProduct" | "RenderVar" => return Ok(None),
-            "RenderSettings" => {
-                self.size = self.size.or(camera::resolution(&self.stage, prim)?);
-                return Ok(None);
-            }
-            "SkelAnimation" | "BlendShape" => return Ok(None),
-            _ => (),
-        }
-        let text = |stage: &Stage, name: &str| -> Read<Option<Arc<str>>> {
-            Ok(stage.value(prim, name)?.as_ref().and_then(Value::text).cloned())
-        };
-        if text(&self.stage, "visibility")?.is_some_and(|v| &*v == "invisible") {
-            return Ok(None);
-        }
-        let mut outer = outer;
-        if let Some(purpose) = text(&self.stage, "purpose")? {
-            outer.hidden = matches!(&*purpose, "proxy" | "guide");
-        }
-        if self.stage.field(prim, super::layer::Key::Clips)?.is_some() {
-            self.leave_out("value clips");
-        }
-        let mut place = self.moved(prim, outer)?;
-        self.bind_skeleton(&kind, prim, &mut place)?;
-        let has_skin = place.in_skel_root && &*kind != "Mesh";
-        if has_skin && self.stage.attribute(prim, "primvars:skel:jointIndices")?.is_some() {
-            self.leave_out("skins of what is no mesh");
-        }
-        let strong = place.material.as_ref().is_some_and(|m| m.1);
-        if let Some(bound) = self.binding(prim)?.filter(|_| !strong) {
-            place.material = Some(bound);
-        }
-        if let Some(color) = self.constant_color(prim)? {
-            place.color = Some(color);
-        }
-        if let Some(class) = self.class(prim)? {
-            place.class = Some(class);
-        }
-        match &*kind {
-            "PointInstancer" if place.hidden => return Ok(None),
-            "Mesh" | "Sphere" | "Cube" | "Cylinder" | "Cone" | "Capsule" | "Plane" | "Cylinder_1" | "Capsule_1"
-            | "BasisCurves"
-                if place.hidden => {}
-            "Mesh" => self.mesh(prim, &place)?,
-            "BasisCurves" => self.curves(prim, &place)?,
-            "Sphere" | "Cube" | "Cylinder" | "Cone" | "Capsule" | "Plane" | "Cylinder_1" | "Capsule_1" => {
-                self.solid(&kind, prim, &place)?
-            }
-            "PointInstancer" => {
-                self.instances(prim, &place)?;
-                return Ok(None);
-            }
-            "Camera" => camera::add(self, prim, &place)?,
-            "DistantLight" | "SphereLight" | "RectLight" | "DiskLight" | "CylinderLight" | "DomeLight" | "DomeLight_1" => {
-                light::add(self, &kind, prim, &place)?;
-            }
-            "GeometryLight" | "PortalLight" | "PluginLight" => self.leave_out("lights of other kinds"),
-            "NurbsCurves" | "HermiteCurves" => self.leave_out("NURBS and Hermite curves"),
-            "NurbsPatch" | "TetMesh" => self.leave_out("patches and tetrahedra"),
-            "Points" => self.leave_out("points"),
-            "Volume" | "OpenVDBAsset" | "Field3DAsset" => self.leave_out("volumes"),
-            k if k.starts_with("ParticleField") => self.leave_out("Gaussian splats"),
-            _ => (),
-        }
-        Ok(Some(place))
-    }
-
-    /// The class that a prim gives itself and all below it: the first label of the taxonomies `class` and `category` (OpenUSD, UsdSemantics), or what Omniverse wrote before these.
-    fn class(&self, prim: &Prim) -> Read<Option<Arc<str>>> {
-        let said = |text: &Arc<str>| Some(text.trim()).filter(|t| !t.is_empty()).map(Arc::from);
-        for name in ["semantics:labels:class", "semantics:labels:category"] {
-            if let Some(Value::Texts(labels)) = self.stage.value(prim, name)?
-                && let Some(class) = labels.iter().find_map(said)
-            {
-                return Ok(Some(class));
-            }
-        }
-        let before =
-            |what: &str| -> Read<Option<Value>> { self.stage.value(prim, &format!("semantic:Semantics:params:semantic{what}")) };
-        match before("Type")?.as_ref().and_then(Value::text).is_some_and(|t| &**t == "class") {
-            true => Ok(before("Data")?.as_ref().and_then(Value::text).and_then(said)),
-            false => Ok(None),
-        }
-    }
-
-    /// Follows what a prim says of skeletons to what is below it.
-    fn bind_skeleton(&mut self, kind: &str, prim: &Arc<Prim>, place: &mut Place) -> Read<()> {
-        use super::layer::Key::TargetPaths;
-        place.in_skel_root |= kind == "SkelRoot";
-        if !place.in_skel_root {
-            return Ok(());
-        }
-        for (name, slot) in [("skel:skeleton", &mut place.skeleton), ("skel:animationSource", &mut place.skeleton_animation)] {
-            if let Some(path) = self.stage.targets(prim, name, TargetPaths)?.into_iter().next() {
-                *slot = Some(path.into());
-            }
-        }
-        if kind == "Skeleton" {
-            self.skeletons.insert(prim.path.as_str().into(), place.clone());
-        }
-        Ok(())
-    }
-
     /// Seconds of the scene at a time code of the stage.
     pub fn seconds(&self, time_code: f64) -> f64 {
         (time_code - self.stage.start) / self.per_second
-    }
-
-    /// The place of a prim: a node of its own where it moves.
-    fn moved(&mut self, prim: &Prim, outer: Place) -> Read<Place> {
-        let mut place = outer;
-        let xform = transform::of(&self.stage, prim)?;
-        if xform.resets {
-            (place.node, place.local, place.world) = (None, self.root, self.root);
-        }
-        match xform.keys {
-            Some(_) if place.instancers > 0 => {
-                self.leave_out("motion within prototypes of instancers");
-                (place.local, place.world) = (place.local * xform.rest, place.world * xform.rest);
-            }
-            Some(keys) => {
-                if xform.sheared {
-                    self.leave_out("shear of what moves");
-                }
-                let parent = self.node_at(&place, prim.name());
-                let number = self.description.nodes.len();
-                let (scale, rotation, translation) = xform.rest.to_scale_rotation_translation();
-                let whole = scale.is_finite() && rotation.is_finite() && xform.rest.determinant() != 0.0;
-                let rest = if whole {
-                    Parts { translation: translation.as_vec3(), rotation: rotation.as_quat(), scale: scale.as_vec3() }
-                } else {
-                    keys[0].1
-                };
-                self.description.nodes.push(Node { parent: Some(parent), rest: Local::Parts(rest), ..Node::new(prim.name()) });
-                let times_s: Vec<f32> = keys.iter().map(|k| self.seconds(k.0) as f32).collect();
-                let mut channel = |property, values: Vec<f32>| {
-                    self.channels.push(Channel {
-                        node: number,
-                        property,
-                        interpolation: KeyInterpolation::Linear,
-                        times_s: times_s.clone(),
-                        values,
-                    });
-                };
-                channel(AnimatedProperty::Translation, keys.iter().flat_map(|k| k.1.translation.to_array()).collect());
-                channel(AnimatedProperty::Rotation, keys.iter().flat_map(|k| k.1.rotation.to_array()).collect());
-                channel(AnimatedProperty::Scale, keys.iter().flat_map(|k| k.1.scale.to_array()).collect());
-                (place.node, place.local, place.world) = (Some(number as u32), DMat4::IDENTITY, place.world * xform.rest);
-            }
-            None => (place.local, place.world) = (place.local * xform.rest, place.world * xform.rest),
-        }
-        Ok(place)
     }
 
     /// A node that stands where a prim does.
@@ -380,80 +168,7 @@ impl<'a> World<'a> {
         self.description.nodes.len() as u32 - 1
     }
 
-    /// The material that a prim is bound to, and whether that holds for all below.
-    fn binding(&self, prim: &Prim) -> Read<Option<(String, bool)>> {
-        use super::layer::Key;
-        for name in ["material:binding:full", "material:binding", "material:binding:preview"] {
-            if let Some(path) = self.stage.targets(prim, name, Key::TargetPaths)?.into_iter().next() {
-                let strength = self.stage.property_field(prim, name, Key::BindMaterialAs)?;
-                let strong = strength.as_ref().and_then(Value::text).is_some_and(|t| &**t == "strongerThanDescendants");
-                return Ok(Some((path, strong)));
-            }
-        }
-        Ok(None)
-    }
-
-    fn constant_color(&self, prim: &Prim) -> Read<Option<Vec3>> {
-        let color = self.stage.value(prim, "primvars:displayColor")?.and_then(|v| v.floats());
-        Ok(color.filter(|c| c.len() == 3).map(|c| Vec3::from_slice(&c)))
-    }
-
-    fn bound(&mut self, material: Option<&(String, bool)>, color: Option<Vec3>, has_colors: bool) -> Read<Bound> {
-        match material {
-            Some((path, _)) => self.material(path, color, has_colors),
-            None => Ok(self.plain(color, has_colors)),
-        }
-    }
-
-    fn mesh(&mut self, prim: &Arc<Prim>, place: &Place) -> Read<()> {
-        if self.stage.is_animated(prim, "points")? {
-            self.leave_out("points that move by themselves");
-        }
-        let (binding, shapes) = skeleton::binding(self, prim, place)?.unzip();
-        let has_colors = self.stage.value(prim, "primvars:displayColor")?.and_then(|v| v.floats()).is_some_and(|c| c.len() > 3);
-        let mut key = self.stage.fingerprint(prim);
-        let mut parts = Vec::new();
-        let whole = self.bound(place.material.as_ref(), place.color, has_colors)?;
-        parts.push(Part::new(None, &whole));
-        for child in self.stage.children(prim)? {
-            if &*self.stage.type_name(&child)? != "GeomSubset" || !self.stage.is_drawn(&child)? {
-                continue;
-            }
-            let kind = self.stage.value(&child, "elementType")?;
-            if kind.as_ref().and_then(Value::text).is_some_and(|k| &**k != "face") {
-                continue;
-            }
-            if let Some(bound) = self.binding(&child)? {
-                let strong = place.material.as_ref().filter(|m| m.1);
-                let bound = self.bound(strong.or(Some(&bound)), place.color, has_colors)?;
-                key.extend(self.stage.fingerprint(&child));
-                parts.push(Part::new(Some(child), &bound));
-            }
-        }
-        let key = FormKey::Mesh(key, parts.iter().map(|p| p.material).collect(), binding.is_some());
-        let form = self.form(key, || Form::Mesh { prim: prim.clone(), parts, shapes });
-        self.draw(prim.name(), form, place)?;
-        if let (Some(drawn), Some(binding)) = (self.drawn.last_mut(), binding) {
-            drawn.binding = Some(binding.into());
-        }
-        Ok(())
-    }
-
-    fn curves(&mut self, prim: &Arc<Prim>, place: &Place) -> Read<()> {
-        if self.stage.is_animated(prim, "points")? {
-            self.leave_out("points that move by themselves");
-        }
-        let colors = self.stage.value(prim, "primvars:displayColor")?.and_then(|v| v.floats());
-        if colors.is_some_and(|c| c.len() > 3) {
-            self.leave_out("colours that differ from curve to curve");
-        }
-        let material = self.bound(place.material.as_ref(), place.color, false)?.number;
-        let key = FormKey::Mesh(self.stage.fingerprint(prim), vec![material], false);
-        let form = self.form(key, || Form::Curves { prim: prim.clone(), material });
-        self.draw(prim.name(), form, place)
-    }
-
-    fn form(&mut self, key: FormKey, make: impl FnOnce() -> Form) -> usize {
+    pub fn form(&mut self, key: FormKey, make: impl FnOnce() -> Form) -> usize {
         let next = self.forms.len();
         let number = *self.known.entry(key).or_insert(next);
         if number == next {
@@ -462,7 +177,7 @@ impl<'a> World<'a> {
         number
     }
 
-    fn draw(&mut self, name: &str, form: usize, place: &Place) -> Read<()> {
+    pub fn draw(&mut self, name: &str, form: usize, place: &Place) -> Read<()> {
         if self.drawn.len() >= MOST_OBJECTS {
             return Err(error(&self.name, format!("more than {MOST_OBJECTS} things"), "fewer"));
         }
@@ -481,241 +196,6 @@ impl<'a> World<'a> {
         self.forms.push(Form::Ball { radius, material });
         self.draw(name, self.forms.len() - 1, place)
     }
-
-    /// Cubes, spheres and the like.
-    fn solid(&mut self, kind: &str, prim: &Prim, place: &Place) -> Read<()> {
-        let material = self.bound(place.material.as_ref(), place.color, false)?.number;
-        let number = |name: &str, default: f64| -> Read<f64> {
-            Ok(self.stage.value(prim, name)?.and_then(|v| v.number()).filter(|v| v.is_finite() && *v > 0.0).unwrap_or(default))
-        };
-        let axis = self.stage.value(prim, "axis")?.as_ref().and_then(Value::text).map_or("Z".to_owned(), |a| a.to_string());
-        let sizes = match kind {
-            "Sphere" => vec![number("radius", 1.0)?],
-            "Cube" => vec![number("size", 2.0)?],
-            "Plane" => vec![number("width", 2.0)?, number("length", 2.0)?],
-            "Capsule" | "Capsule_1" => {
-                let radius = number("radius", 0.5)?;
-                vec![number("radiusBottom", radius)?, number("radiusTop", radius)?, number("height", 1.0)?]
-            }
-            _ => {
-                let radius = number("radius", 1.0)?;
-                vec![number("radiusBottom", radius)?, number("radiusTop", radius)?, number("height", 2.0)?]
-            }
-        };
-        let key = FormKey::Solid(format!("{kind} {axis}"), sizes.iter().map(|s| s.to_bits()).collect(), material);
-        let form = self.form(key, || match kind {
-            "Sphere" => Form::Ball { radius: sizes[0], material },
-            _ => Form::Ready { mesh: geometry::solid(kind, &axis, &sizes), material },
-        });
-        self.draw(prim.name(), form, place)
-    }
-
-    /// Copies of prototypes. Source: OpenUSD, `UsdGeomPointInstancer`: scale, then orientation, then position.
-    fn instances(&mut self, prim: &Arc<Prim>, place: &Place) -> Read<()> {
-        if place.instancers >= DEEPEST_INSTANCER {
-            return Err(error(
-                &self.name,
-                format!("{}: instancers within instancers", prim.path),
-                format!("at most {DEEPEST_INSTANCER} deep"),
-            ));
-        }
-        for name in ["positions", "orientations", "scales"] {
-            if self.stage.is_animated(prim, name)? {
-                self.leave_out("instances that move by themselves");
-            }
-        }
-        let list = |stage: &Stage, name: &str| -> Read<Arc<[f32]>> {
-            Ok(stage.value(prim, name)?.and_then(|v| v.floats()).unwrap_or_else(|| Arc::new([])))
-        };
-        let ints = |stage: &Stage, name: &str| -> Read<Arc<[i32]>> {
-            Ok(stage.value(prim, name)?.and_then(|v| v.ints()).unwrap_or_else(|| Arc::new([])))
-        };
-        let targets = self.stage.targets(prim, "prototypes", super::layer::Key::TargetPaths)?;
-        let mut prototypes: Vec<Vec<Drawn>> = Vec::new();
-        for path in targets {
-            let before = self.drawn.len();
-            let inner = Place {
-                node: None,
-                local: DMat4::IDENTITY,
-                world: DMat4::IDENTITY,
-                instancers: place.instancers + 1,
-                ..place.clone()
-            };
-            match self.stage.prim(&path)? {
-                Some(prototype) => self.walk(vec![prototype], inner)?,
-                None => self.leave_out("prototypes that are not there"),
-            }
-            prototypes.push(self.drawn.split_off(before));
-        }
-        let (which, positions, scales) =
-            (ints(&self.stage, "protoIndices")?, list(&self.stage, "positions")?, list(&self.stage, "scales")?);
-        let mut turns = list(&self.stage, "orientationsf")?;
-        if turns.is_empty() {
-            turns = list(&self.stage, "orientations")?;
-        }
-        let hidden = ints(&self.stage, "invisibleIds")?;
-        let hidden: std::collections::HashSet<i32> = hidden.iter().copied().collect();
-        let ids = ints(&self.stage, "ids")?;
-        let count = which.len().min(positions.len() / 3);
-        if count < which.len() {
-            self.leave_out("instances without a position");
-        }
-        for i in 0..count {
-            let id = ids.get(i).copied().unwrap_or(i as i32);
-            if hidden.contains(&id) {
-                continue;
-            }
-            let Some(prototype) = usize::try_from(which[i]).ok().and_then(|n| prototypes.get(n)) else {
-                self.leave_out("instances of prototypes that are not there");
-                continue;
-            };
-            let at = DVec3::from_array(std::array::from_fn(|k| f64::from(positions[3 * i + k])));
-            let scale = scales.get(3 * i..3 * i + 3).map_or(DVec3::ONE, |s| Vec3::from_slice(s).as_dvec3());
-            let turn =
-                turns.get(4 * i..4 * i + 4).map(|q| glam::DQuat::from_xyzw(q[1].into(), q[2].into(), q[3].into(), q[0].into()));
-            let turn = turn.filter(|q| q.length_squared() > 1e-12).map_or(glam::DQuat::IDENTITY, |q| q.normalize());
-            let instance = DMat4::from_scale_rotation_translation(scale, turn, at);
-            if !instance.is_finite() {
-                self.leave_out("instances that are nowhere");
-                continue;
-            }
-            if self.drawn.len() + prototype.len() > MOST_OBJECTS {
-                return Err(error(&self.name, format!("more than {MOST_OBJECTS} things"), "fewer instances"));
-            }
-            let (local, world) = (place.local * instance, place.world * instance);
-            self.drawn.extend(prototype.iter().map(|d| Drawn {
-                name: d.name.clone(),
-                form: d.form,
-                node: place.node,
-                local: local * d.local,
-                world: world * d.local,
-                binding: None,
-                class: d.class.clone(),
-            }));
-        }
-        Ok(())
-    }
-
-    /// Reads all meshes, and places everything.
-    fn build(&mut self) -> Read<()> {
-        let forms = std::mem::take(&mut self.forms);
-        let stage = &self.stage;
-        let prims = |form: &Form| if let Form::Mesh { prim, .. } = form { Some(prim.clone()) } else { None };
-        let prims: Vec<Arc<Prim>> = forms.iter().filter_map(prims).collect();
-        let level = subdivision::level(stage, &prims)?;
-        let is_displaced =
-            |form: &&Form| matches!(form, Form::Mesh { parts, .. } if parts.iter().any(|p| p.displacement.is_some()));
-        let most_displaced = displaced::MOST_IN_ALL / forms.iter().filter(is_displaced).count().max(1);
-        let read = |form: Form| -> Read<(geometry::Meshes, Other)> {
-            Ok(match form {
-                Form::Mesh { prim, parts, shapes } => {
-                    (geometry::read(stage, &prim, &parts, shapes.as_deref(), level, most_displaced)?, Other::None)
-                }
-                Form::Ready { mesh, material } => {
-                    let parts = vec![MeshPart { mesh, material, bending: None, displacement: None }];
-                    (geometry::Meshes { parts, ..Default::default() }, Other::None)
-                }
-                Form::Ball { radius, material } => (geometry::Meshes::default(), Other::Ball(radius, material)),
-                Form::Curves { prim, material } => {
-                    let (curves, left_out) = curves::read(stage, &prim)?;
-                    (geometry::Meshes { left_out, ..Default::default() }, Other::Curves(Box::new(curves), material))
-                }
-            })
-        };
-        let all: Vec<Read<(geometry::Meshes, Other)>> = forms.into_par_iter().map(read).collect();
-        // Numbers of meshes and their materials, by form; of balls a mesh where one is needed.
-        let mut numbers: Vec<Vec<(u32, u32)>> = Vec::with_capacity(all.len());
-        // What bends meshes, by their numbers.
-        let mut bent = HashMap::new();
-        let mut balls = Vec::with_capacity(all.len());
-        let mut strands: Vec<Option<(u32, u32)>> = Vec::with_capacity(all.len());
-        for read in all {
-            let (meshes, other) = read?;
-            let (ball, curves) = match other {
-                Other::None => (None, None),
-                Other::Ball(radius, material) => (Some((radius, material)), None),
-                Other::Curves(curves, material) => (None, Some((curves, material))),
-            };
-            strands.push(curves.filter(|(set, _)| !set.segments.is_empty()).map(|(set, material)| {
-                self.description.curves.push(Arc::new(*set));
-                (self.description.curves.len() as u32 - 1, material)
-            }));
-            meshes.left_out.into_iter().for_each(|what| self.leave_out(what));
-            let mut own = Vec::new();
-            let mut before = meshes.before.into_iter();
-            let mut displaced = Vec::new();
-            for part in meshes.parts {
-                self.description.meshes.push(part.mesh.into());
-                let number = self.description.meshes.len() as u32 - 1;
-                own.push((number, part.material));
-                if let (Some(mesh), Some(height)) = (before.next().flatten(), part.displacement) {
-                    displaced.push((number, mesh, height));
-                }
-                if let Some(bending) = part.bending {
-                    bent.insert(number, bending);
-                }
-            }
-            if !displaced.is_empty() {
-                self.description.displaced.push(DisplacedSurface { parts: displaced, alone: None });
-            }
-            numbers.push(own);
-            balls.push(ball);
-        }
-        for d in std::mem::take(&mut self.drawn) {
-            if let Some((radius, material)) = balls[d.form] {
-                if let (Some(sphere), None) = (shapes::sphere_in_world(radius as f32, d.local), d.node) {
-                    let ball = Object::new(d.name, Shape::Sphere(sphere), material);
-                    self.description.objects.push(Object { class: d.class, ..ball });
-                    continue;
-                }
-                if numbers[d.form].is_empty() {
-                    self.description.meshes.push(shapes::ball(radius as f32).into());
-                    numbers[d.form].push((self.description.meshes.len() as u32 - 1, material));
-                }
-            }
-            if numbers[d.form].is_empty() && strands[d.form].is_none() {
-                continue;
-            }
-            let motion = match d.node {
-                None => Motion::Still,
-                Some(parent) => {
-                    let place = Local::Matrix(affine(d.local));
-                    self.description.nodes.push(Node { parent: Some(parent), rest: place, ..Node::new(&d.name) });
-                    Motion::Carried { node: self.description.nodes.len() as u32 - 1 }
-                }
-            };
-            let world_from_mesh = affine(d.world);
-            if let Some((curves, material)) = strands[d.form] {
-                let shape = Shape::Curves { curves, world_from_curves: world_from_mesh };
-                let (name, class) = (d.name.clone(), d.class.clone());
-                self.description.objects.push(Object { name, shape, material, motion, class });
-            }
-            for (mesh, material) in &numbers[d.form] {
-                let mut motion = motion;
-                if let (Some(binding), Some(bending)) = (&d.binding, bent.get(mesh)) {
-                    let rest = Local::Matrix(affine(d.local));
-                    self.description.nodes.push(Node { parent: d.node, rest, ..Node::new(&d.name) });
-                    let node = self.description.nodes.len() as u32 - 1;
-                    if let Some(deformer) = skeleton::deformer(self, binding, bending, *mesh, node)? {
-                        self.description.deformers.push(deformer);
-                        motion = Motion::Deformed { deformer: self.description.deformers.len() as u32 - 1 };
-                    }
-                }
-                let shape = Shape::Mesh { mesh: *mesh, world_from_mesh };
-                let (name, class) = (d.name.clone(), d.class.clone());
-                self.description.objects.push(Object { name, shape, material: *material, motion, class });
-            }
-        }
-        Ok(())
-    }
-}
-
-/// What a form is other than meshes.
-enum Other {
-    None,
-    /// Radius and material.
-    Ball(f64, u32),
-    Curves(Box<Curves>, u32),
 }
 
 /// A matrix of single precision.

@@ -1,17 +1,17 @@
 //! Shapes of a pbrt file in their places: meshes, curves, displaced and instanced ones, those that move.
 
+use super::super::context::{affine, fetched, flip, parts_of};
 use super::super::params::Params;
 use super::super::shapes::Form;
 use super::super::{Fault, Place, shapes};
-use super::{Awaited, Displaced, Displacement, Met, World, affine, fetched, flip, parts_of};
+use super::{Awaited, Displaced, Displacement, Met, World};
 use crate::load::{DisplacedSurface, ply};
-use crate::medium::VolumePlace;
 use crate::motion::{AnimatedProperty, Animation, Channel, Ending, KeyInterpolation, Local, Node, Playing};
 use crate::scene::Shape;
 use crate::shape::{Curves, Mesh};
 use crate::subdivision;
 use crate::texture::Scalar;
-use glam::{Affine3A, DMat4, DVec3};
+use glam::{DMat4, DVec3};
 use rayon::prelude::*;
 use std::sync::Arc;
 
@@ -20,17 +20,14 @@ impl<'a> World<'a> {
         if !self.in_world {
             return Err(place.fault("a Shape before WorldBegin", "shapes in the world"));
         }
-        if self.moves() && self.defining.is_some() {
+        if self.context.moves() && self.defining.is_some() {
             return Err(place.fault("a shape that moves within an object", "objects whose instances move"));
         }
-        let textures = std::mem::take(&mut self.textures);
-        let alpha = textures.scalar(self, p, "alpha", 1.0);
-        self.textures = textures;
-        let alpha = match alpha? {
+        let alpha = match self.textures.scalar(&mut self.context, p, "alpha", 1.0)? {
             Scalar::Constant(a) if a >= 1.0 => None,
             Scalar::Constant(a) if a <= 0.0 => {
-                self.warn(place, "a shape with alpha 0 is left out");
-                self.say_unused(p);
+                self.context.warn(place, "a shape with alpha 0 is left out");
+                self.context.say_unused(p);
                 return Ok(());
             }
             Scalar::Graph(graph) if graph.is_in_space() => {
@@ -41,13 +38,13 @@ impl<'a> World<'a> {
             }
             other => Some(other),
         };
-        let world_from_shape = self.state.place[0];
+        let world_from_shape = self.context.place[0];
         let mut ball = None;
         let shape = match kind {
             "plymesh" => self.ply_mesh(p, place)?,
             "loopsubdiv" => {
                 let (mesh, warning) = shapes::loop_subdivision(p, place)?;
-                warning.into_iter().for_each(|text| self.warn(place, text));
+                warning.into_iter().for_each(|text| self.context.warn(place, text));
                 self.keep(mesh)
             }
             _ => match shapes::make(kind, p, place)? {
@@ -56,7 +53,7 @@ impl<'a> World<'a> {
                         if !self.state.reversed
                             && world_from_shape.determinant() > 0.0
                             && self.defining.is_none()
-                            && !self.moves() =>
+                            && !self.context.moves() =>
                     {
                         ball = Some(world_from_shape * DMat4::from_scale(DVec3::splat(f64::from(radius))));
                         Shape::Sphere(sphere)
@@ -66,13 +63,13 @@ impl<'a> World<'a> {
                 },
                 Form::Mesh(mesh) => self.keep(mesh),
                 Form::Curve(curve) => {
-                    self.say_unused(p);
+                    self.context.say_unused(p);
                     return self.curve(curve, alpha, place);
                 }
             },
         };
-        self.say_unused(p);
-        let node = if self.moves() { Some(self.moving_node(place)?) } else { None };
+        self.context.say_unused(p);
+        let node = if self.context.moves() { Some(self.moving_node(place)?) } else { None };
         let met = Met {
             name: format!("{kind} {}", self.met.len()),
             shape,
@@ -96,13 +93,13 @@ impl<'a> World<'a> {
         /// Segments from which on a new set is begun.
         const FULL: usize = 1 << 26;
         if self.state.area_light.is_some() {
-            self.warn(place, "curves are no area lights, as in pbrt: they are shown without their light");
+            self.context.warn(place, "curves are no area lights, as in pbrt: they are shown without their light");
         }
         if self.state.media[0] != self.state.media[1] {
-            self.warn(place, "curves have no inside: the media of their faces are not used");
+            self.context.warn(place, "curves have no inside: the media of their faces are not used");
         }
-        let world_from_curves = affine(self.state.place[0]);
-        let node = if self.moves() { Some(self.moving_node(place)?) } else { None };
+        let world_from_curves = affine(self.context.place[0]);
+        let node = if self.context.moves() { Some(self.moving_node(place)?) } else { None };
         let list = match &mut self.defining {
             Some((_, list)) => list,
             None => &mut self.met,
@@ -114,7 +111,7 @@ impl<'a> World<'a> {
             && last.material == self.state.material
             && last.alpha.is_none()
             && alpha.is_none()
-            && let Some(set) = self.description.curves.get_mut(curves as usize)
+            && let Some(set) = self.context.description.curves.get_mut(curves as usize)
             && (set.kind, set.basis) == (curve.kind, curve.basis)
             && set.segments.len() < FULL
         {
@@ -125,10 +122,10 @@ impl<'a> World<'a> {
             set.normals.extend(curve.normals);
             return Ok(());
         }
-        self.description.curves.push(curve.into());
+        self.context.description.curves.push(curve.into());
         let met = Met {
             name: format!("curve {}", list.len()),
-            shape: Shape::Curves { curves: self.description.curves.len() as u32 - 1, world_from_curves },
+            shape: Shape::Curves { curves: self.context.description.curves.len() as u32 - 1, world_from_curves },
             ball: None,
             node,
             material: self.state.material.clone(),
@@ -141,28 +138,17 @@ impl<'a> World<'a> {
         Ok(())
     }
 
-    /// The space that holds now from the world as it will be: mirrored if the camera's is of the other hand.
-    pub fn texture_from_world(&self) -> Affine3A {
-        let inverse = affine(self.state.place[0].inverse());
-        if self.is_mirrored() { inverse * flip() } else { inverse }
-    }
-
-    /// The camera looks along +z with x to the right: a world in which that is no turn of ours is mirrored.
-    pub(super) fn is_mirrored(&self) -> bool {
-        self.camera.as_ref().is_none_or(|(_, _, camera_from_world)| camera_from_world.determinant() > 0.0)
-    }
-
     /// A node that goes from the first to the second of the transforms that hold now; straight, and turning evenly.
     pub(super) fn moving_node(&mut self, place: Place) -> Result<u32, Fault> {
-        let [from, to] = self.state.place;
+        let [from, to] = self.context.place;
         let (from, to) = (parts_of(from, place)?, parts_of(to, place)?);
-        let number = self.description.nodes.len();
-        self.description.nodes.push(Node { rest: Local::Parts(from), ..Node::new(&format!("moving {number}")) });
+        let number = self.context.description.nodes.len();
+        self.context.description.nodes.push(Node { rest: Local::Parts(from), ..Node::new(&format!("moving {number}")) });
         let channel = |property, values: Vec<f32>| Channel {
             node: number,
             property,
             interpolation: KeyInterpolation::Linear,
-            times_s: self.times_s.map(|t| t as f32).to_vec(),
+            times_s: self.context.times_s.map(|t| t as f32).to_vec(),
             values,
         };
         let channels = [
@@ -170,21 +156,12 @@ impl<'a> World<'a> {
             channel(AnimatedProperty::Rotation, [from.rotation.to_array(), to.rotation.to_array()].concat()),
             channel(AnimatedProperty::Scale, [from.scale.to_array(), to.scale.to_array()].concat()),
         ];
-        if self.description.animations.is_empty() {
-            self.description.animations.push(Animation { name: "transforms".into(), channels: vec![] });
-            self.description.playing = Playing { animations: vec![0], ending: Ending::Clamp, frozen_at_s: None };
+        if self.context.description.animations.is_empty() {
+            self.context.description.animations.push(Animation { name: "transforms".into(), channels: vec![] });
+            self.context.description.playing = Playing { animations: vec![0], ending: Ending::Clamp, frozen_at_s: None };
         }
-        self.description.animations[0].channels.extend(channels);
+        self.context.description.animations[0].channels.extend(channels);
         Ok(number as u32)
-    }
-
-    /// Where a medium is that is named now; `None` in a transform that nothing can be in.
-    pub fn volume_place(&self, place: Place) -> Result<Option<VolumePlace>, Fault> {
-        let [from, to] = self.state.place;
-        Ok(match self.moves() {
-            false => VolumePlace::still(affine(from)),
-            true => VolumePlace::moving(self.times_s, [parts_of(from, place)?, parts_of(to, place)?]),
-        })
     }
 
     /// Adds a mesh, placed where things stand now.
@@ -192,12 +169,12 @@ impl<'a> World<'a> {
         if self.state.reversed {
             shapes::reverse(&mut mesh);
         }
-        self.description.meshes.push(mesh.into());
-        self.placed(self.description.meshes.len() as u32 - 1)
+        self.context.description.meshes.push(mesh.into());
+        self.placed(self.context.description.meshes.len() as u32 - 1)
     }
 
     pub(super) fn placed(&self, mesh: u32) -> Shape {
-        Shape::Mesh { mesh, world_from_mesh: affine(self.state.place[0]) }
+        Shape::Mesh { mesh, world_from_mesh: affine(self.context.place[0]) }
     }
 
     pub(super) fn ply_mesh(&mut self, p: &Params, place: Place) -> Result<Shape, Fault> {
@@ -210,8 +187,8 @@ impl<'a> World<'a> {
             return Ok(self.placed(*mesh));
         }
         // Its triangles come with those of all others.
-        let mesh = self.description.meshes.len() as u32;
-        self.description.meshes.push(Arc::default());
+        let mesh = self.context.description.meshes.len() as u32;
+        self.context.description.meshes.push(Arc::default());
         if displacement.is_none() {
             self.ply.insert(key.clone(), mesh);
         }
@@ -224,22 +201,20 @@ impl<'a> World<'a> {
         if p.get("displacement").is_none() {
             return Ok(None);
         }
-        let textures = std::mem::take(&mut self.textures);
-        let height = textures.scalar(self, p, "displacement", 0.0);
-        self.textures = textures;
+        let height = self.textures.scalar(&mut self.context, p, "displacement", 0.0)?;
         let edge_length = p.float("edgelength", 1.0)? as f32;
         if !(edge_length > 0.0) {
             return Err(place.fault(format!("edgelength {edge_length}"), "a length above 0"));
         }
-        let world_from_mesh = affine(self.state.place[0]);
-        let texture_world_from_mesh = if self.is_mirrored() { flip() * world_from_mesh } else { world_from_mesh };
-        Ok(Some(Displacement { height: Arc::new(height?), edge_length, world_from_mesh, texture_world_from_mesh }))
+        let world_from_mesh = affine(self.context.place[0]);
+        let texture_world_from_mesh = if self.context.is_mirrored { flip() * world_from_mesh } else { world_from_mesh };
+        Ok(Some(Displacement { height: Arc::new(height), edge_length, world_from_mesh, texture_world_from_mesh }))
     }
 
     /// Reads all meshes that are files of their own, several at a time.
     pub(super) fn read_meshes(&mut self) -> Result<(), Fault> {
         let awaited = std::mem::take(&mut self.awaited);
-        let fetch = self.fetch;
+        let fetch = self.context.fetch;
         let read = |a: &Awaited| {
             let read = ply::read(&fetched(fetch, &a.name, a.place)?);
             let mut read = read.map_err(|e| a.place.fault(format!("{}: {}", a.name, e.found), e.expected))?;
@@ -262,21 +237,24 @@ impl<'a> World<'a> {
         for (a, read) in awaited.iter().zip(all) {
             let (read, displaced) = read?;
             if let Some(warning) = read.warning {
-                self.warn(a.place, format!("{}: {warning}", a.name));
+                self.context.warn(a.place, format!("{}: {warning}", a.name));
             }
             if let (Some(done), Some(d)) = (&displaced, &a.displacement) {
                 let parts = vec![(a.mesh, done.before.clone(), d.height.clone())];
-                self.description.displaced.push(DisplacedSurface { parts, alone: Some((d.texture_world_from_mesh, a.reversed)) });
+                self.context
+                    .description
+                    .displaced
+                    .push(DisplacedSurface { parts, alone: Some((d.texture_world_from_mesh, a.reversed)) });
             }
             if displaced.as_ref().is_some_and(|d| d.stopped) {
                 let most = subdivision::MOST_TRIANGLES;
                 let text = format!("{}: edges stay longer than edgelength: shorter ones need more than {most} triangles", a.name);
-                self.warn(a.place, text);
+                self.context.warn(a.place, text);
             }
             if let Some(d) = displaced.filter(|d| d.without_height > 0) {
-                self.warn(a.place, format!("{}: displacement that is no number at {} points", a.name, d.without_height));
+                self.context.warn(a.place, format!("{}: displacement that is no number at {} points", a.name, d.without_height));
             }
-            self.description.meshes[a.mesh as usize] = read.mesh.into();
+            self.context.description.meshes[a.mesh as usize] = read.mesh.into();
         }
         Ok(())
     }
@@ -288,11 +266,11 @@ impl<'a> World<'a> {
                 near.map_or("an object that was defined before".to_owned(), |n| format!("an object (did you mean \"{n}\"?)"));
             return Err(place.fault(format!("object \"{name}\""), hint));
         };
-        let at = affine(self.state.place[0]);
-        let carrier = if self.moves() { Some(self.moving_node(place)?) } else { None };
+        let at = affine(self.context.place[0]);
+        let carrier = if self.context.moves() { Some(self.moving_node(place)?) } else { None };
         for m in &met {
             if m.area_light.is_some() {
-                self.warn(place, "area lights in objects do not shine, as in pbrt");
+                self.context.warn(place, "area lights in objects do not shine, as in pbrt");
             }
             let (shape, within) = match m.shape {
                 Shape::Mesh { mesh, world_from_mesh: m } => (Shape::Mesh { mesh, world_from_mesh: at * m }, m),
@@ -302,8 +280,8 @@ impl<'a> World<'a> {
             // Where the part is in the object, hung on what moves the object.
             let node = carrier.map(|parent| {
                 let rest = Local::Matrix(within);
-                self.description.nodes.push(Node { parent: Some(parent), rest, ..Node::new(&m.name) });
-                self.description.nodes.len() as u32 - 1
+                self.context.description.nodes.push(Node { parent: Some(parent), rest, ..Node::new(&m.name) });
+                self.context.description.nodes.len() as u32 - 1
             });
             let copy = Met {
                 name: m.name.clone(),

@@ -1,0 +1,20 @@
+//! What families of scattering functions give.
+
+use diopter_light::Sampled;
+use glam::Vec3;
+
+/// Which lobes a scattering function has beside specular ones, by a width that tells broad ones from narrow ones.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Breadth {
+    pub broad: bool,
+    pub narrow: bool,
+}
+
+/// What families give in the local frame (z on the side of `wo`).
+pub(super) struct LocalScatter {
+    pub wi: Vec3,
+    pub weight: Sampled,
+    pub pdf: f32,
+    pub specular: bool,
+    pub disperses: bool,
+}
