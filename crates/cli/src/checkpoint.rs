@@ -3,6 +3,7 @@
 use crate::AskedWrongly;
 use crate::args::{Checkpoint, Taking};
 use crate::output::{self, Output};
+use crate::parts;
 use crate::watch::{self, say, warn, watched};
 use anyhow::{Context, anyhow};
 use diopter::checkpoint::{self, CheckpointError};
@@ -215,7 +216,7 @@ impl Taken {
 /// The name of a checkpoint: that of the output with an ending, cut where file systems do not take so many bytes.
 fn beside(output: &Path) -> PathBuf {
     let name = output.file_name().unwrap_or_default().to_string_lossy();
-    output.with_file_name(output::cut(&name) + ".checkpoint")
+    output.with_file_name(parts::cut(&name) + ".checkpoint")
 }
 
 /// The sums that a checkpoint holds, if it is of this exposure. `must`: else it is an error.

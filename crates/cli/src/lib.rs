@@ -16,6 +16,7 @@ mod memory;
 mod output;
 mod own_program;
 mod paint;
+mod parts;
 mod pdf;
 mod sheet;
 mod views;

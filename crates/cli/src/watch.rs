@@ -1,6 +1,6 @@
 //! Progress on the terminal, and being stopped: by Ctrl-C, SIGTERM or a closed terminal (SIGHUP).
 
-use crate::output;
+use crate::parts;
 use diopter::expose::Watch;
 use indicatif::{ProgressBar, ProgressStyle};
 use std::io::{IsTerminal, Write};
@@ -19,7 +19,7 @@ pub fn install() {
     // Where no handler can be installed, signals simply end the program.
     let _ = ctrlc::set_handler(|| {
         if STOP.swap(true, Ordering::Relaxed) || HELD.load(Ordering::Relaxed) == 0 {
-            output::remove_parts();
+            parts::remove_parts();
             std::process::exit(STOPPED);
         }
     });

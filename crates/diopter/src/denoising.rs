@@ -4,7 +4,7 @@
 //! Either works on the electrons (or radiance) of the bands before the sensor sees them; the sensor's noise is made later, by the light that is then
 //! there, and is not touched. What a filter takes from the light of a place is given back around it ([`diopter_develop::denoise::keep_light`]).
 
-use crate::shot::ShotError;
+use crate::shot::error::ShotError;
 use diopter_develop::denoise::{self as built_in, Denoised, keep_light, without_specks};
 use diopter_image::focal_plane::{FocalPlaneSource, Truth};
 use diopter_image::{FocalPlane, ImageError, Raster};

@@ -7,6 +7,7 @@
 mod blur;
 mod camera_rays;
 mod diffraction;
+pub(crate) mod error;
 mod fireflies;
 mod frames;
 mod integrator;
@@ -14,38 +15,38 @@ mod landings;
 mod light_tracing;
 mod paged;
 mod pixel_cone;
-mod response;
+pub(crate) mod response;
+pub(crate) mod settings;
 mod stars;
 mod sums;
 mod tile;
 mod tile_sums;
 mod trial;
 mod truth;
+mod unit;
 
 pub use diffraction::{Diffraction, diffraction_shows};
+pub use error::ExposeError;
 pub use fireflies::{Fireflies, SUMS_WITH_CASCADE};
 pub use frames::Frames;
-pub use integrator::Integrator;
 pub use paged::{ExposedPaged, ExposedRows};
 pub use response::{Analyzer, Response};
+pub use settings::{Half, Integrator, Settings};
 pub use sums::{Keep, Sums};
 pub(crate) use truth::features;
 
 use crate::camera::Camera;
-use crate::polarizer::Polarizer;
 use crate::row_store::{PagedRows, RowStore};
-use crate::shutter::{Shutter, ShutterTimes};
-use crate::stray::{Seen, Stray, StrayLight};
+use crate::shutter::Shutter;
+use crate::stray::{Seen, StrayLight};
 use camera_rays::RADIANCE_REDRAWS;
 use diffraction::Optics;
-use diopter_image::channels::{Channel, DIRECT, INDIRECT};
 use diopter_image::focal_plane::{BandUnit, STRIP_STEP, Truth, bytes_a_pixel};
 use diopter_image::{ExposureFacts, FocalPlane, Raster};
 use diopter_lens::Lens;
-use diopter_light::random::SamplerKind;
 use diopter_light::wavelength::WavelengthSampler;
+use diopter_scene::Scene;
 use diopter_scene::light_paths::{LightVertices, PhotonMap};
-use diopter_scene::{PathSettings, Scene};
 use fireflies::Cascade;
 use pixel_cone::PixelCones;
 use rayon::prelude::*;
@@ -57,8 +58,9 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::time::Instant;
 use sums::{Finished, Tile, means, tell_direct};
-use tile::{PassPaths, Unit};
+use tile::PassPaths;
 use truth::Recorder;
+use unit::Unit;
 
 /// Pixels a side of the squares that threads take.
 const TILE: usize = 16;
@@ -67,146 +69,12 @@ const TILE: usize = 16;
 /// farther away is kept pixel by pixel.
 const MARGIN: usize = 4;
 
-/// How an exposure is computed.
-#[derive(Clone, Debug)]
-pub struct Settings {
-    /// Samples a pixel when all are rendered.
-    pub spp: u32,
-    /// Which of them to render; beyond `spp` nothing is.
-    pub samples: Range<u32>,
-    /// How they are spread.
-    pub sampler: SamplerKind,
-    /// Seed.
-    pub seed: u64,
-    /// How far paths go.
-    pub path: PathSettings,
-    /// How light transport is computed.
-    pub integrator: Integrator,
-    /// Factor on all light of the scene.
-    pub light_scale: f64,
-    /// Stop after about so much time, s, the truth included; the samples that are done then (two at least) make the picture.
-    pub time_limit_s: Option<f64>,
-    /// Record depth, normals, albedo and ids.
-    pub truth: bool,
-    /// Truth channels that are recorded with them.
-    pub truth_channels: Vec<&'static Channel>,
-    /// The frames that motion and flow are measured to; without, these channels stay empty.
-    pub frames: Option<Arc<Frames>>,
-    /// When samples are taken.
-    pub shutter_times: ShutterTimes,
-    /// Only light through one half of the pupil counts, as in one half of a split pixel.
-    pub half: Option<Half>,
-    /// Paths carry red, green and blue instead of wavelengths, as those of RGB renderers: to compare with them. Only for
-    /// [`Response::linear_srgb`].
-    pub rgb: bool,
-    /// Samples that the lens blocks (or that go through the other half) are drawn again: vignetting is not shown, nor is its noise. For
-    /// probes that look for detail.
-    pub redraw: bool,
-    /// What becomes of outliers when the samples end. Only an exposure in electrons of all `spp` samples at once re-weights them; parts keep them.
-    pub fireflies: Fireflies,
-    /// Whether the aperture diffracts light.
-    pub diffraction: Diffraction,
-    /// Stray light that a shot adds to the mean ([`Exposure::stray_light`]); [`expose()`] itself adds none.
-    pub stray: Stray,
-    /// Light is followed with its polarisation, along paths from the camera alone whatever the integrator is; a polariser and sensors that tell polarisation ask for
-    /// it, too.
-    pub polarized: bool,
-    /// A polarising filter before the lens.
-    pub polarizer: Option<Polarizer>,
-}
-
-/// A half of the pupil, as seen from behind the camera.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Half {
-    /// Left of the middle.
-    Left,
-    /// Right of it.
-    Right,
-}
-
-impl Half {
-    /// Whether a place of the pupil (right is positive) lies in it.
-    #[inline]
-    fn holds(self, x: f64) -> bool {
-        (x >= 0.0) == (self == Half::Right)
-    }
-}
-
-impl Settings {
-    /// `spp` Sobol samples, seed 1, the integrator chosen by the scene, no limits.
-    pub fn new(spp: u32) -> Self {
-        Settings {
-            spp,
-            samples: 0..spp,
-            sampler: SamplerKind::Sobol,
-            seed: 1,
-            path: PathSettings::default(),
-            integrator: Integrator::default(),
-            light_scale: 1.0,
-            time_limit_s: None,
-            truth: true,
-            truth_channels: Vec::new(),
-            frames: None,
-            shutter_times: ShutterTimes::default(),
-            half: None,
-            rgb: false,
-            redraw: false,
-            fireflies: Fireflies::Keep,
-            diffraction: Diffraction::Off,
-            stray: Stray::NONE,
-            polarized: false,
-            polarizer: None,
-        }
-    }
-
-    /// Whether direct light is summed apart.
-    pub fn records_direct(&self) -> bool {
-        self.truth && self.truth_channels.iter().any(|c| *c == DIRECT || *c == INDIRECT)
-    }
-
-    /// Whether light is followed with its polarisation, whatever the film is.
-    pub fn is_polarized(&self) -> bool {
-        self.polarized || self.polarizer.is_some()
-    }
-
-    /// Whether all samples are rendered, not a part of them.
-    pub fn is_whole(&self) -> bool {
-        self.samples.start == 0 && self.samples.end >= self.spp
-    }
-}
-
 /// Told what goes on during an exposure; may be asked from any thread.
 pub struct Watch<'a> {
     /// Set to stop.
     pub cancel: &'a AtomicBool,
     /// Called with the fraction that is done, 0 to 1.
     pub progress: &'a (dyn Fn(f64) + Sync),
-}
-
-/// Why there is no focal plane.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
-#[non_exhaustive]
-pub enum ExposeError {
-    /// [`Watch::cancel`] was set.
-    #[error("the exposure was stopped")]
-    Cancelled,
-    /// No pixel or no sample.
-    #[error("an exposure needs at least one pixel and one sample")]
-    Nothing,
-    /// The sums to go on from are of another size, of other bands or samples.
-    #[error("the samples to go on from belong to another exposure")]
-    Foreign,
-    /// The temporary file of an exposure larger than memory.
-    #[error(
-        "the temporary file for the sums of this exposure cannot be written or read ({0}): expected room for 16 bytes a pixel and band"
-    )]
-    Disk(std::io::ErrorKind),
-}
-
-impl From<std::io::Error> for ExposeError {
-    fn from(e: std::io::Error) -> Self {
-        ExposeError::Disk(e.kind())
-    }
 }
 
 /// What is exposed with what: the arguments of [`expose()`].
@@ -490,7 +358,7 @@ impl Exposure<'_> {
             cones: PixelCones::of(scene, camera),
             polarized: self.is_polarized(),
             analyzers: response.analyzer_groups(),
-            lamps: None,
+            light_traced: false,
         }
     }
 
@@ -590,7 +458,8 @@ impl Exposure<'_> {
         let sampling = Instant::now();
         let (curves, wavelengths) = self.curves();
         let mut unit = self.unit(&curves, &wavelengths, optics);
-        unit.lamps = self.light_tracing(&unit);
+        let lamps = self.light_tracing(&unit);
+        unit.light_traced = lamps.is_some();
         let unit = unit;
         let caustics = self.caustics().filter(|caustics| self.shows_caustics(&unit, caustics));
         let connections =
@@ -648,6 +517,7 @@ impl Exposure<'_> {
             let of_pass = PassPaths {
                 photons: photons.as_ref().map(|(_, maps)| maps),
                 vertices: vertices.as_ref().map(|(_, pools)| pools),
+                lamps: lamps.as_ref(),
             };
             tiles_done.store(sums.tiles, Ordering::Relaxed);
             let fraction = |tile: usize| match time_limit_s {
@@ -677,7 +547,7 @@ impl Exposure<'_> {
                 }
                 sums.tiles = batch.end;
                 if sums.tiles == tiles {
-                    if let Some(lamps) = &unit.lamps {
+                    if let Some(lamps) = &lamps {
                         let stop = || at_once_if_stopped && stopped();
                         let traced = lamps.pass(&unit, pass.clone(), stop, |splats| sums.add_splats(splats, unit.direct))?;
                         traced.ok_or(ExposeError::Cancelled)?;

@@ -5,7 +5,7 @@
 //! - Noise, S/N 40 and 10: 10 / H, H what gives that ratio of the luminance to the visual noise of the linear picture,
 //!   σ² = σ²(Y) + 0.279 σ²(R−Y) + 0.088 σ²(B−Y).
 
-use crate::shot::ShotError;
+use crate::shot::error::ShotError;
 use diopter_develop::{Demosaic, Recipe, develop};
 use diopter_image::{ExposureFacts, FocalPlane, Picture, RawImage};
 use diopter_light::cie;

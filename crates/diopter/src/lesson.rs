@@ -1,6 +1,6 @@
 //! Lessons: two lines of text and the commands that make the figures and tables of a subject.
 
-use crate::shot::ShotError;
+use crate::shot::error::ShotError;
 use serde::Deserialize;
 
 /// A lesson as it is written (TOML).

@@ -1,7 +1,7 @@
 //! Recipes and look-up tables from files.
 
 use crate::files;
-use crate::shot::ShotError;
+use crate::shot::error::ShotError;
 use diopter_develop::lut::Lut;
 use diopter_develop::{Recipe, RecipeError};
 use std::path::Path;

@@ -18,17 +18,19 @@
 //! glare); behind microlens arrays, and through ideal lenses (thin lens, pinhole, calibrated camera), whose surfaces do not exist, there is none.
 
 mod beams;
-mod choice;
+pub(crate) mod choice;
 mod ghosts;
 mod orders;
 mod raster;
+mod tracing;
 mod veil;
 
 pub use choice::Stray;
 pub use veil::Seen;
 
 use crate::camera::{Camera, Film};
-use crate::expose::{Response, Settings};
+use crate::expose::response::Response;
+use crate::expose::settings::Settings;
 use crate::mount::M2_PER_MM2;
 use crate::shutter::{Place, Shutter};
 use beams::{Beam, beams};
@@ -42,12 +44,13 @@ use diopter_lens::{CompoundLens, Lens, System};
 use diopter_light::wavelength::FIRST_NM;
 use diopter_scene::Scene;
 use diopter_scene::light::Modulation;
-use ghosts::{ESTIMATE, LOOK, ghosts_of};
+use ghosts::{ESTIMATE, ghosts_of};
 use glam::DVec2;
 use raster::add_at;
 use rayon::prelude::*;
 use std::ops::Range;
 use std::sync::Arc;
+use tracing::LOOK;
 use veil::Veil;
 
 /// Wavelengths at which rays are traced, and the width that each stands for, nm.

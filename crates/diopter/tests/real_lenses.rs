@@ -36,7 +36,7 @@ fn before(lens: Lens, film: Film) -> Camera {
 
 /// Irradiance over radiance at a film point and wavelength, by a grid over the last rim and the plain trace.
 fn brute_force(lens: &CompoundLens, film: DVec2, nm: f64) -> f64 {
-    use diopter::lens::trace::{TracedRay, Way};
+    use diopter::lens::ray::{TracedRay, Way};
     let system = lens.system();
     let n = system.indices(nm);
     let last = system.surfaces.last().unwrap();

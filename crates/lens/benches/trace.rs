@@ -8,7 +8,7 @@ use diopter_lens::analysis::Bench;
 use diopter_lens::batch::{double, single};
 use diopter_lens::compound::{CompoundLens, Setting};
 use diopter_lens::optimise::{MeritSheet, Optimisation};
-use diopter_lens::trace::{Apertures, TracedRay, Way};
+use diopter_lens::ray::{Apertures, TracedRay, Way};
 use diopter_lens::{Focus, State, System, embedded};
 use glam::DVec3;
 use std::hint::black_box;

@@ -7,15 +7,16 @@
 //! its own wavelength.
 
 use crate::aperture::Aperture;
+use crate::coating::film::{FILM_NM, MGF2};
 use crate::coating::{LightTable, SurfaceCoating};
 use crate::diffractive::Diffractive;
 use crate::forbes::{Forbes, ForbesKind};
 use crate::glass::{Glass, GlassKind, VISIBLE_NM};
 use crate::iris::Iris;
 use crate::polynomial::Polynomial;
+use crate::ray::{TracedRay, Way};
 use crate::surface::{Asphere, Profile};
-use crate::system::{FILM_NM, MGF2, System};
-use crate::trace::{TracedRay, Way};
+use crate::system::System;
 use fearless_simd::{Level, Simd, dispatch, prelude::*};
 use glam::DVec3;
 use std::ops::Range;
@@ -1167,7 +1168,7 @@ macro_rules! batch {
                                     Coated::Table(table) => {
                                         LightTable::at(table.values(), nm[lane] as f32, cosines[lane].abs() as f32) as $float
                                     }
-                                    _ => crate::system::aluminium(nm[lane] as f64) as $float,
+                                    _ => crate::coating::film::aluminium(nm[lane] as f64) as $float,
                                 };
                             }
                             fraction = fraction * $vector::from_slice(simd, &reflected);
@@ -1390,19 +1391,19 @@ batch!(double, f64, 16, Double, DoubleMask, refract_double, "16 rays at once in 
 pub(crate) fn agreement(
     system: &crate::System,
     n: &[f64],
-    ray: impl Fn(usize) -> crate::trace::TracedRay,
+    ray: impl Fn(usize) -> crate::ray::TracedRay,
     tolerance: f64,
-) -> Vec<(usize, crate::trace::TracedRay, f64)> {
+) -> Vec<(usize, crate::ray::TracedRay, f64)> {
     use double::{Batch, Indices, LANES, Packet};
     let mut packet = Packet::default();
     for i in 0..LANES {
         packet.set(i, ray(i).position.to_array(), ray(i).direction.to_array());
     }
-    let mask = Batch::new(system).trace(&mut packet, &Indices::uniform(n), crate::trace::Way::ToFilm);
+    let mask = Batch::new(system).trace(&mut packet, &Indices::uniform(n), crate::ray::Way::ToFilm);
     let mut through = Vec::new();
     for i in 0..LANES {
         let mut path = 0.0;
-        let (way, apertures) = (crate::trace::Way::ToFilm, crate::trace::Apertures::Clip);
+        let (way, apertures) = (crate::ray::Way::ToFilm, crate::ray::Apertures::Clip);
         let plain = system.trace_with(ray(i), n, way, apertures, |e| path += e.path);
         assert_eq!(plain.is_ok(), mask >> i & 1 == 1, "{i}");
         let Ok(plain) = plain else { continue };

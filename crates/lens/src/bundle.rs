@@ -11,8 +11,8 @@ use crate::batch::double::{Batch, Indices, LANES, Packet};
 use crate::derivatives::{Differentiated, Gradient, Quantity};
 use crate::iris::Iris;
 use crate::linear::gauss_legendre;
+use crate::ray::{Apertures, TracedRay, Way};
 use crate::system::System;
-use crate::trace::{Apertures, TracedRay, Way};
 use glam::{DMat2, DVec2, DVec3};
 use std::f64::consts::TAU;
 

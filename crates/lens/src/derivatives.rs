@@ -8,9 +8,9 @@
 
 use crate::batch::double::{Batch, Indices, LANES, Lanes, Packet};
 use crate::batch::level;
+use crate::ray::Way;
 use crate::surface::Profile;
 use crate::system::System;
-use crate::trace::Way;
 use fearless_simd::{Simd, dispatch, f64x8, prelude::*};
 use glam::{DMat3, DVec3};
 
@@ -464,9 +464,9 @@ fn reverse<S: Simd>(simd: S, lens: &Differentiated, traced: &Traced, quantity: Q
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::ray::{Apertures, TracedRay};
     use crate::surface::Asphere;
     use crate::system::State;
-    use crate::trace::{Apertures, TracedRay};
     use crate::{embedded, prescription::read_toml};
 
     fn changed(system: &System, n: &[f64], parameter: Parameter, by: f64) -> (System, Vec<f64>) {

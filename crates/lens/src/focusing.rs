@@ -4,10 +4,10 @@
 //! again when it is stopped down. What is minimised is the root mean square distance of the rays from their mean, over the
 //! pupil as it stands and four wavelengths weighted as the eye weighs them.
 
-use crate::axial_beam;
+use crate::at_stop;
 use crate::paraxial::FirstOrder;
+use crate::ray::{Apertures, TracedRay, Way};
 use crate::system::System;
-use crate::trace::{Apertures, TracedRay, Way};
 use glam::{DVec2, DVec3};
 
 /// Wavelengths (nm) and weights: F′, e, d, C with V(λ).
@@ -46,7 +46,7 @@ fn bundle(system: &System, object: Option<DVec3>) -> Bundle {
             }
         };
         // About the ray through the middle of the stop, which may be decentred.
-        let middle = axial_beam::chief_of(system, &n, ray_to).unwrap_or(DVec2::ZERO);
+        let middle = at_stop::chief_of(system, &n, ray_to).unwrap_or(DVec2::ZERO);
         for i in 0..ACROSS * ACROSS {
             let u = (i % ACROSS) as f64 / (ACROSS - 1) as f64 * 2.0 - 1.0;
             let v = (i / ACROSS) as f64 / (ACROSS - 1) as f64 * 2.0 - 1.0;

@@ -1,8 +1,8 @@
 //! Freeform surfaces: a conic with powers of r, and a polynomial over the plane on it (ISO 10110-19; Zemax "Zernike Standard Sag", "Zernike
 //! Fringe Sag", "Extended Polynomial"; CODE V XYP, ZFR).
 
+use crate::asphere::Asphere;
 use crate::polynomial::{Local, Polynomial};
-use crate::surface::Asphere;
 
 /// z(x, y) = asphere(r) + polynomial(x, y), mm.
 #[derive(Clone, Debug, PartialEq)]

@@ -295,7 +295,7 @@ mod tests {
     fn a_rod_has_the_focal_length_of_the_books() {
         use crate::paraxial::FirstOrder;
         use crate::prescription::read_toml;
-        use crate::trace::{Apertures, TracedRay, Way};
+        use crate::ray::{Apertures, TracedRay, Way};
         use crate::{State, System};
         let p = read_toml(ROD, "x.toml").unwrap();
         let system = System::at(&p, State::default());
@@ -319,7 +319,7 @@ mod tests {
     #[test]
     fn packets_cross_gradients_as_the_plain_trace_does() {
         use crate::batch::agreement;
-        use crate::trace::{Apertures, TracedRay, Way};
+        use crate::ray::{Apertures, TracedRay, Way};
         use crate::{State, System};
         // Curved and tilted ends, radial and axial terms.
         let text = "name = \"x\"\nsurfaces = [\n{ radius = 30, stop = true, gap = 6, glass = \"1.65\", semi_diameter = 5, gradient = { radial = [-0.002, 1e-6], axial = [0.005] } },\n\

@@ -43,7 +43,8 @@ mod tests {
     use crate::analysis::Bench;
     use crate::batch::agreement;
     use crate::prescription::read_toml;
-    use crate::trace::{Apertures, TracedRay, Way, at_plane};
+    use crate::ray::{Apertures, TracedRay, Way};
+    use crate::trace::at_plane;
     use crate::{State, System};
 
     fn lens(extra: &str) -> crate::Prescription {

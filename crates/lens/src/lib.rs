@@ -11,6 +11,8 @@
 
 pub mod analysis;
 pub mod aperture;
+pub mod asphere;
+mod at_stop;
 mod axial_beam;
 pub mod batch;
 mod bundle;
@@ -44,6 +46,7 @@ pub mod paraxial;
 pub mod polynomial;
 pub mod prescription;
 pub mod pupil;
+pub mod ray;
 pub mod surface;
 pub mod system;
 mod thin;

@@ -4,8 +4,8 @@
 //! so that one formula serves refraction and reflection.
 
 use crate::dual::Number;
+use crate::ray::{Apertures, TracedRay, Way};
 use crate::system::System;
-use crate::trace::{Apertures, TracedRay, Way};
 use glam::{DMat2, DVec2, DVec3};
 
 /// A paraxial ray at every surface.
@@ -251,7 +251,7 @@ fn parabasal(system: &System, n: &[f64]) -> Option<FirstOrder> {
     let slope = |ray: TracedRay| through(ray).map(|end| across(end.direction) / end.direction.dot(along));
     let step = 1e-3 * if system.iris.radius < 1e6 { system.iris.radius } else { 1.0 };
     let (places, slopes) = (Neighbours::of(step, place)?, Neighbours::of(step, slope)?);
-    let stop = Neighbours::of(step, |ray| crate::axial_beam::place_at_stop(system, n, ray))?;
+    let stop = Neighbours::of(step, |ray| crate::at_stop::place_at_stop(system, n, ray))?;
     let mean = |m: DMat2| 0.5 * (m.x_axis.x + m.y_axis.y);
     let size = |m: DMat2| m.determinant().abs().sqrt();
     // Rays through the middle of the stop: by how much their place before the lens goes with their slope.

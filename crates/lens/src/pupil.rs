@@ -15,7 +15,7 @@ mod middles;
 use self::middles::{Edge, Middles, centroid};
 use crate::batch::single::{Batch, Indices, LANES, Packet};
 use crate::fan::{Fan, convex_hull};
-use crate::trace::Way;
+use crate::ray::Way;
 use glam::{DVec2, DVec3};
 
 /// Wavelengths at which shapes are looked for, nm.

@@ -4,7 +4,8 @@
 use diopter_lens::analysis::{Bench, ThirdOrder};
 use diopter_lens::import::{self, Format};
 use diopter_lens::paraxial::{FirstOrder, Trace};
-use diopter_lens::trace::{Apertures, TracedRay, Way, at_plane};
+use diopter_lens::ray::{Apertures, TracedRay, Way};
+use diopter_lens::trace::at_plane;
 use diopter_lens::{Prescription, State, System};
 use glam::{DVec2, DVec3};
 

@@ -4,7 +4,7 @@ use diopter_lens::analysis::Bench;
 use diopter_lens::batch::{double, single};
 use diopter_lens::compound::{Exits, Samples, Scratch, Setting};
 use diopter_lens::prescription::read_toml;
-use diopter_lens::trace::{Apertures, TracedRay, Way};
+use diopter_lens::ray::{Apertures, TracedRay, Way};
 use diopter_lens::{CompoundLens, Focus, Iris, State, System, embedded, embedded_names};
 use glam::{DVec2, DVec3};
 use std::sync::Arc;

@@ -4,8 +4,9 @@ use diopter_lens::batch::double::{Batch, Indices, LANES, Packet};
 use diopter_lens::glass::D_NM;
 use diopter_lens::import::{self, Format};
 use diopter_lens::paraxial::FirstOrder;
+use diopter_lens::ray::{Apertures, TracedRay, Way};
 use diopter_lens::surface::Profile;
-use diopter_lens::trace::{Apertures, TracedRay, Way, at_plane};
+use diopter_lens::trace::at_plane;
 use diopter_lens::{Prescription, State, System};
 use glam::DVec3;
 

@@ -3,7 +3,7 @@
 use diopter_lens::batch::single;
 use diopter_lens::compound::{Exits, REFERENCE_NM, Samples, Scratch, Setting};
 use diopter_lens::prescription::read_toml;
-use diopter_lens::trace::{TracedRay, Way};
+use diopter_lens::ray::{TracedRay, Way};
 use diopter_lens::{CompoundLens, Focus, Iris, Lens, LensRay, ThinLens, embedded};
 use diopter_light::units::Millimeters;
 use glam::{DVec2, DVec3};

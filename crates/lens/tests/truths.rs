@@ -4,7 +4,8 @@ use diopter_lens::analysis::Bench;
 use diopter_lens::glass::{C_NM, D_NM, F_NM};
 use diopter_lens::import::{self, Format};
 use diopter_lens::paraxial::FirstOrder;
-use diopter_lens::trace::{Apertures, Way, at_plane};
+use diopter_lens::ray::{Apertures, Way};
+use diopter_lens::trace::at_plane;
 use diopter_lens::{State, System, embedded};
 
 #[test]

@@ -9,7 +9,7 @@ use diopter::lens::batch::{double, single};
 use diopter::lens::compound::{Configured, FilmPlace, configure};
 use diopter::lens::paraxial::FirstOrder;
 use diopter::lens::prescription::WAVELENGTHS_NM;
-use diopter::lens::trace::Way;
+use diopter::lens::ray::Way;
 use diopter::lens::{Focus, LensError, Prescription, embedded_names, import};
 use diopter::shot::read_lens;
 use glam::DVec2;

@@ -1,7 +1,7 @@
 //! What can be chosen: scenes, lenses, bodies, dials, settings of the development; and drawings of lenses.
 
-use crate::engine::Live;
 use crate::folders::Folders;
+use crate::session::Live;
 use diopter::develop::{Allowed, Recipe, SETTINGS};
 use diopter::lens::analysis::Bench;
 use diopter::lens::compound::{CompoundLens, Setting};

@@ -4,9 +4,9 @@
 //! temporary folder that goes away with the program. The pictures of a series are queued one by one; the first of them that is taken settles what all of them are,
 //! and the scene stays built from one to the next.
 
-use crate::protocol::Problem;
+use crate::lock::lock;
+use crate::problem::Problem;
 use crate::series::{Frame, Series};
-use crate::session::lock;
 use diopter::develop::{Developer, Recipe};
 use diopter::expose::{ExposeError, Watch};
 use diopter::image::dng::Storage;

@@ -10,18 +10,19 @@
 //! as can be made in [`FIRST_S`]: of an exposure at hand a smaller copy is developed where the whole takes longer, and the whole follows once the hand rests.
 
 use crate::frame;
+use crate::lock::lock;
 use crate::pose::Pose;
-use crate::protocol::Problem;
-use crate::session::{Asked, Found, Session, lock};
+use crate::problem::Problem;
+use crate::series::changes_with_time;
+use crate::session::{Asked, Found, Live, Session};
 use diopter::denoising::{Denoise, Filter};
 use diopter::depth_of_field::{CIRCLE_OF_DIAGONAL, hyperfocal_m, limits_m};
 use diopter::expose::{ExposeError, Watch};
-use diopter::image::{ExposureFacts, FocalPlane, Raster, RawImage, jpeg};
+use diopter::image::{ExposureFacts, FocalPlane, Raster, jpeg};
 use diopter::lens::compound::{nearest_focus, printed_focal_lengths};
 use diopter::lens::{Focus, Lens};
 use diopter::metering::ev100_of_setting;
 use diopter::quantity::{FocusTo, LengthMm};
-use diopter::scene::light::Modulation;
 use diopter::shot::sections::{CameraSection, FlashSection, RenderSection, SceneSection, ShutterSection};
 use diopter::shot::{FireflyChoice, Inputs, Shot, ShotError, ShotFile};
 use glam::Vec3;
@@ -60,22 +61,6 @@ const FIRST_OF_WHOLE: u32 = 4;
 const QUALITY: u8 = 88;
 /// Readings of the meter that differ by less are the same, EV.
 const SAME_EV: f64 = 0.005;
-
-/// What the latest frame was made of, for who asks about its pixels.
-pub struct Live {
-    /// The exposure as it was read out.
-    pub plane: Arc<FocalPlane>,
-    /// Its read-out.
-    pub raw: RawImage,
-    /// Through this.
-    pub lens: Lens,
-    /// Format of the film, mm.
-    pub film_mm: [f64; 2],
-    /// The recipe of the shot.
-    pub recipe: diopter::develop::Recipe,
-    /// EV at ISO 100 of the setting.
-    pub setting_ev100: f64,
-}
 
 /// Why there is no frame.
 enum Stopped {
@@ -633,15 +618,6 @@ fn animation_span(shot: &Shot) -> Option<[f64; 2]> {
 fn stands_still(shot: &Shot) -> bool {
     let leaf = shot.facts().shutter.is_some_and(|s| s.kind == "leaf");
     !changes_with_time(shot) && !leaf && shot.file().flash.is_none()
-}
-
-/// Whether a picture that begins at another moment is another one: the scene, the camera or light of the scene changes. A flash fires with the shutter.
-pub(crate) fn changes_with_time(shot: &Shot) -> bool {
-    let d = shot.scene.description();
-    let changes = |m: &Modulation| !matches!(m, Modulation::Steady | Modulation::Pulse { .. });
-    let flickers = d.materials.iter().any(|m| changes(&m.modulation())) || d.punctual.iter().any(|l| changes(&l.modulation));
-    let carried = !shot.file().camera.path.is_empty() || shot.file().camera.shake.unwrap_or(0.0) != 0.0;
-    flickers || carried || shot.scene.moves() || !shot.camera.way.is_still()
 }
 
 /// What the exposure of a shot depends on; `still`: its time is left out.

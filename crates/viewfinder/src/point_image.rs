@@ -4,8 +4,8 @@
 //! closed form, the perfect round pupil out of focus. Light goes from the scene to the film. Lengths on the film in µm, frequencies in cycles/mm; sagittal is
 //! detail across the direction to the middle of the picture's axis, tangential along it.
 
-use crate::engine::Live;
 use crate::pointer::{depth_m, field_deg, film_point};
+use crate::session::Live;
 use diopter::lens::analysis::{Bench, Spot, VISUAL_NM, airy_mtf, defocused_airy_mtf};
 use diopter::lens::compound::CompoundLens;
 use diopter::lens::{Lens, ThinLens};

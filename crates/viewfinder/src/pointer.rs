@@ -1,6 +1,7 @@
 //! The numbers under the pointer: what the pixel of the finder holds, from electrons to what is shown.
 
-use crate::engine::{Live, at};
+use crate::engine::at;
+use crate::session::Live;
 use diopter::develop::Developer;
 use diopter::image::PictureSource;
 use glam::DVec2;

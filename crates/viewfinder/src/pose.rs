@@ -1,7 +1,23 @@
 //! Where the camera stands, and how it is moved by hand.
 
-use crate::protocol::Motion;
 use glam::{Mat3, Vec3};
+use serde::Deserialize;
+
+/// How a camera is moved.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Motion {
+    /// About what it is aimed at.
+    Orbit,
+    /// To the side and up, looking the same way.
+    Pan,
+    /// Towards what it is aimed at, or away from it.
+    Dolly,
+    /// About itself.
+    Turn,
+    /// To the horizontal, upright.
+    Level,
+}
 
 /// A camera's place.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -4,10 +4,12 @@
 //! (`frame`). A command changes the shot by a merge patch (RFC 7396) in the words of shot files, so that everything that a shot file can say can
 //! be set, and what is wrong is answered as on the command line.
 
+use crate::pose::Motion;
+use crate::problem::Problem;
 use crate::series::Series;
 use crate::timer;
-use diopter::shot::{ShotError, ShotFile};
-use serde::{Deserialize, Serialize};
+use diopter::shot::ShotFile;
+use serde::Deserialize;
 use serde_json::{Map, Value};
 
 /// Most bytes of a message from a page.
@@ -78,53 +80,6 @@ pub enum Command {
         /// 0 to 1 across and down.
         at: [f64; 2],
     },
-}
-
-/// How a camera is moved.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Motion {
-    /// About what it is aimed at.
-    Orbit,
-    /// To the side and up, looking the same way.
-    Pan,
-    /// Towards what it is aimed at, or away from it.
-    Dolly,
-    /// About itself.
-    Turn,
-    /// To the horizontal, upright.
-    Level,
-}
-
-/// What is wrong, in the words of the command line.
-#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
-pub struct Problem {
-    /// The sentence.
-    pub message: String,
-    /// File (with line), setting or quantity.
-    pub place: Option<String>,
-    /// What is there.
-    pub found: Option<String>,
-    /// What belongs there.
-    pub expected: Option<String>,
-    /// A way out.
-    pub hint: Option<String>,
-}
-
-impl Problem {
-    /// From its parts.
-    pub fn new(place: impl Into<String>, found: impl Into<String>, expected: impl Into<String>) -> Problem {
-        let (place, found, expected) = (place.into(), found.into(), expected.into());
-        let message = format!("{place} {found}: expected {expected}");
-        Problem { message, place: Some(place), found: Some(found), expected: Some(expected), hint: None }
-    }
-}
-
-impl From<ShotError> for Problem {
-    fn from(e: ShotError) -> Self {
-        let parts = e.parts();
-        Problem { message: e.to_string(), place: parts.place, found: parts.found, expected: parts.expected, hint: parts.hint }
-    }
 }
 
 /// Reads a command.

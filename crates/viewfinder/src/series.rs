@@ -5,9 +5,9 @@
 //! A bracket is that of `[sequence] bracket` (the darkest first, one right after the other); a focus stack goes from near to far in equal steps
 //! of 1 / distance, which are about equal steps of the focusing drive.
 
-use crate::engine::changes_with_time;
-use crate::protocol::Problem;
+use crate::problem::Problem;
 use diopter::quantity::{Distance, FNumber, FocusTo, Seconds};
+use diopter::scene::light::Modulation;
 use diopter::shot::sections::FocusSection;
 use diopter::shot::{Shot, ShotFile, Vary};
 use serde::{Deserialize, Serialize};
@@ -58,6 +58,15 @@ pub struct Frame {
     pub file: ShotFile,
     /// What is its own.
     pub differs: Differs,
+}
+
+/// Whether a picture that begins at another moment is another one: the scene, the camera or light of the scene changes. A flash fires with the shutter.
+pub(crate) fn changes_with_time(shot: &Shot) -> bool {
+    let d = shot.scene.description();
+    let changes = |m: &Modulation| !matches!(m, Modulation::Steady | Modulation::Pulse { .. });
+    let flickers = d.materials.iter().any(|m| changes(&m.modulation())) || d.punctual.iter().any(|l| changes(&l.modulation));
+    let carried = !shot.file().camera.path.is_empty() || shot.file().camera.shake.unwrap_or(0.0) != 0.0;
+    flickers || carried || shot.scene.moves() || !shot.camera.way.is_still()
 }
 
 impl Series {

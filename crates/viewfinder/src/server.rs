@@ -3,10 +3,12 @@
 use crate::catalog;
 use crate::frame::Frame;
 use crate::guard::{Guard, Rate};
+use crate::lock::lock;
 use crate::point_image::{Of, PointImages};
 use crate::pointer;
-use crate::protocol::{self, Command, LARGEST_MESSAGE, Problem};
-use crate::session::{Session, lock};
+use crate::problem::Problem;
+use crate::protocol::{self, Command, LARGEST_MESSAGE};
+use crate::session::Session;
 use axum::Router;
 use axum::body::Body;
 use axum::extract::ws::{Message, WebSocket, WebSocketUpgrade};

@@ -1,18 +1,21 @@
 //! The camera that all pages share: its shot, what was asked of it, and what it answers.
 
 use crate::darkroom::Darkroom;
-use crate::engine::Live;
 use crate::folders::Folders;
 use crate::frame::Frame;
-use crate::pose::Pose;
-use crate::protocol::{Motion, Problem, patched, shot_as_json};
+use crate::lock::lock;
+use crate::pose::{Motion, Pose};
+use crate::problem::Problem;
+use crate::protocol::{patched, shot_as_json};
 use crate::series::Series;
 use crate::timer::{Tick, Timer};
+use diopter::image::{FocalPlane, RawImage};
+use diopter::lens::Lens;
 use diopter::quantity::FocusTo;
 use diopter::shot::ShotFile;
 use serde_json::{Value, json};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
-use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Condvar, Mutex, PoisonError};
 use std::time::Instant;
 use tokio::sync::watch;
 
@@ -92,9 +95,20 @@ pub struct Asked {
     pub since: Instant,
 }
 
-pub(crate) fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    // What a thread that panicked left behind is data that is replaced as a whole.
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+/// What the latest frame was made of, for who asks about its pixels.
+pub struct Live {
+    /// The exposure as it was read out.
+    pub plane: Arc<FocalPlane>,
+    /// Its read-out.
+    pub raw: RawImage,
+    /// Through this.
+    pub lens: Lens,
+    /// Format of the film, mm.
+    pub film_mm: [f64; 2],
+    /// The recipe of the shot.
+    pub recipe: diopter::develop::Recipe,
+    /// EV at ISO 100 of the setting.
+    pub setting_ev100: f64,
 }
 
 impl Session {

@@ -1,7 +1,7 @@
 //! The self-timer: counts down before a picture is taken. It belongs to the camera: all pages see it, and it runs on when a page is closed. It has
 //! no clock of its own; whoever holds it says what time it is.
 
-use crate::protocol::Problem;
+use crate::problem::Problem;
 use crate::series::Series;
 use serde_json::{Value, json};
 use std::time::{Duration, Instant};

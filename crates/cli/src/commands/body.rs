@@ -1,7 +1,7 @@
 //! `body list`, `body info`, `body emva` and `body iso`.
 
 use super::print_json;
-use crate::args::{BodyVerb, Emva, List};
+use crate::args::{BodyVerb, Emva, List, ReadOut};
 use crate::output::Output;
 use crate::watch::say;
 use crate::{AskedWrongly, paint};
@@ -22,6 +22,20 @@ pub fn run(verb: &BodyVerb, json: bool) -> anyhow::Result<()> {
         BodyVerb::Emva(args) => measure(args, json),
         BodyVerb::Iso { body, iso } => speeds(body, iso.as_ref(), json),
     }
+}
+
+/// The body that is asked for, or the one the plane was exposed with.
+pub fn body_of(args: &ReadOut, exposed_with: &str) -> anyhow::Result<Sensor> {
+    if let Some(name) = &args.body {
+        return Ok(read_body(name)?);
+    }
+    let named = Sensor::names().filter_map(|n| Sensor::named(n).ok()).find(|s| s.name == exposed_with);
+    named.with_context(|| {
+        format!(
+            "{}: it was exposed with \"{exposed_with}\", which is not embedded; give its file with --body",
+            args.plane.display()
+        )
+    })
 }
 
 fn list(json: bool) -> anyhow::Result<()> {

@@ -1,6 +1,6 @@
 //! `read-out` of pictures of light: radiance or irradiance from other programs, or our own `expose --radiance`.
 
-use super::read_out::body_of;
+use super::body::body_of;
 use super::{open, print_json, read_plane};
 use crate::AskedWrongly;
 use crate::args::ReadOut;

@@ -24,6 +24,7 @@ pub mod scene;
 pub mod sheet;
 pub mod shoot;
 pub mod stack;
+mod told;
 pub mod tolerance;
 pub mod viewfinder;
 pub mod why;

@@ -1,5 +1,6 @@
 //! `read-out`: a focal plane into raw files.
 
+use super::body::body_of;
 use super::{light, open, print_json, read_plane};
 use crate::AskedWrongly;
 use crate::args::ReadOut;
@@ -10,8 +11,8 @@ use diopter::develop::Recipe;
 use diopter::image::dng;
 use diopter::image::exr::FocalPlaneRows;
 use diopter::image::{ImageError, RawHeader};
-use diopter::sensor::{Reading, Sensor, Window};
-use diopter::shot::{read_body, white_point};
+use diopter::sensor::{Reading, Window};
+use diopter::shot::white_point;
 use diopter::{raw_file, truth};
 use std::path::Path;
 
@@ -199,18 +200,4 @@ impl Statistics {
 
 fn open_rows(path: &Path) -> anyhow::Result<FocalPlaneRows> {
     FocalPlaneRows::open(open(path)?).with_context(|| path.display().to_string())
-}
-
-/// The body that is asked for, or the one the plane was exposed with.
-pub fn body_of(args: &ReadOut, exposed_with: &str) -> anyhow::Result<Sensor> {
-    if let Some(name) = &args.body {
-        return Ok(read_body(name)?);
-    }
-    let named = Sensor::names().filter_map(|n| Sensor::named(n).ok()).find(|s| s.name == exposed_with);
-    named.with_context(|| {
-        format!(
-            "{}: it was exposed with \"{exposed_with}\", which is not embedded; give its file with --body",
-            args.plane.display()
-        )
-    })
 }

@@ -2,7 +2,7 @@
 //! once, pictures that differ only in ISO speed, noise or white share an exposure, and those that differ only in their development a raw image.
 
 use super::print_json;
-use super::shoot::setting;
+use super::told::setting;
 use crate::AskedWrongly;
 use crate::args::{Sheet, Shoot};
 use crate::contact_sheet::{self, Below, Cell, ContactSheet, Kind};

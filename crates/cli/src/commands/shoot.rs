@@ -1,5 +1,6 @@
 //! `shoot`: the whole photograph, or a sequence of them.
 
+use super::told::{display, say_ambient, setting};
 use super::{print_json, stack};
 use crate::AskedWrongly;
 use crate::args::Shoot;
@@ -12,10 +13,8 @@ use anyhow::anyhow;
 use diopter::calibration::{Calibration, Format as CalibrationFormat};
 use diopter::focus::Report;
 use diopter::hdr;
-use diopter::image::{ExposureFacts, RawImage};
+use diopter::image::RawImage;
 use diopter::lens::draw::{Axis, Chart, Color, Figure, Line, Style};
-use diopter::metering::ev100_of_setting;
-use diopter::quantity::FNumber;
 use diopter::sensor::ReadOut;
 use diopter::shot::setting::Setting;
 use diopter::shot::{FireflyChoice, Kept, Sequence, Shot};
@@ -339,86 +338,4 @@ fn focus_plot(r: &Report) -> Figure {
     }
     .draw(&mut figure, glam::DVec2::ZERO, glam::DVec2::new(520.0, 360.0));
     figure
-}
-
-/// Time, aperture, speed.
-pub fn setting(f: &ExposureFacts) -> String {
-    let time = if f.exposure_s < 0.3 { format!("1/{:.0} s", 1.0 / f.exposure_s) } else { format!("{:.1} s", f.exposure_s) };
-    let aperture = FNumber((f.f_number * 100.0).round() / 100.0);
-    let at = if f.at_s > 0.0 { format!("   at {:.4} s", f.at_s) } else { String::new() };
-    format!("{time}   {aperture}   ISO {:.0}{at}", speed(f))
-}
-
-/// ISO speed of a picture, or the one set for an exposure that has not been read out.
-fn speed(f: &ExposureFacts) -> f64 {
-    match (f.iso > 0.0, f.iso_set > 0.0) {
-        (true, _) => f.iso,
-        (false, true) => f.iso_set,
-        _ => 100.0,
-    }
-}
-
-/// Says what a meter reads of light that was scaled by its mean luminance, where that is not the same.
-pub fn say_ambient(ambient_ev: Option<f64>, facts: &ExposureFacts) {
-    /// What is shown of an EV.
-    const DIGIT: f64 = 0.1;
-    if let (Some(mean), Some(read)) = (ambient_ev, facts.metered_ev100)
-        && (mean - read).abs() >= DIGIT
-    {
-        say(&format!(
-            "note: the mean luminance is that of EV {mean:.1}, as --ambient-ev asks; the meter ({}) reads EV {read:.1}",
-            facts.metering
-        ));
-    }
-}
-
-/// What a camera shows after the shot.
-pub fn display(f: &ExposureFacts, width: usize, height: usize, seconds: f64) -> String {
-    let focus = f.focus_distance_m.map_or("∞".to_owned(), |d| format!("{d:.2} m"));
-    let meter = match f.metered_ev100 {
-        None => "no light metered".to_owned(),
-        Some(ev) => {
-            let stop = if f.t_number > 0.0 { f.t_number } else { f.f_number };
-            let time = f.shutter.as_ref().map_or(f.exposure_s, |s| s.effective_s);
-            let off = ev - ev100_of_setting(stop, time, speed(f));
-            format!("scene EV {ev:.1} ({}), exposure {} EV", f.metering, signed(off))
-        }
-    };
-    let mut extras = String::new();
-    if f.compensation_ev != 0.0 {
-        extras.push_str(&format!("   compensation {:+.1} EV", f.compensation_ev));
-    }
-    if f.nd_stops > 0.0 {
-        extras.push_str(&format!("   ND {:.1} stops", f.nd_stops));
-    }
-    if !f.polarizer.is_empty() {
-        extras.push_str(&format!("   polariser {}", f.polarizer));
-    }
-    if !f.photodiodes.is_empty() {
-        extras.push_str(&format!("   {} photodiodes", f.photodiodes));
-    }
-    if f.flash {
-        extras.push_str("   flash");
-    }
-    if let Some(s) = f.shutter.as_ref().filter(|s| s.kind != "global") {
-        extras.push_str(&format!("   {} shutter, {:.2} ms in all", s.kind, s.total_s * 1e3));
-    }
-    if let Some(removed) = f.fireflies_removed {
-        extras.push_str(&format!("   fireflies: {:.2} % of the light taken away", 100.0 * removed));
-    }
-    if f.denoised {
-        extras.push_str(&format!("   denoised ({})", f.denoiser));
-    }
-    let scaled = if f.light_scale == 1.0 { String::new() } else { format!("   light × {:.3e}", f.light_scale) };
-    let setting = setting(f);
-    format!(
-        "{}   {}   {}\nmode {}   {setting}   {:.0} mm ({:.0} mm equiv.)   focus {focus}{extras}\n{meter}{scaled}   {width}×{height}, {} samples a pixel, {seconds:.1} s",
-        f.body, f.lens, f.scene, f.mode, f.focal_length_mm, f.focal_length_35mm_mm, f.samples
-    )
-}
-
-/// With a sign, and no "-0.0".
-fn signed(ev: f64) -> String {
-    let ev = (ev * 10.0).round() / 10.0;
-    format!("{:+.1}", if ev == 0.0 { 0.0 } else { ev })
 }

@@ -15,6 +15,7 @@ pub mod observe;
 pub mod opencv;
 pub mod pose;
 pub mod ray_table;
+pub mod read;
 pub mod seen_fields;
 pub mod st_map;
 mod yaml;
@@ -303,7 +304,7 @@ pub(crate) mod tests {
             for kind in kinds {
                 let out = sample(*kind);
                 let text = out.text(format).unwrap();
-                let read = camera_file::parse(&text, "file").unwrap_or_else(|e| panic!("{format:?} {kind:?}: {e}\n{text}"));
+                let read = read::parse(&text, "file").unwrap_or_else(|e| panic!("{format:?} {kind:?}: {e}\n{text}"));
                 assert_eq!((read.size, read.model.kind()), (Some(out.size), *kind), "{text}");
                 // Half pixels are added and taken away again, and JSON is read to the last digit but one.
                 let near = |a: f64, b: f64| (a - b).abs() < 1e-9;
@@ -315,7 +316,7 @@ pub(crate) mod tests {
         // What a format cannot say is an error that names what it can.
         let e = sample(ModelKind::FTheta).text(Format::OpenCv).unwrap_err().to_string();
         assert!(e.contains("f-theta") && e.contains("opencv5"), "{e}");
-        let e = camera_file::parse("hello", "file.txt").unwrap_err().to_string();
+        let e = read::parse("hello", "file.txt").unwrap_err().to_string();
         assert!(e.contains("file.txt"), "{e}");
     }
 }

@@ -4,7 +4,7 @@
 //! y down, z forward.
 
 use crate::camera_motion::CameraMotion;
-use crate::stabiliser::MovingState;
+use crate::moving_part::MovingState;
 use diopter_image::RowTimes;
 use glam::{Affine3A, DAffine3, DMat3, DMat4, DQuat, DVec3};
 

@@ -3,10 +3,9 @@
 use super::diffraction::Displaced;
 use super::landings::Square;
 use super::light_tracing::CameraSample;
-use super::tile::Unit;
+use super::unit::Unit;
 use crate::camera::Film;
 use crate::mount::M2_PER_MM2;
-use crate::shutter::Place;
 use diopter_image::focal_plane::BandUnit;
 use diopter_lens::batch::single::LANES;
 use diopter_lens::compound::{CompoundLens, Exits, PupilSampler, Samples, Scratch};
@@ -292,7 +291,7 @@ impl Unit<'_> {
         if !ray.is_finite() {
             return None;
         }
-        let drawn = self.lamps.is_some().then(|| {
+        let drawn = self.light_traced.then(|| {
             let [origin, direction] = [exits.origin[k], exits.direction[k]].map(|v| glam::Vec3::from_array(v).as_dvec3());
             let density = 0.25 * f64::from(exits.density[k].iter().sum::<f32>());
             CameraSample { origin, direction, ray, time, seconds, density }
@@ -364,7 +363,7 @@ impl Unit<'_> {
         };
         let (origin, direction) = (lens_ray.origin_mm, lens_ray.direction);
         let entry = match &self.camera.lens {
-            Lens::Thin(lens) if self.lamps.is_some() => lens.entry(origin, direction),
+            Lens::Thin(lens) if self.light_traced => lens.entry(origin, direction),
             _ => None,
         };
         Some(CameraRay {
@@ -475,19 +474,6 @@ impl Unit<'_> {
                 exits.passed &= !(1 << k);
             }
         }
-    }
-
-    /// When a pixel is open to light through a place of the pupil.
-    #[inline]
-    pub(super) fn window(&self, column: usize, row: usize, pupil: f64) -> (f64, f64) {
-        let film = &self.camera.film;
-        self.shutter.window(&Place { pixel: [column, row], size: [film.columns, film.rows], pupil })
-    }
-
-    /// Whether the shutter asks where in the pupil light passes.
-    #[inline]
-    pub(super) fn needs_pupil(&self) -> bool {
-        matches!(self.shutter.mechanism, crate::shutter::Mechanism::Leaf { .. })
     }
 }
 

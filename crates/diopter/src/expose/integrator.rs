@@ -1,44 +1,9 @@
 //! Which integrator computes an exposure, and how often caustics get new photons.
 
-use super::tile::Unit;
+use super::settings::Integrator;
+use super::unit::Unit;
 use super::{Exposure, trial};
 use diopter_scene::light_paths::{CameraRays, CausticSettings, Caustics, ConnectionSettings, Connections, Lamps};
-
-/// How light transport is computed.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-#[non_exhaustive]
-pub enum Integrator {
-    /// Paths from the camera only.
-    Path,
-    /// And photons for the caustics of all lamps that are not the environment, and light traced from small lamps out of focus.
-    Caustics,
-    /// And connections of camera paths with light paths from the lamps (bidirectional path tracing); photons where `auto` would make them.
-    Bidirectional,
-    /// Photons for the caustics of small lamps where smooth bodies of glass or metal throw them, light traced from small lamps out of focus, connections where
-    /// they take away far more noise than they cost; paths from the camera elsewhere.
-    #[default]
-    Auto,
-}
-
-impl Integrator {
-    /// Their names.
-    pub const NAMES: [(&'static str, Integrator); 4] = [
-        ("path", Integrator::Path),
-        ("caustics", Integrator::Caustics),
-        ("bidirectional", Integrator::Bidirectional),
-        ("auto", Integrator::Auto),
-    ];
-
-    /// By its name.
-    pub fn by_name(name: &str) -> Option<Self> {
-        Self::NAMES.iter().find(|n| n.0 == name).map(|n| n.1)
-    }
-
-    /// Its name.
-    pub fn name(self) -> &'static str {
-        Self::NAMES.iter().find(|n| n.1 == self).map_or("", |n| n.0)
-    }
-}
 
 /// Camera paths that share a pair of photon maps, if that makes a number of samples between 2 and 256: enough that tracing photons takes less time than
 /// paths do, and few enough that a picture of some samples sees many maps.

@@ -36,7 +36,7 @@
 
 use super::response::GROUP;
 use super::sums::Splats;
-use super::tile::Unit;
+use super::unit::Unit;
 use super::{Exposure, Integrator};
 use crate::camera::Camera;
 use crate::mount::M2_PER_MM2;

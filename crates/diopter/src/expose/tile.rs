@@ -1,25 +1,18 @@
 //! Samples of the pixels of a tile: rays to radiance, radiance to bands.
 
 use super::camera_rays::{CameraRay, Numbers, times};
-use super::diffraction::Optics;
-use super::fireflies::Cascade;
 use super::landings::{Landing, Landings};
 use super::light_tracing::LightTracing;
 use super::pixel_cone::PixelCones;
-use super::response::{Curves, GROUP, Response, add_to};
+use super::response::{GROUP, add_to};
 use super::stars;
+use super::summed_bands;
 use super::sums::{Sums, Tile};
 use super::tile_sums::TileSums;
-use super::{Settings, TILE, summed_bands};
-use crate::camera::Camera;
+use super::unit::Unit;
 use crate::polarizer::Analysis;
 use crate::row_store::RowStore;
-use crate::shutter::Shutter;
-use diopter_image::focal_plane::BandUnit;
 use diopter_lens::Lens;
-use diopter_lens::microlens::Behind;
-use diopter_light::wavelength::WavelengthSampler;
-use diopter_scene::Scene;
 use diopter_scene::light::Shown;
 use diopter_scene::light_paths::{LightPaths, LightVertices, PhotonMap};
 use diopter_scene::radiance::CameraPath;
@@ -39,51 +32,16 @@ struct CameraLight {
 /// What can be foretold of where wavelengths land; and where the sums of the light of which it is begin.
 type Foretold = (usize, Landings);
 
-/// What all tiles share.
-pub(super) struct Unit<'a> {
-    pub scene: &'a Scene,
-    pub camera: &'a Camera,
-    pub shutter: &'a Shutter,
-    pub curves: &'a Curves,
-    pub response: &'a Response,
-    pub wavelengths: &'a WavelengthSampler,
-    pub settings: &'a Settings,
-    /// The microlens array, if there is one.
-    pub behind: Option<Behind>,
-    /// Where fireflies are re-weighted.
-    pub cascade: Option<Cascade>,
-    /// Where light is traced from lamps, too.
-    pub lamps: Option<LightTracing<'a>>,
-    /// Diffraction, if there is any.
-    pub optics: Option<&'a Optics>,
-    /// Whether pixels have sums for what lamps send far out.
-    pub stars: bool,
-    /// Where the sums of direct light begin, where it is recorded.
-    pub direct: Option<usize>,
-    /// How wide pixels are in the scene, where pictures are filtered.
-    pub cones: Option<PixelCones>,
-    /// Whether light is followed with its polarisation.
-    pub polarized: bool,
-    /// What Q and U count in each group of bands, where any tells them.
-    pub analyzers: Vec<[glam::Vec4; 2]>,
-}
-
 /// Photons and light vertices of a pass, each by replicate of the samples.
 #[derive(Clone, Copy, Default)]
 pub(super) struct PassPaths<'a> {
     pub photons: Option<&'a [PhotonMap<'a>; 2]>,
     pub vertices: Option<&'a [LightVertices<'a>; 2]>,
+    /// Where light is traced from lamps, too.
+    pub lamps: Option<&'a LightTracing<'a>>,
 }
 
 impl Unit<'_> {
-    /// Column, row, width and height of a tile.
-    fn rectangle(&self, index: usize) -> [usize; 4] {
-        let film = &self.camera.film;
-        let across = film.columns.div_ceil(TILE);
-        let (column, row) = (index % across * TILE, index / across * TILE);
-        [column, row, TILE.min(film.columns - column), TILE.min(film.rows - row)]
-    }
-
     /// The sums so far that the samples of a tile are added to one by one; none where they are summed apart.
     pub(super) fn before<S: RowStore>(&self, index: usize, sums: &mut Sums<S>) -> std::io::Result<Vec<f64>> {
         if matches!(self.camera.lens, Lens::Compound(_)) || self.stars {
@@ -130,18 +88,18 @@ impl Unit<'_> {
     /// Light along some camera rays, which are on their way together; of lamps seen directly what the camera sample counts beside light that is traced
     /// from them.
     fn light_along(&self, rays: &[CameraRay], light_paths: PassPaths) -> Vec<CameraLight> {
-        let weight = |path: usize, number: u32, met: glam::Vec3| match (&self.lamps, &rays[path].drawn) {
+        let weight = |path: usize, number: u32, met: glam::Vec3| match (light_paths.lamps, &rays[path].drawn) {
             (Some(lamps), Some(drawn)) => lamps.weight(self, drawn, number, met),
             _ => 1.0,
         };
         let begin = |(path, ray): (usize, &CameraRay)| {
             let CameraRay { pixel, sampler, wavelengths, .. } = *ray;
             let replicate = sampler.replicate();
+            let lamps = light_paths.lamps.filter(|_| ray.drawn.is_some());
             let light_paths = LightPaths {
                 photons: light_paths.photons.map(|maps| &maps[replicate]),
                 vertices: light_paths.vertices.map(|pools| &pools[replicate]),
             };
-            let lamps = self.lamps.as_ref().filter(|_| ray.drawn.is_some());
             let shown = lamps.map(|lamps| Shown { emitters: lamps.emitters(), weight: &weight, path });
             let cone = PixelCones::cone(self.cones.as_ref(), pixel, sampler.number(), ray.ray);
             CameraPath { cone, wavelengths, sampler, light_paths, shown }
@@ -338,19 +296,5 @@ impl Unit<'_> {
             stars::note_direct(&mut pixel[from + bands..from + 2 * bands], half, direct, &value);
         }
         stars::note(&mut pixel[before..], bands, half, nm, 0.25, value);
-    }
-
-    /// Bands that are summed: those of the film, of each buffer of the cascade, of stars, and of direct light.
-    fn summed_bands(&self) -> usize {
-        summed_bands(self.curves_len(), self.cascade.is_some(), self.stars, self.direct.is_some())
-    }
-
-    /// Whether the film records radiance.
-    pub(super) fn in_radiance(&self) -> bool {
-        self.response.bands[0].unit == BandUnit::Radiance
-    }
-
-    fn curves_len(&self) -> usize {
-        self.response.curves.len()
     }
 }

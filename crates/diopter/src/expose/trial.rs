@@ -2,7 +2,7 @@
 //! `auto` and `bidirectional` learn where the sun matters. They depend on seed, scene, camera
 //! and film alone, not on which samples are asked for, so that parts of an exposure decide alike.
 
-use super::tile::Unit;
+use super::unit::Unit;
 use super::{Exposure, Integrator};
 use diopter_light::random::{Sampler, SamplerKind};
 use diopter_light::{Ray, Wavelengths};

@@ -15,14 +15,14 @@ pub mod path;
 pub use file::{CameraSection, FramesSection, ImuSection, KeySection, PathSection, RigFile, WriteSection};
 
 use crate::calibration::{Calibration, CalibrationError, PrincipalRay};
-use crate::camera_motion::Shake;
 use crate::dataset::item::{File, Making, truth_channels};
 use crate::expose::{ExposeError, Watch};
 use crate::files;
+use crate::moving_part;
 use crate::npy;
 use crate::quantity::{Distance, Seconds};
+use crate::shake::Shake;
 use crate::shot::{Inputs, SceneCache, Shot, ShotError, ShotFile};
-use crate::stabiliser;
 use calibration::{CameraOfRig, Picture, RigCalibration};
 use diopter_light::names::nearest;
 use glam::{DAffine3, DMat3, DQuat, DVec3, EulerRot};
@@ -288,7 +288,7 @@ impl Rig {
                 })?;
                 let states = shot.moving_states();
                 if !states.is_empty() {
-                    let text = stabiliser::csv(&states, self.times_s[frame] + camera.trigger_s);
+                    let text = moving_part::csv(&states, self.times_s[frame] + camera.trigger_s);
                     let from = if frame == 0 { 0 } else { text.find('\n').map_or(0, |end| end + 1) };
                     moving[k].push_str(&text[from..]);
                 }

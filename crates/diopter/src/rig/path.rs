@@ -5,7 +5,7 @@
 //! ω̇ = 2 Im(p̄ p̈) / |p|² − 2 ω (p · ṗ) / |p|². So an inertial sensor on the rig has truth without any differencing. Splines: de Boor 1978, ch. IV; quaternion kinematics: Solà 2017
 //! (arXiv:1711.02508), eq. 200.
 
-use crate::camera_motion::Shake;
+use crate::shake::Shake;
 use glam::{Affine3A, DAffine3, DQuat, DVec3, DVec4};
 
 /// What is true of a rig, or of something fixed to it, at a moment.

@@ -7,6 +7,7 @@
 
 mod asked;
 mod change;
+pub(crate) mod error;
 mod error_parts;
 mod exposing;
 pub mod file;
@@ -32,6 +33,8 @@ mod timing;
 mod vary;
 
 use asked::Asked;
+pub use error::ShotError;
+pub(crate) use error::value;
 pub use error_parts::ErrorParts;
 pub use file::ShotFile;
 pub use inputs::Inputs;
@@ -44,27 +47,27 @@ pub use surroundings::daylight;
 pub(crate) use vary::is_of_scene;
 
 use crate::calibration::{self, Calibration, CalibrationError, Frame, PrincipalRay};
-use crate::camera::{Camera, PlacementError};
+use crate::camera::Camera;
 use crate::denoising::{Denoise, Filter};
-use crate::expose::{ExposeError, Settings};
+use crate::expose::Settings;
 use crate::metering::Pattern;
+use crate::moving_part::MovingState;
 use crate::program::Mode;
 use crate::quantity::{Seconds, SpectralBands};
-use crate::stabiliser::{MovingState, Stabiliser};
+use crate::stabiliser::Stabiliser;
 use crate::{lens_profile, recipe_file};
+use diopter_develop::Recipe;
 use diopter_develop::lut::Lut;
-use diopter_develop::{Recipe, RecipeError};
 use diopter_image::ExposureFacts;
 use diopter_image::focal_plane::FocalPlaneSource;
-use diopter_lens::{Lens, LensError, Projection};
+use diopter_lens::{Lens, Projection};
 use diopter_light::cie;
 use diopter_scene::bvh::Bounds;
 use diopter_scene::{Scene, SceneError, builtin};
 use diopter_sensor::format;
-use diopter_sensor::{Reading, Sensor, SensorError};
+use diopter_sensor::{Reading, Sensor};
 use focusing::Focusing;
 use glam::{Affine3A, Vec3};
-use std::borrow::Cow;
 use std::ops::RangeInclusive;
 use std::time::Instant;
 use timing::Timing;
@@ -76,87 +79,6 @@ const DEFAULT_ISO: f64 = 100.0;
 const DEFAULT_SEED: u64 = 1;
 const DEFAULT_SCENE: &str = "still-life";
 const DEFAULT_BODY: &str = "canon-5d-mark-iv";
-
-/// Why a photograph cannot be taken.
-#[derive(Debug, thiserror::Error)]
-#[non_exhaustive]
-pub enum ShotError {
-    /// A file that cannot be read.
-    #[error("{path}: {reason}")]
-    Read {
-        /// The file.
-        path: String,
-        /// What the system or the parser says.
-        reason: String,
-    },
-    /// A shot file that is no shot file: its grammar, a misspelt key, a value of another kind.
-    #[error("{path}: {reason}")]
-    Syntax {
-        /// The file.
-        path: String,
-        /// What the parser says, with line and hint.
-        reason: String,
-    },
-    /// A value outside its range or a name nobody knows.
-    #[error("{what} {found}: expected {expected}")]
-    Value {
-        /// Setting.
-        what: Cow<'static, str>,
-        /// Its value.
-        found: String,
-        /// What is allowed, or a hint.
-        expected: String,
-    },
-    /// An entry of a file that is made of shots, such as the specification of a data set.
-    #[error("{place}: {found}; expected {expected}")]
-    Entry {
-        /// File and entry.
-        place: String,
-        /// What is there.
-        found: String,
-        /// What belongs there, and a hint.
-        expected: String,
-    },
-    /// The scene.
-    #[error(transparent)]
-    Scene(#[from] SceneError),
-    /// The body.
-    #[error(transparent)]
-    Sensor(#[from] SensorError),
-    /// The lens.
-    #[error(transparent)]
-    Lens(#[from] LensError),
-    /// The camera's place.
-    #[error(transparent)]
-    Placement(#[from] PlacementError),
-    /// The development.
-    #[error(transparent)]
-    Recipe(RecipeError),
-    /// A calibration.
-    #[error(transparent)]
-    Calibration(#[from] CalibrationError),
-    /// The exposure was stopped.
-    #[error(transparent)]
-    Expose(#[from] ExposeError),
-    /// Autofocus found nothing, and a picture out of focus is not wanted.
-    #[error("autofocus failed: {0} (without --require-focus the picture is taken all the same)")]
-    Focus(crate::focus::Failure),
-    /// The renderer's noise cannot be reduced as asked.
-    #[error("{0}")]
-    Denoise(String),
-}
-
-impl ShotError {
-    /// Whether the user asked for something impossible (rather than something failing on the way).
-    pub fn is_request(&self) -> bool {
-        let failed = matches!(self, ShotError::Read { .. } | ShotError::Expose(_) | ShotError::Scene(_) | ShotError::Focus(_));
-        !failed && !matches!(self, ShotError::Denoise(_))
-    }
-}
-
-pub(crate) fn value(what: impl Into<Cow<'static, str>>, found: impl ToString, expected: impl Into<String>) -> ShotError {
-    ShotError::Value { what: what.into(), found: found.to_string(), expected: expected.into() }
-}
 
 /// An exposure that memory cannot hold, to be written strip by strip.
 pub struct ExposedStrips<'a> {

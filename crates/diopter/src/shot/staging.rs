@@ -9,7 +9,8 @@ use super::framing::{self, Angle, Framed};
 use super::sections::{CameraSection, SceneSection};
 use super::sources::ideal_fisheye;
 use super::{Inputs, LARGEST_SIDE, ShotError, value};
-use crate::calibration::camera_file::{self, CameraFile, CameraSource};
+use crate::calibration::camera_file::{CameraFile, CameraSource};
+use crate::calibration::read::read as read_camera;
 use crate::camera::{Camera, Film, look_at};
 use crate::camera_motion::CameraMotion;
 use crate::depth_of_field::{CIRCLE_OF_DIAGONAL, circle_mm};
@@ -150,7 +151,7 @@ pub(super) fn calibrated(
     }
     let of_angle = c.fov_deg.map(|fov| 0.5 / (0.5 * fov.to_radians()).tan());
     let focal_of_width = of_angle.or(c.focal_length.map(|f| f.0 / film.width_mm));
-    let source = camera_file::read(&path, focal_of_width)?;
+    let source = read_camera(&path, focal_of_width)?;
     let straight = matches!(&source, CameraSource::Rays(_));
     if !straight && focal_of_width.is_some() {
         let found = "beside a calibration";

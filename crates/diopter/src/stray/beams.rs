@@ -2,7 +2,7 @@
 
 use super::{BIN_NM, BINS, MOST_BEAMS};
 use crate::camera::Camera;
-use crate::expose::Response;
+use crate::expose::response::Response;
 use diopter_lens::CompoundLens;
 use diopter_lens::ghosts::SourceBeam;
 use diopter_light::Wavelengths;

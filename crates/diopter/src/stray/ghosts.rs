@@ -2,16 +2,16 @@
 
 use super::beams::Beam;
 use super::raster::{Mesh, Patch, Region, on_raster};
+use super::tracing::{AT_ONCE, LOOK, assemble, tracer};
 use super::{BINS, Part, bin_nm, orders, part_of, veil};
 use crate::camera::Film;
 use diopter_image::Raster;
 use diopter_lens::System;
-use diopter_lens::ghosts::{BeamGhost, GhostTracer, SENSOR_REFLECTANCE, pairs, strong_fours};
+use diopter_lens::ghosts::{BeamGhost, GhostTracer, pairs, strong_fours};
 use glam::{DVec2, Vec2};
 use rayon::prelude::*;
 
-/// Rays across the front of the first look, of the estimate, and of strong and weak ghosts.
-pub(super) const LOOK: usize = 24;
+/// Rays across the front of the estimate, and of strong and weak ghosts.
 pub(super) const ESTIMATE: usize = 12;
 pub(super) const STRONG: usize = 48;
 pub(super) const WEAK: usize = 20;
@@ -25,9 +25,6 @@ pub(super) const LEFT_OUT: f64 = 0.01;
 /// Ghosts of four reflections: those at least this bright beside the brightest of two, at most so many.
 pub(super) const FOUR_FRACTION: f64 = 0.005;
 pub(super) const MOST_FOURS: usize = 16;
-
-/// Ghosts drawn before they are added up: the rasters of so many are in memory.
-pub(super) const AT_ONCE: usize = 64;
 
 /// Ghosts smeared over so many cells of the raster are drawn on one twice as coarse; most such steps.
 pub(super) const SMEAR: f64 = 6.0;
@@ -50,11 +47,6 @@ impl Job<'_> {
         let steps = (a.min(b) / (SMEAR * cell_mm)).max(1.0).log2();
         (steps as usize).min(MOST_STEPS)
     }
-}
-
-/// The lens at a wavelength (nm) before the film's sensor.
-pub(super) fn tracer<'a>(system: &'a System, film: &Film, nm: f32) -> GhostTracer<'a> {
-    GhostTracer::new(system, f64::from(nm), SENSOR_REFLECTANCE).with_microlenses([film.pixel_area_mm2.sqrt(); 2])
 }
 
 /// The ghosts of beams, lamps that change alike together.
@@ -174,24 +166,4 @@ pub(super) fn draw(job: &Job, tracers: &[GhostTracer], film: &Film, [columns, ro
     }
     let out = assemble(patches, job.beam, bands)?;
     Some(ways.into_iter().fold(out, |patch, way| patch.smeared(way, bands)))
-}
-
-/// Regions by bins of wavelengths as one patch of what the bands count of a beam; `None` of nothing.
-pub(super) fn assemble(patches: Vec<(usize, Region)>, beam: &Beam, bands: usize) -> Option<Patch> {
-    let left = patches.iter().map(|p| p.1.left).min()?;
-    let top = patches.iter().map(|p| p.1.top).min()?;
-    let right = patches.iter().map(|p| p.1.left + p.1.columns as i64).max()?;
-    let bottom = patches.iter().map(|p| p.1.top + p.1.rows as i64).max()?;
-    let (width, height) = ((right - left) as usize, (bottom - top) as usize);
-    let mut out = Patch { left, top, columns: width, data: vec![0.0; width * height * bands] };
-    for (bin, region) in &patches {
-        let counts: Vec<f32> = beam.counts.iter().map(|band| band[*bin] as f32).collect();
-        for (k, light) in region.light.iter().enumerate().filter(|(_, light)| **light != 0.0) {
-            let (from_left, from_top) = ((region.left - left) as usize, (region.top - top) as usize);
-            let (column, row) = (from_left + k % region.columns, from_top + k / region.columns);
-            let start = (row * out.columns + column) * bands;
-            out.data[start..start + bands].iter_mut().zip(&counts).for_each(|(sum, count)| *sum += light * count);
-        }
-    }
-    Some(out)
 }

@@ -4,8 +4,8 @@
 //! drawn, with the light of those that are left out, each from the short to the long end of a bin of wavelengths, along which an order moves, and smeared as far as its lamp is wide.
 
 use super::beams::Beam;
-use super::ghosts::{AT_ONCE, LOOK, assemble, tracer};
 use super::raster::{Patch, Region, on_raster, rasterise};
+use super::tracing::{AT_ONCE, LOOK, assemble, tracer};
 use super::{BIN_NM, BINS};
 use crate::camera::Film;
 use diopter_lens::System;

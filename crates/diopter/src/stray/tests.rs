@@ -1,5 +1,6 @@
-use super::ghosts::{Job, draw, jobs, tracer};
+use super::ghosts::{Job, draw, jobs};
 use super::raster::Region;
+use super::tracing::tracer;
 use super::*;
 use crate::camera::look_at;
 use crate::camera_motion::CameraMotion;

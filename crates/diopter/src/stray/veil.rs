@@ -9,7 +9,7 @@
 //! picture's width is not drawn; things beyond the frame scatter into it only if they are lamps.
 
 use crate::camera::Film;
-use crate::expose::Response;
+use crate::expose::response::Response;
 use diopter_image::Raster;
 use diopter_lens::System;
 use diopter_lens::ghosts::SENSOR_REFLECTANCE;

@@ -6,7 +6,7 @@ use super::*;
 use crate::camera::Film;
 use crate::shot::ShotFile;
 use diopter_lens::compound::{REFERENCE_NM, Setting};
-use diopter_lens::trace::{Apertures, TracedRay, Way};
+use diopter_lens::ray::{Apertures, TracedRay, Way};
 use diopter_lens::{CompoundLens, Pinhole};
 use diopter_scene::material::{Material, Scattering};
 use diopter_scene::motion::{AnimatedProperty, Animation, Channel, KeyInterpolation, Motion, Node, Playing};

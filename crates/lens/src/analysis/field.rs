@@ -1,7 +1,7 @@
 //! Over the field: distortion, field curvature, lateral colour, illumination; and axial colour over wavelength.
 
 use super::Bench;
-use crate::trace::{Apertures, TracedRay, Way};
+use crate::ray::{Apertures, TracedRay, Way};
 use glam::DVec2;
 
 /// What happens at a field point.

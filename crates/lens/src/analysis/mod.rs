@@ -26,8 +26,9 @@ pub use wavefront::{Wavefront, WavefrontSample};
 
 use crate::glass::{C_NM, D_NM, F_NM};
 use crate::paraxial::FirstOrder;
+use crate::ray::{Apertures, TracedRay, Way};
 use crate::system::System;
-use crate::trace::{Apertures, TracedRay, Way, at_plane};
+use crate::trace::at_plane;
 use glam::{DVec2, DVec3};
 
 /// A place across the chief ray, mm: sagittal, tangential.
@@ -105,7 +106,7 @@ impl<'a> Bench<'a> {
         if system.object_axis.is_some() {
             let direction = DVec3::new(0.0, angle.sin(), angle.cos());
             let ray = |at: DVec2| TracedRay { position: at.extend(0.0), direction };
-            return crate::axial_beam::chief_of(system, &n, ray).map(ray);
+            return crate::at_stop::chief_of(system, &n, ray).map(ray);
         }
         let stop = &system.surfaces[system.stop];
         let (middle, _) = stop.to_lens(DVec3::ZERO, DVec3::Z);
@@ -154,7 +155,7 @@ impl<'a> Bench<'a> {
     fn pupil_axis(&self, nm: f64) -> DVec2 {
         let first = self.first_order(nm);
         let ray = |at: DVec2| TracedRay { position: at.extend(first.entrance_pupil_z), direction: DVec3::Z };
-        crate::axial_beam::chief_of(self.system, &self.system.indices(nm), ray).unwrap_or(DVec2::ZERO)
+        crate::at_stop::chief_of(self.system, &self.system.indices(nm), ray).unwrap_or(DVec2::ZERO)
     }
 
     /// A beam whose lit part is not looked for.

@@ -10,7 +10,7 @@
 use super::{Beam, Bench};
 use crate::batch::double::{Batch, Indices, LANES, Packet};
 use crate::dual::Number;
-use crate::trace::Way;
+use crate::ray::Way;
 use glam::{DVec2, DVec3};
 use std::f64::consts::{PI, TAU};
 

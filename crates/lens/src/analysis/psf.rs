@@ -468,8 +468,7 @@ mod tests {
             let samples: Vec<(f64, f64)> = (0..=STEPS)
                 .map(|i| {
                     let at = DVec2::new(0.0, reach * i as f64 / STEPS as f64);
-                    let ray =
-                        set.system.trace(beam.ray(at), &n, crate::trace::Way::ToFilm, crate::trace::Apertures::Ignore).unwrap();
+                    let ray = set.system.trace(beam.ray(at), &n, crate::ray::Way::ToFilm, crate::ray::Apertures::Ignore).unwrap();
                     (ray.direction.y.abs(), bench.opd_of(&beam, at, D_NM).unwrap())
                 })
                 .collect();

@@ -1,7 +1,7 @@
 //! Spot diagrams and ray fans.
 
 use super::{Beam, Bench};
-use crate::trace::{Apertures, TracedRay, Way};
+use crate::ray::{Apertures, TracedRay, Way};
 use glam::DVec2;
 
 /// Where the rays of a field point land, one colour.

@@ -6,8 +6,8 @@
 
 use super::zernike::{self, Fit, Numbering};
 use super::{Beam, Bench};
-use crate::axial_beam::place_at_stop;
-use crate::trace::{Apertures, TracedRay, Way};
+use crate::at_stop::place_at_stop;
+use crate::ray::{Apertures, TracedRay, Way};
 use glam::{DVec2, DVec3};
 
 /// The sphere that paths are compared on.

@@ -151,7 +151,7 @@ mod tests {
         let silver = index("ag", 548.6);
         assert!((silver.re - 0.06).abs() < 0.005 && (silver.im - 3.586).abs() < 0.02, "{silver:?}");
         let aluminium = super::super::response(1.0, std::iter::empty(), index("Al", 550.0), 1.0, 550.0);
-        let known = crate::system::aluminium(550.0);
+        let known = crate::coating::film::aluminium(550.0);
         assert!((aluminium.reflectance[0] - known).abs() < 1e-3, "{} {known}", aluminium.reflectance[0]);
         // Between the points of the table linear; a glass by its formula.
         let (a, b, between) = (index("TiO2", 500.0), index("TiO2", 510.0), index("TiO2", 503.0));

@@ -5,6 +5,7 @@
 //! not carried from one surface to the next. Packets look up tables of the same values ([`LightTable`]).
 
 mod complex;
+pub(crate) mod film;
 mod material;
 mod recipe;
 mod table;
@@ -18,7 +19,7 @@ pub(crate) use table::on_aluminium;
 pub use transfer::{Response, response};
 
 use crate::glass::{Glass, GlassKind};
-use crate::trace::Way;
+use crate::ray::Way;
 use std::sync::Arc;
 
 /// Most layers of a stack.
@@ -116,7 +117,10 @@ impl SurfaceCoating {
             SurfaceCoating::Perfect if !mirror => flat(0.0),
             SurfaceCoating::Flat(r) if !mirror => flat(*r),
             SurfaceCoating::QuarterWave if !mirror => {
-                let film = (Complex::from(crate::system::MGF2), 0.25 * crate::system::FILM_NM / crate::system::MGF2);
+                let film = (
+                    Complex::from(crate::coating::film::MGF2),
+                    0.25 * crate::coating::film::FILM_NM / crate::coating::film::MGF2,
+                );
                 response(n[0], std::iter::once(film), substrate, cos, nm)
             }
             _ => response(n[0], std::iter::empty(), substrate, cos, nm),

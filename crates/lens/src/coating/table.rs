@@ -2,7 +2,7 @@
 
 use super::Stack;
 use crate::glass::Glass;
-use crate::trace::Way;
+use crate::ray::Way;
 use std::sync::{Arc, OnceLock};
 
 /// Wavelengths of a table: from 380 to 780 nm every 5 nm.

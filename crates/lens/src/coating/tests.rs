@@ -1,8 +1,8 @@
 use super::*;
 use crate::batch::single::{Batch, Indices, LANES, Packet};
 use crate::prescription::read_toml;
+use crate::ray::TracedRay;
 use crate::system::{State, System};
-use crate::trace::TracedRay;
 use glam::DVec3;
 
 /// Ten stacks, at four angles each, s and p: `validation/coatings.py`.
@@ -102,7 +102,7 @@ fn recipes_do_what_they_are_named_for() {
 
 #[test]
 fn the_closed_form_of_a_quarter_wave_is_the_matrix_of_one_film() {
-    let film = [(Complex::from(crate::system::MGF2), 0.25 * crate::system::FILM_NM / crate::system::MGF2)];
+    let film = [(Complex::from(crate::coating::film::MGF2), 0.25 * crate::coating::film::FILM_NM / crate::coating::film::MGF2)];
     let lens = "name = \"l\"\ncoating = \"MgF2\"\nsurfaces = [\n{ radius = 50, gap = 3, glass = \"1.62\", semi_diameter = 9, stop = true },\n\
         { radius = -60, gap = 40, semi_diameter = 9 } ]\n";
     let system = System::at(&read_toml(lens, "l.toml").unwrap(), State::default());

@@ -7,7 +7,7 @@
 
 use super::{CompoundLens, Exits, PupilSampler, Scratch, ThroughPupil};
 use crate::batch::single::LANES;
-use crate::trace::{TracedRay, Way};
+use crate::ray::{TracedRay, Way};
 use glam::{DVec2, DVec3};
 
 /// Rays between scene and lens, one a lane.

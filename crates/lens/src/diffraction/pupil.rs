@@ -5,7 +5,7 @@ use crate::Iris;
 use crate::batch::single::{Batch, Indices, LANES, Packet};
 use crate::compound::{CompoundLens, REFERENCE_NM};
 use crate::pupil;
-use crate::trace::Way;
+use crate::ray::Way;
 use glam::DVec2;
 
 /// Parts, each way, in which a cell on the edge of a pupil is looked at.

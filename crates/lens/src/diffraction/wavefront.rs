@@ -11,7 +11,7 @@
 
 use crate::compound::{CompoundLens, REFERENCE_NM};
 use crate::linear::Cholesky;
-use crate::trace::{Apertures, TracedRay, Way};
+use crate::ray::{Apertures, TracedRay, Way};
 use glam::{DMat2, DVec2};
 
 /// Highest order of the polynomial.

@@ -3,8 +3,9 @@
 use super::figure::{Anchor, Color, Figure, INK, Item};
 use crate::analysis::Bench;
 use crate::glass::Glass;
+use crate::ray::{Apertures, Way};
 use crate::system::System;
-use crate::trace::{Apertures, Way, at_plane};
+use crate::trace::at_plane;
 use glam::{DVec2, DVec3};
 
 /// Colours of fields, from the axis outwards.

@@ -9,7 +9,7 @@ mod zemax;
 
 use crate::aperture::Aperture;
 use crate::glass::{D_NM, F_NM, Glass, GlassKind};
-use crate::import::layout::tilts;
+use crate::import::placed::tilts;
 use crate::iris::Iris;
 use crate::prescription::{ApertureKind, Prescription, PrescriptionError, Surface};
 use crate::surface::Profile;
@@ -267,7 +267,8 @@ mod tests {
     use super::*;
     use crate::import::{self, Format};
     use crate::paraxial::FirstOrder;
-    use crate::trace::{Apertures, TracedRay, Way, at_plane};
+    use crate::ray::{Apertures, TracedRay, Way};
+    use crate::trace::at_plane;
     use crate::{embedded, embedded_names};
 
     /// First order and where rays land on the film, as they go through whatever rims.

@@ -1,8 +1,8 @@
 //! What a distant source makes of a ghost: real rays over the front of the lens, summed up on the film.
 
 use super::{Arrival, GhostTracer};
+use crate::ray::TracedRay;
 use crate::system::System;
-use crate::trace::TracedRay;
 use glam::{DVec2, DVec3};
 
 /// Rays across the front of the first look for the part that a ghost's light takes, where nobody says.

@@ -4,8 +4,8 @@
 //! r = ±1 (in z) bends it by n′u′ = nu − y (n′ − n) c r and reflects it by u′ = u + 2 y c r. Tilts and decentres are left out.
 
 use super::GhostTracer;
+use crate::ray::{TracedRay, Way};
 use crate::system::System;
-use crate::trace::{TracedRay, Way};
 use glam::DVec3;
 
 /// A ghost of a distant source, to first order.

@@ -3,8 +3,8 @@ use super::*;
 use crate::compound::{FilmPlace, configure};
 use crate::embedded;
 use crate::prescription::read_toml;
+use crate::ray::{TracedRay, Way};
 use crate::system::State;
-use crate::trace::{TracedRay, Way};
 use glam::{DVec2, DVec3};
 
 const NM: f64 = 546.0;
@@ -229,7 +229,7 @@ fn direct_light_is_what_the_trace_of_the_lens_says() {
             TracedRay { position: DVec3::new(1.0, y - 20.0 * slope, -20.0), direction: DVec3::new(0.03, slope, 1.0).normalize() };
         let found = tracer.follow(ray, &[]).unwrap();
         let known = system.transmittance(ray, &n, NM, Way::ToFilm).unwrap();
-        let end = system.trace(ray, &n, Way::ToFilm, crate::trace::Apertures::Clip).unwrap();
+        let end = system.trace(ray, &n, Way::ToFilm, crate::ray::Apertures::Clip).unwrap();
         assert!((found.fraction / known - 1.0).abs() < 1e-4, "{} {known}", found.fraction);
         assert!((crate::trace::at_plane(&end, system.film_z).truncate() - found.film).length() < 1e-12);
     }

@@ -1,8 +1,8 @@
 //! Real rays along a list of reflections.
 
 use super::Grating;
+use crate::ray::{TracedRay, Way};
 use crate::system::System;
-use crate::trace::{TracedRay, Way};
 use crate::{Blocked, BlockedBy};
 use glam::{DVec2, DVec3};
 

@@ -2,7 +2,7 @@
 
 use super::random::{Random, disk, even};
 use super::{Balance, GlareTracer, Kind};
-use crate::trace::TracedRay;
+use crate::ray::TracedRay;
 use glam::{DVec2, DVec3};
 use rayon::prelude::*;
 

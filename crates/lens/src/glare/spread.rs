@@ -3,8 +3,8 @@
 use super::random::{Random, disk, even};
 use super::{Balance, GlareTracer, Kind, Unfit};
 use crate::ghosts::{BeamGhost, GhostTracer, SourceBeam};
+use crate::ray::{Apertures, TracedRay, Way};
 use crate::system::System;
-use crate::trace::{Apertures, TracedRay, Way};
 use glam::{DVec2, DVec3};
 use rayon::prelude::*;
 

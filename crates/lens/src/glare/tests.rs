@@ -6,8 +6,8 @@ use crate::compound::{FilmPlace, configure};
 use crate::ghosts::SourceBeam;
 use crate::lenses::embedded;
 use crate::prescription::coating_named;
+use crate::ray::Way;
 use crate::system::System;
-use crate::trace::Way;
 use glam::{DVec2, DVec3};
 
 fn lens(name: &str, coating: Option<&str>, f: f64) -> System {
@@ -72,7 +72,7 @@ fn analogue(
     nm: f64,
     half: f64,
     sensor: f64,
-    ray: crate::trace::TracedRay,
+    ray: crate::ray::TracedRay,
     random: &mut Random,
 ) -> Option<(Kind, DVec2)> {
     let count = system.surfaces.len();

@@ -3,8 +3,8 @@
 use super::finish::Lobe;
 use super::random::Random;
 use crate::ghosts::{SurfaceLight, reflects};
+use crate::ray::TracedRay;
 use crate::system::System;
-use crate::trace::TracedRay;
 use glam::{DVec2, DVec3};
 
 /// Shortest way between two events, mm: a ray does not meet the place that it leaves.

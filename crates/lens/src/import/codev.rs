@@ -28,7 +28,8 @@
 //! | AFI; HOE, GRT, other SPS; all others | error |
 
 use super::configurations::{Configurations, MOST as MOST_CONFIGURATIONS};
-use super::layout::{Placed, ahead, lay_out, moved_then_turned};
+use super::layout::{ahead, lay_out, moved_then_turned};
+use super::placed::Placed;
 use super::{Skipped, drop_dummies, stem};
 use crate::aperture::{Aperture, Outline};
 use crate::diffractive::Diffractive;

@@ -10,6 +10,7 @@ pub(crate) mod layout;
 mod off_axis;
 mod oslo;
 mod pbrt;
+pub(crate) mod placed;
 mod zemax;
 
 use crate::glass::{Glass, GlassError};

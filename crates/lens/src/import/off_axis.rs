@@ -4,11 +4,12 @@
 //! middle of the stop to the film. The film's normal through the place where it lands is taken for the z along which surfaces are counted, every surface
 //! stands in a frame of its own, and the base ray before the lens becomes the axis of the object ([`ObjectAxis`]).
 
-use super::layout::{Placed, half_turn, rounded, tilts};
-use crate::axial_beam::{chief_from, place_at_stop};
+use super::placed::{Placed, half_turn, rounded, tilts};
+use crate::at_stop::{chief_from, place_at_stop};
 use crate::prescription::{Gap, Misalignment, ObjectAxis, Prescription};
+use crate::ray::{Apertures, TracedRay, Way};
 use crate::system::{State, System};
-use crate::trace::{Apertures, Event, TracedRay, Way};
+use crate::trace::Event;
 use glam::{DAffine3, DMat3, DVec2, DVec3};
 
 /// Places along x and y from which the base ray is looked for.

@@ -25,7 +25,8 @@
 //! | ASP of other kinds, GC, RCO n, gradients, gratings, diffractive surfaces, LMO, special apertures | error |
 //! | all others | skipped, named in a note |
 
-use super::layout::{Placed, ahead, lay_out};
+use super::layout::{ahead, lay_out};
+use super::placed::Placed;
 use super::{Skipped, drop_dummies, stem};
 use crate::glass::{Glass, parse_foreign};
 use crate::prescription::{ApertureKind, MOST_SURFACES, Prescription, PrescriptionError, Surface};

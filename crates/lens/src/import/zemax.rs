@@ -24,7 +24,8 @@
 //! | all others | skipped, named in a note |
 
 use super::configurations::{Configurations, MOST as MOST_CONFIGURATIONS};
-use super::layout::{Placed, ahead, lay_out, moved_then_turned, turned_then_moved};
+use super::layout::{ahead, lay_out, moved_then_turned, turned_then_moved};
+use super::placed::Placed;
 use super::{Skipped, drop_dummies, stem};
 use crate::analysis::zernike::Numbering;
 use crate::aperture::{Aperture, MOST_ARMS, Outline};

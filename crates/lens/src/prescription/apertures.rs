@@ -96,7 +96,7 @@ pub(super) fn written(s: &Surface) -> Vec<String> {
 #[cfg(test)]
 mod tests {
     use super::super::read_toml;
-    use crate::trace::{Apertures, TracedRay, Way};
+    use crate::ray::{Apertures, TracedRay, Way};
     use crate::{State, System};
     use glam::DVec3;
 

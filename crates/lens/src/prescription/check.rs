@@ -2,12 +2,13 @@
 
 use super::{ApertureKind, MOST_SURFACES, Prescription, PrescriptionError, Surface, WAVELENGTHS_NM};
 use crate::aperture::{Aperture, Outline};
+use crate::at_stop;
 use crate::axial_beam;
 use crate::glass::{Glass, GlassKind};
 use crate::paraxial;
+use crate::ray::{Apertures, TracedRay, Way};
 use crate::surface::Profile;
 use crate::system::{State, System};
-use crate::trace::{Apertures, TracedRay, Way};
 use glam::DVec3;
 
 /// Most characters of a name or a source.
@@ -497,7 +498,7 @@ impl Prescription {
         let n = system.indices(self.inference_nm());
         let along = TracedRay { position: DVec3::ZERO, direction: DVec3::Z };
         let through = system.base_ray(&n).is_ok_and(|end| end.direction.z * system.film_run() > 0.01);
-        let at = axial_beam::place_at_stop(&system, &n, along).filter(|_| through);
+        let at = at_stop::place_at_stop(&system, &n, along).filter(|_| through);
         let stop = &system.surfaces[system.stop];
         match at.is_some_and(|at| stop.lets_through(at.x, at.y)) {
             true => Ok(()),

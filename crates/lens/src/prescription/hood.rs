@@ -2,9 +2,10 @@
 
 use super::{Gap, Prescription, Surface};
 use crate::glass::Glass;
+use crate::ray::{Apertures, TracedRay, Way};
 use crate::surface::Profile;
 use crate::system::System;
-use crate::trace::{Apertures, TracedRay, Way, at_plane};
+use crate::trace::at_plane;
 use glam::{DVec2, DVec3};
 use serde::Deserialize;
 

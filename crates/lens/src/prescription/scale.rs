@@ -116,7 +116,8 @@ mod tests {
     use crate::analysis::Bench;
     use crate::glass::D_NM;
     use crate::prescription::read_toml;
-    use crate::trace::{Apertures, TracedRay, Way, at_plane};
+    use crate::ray::{Apertures, TracedRay, Way};
+    use crate::trace::at_plane;
     use crate::{Prescription, State, System, embedded, embedded_names};
     use glam::DVec3;
 

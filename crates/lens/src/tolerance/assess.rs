@@ -6,7 +6,6 @@
 //! shape of the pupil, rims and obstructions included, is the design's. Limits: rims of a build that cut a little more or less light
 //! than the design's are not seen.
 
-use super::compensator::compensated;
 use super::parameter::Parameter;
 use super::quantity::{Direction, Quantity, QuantityKind};
 use crate::analysis::Bench;
@@ -284,7 +283,7 @@ impl Assessment {
     pub fn compensated(&self, p: &Prescription) -> (Prescription, Vec<f64>) {
         let (adjusted, amounts) = match self.compensators.is_empty() {
             true => (p.clone(), vec![]),
-            false => compensated(self, p),
+            false => self.adjusted(p),
         };
         let values = self.measure_adjusted(&adjusted, &amounts);
         (adjusted, values)

@@ -7,12 +7,15 @@
 //!
 //! Quantities are measured with the compensators set for the lens at hand, of the design, too.
 
+mod adjust;
+mod amount;
 mod assess;
 mod compensator;
 mod parameter;
 mod quantity;
 mod sheet;
 
+pub(crate) use amount::line_of;
 pub(crate) use assess::wavefront_rms;
 #[cfg(test)]
 pub(crate) use parameter::bend;
@@ -20,7 +23,7 @@ pub use parameter::{Axis, Change, Distribution, FRINGE_NM, Parameter};
 pub(crate) use parameter::{bent_to, key, shifted, uniform};
 pub use quantity::{Direction, Limit, Quantity, QuantityKind, Summary, yield_of};
 pub use sheet::ToleranceSheet;
-pub(crate) use sheet::{check_list, check_weights, line_of};
+pub(crate) use sheet::{check_list, check_weights};
 
 use crate::LensError;
 use crate::analysis::{Bench, VISUAL_NM};

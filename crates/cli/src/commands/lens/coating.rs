@@ -7,7 +7,7 @@ use crate::{AskedWrongly, paint};
 use anyhow::anyhow;
 use diopter::lens::draw::{self, ReflectanceCurve};
 use diopter::lens::prescription::coating_named;
-use diopter::lens::trace::{TracedRay, Way};
+use diopter::lens::ray::{TracedRay, Way};
 use diopter::lens::{State, System};
 use diopter::shot::read_lens;
 use glam::{DVec2, DVec3};

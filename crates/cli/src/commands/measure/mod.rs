@@ -2,6 +2,8 @@
 
 mod glare;
 mod oecf;
+mod photograph;
+mod predictor;
 mod report;
 mod resolution;
 mod rolling;

@@ -3,7 +3,9 @@
 //! Photographs the embedded charts, measures them as any picture is measured, and sets what the optical bench, the chain and the data sheet say beside it. The
 //! page holds everything it shows: plots as drawings, tables as text.
 
-use super::resolution::{self, Predictor};
+use super::photograph::{Photograph, Setup, take};
+use super::predictor::Predictor;
+use super::resolution;
 use super::{
     COLORS, Channel, Measured, beside_bench, color, color_figure, color_text, distortion, distortion_by_bench, distortion_figure,
     distortion_text, glare, illumination_by_bench, line, oecf, range_figure, range_text, ranges, rolling, sheet,
@@ -13,14 +15,12 @@ use crate::AskedWrongly;
 use crate::args::MeasureReport;
 use crate::commands::{body, print_json};
 use crate::document::{self, Block, Document};
-use crate::watch::{say, warn, watched};
+use crate::watch::say;
 use anyhow::anyhow;
-use diopter::image::{ExposureFacts, Picture, RawImage};
-use diopter::lens::CompoundLens;
+use diopter::image::{ExposureFacts, RawImage};
 use diopter::lens::draw::{Axis, Chart, Figure, Style};
 use diopter::measure::corners::Corners;
 use diopter::measure::developed::{self, Development};
-use diopter::measure::motion::Motion;
 use diopter::measure::oecf::Response;
 use diopter::measure::rolling::{Rolling, Sign};
 use diopter::measure::{EdgeMtf, MeasureError, Plane, mtf};
@@ -28,7 +28,7 @@ use diopter::quantity::{FNumber, Iso, IsoChoice, LengthMm, Seconds, Size};
 use diopter::scene::builtin::{charts, color_chart};
 use diopter::sensor::Sensor;
 use diopter::sensor::format::FULL_FRAME_DIAGONAL_MM;
-use diopter::shot::{Shot, ShotFile, read_body, read_lens};
+use diopter::shot::{read_body, read_lens};
 use serde_json::json;
 
 /// Edges that are plotted: the one nearest to the middle, the farthest, and one between.
@@ -59,50 +59,6 @@ const FILLED: f64 = 0.95;
 
 /// Pixels of the picture that shows veiling glare.
 const GLARE_SIZE: Size = Size { width: 240, height: 160 };
-
-/// With what charts are photographed.
-pub(super) struct Setup<'a> {
-    pub(super) body: &'a str,
-    pub(super) lens: &'a str,
-    pub(super) aperture: Option<FNumber>,
-    pub(super) focal_length: Option<LengthMm>,
-    pub(super) size: Option<Size>,
-    pub(super) spp: u32,
-}
-
-/// A photograph of a chart.
-pub(super) struct Photograph {
-    pub(super) raw: RawImage,
-    pub(super) picture: Picture,
-    pub(super) shot: Shot,
-    /// The same exposure read a second time.
-    second: Option<RawImage>,
-    facts: ExposureFacts,
-    /// What it was taken through; none of ideal lenses.
-    lens: Option<Box<CompoundLens>>,
-    film_mm: [f64; 2],
-}
-
-impl Photograph {
-    /// What the optical bench says of the lens at image heights over half of the diagonal; nothing of ideal lenses.
-    fn bench(&self, says: impl Fn(&CompoundLens, [f64; 2]) -> Vec<(f64, f64)>) -> Vec<(f64, f64)> {
-        self.lens.as_deref().map_or(vec![], |lens| says(lens, self.film_mm))
-    }
-
-    /// The chain of lens and sensor, under D65.
-    fn predictor(&self) -> anyhow::Result<Predictor<'_>> {
-        let lens = self.lens.as_deref().ok_or_else(|| anyhow!("expected a lens with surfaces"))?;
-        Ok(Predictor {
-            lens: lens.clone(),
-            sensor: self.shot.sensor.clone(),
-            film_mm: self.film_mm,
-            size: self.raw.size(),
-            diffraction: self.shot.diffracts(),
-            motion: Motion::Of(&self.shot),
-            light: "D65",
-        })
-    }
-}
 
 pub fn run(asked: &MeasureReport, json: bool) -> anyhow::Result<()> {
     let output = document::prepare(&asked.output)?;
@@ -553,45 +509,9 @@ fn rolling_shutter(setup: &Setup, readout: Option<Seconds>, page: &mut Document)
     }
 }
 
-impl Setup<'_> {
-    /// The shot of a chart: an embedded scene, or a scene's file.
-    pub(super) fn shot_file(&self, chart: &str) -> ShotFile {
-        let mut file = ShotFile::default();
-        file.scene.file = Some(chart.into());
-        file.camera.body = Some(self.body.into());
-        file.camera.lens = Some(self.lens.into());
-        file.camera.focal_length = self.focal_length;
-        file.exposure.aperture = self.aperture;
-        file.render.size = self.size;
-        file.render.spp = Some(self.spp);
-        file
-    }
-}
-
 /// Takes a photograph of an embedded chart.
 fn photograph(setup: &Setup, chart: &str) -> anyhow::Result<Photograph> {
     take(&setup.shot_file(chart), chart)
-}
-
-/// Takes a photograph of a chart as a shot file says.
-pub(super) fn take(file: &ShotFile, chart: &str) -> anyhow::Result<Photograph> {
-    let mut shot = Shot::prepare(file, &mut warn)?;
-    watched("focusing", |w| shot.focus(w, &mut warn))?;
-    watched("metering", |w| shot.meter(w, &mut warn))?;
-    say(&format!("photographing {chart}"));
-    let plane = watched("exposing", |w| shot.expose(w))?;
-    let raw = shot.read_out(&plane)?;
-    let seed = shot.reading.seed;
-    shot.reading.seed = seed.wrapping_add(1);
-    let second = Some(shot.read_out(&plane)?);
-    shot.reading.seed = seed;
-    let picture = shot.develop(&raw)?;
-    let film_mm = [shot.camera.film.width_mm, shot.camera.film.height_mm];
-    let lens = match &shot.camera.lens {
-        diopter::lens::Lens::Compound(lens) => Some(lens.clone()),
-        _ => None,
-    };
-    Ok(Photograph { facts: raw.header.facts.clone(), raw, second, picture, lens, film_mm, shot })
 }
 
 /// Half width and half height of the patches of "color-chart", mm.

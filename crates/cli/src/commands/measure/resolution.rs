@@ -1,6 +1,7 @@
 //! `measure mtf`: the response of slanted edges, raw or developed, beside what the chain makes of them.
 
-use super::report::{Photograph, Setup, take};
+use super::photograph::{Photograph, Setup, take};
+use super::predictor::{Predicted, Predictor};
 use super::{COLORS, as_taken, finish, line, name_of, region, sheet};
 use crate::args::{LsfWindow, MeasureMtf, MeasuredChannel};
 use crate::commands::{read_raw, why};
@@ -10,12 +11,12 @@ use anyhow::anyhow;
 use diopter::develop::lut::Lut;
 use diopter::develop::{Developer, Recipe};
 use diopter::image::{ExposureFacts, PictureSource, RawImage};
+use diopter::lens::Lens;
 use diopter::lens::draw::{Axis, Chart, Figure, Style};
-use diopter::lens::{CompoundLens, Lens};
 use diopter::measure::developed::{self, Developed, Development};
 use diopter::measure::motion::Motion;
 use diopter::measure::mtf::{self, Options, Window};
-use diopter::measure::predict::{Chain, Prediction};
+use diopter::measure::predict::Prediction;
 use diopter::measure::{Channel, EdgeMtf, Measured};
 use diopter::recipe_file;
 use diopter::scene::builtin;
@@ -237,38 +238,6 @@ fn shot_of_chart(asked: &MeasureMtf) -> anyhow::Result<Option<ShotFile>> {
     }
 }
 
-/// The camera whose pictures are predicted.
-pub(super) struct Predictor<'a> {
-    pub(super) lens: CompoundLens,
-    pub(super) sensor: Sensor,
-    pub(super) film_mm: [f64; 2],
-    /// Pixels of the mosaic.
-    pub(super) size: [usize; 2],
-    pub(super) diffraction: bool,
-    pub(super) motion: Motion<'a>,
-    pub(super) light: &'a str,
-}
-
-/// What was predicted for edges.
-pub(super) struct Predicted {
-    /// Of raw channels.
-    pub(super) chains: Vec<Prediction>,
-    /// Of developed pictures; else empty.
-    pub(super) developed: Vec<Developed>,
-    /// Distance of the pixels that are measured, mm.
-    pub(super) pitch_mm: f64,
-}
-
-impl Predicted {
-    /// What measured responses are held against.
-    pub(super) fn lines(&self) -> Vec<&[f64]> {
-        match self.developed.is_empty() {
-            true => self.chains.iter().map(|p| &p.windowed[..]).collect(),
-            false => self.developed.iter().map(|p| &p.product[..]).collect(),
-        }
-    }
-}
-
 /// The camera of a picture: of the shot, or of --lens and --body; none where nobody says, or where there is nothing to predict.
 fn camera<'a>(
     asked: &'a MeasureMtf,
@@ -340,56 +309,6 @@ pub(super) fn named_otherwise(file: &Path, sensor: &Sensor, facts: Option<&Expos
 }
 
 impl Predictor<'_> {
-    fn chain(&self, channel: usize) -> Chain<'_> {
-        Chain {
-            lens: &self.lens,
-            sensor: &self.sensor,
-            channel,
-            light: self.light,
-            film_mm: self.film_mm,
-            size: self.size,
-            diffraction: self.diffraction,
-            motion: self.motion,
-        }
-    }
-
-    /// The chain at edges of a raw channel.
-    pub(super) fn raw(&self, channel: Channel, edges: &[EdgeMtf]) -> anyhow::Result<Predicted> {
-        let names = self.sensor.cfa.channel_names();
-        let letters: &[&str] = match channel {
-            Channel::Red => &["R"],
-            Channel::Green => &["G"],
-            Channel::Blue => &["B"],
-            Channel::Clear => &["W", "Y"],
-            Channel::Luminance => &[],
-        };
-        let number = names.iter().position(|n| letters.contains(n)).ok_or_else(|| {
-            AskedWrongly(anyhow!(
-                "channel {}: expected one of {} on {}; of a developed picture the raw file that it was made of (--raw)",
-                channel.name(),
-                names.join(", "),
-                self.sensor.name
-            ))
-        })?;
-        let chain = self.chain(number);
-        let chains = edges.iter().map(|e| Ok(chain.predict(e)?)).collect::<anyhow::Result<Vec<_>>>()?;
-        Ok(Predicted { chains, developed: vec![], pitch_mm: self.film_mm[0] / self.size[0] as f64 })
-    }
-
-    /// The chain and the development at edges of a developed picture of a size.
-    pub(super) fn developed(
-        &self,
-        development: &Development,
-        channel: Channel,
-        edges: &[EdgeMtf],
-        options: &Options,
-    ) -> anyhow::Result<Predicted> {
-        let chain = self.chain(0);
-        let all =
-            edges.iter().map(|e| Ok(development.predict(&chain, e, channel, options)?)).collect::<anyhow::Result<Vec<_>>>()?;
-        Ok(Predicted { chains: vec![], developed: all, pitch_mm: self.film_mm[0] / development.size[0] as f64 })
-    }
-
     fn predict(
         &self,
         asked: &MeasureMtf,

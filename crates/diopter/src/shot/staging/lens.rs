@@ -10,8 +10,9 @@ use super::{STOPS, Stand, is_ideal, nearest_in_the_middle, stop_for, subject_bou
 use crate::calibration::camera_file::CameraSource;
 use crate::camera::{Camera, Film};
 use crate::camera_motion::CameraMotion;
+use crate::moving_part::StabiliserPart;
 use crate::quantity::{FocusTo, Hertz, LengthMm};
-use crate::stabiliser::{DRIFT_HZ, SERVO_HZ, Stabiliser, StabiliserPart};
+use crate::stabiliser::{DRIFT_HZ, SERVO_HZ, Stabiliser};
 use diopter_lens::calibrated::{CalibratedLens, PixelGrid, Pupil, View};
 use diopter_lens::camera_model::{CameraModel, ModelKind};
 use diopter_lens::compound::{CompoundLens, Setting, printed_focal_length};

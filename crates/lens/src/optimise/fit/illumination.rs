@@ -6,8 +6,8 @@
 
 use crate::batch::double::{Batch, Indices, LANES, Packet};
 use crate::linear::gauss_legendre;
+use crate::ray::Way;
 use crate::system::System;
-use crate::trace::Way;
 use glam::DVec2;
 use std::f64::consts::TAU;
 

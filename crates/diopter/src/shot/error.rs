@@ -1,0 +1,91 @@
+//! Why a shot cannot be taken.
+
+use crate::calibration::CalibrationError;
+use crate::camera::PlacementError;
+use crate::expose::error::ExposeError;
+use diopter_develop::RecipeError;
+use diopter_lens::LensError;
+use diopter_scene::SceneError;
+use diopter_sensor::SensorError;
+use std::borrow::Cow;
+
+/// Why a photograph cannot be taken.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum ShotError {
+    /// A file that cannot be read.
+    #[error("{path}: {reason}")]
+    Read {
+        /// The file.
+        path: String,
+        /// What the system or the parser says.
+        reason: String,
+    },
+    /// A shot file that is no shot file: its grammar, a misspelt key, a value of another kind.
+    #[error("{path}: {reason}")]
+    Syntax {
+        /// The file.
+        path: String,
+        /// What the parser says, with line and hint.
+        reason: String,
+    },
+    /// A value outside its range or a name nobody knows.
+    #[error("{what} {found}: expected {expected}")]
+    Value {
+        /// Setting.
+        what: Cow<'static, str>,
+        /// Its value.
+        found: String,
+        /// What is allowed, or a hint.
+        expected: String,
+    },
+    /// An entry of a file that is made of shots, such as the specification of a data set.
+    #[error("{place}: {found}; expected {expected}")]
+    Entry {
+        /// File and entry.
+        place: String,
+        /// What is there.
+        found: String,
+        /// What belongs there, and a hint.
+        expected: String,
+    },
+    /// The scene.
+    #[error(transparent)]
+    Scene(#[from] SceneError),
+    /// The body.
+    #[error(transparent)]
+    Sensor(#[from] SensorError),
+    /// The lens.
+    #[error(transparent)]
+    Lens(#[from] LensError),
+    /// The camera's place.
+    #[error(transparent)]
+    Placement(#[from] PlacementError),
+    /// The development.
+    #[error(transparent)]
+    Recipe(RecipeError),
+    /// A calibration.
+    #[error(transparent)]
+    Calibration(#[from] CalibrationError),
+    /// The exposure was stopped.
+    #[error(transparent)]
+    Expose(#[from] ExposeError),
+    /// Autofocus found nothing, and a picture out of focus is not wanted.
+    #[error("autofocus failed: {0} (without --require-focus the picture is taken all the same)")]
+    Focus(crate::focus::Failure),
+    /// The renderer's noise cannot be reduced as asked.
+    #[error("{0}")]
+    Denoise(String),
+}
+
+impl ShotError {
+    /// Whether the user asked for something impossible (rather than something failing on the way).
+    pub fn is_request(&self) -> bool {
+        let failed = matches!(self, ShotError::Read { .. } | ShotError::Expose(_) | ShotError::Scene(_) | ShotError::Focus(_));
+        !failed && !matches!(self, ShotError::Denoise(_))
+    }
+}
+
+pub(crate) fn value(what: impl Into<Cow<'static, str>>, found: impl ToString, expected: impl Into<String>) -> ShotError {
+    ShotError::Value { what: what.into(), found: found.to_string(), expected: expected.into() }
+}
