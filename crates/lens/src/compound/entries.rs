@@ -5,7 +5,8 @@
 //! dA cosθ dω is the same on both sides of a lens in air, so that densities of rays drawn in the scene and of camera samples can be compared
 //! (multiple importance sampling; Veach 1997, ch. 9; for lenses Hanika & Dachsbacher 2014, "Efficient Monte Carlo Rendering with Realistic Lenses").
 
-use super::{CompoundLens, Exits, PupilSampler, Scratch, ThroughPupil};
+use super::samples::ThroughPupil;
+use super::{CompoundLens, Exits, PupilSampler, Scratch};
 use crate::batch::single::LANES;
 use crate::ray::{TracedRay, Way};
 use glam::{DVec2, DVec3};

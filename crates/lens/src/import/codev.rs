@@ -27,18 +27,20 @@
 //! | other commands zoomed | the first position stands, with a note; shapes and glasses: error |
 //! | AFI; HOE, GRT, other SPS; all others | error |
 
+mod shape;
+mod syntax;
+
+use self::shape::{Decenter, Kind, Opening, Place, Special};
+use self::syntax::{commands, is_qualifier, surface_number, words};
 use super::configurations::{Configurations, MOST as MOST_CONFIGURATIONS};
-use super::layout::{ahead, lay_out, moved_then_turned};
+use super::layout::{ahead, lay_out};
 use super::placed::Placed;
 use super::{Skipped, drop_dummies, stem};
-use crate::aperture::{Aperture, Outline};
-use crate::diffractive::Diffractive;
-use crate::freeform::Freeform;
+use crate::aperture::Outline;
 use crate::glass::{C_NM, D_NM, F_NM, G_NM, Glass, parse_foreign};
-use crate::polynomial::{Polynomial, Terms};
 use crate::prescription::{ApertureKind, Prescription, PrescriptionError, Surface};
 use crate::surface::Profile;
-use glam::{DAffine3, DVec3};
+use glam::DAffine3;
 use std::collections::HashMap;
 
 /// Commands that do not change the lens: solves that have been solved, couplings, variables, tolerances, drawing, weights.
@@ -76,144 +78,6 @@ const REFUSED: &[(&str, &str)] = &[
     ("REG", "grouped apertures are not read"),
     ("ELG", "grouped apertures are not read"),
 ];
-
-/// What a decenter does to the surfaces after it.
-#[derive(Clone, Copy, PartialEq)]
-enum Decenter {
-    /// They follow.
-    Stays,
-    /// They do not (DAR).
-    Returns,
-    /// The surface itself stays, what follows is turned back (REV).
-    Reverses,
-    /// For mirrors: the tilt acts once more after the surface (BEN).
-    Bends,
-}
-
-/// Decentre and tilts of a surface as the file gives them, and what they do.
-#[derive(Clone, Copy)]
-struct Place {
-    decenter: DVec3,
-    /// ADE, BDE, CDE, degrees.
-    tilt: [f64; 3],
-    kind: Decenter,
-    given: bool,
-}
-
-impl Place {
-    const NONE: Place = Place { decenter: DVec3::ZERO, tilt: [0.0; 3], kind: Decenter::Stays, given: false };
-
-    /// Turns about x and y follow the left hand, about z the right.
-    fn turn(&self, decenter: DVec3) -> DAffine3 {
-        let [a, b, c] = self.tilt;
-        moved_then_turned(decenter, [-a, -b, c])
-    }
-
-    /// Where the surface stands and where its gap starts, seen from the coordinate system before it.
-    fn around(&self, scale: f64) -> (DAffine3, DAffine3) {
-        let whole = self.turn(self.decenter * scale);
-        match self.kind {
-            Decenter::Stays => (whole, whole),
-            Decenter::Returns => (whole, DAffine3::IDENTITY),
-            Decenter::Reverses => (DAffine3::IDENTITY, whole.inverse()),
-            Decenter::Bends => (whole, whole * self.turn(DVec3::ZERO)),
-        }
-    }
-}
-
-/// Shape that a surface is said to have.
-#[derive(Clone, Copy, PartialEq)]
-enum Kind {
-    Rotational,
-    /// CYL, YTO: a curvature in x of its own.
-    Toroid,
-    /// AAS: a curvature and a conic constant in x of their own.
-    Anamorphic,
-}
-
-/// A diffractive surface, or a special shape, as far as it has been read.
-#[derive(Default)]
-struct Special {
-    /// DIF DOE.
-    is_diffractive: bool,
-    order: Option<f64>,
-    wavelength_nm: Option<f64>,
-    /// Path of r², r⁴, ..., in lens units.
-    path: Vec<f64>,
-    /// XYP or ZFR.
-    shape: Option<&'static str>,
-    norm: Option<f64>,
-    /// Cₙ at n − 1.
-    coefficients: Vec<f64>,
-}
-
-impl Special {
-    /// The phase; lengths of the file times `scale` are mm.
-    fn diffractive(&self, scale: f64) -> Result<Option<Diffractive>, String> {
-        if !self.is_diffractive {
-            return Ok(None);
-        }
-        let order = self.order.unwrap_or(1.0);
-        if order.fract() != 0.0 || order.abs() > f64::from(crate::diffractive::HIGHEST_ORDER) {
-            return Err(format!("HOR {order}: expected a whole number"));
-        }
-        let nm = self.wavelength_nm.filter(|nm| *nm > 0.0).ok_or("DIF DOE without HWL: expected its wavelength in nm")?;
-        // Radians of r²ⁱ over 1 mm.
-        let radians = |(i, c): (usize, &f64)| std::f64::consts::TAU * c * scale.powi(1 - 2 * (i as i32 + 1)) / (nm * 1e-6);
-        let radial = self.path.iter().enumerate().map(radians).collect();
-        Diffractive::new(order as i32, Polynomial::new(1.0, Terms { radial, ..Terms::default() })?, None).map(Some)
-    }
-
-    /// The shape on a conic of a curvature (1/mm) and a conic constant; `None` where it is no special one.
-    fn freeform(&self, c: f64, k: f64, scale: f64) -> Result<Option<Profile>, String> {
-        let Some(shape) = self.shape else { return Ok(None) };
-        let number = |n: usize| self.coefficients.get(n - 1).copied().filter(|v| *v != 0.0);
-        let k = number(1).unwrap_or(k);
-        let (norm, first) = match shape {
-            "XYP" => (self.norm, 1),
-            _ => (self.norm.or(number(3)), 3),
-        };
-        let mut values: Vec<f64> = self.coefficients.iter().skip(first).map(|v| v * scale).collect();
-        let most = if shape == "XYP" { 65 } else { 37 };
-        if values.iter().skip(most).any(|v| *v != 0.0) {
-            return Err(format!("SPS {shape}: a coefficient beyond the {most} terms: expected none"));
-        }
-        values.truncate(most);
-        let norm = match (norm.filter(|n| *n > 0.0), shape) {
-            (Some(norm), _) => norm,
-            (None, "XYP") => 1.0,
-            (None, _) => return Err("SPS ZFR without a radius: expected SCO NRADIUS".into()),
-        };
-        let terms = match shape {
-            "XYP" => Terms { xy: super::zemax::xy_terms(&values), ..Terms::default() },
-            _ => Terms { fringe: values, ..Terms::default() },
-        };
-        let base = crate::prescription::asphere_of(&crate::prescription::profile(c, k, vec![], None)).ok_or("no such base")?;
-        Ok(Some(Profile::Freeform(Box::new(Freeform { base, departure: Polynomial::new(norm * scale, terms)? }))))
-    }
-}
-
-/// An aperture that is not round, or not about the vertex.
-#[derive(Clone, Copy, Default)]
-struct Opening {
-    /// Whether it is a rectangle (else an ellipse), and the half widths in x and y given so far.
-    shape: Option<(bool, [f64; 2])>,
-    center: [f64; 2],
-}
-
-impl Opening {
-    /// The aperture that it and the radius of a CIR make; `None` where that is a disk about the vertex.
-    fn aperture(&self, radius: Option<f64>, blocks: bool) -> Result<Option<Aperture>, String> {
-        let outline = match (self.shape, radius) {
-            (Some((true, half)), _) if half.iter().all(|h| *h > 0.0) => Outline::Rectangle(half),
-            (Some((false, half)), _) if half.iter().all(|h| *h > 0.0) => Outline::Ellipse(half),
-            (_, Some(radius)) if self.center != [0.0; 2] => Outline::Ring([0.0, radius]),
-            (Some(_), _) if blocks => return Err("an obscuration with one half width: expected both, in x and in y".into()),
-            _ => return Ok(None),
-        };
-        Aperture::new(outline, blocks, self.center, 0.0).map(Some)
-    }
-}
 
 struct Current {
     surface: Surface,
@@ -762,15 +626,6 @@ fn radius_or_curvature<E>(word: &str, number_of: &impl Fn(&str, &str) -> Result<
     }
 }
 
-/// Words that say which surface, zoom position, wavelength or aperture is meant.
-fn is_qualifier(word: &str) -> bool {
-    let upper = word.to_uppercase();
-    let counted = |digits: &str| !digits.is_empty() && digits.chars().all(|c| c.is_ascii_digit());
-    matches!(upper.as_str(), "CLR" | "EDG" | "OBS" | "HOL" | "SO" | "SI" | "SS")
-        || upper.strip_prefix(['S', 'Z', 'W', 'C', 'L']).is_some_and(counted)
-        || upper.strip_prefix('L').is_some_and(|label| label.starts_with(['\'', '"']))
-}
-
 /// What a command's words refer to: "S3" is surface 3 whatever was read last; without one it is the surface read last.
 fn target(rest: &[String], count: usize, ended: bool) -> Result<Target, String> {
     for word in rest {
@@ -796,95 +651,6 @@ fn target(rest: &[String], count: usize, ended: bool) -> Result<Target, String> 
         Some(last) => Target::Row(last),
         None => Target::Nothing,
     })
-}
-
-/// n of "Sn".
-fn surface_number(word: &str) -> Option<usize> {
-    let digits = word.strip_prefix(['S', 's'])?;
-    digits.parse().ok().filter(|_| digits.chars().all(|c| c.is_ascii_digit()))
-}
-
-/// Commands with their line numbers.
-fn commands(text: &str) -> Vec<(usize, String)> {
-    let mut commands = vec![];
-    let mut open: Option<(usize, String)> = None;
-    for (number, line) in text.lines().enumerate() {
-        let code = without_comment(line);
-        let (start, mut whole) = open.take().unwrap_or((number + 1, String::new()));
-        match code.trim_end().strip_suffix('&') {
-            Some(part) => {
-                whole.push_str(part);
-                whole.push(' ');
-                open = Some((start, whole));
-            }
-            None => {
-                whole.push_str(code);
-                commands.extend(split(&whole).into_iter().map(|c| (start, c)));
-            }
-        }
-    }
-    commands.extend(open.into_iter().flat_map(|(start, whole)| split(&whole).into_iter().map(move |c| (start, c))));
-    commands
-}
-
-fn without_comment(line: &str) -> &str {
-    let mut quote = None;
-    for (i, c) in line.char_indices() {
-        match (quote, c) {
-            (None, '!') => return &line[..i],
-            (None, '\'' | '"') => quote = Some(c),
-            (Some(q), c) if q == c => quote = None,
-            _ => {}
-        }
-    }
-    line
-}
-
-/// At semicolons outside quotes.
-fn split(line: &str) -> Vec<String> {
-    let mut parts = vec![String::new()];
-    let mut quote = None;
-    for c in line.chars() {
-        match (quote, c) {
-            (None, ';') => parts.push(String::new()),
-            _ => {
-                quote = match (quote, c) {
-                    (None, '\'' | '"') => Some(c),
-                    (Some(q), c) if q == c => None,
-                    (q, _) => q,
-                };
-                if let Some(last) = parts.last_mut() {
-                    last.push(c);
-                }
-            }
-        }
-    }
-    parts
-}
-
-fn words(command: &str) -> Vec<String> {
-    let mut words: Vec<String> = vec![];
-    let mut quote: Option<char> = None;
-    let mut fresh = true;
-    for c in command.chars() {
-        if quote.is_none() && c.is_whitespace() {
-            fresh = true;
-            continue;
-        }
-        if fresh {
-            words.push(String::new());
-            fresh = false;
-        }
-        quote = match (quote, c) {
-            (None, '\'' | '"') => Some(c),
-            (Some(q), c) if q == c => None,
-            (q, _) => q,
-        };
-        if let Some(w) = words.last_mut() {
-            w.push(c);
-        }
-    }
-    words
 }
 
 /// A glass between PRV and END.

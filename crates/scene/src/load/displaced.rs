@@ -223,9 +223,9 @@ fn displace_by(parts: &mut [(&mut Mesh, &Scalar)], split: impl FnOnce(&mut Mesh)
 #[cfg(test)]
 mod tests {
     use super::*;
-    use std::sync::Arc;
     use crate::texture::{Image, Texture};
     use std::collections::HashMap;
+    use std::sync::Arc;
 
     /// A unit square in z = 0 from `x` on, its texture coordinates its places.
     fn square(x: f32) -> Mesh {

@@ -1,7 +1,11 @@
 //! What is written is read back as it was.
 
 use super::*;
+use crate::material::{Coverage, Interior, Material, Scattering};
+use crate::medium::Coefficient;
+use crate::texture::{Color, Scalar, Texture, Wrap};
 use crate::{PathSettings, Scene, builtin, load};
+use glam::Vec4;
 
 #[test]
 fn what_is_written_is_read_back_as_the_same_scene() {

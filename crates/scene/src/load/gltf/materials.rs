@@ -1,6 +1,7 @@
 //! Materials: what glTF and its extensions say of a surface.
 
-use super::{Loader, json_transform};
+use super::Loader;
+use super::pictures::json_transform;
 use crate::SceneError;
 use crate::light::Modulation;
 use crate::material::film::THICKEST_NM;

@@ -1,3 +1,4 @@
+use super::pictures::uv_transform;
 use super::*;
 
 fn none(_: &str) -> Result<Vec<u8>, String> {

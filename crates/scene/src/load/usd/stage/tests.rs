@@ -1,0 +1,131 @@
+use super::super::layer::Field;
+use super::*;
+
+fn files<'a>(all: &'a [(&'a str, &'a str)]) -> impl Fn(&str) -> Result<Vec<u8>, String> + Sync + 'a {
+    move |name: &str| {
+        let found = all.iter().find(|(n, _)| *n == name);
+        found.map(|(_, text)| text.as_bytes().to_vec()).ok_or_else(|| "there is no such file".to_owned())
+    }
+}
+
+fn number(stage: &mut Stage, path: &str, name: &str) -> Option<f64> {
+    let prim = stage.prim(path).unwrap().unwrap_or_else(|| panic!("{path}"));
+    stage.value(&prim, name).unwrap().and_then(|v| v.number())
+}
+
+#[test]
+fn opinions_are_as_strong_as_their_arcs() {
+    let all = [
+        (
+            "a/b.usda",
+            "#usda 1.0\n( defaultPrim = \"X\" subLayers = [@../c.usda@] )\n\
+            def \"X\" { int r = 3\n int p = 3\n def \"Y\" { int y = 3\n rel t = </X/Z>\n rel out = </Elsewhere> } }",
+        ),
+        ("c.usda", "#usda 1.0\nover \"X\" { int r = 4\n int sub = 4 }"),
+        ("p.usda", "#usda 1.0\ndef \"P\" { int p = 5\n int last = 5 }"),
+    ];
+    let fetch = files(&all);
+    let text = "#usda 1.0\nclass \"_C\" { int i = 1\n int r = 1\n int v = 1 }\n\
+        def \"A\" ( references = @./a/b.usda@\n payload = @p.usda@</P>\n inherits = </_C>\n variantSets = \"s\"\n variants = {string s = \"v\"} )\n\
+        { int local = 0\n int i = 0\n variantSet \"s\" = { \"v\" { int v = 2\n int w = 2\n int r = 2 \n over \"Y\" { int from = 2 } } \"w\" { int w = 9 } } }\n\
+        def \"B\" ( references = </A> ) { over \"Y\" { int y = 7 } }";
+    let mut stage = Stage::new(text.into(), "s.usda", &fetch).unwrap();
+    for (name, value) in [("local", 0), ("i", 0), ("r", 1), ("v", 1), ("w", 2), ("sub", 4), ("p", 3), ("last", 5)] {
+        assert_eq!(number(&mut stage, "/A", name), Some(f64::from(value)), "{name}");
+        assert_eq!(number(&mut stage, "/B", name), Some(f64::from(value)), "{name}");
+    }
+    assert_eq!((number(&mut stage, "/A/Y", "y"), number(&mut stage, "/B/Y", "y")), (Some(3.0), Some(7.0)));
+    assert_eq!(number(&mut stage, "/A/Y", "from"), Some(2.0));
+    let y = stage.prim("/B/Y").unwrap().unwrap();
+    assert_eq!(stage.targets(&y, "t", Key::TargetPaths).unwrap(), ["/B/Z"]);
+    assert!(stage.targets(&y, "out", Key::TargetPaths).unwrap().is_empty());
+    let b = stage.prim("/B").unwrap().unwrap();
+    assert!(stage.is_drawn(&b).unwrap() && stage.missing.is_empty());
+    let class = stage.prim("/_C").unwrap().unwrap();
+    assert!(!stage.is_drawn(&class).unwrap() && stage.is_drawn(&y).unwrap());
+    let root = stage.prim("/").unwrap().unwrap();
+    assert_eq!(stage.children(&root).unwrap().len(), 3);
+}
+
+#[test]
+fn names_of_children_that_are_paths_are_passed_over() {
+    let fetch = files(&[]);
+    let mut stage = Stage::new("#usda 1.0\ndef \"A\" { def \"B\" {} }".into(), "s.usda", &fetch).unwrap();
+    let root = stage.layers[0].specs.get_mut("/").unwrap();
+    let children = root.fields.iter_mut().find(|(key, _)| *key == Key::PrimChildren).unwrap();
+    // The empty one would be the root again, for ever.
+    let names: Vec<Arc<str>> = ["", "A", "A/B", "/", "A{v=a}", "A.x"].map(Arc::from).to_vec();
+    children.1 = Field::Ready(Value::Texts(names.into()));
+    let root = stage.prim("/").unwrap().unwrap();
+    let paths: Vec<String> = stage.children(&root).unwrap().iter().map(|p| p.path.clone()).collect();
+    assert_eq!(paths, ["/A"]);
+}
+
+#[test]
+fn what_goes_round_is_an_error_and_what_is_missing_is_noted() {
+    let all = [
+        ("self.usda", "#usda 1.0\n( subLayers = [@other.usda@] )\n"),
+        ("other.usda", "#usda 1.0\n( subLayers = [@self.usda@] )\n"),
+        ("back.usda", "#usda 1.0\ndef \"P\" { def \"Q\" ( references = @back.usda@</P> ) {} }"),
+        ("twin.usda", "#usda 1.0\ndef \"P\" ( references = @twin.usda@</Q> ) {}\ndef \"Q\" ( references = @twin.usda@</P> ) {}"),
+    ];
+    let fetch = files(&all);
+    let walk = |text: &str| -> Read<Vec<String>> {
+        let mut stage = Stage::new(text.into(), "s.usda", &fetch)?;
+        let mut open = vec![stage.prim("/")?.unwrap()];
+        while let Some(prim) = open.pop() {
+            open.extend(stage.children(&prim)?);
+        }
+        Ok(stage.missing)
+    };
+    for text in [
+        "( subLayers = [@self.usda@] )",
+        "def \"A\" ( references = </A> ) {}",
+        "def \"A\" { def \"B\" ( references = </A> ) {} }",
+        "def \"A\" ( references = @back.usda@</P> ) {}",
+        "def \"A\" ( references = @twin.usda@</P> ) {}",
+        "def \"A\" ( inherits = </B> ) {}\ndef \"B\" ( inherits = </A> ) {}",
+    ] {
+        let e = walk(&format!("#usda 1.0\n{text}")).unwrap_err().to_string();
+        assert!(e.contains("itself") || e.contains("sublayers"), "{text}: {e}");
+    }
+    let missing =
+        walk("#usda 1.0\ndef \"A\" ( references = @gone.usda@ ) {}\ndef \"B\" ( references = @gone.usda@ ) {}").unwrap();
+    assert_eq!(missing, ["gone.usda (there is no such file)"]);
+    // Doubling thirty times would be a thousand million opinions.
+    let mut text = "#usda 1.0\n".to_owned();
+    for i in 0..30 {
+        let next = i + 1;
+        text += &format!("def \"A{i}\" ( references = [</B{next}>, </C{next}>] ) {{}}\n");
+        text += &format!("def \"B{next}\" ( references = </A{next}> ) {{}}\ndef \"C{next}\" ( references = </A{next}> ) {{}}\n");
+    }
+    assert!(walk(&text).unwrap_err().to_string().contains("references to references"));
+}
+
+#[test]
+fn paths_are_joined_as_files_are() {
+    for (folder, path, whole) in [
+        ("", "./a.usd", "a.usd"),
+        ("x/y/", "../a.usd", "x/a.usd"),
+        ("x/", "../../a.usd", "../a.usd"),
+        ("x/", "/a.usd", "/a.usd"),
+        ("x/", "b\\c.usd", "x/b/c.usd"),
+        ("../x/", "./y/../z", "../x/z"),
+    ] {
+        assert_eq!(joined(folder, path), whole, "{folder} {path}");
+    }
+    assert_eq!((folder_of("a/b.usd").as_str(), folder_of("b.usd").as_str()), ("a/", ""));
+}
+
+#[test]
+fn times_of_references_are_shifted() {
+    let all = [("b.usda", "#usda 1.0\ndef \"X\" { double v.timeSamples = { 0: 1, 10: 2, 20: 3 } }")];
+    let fetch = files(&all);
+    let text = "#usda 1.0\n( startTimeCode = 30 )\ndef \"A\" ( references = @b.usda@</X> (offset = 5; scale = 2) ) {}";
+    let mut stage = Stage::new(text.into(), "s.usda", &fetch).unwrap();
+    let prim = stage.prim("/A").unwrap().unwrap();
+    let found = stage.attribute(&prim, "v").unwrap().unwrap();
+    let times: Vec<f64> = stage.samples(&found).unwrap().unwrap().iter().map(|s| s.0).collect();
+    assert_eq!(times, [5.0, 25.0, 45.0]);
+    assert_eq!(number(&mut stage, "/A", "v"), Some(2.0));
+}

@@ -1,0 +1,152 @@
+//! Pictures, as surfaces have them.
+
+use super::levels::Levels;
+use super::paged::Held;
+use super::paged::{Paged, RESIDENT};
+use glam::Vec3;
+use std::sync::Arc;
+
+/// How the 8-bit codes of an image relate to numbers.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Codes {
+    /// Colour: the sRGB transfer function (alpha is linear).
+    Srgb,
+    /// Data: code / 255.
+    Linear,
+}
+
+/// A picture.
+#[derive(Clone, Debug)]
+pub struct Image {
+    /// Pixels a row.
+    pub width: usize,
+    /// Rows.
+    pub height: usize,
+    /// RGBA, row by row from the top.
+    pub texels: Texels,
+    /// What it counts for in memory.
+    pub(super) held: Option<Arc<Held>>,
+    /// Smaller copies.
+    pub(super) levels: Levels,
+}
+
+/// Pixels as they are stored.
+#[derive(Clone, Debug)]
+pub enum Texels {
+    /// 8 bits a channel.
+    Codes(Vec<[u8; 4]>),
+    /// Linear light in 16 bits a channel, 65535 for 1: what smaller copies of pictures of codes are kept in.
+    Wide(Vec<[u16; 4]>),
+    /// Linear numbers of any size.
+    Linear(Vec<[f32; 4]>),
+    /// Either, on the disk.
+    Paged(Arc<Paged>),
+}
+
+/// A pixel.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Texel {
+    /// 8 bits a channel.
+    Codes([u8; 4]),
+    /// Linear light, 65535 for 1.
+    Wide([u16; 4]),
+    /// Linear numbers.
+    Linear([f32; 4]),
+}
+
+impl Texels {
+    pub(super) fn is_opaque(&self) -> bool {
+        match self {
+            Texels::Codes(all) => all.iter().all(|p| p[3] == 255),
+            Texels::Wide(all) => all.iter().all(|p| p[3] == u16::MAX),
+            Texels::Linear(all) => all.iter().all(|p| p[3] == 1.0),
+            Texels::Paged(paged) => paged.is_opaque(),
+        }
+    }
+}
+
+impl Image {
+    /// From codes of 8 bits.
+    pub fn new(width: usize, height: usize, pixels: Vec<[u8; 4]>) -> Self {
+        Image { width, height, texels: Texels::Codes(pixels), held: None, levels: Levels::default() }
+    }
+
+    /// From linear numbers.
+    pub fn linear(width: usize, height: usize, pixels: Vec<[f32; 4]>) -> Self {
+        Image { width, height, texels: Texels::Linear(pixels), held: None, levels: Levels::default() }
+    }
+
+    /// From linear light in 16 bits a channel.
+    pub(super) fn wide(width: usize, height: usize, pixels: Vec<[u16; 4]>) -> Self {
+        Image { width, height, texels: Texels::Wide(pixels), held: None, levels: Levels::default() }
+    }
+
+    /// From pixels as they are stored; kept as [`Image::kept`] says.
+    pub(crate) fn of_texels(width: usize, height: usize, texels: Texels) -> Self {
+        Image { width, height, texels, held: None, levels: Levels::default() }.kept()
+    }
+
+    /// Whether its pixels are numbers of any size.
+    pub(super) fn holds_numbers(&self) -> bool {
+        match &self.texels {
+            Texels::Codes(_) | Texels::Wide(_) => false,
+            Texels::Linear(_) => true,
+            Texels::Paged(paged) => paged.holds_numbers(),
+        }
+    }
+
+    /// Whether any pixel is not opaque.
+    pub fn has_alpha(&self) -> bool {
+        !self.texels.is_opaque()
+    }
+
+    /// Whether it is without colours; a sample of its pixels is looked at.
+    pub fn is_grey(&self) -> bool {
+        /// Between channels, in codes: what compression of JPEG leaves.
+        const TOLERANCE: f32 = 8.0 / 255.0;
+        let (columns, rows) = (self.width.clamp(1, 64), self.height.clamp(1, 64));
+        let grey = |i: usize| {
+            let (column, row) = ((i % columns) * self.width / columns, (i / columns) * self.height / rows);
+            let rgb = match self.texel(column, row) {
+                Texel::Codes([r, g, b, _]) => Vec3::new(r as f32, g as f32, b as f32) / 255.0,
+                Texel::Wide([r, g, b, _]) => Vec3::new(r as f32, g as f32, b as f32) / 65535.0,
+                Texel::Linear([r, g, b, _]) => Vec3::new(r, g, b),
+            };
+            rgb.max_element() - rgb.min_element() <= TOLERANCE
+        };
+        (0..columns * rows).all(grey)
+    }
+
+    /// A pixel.
+    #[inline]
+    pub fn texel(&self, column: usize, row: usize) -> Texel {
+        match &self.texels {
+            Texels::Codes(codes) => Texel::Codes(codes[row * self.width + column]),
+            Texels::Wide(all) => Texel::Wide(all[row * self.width + column]),
+            Texels::Linear(all) => Texel::Linear(all[row * self.width + column]),
+            Texels::Paged(paged) => paged.texel(column, row),
+        }
+    }
+
+    /// The picture as it is kept: in memory while there is room ([`RESIDENT`]), on the disk beyond.
+    pub(crate) fn kept(self) -> Self {
+        self.kept_below(RESIDENT)
+    }
+
+    pub(super) fn kept_below(mut self, most: u64) -> Self {
+        let bytes = match &self.texels {
+            Texels::Codes(all) => all.len() * 4,
+            Texels::Wide(all) => all.len() * 8,
+            Texels::Linear(all) => all.len() * 16,
+            Texels::Paged(_) => return self,
+        };
+        self.held = Held::claim(bytes as u64, most).map(Arc::new);
+        // Without a place for temporary files it stays in memory.
+        if self.held.is_none()
+            && let Ok(paged) = Paged::new(&self.texels, self.width, self.height, None)
+        {
+            self.texels = Texels::Paged(Arc::new(paged));
+        }
+        self
+    }
+}
