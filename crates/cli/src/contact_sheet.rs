@@ -5,7 +5,7 @@ use crate::document::{Block, Document};
 use crate::html::escaped;
 use crate::output::{JPEG_QUALITY, Output};
 use crate::paint::Page;
-use crate::sheet::{histogram, under};
+use crate::step_pictures::{histogram, under};
 use anyhow::anyhow;
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;

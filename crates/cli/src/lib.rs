@@ -18,7 +18,7 @@ mod own_program;
 mod paint;
 mod parts;
 mod pdf;
-mod sheet;
+mod step_pictures;
 mod views;
 mod watch;
 

@@ -365,7 +365,7 @@ impl Paper {
         Ok(font)
     }
 
-    /// The file.
+    /// The bytes of the file. Fails where a font cannot be cut down to the letters that are used.
     pub fn finish(mut self, title: &str) -> anyhow::Result<Vec<u8>> {
         self.content();
         self.end_page();

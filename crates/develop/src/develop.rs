@@ -29,7 +29,7 @@ pub enum Step {
     RowNoise,
     /// Channels scaled so that white is even.
     WhiteBalance,
-    /// Broken pixels mended.
+    /// Defective pixels corrected.
     Defects,
     /// Saturated channels clipped or guessed.
     Highlights,
@@ -152,7 +152,8 @@ pub fn develop(raw: &RawImage, recipe: &Recipe, lut: Option<Lut>) -> Result<Pict
 }
 
 impl<'a> Developer<'a> {
-    /// Prepares all steps. `lut`: what the recipe's `lut.file` holds, if anything.
+    /// Prepares all steps. `lut`: what the recipe's `lut.file` holds, if anything. Fails on settings out of their ranges, and when the recipe asks for what the file cannot give (a light field, a lens
+    /// profile, a white that no colour matrix leads to).
     pub fn new(raw: &'a RawImage, recipe: &'a Recipe, lut: Option<Lut>) -> Result<Self, RecipeError> {
         recipe.check()?;
         let (h, mosaic) = (&raw.header, &raw.mosaic);
@@ -342,7 +343,7 @@ impl<'a> Developer<'a> {
         if let Some(neighbours) = mend {
             let deviation = |channel: usize, v: f32| self.deviation(channel, v);
             let threshold = self.recipe.defects.threshold as f32;
-            data = neighbours.mend(&data, around.width, [around.left, around.top], cfa, threshold, deviation);
+            data = neighbours.corrected(&data, around.width, [around.left, around.top], cfa, threshold, deviation);
         }
         if self.until >= Step::Highlights {
             highlights::apply(&mut data, around, cfa, gains, self.recipe.highlights.method, self.cast.as_ref());

@@ -112,7 +112,7 @@ pub struct Baked {
     pub worst: f64,
 }
 
-/// Bakes exposure, tone curve, grading and table of a recipe into one 3D table for `input` codes, which gives sRGB codes.
+/// Bakes exposure, tone curve, grading and table of a recipe into one 3D table of `size` points a side (2 to 256) for `input` codes, which gives sRGB codes.
 pub fn bake(recipe: &Recipe, lut: Option<Lut>, size: usize, input: LutInput) -> Baked {
     let sdr = Recipe { output: crate::recipe::Output::default(), ..recipe.clone() };
     let look = Look::new(&sdr, lut);

@@ -33,7 +33,8 @@ const TOP: usize = 8;
 /// Weights of Burt and Adelson's generating kernel.
 const KERNEL: [f32; 5] = [1.0 / 16.0, 4.0 / 16.0, 6.0 / 16.0, 4.0 / 16.0, 1.0 / 16.0];
 
-/// Joins a focus series. `scale` says how large each picture is drawn relative to the first (its film distance over the first's).
+/// Joins a focus series. `scale` says how large each picture is drawn relative to the first (its film distance over the first's). Fails with fewer than two pictures, with another number of scales
+/// than pictures, and where they differ in size.
 pub fn stack(pictures: &[Picture], scale: &[f64]) -> Result<Picture, StackError> {
     let [first, rest @ ..] = pictures else { return Err(StackError::TooFew) };
     if rest.is_empty() || scale.len() != pictures.len() {

@@ -186,7 +186,7 @@ fn pass_end(first: u32, length: u32) -> u32 {
 impl Exposure<'_> {
     /// Exposes from the beginning, or goes on from where `start` stands.
     ///
-    /// `keep` gets the sums again and again, tens to hundreds of milliseconds apart, to save them if it likes. Without it [`Watch::cancel`] gives
+    /// `keep` gets the sums again and again, tens to hundreds of milliseconds apart, to save them or look at them ([`Exposure::so_far`]) if it likes. Without it [`Watch::cancel`] gives
     /// [`ExposeError::Cancelled`]; with it the pass under way is finished, and its samples and those before are the result. While the truth is computed,
     /// before the first sample, [`Watch::cancel`] gives [`ExposeError::Cancelled`] in both cases, and so does a `keep` that breaks.
     pub fn run(&self, watch: &Watch, start: Option<Sums>, keep: Option<Keep>) -> Result<Exposed, ExposeError> {
@@ -200,9 +200,26 @@ impl Exposure<'_> {
         };
         let optics = self.optics();
         let stopped = self.take_samples(watch, &mut sums, keep, started, self.settings.time_limit_s, optics.as_ref())?;
-        let mut facts = self.facts_of(&sums);
+        let (mut plane, direct) = self.plane_of(&sums, optics.as_ref());
+        if let Some(direct) = direct {
+            tell_direct(&mut truth, &self.response.bands, &plane.mean, &direct);
+        }
+        plane.truth = truth;
+        Ok(Exposed { plane, stopped, stray: None })
+    }
+
+    /// The picture so far of an exposure that is under way, for whoever keeps its sums ([`Keep`]): to the bit what [`Exposure::run`] gives where it ends with the samples that all
+    /// pixels have, without its truth. `None` before the first pass and in the midst of one, when pixels have different numbers of samples.
+    pub fn so_far(&self, sums: &Sums) -> Option<FocalPlane> {
+        let is_between_passes = !sums.samples.is_empty() && sums.tiles == 0;
+        is_between_passes.then(|| self.plane_of(sums, self.optics().as_ref()).0)
+    }
+
+    /// What sums come to, without a truth; and what of it is direct light, where that is summed apart.
+    fn plane_of(&self, sums: &Sums, optics: Option<&Optics>) -> (FocalPlane, Option<Raster<f32>>) {
+        let mut facts = self.facts_of(sums);
         let bands = self.response.curves.len();
-        let stars = optics.as_ref().filter(|_| self.makes_stars()).map(|optics| Stars {
+        let stars = optics.filter(|_| self.makes_stars()).map(|optics| Stars {
             optics,
             camera: self.camera,
             seed: self.settings.seed,
@@ -213,11 +230,9 @@ impl Exposure<'_> {
         });
         let Finished { mean, half_difference, removed, direct } = sums.finish(bands, self.cascade(), stars, self.direct());
         facts.fireflies_removed = removed;
-        if let Some(direct) = direct {
-            tell_direct(&mut truth, &self.response.bands, &mean, &direct);
-        }
+        let truth = Truth::missing(self.recorder().recorded(), mean.width, mean.height);
         let plane = FocalPlane { bands: self.response.bands.clone(), mean, half_difference, truth, facts };
-        Ok(Exposed { plane, stopped, stray: None })
+        (plane, direct)
     }
 
     /// The stray light that the settings ask for, to be added to the mean once all else is done with it; `seen` gathers that mean. `None` where there is none.
@@ -315,7 +330,7 @@ impl Exposure<'_> {
             for (i, values) in tile.sums.chunks_exact(2 * bands).enumerate() {
                 add(tile.column + i % tile.width, tile.row + i / tile.width, values);
             }
-            for (pixel, values) in &tile.strays {
+            for (pixel, values) in &tile.outside {
                 add(pixel % film.columns, pixel / film.columns, values.as_flattened());
             }
         }

@@ -291,6 +291,9 @@ fn an_interrupted_exposure_goes_on_bit_for_bit() {
         assert!(!exposed.stopped && exposed.plane == whole);
     });
     assert!(kept.len() >= 3, "{}", kept.len());
+    // The picture so far is what the samples of whole passes make.
+    let so_far: Vec<FocalPlane> = kept.iter().filter_map(|sums| exposure.so_far(sums)).collect();
+    assert_eq!(so_far, [take(&scene, &camera, &response, &Settings { samples: 254..256, ..settings.clone() })]);
     assert!(kept.iter().any(|sums| sums.samples() == (254..254)) && kept.iter().any(|sums| sums.samples() == (254..256)));
     for sums in &kept {
         let watch = Watch { cancel: &go, progress: &|_| () };

@@ -80,20 +80,36 @@ pub const COVERAGE_SAMPLES: u32 = 256;
 /// Number of the channels that are always recorded: the first of the table.
 pub const ALWAYS: usize = 4;
 
+/// The channel of a name; does not compile where there is none.
+const fn named(name: &str) -> &'static Channel {
+    let (mut i, name) = (0, name.as_bytes());
+    while i < CHANNELS.len() {
+        let (there, mut k) = (CHANNELS[i].name.as_bytes(), 0);
+        while k < there.len() && k < name.len() && there[k] == name[k] {
+            k += 1;
+        }
+        if k == there.len() && k == name.len() {
+            return &CHANNELS[i];
+        }
+        i += 1;
+    }
+    panic!("no such channel")
+}
+
 /// Depth: always recorded.
-pub const DEPTH: &Channel = &CHANNELS[0];
+pub const DEPTH: &Channel = named("depth");
 /// Shading normal: always recorded.
-pub const NORMAL: &Channel = &CHANNELS[1];
+pub const NORMAL: &Channel = named("normal");
 /// Albedo: always recorded.
-pub const ALBEDO: &Channel = &CHANNELS[2];
+pub const ALBEDO: &Channel = named("albedo");
 /// Number of the object: always recorded.
-pub const ID: &Channel = &CHANNELS[3];
+pub const ID: &Channel = named("id");
 /// What stray light changed: filled by what adds it.
-pub const STRAY_LIGHT: &Channel = &CHANNELS[15];
+pub const STRAY_LIGHT: &Channel = named("stray-light");
 /// Direct light: filled by the sums of the exposure.
-pub const DIRECT: &Channel = &CHANNELS[16];
+pub const DIRECT: &Channel = named("direct");
 /// Indirect light: filled by the sums of the exposure.
-pub const INDIRECT: &Channel = &CHANNELS[17];
+pub const INDIRECT: &Channel = named("indirect");
 
 /// Names of the EXR channels of a Cryptomatte layer: identifier and coverage of six ranks.
 macro_rules! ranks {

@@ -11,7 +11,7 @@
 
 pub mod analysis;
 pub mod aperture;
-pub mod asphere;
+mod asphere;
 mod at_stop;
 mod axial_beam;
 pub mod batch;
@@ -51,6 +51,7 @@ pub mod surface;
 pub mod system;
 mod thin;
 pub mod tolerance;
+mod toml_place;
 pub mod trace;
 
 pub use calibrated::CalibratedLens;

@@ -180,7 +180,6 @@ impl ThinLens {
         }
     }
 
-    /// `pupil`: place in units of the pupil radius.
     /// Radius of the pupil, mm.
     pub fn radius(&self) -> f64 {
         0.5 * self.focal_length.0 / self.f_number

@@ -119,16 +119,19 @@ impl Device {
         }
     }
 
+    /// Sets a number by its name; the library keeps an error for names it does not know.
     pub fn set_int(&self, name: &CStr, value: c_int) {
         // SAFETY: the device is not released; the name is a terminated string. Unknown names are errors of the library.
         unsafe { (self.api.set_device_int)(self.handle.as_ptr(), name.as_ptr(), value) }
     }
 
+    /// Sets a switch by its name; the library keeps an error for names it does not know.
     pub fn set_bool(&self, name: &CStr, value: bool) {
         // SAFETY: as for `set_int`.
         unsafe { (self.api.set_device_bool)(self.handle.as_ptr(), name.as_ptr(), value) }
     }
 
+    /// A number by its name; 0 of a name that the library does not know.
     pub fn get_int(&self, name: &CStr) -> c_int {
         // SAFETY: as for `set_int`.
         unsafe { (self.api.get_device_int)(self.handle.as_ptr(), name.as_ptr()) }
@@ -188,11 +191,13 @@ impl<'d, 'i> Filter<'d, 'i> {
         unsafe { (self.device.api.set_image)(self.handle.as_ptr(), name.as_ptr(), data.cast(), FLOAT3, width, height, 0, 0, 0) }
     }
 
+    /// Sets a switch by its name; the library keeps an error for names it does not know.
     pub fn set_bool(&mut self, name: &CStr, value: bool) {
         // SAFETY: the filter is not released; the name is a terminated string. Unknown names are errors of the library.
         unsafe { (self.device.api.set_filter_bool)(self.handle.as_ptr(), name.as_ptr(), value) }
     }
 
+    /// Sets a number by its name; the library keeps an error for names it does not know.
     pub fn set_int(&mut self, name: &CStr, value: c_int) {
         // SAFETY: as for `set_bool`.
         unsafe { (self.device.api.set_filter_int)(self.handle.as_ptr(), name.as_ptr(), value) }

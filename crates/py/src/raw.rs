@@ -177,7 +177,7 @@ fn reading(
     // What the camera was set to, if it is this body that reads.
     let set = if own { plane.plane.facts.iso_set } else { 0.0 };
     Reading {
-        iso: iso.unwrap_or_else(|| if set > 0.0 { set } else { sensor.nearest_iso(100.0) }),
+        iso: iso.unwrap_or_else(|| if set > 0.0 { set } else { sensor.default_iso() }),
         seed,
         serial: serial.unwrap_or_else(|| Reading::FIRST_SERIAL.into()),
         temperature_c,

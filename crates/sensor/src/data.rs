@@ -1,27 +1,7 @@
 //! The data sheets and spectral responses that are embedded.
 
-/// Bodies: name on the command line, and TOML.
-pub const BODIES: &[(&str, &str)] = &[
-    ("canon-t2i", include_str!("bodies/canon-t2i.toml")),
-    ("canon-700d", include_str!("bodies/canon-700d.toml")),
-    ("canon-40d", include_str!("bodies/canon-40d.toml")),
-    ("canon-50d", include_str!("bodies/canon-50d.toml")),
-    ("canon-5d", include_str!("bodies/canon-5d.toml")),
-    ("canon-5d-mark-ii", include_str!("bodies/canon-5d-mark-ii.toml")),
-    ("canon-5d-mark-iv", include_str!("bodies/canon-5d-mark-iv.toml")),
-    ("nikon-d850", include_str!("bodies/nikon-d850.toml")),
-    ("sony-a7s-ii", include_str!("bodies/sony-a7s-ii.toml")),
-    ("pixel-4a", include_str!("bodies/pixel-4a.toml")),
-    ("raspberry-pi-hq", include_str!("bodies/raspberry-pi-hq.toml")),
-    ("imx249", include_str!("bodies/imx249.toml")),
-    ("imx250mzr", include_str!("bodies/imx250mzr.toml")),
-    ("imx255", include_str!("bodies/imx255.toml")),
-    ("imx455", include_str!("bodies/imx455.toml")),
-    ("imx490", include_str!("bodies/imx490.toml")),
-    ("gsense6510bsi", include_str!("bodies/gsense6510bsi.toml")),
-    ("hwk4123", include_str!("bodies/hwk4123.toml")),
-    ("ideal", include_str!("bodies/ideal.toml")),
-];
+/// Bodies: name on the command line, and TOML; `ideal` last. The files of the folder, listed when this is compiled.
+pub const BODIES: &[(&str, &str)] = include!(concat!(env!("OUT_DIR"), "/bodies.rs"));
 
 /// Relative spectral sensitivities, 380–780 nm in 5 nm: `nm,R,G,B`. Source: rawtoaces camera data, Apache-2.0.
 pub const RESPONSES: &[(&str, &str)] = &[

@@ -59,7 +59,7 @@ pub struct ReadOut<'a> {
     /// How, with the temperature settled.
     reading: Reading,
     pattern: Pattern,
-    /// Mean electrons that leak in a second.
+    /// Dark current of the mean pixel, e⁻/s.
     dark_e_per_s: f64,
     /// How long pixels gather charge, s.
     exposure_s: f64,
@@ -78,7 +78,7 @@ pub struct ReadOut<'a> {
 pub struct Expected {
     /// Mean electrons of light, through the pixel's filter and by its own response.
     pub electrons: f32,
-    /// Mean electrons that leak.
+    /// Mean electrons of dark current.
     pub dark: f32,
     /// The number that would be read without noise of time, fixed offsets and clipping included; not rounded.
     pub dn: f32,
@@ -156,7 +156,7 @@ impl<'a> ReadOut<'a> {
         self
     }
 
-    /// Mean electrons that leak into a pixel that leaks as the mean does.
+    /// Mean electrons of dark current in a pixel that leaks as the mean does.
     fn dark_e(&self, column: usize, row: usize) -> f64 {
         let seconds = match &self.lines {
             None => self.exposure_s,
@@ -238,6 +238,7 @@ impl<'a> ReadOut<'a> {
         self.light(window, row, &mut to.first);
         for (c, v) in to.first.iter_mut().enumerate() {
             let p = self.pattern.pixel(c, row);
+            // Light and dark current are one shot noise.
             let mean = *v * p.response + self.dark_e(c, row) * p.leak;
             *v = poisson_quantile(mean, self.uniform(SHOT, row, c));
             if let Some(second) = &self.sensor.second_reading {

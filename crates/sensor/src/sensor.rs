@@ -278,6 +278,11 @@ impl Sensor {
         })
     }
 
+    /// The ISO speed where nobody says one: that of the sheet nearest to 100.
+    pub fn default_iso(&self) -> f64 {
+        self.nearest_iso(100.0)
+    }
+
     /// The ISO speed of the sheet's range that is nearest to one.
     pub fn nearest_iso(&self, iso: f64) -> f64 {
         iso.clamp(self.iso[0].iso, self.iso[self.iso.len() - 1].iso)

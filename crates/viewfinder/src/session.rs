@@ -215,7 +215,7 @@ impl Session {
         })
     }
 
-    /// Moves the camera.
+    /// Moves the camera; `by`: to the right and down, in the units of [`Command::Move`](crate::protocol::Command::Move). Fails where the camera follows a path, and before the first shot is ready.
     pub fn move_camera(&self, how: Motion, by: [f64; 2]) -> Result<(), Problem> {
         self.change(|camera| {
             let mut shot = camera.shot.clone();

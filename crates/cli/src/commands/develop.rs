@@ -4,7 +4,7 @@ use super::{print_json, read_raw};
 use crate::args::Develop;
 use crate::output::{self, Format, Kind, Output};
 use crate::watch::{say, watched};
-use crate::{AskedWrongly, sheet, views};
+use crate::{AskedWrongly, step_pictures, views};
 use anyhow::{Context, anyhow};
 use diopter::develop::lut::Lut;
 use diopter::develop::{Recipe, SETTINGS};
@@ -136,7 +136,8 @@ fn jobs(args: &Develop) -> anyhow::Result<Vec<Job>> {
         .iter()
         .map(|raw| Job { raw: raw.clone(), outputs: args.output.iter().map(|p| named(raw, p)).collect() })
         .collect();
-    let steps: Vec<PathBuf> = args.steps.iter().flat_map(|folder| sheet::names().into_iter().map(|n| folder.join(n))).collect();
+    let steps: Vec<PathBuf> =
+        args.steps.iter().flat_map(|folder| step_pictures::names().into_iter().map(|n| folder.join(n))).collect();
     if let Some(folder) = args.steps.iter().chain(&args.views).find(|f| f.exists() && !f.is_dir()) {
         return Err(wrong(format!("{}: expected a folder", folder.display())));
     }
@@ -160,7 +161,7 @@ fn one(
     let raw = read_raw(&job.raw)?;
     let mut written = output::write_pictures(outputs, &raw, None, recipe, lut, format).with_context(place)?;
     if let Some(folder) = &args.steps {
-        written.extend(sheet::write_steps(&raw, recipe, lut, folder)?);
+        written.extend(step_pictures::write_steps(&raw, recipe, lut, folder)?);
     }
     if let Some(folder) = &args.views {
         written.extend(views::write_views(&raw, recipe, lut, folder).with_context(place)?);

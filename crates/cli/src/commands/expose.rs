@@ -4,7 +4,7 @@ use super::print_json;
 use crate::AskedWrongly;
 use crate::args::Expose;
 use crate::checkpoint;
-use crate::commands::told::{display, say_ambient};
+use crate::commands::exposure_summary::{display, say_ambient};
 use crate::memory::{self, Room};
 use crate::output;
 use crate::watch::{self, say, warn, watched};

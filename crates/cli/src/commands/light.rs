@@ -78,7 +78,7 @@ pub fn run(args: &ReadOut, names: &[PathBuf], json: bool) -> anyhow::Result<()> 
     let white = white_point(&args.white)?;
     let (sensor, plane) = exposed(args)?;
     let reading = |k: usize| Reading {
-        iso: args.iso.map_or_else(|| sensor.nearest_iso(100.0), |i| i.0),
+        iso: args.iso.map_or_else(|| sensor.default_iso(), |i| i.0),
         seed: args.seed.wrapping_add(k as u64),
         serial: args.raw.serial.clone().unwrap_or_else(|| Reading::FIRST_SERIAL.into()),
         temperature_c: args.raw.temperature,

@@ -46,7 +46,7 @@ pub fn run(args: &ReadOut, json: bool) -> anyhow::Result<()> {
     // What the camera was set to, if it is this body that reads.
     let set = if args.body.is_none() { first.facts().iso_set } else { 0.0 };
     let reading = |k: usize| Reading {
-        iso: args.iso.map_or_else(|| if set > 0.0 { set } else { sensor.nearest_iso(100.0) }, |i| i.0),
+        iso: args.iso.map_or_else(|| if set > 0.0 { set } else { sensor.default_iso() }, |i| i.0),
         seed: args.seed.wrapping_add(k as u64),
         serial: args.raw.serial.clone().unwrap_or_else(|| Reading::FIRST_SERIAL.into()),
         temperature_c: args.raw.temperature,

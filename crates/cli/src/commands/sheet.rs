@@ -1,8 +1,8 @@
 //! `sheet`, and `shoot --vary ... --sheet`: one shot with a setting varied, as a contact sheet. What pictures share is done once: the scene is read
 //! once, pictures that differ only in ISO speed, noise or white share an exposure, and those that differ only in their development a raw image.
 
+use super::exposure_summary::setting;
 use super::print_json;
-use super::told::setting;
 use crate::AskedWrongly;
 use crate::args::{Sheet, Shoot};
 use crate::contact_sheet::{self, Below, Cell, ContactSheet, Kind};

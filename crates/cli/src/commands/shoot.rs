@@ -1,6 +1,6 @@
 //! `shoot`: the whole photograph, or a sequence of them.
 
-use super::told::{display, say_ambient, setting};
+use super::exposure_summary::{display, say_ambient, setting};
 use super::{print_json, stack};
 use crate::AskedWrongly;
 use crate::args::Shoot;

@@ -1,4 +1,4 @@
-//! What is made of a light field.
+//! The settings of a light field: what is sharp, how large the pupil is, from where it is seen.
 
 use crate::setting::section;
 

@@ -7,7 +7,7 @@ section! {
     /// Pixels that are broken.
     Defects "defects" {
         threshold: f64 = 0.0, "deviations", Number(0.0, 1000.0),
-            "pixels that stand out of all their neighbours by more are mended; 0 is off: stars are such pixels too";
+            "pixels that stand out of all their neighbours by more are corrected; 0 is off: stars are such pixels too";
     }
 }
 
@@ -51,7 +51,7 @@ impl Neighbours {
 
     /// Mends a plane (`width` wide; its corner at a place of the pattern) but for a border of [`Neighbours::reach`]. `deviation`: of
     /// the noise at a value, for the channel at a pixel of the plane.
-    pub fn mend(
+    pub fn corrected(
         &self,
         data: &[f32],
         width: usize,
@@ -99,10 +99,10 @@ mod tests {
             let clean = data.clone();
             data[15 * 40 + 11] = 0.9;
             data[22 * 40 + 28] = 0.0;
-            let mended = neighbours.mend(&data, 40, [0, 0], &cfa, 10.0, |_, _| 0.01);
-            let worst = mended.iter().zip(&clean).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+            let corrected = neighbours.corrected(&data, 40, [0, 0], &cfa, 10.0, |_, _| 0.01);
+            let worst = corrected.iter().zip(&clean).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
             assert!(worst < 0.11, "{pattern} {worst}");
-            assert_eq!(neighbours.mend(&clean, 40, [0, 0], &cfa, 10.0, |_, _| 0.01), clean, "{pattern}");
+            assert_eq!(neighbours.corrected(&clean, 40, [0, 0], &cfa, 10.0, |_, _| 0.01), clean, "{pattern}");
         }
     }
 }

@@ -265,7 +265,7 @@ impl Dataset {
         Ok(shot)
     }
 
-    /// The shot of an item; its paths hold wherever the program runs, if the folder of the specification is absolute.
+    /// The shot of an item; its paths hold wherever the program runs, if the folder of the specification is absolute. Fails on values that the draws of the item make and the shot file does not take.
     pub fn shot(&self, item: u64) -> Result<ShotFile, ShotError> {
         let mut shot = self.relative_shot(item)?;
         shot.place_paths(&self.folder);

@@ -44,7 +44,7 @@ pub(super) struct Tile {
     /// Whether these are the sums of all samples so far, or only of this pass.
     pub whole: bool,
     /// Pixels that wavelengths reach elsewhere: pixel number → sums `[band][replicate]`.
-    pub strays: BTreeMap<usize, Vec<[f64; 2]>>,
+    pub outside: BTreeMap<usize, Vec<[f64; 2]>>,
 }
 
 /// Light that lands on pixels all over the film, of samples of one replicate.
@@ -146,7 +146,7 @@ impl<S: RowStore> Sums<S> {
                 false => to.iter_mut().zip(line).for_each(|(a, b)| *a += b),
             }
         }
-        for (pixel, sums) in tile.strays {
+        for (pixel, sums) in tile.outside {
             let start = pixel % width * channels;
             let to = &mut self.sums.row_mut(pixel / width)?[start..start + channels];
             to.iter_mut().zip(sums.iter().flatten()).for_each(|(a, b)| *a += b);
@@ -190,7 +190,7 @@ pub(super) struct Finished {
 
 impl Sums {
     /// Mean and half difference of the replicates, with the stars of lamps. `direct`: where the sums of direct light begin, if there are any.
-    pub(super) fn finish(self, bands: usize, cascade: Option<Cascade>, stars: Option<Stars>, direct: Option<usize>) -> Finished {
+    pub(super) fn finish(&self, bands: usize, cascade: Option<Cascade>, stars: Option<Stars>, direct: Option<usize>) -> Finished {
         let (mut mean, mut half_difference, removed) = self.without_stars(bands, cascade);
         let mut direct = direct.map(|from| self.direct(from, &mean));
         if let Some(stars) = stars {

@@ -19,7 +19,7 @@ pub(super) struct TileSums {
     /// Whether they are on top of those of all samples before.
     whole: bool,
     /// Pixel number → `[band][half]`.
-    strays: BTreeMap<usize, Vec<[f64; 2]>>,
+    outside: BTreeMap<usize, Vec<[f64; 2]>>,
 }
 
 impl TileSums {
@@ -34,14 +34,14 @@ impl TileSums {
             true => before.chunks_exact(2).map(|halves| [halves[0], halves[1]]).collect(),
             false => vec![[0.0; 2]; (right - left) * (bottom - top) * bands],
         };
-        TileSums { left, top, right, bottom, columns: film.columns, bands, sums, whole, strays: BTreeMap::new() }
+        TileSums { left, top, right, bottom, columns: film.columns, bands, sums, whole, outside: BTreeMap::new() }
     }
 
     /// All of them.
     pub fn done(self) -> Tile {
         let sums = self.sums.into_flattened();
         let (column, row, width) = (self.left, self.top, self.right - self.left);
-        Tile { column, row, width, sums, whole: self.whole, strays: self.strays }
+        Tile { column, row, width, sums, whole: self.whole, outside: self.outside }
     }
 
     /// The sums of a pixel of the film.
@@ -52,7 +52,7 @@ impl TileSums {
             let start = ((y - self.top) * (self.right - self.left) + x - self.left) * bands;
             &mut self.sums[start..start + bands]
         } else {
-            self.strays.entry(y * self.columns + x).or_insert_with(|| vec![[0.0; 2]; bands])
+            self.outside.entry(y * self.columns + x).or_insert_with(|| vec![[0.0; 2]; bands])
         }
     }
 }

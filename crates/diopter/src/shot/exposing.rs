@@ -1,289 +1,112 @@
-//! From the scene to the picture: exposure, read-out, development.
+//! How the exposure of a shot is found: mode, metering, limits.
 
-use super::sections::{DiffractionChoice, FireflyChoice};
-use super::{ExposedStrips, Shot, ShotError, sequence, white_point};
-use crate::camera::{Camera, Film};
-use crate::denoising::{BUILT_IN, Denoise, Filter};
-use crate::expose::{Diffraction, Exposed, Exposure, Fireflies, Frames, Keep, Response, Settings, Sums, Watch};
-use crate::quick_look::Optics;
-use crate::row_store::PagedRows;
-use crate::stray::WithStray;
-use crate::{expose, quick_look};
-use diopter_develop::denoise::Denoised;
-use diopter_develop::develop;
-use diopter_image::focal_plane::{FocalPlaneSource, Truth};
-use diopter_image::{ExposureFacts, FocalPlane, Picture, Raster, RawImage};
-use diopter_lens::Lens;
-use diopter_sensor::read_out;
-use std::path::Path;
-use std::sync::Arc;
+use super::file::ShotFile;
+use super::{ShotError, value};
+use crate::metering::Pattern;
+use crate::program::Mode;
+use crate::quantity::Seconds;
+use diopter_sensor::Sensor;
+use std::ops::RangeInclusive;
 
-/// Samples a pixel where nothing but denoised pictures is made: what a denoiser makes good of.
-const DENOISED_SPP: u32 = 24;
+/// Compensation and filters that are taken for meant.
+const COMPENSATION_EV: RangeInclusive<f64> = -20.0..=20.0;
 
-impl Shot {
-    /// Facts as known so far.
-    pub fn facts(&self) -> ExposureFacts {
-        ExposureFacts { exposure_s: self.shutter.unwrap_or(0.0), iso: self.reading.iso, ..self.facts.clone() }
-    }
+const FILTER_STOPS: RangeInclusive<f64> = 0.0..=40.0;
 
-    /// What the film records.
-    pub(super) fn response(&self) -> Response {
-        match &self.spectral {
-            Some(bands) => Response::spectral(bands),
-            None if self.radiance => Response::linear_srgb(),
-            None => Response::sensor(&self.sensor),
-        }
-    }
+/// Highest speed that automatic ISO goes to when nobody says: where grain begins to be disliked.
+const DEFAULT_HIGHEST_ISO: f64 = 6400.0;
 
-    /// Bands that the film records.
-    pub fn bands(&self) -> usize {
-        self.response().bands.len()
-    }
-
-    /// Whether fireflies are re-weighted: if that was asked for, the film counts electrons and all samples are taken at once (parts and what they merge
-    /// to keep them).
-    pub fn reweights(&self) -> bool {
-        let electrons = !self.radiance && self.spectral.is_none();
-        self.fireflies == FireflyChoice::Reweight && electrons && !self.lens_cap && self.settings.is_whole()
-    }
-
-    /// Whether light is diffracted at the aperture: if that was asked for, or where it shows. Not in a quick look, whose rays know no aperture.
-    pub fn diffracts(&self) -> bool {
-        self.diffracts_through(&self.camera.lens)
-    }
-
-    /// The same with another lens, or the same set otherwise.
-    pub(crate) fn diffracts_through(&self, lens: &Lens) -> bool {
-        let possible = !self.lens_cap && !self.file.render.quick && !matches!(lens, Lens::Pinhole(_));
-        match self.diffraction {
-            DiffractionChoice::Off => false,
-            DiffractionChoice::On => possible,
-            DiffractionChoice::Auto => possible && expose::diffraction_shows(lens, &self.camera.film),
-        }
-    }
-
-    /// Whether what lamps send far out is spread apart: where there is diffraction and the film counts electrons, which say what a lamp is.
-    pub fn makes_stars(&self) -> bool {
-        self.stars && !self.radiance && self.spectral.is_none() && self.diffracts()
-    }
-
-    /// Bands that the sums of the exposure hold: those of the film, and more where fireflies are re-weighted, where lamps make stars and where direct
-    /// light is recorded.
-    pub fn summed_bands(&self) -> usize {
-        expose::summed_bands(self.bands(), self.reweights(), self.makes_stars(), self.settings.records_direct())
-    }
-
-    /// Exposes the film. [`Shot::meter`] must have been called.
-    pub fn expose(&self, watch: &Watch) -> Result<FocalPlane, ShotError> {
-        Ok(self.expose_from(None, watch, None)?.plane)
-    }
-
-    /// Exposes the film, or goes on from where `start` stands. `keep` and being stopped: see [`Exposure::run`]. What was stopped is not denoised, nor what
-    /// is denoised for pictures alone ([`Shot::for_pictures`]).
-    pub fn expose_from(&self, start: Option<Sums>, watch: &Watch, keep: Option<Keep>) -> Result<Exposed, ShotError> {
-        let facts = self.plane_facts();
-        let response = self.response();
-        if self.lens_cap {
-            let plane = darkness(&self.camera.film, &response, &self.settings, facts);
-            return Ok(Exposed { plane, stopped: false, stray: None });
-        }
-        let settings = self.light_settings(response.bands.len());
-        // The shapes of the blur cost seconds through a real lens: only a quick look asks for them.
-        let optics = if self.file.render.quick { Optics::of(&self.camera) } else { None };
-        let sharp = optics.is_some().then(|| quick_look::sharp_camera(&self.camera));
-        let exposure = Exposure {
-            scene: &self.scene,
-            camera: sharp.as_ref().unwrap_or(&self.camera),
-            shutter: &self.shutter(),
-            response: &response,
-            settings: &settings,
-            facts: &facts,
-        };
-        let Exposed { mut plane, stopped, .. } = exposure.run(watch, start, keep)?;
-        // A quick look has no rays through the lens.
-        if self.denoises_exposure()
-            && !stopped
-            && let Some(filter) = &self.filter
-        {
-            let features = self.features(exposure.camera);
-            plane = filter.denoise(&plane, features.as_ref())?;
-        }
-        // After denoising, whose guides are sharp.
-        if let Some(optics) = optics {
-            plane = quick_look::of_plane(&plane, &optics);
-        }
-        // It has no noise that a filter should see, and glare is of what was denoised.
-        let stray = match self.file.render.quick {
-            true => None,
-            false => exposure.stray_light(|seen| seen.add_rows(&plane.mean, 0)),
-        };
-        if let Some(stray) = &stray {
-            stray.change(&mut plane, 0);
-        }
-        plane.facts.light_scale = self.settings.light_scale;
-        Ok(Exposed { plane, stopped, stray })
-    }
-
-    /// Whether [`Shot::expose_rows`] can take this exposure: a quick look and Open Image Denoise work on the whole plane, and a lens cap needs no light.
-    pub fn can_expose_rows(&self) -> bool {
-        !self.lens_cap && !self.file.render.quick && self.denoise != Denoise::Oidn
-    }
-
-    /// Says that pictures to look at are developed from this shot, beside raw files or planes if `raw_too`: where nobody said otherwise
-    /// ([`Denoise::Auto`]) they are denoised, by [`Shot::for_pictures`], and made of fewer samples. `warn` gets what is wrong with the filter.
-    ///
-    /// Light fields are left: behind microlenses neighbours see other parts of the scene. A quick look makes its blur from a sharp exposure, which is
-    /// the one that is denoised, unless raw files are made of it.
-    pub fn denoise_pictures(&mut self, raw_too: bool, warn: &mut dyn FnMut(&str)) -> Result<(), ShotError> {
-        let quick = self.file.render.quick;
-        if self.denoise == Denoise::Auto && self.camera.film.microlenses.is_none() && !self.lens_cap && !(quick && raw_too) {
-            self.filter = Filter::open(Denoise::Auto, self.file.render.oidn.as_deref(), warn)?;
-            let render = &self.file.render;
-            if self.filter.is_some()
-                && !raw_too
-                && render.spp.is_none()
-                && render.samples.is_none()
-                && render.time_limit.is_none()
-            {
-                self.settings = Settings { spp: DENOISED_SPP, samples: 0..DENOISED_SPP, ..self.settings.clone() };
-            }
-        }
-        Ok(())
-    }
-
-    /// Whether the exposure itself is denoised, and with it all that is made of it.
-    pub(super) fn denoises_exposure(&self) -> bool {
-        self.filter.is_some() && (self.denoise != Denoise::Auto || self.file.render.quick)
-    }
-
-    /// What the filter is guided by instead of the truth: what is behind smooth glass and in mirrors, which networks have learnt from.
-    pub(super) fn features(&self, camera: &Camera) -> Option<Truth> {
-        let network = matches!(&self.filter, Some(Filter::Oidn(_)));
-        network.then(|| expose::features(&self.scene, camera, &self.shutter()))
-    }
-
-    /// The exposure that pictures to look at are developed from, if it is another than `plane`: one without the renderer's noise. What was stopped is
-    /// not denoised.
-    pub fn for_pictures(&self, exposed: &Exposed) -> Result<Option<FocalPlane>, ShotError> {
-        match &self.filter {
-            Some(filter) if !self.denoises_exposure() && !exposed.stopped => {
-                let Some(stray) = &exposed.stray else {
-                    return Ok(Some(filter.denoise(&exposed.plane, self.features(&self.camera).as_ref())?));
-                };
-                // Ghosts have no noise, and edges that the guides do not know.
-                let mut plane = exposed.plane.clone();
-                stray.take_from(&mut plane.mean);
-                let mut plane = filter.denoise(&plane, self.features(&self.camera).as_ref())?;
-                stray.add_to(&mut plane.mean, 0);
-                Ok(Some(plane))
-            }
-            _ => Ok(None),
-        }
-    }
-
-    /// The same for planes that memory cannot hold, in about `memory` bytes beside what [`Shot::bytes_needed`] says: the sums lie in a temporary file in
-    /// `folder`. [`Shot::can_expose_rows`] must hold.
-    pub fn expose_rows(
-        &self,
-        start: Option<Sums<PagedRows>>,
-        watch: &Watch,
-        keep: Option<Keep<PagedRows>>,
-        memory: usize,
-        folder: &Path,
-    ) -> Result<ExposedStrips<'_>, ShotError> {
-        let (facts, response) = (self.plane_facts(), self.response());
-        let settings = self.light_settings(response.bands.len());
-        let shutter = self.shutter();
-        let exposure = Exposure {
-            scene: &self.scene,
-            camera: &self.camera,
-            shutter: &shutter,
-            response: &response,
-            settings: &settings,
-            facts: &facts,
-        };
-        let mut exposed = exposure.run_paged(watch, start, keep, memory, folder)?;
-        exposed.facts.light_scale = self.settings.light_scale;
-        let stopped = exposed.stopped;
-        let stray = exposure.stray_light(|seen| exposed.gather(seen));
-        let rows = exposed.rows(&self.scene);
-        let plane: Box<dyn FocalPlaneSource + '_> = match self.denoises_exposure() && !stopped {
-            true => {
-                let farthest = rows.farthest_log_depth();
-                Box::new(Denoised::new(rows, farthest).named(BUILT_IN))
-            }
-            false => Box::new(rows),
-        };
-        let plane: Box<dyn FocalPlaneSource + '_> = match stray {
-            Some(stray) => Box::new(WithStray::new(plane, stray)),
-            None => plane,
-        };
-        Ok(ExposedStrips { plane, stopped })
-    }
-
-    /// Facts of a focal plane: the speed is the read-out's; what the camera was set to goes with the plane.
-    pub(super) fn plane_facts(&self) -> ExposureFacts {
-        ExposureFacts { iso: 0.0, iso_set: self.reading.iso, ..self.facts() }
-    }
-
-    /// The frames before and after this exposure, where truth asks for them: of a film at its own rate, of a single picture as of a film of 24 frames a second.
-    pub(super) fn frames(&self) -> Option<Frames> {
-        if !self.settings.truth_channels.iter().any(|c| c.needs_frames) {
-            return None;
-        }
-        let (at_s, step_s) = (self.timing.at_s, 1.0 / self.file.sequence.fps.unwrap_or(sequence::FPS));
-        let total = self.shutter().total_s();
-        // A stabiliser that stood ready for this exposure does so for the others.
-        let way = |at_s: f64| self.way(&self.timing.moved_to(at_s), total).ok();
-        Some(Frames { at_s, step_s, next: way(at_s + step_s)?, previous: way(at_s - step_s)? })
-    }
-
-    /// Settings of the exposure itself. What a filter takes is one factor on all light: the plane's facts keep it apart from the scene's own scale.
-    pub(super) fn light_settings(&self, bands: usize) -> Settings {
-        let mut settings = self.settings.clone();
-        settings.rgb = self.rgb && self.radiance && self.spectral.is_none();
-        settings.light_scale *= (-self.exposing.nd_stops).exp2();
-        settings.time_limit_s = self.time_left_s(bands);
-        settings.frames = self.frames().map(Arc::new);
-        let white_e =
-            self.sensor.at_iso(self.reading.iso).map_or(self.sensor.full_well_e, |step| self.sensor.saturation_e(&step));
-        if self.reweights() {
-            settings.fireflies = Fireflies::Reweight { white_e };
-        }
-        if self.diffracts() {
-            settings.diffraction = Diffraction::On { white_e: self.makes_stars().then_some(white_e) };
-        }
-        settings
-    }
-
-    /// Reads the film out.
-    pub fn read_out(&self, plane: &FocalPlane) -> Result<RawImage, ShotError> {
-        let mut raw = read_out(plane, &self.sensor, &self.reading, &white_point(&self.reading.white)?)?;
-        raw.header.facts.date.clone_from(&self.date);
-        raw.header.baseline_ev += self.held_back_ev;
-        if self.settings.half.is_some() {
-            // Half of the light: developed as bright as whole pixels.
-            raw.header.baseline_ev += 1.0;
-            raw.header.facts.serial.clone_from(&self.facts.serial);
-        }
-        Ok(raw)
-    }
-
-    /// Develops a raw image by the shot's recipe.
-    pub fn develop(&self, raw: &RawImage) -> Result<Picture, ShotError> {
-        Ok(develop(raw, &self.recipe, self.lut.clone())?)
-    }
+/// How the exposure is found.
+#[derive(Clone, Debug)]
+pub(super) struct Exposing {
+    pub mode: Mode,
+    pub pattern: Pattern,
+    pub at: [f64; 2],
+    pub compensation_ev: f64,
+    pub nd_stops: f64,
+    /// Automatic ISO: its limits.
+    pub auto_iso: Option<[f64; 2]>,
+    /// The limits of real dials hold.
+    pub dials: bool,
+    pub slowest_s: Option<f64>,
+    pub step: Option<crate::stops::Step>,
 }
 
-/// The exposure of a film that no light reaches.
-fn darkness(film: &Film, response: &Response, settings: &Settings, facts: ExposureFacts) -> FocalPlane {
-    let (width, height, bands) = (film.columns, film.rows, response.bands.len());
-    FocalPlane {
-        bands: response.bands.clone(),
-        mean: Raster::new(width, height, bands),
-        half_difference: Raster::new(width, height, bands),
-        truth: Truth::empty(width, height),
-        facts: ExposureFacts { seed: settings.seed, samples: 1, light_scale: 1.0, ..facts },
+impl Exposing {
+    /// Checks what was asked of a body.
+    pub fn new(file: &ShotFile, sensor: &Sensor) -> Result<Self, ShotError> {
+        let e = &file.exposure;
+        let mode = match e.mode.as_deref() {
+            Some(name) => Mode::named(name).ok_or_else(|| value("mode", format!("\"{name}\""), "M, A (Av), S (Tv) or P"))?,
+            None if e.shutter.is_some() => Mode::Manual,
+            None => Mode::AperturePriority,
+        };
+        if e.shutter.is_none() && matches!(mode, Mode::Manual | Mode::ShutterPriority) && !e.lens_cap {
+            return Err(value(
+                "mode",
+                mode.name(),
+                "an exposure time beside it (--shutter 1/125): in this mode the camera does not choose it",
+            ));
+        }
+        let pattern = match e.metering.as_deref() {
+            // A place to look at means the spot.
+            None if e.metering_at.is_some() => Pattern::Spot,
+            None => Pattern::default(),
+            Some(name) => Pattern::named(name).ok_or_else(|| {
+                value("metering", format!("\"{name}\""), format!("one of {}", Pattern::NAMES.map(|n| n.0).join(", ")))
+            })?,
+        };
+        let at = e.metering_at.unwrap_or([0.5; 2]);
+        if !at.iter().all(|v| (0.0..=1.0).contains(v)) {
+            return Err(value("metering_at", format!("{},{}", at[0], at[1]), "a place in the picture: 0 to 1 across and down"));
+        }
+        let compensation_ev = e.compensation.map_or(0.0, |c| c.0);
+        if !COMPENSATION_EV.contains(&compensation_ev) {
+            return Err(value("compensation", compensation_ev, "-20 to 20 EV"));
+        }
+        let nd_stops = e.nd.map_or(0.0, |n| n.0);
+        if !FILTER_STOPS.contains(&nd_stops) {
+            return Err(value("nd", nd_stops, "a filter of 0 to 40 stops, such as ND8 or \"3 stops\""));
+        }
+        let range = [
+            sensor.iso.iter().map(|s| s.iso).fold(f64::INFINITY, f64::min),
+            sensor.iso.iter().map(|s| s.iso).fold(0.0, f64::max),
+        ];
+        let auto_iso = match e.iso {
+            Some(crate::quantity::IsoChoice::Auto) => {
+                let highest = e.iso_max.map_or(range[1].min(DEFAULT_HIGHEST_ISO.max(range[0])), |i| i.0);
+                let lowest = e.iso_min.map_or(range[0], |i| i.0);
+                sensor.at_iso(lowest)?;
+                sensor.at_iso(highest)?;
+                if lowest > highest {
+                    return Err(value("iso_max", highest, format!("at least the lowest speed, ISO {lowest}")));
+                }
+                Some([lowest, highest])
+            }
+            _ => None,
+        };
+        if auto_iso.is_none() && (e.iso_max.is_some() || e.iso_min.is_some()) {
+            return Err(value(
+                "iso_min or iso_max",
+                e.iso_max.or(e.iso_min).map_or(String::new(), |i| i.to_string()),
+                "--iso auto beside it",
+            ));
+        }
+        let slowest_s = e.slowest.map(|s| s.0);
+        if slowest_s.is_some_and(|s| !(s > 0.0 && s.is_finite())) {
+            return Err(value("slowest", slowest_s.map_or(String::new(), |s| Seconds(s).to_string()), "a time above 0"));
+        }
+        let step = match e.dial.as_deref() {
+            None => None,
+            Some(name) => Some(
+                crate::stops::Step::NAMES
+                    .iter()
+                    .find(|n| n.0 == name)
+                    .map(|n| n.1)
+                    .ok_or_else(|| value("dial", format!("\"{name}\""), "full, half or third"))?,
+            ),
+        };
+        let dials = e.mode.is_some();
+        Ok(Exposing { mode, pattern, at, compensation_ev, nd_stops, auto_iso, dials, slowest_s, step })
     }
 }

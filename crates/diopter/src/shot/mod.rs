@@ -28,6 +28,7 @@ mod settle;
 mod sources;
 mod staging;
 mod surroundings;
+mod taking;
 mod time_limit;
 mod timing;
 mod vary;
@@ -50,10 +51,8 @@ use crate::calibration::{self, Calibration, CalibrationError, Frame, PrincipalRa
 use crate::camera::Camera;
 use crate::denoising::{Denoise, Filter};
 use crate::expose::Settings;
-use crate::metering::Pattern;
 use crate::moving_part::MovingState;
-use crate::program::Mode;
-use crate::quantity::{Seconds, SpectralBands};
+use crate::quantity::SpectralBands;
 use crate::stabiliser::Stabiliser;
 use crate::{lens_profile, recipe_file};
 use diopter_develop::Recipe;
@@ -66,9 +65,9 @@ use diopter_scene::bvh::Bounds;
 use diopter_scene::{Scene, SceneError, builtin};
 use diopter_sensor::format;
 use diopter_sensor::{Reading, Sensor};
+use exposing::Exposing;
 use focusing::Focusing;
 use glam::{Affine3A, Vec3};
-use std::ops::RangeInclusive;
 use std::time::Instant;
 use timing::Timing;
 
@@ -150,22 +149,6 @@ pub struct Shot {
     /// What moves against the shake of the camera.
     stabiliser: Option<Stabiliser>,
     facts: ExposureFacts,
-}
-
-/// How the exposure is found.
-#[derive(Clone, Debug)]
-struct Exposing {
-    mode: Mode,
-    pattern: Pattern,
-    at: [f64; 2],
-    compensation_ev: f64,
-    nd_stops: f64,
-    /// Automatic ISO: its limits.
-    auto_iso: Option<[f64; 2]>,
-    /// The limits of real dials hold.
-    dials: bool,
-    slowest_s: Option<f64>,
-    step: Option<crate::stops::Step>,
 }
 
 /// Steps of an exposure at which a calibration says where what moves against shake stands.
@@ -364,97 +347,12 @@ fn with_comma(text: String) -> String {
     if text.is_empty() { text } else { format!(", {text}") }
 }
 
-/// Compensation and filters that are taken for meant.
-const COMPENSATION_EV: RangeInclusive<f64> = -20.0..=20.0;
-const FILTER_STOPS: RangeInclusive<f64> = 0.0..=40.0;
-
-impl Exposing {
-    fn new(file: &ShotFile, sensor: &Sensor) -> Result<Self, ShotError> {
-        let e = &file.exposure;
-        let mode = match e.mode.as_deref() {
-            Some(name) => Mode::named(name).ok_or_else(|| value("mode", format!("\"{name}\""), "M, A (Av), S (Tv) or P"))?,
-            None if e.shutter.is_some() => Mode::Manual,
-            None => Mode::AperturePriority,
-        };
-        if e.shutter.is_none() && matches!(mode, Mode::Manual | Mode::ShutterPriority) && !e.lens_cap {
-            return Err(value(
-                "mode",
-                mode.name(),
-                "an exposure time beside it (--shutter 1/125): in this mode the camera does not choose it",
-            ));
-        }
-        let pattern = match e.metering.as_deref() {
-            // A place to look at means the spot.
-            None if e.metering_at.is_some() => Pattern::Spot,
-            None => Pattern::default(),
-            Some(name) => Pattern::named(name).ok_or_else(|| {
-                value("metering", format!("\"{name}\""), format!("one of {}", Pattern::NAMES.map(|n| n.0).join(", ")))
-            })?,
-        };
-        let at = e.metering_at.unwrap_or([0.5; 2]);
-        if !at.iter().all(|v| (0.0..=1.0).contains(v)) {
-            return Err(value("metering_at", format!("{},{}", at[0], at[1]), "a place in the picture: 0 to 1 across and down"));
-        }
-        let compensation_ev = e.compensation.map_or(0.0, |c| c.0);
-        if !COMPENSATION_EV.contains(&compensation_ev) {
-            return Err(value("compensation", compensation_ev, "-20 to 20 EV"));
-        }
-        let nd_stops = e.nd.map_or(0.0, |n| n.0);
-        if !FILTER_STOPS.contains(&nd_stops) {
-            return Err(value("nd", nd_stops, "a filter of 0 to 40 stops, such as ND8 or \"3 stops\""));
-        }
-        let range = [
-            sensor.iso.iter().map(|s| s.iso).fold(f64::INFINITY, f64::min),
-            sensor.iso.iter().map(|s| s.iso).fold(0.0, f64::max),
-        ];
-        let auto_iso = match e.iso {
-            Some(crate::quantity::IsoChoice::Auto) => {
-                let highest = e.iso_max.map_or(range[1].min(DEFAULT_HIGHEST_ISO.max(range[0])), |i| i.0);
-                let lowest = e.iso_min.map_or(range[0], |i| i.0);
-                sensor.at_iso(lowest)?;
-                sensor.at_iso(highest)?;
-                if lowest > highest {
-                    return Err(value("iso_max", highest, format!("at least the lowest speed, ISO {lowest}")));
-                }
-                Some([lowest, highest])
-            }
-            _ => None,
-        };
-        if auto_iso.is_none() && (e.iso_max.is_some() || e.iso_min.is_some()) {
-            return Err(value(
-                "iso_min or iso_max",
-                e.iso_max.or(e.iso_min).map_or(String::new(), |i| i.to_string()),
-                "--iso auto beside it",
-            ));
-        }
-        let slowest_s = e.slowest.map(|s| s.0);
-        if slowest_s.is_some_and(|s| !(s > 0.0 && s.is_finite())) {
-            return Err(value("slowest", slowest_s.map_or(String::new(), |s| Seconds(s).to_string()), "a time above 0"));
-        }
-        let step = match e.dial.as_deref() {
-            None => None,
-            Some(name) => Some(
-                crate::stops::Step::NAMES
-                    .iter()
-                    .find(|n| n.0 == name)
-                    .map(|n| n.1)
-                    .ok_or_else(|| value("dial", format!("\"{name}\""), "full, half or third"))?,
-            ),
-        };
-        let dials = e.mode.is_some();
-        Ok(Exposing { mode, pattern, at, compensation_ev, nd_stops, auto_iso, dials, slowest_s, step })
-    }
-}
-
-/// Highest speed that automatic ISO goes to when nobody says: where grain begins to be disliked.
-const DEFAULT_HIGHEST_ISO: f64 = 6400.0;
-
-/// What is known of an exposure from its lens.
 /// Whether the profile of the lens is computed: for files, which hold it, always; for a draft where the development corrects by it.
 fn wants_profile(file: &ShotFile, draft: bool) -> bool {
     !draft || file.develop.lens != Default::default()
 }
 
+/// What is known of an exposure from its lens.
 fn lens_facts(camera: &Camera, sensor: &Sensor, with_profile: bool) -> ExposureFacts {
     let lens_name = match &camera.lens {
         Lens::Pinhole(hole) => match hole.projection {

@@ -194,7 +194,7 @@ fn build_of(name: &str) -> Option<(&str, &str)> {
     name.rsplit_once('#').filter(|(sheet, _)| sheet.ends_with(".toml"))
 }
 
-/// Name of a lens that a file names: another file stands beside that one.
+/// What a lens is called by that a sheet (`file`) names: a path counts from the folder of the sheet, an embedded name is as it is.
 pub fn lens_beside(named: &str, file: &Path) -> String {
     match file.parent().filter(|_| is_lens_file(named)) {
         Some(folder) => folder.join(named).to_string_lossy().into_owned(),

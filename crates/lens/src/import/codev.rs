@@ -27,10 +27,10 @@
 //! | other commands zoomed | the first position stands, with a note; shapes and glasses: error |
 //! | AFI; HOE, GRT, other SPS; all others | error |
 
-mod shape;
+mod surface;
 mod syntax;
 
-use self::shape::{Decenter, Kind, Opening, Place, Special};
+use self::surface::{Decenter, Kind, Opening, Place, Special};
 use self::syntax::{commands, is_qualifier, surface_number, words};
 use super::configurations::{Configurations, MOST as MOST_CONFIGURATIONS};
 use super::layout::{ahead, lay_out};

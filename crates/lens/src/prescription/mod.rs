@@ -138,7 +138,7 @@ impl Gap {
         self.values.len() > 1
     }
 
-    /// At a zoom position (0 the first column, fractions between them) and focus (0 infinity, 1 close).
+    /// The gap, mm, at a zoom position (0 the first column, fractions between them, straight) and a focus (0 infinity, 1 the close position).
     pub fn at(&self, zoom: f64, focus: f64) -> f64 {
         let row = |r: &Vec<f64>| interpolate(r, zoom);
         match &self.values[..] {

@@ -34,6 +34,7 @@ use crate::glass::Glass;
 use crate::gradient::Gradient;
 use crate::iris::Iris;
 use crate::surface::{Asphere, Profile};
+use crate::toml_place::line_of;
 use serde::Deserialize;
 use std::collections::BTreeMap;
 use std::fmt::Write;
@@ -203,11 +204,6 @@ impl From<Row> for Vec<f64> {
             Row::Zoom(v) => v,
         }
     }
-}
-
-/// Line, counted from 1, of a byte offset.
-fn line_of(text: &str, offset: usize) -> usize {
-    text.as_bytes()[..offset.min(text.len())].iter().filter(|b| **b == b'\n').count() + 1
 }
 
 /// Reads a prescription; `file` is its name in errors.

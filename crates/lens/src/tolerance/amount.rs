@@ -1,4 +1,4 @@
-//! Amounts of a sheet with their units, and the lines they stand in.
+//! Amounts of a sheet with their units.
 
 use serde::Deserialize;
 
@@ -61,9 +61,4 @@ pub(super) fn amount(key: &str, a: &Amount, usual: Unit, allowed: &[Unit], examp
         return Err(wrong(&found));
     }
     Ok((value, unit))
-}
-
-/// Line, counted from 1, of a byte offset.
-pub(crate) fn line_of(text: &str, offset: usize) -> usize {
-    text.as_bytes()[..offset.min(text.len())].iter().filter(|b| **b == b'\n').count() + 1
 }

@@ -2,9 +2,10 @@
 //! that are centred or tilted under a test target. The film's own refocus is solved in closed form (`assess.rs`); the others, which
 //! [`Change`] names, by damped least squares of all rays within how far each may move. Source: Smith, "Modern Optical Engineering" (4th ed.), §16.5.
 
-use super::amount::{Amount, Unit, amount, line_of};
+use super::amount::{Amount, Unit, amount};
 use super::parameter::{Axis, Change, Distribution, Parameter};
 use crate::prescription::{Prescription, PrescriptionError};
+use crate::toml_place::line_of;
 use serde::Deserialize;
 use toml::Spanned;
 

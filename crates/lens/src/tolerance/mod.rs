@@ -7,15 +7,14 @@
 //!
 //! Quantities are measured with the compensators set for the lens at hand, of the design, too.
 
-mod adjust;
 mod amount;
 mod assess;
+mod compensate;
 mod compensator;
 mod parameter;
 mod quantity;
 mod sheet;
 
-pub(crate) use amount::line_of;
 pub(crate) use assess::wavefront_rms;
 #[cfg(test)]
 pub(crate) use parameter::bend;

@@ -34,13 +34,14 @@
 //! at_least = 0.4
 //! ```
 
-use super::amount::{Amount, Unit, amount, line_of};
+use super::amount::{Amount, Unit, amount};
 use super::compensator::Compensators;
 use super::parameter::{Axis, Change, Distribution, FRINGE_NM, Parameter, elements_of};
 use super::quantity::{Direction, Limit, QuantityKind};
 use crate::glass::GlassKind;
 use crate::prescription::{Prescription, PrescriptionError};
 use crate::surface::Profile;
+use crate::toml_place::line_of;
 use diopter_light::names::nearest;
 use serde::Deserialize;
 use toml::Spanned;

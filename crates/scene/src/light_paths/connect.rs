@@ -3,7 +3,7 @@
 //! A camera vertex looks at some vertices of the pool, keeps one in proportion to the light that it would bring if nothing were in the way (resampled
 //! importance sampling; Talbot, Cline & Egbert 2005), and asks whether that one can be seen.
 
-use super::connectable::can_connect;
+use super::can_connect::can_connect;
 use super::vertices::{CANDIDATES, Candidate, LEAST_COSINE, LightVertices, Weights, squared};
 use crate::light::{LightRef, LightSample, Spot};
 use crate::material::{Bsdf, Material, Principled, Scatter};

@@ -43,9 +43,9 @@
 //! A map is drawn from the seed, its number, its replicate and the photon's number alone; even and odd samples of a pixel use maps of their own,
 //! so that their half difference sees the noise of photons, too.
 
+mod can_connect;
 mod casters;
 pub(crate) mod connect;
-mod connectable;
 mod emission;
 mod map;
 mod parallel;
@@ -54,7 +54,6 @@ mod trace;
 mod vertices;
 mod volume_map;
 
-pub use connectable::ConnectionSettings;
 pub use map::PhotonMap;
 pub use parallel::CameraRays;
 pub use vertices::{Connections, LightVertices};
@@ -84,6 +83,19 @@ pub enum Lamps {
     All,
 }
 
+/// How connections are made.
+#[derive(Clone, Debug)]
+pub struct ConnectionSettings {
+    /// Seed.
+    pub seed: u64,
+    /// Most scattering events of a path, from lamp to camera.
+    pub max_depth: u32,
+    /// Light paths of a pool.
+    pub paths: u32,
+    /// Paths carry red, green and blue instead of wavelengths.
+    pub rgb: bool,
+}
+
 /// How caustics are computed.
 #[derive(Clone, Debug)]
 pub struct CausticSettings {
@@ -105,6 +117,13 @@ impl Default for CausticSettings {
     /// Small lamps, 2¹⁸ photons a map, depth 64, seed 1, no duration.
     fn default() -> Self {
         CausticSettings { lamps: Lamps::Small, seed: 1, max_depth: 64, photons: 1 << 18, rgb: false, span_s: 0.0 }
+    }
+}
+
+impl Default for ConnectionSettings {
+    /// 2¹⁶ light paths a pool, depth 64, seed 1.
+    fn default() -> Self {
+        ConnectionSettings { seed: 1, max_depth: 64, paths: 1 << 16, rgb: false }
     }
 }
 

@@ -6,7 +6,8 @@
 //! found no light path begins, and camera paths have the light to themselves: the weights of [`super::vertices`] know the density of every line, so there is
 //! no bias.
 
-use super::connectable::{ConnectionSettings, can_connect};
+use super::ConnectionSettings;
+use super::can_connect::can_connect;
 use super::emission::SMALL_DISC;
 use crate::light::punctual::{disc_density, disc_sr, within_disc};
 use crate::light::{LightSample, Punctual, PunctualKind, Spot};

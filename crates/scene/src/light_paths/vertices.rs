@@ -24,7 +24,8 @@
 //! path that connects to it ([`LightVertices::state_at`]): the same places, with scattering functions, densities and light of
 //! those wavelengths, over the densities by which the path was drawn. So there is no bias, and no wavelengths are joined.
 
-use super::connectable::{ConnectionSettings, can_connect};
+use super::ConnectionSettings;
+use super::can_connect::can_connect;
 use super::emission::bodies_at;
 use super::parallel::{CameraRays, Parallel};
 use crate::light::{LightRef, Modulation, PunctualKind};
@@ -489,7 +490,7 @@ impl<'a> Connections<'a> {
                 });
                 traced.vertices.push(LightVertex { to_prev, state: here, path, event: event_number });
             }
-            // Go on.
+            // Go on, by Russian roulette on what is scattered.
             let scatter = bsdf.sample(u).filter(|s| !s.disperses && (!s.specular || depth > 0));
             let is_straight = |s: &crate::material::Scatter| s.specular && s.transmitted && bsdf.straight_through().is_some();
             let Some(scatter) = scatter.filter(|s| !is_straight(s)) else {

@@ -7,9 +7,9 @@
 
 use super::conductor::{Conductor, ConductorLobe};
 use super::energy::{Escape, Interface, prepare_mirrors};
+use super::local_scatter::LocalScatter;
 use super::microfacet::{Ggx, fresnel_dielectric, reflect, refract};
 use super::polarization::{Event, dielectric, s_axis};
-use super::scatter::LocalScatter;
 use crate::exact::{Exact, Sink, Source, field};
 use crate::shape::Surface;
 use crate::texture::Scalar;

@@ -1,9 +1,9 @@
 //! Metals by their complex index of refraction, smooth or rough (GGX).
 
 use super::energy::{mirror_albedo_at, prepare_mirrors};
+use super::local_scatter::LocalScatter;
 use super::microfacet::{Ggx, fresnel_conductor, reflect};
 use super::polarization::{Event, InPlane, conductor, s_axis};
-use super::scatter::LocalScatter;
 use crate::shape::Surface;
 use crate::texture::Scalar;
 use diopter_light::spectrum::Table;

@@ -1,6 +1,6 @@
 //! Lambertian reflection: f = albedo / π.
 
-use super::scatter::LocalScatter;
+use super::local_scatter::LocalScatter;
 use diopter_light::{Sampled, sampling};
 use glam::Vec3;
 use std::f32::consts::FRAC_1_PI;

@@ -9,8 +9,8 @@
 //! Differences from pbrt: the modified Bessel function is computed to single precision, which takes the error of energy from 2 % to rounding, and
 //! absorption by melanin is upsampled for each of its two kinds. Limits: fibres are round, their medulla is not modelled.
 
+use super::local_scatter::LocalScatter;
 use super::microfacet::fresnel_dielectric;
-use super::scatter::LocalScatter;
 use crate::shape::Surface;
 use crate::texture::{Color, Graph, Scalar};
 use diopter_light::spectrum::Table;

@@ -12,12 +12,12 @@ pub mod diffuse;
 pub mod energy;
 pub mod film;
 pub mod hair;
+pub(crate) mod local_scatter;
 pub mod measured;
 pub mod microfacet;
 pub(crate) mod pictures;
 pub mod polarization;
 pub mod principled;
-pub(crate) mod scatter;
 pub mod sheen;
 
 pub use anisotropy::Anisotropy;

@@ -10,7 +10,7 @@ use super::medium_segment::MediumSegment;
 use super::prev_scatter::PrevScatter;
 use super::tally::{Scattered, Tally};
 use super::to_light::{MOST_FACES, Past, past};
-use super::weights::{MOST_SURVIVAL, mis, squared_ratio, survives};
+use super::weights::{MOST_SURVIVAL, mis, russian_roulette, squared_ratio};
 use super::{CameraPath, PathSettings};
 use crate::light::LightRef;
 use crate::light_paths::connect::{CameraState, CameraVertex, Picked};
@@ -401,9 +401,9 @@ impl<'a> Transport<'a> {
             let thin_dielectrics = self.settings.max_depth - path.depth() - 1;
             let vertex = path.vertex;
             let stream = || sampler.stream(Set::Transmittance(vertex));
-            let mut sheets = T::Sheets::default();
+            let mut passed = T::ThinDielectrics::default();
             let past = scene.light_past(
-                &mut sheets,
+                &mut passed,
                 contribution,
                 surface.point,
                 origin,
@@ -419,7 +419,7 @@ impl<'a> Transport<'a> {
                 true => arrives * ((1.0 + by_chance) / (1.0 + by_chance + by_connection)),
                 false => arrives,
             };
-            let scattered = Scattered { bsdf, wo: here.wo, wi: light_sample.wi, sheets: &sheets };
+            let scattered = Scattered { bsdf, wo: here.wo, wi: light_sample.wi, passed: &passed };
             let events = path.depth() + 1 + crossed;
             path.tally.add_scattered(arrives, events, scattered, || scene.polarization(&light_sample));
         }
@@ -437,9 +437,9 @@ impl<'a> Transport<'a> {
         let vertex = Vertex { segment: &segment, point: here.surface.point, depth: path.depth() };
         let tally = &mut path.tally;
         let add = |light: Sampled, events: u32, wi: Vec3| {
-            let sheets = T::Sheets::default();
+            let passed = T::ThinDielectrics::default();
             // The medium depolarises it.
-            tally.add_scattered(light, events, Scattered { bsdf: here.bsdf, wo: here.wo, wi, sheets: &sheets }, || None);
+            tally.add_scattered(light, events, Scattered { bsdf: here.bsdf, wo: here.wo, wi, passed: &passed }, || None);
         };
         let sought = vertex.joint(path.throughput, |direction| here.bsdf.eval(direction), leave, add);
         sought.then(|| medium_stack.medium(self.scene))
@@ -504,7 +504,7 @@ impl<'a> Transport<'a> {
         }
         path.eta_scale *= scatter.eta_scale;
         path.vertex += 1;
-        if !survives(&mut path.throughput, path.eta_scale, path.vertex, u[3], path.roulette_depth, MOST_SURVIVAL) {
+        if !russian_roulette(&mut path.throughput, path.eta_scale, path.vertex, u[3], path.roulette_depth, MOST_SURVIVAL) {
             return Next::Ended;
         }
         let normal = if transmitted { -here.ng } else { here.ng };

@@ -15,12 +15,12 @@ use glam::{Mat4, Vec3, Vec4};
 pub(crate) const DIRECT_EVENTS: u32 = 1;
 
 /// Thin dielectrics that light from a lamp goes through, one after another as the path meets them.
-pub(crate) trait Sheets: Default {
+pub(crate) trait ThinDielectrics: Default {
     /// One more, its scattering function seen from the path.
     fn cross(&mut self, bsdf: &Bsdf, direction: Vec3);
 }
 
-impl Sheets for () {
+impl ThinDielectrics for () {
     #[inline]
     fn cross(&mut self, _: &Bsdf, _: Vec3) {}
 }
@@ -34,13 +34,13 @@ pub(super) struct Scattered<'a, 'm, S> {
     /// The direction from which it came.
     pub wi: Vec3,
     /// What it came through.
-    pub sheets: &'a S,
+    pub passed: &'a S,
 }
 
 /// Sums of the light of a path.
 pub(super) trait Tally {
     /// What is known of thin dielectrics before a lamp.
-    type Sheets: Sheets;
+    type ThinDielectrics: ThinDielectrics;
 
     /// Adds unpolarised light that arrives along the ray and was scattered so many times between lamp and camera.
     fn add(&mut self, light: Sampled, events: u32);
@@ -66,7 +66,7 @@ pub(super) trait Tally {
         &mut self,
         light: Sampled,
         events: u32,
-        _: Scattered<Self::Sheets>,
+        _: Scattered<Self::ThinDielectrics>,
         _: impl FnOnce() -> Option<LinearlyPolarized>,
     ) {
         self.add(light, events);
@@ -82,7 +82,7 @@ pub(super) trait Tally {
 }
 
 impl Tally for Sampled {
-    type Sheets = ();
+    type ThinDielectrics = ();
 
     #[inline]
     fn add(&mut self, light: Sampled, _: u32) {
@@ -103,7 +103,7 @@ pub(super) struct Apart {
 }
 
 impl Tally for Apart {
-    type Sheets = ();
+    type ThinDielectrics = ();
 
     #[inline]
     fn add(&mut self, light: Sampled, events: u32) {
@@ -132,7 +132,7 @@ pub(super) struct Gathered {
 }
 
 impl Tally for Gathered {
-    type Sheets = ();
+    type ThinDielectrics = ();
 
     #[inline]
     fn add(&mut self, light: Sampled, _: u32) {
@@ -184,7 +184,7 @@ impl Polarized {
 }
 
 impl Tally for Polarized {
-    type Sheets = Passed;
+    type ThinDielectrics = Passed;
 
     fn add(&mut self, light: Sampled, _: u32) {
         let matrices = self.matrices;
@@ -210,12 +210,12 @@ impl Tally for Polarized {
         &mut self,
         light: Sampled,
         _: u32,
-        Scattered { bsdf, wo, wi, sheets }: Scattered<Passed>,
+        Scattered { bsdf, wo, wi, passed }: Scattered<Passed>,
         source: impl FnOnce() -> Option<LinearlyPolarized>,
     ) {
         let mut event = bsdf.polarization(wi, false);
-        if let Passed(Some(sheets)) = sheets {
-            event = event.then(sheets, -wi);
+        if let Passed(Some(mueller)) = passed {
+            event = event.then(mueller, -wi);
         }
         let matrices = self.behind(&event, wo);
         self.sum(light, &matrices, event.incoming, -wi, source());
@@ -232,11 +232,11 @@ impl Tally for Polarized {
     }
 }
 
-/// The Mueller matrices of sheets that were passed, if any.
+/// The Mueller matrices of thin dielectrics that were passed, if any.
 #[derive(Default)]
 pub(super) struct Passed(Option<Event>);
 
-impl Sheets for Passed {
+impl ThinDielectrics for Passed {
     fn cross(&mut self, bsdf: &Bsdf, direction: Vec3) {
         let event = bsdf.polarization(direction, true);
         self.0 = Some(match &self.0 {

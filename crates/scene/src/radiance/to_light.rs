@@ -1,6 +1,6 @@
 //! What is between a point and a light: surfaces, faces of media, media and thin dielectrics.
 
-use super::tally::Sheets;
+use super::tally::ThinDielectrics;
 use crate::light::LightSample;
 use crate::material::Scattering;
 use crate::medium_stack::MediumStack;
@@ -39,7 +39,7 @@ impl Scene {
     #[allow(clippy::too_many_arguments)]
     pub(crate) fn light_past(
         &self,
-        sheets: &mut impl Sheets,
+        passed: &mut impl ThinDielectrics,
         light: Sampled,
         point: Vec3,
         mut origin: Vec3,
@@ -93,7 +93,7 @@ impl Scene {
                 let Some(through) = bsdf.straight_through() else { return nothing };
                 left *= through;
                 is_barred |= !bsdf.is_specular();
-                sheets.cross(&bsdf, direction);
+                passed.cross(&bsdf, direction);
             } else {
                 is_barred |= face.is_some();
             }

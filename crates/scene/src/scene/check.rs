@@ -10,6 +10,10 @@ use crate::shape::splats;
 use glam::Affine3A;
 use std::sync::Arc;
 
+fn wrong(place: String, found: impl Into<String>, expected: impl std::fmt::Display) -> SceneError {
+    SceneError::File { place, found: found.into(), expected: format!("expected {expected}") }
+}
+
 /// Holds numbers against what they refer to.
 pub(super) fn check(d: &Description) -> Result<(), SceneError> {
     let number = |what, of: &Object, found: u32, count: usize| match (found as usize) < count {
@@ -29,7 +33,10 @@ pub(super) fn check(d: &Description) -> Result<(), SceneError> {
             }
             Motion::Deformed { .. } => matches!(object.shape, Shape::Mesh { .. }),
         };
-        assert!(may_move, "\"{}\" moves: only meshes do, and curves and splats as a whole", object.name);
+        if !may_move {
+            let expected = "a mesh, or curves and splats that move as a whole";
+            return Err(wrong(format!("object \"{}\"", object.name), "something else that moves", expected));
+        }
         if object.material as usize >= d.materials.len() {
             return Err(SceneError::Number {
                 what: "material",
@@ -146,13 +153,10 @@ pub(super) fn clean(d: &mut Description) -> Result<(), SceneError> {
     for (i, mesh) in d.meshes.iter_mut().enumerate() {
         let n = mesh.positions.len();
         let whole = |len: usize| len == 0 || len == n;
-        assert!(
-            whole(mesh.normals.len())
-                && whole(mesh.tangents.len())
-                && whole(mesh.colors.len())
-                && mesh.uvs.iter().all(|u| whole(u.len())),
-            "mesh {i}: attribute lists differ in length from its {n} positions"
-        );
+        let lists = [mesh.normals.len(), mesh.tangents.len(), mesh.colors.len(), mesh.uvs[0].len(), mesh.uvs[1].len()];
+        if let Some(other) = lists.into_iter().find(|len| !whole(*len)) {
+            return Err(wrong(format!("mesh {i}"), format!("{other} attributes of its {n} vertices"), "as many, or none"));
+        }
         // What is flat at rest may unfold.
         let dropped = match bends[i] {
             true if mesh.all_finite() => 0,
@@ -171,11 +175,10 @@ pub(super) fn clean(d: &mut Description) -> Result<(), SceneError> {
     let mut dropped = 0;
     for (i, set) in d.curves.iter_mut().enumerate() {
         let normals = if set.kind == CurveKind::Ribbon { set.segments.len() } else { 0 };
-        assert!(
-            set.normals.len() == normals,
-            "curves {i}: {} pairs of normals, {normals} segments of ribbons",
-            set.normals.len()
-        );
+        if set.normals.len() != normals {
+            let found = format!("{} pairs of normals", set.normals.len());
+            return Err(wrong(format!("curves {i}"), found, format!("{normals}, one for each segment of a ribbon")));
+        }
         if !set.all_usable() {
             dropped += Arc::make_mut(set).drop_unusable_segments();
         }

@@ -17,7 +17,7 @@ pub(super) struct Sharp {
 }
 
 impl Sharp {
-    /// What is left of it a level further, where vertices keep their numbers and the vertex of edge `e` has number `first_edge_vertex + e`.
+    /// Sharpness that creases and corners have left after one more level of subdivision (1 less, at least 0), where vertices keep their numbers and the vertex of edge `e` has number `first_edge_vertex + e`.
     pub fn weakened(&self, topology: &Topology, first_edge_vertex: u32) -> Sharp {
         let mut next = Sharp::default();
         for (ends, sharpness) in &self.edges {

@@ -117,7 +117,7 @@ impl EventSensor {
         SHEETS.iter().map(|s| s.0)
     }
 
-    /// An embedded event sensor.
+    /// An embedded event sensor. Fails with the names there are.
     pub fn named(name: &str) -> Result<EventSensor, SensorError> {
         match SHEETS.iter().find(|s| s.0.eq_ignore_ascii_case(name)) {
             Some((key, text)) => EventSensor::parse(text, key),

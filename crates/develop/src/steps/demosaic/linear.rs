@@ -30,6 +30,7 @@ pub struct Filters {
 }
 
 impl Filters {
+    /// Solves for the filters of a pattern.
     pub fn new(cfa: &Cfa) -> Self {
         let n = cfa.channel_count();
         let places = (0..cfa.rows() as i64).flat_map(|y| (0..cfa.columns() as i64).map(move |x| (x, y)));

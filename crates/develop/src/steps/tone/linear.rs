@@ -1,4 +1,4 @@
-//! No curve.
+//! No curve: the light of the scene as it is, up to the brightest that the display can show.
 
 use super::{Asked, Rendering};
 use glam::Vec3;

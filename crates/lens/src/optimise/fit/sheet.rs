@@ -44,7 +44,8 @@
 use super::{Measured, Place, Row, Table};
 use crate::optimise::sheet::{Surfaces, VariableEntry};
 use crate::prescription::PrescriptionError;
-use crate::tolerance::{check_list, check_weights, line_of};
+use crate::tolerance::{check_list, check_weights};
+use crate::toml_place::line_of;
 use serde::Deserialize;
 use toml::Spanned;
 

@@ -1,7 +1,7 @@
 //! Mitsuba 3's scenes (`.xml`) into a [`Description`], in the subset that its gallery uses.
 //!
-//! `tree` reads the files with `default`, `include` and `$name`; `values` numbers, colours and transforms; `shapes`, `materials`, `lights` and
-//! `camera` make of objects what they are; `world` puts them together. Plugins that are not known are an error where a picture would be wrong, and
+//! `tree` reads the files with `default`, `include` and `$name`; `values` numbers, colours and transforms; `shapes`, `materials`, `media`, `lights` and
+//! `camera` make of objects what they are, by a `context` of files, references and what is left out; `world` puts them together. Plugins that are not known are an error where a picture would be wrong, and
 //! are counted where it is only simpler. Files are opened by the caller.
 //!
 //! Units: a scene unit is a metre; a radiance of 1 is 1 cd/m², so pictures in cd/m² are Mitsuba's RGB.

@@ -4,7 +4,7 @@
 //! nothing over the outer half of their outermost cells, as in pbrt-v4.
 
 use super::context::Context;
-use super::filling::{black_body, coefficient, filled, place};
+use super::medium_fields::{black_body, coefficient, filled, place};
 use super::params::{Param, Params, Values};
 use super::spectra::{self, Use};
 use super::{Fault, Place};

@@ -1,7 +1,7 @@
 //! pbrt-v4's text format into a [`Description`].
 //!
-//! `lex` tokens → `params` typed lists → `world` the directives and their state → `shapes`, `materials`, `textures`, `lights`,
-//! `camera`. What is not supported is an error where the picture would be wrong and a warning where it would not. Files are opened by the
+//! `lex` tokens → `params` typed lists → `world` the directives and their state → `shapes`, `materials`, `textures`, `spectra`, `media` (`medium_fields`, `nanovdb`, `subsurface`), `lights`,
+//! `camera`, which get a `context`: files, warnings, where things stand, what has been described. What is not supported is an error where the picture would be wrong and a warning where it would not. Files are opened by the
 //! caller; names count from the folder of the main file, as in pbrt.
 //!
 //! Units: a scene unit is a metre; a light of `scale` 1 has 1 cd/m² (pbrt divides every light by ∫ȳ L dλ, and its `power` and `illuminance`
@@ -11,11 +11,11 @@
 
 mod camera;
 mod context;
-mod filling;
 mod lex;
 mod lights;
 mod materials;
 mod media;
+mod medium_fields;
 mod nanovdb;
 mod params;
 pub(super) mod shapes;

@@ -2,7 +2,7 @@
 
 use super::Fault;
 use super::context::Context;
-use super::filling::{black_body, filled};
+use super::medium_fields::{black_body, filled};
 use super::params::Params;
 use crate::load::nanovdb;
 use crate::medium::{Field, Medium, Scalars};

@@ -5,8 +5,8 @@
 
 use super::Fault;
 use super::context::Context;
-use super::filling::coefficient;
 use super::media::preset_named;
+use super::medium_fields::coefficient;
 use super::params::{Params, Values};
 use super::spectra::{self, Use};
 use crate::medium::{Coefficient, Medium, Orders};

@@ -4,8 +4,8 @@
 //! OmniPBR.mdl. A transparent surface (`opacityMode` "transparent" and one `opacity` for all of it) is a thin sheet: it keeps its reflections, and
 //! what it lets through is not bent.
 
-use super::bound::Bound;
 use super::layer::Value;
+use super::material_binding::Bound;
 use super::stage::Prim;
 use super::world::World;
 use crate::SceneError;

@@ -1,8 +1,8 @@
 //! Meshes of a prim with one material each, and the primvars on them.
 
 use super::bending::{Bending, VertexBending};
-use super::bound::Bound;
 use super::layer::{Key, Value};
+use super::material_binding::Bound;
 use super::stage::{Prim, Stage};
 use crate::SceneError;
 use crate::shape::Mesh;

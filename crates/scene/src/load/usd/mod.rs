@@ -11,17 +11,17 @@
 
 mod bending;
 mod binary;
-mod bones;
-mod bound;
 mod camera;
 mod curves;
 mod geometry;
 mod layer;
 mod light;
 mod material;
+mod material_binding;
 mod mesh_parts;
 mod package;
 mod skeleton;
+mod skeleton_binding;
 mod stage;
 mod subdivision;
 mod text;

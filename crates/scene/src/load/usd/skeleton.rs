@@ -8,7 +8,7 @@
 //! blended transform, where OpenUSD blends normals of the joints (up to 5° apart in its own tests).
 
 use super::bending::VertexBending;
-use super::bones::{Binding, Bones};
+use super::skeleton_binding::{Binding, Bones};
 use super::stage::{Prim, Stage, TimeSample};
 use super::world::{Place, World, affine};
 use crate::SceneError;

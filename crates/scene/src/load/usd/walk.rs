@@ -1,8 +1,8 @@
 //! The walk over the stage: what each prim becomes.
 
-use super::bound::Bound;
 use super::geometry;
 use super::layer::{Key, Value};
+use super::material_binding::Bound;
 use super::mesh_parts::{MeshPart, Meshes, Part};
 use super::stage::{Prim, Stage};
 use super::world::{Drawn, Form, FormKey, MOST_OBJECTS, Place, Read, World, affine};
@@ -81,6 +81,7 @@ impl World<'_> {
         Ok(())
     }
 
+    /// Draws one prim; what it hands down, unless nothing below is drawn.
     fn prim(&mut self, prim: &Arc<Prim>, outer: Place) -> Read<Option<Place>> {
         if !self.stage.is_drawn(prim)? {
             return Ok(None);
@@ -153,7 +154,6 @@ impl World<'_> {
         Ok(Some(place))
     }
 
-    /// Draws one prim; what it hands down, unless nothing below is drawn.
     /// The class that a prim gives itself and all below it: the first label of the taxonomies `class` and `category` (OpenUSD, UsdSemantics), or what Omniverse wrote before these.
     fn class(&self, prim: &Prim) -> Read<Option<Arc<str>>> {
         let said = |text: &Arc<str>| Some(text.trim()).filter(|t| !t.is_empty()).map(Arc::from);

@@ -1,10 +1,10 @@
 //! The [`Description`] in the making: what is drawn where, and what readers of prims ask of it.
 
-use super::bones::{Binding, Bones};
-use super::bound::Shaders;
 use super::error;
 use super::layer::{Key, Value};
+use super::material_binding::Shaders;
 use super::mesh_parts::Part;
+use super::skeleton_binding::{Binding, Bones};
 use super::stage::{Prim, Stage};
 use crate::SceneError;
 use crate::load::Fetch;

@@ -9,7 +9,7 @@ pub(crate) mod adaptive;
 pub(crate) mod half_difference;
 pub(crate) mod warp;
 
-use super::scatter::LocalScatter;
+use super::local_scatter::LocalScatter;
 use crate::exact::{exact_enum, exact_struct};
 use adaptive::{Adaptive, AdaptiveLobe};
 use diopter_light::color::SRGB_LUMINANCE;

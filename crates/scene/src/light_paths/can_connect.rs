@@ -1,20 +1,7 @@
-//! Where paths from lamps and from the camera connect, and how.
+//! Which surfaces paths from lamps and from the camera are connected at.
 
 use crate::material::{Material, Principled, Scattering};
 use crate::shape::Surface;
-
-/// How connections are made.
-#[derive(Clone, Debug)]
-pub struct ConnectionSettings {
-    /// Seed.
-    pub seed: u64,
-    /// Most scattering events of a path, from lamp to camera.
-    pub max_depth: u32,
-    /// Light paths of a pool.
-    pub paths: u32,
-    /// Paths carry red, green and blue instead of wavelengths.
-    pub rgb: bool,
-}
 
 /// Whether light paths may be scattered by a surface, and connected with.
 #[inline]
