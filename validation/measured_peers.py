@@ -1,7 +1,7 @@
 """Measured materials beside Mitsuba 3's `measured` plugin: values, densities and drawn directions on tables that are generated.
 
     pip install mitsuba numpy
-    MEASURED_PEERS=FOLDER cargo test -p diopter-scene --test measured -- --ignored write_for_peers
+    MEASURED_PEERS=FOLDER cargo test -p diopter-scene --test it -- --ignored write_for_peers
     python validation/measured_peers.py FOLDER
 
 The test writes tensor files of closed forms (isotropic; φ over a quarter and all the way round; paper) and what the library says of 400 pairs of directions each.

@@ -1,4 +1,4 @@
-"""Stokes vectors of some rays by Mitsuba 3 in its polarised mode: the table of `crates/scene/tests/polarized_transport.rs`.
+"""Stokes vectors of some rays by Mitsuba 3 in its polarised mode: the table of `crates/scene/tests/it/polarized_transport.rs`.
 
     pip install mitsuba numpy
     python polarization_mitsuba.py

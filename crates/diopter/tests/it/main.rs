@@ -1,0 +1,31 @@
+//! The camera as a whole: one program, so that it is linked once.
+
+mod architecture;
+mod bidirectional;
+mod calibration;
+mod caustics;
+mod colour;
+mod common;
+mod diffraction;
+mod direct_light;
+mod dispersion;
+mod events;
+mod exposure;
+mod focus;
+mod image_quality;
+mod inputs;
+mod light_field;
+mod light_tracing;
+mod links;
+mod measure;
+mod metering;
+mod motion;
+mod polarization;
+mod quick_look;
+mod readings;
+mod real_lenses;
+mod requests;
+mod rigs;
+mod scenes;
+mod tilt;
+mod why_advice;
