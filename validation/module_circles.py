@@ -41,7 +41,7 @@ def single(prefix, text):
 
 def needed(module_path, text, modules):
     """Modules that a file names, with the names."""
-    text = re.split(r"#\[cfg\(test\)\]\s*(?:pub\(\w+\) )?mod tests", text)[0]
+    text = re.split(r"#\[cfg\(test\)\]\s*(?:pub\(\w+\) )?mod tests \{", text)[0]
     text = re.sub(r"//[^\n]*", "", text)
     # What is only passed on makes nobody read further.
     paths = [p for m in USE.finditer(text) if not m.group(1) for p in single("", m.group(2))]

@@ -98,7 +98,7 @@ impl Page {
         Ok(Page(map))
     }
 
-    /// Puts a picture (as codes) with its upper left corner at a place, pixels from that of the page; what lies outside is left out.
+    /// Puts a picture (as codes) with its upper left corner at a place, pixels from that of the page. It must fit across; what lies below the page is left out.
     pub fn picture(&mut self, x: usize, y: usize, picture: &Picture) {
         let (width, w) = (self.0.width() as usize, picture.pixels.width);
         let codes = picture.to_8_bit();

@@ -12,7 +12,7 @@ section! {
     /// A look from a file.
     LutStep "lut" {
         file: String = String::new(), "", Text,
-            "a .cube file, 1D or 3D";
+            "a .cube file, 1D or 3D; none where empty";
         input: LutInput = LutInput::Srgb, "", Names(LutInput::NAMES),
             "what the table expects: codes or light of the picture, or of the scene";
         interpolation: Interpolation = Interpolation::Tetrahedral, "", Names(Interpolation::NAMES),

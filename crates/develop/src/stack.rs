@@ -34,7 +34,7 @@ const TOP: usize = 8;
 const KERNEL: [f32; 5] = [1.0 / 16.0, 4.0 / 16.0, 6.0 / 16.0, 4.0 / 16.0, 1.0 / 16.0];
 
 /// Joins a focus series. `scale` says how large each picture is drawn relative to the first (its film distance over the first's). Fails with fewer than two pictures, with another number of scales
-/// than pictures, and where they differ in size.
+/// than pictures, and where they differ in size, space or encoding.
 pub fn stack(pictures: &[Picture], scale: &[f64]) -> Result<Picture, StackError> {
     let [first, rest @ ..] = pictures else { return Err(StackError::TooFew) };
     if rest.is_empty() || scale.len() != pictures.len() {

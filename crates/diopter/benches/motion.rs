@@ -100,7 +100,7 @@ fn main() {
         let from = bounds.center() + Vec3::new(0.6, 0.3, 1.0).normalize() * bounds.size().length() * 1.2;
         let lens = Lens::Pinhole(Pinhole::new(Millimeters(35.0), 8.0).expect("a pinhole"));
         let way = CameraMotion::still(look_at(from, bounds.center(), Vec3::Y).expect("a place"));
-        let camera = Camera { lens, film: Film::new(36.0, 24.0, 360, 240), way };
+        let camera = Camera { lens, film: Film::new(36.0, 24.0, 360, 240), motion: way };
         let mut frozen = d.clone();
         frozen.playing.frozen_at_s = Some(0.5 * time);
         let frozen = Scene::build(frozen).expect("a scene");

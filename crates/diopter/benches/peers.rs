@@ -189,7 +189,7 @@ fn camera(c: &Value, res: &Value) -> Camera {
     Camera {
         lens,
         film: Film::new(width, width * rows as f64 / columns as f64, columns, rows),
-        way: CameraMotion::still(look_at(vec3(&c["origin"]), vec3(&c["target"]), vec3(&c["up"])).expect("a place")),
+        motion: CameraMotion::still(look_at(vec3(&c["origin"]), vec3(&c["target"]), vec3(&c["up"])).expect("a place")),
     }
 }
 

@@ -111,7 +111,7 @@ pub struct Camera {
     /// Records it.
     pub film: Film,
     /// Where it is during the exposure; it looks along −Z with +Y up.
-    pub way: CameraMotion,
+    pub motion: CameraMotion,
 }
 
 impl Camera {

@@ -200,23 +200,29 @@ impl Exposure<'_> {
         };
         let optics = self.optics();
         let stopped = self.take_samples(watch, &mut sums, keep, started, self.settings.time_limit_s, optics.as_ref())?;
-        let (mut plane, direct) = self.plane_of(&sums, optics.as_ref());
+        let (mean, half_difference, facts, direct) = self.planes_of(&sums, optics.as_ref());
         if let Some(direct) = direct {
-            tell_direct(&mut truth, &self.response.bands, &plane.mean, &direct);
+            tell_direct(&mut truth, &self.response.bands, &mean, &direct);
         }
-        plane.truth = truth;
+        let plane = FocalPlane { bands: self.response.bands.clone(), mean, half_difference, truth, facts };
         Ok(Exposed { plane, stopped, stray: None })
     }
 
     /// The picture so far of an exposure that is under way, for whoever keeps its sums ([`Keep`]): to the bit what [`Exposure::run`] gives where it ends with the samples that all
-    /// pixels have, without its truth. `None` before the first pass and in the midst of one, when pixels have different numbers of samples.
+    /// pixels have, without its truth. `None` before the first pass, in the midst of one, when pixels have different numbers of samples, and of the sums of another exposure.
     pub fn so_far(&self, sums: &Sums) -> Option<FocalPlane> {
-        let is_between_passes = !sums.samples.is_empty() && sums.tiles == 0;
-        is_between_passes.then(|| self.plane_of(sums, self.optics().as_ref()).0)
+        let film = &self.camera.film;
+        let is_ours = sums.belong_to([film.columns, film.rows, self.summed_bands()], &self.wanted());
+        if !is_ours || sums.samples.is_empty() || sums.tiles > 0 {
+            return None;
+        }
+        let (mean, half_difference, facts, _) = self.planes_of(sums, self.optics().as_ref());
+        let truth = Truth::missing(self.recorder().recorded(), film.columns, film.rows);
+        Some(FocalPlane { bands: self.response.bands.clone(), mean, half_difference, truth, facts })
     }
 
-    /// What sums come to, without a truth; and what of it is direct light, where that is summed apart.
-    fn plane_of(&self, sums: &Sums, optics: Option<&Optics>) -> (FocalPlane, Option<Raster<f32>>) {
+    /// What sums come to: mean and half difference, what is known of them, and what of the mean is direct light, where that is summed apart.
+    fn planes_of(&self, sums: &Sums, optics: Option<&Optics>) -> (Raster<f32>, Raster<f32>, ExposureFacts, Option<Raster<f32>>) {
         let mut facts = self.facts_of(sums);
         let bands = self.response.curves.len();
         let stars = optics.filter(|_| self.makes_stars()).map(|optics| Stars {
@@ -230,9 +236,7 @@ impl Exposure<'_> {
         });
         let Finished { mean, half_difference, removed, direct } = sums.finish(bands, self.cascade(), stars, self.direct());
         facts.fireflies_removed = removed;
-        let truth = Truth::missing(self.recorder().recorded(), mean.width, mean.height);
-        let plane = FocalPlane { bands: self.response.bands.clone(), mean, half_difference, truth, facts };
-        (plane, direct)
+        (mean, half_difference, facts, direct)
     }
 
     /// The stray light that the settings ask for, to be added to the mean once all else is done with it; `seen` gathers that mean. `None` where there is none.

@@ -64,7 +64,7 @@ impl Camera {
 
     /// World ray of what leaves a lens in single precision: mm from its pupil, unit direction.
     pub(crate) fn world_ray_of(&self, origin_mm: [f32; 3], direction: [f32; 3], time_s: f64) -> Ray {
-        let place = self.way.at(time_s);
+        let place = self.motion.at(time_s);
         let origin = place.transform_point3(Vec3::from_array(origin_mm) * M_PER_MM as f32);
         let direction = place.transform_vector3(Vec3::from_array(direction)).normalize();
         Ray { origin, direction, time_s: time_s as f32 }
@@ -72,7 +72,7 @@ impl Camera {
 
     /// World ray of what leaves a lens at a time of the exposure.
     pub(crate) fn to_world(&self, ray: &LensRay, time_s: f64) -> Ray {
-        let place = self.way.at(time_s);
+        let place = self.motion.at(time_s);
         let point = |mm: DVec3| (mm * M_PER_MM).as_vec3();
         let origin: Vec3 = place.transform_point3(point(ray.origin_mm));
         let direction = place.transform_vector3(ray.direction.as_vec3()).normalize();
@@ -81,39 +81,39 @@ impl Camera {
 
     /// World point of a place in the camera's frame (mm from its entrance pupil) at a time of the exposure.
     pub(crate) fn world_point(&self, mm: DVec3, time_s: f64) -> Vec3 {
-        self.way.at(time_s).transform_point3((mm * M_PER_MM).as_vec3())
+        self.motion.at(time_s).transform_point3((mm * M_PER_MM).as_vec3())
     }
 
     /// The other way round.
     pub(crate) fn place_of(&self, world: Vec3, time_s: f64) -> DVec3 {
-        self.way.at(time_s).inverse().transform_point3(world).as_dvec3() / M_PER_MM
+        self.motion.at(time_s).inverse().transform_point3(world).as_dvec3() / M_PER_MM
     }
 
     /// Unit direction in the camera's frame of a world direction at a time of the exposure.
     pub(crate) fn direction_of(&self, world: Vec3, time_s: f64) -> DVec3 {
-        let turned = self.way.at(time_s).matrix3.transpose() * Vec3A::from(world);
+        let turned = self.motion.at(time_s).matrix3.transpose() * Vec3A::from(world);
         Vec3::from(turned).as_dvec3().normalize()
     }
 
     /// The lens as it stands at a time of the exposure: its group may move against shake.
     pub(crate) fn lens_at(&self, time_s: f64) -> &Lens {
-        lens_on(&self.way, &self.lens, time_s)
+        lens_on(&self.motion, &self.lens, time_s)
     }
 
     /// World ray through the middle of the pupil.
     pub(crate) fn chief_ray(&self, film_mm: DVec2, time_s: f64) -> Result<Ray, Blocked> {
-        let ray = self.lens_at(time_s).chief_ray(film_mm + film_shift_on(&self.way, time_s))?;
+        let ray = self.lens_at(time_s).chief_ray(film_mm + film_shift_on(&self.motion, time_s))?;
         Ok(self.to_world(&ray, time_s))
     }
 
     /// Where the middle of the entrance pupil is at a time of the exposure, m: the place of the camera, from which its truth counts.
     pub(crate) fn place(&self, time_s: f64) -> Vec3 {
-        self.way.at(time_s).translation.into()
+        self.motion.at(time_s).translation.into()
     }
 
     /// Part of a world vector along the camera's axis at a time of the exposure; of a direction, the cosine between both.
     pub(crate) fn cosine_to_axis(&self, direction: Vec3, time_s: f64) -> f32 {
-        self.way.at(time_s).matrix3.z_axis.dot((-direction).into())
+        self.motion.at(time_s).matrix3.z_axis.dot((-direction).into())
     }
 
     /// Distance of a ray from the middle of the pupil, 1 at the rim of the fully open lens. Blades of a shutter are taken to lie in
@@ -146,7 +146,7 @@ mod tests {
         let camera = Camera {
             lens: Lens::Pinhole(Pinhole::new(Millimeters(50.0), 8.0).unwrap()),
             film: Film::new(36.0, 24.0, 360, 240),
-            way: CameraMotion::still(look_at(Vec3::new(0.0, 1.0, 3.0), Vec3::new(0.0, 1.0, 0.0), Vec3::Y).unwrap()),
+            motion: CameraMotion::still(look_at(Vec3::new(0.0, 1.0, 3.0), Vec3::new(0.0, 1.0, 0.0), Vec3::Y).unwrap()),
         };
         let ray = camera.chief_ray(camera.film_point(0.0, 0.0), 0.0).unwrap();
         let at = ray.at(3.0 / -ray.direction.z);

@@ -146,10 +146,10 @@ mod tests {
             let [pitch, yaw, _] = shake.angles(t);
             Affine3A::from_quat(glam::Quat::from_euler(glam::EulerRot::YXZ, yaw as f32, pitch as f32, 0.0))
         };
-        let mut camera = Camera { lens, film: Film::new(22.3, 14.9, 5184, 3456), way: CameraMotion::sampled(span, turn) };
+        let mut camera = Camera { lens, film: Film::new(22.3, 14.9, 5184, 3456), motion: CameraMotion::sampled(span, turn) };
         if let Some(stabiliser) = stabiliser {
             let moving = stabiliser.during(&camera, span, |t| stabiliser.answered(&shake, t).truncate()).unwrap();
-            camera.way = camera.way.with_moving(Arc::new(moving));
+            camera.motion = camera.motion.with_moving(Arc::new(moving));
         }
         camera
     }
@@ -197,7 +197,7 @@ mod tests {
     fn it_goes_no_farther_than_its_travel() {
         let short = Stabiliser { travel_mm: 0.05, ..stabiliser(StabiliserPart::Sensor) };
         let camera = shaken(compound("kit-zoom-18-55mm", Some(53.0)), Some(short));
-        let moving = camera.way.moving().unwrap();
+        let moving = camera.motion.moving().unwrap();
         assert!(moving.stopped() && moving.farthest_mm() < 0.0501);
         let states = moving.states(moving.moments(10), [22.3, 14.9], [5184, 3456]);
         assert_eq!(states.len(), 11);

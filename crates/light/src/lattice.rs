@@ -61,7 +61,7 @@ impl Lattice {
         }
     }
 
-    /// Centre of the cell of a column and row, in the units of the pitch: to the right and down from that of column 0 in row 0.
+    /// Centre of the cell of a column and row, in the units of the pitch: to the right and down, where that of column 0 in row 0 is the origin of the lattice.
     pub fn point(&self, column: i64, row: i64) -> DVec2 {
         let shift = match self.arrangement {
             Arrangement::Hexagonal if row.rem_euclid(2) == 1 => 0.5,

@@ -35,7 +35,7 @@ use glam::Vec3;
 use path::Transport;
 pub(crate) use tally::DIRECT_EVENTS;
 use tally::{Apart, Gathered, Polarized, Tally};
-pub(crate) use to_light::{MOST_FACES, past, stream_along};
+pub(crate) use to_light::{MOST_FACES, origin_behind, stream_along};
 
 /// How far paths are followed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

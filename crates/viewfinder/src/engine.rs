@@ -546,7 +546,7 @@ impl Engine<'_> {
         let facts = shot.facts();
         let film = &shot.camera.film;
         let circle_mm = film.width_mm.hypot(film.height_mm) * CIRCLE_OF_DIAGONAL;
-        let place = shot.camera.way.at(0.0);
+        let place = shot.camera.motion.at(0.0);
         let (eye, ahead) = (Vec3::from(place.translation), -Vec3::from(place.matrix3.z_axis));
         let bounds = shot.subject_bounds();
         let center = if bounds.is_empty() { eye + ahead } else { bounds.center() };

@@ -242,7 +242,7 @@ mod tests {
     #[test]
     fn blur_is_nought_in_the_sharp_plane_and_signed_about_it() {
         let lens = Lens::Thin(ThinLens::new(Millimeters(50.0), 2.8, Iris::default(), Focus::at_mm(2000.0)).unwrap());
-        let camera = Camera { lens, film: Film::new(36.0, 24.0, 4, 1), way: CameraMotion::still(glam::Affine3A::IDENTITY) };
+        let camera = Camera { lens, film: Film::new(36.0, 24.0, 4, 1), motion: CameraMotion::still(glam::Affine3A::IDENTITY) };
         let facts = ExposureFacts { focal_length_mm: 50.0, f_number: 2.8, focus_distance_m: Some(2.0), ..Default::default() };
         let mut truth = Truth::empty(4, 1);
         truth.depth_mut().data = vec![2.0, 1.0, 4.0, f32::INFINITY];

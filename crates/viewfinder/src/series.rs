@@ -66,7 +66,7 @@ pub(crate) fn changes_with_time(shot: &Shot) -> bool {
     let changes = |m: &Modulation| !matches!(m, Modulation::Steady | Modulation::Pulse { .. });
     let flickers = d.materials.iter().any(|m| changes(&m.modulation())) || d.punctual.iter().any(|l| changes(&l.modulation));
     let carried = !shot.file().camera.path.is_empty() || shot.file().camera.shake.unwrap_or(0.0) != 0.0;
-    flickers || carried || shot.scene.moves() || !shot.camera.way.is_still()
+    flickers || carried || shot.scene.moves() || !shot.camera.motion.is_still()
 }
 
 impl Series {

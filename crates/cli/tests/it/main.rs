@@ -1,4 +1,4 @@
-//! The command line: one program, so that it is linked once.
+//! The command line: one program, so that it is linked once. Deadlocks are looked for in one of its own, `threads.rs`.
 
 mod calculators;
 mod calibration;
@@ -10,5 +10,4 @@ mod measure;
 mod rigs;
 mod sheets;
 mod stray;
-mod threads;
 mod why;

@@ -11,7 +11,7 @@ section! {
         aperture: Option<f64> = None, "f-number", Number(0.1, 1000.0),
             "a smaller part of the pupil: more depth of field; unset, all of it. The picture stays as bright";
         view: Option<[f64; 2]> = None, "radii of the pupil", Numbers(2, -1.0, 1.0),
-            "a view through one place of the pupil, to the right and down; instead of an aperture";
+            "a view through one place of the pupil, to the right and down as seen from behind the camera, 1 its edge; instead of an aperture";
     }
 }
 

@@ -199,7 +199,7 @@ mod tests {
     use glam::Affine3A;
 
     fn camera(lens: Lens) -> Camera {
-        Camera { lens, film: Film::new(36.0, 24.0, 360, 240), way: CameraMotion::still(Affine3A::IDENTITY) }
+        Camera { lens, film: Film::new(36.0, 24.0, 360, 240), motion: CameraMotion::still(Affine3A::IDENTITY) }
     }
 
     #[test]

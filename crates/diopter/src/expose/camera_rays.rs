@@ -386,7 +386,7 @@ impl Unit<'_> {
     /// The moment is that of light through the middle of the pupil: of a leaf shutter, which opens from there, it may differ by its ramp.
     #[inline]
     fn film_shift(&self, x: usize, y: usize, t: f32) -> DVec2 {
-        match self.camera.way.moving() {
+        match self.camera.motion.moving() {
             None => DVec2::ZERO,
             Some(moving) => moving.film_shift(self.moment(x, y, t)),
         }
@@ -399,7 +399,7 @@ impl Unit<'_> {
 
     /// The samples of a tile by the lens that they go through; none where all go through the camera's.
     fn by_lens(&self, numbers: &Numbers) -> Vec<(&CompoundLens, Vec<u32>)> {
-        let Some(moving) = self.camera.way.moving().filter(|moving| moving.lenses().len() > 0) else { return Vec::new() };
+        let Some(moving) = self.camera.motion.moving().filter(|moving| moving.lenses().len() > 0) else { return Vec::new() };
         let lenses = moving.lenses().filter_map(|lens| match lens {
             Lens::Compound(lens) => Some((&**lens, Vec::new())),
             _ => None,

@@ -147,7 +147,7 @@ mod tests {
         let lens = ThinLens::new(Millimeters(50.0), f_number, Iris::Round, Focus::Infinity).unwrap();
         let place = crate::camera::look_at(Vec3::ZERO, Vec3::NEG_Z, Vec3::Y).unwrap();
         let film = Film::new(36.0, 24.0, columns, columns * 2 / 3);
-        Camera { lens: Lens::Thin(lens), film, way: CameraMotion::still(place) }
+        Camera { lens: Lens::Thin(lens), film, motion: CameraMotion::still(place) }
     }
 
     #[test]

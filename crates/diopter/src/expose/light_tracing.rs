@@ -279,7 +279,7 @@ impl Exposure<'_> {
 impl<'a> LightTracing<'a> {
     fn new(unit: &Unit<'a>) -> Option<LightTracing<'a>> {
         // Light that is traced from lamps knows the lens with nothing moved.
-        if !matches!(unit.camera.lens, Lens::Thin(_) | Lens::Compound(_)) || unit.camera.way.moving().is_some() {
+        if !matches!(unit.camera.lens, Lens::Thin(_) | Lens::Compound(_)) || unit.camera.motion.moving().is_some() {
             return None;
         }
         // An ideal surface within a lens maps slopes, and does not keep the étendue in which both densities are told; nor do facets in a plane.
@@ -291,7 +291,7 @@ impl<'a> LightTracing<'a> {
         }
         let emitters = unit.scene.emitters(MOST_EMITTERS)?;
         let entrance = Entrance::of(unit.camera)?;
-        let moves = unit.scene.moves() || !unit.camera.way.is_still();
+        let moves = unit.scene.moves() || !unit.camera.motion.is_still();
         let mut tracing = LightTracing { emitters, entrance, counts: Vec::new(), before: Vec::new(), total: 0, moves };
         let numbers = 0..tracing.emitters.len() as u32;
         let pilots: Vec<Option<Pilot>> = numbers.into_par_iter().map(|number| tracing.pilot(unit, number)).collect();

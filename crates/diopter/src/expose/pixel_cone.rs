@@ -106,7 +106,7 @@ mod tests {
         let camera = Camera {
             lens: Lens::Pinhole(Pinhole::new(Millimeters(50.0), 8.0).unwrap()),
             film: Film::new(36.0, 24.0, 360, 240),
-            way: CameraMotion::still(Affine3A::IDENTITY),
+            motion: CameraMotion::still(Affine3A::IDENTITY),
         };
         let texture = Texture::color(Arc::new(Image::new(2, 1, vec![[0; 4], [255; 4]])));
         let cones = PixelCones::of(&scene(Color::Textured { factor: Vec3::ONE, texture }), &camera).unwrap();

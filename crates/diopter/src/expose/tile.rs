@@ -76,7 +76,7 @@ impl Unit<'_> {
     /// What can be foretold of a tile's samples: of all light, and of direct light where that is recorded; nothing of bands that tell polarisation, nor of a lens whose
     /// group moves.
     fn foretold(&self, [column, _, width, _]: [usize; 4], samples: &Range<u32>) -> Vec<Foretold> {
-        let moving_group = self.camera.way.moving().is_some_and(|moving| moving.lenses().len() > 0);
+        let moving_group = self.camera.motion.moving().is_some_and(|moving| moving.lenses().len() > 0);
         let other = self.in_radiance() || self.behind.is_some() || !self.analyzers.is_empty() || moving_group;
         if other || !matches!(self.camera.lens, Lens::Compound(_)) {
             return Vec::new();

@@ -345,7 +345,7 @@ impl<'a> Recorder<'a> {
             None => self.camera.chief_ray(film, time_s),
             // What a pixel behind a microlens sees through its middle.
             Some(behind) => {
-                let aimed = behind.middle(film + film_shift_on(&self.camera.way, time_s));
+                let aimed = behind.middle(film + film_shift_on(&self.camera.motion, time_s));
                 self.camera.lens_at(time_s).ray_along(aimed.at, aimed.slope).map(|ray| self.camera.to_world(&ray, time_s))
             }
         };
@@ -459,7 +459,7 @@ impl<'a> Recorder<'a> {
         let (open, close) = self.shutter.window(&Place { pixel: [column, row], size, pupil: 0.0 });
         let moment = open + f64::from(t) * (close - open).max(0.0);
         let lens = camera.lens_at(moment);
-        let shift = camera.film.low_pass_shift(spot) - film_shift_on(&camera.way, moment);
+        let shift = camera.film.low_pass_shift(spot) - film_shift_on(&camera.motion, moment);
         let ray = (0..=RADIANCE_REDRAWS).find_map(|attempt| {
             let [u, v, pupil @ ..] = sampler.get(if attempt == 0 { Set::Camera } else { Set::Redraw(attempt) });
             let at = camera.film.within_pixel([u, v]);

@@ -79,7 +79,7 @@ impl<'a> Prober<'a> {
         let [px, py] = view.sensor.pitch_mm();
         let film = crate::Film { pixel_area_mm2: px * py, ..film };
         let cell = (film.width_mm / columns as f64).min(film.height_mm / rows as f64);
-        let camera = Camera { lens, film, way: view.camera.way.clone() };
+        let camera = Camera { lens, film, motion: view.camera.motion.clone() };
         let settings = Settings {
             spp,
             samples: 0..spp,

@@ -80,7 +80,7 @@ impl Way {
 /// The way of the nearer of the surfaces on both sides of an edge.
 fn way(shot: &Shot, place: DVec2, across: DVec2) -> Option<Way> {
     let still = Some(Way::Straight(DVec2::ZERO));
-    if !shot.scene.moves() && shot.camera.way.is_still() {
+    if !shot.scene.moves() && shot.camera.motion.is_still() {
         return still;
     }
     let shutter = shot.shutter();

@@ -147,7 +147,7 @@ impl Shot {
                     }
                     _ => self.placed,
                 };
-                (Camera { lens, film, way: CameraMotion::still(place) }, self.timing.carrier, changed)
+                (Camera { lens, film, motion: CameraMotion::still(place) }, self.timing.carrier, changed)
             }
             false => {
                 let framing = builtin::framing(&name);
@@ -177,7 +177,7 @@ impl Shot {
         };
         let nothing_metered = ExposureFacts { metered_ev100: None, metering: String::new(), shutter: None, ..of_lens };
         self.facts = asked.facts(self.facts.scene.clone(), nothing_metered);
-        self.placed = camera.way.at(0.0);
+        self.placed = camera.motion.at(0.0);
         self.camera = camera;
         self.shutter = file.exposure.shutter.map(|s| s.0);
         self.reading = asked.reading(&file);

@@ -201,7 +201,7 @@ fn distance_of(scene: &Scene, camera: &Camera, name: &str, at_s: f64) -> Result<
         return Err(value("focus", format!("on {name}"), expected));
     }
     let bounds = d.bounds_at(at_s, meant);
-    let place = camera.way.at(0.0);
+    let place = camera.motion.at(0.0);
     let eye = Vec3::from(place.translation);
     let to = bounds.center() - eye;
     let ahead = -place.matrix3.z_axis.dot(to.into());

@@ -197,8 +197,8 @@ impl Shot {
         let shutter = self.shutter();
         let total = shutter.total_s();
         let at = self.timing.at_s;
-        self.camera.way = self.way(&self.timing, total)?;
-        if let Some(moving) = self.camera.way.moving().filter(|moving| moving.stopped()) {
+        self.camera.motion = self.way(&self.timing, total)?;
+        if let Some(moving) = self.camera.motion.moving().filter(|moving| moving.stopped()) {
             warn(&format!(
                 "the stabiliser comes to its stop, {:.3} mm from the axis: the rest of the shake is in the picture",
                 moving.farthest_mm()
@@ -215,7 +215,7 @@ impl Shot {
             let energy = 1.0 / self.settings.light_scale;
             let pulse = Modulation::Pulse { start_s: moment.0, length_s: moment.1 - moment.0, energy };
             self.scene.modulate(material, pulse);
-            self.scene.place_node(node, self.camera.way.at(moment.0));
+            self.scene.place_node(node, self.camera.motion.at(moment.0));
         }
         self.scene.pose(at, total);
         self.timing.warn_of_end(&self.scene, total, warn);

@@ -234,14 +234,14 @@ impl Shot {
             ));
         }
         if let Some(fog) = &file.scene.fog {
-            surroundings::put_fog(&mut scene, fog, camera.way.at(0.0).translation.into())?;
+            surroundings::put_fog(&mut scene, fog, camera.motion.at(0.0).translation.into())?;
         }
         asked::check_camera(&file.render, &camera, warn)?;
         let stabiliser = staging::stabiliser(&file, &camera, &timing)?;
         let facts = asked.facts(scene_name, lens_facts(&camera, &asked.sensor, wants_profile(&file, inputs.draft)));
         let reading = asked.reading(&file);
         let Asked { settings, sensor, exposing, denoise, filter, .. } = asked;
-        let placed = camera.way.at(0.0);
+        let placed = camera.motion.at(0.0);
         let mut shot = Shot {
             scene,
             camera,
@@ -308,7 +308,7 @@ impl Shot {
     pub fn calibration_frame(&self, picture: &str) -> Frame {
         let size = [self.camera.film.columns, self.camera.film.rows];
         let times = self.shutter().facts(size, self.pupil()).rows;
-        let poses = calibration::pose::poses(&self.camera.way, &times, size);
+        let poses = calibration::pose::poses(&self.camera.motion, &times, size);
         Frame { picture: picture.into(), at_s: self.timing.at_s, poses, moving: self.moving_states() }
     }
 
@@ -316,7 +316,7 @@ impl Shot {
     pub fn moving_states(&self) -> Vec<MovingState> {
         let film = &self.camera.film;
         let (film_mm, size) = ([film.width_mm, film.height_mm], [film.columns, film.rows]);
-        self.camera.way.moving().map_or(Vec::new(), |moving| moving.states(moving.moments(MOVING_STEPS), film_mm, size))
+        self.camera.motion.moving().map_or(Vec::new(), |moving| moving.states(moving.moments(MOVING_STEPS), film_mm, size))
     }
 }
 

@@ -41,7 +41,7 @@ pub(super) fn beams(scene: &Scene, camera: &Camera, lens: &CompoundLens, respons
     let system = lens.system();
     let Some(front) = SourceBeam::new(system, DVec3::Z).map(|b| b.middle()) else { return vec![] };
     let pupil = lens.entrance_pupil();
-    let world_from_lens = camera.way.at(time_s);
+    let world_from_lens = camera.motion.at(time_s);
     let lens_from_world = world_from_lens.inverse();
     let point: Vec3 = world_from_lens.transform_point3(((front - pupil) * 1e-3).as_vec3());
     let lights = scene.lights();

@@ -31,8 +31,8 @@ fn scene(kind: PunctualKind, environment: f32) -> Scene {
 fn camera(film: Film) -> Camera {
     let setting = Setting { focal_length: None, f_number: Some(4.0), focus: Focus::Infinity, iris: None, film_mm: [36.0, 24.0] };
     let lens = CompoundLens::new(Arc::new(embedded("double-gauss-50mm").unwrap()), &setting).unwrap();
-    let way = CameraMotion::still(look_at(Vec3::new(1.0, 2.0, 3.0), Vec3::new(1.0, 2.0, 0.0), Vec3::Y).unwrap());
-    Camera { lens: Lens::Compound(Box::new(lens)), film, way }
+    let motion = CameraMotion::still(look_at(Vec3::new(1.0, 2.0, 3.0), Vec3::new(1.0, 2.0, 0.0), Vec3::Y).unwrap());
+    Camera { lens: Lens::Compound(Box::new(lens)), film, motion }
 }
 
 fn of(scene: &Scene, camera: &Camera, shutter: &Shutter) -> Option<StrayLight> {

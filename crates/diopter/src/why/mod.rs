@@ -186,8 +186,9 @@ impl Model<'_> {
         let still = |subject: bool, camera: bool| Moving { subject: !subject, camera: !camera };
         let moved = |moving: Moving| {
             // What does not move needs no second look.
-            let same =
-                moving == on.moving || (moving.camera && !self.scene.moves()) || (moving.subject && self.camera.way.is_still());
+            let same = moving == on.moving
+                || (moving.camera && !self.scene.moves())
+                || (moving.subject && self.camera.motion.is_still());
             if same { Some(*all) } else { self.blur(subject, self.camera, &self.shutter, &On { moving, ..*on }) }
         };
         let filtered = |filters: Filters| spot.as_ref().map(|spot| blur(spot, &filters));
@@ -489,13 +490,13 @@ impl Now<'_> {
             advice.extend(self.changed(change, blur, over_now(gathered(model.camera, &shorter)), 0.25 * dark_s, false)?);
         }
         if fraction("motion of the camera") > WORTH_CHANGING {
-            let camera = Camera { way: CameraMotion::still(model.camera.way.at(subject.time_s)), ..model.camera.clone() };
+            let camera = Camera { motion: CameraMotion::still(model.camera.motion.at(subject.time_s)), ..model.camera.clone() };
             let blur = model.blur(subject, &camera, &model.shutter, on);
             advice.extend(self.changed("a camera that stands still (a tripod)".into(), blur, 1.0, dark_s, true)?);
         }
         // Where nothing moves the time may be as long as the speed of the body allows.
         let lower = self.pixel.reading.iso / 4.0;
-        if !model.scene.moves() && model.camera.way.is_still() && !flash && self.pixel.sensor.at_iso(lower).is_ok() {
+        if !model.scene.moves() && model.camera.motion.is_still() && !flash && self.pixel.sensor.at_iso(lower).is_ok() {
             let longer = timed(4.0);
             let change = format!("four times the time ({}) at ISO {lower:.0}", crate::quantity::Seconds(longer.exposure_s));
             let light = over_now(gathered(model.camera, &longer));

@@ -101,7 +101,7 @@ impl<'a> Subject<'a> {
 
     /// The scene point at a moment as the camera sees it from where it is at another.
     fn target(&self, camera: &Camera, subject_s: f64, camera_s: f64) -> Option<Target> {
-        let place = camera.way.at(camera_s);
+        let place = camera.motion.at(camera_s);
         Some(match &self.surface {
             Some(surface) => Target::point(self.motion.point(surface, self.time_s as f32, subject_s)?, &place),
             None => Target::direction(self.ray.direction, &place),

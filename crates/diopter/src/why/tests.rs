@@ -62,7 +62,7 @@ fn thin(f_number: f64, focus_m: f64) -> Lens {
 /// 36 × 24 mm of pixels so wide, mm, through a lens.
 fn camera(lens: Lens, pixel_mm: f64) -> Camera {
     let [columns, rows] = [36.0, 24.0].map(|side: f64| (side / pixel_mm).round() as usize);
-    Camera { lens, film: Film::new(36.0, 24.0, columns, rows), way: CameraMotion::still(Affine3A::IDENTITY) }
+    Camera { lens, film: Film::new(36.0, 24.0, columns, rows), motion: CameraMotion::still(Affine3A::IDENTITY) }
 }
 
 /// Blur and causes in a place that is not quite the middle.
@@ -124,13 +124,13 @@ fn a_pan_that_follows_cancels_the_motion_of_its_subject() {
     // A pan of 0.1 rad/s to the left over something that stands: 50 mm × 0.1 × 0.25 = 1.25 mm.
     let pan = |rate: f32| CameraMotion::sampled(0.25, move |t| Affine3A::from_rotation_y(rate * t as f32));
     let lens = Lens::Pinhole(Pinhole::new(Millimeters(50.0), 8.0).unwrap());
-    let still = Camera { way: pan(0.1), ..camera(lens, 0.01) };
+    let still = Camera { motion: pan(0.1), ..camera(lens, 0.01) };
     let shutter = Shutter::global(0.25);
     let (all, causes) = found(&wall(2.0, Vec3::ZERO), &still, shutter, false);
     assert!((all.widest_um / radius_um(BOX_HALF / 1.25) - 1.0).abs() < CLOSE, "{all:?}");
     assert!(fraction(&causes, "motion of the camera") > 0.99 && fraction(&causes, "motion of the subject") == 0.0, "{causes:?}");
     // The wall moves to the right by as much as the camera turns to the right: without either the picture would be softer.
-    let following = Camera { way: pan(-0.1), ..still };
+    let following = Camera { motion: pan(-0.1), ..still };
     let (all, causes) = found(&wall(2.0, Vec3::new(0.2, 0.0, 0.0)), &following, shutter, false);
     assert!(all.radius_px < 2.0, "{all:?}");
     assert!(

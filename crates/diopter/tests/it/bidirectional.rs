@@ -39,7 +39,7 @@ fn room(columns: usize, rows: usize) -> (Scene, Camera) {
     let materials = vec![grey("wall"), Material::lamp("lamp", Spectrum::Constant(1.0))];
     let lens = Lens::Pinhole(Pinhole::new(Millimeters(35.0), 8.0).unwrap());
     let place = look_at(Vec3::new(0.0, 0.0, 2.8), Vec3::ZERO, Vec3::Y).unwrap();
-    let camera = Camera { lens, film: Film::new(36.0, 24.0, columns, rows), way: CameraMotion::still(place) };
+    let camera = Camera { lens, film: Film::new(36.0, 24.0, columns, rows), motion: CameraMotion::still(place) };
     (Scene::build(Description { materials, objects, ..Default::default() }).unwrap(), camera)
 }
 
@@ -59,7 +59,7 @@ fn sunlit_room(columns: usize, rows: usize) -> (Scene, Camera) {
     let kind = PunctualKind::Disc { direction: Vec3::new(0.2, -1.0, 0.75).normalize(), half_angle: 0.0047 };
     description.punctual.push(Punctual::new("sun", Spectrum::Constant(1.0), kind));
     let place = look_at(Vec3::new(0.0, 0.0, 0.9), Vec3::new(0.0, 0.2, 0.0), Vec3::Y).unwrap();
-    (Scene::build(description).unwrap(), Camera { way: CameraMotion::still(place), ..camera })
+    (Scene::build(description).unwrap(), Camera { motion: CameraMotion::still(place), ..camera })
 }
 
 fn settings(integrator: Integrator, spp: u32, seed: u64) -> Settings {

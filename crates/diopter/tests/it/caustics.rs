@@ -36,7 +36,7 @@ fn ball(columns: usize, rows: usize) -> (Scene, Camera) {
     };
     let lens = Lens::Pinhole(Pinhole::new(Millimeters(35.0), 8.0).unwrap());
     let place = look_at(Vec3::new(0.0, 1.2, 2.5), Vec3::ZERO, Vec3::Y).unwrap();
-    let camera = Camera { lens, film: Film::new(25.0, 25.0, columns, rows), way: CameraMotion::still(place) };
+    let camera = Camera { lens, film: Film::new(25.0, 25.0, columns, rows), motion: CameraMotion::still(place) };
     (Scene::build(description).unwrap(), camera)
 }
 

@@ -32,7 +32,7 @@ fn narrow(nm: &[f32]) -> Response {
 
 fn camera(n: f64, iris: Iris, film: Film) -> Camera {
     let lens = Lens::Thin(ThinLens::new(Millimeters(50.0), n, iris, Focus::Infinity).unwrap());
-    Camera { lens, film, way: CameraMotion::still(look_at(Vec3::ZERO, Vec3::NEG_Z, Vec3::Y).unwrap()) }
+    Camera { lens, film, motion: CameraMotion::still(look_at(Vec3::ZERO, Vec3::NEG_Z, Vec3::Y).unwrap()) }
 }
 
 /// A lamp far away whose image is a square of so many mm in the middle of the picture.

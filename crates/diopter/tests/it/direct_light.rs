@@ -41,9 +41,9 @@ impl Shot {
                 Lens::Compound(Box::new(CompoundLens::new(Arc::new(embedded("double-gauss-50mm").unwrap()), &setting).unwrap()))
             }
         };
-        let way = CameraMotion::still(look_at(from, at, Vec3::Y).unwrap());
+        let motion = CameraMotion::still(look_at(from, at, Vec3::Y).unwrap());
         let response = Response::sensor(&Sensor::named("canon-5d-mark-iv").unwrap());
-        Shot { scene, camera: Camera { lens, film: Film::new(36.0, 24.0, 48, 32), way }, response }
+        Shot { scene, camera: Camera { lens, film: Film::new(36.0, 24.0, 48, 32), motion }, response }
     }
 
     fn take(&self, settings: &Settings) -> FocalPlane {

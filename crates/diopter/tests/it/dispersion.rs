@@ -26,8 +26,8 @@ fn camera(film: Film, look_from: Vec3) -> Camera {
     let setting =
         Setting { focal_length: None, f_number: Some(4.0), focus, iris: None, film_mm: [film.width_mm, film.height_mm] };
     let lens = CompoundLens::new(Arc::new(embedded("tessar-50mm-f2.8").unwrap()), &setting).unwrap();
-    let way = CameraMotion::still(look_at(look_from, look_from - Vec3::Z, Vec3::Y).unwrap());
-    Camera { lens: Lens::Compound(Box::new(lens)), film, way }
+    let motion = CameraMotion::still(look_at(look_from, look_from - Vec3::Z, Vec3::Y).unwrap());
+    Camera { lens: Lens::Compound(Box::new(lens)), film, motion }
 }
 
 fn even() -> Scene {

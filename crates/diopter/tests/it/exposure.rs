@@ -25,7 +25,7 @@ fn cornell(columns: usize, rows: usize) -> (Scene, Camera) {
     let lens = Lens::Pinhole(Pinhole::new(Millimeters(35.0), 8.0).unwrap());
     (
         Scene::build(description).unwrap(),
-        Camera { lens, film: Film::new(25.0, 25.0, columns, rows), way: CameraMotion::still(place) },
+        Camera { lens, film: Film::new(25.0, 25.0, columns, rows), motion: CameraMotion::still(place) },
     )
 }
 
@@ -120,7 +120,7 @@ fn electrons_of_an_even_field_are_the_product_of_the_parts() {
     let lens = Lens::Thin(ThinLens::new(Millimeters(200.0), n, Iris::Round, Focus::Infinity).unwrap());
     let [pitch, _] = sensor.pitch_mm();
     let film = Film { pixel_area_mm2: pitch * pitch, ..Film::new(0.1, 0.1, 2, 2) };
-    let camera = Camera { lens, film, way: CameraMotion::still(look_at(Vec3::ZERO, Vec3::NEG_Z, Vec3::Y).unwrap()) };
+    let camera = Camera { lens, film, motion: CameraMotion::still(look_at(Vec3::ZERO, Vec3::NEG_Z, Vec3::Y).unwrap()) };
     let plane = take(&scene, &camera, &Response::sensor(&sensor), &Settings::new(4096));
     let d65 = diopter::light::cie::d65_one_nit();
     for (band, response) in sensor.band_responses().iter().enumerate() {
@@ -154,7 +154,7 @@ fn an_even_grey_field_has_its_luminance_and_colour() {
     let camera = Camera {
         lens,
         film: Film::new(36.0, 24.0, 3, 2),
-        way: CameraMotion::still(look_at(Vec3::ZERO, Vec3::NEG_Z, Vec3::Y).unwrap()),
+        motion: CameraMotion::still(look_at(Vec3::ZERO, Vec3::NEG_Z, Vec3::Y).unwrap()),
     };
     let response = Response::linear_srgb();
     let plane = take(&scene, &camera, &response, &Settings::new(4096));
@@ -190,7 +190,7 @@ fn blur_of_a_point_is_as_wide_as_the_thin_lens_says() {
     let camera = Camera {
         lens: Lens::Thin(ThinLens::new(Millimeters(f), 2.0, Iris::Round, Focus::Distance(Millimeters(2000.0))).unwrap()),
         film: Film::new(1.0, 1.0, 200, 200),
-        way: CameraMotion::still(look_at(Vec3::ZERO, Vec3::NEG_Z, Vec3::Y).unwrap()),
+        motion: CameraMotion::still(look_at(Vec3::ZERO, Vec3::NEG_Z, Vec3::Y).unwrap()),
     };
     let plane = take(&scene, &camera, &Response::luminance(), &Settings { truth: false, ..Settings::new(64) });
     // Light of an even disk has ⟨r²⟩ = R²/2; the lamp's own image (radius 0.0127 mm) adds its square.
@@ -247,8 +247,8 @@ fn spectral_bands_hold_the_mean_radiance_between_their_limits() {
         diopter::scene::Description { environment: Some(Environment::uniform(Vec3::splat(100.0))), ..Default::default() };
     let scene = Scene::build(description).unwrap();
     let lens = Lens::Pinhole(Pinhole::new(Millimeters(50.0), 8.0).unwrap());
-    let way = CameraMotion::still(look_at(Vec3::ZERO, Vec3::NEG_Z, Vec3::Y).unwrap());
-    let camera = Camera { lens, film: Film::new(36.0, 24.0, 6, 4), way };
+    let motion = CameraMotion::still(look_at(Vec3::ZERO, Vec3::NEG_Z, Vec3::Y).unwrap());
+    let camera = Camera { lens, film: Film::new(36.0, 24.0, 6, 4), motion };
     let bands: diopter::quantity::SpectralBands = "380..780/20nm".parse().unwrap();
     let plane = take(&scene, &camera, &Response::spectral(&bands), &Settings { truth: false, ..Settings::new(1024) });
     let d65 = diopter::light::cie::d65_one_nit();

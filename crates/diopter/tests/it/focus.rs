@@ -26,7 +26,7 @@ fn focus(scene: &Scene, lens: &Lens, af: &Autofocus) -> Report {
     let camera = Camera {
         lens: lens.clone(),
         film: Film::new(FILM[0], FILM[1], 960, 640),
-        way: CameraMotion::still(look_at(Vec3::ZERO, Vec3::NEG_Z, Vec3::Y).unwrap()),
+        motion: CameraMotion::still(look_at(Vec3::ZERO, Vec3::NEG_Z, Vec3::Y).unwrap()),
     };
     let (sensor, cancel) = (Sensor::named("canon-5d-mark-iv").unwrap(), AtomicBool::new(false));
     let watch = Watch { cancel: &cancel, progress: &|_| () };

@@ -39,7 +39,7 @@ fn photograph(shape: Shape, lens: &CompoundLens, film: Film, spp: u32) -> FocalP
         ..Default::default()
     };
     let place = look_at(Vec3::ZERO, Vec3::NEG_Z, Vec3::Y).unwrap();
-    let camera = Camera { lens: Lens::Compound(Box::new(lens.clone())), film, way: CameraMotion::still(place) };
+    let camera = Camera { lens: Lens::Compound(Box::new(lens.clone())), film, motion: CameraMotion::still(place) };
     let band: Vec<f32> = (544..=556).map(|nm| if (545..=555).contains(&nm) { 1.0 } else { 0.0 }).collect();
     let response = Response {
         bands: vec![Band { name: "G".into(), unit: BandUnit::Electrons }],

@@ -32,8 +32,8 @@ const BAYER: &str = "canon-5d-mark-iv";
 const GREY: &str = "imx455";
 
 fn take(body: &str, scene: &Scene, lens: &Lens, film: Film, spp: u32) -> FocalPlane {
-    let way = CameraMotion::still(look_at(Vec3::ZERO, Vec3::NEG_Z, Vec3::Y).unwrap());
-    let camera = Camera { lens: lens.clone(), film, way };
+    let motion = CameraMotion::still(look_at(Vec3::ZERO, Vec3::NEG_Z, Vec3::Y).unwrap());
+    let camera = Camera { lens: lens.clone(), film, motion };
     let sensor = Sensor::named(body).unwrap();
     let watch = Watch { cancel: &AtomicBool::new(false), progress: &|_| () };
     let facts = ExposureFacts {

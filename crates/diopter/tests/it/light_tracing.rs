@@ -29,8 +29,8 @@ struct Shot {
 impl Shot {
     fn new(scene: Scene, lens: Lens, film: Film) -> Shot {
         let response = Response::sensor(&Sensor::named("canon-5d-mark-iv").unwrap());
-        let way = CameraMotion::still(look_at(Vec3::ZERO, Vec3::NEG_Z, Vec3::Y).unwrap());
-        Shot { scene, camera: Camera { lens, film, way }, shutter: Shutter::global(1.0), response }
+        let motion = CameraMotion::still(look_at(Vec3::ZERO, Vec3::NEG_Z, Vec3::Y).unwrap());
+        Shot { scene, camera: Camera { lens, film, motion }, shutter: Shutter::global(1.0), response }
     }
 
     fn take(&self, settings: &Settings) -> FocalPlane {
@@ -176,9 +176,9 @@ fn through_a_double_gauss_light_from_lamps_is_the_light_that_paths_find() {
     let mechanism = Mechanism::Rolling { reset_s: 0.02, readout_s: 0.02, direction: Direction::Down };
     let mut rolling = Shot::new(scene(plain(), ball(at, 0.03), None), gauss(near), film_around(at, 55.0, 9.0));
     rolling.shutter = Shutter { mechanism, exposure_s: 0.02 };
-    let still = rolling.camera.way.at(0.0);
+    let still = rolling.camera.motion.at(0.0);
     let span = rolling.shutter.total_s();
-    rolling.camera.way =
+    rolling.camera.motion =
         CameraMotion::sampled(span, |t| Affine3A::from_translation(Vec3::X * (0.04 * (t / span) as f32)) * still);
     compare("rolling shutter, moving camera", &rolling, 2.0);
 }

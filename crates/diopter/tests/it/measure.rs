@@ -45,10 +45,10 @@ fn expose_on_the_way(
     film: Film,
     sensor: &Sensor,
     settings: Settings,
-    way: CameraMotion,
+    motion: CameraMotion,
 ) -> Measured {
     let scene = Scene::build(builtin::named(chart).unwrap()).unwrap();
-    let camera = Camera { lens: Lens::Compound(Box::new(lens.clone())), film, way };
+    let camera = Camera { lens: Lens::Compound(Box::new(lens.clone())), film, motion };
     let response = Response { bands: sensor.bands(), curves: sensor.band_responses(), analyzers: Vec::new() };
     let watch = Watch { cancel: &AtomicBool::new(false), progress: &|_| () };
     let plane: FocalPlane =
@@ -312,13 +312,13 @@ fn the_motion_of_a_shot_is_that_of_its_camera_and_its_subjects() {
     let film = &moving.camera.film;
     // Magnification at the chart: f / (distance - f), distances from the front principal point: within 2 %.
     let travel = f64::from(way_mm) * 50.0 / (DISTANCE_MM - 50.0) * film.columns as f64 / film.width_mm;
-    let way = Motion::Of(&moving).at([150.0, 100.0], [1.0, 0.0]).unwrap();
-    assert!((way.length_px(DVec2::X) / travel - 1.0).abs() < 0.04, "{} {travel}", way.length_px(DVec2::X));
-    assert!(way.length_px(DVec2::Y) < 0.01 * travel);
+    let motion = Motion::Of(&moving).at([150.0, 100.0], [1.0, 0.0]).unwrap();
+    assert!((motion.length_px(DVec2::X) / travel - 1.0).abs() < 0.04, "{} {travel}", motion.length_px(DVec2::X));
+    assert!(motion.length_px(DVec2::Y) < 0.01 * travel);
     // Constant speed: a box as long as the way.
-    let box_of = Motion::Straight([way.length_px(DVec2::X), 0.0]).at([0.0; 2], [1.0, 0.0]).unwrap();
+    let box_of = Motion::Straight([motion.length_px(DVec2::X), 0.0]).at([0.0; 2], [1.0, 0.0]).unwrap();
     for frequency in [0.1, 0.5, 1.0] {
-        let [a, b] = [&way, &box_of].map(|w| w.response(DVec2::X * frequency)[0]);
+        let [a, b] = [&motion, &box_of].map(|w| w.response(DVec2::X * frequency)[0]);
         assert!((a - b).abs() < 0.02, "{frequency}: {a} {b}");
     }
     // Nothing moves: nothing is lost.

@@ -218,7 +218,7 @@ fn cards_land_on_their_target(all: Vec<View>) {
     for (k, (name, d, place)) in all.into_iter().enumerate() {
         let scene = Scene::build(with_card(d, &name, &place)).unwrap();
         let film = Film { pixel_area_mm2: 5.36e-3f64.powi(2), ..Film::new(36.0, 24.0, 96, 64) };
-        let camera = Camera { way: CameraMotion::still(place), lens: lens.clone(), film };
+        let camera = Camera { motion: CameraMotion::still(place), lens: lens.clone(), film };
         // From the night to snow in the sun.
         let wanted = -3.0 + 20.0 * k as f64 / (count - 1).max(1) as f64;
         let mut settings = Settings { truth: false, ..Settings::new(64) };
@@ -263,7 +263,7 @@ fn every_pattern_agrees_on_an_even_card_over_twenty_ev() {
         let sensor = Sensor::named(body).unwrap();
         let [w, h] = sensor.pitch_mm();
         let film = Film { pixel_area_mm2: w * h, ..Film::new(36.0, 24.0, 960, 640) };
-        let camera = Camera { way: CameraMotion::still(place), lens: lens.clone(), film };
+        let camera = Camera { motion: CameraMotion::still(place), lens: lens.clone(), film };
         for k in 0..=10 {
             let ev = -3.0 + 2.0 * f64::from(k);
             // Luminance of that EV.
@@ -285,7 +285,7 @@ fn every_pattern_agrees_on_an_even_card_over_twenty_ev() {
     // In darkness there is nothing to read.
     let settings = Settings { light_scale: 0.0, truth: false, ..Settings::new(16) };
     let sensor = Sensor::named("canon-5d-mark-iv").unwrap();
-    let camera = Camera { way: CameraMotion::still(place), lens, film: Film::new(36.0, 24.0, 96, 64) };
+    let camera = Camera { motion: CameraMotion::still(place), lens, film: Film::new(36.0, 24.0, 96, 64) };
     let reading = Reading::new(100.0, 1);
     let meter = Meter { sensor: &sensor, reading: &reading, pattern: Pattern::Average, at: [0.5; 2], filter: 1.0 };
     let found = meter.read(&scene, &camera, &settings, &cie::illuminant("D65").unwrap(), &watch).unwrap();
@@ -297,7 +297,7 @@ fn the_reading_does_not_depend_on_the_samples_of_the_picture() {
     let stop = AtomicBool::new(false);
     let watch = Watch { cancel: &stop, progress: &|_| () };
     let d = builtin::named("cornell").unwrap();
-    let way = CameraMotion::still(d.cameras[0].world_from_camera);
+    let motion = CameraMotion::still(d.cameras[0].world_from_camera);
     let scene = Scene::build(d).unwrap();
     let sensor = Sensor::named("canon-5d-mark-iv").unwrap();
     let white = cie::illuminant("D65").unwrap();
@@ -306,7 +306,7 @@ fn the_reading_does_not_depend_on_the_samples_of_the_picture() {
     let meter = Meter { sensor: &sensor, reading: &reading, pattern: Pattern::Matrix, at: [0.5; 2], filter: 1.0 };
     let read = |size: usize, spp: u32, samples: std::ops::Range<u32>| {
         let film = Film { pixel_area_mm2: 5.36e-3f64.powi(2), ..Film::new(25.0, 25.0, size, size) };
-        let camera = Camera { way: way.clone(), lens: lens.clone(), film };
+        let camera = Camera { motion: motion.clone(), lens: lens.clone(), film };
         let settings = Settings { samples, ..Settings::new(spp) };
         let luminance = mean_luminance(&scene, &camera, &settings, &watch).unwrap();
         (meter.read(&scene, &camera, &settings, &white, &watch).unwrap().unwrap(), luminance)

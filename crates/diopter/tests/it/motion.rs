@@ -29,7 +29,7 @@ fn take(scene: &Scene, camera: &Camera, shutter: &Shutter, response: &Response, 
 
 fn pinhole(film: Film, from: Vec3, at: Vec3, focal_mm: f64) -> Camera {
     let lens = Lens::Pinhole(Pinhole::new(Millimeters(focal_mm), 8.0).unwrap());
-    Camera { lens, film, way: CameraMotion::still(look_at(from, at, Vec3::Y).unwrap()) }
+    Camera { lens, film, motion: CameraMotion::still(look_at(from, at, Vec3::Y).unwrap()) }
 }
 
 /// A picture of the moving bars, row by row, 1 where a bar is and 0 where the wall is.
@@ -306,7 +306,7 @@ fn pairs_of_the_lecture_table_expose_alike() {
         .map(|(n, t)| {
             let focus = Focus::Distance(Millimeters(2000.0));
             let lens = Lens::Thin(ThinLens::new(Millimeters(50.0), true_aperture(*n, None), Iris::Round, focus).unwrap());
-            let camera = Camera { way: CameraMotion::still(Affine3A::IDENTITY), lens, film: Film::new(36.0, 24.0, 24, 16) };
+            let camera = Camera { motion: CameraMotion::still(Affine3A::IDENTITY), lens, film: Film::new(36.0, 24.0, 24, 16) };
             middle(&take(&scene, &camera, &Shutter::global(true_time(*t, None)), &Response::sensor(&sensor), &Settings::new(64)))
         })
         .collect();
@@ -335,7 +335,7 @@ fn a_leaf_shutter_lets_in_its_marked_time_and_more_when_stopped_down() {
         )
         .unwrap();
         let camera = Camera {
-            way: CameraMotion::still(Affine3A::IDENTITY),
+            motion: CameraMotion::still(Affine3A::IDENTITY),
             lens: Lens::Compound(Box::new(lens)),
             film: Film::new(4.0, 4.0, 8, 8),
         };

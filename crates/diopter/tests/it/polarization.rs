@@ -52,7 +52,7 @@ fn camera(from: Vec3, towards: Vec3, columns: usize) -> Camera {
     Camera {
         lens: Lens::Pinhole(Pinhole::new(Millimeters(50.0), 8.0).unwrap()),
         film,
-        way: CameraMotion::still(look_at(from, from + towards, Vec3::Y).unwrap()),
+        motion: CameraMotion::still(look_at(from, from + towards, Vec3::Y).unwrap()),
     }
 }
 

@@ -51,7 +51,7 @@ fn differences(balls: bool, f_number: f64) -> [f64; 2] {
     let camera = Camera {
         lens: Lens::Thin(lens),
         film: Film::new(36.0, 24.0, 240, 160),
-        way: CameraMotion::still(look_at(Vec3::ZERO, Vec3::new(0.0, -0.35, -2.0), Vec3::Y).unwrap()),
+        motion: CameraMotion::still(look_at(Vec3::ZERO, Vec3::new(0.0, -0.35, -2.0), Vec3::Y).unwrap()),
     };
     let scene = scene(balls);
     let traced = take(&scene, &camera, 400);
@@ -84,7 +84,7 @@ fn the_sharp_camera_is_as_bright() {
     let camera = Camera {
         lens: Lens::Thin(lens),
         film: Film::new(36.0, 24.0, 12, 8),
-        way: CameraMotion::still(look_at(Vec3::ZERO, Vec3::NEG_Z, Vec3::Y).unwrap()),
+        motion: CameraMotion::still(look_at(Vec3::ZERO, Vec3::NEG_Z, Vec3::Y).unwrap()),
     };
     let d = Description { environment: Some(Environment::uniform(Vec3::splat(100.0))), ..Default::default() };
     let (scene, sensor) = (Scene::build(d).unwrap(), diopter::sensor::Sensor::named("canon-5d-mark-iv").unwrap());

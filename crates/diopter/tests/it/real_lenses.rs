@@ -31,7 +31,7 @@ fn even(radiance: f32) -> Scene {
 }
 
 fn before(lens: Lens, film: Film) -> Camera {
-    Camera { lens, film, way: CameraMotion::still(look_at(Vec3::ZERO, Vec3::NEG_Z, Vec3::Y).unwrap()) }
+    Camera { lens, film, motion: CameraMotion::still(look_at(Vec3::ZERO, Vec3::NEG_Z, Vec3::Y).unwrap()) }
 }
 
 /// Irradiance over radiance at a film point and wavelength, by a grid over the last rim and the plain trace.
@@ -132,7 +132,7 @@ fn threads_and_parts_do_not_matter_where_colours_part() {
     let film = Film::new(36.0, 24.0, 48, 32);
     // A simple lens: blue and red land pixels apart.
     let lens = lens("landscape-10mm", None, Focus::Distance(Millimeters(1000.0)), None, &film);
-    let camera = Camera { lens, film, way: CameraMotion::still(place) };
+    let camera = Camera { lens, film, motion: CameraMotion::still(place) };
     let with = |threads: usize, samples: std::ops::Range<u32>| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         pool.install(|| take(&scene, &camera, &Settings { samples, ..Settings::new(8) }))
@@ -207,7 +207,7 @@ fn exposures_on_the_disk_make_the_files_of_exposures_in_memory() {
     let watch = Watch { cancel: &stop, progress: &|_| () };
     let one_thread = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
     for lens in lenses {
-        let camera = Camera { lens, film: film(), way: CameraMotion::still(place) };
+        let camera = Camera { lens, film: film(), motion: CameraMotion::still(place) };
         let exposure = Exposure {
             scene: &scene,
             camera: &camera,
@@ -315,7 +315,7 @@ fn dispersion_costs_no_colour_noise() {
         let focus = Focus::Distance(Millimeters(1000.0));
         let setting = Setting { focal_length: None, f_number: Some(2.8), focus, iris: None, film_mm: [24.0, 24.0] };
         let lens = Lens::Compound(Box::new(CompoundLens::new(Arc::new(p), &setting).unwrap()));
-        let camera = Camera { lens, film, way: CameraMotion::still(place) };
+        let camera = Camera { lens, film, motion: CameraMotion::still(place) };
         let plane = take(&scene, &camera, &Settings { truth: false, ..Settings::new(64) });
         let (mut sum, mut count) = (0.0, 0.0);
         for (mean, half) in plane.mean.data.chunks_exact(3).zip(plane.half_difference.data.chunks_exact(3)) {

@@ -127,7 +127,7 @@ fn small_sensors_are_not_given_the_lens_of_a_full_frame() {
 fn filled(shot: &Shot) -> ([f64; 2], [f64; 2]) {
     let Lens::Thin(lens) = &shot.camera.lens else { panic!("a thin lens") };
     let film = &shot.camera.film;
-    let camera_from_world = shot.camera.way.at(0.0).inverse();
+    let camera_from_world = shot.camera.motion.at(0.0).inverse();
     let (mut least, mut most) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
     for corner in shot.subject_bounds().corners() {
         let p = camera_from_world.transform_point3(corner).as_dvec3();
@@ -157,7 +157,7 @@ fn a_bare_model_is_framed_lit_and_sharp() {
             }
             assert!(shot.scene.lights().environment.is_some() && said.iter().any(|s| s.contains("--light")), "{said:?}");
             // Focused on its front, not behind its middle, and stopped down.
-            let place = shot.camera.way.at(0.0);
+            let place = shot.camera.motion.at(0.0);
             let middle = -place.inverse().transform_point3(shot.subject_bounds().center()).z;
             let focus = shot.camera.lens.focus_distance().unwrap().0 / 1000.0;
             assert!(focus < f64::from(middle) + 1e-3 && focus > 0.3 * f64::from(middle), "{name}: {focus} {middle}");
@@ -216,7 +216,7 @@ fn a_saved_shot_keeps_the_studio() {
     assert_eq!(file.scene.light.as_deref(), Some("studio"));
     let (again, said) = told(&file.to_toml());
     // Directions are written as a point that is looked at.
-    assert!(again.camera.way.at(0.0).abs_diff_eq(shot.camera.way.at(0.0), 1e-6));
+    assert!(again.camera.motion.at(0.0).abs_diff_eq(shot.camera.motion.at(0.0), 1e-6));
     assert_eq!(again.camera.lens.f_number(), shot.camera.lens.f_number());
     assert_eq!(again.camera.lens.focus_distance(), shot.camera.lens.focus_distance());
     assert!(!said.iter().any(|s| s.contains("studio")), "{said:?}");

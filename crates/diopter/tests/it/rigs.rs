@@ -107,7 +107,7 @@ fn a_trigger_offset_moves_the_pose_along_the_path() {
     for (k, moment) in [(0, 0.2), (1, 0.22)] {
         rig.turn(&mut shots[k], k, 1, &mut |_| ()).unwrap();
         // 0.5 m/s along x; renderers' poses are in single precision.
-        let x = f64::from(shots[k].camera.way.at(0.0).translation.x);
+        let x = f64::from(shots[k].camera.motion.at(0.0).translation.x);
         assert!((x - 0.5 * moment).abs() < 1e-6 && (shots[k].at_s() - moment).abs() < 1e-12, "{x}");
     }
     let known = rig.calibration(&shots).unwrap();

@@ -138,7 +138,7 @@ impl Gap {
         self.values.len() > 1
     }
 
-    /// The gap, mm, at a zoom position (0 the first column, fractions between them, straight) and a focus (0 infinity, 1 the close position).
+    /// The gap, mm, at a zoom position (0 the first column, fractions between them on a monotone cubic) and a focus (0 infinity, 1 the close position, straight between).
     pub fn at(&self, zoom: f64, focus: f64) -> f64 {
         let row = |r: &Vec<f64>| interpolate(r, zoom);
         match &self.values[..] {

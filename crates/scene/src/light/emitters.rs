@@ -129,8 +129,9 @@ impl Emitters<'_> {
         let medium_stack = MediumStack::default();
         let stream = || stream_along(p, light_sample.wi);
         let most = settings.max_depth;
-        let past = scene.light_past(&mut (), sent, p, origin, light_sample, medium_stack, wavelengths, time_s, most, stream);
-        [past.light, if past.thin_dielectrics <= DIRECT_EVENTS { past.light } else { Sampled::ZERO }]
+        let shadow_ray =
+            scene.shadow_ray(&mut (), sent, p, origin, light_sample, medium_stack, wavelengths, time_s, most, stream);
+        [shadow_ray.light, if shadow_ray.thin_dielectrics <= DIRECT_EVENTS { shadow_ray.light } else { Sampled::ZERO }]
     }
 }
 

@@ -13,7 +13,7 @@ use crate::light::punctual::{disc_density, disc_sr, within_disc};
 use crate::light::{LightSample, Punctual, PunctualKind, Spot};
 use crate::material::Scattering;
 use crate::medium_stack::MediumStack;
-use crate::radiance::past;
+use crate::radiance::origin_behind;
 use crate::scene::Scene;
 use diopter_light::random::{Sampler, SamplerKind, Set};
 use diopter_light::sampling::{self, Grid2};
@@ -285,7 +285,7 @@ fn follow(
         let entering = surface.ng.dot(ray.direction) < 0.0;
         if medium_stack.hides(scene, surface.object, entering) || matches!(material.scattering, Scattering::Interface) {
             medium_stack.cross(scene, surface.object, entering);
-            ray.origin = past(&surface, ray.direction);
+            ray.origin = origin_behind(&surface, ray.direction);
             continue;
         }
         let around = medium_stack.around(scene, surface.object);

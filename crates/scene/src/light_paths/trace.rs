@@ -4,7 +4,7 @@ use super::emission::{Emission, Start};
 use super::photon::{Lanes, Photon, VolumePhoton, packed};
 use crate::material::Scattering;
 use crate::medium::Medium;
-use crate::radiance::{MOST_FACES, past};
+use crate::radiance::{MOST_FACES, origin_behind};
 use crate::scene::Scene;
 use diopter_light::random::{Sampler, Set};
 use diopter_light::{Ray, Sampled, Wavelengths};
@@ -65,7 +65,7 @@ pub(super) fn trace<'a>(
         let entering = surface.ng.dot(ray.direction) < 0.0;
         if medium_stack.hides(scene, surface.object, entering) || matches!(material.scattering, Scattering::Interface) {
             medium_stack.cross(scene, surface.object, entering);
-            ray.origin = past(&surface, ray.direction);
+            ray.origin = origin_behind(&surface, ray.direction);
             continue;
         }
         let around = medium_stack.around(scene, surface.object);

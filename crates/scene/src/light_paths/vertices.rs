@@ -31,7 +31,7 @@ use super::parallel::{CameraRays, Parallel};
 use crate::light::{LightRef, Modulation, PunctualKind};
 use crate::material::{Material, Principled, Scattering};
 use crate::medium_stack::MediumStack;
-use crate::radiance::past;
+use crate::radiance::origin_behind;
 use crate::scene::Scene;
 use crate::shape::{Surface, offset_origin};
 use diopter_light::random::{Sampler, SamplerKind, Set};
@@ -544,7 +544,7 @@ impl<'a> Connections<'a> {
             };
             way.passed *= through;
             way.medium_stack.cross(scene, surface.object, surface.ng.dot(start.direction) < 0.0);
-            way.ray.origin = past(&surface, start.direction);
+            way.ray.origin = origin_behind(&surface, start.direction);
             way.count += 1;
         }
         Some(way)

@@ -1,6 +1,6 @@
 //! What a ray meets first.
 
-use super::to_light::{MOST_FACES, past};
+use super::to_light::{MOST_FACES, origin_behind};
 use crate::scene::Scene;
 use crate::shape::Surface;
 use diopter_light::Ray;
@@ -37,7 +37,7 @@ impl Scene {
                 break;
             }
             gone += s.t;
-            start = past(&s, ray.direction);
+            start = origin_behind(&s, ray.direction);
             s = self.intersect(&Ray { origin: start, ..*ray }, f32::INFINITY)?;
         }
         s.t = if start == ray.origin { s.t } else { gone + s.t };

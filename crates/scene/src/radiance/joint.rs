@@ -95,8 +95,8 @@ impl Vertex<'_> {
         let start = Some(Start { point: self.point, density });
         let onward = MediumSegment { medium, span, ray, medium_stack, vertex: s.vertex + 1, depth: self.depth + 1, start, ..*s };
         // Over the density of the path's direction: the weights compare with it.
-        if let Some(past) = onward.jointly(light, throughput * f / density, [along, x, y]) {
-            add(past.light, self.depth + 2 + past.thin_dielectrics, direction);
+        if let Some(shadow_ray) = onward.jointly(light, throughput * f / density, [along, x, y]) {
+            add(shadow_ray.light, self.depth + 2 + shadow_ray.thin_dielectrics, direction);
         }
         true
     }

@@ -20,7 +20,7 @@ use super::joint::Vertex;
 use super::medium_segment::MediumSegment;
 use super::prev_scatter::{PrevScatter, Start};
 use super::tally::Tally;
-use super::to_light::Past;
+use super::to_light::ShadowRay;
 use super::weights::{MOST_SURVIVAL, mis, russian_roulette};
 use crate::light::LightRef;
 use crate::light::segment::{EquiAngular, Pivot, Segment};
@@ -206,8 +206,8 @@ impl MediumSegment<'_> {
     }
 
     /// Adds light of a lamp that is scattered on this segment.
-    fn add(&self, radiance: &mut impl Tally, arrives: Option<Past>) {
-        if let Some(Past { light, thin_dielectrics, .. }) = arrives {
+    fn add(&self, radiance: &mut impl Tally, arrives: Option<ShadowRay>) {
+        if let Some(ShadowRay { light, thin_dielectrics, .. }) = arrives {
             radiance.add(light, self.depth + 1 + thin_dielectrics);
         }
     }
@@ -231,7 +231,7 @@ impl MediumSegment<'_> {
     }
 
     /// Light of a lamp that is scattered into the ray, by an equi-angular sample; `None` where there is none. `u` decides whether it is taken.
-    fn equiangular(&self, inscatter: &Inscatter, sigma: &Sigma, throughput: Sampled, u: f32) -> Option<Past> {
+    fn equiangular(&self, inscatter: &Inscatter, sigma: &Sigma, throughput: Sampled, u: f32) -> Option<ShadowRay> {
         let (scene, segment) = (self.scene, &inscatter.segment);
         let [choice, along, place @ ..] = self.sampler.get(Set::Inscatter(self.segment_index));
         let (light, chosen) = scene.lights().choose_along(segment, choice, self.flash)?;
@@ -249,7 +249,7 @@ impl MediumSegment<'_> {
 
     /// Light of a lamp that is scattered into the ray, whose direction was drawn about the lamp; `None` where there is none. `throughput`: as of a path that had drawn
     /// the direction itself; `u`: for the distance and the point on the lamp.
-    pub(super) fn jointly(&self, light: LightRef, throughput: Sampled, u: [f32; 3]) -> Option<Past> {
+    pub(super) fn jointly(&self, light: LightRef, throughput: Sampled, u: [f32; 3]) -> Option<ShadowRay> {
         let sigma = self.medium.at(self.wavelengths);
         let inscatter = self.inscatter(&sigma, throughput)?;
         let pivot = self.scene.pivot(light, self.ray.time_s)?;
@@ -273,7 +273,7 @@ impl MediumSegment<'_> {
         distance: f32,
         [density, other]: [f32; 2],
         place: [f32; 2],
-    ) -> Option<Past> {
+    ) -> Option<ShadowRay> {
         let (scene, near) = (self.scene, inscatter.segment.near);
         let point = self.ray.at(distance);
         let light_sample = scene.sample_li(light, point, place, self.ray.time_s)?;
@@ -291,7 +291,7 @@ impl MediumSegment<'_> {
     }
 
     /// Light that arrives at a scattering vertex, by next-event estimation; `None` where there is none.
-    fn lit(&self, on: &ScatteredOn, point: Vec3, throughput: Sampled) -> Option<Past> {
+    fn lit(&self, on: &ScatteredOn, point: Vec3, throughput: Sampled) -> Option<ShadowRay> {
         let scene = self.scene;
         let u = self.sampler.get(Set::Light(self.vertex));
         let (light, probability) = scene.lights().choose(point, Vec3::ZERO, u[2], self.flash)?;
@@ -305,11 +305,11 @@ impl MediumSegment<'_> {
     }
 
     /// What is left of light from a lamp at a place of the segment.
-    fn transmitted_from_light(&self, point: Vec3, light: Sampled, light_sample: &crate::light::LightSample) -> Past {
+    fn transmitted_from_light(&self, point: Vec3, light: Sampled, light_sample: &crate::light::LightSample) -> ShadowRay {
         let thin_dielectrics = self.settings.max_depth - self.depth - 1;
         let stream = || self.sampler.stream(Set::Transmittance(self.vertex));
         // What panes do to the polarisation is lost where the medium scatters.
-        self.scene.light_past(
+        self.scene.shadow_ray(
             &mut (),
             light,
             point,

@@ -9,7 +9,7 @@ use super::media::{After, ScatteredOn};
 use super::medium_segment::MediumSegment;
 use super::prev_scatter::PrevScatter;
 use super::tally::{Scattered, Tally};
-use super::to_light::{MOST_FACES, Past, past};
+use super::to_light::{MOST_FACES, ShadowRay, origin_behind};
 use super::weights::{MOST_SURVIVAL, mis, russian_roulette, squared_ratio};
 use super::{CameraPath, PathSettings};
 use crate::light::LightRef;
@@ -288,7 +288,7 @@ impl<'a> Transport<'a> {
         // A hidden face stands in the way of light samples; then only chance finds the light.
         path.is_straight &= !hidden;
         path.last = path.last.filter(|_| !hidden).map(|l| PrevScatter { gone: l.gone + surface.t, ..l });
-        path.ray.origin = past(surface, path.ray.direction);
+        path.ray.origin = origin_behind(surface, path.ray.direction);
         Next::GoesOn
     }
 
@@ -402,7 +402,7 @@ impl<'a> Transport<'a> {
             let vertex = path.vertex;
             let stream = || sampler.stream(Set::Transmittance(vertex));
             let mut passed = T::ThinDielectrics::default();
-            let past = scene.light_past(
+            let shadow_ray = scene.shadow_ray(
                 &mut passed,
                 contribution,
                 surface.point,
@@ -414,8 +414,8 @@ impl<'a> Transport<'a> {
                 thin_dielectrics,
                 stream,
             );
-            let Past { light: arrives, thin_dielectrics: crossed, .. } = past;
-            let arrives = match by_connection > 0.0 && past.lets_light_paths_through(light_sample.distance) {
+            let ShadowRay { light: arrives, thin_dielectrics: crossed, .. } = shadow_ray;
+            let arrives = match by_connection > 0.0 && shadow_ray.lets_light_paths_through(light_sample.distance) {
                 true => arrives * ((1.0 + by_chance) / (1.0 + by_chance + by_connection)),
                 false => arrives,
             };

@@ -32,12 +32,12 @@ impl Scene {
         stream: impl Fn() -> Stream,
     ) -> Sampled {
         let stack = medium_stack;
-        self.light_past(&mut (), light, point, origin, light_sample, stack, wavelengths, time_s, thin_dielectrics, stream).light
+        self.shadow_ray(&mut (), light, point, origin, light_sample, stack, wavelengths, time_s, thin_dielectrics, stream).light
     }
 
     /// The same, and what was on the way.
     #[allow(clippy::too_many_arguments)]
-    pub(crate) fn light_past(
+    pub(crate) fn shadow_ray(
         &self,
         passed: &mut impl ThinDielectrics,
         light: Sampled,
@@ -49,8 +49,8 @@ impl Scene {
         time_s: f32,
         mut thin_dielectrics: u32,
         stream: impl Fn() -> Stream,
-    ) -> Past {
-        let nothing = Past { light: Sampled::ZERO, is_barred: false, thin_dielectrics: 0 };
+    ) -> ShadowRay {
+        let nothing = ShadowRay { light: Sampled::ZERO, is_barred: false, thin_dielectrics: 0 };
         let mut is_barred = false;
         let most = thin_dielectrics;
         if light == Sampled::ZERO {
@@ -67,7 +67,7 @@ impl Scene {
                     let to = end - origin;
                     let distance = to.length();
                     if distance <= light_sample.clearance {
-                        return Past { light: left, is_barred, thin_dielectrics: most - thin_dielectrics };
+                        return ShadowRay { light: left, is_barred, thin_dielectrics: most - thin_dielectrics };
                     }
                     (to / distance, distance - light_sample.clearance)
                 }
@@ -102,16 +102,16 @@ impl Scene {
                 let moment_s = self.moment_s(time_s);
                 left *= medium.transmittance(&ray, span, wavelengths, moment_s, || numbers.get_or_insert_with(&stream));
             }
-            let Some(face) = face else { return Past { light: left, is_barred, thin_dielectrics: most - thin_dielectrics } };
+            let Some(face) = face else { return ShadowRay { light: left, is_barred, thin_dielectrics: most - thin_dielectrics } };
             medium_stack.cross(self, face.object, face.ng.dot(direction) < 0.0);
-            origin = past(&face, direction);
+            origin = origin_behind(&face, direction);
         }
         nothing
     }
 }
 
-/// What arrives of light that was sampled.
-pub(crate) struct Past {
+/// What a shadow ray leaves of light that was sampled.
+pub(crate) struct ShadowRay {
     /// Radiance, or what stands for it.
     pub light: Sampled,
     /// Whether it went through what ends light paths: a medium, a face of one, a thin dielectric that scatters, too.
@@ -120,7 +120,7 @@ pub(crate) struct Past {
     pub thin_dielectrics: u32,
 }
 
-impl Past {
+impl ShadowRay {
     /// Whether light paths come along this way: through nothing, from infinitely far also through thin dielectrics.
     pub(super) fn lets_light_paths_through(&self, distance: f32) -> bool {
         !self.is_barred && (self.thin_dielectrics == 0 || distance == f32::INFINITY)
@@ -139,6 +139,6 @@ pub(crate) fn stream_along(point: Vec3, direction: Vec3) -> Stream {
 }
 
 /// A start just behind a face that a ray goes through.
-pub(crate) fn past(surface: &Surface, direction: Vec3) -> Vec3 {
+pub(crate) fn origin_behind(surface: &Surface, direction: Vec3) -> Vec3 {
     surface.leave(if surface.ng.dot(direction) > 0.0 { surface.ng } else { -surface.ng }, direction)
 }

@@ -1,5 +1,5 @@
 //! A folder in which the program is run.
-// Each test file uses a part of it.
+// `threads.rs` uses a part of it.
 #![allow(dead_code)]
 
 use std::path::PathBuf;

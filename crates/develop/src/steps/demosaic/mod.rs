@@ -15,7 +15,7 @@ section! {
     /// How missing colours are filled in.
     DemosaicStep "demosaic" {
         method: Demosaic = Demosaic::Gbtf, "", Names(Demosaic::NAMES),
-            "gbtf has the least error on charts; malvar-he-cutler and bilinear are faster; linear serves any pattern; half gives one pixel for each period of the pattern, with nothing guessed";
+            "gbtf has the least error on charts; malvar-he-cutler and bilinear are faster; linear serves any pattern, and takes the place of methods that do not fit one; half gives one pixel for each period of the pattern, with nothing guessed";
         false_color_passes: f64 = 3.0, "passes", Number(0.0, 5.0),
             "the colours of pixels where a channel changes by more than a factor of 4 give way to the median around: a mosaic sees glints and hard edges in single colours. Whole numbers; 0 leaves what was guessed";
     }
@@ -25,14 +25,14 @@ names! {
     /// Demosaic methods.
     #[non_exhaustive]
     Demosaic {
-        /// The mean of the nearest neighbours of a colour.
-        Bilinear = "bilinear",
-        /// 5 × 5 linear filters with correction by the gradient of the known colour.
-        MalvarHeCutler = "malvar-he-cutler",
         /// Directional colour differences weighted by their gradients.
         Gbtf = "gbtf",
         /// Ratio corrected.
         Rcd = "rcd",
+        /// 5 × 5 linear filters with correction by the gradient of the known colour.
+        MalvarHeCutler = "malvar-he-cutler",
+        /// The mean of the nearest neighbours of a colour.
+        Bilinear = "bilinear",
         /// Best linear filters, for any pattern.
         Linear = "linear",
         /// One pixel for each period of the pattern.

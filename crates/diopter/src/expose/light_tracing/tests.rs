@@ -51,7 +51,7 @@ fn the_entrance_table_holds_nearly_all_rays_and_little_else() {
         ("distagon-28mm-f2", real("distagon-28mm-f2", Focus::Infinity), 4.0),
     ];
     for (name, lens, most) in lenses {
-        let camera = Camera { lens, film: Film::new(36.0, 24.0, 36, 24), way: CameraMotion::still(Affine3A::IDENTITY) };
+        let camera = Camera { lens, film: Film::new(36.0, 24.0, 36, 24), motion: CameraMotion::still(Affine3A::IDENTITY) };
         let table = Entrance::of(&camera).unwrap();
         let (mut all, mut within, mut areas, mut weights) = (0, 0, 0.0, 0.0);
         for k in 0..4000 {

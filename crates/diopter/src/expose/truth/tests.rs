@@ -76,7 +76,7 @@ fn thin(f_number: f64) -> Lens {
 }
 
 fn camera(lens: Lens) -> Camera {
-    Camera { lens, film: Film::new(36.0, 24.0, COLUMNS, ROWS), way: CameraMotion::still(Affine3A::IDENTITY) }
+    Camera { lens, film: Film::new(36.0, 24.0, COLUMNS, ROWS), motion: CameraMotion::still(Affine3A::IDENTITY) }
 }
 
 fn asking(names: &str) -> Settings {
@@ -199,14 +199,14 @@ fn the_next_frame_shows_the_same_place_of_the_texture_where_flow_says() {
         })
     };
     let film = Film::new(film_mm[0], film_mm[1], COLUMNS, ROWS);
-    let camera = Camera { lens, film, way: way(0.1) };
+    let camera = Camera { lens, film, motion: way(0.1) };
     let mut settings = asking("uv,flow");
     settings.frames = Some(Arc::new(Frames { at_s: 0.1, step_s, next: way(0.1 + step_s), previous: way(0.1 - step_s) }));
     let mut scene = carried(Vec3::new(-1.0, 0.7, 0.5));
     scene.pose(0.1, shutter.total_s());
     let truth = recorded_by(&scene, &camera, &shutter, &settings);
     scene.pose(0.1 + step_s, shutter.total_s());
-    let next = Camera { way: way(0.1 + step_s), ..camera.clone() };
+    let next = Camera { motion: way(0.1 + step_s), ..camera.clone() };
     let looking = Recorder::new(&scene, &next, &shutter, &settings);
     let (mut compared, mut worst) = (0, 0.0f64);
     for at in (0..COLUMNS * ROWS).step_by(37).map(|i| [i % COLUMNS, i / COLUMNS]) {

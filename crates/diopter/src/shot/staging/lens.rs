@@ -290,7 +290,7 @@ pub(in crate::shot) fn camera(
     if let Some(view) = view.filter(|_| c.look_from.is_none() && c.path.is_empty() && other_angle) {
         warn_of_angle(view, &lens, &film, warn);
     }
-    let camera = Camera { lens, film, way: CameraMotion::still(place) };
+    let camera = Camera { lens, film, motion: CameraMotion::still(place) };
     light_field::warn_of_pupils(&camera, warn);
     Ok(camera)
 }

@@ -3,7 +3,10 @@
 //!
 //! Each process has its tables still to compute: threads of one process would find them ready after the first picture.
 
-use crate::common::Folder;
+#[path = "it/common/mod.rs"]
+mod common;
+
+use common::Folder;
 use serde_json::{Value, json};
 use std::path::Path;
 use std::process::{Child, Command, ExitStatus, Stdio};
