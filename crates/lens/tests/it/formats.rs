@@ -1,6 +1,7 @@
 //! What lens files of Zemax and CODE V mean, on short files written for these tests.
 
-use diopter_lens::batch::double::{Batch, Indices, LANES, Packet};
+use crate::packets::traced_alike;
+use diopter_lens::batch::double::LANES;
 use diopter_lens::glass::D_NM;
 use diopter_lens::import::{self, Format};
 use diopter_lens::paraxial::FirstOrder;
@@ -91,23 +92,11 @@ fn a_zemax_biconic_has_its_sag_and_traces_alike_in_packets() {
     assert_eq!(again.surfaces[0].profile, p.surfaces[0].profile);
     // Plain and packet trace.
     let s = system(&p);
-    let (batch, mut n) = (Batch::new(&s), Indices::default());
-    batch.indices(&[D_NM; LANES], &mut n);
-    let mut packet = Packet::default();
     let ray = |i: usize| {
         let (x, y) = ((i % 4) as f64 * 2.0 - 3.0, (i / 4) as f64 * 2.0 - 3.0);
         TracedRay { position: DVec3::new(x, y, -10.0), direction: DVec3::new(0.02, -0.03, 1.0).normalize() }
     };
-    for i in 0..LANES {
-        packet.set(i, ray(i).position.to_array(), ray(i).direction.to_array());
-    }
-    let mask = batch.trace(&mut packet, &n, Way::ToFilm);
-    for i in 0..LANES {
-        let plain = s.trace(ray(i), &s.indices(D_NM), Way::ToFilm, Apertures::Clip).unwrap();
-        assert!(mask >> i & 1 == 1, "{i}");
-        let direction = DVec3::new(packet.dx[i], packet.dy[i], packet.dz[i]);
-        assert!((direction - plain.direction).length() < 1e-6, "{i}: {direction} {}", plain.direction);
-    }
+    assert_eq!(traced_alike(&s, &s.indices(D_NM), ray).len(), LANES);
 }
 
 #[test]
@@ -284,26 +273,11 @@ fn q_type_aspheres_trace_alike_in_packets_and_come_back_from_toml() {
     let s = system(&p);
     assert!(s.is_rotational());
     let n = s.indices(D_NM);
-    let (batch, lanes) = (Batch::new(&s), Indices::uniform(&n));
-    let mut packet = Packet::default();
     let ray = |i: usize| TracedRay {
         position: DVec3::new(-7.0 + i as f64, 0.3 * i as f64 - 2.0, -8.0),
         direction: DVec3::new(0.02 * i as f64 - 0.1, 0.05, 1.0).normalize(),
     };
-    for i in 0..LANES {
-        packet.set(i, ray(i).position.to_array(), ray(i).direction.to_array());
-    }
-    let mask = batch.trace(&mut packet, &lanes, Way::ToFilm);
-    let mut met = 0;
-    for i in 0..LANES {
-        let plain = s.trace(ray(i), &n, Way::ToFilm, Apertures::Clip);
-        assert_eq!(plain.is_ok(), mask >> i & 1 == 1, "{i}");
-        let Ok(plain) = plain else { continue };
-        met += 1;
-        let found = DVec3::new(packet.x[i], packet.y[i], packet.z[i]);
-        let direction = DVec3::new(packet.dx[i], packet.dy[i], packet.dz[i]);
-        assert!((found - plain.position).length() < 1e-9 && (direction - plain.direction).length() < 1e-11, "{i}");
-    }
+    let met = traced_alike(&s, &n, ray).len();
     assert!(met > 10, "{met}");
     // A Q-con of one term is the asphere a₀ (r/10)⁴.
     let one = read(Format::Toml, &text.replace("terms = [0.05, -0.02, 0.01]", "terms = [0.05]"));

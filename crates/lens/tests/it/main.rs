@@ -7,6 +7,7 @@ mod files;
 mod formats;
 mod lens_files;
 mod off_axis;
+mod packets;
 mod patents;
 mod tilt;
 mod truths;
