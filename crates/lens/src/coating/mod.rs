@@ -20,6 +20,7 @@ pub use transfer::{Response, response};
 
 use crate::glass::{Glass, GlassKind};
 use crate::ray::Way;
+use film::{FILM_NM, MGF2};
 use std::sync::Arc;
 
 /// Most layers of a stack.
@@ -117,10 +118,7 @@ impl SurfaceCoating {
             SurfaceCoating::Perfect if !mirror => flat(0.0),
             SurfaceCoating::Flat(r) if !mirror => flat(*r),
             SurfaceCoating::QuarterWave if !mirror => {
-                let film = (
-                    Complex::from(crate::coating::film::MGF2),
-                    0.25 * crate::coating::film::FILM_NM / crate::coating::film::MGF2,
-                );
+                let film = (Complex::from(MGF2), 0.25 * FILM_NM / MGF2);
                 response(n[0], std::iter::once(film), substrate, cos, nm)
             }
             _ => response(n[0], std::iter::empty(), substrate, cos, nm),

@@ -102,7 +102,7 @@ fn recipes_do_what_they_are_named_for() {
 
 #[test]
 fn the_closed_form_of_a_quarter_wave_is_the_matrix_of_one_film() {
-    let film = [(Complex::from(crate::coating::film::MGF2), 0.25 * crate::coating::film::FILM_NM / crate::coating::film::MGF2)];
+    let film = [(Complex::from(MGF2), 0.25 * FILM_NM / MGF2)];
     let lens = "name = \"l\"\ncoating = \"MgF2\"\nsurfaces = [\n{ radius = 50, gap = 3, glass = \"1.62\", semi_diameter = 9, stop = true },\n\
         { radius = -60, gap = 40, semi_diameter = 9 } ]\n";
     let system = System::at(&read_toml(lens, "l.toml").unwrap(), State::default());
