@@ -18,6 +18,7 @@ pub use crate::steps::sharpen::Sharpen;
 pub use crate::steps::tone::{Curve, Tone};
 pub use crate::steps::white_balance::White;
 use serde::{Deserialize, Serialize};
+use std::sync::LazyLock;
 
 macro_rules! recipe {
     ($(#[$about:meta])* { $($(#[$doc:meta])* $field:ident: $type:ty,)* }) => {
@@ -68,30 +69,8 @@ recipe! {
     }
 }
 
-const COUNT: usize = {
-    let (mut n, mut i) = (0, 0);
-    while i < SECTIONS.len() {
-        n += SECTIONS[i].len();
-        i += 1;
-    }
-    n
-};
-
 /// All settings, in the order of the steps.
-pub const SETTINGS: &[Setting] = &{
-    let mut all = [SECTIONS[0][0]; COUNT];
-    let (mut n, mut i) = (0, 0);
-    while i < SECTIONS.len() {
-        let mut k = 0;
-        while k < SECTIONS[i].len() {
-            all[n] = SECTIONS[i][k];
-            n += 1;
-            k += 1;
-        }
-        i += 1;
-    }
-    all
-};
+pub static SETTINGS: LazyLock<Vec<Setting>> = LazyLock::new(|| SECTIONS.concat());
 
 impl Recipe {
     /// Names of the presets.
@@ -205,7 +184,7 @@ impl Recipe {
         crate::steps::white_balance::check(&self.white)?;
         crate::light_field::check(&self.light_field)?;
         let all = toml::Table::try_from(self).unwrap_or_default();
-        for setting in SETTINGS {
+        for setting in SETTINGS.iter() {
             let (section, key) = setting.name.split_once('.').unwrap_or((setting.name, ""));
             let Some(value) = all.get(section).and_then(|t| t.get(key)) else { continue };
             let within = |v: &toml::Value, low: f64, high: f64| {
@@ -256,7 +235,7 @@ mod tests {
 
     #[test]
     fn names_in_descriptions_are_those_that_are_read() {
-        for setting in SETTINGS {
+        for setting in SETTINGS.iter() {
             if let Allowed::Names(names) = setting.allowed {
                 for name in names {
                     let recipe = Recipe::default().with(setting.name, name).unwrap();

@@ -189,7 +189,7 @@ fn settings(recipe: &Recipe, json: bool) -> anyhow::Result<()> {
         return print_json(&serde_json::Value::Array(rows));
     }
     let mut out = std::io::stdout();
-    for s in SETTINGS {
+    for s in SETTINGS.iter() {
         let unit = if s.unit.is_empty() { String::new() } else { format!(" {}", s.unit) };
         let value = recipe.value(s.name);
         let value = if value.is_empty() { "not set".to_owned() } else { value };

@@ -231,7 +231,14 @@ impl Rendering for Transform {
     }
 
     fn at(&self, scene: Vec3) -> Vec3 {
-        self.apply(scene)
+        let ap1 = (self.ap1_from_srgb * scene).clamp(Vec3::ZERO, Vec3::splat(self.tone.input_limit));
+        let o = self.input.opponent(self.ap0_from_ap1 * ap1);
+        let jmh = self.input.jmh_of(o);
+        let j_toned = self.input.lightness(self.tone.at(self.input.luminance(o.x.max(0.0))));
+        let reach = lerp_table(&self.reach, jmh.z);
+        let toned = self.compress_chroma(jmh, j_toned, reach);
+        let inside = self.compress_gamut(toned, reach);
+        self.out * self.limit.rgb(inside).clamp(Vec3::ZERO, Vec3::splat(self.peak))
     }
 }
 
@@ -272,18 +279,6 @@ impl Transform {
         }
         t.cusps.push(t.cusps[0]);
         t
-    }
-
-    /// Light of the display, linear Rec.709, from light of the scene, linear Rec.709.
-    fn apply(&self, c: Vec3) -> Vec3 {
-        let ap1 = (self.ap1_from_srgb * c).clamp(Vec3::ZERO, Vec3::splat(self.tone.input_limit));
-        let o = self.input.opponent(self.ap0_from_ap1 * ap1);
-        let jmh = self.input.jmh_of(o);
-        let j_toned = self.input.lightness(self.tone.at(self.input.luminance(o.x.max(0.0))));
-        let reach = lerp_table(&self.reach, jmh.z);
-        let toned = self.compress_chroma(jmh, j_toned, reach);
-        let inside = self.compress_gamut(toned, reach);
-        self.out * self.limit.rgb(inside).clamp(Vec3::ZERO, Vec3::splat(self.peak))
     }
 
     fn compress_chroma(&self, jmh: Vec3, j: f32, reach: f32) -> Vec3 {
