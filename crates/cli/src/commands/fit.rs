@@ -7,7 +7,7 @@ use crate::args::FitLens;
 use crate::output::{Output, distinct};
 use crate::watch::{say, warn};
 use anyhow::anyhow;
-use diopter::calibration::read;
+use diopter::calibration::read_camera;
 use diopter::calibration::seen_fields::seen_fields;
 use diopter::lens::optimise::fit::{FitReport, FitSheet, FocusSetting, LensFit};
 use diopter::shot::{ShotError, lens_beside};
@@ -44,7 +44,7 @@ pub fn run(asked: &FitLens, json: bool) -> anyhow::Result<()> {
     let lens = lens_of(asked.lens.as_deref(), sheet.lens.as_deref(), &asked.measured)?;
     if let Some((path, entry)) = calibration {
         let name = path.display().to_string();
-        let source = read::read(&path, None).map_err(|e| AskedWrongly(e.into()))?;
+        let source = read_camera(&path, None).map_err(|e| AskedWrongly(e.into()))?;
         let (fields, pixel_mm) = seen_fields(&source, &name, entry.film_mm, entry.origin).map_err(|e| AskedWrongly(e.into()))?;
         sheet.add(&fields, entry.sigma_px * pixel_mm);
     }

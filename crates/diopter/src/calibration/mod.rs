@@ -15,7 +15,7 @@ pub mod observe;
 pub mod opencv;
 pub mod pose;
 pub mod ray_table;
-pub mod read;
+mod read;
 pub mod seen_fields;
 pub mod st_map;
 mod yaml;
@@ -24,6 +24,7 @@ pub use diopter_lens::camera_model::{CameraModel, ModelKind};
 pub use fit::Fit;
 pub use observe::{Observed, PrincipalRay};
 pub use pose::{Frame, Pose};
+pub use read::{parse_camera, read_camera};
 
 use crate::camera::Camera;
 use diopter_lens::{Lens, Projection};
@@ -304,7 +305,7 @@ pub(crate) mod tests {
             for kind in kinds {
                 let out = sample(*kind);
                 let text = out.text(format).unwrap();
-                let read = read::parse(&text, "file").unwrap_or_else(|e| panic!("{format:?} {kind:?}: {e}\n{text}"));
+                let read = parse_camera(&text, "file").unwrap_or_else(|e| panic!("{format:?} {kind:?}: {e}\n{text}"));
                 assert_eq!((read.size, read.model.kind()), (Some(out.size), *kind), "{text}");
                 // Half pixels are added and taken away again, and JSON is read to the last digit but one.
                 let near = |a: f64, b: f64| (a - b).abs() < 1e-9;
@@ -316,7 +317,7 @@ pub(crate) mod tests {
         // What a format cannot say is an error that names what it can.
         let e = sample(ModelKind::FTheta).text(Format::OpenCv).unwrap_err().to_string();
         assert!(e.contains("f-theta") && e.contains("opencv5"), "{e}");
-        let e = read::parse("hello", "file.txt").unwrap_err().to_string();
+        let e = parse_camera("hello", "file.txt").unwrap_err().to_string();
         assert!(e.contains("file.txt"), "{e}");
     }
 }

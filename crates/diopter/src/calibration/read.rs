@@ -12,7 +12,7 @@ const LARGEST_TEXT: usize = 256 << 20;
 
 /// Reads a camera from a file of any format. `focal_of_width`: focal length of the straight picture of an ST map over its
 /// width, where the map does not say it.
-pub fn read(path: &Path, focal_of_width: Option<f64>) -> Result<CameraSource, CalibrationError> {
+pub fn read_camera(path: &Path, focal_of_width: Option<f64>) -> Result<CameraSource, CalibrationError> {
     let name = path.display().to_string();
     let bytes = files::read(path).map_err(|e| match e.kind() {
         std::io::ErrorKind::NotFound => wrong(&*name, "there is no such file", "a calibration"),
@@ -31,11 +31,11 @@ pub fn read(path: &Path, focal_of_width: Option<f64>) -> Result<CameraSource, Ca
     }
     let text = String::from_utf8(bytes)
         .map_err(|_| wrong(&*name, "neither text nor EXR", "a calibration: YAML, JSON, cameras.txt or EXR"))?;
-    parse(&text, &name).map(CameraSource::Model)
+    parse_camera(&text, &name).map(CameraSource::Model)
 }
 
 /// Reads a camera from a text: JSON, YAML or COLMAP's, by what it holds.
-pub fn parse(text: &str, name: &str) -> Result<CameraFile, CalibrationError> {
+pub fn parse_camera(text: &str, name: &str) -> Result<CameraFile, CalibrationError> {
     let first = text.lines().map(str::trim).find(|l| !l.is_empty() && !l.starts_with('#')).unwrap_or("");
     if first.starts_with('{') {
         let v: Value = serde_json::from_str(text).map_err(|e| wrong(name, e.to_string(), "JSON"))?;

@@ -10,7 +10,7 @@ use super::sections::{CameraSection, SceneSection};
 use super::sources::ideal_fisheye;
 use super::{Inputs, LARGEST_SIDE, ShotError, value};
 use crate::calibration::camera_file::{CameraFile, CameraSource};
-use crate::calibration::read::read as read_camera;
+use crate::calibration::read_camera;
 use crate::camera::{Camera, Film, look_at};
 use crate::camera_motion::CameraMotion;
 use crate::depth_of_field::{CIRCLE_OF_DIAGONAL, circle_mm};

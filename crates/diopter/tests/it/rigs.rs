@@ -1,6 +1,6 @@
 //! Rigs: stereo, triggers, files of other programs.
 
-use diopter::calibration::read;
+use diopter::calibration::parse_camera;
 use diopter::expose::Watch;
 use diopter::image::truth::Values;
 use diopter::rig::Rig;
@@ -157,7 +157,7 @@ fn all_files_of_a_rig_are_there_and_say_what_it_is() {
     assert!((x - 0.5 * 0.23).abs() < 1e-12, "{x}");
     // The first camera of a chain is read by ours; the shift of the second is offset and half its exposure.
     let chain = text("calibration/camchain.yaml");
-    assert!(read::parse(&chain, "camchain.yaml").is_ok() && chain.contains("cam1:\n  T_cn_cnm1:"), "{chain}");
+    assert!(parse_camera(&chain, "camchain.yaml").is_ok() && chain.contains("cam1:\n  T_cn_cnm1:"), "{chain}");
     assert!(chain.contains("timeshift_cam_imu: 0.03\n") && chain.contains("timeshift_cam_imu: 0.005\n"), "{chain}");
     // At an even speed the IMU feels gravity alone, from the first frame to the end of the last exposure (0.1 to 0.24 s).
     let imu = data("imu0/truth.csv");
