@@ -200,7 +200,7 @@ impl Exposure<'_> {
         };
         let optics = self.optics();
         let stopped = self.take_samples(watch, &mut sums, keep, started, self.settings.time_limit_s, optics.as_ref())?;
-        let (mean, half_difference, facts, direct) = self.planes_of(&sums, optics.as_ref());
+        let (Finished { mean, half_difference, direct, .. }, facts) = self.planes_of(&sums, optics.as_ref());
         if let Some(direct) = direct {
             tell_direct(&mut truth, &self.response.bands, &mean, &direct);
         }
@@ -216,13 +216,13 @@ impl Exposure<'_> {
         if !is_ours || sums.samples.is_empty() || sums.tiles > 0 {
             return None;
         }
-        let (mean, half_difference, facts, _) = self.planes_of(sums, self.optics().as_ref());
+        let (Finished { mean, half_difference, .. }, facts) = self.planes_of(sums, self.optics().as_ref());
         let truth = Truth::missing(self.recorder().recorded(), film.columns, film.rows);
         Some(FocalPlane { bands: self.response.bands.clone(), mean, half_difference, truth, facts })
     }
 
-    /// What sums come to: mean and half difference, what is known of them, and what of the mean is direct light, where that is summed apart.
-    fn planes_of(&self, sums: &Sums, optics: Option<&Optics>) -> (Raster<f32>, Raster<f32>, ExposureFacts, Option<Raster<f32>>) {
+    /// What sums come to, and what is known of them.
+    fn planes_of(&self, sums: &Sums, optics: Option<&Optics>) -> (Finished, ExposureFacts) {
         let mut facts = self.facts_of(sums);
         let bands = self.response.curves.len();
         let stars = optics.filter(|_| self.makes_stars()).map(|optics| Stars {
@@ -234,9 +234,9 @@ impl Exposure<'_> {
             direct: self.direct().map(|from| from + bands),
             reweight: self.cascade().is_some(),
         });
-        let Finished { mean, half_difference, removed, direct } = sums.finish(bands, self.cascade(), stars, self.direct());
-        facts.fireflies_removed = removed;
-        (mean, half_difference, facts, direct)
+        let planes = sums.finish(bands, self.cascade(), stars, self.direct());
+        facts.fireflies_removed = planes.removed;
+        (planes, facts)
     }
 
     /// The stray light that the settings ask for, to be added to the mean once all else is done with it; `seen` gathers that mean. `None` where there is none.

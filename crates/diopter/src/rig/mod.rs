@@ -173,7 +173,7 @@ impl Rig {
         let quiet = Watch { cancel: watch.cancel, progress: &|_| () };
         let mut shots: Vec<Shot> = Vec::new();
         for camera in &self.cameras {
-            let inputs = Inputs { way: Some(camera.mounted.clone()), ..Default::default() };
+            let inputs = Inputs { mounted: Some(camera.mounted.clone()), ..Default::default() };
             let mut told = |text: &str| warn(&format!("camera {}: {text}", camera.name));
             let mut shot = Shot::prepare_cached(&camera.shot, inputs, &mut scenes, &mut told)?;
             if let Some(first) = shots.first() {

@@ -21,7 +21,7 @@ pub struct Inputs {
     /// The body.
     pub sensor: Option<Sensor>,
     /// How the camera goes along with a rig; where it stands by the shot file then says only what it is aimed at.
-    pub way: Option<Arc<Mounted>>,
+    pub mounted: Option<Arc<Mounted>>,
     /// The lens is set many times a second: its pupil is found at fewer places ([`diopter_lens::pupil::PupilDetail::Draft`]), and its profile is computed only where the
     /// development corrects by it.
     pub draft: bool,

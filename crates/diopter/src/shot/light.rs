@@ -184,11 +184,11 @@ impl Shot {
     }
 
     /// Where the camera is, and what moves in it, during an exposure of a length, s.
-    pub(super) fn way(&self, timing: &Timing, total_s: f64) -> Result<CameraMotion, ShotError> {
-        let way = timing.camera_motion(&self.scene, self.placed, total_s);
+    pub(super) fn camera_motion(&self, timing: &Timing, total_s: f64) -> Result<CameraMotion, ShotError> {
+        let carried = timing.camera_motion(&self.scene, self.placed, total_s);
         match &self.stabiliser {
-            None => Ok(way),
-            Some(stabiliser) => Ok(way.with_moving(Arc::new(timing.moving_part(stabiliser, &self.camera, total_s)?))),
+            None => Ok(carried),
+            Some(stabiliser) => Ok(carried.with_moving(Arc::new(timing.moving_part(stabiliser, &self.camera, total_s)?))),
         }
     }
 
@@ -197,7 +197,7 @@ impl Shot {
         let shutter = self.shutter();
         let total = shutter.total_s();
         let at = self.timing.at_s;
-        self.camera.motion = self.way(&self.timing, total)?;
+        self.camera.motion = self.camera_motion(&self.timing, total)?;
         if let Some(moving) = self.camera.motion.moving().filter(|moving| moving.stopped()) {
             warn(&format!(
                 "the stabiliser comes to its stop, {:.3} mm from the axis: the rest of the shake is in the picture",

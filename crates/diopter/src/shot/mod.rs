@@ -196,7 +196,7 @@ impl Shot {
         staging::take_angle_of_view(&mut file, &film)?;
         let file = file;
         let mut timing = Timing::new(&file, &asked.sensor, view)?;
-        timing.way.clone_from(&inputs.way);
+        timing.mounted.clone_from(&inputs.mounted);
         let focusing = Focusing::new(&file, film.width_mm.hypot(film.height_mm), warn)?;
         timing.play(&mut description, &file.scene)?;
         staging::choose_materials(&mut description, &file.scene)?;

@@ -235,8 +235,8 @@ impl Shot {
         let (at_s, step_s) = (self.timing.at_s, 1.0 / self.file.sequence.fps.unwrap_or(sequence::FPS));
         let total = self.shutter().total_s();
         // A stabiliser that stood ready for this exposure does so for the others.
-        let way = |at_s: f64| self.way(&self.timing.moved_to(at_s), total).ok();
-        Some(Frames { at_s, step_s, next: way(at_s + step_s)?, previous: way(at_s - step_s)? })
+        let motion = |at_s: f64| self.camera_motion(&self.timing.moved_to(at_s), total).ok();
+        Some(Frames { at_s, step_s, next: motion(at_s + step_s)?, previous: motion(at_s - step_s)? })
     }
 
     /// Settings of the exposure itself. What a filter takes is one factor on all light: the plane's facts keep it apart from the scene's own scale.

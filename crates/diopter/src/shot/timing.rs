@@ -41,7 +41,7 @@ pub(super) struct Timing {
     pub carrier: Option<u32>,
     path: Vec<Stop>,
     /// How a rig carries the camera, instead of a path.
-    pub way: Option<Arc<Mounted>>,
+    pub mounted: Option<Arc<Mounted>>,
     shake: Option<Shake>,
     /// The last key of what runs, s, if nothing moves after it.
     end_s: Option<f64>,
@@ -138,7 +138,7 @@ impl Timing {
         };
         let frozen = file.scene.frozen;
         let (flash, path) = (flash(file)?, Vec::new());
-        Ok(Timing { at_s, begun_s: at_s, frozen, mechanism, flash, carrier: None, path, way: None, shake, end_s: None })
+        Ok(Timing { at_s, begun_s: at_s, frozen, mechanism, flash, carrier: None, path, mounted: None, shake, end_s: None })
     }
 
     /// Lays the camera's path; stops that are aimed at nothing look at `center`.
@@ -202,8 +202,8 @@ impl Timing {
     pub fn camera_motion(&self, scene: &Scene, placed: Affine3A, total_s: f64) -> CameraMotion {
         let timeline = scene.description().timeline();
         let steady = |t: f64| -> Affine3A {
-            if let Some(way) = &self.way {
-                return way.at(self.at_s + t);
+            if let Some(mounted) = &self.mounted {
+                return mounted.at(self.at_s + t);
             }
             match (self.path.is_empty(), self.carrier) {
                 (false, _) => on_path(&self.path, self.at_s + t),
@@ -220,24 +220,24 @@ impl Timing {
                 let first = shake.turn(self.begun_s).inverse();
                 CameraMotion::sampled(total_s, |t| steady(t) * first * shake.turn(self.at_s + t))
             }
-            None if self.path.is_empty() && self.carrier.is_none() && self.way.is_none() => CameraMotion::still(placed),
+            None if self.path.is_empty() && self.carrier.is_none() && self.mounted.is_none() => CameraMotion::still(placed),
             None => CameraMotion::sampled(total_s, steady),
         }
     }
 
     /// Whether the camera shakes.
     pub fn shakes(&self) -> bool {
-        self.shake.is_some() || self.way.as_ref().is_some_and(|way| way.path.shake().is_some())
+        self.shake.is_some() || self.mounted.as_ref().is_some_and(|mounted| mounted.path.shake().is_some())
     }
 
     /// What moves in a camera against its shake during an exposure of a length, s.
     pub fn moving_part(&self, stabiliser: &Stabiliser, camera: &Camera, total_s: f64) -> Result<MovingPart, LensError> {
         let answered = |t: f64| -> DVec2 {
-            match (&self.way, &self.shake) {
+            match (&self.mounted, &self.shake) {
                 // A shake of a rig turns about the axes of the rig.
-                (Some(way), _) => {
-                    let angles = way.path.shake().map_or(DVec3::ZERO, |shake| stabiliser.answered(shake, self.at_s + t));
-                    (way.rig_from_camera.matrix3.transpose() * angles).truncate()
+                (Some(mounted), _) => {
+                    let angles = mounted.path.shake().map_or(DVec3::ZERO, |shake| stabiliser.answered(shake, self.at_s + t));
+                    (mounted.rig_from_camera.matrix3.transpose() * angles).truncate()
                 }
                 // As the shake itself, from where it was when the sequence began.
                 (None, Some(shake)) if !self.frozen => {
