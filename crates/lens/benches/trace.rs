@@ -96,7 +96,9 @@ fn main() {
     let fast = median(|| {
         work.clone_from(&fresh);
         let start = Instant::now();
-        black_box(batch.trace_many(&mut work, &n32, Way::ToFilm));
+        for packet in &mut work {
+            black_box(batch.trace(packet, &n32, Way::ToFilm));
+        }
         start.elapsed().as_secs_f64()
     });
     show("packets, f32", RAYS as f64, fast, per_ray);
@@ -108,7 +110,9 @@ fn main() {
         .map(|_| {
             few_packets.clone_from(&short);
             let start = Instant::now();
-            black_box(batch.trace_many(&mut few_packets, &n32, Way::ToFilm));
+            for packet in &mut few_packets {
+                black_box(batch.trace(packet, &n32, Way::ToFilm));
+            }
             start.elapsed().as_secs_f64()
         })
         .collect();
@@ -132,7 +136,9 @@ fn main() {
     let fast = median(|| {
         work.clone_from(&fresh);
         let start = Instant::now();
-        black_box(batch.trace_many(&mut work, &n64, Way::ToFilm));
+        for packet in &mut work {
+            black_box(batch.trace(packet, &n64, Way::ToFilm));
+        }
         start.elapsed().as_secs_f64()
     });
     show("packets, f64", RAYS as f64, fast, per_ray);
@@ -142,7 +148,9 @@ fn main() {
         .map(|_| {
             few_packets.clone_from(&short);
             let start = Instant::now();
-            black_box(batch.trace_many(&mut few_packets, &n64, Way::ToFilm));
+            for packet in &mut few_packets {
+                black_box(batch.trace(packet, &n64, Way::ToFilm));
+            }
             start.elapsed().as_secs_f64()
         })
         .collect();

@@ -4,15 +4,6 @@
 macro_rules! kernel {
     ($float:ident, $vector:ident, $mask:ident, $refract:ident) => {
         #[inline(always)]
-        fn trace_many<S: Simd>(simd: S, batch: &Batch, packets: &mut [Packet], n: &Indices, way: Way) -> Vec<u32> {
-            let mut masks = Vec::with_capacity(packets.len());
-            for p in packets {
-                masks.push(trace::<S, false>(simd, batch, p, n, &[0.0; LANES], way, 0..batch.steps.len()));
-            }
-            masks
-        }
-
-        #[inline(always)]
         fn indices<S: Simd>(simd: S, batch: &Batch, nm: &Lanes, out: &mut Indices) {
             let [short, long] = VISIBLE_NM;
             let (low, high) = (long.powi(-2), short.powi(-2));
@@ -47,13 +38,14 @@ macro_rules! kernel {
             }
         }
 
+        /// Follows a packet through some neighbouring surfaces; with wavelengths (nm) also what is left of its light. One function for both: each copy of it is large.
         #[inline(always)]
-        fn trace<S: Simd, const LIGHT: bool>(
+        fn trace<S: Simd>(
             simd: S,
             batch: &Batch,
             packet: &mut Packet,
             n: &Indices,
-            nm: &Lanes,
+            nm: Option<&Lanes>,
             way: Way,
             surfaces: Range<usize>,
         ) -> u32 {
@@ -100,7 +92,7 @@ macro_rules! kernel {
                     let b = Rays { position: [ox.1, oy.1, oz.1], direction: [dx.1, dy.1, dz.1], path: path.1, alive: alive.1 };
                     let (a, cos_a) = $refract(simd, s, [n0.0, n1.0, inverse1.0], a);
                     let (b, cos_b) = $refract(simd, s, [n0.1, n1.1, inverse1.1], b);
-                    if LIGHT {
+                    if let Some(nm) = nm {
                         let [cos0, cos1] = [0, 1].map(|k| $vector(cos_a[k], cos_b[k]));
                         fraction = fraction * passed(simd, &step.coating, n0, n1, cos0, cos1, nm, way);
                         let table = &batch.absorption[before];
@@ -140,7 +132,7 @@ macro_rules! kernel {
                     (dx, dy, dz) = (lanes(&u), lanes(&v), lanes(&w));
                     alive = alive & lanes(&there).simd_gt(zero);
                     path = path + lanes(&added);
-                    if LIGHT && !batch.absorption[before].is_empty() {
+                    if let Some(nm) = nm.filter(|_| !batch.absorption[before].is_empty()) {
                         depth = depth
                             + lanes(&absorbed(&batch.absorption[before], nm)) * lanes(&added)
                                 / $vector::from_slice(simd, &n.n[before]);
@@ -417,7 +409,7 @@ macro_rules! kernel {
                     let inverse = one / out;
                     (dx, dy, dz) = ((qx + nx * along) * inverse, (qy + ny * along) * inverse, (qz + nz * along) * inverse);
                     path = path + factor * value;
-                    if LIGHT {
+                    if let Some(nm) = nm {
                         let (cos0, cos1) = (facing.abs(), along.abs() * inverse);
                         if !step.mirror {
                             fraction = fraction * passed(simd, &step.coating, n0, n1, cos0, cos1, nm, way);
@@ -447,11 +439,11 @@ macro_rules! kernel {
                     let cos1 = cos2.max(zero).sqrt();
                     let along = sense * cos1 - mu * facing;
                     (dx, dy, dz) = (dx * mu + nx * along, dy * mu + ny * along, dz * mu + nz * along);
-                    if LIGHT {
+                    if let Some(nm) = nm {
                         fraction = fraction * passed(simd, &step.coating, n0, n1, facing.abs(), cos1, nm, way);
                     }
                 }
-                if LIGHT {
+                if let Some(nm) = nm {
                     if step.mirror {
                         let mut reflected = [0.0; LANES];
                         let cosines = facing.to_array();
@@ -494,7 +486,7 @@ macro_rules! kernel {
             dy.store_slice(&mut packet.dy);
             dz.store_slice(&mut packet.dz);
             path.store_slice(&mut packet.path);
-            if LIGHT {
+            if nm.is_some() {
                 fraction.store_slice(&mut packet.fraction);
                 let depth = depth.to_array();
                 if batch.absorption.iter().any(|a| !a.is_empty()) {

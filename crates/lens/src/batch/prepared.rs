@@ -302,17 +302,17 @@ macro_rules! prepared {
 
             /// [`Batch::trace`] through some neighbouring surfaces only; `n` stays that of all gaps, and paths begin anew.
             pub fn trace_part(&self, packet: &mut Packet, n: &Indices, way: Way, surfaces: Range<usize>) -> u32 {
-                dispatch!(level(), simd => trace::<_, false>(simd, self, packet, n, &[0.0; LANES], way, surfaces))
+                self.traced(packet, n, None, way, surfaces)
             }
 
             /// The same, and what glass, surfaces and an aperture picture leave of the light: [`Packet::fraction`].
             pub fn trace_light(&self, packet: &mut Packet, n: &Indices, nm: &Lanes, way: Way) -> u32 {
-                dispatch!(level(), simd => trace::<_, true>(simd, self, packet, n, nm, way, 0..self.steps.len()))
+                self.traced(packet, n, Some(nm), way, 0..self.steps.len())
             }
 
-            /// Follows many packets of one wavelength (indices as for [`Batch::trace`]) in one go; returns the masks.
-            pub fn trace_many(&self, packets: &mut [Packet], n: &Indices, way: Way) -> Vec<u32> {
-                dispatch!(level(), simd => trace_many(simd, self, packets, n, way))
+            /// The one place where the kernel is compiled, for each kind of processor.
+            fn traced(&self, packet: &mut Packet, n: &Indices, nm: Option<&Lanes>, way: Way, surfaces: Range<usize>) -> u32 {
+                dispatch!(level(), simd => trace(simd, self, packet, n, nm, way, surfaces))
             }
         }
     };
