@@ -157,7 +157,14 @@ impl<'a> Loader<'a> {
         }
         add_missing_bounds(&mut json);
         let asked_splats = splats::taken(&mut json, name)?;
-        let root: gltf::json::Root = serde_json::from_value(json).map_err(|e| broken(e.to_string()))?;
+        // As text once more: that reader is compiled with its crate; one of values would be compiled here, and is as large as all of USD's.
+        let text = serde_json::to_vec(&json).map_err(|e| broken(e.to_string()))?;
+        drop(json);
+        let root = gltf::json::Root::from_slice(&text).map_err(|e| {
+            // Lines and columns of this text say nothing of the file's.
+            broken(e.to_string().split(" at line ").next().unwrap_or_default().to_owned())
+        })?;
+        drop(text);
         check_sources(&root, name)?;
         check_attributes(&root, name)?;
         let document = gltf::Document::from_json(root).map_err(|e| {
