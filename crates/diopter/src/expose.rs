@@ -177,10 +177,11 @@ fn pass_length(pixels: usize) -> u32 {
     1u32 << (PASS_PATHS / pixels.max(1)).max(1).ilog2().clamp(1, 8)
 }
 
-/// Where the pass ends that begins with a sample: passes end at multiples of their length, so that sums are added in the same order however an
-/// exposure is interrupted.
+/// Where the pass ends that begins with a sample: at 2, 4, 8 ..., so that there is soon a picture to look at, and then at multiples of `length`. That depends on the
+/// sample alone: sums are added in the same order however an exposure is interrupted.
 fn pass_end(first: u32, length: u32) -> u32 {
-    (first / length + 1).saturating_mul(length)
+    let doubled = (first + 1).checked_next_power_of_two().unwrap_or(u32::MAX).max(2);
+    (first / length + 1).saturating_mul(length).min(doubled)
 }
 
 impl Exposure<'_> {
@@ -589,5 +590,21 @@ impl Exposure<'_> {
             }
         }
         Ok(sums.samples.end < wanted.end && stopped())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn passes_double_until_they_are_long_and_do_not_depend_on_where_an_exposure_begins() {
+        let ends = |first: u32| -> Vec<u32> {
+            std::iter::successors(Some(first), |first| Some(pass_end(*first, 16))).skip(1).take(6).collect()
+        };
+        assert_eq!(ends(0), [2, 4, 8, 16, 32, 48]);
+        assert_eq!(ends(6), [8, 16, 32, 48, 64, 80]);
+        assert_eq!(ends(40), [48, 64, 80, 96, 112, 128]);
+        assert_eq!(pass_end(u32::MAX - 3, 256), u32::MAX);
     }
 }

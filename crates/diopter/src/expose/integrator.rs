@@ -22,6 +22,9 @@ const LIGHT_PATHS: (u32, u32) = (1 << 12, 1 << 17);
 /// Camera paths that may be followed to learn where the sun matters, as a fraction of those of the exposure.
 const LEARNT_FROM: f64 = 0.06;
 
+/// Camera paths of an exposure below which `auto` does not ask whether connections pay: asking takes as long as some ten thousand paths.
+const LEAST_FOR_TRIAL: f64 = 32_768.0;
+
 /// Samples of a pixel for which a pair of photon maps serves: a power of two that depends on the number of pixels alone.
 pub(super) fn map_samples(pixels: usize) -> u32 {
     1u32 << (MAP_PATHS.div_ceil(pixels.max(1))).max(1).next_power_of_two().ilog2().clamp(1, 8)
@@ -57,6 +60,9 @@ impl Exposure<'_> {
             return None;
         }
         let pixels = self.camera.film.columns * self.camera.film.rows;
+        if self.settings.integrator == Integrator::Auto && pixels as f64 * f64::from(self.settings.spp) < LEAST_FOR_TRIAL {
+            return None;
+        }
         let camera_paths = pixels as f64 * f64::from(map_samples(pixels).min(self.settings.spp));
         let paths = ((camera_paths * LIGHT_PATHS_A_PATH) as u32).clamp(LIGHT_PATHS.0, LIGHT_PATHS.1);
         let (seed, max_depth, rgb) = (self.settings.seed, self.settings.path.max_depth, self.settings.rgb);

@@ -82,13 +82,53 @@ impl Shot {
     /// Exposes the film, or goes on from where `start` stands. `keep` and being stopped: see [`Exposure::run`]. What was stopped is not denoised, nor what
     /// is denoised for pictures alone ([`Shot::for_pictures`]).
     pub fn expose_from(&self, start: Option<Sums>, watch: &Watch, keep: Option<Keep>) -> Result<Exposed, ShotError> {
-        let facts = self.plane_facts();
-        let response = self.response();
         if self.lens_cap {
-            let plane = darkness(&self.camera.film, &response, &self.settings, facts);
+            let plane = darkness(&self.camera.film, &self.response(), &self.settings, self.plane_facts());
             return Ok(Exposed { plane, stopped: false, stray: None });
         }
-        let settings = self.light_settings(response.bands.len());
+        self.with_exposure(|exposure, optics| {
+            let Exposed { mut plane, stopped, .. } = exposure.run(watch, start, keep)?;
+            // A quick look has no rays through the lens.
+            if self.denoises_exposure()
+                && !stopped
+                && let Some(filter) = &self.filter
+            {
+                let features = self.features(exposure.camera);
+                plane = filter.denoise(&plane, features.as_ref())?;
+            }
+            // After denoising, whose guides are sharp.
+            if let Some(optics) = optics {
+                plane = quick_look::of_plane(&plane, optics);
+            }
+            // It has no noise that a filter should see, and glare is of what was denoised.
+            let stray = match self.file.render.quick {
+                true => None,
+                false => exposure.stray_light(|seen| seen.add_rows(&plane.mean, 0)),
+            };
+            if let Some(stray) = &stray {
+                stray.change(&mut plane, 0);
+            }
+            plane.facts.light_scale = self.settings.light_scale;
+            Ok(Exposed { plane, stopped, stray })
+        })
+    }
+
+    /// The picture so far of an exposure under way, from the sums that [`Shot::expose_from`] hands to `keep`: not denoised, without truth and stray light. `None` before the first
+    /// pass and in the midst of one ([`Exposure::so_far`]); passes end with 2, 4, 8 ... samples of each pixel, and later when some seconds have gone.
+    pub fn so_far(&self, sums: &Sums) -> Option<FocalPlane> {
+        self.with_exposure(|exposure, optics| {
+            let mut plane = exposure.so_far(sums)?;
+            if let Some(optics) = optics {
+                plane = quick_look::of_plane(&plane, optics);
+            }
+            plane.facts.light_scale = self.settings.light_scale;
+            Some(plane)
+        })
+    }
+
+    /// The exposure as it is computed, and the blur of a quick look, which is added to it afterwards.
+    fn with_exposure<R>(&self, run: impl FnOnce(&Exposure, Option<&Optics>) -> R) -> R {
+        let response = self.response();
         // The shapes of the blur cost seconds through a real lens: only a quick look asks for them.
         let optics = if self.file.render.quick { Optics::of(&self.camera) } else { None };
         let sharp = optics.is_some().then(|| quick_look::sharp_camera(&self.camera));
@@ -97,32 +137,10 @@ impl Shot {
             camera: sharp.as_ref().unwrap_or(&self.camera),
             shutter: &self.shutter(),
             response: &response,
-            settings: &settings,
-            facts: &facts,
+            settings: &self.light_settings(response.bands.len()),
+            facts: &self.plane_facts(),
         };
-        let Exposed { mut plane, stopped, .. } = exposure.run(watch, start, keep)?;
-        // A quick look has no rays through the lens.
-        if self.denoises_exposure()
-            && !stopped
-            && let Some(filter) = &self.filter
-        {
-            let features = self.features(exposure.camera);
-            plane = filter.denoise(&plane, features.as_ref())?;
-        }
-        // After denoising, whose guides are sharp.
-        if let Some(optics) = optics {
-            plane = quick_look::of_plane(&plane, &optics);
-        }
-        // It has no noise that a filter should see, and glare is of what was denoised.
-        let stray = match self.file.render.quick {
-            true => None,
-            false => exposure.stray_light(|seen| seen.add_rows(&plane.mean, 0)),
-        };
-        if let Some(stray) = &stray {
-            stray.change(&mut plane, 0);
-        }
-        plane.facts.light_scale = self.settings.light_scale;
-        Ok(Exposed { plane, stopped, stray })
+        run(&exposure, optics.as_ref())
     }
 
     /// Whether [`Shot::expose_rows`] can take this exposure: a quick look and Open Image Denoise work on the whole plane, and a lens cap needs no light.
@@ -192,34 +210,25 @@ impl Shot {
         memory: usize,
         folder: &Path,
     ) -> Result<ExposedStrips<'_>, ShotError> {
-        let (facts, response) = (self.plane_facts(), self.response());
-        let settings = self.light_settings(response.bands.len());
-        let shutter = self.shutter();
-        let exposure = Exposure {
-            scene: &self.scene,
-            camera: &self.camera,
-            shutter: &shutter,
-            response: &response,
-            settings: &settings,
-            facts: &facts,
-        };
-        let mut exposed = exposure.run_paged(watch, start, keep, memory, folder)?;
-        exposed.facts.light_scale = self.settings.light_scale;
-        let stopped = exposed.stopped;
-        let stray = exposure.stray_light(|seen| exposed.gather(seen));
-        let rows = exposed.rows(&self.scene);
-        let plane: Box<dyn FocalPlaneSource + '_> = match self.denoises_exposure() && !stopped {
-            true => {
-                let farthest = rows.farthest_log_depth();
-                Box::new(Denoised::new(rows, farthest).named(BUILT_IN))
-            }
-            false => Box::new(rows),
-        };
-        let plane: Box<dyn FocalPlaneSource + '_> = match stray {
-            Some(stray) => Box::new(WithStray::new(plane, stray)),
-            None => plane,
-        };
-        Ok(ExposedStrips { plane, stopped })
+        self.with_exposure(|exposure, _| {
+            let mut exposed = exposure.run_paged(watch, start, keep, memory, folder)?;
+            exposed.facts.light_scale = self.settings.light_scale;
+            let stopped = exposed.stopped;
+            let stray = exposure.stray_light(|seen| exposed.gather(seen));
+            let rows = exposed.rows(&self.scene);
+            let plane: Box<dyn FocalPlaneSource + '_> = match self.denoises_exposure() && !stopped {
+                true => {
+                    let farthest = rows.farthest_log_depth();
+                    Box::new(Denoised::new(rows, farthest).named(BUILT_IN))
+                }
+                false => Box::new(rows),
+            };
+            let plane: Box<dyn FocalPlaneSource + '_> = match stray {
+                Some(stray) => Box::new(WithStray::new(plane, stray)),
+                None => plane,
+            };
+            Ok(ExposedStrips { plane, stopped })
+        })
     }
 
     /// Facts of a focal plane: the speed is the read-out's; what the camera was set to goes with the plane.

@@ -114,7 +114,7 @@ fn the_claimed_variance_is_that_between_seeds() {
 
 #[test]
 fn auto_connects_where_walls_pass_on_the_light_of_a_small_lamp_and_not_under_a_large_one() {
-    let (shaded, camera) = room(60, 40);
+    let (shaded, camera) = room(96, 64);
     let with_lamp = |walls: usize, objects: Vec<Object>| {
         let mut description = shaded.description().clone();
         description.objects.truncate(walls);
@@ -137,11 +137,11 @@ fn auto_connects_where_walls_pass_on_the_light_of_a_small_lamp_and_not_under_a_l
             quad("back", [-1.0, -1.0, -1.0], [[2.0, 0.0, 0.0], [0.0, 2.0, 0.0]], 0),
         ],
     );
-    let (sun, in_the_sun) = sunlit_room(60, 40);
+    let (sun, in_the_sun) = sunlit_room(96, 64);
     for seed in 1..=4 {
         let in_sun = |integrator: Integrator| take(&sun, &in_the_sun, &settings(integrator, 64, seed));
         assert!(in_sun(Integrator::Auto) == in_sun(Integrator::Bidirectional), "sun, seed {seed}");
-        let by = |scene: &Scene, integrator: Integrator| take(scene, &camera, &settings(integrator, 4, seed));
+        let by = |scene: &Scene, integrator: Integrator| take(scene, &camera, &settings(integrator, 8, seed));
         // Not `assert_eq`: planes are long to print.
         assert!(by(&over_the_ceiling, Integrator::Auto) == by(&over_the_ceiling, Integrator::Bidirectional), "seed {seed}");
         assert!(by(&directly, Integrator::Auto) == by(&directly, Integrator::Path), "seed {seed}");

@@ -1,11 +1,12 @@
 //! A shot from values in memory is the shot that names them.
 
-use diopter::expose::Watch;
+use diopter::expose::{Sums, Watch};
 use diopter::image::FocalPlane;
 use diopter::lens::embedded;
 use diopter::scene::builtin;
 use diopter::sensor::Sensor;
 use diopter::shot::{Inputs, SceneCache, Shot, ShotFile};
+use std::ops::ControlFlow;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
@@ -102,4 +103,32 @@ fn a_scene_from_the_cache_takes_the_same_picture() {
     tent(2.25);
     let (after, fresh) = (taken_cached(&asked[0], &mut cache).0, taken_cached(&asked[0], &mut SceneCache::new()).0);
     assert!(after.mean.data == fresh.mean.data && after.mean.data != before.mean.data);
+}
+
+#[test]
+fn whoever_watches_sees_the_picture_so_far() {
+    let ready = |spp: u32| {
+        let toml = format!("[scene]\nfile = \"cornell\"\n{}", ASKED.replace("spp = 2", &format!("spp = {spp}")));
+        let mut shot = Shot::prepare(&toml::from_str(&toml).unwrap(), &mut |_| ()).unwrap();
+        shot.meter(&Watch { cancel: &AtomicBool::new(false), progress: &|_| () }, &mut |_| ()).unwrap();
+        shot
+    };
+    let watch = Watch { cancel: &AtomicBool::new(false), progress: &|_| () };
+    let shot = ready(12);
+    let mut seen = Vec::new();
+    let mut look = |sums: &Sums| {
+        seen.extend(shot.so_far(sums));
+        ControlFlow::Continue(())
+    };
+    let watched = shot.expose_from(None, &watch, Some(&mut look)).unwrap().plane;
+    // Looking changes nothing.
+    assert!(watched == shot.expose(&watch).unwrap());
+    assert_eq!(seen.iter().map(|plane| plane.facts.samples).collect::<Vec<_>>(), [2, 4, 8]);
+    // What was seen after some samples is what an exposure of the first of them gives.
+    for plane in seen {
+        let mut first = ready(12);
+        first.settings.samples = 0..plane.facts.samples;
+        let first = first.expose(&watch).unwrap();
+        assert!(plane.mean == first.mean && plane.half_difference == first.half_difference, "{}", plane.facts.samples);
+    }
 }
