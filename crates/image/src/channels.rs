@@ -1,7 +1,7 @@
 //! The truth channels: what can be recorded of the scene beside the light, each with its unit, its names in files and how parts of an exposure merge.
 //!
 //! One table ([`CHANNELS`]) from which recording, EXR, merging, Python and the documentation take what they need. A new channel is an entry here and
-//! the function that fills it in `diopter`'s `expose/truth.rs`. The first four are always recorded (denoising asks for them), the others where they are asked for.
+//! the function that fills it in `diopter`'s `expose/truth.rs`; `DIOPTER_WRITE_DOCS=1 cargo test -p diopter-image --lib channels` writes the documentation's table. The first four are always recorded (denoising asks for them), the others where they are asked for.
 //!
 //! Channels along one ray (*nearest*) are taken along the chief ray of the pixel's middle, halfway through the time for which this pixel is open. The others
 //! are weighted by coverage: over the samples of the pixel, each with its own place, point of the pupil and moment.
@@ -45,6 +45,8 @@ impl Merge {
 /// A kind of truth.
 #[derive(Debug)]
 pub struct Channel {
+    /// Which one it is, for what computes it: a channel without a function there does not compile.
+    pub id: ChannelId,
     /// Name as users write it.
     pub name: &'static str,
     /// Names of its channels in EXR files, in the order of its values.
@@ -65,6 +67,34 @@ pub struct Channel {
     pub about: &'static str,
 }
 
+/// The channels one by one, in the order of the table, which says what each is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[allow(missing_docs)]
+pub enum ChannelId {
+    Depth,
+    Normal,
+    Albedo,
+    Id,
+    Position,
+    Distance,
+    Uv,
+    Incidence,
+    Coc,
+    Pupil,
+    Motion,
+    Flow,
+    BackwardFlow,
+    Transmitted,
+    Coverage,
+    StrayLight,
+    Direct,
+    Indirect,
+    CryptoObject,
+    CryptoMaterial,
+    CryptoClass,
+    Class,
+}
+
 /// A name that is no channel's.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct UnknownChannel {
@@ -80,36 +110,34 @@ pub const COVERAGE_SAMPLES: u32 = 256;
 /// Number of the channels that are always recorded: the first of the table.
 pub const ALWAYS: usize = 4;
 
-/// The channel of a name; does not compile where there is none.
-const fn named(name: &str) -> &'static Channel {
-    let (mut i, name) = (0, name.as_bytes());
+// Each entry is in the place of its number.
+const _: () = {
+    let mut i = 0;
     while i < CHANNELS.len() {
-        let (there, mut k) = (CHANNELS[i].name.as_bytes(), 0);
-        while k < there.len() && k < name.len() && there[k] == name[k] {
-            k += 1;
-        }
-        if k == there.len() && k == name.len() {
-            return &CHANNELS[i];
-        }
+        assert!(CHANNELS[i].id as usize == i);
         i += 1;
     }
-    panic!("no such channel")
+};
+
+/// The entry of a channel.
+const fn entry(id: ChannelId) -> &'static Channel {
+    &CHANNELS[id as usize]
 }
 
 /// Depth: always recorded.
-pub const DEPTH: &Channel = named("depth");
+pub const DEPTH: &Channel = entry(ChannelId::Depth);
 /// Shading normal: always recorded.
-pub const NORMAL: &Channel = named("normal");
+pub const NORMAL: &Channel = entry(ChannelId::Normal);
 /// Albedo: always recorded.
-pub const ALBEDO: &Channel = named("albedo");
+pub const ALBEDO: &Channel = entry(ChannelId::Albedo);
 /// Number of the object: always recorded.
-pub const ID: &Channel = named("id");
+pub const ID: &Channel = entry(ChannelId::Id);
 /// What stray light changed: filled by what adds it.
-pub const STRAY_LIGHT: &Channel = named("stray-light");
+pub const STRAY_LIGHT: &Channel = entry(ChannelId::StrayLight);
 /// Direct light: filled by the sums of the exposure.
-pub const DIRECT: &Channel = named("direct");
+pub const DIRECT: &Channel = entry(ChannelId::Direct);
 /// Indirect light: filled by the sums of the exposure.
-pub const INDIRECT: &Channel = named("indirect");
+pub const INDIRECT: &Channel = entry(ChannelId::Indirect);
 
 /// Names of the EXR channels of a Cryptomatte layer: identifier and coverage of six ranks.
 macro_rules! ranks {
@@ -132,8 +160,9 @@ macro_rules! ranks {
 }
 
 /// A Cryptomatte layer.
-const fn cryptomatte(name: &'static str, exr: &'static [&'static str], about: &'static str) -> Channel {
+const fn cryptomatte(id: ChannelId, name: &'static str, exr: &'static [&'static str], about: &'static str) -> Channel {
     Channel {
+        id,
         name,
         exr,
         numbers: Numbers::Float,
@@ -149,6 +178,7 @@ const fn cryptomatte(name: &'static str, exr: &'static [&'static str], about: &'
 /// All channels; the first four are always recorded.
 pub static CHANNELS: [Channel; 22] = [
     Channel {
+        id: ChannelId::Depth,
         name: "depth",
         exr: &["Z"],
         numbers: Numbers::Float,
@@ -160,6 +190,7 @@ pub static CHANNELS: [Channel; 22] = [
         about: "distance from the middle of the entrance pupil (the camera's place, as in calibrations) along the camera's axis (all around, where there is no axis: along the ray); infinite where nothing is hit",
     },
     Channel {
+        id: ChannelId::Normal,
         name: "normal",
         exr: &["normal.X", "normal.Y", "normal.Z"],
         numbers: Numbers::Float,
@@ -171,6 +202,7 @@ pub static CHANNELS: [Channel; 22] = [
         about: "unit shading normal in world space, on the side that is seen; 0 where nothing is hit",
     },
     Channel {
+        id: ChannelId::Albedo,
         name: "albedo",
         exr: &["albedo.R", "albedo.G", "albedo.B"],
         numbers: Numbers::Float,
@@ -182,6 +214,7 @@ pub static CHANNELS: [Channel; 22] = [
         about: "albedo of the surface; 0 where nothing is hit",
     },
     Channel {
+        id: ChannelId::Id,
         name: "id",
         exr: &["id"],
         numbers: Numbers::Whole,
@@ -193,6 +226,7 @@ pub static CHANNELS: [Channel; 22] = [
         about: "number of the object (instance) plus one; 0 where nothing is hit",
     },
     Channel {
+        id: ChannelId::Position,
         name: "position",
         exr: &["P.X", "P.Y", "P.Z"],
         numbers: Numbers::Float,
@@ -204,6 +238,7 @@ pub static CHANNELS: [Channel; 22] = [
         about: "place of the surface in world space; not a number where nothing is hit",
     },
     Channel {
+        id: ChannelId::Distance,
         name: "distance",
         exr: &["distance"],
         numbers: Numbers::Float,
@@ -215,6 +250,7 @@ pub static CHANNELS: [Channel; 22] = [
         about: "distance along the chief ray from the middle of the entrance pupil; infinite where nothing is hit",
     },
     Channel {
+        id: ChannelId::Uv,
         name: "uv",
         exr: &["UV.U", "UV.V"],
         numbers: Numbers::Float,
@@ -226,6 +262,7 @@ pub static CHANNELS: [Channel; 22] = [
         about: "first texture coordinates of the surface; 0 where there are none",
     },
     Channel {
+        id: ChannelId::Incidence,
         name: "incidence",
         exr: &["incidence"],
         numbers: Numbers::Float,
@@ -237,6 +274,7 @@ pub static CHANNELS: [Channel; 22] = [
         about: "angle between the chief ray and the geometric normal, 0 to π/2; not a number where nothing is hit",
     },
     Channel {
+        id: ChannelId::Coc,
         name: "coc",
         exr: &["coc"],
         numbers: Numbers::Float,
@@ -248,6 +286,7 @@ pub static CHANNELS: [Channel; 22] = [
         about: "diameter of the circle of confusion of what is seen, through the lens as it is; negative before the sharp plane",
     },
     Channel {
+        id: ChannelId::Pupil,
         name: "pupil",
         exr: &["pupil"],
         numbers: Numbers::Float,
@@ -259,6 +298,7 @@ pub static CHANNELS: [Channel; 22] = [
         about: "fraction of the pupil that is open towards this place of the film, of that on the axis: vignetting",
     },
     Channel {
+        id: ChannelId::Motion,
         name: "motion",
         exr: &["motion.X", "motion.Y", "motion.Z"],
         numbers: Numbers::Float,
@@ -270,6 +310,7 @@ pub static CHANNELS: [Channel; 22] = [
         about: "way of the point of the surface in world space until the next frame; not a number where nothing is hit",
     },
     Channel {
+        id: ChannelId::Flow,
         name: "flow",
         exr: &["forward.u", "forward.v"],
         numbers: Numbers::Float,
@@ -281,6 +322,7 @@ pub static CHANNELS: [Channel; 22] = [
         about: "where the point of the surface lies in the next frame, from here: to the right and down, through lens, motion and shutter; not a number where the lens does not show it",
     },
     Channel {
+        id: ChannelId::BackwardFlow,
         name: "backward-flow",
         exr: &["backward.u", "backward.v"],
         numbers: Numbers::Float,
@@ -292,6 +334,7 @@ pub static CHANNELS: [Channel; 22] = [
         about: "the same in the frame before",
     },
     Channel {
+        id: ChannelId::Transmitted,
         name: "transmitted",
         exr: &["transmitted.X", "transmitted.Y", "transmitted.Z"],
         numbers: Numbers::Float,
@@ -303,6 +346,7 @@ pub static CHANNELS: [Channel; 22] = [
         about: "place in world space of the first surface that is neither smooth glass nor mirror, along the way that more light takes; not a number where there is none",
     },
     Channel {
+        id: ChannelId::Coverage,
         name: "coverage",
         exr: &["coverage"],
         numbers: Numbers::Float,
@@ -314,6 +358,7 @@ pub static CHANNELS: [Channel; 22] = [
         about: "fraction of the pixel's samples that meet a surface",
     },
     Channel {
+        id: ChannelId::StrayLight,
         name: "stray-light",
         exr: &["stray.R", "stray.G", "stray.B"],
         numbers: Numbers::Float,
@@ -325,6 +370,7 @@ pub static CHANNELS: [Channel; 22] = [
         about: "what ghosts and veiling glare add to the mean of red, green and blue (of other bands: the first, the middle and the last); negative where scatter takes light away: the mean without it is the picture without them",
     },
     Channel {
+        id: ChannelId::Direct,
         name: "direct",
         exr: &["direct.R", "direct.G", "direct.B"],
         numbers: Numbers::Float,
@@ -336,6 +382,7 @@ pub static CHANNELS: [Channel; 22] = [
         about: "what of the mean of red, green and blue (of other bands: the first, the middle and the last) was emitted towards the camera or scattered once on its way; of films of radiance in their unit",
     },
     Channel {
+        id: ChannelId::Indirect,
         name: "indirect",
         exr: &["indirect.R", "indirect.G", "indirect.B"],
         numbers: Numbers::Float,
@@ -347,21 +394,25 @@ pub static CHANNELS: [Channel; 22] = [
         about: "what was scattered more often: with direct light (and stray light) the mean before it is denoised",
     },
     cryptomatte(
+        ChannelId::CryptoObject,
         "crypto-object",
         ranks!("CryptoObject"),
         "Cryptomatte: names of objects as hashes and how much of the pixel each covers, six ranks; the manifest is in the header",
     ),
     cryptomatte(
+        ChannelId::CryptoMaterial,
         "crypto-material",
         ranks!("CryptoMaterial"),
         "Cryptomatte: names of materials as hashes and how much of the pixel each covers, six ranks; the manifest is in the header",
     ),
     cryptomatte(
+        ChannelId::CryptoClass,
         "crypto-class",
         ranks!("CryptoClass"),
         "Cryptomatte: classes of objects as hashes and how much of the pixel each covers, six ranks; the manifest is in the header",
     ),
     Channel {
+        id: ChannelId::Class,
         name: "class",
         exr: &["class"],
         numbers: Numbers::Whole,
@@ -460,13 +511,20 @@ mod tests {
     }
 
     #[test]
-    fn the_documentation_has_every_channel() {
-        let docs = include_str!("../../../docs/truth.md");
-        for c in &CHANNELS {
+    fn the_documentation_has_the_table() {
+        let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../../docs/truth.md");
+        let docs = std::fs::read_to_string(path).unwrap();
+        let row = |c: &Channel| {
             let unit = if c.unit.is_empty() { "–" } else { c.unit };
-            let row = format!("| `{}` | {} | {unit} | {} | {} |", c.name, exr_names(c), c.merge.name(), c.about);
-            assert!(docs.contains(&row), "docs/truth.md lacks this row:\n{row}");
+            format!("| `{}` | {} | {unit} | {} | {} |\n", c.name, exr_names(c), c.merge.name(), c.about)
+        };
+        let table: String = CHANNELS.iter().map(row).collect();
+        let start = docs.find("| `depth`").expect("docs/truth.md has a table");
+        let end = start + docs[start..].find("\n\n").expect("the table ends") + 1;
+        if std::env::var_os("DIOPTER_WRITE_DOCS").is_some() {
+            return std::fs::write(path, [&docs[..start], &table, &docs[end..]].concat()).unwrap();
         }
+        assert_eq!(&docs[start..end], table, "DIOPTER_WRITE_DOCS=1 cargo test -p diopter-image --lib channels writes it");
     }
 
     /// Names in files, as the documentation has them: what is common to all only once.

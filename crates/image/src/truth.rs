@@ -247,7 +247,7 @@ impl Truth {
         Truth { recorded: self.recorded.clone(), values: self.values.iter().map(|v| v.thinned(factor)).collect() }
     }
 
-    /// Puts the rows of a truth of the same width and channels below its own.
+    /// Adds the rows of a truth below its own. Panics on other channels or another width.
     pub fn append(&mut self, below: &Truth) {
         assert_eq!(self.recorded.channels, below.recorded.channels, "rows of other channels");
         self.values.iter_mut().zip(&below.values).for_each(|(v, below)| v.append(below));
@@ -343,9 +343,11 @@ impl Ranks {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::channels::ChannelId;
 
     const fn channel(name: &'static str, exr: &'static [&'static str], merge: Merge) -> Channel {
         Channel {
+            id: ChannelId::Depth,
             name,
             exr,
             numbers: Numbers::Float,

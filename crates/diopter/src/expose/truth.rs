@@ -12,7 +12,7 @@ use crate::camera_motion::CameraMotion;
 use crate::mount::{film_shift_on, lens_on};
 use crate::projection::{self, Target};
 use crate::shutter::{Place, Shutter};
-use diopter_image::channels::{COVERAGE_SAMPLES, Channel};
+use diopter_image::channels::{COVERAGE_SAMPLES, Channel, ChannelId};
 use diopter_image::cryptomatte;
 use diopter_image::focal_plane::Truth;
 use diopter_image::truth::{Manifest, Ranks, Recorded, Values};
@@ -69,32 +69,31 @@ enum Fill {
 }
 
 /// The function of a channel.
-fn fill(channel: &Channel) -> Fill {
-    match channel.name {
-        "depth" => Fill::Float(depth),
-        "normal" => Fill::Float(normal),
-        "albedo" => Fill::Float(albedo),
-        "id" => Fill::Whole(id),
-        "class" => Fill::Whole(class),
-        "position" => Fill::Float(position),
-        "distance" => Fill::Float(distance),
-        "uv" => Fill::Float(uv),
-        "incidence" => Fill::Float(incidence),
-        "coc" => Fill::Float(circle_of_confusion),
-        "pupil" => Fill::Float(pupil),
-        "motion" => Fill::Float(motion),
-        "flow" => Fill::Float(forward_flow),
-        "backward-flow" => Fill::Float(backward_flow),
-        "transmitted" => Fill::Float(transmitted),
-        "coverage" => Fill::Mean(|surface| f64::from(u8::from(surface.is_some()))),
-        "crypto-object" => Fill::Ranks(|recorder, surface| recorder.mattes.objects[surface.object as usize]),
-        "crypto-material" => Fill::Ranks(|recorder, surface| {
+fn fill(channel: ChannelId) -> Fill {
+    match channel {
+        ChannelId::Depth => Fill::Float(depth),
+        ChannelId::Normal => Fill::Float(normal),
+        ChannelId::Albedo => Fill::Float(albedo),
+        ChannelId::Id => Fill::Whole(id),
+        ChannelId::Class => Fill::Whole(class),
+        ChannelId::Position => Fill::Float(position),
+        ChannelId::Distance => Fill::Float(distance),
+        ChannelId::Uv => Fill::Float(uv),
+        ChannelId::Incidence => Fill::Float(incidence),
+        ChannelId::Coc => Fill::Float(circle_of_confusion),
+        ChannelId::Pupil => Fill::Float(pupil),
+        ChannelId::Motion => Fill::Float(motion),
+        ChannelId::Flow => Fill::Float(forward_flow),
+        ChannelId::BackwardFlow => Fill::Float(backward_flow),
+        ChannelId::Transmitted => Fill::Float(transmitted),
+        ChannelId::Coverage => Fill::Mean(|surface| f64::from(u8::from(surface.is_some()))),
+        ChannelId::CryptoObject => Fill::Ranks(|recorder, surface| recorder.mattes.objects[surface.object as usize]),
+        ChannelId::CryptoMaterial => Fill::Ranks(|recorder, surface| {
             let object = &recorder.scene.description().objects[surface.object as usize];
             recorder.mattes.materials[object.material as usize]
         }),
-        "crypto-class" => Fill::Ranks(|recorder, surface| recorder.mattes.classes[recorder.class_of(surface.object)]),
-        "stray-light" | "direct" | "indirect" => Fill::Later,
-        name => unreachable!("the channel \"{name}\" has no function"),
+        ChannelId::CryptoClass => Fill::Ranks(|recorder, surface| recorder.mattes.classes[recorder.class_of(surface.object)]),
+        ChannelId::StrayLight | ChannelId::Direct | ChannelId::Indirect => Fill::Later,
     }
 }
 
@@ -253,15 +252,15 @@ enum Row<'a> {
 impl<'a> Recorder<'a> {
     pub fn new(scene: &'a Scene, camera: &'a Camera, shutter: &'a Shutter, settings: &'a Settings) -> Self {
         let channels = &settings.truth_channels;
-        let asked = |names: &[&str]| settings.truth && channels.iter().any(|c| names.contains(&c.name));
+        let asked = |needs: fn(&Channel) -> bool| settings.truth && channels.iter().any(|c| needs(c));
         let behind = camera.film.microlenses.map(|m| m.behind(&camera.lens));
-        let blur = asked(&["coc", "pupil"]).then(|| Blur::new(camera));
+        let blur = asked(|c| matches!(c.id, ChannelId::Coc | ChannelId::Pupil)).then(|| Blur::new(camera));
         let span_s = shutter.total_s();
         let frame = |frames: &'a Frames, sign: f64, way: &'a CameraMotion| OtherFrame {
             scene: scene.other_exposure(frames.at_s + sign * frames.step_s, span_s),
             way,
         };
-        let frames = settings.frames.as_deref().filter(|_| asked(&["motion", "flow", "backward-flow"]));
+        let frames = settings.frames.as_deref().filter(|_| asked(|c| c.needs_frames));
         let frames = frames.map(|f| [frame(f, -1.0, &f.previous), frame(f, 1.0, &f.next)]);
         let (recorded, mattes) = recorded(scene, settings);
         let all_around = !camera.has_axis();
@@ -282,7 +281,7 @@ impl<'a> Recorder<'a> {
     pub fn rows(&self, rows: Range<usize>, cancel: &AtomicBool) -> Option<Truth> {
         let width = self.camera.film.columns;
         let mut truth = Truth::missing(self.recorded.clone(), width, rows.len());
-        let fills: Vec<(usize, Fill)> = self.recorded.channels().iter().map(|c| (c.parts(), fill(c))).collect();
+        let fills: Vec<(usize, Fill)> = self.recorded.channels().iter().map(|c| (c.parts(), fill(c.id))).collect();
         let sampled = fills.iter().any(|(_, fill)| matches!(fill, Fill::Mean(_) | Fill::Ranks(_)));
         // Each row where it belongs: no second copy of the planes.
         let mut planes: Vec<Vec<Row>> = rows.clone().map(|_| Vec::with_capacity(fills.len())).collect();
@@ -502,35 +501,21 @@ fn recorded(scene: &Scene, settings: &Settings) -> (Recorded, Mattes) {
     let mut manifests = Vec::new();
     let mut sampled = false;
     let mut classes = Vec::new();
-    if recorded.more().iter().any(|c| ["class", "crypto-class"].contains(&c.name)) {
+    if recorded.more().iter().any(|c| matches!(c.id, ChannelId::Class | ChannelId::CryptoClass)) {
         (classes, mattes.class_of) = numbered_classes(d);
     }
     for channel in recorded.more() {
-        let names = match channel.name {
-            "crypto-object" => &objects,
-            "crypto-material" => &materials,
-            "crypto-class" => &classes,
+        let (names, to, layer) = match channel.id {
+            ChannelId::CryptoObject => (&objects, &mut mattes.objects, "CryptoObject"),
+            ChannelId::CryptoMaterial => (&materials, &mut mattes.materials, "CryptoMaterial"),
+            ChannelId::CryptoClass => (&classes, &mut mattes.classes, "CryptoClass"),
             _ => {
-                sampled |= matches!(fill(channel), Fill::Mean(_));
+                sampled |= matches!(fill(channel.id), Fill::Mean(_));
                 continue;
             }
         };
         sampled = true;
-        let identifiers = names.iter().map(|name| cryptomatte::identifier(name)).collect();
-        let layer = match channel.name {
-            "crypto-object" => {
-                mattes.objects = identifiers;
-                "CryptoObject"
-            }
-            "crypto-class" => {
-                mattes.classes = identifiers;
-                "CryptoClass"
-            }
-            _ => {
-                mattes.materials = identifiers;
-                "CryptoMaterial"
-            }
-        };
+        *to = names.iter().map(|name| cryptomatte::identifier(name)).collect();
         let names = names.iter().cloned().collect::<BTreeSet<String>>().into_iter().collect();
         manifests.push(Manifest::new(layer, names));
     }

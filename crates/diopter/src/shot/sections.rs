@@ -258,7 +258,7 @@ section! {
         /// Turn the iris, degrees.
         #[arg(long = "blade-rotation", value_name = "DEG", allow_negative_numbers = true, help_heading = "Lens")]
         pub blade_rotation_deg: Option<f32>,
-        /// A hood of this length before a real lens, as narrow as the picture allows: keeps light from beside off the front glass.
+        /// A hood of this length before a real lens, as narrow as the picture allows: shades the front element from light beside the picture.
         ///
         /// It shows with --stray scatter. A lens sheet can have its own (`hood`).
         #[arg(long, value_name = "LENGTH", help_heading = "Lens")]
@@ -610,7 +610,7 @@ section! {
         pub integrator: Option<String>,
         /// Stray light: all, none, or some of ghosts, diffraction, scatter with commas between them.
         ///
-        /// ghosts: light of lamps that pairs of surfaces, and the sensor, throw back and forth. scatter: veiling glare of surfaces, dust, barrel and edges. Both
+        /// ghosts: light of lamps that is reflected twice between surfaces, or between the sensor and a surface. scatter: veiling glare of surfaces, dust, barrel and edges. Both
         /// only in real lenses. diffraction: as --diffraction auto; where --stray leaves it out, there is none, unless --diffraction says otherwise. Without
         /// --stray: diffraction where it shows, no ghosts, no scatter. Meters and autofocus see no stray light.
         #[arg(long, value_name = "LIST")]
@@ -643,9 +643,8 @@ section! {
         pub fireflies: Option<FireflyChoice>,
         /// Truth channels that are recorded beside depth, normal, albedo and id: "position,flow" or "all".
         ///
-        /// They go into focal planes (`expose`, --keep-plane) and --truth. Through the lens as it is, at each row's own time. docs/truth.md has the table of them:
-        /// position, distance, uv, incidence, coc (circle of confusion), pupil (vignetting), motion, flow, backward-flow, transmitted (behind glass), coverage, crypto-object,
-        /// crypto-material and crypto-class (Cryptomatte), class. The next frame is that of the film (--fps); of a single picture, 1/24 s later.
+        /// They go into focal planes (`expose`, --keep-plane) and --truth. Through the lens as it is, at each row's own time. docs/truth.md has the table of them, and a name
+        /// that is none of them is answered with the list. The next frame is that of the film (--fps); of a single picture, 1/24 s later.
         #[arg(long, value_name = "LIST", help_heading = "Output")]
         pub truth_channels: Option<String>,
         /// Diffraction at the aperture: auto, on or off.

@@ -25,7 +25,7 @@ const DEPTH: f64 = 5.0;
 #[test]
 fn every_channel_has_a_function_of_its_numbers() {
     for channel in &CHANNELS {
-        let (numbers, merge) = match fill(channel) {
+        let (numbers, merge) = match fill(channel.id) {
             Fill::Float(_) => (Numbers::Float, Merge::Nearest),
             Fill::Whole(_) => (Numbers::Whole, Merge::Nearest),
             Fill::Mean(_) => (Numbers::Float, Merge::Mean),
