@@ -175,9 +175,10 @@ fn reading(
     white: &str,
 ) -> Reading {
     // What the camera was set to, if it is this body that reads.
-    let set = if own { plane.plane.facts.iso_set } else { 0.0 };
+    let set = plane.plane.facts.iso_set;
+    let set = (own && set > 0.0).then_some(set);
     Reading {
-        iso: iso.unwrap_or_else(|| if set > 0.0 { set } else { sensor.default_iso() }),
+        iso: sensor.resolve_iso(iso, set),
         seed,
         serial: serial.unwrap_or_else(|| Reading::FIRST_SERIAL.into()),
         temperature_c,

@@ -278,14 +278,21 @@ impl Sensor {
         })
     }
 
-    /// The ISO speed where nobody says one: that of the sheet nearest to 100.
-    pub fn default_iso(&self) -> f64 {
-        self.nearest_iso(100.0)
+    /// The ISO speed of a read-out: the one asked for; without, the one the camera was set to; without either, 100, or what the sheet has that is nearest to it.
+    /// Speeds that are given are not checked ([`Sensor::at_iso`] does).
+    pub fn resolve_iso(&self, asked: Option<f64>, set: Option<f64>) -> f64 {
+        asked.or(set).unwrap_or_else(|| self.nearest_iso(100.0))
     }
 
     /// The ISO speed of the sheet's range that is nearest to one.
     pub fn nearest_iso(&self, iso: f64) -> f64 {
-        iso.clamp(self.iso[0].iso, self.iso[self.iso.len() - 1].iso)
+        let [lowest, highest] = self.iso_range();
+        iso.clamp(lowest, highest)
+    }
+
+    /// Lowest and highest ISO speed of the sheet.
+    pub fn iso_range(&self) -> [f64; 2] {
+        [self.iso[0].iso, self.iso[self.iso.len() - 1].iso]
     }
 
     /// The two-stage model nearest to the read noise of the settings, and how far the worst of them is from it (a fraction);

@@ -126,8 +126,8 @@ impl<'a> Prober<'a> {
 
     /// Time and speed at which the brightest cells reach half of what can be held: as a camera tries them out.
     fn settle(&mut self, plane: &FocalPlane, pixels: usize) -> (f64, f64) {
-        let lowest = self.view.sensor.iso.iter().map(|s| s.iso).fold(f64::INFINITY, f64::min);
-        let most = self.view.sensor.iso.iter().map(|s| s.iso).fold(0.0, f64::max).min(MOST_SPEED.max(lowest));
+        let [lowest, highest] = self.view.sensor.iso_range();
+        let most = highest.min(MOST_SPEED.max(lowest));
         let (mut time, mut iso) = (LONGEST_S, lowest);
         for _ in 0..12 {
             let half_time = (0.5 * time) as f32;

@@ -2,9 +2,7 @@
 
 use super::file::ShotFile;
 use super::sections::{DiffractionChoice, RenderSection};
-use super::{
-    DEFAULT_BODY, DEFAULT_ISO, DEFAULT_SEED, DEFAULT_SPP, Exposing, Inputs, ShotError, surroundings, value, white_point,
-};
+use super::{DEFAULT_BODY, DEFAULT_SEED, DEFAULT_SPP, Exposing, Inputs, ShotError, surroundings, value, white_point};
 use crate::camera::Camera;
 use crate::denoising::{Denoise, Filter};
 use crate::expose::{Integrator, Response, Settings};
@@ -178,10 +176,9 @@ pub(super) fn check_camera(render: &RenderSection, camera: &Camera, warn: &mut d
 fn body_and_speed(file: &ShotFile, inputs: &Inputs) -> Result<(Sensor, Exposing, f64), ShotError> {
     let sensor = inputs.body(file.camera.body.as_deref().unwrap_or(DEFAULT_BODY))?;
     let exposing = Exposing::new(file, &sensor)?;
-    let iso = match (exposing.auto_iso, file.exposure.iso) {
-        (Some([lowest, _]), _) => lowest,
-        (None, Some(choice)) => choice.fixed().unwrap_or(DEFAULT_ISO),
-        (None, None) => sensor.nearest_iso(DEFAULT_ISO),
+    let iso = match exposing.auto_iso {
+        Some([lowest, _]) => lowest,
+        None => sensor.resolve_iso(file.exposure.iso.and_then(|choice| choice.fixed()), None),
     };
     sensor.at_iso(iso)?;
     Ok((sensor, exposing, iso))

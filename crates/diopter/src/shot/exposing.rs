@@ -13,7 +13,7 @@ const COMPENSATION_EV: RangeInclusive<f64> = -20.0..=20.0;
 
 const FILTER_STOPS: RangeInclusive<f64> = 0.0..=40.0;
 
-/// Highest speed that automatic ISO goes to when nobody says: where grain begins to be disliked.
+/// Highest speed that automatic ISO goes to by default: where grain begins to be disliked.
 const DEFAULT_HIGHEST_ISO: f64 = 6400.0;
 
 /// How the exposure is found.
@@ -68,10 +68,7 @@ impl Exposing {
         if !FILTER_STOPS.contains(&nd_stops) {
             return Err(value("nd", nd_stops, "a filter of 0 to 40 stops, such as ND8 or \"3 stops\""));
         }
-        let range = [
-            sensor.iso.iter().map(|s| s.iso).fold(f64::INFINITY, f64::min),
-            sensor.iso.iter().map(|s| s.iso).fold(0.0, f64::max),
-        ];
+        let range = sensor.iso_range();
         let auto_iso = match e.iso {
             Some(crate::quantity::IsoChoice::Auto) => {
                 let highest = e.iso_max.map_or(range[1].min(DEFAULT_HIGHEST_ISO.max(range[0])), |i| i.0);

@@ -74,7 +74,6 @@ use timing::Timing;
 /// Most pixels a side of a picture.
 pub const LARGEST_SIDE: usize = 65_535;
 const DEFAULT_SPP: u32 = 64;
-const DEFAULT_ISO: f64 = 100.0;
 const DEFAULT_SEED: u64 = 1;
 const DEFAULT_SCENE: &str = "still-life";
 const DEFAULT_BODY: &str = "canon-5d-mark-iv";
@@ -115,7 +114,7 @@ pub struct Shot {
     denoise: Denoise,
     /// By what; `None` where it is not, or not yet known ([`Shot::denoise_pictures`]).
     filter: Option<Filter>,
-    /// What becomes of outliers when the samples end: kept, if nobody says. See [`Shot::reweights`].
+    /// What becomes of outliers when the samples end: kept by default. See [`Shot::reweights`].
     pub fireflies: FireflyChoice,
     /// Whether light is diffracted at the aperture. See [`Shot::diffracts`].
     pub diffraction: DiffractionChoice,

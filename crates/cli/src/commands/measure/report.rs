@@ -397,7 +397,7 @@ fn tone_response(
     page: &mut Document,
 ) -> anyhow::Result<Option<Vec<Response>>> {
     let thin = Setup { lens: "thin", aperture: Some(FNumber(8.0)), size: Some(WEDGE_SIZE), spp: WEDGE_SPP, ..*setup };
-    let lowest = sensor.iso.iter().map(|i| i.iso).fold(f64::INFINITY, f64::min);
+    let lowest = sensor.iso_range()[0];
     let mut file = thin.shot_file("step-wedge");
     file.exposure.iso = Some(IsoChoice::Fixed(Iso(lowest)));
     let mut time_s = 0.01;
