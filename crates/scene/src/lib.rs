@@ -1,8 +1,10 @@
 //! Scenes: surfaces, materials and lights, and how much light arrives along a ray.
 //!
 //! A [`Description`] (from a file, [`load`], or made by code, [`builtin`]) becomes a [`Scene`], which is only read from then
-//! on. Its one answer is [`Scene::radiance`]. World space is right-handed, metres, +Y up; light is absolute:
-//! W·m⁻²·sr⁻¹·nm⁻¹. Nothing here knows of cameras, files on disk are opened only by the caller of [`load`].
+//! on. Begin with [`Scene::radiance_of`]: camera rays in, radiance out. World space is right-handed, metres, +Y up; light is absolute:
+//! W·m⁻²·sr⁻¹·nm⁻¹.
+//!
+//! Not here: lenses, films and pixels (what a scene file says of its camera is handed on as it is); files on disk, which the caller of [`load`] opens.
 
 mod animated;
 pub mod builtin;
@@ -21,6 +23,7 @@ pub mod motion;
 pub mod noise;
 mod other_exposure;
 pub mod radiance;
+mod russian_roulette;
 pub mod save;
 mod scale;
 pub mod scene;

@@ -14,6 +14,7 @@ use crate::light::{LightSample, Punctual, PunctualKind, Spot};
 use crate::material::Scattering;
 use crate::medium_stack::MediumStack;
 use crate::radiance::origin_behind;
+use crate::russian_roulette::{MOST_SURVIVAL, survives};
 use crate::scene::Scene;
 use diopter_light::random::{Sampler, SamplerKind, Set};
 use diopter_light::sampling::{self, Grid2};
@@ -330,11 +331,10 @@ fn follow(
         is_scattered |= !scatter.specular;
         events += 1;
         if events >= ROULETTE_DEPTH {
-            let survival = throughput.max_element().clamp(0.0, 0.95);
-            if !(u[3] < survival) {
+            let survival = throughput.max_element().clamp(0.0, MOST_SURVIVAL);
+            if !survives(&mut throughput, survival, u[3]) {
                 return;
             }
-            throughput /= survival;
         }
         if scatter.transmitted {
             medium_stack.cross(scene, surface.object, entering);

@@ -5,6 +5,7 @@ use super::photon::{Lanes, Photon, VolumePhoton, packed};
 use crate::material::Scattering;
 use crate::medium::Medium;
 use crate::radiance::{MOST_FACES, origin_behind};
+use crate::russian_roulette::survives;
 use crate::scene::Scene;
 use diopter_light::random::{Sampler, Set};
 use diopter_light::{Ray, Sampled, Wavelengths};
@@ -106,10 +107,9 @@ pub(super) fn trace<'a>(
         }
         // Roulette keeps the power of photons alike.
         let survival = (power.max_element() / before).min(1.0);
-        if !(u[3] < survival) {
+        if !survives(&mut power, survival, u[3]) {
             return;
         }
-        power /= survival;
         if scatter.disperses && !hero_only {
             power *= wavelengths.hero_only();
             (hero_only, dispersed) = (true, true);

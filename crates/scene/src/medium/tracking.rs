@@ -13,6 +13,7 @@
 
 use super::volume::{Limits, Volume};
 use super::{DistanceSample, Medium, Sigma};
+use crate::russian_roulette::survives;
 use diopter_light::random::Stream;
 use diopter_light::{Ray, Sampled, Wavelengths};
 use glam::Vec3;
@@ -239,12 +240,8 @@ impl<'a> Track<'a> {
                 left *= (Sampled::ONE - (absorption + scattering - everywhere) / rest).clamp(Sampled::ZERO, Sampled::ONE);
                 collisions += 1;
                 let most = left.max_element();
-                if most < LITTLE {
-                    let survival = most / LITTLE;
-                    if !(stream.draw() < survival) {
-                        return Sampled::ZERO;
-                    }
-                    left /= survival;
+                if most < LITTLE && !survives(&mut left, most / LITTLE, stream.draw()) {
+                    return Sampled::ZERO;
                 }
                 if collisions > MOST_COLLISIONS {
                     return left;

@@ -21,11 +21,12 @@ use super::medium_segment::MediumSegment;
 use super::prev_scatter::{PrevScatter, Start};
 use super::tally::Tally;
 use super::to_light::ShadowRay;
-use super::weights::{MOST_SURVIVAL, mis, russian_roulette};
+use super::weights::mis;
 use crate::light::LightRef;
 use crate::light::segment::{EquiAngular, Pivot, Segment};
 use crate::medium::tracking::Track;
 use crate::medium::{DistanceSample, Sigma, Volume, phase, scattered};
+use crate::russian_roulette::{self, MOST_SURVIVAL};
 use crate::scene::Scene;
 use diopter_light::random::Set;
 use diopter_light::{Ray, Sampled};
@@ -198,7 +199,7 @@ impl MediumSegment<'_> {
         let (direction, density) = scattered(self.ray.direction, self.medium.asymmetry, [u[0], u[1]]);
         // Walks within bodies end at the surface: no need to end those that bring as much as they began with.
         let most = if aims { MOST_SURVIVAL } else { 1.0 };
-        if !russian_roulette(throughput, eta_scale, self.vertex + 1, u[3], self.settings.roulette_depth, most) {
+        if !russian_roulette::goes_on(throughput, eta_scale, self.vertex + 1, u[3], self.settings.roulette_depth, most) {
             return After::Ended;
         }
         let last = aims.then_some(PrevScatter { point, normal: Vec3::ZERO, density, gone: 0.0, joint });

@@ -10,7 +10,7 @@ use super::medium_segment::MediumSegment;
 use super::prev_scatter::PrevScatter;
 use super::tally::{Scattered, Tally};
 use super::to_light::{MOST_FACES, ShadowRay, origin_behind};
-use super::weights::{MOST_SURVIVAL, mis, russian_roulette, squared_ratio};
+use super::weights::{mis, squared_ratio};
 use super::{CameraPath, PathSettings};
 use crate::light::LightRef;
 use crate::light_paths::connect::{CameraState, CameraVertex, Picked};
@@ -18,6 +18,7 @@ use crate::light_paths::{LightVertices, PhotonMap, Tail};
 use crate::material::{Bsdf, Material, Principled, Scatter, Scattering};
 use crate::medium::Medium;
 use crate::medium_stack::{MediumId, MediumStack};
+use crate::russian_roulette::{self, MOST_SURVIVAL};
 use crate::scene::Scene;
 use crate::shape::Surface;
 use diopter_light::random::Set;
@@ -149,9 +150,9 @@ impl<'a> Transport<'a> {
     /// Follows many paths to their ends, all of them a step at a time.
     pub fn follow_all<T: Tally + Default>(&self, cameras: &'a [CameraPath<'a>]) -> Vec<T> {
         let mut paths: Vec<_> = cameras.iter().map(|camera| self.begin(camera, T::default())).collect();
-        let mut flying: Vec<usize> = (0..paths.len()).collect();
-        while !flying.is_empty() {
-            flying.retain(|i| self.step(&mut paths[*i]) == Next::GoesOn);
+        let mut active: Vec<usize> = (0..paths.len()).collect();
+        while !active.is_empty() {
+            active.retain(|i| self.step(&mut paths[*i]) == Next::GoesOn);
         }
         paths.into_iter().map(|path| path.tally).collect()
     }
@@ -414,14 +415,14 @@ impl<'a> Transport<'a> {
                 thin_dielectrics,
                 stream,
             );
-            let ShadowRay { light: arrives, thin_dielectrics: crossed, .. } = shadow_ray;
-            let arrives = match by_connection > 0.0 && shadow_ray.lets_light_paths_through(light_sample.distance) {
-                true => arrives * ((1.0 + by_chance) / (1.0 + by_chance + by_connection)),
-                false => arrives,
+            let ShadowRay { light: transmitted, thin_dielectrics: crossed, .. } = shadow_ray;
+            let transmitted = match by_connection > 0.0 && shadow_ray.lets_light_paths_through(light_sample.distance) {
+                true => transmitted * ((1.0 + by_chance) / (1.0 + by_chance + by_connection)),
+                false => transmitted,
             };
             let scattered = Scattered { bsdf, wo: here.wo, wi: light_sample.wi, passed: &passed };
             let events = path.depth() + 1 + crossed;
-            path.tally.add_scattered(arrives, events, scattered, || scene.polarization(&light_sample));
+            path.tally.add_scattered(transmitted, events, scattered, || scene.polarization(&light_sample));
         }
     }
 
@@ -504,7 +505,8 @@ impl<'a> Transport<'a> {
         }
         path.eta_scale *= scatter.eta_scale;
         path.vertex += 1;
-        if !russian_roulette(&mut path.throughput, path.eta_scale, path.vertex, u[3], path.roulette_depth, MOST_SURVIVAL) {
+        if !russian_roulette::goes_on(&mut path.throughput, path.eta_scale, path.vertex, u[3], path.roulette_depth, MOST_SURVIVAL)
+        {
             return Next::Ended;
         }
         let normal = if transmitted { -here.ng } else { here.ng };
