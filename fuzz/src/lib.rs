@@ -2,7 +2,7 @@
 
 use diopter_lens::import::{Format, read};
 use diopter_lens::paraxial::FirstOrder;
-use diopter_lens::trace::{Apertures, TracedRay, Way};
+use diopter_lens::ray::{Apertures, TraceDirection, TracedRay};
 use diopter_lens::{Prescription, PrescriptionError, State, System};
 use diopter_scene::{Description, Scene, SceneError};
 
@@ -14,7 +14,7 @@ pub fn lens(read_lens: Result<Prescription, PrescriptionError>) {
     let _ = FirstOrder::of(&system, &n);
     let mut ray = TracedRay { position: Default::default(), direction: Default::default() };
     (ray.position.y, ray.direction.z) = (0.5, 1.0);
-    let _ = system.trace(ray, &n, Way::ToFilm, Apertures::Clip);
+    let _ = system.trace(ray, &n, TraceDirection::ToFilm, Apertures::Clip);
     let text = p.to_toml();
     if let Err(e) = read(text.as_bytes(), Format::Toml, "again") {
         panic!("a lens that was read cannot be written and read again: {e}\n{text}");

@@ -18,7 +18,7 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
-/// Seconds from one checkpoint to the next when nobody says, and before the first: what is shorter is soon done again.
+/// Seconds from one checkpoint to the next by default, and before the first: what is shorter is soon done again.
 const EVERY_S: f64 = 30.0;
 const FIRST_S: f64 = 60.0;
 /// Writing checkpoints takes at most this fraction of the time.

@@ -4,6 +4,8 @@
 //! `help` lays the arguments out. Results go to standard output, progress and messages to standard error; with `--json` errors
 //! are on standard output, too. Exit codes: 0 done, 1 failed (or stopped by a signal, with what was done written), 2 asked wrongly,
 //! 130 ended at once by a signal.
+//!
+//! Not here: anything that a photograph depends on; that is in `diopter`, for programs and for Python alike.
 
 mod args;
 mod checkpoint;

@@ -67,7 +67,7 @@ pub fn kind(path: &Path) -> anyhow::Result<Kind> {
         Some("tif" | "tiff") => Ok(Kind::Tiff),
         Some("exr") => Ok(Kind::Exr),
         Some("dng") => Ok(Kind::Dng),
-        // `-o /dev/stdout`: what cameras write when nobody says.
+        // `-o /dev/stdout`: what cameras write by default.
         None if is_stream(path) => Ok(Kind::Jpeg),
         _ => Err(AskedWrongly(anyhow!("{}: expected a name that ends in .jpg, .png, .tif, .exr or .dng", path.display())).into()),
     }

@@ -333,14 +333,14 @@ impl<'a> Developer<'a> {
     /// Black level to highlights: a part of the mosaic with all its edges.
     fn mosaic(&self, region: Region) -> Mosaic<'_> {
         let cfa = &self.raw.header.cfa;
-        let mend = self.neighbours.as_ref().filter(|_| self.until >= Step::Defects);
+        let repair = self.neighbours.as_ref().filter(|_| self.until >= Step::Defects);
         let recover = highlights::reach(cfa);
-        let around = region.grown(recover + mend.map_or(0, |n| n.reach()));
+        let around = region.grown(recover + repair.map_or(0, |n| n.reach()));
         let even = vec![1.0; self.gains.len()];
         let gains = if self.until >= Step::WhiteBalance { &self.gains } else { &even };
         let rows: &[f32] = if self.until >= Step::RowNoise { &self.rows } else { &[] };
         let mut data = black_level::take(self.raw, around, gains, rows);
-        if let Some(neighbours) = mend {
+        if let Some(neighbours) = repair {
             let deviation = |channel: usize, v: f32| self.deviation(channel, v);
             let threshold = self.recipe.defects.threshold as f32;
             data = neighbours.corrected(&data, around.width, [around.left, around.top], cfa, threshold, deviation);

@@ -2,6 +2,8 @@
 //!
 //! The order of the steps is in [`develop`](mod@develop); each step is a file in [`steps`]. Working numbers are linear, 1.0 = sensor saturation, camera
 //! channels until the matrix; then linear sRGB without limits, 0.18 = middle grey, until the encoding. [`lut`] reads, bakes and applies tables.
+//!
+//! Not here: retouching, layers, catalogues, files (`diopter-image` has them); the read-out of a sensor. Begin with [`Developer`].
 
 pub mod denoise;
 pub mod develop;

@@ -83,7 +83,8 @@ pub fn read(from: &mut impl Read, identity: u64, [width, height, bands]: [usize;
     read_into(from, identity, [width, height, bands], |[width, height, numbers]| Ok(Raster::new(width, height, numbers)))
 }
 
-/// The same with the sums in rows of zeros that `zeros` makes, of a size: pixels a row, rows, numbers a pixel.
+/// [`read`], with the sums in rows of zeros that `zeros` makes, of a size: pixels a row, rows, numbers a pixel. Fails on what is no checkpoint
+/// ([`CheckpointError::Unknown`]), on one of another exposure or size, on damaged ones, and where reading or `zeros` fails.
 pub fn read_into<S: RowStore>(
     from: &mut impl Read,
     identity: u64,

@@ -26,7 +26,7 @@ const EVT2_SIDE: usize = 2048;
 const EVT2_TIME: i64 = 1 << 34;
 
 impl EventFormat {
-    /// The format that a file's ending says.
+    /// The format by the ending of a file's name: npy, csv, raw (EVT 2.0); `None` for others.
     pub fn of(path: &std::path::Path) -> Option<EventFormat> {
         match path.extension()?.to_string_lossy().to_lowercase().as_str() {
             "npy" => Some(EventFormat::Npy),

@@ -56,9 +56,9 @@ pub struct Light {
 }
 
 impl Light {
-    /// Its photocurrents as a file of numpy: float32, `[moment][row][column]`.
+    /// Photocurrents, e⁻/s, as a file of numpy: float32, `[moment][row][column]`. `size`: columns, rows.
     pub fn npy(&self, [width, height]: [usize; 2]) -> Vec<u8> {
-        npy::array(&self.current_e_s, [height, self.times_s.len(), width])
+        npy::with_shape(&self.current_e_s, &[self.times_s.len(), height, width])
     }
 
     fn keep(&mut self, at_s: f64, light: &[f32]) {

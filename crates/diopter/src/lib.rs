@@ -1,8 +1,11 @@
 //! The camera of diopter: joins the stages.
 //!
 //! [`Camera`] = lens + film + place; [`Shutter`] says when which part of the film is open; [`expose()`] turns a scene into a focal plane;
-//! [`metering`] reads the light and [`program`] chooses by it; [`shot`] is a photograph as a user asks for it. This is the only crate that knows all stages, and `mount` the only place where
-//! millimetres meet metres and lens space meets world space.
+//! [`metering`] reads the light and [`program`] chooses by it; [`shot`] is a photograph as a user asks for it. This is the only crate that knows all stages; `mount` takes rays from
+//! lens space (mm) to world space (m).
+//!
+//! Not here: how light is scattered (`diopter-scene`), bent (`diopter-lens`), read out (`diopter-sensor`) or developed (`diopter-develop`); arguments and messages of programs
+//! (`diopter-cli`). Begin with [`shot::Shot::prepare`] for a photograph as the command line takes it, with [`expose()`] for a film of one's own.
 
 pub mod calibration;
 pub mod camera;

@@ -41,7 +41,12 @@ pub fn header(descr: &str, shape: &str) -> Vec<u8> {
 
 /// An array of `[row][column][channel]`; of one channel `[row][column]`.
 pub fn array<T: Number>(data: &[T], [width, height, channels]: [usize; 3]) -> Vec<u8> {
-    let shape = if channels == 1 { format!("({height}, {width})") } else { format!("({height}, {width}, {channels})") };
+    if channels == 1 { with_shape(data, &[height, width]) } else { with_shape(data, &[height, width, channels]) }
+}
+
+/// An array of a shape of two or more sides, the last one running fastest.
+pub fn with_shape<T: Number>(data: &[T], shape: &[usize]) -> Vec<u8> {
+    let shape = format!("({})", shape.iter().map(usize::to_string).collect::<Vec<_>>().join(", "));
     let mut out = header(&format!("'{}'", T::DTYPE), &shape);
     out.reserve(size_of_val(data));
     data.iter().for_each(|v| v.put(&mut out));

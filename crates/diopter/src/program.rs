@@ -70,9 +70,9 @@ pub struct Chosen {
 }
 
 /// Chooses what a mode leaves open for a metered EV100 (compensation subtracted); `set` holds what is set by hand, and the start for
-/// the rest.
+/// the rest. Apertures are T-numbers, times s. What is chosen keeps within `limits`, so that the exposure can miss the EV; limits that are no numbers limit nothing.
 pub fn choose(mode: Mode, ev100: f64, set: Chosen, limits: &Limits) -> Chosen {
-    let clamp = |v: f64, [a, b]: [f64; 2]| v.clamp(a, b.max(a));
+    let clamp = |v: f64, [a, b]: [f64; 2]| v.min(b.max(a)).max(a);
     let ev_of_iso = |iso: f64| (iso / 100.0).log2();
     let mut iso = limits.iso[0];
     let automatic = limits.iso[1] > limits.iso[0];

@@ -286,7 +286,7 @@ struct Source {
 }
 
 /// Blurs a sharp picture (`[row][column][channel]`, up to three channels of linear light) by its depth (m along the axis; infinite where
-/// there is nothing).
+/// there is nothing), of which there is one a pixel. Panics on other numbers of channels or depths.
 pub fn quick_look(picture: &Raster<f32>, depth: &[f32], optics: &Optics) -> Raster<f32> {
     let (width, height, n) = (picture.width, picture.height, picture.channels);
     assert!((1..=3).contains(&n) && depth.len() == width * height, "{n} channels, {} depths", depth.len());

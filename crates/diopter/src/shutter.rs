@@ -1,11 +1,11 @@
-//! When light may pass: a window of time for each place of the film, and of the pupil where blades open there.
+//! Shutters (global, leaf, focal-plane, rolling shutter): when light may pass, as a window of time for each place of the film, and of the pupil where blades open there.
 //!
 //! Times count from the moment the first light of the exposure passes. Places are those of the picture, 0 to 1 from its upper left
 //! corner: *down* means that the top of the picture is exposed first.
 //!
 //! - Global: everything opens and closes at once.
-//! - Leaf: blades before the pupil open from its middle outwards and close back. Marked is what it is worth at the full aperture
-//!   (light passed over light at full opening); smaller stops are cleared earlier and covered later and get more.
+//! - Leaf: blades before the pupil open from its middle outwards and close back. `exposure_s` is the effective time at the full aperture
+//!   (∫ open fraction dt); smaller stops are cleared earlier and covered later and get more.
 //! - Focal plane: one curtain uncovers the film, a second covers it again; both run at an even speed. Each point gets the marked
 //!   time, different points at different moments.
 //! - Rolling: rows of a sensor are reset one after the other, and read one after the other.
@@ -150,7 +150,7 @@ impl Shutter {
         matches!(self.mechanism, Mechanism::FocalPlane { .. } | Mechanism::Rolling { .. })
     }
 
-    /// From the first movement of the blades to the moment they turn back, s: what makes the full aperture worth the marked time.
+    /// From the first movement of the blades to the moment they turn back, s: with which the effective time at the full aperture is the marked one.
     ///
     /// A point at radius ρ is clear from ρ r to e + min(e, r) − ρ r; the mean over the disk is e − r / 3 when the blades open fully
     /// (e ≥ r), and 2 e³ / (3 r²) when they do not.
@@ -184,17 +184,17 @@ impl Shutter {
         (total * reach.powi(2) - 4.0 / 3.0 * ramp_s * reach.powi(3)) / pupil.powi(2)
     }
 
-    /// The marked time that is worth `effective_s` to a pupil of a radius (1: the fully open lens).
+    /// The marked time, s, whose effective time is `effective_s` for a pupil of a radius (1: the fully open lens).
     pub fn marked_for(&self, effective_s: f64, pupil: f64) -> f64 {
         if !matches!(self.mechanism, Mechanism::Leaf { .. }) {
             return effective_s;
         }
-        let worth = |marked: f64| Shutter { exposure_s: marked, ..*self }.effective_s(pupil);
-        // What it is worth grows with the mark, and is never less.
+        let effective = |marked: f64| Shutter { exposure_s: marked, ..*self }.effective_s(pupil);
+        // The effective time grows with the marked one, and is never less.
         let (mut low, mut high) = (0.0, effective_s);
         for _ in 0..60 {
             let middle = 0.5 * (low + high);
-            if worth(middle) < effective_s { low = middle } else { high = middle }
+            if effective(middle) < effective_s { low = middle } else { high = middle }
         }
         high
     }
@@ -210,8 +210,8 @@ impl Shutter {
         (from <= to).then_some((from, to))
     }
 
-    /// What travels with the picture: exact times of each row (or column).
-    /// `pupil`: radius of the lens's, 1 when fully open.
+    /// Facts for files: times at which each row (or column) opens and closes, s. `size`: columns, rows of the picture; `pupil`: radius of the lens's, 1 when
+    /// fully open.
     pub fn facts(&self, size: [usize; 2], pupil: f64) -> ShutterFacts {
         let lines = |direction: Direction| size[usize::from(direction.is_vertical())] as f64;
         let rows = match self.mechanism {
@@ -332,7 +332,7 @@ mod tests {
     }
 
     #[test]
-    fn a_leaf_shutter_is_worth_its_marked_time_when_fully_open() {
+    fn the_effective_time_of_a_leaf_shutter_is_the_marked_one_when_fully_open() {
         for (exposure_s, ramp_s) in [(1.0 / 60.0, 1e-3), (1.0 / 500.0, 1e-3), (1.0 / 2000.0, 1e-3), (1e-4, 1e-3)] {
             let shutter = Shutter { mechanism: Mechanism::Leaf { ramp_s }, exposure_s };
             for stopped in [1.0, 0.5, 0.1] {

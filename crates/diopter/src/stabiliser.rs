@@ -16,9 +16,9 @@ use diopter_lens::compound::tangents_by;
 use diopter_lens::{Lens, LensError};
 use glam::{DMat2, DVec2, DVec3};
 
-/// Corner of the servo where nobody says, Hz: chosen, so that a steady hand is held to about a tenth.
+/// Corner of the servo by default, Hz: chosen, so that a steady hand is held to about a tenth.
 pub const SERVO_HZ: f64 = 100.0;
-/// Corner below which angles are taken for drift where nobody says, Hz: chosen, below what hands do.
+/// Corner below which angles are taken for drift by default, Hz: chosen, below what hands do.
 pub const DRIFT_HZ: f64 = 0.05;
 /// Steps of the way of what moves in a second, and at least.
 const STEPS_A_SECOND: f64 = 2000.0;
@@ -54,7 +54,8 @@ impl Stabiliser {
         DVec3::from_array(shake.filtered(time_s, |f| response(self, f)))
     }
 
-    /// What moves during an exposure of a camera; `answered`: the angles about the camera's x and y (pitch, yaw), rad, that it answers at a time since the exposure began. Fails on groups that the lens does not have.
+    /// Motion of the stabilised part (a group of the lens, or the sensor) during an exposure of `span_s` seconds. `answered`: pitch and yaw (rad, about the camera's x and y) that it
+    /// compensates, at a time (s) since the exposure began. Fails on groups that the lens does not have.
     pub fn during(&self, camera: &Camera, span_s: f64, answered: impl Fn(f64) -> DVec2) -> Result<MovingPart, LensError> {
         let (image, direction) = self.effect(&camera.lens)?;
         let back = direction.inverse();

@@ -128,13 +128,13 @@ pub fn true_speed(nominal: f64, dial: Option<Step>) -> f64 {
     meant(speeds, nominal, dial)
 }
 
-/// The mark nearest to a value, in EV.
+/// The mark nearest to a value, in EV. Panics without marks; every dial has some.
 pub fn nearest(marks: &[Mark], value: f64) -> Mark {
     let off = |m: &Mark| (m.value / value).log2().abs();
     *marks.iter().min_by(|a, b| off(a).total_cmp(&off(b))).expect("a dial has marks")
 }
 
-/// A time as it is engraved: `1/125 s`, `2 s`.
+/// A time (s) as dials have it engraved: `1/125 s`, `2 s`.
 pub fn time_name(nominal: f64) -> String {
     if nominal < 0.3 || nominal == 0.5 {
         format!("1/{:.0} s", 1.0 / nominal)

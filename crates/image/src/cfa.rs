@@ -133,7 +133,7 @@ impl Cfa {
         if self.all_channels { self.columns } else { 1 }
     }
 
-    /// A pattern by name or by its letters, rows parted by `/`: `RG/GB`, `quad`, `x-trans`, `mono`, `polarized`. `None` when rows are
+    /// A pattern by name or by its letters, rows separated by `/`: `RG/GB`, `quad`, `x-trans`, `mono`, `polarized`. `None` when rows are
     /// uneven or a letter is not one of R, G, B, W (or C), H, D, V, A.
     pub fn parse(text: &str) -> Option<Self> {
         let letters = match text.trim().to_lowercase().as_str() {
@@ -155,7 +155,7 @@ impl Cfa {
         (rows.iter().all(|r| r.len() == columns)).then(|| Self::new(columns, cells?)).flatten()
     }
 
-    /// The letters, rows parted by `/`.
+    /// The letters, rows separated by `/`.
     pub fn letters(&self) -> String {
         let row = |r: &[Filter]| r.iter().map(|f| f.letter()).collect::<String>();
         self.cells.chunks(self.columns).map(row).collect::<Vec<_>>().join("/")

@@ -494,7 +494,8 @@ fn read_plane_from(from: &mut dyn ReadSeek, name: &str) -> std::result::Result<V
     Ok(channel.sample_data.values_as_f32().collect())
 }
 
-/// Channels of one raster in 32 bits, with texts as attributes: maps of places and directions.
+/// Writes channels of one raster in 32 bits, with texts as attributes: maps of places and directions. Each channel holds width × height values, row by row. Fails where writing
+/// does.
 pub fn write_maps(
     [width, height]: [usize; 2],
     planes: Vec<(&str, Vec<f32>)>,

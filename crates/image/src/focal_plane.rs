@@ -136,7 +136,7 @@ impl FocalPlane {
 /// Rows of a strip are a multiple of this, but for the last: the rows that our files compress together.
 pub const STRIP_STEP: usize = 16;
 
-/// Bytes that a strip takes at most when nobody says: small beside a picture, large enough for all threads to have work.
+/// Bytes that a strip takes at most by default: small beside a picture, large enough for all threads to have work.
 pub const STRIP_BYTES: usize = 256 << 20;
 
 /// Rows of a strip for which so many bytes are enough: a multiple of [`STRIP_STEP`], one step at least.

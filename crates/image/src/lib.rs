@@ -3,6 +3,9 @@
 //! [`FocalPlane`] (mean electrons per pixel and band, with error and truth) → [`RawImage`] (digital numbers behind a
 //! colour filter array) → [`Picture`] (RGB in a named space). All rasters are stored row by row from the top left of the
 //! picture as a viewer sees it: `[row][column][channel]`. Readers and writers work on streams, never on paths.
+//!
+//! Not here: what is computed of a picture (`diopter-sensor` reads out, `diopter-develop` develops), formats of textures (`diopter-scene`). Begin with [`FocalPlane`] and
+//! [`exr`]; truth channels are the table in [`channels`].
 
 pub mod cfa;
 pub mod channels;

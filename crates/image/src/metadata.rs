@@ -214,7 +214,7 @@ pub struct LensProfile {
 }
 
 impl LensProfile {
-    /// Whether its tables can be used: of one length, rising, finite.
+    /// Whether its tables can be used: of one length of at least 2, tangents finite and rising, brightness from 0 to below 100, reach above 0 and at most 2.
     pub fn is_whole(&self) -> bool {
         let n = self.brightness.len();
         let rising = |t: &Vec<f32>| t.len() == n && t.iter().all(|v| v.is_finite()) && t.is_sorted_by(|a, b| a < b);

@@ -38,15 +38,16 @@ impl<T: Copy + Default> Raster<T> {
         self.data.iter().skip(channel).step_by(self.channels).copied().collect()
     }
 
-    /// Some of its rows.
+    /// Some of its rows. Panics on rows that it does not have.
     pub fn rows(&self, rows: std::ops::Range<usize>) -> Self {
         let stride = self.width * self.channels;
         let data = self.data[rows.start * stride..rows.end * stride].to_vec();
         Raster { width: self.width, height: rows.len(), channels: self.channels, data }
     }
 
-    /// A smaller raster, of the pixel in the middle of each block of `factor` × `factor`; blocks at the right and lower edge may be cut off.
+    /// A smaller raster, of the pixel in the middle of each block of `factor` × `factor` (0: as 1); blocks at the right and lower edge may be cut off.
     pub fn thinned(&self, factor: usize) -> Self {
+        let factor = factor.max(1);
         let [width, height] = [self.width, self.height].map(|n| n.div_ceil(factor));
         let mut data = Vec::with_capacity(width * height * self.channels);
         for row in 0..height {
@@ -58,7 +59,7 @@ impl<T: Copy + Default> Raster<T> {
         Raster { width, height, channels: self.channels, data }
     }
 
-    /// Puts the rows of a raster of the same width and channels below its own.
+    /// Adds the rows of a raster below its own. Panics on another width or number of channels.
     pub fn append(&mut self, below: &Self) {
         assert_eq!((self.width, self.channels), (below.width, below.channels), "rows of another raster");
         self.data.extend_from_slice(&below.data);

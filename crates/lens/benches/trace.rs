@@ -8,7 +8,7 @@ use diopter_lens::analysis::Bench;
 use diopter_lens::batch::{double, single};
 use diopter_lens::compound::{CompoundLens, Setting};
 use diopter_lens::optimise::{MeritSheet, Optimisation};
-use diopter_lens::ray::{Apertures, TracedRay, Way};
+use diopter_lens::ray::{Apertures, TraceDirection, TracedRay};
 use diopter_lens::{Focus, State, System, embedded};
 use glam::DVec3;
 use std::hint::black_box;
@@ -72,7 +72,7 @@ fn main() {
     let plain = median(|| {
         let start = Instant::now();
         for i in 0..few {
-            let _ = black_box(system.trace(ray(i * 8), &n, Way::ToFilm, Apertures::Clip));
+            let _ = black_box(system.trace(ray(i * 8), &n, TraceDirection::ToFilm, Apertures::Clip));
         }
         start.elapsed().as_secs_f64()
     });
@@ -97,7 +97,7 @@ fn main() {
         work.clone_from(&fresh);
         let start = Instant::now();
         for packet in &mut work {
-            black_box(batch.trace(packet, &n32, Way::ToFilm));
+            black_box(batch.trace(packet, &n32, TraceDirection::ToFilm));
         }
         start.elapsed().as_secs_f64()
     });
@@ -111,7 +111,7 @@ fn main() {
             few_packets.clone_from(&short);
             let start = Instant::now();
             for packet in &mut few_packets {
-                black_box(batch.trace(packet, &n32, Way::ToFilm));
+                black_box(batch.trace(packet, &n32, TraceDirection::ToFilm));
             }
             start.elapsed().as_secs_f64()
         })
@@ -137,7 +137,7 @@ fn main() {
         work.clone_from(&fresh);
         let start = Instant::now();
         for packet in &mut work {
-            black_box(batch.trace(packet, &n64, Way::ToFilm));
+            black_box(batch.trace(packet, &n64, TraceDirection::ToFilm));
         }
         start.elapsed().as_secs_f64()
     });
@@ -149,7 +149,7 @@ fn main() {
             few_packets.clone_from(&short);
             let start = Instant::now();
             for packet in &mut few_packets {
-                black_box(batch.trace(packet, &n64, Way::ToFilm));
+                black_box(batch.trace(packet, &n64, TraceDirection::ToFilm));
             }
             start.elapsed().as_secs_f64()
         })

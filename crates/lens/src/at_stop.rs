@@ -1,6 +1,6 @@
 //! Where rays meet the stop, and which of a family meets its middle.
 
-use crate::ray::{Apertures, TracedRay, Way};
+use crate::ray::{Apertures, TraceDirection, TracedRay};
 use crate::system::System;
 use glam::{DMat2, DVec2, DVec3};
 
@@ -8,7 +8,7 @@ use glam::{DMat2, DVec2, DVec3};
 pub(crate) fn place_at_stop(system: &System, n: &[f64], ray: TracedRay) -> Option<DVec2> {
     let mut place = None;
     // A ray that fails behind the stop has told what was asked.
-    let _ = system.trace_part(ray, n, Way::ToFilm, Apertures::Ignore, 0..system.stop + 1, |e| {
+    let _ = system.trace_part(ray, n, TraceDirection::ToFilm, Apertures::Ignore, 0..system.stop + 1, |e| {
         if e.surface == system.stop {
             place = Some(system.surfaces[e.surface].to_local(e.point, DVec3::Z).0.truncate());
         }

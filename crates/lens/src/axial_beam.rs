@@ -1,4 +1,4 @@
-//! The beam that a distant point on the axis sends through the stop: what the f-number measures.
+//! The f-number of lenses, also of those with decentred or tilted groups: the beam that a distant point on the axis sends through the stop.
 //!
 //! In a lens whose surfaces all stand on the axis the beam is round about it and one meridional ray tells its size. Where a group is
 //! decentred or tilted the beam is not about the axis: its chief ray is the one that meets the middle of the stop (found in x and y), and
@@ -7,7 +7,7 @@
 use crate::aperture::Aperture;
 use crate::at_stop::{chief_of, place_at_stop};
 use crate::paraxial::FirstOrder;
-use crate::ray::{Apertures, TracedRay, Way};
+use crate::ray::{Apertures, TraceDirection, TracedRay};
 use crate::surface::Profile;
 use crate::system::System;
 use glam::{DVec2, DVec3};
@@ -54,7 +54,7 @@ pub(crate) fn widest_radius(system: &System, n: &[f64], efl: f64) -> Option<f64>
         open.to_mut().surfaces.iter_mut().for_each(|s| s.apertures.retain(|a| !a.blocks()));
     }
     let system = &*open;
-    let passes = |at: DVec2| system.trace(parallel(at), n, Way::ToFilm, Apertures::IgnoreIris).is_ok();
+    let passes = |at: DVec2| system.trace(parallel(at), n, TraceDirection::ToFilm, Apertures::IgnoreIris).is_ok();
     // From outside inwards: an obstruction in the middle is not the edge.
     let edge = |center: DVec2, direction: DVec2| {
         let mut low = (1..=STEPS).rev().map(|i| most * i as f64 / STEPS as f64).find(|h| passes(center + direction * *h))?;
@@ -78,7 +78,7 @@ pub(crate) fn widest_radius(system: &System, n: &[f64], efl: f64) -> Option<f64>
 pub(crate) fn clipping_surface(system: &System, n: &[f64], radius: f64) -> Option<usize> {
     let center = chief_of(system, n, parallel).unwrap_or(DVec2::ZERO);
     let ray = parallel(center + DVec2::Y * radius);
-    system.trace(ray, n, Way::ToFilm, Apertures::IgnoreIris).err().map(|blocked| blocked.surface)
+    system.trace(ray, n, TraceDirection::ToFilm, Apertures::IgnoreIris).err().map(|blocked| blocked.surface)
 }
 
 /// Radius at the stop (mm) of the axial beam of a radius before the lens, from real rays that no rim stops; where that is not round that of

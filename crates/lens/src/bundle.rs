@@ -4,14 +4,14 @@
 //! of the distance, between where the light begins (an obstruction) and where it ends (Forbes 1988, J. Opt. Soc. Am. A 5, 1943,
 //! doi 10.1364/JOSAA.5.001943, for any outline that is seen whole from its middle). The outline is that of the lens as it was given;
 //! afterwards no rim clips, so that everything computed from a bundle is a smooth function of the lens. A lens that was changed is
-//! aimed at again: see [`Aim`].
+//! aimed at again: see [`RayAiming`].
 
 use crate::analysis::{Beam, Bench};
 use crate::batch::double::{Batch, Indices, LANES, Packet};
 use crate::derivatives::{Differentiated, Gradient, Quantity};
 use crate::iris::Iris;
 use crate::linear::gauss_legendre;
-use crate::ray::{Apertures, TracedRay, Way};
+use crate::ray::{Apertures, TraceDirection, TracedRay};
 use crate::system::System;
 use glam::{DMat2, DVec2, DVec3};
 use std::f64::consts::TAU;
@@ -34,7 +34,7 @@ pub(crate) struct Sampling {
 
 /// What stays when a lens has been changed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Aim {
+pub(crate) enum RayAiming {
     /// Places in the stop: the diaphragm limits the light of a lens that is built with errors. Linear in the place.
     Stop,
     /// Places in the entrance pupil around the ray through the middle of the stop: a design keeps its beam while its shape changes.
@@ -116,7 +116,7 @@ fn by_place(g: &Gradient, lane: usize, start_by: &[[DVec3; 2]; 2]) -> DVec2 {
 
 /// Where bundles start in a changed lens: new place across the chief ray = matrix × old place + offset.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Aimed {
+pub(crate) struct AimedBundle {
     matrix: DMat2,
     offset: DVec2,
 }
@@ -151,7 +151,7 @@ impl Tracer {
     fn at_stop(&self, ray: TracedRay, color: usize) -> Option<DVec2> {
         let stop = self.system.stop;
         let mut place = None;
-        let traced = self.system.trace_part(ray, &self.n[color], Way::ToFilm, Apertures::Ignore, 0..stop + 1, |e| {
+        let traced = self.system.trace_part(ray, &self.n[color], TraceDirection::ToFilm, Apertures::Ignore, 0..stop + 1, |e| {
             if e.surface == stop {
                 place = Some(self.system.surfaces[stop].to_local(e.point, e.direction).0.truncate());
             }
@@ -166,7 +166,7 @@ impl Bundle {
     pub fn lit(bench: &Bench, field_deg: f64, nm: f64, sampling: Sampling) -> Option<Bundle> {
         let beam = bench.beam(field_deg, nm)?;
         let n = bench.system.indices(nm);
-        let passes = |at: DVec2| bench.system.trace(beam.ray(at), &n, Way::ToFilm, Apertures::Clip).is_ok();
+        let passes = |at: DVec2| bench.system.trace(beam.ray(at), &n, TraceDirection::ToFilm, Apertures::Clip).is_ok();
         let [low, high] = beam.extent;
         let cell = (high - low) / MIDDLE_GRID as f64;
         let lit: Vec<DVec2> = (0..MIDDLE_GRID * MIDDLE_GRID)
@@ -250,10 +250,10 @@ impl Bundle {
     }
 
     /// Aims the bundle at a changed lens, at the wavelength of a number. `None` where the stop cannot be reached.
-    pub fn aim(&self, tracer: &Tracer, reference: usize, aim: Aim) -> Option<Aimed> {
+    pub fn aim(&self, tracer: &Tracer, reference: usize, aim: RayAiming) -> Option<AimedBundle> {
         let target = match aim {
-            Aim::Stop => self.stop_place,
-            Aim::Entrance => DVec2::ZERO,
+            RayAiming::Stop => self.stop_place,
+            RayAiming::Entrance => DVec2::ZERO,
         };
         // The chief ray by Newton's method; the change of the stop by the place is that at the chief ray.
         let mut offset = DVec2::ZERO;
@@ -272,14 +272,14 @@ impl Bundle {
             (place, change) = self.to_stop(tracer, reference, offset)?;
         }
         let matrix = match aim {
-            Aim::Stop => change.inverse() * self.stop_change,
-            Aim::Entrance => DMat2::IDENTITY,
+            RayAiming::Stop => change.inverse() * self.stop_change,
+            RayAiming::Entrance => DMat2::IDENTITY,
         };
-        (offset.is_finite() && matrix.is_finite()).then_some(Aimed { matrix, offset })
+        (offset.is_finite() && matrix.is_finite()).then_some(AimedBundle { matrix, offset })
     }
 
     /// Fills a packet with the rays through some places, the last one again where there are fewer than lanes.
-    fn start(&self, packet: &mut Packet, aimed: Aimed, places: &[(DVec2, f64)]) {
+    fn start(&self, packet: &mut Packet, aimed: AimedBundle, places: &[(DVec2, f64)]) {
         for lane in 0..LANES {
             let (place, _) = places[lane.min(places.len() - 1)];
             let ray = self.beam.ray(aimed.matrix * place + aimed.offset);
@@ -289,19 +289,25 @@ impl Bundle {
 
     /// Where all rays land on the plane of the film at a wavelength, by its number, in the order of [`Bundle::rays`]. `None` where one of
     /// them does not arrive.
-    pub fn trace(&self, tracer: &Tracer, aimed: Aimed, color: usize) -> Option<Vec<Landing>> {
+    pub fn trace(&self, tracer: &Tracer, aimed: AimedBundle, color: usize) -> Option<Vec<Landing>> {
         self.trace_places(tracer, aimed, color, &self.rays)
     }
 
     /// The same for other places across the chief ray, with weights.
-    pub fn trace_places(&self, tracer: &Tracer, aimed: Aimed, color: usize, places: &[(DVec2, f64)]) -> Option<Vec<Landing>> {
+    pub fn trace_places(
+        &self,
+        tracer: &Tracer,
+        aimed: AimedBundle,
+        color: usize,
+        places: &[(DVec2, f64)],
+    ) -> Option<Vec<Landing>> {
         let film_z = tracer.system.film_z;
         let n_image = tracer.image_index(color);
         let mut landings = Vec::with_capacity(places.len());
         let mut packet = Packet::default();
         for chunk in places.chunks(LANES) {
             self.start(&mut packet, aimed, chunk);
-            let mask = tracer.batch.trace(&mut packet, &tracer.lanes[color], Way::ToFilm);
+            let mask = tracer.batch.trace(&mut packet, &tracer.lanes[color], TraceDirection::ToFilm);
             for (lane, (_, weight)) in chunk.iter().enumerate() {
                 if mask >> lane & 1 == 0 {
                     return None;
@@ -325,8 +331,8 @@ impl Bundle {
         Some(landings)
     }
 
-    /// By how much the offset of [`Aim::Entrance`] changes with each parameter. `None` where the stop cannot be reached.
-    pub fn aim_changes(&self, tracer: &Tracer, by: &ByParameters, aimed: Aimed, reference: usize) -> Option<Vec<DVec2>> {
+    /// By how much the offset of [`RayAiming::Entrance`] changes with each parameter. `None` where the stop cannot be reached.
+    pub fn aim_changes(&self, tracer: &Tracer, by: &ByParameters, aimed: AimedBundle, reference: usize) -> Option<Vec<DVec2>> {
         let mut packet = Packet::default();
         self.start(&mut packet, aimed, &[(DVec2::ZERO, 0.0)]);
         let (n, lanes) = (&tracer.n[reference], &tracer.lanes[reference]);
@@ -346,7 +352,7 @@ impl Bundle {
         &self,
         tracer: &Tracer,
         by: &ByParameters,
-        (aimed, moved): (Aimed, &[DVec2]),
+        (aimed, moved): (AimedBundle, &[DVec2]),
         color: usize,
         needed: Needed,
     ) -> Option<Vec<Vec<LandingChange>>> {
@@ -381,7 +387,7 @@ impl Bundle {
     }
 
     /// Height of all rays at every surface (from its own vertex), the largest of each, mm; `None` where a ray does not pass.
-    pub fn heights(&self, tracer: &Tracer, aimed: Aimed, color: usize) -> Option<Vec<f64>> {
+    pub fn heights(&self, tracer: &Tracer, aimed: AimedBundle, color: usize) -> Option<Vec<f64>> {
         let mut heights = vec![0.0f64; tracer.system.surfaces.len()];
         let edge = self.outline.iter().map(|o| o[1]);
         for place in edge {
@@ -390,7 +396,7 @@ impl Bundle {
                 let local = tracer.system.surfaces[e.surface].to_local(e.point, e.direction).0;
                 heights[e.surface] = heights[e.surface].max(local.x.hypot(local.y));
             };
-            tracer.system.trace_with(ray, &tracer.n[color], Way::ToFilm, Apertures::Ignore, visit).ok()?;
+            tracer.system.trace_with(ray, &tracer.n[color], TraceDirection::ToFilm, Apertures::Ignore, visit).ok()?;
         }
         Some(heights)
     }
@@ -419,7 +425,7 @@ mod tests {
         let tracer = Tracer::new(&set.system, &[D_NM]);
         for field in [0.0, 10.0] {
             let bundle = Bundle::lit(&bench, field, D_NM, Sampling { arms: 24, rings: 7 }).unwrap();
-            let aimed = bundle.aim(&tracer, 0, Aim::Stop).unwrap();
+            let aimed = bundle.aim(&tracer, 0, RayAiming::Stop).unwrap();
             assert!(aimed.offset.length() < 1e-8, "the lens as given is aimed at already: {aimed:?}");
             let landed = bundle.trace(&tracer, aimed, 0).unwrap();
             let mean: DVec2 = landed.iter().map(|l| l.place * l.weight).sum();

@@ -186,7 +186,7 @@ impl CalibratedLens {
         self.focal_length
     }
 
-    /// f-number.
+    /// f-number: focal length over diameter of the pupil; without a pupil it only says how much light arrives.
     pub fn f_number(&self) -> f64 {
         self.f_number
     }
@@ -216,7 +216,7 @@ impl CalibratedLens {
         self.thin()?.focus_distance()
     }
 
-    /// How far the film of a thin lens of this focal length would stand behind its place for infinity, mm.
+    /// How far the film of a thin lens of this focal length would stand behind its place for infinity, mm; 0 without a pupil.
     pub fn extension(&self) -> Millimeters {
         Millimeters(self.thin().map_or(0.0, |lens| lens.film_distance().0 - lens.focal_length.0))
     }

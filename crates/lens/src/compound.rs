@@ -35,7 +35,7 @@ use crate::iris::Iris;
 use crate::paraxial::FirstOrder;
 use crate::prescription::Prescription;
 use crate::pupil::{self, PupilDetail, PupilTable};
-use crate::ray::{Apertures, TracedRay, Way};
+use crate::ray::{Apertures, TraceDirection, TracedRay};
 use crate::system::{State, System};
 use crate::{Blocked, BlockedBy, Focus, LensError, LensRay};
 use configure::{configure_turned, geometry};
@@ -345,7 +345,7 @@ impl CompoundLens {
                 let u = [(i % SIDE) as f32 + 0.5, (i / SIDE) as f32 + 0.5].map(|v| v / SIDE as f32);
                 let slope = if area > 0.0 { self.pupils.slope(film, region.fan.sample(u), turn) } else { DVec2::ZERO };
                 let ray = self.film_ray(film, slope);
-                let fraction = self.system.transmittance(ray, &n, nm, Way::ToObject).unwrap_or(0.0);
+                let fraction = self.system.transmittance(ray, &n, nm, TraceDirection::ToObject).unwrap_or(0.0);
                 sum += weight * fraction * area * ray.direction.z.powi(4) / (SIDE * SIDE) as f64;
             }
             weights += weight;
@@ -358,7 +358,7 @@ impl CompoundLens {
             let slope = if area > 0.0 { self.pupils.slope(film, region.fan.sample(u), turn) } else { DVec2::ZERO };
             let ray = self.film_ray(film, slope);
             // Obstructions count as loss, so they are looked through here.
-            let passes = match self.system.trace(ray, n, Way::ToObject, Apertures::Clip) {
+            let passes = match self.system.trace(ray, n, TraceDirection::ToObject, Apertures::Clip) {
                 Ok(_) => true,
                 Err(b) => b.why == BlockedBy::Clipped && self.system.surfaces[b.surface].is_obscured(),
             };
@@ -392,9 +392,9 @@ impl CompoundLens {
         }
         let ray = self.film_ray(film, self.pupils.slope(film, region.fan.sample(u), turn));
         let n = self.system.indices(nm);
-        let fraction = self.system.transmittance(ray, &n, nm, Way::ToObject)?;
+        let fraction = self.system.transmittance(ray, &n, nm, TraceDirection::ToObject)?;
         let stop = self.stop_transmittance(ray, &n)?;
-        let out = self.system.trace(ray, &n, Way::ToObject, Apertures::Clip)?;
+        let out = self.system.trace(ray, &n, TraceDirection::ToObject, Apertures::Clip)?;
         let weight_sr = area * ray.direction.z.powi(4) * fraction * stop;
         Ok(LensRay { origin_mm: self.relative_to_pupil(out.position), direction: out.direction, weight_sr })
     }
@@ -403,8 +403,8 @@ impl CompoundLens {
     pub fn ray_along(&self, film: DVec2, slope: DVec2, nm: f64) -> Result<LensRay, Blocked> {
         let ray = self.film_ray(film, slope);
         let n = self.system.indices(nm);
-        let fraction = self.system.transmittance(ray, &n, nm, Way::ToObject)? * self.stop_transmittance(ray, &n)?;
-        let out = self.system.trace(ray, &n, Way::ToObject, Apertures::Clip)?;
+        let fraction = self.system.transmittance(ray, &n, nm, TraceDirection::ToObject)? * self.stop_transmittance(ray, &n)?;
+        let out = self.system.trace(ray, &n, TraceDirection::ToObject, Apertures::Clip)?;
         let weight_sr = ray.direction.z.powi(4) * fraction;
         Ok(LensRay { origin_mm: self.relative_to_pupil(out.position), direction: out.direction, weight_sr })
     }
@@ -420,7 +420,7 @@ impl CompoundLens {
             return Ok(1.0);
         }
         let mut fraction = 1.0;
-        self.system.trace_with(ray, n, Way::ToObject, Apertures::Clip, |e| {
+        self.system.trace_with(ray, n, TraceDirection::ToObject, Apertures::Clip, |e| {
             if e.surface == self.system.stop {
                 let p = self.system.surfaces[e.surface].to_local(e.point, DVec3::Z).0;
                 fraction = self.system.iris.transmittance(p.x, p.y);
@@ -447,10 +447,10 @@ impl CompoundLens {
     fn chief_ray_by(&self, film: DVec2, n: &[f64]) -> Result<LensRay, Blocked> {
         let (region, turn) = self.pupils.region(film);
         let ray = self.film_ray(film, self.pupils.middle_slope(film));
-        let mut out = self.system.trace(ray, n, Way::ToObject, Apertures::Clip);
+        let mut out = self.system.trace(ray, n, TraceDirection::ToObject, Apertures::Clip);
         // Where little passes, or all but the middle, rims may stop this very ray; as long as others pass, it still says where the film point looks, and without a step over the film.
         if out.is_err() && region.fan.area() > 0.0 && self.anything_passes(film, region, turn) {
-            out = self.system.trace(ray, n, Way::ToObject, Apertures::Ignore);
+            out = self.system.trace(ray, n, TraceDirection::ToObject, Apertures::Ignore);
         }
         let out = out?;
         let weight_sr = region.fan.area() * ray.direction.z.powi(4);

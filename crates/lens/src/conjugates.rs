@@ -33,7 +33,7 @@ pub enum Known {
     ImageMagnification(f64, f64),
 }
 
-/// The distance whose reciprocal this is; infinite for nought.
+/// The distance whose reciprocal this is; infinite for zero.
 fn distance_of(vergence: f64) -> f64 {
     if vergence == 0.0 { f64::INFINITY } else { 1.0 / vergence }
 }

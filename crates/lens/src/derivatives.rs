@@ -8,7 +8,7 @@
 
 use crate::batch::double::{Batch, Indices, LANES, Lanes, Packet};
 use crate::batch::level;
-use crate::ray::Way;
+use crate::ray::TraceDirection;
 use crate::surface::Profile;
 use crate::system::System;
 use fearless_simd::{Simd, dispatch, f64x8, prelude::*};
@@ -160,7 +160,7 @@ impl Differentiated {
         let mut crossings = Vec::with_capacity(surfaces);
         for (i, step) in self.steps[..surfaces].iter().enumerate() {
             let before = [packet.dx, packet.dy, packet.dz];
-            if batch.trace_part(&mut packet, lanes, Way::ToFilm, i..i + 1) != u32::MAX >> (32 - LANES) {
+            if batch.trace_part(&mut packet, lanes, TraceDirection::ToFilm, i..i + 1) != u32::MAX >> (32 - LANES) {
                 return None;
             }
             let indices = [n[i], if step.mirror { n[i] } else { n[i + 1] }];

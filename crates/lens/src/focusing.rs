@@ -6,7 +6,7 @@
 
 use crate::at_stop;
 use crate::paraxial::FirstOrder;
-use crate::ray::{Apertures, TracedRay, Way};
+use crate::ray::{Apertures, TraceDirection, TracedRay};
 use crate::system::System;
 use glam::{DVec2, DVec3};
 
@@ -51,7 +51,7 @@ fn bundle(system: &System, object: Option<DVec3>) -> Bundle {
             let u = (i % ACROSS) as f64 / (ACROSS - 1) as f64 * 2.0 - 1.0;
             let v = (i / ACROSS) as f64 / (ACROSS - 1) as f64 * 2.0 - 1.0;
             let ray = ray_to(middle + DVec2::new(u, v) * reach);
-            if let Ok(r) = system.trace(ray, &n, Way::ToFilm, Apertures::Clip) {
+            if let Ok(r) = system.trace(ray, &n, TraceDirection::ToFilm, Apertures::Clip) {
                 let slope = DVec2::new(r.direction.x, r.direction.y) / r.direction.z;
                 let place = DVec2::new(r.position.x, r.position.y) + slope * (z - r.position.z);
                 at.push((place, slope, weight));

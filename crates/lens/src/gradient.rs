@@ -86,7 +86,7 @@ impl Gradient {
         self.medium(n0, place).0.sqrt()
     }
 
-    /// Coefficient of r² of the index itself near the axis, at z.
+    /// Coefficient of r² of the index near the axis, ½ ∂²n/∂r², mm⁻², at z (mm from the vertex before the medium). `n0`: index of the glass.
     pub fn axial_curvature(&self, n0: f64, z: f64) -> f64 {
         let first = self.radial.first().copied().unwrap_or(0.0);
         if self.squared { first / (2.0 * self.index(n0, DVec3::new(0.0, 0.0, z))) } else { first }
@@ -295,7 +295,7 @@ mod tests {
     fn a_rod_has_the_focal_length_of_the_books() {
         use crate::paraxial::FirstOrder;
         use crate::prescription::read_toml;
-        use crate::ray::{Apertures, TracedRay, Way};
+        use crate::ray::{Apertures, TraceDirection, TracedRay};
         use crate::{State, System};
         let p = read_toml(ROD, "x.toml").unwrap();
         let system = System::at(&p, State::default());
@@ -306,7 +306,7 @@ mod tests {
         assert!((first.efl - 1.0 / (0.16 * s)).abs() < 1e-8 && (first.bfl - c / (0.16 * s)).abs() < 1e-8, "{first:?}");
         // Real rays near the axis cross it there; aberrations go with the square of 1e-3 mm.
         let ray = TracedRay { position: DVec3::new(0.0, 1e-3, -1.0), direction: DVec3::Z };
-        let out = system.trace(ray, &n, Way::ToFilm, Apertures::Clip).unwrap();
+        let out = system.trace(ray, &n, TraceDirection::ToFilm, Apertures::Clip).unwrap();
         let cross = out.position.z - out.position.y * out.direction.z / out.direction.y - 12.0;
         assert!((cross - first.bfl).abs() < 1e-5, "{cross} {}", first.bfl);
         let back = read_toml(&p.to_toml(), "x.toml").unwrap();
@@ -319,7 +319,7 @@ mod tests {
     #[test]
     fn packets_cross_gradients_as_the_plain_trace_does() {
         use crate::batch::agreement;
-        use crate::ray::{Apertures, TracedRay, Way};
+        use crate::ray::{Apertures, TraceDirection, TracedRay};
         use crate::{State, System};
         // Curved and tilted ends, radial and axial terms.
         let text = "name = \"x\"\nsurfaces = [\n{ radius = 30, stop = true, gap = 6, glass = \"1.65\", semi_diameter = 5, gradient = { radial = [-0.002, 1e-6], axial = [0.005] } },\n\
@@ -334,7 +334,7 @@ mod tests {
         let through = agreement(&system, &n, ray, 1e-8);
         for (i, plain, _) in &through {
             let turned = TracedRay { position: plain.position + plain.direction, direction: -plain.direction };
-            let back = system.trace(turned, &n, Way::ToObject, Apertures::Clip).unwrap();
+            let back = system.trace(turned, &n, TraceDirection::ToObject, Apertures::Clip).unwrap();
             assert!((back.direction + ray(*i).direction).length() < 1e-9, "{i}");
         }
         assert!(through.len() > 10, "{}", through.len());

@@ -43,7 +43,7 @@ mod tests {
     use crate::analysis::Bench;
     use crate::batch::agreement;
     use crate::prescription::read_toml;
-    use crate::ray::{Apertures, TracedRay, Way};
+    use crate::ray::{Apertures, TraceDirection, TracedRay};
     use crate::trace::at_plane;
     use crate::{State, System};
 
@@ -91,7 +91,7 @@ mod tests {
             // Back along the same way.
             let turned = TracedRay { position: plain.position + plain.direction * 3.0, direction: -plain.direction };
             let mut back_path = 0.0;
-            let out = system.trace_with(turned, &n, Way::ToObject, Apertures::Clip, |e| back_path += e.path).unwrap();
+            let out = system.trace_with(turned, &n, TraceDirection::ToObject, Apertures::Clip, |e| back_path += e.path).unwrap();
             let there = at_plane(&out, ray(i).position.z);
             assert!((there - ray(i).position).length() < 1e-9 && (out.direction + ray(i).direction).length() < 1e-11, "{i}");
             // To the first surface: all but the first way in air, and 3 mm more.

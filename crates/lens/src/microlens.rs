@@ -70,7 +70,7 @@ pub struct Behind {
 
 /// A ray from the sensor, as the main lens sees it.
 #[derive(Clone, Copy, Debug)]
-pub struct Aimed {
+pub struct MicrolensSample {
     /// Where it passes the array, mm.
     pub at: DVec2,
     /// Slope towards the main lens.
@@ -85,13 +85,13 @@ impl Behind {
     }
 
     /// Draws a ray from a sensor point: a lens whose image may lie there, and a place in it. `None` where there is only dark.
-    pub fn draw(&self, sensor: DVec2, [u, v]: [f32; 2]) -> Option<Aimed> {
+    pub fn draw(&self, sensor: DVec2, [u, v]: [f32; 2]) -> Option<MicrolensSample> {
         let count = self.lenses(sensor).count();
         let scaled = u * count as f32;
         let lens = self.lenses(sensor).nth((scaled as usize).min(count.checked_sub(1)?))?;
         let at = self.array.lattice.place_in_cell(lens, [scaled.fract(), v]);
         let slope = (at - sensor) / self.array.gap - (at - lens) / self.array.focal_length;
-        Some(Aimed { at, slope, density: self.density_of(count) })
+        Some(MicrolensSample { at, slope, density: self.density_of(count) })
     }
 
     fn density_of(&self, count: usize) -> f64 {
@@ -99,9 +99,9 @@ impl Behind {
     }
 
     /// The ray through the middle of the lens that belongs to a sensor point.
-    pub fn middle(&self, sensor: DVec2) -> Aimed {
+    pub fn middle(&self, sensor: DVec2) -> MicrolensSample {
         let lens = self.array.lattice.nearest(sensor / self.magnification);
-        Aimed { at: lens, slope: (lens - sensor) / self.array.gap, density: self.density_of(1) }
+        MicrolensSample { at: lens, slope: (lens - sensor) / self.array.gap, density: self.density_of(1) }
     }
 
     /// Where light lands that comes to a place of the array with a slope.
@@ -110,7 +110,7 @@ impl Behind {
         at - (slope + (at - lens) / self.array.focal_length) * self.array.gap
     }
 
-    /// [`Aimed::density`] of any ray from a sensor point.
+    /// [`MicrolensSample::density`] of any ray from a sensor point.
     pub fn density(&self, sensor: DVec2) -> f64 {
         self.density_of(self.lenses(sensor).count())
     }

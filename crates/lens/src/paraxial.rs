@@ -4,7 +4,7 @@
 //! so that one formula serves refraction and reflection.
 
 use crate::dual::Number;
-use crate::ray::{Apertures, TracedRay, Way};
+use crate::ray::{Apertures, TraceDirection, TracedRay};
 use crate::system::System;
 use glam::{DMat2, DVec2, DVec3};
 
@@ -235,7 +235,7 @@ const SLOPE_STEP: f64 = 1e-5;
 /// First-order data about the base ray, from real rays near it: of the mean of both sections, which differ where surfaces stand aslant (the base ray is then astigmatic). Places behind
 /// the lens lie on the base ray, which may meet the film askew: their z is theirs along the film's normal. `None` where the base ray does not come through.
 fn parabasal(system: &System, n: &[f64]) -> Option<FirstOrder> {
-    let through = |ray: TracedRay| system.trace(ray, n, Way::ToFilm, Apertures::Ignore).ok();
+    let through = |ray: TracedRay| system.trace(ray, n, TraceDirection::ToFilm, Apertures::Ignore).ok();
     let base = system.base_ray(n).ok()?;
     let run = system.runs[system.surfaces.len()];
     // Across the base ray, as x and y of the film; slopes count along the light.

@@ -14,7 +14,7 @@ pub struct TracedRay {
 
 /// Which way light is followed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Way {
+pub enum TraceDirection {
     /// From the object to the film.
     ToFilm,
     /// From the film to the object.

@@ -10,7 +10,7 @@ use crate::glass::Glass;
 use crate::gradient::{GradedRay, Gradient};
 use crate::iris::Iris;
 use crate::prescription::Prescription;
-use crate::ray::{Apertures, TracedRay, Way};
+use crate::ray::{Apertures, TraceDirection, TracedRay};
 use crate::surface::Profile;
 use glam::{DAffine3, DMat3, DVec2, DVec3, EulerRot};
 
@@ -280,7 +280,7 @@ impl System {
 
     /// Fraction of unpolarised light that one surface lets on, by the indices before and after it along the light (`n`) and the cosines of
     /// incidence and refraction.
-    pub fn surface_transmittance(&self, surface: usize, way: Way, n: [f64; 2], cosines: [f64; 2], nm: f64) -> f64 {
+    pub fn surface_transmittance(&self, surface: usize, way: TraceDirection, n: [f64; 2], cosines: [f64; 2], nm: f64) -> f64 {
         let surface = &self.surfaces[surface];
         if surface.mirror {
             return match &surface.coating {
@@ -300,7 +300,7 @@ impl System {
 
     /// Fraction of unpolarised light that one surface throws back, by the indices before and after it along the light (`n`) and the cosine
     /// of incidence; all of it where the law of refraction has no solution. Mirrors as [`System::surface_transmittance`].
-    pub fn surface_reflectance(&self, surface: usize, way: Way, n: [f64; 2], cos: f64, nm: f64) -> f64 {
+    pub fn surface_reflectance(&self, surface: usize, way: TraceDirection, n: [f64; 2], cos: f64, nm: f64) -> f64 {
         let placed = &self.surfaces[surface];
         if let (SurfaceCoating::Layers(stack), false) = (&placed.coating, placed.mirror) {
             return stack.response(way, n[0], n[1].into(), cos, nm).unpolarised_reflectance();
@@ -351,18 +351,18 @@ impl System {
         Some((TracedRay { position, direction }, path))
     }
 
-    /// Way of the light at the film: +1 along +z, −1 where an odd number of mirrors sends it back towards the object.
+    /// Sense of the light at the film: +1 along +z, −1 where an odd number of mirrors sends it back towards the object.
     pub fn film_run(&self) -> f64 {
         self.runs.last().copied().unwrap_or(1.0)
     }
 
-    /// A ray of the object's space, as it runs among the surfaces.
+    /// A ray of the object's space (whose axis is the base ray) in the coordinates of the surfaces, mm; the same where the lens has an axis.
     #[inline]
     pub fn ray_from_object(&self, ray: TracedRay) -> TracedRay {
         self.object_axis.as_ref().map_or(ray, |axis| moved(&axis.0, ray))
     }
 
-    /// The other way round.
+    /// A ray in the coordinates of the surfaces as one of the object's space: undoes [`System::ray_from_object`].
     #[inline]
     pub fn ray_to_object(&self, ray: TracedRay) -> TracedRay {
         self.object_axis.as_ref().map_or(ray, |axis| moved(&axis.1, ray))
@@ -375,7 +375,7 @@ impl System {
 
     /// Light along the axis of the object, behind the last surface.
     pub(crate) fn base_ray(&self, n: &[f64]) -> Result<TracedRay, Blocked> {
-        self.trace(TracedRay { position: DVec3::ZERO, direction: DVec3::Z }, n, Way::ToFilm, Apertures::Ignore)
+        self.trace(TracedRay { position: DVec3::ZERO, direction: DVec3::Z }, n, TraceDirection::ToFilm, Apertures::Ignore)
     }
 
     /// Slope of the base ray at the film, towards the lens: 0 but for lenses with an axis of the object of their own.

@@ -1,6 +1,6 @@
 //! The ideal lenses: pinhole and thin lens.
 //!
-//! Source: Gauss's 1/f = 1/s + 1/s'; irradiance E = ∫ L cos⁴θ / s'² dA over the pupil.
+//! Source: Gauss's 1/f = 1/s + 1/s'; irradiance E = π L / (4 N²) on the axis (Abbe's sine condition), times cos⁴ of the chief ray beside it.
 
 use crate::{Blocked, BlockedBy, Focus, Iris, LensError, LensRay, require};
 use diopter_light::units::Millimeters;

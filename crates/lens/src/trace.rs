@@ -4,7 +4,7 @@
 //! length) and is what wavefronts are made of.
 
 use crate::ideal;
-use crate::ray::{Apertures, TracedRay, Way};
+use crate::ray::{Apertures, TraceDirection, TracedRay};
 use crate::system::System;
 use crate::{Blocked, BlockedBy};
 use glam::DVec3;
@@ -34,7 +34,7 @@ impl System {
         &self,
         ray: TracedRay,
         n: &[f64],
-        way: Way,
+        way: TraceDirection,
         apertures: Apertures,
         visit: impl FnMut(Event),
     ) -> Result<TracedRay, Blocked> {
@@ -46,25 +46,25 @@ impl System {
         &self,
         ray: TracedRay,
         n: &[f64],
-        way: Way,
+        way: TraceDirection,
         apertures: Apertures,
         surfaces: std::ops::Range<usize>,
         mut visit: impl FnMut(Event),
     ) -> Result<TracedRay, Blocked> {
-        let from_object = way == Way::ToFilm && surfaces.start == 0;
+        let from_object = way == TraceDirection::ToFilm && surfaces.start == 0;
         let start = if from_object { self.ray_from_object(ray) } else { ray };
         let (mut o, mut d) = (start.position, start.direction);
         for step in 0..surfaces.len() {
             let (i, before, after) = match way {
-                Way::ToFilm => (surfaces.start + step, surfaces.start + step, surfaces.start + step + 1),
-                Way::ToObject => (surfaces.end - 1 - step, surfaces.end - step, surfaces.end - 1 - step),
+                TraceDirection::ToFilm => (surfaces.start + step, surfaces.start + step, surfaces.start + step + 1),
+                TraceDirection::ToObject => (surfaces.end - 1 - step, surfaces.end - step, surfaces.end - 1 - step),
             };
             let surface = &self.surfaces[i];
             let blocked = |why| Blocked { surface: i, why };
             // Light of this gap runs along `run` · z.
             let run = match way {
-                Way::ToFilm => self.runs[before],
-                Way::ToObject => -self.runs[before],
+                TraceDirection::ToFilm => self.runs[before],
+                TraceDirection::ToObject => -self.runs[before],
             };
             let mut path = 0.0;
             if self.gradients[before].is_some() {
@@ -91,7 +91,8 @@ impl System {
             path += n0 * m.t;
             let (direction, cos1) = if let Some(focal) = surface.ideal_focal_length {
                 let place = m.point.truncate();
-                let bent = ideal::bend(focal, place, local_d, run, way == Way::ToFilm).ok_or(blocked(BlockedBy::Missed))?;
+                let bent =
+                    ideal::bend(focal, place, local_d, run, way == TraceDirection::ToFilm).ok_or(blocked(BlockedBy::Missed))?;
                 path += bent.path;
                 (bent.direction, bent.direction.z.abs())
             } else if let Some(phase) = &surface.diffractive {
@@ -115,28 +116,28 @@ impl System {
             visit(Event { surface: i, point: o, direction: d, path, cosines: [cos0, cos1], indices: [n0, n1] });
         }
         let end = TracedRay { position: o, direction: d };
-        Ok(if way == Way::ToObject && surfaces.start == 0 { self.ray_to_object(end) } else { end })
+        Ok(if way == TraceDirection::ToObject && surfaces.start == 0 { self.ray_to_object(end) } else { end })
     }
 
     /// [`System::trace_with`] without a visitor.
-    pub fn trace(&self, ray: TracedRay, n: &[f64], way: Way, apertures: Apertures) -> Result<TracedRay, Blocked> {
+    pub fn trace(&self, ray: TracedRay, n: &[f64], way: TraceDirection, apertures: Apertures) -> Result<TracedRay, Blocked> {
         self.trace_with(ray, n, way, apertures, |_| {})
     }
 
     /// Fraction of the light that comes through: glass absorption, and reflection at every surface (Fresnel, unpolarised; a
     /// coating as [`crate::coating`] says).
-    pub fn transmittance(&self, ray: TracedRay, n: &[f64], nm: f64, way: Way) -> Result<f64, Blocked> {
+    pub fn transmittance(&self, ray: TracedRay, n: &[f64], nm: f64, way: TraceDirection) -> Result<f64, Blocked> {
         Ok(self.trace_light(ray, n, nm, way)?.1)
     }
 
     /// A ray behind the lens, and the [`System::transmittance`] along it.
-    pub fn trace_light(&self, ray: TracedRay, n: &[f64], nm: f64, way: Way) -> Result<(TracedRay, f64), Blocked> {
+    pub fn trace_light(&self, ray: TracedRay, n: &[f64], nm: f64, way: TraceDirection) -> Result<(TracedRay, f64), Blocked> {
         let mut fraction = 1.0;
         let absorption = self.absorption(nm);
         let out = self.trace_with(ray, n, way, Apertures::Clip, |e| {
             let before = match way {
-                Way::ToFilm => e.surface,
-                Way::ToObject => e.surface + 1,
+                TraceDirection::ToFilm => e.surface,
+                TraceDirection::ToObject => e.surface + 1,
             };
             fraction *= self.surface_transmittance(e.surface, way, e.indices, e.cosines, nm);
             if let Some(phase) = &self.surfaces[e.surface].diffractive {

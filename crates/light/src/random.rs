@@ -39,15 +39,15 @@ pub enum Set {
     Light(u32),
     /// Choice of a lobe, direction and Russian roulette, at the given vertex.
     Scatter(u32),
-    /// How far light goes through a medium, on the given leg of the path.
+    /// How far light goes through a medium, on the given segment of the path.
     Medium(u32),
-    /// Light that is scattered into the given leg of the path: choice of a light, distance along the leg, point on the light.
+    /// Light that is scattered into the given segment of the path: choice of a light, distance along the segment, point on the light.
     Inscatter(u32),
     /// The numbers of [`Set::Camera`] once more, where those before met nothing, at the given attempt (from 1).
     Redraw(u32),
     /// How far diffraction moves light on the film (2) of a sample (0), and of the light that a lamp sends far out (1, 2).
     Diffraction(u32),
-    /// Tracking through a medium that differs from place to place, on the given leg of the path ([`Sampler::stream`]).
+    /// Tracking through a medium that differs from place to place, on the given segment of the path ([`Sampler::stream`]).
     Tracking(u32),
     /// Transmittance towards a light from the given vertex ([`Sampler::stream`]).
     Transmittance(u32),

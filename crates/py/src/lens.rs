@@ -9,7 +9,7 @@ use diopter::lens::batch::{double, single};
 use diopter::lens::compound::{Configured, FilmPlace, configure};
 use diopter::lens::paraxial::FirstOrder;
 use diopter::lens::prescription::WAVELENGTHS_NM;
-use diopter::lens::ray::Way;
+use diopter::lens::ray::TraceDirection;
 use diopter::lens::{Focus, LensError, Prescription, embedded_names, import};
 use diopter::shot::read_lens;
 use glam::DVec2;
@@ -180,7 +180,7 @@ macro_rules! tracer {
             positions: &PyReadonlyArrayDyn<'py, $float>,
             directions: &PyReadonlyArrayDyn<'py, $float>,
             wavelengths: &PyReadonlyArrayDyn<'py, $float>,
-            way: Way,
+            way: TraceDirection,
             film_z: Option<$float>,
             light: bool,
             threads: Option<usize>,
@@ -323,7 +323,7 @@ impl Bench {
         threads: Option<usize>,
     ) -> PyResult<Rays<'py, f32>> {
         let batch = self.single.get_or_init(|| single::Batch::new(&self.set.system));
-        let way = if to_film { Way::ToFilm } else { Way::ToObject };
+        let way = if to_film { TraceDirection::ToFilm } else { TraceDirection::ToObject };
         let film_z = (to_film && until_film).then_some(self.set.system.film_z as f32);
         trace_single(py, self, batch, &positions, &directions, &wavelengths, way, film_z, light, threads)
     }
@@ -341,7 +341,7 @@ impl Bench {
         threads: Option<usize>,
     ) -> PyResult<Rays<'py, f64>> {
         let batch = self.double.get_or_init(|| double::Batch::new(&self.set.system));
-        let way = if to_film { Way::ToFilm } else { Way::ToObject };
+        let way = if to_film { TraceDirection::ToFilm } else { TraceDirection::ToObject };
         let film_z = (to_film && until_film).then_some(self.set.system.film_z);
         trace_double(py, self, batch, &positions, &directions, &wavelengths, way, film_z, light, threads)
     }

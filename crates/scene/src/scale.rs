@@ -18,7 +18,8 @@ use std::collections::HashMap;
 use std::sync::Arc;
 
 impl Description {
-    /// Multiplies all lengths by a factor above 0: 0.001 turns millimetres into metres.
+    /// Multiplies all lengths by a factor above 0: 0.001 turns millimetres into metres. Panics on another factor: what users
+    /// write is checked before.
     pub fn scale(&mut self, factor: f32) {
         assert!(factor > 0.0 && factor.is_finite(), "a factor above 0, not {factor}");
         let whole = Affine3A::from_scale(Vec3::splat(factor));

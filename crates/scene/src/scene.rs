@@ -132,14 +132,14 @@ impl Scene {
         self.description.playing.frozen_at_s.unwrap_or(self.posed.open_s + f64::from(time_s))
     }
 
-    /// Puts a free node ([`crate::motion::Node::free`]) somewhere. What hangs on it follows at the next [`Scene::pose`].
+    /// Places a free node ([`crate::motion::Node::free`]). What hangs on it follows at the next [`Scene::pose`]. Panics on a number that is no free node's.
     pub fn place_node(&mut self, node: u32, world_from_node: Affine3A) {
         let node = &mut Arc::make_mut(&mut self.description).nodes[node as usize];
         assert!(node.free && node.parent.is_none(), "node \"{}\" is not free", node.name);
         node.rest = Local::Matrix(world_from_node);
     }
 
-    /// Changes how the lamps of a material shine with time.
+    /// Changes how the lamps of a material shine with time. Panics on a number that is no material's.
     pub fn modulate(&mut self, material: u32, modulation: Modulation) {
         if let Some(emission) = &mut Arc::make_mut(&mut self.description).materials[material as usize].emission {
             emission.modulation = modulation;
@@ -210,7 +210,7 @@ impl Scene {
         (meshes + curves + splats, self.built.top.memory() + below + self.posed.animated.memory())
     }
 
-    /// Material of an object.
+    /// Material of an object, by its number, as hits tell it. Panics on a number that is no object's.
     #[inline]
     pub fn material(&self, object: u32) -> &Material {
         self.material_at(self.material_number(object))

@@ -3,6 +3,9 @@
 //! A [`Sensor`] is a data sheet (embedded, or a TOML file of the same form); [`Sensor::band_responses`] is what the exposure
 //! integrates with; [`read_out()`] adds what a sensor adds; [`emva`] measures it back. Symbols and order follow EMVA 1288.
 //! Units: e⁻, DN, µm, mm, s, °C.
+//!
+//! Not here: what light arrives (the focal plane brings mean electrons), files of raw images (`diopter-image`), colours (`diopter-develop`). Begin with [`Sensor::named`] and
+//! [`read_out()`].
 
 pub use diopter_light::names::nearest;
 

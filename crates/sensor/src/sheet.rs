@@ -266,7 +266,7 @@ impl Sensor {
         let cfa = Cfa::parse(&s.cfa).ok_or_else(|| SensorError::Range {
             what: format!("{place}: cfa"),
             found: format!("\"{}\"", s.cfa),
-            expected: "letters R, G, B, W or, of polarisers, H, D, V, A in rows parted by / (such as RG/GB), at most four different ones, or mono, quad, x-trans, \
+            expected: "letters R, G, B, W or, of polarisers, H, D, V, A in rows separated by / (such as RG/GB), at most four different ones, or mono, quad, x-trans, \
                        rgbw, rccc, polarized"
                 .into(),
         })?;

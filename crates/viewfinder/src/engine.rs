@@ -50,7 +50,7 @@ const SHOWING: Duration = Duration::from_millis(60);
 const LEAST_SIDE: usize = 24;
 /// Samples that are joined to a picture at once, at most: some seconds of a picture of [`MOST_PIXELS`], which shows little change by then.
 const LONGEST_RANGE: u32 = 8;
-/// Samples when nobody says, and at most.
+/// Samples by default, and at most.
 const SAMPLES: u32 = 64;
 const MOST_SAMPLES: u32 = 4096;
 /// Samples of the first ranges of the half and of the whole picture: enough for the filter to make a picture of, and where the half is left for the whole.

@@ -114,7 +114,7 @@ export const T = {
     mtf: "Contrast (MTF) by cycles a mm",
     columns: ["1/mm", "Sagittal", "Tangential", "Perfect"],
     about: (place, at) => `At ${place} of the picture: ${at}.`,
-    diagram: (airy) => `Spot diagram: where rays land, with the first dark ring of a perfect lens (radius ${airy} µm)`,
+    diagram: (airy) => `Spot diagram: where rays reach the film, with the first dark ring of a perfect lens (radius ${airy} µm)`,
     rms: (list) => `Spot, root mean square radius: ${list}`,
     disk: (um) => `Blur disk ${um} µm across`,
     airy: (um) => `Airy circle (dashed): radius ${um} µm`,

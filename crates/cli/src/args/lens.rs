@@ -107,7 +107,7 @@ pub enum LensVerb {
         #[arg(short, long, value_name = "FILE")]
         output: Vec<PathBuf>,
     },
-    /// Ghosts: every pair of surfaces, and of a surface and the sensor, that throw light of a distant source onto the film; focus, size,
+    /// Ghosts: every pair of surfaces, and of a surface and the sensor, whose reflections bring light of a distant source onto the film; focus, size,
     /// place, irradiance; -o also writes .json.
     Ghosts {
         #[command(flatten)]

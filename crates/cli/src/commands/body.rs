@@ -313,7 +313,7 @@ pub fn plot(title: &str, report: &Report) -> Figure {
     let line = |name: &str, color, style, points| Line { name: name.into(), color, style, points };
     let (red, grey, blue) = ([200, 40, 40], [130, 130, 130], [40, 80, 200]);
     let m = &report.measured;
-    // Room above for the legend, nothing below nought.
+    // Room above for the legend, nothing below zero.
     let axis = |label: &str, values: &mut dyn Iterator<Item = f64>| {
         let highest = values.fold(0.0, f64::max);
         Axis { range: [0.0, Axis::around("", [1.12 * highest], true).range[1]], label: label.into() }

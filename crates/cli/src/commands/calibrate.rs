@@ -8,7 +8,7 @@ use crate::watch::say;
 use anyhow::anyhow;
 use diopter::Film;
 use diopter::calibration::observe::{falloff, observe, seen_from_camera};
-use diopter::calibration::st_map::{self, Straight, Way};
+use diopter::calibration::st_map::{self, MapDirection, Straight};
 use diopter::calibration::{Calibration, Fit, Format, ModelKind, PrincipalRay, fit, json, ray_table};
 use diopter::lens::calibrated::RayTable;
 use diopter::lens::compound::{Setting, printed_focal_length};
@@ -115,7 +115,7 @@ fn principal_ray(args: &Calibrate) -> anyhow::Result<PrincipalRay> {
     }
 }
 
-/// Body whose film is used when nobody says.
+/// Body whose film is used by default.
 const DEFAULT_BODY: &str = "canon-5d-mark-iv";
 
 /// A table of how well models fit.
@@ -250,11 +250,11 @@ fn write(
         match format {
             Format::RayTable => ray_table::write(table, to)?,
             Format::StDistort => {
-                st_map::write(&st_map::distort(table, &straight, seen), calibration.size, &straight, Way::Distort, to)?;
+                st_map::write(&st_map::distort(table, &straight, seen), calibration.size, &straight, MapDirection::Distort, to)?;
             }
             _ => {
                 let places = st_map::undistort(table, &straight, &calibration.model, seen);
-                st_map::write(&places, calibration.size, &straight, Way::Undistort, to)?;
+                st_map::write(&places, calibration.size, &straight, MapDirection::Undistort, to)?;
             }
         }
         Ok(())

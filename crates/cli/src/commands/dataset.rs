@@ -16,7 +16,7 @@ use std::ops::Range;
 use std::path::{Component, Path, PathBuf};
 use std::sync::Arc;
 
-/// Items that are listed when nobody says.
+/// Items that are listed by default.
 const LISTED: u64 = 10;
 
 pub fn run(verb: &DatasetVerb, json: bool) -> anyhow::Result<()> {

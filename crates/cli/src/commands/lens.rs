@@ -222,7 +222,7 @@ fn finish(asked: &Asked, figure: impl FnOnce() -> Figure, text: &str, value: &Va
     Ok(())
 }
 
-/// Field angles that are shown when nobody says: the axis, 0.7 of the field and nearly all of it.
+/// Field angles that are shown by default: the axis, 0.7 of the field and nearly all of it.
 fn fields_to(most: f64) -> Vec<f64> {
     vec![0.0, 0.7 * most, 0.98 * most]
 }

@@ -20,7 +20,7 @@ use std::path::{Path, PathBuf};
 use std::rc::Rc;
 use std::time::Instant;
 
-/// Longer side of pictures when nobody says, px.
+/// Longer side of pictures by default, px.
 const CELL: usize = 480;
 /// Numbers of focal planes that are kept for other pictures (16 bytes each with errors and truth).
 const KEPT_NUMBERS: usize = 50_000_000;

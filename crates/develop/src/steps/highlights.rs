@@ -90,7 +90,8 @@ fn opposed(sums: &[(f32, f32, f32); 4], own: usize, channels: usize) -> (f32, f3
     (mean * mean * mean, saturated / n.max(1.0))
 }
 
-/// Clips or recovers a balanced mosaic with an edge of [`reach`] on each side, which is left as it is.
+/// Clips or recovers saturated values of a mosaic, in place. `data`: `[row][column]` of `region`, 1 = saturation, balanced by `gains` (one a channel). The
+/// outer [`reach`] pixels on each side are read and left as they are.
 pub fn apply(data: &mut [f32], region: Region, cfa: &Cfa, gains: &[f32], method: HighlightMethod, cast: Option<&Cast>) {
     let Some(cast) = cast.filter(|_| method == HighlightMethod::Recover) else {
         if method == HighlightMethod::Clip {
@@ -104,7 +105,7 @@ pub fn apply(data: &mut [f32], region: Region, cfa: &Cfa, gains: &[f32], method:
     let (w, r) = (region.width, reach(cfa));
     let from = data.to_vec();
     for y in r..region.height.saturating_sub(r) {
-        for x in r..w - r {
+        for x in r..w.saturating_sub(r) {
             let i = y * w + x;
             if from[i] < lowest {
                 continue;

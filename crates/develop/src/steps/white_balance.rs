@@ -1,4 +1,4 @@
-//! What is white: the camera's signals of a neutral surface, from the file, a light, a temperature, a grey patch, or the picture itself.
+//! White balance, set or estimated: the camera's signals of a neutral surface, from the file, a light, a temperature, a grey patch, or the picture itself.
 //!
 //! Sources: DNG 1.6 chapter 6 (neutral of a chromaticity); the unit of tint, 1/3000 in CIE 1960 uv across the line of black bodies, as in
 //! Adobe's DNG SDK; automatic balance: Finlayson & Trezzi 2004, "Shades of gray and colour constancy" (CIC 12), p = 6.

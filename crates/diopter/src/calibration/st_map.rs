@@ -105,14 +105,14 @@ pub fn write(
     places: &Places,
     [width, height]: [usize; 2],
     straight: &Straight,
-    distorts: Way,
+    distorts: MapDirection,
     to: impl Write + Seek,
 ) -> Result<(), ImageError> {
     let fraction = |p: DVec2| [(p.x + 0.5) / width as f64, 1.0 - (p.y + 0.5) / height as f64];
     let plane = |k: usize| places.iter().map(|p| p.map_or(-1.0, |p| fraction(p)[k] as f32)).collect::<Vec<f32>>();
     let alpha = places.iter().map(|p| if p.is_some() { 1.0 } else { 0.0 }).collect();
     let (f, m) = (straight.focal, straight.centre);
-    let way = if distorts == Way::Distort { "distort" } else { "undistort" };
+    let way = if distorts == MapDirection::Distort { "distort" } else { "undistort" };
     let text = serde_json::json!({ "way": way, "fx": f.x, "fy": f.y, "cx": m.x, "cy": m.y }).to_string();
     let planes = vec![("R", plane(0)), ("G", plane(1)), ("B", vec![0.0; width * height]), ("A", alpha)];
     exr::write_maps([width, height], planes, &[(ATTRIBUTE, &text)], to)
@@ -120,7 +120,7 @@ pub fn write(
 
 /// Which way a map goes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Way {
+pub enum MapDirection {
     /// From the straight picture to the camera's.
     Distort,
     /// From the camera's picture to the straight one.
@@ -216,7 +216,7 @@ mod tests {
         let straight = Straight::of(&model);
         let places = distort(&table, &straight, |r| r[1]);
         let mut file = Cursor::new(Vec::new());
-        write(&places, [240, 160], &straight, Way::Distort, &mut file).unwrap();
+        write(&places, [240, 160], &straight, MapDirection::Distort, &mut file).unwrap();
         let read_back = read(file.get_ref(), "map.exr", None).unwrap();
         for (column, row) in [(0, 0), (239, 159), (100, 30)] {
             let (a, b) = (table.at(column, row).unwrap()[1], read_back.at(column, row).unwrap()[1]);
@@ -224,7 +224,7 @@ mod tests {
             assert!((a - b).length() < 1e-6, "{column} {row}");
         }
         let mut other = Cursor::new(Vec::new());
-        write(&places, [240, 160], &straight, Way::Undistort, &mut other).unwrap();
+        write(&places, [240, 160], &straight, MapDirection::Undistort, &mut other).unwrap();
         assert!(read(other.get_ref(), "map.exr", None).unwrap_err().to_string().contains("undistorts"));
         // Nuke's numbers: the centre of the lower left pixel is (½ / w, ½ / h).
         let maps = exr::read_maps(Cursor::new(file.get_ref()), &["R", "G"]).unwrap();

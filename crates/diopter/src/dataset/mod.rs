@@ -33,7 +33,7 @@ pub type Setting = (String, toml::Value);
 
 /// Most items of a data set: they are counted in memory.
 pub const MOST_ITEMS: u64 = 100_000_000;
-/// Items of a shard when nobody says.
+/// Items of a shard by default.
 const SHARD_ITEMS: u64 = 1000;
 /// What the files of a data set without parts are called.
 const WHOLE: &str = "data";
@@ -272,7 +272,7 @@ impl Dataset {
         Ok(shot)
     }
 
-    /// The part of the data set that an item belongs to; `None` where there are no parts.
+    /// Name of the split (train, validation, ...) that an item belongs to; `None` where the specification has none.
     pub fn split(&self, item: u64) -> Option<&str> {
         let (last, _) = self.splits.last()?;
         let draw = self.draws(item);

@@ -9,7 +9,7 @@ use crate::mount::M2_PER_MM2;
 use diopter_image::focal_plane::BandUnit;
 use diopter_lens::batch::single::LANES;
 use diopter_lens::compound::{CompoundLens, Exits, PupilSampler, Samples, Scratch};
-use diopter_lens::microlens::{Aimed, Behind};
+use diopter_lens::microlens::{Behind, MicrolensSample};
 use diopter_lens::pupil::PupilTable;
 use diopter_lens::{Lens, LensRay};
 use diopter_light::Ray;
@@ -69,7 +69,7 @@ fn drawn_again(numbers: [f32; 4], sampler: &Sampler, attempt: u32) -> [f32; 4] {
 /// Rays from places of the sensor through a microlens array.
 struct FromSensor<'a> {
     behind: &'a Behind,
-    rays: [Option<Aimed>; LANES],
+    rays: [Option<MicrolensSample>; LANES],
     film: &'a Film,
     /// Shift of each lane by the low-pass filter, mm.
     shifts: [DVec2; LANES],
@@ -209,7 +209,7 @@ impl Unit<'_> {
                 }
                 let out = if attempt == 0 { &mut exits } else { &mut again };
                 match &from_sensor {
-                    Some(from) => lens.exits_aimed(&packet, from, &mut scratch, out),
+                    Some(from) => lens.exits_sampled(&packet, from, &mut scratch, out),
                     None => lens.exits(&packet, |k, at| film.collects(at + shifts[k]), &mut scratch, out),
                 }
                 self.block_other_half(&packet, out);

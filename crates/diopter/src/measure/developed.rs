@@ -82,7 +82,7 @@ pub struct Developed {
     pub notes: Vec<String>,
 }
 
-/// A developed picture, as it is measured.
+/// A developed picture as linear light, bands R, G, B in its own space, without limits of clipping.
 pub fn measured(picture: &Picture) -> Measured {
     let luminance = picture.space.luminance_weights();
     let mut pixels = picture.pixels.clone();

@@ -30,7 +30,7 @@ pub enum Motion<'a> {
 
 /// The way of the image of a place.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Way {
+pub enum ImageMotion {
     /// At constant speed: pixels to the right and down.
     Straight(DVec2),
     /// Places (pixels from where it is halfway) and the time at each.
@@ -39,20 +39,20 @@ pub enum Way {
 
 impl Motion<'_> {
     /// The way at a place of the picture (pixels) on an edge across a direction; `None` where the lens does not show what is there all of the time.
-    pub fn at(&self, place: [f64; 2], across: [f64; 2]) -> Option<Way> {
+    pub fn at(&self, place: [f64; 2], across: [f64; 2]) -> Option<ImageMotion> {
         match self {
-            Motion::Straight(travel) => Some(Way::Straight(DVec2::from_array(*travel))),
+            Motion::Straight(travel) => Some(ImageMotion::Straight(DVec2::from_array(*travel))),
             Motion::Of(shot) => way(shot, DVec2::from_array(place), DVec2::from_array(across)),
         }
     }
 }
 
-impl Way {
+impl ImageMotion {
     /// Response at a frequency (cycles a pixel, right and down): real and imaginary part, the latter positive where light lies ahead.
     pub fn response(&self, frequency: DVec2) -> [f64; 2] {
         match self {
-            Way::Straight(travel) => [sinc(frequency.dot(*travel)), 0.0],
-            Way::Places(all) => {
+            ImageMotion::Straight(travel) => [sinc(frequency.dot(*travel)), 0.0],
+            ImageMotion::Places(all) => {
                 let (mut sums, mut time) = ([0.0; 2], 0.0);
                 for (place, weight) in all {
                     let (sin, cos) = (TAU * frequency.dot(*place)).sin_cos();
@@ -68,8 +68,8 @@ impl Way {
     /// Largest distance between two of its places along a direction, pixels.
     pub fn length_px(&self, direction: DVec2) -> f64 {
         match self {
-            Way::Straight(travel) => travel.dot(direction).abs(),
-            Way::Places(all) => {
+            ImageMotion::Straight(travel) => travel.dot(direction).abs(),
+            ImageMotion::Places(all) => {
                 let ends = all.iter().map(|p| p.0.dot(direction)).fold([f64::MAX, f64::MIN], |[a, b], v| [a.min(v), b.max(v)]);
                 (ends[1] - ends[0]).max(0.0)
             }
@@ -78,8 +78,8 @@ impl Way {
 }
 
 /// The way of the nearer of the surfaces on both sides of an edge.
-fn way(shot: &Shot, place: DVec2, across: DVec2) -> Option<Way> {
-    let still = Some(Way::Straight(DVec2::ZERO));
+fn way(shot: &Shot, place: DVec2, across: DVec2) -> Option<ImageMotion> {
+    let still = Some(ImageMotion::Straight(DVec2::ZERO));
     if !shot.scene.moves() && shot.camera.motion.is_still() {
         return still;
     }
@@ -116,7 +116,7 @@ fn way(shot: &Shot, place: DVec2, across: DVec2) -> Option<Way> {
         let (open, span) = (*open, close - open);
         (0..SUMMED).map(move |k| (open + span * (k as f64 + 0.5) / SUMMED as f64, span))
     };
-    Some(Way::Places(windows.iter().flat_map(of_window).map(|(time, span)| (at(time) - middle, span)).collect()))
+    Some(ImageMotion::Places(windows.iter().flat_map(of_window).map(|(time, span)| (at(time) - middle, span)).collect()))
 }
 
 #[cfg(test)]
@@ -125,16 +125,16 @@ mod tests {
 
     #[test]
     fn a_way_at_constant_speed_has_the_response_of_a_box() {
-        let straight = Way::Straight(DVec2::new(1.2, -0.4));
+        let straight = ImageMotion::Straight(DVec2::new(1.2, -0.4));
         let places = (0..1000).map(|k| (DVec2::new(1.2, -0.4) * ((k as f64 + 0.5) / 1000.0 - 0.5), 1.0));
-        let sampled = Way::Places(places.collect());
+        let sampled = ImageMotion::Places(places.collect());
         for f in [DVec2::new(0.3, 0.0), DVec2::new(0.0, 0.7), DVec2::new(0.5, -0.5)] {
             let ([a, _], [b, im]) = (straight.response(f), sampled.response(f));
             assert!((a - b).abs() < 1e-6 && im.abs() < 1e-9, "{f}: {a} {b} {im}");
         }
         assert!((sampled.length_px(DVec2::X) - 1.1988).abs() < 1e-9 && straight.length_px(DVec2::Y) == 0.4);
         // Twice as long at one end as at the other: two points of weights 2 and 1.
-        let two = Way::Places(vec![(DVec2::ZERO, 2.0), (DVec2::X, 1.0)]);
+        let two = ImageMotion::Places(vec![(DVec2::ZERO, 2.0), (DVec2::X, 1.0)]);
         let [re, im] = two.response(DVec2::new(0.5, 0.0));
         assert!((re - 1.0 / 3.0).abs() < 1e-12 && im.abs() < 1e-12);
     }

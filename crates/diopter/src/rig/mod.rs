@@ -447,7 +447,7 @@ impl Checks<'_> {
             let mut shot = shot.clone();
             let stands = mounted.place(first_s);
             shot.scene.at = Some(Seconds(first_s));
-            // What is sharp when nobody says: as far as the rig's aim is from the camera, along its axis.
+            // What is sharp by default: as far as the rig's aim is from the camera, along its axis.
             shot.camera.look_from = Some(stands.translation.as_vec3().to_array());
             let far = aim.map_or(1.0, |aim| (aim - stands.translation).length()).max(1e-3);
             shot.camera.look_at = Some((stands.translation - stands.matrix3.z_axis * far).as_vec3().to_array());

@@ -115,7 +115,8 @@ pub struct RigPath {
 }
 
 impl RigPath {
-    /// Through places (world from rig) at times, s, that rise; one place alone: it stands there. Turns between neighbours are the shorter way round, less than 180°.
+    /// Through places (world from rig) at times, s, that rise; one place alone: it stands there. Turns between neighbours are the shorter way round, less than 180°. Panics
+    /// without keys, and where times do not rise: files are checked for both when they are read.
     pub fn new(keys: &[(f64, DAffine3)], ends: Ends) -> RigPath {
         assert!(!keys.is_empty() && keys.windows(2).all(|w| w[0].0 < w[1].0), "keys of a path rise in time");
         let times: Vec<f64> = keys.iter().map(|k| k.0).collect();
@@ -146,7 +147,7 @@ impl RigPath {
         [t[0], t[t.len() - 1]]
     }
 
-    /// Whether it stands.
+    /// Whether the pose is constant: one key and no shake.
     pub fn is_still(&self) -> bool {
         self.place.times.len() == 1 && self.shake.is_none()
     }

@@ -194,7 +194,7 @@ fn distance_of(scene: &Scene, camera: &Camera, name: &str, at_s: f64) -> Result<
         names.sort_unstable();
         names.dedup();
         let expected = match nearest(name, names.iter().copied()) {
-            Some(near) => format!("a thing of the scene (did you mean \"{near}\"?)"),
+            Some(near) => format!("an object of the scene (did you mean \"{near}\"?)"),
             None if names.len() <= 40 => format!("one of {}", names.join(", ")),
             None => format!("one of {} names, such as {}", names.len(), names[..8].join(", ")),
         };

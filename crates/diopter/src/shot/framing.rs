@@ -1,4 +1,4 @@
-//! Where the camera stands when nobody says: a three-quarter view from a little above that fills the frame with what is photographed.
+//! Where the camera stands by default: a three-quarter view from a little above that fills the frame with what is photographed.
 //!
 //! A point at (x, y, z) in the camera's axes (right, up, back) from what it is aimed at is inside a part t of the frame, seen from a distance D,
 //! where |x − c| ≤ t (D − z). That is linear in c and D, so the nearest place follows from the farthest points along (±1, 0, t) and (0, ±1, t): the
@@ -183,7 +183,7 @@ mod tests {
         let azimuth = eye.x.atan2(eye.z).to_degrees();
         let elevation = eye.y.atan2(eye.x.hypot(eye.z)).to_degrees();
         assert!((25.0..35.0).contains(&azimuth) && (14.0..21.0).contains(&elevation), "{azimuth} {elevation}");
-        // Aimed at a corner it stays aimed there and keeps all in the frame.
+        // MicrolensSample at a corner it stays aimed there and keeps all in the frame.
         let aim = Vec3::splat(0.5);
         let aimed = framed(Vec3::ZERO, Some(aim), Vec3::Y, &angle, corners(Vec3::ONE)).unwrap();
         let seen = aimed.place.inverse().transform_point3(aim);

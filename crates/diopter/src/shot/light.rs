@@ -86,7 +86,7 @@ impl Shot {
             if (chosen.aperture / set.aperture - 1.0).abs() > 1e-9 {
                 self.open_to(chosen.aperture)?;
             }
-            // A leaf shutter is worth more than its marked time to a small pupil.
+            // The effective time of a leaf shutter is longer than its marked time for a small pupil.
             let pupil = self.pupil();
             let marked = match e.mode {
                 Mode::AperturePriority | Mode::Program => self.shutter().marked_for(chosen.time_s, pupil),
@@ -94,8 +94,8 @@ impl Shot {
             };
             self.shutter = Some(marked);
             self.reading.iso = chosen.iso;
-            let worth = self.shutter().effective_s(pupil);
-            let off = ev100 - metering::ev100_of_setting(chosen.aperture, worth, chosen.iso);
+            let effective_s = self.shutter().effective_s(pupil);
+            let off = ev100 - metering::ev100_of_setting(chosen.aperture, effective_s, chosen.iso);
             if metered.is_some() && off.abs() > 0.34 {
                 warn(&format!(
                     "the light is {:.1} EV too {} for what the camera may choose in mode {}: the picture will be {}",
@@ -240,7 +240,7 @@ impl Shot {
         self.follow(warn)
     }
 
-    /// What an exposure series varies when nobody says: the aperture where the time is set by hand and kept, else the time.
+    /// What an exposure series varies by default: the aperture where the time is set by hand and kept, else the time.
     pub fn varies(&self) -> Vary {
         if self.exposing.mode == Mode::ShutterPriority { Vary::Aperture } else { Vary::Time }
     }

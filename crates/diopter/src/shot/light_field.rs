@@ -13,7 +13,7 @@ const FEWEST_PIXELS: f64 = 4.0;
 /// Pixels across a lens that a hint suggests.
 const GOOD_PIXELS: f64 = 12.0;
 
-/// The array that a shot asks for, over what its body has. `f_number` is what its lenses match where nobody says.
+/// The array that a shot asks for, over what its body has. `f_number` is what its lenses match by default.
 pub(super) fn array(
     asked: Option<&PlenopticSection>,
     sensor: &Sensor,

@@ -9,7 +9,7 @@ use crate::quantity::Seconds;
 /// Most pictures of a series and of a film.
 const MOST_PICTURES: u32 = 99;
 const MOST_FRAMES: u32 = 1_000_000;
-/// Frames a second when nobody says: cinema.
+/// Frames a second by default: cinema.
 pub(super) const FPS: f64 = 24.0;
 
 /// What is taken.
@@ -56,7 +56,7 @@ pub enum Sequence {
 
 /// Exposures that a sensor interleaves.
 const STAGGERED: std::ops::RangeInclusive<u32> = 2..=3;
-/// From one to the next of them where nobody says: 4 EV, usual for digital overlap.
+/// From one to the next of them by default: 4 EV, usual for digital overlap.
 const STAGGERED_RATIO: f64 = 16.0;
 
 /// What an exposure series varies.

@@ -542,7 +542,7 @@ pub(super) fn is_in_void(scene: &Scene, camera: &Camera) -> bool {
     seen.iter().sum::<f64>() < (1.0 - VOID_PART) * seen.len() as f64
 }
 
-/// Apertures that a subject is photographed with when nobody says.
+/// Apertures that a subject is photographed with by default.
 const STOPS: [f64; 5] = [5.6, 8.0, 11.0, 16.0, 22.0];
 
 /// The widest of [`STOPS`] with which all between two distances (m) looks sharp, or the smallest of them.

@@ -22,7 +22,7 @@ const PLAIN_SKY: f32 = 2000.0;
 const PICTURE_LX: f32 = 10_000.0;
 /// Elevation of the sun of `light = "sun"`, and how far it stands to the left of the camera, degrees: form and shadows as photographers like them.
 const SUN_DEG: [f64; 2] = [40.0, 50.0];
-/// Albedo of the ground under sun and sky where nobody says, that of dry soil and grass.
+/// Albedo of the ground under sun and sky by default, that of dry soil and grass.
 const GROUND: f32 = 0.2;
 
 /// Light that a shot asks for by `light`.

@@ -3,7 +3,7 @@
 /// Which stray light is in the picture.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Stray {
-    /// Light of lamps that pairs of surfaces, and the sensor, throw back and forth.
+    /// Light of lamps that is reflected twice between surfaces, or between the sensor and a surface.
     pub ghosts: bool,
     /// Light that aperture and blades diffract, where it shows.
     pub diffraction: bool,

@@ -244,7 +244,7 @@ fn cause(name: &'static str, all: &Blur, without: Result<Option<Blur>, String>) 
     }
 }
 
-/// The place of a picture that is meant when nobody says: where autofocus settled, else the middle.
+/// The place of a picture that is meant by default: where autofocus settled, else the middle.
 fn usual_place(report: Option<&Report>) -> [f64; 2] {
     let zone = report.and_then(|r| r.chosen.and_then(|k| r.zones.get(k))).map(|found| found.zone);
     zone.map_or([0.5; 2], |[x, y, w, h]| [x + 0.5 * w, y + 0.5 * h])

@@ -6,7 +6,7 @@ use super::*;
 use crate::camera::Film;
 use crate::shot::ShotFile;
 use diopter_lens::compound::{REFERENCE_NM, Setting};
-use diopter_lens::ray::{Apertures, TracedRay, Way};
+use diopter_lens::ray::{Apertures, TraceDirection, TracedRay};
 use diopter_lens::{CompoundLens, Pinhole};
 use diopter_scene::material::{Material, Scattering};
 use diopter_scene::motion::{AnimatedProperty, Animation, Channel, KeyInterpolation, Motion, Node, Playing};
@@ -238,7 +238,7 @@ fn a_real_lens_draws_points_where_rays_from_the_scene_land() {
             let direction = (target - object).normalize();
             // Begun near the lens, so that rays keep their digits.
             let position = object + direction * ((-100.0 - object.z) / direction.z);
-            if let Ok(out) = system.trace(TracedRay { position, direction }, &n, Way::ToFilm, Apertures::Clip) {
+            if let Ok(out) = system.trace(TracedRay { position, direction }, &n, TraceDirection::ToFilm, Apertures::Clip) {
                 landed.push((out.position + out.direction * ((system.film_z - out.position.z) / out.direction.z)).truncate());
             }
         }

@@ -36,7 +36,7 @@ fn before(lens: Lens, film: Film) -> Camera {
 
 /// Irradiance over radiance at a film point and wavelength, by a grid over the last rim and the plain trace.
 fn brute_force(lens: &CompoundLens, film: DVec2, nm: f64) -> f64 {
-    use diopter::lens::ray::{TracedRay, Way};
+    use diopter::lens::ray::{TraceDirection, TracedRay};
     let system = lens.system();
     let n = system.indices(nm);
     let last = system.surfaces.last().unwrap();
@@ -48,7 +48,7 @@ fn brute_force(lens: &CompoundLens, film: DVec2, nm: f64) -> f64 {
         .map(|i| {
             let p = DVec2::new((i % side) as f64 + 0.5, (i / side) as f64 + 0.5) * (2.0 * half / side as f64) - half;
             let ray = TracedRay { position: film.extend(system.film_z), direction: (p - film).extend(-distance).normalize() };
-            let fraction = system.transmittance(ray, &n, nm, Way::ToObject).unwrap_or(0.0);
+            let fraction = system.transmittance(ray, &n, nm, TraceDirection::ToObject).unwrap_or(0.0);
             fraction * cell * ray.direction.z.powi(4) / (distance * distance)
         })
         .sum()

@@ -17,7 +17,7 @@ pub(super) fn transform(data: &mut [Complex], side: usize) {
         .collect();
     for _ in 0..2 {
         for row in data.chunks_exact_mut(side) {
-            // Rows of nought, the margin around a pupil, stay as they are.
+            // Rows of zero, the margin around a pupil, stay as they are.
             if row.iter().any(|v| *v != [0.0; 2]) {
                 line(row, &roots);
             }

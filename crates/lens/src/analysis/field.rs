@@ -1,7 +1,7 @@
-//! Over the field: distortion, field curvature, lateral colour, illumination; and axial colour over wavelength.
+//! Over the field: distortion, field curvature, vignetting and relative illumination, chromatic aberration (lateral colour; axial colour over wavelength).
 
 use super::Bench;
-use crate::ray::{Apertures, TracedRay, Way};
+use crate::ray::{Apertures, TraceDirection, TracedRay};
 use glam::DVec2;
 
 /// What happens at a field point.
@@ -112,10 +112,10 @@ impl Bench<'_> {
             }
         };
         let (ideal_height, equidistant_height) = (image_height(tan), image_height(angle));
-        // Two rays beside the chief ray meet where their distance is nought.
+        // Two rays beside the chief ray meet where their distance is zero.
         let small = 1e-3 * first.entrance_pupil_radius().max(1e-3);
         let meet = |offset: DVec2, along_y: bool| {
-            let trace = |at: DVec2| self.system.trace(beam.ray(at), &n, Way::ToFilm, Apertures::Ignore).ok();
+            let trace = |at: DVec2| self.system.trace(beam.ray(at), &n, TraceDirection::ToFilm, Apertures::Ignore).ok();
             let (a, b) = (trace(offset)?, trace(-offset)?);
             let z = self.system.film_z;
             let part = |r: &TracedRay| {
@@ -142,7 +142,7 @@ impl Bench<'_> {
             let (mut lit_low, mut lit_high) = (DVec2::MAX, DVec2::MIN);
             for i in 0..side * side {
                 let s = low + cell * DVec2::new((i % side) as f64 + 0.5, (i / side) as f64 + 0.5);
-                if self.system.trace(ray(s), &n, Way::ToObject, Apertures::Clip).is_ok() {
+                if self.system.trace(ray(s), &n, TraceDirection::ToObject, Apertures::Clip).is_ok() {
                     (lit_low, lit_high) = (lit_low.min(s), lit_high.max(s));
                 }
             }
@@ -181,7 +181,7 @@ impl Bench<'_> {
         for i in 0..SIDE * SIDE {
             let s = low + cell * DVec2::new((i % SIDE) as f64 + 0.5, (i / SIDE) as f64 + 0.5);
             let r = ray(s);
-            if let Ok(fraction) = self.system.transmittance(r, &n, nm, Way::ToObject) {
+            if let Ok(fraction) = self.system.transmittance(r, &n, nm, TraceDirection::ToObject) {
                 let part = cell.x * cell.y * r.direction.z.powi(4);
                 geometric += part;
                 with_losses += part * fraction;
@@ -205,7 +205,7 @@ impl Bench<'_> {
         let lit = self.grid(&beam, nm, 41);
         let center = lit.iter().map(|r| r.0).sum::<DVec2>() / lit.len().max(1) as f64;
         let reach = (beam.extent[1] - beam.extent[0]).length();
-        let trace = |at: DVec2| self.system.trace(beam.ray(at), &n, Way::ToFilm, Apertures::Clip).ok();
+        let trace = |at: DVec2| self.system.trace(beam.ray(at), &n, TraceDirection::ToFilm, Apertures::Clip).ok();
         let (mut entrance, mut exit) = (vec![], vec![]);
         for i in 0..72 {
             let direction = DVec2::from_angle(std::f64::consts::TAU * i as f64 / 72.0);

@@ -26,7 +26,7 @@ pub use wavefront::{Wavefront, WavefrontSample};
 
 use crate::glass::{C_NM, D_NM, F_NM};
 use crate::paraxial::FirstOrder;
-use crate::ray::{Apertures, TracedRay, Way};
+use crate::ray::{Apertures, TraceDirection, TracedRay};
 use crate::system::System;
 use crate::trace::at_plane;
 use glam::{DVec2, DVec3};
@@ -115,7 +115,7 @@ impl<'a> Bench<'a> {
         let leave = |t: f64| {
             let direction = DVec3::new(0.0, -t.sin(), -t.cos() * run);
             let start = TracedRay { position: middle, direction };
-            let out = system.trace_part(start, &n, Way::ToObject, Apertures::Ignore, 0..system.stop, |_| {}).ok()?;
+            let out = system.trace_part(start, &n, TraceDirection::ToObject, Apertures::Ignore, 0..system.stop, |_| {}).ok()?;
             // Angle of the light that comes in: of −direction.
             Some((out, f64::atan2(-out.direction.y, -out.direction.z)))
         };
@@ -179,7 +179,7 @@ impl<'a> Bench<'a> {
             }
         };
         let chief = TracedRay { position, direction };
-        let image = system.trace(chief, &system.indices(nm), Way::ToFilm, Apertures::Ignore).ok()?;
+        let image = system.trace(chief, &system.indices(nm), TraceDirection::ToFilm, Apertures::Ignore).ok()?;
         let across = [DVec3::X, direction.cross(DVec3::X).normalize()];
         Some(Beam { chief, image, across, extent: [DVec2::ZERO; 2], pupil, finite: self.object_distance.is_some() })
     }
@@ -195,7 +195,7 @@ impl<'a> Bench<'a> {
             let (mut lit_low, mut lit_high) = (DVec2::MAX, DVec2::MIN);
             for i in 0..side * side {
                 let at = low + cell * DVec2::new((i % side) as f64, (i / side) as f64);
-                if system.trace(beam.ray(at), &n, Way::ToFilm, Apertures::Clip).is_ok() {
+                if system.trace(beam.ray(at), &n, TraceDirection::ToFilm, Apertures::Clip).is_ok() {
                     (lit_low, lit_high) = (lit_low.min(at), lit_high.max(at));
                 }
             }
@@ -221,7 +221,7 @@ impl<'a> Bench<'a> {
         (0..across * across)
             .filter_map(|i| {
                 let at = low + cell * DVec2::new((i % across) as f64 + 0.5, (i / across) as f64 + 0.5);
-                let ray = self.system.trace(beam.ray(at), &n, Way::ToFilm, Apertures::Clip).ok()?;
+                let ray = self.system.trace(beam.ray(at), &n, TraceDirection::ToFilm, Apertures::Clip).ok()?;
                 Some((at, ray))
             })
             .collect()
@@ -237,7 +237,7 @@ impl<'a> Bench<'a> {
         let lands = |deg: f64| {
             let n = self.system.indices(D_NM);
             let chief = self.chief(f64::to_radians(deg), D_NM)?;
-            let image = self.system.trace(chief, &n, Way::ToFilm, Apertures::Ignore).ok()?;
+            let image = self.system.trace(chief, &n, TraceDirection::ToFilm, Apertures::Ignore).ok()?;
             Some(self.on_film(&image, 0.0).y.abs())
         };
         let (mut low, mut high) = (0.0, 130.0);
@@ -297,7 +297,7 @@ mod tests {
                 let mut at_stop = None;
                 let n = system.indices(D_NM);
                 system
-                    .trace_with(beam.chief, &n, Way::ToFilm, Apertures::Ignore, |e| {
+                    .trace_with(beam.chief, &n, TraceDirection::ToFilm, Apertures::Ignore, |e| {
                         if e.surface == system.stop {
                             at_stop = Some(e.point);
                         }

@@ -10,7 +10,7 @@
 use super::{Beam, Bench};
 use crate::batch::double::{Batch, Indices, LANES, Packet};
 use crate::dual::Number;
-use crate::ray::Way;
+use crate::ray::TraceDirection;
 use glam::{DVec2, DVec3};
 use std::f64::consts::{PI, TAU};
 
@@ -279,7 +279,7 @@ impl Sampling<'_> {
                 let dz = (1.0 - d.length_squared()).max(0.0).sqrt() * self.back;
                 packet.set(lane, self.image.to_array(), [d.x, d.y, dz]);
             }
-            let mask = self.batch.trace(&mut packet, &self.n, Way::ToObject);
+            let mask = self.batch.trace(&mut packet, &self.n, TraceDirection::ToObject);
             for lane in 0..chunk.len() {
                 let passed = mask >> lane & 1 == 1;
                 let p = DVec3::new(packet.x[lane], packet.y[lane], packet.z[lane]);

@@ -425,7 +425,7 @@ mod tests {
     }
 
     impl Psf {
-        /// Where the row through the middle first falls to nought, mm: of the amplitude, which changes its sign there, between the darkest
+        /// Where the row through the middle first falls to zero, mm: of the amplitude, which changes its sign there, between the darkest
         /// pixel and the darker of its neighbours.
         fn line_dark_radius(&self) -> f64 {
             let middle = self.side / 2;
@@ -468,7 +468,10 @@ mod tests {
             let samples: Vec<(f64, f64)> = (0..=STEPS)
                 .map(|i| {
                     let at = DVec2::new(0.0, reach * i as f64 / STEPS as f64);
-                    let ray = set.system.trace(beam.ray(at), &n, crate::ray::Way::ToFilm, crate::ray::Apertures::Ignore).unwrap();
+                    let ray = set
+                        .system
+                        .trace(beam.ray(at), &n, crate::ray::TraceDirection::ToFilm, crate::ray::Apertures::Ignore)
+                        .unwrap();
                     (ray.direction.y.abs(), bench.opd_of(&beam, at, D_NM).unwrap())
                 })
                 .collect();

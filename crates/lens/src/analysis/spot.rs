@@ -1,7 +1,7 @@
 //! Spot diagrams and ray fans.
 
 use super::{Beam, Bench};
-use crate::ray::{Apertures, TracedRay, Way};
+use crate::ray::{Apertures, TraceDirection, TracedRay};
 use glam::DVec2;
 
 /// Where the rays of a field point land, one colour.
@@ -76,7 +76,7 @@ impl Bench<'_> {
     pub(super) fn scattered_spot(&self, field_deg: f64, nm: f64, beam_nm: f64, across: usize, defocus: f64) -> Option<Spot> {
         let n = self.system.indices(nm);
         let points = self.scattered(field_deg, beam_nm, across, |ray| {
-            let ray = self.system.trace(ray, &n, Way::ToFilm, Apertures::Clip).ok()?;
+            let ray = self.system.trace(ray, &n, TraceDirection::ToFilm, Apertures::Clip).ok()?;
             Some(self.on_film(&ray, defocus))
         })?;
         let passed = points.len() as f64 / (across * across) as f64;
@@ -94,7 +94,7 @@ impl Bench<'_> {
     ) -> Option<Vec<(DVec2, f64)>> {
         let n = self.system.indices(nm);
         self.scattered(field_deg, beam_nm, across, |ray| {
-            let (out, fraction) = self.system.trace_light(ray, &n, nm, Way::ToFilm).ok()?;
+            let (out, fraction) = self.system.trace_light(ray, &n, nm, TraceDirection::ToFilm).ok()?;
             Some((self.on_film(&out, defocus), fraction))
         })
     }
@@ -136,7 +136,7 @@ impl Bench<'_> {
                 .filter_map(|i| {
                     let s = i as f64 / count as f64 - 1.0;
                     let at = if tangential { DVec2::new(0.0, s * reach) } else { DVec2::new(s * reach, 0.0) };
-                    let out = self.system.trace(beam.ray(at), &n, Way::ToFilm, Apertures::Clip).ok()?;
+                    let out = self.system.trace(beam.ray(at), &n, TraceDirection::ToFilm, Apertures::Clip).ok()?;
                     let opd = self.opd(&beam, at, nm, &reference)?;
                     Some(FanPoint { pupil: s, error: self.on_film(&out, 0.0) - chief, opd })
                 })
@@ -149,7 +149,8 @@ impl Bench<'_> {
     pub fn axial_reach(&self, nm: f64) -> Option<f64> {
         let beam = self.beam(0.0, nm)?;
         let n = self.system.indices(nm);
-        let passes = |r: f64| self.system.trace(beam.ray(DVec2::new(0.0, r)), &n, Way::ToFilm, Apertures::Clip).is_ok();
+        let passes =
+            |r: f64| self.system.trace(beam.ray(DVec2::new(0.0, r)), &n, TraceDirection::ToFilm, Apertures::Clip).is_ok();
         // The extent is a grid cell too large; an obstruction in the middle does not matter.
         let mut high = beam.extent[1].y;
         let mut low = (1..=60).map(|i| high * (1.0 - i as f64 / 60.0)).find(|r| passes(*r)).unwrap_or(0.0);

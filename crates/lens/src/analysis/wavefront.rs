@@ -7,7 +7,7 @@
 use super::zernike::{self, Fit, Numbering};
 use super::{Beam, Bench};
 use crate::at_stop::place_at_stop;
-use crate::ray::{Apertures, TracedRay, Way};
+use crate::ray::{Apertures, TraceDirection, TracedRay};
 use glam::{DVec2, DVec3};
 
 /// The sphere that paths are compared on.
@@ -129,7 +129,7 @@ impl Bench<'_> {
         let mut path = 0.0;
         let start = beam.ray(at);
         let TracedRay { position, direction } =
-            self.system.trace_with(start, &n, Way::ToFilm, Apertures::Ignore, |e| path += e.path).ok()?;
+            self.system.trace_with(start, &n, TraceDirection::ToFilm, Apertures::Ignore, |e| path += e.path).ok()?;
         // On to where the ray meets the sphere, on the side of the pupil.
         let from = position - reference.center;
         let b = from.dot(direction);

@@ -46,7 +46,7 @@ macro_rules! kernel {
             packet: &mut Packet,
             n: &Indices,
             nm: Option<&Lanes>,
-            way: Way,
+            way: TraceDirection,
             surfaces: Range<usize>,
         ) -> u32 {
             let (zero, one) = ($vector::splat(simd, 0.0), $vector::splat(simd, 1.0));
@@ -67,7 +67,7 @@ macro_rules! kernel {
             let mut alive = one.simd_gt(zero);
             // Positions are kept relative to the vertex of the surface last met: f32 has its digits where they count.
             let mut z_origin: $float = 0.0;
-            if let (Way::ToFilm, 0, Some((m, t))) = (way, surfaces.start, &batch.object_axis) {
+            if let (TraceDirection::ToFilm, 0, Some((m, t))) = (way, surfaces.start, &batch.object_axis) {
                 (ox, oy, oz) = rotate(simd, m, ox, oy, oz);
                 (ox, oy, oz) =
                     (ox + $vector::splat(simd, t[0]), oy + $vector::splat(simd, t[1]), oz + $vector::splat(simd, t[2]));
@@ -76,13 +76,13 @@ macro_rules! kernel {
             let count = batch.steps.len();
             for number in 0..surfaces.len() {
                 let (i, before, after) = match way {
-                    Way::ToFilm => (surfaces.start + number, surfaces.start + number, surfaces.start + number + 1),
-                    Way::ToObject => (surfaces.end - 1 - number, surfaces.end - number, surfaces.end - 1 - number),
+                    TraceDirection::ToFilm => (surfaces.start + number, surfaces.start + number, surfaces.start + number + 1),
+                    TraceDirection::ToObject => (surfaces.end - 1 - number, surfaces.end - number, surfaces.end - 1 - number),
                 };
                 let step = &batch.steps[i];
                 let run = match way {
-                    Way::ToFilm => batch.runs[before],
-                    Way::ToObject => -batch.runs[before],
+                    TraceDirection::ToFilm => batch.runs[before],
+                    TraceDirection::ToObject => -batch.runs[before],
                 };
                 if step.refracting {
                     let s = Refracting { c: step.c, run, ahead: step.z - z_origin, outer2: step.open2 };
@@ -383,8 +383,8 @@ macro_rules! kernel {
                     let (bx, by, bz) = (sense * ax / length, sense * ay / length, sense / length);
                     // Slopes and direction on the object's side, as light runs there.
                     let (ux, uy, gx, gy) = match way {
-                        Way::ToFilm => (sx * sense, sy * sense, dx, dy),
-                        Way::ToObject => (-(ax * sense), -(ay * sense), -bx, -by),
+                        TraceDirection::ToFilm => (sx * sense, sy * sense, dx, dy),
+                        TraceDirection::ToObject => (-(ax * sense), -(ay * sense), -bx, -by),
                     };
                     let (qx, qy) = (f * ux, f * uy);
                     let whole = (qx * qx + qy * qy + f * f).sqrt();
@@ -419,8 +419,8 @@ macro_rules! kernel {
                             let mut efficiency = [0.0; LANES];
                             for lane in 0..LANES {
                                 let [n0, n1] = match way {
-                                    Way::ToFilm => [before[lane] as f64, after[lane] as f64],
-                                    Way::ToObject => [after[lane] as f64, before[lane] as f64],
+                                    TraceDirection::ToFilm => [before[lane] as f64, after[lane] as f64],
+                                    TraceDirection::ToObject => [after[lane] as f64, before[lane] as f64],
                                 };
                                 let height = if step.mirror { 2.0 * n0 } else { n1 - n0 };
                                 let nm = nm[lane] as f64;
@@ -473,7 +473,7 @@ macro_rules! kernel {
                 debug_assert_eq!(step.surface, i);
             }
             oz = oz + $vector::splat(simd, z_origin);
-            if let (Way::ToObject, 0, Some((m, t))) = (way, surfaces.start, &batch.object_axis) {
+            if let (TraceDirection::ToObject, 0, Some((m, t))) = (way, surfaces.start, &batch.object_axis) {
                 (ox, oy, oz) =
                     (ox - $vector::splat(simd, t[0]), oy - $vector::splat(simd, t[1]), oz - $vector::splat(simd, t[2]));
                 (ox, oy, oz) = rotate_back(simd, m, ox, oy, oz);

@@ -13,7 +13,7 @@ macro_rules! light {
             cos0: $vector<S>,
             cos1: $vector<S>,
             nm: &Lanes,
-            way: Way,
+            way: TraceDirection,
         ) -> $vector<S> {
             match coating {
                 Coated::Perfect => $vector::splat(simd, 1.0),
@@ -21,7 +21,7 @@ macro_rules! light {
                 Coated::QuarterWave => quarter_wave(simd, n0, n1, cos0, cos1, $vector::from_slice(simd, nm)),
                 Coated::Bare => fresnel(simd, n0, n1, cos0, cos1),
                 Coated::Table(table) => {
-                    let from_object = matches!(way, Way::ToFilm);
+                    let from_object = matches!(way, TraceDirection::ToFilm);
                     let cosines = if table.is_by_object_side() == from_object { cos0 } else { cos1 }.to_array();
                     let (values, mut through) = (table.values(), [0.0; LANES]);
                     for lane in 0..LANES {

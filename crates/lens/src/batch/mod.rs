@@ -23,7 +23,7 @@ use crate::forbes::{Forbes, ForbesKind};
 use crate::glass::{Glass, GlassKind, VISIBLE_NM};
 use crate::iris::Iris;
 use crate::polynomial::Polynomial;
-use crate::ray::{TracedRay, Way};
+use crate::ray::{TraceDirection, TracedRay};
 use crate::surface::{Asphere, Profile};
 use crate::system::System;
 use coated::{Coated, coatings};
@@ -78,11 +78,11 @@ pub(crate) fn agreement(
     for i in 0..LANES {
         packet.set(i, ray(i).position.to_array(), ray(i).direction.to_array());
     }
-    let mask = Batch::new(system).trace(&mut packet, &Indices::uniform(n), crate::ray::Way::ToFilm);
+    let mask = Batch::new(system).trace(&mut packet, &Indices::uniform(n), crate::ray::TraceDirection::ToFilm);
     let mut through = Vec::new();
     for i in 0..LANES {
         let mut path = 0.0;
-        let (way, apertures) = (crate::ray::Way::ToFilm, crate::ray::Apertures::Clip);
+        let (way, apertures) = (crate::ray::TraceDirection::ToFilm, crate::ray::Apertures::Clip);
         let plain = system.trace_with(ray(i), n, way, apertures, |e| path += e.path);
         assert_eq!(plain.is_ok(), mask >> i & 1 == 1, "{i}");
         let Ok(plain) = plain else { continue };

@@ -296,22 +296,22 @@ macro_rules! prepared {
             }
 
             /// Follows a packet through all surfaces; the mask has a bit for each ray that came through.
-            pub fn trace(&self, packet: &mut Packet, n: &Indices, way: Way) -> u32 {
+            pub fn trace(&self, packet: &mut Packet, n: &Indices, way: TraceDirection) -> u32 {
                 self.trace_part(packet, n, way, 0..self.steps.len())
             }
 
             /// [`Batch::trace`] through some neighbouring surfaces only; `n` stays that of all gaps, and paths begin anew.
-            pub fn trace_part(&self, packet: &mut Packet, n: &Indices, way: Way, surfaces: Range<usize>) -> u32 {
+            pub fn trace_part(&self, packet: &mut Packet, n: &Indices, way: TraceDirection, surfaces: Range<usize>) -> u32 {
                 self.traced(packet, n, None, way, surfaces)
             }
 
             /// The same, and what glass, surfaces and an aperture picture leave of the light: [`Packet::fraction`].
-            pub fn trace_light(&self, packet: &mut Packet, n: &Indices, nm: &Lanes, way: Way) -> u32 {
+            pub fn trace_light(&self, packet: &mut Packet, n: &Indices, nm: &Lanes, way: TraceDirection) -> u32 {
                 self.traced(packet, n, Some(nm), way, 0..self.steps.len())
             }
 
             /// The one place where the kernel is compiled, for each kind of processor.
-            fn traced(&self, packet: &mut Packet, n: &Indices, nm: Option<&Lanes>, way: Way, surfaces: Range<usize>) -> u32 {
+            fn traced(&self, packet: &mut Packet, n: &Indices, nm: Option<&Lanes>, way: TraceDirection, surfaces: Range<usize>) -> u32 {
                 dispatch!(level(), simd => trace(simd, self, packet, n, nm, way, surfaces))
             }
         }

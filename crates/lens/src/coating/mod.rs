@@ -19,7 +19,7 @@ pub(crate) use table::on_aluminium;
 pub use transfer::{Response, response};
 
 use crate::glass::{Glass, GlassKind};
-use crate::ray::Way;
+use crate::ray::TraceDirection;
 use film::{FILM_NM, MGF2};
 use std::sync::Arc;
 
@@ -71,13 +71,13 @@ impl Stack {
         Stack { layers: self.layers.iter().rev().cloned().collect() }
     }
 
-    /// What it does to light that comes from a transparent medium of index `incident` and goes towards `substrate`. [`Way::ToFilm`]: the light
-    /// meets the first layer first; [`Way::ToObject`]: the last.
-    pub fn response(&self, way: Way, incident: f64, substrate: Complex, cos: f64, nm: f64) -> Response {
+    /// What it does to light that comes from a transparent medium of index `incident` and goes towards `substrate`. [`TraceDirection::ToFilm`]: the light
+    /// meets the first layer first; [`TraceDirection::ToObject`]: the last.
+    pub fn response(&self, way: TraceDirection, incident: f64, substrate: Complex, cos: f64, nm: f64) -> Response {
         let films = self.layers.iter().map(|l| (l.material.index(nm), l.thickness_nm));
         match way {
-            Way::ToFilm => response(incident, films, substrate, cos, nm),
-            Way::ToObject => response(incident, films.rev(), substrate, cos, nm),
+            TraceDirection::ToFilm => response(incident, films, substrate, cos, nm),
+            TraceDirection::ToObject => response(incident, films.rev(), substrate, cos, nm),
         }
     }
 
@@ -104,7 +104,7 @@ pub enum SurfaceCoating {
 
 impl SurfaceCoating {
     /// What it does to light of a medium of index `n[0]` that comes to a medium of index `n[1]` (of a mirror: aluminium), s and p apart.
-    pub fn response(&self, mirror: bool, way: Way, n: [f64; 2], cos: f64, nm: f64) -> Response {
+    pub fn response(&self, mirror: bool, way: TraceDirection, n: [f64; 2], cos: f64, nm: f64) -> Response {
         let substrate = if mirror { material::aluminium(nm) } else { n[1].into() };
         let flat = |r: f64| {
             // Beyond the critical angle everything comes back, whatever is on the glass.

@@ -2,7 +2,7 @@
 
 use super::Stack;
 use crate::glass::Glass;
-use crate::ray::Way;
+use crate::ray::TraceDirection;
 use std::sync::{Arc, OnceLock};
 
 /// Wavelengths of a table: from 380 to 780 nm every 5 nm.
@@ -65,9 +65,9 @@ impl LightTable {
                     values.push(if self.mirror {
                         on_aluminium(&self.stack, before, cos, nm).unpolarised_reflectance()
                     } else if self.object_side {
-                        self.stack.response(Way::ToFilm, before, after.into(), cos, nm).unpolarised_transmittance()
+                        self.stack.response(TraceDirection::ToFilm, before, after.into(), cos, nm).unpolarised_transmittance()
                     } else {
-                        self.stack.response(Way::ToObject, after, before.into(), cos, nm).unpolarised_transmittance()
+                        self.stack.response(TraceDirection::ToObject, after, before.into(), cos, nm).unpolarised_transmittance()
                     } as f32);
                 }
             }
@@ -93,5 +93,5 @@ impl LightTable {
 
 /// Films on aluminium, light from a medium of index `incident`.
 pub(crate) fn on_aluminium(stack: &Stack, incident: f64, cos: f64, nm: f64) -> super::Response {
-    stack.response(Way::ToFilm, incident, super::material::aluminium(nm), cos, nm)
+    stack.response(TraceDirection::ToFilm, incident, super::material::aluminium(nm), cos, nm)
 }

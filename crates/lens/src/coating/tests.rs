@@ -58,8 +58,8 @@ fn films_that_absorb_let_light_through_alike_both_ways_but_reflect_otherwise() {
     };
     let (n0, n1, cos0): (f64, f64, f64) = (1.0, 1.7, 0.6);
     let cos1 = (1.0 - (n0 / n1).powi(2) * (1.0 - cos0 * cos0)).sqrt();
-    let there = stack.response(Way::ToFilm, n0, n1.into(), cos0, 530.0);
-    let back = stack.response(Way::ToObject, n1, n0.into(), cos1, 530.0);
+    let there = stack.response(TraceDirection::ToFilm, n0, n1.into(), cos0, 530.0);
+    let back = stack.response(TraceDirection::ToObject, n1, n0.into(), cos1, 530.0);
     for i in 0..2 {
         assert!((there.transmittance[i] - back.transmittance[i]).abs() < 1e-12, "{there:?} {back:?}");
     }
@@ -69,13 +69,13 @@ fn films_that_absorb_let_light_through_alike_both_ways_but_reflect_otherwise() {
 #[test]
 fn recipes_do_what_they_are_named_for() {
     let mean = |stack: &Stack, ns: f64| {
-        let at = |nm: f64| stack.response(Way::ToFilm, 1.0, ns.into(), 1.0, nm).reflectance[0];
+        let at = |nm: f64| stack.response(TraceDirection::ToFilm, 1.0, ns.into(), 1.0, nm).reflectance[0];
         (0..=27).map(|i| at(425.0 + 10.0 * i as f64)).sum::<f64>() / 28.0
     };
     for ns in [1.5, 1.6, 1.72, 1.85] {
         let glass = Glass::constant(ns).unwrap();
         let at = |recipe: Recipe, design: f64, nm: f64| {
-            recipe.stack(&glass, design).response(Way::ToFilm, 1.0, ns.into(), 1.0, nm).reflectance[0]
+            recipe.stack(&glass, design).response(TraceDirection::ToFilm, 1.0, ns.into(), 1.0, nm).reflectance[0]
         };
         // Nothing at the design wavelength: V coats exactly; three layers where the inner material can be had (1.63 to 2.15).
         assert!(at(Recipe::TwoLayerV, 633.0, 633.0) < 1e-9, "{ns}");
@@ -109,7 +109,7 @@ fn the_closed_form_of_a_quarter_wave_is_the_matrix_of_one_film() {
     for (nm, cos0) in [(430.0, 1.0), (550.0, 0.7), (700.0, 0.3f64)] {
         let cos1 = (1.0 - (1.0 - cos0 * cos0) / (1.62f64 * 1.62)).sqrt();
         let known = response(1.0, film.into_iter(), 1.62.into(), cos0, nm).unpolarised_transmittance();
-        let found = system.surface_transmittance(0, Way::ToFilm, [1.0, 1.62], [cos0, cos1], nm);
+        let found = system.surface_transmittance(0, TraceDirection::ToFilm, [1.0, 1.62], [cos0, cos1], nm);
         assert!((found - known).abs() < 1e-12, "{nm} {cos0}: {found} {known}");
     }
 }
@@ -128,16 +128,16 @@ fn packets_look_up_what_the_plain_trace_computes() {
     let system = System::at(&read_toml(COATED, "c.toml").unwrap(), State::default());
     let batch = Batch::new(&system);
     let mut compared = 0;
-    for way in [Way::ToFilm, Way::ToObject] {
+    for way in [TraceDirection::ToFilm, TraceDirection::ToObject] {
         let mut packet = Packet::default();
         let mut rays = vec![];
         let mut nm = [0.0; LANES];
         for i in 0..LANES {
             let f = |k: usize| ((i * k % 31) as f64 / 15.0 - 1.0) * 6.0;
             let (from, towards) = match way {
-                Way::ToFilm => (DVec3::new(f(7), f(11), -30.0), DVec3::new(0.02 * f(5), 0.02 * f(3), 1.0)),
+                TraceDirection::ToFilm => (DVec3::new(f(7), f(11), -30.0), DVec3::new(0.02 * f(5), 0.02 * f(3), 1.0)),
                 // From beyond the mirror's focus: the film lies on the side the mirror throws light to.
-                Way::ToObject => (DVec3::new(f(7), f(11), system.film_z), DVec3::new(0.02 * f(5), 0.02 * f(3), 1.0)),
+                TraceDirection::ToObject => (DVec3::new(f(7), f(11), system.film_z), DVec3::new(0.02 * f(5), 0.02 * f(3), 1.0)),
             };
             let d = towards.normalize();
             packet.set(i, from.as_vec3().to_array(), d.as_vec3().to_array());
@@ -205,7 +205,7 @@ fn light_takes_the_colour_of_its_coatings() {
         let system = System::at(&read_toml(&text, "l.toml").unwrap(), State::default());
         [430.0, 550.0, 700.0].map(|nm| {
             let ray = TracedRay { position: DVec3::new(0.0, 1.0, -10.0), direction: DVec3::Z };
-            system.transmittance(ray, &system.indices(nm), nm, Way::ToFilm).unwrap()
+            system.transmittance(ray, &system.indices(nm), nm, TraceDirection::ToFilm).unwrap()
         })
     };
     let v = lens("\"V\"");

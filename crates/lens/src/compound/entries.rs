@@ -8,7 +8,7 @@
 use super::samples::ThroughPupil;
 use super::{CompoundLens, Exits, PupilSampler, Scratch};
 use crate::batch::single::LANES;
-use crate::ray::{TracedRay, Way};
+use crate::ray::{TraceDirection, TracedRay};
 use glam::{DVec2, DVec3};
 
 /// Rays between scene and lens, one a lane.
@@ -33,7 +33,7 @@ impl CompoundLens {
     /// as there. A lane passes where some wavelength comes through and could have been the hero of a camera sample; no wavelength has
     /// a place of its own among the four. Origins in `out` are on the first surface.
     pub fn entries(&self, rays: &Entries, collects: impl Fn(usize, DVec2) -> bool, scratch: &mut Scratch, out: &mut Exits) {
-        let aim = ThroughPupil { places: &[[0.5; 2]; LANES], collects };
+        let sampler = ThroughPupil { places: &[[0.5; 2]; LANES], collects };
         let (packet, n) = (&mut scratch.packet, &mut scratch.n);
         let pupil = self.entrance_pupil();
         (out.passed, out.spread) = (0, self.disperses);
@@ -65,13 +65,13 @@ impl CompoundLens {
                 packet.set(i, starts[i], (-rays.direction[i]).as_vec3().to_array());
             }
             self.batch.indices(&nm, n);
-            let through = self.batch.trace_light(packet, n, &nm, Way::ToFilm) & met;
+            let through = self.batch.trace_light(packet, n, &nm, TraceDirection::ToFilm) & met;
             for i in (0..LANES).filter(|i| through >> i & 1 == 1) {
                 let (land, slope, cos2) = self.landing(packet, i);
                 (out.lands[i][k], out.slopes[i][k]) = (land, slope);
                 fractions[i][k] = packet.fraction[i];
                 let [at, slope] = [land, slope].map(|v| glam::Vec2::from_array(v).as_dvec2());
-                out.density[i][k] = aim.density(&self.pupils, i, at, slope) as f32 / (cos2 * cos2);
+                out.density[i][k] = sampler.density(&self.pupils, i, at, slope) as f32 / (cos2 * cos2);
             }
         }
         for i in 0..LANES {

@@ -4,7 +4,7 @@ use super::CompoundLens;
 use super::REFERENCE_NM;
 use crate::batch::single::{Indices, LANES, Packet};
 use crate::pupil::{self, PupilTable, Region, Turn};
-use crate::ray::Way;
+use crate::ray::TraceDirection;
 use glam::{DVec2, Vec2};
 
 /// Camera samples, one a lane.
@@ -133,7 +133,7 @@ impl CompoundLens {
                 let slope = self.pupils.slope(film, region.fan.sample([u.x as f32, u.y as f32]), turn);
                 crate::pupil::start(&mut packet, i, film, self.system.film_z, self.system.film_direction(slope));
             }
-            self.batch.trace(&mut packet, &n, Way::ToObject) != 0
+            self.batch.trace(&mut packet, &n, TraceDirection::ToObject) != 0
         })
     }
 
@@ -149,18 +149,18 @@ impl CompoundLens {
     /// A packet of samples at once: what [`CompoundLens::ray`] answers, for four wavelengths each. `collects`: whether samples start at a
     /// film point (mm; by lane); elsewhere no density is counted.
     pub fn exits(&self, samples: &Samples, collects: impl Fn(usize, DVec2) -> bool, scratch: &mut Scratch, out: &mut Exits) {
-        self.exits_aimed(samples, &ThroughPupil { places: &samples.pupil, collects }, scratch, out);
+        self.exits_sampled(samples, &ThroughPupil { places: &samples.pupil, collects }, scratch, out);
     }
 
     /// The same with directions drawn otherwise.
-    pub fn exits_aimed(&self, samples: &Samples, aim: &impl PupilSampler, scratch: &mut Scratch, out: &mut Exits) {
+    pub fn exits_sampled(&self, samples: &Samples, sampler: &impl PupilSampler, scratch: &mut Scratch, out: &mut Exits) {
         let Scratch { packet, forward, n, n_forward } = scratch;
         let film_z = self.system.film_z;
         let density = &mut out.density;
         let mut hero_nm = [0.0; LANES];
         for i in 0..LANES {
             let film = samples.film[i];
-            let (slope, drawn) = aim.draw(&self.pupils, i, film).unwrap_or((DVec2::ZERO, 0.0));
+            let (slope, drawn) = sampler.draw(&self.pupils, i, film).unwrap_or((DVec2::ZERO, 0.0));
             out.slopes[i] = [slope.as_vec2().to_array(); 4];
             pupil::start(packet, i, film, film_z, self.system.film_direction(slope));
             let cos2 = packet.dz[i] * packet.dz[i];
@@ -168,7 +168,7 @@ impl CompoundLens {
             hero_nm[i] = samples.nm[i][0];
         }
         self.batch.indices(&hero_nm, n);
-        out.passed = self.batch.trace_light(packet, n, &hero_nm, Way::ToObject);
+        out.passed = self.batch.trace_light(packet, n, &hero_nm, TraceDirection::ToObject);
         out.spread = self.disperses;
         let [px, py, pz] = self.turned.entrance_pupil().as_vec3().to_array();
         for i in 0..LANES {
@@ -208,7 +208,7 @@ impl CompoundLens {
                 forward.set(i, [packet.x[i], packet.y[i], packet.z[i]], [-packet.dx[i], -packet.dy[i], -packet.dz[i]]);
             }
             self.batch.indices(&nm, n_forward);
-            let through = self.batch.trace_light(forward, n_forward, &nm, Way::ToFilm) & out.passed;
+            let through = self.batch.trace_light(forward, n_forward, &nm, TraceDirection::ToFilm) & out.passed;
             for i in 0..LANES {
                 if through >> i & 1 == 0 {
                     continue;
@@ -217,7 +217,7 @@ impl CompoundLens {
                 (out.lands[i][k], out.slopes[i][k]) = (land, slope);
                 fractions[i][k] = forward.fraction[i];
                 let [at, slope] = [land, slope].map(|v| Vec2::from_array(v).as_dvec2());
-                density[i][k] = aim.density(&self.pupils, i, at, slope) as f32 / (cos2 * cos2);
+                density[i][k] = sampler.density(&self.pupils, i, at, slope) as f32 / (cos2 * cos2);
             }
         }
         for i in 0..LANES {

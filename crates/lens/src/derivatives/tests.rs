@@ -45,7 +45,7 @@ fn plain(system: &System, n: &[f64], ray: TracedRay, quantity: Quantity, surface
         path += e.path;
         met = system.surfaces[e.surface].to_local(e.point, e.direction).0.truncate().to_array();
     };
-    let end = system.trace_part(ray, n, Way::ToFilm, Apertures::Ignore, 0..surfaces, visit).unwrap();
+    let end = system.trace_part(ray, n, TraceDirection::ToFilm, Apertures::Ignore, 0..surfaces, visit).unwrap();
     let t = (system.film_z - end.position.z) / end.direction.z;
     match quantity {
         Quantity::Place(axis) => (end.position + end.direction * t)[axis],

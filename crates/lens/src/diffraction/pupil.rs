@@ -5,7 +5,7 @@ use crate::Iris;
 use crate::batch::single::{Batch, Indices, LANES, Packet};
 use crate::compound::{CompoundLens, REFERENCE_NM};
 use crate::pupil;
-use crate::ray::Way;
+use crate::ray::TraceDirection;
 use glam::DVec2;
 
 /// Parts, each way, in which a cell on the edge of a pupil is looked at.
@@ -64,7 +64,7 @@ impl PupilGrid {
                     let slope = chunk[lane.min(chunk.len() - 1)] - shift;
                     pupil::start(&mut packet, lane, film, system.film_z, system.film_direction(slope));
                 }
-                let mask = batch.trace_light(&mut packet, &n, &nm, Way::ToObject);
+                let mask = batch.trace_light(&mut packet, &n, &nm, TraceDirection::ToObject);
                 let fraction = |lane: usize| if mask >> lane & 1 == 1 { f64::from(packet.fraction[lane]) } else { 0.0 };
                 fractions.extend((0..chunk.len()).map(fraction));
             }

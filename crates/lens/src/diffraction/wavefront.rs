@@ -11,7 +11,7 @@
 
 use crate::compound::{CompoundLens, REFERENCE_NM};
 use crate::linear::Cholesky;
-use crate::ray::{Apertures, TracedRay, Way};
+use crate::ray::{Apertures, TraceDirection, TracedRay};
 use glam::{DMat2, DVec2};
 
 /// Highest order of the polynomial.
@@ -80,7 +80,7 @@ impl Wavefront {
         let trace = |film: DVec2, q: DVec2| {
             let direction = system.film_direction(q - film * curvature);
             let ray = TracedRay { position: film.extend(system.film_z), direction };
-            system.trace(ray, &n, Way::ToObject, Apertures::Ignore).ok()
+            system.trace(ray, &n, TraceDirection::ToObject, Apertures::Ignore).ok()
         };
         let film = DVec2::new(radius, 0.0);
         let chief = trace(film, center)?;

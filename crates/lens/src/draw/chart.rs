@@ -50,7 +50,7 @@ pub struct Chart {
 }
 
 impl Axis {
-    /// With ends that hold all values, nought included if `zero`, rounded outwards.
+    /// With ends that hold all values, zero included if `zero`, rounded outwards.
     pub fn around(label: impl Into<String>, values: impl IntoIterator<Item = f64>, zero: bool) -> Self {
         let (mut low, mut high) = if zero { (0.0, 0.0) } else { (f64::INFINITY, f64::NEG_INFINITY) };
         for v in values.into_iter().filter(|v| v.is_finite()) {

@@ -3,7 +3,7 @@
 use super::figure::{Anchor, Color, Figure, INK, Item};
 use crate::analysis::Bench;
 use crate::glass::Glass;
-use crate::ray::{Apertures, Way};
+use crate::ray::{Apertures, TraceDirection};
 use crate::system::System;
 use crate::trace::at_plane;
 use glam::{DVec2, DVec3};
@@ -46,7 +46,7 @@ pub fn layout(bench: &Bench, options: &LayoutOptions) -> Figure {
             let at = DVec2::new(0.0, low.y + (high.y - low.y) * (0.03 + 0.94 * s));
             let start = beam.ray(at);
             let mut points = vec![];
-            let out = system.trace_with(start, &n, Way::ToFilm, Apertures::Clip, |e| points.push(flat(e.point)));
+            let out = system.trace_with(start, &n, TraceDirection::ToFilm, Apertures::Clip, |e| points.push(flat(e.point)));
             let Ok(out) = out else { continue };
             // A little of the way before the lens.
             if let Some(first) = points.first().copied() {

@@ -267,11 +267,11 @@ mod tests {
     use super::*;
     use crate::import::{self, Format};
     use crate::paraxial::FirstOrder;
-    use crate::ray::{Apertures, TracedRay, Way};
+    use crate::ray::{Apertures, TraceDirection, TracedRay};
     use crate::trace::at_plane;
     use crate::{embedded, embedded_names};
 
-    /// First order and where rays land on the film, as they go through whatever rims.
+    /// First order and where rays reach the film, as they go through whatever rims.
     fn compare(name: &str, a: &Prescription, b: &Prescription, nm: f64) -> usize {
         let state = State::default();
         let (sa, sb) = (System::at(a, state), System::at(b, state));
@@ -290,7 +290,7 @@ mod tests {
             // Dummy planes before the first surface move it: rays are given at the first vertex of each.
             let ray = TracedRay { position: at - direction * 20.0, direction };
             let [la, lb] = [(&sa, &na), (&sb, &nb)].map(|(s, n)| {
-                let out = s.trace(ray, n, Way::ToFilm, Apertures::Ignore).ok()?;
+                let out = s.trace(ray, n, TraceDirection::ToFilm, Apertures::Ignore).ok()?;
                 Some(at_plane(&out, s.film_z).truncate())
             });
             match (la, lb) {

@@ -5,7 +5,7 @@ use crate::ray::TracedRay;
 use crate::system::System;
 use glam::{DVec2, DVec3};
 
-/// Rays across the front of the first look for the part that a ghost's light takes, where nobody says.
+/// Rays across the front of the first look for the part that a ghost's light takes, by default.
 pub const COARSE: usize = 40;
 
 /// Light of irradiance 1 (across the beam, at the middle of the front's rim) from a direction or from a point.

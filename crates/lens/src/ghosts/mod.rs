@@ -1,4 +1,4 @@
-//! Ghosts: light that surfaces of a lens, or the sensor, throw back and forth before it reaches the film.
+//! Ghosts: light that is reflected between surfaces of a lens, or between the sensor and a surface, before it reaches the film.
 //!
 //! Two reflections make a ghost: at `back` light turns towards the object, at `forth`, nearer to the object, it turns again. Every pair of
 //! surfaces between different media is one, and every surface with the sensor; four reflections make weaker ones, of which those count that are strong ([`strong_fours`]). [`ParaxialGhost`]

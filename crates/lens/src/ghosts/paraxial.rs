@@ -4,7 +4,7 @@
 //! r = ±1 (in z) bends it by n′u′ = nu − y (n′ − n) c r and reflects it by u′ = u + 2 y c r. Tilts and decentres are left out.
 
 use super::GhostTracer;
-use crate::ray::{TracedRay, Way};
+use crate::ray::{TraceDirection, TracedRay};
 use crate::system::System;
 use glam::DVec3;
 
@@ -26,7 +26,8 @@ pub struct ParaxialGhost {
 }
 
 impl ParaxialGhost {
-    /// First-order data of a ghost at the tracer's wavelength, by the surfaces that throw it back one after the other (as [`GhostTracer::follow`]); `None` where the axis itself is blocked, and of lenses that have none.
+    /// First-order data of a ghost at the tracer's wavelength, by the surfaces that reflect it one after the other (as [`GhostTracer::follow`]); `None` where the axis itself is blocked, and of lenses that have none.
+    /// Its fraction is not a number for lenses with decentred, obstructed or masked surfaces.
     pub fn of(tracer: &GhostTracer, turns: &[usize]) -> Option<ParaxialGhost> {
         let n = tracer.indices();
         let system = tracer.system();
@@ -107,28 +108,28 @@ struct Event {
 /// Tells every surface (`None`: the film) that light of a ghost meets, in order; the last is the film.
 fn walk(system: &System, turns: &[usize], mut visit: impl FnMut(Option<usize>, Event)) {
     let count = system.surfaces.len();
-    let (mut gap, mut way) = (0, Way::ToFilm);
+    let (mut gap, mut way) = (0, TraceDirection::ToFilm);
     let mut turns = turns.iter().copied().peekable();
     loop {
-        let run = if way == Way::ToFilm { system.runs[gap] } else { -system.runs[gap] };
+        let run = if way == TraceDirection::ToFilm { system.runs[gap] } else { -system.runs[gap] };
         let next = match way {
-            Way::ToFilm => gap,
+            TraceDirection::ToFilm => gap,
             // Turns lead to the film before.
-            Way::ToObject if gap == 0 => return,
-            Way::ToObject => gap - 1,
+            TraceDirection::ToObject if gap == 0 => return,
+            TraceDirection::ToObject => gap - 1,
         };
         let at = (next < count).then_some(next);
         if turns.peek() == Some(&next) {
             turns.next();
             visit(at, Event { before: gap, after: None, run });
-            way = if way == Way::ToFilm { Way::ToObject } else { Way::ToFilm };
+            way = if way == TraceDirection::ToFilm { TraceDirection::ToObject } else { TraceDirection::ToFilm };
             continue;
         }
         if at.is_none() {
             visit(None, Event { before: gap, after: Some(gap), run });
             return;
         }
-        let after = if way == Way::ToFilm { gap + 1 } else { gap - 1 };
+        let after = if way == TraceDirection::ToFilm { gap + 1 } else { gap - 1 };
         let mirror = system.surfaces[next].mirror;
         visit(at, Event { before: gap, after: (!mirror).then_some(after), run });
         gap = after;

@@ -3,7 +3,7 @@ use super::*;
 use crate::compound::{FilmPlace, configure};
 use crate::embedded;
 use crate::prescription::read_toml;
-use crate::ray::{TracedRay, Way};
+use crate::ray::{TraceDirection, TracedRay};
 use crate::system::State;
 use glam::{DVec2, DVec3};
 
@@ -52,7 +52,7 @@ fn plain(system: &System, n: &[f64], sensor: f64, ray: TracedRay, turns: &[usize
         if !surface.lets_through(m.point.x, m.point.y) || passes == 0.0 {
             return None;
         }
-        let (way, after) = if gap == i { (Way::ToFilm, i + 1) } else { (Way::ToObject, i) };
+        let (way, after) = if gap == i { (TraceDirection::ToFilm, i + 1) } else { (TraceDirection::ToObject, i) };
         let facing = ld.dot(m.normal);
         let normal = if facing < 0.0 { -m.normal } else { m.normal };
         let cos = facing.abs();
@@ -228,8 +228,8 @@ fn direct_light_is_what_the_trace_of_the_lens_says() {
         let ray =
             TracedRay { position: DVec3::new(1.0, y - 20.0 * slope, -20.0), direction: DVec3::new(0.03, slope, 1.0).normalize() };
         let found = tracer.follow(ray, &[]).unwrap();
-        let known = system.transmittance(ray, &n, NM, Way::ToFilm).unwrap();
-        let end = system.trace(ray, &n, Way::ToFilm, crate::ray::Apertures::Clip).unwrap();
+        let known = system.transmittance(ray, &n, NM, TraceDirection::ToFilm).unwrap();
+        let end = system.trace(ray, &n, TraceDirection::ToFilm, crate::ray::Apertures::Clip).unwrap();
         assert!((found.fraction / known - 1.0).abs() < 1e-4, "{} {known}", found.fraction);
         assert!((crate::trace::at_plane(&end, system.film_z).truncate() - found.film).length() < 1e-12);
     }
@@ -271,9 +271,9 @@ fn all_light_that_enters_is_reflected_absorbed_or_recorded() {
     // The same summed up as geometric series.
     let cos1 = (1.0 - (sin / 1.9).powi(2)).sqrt();
     let glass = (-0.01 * 5.0 / cos1).exp();
-    let front = system.surfaces[0].coating.response(false, Way::ToFilm, [1.0, 1.9], cos, NM);
-    let inner = system.surfaces[0].coating.response(false, Way::ToObject, [1.9, 1.0], cos1, NM);
-    let rear = system.surfaces[1].coating.response(false, Way::ToFilm, [1.9, 1.0], cos1, NM);
+    let front = system.surfaces[0].coating.response(false, TraceDirection::ToFilm, [1.0, 1.9], cos, NM);
+    let inner = system.surfaces[0].coating.response(false, TraceDirection::ToObject, [1.9, 1.0], cos1, NM);
+    let rear = system.surfaces[1].coating.response(false, TraceDirection::ToFilm, [1.9, 1.0], cos1, NM);
     let (r1, r1_inside, t1) =
         (front.unpolarised_reflectance(), inner.unpolarised_reflectance(), front.unpolarised_transmittance());
     let (r2, t2) = (rear.unpolarised_reflectance(), rear.unpolarised_transmittance());

@@ -1,7 +1,7 @@
 //! Real rays along a list of reflections.
 
 use super::Grating;
-use crate::ray::{TracedRay, Way};
+use crate::ray::{TraceDirection, TracedRay};
 use crate::system::System;
 use crate::{Blocked, BlockedBy};
 use glam::{DVec2, DVec3};
@@ -36,14 +36,18 @@ impl SurfaceLight {
         let (mirror, coating) = (system.surfaces[i].mirror, &system.surfaces[i].coating);
         let thin_before = mirror || before <= after;
         let [thin, dense] = if thin_before { [before, after] } else { [after, before] };
-        let (ahead, back) = if thin_before { (Way::ToFilm, Way::ToObject) } else { (Way::ToObject, Way::ToFilm) };
+        let (ahead, back) = if thin_before {
+            (TraceDirection::ToFilm, TraceDirection::ToObject)
+        } else {
+            (TraceDirection::ToObject, TraceDirection::ToFilm)
+        };
         let mut out = SurfaceLight { thin_before, transmitted: [0.0; STEPS + 1], reflected: [[0.0; STEPS + 1]; 2] };
         for k in 0..=STEPS {
             let cos = k as f64 / STEPS as f64;
             let dense_cos = (1.0 - (thin / dense).powi(2) * (1.0 - cos * cos)).max(0.0).sqrt();
             if mirror {
                 // Both ways alike: the gap before and the gap after are the same side.
-                out.transmitted[k] = system.surface_transmittance(i, Way::ToFilm, [before, before], [cos; 2], nm);
+                out.transmitted[k] = system.surface_transmittance(i, TraceDirection::ToFilm, [before, before], [cos; 2], nm);
                 continue;
             }
             let there = coating.response(false, ahead, [thin, dense], cos, nm);
@@ -86,7 +90,7 @@ struct Walk {
     d: DVec3,
     fraction: f64,
     gap: usize,
-    way: Way,
+    way: TraceDirection,
 }
 
 /// A lens at one wavelength, ready to follow light that surfaces throw back.
@@ -131,7 +135,7 @@ impl<'a> GhostTracer<'a> {
     /// surfaces: the sensor), to the film. No turn: the direct light; a [`super::Pair`]: `[back, forth]`.
     pub fn follow(&self, ray: TracedRay, turns: &[usize]) -> Result<Arrival, Blocked> {
         let ray = self.system.ray_from_object(ray);
-        self.go_on(Walk { o: ray.position, d: ray.direction, fraction: 1.0, gap: 0, way: Way::ToFilm }, turns)
+        self.go_on(Walk { o: ray.position, d: ray.direction, fraction: 1.0, gap: 0, way: TraceDirection::ToFilm }, turns)
     }
 
     /// Follows light that has arrived at the sensor back from it, in an order of its grating (0, 0: as from a mirror), thrown back at the surfaces `turns`, to the film again.
@@ -147,7 +151,7 @@ impl<'a> GhostTracer<'a> {
         }
         let o = arrival.film.extend(self.system.film_z);
         let d = DVec3::new(x, y, -d.z.signum() * z2.sqrt());
-        self.go_on(Walk { o, d, fraction, gap: count, way: Way::ToObject }, turns)
+        self.go_on(Walk { o, d, fraction, gap: count, way: TraceDirection::ToObject }, turns)
     }
 
     fn go_on(&self, start: Walk, turns: &[usize]) -> Result<Arrival, Blocked> {
@@ -158,10 +162,10 @@ impl<'a> GhostTracer<'a> {
         let mut turn = turns.next();
         loop {
             let run = match way {
-                Way::ToFilm => system.runs[gap],
-                Way::ToObject => -system.runs[gap],
+                TraceDirection::ToFilm => system.runs[gap],
+                TraceDirection::ToObject => -system.runs[gap],
             };
-            if way == Way::ToFilm && gap == count {
+            if way == TraceDirection::ToFilm && gap == count {
                 let missed = Err(Blocked { surface: count, why: BlockedBy::Missed });
                 let t = (system.film_z - o.z) / d.z;
                 if d.z * run <= 0.0 || !t.is_finite() {
@@ -171,7 +175,7 @@ impl<'a> GhostTracer<'a> {
                 match turn {
                     None => return Ok(Arrival { film: at.truncate(), direction: d, fraction }),
                     Some(surface) if surface == count => {
-                        (o, d, way) = (at, DVec3::new(d.x, d.y, -d.z), Way::ToObject);
+                        (o, d, way) = (at, DVec3::new(d.x, d.y, -d.z), TraceDirection::ToObject);
                         fraction *= self.sensor_reflectance([0; 2]);
                         turn = turns.next();
                         continue;
@@ -180,10 +184,10 @@ impl<'a> GhostTracer<'a> {
                 }
             }
             let (i, after) = match way {
-                Way::ToFilm => (gap, gap + 1),
+                TraceDirection::ToFilm => (gap, gap + 1),
                 // Out of the front: the list of turns does not lead to the film.
-                Way::ToObject if gap == 0 => return Err(Blocked { surface: 0, why: BlockedBy::Missed }),
-                Way::ToObject => (gap - 1, gap - 1),
+                TraceDirection::ToObject if gap == 0 => return Err(Blocked { surface: 0, why: BlockedBy::Missed }),
+                TraceDirection::ToObject => (gap - 1, gap - 1),
             };
             let surface = &system.surfaces[i];
             let blocked = |why| Err(Blocked { surface: i, why });
@@ -216,7 +220,7 @@ impl<'a> GhostTracer<'a> {
             let cos0 = facing.abs();
             let mirrored = local_d - normal * (2.0 * cos0);
             let light = &self.light[i];
-            let towards_film = way == Way::ToFilm;
+            let towards_film = way == TraceDirection::ToFilm;
             let direction = if turn == Some(i) && !surface.mirror {
                 let cos = if light.thin_before == towards_film {
                     Some(cos0)
@@ -227,7 +231,7 @@ impl<'a> GhostTracer<'a> {
                 };
                 // Total reflection: all of it, but for what films absorb of it, which is left out.
                 fraction *= cos.map_or(1.0, |cos| look_up(&light.reflected[usize::from(!towards_film)], cos));
-                way = if towards_film { Way::ToObject } else { Way::ToFilm };
+                way = if towards_film { TraceDirection::ToObject } else { TraceDirection::ToFilm };
                 turn = turns.next();
                 mirrored
             } else if let Some(focal) = surface.ideal_focal_length {

@@ -3,7 +3,7 @@
 use super::random::{Random, disk, even};
 use super::{Balance, GlareTracer, Kind, Unfit};
 use crate::ghosts::{BeamGhost, GhostTracer, SourceBeam};
-use crate::ray::{Apertures, TracedRay, Way};
+use crate::ray::{Apertures, TraceDirection, TracedRay};
 use crate::system::System;
 use glam::{DVec2, DVec3};
 use rayon::prelude::*;
@@ -90,7 +90,7 @@ pub(super) fn light_of(system: &System, height: f64) -> Option<DVec3> {
     for i in 0..256 {
         let p = disk(even(i)) * rear.semi_diameter;
         let ray = TracedRay { position: origin, direction: (DVec3::new(p.x, p.y, rear.z) - origin).normalize() };
-        if let Ok(out) = system.trace(ray, &n, Way::ToObject, Apertures::Clip) {
+        if let Ok(out) = system.trace(ray, &n, TraceDirection::ToObject, Apertures::Clip) {
             sum += out.direction;
         }
     }

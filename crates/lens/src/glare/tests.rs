@@ -6,7 +6,7 @@ use crate::compound::{FilmPlace, configure};
 use crate::ghosts::SourceBeam;
 use crate::lenses::embedded;
 use crate::prescription::coating_named;
-use crate::ray::Way;
+use crate::ray::TraceDirection;
 use crate::system::System;
 use glam::{DVec2, DVec3};
 
@@ -165,7 +165,7 @@ fn analogue(
         }
         let (i, m) = what?;
         let surface = &system.surfaces[i];
-        let (way, after) = if gap == i { (Way::ToFilm, i + 1) } else { (Way::ToObject, i) };
+        let (way, after) = if gap == i { (TraceDirection::ToFilm, i + 1) } else { (TraceDirection::ToObject, i) };
         o = surface.to_lens(m.point, d).0;
         if system.glasses[gap] == system.glasses[after] {
             gap = after;

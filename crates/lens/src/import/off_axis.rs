@@ -7,7 +7,7 @@
 use super::placed::{Placed, half_turn, rounded, tilts};
 use crate::at_stop::{chief_from, place_at_stop};
 use crate::prescription::{Gap, Misalignment, ObjectAxis, Prescription};
-use crate::ray::{Apertures, TracedRay, Way};
+use crate::ray::{Apertures, TraceDirection, TracedRay};
 use crate::system::{State, System};
 use crate::trace::Event;
 use glam::{DAffine3, DMat3, DVec2, DVec3};
@@ -102,7 +102,7 @@ impl BaseRay {
         let at = middle_of_the_stop(&system, &n, rows, ray)?;
         let base = ray(at);
         let mut events: Vec<Event> = vec![];
-        let end = system.trace_with(base, &n, Way::ToFilm, Apertures::Ignore, |e| events.push(e)).ok()?;
+        let end = system.trace_with(base, &n, TraceDirection::ToFilm, Apertures::Ignore, |e| events.push(e)).ok()?;
         let runs = system.runs.clone();
         let run = system.film_run();
         // The film's normal, on the side from which light comes as the number of mirrors says, through the place where the ray lands.
@@ -127,7 +127,7 @@ impl BaseRay {
         let (u, v) = base.direction.any_orthonormal_pair();
         let slope = |by: DVec3| {
             let moved = TracedRay { position: base.position + by * STEP_MM, ..base };
-            let out = system.trace(moved, &n, Way::ToFilm, Apertures::Ignore).ok()?;
+            let out = system.trace(moved, &n, TraceDirection::ToFilm, Apertures::Ignore).ok()?;
             let d = from_file.transform_vector3(out.direction);
             Some(-(d / d.z.abs() - last / last.z.abs()).truncate() / STEP_MM)
         };
@@ -180,6 +180,6 @@ fn middle_of_the_stop(system: &System, n: &[f64], rows: &[Placed], ray: impl Fn(
     places.sort_by(|a, b| a.0.total_cmp(&b.0));
     places.iter().take(8).find_map(|(_, at)| {
         let found = chief_from(system, n, *at, &ray)?;
-        system.trace(ray(found), n, Way::ToFilm, Apertures::Ignore).is_ok().then_some(found)
+        system.trace(ray(found), n, TraceDirection::ToFilm, Apertures::Ignore).is_ok().then_some(found)
     })
 }

@@ -20,7 +20,7 @@ pub use sheet::{Freedom, MeritSheet, Operand, OperandKind, Variable, Wanted};
 
 use crate::LensError;
 use crate::analysis::Bench;
-use crate::bundle::{Aim, Aimed, Bundle, Sampling, Tracer};
+use crate::bundle::{AimedBundle, Bundle, RayAiming, Sampling, Tracer};
 use crate::compound::{Configured, FilmPlace, configure};
 use crate::glass::D_NM;
 use crate::paraxial::{Cardinal, FirstOrder};
@@ -33,7 +33,7 @@ use operand::{Arrival, Seen, Terms};
 
 /// Rays of a beam: enough for the ninth order of aberrations.
 const SAMPLING: Sampling = Sampling { arms: 12, rings: 4 };
-/// Fields when nobody says, as fractions of the largest: a lens is the same on both sides of its axis.
+/// Fields by default, as fractions of the largest: a lens is the same on both sides of its axis.
 const FIELDS: [f64; 3] = [0.0, 0.7, 1.0];
 /// How much larger than the beam a rim is made, where it must grow.
 const RIM_MARGIN: f64 = 1.001;
@@ -219,7 +219,7 @@ impl Optimisation {
         let axis = bundle(0.0, 0.0).ok_or_else(|| dark(0.0))?;
         let tracer = Tracer::new(&system, &wavelengths);
         let stop_height = axis
-            .aim(&tracer, reference, Aim::Entrance)
+            .aim(&tracer, reference, RayAiming::Entrance)
             .and_then(|aimed| axis.heights(&tracer, aimed, reference))
             .map_or(0.0, |h| h[system.stop]);
         let ideal_efl = operands.iter().find_map(|o| match (o.kind, o.wanted) {
@@ -264,9 +264,9 @@ impl Optimisation {
     }
 
     /// Where all rays of all fields and wavelengths land; `None` where one does not arrive.
-    fn land(&self, tracer: &Tracer) -> Option<Vec<(Aimed, Colors)>> {
+    fn land(&self, tracer: &Tracer) -> Option<Vec<(AimedBundle, Colors)>> {
         let of = |field: &Bundle| {
-            let aimed = field.aim(tracer, self.reference, Aim::Entrance)?;
+            let aimed = field.aim(tracer, self.reference, RayAiming::Entrance)?;
             let land = |color: usize| Some(field.trace(tracer, aimed, color)?.iter().map(Arrival::from).collect());
             Some((aimed, (0..self.wavelengths.len()).map(land).collect::<Option<_>>()?))
         };
@@ -401,13 +401,13 @@ impl Optimisation {
         let mut needed = vec![0.0f64; lens.surfaces.len()];
         for bundle in self.fields.iter().chain([&self.axis]) {
             let heights =
-                bundle.aim(&tracer, self.reference, Aim::Entrance).and_then(|a| bundle.heights(&tracer, a, self.reference));
+                bundle.aim(&tracer, self.reference, RayAiming::Entrance).and_then(|a| bundle.heights(&tracer, a, self.reference));
             needed.iter_mut().zip(heights.unwrap_or_default()).for_each(|(n, h)| *n = n.max(h));
         }
         let stop = lens.stop();
         let axial = self
             .axis
-            .aim(&tracer, self.reference, Aim::Entrance)
+            .aim(&tracer, self.reference, RayAiming::Entrance)
             .and_then(|a| self.axis.heights(&tracer, a, self.reference))
             .map(|h| h[stop]);
         for (i, s) in lens.surfaces.iter_mut().enumerate() {

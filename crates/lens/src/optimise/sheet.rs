@@ -58,7 +58,7 @@ const HIGHEST_POWER: usize = 40;
 const MOST: usize = 1000;
 /// What is written of a variable that is a choice.
 const GLASS: &str = "glass";
-/// Whose glasses are taken when nobody says.
+/// Whose glasses are taken by default.
 const USUAL_VENDOR: &str = "schott";
 
 /// A merit file as it was read; surfaces are checked with the lens ([`super::Optimisation::new`]).

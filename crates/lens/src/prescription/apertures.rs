@@ -96,7 +96,7 @@ pub(super) fn written(s: &Surface) -> Vec<String> {
 #[cfg(test)]
 mod tests {
     use super::super::read_toml;
-    use crate::ray::{Apertures, TracedRay, Way};
+    use crate::ray::{Apertures, TraceDirection, TracedRay};
     use crate::{State, System};
     use glam::DVec3;
 
@@ -138,10 +138,10 @@ mod tests {
             for lane in 0..LANES {
                 packet.set(lane, place(lane).to_array(), direction.to_array());
             }
-            let mask = batch.trace(&mut packet, &lanes, Way::ToFilm);
+            let mask = batch.trace(&mut packet, &lanes, TraceDirection::ToFilm);
             for lane in 0..LANES {
                 let ray = TracedRay { position: place(lane), direction };
-                let plain = system.trace(ray, &n, Way::ToFilm, Apertures::Clip).is_ok();
+                let plain = system.trace(ray, &n, TraceDirection::ToFilm, Apertures::Clip).is_ok();
                 assert_eq!(mask >> lane & 1 == 1, plain, "{}", place(lane));
                 if plain { passed += 1 } else { stopped += 1 }
             }

@@ -6,7 +6,7 @@ use crate::at_stop;
 use crate::axial_beam;
 use crate::glass::{Glass, GlassKind};
 use crate::paraxial;
-use crate::ray::{Apertures, TracedRay, Way};
+use crate::ray::{Apertures, TraceDirection, TracedRay};
 use crate::surface::Profile;
 use crate::system::{State, System};
 use glam::DVec3;
@@ -342,7 +342,7 @@ impl Prescription {
                     }
                     let ray = entrance_ray(&first, self.usage.object_distance, *angle, [x * pupil, y * pupil]);
                     let mut passed = vec![None; self.surfaces.len()];
-                    let traced = system.trace_with(ray, &n, Way::ToFilm, Apertures::Ignore, |e| {
+                    let traced = system.trace_with(ray, &n, TraceDirection::ToFilm, Apertures::Ignore, |e| {
                         let s = &system.surfaces[e.surface];
                         let p = s.to_local(e.point, DVec3::Z).0;
                         passed[e.surface] = Some(p.x.hypot(p.y));
@@ -398,7 +398,7 @@ impl Prescription {
         let mut radius = None;
         let ray = entrance_ray(first, near, 0.0, [0.0, pupil]);
         // A ray that fails behind the stop has told what was asked.
-        let _ = system.trace_with(ray, n, Way::ToFilm, Apertures::Ignore, |e| {
+        let _ = system.trace_with(ray, n, TraceDirection::ToFilm, Apertures::Ignore, |e| {
             if e.surface == system.stop {
                 let p = system.surfaces[e.surface].to_local(e.point, DVec3::Z).0;
                 radius = Some(p.x.hypot(p.y));

@@ -2,7 +2,7 @@
 
 use super::{Gap, Prescription, Surface};
 use crate::glass::Glass;
-use crate::ray::{Apertures, TracedRay, Way};
+use crate::ray::{Apertures, TraceDirection, TracedRay};
 use crate::surface::Profile;
 use crate::system::System;
 use crate::trace::at_plane;
@@ -56,7 +56,7 @@ fn clear_radius(system: &System, film: DVec2, z: f64) -> f64 {
         let p = DVec2::new((i % ACROSS) as f64 + 0.5, (i / ACROSS) as f64 + 0.5) * (2.0 / ACROSS as f64) - 1.0;
         let p = p * rear.semi_diameter;
         let ray = TracedRay { position: origin, direction: (DVec3::new(p.x, p.y, rear.z) - origin).normalize() };
-        let out = system.trace(ray, &n, Way::ToObject, Apertures::IgnoreIris).ok()?;
+        let out = system.trace(ray, &n, TraceDirection::ToObject, Apertures::IgnoreIris).ok()?;
         Some(at_plane(&out, z).truncate().length())
     });
     // What lies between the rays of the grid.

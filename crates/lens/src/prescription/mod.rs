@@ -34,7 +34,7 @@ pub const MOST_SURFACES: usize = 400;
 /// Wavelengths that a lens is looked at in, nm.
 pub const WAVELENGTHS_NM: std::ops::RangeInclusive<f64> = 100.0..=20_000.0;
 
-/// What black walls throw back where nobody says: the order of black anodised aluminium in the visible (measured by Marshall et al., "Characterization of
+/// What black walls reflect by default: the order of black anodised aluminium in the visible (measured by Marshall et al., "Characterization of
 /// the reflectivity of various black materials", SPIE 2014).
 pub const WALL_REFLECTANCE: f64 = 0.05;
 

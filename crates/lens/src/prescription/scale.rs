@@ -116,7 +116,7 @@ mod tests {
     use crate::analysis::Bench;
     use crate::glass::D_NM;
     use crate::prescription::read_toml;
-    use crate::ray::{Apertures, TracedRay, Way};
+    use crate::ray::{Apertures, TraceDirection, TracedRay};
     use crate::trace::at_plane;
     use crate::{Prescription, State, System, embedded, embedded_names};
     use glam::DVec3;
@@ -131,7 +131,7 @@ mod tests {
             let direction = DVec3::new(0.02, slope, 1.0).normalize();
             let land = |s: &System, scale: f64| {
                 let ray = TracedRay { position: start * scale, direction };
-                let out = s.trace(ray, &s.indices(D_NM), Way::ToFilm, Apertures::Clip).ok()?;
+                let out = s.trace(ray, &s.indices(D_NM), TraceDirection::ToFilm, Apertures::Clip).ok()?;
                 Some((at_plane(&out, s.film_z) / scale, out.direction))
             };
             match (land(&a, 1.0), land(&b, factor)) {

@@ -9,7 +9,7 @@
 use super::parameter::Parameter;
 use super::quantity::{Direction, Quantity, QuantityKind};
 use crate::analysis::Bench;
-use crate::bundle::{Aim, Bundle, Landing, Sampling, Tracer, path_to_foot};
+use crate::bundle::{Bundle, Landing, RayAiming, Sampling, Tracer, path_to_foot};
 use crate::dual::Number;
 use crate::linear::Cholesky;
 use crate::paraxial::FirstOrder;
@@ -124,7 +124,7 @@ impl WavePlan {
                 }
             }
         }
-        // Keeps combinations that the rays do not see at nought.
+        // Keeps combinations that the rays do not see at zero.
         let ridge = 1e-13 * (0..TERMS).map(|i| matrix[i * TERMS + i]).sum::<f64>();
         (0..TERMS).for_each(|i| matrix[i * TERMS + i] += ridge);
         let factor = Cholesky::new(matrix, TERMS)?;
@@ -222,7 +222,7 @@ impl Assessment {
         let mut fields = vec![];
         for &field in fields_deg {
             let bundle = Bundle::lit(&bench, field, nm, SAMPLING).ok_or_else(|| dark(field))?;
-            let aimed = bundle.aim(&tracer, reference, Aim::Stop).ok_or_else(|| dark(field))?;
+            let aimed = bundle.aim(&tracer, reference, RayAiming::Stop).ok_or_else(|| dark(field))?;
             let outline: Vec<(DVec2, f64)> = bundle.outline.iter().flatten().map(|p| (*p, 0.0)).collect();
             let waves = (0..wavelengths.len())
                 .map(|color| {
@@ -292,7 +292,7 @@ impl Assessment {
     /// Where the rays of each field land, by wavelength; `None` of a field with a ray that does not arrive.
     fn landed(&self, tracer: &Tracer) -> Vec<Option<Vec<Vec<Landing>>>> {
         let of = |f: &FieldPlan| {
-            let aimed = f.bundle.aim(tracer, self.reference, Aim::Stop)?;
+            let aimed = f.bundle.aim(tracer, self.reference, RayAiming::Stop)?;
             (0..self.wavelengths.len()).map(|color| f.bundle.trace(tracer, aimed, color)).collect()
         };
         self.fields.iter().map(of).collect()
@@ -319,7 +319,7 @@ impl Assessment {
         let mut tracer = Tracer::new(&system, &self.wavelengths);
         let mut landed = self.landed(&tracer);
         let refocus = self.refocus.map(|range| self.best_focus(&landed).clamp(-range, range));
-        let axis = self.axis.aim(&tracer, self.reference, Aim::Stop);
+        let axis = self.axis.aim(&tracer, self.reference, RayAiming::Stop);
         let mut axis = axis.and_then(|aimed| Some(self.axis.trace(&tracer, aimed, self.reference)?[0]));
         if let Some(dz) = refocus {
             let shift = |l: &mut Landing, n: f64| {

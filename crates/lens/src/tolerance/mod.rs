@@ -34,7 +34,7 @@ use crate::system::{State, System};
 use assess::Assessment;
 use parameter::{movable, perturbed};
 
-/// Fields that are looked at when nobody says, as fractions of the largest.
+/// Fields that are looked at by default, as fractions of the largest.
 const FIELDS: [f64; 5] = [-1.0, -0.7, 0.0, 0.7, 1.0];
 /// Part of the lit image circle whose field angle is the largest looked at: at its edge there is no light.
 const IMAGE_CIRCLE: f64 = 0.95;
@@ -196,7 +196,7 @@ impl Toleranced {
     }
 
     /// The lens with given amounts of its perturbations, the film where the design has it. Fails where an index leaves what a glass
-    /// can have.
+    /// can have. Panics on another number of amounts than [`Toleranced::amounts`] gives.
     pub fn perturbed(&self, amounts: &[f64]) -> Result<Prescription, LensError> {
         assert!(amounts.len() == self.parameters.len(), "{} amounts for {}", amounts.len(), self.parameters.len());
         perturbed(&self.design, &self.parameters, amounts).map_err(|e| {

@@ -4,7 +4,7 @@
 use diopter_lens::analysis::{Bench, ThirdOrder};
 use diopter_lens::import::{self, Format};
 use diopter_lens::paraxial::{FirstOrder, Trace};
-use diopter_lens::ray::{Apertures, TracedRay, Way};
+use diopter_lens::ray::{Apertures, TraceDirection, TracedRay};
 use diopter_lens::trace::at_plane;
 use diopter_lens::{Prescription, State, System};
 use glam::{DVec2, DVec3};
@@ -107,7 +107,7 @@ fn real_rays_are_as_listed() {
     // The axial marginal ray, and the chief rays of 10° and 14°: x or y at every surface.
     let heights = |ray: TracedRay| {
         let mut all = vec![];
-        let out = system.trace_with(ray, &n, Way::ToFilm, Apertures::Ignore, |e| all.push(e.point)).unwrap();
+        let out = system.trace_with(ray, &n, TraceDirection::ToFilm, Apertures::Ignore, |e| all.push(e.point)).unwrap();
         all.push(at_plane(&out, system.film_z));
         all
     };
@@ -198,7 +198,7 @@ fn rays_of_ray_optics_are_met_to_a_billionth() {
             let first = vector(&points[0]);
             let start = TracedRay { position: first - direction, direction };
             let mut all = vec![];
-            let out = system.trace_with(start, &n, Way::ToFilm, Apertures::Ignore, |e| {
+            let out = system.trace_with(start, &n, TraceDirection::ToFilm, Apertures::Ignore, |e| {
                 all.push(e.point - DVec3::Z * system.surfaces[e.surface].z);
             });
             let out = out.unwrap_or_else(|b| panic!("{file}: {b:?}"));

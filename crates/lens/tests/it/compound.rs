@@ -4,7 +4,7 @@ use diopter_lens::analysis::Bench;
 use diopter_lens::batch::{double, single};
 use diopter_lens::compound::{Exits, Samples, Scratch, Setting};
 use diopter_lens::prescription::read_toml;
-use diopter_lens::ray::{Apertures, TracedRay, Way};
+use diopter_lens::ray::{Apertures, TraceDirection, TracedRay};
 use diopter_lens::{CompoundLens, Focus, Iris, State, System, embedded, embedded_names};
 use glam::{DVec2, DVec3};
 use std::sync::Arc;
@@ -55,7 +55,7 @@ fn brute_force(lens: &CompoundLens, film: DVec2, nm: f64, side: usize) -> f64 {
         let p = DVec2::new((i % side) as f64 + 0.5, (i / side) as f64 + 0.5) * (2.0 * half / side as f64) - half;
         let d = (p - film).extend(-distance);
         let ray = TracedRay { position: film.extend(system.film_z), direction: d.normalize() };
-        if let Ok(fraction) = system.transmittance(ray, &n, nm, Way::ToObject) {
+        if let Ok(fraction) = system.transmittance(ray, &n, nm, TraceDirection::ToObject) {
             // dω cosθ = dA cos⁴θ / distance²
             sum += fraction * cell * ray.direction.z.powi(4) / (distance * distance);
         }
@@ -189,10 +189,13 @@ fn packets_agree_with_the_plain_trace_and_rays_run_back() {
                 packet.set(i, r.position.as_vec3().to_array(), r.direction.as_vec3().to_array());
                 halves[i / double::LANES].set(i % double::LANES, r.position.to_array(), r.direction.to_array());
             }
-            let mask = batch.trace(&mut packet, &n32, Way::ToObject);
-            let masks = [fine.trace(&mut halves[0], &n64, Way::ToObject), fine.trace(&mut halves[1], &n64, Way::ToObject)];
+            let mask = batch.trace(&mut packet, &n32, TraceDirection::ToObject);
+            let masks = [
+                fine.trace(&mut halves[0], &n64, TraceDirection::ToObject),
+                fine.trace(&mut halves[1], &n64, TraceDirection::ToObject),
+            ];
             for i in 0..single::LANES {
-                let plain = system.trace(ray(i), &n, Way::ToObject, Apertures::Clip);
+                let plain = system.trace(ray(i), &n, TraceDirection::ToObject, Apertures::Clip);
                 let fine_passed = masks[i / double::LANES] >> (i % double::LANES) & 1 == 1;
                 if (mask >> i & 1 == 1) != plain.is_ok() || fine_passed != plain.is_ok() {
                     differ += 1;
@@ -208,7 +211,7 @@ fn packets_agree_with_the_plain_trace_and_rays_run_back() {
                 far64 = far64.max((d64 - out.direction).length() + (p64 - out.position).length());
                 // And back to the film.
                 let start = TracedRay { position: out.position, direction: -out.direction };
-                let again = system.trace(start, &n, Way::ToFilm, Apertures::Ignore).unwrap();
+                let again = system.trace(start, &n, TraceDirection::ToFilm, Apertures::Ignore).unwrap();
                 let landed = diopter_lens::trace::at_plane(&again, system.film_z);
                 back = back.max((landed - ray(i).position).length());
             }

@@ -5,7 +5,7 @@ use diopter_lens::batch::{double, single};
 use diopter_lens::glass::{C_NM, D_NM, F_NM};
 use diopter_lens::paraxial::FirstOrder;
 use diopter_lens::prescription::read_toml;
-use diopter_lens::ray::{Apertures, TracedRay, Way};
+use diopter_lens::ray::{Apertures, TraceDirection, TracedRay};
 use diopter_lens::trace::at_plane;
 use diopter_lens::{Prescription, State, System};
 use glam::DVec3;
@@ -38,7 +38,7 @@ fn rays_obey_the_grating_equation_on_planes_mirrors_and_curves() {
         for (dx, dy) in [(0.0, 0.0), (0.0, 0.3), (-0.1, -0.2)] {
             let start = ray(0.5, 0.5, dx, dy);
             let mut after = DVec3::ZERO;
-            system.trace_part(start, &n, Way::ToFilm, Apertures::Ignore, 0..1, |e| after = e.direction).unwrap();
+            system.trace_part(start, &n, TraceDirection::ToFilm, Apertures::Ignore, 0..1, |e| after = e.direction).unwrap();
             // n' sin θ' = n sin θ + m λ / d along y; nothing along x.
             let shift = f64::from(order) * nm * 1e-6 * lines;
             assert!((n[1] * after.y - start.direction.y - shift).abs() < 1e-12, "{order} {dx} {dy}: {after}");
@@ -53,7 +53,7 @@ fn rays_obey_the_grating_equation_on_planes_mirrors_and_curves() {
     ));
     let system = System::at(&p, State::default());
     let start = TracedRay { position: DVec3::new(0.0, 0.0, -5.0), direction: DVec3::new(0.0, -sine, (1.0 - sine * sine).sqrt()) };
-    let out = system.trace(start, &system.indices(nm), Way::ToFilm, Apertures::Ignore).unwrap();
+    let out = system.trace(start, &system.indices(nm), TraceDirection::ToFilm, Apertures::Ignore).unwrap();
     assert!((out.direction + start.direction).length() < 1e-12, "{}", out.direction);
     // On a sphere lines stand as seen along the axis: what changes along the surface is the projected line vector.
     let p = lens(
@@ -64,14 +64,16 @@ fn rays_obey_the_grating_equation_on_planes_mirrors_and_curves() {
     let n = system.indices(nm);
     let start = ray(6.0, -7.0, 0.05, 0.1);
     let (mut after, mut point) = (DVec3::ZERO, DVec3::ZERO);
-    system.trace_part(start, &n, Way::ToFilm, Apertures::Ignore, 0..1, |e| (after, point) = (e.direction, e.point)).unwrap();
+    system
+        .trace_part(start, &n, TraceDirection::ToFilm, Apertures::Ignore, 0..1, |e| (after, point) = (e.direction, e.point))
+        .unwrap();
     let normal = (DVec3::new(0.0, 0.0, 40.0) - point).normalize();
     let change = after * n[1] - start.direction * n[0] - DVec3::Y * (-2.0 * nm * 1e-6 * 80.0);
     assert!(change.cross(normal).length() < 1e-12, "{change}");
     // An order that does not exist blocks.
     let p = lens("{ stop = true, gap = 10, semi_diameter = 30, diffractive = { order = 1, lines_per_mm = 2000 } },\n");
     let system = System::at(&p, State::default());
-    assert!(system.trace(ray(0.0, 0.0, 0.0, 0.0), &system.indices(nm), Way::ToFilm, Apertures::Ignore).is_err());
+    assert!(system.trace(ray(0.0, 0.0, 0.0, 0.0), &system.indices(nm), TraceDirection::ToFilm, Apertures::Ignore).is_err());
 }
 
 #[test]
@@ -175,7 +177,7 @@ fn light_of_a_kinoform_goes_where_scalar_theory_says() {
         assert!((sum - 1.0).abs() < 5e-3, "{levels}: {sum}");
     }
     // Both traces lose the same light.
-    let (nm, way) = (430.0, Way::ToFilm);
+    let (nm, way) = (430.0, TraceDirection::ToFilm);
     let indices = smooth.indices(nm);
     let batch = double::Batch::new(&smooth);
     let mut packet = double::Packet::default();
@@ -224,11 +226,11 @@ fn packets_of_both_precisions_follow_phases_freeforms_and_facets_as_the_plain_tr
         let (mut na, mut nb) = (double::Indices::default(), single::Indices::default());
         wide.indices(&[nm; double::LANES], &mut na);
         narrow.indices(&[nm as f32; single::LANES], &mut nb);
-        let (ma, mb) = (wide.trace(&mut a, &na, Way::ToFilm), narrow.trace(&mut b, &nb, Way::ToFilm));
+        let (ma, mb) = (wide.trace(&mut a, &na, TraceDirection::ToFilm), narrow.trace(&mut b, &nb, TraceDirection::ToFilm));
         let mut through = 0;
         for i in 0..single::LANES {
             let mut path = 0.0;
-            let plain = system.trace_with(start(i), &n, Way::ToFilm, Apertures::Clip, |e| path += e.path);
+            let plain = system.trace_with(start(i), &n, TraceDirection::ToFilm, Apertures::Clip, |e| path += e.path);
             assert_eq!(plain.is_ok(), mb >> i & 1 == 1, "{nm} {i}");
             let Ok(plain) = plain else { continue };
             through += 1;
@@ -244,7 +246,7 @@ fn packets_of_both_precisions_follow_phases_freeforms_and_facets_as_the_plain_tr
             }
             // And back along the same way.
             let turned = TracedRay { position: plain.position + plain.direction, direction: -plain.direction };
-            let back = system.trace(turned, &n, Way::ToObject, Apertures::Ignore).unwrap();
+            let back = system.trace(turned, &n, TraceDirection::ToObject, Apertures::Ignore).unwrap();
             assert!((back.direction + start(i).direction).length() < 1e-9, "{nm} {i}");
             assert!((at_plane(&back, -5.0) - start(i).position).length() < 1e-7, "{nm} {i}");
         }

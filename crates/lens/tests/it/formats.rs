@@ -5,7 +5,7 @@ use diopter_lens::batch::double::LANES;
 use diopter_lens::glass::D_NM;
 use diopter_lens::import::{self, Format};
 use diopter_lens::paraxial::FirstOrder;
-use diopter_lens::ray::{Apertures, TracedRay, Way};
+use diopter_lens::ray::{Apertures, TraceDirection, TracedRay};
 use diopter_lens::surface::Profile;
 use diopter_lens::trace::at_plane;
 use diopter_lens::{Prescription, State, System};
@@ -34,7 +34,7 @@ fn efl(p: &Prescription) -> f64 {
 /// Where a ray that starts 10 mm before the first vertex meets the film, millimetres.
 fn landing(s: &System, x: f64, y: f64, slope: f64) -> DVec3 {
     let ray = TracedRay { position: DVec3::new(x, y, -10.0), direction: DVec3::new(0.0, slope, 1.0).normalize() };
-    at_plane(&s.trace(ray, &s.indices(D_NM), Way::ToFilm, Apertures::Ignore).unwrap(), s.film_z)
+    at_plane(&s.trace(ray, &s.indices(D_NM), TraceDirection::ToFilm, Apertures::Ignore).unwrap(), s.film_z)
 }
 
 /// A Zemax file: head, object at infinity, these surfaces, a plane image.
@@ -150,14 +150,14 @@ fn zemax_coordinate_breaks_turn_and_fold() {
     let shift = 6.0 * a.sin() * (1.0 - a.cos() / (n * n - a.sin().powi(2)).sqrt());
     let s = system(&plate);
     let ray = TracedRay { position: DVec3::new(0.0, 0.0, -10.0), direction: DVec3::Z };
-    let out = s.trace(ray, &s.indices(D_NM), Way::ToFilm, Apertures::Ignore).unwrap();
+    let out = s.trace(ray, &s.indices(D_NM), TraceDirection::ToFilm, Apertures::Ignore).unwrap();
     assert!((out.direction - DVec3::Z).length() < 1e-12 && out.position.x.abs() < 1e-12, "{out:?}");
     // The axis of the last break went on inside the plate along its normal; the film's middle is where that left it.
     let offset = plate.misalignments.first().map_or(0.0, |m| m.decenter[1].abs()) + plate.surfaces[0].decenter[1].abs();
     assert!((offset - 6.0 * a.sin()).abs() < 1e-9, "{offset}");
     let axis = s.surfaces[0].to_lens(DVec3::ZERO, DVec3::Z).0.y;
     let ray = TracedRay { position: DVec3::new(0.0, axis, -10.0), direction: DVec3::Z };
-    let landed = s.trace(ray, &s.indices(D_NM), Way::ToFilm, Apertures::Ignore).unwrap().position.y;
+    let landed = s.trace(ray, &s.indices(D_NM), TraceDirection::ToFilm, Apertures::Ignore).unwrap().position.y;
     assert!(((landed - axis).abs() - shift).abs() < 1e-9, "{landed} {axis} {shift}");
     // A curved mirror that folds the axis is set up about its base ray: R / 2, divided by the mean of 1 / cos and cos of 45 degrees (Coddington).
     let curved = read(
@@ -237,7 +237,7 @@ fn apertures_that_are_not_round_stop_light_as_the_file_says() {
     let passes = |p: &Prescription, x: f64, y: f64| {
         let s = system(p);
         let ray = TracedRay { position: DVec3::new(x, y, -10.0), direction: DVec3::Z };
-        s.trace(ray, &s.indices(D_NM), Way::ToFilm, Apertures::Clip).is_ok()
+        s.trace(ray, &s.indices(D_NM), TraceDirection::ToFilm, Apertures::Clip).is_ok()
     };
     let p = read(
         Format::Zemax,

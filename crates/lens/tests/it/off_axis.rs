@@ -8,7 +8,7 @@ use diopter_lens::export::{ExportFormat, write};
 use diopter_lens::import::{Format, read};
 use diopter_lens::paraxial::FirstOrder;
 use diopter_lens::prescription::{Gap, Misalignment, ObjectAxis, Prescription};
-use diopter_lens::ray::{Apertures, TracedRay, Way};
+use diopter_lens::ray::{Apertures, TraceDirection, TracedRay};
 use diopter_lens::system::{State, System};
 use diopter_lens::trace::at_plane;
 use diopter_lens::{Focus, embedded};
@@ -58,8 +58,9 @@ fn an_off_axis_paraboloid_has_its_focal_length_and_focus() {
     let n = s.indices(NM);
     for i in 0..60 {
         let at = DVec2::from_angle(i as f64) * (0.2 * i as f64);
-        let out =
-            s.trace(TracedRay { position: at.extend(-20.0), direction: DVec3::Z }, &n, Way::ToFilm, Apertures::Clip).unwrap();
+        let out = s
+            .trace(TracedRay { position: at.extend(-20.0), direction: DVec3::Z }, &n, TraceDirection::ToFilm, Apertures::Clip)
+            .unwrap();
         let land = at_plane(&out, s.film_z);
         assert!(land.truncate().length() < 1e-9, "{at} {land}");
     }
@@ -86,7 +87,7 @@ fn where_a_surface_counts_from_changes_nothing() {
         .trace(
             TracedRay { position: DVec3::new(3.0, -8.0, -20.0), direction: DVec3::Z },
             &s.indices(NM),
-            Way::ToFilm,
+            TraceDirection::ToFilm,
             Apertures::Clip,
         )
         .unwrap();
@@ -99,7 +100,12 @@ fn the_base_ray_lands_in_the_middle_of_a_film_that_is_moved_and_askew() {
         let p = code_v(&tilted_sphere(20.0).replace("SI 0 0", image));
         let s = system(&p);
         let out = s
-            .trace(TracedRay { position: DVec3::ZERO, direction: DVec3::Z }, &s.indices(NM), Way::ToFilm, Apertures::Clip)
+            .trace(
+                TracedRay { position: DVec3::ZERO, direction: DVec3::Z },
+                &s.indices(NM),
+                TraceDirection::ToFilm,
+                Apertures::Clip,
+            )
             .unwrap();
         let land = at_plane(&out, s.film_z);
         let askew = (-out.direction.z).acos().to_degrees();
@@ -184,12 +190,20 @@ fn mirrors_turned_together_before_the_film_are_the_same_mirrors() {
     for i in 0..20 {
         let at = DVec2::from_angle(i as f64) * (10.0 + 0.4 * i as f64);
         let ray = TracedRay { position: at.extend(-10.0), direction: DVec3::new(0.003, -0.002, 1.0).normalize() };
-        let (a, b) = (s.trace(ray, &n, Way::ToFilm, Apertures::Clip), t.trace(ray, &n, Way::ToFilm, Apertures::Clip));
+        let (a, b) = (
+            s.trace(ray, &n, TraceDirection::ToFilm, Apertures::Clip),
+            t.trace(ray, &n, TraceDirection::ToFilm, Apertures::Clip),
+        );
         let (Ok(a), Ok(b)) = (a, b) else { panic!("{i}: {at}") };
         assert!((frame.transform_point3(a.position) - b.position).length() < 1e-9, "{i}");
         assert!((frame.transform_vector3(a.direction) - b.direction).length() < 1e-12, "{i}");
         let back = t
-            .trace(TracedRay { position: b.position + b.direction, direction: -b.direction }, &n, Way::ToObject, Apertures::Clip)
+            .trace(
+                TracedRay { position: b.position + b.direction, direction: -b.direction },
+                &n,
+                TraceDirection::ToObject,
+                Apertures::Clip,
+            )
             .unwrap();
         assert!((back.direction + ray.direction).length() < 1e-12, "{i}");
         assert!((back.position - ray.position).cross(ray.direction).length() < 1e-9, "{i}");
@@ -211,7 +225,7 @@ fn packets_take_the_axis_of_the_object_as_the_plain_trace_does() {
     for (i, at_film) in &through {
         packet.set(*i, at_film.position.to_array(), (-at_film.direction).to_array());
     }
-    let mask = Batch::new(&s).trace(&mut packet, &Indices::uniform(&n), Way::ToObject);
+    let mask = Batch::new(&s).trace(&mut packet, &Indices::uniform(&n), TraceDirection::ToObject);
     for (i, _) in through.into_iter().filter(|(i, _)| mask >> i & 1 == 1) {
         let back = ray_of(&packet, i);
         assert!((back.direction + ray(i).direction).length() < 1e-11, "{i}");
@@ -256,7 +270,7 @@ fn lenses_with_an_axis_of_the_object_come_back_from_files() {
                 let at = DVec2::from_angle(i as f64) * (0.2 * i as f64);
                 let ray = TracedRay { position: at.extend(-10.0), direction: DVec3::new(0.004, 0.003, 1.0).normalize() };
                 let land = |s: &System, n: &[f64]| {
-                    let out = s.trace(ray, n, Way::ToFilm, Apertures::Ignore).unwrap();
+                    let out = s.trace(ray, n, TraceDirection::ToFilm, Apertures::Ignore).unwrap();
                     at_plane(&out, s.film_z).truncate()
                 };
                 assert!((land(&a, &na) - land(&b, &nb)).length() < 1e-6, "{format:?} {i}: {} {}", land(&a, &na), land(&b, &nb));

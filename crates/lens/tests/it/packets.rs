@@ -2,7 +2,7 @@
 
 use diopter_lens::System;
 use diopter_lens::batch::double::{Batch, Indices, LANES, Packet};
-use diopter_lens::ray::{Apertures, TracedRay, Way};
+use diopter_lens::ray::{Apertures, TraceDirection, TracedRay};
 use glam::DVec3;
 
 /// Place and direction of a ray of a packet.
@@ -20,10 +20,10 @@ pub fn traced_alike(system: &System, n: &[f64], ray: impl Fn(usize) -> TracedRay
     for i in 0..LANES {
         packet.set(i, ray(i).position.to_array(), ray(i).direction.to_array());
     }
-    let mask = Batch::new(system).trace(&mut packet, &Indices::uniform(n), Way::ToFilm);
+    let mask = Batch::new(system).trace(&mut packet, &Indices::uniform(n), TraceDirection::ToFilm);
     let mut through = Vec::new();
     for i in 0..LANES {
-        let plain = system.trace(ray(i), n, Way::ToFilm, Apertures::Clip);
+        let plain = system.trace(ray(i), n, TraceDirection::ToFilm, Apertures::Clip);
         assert_eq!(plain.is_ok(), mask >> i & 1 == 1, "{i}");
         let Ok(plain) = plain else { continue };
         let found = ray_of(&packet, i);

@@ -3,7 +3,7 @@
 use diopter_lens::batch::single;
 use diopter_lens::compound::{Exits, REFERENCE_NM, Samples, Scratch, Setting};
 use diopter_lens::prescription::read_toml;
-use diopter_lens::ray::{TracedRay, Way};
+use diopter_lens::ray::{TraceDirection, TracedRay};
 use diopter_lens::{CompoundLens, Focus, Iris, Lens, LensRay, ThinLens, embedded};
 use diopter_light::units::Millimeters;
 use glam::{DVec2, DVec3};
@@ -236,7 +236,10 @@ fn brute_force(lens: &CompoundLens, film: DVec2, side: usize) -> f64 {
     (0..side * side)
         .filter_map(|i| {
             let ray = ray(i);
-            system.transmittance(ray, &n, 550.0, Way::ToObject).ok().map(|fraction| fraction * cell * ray.direction.z.powi(4))
+            system
+                .transmittance(ray, &n, 550.0, TraceDirection::ToObject)
+                .ok()
+                .map(|fraction| fraction * cell * ray.direction.z.powi(4))
         })
         .sum()
 }

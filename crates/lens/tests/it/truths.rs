@@ -4,7 +4,7 @@ use diopter_lens::analysis::Bench;
 use diopter_lens::glass::{C_NM, D_NM, F_NM};
 use diopter_lens::import::{self, Format};
 use diopter_lens::paraxial::FirstOrder;
-use diopter_lens::ray::{Apertures, Way};
+use diopter_lens::ray::{Apertures, TraceDirection};
 use diopter_lens::trace::at_plane;
 use diopter_lens::{State, System, embedded};
 
@@ -41,7 +41,7 @@ fn the_singlet_that_two_people_checked_in_optic_studio() {
         let (mut sum, mut count, mut most) = (0.0, 1.0, 0.0f64);
         for ring in 1..=6 {
             let at = glam::DVec2::new(12.5 * (1.0 - 1e-9) * ring as f64 / 6.0, 0.0);
-            let out = system.trace(beam.ray(at), &n, Way::ToFilm, Apertures::Ignore).unwrap();
+            let out = system.trace(beam.ray(at), &n, TraceDirection::ToFilm, Apertures::Ignore).unwrap();
             let height = at_plane(&out, system.film_z).x.abs();
             sum += 6.0 * ring as f64 * height * height;
             count += 6.0 * ring as f64;

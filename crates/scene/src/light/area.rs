@@ -225,7 +225,7 @@ impl AreaLight {
         })
     }
 
-    /// Density with which `sample_li` would have aimed from `p` along `wi`, which meets the surface at `distance`.
+    /// Density of `sample_li`, 1/sr, from `p` (m) along the unit vector `wi`, which meets the surface at `distance` (m). Whether anything is between them is not asked.
     pub fn pdf(&self, p: Vec3, wi: Vec3, distance: f32) -> f32 {
         let by_area = || distance * distance / (self.normal.dot(wi).abs().max(1e-9) * self.area);
         match &self.shape {

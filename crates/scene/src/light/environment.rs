@@ -28,7 +28,7 @@ pub struct Environment {
     even: Option<Spectrum>,
     mean_luminance: f32,
     /// Mean luminance of what is sampled.
-    aimed_luminance: f32,
+    sampled_luminance: f32,
     /// Pixels with a number that counts as 0.
     invalid: usize,
     /// How its light is polarised; not at all without.
@@ -104,9 +104,9 @@ impl Environment {
         let excess = if aimed { (weights.iter().map(|w| *w as f64).sum::<f64>() / total.max(1e-30)) as f32 } else { 0.0 };
         let first = map.pixel(0, 0);
         let even = map.data.chunks_exact(3).all(|p| p == first).then(|| Spectrum::light_from_rgb(Vec3::from_slice(first)));
-        let (mean_luminance, aimed_luminance) = (mean * scale, excess * scale);
+        let (mean_luminance, sampled_luminance) = (mean * scale, excess * scale);
         let (map, grid) = (Arc::new(map), grid.map(Arc::new));
-        Environment { map, world_from_map, scale, grid, even, mean_luminance, aimed_luminance, invalid, sky: None }
+        Environment { map, world_from_map, scale, grid, even, mean_luminance, sampled_luminance, invalid, sky: None }
     }
 
     /// The same linear sRGB colour (cd/m²) from everywhere.
@@ -158,16 +158,16 @@ impl Environment {
         self.mean_luminance
     }
 
-    /// Mean over all directions of the luminance that [`crate::light::Lights::sample_li`] samples, cd/m².
-    pub fn aimed_luminance(&self) -> f32 {
-        self.aimed_luminance
+    /// Mean over all directions of the luminance that light sampling covers (the map less its even part), cd/m².
+    pub fn sampled_luminance(&self) -> f32 {
+        self.sampled_luminance
     }
 
     /// Multiplies all of its light.
     pub fn scale_light(&mut self, factor: f32) {
         self.scale *= factor;
         self.mean_luminance *= factor;
-        self.aimed_luminance *= factor;
+        self.sampled_luminance *= factor;
     }
 
     /// Turns it into its mirror image, z → −z.
@@ -251,7 +251,7 @@ impl Exact for Environment {
             ("scale", self.scale.write(sink)),
             // Made by multiplication, maybe more than once.
             ("mean_luminance", self.mean_luminance.write(sink)),
-            ("aimed_luminance", self.aimed_luminance.write(sink)),
+            ("sampled_luminance", self.sampled_luminance.write(sink)),
             ("invalid", self.invalid.write(sink)),
         ];
         object.into_iter().map(|(k, v)| (k.to_owned(), v)).collect()
@@ -265,7 +265,7 @@ impl Exact for Environment {
         let plain = Environment::new(map, field(value, "world_from_map", source)?, field(value, "scale", source)?);
         Ok(Environment {
             mean_luminance: field(value, "mean_luminance", source)?,
-            aimed_luminance: field(value, "aimed_luminance", source)?,
+            sampled_luminance: field(value, "sampled_luminance", source)?,
             invalid: field(value, "invalid", source)?,
             ..plain
         })

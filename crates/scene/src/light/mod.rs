@@ -151,7 +151,7 @@ impl Lights {
         }
         if let Some(environment) = &environment {
             // A point that sees half of it gets π L; in the units of the tree (power / distance²) that is π² L.
-            let importance = environment.aimed_luminance() * std::f32::consts::PI * std::f32::consts::PI;
+            let importance = environment.sampled_luminance() * std::f32::consts::PI * std::f32::consts::PI;
             if importance > 0.0 {
                 infinite.push((LightRef::Environment, importance));
             }

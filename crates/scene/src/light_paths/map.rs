@@ -1,4 +1,4 @@
-//! Photons sorted into a grid, and the light that a surface point gathers from those around it; and what a ray gathers in a medium.
+//! The photon map: photons of caustics, stored in a grid, and the light that a surface point gathers from those around it; and what a ray gathers in a medium.
 
 use super::photon::Photon;
 use super::trace::Traced;

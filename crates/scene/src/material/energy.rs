@@ -40,7 +40,7 @@ impl Table {
         [place(n % NODES).powi(2).max(1e-4), place(n / NODES)]
     }
 
-    /// Value at a cosine and a roughness √α.
+    /// Bilinear value at cos θ and √α, both within 0 to 1 (clamped).
     #[inline]
     pub fn at(&self, mu: f32, roughness: f32) -> f32 {
         let place = |x: f32| {
@@ -244,13 +244,13 @@ pub struct Interface {
     s_over_p: OnceLock<Table>,
 }
 
-/// How polarised light is that came through a rough interface: as if it had come through a smooth one at a cosine, but for a share of the difference of s and p.
+/// How polarised light is that came through a rough interface: as if it had come through a smooth one at a cosine, but for a fraction of the difference of s and p.
 #[derive(Clone, Copy, Debug)]
 pub struct PolarizedAs {
     /// The cosine.
     pub cos: f32,
-    /// The share, 0 to 1.
-    pub share: f32,
+    /// The fraction, 0 to 1.
+    pub fraction: f32,
 }
 
 /// Side of an interface that light comes from.
@@ -311,20 +311,20 @@ impl Interface {
     /// cannot be told from what is around it.
     pub fn polarized_as(&self, facets: Ggx, w: Vec3) -> PolarizedAs {
         if facets.is_smooth() {
-            return PolarizedAs { cos: w.z, share: 1.0 };
+            return PolarizedAs { cos: w.z, fraction: 1.0 };
         }
         let reflected = self.reflected(facets, w);
         let cos = cosine_of(reflected / mirror_albedo_at(facets, w), self.eta);
         let [_, smooth] = dielectric(cos, self.eta);
         let own = 0.5 * (smooth.p.x - smooth.s.x) / smooth.mean().x.max(1e-6);
         let wanted = self.s_over_p(facets, w) / (1.0 - reflected).max(1e-6);
-        PolarizedAs { cos, share: if own > 1e-6 { (wanted / own).clamp(0.0, 1.0) } else { 1.0 } }
+        PolarizedAs { cos, fraction: if own > 1e-6 { (wanted / own).clamp(0.0, 1.0) } else { 1.0 } }
     }
 
     /// What comes through of s and of p, over their mean.
     pub(super) fn through(&self, facets: Ggx, w: Vec3) -> InPlane {
-        let PolarizedAs { cos, share } = self.polarized_as(facets, w);
-        dielectric(cos, self.eta)[1].normalized().share_of_difference(share)
+        let PolarizedAs { cos, fraction } = self.polarized_as(facets, w);
+        dielectric(cos, self.eta)[1].normalized().fraction_of_difference(fraction)
     }
 
     /// Reflected fraction of light from a direction outside.

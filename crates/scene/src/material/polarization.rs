@@ -126,10 +126,10 @@ impl InPlane {
         self.scaled(Sampled::select(mean.cmpgt(Sampled::ZERO), Sampled::ONE / mean, Sampled::ZERO))
     }
 
-    /// The same of which only a share of the difference of s and p is left.
-    pub fn share_of_difference(self, share: f32) -> Self {
+    /// The same of which only a fraction of the difference of s and p is left.
+    pub fn fraction_of_difference(self, fraction: f32) -> Self {
         let mean = self.mean();
-        InPlane { s: mean + (self.s - mean) * share, p: mean + (self.p - mean) * share, z: self.z }
+        InPlane { s: mean + (self.s - mean) * fraction, p: mean + (self.p - mean) * fraction, z: self.z }
     }
 
     /// This event after or before another in the same plane.

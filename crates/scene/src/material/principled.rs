@@ -3,7 +3,7 @@
 //! Lobes: specular reflection (GGX; metal with Schlick's Fresnel, dielectric with the exact one), diffuse base, transmission
 //! (thin: straight through, blurred by roughness; solid: refraction), clear coat. What a layer reflects, the layers below
 //! do not get; what single scattering loses between facets is given back ([`super::energy`]). A white material therefore
-//! neither gains nor loses light (under fibres it loses some, by the rule of KHR_materials_sheen). Source: Khronos glTF 2.0 §3.9
+//! neither gains nor loses light (under sheen it loses some, by the rule of KHR_materials_sheen). Source: Khronos glTF 2.0 §3.9
 //! and appendix B; KHR_materials_ior, _transmission, _volume, _clearcoat, _specular, _sheen ([`super::sheen`]), _iridescence
 //! ([`super::film`]), _anisotropy ([`super::anisotropy`]). We depart from appendix B in the exact Fresnel term and in the energy
 //! compensation.
@@ -15,7 +15,7 @@ use super::energy::{Interface, Side, mirror_albedo_at, prepare_mirrors};
 use super::film::{Film, FilmLayer, index_of};
 use super::local_scatter::{Breadth, LocalScatter};
 use super::microfacet::{Ggx, SMOOTH, cosine_of, fresnel_dielectric, fresnel_schlick, reflect, refract};
-use super::sheen::{self, Fibres, Sheen};
+use super::sheen::{self, Sheen, SheenLobe};
 use crate::shape::Surface;
 use crate::texture::{Color, Scalar};
 use diopter_light::{Sampled, Spectrum, Wavelengths, sampling};
@@ -67,7 +67,7 @@ pub struct Principled {
     pub tinted: bool,
     /// A thin film between the coat and what is below.
     pub film: Option<Box<Film>>,
-    /// Fibres under the coat.
+    /// Cloth under the coat.
     pub sheen: Option<Box<Sheen>>,
     pub(crate) interface: Arc<Interface>,
     pub(crate) coat: Arc<Interface>,
@@ -229,7 +229,7 @@ impl Principled {
             coat_roughness: self.clearcoat_roughness.at(surface).clamp(0.04, 1.0),
             tint,
             film,
-            fibres: if inside { None } else { self.sheen.as_ref().and_then(|s| s.at(surface, wavelengths)) },
+            sheen: if inside { None } else { self.sheen.as_ref().and_then(|s| s.at(surface, wavelengths)) },
             interface: &self.interface,
             between,
             coat_interface: &self.coat,
@@ -275,7 +275,7 @@ pub(super) struct PrincipledLobes<'a> {
     interface: &'a Interface,
     tint: Option<Tint>,
     film: Option<OverFilm>,
-    fibres: Option<Fibres>,
+    sheen: Option<SheenLobe>,
     /// The interface against what is around, if that is no vacuum.
     between: Option<Against<'a>>,
     coat_interface: &'a Interface,
@@ -328,7 +328,7 @@ struct View {
     glass_gain: f32,
     /// What the coat lets through, and reflects.
     below_coat: f32,
-    /// Probabilities of the lobes: specular, diffuse, transmission, coat, fibres.
+    /// Probabilities of the lobes: specular, diffuse, transmission, coat, sheen.
     choice: [f32; 5],
 }
 
@@ -421,7 +421,7 @@ impl PrincipledLobes<'_> {
         } else {
             (reflected_mean, 1.0 - reflected_mean)
         };
-        let directional_albedo = self.fibres.map_or(0.0, |f| f.directional_albedo(wo.z).min(1.0));
+        let directional_albedo = self.sheen.map_or(0.0, |f| f.directional_albedo(wo.z).min(1.0));
         let below = below_coat * (1.0 - directional_albedo);
         let metal = if self.film.is_some() { mean(self.metal(wo.z)) } else { base };
         let mut weights = [
@@ -472,9 +472,9 @@ impl PrincipledLobes<'_> {
         Ggx::even(self.coat_roughness * self.coat_roughness)
     }
 
-    /// What fibres let through on the way in and out.
-    fn past_fibres(&self, wo: Vec3, wi: Vec3) -> f32 {
-        self.fibres.map_or(1.0, |f| f.through(wo, wi))
+    /// What the sheen lets through on the way in and out.
+    fn past_sheen(&self, wo: Vec3, wi: Vec3) -> f32 {
+        self.sheen.map_or(1.0, |f| f.through(wo, wi))
     }
 
     /// Reflectance of a facet, everything but the distribution of facets.
@@ -494,14 +494,14 @@ impl PrincipledLobes<'_> {
         if self.solid || !self.smooth() || self.transmission <= 0.0 {
             return None;
         }
-        let amount = self.seen.below_coat * (1.0 - self.metallic) * self.transmission * self.past_fibres(wo, -wo);
+        let amount = self.seen.below_coat * (1.0 - self.metallic) * self.transmission * self.past_sheen(wo, -wo);
         Some(self.base * (Sampled::ONE - self.dielectric(wo.z)) * amount)
     }
 
     /// Whether all it does is to mirror and to let through.
     pub(super) fn is_specular(&self) -> bool {
-        let [_, diffuse, _, coat, fibres] = self.seen.choice;
-        self.smooth() && diffuse == 0.0 && coat == 0.0 && fibres == 0.0
+        let [_, diffuse, _, coat, sheen] = self.seen.choice;
+        self.smooth() && diffuse == 0.0 && coat == 0.0 && sheen == 0.0
     }
 
     pub(super) fn eval(&self, wo: Vec3, wi: Vec3) -> (Sampled, f32) {
@@ -510,9 +510,9 @@ impl PrincipledLobes<'_> {
 
     /// Which lobes it has, without those that are specular.
     pub(super) fn breadth(&self, least_alpha: f32) -> Breadth {
-        let [_, diffuse, _, coat, fibres] = self.seen.choice;
+        let [_, diffuse, _, coat, sheen] = self.seen.choice;
         let coat_facets = self.coat_facets();
-        let mut breadth = Breadth { broad: diffuse > 0.0 || fibres > 0.0, narrow: false };
+        let mut breadth = Breadth { broad: diffuse > 0.0 || sheen > 0.0, narrow: false };
         for (present, facets) in [(!self.smooth(), self.facets), (coat > 0.0, coat_facets)] {
             breadth.broad |= present && facets.is_wide(least_alpha);
             breadth.narrow |= present && !facets.is_wide(least_alpha);
@@ -525,7 +525,7 @@ impl PrincipledLobes<'_> {
     pub(super) fn eval_lobes(&self, wo: Vec3, wi: Vec3, least_alpha: f32) -> (Sampled, f32) {
         let wide = !self.smooth() && self.facets.is_wide(least_alpha);
         let view = &self.seen;
-        let [p_specular, p_diffuse, p_transmission, p_coat, p_fibres] = view.choice;
+        let [p_specular, p_diffuse, p_transmission, p_coat, p_sheen] = view.choice;
         let (mut f, mut pdf) = (Sampled::ZERO, 0.0);
         if wi.z > 0.0 {
             let h = (wo + wi).normalize();
@@ -539,9 +539,9 @@ impl PrincipledLobes<'_> {
                 f += self.diffuse(wi);
                 pdf += p_diffuse * wi.z * FRAC_1_PI;
             }
-            if let Some(fibres) = &self.fibres {
-                f = f * fibres.through(wo, wi) + fibres.eval(wo, wi) * view.below_coat;
-                pdf += p_fibres / TAU;
+            if let Some(sheen) = &self.sheen {
+                f = f * sheen.through(wo, wi) + sheen.eval(wo, wi) * view.below_coat;
+                pdf += p_sheen / TAU;
             }
             let facets = self.coat_facets();
             if p_coat > 0.0 && facets.is_wide(least_alpha) {
@@ -550,7 +550,7 @@ impl PrincipledLobes<'_> {
                 pdf += p_coat * d * facets.g1(wo);
             }
         } else if (p_transmission > 0.0 || self.by_facet()) && wide && wi.z < 0.0 {
-            let amount = view.below_coat * (1.0 - self.metallic) * self.transmission * self.past_fibres(wo, wi);
+            let amount = view.below_coat * (1.0 - self.metallic) * self.transmission * self.past_sheen(wo, wi);
             if self.solid {
                 let (value, density, cos) = self.eval_refraction(wo, wi);
                 f += self.base * self.dispersed * (Sampled::ONE - self.dielectric(cos)) * (amount * view.glass_gain * value);
@@ -592,7 +592,7 @@ impl PrincipledLobes<'_> {
         let pdf = self.facets.visible_pdf(wo, h) * jacobian;
         let g = self.facets.g2(wo, Vec3::new(wi.x, wi.y, -wi.z));
         let f = self.facets.d(h) * g * (cos_i * cos_o / (wo.z * denominator)).abs();
-        // Radiance is squeezed into a smaller cone on the denser side: (n_i / n_t)² along the path from the camera.
+        // Radiance scales by η² as its cone narrows on the denser side: (n_i / n_t)² along the path from the camera.
         (f / (self.bend * self.bend), pdf, cos_o)
     }
 
@@ -605,7 +605,7 @@ impl PrincipledLobes<'_> {
         let wi = if u[2] < p_specular {
             if self.smooth() {
                 let wi = Vec3::new(-wo.x, -wo.y, wo.z);
-                let weight = self.facet_reflectance(view, wo.z) * (self.past_fibres(wo, wi) / p_specular);
+                let weight = self.facet_reflectance(view, wo.z) * (self.past_sheen(wo, wi) / p_specular);
                 return Some(LocalScatter { wi, weight, pdf: p_specular, specular: true, disperses });
             }
             let h = self.facets.sample_visible(wo, direction);
@@ -624,7 +624,7 @@ impl PrincipledLobes<'_> {
                     true => (refract(wo, Vec3::Z, self.bend)?, 1.0 / (self.bend * self.bend)),
                     false => (-wo, 1.0),
                 };
-                let fraction = (Sampled::ONE - self.dielectric(wo.z)) * (amount * self.past_fibres(wo, wi) / p_transmission);
+                let fraction = (Sampled::ONE - self.dielectric(wo.z)) * (amount * self.past_sheen(wo, wi) / p_transmission);
                 return Some(LocalScatter {
                     wi,
                     weight: self.base * fraction * scale,
@@ -635,10 +635,10 @@ impl PrincipledLobes<'_> {
             }
             let wi = above(reflect(wo, self.facets.sample_visible(wo, direction)))?;
             Vec3::new(wi.x, wi.y, -wi.z)
-        } else if u[2] < p_specular + p_diffuse + p_transmission + p_coat || self.fibres.is_none() {
+        } else if u[2] < p_specular + p_diffuse + p_transmission + p_coat || self.sheen.is_none() {
             above(reflect(wo, self.coat_facets().sample_visible(wo, direction)))?
         } else {
-            // Evenly over the hemisphere: fibres shine most at grazing angles.
+            // Evenly over the hemisphere: sheen is strongest at grazing angles.
             let (z, phi) = (direction[0], TAU * direction[1]);
             let r = (1.0 - z * z).sqrt();
             above(Vec3::new(r * phi.cos(), r * phi.sin(), z))?

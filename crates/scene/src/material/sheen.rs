@@ -1,7 +1,7 @@
-//! Cloth: fibres that stand up and catch light at grazing angles.
+//! Sheen of cloth: fibres that stand up and catch light at grazing angles.
 //!
 //! Source: A. Estevez, C. Kulla, "Production Friendly Microfacet Sheen BRDF" (SIGGRAPH 2017 course): distribution and fitted shadowing, as
-//! KHR_materials_sheen asks for. What the fibres reflect the layers below go without, by the albedo in the direction of view or of light, whichever is larger.
+//! KHR_materials_sheen asks for. What the sheen reflects the layers below go without, by the albedo in the direction of view or of light, whichever is larger.
 
 use super::energy::{Table, computed};
 use crate::shape::Surface;
@@ -11,7 +11,7 @@ use glam::Vec3;
 use std::f32::consts::TAU;
 use std::sync::OnceLock;
 
-/// Fibres over a surface.
+/// Sheen over a surface.
 #[derive(Clone, Debug)]
 pub struct Sheen {
     /// What they reflect.
@@ -21,26 +21,26 @@ pub struct Sheen {
 }
 
 impl Sheen {
-    pub(super) fn at(&self, surface: &Surface, wavelengths: &Wavelengths) -> Option<Fibres> {
+    pub(super) fn at(&self, surface: &Surface, wavelengths: &Wavelengths) -> Option<SheenLobe> {
         let most = self.color.linear_srgb(surface).max_element().clamp(0.0, 1.0);
         let roughness = self.roughness.at(surface).clamp(LEAST_ROUGHNESS, 1.0);
-        (most > 0.0).then(|| Fibres { color: self.color.sample(surface, wavelengths), most, roughness })
+        (most > 0.0).then(|| SheenLobe { color: self.color.sample(surface, wavelengths), most, roughness })
     }
 }
 
 /// Below this the distribution is too narrow for single precision.
 const LEAST_ROUGHNESS: f32 = 0.07;
 
-/// Fibres at a point.
+/// Sheen at a point.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Fibres {
+pub(super) struct SheenLobe {
     color: Sampled,
     /// Largest of red, green and blue.
     most: f32,
     roughness: f32,
 }
 
-impl Fibres {
+impl SheenLobe {
     /// f cos θ.
     pub(super) fn eval(&self, wo: Vec3, wi: Vec3) -> Sampled {
         self.color * scattered(wo, wi, self.roughness)
@@ -57,7 +57,7 @@ impl Fibres {
     }
 }
 
-/// f cos θ of white fibres.
+/// f cos θ of white sheen.
 fn scattered(wo: Vec3, wi: Vec3, roughness: f32) -> f32 {
     let (no, ni) = (wo.z, wi.z);
     let Some(h) = (wo + wi).try_normalize() else { return 0.0 };
@@ -81,7 +81,7 @@ fn lambda(cos: f32, alpha: f32) -> f32 {
     if cos < 0.5 { l(cos).exp() } else { (2.0 * l(0.5) - l(1.0 - cos)).exp() }
 }
 
-/// Directional albedo of white fibres.
+/// Directional albedo of white sheen.
 pub(super) fn albedo() -> &'static Table {
     static TABLE: OnceLock<Table> = OnceLock::new();
     computed(&TABLE, || {

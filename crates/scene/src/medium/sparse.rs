@@ -33,7 +33,7 @@ pub struct SparseGrid {
 
 impl SparseGrid {
     /// A grid that is background throughout a box of whole coordinates (both corners belong to it); `index_from_own` finds coordinates from
-    /// places. Fails with the number of blocks where there would be too many of them.
+    /// places. Fails with the number of blocks where there would be too many of them. Panics where a corner is below the other.
     pub fn new(index_from_own: Affine3A, box_min: IVec3, box_max: IVec3, background: f32) -> Result<Self, u64> {
         let first = box_min >> SIDE_LOG2;
         let span = |k: usize| i64::from(box_max[k] >> SIDE_LOG2) - i64::from(first[k]) + 1;

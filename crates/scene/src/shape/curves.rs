@@ -205,7 +205,7 @@ impl Curves {
         n.cross(tangent).try_normalize().unwrap_or_else(|| tangent.any_orthonormal_vector())
     }
 
-    /// How often segments are halved for the hierarchy.
+    /// Binary subdivisions of a segment in the hierarchy, which holds 2^levels pieces of each.
     pub fn levels(&self) -> u32 {
         (0..MOST_LEVELS).take_while(|k| self.segments.len() << (k + 1) <= MOST_PIECES).count() as u32
     }

@@ -148,7 +148,7 @@ impl Exact for Splats {
 }
 
 impl Splats {
-    /// A set without Gaussians, whose colours have harmonics up to a degree of at most [`MOST_DEGREE`].
+    /// A set without Gaussians, whose colours have harmonics up to a degree. Panics above [`MOST_DEGREE`].
     pub fn new(degree: u32) -> Self {
         assert!(degree <= MOST_DEGREE, "harmonics of degree {degree}");
         Splats { degree, curve: ColorCurve::Srgb, ellipsoids: Vec::new(), harmonics: Vec::new(), core: OnceLock::new() }
@@ -165,7 +165,7 @@ impl Splats {
     }
 
     /// Adds a Gaussian with its [`Splats::coefficients`] (red, green, blue), unless no ray could meet it: numbers that are not finite, no extent, or
-    /// never above [`LEAST_ALPHA`]. Whether it was added.
+    /// never above [`LEAST_ALPHA`]. Whether it was added. Panics on another number of coefficients.
     pub fn push(&mut self, splat: &Splat, harmonics: &[Vec3]) -> bool {
         assert_eq!(harmonics.len(), self.coefficients(), "coefficients of harmonics");
         let Splat { center, rotation, scale, opacity } = *splat;
@@ -191,7 +191,7 @@ impl Splats {
         true
     }
 
-    /// Adds all of another set of the same degree.
+    /// Adds all of another set. Panics on another degree of harmonics.
     pub fn append(&mut self, other: Splats) {
         assert_eq!(self.degree, other.degree, "degrees of harmonics");
         self.ellipsoids.extend(other.ellipsoids);

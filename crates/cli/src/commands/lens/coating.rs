@@ -7,7 +7,7 @@ use crate::{AskedWrongly, paint};
 use anyhow::anyhow;
 use diopter::lens::draw::{self, ReflectanceCurve};
 use diopter::lens::prescription::coating_named;
-use diopter::lens::ray::{TracedRay, Way};
+use diopter::lens::ray::{TraceDirection, TracedRay};
 use diopter::lens::{State, System};
 use diopter::shot::read_lens;
 use glam::{DVec2, DVec3};
@@ -65,7 +65,8 @@ pub(super) fn run(asked: &Asked, json: bool) -> anyhow::Result<()> {
     let response = |i: usize, degrees: f64, nm: f64| {
         let n = [system.glasses[i].index(nm), system.glasses[i + 1].index(nm)];
         let surface = &system.surfaces[i];
-        let (way, n) = if surface.mirror || n[0] <= n[1] { (Way::ToFilm, n) } else { (Way::ToObject, [n[1], n[0]]) };
+        let (way, n) =
+            if surface.mirror || n[0] <= n[1] { (TraceDirection::ToFilm, n) } else { (TraceDirection::ToObject, [n[1], n[0]]) };
         surface.coating.response(surface.mirror, way, n, degrees.to_radians().cos(), nm)
     };
     let curves: Vec<ReflectanceCurve> = chosen
@@ -140,5 +141,5 @@ fn on_axis(system: &System, nm: f64) -> f64 {
     let mut open = system.clone();
     open.surfaces.iter_mut().for_each(|s| s.obstruction = 0.0);
     let ray = TracedRay { position: DVec3::new(0.0, 0.0, -1.0), direction: DVec3::Z };
-    open.transmittance(ray, &open.indices(nm), nm, Way::ToFilm).unwrap_or(0.0)
+    open.transmittance(ray, &open.indices(nm), nm, TraceDirection::ToFilm).unwrap_or(0.0)
 }

@@ -1,4 +1,4 @@
-//! `lens ghosts`: light that surfaces throw back and forth.
+//! `lens ghosts`: light that is reflected between surfaces.
 
 use super::{Table, no_light, print_json};
 use crate::args::Bench;
@@ -39,14 +39,14 @@ const MOST_ORDERS: usize = 200;
 /// Most ghosts of four reflections that are looked for.
 const MOST_FOURS: usize = 1000;
 
-/// How light of a ghost goes: where it is thrown back, and in which order of the grating by the sensor.
+/// How light of a ghost goes: where it is reflected, and in which order of the grating by the sensor.
 #[derive(Clone)]
-struct Way {
+struct GhostPath {
     turns: Vec<usize>,
     order: Option<[i32; 2]>,
 }
 
-impl Way {
+impl GhostPath {
     /// As reports print it, surfaces counted from 1.
     fn describe(&self, count: usize) -> String {
         let one = |turn: &usize| match self.order {
@@ -66,7 +66,7 @@ impl Way {
 }
 
 /// Orders of the sensor's grating that come back to the film, those with the most light.
-fn orders(tracer: &GhostTracer, beam: &SourceBeam) -> Vec<Way> {
+fn orders(tracer: &GhostTracer, beam: &SourceBeam) -> Vec<GhostPath> {
     let system = tracer.system();
     let count = system.surfaces.len();
     let Some([across, down]) = tracer.grating().map(|g| g.highest()) else { return vec![] };
@@ -74,12 +74,12 @@ fn orders(tracer: &GhostTracer, beam: &SourceBeam) -> Vec<Way> {
     let all: Vec<[i32; 2]> =
         (-down..=down).flat_map(|y| (-across..=across).map(move |x| [x, y])).filter(|o| *o != [0; 2]).collect();
     let forths: Vec<usize> = (0..count).filter(|i| reflects(system, *i)).collect();
-    let mut found: Vec<(f64, Way)> = all
+    let mut found: Vec<(f64, GhostPath)> = all
         .par_iter()
         .flat_map_iter(|order| {
             let of = |forth: &usize| {
                 let ghost = BeamGhost::of_order(tracer, &direct, *order, *forth)?;
-                Some((ghost.flux_mm2, Way { turns: vec![count, *forth], order: Some(*order) }))
+                Some((ghost.flux_mm2, GhostPath { turns: vec![count, *forth], order: Some(*order) }))
             };
             forths.iter().filter_map(of).collect::<Vec<_>>()
         })
@@ -91,7 +91,7 @@ fn orders(tracer: &GhostTracer, beam: &SourceBeam) -> Vec<Way> {
 
 /// A ghost and what is known of it.
 struct Found {
-    way: Way,
+    way: GhostPath,
     paraxial: Option<ParaxialGhost>,
     beam: BeamGhost,
     /// Flux at [`COLORS_NM`], mm².
@@ -141,8 +141,8 @@ pub(super) fn run(asked: &Asked, json: bool) -> anyhow::Result<()> {
         say(&format!("note: {}", no_light(asked.source_deg)));
     }
     let all = pairs(system);
-    let of = |turns: Vec<usize>| Way { turns, order: None };
-    let mut ways: Vec<Way> = all.iter().map(|pair| of(vec![pair.back, pair.forth])).collect();
+    let of = |turns: Vec<usize>| GhostPath { turns, order: None };
+    let mut ways: Vec<GhostPath> = all.iter().map(|pair| of(vec![pair.back, pair.forth])).collect();
     ways.extend(strong_fours(&tracer, 0.0, asked.fours).into_iter().map(|four| of(four.to_vec())));
     ways.extend(orders(&tracer, &beam));
     let across = (asked.rays / 3).max(4);

@@ -6,7 +6,7 @@ use crate::AskedWrongly;
 use crate::args::{Bench as Asked, List};
 use anyhow::anyhow;
 use diopter::lens::draw;
-use diopter::lens::ray::{Apertures, Way};
+use diopter::lens::ray::{Apertures, TraceDirection};
 use diopter::lens::trace::at_plane;
 use serde_json::{Value, json};
 use std::fmt::Write as _;
@@ -22,7 +22,7 @@ pub(super) fn trace(asked: &Asked, pupil: [f64; 2], json: bool) -> anyhow::Resul
     let at = glam_of(pupil, reach);
     let n = table.set.system.indices(nm);
     let mut rows = vec![];
-    let traced = table.set.system.trace_with(beam.ray(at), &n, Way::ToFilm, Apertures::Clip, |e| rows.push(e));
+    let traced = table.set.system.trace_with(beam.ray(at), &n, TraceDirection::ToFilm, Apertures::Clip, |e| rows.push(e));
     let opd = bench.opd_of(&beam, at, nm);
     let mut t = String::new();
     writeln!(t, "{}", table.title(&format!("field {field}°, pupil {}, {}, {nm:.1} nm", pupil[0], pupil[1])))?;

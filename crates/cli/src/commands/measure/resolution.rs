@@ -26,7 +26,7 @@ use serde_json::{Value, json};
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
-/// Samples a pixel of a chart that is photographed, if nobody says.
+/// Samples a pixel of a chart that is photographed, by default.
 const CHART_SPP: u32 = 64;
 
 /// What is measured, and all that is known of how it was taken.
@@ -238,7 +238,7 @@ fn shot_of_chart(asked: &MeasureMtf) -> anyhow::Result<Option<ShotFile>> {
     }
 }
 
-/// The camera of a picture: of the shot, or of --lens and --body; none where nobody says, or where there is nothing to predict.
+/// The camera of a picture: of the shot, or of --lens and --body; none by default, or where there is nothing to predict.
 fn camera<'a>(
     asked: &'a MeasureMtf,
     source: &'a Source,
@@ -263,7 +263,7 @@ fn camera<'a>(
             let sensor = read_body(body)?;
             named_otherwise(&asked.file, &sensor, facts);
             let (lens, film_mm) = as_taken(&asked.file, lens, facts, mosaic)?;
-            // As shots are taken where nobody says otherwise.
+            // As shots are taken by default otherwise.
             let film = diopter::Film::new(film_mm[0], film_mm[1], mosaic[0], mosaic[1]);
             let diffraction = diopter::expose::diffraction_shows(&Lens::Compound(Box::new(lens.clone())), &film);
             return Ok(Some(Predictor { lens, sensor, film_mm, size: mosaic, diffraction, motion, light }));

@@ -1,4 +1,4 @@
-//! Fills in the colours a pixel did not see. One file a method; which one serves which pattern is decided here.
+//! The demosaic: fills in the colours a pixel did not see. One file a method; which one serves which pattern is chosen here.
 
 mod bilinear;
 pub mod false_color;

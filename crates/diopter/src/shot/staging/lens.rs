@@ -301,7 +301,7 @@ const SMALLEST_INTERCHANGEABLE_MM: f64 = 21.0;
 /// From so many times the focal length of a body's own lens on another is said to be long.
 const LONG_LENS: f64 = 3.0;
 
-/// The focal length (mm) that is meant when nobody says, by that on 36 × 24 mm: the same on films that take the same lenses, the one of
+/// The focal length (mm) that is meant by default, by that on 36 × 24 mm: the same on films that take the same lenses, the one of
 /// the same angle of view on smaller ones.
 pub(super) fn usual_focal_length(on_full_frame_mm: f64, c: &CameraSection, sensor: &Sensor) -> f64 {
     let format = c.format.as_deref().and_then(Format::parse);

@@ -6,7 +6,7 @@
 
 use crate::batch::double::{Batch, Indices, LANES, Packet};
 use crate::linear::gauss_legendre;
-use crate::ray::Way;
+use crate::ray::TraceDirection;
 use crate::system::System;
 use glam::DVec2;
 use std::f64::consts::TAU;
@@ -75,7 +75,7 @@ impl<'a> Light<'a> {
                 let direction = self.system.film_direction(chunk[lane.min(chunk.len() - 1)]);
                 packet.set(lane, film.extend(self.system.film_z).to_array(), direction.to_array());
             }
-            let mask = self.batch.trace_light(&mut packet, &self.n, &[self.nm; LANES], Way::ToObject);
+            let mask = self.batch.trace_light(&mut packet, &self.n, &[self.nm; LANES], TraceDirection::ToObject);
             all.extend((0..chunk.len()).map(|lane| (mask >> lane & 1 == 1).then(|| packet.fraction[lane])));
         }
         all

@@ -49,7 +49,7 @@ use crate::toml_place::line_of;
 use serde::Deserialize;
 use toml::Spanned;
 
-/// Uncertainties where nobody says: of distortion in per cent and in mm, of relative illumination, in EV, and of contrast.
+/// Uncertainties by default: of distortion in per cent and in mm, of relative illumination, in EV, and of contrast.
 pub const DISTORTION_SIGMA_PERCENT: f64 = 0.1;
 /// See [`DISTORTION_SIGMA_PERCENT`].
 pub const HEIGHT_SIGMA_MM: f64 = 0.02;
@@ -59,9 +59,9 @@ pub const RELATIVE_SIGMA: f64 = 0.02;
 pub const EV_SIGMA: f64 = 0.05;
 /// See [`DISTORTION_SIGMA_PERCENT`].
 pub const CONTRAST_SIGMA: f64 = 0.03;
-/// Uncertainty of a calibration where nobody says, pixels.
+/// Uncertainty of a calibration by default, pixels.
 pub const CALIBRATION_SIGMA_PX: f64 = 0.5;
-/// Direction on the film where nobody says, degrees: +y.
+/// Direction on the film by default, degrees: +y.
 pub const AZIMUTH_DEG: f64 = 90.0;
 
 /// Most rows of all tables.

@@ -144,15 +144,20 @@ pub(super) fn check_attributes(json: &gltf::json::Root, name: &str) -> Result<()
     Ok(())
 }
 
+/// All extensions that are read, wherever.
+fn supported() -> impl Iterator<Item = &'static str> {
+    [SUPPORTED, &packed::EXTENSIONS, &splats::EXTENSIONS].into_iter().flatten().copied()
+}
+
 pub(super) fn is_supported(extension: &str) -> bool {
-    SUPPORTED.contains(&extension) || packed::EXTENSIONS.contains(&extension) || splats::EXTENSIONS.contains(&extension)
+    supported().any(|e| e == extension)
 }
 
 pub(super) fn check_extensions(required: &[String], name: &str) -> Result<(), SceneError> {
     match required.iter().find(|e| !is_supported(e)) {
         Some(extension) => {
-            let all = [SUPPORTED, &packed::EXTENSIONS].concat();
-            let hint = format!("supported are {}; export the scene without it", all.join(", "));
+            let all = supported().collect::<Vec<_>>().join(", ");
+            let hint = format!("supported are {all}; export the scene without it");
             Err(error(name, "extensionsRequired", format!("{extension} is not supported"), hint))
         }
         None => Ok(()),

@@ -191,8 +191,8 @@ impl Loader<'_> {
                     values,
                 };
                 let expected = "expected rising times from 0 s and finite values, one a key (three for CUBICSPLINE)";
-                if let Some(mended) = channel.check().map_err(|found| error(self.name, &place, found, expected))? {
-                    self.description.warnings.push(format!("{}: {place}: {mended}", self.name));
+                if let Some(repaired) = channel.check().map_err(|found| error(self.name, &place, found, expected))? {
+                    self.description.warnings.push(format!("{}: {place}: {repaired}", self.name));
                 }
                 channels.push(channel);
             }

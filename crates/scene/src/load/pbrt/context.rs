@@ -122,7 +122,7 @@ pub(super) fn parts_of(m: DMat4, place: Place) -> Result<Parts, Fault> {
     let off = (again - m).abs().to_cols_array().into_iter().fold(0.0, f64::max);
     let size = m.abs().to_cols_array().into_iter().fold(0.0, f64::max);
     if !(off <= 1e-4 * size) {
-        return Err(place.fault("a moving thing that is sheared", "a transform of scales, turns and shifts"));
+        return Err(place.fault("a sheared moving transform", "a transform of scales, turns and shifts"));
     }
     Ok(Parts { scale: scale.as_vec3(), rotation: rotation.as_quat(), translation: translation.as_vec3() })
 }

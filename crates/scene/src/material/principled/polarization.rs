@@ -2,7 +2,7 @@
 //!
 //! Facets reflect and refract by Fresnel's amplitudes. Light that comes out of the diffuse base was unpolarised there and is polarised by its way through the interface,
 //! in the plane of the macroscopic normal, as are its parts that went in (Baek et al. 2018, "Simultaneous Acquisition of Polarimetric SVBRDF and
-//! Normals", ACM TOG 37(6)). What energy compensation gives back and what fibres send is unpolarised. The model knows a metal by its colour alone: as for
+//! Normals", ACM TOG 37(6)). What energy compensation gives back and what the sheen scatters is unpolarised. The model knows a metal by its colour alone: as for
 //! its polarisation, it is of n = 1 and of the k that gives that reflectance at normal incidence (aluminium: n 1.0, k 6.6 at 550 nm), while its reflectance
 //! stays Schlick's. The coat polarises what goes through it both ways.
 
@@ -85,8 +85,8 @@ impl PrincipledLobes<'_> {
 
     /// The way of light through the interface: from or to the diffuse base, or through a sheet.
     fn through_interface(&self, w: Vec3) -> Event {
-        let PolarizedAs { cos, share } = self.interface().polarized_as(self.facets, w);
-        let through = self.dielectric_in_plane(cos)[1].normalized().share_of_difference(share);
+        let PolarizedAs { cos, fraction } = self.interface().polarized_as(self.facets, w);
+        let through = self.dielectric_in_plane(cos)[1].normalized().fraction_of_difference(fraction);
         Event::in_plane(s_axis(Vec3::Z, w), &through)
     }
 
@@ -112,20 +112,20 @@ impl PrincipledLobes<'_> {
         let view = &self.seen;
         let h = (wo + wi).try_normalize().unwrap_or(Vec3::Z);
         let (s, cos) = (s_axis(h, wo), wo.dot(h));
-        let mut under_fibres = Event::NOTHING;
+        let mut under_sheen = Event::NOTHING;
         if !self.smooth() {
             let d = Sampled::splat(self.facets.d(h) / (4.0 * wo.z) * self.facets.g2(wo, wi));
             let (plane, rest) = self.facets_in_plane(cos);
-            under_fibres = Event::mixed(s, &plane.scaled(d), rest * d);
+            under_sheen = Event::mixed(s, &plane.scaled(d), rest * d);
         }
         if view.choice[1] > 0.0 {
             let ways = self.through_interface(wo).then(&Event::DEPOLARIZES, wo).then(&self.through_interface(wi), -wi);
-            under_fibres = under_fibres.plus(&ways.scaled(self.diffuse(wi)), s, wo, wi);
+            under_sheen = under_sheen.plus(&ways.scaled(self.diffuse(wi)), s, wo, wi);
         }
-        let mut below = under_fibres;
-        if let Some(fibres) = &self.fibres {
-            let sent = Event::mixed(s, &InPlane::NOTHING, fibres.eval(wo, wi) * view.below_coat);
-            below = under_fibres.scaled(Sampled::splat(fibres.through(wo, wi))).plus(&sent, s, wo, wi);
+        let mut below = under_sheen;
+        if let Some(sheen) = &self.sheen {
+            let sent = Event::mixed(s, &InPlane::NOTHING, sheen.eval(wo, wi) * view.below_coat);
+            below = under_sheen.scaled(Sampled::splat(sheen.through(wo, wi))).plus(&sent, s, wo, wi);
         }
         below = Event { outgoing: s, incoming: s, ..below };
         let all = self.eval(wo, wi).0;
