@@ -24,6 +24,11 @@
 //! path that connects to it ([`LightVertices::state_at`]): the same places, with scattering functions, densities and light of
 //! those wavelengths, over the densities by which the path was drawn. So there is no bias, and no wavelengths are joined.
 
+mod weights;
+
+pub(super) use self::weights::{Weights, squared};
+
+use self::weights::{State, next_state};
 use super::ConnectionSettings;
 use super::can_connect::can_connect;
 use super::emission::bodies_at;
@@ -132,25 +137,6 @@ struct Event<'a> {
     is_specular: bool,
 }
 
-/// What a light path brings to a vertex at some wavelengths, and its weights; squares of ratios as the module says.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct State {
-    /// Power over the densities of all places so far, W·nm⁻¹ for one light path.
-    pub flux: Sampled,
-    pub weights: Weights,
-}
-
-/// Of the strategies that make less from the lamp than the one that connects a vertex.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Weights {
-    /// Strategies before this one that need no density of a direction here: (e / κ l₀)² at v₁, then 1 or 0.
-    pub a: f64,
-    /// The others: what the squared density of the direction towards the lamp is multiplied by.
-    pub j: f64,
-    /// 1 / lᵢ².
-    pub over_l2: f64,
-}
-
 /// What camera vertices look at of a vertex of the pool before they choose one: a cache line, for they look at vertices all over the pool.
 #[derive(Clone, Copy, Debug)]
 #[repr(C, align(64))]
@@ -198,11 +184,6 @@ struct Traced<'a> {
     events: Vec<Event<'a>>,
     candidates: Vec<Candidate>,
     vertices: Vec<LightVertex>,
-}
-
-#[inline]
-pub(super) fn squared(x: f64) -> f64 {
-    x * x
 }
 
 impl<'a> Connections<'a> {
@@ -549,35 +530,6 @@ impl<'a> Connections<'a> {
         }
         Some(way)
     }
-
-    /// The state at v₁, with the light sent out given.
-    fn first_state(&self, start: &Start, event: &Event, flux: Sampled) -> State {
-        let (lights, light) = (self.scene.lights(), self.lamps[start.lamp as usize].light);
-        let point = event.surface.point;
-        let d2 = f64::from(event.d2);
-        let cos = f64::from(event.surface.ng.dot(event.to_prev).abs());
-        let kappa_l0 = self.kappa * start.l0;
-        if let LightRef::Punctual(i) = light
-            && let Some(parallel) = &self.parallel[i as usize]
-        {
-            let chosen = lights.infinite_light_probability(point, event.surface.ng, light, false);
-            let e = f64::from(chosen * parallel.direction_density());
-            let j = if parallel.is_delta() { 0.0 } else { squared(1.0 / kappa_l0) };
-            let l = f64::from(start.p_line) * cos;
-            return State { flux, weights: Weights { a: squared(e / kappa_l0), j, over_l2: 1.0 / squared(l) } };
-        }
-        let l = f64::from(start.p_line) * cos / d2;
-        let chosen = f64::from(lights.finite_light_probability(point, event.surface.ng, light));
-        let (e, j) = match light {
-            LightRef::Area(i) => {
-                let geometry = f64::from(start.normal.dot(event.to_prev).abs()) / d2;
-                let pdf = self.scene.pdf_li(i, point, event.to_prev, event.d2.sqrt(), 0.0);
-                (chosen * f64::from(pdf) * geometry, squared(geometry / kappa_l0))
-            }
-            _ => (chosen, 0.0),
-        };
-        State { flux, weights: Weights { a: squared(e / kappa_l0), j, over_l2: 1.0 / squared(l) } }
-    }
 }
 
 /// Density with which a light path leaves a point or spot in a direction, 1/sr.
@@ -589,40 +541,6 @@ fn point_density(kind: PunctualKind, way: Vec3) -> f32 {
         }
         _ => 0.0,
     }
-}
-
-/// The state one event farther, at some wavelengths; `None` where no light gets there.
-fn next_state(state: State, last: &Event, event: &Event, wavelengths: &Wavelengths) -> Option<State> {
-    let (surface, ng) = (&last.surface, last.surface.ng);
-    let bsdf = |wo: Vec3| last.material.bsdf(surface, wo, wavelengths, false, last.around);
-    let (passed, to_lamp, from_lamp, a) = match last.is_specular {
-        true => {
-            let bsdf = bsdf(last.to_prev)?;
-            let scatter = bsdf.sample(last.u).filter(|s| s.specular)?;
-            // Radiance changes by η² where it is bent, power does not (Veach 1997 §5.2).
-            let eta_scale = if scatter.transmitted { scatter.eta_scale } else { 1.0 };
-            (scatter.weight * (bsdf.shading_correction(scatter.wi) * eta_scale), 1.0, 1.0, 0.0)
-        }
-        false => {
-            // As the camera sees it: what is not reciprocal is so computed alike by all strategies.
-            let (f, to_lamp) = bsdf(last.to_next)?.eval(last.to_prev);
-            let cosines = ng.dot(last.to_next).abs() / ng.dot(last.to_prev).abs().max(LEAST_COSINE);
-            let from_lamp = last.material.pdf(surface, last.to_prev, last.to_next, wavelengths, last.around);
-            (f * cosines, to_lamp, from_lamp, state.weights.a)
-        }
-    };
-    let d2 = f64::from(event.d2);
-    let cos = |event: &Event, way: Vec3| f64::from(event.surface.ng.dot(way).abs()) / d2;
-    let before = (a + squared(f64::from(to_lamp)) * state.weights.j) * state.weights.over_l2;
-    let l = f64::from(from_lamp) * cos(event, event.to_prev);
-    Some(State {
-        flux: state.flux * passed * last.over_density,
-        weights: Weights {
-            a: f64::from(u8::from(!last.is_specular)),
-            j: before * squared(cos(last, event.to_prev)),
-            over_l2: 1.0 / squared(l),
-        },
-    })
 }
 
 impl<'a> LightVertices<'a> {

@@ -8,6 +8,7 @@
 
 use super::{COAT_IOR, PrincipledLobes};
 use crate::material::energy::PolarizedAs;
+use crate::material::microfacet::fresnel_schlick;
 use crate::material::polarization::{Complex, Event, InPlane, conductor, dielectric, pane, s_axis};
 use diopter_light::Sampled;
 use glam::Vec3;
@@ -51,7 +52,7 @@ impl PrincipledLobes<'_> {
         // R = k² / (4 + k²) of n = 1.
         let k = Sampled::from_array((f0 / (Sampled::ONE - f0)).to_array().map(|x| 2.0 * x.sqrt()));
         let bare = conductor(cos, Sampled::ONE, k).normalized();
-        let schlick = super::fresnel_schlick(cos, self.base);
+        let schlick = fresnel_schlick(cos, self.base);
         match &self.film {
             None => bare.scaled(schlick),
             Some(film) => {

@@ -1,0 +1,174 @@
+//! Values of prims: metadata, attributes and relationships, as the strongest opinions say.
+
+use super::{Prim, Read, Site, Stage};
+use crate::load::usd::layer::{Key, ListOp, TimeShift, Value, split_property};
+use std::sync::Arc;
+
+/// A time code and the numbers then.
+pub type TimeSample = (f64, Arc<[f64]>);
+
+/// A value and the layer that says it.
+pub struct Found {
+    pub value: Value,
+    pub layer: usize,
+    shift: TimeShift,
+}
+
+/// Values of prims.
+impl Stage<'_> {
+    /// The layers that speak of a prim, strongest first: layer, path there, and times.
+    fn opinions<'b>(&'b self, prim: &'b Prim) -> impl Iterator<Item = (usize, &'b Site, TimeShift)> {
+        prim.sites.iter().flat_map(|site| {
+            let layers = &self.stacks[site.stack].layers;
+            layers.iter().map(move |(layer, shift)| (*layer, site, shift.within(site.link.shift)))
+        })
+    }
+
+    /// Metadata of a prim.
+    pub fn field(&self, prim: &Prim, key: Key) -> Read<Option<Value>> {
+        for (layer, site, _) in self.opinions(prim) {
+            if let Some(value) = self.layers[layer].get(&site.path, key)? {
+                return Ok(Some(value));
+            }
+        }
+        Ok(None)
+    }
+
+    /// Type of a prim: "Mesh"; empty of what is only a group.
+    pub fn type_name(&self, prim: &Prim) -> Read<Arc<str>> {
+        Ok(self.field(prim, Key::TypeName)?.as_ref().and_then(Value::text).cloned().unwrap_or_else(|| "".into()))
+    }
+
+    /// Whether a prim is defined, not a class, and not switched off.
+    pub fn is_drawn(&self, prim: &Prim) -> Read<bool> {
+        if self.field(prim, Key::Active)?.and_then(|a| a.number()) == Some(0.0) {
+            return Ok(false);
+        }
+        let mut is_defined = false;
+        for (layer, site, _) in self.opinions(prim) {
+            if let Some(specifier) = self.layers[layer].get(&site.path, Key::Specifier)?.as_ref().and_then(Value::text) {
+                match &**specifier {
+                    // A class that is inherited is defined by what inherits it.
+                    "class" => return Ok(is_defined),
+                    "def" => is_defined = true,
+                    _ => (),
+                }
+            }
+        }
+        Ok(is_defined)
+    }
+
+    /// The strongest value of an attribute that is not blocked: samples over time, or one for all times.
+    pub fn attribute(&self, prim: &Prim, name: &str) -> Read<Option<Found>> {
+        for (layer, site, shift) in self.opinions(prim) {
+            let at = &self.layers[layer];
+            let path = format!("{}.{name}", site.path);
+            if !at.specs.contains_key(path.as_str()) {
+                continue;
+            }
+            for key in [Key::TimeSamples, Key::Default] {
+                match at.get(&path, key)? {
+                    Some(Value::Blocked) => return Ok(None),
+                    Some(Value::Samples(list)) if list.is_empty() => (),
+                    Some(value) => return Ok(Some(Found { value, layer, shift })),
+                    None => (),
+                }
+            }
+        }
+        Ok(None)
+    }
+
+    /// An attribute's value at the scene's first time.
+    pub fn value(&self, prim: &Prim, name: &str) -> Read<Option<Value>> {
+        match self.attribute(prim, name)? {
+            Some(found) => self.at_start(&found),
+            None => Ok(None),
+        }
+    }
+
+    /// The value of samples that holds at the scene's first time: the last one until then, or the first one.
+    pub fn at_start(&self, found: &Found) -> Read<Option<Value>> {
+        let Value::Samples(list) = &found.value else { return Ok(Some(found.value.clone())) };
+        let until = list.iter().take_while(|(t, _)| found.shift.offset + found.shift.scale * t <= self.start).count();
+        let Some((_, field)) = list.get(until.saturating_sub(1)) else { return Ok(None) };
+        Ok(Some(self.layers[found.layer].read(field)?).filter(|v| !matches!(v, Value::Blocked)))
+    }
+
+    /// Times in the scene's time codes, rising, and the numbers then; `None` of what does not change.
+    pub fn samples(&self, found: &Found) -> Read<Option<Vec<TimeSample>>> {
+        let Value::Samples(list) = &found.value else { return Ok(None) };
+        let mut all = Vec::with_capacity(list.len());
+        for (time, field) in list.iter() {
+            if let Some(numbers) = self.layers[found.layer].read(field)?.doubles() {
+                all.push((found.shift.offset + found.shift.scale * time, numbers));
+            }
+        }
+        all.sort_by(|a, b| a.0.total_cmp(&b.0));
+        Ok((all.len() > 1).then_some(all))
+    }
+
+    /// Whether an attribute has samples at several times.
+    pub fn is_animated(&self, prim: &Prim, name: &str) -> Read<bool> {
+        Ok(matches!(self.attribute(prim, name)?, Some(Found { value: Value::Samples(list), .. }) if list.len() > 1))
+    }
+
+    /// Metadata of a property, such as the interpolation of a primvar.
+    pub fn property_field(&self, prim: &Prim, name: &str, key: Key) -> Read<Option<Value>> {
+        for (layer, site, _) in self.opinions(prim) {
+            if let Some(value) = self.layers[layer].get(&format!("{}.{name}", site.path), key)? {
+                return Ok(Some(value));
+            }
+        }
+        Ok(None)
+    }
+
+    /// Names of the in-between shapes of a blend shape, in order: "inbetweens:half".
+    pub fn inbetweens(&self, prim: &Prim) -> Vec<String> {
+        let mut names: Vec<String> = self
+            .opinions(prim)
+            .flat_map(|(layer, site, _)| self.layers[layer].inbetweens(&site.path).map(str::to_owned).collect::<Vec<_>>())
+            .collect();
+        names.sort_unstable();
+        names.dedup();
+        names
+    }
+
+    /// Paths of the scene that a relationship names (`key` TargetPaths), or that an attribute is connected to (ConnectionPaths).
+    pub fn targets(&self, prim: &Prim, name: &str, key: Key) -> Read<Vec<String>> {
+        let mut edits: Vec<ListOp<String>> = Vec::new();
+        for (layer, site, _) in self.opinions(prim) {
+            match self.layers[layer].get(&format!("{}.{name}", site.path), key)? {
+                Some(Value::List(list)) => {
+                    let is_whole = list.explicit.is_some();
+                    edits.push(list.map(|path| site.link.scene_path(path)));
+                    if is_whole {
+                        break;
+                    }
+                }
+                Some(Value::Texts(list)) => {
+                    let explicit = list.iter().filter_map(|p| site.link.scene_path(p)).collect();
+                    edits.push(ListOp { explicit: Some(explicit), ..ListOp::default() });
+                    break;
+                }
+                _ => (),
+            }
+        }
+        let mut all = Vec::new();
+        edits.iter().rev().for_each(|e| e.apply(&mut all));
+        Ok(all)
+    }
+
+    /// What an attribute is connected to: the prim's path and the property.
+    pub fn source(&self, prim: &Prim, name: &str) -> Read<Option<(String, String)>> {
+        let targets = self.targets(prim, name, Key::ConnectionPaths)?;
+        Ok(targets.first().and_then(|path| match split_property(path) {
+            (prim, Some(property)) => Some((prim.to_owned(), property.to_owned())),
+            _ => None,
+        }))
+    }
+
+    /// What tells prims apart: two of the same have the same opinions, wherever they stand in the scene.
+    pub fn fingerprint(&self, prim: &Prim) -> Vec<(usize, String)> {
+        prim.sites.iter().map(|s| (s.stack, s.path.clone())).collect()
+    }
+}
