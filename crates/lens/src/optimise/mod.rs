@@ -12,11 +12,13 @@ pub mod fit;
 mod glass;
 mod levenberg;
 mod operand;
+mod problem;
 mod sheet;
 
 pub use levenberg::Stop;
 pub(crate) use levenberg::{Residuals, levenberg_marquardt};
-pub use sheet::{Freedom, MeritSheet, Operand, OperandKind, Variable, Wanted};
+pub use problem::{Freedom, Operand, OperandKind, Variable, Wanted};
+pub use sheet::MeritSheet;
 
 use crate::LensError;
 use crate::analysis::Bench;

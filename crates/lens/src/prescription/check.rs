@@ -1,21 +1,19 @@
-//! What every prescription must be, wherever it came from; and what may be inferred.
+//! What every prescription must be, wherever it came from.
 
-use super::{ApertureKind, MOST_SURFACES, Prescription, PrescriptionError, Surface, WAVELENGTHS_NM};
+use super::infer::{overlap, reach};
+use super::{ApertureKind, LARGEST, MOST_SURFACES, Prescription, PrescriptionError, Surface, WAVELENGTHS_NM};
 use crate::aperture::{Aperture, Outline};
 use crate::at_stop;
 use crate::axial_beam;
 use crate::glass::{Glass, GlassKind};
 use crate::paraxial;
-use crate::ray::{Apertures, TraceDirection, TracedRay};
+use crate::ray::TracedRay;
 use crate::surface::Profile;
 use crate::system::{State, System};
 use glam::DVec3;
 
 /// Most characters of a name or a source.
 const LONGEST_TEXT: usize = 500;
-/// Largest length that makes sense in a lens, mm.
-const LARGEST: f64 = 1e6;
-
 impl Prescription {
     /// Whether nothing in it bends light: a pinhole with its thickness, a shade, a sensor without a lens. Its film stands where the last gap says.
     pub fn is_openings_alone(&self) -> bool {
@@ -246,221 +244,6 @@ impl Prescription {
         found
     }
 
-    /// The wavelength at which missing figures are inferred, nm: the d line, or the stated reference where a glass has no index there.
-    fn inference_nm(&self) -> f64 {
-        let index_exists = |nm: f64| self.surfaces.iter().all(|s| s.glass.index(nm) > 0.0);
-        let reference = self.usage.wavelengths_nm.get(self.usage.reference).copied();
-        match reference {
-            Some(nm) if !index_exists(crate::glass::D_NM) => nm,
-            _ => crate::glass::D_NM,
-        }
-    }
-
-    /// The surface whose rim the axial beam touches first.
-    fn infer_stop(&self) -> usize {
-        let system = System::at(self, State::default());
-        let heights = paraxial::Trace::axial(&system, &system.indices(self.inference_nm())).heights;
-        let ratio = |i: &usize| {
-            let sd = self.surfaces[*i].semi_diameter.unwrap_or(f64::INFINITY);
-            sd / heights[*i].abs().max(1e-12)
-        };
-        (0..self.surfaces.len()).min_by(|a, b| ratio(a).total_cmp(&ratio(b))).unwrap_or(0)
-    }
-
-    /// Puts the film into the paraxial focus where the file gives it no place.
-    fn infer_film(&mut self) {
-        let last = self.surfaces.len() - 1;
-        let given = self.surfaces[last].gap.values.iter().flatten().any(|g| *g != 0.0);
-        if given || !self.zoom.is_empty() || self.object_axis.is_some() {
-            return;
-        }
-        let system = System::at(self, State::default());
-        let bfl = paraxial::FirstOrder::of(&system, &system.indices(self.inference_nm())).bfl;
-        // After an odd number of mirrors light runs towards the object, and lengths along it count negative.
-        if bfl * system.film_run() > 0.0 && bfl.abs() < LARGEST {
-            self.surfaces[last].gap = super::Gap::fixed(bfl);
-            self.notes.push(format!("no gap behind the last surface: the film stands in the paraxial focus, {bfl:.4} mm"));
-        }
-    }
-
-    /// Radius of the entrance pupil of the widest beam on the axis that the rims which are given let pass, mm, with a note; NaN where none is.
-    fn widest_pupil(&mut self, system: &System, n: &[f64]) -> f64 {
-        let heights = paraxial::Trace::axial(system, n).heights;
-        let beam = |(s, height): (&Surface, &f64)| Some(s.semi_diameter? * (heights[0] / height).abs());
-        let widest = self
-            .surfaces
-            .iter()
-            .zip(&heights)
-            .filter_map(beam)
-            .filter(|r| *r > 0.0 && r.is_finite())
-            .fold(f64::INFINITY, f64::min);
-        if widest.is_finite() {
-            self.notes.push(format!(
-                "no aperture is given: the stop lets pass what the rims do on the axis, a beam of {:.4} mm",
-                2.0 * widest
-            ));
-            return widest;
-        }
-        f64::NAN
-    }
-
-    /// Gives surfaces without a semi-diameter one that lets the stated beams through.
-    fn infer_semi_diameters(&mut self, file: &str) -> Result<(), PrescriptionError> {
-        let missing: Vec<usize> = (0..self.surfaces.len()).filter(|i| self.surfaces[*i].semi_diameter.is_none()).collect();
-        if missing.is_empty() {
-            return Ok(());
-        }
-        let system = System::at(self, State::default());
-        let n = system.indices(self.inference_nm());
-        let first = paraxial::FirstOrder::of(&system, &n);
-        let stop = self.stop();
-        let pupil = match self.usage.aperture {
-            Some(ApertureKind::EntrancePupil(d)) => 0.5 * d,
-            Some(ApertureKind::FNumber(f)) => 0.5 * first.efl.abs() / f,
-            Some(ApertureKind::ObjectNa(na)) => match self.usage.object_distance {
-                Some(d) => (d + first.entrance_pupil_z) * na.asin().tan(),
-                None => f64::NAN,
-            },
-            None => match (self.f_number, self.surfaces[stop].semi_diameter) {
-                (_, Some(sd)) => sd * first.entrance_pupil_magnification.abs(),
-                (Some(f), None) => 0.5 * first.efl.abs() / f,
-                (None, None) => self.widest_pupil(&system, &n),
-            },
-        };
-        if !(pupil > 0.0 && pupil < LARGEST) {
-            let what = "no semi-diameter, and neither an aperture nor an f-number to infer it from";
-            return Err(PrescriptionError::at(file, self.surfaces[missing[0]].line, what).surface(missing[0] + 1));
-        }
-        let fields = if self.usage.field_angles_deg.is_empty() { vec![0.0] } else { self.usage.field_angles_deg.clone() };
-        let mut height = vec![0.0f64; self.surfaces.len()];
-        for (f, angle) in fields.iter().enumerate() {
-            let [up, low] = self.usage.vignetting.get(f).copied().unwrap_or([0.0; 2]);
-            for y in [1.0 - up, 0.0, -(1.0 - low)] {
-                for x in [0.0, 1.0] {
-                    if x == 1.0 && y != 0.0 {
-                        continue;
-                    }
-                    let ray = entrance_ray(&first, self.usage.object_distance, *angle, [x * pupil, y * pupil]);
-                    let mut passed = vec![None; self.surfaces.len()];
-                    let traced = system.trace_with(ray, &n, TraceDirection::ToFilm, Apertures::Ignore, |e| {
-                        let s = &system.surfaces[e.surface];
-                        let p = s.to_local(e.point, DVec3::Z).0;
-                        passed[e.surface] = Some(p.x.hypot(p.y));
-                    });
-                    // A ray that fails says nothing but is no reason to give up: the others do.
-                    let _ = traced;
-                    for (h, p) in height.iter_mut().zip(&passed) {
-                        *h = h.max(p.unwrap_or(0.0));
-                    }
-                }
-            }
-        }
-        for &i in &missing {
-            // The stop is as large as the real axial beam; rims get a hair more than the light needs.
-            let axial = || {
-                let axial = paraxial::Trace::axial(&system, &n).heights;
-                (axial[i] * pupil / axial[0].abs().max(1e-12)).abs()
-            };
-            let real = if i == stop { self.marginal_radius(&system, &n, &first, pupil) } else { Some(height[i] * 1.0001) };
-            let wanted = real.filter(|r| *r > 0.0).unwrap_or_else(axial);
-            // A millionth of a millimetre is more than anyone grinds.
-            let wanted = (wanted * 1e6).ceil() / 1e6;
-            let sd = wanted.min(reach(&self.surfaces[i].profile, wanted));
-            if !(sd > 0.0 && sd < LARGEST) {
-                let what = "no semi-diameter, and no ray of the stated beams to infer it from reaches the surface";
-                return Err(PrescriptionError::at(file, self.surfaces[i].line, what).surface(i + 1));
-            }
-            let obstruction = self.surfaces[i].obstruction;
-            if obstruction >= sd {
-                let what = format!("obstruction {obstruction}: the beams of the file reach only {sd} mm here");
-                return Err(PrescriptionError::at(file, self.surfaces[i].line, what).surface(i + 1));
-            }
-            self.surfaces[i].semi_diameter = Some(sd);
-        }
-        self.notes.push("semi-diameters that the file does not give are inferred from its aperture and fields".into());
-        self.clip_crossing_rims(&missing, "inferred ");
-        Ok(())
-    }
-
-    /// Clips semi-diameters that a file of another program gives at the height where two surfaces cross, with a note: such programs draw and clip
-    /// nothing by them, so that their files carry larger ones than the glass has. In our own form they are an error.
-    pub(crate) fn clip_given_rims(&mut self) {
-        let all: Vec<usize> = (0..self.surfaces.len()).collect();
-        self.clip_crossing_rims(&all, "");
-    }
-
-    /// Radius at the stop of the axial beam that fills an entrance pupil of a radius (mm), by real rays.
-    fn marginal_radius(&self, system: &System, n: &[f64], first: &paraxial::FirstOrder, pupil: f64) -> Option<f64> {
-        let near = self.usage.object_distance.filter(|d| d.is_finite() && *d < 1e9);
-        if near.is_none() {
-            return axial_beam::stop_radius(system, n, first.efl, pupil);
-        }
-        let mut radius = None;
-        let ray = entrance_ray(first, near, 0.0, [0.0, pupil]);
-        // A ray that fails behind the stop has told what was asked.
-        let _ = system.trace_with(ray, n, TraceDirection::ToFilm, Apertures::Ignore, |e| {
-            if e.surface == system.stop {
-                let p = system.surfaces[e.surface].to_local(e.point, DVec3::Z).0;
-                radius = Some(p.x.hypot(p.y));
-            }
-        });
-        radius
-    }
-
-    /// Clips semi-diameters of some surfaces (`kind` in the note: inferred, or nothing) at the height where two surfaces cross: beams that need more
-    /// would pass where there is no glass (or, between elements, no air).
-    fn clip_crossing_rims(&mut self, which: &[usize], kind: &str) {
-        // Off a common axis neighbours do not face one another.
-        if self.object_axis.is_some() {
-            return;
-        }
-        let zooms = self.zoom.len().max(1);
-        let mut run = 1.0;
-        for i in 0..self.surfaces.len().saturating_sub(1) {
-            if self.surfaces[i].mirror {
-                run = -run;
-            }
-            if self.is_free_stop(i) || self.is_free_stop(i + 1) {
-                continue;
-            }
-            for (zoom, focus) in (0..zooms).flat_map(|z| [(z as f64, 0.0), (z as f64, 1.0)]) {
-                let (front, back) = (&self.surfaces[i], &self.surfaces[i + 1]);
-                let (Some(a), Some(b)) = (front.semi_diameter, back.semi_diameter) else { continue };
-                let gap = front.gap.at(zoom, focus) * run;
-                let edge = |h: f64| Some(gap + run * (back.profile.sag(0.0, h)? - front.profile.sag(0.0, h)?));
-                let rim = a.min(b) * (1.0 - 1e-6);
-                if gap <= 0.0 || edge(rim).is_none_or(|e| e >= -overlap(rim)) {
-                    continue;
-                }
-                // The first height, from the axis, at which nothing is left between them.
-                const STEPS: usize = 200;
-                let bare = |h: f64| edge(h).is_some_and(|e| e < 0.0);
-                let Some(k) = (1..=STEPS).find(|k| bare(rim * *k as f64 / STEPS as f64)) else { continue };
-                let (mut low, mut high) = (rim * (k - 1) as f64 / STEPS as f64, rim * k as f64 / STEPS as f64);
-                for _ in 0..60 {
-                    let mid = 0.5 * (low + high);
-                    if bare(mid) { high = mid } else { low = mid }
-                }
-                let mut clipped = vec![];
-                for k in [i, i + 1] {
-                    let s = &mut self.surfaces[k];
-                    if which.contains(&k) && s.obstruction < low && s.semi_diameter.is_some_and(|sd| sd > low) {
-                        s.semi_diameter = Some(low);
-                        clipped.push(format!("{}", k + 1));
-                    }
-                }
-                if !clipped.is_empty() {
-                    self.notes.push(format!(
-                        "surfaces {} and {} cross at a height of {low:.4} mm: the {kind}semi-diameter of surface {} ends there",
-                        i + 1,
-                        i + 2,
-                        clipped.join(" and ")
-                    ));
-                }
-            }
-        }
-    }
-
     /// Notes an aperture of the file that rims let through in part only.
     fn note_clipped_aperture(&mut self) {
         if self.usage.object_distance.is_some_and(|d| d.is_finite() && d < 1e9) {
@@ -508,13 +291,6 @@ impl Prescription {
                 Err(PrescriptionError::at(file, 0, what))
             }
         }
-    }
-
-    /// A plane stop in air has no thickness: tables may put it behind a vertex it stands beside.
-    fn is_free_stop(&self, k: usize) -> bool {
-        let air = |k: usize| self.surfaces[k].glass == crate::glass::Glass::air();
-        let s = &self.surfaces[k];
-        s.stop && s.profile == Profile::Plane && air(k) && (k == 0 || air(k - 1))
     }
 
     /// Gaps must not be negative where light runs forward, and neighbours must not cross where light can pass.
@@ -576,49 +352,6 @@ fn rim_height(s: &Surface) -> f64 {
         _ => a.reach(),
     };
     s.apertures.iter().map(along_y).fold(s.semi_diameter.unwrap_or(0.0), f64::min)
-}
-
-/// How far (mm) surfaces may overlap at a rim of a height: published semi-diameters are often estimates, and a tenth of a millimetre is
-/// their inexactness, not a wrong lens.
-fn overlap(height: f64) -> f64 {
-    0.1 + 0.02 * height
-}
-
-/// Largest height up to `wanted` at which a surface exists.
-fn reach(profile: &Profile, wanted: f64) -> f64 {
-    let exists = |h: f64| profile.sag(0.0, h).is_some() && profile.sag(h, 0.0).is_some();
-    if exists(wanted) {
-        return wanted;
-    }
-    let (mut low, mut high) = (0.0, wanted);
-    for _ in 0..60 {
-        let mid = 0.5 * (low + high);
-        if exists(mid) { low = mid } else { high = mid }
-    }
-    low
-}
-
-/// A ray of a field angle (degrees, in y) aimed at a place of the paraxial entrance pupil.
-pub(crate) fn entrance_ray(
-    first: &paraxial::FirstOrder,
-    object_distance: Option<f64>,
-    angle_deg: f64,
-    pupil: [f64; 2],
-) -> TracedRay {
-    let target = DVec3::new(pupil[0], pupil[1], first.entrance_pupil_z);
-    let slope = angle_deg.to_radians().tan();
-    match object_distance.filter(|d| d.is_finite() && *d < 1e9) {
-        Some(d) => {
-            // The angle is seen from the middle of the pupil.
-            let object = DVec3::new(0.0, -slope * (d + first.entrance_pupil_z), -d);
-            let direction = (target - object).normalize() * (target.z - object.z).signum();
-            TracedRay { position: object, direction }
-        }
-        None => {
-            let direction = DVec3::new(0.0, slope, 1.0).normalize();
-            TracedRay { position: target - direction * (target.z / direction.z), direction }
-        }
-    }
 }
 
 #[cfg(test)]

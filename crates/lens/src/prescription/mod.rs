@@ -7,6 +7,7 @@ mod apertures;
 mod check;
 mod coatings;
 mod hood;
+mod infer;
 mod numbers;
 mod phases;
 mod scale;
@@ -30,6 +31,9 @@ use crate::surface::Profile;
 
 /// Most surfaces of a lens. Real ones have fewer than 60.
 pub const MOST_SURFACES: usize = 400;
+
+/// Largest length that makes sense in a lens, mm.
+const LARGEST: f64 = 1e6;
 
 /// Wavelengths that a lens is looked at in, nm.
 pub const WAVELENGTHS_NM: std::ops::RangeInclusive<f64> = 100.0..=20_000.0;
