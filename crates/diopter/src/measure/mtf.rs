@@ -14,9 +14,12 @@
 //! annex; P. D. Burns, "Slanted-edge MTF for digital camera and scanner analysis", PICS 2000; P. D. Burns, K. Masaoka, K. Parulski &
 //! D. Wueller, "Updated camera spatial frequency response for ISO 12233", EI 2022 (fits of higher order, Tukey window).
 
+mod find;
+
+pub use self::find::{find, measure_at};
+
 use super::fit::{polynomial, value};
 use super::{MeasureError, Plane, Region};
-use rayon::prelude::*;
 use serde::Serialize;
 use std::f64::consts::{PI, TAU};
 
@@ -45,11 +48,6 @@ const MOST_RESIDUAL: f64 = 1.0;
 const FITS: usize = 5;
 /// Steps of the response, up to one cycle a pixel.
 const STEPS: usize = 100;
-/// Sides of regions that are tried where none is given, the largest first.
-const SIDES: [usize; 6] = [160, 128, 96, 64, 48, 32];
-/// Most edges that a search returns.
-const MOST_FOUND: usize = 20;
-
 /// What the line spread function is multiplied by.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[non_exhaustive]
@@ -368,97 +366,6 @@ pub fn measure(plane: &Plane, region: Region, options: &Options) -> Result<EdgeM
     };
     (found.mtf50, found.mtf10, found.at_nyquist) = (found.falls_to(0.5), found.falls_to(0.1), found.at(0.5));
     Ok(found)
-}
-
-/// Measures the edge at a place (pixels): within the largest region around it that holds just this edge.
-pub fn measure_at(plane: &Plane, [x, y]: [f64; 2], options: &Options) -> Result<EdgeMtf, MeasureError> {
-    let sides = [plane.width, plane.height];
-    if !(x >= 0.0 && y >= 0.0 && x < sides[0] as f64 && y < sides[1] as f64) {
-        return Err(MeasureError::unfit(
-            format!("place {x},{y}"),
-            format!("the picture has {} × {} pixels", sides[0], sides[1]),
-            "a place within it",
-        ));
-    }
-    let around = |side: usize| {
-        let start = |at: f64, all: usize| (at as usize).saturating_sub(side / 2).min(all.saturating_sub(side));
-        Region { x: start(x, sides[0]), y: start(y, sides[1]), width: side.min(sides[0]), height: side.min(sides[1]) }
-    };
-    let mut result = Err(MeasureError::unfit("edge", "the picture is too small", format!("{LEAST_SIDE} pixels a side")));
-    for side in SIDES {
-        result = measure(plane, around(side), options);
-        if result.is_ok() {
-            break;
-        }
-    }
-    result
-}
-
-/// Finds the slanted edges of a picture, each in the largest region around its middle that shows nothing else; from top to bottom.
-pub fn find(plane: &Plane, options: &Options) -> Result<Vec<EdgeMtf>, MeasureError> {
-    options.check()?;
-    plane.check(plane.whole(), LEAST_SIDE)?;
-    // A step below this fraction of the picture's range is not looked at.
-    const LEAST_STEP: f64 = 0.1;
-    let range = plane.samples(plane.whole()).fold([f64::MAX, f64::MIN], |[a, b], v| [a.min(v), b.max(v)]);
-    let least_variance = (0.5 * LEAST_STEP * (range[1] - range[0])).powi(2);
-    let mut kept: Vec<EdgeMtf> = Vec::new();
-    for side in SIDES.into_iter().filter(|s| *s <= plane.width.min(plane.height)) {
-        // Smaller regions are for pictures that have no others.
-        if kept.len() >= MOST_FOUND {
-            break;
-        }
-        let step = side / 2;
-        let starts = |all: usize| (0..=(all - side) / step).map(move |k| k * step).collect::<Vec<_>>();
-        let regions: Vec<Region> = starts(plane.height)
-            .into_iter()
-            .flat_map(|y| starts(plane.width).into_iter().map(move |x| Region { x, y, width: side, height: side }))
-            .filter(|r| !kept.iter().any(|k| k.region.overlaps(r)))
-            .collect();
-        let good = |region: &Region| {
-            let (n, sum, squares) = plane.samples(*region).fold((0.0, 0.0, 0.0), |(n, s, q), v| (n + 1.0, s + v, q + v * v));
-            let mean = sum / f64::max(n, 1.0);
-            // What is still rising at the ends of the region is a gradient, such as vignetting.
-            let is_edge = |e: &EdgeMtf| e.mtf50.is_none_or(|f| f * side as f64 > 2.0);
-            let varies = squares / f64::max(n, 1.0) - mean * mean > least_variance;
-            varies.then(|| measure(plane, *region, options).ok().filter(is_edge))?
-        };
-        let mut found: Vec<EdgeMtf> = regions.par_iter().filter_map(good).collect();
-        // The best of those that overlap is the one whose edge lies best within its region.
-        let off_centre = |e: &EdgeMtf| {
-            let [x, y] = [e.region.x as f64, e.region.y as f64].map(|v| v + 0.5 * side as f64);
-            (e.middle[0] - x).hypot(e.middle[1] - y)
-        };
-        found.sort_by(|a, b| {
-            let key = |e: &EdgeMtf| (off_centre(e), e.region.y, e.region.x);
-            key(a).partial_cmp(&key(b)).unwrap_or(std::cmp::Ordering::Equal)
-        });
-        for edge in found {
-            if !kept.iter().any(|k| k.region.overlaps(&edge.region)) {
-                kept.push(edge);
-            }
-        }
-    }
-    kept.truncate(MOST_FOUND);
-    // As much of each edge as there is, and each once.
-    let mut whole: Vec<EdgeMtf> = Vec::new();
-    for edge in kept {
-        let larger = measure_at(plane, edge.middle, options).ok().filter(|l| l.region.width > edge.region.width);
-        let edge = larger.unwrap_or(edge);
-        if !whole.iter().any(|w| w.region.holds(edge.middle)) {
-            whole.push(edge);
-        }
-    }
-    let mut kept = whole;
-    if kept.is_empty() {
-        return Err(MeasureError::unfit(
-            "picture",
-            "no slanted edge found",
-            "a straight edge between two even fields, slanted by about 5° (\"resolution-chart\" has some), or --region x,y,width,height",
-        ));
-    }
-    kept.sort_by_key(|e| (e.region.y, e.region.x));
-    Ok(kept)
 }
 
 /// The rows of a region, or its columns: places (from 0, the middle of the first pixel) and values.
