@@ -8,7 +8,6 @@ use super::setting::Setting;
 use super::sources::{is_lens_file, is_light_file};
 use crate::files;
 use crate::quantity::{FNumber, Iso, IsoChoice, Seconds};
-use crate::recipe_file;
 use crate::stops;
 use diopter_develop::Recipe;
 use diopter_scene::builtin;
@@ -124,40 +123,33 @@ impl ShotFile {
 
     /// Makes the paths of a shot that was written in a folder independent of it.
     pub fn place_paths(&mut self, folder: &Path) {
-        let shot = self;
-        let relative = |p: &Path| if p.is_absolute() { p.to_owned() } else { folder.join(p) };
-        if let Some(file) = &mut shot.scene.file
-            && !builtin::is_embedded(file)
-        {
-            *file = relative(Path::new(file.as_str())).display().to_string();
+        self.change_paths(|p| if p.is_absolute() { p.to_owned() } else { folder.join(p) });
+    }
+
+    /// Changes all that names a file. A new key that does so stands here, and nowhere else.
+    fn change_paths(&mut self, change: impl Fn(&Path) -> PathBuf) {
+        let (scene, camera) = (&mut self.scene, &mut self.camera);
+        // Texts that may be names of something embedded.
+        let texts = [
+            scene.file.as_mut().filter(|f| !builtin::is_embedded(f)),
+            scene.light.as_mut().filter(|l| is_light_file(l)),
+            camera.body.as_mut().filter(|b| b.ends_with(".toml")),
+            camera.lens.as_mut().filter(|l| is_lens_file(l)),
+            Some(&mut self.develop.lut.file).filter(|f| !f.is_empty()),
+        ];
+        for text in texts.into_iter().flatten() {
+            *text = change(Path::new(text.as_str())).display().to_string();
         }
-        if let Some(environment) = &mut shot.scene.environment {
-            *environment = relative(environment);
+        let paths = [
+            &mut scene.environment,
+            &mut scene.classes,
+            &mut camera.aperture_image,
+            &mut camera.calibration,
+            &mut self.render.oidn,
+        ];
+        for path in paths.into_iter().flatten() {
+            *path = change(path);
         }
-        if let Some(light) = shot.scene.light.as_mut().filter(|l| is_light_file(l)) {
-            *light = relative(Path::new(light.as_str())).display().to_string();
-        }
-        if let Some(body) = &mut shot.camera.body
-            && body.ends_with(".toml")
-        {
-            *body = relative(Path::new(body.as_str())).display().to_string();
-        }
-        if let Some(lens) = shot.camera.lens.as_mut().filter(|l| is_lens_file(l)) {
-            *lens = relative(Path::new(lens.as_str())).display().to_string();
-        }
-        if let Some(picture) = &mut shot.camera.aperture_image {
-            *picture = relative(picture);
-        }
-        if let Some(library) = &mut shot.render.oidn {
-            *library = relative(library);
-        }
-        if let Some(calibration) = &mut shot.camera.calibration {
-            *calibration = relative(calibration);
-        }
-        if let Some(classes) = &mut shot.scene.classes {
-            *classes = relative(classes);
-        }
-        recipe_file::place_lut(&mut shot.develop, folder);
     }
 
     /// Puts what engraved numbers stand for in their place, if that was asked for.
@@ -180,40 +172,9 @@ impl ShotFile {
         });
     }
 
-    /// Makes the paths of scene, environment and body independent of where the shot file lies.
+    /// Makes the paths independent of where the shot file lies.
     pub fn make_paths_absolute(&mut self) {
-        let whole = |p: &Path| std::path::absolute(p).unwrap_or_else(|_| p.to_owned());
-        let text = |p: &str| whole(Path::new(p)).display().to_string();
-        if let Some(file) = self.scene.file.as_mut().filter(|f| !builtin::is_embedded(f)) {
-            *file = text(file);
-        }
-        if let Some(environment) = &mut self.scene.environment {
-            *environment = whole(environment);
-        }
-        if let Some(light) = self.scene.light.as_mut().filter(|l| is_light_file(l)) {
-            *light = text(light);
-        }
-        if let Some(body) = self.camera.body.as_mut().filter(|b| b.ends_with(".toml")) {
-            *body = text(body);
-        }
-        if let Some(lens) = self.camera.lens.as_mut().filter(|l| is_lens_file(l)) {
-            *lens = text(lens);
-        }
-        if let Some(picture) = &mut self.camera.aperture_image {
-            *picture = whole(picture);
-        }
-        if let Some(library) = &mut self.render.oidn {
-            *library = whole(library);
-        }
-        if let Some(calibration) = &mut self.camera.calibration {
-            *calibration = whole(calibration);
-        }
-        if let Some(classes) = &mut self.scene.classes {
-            *classes = whole(classes);
-        }
-        if !self.develop.lut.file.is_empty() {
-            self.develop.lut.file = text(&self.develop.lut.file);
-        }
+        self.change_paths(|p| std::path::absolute(p).unwrap_or_else(|_| p.to_owned()));
     }
 
     /// The file's text.
