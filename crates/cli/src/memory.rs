@@ -14,7 +14,7 @@ pub enum Room {
     Disk(usize),
 }
 
-/// Finds room for a focal plane: in memory if it fits into what is `allowed` (or free by default). Refuses what has no room anywhere.
+/// Finds room for a focal plane: in memory if it fits into what is `allowed` (without it, in what is free). Refuses what has no room anywhere.
 /// Fireflies are kept where the memory to re-weight them is not there.
 pub fn room(shot: &mut Shot, allowed: Option<Bytes>) -> anyhow::Result<Room> {
     settle_fireflies(shot, Kept::Plane, allowed);
@@ -58,7 +58,7 @@ pub fn settle_fireflies(shot: &mut Shot, kept: Kept, allowed: Option<Bytes>) {
     }
 }
 
-/// Refuses a shot that takes more memory than `allowed`, or than is free by default.
+/// Refuses a shot that takes more memory than `allowed`, or, without it, than is free.
 pub fn check(shot: &Shot, kept: Kept, allowed: Option<Bytes>) -> anyhow::Result<()> {
     let Some(available) = available(allowed) else { return Ok(()) };
     let needed = shot.bytes_needed(kept);

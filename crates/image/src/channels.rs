@@ -1,7 +1,8 @@
 //! The truth channels: what can be recorded of the scene beside the light, each with its unit, its names in files and how parts of an exposure merge.
 //!
 //! One table ([`CHANNELS`]) from which recording, EXR, merging, Python and the documentation take what they need. A new channel is an entry here and
-//! the function that fills it in `diopter`'s `expose/truth.rs`; `DIOPTER_WRITE_DOCS=1 cargo test -p diopter-image --lib channels` writes the documentation's table. The first four are always recorded (denoising asks for them), the others where they are asked for.
+//! the function that fills it in `diopter`'s `expose/truth.rs`; the documentation's table is written by `DIOPTER_WRITE_DOCS=1 cargo test -p diopter-image --lib channels`.
+//! The first four are always recorded (denoising asks for them), the others where they are asked for.
 //!
 //! Channels along one ray (*nearest*) are taken along the chief ray of the pixel's middle, halfway through the time for which this pixel is open. The others
 //! are weighted by coverage: over the samples of the pixel, each with its own place, point of the pupil and moment.

@@ -175,8 +175,7 @@ fn reading(
     white: &str,
 ) -> Reading {
     // What the camera was set to, if it is this body that reads.
-    let set = plane.plane.facts.iso_set;
-    let set = (own && set > 0.0).then_some(set);
+    let set = if own { plane.plane.facts.iso_set } else { 0.0 };
     Reading {
         iso: sensor.resolve_iso(iso, set),
         seed,

@@ -278,10 +278,10 @@ impl Sensor {
         })
     }
 
-    /// The ISO speed of a read-out: the one asked for; without, the one the camera was set to; without either, 100, or what the sheet has that is nearest to it.
+    /// The ISO speed of a read-out: the one asked for; without, the one the camera was set to (as facts have it: 0 where that is not known); without either, 100, or what the sheet has that is nearest to it.
     /// Speeds that are given are not checked ([`Sensor::at_iso`] does).
-    pub fn resolve_iso(&self, asked: Option<f64>, set: Option<f64>) -> f64 {
-        asked.or(set).unwrap_or_else(|| self.nearest_iso(100.0))
+    pub fn resolve_iso(&self, asked: Option<f64>, set: f64) -> f64 {
+        asked.or((set > 0.0).then_some(set)).unwrap_or_else(|| self.nearest_iso(100.0))
     }
 
     /// The ISO speed of the sheet's range that is nearest to one.

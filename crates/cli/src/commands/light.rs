@@ -78,7 +78,7 @@ pub fn run(args: &ReadOut, names: &[PathBuf], json: bool) -> anyhow::Result<()> 
     let white = white_point(&args.white)?;
     let (sensor, plane) = exposed(args)?;
     let reading = |k: usize| Reading {
-        iso: sensor.resolve_iso(args.iso.map(|i| i.0), None),
+        iso: sensor.resolve_iso(args.iso.map(|i| i.0), 0.0),
         seed: args.seed.wrapping_add(k as u64),
         serial: args.raw.serial.clone().unwrap_or_else(|| Reading::FIRST_SERIAL.into()),
         temperature_c: args.raw.temperature,

@@ -44,8 +44,7 @@ pub fn run(args: &ReadOut, json: bool) -> anyhow::Result<()> {
     let first = open_rows(&args.plane)?;
     let sensor = body_of(args, &first.facts().body)?;
     // What the camera was set to, if it is this body that reads.
-    let set = first.facts().iso_set;
-    let set = (args.body.is_none() && set > 0.0).then_some(set);
+    let set = if args.body.is_none() { first.facts().iso_set } else { 0.0 };
     let reading = |k: usize| Reading {
         iso: sensor.resolve_iso(args.iso.map(|i| i.0), set),
         seed: args.seed.wrapping_add(k as u64),

@@ -17,7 +17,7 @@ const FEWEST: usize = 8;
 /// An ideal camera has an f-number that nothing here depends on.
 const ANY_F_NUMBER: f64 = 8.0;
 
-/// Fields of a calibrated camera and the size of its pixels, mm. `film_mm`: what its pixels cover, where the file does not say it. Fails by default that, and
+/// Fields of a calibrated camera and the size of its pixels, mm. `film_mm`: what its pixels cover, where the file does not say it. Fails where neither says it, and
 /// on cameras that do not see ahead.
 pub fn seen_fields(
     source: &CameraSource,

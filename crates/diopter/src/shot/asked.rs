@@ -178,7 +178,7 @@ fn body_and_speed(file: &ShotFile, inputs: &Inputs) -> Result<(Sensor, Exposing,
     let exposing = Exposing::new(file, &sensor)?;
     let iso = match exposing.auto_iso {
         Some([lowest, _]) => lowest,
-        None => sensor.resolve_iso(file.exposure.iso.and_then(|choice| choice.fixed()), None),
+        None => sensor.resolve_iso(file.exposure.iso.and_then(|choice| choice.fixed()), 0.0),
     };
     sensor.at_iso(iso)?;
     Ok((sensor, exposing, iso))

@@ -183,7 +183,7 @@ mod tests {
         let azimuth = eye.x.atan2(eye.z).to_degrees();
         let elevation = eye.y.atan2(eye.x.hypot(eye.z)).to_degrees();
         assert!((25.0..35.0).contains(&azimuth) && (14.0..21.0).contains(&elevation), "{azimuth} {elevation}");
-        // MicrolensSample at a corner it stays aimed there and keeps all in the frame.
+        // Aimed at a corner it stays aimed there and keeps all in the frame.
         let aim = Vec3::splat(0.5);
         let aimed = framed(Vec3::ZERO, Some(aim), Vec3::Y, &angle, corners(Vec3::ONE)).unwrap();
         let seen = aimed.place.inverse().transform_point3(aim);

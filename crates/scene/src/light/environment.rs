@@ -251,7 +251,8 @@ impl Exact for Environment {
             ("scale", self.scale.write(sink)),
             // Made by multiplication, maybe more than once.
             ("mean_luminance", self.mean_luminance.write(sink)),
-            ("sampled_luminance", self.sampled_luminance.write(sink)),
+            // By its first name, as files have it.
+            ("aimed_luminance", self.sampled_luminance.write(sink)),
             ("invalid", self.invalid.write(sink)),
         ];
         object.into_iter().map(|(k, v)| (k.to_owned(), v)).collect()
@@ -265,7 +266,7 @@ impl Exact for Environment {
         let plain = Environment::new(map, field(value, "world_from_map", source)?, field(value, "scale", source)?);
         Ok(Environment {
             mean_luminance: field(value, "mean_luminance", source)?,
-            sampled_luminance: field(value, "sampled_luminance", source)?,
+            sampled_luminance: field(value, "aimed_luminance", source)?,
             invalid: field(value, "invalid", source)?,
             ..plain
         })

@@ -21,7 +21,7 @@ use std::fmt::Write as _;
 use std::io::Write as _;
 use std::sync::Arc;
 
-/// What a lens is set to by default, and no real one is named.
+/// What a lens is set to where no flag says it and no real lens is named.
 const DEFAULT_F_NUMBER: f64 = 2.8;
 
 pub(super) fn format_named(name: &str) -> anyhow::Result<Format> {

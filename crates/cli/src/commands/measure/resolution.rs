@@ -238,7 +238,7 @@ fn shot_of_chart(asked: &MeasureMtf) -> anyhow::Result<Option<ShotFile>> {
     }
 }
 
-/// The camera of a picture: of the shot, or of --lens and --body; none by default, or where there is nothing to predict.
+/// The camera of a picture: of the shot, or of --lens and --body; none without these, or where there is nothing to predict.
 fn camera<'a>(
     asked: &'a MeasureMtf,
     source: &'a Source,
@@ -263,7 +263,7 @@ fn camera<'a>(
             let sensor = read_body(body)?;
             named_otherwise(&asked.file, &sensor, facts);
             let (lens, film_mm) = as_taken(&asked.file, lens, facts, mosaic)?;
-            // As shots are taken by default otherwise.
+            // As shots are taken by default.
             let film = diopter::Film::new(film_mm[0], film_mm[1], mosaic[0], mosaic[1]);
             let diffraction = diopter::expose::diffraction_shows(&Lens::Compound(Box::new(lens.clone())), &film);
             return Ok(Some(Predictor { lens, sensor, film_mm, size: mosaic, diffraction, motion, light }));
